@@ -52,6 +52,7 @@ faults() ->
         {sap, "SAP machines that crash and start anew"},
         {reboot, "robots that go down, for some time, and start anew with what they stored"},
         {death, "robots that die for good"},
+        {still, "robots that stand still within a step, while time passes, and go on with it"},
         {dup, "packets that arrive twice"},
         {late, "messages that are slower than time-outs"},
         {timeout, "calls that run out of patience"}

@@ -9,6 +9,9 @@
 %%   this yet: the message does not arrive and will be reported as refused</dd>
 %% <dt>`{fire, Place, Timer}'</dt><dd>a time-out, or the client's next call</dd>
 %% <dt>`{crash, Place, Machine}'</dt><dd>a machine crashes and starts anew</dd>
+%% <dt>`{still, Choice, Cut}'</dt><dd>a message arrives, an outcome is heard or a timer fires, and the robot
+%%   stands still before it has done all that follows from it: nothing else happens to it</dd>
+%% <dt>`{go_on, Place}'</dt><dd>it does the rest, some time later</dd>
 %% <dt>`{down | up | die, Place}'</dt><dd>a robot goes down, or dies for good; one that is down
 %%   starts anew</dd>
 %% <dt>`tick'</dt><dd>time passes to the next timed timer, or by the model's grain</dd>
@@ -22,8 +25,8 @@
 %% `timeout' times.
 -module(starl_check_choice).
 
--export([local/4, refusals/1, waiting/3, outcomes/3, global/3, renamed/3]).
--export([items/2, is_silent/4, is_stuck/3, price/5, fresh/2, next_due/3, heard/2]).
+-export([event/1, local/4, refusals/1, waiting/3, outcomes/4, global/3, renamed/3, hears/3]).
+-export([items/2, is_silent/4, is_stuck/3, price/5, fresh/3, next_due/3, heard/2]).
 
 -export_type([t/0]).
 
@@ -38,13 +41,16 @@
     | {outcome, place(), starl_check_sap:ref(), Lost :: [starl:robot_id()]}
     | {fire, place(), starl_check_robot:timer()}
     | {crash, place(), starl_machine:name()}
-    | {down | up | die, place()}
+    | {down | up | die | go_on, place()}
+    | {still, t(), starl_check_robot:cut()}
     | tick.
 
 %% @doc The same choice when robots change places.
 -spec renamed(starl_check_term:permutation(), t(), store()) -> t().
 renamed(Permutation, {Kind, I}, Store) when Kind =:= deliver; Kind =:= again; Kind =:= refuse ->
     {Kind, starl_check_part:renamed_item(Permutation, I, Store)};
+renamed(Permutation, {still, Choice, Cut}, Store) ->
+    {still, renamed(Permutation, Choice, Store), Cut};
 renamed(Permutation, {Kind, Place}, _Store) ->
     {Kind, element(Place, Permutation)};
 renamed(Permutation, {outcome, Place, Ref, Lost}, _Store) ->
@@ -63,26 +69,57 @@ items(Places, #{items := Items}) ->
 %% a timer fires that does not wait for messages.
 -spec local(place(), state(), model(), store()) -> [t()].
 local(Place, #{robots := Robots} = State, Model, Store) ->
-    case starl_check_part:condition(element(Place, Robots), Store) of
+    Robot = element(Place, Robots),
+    case starl_check_part:condition(Robot, Store) of
         up -> at_running(Place, State, Model, Store);
+        stands -> [{go_on, Place} || may_go_on(Robot, Model, Store)] ++ downfall(Place, State);
         down -> [{up, Place}] ++ death(Place, State);
         dead -> []
     end.
+
+%% Without time between it is as if it had not stood still.
+may_go_on(_Robot, #{grain := none}, _Store) -> true;
+may_go_on(Robot, _Model, Store) -> starl_check_part:has_aged(Robot, Store).
+
+downfall(Place, #{reboot := Reboot} = State) ->
+    [{down, Place} || Reboot > 0] ++ death(Place, State).
 
 death(Place, #{death := Death}) -> [{die, Place} || Death > 0].
 
 at_running(Place, #{dup := Dup, robots := Robots} = State, Model, Store) ->
     Mine = items([Place], State),
-    [{deliver, I} || I <- Mine] ++
+    Robot = element(Place, Robots),
+    Whole =
+        [{deliver, I} || I <- Mine] ++
+            [
+                {fire, Place, Key}
+             || {Key, Due, Kind} <- starl_check_part:timers(Robot, Model, Store),
+                Kind =:= step orelse {Kind, Due} =:= {timed, 0}
+            ],
+    Whole ++
+        lists:append([stills(Choice, Robot, State, Model, Store) || Choice <- Whole]) ++
         [{again, I} || Dup > 0, I <- Mine, starl_check_part:age(I) =:= packet] ++
-        [
-            {fire, Place, Key}
-         || {Key, Due, Kind} <- starl_check_part:timers(element(Place, Robots), Model, Store),
-            Kind =:= step orelse {Kind, Due} =:= {timed, 0}
-        ] ++
         [{crash, Place, Name} || maps:get(crash, State) > 0, Name <- maps:get(crash, Model)] ++
         [{crash, Place, sap} || maps:get(sap, State) > 0] ++
-        [{down, Place} || maps:get(reboot, State) > 0] ++ death(Place, State).
+        downfall(Place, State).
+
+%% The moments at which the robot can stand still after this choice.
+stills(_Choice, _Robot, #{still := 0}, _Model, _Store) ->
+    [];
+stills(Choice, Robot, _State, Model, Store) ->
+    [
+        {still, Choice, Cut}
+     || Cut <- starl_check_part:cuts(Robot, event(Choice), Model, Store)
+    ].
+
+%% @doc What happens to the robot by this choice; none by `refuse' and `tick'.
+-spec event(t()) -> starl_check_part:event().
+event({Kind, I}) when Kind =:= deliver; Kind =:= again -> I;
+event({outcome, _Place, Ref, Lost}) -> {outcome, Ref, Lost};
+event({fire, _Place, Key}) -> {fire, Key};
+event({crash, _Place, Name}) -> {crash, Name};
+event({still, Choice, Cut}) -> {still, Cut, event(Choice)};
+event({What, _Place}) when What =:= down; What =:= up; What =:= die; What =:= go_on -> What.
 
 %% @doc The messages that a restarted SAP may refuse.
 -spec refusals(state()) -> [t()].
@@ -107,12 +144,19 @@ waiting(Place, #{robots := Robots}, Store) ->
 %% @doc The answers to a robot's calls of SAP. A call may be answered when its message has reached
 %% all receivers or is reported lost. A message that has arrived is also reported lost if its
 %% acknowledgements were lost.
--spec outcomes(place(), state(), store()) -> [{starl_check_sap:ref(), t()}].
-outcomes(Place, #{robots := Robots} = State, Store) ->
-    lists:append([
+-spec outcomes(place(), state(), model(), store()) -> [{starl_check_sap:ref(), t()}].
+outcomes(Place, #{robots := Robots} = State, Model, Store) ->
+    Robot = element(Place, Robots),
+    Whole = lists:append([
         answers(Place, Call, State, Store)
-     || Call <- starl_check_part:calls(element(Place, Robots), Store)
-    ]).
+     || starl_check_part:condition(Robot, Store) =/= stands,
+        Call <- starl_check_part:calls(Robot, Store)
+    ]),
+    Whole ++
+        [
+            {Ref, Still}
+         || {Ref, Choice} <- Whole, Still <- stills(Choice, Robot, State, Model, Store)
+        ].
 
 answers(Place, {Ref, Open, Reached, _, _}, #{loss := Loss} = State, Store) ->
     case Loss - price(Place, Ref, Open, State, Store) of
@@ -159,29 +203,59 @@ subsets(Left, [Dest | Rest], Place, #{stale := Stale} = State) ->
 %% @doc The choices that need all messages under way to be slow or lost: the other timers fire, and
 %% time passes.
 -spec global(state(), model(), store()) -> [t()].
-global(#{late := Late, loss := Loss} = State, Model, Store) ->
-    case length(fresh(State, Store)) =< Late + Loss of
-        true -> fires(State, Model, Store) ++ [tick || next_due(State, Model, Store) > 0];
-        false -> []
-    end.
+global(State, Model, Store) ->
+    [Fire || is_quiet(fire, State, Store), Fire <- fires(State, Model, Store)] ++
+        [tick || is_quiet(tick, State, Store), may_pass(State, Model, Store)].
 
-fires(#{robots := Robots, timeout := Left} = State, Model, Store) ->
+may_pass(#{robots := Robots} = State, Model, Store) ->
+    next_due(State, Model, Store) > 0 andalso
+        not lists:any(
+            fun(Number) -> starl_check_part:must_go_on(Number, Model, Store) end,
+            tuple_to_list(Robots)
+        ).
+
+is_quiet(What, #{late := Late, loss := Loss} = State, Store) ->
+    length(fresh(What, State, Store)) =< Late + Loss.
+
+fires(#{robots := Robots} = State, Model, Store) ->
+    lists:append([
+        [Whole | stills(Whole, element(Place, Robots), State, Model, Store)]
+     || Place <- starl_check_state:places(State),
+        Whole <- fires_at(Place, State, Model, Store)
+    ]).
+
+fires_at(Place, #{robots := Robots, timeout := Left}, Model, Store) ->
+    Robot = element(Place, Robots),
     [
         {fire, Place, Key}
-     || Place <- starl_check_state:places(State),
-        {Key, _, Kind} <- starl_check_part:timers(element(Place, Robots), Model, Store),
+     || starl_check_part:condition(Robot, Store) =/= stands,
+        {Key, _, Kind} <- starl_check_part:timers(Robot, Model, Store),
         Kind =:= free orelse (Kind =:= patience andalso Left > 0)
     ].
 
-%% @doc The messages that a time-out would make slow, and the answers that might have come before.
--spec fresh(state(), store()) -> [ref() | {place(), starl_check_sap:ref()}].
-fresh(#{items := Items, robots := Robots} = State, Store) ->
-    [I || I <- Items, starl_check_part:age(I) =:= fresh] ++
+%% @doc The messages that a time-out or the passing of time would make slow, and the answers that might
+%% have come before. While time passes, what is under way to a robot that stands still is not slow: the
+%% robot is.
+-spec fresh(fire | tick, state(), store()) -> [ref() | {place(), starl_check_sap:ref()}].
+fresh(What, #{items := Items, robots := Robots} = State, Store) ->
+    [
+        I
+     || I <- Items,
+        starl_check_part:age(I) =:= fresh,
+        What =:= fire orelse hears(I, State, Store)
+    ] ++
         [
             {Place, Ref}
          || Place <- starl_check_state:places(State),
+            What =:= fire orelse
+                starl_check_part:condition(element(Place, Robots), Store) =/= stands,
             {Ref, [], _, _, false} <- starl_check_part:calls(element(Place, Robots), Store)
         ].
+
+%% @doc Whether the receiver of a message does not stand still.
+-spec hears(ref(), state(), store()) -> boolean().
+hears(I, #{robots := Robots}, Store) ->
+    starl_check_part:condition(element(starl_check_part:receiver(I), Robots), Store) =/= stands.
 
 %% @doc The ticks to the next timed timer, at most the grain; 0 in a model without time.
 -spec next_due(state(), model(), store()) -> non_neg_integer().
@@ -191,6 +265,7 @@ next_due(#{robots := Robots}, #{grain := Grain} = Model, Store) ->
     Dues = [
         Due
      || Number <- tuple_to_list(Robots),
+        starl_check_part:condition(Number, Store) =/= stands,
         {_, Due, timed} <- starl_check_part:timers(Number, Model, Store)
     ],
     lists:min([Grain | Dues]).
@@ -198,22 +273,25 @@ next_due(#{robots := Robots}, #{grain := Grain} = Model, Store) ->
 %% @doc Whether the arrival of a message changes only the state of its receiver: nothing is sent,
 %% nothing is judged, and no SAP learns of the restart of another.
 -spec is_silent(ref(), state(), model(), store()) -> boolean().
-is_silent(I, #{robots := Robots, stale := Stale}, Model, Store) ->
+is_silent(I, #{robots := Robots, stale := Stale} = State, Model, Store) ->
     To = starl_check_part:receiver(I),
-    case starl_check_part:event(To, element(To, Robots), I, Model, Store) of
-        {_, [], _, none} -> Stale =:= [] orelse heard(I, Stale) =:= Stale;
-        _ -> false
-    end.
+    hears(I, State, Store) andalso
+        case starl_check_part:event(To, element(To, Robots), I, Model, Store) of
+            {_, [], _, none} -> Stale =:= [] orelse heard(I, Stale) =:= Stale;
+            _ -> false
+        end.
 
 %% @doc Whether a client waits although no message must arrive and no time-out will come.
 -spec is_stuck(state(), model(), store()) -> boolean().
 is_stuck(#{robots := Robots, items := Items, loss := Loss}, Model, Store) ->
     Numbers = tuple_to_list(Robots),
-    lists:all(fun(N) -> starl_check_part:condition(N, Store) =/= down end, Numbers) andalso
+    lists:all(fun(N) -> is_settled(starl_check_part:condition(N, Store)) end, Numbers) andalso
         lists:all(fun(N) -> starl_check_part:timers(N, Model, Store) =:= [] end, Numbers) andalso
         lists:all(fun(N) -> starl_check_part:calls(N, Store) =:= [] end, Numbers) andalso
         not lists:all(fun(N) -> starl_check_part:is_done(N, Store) end, Numbers) andalso
         length([I || I <- Items, starl_check_part:age(I) =/= ghost]) =< Loss.
+
+is_settled(Condition) -> Condition =:= up orelse Condition =:= dead.
 
 %% @doc The pairs of robots whose SAPs may still not know of a restart, after a message has been
 %% delivered: the messages that a SAP has received and sent since its restart tell its

@@ -6,6 +6,14 @@
 %% @doc A step as a line of a chart.
 -spec step({starl_check_choice:t(), starl_check_part:item() | none, [starl_monitor:trace_event()]}) ->
     starl_check_chart:step().
+step({{still, Choice, {Step, Actions}}, Item, Traces}) ->
+    {Happens, _} = step({Choice, Item, []}),
+    {
+        cut(Happens, io_lib:format("  (stands still: step ~b, action ~b)", [Step, Actions + 1])),
+        Traces
+    };
+step({{go_on, Place}, none, Traces}) ->
+    {{mark, Place, happens, "goes on with its step"}, Traces};
 step({{fire, Place, {app, _}}, none, Traces}) ->
     {{mark, Place, happens, "the application goes on"}, Traces};
 step({{fire, Place, {Name, Timer}}, none, Traces}) ->
@@ -25,6 +33,9 @@ step({tick, none, Traces}) ->
     {{note, "time passes"}, Traces};
 step({{Kind, _}, Item, Traces}) ->
     {arrow(Kind, Item), Traces}.
+
+cut({mark, Place, Kind, Text}, More) -> {mark, Place, Kind, [Text, More]};
+cut({arrow, From, To, Line, Text}, More) -> {arrow, From, To, Line, [Text, More]}.
 
 arrow(Kind, {packet, From, To, Packet}) ->
     {arrow, From, To, solid, [shown(Packet), again(Kind)]};

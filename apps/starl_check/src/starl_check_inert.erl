@@ -10,7 +10,7 @@
 %% omissions.
 %%
 %% Messages are left out only when no machine can crash any more, because a restarted machine has
-%% forgotten.
+%% forgotten, and while no robot stands still: to one that does nothing arrives.
 -module(starl_check_inert).
 
 -export([without/3, is_proved/3]).
@@ -26,7 +26,9 @@
 without(#{crash := 0, sap := 0, reboot := 0} = State, #{leave_out := true} = Model, Store) ->
     #{items := Items, robots := Robots} = State,
     Conditions = [starl_check_part:condition(R, Store) || R <- tuple_to_list(Robots)],
-    case lists:member(down, Conditions) of
+    case
+        lists:any(fun(Condition) -> Condition =:= down orelse Condition =:= stands end, Conditions)
+    of
         false -> State#{items := [I || I <- Items, not is_inert(I, State, Model, Store)]};
         true -> State
     end;
@@ -51,7 +53,8 @@ may_be_inert(I, Model, Store) ->
 
 is_idle({I, Robot}, Model, Store) ->
     To = starl_check_part:receiver(I),
-    {Robot, [], none, none} =:= starl_check_part:event(To, Robot, I, Model, Store).
+    starl_check_part:condition(Robot, Store) =:= stands orelse
+        {Robot, [], none, none} =:= starl_check_part:event(To, Robot, I, Model, Store).
 
 %% @doc Whether none of the omitted messages would have changed anything at any later time.
 -spec is_proved([starl_check_term:permutation()], model(), store()) -> boolean().
@@ -65,7 +68,7 @@ claim(_, _, Claims) -> Claims.
 
 %% Adds the successor of a remembered step, if it is a step of a robot.
 step({Robot, {crash, _}}, _, Steps) when is_integer(Robot) -> Steps;
-step({Robot, Event}, _, Steps) when is_integer(Robot), is_atom(Event) -> Steps;
+step({Robot, Event}, _, Steps) when is_integer(Robot), is_atom(Event), Event =/= go_on -> Steps;
 step({Robot, _Event}, {Next, _, _, _}, Steps) when is_integer(Robot) -> add(Robot, Next, Steps);
 step({later, Robot, _Ticks}, Next, Steps) -> add(Robot, Next, Steps);
 step(_, _, Steps) -> Steps.

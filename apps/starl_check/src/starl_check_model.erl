@@ -20,7 +20,8 @@
     late => non_neg_integer(),
     timeout => non_neg_integer(),
     reboot => non_neg_integer(),
-    death => non_neg_integer()
+    death => non_neg_integer(),
+    still => non_neg_integer()
 }.
 
 %% `machine': a replacement of the block's machine, with additions to its configuration, for tests.
@@ -92,7 +93,15 @@
 %% For fewer bytes of states several cores do not pay.
 -define(SPREAD, 100000).
 -define(NO_FAULTS, #{
-    loss => 0, crash => 0, sap => 0, dup => 0, late => 0, timeout => 0, reboot => 0, death => 0
+    loss => 0,
+    crash => 0,
+    sap => 0,
+    dup => 0,
+    late => 0,
+    timeout => 0,
+    reboot => 0,
+    death => 0,
+    still => 0
 }).
 
 %% @doc The models of the shipped blocks, and the property checked of each.

@@ -3,7 +3,7 @@
 %% Every result is computed once per part and remembered.
 -module(starl_check_part).
 
--export([boot/3, event/5, judge_number/2, judge/4, traces/2]).
+-export([boot/3, event/5, cuts/4, has_aged/2, must_go_on/3, judge_number/2, judge/4, traces/2]).
 -export([calls/2, timers/3, is_done/2, condition/2]).
 -export([item/2, item_number/2, source/1, receiver/1, age/1, grown_old/3]).
 -export([later_robot/4, later_item/4]).
@@ -30,7 +30,7 @@
     | {packet, From :: place(), To :: place(), starl_packet:t()}.
 
 %% An event of a robot: the arrival of a message under way, or another event.
--type event() :: ref() | starl_check_robot:event().
+-type event() :: ref() | {still, starl_check_robot:cut(), ref()} | starl_check_robot:event().
 
 %% The robot after an event, the messages that it sent in ascending order, all events that it
 %% traced, and those of them that the monitor judges.
@@ -57,6 +57,22 @@ happen(Place, Number, Event, Model, Store) ->
     Robot = starl_check_store:term(Number, Store),
     Happens = fun() -> starl_check_robot:event(robot_event(Event, Store), Robot, Model) end,
     happening(Place, Happens, Model, Store).
+
+%% @doc The moments at which a robot can stand still while it handles an event.
+-spec cuts(Robot :: ref(), event(), model(), store()) -> [starl_check_robot:cut()].
+cuts(Number, Event, Model, Store) ->
+    starl_check_store:memo(
+        {cuts, Number, Event},
+        fun() ->
+            Robot = starl_check_store:term(Number, Store),
+            try
+                starl_check_robot:cuts(robot_event(Event, Store), Robot, Model)
+            catch
+                throw:{crashed, _, _} -> []
+            end
+        end,
+        Store
+    ).
 
 %% A machine that crashes by itself breaks a contract, as in a simulation.
 happening(Place, Happens, Model, Store) ->
@@ -92,6 +108,8 @@ within(Place, {Sent, Traces, Robot}, #{monitor := {Module, _}}, Store) ->
 unless_empty([], _Store) -> none;
 unless_empty(Traces, Store) -> starl_check_store:number(Traces, Traces, Store).
 
+robot_event({still, Cut, Event}, Store) ->
+    {still, Cut, robot_event(Event, Store)};
 robot_event(I, Store) when is_integer(I) ->
     case item(I, Store) of
         {packet, _, _, Packet} -> {packet, Packet};
@@ -164,7 +182,18 @@ timers(Number, Model, Store) ->
 is_done(Number, Store) ->
     of_robot(done, Number, fun starl_check_robot:is_done/1, Store).
 
-%% @doc The condition of a robot: up, down or dead.
+%% @doc Whether time has passed since a robot began to stand still.
+-spec has_aged(Robot :: ref(), store()) -> boolean().
+has_aged(Number, Store) ->
+    of_robot(has_aged, Number, fun starl_check_robot:has_aged/1, Store).
+
+%% @doc Whether a robot has stood still for as long as one does here.
+-spec must_go_on(Robot :: ref(), model(), store()) -> boolean().
+must_go_on(Number, Model, Store) ->
+    Compute = fun(Robot) -> starl_check_robot:must_go_on(Robot, Model) end,
+    of_robot(must_go_on, Number, Compute, Store).
+
+%% @doc The condition of a robot: up, standing still within a step, down or dead.
 -spec condition(Robot :: ref(), store()) -> starl_check_robot:condition().
 condition(Number, Store) ->
     of_robot(condition, Number, fun starl_check_robot:condition/1, Store).

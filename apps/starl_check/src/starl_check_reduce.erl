@@ -83,7 +83,7 @@ choices(State, Model, Store) ->
         starl_check_choice:refusals(State) ++
         [
             Choice
-         || Place <- Places, {_, Choice} <- starl_check_choice:outcomes(Place, State, Store)
+         || Place <- Places, {_, Choice} <- starl_check_choice:outcomes(Place, State, Model, Store)
         ] ++
         starl_check_choice:global(State, Model, Store).
 
@@ -147,7 +147,7 @@ answer(Place, Ref, Open, Each, Model, Store) ->
     Choose = fun(State) ->
         [
             Choice
-         || {R, Choice} <- starl_check_choice:outcomes(Place, State, Store), R =:= Ref
+         || {R, Choice} <- starl_check_choice:outcomes(Place, State, Model, Store), R =:= Ref
         ]
     end,
     Own = lists:keyfind(Place, 1, Each),
@@ -175,7 +175,7 @@ ends_with(Place, Ref, #taken{before = Before}, Store) ->
 %% slow or lost; the passing of time may.
 everywhere(#{late := Late, loss := Loss}, Each, #{grain := Grain} = Model, Store) ->
     Enough = [
-        {Place, [One || One <- Taken, left_fresh(Place, One) =< Late + Loss]}
+        {Place, [One || One <- Taken, left_fresh(Place, One, Store) =< Late + Loss]}
      || {Place, Taken} <- Each
     ],
     Fresh = [{Place, [One || One <- Taken, is_fresh_last(One)]} || {Place, Taken} <- Enough],
@@ -197,19 +197,24 @@ fires(Place, Model, Store) ->
     fun(State) ->
         [
             Choice
-         || {fire, At, _} = Choice <- starl_check_choice:global(State, Model, Store), At =:= Place
+         || Choice <- starl_check_choice:global(State, Model, Store), fires_at(Place, Choice)
         ]
     end.
+
+fires_at(Place, {still, {fire, At, _}, _}) -> At =:= Place;
+fires_at(Place, {fire, At, _}) -> At =:= Place;
+fires_at(_Place, _Choice) -> false.
 
 ticks(State, Model, Store) ->
     [tick || tick <- starl_check_choice:global(State, Model, Store)].
 
-left_fresh(Place, #taken{state = #{items := Items}}) ->
+left_fresh(Place, #taken{state = #{items := Items} = State}, Store) ->
     length([
         I
      || I <- Items,
         starl_check_part:age(I) =:= fresh,
-        starl_check_part:receiver(I) =:= Place
+        starl_check_part:receiver(I) =:= Place,
+        starl_check_choice:hears(I, State, Store)
     ]).
 
 stuck(Some, Model, Store) ->

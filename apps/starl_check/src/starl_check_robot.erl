@@ -3,11 +3,18 @@
 %% An event and all local events that follow from it run to completion in the loop of every robot
 %% ({@link starl_robot}, {@link starl_check_world}); nothing else happens to the robot meanwhile. A
 %% crash affects one machine, which restarts with the next incarnation and its stored term.
+%%
+%% Or the robot stands still in the middle: in one of the machines' steps of an event, after some of its
+%% actions. Then nothing happens to it, until it goes on or goes down; time passes. Numbers of steps
+%% count from 1, from the machine to which the event happens.
 -module(starl_check_robot).
 
--export([boot/2, event/3, timers/1, calls/1, is_done/1, condition/1, shift/3, rename/2]).
+-export([
+    boot/2, event/3, cuts/3, timers/1, calls/1, is_done/1, condition/1, has_aged/1, must_go_on/2
+]).
+-export([shift/3, rename/2]).
 
--export_type([t/0, event/0, sent/0, timer/0, due/0, condition/0]).
+-export_type([t/0, event/0, cut/0, sent/0, timer/0, due/0, condition/0]).
 
 %% The machine and the name of a timer.
 -type timer() :: {starl_machine:name(), Timer :: term()}.
@@ -20,20 +27,26 @@
     | {packet, starl_packet:t()}
     | {fire, timer()}
     | {crash, starl_machine:name()}
+    | {still, cut(), event()}
+    | go_on
     | down
     | up
     | die.
+
+%% It stands still in this step, after so many actions.
+-type cut() :: {Step :: pos_integer(), Actions :: non_neg_integer()}.
 
 -type sent() :: starl_check_world:sent().
 
 -type due() :: starl_check_world:due().
 
-%% `down': the robot will start again; `dead': it never will.
--type condition() :: starl_robot:condition().
+%% `stands': it stands still within a step; `down': the robot will start again; `dead': it never will.
+-type condition() :: starl_robot:condition() | stands.
 
 -record(robot, {
     place :: starl_check_term:place(),
-    condition = up :: condition(),
+    condition = up :: starl_robot:condition(),
+    standing = none :: starl_robot:standing() | none,
     %% in the order of their start
     machines = [] :: [{starl_machine:name(), starl_machine:t()}],
     incarnations = #{} :: #{starl_machine:name() => pos_integer()},
@@ -49,7 +62,10 @@
     robot :: starl_robot:t(),
     place :: starl_check_term:place(),
     model :: starl_check_model:t(),
-    sap :: starl_check_sap:t() | real
+    sap :: starl_check_sap:t() | real,
+    %% the number of steps so far, and where the robot is to stand still
+    steps = 0 :: non_neg_integer(),
+    cut = none :: cut() | stands | none
 }).
 
 -type result() :: {[sent()], [starl_monitor:trace_event()], t()}.
@@ -70,16 +86,33 @@ boot(Place, #{sap := Sap} = Model) ->
 
 %% @doc The robot after an event.
 -spec event(event(), t(), starl_check_model:t()) -> result().
-event({fire, {Name, Timer} = Key}, #robot{timers = Timers} = Robot, Model) ->
+event({still, Cut, Event}, Robot, Model) -> result(happened(Event, Cut, Robot, Model));
+event(Event, Robot, Model) -> result(happened(Event, none, Robot, Model)).
+
+happened({fire, {Name, Timer} = Key}, Cut, #robot{timers = Timers} = Robot, Model) ->
     {value, {_, _, Content}, Rest} = lists:keytake(Key, 1, Timers),
     Event = {Name, starl_robot_timers:event_type(Timer), Content},
-    result(run([Event], begun(#{}, Robot#robot{timers = Rest}, Model)));
-event({crash, _} = Crash, #robot{place = Place} = Robot, Model) ->
-    result(happen(Crash, begun(inline(Place, Model), Robot, Model)));
-event(up, #robot{place = Place} = Robot, Model) ->
-    result(happen(up, begun(inline(Place, Model), Robot, Model)));
-event(Event, Robot, Model) ->
-    result(happen(Event, begun(#{}, Robot, Model))).
+    run([Event], cut(Cut, begun(#{}, Robot#robot{timers = Rest}, Model)));
+happened({crash, _} = Crash, none, #robot{place = Place} = Robot, Model) ->
+    happen(Crash, begun(inline(Place, Model), Robot, Model));
+happened(up, none, #robot{place = Place} = Robot, Model) ->
+    happen(up, begun(inline(Place, Model), Robot, Model));
+happened(Event, Cut, Robot, Model) ->
+    happen(Event, cut(Cut, begun(#{}, Robot, Model))).
+
+cut(Cut, Run) -> Run#run{cut = Cut}.
+
+%% @doc All moments at which the robot can stand still while it handles an event.
+-spec cuts(event(), t(), starl_check_model:t()) -> [cut()].
+cuts(Event, Robot, Model) -> cuts({1, 0}, Event, Robot, Model).
+
+%% After the last action of a step the next begins.
+cuts({Step, Actions} = Cut, Event, Robot, Model) ->
+    case happened(Event, Cut, Robot, Model) of
+        #run{cut = stands} -> [Cut | cuts({Step, Actions + 1}, Event, Robot, Model)];
+        #run{steps = Steps} when Step < Steps -> cuts({Step + 1, 0}, Event, Robot, Model);
+        #run{} -> []
+    end.
 
 happen({message, From, Type, Body}, #run{sap = Sap} = Run) ->
     {Local, Next} = starl_check_sap:deliver(From, Type, Body, Sap),
@@ -95,6 +128,8 @@ happen({delayed, Ref}, #run{sap = Sap} = Run) ->
     Run#run{sap = starl_check_sap:delay(Ref, Sap)};
 happen({packet, Packet}, Run) ->
     run([{sap, packet, Packet}], Run);
+happen(go_on, #run{robot = Robot} = Run) ->
+    run(Run#run{robot = stepped(starl_robot:go_on(told(goes_on, Robot)))});
 happen({crash, sap}, #run{robot = Robot, sap = Sap} = Run) when Sap =/= real ->
     Bare = starl_robot:lost(sap, killed, Robot),
     Names = starl_robot_machines:names(starl_robot:machines(Bare)),
@@ -127,9 +162,15 @@ timers(#robot{timers = Timers}) -> [{Key, Due} || {Key, Due, _} <- Timers].
 calls(#robot{sap = real}) -> [];
 calls(#robot{sap = Sap}) -> starl_check_sap:calls(Sap).
 
-%% @doc Whether it is up, down or dead.
+%% @doc Whether it is up, stands still within a step, is down or dead.
 -spec condition(t()) -> condition().
+condition(#robot{standing = {_, _}}) -> stands;
 condition(#robot{condition = Condition}) -> Condition.
+
+%% @doc Whether time has passed since it began to stand still.
+-spec has_aged(t()) -> boolean().
+has_aged(#robot{place = Place, standing = {{_, _, _, Since}, _}}) ->
+    Since < starl_check_term:now(Place).
 
 %% @doc Whether its application has ended, or the robot has died.
 -spec is_done(t()) -> boolean().
@@ -141,10 +182,19 @@ is_done(#robot{machines = Machines}) ->
     {app, App} = lists:keyfind(app, 1, Machines),
     starl_machine:state(App) =:= done.
 
-%% @doc The robot after this number of ticks. No timer may have been due earlier.
+%% @doc Whether it has stood still for as long as a robot does here: what others send it is not lost, and
+%% would become more and more.
+-spec must_go_on(t(), starl_check_model:t()) -> boolean().
+must_go_on(#robot{standing = none}, _Model) ->
+    false;
+must_go_on(#robot{place = Place, standing = {{_, _, _, Since}, _} = Standing}, Model) ->
+    starl_check_term:now(Place) - Since > longest_us(Standing, Model).
+
+%% @doc The robot after this number of ticks. No timer may have been due earlier, unless it stands still.
 -spec shift(Ticks :: pos_integer(), t(), starl_check_model:t()) -> t().
 shift(Ticks, #robot{machines = Machines, timers = Timers} = Robot, Model) ->
     Robot#robot{
+        standing = longer(Robot#robot.standing, Ticks, Model),
         machines = older(Machines, Ticks, Model),
         stored = older(Robot#robot.stored, Ticks, Model),
         timers = [{Key, less(Due, Ticks), C} || {Key, Due, C} <- Timers]
@@ -155,7 +205,27 @@ older(Machines, Ticks, #{rates := Rates, past_us := Past}) ->
     starl_check_term:shift(Machines, Ticks, Rates, Past).
 
 less(any, _Ticks) -> any;
-less(Due, Ticks) -> Due - Ticks.
+less(Due, Ticks) -> max(0, Due - Ticks).
+
+%% What it is about to send is aged as a message under way is; its moments and timers to their ends.
+longer(none, _Ticks, _Model) ->
+    none;
+longer(Standing, Ticks, #{rates := Rates} = Model) ->
+    starl_check_term:shift(Standing, Ticks, Rates, longest_us(Standing, Model) + 1).
+
+%% Twice the longest time that matters: all that its moments forbid is over by then, and others have acted.
+longest_us({{Name, Actions, _, _}, _}, #{horizon_us := Horizon, past_us := Past} = Model) ->
+    2 * lists:max([Horizon, Past | timed(Name, Actions, Model)]).
+
+timed(Name, Actions, Model) -> lists:append([times(Action, Name, Model) || Action <- Actions]).
+
+times({until, _Us, Group, _Mark}, Name, Model) when is_list(Group) -> timed(Name, Group, Model);
+times({{timeout, _}, cancel}, _Name, _Model) ->
+    [];
+times({{timeout, Timer}, Us, _}, Name, Model) ->
+    [Us || starl_check_model:timer({Name, Timer}, Model) =:= timed];
+times(_Action, _Name, _Model) ->
+    [].
 
 %% @doc The robot after a permutation of the robots of the team.
 -spec rename(t(), starl_check_term:permutation()) -> t().
@@ -163,6 +233,7 @@ rename(#robot{place = Place, machines = Machines, timers = Timers, sap = Sap} = 
     Robot#robot{
         stored = starl_check_term:rename(Robot#robot.stored, To),
         place = element(Place, To),
+        standing = starl_check_term:rename(Robot#robot.standing, To),
         machines = starl_check_term:rename(Machines, To),
         timers = lists:sort(starl_check_term:rename(Timers, To)),
         sap = starl_check_term:rename(Sap, To)
@@ -180,7 +251,8 @@ begun(Inline, #robot{place = Place, machines = Machines, timers = Timers} = Robo
         condition => Condition,
         world => starl_check_world:new(Place, Stored, Model),
         machines => starl_robot_machines:restore(Inline, maps:from_list(Machines), Starts),
-        timers => starl_robot_timers:from_list(Running)
+        timers => starl_robot_timers:from_list(Running),
+        standing => Robot#robot.standing
     }),
     #run{robot = single(Restored), place = Place, model = Model, sap = Sap}.
 
@@ -195,6 +267,7 @@ result(#run{robot = Robot, place = Place, sap = Sap}) ->
     Kept = #robot{
         place = Place,
         condition = starl_robot:condition(Robot),
+        standing = starl_robot:standing(Robot),
         machines = [{Name, maps:get(Name, Now)} || Name <- starl_robot_machines:names(Machines)],
         incarnations = starl_robot_machines:starts(Machines),
         stored = starl_check_world:stored(World),
@@ -206,19 +279,34 @@ result(#run{robot = Robot, place = Place, sap = Sap}) ->
 run(Local, #run{robot = Robot} = Run) -> run(Run#run{robot = starl_robot:first(Local, Robot)}).
 
 %% Runs one event after the other. SAP by its contract has no machine.
+run(#run{cut = stands} = Run) ->
+    Run;
 run(#run{robot = Robot, sap = Sap} = Run) ->
     case starl_robot:next(Robot) of
         none -> Run;
         {{sap, {call, From}, Request}, Rest} when Sap =/= real -> serve(Request, From, Rest, Run);
         {{sap, cast, Request}, Rest} when Sap =/= real -> serve(Request, none, Rest, Run);
         {{Name, boot, none}, _} -> run(Run#run{robot = aged(Name, stepped(Robot), Run)});
-        {{Name, _, _}, _} -> run(Run#run{robot = stepped(redrawn(Name, Robot, Run))})
+        {{Name, _, _}, _} -> run(step(Name, redrawn(Name, Robot, Run), Run))
     end.
+
+step(Name, Robot, #run{steps = Before, cut = {Step, Actions}} = Run) when Step =:= Before + 1 ->
+    Next = stepped(starl_robot:stand_still(Name, Actions, Robot)),
+    case starl_robot:standing(Next) of
+        none -> Run#run{robot = starl_robot:go_on(Next), steps = Step};
+        _ -> Run#run{robot = told(stands, Next), steps = Step, cut = stands}
+    end;
+step(_Name, Robot, #run{steps = Before} = Run) ->
+    Run#run{robot = stepped(Robot), steps = Before + 1}.
+
+told(Event, Robot) ->
+    starl_robot:world(starl_check_world:trace(robot, Event, starl_robot:world(Robot)), Robot).
 
 %% A machine that crashes by itself ends the event.
 stepped(Robot) ->
     case starl_robot:run(Robot) of
         {paused, Next} -> Next;
+        {stands, Next} -> Next;
         {crashed, Name, Reason, _} -> throw({crashed, Name, Reason})
     end.
 

@@ -359,6 +359,8 @@ walk_step(Choice, State, #search{model = Model, store = Store}) ->
     {_, Traces, Next} = starl_check_step:step(Choice, State, Model, Store),
     {{Choice, item(Choice, Store), starl_check_part:traces(Traces, Store)}, Next}.
 
+item({still, Choice, _Cut}, Store) ->
+    item(Choice, Store);
 item({Kind, I}, Store) when Kind =:= deliver; Kind =:= again; Kind =:= refuse ->
     starl_check_part:item(I, Store);
 item(_, _Store) ->

@@ -29,6 +29,7 @@
     timeout := non_neg_integer(),
     reboot := non_neg_integer(),
     death := non_neg_integer(),
+    still := non_neg_integer(),
     stale := [{place(), place()}]
 }.
 
@@ -51,7 +52,7 @@ places(#{robots := Robots}) -> lists:seq(1, tuple_size(Robots)).
 pack(#{monitor := Monitor, robots := Robots, items := Items, stale := Stale} = State) ->
     #{loss := Loss, crash := Crash, sap := Sap} = State,
     #{dup := Dup, late := Late, timeout := Timeout} = State,
-    #{reboot := Reboot, death := Death} = State,
+    #{reboot := Reboot, death := Death, still := Still} = State,
     Pairs = <<<<A, B>> || {A, B} <- Stale>>,
     Parts = <<<<N:32>> || N <- tuple_to_list(Robots) ++ Items>>,
     <<
@@ -65,6 +66,7 @@ pack(#{monitor := Monitor, robots := Robots, items := Items, stale := Stale} = S
         Timeout,
         Reboot,
         Death,
+        Still,
         (length(Stale)),
         Pairs/binary,
         Parts/binary
@@ -72,8 +74,8 @@ pack(#{monitor := Monitor, robots := Robots, items := Items, stale := Stale} = S
 
 %% @doc Unpacks a state.
 -spec unpack(binary()) -> t().
-unpack(<<Size, Monitor:32, Counts:8/binary, Stale, Rest/binary>>) ->
-    <<Loss, Crash, Sap, Dup, Late, Timeout, Reboot, Death>> = Counts,
+unpack(<<Size, Monitor:32, Counts:9/binary, Stale, Rest/binary>>) ->
+    <<Loss, Crash, Sap, Dup, Late, Timeout, Reboot, Death, Still>> = Counts,
     <<Pairs:Stale/binary-unit:16, Robots:Size/binary-unit:32, Items/binary>> = Rest,
     #{
         monitor => Monitor,
@@ -87,12 +89,13 @@ unpack(<<Size, Monitor:32, Counts:8/binary, Stale, Rest/binary>>) ->
         timeout => Timeout,
         reboot => Reboot,
         death => Death,
+        still => Still,
         stale => [{A, B} || <<A, B>> <= Pairs]
     }.
 
 %% @doc The remaining budgets of faults of a packed state.
 -spec budgets(binary()) -> binary().
-budgets(<<_Size, _Monitor:32, Counts:8/binary, _/binary>>) -> Counts.
+budgets(<<_Size, _Monitor:32, Counts:9/binary, _/binary>>) -> Counts.
 
 %% -- canonical form -------------------------------------------------------------------------
 

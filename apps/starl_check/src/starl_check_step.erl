@@ -34,40 +34,43 @@ boot([Place | Places], State, Model, Store) ->
 
 %% @doc The result of a choice.
 -spec step(starl_check_choice:t(), state(), model(), store()) -> result().
-step({deliver, I}, #{items := Items, stale := Stale} = State, Model, Store) ->
-    Left = State#{items := lists:delete(I, Items), stale := starl_check_choice:heard(I, Stale)},
-    Known = note(acknowledged, I, Left, Model, Store),
-    happen(starl_check_part:receiver(I), I, Known, Model, Store);
-step({again, I}, #{dup := Dup} = State, Model, Store) ->
-    happen(starl_check_part:receiver(I), I, State#{dup := Dup - 1}, Model, Store);
-step({outcome, Place, Ref, Lost}, State, Model, Store) ->
-    happen(Place, {outcome, Ref, Lost}, give_up(Place, Ref, Lost, State, Store), Model, Store);
 step({refuse, I}, #{items := Items, stale := Stale} = State, Model, Store) ->
     Pair = {starl_check_part:source(I), starl_check_part:receiver(I)},
     Left = State#{items := lists:delete(I, Items), stale := lists:delete(Pair, Stale)},
     {ok, none, note(refused, I, Left, Model, Store)};
-step({fire, Place, Key}, #{timeout := Left} = State, Model, Store) ->
-    Fired =
-        case starl_check_model:timer(Key, Model) of
-            patience -> slow(State#{timeout := Left - 1}, Model, Store);
-            free -> slow(State, Model, Store);
-            _ -> State
-        end,
-    happen(Place, {fire, Key}, Fired, Model, Store);
-step({crash, Place, sap}, #{sap := Sap} = State, #{sap := contract} = Model, Store) ->
-    Struck = forsake(Place, State#{sap := Sap - 1}, Model, Store),
-    happen(Place, {crash, sap}, Struck, Model, Store);
-step({crash, Place, Name}, #{crash := Crash} = State, Model, Store) ->
-    happen(Place, {crash, Name}, State#{crash := Crash - 1}, Model, Store);
-step({down, Place}, #{reboot := Reboot} = State, Model, Store) ->
-    happen(Place, down, gone(Place, State#{reboot := Reboot - 1}, Model, Store), Model, Store);
-step({die, Place}, #{death := Death} = State, Model, Store) ->
-    happen(Place, die, gone(Place, State#{death := Death - 1}, Model, Store), Model, Store);
-step({up, Place}, State, Model, Store) ->
-    happen(Place, up, State, Model, Store);
 step(tick, State, Model, Store) ->
     Ticks = starl_check_choice:next_due(State, Model, Store),
-    {ok, none, pass(Ticks, slow(State, Model, Store), Model, Store)}.
+    {ok, none, pass(Ticks, slow(tick, State, Model, Store), Model, Store)};
+step(Choice, State, Model, Store) ->
+    {Place, Then} = before(Choice, State, Model, Store),
+    happen(Place, starl_check_choice:event(Choice), Then, Model, Store).
+
+%% Where the event of a choice happens, and the state that it finds.
+before({still, Choice, _Cut}, #{still := Still} = State, Model, Store) ->
+    before(Choice, State#{still := Still - 1}, Model, Store);
+before({deliver, I}, #{items := Items, stale := Stale} = State, Model, Store) ->
+    Left = State#{items := lists:delete(I, Items), stale := starl_check_choice:heard(I, Stale)},
+    {starl_check_part:receiver(I), note(acknowledged, I, Left, Model, Store)};
+before({again, I}, #{dup := Dup} = State, _Model, _Store) ->
+    {starl_check_part:receiver(I), State#{dup := Dup - 1}};
+before({outcome, Place, Ref, Lost}, State, _Model, Store) ->
+    {Place, give_up(Place, Ref, Lost, State, Store)};
+before({fire, Place, Key}, #{timeout := Left} = State, Model, Store) ->
+    case starl_check_model:timer(Key, Model) of
+        patience -> {Place, slow(fire, State#{timeout := Left - 1}, Model, Store)};
+        free -> {Place, slow(fire, State, Model, Store)};
+        _ -> {Place, State}
+    end;
+before({crash, Place, sap}, #{sap := Sap} = State, #{sap := contract} = Model, Store) ->
+    {Place, forsake(Place, State#{sap := Sap - 1}, Model, Store)};
+before({crash, Place, _Name}, #{crash := Crash} = State, _Model, _Store) ->
+    {Place, State#{crash := Crash - 1}};
+before({down, Place}, #{reboot := Reboot} = State, Model, Store) ->
+    {Place, gone(Place, State#{reboot := Reboot - 1}, Model, Store)};
+before({die, Place}, #{death := Death} = State, Model, Store) ->
+    {Place, gone(Place, State#{death := Death - 1}, Model, Store)};
+before({_UpOrGoOn, Place}, State, _Model, _Store) ->
+    {Place, State}.
 
 %% An event happens to a robot.
 happen(Place, Event, #{robots := Robots} = State, Model, Store) ->
@@ -94,7 +97,7 @@ happened(Place, {Number, Sent, Traces, Judged}, State, Model, Store) ->
 is_taken(I, #{robots := Robots}, Store) ->
     case element(starl_check_part:receiver(I), Robots) of
         none -> true;
-        Number -> starl_check_part:condition(Number, Store) =:= up
+        Number -> lists:member(starl_check_part:condition(Number, Store), [up, stands])
     end.
 
 %% A message to a robot that is down or dead does not arrive; its source hears of this later.
@@ -145,8 +148,8 @@ given_up(I, Place, Ref, Store) ->
     end.
 
 %% Messages under way when a time-out fires count as slow, and beyond that budget as lost.
-slow(#{late := Late, loss := Loss} = State, Model, Store) ->
-    Fresh = starl_check_choice:fresh(State, Store),
+slow(What, #{late := Late, loss := Loss} = State, Model, Store) ->
+    Fresh = starl_check_choice:fresh(What, State, Store),
     {Slow, Lost} = lists:split(min(Late, length(Fresh)), Fresh),
     Counted = State#{late := Late - length(Slow), loss := Loss - length(Lost)},
     All = [{late, One} || One <- Slow] ++ [{ghost, One} || One <- Lost],

@@ -23,6 +23,7 @@ planted() ->
             grant_not_larger, 9},
         {mutex, 3, #{loss => 1}, {starl_mutex_planted, #{variant => trusting}}, never_granted, 3},
         {mutex, 3, #{loss => 1}, {starl_mutex_planted, #{variant => overstaying}}, two_holders, 13},
+        {mutex, 3, #{still => 1}, {starl_mutex_planted, #{variant => untimely}}, two_holders, 14},
         {election, 3, #{}, {starl_election_bug, #{bug => incomplete}}, different_leaders, 5},
         {bully, 3, #{loss => 1}, {starl_election_bug, #{bug => fickle}}, two_leaders_at_one_robot,
             4},
@@ -80,6 +81,7 @@ sound_test_() ->
             {bully, 2, #{loss => 1, crash => 1, sap => 1}},
             {mutex, 2, #{loss => 1}},
             {mutex, 2, #{crash => 1}},
+            {mutex, 2, #{still => 1}},
             {barrier, 2, #{loss => 1}},
             {barrier, 2, #{timeout => 1}},
             {barrier, 2, #{sap => 1}},
@@ -115,6 +117,7 @@ spread_test_() ->
         }
      || {Block, Robots, Faults} <- [
             {mutex, 3, #{}},
+            {mutex, 3, #{still => 1}},
             {mutex, 2, #{loss => 1, crash => 1}},
             {election, 3, #{late => 1}},
             {barrier, 2, #{timeout => 1}},

@@ -34,10 +34,10 @@
 
 -export([new/4, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1]).
 -export([run/1, status/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
--export([leave/1, act/4, without_calls/2, stand_still/3, go_on/1]).
+-export([leave/1, act/4, without_calls/2, stand_still/3, go_on/1, standing/1]).
 -export([lost/3, attach/3, back/3, first/2, then/2, die/2, go_down/1, come_up/2]).
 
--export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0]).
+-export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0, standing/0]).
 
 %% A local event: a machine handles an event, or boots.
 -type local() ::
@@ -122,6 +122,10 @@ when
 %% newest first, and the time of the robot's clock at which it began to stand still.
 -type rest() :: {starl_machine:name(), [starl_machine:action()], New :: [local()], integer()}.
 
+%% What is left to do of a robot that stands still in mid-step: the rest of the step, and the local
+%% events that are due after it.
+-type standing() :: {rest(), [local()]}.
+
 -opaque t() :: #robot{}.
 
 %% @doc A robot whose machines all boot first.
@@ -130,18 +134,26 @@ new(Id, Driver, World, Machines) ->
     Robot = #robot{id = Id, driver = driver(Driver), world = World, machines = Machines},
     Robot#robot{local = boots(Machines)}.
 
-%% @doc A quiet robot, from its parts.
+%% @doc A robot from its parts: a quiet one, or one that stands still in mid-step.
 -spec restore(#{
     id := starl:robot_id(),
     driver := module(),
     world := world(),
     condition := condition(),
     machines := starl_robot_machines:t(),
-    timers := starl_robot_timers:t()
+    timers := starl_robot_timers:t(),
+    standing => standing() | none
 }) -> t().
 restore(#{id := Id, driver := Driver, world := World} = Parts) ->
     #{condition := Condition, machines := Machines, timers := Timers} = Parts,
+    {Rest, Local} =
+        case maps:get(standing, Parts, none) of
+            none -> {none, []};
+            {Left, Due} -> {{stands, Left}, Due}
+        end,
     #robot{
+        rest = Rest,
+        local = Local,
         id = Id,
         driver = driver(Driver),
         condition = Condition,
@@ -289,6 +301,11 @@ stand_still(Name, After, Robot) -> Robot#robot{still = {Name, After}}.
 -spec go_on(t()) -> t().
 go_on(#robot{rest = {stands, Rest}} = Robot) -> Robot#robot{still = none, rest = {due, Rest}};
 go_on(Robot) -> Robot#robot{still = none}.
+
+%% @doc What is left to do, if the robot stands still in mid-step.
+-spec standing(t()) -> standing() | none.
+standing(#robot{rest = {stands, Rest}, local = Local}) -> {Rest, Local};
+standing(#robot{}) -> none.
 
 %% @doc Removes and returns the next local event.
 -spec next(t()) -> {local(), t()} | none.
