@@ -116,7 +116,8 @@ new({Name, _Doc, Make}, Options) ->
     Model = maps:merge(complete(Given, Common), maps:with([past_us, waits], Options)),
     Crash = maps:get(crash, Options, maps:get(crash, Model)),
     #{monitor := {Monitor, _}} = Model,
-    Judged = Model#{crash := Crash, known => starl_monitor:known([Monitor])},
+    Known = starl_monitor:known([starl_check_robot, Monitor]),
+    Judged = Model#{crash := Crash, known => Known},
     with_machine(maps:find(machine, Options), Judged);
 new(Name, Options) ->
     new(lists:keyfind(Name, 1, starl_blocks:models()), Options).

@@ -19,8 +19,8 @@
 
 %% Machine `robot': `down' and `up' apply to the robot with all of its machines, which start anew; a
 %% robot that has `died' does not come back; `store_set_back': a fault has put the store of an earlier life
-%% in the place of the robot's. Only the checker tells that a robot `stands' still within a step, and `goes_on'.
--type robot() :: down | up | {died, gave_up | killed} | store_set_back | stands | goes_on.
+%% in the place of the robot's.
+-type robot() :: down | up | {died, gave_up | killed} | store_set_back.
 
 %% Machine `supervisor': a machine has crashed by itself; a machine has crashed too often and is not
 %% started again.
@@ -88,7 +88,7 @@
 -spec platform() -> vocabulary().
 platform() ->
     #{
-        robot => [{down, 0}, {up, 0}, {died, 1}, {store_set_back, 0}, {stands, 0}, {goes_on, 0}],
+        robot => [{down, 0}, {up, 0}, {died, 1}, {store_set_back, 0}],
         supervisor => [{crashed, 2}, {given_up, 1}],
         chassis => [{motion, 1}, {actuated, 2}, {not_understood, 1}],
         radio => [{lost, 2}],
