@@ -116,7 +116,7 @@ new({Name, _Doc, Make}, Options) ->
     Model = maps:merge(complete(Given, Common), maps:with([past_us, waits], Options)),
     Crash = maps:get(crash, Options, maps:get(crash, Model)),
     #{monitor := {Monitor, _}} = Model,
-    Known = starl_monitor:known([starl_check_robot, Monitor]),
+    Known = starl_monitor:known([starl_check_fact, Monitor]),
     Judged = Model#{crash := Crash, known => Known},
     with_machine(maps:find(machine, Options), Judged);
 new(Name, Options) ->

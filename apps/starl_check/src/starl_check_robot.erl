@@ -12,7 +12,7 @@
 -export([
     boot/2, event/3, cuts/3, timers/1, calls/1, is_done/1, condition/1, has_aged/1, must_go_on/2
 ]).
--export([shift/3, rename/2, vocabulary/0]).
+-export([shift/3, rename/2]).
 
 -export_type([t/0, event/0, cut/0, sent/0, timer/0, due/0, condition/0]).
 
@@ -69,10 +69,6 @@
 }).
 
 -type result() :: {[sent()], [starl_monitor:trace_event()], t()}.
-
-%% @doc The events of a checked robot that others do not tell: it stands still within a step, and goes on.
--spec vocabulary() -> starl_event:vocabulary().
-vocabulary() -> #{robot => [{stands, 0}, {goes_on, 0}]}.
 
 %% @doc The robot at a place of its team, after the start of all its machines. If a machine crashes
 %% by itself, now or at an event, this throws `{crashed, Machine, Reason}'.
@@ -303,6 +299,7 @@ step(Name, Robot, #run{steps = Before, cut = {Step, Actions}} = Run) when Step =
 step(_Name, Robot, #run{steps = Before} = Run) ->
     Run#run{robot = stepped(Robot), steps = Before + 1}.
 
+-spec told(starl_check_fact:robot(), starl_robot:t()) -> starl_robot:t().
 told(Event, Robot) ->
     starl_robot:world(starl_check_world:trace(robot, Event, starl_robot:world(Robot)), Robot).
 

@@ -39,7 +39,7 @@ timeless(#state{holds = Holds, held = Held, over = Over, stood = Stood}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
 step({_, Robot, robot, stands}, #state{held = Held, stood = Stood} = State) ->
     {ok, State#state{
-        stood = maps:merge(Stood, maps:without(maps:keys(without(Robot, Held)), Held))
+        stood = maps:merge(Stood, maps:filter(fun({R, _, _}, _) -> R =:= Robot end, Held))
     }};
 step({T, Robot, mutex, {acquired, Token, Fence}} = Event, State) ->
     #state{held = Held} = Ended = ended(T, Robot, Token, State),
