@@ -181,14 +181,19 @@ a_hundred_pages_and_a_run(Config) ->
         starl_view_player:play(#{hub => Hub, scenario => Scenario, speed => max}),
     ?assertEqual(100, starl_view_hub:pages(Hub)),
     {#{digest := Digest}, _} = starl_sim:finish(Sim),
-    _ = [erlang:garbage_collect(Pid) || Pid <- processes()],
-    Kept = erlang:memory(total) - Before,
+    Kept = lists:min([collected() - Before || _ <- lists:seq(1, 20)]),
     ct:pal("100 pages and a run: ~b kB more", [Kept div 1024]),
     ?assert(Kept < ?MOST_FOR_100_PAGES),
     ?assertEqual(alone(Scenario), Digest),
     [ok = ?C:close(Page) || Page <- Deaf],
     [true = exit(Reader, kill) || Reader <- Readers],
     gone(Hub).
+
+%% What this VM holds. The readers are still at work on what they were sent last, which is not kept: so one
+%% look can show more than is kept, never less.
+collected() ->
+    _ = [erlang:garbage_collect(Pid) || Pid <- processes()],
+    erlang:memory(total).
 
 reader(Config) ->
     Page = page(Config),
