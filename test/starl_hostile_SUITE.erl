@@ -6,9 +6,10 @@
 
 -export([all/0]).
 -export([election/1, bully/1, mutex/1, barrier/1, registers/1, geocast/1, dpp/1]).
--export([each_leaves_a_trace/1]).
+-export([number_to_come/1, each_leaves_a_trace/1]).
 
-all() -> [election, bully, mutex, barrier, registers, geocast, dpp, each_leaves_a_trace].
+all() ->
+    [election, bully, mutex, barrier, registers, geocast, dpp, number_to_come, each_leaves_a_trace].
 
 election(_) -> holds(election, 60).
 bully(_) -> holds(bully, 60).
@@ -17,6 +18,17 @@ barrier(_) -> holds(barrier, 60).
 registers(_) -> holds(registers, 60).
 geocast(_) -> holds(geocast, 60).
 dpp(_) -> holds(dpp, 25).
+
+%% A request of robot 1 with a number that it has not come to does not keep its true ones out.
+number_to_come(_) ->
+    %% the second message comes when a coordinator leads
+    [
+        ?assert(
+            bears(dpp, [{dpp_request, 0}, {dpp_request, {{1, 3, 1}, Id, {500.0, 500.0}, [], 5000}}]),
+            Id
+        )
+     || Id <- [{9, 9}, {1, 1000}, {1 bsl 60, 1 bsl 60}]
+    ].
 
 holds(Block, Cases) ->
     Prop = ?FORALL(

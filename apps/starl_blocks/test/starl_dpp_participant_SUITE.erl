@@ -14,6 +14,7 @@
     stale_answers_are_refused/1,
     answer_in_no_time/1,
     asked_to_ask_again/1,
+    asked_to_count_above/1,
     lost_answer_is_asked_for_again/1,
     lost_pose_is_asked_for_again/1,
     ids_ascend_over_a_crash/1,
@@ -75,6 +76,7 @@ all() ->
         stale_answers_are_refused,
         answer_in_no_time,
         asked_to_ask_again,
+        asked_to_count_above,
         lost_answer_is_asked_for_again,
         lost_pose_is_asked_for_again,
         ids_ascend_over_a_crash,
@@ -179,6 +181,18 @@ asked_to_ask_again(_) ->
     ?assertMatch([{{timeout, again}, _, request}], Actions),
     {Ask, _} = at(?S, {timeout, again}, request, Told),
     ?assertMatch([{4, {_, _, {1.0, 2.0}, [], ?S}}], sent(dpp_request, Ask)).
+
+%% The next request has a number above the one that the coordinator has heard of. An answer to that
+%% one is a stale one.
+asked_to_count_above(_) ->
+    {Id, P} = asking(led()),
+    Above = {{1, 4, 1}, Id, {above, {9, 9}}, []},
+    {_, Told} = at(?AIR_US, cast, {message, 4, dpp_answer, Above}, P),
+    Forged = {{1, 4, 1}, {9, 9}, complete, []},
+    {Stale, _} = at(?AIR_US, cast, {message, 4, dpp_answer, Forged}, Told),
+    ?assertEqual([{trace, {stale_answer, 4, {1, 4, 1}, {9, 9}}}], Stale),
+    {Ask, _} = at(?S, {timeout, again}, request, Told),
+    ?assertMatch([{4, {_, {9, N}, {1.0, 2.0}, [], ?S}}] when N > 9, sent(dpp_request, Ask)).
 
 lost_answer_is_asked_for_again(_) ->
     {First, P} = asking(led()),

@@ -18,6 +18,18 @@ report_and_request_in_either_order_test() ->
      || Steps <- [[Report, Ask], [Ask, Report], [Report, Ask, Report, Ask]]
     ].
 
+%% A request below a number that was heard from its robot is told that number; one of the same
+%% number, or a first one, is not.
+number_above_the_robots_own_is_told_test() ->
+    S0 = known([1], new([short()], 2)),
+    {S, _} = starl_dpp_serve:requested(2, {9, 9}, {spot(2), []}, S0),
+    Above = fun(Id) ->
+        {_, Actions} = starl_dpp_serve:requested(2, Id, {spot(2), []}, S),
+        [{To, Of, N} || {cast, sap, {send, To, dpp_answer, {_, Of, {above, N}, []}}} <- Actions]
+    end,
+    [?assertEqual([{2, Id, {9, 9}}], Above(Id)) || Id <- [{1, 2}, {9, 8}, {8, 100}]],
+    [?assertEqual([], Above(Id), Id) || Id <- [{9, 9}, {9, 10}, {10, 1}]].
+
 %% What a participant sends that asks when it hears of a new term.
 state_and_request() ->
     {_, P0} = starl_machine:new(starl_dpp_participant, #{}, #{

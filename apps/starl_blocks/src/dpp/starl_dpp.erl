@@ -29,8 +29,9 @@
     atom() => term()
 }.
 
-%% Ascending per robot, also over a crash.
--type request_id() :: {Incarnation :: pos_integer(), N :: non_neg_integer()}.
+%% Ascending per robot, also over a crash. The series is the robot's incarnation, or higher if the
+%% coordinator has heard of a higher number.
+-type request_id() :: {Series :: pos_integer(), N :: non_neg_integer()}.
 
 %% A term has at most one coordinator: the robot that claimed it, in that life of its coordinator
 %% machine. So no term is ever claimed twice, even by a robot that has forgotten everything.

@@ -31,4 +31,5 @@ waypoint() -> [point, {either, [{is, up}, [{is, down}, count]]}].
 
 answer() ->
     Assign = [{is, assign}, point, {list, waypoint()}],
-    {either, [Assign, {is, again}, {is, complete}, {is, incomplete}]}.
+    Above = [{is, above}, id()],
+    {either, [Assign, Above, {is, again}, {is, complete}, {is, incomplete}]}.

@@ -52,8 +52,10 @@
 
 -record(part, {
     self :: starl:robot_id(),
-    incarnation :: pos_integer(),
     now :: integer(),
+    %% the identifier of the present request: the incarnation, or a higher number if the coordinator
+    %% knows of one, and the number of the request
+    series :: pos_integer(),
     n = 0 :: non_neg_integer(),
     %% the caller of the application's request, and of its drive
     from = none :: starl_machine:from() | none,
@@ -67,8 +69,8 @@ init(#{robot := Self, incarnation := Life, now := Now} = Config) ->
     Follow = starl_dpp_follow:new(Config),
     Part = #part{
         self = Self,
-        incarnation = Life,
         now = Now,
+        series = Life,
         track = starl_dpp_track:new(maps:get(slack, Config, 0.0)),
         follow = Follow
     },
@@ -192,7 +194,7 @@ ask(#part{track = Track, now = Now, follow = Follow} = Part) ->
             ]}
     end.
 
-id(#part{incarnation = Incarnation, n = N}) -> {Incarnation, N}.
+id(#part{series = Series, n = N}) -> {Series, N}.
 
 answer(Source, Term, Id, {Answer, News}, Where, #part{follow = Follow} = Part) ->
     Due =
@@ -205,6 +207,10 @@ answer(Source, Term, Id, {Answer, News}, Where, #part{follow = Follow} = Part) -
             assigned({moving, Id, From, Path}, answered(News, Part));
         again ->
             {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]};
+        {above, {Series, N}} ->
+            %% no answer to the request of that number may fit
+            Above = Part#part{series = Series, n = N + 1},
+            {keep_state, Above, [{{timeout, again}, ?LOOK_US, request}]};
         End ->
             #part{from = Caller} = Part,
             Answered = (answered(News, Part))#part{from = none},

@@ -102,7 +102,7 @@ requested(Robot, Id, {At, Painted}, #serve{waiting = Waiting, plan = Plan} = S) 
                 Asking
             );
         false ->
-            {S, stray(Robot, Painted, Plan)}
+            {S, stray(Robot, Painted, Plan) ++ outnumbered(Robot, Id, S)}
     end.
 
 %% @doc The robot's report to a new coordinator: where it stands, or the rest of its path.
@@ -166,7 +166,19 @@ answered(_Robot, lost, S) ->
     S.
 
 %% Robots number their requests; an old one does not tell where the robot is now.
-newer(Robot, Id, #serve{latest = Latest}) -> Id > maps:get(Robot, Latest, {0, 0}).
+newer(Robot, Id, S) -> Id > latest(Robot, S).
+
+latest(Robot, #serve{latest = Latest}) -> maps:get(Robot, Latest, {0, 0}).
+
+%% A number that the robot has not come to yet, from a broken computer, would keep its requests out
+%% for ever: it is told to go on above it. To a late copy of a request this answer is a stale one.
+outnumbered(Robot, Id, #serve{term = Term} = S) ->
+    case latest(Robot, S) of
+        Latest when Id < Latest ->
+            [starl_sap:post(Robot, dpp_answer, {Term, Id, {above, Latest}, []})];
+        _ ->
+            []
+    end.
 
 stands(Robot, Id, At, Painted, #serve{plan = Plan, latest = Latest} = S) ->
     Marked = starl_dpp_plan:mark_painted(Painted, Plan),
