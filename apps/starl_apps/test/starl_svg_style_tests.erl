@@ -284,6 +284,58 @@ clips_test_() ->
         ]
     ].
 
+%% What a window shows of a fill has the window's edges.
+clipped_fill_test_() ->
+    Square = "<clipPath id='c'><rect x='20' y='20' width='60' height='60'/></clipPath>",
+    Cut = fun(Shape) -> [Square, "<g clip-path='url(#c)'>", Shape, "</g>"] end,
+    Half = [[20, 20, 50, 20], [50, 20, 50, 80], [20, 80, 50, 80], [20, 20, 20, 80]],
+    [
+        {Shape, ?_assertEqual(sides(Lines), sides_of(Cut(Shape)))}
+     || {Shape, Lines} <- [
+            %% the window lies inside of the fill, the fill in the window, or they cross
+            {"<rect x='-10' y='-10' width='130' height='130' fill='red'/>", [
+                [20, 20, 80, 20], [80, 20, 80, 80], [20, 80, 80, 80], [20, 20, 20, 80]
+            ]},
+            {"<rect x='30' y='30' width='20' height='20' fill='red'/>", [
+                [30, 30, 50, 30], [50, 30, 50, 50], [30, 50, 50, 50], [30, 30, 30, 50]
+            ]},
+            {"<rect x='0' y='0' width='50' height='100' fill='red'/>", Half},
+            %% along the window's own edge
+            {"<rect x='20' y='0' width='30' height='100' fill='red'/>", Half},
+            {"<rect x='0' y='0' width='50' height='100' fill='red' stroke='blue'/>", Half},
+            {"<rect x='0' y='0' width='50' height='100' fill='none' stroke='blue'/>", [
+                [50, 20, 50, 80]
+            ]},
+            %% a hole
+            {"<path d='M0 0H100V100H0zM10 10V90H50V10z' fill='red'/>", [
+                [50, 20, 50, 80], [50, 20, 80, 20], [80, 20, 80, 80], [50, 80, 80, 80]
+            ]}
+        ]
+    ].
+
+%% A background remains one in a window that shows all of the page.
+clipped_background_test() ->
+    {ok, Picture} = parse([
+        "<clipPath id='c'><rect width='100' height='100'/></clipPath><g clip-path='url(#c)'>",
+        "<rect width='100' height='100' fill='white'/><path stroke='red' d='M0 50H100'/></g>"
+    ]),
+    ?assertMatch([_], starl_picture:segments(Picture)),
+    ?assertMatch(#{backgrounds := 1}, starl_picture:left_out(Picture)).
+
+sides_of(Body) ->
+    {ok, Picture} = parse(Body),
+    sides(starl_picture:segments(Picture)).
+
+%% In any direction and order.
+sides(Lines) ->
+    lists:sort([
+        {min(P, Q), max(P, Q)}
+     || Line <- Lines, {P, Q} <- as_segments(Line)
+    ]).
+
+as_segments({_, _} = Segment) -> [Segment];
+as_segments(Line) -> lines([Line]).
+
 %%% Helpers
 
 target(Attributes) ->

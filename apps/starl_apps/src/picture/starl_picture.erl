@@ -12,7 +12,7 @@
 %% picture gives the same segments on machines with different sine functions. The tolerance includes
 %% the errors of rounding and of the removal of tiny segments.
 %%
-%% Reading is safe with any input: nothing outside the file is fetched, memory and time are bounded,
+%% Reading is safe with any input: nothing outside the file is fetched, memory and work are bounded,
 %% and no atoms come from the file.
 -module(starl_picture).
 
@@ -73,9 +73,14 @@ parse(Bytes, #{area := Area} = Options) when is_binary(Bytes) ->
     Tolerance = maps:get(tolerance_mm, Options, ?DEFAULT_TOLERANCE_MM),
     Max = maps:get(max_segments, Options, ?DEFAULT_MAX_SEGMENTS),
     ok = check(Area, Tolerance, Max),
-    case byte_size(Bytes) =< ?MAX_BYTES andalso starl_svg:read(Bytes, Max * ?DUPLICATES) of
-        false -> {error, {cannot_read, "picture", too_big}};
-        {ok, Drawing} -> picture(Drawing, Area, float(Tolerance), Max);
+    case byte_size(Bytes) =< ?MAX_BYTES of
+        true -> starl_svg_bounded:run(fun() -> drawn(Bytes, Area, float(Tolerance), Max) end);
+        false -> {error, {cannot_read, "picture", too_big}}
+    end.
+
+drawn(Bytes, Area, Tolerance, Max) ->
+    case starl_svg:read(Bytes, Max * ?DUPLICATES) of
+        {ok, Drawing} -> picture(Drawing, Area, Tolerance, Max);
         {error, too_many_shapes} -> {error, {too_many_segments, Max}};
         {error, _} = Error -> Error
     end.
@@ -175,11 +180,16 @@ made(Segments, Tolerance, #{title := Title, left_out := LeftOut}) ->
         segments = Segments, tolerance = Tolerance, title = line(Title), left_out = LeftOut
     }.
 
-on_floor(Map, {Outline, Clips}) ->
+on_floor(Map, {line, Outline, Clips}) ->
+    {line, on_floor_outline(Map, Outline), [starl_svg_clip:transform(Map, Clip) || Clip <- Clips]};
+on_floor(Map, {edges, Outlines, Clips}) ->
     {
-        [starl_svg_curve:transform(Map, Curve) || Curve <- Outline],
+        edges,
+        [on_floor_outline(Map, Outline) || Outline <- Outlines],
         [starl_svg_clip:transform(Map, Clip) || Clip <- Clips]
     }.
+
+on_floor_outline(Map, Outline) -> [starl_svg_curve:transform(Map, Curve) || Curve <- Outline].
 
 %% The map from the drawing to the floor.
 place(Shapes, Frame, {AX0, AY0, AX1, AY1}) ->
@@ -202,9 +212,12 @@ place(Shapes, Frame, {AX0, AY0, AX1, AY1}) ->
 %% The boxes of what can be seen through the windows.
 boxes(Shapes) ->
     lists:append([
-        seen(starl_svg_curve:bounds(Curve), [starl_svg_clip:box(Clip) || Clip <- Clips])
-     || {Outline, Clips} <- Shapes, Curve <- Outline
+        seen(Box, [starl_svg_clip:box(Clip) || Clip <- Clips])
+     || {_, _, Clips} = Shape <- Shapes, Box <- unclipped(Shape)
     ]).
+
+unclipped({line, Outline, _Clips}) -> [starl_svg_curve:bounds(Curve) || Curve <- Outline];
+unclipped({edges, Outlines, _Clips}) -> [starl_svg_area:box(Outlines)].
 
 seen({X0, Y0, X1, Y1}, _Windows) when X0 > X1; Y0 > Y1 -> [];
 seen(Box, []) ->
@@ -248,15 +261,27 @@ chords(Shapes, Tolerance, Max) ->
 
 chords([], _Tolerance, _Left, Chains) ->
     {ok, [Segment || Chain <- lists:reverse(Chains), Segment <- Chain]};
-chords([{Outline, Clips} | Shapes], Tolerance, Left, Chains) ->
-    Counted = [{Curve, starl_svg_curve:steps(Curve, Tolerance)} || Curve <- Outline],
-    case lists:sum([N || {_, N} <- Counted]) of
+chords([Shape | Shapes], Tolerance, Left, Chains) ->
+    Counted = [counted(Outline, Tolerance) || Outline <- outlines(Shape)],
+    case lists:sum([N || Curves <- Counted, {_, N} <- Curves]) of
         Count when Count > Left -> too_many;
         Count ->
-            Points = [P || {Curve, N} <- Counted, P <- starl_svg_curve:flatten(Curve, N)],
-            Chain = chain(rounded(starl_svg_curve:start(hd(Outline))), Points),
-            chords(Shapes, Tolerance, Left - Count, [clipped(Clips, Chain) | Chains])
+            Chain = seen_of(Shape, lists:append([flattened(Curves) || Curves <- Counted])),
+            chords(Shapes, Tolerance, Left - Count, [Chain | Chains])
     end.
+
+outlines({line, Outline, _Clips}) -> [Outline];
+outlines({edges, Outlines, _Clips}) -> Outlines.
+
+counted(Outline, Tolerance) ->
+    [{Curve, starl_svg_curve:steps(Curve, Tolerance)} || Curve <- Outline].
+
+flattened([{First, _} | _] = Curves) ->
+    Points = [P || {Curve, N} <- Curves, P <- starl_svg_curve:flatten(Curve, N)],
+    chain(rounded(starl_svg_curve:start(First)), Points).
+
+seen_of({line, _, Clips}, Chain) -> clipped(Clips, Chain);
+seen_of({edges, _, Clips}, Boundary) -> long_enough(starl_svg_clip:edges(Clips, Boundary)).
 
 %% Joins the points; a point too close to the last one taken is left out.
 chain(_From, []) ->
@@ -272,8 +297,11 @@ clipped([], Chain) ->
     Chain;
 clipped([Clip | Clips], Chain) ->
     Inside = [Part || Segment <- Chain, {ok, Part} <- [starl_svg_clip:cut(Clip, Segment)]],
-    Rounded = [{rounded(P), rounded(Q)} || {P, Q} <- Inside],
-    clipped(Clips, [Segment || {P, Q} = Segment <- Rounded, length_of(P, Q) >= ?SHORTEST_MM]).
+    clipped(Clips, long_enough(Inside)).
+
+long_enough(Segments) ->
+    Rounded = [{rounded(P), rounded(Q)} || {P, Q} <- Segments],
+    [Segment || {P, Q} = Segment <- Rounded, length_of(P, Q) >= ?SHORTEST_MM].
 
 length_of({X0, Y0}, {X1, Y1}) ->
     math:sqrt((X1 - X0) * (X1 - X0) + (Y1 - Y0) * (Y1 - Y0)).

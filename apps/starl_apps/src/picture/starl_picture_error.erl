@@ -42,7 +42,7 @@ text({wrong_root, Name}) ->
 text({too_deep, Line}) ->
     {"line ~b: elements are nested more than 200 deep; ungroup the drawing", [Line]};
 text(too_complex) ->
-    {"the picture takes too much memory or time to read; simplify the drawing", []};
+    {"the picture takes too much memory or work to read; simplify the drawing", []};
 text({bad_number, Where, Attribute, Text}) ->
     {"~ts: ~ts in attribute ~ts is not what SVG allows there; correct it", [
         where(Where), quote(Text), Attribute

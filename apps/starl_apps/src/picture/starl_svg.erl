@@ -55,12 +55,10 @@
 %% @doc Reads a document that draws at most `Max' curves.
 -spec read(binary(), Max :: pos_integer()) -> {ok, drawing()} | {error, problem()}.
 read(Bytes, Max) ->
-    starl_svg_bounded:run(fun() ->
-        case starl_svg_xml:parse(Bytes, vocabulary(Max)) of
-            {ok, Root} -> drawing(starl_svg_cascade:resolve(Root), Max);
-            {error, _} = Error -> Error
-        end
-    end).
+    case starl_svg_xml:parse(Bytes, vocabulary(Max)) of
+        {ok, Root} -> drawing(starl_svg_cascade:resolve(Root), Max);
+        {error, _} = Error -> Error
+    end.
 
 %%% Internals
 

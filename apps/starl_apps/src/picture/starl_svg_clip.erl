@@ -3,7 +3,7 @@
 %% reader, {@link starl_svg}.
 -module(starl_svg_clip).
 
--export([rectangle/3, of_path/2, transform/2, box/1, cut/2]).
+-export([rectangle/3, of_path/2, transform/2, box/1, covers/2, cut/2, edges/2]).
 -export_type([t/0]).
 
 -type point() :: starl_svg_curve:point().
@@ -42,6 +42,12 @@ box(Corners) ->
     {Xs, Ys} = lists:unzip(Corners),
     {lists:min(Xs), lists:min(Ys), lists:max(Xs), lists:max(Ys)}.
 
+%% @doc Is all of a box seen?
+-spec covers(t(), starl_svg_curve:bounds()) -> boolean().
+covers(Clip, {X0, Y0, X1, Y1}) ->
+    Sides = sides([{X0, Y0}, {X1, Y0}, {X1, Y1}, {X0, Y1}]),
+    lists:all(fun(Side) -> cut(Clip, Side) =:= {ok, Side} end, Sides).
+
 %% @doc The part of a segment that lies inside.
 -spec cut(t(), {point(), point()}) -> {ok, {point(), point()}} | outside.
 cut(Corners, {P, Q} = Segment) ->
@@ -57,7 +63,68 @@ cut(Corners, {P, Q} = Segment) ->
         {_, _} -> outside
     end.
 
+%% @doc The edges that the polygons give to an area between them: what the other polygons leave of
+%% their sides, as far as it lies within the area (by the winding number, as browsers fill it). What
+%% runs along the area's own boundary is not among them.
+-spec edges([t()], Boundary :: [{point(), point()}]) -> [{point(), point()}].
+edges(Clips, Boundary) ->
+    [
+        Part
+     || Clip <- Clips,
+        Side <- sides(Clip),
+        Seen <- cut_all(lists:delete(Clip, Clips), Side),
+        Part <- within(Boundary, Seen)
+    ].
+
 %%% Internals
+
+cut_all([], Segment) ->
+    [Segment];
+cut_all([Clip | Clips], Segment) ->
+    case cut(Clip, Segment) of
+        {ok, Part} -> cut_all(Clips, Part);
+        outside -> []
+    end.
+
+%% The parts of a segment between two crossings of the boundary lie within the area or outside of it.
+within(Boundary, {P, Q} = Segment) ->
+    Crossings = [T || Line <- Boundary, {ok, T} <- [crossing(Segment, Line)]],
+    Parts = parts(lists:usort([0.0, 1.0 | Crossings])),
+    [
+        {between(P, Q, From), between(P, Q, To)}
+     || {From, To} <- Parts, is_within(between(P, Q, (From + To) / 2.0), Boundary)
+    ].
+
+parts([From | [To | _] = Rest]) -> [{From, To} | parts(Rest)];
+parts([_Last]) -> [].
+
+%% Where on the segment it crosses a line, from 0 to 1. A parallel one it does not cross.
+crossing({P, Q}, Line) ->
+    case {left(Line, P), left(Line, Q)} of
+        {Same, Same} ->
+            none;
+        {L0, L1} ->
+            T = L0 / (L0 - L1),
+            case
+                T > 0.0 andalso T < 1.0 andalso
+                    starl_geometry:point_segment(between(P, Q, T), Line) < ?BOUNDARY
+            of
+                true -> {ok, T};
+                false -> none
+            end
+    end.
+
+is_within(Point, Boundary) ->
+    not lists:any(fun(Line) -> starl_geometry:point_segment(Point, Line) < ?BOUNDARY end, Boundary) andalso
+        lists:sum([turn(Point, Line) || Line <- Boundary]) =/= 0.
+
+%% How often a line goes round a point: upwards to the right of it, or downwards.
+turn({_, Y} = Point, {{_, Y0}, {_, Y1}} = Line) ->
+    case left(Line, Point) of
+        L when Y0 =< Y, Y1 > Y, L > 0.0 -> 1;
+        L when Y0 > Y, Y1 =< Y, L < 0.0 -> -1;
+        _ -> 0
+    end.
 
 of_shape(Element, Shape, Matrix0) ->
     IsShape = lists:member(starl_svg_xml:name(Shape), starl_svg_shape:names()),

@@ -4,15 +4,18 @@
 %%
 %% Drawn are shapes outside of `defs', `symbol', `clipPath', `mask', `marker' and `pattern', and
 %% those that a `use' repeats. Of a stroke its middle counts, of a fill without a stroke its
-%% boundary. Left out is a page background: a filled rectangle without a stroke that covers the
+%% boundary, and the edge that a window cuts. Left out is a page background: a filled rectangle without a stroke that covers the
 %% frame; and a fill in the page's colour with nothing beneath.
 -module(starl_svg_walk).
 
 -export([drawn/3]).
 -export_type([shape/0, left_out/0]).
 
-%% An outline and the windows through which it is seen.
--type shape() :: {starl_svg_pen:outline(), [starl_svg_clip:t()]}.
+%% An outline and the windows through which it is seen; or the edges that the windows give to an
+%% area of these outlines.
+-type shape() ::
+    {line, starl_svg_pen:outline(), [starl_svg_clip:t()]}
+    | {edges, [starl_svg_pen:outline(), ...], [starl_svg_clip:t(), ...]}.
 %% Numbers of texts, images, markers, clipping paths (and masks) that are no convex polygons, and
 %% page backgrounds; and of shapes without anything to see.
 -type left_out() :: #{
@@ -230,21 +233,24 @@ shown(_Outlines, #{fill := none, stroke := none}, _Context, Walk) ->
 shown(Outlines, #{fill := Fill, stroke := Stroke}, Context, Walk) when
     Stroke =:= none; Stroke =:= Fill
 ->
-    case is_background(Outlines, Walk) of
+    case is_background(Outlines, Context, Walk) of
         true -> left_out(backgrounds, Walk#walk{page = Fill});
         false when Stroke =:= none -> filled(Outlines, Fill, Context, Walk);
         false -> add(Outlines, Context, Walk)
     end;
-shown(Outlines, _Seen, Context, Walk) ->
-    add(Outlines, Context, Walk).
+shown(Outlines, #{fill := Fill}, Context, #walk{page = Page} = Walk) ->
+    Areas = [Outline || Fill =/= none, Fill =/= Page, Outline <- areas(Outlines)],
+    cut_out(Areas, Context, add(Outlines, Context, Walk)).
 
-is_background(_Outlines, #walk{frame = none}) -> false;
-is_background([Outline], #walk{frame = Frame}) -> starl_svg_area:covers(Outline, Frame);
-is_background(_Outlines, _Walk) -> false.
+is_background([Outline], #context{clips = Clips}, #walk{frame = Frame}) when Frame =/= none ->
+    starl_svg_area:covers(Outline, Frame) andalso
+        lists:all(fun(Clip) -> starl_svg_clip:covers(Clip, Frame) end, Clips);
+is_background(_Outlines, _Context, _Walk) ->
+    false.
 
 %% The boundary of a fill.
 filled(Outlines, Fill, Context, #walk{page = Page, box = Box} = Walk) ->
-    case [starl_svg_area:closed(Each) || Each <- Outlines, starl_svg_area:encloses(Each)] of
+    case areas(Outlines) of
         [] ->
             left_out(unseen, Walk);
         Areas ->
@@ -253,16 +259,25 @@ filled(Outlines, Fill, Context, #walk{page = Page, box = Box} = Walk) ->
                     not starl_svg_area:overlap(starl_svg_area:box(Areas), Box),
             case Hidden of
                 true -> left_out(unseen, Walk);
-                false -> add(Areas, Context, Walk)
+                false -> cut_out(Areas, Context, add(Areas, Context, Walk))
             end
     end.
+
+areas(Outlines) ->
+    [starl_svg_area:closed(Each) || Each <- Outlines, starl_svg_area:encloses(Each)].
 
 add(Outlines, #context{clips = Clips}, #walk{curves = Curves, shapes = Done} = Walk) ->
     Count = lists:sum([length(Outline) || Outline <- Outlines]),
     Count =< Curves orelse starl_svg_problem:fail(too_many_shapes),
     Box = starl_svg_area:merge(starl_svg_area:box(Outlines), Walk#walk.box),
-    Shapes = [{Outline, Clips} || Outline <- Outlines],
+    Shapes = [{line, Outline, Clips} || Outline <- Outlines],
     Walk#walk{curves = Curves - Count, box = Box, shapes = lists:reverse(Shapes, Done)}.
+
+%% A window that cuts a fill is an edge of what is seen of it.
+cut_out(Areas, #context{clips = [_ | _] = Clips}, #walk{shapes = Done} = Walk) when Areas =/= [] ->
+    Walk#walk{shapes = [{edges, Areas, Clips} | Done]};
+cut_out(_Areas, _Context, Walk) ->
+    Walk.
 
 %%% Nested pictures and references
 
