@@ -57,7 +57,13 @@ results_go_to_out_of_the_working_directory(Config) ->
     ?assert(filelib:is_regular(filename:join(Dir, "deep/out/exercise-1/run.term"))),
     %% A printed command names the script as it was called.
     {2, Told} = sh("./st run", Dir),
-    contains("as in ./st run painting", Told).
+    contains("as in ./st run painting", Told),
+    %% A help text by its short name, if that is long.
+    {0, Help} = sh("\"$(pwd)/st\" run --help", Dir),
+    contains("Usage: st run TARGET", Help),
+    {0, Apps} = sh("./st apps", Dir),
+    contains("  painting  A team paints a picture together.\n", Apps),
+    contains("examples/line_up.erl", Apps).
 
 an_earlier_result_is_not_overwritten_without_a_word(Config) ->
     Dir = dir("overwrite", Config),

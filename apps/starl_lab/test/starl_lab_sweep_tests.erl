@@ -268,8 +268,13 @@ plot(Args, Figures) ->
      || Point <- starl_lab_sweep_grid:points(Grid)
     ],
     {ok, X} = starl_lab_sweep_plot:axis(Grid),
-    Names = [atom_to_list(Figure) || Figure <- Figures],
-    {ok, Chosen} = starl_lab_sweep_plot:chosen(Names, Figures, formats()),
+    Names =
+        case Figures of
+            none -> none;
+            _ -> [atom_to_list(Figure) || Figure <- Figures]
+        end,
+    Known = [virtual_s, events, assignments_per_robot, min_separation_mm],
+    {ok, Chosen} = starl_lab_sweep_plot:chosen(Names, Known, formats()),
     starl_lab_sweep_plot:data("painting", Grid, X, Points, Chosen).
 
 %% The first swept setting with numbers is the axis, the others make the curves.
@@ -314,6 +319,11 @@ script_test() ->
         ]
     ].
 
+%% All runs last as long: unasked, a panel that says nothing else is left out beside others.
+same_time_in_all_runs_is_not_plotted_test() ->
+    #{panels := Panels} = plot(["--robots", "2..4"], none),
+    ?assertMatch([#{y := "paths of a robot"}], Panels).
+
 %% gnuplot draws nothing at all where one curve has no point.
 figures_that_no_run_has_are_left_out_test() ->
     #{panels := Panels} = plot(["--robots", "2..4"], [min_separation_mm, virtual_s]),
@@ -326,12 +336,12 @@ no_numbers_no_axis_test() ->
 %% The application says what is plotted besides, and what it is called.
 chosen_figures_test() ->
     Known = [virtual_s, events, assignments_per_robot],
-    Time = {virtual_s, "completion time, s"},
-    Paths = {assignments_per_robot, "paths of a robot"},
+    Time = {virtual_s, "completion time, s", varying},
+    Paths = {assignments_per_robot, "paths of a robot", always},
     Chosen = fun(Names, Formats) -> starl_lab_sweep_plot:chosen(Names, Known, Formats) end,
     ?assertEqual({ok, [Time]}, Chosen(none, #{})),
     ?assertEqual({ok, [Time, Paths]}, Chosen(none, formats())),
-    ?assertEqual({ok, [{events, "events"}]}, Chosen(["events", "events"], formats())),
+    ?assertEqual({ok, [{events, "events", always}]}, Chosen(["events", "events"], formats())),
     ?assertEqual({unknown, ["evnts"]}, Chosen(["events", "evnts"], formats())).
 
 %% -- a whole sweep --------------------------------------------------------------------------

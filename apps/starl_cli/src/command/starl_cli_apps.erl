@@ -1,4 +1,4 @@
-%% @doc `./starl apps': lists the applications that can be run, one name per line.
+%% @doc `./starl apps': lists the applications and the purpose of each.
 -module(starl_cli_apps).
 -behaviour(starl_cli_command).
 
@@ -11,9 +11,9 @@ name() -> "apps".
 synopsis() -> "list the applications".
 
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) -> ["Lists the applications that ship; ./starl run NAME runs one."].
+about(_Subject) -> ["Lists the applications and the examples; ./starl run NAME runs one."].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(_Call) ->
-    starl_cli_terminal:out([[Name, "\n"] || {Name, _} <- starl_cli_target:apps()]),
+    starl_cli_terminal:out(starl_cli_usage:items(starl_cli_target:purposes())),
     0.

@@ -21,7 +21,7 @@ answered(Status, _Command) ->
     Status.
 
 show(Text) ->
-    starl_cli_terminal:out(Text),
+    starl_cli_terminal:help(Text),
     0.
 
 %% @doc Reads the arguments of a command and reports all problems at once.

@@ -28,7 +28,7 @@ flags(_Subject) ->
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := Name, values := #{names := Names}}) ->
-    starl_cli_terminal:out(text(Name, Names)),
+    starl_cli_terminal:help(text(Name, Names)),
     0.
 
 text(none, false) -> starl_cli_usage:general();

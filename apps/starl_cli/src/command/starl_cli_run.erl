@@ -16,10 +16,11 @@ argument() -> {required, "TARGET", {example, "painting"}}.
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(none) ->
     [
-        "TARGET is an application, a scenario, a scenario file (FILE.term) or an application of "
-        "your own (FILE.erl).",
+        "TARGET is an application, a scenario, a scenario file (FILE.term), an application of "
+        "your own (FILE.erl, or a directory with it and its blocks and monitors) or a recorded run "
+        "(its directory).",
         {list, "TARGET", [
-            {"applications", names(starl_cli_target:apps())},
+            {"applications", names(starl_cli_target:purposes())},
             {"scenarios", names(starl_cli_target:scenarios())}
         ]},
         "./starl run TARGET --help lists the flags of TARGET, too."

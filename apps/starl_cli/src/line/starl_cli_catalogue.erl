@@ -1,10 +1,10 @@
 %% @doc Finds the commands and the applications for teams on the code path. Every OTP application
 %% declares its own in the environment of its `.app' file: `{starl_commands, [{Title, [Module]}]}'
-%% lists commands ({@link starl_cli_command}), `{starl_apps, [Module]}' lists programs for teams
-%% (`starl_app'). A project that depends on StarL adds its own in the same way.
+%% lists commands ({@link starl_cli_command}), `{starl_apps, [{Module, Purpose}]}' lists programs for
+%% teams (`starl_app'). One without a purpose, `Module', can be run and is not shown. A project that depends on StarL adds its own in the same way.
 -module(starl_cli_catalogue).
 
--export([commands/0, apps/0]).
+-export([commands/0, apps/0, purposes/0]).
 
 -type offer() :: {App :: atom(), Keys :: [{atom(), term()}]}.
 
@@ -17,11 +17,23 @@ commands() -> [Group || {starl_commands, Groups} <- lists:append(environments())
 %% @doc The applications for teams, by name and module.
 -spec apps() -> [{Name :: string(), module()}].
 apps() ->
-    Modules = [Module || {starl_apps, Some} <- lists:append(environments()), Module <- Some],
-    [{short(atom_to_list(Module)), Module} || Module <- lists:sort(Modules)].
+    Modules = [module(Listed) || Listed <- listed()],
+    [{short(Module), Module} || Module <- lists:sort(Modules)].
 
-short(?PREFIX ++ Name) -> Name;
-short(Name) -> Name.
+%% @doc The applications that are for users: name and purpose.
+-spec purposes() -> [{Name :: string(), Purpose :: string()}].
+purposes() -> lists:sort([{short(Module), Purpose} || {Module, Purpose} <- listed()]).
+
+listed() -> [Listed || {starl_apps, Some} <- lists:append(environments()), Listed <- Some].
+
+module({Module, _Purpose}) -> Module;
+module(Module) -> Module.
+
+short(Module) ->
+    case atom_to_list(Module) of
+        ?PREFIX ++ Name -> Name;
+        Name -> Name
+    end.
 
 %% An application depends on more applications than any application below it.
 environments() ->

@@ -3,7 +3,7 @@
 %% application, or a recorded run, by its directory or its `run.term'.
 -module(starl_cli_target).
 
--export([apps/0, scenarios/0, resolve/1, subject/2, seeded/2, looks_like_one/1, root/0]).
+-export([apps/0, purposes/0, scenarios/0, resolve/1, subject/2, seeded/2, looks_like_one/1, root/0]).
 
 -export_type([t/0, code/0]).
 
@@ -27,6 +27,28 @@
 %% @doc The shipped applications, by name and module.
 -spec apps() -> [{Name :: string(), module()}].
 apps() -> starl_cli_catalogue:apps().
+
+%% @doc The applications that are for users: those that ship, and the examples of the checkout by
+%% their files.
+-spec purposes() -> [{Target :: string(), Purpose :: unicode:chardata()}].
+purposes() -> starl_cli_catalogue:purposes() ++ examples().
+
+examples() ->
+    [
+        {shortest(File, Path), doc(Path)}
+     || Pattern <- ["examples/*.erl", "examples/*/*.erl"],
+        File <- filelib:wildcard(Pattern, root()),
+        Path <- [filename:join(root(), File)],
+        {ok, Text} <- [file:read_file(Path)],
+        nomatch =/= re:run(Text, "^-behaviou?r[(]starl_app[)]", [multiline])
+    ].
+
+%% A word by which `resolve/1' finds the file.
+shortest(File, Path) ->
+    case cwd() =:= root() of
+        true -> File;
+        false -> Path
+    end.
 
 %% @doc The shipped scenario files: name, file and first comment line.
 -spec scenarios() -> [{Name :: string(), file:filename(), Doc :: unicode:chardata()}].
@@ -138,8 +160,9 @@ loaded(Module) ->
     end.
 
 unknown(Word) ->
-    Known = [Name || {Name, _} <- apps()] ++ [Name || {Name, _, _} <- scenarios()],
-    case starl_cli_flags:nearest(Word, Known) of
+    Scenarios = [Name || {Name, _, _} <- scenarios()],
+    Known = [Name || {Name, _} <- starl_cli_catalogue:purposes()] ++ Scenarios,
+    case starl_cli_flags:nearest(Word, [Name || {Name, _} <- apps()] ++ Scenarios) of
         [Near | _] ->
             ["there is no application or scenario ", Word, " (did you mean ", Near, "?)"];
         [] ->

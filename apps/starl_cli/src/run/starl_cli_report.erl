@@ -183,7 +183,7 @@ text(#report{fields = Fields, notes = Notes}) ->
 
 plain(Text) when is_binary(Text) -> Text;
 plain([Text | _] = Texts) when is_binary(Text) -> lists:join(", ", Texts);
-plain(Value) when is_float(Value) -> io_lib:format("~w", [Value]);
+plain(Value) when is_float(Value) -> float_to_list(Value, [{decimals, 9}, compact]);
 plain(Value) -> io_lib:format("~0tp", [Value]).
 
 hex(<<>>) -> null;

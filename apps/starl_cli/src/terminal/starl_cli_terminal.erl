@@ -2,7 +2,7 @@
 %% and output that survives a closed pipe (`./starl ... | head').
 -module(starl_cli_terminal).
 
--export([bad_input/1, out/1, out/2, raw/1, complain/1, warn/1, draw/1, lost/0]).
+-export([bad_input/1, out/1, out/2, help/1, raw/1, complain/1, warn/1, draw/1, lost/0]).
 -export([columns/0, window/0, watched/0, wrap/3]).
 
 -export_type([status/0]).
@@ -20,6 +20,8 @@ bad_input(Problems) ->
 -define(HERE, "./starl").
 -define(LOOK_MS, 5).
 -define(USUAL, 80).
+%% A name of the script longer than this is cut to its last part in a help text.
+-define(LONG, 12).
 %% Prose is never wrapped wider than this.
 -define(WIDEST, 100).
 -define(NARROWEST, 20).
@@ -31,6 +33,19 @@ out(Text) -> write(standard_io, Text).
 %% @doc Prints to standard output, formatted.
 -spec out(io:format(), [term()]) -> ok.
 out(Format, Args) -> out(io_lib:format(Format, Args)).
+
+%% @doc Prints a help text to standard output. Called by a long path, the script has its short name
+%% there: what is wrapped to the width of the terminal stays so.
+-spec help(unicode:chardata()) -> ok.
+help(Text) -> put_text(standard_io, as_called(Text, short(command()))).
+
+short(?HERE) ->
+    ?HERE;
+short(Word) ->
+    case string:length(Word) > ?LONG of
+        true -> filename:basename(Word);
+        false -> Word
+    end.
 
 %% @doc Prints to standard output without changing the name of the script.
 -spec raw(unicode:chardata()) -> ok.
@@ -103,11 +118,15 @@ put_text(Device, Text) ->
 
 %% Commands in a text begin with ./starl, which works in the checkout; they are printed as the user
 %% called it.
-as_called(Text) ->
-    case os:getenv("STARL_COMMAND", ?HERE) of
+as_called(Text) -> as_called(Text, command()).
+
+command() -> os:getenv("STARL_COMMAND", ?HERE).
+
+as_called(Text, Word) ->
+    case Word of
         ?HERE ->
             Text;
-        Word ->
+        _ ->
             re:replace(Text, "(?<![^\\s(\"`'])\\./starl(?![^\\s])", quoted(Word), [global, unicode])
     end.
 

@@ -38,7 +38,7 @@
 -spec flags() -> [starl_cli_flags:flag()].
 flags() ->
     [
-        {edges, {list, {integer, 10, 100000}}, [2000, 10000], "approximate number of edges"},
+        {edges, {list, {integer, 10, 40000}}, [2000, 10000], "approximate number of edges"},
         {robots, {integer, 1, 100}, 16, "number of robots that ask"},
         {requests, {integer, 1, 1000000}, 2000, "number of requests"}
     ].
@@ -81,11 +81,15 @@ part(P, Times) -> lists:nth(max(1, ceil(P * length(Times))), Times) / 1000.
 picture(Edges, Team) -> picture(Edges, Team, ceil(Edges / 4), ?ATTEMPTS).
 
 picture(Edges, Team, Lines, Attempts) ->
-    {Us, {ok, Plan}} = timer:tc(fun() -> plan(lines(Lines), Team) end),
-    #{total := Total} = starl_dpp_plan:counts(Plan),
-    case abs(Total - Edges) * 20 =< Edges orelse Attempts =:= 1 of
-        true -> {Us, Plan};
-        false -> picture(Edges, Team, scaled(Lines, Edges / Total), Attempts - 1)
+    case timer:tc(fun() -> plan(lines(Lines), Team) end) of
+        {_Us, {error, {too_many_edges, _, _}}} ->
+            picture(Edges, Team, scaled(Lines, 0.5), Attempts);
+        {Us, {ok, Plan}} ->
+            #{total := Total} = starl_dpp_plan:counts(Plan),
+            case abs(Total - Edges) * 20 =< Edges orelse Attempts =< 1 of
+                true -> {Us, Plan};
+                false -> picture(Edges, Team, scaled(Lines, Edges / Total), Attempts - 1)
+            end
     end.
 
 scaled(Lines, Factor) -> max(1, round(Lines * math:pow(Factor, 0.6))).

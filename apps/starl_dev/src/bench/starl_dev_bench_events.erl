@@ -5,8 +5,6 @@
 
 -export([flags/0, run/1]).
 
-%% Events of NeXosim (Rust) per round trip of two bare processes, measured on one machine.
--define(NEXOSIM, 0.8).
 -define(PER_S, 10).
 -define(LOSS, 0.05).
 
@@ -25,11 +23,11 @@ run(#{robots := Sizes, seconds := Seconds, reps := Reps}) ->
     starl_cli_terminal:out(
         "plain events, ~b s of virtual time, inline, one core, best of ~b\n"
         "an event: a timer or a delivery; ratio: events per CPU s over round trips of two\n"
-        "bare processes per CPU s (bare/s); NeXosim: ~.1f\n",
-        [Seconds, Reps, ?NEXOSIM]
+        "bare processes per CPU s (bare/s)\n",
+        [Seconds, Reps]
     ),
     starl_cli_terminal:out(
-        "  robots    events   run s   CPU s events/CPU s      bare/s  ratio x NeXosim\n"
+        "  robots    events   run s   CPU s events/CPU s      bare/s  ratio\n"
     ),
     [size(N, Seconds, Reps) || N <- Sizes].
 
@@ -67,12 +65,11 @@ row(N, Seconds, Bare, Runs) ->
         {events_per_cpu_s, Events / Cpu},
         {bare_round_trips_per_cpu_s, Bare},
         {events_per_bare_round_trip, Ratio},
-        {times_nexosim, Ratio / ?NEXOSIM},
         {checks, starl_dev_bench_run:sound(Name, Checks)}
     ],
     starl_cli_terminal:out(
-        "~8b ~9b ~7.2f ~7.2f ~12b ~11b ~6.2f ~9.2f\n",
-        [N, Events, Wall, Cpu, trunc(Events / Cpu), trunc(Bare), Ratio, Ratio / ?NEXOSIM]
+        "~8b ~9b ~7.2f ~7.2f ~12b ~11b ~6.2f\n",
+        [N, Events, Wall, Cpu, trunc(Events / Cpu), trunc(Bare), Ratio]
     ),
     Figures.
 

@@ -1,6 +1,6 @@
 %% @doc The ring-shuttle benchmark: simulated time and messages per second of wall time, with
 %% processes and inline, on one core and over shards. It is compared with the round trips of two
-%% bare processes in the same minute and with the figures of the Java StarL simulator.
+%% bare processes in the same minute.
 -module(starl_dev_bench_ring).
 -behaviour(starl_dev_benchmark).
 
@@ -8,17 +8,6 @@
 
 -define(TICKS, 600).
 -define(RUN_S, 60).
-
-%% The Java StarL simulator 1.5.1 (Java 17) on a two-core machine: robots => wall time of the run
-%% (s), simulated seconds and messages per wall second.
--define(JAVA, #{
-    4 => {0.58, 103, 4100},
-    16 => {1.5, 39, 6300},
-    64 => {4.6, 13, 8400},
-    256 => {20.9, 2.9, 7350},
-    512 => {58, 1.03, 5260},
-    1000 => {210, 0.28, 2850}
-}).
 
 %% @doc The flags of this benchmark.
 -spec flags() -> [starl_cli_flags:flag()].
@@ -37,8 +26,7 @@ run(#{robots := Sizes, modes := Modes, shards := Shards, reps := Reps}) ->
     starl_cli_terminal:out(
         "ring-shuttle, ~b s of virtual time, best of ~b; a shard has a core\n"
         "ratio: events per CPU s over round trips between two bare processes per CPU s\n"
-        "gain: of shards over one; busy: of as many busy processes over one (wall time)\n"
-        "x Java: times as fast as the Java StarL simulator\n",
+        "gain: of shards over one; busy: of as many busy processes over one (wall time)\n",
         [?RUN_S, Reps]
     ),
     starl_cli_terminal:out(header()),
@@ -118,7 +106,7 @@ row(N, {Mode, Shards} = Kind, Bare, Busy, All) ->
             {busy_gain, Busy},
             {bytes_per_robot, maps:get(start_bytes, Run) / N},
             {checks, starl_dev_bench_run:sound(Name, Checks)}
-        ] ++ java(N, Wall),
+        ],
     starl_cli_terminal:out(line(Figures)),
     Figures.
 
@@ -131,18 +119,12 @@ gain({Mode, _} = Kind, All) ->
 
 least_wall(Runs) -> lists:min([Wall || #{wall_s := Wall} <- Runs]).
 
-java(N, Wall) ->
-    case ?JAVA of
-        #{N := {JavaWall, _, _}} -> [{java_wall_s, JavaWall}, {times_java, JavaWall / Wall}];
-        #{} -> []
-    end.
-
 header() ->
-    "robots    mode shards   run s  virt/wall messages/s ratio  gain  busy x Java\n".
+    "robots    mode shards   run s  virt/wall messages/s ratio  gain  busy\n".
 
 line(Figures) ->
     Get = fun(Key) -> proplists:get_value(Key, Figures) end,
-    io_lib:format("~6b ~7ts ~6b ~7.2f ~10.1f ~10b ~5.2f ~5ts ~5.2f ~6ts\n", [
+    io_lib:format("~6b ~7ts ~6b ~7.2f ~10.1f ~10b ~5.2f ~5ts ~5.2f\n", [
         Get(robots),
         Get(mode),
         Get(shards),
@@ -150,10 +132,9 @@ line(Figures) ->
         Get(virtual_per_wall),
         trunc(Get(messages_per_s)),
         Get(events_per_bare_round_trip),
-        cell(2, Get(gain)),
-        Get(busy_gain),
-        cell(1, Get(times_java))
+        cell(Get(gain)),
+        Get(busy_gain)
     ]).
 
-cell(_, None) when None =:= null; None =:= undefined -> "-";
-cell(Decimals, Number) -> io_lib:format("~.*f", [Decimals, Number]).
+cell(null) -> "-";
+cell(Number) -> io_lib:format("~.2f", [Number]).

@@ -1,4 +1,4 @@
-%% @doc The swarm-broadcast benchmark: simulated seconds per wall second, compared with ARGoS 3.
+%% @doc The swarm-broadcast benchmark: simulated seconds per wall second.
 -module(starl_dev_bench_swarm).
 -behaviour(starl_dev_benchmark).
 
@@ -10,11 +10,6 @@
 -define(DELAY_MS, {10, 50}).
 -define(RANGE_MM, 1000).
 -define(PER_TICK, {5, 7}).
-
-%% ARGoS 3 (headless, foot-bots, range-and-bearing radio) on a two-core machine, simulated seconds
-%% per wall second: dynamics2d, contact physics, two threads; pointmass3d, none, one thread.
--define(CONTACT, #{1000 => 5.1, 5000 => 0.55, 10000 => 0.23}).
--define(NO_CONTACT, #{1000 => 16}).
 
 %% @doc The flags of this benchmark.
 -spec flags() -> [starl_cli_flags:flag()].
@@ -32,9 +27,7 @@ flags() ->
 -spec run(#{atom() => term()}) -> [starl_dev_benchmark:figures()].
 run(#{robots := Sizes, seconds := Seconds} = Options) ->
     starl_cli_terminal:out(
-        "swarm-broadcast, ~b s of virtual time, shards: ~ts, mode: ~w, best of ~b\n"
-        "x contact: times the simulated seconds per wall second of ARGoS 3 with contact\n"
-        "physics and two threads; x none: without contact physics, as here\n",
+        "swarm-broadcast, ~b s of virtual time, shards: ~ts, mode: ~w, best of ~b\n",
         [
             Seconds,
             starl_dev_bench_run:shards(maps:get(shards, Options)),
@@ -43,7 +36,7 @@ run(#{robots := Sizes, seconds := Seconds} = Options) ->
         ]
     ),
     starl_cli_terminal:out(
-        "robots   run s   CPU s virt/wall receptions/s per tick digest x contact  x none\n"
+        "robots   run s   CPU s virt/wall receptions/s per tick digest\n"
     ),
     [size(N, Options) || N <- Sizes].
 
@@ -76,20 +69,10 @@ row(N, Seconds, Runs) ->
         {receptions_per_s, proplists:get_value(received, Told) / Wall},
         {per_tick, proplists:get_value(per_tick, Told)},
         {digest, string:lowercase(binary:encode_hex(Digest))},
-        {contact, maps:get(N, ?CONTACT, null)},
-        {times_contact, times(Speed, N, ?CONTACT)},
-        {no_contact, maps:get(N, ?NO_CONTACT, null)},
-        {times_no_contact, times(Speed, N, ?NO_CONTACT)},
         {checks, starl_dev_bench_run:sound(io_lib:format("swarm, ~b robots", [N]), checks(Runs))}
     ],
     starl_cli_terminal:out(line(Figures)),
     Figures.
-
-times(Speed, N, Peer) ->
-    case Peer of
-        #{N := Theirs} -> Speed / Theirs;
-        #{} -> null
-    end.
 
 %% Every run must end normally with the expected number of receptions, and all must be equal.
 checks([#{outcome := #{digest := Digest}} | _] = Runs) ->
@@ -110,7 +93,7 @@ checks([#{outcome := #{digest := Digest}} | _] = Runs) ->
 line(Figures) ->
     Get = fun(Key) -> proplists:get_value(Key, Figures) end,
     io_lib:format(
-        "~6b ~7.2f ~7.2f ~9.2f ~12b ~8.2f ~ts ~9ts ~7ts\n",
+        "~6b ~7.2f ~7.2f ~9.2f ~12b ~8.2f ~ts\n",
         [
             Get(robots),
             Get(wall_s),
@@ -119,9 +102,5 @@ line(Figures) ->
             trunc(Get(receptions_per_s)),
             Get(per_tick),
             binary:part(Get(digest), 0, 6)
-            | [cell(Get(K)) || K <- [times_contact, times_no_contact]]
         ]
     ).
-
-cell(null) -> "-";
-cell(Number) -> io_lib:format("~.2f", [float(Number)]).

@@ -7,8 +7,9 @@
 
 -export_type([plot/0, panel/0, figure/0]).
 
-%% A figure of the report and the label of its axis.
--type figure() :: {Key :: atom(), Label :: string()}.
+%% A figure of the report, the label of its axis, and whether it is plotted always, or only if it
+%% is not the same in all runs (it is, too, if there is no other).
+-type figure() :: {Key :: atom(), Label :: string(), always | varying}.
 
 -type plot() :: #{title := string(), x := string(), panels := [panel()]}.
 -type panel() :: #{y := string(), curves := [curve(), ...]}.
@@ -38,7 +39,7 @@ axis(Grid) ->
     {ok, [figure(), ...]} | {unknown, [string()]}.
 chosen(none, Known, Formats) ->
     Plotted = [Key || Key <- Known, maps:get(plotted, maps:get(Key, Formats, #{}), false)],
-    {ok, [labelled(Key, Formats) || Key <- [virtual_s | Plotted]]};
+    {ok, [labelled(virtual_s, Formats, varying) | [labelled(Key, Formats) || Key <- Plotted]]};
 chosen(Names, Known, Formats) ->
     Texts = [{atom_to_list(Key), Key} || Key <- Known],
     case [Name || Name <- Names, not lists:keymember(Name, 1, Texts)] of
@@ -49,7 +50,10 @@ chosen(Names, Known, Formats) ->
             {unknown, Unknown}
     end.
 
-labelled(Key, Formats) -> {Key, maps:get(label, maps:get(Key, Formats, #{}), label(Key))}.
+labelled(Key, Formats) -> labelled(Key, Formats, always).
+
+labelled(Key, Formats, Shown) ->
+    {Key, maps:get(label, maps:get(Key, Formats, #{}), label(Key)), Shown}.
 
 %% @doc The plot of some figures over the points of a grid. A figure that no run has, such as the
 %% separation of a single robot, gets no panel.
@@ -66,11 +70,23 @@ data(App, Grid, {Key, _, _}, Points, Figures) ->
     #{
         title => title(App, starl_lab_sweep_grid:fixed(Grid), starl_lab_sweep_grid:seeds(Grid)),
         x => label(Key),
-        panels => [
-            #{y => Label, curves => Curves}
-         || {Figure, Label} <- Figures, Curves <- [curves(Names, Figure, Named)], Curves =/= []
-        ]
+        panels => telling([
+            {Shown, #{y => Label, curves => Curves}}
+         || {Figure, Label, Shown} <- Figures,
+            Curves <- [curves(Names, Figure, Named)],
+            Curves =/= []
+        ])
     }.
+
+telling(Panels) ->
+    case [Panel || {Shown, Panel} <- Panels, Shown =:= always orelse varies(Panel)] of
+        [] -> [Panel || {_, Panel} <- Panels];
+        Telling -> Telling
+    end.
+
+varies(#{curves := Curves}) ->
+    Values = [[Median, Min, Max] || {_, Points} <- Curves, {_, Median, Min, Max} <- Points],
+    length(lists:usort(lists:append(Values))) > 1.
 
 curves(Names, Figure, Named) ->
     Curves = [{Name, curve(Name, Figure, Named)} || Name <- Names],
