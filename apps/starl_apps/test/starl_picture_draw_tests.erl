@@ -106,6 +106,18 @@ write_error_test() ->
         iolist_to_binary(starl_picture_draw:format_error(Reason))
     ).
 
+%% What is still to be painted is light beneath the ink, and dark where it is shown alone.
+lines_of_a_preview_are_dark_test() ->
+    Drawing = drawing(),
+    Found = fun(Colour, D) -> nomatch =/= binary:match(text(D), Colour) end,
+    ?assertEqual(
+        [{true, false}, {false, true}],
+        [
+            {Found(<<"#c4c4c4">>, D), Found(<<"#404040">>, D)}
+         || D <- [Drawing, Drawing#{preview => true}]
+        ]
+    ).
+
 %%% Helpers
 
 drawing() ->

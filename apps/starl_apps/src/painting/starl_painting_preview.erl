@@ -53,7 +53,8 @@ draw(Dir, #{poses := Poses, memo := #{picture := Picture, world := World}}) ->
         target => starl_picture:segments(Picture),
         ink => #{},
         robots => [{Id, {X, Y}, Heading} || {Id, {X, Y, Heading}} <- maps:to_list(Poses)],
-        title => starl_picture:title(Picture)
+        title => starl_picture:title(Picture),
+        preview => true
     },
     case starl_picture_draw:write(Dir, "picture", Drawing) of
         {ok, _} = Ok -> Ok;

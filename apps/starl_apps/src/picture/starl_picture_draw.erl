@@ -17,7 +17,9 @@
     target := [{point(), point()}],
     ink := #{robot_id() => [[point()]]},
     robots := [{robot_id(), point(), Heading :: float()}],
-    title => unicode:chardata()
+    title => unicode:chardata(),
+    %% what is to be painted is shown alone, so it is dark
+    preview => boolean()
 }.
 -type reason() ::
     {cannot_write, file:filename(), file:posix() | badarg | terminated | system_limit}
@@ -55,7 +57,7 @@ svg(#{floor := Floor, target := Target, ink := Ink, robots := Robots} = Drawing)
     iolist_to_binary([
         head(Page),
         title(Title, Page),
-        target(Target, Page),
+        target(Target, maps:get(preview, Drawing, false), Page),
         [ink(Id, maps:get(Id, Ink), Page) || Id <- Ids, is_map_key(Id, Ink)],
         [robot(Robot, Page) || Robot <- lists:sort(Robots)],
         legend(Listed, Page),
@@ -176,17 +178,22 @@ text({X, Y}, Size, Anchor, Colour, Text) ->
 
 %%% Lines, ink, robots, legend
 
-target([], _Page) ->
+target([], _Preview, _Page) ->
     [];
-target(Segments, #page{dot = Dot} = Page) ->
+target(Segments, Preview, #page{dot = Dot} = Page) ->
     Lines = [[$M, place(P, Page), $L, place(Q, Page)] || {P, Q} <- Segments],
     [
-        "<path fill=\"none\" stroke=\"#c4c4c4\" stroke-linecap=\"round\" stroke-width=\"",
+        "<path fill=\"none\" stroke=\"",
+        shade(Preview),
+        "\" stroke-linecap=\"round\" stroke-width=\"",
         number(1.5 * Dot),
         "\" d=\"",
         lists:join($\n, Lines),
         "\"/>\n"
     ].
+
+shade(true) -> "#404040";
+shade(false) -> "#c4c4c4".
 
 ink(Id, Polylines, #page{dot = Dot} = Page) ->
     [
