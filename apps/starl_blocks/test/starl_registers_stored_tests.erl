@@ -83,6 +83,20 @@ write_of({_, Start} = Life, Stored) ->
     {_, Ready} = at(0, {timeout, recover}, recover, new(0, Config)),
     put(0, a, Ready).
 
+%% A robot whose store was set back goes on from an earlier stamp of its own that another one holds.
+%% It gives none that its last life gave after that one.
+own_earlier_stamp_seen_elsewhere_test() ->
+    {First, Machine} = put(5 * ?S, a, new(0, #{})),
+    {Second, _} = put(5 * ?S, a, Machine),
+    Life = {1, 1 bsl 57},
+    Later = new(5 * ?S, #{incarnation => 1 bsl 57, life => Life, stored => {stored, 1}}),
+    {_, Ready} = at(5 * ?S, cast, told([{a, value, stamp(First)}]), Later),
+    {Third, _} = put(5 * ?S, a, Ready),
+    ?assert(stamp(Third) > stamp(First)),
+    ?assertNotEqual(stamp(Second), stamp(Third)).
+
+told(Entries) -> {message, 1, registers, {entries, Entries}}.
+
 %% The first write after a reboot with what was stored last.
 reboot(Incarnation, Now, Before, More) ->
     Kept = maps:merge(#{incarnation => Incarnation, stored => kept(Before)}, More),

@@ -1,21 +1,25 @@
 %% @doc A hybrid logical clock (Kulkarni, Demirbas et al., "Logical physical clocks", 2014).
 %%
 %% A stamp is a time that is not behind the own clock nor any stamp seen, a counter within that
-%% time, and the robot, so that no two stamps are equal and all have Erlang's order of terms. A
+%% time, and its writer, so that no two stamps are equal and all have Erlang's order of terms. A robot
+%% that has lived before may have forgotten what it wrote, and go on from an earlier stamp of its own
+%% that it sees elsewhere; so its writer names the life, too. A
 %% clock accepts no stamp that is more than its bound ahead of the own physical clock; so its time
 %% is never further ahead. A clock that starts ahead by the bound ({@link after_restart/4}) is later
 %% than all stamps that it gave before, without having stored anything.
 -module(starl_hlc).
 
--export([new/2, after_restart/4, stamp/2, observe/3, admits/3, now/1]).
+-export([new/2, after_restart/4, stamp/2, observe/3, admits/3, now/1, robot/1]).
 
--export_type([t/0, stamp/0]).
+-export_type([t/0, stamp/0, writer/0]).
 
-%% Time (us), counter, robot; compared in this order.
--type stamp() :: {TimeUs :: integer(), Counter :: non_neg_integer(), starl:robot_id()}.
+%% Time (us), counter, writer; compared in this order.
+-type stamp() :: {TimeUs :: integer(), Counter :: non_neg_integer(), writer()}.
+%% A robot in its first life, or in a later one.
+-type writer() :: starl:robot_id() | {starl:robot_id(), Life :: pos_integer()}.
 
 -record(hlc, {
-    robot :: starl:robot_id(),
+    writer :: writer(),
     ahead_us :: non_neg_integer(),
     time :: integer() | beginning,
     counter = 0 :: non_neg_integer()
@@ -23,25 +27,25 @@
 
 -opaque t() :: #hlc{}.
 
-%% @doc The clock of a robot that has given no stamp before. `AheadUs': the most by which stamps may
+%% @doc The clock of a writer that has given no stamp before. `AheadUs': the most by which stamps may
 %% be ahead of its physical clock.
--spec new(starl:robot_id(), AheadUs :: non_neg_integer()) -> t().
-new(Robot, AheadUs) -> #hlc{robot = Robot, ahead_us = AheadUs, time = beginning}.
+-spec new(writer(), AheadUs :: non_neg_integer()) -> t().
+new(Writer, AheadUs) -> #hlc{writer = Writer, ahead_us = AheadUs, time = beginning}.
 
 %% @doc The clock of a robot that has forgotten its own, at this time of its physical clock: all
 %% its stamps will be later than those before. `Start' counts the starts; it keeps two restarts
 %% within one microsecond apart.
 -spec after_restart(
-    starl:robot_id(), AheadUs :: non_neg_integer(), NowUs :: integer(), Start :: pos_integer()
+    writer(), AheadUs :: non_neg_integer(), NowUs :: integer(), Start :: pos_integer()
 ) -> t().
-after_restart(Robot, AheadUs, Now, Start) ->
-    #hlc{robot = Robot, ahead_us = AheadUs, time = Now + AheadUs + 1, counter = Start bsl 32}.
+after_restart(Writer, AheadUs, Now, Start) ->
+    #hlc{writer = Writer, ahead_us = AheadUs, time = Now + AheadUs + 1, counter = Start bsl 32}.
 
 %% @doc A new stamp, later than all that this clock has given or observed.
 -spec stamp(NowUs :: integer(), t()) -> {stamp(), t()}.
-stamp(Now, #hlc{robot = Robot} = Clock0) ->
+stamp(Now, #hlc{writer = Writer} = Clock0) ->
     Clock = advance(Now, Clock0),
-    {{Clock#hlc.time, Clock#hlc.counter, Robot}, Clock}.
+    {{Clock#hlc.time, Clock#hlc.counter, Writer}, Clock}.
 
 %% @doc Takes note of a stamp from elsewhere; it must be one that the clock {@link admits/3}.
 -spec observe(stamp(), NowUs :: integer(), t()) -> t().
@@ -61,6 +65,11 @@ admits({Time, _, _}, Now, #hlc{ahead_us = Ahead}) -> Time =< Now + Ahead.
 %% @doc The time of the clock, for inspection.
 -spec now(t()) -> integer() | beginning.
 now(#hlc{time = Time}) -> Time.
+
+%% @doc The robot that gave the stamp.
+-spec robot(stamp()) -> starl:robot_id().
+robot({_, _, {Robot, _Life}}) -> Robot;
+robot({_, _, Robot}) -> Robot.
 
 advance(Now, #hlc{time = beginning} = Clock) -> Clock#hlc{time = Now};
 advance(Now, #hlc{time = Time} = Clock) when Now > Time -> Clock#hlc{time = Now, counter = 0};

@@ -97,7 +97,7 @@ init(#{robot := Self, participants := Team, now := Now, incarnation := Start} = 
         self = Self,
         others = starl_team:others(Self, Team),
         owners = maps:get(owners, Config, #{}),
-        clock = clock(maps:get(stored, Config, none), begun(Config), {Self, Ahead}, Now),
+        clock = clock(maps:get(stored, Config, none), begun(Config), Self, Ahead, Now),
         %% not the draws of the life before
         random = rand:seed_s(exsss, erlang:phash2({Seed, Start}, 1 bsl 32)),
         sync_us = maps:get(sync_ms, Config, 1000) * 1000,
@@ -107,12 +107,17 @@ init(#{robot := Self, participants := Team, now := Now, incarnation := Start} = 
 
 %% A machine that has stored nothing has given no stamp. A store that is older than the robot's last
 %% life gives back a time at which that one may have given stamps: the counter tells the lives apart.
-clock(none, _Begun, {Self, Ahead}, _Now) ->
-    starl_hlc:new(Self, Ahead);
-clock({stored, Reserved}, {Life, _Start}, {Self, Ahead}, _Now) ->
-    starl_hlc:observe({Reserved, Life bsl 32, Self}, Reserved, starl_hlc:new(Self, Ahead));
-clock(damaged, {_Life, Start}, {Self, Ahead}, Now) ->
-    starl_hlc:after_restart(Self, Ahead, Now, Start).
+clock(Stored, {Life, Start}, Self, Ahead, Now) ->
+    Writer = writer(Self, Life),
+    New = starl_hlc:new(Writer, Ahead),
+    case Stored of
+        none -> New;
+        {stored, Reserved} -> starl_hlc:observe({Reserved, Life bsl 32, Writer}, Reserved, New);
+        damaged -> starl_hlc:after_restart(Writer, Ahead, Now, Start)
+    end.
+
+writer(Self, 0) -> Self;
+writer(Self, Life) -> {Self, Life}.
 
 %% The number of a later life of the robot, 0 in the first one; the number of this start.
 begun(#{incarnation := Start} = Config) ->
@@ -238,7 +243,7 @@ accepts(registers, {want, Names}) ->
 accepts(_Type, _Body) ->
     false.
 
-stamp() -> [integer, {either, [{is, 0}, serial]}, count].
+stamp() -> [integer, {either, [{is, 0}, serial]}, {either, [count, [count, serial]]}].
 
 bound() -> {either, [{is, none}, [{is, name}, any]]}.
 
@@ -311,7 +316,8 @@ take(Entries, Now, Lww0) ->
         Entries
     ).
 
-take_one({Name, _Value, {_, _, Writer} = Stamp} = Entry, Now, #lww{clock = Clock} = Lww) ->
+take_one({Name, _Value, Stamp} = Entry, Now, #lww{clock = Clock} = Lww) ->
+    Writer = starl_hlc:robot(Stamp),
     case {may_write(Name, Writer, Lww), starl_hlc:admits(Stamp, Now, Clock)} of
         {true, true} ->
             Observed = Lww#lww{clock = starl_hlc:observe(Stamp, Now, Clock)},
@@ -337,8 +343,8 @@ store({Name, Value, Stamp}, #lww{entries = Entries} = Lww) ->
 
 tell(Name, #lww{subscribers = Subscribers, entries = Entries}) ->
     case {Subscribers, Entries} of
-        {#{Name := Machine}, #{Name := {Value, {_, _, Writer}}}} ->
-            [{cast, Machine, {message, Writer, register, {Name, Value}}}];
+        {#{Name := Machine}, #{Name := {Value, Stamp}}} ->
+            [{cast, Machine, {message, starl_hlc:robot(Stamp), register, {Name, Value}}}];
         {_, _} ->
             []
     end.

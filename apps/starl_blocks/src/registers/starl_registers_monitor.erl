@@ -22,7 +22,7 @@
 
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
--type stamp() :: {integer(), non_neg_integer(), robot_id()}.
+-type stamp() :: starl_hlc:stamp().
 
 -record(state, {
     robots :: [robot_id()],
@@ -166,11 +166,14 @@ note(Robot, Name, Stamp, Notes) ->
 
 %% -- the clauses of the contract ------------------------------------------------------------
 
-stamp_back(Name, {_, _, Writer} = Stamp, T, Robot, Stamps) ->
+stamp_back(Name, Stamp, T, Robot, Stamps) ->
     %% an atom is less than every stamp
     Back = maps:get(Robot, Stamps, none) >= Stamp,
     [violation(stamp_goes_back, T, [Robot], #{name => Name, stamp => Stamp}) || Back] ++
-        [violation(stamp_of_another, T, [Robot], #{name => Name}) || Writer =/= Robot].
+        [
+            violation(stamp_of_another, T, [Robot], #{name => Name})
+         || starl_hlc:robot(Stamp) =/= Robot
+        ].
 
 not_owner(Name, T, Robot, #state{owners = Owners}) ->
     [
