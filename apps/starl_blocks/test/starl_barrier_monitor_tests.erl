@@ -26,6 +26,7 @@ run(Events, End, Extra) ->
 trace({T, R, died}) -> {T, R, robot, {died, killed}};
 trace({T, R, crashed}) -> {T, R, barrier, crashed};
 trace({T, R, damaged}) -> {T, R, barrier, store_damaged};
+trace({T, R, recalled, K, Passed}) -> {T, R, barrier, {recalled, b, K, Passed}};
 trace({T, R, Event, K}) -> {T, R, barrier, {Event, b, K}}.
 
 all_reach() -> [{1, 1, reached, 1}, {2, 2, reached, 1}].
@@ -161,6 +162,24 @@ reboot_test() ->
     Passed = all_reach() ++ [{3, 2, passed, 1}, {4, 2, crashed}],
     ?assertEqual([], judge(Passed ++ [{5, 2, reached, 2}])),
     ?assertEqual([reached_out_of_order], judge(Passed ++ [{5, 2, reached, 1}])).
+
+%% A life that ended in the middle of a step has stored a round and not told of it: the next one does.
+stored_and_not_told_test() ->
+    Alone = [{1, 2, reached, 1}, {2, 1, crashed}],
+    Passes = [{4, 2, passed, 1}, {5, 1, passed, 1}],
+    ?assertEqual([], judge(Alone ++ [{3, 1, recalled, 1, 0}] ++ Passes)),
+    ?assertMatch([passed_early | _], judge(Alone ++ Passes)),
+    Passed = all_reach() ++ [{3, 1, passed, 1}, {4, 2, crashed}],
+    ?assertEqual([], judge(Passed ++ [{5, 2, recalled, 1, 1}, {6, 2, reached, 2}])),
+    ?assertEqual([reached_out_of_order], judge(Passed ++ [{6, 2, reached, 2}])).
+
+%% What is recalled is judged as if it had been told, and old counts tell nothing.
+recalled_is_judged_test() ->
+    ?assertEqual([passed_early], judge([{1, 1, reached, 1}, {2, 1, recalled, 1, 1}])),
+    ?assertEqual([reached_out_of_order], judge([{1, 1, reached, 1}, {2, 1, recalled, 2, 0}])),
+    Round = all_reach() ++ [{3, R, passed, 1} || R <- [1, 2]],
+    ?assertEqual([], judge(Round ++ [{4, 1, recalled, K, 0} || K <- [0, 1]])),
+    ?assertEqual([], judge(Round ++ [{4, 1, recalled, 1, 1}, {5, 1, reached, 2}])).
 
 %% Whose store was damaged does not know whether it has passed the round that it had reached. It may
 %% go on with the one after it, once, and passes neither early nor a round of before.

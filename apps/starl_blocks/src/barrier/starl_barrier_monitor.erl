@@ -91,7 +91,7 @@ interests() -> [barrier, robot].
 
 %% @doc {@link starl_barrier_rounds:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
-vocabulary() -> #{barrier => [{reached, 2}, {passed, 2}, {failed, 3}]}.
+vocabulary() -> #{barrier => [{reached, 2}, {passed, 2}, {recalled, 3}, {failed, 3}]}.
 
 %% @doc The rounds that each robot has reached and passed; without `bound_us' and `delta_us' nothing
 %% else is judged. The checker damages no store, so the others' forgetting makes no difference.
@@ -133,6 +133,8 @@ judge({barrier, {passed, Name, K}}, T, Robot, State) ->
             out_of_order(T, Robot, Name, K, State) ++
             late(T, Robot, Name, K, State),
     {Broken, pass(T, Robot, Name, K, State)};
+judge({barrier, {recalled, Name, At, Passed}}, T, Robot, State) ->
+    recalled(T, Robot, Name, {At, Passed}, State);
 judge({barrier, {failed, _Name, _K, _Reason}}, _T, Robot, #state{failed = Failed} = State) ->
     {[], excuse(Robot, State#state{failed = Failed + 1})};
 judge({barrier, crashed}, _T, Robot, State) ->
@@ -145,6 +147,20 @@ judge({robot, {died, _Reason}}, _T, Robot, State) ->
     {[], excuse(Robot, State)};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
+
+%% What a machine has stored and not told, since its life has ended in that step, counts from now. One
+%% of two stores in a step is told.
+recalled(T, Robot, Name, {K, Passed}, State) ->
+    Key = {Name, Robot},
+    Reached = K > maps:get(Key, State#state.reached, 0),
+    Left =
+        Passed =:= maps:get(Key, State#state.at, 0) andalso
+            Passed =/= maps:get(Key, State#state.passed, 0),
+    case {Reached, Left} of
+        {true, _} -> judge({barrier, {reached, Name, K}}, T, Robot, State);
+        {false, true} -> judge({barrier, {passed, Name, Passed}}, T, Robot, State);
+        {false, false} -> {[], State}
+    end.
 
 excuse(Robot, #state{excused = Excused} = State) ->
     State#state{excused = lists:usort([Robot | Excused])}.

@@ -42,6 +42,10 @@
 -type event() ::
     {reached, starl_barrier:name(), starl_barrier:round()}
     | {passed, starl_barrier:name(), starl_barrier:round()}
+    %% with these counts the machine starts again: a life that ended in the middle of a step may
+    %% have stored a round, and not have told of it
+    | {recalled, starl_barrier:name(), Reached :: starl_barrier:round(),
+        Passed :: starl_barrier:round()}
     %% the caller waits no longer: its patience is at an end, or SAP has restarted
     | {failed, starl_barrier:name(), starl_barrier:round(), timeout | restarted}.
 
@@ -80,7 +84,15 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
         extent = Extent,
         untold = [Other || Other <- Others, not Settled]
     },
-    {ready, Barrier, [starl_sap:listen(barrier, barrier) | ask_untold(Barrier)]}.
+    Listen = starl_sap:listen(barrier, barrier),
+    {ready, Barrier, recalled(Barrier) ++ [Listen | ask_untold(Barrier)]}.
+
+recalled(#barrier{gates = Gates}) ->
+    [
+        {trace, {recalled, Name, Reached, Passed}}
+     || {Name, Gate} <- lists:sort(maps:to_list(Gates)),
+        {Reached, Passed, _} <- [starl_barrier_gate:counts(Gate)]
+    ].
 
 recall(none, _IsSure) ->
     {complete, #{}};
