@@ -24,6 +24,7 @@ run(Events, End, Extra) ->
     {[What || #{contract := barrier, what := What} <- Met ++ Late], Results}.
 
 trace({T, R, died}) -> {T, R, robot, {died, killed}};
+trace({T, R, set_back}) -> {T, R, robot, store_set_back};
 trace({T, R, crashed}) -> {T, R, barrier, crashed};
 trace({T, R, damaged}) -> {T, R, barrier, store_damaged};
 trace({T, R, recalled, K, Passed}) -> {T, R, barrier, {recalled, b, K, Passed}};
@@ -172,6 +173,15 @@ stored_and_not_told_test() ->
     Passed = all_reach() ++ [{3, 1, passed, 1}, {4, 2, crashed}],
     ?assertEqual([], judge(Passed ++ [{5, 2, recalled, 1, 1}, {6, 2, reached, 2}])),
     ?assertEqual([reached_out_of_order], judge(Passed ++ [{6, 2, reached, 2}])).
+
+%% A store that was set back may hold the round as reached only: it is passed once more. A store that
+%% is damaged does not.
+set_back_test() ->
+    Round = all_reach() ++ [{3, R, passed, 1} || R <- [1, 2]],
+    Again = fun(What) -> judge(Round ++ [{4, 2, What}, {6, 2, passed, 1}, {7, 2, reached, 2}]) end,
+    ?assertEqual([], Again(set_back)),
+    ?assertEqual([passed_out_of_order], Again(damaged)),
+    ?assertEqual([passed_out_of_order], judge(Round ++ [{4, 2, set_back}, {5, 1, passed, 1}])).
 
 %% What is recalled is judged as if it had been told, and old counts tell nothing.
 recalled_is_judged_test() ->

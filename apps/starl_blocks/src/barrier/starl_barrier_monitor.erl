@@ -6,8 +6,8 @@
 %%
 %% Only a robot whose store was damaged when its barrier machine started, or set back, may go on with another
 %% round, once: with the one after the last that it has reached; with the last that it has
-%% passed, if another robot's machine has crashed, too, since it reached that one (the one that
-%% crashed has forgotten that round, and need not have heard of the next); or with an earlier one,
+%% passed, if its store was set back, or another robot's machine has crashed, too, since it reached
+%% that one (the one that crashed has forgotten that round, and need not have heard of the next); or with an earlier one,
 %% if the stores of all robots were damaged.
 %%
 %% Progress: a robot that has reached a round passes it or fails within `bound_us' (default: none)
@@ -142,7 +142,9 @@ judge({barrier, crashed}, _T, Robot, State) ->
 judge({barrier, store_damaged}, _T, Robot, State) ->
     {[], damage(Robot, State)};
 judge({robot, store_set_back}, _T, Robot, State) ->
-    {[], damage(Robot, State)};
+    %% it gives a round back as reached and not passed, if nobody knows of a later life
+    Back = damage(Robot, State),
+    {[], doubt(fun(R) -> R =:= Robot end, fun forgotten/1, Back)};
 judge({robot, {died, _Reason}}, _T, Robot, State) ->
     {[], excuse(Robot, State)};
 judge({_Machine, _Other}, _T, _Robot, State) ->
