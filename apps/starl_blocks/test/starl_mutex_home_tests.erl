@@ -60,7 +60,7 @@ restarted_home_waits_test() ->
     ?assertMatch({refused, _}, ?H:claim(t, ?H:next(F), 3, 5000020, H1)),
     First = ?H:due(t, H1),
     ?assert(First >= 5000000 + ?LEASE),
-    {granted, H2} = ?H:renew(t, F, 1, 5500000, H1),
+    {kept, H2} = ?H:renew(t, F, 1, 5500000, H1),
     ?assert(?H:due(t, H2) > First),
     {[{2, {token, t, G, _}}], H3} = ?H:expire(t, ?H:due(t, H2), H2),
     ?assert(G > ?H:next(F)),
@@ -71,10 +71,25 @@ restarted_home_waits_test() ->
 restarted_home_keeps_to_the_newest_test() ->
     {F, _} = owned(),
     New = ?H:new(2, 5000000, ?LEASE, 1000, 0),
-    {granted, H1} = ?H:renew(t, F, 1, 5000010, New),
-    {granted, H2} = ?H:renew(t, ?H:next(F), 2, 5000020, H1),
+    {kept, H1} = ?H:renew(t, F, 1, 5000010, New),
+    {kept, H2} = ?H:renew(t, ?H:next(F), 2, 5000020, H1),
     ?assertMatch({refused, _}, ?H:renew(t, F, 1, 5000030, H2)),
-    ?assertMatch({granted, _}, ?H:renew(t, ?H:next(F), 2, 5000040, H2)).
+    ?assertMatch({kept, _}, ?H:renew(t, ?H:next(F), 2, 5000040, H2)).
+
+%% A token of an earlier incarnation comes back at the end of its hold: a new one is made when a lease
+%% is over since the crash, at once after that. If another owner of before has shown itself, too, its
+%% lease is waited for.
+kept_token_comes_back_test() ->
+    {F, _} = owned(),
+    New = ?H:new(2, 5000000, ?LEASE, 1000, 0),
+    {kept, Kept} = ?H:renew(t, F, 1, 5000010, New),
+    {[], Waits} = ?H:return(t, F, 1, [{2, 1}], 5000020, Kept),
+    ?assertEqual(?H:due(t, element(2, ?H:request(t, {2, 1}, 5000020, New))), ?H:due(t, Waits)),
+    Late = 5000000 + 2 * ?LEASE,
+    {kept, Renewed} = ?H:renew(t, F, 1, Late, Kept),
+    ?assertMatch({[{2, {token, t, _, _}}], _}, ?H:return(t, F, 1, [{2, 1}], Late, Renewed)),
+    {kept, Both} = ?H:renew(t, ?H:next(F), 3, Late, Kept),
+    ?assertMatch({[], _}, ?H:return(t, ?H:next(F), 3, [{2, 1}], Late, Both)).
 
 %% Forwarding: two robots that take each other for the owner send a request once each, then it
 %% goes to the home, and once more; it does not go in circles.

@@ -541,3 +541,17 @@ forgone_test() ->
         ?assertEqual([], traces(element(1, call(30, Caller, {forgo, Tokens}, Locked))))
      || {Caller, Tokens} <- [{other, a()}, {app, [a(), b()]}]
     ].
+
+%% A hold that a later incarnation of the home has kept is prolonged. At its release the token goes
+%% back to the home with all that wait for it, though the robot itself wants it again.
+kept_test() ->
+    {Kept, Machine} = hears(300000, 1, {kept, a(), ?F, {1, 250000}}, holding(a())),
+    ?assertEqual([{leased, a(), ?F, 950000}], traces(Kept)),
+    {_, Wanted} = acquires(310000, other, a(), Machine),
+    {_, Queued} = hears(320000, 3, {request, a(), {3, 7}, 0, home}, Wanted),
+    {Actions, After} = call(400000, app, {release, a()}, Queued),
+    ?assertEqual([{released, a(), ?F}], traces(Actions)),
+    ?assertEqual([{1, {return, a(), ?F, [{2, 2}, {3, 7}]}}], sent(Actions)),
+    ?assertEqual([], handed(Actions)),
+    %% nothing is left under its number
+    ?assertEqual([], sent(element(1, at(410000, {timeout, {renew, a()}}, again, After)))).

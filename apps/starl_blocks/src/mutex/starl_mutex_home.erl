@@ -7,9 +7,9 @@
 %% ```
 %%   claim F    granted if F is larger than the last granted number (its holder has handed the
 %%              token over, or the token was never granted), or the claimant's own again
-%%   renew F    granted if F is the claimant's own; after a crash of the home, also one of an
-%%              earlier incarnation, as long as nothing has been granted since, nor a newer
-%%              one been renewed
+%%   renew F    granted if F is the claimant's own; after a crash of the home, one of an earlier
+%%              incarnation is kept for its present hold, as long as nothing has been granted
+%%              since, nor a newer one been renewed
 %%   create     a new token with the next number, when the lease of the last one has surely
 %%              ended, or was given back
 %% '''
@@ -17,6 +17,8 @@
 %% lease is longer by the most that two clocks drift apart and by the time that a robot may take to
 %% notice the end. So the claimant's lease always ends first, for any delay of messages. After a
 %% crash of the home no lease can be younger than the crash: the home waits for one full lease.
+%% It cannot know what the incarnations between granted: so a hold of an earlier one may end in peace,
+%% and no other one begins under its number.
 -module(starl_mutex_home).
 
 -export([new/5, next/1, hand_over/1, last_hold/1, last_hand_over/1]).
@@ -42,8 +44,8 @@
     owner = none :: starl:robot_id() | none,
     %% until when nothing may be granted to another robot
     until :: us(),
-    %% the newest one of an earlier incarnation that was renewed by this one
-    renewed = 0 :: starl_mutex:fence() | 0,
+    %% those of earlier incarnations that were renewed by this one, latest first
+    renewed = [] :: [starl_mutex:fence()],
     pending = [] :: [request()]
 }).
 
@@ -117,13 +119,17 @@ claim(Token, Fence, By, Now, #home{base = Base} = Home) ->
 
 %% @doc An owner asks for a longer lease.
 -spec renew(starl_mutex:token(), starl_mutex:fence(), starl:robot_id(), us(), t()) ->
-    {granted | refused, t()}.
+    {granted | kept | refused, t()}.
 renew(Token, Fence, By, Now, #home{base = Base} = Home) ->
     case lease(Token, Home) of
         #lease{fence = Fence, owner = By} = Lease ->
             grant(Token, Lease, Now, Home);
-        #lease{fence = Base, owner = none, renewed = Newest} = Lease when Fence >= Newest ->
-            grant(Token, Lease#lease{renewed = Fence}, Now, Home);
+        #lease{fence = Base, owner = none, renewed = Renewed} = Lease when
+            Renewed =:= []; Fence >= hd(Renewed)
+        ->
+            Kept = Lease#lease{renewed = lists:usort(fun erlang:'>='/2, [Fence | Renewed])},
+            {granted, Next} = grant(Token, Kept, Now, Home),
+            {kept, Next};
         #lease{} ->
             {refused, Home}
     end.
@@ -142,6 +148,11 @@ return(Token, Fence, By, Queue, Now, #home{base = Base} = Home) ->
             Waiting = lists:foldl(fun add/2, Queue, Pending),
             Free = Lease#lease{fence = Fence, owner = none, until = Now, pending = Waiting},
             create(Token, Free, Now, Home);
+        %% the only one of an earlier incarnation that has shown itself
+        #lease{fence = Base, owner = none, renewed = [Fence], pending = Pending} = Lease ->
+            Waiting = lists:foldl(fun add/2, Queue, Pending),
+            Free = Lease#lease{until = max(Now, Home#home.ready), pending = Waiting},
+            expire(Token, Now, put_lease(Token, Free, Home));
         #lease{} ->
             {[], Home}
     end.

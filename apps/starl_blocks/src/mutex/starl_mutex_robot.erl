@@ -4,7 +4,7 @@
 -module(starl_mutex_robot).
 
 -export([owner/3, sap_restarted/1]).
--export([route/5, supersede/3, receive_token/4, granted/4, refused/3]).
+-export([route/5, supersede/3, receive_token/4, confirmed/5, refused/3]).
 -export([announced/4, knows/4, handed/4]).
 -export([renew/2, lapse/2, unlock/2, orphan/3]).
 
@@ -147,9 +147,10 @@ renew(Token, Robot) ->
         _ -> Robot
     end.
 
-%% @doc The home has confirmed a token; the lease counts from the asking.
--spec granted(token(), fence(), nonce(), t()) -> t().
-granted(Token, Fence, {Incarnation, Sent}, Robot) ->
+%% @doc The home has confirmed a token; the lease counts from the asking. `kept': by an incarnation
+%% later than the token, and for the present hold only.
+-spec confirmed(granted | kept, token(), fence(), nonce(), t()) -> t().
+confirmed(How, Token, Fence, {Incarnation, Sent}, Robot) ->
     End = Sent + starl_mutex_state:lease_us(Robot),
     Now = starl_mutex_state:now(Robot),
     Alive = End > Now andalso Incarnation =:= starl_mutex_state:incarnation(Robot),
@@ -158,14 +159,18 @@ granted(Token, Fence, {Incarnation, Sent}, Robot) ->
             Alive, not Already orelse End > Before
         ->
             case base(Own) of
-                Fence -> extend(Token, Entry#{lease_end := End}, Robot);
+                Fence -> extend(How, Token, Entry#{lease_end := End}, Robot);
                 _ -> Robot
             end;
         _ ->
             Robot
     end.
 
-extend(Token, #{granted := Already, fence := Fence, lock := Lock} = Entry, Robot) ->
+extend(kept, Token, #{lock := none, fence := Fence, queue := Queue}, Robot) ->
+    give_home(Token, Fence, Queue, forget_entry(Token, Robot));
+extend(kept, Token, Entry, Robot) ->
+    extend(granted, Token, Entry#{last => true}, Robot);
+extend(granted, Token, #{granted := Already, fence := Fence, lock := Lock} = Entry, Robot) ->
     Timed = act({{timeout, {lease, Token}}, left(Entry, Robot), over}, Robot),
     Granted = Entry#{granted := true, tries := 0},
     case {Already, Lock} of
@@ -254,9 +259,10 @@ free(Token, #{lock := {_, Fence}, queue := Queue} = Entry, Robot) ->
     Released = [{trace, {released, Token, Fence}}],
     Told = until([Entry], Released, {released, Token, Fence}, Robot),
     Freed = act({{timeout, {renew, Token}}, cancel}, Told),
-    case starl_mutex_home:last_hold(Fence) of
-        true -> pass_on(Token, Fence, Queue, forget_entry(Token, Freed));
-        false -> serve(Token, Entry#{lock := none, fence := Fence + 1}, Freed)
+    case {Entry, starl_mutex_home:last_hold(Fence)} of
+        {#{last := true}, _} -> give_home(Token, Fence, Queue, forget_entry(Token, Freed));
+        {_, true} -> pass_on(Token, Fence, Queue, forget_entry(Token, Freed));
+        {_, false} -> serve(Token, Entry#{lock := none, fence := Fence + 1}, Freed)
     end.
 
 %% @doc The lease of a token is over: the robot has it no more, and the hold, if any, ends.
@@ -289,9 +295,12 @@ orphan(Token, Queue, Robot) ->
 %% Hands the token over, to the first of the queue, or back to its home.
 pass_on(Token, Fence, Queue, Robot) ->
     case Queue =:= [] orelse starl_mutex_home:last_hand_over(Fence) of
-        true -> post_home(Token, {return, Token, base(Fence), Queue}, Robot);
+        true -> give_home(Token, Fence, Queue, Robot);
         false -> hand_over(Token, starl_mutex_home:next(Fence), Queue, Robot)
     end.
+
+give_home(Token, Fence, Queue, Robot) ->
+    post_home(Token, {return, Token, base(Fence), Queue}, Robot).
 
 hand_over(Token, Next, [{To, _} | _] = Queue, Robot) ->
     Sent = acts(

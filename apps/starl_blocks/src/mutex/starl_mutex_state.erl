@@ -23,14 +23,15 @@
 
 %% A token that the robot has: the number of the next hold; whether the home has confirmed it, and
 %% if so until when; the queue of requests; the job and the number of the present hold; the number
-%% of claims sent.
+%% of claims sent; whether the present hold is the last one under its number.
 -type entry() :: #{
     fence := fence(),
     granted := boolean(),
     lease_end := integer(),
     queue := [request()],
     lock := none | {job_id(), fence()},
-    tries := non_neg_integer()
+    tries := non_neg_integer(),
+    last => true
 }.
 
 %% A notice to a job: it has got a token, or has lost one that others waited for, too.

@@ -133,7 +133,7 @@ shape(request) ->
     [any, any, request(), {either, [{is, 0}, serial]}, {either, [{is, home}, {is, none}]}];
 shape(token) ->
     [any, any, serial, {list, request()}];
-shape(granted) ->
+shape(Confirmed) when Confirmed =:= granted; Confirmed =:= kept ->
     [any, any, serial, [count, integer]];
 shape(refused) ->
     [any, any, serial, any];
@@ -154,8 +154,8 @@ message({token, Token, Fence, Queue}, _From, Robot) ->
     %% a job that loses the older one may want the newer one
     Ready = starl_mutex_acquire:settle(starl_mutex_robot:supersede(Token, Fence, Robot)),
     starl_mutex_robot:receive_token(Token, Fence, Queue, Ready);
-message({granted, Token, Fence, Nonce}, _From, Robot) ->
-    starl_mutex_robot:granted(Token, Fence, Nonce, Robot);
+message({How, Token, Fence, Nonce}, _From, Robot) when How =:= granted; How =:= kept ->
+    starl_mutex_robot:confirmed(How, Token, Fence, Nonce, Robot);
 message({refused, Token, Fence, _Nonce}, _From, Robot) ->
     starl_mutex_robot:refused(Token, Fence, Robot);
 message({owner, Token, Fence}, From, Robot) ->
