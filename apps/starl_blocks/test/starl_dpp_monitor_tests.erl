@@ -169,6 +169,30 @@ two_leaders_test() ->
     ?assertEqual([], judge(Begin ++ [Leads(2, 8, {0, 8, 1}), Assigned])),
     ?assertEqual([], judge(Begin ++ [Leads(2, 9, {2, 9, 2}), Assigned])).
 
+%% A robot whose store was set back has forgotten its vote: it may lead in a lower term, but not before
+%% the later one has ended, nor for another reason.
+forgotten_term_test() ->
+    Says = fun(T, Robot, Event) -> {T, Robot, dpp_coordinator, Event} end,
+    Led = [Says(0, 9, {leads, {2, 9, 1}}), Says(0, 9, {coordinator, {2, 9, 1}})],
+    Ended = [Says(2, 9, {stepped_down, {2, 9, 1}})],
+    Back = [{3, 8, robot, store_set_back}],
+    Leads = [
+        Says(4, 8, {leads, {1, 8, 7}}),
+        Says(4, 8, {coordinator, {1, 8, 7}}),
+        assigned(5, 8, 1, level(0.0))
+    ],
+    ?assertEqual([], judge(Led ++ Ended ++ Back ++ Leads)),
+    ?assertEqual([], judge(Led ++ [Says(2, 9, crashed)] ++ Back ++ Leads)),
+    [
+        ?assertEqual([{two_coordinators, [8, 9]}], judge(Events))
+     || Events <- [
+            Led ++ Back ++ Leads,
+            Led ++ Ended ++ Leads,
+            Back ++ Led ++ Ended ++ Leads,
+            Led ++ Ended ++ Back ++ Leads ++ [assigned(6, 9, 2, level(900.0))]
+        ]
+    ].
+
 %% One whose clock has stood still for more than a jump within a lease may not know, and is not heeded:
 %% what it reserves is nobody's, what it opens hides nothing. A lease is 10 s here, a jump 2 s.
 deluded_leader_test() ->

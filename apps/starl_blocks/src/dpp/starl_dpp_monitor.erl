@@ -5,7 +5,8 @@
 %% least `r_s' apart at every instant, in continuous time ({@link starl_separation}).
 %%
 %% Leadership: only the coordinator of the latest term assigns. The latest term counts from the
-%% moment in which its coordinator has the votes, which is before it assigns anything itself.
+%% moment in which its coordinator has the votes, which is before it assigns anything itself. After a
+%% store was set back that voted for it, a lower term may follow, once it has ended.
 %% Lease: a robot begins no motion outside of its reservation, so it does not drive on when its
 %% space has become free; it may come to rest there.
 %%
@@ -37,6 +38,9 @@
     %% The robots that have led, latest first; the latest term that was won, and by which robot.
     coordinators = [] :: [robot_id()],
     leads = none :: {Term :: term(), robot_id()} | none,
+    %% Has that term ended; was the store of a robot set back since it was won?
+    ended = false :: boolean(),
+    set_back = false :: boolean(),
     %% The team, and what is assumed of its clocks.
     robots :: [robot_id()],
     lease_us :: non_neg_integer(),
@@ -167,6 +171,12 @@ judge({chassis, {motion, Piece}}, T, Robot, #state{separation = Separation} = St
     }};
 judge({robot, {died, _Reason}}, T, Robot, #state{separation = Separation} = State) ->
     {[], State#state{separation = starl_separation:stop(Robot, T, Separation)}};
+judge({robot, store_set_back}, _T, _Robot, State) ->
+    {[], State#state{set_back = true}};
+judge({dpp_coordinator, Event}, _T, Robot, #state{leads = {Term, Robot}} = State) when
+    Event =:= crashed; Event =:= {stepped_down, Term}
+->
+    {[], State#state{ended = true}};
 judge({dpp_coordinator, Event}, T, Coordinator, State) ->
     case is_deluded(T, Coordinator, State) of
         true when element(1, Event) =/= leads -> {[], State};
@@ -193,7 +203,10 @@ coordinated({coordinator, Term}, _T, Robot, #state{term = Last} = State) when
 coordinated({leads, Term}, _T, Robot, #state{leads = Latest} = State) when
     Latest =:= none; {Term, Robot} > Latest
 ->
-    {[], State#state{leads = {Term, Robot}}};
+    {[], State#state{leads = {Term, Robot}, ended = false, set_back = false}};
+%% The robots that know of the later term have forgotten it.
+coordinated({leads, Term}, _T, Robot, #state{ended = true, set_back = true} = State) ->
+    {[], State#state{leads = {Term, Robot}, ended = false, term = none}};
 coordinated(_Other, _T, _Robot, State) ->
     {[], State}.
 
