@@ -1,7 +1,8 @@
 %% Machines with bugs that only the checker itself can miss, chosen by the key `variant':
 %% `partial', a barrier that forgets its rounds in a crash, but at the last of the team only;
 %% `patient', an election that never answers and looks again and again whether it can; `weary', one
-%% that does so after a crash; `counting', a patient one that counts how often it has looked.
+%% that does so after a crash; `counting', a patient one that counts how often it has looked;
+%% `untimely', a coordinator of path planning that says what it says whenever it leaves.
 -module(starl_check_planted).
 -behaviour(starl_machine).
 
@@ -19,6 +20,9 @@ init(#{variant := unread, incarnation := Life} = Config) ->
     Read = [{stored, {0, 0, 0}} || Life > 1] ++ [none],
     {State, Data, Actions} = starl_dpp_participant:init(Config#{stored := hd(Read)}),
     {State, {starl_dpp_participant, Data}, Actions};
+init(#{variant := untimely} = Config) ->
+    {State, Data, Actions} = starl_dpp_coordinator:init(maps:remove(variant, Config)),
+    {State, {untimely, Data}, Actions};
 init(#{variant := weary, incarnation := 1} = Config) ->
     {State, Data, Actions} = starl_election_ballots:init(Config),
     {State, {starl_election_ballots, Data}, Actions};
@@ -37,6 +41,15 @@ handle_event(_, _, waiting, {patient, _}, _Meta) ->
     keep_state_and_data;
 handle_event(_, _, waiting, {counting, _}, _Meta) ->
     keep_state_and_data;
+handle_event(Type, Content, State, {untimely, Data}, Meta) ->
+    case starl_dpp_coordinator:handle_event(Type, Content, State, Data, Meta) of
+        {next_state, To, Next, Actions} ->
+            {next_state, To, {untimely, Next}, starl_action:without_latest(Actions)};
+        {keep_state, Next, Actions} ->
+            {keep_state, {untimely, Next}, starl_action:without_latest(Actions)};
+        Other ->
+            Other
+    end;
 handle_event(Type, Content, State, {Module, Data}, Meta) ->
     case Module:handle_event(Type, Content, State, Data, Meta) of
         {next_state, To, Next, Actions} -> {next_state, To, {Module, Next}, Actions};

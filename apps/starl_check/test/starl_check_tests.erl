@@ -31,6 +31,8 @@ planted() ->
             message_id_used_twice, 3},
         {sap, 2, #{}, {starl_check_sap_planted, #{variant => careless}}, duplicate_delivery, 5},
         {terms, 2, #{reboot => 1}, {starl_check_planted, #{variant => unread}}, term_goes_back, 25},
+        {terms, 2, #{still => 1}, {dpp_coordinator, starl_check_planted, #{variant => untimely}},
+            term_goes_back, 18},
         {registers, 2, #{crash => 1}, {starl_registers_bug, #{bug => restart}}, stamp_goes_back, 3},
         {registers, 2, #{}, {starl_registers_bug, #{bug => last_heard}}, read_goes_back, 5},
         {geocast, 2, #{crash => 1}, {starl_geocast_bug, #{bug => restart}}, delivered_twice, 12},
@@ -41,7 +43,7 @@ planted() ->
 planted_test_() ->
     [
         {
-            lists:flatten(io_lib:format("~p ~p", [element(2, Machine), Way])),
+            lists:flatten(io_lib:format("~p ~p", [element(tuple_size(Machine), Machine), Way])),
             ?SLOW(
                 begin
                     {violated, #{violation := #{what := Found}, steps := Needed}} =
