@@ -70,10 +70,10 @@ boot(#{radio := {Module, Own}, robot := Id, tree := Tree} = Config, Clock) ->
 -spec hear(actor(), Message :: term(), t()) -> {up | {down, term()}, [effect()], t()}.
 hear(Actor, Message, Robot) -> run([{Actor, Message}], Robot).
 
-%% @doc The process of the application crashes.
+%% @doc The process of the application crashes, if it has not ended yet: then its end is on its way.
 -spec kill_app(t()) -> {up | {down, term()}, [effect()], t()}.
 kill_app(#robot{link = Link} = Robot) ->
-    case starl_live_link:processes(Link) of
+    case [Pid || Pid <- starl_live_link:processes(Link), is_process_alive(Pid)] of
         [Pid | _] ->
             true = exit(Pid, kill),
             run([{link, gone(Pid)}], Robot);
@@ -174,10 +174,15 @@ sorted({effect, Effect}, {Inner, Effects}) -> {Inner, [Effect | Effects]};
 sorted({inner, Message}, {Inner, Effects}) -> {[Message | Inner], Effects};
 sorted(none, Sorted) -> Sorted.
 
-%% What processes say waits until somebody waits for them: it may come sooner or later.
+%% What processes say waits until somebody waits for them: it may come sooner or later, and while another
+%% robot of the simulation has its turn.
 drain(Actor) ->
     receive
-        Message when element(1, Message) =/= starl_done, element(1, Message) =/= 'DOWN' ->
+        Message when
+            element(1, Message) =/= starl_done,
+            element(1, Message) =/= starl_attach,
+            element(1, Message) =/= 'DOWN'
+        ->
             [sent(Message, Actor) | drain(Actor)]
     after 0 -> []
     end.
