@@ -7,6 +7,7 @@
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([schedules/1, seeds_that_lost_teams/1, two_versions_in_one_step/1]).
 -export([an_unknown_event_fails_the_trial/1, live_robots_in_virtual_time/1]).
+-export([the_code_that_has_crashed_is_blamed/1]).
 
 -define(SCHEDULES, 500).
 -define(LIVE, 200).
@@ -19,6 +20,7 @@ all() ->
         seeds_that_lost_teams,
         two_versions_in_one_step,
         an_unknown_event_fails_the_trial,
+        the_code_that_has_crashed_is_blamed,
         live_robots_in_virtual_time
     ].
 
@@ -58,14 +60,31 @@ an_unknown_event_fails_the_trial(_) ->
     ?assertMatch("it does not know an event that the former code knows: " ++ _, Why),
     ?assertMatch({starl_reload_tally, handle_event, 5, _, _}, Place).
 
+%% It has started with code that has another state, so it has none for the first code, and ends.
+the_code_that_has_crashed_is_blamed(_) ->
+    Schedule = #{
+        seed => 1,
+        robots => 1,
+        reloads => [
+            {3000, [1], 5000, {app, {converted, second}, none}},
+            {5000, [1], 5000, {app, same, {crashes, 0}}}
+        ],
+        kills => [{4000, 1, app}]
+    },
+    ?assertMatch(
+        [{1, taken}, {2, taken}, {2, {crashed, _}}, {1, {unproven, 2}}], told(app, Schedule)
+    ).
+
 %% What a robot tells of reloads that come together at 3 s of a run in which nothing is lost.
 outcomes(Part, Versions) ->
-    Schedule = #{
+    told(Part, #{
         seed => 1,
         robots => 1,
         reloads => [{3000, [1], 5000, Version} || Version <- Versions],
         kills => []
-    },
+    }).
+
+told(Part, Schedule) ->
     Outcome = run(starl_reload_schedule:scenario(Schedule)),
     ?assertEqual([], starl_reload_schedule:broken(Schedule, Outcome)),
     [{N, O} || {_, 1, Name, {reloaded, N, O}} <- starl_sim_ct:trace(Outcome), Name =:= Part].

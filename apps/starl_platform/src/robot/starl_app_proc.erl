@@ -357,8 +357,14 @@ may_crash(#turn{now = Now, lineage = Lineage}) -> starl_lineage:is_on_trial(Now,
 crashed({Class, Reason, Stack} = Crash, Module, State, Turn) ->
     Cause = starl_crash:cause(starl_crash:reason(Class, Reason, Stack)),
     case may_crash(Turn) andalso taken_back(Cause, Module, State, Turn) of
-        {_Module, _State, _Md5} = Former -> {taken_back, Former};
-        _ -> raise(Crash)
+        {_Module, _State, _Md5} = Former ->
+            {taken_back, Former};
+        none ->
+            %% the driver hears of code that was taken in this turn before it hears of the crash
+            ok = sleep(0),
+            raise(Crash);
+        false ->
+            raise(Crash)
     end.
 
 -spec raise({error | exit | throw, term(), erlang:stacktrace()}) -> no_return().
