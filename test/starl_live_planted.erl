@@ -19,7 +19,7 @@
 
 %% @doc All of them.
 -spec bugs() -> [bug()].
-bugs() -> store() ++ radio() ++ robot().
+bugs() -> store() ++ radio() ++ robot() ++ reload().
 
 store() ->
     [
@@ -110,6 +110,34 @@ robot() ->
                     "starl_live_clock:monotonic_ms(Now + Us div 3, Clock)"}
             ],
             "timers fire early"}
+    ].
+
+reload() ->
+    [
+        {reload_to_unproven, sap, starl_lineage,
+            [
+                {"    {[Present | Unproven], Lineage#lineage{versions = Left}}.",
+                    "    _ = {Unproven, Left},\n    {[Present], Lineage#lineage{versions = Older}}."}
+            ],
+            "back is the version before, whose trial has not ended"},
+        {reload_untried, election, starl_lineage,
+            [
+                {"until_us := Until} | _]}) -> Now < Until;",
+                    "until_us := Until} | _]}) -> Now > 2 * Until;"}
+            ],
+            "a crash within the trial time ends the application"},
+        {reload_not_taken_back, mutex, starl_live_link,
+            [
+                {"    {Words, Next} = starl_live_body:take_back(N, Failed, Body),\n    heeded(Words, Next, Now);",
+                    "    {_, Next} = starl_live_body:take_back(N, Failed, Body),\n    heeded([], Next, Now);"}
+            ],
+            "a robot does not leave code that has failed on another"},
+        {reload_unheeded, mutex, starl_live_body,
+            [
+                {"{Told, Begun} = starl_reload:started(Name, Now, Codes),",
+                    "{Told, Begun} = {[], maps:map(fun(_, {L, _}) -> {L, []} end, Codes)},"}
+            ],
+            "a process that starts anew forgets the words that its predecessor has not heeded"}
     ].
 
 %% @doc Looks for a bug with the seeds from 1 on.

@@ -18,7 +18,8 @@ about() ->
         "Runs the program that ships on robots in virtual time, on simulated clocks, sockets and "
         "disks, with one seed after the other. Datagrams are lost, doubled, late, damaged and "
         "replayed; disks are full, fail and forget what was not synced when the power goes; clocks "
-        "drift and stand still. The same seed gives the same run.",
+        "drift and stand still; applications get new code, good and bad. The same seed gives the "
+        "same run.",
         [
             "Parts: ",
             lists:join("; ", [
@@ -49,7 +50,7 @@ run(#{seeds := Count, from := From, part := Part, jobs := Jobs} = Values) ->
     Parts = parts(Part),
     #{robots := Robots, cover := Cover} = Values,
     Runs = [
-        {{P, Seed, scenario(P, Robots, Seed)}, Cover}
+        {P, Robots, Seed, Cover}
      || P <- Parts, Seed <- lists:seq(From, From + Count - 1)
     ],
     {How, {Founds, Lines}} = starl_lab_jobs:run(
@@ -71,7 +72,8 @@ run(#{seeds := Count, from := From, part := Part, jobs := Jobs} = Values) ->
     status(How, Sorted).
 
 %% @doc What a part's run is given: for whole robots, a scenario as of a soak of their block, with the
-%% faults that can be carried out on live robots.
+%% faults that can be carried out on live robots, and with reloads of its application in every second
+%% run.
 -spec scenario(starl_virtual_run:part(), Robots :: pos_integer() | none, Seed :: integer()) ->
     #{atom() => term()}.
 scenario(Part, none, Seed) ->
@@ -79,9 +81,11 @@ scenario(Part, none, Seed) ->
     scenario(Part, element(Drawn, {1, 2, 3, 5}), Seed);
 scenario(Part, Robots, Seed) ->
     case lists:member(Part, starl_virtual_run:blocks()) of
-        true -> with_faults(starl_lab_soak_draw:scenario(Part, Robots, Seed));
+        true -> starl_lab_soak_reloads:add(Seed, with_faults(drawn(Part, Robots, Seed)));
         false -> #{robots => Robots}
     end.
+
+drawn(Part, Robots, Seed) -> starl_lab_soak_draw:scenario(Part, Robots, Seed).
 
 %% A clock near the bound of its drift must not drift more.
 with_faults(#{clock_drift := _} = Scenario) ->
@@ -92,12 +96,12 @@ with_faults(Scenario) ->
 parts(all) -> [Part || {Part, _} <- starl_virtual_run:parts()];
 parts(Part) -> [Part].
 
-noted({{Part, Seed, _}, _}, {ok, {Found, Lines}}, {Founds, All}) ->
+noted({Part, _, Seed, _}, {ok, {Found, Lines}}, {Founds, All}) ->
     {
         [{Part, Seed, {ok, Found}} | Founds],
         maps:merge_with(fun(_, A, B) -> A orelse B end, All, Lines)
     };
-noted({{Part, Seed, _}, _}, {crashed, Reason}, {Founds, All}) ->
+noted({Part, _, Seed, _}, {crashed, Reason}, {Founds, All}) ->
     {[{Part, Seed, {failed, Reason}} | Founds], All}.
 
 of_part(Part, Founds) -> [Found || {P, _, _} = Found <- Founds, P =:= Part].
@@ -154,10 +158,11 @@ status(done, Founds) ->
     end.
 
 %% @private One run, in the VM of its job, and the lines of the live half that it ran.
--spec one({starl_virtual_run:run(), Cover :: boolean()}) ->
+-spec one({starl_virtual_run:part(), pos_integer() | none, Seed :: integer(), Cover :: boolean()}) ->
     {result(), #{{module(), Line :: pos_integer()} => boolean()}}.
-one({Run, Cover}) ->
+one({Part, Robots, Seed, Cover}) ->
     ok = cover(Cover),
+    Run = {Part, Seed, scenario(Part, Robots, Seed)},
     Begin = erlang:monotonic_time(microsecond),
     #{violations := Violations, digest := Digest} = starl_virtual_run:run(Run),
     Us = erlang:monotonic_time(microsecond) - Begin,

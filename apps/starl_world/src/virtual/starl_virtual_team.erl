@@ -99,11 +99,12 @@ kinds() ->
             store_damaged
         ].
 
-%% @doc Runs a scenario to its end, or to the first violation.
+%% @doc Runs a scenario to its end, or to the first violation. `watch' in it: more monitors.
 -spec run(#{app := module(), atom() => term()}) -> starl_virtual_run:result().
-run(Scenario) ->
+run(Given) ->
     _ = process_flag(trap_exit, true),
-    {ok, {#{faults := Faults}, _Scene, Plan}} = starl_sim:plan(Scenario#{mode => process}, #{}),
+    Scenario = (maps:remove(watch, Given))#{mode => process},
+    {ok, {#{faults := Faults}, _Scene, Plan}} = starl_sim:plan(Scenario, maps:with([watch], Given)),
     Team = ended(play(begun(Faults, Plan))),
     #{
         violations => lists:reverse(Team#team.violations),
