@@ -29,6 +29,8 @@
     lease_ends_for_good/1,
     paused_past_its_lease/1,
     stands_still_past_its_lease/1,
+    claim_shows_that_the_clock_stood_still/1,
+    stamps_from_before_the_clock_stood_still_are_void/1,
     faces_only_by_lease/1,
     failed_drive_is_told_once/1,
     faced_is_told_once/1,
@@ -97,6 +99,8 @@ all() ->
         lease_ends_for_good,
         paused_past_its_lease,
         stands_still_past_its_lease,
+        claim_shows_that_the_clock_stood_still,
+        stamps_from_before_the_clock_stood_still_are_void,
         faces_only_by_lease,
         failed_drive_is_told_once,
         faced_is_told_once,
@@ -425,6 +429,7 @@ stands_still_past_its_lease(_) ->
     ?assertNot(lists:member({trace, {void, Id}}, Agrees)),
     {Lags, Void} = Beat({1, 4, 1}, 5 * ?S + Jump + 1, Heard),
     ?assert(lists:member({trace, {void, Id}}, Lags)),
+    ?assert(lists:member({cast, motion, stop}, Lags)),
     {_, Later} = Beat({1, 4, 1}, 5 * ?S + Jump + 2, Void),
     {Refused, _} = at(?S, {call, {app, 2}}, {drive, Id, 1}, Later),
     ?assertEqual([{reply, {app, 2}, {error, void}}], replies(Refused)),
@@ -435,6 +440,40 @@ stands_still_past_its_lease(_) ->
     %% another's clock shows nothing
     {Other, _} = at(?S, cast, {message, 3, dpp_recover, {{2, 3, 1}, 99 * ?S, true}}, Heard),
     ?assertMatch([{3, {_, Id, {moving, 0, _, _}, _, _}}], sent(dpp_state, Other)).
+
+%% A claim shows it as well as a beat does: the robot is stopped, and seen before it tells its place.
+claim_shows_that_the_clock_stood_still(_) ->
+    {Id, Moving} = moving(),
+    {Jump, _} = starl_dpp_lease:bounds(#{}),
+    Beat = {message, 4, dpp_beat, {{1, 4, 1}, 5 * ?S, [{1, ?S}]}},
+    {_, Heard} = at(?S, cast, Beat, Moving),
+    Claim = fun(Seq) -> at(?S, cast, {message, 4, dpp_recover, {{2, 4, 1}, Seq, false}}, Heard) end,
+    {Agrees, _} = Claim(5 * ?S + Jump),
+    ?assertNot(lists:member({cast, motion, stop}, Agrees)),
+    {Lags, Void} = Claim(5 * ?S + Jump + 1),
+    ?assert(lists:member({cast, motion, stop}, Lags)),
+    ?assert(lists:member({trace, {void, Id}}, Lags)),
+    ?assertEqual([], sent(dpp_state, Lags)),
+    {Told, _} = located(?S, Lags, Void),
+    ?assertMatch([{4, {{2, 4, 1}, _, {standing, {1.0, 2.0}}, _, _}}], sent(dpp_state, Told)).
+
+%% What the robot said before its clock stood still gives no lease, though a beat brings it back: the
+%% answer to its request then is old, and it asks anew.
+stamps_from_before_the_clock_stood_still_are_void(_) ->
+    {Id, Asking} = asking(led()),
+    {Jump, _} = starl_dpp_lease:bounds(#{}),
+    Beat = fun(Seq, Stamp, P) ->
+        element(2, at(?S, cast, {message, 4, dpp_beat, {{1, 4, 1}, Seq, [{1, Stamp}]}}, P))
+    end,
+    Answered = fun(P) ->
+        {Actions, _} = at(?S, cast, {message, 4, dpp_answer, {{1, 4, 1}, Id, assignment(), []}}, P),
+        {length(replies(Actions)), length(sent(dpp_request, Actions))}
+    end,
+    Heard = Beat(5 * ?S, 0, Asking),
+    ?assertEqual({1, 0}, Answered(Beat(5 * ?S + Jump, ?S, Heard))),
+    Lags = Beat(5 * ?S + Jump + 1, ?S, Heard),
+    ?assertEqual({0, 1}, Answered(Lags)),
+    ?assertEqual({0, 1}, Answered(Beat(5 * ?S + Jump + 2, ?S, Lags))).
 
 %% The beginning of a line is taken as its drive is: under a lease, anew when motion has crashed, and
 %% with nothing passed or painted by it.
