@@ -246,6 +246,49 @@ hands_over_test() ->
     ?assert(lists:member({cast, sap, {listen, mutex, mutex}}, Crashed)),
     ?assertEqual([], sent(element(1, at(30, info, {restarted, sap}, Done)))).
 
+%% However many wait, and of which robot they are, all of them go with the token, in their order: when it
+%% is handed over, when it is passed on unwanted, when it goes back to its home, and when it may be lost.
+whole_queue_goes_on_test() ->
+    Queue = [{3, 5}, {1, 5}, {3, 6}, {1, 6}, {3, 7}],
+    Held = after_all(
+        [fun(M) -> hears(10, R, {request, a(), {R, N}, ?F, none}, M) end || {R, N} <- Queue],
+        holding(a())
+    ),
+    Next = ?F + 256,
+    {Released, Gone} = call(20, app, {release, a()}, Held),
+    ?assertEqual([{3, {token, a(), Next, Queue}}], handed(Released)),
+    {Lost, _} = at(30, {reply, {hand, a(), Next}}, {error, {lost, [3]}}, Gone),
+    ?assertEqual([{1, {return, a(), Next, tl(Queue) ++ [hd(Queue)]}}], sent(Lost)),
+    {Passed, _} = hears(10, 3, {token, a(), ?F, Queue}, asker()),
+    ?assertEqual([{3, {token, a(), Next, Queue}}], handed(Passed)),
+    {Used, _} = hears(10, 3, {token, a(), last_hand_over(?F), Queue}, asker()),
+    ?assertEqual([{1, {return, a(), last_hand_over(?F), Queue}}], sent(Used)),
+    {Lapsed, _} = at(?LEASE, {timeout, {lease, a()}}, over, Held),
+    ?assertEqual([{1, {request, a(), Request, 0, home}} || Request <- Queue], sent(Lapsed)).
+
+%% An owner has as many holds as there are numbers below those of the next hand-over. Then the token goes
+%% to the next that waits, be it the same robot, or back to its home.
+holds_of_one_owner_are_bounded_test() ->
+    Hold = fun(N, {M, Fences}) ->
+        {Acquired, Holds} = acquires(2 * N, app, a(), M),
+        {Released, Idle} = call(2 * N + 1, app, {release, a()}, Holds),
+        ?assertEqual([{app, ok}], answers(Released)),
+        {Idle, [Fence || {app, {ok, Fence}} <- answers(Acquired)] ++ Fences}
+    end,
+    {_, Idle} = call(0, app, {release, a()}, holding(a())),
+    {Last, Fences} = lists:foldl(Hold, {Idle, []}, lists:seq(1, 254)),
+    ?assertEqual(lists:seq(?F + 1, ?F + 254), lists:reverse(Fences)),
+    {_, Holds} = acquires(1000, app, a(), Last),
+    {Back, Gone} = call(1001, app, {release, a()}, Holds),
+    ?assertEqual([{released, a(), ?F + 255}], traces(Back)),
+    ?assertEqual([{1, {return, a(), ?F, []}}], sent(Back)),
+    ?assertEqual([], answers(element(1, acquires(1002, app, a(), Gone)))),
+    {_, Wanted} = acquires(1000, other, a(), Holds),
+    {On, _} = call(1001, app, {release, a()}, Wanted),
+    ?assertEqual([{released, a(), ?F + 255}, {handed_over, a(), ?F + 256, 2}], traces(On)),
+    ?assertMatch([{2, {token, _, _, [{2, _}]}}], handed(On)),
+    ?assertEqual([{app, ok}], answers(On)).
+
 %% An idle owner sends nothing; a request of its own that is over does not keep it going.
 idle_test() ->
     {_, Two} = acquires(10, other, a(), holding(a())),
