@@ -33,6 +33,23 @@ other_data_is_refused_at_the_sender_test() ->
      || {Body, Word} <- starl_live_packets:odd()
     ].
 
+%% Depth is what is open at one place, not what has been opened before: containers beside each other may
+%% be as many as there is room for, and each as deep as the first.
+width_costs_no_depth_test() ->
+    Deep = lists:foldl(fun(_, In) -> {In} end, y, lists:seq(1, 50)),
+    Kinds = [Deep, {}, {a, b}, [a, b], #{a => b}, list_to_tuple(lists:seq(1, 300))],
+    [
+        begin
+            {ok, Bytes} = starl_live_codec:encode(packet([lists:duplicate(40, Body), Deep])),
+            ?assertEqual(
+                {ok, packet([lists:duplicate(40, Body), Deep])}, starl_live_codec:decode(1, Bytes)
+            )
+        end
+     || Body <- Kinds
+    ],
+    Deeper = lists:foldl(fun(_, In) -> {In} end, Deep, lists:seq(1, 20)),
+    ?assertEqual({error, too_deep}, starl_live_codec:encode(packet([{}, Deeper]))).
+
 %% What may be handed over may travel, with the longest head that a team of 300 gives it; what the codec
 %% refuses cannot be handed over.
 what_is_handed_over_travels_test() ->

@@ -1,0 +1,243 @@
+%% The link of a live robot: what it takes of its lines, by which clock its machines live, and when it
+%% kills one. Here its lines are the test, its clock shows what the test sets, and its machines are this
+%% module.
+-module(starl_live_link_tests).
+-include_lib("eunit/include/eunit.hrl").
+-behaviour(starl_machine).
+-behaviour(starl_live_clock).
+
+-export([init/1, handle_event/5]).
+-export([system_time/2, monotonic_time/2, start_timer/4, send_after/3]).
+
+-define(MOST_WAITING, 10000).
+-define(SCRIPT, {starl_chassis_holonomic, [{100.0, 0.0, 1000}]}).
+
+%% -- the machine -----------------------------------------------------------------------------------
+
+init(#{test := Test, name := Name, incarnation := N}) ->
+    Test ! {starts, Name, self(), N},
+    {up, Test, [{actuate, light, on} || Name =:= app]}.
+
+%% It does what a packet asks for, and tells the test by its clock.
+handle_event(packet, hang, up, Test, _Meta) ->
+    Test ! hangs,
+    receive
+        go_on -> {keep_state, Test, []}
+    end;
+handle_event(packet, Packet, up, Test, #{now := Now}) ->
+    Test ! {took, Packet, Now},
+    {keep_state, Test, done(Packet)};
+handle_event(info, {located, Tag, Seen}, up, Test, #{now := Now}) ->
+    Test ! {located, Tag, Seen, Now},
+    {keep_state, Test, []};
+handle_event({timeout, wake}, _, up, _Test, _Meta) ->
+    keep_state_and_data;
+handle_event(info, _, up, _Test, _Meta) ->
+    keep_state_and_data.
+
+done({wake, Us}) -> [{{timeout, wake}, Us, wake}];
+done({drive, Mark}) -> [{drive, ?SCRIPT, Mark}];
+done({drive, Mark, Until}) -> [{until, Until, [{drive, ?SCRIPT, Mark}], Mark}];
+done(_Packet) -> [].
+
+%% -- the clock: system time and monotonic time, which the test sets -----------------------------------
+
+system_time(Unit, {Times, _Test}) -> in(Unit, atomics:get(Times, 1)).
+
+monotonic_time(Unit, {Times, _Test}) -> in(Unit, atomics:get(Times, 2)).
+
+in(Unit, Us) -> erlang:convert_time_unit(Us, microsecond, Unit).
+
+start_timer(Ms, _Message, [{abs, true}], {_Times, Test}) ->
+    Test ! {timer, Ms},
+    make_ref().
+
+send_after(_Ms, watch, {_Times, _Test}) -> make_ref().
+
+clock(SystemUs, MonotonicUs, Pace) ->
+    Times = atomics:new(2, [{signed, true}]),
+    ok = set(SystemUs, MonotonicUs, Times),
+    {Times, starl_live_clock:on({?MODULE, {Times, self()}}, starl_live_clock:new(0, Pace))}.
+
+set(SystemUs, MonotonicUs, Times) ->
+    ok = atomics:put(Times, 1, SystemUs),
+    atomics:put(Times, 2, MonotonicUs).
+
+%% -- the robot ---------------------------------------------------------------------------------------
+
+%% Calls the test with the link of a robot whose machines have all started, and with the clock's times.
+with_link(Pace, Test) ->
+    starl_platform_ct:quietly(fun() -> linked(Pace, Test) end).
+
+linked(Pace, Test) ->
+    process_flag(trap_exit, true),
+    Dir = filename:join("/tmp", "starl-live-link-" ++ os:getpid()),
+    _ = file:del_dir_r(Dir),
+    {Times, Clock} = clock(0, 0, Pace),
+    {ok, Robot} = starl_live_robot:start_link(#{
+        robot => 1,
+        tree => #{
+            participants => starl_team:new([1, 2]),
+            services => [{sap, ?MODULE, #{test => self()}}],
+            blocks => [],
+            app => {machine, ?MODULE, #{test => self()}}
+        },
+        team_seed => 1,
+        profile => #{},
+        clock => Clock,
+        dir => Dir,
+        transport => self(),
+        positioning => self(),
+        chassis => self(),
+        sink => none
+    }),
+    receive
+        {'$gen_cast', {actuate, light, on, none}} -> ok
+    end,
+    try
+        ok = Test(starl_live_robot:link(Robot), Times)
+    after
+        exit(Robot, shutdown),
+        receive
+            {'EXIT', Robot, _} -> ok
+        end,
+        _ = file:del_dir_r(Dir),
+        forget()
+    end.
+
+forget() ->
+    receive
+        _ -> forget()
+    after 0 -> ok
+    end.
+
+hears(Packet, Link) -> Link ! {starl_heard, self(), [Packet]}.
+
+%% A packet, and the time at which it was taken.
+took(Packet, Link) ->
+    _ = hears(Packet, Link),
+    receive
+        {took, Packet, Now} -> Now
+    end.
+
+hung(Link) ->
+    _ = hears(hang, Link),
+    receive
+        hangs -> ok
+    end.
+
+next() ->
+    receive
+        {starts, app, _, _} -> next();
+        Message -> Message
+    end.
+
+sap() ->
+    receive
+        {starts, sap, Pid, N} -> {Pid, N}
+    end.
+
+%% -- its lines ---------------------------------------------------------------------------------------
+
+%% While a machine is at work so many packets wait, and no more; what is no packet waits all the same.
+flood_is_bounded_test() ->
+    with_link(1, fun(Link, _Times) ->
+        {Sap, _} = sap(),
+        ok = hung(Link),
+        _ = [hears(N, Link) || N <- lists:seq(1, ?MOST_WAITING + 500)],
+        Link ! {starl_located, self(), {sap, here}, []},
+        {Gauges, _} = starl_live_link:metrics(Link),
+        ?assertEqual([?MOST_WAITING + 2], [N || {queue_events, _, N} <- Gauges]),
+        Sap ! go_on,
+        Taken = [N || {took, N, _} <- heard_until(located)],
+        ?assertEqual(lists:seq(1, ?MOST_WAITING + 1), Taken),
+        %% there is room again
+        ?assertEqual(0, took(again, Link)),
+        ok
+    end).
+
+heard_until(What) ->
+    case next() of
+        Message when element(1, Message) =:= What -> [];
+        Message -> [Message | heard_until(What)]
+    end.
+
+%% A script must begin half a second after the step that wants it, or by its own latest moment if that
+%% comes first: the chassis begins none later.
+stale_script_test() ->
+    with_link(1, fun(Link, Times) ->
+        ok = set(7_000_000, 0, Times),
+        Until = fun(Packet) ->
+            7_000_000 = took(Packet, Link),
+            receive
+                {'$gen_cast', {drive, ?SCRIPT, Us, {sap, Mark}}} -> {Mark, Us}
+            end
+        end,
+        ?assertEqual({1, 7_500_000}, Until({drive, 1})),
+        ?assertEqual({2, 7_500_000}, Until({drive, 2, 8_000_000})),
+        ?assertEqual({3, 7_200_000}, Until({drive, 3, 7_200_000})),
+        ok
+    end).
+
+%% -- its clock ---------------------------------------------------------------------------------------
+
+%% The time of the robot's machines does not go back when its computer's does.
+time_does_not_go_back_test() ->
+    with_link(1, fun(Link, Times) ->
+        At = fun(Us) ->
+            ok = set(Us, 0, Times),
+            took({at, Us}, Link)
+        end,
+        ?assertEqual([5, 5, 5, 6], [At(Us) || Us <- [5, 3, -2, 6]]),
+        ok
+    end).
+
+%% A timer never rings before its time: it is rounded up to a millisecond, at any pace.
+timers_are_rounded_up_test() ->
+    Rings = fun(Pace, Us, Monotonic) ->
+        with_link(Pace, fun(Link, Times) ->
+            ok = set(0, Monotonic, Times),
+            0 = took({wake, Us}, Link),
+            receive
+                {timer, Ms} ->
+                    ?assertEqual({Us, (Monotonic + ceil(Us / Pace) + 999) div 1000}, {Us, Ms})
+            end,
+            ok
+        end)
+    end,
+    [Rings(1, Us, 250) || Us <- [1, 750, 751, 1500, 1750]],
+    [Rings(2, Us, 3000) || Us <- [1, 2000, 2002, 3999]].
+
+%% -- a machine that hangs ----------------------------------------------------------------------------
+
+%% One that has not answered from one watch to the next is killed, and starts anew. One that has answered
+%% meanwhile has its time anew, though it is at work again.
+hung_machine_is_killed_test() ->
+    with_link(1, fun(Link, _Times) ->
+        {Sap, First} = sap(),
+        Monitor = monitor(process, Sap),
+        ok = hung(Link),
+        Link ! watch,
+        Sap ! go_on,
+        ok = hung(Link),
+        Link ! watch,
+        _ = starl_live_link:metrics(Link),
+        ?assert(is_process_alive(Sap)),
+        Link ! watch,
+        receive
+            {'DOWN', Monitor, process, Sap, Why} -> ?assertEqual(killed, Why)
+        end,
+        ?assertMatch({_, N} when N =:= First + 1, sap()),
+        ?assertEqual(0, took(again, Link)),
+        ok
+    end).
+
+%% One that is at rest is left alone, however often it is looked at.
+resting_machine_is_left_alone_test() ->
+    with_link(1, fun(Link, _Times) ->
+        {Sap, _} = sap(),
+        _ = [Link ! watch || _ <- lists:seq(1, 3)],
+        ?assertEqual(0, took(here, Link)),
+        ?assert(is_process_alive(Sap)),
+        ok
+    end).
