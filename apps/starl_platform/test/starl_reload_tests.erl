@@ -1,0 +1,307 @@
+%% New code for running machines and applications: which code runs afterwards, and with what state, when
+%% the code, the state or another robot fails, in the trial time and after it.
+-module(starl_reload_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(R, starl_reload).
+-define(TRIAL_US, 1000).
+-define(FIRST, starl_reload_tests_first).
+
+%% -- versions of a machine and of an application -------------------------------------------------------
+
+%% Loads a version. It says which one it is and what it has counted. `crash' crashes it if it is `bad';
+%% `odd' carries no state over.
+version(N, Kind) ->
+    Name = module(N),
+    Crash = "error(bug)",
+    Survive = io_lib:format("{keep_state, D, [{trace, {survives, ~b}}]}", [N]),
+    Lines = [
+        io_lib:format("-module(~s).", [Name]),
+        "-export([init/1, init/2, handle_event/5, step/2, code_change/2, code_change/3]).",
+        "init(_) -> {up, 0, []}.",
+        "init(_, N) -> N.",
+        ["handle_event(cast, crash, _, D, _) -> _ = D, ", one(Kind, Crash, Survive), ";"],
+        io_lib:format(
+            "handle_event(_, _, _, D, _) -> {keep_state, D + 1, [{trace, {~b, D + 1}}]}.", [N]
+        ),
+        io_lib:format("step(R, D) -> starl:trace(R, {~b, D}), starl:sleep(R, 1),", [N]),
+        [one(Kind, "error(bug)", "{continue, D + 1}"), "."],
+        ["code_change(D, _) -> ", converted(Kind, "D"), "."],
+        ["code_change(_, S, D) -> ", converted(Kind, "{ok, S, D}"), "."]
+    ],
+    {ok, Name, Beam} = compile:forms([form(Line) || Line <- joined(Lines)], []),
+    {module, Name} = code:load_binary(Name, atom_to_list(Name), Beam),
+    Name.
+
+module(0) -> ?FIRST;
+module(N) -> list_to_atom("starl_reload_tests_" ++ integer_to_list(N)).
+
+one(bad, Crash, _Survive) -> Crash;
+one(_Kind, _Crash, Survive) -> Survive.
+
+converted(odd, _Same) -> "error(odd_state)";
+converted(_Kind, Same) -> Same.
+
+%% The text of each form, up to its full stop.
+joined(Lines) ->
+    Text = lists:flatten(lists:join("\n", Lines)),
+    [Form ++ "." || Form <- string:split(Text, ".\n", all), Form =/= ""] -- ["."].
+
+form(Text0) ->
+    Text = string:trim(Text0, trailing, ".") ++ ".",
+    {ok, Tokens, _} = erl_scan:string(Text),
+    {ok, Form} = erl_parse:parse_form(Tokens),
+    Form.
+
+take(N) -> {take, #{number => N, module => module(N), trial_us => ?TRIAL_US}}.
+
+%% -- a machine ---------------------------------------------------------------------------------------
+
+machine(Kinds) ->
+    [_ | _] = [version(N, Kind) || {N, Kind} <- lists:enumerate(0, Kinds)],
+    {[], M} = starl_machine:new(?FIRST, #{}, #{
+        robot => 1,
+        participants => [1, 2],
+        name => m,
+        incarnation => 1,
+        random => rand:seed_s(exsss, 1),
+        now => 0
+    }),
+    M.
+
+%% The machine after these events at their times, and what it said to each.
+after_all(Events, M) ->
+    lists:mapfoldl(
+        fun({Now, Type, Content}, Before) ->
+            starl_machine:step(Type, Content, #{now => Now, robot => 1}, Before)
+        end,
+        M,
+        Events
+    ).
+
+outcomes(Actions) ->
+    [
+        {N, kind(Outcome), M}
+     || {reloaded, #{number := N, outcome := Outcome, module := M}} <- Actions
+    ].
+
+kind(Outcome) when is_atom(Outcome) -> Outcome;
+kind({back, Robot}) -> {back, Robot};
+kind(Outcome) -> element(1, Outcome).
+
+said(Events, Kinds) ->
+    {Said, M} = after_all(Events, machine(Kinds)),
+    {lists:last(Said), starl_machine:module(M)}.
+
+%% Until the last microsecond of its trial time new code that crashes is left, and the former code takes
+%% the event; after that it crashes as any code does.
+machine_goes_back_in_its_trial_time_only_test() ->
+    Crashes = fun(At) -> said([{10, code, take(1)}, {At, cast, crash}], [sound, bad]) end,
+    {Actions, Module} = Crashes(9 + ?TRIAL_US),
+    ?assertEqual(?FIRST, Module),
+    ?assertEqual([{1, crashed, ?FIRST}], outcomes(Actions)),
+    ?assert(lists:member({trace, {survives, 0}}, Actions)),
+    ?assertError(bug, Crashes(10 + ?TRIAL_US)).
+
+%% It is back on the last code whose trial ended well, not on that which it was built with.
+machine_goes_back_to_what_has_passed_test() ->
+    Events = fun(Second) ->
+        [{0, code, take(1)}, {Second, code, take(2)}, {Second + 1, cast, crash}]
+    end,
+    {Passed, One} = said(Events(?TRIAL_US), [sound, sound, bad]),
+    ?assertEqual({module(1), [{2, crashed, module(1)}]}, {One, outcomes(Passed)}),
+    {Replaced, First} = said(Events(?TRIAL_US - 1), [sound, sound, bad]),
+    ?assertEqual(
+        {?FIRST, [{2, crashed, ?FIRST}, {1, unproven, ?FIRST}]}, {First, outcomes(Replaced)}
+    ).
+
+%% Code that cannot take the state over is not taken, and that is told as a failure; the former code goes
+%% on with its state.
+machine_keeps_its_code_if_its_state_cannot_be_carried_over_test() ->
+    {Said, M} = after_all(
+        [{1, cast, go}, {2, code, take(1)}, {3, cast, go}], machine([sound, odd])
+    ),
+    ?assertEqual([{1, migration_failed, ?FIRST}], outcomes(lists:nth(2, Said))),
+    ?assertEqual([{trace, {0, 2}}], lists:last(Said)),
+    ?assertEqual(?FIRST, starl_machine:module(M)).
+
+%% A failure of an older reload elsewhere does not take newer code away; one of this code does.
+machine_stays_with_newer_code_test() ->
+    Events = [{0, code, take(1)}, {?TRIAL_US, code, take(2)}],
+    Back = fun(N) ->
+        said(Events ++ [{?TRIAL_US + 1, code, {back, N, 7}}], [sound, sound, sound])
+    end,
+    {Older, Newest} = Back(1),
+    ?assertEqual({module(2), [{1, {back, 7}, module(2)}]}, {Newest, outcomes(Older)}),
+    {Last, Former} = Back(2),
+    ?assertEqual({module(1), [{2, {back, 7}, module(1)}]}, {Former, outcomes(Last)}),
+    ?assertEqual({[], module(2)}, Back(3)).
+
+%% -- an application ------------------------------------------------------------------------------------
+
+%% Runs an application of these versions through these words and steps, and collects what it does in each.
+application(Words, Kinds) ->
+    [_ | _] = [version(N, Kind) || {N, Kind} <- lists:enumerate(0, Kinds)],
+    {ok, Pid} = starl_app_proc:start_link(#{
+        robot => 1, handle => starl:robot(1, [1]), module => ?FIRST, args => 0, driver => self()
+    }),
+    receive
+        {starl_attach, 1, app, Pid} -> ok
+    end,
+    Random = rand:seed_s(exsss, 1),
+    Pid ! {starl_boot, #{now => 0, random => Random, incarnation => 1, stored => none}},
+    stepped(Words, done(), Pid).
+
+stepped([], Actions, Pid) ->
+    true = unlink(Pid),
+    exit(Pid, kill),
+    [Actions];
+stepped([{Now, Words} | Later], Actions, Pid) ->
+    Heard = [event(Now, code, Word, Pid) || Word <- Words],
+    {value, {Timer, _, call}} = lists:search(fun is_timer/1, Actions),
+    case event(Now, Timer, call, Pid) of
+        {crashed, _} = Crashed -> [Actions | Heard] ++ [Crashed];
+        Next -> [Actions | Heard] ++ stepped(Later, Next, Pid)
+    end.
+
+is_timer(Action) -> is_tuple(Action) andalso is_tuple(element(1, Action)).
+
+event(Now, Type, Content, Pid) ->
+    Pid ! {starl_step, Type, Content, #{now => Now, robot => 1}},
+    done().
+
+done() ->
+    receive
+        {starl_done, 1, _Pid, Actions} -> Actions;
+        {'EXIT', _Pid, Reason} -> {crashed, Reason}
+    end.
+
+traces(Actions) -> [Event || {trace, Event} <- Actions].
+
+%% The code and the state of the step that an application is in at last, and the outcomes before it.
+ends(Words, Kinds) ->
+    _ = process_flag(trap_exit, true),
+    Said = starl_platform_ct:quietly(fun() -> application(Words, Kinds) end),
+    _ = process_flag(trap_exit, false),
+    case lists:last(Said) of
+        {crashed, _} -> crashed;
+        Last -> {lists:last(traces(Last)), outcomes(lists:append(Said))}
+    end.
+
+%% In its trial time new code that crashes is left, and the step begins anew with the former code and the
+%% state before it; after that the application crashes.
+application_goes_back_in_its_trial_time_only_test() ->
+    Ends = fun(At) -> ends([{1, [take(1)]}, {At, []}], [sound, bad]) end,
+    ?assertEqual({{0, 1}, [{1, taken, module(1)}, {1, crashed, ?FIRST}]}, Ends(?TRIAL_US)),
+    ?assertEqual(crashed, Ends(1 + ?TRIAL_US)).
+
+%% It is back on the last code whose trial ended well.
+application_goes_back_to_what_has_passed_test() ->
+    Ends = fun(Second) ->
+        ends([{1, [take(1)]}, {Second, [take(2)]}, {Second + 1, []}], [sound, sound, bad])
+    end,
+    {Passed, Told} = Ends(1 + ?TRIAL_US),
+    ?assertEqual({{1, 2}, {2, crashed, module(1)}}, {Passed, lists:last(Told)}),
+    {Replaced, Both} = Ends(?TRIAL_US),
+    ?assertMatch({0, _}, Replaced),
+    ?assertEqual([{2, crashed, ?FIRST}, {1, unproven, ?FIRST}], lists:nthtail(2, Both)).
+
+application_keeps_its_code_if_its_state_cannot_be_carried_over_test() ->
+    ?assertEqual({{0, 1}, [{1, migration_failed, ?FIRST}]}, ends([{1, [take(1)]}], [sound, odd])).
+
+application_stays_with_newer_code_test() ->
+    Ends = fun(N) ->
+        Words = [{1, [take(1)]}, {1 + ?TRIAL_US, [take(2)]}, {2 + ?TRIAL_US, [{back, N, 7}]}],
+        {{Version, _}, Told} = ends(Words, [sound, sound, sound]),
+        {Version, lists:last(Told)}
+    end,
+    ?assertEqual({2, {1, {back, 7}, module(2)}}, Ends(1)),
+    ?assertEqual({1, {2, {back, 7}, module(1)}}, Ends(2)).
+
+%% -- a robot -------------------------------------------------------------------------------------------
+
+order(N) ->
+    #{number => N, versions => #{?FIRST => module(N)}, trial_us => ?TRIAL_US}.
+
+parts() -> #{a => ?FIRST, b => another}.
+
+%% What the machine `a' tells, as its runner does.
+told(N, Outcome, Lineage) -> ?R:told(N, Outcome, nobody, Lineage).
+
+lineage(Takes) ->
+    lists:foldl(
+        fun({N, Now}, L) ->
+            starl_lineage:take(
+                #{number => N, module => module(N), trial_us => ?TRIAL_US, kept => none}, Now, L
+            )
+        end,
+        starl_lineage:new(?FIRST),
+        Takes
+    ).
+
+%% Machines of the reloaded modules get the word; until they have heeded it they start with it.
+words_wait_for_who_starts_test() ->
+    {Words, Codes} = ?R:take(order(1), parts(), #{}),
+    ?assertEqual([{a, take(1)}], Words),
+    ?assertEqual({[], Codes}, ?R:started(b, 5, Codes)),
+    {[Told], Begun} = ?R:started(a, 5, Codes),
+    ?assertMatch(#{number := 1, outcome := taken, module := starl_reload_tests_1}, Told),
+    #{code := Lineage} = ?R:code(a, Begun),
+    ?assertEqual(
+        [true, false], [
+            starl_lineage:is_on_trial(T, Lineage)
+         || T <- [4 + ?TRIAL_US, 5 + ?TRIAL_US]
+        ]
+    ),
+    ?assertEqual({[], Begun}, ?R:started(a, 6, Begun)),
+    %% one that has heeded it gets no more
+    Heard = ?R:heard(a, told(1, taken, lineage([{1, 5}])), Codes),
+    ?assertEqual({[], Heard}, ?R:started(a, 6, Heard)).
+
+%% A machine that ends by itself in the trial time goes back; one that ends later does not.
+fallen_in_its_trial_time_only_test() ->
+    {_, Codes} = ?R:take(order(1), parts(), #{}),
+    {_, Begun} = ?R:started(a, 0, Codes),
+    ?assertMatch(
+        [#{number := 1, outcome := {crashed, why}, module := ?FIRST}],
+        ?R:fallen(a, why, ?TRIAL_US - 1, Begun)
+    ),
+    ?assertEqual([], ?R:fallen(a, why, ?TRIAL_US, Begun)),
+    ?assertEqual([], ?R:fallen(b, why, 0, Begun)).
+
+%% What failed elsewhere is not taken by who starts; nor does it take newer code away.
+back_for_who_starts_test() ->
+    {_, One} = ?R:take(order(1), parts(), #{}),
+    {Words, Back} = ?R:back(1, 7, One),
+    ?assertEqual([{a, {back, 1, 7}}], Words),
+    {[Told], _} = ?R:started(a, 5, Back),
+    ?assertMatch(#{number := 1, outcome := {back, 7}, module := ?FIRST}, Told),
+    ?assertMatch({[], _}, ?R:back(2, 7, One)),
+    Two = #{a => {lineage([{1, 0}, {2, ?TRIAL_US}]), []}},
+    {[_], Older} = ?R:back(1, 7, Two),
+    {[Stays], _} = ?R:started(a, 2 * ?TRIAL_US, Older),
+    ?assertMatch(#{number := 1, module := starl_reload_tests_2}, Stays),
+    {[_], Newest} = ?R:back(2, 7, Two),
+    {[Goes], _} = ?R:started(a, 2 * ?TRIAL_US, Newest),
+    ?assertMatch(#{number := 2, module := starl_reload_tests_1}, Goes).
+
+%% Robots that start later start with what has passed, not on trial, and without what has failed.
+who_starts_later_test() ->
+    {_, Codes} = ?R:take(order(1), parts(), #{}),
+    #{code := Passed} = ?R:code(a, ?R:passed(1, Codes)),
+    ?assertEqual({module(1), false}, {
+        starl_lineage:code(Passed), starl_lineage:is_on_trial(0, Passed)
+    }),
+    #{code := Failed} = ?R:code(a, ?R:without(1, Codes)),
+    ?assertEqual(?FIRST, starl_lineage:code(Failed)),
+    ?assertEqual({[], ?R:without(1, Codes)}, ?R:started(a, 0, ?R:without(1, Codes))),
+    {_, Both} = ?R:take(order(2), parts(), ?R:passed(1, Codes)),
+    #{code := Later} = ?R:code(a, ?R:without(2, Both)),
+    ?assertEqual(module(1), starl_lineage:code(Later)).
+
+%% Everybody goes back for a state that could not be carried over as for a crash.
+failures_test() ->
+    Failures = [{migration_failed, why}, {crashed, why}, {unproven, 2}],
+    Others = [taken, done, {back, 7}, {restored, why}],
+    ?assertEqual([true, true, true], [?R:is_failure(O) || O <- Failures]),
+    ?assertEqual([false, false, false, false], [?R:is_failure(O) || O <- Others]).
