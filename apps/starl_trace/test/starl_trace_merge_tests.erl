@@ -1,0 +1,79 @@
+%% One recording of those of several robots: the order of its messages, and its end.
+-module(starl_trace_merge_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% Calls the test with the messages of the recording into which these are merged.
+merged(Recordings, Test) ->
+    Dir = filename:join("/tmp", "starl-merge-tests-" ++ os:getpid()),
+    ok = filelib:ensure_path(Dir),
+    try
+        Files = [recorded(N, Messages, Dir) || {N, Messages} <- lists:enumerate(Recordings)],
+        Out = filename:join(Dir, "merged.mcap"),
+        {ok, _} = starl_trace_merge:files(Files, Out),
+        {ok, Read, closed} = starl_trace_reader:fold(fun(M, Before) -> [M | Before] end, [], Out),
+        Test(lists:reverse(Read))
+    after
+        file:del_dir_r(Dir)
+    end.
+
+recorded(N, Messages, Dir) ->
+    File = filename:join(Dir, integer_to_list(N) ++ ".mcap"),
+    ok = starl_trace_ct:recorded(File, Messages),
+    File.
+
+%% The recording of a robot with these events, which says how the run ended.
+robot(Robot, Events, Ending) ->
+    [{scenario, At, Facts} | Messages] = starl_trace_ct:told(Events),
+    Robots = [{R, {0.0, 0.0, 0.0}} || R <- [1, 2, 3]],
+    [{scenario, At, Facts#{told_by => [Robot], robots := Robots}}] ++
+        [M || {Topic, _, _} = M <- Messages, Topic =/= verdicts] ++ [{verdicts, 1_000_000, Ending}].
+
+ended(EndUs, Whats) ->
+    {ended, #{
+        ending => done, end_us => EndUs, violations => [broken(W) || W <- Whats], digest => <<>>
+    }}.
+
+broken(What) ->
+    #{contract => sap, what => What, at_us => 5, robots => [1], details => #{}}.
+
+%% All that robots tell comes by time: their events, and the packets, whose fates are known late, from what
+%% both ends know of them.
+by_time_test() ->
+    merged([starl_trace_ct:robots_own(R, 300) || R <- [1, 2]], fun(Messages) ->
+        Times = [At || {_, At, _} <- Messages],
+        ?assertEqual(lists:sort(Times), Times),
+        Topics = [Topic || {Topic, _, _} <- Messages],
+        ?assertEqual([], [packets, trace, poses, log] -- lists:usort(Topics)),
+        ?assertEqual(600, length([E || {trace, _, {_, note, {said, _, _}} = E} <- Messages]))
+    end).
+
+%% What a robot says at one time stays in its own order.
+own_order_test() ->
+    Say = fun(R) -> [{1000 * At, R, note, {said, N}} || At <- [1, 2], N <- [1, 2]] end,
+    Robots = [robot(R, Say(R), ended(3000, [])) || R <- [2, 1, 3]],
+    merged(Robots, fun(Messages) ->
+        Said = [{At, R, N} || {trace, At, {R, note, {said, N}}} <- Messages],
+        ?assertEqual(lists:sort([At || {At, _, _} <- Said]), [At || {At, _, _} <- Said]),
+        [
+            ?assertEqual(
+                [{1000 * At, N} || At <- [1, 2], N <- [1, 2]],
+                [{At, N} || {At, Robot, N} <- Said, Robot =:= R]
+            )
+         || R <- [1, 2, 3]
+        ]
+    end).
+
+%% The run has one end, the last that a file knows, with the violations of all of them.
+one_end_with_all_violations_test() ->
+    Ends = [ended(2000, [a, b]), ended(3000, [c]), ended(1000, [b, d])],
+    Orders = [Ends, lists:reverse(Ends), [lists:nth(N, Ends) || N <- [2, 1, 3]]],
+    [
+        merged([robot(R, [], Ending) || {R, Ending} <- lists:enumerate(Order)], fun(Messages) ->
+            [#{end_us := End, violations := Violations}] = [
+                E
+             || {verdicts, _, {ended, E}} <- Messages
+            ],
+            ?assertEqual({3000, [a, b, c, d]}, {End, [W || #{what := W} <- Violations]})
+        end)
+     || Order <- Orders
+    ].
