@@ -34,6 +34,22 @@ killed_test() ->
 former_test() ->
     ?assertMatch({[], _}, ?T:traced(1, spawn(fun() -> ok end), 1, [fact(1)], team())).
 
+%% The world, too, begins no script after its latest moment: the body does not move. To stop is never too
+%% late.
+late_script_test() ->
+    {ok, Team} = ?T:embodied(1, self(), false, team()),
+    Drive = fun(Commands, Now, Robots) ->
+        Script = {starl_chassis_differential, Commands},
+        {Now, {Traces, _, Next}} = ?T:heard(
+            1, self(), {now, {drive, Script, 1000, mark}}, Now, Robots
+        ),
+        {[At || {At, 1, chassis, {motion, _}} <- Traces], Next}
+    end,
+    Go = [{100.0, 100.0, 5000}],
+    ?assertMatch({[], _}, Drive(Go, 1001, Team)),
+    {[1000], Driving} = Drive(Go, 1000, Team),
+    ?assertMatch({[1001], _}, Drive([], 1001, Driving)).
+
 fact(At) -> {At, 1, a, x}.
 
 traced(Batch, Events, Team) -> ?T:traced(1, self(), Batch, Events, Team).
