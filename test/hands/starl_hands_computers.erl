@@ -139,7 +139,7 @@ await(What) ->
 
 witness(Facts, Waiting) ->
     receive
-        {starl_traced, _, _, _, Events} ->
+        {starl_traced, _, _, {_, _, Events}} ->
             answered(Events ++ Facts, Waiting);
         {await, What, From} ->
             answered(Facts, [{What, From} | Waiting]);

@@ -8,13 +8,14 @@ record_test() ->
     {ok, Record} = starl_live_record:open(Dir),
     Events = [[{N, 1, sap, {fact, N}}] || N <- lists:seq(1, 5)],
     _ = lists:foldl(
-        fun({N, Some}, R) -> starl_live_record:write(N, Some, R) end,
+        fun({N, Some}, R) -> starl_live_record:write({N, 10 * N, Some}, R) end,
         Record,
         lists:zip([1, 2, 3, 4, 5], Events)
     ),
     File = starl_live_record:file(Record),
     ?assertEqual(lists:append(Events), starl_live_record:read(File, 0)),
     ?assertEqual([{5, 1, sap, {fact, 5}}], starl_live_record:read(File, 4)),
+    ?assertEqual([{5, 50, [{5, 1, sap, {fact, 5}}]}], starl_live_record:batches(File, 4)),
     ?assertEqual([], starl_live_record:read(File, 5)),
     {ok, Bytes} = file:read_file(File),
     ok = file:write_file(File, binary:part(Bytes, 0, byte_size(Bytes) - 1)),
@@ -32,7 +33,7 @@ bounded_test() ->
     Large = binary:copy(<<"facts">>, 1000000),
     ?assertEqual([], starl_live_record:last(Dir)),
     Wrote = fun(N, {R, _}) ->
-        {starl_live_record:write(N, [{N, 1, app, Large}], R), N}
+        {starl_live_record:write({N, N, [{N, 1, app, Large}]}, R), N}
     end,
     Files = [
         begin

@@ -6,33 +6,69 @@
 
 %% What it had written before the halt holds when it was; it is told once.
 written_before_test() ->
-    {[], One} = traced(1, [], team()),
-    {Written, Two} = ?T:halted(1, [{1, []}, {2, [fact(5)]}, {3, [fact(6)]}], 10, One),
-    ?assertEqual([fact(5), fact(6)], Written),
-    {[], Three} = traced(2, [fact(5)], Two),
-    {[], Four} = traced(3, [fact(6)], Three),
-    ?assertMatch({[{30, 1, a, x}], _}, traced(4, [fact(30)], Four)).
+    {[], One} = traced(1, 3, [], team()),
+    Written = [{1, 3, []}, {2, 5, [fact(5)]}, {3, 7, [fact(6)]}],
+    {Told, Two} = ?T:halted(1, Written, 10, One),
+    ?assertEqual([fact(5), fact(6)], Told),
+    {[], Three} = traced(2, 5, [fact(5)], Two),
+    {[], Four} = traced(3, 7, [fact(6)], Three),
+    ?assertEqual([fact(30)], told(traced(4, 31, [fact(30)], Four))).
 
-%% What leaves it after the halt holds from then on, which is known by its next fact.
+%% A halt at every point of a step: facts that were looked at before it hold at their time.
+a_halt_at_every_point_test_() ->
+    [
+        {Point, ?_assertEqual(Times, [At || {At, 1, a, x} <- told(cut(Point))])}
+     || {Point, Times} <- [
+            {"before the look", [31, 31]},
+            {"between the look and the record", [8, 9]},
+            {"between the record and the message", [8, 9]},
+            {"after the message", [8, 9]}
+        ]
+    ].
+
+cut("before the look") ->
+    {[], Halted} = ?T:halted(1, [], 10, team()),
+    traced(1, 31, [fact(8), fact(9)], Halted);
+cut("between the look and the record") ->
+    {[], Halted} = ?T:halted(1, [], 10, team()),
+    traced(1, 9, [fact(8), fact(9)], Halted);
+cut("between the record and the message") ->
+    {Told, Halted} = ?T:halted(1, [{1, 9, [fact(8), fact(9)]}], 10, team()),
+    {[], Next} = traced(1, 9, [fact(8), fact(9)], Halted),
+    {Told, Next};
+cut("after the message") ->
+    {Told, Next} = traced(1, 9, [fact(8), fact(9)], team()),
+    {[], Halted} = ?T:halted(1, [{1, 9, [fact(8), fact(9)]}], 10, Next),
+    {Told, Halted}.
+
+%% A step that goes on after the halt does so at the latest at its next fact.
 cut_test() ->
     {[], One} = ?T:halted(1, [], 10, team()),
-    {[], Two} = traced(1, [fact(8)], One),
-    {[], Three} = traced(2, [fact(9)], Two),
-    {Told, Four} = traced(3, [fact(10), fact(31), fact(32)], Three),
-    ?assertEqual([fact(31), fact(31), fact(31), fact(31), fact(32)], Told),
-    ?assertMatch({[{9, 1, a, x}], _}, traced(4, [fact(9)], Four)).
+    {Told, Two} = traced(1, 33, [fact(8), fact(10), fact(31), fact(32)], One),
+    ?assertEqual([fact(31), fact(31), fact(31), fact(32)], Told),
+    %% a machine of that step has answered after the look
+    ?assertEqual([fact(34)], told(traced(2, 34, [fact(9)], Two))),
+    ?assertEqual([fact(35)], told(traced(3, 36, [fact(35)], Two))).
 
-%% A robot that ends then holds it until the end.
+%% A halt may strike a step that another one has cut in two before.
+cut_twice_test() ->
+    {[], One} = ?T:halted(1, [], 10, team()),
+    {Written, Two} = ?T:halted(1, [{1, 21, [fact(8)]}], 30, One),
+    ?assertEqual([fact(21)], Written),
+    ?assertEqual([fact(22)], told(traced(2, 22, [fact(9)], Two))),
+    ?assertEqual([fact(41)], told(traced(3, 41, [fact(9)], Two))).
+
+%% What a robot that is killed has written after the halt holds from then on, what it had looked at before it
+%% from before.
 killed_test() ->
     {[], One} = ?T:halted(1, [], 10, team()),
-    {[], Two} = traced(1, [fact(8)], One),
-    {Told, _, Three} = ?T:down(1, [fact(9)], 40, Two),
-    ?assertEqual([fact(40), fact(40)], [F || {_, 1, a, x} = F <- Told]),
-    ?assertEqual([], ?T:up(Three)).
+    {Told, _, Two} = ?T:down(1, [{1, 9, [fact(8)]}, {2, 35, [fact(9)]}], 40, One),
+    ?assertEqual([fact(8), fact(35)], [F || {_, 1, a, x} = F <- Told]),
+    ?assertEqual([], ?T:up(Two)).
 
 %% A former link tells nothing.
 former_test() ->
-    ?assertMatch({[], _}, ?T:traced(1, spawn(fun() -> ok end), 1, [fact(1)], team())).
+    ?assertMatch({[], _}, ?T:traced(1, spawn(fun() -> ok end), {1, 1, [fact(1)]}, team())).
 
 %% The world, too, begins no script after its latest moment: the body does not move. To stop is never too
 %% late.
@@ -52,7 +88,9 @@ late_script_test() ->
 
 fact(At) -> {At, 1, a, x}.
 
-traced(Batch, Events, Team) -> ?T:traced(1, self(), Batch, Events, Team).
+traced(N, Looked, Events, Team) -> ?T:traced(1, self(), {N, Looked, Events}, Team).
+
+told({Told, _Team}) -> Told.
 
 team() ->
     {ok, {_, _, #{world := World}}} = starl_sim:plan(

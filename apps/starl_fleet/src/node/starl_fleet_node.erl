@@ -190,7 +190,7 @@ crash({Name, Cause}) ->
 handle_cast(_Request, Node) -> {noreply, Node}.
 
 -spec handle_info(starl_live_link:told(), #node{}) -> {noreply, #node{}}.
-handle_info({starl_traced, _Id, _Link, _Batch, Events}, Node) ->
+handle_info({starl_traced, _Id, _Link, {_Batch, _Looked, Events}}, Node) ->
     {noreply, lists:foldl(fun noted/2, Node, Events)};
 handle_info({starl_ended, _Id, _Link, Result}, Node) ->
     logger:notice(#{what => application_ended, result => shown(Result)}),

@@ -4,7 +4,8 @@
 %% What a step sends, and the facts that it traces, are kept until the step is over ({@link
 %% flush/1}). The facts leave first: whoever judges the run knows of a packet before anybody can
 %% have received it. What has a latest moment is looked at again when it leaves; if it is late, the
-%% link gets `{starl_late, {Name, Mark}}', which {@link hear/2} makes an event of its machine.
+%% link gets `{starl_late, {Name, Mark}}', which {@link hear/2} makes an event of its machine. Facts
+%% bear the time of this look, too, since the robot may stand still before anybody has them.
 -module(starl_live_body).
 -behaviour(starl_robot).
 -behaviour(starl_platform).
@@ -322,20 +323,16 @@ flush(#body{out = Out} = Body) ->
     Facts#body{out = []}.
 
 tell(#body{traces = Traces, batch = N, result = Result} = Body) ->
-    {Events, Late} = in_time(lists:reverse(Traces), Body),
-    Record = recorded(N, Events, Body),
-    ok = sunk(N, Events, Body),
+    Looked = present(Body),
+    {Events, Late} = leaving(lists:reverse(Traces), Looked, [], []),
+    Batch = {N, Looked, Events},
+    Record = recorded(Batch, Body),
+    ok = sunk(Batch, Body),
     ok = observed(Events, Body),
     ok = lists:foreach(fun late/1, lists:uniq(Late)),
     Body#body{traces = [], batch = N + 1, told = Result, record = Record}.
 
 %% The facts that may leave now, and who is told that others are late.
-in_time(Facts, Body) ->
-    case lists:keymember(until, 1, Facts) of
-        true -> leaving(Facts, present(Body), [], []);
-        false -> {Facts, []}
-    end.
-
 leaving([{until, Us, Fact, _Owner} | Facts], Now, Left, Late) when Now =< Us ->
     leaving(Facts, Now, [Fact | Left], Late);
 leaving([{until, _Us, _Fact, Owner} | Facts], Now, Left, Late) ->
@@ -345,13 +342,13 @@ leaving([Fact | Facts], Now, Left, Late) ->
 leaving([], _Now, Left, Late) ->
     {lists:reverse(Left), lists:reverse(Late)}.
 
-recorded(_Batch, _Events, #body{record = none}) -> none;
-recorded(Batch, Events, #body{record = Record}) -> starl_live_record:write(Batch, Events, Record).
+recorded(_Batch, #body{record = none}) -> none;
+recorded(Batch, #body{record = Record}) -> starl_live_record:write(Batch, Record).
 
-sunk(_Batch, _Events, #body{sink = none}) ->
+sunk(_Batch, #body{sink = none}) ->
     ok;
-sunk(Batch, Events, #body{id = Id, sink = Sink, result = Result, told = Told}) ->
-    _ = Events =/= [] andalso (Sink ! {starl_traced, Id, self(), Batch, Events}),
+sunk({_, _, Events} = Batch, #body{id = Id, sink = Sink, result = Result, told = Told}) ->
+    _ = Events =/= [] andalso (Sink ! {starl_traced, Id, self(), Batch}),
     _ = Result =/= Told andalso (Sink ! {starl_ended, Id, self(), Result}),
     ok.
 

@@ -62,9 +62,7 @@
     {starl_started, starl:robot_id(), Link :: pid(), {
         [starl_machine:name()], file:filename() | none
     }}
-    | {starl_traced, starl:robot_id(), Link :: pid(), Batch :: pos_integer(), [
-        starl_monitor:trace_event()
-    ]}
+    | {starl_traced, starl:robot_id(), Link :: pid(), starl_live_record:batch()}
     | {starl_radio, starl:robot_id(), [starl_monitor:trace_event()]}
     | {starl_ended, starl:robot_id(), Link :: pid(), given_up | {done, term()}}.
 

@@ -7,9 +7,13 @@
 %% place of the one before it.
 -module(starl_live_record).
 
--export([open/1, file/1, write/3, read/2, batches/2, starts/1, is_record/1, last/1]).
+-export([open/1, file/1, write/2, read/2, batches/2, starts/1, is_record/1, last/1]).
 
--export_type([t/0]).
+-export_type([t/0, batch/0]).
+
+%% A batch of facts, with its number and the time of the robot's clock at the last look at it before the
+%% facts left: what has a latest moment was in time then. Each fact bears the time of its step, too.
+-type batch() :: {pos_integer(), LookedUs :: integer(), [starl_monitor:trace_event()]}.
 
 -record(record, {
     file :: file:filename(), device :: file:io_device(), size = 0 :: non_neg_integer()
@@ -37,12 +41,12 @@ open(Dir) ->
 file(#record{file = File}) -> File.
 
 %% @doc Writes a batch. A disk that is full costs the record, not the robot.
--spec write(Batch :: pos_integer(), [starl_monitor:trace_event()], t()) -> t().
-write(_Batch, [], Record) ->
+-spec write(batch(), t()) -> t().
+write({_N, _Looked, []}, Record) ->
     Record;
-write(Batch, Events, Record) ->
+write(Batch, Record) ->
     #record{device = Device, size = Size} = Turned = turned(Record),
-    Bytes = term_to_binary({Batch, Events}),
+    Bytes = term_to_binary(Batch),
     _ = file:write(Device, [<<(byte_size(Bytes)):32>>, Bytes]),
     Turned#record{size = Size + 4 + byte_size(Bytes)}.
 
@@ -59,13 +63,12 @@ turned(#record{file = File, device = Device} = Record) ->
 
 %% @doc The events of all batches after this one, as far as they were written.
 -spec read(file:filename(), After :: non_neg_integer()) -> [starl_monitor:trace_event()].
-read(File, After) -> lists:append([Events || {_, Events} <- batches(File, After)]).
+read(File, After) -> lists:append([Events || {_, _, Events} <- batches(File, After)]).
 
 %% @doc The batches after this one, as far as they were written.
--spec batches(file:filename(), After :: non_neg_integer()) ->
-    [{Batch :: pos_integer(), [starl_monitor:trace_event()]}].
+-spec batches(file:filename(), After :: non_neg_integer()) -> [batch()].
 batches(File, After) ->
-    [Batch || Each <- [File ++ ?BEFORE, File], {N, _} = Batch <- batches(Each), N > After].
+    [Batch || Each <- [File ++ ?BEFORE, File], {N, _, _} = Batch <- batches(Each), N > After].
 
 batches(File) ->
     case file:read_file(File) of

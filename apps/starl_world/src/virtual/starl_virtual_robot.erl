@@ -191,7 +191,7 @@ sent({starl_virtual_timer, Due, Message}, Actor) ->
     {effect, {timer, Actor, Due, Message}};
 sent({starl_virtual_sent, To, Bytes}, _) ->
     {effect, {sent, To, Bytes}};
-sent({starl_traced, _, _, _, Events}, _) ->
+sent({starl_traced, _, _, {_, _, Events}}, _) ->
     {effect, {facts, Events}};
 sent({starl_started, _, _, {Names, _}}, _) ->
     {effect, {started, Names}};

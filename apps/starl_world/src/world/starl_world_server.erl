@@ -86,7 +86,7 @@ hear({starl_watches, Id, Sight}, World) -> watched(Id, Sight, World);
 hear({starl_look, Id, Sight, Looked}, World) -> looked(Id, Sight, Looked, World);
 hear(show, World) -> show(World);
 hear({starl_started, Id, Link, What}, World) -> started(Id, Link, What, World);
-hear({starl_traced, Id, Link, Batch, Events}, World) -> traced(Id, Link, Batch, Events, World);
+hear({starl_traced, Id, Link, Batch}, World) -> traced(Id, Link, Batch, World);
 hear({starl_radio, _Id, Events}, World) -> radioed(Events, World);
 hear({starl_ended, Id, _Link, Result}, World) -> result(Id, Result, World);
 hear({'DOWN', _, process, Pid, _Reason}, World) -> gone(Pid, World);
@@ -233,13 +233,8 @@ by_hand({halt, Id}, #world{judge = Judge} = World) ->
 by_hand({resumed, Id}, #world{judge = Judge} = World) ->
     halted(World#world{judge = starl_world_judge:resumed(Id, now_us(World), Judge)});
 by_hand({halted, Id}, #world{robots = Robots, judge = Judge} = World) ->
-    Written = [
-        Batch
-     || {File, After} <- starl_world_team:record(Id, Robots),
-        Batch <- starl_live_record:batches(File, After)
-    ],
     Now = now_us(World),
-    {Events, Next} = starl_world_team:halted(Id, Written, Now, Robots),
+    {Events, Next} = starl_world_team:halted(Id, unsaid(Id, Robots), Now, Robots),
     Halted = World#world{robots = Next, judge = starl_world_judge:halted(Id, Now, Judge)},
     halted(told(Events, Halted)).
 
@@ -261,8 +256,8 @@ started(Id, Link, What, World0) ->
     _ = erlang:monitor(process, Link),
     World#world{robots = starl_world_team:started(Id, Link, What, Robots)}.
 
-traced(Id, Link, Batch, Events, #world{robots = Robots} = World) ->
-    {New, Next} = starl_world_team:traced(Id, Link, Batch, Events, Robots),
+traced(Id, Link, Batch, #world{robots = Robots} = World) ->
+    {New, Next} = starl_world_team:traced(Id, Link, Batch, Robots),
     told(New, World#world{robots = Next}).
 
 gone(Pid, #world{robots = Robots} = World) ->
@@ -272,12 +267,15 @@ gone(Pid, #world{robots = Robots} = World) ->
     end.
 
 down(Id, #world{robots = Robots} = World) ->
-    %% what a killed node has done and could not tell any more
-    Unsaid = [
-        starl_live_record:read(F, Batch)
-     || {F, Batch} <- starl_world_team:record(Id, Robots)
-    ],
-    yielded(starl_world_team:down(Id, lists:append(Unsaid), now_us(World), Robots), World).
+    yielded(starl_world_team:down(Id, unsaid(Id, Robots), now_us(World), Robots), World).
+
+%% What a node that is halted or killed has done, and has not told yet.
+unsaid(Id, Robots) ->
+    [
+        Batch
+     || {File, After} <- starl_world_team:record(Id, Robots),
+        Batch <- starl_live_record:batches(File, After)
+    ].
 
 result(Id, Result, #world{robots = Robots} = World) ->
     Next = starl_world_team:result(Id, Result, Robots),

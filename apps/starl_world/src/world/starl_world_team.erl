@@ -1,9 +1,9 @@
 %% @doc The robots as the world knows them: their bodies, the processes that drive them and look for
 %% them, and which of them are up. A pure module: the words for other processes are returned.
 %%
-%% A robot that is halted (its node stands still) may be in the middle of a step. What it had written to
-%% its record before the halt, it had done before; what it has done in the step that the halt cut in
-%% two leaves the robot after the halt, so it holds from then on, whatever time it bears.
+%% A robot that is halted (its node stands still) may be in the middle of a step. The facts of a step
+%% whose last look at the clock was before the halt were true and in time then: they hold at the time that
+%% they bear, whenever they come. If the look was after the halt, they hold from then on.
 %% ```
 %%     down -- started --> up -- traced ... --> result
 %%       ^                  |
@@ -13,7 +13,7 @@
 
 -export([new/2, embodied/4, hardware/2, free/1, watches/3, watching/1]).
 -export([heard/5, advance/3, touched/4, on_floor/2, poses/3]).
--export([started/4, halted/4, traced/5, result/3, record/2, down/4, of_link/2]).
+-export([started/4, halted/4, traced/4, result/3, record/2, down/4, of_link/2]).
 -export([ids/1, up/1, running/1, summaries/2]).
 
 -export_type([t/0, yield/0, word/0, result/0]).
@@ -34,9 +34,8 @@
     %% the file of its facts, and the last batch that has come
     record = none :: file:filename() | none,
     batch = 0 :: non_neg_integer(),
-    %% the time of its last halt, and what it has told of the step that was cut in two
-    halted_at = none :: integer() | none,
-    cut = [] :: [starl_monitor:trace_event()],
+    %% the times of its halts, latest first
+    halts = [] :: [integer()],
     is_up = false :: boolean(),
     result = running :: result()
 }).
@@ -190,46 +189,46 @@ started(Id, Link, {Names, File}, Robots) ->
             names = Names,
             record = File,
             batch = 0,
-            halted_at = none,
-            cut = [],
+            halts = [],
             is_up = true
         }
     }.
 
 %% @doc A robot stands still. It has written these batches to its record, which need not have come.
--spec halted(
-    id(), [{Batch :: pos_integer(), [starl_monitor:trace_event()]}], NowUs :: integer(), t()
-) ->
+-spec halted(id(), [starl_live_record:batch()], NowUs :: integer(), t()) ->
     {[starl_monitor:trace_event()], t()}.
 halted(Id, Batches, Now, Robots) ->
-    #{Id := #robot{batch = Batch} = Robot} = Robots,
-    New = [Written || {N, _} = Written <- Batches, N > Batch],
-    Last = lists:max([Batch | [N || {N, _} <- New]]),
-    Events = lists:append([Events || {_, Events} <- New]),
-    {Events, Robots#{Id := Robot#robot{batch = Last, halted_at = Now}}}.
+    #{Id := Robot} = Robots,
+    {Events, #robot{halts = Halts} = Told} = told(Batches, Robot),
+    {Events, Robots#{Id := Told#robot{halts = [Now | Halts]}}}.
 
 %% @doc A batch of facts has come from a robot's link: those that are new.
--spec traced(id(), Link :: pid(), Batch :: pos_integer(), [starl_monitor:trace_event()], t()) ->
+-spec traced(id(), Link :: pid(), starl_live_record:batch(), t()) ->
     {[starl_monitor:trace_event()], t()}.
-traced(Id, Link, Batch, Events, Robots) ->
+traced(Id, Link, Batch, Robots) ->
     case Robots of
-        #{Id := #robot{link = Link, batch = Last} = Robot} when Batch > Last ->
-            {New, Next} = after_halt(Events, Robot#robot{batch = Batch}),
-            {New, Robots#{Id := Next}};
+        #{Id := #robot{link = Link} = Robot} ->
+            {Events, Told} = told([Batch], Robot),
+            {Events, Robots#{Id := Told}};
         #{} ->
             {[], Robots}
     end.
 
-%% The robot went on at the latest at the time of the first fact after the halt.
-after_halt(Events, #robot{halted_at = none} = Robot) ->
-    {Events, Robot};
-after_halt(Events, #robot{halted_at = At, cut = Cut} = Robot) ->
-    case lists:splitwith(fun(Event) -> element(1, Event) =< At end, Events) of
-        {Old, []} ->
-            {[], Robot#robot{cut = Cut ++ Old}};
-        {Old, [First | _] = New} ->
-            Late = [setelement(1, Event, element(1, First)) || Event <- Cut ++ Old],
-            {Late ++ New, Robot#robot{halted_at = none, cut = []}}
+told(Batches, #robot{batch = Last, halts = Halts} = Robot) ->
+    New = [Batch || {N, _, _} = Batch <- Batches, N > Last],
+    Events = lists:append([after_halt(Batch, Halts) || Batch <- New]),
+    {Events, Robot#robot{batch = lists:max([Last | [N || {N, _, _} <- New]])}}.
+
+%% Facts that the robot had looked at before a halt hold at their time. Those of a step that the halt cut
+%% in two before the look hold when the robot went on: at the latest at the next fact, or at the look.
+after_halt({_N, Looked, Events}, Halts) ->
+    case [At || At <- Halts, At < Looked] of
+        [] ->
+            Events;
+        [At | _] ->
+            {Cut, New} = lists:splitwith(fun(Event) -> element(1, Event) =< At end, Events),
+            WentOn = hd([element(1, Event) || Event <- New] ++ [Looked]),
+            [setelement(1, Event, WentOn) || Event <- Cut] ++ New
     end.
 
 %% @doc The application of a robot has ended.
@@ -245,20 +244,19 @@ record(Id, Robots) ->
     #{Id := #robot{is_up = IsUp, record = File, batch = Batch}} = Robots,
     [{File, Batch} || IsUp, File =/= none].
 
-%% @doc The link of a robot has ended, with these facts as its last: the robot is down. Its body stops,
+%% @doc The link of a robot has ended, with these batches as its last: the robot is down. Its body stops,
 %% unless hardware drives it.
--spec down(id(), Last :: [starl_monitor:trace_event()], NowUs :: integer(), t()) -> yield().
+-spec down(id(), Last :: [starl_live_record:batch()], NowUs :: integer(), t()) -> yield().
 down(Id, Last, Now, Robots) ->
     case Robots of
         #{Id := #robot{is_up = false}} ->
             {[], [], Robots};
         #{Id := #robot{body = Body, names = Names, is_free = IsFree} = Robot} ->
-            {Told, #robot{cut = Cut}} = after_halt(Last, Robot),
-            Late = [setelement(1, Event, Now) || Event <- Cut],
-            Left = Robot#robot{is_up = false, link = none, halted_at = none, cut = []},
+            {Facts, Told} = told(Last, Robot),
+            Left = Told#robot{is_up = false, link = none, halts = []},
             {Traces, Words, Next} = yielded(Id, left(Now, IsFree, Body), Left, Robots),
             Down = [{Now, Id, robot, down} | [{Now, Id, Name, crashed} || Name <- Names]],
-            {Traces ++ Told ++ Late ++ Down, Words, Next}
+            {Traces ++ Facts ++ Down, Words, Next}
     end.
 
 left(Now, true, Body) -> starl_world_body:advance(Now, Body);
