@@ -96,6 +96,18 @@ robot() ->
                     "        Why -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}, Spec}\n    end.\n\ninline("}
             ],
             "a robot's start is not stored before its machines run"},
+        {store_lost_unnoticed, sap, starl_live_store,
+            [
+                {"        {lost, none} -> lost(Dir);",
+                    "        {lost, none} ->\n            _ = fun lost/1,\n            {ok, #store{dir = Dir, life = first, outdated = false, outlived = 0}};"}
+            ],
+            "a robot whose store was lost takes itself for one that has never run"},
+        {store_outdated_unheeded, barrier, starl_live_store,
+            [
+                {"        none when Outdated -> damaged;",
+                    "        none when Outdated =:= damaged -> damaged;"}
+            ],
+            "machines of a robot whose store was lost find no term, and not a damaged one"},
         {link_late_answer, mutex, starl_live_link,
             [
                 {"{ok, Link#link{robot = Robot, beside = maps:remove(Gone, Beside)}};",

@@ -47,6 +47,27 @@ a_full_disk_takes_nothing_test() ->
     ok = starl_virtual_disk:suffer(?DISK, full),
     ?assertEqual({error, enospc}, written("disk/a", <<"new">>, sync)).
 
+an_erased_disk_has_no_files_test() ->
+    ok = starl_virtual_disk:new(?DISK, 1),
+    ok = written("disk/a", <<"new">>, sync),
+    ok = starl_virtual_disk:erase(?DISK),
+    ?assertEqual({error, enoent}, starl_virtual_disk:read_file("disk/a")),
+    ok = written("disk/a", <<"newer">>, sync),
+    ?assertEqual({ok, <<"newer">>}, starl_virtual_disk:read_file("disk/a")).
+
+a_disk_that_is_set_back_has_the_files_of_its_image_test() ->
+    ok = starl_virtual_disk:new(?DISK, 1),
+    ?assertEqual(none, starl_virtual_disk:set_back(image, ?DISK)),
+    ok = written("disk/a", <<"old">>, sync),
+    ok = synced("disk"),
+    ok = starl_virtual_disk:save(image, ?DISK),
+    ok = written("disk/a", <<"new">>, sync),
+    ok = written("disk/b", <<"new">>, sync),
+    ok = starl_virtual_disk:set_back(image, ?DISK),
+    ok = starl_virtual_disk:cut_power(?DISK),
+    ?assertEqual({ok, <<"old">>}, starl_virtual_disk:read_file("disk/a")),
+    ?assertEqual({error, enoent}, starl_virtual_disk:read_file("disk/b")).
+
 %% What is found in the file, over all seeds.
 outcomes(Keep) -> lists:usort([outcome(Seed, Keep) || Seed <- ?SEEDS]).
 

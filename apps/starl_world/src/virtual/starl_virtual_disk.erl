@@ -17,6 +17,7 @@
 -behaviour(starl_live_disk).
 
 -export([new/2, cut_after/3, keep_power/1, cut_power/1, suffer/2, operations/1]).
+-export([erase/1, save/2, set_back/2]).
 -export([ensure_path/1, list/2, is_file/1]).
 -export([open/2, write/2, sync/1, close/1, rename/2, delete/1, read_file/1]).
 
@@ -50,8 +51,12 @@
     names = #{} :: #{string() => inode()},
     synced_names = #{} :: #{string() => inode()},
     %% the changes of names since, newest first
-    changes = [] :: [change()]
+    changes = [] :: [change()],
+    images = #{} :: #{Image :: atom() => image()}
 }).
+
+%% The files of a disk without power.
+-type image() :: {#{inode() => binary()}, #{string() => inode()}}.
 
 %% @doc An empty disk in the place of one of this name.
 -spec new(name(), Seed :: term()) -> ok.
@@ -76,6 +81,30 @@ suffer(Name, Trouble) -> change(Name, fun(Disk) -> Disk#disk{trouble = Trouble} 
 -spec operations(name()) -> non_neg_integer().
 operations(Name) -> (fetch(Name))#disk.count.
 
+%% @doc There is another disk in its place, an empty one.
+-spec erase(name()) -> ok.
+erase(Name) -> change(Name, fun(Disk) -> holding({#{}, #{}}, Disk) end).
+
+%% @doc Takes an image of the disk, which is without power.
+-spec save(Image :: atom(), name()) -> ok.
+save(Image, Name) ->
+    change(Name, fun(#disk{synced = Content, synced_names = Names, images = Images} = Disk) ->
+        Disk#disk{images = Images#{Image => {Content, Names}}}
+    end).
+
+%% @doc The disk is as it was when that image was taken; without it, nothing changes.
+-spec set_back(Image :: atom(), name()) -> ok | none.
+set_back(Image, Name) ->
+    case (fetch(Name))#disk.images of
+        #{Image := Files} -> change(Name, fun(Disk) -> holding(Files, Disk) end);
+        #{} -> none
+    end.
+
+holding({Content, Names}, Disk) ->
+    Disk#disk{
+        content = Content, synced = Content, names = Names, synced_names = Names, changes = []
+    }.
+
 %% @doc The power goes: what was not synced may be lost.
 -spec cut_power(name()) -> ok.
 cut_power(Name) -> change(Name, fun after_cut/1).
@@ -88,16 +117,7 @@ after_cut(#disk{changes = Changes, random = Random0} = Disk) ->
     {Contents, Random} = lists:mapfoldl(
         fun(Inode, R) -> survives(Inode, Disk, R) end, Random1, Inodes
     ),
-    Left = maps:from_list(Contents),
-    Disk#disk{
-        random = Random,
-        cut = none,
-        content = Left,
-        synced = Left,
-        names = Names,
-        synced_names = Names,
-        changes = []
-    }.
+    holding({maps:from_list(Contents), Names}, Disk#disk{random = Random, cut = none}).
 
 changed({link, Name, Inode}, Names) -> Names#{Name => Inode};
 changed({unlink, Name}, Names) -> maps:remove(Name, Names);

@@ -16,6 +16,8 @@
 %%   new code; when a reload fails on one of them, all go back</dd>
 %% <dt>store_full, store_damaged</dt><dd>the disk is full; the files of terms are found damaged by
 %%   machines that start</dd>
+%% <dt>store_lost, store_set_back</dt><dd>there is an empty disk in the place of the robot's, or the image
+%%   of one of its earlier lives</dd>
 %% </dl>
 -module(starl_virtual_team).
 
@@ -96,7 +98,9 @@ kinds() ->
             pause,
             slow,
             store_full,
-            store_damaged
+            store_damaged,
+            store_lost,
+            store_set_back
         ].
 
 %% @doc Runs a scenario to its end, or to the first violation. `watch' in it: more monitors.
@@ -410,15 +414,15 @@ struck(go_down, #robot{condition = up, disk = Disk} = Robot, Team) ->
         1 ->
             goes_down(killed, Drawn, kept(Drawn, Team));
         2 ->
-            goes_down({starl_power_cut, Disk}, Drawn, kept(Drawn, Team));
+            without_power(Drawn, kept(Drawn, Team));
         3 ->
             {N, Next} = draw(?OPERATIONS, Drawn, Team),
             ok = starl_virtual_disk:cut_after(Disk, N, between),
             kept(Next, Team)
     end;
-struck(come_up, #robot{condition = up, disk = Disk} = Robot, Team) ->
+struck(come_up, #robot{condition = up} = Robot, Team) ->
     #robot{id = Id} = Robot,
-    Down = goes_down({starl_power_cut, Disk}, Robot, Team),
+    Down = without_power(Robot, Team),
     comes_up(robot(Id, Down), Down);
 struck(come_up, Robot, Team) ->
     comes_up(Robot, Team);
@@ -426,6 +430,28 @@ struck(try_start, #robot{condition = down, disk = Disk} = Robot, Team) ->
     {N, Drawn} = draw(?OPERATIONS, Robot, Team),
     ok = starl_virtual_disk:cut_after(Disk, N, between),
     comes_up(Drawn, kept(Drawn, Team));
+struck(lose_store, #robot{condition = Condition, disk = Disk} = Robot, Team) when
+    Condition =/= dead
+->
+    Down = without_power(Robot, Team),
+    ok = starl_virtual_disk:erase(Disk),
+    Down;
+struck({save_store, Image}, #robot{condition = Condition, disk = Disk} = Robot, Team) when
+    Condition =/= dead
+->
+    Down = without_power(Robot, Team),
+    ok = starl_virtual_disk:save(Image, Disk),
+    Down;
+struck(
+    {set_back_store, Image}, #robot{id = Id, condition = Condition, disk = Disk} = Robot, Team
+) when
+    Condition =/= dead
+->
+    #team{now = Now} = Down = without_power(Robot, Team),
+    case starl_virtual_disk:set_back(Image, Disk) of
+        ok -> judged([{Now, Id, robot, store_set_back}], Down);
+        none -> Down
+    end;
 struck({reload, N}, #robot{codes = Before} = Robot, #team{world = World} = Team) ->
     #{reloads := #{N := #{order := Order}}, parts := Parts} = World,
     {_Words, Codes} = starl_reload:take(Order, Parts, Before),
@@ -466,6 +492,9 @@ goes_down(Why, #robot{id = Id, program = Program, names = Names} = Robot, Team) 
     Crashed = [{Now, Id, Name, crashed} || Name <- Names],
     Facts = [{Now, Id, robot, down} || Names =/= []] ++ Crashed,
     judged(Facts, kept(Robot#robot{condition = down, names = []}, Team)).
+
+without_power(#robot{disk = Disk} = Robot, Team) ->
+    goes_down({starl_power_cut, Disk}, Robot, Team).
 
 power({starl_power_cut, _}, #robot{disk = Disk}) -> starl_virtual_disk:cut_power(Disk);
 power(_Killed, #robot{disk = Disk}) -> starl_virtual_disk:keep_power(Disk).
