@@ -2,7 +2,7 @@
 %% given values against them. All problems are reported together; an unknown key is a problem.
 -module(starl_options).
 
--export([check/2, check_table/2, parse/2, misread/1, format_problem/1, type_text/1]).
+-export([check/2, check_table/2, parse/2, misread/2, format_problem/1, type_text/1]).
 -export([suggestion/2, similar/2]).
 
 -export_type([option/0, type/0, problem/0]).
@@ -131,11 +131,12 @@ term(Text) ->
         {error, Error, _} -> {error, Error}
     end.
 
-%% @doc Where and why a text is no Erlang term; `none' if it is one.
--spec misread(string()) -> none | unicode:chardata().
-misread(Text) ->
+%% @doc Where and why a text is no value of this type: it is no Erlang term, or one of its entries does
+%% not fit; `none' if neither can be said.
+-spec misread(type(), string()) -> none | unicode:chardata().
+misread(Type, Text) ->
     case term(Text) of
-        {ok, _} -> none;
+        {ok, Term} -> unfit(Type, Term);
         {error, {_, erl_parse, ["syntax error before: ", []]}} -> "it ends too early";
         {error, {{1, Column}, Module, What}} -> at(Column, Text, Module:format_error(What));
         {error, {_, Module, What}} -> Module:format_error(What)
@@ -144,6 +145,20 @@ misread(Text) ->
 at(Column, Text, _Words) when Column > length(Text) -> "it ends too early";
 at(Column, _Text, Words) -> io_lib:format("character ~b: ~ts", [Column, Words]).
 
+%% The first entry of a list that alone keeps it from being a value of this type.
+unfit({term, _, Is}, [_ | _] = List) ->
+    Numbered = [N || is_proper(List), N <- lists:enumerate(List)],
+    case [Entry || Is([]), {_, E} = Entry <- Numbered, not Is([E])] of
+        [{N, Entry} | _] -> io_lib:format("entry ~b is ~0tP", [N, Entry, 20]);
+        [] -> none
+    end;
+unfit(_Type, _Value) ->
+    none.
+
+%% A user's list may have any tail.
+is_proper([_ | Tail]) -> is_proper(Tail);
+is_proper(Tail) -> Tail =:= [].
+
 %% @doc One line that describes a problem.
 -spec format_problem(problem()) -> unicode:chardata().
 format_problem({unknown_key, Key, []}) ->
@@ -151,7 +166,12 @@ format_problem({unknown_key, Key, []}) ->
 format_problem({unknown_key, Key, [Near | _]}) ->
     io_lib:format("unknown key ~tp (did you mean ~tp?)", [Key, Near]);
 format_problem({bad_value, Key, Value, Type}) ->
-    io_lib:format("~tp: ~ts expected, not ~0tP", [Key, type_text(Type), Value, 20]).
+    Where =
+        case unfit(Type, Value) of
+            none -> "";
+            Entry -> [" (", Entry, ")"]
+        end,
+    io_lib:format("~tp: ~ts expected, not ~0tP~ts", [Key, type_text(Type), Value, 20, Where]).
 
 %% @doc A type in words.
 -spec type_text(type()) -> string().

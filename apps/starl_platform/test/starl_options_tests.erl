@@ -156,3 +156,19 @@ problems_in_one_line_test() ->
         "robots: a whole number from 1 to 10 expected, not 0",
         Line({bad_value, robots, 0, {integer, 1, 10}})
     ).
+
+%% Of a list the entry that does not fit is named, in a file as on a command line.
+the_entry_that_does_not_fit_is_named_test() ->
+    Is = fun(List) -> is_list(List) andalso lists:all(fun is_integer/1, List) end,
+    Type = {term, "a list of numbers", Is},
+    Line = fun(Value) ->
+        Text = starl_options:format_problem({bad_value, k, Value, Type}),
+        unicode:characters_to_list(Text)
+    end,
+    ?assertEqual("k: a list of numbers expected, not [1,x,y] (entry 2 is x)", Line([1, x, y])),
+    ?assertEqual("k: a list of numbers expected, not x", Line(x)),
+    ?assertEqual("k: a list of numbers expected, not [1|x]", Line([1 | x])),
+    Misread = fun(Text) -> lists:flatten(starl_options:misread(Type, Text)) end,
+    ?assertEqual("entry 2 is x", Misread("[1,x]")),
+    ?assertEqual("it ends too early", Misread("[1,")),
+    ?assertEqual(none, starl_options:misread(Type, "x")).

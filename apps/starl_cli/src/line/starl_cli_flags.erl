@@ -61,9 +61,9 @@ format_problem({needless_value, Flag}) ->
     [hd(string:split(Flag, "=")), " takes no value"];
 format_problem({stray, Arg}) ->
     ["unexpected argument ", quoted(Arg), "; flags begin with --"];
-format_problem({bad_value, Key, Text, {term, Shape, _}}) ->
+format_problem({bad_value, Key, Text, {term, Shape, _} = Type}) ->
     Why =
-        case starl_options:misread(Text) of
+        case starl_options:misread(Type, Text) of
             none -> "";
             Where -> [" (", Where, ")"]
         end,

@@ -255,6 +255,8 @@ targets({_, _, _, _, Robot, _}) -> [Robot].
 
 %% @doc One line on a problem: what is wrong, where, and what to do.
 -spec format_problem(problem()) -> unicode:chardata().
+format_problem({shape, N, {Id, _, _, _, _, _}}) when not is_atom(Id) ->
+    io_lib:format("fault ~b of the list: its name is an atom, as in a~b, not ~0tP", [N, N, Id, 12]);
 format_problem({shape, N, Fault}) ->
     io_lib:format(
         "fault ~b of the list: {Id, FromMs, ToMs, Kind, Target, #{}} expected, not ~0tP", [

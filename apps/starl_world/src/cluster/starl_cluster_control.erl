@@ -78,8 +78,20 @@ ask(Words, OsPid) ->
         [{_, Socket}] ->
             asked(Words, Socket);
         [_, _ | _] = Several ->
-            Pids = lists:join(", ", [Pid || {Pid, _} <- Several]),
-            {error, ["several clusters run; name one by --pid, of ", Pids]}
+            Each = lists:join(", ", [[Pid, doing(Pid)] || {Pid, _} <- Several]),
+            {error, ["several clusters run; name one by --pid: ", Each]}
+    end.
+
+%% What the process was started with; only Linux tells.
+doing(Pid) ->
+    case file:read_file(filename:join(["/proc", Pid, "cmdline"])) of
+        {ok, Line} ->
+            case string:split(Line, <<0, "-extra", 0>>, trailing) of
+                [_, Args] -> [" (", lists:join(" ", string:lexemes(Args, [0])), ")"];
+                [_] -> ""
+            end;
+        {error, _} ->
+            ""
     end.
 
 pids() -> [filename:rootname(File) || File <- filelib:wildcard("*.sock", dir())].
