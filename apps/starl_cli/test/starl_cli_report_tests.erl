@@ -40,6 +40,7 @@ outcome(Results, Violations) ->
         end_us => 12345678,
         ending => done,
         violations => Violations,
+        unjudged => [],
         monitors => #{starl_sap_monitor => #{sent => 11}},
         robots => [
             {Id, #{result => result(R)}}

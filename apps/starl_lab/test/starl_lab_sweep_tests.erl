@@ -103,6 +103,7 @@ report(Changes) ->
             robots => [],
             end_us => 12500000,
             violations => maps:get(violations, Changes, []),
+            unjudged => maps:get(unjudged, Changes, []),
             digest => <<1, 2>>,
             events => 3,
             packets => 4,

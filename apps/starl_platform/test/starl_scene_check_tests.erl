@@ -65,7 +65,6 @@ wrong_test_() ->
             {?POSES "#{1 => {0,0,east}}", poses, #{1 => {0, 0, east}}},
             {?MONITORS "none", monitors, none},
             {?MONITORS "[lists]", monitors, [lists]},
-            {"monitors: lists is no monitor (starl_monitor)", monitors, [{lists, #{}}]},
             {"the profile has no key chasis (did you mean chassis?)", profile, #{chasis => x}},
             {"sap has no key limits (did you mean limit?)", sap, #{limits => 1}},
             {"never_crashes: true or false expected, not 1", never_crashes, 1},

@@ -33,7 +33,9 @@ one_trace_test() ->
         begin
             {ok, Judge1} = starl_sim_judge:told(S1, 1, T1, 2, Judge0),
             {ok, Judge2} = starl_sim_judge:told(S2, 1, T2, 2, Judge1),
-            {[], #{starl_sim_order_monitor := #{trace := Seen}}} = starl_sim_judge:close(9, Judge2),
+            {[], #{starl_sim_order_monitor := #{trace := Seen}}, []} = starl_sim_judge:close(
+                9, Judge2
+            ),
             ?assertEqual(Whole, Seen)
         end
      || {S1, T1, S2, T2} <- [{A, First, B, Second}, {B, Second, A, First}]
@@ -46,14 +48,14 @@ violation_test() ->
     ?assertNot(starl_sim_judge:is_sound(Judge1)),
     {ok, Judge2} = starl_sim_judge:told(self(), 2, [{11, 1, m, x}], 1, Judge1),
     ?assertNot(starl_sim_judge:is_sound(Judge2)),
-    ?assertMatch({[_], _}, starl_sim_judge:close(11, Judge2)).
+    ?assertMatch({[_], _, []}, starl_sim_judge:close(11, Judge2)).
 
 %% All violations stay, in the order in which they were found, and those of the finish follow.
 all_violations_test() ->
     Judge0 = starl_sim_judge:new([{starl_sim_order_monitor, #{}}, {?MODULE, #{}}]),
     {violation, Judge1} = starl_sim_judge:told(self(), 1, [{9, 1, m, x}, {5, 1, m, x}], 1, Judge0),
     {violation, Judge2} = starl_sim_judge:told(self(), 2, [{8, 1, m, x}], 1, Judge1),
-    {Violations, Results} = starl_sim_judge:close(20, Judge2),
+    {Violations, Results, []} = starl_sim_judge:close(20, Judge2),
     ?assertEqual(
         [{time_runs_backwards, 5}, {time_runs_backwards, 8}, {late, 20}],
         [{What, At} || #{what := What, at_us := At} <- Violations]

@@ -16,6 +16,7 @@ adds_up_test() ->
             events => 20,
             packets => 320,
             violations => [],
+            unjudged => [],
             monitors => #{starl_sim_order_monitor => #{trace => []}}
         },
         maps:remove(digest, Outcome)

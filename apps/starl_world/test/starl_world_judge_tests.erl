@@ -36,12 +36,12 @@ violation_test() ->
     {ok, Before} = starl_world_judge:judge(14, Judge),
     {violation, After} = starl_world_judge:judge(15, Before),
     ?assertMatch([#{at_us := 5}], starl_world_judge:violations(After)),
-    {Violations, _} = starl_world_judge:close(20, After),
+    {Violations, _, []} = starl_world_judge:close(20, After),
     ?assertMatch([#{at_us := 5}, #{at_us := 6}], Violations).
 
 %% The end comes not before the last fact.
 close_test() ->
-    {[], #{?MODULE := Results}} = starl_world_judge:close(7, told([[{9, 1, a, x}]], new(10))),
+    {[], #{?MODULE := Results}, []} = starl_world_judge:close(7, told([[{9, 1, a, x}]], new(10))),
     ?assertMatch(#{ended := 9, seen := [{9, 1, a, x}]}, Results).
 
 %% From the beginning of a halt on nothing is judged until the horizon after its end, and what a monitor
@@ -76,7 +76,7 @@ two_halted_test() ->
 %% A run that ends while a robot stands still knows of the halt until then.
 halted_at_the_end_test() ->
     Standing = halted(1, 10, told([[{11, 2, a, x}]], new(5))),
-    {[], #{?MODULE := #{seen := Seen}}} = starl_world_judge:close(40, Standing),
+    {[], #{?MODULE := #{seen := Seen}}, []} = starl_world_judge:close(40, Standing),
     ?assertEqual([{10, 1, 40, pause}, {11, 2, a, x}], Seen).
 
 %% A robot that could not be halted is waited for, and not excused.
@@ -109,5 +109,5 @@ new(Horizon) -> starl_world_judge:new([{?MODULE, #{}}], Horizon).
 told(Batches, Judge) -> lists:foldl(fun starl_world_judge:told/2, Judge, Batches).
 
 seen(Judge) ->
-    {_, #{?MODULE := #{seen := Seen}}} = starl_world_judge:close(0, Judge),
+    {_, #{?MODULE := #{seen := Seen}}, []} = starl_world_judge:close(0, Judge),
     [{T, Event} || {T, _, _, Event} <- Seen].

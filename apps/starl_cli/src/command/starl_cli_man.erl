@@ -51,6 +51,7 @@ statuses() ->
         {2, "bad usage or input"},
         {3, "a contract was violated, or digests differ"},
         {4, "ended before the work was complete"},
+        {5, "not judged to the end"},
         {130, "interrupted"}
     ].
 

@@ -55,6 +55,7 @@ statuses() ->
         {1, "internal error"},
         {3, "a contract was violated"},
         {4, "ended before the work was complete (time up, robots died, a node was lost)"},
+        {5, "a part of the run was not judged, and in the rest no contract was violated"},
         {130, "interrupted"}
     ].
 

@@ -2,7 +2,8 @@
 %% application itself supplies its own figures and decides when its work is complete.
 -module(starl_cli_report).
 
--export([make/1, text/1, json/1, summary/1, figures/1, figure/2, formats/1, complete/1, ending/1]).
+-export([make/1, text/1, json/1, summary/1, figures/1, figure/2, formats/1]).
+-export([complete/1, judged/1, ending/1]).
 
 -export_type([t/0, input/0]).
 
@@ -39,7 +40,9 @@
     starl_sim_ways_monitor, starl_sim_mail_monitor, starl_cli_first_crash, starl_reload_monitor
 ]).
 %% The figures that have lines of their own in the text; the number of notes in the summary.
--define(LISTS, [violations, results, reloads, off_floor, messages_to_nobody, messages_unheard]).
+-define(LISTS, [
+    violations, not_judged, results, reloads, off_floor, messages_to_nobody, messages_unheard
+]).
 -define(NOTES, 6).
 %% The places of waiting applications that are shown in the summary.
 -define(MOST_WAITS, 5).
@@ -91,7 +94,9 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
             {events, maps:get(events, Outcome)},
             {digest, hex(maps:get(digest, Outcome))},
             {contracts, contracts(Monitors)},
-            {violations, [violation(V) || V <- Violations]},
+            {violations, [violation(V) || V <- Violations]}
+        ] ++ not_judged(Outcome) ++
+        [
             {ending, atom_to_binary(Ending)}
         ] ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})) ++
         [Figure || #{notes := Notes} <- [Input], Figure <- starl_cli_notes:figures(Notes)] ++
@@ -111,6 +116,12 @@ crashes(#{crashes := Count, causes := Causes, first_crash := {_, _, _, _} = Cras
     [{application_crashes, Count}, {crash_causes, Causes}, {first_crash, First}];
 crashes(#{}) ->
     [].
+
+%% Only for runs of which a part is not judged.
+not_judged(#{unjudged := []}) ->
+    [];
+not_judged(#{unjudged := Parts}) ->
+    [{not_judged, [unicode:characters_to_binary(starl_unjudged:format(P)) || P <- Parts]}].
 
 violation(#{contract := Contract, what := What, at_us := At, robots := Robots} = Violation) ->
     [
@@ -162,6 +173,10 @@ complete(#report{app = #{complete := Complete}}) ->
 complete(#report{ending = Ending, died = Died, given_up = GivenUp}) ->
     Ending =:= done andalso Died ++ GivenUp =:= [].
 
+%% @doc Whether the whole run is judged by all contracts.
+-spec judged(t()) -> boolean().
+judged(Report) -> figure(not_judged, Report) =:= null.
+
 %% @doc The report as JSON.
 -spec json(t()) -> iolist().
 json(#report{fields = Fields}) -> starl_cli_json:pretty(Fields).
@@ -178,6 +193,7 @@ text(#report{fields = Fields, notes = Notes}) ->
         [io_lib:format("~-22ts ~ts\n", [Key, plain(Value)]) || {Key, Value} <- Shown],
         io_lib:format("~-22ts ~b\n", [violations, length(Violations)]),
         [["  ", proplists:get_value(text, V), "\n"] || V <- Violations],
+        [[Part, "\n"] || Part <- proplists:get_value(not_judged, Fields, [])],
         [["note: ", Note, "\n"] || Note <- Notes]
     ].
 
@@ -210,8 +226,18 @@ verdict(Report) ->
     case {figure(violations, Report), ending(Report), complete(Report)} of
         {[_ | _], _, _} -> ["A CONTRACT IS VIOLATED", share(", ", Report)];
         {[], stopped, _} -> ["interrupted", share(", ", Report)];
-        {[], _, true} -> ["complete", share(", ", Report), rolled_back(Report)];
-        {[], Ending, false} -> ["NOT COMPLETE", share(", ", Report), " (", why(Ending, Report), ")"]
+        {[], Ending, IsComplete} -> [ended(Ending, IsComplete, Report), to_the_end(Report)]
+    end.
+
+ended(_Ending, true, Report) ->
+    ["complete", share(", ", Report), rolled_back(Report)];
+ended(Ending, false, Report) ->
+    ["NOT COMPLETE", share(", ", Report), " (", why(Ending, Report), ")"].
+
+to_the_end(Report) ->
+    case judged(Report) of
+        true -> "";
+        false -> ", NOT JUDGED TO THE END"
     end.
 
 %% The work was done all the same: by the former code.

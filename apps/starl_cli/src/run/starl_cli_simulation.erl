@@ -101,6 +101,7 @@ tell(#{target := #{name := Name}, scenario := Scenario, out := Out} = Setup, Ran
     end),
     _ = summarize(Setup, Report),
     violated(Setup, Outcome),
+    unjudged(Outcome),
     Seen =
         case Setup of
             #{live := true} -> Outcome#{violations := []};
@@ -137,6 +138,10 @@ violated(_Setup, #{violations := []}) ->
 violated(Setup, #{violations := Violations}) ->
     Lines = [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
     starl_cli_terminal:out([Lines, repeated(Setup)]).
+
+%% What is not judged is neither kept nor broken.
+unjudged(#{unjudged := Parts}) ->
+    starl_cli_terminal:out([[starl_unjudged:format(Part), "\n"] || Part <- Parts]).
 
 %% Real time does not come again.
 repeated(#{live := true}) ->
@@ -178,11 +183,12 @@ status(Report) ->
     case {starl_cli_report:figure(violations, Report), starl_cli_report:ending(Report)} of
         {[_ | _], _} -> 3;
         {[], stopped} -> 130;
-        {[], _} -> finished(starl_cli_report:complete(Report))
+        {[], _} -> finished(starl_cli_report:judged(Report), starl_cli_report:complete(Report))
     end.
 
-finished(true) -> 0;
-finished(false) -> 4.
+finished(false, _IsComplete) -> 5;
+finished(true, true) -> 0;
+finished(true, false) -> 4.
 
 %% @doc Reports that the simulation itself failed; the log has the details.
 -spec failed(Reason :: term(), starl_cli_setup:t()) -> starl_cli_terminal:status().

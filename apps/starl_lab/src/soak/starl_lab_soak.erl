@@ -91,6 +91,7 @@ statuses() ->
         {0, "all contracts held"},
         {1, "a simulation failed"},
         {3, "a contract was violated"},
+        {5, "a run was not judged to its end"},
         {130, "interrupted, with the results so far"}
     ].
 
@@ -164,11 +165,12 @@ noted({Block, Seed, _}, {crashed, Reason}, Founds) ->
 status(interrupted, _, _) ->
     130;
 status(done, _, Founds) ->
-    case {[x || {_, _, {failed, _}} <- Founds], [x || {_, _, {ok, [_ | _], _}} <- Founds]} of
-        {_, [_ | _]} -> 3;
-        {[_ | _], []} -> 1;
-        {[], []} -> 0
-    end.
+    Worst = lists:append([
+        [3 || {_, _, {ok, [_ | _], _}} <- Founds],
+        [1 || {_, _, {failed, Reason}} <- Founds, element(1, Reason) =/= unjudged],
+        [5 || {_, _, {failed, {unjudged, _}}} <- Founds]
+    ]),
+    hd(Worst ++ [0]).
 
 %% Reports the first run with a kind of violation: its commands and a small scenario.
 violated({Block, Seed, Violation, Count}, Target, Scenario, Shrunk) ->

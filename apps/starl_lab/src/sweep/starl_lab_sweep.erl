@@ -48,6 +48,7 @@ statuses() ->
         {1, "a simulation failed"},
         {3, "a contract was violated"},
         {4, "a run ended before its work was complete"},
+        {5, "a run was not judged to its end"},
         {130, "interrupted"}
     ].
 

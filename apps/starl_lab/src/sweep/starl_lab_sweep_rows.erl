@@ -22,8 +22,9 @@
 -type row() :: [string(), ...].
 -type rows() :: #{key() => row()}.
 
-%% `incomplete': the run ended before the work was complete; `failed': the simulation failed.
--type status() :: complete | incomplete | violation | failed.
+%% `incomplete': the run ended before the work was complete; `unjudged': a part of it has no verdict;
+%% `failed': the simulation failed.
+-type status() :: complete | incomplete | violation | unjudged | failed.
 
 -type reason() ::
     {columns, file:filename(), Lacking :: [string()], Besides :: [string()]}
@@ -75,11 +76,14 @@ row(#columns{figures = Figures}, Key, {ok, Report}) ->
     Key ++ [atom_to_list(judged(Report)) | Cells].
 
 judged(Report) ->
-    case {starl_cli_report:figure(violations, Report), starl_cli_report:complete(Report)} of
+    case {starl_cli_report:figure(violations, Report), starl_cli_report:judged(Report)} of
         {[_ | _], _} -> violation;
-        {[], true} -> complete;
-        {[], false} -> incomplete
+        {[], false} -> unjudged;
+        {[], true} -> completed(starl_cli_report:complete(Report))
     end.
+
+completed(true) -> complete;
+completed(false) -> incomplete.
 
 cell(null) -> "";
 cell(Text) when is_binary(Text) -> unicode:characters_to_list(Text);
@@ -93,6 +97,7 @@ status(#columns{key = Key}, Row) ->
         "complete" -> complete;
         "incomplete" -> incomplete;
         "violation" -> violation;
+        "unjudged" -> unjudged;
         _ -> failed
     end.
 

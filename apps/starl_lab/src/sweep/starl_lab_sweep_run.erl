@@ -163,11 +163,11 @@ told(Judged, Target) ->
             Replay = starl_cli_setup:replay(Target, Scenario),
             starl_cli_terminal:out([words(How), "; replay: ", Replay, "\n"])
         end,
-        [Run || {How, _} = Run <- Judged, How =:= violation orelse How =:= failed]
+        [Run || {How, _} = Run <- Judged, lists:member(How, [violation, unjudged, failed])]
     ),
     Counts = [
         io_lib:format("~b ~ts", [length(Known), words(How)])
-     || How <- [complete, incomplete, violation, failed],
+     || How <- [complete, incomplete, violation, unjudged, failed],
         Known <- [[x || {H, _} <- Judged, H =:= How]],
         Known =/= []
     ],
@@ -177,12 +177,14 @@ told(Judged, Target) ->
 words(complete) -> "complete";
 words(incomplete) -> "NOT COMPLETE";
 words(violation) -> "A CONTRACT WAS VIOLATED";
+words(unjudged) -> "NOT JUDGED TO THE END";
 words(failed) -> "THE SIMULATION FAILED".
 
 verdict(Known) ->
     Worst = [
         Status
-     || {How, Status} <- [{violation, 3}, {failed, 1}, {incomplete, 4}], lists:member(How, Known)
+     || {How, Status} <- [{violation, 3}, {failed, 1}, {unjudged, 5}, {incomplete, 4}],
+        lists:member(How, Known)
     ],
     hd(Worst ++ [0]).
 

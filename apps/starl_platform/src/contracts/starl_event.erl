@@ -12,7 +12,7 @@
 %% event.
 -module(starl_event).
 
--export([platform/0, known/1, is_known/3, tell/3, violation/1]).
+-export([platform/0, machines/0, known/1, is_known/3, tell/3, violation/1]).
 
 -export_type([robot/0, supervisor/0, chassis/0, radio/0, machine/0, app/0]).
 -export_type([name/0, vocabulary/0, known/0]).
@@ -96,6 +96,10 @@ platform() ->
         motion => [{velocity, 2}, {velocity_over, 1} | ?EVERY_MACHINE],
         actuator => ?EVERY_MACHINE
     }.
+
+%% @doc The machines that every robot has, with those that stand for the robot itself.
+-spec machines() -> [starl_machine:name()].
+machines() -> [app, sap | maps:keys(platform())].
 
 %% @doc The platform's vocabulary together with these.
 -spec known([vocabulary()]) -> known().

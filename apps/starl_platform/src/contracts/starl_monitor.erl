@@ -12,9 +12,15 @@
 %% vocabulary of its machine ({@link starl_event}): an event that is not in it is the violation
 %% `unknown_event', reported once for each machine and event name. So no monitor has to look for
 %% unknown events, and none swallows them.
+%%
+%% A monitor is code, and may have mistakes. A runner made by {@link new/1} trusts its monitors, as
+%% tests do: a mistake crashes the caller. One made by {@link guarded/1} judges a run: a monitor that
+%% crashes or gives no answer is put aside, what it has found until then is kept, and
+%% {@link close/2} says what it has not judged.
 -module(starl_monitor).
 
--export([new/1, step/2, broken/2, finish/2, known/1, informed/2, interests/1]).
+-export([new/1, guarded/1, step/2, broken/2, finish/2, close/2]).
+-export([known/1, informed/2, interests/1]).
 -export([name/1, format_violation/1, shape/1]).
 -export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, shape/0, known/0]).
 
@@ -77,7 +83,11 @@
     known :: starl_event:known(),
     %% Violations not returned yet, latest first, and room for further ones.
     violations = [] :: [violation()],
-    room :: non_neg_integer()
+    room :: non_neg_integer(),
+    %% what monitors that were put aside have not judged, latest first; `trusted': none is put aside
+    unjudged = trusted :: trusted | [starl_unjudged:t()],
+    %% the time of the last event
+    seen = 0 :: integer()
 }).
 
 %% The machines that a monitor wants are the keys of a map, which a guard tests without a call.
@@ -89,16 +99,40 @@
 %% Violations kept by the runner; a broken contract tends to break again and again.
 -define(KEPT, 1000).
 
-%% @doc A runner over the given monitors, each module at most once.
+%% @doc A runner over the given monitors, each module at most once. A mistake in one crashes the
+%% caller.
 -spec new([{module(), Config :: map()}]) -> t().
 new(Monitors) ->
-    Modules = [Module || {Module, _Config} <- Monitors],
-    length(lists:usort(Modules)) =:= length(Modules) orelse error(badarg, [Monitors]),
+    Modules = once(Monitors),
     #runner{
         monitors = [started(M, M:init(Config)) || {M, Config} <- Monitors],
         known = known(Modules),
         room = ?KEPT
     }.
+
+%% @doc The same for the run of a user: a monitor that makes a mistake is put aside.
+-spec guarded([{module(), Config :: map()}]) -> t().
+guarded(Monitors) ->
+    _ = once(Monitors),
+    Empty = #runner{monitors = [], known = known([]), room = ?KEPT, unjudged = []},
+    Runner = lists:foldl(fun set_out/2, Empty, Monitors),
+    Runner#runner{
+        monitors = lists:reverse(Runner#runner.monitors),
+        known = known([Module || {Module, _, _} <- Runner#runner.monitors])
+    }.
+
+set_out({Module, Config}, #runner{monitors = Monitors} = Runner) ->
+    case starl_monitor_check:start(Module, Config) of
+        {ok, Interests, State} ->
+            Runner#runner{monitors = [{Module, wanted(Interests), State} | Monitors]};
+        {error, Line} ->
+            aside(Module, 0, Line, Runner)
+    end.
+
+once(Monitors) ->
+    Modules = [Module || {Module, _Config} <- Monitors],
+    length(lists:usort(Modules)) =:= length(Modules) orelse error(badarg, [Monitors]),
+    Modules.
 
 %% @doc The events that the trace may hold when these monitors judge it.
 -spec known([module()]) -> starl_event:known().
@@ -135,33 +169,82 @@ step([], Runner) ->
     {ok, Runner};
 step(Events, #runner{monitors = Monitors, known = Known0} = Runner) when is_list(Events) ->
     {Unknown, Known} = unknown(Events, 1, Known0, []),
-    Feed = fun(Monitor, Found) -> feed_all(Events, Monitor, Found) end,
-    {Fed, Found} = lists:mapfoldl(Feed, Unknown, Monitors),
-    answer(in_order(Found), Runner#runner{monitors = Fed, known = Known});
+    {Fed, Found, Next} = feed_each(Monitors, Events, [], Unknown, Runner#runner{known = Known}),
+    Seen = element(1, lists:last(Events)),
+    answer(in_order(Found), Next#runner{monitors = Fed, seen = Seen});
 step(Event, Runner) ->
     step([Event], Runner).
+
+feed_each([], _Events, Fed, Found, Runner) ->
+    {lists:reverse(Fed), Found, Runner};
+feed_each([Monitor | Monitors], Events, Fed, Found, #runner{unjudged = trusted} = Runner) ->
+    {Next, More} = feed_all(Events, Monitor, Found),
+    feed_each(Monitors, Events, [Next | Fed], More, Runner);
+feed_each([{Module, _, _} = Monitor | Monitors], Events, Fed, Found, Runner) ->
+    case fed(Events, Monitor, Found) of
+        {{mistake, AtUs, Line}, More} ->
+            feed_each(Monitors, Events, Fed, More, aside(Module, AtUs, Line, Runner));
+        {Next, More} ->
+            feed_each(Monitors, Events, [Next | Fed], More, Runner)
+    end.
+
+aside(Module, AtUs, Line, #runner{unjudged = Unjudged} = Runner) ->
+    Runner#runner{unjudged = [starl_unjudged:mistake(Module, AtUs, Line) | Unjudged]}.
 
 %% @doc An assumption was broken in this window, of which no event has been judged yet.
 -spec broken(starl_assumption:window(), t()) -> t().
 broken(Window, #runner{monitors = Monitors} = Runner) ->
-    Told = fun({Module, Interests, State} = Monitor) ->
-        case exports(Module, broken, 2) of
-            true -> {Module, Interests, Module:broken(Window, State)};
-            false -> Monitor
-        end
-    end,
-    Runner#runner{monitors = lists:map(Told, Monitors)}.
+    Tell = fun(Monitor, Told) -> tell_broken(Window, Monitor, Told) end,
+    Told = #runner{monitors = All} = lists:foldl(Tell, Runner#runner{monitors = []}, Monitors),
+    Told#runner{monitors = lists:reverse(All)}.
+
+tell_broken(Window, {Module, Interests, State} = Monitor, #runner{monitors = Told} = Runner) ->
+    case exports(Module, broken, 2) andalso call(Module, broken, [Window, State], Runner) of
+        false -> Runner#runner{monitors = [Monitor | Told]};
+        {ok, Next} -> Runner#runner{monitors = [{Module, Interests, Next} | Told]};
+        {error, Line} -> aside(Module, Runner#runner.seen, Line, Runner)
+    end.
+
+call(Module, Callback, Args, #runner{unjudged = trusted}) -> {ok, apply(Module, Callback, Args)};
+call(Module, Callback, Args, _Guarded) -> starl_monitor_check:call(Module, Callback, Args).
 
 %% @doc Ends the run at `EndTimeUs'. Returns the violations that `step/2' has not returned, in
-%% the order found, and what each monitor measured. The runner keeps at most 1000 violations.
+%% the order found, and what each monitor measured. The runner keeps at most 1000 violations. It is an
+%% error if a monitor was put aside.
 -spec finish(EndTimeUs :: integer(), t()) -> {[violation()], #{module() => results()}}.
-finish(EndTimeUs, #runner{monitors = Monitors, violations = Kept, room = Room}) ->
-    Ends = [{Module, Module:finish(EndTimeUs, State)} || {Module, _, State} <- Monitors],
-    Late = lists:append([Found || {_Module, {{violation, Found}, _Results}} <- Ends]),
+finish(EndTimeUs, Runner) ->
+    case close(EndTimeUs, Runner) of
+        {Violations, Results, []} -> {Violations, Results};
+        {_, _, [First | _]} -> error({unjudged, First})
+    end.
+
+%% @doc The same, with what monitors that were put aside have not judged, earliest first; they have
+%% measured nothing.
+-spec close(EndTimeUs :: integer(), t()) ->
+    {[violation()], #{module() => results()}, [starl_unjudged:t()]}.
+close(EndTimeUs, #runner{monitors = Monitors, violations = Kept, room = Room} = Runner) ->
+    Ends = [{Module, ended(EndTimeUs, Monitor, Runner)} || {Module, _, _} = Monitor <- Monitors],
+    Late = lists:append([Found || {_Module, {ok, {{violation, Found}, _Results}}} <- Ends]),
+    Mistakes = [{Module, Line} || {Module, {error, Line}} <- Ends],
     {
         lists:reverse(Kept, lists:sublist(Late, Room)),
-        maps:from_list([{Module, Results} || {Module, {_Verdict, Results}} <- Ends])
+        maps:from_list([{Module, Results} || {Module, {ok, {_Verdict, Results}}} <- Ends]),
+        unjudged(Mistakes, EndTimeUs, Runner)
     }.
+
+%% A trusted monitor has to answer, too.
+ended(EndTimeUs, {Module, _, State}, #runner{unjudged = Unjudged}) ->
+    case starl_monitor_check:call(Module, finish, [EndTimeUs, State]) of
+        {error, Line} when Unjudged =:= trusted -> error({mistake, Line});
+        Answer -> Answer
+    end.
+
+unjudged([], _EndTimeUs, #runner{unjudged = trusted}) ->
+    [];
+unjudged(Mistakes, EndTimeUs, Runner) ->
+    Aside = fun({Module, Line}, Next) -> aside(Module, EndTimeUs, Line, Next) end,
+    #runner{unjudged = Unjudged} = lists:foldl(Aside, Runner, Mistakes),
+    lists:reverse(Unjudged).
 
 %% @doc One line: contract, when (s), which robots, what.
 -spec format_violation(violation()) -> unicode:chardata().
@@ -209,11 +292,10 @@ compared(M, N) when M < N -> less;
 compared(M, N) when M == N -> equal;
 compared(_, _) -> more.
 
-started(Module, State) ->
-    case interests_of(Module, State) of
-        all -> {Module, all, State};
-        Machines -> {Module, maps:from_keys(Machines, []), State}
-    end.
+started(Module, State) -> {Module, wanted(interests_of(Module, State)), State}.
+
+wanted(all) -> all;
+wanted(Machines) -> maps:from_keys(Machines, []).
 
 interests_of(Module, State) ->
     case exports(Module, interests, 1) of
@@ -262,6 +344,37 @@ feed([{_, _, Machine, _} = Event | Events], Place, Step, Interests, State, Found
     end;
 feed([_ | Events], Place, Step, Interests, State, Found) ->
     feed(Events, Place + 1, Step, Interests, State, Found).
+
+%% A monitor that may have mistakes. A batch in which it makes one is read again, up to the mistake:
+%% what it finds before that is kept.
+fed(Events, Monitor, Found) ->
+    try feed_all(Events, Monitor, []) of
+        {Next, More} ->
+            case lists:all(fun({_, V}) -> starl_monitor_check:is_violation(V) end, More) of
+                true -> {Next, More ++ Found};
+                false -> fed_until(Events, 1, Monitor, Found)
+            end
+    catch
+        _:_ -> fed_until(Events, 1, Monitor, Found)
+    end.
+
+fed_until([Event | Events], Place, {Module, Interests, State} = Monitor, Found) ->
+    {At, _, Machine, _} = Event,
+    IsWanted = Interests =:= all orelse is_map_key(Machine, Interests),
+    case IsWanted andalso starl_monitor_check:call(Module, step, [Event, State]) of
+        false ->
+            fed_until(Events, Place + 1, Monitor, Found);
+        {ok, {ok, Next}} ->
+            fed_until(Events, Place + 1, {Module, Interests, Next}, Found);
+        {ok, {violation, Violation, Next}} ->
+            More = [{Place, Violation} | Found],
+            fed_until(Events, Place + 1, {Module, Interests, Next}, More);
+        {error, Line} ->
+            {{mistake, At, Line}, Found}
+    end;
+%% A mistake that does not come again is none of the monitor's state.
+fed_until([], _Place, Monitor, Found) ->
+    {Monitor, Found}.
 
 %% Ordered by event; for one event the unknown event comes first, then the order of the monitors.
 in_order(Found) -> [Violation || {_Place, Violation} <- lists:keysort(1, lists:reverse(Found))].

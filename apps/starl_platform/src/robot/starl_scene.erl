@@ -128,17 +128,51 @@ blocks(App) ->
 
 monitors(App, Context) ->
     case exported(App, monitors, 1) of
-        true -> starl_app:declared(App, monitors, [Context]);
+        true -> listed(starl_app:declared(App, monitors, [Context]), App);
         false -> {ok, []}
     end.
+
+listed({ok, Monitors} = Listed, App) ->
+    case starl_scene_check:monitors(Monitors) of
+        true ->
+            Listed;
+        Expected ->
+            Why = io_lib:format("~ts expected, not ~0tP", [Expected, Monitors, 12]),
+            {error, at(App, monitors, 1, Why)}
+    end;
+listed({error, _} = Error, _App) ->
+    Error.
 
 expanded(App, Scene, Context) ->
     case starl_block:expand(maps:get(blocks, Scene, []), Context) of
         {ok, {Machines, Contracts}} ->
-            Monitors = Contracts ++ maps:get(monitors, Scene, []),
-            {ok, Scene#{blocks => Machines, monitors => Monitors}};
+            Whole = Scene#{
+                blocks => Machines, monitors => Contracts ++ maps:get(monitors, Scene, [])
+            },
+            judged(Whole, [Module || {Module, _} <- Contracts], App);
         {error, Why} ->
             {error, listed_at(App, Why)}
+    end.
+
+%% The monitors are checked before they judge.
+judged(#{blocks := Machines, monitors := Monitors} = Scene, Contracts, App) ->
+    case starl_monitor_check:check(Monitors, [Name || {Name, _, _} <- Machines]) of
+        ok ->
+            {ok, Scene};
+        {error, {listed, Module, Why}} ->
+            {error,
+                case lists:member(Module, Contracts) of
+                    true -> listed_at(App, Why);
+                    false -> monitors_at(App, Why)
+                end};
+        {error, {mistake, Line}} ->
+            {error, Line}
+    end.
+
+monitors_at(App, Why) ->
+    case exported(App, scene, 1) of
+        true -> at(App, scene, 1, ["monitors: ", Why]);
+        false -> at(App, monitors, 1, Why)
     end.
 
 %% The blocks stand in the list of blocks/0, or in the scene.
@@ -151,13 +185,17 @@ listed_at(App, Why) ->
 at(App, Function, Arity, Why) ->
     [starl_app:place(App, Function, Arity), io_lib:format(": ~ts/~b: ", [Function, Arity]), Why].
 
-%% @doc The report of an application on a run.
+%% @doc The report of an application on a run. If it crashes, a line says so in its place: the results
+%% of the run are kept.
 -spec report(module(), t(), outcome()) -> report().
 report(App, Scene, Outcome) ->
     case exported(App, report, 2) of
-        true -> App:report(Scene, Outcome);
+        true -> reported(starl_app:declared(App, report, [Scene, Outcome]));
         false -> #{figures => []}
     end.
+
+reported({ok, Report}) -> Report;
+reported({error, Line}) -> #{figures => [], complete => false, summary => [Line]}.
 
 %% @doc What a run of an application's scene is going to do.
 -spec preview(module(), t()) -> preview().

@@ -1,7 +1,7 @@
 %% @doc Checks a scene that an application has made: its keys and their values.
 -module(starl_scene_check).
 
--export([check/1, no_answer/1]).
+-export([check/1, monitors/1, no_answer/1]).
 
 %% @doc Is this a scene? Otherwise one line on the first problem.
 -spec check(term()) -> ok | {error, unicode:chardata()}.
@@ -86,25 +86,11 @@ is_pose(_) -> false.
 
 is_robot(Id) -> is_integer(Id) andalso Id > 0.
 
-monitors(Monitors) when is_list(Monitors) ->
-    case [M || M <- Monitors, not is_monitor(M)] of
-        [] ->
-            true;
-        [{Module, Config} | _] when is_atom(Module), is_map(Config) ->
-            {error, io_lib:format("monitors: ~tp is no monitor (starl_monitor)", [Module])};
-        _ ->
-            expected_monitors()
-    end;
-monitors(_) ->
-    expected_monitors().
-
-expected_monitors() -> "a list of {Module, #{...}}".
-
-is_monitor({Module, Config}) when is_atom(Module), is_map(Config) ->
-    code:ensure_loaded(Module) =:= {module, Module} andalso
-        missing(Module, [{init, 1}, {step, 2}, {finish, 2}]) =:= [];
-is_monitor(_) ->
-    false.
+%% @doc Is this a list of monitors? What they export is another matter ({@link starl_monitor_check}).
+-spec monitors(term()) -> true | (Expected :: string()).
+monitors([{Module, Config} | Monitors]) when is_atom(Module), is_map(Config) -> monitors(Monitors);
+monitors([]) -> true;
+monitors(_) -> "a list of {Module, #{...}}".
 
 known(What, Map, Keys) when is_map(Map) ->
     case [Key || Key <- lists:sort(maps:keys(Map)), not lists:member(Key, Keys)] of

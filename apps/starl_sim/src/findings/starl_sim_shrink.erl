@@ -338,5 +338,7 @@ format_error({not_reproducible, Digests}) ->
     ];
 format_error({trial, {start, Reason}}) ->
     starl_sim:format_error(Reason);
+format_error({trial, {unjudged, [Part | _]}}) ->
+    starl_unjudged:format(Part);
 format_error({trial, {failed, Reason}}) ->
     io_lib:format("the simulation failed: ~0tP", [Reason, 15]).

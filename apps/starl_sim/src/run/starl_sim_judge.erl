@@ -27,7 +27,7 @@ new(Monitors) -> new(Monitors, none).
 %% @doc The same with an observer, who is told what is judged.
 -spec new([{module(), map()}], starl_observer:t()) -> t().
 new(Monitors, Observer) ->
-    #judge{monitors = starl_monitor:new(Monitors), observer = Observer}.
+    #judge{monitors = starl_monitor:guarded(Monitors), observer = Observer}.
 
 %% @doc One of `Shards' shards reports its N-th window, ordered by time, then robot. Tells
 %% whether a contract is violated in the windows that can be judged now.
@@ -98,8 +98,10 @@ is_sound(#judge{violations = Violations}) -> Violations =:= [].
 missing(Shards, #judge{judged = Judged, traces = Traces}) ->
     Shards -- [Shard || {Shard, _} <- maps:get(Judged + 1, Traces, [])].
 
-%% @doc Closes the monitors at a time: all violations, and each monitor's results.
--spec close(starl_sim_queue:time(), t()) -> {[starl_monitor:violation()], #{module() => map()}}.
+%% @doc Closes the monitors at a time: all violations, each monitor's results, and what monitors with
+%% mistakes have not judged.
+-spec close(starl_sim_queue:time(), t()) ->
+    {[starl_monitor:violation()], #{module() => map()}, [starl_unjudged:t()]}.
 close(Now, #judge{monitors = Monitors, violations = Violations}) ->
-    {Late, Results} = starl_monitor:finish(Now, Monitors),
-    {Violations ++ Late, Results}.
+    {Late, Results, Unjudged} = starl_monitor:close(Now, Monitors),
+    {Violations ++ Late, Results, Unjudged}.

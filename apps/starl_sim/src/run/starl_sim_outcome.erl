@@ -15,6 +15,8 @@
     ending := ending() | none,
     end_us := starl_sim_queue:time(),
     violations := [starl_monitor:violation()],
+    %% the parts of the run of which there is no verdict
+    unjudged := [starl_unjudged:t()],
     monitors := #{module() => map()},
     robots := [robot()],
     digest := binary(),
@@ -35,9 +37,10 @@
         lost := [starl_sim_nodes:loss()]
     }.
 new(#{end_us := Now, robots := Robots, team := Team} = End, Judge) ->
-    {Violations, Results} = starl_sim_judge:close(Now, Judge),
+    {Violations, Results, Unjudged} = starl_sim_judge:close(Now, Judge),
     (maps:with([ending, end_us, robots, lost], End))#{
         violations => Violations,
+        unjudged => Unjudged,
         monitors => Results,
         digest => digest(Robots, Team),
         events => lists:sum([N || {_, #{events := N}} <- Robots]),

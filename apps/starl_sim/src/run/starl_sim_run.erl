@@ -183,7 +183,7 @@ handle_call({timers, Id}, _From, Run) ->
 handle_call({events, Id}, _From, Run) ->
     {reply, ask(events, Id, Run), Run};
 handle_call(violations, _From, #run{judge = Judge, now = Now} = Run) ->
-    {Violations, _Results} = starl_sim_judge:close(Now, Judge),
+    {Violations, _Results, _Unjudged} = starl_sim_judge:close(Now, Judge),
     {reply, Violations, Run};
 handle_call(robots, _From, Run) ->
     {reply, summaries(Run), Run};

@@ -18,8 +18,10 @@
     lost := [starl_sim_loss_monitor:lost()]
 }.
 
-%% The scenario cannot be run, or the simulation itself failed.
--type reason() :: {start, starl_sim:reason()} | {failed, term()}.
+%% The scenario cannot be run; the simulation itself failed; no contract is broken, but a part of the
+%% run is not judged.
+-type reason() ::
+    {start, starl_sim:reason()} | {failed, term()} | {unjudged, [starl_unjudged:t(), ...]}.
 
 -type verdict() :: {ok, outcome()} | {error, reason()}.
 
@@ -54,6 +56,8 @@ play(Scenario, Started) ->
             {error, {start, Reason}}
     end.
 
+outcome(_Given, _Ran, {#{violations := [], unjudged := [_ | _] = Parts}, _}) ->
+    {error, {unjudged, Parts}};
 outcome(Given, Ran, {#{monitors := #{starl_sim_loss_monitor := #{lost := Lost}}} = Outcome, _}) ->
     Known = maps:with([digest, ending, end_us, events, violations], Outcome),
     %% the mode of the run is no part of the scenario

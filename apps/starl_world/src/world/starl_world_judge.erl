@@ -53,7 +53,7 @@ new(Monitors, Horizon) -> new(Monitors, Horizon, none).
 -spec new([{module(), map()}], HorizonUs :: non_neg_integer(), starl_observer:t()) -> t().
 new(Monitors, Horizon, Observer) ->
     #judge{
-        monitors = starl_monitor:new(Monitors), horizon_us = Horizon, observer = Observer
+        monitors = starl_monitor:guarded(Monitors), horizon_us = Horizon, observer = Observer
     }.
 
 %% @doc Facts have arrived, in the order of their time for each robot.
@@ -146,11 +146,12 @@ violations(#judge{violations = Violations}) -> Violations.
 late(#judge{late = Late}) -> Late.
 
 %% @doc Judges everything that has arrived, and closes the monitors: all violations, and each
-%% monitor's results.
--spec close(NowUs :: integer(), t()) -> {[starl_monitor:violation()], #{module() => map()}}.
+%% monitor's results, and what is not judged.
+-spec close(NowUs :: integer(), t()) ->
+    {[starl_monitor:violation()], #{module() => map()}, [starl_unjudged:t()]}.
 close(Now, #judge{held = Held} = Open) ->
     Over = fun(Robot, Judge) -> resumed(Robot, Now, Judge) end,
     Judge = lists:foldl(Over, Open, lists:sort(maps:keys(Held))),
     {_, #judge{monitors = Monitors, violations = Violations, seen = Seen}} = upto(infinity, Judge),
-    {Late, Results} = starl_monitor:finish(max(Now, Seen), Monitors),
-    {Violations ++ Late, Results}.
+    {Late, Results, Unjudged} = starl_monitor:close(max(Now, Seen), Monitors),
+    {Violations ++ Late, Results, Unjudged}.

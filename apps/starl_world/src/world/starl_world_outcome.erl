@@ -9,12 +9,12 @@
 when
     Ending :: starl_world:ending() | none, NowUs :: integer().
 close(Ending, Now, {Judge, Robots}, Observer) ->
-    {Violations, Results} = starl_world_judge:close(Now, Judge),
+    {Violations, Results, Unjudged} = starl_world_judge:close(Now, Judge),
     Told = #{ending => Ending, end_us => Now, violations => Violations, digest => <<>>},
     ok = starl_observer:tell({ended, Told}, Observer),
-    outcome(Ending, Now, {Violations, Results}, Robots).
+    outcome(Ending, Now, {Violations, Results, Unjudged}, Robots).
 
-outcome(Ending, Now, {Violations, Results}, Robots) ->
+outcome(Ending, Now, {Violations, Results, Unjudged}, Robots) ->
     Summaries = [
         {Id, summary(Now, Robot)}
      || {Id, Robot} <- starl_world_team:summaries(Now, Robots)
@@ -23,6 +23,7 @@ outcome(Ending, Now, {Violations, Results}, Robots) ->
         ending => Ending,
         end_us => Now,
         violations => Violations,
+        unjudged => Unjudged,
         monitors => Results,
         robots => Summaries,
         digest => <<>>,

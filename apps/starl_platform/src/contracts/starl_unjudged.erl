@@ -1,0 +1,40 @@
+%% @doc A part of a run of which there is no verdict: it is neither kept nor broken. Who does not judge
+%% it, from when to when, and why.
+-module(starl_unjudged).
+
+-export([mistake/3, format/1]).
+
+-export_type([t/0, why/0]).
+
+-type t() :: #{
+    monitors := [module(), ...] | all,
+    from_us := integer(),
+    to_us := integer() | the_end,
+    why := why()
+}.
+
+%% A monitor has a mistake, which the line describes.
+-type why() :: {mistake, Line :: binary()}.
+
+%% @doc A monitor has made a mistake: from this time on it does not judge.
+-spec mistake(module(), AtUs :: integer(), Line :: unicode:chardata()) -> t().
+mistake(Monitor, AtUs, Line) ->
+    #{
+        monitors => [Monitor],
+        from_us => AtUs,
+        to_us => the_end,
+        why => {mistake, unicode:characters_to_binary(Line)}
+    }.
+
+%% @doc One line: which contracts are not judged, from when to when (s), and why.
+-spec format(t()) -> unicode:chardata().
+format(#{monitors := Monitors, from_us := From, to_us := To, why := Why}) ->
+    ["not judged", who(Monitors), when_(From, To), ": ", why(Why)].
+
+who(all) -> "";
+who(Monitors) -> [": ", lists:join(", ", [starl_monitor:name(Monitor) || Monitor <- Monitors])].
+
+when_(From, the_end) -> io_lib:format(" from ~.6f s on", [From / 1.0e6]);
+when_(From, To) -> io_lib:format(" from ~.6f to ~.6f s", [From / 1.0e6, To / 1.0e6]).
+
+why({mistake, Line}) -> Line.
