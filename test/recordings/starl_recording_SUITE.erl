@@ -1,7 +1,7 @@
 %% Recordings of runs: a recording changes no run, its judgement is that of the run, it survives the
 %% end of its process, and the readers of others take it.
 %%
-%% By hand, for more: STARL_RECORDED_SEEDS=200 and STARL_RECORDED_KILLS=50.
+%% By hand, for more: STARL_RECORDED_SEEDS=200, STARL_RECORDED_KILLS=50, STARL_RECORDED_FLIPS=200.
 -module(starl_recording_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 
@@ -16,6 +16,7 @@ all() ->
         a_recording_changes_no_run,
         the_judgement_is_that_of_the_run,
         packets_have_their_fates,
+        damage_accuses_nobody,
         a_killed_run_loses_less_than_a_second,
         no_stranger_runs_code,
         the_command_line_records,
@@ -119,6 +120,60 @@ packets_have_their_fates(Config) ->
             Packets
         )
     ).
+
+%% -- damaged files --------------------------------------------------------------------------
+
+%% A wrong bit or an end that is missing accuses nobody: of a damaged file, and of what is recovered
+%% from it, packed or not, no violation is judged that the run had not. What is not judged is said.
+damage_accuses_nobody(Config) ->
+    _ = rand:seed(exsss, starl_platform_ct:seed()),
+    Whole = file(Config, "to-damage.mcap"),
+    Packed = file(Config, "to-damage-packed.mcap"),
+    #{violations := []} = recorded(
+        #{app => exercise, block => sap, seed => 5, robots => 3, loss => 0.2, time => 20}, Whole
+    ),
+    {ok, #{not_packed := none}} = starl_mcap_recover:file(Whole, Packed, packed),
+    Each = number("STARL_RECORDED_FLIPS", 20),
+    Done = [
+        damaged(How, File, Config)
+     || File <- [Whole, Packed],
+        How <- [flip || _ <- seeds(Each)] ++ [cut || _ <- seeds(max(5, Each div 4))]
+    ],
+    Counts = [{Key, length([x || K <- Done, K =:= Key])} || Key <- lists:usort(Done)],
+    ct:pal("~p", [Counts]),
+    ?assert(proplists:get_value({flip, part}, Counts, 0) > 0, Counts),
+    ?assert(proplists:get_value({cut, part}, Counts, 0) > 0, Counts).
+
+damaged(How, File, Config) ->
+    [Damaged, Out] = [file(Config, Name) || Name <- ["wrong.mcap", "wrong-out.mcap"]],
+    {ok, Bytes} = file:read_file(File),
+    At = rand:uniform(byte_size(Bytes)) - 1,
+    Bit = rand:uniform(8) - 1,
+    ok = file:write_file(Damaged, damaged(How, At, Bit, Bytes)),
+    _ = file:delete(Out),
+    Patch = starl_trace_writer:patch(),
+    Recovered = starl_mcap_recover:file(Damaged, Out, packed, Patch),
+    Judged = [
+        starl_trace_judge:file(Damaged) | [starl_trace_judge:file(Out) || {ok, _} <- [Recovered]]
+    ],
+    Place = {How, filename:basename(File), At, Bit},
+    [?assertEqual({Place, []}, {Place, V}) || {ok, #{violations := V}} <- Judged],
+    {How, known(lists:last(Judged), Place)}.
+
+%% Is the whole run judged, a part of it, or is nothing known? All there was, or that there is more.
+known({ok, #{unjudged := [], until_us := Until, ended := closed}}, Place) ->
+    ?assertEqual({Place, 20000000}, {Place, Until}),
+    whole;
+known({ok, #{unjudged := [_ | _]}}, _Place) ->
+    part;
+known({error, _}, _Place) ->
+    nothing.
+
+damaged(cut, At, _Bit, Bytes) ->
+    binary:part(Bytes, 0, At);
+damaged(flip, At, Bit, Bytes) ->
+    <<Before:At/binary, Byte, After/binary>> = Bytes,
+    <<Before/binary, (Byte bxor (1 bsl Bit)), After/binary>>.
 
 %% -- a killed process -----------------------------------------------------------------------
 

@@ -124,7 +124,7 @@ a_file_has_what_the_specification_asks(Config) ->
         {_, {message, _, _, Time, _, _}} <- records(0, Inside)
     ],
     ?assertEqual(lists:sort(Times), Times),
-    {value, {statistics, Count, 10, 10, 0, 0, ChunkCount, _, _, Per}} =
+    {value, {statistics, Count, 10, 10, 1, 0, ChunkCount, _, _, Per}} =
         lists:search(fun(R) -> element(1, R) =:= statistics end, Summary),
     ?assertEqual({length(Chunks), lists:sum([N || {_, N} <- Per])}, {ChunkCount, Count}),
     %% every index points to a message of its channel

@@ -18,12 +18,17 @@ about(_Subject) ->
     [
         "FILE is a recording, or the directory of a run that holds one. The monitors of the run "
         "read its events again; the verdicts are those of the run. A recording that was cut off is "
-        "judged to its last whole second. Of recordings of the robots themselves, merged, the "
+        "judged to its last whole second, one with a hole up to that. Of recordings of the robots themselves, merged, the "
         "contracts are judged that do not need the true motions; which are not judged is said."
     ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() -> [{0, "no contract is broken"}, {3, "a contract is broken"}].
+statuses() ->
+    [
+        {0, "no contract is broken"},
+        {3, "a contract is broken"},
+        {5, "a part of the run is not judged, and in the rest no contract is broken"}
+    ].
 
 -spec subject(string(), [string()]) ->
     {ok, file:filename(), [string()]} | {error, [unicode:chardata(), ...]}.
@@ -41,25 +46,20 @@ run(#{subject := File}) ->
     end.
 
 told(File, #{violations := Violations, scenario := #{app := App} = Scenario} = Judged) ->
-    #{until_us := Until, events := Events, missing := Missing, ended := Ended} = Judged,
+    #{until_us := Until, events := Events, ended := Ended, unjudged := Unjudged} = Judged,
     Us = Until - maps:get(begun_us, Scenario, 0),
     starl_cli_terminal:out([
         io_lib:format("~ts: ~ts, ~.1f s, ~b events judged", [File, App, Us / 1.0e6, Events]),
         ["; " || Ended =/= closed],
         cut(Ended),
         "\n",
-        [
-            io_lib:format("~b events are missing in it: a violation may follow from that\n", [
-                Missing
-            ])
-         || Missing > 0
-        ],
         [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
         not_judged(Judged),
-        verdict(Violations),
+        [[starl_unjudged:format(Part), "\n"] || Part <- Unjudged],
+        verdict(Violations, Unjudged),
         same(Judged)
     ]),
-    status(Violations).
+    status(Violations, Unjudged).
 
 cut(closed) -> "";
 cut(cut_off) -> "the file is cut off after that";
@@ -76,9 +76,14 @@ not_judged(#{not_judged := NotJudged}) ->
         Names =/= []
     ].
 
-verdict([]) -> "no contract is broken\n";
-verdict([_]) -> "a contract is broken\n";
-verdict(Violations) -> io_lib:format("contracts are broken ~b times\n", [length(Violations)]).
+verdict([], []) ->
+    "no contract is broken\n";
+verdict([], _Unjudged) ->
+    "NOT JUDGED TO THE END; until there no contract is broken\n";
+verdict([_], _Unjudged) ->
+    "a contract is broken\n";
+verdict(Violations, _Unjudged) ->
+    io_lib:format("contracts are broken ~b times\n", [length(Violations)]).
 
 same(#{found := unknown}) ->
     "";
@@ -88,5 +93,6 @@ same(#{found := Found, violations := Violations}) ->
         false -> io_lib:format("the run itself had found ~b violations\n", [length(Found)])
     end.
 
-status([]) -> 0;
-status(_Violations) -> 3.
+status([], []) -> 0;
+status([], _Unjudged) -> 5;
+status(_Violations, _Unjudged) -> 3.

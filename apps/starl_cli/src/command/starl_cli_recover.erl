@@ -44,7 +44,7 @@ run(#{subject := {File, To}, values := #{overwrite := Overwrite}}) ->
             _ -> To
         end,
     case refused(File, Out, Overwrite) of
-        [] -> told(starl_mcap_recover:file(File, Out, packed), Out);
+        [] -> told(starl_mcap_recover:file(File, Out, packed, starl_trace_writer:patch()), Out);
         Problems -> {error, Problems}
     end.
 

@@ -108,7 +108,7 @@ packed_at_end(_Size, File) -> packed(File).
 %% is, and a line says why.
 -spec packed(file:filename()) -> ok.
 packed(File) ->
-    case starl_mcap_recover:file(File, File, packed) of
+    case starl_mcap_recover:file(File, File, packed, starl_trace_writer:patch()) of
         {ok, Recovered} -> not_packed(File, Recovered);
         %% nothing was recorded
         {error, {nothing, _}} -> ok;

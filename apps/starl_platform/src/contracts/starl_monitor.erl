@@ -19,8 +19,8 @@
 %% {@link close/2} says what it has not judged.
 -module(starl_monitor).
 
--export([new/1, guarded/1, step/2, broken/2, finish/2, close/2]).
--export([known/1, informed/2, interests/1]).
+-export([new/1, guarded/1, step/2, broken/2, blinded/2, finish/2, close/2]).
+-export([known/1, informed/2]).
 -export([name/1, format_violation/1, shape/1]).
 -export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, shape/0, known/0]).
 
@@ -149,10 +149,6 @@ informed(Monitors, Known) ->
      || {Module, Config} <- Monitors
     ].
 
-%% @doc The machines whose events a monitor wants.
--spec interests({module(), Config :: map()}) -> [Machine :: atom()] | all.
-interests({Module, Config}) -> interests_of(Module, Module:init(Config)).
-
 %% @doc A monitor's name, as in reports: `mutex' of the module `starl_mutex_monitor'.
 -spec name(module()) -> string().
 name(Module) ->
@@ -204,6 +200,17 @@ tell_broken(Window, {Module, Interests, State} = Monitor, #runner{monitors = Tol
         {ok, Next} -> Runner#runner{monitors = [{Module, Interests, Next} | Told]};
         {error, Line} -> aside(Module, Runner#runner.seen, Line, Runner)
     end.
+
+%% @doc From now on events are missing. A monitor that wants more than the crashes of machines, each of
+%% which is judged by itself, judges no further: it would accuse those who are innocent.
+-spec blinded(starl_unjudged:why(), t()) -> t().
+blinded(Why, #runner{monitors = Monitors, seen = Seen, unjudged = Before} = Runner) when
+    is_list(Before)
+->
+    IsBlind = fun({_, Interests, _}) -> Interests =/= #{supervisor => []} end,
+    {Blind, Left} = lists:partition(IsBlind, Monitors),
+    Parts = [starl_unjudged:since(Seen, [M || {M, _, _} <- Blind], Why) || Blind =/= []],
+    Runner#runner{monitors = Left, unjudged = Parts ++ Before}.
 
 call(Module, Callback, Args, #runner{unjudged = trusted}) -> {ok, apply(Module, Callback, Args)};
 call(Module, Callback, Args, _Guarded) -> starl_monitor_check:call(Module, Callback, Args).

@@ -2,7 +2,7 @@
 %% it, from when to when, and why.
 -module(starl_unjudged).
 
--export([mistake/3, format/1]).
+-export([mistake/3, since/3, format/1]).
 
 -export_type([t/0, why/0]).
 
@@ -13,8 +13,13 @@
     why := why()
 }.
 
-%% A monitor has a mistake, which the line describes.
--type why() :: {mistake, Line :: binary()}.
+%% A monitor has a mistake, which the line describes; a recording has a hole until that time, or lacks
+%% so many events, or is cut off or damaged, so that its end is not known.
+-type why() ::
+    {mistake, Line :: binary()}
+    | {hole, ToUs :: integer()}
+    | {missing, Events :: pos_integer()}
+    | no_end.
 
 %% @doc A monitor has made a mistake: from this time on it does not judge.
 -spec mistake(module(), AtUs :: integer(), Line :: unicode:chardata()) -> t().
@@ -25,6 +30,11 @@ mistake(Monitor, AtUs, Line) ->
         to_us => the_end,
         why => {mistake, unicode:characters_to_binary(Line)}
     }.
+
+%% @doc These monitors judge no further from this time on.
+-spec since(AtUs :: integer(), [module(), ...], why()) -> t().
+since(AtUs, Monitors, Why) ->
+    #{monitors => Monitors, from_us => AtUs, to_us => the_end, why => Why}.
 
 %% @doc One line: which contracts are not judged, from when to when (s), and why.
 -spec format(t()) -> unicode:chardata().
@@ -37,4 +47,7 @@ who(Monitors) -> [": ", lists:join(", ", [starl_monitor:name(Monitor) || Monitor
 when_(From, the_end) -> io_lib:format(" from ~.6f s on", [From / 1.0e6]);
 when_(From, To) -> io_lib:format(" from ~.6f to ~.6f s", [From / 1.0e6, To / 1.0e6]).
 
-why({mistake, Line}) -> Line.
+why({mistake, Line}) -> Line;
+why({hole, To}) -> io_lib:format("the recording has a hole there, until ~.6f s", [To / 1.0e6]);
+why({missing, Events}) -> io_lib:format("~b events are missing in the recording there", [Events]);
+why(no_end) -> "the recording ends there, and the run did not".

@@ -27,8 +27,8 @@
 
 -opaque t() :: #pack{}.
 
-%% As others' libraries do.
--define(JOINED_BYTES, 1048576).
+%% A bad byte costs no more. Chunks of 1 MiB would be smaller by less than a hundredth.
+-define(JOINED_BYTES, 131072).
 
 %% @doc Nothing waits. `as_is': chunks are neither joined nor packed.
 -spec new(packed | as_is) -> t().

@@ -1,12 +1,21 @@
 %% @doc Reads the records of an MCAP file, one after the other or the chunks of a time by the index.
-%% A file that was cut off is read to its last whole record.
+%% A file that was cut off is read to its last whole record. Where the file has an index, a record that
+%% hides a chunk of the index is damaged. No length is believed that is larger than what is left of the
+%% file, or than a bound.
 -module(starl_mcap_reader).
 
--export([open/1, close/1, first/1, next/2, chunks/1, summary/1, size/1, format_error/1]).
+-export([open/1, close/1, first/1, next/2, is_chunk/2, following/2, has_index/1]).
+-export([chunks/1, summary/1, size/1, format_error/1]).
 
 -export_type([t/0, reason/0, position/0, next/0, chunk/0]).
 
--record(reader, {file :: file:filename_all(), device :: file:io_device(), size :: integer()}).
+-record(reader, {
+    file :: file:filename_all(),
+    device :: file:io_device(),
+    size :: integer(),
+    %% the chunks of the index
+    places = gb_sets:new() :: gb_sets:set(position())
+}).
 
 -opaque t() :: #reader{}.
 
@@ -28,6 +37,8 @@
 -define(MAGIC_SIZE, 8).
 %% Opcode and length.
 -define(HEAD_SIZE, 9).
+%% A record or a summary that claims more is not read.
+-define(MOST, 268435456).
 %% The footer with its head, and the magic bytes.
 -define(TAIL_SIZE, 37).
 
@@ -45,7 +56,9 @@ opened(#reader{device = Device, file = File} = Reader) ->
     Magic = starl_mcap_record:magic(),
     case file:pread(Device, 0, ?MAGIC_SIZE) of
         {ok, Magic} ->
-            {ok, Reader};
+            {Chunks, _Ended} = indexed(summary(Reader)),
+            Places = gb_sets:from_list([At || {_, _, At} <- Chunks]),
+            {ok, Reader#reader{places = Places}};
         {error, Posix} ->
             _ = file:close(Device),
             {error, {file, File, Posix}};
@@ -76,12 +89,46 @@ next(Position, #reader{device = Device, size = Size} = Reader) ->
     case file:pread(Device, Position, ?HEAD_SIZE) of
         {ok, <<_:8, Length:64/little>>} when Position + ?HEAD_SIZE + Length > Size ->
             {cut, Position};
+        {ok, <<_:8, Length:64/little>>} when Length > ?MOST ->
+            {error, {damaged, Reader#reader.file, Position, {size, Length}}};
         {ok, <<Opcode:8, Length:64/little>>} ->
-            content(Opcode, Length, Position, Reader);
+            in_place(content(Opcode, Length, Position, Reader), Position, Reader);
         {ok, _} ->
             {cut, Position};
         Other ->
             {error, failed(Other, Reader)}
+    end.
+
+%% What the index says of this place and of those that the record passes over.
+in_place({ok, Record, After}, Position, #reader{file = File} = Reader) ->
+    IsChunk = element(1, Record) =:= chunk,
+    Hides = [
+        Place
+     || {ok, Place} <- [following(Position, Reader)], Place < After orelse is_end(Record)
+    ],
+    case is_chunk(Position, Reader) andalso not IsChunk orelse Hides =/= [] of
+        true -> {error, {damaged, File, Position, {bad_record, 6}}};
+        false -> {ok, Record, After}
+    end;
+in_place(Other, _Position, _Reader) ->
+    Other.
+
+is_end(Record) -> lists:member(element(1, Record), [data_end, footer]).
+
+%% @doc Is there an index?
+-spec has_index(t()) -> boolean().
+has_index(#reader{places = Places}) -> not gb_sets:is_empty(Places).
+
+%% @doc Does a chunk of the index begin here?
+-spec is_chunk(position(), t()) -> boolean().
+is_chunk(Position, #reader{places = Places}) -> gb_sets:is_member(Position, Places).
+
+%% @doc The next chunk of the index after this place; `none': there is no index, or no further chunk.
+-spec following(position(), t()) -> {ok, position()} | none.
+following(Position, #reader{places = Places}) ->
+    case gb_sets:next(gb_sets:iterator_from(Position + 1, Places)) of
+        {Place, _} -> {ok, Place};
+        none -> none
     end.
 
 content(Opcode, Length, Position, #reader{device = Device} = Reader) ->
@@ -121,6 +168,8 @@ summary(#reader{device = Device, size = Size} = Reader) ->
             none
     end.
 
+summary(Start, _At, _Crc, #reader{size = Size}) when Size - ?TAIL_SIZE - Start > ?MOST ->
+    none;
 summary(Start, At, Crc, #reader{device = Device, size = Size}) ->
     Length = Size - ?TAIL_SIZE - Start,
     case file:pread(Device, Start, Length) of
@@ -145,15 +194,14 @@ split(Bytes) ->
 -spec chunks(t()) -> {[chunk()], closed | cut_off | {damaged, position()}}.
 chunks(Reader) ->
     case summary(Reader) of
-        {ok, Records} ->
-            Indexes = [R || R <- Records, element(1, R) =:= chunk_index],
-            {
-                [{Start, End, At} || {chunk_index, Start, End, At, _, _, _, _, _, _} <- Indexes],
-                closed
-            };
-        none ->
-            skim(?MAGIC_SIZE, [], Reader)
+        {ok, _} = Summary -> indexed(Summary);
+        none -> skim(?MAGIC_SIZE, [], Reader)
     end.
+
+indexed({ok, Records}) ->
+    {[{Start, End, At} || {chunk_index, Start, End, At, _, _, _, _, _, _} <- Records], closed};
+indexed(none) ->
+    {[], cut_off}.
 
 %% A chunk begins with its times.
 skim(At, Chunks, #reader{size = Size, device = Device} = Reader) ->

@@ -1,11 +1,26 @@
 %% @doc Makes a whole MCAP file of one that was cut off or damaged: all chunks that are whole and
 %% whose checksums are right, with a new index and summary. Chunks stay as they are, or are joined and
-%% packed ({@link starl_mcap_pack}). Works on any MCAP file, of ours or another.
+%% packed ({@link starl_mcap_pack}). Works on any MCAP file, of ours or another. Where the file has an
+%% index, it leads from what is damaged to the next chunk.
+%%
+%% What is lost can be said in the file itself: a <em>patch</em> knows how.
 -module(starl_mcap_recover).
 
--export([file/2, file/3, format_error/1]).
+-export([file/2, file/3, file/4, format_error/1]).
 
--export_type([recovered/0, reason/0]).
+-export_type([recovered/0, reason/0, patch/0]).
+
+%% What a kind of file says of what it has lost: the channels to say it on, if its own are lost; the
+%% messages in the place of a hole between two times (`the_end': nothing comes after it); and the
+%% messages that are in an attachment, too, which are taken from there if they are lost.
+-type patch() :: #{
+    channels := starl_mcap_writer:channels(),
+    channel := starl_mcap_record:id(),
+    hole := fun((From :: time(), To :: time() | the_end) -> iodata()),
+    repeated := fun((starl_mcap_record:t()) -> {ok, iodata()} | none)
+}.
+
+-type time() :: starl_mcap_record:time().
 
 %% The figures: whole chunks and their messages, damaged chunks, whether the file had been closed,
 %% the bytes at its end that could not be read, and why chunks could not be packed.
@@ -31,7 +46,11 @@
     pack :: starl_mcap_pack:t(),
     chunks = 0 :: non_neg_integer(),
     messages = 0 :: non_neg_integer(),
-    damaged = 0 :: non_neg_integer()
+    damaged = 0 :: non_neg_integer(),
+    patch = none :: patch() | none,
+    %% is something lost since the last message, and when was that
+    is_open = false :: boolean(),
+    last = 0 :: time()
 }).
 
 %% @doc Recovers a file into another one, with the same chunks.
@@ -42,18 +61,32 @@ file(File, Out) -> file(File, Out, as_is).
 %% @doc Recovers a file into another one, which is complete when it appears; that may be its own.
 -spec file(file:filename_all(), Out :: file:filename_all(), packed | as_is) ->
     {ok, recovered()} | {error, reason()}.
-file(File, Out, How) ->
+file(File, Out, How) -> file(File, Out, How, none).
+
+%% @doc The same with a patch.
+-spec file(file:filename_all(), Out :: file:filename_all(), packed | as_is, patch() | none) ->
+    {ok, recovered()} | {error, reason()}.
+file(File, Out, How, Patch) ->
     case starl_mcap_reader:open(File) of
         {ok, Reader} ->
             Pack = starl_mcap_pack:new(How),
-            Answer = starl_mcap_part:make(Out, fun(Part) -> try_all(File, Reader, Pack, Part) end),
+            Answer = starl_mcap_part:make(Out, fun(Part) ->
+                try_all(Reader, #recovery{
+                    file = File,
+                    part = Part,
+                    reader = Reader,
+                    writer = element(2, starl_mcap_writer:new("", [])),
+                    pack = Pack,
+                    patch = Patch
+                })
+            end),
             ok = starl_mcap_reader:close(Reader),
             Answer;
         {error, _} = Error ->
             Error
     end.
 
-try_all(File, Reader, Pack, Part) ->
+try_all(Reader, Recovery0) ->
     First = starl_mcap_reader:first(Reader),
     {Library, Second} =
         case starl_mcap_reader:next(First, Reader) of
@@ -62,11 +95,9 @@ try_all(File, Reader, Pack, Part) ->
             _ -> {<<"starl">>, First}
         end,
     {Head, Writer} = starl_mcap_writer:new(Library, []),
-    Recovery = #recovery{
-        file = File, part = Part, reader = Reader, writer = Writer, pack = Pack
-    },
+    Recovery = put_bytes({Head, Writer}, Recovery0),
     try
-        all(Second, put_bytes({Head, Writer}, Recovery))
+        all(Second, Recovery)
     catch
         throw:{?MODULE, Reason} -> {error, Reason}
     end.
@@ -76,15 +107,30 @@ all(Position, #recovery{reader = Reader} = Recovery) ->
         {ok, {data_end, _}, _} -> done(true, Position, Recovery);
         {ok, {footer, _, _, _}, _} -> done(true, Position, Recovery);
         {ok, Record, After} -> all(After, record(Record, Recovery));
-        {error, {damaged, _, At, _}} -> done(false, At, Recovery);
-        {error, _} = Error -> Error;
-        _Cut -> done(false, Position, Recovery)
+        {error, {file, _, _}} = Error -> Error;
+        _Damaged -> passed(Position, Recovery)
     end.
+
+%% On to the next chunk of the index. What is damaged between chunks holds no message of ours.
+passed(Position, #recovery{reader = Reader} = Recovery) ->
+    IsChunk = starl_mcap_reader:is_chunk(Position, Reader),
+    case starl_mcap_reader:following(Position, Reader) of
+        {ok, Place} when IsChunk -> all(Place, damaged(Recovery));
+        {ok, Place} -> all(Place, Recovery);
+        none when IsChunk -> done(true, Position, damaged(Recovery));
+        none -> unindexed(starl_mcap_reader:has_index(Reader), Position, Recovery)
+    end.
+
+unindexed(true, Position, Recovery) -> done(true, Position, Recovery);
+unindexed(false, Position, Recovery) -> done(false, Position, open(Recovery)).
+
+%% Something is lost here.
+open(Recovery) -> Recovery#recovery{is_open = true}.
 
 done(_WasClosed, _Position, #recovery{messages = 0, file = File}) ->
     {error, {nothing, File}};
 done(WasClosed, Position, #recovery{reader = Reader} = Recovery) ->
-    #recovery{writer = Writer, pack = Pack} = Whole = put_waiting(Recovery),
+    #recovery{writer = Writer, pack = Pack} = Whole = put_waiting(closed(the_end, Recovery)),
     _ = put_bytes({starl_mcap_writer:finish(Writer), Writer}, Whole),
     {ok, #{
         chunks => Recovery#recovery.chunks,
@@ -103,11 +149,16 @@ record({chunk, _, _, Size, Crc, Compression, Packed} = Chunk, Recovery) ->
         {ok, Records, Index} when map_size(Index) =:= 0 ->
             lists:foldl(fun record/2, Recovery, channels(Records));
         {ok, Records, Index} ->
-            #recovery{writer = Writer} = Counted = counted(Index, Recovery),
+            Times = [Time || Entries <- maps:values(Index), {Time, _} <- Entries],
+            Closed = closed(lists:min(Times), Recovery),
+            Last = Closed#recovery{last = lists:max(Times)},
+            #recovery{writer = Writer} = Counted = counted(Index, Last),
             Known = Counted#recovery{writer = starl_mcap_writer:known(Records, Writer)},
             #recovery{pack = Pack} = Known,
             put_chunks(starl_mcap_pack:add({Size, Crc, Compression, Packed, Index}, Pack), Known);
-        {error, {packed, _, _} = Reason} ->
+        {error, {packed, _, unknown} = Reason} when Recovery#recovery.chunks =:= 0 ->
+            throw({?MODULE, {damaged, Recovery#recovery.file, 0, Reason}});
+        {error, {packed, _, Why} = Reason} when Why =/= unknown ->
             throw({?MODULE, {damaged, Recovery#recovery.file, 0, Reason}});
         {error, _} ->
             damaged(Recovery)
@@ -118,13 +169,13 @@ record(Record, Recovery) when
     element(1, Record) =:= metadata;
     element(1, Record) =:= attachment
 ->
-    #recovery{writer = Writer} = Empty = put_waiting(Recovery),
+    #recovery{writer = Writer} = Empty = put_waiting(repeated(Record, Recovery)),
     put_bytes(starl_mcap_writer:other(Record, Writer), Empty);
 record({message, Channel, _, Time, _, Data}, #recovery{messages = N} = Recovery) ->
     %% outside a chunk: it gets one
     #recovery{writer = Writer} = Empty = put_waiting(Recovery),
     Put = starl_mcap_writer:message(Channel, Time, Data, Writer),
-    put_bytes(starl_mcap_writer:flush(Put), Empty#recovery{messages = N + 1});
+    put_bytes(starl_mcap_writer:flush(Put), Empty#recovery{messages = N + 1, last = Time});
 record(_Other, Recovery) ->
     Recovery.
 
@@ -142,13 +193,42 @@ whole({error, _} = Error, _Bytes) ->
 
 %% The channels of a damaged chunk are in the summary, if there is one.
 damaged(#recovery{damaged = 0, reader = Reader} = Recovery) ->
-    Damaged = Recovery#recovery{damaged = 1},
+    Damaged = (open(Recovery))#recovery{damaged = 1},
     case starl_mcap_reader:summary(Reader) of
         {ok, Summary} -> lists:foldl(fun record/2, Damaged, channels(Summary));
         none -> Damaged
     end;
 damaged(#recovery{damaged = N} = Recovery) ->
-    Recovery#recovery{damaged = N + 1}.
+    (open(Recovery))#recovery{damaged = N + 1}.
+
+%% The hole before this time, or before the end, is said.
+closed(To, #recovery{is_open = true, patch = #{hole := Hole} = Patch, last = From} = Recovery) when
+    Recovery#recovery.messages > 0
+->
+    said(From, Hole(From, To), Patch, Recovery#recovery{is_open = false});
+closed(_To, Recovery) ->
+    Recovery.
+
+%% What the first chunk has lost.
+repeated(Record, #recovery{messages = 0, patch = #{repeated := Repeated} = Patch} = Recovery) ->
+    case Repeated(Record) of
+        {ok, Data} -> said(0, Data, Patch, with_channels(Patch, Recovery));
+        none -> Recovery
+    end;
+repeated(_Record, Recovery) ->
+    Recovery.
+
+with_channels(#{channels := Channels}, #recovery{writer = Writer} = Recovery) ->
+    Missing = starl_mcap_writer:missing(Channels, Writer),
+    Put = fun(Record, #recovery{writer = W} = R) ->
+        put_bytes(starl_mcap_writer:other(Record, W), R)
+    end,
+    lists:foldl(Put, Recovery, Missing).
+
+said(Time, Data, #{channel := Channel}, Recovery) ->
+    #recovery{writer = Writer, messages = N} = Empty = put_waiting(Recovery),
+    Put = starl_mcap_writer:message(Channel, Time, Data, Writer),
+    put_bytes(starl_mcap_writer:flush(Put), Empty#recovery{messages = N + 1}).
 
 channels(Records) ->
     [R || R <- Records, element(1, R) =:= schema orelse element(1, R) =:= channel].

@@ -6,7 +6,7 @@
 %% summary repeats them. Memory grows by about 200 bytes a chunk, for the summary.
 -module(starl_mcap_writer).
 
--export([new/2, message/4, sealed/2, known/2, other/2, flush/1, waiting/1, finish/1]).
+-export([new/2, message/4, sealed/2, known/2, missing/2, other/2, flush/1, waiting/1, finish/1]).
 
 -export_type([t/0, channels/0]).
 
@@ -130,6 +130,12 @@ counted(Start, End, Index, #writer{start = First, last = Last, counts = Counts} 
 known(Records, #writer{channels = Channels} = Writer) ->
     New = [R || R <- Records, is_channel(R), not lists:member(R, Channels)],
     Writer#writer{channels = Channels ++ lists:usort(New), is_told = true}.
+
+%% @doc Those of these schemas and channels that the file has not.
+-spec missing(channels(), t()) -> channels().
+missing(Records, #writer{channels = Channels}) ->
+    Numbers = [{element(1, R), element(2, R)} || R <- Channels],
+    [R || R <- Records, not lists:member({element(1, R), element(2, R)}, Numbers)].
 
 is_channel(Record) -> lists:member(element(1, Record), [schema, channel]).
 

@@ -106,13 +106,26 @@ filled(#raw{reader = Reader, position = Position} = Raw) ->
         {cut, _} ->
             ended(cut_off, Raw);
         {error, {damaged, _, At, _}} ->
-            ended({damaged, At}, Raw);
+            passed(At, Raw);
         {error, _} = Error ->
             Error
     end.
 
+%% What is damaged between chunks costs nothing, if the index tells where the next one is.
+passed(At, #raw{reader = Reader} = Raw) ->
+    case
+        not starl_mcap_reader:is_chunk(At, Reader) andalso starl_mcap_reader:following(At, Reader)
+    of
+        {ok, Place} -> filled(Raw#raw{position = Place});
+        _ -> ended({damaged, At}, Raw)
+    end.
+
 unpacked({ok, Records}, Raw) ->
     texts(Records, Raw);
+unpacked({error, {packed, _, unknown}}, #raw{opened = Opened, position = Position} = Raw) when
+    Opened > 1
+->
+    ended({damaged, Position}, Raw);
 unpacked({error, {packed, _, _} = Reason}, #raw{file = File, position = Position}) ->
     {error, {damaged, File, Position, Reason}};
 unpacked({error, _}, #raw{position = Position} = Raw) ->

@@ -1,6 +1,9 @@
 %% @doc Judges a recording: all contracts of its run, by the monitors of the run, from its trace.
 %% The verdicts are those of the run.
 %%
+%% What lies behind a hole in the recording is not judged, but for what needs nothing of before; nor is
+%% what only the end of the run can tell, if the recording has no end.
+%%
 %% Recordings of the robots themselves know nothing of the true motions. The contracts that need
 %% them are not judged. If robots of the run are missing, only what concerns each robot alone is.
 -module(starl_trace_judge).
@@ -10,14 +13,15 @@
 -export_type([judged/0, reason/0]).
 
 %% The judgement: the facts of the run, the violations, whether the recording knows its end and what
-%% the run itself had found, the figures of the monitors, the monitors that could not judge, and how
-%% the file ends.
+%% the run itself had found, the figures of the monitors, the monitors that could not judge, the parts
+%% that are not judged, and how the file ends.
 -type judged() :: #{
     scenario := starl_trace_message:scenario(),
     violations := [starl_monitor:violation()],
     found := [starl_monitor:violation()] | unknown,
     results := #{module() => map()},
     not_judged := [{module(), motions | robots}],
+    unjudged := [starl_unjudged:t()],
     until_us := integer(),
     events := non_neg_integer(),
     missing := non_neg_integer(),
@@ -76,26 +80,58 @@ judged(_Ended, #judge{scenario = none, file = File}) ->
     {error, {too_short, File}};
 judged(Ended, #judge{standing = Standing, until = End} = Open) ->
     #judge{monitors = Monitors, violations = Violations, until = Until} =
-        Judge = waited_for(
-            lists:foldl(fun(Id, J) -> resumed(Id, End, J) end, Open, maps:keys(Standing))
+        Judge = with_end(
+            Ended,
+            waited_for(
+                lists:foldl(fun(Id, J) -> resumed(Id, End, J) end, Open, maps:keys(Standing))
+            )
         ),
-    {Late, Results} = starl_monitor:finish(Until, Monitors),
+    {Late, Results, Unjudged} = starl_monitor:close(Until, Monitors),
     {ok, #{
         scenario => Judge#judge.scenario,
         violations => lists:reverse(Violations, Late),
         found => Judge#judge.found,
         results => Results,
         not_judged => Judge#judge.not_judged,
+        unjudged => Unjudged,
         until_us => Until,
         events => Judge#judge.events,
         missing => Judge#judge.missing,
         ended => Ended
     }}.
 
-%% The trace of a second is judged at once, like the windows of a run.
-messages(Messages, Judge0) ->
+with_end(closed, Judge) -> Judge;
+with_end(_CutOff, Judge) -> hole(no_end, Judge).
+
+%% The trace of a second is judged at once, like the windows of a run; a gap divides it.
+messages(Messages, Judge) ->
+    case lists:splitwith(fun(Message) -> element(1, Message) =/= gap end, Messages) of
+        {Whole, []} -> piece(Whole, Judge);
+        {Before, [Gap | After]} -> messages(After, gap(Gap, piece(Before, Judge)))
+    end.
+
+piece(Messages, Judge0) ->
     Judge = lists:foldl(fun message/2, Judge0, Messages),
     judge([{At, R, M, E} || {trace, At, {R, M, E}} <- Messages], Judge).
+
+gap({gap, _, {hole, the_end}}, Judge) ->
+    hole(no_end, Judge);
+gap({gap, _, {hole, To}}, Judge) ->
+    hole({hole, To}, Judge);
+gap({gap, _, Missing}, #judge{missing = Before} = Judge) ->
+    hole({missing, Missing}, Judge#judge{missing = Before + Missing}).
+
+%% What waits for the end of a halt is judged without it: nobody knows when it ended.
+hole(_Why, #judge{monitors = none} = Judge) ->
+    Judge;
+hole(Why, #judge{standing = Standing} = Judge0) ->
+    Judge =
+        #judge{monitors = Monitors} =
+        case map_size(Standing) of
+            0 -> waited_for(Judge0);
+            _ -> Judge0
+        end,
+    Judge#judge{monitors = starl_monitor:blinded(Why, Monitors)}.
 
 %% What a halt of a live robot explains is known when it is over: so long nothing is judged.
 judge([_ | _] = Trace, #judge{standing = Standing} = Judge) when map_size(Standing) > 0 ->
@@ -113,10 +149,10 @@ waited_for(#judge{waiting = Waiting} = Judge) ->
 message({scenario, _, Scenario}, #judge{scenario = none, file = File} = Judge) ->
     #{monitors := Monitors} = Scenario,
     lists:foreach(fun(Monitor) -> check(Monitor, File) end, Monitors),
-    Needs = [{Monitor, needs(starl_monitor:interests(Monitor), Scenario)} || Monitor <- Monitors],
+    Needs = [{Monitor, needs(interests(Monitor), Scenario)} || Monitor <- Monitors],
     Judge#judge{
         scenario = Scenario,
-        monitors = starl_monitor:new([Monitor || {Monitor, nothing} <- Needs]),
+        monitors = starl_monitor:guarded([Monitor || {Monitor, nothing} <- Needs]),
         not_judged = [{Module, What} || {{Module, _}, What} <- Needs, What =/= nothing]
     };
 message({verdicts, _, {ended, #{end_us := End, violations := Found}}}, Judge) ->
@@ -127,8 +163,6 @@ message({faults, At, {ended, {Id, _, _, pause, _, _}}}, #judge{standing = Standi
     is_map_key(Id, Standing)
 ->
     resumed(Id, At, Judge);
-message({gap, _, Missing}, Judge) ->
-    Judge#judge{missing = Judge#judge.missing + Missing};
 message(_Message, Judge) ->
     Judge.
 
@@ -164,6 +198,13 @@ check({Module, Config}, File) when is_atom(Module), is_map(Config) ->
     end;
 check(_Other, File) ->
     throw({?MODULE, {bad_monitor, File, unknown}}).
+
+%% A monitor that does not even begin is put aside later.
+interests({Module, Config}) ->
+    case starl_monitor_check:start(Module, Config) of
+        {ok, Interests, _State} -> Interests;
+        {error, _Line} -> [supervisor]
+    end.
 
 %% What a monitor with these interests would need and the recording has not.
 needs(Interests, #{told_by := By, robots := Robots} = Scenario) ->

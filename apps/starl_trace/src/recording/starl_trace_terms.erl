@@ -14,8 +14,8 @@
 
 -define(HEAD, "{\"terms\":\"").
 -define(TAIL, "\"}").
-%% The bytes of a term, and the new atoms.
--define(MOST_BYTES, 256 * 1024 * 1024).
+%% The bytes of a term, which may take sixteen times as many in memory, and the new atoms.
+-define(MOST_BYTES, 32 * 1024 * 1024).
 -define(MOST_ATOMS, 10000).
 -define(LEVEL, 4).
 

@@ -4,11 +4,11 @@
 %% where they follow from the motions in the trace, and the reader computes them again. The other
 %% channels show the same to people and their viewers ({@link starl_trace_shown}), frames twice a
 %% second. Each ten seconds the motions of all robots are written at the beginning of a chunk, so that
-%% a reader can begin there. A chunk ends with the first message half a second of time after its
+%% a reader can begin there. The scenario stands behind the first chunk once more, as an attachment. A chunk ends with the first message half a second of time after its
 %% beginning, so a killed run loses less than a second as long as something happens.
 -module(starl_trace_writer).
 
--export([new/0, messages/2, flush/1, finish/1, frames_us/0]).
+-export([new/0, messages/2, flush/1, finish/1, frames_us/0, patch/0]).
 
 -export_type([t/0]).
 
@@ -17,6 +17,10 @@
 -define(CHUNK_MESSAGES, 20000).
 -define(FRAMES_US, 500000).
 -define(PLACES_US, 10000000).
+
+%% The attachment that repeats the scenario.
+-define(SCENARIO, "scenario").
+-define(JSON, "application/json").
 
 -record(writer, {
     mcap :: starl_mcap_writer:t(),
@@ -30,7 +34,9 @@
     derived = false :: boolean(),
     motions = #{} :: #{starl:robot_id() => [starl_trajectory:piece(), ...]},
     pens = #{} :: #{starl:robot_id() => up | down},
-    places_at = ?PLACES_US :: integer()
+    places_at = ?PLACES_US :: integer(),
+    %% the scenario, which is to be repeated
+    scenario = none :: starl_trace_message:t() | none
 }).
 
 -opaque t() :: #writer{}.
@@ -87,7 +93,32 @@ flush(#writer{since = Since, now = Now, terms = Terms, shown = Shown} = Writer) 
     Text = starl_trace_terms:encode(lists:reverse(Terms)),
     #writer{mcap = Mcap} = Full = put_text(terms, Now, Text, Listed),
     {Bytes, Next} = starl_mcap_writer:flush(Mcap),
-    {Bytes, Full#writer{mcap = Next, since = none, terms = [], count = 0}}.
+    repeated(Bytes, Full#writer{mcap = Next, since = none, terms = [], count = 0}).
+
+repeated(Bytes, #writer{scenario = none} = Writer) ->
+    {Bytes, Writer};
+repeated(Bytes, #writer{scenario = Scenario, mcap = Mcap} = Writer) ->
+    Text = starl_trace_terms:encode([Scenario]),
+    {More, Next} = starl_mcap_writer:other({attachment, 0, 0, ?SCENARIO, ?JSON, Text}, Mcap),
+    {[Bytes, More], Writer#writer{scenario = none, mcap = Next}}.
+
+%% @doc What a recording says of what it has lost, when it is recovered.
+-spec patch() -> starl_mcap_recover:patch().
+patch() ->
+    #{
+        channels => starl_trace_schema:channels(),
+        channel => starl_trace_schema:id(terms),
+        hole => fun(From, To) ->
+            starl_trace_terms:encode([{gap, From div 1000, {hole, us(To)}}])
+        end,
+        repeated => fun
+            ({attachment, _, _, <<?SCENARIO>>, <<?JSON>>, Text}) -> {ok, Text};
+            (_Other) -> none
+        end
+    }.
+
+us(the_end) -> the_end;
+us(Time) -> Time div 1000.
 
 %% @doc The last bytes.
 -spec finish(t()) -> iolist().
@@ -100,6 +131,8 @@ finish(Writer) ->
 message(Message, #writer{shown = Before} = Writer) ->
     shown(starl_trace_shown:message(Message, Before), kept(Message, Writer)).
 
+kept({scenario, _, _} = Message, Writer) ->
+    added(Message, Writer#writer{scenario = Message});
 kept({poses, _, _}, #writer{derived = true} = Writer) ->
     Writer;
 kept({trace, _, {Robot, chassis, {motion, Piece}}} = Message, #writer{motions = Motions} = Writer) ->
