@@ -172,7 +172,7 @@ command_test_() ->
                     Text = starl_cli_vm:says(5, "NOT JUDGED TO THE END", [
                         "run", File, "--out", Out | How
                     ]),
-                    starl_cli_vm:contains("not judged: mine from 0.", Text),
+                    starl_cli_vm:contains("not judged: mine from ", Text),
                     starl_cli_vm:contains("mine.erl:8: finish/2 returned {violation,#{", Text),
                     {ok, Report} = file:read_file(filename:join(Out, "report.txt")),
                     starl_cli_vm:contains("crash, motion, sap, yours", binary_to_list(Report)),
@@ -181,6 +181,24 @@ command_test_() ->
                 end
              || How <- [[], ["--live"], ["--nodes", "2", "--robots", "2"]]
             ]
+        end)
+    end}.
+
+%% The recording of a run is judged by the user's own monitor, whose source the run keeps.
+own_monitor_is_judged_test_() ->
+    {timeout, 60, fun() ->
+        in_directory(fun(Dir) ->
+            written(Dir, []),
+            Out = filename:join(Dir, "out"),
+            File = filename:join(Dir, "mine_app.erl"),
+            starl_cli_vm:says(3, "mine broken", ["run", File, "--record", "--out", Out]),
+            _ = [
+                file:delete(filename:join(Dir, Name))
+             || Name <- ["mine.erl", "yours.erl", "mine_app.erl"]
+            ],
+            starl_cli_vm:says(3, "mine broken", ["judge", Out]),
+            ok = file:del_dir_r(filename:join(Out, "inputs")),
+            starl_cli_vm:says(2, "the contract mine is not known here", ["judge", Out])
         end)
     end}.
 

@@ -5,7 +5,7 @@
 -export([suite/0, all/0]).
 -export([standard_input_is_left_alone/1, a_closed_standard_input_is_none/1]).
 -export([the_shell_reads_standard_input/1, commands_of_the_script_are_explained/1]).
--export([flags_of_the_script_are_refused/1]).
+-export([flags_of_the_script_are_refused/1, other_libraries_build_nothing/1]).
 
 suite() -> [{timetrap, {minutes, 5}}].
 
@@ -15,7 +15,8 @@ all() ->
         a_closed_standard_input_is_none,
         the_shell_reads_standard_input,
         commands_of_the_script_are_explained,
-        flags_of_the_script_are_refused
+        flags_of_the_script_are_refused,
+        other_libraries_build_nothing
     ].
 
 %% A list that a loop reads its turns from is not eaten by the first of them.
@@ -47,6 +48,14 @@ flags_of_the_script_are_refused(Config) ->
         ?assertMatch({2, "starl: " ++ _}, sh("./starl " ++ Line, Config))
      || Line <- ["test --helpp", "setup --helpp", "setup now", "test no/such-name"]
     ].
+
+%% Where a user has libraries of his own is no matter of the build.
+other_libraries_build_nothing(Config) ->
+    {0, _} = sh("./starl apps", Config),
+    Stamps = "stat -c '%i %Y' _build/starl/ready _build/starl/built _build/default/lib/starl_cli",
+    {0, Before} = sh(Stamps, Config),
+    {0, _} = sh("ERL_LIBS=\"$out:${ERL_LIBS-}\" ./starl apps", Config),
+    ?assertEqual({0, Before}, sh(Stamps, Config)).
 
 %% Runs a line in the checkout, with the environment in which ./starl itself has built it.
 sh(Line, Config) ->

@@ -19,7 +19,9 @@ about(_Subject) ->
         "FILE is a recording, or the directory of a run that holds one. The monitors of the run "
         "read its events again; the verdicts are those of the run. A recording that was cut off is "
         "judged to its last whole second, one with a hole up to that. Of recordings of the robots themselves, merged, the "
-        "contracts are judged that do not need the true motions; which are not judged is said."
+        "contracts are judged that do not need the true motions; which are not judged is said. A "
+        "contract of your own is taken from the directory inputs beside the recording, where a run "
+        "keeps its source."
     ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
@@ -39,11 +41,22 @@ subject(Word, Args) ->
     end.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{subject := File}) ->
-    case starl_trace_judge:file(File) of
-        {ok, Judged} -> told(File, Judged);
-        {error, Reason} -> {error, [starl_trace_judge:format_error(Reason)]}
-    end.
+run(#{subject := File}) -> judged(starl_trace_judge:file(File), File, []).
+
+judged({ok, Judged}, File, _Loaded) ->
+    told(File, Judged);
+judged({error, {no_monitor, _, Module} = Reason}, File, Loaded) ->
+    case lists:member(Module, Loaded) orelse starl_cli_inputs:source(Module, File) of
+        {ok, Source} -> loaded(starl_cli_source:modules(Source), Module, File, Loaded);
+        _ -> {error, [starl_trace_judge:format_error(Reason)]}
+    end;
+judged({error, Reason}, _File, _Loaded) ->
+    {error, [starl_trace_judge:format_error(Reason)]}.
+
+loaded({ok, _, _}, Module, File, Loaded) ->
+    judged(starl_trace_judge:file(File), File, [Module | Loaded]);
+loaded({error, _} = Error, _Module, _File, _Loaded) ->
+    Error.
 
 told(File, #{violations := Violations, scenario := #{app := App} = Scenario} = Judged) ->
     #{until_us := Until, events := Events, ended := Ended, unjudged := Unjudged} = Judged,

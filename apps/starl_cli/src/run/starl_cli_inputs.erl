@@ -3,7 +3,7 @@
 %% a run can be repeated after they were moved or changed.
 -module(starl_cli_inputs).
 
--export([read/2, read/3, files/1, app/1, local/2, absolute/2, resolved/3]).
+-export([read/2, read/3, files/1, app/1, local/2, absolute/2, resolved/3, source/2]).
 
 -export_type([t/0]).
 
@@ -80,6 +80,16 @@ joined(Path, Value) ->
     case filelib:is_regular(Path) orelse lists:any(fun(C) -> lists:member(C, "./") end, Value) of
         true -> Path;
         false -> Value
+    end.
+
+%% @doc The source of a module that is kept beside a file of a run.
+-spec source(module(), file:filename()) -> {ok, file:filename()} | none.
+source(Module, File) ->
+    Dir = filename:join(filename:dirname(File), ?DIR),
+    Name = atom_to_list(Module) ++ ".erl",
+    case [Path || Path <- filelib:wildcard("**/*.erl", Dir), filename:basename(Path) =:= Name] of
+        [Path | _] -> {ok, filename:join(Dir, Path)};
+        [] -> none
     end.
 
 %% -- options --------------------------------------------------------------------------------

@@ -244,7 +244,8 @@ format_error({no_scenario, File}) ->
 format_error({too_short, File}) ->
     starl_trace_chunks:format_error({too_short, File});
 format_error({no_monitor, File, Module}) ->
-    Line = "~ts: the contract ~ts is not known here; compile ~ts.erl and put it into ERL_LIBS",
+    Line =
+        "~ts: the contract ~ts is not known here; compile ~ts.erl and put it into ERL_LIBS, or its source into inputs beside the recording",
     io_lib:format(Line, [File, Module, Module]);
 format_error({bad_monitor, File, Module}) ->
     io_lib:format("~ts: ~ts, as it stands in the recording, is no contract", [File, Module]);
