@@ -20,6 +20,7 @@ all() ->
         packed_files_are_recovered,
         without_zstandard_a_line_tells,
         merged_recordings_are_the_whole,
+        a_missing_file_accuses_nobody,
         reading_begins_at_any_time,
         a_halt_is_excused,
         other_files_are_told,
@@ -418,6 +419,48 @@ merged_recordings_are_the_whole(Config) ->
     Both = [{At, R, M, E} || {trace, At, {R, M, E}} <- lists:reverse(Again)],
     ?assertEqual(lists:sort(Seen), lists:sort(Both)).
 
+%% Of a robot with several files only the last: the missing ones are named, and nobody is accused of what
+%% they hold. With all of them, everything is judged.
+a_missing_file_accuses_nobody(Config) ->
+    Dir = file(Config, "several"),
+    ok = filelib:ensure_path(Dir),
+    Sent = fun(At, N) -> {At, 2, sap, {sent, {2, 1, N}, [1], note, 0}} end,
+    Delivered = fun(At, N) -> {At, 1, sap, {delivered, {2, 1, N}, note, 0}} end,
+    Outcome = fun(At, N) -> {At, 2, sap, {outcome, {2, 1, N}, 1, acknowledged}} end,
+    Told = fun(Name, Robot, Facts, Events) ->
+        File = filename:join(Dir, Name),
+        ok = starl_trace_ct:recorded(
+            File,
+            heard([{judged, [Event], []} || Event <- Events], Facts#{
+                told_by => [Robot], robots => [{R, {0.0, 0.0, 0.0}} || R <- [1, 2]]
+            })
+        ),
+        File
+    end,
+    One = Told("robot-1.mcap", 1, #{}, [Delivered(200, 1), Delivered(5200, 2), Delivered(9200, 3)]),
+    Two = [
+        Told("robot-2.mcap", 2, #{}, [Sent(100, 1), Outcome(300, 1)]),
+        Told("robot-2.2.mcap", 2, #{begun_us => 5000}, [Sent(5100, 2), Outcome(5300, 2)]),
+        Told("robot-2.3.mcap", 2, #{begun_us => 9000}, [Sent(9100, 3), Outcome(9300, 3)])
+    ],
+    Out = filename:join(Dir, "out.mcap"),
+    [
+        begin
+            {ok, #{lacking := Lacking}} = starl_trace_merge:files([One | Files], Out),
+            {ok, #{violations := [], unjudged := Unjudged}} = starl_trace_judge:file(Out),
+            ?assertEqual(
+                {Files, Names, Until}, {Files, Lacking, [U || #{why := {hole, U}} <- Unjudged]}
+            )
+        end
+     || [First, Second, Third] <- [Two],
+        {Files, Names, Until} <- [
+            {Two, [], []},
+            {[Third], ["robot-2.mcap", "robot-2.2.mcap"], [9000]},
+            {[First, Third], ["robot-2.2.mcap"], [9000]},
+            {[Second, Third], ["robot-2.mcap"], [5000]}
+        ]
+    ].
+
 robots_own(Robot, Events, Config) ->
     File = file(Config, "robot-" ++ integer_to_list(Robot) ++ ".mcap"),
     [{scenario, 0, Facts} | Rest] = starl_trace_ct:told(
@@ -501,9 +544,11 @@ a_halt_is_excused(Config) ->
     ],
     ?assertEqual([], Found([Began, Judged([Sent]), Judged([Outcome(4100)])])).
 
-heard(News) ->
+heard(News) -> heard(News, #{}).
+
+heard(News, More) ->
     Monitors = [{starl_sap_monitor, #{bound_us => 1000}}],
-    Facts = (starl_trace_ct:facts())#{kind := live, monitors := Monitors},
+    Facts = maps:merge((starl_trace_ct:facts())#{kind := live, monitors := Monitors}, More),
     {Messages, Stream} = lists:mapfoldl(
         fun starl_trace_stream:news/2, starl_trace_stream:new(), [{begun, Facts} | News]
     ),

@@ -50,11 +50,13 @@ run(#{subject := Files, values := #{out := Given, overwrite := Overwrite}}) ->
 
 told({ok, #{messages := Messages, cut_off := CutOff} = Merged}, Out) ->
     #{begun_us := Begun, until_us := Until, missing := Missing, clocks := Clocks} = Merged,
+    #{lacking := Lacking} = Merged,
     ok = starl_cli_recording:packed(Out),
     starl_cli_terminal:out([
         io_lib:format("~ts: ~b messages, ~.1f s\n", [Out, Messages, (Until - Begun) / 1.0e6]),
         [[File, ": is cut off; its end is missing\n"] || File <- CutOff],
         missing([integer_to_list(Robot) || Robot <- Missing]),
+        [lacking(Which) || Which <- Lacking],
         [
             io_lib:format(
                 "clocks: packets from robot ~b to robot ~b came ~.1f ms before they were sent\n",
@@ -66,6 +68,11 @@ told({ok, #{messages := Messages, cut_off := CutOff} = Merged}, Out) ->
     0;
 told({error, Reason}, _Out) ->
     {error, [starl_trace_merge:format_error(Reason)]}.
+
+lacking(Robot) when is_integer(Robot) ->
+    io_lib:format("an earlier recording of robot ~b is missing\n", [Robot]);
+lacking(Name) ->
+    [Name, " is missing\n"].
 
 missing([]) -> "";
 missing([Robot]) -> ["the recording of robot ", Robot, " is missing\n"];

@@ -4,13 +4,18 @@
 %%
 %% <em>Clocks.</em> The times of all files are taken as they are: the robots' computers must be set by
 %% one clock. The packets tell where they are not: those that came before they were sent.
+%%
+%% <em>Holes.</em> Where a file of a robot is missing, or a file has no end, the merged recording has a
+%% hole: nobody is accused of what may stand there.
 -module(starl_trace_merge).
 
 -export([files/2, format_error/1]).
 
 -export_type([merged/0, reason/0, clock/0]).
 
-%% `cut_off': the files whose ends are in no other; `missing': robots of the run without a file.
+%% `cut_off': the files whose ends are in no other; `missing': robots of the run without a file;
+%% `lacking': the files of the other robots that are missing, by name, or the robots of whom an earlier
+%% one is.
 -type merged() :: #{
     messages := non_neg_integer(),
     bytes := non_neg_integer(),
@@ -18,6 +23,7 @@
     until_us := integer(),
     cut_off := [file:filename_all()],
     missing := [starl:robot_id()],
+    lacking := [file:filename() | starl:robot_id()],
     clocks := [clock()]
 }.
 
@@ -55,7 +61,9 @@
     messages = 0 :: non_neg_integer(),
     until = 0 :: integer(),
     ended = none :: starl_observer:ending() | none,
-    cut_off = [] :: [file:filename_all()]
+    cut_off = [] :: [file:filename_all()],
+    %% the files behind which something is missing, and until when
+    holes = #{} :: #{file:filename_all() => integer() | the_end}
 }).
 
 %% The longest delay of a packet, and the time after which it is looked for.
@@ -124,19 +132,30 @@ written(Sources0, Part) ->
     HasWorld = has_world(Sources0),
     Sources = [shared(HasWorld, Source) || Source <- Sources0],
     {Head, Writer} = starl_trace_writer:new(),
+    Begin = begin_us(Sources),
+    {Lacking, Holes} = starl_trace_robot:lacking([
+        {File, Facts}
+     || #source{kind = robot, facts = Facts, file = File} <- Sources
+    ]),
     Merge = put_bytes({Head, Writer}, #merge{
-        part = Part, writer = Writer, has_world = HasWorld
+        part = Part,
+        writer = Writer,
+        has_world = HasWorld,
+        holes = maps:merge(open_ends(Sources), maps:remove(none, Holes))
     }),
-    Scenario = {scenario, begin_us(Sources), facts(Sources)},
-    {Ready, Begun} = filled(Sources, put_messages([Scenario], Merge)),
+    First = [{gap, Begin, {hole, To}} || #{none := To} <- [Holes]],
+    {Ready, Begun} = filled(
+        Sources, put_messages([{scenario, Begin, facts(Sources)} | First], Merge)
+    ),
     #merge{until = Until, part = Whole} = Merged = finished(all(Ready, Begun)),
     #{
         messages => Merged#merge.messages,
         bytes => starl_mcap_part:written(Whole),
-        begun_us => begin_us(Sources),
+        begun_us => Begin,
         until_us => Until,
         cut_off => lists:reverse(Merged#merge.cut_off) -- continued(Sources),
         missing => missing(Sources),
+        lacking => Lacking,
         clocks => starl_packet_ways:early(Merged#merge.ways)
     }.
 
@@ -164,6 +183,11 @@ robots(Sources) ->
 
 missing([#source{facts = #{robots := All}} | _] = Sources) ->
     [Id || {Id, _} <- All] -- robots(Sources).
+
+%% What is missing of a robot's file that was cut off, if no next file has it.
+open_ends(Sources) ->
+    Files = [File || #source{file = File} <- Sources],
+    maps:from_keys(Files -- continued(Sources), the_end).
 
 %% The files of a robot whose next file has their end.
 continued(Sources) ->
@@ -201,15 +225,22 @@ fill(#source{messages = [], cursor = Cursor, file = File} = Source, {Full, Merge
         {ok, Messages, Next} ->
             fill(taken(Messages, Source#source{cursor = Next}), {Full, Merge});
         {ended, closed} ->
-            {Full, Merge};
+            {Full, hole(File, Merge, fun is_integer/1)};
         {ended, _} ->
-            {Full, Merge#merge{cut_off = [File | Merge#merge.cut_off]}};
+            Cut = Merge#merge{cut_off = [File | Merge#merge.cut_off]},
+            {Full, hole(File, Cut, fun(_To) -> true end)};
         {error, Reason} ->
             throw({?MODULE, Reason})
     end;
 fill(Source, {Full, Merge}) ->
     {[Source | Full], Merge}.
 
+%% Behind a file that was closed there is a hole only if the next one is missing.
+hole(File, #merge{holes = Holes, until = Until} = Merge, Is) ->
+    put_messages([{gap, Until, {hole, To}} || #{File := To} <- [Holes], Is(To)], Merge).
+
+put_messages([], Merge) ->
+    Merge;
 put_messages(Messages, #merge{until = Until} = Merge0) ->
     {Ends, Others} = lists:partition(fun is_end/1, Messages),
     Merge = lists:foldl(fun kept/2, lists:foldl(fun ended/2, Merge0, Ends), Others),

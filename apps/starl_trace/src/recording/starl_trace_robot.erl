@@ -9,7 +9,7 @@
 -module(starl_trace_robot).
 -behaviour(starl_observer).
 
--export([start_link/1, observer/1, files/2]).
+-export([start_link/1, observer/1, files/2, lacking/1]).
 -export([log/2]).
 
 -export_type([config/0]).
@@ -70,6 +70,50 @@ number("." ++ Rest) ->
 number(_) ->
     none.
 
+%% @doc What is missing among these recordings of robots, with their facts: the names of the files, or
+%% the robots of whom an earlier file is missing; and the files behind which something is missing
+%% (`none': at the beginning), with the time until which.
+-spec lacking([{file:filename_all(), starl_observer:facts()}]) ->
+    {[file:filename() | starl:robot_id()], #{file:filename_all() | none => integer()}}.
+lacking(Files) ->
+    Ordered = lists:sort([
+        {Robot, maps:get(begun_us, Facts, 0), maps:get(was_up, Facts, false), File}
+     || {File, #{told_by := [Robot]} = Facts} <- Files
+    ]),
+    Pairs = lists:zip([none | lists:droplast(Ordered)], Ordered),
+    Lacking = [
+        {Names, Behind, To}
+     || {A, B} <- Pairs, {[_ | _] = Names, Behind, To} <- [gap(A, B)]
+    ],
+    Latest = fun({_, Behind, To}, Holes) ->
+        maps:update_with(Behind, fun(Before) -> max(Before, To) end, To, Holes)
+    end,
+    {
+        lists:append([Names || {Names, _, _} <- Lacking]),
+        lists:foldl(Latest, #{}, Lacking)
+    }.
+
+%% What is missing between two files, or before the first of a robot.
+gap({Robot, _, _, Before}, {Robot, Begun, _, File}) ->
+    {between(number_of(Before, Robot), number_of(File, Robot), Robot), Before, Begun};
+gap(_Other, {Robot, Begun, WasUp, File}) ->
+    case between({ok, 0}, number_of(File, Robot), Robot) of
+        [] when WasUp -> {[Robot], none, Begun};
+        Names -> {Names, none, Begun}
+    end.
+
+between({ok, N}, {ok, M}, Robot) -> [name(Robot, K) || K <- lists:seq(N + 1, M - 1)];
+between(_, _, _Robot) -> [].
+
+number_of(File, Robot) ->
+    case string:prefix(filename:basename(File), prefix(Robot)) of
+        nomatch -> none;
+        Rest -> number(Rest)
+    end.
+
+name(Robot, 1) -> prefix(Robot) ++ ".mcap";
+name(Robot, N) -> lists:concat([prefix(Robot), ".", N, ".mcap"]).
+
 options(#{most_bytes := Most, robot := Robot, dir := Dir} = Config) when is_integer(Most) ->
     #{file_bytes => Most div ?FILES, next => fun() -> next(Robot, Dir, Config) end};
 options(_Config) ->
@@ -82,10 +126,10 @@ next(Robot, Dir, Config) ->
     filename:join(Dir, named(Robot, Files)).
 
 named(Robot, []) ->
-    prefix(Robot) ++ ".mcap";
+    name(Robot, 1);
 named(Robot, Files) ->
-    {ok, N} = number(lists:nthtail(length(prefix(Robot)), filename:basename(lists:last(Files)))),
-    lists:concat([prefix(Robot), ".", N + 1, ".mcap"]).
+    {ok, N} = number_of(lists:last(Files), Robot),
+    name(Robot, N + 1).
 
 make_room(_Files, none) ->
     ok;
