@@ -99,6 +99,28 @@ told_test() ->
      || {At, Ends} <- [{110, 123_160_000}, {1, 59_160_000}]
     ].
 
+%% A message to a robot that is down while it is sent may be lost; not one before that, or after.
+down_receiver_test() ->
+    Down = {112, 2, robot, down},
+    Started = {114, 2, sap, {started, 2}},
+    Send = fun(Since, At) -> call({send, 2}, Since, {error, lost}, At) end,
+    Order = fun lists:sort/1,
+    [
+        ?assertEqual({Events, What}, {Events, judge(Order(Events))})
+     || {Events, What} <- [
+            {[Down, Started | Send(111, 113)], []},
+            {[Down, Started | Send(113, 115)], []},
+            {[Down, Started | Send(111, 116)], []},
+            {[Down | Send(150, 152)], []},
+            {[Down, Started | Send(110, 111)], [not_as_promised]},
+            {[Down, Started | Send(120, 121)], [not_as_promised]},
+            {[setelement(2, Down, 3), Started | Send(111, 113)], [not_as_promised]}
+        ]
+    ],
+    All = fun(Lost) -> call(broadcast, 111, {error, {lost, Lost}}, 113) end,
+    ?assertEqual([], judge(Order([Down | All([2])]))),
+    ?assertEqual([not_as_promised], judge(Order([Down | All([2, 3])]))).
+
 %% -- what is the same of all calls ------------------------------------------------------------
 
 %% Before the heal any answer will do; later, only the promised one, in time.

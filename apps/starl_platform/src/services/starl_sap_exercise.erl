@@ -1,7 +1,7 @@
 %% @doc The exercise of SAP: messages to one robot, now and then to all.
 %%
-%% The promise: a message is acknowledged unless a receiver has died. The first call after a
-%% restart of either SAP may return `restarted' instead.
+%% The promise: a message is acknowledged unless a receiver has died, or was down during the call. The
+%% first call after a restart of either SAP may return `restarted' instead.
 -module(starl_sap_exercise).
 -behaviour(starl_block_exercise).
 
@@ -18,7 +18,9 @@
     %% another; the restarts that its present call has found
     restarted = #{} :: #{robot_id() => integer()},
     contact = #{} :: #{pair() => integer()},
-    found = #{} :: #{robot_id() => #{pair() => integer()}}
+    found = #{} :: #{robot_id() => #{pair() => integer()}},
+    %% the end of the last time that a robot was down; `still': it is
+    away = #{} :: #{robot_id() => integer() | still}
 }).
 
 -spec prepare(starl:robot(), starl_block_exercise:use()) -> ok.
@@ -55,8 +57,10 @@ watches() -> [sap].
 seen(_Robots) -> #seen{}.
 
 -spec noted(starl_monitor:trace_event(), #seen{}) -> #seen{}.
+noted({_T, Robot, robot, down}, #seen{away = Away} = Seen) ->
+    Seen#seen{away = Away#{Robot => still}};
 noted({T, Robot, sap, {started, N}}, #seen{restarted = Restarted} = Seen) when N > 1 ->
-    Seen#seen{restarted = Restarted#{Robot => T}};
+    back(T, Robot, Seen#seen{restarted = Restarted#{Robot => T}});
 noted({T, Robot, sap, {outcome, _Id, To, acknowledged}}, #seen{contact = Contact} = Seen) ->
     Seen#seen{contact = Contact#{{Robot, To} => T}};
 noted({T, Robot, sap, {outcome, _Id, To, restarted}}, #seen{found = Found} = Seen) ->
@@ -70,24 +74,40 @@ noted({_, Robot, app, {answered, _, _}}, #seen{contact = Contact, found = Found}
 noted(_Event, Seen) ->
     Seen.
 
+back(T, Robot, #seen{away = Away} = Seen) ->
+    case Away of
+        #{Robot := still} -> Seen#seen{away = Away#{Robot := T}};
+        #{} -> Seen
+    end.
+
 -spec promise(starl_promise:call(), starl_promise:team(), #seen{}) -> starl_promise:t().
 promise(#{what := {send, To}, robot := Robot} = Call, Team, Seen) ->
     Is = fun(Outcome) ->
-        Outcome =:= ok orelse (Outcome =:= {error, restarted} andalso is_news(Robot, To, Seen))
+        Outcome =:= ok orelse (Outcome =:= {error, restarted} andalso is_news(Robot, To, Seen)) orelse
+            (Outcome =:= {error, lost} andalso was_away(To, Call, Seen))
     end,
     case starl_promise:has_died([To], Team) of
         true -> none;
         false -> starl_promise:soon(Call, Is, Team)
     end;
-promise(#{what := broadcast, robot := Robot} = Call, #{died := []} = Team, Seen) ->
-    starl_promise:soon(Call, fun(Outcome) -> is_sent(Outcome, Robot, Seen) end, Team);
+promise(#{what := broadcast} = Call, #{died := []} = Team, Seen) ->
+    starl_promise:soon(Call, fun(Outcome) -> is_sent(Outcome, Call, Seen) end, Team);
 promise(_Call, _Team, _Seen) ->
     none.
 
-is_sent({error, {lost, Lost}}, Robot, Seen) ->
-    lists:all(fun(To) -> is_news(Robot, To, Seen) end, Lost);
-is_sent(Outcome, _Robot, _Seen) ->
+is_sent({error, {lost, Lost}}, #{robot := Robot} = Call, Seen) ->
+    Is = fun(To) -> is_news(Robot, To, Seen) orelse was_away(To, Call, Seen) end,
+    lists:all(Is, Lost);
+is_sent(Outcome, _Call, _Seen) ->
     Outcome =:= ok.
+
+%% Was it down during this call, which ends now?
+was_away(Robot, #{since_us := Since}, #seen{away = Away}) ->
+    case Away of
+        %% an atom is larger than any number
+        #{Robot := Until} -> Until >= Since;
+        #{} -> false
+    end.
 
 %% Has one of the two restarted since their last contact?
 is_news(Robot, To, #seen{restarted = Restarted, contact = Contact}) ->
