@@ -124,7 +124,10 @@ counter() ->
         {counter_adds, counter, starl_counter_bug, #{bug => adds}, #{},
             "adds what it hears to what it has"},
         {counter_replaces, counter, starl_counter_bug, #{bug => replaces}, #{},
-            "replaces what it has by what it hears"}
+            "replaces what it has by what it hears"},
+        {counter_zero, counter, starl_counter_bug, #{bug => zero}, #{}, "never shows a count"},
+        {counter_reborn, counter, starl_counter_bug, #{bug => reborn}, #{final => 2, time => 600},
+            "counts anew in the entry of an earlier life"}
     ].
 
 dpp() ->

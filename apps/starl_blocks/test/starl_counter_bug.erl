@@ -1,11 +1,17 @@
 %% Counters with a bug, to show that the monitor finds it. `adds': what is heard is added to what is
-%% known. `replaces': what is heard takes the place of what is known.
+%% known. `replaces': what is heard takes the place of what is known. `zero': it never shows a count.
+%% `reborn': a later life counts in the entry of the first one.
 -module(starl_counter_bug).
 -behaviour(starl_machine).
 
 -export([init/1, handle_event/5]).
 
+init(#{bug := reborn} = Config) ->
+    begun(reborn, Config#{incarnation := 1});
 init(#{bug := Bug} = Config) ->
+    begun(Bug, Config).
+
+begun(Bug, Config) ->
     {State, Data, Actions} = starl_counter_gossip:init(maps:remove(bug, Config)),
     {State, {Bug, Data}, Actions}.
 
@@ -24,5 +30,13 @@ heard(adds, cast, {message, From, counter, {entries, [{Robot, Life, N} | Rest]}}
 heard(_Bug, _Type, Content, _Meta) ->
     Content.
 
-wrapped(Bug, {keep_state, Data, Actions}) -> {keep_state, {Bug, Data}, Actions};
+wrapped(Bug, {keep_state, Data, Actions}) -> {keep_state, {Bug, Data}, shown(Bug, Actions)};
+wrapped(Bug, {keep_state_and_data, Actions}) -> {keep_state_and_data, shown(Bug, Actions)};
 wrapped(_Bug, Other) -> Other.
+
+shown(zero, Actions) -> [zero(Action) || Action <- Actions];
+shown(_Bug, Actions) -> Actions.
+
+zero({trace, {What, _Value}}) -> {trace, {What, 0}};
+zero({reply, From, _Value}) -> {reply, From, 0};
+zero(Action) -> Action.

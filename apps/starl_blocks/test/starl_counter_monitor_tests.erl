@@ -31,6 +31,37 @@ goes_back_test() ->
     ?assertEqual([], judge(Two ++ [{3, 1, counter, crashed}, reads(3, 1, 1)])),
     ?assertEqual([{goes_back, 3}], judge(Two ++ [{3, 2, counter, crashed}, reads(3, 1, 1)])).
 
+%% An increment counts at once where it is made.
+not_counted_test() ->
+    ?assertEqual([{not_counted, 1}], judge([count(1, 1, 0)])),
+    Two = [count(1, 1, 1), holds(2, 2, 1)],
+    ?assertEqual([{not_counted, 3}], judge(Two ++ [count(3, 2, 1)])),
+    ?assertEqual([], judge(Two ++ [count(3, 2, 2)])),
+    ?assertEqual([], judge(Two ++ [{3, 2, counter, crashed}, count(4, 2, 1)])).
+
+%% Those alive agree on no less than what one of them knew at the last crash or death, and what has been
+%% counted since.
+increments_lost_test() ->
+    Bound = #{within_us => 10},
+    All = fun(T, Value) -> [holds(T, Robot, Value) || Robot <- [1, 2, 3]] end,
+    Crash = {4, 1, counter, crashed},
+    Judge = fun(Events) ->
+        judge([count(1, 1, 1), count(2, 1, 2), holds(3, 2, 2)] ++ Events, Bound)
+    end,
+    ?assertEqual([], Judge([Crash] ++ All(5, 2))),
+    %% its old count and its new one do not add up
+    ?assertEqual([{increments_lost, 15}], Judge([Crash, count(5, 1, 1)] ++ All(6, 2))),
+    ?assertEqual([], Judge([Crash, count(5, 1, 1)] ++ All(6, 3))),
+    %% what nobody else had heard is lost with who has counted it
+    ?assertEqual([], Judge([count(4, 1, 3), Crash, count(5, 1, 1)] ++ All(6, 3))),
+    Died = {4, 1, robot, {died, killed}},
+    ?assertEqual([], Judge([Died, count(5, 2, 3), holds(6, 3, 3)])),
+    ?assertEqual([], Judge([count(3, 1, 3), Died, count(5, 2, 3), holds(6, 3, 3)])),
+    %% nobody has heard anything of anybody
+    Two = [count(1, 1, 1), count(1, 2, 1), holds(2, 3, 1)],
+    ?assertEqual([{increments_lost, 11}], judge(Two, Bound)),
+    ?assertEqual([], judge(Two, #{})).
+
 exceeds_test() ->
     ?assertEqual([], judge([count(1, 1, 1), holds(2, 2, 1)])),
     ?assertEqual([{exceeds, 2}], judge([count(1, 1, 1), holds(2, 2, 2)])),

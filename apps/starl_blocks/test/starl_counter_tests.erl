@@ -100,7 +100,7 @@ bugs_are_found_test_() ->
                         fun(Seed) -> broken(Bug, 4, Seed) =/= [] end, lists:seq(1, 30)
                     )}
             )
-         || Bug <- [adds, replaces]
+         || Bug <- [adds, replaces, zero, reborn]
         ]
     end}.
 

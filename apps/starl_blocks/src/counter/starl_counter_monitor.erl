@@ -1,11 +1,13 @@
 %% @doc The contract of the shared counter, as a monitor.
 %%
 %% Safety: the value of a robot never goes back, except after a crash of its machine, and never
-%% exceeds the number of increments that were made.
+%% exceeds the number of increments that were made. An increment counts at once where it is made.
 %%
 %% Progress: at most `within_us' (default: none) after the last increment and the last crash or
 %% death of a robot, and after `healed_us' (default 0; when the last fault is over, see
-%% {@link context/2}), all robots alive have the same value.
+%% {@link context/2}), all robots alive have the same value. No increment since that crash or death
+%% is lost, nor one that was known elsewhere at the time: the value is at least what any of them had at
+%% some time, with what it and the others have counted since in their present lives.
 %%
 %% Events of machine `counter': those of {@link starl_counter_gossip:event()}, and `crashed'; of
 %% machine `robot': `{died, Reason}'.
@@ -21,6 +23,10 @@
     within :: us() | infinity,
     healed :: us() | never,
     made = 0 :: non_neg_integer(),
+    %% the least value on which those alive may agree: what one of them had at some time, and what each
+    %% has counted since and not forgotten
+    had = {none, 0} :: {robot_id() | none, Value :: non_neg_integer()},
+    since = #{} :: #{robot_id() => pos_integer()},
     %% each robot's value; the dead are not there
     values :: #{robot_id() => non_neg_integer()},
     due = infinity :: us() | infinity,
@@ -83,18 +89,45 @@ finish(EndUs, State) ->
 verdict([]) -> ok;
 verdict(Violations) -> {violation, Violations}.
 
-judge({counter, {incremented, Value}}, T, Robot, #state{made = Made} = State) ->
-    has(Value, T, Robot, postponed(T, State#state{made = Made + 1}));
+judge({counter, {incremented, Value}}, T, Robot, #state{made = Made, since = Since} = State) ->
+    Broken = not_counted(Value, T, Robot, State),
+    Counted = State#state{
+        made = Made + 1, since = maps:update_with(Robot, fun(N) -> N + 1 end, 1, Since)
+    },
+    {More, Next} = has(Value, T, Robot, postponed(T, Counted)),
+    {Broken ++ More, Next};
 judge({counter, {holds, Value}}, T, Robot, State) ->
     has(Value, T, Robot, State);
 judge({counter, {read, Value}}, T, Robot, State) ->
     has(Value, T, Robot, State);
 judge({counter, crashed}, T, Robot, #state{values = Values} = State) ->
-    {[], postponed(T, State#state{values = Values#{Robot => 0}})};
+    {[], postponed(T, forgotten(Robot, State#state{values = Values#{Robot => 0}}))};
 judge({robot, {died, _Reason}}, T, Robot, #state{values = Values} = State) ->
-    {[], postponed(T, State#state{values = maps:remove(Robot, Values)})};
+    {[], postponed(T, forgotten(Robot, State#state{values = maps:remove(Robot, Values)}))};
 judge(_Other, _T, _Robot, State) ->
     {[], State}.
+
+%% What the robot has counted may be lost, and what it knew; what another one has now is not.
+forgotten(Robot, #state{had = {Who, _}, since = Since, values = Values} = State) ->
+    Others = State#state{since = maps:remove(Robot, Since)},
+    Left =
+        case Who of
+            Robot -> Others#state{had = {none, 0}};
+            _ -> Others
+        end,
+    {Most, Other} = lists:max([{0, none} | [{V, R} || {R, V} <- maps:to_list(Values)]]),
+    case Most > least(Left) of
+        true -> State#state{had = {Other, Most}, since = #{}};
+        false -> Left
+    end.
+
+least(#state{had = {_, Value}, since = Since}) -> Value + lists:sum(maps:values(Since)).
+
+not_counted(Value, T, Robot, #state{values = Values}) ->
+    case maps:get(Robot, Values, 0) of
+        Value -> [violation(not_counted, T, [Robot], #{value => Value})];
+        _ -> []
+    end.
 
 has(Value, T, Robot, #state{made = Made, values = Values} = State) ->
     Before = maps:get(Robot, Values, 0),
@@ -112,11 +145,16 @@ postponed(T, #state{within = Within, healed = Healed} = State) ->
     State#state{due = max(T, Healed) + Within}.
 
 agreement(T, #state{due = Due, values = Values, judged = Judged} = State) when Due < T ->
+    Least = least(State),
+    Disagree = fun(What, Details) ->
+        Broken = violation(What, Due, lists:sort(maps:keys(Values)), Details),
+        {[Broken], State#state{due = infinity}}
+    end,
     case lists:usort(maps:values(Values)) of
         [_, _ | _] = Different ->
-            Details = #{values => Different},
-            Broken = violation(no_agreement, Due, lists:sort(maps:keys(Values)), Details),
-            {[Broken], State#state{due = infinity}};
+            Disagree(no_agreement, #{values => Different});
+        [Value] when Value < Least ->
+            Disagree(increments_lost, #{value => Value, least => Least});
         _ ->
             {[], State#state{due = infinity, judged = Judged + 1}}
     end;
