@@ -2,8 +2,9 @@
 %% 4), so no other program is needed. A condition is awaited within the page, at each of its frames.
 -module(starl_view_browser).
 
--export([program/0, start/1, start/2, stop/1, open/2, visit/2, eval/2, await/2]).
--export([click/2, click/3, press/2, shot/2, emulate/2]).
+-export([program/0, start/1, start/2, stop/1, lent/1, borrow/2, give_back/1]).
+-export([open/2, visit/2, eval/2, await/2]).
+-export([click/2, click/3, press/2, wheel/3, touch/3, shot/2, emulate/2]).
 
 -record(browser, {port :: port(), session = none :: binary() | none, dir :: string()}).
 
@@ -78,6 +79,48 @@ stop(#browser{port = Port, dir = Dir} = Browser) ->
     _ = erlang:port_info(Port) =/= undefined andalso port_close(Port),
     file:del_dir_r(Dir).
 
+%% A port belongs to a process, and each test is one of its own: one browser is lent to all of a suite.
+lent(Program) ->
+    Suite = self(),
+    Lender = spawn(fun() ->
+        Browser = start(Program),
+        Suite ! {self(), ready},
+        lend(Browser)
+    end),
+    receive
+        {Lender, ready} -> Lender
+    end.
+
+lend(Browser) ->
+    receive
+        {do, From, Do} ->
+            Answer =
+                try
+                    {done, Do(Browser)}
+                catch
+                    Class:Reason:Stack -> {failed, Class, Reason, Stack}
+                end,
+            From ! {self(), Answer},
+            lend(Browser);
+        {give_back, From} ->
+            _ = stop(Browser),
+            From ! {given_back, self()}
+    end.
+
+%% Does something with the browser that is lent, in its process.
+borrow(Lender, Do) ->
+    Lender ! {do, self(), Do},
+    receive
+        {Lender, {done, Value}} -> Value;
+        {Lender, {failed, Class, Reason, Stack}} -> erlang:raise(Class, Reason, Stack)
+    end.
+
+give_back(Lender) ->
+    Lender ! {give_back, self()},
+    receive
+        {given_back, Lender} -> ok
+    end.
+
 %% The page of a window, when it knows the run.
 open(Url, Browser) ->
     ok = visit(Url, Browser),
@@ -90,10 +133,19 @@ visit(Url, Browser) ->
     loaded = answer({loaded, Loader}, Browser#browser.port),
     ok.
 
-%% Another size, or colours: `#{width, height}', `#{dark}'.
+%% Another size, a telephone, or colours: `#{width, height}', `#{telephone}', `#{dark}'.
 emulate(#{width := Width, height := Height}, Browser) ->
     Size = #{width => Width, height => Height, deviceScaleFactor => 1, mobile => false},
     _ = call(<<"Emulation.setDeviceMetricsOverride">>, Size, Browser),
+    ok;
+emulate(#{telephone := true}, Browser) ->
+    Size = #{width => 390, height => 844, deviceScaleFactor => 2, mobile => true},
+    _ = call(<<"Emulation.setDeviceMetricsOverride">>, Size, Browser),
+    _ = call(<<"Emulation.setTouchEmulationEnabled">>, #{enabled => true}, Browser),
+    ok;
+emulate(#{telephone := false}, Browser) ->
+    _ = call(<<"Emulation.clearDeviceMetricsOverride">>, #{}, Browser),
+    _ = call(<<"Emulation.setTouchEmulationEnabled">>, #{enabled => false}, Browser),
     ok;
 emulate(#{dark := Dark}, Browser) ->
     Value =
@@ -170,13 +222,29 @@ click(X, Y, Browser) ->
     ],
     ok.
 
+%% The wheel at a place of the page, or two fingers on a pad, which send many small turns.
+wheel({X, Y}, Pixels, Browser) ->
+    Turn = #{type => mouseWheel, x => X, y => Y, deltaX => 0, deltaY => Pixels},
+    _ = call(<<"Input.dispatchMouseEvent">>, Turn, Browser),
+    ok.
+
+%% Fingers come down (`touchStart'), move (`touchMove') or are lifted (`touchEnd', none is left).
+touch(Type, Places, Browser) ->
+    Points = [#{x => X, y => Y, id => Id} || {Id, {X, Y}} <- lists:enumerate(Places)],
+    _ = call(<<"Input.dispatchTouchEvent">>, #{type => Type, touchPoints => Points}, Browser),
+    ok.
+
 %% A key.
 press(Key, Browser) ->
     [
-        call(<<"Input.dispatchKeyEvent">>, #{type => Type, key => Key, text => Key}, Browser)
+        call(<<"Input.dispatchKeyEvent">>, key(Type, Key), Browser)
      || Type <- [keyDown, keyUp]
     ],
     ok.
+
+%% Keys with a name write nothing.
+key(Type, Key) when byte_size(Key) > 1 -> #{type => Type, key => Key};
+key(Type, Key) -> #{type => Type, key => Key, text => Key}.
 
 shot(File, Browser) ->
     {#{<<"data">> := Data}, _} = call(<<"Page.captureScreenshot">>, #{format => png}, Browser),

@@ -22,52 +22,13 @@ all() -> [simulation, recording, late, replay, film, live, cluster].
 
 init_per_suite(Config) ->
     case ?B:program() of
-        {ok, Program} -> [{browser, served(Program)} | recorded(Config)];
+        {ok, Program} -> [{browser, ?B:lent(Program)} | recorded(Config)];
         {skip, Why} -> {skip, Why}
     end.
 
-end_per_suite(Config) ->
-    Server = ?config(browser, Config),
-    Server ! {stop, self()},
-    receive
-        {stopped, Server} -> ok
-    end.
+end_per_suite(Config) -> ?B:give_back(?config(browser, Config)).
 
-%% A port belongs to a process; each case is one of its own and borrows the browser.
-served(Program) ->
-    Suite = self(),
-    Server = spawn(fun() ->
-        Browser = ?B:start(Program),
-        Suite ! {self(), ready},
-        serve(Browser)
-    end),
-    receive
-        {Server, ready} -> Server
-    end.
-
-serve(Browser) ->
-    receive
-        {do, From, Do} ->
-            Answer =
-                try
-                    {done, Do(Browser)}
-                catch
-                    Class:Reason:Stack -> {failed, Class, Reason, Stack}
-                end,
-            From ! {self(), Answer},
-            serve(Browser);
-        {stop, From} ->
-            ok = ?B:stop(Browser),
-            From ! {stopped, self()}
-    end.
-
-browse(Config, Do) ->
-    Server = ?config(browser, Config),
-    Server ! {do, self(), Do},
-    receive
-        {Server, {done, Value}} -> Value;
-        {Server, {failed, Class, Reason, Stack}} -> erlang:raise(Class, Reason, Stack)
-    end.
+browse(Config, Do) -> ?B:borrow(?config(browser, Config), Do).
 
 %% A run with a partition and a death, on record.
 recorded(Config) ->
@@ -215,7 +176,7 @@ tells_of_a_robot(Browser, Dir) ->
     ),
     ?B:eval(
         "document.querySelectorAll('#machines details').forEach(d =>"
-        "{ d.open = d.dataset.name === 'dpp'; })",
+        "{ d.open = d.dataset.key === 'dpp'; })",
         Browser
     ),
     ?B:shot(filename:join(Dir, "3_robot.png"), Browser).

@@ -27,10 +27,10 @@
     flush/1,
     events/2
 ]).
--export([join/1, want/2, command/2]).
+-export([join/1, want/2, command/2, asker/2, tell/2, say/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([place/0, frames/0, command/0]).
+-export_type([place/0, frames/0, command/0, asker/0]).
 
 %% How far a page has come: the number of its last frame, and of the clock that it was told last.
 -type place() :: {Frame :: non_neg_integer(), Clock :: non_neg_integer()}.
@@ -40,6 +40,10 @@
 
 %% What somebody at a page wants, with the page that gets an answer.
 -type command() :: {starl_view, Page :: pid(), #{binary() => term()}}.
+
+%% Who gets the answer to a command: a page, and the part of it that has asked, as the command's `of' names
+%% it. A command of the program itself has nobody.
+-type asker() :: none | {Page :: pid(), Of :: [binary()]}.
 
 -define(MOST_BYTES, 48 * 1024 * 1024).
 -define(MOST_PAGES, 200).
@@ -145,6 +149,27 @@ want(Hub, Place) -> gen_server:cast(Hub, {want, self(), Place}).
 %% @doc Passes on a command of the page.
 -spec command(pid(), #{binary() => term()}) -> ok.
 command(Hub, Command) -> gen_server:cast(Hub, {command, self(), Command}).
+
+%% @doc Who has sent a command.
+-spec asker(Page :: pid() | none, #{binary() => term()}) -> asker().
+asker(none, _Command) -> none;
+asker(Page, #{<<"of">> := Of}) when is_binary(Of) -> {Page, [Of]};
+asker(Page, _Command) -> {Page, []}.
+
+%% @doc Tells a row to the page that has asked, and to no other.
+-spec tell(asker(), starl_view_row:row()) -> ok.
+tell(none, _Row) ->
+    ok;
+tell({Page, _Of}, Row) ->
+    Page ! {tell, Row},
+    ok.
+
+%% @doc Answers a command with words.
+-spec say(asker(), yes | no, unicode:chardata()) -> ok.
+say(none, _YesOrNo, _Text) ->
+    ok;
+say({_, Of} = Asker, YesOrNo, Text) ->
+    tell(Asker, [atom_to_binary(YesOrNo), unicode:characters_to_binary(Text) | Of]).
 
 -spec init(map()) -> {ok, #hub{}}.
 init(Config) ->

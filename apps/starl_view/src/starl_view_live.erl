@@ -100,7 +100,7 @@ handle_info(tick, Live) ->
     _ = erlang:send_after(?TICK_MS, self(), tick),
     {noreply, tick(Live)};
 handle_info({starl_view, Page, Command}, Live) ->
-    {noreply, do(Command, Page, Live)};
+    {noreply, do(Command, starl_view_hub:asker(Page, Command), Live)};
 handle_info(_, Live) ->
     {noreply, Live}.
 
@@ -179,10 +179,10 @@ paused(_Robot, _Seconds, Page, Live) ->
 
 %% The run tells its observers what was done, and so the page.
 answered(ok, {What, Robots}, Page, Live) ->
-    ok = said(<<"yes">>, done(What, Robots), Page),
+    ok = starl_view_hub:say(Page, yes, done(What, Robots)),
     Live;
 answered({error, Why}, _What, Page, Live) ->
-    ok = said(<<"no">>, Why, Page),
+    ok = starl_view_hub:say(Page, no, Why),
     Live.
 
 done(heal, []) ->
@@ -193,10 +193,6 @@ done(What, Robots) ->
         [io_lib:format(" ~b", [Robot]) || Robot <- Robots]
     ].
 
-said(Kind, Text, Page) ->
-    Page ! {tell, [Kind, unicode:characters_to_binary(Text)]},
-    ok.
-
 %% A robot is not asked: it may be on another computer, and has other things to do.
 look(#{<<"robot">> := Robot}, Page, #live{hub = Hub, now = Now} = Live) when is_integer(Robot) ->
     Last = [
@@ -206,7 +202,7 @@ look(#{<<"robot">> := Robot}, Page, #live{hub = Hub, now = Now} = Live) when is_
     Seen = #{
         result => running, events => length(Last), crashes => [], machines => [], last => Last
     },
-    Page ! {tell, [<<"look">>, Now, Robot, Seen]},
+    ok = starl_view_hub:tell(Page, [<<"look">>, Now, Robot, Seen]),
     Live;
 look(_Command, Page, Live) ->
     answered({error, "there is no such robot"}, none, Page, Live).

@@ -153,7 +153,8 @@ now_ms() -> erlang:monotonic_time(millisecond).
 
 %% -- commands -------------------------------------------------------------------------------
 
-do(Command, Page, #player{run = Run} = Player) ->
+do(Command, From, #player{run = Run} = Player) ->
+    Page = starl_view_hub:asker(From, Command),
     case starl_view_order:read(Command) of
         {ok, Order} -> permitted(refused(Order, Run), Order, Page, Player);
         {error, Why} -> refuse(Page, Why, Player)
@@ -229,13 +230,16 @@ order({heal, Id}, Page, #player{run = Run} = Player) ->
     end;
 order({save, Name}, Page, #player{run = Run, save = Save} = Player) ->
     case Save(Name, starl_view_run:scenario(Run)) of
-        {ok, What} -> tell(Page, [<<"yes">>, unicode:characters_to_binary(What)], Player);
+        {ok, What} -> answer(Page, yes, What, Player);
         {error, Why} -> refuse(Page, Why, Player)
     end;
 order({look, Robot}, Page, #player{run = Run} = Player) ->
     case starl_view_run:look(Robot, Run) of
-        {ok, Seen} -> tell(Page, [<<"look">>, starl_view_run:now(Run), Robot, Seen], Player);
-        none -> refuse(Page, "there is no such robot", Player)
+        {ok, Seen} ->
+            ok = starl_view_hub:tell(Page, [<<"look">>, starl_view_run:now(Run), Robot, Seen]),
+            Player;
+        none ->
+            refuse(Page, "there is no such robot", Player)
     end.
 
 rest(#player{pace = Pace} = Player) -> Player#player{pace = starl_view_pace:rest(Pace)}.
@@ -249,11 +253,8 @@ anchored(#player{run = Run, pace = Pace} = Player) ->
 changed(Faults, #player{run = Run} = Player) ->
     anchored(Player#player{run = starl_view_run:changed(Faults, Run), changed = true}).
 
-refuse(Page, Why, Player) -> tell(Page, [<<"no">>, unicode:characters_to_binary(Why)], Player).
+refuse(Page, Why, Player) -> answer(Page, no, Why, Player).
 
-%% A command at the beginning has no page.
-tell(none, _Row, Player) ->
-    Player;
-tell(Page, Row, Player) ->
-    Page ! {tell, Row},
+answer(Page, YesOrNo, Text, Player) ->
+    ok = starl_view_hub:say(Page, YesOrNo, Text),
     Player.

@@ -3,14 +3,16 @@ import { seconds } from './time.js';
 
 const SPAN_US = 6e5, MOST_COLUMNS = 12;
 
-export function chart(canvas, floor, team, t, selected) {
+// Draws the chart; `first` is the robot of the first column where there is no room for all. Gives the packets, the
+// robots that have a column, and all that have a part in them.
+export function chart(canvas, floor, team, t, selected, first) {
   const g = canvas.getContext('2d'), px = window.devicePixelRatio || 1;
   const w = canvas.width = Math.round(canvas.clientWidth * px);
   const h = canvas.height = Math.round(canvas.clientHeight * px);
   const from = t - SPAN_US, to = t + SPAN_US / 4;
   const talk = team.talk(from - 1e6, to)
     .filter(p => !selected || p[1] === selected || p[2] === selected);
-  const ids = columns(team, talk, selected);
+  const all = talkers(team, talk, selected), ids = columns(all, selected, first);
   const x = id => 26 * px + (w - 52 * px) * (ids.length < 2 ? 0.5 : ids.indexOf(id) / (ids.length - 1));
   const y = us => 20 * px + (h - 24 * px) * (us - from) / (to - from);
   g.font = `${11 * px}px system-ui, sans-serif`;
@@ -40,16 +42,23 @@ export function chart(canvas, floor, team, t, selected) {
     if (lost) floor.cross(g, ex, y(end), 4 * px);
     else g.fillRect(ex - 2 * px, y(end) - 2 * px, 4 * px, 4 * px);
   }
-  return talk;
+  return { talk, ids, all };
 }
 
-function columns(team, talk, selected) {
+function talkers(team, talk, selected) {
   const ids = new Set(selected ? [selected] : []);
   for (const [, a, b] of talk) { ids.add(a); ids.add(b); }
   if (ids.size < 2) for (const id of (team.run ? team.run.robots : [])) ids.add(id);
-  const all = [...ids].sort((a, b) => a - b);
-  return all.length <= MOST_COLUMNS ? all
-    : [...new Set([selected || all[0], ...all])].slice(0, MOST_COLUMNS).sort((a, b) => a - b);
+  return [...ids].sort((a, b) => a - b);
+}
+
+// The selected robot always has a column.
+function columns(all, selected, first) {
+  if (all.length <= MOST_COLUMNS) return all;
+  const others = all.filter(id => id !== selected), room = MOST_COLUMNS - (all.length - others.length);
+  const after = others.findIndex(id => id >= first);
+  const from = Math.max(0, Math.min(after < 0 ? others.length : after, others.length - room));
+  return [...others.slice(from, from + room), ...(selected ? [selected] : [])].sort((a, b) => a - b);
 }
 
 function line(g, x1, y1, x2, y2) {

@@ -7,6 +7,13 @@ const PALETTE = ['#e6194b', '#3cb44b', '#4363d8', '#f58231', '#78005a', '#00b4ff
 const DARK = ['#ff5c7f', '#5fd46e', '#7d97ff', '#ff9c57', '#d06ab4', '#45c8ff', '#ff6bff', '#b9b958',
   '#27e3c8', '#d46a6a', '#e6d632', '#7a7aff', '#ffb0b0', '#4fc3c3', '#ff5cc4', '#ffb3f4'];
 const WAY_US = 15e6, LOST_US = 6e5;
+// The picture shows at least as much as three robots side by side, at most as much as six floors. A robot
+// with a larger radius (pixels of the screen) is drawn anew in each frame; there is room for a few such only.
+const LEAST_ROBOTS = 3, MOST_FLOORS = 6, MOST_SPRITE = 48;
+// Without a choice of the user the picture holds robots up to this part of the floor outside of it.
+const MOST_OUTSIDE = 1, OUTSIDE_STEP = 1 / 8;
+// The arrows at the edge that name their robots.
+const MOST_NAMED = 12;
 
 export class Floor {
   constructor(canvas, team) {
@@ -31,13 +38,38 @@ export class Floor {
       'line', 'paper'].map(name => [name, this.css('--' + name)]));
     this.inked.key = this.grounded = '';
     this.sprites = new Map();
+    this.spriteRadius = 0;
   }
   colour(id) { return this.palette[(id - 1) % 16]; }
-  // The whole floor, unless the user has chosen a part of it.
-  fit() {
+  // The whole floor, and the robots that have left it, unless the user has chosen a part.
+  fit(poses = this.team.poses(this.t ?? 0)) {
+    const [left, bottom, right, top] = this.bounds(poses);
+    const scale = 0.96 * Math.min(this.w / (right - left), this.h / (top - bottom));
+    this.view = { x: (left + right) / 2, y: (bottom + top) / 2, scale, own: false };
+  }
+  // In steps, so that the picture does not move with each robot.
+  bounds(poses) {
     const [width, height] = this.team.run.world;
-    const scale = 0.96 * Math.min(this.w / width, this.h / height);
-    this.view = { x: width / 2, y: height / 2, scale, own: false };
+    const out = (mm, size) => mm <= 0 ? 0
+      : size * Math.min(MOST_OUTSIDE, OUTSIDE_STEP * Math.ceil(mm / size / OUTSIDE_STEP));
+    let [left, bottom, right, top] = [0, 0, 0, 0];
+    for (const [, x, y] of poses) {
+      left = Math.max(left, out(-x, width));
+      right = Math.max(right, out(x - width, width));
+      bottom = Math.max(bottom, out(-y, height));
+      top = Math.max(top, out(y - height, height));
+    }
+    return [-left, -bottom, width + right, height + top];
+  }
+  isOutside(x, y) {
+    const [width, height] = this.team.run.world;
+    return x < 0 || y < 0 || x > width || y > height;
+  }
+  limits() {
+    const [width, height] = this.team.run.world;
+    const all = Math.min(this.w / width, this.h / height);
+    return [all / MOST_FLOORS,
+      Math.max(MOST_FLOORS * all, Math.min(this.w, this.h) / (2 * LEAST_ROBOTS * this.team.run.radius))];
   }
   resize() {
     const ratio = window.devicePixelRatio || 1;
@@ -58,13 +90,22 @@ export class Floor {
       (this.h / 2 - py * this.ratio) / this.view.scale + this.view.y];
   }
   zoom(factor, px, py) {
+    if (!this.view) return;
     const [x, y] = px === undefined ? [this.view.x, this.view.y] : this.place(px, py);
-    this.view = { x: x + (this.view.x - x) / factor, y: y + (this.view.y - y) / factor,
-      scale: this.view.scale * factor, own: true };
+    const [least, most] = this.limits(), before = this.view.scale;
+    const scale = Math.max(least, Math.min(most, before * factor)), by = scale / before;
+    this.look(x + (this.view.x - x) / by, y + (this.view.y - y) / by, scale);
   }
   move(px, py) {
-    this.view = { ...this.view, x: this.view.x - px * this.ratio / this.view.scale,
-      y: this.view.y + py * this.ratio / this.view.scale, own: true };
+    if (!this.view) return;
+    const { x, y, scale } = this.view;
+    this.look(x - px * this.ratio / scale, y + py * this.ratio / scale, scale);
+  }
+  // The user's own part of the floor: its middle is never farther away than a robot that is shown.
+  look(x, y, scale) {
+    const [width, height] = this.team.run.world, within = (v, size) =>
+      Math.max(-MOST_OUTSIDE * size, Math.min((1 + MOST_OUTSIDE) * size, v));
+    this.view = { x: within(x, width), y: within(y, height), scale, own: true };
   }
   // The robot at a place of the picture.
   robotAt(px, py, t) {
@@ -80,20 +121,37 @@ export class Floor {
   draw(t, selected) {
     const { context: g, team } = this;
     if (!team.run) return;
+    this.t = t;
+    const poses = team.poses(t), at = new Map(poses.map(p => [p[0], p]));
     this.resize();
+    if (!this.view.own) this.fit(poses);
     g.setTransform(1, 0, 0, 1, 0, 0);
     this.still();
     g.clearRect(0, 0, this.w, this.h);
     g.drawImage(this.groundLayer, 0, 0);
-    const poses = team.poses(t), at = new Map(poses.map(p => [p[0], p]));
     if (this.show.tubes) this.tubes(g, t);
     if (this.show.ink) this.ink(g, t);
     if (this.show.ways && poses.length <= 200) this.ways(g, t);
     this.cuts(g, t, at);
     if (this.show.packets) this.packets(g, t, at);
-    this.robots(g, t, poses, selected);
+    this.robots(g, t, poses.filter(([, x, y]) => this.isSeen(x, y)), selected);
+    this.arrows(g, poses.filter(([, x, y]) => this.isOutside(x, y) && !this.isSeen(x, y)));
   }
+  // Is a robot at this place in the picture, with the rings around it?
+  isSeen(x, y) {
+    const around = this.team.run.radius * this.view.scale + 12 * this.ratio, px = this.x(x), py = this.y(y);
+    return px > -around && py > -around && px < this.w + around && py < this.h + around;
+  }
+  // A line of several pieces; one that is outside of the picture is left out.
   lineOf(g, points) {
+    let [left, bottom, right, top] = [Infinity, Infinity, -Infinity, -Infinity];
+    for (const [x, y] of points) {
+      left = Math.min(left, x); right = Math.max(right, x);
+      bottom = Math.min(bottom, y); top = Math.max(top, y);
+    }
+    const half = g.lineWidth;
+    if (this.x(right) < -half || this.x(left) > this.w + half || this.y(bottom) < -half ||
+        this.y(top) > this.h + half) return;
     g.moveTo(this.x(points[0][0]), this.y(points[0][1]));
     for (let i = 1; i < points.length; i++) g.lineTo(this.x(points[i][0]), this.y(points[i][1]));
   }
@@ -131,6 +189,7 @@ export class Floor {
     g.textBaseline = 'middle';
     g.beginPath();
     for (const [, x, y] of run.spots) {
+      if (!this.isSeen(x, y)) continue;
       const r = Math.max(2, run.radius * this.view.scale);
       g.moveTo(this.x(x) + r, this.y(y));
       g.arc(this.x(x), this.y(y), r, 0, 7);
@@ -139,6 +198,7 @@ export class Floor {
     g.stroke();
     g.setLineDash([]);
     for (const [name, x, y] of run.waypoints) {
+      if (!this.isSeen(x, y)) continue;
       g.fillRect(this.x(x) - 3 * px, this.y(y) - 3 * px, 6 * px, 6 * px);
       g.fillText(name, this.x(x), this.y(y) - 10 * px);
     }
@@ -222,7 +282,7 @@ export class Floor {
       const link = fault.target.startsWith('{') && ids.length === 2;
       g.beginPath();
       if (link) this.lineOf(g, ids.map(id => at.get(id).slice(1)));
-      else for (const id of ids) {
+      else for (const id of ids.filter(id => this.isSeen(...at.get(id).slice(1)))) {
         const r = (this.team.run.radius * this.view.scale) + 7 * this.ratio;
         g.moveTo(this.x(at.get(id)[1]) + r, this.y(at.get(id)[2]));
         g.arc(this.x(at.get(id)[1]), this.y(at.get(id)[2]), r, 0, 7);
@@ -239,9 +299,10 @@ export class Floor {
       if (!a || !b) continue;
       if (arrives > t) {
         const part = (t - sent) / Math.max(1, arrives - sent);
+        const x = a[1] + (b[1] - a[1]) * part, y = a[2] + (b[2] - a[2]) * part;
+        if (!this.isSeen(x, y)) continue;
         g.fillStyle = what.includes('ack') ? this.c.dim : this.c.accent;
-        g.fillRect(this.x(a[1] + (b[1] - a[1]) * part) - 2.5 * px,
-          this.y(a[2] + (b[2] - a[2]) * part) - 2.5 * px, 5 * px, 5 * px);
+        g.fillRect(this.x(x) - 2.5 * px, this.y(y) - 2.5 * px, 5 * px, 5 * px);
       } else if (arrives === 0 && t - sent < LOST_US) {
         g.globalAlpha = 1 - (t - sent) / LOST_US;
         g.strokeStyle = this.c.bad;
@@ -267,10 +328,13 @@ export class Floor {
     }
     for (const [id, x, y, heading] of poses) {
       const cx = this.x(x), cy = this.y(y), condition = this.team.robots.get(id).condition(t);
-      const sprite = this.sprite(id, r, condition);
       g.translate(cx, cy);
       g.rotate(-heading);
-      g.drawImage(sprite, -sprite.width / 2, -sprite.height / 2);
+      if (r > MOST_SPRITE * px) this.body(g, id, r, condition);
+      else {
+        const sprite = this.sprite(id, r, condition);
+        g.drawImage(sprite, -sprite.width / 2, -sprite.height / 2);
+      }
       g.setTransform(1, 0, 0, 1, 0, 0);
       if (broken.has(id)) this.ring(g, cx, cy, r + 4 * px, this.c.bad);
       if (id === selected) this.around(g, cx, cy, r);
@@ -334,16 +398,45 @@ export class Floor {
       g.fillText(id, this.x(x), this.y(y));
     }
   }
-  // A robot drawn once: a disc with its heading, crossed out if it is dead, hollow if it is down.
+  // Robots off the floor that the picture does not show: arrows at its edge.
+  arrows(g, poses) {
+    const px = this.ratio, edge = 14 * px, within = (v, size) => Math.max(edge, Math.min(size - edge, v));
+    g.font = `600 ${11 * px}px system-ui, sans-serif`;
+    g.textAlign = 'center';
+    g.textBaseline = 'middle';
+    poses.forEach(([id, x, y], i) => {
+      const cx = within(this.x(x), this.w), cy = within(this.y(y), this.h);
+      const to = Math.atan2(this.y(y) - cy, this.x(x) - cx), point = (turn, r) =>
+        [cx + r * Math.cos(to + turn), cy + r * Math.sin(to + turn)];
+      g.fillStyle = this.colour(id);
+      g.beginPath();
+      g.moveTo(...point(0, 10 * px));
+      g.lineTo(...point(2.4, 8 * px));
+      g.lineTo(...point(-2.4, 8 * px));
+      g.fill();
+      g.fillStyle = this.c.text;
+      if (i < MOST_NAMED) g.fillText(id, ...point(Math.PI, 16 * px));
+    });
+  }
+  // A robot drawn once for all of its colour and condition, at the present scale only.
   sprite(id, r, condition) {
-    const key = `${(id - 1) % 16} ${Math.round(r * 4)} ${condition}`;
+    if (this.spriteRadius !== r) {
+      this.sprites.clear();
+      this.spriteRadius = r;
+    }
+    const key = `${(id - 1) % 16} ${condition}`;
     let sprite = this.sprites.get(key);
     if (sprite) return sprite;
-    if (this.sprites.size > 500) this.sprites.clear();
     sprite = document.createElement('canvas');
     sprite.width = sprite.height = Math.ceil(2 * r + 4);
     const g = sprite.getContext('2d');
     g.translate(sprite.width / 2, sprite.height / 2);
+    this.body(g, id, r, condition);
+    this.sprites.set(key, sprite);
+    return sprite;
+  }
+  // A disc with its heading, crossed out if the robot is dead, hollow if it is down.
+  body(g, id, r, condition) {
     g.fillStyle = g.strokeStyle = condition === 'died' ? this.c.dead : this.colour(id);
     g.lineWidth = Math.max(1, r / 6);
     g.beginPath();
@@ -353,7 +446,5 @@ export class Floor {
     g.lineWidth = Math.max(1.5, r / 5);
     if (condition === 'died') this.cross(g, 0, 0, r * 0.6);
     else { g.beginPath(); g.moveTo(r * 0.45, 0); g.lineTo(r, 0); g.stroke(); }
-    this.sprites.set(key, sprite);
-    return sprite;
   }
 }

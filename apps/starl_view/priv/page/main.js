@@ -5,12 +5,18 @@ import { chart, words } from './chart.js';
 import { marks } from './timeline.js';
 import { connect } from './link.js';
 import { Panel } from './panel.js';
+import { settle } from './settle.js';
 import { seconds } from './time.js';
+
+// What moves less than this many pixels is a click.
+const CLICK_PX = 6;
+// The messages that are listed as text.
+const MOST_TALK = 100;
 
 const $ = id => document.getElementById(id);
 const team = new Team();
 const floor = new Floor($('map'), team);
-const state = { selected: null, shown: 0, live: true, told: { now: 0, before: 0, at: 0, wait: 30 },
+const state = { selected: null, shown: 0, live: true, column: 0, told: { now: 0, before: 0, at: 0, wait: 30 },
   frames: 0, fps: 0, open: false, ticks: 0 };
 
 const send = connect(rows => {
@@ -20,24 +26,21 @@ const send = connect(rows => {
     else if (kind === 'w') state.asked = 0;
     else if (kind === 'run') began();
     else if (kind === 'reset') { state.live = !isRecording(); floor.inked.key = ''; }
-    else if (kind === 'gap' && !isRecording()) news('earlier moments are not kept', false);
+    else if (kind === 'gap' && !isRecording()) panel.say('earlier moments are not kept');
     else if (kind === 'look') panel.look(row[1], row[2], window.starl.seen = row[3]);
-    else if (kind === 'yes' || kind === 'no') news(row[1], kind === 'no');
+    else if (kind === 'yes' || kind === 'no') panel.say(row[1], row[2], kind === 'no');
   }
 }, how => {
   state.open = how === 'open';
+  panel.say(state.open ? '' : 'the server has ended, or cannot be reached; what was told can still be looked at',
+    '', true, true);
   if (state.open) team.clear();
-  else news('the server has ended, or cannot be reached; what was told can still be looked at', true);
 });
 const panel = new Panel(team, floor, state, send, select);
 
-function news(text, bad) {
-  $('news').textContent = text;
-  $('news').classList.toggle('bad', bad);
-}
-
+let floorOf = '';
 function began() {
-  const { run } = team;
+  const { run } = team, world = run.world.join();
   document.title = `StarL: ${run.app}`;
   $('title').textContent = String(run.app).replace(/^starl_/, '');
   $('facts').textContent = `${run.robots.length} robots, seed ${run.seed}, floor ` +
@@ -49,7 +52,9 @@ function began() {
   $('heal-all').classList.toggle('absent', run.kind === 'recording');
   $('live').textContent = run.kind === 'recording' ? 'End' : 'Live';
   $('selected').max = run.robots.length;
-  floor.view = null;
+  // the same run may be told again, to a page that has missed a part of it
+  if (world !== floorOf) floor.view = null;
+  floorOf = world;
   panel.began();
 }
 
@@ -119,30 +124,54 @@ $('speed').onchange = event => {
 $('until').onsubmit = event => {
   event.preventDefault();
   state.live = true;
-  send({ do: 'until', at: Number($('at').value) });
+  panel.say('', 'until');
+  send({ do: 'until', at: Number($('at').value), of: 'until' });
 };
 $('time').oninput = event => scrub(Number(event.target.value));
 
 // -- the floor -------------------------------------------------------------------------------
 
-let drag = null;
-$('map').onpointerdown = event => { drag = { x: event.offsetX, y: event.offsetY, moved: 0 }; };
+// One finger or the mouse moves the floor, two fingers move and zoom it. What hardly moves is a click.
+const fingers = new Map();    // by the pointer's id: { x, y }
+let moved = 0;
+const middle = () => {
+  const all = [...fingers.values()], [a, b] = [all[0], all[1] ?? all[0]];
+  return { x: (a.x + b.x) / 2, y: (a.y + b.y) / 2, apart: Math.hypot(a.x - b.x, a.y - b.y) };
+};
+const lifted = event => fingers.delete(event.pointerId);
+$('map').onpointerdown = event => {
+  if (event.button !== 0 || fingers.size === 2) return;
+  if (fingers.size === 0) moved = 0;
+  $('map').setPointerCapture(event.pointerId);
+  fingers.set(event.pointerId, { x: event.offsetX, y: event.offsetY });
+};
 $('map').onpointermove = event => {
-  if (!drag || event.buttons === 0) return;
-  floor.move(event.offsetX - drag.x, event.offsetY - drag.y);
-  drag = { x: event.offsetX, y: event.offsetY,
-    moved: drag.moved + Math.abs(event.movementX) + Math.abs(event.movementY) };
+  if (!fingers.has(event.pointerId)) return;
+  const before = middle();
+  fingers.set(event.pointerId, { x: event.offsetX, y: event.offsetY });
+  const now = middle();
+  moved += Math.abs(now.x - before.x) + Math.abs(now.y - before.y) + Math.abs(now.apart - before.apart);
+  if (moved < CLICK_PX) return;
+  floor.move(now.x - before.x, now.y - before.y);
+  if (before.apart > 0 && now.apart > 0) floor.zoom(now.apart / before.apart, now.x, now.y);
 };
 $('map').onpointerup = event => {
-  if (drag && drag.moved < 6) select(floor.robotAt(event.offsetX, event.offsetY, state.shown));
-  drag = null;
+  if (fingers.size === 1 && lifted(event) && moved < CLICK_PX)
+    select(floor.robotAt(event.offsetX, event.offsetY, state.shown));
+  lifted(event);
 };
+$('map').onpointercancel = $('map').onlostpointercapture = lifted;
+// By how far the wheel was turned: a notch is 100 to 120 pixels, two fingers on a pad send many small parts of
+// one. A pinch on a pad comes as a wheel with Ctrl, and in smaller parts still.
 $('map').onwheel = event => {
   event.preventDefault();
-  floor.zoom(event.deltaY < 0 ? 1.2 : 1 / 1.2, event.offsetX, event.offsetY);
+  const pixels = event.deltaY * (event.deltaMode === 0 ? 1 : event.deltaMode === 1 ? 20 : 400);
+  const turned = Math.max(-400, Math.min(400, pixels * (event.ctrlKey ? 5 : 1)));
+  floor.zoom(2 ** (-turned / 400), event.offsetX, event.offsetY);
 };
-const onMap = { '+': () => floor.zoom(1.25), '-': () => floor.zoom(0.8), '0': () => floor.fit(),
-  ArrowLeft: () => floor.move(40, 0), ArrowRight: () => floor.move(-40, 0),
+const zoomed = { in: () => floor.zoom(1.25), out: () => floor.zoom(0.8), all: () => floor.fit() };
+for (const [how, zoom] of Object.entries(zoomed)) $(`zoom-${how}`).onclick = zoom;
+const onMap = { ArrowLeft: () => floor.move(40, 0), ArrowRight: () => floor.move(-40, 0),
   ArrowUp: () => floor.move(0, 40), ArrowDown: () => floor.move(0, -40) };
 $('map').onkeydown = event => {
   if (onMap[event.key]) { onMap[event.key](); event.preventDefault(); }
@@ -151,15 +180,27 @@ const next = by => {
   const ids = team.run.robots, i = ids.indexOf(state.selected);
   select(ids[(i + by + ids.length) % ids.length]);
 };
-const keys = { ' ': toggle, s: () => $('step').click(), n: () => next(1), b: () => next(i0()),
-  l: () => $('live').onclick(), ',': () => scrub(state.shown - 1e6), '.': () => scrub(state.shown + 1e6) };
 const i0 = () => state.selected === null ? 0 : -1;
+const keys = { ' ': toggle, s: () => $('step').click(), n: () => next(1), b: () => next(i0()),
+  l: () => $('live').onclick(), ',': () => scrub(state.shown - 1e6), '.': () => scrub(state.shown + 1e6),
+  '+': zoomed.in, '-': zoomed.out, 0: zoomed.all };
+// A field takes what is typed, Esc leaves it; space is the button's that the keyboard has reached.
+const typed = field => /^(SELECT|TEXTAREA)$/.test(field.tagName) ||
+  field.tagName === 'INPUT' && !/^(checkbox|range)$/.test(field.type);
+const pressed = (field, key) => key === ' ' && (/^(BUTTON|SUMMARY)$/.test(field.tagName) || field.type === 'checkbox');
 document.onkeydown = event => {
-  const own = /^(INPUT|SELECT|TEXTAREA|BUTTON|SUMMARY)$/.test(event.target.tagName);
-  if (own || event.ctrlKey || event.metaKey || event.altKey || !keys[event.key] || !team.run) return;
-  keys[event.key]();
+  const { target, key } = event;
+  if (key === 'Escape') target.blur();
+  if (typed(target) || pressed(target, key) || event.ctrlKey || event.metaKey || event.altKey ||
+      !keys[key] || !team.run) return;
+  keys[key]();
   event.preventDefault();
 };
+// A button that was clicked with the mouse or a finger does not keep the keys: space would press it again.
+document.addEventListener('click', event => {
+  const button = event.target.closest?.('button, summary, input[type=checkbox]');
+  if (button && event.detail > 0) button.blur();
+});
 $('selected').onchange = event => select(Number(event.target.value));
 for (const name of Object.keys(floor.show)) {
   $(`show-${name}`).onchange = event => { floor.show[name] = event.target.checked; floor.inked.key = ''; };
@@ -190,6 +231,12 @@ function frame(wall) {
   requestAnimationFrame(frame);
 }
 
+function offFloor(t) {
+  const off = team.poses(t).filter(([, x, y]) => floor.isOutside(x, y)).map(([id]) => id);
+  const named = off.slice(0, 5).join(', ') + (off.length > 5 ? ` and ${off.length - 5} more` : '');
+  return off.length ? ` · off the floor: ${named}` : '';
+}
+
 let talked = '';
 function rarely() {
   const { clock } = team, t = state.shown, paused = isPaused();
@@ -210,16 +257,31 @@ function rarely() {
   $('figures').textContent = (state.live || team.run.kind === 'recording' ? '' : 'in the past · ') +
     (isRecording() && !has(state.shown) ? 'reading …' : isRecording() && state.shown < team.until ? 'recording' :
       clock.ending ? `over: ${clock.ending}` : clock.paused ? 'paused' : `${clock.real ?? ''} × real time`) +
-    ` · ${state.fps} frames/s` + (team.leftOut ? ` · ${team.leftOut} packets not shown` : '');
+    ` · ${state.fps} frames/s` + (team.leftOut ? ` · ${team.leftOut} packets not shown` : '') + offFloor(t);
   marks($('marks'), floor, team, team.from, Math.max(team.until, 1));
   if (isRecording() && state.asked) want(state.shown);
-  const talk = chart($('chart'), floor, team, t, state.selected);
+  const { talk, ids, all } = chart($('chart'), floor, team, t, state.selected, state.column);
+  columns(ids, all);
   const list = $('talk'), key = talk.length + ' ' + t;
+  $('talk-said').textContent = talk.length > MOST_TALK ? ` (the last ${MOST_TALK} of ${talk.length})` : '';
   if (list.parentElement.open && key !== talked) {
     talked = key;
-    list.replaceChildren(...talk.slice(-30).map(p => item(words(p))));
+    settle(list, talk.slice(-MOST_TALK).map(p => item(words(p))));
   }
   panel.refresh(t);
+}
+
+// The robots that talk, of which the chart has room for some.
+function columns(ids, all) {
+  const others = all.filter(id => id !== state.selected), shown = ids.filter(id => id !== state.selected);
+  const first = others.indexOf(shown[0]), last = others.indexOf(shown.at(-1)), room = shown.length;
+  $('columns').classList.toggle('absent', ids.length === all.length);
+  $('columns-said').textContent = `${ids.length} of ${all.length} robots`;
+  $('columns-back').disabled = first <= 0;
+  $('columns-on').disabled = last === others.length - 1;
+  const from = i => () => { state.column = others[i]; rarely(); };
+  $('columns-back').onclick = from(Math.max(0, first - room));
+  $('columns-on').onclick = from(last + 1);
 }
 
 function item(text) {

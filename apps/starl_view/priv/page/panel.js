@@ -1,6 +1,9 @@
 // The panels beside the floor: the selected robot, contracts, faults and what hands can do.
 import { words } from './chart.js';
 import { seconds } from './time.js';
+import { settle } from './settle.js';
+
+const MOST_ROWS = 200, SAID_MS = 12000;
 
 const $ = id => document.getElementById(id);
 
@@ -19,24 +22,30 @@ function brief(term) {
 
 export class Panel {
   constructor(team, floor, state, send, select) {
-    Object.assign(this, { team, floor, state, send, select, asked: 0, shown: {}, opened: new Set() });
+    Object.assign(this, { team, floor, state, send, select, asked: 0, shown: {}, opened: new Set(),
+      firstRow: 0 });
     $('fault').onsubmit = event => { event.preventDefault(); this.fault(); };
-    $('heal').onclick = () => this.hand({ do: 'heal', id: 'all' });
+    $('heal').onclick = () => this.hand({ do: 'heal', id: 'all' }, 'fault');
     $('save').onsubmit = event => {
       event.preventDefault();
-      this.send({ do: 'save', name: $('name').value });
+      this.say('', 'save');
+      this.send({ do: 'save', name: $('name').value, of: 'save' });
     };
+    for (const form of ['fault', 'save', 'until']) $(form).addEventListener('input', () => this.say('', form));
+    $('rows-back').onclick = () => this.rows(-MOST_ROWS);
+    $('rows-on').onclick = () => this.rows(MOST_ROWS);
     $('kind').onchange = () => this.params();
     $('team').ontoggle = () => { this.shown.table = null; };
   }
 
   began() {
     const kinds = this.team.run.kinds || [], before = $('kind').value;
-    $('kind').replaceChildren(...kinds.map(([kind, , , doc]) => element('option', kind.replaceAll('_', ' '),
+    settle($('kind'), kinds.map(([kind, , , doc]) => element('option', kind.replaceAll('_', ' '),
       { value: kind, title: doc })));
     if (kinds.some(([kind]) => kind === before)) $('kind').value = before;
     this.params();
     this.shown = {};
+    this.firstRow = 0;
     this.selected();
   }
 
@@ -64,12 +73,23 @@ export class Panel {
     const shape = (this.team.run.kinds.find(([name]) => name === kind) || [])[1];
     const command = { do: 'fault', kind, target: target($('target').value, shape), params };
     if ($('seconds').value !== '') command.seconds = Number($('seconds').value);
-    this.hand(command);
+    this.hand(command, 'fault');
   }
 
-  hand(command) {
+  // A part of the page asks, and gets the answer.
+  hand(command, of = 'robot') {
     this.state.live = true;
-    this.send(command);
+    this.say('', of);
+    this.send({ ...command, of });
+  }
+
+  // Words of the server stand where it was asked, until the next try or for a while.
+  say(text, of = '', bad = false, stays = false) {
+    const place = $(of ? `${of}-said` : 'news') ?? $('news');
+    clearTimeout(place.going);
+    place.textContent = text;
+    place.classList.toggle('bad', bad);
+    if (text && !stays) place.going = setTimeout(() => { place.textContent = ''; }, SAID_MS);
   }
 
   // -- the selected robot
@@ -77,6 +97,7 @@ export class Panel {
   selected() {
     const id = this.state.selected, hands = $('robot-hands');
     this.asked = 0;
+    this.say('', 'robot');
     $('machines').replaceChildren();
     $('robot-title').textContent = id === null ? 'Robot' : `Robot ${id}`;
     hands.replaceChildren();
@@ -122,7 +143,7 @@ export class Panel {
   look(t, id, seen) {
     if (id !== this.state.selected) return;
     for (const details of $('machines').querySelectorAll('details'))
-      this.opened[details.open ? 'add' : 'delete'](details.dataset.name);
+      this.opened[details.open ? 'add' : 'delete'](details.dataset.key);
     const parts = [element('p', seen.told
       ? `As told by the trace until ${seconds(t)}. A recording holds no states, timers and inboxes.`
       : `${seen.events} events, result: ${seen.result}, at ${seconds(t)}`)];
@@ -132,7 +153,7 @@ export class Panel {
     const last = this.details('last events', `last events (${seen.last.length})`);
     last.append(element('pre', seen.last.map(([at, name, event]) => `${seconds(at)} ${name} ${event}`).join('\n')));
     parts.push(last);
-    $('machines').replaceChildren(...parts);
+    settle($('machines'), parts);
   }
   // What a machine has told last.
   told({ name, module, state, at }) {
@@ -169,7 +190,7 @@ export class Panel {
   }
   details(name, summary) {
     const details = element('details', '', { open: this.opened.has(name) });
-    details.dataset.name = name;
+    details.dataset.key = name;
     details.append(element('summary', summary));
     return details;
   }
@@ -195,7 +216,7 @@ export class Panel {
   }
   where(t) {
     const robot = this.team.robots.get(this.state.selected), pose = robot && robot.pose(t);
-    $('robot-where').textContent = pose ? describe(robot, pose, t) : 'click a robot, or give its number';
+    $('robot-where').textContent = pose ? describe(robot, pose, t) + this.off(pose) : 'click a robot, or give its number';
   }
   lights(t) {
     const broken = this.team.violations.filter(v => v.t <= t);
@@ -203,8 +224,9 @@ export class Panel {
     if (this.shown.lights === key) return;
     this.shown.lights = key;
     const known = this.team.run.contracts, others = broken.map(v => v.contract).filter(c => !known.includes(c));
-    $('lights').replaceChildren(...known.concat([...new Set(others)]).map(name => {
+    settle($('lights'), known.concat([...new Set(others)]).map(name => {
       const own = broken.filter(v => v.contract === name), light = element('span', '');
+      light.dataset.key = name;
       // What only robots have recorded nobody has judged.
       const unknown = this.team.run.judged === false;
       if (unknown) light.className = 'unknown';
@@ -222,20 +244,21 @@ export class Panel {
   violations(broken) {
     const first = broken.filter((v, i) => broken.findIndex(w => w.contract === v.contract) === i);
     $('broken').classList.toggle('absent', first.length === 0);
-    $('broken').replaceChildren(...first.map(v => element('li', v.text)));
+    settle($('broken'), first.map(v => element('li', v.text)));
   }
   faults(t) {
     const all = [...this.team.faults.values()];
     const key = all.map(f => `${f.id} ${f.from} ${f.to} ${f.from <= t} ${f.to <= t}`).join();
     if (this.shown.faults === key) return;
     this.shown.faults = key;
-    $('faults').replaceChildren(...all.slice(-60).map(fault => {
+    settle($('faults'), all.map(fault => {
       const over = fault.to <= t && fault.to > fault.from;
       const item = element('li', `${fault.id}: ${fault.kind.replaceAll('_', ' ')} ${fault.target} ` +
         `from ${seconds(fault.from)}${fault.to > fault.from ? ` to ${fault.to > 9e11 ? '…' : seconds(fault.to)}` : ''} `);
+      item.dataset.key = fault.id;
       item.className = over || fault.from > t ? 'over' : '';
       if (!over && fault.from <= t && fault.to > fault.from && this.team.run.kind === 'simulation')
-        item.append(element('button', 'heal', { onclick: () => this.hand({ do: 'heal', id: fault.id }) }));
+        item.append(element('button', 'heal', { onclick: () => this.hand({ do: 'heal', id: fault.id }, 'fault') }));
       return item;
     }));
   }
@@ -243,15 +266,28 @@ export class Panel {
     const now = Math.floor(performance.now() / 500);
     if (this.shown.table === now) return;
     this.shown.table = now;
-    $('robots').replaceChildren(...[...this.team.robots.values()].slice(0, 200).map(robot => {
+    const robots = [...this.team.robots.values()], part = robots.slice(this.firstRow, this.firstRow + MOST_ROWS);
+    $('rows').classList.toggle('absent', robots.length <= MOST_ROWS);
+    $('rows-said').textContent = `${this.firstRow + 1} to ${this.firstRow + part.length} of ${robots.length} robots`;
+    $('rows-back').disabled = this.firstRow === 0;
+    $('rows-on').disabled = this.firstRow + MOST_ROWS >= robots.length;
+    settle($('robots'), part.map(robot => {
       const row = element('tr', ''), pose = robot.pose(t) || [NaN, NaN, NaN], name = element('td', '');
       name.append(element('button', robot.id, { onclick: () => this.select(robot.id) }));
-      row.dataset.robot = robot.id;
+      row.dataset.key = robot.id;
       row.append(name, element('td', (pose[0] / 1000).toFixed(3)), element('td', (pose[1] / 1000).toFixed(3)),
-        element('td', degrees(pose[2])), element('td', robot.condition(t)));
+        element('td', degrees(pose[2])), element('td', robot.condition(t) + this.off(pose)));
       return row;
     }));
   }
+  // Another part of the robots.
+  rows(by) {
+    const next = this.firstRow + by;
+    if (next >= 0 && next < this.team.robots.size) this.firstRow = next;
+    this.shown.table = null;
+    this.table(this.floor.t);
+  }
+  off([x, y]) { return this.floor.isOutside(x, y) ? ', off the floor' : ''; }
 }
 
 const degrees = radians => `${Math.round(((radians * 180 / Math.PI) % 360 + 360) % 360)}°`;
