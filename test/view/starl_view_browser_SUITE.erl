@@ -7,7 +7,7 @@
 -include_lib("common_test/include/ct.hrl").
 
 -export([all/0, suite/0, init_per_suite/1, end_per_suite/1]).
--export([simulation/1, recording/1, late/1, replay/1, film/1, live/1, cluster/1]).
+-export([simulation/1, reload/1, recording/1, late/1, replay/1, film/1, live/1, cluster/1]).
 
 -define(B, starl_view_browser).
 -define(AT_S, 21).
@@ -18,7 +18,7 @@
 
 suite() -> [{timetrap, {minutes, 5}}].
 
-all() -> [simulation, recording, late, replay, film, live, cluster].
+all() -> [simulation, reload, recording, late, replay, film, live, cluster].
 
 init_per_suite(Config) ->
     case ?B:program() of
@@ -44,7 +44,9 @@ recorded(Config) ->
 
 simulation(Config) ->
     Dir = ?config(priv_dir, Config),
-    Run = starl(["run", "painting", "--robots", "8", "--picture", "rocket", "--view"], Dir),
+    Run = starl(
+        ["run", "painting", "--robots", "8", "--picture", "rocket", "--view", "--no-open"], Dir
+    ),
     {Url, Said} = until("view: (http://[^\n]+/)\n", Run, ""),
     browse(Config, fun(Browser) ->
         ok = ?B:open(Url, Browser),
@@ -56,10 +58,9 @@ simulation(Config) ->
         kills_by_click(Browser, Dir),
         saves(Browser),
         to_the_end(Browser, Dir),
-        %% the page of the next case: this run has none any more, and ends
         ok = ?B:visit("about:blank", Browser)
     end),
-    Ended = rest(Run, Said),
+    Ended = closed(Run, Said),
     Replayed = rest(starl(["run", "by_hand.term"], Dir), ""),
     %% robot 3 is dead, and a part of its lines unpainted, in both
     ?assertEqual({4, digest(Ended)}, {element(1, Replayed), digest(Replayed)}),
@@ -236,10 +237,14 @@ kills_by_click(Browser, Dir) ->
 
 saves(Browser) ->
     ?B:eval("document.getElementById('save').requestSubmit()", Browser),
-    ok = ?B:await("document.getElementById('news').textContent.includes('by_hand.term')", Browser),
+    ok = ?B:await(
+        "document.getElementById('save-said').textContent.includes('by_hand.term')", Browser
+    ),
     %% nothing is written over
     ?B:eval("document.getElementById('save').requestSubmit()", Browser),
-    ok = ?B:await("document.getElementById('news').textContent.includes('there already')", Browser).
+    ok = ?B:await(
+        "document.getElementById('save-said').textContent.includes('there already')", Browser
+    ).
 
 to_the_end(Browser, Dir) ->
     ?B:eval(
@@ -250,13 +255,54 @@ to_the_end(Browser, Dir) ->
     ok = ?B:await("starl.team.clock.ending", Browser),
     ?B:shot(filename:join(Dir, "5_over.png"), Browser).
 
+%% The window opens the user's browser, the run waits for its page; its results are written when it ends, the page
+%% can be loaded anew after that, and Ctrl-C closes the window without a change to the answer.
+reload(Config) ->
+    Dir = ?config(priv_dir, Config),
+    Opened = desktop(Dir),
+    Env = [{"DISPLAY", ":0"}, {"WAYLAND_DISPLAY", false}, {"WSL_DISTRO_NAME", false}],
+    Path = {"PATH", filename:join(Dir, "bin") ++ ":" ++ os:getenv("PATH")},
+    Args = ["run", "painting", "--robots", "2", "--picture", "lines", "--view", "--pace", "100"],
+    Run = starl(Args ++ ["--out", "reloaded"], Dir, [Path | Env]),
+    {Url, Said} = until("view: (http://[^\n]+/)\n", Run, ""),
+    ?assertEqual({0, Url ++ "\n"}, rest(Opened, "")),
+    {_, Waits} = until("(waiting for a browser)", Run, Said),
+    ?assertEqual(nomatch, re:run(Waits, "digest")),
+    {Over, Closed} = browse(Config, fun(Browser) ->
+        ok = ?B:open(Url, Browser),
+        ok = ?B:await("starl.team.clock.ending === 'done'", Browser),
+        {_, Told} = until("(the run is over)", Run, Waits),
+        ?assert(filelib:is_regular(filename:join([Dir, "reloaded", "report.json"]))),
+        ok = ?B:visit("about:blank", Browser),
+        ok = ?B:open(Url, Browser),
+        ok = ?B:await("starl.team.clock.ending === 'done'", Browser),
+        ?B:eval("starl.select(1)", Browser),
+        ok = ?B:await("document.querySelectorAll('#machines details').length > 1", Browser),
+        {Told, closed(Run, Told)}
+    end),
+    ?assertMatch({0, _}, Closed),
+    ?assertEqual(digest({0, Over}), digest(Closed)),
+    %% one line, however often the page comes
+    ?assertMatch({match, [_]}, re:run(element(2, Closed), "the run is over", [global])).
+
+%% A desktop, whose program for addresses says which one it was given.
+desktop(Dir) ->
+    Bin = filename:join(Dir, "bin"),
+    ok = filelib:ensure_path(Bin),
+    Fifo = filename:join(Dir, "opened"),
+    [] = os:cmd("mkfifo " ++ Fifo),
+    Program = filename:join(Bin, "xdg-open"),
+    ok = file:write_file(Program, ["#!/bin/sh\necho \"$1\" > ", Fifo, "\n"]),
+    ok = file:change_mode(Program, 8#755),
+    open_port({spawn_executable, os:find_executable("cat")}, [{args, [Fifo]}, exit_status]).
+
 %% -- a recording ----------------------------------------------------------------------------
 
 %% Any moment can be looked at, forwards and backwards, and it plays at a speed.
 recording(Config) ->
     Dir = ?config(priv_dir, Config),
     File = filename:join([Dir, "recorded", "run.mcap"]),
-    View = starl(["view", "recorded"], Dir),
+    View = starl(["view", "recorded", "--no-open"], Dir),
     {Url, _} = until("view: (http://[^\n]+/)\n", View, ""),
     browse(Config, fun(Browser) ->
         ok = ?B:open(Url, Browser),
@@ -294,7 +340,7 @@ late(Config) ->
     Tell({begun, Facts}),
     [Tell({seen, Second(S), 1, {1000.0 + 100 * S, 2000.0, 0.0}}) || S <- [1, 2, 3, 10]],
     {ok, _} = starl_trace_recorder:close(Recorder),
-    View = starl(["view", "late.mcap"], Dir),
+    View = starl(["view", "late.mcap", "--no-open"], Dir),
     {Url, _} = until("view: (http://[^\n]+/)\n", View, ""),
     browse(Config, fun(Browser) ->
         ok = ?B:open(Url, Browser),
@@ -452,6 +498,12 @@ bounded(Browser) ->
     #{<<"pose">> := [X, _, _], <<"down">> := false} = Kept,
     ?assert(abs(X - (43199 + 75)) < 1).
 
+%% Ctrl-C, as ./starl passes it on: a run that is over closes its window.
+closed(Port, Said) ->
+    {os_pid, Pid} = erlang:port_info(Port, os_pid),
+    _ = os:cmd("kill -USR1 " ++ integer_to_list(Pid)),
+    rest(Port, Said).
+
 ended(Port) ->
     {os_pid, Pid} = erlang:port_info(Port, os_pid),
     _ = os:cmd("kill -TERM " ++ integer_to_list(Pid)),
@@ -462,7 +514,7 @@ ended(Port) ->
 %% It begins where it was to stop, and steps: to the next event of a robot, and by windows.
 replay(Config) ->
     Dir = ?config(priv_dir, Config),
-    Replay = starl(["replay", "recorded", "--view", "--until", "1:40"], Dir),
+    Replay = starl(["replay", "recorded", "--view", "--no-open", "--until", "1:40"], Dir),
     {Url, Said} = until("view: (http://[^\n]+/)\n", Replay, ""),
     browse(Config, fun(Browser) ->
         ok = ?B:open(Url, Browser),
@@ -487,7 +539,7 @@ replay(Config) ->
         to_the_end(Browser, Dir),
         ok = ?B:visit("about:blank", Browser)
     end),
-    {Status, Text} = rest(Replay, Said),
+    {Status, Text} = closed(Replay, Said),
     ?assertMatch({0, {match, _}}, {Status, re:run(Text, "same digest|digest")}).
 
 events(Browser) -> events(40, Browser).
@@ -542,7 +594,17 @@ filmed(Us, End, Browser) ->
 live(Config) ->
     Dir = ?config(priv_dir, Config),
     Args = [
-        "run", "painting", "--robots", "2", "--picture", "lines", "--live", "--view", "--pace", "4"
+        "run",
+        "painting",
+        "--robots",
+        "2",
+        "--picture",
+        "lines",
+        "--live",
+        "--view",
+        "--no-open",
+        "--pace",
+        "4"
     ],
     Run = starl(Args, Dir),
     {Url, Said} = until("view: (http://[^\n]+/)\n", Run, ""),
@@ -552,12 +614,23 @@ live(Config) ->
         lends_live_hands(Browser),
         stops(Browser)
     end),
-    ?assertMatch({130, _}, rest(Run, Said)).
+    ?assertMatch({130, _}, closed(Run, Said)).
 
 %% The same on nodes: a click kills that of a robot.
 cluster(Config) ->
     Dir = ?config(priv_dir, Config),
-    Args = ["cluster", "painting", "--robots", "2", "--picture", "lines", "--view", "--speed", "4"],
+    Args = [
+        "cluster",
+        "painting",
+        "--robots",
+        "2",
+        "--picture",
+        "lines",
+        "--view",
+        "--no-open",
+        "--speed",
+        "4"
+    ],
     Run = starl(Args, Dir),
     {Url, Said} = until("view: (http://[^\n]+/)\n", Run, ""),
     browse(Config, fun(Browser) ->
@@ -566,7 +639,7 @@ cluster(Config) ->
         lends_live_hands(Browser),
         stops(Browser)
     end),
-    {Status, Text} = rest(Run, Said),
+    {Status, Text} = closed(Run, Said),
     ?assertEqual(130, Status, Text).
 
 lends_live_hands(Browser) ->
@@ -601,7 +674,7 @@ heals(Browser) ->
     ok = ?B:click("heal", Browser),
     ok = ?B:await("[...starl.team.faults.values()].every(f => f.to < 9e11)", Browser).
 
-%% The window stays until its page is closed.
+%% The window stays when its run has ended.
 stops(Browser) ->
     ?B:eval("starl.send({ do: 'stop' })", Browser),
     ok = ?B:await("starl.team.clock.ending === 'stopped'", Browser),
@@ -615,12 +688,15 @@ digest_of_no_hands(Config) ->
 
 %% -- the command line in a VM of its own ----------------------------------------------------
 
-starl(Args, Dir) ->
+starl(Args, Dir) -> starl(Args, Dir, []).
+
+starl(Args, Dir, Env) ->
     Paths = lists:append([["-pa", P] || P <- code:get_path(), filelib:is_dir(P)]),
     Main = "starl_cli:main(init:get_plain_arguments()).",
     open_port({spawn_executable, os:find_executable("erl")}, [
         {args, ["-noshell", "+fnu" | Paths] ++ ["-eval", Main, "-extra" | Args]},
         {cd, Dir},
+        {env, Env},
         exit_status,
         stderr_to_stdout,
         hide

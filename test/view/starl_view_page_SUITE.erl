@@ -160,9 +160,9 @@ telephone(Config, Do) ->
 
 %% Robots that have left the floor are in the picture, or an arrow at its edge names them; and it is said.
 robots_off_the_floor_are_seen(Config) ->
-    Team = [{1, 3000, 3000}, {2, -4000, 3000}, {3, 3000, 90000}],
+    Team = [{1, 3000, 3000}, {2, -11000, 3000}, {3, 3000, 90000}],
     shown(Team, Config, fun(Browser, _Hub) ->
-        [X, Width] = ?B:eval("[starl.floor.x(-4000), starl.floor.w]", Browser),
+        [X, Width] = ?B:eval("[starl.floor.x(-11000), starl.floor.w]", Browser),
         ?assert(X > 0 andalso X < Width, X),
         ?assertEqual([<<"3">>], named(Browser)),
         ok = ?B:await(

@@ -14,7 +14,17 @@
 %% '''
 -module(starl_sim).
 
--export([start/1, start/2, run/1, run/2, step/2, stop/1, status/1, inspect/2, finish/1, close/1]).
+-export([
+    start/1, start/2,
+    run/1, run/2,
+    step/2,
+    stop/1,
+    status/1,
+    inspect/2,
+    conclude/1,
+    finish/1,
+    close/1
+]).
 -export([watch/2, at_work/1]).
 -export([run_until_event/3, robots/1, events/2, timers/2, violations/1, reload/2, reload/3]).
 -export([check_app/1, scenario/1, robot_pids/2, plan/2, format_error/1]).
@@ -222,12 +232,19 @@ robot_pids(#sim{sup = Sup}, all) ->
     Pools = [Robots || #{robots_sup := Robots} <- starl_sim_sup:sites(Sup)],
     [Pid || Robots <- Pools, {_, Pid, _, _} <- supervisor:which_children(Robots)].
 
+%% @doc The outcome of a run that has come to its end, and the application's report. The simulation stays, to be
+%% looked at; it cannot go on, and is to be closed.
+-spec conclude(sim()) -> {starl_sim_run:outcome(), starl_scene:report()}.
+conclude(#sim{run = Run, scenario = #{app := App}, scene = Scene}) ->
+    Outcome = starl_sim_run:finish(Run),
+    {Outcome, starl_scene:report(App, Scene, Outcome)}.
+
 %% @doc Ends the simulation; returns its outcome and the application's report.
 -spec finish(sim()) -> {starl_sim_run:outcome(), starl_scene:report()}.
-finish(#sim{run = Run, scenario = #{app := App}, scene = Scene} = Sim) ->
-    Outcome = starl_sim_run:finish(Run),
-    close(Sim),
-    {Outcome, starl_scene:report(App, Scene, Outcome)}.
+finish(Sim) ->
+    Concluded = conclude(Sim),
+    ok = close(Sim),
+    Concluded.
 
 %% @doc Ends the simulation.
 -spec close(sim()) -> ok.

@@ -92,8 +92,8 @@ protocol(Hub, Feed, Guard) ->
 address(Host, Port, Guard) ->
     Shown =
         case Host of
-            "0.0.0.0" -> element(2, inet:gethostname());
-            "::" -> element(2, inet:gethostname());
+            "0.0.0.0" -> reachable({203, 0, 113, 1}, inet);
+            "::" -> reachable({16#2001, 16#db8, 0, 0, 0, 0, 0, 1}, inet6);
             _ -> Host
         end,
     Bracketed =
@@ -107,6 +107,37 @@ address(Host, Port, Guard) ->
             Secret -> ["#", Secret]
         end,
     unicode:characters_to_binary(io_lib:format("http://~ts:~b/~ts", [Bracketed, Port, Token])).
+
+%% The address from which this computer would send to another network: other computers, and telephones, which
+%% know no names of a home, reach it there. Nothing is sent. Without a network, its name.
+reachable(Elsewhere, Family) ->
+    {ok, Socket} = gen_udp:open(0, [Family]),
+    Shown =
+        case {gen_udp:connect(Socket, Elsewhere, 9), inet:sockname(Socket)} of
+            {ok, {ok, {Ip, _}}} -> inet:ntoa(Ip);
+            _ -> on_a_network(Family)
+        end,
+    ok = gen_udp:close(Socket),
+    Shown.
+
+%% The first address that is not this computer's alone: a network may lead to no other one.
+on_a_network(Family) ->
+    {ok, Interfaces} = inet:getifaddrs(),
+    Ips = [
+        Ip
+     || {_, Facts} <- Interfaces,
+        lists:member(up, proplists:get_value(flags, Facts, [])),
+        {addr, Ip} <- Facts,
+        tuple_size(Ip) =:= tuple_size(any(Family)),
+        not starl_view_guard:is_near(Ip)
+    ],
+    case Ips of
+        [Ip | _] -> inet:ntoa(Ip);
+        [] -> element(2, inet:gethostname())
+    end.
+
+any(inet) -> {0, 0, 0, 0};
+any(inet6) -> {0, 0, 0, 0, 0, 0, 0, 0}.
 
 %% @doc Ends the server.
 -spec stop(t()) -> ok.

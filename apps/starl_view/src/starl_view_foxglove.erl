@@ -53,7 +53,9 @@ upgrade(Request, Env, _Handler, State) ->
 -type answer() :: {[cow_ws:frame()], #viewer{}}.
 
 -spec websocket_init(#viewer{}) -> answer().
-websocket_init(#viewer{feed = Feed} = Viewer) ->
+websocket_init(#viewer{feed = Feed, hub = Hub} = Viewer) ->
+    %% a viewer looks, as a page does; it asks the hub for nothing
+    _ = starl_view_hub:join(Hub),
     case starl_view_foxglove_feed:join(Feed) of
         {ok, Session, HasRun, Until} ->
             {offer(Session, Until, Viewer) ++ hint(HasRun), ask(Viewer)};

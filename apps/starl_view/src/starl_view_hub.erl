@@ -24,6 +24,8 @@
     reset/1,
     lead/2,
     pages/1,
+    first_page/1,
+    is_attended/1,
     flush/1,
     events/2
 ]).
@@ -47,6 +49,8 @@
 
 -define(MOST_BYTES, 48 * 1024 * 1024).
 -define(MOST_PAGES, 200).
+%% A page that is loaded anew is away for a moment: so long somebody is still taken to look.
+-define(GRACE_MS, 10000).
 %% The last events of each robot are kept; of a large team fewer.
 -define(EVENTS, 40).
 -define(MOST_EVENTS, 20000).
@@ -68,13 +72,19 @@
     %% pages, those of them that wait at a place, and the player
     pages = #{} :: #{pid() => reference()},
     waiting = #{} :: #{pid() => place()},
+    %% who waits for the first page, and when the last one has left
+    early = [] :: [pid()],
+    grace_ms :: non_neg_integer(),
+    left = never :: never | integer(),
     leader = none :: pid() | none,
     %% of viewers that speak another protocol
     tap = none :: pid() | none
 }).
 
-%% @doc Starts a hub; `most_bytes': of the rows that are kept for pages that come later.
--spec start_link(#{most_bytes => pos_integer()}) -> gen_server:start_ret().
+%% @doc Starts a hub; `most_bytes': of the rows that are kept for pages that come later; `grace_ms': see
+%% {@link is_attended/1}.
+-spec start_link(#{most_bytes => pos_integer(), grace_ms => non_neg_integer()}) ->
+    gen_server:start_ret().
 start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
 
 %% @doc The feed of viewers that speak Foxglove's protocol gets the news, too.
@@ -130,6 +140,15 @@ lead(Hub, Player) -> gen_server:call(Hub, {lead, Player}).
 -spec pages(pid()) -> non_neg_integer().
 pages(Hub) -> gen_server:call(Hub, pages).
 
+%% @doc Sends the calling process `{first_page, Hub}' as soon as there is a page.
+-spec first_page(pid()) -> ok.
+first_page(Hub) -> gen_server:call(Hub, first_page).
+
+%% @doc Does somebody look? A page that has just left may be about to be loaded anew, so the answer is yes for
+%% some seconds more.
+-spec is_attended(pid()) -> boolean().
+is_attended(Hub) -> gen_server:call(Hub, is_attended).
+
 %% @doc Waits until the hub has handled all that it was told.
 -spec flush(pid()) -> ok.
 flush(Hub) -> gen_server:call(Hub, flush, infinity).
@@ -173,7 +192,10 @@ say({_, Of} = Asker, YesOrNo, Text) ->
 
 -spec init(map()) -> {ok, #hub{}}.
 init(Config) ->
-    {ok, #hub{frames = starl_view_frames:new(maps:get(most_bytes, Config, ?MOST_BYTES))}}.
+    {ok, #hub{
+        frames = starl_view_frames:new(maps:get(most_bytes, Config, ?MOST_BYTES)),
+        grace_ms = maps:get(grace_ms, Config, ?GRACE_MS)
+    }}.
 
 -spec handle_call(term(), gen_server:from(), #hub{}) -> {reply, term(), #hub{}}.
 handle_call({clock, #{now_us := Now} = Clock}, _From, #hub{clock = {N, _}} = Hub) ->
@@ -200,6 +222,10 @@ handle_call({lead, Player}, _From, Hub) ->
     {reply, ok, Hub#hub{leader = Player}};
 handle_call(pages, _From, #hub{pages = Pages} = Hub) ->
     {reply, map_size(Pages), Hub};
+handle_call(first_page, {Early, _}, #hub{pages = Pages, early = Others} = Hub) ->
+    {reply, ok, greeted(map_size(Pages), Hub#hub{early = [Early | Others]})};
+handle_call(is_attended, _From, Hub) ->
+    {reply, attended(erlang:monotonic_time(millisecond), Hub), Hub};
 handle_call(flush, _From, Hub) ->
     {reply, ok, Hub};
 handle_call({events, Robot}, _From, #hub{events = Events} = Hub) ->
@@ -209,7 +235,17 @@ handle_call(join, _From, #hub{pages = Pages} = Hub) when map_size(Pages) >= ?MOS
     {reply, full, Hub};
 handle_call(join, {Page, _}, #hub{pages = Pages, head = Head} = Hub) ->
     Joined = Hub#hub{pages = Pages#{Page => erlang:monitor(process, Page)}},
-    {reply, {ok, Head, {0, 0}}, Joined}.
+    {reply, {ok, Head, {0, 0}}, greeted(1, Joined)}.
+
+greeted(0, Hub) ->
+    Hub;
+greeted(_Pages, #hub{early = Early} = Hub) ->
+    _ = [Pid ! {first_page, self()} || Pid <- Early],
+    Hub#hub{early = []}.
+
+attended(_Now, #hub{pages = Pages}) when map_size(Pages) > 0 -> true;
+attended(_Now, #hub{left = never}) -> false;
+attended(Now, #hub{left = Left, grace_ms = Grace}) -> Now - Left < Grace.
 
 -spec handle_cast(term(), #hub{}) -> {noreply, #hub{}}.
 handle_cast({put, Row}, Hub) ->
@@ -227,7 +263,11 @@ handle_cast({command, Page, Command}, #hub{leader = Leader} = Hub) ->
 
 -spec handle_info(term(), #hub{}) -> {noreply, #hub{}}.
 handle_info({'DOWN', _, process, Page, _}, #hub{pages = Pages, waiting = Waiting} = Hub) ->
-    {noreply, Hub#hub{pages = maps:remove(Page, Pages), waiting = maps:remove(Page, Waiting)}};
+    {noreply, Hub#hub{
+        pages = maps:remove(Page, Pages),
+        waiting = maps:remove(Page, Waiting),
+        left = erlang:monotonic_time(millisecond)
+    }};
 handle_info({judged, Events, Violations} = News, Hub) ->
     ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
     Told = lists:foldl(fun traced/2, Hub, Events),

@@ -15,11 +15,12 @@
 
 -export([play/1, stop/1]).
 
--export_type([config/0, played/0]).
+-export_type([config/0, ran/0, played/0]).
 
-%% Beside those of {@link starl_view_run:config()}: `save' writes a scenario under a name. `linger': a
-%% run that is over waits for the last page to close. `commands' are done at the beginning, as if a page
-%% had sent them.
+%% Beside those of {@link starl_view_run:config()}: `save' writes a scenario under a name. `over' is told of
+%% the run at its end, and once more if it has been changed since and has come to an end again; its last
+%% answer is part of what was played. `linger': a run that is over waits as long as somebody looks at it.
+%% `commands' are done at the beginning, as if a page had sent them.
 -type config() :: #{
     hub := pid(),
     scenario := starl_sim_scenario:t(),
@@ -28,6 +29,7 @@
     until_us => non_neg_integer(),
     paused => boolean(),
     linger => boolean(),
+    over => fun((ran()) -> term()),
     recorded => boolean(),
     commands => [#{binary() => term()}],
     started => fun((starl_sim:sim()) -> fun(() -> term())),
@@ -39,12 +41,23 @@
 }.
 
 %% The run at its end: not finished yet, so that its outcome can be asked for; its scenario has the
-%% faults by hand. `hands': was anything done by hand?
+%% faults by hand. `hands': was anything done by hand? `again': has an end of it been told before?
+-type ran() :: #{
+    sim := starl_sim:sim(),
+    scenario := starl_sim_scenario:t(),
+    ending := starl_sim_run:ending() | none,
+    hands := boolean(),
+    again := boolean()
+}.
+
+%% The same with the last answer of `over'.
 -type played() :: #{
     sim := starl_sim:sim(),
     scenario := starl_sim_scenario:t(),
     ending := starl_sim_run:ending() | none,
-    hands := boolean()
+    hands := boolean(),
+    again := boolean(),
+    answer := term()
 }.
 
 -define(IDLE_MS, 500).
@@ -55,6 +68,9 @@
     pace :: starl_view_pace:t(),
     linger :: boolean(),
     save :: fun((binary(), starl_sim_scenario:t()) -> {ok | error, unicode:chardata()}),
+    over :: fun((ran()) -> term()),
+    %% the scenario whose end has been told, with the answer
+    told = none :: none | {starl_sim_scenario:t(), Answer :: term()},
     %% the number of faults by hand; has anything been changed, such as by healing?
     hands = 0 :: non_neg_integer(),
     changed = false :: boolean(),
@@ -86,6 +102,7 @@ begin_with(#{hub := Hub} = Config) ->
                     run = Run,
                     pace = starl_view_pace:new(Speed, maps:get(paused, Config, false), now_ms()),
                     linger = maps:get(linger, Config, false),
+                    over = maps:get(over, Config, fun(_) -> none end),
                     save = maps:get(save, Config, fun(_, _) ->
                         {error, "nothing can be saved here"}
                     end)
@@ -95,8 +112,21 @@ begin_with(#{hub := Hub} = Config) ->
             Error
     end.
 
-ended(#player{run = Run, changed = Changed}) ->
-    {ok, (starl_view_run:result(Run))#{hands => Changed}}.
+ended(Player) ->
+    #player{run = Run, told = {_, Answer}} = Told = told(Player),
+    ok = starl_view_run:release(Run),
+    {ok, (ran(Told))#{answer => Answer}}.
+
+%% The end of a run is told once, however often it is looked at again.
+told(#player{run = Run, told = Told, over = Over} = Player) ->
+    Scenario = starl_view_run:scenario(Run),
+    case Told of
+        {Scenario, _} -> Player;
+        _ -> Player#player{told = {Scenario, Over(ran(Player))}}
+    end.
+
+ran(#player{run = Run, changed = Changed, told = Told}) ->
+    (starl_view_run:result(Run))#{hands => Changed, again => Told =/= none}.
 
 %% -- time -----------------------------------------------------------------------------------
 
@@ -104,7 +134,7 @@ loop(#player{stop = true} = Player) ->
     Player;
 loop(#player{run = Run, pace = Pace} = Player) ->
     case {starl_view_run:is_over(Run), starl_view_pace:rests(Pace)} of
-        {true, _} -> over(tell(Player#player{run = starl_view_run:judge(Run)}));
+        {true, _} -> over(told(tell(Player#player{run = starl_view_run:judge(Run)})));
         {false, true} -> wait(?IDLE_MS, tell(Player));
         {false, false} -> plays(now_ms(), Player)
     end.
@@ -120,9 +150,9 @@ wait(Ms, Player) ->
     after Ms -> loop(Player)
     end.
 
-%% With a page open, the user may want to look at the end, go back, or save.
+%% The user may want to look at the end, go back, or save.
 over(#player{hub = Hub, linger = Linger} = Player) ->
-    case Linger andalso starl_view_hub:pages(Hub) > 0 of
+    case Linger andalso starl_view_hub:is_attended(Hub) of
         true -> wait(?IDLE_MS, Player);
         false -> Player
     end.

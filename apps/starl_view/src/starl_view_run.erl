@@ -5,7 +5,7 @@
 
 -export([start/1, run/2, step/3, halt/1, judge/1, changed/2, back/2, look/2, close/1]).
 -export([now/1, until/1, ending/1, is_over/1, is_recorded/1, scenario/1, events/2, window/1]).
--export([clock/1, place/1, result/1]).
+-export([clock/1, place/1, result/1, release/1]).
 
 -export_type([t/0, config/0, result/0]).
 
@@ -241,11 +241,16 @@ ending(#run{ending = Ending}) -> Ending.
 -spec scenario(t()) -> starl_sim_scenario:t().
 scenario(#run{scenario = Scenario}) -> Scenario.
 
-%% @doc The run at its end, no longer played.
+%% @doc The run at its end.
 -spec result(t()) -> result().
-result(#run{sim = Sim, scenario = Scenario, ending = Ending, ended = Ended}) ->
-    _ = Ended(),
+result(#run{sim = Sim, scenario = Scenario, ending = Ending}) ->
     #{sim => Sim, scenario => Scenario, ending => Ending}.
+
+%% @doc The run is no longer played. Its simulation stays, and is to be closed.
+-spec release(t()) -> ok.
+release(#run{ended = Ended}) ->
+    _ = Ended(),
+    ok.
 
 %% @doc The number of events that a robot has had.
 -spec events(starl:robot_id(), t()) -> {ok, non_neg_integer()} | none.

@@ -8,6 +8,8 @@
 -export([view_changes_nothing/1, hands_replay/1, a_hand_in_the_middle_of_a_window/1]).
 -export([going_back/1, healing/1, healing_the_schedule/1, bad_commands/1, at_a_violation/1]).
 -export([found_at_the_end/1, viewers_see_hands/1, timers_are_due/1]).
+-export([a_page_that_is_loaded_anew_finds_the_run/1, a_run_that_nobody_looks_at_ends/1]).
+-export([an_end_is_told_once/1, an_answer_names_who_asked/1]).
 
 all() ->
     [
@@ -21,7 +23,11 @@ all() ->
         at_a_violation,
         found_at_the_end,
         viewers_see_hands,
-        timers_are_due
+        timers_are_due,
+        a_page_that_is_loaded_anew_finds_the_run,
+        a_run_that_nobody_looks_at_ends,
+        an_end_is_told_once,
+        an_answer_names_who_asked
     ].
 
 init_per_suite(Config) -> Config.
@@ -231,6 +237,162 @@ due(Now, Sim) ->
     ?assertMatch([_ | _], Timers),
     [?assert(is_integer(Due) andalso Due >= Now, Timer) || {_, _, Due} = Timer <- Timers].
 
+%% A page that is loaded anew is away for a moment: a run that is over waits for it.
+a_page_that_is_loaded_anew_finds_the_run(_Config) ->
+    {ok, Hub} = starl_view_hub:start_link(#{}),
+    ok = starl_view_hub:tap(Hub, tapped()),
+    Page = looking(Hub),
+    Player = lingering(Hub),
+    receive
+        {over, _} -> ok
+    end,
+    leaves(Page, Hub),
+    %% it has looked twice whether a page is there
+    ok = clocks(2, Player),
+    Anew = looking(Hub),
+    ok = starl_view_hub:command(Hub, #{<<"do">> => <<"stop">>}),
+    ?assertEqual({played, 1}, ending(Player)),
+    leaves(Anew, Hub).
+
+a_run_that_nobody_looks_at_ends(_Config) ->
+    {ok, Hub} = starl_view_hub:start_link(#{grace_ms => 0}),
+    Page = looking(Hub),
+    Player = lingering(Hub),
+    receive
+        {over, _} -> ok
+    end,
+    leaves(Page, Hub),
+    ?assertEqual({played, 1}, ending(Player)),
+    %% and nobody was there at all
+    {ok, Alone} = starl_view_hub:start_link(#{}),
+    ?assertEqual({played, 1}, ending(lingering(Alone))).
+
+%% Results are told at the end of the run, and not again when it is looked at once more; but when it was changed.
+an_end_is_told_once(_Config) ->
+    {ok, Hub} = starl_view_hub:start_link(#{}),
+    ok = starl_view_hub:tap(Hub, tapped()),
+    Page = looking(Hub),
+    Player = lingering(Hub),
+    First = over(),
+    ?assertMatch(#{again := false, hands := false, scenario := #{faults := []}}, First),
+    Back = #{<<"do">> => <<"until">>, <<"at">> => 5},
+    Go = #{<<"do">> => <<"go">>},
+    [ok = starl_view_hub:command(Hub, Command) || Command <- [Back, Go]],
+    ok = ended_again(),
+    Kill = #{<<"do">> => <<"fault">>, <<"kind">> => <<"kill_robot">>, <<"target">> => 2},
+    [ok = starl_view_hub:command(Hub, Command) || Command <- [Back, Kill, Go]],
+    ?assertMatch(#{again := true, hands := true, scenario := #{faults := [_]}}, over()),
+    ok = starl_view_hub:command(Hub, #{<<"do">> => <<"stop">>}),
+    ?assertEqual({played, 2}, ending(Player)),
+    leaves(Page, Hub).
+
+%% The page has more than one form.
+an_answer_names_who_asked(_Config) ->
+    Asked = [
+        {raw, #{<<"do">> => <<"heal">>, <<"id">> => <<"x">>, <<"of">> => <<"fault">>}},
+        {raw, #{<<"do">> => <<"heal">>, <<"id">> => <<"x">>}},
+        {raw, #{<<"do">> => <<"heal">>, <<"id">> => <<"x">>, <<"of">> => 7}}
+    ],
+    {_, _, _} = played(scenario(), [{until, 5} | Asked]),
+    ?assertEqual([[<<"fault">>], [], []], lists:reverse(get(askers))).
+
+%% The clocks of the run come to this test.
+tapped() ->
+    Test = self(),
+    spawn_link(fun() -> tapped(Test) end).
+
+tapped(Test) ->
+    receive
+        {'$gen_call', From, {clock, Clock}} ->
+            gen_server:reply(From, ok),
+            Test ! {clock, Clock};
+        {'$gen_call', From, _} ->
+            gen_server:reply(From, ok);
+        _ ->
+            ok
+    end,
+    tapped(Test).
+
+clocks(0, _Player) ->
+    ok;
+clocks(N, {Pid, Monitor} = Player) ->
+    receive
+        {'DOWN', Monitor, process, Pid, Reason} -> {ended, Reason};
+        {clock, #{ending := Ending}} when Ending =/= null, Ending =/= none -> clocks(N - 1, Player)
+    end.
+
+%% The run is at a time before its end, and then at its end.
+ended_again() ->
+    receive
+        {clock, #{ending := null}} -> ended_again_now()
+    end.
+
+ended_again_now() ->
+    receive
+        {clock, #{ending := null}} -> ended_again_now();
+        {clock, #{ending := _}} -> ok
+    end.
+
+over() ->
+    receive
+        {over, Ran} ->
+            forget_clocks(),
+            Ran
+    end.
+
+forget_clocks() ->
+    receive
+        {clock, _} -> forget_clocks()
+    after 0 -> ok
+    end.
+
+looking(Hub) ->
+    Test = self(),
+    Page = spawn_link(fun() ->
+        {ok, _, _} = starl_view_hub:join(Hub),
+        Test ! {looks, self()},
+        receive
+            leave -> ok
+        end
+    end),
+    receive
+        {looks, Page} -> Page
+    end.
+
+leaves(Page, Hub) ->
+    Page ! leave,
+    gone(Hub),
+    forget_clocks().
+
+gone(Hub) ->
+    case starl_view_hub:pages(Hub) of
+        0 -> ok;
+        _ -> gone(Hub)
+    end.
+
+%% A player that lingers; its `over' counts.
+lingering(Hub) ->
+    Test = self(),
+    Over = fun(Ran) ->
+        Test ! {over, Ran},
+        put(overs, 1 + counted(get(overs)))
+    end,
+    spawn_monitor(fun() ->
+        {ok, #{sim := Sim}} = starl_view_player:play(#{
+            hub => Hub, scenario => scenario(), speed => max, linger => true, over => Over
+        }),
+        ok = starl_sim:close(Sim),
+        exit({played, get(overs)})
+    end).
+
+counted(undefined) -> 0;
+counted(N) -> N.
+
+ending({Pid, Monitor}) ->
+    receive
+        {'DOWN', Monitor, process, Pid, Reason} -> Reason
+    end.
+
 %% -- helpers --------------------------------------------------------------------------------
 
 digest(Scenario) ->
@@ -259,10 +421,18 @@ played(Scenario, Hands) ->
     receive
         {rows, Rows, Said} ->
             _ = put(said, Said),
+            _ = put(askers, askers([])),
             {Digest, Faulty, Rows}
     end.
 
 said() -> get(said).
+
+%% The parts of the page that got an answer, the last one first.
+askers(Seen) ->
+    receive
+        {asker, Of} -> askers([Of | Seen])
+    after 0 -> Seen
+    end.
 
 %% A page that does one thing after the other, each when the one before it is done.
 page(Test, Hub, Hands) ->
@@ -278,7 +448,8 @@ paged(Test, Hub, Hands, Waits, Rows, Said) ->
             All = lists:foldl(fun kept/2, Rows, New),
             {Left, Next} = next(Hands, Waits, New, Hub),
             paged(Test, Hub, Left, Next, All, Said);
-        {tell, [What, Text]} when What =:= <<"no">>; What =:= <<"yes">> ->
+        {tell, [What, Text | Of]} when What =:= <<"no">>; What =:= <<"yes">> ->
+            Test ! {asker, Of},
             paged(Test, Hub, Hands, Waits, Rows, [{binary_to_atom(What), Text} | Said]);
         {over, Test} ->
             self() ! {last, Test},

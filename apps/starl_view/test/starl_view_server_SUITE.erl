@@ -5,6 +5,7 @@
 
 -export([all/0, init_per_testcase/2, end_per_testcase/2]).
 -export([files/1, only_its_own_page/1, a_token_for_others/1, a_page_gets_the_run/1]).
+-export([the_first_page/1]).
 -export([
     a_page_before_the_run/1,
     garbage/1,
@@ -24,6 +25,7 @@ all() ->
         files,
         only_its_own_page,
         a_token_for_others,
+        the_first_page,
         a_page_gets_the_run,
         a_page_before_the_run,
         garbage,
@@ -78,13 +80,44 @@ only_its_own_page(Config) ->
 a_token_for_others(_Config) ->
     {ok, View} = starl_view:start(#{port => 0, host => "0.0.0.0"}),
     Address = binary_to_list(starl_view:address(View)),
-    #{port := Port, fragment := Token} = uri_string:parse(Address),
+    #{host := Host, port := Port, fragment := Token} = uri_string:parse(Address),
     ?assertEqual(32, length(Token)),
+    %% a telephone knows no names of a home
+    ?assertEqual(is_on_a_network(), element(1, inet:parse_address(Host)) =:= ok, Host),
     Headers = [{"Origin", "http://127.0.0.1:" ++ integer_to_list(Port)}],
     ?assertMatch({403, _}, ?C:connect(Port, Headers)),
     ?assertMatch({403, _}, ?C:connect(Port, "/ws?token=" ++ lists:duplicate(32, $0), Headers)),
     ?assertMatch({101, _}, ?C:connect(Port, "/ws?token=" ++ Token, Headers)),
     starl_view:stop(View).
+
+is_on_a_network() ->
+    {ok, Interfaces} = inet:getifaddrs(),
+    lists:any(
+        fun(Ip) -> tuple_size(Ip) =:= 4 andalso element(1, Ip) =/= 127 end,
+        [
+            Ip
+         || {_, Facts} <- Interfaces,
+            lists:member(up, proplists:get_value(flags, Facts, [])),
+            {addr, Ip} <- Facts
+        ]
+    ).
+
+%% A run that waits for its first page is told of it, once.
+the_first_page(Config) ->
+    Hub = ?config(hub, Config),
+    ?assertNot(starl_view_hub:is_attended(Hub)),
+    ok = starl_view_hub:first_page(Hub),
+    _ = [page(Config) || _ <- [1, 2]],
+    receive
+        {first_page, Hub} -> ok
+    end,
+    ?assert(starl_view_hub:is_attended(Hub)),
+    ok = starl_view_hub:first_page(Hub),
+    receive
+        {first_page, Hub} -> ok
+    end,
+    ?assertEqual(ok, starl_view_hub:flush(Hub)),
+    ?assertEqual({messages, []}, erlang:process_info(self(), messages)).
 
 a_page_gets_the_run(Config) ->
     ok = starl_view_hub:head(?config(hub, Config), {[[<<"run">>, #{app => x}]], 1}),

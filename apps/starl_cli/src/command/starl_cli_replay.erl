@@ -233,7 +233,7 @@ commands({event, Robot, N}) -> [#{<<"do">> => <<"step">>, <<"robot">> => Robot, 
 commands(_) -> [].
 
 viewed({ok, #{sim := Sim, ending := Ending, hands := Hands}}, Setup) ->
-    {Outcome, _} = starl_sim:finish(Sim),
+    {Outcome, _} = starl_sim:conclude(Sim),
     case Hands of
         true ->
             starl_cli_terminal:out("changed by hand: not compared\n"),

@@ -22,7 +22,13 @@ about(_Subject) ->
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) -> [{"Flags", lists:keydelete(view, 1, starl_cli_window:flags())}].
+flags(_Subject) ->
+    [
+        {"Flags", [
+            Flag
+         || Flag <- starl_cli_window:flags(), not lists:member(element(1, Flag), [view, no_wait])
+        ]}
+    ].
 
 -spec subject(string(), [string()]) ->
     {ok, file:filename(), [string()]} | {error, [unicode:chardata(), ...]}.

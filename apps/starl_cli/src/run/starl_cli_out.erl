@@ -3,7 +3,7 @@
 %% when all are complete.
 -module(starl_cli_out).
 
--export([plan/2, beside/2, write/2, sure/2, shown/1, usual/1, free/1, holds_a_run/1]).
+-export([plan/2, beside/2, write/2, again/1, sure/2, shown/1, usual/1, free/1, holds_a_run/1]).
 
 -export_type([t/0]).
 
@@ -146,6 +146,11 @@ settle({numbered, Parent, Name}, Temporary) -> number(next(Parent, Name), Parent
 
 renamed(ok, Dir) -> {ok, Dir};
 renamed({error, _} = Error, _Dir) -> Error.
+
+%% @doc The plan for the results of a run that was changed after its end: they take the place of the first ones.
+-spec again(t()) -> t().
+again({fresh, Dir}) -> {existing, Dir};
+again(Plan) -> Plan.
 
 %% What an earlier run has left goes first: not every run has a log, or inputs.
 replace_all(Temporary, Dir) ->

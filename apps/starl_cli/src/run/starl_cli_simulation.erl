@@ -2,7 +2,7 @@
 %% status.
 -module(starl_cli_simulation).
 
--export([run/1, tell/2, finish/4, answer/2, failed/2]).
+-export([run/1, tell/2, conclude/4, answer/2, failed/2]).
 
 -export_type([ran/0]).
 
@@ -47,12 +47,15 @@ at(_Reason, _Setup) ->
 -spec to_the_end(starl_sim:sim(), starl_cli_setup:t()) -> ran().
 to_the_end(Sim, #{scenario := #{time := Seconds}} = Setup) ->
     {Ending, WallMs} = starl_cli_drive:run(Sim, round(Seconds * 1.0e6), Setup),
-    finish(Sim, starl_sim:scenario(Sim), Ending, WallMs).
+    Ran = conclude(Sim, starl_sim:scenario(Sim), Ending, WallMs),
+    ok = starl_sim:close(Sim),
+    Ran.
 
-%% @doc Finishes a simulation that has come to its end.
--spec finish(starl_sim:sim(), starl_sim_scenario:t(), starl_cli_drive:ending(), integer()) -> ran().
-finish(Sim, Scenario, Ending, WallMs) ->
-    {Outcome, App} = starl_sim:finish(Sim),
+%% @doc What has become of a simulation that has come to its end; it is not closed.
+-spec conclude(starl_sim:sim(), starl_sim_scenario:t(), starl_cli_drive:ending(), integer()) ->
+    ran().
+conclude(Sim, Scenario, Ending, WallMs) ->
+    {Outcome, App} = starl_sim:conclude(Sim),
     #{
         scenario => Scenario,
         ending => ending(Ending, Outcome),

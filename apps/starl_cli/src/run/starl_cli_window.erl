@@ -7,14 +7,17 @@
 -export_type([ended/0]).
 
 -define(LINGER_MS, 500).
+-define(INTERRUPTED, 130).
 
-%% How a run in a window has ended: it waits to be finished; or why it did not run.
+%% How a run in a window has ended: it stays open, to be looked at; or why it did not run. `again': it was
+%% changed by hand after an end that has been told.
 -type ended() ::
     {ok, #{
         sim := starl_sim:sim(),
         scenario := starl_sim_scenario:t(),
         ending := starl_cli_drive:ending(),
         hands := boolean(),
+        again := boolean(),
         wall_ms := integer()
     }}
     | {error, starl_sim:reason()}
@@ -27,10 +30,13 @@ flags() ->
         {view, switch, false, "shows the run in a browser, while it goes on"},
         {view_port, {integer, 0, 65535}, 0, "view: port of the page; 0: a free one"},
         {view_host, string, "127.0.0.1",
-            "view: address to listen at; other computers get in with the token that is printed"}
+            "view: address to listen at; other computers get in with the token that is printed; 0.0.0.0 "
+            "for a telephone"},
+        {no_wait, switch, false, "view: begins at once, not when the first page is open"},
+        {no_open, switch, false, "view: opens no browser, where there is a display"}
     ].
 
-%% @doc Opens the window and prints its address.
+%% @doc Opens the window, prints its address, and shows it in the user's browser.
 -spec open(Values :: #{atom() => term()}) ->
     {ok, starl_view:t()} | {error, [unicode:chardata(), ...]}.
 open(Values) -> open(Values, #{}).
@@ -38,10 +44,12 @@ open(Values) -> open(Values, #{}).
 %% @doc The same with options of the window.
 -spec open(Values :: #{atom() => term()}, starl_view:options()) ->
     {ok, starl_view:t()} | {error, [unicode:chardata(), ...]}.
-open(#{view_port := Port, view_host := Host}, Options) ->
+open(#{view_port := Port, view_host := Host, no_open := NoOpen}, Options) ->
     case starl_view:start(Options#{port => Port, host => Host}) of
         {ok, View} ->
-            starl_cli_terminal:out(["view: ", starl_view:address(View), "\n"]),
+            Address = starl_view:address(View),
+            starl_cli_terminal:out(["view: ", Address, "\n"]),
+            _ = NoOpen orelse starl_cli_browser:open(Address),
             {ok, View};
         {error, Reason} ->
             {error, [starl_view:format_error(Reason)]}
@@ -64,16 +72,15 @@ run(#{nodes := Nodes, target := Target} = Setup, Values, Config) ->
             {error, [Line]}
     end.
 
-told({ok, #{sim := Sim, ending := Ending, scenario := Effective} = Played}, Setup) ->
-    #{wall_ms := WallMs, hands := Hands} = Played,
-    Ran = starl_cli_simulation:finish(Sim, Effective, Ending, WallMs),
-    starl_cli_signal:on_interrupt(fun() -> ok end),
+told({ok, #{sim := Sim, ending := Ending, scenario := Effective} = Ended}, Setup) ->
+    #{wall_ms := WallMs, hands := Hands} = Ended,
+    Ran = starl_cli_simulation:conclude(Sim, Effective, Ending, WallMs),
     starl_cli_simulation:answer({ok, Ran}, own(Hands, Effective, Setup));
 told(Failed, Setup) ->
     starl_cli_simulation:answer(Failed, Setup).
 
-%% @doc Plays a simulation in a window, with a configuration of the player, and gives how it ended to
-%% a function.
+%% @doc Plays a simulation in a window, with a configuration of the player. When it has ended, and while it is
+%% still looked at, a function tells how; it leaves the simulation open.
 -spec played(starl_cli_setup:t(), Values :: #{atom() => term()}, map(), Tell) ->
     starl_cli_command:answer()
 when
@@ -83,14 +90,33 @@ played(Setup, Values, Config, Tell) ->
     ok = starl_cli_log:install(),
     case open(Values) of
         {ok, View} ->
-            Answer = Tell(play(starl_view:hub(View), Setup, Values, Config), Setup),
+            Hub = starl_view:hub(View),
+            Answer = attended(Hub, Values, fun() -> play(Hub, Setup, Values, Config, Tell) end),
             ok = starl_view:stop(View),
             Answer;
         {error, _} = Error ->
             Error
     end.
 
-play(Hub, #{scenario := Scenario} = Setup, #{pace := Pace}, #{options := Options} = Config) ->
+%% A run begins when somebody can see it.
+attended(_Hub, #{no_wait := true}, Run) ->
+    Run();
+attended(Hub, #{no_wait := false}, Run) ->
+    starl_cli_terminal:out("waiting for a browser to open this page (--no-wait: begins at once)\n"),
+    Self = self(),
+    starl_cli_signal:on_interrupt(fun() -> Self ! interrupted end),
+    ok = starl_view_hub:first_page(Hub),
+    receive
+        {first_page, Hub} ->
+            starl_cli_signal:on_interrupt(quit),
+            Run();
+        interrupted ->
+            starl_cli_terminal:out("interrupted\n"),
+            ?INTERRUPTED
+    end.
+
+play(Hub, #{scenario := Scenario} = Setup, #{pace := Pace}, Config, Tell) ->
+    #{options := Options} = Config,
     Begun = erlang:monotonic_time(millisecond),
     Watch = starl_cli_drive:watching() ++ maps:get(watch, Options, []),
     Player = #{
@@ -100,15 +126,42 @@ play(Hub, #{scenario := Scenario} = Setup, #{pace := Pace}, #{options := Options
         speed => Pace,
         linger => true,
         started => fun watched/1,
+        over => fun(Ran) -> over(Ran, Begun, {Hub, Setup, Tell}) end,
         save => fun(Name, Faulty) -> save(Name, Faulty, Setup) end
     },
     try starl_view_player:play(maps:merge(Player, maps:remove(options, Config))) of
-        {ok, Played} ->
-            {ok, Played#{wall_ms => erlang:monotonic_time(millisecond) - Begun}};
+        {ok, #{sim := Sim, answer := Answer}} ->
+            ok = starl_sim:close(Sim),
+            Answer;
         {error, _} = Error ->
-            Error
+            Tell(Error, Setup)
     catch
-        exit:{Reason, {gen_server, call, _}} -> {failed, Reason}
+        exit:{Reason, {gen_server, call, _}} -> Tell({failed, Reason}, Setup)
+    end.
+
+%% Results are written at once: who closes the page, or the computer, loses none.
+over(#{again := Again} = Ran, Begun, {Hub, #{out := Out} = Setup, Tell}) ->
+    starl_cli_signal:on_interrupt(fun() -> ok end),
+    WallMs = erlang:monotonic_time(millisecond) - Begun,
+    Told =
+        case Again of
+            true -> Setup#{out := starl_cli_out:again(Out)};
+            false -> Setup
+        end,
+    Answer = Tell({ok, Ran#{wall_ms => WallMs}}, Told),
+    Player = self(),
+    starl_cli_signal:on_interrupt(fun() -> starl_view_player:stop(Player) end),
+    ok = stays(Hub),
+    Answer.
+
+stays(Hub) ->
+    case starl_view_hub:is_attended(Hub) of
+        true ->
+            starl_cli_terminal:out(
+                "the run is over; its page can be looked at until it is closed, or for Ctrl-C\n"
+            );
+        false ->
+            ok
     end.
 
 %% What was done by hand belongs to the scenario of the run.
@@ -133,13 +186,8 @@ watched(Sim) ->
 live(#{view := true, pace := Pace} = Values, Run) ->
     case open(Values) of
         {ok, View} ->
-            {ok, Live} = starl_view_live:start_link(#{hub => starl_view:hub(View), speed => Pace}),
-            Answer = Run(fun(Options) -> observed(Live, Options) end, fun(Hands) ->
-                starl_view_live:attach(Live, Hands)
-            end),
-            ok = linger(starl_view:hub(View)),
-            true = unlink(Live),
-            true = exit(Live, shutdown),
+            Hub = starl_view:hub(View),
+            Answer = attended(Hub, Values, fun() -> seen(Hub, Pace, Run) end),
             ok = starl_view:stop(View),
             Answer;
         {error, _} = Error ->
@@ -148,18 +196,29 @@ live(#{view := true, pace := Pace} = Values, Run) ->
 live(_Values, Run) ->
     Run(fun(Options) -> Options end, fun(_Hands) -> ok end).
 
+seen(Hub, Pace, Run) ->
+    {ok, Live} = starl_view_live:start_link(#{hub => Hub, speed => Pace}),
+    Answer = Run(fun(Options) -> observed(Live, Options) end, fun(Hands) ->
+        starl_view_live:attach(Live, Hands)
+    end),
+    ok = linger(Hub),
+    true = unlink(Live),
+    true = exit(Live, shutdown),
+    Answer.
+
 %% A run that is over can be looked at until the last page is closed, or for Ctrl-C.
 linger(Hub) ->
     Self = self(),
     starl_cli_signal:on_interrupt(fun() -> Self ! interrupted end),
+    ok = stays(Hub),
     ok = lingering(Hub),
     starl_cli_signal:on_interrupt(fun() -> ok end).
 
 lingering(Hub) ->
-    case starl_view_hub:pages(Hub) of
-        0 ->
+    case starl_view_hub:is_attended(Hub) of
+        false ->
             ok;
-        _ ->
+        true ->
             receive
                 interrupted -> ok
             after ?LINGER_MS -> lingering(Hub)
