@@ -42,6 +42,17 @@ static bool fail_open(const char *path, struct failure *why)
     }
 }
 
+/* A line that was opened for one program alone is shut to users without rights before its lock is met. */
+static int open_line(const char *path)
+{
+    for (int i = 0;; i++) {
+        int fd = open(path, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+        if (fd >= 0 || errno != EBUSY || i >= LOCK_TRIES)
+            return fd;
+        clock_sleep_us(LOCK_PAUSE_US);
+    }
+}
+
 static bool lock(int fd)
 {
     for (int i = 0; flock(fd, LOCK_EX | LOCK_NB) != 0; i++) {
@@ -68,7 +79,7 @@ static bool make_raw(int fd)
 
 bool device_open(struct device *dev, const char *path, unsigned baud, struct failure *why)
 {
-    int fd = open(path, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+    int fd = open_line(path);
     if (fd < 0)
         return fail_open(path, why);
     if (!isatty(fd)) {
@@ -122,6 +133,17 @@ bool device_write_all(struct device *dev, const uint8_t *bytes, size_t length, u
     return write_all(dev->fd, bytes, length, limit_us);
 }
 
+bool device_stop(struct device *dev, const uint8_t *stop, size_t length, uint64_t limit_us)
+{
+    static const uint8_t zeros[COMMAND_MAX];
+    if (length == 0)
+        return true;
+    return device_write_all(dev, zeros, FIXED_MAX, limit_us)
+        && device_write_all(dev, stop, length, limit_us)
+        && device_write_all(dev, zeros, COMMAND_MAX, limit_us)
+        && device_write_all(dev, stop, length, limit_us);
+}
+
 /* Ten bits a byte. */
 uint64_t device_queue_us(const struct device *dev)
 {
@@ -150,4 +172,12 @@ bool device_line(struct device *dev, enum control_line line, bool is_asserted)
 bool device_break(struct device *dev, bool is_on)
 {
     return ioctl(dev->fd, is_on ? TIOCSBRK : TIOCCBRK, 0) == 0;
+}
+
+void device_release(struct device *dev)
+{
+    int bits = TIOCM_DTR | TIOCM_RTS;
+    device_break(dev, false);
+    if (ioctl(dev->fd, TIOCMBIC, &bits) != 0 && speed_get(dev->fd) == 0)
+        speed_set(dev->fd, dev->baud);
 }

@@ -9,7 +9,13 @@
 
 struct notes;
 
-enum { PATH_LENGTH = 1024 };
+enum {
+    PATH_LENGTH = 1024,
+    /* Bytes after which a command has its fixed part; that of a song, the longest to a robot that drives,
+     * is whole after so many more. */
+    FIXED_MAX = 4,
+    COMMAND_MAX = 40
+};
 
 /* Why something did not work: a word that Erlang knows, and a detail for a person. */
 struct failure {
@@ -32,6 +38,9 @@ void device_close(struct device *dev);
 ssize_t device_write(struct device *dev, const uint8_t *bytes, size_t length);
 /* Writes all bytes, for at most this time. */
 bool device_write_all(struct device *dev, const uint8_t *bytes, size_t length, uint64_t limit_us);
+/* Writes what stops the wheels, twice. A command that was begun takes what follows for its own rest, so
+ * zeros go before: they are no command, and where a number of bytes is to be said, it is none. */
+bool device_stop(struct device *dev, const uint8_t *stop, size_t length, uint64_t limit_us);
 /* When the bytes that were written will have left the line, microseconds from now. */
 uint64_t device_queue_us(const struct device *dev);
 bool device_speed(struct device *dev, unsigned baud, struct failure *why);
@@ -39,6 +48,8 @@ bool device_speed(struct device *dev, unsigned baud, struct failure *why);
  * other side of a pty sees. */
 bool device_line(struct device *dev, enum control_line line, bool is_asserted);
 bool device_break(struct device *dev, bool is_on);
+/* Releases all lines, and ends a break. */
+void device_release(struct device *dev);
 /* The process that holds a device, if that can be found out. */
 void device_holder(const char *path, char *text, size_t size);
 

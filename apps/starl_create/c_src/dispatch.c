@@ -47,6 +47,8 @@ static void stop_message(struct port *port, const uint8_t *bytes, size_t length)
  * those of the script are. */
 static void script_message(struct port *port, const uint8_t *bytes, size_t length, bool joins)
 {
+    if (port->is_stale)
+        return;
     if (!script_load(&port->script, bytes, length, joins)) {
         port_fail(port, "bad_message", "a malformed drive script");
         return;
@@ -92,7 +94,9 @@ static void break_message(struct port *port, const uint8_t *bytes)
 static void speed_message(struct port *port, const uint8_t *bytes)
 {
     struct failure why;
-    if (!device_speed(&port->device, (unsigned)get_uint(bytes, 4), &why))
+    if (device_speed(&port->device, (unsigned)get_uint(bytes, 4), &why))
+        guardian_speed(&port->guard, port->device.baud);
+    else
         port_fail(port, why.word, why.detail);
 }
 

@@ -8,8 +8,11 @@
 #include <poll.h>
 #include <signal.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/prctl.h>
+#include <sys/socket.h>
 #include <sys/wait.h>
+#include <termios.h>
 #include <unistd.h>
 
 enum { LIMIT_US = 1000000, BURY_TRIES = 100, BURY_PAUSE_US = 1000 };
@@ -50,23 +53,79 @@ static void be_apart(void)
         close(null);
 }
 
-/* What comes through the pipe are messages: the stop bytes; an empty one is the dismissal. */
-static void watch(int pipe, int device, const uint8_t *stop, size_t length)
+/* What it knows of the line. */
+struct watch {
+    struct device dev;
+    uint8_t stop[STOP_MAX];
+    size_t length;
+};
+
+static void learn(struct watch *watch, const uint8_t *bytes, size_t length)
+{
+    if (bytes[0] == 'Z') {
+        watch->length = length - 1 < STOP_MAX ? length - 1 : STOP_MAX;
+        memcpy(watch->stop, bytes + 1, watch->length);
+    } else if (bytes[0] == 'S' && length == 5) {
+        watch->dev.baud = (unsigned)get_uint(bytes + 1, 4);
+    }
+}
+
+static void stop_wheels(struct watch *watch)
+{
+    device_release(&watch->dev);
+    device_stop(&watch->dev, watch->stop, watch->length, LIMIT_US);
+}
+
+static void say(int socket, char word)
+{
+    ssize_t ignored = send(socket, &word, 1, MSG_DONTWAIT | MSG_NOSIGNAL);
+    (void)ignored;
+}
+
+/* Is there something to read within the time? It stops the wheels if not, and then waits on. */
+static void wait_for(int socket, struct watch *watch)
+{
+    struct pollfd at = {socket, POLLIN, 0};
+    int ready;
+    do
+        ready = poll(&at, 1, HALTED_US / 1000);
+    while (ready < 0 && errno == EINTR);
+    if (ready != 0)
+        return;
+    stop_wheels(watch);
+    say(socket, 'x');
+    poll(&at, 1, -1);
+}
+
+/* Until the port program has ended (true) or dismisses it. */
+static bool watched(int socket, struct watch *watch)
 {
     static struct frames_in in;
-    uint8_t known[STOP_MAX];
     const uint8_t *bytes;
-    size_t got;
-    memcpy(known, stop, length);
-    in.fd = pipe;
-    while (frames_read(&in))
-        while ((bytes = frames_next(&in, &got))) {
-            if (got == 0)
-                return;
-            length = got - 1 < STOP_MAX ? got - 1 : STOP_MAX;
-            memcpy(known, bytes + 1, length);
+    size_t length;
+    in.fd = socket;
+    for (;;) {
+        wait_for(socket, watch);
+        if (!frames_read(&in))
+            return true;
+        while ((bytes = frames_next(&in, &length))) {
+            if (length == 0)
+                return false;
+            if (bytes[0] == 'H')
+                say(socket, 'h');
+            else
+                learn(watch, bytes, length);
         }
-    write_all(device, known, length, LIMIT_US);
+    }
+}
+
+/* A line that stays open elsewhere, as an emulator's does, must not stay locked for others. */
+static void guard_line(int socket, struct watch *watch)
+{
+    if (!watched(socket, watch))
+        return;
+    stop_wheels(watch);
+    ioctl(watch->dev.fd, TIOCNXCL);
 }
 
 pid_t fork_named(const char *name)
@@ -80,17 +139,23 @@ pid_t fork_named(const char *name)
     return pid;
 }
 
-bool guardian_start(struct guardian *guard, int device, const uint8_t *stop, size_t length)
+bool guardian_start(struct guardian *guard, const struct device *dev, const uint8_t *stop,
+                    size_t length)
 {
+    static struct watch watch;
     int ends[2];
-    guard->pipe = -1;
-    if (pipe(ends) != 0)
+    guard->socket = -1;
+    if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
         return false;
     guard->pid = fork_named("starl_guardian");
     if (guard->pid == 0) {
         close(ends[1]);
         be_apart();
-        watch(ends[0], device, stop, length);
+        watch.dev = *dev;
+        watch.dev.notes = NULL; /* the port program's */
+        watch.length = length;
+        memcpy(watch.stop, stop, length);
+        guard_line(ends[0], &watch);
         _exit(0);
     }
     close(ends[0]);
@@ -99,32 +164,71 @@ bool guardian_start(struct guardian *guard, int device, const uint8_t *stop, siz
         return false;
     }
     set_nonblocking(ends[1]);
-    guard->pipe = ends[1];
+    guard->socket = ends[1];
+    guard->beat_us = guard->heard_us = clock_us();
     return true;
 }
 
-static void tell(struct guardian *guard, const uint8_t *bytes, size_t length)
+/* One that is halted reads nothing; that is seen by its silence. */
+static void tell(struct guardian *guard, char tag, const uint8_t *bytes, size_t length)
 {
-    uint8_t message[FRAME_HEAD + 1 + STOP_MAX] = {(uint8_t)(length >> 8), (uint8_t)length};
-    if (guard->pipe < 0)
+    uint8_t message[FRAME_HEAD + 1 + STOP_MAX];
+    if (guard->socket < 0)
         return;
-    if (length > 0) {
-        message[FRAME_HEAD] = 'Z';
-        memcpy(message + FRAME_HEAD + 1, bytes, length - 1);
-    }
-    /* Shorter than PIPE_BUF: whole or not at all; one that has died is seen by the poll loop. */
-    ssize_t ignored = write(guard->pipe, message, FRAME_HEAD + length);
+    message[0] = (uint8_t)((length + 1) >> 8);
+    message[1] = (uint8_t)(length + 1);
+    message[FRAME_HEAD] = (uint8_t)tag;
+    if (length > 0)
+        memcpy(message + FRAME_HEAD + 1, bytes, length);
+    ssize_t ignored = send(guard->socket, message, FRAME_HEAD + 1 + length, MSG_NOSIGNAL);
     (void)ignored;
 }
 
 void guardian_teach(struct guardian *guard, const uint8_t *stop, size_t length)
 {
-    tell(guard, stop, length + 1);
+    tell(guard, 'Z', stop, length);
+}
+
+void guardian_speed(struct guardian *guard, unsigned baud)
+{
+    uint8_t number[4];
+    put_u32(number, baud);
+    tell(guard, 'S', number, sizeof number);
+}
+
+/* The time in which no sign of life was asked for is none that it owes. */
+void guardian_beat(struct guardian *guard, uint64_t now_us)
+{
+    if (guard->socket < 0 || now_us < guard->beat_us)
+        return;
+    if (now_us > guard->beat_us + HALTED_US)
+        guard->heard_us = now_us;
+    tell(guard, 'H', NULL, 0);
+    guard->beat_us = now_us + BEAT_US;
+}
+
+bool guardian_heard(struct guardian *guard, uint64_t now_us)
+{
+    char words[64];
+    ssize_t got = recv(guard->socket, words, sizeof words, MSG_DONTWAIT);
+    if (got <= 0)
+        return false;
+    guard->heard_us = now_us;
+    return memchr(words, 'x', (size_t)got) != NULL;
+}
+
+bool guardian_is_halted(const struct guardian *guard, uint64_t now_us)
+{
+    return guard->socket >= 0 && now_us > guard->heard_us + GUARD_HALTED_US;
 }
 
 void guardian_dismiss(struct guardian *guard)
 {
-    tell(guard, NULL, 0);
+    static const uint8_t empty[FRAME_HEAD];
+    if (guard->socket >= 0) {
+        ssize_t ignored = send(guard->socket, empty, sizeof empty, MSG_NOSIGNAL);
+        (void)ignored;
+    }
     guardian_bury(guard);
 }
 
@@ -132,10 +236,10 @@ void guardian_dismiss(struct guardian *guard)
  * halted is not waited for. */
 void guardian_bury(struct guardian *guard)
 {
-    if (guard->pipe < 0)
+    if (guard->socket < 0)
         return;
-    close(guard->pipe);
-    guard->pipe = -1;
+    close(guard->socket);
+    guard->socket = -1;
     for (int i = 0; i < BURY_TRIES; i++) {
         if (waitpid(guard->pid, NULL, WNOHANG) != 0)
             return;

@@ -10,7 +10,9 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { LOOK_EACH_US = 20000, FLUSH_EACH_US = 1000, AT = 8 };
+enum { LOOK_EACH_US = 20000, FLUSH_EACH_US = 1000, STOP_LIMIT_US = 500000, AT = 8 };
+
+static const uint64_t STAYS_US = UINT64_C(3600) * 1000000;
 enum { IN, OUT, LINE, GUARD, POLLED };
 
 static volatile sig_atomic_t is_ended;
@@ -38,6 +40,8 @@ static uint64_t next_us(const struct port *port, uint64_t now_us)
         next = earlier(next, script_due_us(&port->script, now_us));
     if (is_watched(port))
         next = earlier(next, port->heard_us + port->heartbeat_us);
+    if (port->guard.socket >= 0)
+        next = earlier(next, port->guard.beat_us);
     if (port->is_lost)
         next = earlier(next, port->look_us);
     return next;
@@ -51,18 +55,51 @@ static void wait_for(struct port *port, struct pollfd *fds)
     fds[IN] = (struct pollfd){port->in.fd, is_pending(port) ? 0 : POLLIN, 0};
     fds[OUT] = (struct pollfd){port->out.fd, frames_waiting(&port->out) ? POLLOUT : 0, 0};
     fds[LINE] = (struct pollfd){port->reader.in.fd, POLLIN, 0};
-    fds[GUARD] = (struct pollfd){port->guard.pipe, 0, 0};
+    fds[GUARD] = (struct pollfd){port->guard.socket, POLLIN, 0};
     if (ppoll(fds, POLLED, next == NEVER ? NULL : &limit, NULL) < 0)
         for (int i = 0; i < POLLED; i++)
             fds[i].revents = 0;
 }
 
-/* One that was killed is replaced; the wheels stand until Erlang moves them again. */
+static void messages(struct port *port)
+{
+    const uint8_t *bytes;
+    size_t length;
+    while (!is_pending(port) && (bytes = frames_next(&port->in, &length)))
+        port_message(port, bytes, length);
+}
+
+/* One that was killed, or is halted, is replaced; the wheels stand until Erlang moves them again. A
+ * line that nobody guards is given up. */
 static void guard_died(struct port *port)
 {
     guardian_bury(&port->guard);
     port_stop(port, "guardian");
-    guardian_start(&port->guard, port->device.fd, port->stop, port->stop_length);
+    if (!guardian_start(&port->guard, &port->device, port->stop, port->stop_length))
+        port_lost(port, "unguarded");
+}
+
+/* It has stopped the wheels, since this program was halted. What Erlang has sent meanwhile is too old
+ * to be driven. */
+static void was_halted(struct port *port)
+{
+    port_stop(port, NULL);
+    port->is_stale = true;
+    size_t have;
+    do {
+        messages(port);
+        have = port->in.have;
+    } while (frames_read(&port->in) && port->in.have > have);
+    port->is_stale = false;
+    port_say(port, 'x', "halted");
+}
+
+static void guard_ready(struct port *port, short events)
+{
+    if (events & (POLLERR | POLLHUP))
+        guard_died(port);
+    else if (events & POLLIN && guardian_heard(&port->guard, clock_us()))
+        was_halted(port);
 }
 
 /* What the reader passes on; it ends with the line. */
@@ -93,18 +130,13 @@ static void time_passed(struct port *port)
         port->is_silent = true;
         port_stop(port, "heartbeat");
     }
+    guardian_beat(&port->guard, now);
+    if (guardian_is_halted(&port->guard, now))
+        guard_died(port);
     while (!is_pending(port) && now >= script_due_us(&port->script, now))
         port_step(port);
     port_pulse(port, now);
     look_again(port, now);
-}
-
-static void messages(struct port *port)
-{
-    const uint8_t *bytes;
-    size_t length;
-    while (!is_pending(port) && (bytes = frames_next(&port->in, &length)))
-        port_message(port, bytes, length);
 }
 
 /* False: Erlang has closed. */
@@ -127,23 +159,42 @@ static void prepare(struct port *port)
     port->out.fd = STDOUT_FILENO;
     set_nonblocking(STDIN_FILENO);
     set_nonblocking(STDOUT_FILENO);
-    port->device.fd = port->guard.pipe = port->reader.in.fd = -1;
+    port->device.fd = port->guard.socket = port->reader.in.fd = -1;
     port->toggle_us = port->break_us = NEVER;
 }
 
-int port_run(void)
+/* Erlang has ended while the cable is out, and the robot may drive: its wheels are stopped when it is
+ * back, unless another program has its line by then. One that is asked to end, ends. */
+static void stop_when_back(struct port *port)
+{
+    struct failure why = {.word = ""};
+    uint64_t until = clock_us() + STAYS_US;
+    close(STDIN_FILENO);
+    close(STDOUT_FILENO);
+    while (!is_ended && clock_us() < until && strcmp(why.word, "busy") != 0) {
+        if (device_open(&port->device, port->device.path, port->device.baud, &why)) {
+            device_stop(&port->device, port->stop, port->stop_length, STOP_LIMIT_US);
+            device_close(&port->device);
+            return;
+        }
+        clock_sleep_us(LOOK_EACH_US);
+    }
+}
+
+int port_run(const char *priority)
 {
     static struct port port;
     struct pollfd fds[POLLED];
     prepare(&port);
+    port_say(&port, 'p', priority);
     while (!is_ended) {
         wait_for(&port, fds);
+        if (port.guard.socket >= 0 && fds[GUARD].fd == port.guard.socket)
+            guard_ready(&port, fds[GUARD].revents);
         if (!erlang_ready(&port, fds[IN].revents) || fds[OUT].revents & POLLERR)
             break;
         if (fds[OUT].revents & POLLOUT)
             frames_flush(&port.out);
-        if (port.device.fd >= 0 && fds[GUARD].revents & POLLERR && fds[GUARD].fd == port.guard.pipe)
-            guard_died(&port);
         if (port.device.fd >= 0 && fds[LINE].fd == port.reader.in.fd && fds[LINE].revents)
             line_ready(&port);
         if (is_pending(&port))
@@ -151,6 +202,9 @@ int port_run(void)
         messages(&port);
         time_passed(&port);
     }
+    bool is_out = port.is_lost;
     port_close(&port);
+    if (is_out)
+        stop_when_back(&port);
     return 0;
 }

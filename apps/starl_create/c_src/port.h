@@ -8,7 +8,7 @@
  *        L line:8 low-ms:16 times:8       pulse                c at:64 word          the device is gone
  *        B ms:16                          break                e word, 0, detail     a message failed
  *        S baud:32                        speed
- *        C                                close
+ *        C                                close              p at:64 word          its priority, at first
  */
 #ifndef STARL_PORT_H
 #define STARL_PORT_H
@@ -36,6 +36,7 @@ struct port {
 
     uint64_t heartbeat_us, heard_us; /* 0: no heartbeat is asked for */
     bool is_silent;                  /* the heartbeat was missed */
+    bool is_stale;                   /* what is read was sent while this program was halted */
 
     bool is_lost; /* the device went away; it is looked for */
     uint64_t look_us;
@@ -62,7 +63,8 @@ void port_fail(struct port *port, const char *word, const char *detail);
 void port_pulse(struct port *port, uint64_t now_us);
 
 /* loop.c */
-int port_run(void);
+/* `priority': how soon the computer lets it run. */
+int port_run(const char *priority);
 /* pty.c */
 int pty_run(const char *link);
 

@@ -34,6 +34,7 @@ struct pty {
     bool is_attached;
     struct notes_reader notes;
     const char *link; /* NULL: none */
+    char name[64];    /* what it points at */
 };
 
 static const struct part none = {NULL, 0};
@@ -73,6 +74,15 @@ static bool put_link(const char *link, const char *name)
     return symlink(name, new_link) == 0 && rename(new_link, link) == 0;
 }
 
+/* Another emulator may have been given the same link since. */
+static void take_link(const struct pty *pty)
+{
+    char target[sizeof pty->name] = "";
+    if (pty->link && readlink(pty->link, target, sizeof target - 1) > 0
+        && strcmp(target, pty->name) == 0)
+        unlink(pty->link);
+}
+
 static bool put_back(struct pty *pty)
 {
     const char *name;
@@ -89,6 +99,7 @@ static bool put_back(struct pty *pty)
         fail(pty, "link", strerror(errno));
         return false;
     }
+    snprintf(pty->name, sizeof pty->name, "%s", name);
     pty->baud = 0;
     notes_make(&pty->notes, name);
     frames_put(&pty->out, 'n', text(name), none);
@@ -99,8 +110,7 @@ static void pull(struct pty *pty)
 {
     if (pty->master < 0)
         return;
-    if (pty->link)
-        unlink(pty->link);
+    take_link(pty);
     close(pty->master);
     notes_remove(&pty->notes);
     pty->master = -1;

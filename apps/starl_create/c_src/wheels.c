@@ -6,8 +6,9 @@
 #include <string.h>
 
 enum {
-    /* The begun rest of a command is finished before the wheels are stopped; it is never longer. */
-    COMMAND_MAX = 128,
+    /* The begun rest of what was to be written is finished before the wheels are stopped, if it may be
+     * that of a command. */
+    REST_MAX = 128,
     WRITE_LIMIT_US = 500000,
     LOOK_EACH_US = 20000
 };
@@ -19,6 +20,19 @@ static void say_opened(struct port *port)
     uint8_t at[8];
     put_u64(at, clock_us());
     frames_put(&port->out, 'o', (struct part){at, sizeof at}, text(port->device.path));
+}
+
+/* A line that nobody guards, or nobody reads, is not opened. */
+static bool accompany(struct port *port)
+{
+    if (!guardian_start(&port->guard, &port->device, port->stop, port->stop_length))
+        return false;
+    if (reader_start(&port->reader, port->device.fd))
+        return true;
+    int why = errno;
+    guardian_dismiss(&port->guard);
+    errno = why;
+    return false;
 }
 
 /* A device that comes back may be a robot that still drives: the stop bytes go first. */
@@ -39,11 +53,15 @@ bool port_open(struct port *port, const char *path, unsigned baud, bool is_quiet
             port_fail(port, why.word, why.detail);
         return false;
     }
-    port->is_lost = false;
-    guardian_start(&port->guard, port->device.fd, port->stop, port->stop_length);
-    reader_start(&port->reader, port->device.fd);
     if (comes_back)
-        port_write(port, port->stop, port->stop_length);
+        device_stop(&port->device, port->stop, port->stop_length, WRITE_LIMIT_US);
+    if (!accompany(port)) {
+        if (!is_quiet)
+            port_fail(port, "unguarded", strerror(errno));
+        device_close(&port->device);
+        return false;
+    }
+    port->is_lost = false;
     say_opened(port);
     return true;
 }
@@ -104,6 +122,15 @@ void port_flush(struct port *port)
     port->heard_us = clock_us();
 }
 
+/* A pulse that is not over leaves its line asserted. */
+static void release(struct port *port)
+{
+    if (port->toggle_us != NEVER || port->break_us != NEVER)
+        device_release(&port->device);
+    port->toggles = 0;
+    port->toggle_us = port->break_us = NEVER;
+}
+
 /* What waits is void, but for the begun rest of a command: the stop bytes would be taken for it. */
 void port_stop(struct port *port, const char *word)
 {
@@ -111,10 +138,11 @@ void port_stop(struct port *port, const char *word)
     if (port->device.fd < 0)
         return;
     size_t rest = port->pending_end - port->pending_at;
-    if (rest > 0 && rest <= COMMAND_MAX)
+    if (rest > 0 && rest <= REST_MAX)
         device_write_all(&port->device, port->pending + port->pending_at, rest, WRITE_LIMIT_US);
     port->pending_at = port->pending_end = 0;
-    device_write_all(&port->device, port->stop, port->stop_length, WRITE_LIMIT_US);
+    release(port);
+    device_stop(&port->device, port->stop, port->stop_length, WRITE_LIMIT_US);
     if (word)
         port_say(port, 'x', word);
 }

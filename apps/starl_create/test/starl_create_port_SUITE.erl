@@ -1,23 +1,34 @@
 %% The port program and its owner, on a pty: what a robot at the other end gets to hear, above all
 %% when something is killed. Nothing here judges a time: that the stop bytes come is what is held;
-%% `./starl create bench' measures when. Everything runs twice, the second time under sanitizers.
+%% `./starl create bench' measures when. Everything runs three times: as this user, as a user who may
+%% nothing, and under sanitizers.
 -module(starl_create_port_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 -compile([export_all, nowarn_export_all]).
 
 -define(STOP, <<145, 0, 0, 0, 0>>).
+%% Zeros fill the rest of a command that was begun.
+-define(STOPS, <<0:32, ?STOP/binary, 0:320, ?STOP/binary>>).
+-define(STOPS_SIZE, 54).
 -define(GO, <<145, 0, 100, 0, 100>>).
 -define(LONG_US, 600000000).
 %% A guard against waiting for ever.
 -define(AFTER_MS, 20000).
 
-all() -> [{group, plain}, {group, sanitized}].
+all() -> [{group, plain}, {group, ordinary}, {group, sanitized}].
 
-groups() -> [{plain, cases() ++ [memory_is_constant]}, {sanitized, cases()}].
+groups() ->
+    [
+        {plain, cases() ++ [memory_is_constant]},
+        {ordinary, cases() ++ [unguarded]},
+        {sanitized, cases()}
+    ].
 
 cases() ->
     [bytes_both_ways, script_by_its_clock, script_replaced, script_malformed] ++
         [owner_killed, line_killed, program_killed, guardian_killed, reader_killed] ++
+        [program_halted, guardian_halted, half_sent, killed_in_mid_pulse, closed_in_mid_pulse] ++
+        [ended_while_out, free_after_a_kill, other_processor, two_emulators_on_a_link] ++
         [program_terminated, bytes_bear_their_time] ++
         [
             vm_killed,
@@ -35,6 +46,24 @@ init_per_group(plain, Config) ->
     case starl_create_program:path() of
         {ok, _} -> Config;
         {error, Reason} -> {skip, lists:flatten(starl_create_program:format_error(Reason))}
+    end;
+%% The port program of a user without rights; the robot's end is the same user's.
+init_per_group(ordinary, Config) ->
+    case {starl_create_program:path(), os:cmd("id -u"), os:find_executable("setpriv")} of
+        {{error, Reason}, _, _} ->
+            {skip, lists:flatten(starl_create_program:format_error(Reason))};
+        {_, "0\n", false} ->
+            {skip, "no setpriv here, to run it as another user than root"};
+        {{ok, File}, "0\n", _} ->
+            Dir = filename:join("/tmp", "starl_ordinary_" ++ os:getpid()),
+            ok = filelib:ensure_path(Dir),
+            ok = file:change_mode(Dir, 8#755),
+            Own = filename:join(Dir, "port"),
+            {ok, _} = file:copy(File, Own),
+            ok = file:change_mode(Own, 8#755),
+            wrapped("", [{ordinary, {Dir, Own}} | Config]);
+        {{ok, File}, _, _} ->
+            wrapped("", [{ordinary, {proplists:get_value(priv_dir, Config), File}} | Config])
     end;
 init_per_group(sanitized, Config) ->
     File = filename:join(proplists:get_value(priv_dir, Config), "sanitized_port"),
@@ -57,7 +86,25 @@ build() ->
     {ok, Link} = file:read_link(Src),
     filename:join([filename:dirname(Src), Link, "../c_src/build"]).
 
-end_per_group(_, _) ->
+%% A user of whom there is no other process.
+-define(NOBODY, "64913").
+
+%% Another program stands between this user and the port program.
+wrapped(Limit, Config) ->
+    {Dir, Own} = proplists:get_value(ordinary, Config),
+    File = filename:join(Dir, "wrapped"),
+    As =
+        case os:cmd("id -u") of
+            "0\n" -> "setpriv --reuid=" ++ ?NOBODY ++ " --regid=" ++ ?NOBODY ++ " --clear-groups ";
+            _ -> ""
+        end,
+    ok = file:write_file(File, ["#!/bin/sh\nexec ", As, Limit, Own, " \"$@\"\n"]),
+    ok = file:change_mode(File, 8#755),
+    true = os:putenv("STARL_CREATE_PORT", File),
+    Config.
+
+end_per_group(_, Config) ->
+    _ = [file:del_dir_r(Dir) || {Dir, _} <- [proplists:get_value(ordinary, Config, none)]],
     [true = os:unsetenv(Name) || Name <- ["STARL_CREATE_PORT", "ASAN_OPTIONS", "UBSAN_OPTIONS"]].
 
 init_per_testcase(_, Config) -> Config.
@@ -168,6 +215,171 @@ guardian_killed(_) ->
     _ = heard(Pty, 5),
     stops_when(Pty, fun() -> kill("KILL", Program) end).
 
+%% The guardian stops the wheels. What was sent to the halted program is not driven later.
+program_halted(_) ->
+    #{port := Port, pty := Pty} = going(),
+    Program = os_pid(Port),
+    stops_when(Pty, fun() -> kill("STOP", Program) end),
+    Port ! {drive_script, 2, [{?GO, ?LONG_US}], ?STOP},
+    %% the port has passed it on
+    {messages, _} = process_info(Port, messages),
+    _ = sys_free(Port),
+    kill("CONT", Program),
+    receive
+        {stopped, halted, _} -> ok
+    after ?AFTER_MS -> error(late)
+    end,
+    Port ! {send, <<9>>},
+    ?assertEqual(<<?STOPS/binary, 9>>, heard(Pty, ?STOPS_SIZE + 1)),
+    go(Port),
+    ?assertEqual(?GO, heard(Pty, 5)).
+
+%% Waits until the process has handled its messages.
+sys_free(Port) ->
+    case process_info(Port, message_queue_len) of
+        {message_queue_len, 0} -> ok;
+        _ -> sys_free(Port)
+    end.
+
+%% Another one takes its place.
+guardian_halted(_) ->
+    #{port := Port, pty := Pty} = going(),
+    Program = os_pid(Port),
+    First = guardian(Program),
+    stops_when(Pty, fun() -> kill("STOP", First) end),
+    receive
+        {stopped, guardian, _} -> ok
+    after ?AFTER_MS -> error(late)
+    end,
+    gone(First),
+    Port ! {send, ?GO},
+    _ = heard(Pty, 5),
+    stops_when(Pty, fun() -> kill("KILL", Program) end).
+
+%% The rest of a command that had begun is not taken from what stops the wheels: a robot of either
+%% generation stands at the end.
+half_sent(_) ->
+    [
+        begin
+            #{port := Port, pty := Pty} = line(),
+            Drive = starl_create_command:encode_all([start, safe, {drive_direct, 100, 100}], Model),
+            Song = starl_create_command:encode({song, 0, lists:duplicate(16, {60, 8})}, Model),
+            Sent = <<Drive/binary, (binary:part(Song, 0, Size))/binary>>,
+            Port ! {send, Sent},
+            Driven = heard(Pty, byte_size(Sent)),
+            Pid = os_pid(Port),
+            kill("KILL", Pid),
+            Stop = heard(Pty, ?STOPS_SIZE),
+            {_, Robot} = starl_create_emulator:hear(
+                0, <<Driven/binary, Stop/binary>>, starl_create_emulator:new(#{model => Model})
+            ),
+            ?assertEqual({Model, Size, {0, 0}}, {Model, Size, told(Robot)})
+        end
+     || Model <- [1, 2], Size <- [1, 2, 3, 4, 20, 33]
+    ].
+
+told(Robot) ->
+    {Left, Right} = starl_create_emulator:wheels(Robot),
+    {round(Left), round(Right)}.
+
+%% The line that a pulse asserts is released, whoever ends.
+killed_in_mid_pulse(_) -> mid_pulse(fun(Port) -> kill("KILL", os_pid(Port)) end).
+
+closed_in_mid_pulse(_) -> mid_pulse(fun(Port) -> Port ! close end).
+
+mid_pulse(End) ->
+    #{pty := Pty, port := Port} = line(),
+    receive
+        {pty, Pty, {baud, 57600}} -> ok
+    after ?AFTER_MS -> error(late)
+    end,
+    Port ! {pulse, dtr, 60000, 1},
+    receive
+        {pty, Pty, {baud, hung_up}} -> ok
+    after ?AFTER_MS -> error(late)
+    end,
+    _ = End(Port),
+    receive
+        {pty, Pty, {baud, Baud}} -> ?assertEqual(57600, Baud)
+    after ?AFTER_MS -> error(late)
+    end,
+    ?assertEqual(?STOPS, heard(Pty, ?STOPS_SIZE)).
+
+%% Nobody is left but the program: it stops the robot whose cable is put back, and ends.
+ended_while_out(_) ->
+    Self = self(),
+    #{pty := Pty} = Line = pty(),
+    Owner = spawn(fun() -> drives(Line, Self) end),
+    Program =
+        receive
+            {drives, Owner, Port} -> os_pid(Port)
+        after ?AFTER_MS -> error(late)
+        end,
+    ?assertEqual(?GO, heard(Pty, 5)),
+    ok = starl_create_pty:pull(Pty),
+    receive
+        {said, {closed, unplugged}} -> ok
+    after ?AFTER_MS -> error(late)
+    end,
+    exit(Owner, kill),
+    stops_when(Pty, fun() -> starl_create_pty:put_back(Pty) end),
+    gone(Program).
+
+%% The next program may open the line.
+free_after_a_kill(_) ->
+    #{port := Port, pty := Pty, name := Name} = Line = going(),
+    Guardian = guardian(os_pid(Port)),
+    Pid = os_pid(Port),
+    stops_when(Pty, fun() -> kill("KILL", Pid) end),
+    gone(Guardian),
+    #{name := Name} = line(Line, #{heartbeat_ms => 0}).
+
+%% One line says it, as if there were no program.
+other_processor(Config) ->
+    Before = os:getenv("STARL_CREATE_PORT"),
+    File = filename:join(proplists:get_value(priv_dir, Config), "other"),
+    {ok, <<Head:18/binary, _Machine:16, Rest/binary>>} = file:read_file("/bin/true"),
+    ok = file:write_file(File, <<Head/binary, 16#FFFF:16, Rest/binary>>),
+    ok = file:change_mode(File, 8#755),
+    true = os:putenv("STARL_CREATE_PORT", File),
+    try
+        {ok, Port} = starl_create_port:start_link(self(), #{}),
+        Port ! {open, "/dev/null", 57600},
+        receive
+            {error, {other_processor, Text}} -> contains("another processor", Text)
+        after ?AFTER_MS -> error(late)
+        end,
+        ?assertEqual({error, other_processor}, starl_create_pty:start_link(self(), none))
+    after
+        _ = [os:unsetenv("STARL_CREATE_PORT") || Before =:= false],
+        _ = [os:putenv("STARL_CREATE_PORT", Before) || Before =/= false]
+    end.
+
+%% The link is the second one's; the first leaves it alone.
+two_emulators_on_a_link(_) ->
+    #{pty := First, name := Link} = pty(),
+    {ok, Second} = starl_create_pty:start_link(self(), Link),
+    {ok, Target} = file:read_link(Link),
+    Helper = os_pid(First),
+    ok = starl_create_pty:stop(First),
+    gone(Helper),
+    ?assertEqual({ok, Target}, file:read_link(Link)),
+    ok = starl_create_pty:stop(Second).
+
+%% A computer that starts no further process gets no line that nobody guards.
+unguarded(Config) ->
+    #{pty := Pty, name := Name} = pty(),
+    _ = wrapped("prlimit --nproc=1 ", Config),
+    {ok, Port} = starl_create_port:start_link(self(), #{}),
+    Port ! {stop_bytes, ?STOP},
+    Port ! {open, Name, 57600},
+    receive
+        {error, {unguarded, Text}} -> contains("guards the line", Text)
+    after ?AFTER_MS -> error(late)
+    end,
+    _ = wrapped("", Config),
+    ok = starl_create_pty:stop(Pty).
+
 %% As if the cable had been pulled: the line is opened anew, and the wheels are stopped first.
 reader_killed(_) ->
     #{port := Port, pty := Pty} = going(),
@@ -273,8 +485,9 @@ half_command(_) ->
     [Port ! {send, ?GO} || _ <- lists:seq(1, 5000)],
     Port ! {close},
     kill("CONT", Helper),
-    Whole = until(Pty, ?STOP, <<>>),
-    ?assertEqual([?GO, ?STOP], lists:usort(fun(A, B) -> A >= B end, in_fives(Whole))).
+    Whole = until(Pty, ?STOPS, <<>>),
+    Before = binary:part(Whole, 0, byte_size(Whole) - ?STOPS_SIZE),
+    ?assertEqual([?GO], lists:usort(in_fives(Before))).
 
 %% A program that was there for a moment, which the other end notices only afterwards, was heard.
 brief_visit(_) ->
@@ -293,7 +506,7 @@ brief_visit(_) ->
     after
         kill("CONT", Helper)
     end,
-    ?assertEqual(<<?GO/binary, ?STOP/binary>>, heard(Pty, 10)),
+    ?assertEqual(<<?GO/binary, ?STOPS/binary>>, heard(Pty, 5 + ?STOPS_SIZE)),
     receive
         {pty, Pty, detached} -> ok
     after ?AFTER_MS -> error(late)
@@ -315,7 +528,7 @@ pulled(Port, Pty, N) ->
         {opened, _} -> ok
     after ?AFTER_MS -> error({late, N})
     end,
-    ?assertEqual(?STOP, heard(Pty, 5)),
+    ?assertEqual(?STOPS, heard(Pty, ?STOPS_SIZE)),
     Port ! {drive_script, N, [{?GO, ?LONG_US}], ?STOP},
     ?assertEqual(?GO, heard(Pty, 5)).
 
@@ -502,8 +715,11 @@ pulses(_) ->
     ?assertEqual(?GO, heard(Pty, 5)).
 
 %% A link is replaced, a file is not; the link goes with its line.
-pty_link(Config) ->
-    Link = filename:join(proplists:get_value(priv_dir, Config), "robot"),
+pty_link(_) ->
+    Dir = name(),
+    ok = file:make_dir(Dir),
+    ok = file:change_mode(Dir, 8#777),
+    Link = filename:join(Dir, "robot"),
     ok = file:make_symlink("/dev/null", Link),
     {ok, Pty} = starl_create_pty:start_link(self(), Link),
     ?assertEqual(Link, starl_create_pty:name(Pty)),
@@ -521,7 +737,8 @@ pty_link(Config) ->
     after ?AFTER_MS -> error(late)
     end,
     gone(Pid),
-    ?assertEqual({error, enoent}, file:read_link(Link)).
+    ?assertEqual({error, enoent}, file:read_link(Link)),
+    ok = file:del_dir_r(Dir).
 
 no_program(_) ->
     Before = os:getenv("STARL_CREATE_PORT"),
@@ -539,8 +756,11 @@ no_program(_) ->
 
 %% -- a line -----------------------------------------------------------------------------------
 
+%% Where each user may make a link.
+name() -> filename:join("/tmp", "starl_line_" ++ os:getpid() ++ integer_to_list(unique())).
+
 pty() ->
-    Link = filename:join("/tmp", "starl_line_" ++ os:getpid() ++ integer_to_list(unique())),
+    Link = name(),
     {ok, Pty} = starl_create_pty:start_link(self(), Link),
     #{pty => Pty, name => Link}.
 
@@ -586,6 +806,8 @@ tells(Parent) ->
             Request(),
             tells(Parent);
         {data, _} ->
+            tells(Parent);
+        {priority, _} ->
             tells(Parent);
         Event ->
             Parent ! {said, Event},
@@ -648,7 +870,7 @@ go_again() ->
 %% The wheels go; after the deed they are told to stop, and nothing else.
 stops_when(Pty, Deed) ->
     _ = Deed(),
-    ?assertEqual(?STOP, heard(Pty, 5)).
+    ?assertEqual(?STOPS, heard(Pty, ?STOPS_SIZE)).
 
 %% The program without its owner, for messages that no owner sends.
 raw_line() -> raw_line({packet, 2}).
@@ -659,6 +881,7 @@ raw_line(Kind) ->
     Raw = open_port({spawn_executable, File}, [Kind, binary, exit_status]),
     put(kind, Kind),
     tell(Raw, <<$O, 57600:32, 0:32, (list_to_binary(Name))/binary>>),
+    <<$p, _/binary>> = next(Raw),
     <<$o, _/binary>> = next(Raw),
     Line#{raw => Raw}.
 

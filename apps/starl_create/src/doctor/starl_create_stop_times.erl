@@ -11,7 +11,17 @@
 -export_type([row/0, robot/0, standing/0]).
 
 -type row() ::
-    vm | vm_halted | owner | line | program | terminated | guardian | pulled | put_back.
+    vm
+    | vm_halted
+    | owner
+    | line
+    | program
+    | program_halted
+    | terminated
+    | guardian
+    | guardian_halted
+    | pulled
+    | put_back.
 
 %% A generation, and how a Create 1 times its slices ({@link starl_create_script}).
 -type robot() :: create_2 | create_1 | create_1_short.
@@ -41,6 +51,8 @@ rows() ->
         {program, "kill -9 of the port program"},
         {terminated, "kill (TERM) of the port program"},
         {guardian, "kill -9 of the guardian"},
+        {program_halted, "port program halted (STOP; 250 ms)"},
+        {guardian_halted, "guardian halted (STOP; 1000 ms)"},
         {pulled, "cable pulled"},
         {put_back, "cable put back"},
         {vm_halted, "VM halted (STOP; heartbeat 250 ms)"}
@@ -124,8 +136,10 @@ measured(Row, Place, Device, Options) when Row =:= vm; Row =:= vm_halted ->
     Us;
 measured(Row, {Room, OnPty} = Place, Device, Options) ->
     {Owner, Line} = driver(Place, Device, Options),
+    Program = program(Line),
     Us = timed(Room, deed(Row, OnPty, Owner, Line), patience(Row)),
     true = exit(Owner, kill),
+    _ = [kill("KILL", Program) || Row =:= program_halted],
     Us.
 
 patience(pulled) -> ?LOOK_MS;
@@ -139,7 +153,9 @@ deed(owner, _OnPty, Owner, _Line) -> fun() -> exit(Owner, kill) end;
 deed(line, _OnPty, _Owner, Line) -> fun() -> exit(Line, kill) end;
 deed(program, _OnPty, _Owner, Line) -> killer("KILL", program(Line));
 deed(terminated, _OnPty, _Owner, Line) -> killer("TERM", program(Line));
-deed(guardian, _OnPty, _Owner, Line) -> killer("KILL", guardian(program(Line))).
+deed(guardian, _OnPty, _Owner, Line) -> killer("KILL", guardian(program(Line)));
+deed(program_halted, _OnPty, _Owner, Line) -> killer("STOP", program(Line));
+deed(guardian_halted, _OnPty, _Owner, Line) -> killer("STOP", guardian(program(Line))).
 
 killer(Signal, Pid) -> fun() -> kill(Signal, Pid) end.
 

@@ -20,7 +20,8 @@
 %% What the driver hears. Times are those at which bytes left, by the clock of the caller. A line that
 %% has been closed is opened again by the port; `stopped': the port has stopped the wheels by itself.
 -type message() ::
-    {opened, Device :: term()}
+    {priority, starl_create_port:priority()}
+    | {opened, Device :: term()}
     | {data, binary()}
     | {error, Reason :: term()}
     | {closed, Reason :: term()}
@@ -35,6 +36,7 @@
 
 %% @doc Is it a word of the port? `timed': with a time of the port's clock at its end.
 -spec is_message(term()) -> plain | timed | false.
+is_message({priority, _}) -> plain;
 is_message({Word, _}) when Word =:= data; Word =:= opened; Word =:= closed; Word =:= error -> plain;
 is_message({Word, _, _}) when Word =:= sent; Word =:= ended; Word =:= stopped -> timed;
 is_message(_) -> false.

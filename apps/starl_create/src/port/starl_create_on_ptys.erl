@@ -67,5 +67,7 @@ format_error(no_number) ->
     "several robots need a link each: write %d for the number, as in /tmp/robot-%d";
 format_error({link, Text}) ->
     Text;
-format_error(no_program) ->
-    starl_create_program:format_error(no_program).
+format_error({program, Status}) ->
+    io_lib:format("the port program has ended with status ~b", [Status]);
+format_error(Reason) when Reason =:= no_program; Reason =:= other_processor ->
+    starl_create_program:format_error(Reason).

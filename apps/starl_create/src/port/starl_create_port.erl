@@ -9,7 +9,7 @@
 -export([start_link/2, format_error/1]).
 -export([init/2]).
 
--export_type([request/0, event/0, options/0, reason/0, step/0]).
+-export_type([request/0, event/0, options/0, reason/0, step/0, priority/0]).
 
 %% Bytes to write, and the time to wait before the next ones.
 -type step() :: {Bytes :: iodata(), WaitUs :: 0..16#FFFFFFFF}.
@@ -36,23 +36,29 @@
 %% `opened' comes again after `closed' when the device is back; the stop bytes have then been
 %% written first. `sent' and `ended': the first bytes of a script and the last (its `Stop') have
 %% left, at a moment of `erlang:monotonic_time(microsecond)'. `stopped': the wheels were stopped
-%% because the heartbeat or the guardian failed, and the script is void.
+%% because the heartbeat or the guardian failed, or the program had been halted, and the script is void.
+%% `priority': how soon the computer lets the program run.
 -type event() ::
-    {opened, Device :: string()}
+    {priority, priority()}
+    | {opened, Device :: string()}
     | {data, binary()}
     | {sent, Mark :: non_neg_integer(), AtUs :: integer()}
     | {ended, Mark :: non_neg_integer(), AtUs :: integer()}
-    | {stopped, heartbeat | guardian, AtUs :: integer()}
-    | {closed, unplugged | {program, Status :: non_neg_integer()}}
+    | {stopped, heartbeat | guardian | halted, AtUs :: integer()}
+    | {closed, unplugged | unguarded | {program, Status :: non_neg_integer()}}
     | {error, {reason(), unicode:chardata()}}.
 
+%% Real-time scheduling; else the highest ordinary priority; else none of its own.
+-type priority() :: realtime | raised | ordinary.
+
 -type reason() ::
-    no_program
+    starl_create_program:reason()
     | no_device
     | permission
     | busy
     | not_serial
     | speed
+    | unguarded
     | io
     | closed
     | bad_message.
@@ -62,7 +68,7 @@
 
 -record(line, {
     owner :: pid(),
-    program :: port() | none,
+    program :: port() | {none, starl_create_program:reason()},
     device = none :: string() | none,
     baud :: pos_integer(),
     heartbeat_ms :: non_neg_integer()
@@ -89,7 +95,7 @@ init(Owner, Options) ->
     Program =
         case starl_create_program:start([]) of
             {ok, Port} -> Port;
-            {error, no_program} -> none
+            {error, Reason} -> {none, Reason}
         end,
     Ms = maps:get(heartbeat_ms, Options, ?HEARTBEAT_MS),
     Baud = maps:get(baud, Options, ?BAUD),
@@ -109,11 +115,10 @@ loop(#line{owner = Owner, program = Program} = Line) ->
             ok = tell(event(Message, Line), Line),
             loop(Line);
         {Program, {exit_status, Status}} ->
-            ok = tell({closed, {program, Status}}, Line),
-            exit(normal);
+            loop(ended(Status, Line));
         {'DOWN', _, process, Owner, _} ->
             exit(normal);
-        {'EXIT', Program, _} ->
+        {'EXIT', Ended, _} when is_port(Ended) ->
             loop(Line);
         {'EXIT', _, Reason} ->
             exit({shutdown, Reason});
@@ -124,9 +129,20 @@ loop(#line{owner = Owner, program = Program} = Line) ->
             loop(request(Request, Line))
     end.
 
+%% One that cannot run here never will.
+ended(Status, Line) ->
+    case starl_create_program:ended(Status) of
+        {error, Reason} ->
+            ok = tell(failed(Reason, "", Line), Line),
+            Line#line{program = {none, Reason}};
+        ended ->
+            ok = tell({closed, {program, Status}}, Line),
+            exit(normal)
+    end.
+
 %% The program may have ended a moment ago; its exit status is on the way. Of more bytes than the line
 %% takes the rest is lost, and that is said; other requests wait their turn.
-command(#line{program = none}, _Bytes) ->
+command(#line{program = {none, _}}, _Bytes) ->
     ok;
 command(#line{program = Program} = Line, <<Kind, _/binary>> = Bytes) ->
     try port_command(Program, Bytes, [nosuspend || Kind =:= $W orelse Kind =:= $H]) of
@@ -141,10 +157,10 @@ tell(Event, #line{owner = Owner}) ->
     Owner ! Event,
     ok.
 
-request(Request, #line{program = none} = Line) ->
+request(Request, #line{program = {none, Reason}} = Line) ->
     ok =
         case is_open(Request) of
-            true -> tell(failed(no_program, "", Line), Line);
+            true -> tell(failed(Reason, "", Line), Line);
             false -> ok
         end,
     Line;
@@ -223,6 +239,8 @@ event(<<$x, At:64, Why/binary>>, _Line) ->
     {stopped, word(Why), starl_create_program:us(At)};
 event(<<$o, _At:64, Device/binary>>, _Line) ->
     {opened, unicode:characters_to_list(Device)};
+event(<<$p, _At:64, Priority/binary>>, _Line) ->
+    {priority, word(Priority)};
 event(<<$c, _At:64, Why/binary>>, _Line) ->
     {closed, word(Why)};
 event(<<$e, Error/binary>>, Line) ->
@@ -234,7 +252,7 @@ word(Word) ->
 
 words() ->
     [no_device, permission, busy, not_serial, speed, io, closed, bad_message] ++
-        [heartbeat, guardian, unplugged].
+        [heartbeat, guardian, halted, unplugged, unguarded, realtime, raised, ordinary].
 
 failed(Reason, Detail, #line{device = Device} = Line) ->
     Named =
@@ -250,8 +268,15 @@ failed(Reason, Detail, #line{device = Device} = Line) ->
     unicode:charlist()
 when
     Baud :: pos_integer().
-format_error({no_program, _, _, _}) ->
-    starl_create_program:format_error(no_program);
+format_error({Reason, _, _, _}) when Reason =:= no_program; Reason =:= other_processor ->
+    starl_create_program:format_error(Reason);
+format_error({unguarded, Device, Detail, _}) ->
+    [
+        Device,
+        ": this computer starts no process that guards the line (",
+        decapital(Detail),
+        "), so nothing would stop the wheels; end other processes, or raise the user's limit of them"
+    ];
 format_error({no_device, Device, Detail, _}) ->
     [Device, ": ", decapital(Detail), "; plug the adapter in; ", candidates()];
 format_error({permission, Device, _, _}) ->

@@ -1,13 +1,15 @@
 %% @doc Starts the port program of this application (`c_src'), and says in one line why it cannot.
 -module(starl_create_program).
 
--export([start/1, path/0, us/1, format_error/1]).
+-export([start/1, ended/1, path/0, us/1, format_error/1]).
 
 -export_type([reason/0]).
 
--type reason() :: no_program.
+-type reason() :: no_program | other_processor.
 
 -define(FILE_NAME, "starl_create_port").
+%% The exit status of a file that is not executed (ENOEXEC).
+-define(NO_EXEC, 8).
 %% Looks at two clocks that are no farther apart than this are as good as one.
 -define(NEAR_US, 50).
 -define(LOOKS, 5).
@@ -22,6 +24,11 @@ start(Args) ->
         {error, _} = Error ->
             Error
     end.
+
+%% @doc Has it ended since it cannot run on this computer?
+-spec ended(Status :: non_neg_integer()) -> {error, reason()} | ended.
+ended(?NO_EXEC) -> {error, other_processor};
+ended(_Status) -> ended.
 
 %% @doc Where the program is. The environment variable `STARL_CREATE_PORT' names another one.
 -spec path() -> {ok, file:filename()} | {error, reason()}.
@@ -60,4 +67,7 @@ between_clocks(N) ->
 -spec format_error(reason()) -> unicode:chardata().
 format_error(no_program) ->
     "the port program is not built, without which no Create is driven; install a C compiler (Debian: "
-    "apt-get install gcc libc6-dev), then run ./starl setup".
+    "apt-get install gcc libc6-dev), then run ./starl setup";
+format_error(other_processor) ->
+    "the port program is built for another processor than this computer's; build it here (sh "
+    "apps/starl_create/c_src/build FILE) and name it in the environment: STARL_CREATE_PORT=FILE".

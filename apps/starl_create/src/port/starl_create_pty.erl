@@ -21,7 +21,7 @@
     | {upto, AtUs :: integer()}
     | {error, unicode:chardata()}.
 
--type reason() :: no_program | {link, unicode:chardata()}.
+-type reason() :: starl_create_program:reason() | {program, integer()} | {link, unicode:chardata()}.
 
 -record(pty, {owner :: pid(), program :: port(), name :: string()}).
 
@@ -84,8 +84,13 @@ begun(Parent, #pty{program = Program} = Pty, Link) ->
             ok = proc_lib:init_ack(Parent, {ok, self()}),
             loop(Pty#pty{name = shown(Link, Name)});
         {Program, {data, <<$e, Error/binary>>}} ->
-            refused(Parent, {error, {link, detail(Error, Link)}})
+            refused(Parent, {error, {link, detail(Error, Link)}});
+        {Program, {exit_status, Status}} ->
+            refused(Parent, unable(starl_create_program:ended(Status), Status))
     end.
+
+unable({error, _} = Error, _Status) -> Error;
+unable(ended, Status) -> {error, {program, Status}}.
 
 shown(none, Name) -> binary_to_list(Name);
 shown(Link, _Name) -> Link.
