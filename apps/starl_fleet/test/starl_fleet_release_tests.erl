@@ -33,6 +33,62 @@ release() ->
     ?assertMatch([{"Line", <<_/binary>>}, {"Dbgi", missing_chunk}], Chunks),
     ok = file:del_dir_r(Dir).
 
+%% A robot that is a Create gets the driver, and its program, which can be run.
+create_test() ->
+    Create = {create, #{device => "/dev/ttyUSB0", model => 2}},
+    Given = #{
+        name => "lab", app => starl_exercise, robots => #{1 => #{host => "a", chassis => Create}}
+    },
+    {ok, Fleet} = starl_fleet_file:check("f.term", Given, starl_exercise),
+    [
+        begin
+            {ok, Manifest} = starl_fleet_release:manifest(
+                #{fleet => Fleet, kind => Kind}, "/none"
+            ),
+            Found = fun(Name) -> [C || {P, C} <- Manifest, filename:basename(P) =:= Name] end,
+            ?assertMatch([_], Found("starl_create_chassis." ++ Code)),
+            [?assertMatch([{run, _}], Found("starl_create_port")) || has_program()]
+        end
+     || {Kind, Code} <- [{there, "beam"}, {source, "erl"}]
+    ],
+    {ok, Other} = starl_fleet_release:manifest(what(there), "/none"),
+    ?assertEqual([], [P || {P, _} <- Other, string:find(P, "starl_create") =/= nomatch]).
+
+has_program() ->
+    filelib:is_regular(filename:join(code:priv_dir(starl_create), "starl_create_port")).
+
+%% A robot's unit lets its port program be on time, and open a serial line.
+unit_test() ->
+    Base = filename:join(["/tmp", "starl-unit-" ++ os:getpid(), "lab", "robot-1"]),
+    Bin = filename:join(Base, "releases/v/bin"),
+    Fake = filename:join(Base, "fake"),
+    [ok = filelib:ensure_path(Dir) || Dir <- [Bin, Fake]],
+    {ok, Script} = file:read_file(filename:join(code:priv_dir(starl_fleet), "robot")),
+    ok = file:write_file(filename:join(Base, "service"), "systemd"),
+    Programs = [
+        {filename:join(Bin, "robot"), Script},
+        {filename:join(Fake, "cp"), "#!/bin/sh\n"},
+        {filename:join(Fake, "systemctl"), "#!/bin/sh\n"},
+        {filename:join(Fake, "sudo"), "#!/bin/sh\n"},
+        {filename:join(Fake, "getent"), "#!/bin/sh\n[ \"$2\" = dialout ]\n"}
+    ],
+    [
+        begin
+            ok = file:write_file(File, Text),
+            ok = file:change_mode(File, 8#755)
+        end
+     || {File, Text} <- Programs
+    ],
+    Start = filename:join(Bin, "robot") ++ " start",
+    ?assertEqual("", os:cmd("PATH=" ++ Fake ++ ":$PATH " ++ Start)),
+    {ok, Unit} = file:read_file(filename:join(Base, "state/unit")),
+    Lines = binary:split(Unit, <<"\n">>, [global]),
+    [
+        ?assert(lists:member(Line, Lines))
+     || Line <- [<<"LimitRTPRIO=1">>, <<"SupplementaryGroups=dialout">>]
+    ],
+    ok = file:del_dir_r(filename:dirname(filename:dirname(Base))).
+
 %% The version is that of the content: the same twice, another for another option.
 version_test() ->
     Version = fun(What) ->

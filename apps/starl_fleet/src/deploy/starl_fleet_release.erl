@@ -6,6 +6,7 @@
 %% of these (not those of glibc). With `there' it carries our code, for the Erlang of the robot; with
 %% `source' the sources, which are compiled there.
 -module(starl_fleet_release).
+-include_lib("kernel/include/file.hrl").
 
 -export([manifest/2, version/1, size_kb/1, write/3]).
 
@@ -38,7 +39,8 @@
     {ok, manifest()} | {error, unicode:chardata()}.
 manifest(#{fleet := #{app := App} = Fleet, kind := Kind} = What, Scratch) ->
     Code = maps:get(code, What, []),
-    case apps([starl_fleet | owner(App, Code)], []) of
+    Drivers = lists:append([owner(Driver, []) || Driver <- starl_fleet_lines:drivers(Fleet)]),
+    case apps([starl_fleet | lists:usort(Drivers)] ++ owner(App, Code), []) of
         {ok, All} ->
             Own = [A || A <- All, not is_otp(A)],
             Files = common(What) ++ inputs(Fleet) ++ own(Own, Code, Kind),
@@ -112,8 +114,8 @@ own(Apps, Code, Kind) -> lists:append([app(App, Kind, file) || App <- Apps]) ++ 
 
 app(App, source, _How) ->
     Ebin = [{Name, {file, File}} || {Name, File} <- tree(App, "ebin"), is_app_file(Name)],
-    Rest = [{Name, {file, F}} || Dir <- ["src", "include", "priv"], {Name, F} <- tree(App, Dir)],
-    Ebin ++ Rest;
+    Rest = [{Name, {file, F}} || Dir <- ["src", "include"], {Name, F} <- tree(App, Dir)],
+    Ebin ++ Rest ++ [{Name, {mode(File), File}} || {Name, File} <- tree(App, "priv")];
 app(App, _Kind, How) ->
     Code = [{Name, {how(How, Name), File}} || {Name, File} <- tree(App, "ebin"), is_code(Name)],
     Code ++ [{Name, {mode(File), File}} || {Name, File} <- tree(App, "priv")].
@@ -127,11 +129,17 @@ how(How, Name) ->
 is_app_file(Name) -> filename:extension(Name) =:= ".app".
 is_code(Name) -> lists:member(filename:extension(Name), [".beam", ".app"]).
 
+%% A library, or a program such as that of a Create's port.
 mode(File) ->
-    case filename:extension(File) of
-        ".so" -> run;
-        _ -> file
+    case {filename:extension(File), is_executable(File)} of
+        {".so", _} -> run;
+        {_, true} -> run;
+        {_, false} -> file
     end.
+
+is_executable(File) ->
+    {ok, #file_info{mode = Mode}} = file:read_file_info(File),
+    Mode band 8#100 =/= 0.
 
 tree(App, Dir) ->
     Root = filename:join(code:lib_dir(App), Dir),

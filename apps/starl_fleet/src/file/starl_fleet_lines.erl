@@ -2,7 +2,7 @@
 %% one reads a positioning system, and what each transport is told.
 -module(starl_fleet_lines).
 
--export([chassis/0, driver/1, sources/0, source/1]).
+-export([chassis/0, driver/1, drivers/1, sources/0, source/1]).
 -export([chassis/2, positioning/2, transport/3, node_name/2]).
 
 %% A chassis of this name, and the module of its driver.
@@ -26,6 +26,12 @@ chassis() -> [Name || {Name, _} <- ?CHASSIS].
 %% @doc The driver of a chassis.
 -spec driver(atom()) -> {ok, module()} | {error, unicode:chardata()}.
 driver(Name) -> module(Name, ?CHASSIS, "driver for a chassis").
+
+%% @doc The drivers of a fleet's chassis.
+-spec drivers(starl_fleet_file:t()) -> [module()].
+drivers(#{robots := Robots}) ->
+    Names = lists:usort([Name || #{chassis := {Name, _}} <- maps:values(Robots)]),
+    [Module || {Name, Module} <- ?CHASSIS, lists:member(Name, Names)].
 
 %% @doc The names of the positioning systems.
 -spec sources() -> [atom()].
