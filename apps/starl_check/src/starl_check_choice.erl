@@ -26,7 +26,7 @@
 -module(starl_check_choice).
 
 -export([event/1, local/4, refusals/1, waiting/3, outcomes/4, global/3, renamed/3, hears/3]).
--export([items/2, is_silent/4, is_stuck/3, price/5, fresh/3, next_due/3, heard/2]).
+-export([items/2, arriving/3, is_silent/4, is_stuck/3, price/5, fresh/3, next_due/3, heard/2]).
 
 -export_type([t/0]).
 
@@ -65,6 +65,16 @@ renamed(_Permutation, tick, _Store) ->
 items(Places, #{items := Items}) ->
     [I || I <- lists:usort(Items), lists:member(starl_check_part:receiver(I), Places)].
 
+%% @doc The messages under way to a robot that may be its next. What was sent while it stood still waits
+%% in its queue, in the order in which time passed; only slow or lost messages let others overtake.
+-spec arriving(place(), state(), store()) -> [ref()].
+arriving(Place, #{late := Late, loss := Loss} = State, _Store) when Late + Loss > 0 ->
+    items([Place], State);
+arriving(Place, State, Store) ->
+    Queued = [{starl_check_part:queue(I, Store), I} || I <- items([Place], State)],
+    Head = lists:max([0 | [N || {N, _} <- Queued, is_integer(N)]]),
+    [I || {N, I} <- Queued, N =:= none orelse N =:= Head].
+
 %% @doc The choices at one robot that depend on no other robot: messages arrive, a machine crashes,
 %% a timer fires that does not wait for messages.
 -spec local(place(), state(), model(), store()) -> [t()].
@@ -87,7 +97,7 @@ downfall(Place, #{reboot := Reboot} = State) ->
 death(Place, #{death := Death}) -> [{die, Place} || Death > 0].
 
 at_running(Place, #{dup := Dup, robots := Robots} = State, Model, Store) ->
-    Mine = items([Place], State),
+    Mine = arriving(Place, State, Store),
     Robot = element(Place, Robots),
     Whole =
         [{deliver, I} || I <- Mine] ++

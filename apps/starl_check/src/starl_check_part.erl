@@ -5,7 +5,7 @@
 
 -export([boot/3, event/5, cuts/4, has_aged/2, must_go_on/3, judge_number/2, judge/4, traces/2]).
 -export([calls/2, timers/3, is_done/2, condition/2]).
--export([item/2, item_number/2, source/1, receiver/1, age/1, grown_old/3]).
+-export([item/2, item_number/2, source/1, receiver/1, age/1, grown_old/3, queue/2, moved_up/2]).
 -export([later_robot/4, later_item/4]).
 -export([renamed_robot/3, renamed_item/3, renamed_monitor/4]).
 
@@ -24,9 +24,13 @@
 %% `late': it is counted as slow; `ghost': it is counted as lost, but may still arrive.
 -type age() :: fresh | late | ghost.
 
+%% The place of a fresh message in the queue of a robot that stood still while time passed: 0 for what
+%% was sent last, a larger number for what was sent before it, with time between.
+-type queue() :: non_neg_integer().
+
 -type item() ::
     {message, From :: place(), To :: place(), Type :: atom(), Body :: term(),
-        starl_check_sap:ref() | none, age()}
+        starl_check_sap:ref() | none, age() | {queued, queue()}}
     | {packet, From :: place(), To :: place(), starl_packet:t()}.
 
 %% An event of a robot: the arrival of a message under way, or another event.
@@ -215,6 +219,7 @@ item_number(Item, Store) ->
         case Item of
             {packet, F, T, _} -> {F, T, 3};
             {message, F, T, _, _, _, fresh} -> {F, T, 0};
+            {message, F, T, _, _, _, {queued, _}} -> {F, T, 0};
             {message, F, T, _, _, _, late} -> {F, T, 1};
             {message, F, T, _, _, _, ghost} -> {F, T, 2}
         end,
@@ -235,8 +240,24 @@ age(I) -> element(I band 3 + 1, {fresh, late, ghost, packet}).
 %% @doc The message, counted as slow or as lost.
 -spec grown_old(ref(), late | ghost, store()) -> ref().
 grown_old(I, Age, Store) ->
-    {message, From, To, Type, Body, Ref, fresh} = item(I, Store),
-    item_number({message, From, To, Type, Body, Ref, Age}, Store).
+    item_number(setelement(7, item(I, Store), Age), Store).
+
+%% @doc The place of a message in its receiver's queue; `none' if it is not fresh.
+-spec queue(ref(), store()) -> queue() | none.
+queue(I, Store) ->
+    case item(I, Store) of
+        {message, _, _, _, _, _, fresh} -> 0;
+        {message, _, _, _, _, _, {queued, N}} -> N;
+        _ -> none
+    end.
+
+%% @doc The message, one place further up in its receiver's queue.
+-spec moved_up(ref(), store()) -> ref().
+moved_up(I, Store) ->
+    case queue(I, Store) of
+        none -> I;
+        N -> item_number(setelement(7, item(I, Store), {queued, N + 1}), Store)
+    end.
 
 %% -- time -----------------------------------------------------------------------------------
 

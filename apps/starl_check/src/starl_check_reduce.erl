@@ -308,7 +308,7 @@ grow(Level, Place, Model, Store) ->
     Arrivals = [
         {Next, {I, One}}
      || #taken{state = State} = One <- Level,
-        I <- starl_check_choice:items([Place], State),
+        I <- starl_check_choice:arriving(Place, State, Store),
         starl_check_choice:is_silent(I, State, Model, Store),
         {ok, _, Next} <- [starl_check_step:step({deliver, I}, State, Model, Store)],
         matters(I, State, Next)

@@ -102,17 +102,43 @@ happened(Event, Cut, Robot, Model) ->
 
 cut(Cut, Run) -> Run#run{cut = Cut}.
 
-%% @doc All moments at which the robot can stand still while it handles an event.
+%% @doc The moments at which the robot can stand still while it handles an event: with reduction only the
+%% first of those that lead to the same.
 -spec cuts(event(), t(), starl_check_model:t()) -> [cut()].
-cuts(Event, Robot, Model) -> cuts({1, 0}, Event, Robot, Model).
+cuts(Event, Robot, #{reduce := Reduce} = Model) ->
+    All = cuts({1, 0}, Event, Robot, Model),
+    case Reduce of
+        false -> [Cut || {Cut, _} <- All];
+        true -> unlike(none, All)
+    end.
 
-%% After the last action of a step the next begins.
+%% Each with the actions that are left of the step. After its last action the next step begins.
 cuts({Step, Actions} = Cut, Event, Robot, Model) ->
     case happened(Event, Cut, Robot, Model) of
-        #run{cut = stands} -> [Cut | cuts({Step, Actions + 1}, Event, Robot, Model)];
+        #run{cut = stands, robot = Stands} ->
+            {{_, Left, _, _}, _} = starl_robot:standing(Stands),
+            [{Cut, Left} | cuts({Step, Actions + 1}, Event, Robot, Model)];
         #run{steps = Steps} when Step < Steps -> cuts({Step + 1, 0}, Event, Robot, Model);
         #run{} -> []
     end.
+
+%% What only the robot itself learns of, once the step is over, may come before it stands still or after.
+unlike(_Before, []) ->
+    [];
+unlike({Step, Before}, [{{Step, _}, Left} | Cuts]) when Before =:= Left ->
+    unlike({Step, Left}, Cuts);
+unlike({Step, [Action | _]}, [{{Step, _} = Cut, Left} | Cuts]) ->
+    [Cut || not is_local(Action)] ++ unlike({Step, Left}, Cuts);
+unlike(_Before, [{{Step, _} = Cut, Left} | Cuts]) ->
+    [Cut | unlike({Step, Left}, Cuts)].
+
+%% Timers count from the beginning of their step.
+is_local({{timeout, _}, _}) -> true;
+is_local({{timeout, _}, _, _}) -> true;
+is_local({cast, _, _}) -> true;
+is_local({call, _, _, _}) -> true;
+is_local({reply, _, _}) -> true;
+is_local(_Action) -> false.
 
 happen({message, From, Type, Body}, #run{sap = Sap} = Run) ->
     {Local, Next} = starl_check_sap:deliver(From, Type, Body, Sap),

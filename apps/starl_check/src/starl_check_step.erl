@@ -200,7 +200,10 @@ forsaken(Place, I, Store) ->
             I
     end.
 
-pass(Ticks, #{robots := Robots, items := Items} = State, Model, Store) ->
+pass(Ticks, #{robots := Robots, items := Before} = State, Model, Store) ->
+    Items = lists:foldl(
+        fun(Place, Some) -> queued(Place, Some, Store) end, Before, standing(State, Store)
+    ),
     State#{
         robots := list_to_tuple([
             starl_check_part:later_robot(R, Ticks, Model, Store)
@@ -211,3 +214,18 @@ pass(Ticks, #{robots := Robots, items := Items} = State, Model, Store) ->
          || I <- Items
         ])
     }.
+
+standing(#{robots := Robots} = State, Store) ->
+    [
+        Place
+     || Place <- starl_check_state:places(State),
+        starl_check_part:condition(element(Place, Robots), Store) =:= stands
+    ].
+
+%% Messages to a robot that stands still have reached its queue when time passes: later ones come behind.
+queued(Place, Items, Store) ->
+    {Its, Others} = lists:partition(fun(I) -> starl_check_part:receiver(I) =:= Place end, Items),
+    case lists:any(fun(I) -> starl_check_part:queue(I, Store) =:= 0 end, Its) of
+        true -> [starl_check_part:moved_up(I, Store) || I <- Its] ++ Others;
+        false -> Items
+    end.
