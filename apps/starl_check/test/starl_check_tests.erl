@@ -94,6 +94,19 @@ sound_test_() ->
         ]
     ].
 
+%% Two robots, one of which stands still within a step: what rests on votes leaves in time.
+standing_coordinator_test_() ->
+    ?SLOW(?assertMatch({holds, complete, #{}}, check(terms, 2, #{still => 1}, #{}))).
+
+%% With three robots, too, a coordinator's words that leave late are found.
+untimely_of_three_test_() ->
+    ?SLOW(begin
+        Untimely = #{machine => {dpp_coordinator, starl_check_planted, #{variant => untimely}}},
+        {violated, #{violation := #{what := What}, steps := Steps}} =
+            check(terms, 3, #{still => 1}, Untimely),
+        ?assertEqual({term_goes_back, 21}, {What, Steps})
+    end).
+
 %% One robot dies and two reboot: robots that do not read what they have stored vote for a term that
 %% is over.
 forgotten_terms_test_() ->
