@@ -44,30 +44,75 @@ close_test() ->
     {[], #{?MODULE := Results}, []} = starl_world_judge:close(7, told([[{9, 1, a, x}]], new(10))),
     ?assertMatch(#{ended := 9, seen := [{9, 1, a, x}]}, Results).
 
-%% From the beginning of a halt on nothing is judged until the horizon after its end, and what a monitor
-%% sees first is the halt.
+%% What was younger than the horizon when a halt began is judged at the horizon after its end, and what a
+%% monitor sees first is the halt.
 halted_test() ->
-    Facts = [[{9, 1, a, before}, {25, 1, a, later}], [{10, 2, a, meanwhile}, {30, 2, a, last}]],
+    Facts = [[{5, 1, a, before}, {25, 1, a, later}], [{10, 2, a, meanwhile}, {30, 2, a, last}]],
     Waiting = starl_world_judge:hold(1, 10, told(Facts, observed(5))),
     ?assertEqual([], starl_world_judge:standing(Waiting)),
     Standing = starl_world_judge:halted(1, 12, Waiting),
     ?assertEqual([1], starl_world_judge:standing(Standing)),
     {ok, Held} = starl_world_judge:judge(100, Standing),
     ?assertEqual([before], judged()),
-    Moving = starl_world_judge:resumed(1, 20, Held),
+    %% it had not come when the robot was halted
+    Moving = starl_world_judge:resumed(1, 20, told([[{6, 1, a, cut}]], Held)),
     ?assertEqual([], starl_world_judge:standing(Moving)),
     {ok, Early} = starl_world_judge:judge(24, Moving),
     ?assertEqual([], judged()),
     {ok, Late} = starl_world_judge:judge(30, Early),
-    ?assertEqual([meanwhile, later], judged()),
-    ?assertEqual([{9, before}, {12, pause}, {10, meanwhile}, {25, later}, {30, last}], seen(Late)),
+    ?assertEqual([cut, meanwhile, later], judged()),
+    ?assertEqual(
+        [{5, before}, {12, pause}, {6, cut}, {10, meanwhile}, {25, later}, {30, last}], seen(Late)
+    ),
     ?assertEqual([last], judged()),
     ?assertEqual(0, starl_world_judge:late(Late)).
+
+%% A node that goes on may have to wait for its processor: its halt lasts until its robot is heard.
+awaited_test() ->
+    Standing = halted(1, 10, told([[{11, 2, a, x}, {28, 2, a, y}]], observed(10))),
+    ?assertNot(starl_world_judge:is_awaited(1, Standing)),
+    Released = starl_world_judge:released(1, 20, Standing),
+    ?assert(starl_world_judge:is_awaited(1, Released)),
+    ?assertEqual([1], starl_world_judge:standing(Released)),
+    {ok, Held} = starl_world_judge:judge(29, Released),
+    Heard = starl_world_judge:resumed(1, 29, Held),
+    ?assertNot(starl_world_judge:is_awaited(1, Heard)),
+    ?assertEqual([], starl_world_judge:standing(Heard)),
+    {ok, Early} = starl_world_judge:judge(38, Heard),
+    ?assertEqual([], judged()),
+    {ok, _} = starl_world_judge:judge(39, Early),
+    ?assertEqual([x, y], judged()),
+    ?assertEqual([{10, 1, 29, pause}], told_to(Heard)),
+    ?assertEqual([x, y], judged()).
+
+%% Nobody is waited for longer than for any fact.
+never_heard_test() ->
+    Released = starl_world_judge:released(1, 20, halted(1, 10, new(5))),
+    {ok, Held} = starl_world_judge:judge(24, Released),
+    ?assert(starl_world_judge:is_awaited(1, Held)),
+    {ok, Over} = starl_world_judge:judge(25, Held),
+    ?assertNot(starl_world_judge:is_awaited(1, Over)),
+    ?assertEqual([{10, 1, 25, pause}], told_to(Over)).
+
+%% A robot that is halted again before it is heard stands from then on once more.
+halted_again_test() ->
+    Released = starl_world_judge:released(1, 20, halted(1, 10, new(5))),
+    Again = halted(1, 22, Released),
+    ?assertNot(starl_world_judge:is_awaited(1, Again)),
+    Over = starl_world_judge:resumed(1, 41, starl_world_judge:released(1, 40, Again)),
+    ?assertEqual([{10, 1, 22, pause}, {22, 1, 41, pause}], told_to(Over)).
+
+%% A robot that could not be halted need not be heard.
+released_without_halt_test() ->
+    Waiting = starl_world_judge:hold(1, 10, new(5)),
+    Over = starl_world_judge:released(1, 20, Waiting),
+    ?assertNot(starl_world_judge:is_awaited(1, Over)),
+    ?assertEqual([], told_to(Over)).
 
 %% Of two halts that overlap the earlier holds the judge, too.
 two_halted_test() ->
     One = halted(1, 10, told([[{11, 3, a, x}, {16, 3, a, y}]], observed(5))),
-    Two = starl_world_judge:resumed(1, 15, halted(2, 12, One)),
+    Two = starl_world_judge:resumed(1, 18, halted(2, 16, One)),
     {ok, Held} = starl_world_judge:judge(40, Two),
     ?assertEqual([x], judged()),
     {ok, _} = starl_world_judge:judge(45, starl_world_judge:resumed(2, 40, Held)),
@@ -86,6 +131,11 @@ not_halted_test() ->
     ?assertEqual([], judged()),
     {ok, Over} = starl_world_judge:judge(25, starl_world_judge:resumed(1, 20, Held)),
     ?assertEqual([{11, x}], seen(Over)).
+
+%% The broken assumptions that the monitor has been told of.
+told_to(Judge) ->
+    {[], #{?MODULE := #{seen := Seen}}} = starl_world_judge:close(99, Judge),
+    [Window || {_, _, _, pause} = Window <- Seen].
 
 halted(Robot, At, Judge) ->
     starl_world_judge:halted(Robot, At, starl_world_judge:hold(Robot, At, Judge)).

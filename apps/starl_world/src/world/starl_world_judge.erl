@@ -5,9 +5,14 @@
 %% arrives later still is judged at the time of the last event, and counted. Packets are not judged;
 %% an observer is told of each, when its sender and its receiver have had time to tell what they know.
 %%
-%% A robot that is halted tells nothing, and its facts come afterwards: nothing is judged from the
-%% beginning of a halt on until the horizon after its end. Then its monitors have been told of it
-%% ({@link starl_monitor:broken/2}), so it excuses what a pause in a schedule of faults excuses.
+%% A robot that is halted tells nothing, and its facts come afterwards, also those of the last moment
+%% before: nothing that was not old enough when a halt began is judged until the horizon after its end. Then its monitors have been told of it
+%% ({@link starl_monitor:broken/2}), so it excuses what a pause in a schedule of faults excuses. A
+%% busy computer lets a node that may go on wait for its processor: the halt ends when the robot is heard
+%% again, at the latest the horizon after it may go on.
+%% ```
+%%     hold --> held -- halted --> stands -- released --> awaited -- heard, or the horizon --> over
+%% '''
 -module(starl_world_judge).
 
 -export([
@@ -16,8 +21,10 @@
     heard/2,
     hold/3,
     halted/3,
+    released/3,
     resumed/3,
     standing/1,
+    is_awaited/2,
     judge/2,
     violations/1,
     late/1,
@@ -35,15 +42,19 @@
     n = 0 :: non_neg_integer(),
     seen = 0 :: integer(),
     late = 0 :: non_neg_integer(),
-    %% the robots for which the judge waits, since when, and since when they stand; the halts that are
-    %% over, from when to when
-    held = #{} :: #{starl:robot_id() => {integer(), Stands :: integer() | none}},
+    %% the robots for which the judge waits; the halts that are over, from when to when
+    held = #{} :: #{starl:robot_id() => hold()},
     halts = [] :: [{integer(), integer()}],
     ways = starl_packet_ways:new() :: starl_packet_ways:t(),
     violations = [] :: [starl_monitor:violation()]
 }).
 
 -opaque t() :: #judge{}.
+
+%% Since when the judge waits for a robot, since when it stands, and when it was released.
+-type hold() :: {
+    integer(), StandsUs :: integer() | none, ReleasedUs :: integer() | none
+}.
 
 %% @doc A judge with these monitors, who waits this long for facts.
 -spec new([{module(), map()}], HorizonUs :: non_neg_integer()) -> t().
@@ -72,20 +83,33 @@ heard(Events, #judge{ways = Ways} = Judge) ->
 
 %% @doc A robot is about to be halted: nothing is judged from now on.
 -spec hold(starl:robot_id(), NowUs :: integer(), t()) -> t().
-hold(Robot, Now, #judge{held = Held} = Judge) ->
-    Judge#judge{held = maps:merge(#{Robot => {Now, none}}, Held)}.
+hold(Robot, Now, Judge) ->
+    #judge{held = Held} = Before = resumed(Robot, Now, Judge),
+    Before#judge{held = Held#{Robot => {Now, none, none}}}.
 
 %% @doc A robot for which the judge waits stands still.
 -spec halted(starl:robot_id(), NowUs :: integer(), t()) -> t().
 halted(Robot, Now, #judge{held = Held} = Judge) ->
-    Stands = fun({Since, _}) -> {Since, Now} end,
+    Stands = fun({Since, _, none}) -> {Since, Now, none} end,
     Judge#judge{held = maps:update_with(Robot, Stands, Held)}.
 
-%% @doc The judge need not wait for a robot any more: it goes on, or has ended.
+%% @doc A robot that stands still may go on.
+-spec released(starl:robot_id(), NowUs :: integer(), t()) -> t().
+released(Robot, Now, #judge{held = Held} = Judge) ->
+    case Held of
+        #{Robot := {_, none, _}} ->
+            resumed(Robot, Now, Judge);
+        #{Robot := {Since, Stands, none}} ->
+            Judge#judge{held = Held#{Robot := {Since, Stands, Now}}};
+        #{} ->
+            Judge
+    end.
+
+%% @doc The judge need not wait for a robot any more: it has been heard after its release, or has ended.
 -spec resumed(starl:robot_id(), NowUs :: integer(), t()) -> t().
 resumed(Robot, Now, #judge{held = Held, halts = Halts} = Judge) ->
     case maps:take(Robot, Held) of
-        {{Since, Stands}, Left} ->
+        {{Since, Stands, _}, Left} ->
             excused(Robot, Stands, Now, Judge#judge{held = Left, halts = [{Since, Now} | Halts]});
         error ->
             Judge
@@ -99,14 +123,31 @@ excused(Robot, From, To, #judge{monitors = Monitors} = Judge) ->
 %% @doc The robots that stand still.
 -spec standing(t()) -> [starl:robot_id()].
 standing(#judge{held = Held}) ->
-    lists:sort([Robot || {Robot, {_, Stands}} <- maps:to_list(Held), Stands =/= none]).
+    lists:sort([Robot || {Robot, {_, Stands, _}} <- maps:to_list(Held), Stands =/= none]).
+
+%% @doc Has this robot been released, and not been heard yet?
+-spec is_awaited(starl:robot_id(), t()) -> boolean().
+is_awaited(Robot, #judge{held = Held}) ->
+    case Held of
+        #{Robot := {_, _, Released}} -> Released =/= none;
+        #{} -> false
+    end.
 
 %% @doc Judges the events that are old enough by now.
 -spec judge(NowUs :: integer(), t()) -> {ok | violation, t()}.
-judge(Now, #judge{horizon_us = Horizon, held = Held, halts = Halts} = Judge) ->
+judge(Now, #judge{horizon_us = Horizon} = Open) ->
+    #judge{held = Held, halts = Halts} = Judge = unheard(Now - Horizon, Open),
     Recent = [Halt || {_, To} = Halt <- Halts, To > Now - Horizon],
-    Begun = [Since - 1 || {Since, _} <- maps:values(Held) ++ Recent],
-    upto(lists:min([Now - Horizon | Begun]), Judge#judge{halts = Recent}).
+    Begun = [element(1, Halt) || Halt <- maps:values(Held) ++ Recent],
+    upto(lists:min([Now | Begun]) - Horizon, Judge#judge{halts = Recent}).
+
+%% The robots that were released by this time are not waited for any longer.
+unheard(Time, #judge{horizon_us = Horizon, held = Held} = Judge) ->
+    Over = [
+        {Id, At}
+     || {Id, {_, _, At}} <- lists:sort(maps:to_list(Held)), is_integer(At), At =< Time
+    ],
+    lists:foldl(fun({Id, At}, J) -> resumed(Id, At + Horizon, J) end, Judge, Over).
 
 upto(Time, #judge{pending = Pending, seen = Seen, late = Late0} = Judge) ->
     {Old, Young} = lists:partition(fun({At, _, _}) -> At =< Time end, Pending),

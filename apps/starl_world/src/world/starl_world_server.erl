@@ -231,7 +231,7 @@ by_hand({struck, Kind, Id}, World) ->
 by_hand({halt, Id}, #world{judge = Judge} = World) ->
     World#world{judge = starl_world_judge:hold(Id, now_us(World), Judge)};
 by_hand({resumed, Id}, #world{judge = Judge} = World) ->
-    halted(World#world{judge = starl_world_judge:resumed(Id, now_us(World), Judge)});
+    goes_on(starl_world_judge:released(Id, now_us(World), Judge), World);
 by_hand({halted, Id}, #world{robots = Robots, judge = Judge} = World) ->
     Now = now_us(World),
     {Events, Next} = starl_world_team:halted(Id, unsaid(Id, Robots), Now, Robots),
@@ -258,7 +258,16 @@ started(Id, Link, What, World0) ->
 
 traced(Id, Link, Batch, #world{robots = Robots} = World) ->
     {New, Next} = starl_world_team:traced(Id, Link, Batch, Robots),
-    told(New, World#world{robots = Next}).
+    told(New, heard_again(Id, World#world{robots = Next})).
+
+%% A node that goes on may have to wait for its processor.
+heard_again(Id, #world{judge = Judge} = World) ->
+    case starl_world_judge:is_awaited(Id, Judge) of
+        true -> goes_on(starl_world_judge:resumed(Id, now_us(World), Judge), World);
+        false -> World
+    end.
+
+goes_on(Judge, World) -> halted(World#world{judge = Judge}).
 
 gone(Pid, #world{robots = Robots} = World) ->
     case starl_world_team:of_link(Pid, Robots) of
@@ -267,7 +276,8 @@ gone(Pid, #world{robots = Robots} = World) ->
     end.
 
 down(Id, #world{robots = Robots} = World) ->
-    yielded(starl_world_team:down(Id, unsaid(Id, Robots), now_us(World), Robots), World).
+    Down = starl_world_team:down(Id, unsaid(Id, Robots), now_us(World), Robots),
+    yielded(Down, heard_again(Id, World)).
 
 %% What a node that is halted or killed has done, and has not told yet.
 unsaid(Id, Robots) ->
@@ -308,7 +318,7 @@ judged(#world{judge = Judge, limit_us = Limit} = World) ->
     case starl_world_judge:judge(Now, Judge) of
         {violation, Next} -> ended(violation, World#world{judge = Next});
         {ok, Next} when Now >= Limit -> ended(time, World#world{judge = Next});
-        {ok, Next} -> World#world{judge = Next}
+        {ok, Next} -> goes_on(Next, World)
     end.
 
 ended(Ending, #world{ending = none, callers = Callers} = World) ->
