@@ -65,6 +65,12 @@ radio() ->
         {replay_short, radio, starl_live_seal,
             [{"starl_live_replay:new(2 * Fresh, Now)", "starl_live_replay:new(Fresh div 3, Now)"}],
             "the replay window is shorter than datagrams are fresh"},
+        {codec_unchecked, radio, starl_live_codec,
+            [
+                {"        {error, _} -> {error, term}",
+                    "        {error, _} -> known(From, term(Bytes))"}
+            ],
+            "what a packet holds is not looked at"},
         {seal_stale, radio, starl_live_seal,
             [{"ok when abs(Now - Time) > Fresh -> clock;", "ok when Time - Now > Fresh -> clock;"}],
             "old datagrams are taken"},

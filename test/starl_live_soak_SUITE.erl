@@ -9,8 +9,8 @@
 %% Called in the VMs of the runs.
 -export([digests/1]).
 
-%% The seeds that the command tries by default.
--define(SEEDS, 100).
+%% The rarest bug is found at seed 246: an answer of a dead process must be under way when it is killed.
+-define(SEEDS, 300).
 
 suite() -> [{timetrap, {minutes, 5}}].
 

@@ -1,8 +1,9 @@
 %% @doc The radio of live robots ({@link starl_live_udp}: codec, fragments, seal, replay window, pace) on
 %% simulated sockets and clocks. Some robots send packets of all sizes, some of them twice. At first the
 %% network loses, doubles, delays and damages datagrams; in some runs, for a while, all send large packets
-%% and half of their fragments are lost; then it is calm. An attacker sends what he has recorded to anybody, at any later time, datagrams of another
-%% run, and rubbish. Robots start anew meanwhile.
+%% and half of their fragments are lost; then it is calm. An attacker sends what he has recorded to anybody,
+%% at any later time, datagrams of another run, and rubbish; a robot seals what is no packet. Robots start
+%% anew meanwhile.
 %%
 %% The contract:
 %% <ul>
@@ -278,13 +279,42 @@ attacks(From, Bytes, Key, Radio) ->
         Drawn when Drawn < 0.1 -> [{Robot, At, Bytes}];
         Drawn when Drawn < 0.12 -> [{Robot, At, damaged({Key, attack}, Bytes)}];
         Drawn when Drawn < 0.13 -> [{Robot, At, foreign(From, Robot, Radio)}];
+        Drawn when Drawn < 0.15 -> [{Robot, At, malformed(From, Robot, At, Key, Radio)}];
         _ -> []
     end.
 
 %% A datagram of another run of the same fleet.
 foreign(From, To, #radio{now = Now} = Radio) ->
-    {ok, Seal} = starl_live_seal:new(config(From, 2, Radio), 0),
-    {ok, Bytes} = starl_live_codec:encode(starl_packet:shout(From, {app, note}, {0, <<>>})),
+    {ok, Bytes} = starl_live_codec:encode(packet_of(From, <<>>)),
+    sealed(2, From, To, Bytes, Now, Radio).
+
+%% One that a robot with damaged memory has sealed: what is in it is no packet of its.
+malformed(From, To, At, Key, Radio) ->
+    Content = starl_sim_draw:between({Key, content}, 1, 12),
+    sealed(1, From, To, malformed(Content, From), At, Radio).
+
+malformed(1, _From) -> <<>>;
+malformed(2, _From) -> <<1, 131>>;
+malformed(3, From) -> <<2, (term_to_binary(packet_of(From, <<>>)))/binary>>;
+malformed(4, From) -> <<1, (term_to_binary(packet_of(From, <<>>)))/binary, 0>>;
+malformed(5, _From) -> <<1, (term_to_binary({starl, 1}))/binary>>;
+malformed(6, From) -> content(packet_of(1 + From rem length(?ROBOTS), <<>>));
+malformed(7, _From) -> <<1, 131, 119, 12, "no_such_atom">>;
+malformed(8, From) -> content(packet_of(From, self()));
+malformed(9, From) -> content(packet_of(From, make_ref()));
+malformed(10, From) -> content(packet_of(From, fun() -> From end));
+malformed(11, From) -> content(packet_of(From, <<1:3>>));
+malformed(12, From) -> content(packet_of(From, nested(200))).
+
+content(Packet) -> <<1, (term_to_binary(Packet, [{minor_version, 2}]))/binary>>.
+
+nested(0) -> [];
+nested(N) -> {nested(N - 1)}.
+
+packet_of(From, Body) -> starl_packet:shout(From, {app, note}, {0, Body}).
+
+sealed(Run, From, To, Bytes, Now, Radio) ->
+    {ok, Seal} = starl_live_seal:new(config(From, Run, Radio), 0),
     NowMs = (?EPOCH_US + Now) div 1000,
     iolist_to_binary(starl_live_seal:seal(To, [0, Bytes], NowMs, Seal)).
 
