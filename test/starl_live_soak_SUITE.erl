@@ -12,7 +12,7 @@
 %% The rarest bug is found at seed 246: an answer of a dead process must be under way when it is killed.
 -define(SEEDS, 300).
 
-suite() -> [{timetrap, {minutes, 5}}].
+suite() -> [{timetrap, {minutes, 9}}].
 
 all() ->
     [
