@@ -357,13 +357,13 @@ halted_test() ->
         margin_us => 5,
         bound_us => 50
     },
-    Known = #{broken => [], healed_us => 130, delay_us => 0, slack_us => 30},
+    Known = #{broken => [{1, 100, 130, pause}], healed_us => 130, delay_us => 0, slack_us => 0},
     M = starl_exercise_monitor,
     ?assertEqual(
         M:init(M:context(Known, maps:remove(healed_us, Config))),
         M:broken({1, 100, 130, pause}, M:init(Config))
     ),
-    Never = M:init(Config#{healed_us := never, bound_us := 80}),
+    Never = M:init(Config#{healed_us := never, broken => [{1, 100, 130, pause}]}),
     ?assertEqual(Never, M:broken({1, 100, 130, pause}, M:init(Config#{healed_us := never}))).
 
 %% It is told of each machine once: its own two, and those that the exercise watches.

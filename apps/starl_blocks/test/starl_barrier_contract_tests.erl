@@ -140,12 +140,36 @@ excused_test() ->
             All = fun(R) -> reach_all(1, 1) ++ Trace(R) ++ [{5, 1, passed, 1}] end,
             ?assertMatch({[], _}, three(All(2) ++ [{16, 2, passed, 1}], 20, Delta)),
             ?assertMatch({[late_pass], _}, three(All(3) ++ [{16, 2, passed, 1}], 20, Delta)),
-            ?assertMatch({[not_passed], _}, three(All(2), 20, Bound)),
-            ?assertMatch({[], _}, three(All(2) ++ Trace(3), 20, Bound)),
-            ?assertMatch({[], _}, three(All(2) ++ [{6, 3, passed, 1}], 20, Bound))
+            %% the bound counts from a crash, and is none if a robot has died
+            Last = #{failed => 11, crashed => 12, died => infinity},
+            [
+                ?assertMatch({Not, _}, three(All(2), End, Bound))
+             || Due <- [maps:get(What, Last)],
+                {End, Not} <- [{min(Due, 900), []}] ++ [{Due + 1, [not_passed]} || is_integer(Due)]
+            ],
+            ?assertMatch({[], _}, three(All(2) ++ Trace(3), 900, Bound)),
+            ?assertMatch({[], _}, three(All(2) ++ [{6, 3, passed, 1}], 900, Bound))
         end
      || What <- [failed, crashed, died]
     ].
+
+%% An excuse ends with the next round that the robot reaches.
+excused_once_test() ->
+    Before = reach_all(1, 1) ++ [{2, 2, crashed}] ++ [{3, R, passed, 1} || R <- [1, 2, 3]],
+    Trace = Before ++ reach_all(20, 2) ++ [{23, R, passed, 2} || R <- [1, 3]],
+    ?assertMatch({[not_passed], _}, three(Trace, 40, #{bound_us => 10})).
+
+%% Who passes too late has not passed in time; faults of that time, and no others, are excuses.
+late_and_excused_by_faults_test() ->
+    Late = fun(Faults) ->
+        Trace = reach_all(1, 1) ++ [{16, R, passed, 1} || R <- [1, 2, 3]],
+        {Found, _} = three(Trace, 90, #{bound_us => 10, faults => Faults}),
+        Found
+    end,
+    ?assertEqual([not_passed, not_passed, not_passed], Late([])),
+    ?assertEqual([], Late([{2, 3, 7, fault}])),
+    ?assertEqual([not_passed, not_passed, not_passed], Late([{2, 14, 17, fault}])),
+    ?assertEqual([not_passed, not_passed, not_passed], Late([{2, 0, 0, fault}])).
 
 %% The bound counts from when the last has reached the round, not from when it says so again.
 bound_test() ->
@@ -268,3 +292,17 @@ timeless_test() ->
             all_reach() ++ [{5, 1, passed, 1}]
         ]
     ].
+
+%% Robots that begin again with an earlier round, since their stores are damaged, do not wait for the
+%% one they had reached, and that one is complete when they all reach it anew.
+no_progress_is_owed_for_what_was_forgotten_test() ->
+    Damaged = [{T, R, What} || R <- [1, 2, 3], {T, What} <- [{3, crashed}, {4, damaged}]],
+    Before = reach_all(1, 5) ++ Damaged ++ reach_all(40, 1),
+    Again = Before ++ [{41, R, passed, 1} || R <- [1, 2, 3]] ++ reach_all(90, 5),
+    Found = fun(Trace, End) ->
+        {Whats, _} = three(lists:keysort(1, Trace), End, #{bound_us => 10}),
+        lists:member(not_passed, Whats)
+    end,
+    ?assertNot(Found(Before ++ [{41, R, passed, 1} || R <- [1, 2, 3]], 900)),
+    ?assertNot(Found(Again, 100)),
+    ?assert(Found(Again, 101)).

@@ -313,7 +313,10 @@ late_pass_test() ->
     Late = all_reach() ++ [{5, 1, passed, 1}, {16, 2, passed, 1}],
     ?assertEqual([late_pass], judge(Late, 20, #{delta_us => 10})),
     ?assertEqual([], judge(Late, 20, #{delta_us => 11})),
-    ?assertEqual([], judge([{0, 2, crashed} | Late], 20, #{delta_us => 10})).
+    Between = all_reach() ++ [{4, 2, crashed} | Late -- all_reach()],
+    ?assertEqual([], judge(Between, 20, #{delta_us => 10})),
+    %% a crash before it has reached the round explains nothing
+    ?assertEqual([late_pass], judge([{0, 2, crashed} | Late], 20, #{delta_us => 10})).
 
 not_passed_test() ->
     Bound = #{bound_us => 10},

@@ -125,15 +125,48 @@ bounds_test() ->
     ?assertEqual(
         [{11, [1], A}], Found([asks(1, 1), {20, 2, {failed, b, x}}, {30, 2, {failed, b, x}}], 90)
     ),
-    %% a failure, a crash and a death end the requests of the robot, and of no other one
+    %% a failure, a crash and a death end the requests of the robot, and of no other one; from a crash
+    %% and a death on the others have their time anew
     [
         begin
-            ?assertEqual([{12, [2], A}], Found([asks(1, 1), asks(2, 2), {5, 1, End}], 90)),
-            ?assertEqual([{11, [1], A}], Found([asks(1, 1), asks(2, 2), {5, 2, End}], 90))
+            ?assertEqual(
+                [{max(12, Anew), [2], A}], Found([asks(1, 1), asks(2, 2), {5, 1, End}], 90)
+            ),
+            ?assertEqual(
+                [{max(11, Anew), [1], A}], Found([asks(1, 1), asks(2, 2), {5, 2, End}], 90)
+            )
         end
-     || End <- [crashed, {failed, a, timeout}]
-    ],
-    ?assertEqual([{12, [2], A}], Found([asks(1, 1), asks(2, 2), {5, 1, died}], 90)).
+     || {End, Anew} <- [{crashed, 15}, {{failed, a, timeout}, 0}, {died, 15}]
+    ].
+
+%% A token that somebody asks for does not lie idle, while applications hold as long as they like.
+idle_test() ->
+    Judge = fun(Events, End, More) ->
+        Config = maps:merge(#{idle_us => 10, robots => [1, 2, 3]}, More),
+        [{T, R} || {lies_idle, T, R, _} <- found(Events, End, Config)]
+    end,
+    Found = fun(Events, End) -> Judge(Events, End, #{}) end,
+    ?assertEqual([], Found([asks(1, 1)], 11)),
+    ?assertEqual([{11, [1]}], Found([asks(1, 1)], 12)),
+    ?assertEqual([{11, [1, 2]}], Found([asks(1, 1), asks(5, 2)], 12)),
+    ?assertEqual([{11, [1]}, {22, [1]}], Found([asks(1, 1), {12, 2, {failed, b, x}}], 30)),
+    %% it counts from the end of the hold, and from a hand-over that was lost
+    Held = [asks(1, 1), asks(1, 2)] ++ got(5, 1, 1),
+    ?assertEqual([], Found(Held, 900)),
+    ?assertEqual([{40, [2]}], Found(Held ++ [let_go(30, 1, 1)], 50)),
+    ?assertEqual([{13, [1]}], Found([asks(1, 1), {3, 3, {hand_over_lost, a, 1, 2}}], 20)),
+    %% who gives up asks no more
+    ?assertEqual([], Found([asks(1, 1), fails(5, 1)], 900)),
+    %% a crash and faults give it its time anew, if it meets them
+    ?assertEqual([{15, [1]}], Found([asks(1, 1), {5, 2, crashed}], 20)),
+    Faults = fun(Windows) -> Judge([asks(1, 1)], 30, #{faults => Windows}) end,
+    ?assertEqual([{18, [1]}], Faults([{3, 7, 8, fault}])),
+    ?assertEqual([{11, [1]}], Faults([{3, 12, 18, fault}, {3, 0, 0, fault}])),
+    %% without its home nobody holds it
+    Home = starl_mutex:home(a, [1, 2, 3]),
+    [Asker, Other] = [1, 2, 3] -- [Home],
+    ?assertEqual([], Found([asks(1, Asker), {2, Home, died}], 900)),
+    ?assertEqual([{12, [Asker]}], Found([asks(1, Asker), {2, Other, died}], 20)).
 
 %% Requests of before `from_us' may take any time, and may fail.
 from_test() ->

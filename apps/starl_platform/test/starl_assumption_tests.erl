@@ -193,3 +193,24 @@ misplaced_test() ->
         ]
     ],
     ?assertNot(?A:is_misplaced(2, 0, 100, Told)).
+
+%% Work is late by what it meets: a part of a pause, what the clock loses, the lag of each step; and
+%% what it meets because it is late already.
+delayed_test() ->
+    Delayed = fun(Windows) -> ?A:delayed_us(1, 10, 20, 3, but(Windows)) - 20 end,
+    ?assertEqual([0, 6, 6, 0], [
+        Delayed([{From, To, pause}])
+     || {From, To} <- [{2, 9}, {14, 20}, {20, 26}, {21, 27}]
+    ]),
+    ?assertEqual(3, Delayed([{2, 13, pause}])),
+    ?assertEqual([0, 5, 5, 0], [Delayed([lost(5, At)]) || At <- [9, 10, 20, 21]]),
+    ?assertEqual(0, Delayed([gained(5, 15)])),
+    ?assertEqual(6, Delayed([{5, 15, {slow, 2}}])),
+    ?assertEqual(10, Delayed([lost(5, 18), {24, 29, pause}])),
+    ?assertEqual(0, Delayed([{12, 15, position}, {12, 15, still}])),
+    ?assertEqual(5, Delayed([{5, 15, {clock, -10}}])).
+
+%% Another robot's trouble is no excuse.
+delayed_by_its_own_windows_test() ->
+    Windows = ?A:new([{2, 10, 19, pause}, {all, 12, 13, pause}], 0),
+    ?assertEqual([21, 30], [?A:delayed_us(R, 10, 20, 3, Windows) || R <- [1, 2]]).

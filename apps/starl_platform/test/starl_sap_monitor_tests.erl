@@ -802,3 +802,38 @@ vocabulary_test() ->
         ],
         lists:sort(Events)
     ).
+
+%% An outcome is late by what its source explains while the message is under way: not by another
+%% robot's pause, nor by a pause before or after.
+excused_by_its_own_robot_and_time_test() ->
+    Judge = fun(Windows, Ends) ->
+        Given = #{bound_us => ?BOUND, broken => Windows},
+        {ok, Sent} = starl_monitor:step(
+            [trace(sent(10, id(1)))], starl_monitor:new([{starl_sap_monitor, Given}])
+        ),
+        {Found, _} = starl_monitor:finish(Ends, Sent),
+        [{What, At} || #{what := What, at_us := At} <- Found]
+    end,
+    Late = fun(At) -> [{outcome_overdue, At}] end,
+    ?assertEqual(Late(1010), Judge([], 1011)),
+    ?assertEqual([], Judge([{1, 500, 700, pause}], 1210)),
+    ?assertEqual(Late(1210), Judge([{1, 500, 700, pause}], 1211)),
+    [
+        ?assertEqual({W, Late(1010)}, {W, Judge([W], 1011)})
+     || W <- [{2, 500, 700, pause}, {1, 0, 9, pause}, {1, 1011, 9000, pause}]
+    ].
+
+%% One that has an excuse lets others through, and is looked at again in its turn.
+excuses_end_in_their_order_test() ->
+    Given = #{bound_us => ?BOUND, broken => [{1, 500, 700, pause}]},
+    Sent = [
+        {0, 1, sap, {sent, id(1), [2], greeting, 99}},
+        {1, 2, sap, {sent, {2, 1, 1}, [1], greeting, 99}},
+        {800, 1, sap, {sent, id(2), [2], greeting, 99}}
+    ],
+    {ok, M} = starl_monitor:step(Sent, starl_monitor:new([{starl_sap_monitor, Given}])),
+    {Found, _} = starl_monitor:finish(2000, M),
+    ?assertEqual([{1001, [2, 1]}, {1200, [1, 2]}, {1800, [1, 2]}], [
+        {At, Robots}
+     || #{at_us := At, robots := Robots} <- Found
+    ]).

@@ -7,7 +7,9 @@
 %%
 %% A call whose patience ends earlier may fail. Independent of promises and faults, every call with
 %% a patience ends within the patience plus `bound_us', counted from the call, and within the
-%% patience plus `margin_us', counted from the heal.
+%% patience plus `margin_us', counted from the heal. The first of these may be later by what the
+%% clock, the pauses and the slowness of the calling robot explain in that time ({@link
+%% starl_assumption:delayed_us/5}).
 %%
 %% Events of machine `app': {@link starl_block_exercise:event()}, `crashed'; of the machines that
 %% the exercise watches; of machine `robot': `down', `{died, Reason}'.
@@ -26,6 +28,7 @@
     within :: us(),
     margin :: us(),
     bound :: us(),
+    assumption :: starl_assumption:t(),
     open = #{} :: #{robot_id() => starl_promise:call()},
     died = [] :: [robot_id()],
     %% the memory of the exercise, and its update by an event
@@ -37,6 +40,12 @@
 %% The time in which the others learn of the restart of a robot.
 -define(SETTLED_US, 5000000).
 
+%% The most steps of a call at the robot that makes it: a machine's message waits for the last of its
+%% transmissions, and is answered.
+-define(STEPS, 20).
+%% Clocks are within 1 % of real time.
+-define(DRIFT_PPM, 10000).
+
 %% @doc The fields are described above; the default of `healed_us' is `never'.
 -spec init(#{
     exercise := module(),
@@ -44,7 +53,8 @@
     healed_us => us() | never,
     within_us := us(),
     margin_us := us(),
-    bound_us := us()
+    bound_us := us(),
+    broken => [starl_assumption:window()]
 }) -> #state{}.
 init(#{exercise := Exercise, robots := Robots} = Config) ->
     #{within_us := Within, margin_us := Margin, bound_us := Bound} = Config,
@@ -55,20 +65,24 @@ init(#{exercise := Exercise, robots := Robots} = Config) ->
         within = Within,
         margin = Margin,
         bound = Bound,
+        assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM),
         seen = starl_block_exercise:seen(Exercise, Robots),
         noted = starl_block_exercise:noted(Exercise)
     }.
 
-%% @doc Enters the time of the heal; faults of clocks and processes widen the bound.
+%% @doc Enters the time of the heal and the windows of broken assumptions; the bound is longer on a
+%% computer that has other work, too.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{healed_us := Healed, slack_us := Slack}, #{bound_us := Bound} = Config) ->
-    maps:merge(#{healed_us => Healed}, Config#{bound_us := Bound + Slack}).
+context(#{slack_us := Slack} = Known, #{bound_us := Bound} = Config) ->
+    maps:merge(maps:with([healed_us, broken], Known), Config#{bound_us := Bound + Slack}).
 
-%% @doc The heal is later than the window, and the bound longer by it.
+%% @doc The heal is later than the window, which excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken({_Robot, From, To, _Broken}, #state{healed = Healed, bound = Bound} = State) ->
+broken({_, _, To, _} = Window, #state{healed = Healed, assumption = Assumption} = State) ->
     %% an atom, `never', is greater than every number
-    State#state{healed = max(Healed, To), bound = Bound + To - From}.
+    State#state{
+        healed = max(Healed, To), assumption = starl_assumption:broken(Window, Assumption)
+    }.
 
 %% @doc The applications, the end of robots, and the machines that the exercise watches.
 -spec interests(#state{}) -> [atom()].
@@ -156,9 +170,13 @@ overdue(T, Call, State) ->
 %% a heal nothing is judged after it.
 ends(#{patience_ms := none} = Call, State) ->
     starl_promise:due_us(Call, team(State));
-ends(#{patience_ms := Ms, since_us := Since}, State) ->
-    #state{margin = Margin, bound = Bound, healed = Healed} = State,
-    min(Since + Ms * 1020 + Bound, add(max(Since, Healed), Ms * 1020 + Margin)).
+ends(#{patience_ms := Ms, since_us := Since, robot := Robot}, State) ->
+    #state{margin = Margin, bound = Bound, healed = Healed, assumption = Assumption} = State,
+    Due = Since + Ms * 1020 + Bound,
+    min(
+        starl_assumption:delayed_us(Robot, Since, Due, ?STEPS, Assumption),
+        add(max(Since, Healed), Ms * 1020 + Margin)
+    ).
 
 add(never, _Us) -> never;
 add(Time, Us) -> Time + Us.

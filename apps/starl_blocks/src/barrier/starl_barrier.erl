@@ -89,7 +89,8 @@ options() ->
 machines(Options) -> [{barrier, starl_barrier_rounds, Options}].
 
 -spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
-monitors(_Options, #{robots := Robots}) -> [{starl_barrier_monitor, #{robots => Robots}}].
+monitors(#{retry_ms := Retry}, #{robots := Robots}) ->
+    [{starl_barrier_monitor, #{robots => Robots, retry_us => 1000 * Retry}}].
 
 -spec contract() -> string().
 contract() -> "nobody passes a round before all have reached it".

@@ -11,9 +11,13 @@
 %% if the stores of all robots were damaged.
 %%
 %% Progress: a robot that has reached a round passes it or fails within `bound_us' (default: none)
-%% of the last participant's reaching it; if not all reach it, it need not pass. `delta_us'
-%% (default: none) bounds the time between the first and the last robot's passing. A robot that died
-%% or whose barrier machine crashed may take longer.
+%% of the last participant's reaching it, of the last fault that the team meets meanwhile, and of the
+%% last crash of a barrier machine ({@link starl_assumption:calm_us/3}); if not all reach it, it need
+%% not pass. In a run, the bound follows from `retry_us', the radio and SAP ({@link context/2}).
+%% `delta_us' (default: none) bounds the time between the first and the last robot's passing. A robot
+%% whose call has ended, because it failed or its machine crashed, need not pass before it has reached
+%% or passed a round again. If a robot has died, which the others may not have heard of in time, no
+%% robot need pass.
 %%
 %% Events of machine `barrier': {@link starl_barrier_rounds:event()}, `crashed', `store_damaged';
 %% of machine `robot': `died', `store_set_back'.
@@ -51,39 +55,62 @@
     %% what has happened since the last round was reached
     doubts = #{} :: #{key() => doubt()},
     rounds = #{} :: #{{name(), K :: pos_integer()} => #round{}},
-    excused = [] :: [robot_id()],
+    %% whose call has ended since it reached its last round of the name
+    excused = [] :: [key()],
+    faults :: starl_assumption:t(),
+    is_whole = true :: boolean(),
     %% of the rounds that all have passed
     deltas = {0, 0, 0} :: {Count :: integer(), SumUs :: integer(), LongestUs :: integer()},
     passes = 0 :: non_neg_integer(),
     failed = 0 :: non_neg_integer()
 }).
 
-%% @doc `robots': the participants; the other keys: see above.
+%% Clocks are within 1 % of real time.
+-define(DRIFT_PPM, 10000).
+%% The time of the robots' own steps.
+-define(MARGIN_US, 1000000).
+
+%% @doc `robots': the participants; `faults': the windows of all faults; the other keys: see above.
 -spec init(#{
     robots := [robot_id()],
+    faults => [starl_assumption:window()],
     bound_us => pos_integer() | infinity,
     delta_us => pos_integer() | infinity
 }) -> #state{}.
 init(#{robots := Robots} = Config) ->
     #state{
         robots = Robots,
+        faults = starl_assumption:new(maps:get(faults, Config, []), ?DRIFT_PPM),
         bound_us = maps:get(bound_us, Config, infinity),
         delta_us = maps:get(delta_us, Config, infinity)
     }.
 
-%% @doc Faults of clocks and processes widen the bound.
+%% @doc The configuration with the windows of all faults, and with a bound, if `retry_us', the time
+%% after which a waiting robot asks again, is given: an announcement may have been given up just
+%% before, so a robot waits until it asks again, asks, and is answered; and so does the one that it
+%% asks, which must know of it.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{slack_us := Slack}, #{bound_us := Bound} = Config) when is_integer(Bound) ->
-    Config#{bound_us := Bound + Slack};
-context(_Known, Config) ->
-    Config.
+context(#{faults := Faults, slack_us := Slack} = Known, Config) ->
+    Told = maps:merge(#{faults => Faults}, Config),
+    case bound(Known, Told) of
+        Bound when is_integer(Bound) -> Told#{bound_us => Bound + Slack};
+        _ -> Told
+    end.
 
-%% @doc The window widens the bound.
+bound(_Known, #{bound_us := Bound}) ->
+    Bound;
+bound(#{sap := Sap, loss := Loss, delay_us := Delay}, #{retry_us := Retry}) ->
+    case starl_sap:reach_us(Sap, Loss, Delay, Retry) of
+        never -> infinity;
+        Reach -> 2 * (Retry * 101 div 100 + 2 * Reach) + ?MARGIN_US
+    end;
+bound(_Known, _Config) ->
+    infinity.
+
+%% @doc The window excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken({_, From, To, _}, #state{bound_us = Bound} = State) when is_integer(Bound) ->
-    State#state{bound_us = Bound + To - From};
-broken(_Window, State) ->
-    State.
+broken(Window, #state{faults = Faults} = State) ->
+    State#state{faults = starl_assumption:broken(Window, Faults)}.
 
 %% @doc The barrier machines' own events and the end of robots.
 -spec interests() -> [atom()].
@@ -131,14 +158,15 @@ judge({barrier, {passed, Name, K}}, T, Robot, State) ->
     Broken =
         early(T, Robot, Name, K, State) ++
             out_of_order(T, Robot, Name, K, State) ++
+            too_late(T, Robot, Name, K, State) ++
             late(T, Robot, Name, K, State),
     {Broken, pass(T, Robot, Name, K, State)};
 judge({barrier, {recalled, Name, At, Passed}}, T, Robot, State) ->
     recalled(T, Robot, Name, {At, Passed}, State);
-judge({barrier, {failed, _Name, _K, _Reason}}, _T, Robot, #state{failed = Failed} = State) ->
-    {[], excuse(Robot, State#state{failed = Failed + 1})};
-judge({barrier, crashed}, _T, Robot, State) ->
-    {[], excuse(Robot, forgets(Robot, State))};
+judge({barrier, {failed, Name, K, _Reason}}, T, Robot, #state{failed = Failed} = State) ->
+    {too_late(T, Robot, Name, K, State), excuse([{Name, Robot}], State#state{failed = Failed + 1})};
+judge({barrier, crashed}, T, Robot, State) ->
+    {[], fault(T, Robot, excuse(keys(Robot, State), forgets(Robot, State)))};
 judge({barrier, store_damaged}, _T, Robot, State) ->
     {[], damage(Robot, State)};
 judge({robot, store_set_back}, _T, Robot, State) ->
@@ -146,7 +174,7 @@ judge({robot, store_set_back}, _T, Robot, State) ->
     Back = damage(Robot, State),
     {[], doubt(fun(R) -> R =:= Robot end, fun forgotten/1, Back)};
 judge({robot, {died, _Reason}}, _T, Robot, State) ->
-    {[], excuse(Robot, State)};
+    {[], excuse(keys(Robot, State), State#state{is_whole = false})};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
 
@@ -164,8 +192,16 @@ recalled(T, Robot, Name, {K, Passed}, State) ->
         {false, false} -> {[], State}
     end.
 
-excuse(Robot, #state{excused = Excused} = State) ->
-    State#state{excused = lists:usort([Robot | Excused])}.
+keys(Robot, #state{reached = Reached}) -> [Key || {_, R} = Key <- maps:keys(Reached), R =:= Robot].
+
+excuse(Keys, #state{excused = Excused} = State) ->
+    State#state{excused = lists:usort(Keys ++ Excused)}.
+
+excuse_no_more(Key, #state{excused = Excused} = State) ->
+    State#state{excused = lists:delete(Key, Excused)}.
+
+fault(T, Robot, #state{faults = Faults} = State) ->
+    State#state{faults = starl_assumption:broken({Robot, T, T, fault}, Faults)}.
 
 %% A machine that crashed has forgotten the others' counts.
 forgets(Robot, State) ->
@@ -212,23 +248,40 @@ doubt(Concerns, Grow, #state{reached = Reached, doubts = Doubts} = State) ->
 
 reach(T, Robot, Name, K, #state{reached = Reached, passed = Passed} = State) ->
     Key = {Name, Robot},
-    Next = State#state{
+    Next = (excuse_no_more(Key, State))#state{
         reached = Reached#{Key => max(K, maps:get(Key, Reached, 0))},
         at = (State#state.at)#{Key => K},
         %% a round that was skipped counts as passed, one that comes again does not
         passed = Passed#{Key => K - 1},
-        doubts = change(Key, fun reached_with/1, State#state.doubts)
+        doubts = change(Key, fun reached_with/1, State#state.doubts),
+        rounds = begun_again(Name, K, K < maps:get(Key, State#state.at, 0), State#state.rounds)
     },
     Round = round_of(Name, K, Next),
-    case Round#round.complete_us =:= none andalso absent(Name, K, Next) =:= [] of
+    case Round#round.complete_us =:= none andalso is_complete(Name, K, Next) of
         true -> put_round(Name, K, Round#round{complete_us = T}, Next);
         false -> put_round(Name, K, Round, Next)
     end.
 
+%% A robot that reaches a round again, because stores were damaged, completes none of the later ones
+%% before it reaches them, too.
+begun_again(_Name, _K, false, Rounds) ->
+    Rounds;
+begun_again(Name, K, true, Rounds) ->
+    maps:map(
+        fun
+            ({N, Of}, Round) when N =:= Name, Of >= K -> Round#round{complete_us = none};
+            (_, Round) -> Round
+        end,
+        Rounds
+    ).
+
+is_complete(Name, K, #state{robots = Robots, at = At}) ->
+    lists:all(fun(R) -> maps:get({Name, R}, At, 0) >= K end, Robots).
+
 pass(T, Robot, Name, K, #state{passed = Passed, passes = Passes, robots = Robots} = State) ->
     #round{passed = N, first_us = First} = Round = round_of(Name, K, State),
     Key = {Name, Robot},
-    Next = State#state{
+    Next = (excuse_no_more(Key, State))#state{
         passed = Passed#{Key => K},
         passes = Passes + 1,
         doubts = change(Key, fun passed_with/1, State#state.doubts)
@@ -297,27 +350,49 @@ late(T, Robot, Name, K, #state{delta_us = Delta, excused = Excused} = State) ->
         #round{first_us = First} when is_integer(First), T - First > Delta ->
             [
                 violation(late_pass, T, [Robot], #{name => Name, round => K, after_us => T - First})
-             || not lists:member(Robot, Excused)
+             || not lists:member({Name, Robot}, Excused)
             ];
         #round{} ->
             []
     end.
 
-%% Judged at the end: the rounds that all have reached long ago and not all have passed.
-overdue(_End, #state{bound_us = infinity}) ->
-    [];
-overdue(End, #state{rounds = Rounds, bound_us = Bound} = State) ->
+%% Judged when a robot passes or fails, and at the end: the rounds that all have reached long ago and not all
+%% have passed.
+too_late(T, Robot, Name, K, #state{excused = Excused} = State) ->
     [
-        violation(not_passed, Complete + Bound, Waiting, #{name => Name, round => K})
-     || {{Name, K}, #round{complete_us = Complete}} <- lists:sort(maps:to_list(Rounds)),
-        is_integer(Complete),
-        Complete + Bound < End,
+        violation(not_passed, Due, [Robot], #{name => Name, round => K})
+     || Due <- overdue_since(T, round_of(Name, K, State), State),
+        not lists:member({Name, Robot}, Excused)
+    ].
+
+overdue(End, #state{rounds = Rounds} = State) ->
+    [
+        violation(not_passed, Due, Waiting, #{name => Name, round => K})
+     || {{Name, K}, Round} <- lists:sort(maps:to_list(Rounds)),
+        Due <- overdue_since(End, Round, State),
         Waiting <- [waiting(Name, K, State)],
         Waiting =/= []
     ].
 
-waiting(Name, K, #state{robots = Robots, passed = Passed, excused = Excused}) ->
-    [R || R <- Robots -- Excused, maps:get({Name, R}, Passed, 0) < K].
+overdue_since(_T, _Round, #state{bound_us = infinity}) ->
+    [];
+overdue_since(
+    T, #round{complete_us = Complete}, #state{bound_us = Bound, is_whole = true} = State
+) when
+    is_integer(Complete), Complete + Bound < T
+->
+    [Due || Due <- [starl_assumption:calm_us(Complete, Bound, State#state.faults)], Due < T];
+overdue_since(_T, _Round, _State) ->
+    [].
+
+waiting(Name, K, #state{robots = Robots, at = At, passed = Passed, excused = Excused}) ->
+    [
+        R
+     || R <- Robots,
+        not lists:member({Name, R}, Excused),
+        maps:get({Name, R}, At, 0) =:= K,
+        maps:get({Name, R}, Passed, 0) < K
+    ].
 
 violation(What, T, Robots, Details) ->
     #{contract => barrier, what => What, at_us => T, robots => Robots, details => Details}.

@@ -3,7 +3,8 @@
 %% Safety: a robot reports at most one leader per term, the term being an election within one life
 %% of the election machine (a crash begins a new one); a leader is a robot of the team, and only
 %% that robot makes itself leader; a robot that entered elects or fails within `bound_us', unless it
-%% died or its machine crashed. With `lossless' (default false: no packet lost, delays bounded, the
+%% died or its machine crashed; later only by what its own clock, pauses and slowness explain in that
+%% time ({@link starl_assumption:delayed_us/5}). With `lossless' (default false: no packet lost, delays bounded, the
 %% patience long enough) also: no robot fails, all elect the same, and no robot above the leader was
 %% alive from the beginning of the election until the leader was elected, unless its machine crashed
 %% in between; and the leader was alive when the election began.
@@ -18,6 +19,11 @@
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
 
+%% A robot's patience is one timer of its own; it enters, is told by the timer, and reports.
+-define(STEPS, 3).
+%% Clocks are within 1 % of real time.
+-define(DRIFT_PPM, 10000).
+
 -record(state, {
     robots :: [robot_id()],
     bound_us :: pos_integer(),
@@ -29,26 +35,43 @@
     lives = #{} :: #{robot_id() => pos_integer()},
     crashed = #{} :: #{robot_id() => integer()},
     died = #{} :: #{robot_id() => integer()},
-    open = #{} :: #{{election(), robot_id()} => DeadlineUs :: integer()},
+    open = #{} :: #{{election(), robot_id()} => {EnteredUs :: integer(), DeadlineUs :: integer()}},
+    assumption :: starl_assumption:t(),
     failed = 0 :: non_neg_integer()
 }).
 
-%% @doc `robots': the team; `bound_us': the longest time from entering to the result.
--spec init(#{robots := [robot_id()], bound_us := pos_integer(), lossless => boolean()}) ->
-    #state{}.
+%% @doc `robots': the team; `bound_us': the longest time from entering to the result;
+%% `broken': the windows of broken assumptions.
+-spec init(#{
+    robots := [robot_id()],
+    bound_us := pos_integer(),
+    broken => [starl_assumption:window()],
+    lossless => boolean()
+}) -> #state{}.
 init(#{robots := Robots, bound_us := Bound} = Config) ->
-    #state{robots = Robots, bound_us = Bound, lossless = maps:get(lossless, Config, false)}.
+    #state{
+        robots = Robots,
+        bound_us = Bound,
+        lossless = maps:get(lossless, Config, false),
+        assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM)
+    }.
 
-%% @doc Faults of clocks and processes widen the bound.
+%% @doc The configuration with the windows of broken assumptions; the bound is longer on a computer
+%% that has other work, too.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{slack_us := Slack}, #{bound_us := Bound} = Config) ->
-    Config#{bound_us := Bound + Slack}.
+context(#{broken := Broken, slack_us := Slack}, #{bound_us := Bound} = Config) ->
+    maps:merge(#{broken => Broken}, Config#{bound_us := Bound + Slack}).
 
-%% @doc The window widens the bound.
+%% @doc The window excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken({_, From, To, _}, #state{bound_us = Bound, open = Open} = State) ->
-    Us = To - From,
-    State#state{bound_us = Bound + Us, open = maps:map(fun(_, Due) -> Due + Us end, Open)}.
+broken(Window, #state{assumption = Assumption, open = Open} = State) ->
+    Told = State#state{assumption = starl_assumption:broken(Window, Assumption)},
+    Told#state{
+        open = maps:map(fun({_, Robot}, {T, _}) -> {T, deadline(T, Robot, Told)} end, Open)
+    }.
+
+deadline(T, Robot, #state{bound_us = Bound, assumption = Assumption}) ->
+    starl_assumption:delayed_us(Robot, T, T + Bound, ?STEPS, Assumption).
 
 %% @doc The elections' own events and the end of robots.
 -spec interests() -> [atom()].
@@ -100,8 +123,7 @@ finish(EndTimeUs, State) ->
 
 judge({election, {entered, Election}}, T, Robot, #state{open = Open} = State0) ->
     State = begin_election(Election, T, State0),
-    Deadline = T + State#state.bound_us,
-    {[], State#state{open = Open#{{Election, Robot} => Deadline}}};
+    {[], State#state{open = Open#{{Election, Robot} => {T, deadline(T, Robot, State)}}}};
 judge({election, {elected, Election, Leader, How}}, T, Robot, State0) ->
     State = begin_election(Election, T, State0),
     Term = {Election, Robot, maps:get(Robot, State#state.lives, 1)},
@@ -172,7 +194,7 @@ throughout(Robot, Began, #state{died = Died, crashed = Crashed}) ->
 
 %% The robots overdue before `T'; a result at exactly the deadline is in time.
 overdue(T, #state{open = Open} = State) ->
-    case lists:sort([{D, Key} || {Key, D} <- maps:to_list(Open), D < T]) of
+    case lists:sort([{D, Key} || {Key, {_, D}} <- maps:to_list(Open), D < T]) of
         [] ->
             {[], State};
         Late ->

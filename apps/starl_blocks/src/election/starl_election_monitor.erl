@@ -3,7 +3,8 @@
 %% Safety: any two robots that elect in the same election elect the same leader, and each only
 %% one; the leader took part and has cast a ballot; a robot has at most one ballot per
 %% election, also across restarts and the loss of its store; a robot that entered elects or fails within `bound_us', unless
-%% it died. With `complete' (default false) an election by `all_ballots' also needs a ballot of
+%% it died; later only by what its own clock, pauses and slowness explain in that time ({@link
+%% starl_assumption:delayed_us/5}). With `complete' (default false) an election by `all_ballots' also needs a ballot of
 %% every robot named in the configuration.
 %%
 %% Progress, if nothing is lost and no robot stops: with `settle_us' (default infinity), the longest
@@ -22,6 +23,11 @@
 %% Ballots cast, and each robot's leader.
 -type tally() :: {Ballots :: #{robot_id() => term()}, Elected :: #{robot_id() => robot_id()}}.
 
+%% A robot's patience is one timer of its own; it enters, is told by the timer, and reports.
+-define(STEPS, 3).
+%% Clocks are within 1 % of real time.
+-define(DRIFT_PPM, 10000).
+
 -record(state, {
     robots :: [robot_id()],
     bound_us :: pos_integer(),
@@ -29,18 +35,21 @@
     settle_us :: pos_integer() | infinity,
     elections = #{} :: #{election() => tally()},
     %% The robots that are still electing, and their deadlines.
-    open = #{} :: #{{election(), robot_id()} => DeadlineUs :: integer()},
-    %% The deadlines in their order; those that `open' does not confirm are void.
-    deadlines = queue:new() :: queue:queue({integer(), election(), robot_id()}),
+    open = #{} :: #{{election(), robot_id()} => {EnteredUs :: integer(), DeadlineUs :: integer()}},
+    %% no deadline is earlier than this
+    first_due = infinity :: integer() | infinity,
+    assumption :: starl_assumption:t(),
     %% Likewise, for the robots that were electing when the last ballot was cast.
     settling = queue:new() :: queue:queue({integer(), election(), robot_id()}),
     failed = 0 :: non_neg_integer()
 }).
 
-%% @doc `robots': the team; `bound_us': the longest time from entering to the result.
+%% @doc `robots': the team; `bound_us': the longest time from entering to the result;
+%% `broken': the windows of broken assumptions.
 -spec init(#{
     robots := [robot_id()],
     bound_us := pos_integer(),
+    broken => [starl_assumption:window()],
     complete => boolean(),
     settle_us => pos_integer() | infinity
 }) -> #state{}.
@@ -48,30 +57,28 @@ init(#{robots := Robots, bound_us := Bound} = Config) ->
     #state{
         robots = Robots,
         bound_us = Bound,
+        assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM),
         complete = maps:get(complete, Config, false),
         settle_us = maps:get(settle_us, Config, infinity)
     }.
 
-%% @doc Faults of clocks and processes widen the bound.
+%% @doc The configuration with the windows of broken assumptions; the bound is longer on a computer
+%% that has other work, too.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{slack_us := Slack}, #{bound_us := Bound} = Config) ->
-    Config#{bound_us := Bound + Slack}.
+context(#{broken := Broken, slack_us := Slack}, #{bound_us := Bound} = Config) ->
+    maps:merge(#{broken => Broken}, Config#{bound_us := Bound + Slack}).
 
-%% @doc The window widens the bounds.
+%% @doc The window excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken({_, From, To, _}, #state{bound_us = Bound, open = Open} = State) ->
-    Us = To - From,
-    Later = fun(Queue) ->
-        queue:from_list([
-            {Due + Us, Election, Robot}
-         || {Due, Election, Robot} <- queue:to_list(Queue)
+broken({_, From, To, _} = Window, #state{assumption = Assumption, open = Open} = State) ->
+    Told = State#state{assumption = starl_assumption:broken(Window, Assumption)},
+    %% it makes no deadline earlier
+    Told#state{
+        open = maps:map(fun({_, Robot}, {T, _}) -> {T, deadline(T, Robot, Told)} end, Open),
+        settling = queue:from_list([
+            {Due + To - From, Election, Robot}
+         || {Due, Election, Robot} <- queue:to_list(State#state.settling)
         ])
-    end,
-    State#state{
-        bound_us = Bound + Us,
-        open = maps:map(fun(_, Deadline) -> Deadline + Us end, Open),
-        deadlines = Later(State#state.deadlines),
-        settling = Later(State#state.settling)
     }.
 
 %% @doc The elections' own events and the end of robots.
@@ -151,12 +158,14 @@ record_of(Election, #state{elections = Elections}) ->
 keep(Election, Record, #state{elections = Elections} = State) ->
     State#state{elections = Elections#{Election => Record}}.
 
-enter(T, Robot, Election, #state{open = Open, deadlines = Deadlines} = State) ->
-    Deadline = T + State#state.bound_us,
+enter(T, Robot, Election, #state{open = Open, first_due = First} = State) ->
+    Deadline = deadline(T, Robot, State),
     keep(Election, record_of(Election, State), State#state{
-        open = Open#{{Election, Robot} => Deadline},
-        deadlines = queue:in({Deadline, Election, Robot}, Deadlines)
+        open = Open#{{Election, Robot} => {T, Deadline}}, first_due = min(First, Deadline)
     }).
+
+deadline(T, Robot, #state{bound_us = Bound, assumption = Assumption}) ->
+    starl_assumption:delayed_us(Robot, T, T + Bound, ?STEPS, Assumption).
 
 conclude(Election, Robot, #state{open = Open} = State) ->
     State#state{open = maps:remove({Election, Robot}, Open)}.
@@ -236,7 +245,7 @@ incomplete(_How, _T, _Robot, _Election, _Record, _State) ->
 %% Deadlines by the last ballot are named before those by the general bound.
 pass(T, State) ->
     {Unsettled, Passed} = unsettled(T, State, []),
-    {Late, Current} = pass(T, Passed, []),
+    {Late, Current} = overdue(T, Passed),
     {Unsettled ++ Late, Current}.
 
 unsettled(T, #state{settling = Settling, open = Open} = State, Found) ->
@@ -253,20 +262,19 @@ unsettled(T, #state{settling = Settling, open = Open} = State, Found) ->
     end.
 
 %% The robots overdue before `T'; a result at exactly the deadline is in time.
-pass(T, #state{deadlines = Deadlines, open = Open} = State, Found) ->
-    case queue:peek(Deadlines) of
-        {value, {Deadline, Election, Robot}} when Deadline < T ->
-            Left = State#state{deadlines = queue:drop(Deadlines)},
-            case Open of
-                #{{Election, Robot} := Deadline} ->
-                    Late = violation(no_result, Deadline, [Robot], #{election => Election}),
-                    pass(T, conclude(Election, Robot, Left), [Late | Found]);
-                #{} ->
-                    pass(T, Left, Found)
-            end;
-        _NothingDue ->
-            {lists:reverse(Found), State}
-    end.
+overdue(T, #state{first_due = First} = State) when T =< First ->
+    %% an atom, `infinity', is greater than every number
+    {[], State};
+overdue(T, #state{open = Open} = State) ->
+    Late = lists:sort([{Due, E, R} || {{E, R}, {_, Due}} <- maps:to_list(Open), Due < T]),
+    Left = maps:without([{E, R} || {_, E, R} <- Late], Open),
+    {
+        [violation(no_result, Due, [R], #{election => E}) || {Due, E, R} <- Late],
+        State#state{
+            open = Left,
+            first_due = lists:min([infinity | [Due || {_, Due} <- maps:values(Left)]])
+        }
+    }.
 
 violation(What, T, Robots, Details) ->
     #{contract => election, what => What, at_us => T, robots => Robots, details => Details}.

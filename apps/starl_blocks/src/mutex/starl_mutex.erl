@@ -134,8 +134,17 @@ options() ->
 machines(Options) -> [{mutex, starl_mutex_tokens, Options}].
 
 -spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
-monitors(#{lease_ms := Lease, drift_ppm := Ppm, lag_ms := Lag}, _Context) ->
-    [{starl_mutex_monitor, #{lease_us => 1000 * Lease, drift_ppm => Ppm, lag_us => 1000 * Lag}}].
+monitors(Options, #{robots := Robots}) ->
+    #{lease_ms := Lease, drift_ppm := Ppm, lag_ms := Lag, retry_ms := Retry} = Options,
+    [
+        {starl_mutex_monitor, #{
+            robots => Robots,
+            lease_us => 1000 * Lease,
+            drift_ppm => Ppm,
+            lag_us => 1000 * Lag,
+            retry_us => 1000 * Retry
+        }}
+    ].
 
 -spec contract() -> string().
 contract() -> "no two robots hold one token at once; no fencing number is given twice".

@@ -28,6 +28,7 @@
 %% has lost since the lease was told, and to the end of a pause that it runs into.
 -module(starl_mutex_holds).
 
+-export([is_held/2]).
 -export([new/1, broken/2, granted/6, leased/6, acquired/5, answered/4, ended/6, forget/2, finish/2]).
 -export([tokens/1, timeless/1]).
 
@@ -96,6 +97,10 @@ new(Config) ->
 -spec broken(starl_assumption:window(), t()) -> t().
 broken(Window, #holds{assumption = Assumption} = Holds) ->
     Holds#holds{assumption = starl_assumption:broken(Window, Assumption)}.
+
+%% @doc Does a robot hold the token?
+-spec is_held(token(), t()) -> boolean().
+is_held(Token, #holds{holds = Holds}) -> maps:get(Token, Holds, []) =/= [].
 
 %% @doc A home confirms a hand-over of a token to a robot.
 -spec granted(integer(), Home :: robot_id(), token(), fence(), To :: robot_id(), t()) ->

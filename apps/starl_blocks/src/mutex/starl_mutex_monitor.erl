@@ -9,8 +9,15 @@
 %% only deviations that it explains are excused. A hold ends with `released' or `lease_lost', with
 %% the crash of the robot's mutex machine, or with the robot.
 %%
-%% Progress: a request is granted within `bound_us' (default: none), as far as it was made at
-%% `from_us' or later (default 0); with `granted' (default false) a request that fails is a
+%% Progress: a token that a robot asks for does not lie idle: within `idle_us' (default: none; in a run
+%% it follows from the lease, `retry_us', the radio and SAP, see {@link context/2}) some robot holds it,
+%% counted from the request, the end of the last hold, a hand-over that was lost, the last crash of a
+%% mutex machine, and the last fault that the team meets meanwhile ({@link
+%% starl_assumption:calm_us/3}). It is not judged once the token's home has died. The holds themselves
+%% are as long as applications hold.
+%%
+%% Besides, a request is granted within `bound_us' (default: none) of it and of the last fault that it
+%% meets, as far as it was made at `from_us' or later (default 0); with `granted' (default false) a request that fails is a
 %% violation as well. A robot's death or the crash of its mutex machine ends its requests.
 %%
 %% Events of machine `mutex': {@link starl_mutex_tokens:event()}, `crashed'; of machine `robot':
@@ -32,14 +39,30 @@
     open = #{} :: #{{token(), robot_id()} => [RequestedUs :: integer()]},
     %% the bounds in their order; those that `open' does not confirm are void
     deadlines = queue:new() :: queue:queue({integer(), token(), robot_id()}),
+    %% the tokens that are asked for and not held, since when, and the earliest time at which one of
+    %% them may have been idle for too long
+    idle_us :: pos_integer() | infinity,
+    idle = #{} :: #{token() => SinceUs :: integer()},
+    idle_due = infinity :: integer() | infinity,
+    faults :: starl_assumption:t(),
+    robots :: [robot_id()],
+    died = [] :: [robot_id()],
     waits = {0, 0, 0} :: {Count :: integer(), SumUs :: integer(), LongestUs :: integer()},
     lost = 0 :: non_neg_integer(),
     failed = 0 :: non_neg_integer()
 }).
 
-%% @doc See above; all keys may be left out. `lease_us', `drift_ppm' and `lag_us' are those of the
+%% Clocks are within 1 % of real time.
+-define(DRIFT_PPM, 10000).
+%% The time of the robots' own steps.
+-define(MARGIN_US, 1000000).
+
+%% @doc See above; all keys may be left out. `robots': the team; `faults': the windows of all faults. `lease_us', `drift_ppm' and `lag_us' are those of the
 %% machines, by default theirs (8 s, 10000, 250 ms).
 -spec init(#{
+    robots => [robot_id()],
+    faults => [starl_assumption:window()],
+    idle_us => pos_integer() | infinity,
     bound_us => pos_integer() | infinity,
     from_us => integer(),
     granted => boolean(),
@@ -53,29 +76,53 @@ init(Config) ->
         bound_us = maps:get(bound_us, Config, infinity),
         from_us = maps:get(from_us, Config, 0),
         granted = maps:get(granted, Config, false),
+        idle_us = maps:get(idle_us, Config, infinity),
+        faults = starl_assumption:new(maps:get(faults, Config, []), ?DRIFT_PPM),
+        robots = maps:get(robots, Config, []),
         holds = starl_mutex_holds:new(
             maps:with([lease_us, drift_ppm, lag_us, broken], Config)
         )
     }.
 
-%% @doc The configuration with the times of broken assumptions; faults of clocks and processes widen
-%% the bound.
+%% @doc The configuration with the times of broken assumptions and of all faults, and with the longest
+%% time for which a token is idle, if `retry_us', the time after which a waiting robot asks again, is
+%% given. At worst the last holder has gone: the lease of its claim runs out, and that of a claim
+%% which its home may have forgotten. The robot then asks again at the home, which passes it on to the
+%% holder, which hands the token over; the robot claims it at the home, a second time if that was
+%% lost, and is answered.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{broken := Broken, slack_us := Slack}, Config) ->
-    Told = maps:merge(#{broken => Broken}, Config),
-    case Told of
-        #{bound_us := Bound} when is_integer(Bound) -> Told#{bound_us := Bound + Slack};
-        #{} -> Told
-    end.
+context(#{broken := Broken, faults := Faults, slack_us := Slack} = Known, Config) ->
+    Told = idle(Known, maps:merge(#{broken => Broken, faults => Faults}, Config)),
+    maps:map(
+        fun
+            (Key, Us) when is_integer(Us), Key =:= bound_us orelse Key =:= idle_us -> Us + Slack;
+            (_Key, Value) -> Value
+        end,
+        Told
+    ).
 
-%% @doc Leases that run into the window may be noticed later; it widens the bound.
+idle(
+    #{sap := Sap, loss := Loss, delay_us := Delay}, #{retry_us := Retry, lease_us := Lease} = Told
+) when
+    not is_map_key(idle_us, Told)
+->
+    #{lag_us := Lag} = Told,
+    case starl_sap:reach_us(Sap, Loss, Delay, Retry) of
+        never ->
+            Told;
+        Reach ->
+            Told#{idle_us => 2 * (Lease + Retry) * 101 div 100 + 2 * Lag + 5 * Reach + ?MARGIN_US}
+    end;
+idle(_Known, Told) ->
+    Told.
+
+%% @doc Leases that run into the window may be noticed later; it excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken({_, From, To, _} = Window, #state{holds = Holds, bound_us = Bound} = State) ->
-    Told = State#state{holds = starl_mutex_holds:broken(Window, Holds)},
-    case Bound of
-        infinity -> Told;
-        _ -> Told#state{bound_us = Bound + To - From}
-    end.
+broken(Window, #state{holds = Holds, faults = Faults} = State) ->
+    State#state{
+        holds = starl_mutex_holds:broken(Window, Holds),
+        faults = starl_assumption:broken(Window, Faults)
+    }.
 
 %% @doc The mutex machines' own events and the end of robots.
 -spec interests() -> [atom()].
@@ -108,8 +155,10 @@ timeless(#state{holds = Holds}) -> starl_mutex_holds:timeless(Holds).
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
 step({T, Robot, Machine, Event}, State) ->
     {Overdue, Current} = pass(T, State, []),
-    {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
-    case Overdue ++ Broken of
+    {Idle, Busy} = lie_idle(T, Current),
+    {Broken, Judged} = judge({Machine, Event}, T, Robot, Busy),
+    Next = noted(Event, T, Judged),
+    case Overdue ++ Idle ++ Broken of
         [] -> {ok, Next};
         [First | _] -> {violation, First, Next}
     end.
@@ -120,7 +169,8 @@ step({T, Robot, Machine, Event}, State) ->
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, State) ->
-    {Overdue, #state{waits = {Count, Sum, Longest}} = End} = pass(EndTimeUs, State, []),
+    {Overdue, Passed} = pass(EndTimeUs, State, []),
+    {Idle, #state{waits = {Count, Sum, Longest}} = End} = lie_idle(EndTimeUs, Passed),
     Mean = Sum / max(1, Count),
     Results = #{
         tokens => starl_mutex_holds:tokens(End#state.holds),
@@ -131,7 +181,7 @@ finish(EndTimeUs, State) ->
         mean_wait_us => Mean,
         unfairness => Longest / max(1.0, Mean)
     },
-    {verdict(Overdue ++ starl_mutex_holds:finish(EndTimeUs, End#state.holds)), Results}.
+    {verdict(Overdue ++ Idle ++ starl_mutex_holds:finish(EndTimeUs, End#state.holds)), Results}.
 
 verdict([]) -> ok;
 verdict(Violations) -> {violation, Violations}.
@@ -157,10 +207,17 @@ judge({mutex, {lease_lost, Token, Fence}}, T, Robot, #state{holds = Holds} = Sta
 judge({mutex, {failed, Token, Reason}}, T, Robot, #state{failed = Failed} = State) ->
     {Since, Closed} = close(Token, Robot, State#state{failed = Failed + 1}),
     {refused(T, Robot, Token, Reason, Since, State), Closed};
-judge({mutex, crashed}, _T, Robot, State) ->
-    {[], forget(Robot, State)};
-judge({robot, {died, _Reason}}, _T, Robot, State) ->
-    {[], forget(Robot, State)};
+judge({mutex, crashed}, T, Robot, #state{faults = Faults} = State) ->
+    Fault = {Robot, T, T, fault},
+    {[], forget(T, Robot, State#state{faults = starl_assumption:broken(Fault, Faults)})};
+judge({robot, {died, _Reason}}, T, Robot, #state{faults = Faults, died = Died} = State) ->
+    Fault = {Robot, T, T, fault},
+    {
+        [],
+        forget(T, Robot, State#state{
+            faults = starl_assumption:broken(Fault, Faults), died = [Robot | Died]
+        })
+    };
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
 
@@ -191,11 +248,68 @@ close(Token, Robot, #state{open = Open} = State) ->
         #{} -> {none, State}
     end.
 
-forget(Robot, #state{holds = Holds, open = Open} = State) ->
-    State#state{
+forget(T, Robot, #state{holds = Holds, open = Open} = State) ->
+    Tokens = lists:usort([Token || {Token, _} <- maps:keys(Open)]),
+    Forgotten = State#state{
         holds = starl_mutex_holds:forget(Robot, Holds),
         open = maps:filter(fun({_, Who}, _) -> Who =/= Robot end, Open)
+    },
+    lists:foldl(fun(Token, S) -> look(Token, T, S) end, Forgotten, Tokens).
+
+%%% Tokens that lie idle
+
+noted(_Event, _T, #state{idle_us = infinity} = State) -> State;
+noted({requested, Token}, T, State) -> look(Token, T, State);
+noted({acquired, Token, _}, T, State) -> look(Token, T, State);
+noted({released, Token, _}, T, State) -> look(Token, T, State);
+noted({lease_lost, Token, _}, T, State) -> look(Token, T, State);
+noted({failed, Token, _}, T, State) -> look(Token, T, State);
+noted({hand_over_lost, Token, _, _}, T, State) -> look(Token, T, used(Token, State));
+noted(_Other, _T, State) -> State.
+
+%% Is the token idle from now on, still, or no longer?
+look(_Token, _T, #state{idle_us = infinity} = State) ->
+    State;
+look(Token, T, #state{idle = Idle, holds = Holds, idle_us = Us, idle_due = Due} = State) ->
+    case waiting(Token, State) =/= [] andalso not starl_mutex_holds:is_held(Token, Holds) of
+        false -> used(Token, State);
+        true when is_map_key(Token, Idle) -> State;
+        true -> State#state{idle = Idle#{Token => T}, idle_due = min(Due, T + Us)}
+    end.
+
+used(Token, #state{idle = Idle} = State) -> State#state{idle = maps:remove(Token, Idle)}.
+
+waiting(Token, #state{open = Open}) ->
+    lists:sort([Robot || {Of, Robot} <- maps:keys(Open), Of =:= Token]).
+
+%% The tokens that have been idle for too long before `T'; each is told once for a time as long.
+lie_idle(T, #state{idle_due = Due} = State) when T =< Due ->
+    %% an atom, `infinity', is greater than every number
+    {[], State};
+lie_idle(T, #state{idle = Idle, idle_us = Us, faults = Faults} = State) ->
+    Dues = [
+        {starl_assumption:calm_us(Since, Us, Faults), Token}
+     || {Token, Since} <- maps:to_list(Idle), has_home(Token, State)
+    ],
+    {Over, Left} = lists:partition(fun({Due, _}) -> Due < T end, lists:sort(Dues)),
+    Told = maps:from_list([{Token, T} || {_, Token} <- Over]),
+    {
+        [
+            violation(lies_idle, Due, waiting(Token, State), #{token => Token})
+         || {Due, Token} <- Over
+        ],
+        State#state{
+            idle = maps:merge(Idle, Told),
+            idle_due = lists:min([infinity | [Due || {Due, _} <- Left] ++ [T + Us || _ <- Over]])
+        }
     }.
+
+has_home(_Token, #state{died = []}) ->
+    true;
+has_home(_Token, #state{robots = []}) ->
+    false;
+has_home(Token, #state{robots = Robots, died = Died}) ->
+    not lists:member(starl_mutex:home(Token, Robots), Died).
 
 %%% The clauses of progress
 
@@ -211,11 +325,14 @@ pass(T, #state{deadlines = Deadlines, bound_us = Bound, open = Open} = State, Fo
     case queue:peek(Deadlines) of
         {value, {Since, Token, Robot}} when Since + Bound < T ->
             Left = State#state{deadlines = queue:drop(Deadlines)},
+            Due = starl_assumption:calm_us(Since, Bound, State#state.faults),
             case lists:member(Since, maps:get({Token, Robot}, Open, [])) of
-                true ->
-                    Details = #{token => Token},
-                    Late = violation(no_grant_in_time, Since + Bound, [Robot], Details),
+                true when Due < T ->
+                    Late = violation(no_grant_in_time, Due, [Robot], #{token => Token}),
                     pass(T, Left, [Late | Found]);
+                true ->
+                    %% requests that came later are due no earlier
+                    {lists:reverse(Found), State};
                 false ->
                     pass(T, Left, Found)
             end;

@@ -17,7 +17,7 @@
 
 -export([new/2, broken/2, is_kept/1, is_kept/3, longest_us/2]).
 -export([clock_later/4, clock_earlier/4, lost_us/4, gained_us/4, handled/4, begun_us/3]).
--export([is_misplaced/4]).
+-export([is_misplaced/4, delayed_us/5, calm_us/3]).
 
 -export_type([t/0, window/0, broken/0]).
 
@@ -29,9 +29,15 @@
 %% gain is a jump where the window is a moment. `pause': no event is handled before the end of the
 %% window. `still': it stands still within a step, whose rest takes place at the end of the window.
 %% `slow': events are handled up to `LagUs' later. `position': positions are those of
-%% another time or of another robot.
+%% another time or of another robot. `fault': something that costs a team time, of whatever kind;
+%% what assumptions are about is told apart from it.
 -type broken() ::
-    {clock, GainUs :: integer()} | pause | still | {slow, LagUs :: integer()} | position.
+    {clock, GainUs :: integer()}
+    | pause
+    | still
+    | {slow, LagUs :: integer()}
+    | position
+    | fault.
 
 -type us() :: integer().
 -type robot_id() :: starl_monitor:robot_id().
@@ -171,6 +177,47 @@ handled(Robot, Due, Lag, Assumption) ->
         end,
         Due + lists:max([Lag | Slow]),
         Windows
+    ).
+
+%% @doc The latest time at which a robot has done, in so many steps, what it began at `FromUs' and
+%% would have done at `DueUs' if it had kept the assumption. Only windows that the work meets delay
+%% it: a clock that loses delays it by what it loses, a pause by the part that the work meets, a slow
+%% computer by its lag at every step.
+-spec delayed_us(robot_id(), FromUs :: us(), DueUs :: us(), Steps :: non_neg_integer(), t()) ->
+    us().
+delayed_us(Robot, From, Due, Steps, Assumption) ->
+    lists:foldl(
+        fun
+            ({Begin, End, Broken}, Late) when Begin =< Late, From =< End ->
+                Late + delay(Broken, Begin, End, max(Begin, From), Steps, Assumption);
+            (_, Late) ->
+                Late
+        end,
+        Due,
+        of_robot(Robot, Assumption)
+    ).
+
+delay({clock, Gain}, Begin, End, Met, _Steps, Assumption) when Gain < 0 ->
+    longest(part(-Gain, Begin, End, Met, End), Assumption);
+delay(pause, _Begin, End, Met, _Steps, _Assumption) ->
+    End - Met;
+delay({slow, Lag}, _Begin, _End, _Met, Steps, _Assumption) ->
+    Steps * Lag;
+delay(_Other, _Begin, _End, _Met, _Steps, _Assumption) ->
+    0.
+
+%% @doc The latest time at which a team has done what takes it so long from `SinceUs' on, as long as
+%% nothing goes wrong: every window that the work meets may cost all that was done, so the work begins
+%% anew at its end.
+-spec calm_us(SinceUs :: us(), WithinUs :: us(), t()) -> us().
+calm_us(Since, Within, #assumption{windows = Windows}) ->
+    lists:foldl(
+        fun
+            ({Begin, End, _}, Late) when Begin =< Late, Since =< End -> max(Late, End + Within);
+            (_, Late) -> Late
+        end,
+        Since + Within,
+        lists:merge(maps:values(Windows))
     ).
 
 %% @doc The earliest time at which the step may have begun that has traced something at this time: a

@@ -44,11 +44,15 @@
     {atom(), atom(), none | one | two | many, Details :: [term()], Order :: [term()]}.
 %% Figures that a monitor measured, for the report.
 -type results() :: #{atom() => term()}.
-%% The facts of a run beside its events: the windows in which faults break assumptions; the time at
-%% which all faults are over; the longest delay of a packet; and the time by which clock and process
-%% faults may prolong anything with a bound. Of real robots nothing is known.
+%% The facts of a run beside its events: the windows in which faults break assumptions, and those of
+%% all faults that may cost a team time; the time at which all faults are over; the longest delay of a
+%% packet, the part of the packets that is lost, and the configuration of SAP; and the time by which
+%% every bound is longer on a computer that has other work, too. Of real robots nothing is known.
 -type known() :: #{
     broken := [starl_assumption:window()],
+    faults := [starl_assumption:window()],
+    loss := number(),
+    sap := map(),
     healed_us := integer() | never,
     delay_us := non_neg_integer(),
     slack_us := non_neg_integer()

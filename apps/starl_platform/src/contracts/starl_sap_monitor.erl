@@ -5,7 +5,9 @@
 %% acknowledged only if it was delivered to that destination. Each destination gets one outcome,
 %% within `bound_us' of sending. A message reported lost may still have been delivered, or be
 %% delivered later. When the sender's SAP restarts or its robot dies, the open outcomes are
-%% not expected any more; deliveries of those messages are still judged.
+%% not expected any more; deliveries of those messages are still judged. The source alone keeps
+%% time: an outcome may take longer by what the source's own clock, pauses and slowness explain while
+%% the message is under way ({@link starl_assumption:delayed_us/5}), and by nothing else.
 %%
 %% Answers: a caller is told the outcome of its message at all destinations, also within
 %% `bound_us': `ok' if all have acknowledged, else the destinations at which it was lost.
@@ -31,6 +33,8 @@
 
 -record(state, {
     bound_us :: pos_integer(),
+    steps :: pos_integer(),
+    assumption :: starl_assumption:t(),
     late_us :: non_neg_integer(),
     %% The next time at which the head of an alarm queue is due.
     due = infinity :: integer() | infinity,
@@ -43,6 +47,8 @@
             starl_sap_numbers:t()
     },
     overdue = starl_sap_monitor_alarms:new() :: starl_sap_monitor_alarms:t(),
+    %% messages past the bound whose sources have an excuse: until when, and the bound's end; ordered
+    excused = [] :: [{UntilUs :: integer(), DueUs :: integer(), starl_sap_monitor_sources:id()}],
     stale = starl_sap_monitor_alarms:new() :: starl_sap_monitor_alarms:t(),
     unread = #{} :: #{starl_monitor:robot_id() => starl_sap_monitor_unread:t()},
     room :: non_neg_integer(),
@@ -51,14 +57,21 @@
 }).
 
 -define(LATE_US, 60_000_000).
+%% One step for each of the 16 transmissions, and one for the report.
+-define(STEPS, 17).
+%% Clocks are within 1 % of real time.
+-define(DRIFT_PPM, 10_000).
 %% The largest number of unread messages that an application and its SAP keep.
 -define(ROOM, 1256).
 
-%% @doc `bound_us': the longest time from sending to the last outcome; `late_us' (default one
+%% @doc `bound_us': the longest time from sending to the last outcome; `steps' (default 17): the most
+%% events that the source handles for it; `broken': the windows of broken assumptions; `late_us' (default one
 %% minute): the time for which the content of a lost message is remembered; `robots': the team;
 %% `room': the largest number of unread messages of an application.
 -spec init(#{
     bound_us := pos_integer(),
+    steps => pos_integer(),
+    broken => [starl_assumption:window()],
     late_us => non_neg_integer(),
     robots => [starl_monitor:robot_id()],
     room => non_neg_integer()
@@ -66,25 +79,23 @@
 init(#{bound_us := Bound} = Config) ->
     #state{
         bound_us = Bound,
+        steps = maps:get(steps, Config, ?STEPS),
+        assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM),
         late_us = maps:get(late_us, Config, ?LATE_US),
         room = maps:get(room, Config, ?ROOM),
         is_alone = length(maps:get(robots, Config, [])) < 2
     }.
 
-%% @doc Faults of clocks and processes widen the bound.
+%% @doc The configuration with the windows of broken assumptions; the bound is longer on a computer
+%% that has other work, too.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{slack_us := Slack}, #{bound_us := Bound} = Config) ->
-    Config#{bound_us := Bound + Slack}.
+context(#{broken := Broken, slack_us := Slack}, #{bound_us := Bound} = Config) ->
+    maps:merge(#{broken => Broken}, Config#{bound_us := Bound + Slack}).
 
-%% @doc The window widens the bound.
+%% @doc The window excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken({_, From, To, _}, #state{bound_us = Bound, overdue = Overdue, stale = Stale} = State) ->
-    Later = starl_sap_monitor_alarms:later(To - From, Overdue),
-    State#state{
-        bound_us = Bound + To - From,
-        overdue = Later,
-        due = min(starl_sap_monitor_alarms:due(Later), starl_sap_monitor_alarms:due(Stale))
-    }.
+broken(Window, #state{assumption = Assumption} = State) ->
+    State#state{assumption = starl_assumption:broken(Window, Assumption)}.
 
 %% @doc The events of the SAP, of the application, and of the end of robots.
 -spec interests() -> [atom()].
@@ -436,17 +447,42 @@ give_up(T, Id, #state{sources = Sources} = State) ->
 pass(T, State) ->
     {Overdue, Current} = pass_overdue(T, State, []),
     Forgetful = pass_stale(T, Current),
-    #state{overdue = Outcomes, stale = Stale} = Forgetful,
-    Due = min(starl_sap_monitor_alarms:due(Outcomes), starl_sap_monitor_alarms:due(Stale)),
+    #state{overdue = Outcomes, excused = Excused, stale = Stale} = Forgetful,
+    Due = lists:min([
+        first_until(Excused)
+        | [starl_sap_monitor_alarms:due(Alarms) || Alarms <- [Outcomes, Stale]]
+    ]),
     {Overdue, Forgetful#state{due = Due}}.
 
-pass_overdue(T, #state{overdue = Overdue} = State, Found) ->
-    case starl_sap_monitor_alarms:pop(T, Overdue) of
-        {none, Queue} ->
-            {lists:reverse(Found), State#state{overdue = Queue}};
-        {{Due, Id}, Queue} ->
-            Late = late(Due, Id, State#state.sources),
-            pass_overdue(T, State#state{overdue = Queue}, Late ++ Found)
+first_until([{Until, _, _} | _]) -> Until;
+first_until([]) -> infinity.
+
+%% An excuse is looked at again when it ends: a further window may have come to light meanwhile.
+pass_overdue(T, #state{overdue = Overdue, excused = Excused} = State, Found) ->
+    case {Excused, starl_sap_monitor_alarms:pop(T, Overdue)} of
+        {[{Until, Due, Id} | Left], _} when Until < T ->
+            pass_alarm(T, Due, Id, State#state{excused = Left}, Found);
+        {_, {{Due, Id}, Queue}} ->
+            pass_alarm(T, Due, Id, State#state{overdue = Queue}, Found);
+        {_, {none, Queue}} ->
+            {lists:sort(fun earlier/2, Found), State#state{overdue = Queue}}
+    end.
+
+earlier(#{at_us := A}, #{at_us := B}) -> A =< B.
+
+pass_alarm(T, Due, {Source, _, _} = Id, #state{sources = Sources} = State, Found) ->
+    #state{bound_us = Bound, steps = Steps, assumption = Assumption} = State,
+    case late(Due, Id, Sources) of
+        [] ->
+            pass_overdue(T, State, Found);
+        [Late] ->
+            case starl_assumption:delayed_us(Source, Due - Bound, Due, Steps, Assumption) of
+                Until when Until < T ->
+                    pass_overdue(T, State, [Late#{at_us := Until} | Found]);
+                Until ->
+                    More = lists:merge([{Until, Due, Id}], State#state.excused),
+                    pass_overdue(T, State#state{excused = More}, Found)
+            end
     end.
 
 late(Due, {Source, _, _} = Id, Sources) ->

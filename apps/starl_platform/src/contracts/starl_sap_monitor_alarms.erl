@@ -5,7 +5,7 @@
 %% outnumber the others.
 -module(starl_sap_monitor_alarms).
 
--export([new/0, push/4, pop/2, later/2, due/1]).
+-export([new/0, push/4, pop/2, due/1]).
 
 -export_type([t/0]).
 
@@ -49,12 +49,6 @@ pop(T, {[], [_ | _] = Back, N}) ->
     pop(T, {lists:reverse(Back), [], N});
 pop(_T, Alarms) ->
     {none, Alarms}.
-
-%% @doc All alarms are due later by this time.
--spec later(Us :: non_neg_integer(), t()) -> t().
-later(Us, {Front, Back, N}) ->
-    Later = fun(Alarms) -> [{Due + Us, Id} || {Due, Id} <- Alarms] end,
-    {Later(Front), Later(Back), N}.
 
 %% @doc When the first alarm is due.
 -spec due(t()) -> integer() | infinity.

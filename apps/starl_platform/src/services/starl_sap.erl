@@ -51,7 +51,8 @@
 -module(starl_sap).
 -behaviour(starl_machine).
 
--export([send/4, send/5, post/3, shout/2, shout/3, datagram/4, listen/2, bound_us/1]).
+-export([send/4, send/5, post/3, shout/2, shout/3, datagram/4, listen/2, bound_us/1, tries/1]).
+-export([reach_us/4]).
 -export([init/1, handle_event/5]).
 
 -export_type([config/0, event/0, answer/0]).
@@ -103,6 +104,9 @@
     unclaimed => non_neg_integer()
 }.
 
+%% The part of the messages for which a bound in time need not hold.
+-define(RARE, 1.0e-9).
+
 -record(sap, {
     self :: starl:robot_id(),
     team :: starl_team:t(),
@@ -152,6 +156,37 @@ listen(Type, Machine) -> {cast, sap, {listen, Type, Machine}}.
 %% of the source's clock.
 -spec bound_us(config()) -> integer().
 bound_us(Config) -> round(lists:sum(delays(Config))).
+
+%% @doc The time in which a message reaches a robot that lives, where the radio loses this part of the
+%% packets, takes at most `DelayUs', and the sender's machine sends its message again `RetryUs' after
+%% SAP has given it up (`never': it does not). It is longer at most once in 10^9 messages: so many
+%% transmissions N that Loss^N is at most 10^-9; all N - 1 waiting times before the last one, by a
+%% clock that is 1 % slow.
+-spec reach_us(config(), Loss :: number(), DelayUs :: non_neg_integer(), RetryUs) ->
+    non_neg_integer() | never
+when
+    RetryUs :: non_neg_integer() | never.
+reach_us(Config, Loss, DelayUs, RetryUs) ->
+    Delays = delays(Config),
+    Before = transmissions(Loss) - 1,
+    case {Before div length(Delays), RetryUs} of
+        {0, _} ->
+            waited(lists:sublist(Delays, Before)) + DelayUs;
+        {_, never} ->
+            never;
+        {GivenUp, _} ->
+            Last = lists:sublist(Delays, Before rem length(Delays)),
+            GivenUp * waited([RetryUs | Delays]) + waited(Last) + DelayUs
+    end.
+
+waited(Delays) -> lists:sum(Delays) * 101 div 100.
+
+transmissions(Loss) when Loss == 0 -> 1;
+transmissions(Loss) when Loss < 1 -> ceil(math:log(?RARE) / math:log(Loss)).
+
+%% @doc The number of transmissions of a message that nobody acknowledges.
+-spec tries(config()) -> pos_integer().
+tries(Config) -> length(delays(Config)).
 
 -spec init(starl_machine:config()) -> {ready, #sap{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config) ->

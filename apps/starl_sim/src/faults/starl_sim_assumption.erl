@@ -3,7 +3,7 @@
 %% must hold under all other faults.
 -module(starl_sim_assumption).
 
--export([broken/2]).
+-export([broken/2, faults/1]).
 
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
@@ -40,6 +40,38 @@ windows({_, From, To, location_swap, {A, B}, _}) ->
     [{A, From, To, position}, {B, From, To, position}];
 windows(_) ->
     [].
+
+%% @doc The windows of the faults that may cost a team time: those of the network, of computers, of
+%% stores, and of clocks that do not keep their bound. A timer that runs while its clock is set back is
+%% late by that, what is under way in a slow radio comes later, and a computer that is slow has a
+%% queue.
+-spec faults([starl_sim_fault:t()]) -> [starl_assumption:window()].
+faults(Faults) ->
+    lists:append([
+        [{Robot, From, To + rest(Kind, To - From, Params), fault} || Robot <- struck(Fault)]
+     || {_, _, _, Kind, _, _} = Fault <- Faults,
+        lists:member(starl_sim_fault:class(Fault), [network, clock, process, store]),
+        {_, From, To, _, _, Params} <- [starl_sim_fault:compile(Fault)],
+        Kind =/= clock_drift orelse abs(maps:get(ppm, Params)) > ?DRIFT_PPM
+    ]).
+
+rest(_Kind, _Us, #{extra_ms := Ms}) -> 1000 * Ms;
+rest(_Kind, _Us, #{lag_ms := Ms}) -> 1000 * Ms;
+rest(_Kind, _Us, #{ms := Ms}) -> 1000 * abs(Ms);
+rest(clock_freeze, Us, _Params) -> Us;
+rest(clock_drift, Us, #{ppm := Ppm}) -> Us * abs(round(Ppm)) div 1000000 + 1;
+rest(_Kind, _Us, _Params) -> 0.
+
+%% Whom a group or a part of the floor does not hear, it costs time as well.
+struck({_, _, _, Kind, _, _}) when
+    Kind =:= partition; Kind =:= one_way_partition; Kind =:= ring; Kind =:= range
+->
+    [all];
+struck(Fault) ->
+    case starl_sim_fault:targets(Fault) of
+        [] -> [all];
+        Robots -> lists:usort(Robots)
+    end.
 
 shift(_Robot, _Time, 0) -> [];
 shift(Robot, Time, Us) -> [{Robot, Time, Time, {clock, Us}}].

@@ -191,21 +191,25 @@ pose(Id, Scene, #{world := {Width, _}}) ->
     maps:get(Id, maps:get(poses, Scene, #{}), Default).
 
 %% Monitors get the windows of broken assumptions, the time at which all faults are over, the
-%% longest delay of a packet then, and the time by which clock and process faults may prolong
-%% anything. The contract of progress comes last: other contracts describe a failure better.
+%% longest delay of a packet then, and the time by which this computer may prolong anything. The contract of progress comes last: other contracts describe a failure better.
 monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, SlackUs) ->
     #{faults := Faults, delay := {_, MaxMs}} = Scenario,
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
     Known = #{
-        slack_us => SlackUs + starl_sim_fault:slack_us(Faults),
+        slack_us => SlackUs,
         broken => starl_sim_assumption:broken(Faults, is_exact(Profiles)),
+        faults => out_of_range(Scenario) ++ starl_sim_assumption:faults(Faults),
         healed_us => healed_us(Scenario),
+        loss => maps:get(loss, Scenario),
+        sap => Sap,
         delay_us => round(1000 * MaxMs)
     },
     %% one per cent more for the drift of the sender's clock
     Bound = starl_sap:bound_us(Sap) * 101 div 100 + 1000000,
     Own = [
-        {starl_sap_monitor, #{bound_us => Bound, robots => Ids}},
+        {starl_sap_monitor, #{
+            bound_us => Bound, steps => starl_sap:tries(Sap) + 1, robots => Ids
+        }},
         {starl_crash_monitor, #{excused => excused(Scene)}},
         {starl_motion_monitor, #{profiles => Profiles}}
     ],
@@ -216,6 +220,10 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, SlackUs) ->
 %% Crashes of a user's application are reported, but are no violation.
 excused(#{never_crashes := true}) -> [];
 excused(_Scene) -> [app].
+
+%% A radio of limited range may lose any packet at any time.
+out_of_range(#{range := none}) -> [];
+out_of_range(Scenario) -> [{all, 0, limit_us(Scenario), fault}].
 
 %% With random loss or a limited range, faults never end.
 healed_us(#{loss := Loss, range := none, faults := Faults}) when Loss == 0 ->
