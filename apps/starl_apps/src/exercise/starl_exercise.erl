@@ -94,8 +94,9 @@ scene(Block, Use, Options, #{robots := Robots}) ->
         monitors => [{starl_exercise_monitor, calls(Block, Use, Robots)}]
     }.
 
-calls(Block, #{within := Within}, Robots) ->
+calls(Block, #{within := Within} = Use, Robots) ->
     #{
+        use => Use,
         exercise => Block:exercise(),
         robots => Robots,
         within_us => 1000 * Within,

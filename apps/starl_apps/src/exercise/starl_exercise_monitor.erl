@@ -29,6 +29,8 @@
     margin :: us(),
     bound :: us(),
     assumption :: starl_assumption:t(),
+    reach :: us(),
+    use :: starl_block_exercise:use() | none,
     open = #{} :: #{robot_id() => starl_promise:call()},
     died = [] :: [robot_id()],
     %% the memory of the exercise, and its update by an event
@@ -43,6 +45,8 @@
 %% The most steps of a call at the robot that makes it: a machine's message waits for the last of its
 %% transmissions, and is answered.
 -define(STEPS, 20).
+%% The time for a message, there and back, that all bounds of exercises allow for.
+-define(ORDINARY_US, 100000).
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
 
@@ -54,7 +58,9 @@
     within_us := us(),
     margin_us := us(),
     bound_us := us(),
-    broken => [starl_assumption:window()]
+    broken => [starl_assumption:window()],
+    reach_us => us(),
+    use => starl_block_exercise:use()
 }) -> #state{}.
 init(#{exercise := Exercise, robots := Robots} = Config) ->
     #{within_us := Within, margin_us := Margin, bound_us := Bound} = Config,
@@ -65,16 +71,47 @@ init(#{exercise := Exercise, robots := Robots} = Config) ->
         within = Within,
         margin = Margin,
         bound = Bound,
+        reach = maps:get(reach_us, Config, 0),
+        use = maps:get(use, Config, none),
         assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM),
         seen = starl_block_exercise:seen(Exercise, Robots),
         noted = starl_block_exercise:noted(Exercise)
     }.
 
 %% @doc Enters the time of the heal and the windows of broken assumptions; the bound is longer on a
-%% computer that has other work, too.
+%% computer that has other work, too, and all bounds are longer on a radio that is slow or loses
+%% packets: by the time for each message of the longest chain that a call waits for. All others are in
+%% front, each for two tokens, say, which cost a request, a hand-over, a claim and an answer each. Where
+%% SAP may give a message up for good, nothing is promised.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{slack_us := Slack} = Known, #{bound_us := Bound} = Config) ->
-    maps:merge(maps:with([healed_us, broken], Known), Config#{bound_us := Bound + Slack}).
+    Told = maps:merge(maps:with([healed_us, broken], Known), Config#{bound_us := Bound + Slack}),
+    case reach(Known, Config) of
+        never -> Told#{healed_us => never};
+        Reach -> longer(Reach, Told)
+    end.
+
+%% A message has arrived, for its sender, when its acknowledgement has.
+reach(#{sap := Sap, loss := Loss, delay_us := Delay}, #{use := #{exercise := Exercise} = Use}) ->
+    Again =
+        case starl_block_exercise:again_ms(Exercise, Use) of
+            never -> never;
+            Ms -> 1000 * Ms
+        end,
+    starl_sap:reach_us(Sap, 1 - (1 - Loss) * (1 - Loss), 2 * Delay, Again);
+reach(_Known, _Config) ->
+    0.
+
+longer(
+    Reach, #{robots := Robots, within_us := Within, margin_us := Margin, bound_us := Bound} = Config
+) ->
+    Longer = 8 * (length(Robots) + 1) * max(0, Reach - ?ORDINARY_US),
+    Config#{
+        reach_us => Reach,
+        within_us := Within + Longer,
+        margin_us := Margin + Longer,
+        bound_us := Bound + Longer
+    }.
 
 %% @doc The heal is later than the window, which excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
@@ -184,8 +221,12 @@ add(Time, Us) -> Time + Us.
 promise(Call, #state{exercise = Exercise, seen = Seen} = State) ->
     starl_block_exercise:promise(Exercise, Call, team(State), Seen).
 
-team(#state{robots = Robots, died = Died, healed = Healed, within = Within}) ->
-    #{robots => Robots, died => Died, healed_us => Healed, within_us => Within}.
+team(#state{robots = Robots, died = Died, healed = Healed, within = Within} = State) ->
+    Team = #{robots => Robots, died => Died, healed_us => Healed, within_us => Within},
+    case State of
+        #state{use = none} -> Team;
+        #state{use = Use, reach = Reach} -> Team#{use => Use, reach_us => Reach}
+    end.
 
 violation(What, T, #{what := Of, since_us := Since, robot := Robot}, Details) ->
     #{

@@ -4,7 +4,7 @@
 -module(starl_barrier_exercise).
 -behaviour(starl_block_exercise).
 
--export([flags/0, block_options/1, within_ms/1, draw/1, work/3, final/3]).
+-export([flags/0, block_options/1, within_ms/1, again_ms/1, draw/1, work/3, final/3]).
 -export([watches/0, seen/1, noted/2, promise/3]).
 
 -type robot_id() :: starl_monitor:robot_id().
@@ -25,6 +25,9 @@ block_options(#{retry := Retry}) -> #{retry_ms => Retry}.
 
 -spec within_ms(starl_block_exercise:use()) -> pos_integer().
 within_ms(#{retry := Retry}) -> ?WITHIN_MS + round(2 * Retry).
+
+-spec again_ms(starl_block_exercise:use()) -> pos_integer().
+again_ms(#{retry := Retry}) -> Retry.
 
 -spec draw(starl_block_exercise:draw()) -> #{atom() => term()}.
 draw(Draw) -> #{retry => Draw(retry, [500, 1000, 3000])}.

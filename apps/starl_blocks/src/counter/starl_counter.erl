@@ -40,7 +40,8 @@ machines(Options) -> [{counter, starl_counter_gossip, Options}].
 -spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
 monitors(#{gossip_ms := Ms}, #{robots := Robots}) ->
     Within = 1000 * within_ms(Ms, length(Robots)),
-    [{starl_counter_monitor, #{robots => Robots, within_us => Within}}].
+    Turn = 1000 * Ms * length(Robots),
+    [{starl_counter_monitor, #{robots => Robots, within_us => Within, turn_us => Turn}}].
 
 %% @doc The time (ms) after the last increment within which all robots agree, when messages get
 %% through: each robot tells all others in turn, twice, as the first message to a robot that has

@@ -4,7 +4,7 @@
 -module(starl_counter_exercise).
 -behaviour(starl_block_exercise).
 
--export([flags/0, block_options/1, within_ms/1, draw/1, work/3, final/3, promise/3]).
+-export([flags/0, block_options/1, within_ms/1, again_ms/1, draw/1, work/3, final/3, promise/3]).
 
 %% One turn in this many counts.
 -define(TURNS, 3).
@@ -21,6 +21,9 @@ block_options(#{gossip := Ms}) -> #{gossip_ms => Ms}.
 
 -spec within_ms(starl_block_exercise:use()) -> pos_integer().
 within_ms(#{gossip := Ms, team := Robots}) -> starl_counter:within_ms(Ms, Robots).
+
+-spec again_ms(starl_block_exercise:use()) -> pos_integer().
+again_ms(#{gossip := Ms, team := Robots}) -> Ms * Robots.
 
 -spec draw(starl_block_exercise:draw()) -> #{atom() => term()}.
 draw(Draw) -> #{gossip => Draw(gossip, [200, 1000, 3000])}.

@@ -44,7 +44,16 @@ init(#{robots := Robots} = Config) ->
 
 %% @doc The configuration with the end of all faults.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{healed_us := Healed}, Config) -> maps:merge(#{healed_us => Healed}, Config).
+context(#{healed_us := Healed} = Known, Config) ->
+    longer(Known, maps:merge(#{healed_us => Healed}, Config)).
+
+%% The last message that all wait for may be given up by SAP, and is sent again in the next turn.
+longer(
+    #{sap := Sap, loss := Loss, delay_us := Delay}, #{within_us := Within, turn_us := Turn} = Config
+) ->
+    Config#{within_us := Within + starl_sap:reach_us(Sap, Loss, Delay, Turn)};
+longer(_Known, Config) ->
+    Config.
 
 %% @doc The window is over: from then on robots have their time to agree.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.

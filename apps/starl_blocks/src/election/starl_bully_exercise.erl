@@ -11,6 +11,8 @@
 
 %% The time after which others may find out that a robot has restarted.
 -define(SETTLED_US, 5000000).
+%% The time that a robot waits for an answer.
+-define(ANSWER_US, 500000).
 
 -spec block_options(starl_block_exercise:use()) -> starl_block:options().
 block_options(Use) -> starl_election_exercise:block_options(Use).
@@ -36,10 +38,14 @@ promise(#{what := {elect, Election}} = Call, Team, First) ->
 promise(_Call, _Team, _First) ->
     none.
 
-leader(T, #{healed_us := Healed, robots := Robots, died := Died}) when
+leader(T, #{healed_us := Healed, robots := Robots, died := Died} = Team) when
     is_integer(T), is_integer(Healed), T >= Healed + ?SETTLED_US
 ->
     Leader = lists:max(Robots -- Died),
-    fun(Outcome) -> Outcome =:= {ok, Leader} end;
+    %% who does not answer in time counts as dead
+    case maps:get(reach_us, Team, 0) =< ?ANSWER_US of
+        true -> fun(Outcome) -> Outcome =:= {ok, Leader} end;
+        false -> fun starl_promise:is_some/1
+    end;
 leader(_T, _Team) ->
     fun starl_promise:is_some/1.

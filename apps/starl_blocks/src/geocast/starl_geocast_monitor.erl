@@ -105,7 +105,11 @@ init(#{robots := Robots} = Config) ->
 %% longest delay of a packet.
 -spec context(starl_monitor:known(), map()) -> map().
 context(Known, Config) ->
-    maps:merge(maps:with([broken, healed_us, delay_us], Known), Config).
+    maps:merge(healed(maps:with([broken, healed_us, delay_us], Known), Known), Config).
+
+%% What is offered once is lost with the packet, so that nothing is owed on a radio that loses some.
+healed(Told, #{loss := Loss}) when Loss > 0 -> Told#{healed_us := never};
+healed(Told, _Known) -> Told.
 
 %% @doc What a robot should have received in the window is not judged.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.

@@ -5,7 +5,7 @@
 -module(starl_mutex_exercise).
 -behaviour(starl_block_exercise).
 
--export([flags/0, block_options/1, within_ms/1, draw/1, work/3, final/3]).
+-export([flags/0, block_options/1, within_ms/1, again_ms/1, draw/1, work/3, final/3]).
 -export([seen/1, noted/2, promise/3]).
 
 -type robot_id() :: starl_monitor:robot_id().
@@ -39,6 +39,9 @@ block_options(#{lease := Lease, retry := Retry}) -> #{lease_ms => Lease, retry_m
 -spec within_ms(starl_block_exercise:use()) -> pos_integer().
 within_ms(#{team := N, hold := Hold, lease := Lease, retry := Retry}) ->
     ?WITHIN_MS + round(2 * (Lease + Retry + N * Hold)).
+
+-spec again_ms(starl_block_exercise:use()) -> pos_integer().
+again_ms(#{retry := Retry}) -> Retry.
 
 -spec draw(starl_block_exercise:draw()) -> #{atom() => term()}.
 draw(Draw) ->
@@ -92,10 +95,21 @@ noted(_Event, Seen) ->
 
 -spec promise(starl_promise:call(), starl_promise:team(), #seen{}) -> starl_promise:t().
 promise(Call, Team, #seen{homes = Homes} = Seen) ->
-    case starl_promise:has_died(maps:keys(Homes), Team) of
+    case starl_promise:has_died(maps:keys(Homes), Team) orelse is_slow(Call, Team) of
         true -> none;
         false -> with_homes(Call, Team, Seen)
     end.
+
+%% A claim and its answer must come within a lease; a hold is renewed at its half.
+is_slow(#{what := What}, #{use := #{lease := Lease}, reach_us := Reach}) ->
+    Part =
+        case What of
+            {release, _} -> 2;
+            _ -> 1
+        end,
+    Part * Reach > 1000 * Lease;
+is_slow(_Call, _Team) ->
+    false.
 
 with_homes(#{what := {acquire, _}} = Call, Team, _Seen) ->
     starl_promise:soon(Call, fun starl_promise:is_some/1, Team);

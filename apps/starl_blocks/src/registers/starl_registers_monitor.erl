@@ -66,12 +66,21 @@ init(#{robots := Robots} = Config) ->
 %% @doc The configuration with the end of all faults; faults of clocks and processes widen
 %% `bound_us'.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{healed_us := Healed, slack_us := Slack}, Config) ->
-    Told = maps:merge(#{healed_us => Healed}, Config),
+context(#{healed_us := Healed, slack_us := Slack} = Known, Config) ->
+    Told = longer(Known, maps:merge(#{healed_us => Healed}, Config)),
     case Told of
         #{bound_us := Bound} -> Told#{bound_us := Bound + Slack};
         #{} -> Told
     end.
+
+%% The last exchange takes three messages. If SAP may give one up, no number of exchanges is sure.
+longer(#{sap := Sap, loss := Loss, delay_us := Delay}, #{within_us := Within} = Config) ->
+    case starl_sap:reach_us(Sap, Loss, Delay, never) of
+        never -> Config#{healed_us := never};
+        Reach -> Config#{within_us := Within + 3 * Reach}
+    end;
+longer(_Known, Config) ->
+    Config.
 
 %% @doc The window is over: from then on robots have their time to agree.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.

@@ -24,6 +24,12 @@
 %% The bound on the drift of clocks is 10,000 ppm. Faults that let a clock drift would add to it.
 -define(NEARLY_PPM, 9999).
 -define(STEADY, 0.3).
+%% The part of the runs with a sound radio; else the parts of the packets that it loses and repeats,
+%% and their delays, ms.
+-define(SOUND, 0.5).
+-define(LOSSES, [0.0, 0.01, 0.05, 0.1, 0.2, 0.4]).
+-define(DUPLICATES, [0.0, 0.0, 0.2]).
+-define(DELAYS, [{5, 20}, {5, 20}, {20, 200}, {1, 1000}]).
 %% The delays of drive commands, ms.
 -define(LATENCIES, [{0, 0}, {0, 8}, {0, 20}, {10, 50}]).
 %% The faults of positions, bodies and stores that path planning tolerates. It assumes positions
@@ -46,7 +52,8 @@ scenario(dpp, Robots, Seed) ->
         chassis => one_of([differential, differential, holonomic, mixed], {Seed, dpp, chassis})
     });
 scenario(Block, Robots, Seed) ->
-    Drawn = maps:merge(clocks(Block, Seed), figures(Block, Seed)),
+    Figures = maps:merge(clocks(Block, Seed), figures(Block, Seed)),
+    Drawn = maps:merge(Figures, radio(Block, Seed)),
     maps:merge(Drawn, #{
         app => starl_exercise,
         block => Block,
@@ -70,6 +77,20 @@ robots(Robots, _Block, _Seed) -> Robots.
 
 %% In most runs a third of the time, in some the whole time.
 longest(Heal, Block, Seed) -> one_of([Heal div 3, Heal div 3, Heal], {Seed, Block, longest}).
+
+%% In half of the runs the radio is sound without faults, so that all that was lost has a cause; in the
+%% others it loses, repeats and delays packets all the time.
+radio(Block, Seed) ->
+    case starl_sim_draw:uniform({Seed, Block, radio}) < ?SOUND of
+        true ->
+            #{};
+        false ->
+            #{
+                loss => one_of(?LOSSES, {Seed, Block, loss}),
+                duplicate => one_of(?DUPLICATES, {Seed, Block, duplicate}),
+                delay => one_of(?DELAYS, {Seed, Block, delay})
+            }
+    end.
 
 %% Either clocks near the bound of their drift, without faults that change their drift (path
 %% planning: without any faults of clocks), or good clocks with all faults of clocks.

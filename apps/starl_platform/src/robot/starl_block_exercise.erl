@@ -8,7 +8,7 @@
 -module(starl_block_exercise).
 
 -export([call/3, call/4, again/1, pick/2]).
--export([flags/1, block_options/2, prepare/3, final/4, within_ms/2, draw/2]).
+-export([flags/1, block_options/2, prepare/3, final/4, within_ms/2, again_ms/2, draw/2]).
 -export([watches/1, seen/2, noted/1, promise/4]).
 
 -export_type([use/0, draw/0, event/0]).
@@ -46,6 +46,9 @@
 -callback prepare(starl:robot(), use()) -> term().
 %% The time (ms) after the last fault within which a promise comes true.
 -callback within_ms(use()) -> pos_integer().
+%% The time (ms) after which the block sends again what SAP has given up; without this callback it does
+%% not.
+-callback again_ms(use()) -> pos_integer().
 %% The values of its own flags for a soak.
 -callback draw(draw()) -> #{atom() => term()}.
 %% The machines, besides the application, whose events the promises depend on.
@@ -64,6 +67,7 @@
     block_options/1,
     prepare/2,
     within_ms/1,
+    again_ms/1,
     draw/1,
     watches/0,
     seen/1,
@@ -121,6 +125,10 @@ final(Exercise, Robot, N, Use) -> said(Exercise, final, [Robot, N, Use], ok).
 %% @doc The time (ms) within which a promise comes true, by default 20 s.
 -spec within_ms(module(), use()) -> pos_integer().
 within_ms(Exercise, Use) -> said(Exercise, within_ms, [Use], ?WITHIN_MS).
+
+%% @doc The time (ms) after which the block sends again what SAP has given up.
+-spec again_ms(module(), use()) -> pos_integer() | never.
+again_ms(Exercise, Use) -> said(Exercise, again_ms, [Use], never).
 
 %% @doc The values for a soak.
 -spec draw(module(), draw()) -> #{atom() => term()}.

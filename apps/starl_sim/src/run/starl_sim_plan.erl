@@ -225,8 +225,8 @@ excused(_Scene) -> [app].
 out_of_range(#{range := none}) -> [];
 out_of_range(Scenario) -> [{all, 0, limit_us(Scenario), fault}].
 
-%% With random loss or a limited range, faults never end.
-healed_us(#{loss := Loss, range := none, faults := Faults}) when Loss == 0 ->
+%% With a limited range, faults never end. With random loss they do: bounds allow for it.
+healed_us(#{range := none, faults := Faults}) ->
     starl_sim_fault:healed_us(Faults);
 healed_us(_Scenario) ->
     never.
