@@ -134,7 +134,7 @@ not_halted_test() ->
 
 %% The broken assumptions that the monitor has been told of.
 told_to(Judge) ->
-    {[], #{?MODULE := #{seen := Seen}}} = starl_world_judge:close(99, Judge),
+    {[], #{?MODULE := #{seen := Seen}}, []} = starl_world_judge:close(99, Judge),
     [Window || {_, _, _, pause} = Window <- Seen].
 
 halted(Robot, At, Judge) ->
