@@ -50,6 +50,16 @@ cut_test() ->
     ?assertEqual([fact(34)], told(traced(2, 34, [fact(9)], Two))),
     ?assertEqual([fact(35)], told(traced(3, 36, [fact(35)], Two))).
 
+%% The look at a step that was cut in two may come when the next step has begun: what that tells holds no
+%% earlier.
+facts_stay_in_order_test() ->
+    {[], One} = ?T:halted(1, [], 10, team()),
+    {Cut, Two} = traced(1, 47, [fact(8)], One),
+    ?assertEqual([fact(47)], Cut),
+    {Next, Three} = traced(2, 49, [fact(44), fact(48)], Two),
+    ?assertEqual([fact(47), fact(48)], Next),
+    ?assertEqual([fact(50)], told(traced(3, 51, [fact(50)], Three))).
+
 %% A halt may strike a step that another one has cut in two before.
 cut_twice_test() ->
     {[], One} = ?T:halted(1, [], 10, team()),

@@ -36,6 +36,8 @@
     batch = 0 :: non_neg_integer(),
     %% the times of its halts, latest first
     halts = [] :: [integer()],
+    %% when it went on with a step that a halt had cut in two
+    went_on = 0 :: integer(),
     is_up = false :: boolean(),
     result = running :: result()
 }).
@@ -190,6 +192,7 @@ started(Id, Link, {Names, File}, Robots) ->
             record = File,
             batch = 0,
             halts = [],
+            went_on = 0,
             is_up = true
         }
     }.
@@ -214,22 +217,30 @@ traced(Id, Link, Batch, Robots) ->
             {[], Robots}
     end.
 
-told(Batches, #robot{batch = Last, halts = Halts} = Robot) ->
-    New = [Batch || {N, _, _} = Batch <- Batches, N > Last],
-    Events = lists:append([after_halt(Batch, Halts) || Batch <- New]),
-    {Events, Robot#robot{batch = lists:max([Last | [N || {N, _, _} <- New]])}}.
+told(Batches, Robot) -> lists:foldl(fun told_one/2, {[], Robot}, Batches).
+
+told_one({N, _, _}, {Events, #robot{batch = Last} = Robot}) when N =< Last ->
+    {Events, Robot};
+told_one({N, _, _} = Batch, {Events, #robot{halts = Halts, went_on = Before} = Robot}) ->
+    {New, WentOn} = after_halt(Batch, Halts, Before),
+    {Events ++ New, Robot#robot{batch = N, went_on = WentOn}}.
 
 %% Facts that the robot had looked at before a halt hold at their time. Those of a step that the halt cut
-%% in two before the look hold when the robot went on: at the latest at the next fact, or at the look.
-after_halt({_N, Looked, Events}, Halts) ->
-    case [At || At <- Halts, At < Looked] of
-        [] ->
-            Events;
-        [At | _] ->
-            {Cut, New} = lists:splitwith(fun(Event) -> element(1, Event) =< At end, Events),
-            WentOn = hd([element(1, Event) || Event <- New] ++ [Looked]),
-            [setelement(1, Event, WentOn) || Event <- Cut] ++ New
-    end.
+%% in two before the look hold when the robot went on: at the latest at the next fact, or at the look. No
+%% later fact holds before that, though the look may come when the next step has begun.
+after_halt({_N, Looked, Events}, Halts, Before) ->
+    {Cut, New} =
+        case [At || At <- Halts, At < Looked] of
+            [] -> {[], Events};
+            [At | _] -> lists:splitwith(fun(Event) -> element(1, Event) =< At end, Events)
+        end,
+    WentOn = went_on(Cut, New, Looked, Before),
+    Late = [setelement(1, Event, WentOn) || Event <- Cut],
+    {Late ++ [setelement(1, Event, max(WentOn, element(1, Event))) || Event <- New], WentOn}.
+
+went_on([], _New, _Looked, Before) -> Before;
+went_on(_Cut, [First | _], _Looked, Before) -> max(element(1, First), Before);
+went_on(_Cut, [], Looked, Before) -> max(Looked, Before).
 
 %% @doc The application of a robot has ended.
 -spec result(id(), result(), t()) -> t().
