@@ -309,6 +309,17 @@ begins_again_in_order_test() ->
     ?assertEqual([passed_out_of_order], judge(Again ++ [{7, 2, passed, 2}])),
     ?assertEqual([], judge(Again ++ [{7, 2, passed, 1}])).
 
+%% A robot whose store was damaged knows what all have reached when it has passed a round again.
+damaged_until_it_passes_test() ->
+    Round = fun(T, K) ->
+        [{T, R, reached, K} || R <- [1, 2]] ++ [{T + 1, R, passed, K} || R <- [1, 2]]
+    end,
+    Begin = Round(1, 1) ++ Round(3, 2) ++ [{5, 1, damaged}, {6, 1, reached, 3}],
+    Back = [{9, 1, crashed}, {9, 2, set_back}, {10, 2, reached, 1}],
+    ?assertEqual([], judge(Begin ++ Back)),
+    Passes = [{7, 2, reached, 3}, {8, 1, passed, 3}, {8, 2, passed, 3}],
+    ?assertEqual([reached_out_of_order], judge(Begin ++ Passes ++ Back)).
+
 late_pass_test() ->
     Late = all_reach() ++ [{5, 1, passed, 1}, {16, 2, passed, 1}],
     ?assertEqual([late_pass], judge(Late, 20, #{delta_us => 10})),

@@ -8,7 +8,8 @@
 %% round, once: with the one after the last that it has reached; with the last that it has
 %% passed, if its store was set back, or another robot's machine has crashed, too, since it reached
 %% that one (the one that crashed has forgotten that round, and need not have heard of the next); or with an earlier one,
-%% if the stores of all robots were damaged.
+%% if the stores of all robots were damaged. (What all have surely reached a robot learns anew when it
+%% passes a round: until then its damage counts for this.)
 %%
 %% Progress: a robot that has reached a round passes it or fails within `bound_us' (default: none)
 %% of the last participant's reaching it, of the last fault that the team meets meanwhile, and of the
@@ -54,6 +55,8 @@
     passed = #{} :: #{key() => non_neg_integer()},
     %% what has happened since the last round was reached
     doubts = #{} :: #{key() => doubt()},
+    %% the robots whose stores were damaged since they have passed a round
+    unsound = #{} :: #{key() => []},
     rounds = #{} :: #{{name(), K :: pos_integer()} => #round{}},
     %% whose call has ended since it reached its last round of the name
     excused = [] :: [key()],
@@ -213,16 +216,18 @@ forgotten(_Damaged) -> damaged_and_forgotten.
 
 damage(Robot, State) ->
     Damaged = doubt(fun(R) -> R =:= Robot end, fun damaged/1, State),
+    Keys = maps:keys(State#state.reached),
+    Unsound = maps:merge(
+        State#state.unsound, maps:from_keys([K || {_, R} = K <- Keys, R =:= Robot], [])
+    ),
     Doubts = Damaged#state.doubts,
-    Sound = [Key || Key <- maps:keys(State#state.reached), not is_damaged(Key, Doubts)],
-    Lost = [Key || {Name, _} = Key <- maps:keys(Doubts), not lists:keymember(Name, 1, Sound)],
-    Damaged#state{doubts = maps:merge(Doubts, maps:from_keys(Lost, lost))}.
+    Sound = [Key || Key <- Keys, not is_map_key(Key, Unsound)],
+    Lost = [Key || {Name, _} = Key <- maps:keys(Unsound), not lists:keymember(Name, 1, Sound)],
+    Damaged#state{doubts = maps:merge(Doubts, maps:from_keys(Lost, lost)), unsound = Unsound}.
 
 damaged(none) -> damaged;
 damaged(Doubt) when Doubt =:= forgotten; Doubt =:= untold -> damaged_and_forgotten;
 damaged(Damaged) -> Damaged.
-
-is_damaged(Key, Doubts) -> is_damage(maps:get(Key, Doubts, none)).
 
 is_damage(Doubt) -> not lists:member(Doubt, [none, forgotten, untold]).
 
@@ -284,6 +289,7 @@ pass(T, Robot, Name, K, #state{passed = Passed, passes = Passes, robots = Robots
     Next = (excuse_no_more(Key, State))#state{
         passed = Passed#{Key => K},
         passes = Passes + 1,
+        unsound = maps:remove(Key, State#state.unsound),
         doubts = change(Key, fun passed_with/1, State#state.doubts)
     },
     case {N + 1 =:= length(Robots), First} of
