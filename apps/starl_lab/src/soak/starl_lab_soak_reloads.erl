@@ -104,9 +104,14 @@ some(Key, Robots) ->
         _ -> lists:seq(1, Robots)
     end.
 
-%% Code whose trial has ended well may crash for good: this one crashes before.
-trial(crashes_after_a_step, _Key) -> ?LONGER_MS;
-trial(_Version, Key) -> one_of(?TRIALS_MS, Key).
+%% Code whose trial has ended may crash for good, and a step may take longer than a trial: this code
+%% crashes before.
+trial(Version, _Key) when
+    Version =:= crashes_at_once; Version =:= crashes_after_a_step; Version =:= crashes_on_some
+->
+    ?LONGER_MS;
+trial(_Version, Key) ->
+    one_of(?TRIALS_MS, Key).
 
 one_of(List, Key) -> lists:nth(starl_sim_draw:between(Key, 1, length(List)), List).
 
