@@ -330,6 +330,8 @@ registers_test() ->
     ?assertEqual([], judge(Late, Kind)),
     ?assertEqual([], judge(Put ++ [{107, 2, registers, crashed}] ++ Late, Kind)),
     ?assertEqual([not_as_promised], judge(Put ++ [{107, 3, registers, crashed}] ++ Late, Kind)),
+    %% who dies may have told nobody
+    ?assertEqual([], judge(Put ++ [{107, 2, robot, {died, killed}}] ++ Late, Kind)),
     %% clocks 60 s apart admit what follows a damaged store 60 s later at the latest
     Damaged = fun(At) ->
         judge([{At, 3, registers, store_damaged} | Put] ++ Late, Kind#{apart_us => 60 * ?S})

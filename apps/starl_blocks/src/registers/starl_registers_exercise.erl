@@ -1,7 +1,7 @@
 %% @doc The exercise of the registers: each robot reads some every turn, and writes now and then.
 %%
 %% It promises an answer, and that another robot's write has come, unless its machine has crashed
-%% since.
+%% since, or the robot has died.
 -module(starl_registers_exercise).
 -behaviour(starl_block_exercise).
 
@@ -95,12 +95,17 @@ seen(_Robots) -> {#{}, 0}.
 -spec noted(starl_monitor:trace_event(), seen()) -> seen().
 noted({T, Robot, app, {answered, #{what := {put, Name}}, ok}}, {Written, Admitted}) ->
     {Written#{Name => {Robot, T}}, Admitted};
-noted({_, Robot, registers, crashed}, {Written, Admitted}) ->
-    {maps:filter(fun(_, {Writer, _}) -> Writer =/= Robot end, Written), Admitted};
+noted({_, Robot, registers, crashed}, Seen) ->
+    forgotten(Robot, Seen);
+noted({_, Robot, robot, {died, _Reason}}, Seen) ->
+    forgotten(Robot, Seen);
 noted({T, _Robot, registers, store_damaged}, {Written, _Admitted}) ->
     {Written, T + 1000 * ?AHEAD_MS};
 noted(_Event, Seen) ->
     Seen.
+
+forgotten(Robot, {Written, Admitted}) ->
+    {maps:filter(fun(_, {Writer, _}) -> Writer =/= Robot end, Written), Admitted}.
 
 -spec promise(starl_promise:call(), starl_promise:team(), seen()) -> starl_promise:t().
 promise(#{what := {learn, Name}} = Call, #{within_us := Within} = Team, {Written, Admitted}) ->
