@@ -21,7 +21,15 @@
 ]).
 %% The facts of runs in which contexts are tried: one heals, one never does.
 -define(RUNS, [
-    #{broken => [], healed_us => Healed, delay_us => 1000, slack_us => 0}
+    #{
+        broken => [],
+        faults => [],
+        healed_us => Healed,
+        delay_us => 1000,
+        loss => 0.0,
+        sap => #{},
+        slack_us => 0
+    }
  || Healed <- [0, never]
 ]).
 
