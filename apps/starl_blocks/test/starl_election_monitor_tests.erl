@@ -284,3 +284,18 @@ settles_only_who_is_electing_test() ->
             ],
     ?assertEqual([], judge(Failed, 9000, Settle)),
     ?assertEqual([not_settled], judge(lists:droplast(Failed), 9000, Settle)).
+
+%% The last ballot is due to settle the election anew after a fault that it meets, and not at all if a
+%% robot need not tell its ballot again.
+settles_after_faults_test() ->
+    Last = [entered(1, 1), ballot(1, 1, 10), entered(5, 2), entered(6, 3), ballot(6, 3, 30)],
+    Judge = fun(More, Faults) ->
+        Events = Last ++ More ++ [ballot(7, 2, 20)],
+        judge(Events, 40, #{settle_us => 10, faults => Faults})
+    end,
+    ?assertEqual([not_settled, not_settled, not_settled], Judge([], [])),
+    ?assertEqual([], Judge([], [{2, 12, 30, fault}])),
+    ?assertEqual([not_settled, not_settled, not_settled], Judge([], [{2, 0, 6, fault}])),
+    ?assertEqual([], Judge([{6, 1, crashed}], [])),
+    ?assertEqual([], Judge([{6, 1, {failed, e1, timeout}}], [{3, 2, 3, fault}])),
+    ?assertEqual([not_settled, not_settled], Judge([{6, 1, {failed, e1, timeout}}], [])).

@@ -54,7 +54,14 @@ machines(_Options) -> [{election, starl_election_ballots, #{}}].
 
 -spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
 monitors(#{patience_ms := Ms}, #{robots := Robots}) ->
-    [{starl_election_monitor, #{robots => Robots, bound_us => 1000 * Ms + 1000000}}].
+    [
+        {starl_election_monitor, #{
+            robots => Robots,
+            bound_us => 1000 * Ms + 1000000,
+            again_us => starl_election_ballots:again_us(),
+            complete => true
+        }}
+    ].
 
 -spec contract() -> string().
 contract() -> "two robots that elect in one election elect the same leader".

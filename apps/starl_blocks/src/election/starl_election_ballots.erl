@@ -18,7 +18,7 @@
 -module(starl_election_ballots).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5, accepts/2]).
+-export([init/1, handle_event/5, accepts/2, again_us/0]).
 
 -export_type([event/0]).
 
@@ -55,6 +55,10 @@
     races = #{} :: #{starl_election:election() => #race{}},
     order = [] :: [starl_election:election()]
 }).
+
+%% @doc The time after which a robot without a result asks again, in microseconds.
+-spec again_us() -> pos_integer().
+again_us() -> ?AGAIN_US.
 
 -spec init(starl_machine:config()) -> {ready, #election{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, team_seed := Seed} = Config) ->

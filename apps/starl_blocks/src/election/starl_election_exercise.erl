@@ -4,7 +4,7 @@
 -module(starl_election_exercise).
 -behaviour(starl_block_exercise).
 
--export([block_options/1, work/3, final/3, watches/0, seen/1, noted/2, promise/3]).
+-export([again_ms/1, block_options/1, work/3, final/3, watches/0, seen/1, noted/2, promise/3]).
 
 -type robot_id() :: starl_monitor:robot_id().
 %% The time at which each robot began to take part in an election.
@@ -18,6 +18,9 @@ block_options(#{final := 0, patience := Ms}) ->
     #{patience_ms => Ms + ?MARGIN_MS};
 block_options(#{patience := Ms, last_patience := Last}) ->
     #{patience_ms => max(Ms, Last) + ?MARGIN_MS}.
+
+-spec again_ms(starl_block_exercise:use()) -> pos_integer().
+again_ms(_Use) -> starl_election_ballots:again_us() div 1000.
 
 -spec work(starl:robot(), pos_integer(), starl_block_exercise:use()) -> term().
 work(Robot, Turn, #{patience := Patience}) -> elect(Robot, {term, Turn div 2}, Patience).

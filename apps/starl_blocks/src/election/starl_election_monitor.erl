@@ -7,9 +7,12 @@
 %% starl_assumption:delayed_us/5}). With `complete' (default false) an election by `all_ballots' also needs a ballot of
 %% every robot named in the configuration.
 %%
-%% Progress, if nothing is lost and no robot stops: with `settle_us' (default infinity), the longest
-%% delay of a message, every robot that is electing when the last ballot is cast has elected by that
-%% time after it: it must have kept the ballots that came before it took part itself.
+%% Progress: with `settle_us' (default infinity; in a run it follows from `again_us', the time after which
+%% a robot asks again, and from the radio, see {@link context/2}) every robot that is electing when the
+%% last ballot is cast has elected by that time after it, and after the last fault that the team meets
+%% meanwhile ({@link starl_assumption:calm_us/3}): it must have kept the ballots that came before it took
+%% part itself. An election is not judged so once a robot that had cast its ballot has died, or its machine
+%% has crashed, or it has failed after a fault, as it need not tell the ballot again.
 %%
 %% Events of machine `election': {@link starl_election_ballots:event()}, `crashed'; of machine
 %% `robot': `died'. Entering again, after a restart, starts the bound afresh.
@@ -27,6 +30,8 @@
 -define(STEPS, 3).
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
+%% The time of the robots' own steps.
+-define(MARGIN_US, 1000000).
 
 -record(state, {
     robots :: [robot_id()],
@@ -39,17 +44,20 @@
     %% no deadline is earlier than this
     first_due = infinity :: integer() | infinity,
     assumption :: starl_assumption:t(),
-    %% Likewise, for the robots that were electing when the last ballot was cast.
-    settling = queue:new() :: queue:queue({integer(), election(), robot_id()}),
+    faults :: starl_assumption:t(),
+    forgotten = #{} :: #{election() => []},
+    %% The robots that were electing when the last ballot was cast, and that time.
+    settling = queue:new() :: queue:queue({SinceUs :: integer(), election(), robot_id()}),
     failed = 0 :: non_neg_integer()
 }).
 
 %% @doc `robots': the team; `bound_us': the longest time from entering to the result;
-%% `broken': the windows of broken assumptions.
+%% `broken': the windows of broken assumptions, `faults': those of all faults.
 -spec init(#{
     robots := [robot_id()],
     bound_us := pos_integer(),
     broken => [starl_assumption:window()],
+    faults => [starl_assumption:window()],
     complete => boolean(),
     settle_us => pos_integer() | infinity
 }) -> #state{}.
@@ -58,27 +66,43 @@ init(#{robots := Robots, bound_us := Bound} = Config) ->
         robots = Robots,
         bound_us = Bound,
         assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM),
+        faults = starl_assumption:new(maps:get(faults, Config, []), ?DRIFT_PPM),
         complete = maps:get(complete, Config, false),
         settle_us = maps:get(settle_us, Config, infinity)
     }.
 
-%% @doc The configuration with the windows of broken assumptions; the bound is longer on a computer
-%% that has other work, too.
+%% @doc The configuration with the windows of broken assumptions and of all faults; the bounds are longer
+%% on a computer that has other work, too. A robot that misses ballots waits until it asks again, asks,
+%% and is answered; the last ballot itself may be on its way at first.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{broken := Broken, slack_us := Slack}, #{bound_us := Bound} = Config) ->
-    maps:merge(#{broken => Broken}, Config#{bound_us := Bound + Slack}).
+context(#{broken := Broken, faults := Faults, slack_us := Slack} = Known, Config) ->
+    #{bound_us := Bound} = Config,
+    Told = maps:merge(#{broken => Broken, faults => Faults}, Config#{bound_us := Bound + Slack}),
+    case settle_us(Known, Config) of
+        Settle when is_integer(Settle) -> Told#{settle_us => Settle + Slack};
+        _ -> Told
+    end.
+
+settle_us(_Known, #{settle_us := Settle}) ->
+    Settle;
+settle_us(#{sap := Sap, loss := Loss, delay_us := Delay}, #{again_us := Again}) ->
+    case starl_sap:reach_us(Sap, Loss, Delay, Again) of
+        never -> infinity;
+        Reach -> Again * 101 div 100 + 3 * Reach + ?MARGIN_US
+    end;
+settle_us(_Known, _Config) ->
+    infinity.
 
 %% @doc The window excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken({_, From, To, _} = Window, #state{assumption = Assumption, open = Open} = State) ->
-    Told = State#state{assumption = starl_assumption:broken(Window, Assumption)},
+broken(Window, #state{assumption = Assumption, faults = Faults, open = Open} = State) ->
+    Told = State#state{
+        assumption = starl_assumption:broken(Window, Assumption),
+        faults = starl_assumption:broken(Window, Faults)
+    },
     %% it makes no deadline earlier
     Told#state{
-        open = maps:map(fun({_, Robot}, {T, _}) -> {T, deadline(T, Robot, Told)} end, Open),
-        settling = queue:from_list([
-            {Due + To - From, Election, Robot}
-         || {Due, Election, Robot} <- queue:to_list(State#state.settling)
-        ])
+        open = maps:map(fun({_, Robot}, {T, _}) -> {T, deadline(T, Robot, Told)} end, Open)
     }.
 
 %% @doc The elections' own events and the end of robots.
@@ -140,17 +164,34 @@ judge({election, {elected, Election, Leader, How}}, T, Robot, State) ->
             incomplete(How, T, Robot, Election, Record, State),
     Known = {Ballots, maps:merge(#{Robot => Leader}, Elected)},
     {Broken, keep(Election, Known, conclude(Election, Robot, State))};
-judge({election, {failed, Election, _Reason}}, _T, Robot, #state{failed = Failed} = State) ->
-    {[], conclude(Election, Robot, State#state{failed = Failed + 1})};
+judge({election, {failed, Election, _Reason}}, T, Robot, #state{failed = Failed} = State) ->
+    Given = given_up(T, Election, Robot, State),
+    {[], conclude(Election, Robot, Given#state{failed = Failed + 1})};
 %% Its caller is told that the machine has restarted, and may take part anew.
-judge({election, crashed}, _T, Robot, #state{open = Open} = State) ->
-    Alive = maps:filter(fun({_Election, Who}, _Deadline) -> Who =/= Robot end, Open),
-    {[], State#state{open = Alive}};
-judge({robot, {died, _Reason}}, _T, Robot, #state{open = Open} = State) ->
-    Alive = maps:filter(fun({_Election, Who}, _Deadline) -> Who =/= Robot end, Open),
-    {[], State#state{open = Alive}};
+judge({election, crashed}, _T, Robot, State) ->
+    {[], absent(Robot, State)};
+judge({robot, {died, _Reason}}, _T, Robot, State) ->
+    {[], absent(Robot, State)};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
+
+%% The others need not have heard its ballot, if a fault came in between.
+given_up(T, Election, Robot, #state{open = Open, faults = Faults, forgotten = Of} = State) ->
+    {Entered, _} = maps:get({Election, Robot}, Open, {T, T}),
+    case starl_assumption:is_kept(Entered, T, Faults) of
+        true -> State;
+        false -> State#state{forgotten = Of#{Election => []}}
+    end.
+
+absent(Robot, #state{open = Open, elections = Elections, forgotten = Forgotten} = State) ->
+    Cast = [
+        Election
+     || {Election, {Ballots, _}} <- maps:to_list(Elections), is_map_key(Robot, Ballots)
+    ],
+    State#state{
+        open = maps:filter(fun({_Election, Who}, _Deadline) -> Who =/= Robot end, Open),
+        forgotten = maps:merge(Forgotten, maps:from_keys(Cast, []))
+    }.
 
 record_of(Election, #state{elections = Elections}) ->
     maps:get(Election, Elections, {#{}, #{}}).
@@ -172,14 +213,14 @@ conclude(Election, Robot, #state{open = Open} = State) ->
 
 %% With the last ballot the robots that are electing must come to an end.
 settle(T, Election, true, #state{settle_us = Settle, robots = Robots} = State) when
-    is_integer(Settle)
+    is_integer(Settle), not is_map_key(Election, State#state.forgotten)
 ->
     {Ballots, _} = record_of(Election, State),
     case [Robot || Robot <- Robots, not is_map_key(Robot, Ballots)] of
         [] ->
             State#state{
                 settling = lists:foldl(
-                    fun(Robot, Queue) -> queue:in({T + Settle, Election, Robot}, Queue) end,
+                    fun(Robot, Queue) -> queue:in({T, Election, Robot}, Queue) end,
                     State#state.settling,
                     [Robot || Robot <- Robots, is_map_key({Election, Robot}, State#state.open)]
                 )
@@ -248,18 +289,27 @@ pass(T, State) ->
     {Late, Current} = overdue(T, Passed),
     {Unsettled ++ Late, Current}.
 
-unsettled(T, #state{settling = Settling, open = Open} = State, Found) ->
+unsettled(T, #state{settling = Settling, settle_us = Settle} = State, Found) ->
     case queue:peek(Settling) of
-        {value, {Due, Election, Robot}} when Due < T ->
-            Left = conclude(Election, Robot, State#state{settling = queue:drop(Settling)}),
-            Late = [
-                violation(not_settled, Due, [Robot], #{election => Election})
-             || is_map_key({Election, Robot}, Open)
-            ],
-            unsettled(T, Left, Late ++ Found);
+        {value, {Since, Election, Robot}} when Since + Settle < T ->
+            Left = State#state{settling = queue:drop(Settling)},
+            Due = starl_assumption:calm_us(Since, Settle, State#state.faults),
+            case is_unsettled(Election, Robot, State) of
+                true when Due < T ->
+                    Late = violation(not_settled, Due, [Robot], #{election => Election}),
+                    unsettled(T, conclude(Election, Robot, Left), [Late | Found]);
+                true ->
+                    %% those that came later are due no earlier
+                    {lists:reverse(Found), State};
+                false ->
+                    unsettled(T, Left, Found)
+            end;
         _NothingDue ->
             {lists:reverse(Found), State}
     end.
+
+is_unsettled(Election, Robot, #state{open = Open, forgotten = Forgotten}) ->
+    is_map_key({Election, Robot}, Open) andalso not is_map_key(Election, Forgotten).
 
 %% The robots overdue before `T'; a result at exactly the deadline is in time.
 overdue(T, #state{first_due = First} = State) when T =< First ->
