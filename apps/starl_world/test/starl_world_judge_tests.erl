@@ -24,12 +24,58 @@ order_test() ->
     ?assertEqual([{3, z}, {5, x}, {5, w}, {9, y}], seen(Late)),
     ?assertEqual(0, starl_world_judge:late(Late)).
 
-%% A fact that comes too late is judged at the time of the last one, and counted.
+%% A fact that comes too late is counted; nothing that builds on it is judged any more, and that is said.
 late_test() ->
     {ok, Judge} = starl_world_judge:judge(30, told([[{5, 1, a, x}, {9, 1, a, y}]], new(10))),
     {ok, Next} = starl_world_judge:judge(40, told([[{4, 2, a, late}, {20, 2, a, z}]], Judge)),
-    ?assertEqual([{5, x}, {9, y}, {9, late}, {20, z}], seen(Next)),
-    ?assertEqual(1, starl_world_judge:late(Next)).
+    ?assertEqual(1, starl_world_judge:late(Next)),
+    Bad = told([[{41, 1, a, bad}]], Next),
+    {ok, After} = starl_world_judge:judge(60, Bad),
+    {[], Results, [Part]} = starl_world_judge:close(60, After),
+    ?assertEqual(#{}, Results),
+    ?assertMatch(#{monitors := [?MODULE], from_us := 9, why := {stood_still, 4, 40}}, Part).
+
+%% What is undone in time is not judged; what is undone after it has been judged, nobody can take back.
+undone_test() ->
+    Facts = [{5, 1, a, x}, {9, 1, a, bad}, {12, 1, a, y}],
+    {ok, Judge} = starl_world_judge:judge(18, told([Facts], new(10))),
+    Undone = starl_world_judge:undone([{9, 1, a, bad}], 18, Judge),
+    {ok, Sound} = starl_world_judge:judge(30, Undone),
+    ?assertEqual([{5, x}, {12, y}], seen(Sound)),
+    {violation, Broken} = starl_world_judge:judge(19, Judge),
+    {[_], _, Parts} = starl_world_judge:close(
+        20, starl_world_judge:undone([{9, 1, a, bad}], 20, Broken)
+    ),
+    ?assertMatch([#{why := {stood_still, 9, 20}}], Parts).
+
+%% A judge who was kept from his work waits longer for the facts.
+behind_test() ->
+    {ok, Judge} = starl_world_judge:judge(30, told([[{5, 1, a, x}, {9, 1, a, y}]], new(10))),
+    Told = told([[{41, 1, a, one}]], Judge),
+    {ok, Waits} = starl_world_judge:judge(55, 20, Told),
+    {ok, Next} = starl_world_judge:judge(70, told([[{40, 2, a, late}]], Waits)),
+    ?assertEqual([{5, x}, {9, y}, {40, late}, {41, one}], seen(Next)).
+
+%% Packets that come before they are sent, and facts of times to come, tell of clocks that are apart.
+clocks_test() ->
+    Hash = 7,
+    Radio = fun(At) ->
+        [
+            {100000 + At, 1, radio, {sent, 2, {data, note, 1}, 40, Hash}},
+            {100000, 2, radio, {came, 1, {data, note, 1}, 40, Hash, {arrives, [{100000, intact}]}}}
+        ]
+    end,
+    Judged = fun(Events, Facts) ->
+        Nobody = starl_world_judge:new([{?MODULE, #{}}], 10, fun(_News) -> ok end),
+        Heard = starl_world_judge:heard(Events, told([Facts], Nobody)),
+        {ok, First} = starl_world_judge:judge(2000000, Heard),
+        {ok, Last} = starl_world_judge:judge(2100000, told([[{2050000, 1, a, bad}]], First)),
+        {[], _, Parts} = starl_world_judge:close(2100000, Last),
+        [Why || #{why := Why} <- Parts]
+    end,
+    ?assertEqual([{clocks, 1, 2, 9000}], Judged(Radio(9000), [])),
+    ?assertEqual([{clocks, 3, 3, 900000}], Judged([], [{2900000, 3, a, x}])),
+    ?assertError({badmatch, _}, Judged(Radio(-9000), [])).
 
 violation_test() ->
     Judge = told([[{5, 1, a, bad}], [{6, 1, a, bad}]], new(10)),

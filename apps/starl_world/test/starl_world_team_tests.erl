@@ -96,6 +96,39 @@ late_script_test() ->
     {[1000], Driving} = Drive(Go, 1000, Team),
     ?assertMatch({[1001], _}, Drive([], 1001, Driving)).
 
+%% Hardware that is heard late: what the body has done by itself since then is undone, and it moves as if it
+%% had been heard at once, also after more than half a second.
+heard_late_test() ->
+    {ok, Team} = ?T:embodied(1, self(), true, team()),
+    Script = {starl_chassis_differential, [{100.0, 100.0, 300000}, {200.0, 200.0, 300000}]},
+    Heard = fun(At, Now, What, Robots) ->
+        {At, {Traces, Words, Next}} = ?T:heard(1, self(), {{at, At}, What}, Now, Robots),
+        {motions(Traces), motions(lists:append([Events || {undo, Events} <- Words])), Next}
+    end,
+    Drive = {drive, Script, 10000000, mark},
+    {[1000], [], Driving} = Heard(1000, 1000, Drive, Team),
+    %% in time: nothing is undone
+    {[201000], [], _} = Heard(201000, 201000, stop, Driving),
+    {Traces, _, Advanced} = ?T:advance(1, 1000000, Driving),
+    ?assertEqual([301000, 601000], motions(Traces)),
+    %% before both steps of the script, between them, and after them
+    {[201000], [301000, 601000], Stopped} = Heard(201000, 1200000, stop, Advanced),
+    ?assertEqual(20, way(2000000, Stopped)),
+    {[401000], [601000], Later} = Heard(401000, 1200000, stop, Advanced),
+    ?assertEqual(50, way(2000000, Later)),
+    ?assertMatch({_, [], _}, Heard(701000, 1200000, stop, Advanced)),
+    %% longer ago than the judge waits
+    Horizon = starl_world_judge:horizon_us(),
+    {At, _} = ?T:heard(1, self(), {{at, 201000}, stop}, 401000 + Horizon, Advanced),
+    ?assertEqual(401000, At).
+
+motions(Traces) -> [At || {At, 1, chassis, {motion, _}} <- Traces].
+
+%% How far it has come, mm.
+way(At, Team) ->
+    [{1, {X, _, _}}] = ?T:poses([1], At, Team),
+    round(X).
+
 fact(At) -> {At, 1, a, x}.
 
 traced(N, Looked, Events, Team) -> ?T:traced(1, self(), {N, Looked, Events}, Team).

@@ -19,7 +19,7 @@
 %% {@link close/2} says what it has not judged.
 -module(starl_monitor).
 
--export([new/1, guarded/1, step/2, broken/2, blinded/2, finish/2, close/2]).
+-export([new/1, guarded/1, step/2, broken/2, blinded/2, unjudged/1, finish/2, close/2]).
 -export([known/1, informed/2]).
 -export([name/1, format_violation/1, shape/1]).
 -export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, shape/0, known/0]).
@@ -204,6 +204,11 @@ tell_broken(Window, {Module, Interests, State} = Monitor, #runner{monitors = Tol
         {ok, Next} -> Runner#runner{monitors = [{Module, Interests, Next} | Told]};
         {error, Line} -> aside(Module, Runner#runner.seen, Line, Runner)
     end.
+
+%% @doc What is not judged so far.
+-spec unjudged(t()) -> [starl_unjudged:t()].
+unjudged(#runner{unjudged = trusted}) -> [];
+unjudged(#runner{unjudged = Unjudged}) -> lists:reverse(Unjudged).
 
 %% @doc From now on events are missing. A monitor that wants more than the crashes of machines, each of
 %% which is judged by itself, judges no further: it would accuse those who are innocent.

@@ -17,13 +17,15 @@
 %% `none': nobody observes.
 -type t() :: fun((news()) -> ok) | none.
 
-%% `begun' comes first, `ended' last. `fault': one that is not of the schedule begins or ends, by hand.
+%% `begun' comes first, `ended' last. `unjudged': from now on nothing is judged that builds on what was
+%% before. `fault': one that is not of the schedule begins or ends, by hand.
 %% Only a robot itself tells: `started', with the names of its machines; `seen', a pose of its own;
 %% `logged', a line.
 -type news() ::
     {begun, facts()}
     | {judged, [starl_monitor:trace_event()], [starl_monitor:violation()]}
     | {fault, AtUs :: integer(), {began | ended, Fault :: tuple()}}
+    | {unjudged, AtUs :: integer(), starl_unjudged:why()}
     | {ended, ending()}
     | {started, AtUs :: integer(), starl:robot_id(), [starl_machine:name()]}
     | {seen, AtUs :: integer(), starl:robot_id(), starl:pose()}

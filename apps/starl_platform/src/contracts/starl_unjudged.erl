@@ -2,7 +2,7 @@
 %% it, from when to when, and why.
 -module(starl_unjudged).
 
--export([mistake/3, since/3, format/1]).
+-export([mistake/3, since/3, is_why/1, format/1, format_why/1]).
 
 -export_type([t/0, why/0]).
 
@@ -14,12 +14,16 @@
 }.
 
 %% A monitor has a mistake, which the line describes; a recording has a hole until that time, or lacks
-%% so many events, or is cut off or damaged, so that its end is not known.
+%% so many events, or is cut off or damaged, so that its end is not known; facts came later than the judge
+%% waits for them, since the computer, or that of a node, stood still; the clocks of two computers are apart
+%% by so much.
 -type why() ::
     {mistake, Line :: binary()}
     | {hole, ToUs :: integer()}
     | {missing, Events :: pos_integer()}
-    | no_end.
+    | no_end
+    | {stood_still, FromUs :: integer(), ToUs :: integer()}
+    | {clocks, starl_monitor:robot_id(), starl_monitor:robot_id(), Us :: pos_integer()}.
 
 %% @doc A monitor has made a mistake: from this time on it does not judge.
 -spec mistake(module(), AtUs :: integer(), Line :: unicode:chardata()) -> t().
@@ -47,7 +51,29 @@ who(Monitors) -> [": ", lists:join(", ", [starl_monitor:name(Monitor) || Monitor
 when_(From, the_end) -> io_lib:format(" from ~.6f s on", [From / 1.0e6]);
 when_(From, To) -> io_lib:format(" from ~.6f to ~.6f s", [From / 1.0e6, To / 1.0e6]).
 
-why({mistake, Line}) -> Line;
-why({hole, To}) -> io_lib:format("the recording has a hole there, until ~.6f s", [To / 1.0e6]);
-why({missing, Events}) -> io_lib:format("~b events are missing in the recording there", [Events]);
-why(no_end) -> "the recording ends there, and the run did not".
+why({mistake, Line}) ->
+    Line;
+why({hole, To}) ->
+    io_lib:format("the recording has a hole there, until ~.6f s", [To / 1.0e6]);
+why({missing, Events}) ->
+    io_lib:format("~b events are missing in the recording there", [Events]);
+why(no_end) ->
+    "the recording ends there, and the run did not";
+why({stood_still, From, To}) ->
+    io_lib:format("the computer stood still from ~.3f to ~.3f s", [From / 1.0e6, To / 1.0e6]);
+why({clocks, A, A, Us}) ->
+    io_lib:format("the clock of robot ~b is ~.1f ms ahead", [A, Us / 1000]);
+why({clocks, A, B, Us}) ->
+    io_lib:format("the clocks of robots ~b and ~b are ~.1f ms apart", [A, B, Us / 1000]).
+
+%% @doc One line on why something is not judged.
+-spec format_why(why()) -> unicode:chardata().
+format_why(Why) -> ["not judged any further: ", why(Why)].
+
+%% @doc Is this a reason why a recording is not judged further? Asked of what comes from a file.
+-spec is_why(term()) -> boolean().
+is_why({hole, To}) -> is_integer(To);
+is_why(no_end) -> true;
+is_why({stood_still, From, To}) -> is_integer(From) andalso is_integer(To);
+is_why({clocks, A, B, Us}) -> is_integer(A) andalso is_integer(B) andalso is_integer(Us);
+is_why(_) -> false.

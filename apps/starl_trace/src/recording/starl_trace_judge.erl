@@ -114,12 +114,10 @@ piece(Messages, Judge0) ->
     Judge = lists:foldl(fun message/2, Judge0, Messages),
     judge([{At, R, M, E} || {trace, At, {R, M, E}} <- Messages], Judge).
 
-gap({gap, _, {hole, the_end}}, Judge) ->
-    hole(no_end, Judge);
-gap({gap, _, {hole, To}}, Judge) ->
-    hole({hole, To}, Judge);
-gap({gap, _, Missing}, #judge{missing = Before} = Judge) ->
-    hole({missing, Missing}, Judge#judge{missing = Before + Missing}).
+gap({gap, _, Missing}, #judge{missing = Before} = Judge) when is_integer(Missing) ->
+    hole({missing, Missing}, Judge#judge{missing = Before + Missing});
+gap({gap, _, Why}, Judge) ->
+    hole(Why, Judge).
 
 %% What waits for the end of a halt is judged without it: nobody knows when it ended.
 hole(_Why, #judge{monitors = none} = Judge) ->

@@ -62,8 +62,8 @@
     until = 0 :: integer(),
     ended = none :: starl_observer:ending() | none,
     cut_off = [] :: [file:filename_all()],
-    %% the files behind which something is missing, and until when
-    holes = #{} :: #{file:filename_all() => integer() | the_end}
+    %% the files behind which something is missing, and what
+    holes = #{} :: #{file:filename_all() => starl_unjudged:why()}
 }).
 
 %% The longest delay of a packet, and the time after which it is looked for.
@@ -133,26 +133,27 @@ written(Sources0, Part) ->
     Sources = [shared(HasWorld, Source) || Source <- Sources0],
     {Head, Writer} = starl_trace_writer:new(),
     Begin = begin_us(Sources),
-    {Lacking, Holes} = starl_trace_robot:lacking([
+    {Lacking, Until} = starl_trace_robot:lacking([
         {File, Facts}
      || #source{kind = robot, facts = Facts, file = File} <- Sources
     ]),
+    Holes = maps:map(fun(_File, To) -> {hole, To} end, Until),
     Merge = put_bytes({Head, Writer}, #merge{
         part = Part,
         writer = Writer,
         has_world = HasWorld,
         holes = maps:merge(open_ends(Sources), maps:remove(none, Holes))
     }),
-    First = [{gap, Begin, {hole, To}} || #{none := To} <- [Holes]],
+    First = [{gap, Begin, Why} || #{none := Why} <- [Holes]],
     {Ready, Begun} = filled(
         Sources, put_messages([{scenario, Begin, facts(Sources)} | First], Merge)
     ),
-    #merge{until = Until, part = Whole} = Merged = finished(all(Ready, Begun)),
+    #merge{until = End, part = Whole} = Merged = finished(all(Ready, Begun)),
     #{
         messages => Merged#merge.messages,
         bytes => starl_mcap_part:written(Whole),
         begun_us => Begin,
-        until_us => Until,
+        until_us => End,
         cut_off => lists:reverse(Merged#merge.cut_off) -- continued(Sources),
         missing => missing(Sources),
         lacking => Lacking,
@@ -187,7 +188,7 @@ missing([#source{facts = #{robots := All}} | _] = Sources) ->
 %% What is missing of a robot's file that was cut off, if no next file has it.
 open_ends(Sources) ->
     Files = [File || #source{file = File} <- Sources],
-    maps:from_keys(Files -- continued(Sources), the_end).
+    maps:from_keys(Files -- continued(Sources), no_end).
 
 %% The files of a robot whose next file has their end.
 continued(Sources) ->
@@ -225,10 +226,10 @@ fill(#source{messages = [], cursor = Cursor, file = File} = Source, {Full, Merge
         {ok, Messages, Next} ->
             fill(taken(Messages, Source#source{cursor = Next}), {Full, Merge});
         {ended, closed} ->
-            {Full, hole(File, Merge, fun is_integer/1)};
+            {Full, hole(File, Merge, fun(Why) -> Why =/= no_end end)};
         {ended, _} ->
             Cut = Merge#merge{cut_off = [File | Merge#merge.cut_off]},
-            {Full, hole(File, Cut, fun(_To) -> true end)};
+            {Full, hole(File, Cut, fun(_Why) -> true end)};
         {error, Reason} ->
             throw({?MODULE, Reason})
     end;
@@ -237,7 +238,7 @@ fill(Source, {Full, Merge}) ->
 
 %% Behind a file that was closed there is a hole only if the next one is missing.
 hole(File, #merge{holes = Holes, until = Until} = Merge, Is) ->
-    put_messages([{gap, Until, {hole, To}} || #{File := To} <- [Holes], Is(To)], Merge).
+    put_messages([{gap, Until, Why} || #{File := Why} <- [Holes], Is(Why)], Merge).
 
 put_messages([], Merge) ->
     Merge;

@@ -66,8 +66,8 @@ updates({verdicts, At, Verdict}) ->
     [{verdicts, At, verdict(Verdict)}];
 updates({log, At, Line}) ->
     [{log, At, log(At, Line)}];
-updates({gap, At, {hole, _To}}) ->
-    [{log, At, log(At, {warning, none, "the recording has a hole here"})}];
+updates({gap, At, Why}) when not is_integer(Why) ->
+    [{log, At, log(At, {warning, none, starl_unjudged:format_why(Why)})}];
 updates({gap, At, Missing}) ->
     Text = io_lib:format("~b messages are missing here", [Missing]),
     [{log, At, log(At, {warning, none, Text})}];

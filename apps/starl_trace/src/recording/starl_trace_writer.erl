@@ -109,7 +109,7 @@ patch() ->
         channels => starl_trace_schema:channels(),
         channel => starl_trace_schema:id(terms),
         hole => fun(From, To) ->
-            starl_trace_terms:encode([{gap, From div 1000, {hole, us(To)}}])
+            starl_trace_terms:encode([{gap, From div 1000, hole(To)}])
         end,
         repeated => fun
             ({attachment, _, _, <<?SCENARIO>>, <<?JSON>>, Text}) -> {ok, Text};
@@ -117,8 +117,8 @@ patch() ->
         end
     }.
 
-us(the_end) -> the_end;
-us(Time) -> Time div 1000.
+hole(the_end) -> no_end;
+hole(To) -> {hole, To div 1000}.
 
 %% @doc The last bytes.
 -spec finish(t()) -> iolist().

@@ -12,7 +12,7 @@
 %%   verdicts   a contract is broken; at the end, how the run ended
 %%   log        a line for people
 %%   metrics    counts, once a second
-%%   gap        messages are missing after this time: their number, or until when a damaged file lacks them
+%%   gap        messages are missing after this time: their number, or why it is not judged further
 %% '''
 %% Messages are in the order of their times.
 -module(starl_trace_message).
@@ -33,7 +33,7 @@
     | {verdicts, integer(), verdict()}
     | {log, integer(), {level(), starl:robot_id() | none, unicode:chardata()}}
     | {metrics, integer(), metrics()}
-    | {gap, integer(), Missing :: pos_integer() | {hole, ToUs :: integer() | the_end}}.
+    | {gap, integer(), Missing :: pos_integer() | starl_unjudged:why()}.
 
 -type topic() ::
     scenario | poses | places | trace | packets | ways | faults | verdicts | log | metrics | gap.
@@ -119,10 +119,8 @@ is_message({faults, At, {_, Fault}}) ->
     is_integer(At) andalso is_tuple(Fault);
 is_message({log, At, {_, _, _}}) ->
     is_integer(At);
-is_message({gap, At, {hole, To}}) ->
-    is_integer(At) andalso (is_integer(To) orelse To =:= the_end);
 is_message({gap, At, Missing}) ->
-    is_integer(At) andalso is_integer(Missing);
+    is_integer(At) andalso (is_integer(Missing) orelse starl_unjudged:is_why(Missing));
 is_message(_) ->
     false.
 

@@ -74,6 +74,8 @@ news({seen, At, Robot, Pose}, #stream{seen_at = Last} = Stream) when
     told(poses, At, Place, Stream#stream{seen_at = At});
 news({seen, _At, _Robot, _Pose}, Stream) ->
     {[], Stream};
+news({unjudged, At, Why}, Stream) ->
+    told(gap, At, Why, Stream);
 news({logged, At, Robot, Level, Line}, Stream) ->
     told(log, At, {Level, Robot, Line}, Stream).
 

@@ -1,8 +1,10 @@
 %% @doc Judges a live run: puts the facts of all robots in the order of their time and feeds them to
 %% the monitors. A pure module.
 %%
-%% Facts arrive late and out of order. An event is judged when it is older than the horizon. One that
-%% arrives later still is judged at the time of the last event, and counted. Packets are not judged;
+%% Facts arrive late and out of order. An event is judged when it is older than the horizon. If one
+%% arrives later still, the computer stood still, and what follows is not judged: neither it nor what builds
+%% on it. Nor is it where the clocks of two robots' computers are apart, as packets tell that came before
+%% they were sent, and facts of times that are still to come. Packets are not judged;
 %% an observer is told of each, when its sender and its receiver have had time to tell what they know.
 %%
 %% A robot that is halted tells nothing, and its facts come afterwards, also those of the last moment
@@ -17,7 +19,9 @@
 
 -export([
     new/2, new/3,
+    horizon_us/0,
     told/2,
+    undone/3,
     heard/2,
     hold/3,
     halted/3,
@@ -26,8 +30,11 @@
     standing/1,
     is_awaited/2,
     judge/2,
+    judge/3,
     violations/1,
     late/1,
+    stood_still/3,
+    unjudged/1,
     close/2
 ]).
 
@@ -56,6 +63,14 @@
     integer(), StandsUs :: integer() | none, ReleasedUs :: integer() | none
 }.
 
+%% The time that the judge of a run waits for facts, by the clock of the computer.
+-define(HORIZON_US, 1500000).
+
+%% Packets that came so long before they were sent, on average, and facts from so far ahead: clocks are
+%% apart.
+-define(APART_US, 5000).
+-define(AHEAD_US, 500000).
+
 %% @doc A judge with these monitors, who waits this long for facts.
 -spec new([{module(), map()}], HorizonUs :: non_neg_integer()) -> t().
 new(Monitors, Horizon) -> new(Monitors, Horizon, none).
@@ -66,6 +81,20 @@ new(Monitors, Horizon, Observer) ->
     #judge{
         monitors = starl_monitor:guarded(Monitors), horizon_us = Horizon, observer = Observer
     }.
+
+%% @doc The time that the judge of a run waits for facts.
+-spec horizon_us() -> pos_integer().
+horizon_us() -> ?HORIZON_US.
+
+%% @doc Facts that were told are none. Those that are judged already cannot be taken back.
+-spec undone([starl_monitor:trace_event(), ...], NowUs :: integer(), t()) -> t().
+undone([First | _] = Events, Now, #judge{pending = Pending} = Judge) ->
+    {Undone, Left} = lists:partition(fun({_, _, E}) -> lists:member(E, Events) end, Pending),
+    Next = Judge#judge{pending = Left},
+    case length(Undone) >= length(Events) of
+        true -> Next;
+        false -> stood_still(element(1, First), Now, Next)
+    end.
 
 %% @doc Facts have arrived, in the order of their time for each robot.
 -spec told([starl_monitor:trace_event()], t()) -> t().
@@ -135,11 +164,17 @@ is_awaited(Robot, #judge{held = Held}) ->
 
 %% @doc Judges the events that are old enough by now.
 -spec judge(NowUs :: integer(), t()) -> {ok | violation, t()}.
-judge(Now, #judge{horizon_us = Horizon} = Open) ->
-    #judge{held = Held, halts = Halts} = Judge = unheard(Now - Horizon, Open),
+judge(Now, Judge) -> judge(Now, 0, Judge).
+
+%% @doc The same, of a judge who was kept from his work for so long and may not have all facts that have
+%% come meanwhile: he waits longer for them.
+-spec judge(NowUs :: integer(), BehindUs :: non_neg_integer(), t()) -> {ok | violation, t()}.
+judge(Now, Behind, #judge{horizon_us = Least} = Open) ->
+    Horizon = Least + Behind,
+    #judge{held = Held, halts = Halts} = Judge = unheard(Now - Least, Open),
     Recent = [Halt || {_, To} = Halt <- Halts, To > Now - Horizon],
     Begun = [element(1, Halt) || Halt <- maps:values(Held) ++ Recent],
-    upto(lists:min([Now | Begun]) - Horizon, Judge#judge{halts = Recent}).
+    upto(lists:min([Now | Begun]) - Horizon, Now, apart(Now, Judge#judge{halts = Recent})).
 
 %% The robots that were released by this time are not waited for any longer.
 unheard(Time, #judge{horizon_us = Horizon, held = Held} = Judge) ->
@@ -149,14 +184,44 @@ unheard(Time, #judge{horizon_us = Horizon, held = Held} = Judge) ->
     ],
     lists:foldl(fun({Id, At}, J) -> resumed(Id, At + Horizon, J) end, Judge, Over).
 
-upto(Time, #judge{pending = Pending, seen = Seen, late = Late0} = Judge) ->
+%% Clocks that run apart.
+apart(Now, #judge{pending = Pending, ways = Ways} = Judge) ->
+    Early = [{clocks, A, B, Us} || {{A, B}, Us} <- starl_packet_ways:early(Ways), Us >= ?APART_US],
+    Ahead = [{clocks, R, R, T - Now} || {T, _, {_, R, _, _}} <- Pending, T >= Now + ?AHEAD_US],
+    case Early ++ Ahead of
+        [] -> Judge;
+        [Why | _] -> blinded(Why, Judge)
+    end.
+
+blinded(Why, #judge{monitors = Monitors, observer = Observer, seen = Seen} = Judge) ->
+    Next = starl_monitor:blinded(Why, Monitors),
+    _ = [
+        ok = starl_observer:tell({unjudged, Seen, Why}, Observer)
+     || starl_monitor:unjudged(Next) =/= starl_monitor:unjudged(Monitors)
+    ],
+    Judge#judge{monitors = Next}.
+
+%% @doc What was heard now had happened at another time, longer ago than the judge waits.
+-spec stood_still(ThenUs :: integer(), NowUs :: integer(), t()) -> t().
+stood_still(Then, Now, Judge) -> blinded({stood_still, Then, Now}, Judge).
+
+%% @doc What is not judged any more.
+-spec unjudged(t()) -> [starl_unjudged:t()].
+unjudged(#judge{monitors = Monitors}) -> starl_monitor:unjudged(Monitors).
+
+upto(Time, Now, #judge{pending = Pending, seen = Seen, late = Late0} = Judge0) ->
     {Old, Young} = lists:partition(fun({At, _, _}) -> At =< Time end, Pending),
     Sorted = [Event || {_, _, Event} <- lists:sort(Old)],
     {Late, InTime} = lists:splitwith(fun(Event) -> element(1, Event) < Seen end, Sorted),
     Trace = [setelement(1, Event, Seen) || Event <- Late] ++ InTime,
+    Judge = lateness(Late, Now, Judge0),
     {Packets, Ways} = starl_packet_ways:due(Time, Judge#judge.ways),
     Known = Judge#judge{pending = Young, late = Late0 + length(Late), ways = Ways},
     watch(Trace, Packets, Known).
+
+%% Facts that come after their time has been judged.
+lateness([], _Now, Judge) -> Judge;
+lateness([First | _], Now, Judge) -> blinded({stood_still, element(1, First), Now}, Judge).
 
 watch([], Packets, Judge) ->
     ok = tell(Packets, [], Judge),
@@ -193,6 +258,8 @@ late(#judge{late = Late}) -> Late.
 close(Now, #judge{held = Held} = Open) ->
     Over = fun(Robot, Judge) -> resumed(Robot, Now, Judge) end,
     Judge = lists:foldl(Over, Open, lists:sort(maps:keys(Held))),
-    {_, #judge{monitors = Monitors, violations = Violations, seen = Seen}} = upto(infinity, Judge),
+    {_, #judge{monitors = Monitors, violations = Violations, seen = Seen}} = upto(
+        infinity, Now, Judge
+    ),
     {Late, Results, Unjudged} = starl_monitor:close(max(Now, Seen), Monitors),
     {Violations ++ Late, Results, Unjudged}.

@@ -6,10 +6,8 @@
 -export([start_link/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
-%% The period in which the judge looks at new facts, and the time that he waits for facts, by the
-%% clock of the computer.
+%% The period in which the judge looks at new facts, by the clock of the computer.
 -define(JUDGE_MS, 200).
--define(HORIZON_US, 1500000).
 
 -record(world, {
     clock :: starl_live_clock:t(),
@@ -20,6 +18,9 @@
     is_felt = false :: boolean(),
     judge :: starl_world_judge:t(),
     observer :: starl_observer:t(),
+    %% when the judge has looked last, and how long he was kept from it
+    looked_us = 0 :: integer(),
+    behind_us = 0 :: non_neg_integer(),
     limit_us :: integer(),
     hands = starl_world_hands:new() :: starl_world_hands:t(),
     leader = none :: starl:robot_id() | none,
@@ -40,7 +41,7 @@ init(#{plan := Plan, clock := Clock} = Config) ->
     {Traces, Robots} = starl_world_team:new(Poses, Sim),
     Observer = maps:get(observe, Config, none),
     _ = [ok = starl_observer:tell({begun, Facts}, Observer) || #{facts := Facts} <- [Config]],
-    Judge = starl_world_judge:new(Monitors, ?HORIZON_US, Observer),
+    Judge = starl_world_judge:new(Monitors, starl_world_judge:horizon_us(), Observer),
     {ok, #world{
         clock = Clock,
         robots = Robots,
@@ -131,10 +132,19 @@ cable(Id, Cable, #world{robots = Robots} = World) ->
 
 %% Hardware tells when something was, by the system's time, and feels what it touches.
 heard(Id, Chassis, {at, SystemUs, What}, #world{clock = Clock} = World) ->
-    Told = {{at, starl_live_clock:at_us(SystemUs, Clock)}, What},
-    heard_at(Id, Chassis, Told, fun(At, Next) -> driven(Id, What, At, Next) end, World);
+    Then = starl_live_clock:at_us(SystemUs, Clock),
+    Told = {{at, Then}, What},
+    heard_at(Id, Chassis, Told, fun(At, Next) -> driven(Id, What, At, Next) end, late(Then, World));
 heard(Id, Chassis, What, World) ->
     heard_at(Id, Chassis, {now, What}, fun(_At, Next) -> Next end, World).
+
+%% What is heard so late cannot be judged at its time.
+late(Then, #world{judge = Judge} = World) ->
+    Now = now_us(World),
+    case Then < Now - starl_world_judge:horizon_us() of
+        true -> by(starl_world_judge:stood_still(Then, Now, Judge), World);
+        false -> World
+    end.
 
 heard_at(Id, Chassis, Told, Then, #world{robots = Robots} = World) ->
     case starl_world_team:heard(Id, Chassis, Told, now_us(World), Robots) of
@@ -146,9 +156,13 @@ advance(Id, #world{robots = Robots} = World) ->
     yielded(starl_world_team:advance(Id, now_us(World), Robots), World).
 
 yielded({Traces, Words, Robots}, World) ->
-    Next = World#world{robots = Robots},
-    ok = lists:foreach(fun(Word) -> say(Word, Next) end, Words),
+    {Undone, Others} = lists:partition(fun(Word) -> element(1, Word) =:= undo end, Words),
+    Next = lists:foldl(fun undo/2, World#world{robots = Robots}, Undone),
+    ok = lists:foreach(fun(Word) -> say(Word, Next) end, Others),
     told(Traces, Next).
+
+undo({undo, Events}, #world{judge = Judge} = World) ->
+    by(starl_world_judge:undone(Events, now_us(World), Judge), World).
 
 %% A wake-up that comes when there is nothing to do any more does no harm.
 say({tell, Pid, Message}, _World) ->
@@ -313,13 +327,30 @@ judge(World) ->
     judged(World).
 
 judged(#world{ending = Ending} = World) when Ending =/= none -> World;
-judged(#world{judge = Judge, limit_us = Limit} = World) ->
-    Now = now_us(World),
-    case starl_world_judge:judge(Now, Judge) of
-        {violation, Next} -> ended(violation, World#world{judge = Next});
-        {ok, Next} when Now >= Limit -> ended(time, World#world{judge = Next});
-        {ok, Next} -> goes_on(Next, World)
+judged(#world{judge = Judge, limit_us = Limit} = World0) ->
+    Now = now_us(World0),
+    #world{behind_us = Behind} = World = looked(Now, World0),
+    case starl_world_judge:judge(Now, Behind, Judge) of
+        {violation, Next} -> ended(violation, by(Next, World));
+        {ok, Next} when Now >= Limit -> ended(time, by(Next, World));
+        {ok, Next} -> goes_on(Next, by(Next, World))
     end.
+
+%% A computer that stood still goes on with all processes at once: what others have told the world
+%% comes a moment after the judge could look.
+looked(Now, #world{looked_us = Looked, behind_us = Behind} = World) ->
+    Passed = Now - Looked,
+    Kept = max(0, Passed - 2 * 1000 * ?JUDGE_MS),
+    World#world{looked_us = Now, behind_us = max(Kept, max(0, Behind - Passed))}.
+
+%% What is not judged any more is logged.
+by(Judge, #world{judge = Before} = World) ->
+    Known = starl_world_judge:unjudged(Before),
+    _ = [
+        logger:warning(#{what => not_judged, why => unicode:characters_to_binary(Line)})
+     || Part <- starl_world_judge:unjudged(Judge) -- Known, Line <- [starl_unjudged:format(Part)]
+    ],
+    World#world{judge = Judge}.
 
 ended(Ending, #world{ending = none, callers = Callers} = World) ->
     lists:foreach(fun(From) -> gen_server:reply(From, Ending) end, Callers),

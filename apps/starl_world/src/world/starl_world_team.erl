@@ -20,14 +20,19 @@
 
 -type id() :: starl:robot_id().
 -type result() :: running | given_up | {done, term()}.
+-type answer() :: {Mark :: term(), starl_live_chassis:answer()}.
 
 -record(robot, {
     body :: starl_world_body:t(),
     chassis = none :: pid() | none,
     %% does the body go on without the link?
     is_free = false :: boolean(),
-    %% the time of what free hardware has told last
+    %% of free hardware: when what it has told last was, its body then, and what the body has done since,
+    %% as long as nothing is heard that was earlier
     told_at = 0 :: integer(),
+    settled = none :: starl_world_body:t() | none,
+    since = [] :: [starl_monitor:trace_event()],
+    answered = [] :: [answer()],
     sight = none :: pid() | none,
     link = none :: pid() | none,
     names = [] :: [starl_machine:name()],
@@ -44,14 +49,15 @@
 
 -opaque t() :: #{id() => #robot{}}.
 
-%% A message for a process; the time at which a robot's body has to be advanced.
--type word() :: {tell, pid(), term()} | {wake, id(), DueUs :: integer()}.
+%% A message for a process; the time at which a robot's body has to be advanced; facts that were told and
+%% are none, since something else came before.
+-type word() ::
+    {tell, pid(), term()}
+    | {wake, id(), DueUs :: integer()}
+    | {undo, [starl_monitor:trace_event(), ...]}.
 
 %% What has happened: the facts, the words for other processes, and the robots.
 -type yield() :: {[starl_monitor:trace_event()], [word()], t()}.
-
-%% The longest delay of what the hardware of a robot tells.
--define(LATE_US, 500000).
 
 %% @doc Robots at these poses in the world of a simulation, all down, and the first facts of their
 %% bodies.
@@ -105,31 +111,46 @@ watching(Robots) -> [{Id, S} || {Id, #robot{sight = S}} <- maps:to_list(Robots),
 
 %% -- their bodies ---------------------------------------------------------------------------
 
-%% @doc A robot's chassis has told something now, or hardware tells when something was (`{at, Us}'): a
-%% moment ago, but not before what it has told last. However late it is heard, the body moves as if it
-%% had been heard at once. Returns that time, too; `unknown': it is not the robot's chassis any more.
+%% @doc A robot's chassis has told something now, or hardware tells when something was (`{at, Us}'): as
+%% long ago as the judge waits for facts, but not before what it has told last. However late it is heard, the
+%% body moves as if it had been heard at once: what it has done since then is undone. Returns that time, too; `unknown': it is not the robot's chassis any more.
 -spec heard(id(), Chassis :: pid(), {now | {at, integer()}, What}, NowUs :: integer(), t()) ->
     {AtUs :: integer(), yield()} | unknown
 when
     What :: {drive, starl_chassis:script(), integer(), term()} | {actuate, term(), term()} | stop.
 heard(Id, Chassis, {Time, What}, Now, Robots) ->
     case Robots of
-        #{Id := #robot{chassis = Chassis, body = Body} = Robot} ->
-            {At, Told} = told_at(Time, Now, Robot),
-            {At, yielded(Id, does(What, At, Body), Told, Robots)};
+        #{Id := #robot{chassis = Chassis} = Robot} ->
+            heard_at(Time, What, Now, {Id, Robot}, Robots);
         #{} ->
             unknown
     end.
 
-told_at(now, Now, Robot) ->
-    {Now, Robot};
-told_at({at, Then}, Now, #robot{told_at = Before} = Robot) ->
-    At = lists:max([Before, Now - ?LATE_US, min(Now, Then)]),
-    {At, Robot#robot{told_at = At}}.
+heard_at(now, What, Now, {Id, #robot{body = Body} = Robot}, Robots) ->
+    {Now, yielded(Id, does(What, Now, Body), Robot, Robots)};
+heard_at({at, Then}, What, Now, {Id, Robot}, Robots) ->
+    #robot{told_at = Before, body = Body, since = Since, answered = Answered} = Robot,
+    At = lists:max([Before, Now - starl_world_judge:horizon_us(), min(Now, Then)]),
+    Settled =
+        case Robot of
+            #robot{settled = none} -> Body;
+            #robot{settled = Known} -> Known
+        end,
+    {Traces, Answers, Next} = does(What, At, Settled),
+    {New, Words, Told} = yielded(
+        Id,
+        {Traces -- Since, Answers -- Answered, Next},
+        (settled(Next, Robot))#robot{told_at = At},
+        Robots
+    ),
+    Undone = [{undo, Events} || [_ | _] = Events <- [Since -- Traces]],
+    {At, {New, Undone ++ Words, Told}}.
+
+settled(Body, Robot) -> Robot#robot{settled = Body, since = [], answered = []}.
 
 does({drive, Script, Until, Mark}, Now, Body) ->
     case starl_live_chassis:is_late(Script, Until, Now) of
-        true -> {[], [], Body};
+        true -> starl_world_body:advance(Now, Body);
         false -> starl_world_body:drive(Script, Mark, Now, Body)
     end;
 does({actuate, What, Mark}, Now, Body) ->
@@ -141,7 +162,14 @@ does(stop, Now, Body) ->
 -spec advance(id(), NowUs :: integer(), t()) -> yield().
 advance(Id, Now, Robots) ->
     #{Id := #robot{body = Body} = Robot} = Robots,
-    yielded(Id, starl_world_body:advance(Now, Body), Robot, Robots).
+    Advanced = starl_world_body:advance(Now, Body),
+    yielded(Id, Advanced, since(Advanced, Robot), Robots).
+
+%% What a body does by itself may be undone.
+since(_Advanced, #robot{settled = none} = Robot) ->
+    Robot;
+since({Traces, Answers, _Body}, #robot{since = Since, answered = Answered} = Robot) ->
+    Robot#robot{since = Since ++ Traces, answered = Answered ++ Answers}.
 
 %% @doc What a robot touches has changed: its hardware is told, and it stands if that is in its way.
 -spec touched(id(), starl_world_floor:touch(), AtUs :: integer(), t()) -> yield().
@@ -150,8 +178,10 @@ touched(Id, {_Bits, IsBlocked} = Touch, At, Robots) ->
     Tell = [{tell, Chassis, {starl_body_touches, Touch}} || is_pid(Chassis)],
     case IsBlocked of
         true ->
-            Stopped = starl_world_body:stop(max(At, Before), Body),
-            {Traces, Words, Next} = yielded(Id, Stopped, Robot, Robots),
+            Stands = max(At, Before),
+            {_, _, Stopped} = Stop = starl_world_body:stop(Stands, Body),
+            Felt = (settled(Stopped, Robot))#robot{told_at = Stands},
+            {Traces, Words, Next} = yielded(Id, Stop, Felt, Robots),
             {Traces, Tell ++ Words, Next};
         false ->
             {[], Tell, Robots}
@@ -265,7 +295,8 @@ down(Id, Last, Now, Robots) ->
         #{Id := #robot{body = Body, names = Names, is_free = IsFree} = Robot} ->
             {Facts, Told} = told(Last, Robot),
             Left = Told#robot{is_up = false, link = none, halts = []},
-            {Traces, Words, Next} = yielded(Id, left(Now, IsFree, Body), Left, Robots),
+            Gone = left(Now, IsFree, Body),
+            {Traces, Words, Next} = yielded(Id, Gone, since(Gone, Left), Robots),
             Down = [{Now, Id, robot, down} | [{Now, Id, Name, crashed} || Name <- Names]],
             {Traces ++ Facts ++ Down, Words, Next}
     end.
