@@ -130,6 +130,8 @@ count(Text) ->
 
 %% @doc A short text on the difference between robots that were assumed to be alike.
 -spec format_unlike(starl_check_search:unlike()) -> unicode:chardata().
+format_unlike({number, Place}) ->
+    io_lib:format("robot ~b does something else under its own number", [Place]);
 format_unlike({Choice, Item, Permutation}) ->
     {Event, []} = starl_check_explain:step({Choice, Item, []}),
     Moves = [

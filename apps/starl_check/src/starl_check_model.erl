@@ -4,7 +4,7 @@
 %% explains the models.
 -module(starl_check_model).
 
--export([blocks/0, new/2, machines/2, timer/2, permutations/1, may_be_inert/3]).
+-export([blocks/0, new/2, machines/2, timer/2, permutations/1, may_be_inert/3, told_apart/1, id/2]).
 
 -export_type([t/0, block/0, options/0, budgets/0, timer_kind/0]).
 
@@ -56,6 +56,8 @@
 %% may be traced.
 -type t() :: #{
     block := block(),
+    %% what it is made of
+    given := {starl_block:model_entry(), options()},
     ids := [starl:robot_id()],
     faults := budgets(),
     sap := real | contract,
@@ -110,17 +112,33 @@ blocks() -> [{Name, Doc} || {Name, Doc, _} <- starl_blocks:models()].
 
 %% @doc The model of a shipped block or of a user's block.
 -spec new(block() | starl_block:model_entry(), options()) -> t().
-new({Name, _Doc, Make}, Options) ->
+new({_Name, _Doc, _Make} = Entry, Options) ->
+    Model = made(Entry, Options),
+    case permutations(Model) of
+        [] -> made(Entry, Options#{symmetry => false});
+        [_ | _] -> Model
+    end;
+new(Name, Options) ->
+    new(lists:keyfind(Name, 1, starl_blocks:models()), Options).
+
+%% @doc The same model for a search that exchanges no robots: they have their own numbers, from 1.
+-spec told_apart(t()) -> t().
+told_apart(#{given := {Entry, Options}} = Model) ->
+    maps:merge(new(Entry, Options#{symmetry => false}), maps:with([leave_out, workers], Model)).
+
+%% @doc The number of the robot at a place.
+-spec id(starl_check_term:place(), t()) -> starl:robot_id().
+id(Place, #{ids := Ids}) -> lists:nth(Place, Ids).
+
+made({Name, _Doc, Make} = Entry, Options) ->
     Common = common(Name, Options),
     Given = Make(team(Common)),
     Model = maps:merge(complete(Given, Common), maps:with([past_us, waits], Options)),
     Crash = maps:get(crash, Options, maps:get(crash, Model)),
     #{monitor := {Monitor, _}} = Model,
     Known = starl_monitor:known([starl_check_fact, Monitor]),
-    Judged = Model#{crash := Crash, known => Known},
-    with_machine(maps:find(machine, Options), Judged);
-new(Name, Options) ->
-    new(lists:keyfind(Name, 1, starl_blocks:models()), Options).
+    Judged = Model#{crash := Crash, known => Known, given => {Entry, Options}},
+    with_machine(maps:find(machine, Options), Judged).
 
 team(#{ids := Ids, faults := Faults, rounds := Rounds, terms := Terms}) ->
     #{
@@ -133,7 +151,8 @@ team(#{ids := Ids, faults := Faults, rounds := Rounds, terms := Terms}) ->
 
 common(Block, Options) ->
     Robots = maps:get(robots, Options, 3),
-    Ids = [starl_check_term:id(Place) || Place <- lists:seq(1, Robots)],
+    Symmetry = maps:get(symmetry, Options, true),
+    Ids = ids(lists:seq(1, Robots), Symmetry),
     #{
         block => Block,
         ids => Ids,
@@ -150,12 +169,15 @@ common(Block, Options) ->
         inert => fun(_, _) -> false end,
         rounds => maps:get(rounds, Options, 2),
         terms => maps:get(terms, Options, ?TERMS),
-        symmetry => maps:get(symmetry, Options, true),
+        symmetry => Symmetry,
         reduce => maps:get(reduce, Options, true),
         leave_out => maps:get(leave_out, Options, true),
         workers => maps:get(workers, Options, erlang:system_info(schedulers_online)),
         spread => maps:get(spread, Options, ?SPREAD)
     }.
+
+ids(Places, true) -> [starl_check_term:id(Place) || Place <- Places];
+ids(Places, false) -> Places.
 
 %% If SAP itself is checked, its crashes are those of the block's machine.
 faults(sap, #{crash := Crash, sap := Sap} = Faults) -> Faults#{crash := Crash + Sap, sap := 0};

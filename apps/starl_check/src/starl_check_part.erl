@@ -8,6 +8,7 @@
 -export([item/2, item_number/2, source/1, receiver/1, age/1, grown_old/3, queue/2, moved_up/2]).
 -export([later_robot/4, later_item/4]).
 -export([renamed_robot/3, renamed_item/3, renamed_monitor/4]).
+-export([own_robot/3, own_event/3, own_happening/3]).
 
 -export_type([ref/0, item/0, age/0, event/0, happening/0]).
 
@@ -59,7 +60,7 @@ event(Place, Number, Event, Model, Store) ->
 
 happen(Place, Number, Event, Model, Store) ->
     Robot = starl_check_store:term(Number, Store),
-    Happens = fun() -> starl_check_robot:event(robot_event(Event, Store), Robot, Model) end,
+    Happens = fun() -> starl_check_robot:event(robot_event(Event, Model, Store), Robot, Model) end,
     happening(Place, Happens, Model, Store).
 
 %% @doc The moments at which a robot can stand still while it handles an event.
@@ -70,7 +71,7 @@ cuts(Number, Event, Model, Store) ->
         fun() ->
             Robot = starl_check_store:term(Number, Store),
             try
-                starl_check_robot:cuts(robot_event(Event, Store), Robot, Model)
+                starl_check_robot:cuts(robot_event(Event, Model, Store), Robot, Model)
             catch
                 throw:{crashed, _, _} -> []
             end
@@ -84,7 +85,7 @@ happening(Place, Happens, Model, Store) ->
         Result -> happened(Place, Result, Model, Store)
     catch
         throw:{crashed, Name, Reason} ->
-            Id = starl_check_term:id(Place),
+            Id = starl_check_model:id(Place, Model),
             {broken, starl_crash_monitor:violation(0, Id, Name, starl_crash:cause(Reason))}
     end.
 
@@ -112,14 +113,16 @@ within(Place, {Sent, Traces, Robot}, #{monitor := {Module, _}}, Store) ->
 unless_empty([], _Store) -> none;
 unless_empty(Traces, Store) -> starl_check_store:number(Traces, Traces, Store).
 
-robot_event({still, Cut, Event}, Store) ->
-    {still, Cut, robot_event(Event, Store)};
-robot_event(I, Store) when is_integer(I) ->
+robot_event({still, Cut, Event}, Model, Store) ->
+    {still, Cut, robot_event(Event, Model, Store)};
+robot_event(I, Model, Store) when is_integer(I) ->
     case item(I, Store) of
-        {packet, _, _, Packet} -> {packet, Packet};
-        {message, From, _, Type, Body, _, _} -> {message, starl_check_term:id(From), Type, Body}
+        {packet, _, _, Packet} ->
+            {packet, Packet};
+        {message, From, _, Type, Body, _, _} ->
+            {message, starl_check_model:id(From, Model), Type, Body}
     end;
-robot_event(Event, _Store) ->
+robot_event(Event, _Model, _Store) ->
     Event.
 
 new_item(From, {packet, To, Packet}) ->
@@ -324,3 +327,42 @@ rename_item(Permutation, {packet, From, To, Packet}) ->
 rename_item(Permutation, {message, From, To, Type, Body, Ref, Age}) ->
     {New, NewTo} = {element(From, Permutation), element(To, Permutation)},
     {message, New, NewTo, Type, starl_check_term:rename(Body, Permutation), Ref, Age}.
+
+%% -- robots under their own numbers --------------------------------------------------------
+
+%% @doc The number, in the store `Own', of a robot's state in which each robot has its own number.
+-spec own_robot(ref(), store(), Own :: store()) -> ref().
+own_robot(Number, Store, Own) ->
+    Robot = starl_check_robot:own(starl_check_store:term(Number, Store)),
+    starl_check_store:number(Robot, Robot, Own).
+
+%% @doc The same for an event of a robot.
+-spec own_event(event(), store(), Own :: store()) -> event().
+own_event({still, Cut, Event}, Store, Own) -> {still, Cut, own_event(Event, Store, Own)};
+own_event(I, Store, Own) when is_integer(I) -> own_item(I, Store, Own);
+own_event(Event, _Store, _Own) -> starl_check_term:own(Event).
+
+%% @doc The same for what follows from an event.
+-spec own_happening(happening(), store(), Own :: store()) -> happening().
+own_happening({Robot, Sent, Traces, Judged}, Store, Own) ->
+    {
+        own_robot(Robot, Store, Own),
+        lists:sort([own_item(I, Store, Own) || I <- Sent]),
+        own_traces(Traces, Store, Own),
+        own_traces(Judged, Store, Own)
+    };
+own_happening(beyond, _Store, _Own) ->
+    beyond;
+own_happening({broken, Violation}, _Store, _Own) ->
+    {broken, starl_check_term:own(Violation)}.
+
+own_traces(none, _Store, _Own) -> none;
+own_traces(Number, Store, Own) -> unless_empty(starl_check_term:own(traces(Number, Store)), Own).
+
+own_item(I, Store, Own) -> item_number(own_item(item(I, Store)), Own).
+
+%% Sender and receiver are places.
+own_item({packet, From, To, Packet}) ->
+    {packet, From, To, starl_check_term:own(Packet)};
+own_item({message, From, To, Type, Body, Ref, Age}) ->
+    {message, From, To, Type, starl_check_term:own(Body), Ref, Age}.

@@ -12,7 +12,7 @@
 -export([
     boot/2, event/3, cuts/3, timers/1, calls/1, is_done/1, condition/1, has_aged/1, must_go_on/2
 ]).
--export([shift/3, rename/2]).
+-export([shift/3, rename/2, own/1, place/1]).
 
 -export_type([t/0, event/0, cut/0, sent/0, timer/0, due/0, condition/0]).
 
@@ -81,7 +81,7 @@ boot(Place, #{sap := Sap} = Model) ->
         end,
     World = starl_check_world:new(Place, #{}, Model),
     Machines = starl_robot_machines:new(inline(Place, Model)),
-    Robot = starl_robot:new(starl_check_term:id(Place), starl_check_world, World, Machines),
+    Robot = starl_robot:new(starl_check_model:id(Place, Model), starl_check_world, World, Machines),
     result(run(#run{robot = single(Robot), place = Place, model = Model, sap = Service})).
 
 %% @doc The robot after an event.
@@ -265,6 +265,21 @@ rename(#robot{place = Place, machines = Machines, timers = Timers, sap = Sap} = 
         sap = starl_check_term:rename(Sap, To)
     }.
 
+%% @doc The robot when each robot has its own number.
+-spec own(t()) -> t().
+own(#robot{machines = Machines, timers = Timers, sap = Sap} = Robot) ->
+    Robot#robot{
+        stored = starl_check_term:own(Robot#robot.stored),
+        standing = starl_check_term:own(Robot#robot.standing),
+        machines = starl_check_term:own(Machines),
+        timers = starl_check_term:own(Timers),
+        sap = starl_check_term:own(Sap)
+    }.
+
+%% @doc The place of the robot in its team.
+-spec place(t()) -> starl_check_term:place().
+place(#robot{place = Place}) -> Place.
+
 %% -- running to completion ------------------------------------------------------------------
 
 %% The robot as the loop knows it.
@@ -272,7 +287,7 @@ begun(Inline, #robot{place = Place, machines = Machines, timers = Timers} = Robo
     #robot{condition = Condition, incarnations = Starts, stored = Stored, sap = Sap} = Robot,
     Running = [{Name, Timer, {Due, Content}} || {{Name, Timer}, Due, Content} <- Timers],
     Restored = starl_robot:restore(#{
-        id => starl_check_term:id(Place),
+        id => starl_check_model:id(Place, Model),
         driver => starl_check_world,
         condition => Condition,
         world => starl_check_world:new(Place, Stored, Model),
@@ -350,8 +365,9 @@ update(Name, Fun, Robot) ->
         starl_robot_machines:update(Name, Fun, starl_robot:machines(Robot)), Robot
     ).
 
-serve(Request, From, Robot, #run{place = Place, sap = Sap, model = #{ids := Ids}} = Run) ->
-    Self = starl_check_term:id(Place),
+serve(Request, From, Robot, #run{place = Place, sap = Sap, model = Model} = Run) ->
+    #{ids := Ids} = Model,
+    Self = starl_check_model:id(Place, Model),
     {Local, Messages, Next} =
         starl_check_sap:request(Request, From, Self, lists:delete(Self, Ids), Sap),
     Sent = [{message, To, Type, Body, Ref} || {To, Type, Body, Ref} <- Messages],

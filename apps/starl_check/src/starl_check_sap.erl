@@ -65,8 +65,12 @@ request({listen, Type, Machine}, none, _Self, _Others, #sap{} = Sap) ->
 request({send, Self, Type, Body}, From, Self, _Others, Sap) ->
     {Heard, Delivered} = deliver(Self, Type, Body, Sap),
     {Heard ++ answer(From, ok), [], Delivered};
-request({send, To, Type, Body}, From, _Self, _Others, Sap) ->
-    put_under_way([To], Type, Body, From, false, Sap);
+request({send, To, Type, Body}, From, _Self, Others, Sap) ->
+    case lists:member(To, Others) of
+        true -> put_under_way([To], Type, Body, From, false, Sap);
+        %% the team has no such robot
+        false -> {answer(From, {error, {lost, [To]}}), [], Sap}
+    end;
 request({send, To, Type, Body, _Until}, From, Self, Others, Sap) ->
     request({send, To, Type, Body}, From, Self, Others, Sap);
 request({shout, Type, Body, _Until}, none, Self, Others, Sap) ->

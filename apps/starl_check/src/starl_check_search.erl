@@ -25,10 +25,10 @@
     unlike := none | unlike()
 }.
 
-%% A choice whose effect differs between robots assumed to be alike.
--type unlike() :: {
-    starl_check_choice:t(), starl_check_part:item() | none, starl_check_term:permutation()
-}.
+%% A choice whose effect differs between robots assumed to be alike; a robot that looks at its number.
+-type unlike() ::
+    {starl_check_choice:t(), starl_check_part:item() | none, starl_check_term:permutation()}
+    | {number, starl_check_term:place()}.
 
 %% Decides from time to time whether to continue; has its own state.
 -type control(State) :: fun((figures(), State) -> {continue | stop, State}).
@@ -96,11 +96,11 @@ run(#{workers := Count} = Model, Limits, Control) ->
     },
     Result = first(starl_check_step:initial(Model, Store), Search),
     Whole = starl_check_workers:stop(Search#search.workers, Store),
-    Checked = proved(Result, Permutations, Model, Whole),
+    Checked = numbered(proved(Result, Permutations, Model, Whole), Permutations, Model, Whole),
     ok = starl_check_store:delete(Whole),
     case Checked of
         unproved -> run(Model#{leave_out := false}, Limits, Control);
-        {unlike, How} -> told(How, run(Model#{symmetry := false}, Limits, Control));
+        {unlike, How} -> told(How, run(starl_check_model:told_apart(Model), Limits, Control));
         %% With several workers the way found depends on their speed.
         any_way -> run(Model#{workers := 1}, Limits, Control);
         _ -> Checked
@@ -126,6 +126,25 @@ proved({holds, _, _} = Held, Permutations, Model, Store) ->
     end;
 proved(Other, _Permutations, _Model, _Store) ->
     Other.
+
+%% What robots with other numbers than their own have done is worth something if the numbers are nothing
+%% to them.
+numbered(Checked, [], _Model, _Store) ->
+    Checked;
+numbered({holds, Ending, _} = Held, _, Model, Store) when
+    Ending =:= complete; Ending =:= depth; Ending =:= endless
+->
+    unless_numbered(Held, Model, Store);
+numbered({violated, _, _, _} = Violated, _, Model, Store) ->
+    unless_numbered(Violated, Model, Store);
+numbered(Other, _, _Model, _Store) ->
+    Other.
+
+unless_numbered(Checked, Model, Store) ->
+    case starl_check_symmetry:numbered(Model, Store) of
+        none -> Checked;
+        Place -> {unlike, {number, Place}}
+    end.
 
 %% Expands the nearest states.
 nearest(#search{unlike = Unlike}) when Unlike =/= none ->

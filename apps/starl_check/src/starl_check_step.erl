@@ -120,7 +120,7 @@ inform(Place, Event, #{robots := Robots} = State, Model, Store) ->
 note(What, I, State, Model, Store) ->
     case starl_check_part:item(I, Store) of
         {message, From, To, _, _, Ref, _} when Ref =/= none ->
-            inform(From, {What, Ref, starl_check_term:id(To)}, State, Model, Store);
+            inform(From, {What, Ref, starl_check_model:id(To, Model)}, State, Model, Store);
         _ ->
             State
     end.

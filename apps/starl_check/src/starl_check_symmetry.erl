@@ -2,9 +2,13 @@
 %% change places before it or after it. This is tried out on some of the states of every search,
 %% with every permutation and every choice. The test finds machines that behave differently at
 %% different robots, and machines whose data cannot be renamed.
+%%
+%% A search that exchanges robots gives them numbers that no machine uses for anything else. A machine
+%% may look at its robot's own number, which is 1 or 2, and would do something else in a run. So at the
+%% end all steps that robots have taken are taken again by robots with their own numbers.
 -module(starl_check_symmetry).
 
--export([differs/4]).
+-export([differs/4, numbered/2]).
 
 -export_type([difference/0]).
 
@@ -41,6 +45,52 @@ under(Permutation, Steps, State, Model, Store) ->
             false -> {Choice, Permutation}
         end
     end).
+
+%% @doc The place of a robot that takes a step of the search differently when each robot has its own
+%% number.
+-spec numbered(model(), store()) -> none | starl_check_term:place().
+numbered(Model, Store) ->
+    Own = starl_check_store:new(),
+    Apart = starl_check_model:told_apart(Model),
+    try
+        lists:foreach(
+            fun(Place) -> boots_alike(Place, {Model, Store}, {Apart, Own}) end,
+            lists:seq(1, length(maps:get(ids, Model)))
+        ),
+        starl_check_store:fold(
+            fun(Key, Value, ok) -> steps_alike(Key, Value, Store, {Apart, Own}) end, ok, Store
+        ),
+        none
+    catch
+        throw:{?MODULE, Place} -> Place
+    after
+        ok = starl_check_store:delete(Own)
+    end.
+
+boots_alike(Place, {Model, Store}, {Apart, Own}) ->
+    Booted = starl_check_part:boot(Place, Model, Store),
+    alike(
+        Place,
+        starl_check_part:own_happening(Booted, Store, Own),
+        starl_check_part:boot(Place, Apart, Own)
+    ).
+
+%% Only steps of robots are remembered under a robot and its event.
+steps_alike({Robot, Event}, Happening, Store, {Apart, Own}) when is_integer(Robot) ->
+    Place = starl_check_robot:place(starl_check_store:term(Robot, Store)),
+    Before = starl_check_part:own_robot(Robot, Store, Own),
+    Happens = starl_check_part:own_event(Event, Store, Own),
+    alike(
+        Place,
+        starl_check_part:own_happening(Happening, Store, Own),
+        starl_check_part:event(Place, Before, Happens, Apart, Own)
+    );
+steps_alike(_Key, _Value, _Store, _Apart) ->
+    ok.
+
+alike(_Place, Same, Same) -> ok;
+alike(_Place, {broken, #{what := What}}, {broken, #{what := What}}) -> ok;
+alike(Place, _Searched, _Own) -> throw({?MODULE, Place}).
 
 first([], _Try) ->
     none;

@@ -1,8 +1,8 @@
 %% @doc Finds and changes robots' numbers and times inside the data of machines.
 %%
 %% A machine's data are opaque, so the checker cannot ask the machine for the times and robots in
-%% them. It recognizes them by their values: robot N of the team has a number that no machine uses
-%% for anything else, and each robot's clock reads values in a separate range. A value in such a
+%% them. It recognizes them by their values: in a search that exchanges robots, robot N of the team has
+%% a number that no machine uses for anything else ({@link id/1}), and each robot's clock reads values in a separate range. A value in such a
 %% range is a time of that robot's clock, wherever it occurs: in the data of the robot's own
 %% machine, in a message, or in the data of another robot that sends it back later.
 %%
@@ -11,7 +11,7 @@
 %% are the same term. A time further back than the `horizon' is kept at the horizon.
 -module(starl_check_term).
 
--export([id/1, number/1, now/1, long_ago/1, shift/4, rename/2, redrawn/1, shown/1]).
+-export([id/1, number/1, now/1, long_ago/1, shift/4, rename/2, own/1, redrawn/1, shown/1]).
 
 -export_type([place/0, permutation/0]).
 
@@ -27,13 +27,14 @@
 %% A time lies within 12 days of its clock's reading.
 -define(REACH, (1 bsl 40)).
 
-%% @doc The number of the robot at a place of the team.
+%% @doc The number that no machine uses for anything but the robot at a place of the team.
 -spec id(place()) -> starl:robot_id().
 id(Place) when is_integer(Place) -> ?FIRST + Place.
 
-%% @doc The place of a robot.
+%% @doc The place of a robot, which is its own number.
 -spec number(starl:robot_id()) -> place().
-number(Id) when is_integer(Id) -> Id - ?FIRST.
+number(Id) when Id > ?FIRST -> Id - ?FIRST;
+number(Id) when is_integer(Id) -> Id.
 
 %% @doc The reading of the clock of the robot at a place, in microseconds.
 -spec now(place()) -> integer().
@@ -94,6 +95,13 @@ renamed(I, Permutation) ->
         _ ->
             I
     end.
+
+%% @doc The term in which each robot has its own number.
+-spec own(term()) -> term().
+own(Term) -> walk(fun owned/1, Term).
+
+owned(I) when I > ?FIRST, I < ?FIRST + 100 -> number(I);
+owned(I) -> I.
 
 %% @doc The term with its streams of random numbers reset to their start.
 -spec redrawn(Term) -> Term.

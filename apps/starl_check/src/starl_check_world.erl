@@ -69,7 +69,7 @@ present(World) -> clock(World).
 base(Name, Incarnation, #world{place = Place, model = Model, stored = Stored}) ->
     #{ids := Ids, waits := Waits} = Model,
     #{
-        robot => starl_check_term:id(Place),
+        robot => starl_check_model:id(Place, Model),
         participants => Ids,
         name => Name,
         incarnation => Incarnation,
@@ -90,8 +90,8 @@ started(Place, false) -> starl_check_term:long_ago(Place).
 
 %% @doc Records a traced event.
 -spec trace(starl_machine:name(), term(), t()) -> t().
-trace(Name, Event, #world{place = Place, traces = Traces} = World) ->
-    World#world{traces = [{0, starl_check_term:id(Place), Name, Event} | Traces]}.
+trace(Name, Event, #world{place = Place, model = Model, traces = Traces} = World) ->
+    World#world{traces = [{0, starl_check_model:id(Place, Model), Name, Event} | Traces]}.
 
 %% @doc Marks a timer with its content and its deadline, rounded up to ticks, because a timer never
 %% fires early.
@@ -129,10 +129,11 @@ perform({until, _Us, Action, _Late}, Name, World) ->
 perform({transmit, Dest, Packet}, _Name, World) ->
     {[], put_under_way([{packet, To, Packet} || To <- dests(Dest, World)], World)}.
 
-dests(all, #world{place = Place, model = #{ids := Ids}}) ->
-    lists:delete(starl_check_term:id(Place), Ids);
-dests(Dest, _World) ->
-    [Dest].
+%% What is sent to a robot that the team has not goes nowhere.
+dests(all, #world{place = Place, model = #{ids := Ids} = Model}) ->
+    lists:delete(starl_check_model:id(Place, Model), Ids);
+dests(Dest, #world{model = #{ids := Ids}}) ->
+    [Dest || lists:member(Dest, Ids)].
 
 %% @doc Does nothing: the robot always stands still.
 -spec stop(t()) -> t().

@@ -1,5 +1,6 @@
 %% Machines with bugs that only the checker itself can miss, chosen by the key `variant':
-%% `partial', a barrier that forgets its rounds in a crash, but at the last of the team only;
+%% `partial', a barrier that forgets its rounds in a crash, but at the last of the team only; `numbered',
+%% the same at the robot whose number is 2; `calling', a counter that sends to robots 1 and 9;
 %% `patient', an election that never answers and looks again and again whether it can; `weary', one
 %% that does so after a crash; `counting', a patient one that counts how often it has looked;
 %% `untimely', a coordinator of path planning that says what it says whenever it leaves.
@@ -16,6 +17,16 @@ init(#{variant := partial, robot := Self, participants := Team} = Config) ->
         end,
     {State, Data, Actions} = starl_barrier_rounds:init(Known),
     {State, {starl_barrier_rounds, Data}, Actions};
+init(#{variant := numbered, robot := 2} = Config) ->
+    {State, Data, Actions} = starl_barrier_rounds:init(Config#{incarnation := 1, stored := none}),
+    {State, {starl_barrier_rounds, Data}, Actions};
+init(#{variant := numbered} = Config) ->
+    {State, Data, Actions} = starl_barrier_rounds:init(Config),
+    {State, {starl_barrier_rounds, Data}, Actions};
+init(#{variant := calling} = Config) ->
+    {State, Data, Actions} = starl_counter_gossip:init(Config),
+    Calls = [starl_sap:post(Robot, counter, {entries, []}) || Robot <- [1, 9]],
+    {State, {starl_counter_gossip, Data}, Actions ++ Calls};
 init(#{variant := unread, incarnation := Life} = Config) ->
     Read = [{stored, {0, 0, 0}} || Life > 1] ++ [none],
     {State, Data, Actions} = starl_dpp_participant:init(Config#{stored := hd(Read)}),

@@ -19,7 +19,7 @@ stored_is_renamed_and_shifted_test() ->
     {_, _, Robot} = starl_check_robot:boot(1, model()),
     {_, _, Kept} = starl_check_robot:event(?KEEP, Robot, model()),
     {_, Renamed, _} =
-        starl_check_robot:event(?CRASH, starl_check_robot:rename(Kept, {2, 1}), model()),
+        starl_check_robot:event(?CRASH, starl_check_robot:rename(Kept, {2, 1, 3}), model()),
     ?assertEqual([{stored, {starl_check_term:id(2), starl_check_term:now(2)}}], found(Renamed)),
     {_, Shifted, _} =
         starl_check_robot:event(?CRASH, starl_check_robot:shift(1, Kept, model()), model()),
@@ -30,4 +30,4 @@ found(Traces) -> [Stored || {_, _, election, {found, Stored}} <- Traces].
 
 model() ->
     Machine = {starl_check_keeper, #{}},
-    (starl_check_model:new(election, #{robots => 2, machine => Machine}))#{past_us := 1000000}.
+    (starl_check_model:new(election, #{robots => 3, machine => Machine}))#{past_us := 1000000}.

@@ -172,6 +172,35 @@ unlike_test_() ->
         ?assertNotEqual(nomatch, string:find(Words, "with robot 1 as 2, 2 as 1"))
     end).
 
+%% A machine may look at its robot's number, which is 1 or 2: what it does then is seen, and searched as it
+%% happens in a run. No robot of a search has another number where none changes its place.
+numbered_test_() ->
+    ?SLOW(begin
+        Numbered = #{machine => {starl_check_planted, #{variant => numbered}}, workers => 1},
+        {violated, Found} = check(barrier, 2, #{crash => 1}, Numbered),
+        ?assertMatch(
+            #{violation := #{what := reached_out_of_order}, figures := #{unlike := {number, 2}}},
+            Found
+        ),
+        {violated, Told} = check(barrier, 2, #{crash => 1}, Numbered#{symmetry => false}),
+        ?assertMatch(#{figures := #{unlike := none}}, Told),
+        ?assertEqual(maps:with([steps, chart], Told), maps:with([steps, chart], Found)),
+        Words = starl_check:format_unlike({number, 2}),
+        ?assertEqual("robot 2 does something else under its own number", lists:flatten(Words))
+    end).
+
+%% What is sent to a number arrives at that robot, if the team has it.
+calling_test_() ->
+    ?SLOW(begin
+        Calling = #{machine => {starl_check_planted, #{variant => calling}}},
+        States = fun(More) ->
+            {holds, complete, #{states := States}} = check(counter, 2, #{}, More),
+            States
+        end,
+        ?assertEqual(States(Calling), States(Calling#{symmetry => false})),
+        ?assert(States(Calling) > States(#{}))
+    end).
+
 %% Of those that are alike no difference is seen.
 alike_test_() ->
     [
