@@ -1,4 +1,5 @@
-%% @doc The table of the blocks that can be mutated: the sources and the tests of each.
+%% @doc The table of the blocks that can be mutated, and of other parts of a robot's program: the sources
+%% and the tests of each.
 %%
 %% Sources and tests are wildcards, so a new module of a block needs no entry. A test that does not
 %% call a mutated function is not run against it, so a superfluous test costs little.
@@ -9,7 +10,22 @@
 -export_type([name/0, unit/0, layer/0]).
 
 -type name() ::
-    sap | election | bully | mutex | barrier | geocast | registers | dpp | monitors | all.
+    sap
+    | election
+    | bully
+    | mutex
+    | barrier
+    | geocast
+    | registers
+    | counter
+    | dpp
+    | motion
+    | link
+    | transports
+    | reload
+    | trace
+    | monitors
+    | all.
 
 %% A test that may catch a mutant: an EUnit module, a run of `soak', a small search of the checker,
 %% a test case of Common Test.
@@ -101,20 +117,74 @@ blocks() ->
             unit => ["starl_geocast_*"],
             suite => ["starl_geocast_SUITE"],
             soak => [geocast],
-            check => []
+            check => [{geocast, 2, #{late => 1}}, {geocast, 2, #{crash => 1}}]
         },
         registers => #{
             sources => ["apps/starl_blocks/src/registers/*.erl"],
             unit => ["starl_registers_*", "starl_hlc_*"],
             suite => ["starl_registers_SUITE"],
             soak => [registers],
-            check => []
+            check => [{registers, 2, #{}}, {registers, 2, #{crash => 1}}]
+        },
+        counter => #{
+            sources => ["apps/starl_blocks/src/counter/*.erl"],
+            unit => ["starl_counter_*"],
+            suite => [],
+            soak => [counter],
+            check => [{counter, 2, #{}}, {counter, 2, #{loss => 1, crash => 1}}]
         },
         dpp => #{
             sources => ["apps/starl_blocks/src/dpp/*.erl"],
             unit => ["starl_dpp_*", "starl_planar_*", "starl_roadmap_*"],
             suite => ["starl_dpp_*_SUITE"],
             soak => [dpp],
+            check => [{terms, 3, #{}}, {terms, 3, #{death => 1}}]
+        },
+        motion => #{
+            sources => [
+                "apps/starl_platform/src/chassis/*.erl",
+                "apps/starl_platform/src/services/starl_{motion,actuator}*.erl",
+                "apps/starl_platform/src/contracts/starl_motion_monitor.erl"
+            ],
+            unit => [
+                "starl_{motion,velocity,trajectory,actuator,chassis,differential,holonomic}_*"
+            ],
+            suite => ["starl_{motion,ramp,holonomic}_SUITE"],
+            soak => [],
+            check => []
+        },
+        link => #{
+            sources => ["apps/starl_live/src/link/*.erl"],
+            unit => ["starl_live_{link,chassis,clock,store,record}_*", "starl_virtual_*"],
+            suite => ["starl_live_soak_SUITE"],
+            soak => [],
+            check => []
+        },
+        transports => #{
+            sources => ["apps/starl_live/src/transport/*.erl"],
+            unit => [
+                "starl_live_{air,codec,dist,figures,fragment,frame,key,pace,replay,seal,told}_*"
+            ],
+            suite => ["starl_live_{transport,udp}_SUITE"],
+            soak => [],
+            check => []
+        },
+        reload => #{
+            sources => ["apps/starl_platform/src/reload/*.erl"],
+            unit => ["starl_{reload,lineage,version}_*"],
+            suite => ["starl_reload_SUITE"],
+            soak => [],
+            check => []
+        },
+        trace => #{
+            sources => [
+                "apps/starl_trace/src/recording/*.erl",
+                "apps/starl_trace/src/mcap/*.erl",
+                "apps/starl_trace/src/stream/*.erl"
+            ],
+            unit => ["starl_{trace,mcap}_*"],
+            suite => ["starl_trace_SUITE"],
+            soak => [],
             check => []
         }
     }.
