@@ -40,18 +40,16 @@ floor_of(_) -> [12000, 12000].
 range(#{range := Range}) when is_number(Range) -> Range;
 range(_) -> null.
 
-contracts(Monitors) -> lists:sort([contract(Module) || {Module, _} <- Monitors, judges(Module)]).
+%% Those of an application of its own among them; monitors that only look on are no facts of a run. Crashes break
+%% contracts that are named after the machines.
+contracts(Monitors) ->
+    lists:usort([contract(Module) || {Module, _} <- Monitors, Module =/= starl_crash_monitor]).
 
 %% The word by which its violations name it.
 contract(starl_sim_progress_monitor) -> <<"progress">>;
 contract(starl_exercise_monitor) -> <<"calls">>;
+contract(starl_election_bully_monitor) -> <<"election">>;
 contract(Module) -> unicode:characters_to_binary(starl_monitor:name(Module)).
-
-%% Monitors that only look on declare no events.
-judges(Module) ->
-    {module, Module} =:= code:ensure_loaded(Module) andalso
-        (erlang:function_exported(Module, vocabulary, 0) orelse
-            lists:member(Module, [starl_sim_progress_monitor, starl_painting_monitor])).
 
 tube(Monitors) ->
     case [Radius || {_, #{tube_radius := Radius}} <- Monitors] of
