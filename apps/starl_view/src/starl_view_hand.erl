@@ -53,7 +53,10 @@ named({Kind, _, Shape, Specs, _} = Spec, Command, N, Where) ->
     Params = maps:get(<<"params">>, Command, #{}),
     case {target(Shape, maps:get(<<"target">>, Command, none), Where), params(Params, Specs)} of
         {none, _} ->
-            {error, io_lib:format("~ts: this target is not possible here", [Kind])};
+            {error,
+                io_lib:format("~ts: this target is not possible here, but ~ts", [
+                    Kind, possible(Shape, Where)
+                ])};
         {_, none} ->
             {error, io_lib:format("~ts: these parameters are not possible", [Kind])};
         {{ok, Target}, {ok, Values}} ->
@@ -61,6 +64,20 @@ named({Kind, _, Shape, Specs, _} = Spec, Command, N, Where) ->
             Fault = {id(N, Where), From, until(Spec, Command, Where), Kind, Target, Values},
             checked(starl_sim_fault:check([Fault]), Fault)
     end.
+
+%% What the field takes, as its title says it.
+possible(robots, #{robots := N}) ->
+    io_lib:format("a robot from 1 to ~b, or all", [N]);
+possible(robot, #{robots := N}) ->
+    io_lib:format("a robot from 1 to ~b", [N]);
+possible(link, #{robots := N}) ->
+    io_lib:format("a robot from 1 to ~b, a link as 1,2, or all", [N]);
+possible(machine, _Where) ->
+    "a machine as 1 sap";
+possible(two, _Where) ->
+    "two robots as 1,2";
+possible(group, #{robots := N}) ->
+    io_lib:format("robots from 1 to ~b as 1,2,3", [N]).
 
 checked([], Fault) -> {ok, [Fault]};
 checked([Problem | _], _Fault) -> {error, starl_sim_fault:format_problem(Problem)}.

@@ -52,6 +52,24 @@ names_test() ->
     _ = fault(command(<<"a_kind_that_nobody_has_written">>, 1)),
     ?assertError(badarg, binary_to_existing_atom(<<"a_kind_that_nobody_has_", "written">>)).
 
+%% A refusal tells what the field takes, for a target of each kind.
+possible_targets_test_() ->
+    [
+        ?_assertMatch({Kind, {match, _}}, {Kind, re:run(refusal(command(Kind, 99)), Possible)})
+     || {Kind, Possible} <- [
+            {<<"loss">>, "a robot from 1 to 3, a link as 1,2, or all$"},
+            {<<"kill_robot">>, "a robot from 1 to 3$"},
+            {<<"location_frozen">>, "a robot from 1 to 3, or all$"},
+            {<<"kill_machine">>, "a machine as 1 sap$"},
+            {<<"location_swap">>, "two robots as 1,2$"},
+            {<<"partition">>, "robots from 1 to 3 as 1,2,3$"}
+        ]
+    ].
+
+refusal(Command) ->
+    {error, Why} = fault(Command),
+    unicode:characters_to_list(Why).
+
 refused_test_() ->
     [
         ?_assertMatch({error, _}, fault(Command))

@@ -89,6 +89,7 @@ export class Panel {
     clearTimeout(place.going);
     place.textContent = text;
     place.classList.toggle('bad', bad);
+    if (text && of) place.scrollIntoView({ block: 'nearest' });
     if (text && !stays) place.going = setTimeout(() => { place.textContent = ''; }, SAID_MS);
   }
 
