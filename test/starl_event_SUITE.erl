@@ -276,6 +276,7 @@ rare() ->
         {supervisor, {crashed, 2}, {starl_sim_crash_tests, machine_crashed_test, 0}},
         {supervisor, {given_up, 1}, {starl_sim_crash_tests, block_given_up_test, 0}},
         {chassis, {not_understood, 1}, {starl_sim_holonomic_SUITE, another_chassis_script, 1}},
+        {chassis, {sensed, 1}, {starl_create_senses_SUITE, a_button_is_felt, 1}},
         {starl_motion, {velocity, 2}, {starl_velocity_tests, events_test, 0}},
         {starl_motion, {velocity_over, 1}, {starl_velocity_tests, events_test, 0}},
         {starl_sap, {overload, 1}, {starl_sap_tests, overload_test, 0}},

@@ -10,9 +10,9 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { LOOK_EACH_US = 20000, FLUSH_EACH_US = 1000, STOP_LIMIT_US = 500000, AT = 8 };
+enum { LOOK_EACH_US = 20000, LOOK_LATER_US = 100000, FLUSH_EACH_US = 1000, STOP_LIMIT_US = 500000, AT = 8 };
 
-static const uint64_t STAYS_US = UINT64_C(3600) * 1000000;
+static const uint64_t STAYS_US = UINT64_C(600) * 1000000;
 enum { IN, OUT, LINE, GUARD, POLLED };
 
 static volatile sig_atomic_t is_ended;
@@ -177,7 +177,7 @@ static void stop_when_back(struct port *port)
             device_close(&port->device);
             return;
         }
-        clock_sleep_us(LOOK_EACH_US);
+        clock_sleep_us(LOOK_LATER_US);
     }
 }
 
@@ -202,7 +202,7 @@ int port_run(const char *priority)
         messages(&port);
         time_passed(&port);
     }
-    bool is_out = port.is_lost;
+    bool is_out = port.is_lost && port.may_move;
     port_close(&port);
     if (is_out)
         stop_when_back(&port);

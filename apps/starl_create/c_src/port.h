@@ -38,7 +38,8 @@ struct port {
     bool is_silent;                  /* the heartbeat was missed */
     bool is_stale;                   /* what is read was sent while this program was halted */
 
-    bool is_lost; /* the device went away; it is looked for */
+    bool may_move; /* something was written after the wheels were stopped last */
+    bool is_lost;  /* the device went away; it is looked for */
     uint64_t look_us;
 
     enum control_line line; /* of the pulses */

@@ -55,6 +55,7 @@ bool port_open(struct port *port, const char *path, unsigned baud, bool is_quiet
     }
     if (comes_back)
         device_stop(&port->device, port->stop, port->stop_length, WRITE_LIMIT_US);
+    port->may_move = false;
     if (!accompany(port)) {
         if (!is_quiet)
             port_fail(port, "unguarded", strerror(errno));
@@ -97,6 +98,7 @@ void port_lost(struct port *port, const char *word)
 void port_write(struct port *port, const uint8_t *bytes, size_t length)
 {
     ssize_t sent = length > 0 ? device_write(&port->device, bytes, length) : 0;
+    port->may_move = true;
     if (sent < 0 && errno != EAGAIN) {
         port_lost(port, "unplugged");
         return;
@@ -143,6 +145,7 @@ void port_stop(struct port *port, const char *word)
     port->pending_at = port->pending_end = 0;
     release(port);
     device_stop(&port->device, port->stop, port->stop_length, WRITE_LIMIT_US);
+    port->may_move = false;
     if (word)
         port_say(port, 'x', word);
 }
@@ -162,6 +165,7 @@ void port_step(struct port *port)
     port_write(port, step.bytes, step.length);
     if (port->is_lost)
         return;
+    port->may_move = !step.is_last;
     if (step.is_last)
         say_marked(port, 'n');
     else if (is_first)

@@ -4,7 +4,7 @@
 
 -export([new/1, run/2, until/3, drive/2, actuate/2, stop/1, pose/1, now_us/1, driver/1, create/1]).
 -export([answers/1, said/1, events/1, wheels/1, outs/1, pull/2, plug/1, line/2, feel/2, inject/2]).
--export([profile/1, faults/2]).
+-export([profile/1, faults/2, rest/1, hear/2, commands/1]).
 
 -record(bench, {
     now = 0 :: integer(),
@@ -28,6 +28,8 @@
     said = [] :: list(),
     events = [] :: list(),
     outs = [] :: list(),
+    %% what the driver has written, newest first
+    written = [] :: [binary()],
     %% of a worn wheel: what it really turns
     worn = 1.0 :: number()
 }).
@@ -43,7 +45,7 @@ new(#{model := Model} = Options) ->
             phase_us => 3700,
             axle_mm => 258
         },
-        maps:with([baud], Options)
+        maps:with([baud, charge_mah], Options)
     ),
     Own = maps:merge(#{device => "bench", model => Model}, maps:get(driver, Options, #{})),
     {Actions, Driver} = starl_create_driver:open(Own),
@@ -71,6 +73,17 @@ answers(#bench{answers = Answers}) -> lists:reverse(Answers).
 said(#bench{said = Said}) -> lists:reverse(Said).
 events(#bench{events = Events}) -> lists:reverse(Events).
 outs(#bench{outs = Outs}) -> lists:reverse(Outs).
+
+%% What the driver has written, as commands.
+commands(#bench{written = Written, model = Model}) ->
+    decoded(iolist_to_binary(lists:reverse(Written)), Model).
+
+decoded(Bytes, Model) ->
+    case starl_create_command:decode(Bytes, Model) of
+        more -> [];
+        {ok, Command, Rest} -> [Command | decoded(Rest, Model)]
+    end.
+
 wheels(#bench{create = Create}) -> starl_create_emulator:wheels(Create).
 
 %% -- what a test does -----------------------------------------------------------------------
@@ -82,6 +95,11 @@ actuate({Device, Value, Mark}, #bench{driver = Driver} = Bench) ->
     after_driver(starl_create_driver:actuate(Device, Value, Mark, Driver), Bench).
 
 stop(#bench{driver = Driver} = Bench) -> after_driver(starl_create_driver:stop(Driver), Bench).
+
+rest(#bench{driver = Driver} = Bench) -> after_driver(starl_create_driver:rest(Driver), Bench).
+
+%% The port, or the chassis, says this.
+hear(Message, Bench) -> said_driver(Message, Bench).
 
 %% The cable: nothing on the way arrives.
 pull(Why, #bench{} = Bench) ->
@@ -220,8 +238,10 @@ write(Ref, [{Bytes, Us} | Steps], Stop, #bench{now = Now} = Bench) ->
     Sent = said_driver({sent, Ref, Now}, send(Bytes, Bench)),
     later(Now + Us, {script, Ref, Steps, Stop}, Sent#bench{due = Now + Us}).
 
-send(_Bytes, #bench{is_plugged = false} = Bench) -> Bench;
-send(Bytes, Bench) -> travel(robot, Bytes, Bench).
+send(_Bytes, #bench{is_plugged = false} = Bench) ->
+    Bench;
+send(Bytes, #bench{written = W} = Bench) ->
+    travel(robot, Bytes, Bench#bench{written = [Bytes | W]}).
 
 %% Bytes keep their order.
 travel(To, Bytes, #bench{now = Now, latency = {Least, Most}, random = Random, last = Last} = Bench) ->

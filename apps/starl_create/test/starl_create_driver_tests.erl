@@ -137,6 +137,111 @@ sensors_are_events_test() ->
     ?assert(lists:member({buttons, 1}, Events)),
     ?assert(lists:member({cliff, [left]}, Events)).
 
+%% A frame may repeat the one before it; a wheel that turns in the third is well.
+a_repeated_frame_is_no_stall_test() ->
+    Frame = fun(Count) ->
+        #{
+            left_velocity => 200,
+            right_velocity => 200,
+            left_encoder => Count,
+            right_encoder => Count,
+            bumps_drops => 0,
+            overcurrents => 0
+        }
+    end,
+    See = fun(Counts) ->
+        lists:foldl(
+            fun(N, Senses) -> starl_create_senses:see(Frame(N), Senses) end,
+            starl_create_senses:new(),
+            Counts
+        )
+    end,
+    Turns = [0, 7, 14, 21, 28, 35, 42],
+    [
+        ?assertEqual(
+            {Repeated, Repeated >= 3},
+            {Repeated,
+                starl_create_senses:is_stalled(
+                    true, See(Turns ++ lists:duplicate(Repeated, 42))
+                )}
+        )
+     || Repeated <- [0, 1, 2, 3, 4]
+    ],
+    ?assertNot(starl_create_senses:is_stalled(true, See(Turns ++ [42, 42, 49, 49, 49]))).
+
+%% A battery that is low when the robot is taken is told, as an event, too.
+a_low_battery_is_told_at_the_start_test() ->
+    Bench = ready(#{model => 2, charge_mah => 200}),
+    ?assert(is_said("battery is low (7 %)", Bench)),
+    ?assert(lists:keymember({battery, low}, 2, starl_create_bench:events(Bench))).
+
+%% A robot with nothing more to do is in mode Passive until a script comes.
+a_robot_that_is_done_rests_test() ->
+    Rests = starl_create_bench:run(3 * ?S, rest(ready(#{model => 2}))),
+    ?assertEqual(passive, mode(Rests)),
+    ?assertNot(is_ready(Rests)),
+    ?assertEqual([], starl_create_bench:said(Rests)),
+    Again = get_ready(2, ahead(100, 100.0, Rests)),
+    ?assertEqual(safe, mode(Again)).
+
+rest(Bench) -> starl_create_bench:rest(Bench).
+
+a_robot_looks_for_its_dock_and_leaves_it_test() ->
+    Seeks = starl_create_bench:run(?S, actuates(dock, seek, ready(#{model => 2}))),
+    ?assert(lists:member(dock, commands(Seeks))),
+    ?assertEqual(passive, mode(Seeks)),
+    Docked = starl_create_bench:run(?S, starl_create_bench:feel({charger, true}, Seeks)),
+    ?assert(lists:keymember({docked, true}, 2, starl_create_bench:events(Docked))),
+    Leaves = starl_create_bench:run(2 * ?S, actuates(dock, leave, Docked)),
+    ?assert(x(Leaves) - x(Docked) < -150),
+    Left = get_ready(5, starl_create_bench:feel({charger, false}, Leaves)),
+    ?assertEqual(safe, mode(Left)).
+
+songs_and_lights_test() ->
+    Bench = starl_create_bench:run(?S, signals(ready(#{model => 2}))),
+    Commands = commands(Bench),
+    ?assert(lists:member({song, 0, [{60, 16}, {64, 16}]}, Commands)),
+    ?assert(lists:member({play, 0}, Commands)),
+    %% the first light is the pen, and up
+    ?assert(lists:member({leds, 2#1000, 128, 255}, Commands)).
+
+signals(Bench) ->
+    Given = [{song, [{60, 16}, {64, 16}]}, {lights, {2#1001, 128, 255}}, {song, []}, {lights, red}],
+    lists:foldl(fun({Device, Value}, B) -> actuates(Device, Value, B) end, Bench, Given).
+
+actuates(Device, Value, Bench) -> starl_create_bench:actuate({Device, Value, none}, Bench).
+
+%% What the driver has written, as commands.
+commands(Bench) -> starl_create_bench:commands(Bench).
+
+%% A computer that has missed its own timers is busy: that comes before what its robot may lack.
+a_busy_computer_is_said_first_test() ->
+    Late = starl_create_bench:hear({behind, 340000}, new(#{model => 2, baud => 19200})),
+    Bench = starl_create_bench:run(9 * ?S, Late),
+    ?assertMatch([_], starl_create_bench:said(Bench)),
+    ?assert(
+        is_said("this computer is too busy: what the driver waits for came 340 ms late", Bench)
+    ),
+    %% a computer that is no longer late does not hide what is wrong
+    Later = starl_create_bench:run(60 * ?S, Bench),
+    ?assert(is_said("the robot answers at 19200 baud", Later)),
+    ?assertMatch([_, _], starl_create_bench:said(Later)).
+
+%% A lateness that has become twice as long is news.
+a_longer_lateness_is_said_test() ->
+    Says = fun(Us, Before) -> starl_create_advice:is_news({late, Us}, Before) end,
+    ?assert(Says(5000, none)),
+    ?assertNot(Says(9000, {late, 5000})),
+    ?assert(Says(400000, {late, 5000})).
+
+a_port_program_without_real_time_is_told_test() ->
+    Bench = starl_create_bench:hear({priority, raised}, ready(#{model => 2})),
+    ?assert(is_said("LimitRTPRIO=1", Bench)),
+    #{priority := raised, control := true, charge := Charge} = starl_create_driver:condition(
+        starl_create_bench:driver(Bench)
+    ),
+    ?assert(is_integer(Charge)).
+
 %% At a cliff a robot in mode Safe stops by itself; it is under control again when it was put back.
 a_cliff_ends_control_test() ->
     Going = starl_create_bench:run(500000, ahead(1000, 200.0, ready(#{model => 2}))),

@@ -549,7 +549,12 @@ unplugged_for_good(_) ->
     receive
         {error, {no_device, Text}} -> contains(Name, Text)
     after ?AFTER_MS -> error(late)
-    end.
+    end,
+    %% nothing was driven, so nobody stays to stop it
+    Program = os_pid(Port),
+    true = unlink(Port),
+    exit(Port, kill),
+    gone(Program).
 
 %% A million bytes in well-formed messages of nonsense, of which none may end it or reach the line.
 garbage_on_stdin(_) ->

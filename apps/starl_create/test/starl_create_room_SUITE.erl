@@ -152,10 +152,14 @@ until(answer = What, Chassis) ->
 
 hears(What, Message, Chassis) ->
     case starl_create_chassis:hear(Message, Chassis) of
-        {[Answer], Next} when What =:= answer -> {Answer, Next};
-        {_, Next} -> until(What, Next);
-        unknown -> until(What, Chassis)
+        {Said, Next} ->
+            answered(What, [Answer || {Mark, _} = Answer <- Said, Mark =/= sensed], Next);
+        unknown ->
+            until(What, Chassis)
     end.
+
+answered(answer, [Answer], Chassis) -> {Answer, Chassis};
+answered(What, _Answers, Chassis) -> until(What, Chassis).
 
 %% Robot 1 drives on, until it bumps. On a machine that is busy for long, the port cuts a script short, and the
 %% answer is another: it is driven again, as a robot would.
@@ -175,7 +179,7 @@ back(Chassis) ->
         Message ->
             case starl_create_chassis:hear(Message, Chassis) of
                 {[{back, _}], Next} -> freed(Next);
-                {[], Next} -> back(Next);
+                {_Sensed, Next} -> back(Next);
                 unknown -> back(Chassis)
             end
     after ?AFTER_MS -> error(late)

@@ -3,7 +3,7 @@
 -include_lib("eunit/include/eunit.hrl").
 -behaviour(starl_live_chassis).
 
--export([open/1, drive/4, actuate/4, stop/1, hear/2, close/1]).
+-export([open/1, drive/4, actuate/4, stop/1, hear/2, close/1, rest/1, condition/1]).
 
 open(#{test := Test}) -> {ok, Test}.
 drive(Script, _Until, Mark, Test) ->
@@ -13,7 +13,12 @@ actuate(_Device, _Value, _Mark, Test) -> {[], Test}.
 stop(Test) ->
     Test ! stops,
     Test.
+hear({feels, Sense}, Test) -> {[{sensed, Sense}], Test};
 hear(_Message, _Test) -> unknown.
+rest(Test) ->
+    Test ! rests,
+    Test.
+condition(_Test) -> #{charge => 83}.
 close(Test) ->
     Test ! closed,
     ok.
@@ -36,6 +41,21 @@ late_test() ->
     true = unlink(Chassis),
     ok = gen_server:stop(Chassis),
     logger:set_primary_config(level, notice),
+    ?assertEqual([stops, closed], [flushed(), flushed()]).
+
+%% What the body feels goes to the link; how it is, to who asks; that there is nothing more to do, to it.
+sense_test() ->
+    Clock = starl_live_clock:new(erlang:system_time(microsecond), 1),
+    Config = #{robot => 1, clock => Clock, profile => #{}, test => self()},
+    {ok, Chassis} = starl_live_chassis:start_link(?MODULE, Config, self()),
+    Chassis ! {feels, {bump, left}},
+    ok = starl_live_chassis:rest(Chassis),
+    ?assertEqual(#{charge => 83}, starl_live_chassis:condition(Chassis)),
+    ?assertEqual(
+        [{starl_chassis, Chassis, sensed, {bump, left}}, rests], [flushed(), flushed()]
+    ),
+    true = unlink(Chassis),
+    ok = gen_server:stop(Chassis),
     ?assertEqual([stops, closed], [flushed(), flushed()]).
 
 heard(Chassis) ->

@@ -73,6 +73,29 @@ inbox_is_bounded_test() ->
     ?assertEqual([{done, lists:seq(1, 1000)}], event({timeout, T}, call, Pid)),
     stop(Pid).
 
+%% What the robot's body feels is a message of its own to an application that listens to it; others are
+%% not troubled.
+senses_test() ->
+    Pid = start(fun(R) ->
+        starl:listen(R, sense),
+        starl:sleep(R, 1),
+        {ok, Own, First} = starl:await(R, sense),
+        {ok, Own, Second} = starl:await(R, sense, 1000),
+        {done, [Own =:= starl:id(R), First, Second]}
+    end),
+    [_, _, {{timeout, T}, _, call}] = boot(Pid),
+    ?assertEqual([], event(info, {sensed, {bump, left}}, Pid)),
+    [{{timeout, _}, _, call}] = event({timeout, T}, call, Pid),
+    ?assertMatch(
+        [_, {done, [true, {bump, left}, {battery, low}]}],
+        event(info, {sensed, {battery, low}}, Pid)
+    ),
+    stop(Pid),
+    Deaf = start(fun(R) -> starl:await(R, sense) end),
+    [] = boot(Deaf),
+    [?assertEqual([], event(info, {sensed, {buttons, N}}, Deaf)) || N <- lists:seq(1, 2000)],
+    stop(Deaf).
+
 %% An event that nobody knows is never fatal and never silent.
 unknown_event_is_traced_test() ->
     Pid = start(fun(R) -> starl:await(R, a) end),

@@ -10,7 +10,7 @@
 %%   ["d", T, Robot, Id, Type]                                                   it is delivered
 %%   ["o", T, Robot, Id, At, Outcome]                   acknowledged, lost or restarted at a robot
 %%   ["p", T, From, To, What, Bytes, Fate, At]          a packet; At: 0 if it is lost
-%%   ["x", T, Robot, Machine, What]                                      crashes, ends, new starts
+%%   ["x", T, Robot, Machine, What]        crashes, ends, new starts; what the body feels (chassis)
 %%   ["f", T, Id, From, To, Kind, Target, Params]                a fault of the schedule, in ms
 %%   ["v", T, Contract, Text, [Robot, ...]]                                     a broken contract
 %% '''
@@ -47,6 +47,8 @@ of_event(chassis, {motion, Piece}, T, Robot) ->
     [[<<"m">>, T, Robot | piece(Piece)]];
 of_event(chassis, {actuated, Device, Value}, T, Robot) ->
     [[<<"a">>, T, Robot, text(Device, ?LENGTH), text(Value, ?LENGTH)]];
+of_event(chassis, {sensed, Sense}, T, Robot) ->
+    [[<<"x">>, T, Robot, chassis, text(Sense, ?LENGTH)]];
 of_event(sap, {sent, Id, To, Type, _}, T, Robot) ->
     [[<<"s">>, T, Robot, id(Id), To, type(Type)]];
 of_event(sap, {delivered, Id, Type, _}, T, Robot) ->

@@ -14,6 +14,12 @@ motion_test() ->
         rows(chassis, {motion, Ramp})
     ).
 
+%% What a body feels.
+sensed_test() ->
+    ?assertEqual(
+        [[<<"x">>, 7, 2, chassis, <<"{bump,left}">>]], rows(chassis, {sensed, {bump, left}})
+    ).
+
 %% The coordinator tells which robot holds what; a user's own event of that name is something else.
 held_test() ->
     Lines = [{{1.0, 2.0}, {3.0, 4.0}}],

@@ -7,10 +7,18 @@
 -spec line(starl:robot_id(), starl_fleet_file:robot(), {ok, term()} | none) -> unicode:chardata().
 line(N, Robot, {ok, #{release := Release, app := App, started := At, link := Link} = Status}) ->
     #{result := Result, crashes := Crashes} = Status,
-    Line = "robot ~b (~ts): ~ts ~ts, release ~ts, for ~ts~ts~ts\n",
+    Line = "robot ~b (~ts): ~ts ~ts, release ~ts, for ~ts~ts~ts~ts\n",
     Who = starl_fleet_steps:target(Robot),
     io_lib:format(Line, [
-        N, Who, App, doing(Result), Release, since(At), silent(Link), crashes(Crashes, Status)
+        N,
+        Who,
+        App,
+        doing(Result),
+        Release,
+        since(At),
+        silent(Link),
+        crashes(Crashes, Status),
+        chassis(maps:get(chassis, Status, #{}))
     ]);
 line(N, Robot, _) ->
     io_lib:format("robot ~b (~ts): its node says nothing that we know\n", [
@@ -23,6 +31,24 @@ doing({done, Result}) -> ["is done: ", Result].
 
 silent(answers) -> "";
 silent(silent) -> ", its link does not answer".
+
+%% What of its body needs somebody.
+chassis(Condition) ->
+    Senses = maps:get(senses, Condition, []),
+    Parts =
+        ["its chassis is not under control" || #{control := false} <- [Condition]] ++
+            [["battery ", integer_to_list(N), " %"] || #{charge := N} <- [Condition], is_integer(N)] ++
+            ["low battery: charge it" || {battery, low} <- Senses] ++
+            ["on its dock" || {docked, true} <- Senses] ++
+            [io_lib:format("bump ~ts", [Where]) || {bump, Where} <- Senses, Where =/= none] ++
+            ["a wheel hangs down" || {drop, Bits} <- Senses, Bits =/= 0] ++
+            ["at a cliff" || {cliff, [_ | _]} <- Senses] ++
+            [
+                "its port program has no real-time priority (LimitRTPRIO=1)"
+             || #{priority := Priority} <- [Condition],
+                Priority =:= raised orelse Priority =:= ordinary
+            ],
+    [[", ", Part] || Part <- Parts].
 
 crashes(0, _) -> "";
 crashes(N, #{crash := Crash}) -> io_lib:format(", ~b crashes, the latest ~ts", [N, Crash]).

@@ -7,7 +7,11 @@
 
 %% Further lines are dropped.
 -define(MOST_LINES, 1000).
--define(FORMAT, #{single_line => false, depth => 30, chars_limit => 4000}).
+%% A line of a robot names it.
+-define(TEMPLATE, [time, " ", level, ": ", {robot, ["robot ", robot, ": "], []}, msg, "\n"]).
+-define(FORMAT, #{
+    template => ?TEMPLATE, single_line => false, depth => 30, chars_limit => 4000
+}).
 
 %% @doc Replaces the handler that writes to the terminal. The calling process keeps the lines.
 -spec install() -> ok.

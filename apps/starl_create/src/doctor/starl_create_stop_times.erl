@@ -110,17 +110,21 @@ options(create_1_short) -> #{device => bench, model => 1, short_waits => true}.
 %% -- what happens -----------------------------------------------------------------------------
 
 measured(put_back, Place, Device, Options) ->
-    _ = driver(Place, Device, Options),
+    {Owner, Line} = driver(Place, Device, Options),
+    Program = program(Line),
     {Room, OnPty} = Place,
     ok = starl_create_on_pty:pull(OnPty),
     receive
         {told, {closed, _}} -> ok
     after ?LATE_MS -> error(late)
     end,
-    case stands(Room, ?LOOK_MS) of
-        drives_on -> timed(Room, fun() -> starl_create_on_pty:put_back(OnPty) end);
-        _ -> stood_before
-    end;
+    Us =
+        case stands(Room, ?LOOK_MS) of
+            drives_on -> timed(Room, fun() -> starl_create_on_pty:put_back(OnPty) end);
+            _ -> stood_before
+        end,
+    ok = over(Owner, Program),
+    Us;
 measured(Row, Place, Device, Options) when Row =:= vm; Row =:= vm_halted ->
     {Room, _} = Place,
     Paths = lists:append([
@@ -138,9 +142,14 @@ measured(Row, {Room, OnPty} = Place, Device, Options) ->
     {Owner, Line} = driver(Place, Device, Options),
     Program = program(Line),
     Us = timed(Room, deed(Row, OnPty, Owner, Line), patience(Row)),
-    true = exit(Owner, kill),
-    _ = [kill("KILL", Program) || Row =:= program_halted],
+    ok = over(Owner, Program),
     Us.
+
+%% No program waits for a cable that never comes back.
+over(Owner, Program) ->
+    true = exit(Owner, kill),
+    "" = kill("KILL", Program ++ " 2>/dev/null"),
+    ok.
 
 patience(pulled) -> ?LOOK_MS;
 patience(_Row) -> ?LATE_MS.

@@ -1,7 +1,7 @@
 %% @doc What is wrong with a Create or its line, and what to do about it, in one line each.
 -module(starl_create_advice).
 
--export([line/1, topic/1]).
+-export([line/1, is_news/2, on_busy/2]).
 
 -export_type([t/0]).
 
@@ -18,10 +18,35 @@
     | {late, Us :: pos_integer()}
     | {no_control, starl_create_senses:unsafe()}
     | {stopped_by_itself, starl_create_senses:unsafe()}
+    | {low_battery, Percent :: 0..100 | unknown}
+    | ordinary_priority
+    | {busy, LateUs :: pos_integer(), t()}
     | under_control.
 
-%% @doc What it is about. A second advice about the same is not said before things are well again.
--spec topic(t()) -> term().
+%% @doc Has this not been said, by what was said last? A second advice about the same is no news before
+%% things are well again, unless it has become twice as bad.
+-spec is_news(t(), Before :: t() | none) -> boolean().
+is_news({late, Us}, {late, Before}) -> Us >= 2 * Before;
+is_news(_Advice, none) -> true;
+is_news(Advice, Before) -> topic(Advice) =/= topic(Before).
+
+%% @doc An advice by a computer that has been late itself by this time. What it has missed may look like
+%% another baud rate, a robot that is asleep, or a pressed button: that it is busy comes first.
+-spec on_busy(t(), LateUs :: pos_integer()) -> t().
+on_busy(Advice, LateUs) ->
+    case is_by_time(Advice) of
+        true -> {busy, LateUs, Advice};
+        false -> Advice
+    end.
+
+is_by_time({stopped_by_itself, Why}) -> Why =:= none;
+is_by_time(silent) -> true;
+is_by_time(is_create_2) -> true;
+is_by_time({Word, _}) -> lists:member(Word, [answers_at, no_frames_at, other_sensors]);
+is_by_time({asleep, _, _}) -> true;
+is_by_time(_) -> false.
+
+topic({busy, _, _}) -> busy;
 topic({gone, _}) -> line;
 topic({no_line, _}) -> line;
 topic({line_error, Reason}) -> {line_error, Reason};
@@ -80,6 +105,20 @@ line({no_control, Why}) ->
     ["the robot does not come under control: ", remedy(Why)];
 line({stopped_by_itself, Why}) ->
     ["the robot has stopped by itself: ", cause(Why)];
+line({busy, Us, Advice}) ->
+    [
+        io_lib:format(
+            "this computer is too busy: what the driver waits for came ~b ms late; give it less other "
+            "work. If it is not busy: ",
+            [Us div 1000]
+        ),
+        line(Advice)
+    ];
+line({low_battery, Percent}) ->
+    io_lib:format("the robot's battery is low (~p %): charge it", [Percent]);
+line(ordinary_priority) ->
+    "the port program runs without real-time priority: on a busy computer it cuts legs short; let this "
+    "user have it (LimitRTPRIO=1 in a systemd unit, or 'USER - rtprio 1' in /etc/security/limits.conf)";
 line(under_control) ->
     "the robot is under control again".
 

@@ -3,13 +3,12 @@
 %%
 %% Its configuration, beside that of every chassis: `create', the driver's options ({@link
 %% starl_create_options:configured/1}); `port', the module that opens the line and its options, {@link
-%% starl_create_port} if nothing is said ({@link starl_create_pipe} has the same messages). `events': a
-%% process that hears
-%% `{starl_create, Robot, Event}'.
+%% starl_create_port} if nothing is said ({@link starl_create_pipe} has the same messages); `events': a
+%% process that hears all that the driver tells an observer: `{starl_create, Robot, Event}'.
 -module(starl_create_chassis).
 -behaviour(starl_live_chassis).
 
--export([open/1, drive/4, actuate/4, stop/1, hear/2, close/1]).
+-export([open/1, drive/4, actuate/4, stop/1, hear/2, close/1, rest/1, condition/1]).
 
 -record(chassis, {
     robot :: starl:robot_id(),
@@ -17,7 +16,7 @@
     port :: pid(),
     driver :: starl_create_driver:t(),
     events :: pid() | none,
-    timers = #{} :: #{atom() => reference()}
+    timers = #{} :: #{atom() => {reference(), DueMs :: integer()}}
 }).
 
 -spec open(map()) -> {ok, #chassis{}} | {error, unicode:chardata()}.
@@ -74,7 +73,7 @@ hear({'EXIT', Port, Reason}, #chassis{port = Port}) ->
     {stop, io_lib:format("the port of the Create has ended: ~0tp", [Reason])};
 hear({timeout, Ref, Timer}, #chassis{timers = Timers} = Chassis) ->
     case Timers of
-        #{Timer := Ref} -> told({timeout, Timer}, Chassis);
+        #{Timer := {Ref, Due}} -> timed_out(Timer, Due, Chassis);
         #{} -> {[], Chassis}
     end;
 hear(Message, #chassis{clock = Clock} = Chassis) ->
@@ -89,9 +88,23 @@ hear(Message, #chassis{clock = Clock} = Chassis) ->
             unknown
     end.
 
+%% A computer that is busy learns it by its own timers.
+timed_out(Timer, Due, Chassis) ->
+    Behind = 1000 * max(1, erlang:monotonic_time(millisecond) - Due),
+    {[], Next} = told({behind, Behind}, Chassis),
+    told({timeout, Timer}, Next).
+
 told(Message, #chassis{driver = Driver, clock = Clock} = Chassis) ->
     Now = starl_live_clock:now_us(Clock),
     went(starl_create_driver:hear(Message, Now, Driver), Chassis).
+
+-spec rest(#chassis{}) -> #chassis{}.
+rest(#chassis{driver = Driver} = Chassis) ->
+    {[], Rests} = went(starl_create_driver:rest(Driver), Chassis),
+    Rests.
+
+-spec condition(#chassis{}) -> starl_create_driver:condition().
+condition(#chassis{driver = Driver}) -> starl_create_driver:condition(Driver).
 
 -spec close(#chassis{}) -> ok.
 close(#chassis{driver = Driver} = Chassis) ->
@@ -108,14 +121,16 @@ act({port, Word}, #chassis{port = Port} = Chassis) ->
     Port ! Word,
     {[], Chassis};
 act({timer, Name, Ms}, #chassis{timers = Timers} = Chassis) ->
-    _ = [erlang:cancel_timer(Old) || #{Name := Old} <- [Timers]],
-    {[], Chassis#chassis{timers = Timers#{Name => erlang:start_timer(Ms, self(), Name)}}};
+    _ = [erlang:cancel_timer(Old) || #{Name := {Old, _}} <- [Timers]],
+    Due = erlang:monotonic_time(millisecond) + Ms,
+    Ref = erlang:start_timer(Due, self(), Name, [{abs, true}]),
+    {[], Chassis#chassis{timers = Timers#{Name => {Ref, Due}}}};
 act({answer, Mark, Answer}, Chassis) ->
     {[{Mark, Answer}], Chassis};
 act({event, Event}, #chassis{robot = Robot, events = Events} = Chassis) ->
     _ = is_pid(Events) andalso (Events ! {starl_create, Robot, Event}),
     logger:info(#{what => create_event, event => Event}),
-    {[], Chassis};
+    {[{sensed, Event} || is_tuple(Event)], Chassis};
 act({say, Level, Line}, Chassis) ->
     logger:log(Level, #{what => create, why => unicode:characters_to_binary(Line)}),
     {[], Chassis}.

@@ -8,16 +8,18 @@
 %%       |                  +--------- no frames for 250 ms -------+
 %%       +------- the cable is pulled, in every state
 %% '''
+%% A robot that rests is in mode Passive, where it sleeps and charges; a script has control taken anew.
+%%
 %% Its parts: {@link starl_create_greeting} finds and wakes the robot; {@link starl_create_senses} sees
 %% events and stalls in the frames; {@link starl_create_odometry} counts; {@link starl_create_drive}
 %% carries out scripts. The mode in which the robot is after Start tells whether it counts its modes from
 %% 1 or higher.
 -module(starl_create_driver).
 
--export([open/1, drive/3, actuate/4, stop/1, close/1, hear/3]).
--export([is_ready/1, readings/1, odometry/1]).
+-export([open/1, drive/3, actuate/4, stop/1, rest/1, close/1, hear/3]).
+-export([is_ready/1, readings/1, odometry/1, condition/1]).
 
--export_type([t/0, action/0, event/0]).
+-export_type([t/0, action/0, event/0, condition/0]).
 
 %% What to do: tell the port; start a timer in place of the one of that name; answer a command; tell
 %% an observer; write a line.
@@ -30,13 +32,28 @@
 
 -type event() :: ready | lost | starl_create_senses:event().
 
+%% How the robot is: what the sensors have shown last; `charge' in percent; `priority' of the port
+%% program; whether it is under control.
+-type condition() :: #{
+    control := boolean(),
+    charge := 0..100 | unknown,
+    priority := starl_create_port:priority() | unknown,
+    senses := [starl_create_senses:event()]
+}.
+
 -record(driver, {
     options :: starl_create_options:t(),
     model :: starl_create_packet:model(),
-    phase = closed :: closed | greeting | taking | ready,
+    phase = closed :: closed | greeting | taking | ready | resting | leaving,
+    %% it is to rest as soon as it is there
+    rests = false :: boolean(),
     greeting :: starl_create_greeting:t(),
-    %% what the line was about that was said last, and not taken back
-    said = none :: term(),
+    %% what was said last, and not taken back
+    said = none :: starl_create_advice:t() | none,
+    %% the latest that a timer of its own, or a sign of life, came too late, and when
+    missed = none :: {Us :: pos_integer(), AtUs :: integer()} | none,
+    now = 0 :: integer(),
+    priority = unknown :: starl_create_port:priority() | unknown,
     parser :: starl_create_stream:t(),
     %% has a time without frames been noticed?
     is_silent = false :: boolean(),
@@ -57,6 +74,14 @@
 -define(SILENCE_MS, 150).
 -define(DOUBT_MS, 100).
 -define(ODOMETRY_MS, 200).
+%% The lateness that is none; the time for which a computer that was late is taken for busy.
+-define(LATE_US, 50000).
+-define(BUSY_US, 10000000).
+%% A robot that leaves its dock is taken afterwards.
+-define(LEAVE_MS, 4000).
+-define(LEAVE_REF, 0).
+%% The heartbeat of the port.
+-define(HALTED_US, 250000).
 
 %% @doc A driver that opens its port.
 -spec open(starl_create_options:t()) -> {[action()], t()}.
@@ -87,6 +112,16 @@ readings(#driver{senses = Senses}) -> starl_create_senses:readings(Senses).
 -spec odometry(t()) -> {Mm :: float(), Radians :: float()}.
 odometry(#driver{odometry = Odometry}) -> starl_create_odometry:total(Odometry).
 
+%% @doc How the robot is.
+-spec condition(t()) -> condition().
+condition(#driver{senses = Senses, priority = Priority} = Driver) ->
+    #{
+        control => is_ready(Driver),
+        charge => starl_create_senses:battery_percent(Senses),
+        priority => Priority,
+        senses => starl_create_senses:state(Senses)
+    }.
+
 %% -- commands -------------------------------------------------------------------------------
 
 %% @doc Has a script carried out in place of the present one. A robot that is not under control does
@@ -94,8 +129,18 @@ odometry(#driver{odometry = Odometry}) -> starl_create_odometry:total(Odometry).
 -spec drive(starl_chassis_differential:commands(), Mark :: term(), t()) -> {[action()], t()}.
 drive(Commands, Mark, #driver{phase = ready, drive = Drive} = Driver) ->
     drives(starl_create_drive:drive(Commands, Mark, Drive), Driver);
+drive([_ | _], _Mark, #driver{rests = true} = Driver) ->
+    wake(forget(Driver));
 drive(_Commands, _Mark, Driver) ->
     {[], forget(Driver)}.
+
+%% It may be asleep by now.
+wake(#driver{phase = resting, is_silent = false} = Driver) ->
+    (take(?MODE_MS))(Driver#driver{rests = false});
+wake(#driver{phase = resting} = Driver) ->
+    greet(Driver#driver{rests = false});
+wake(Driver) ->
+    {[], Driver#driver{rests = false}}.
 
 drives({Actions, Drive}, Driver) -> told(Actions, Driver#driver{drive = Drive}).
 
@@ -109,6 +154,19 @@ actuate(pen, Value, Mark, #driver{phase = ready} = Driver) when Value =:= up; Va
     Answer = [{answer, M, {actuated, pen, Value}} || {mark, M} <- [Mark]],
     Word = {send, starl_create_order:pen(Value, Driver#driver.options)},
     {[{port, Word} | Answer], Driver#driver{pen = Value}};
+actuate(dock, seek, _Mark, #driver{phase = ready, options = Options} = Driver) ->
+    rested(starl_create_order:seek_dock(Options), Driver);
+actuate(dock, leave, _Mark, #driver{phase = Phase, options = Options} = Driver) when
+    Phase =:= resting; Phase =:= taking
+->
+    {Begin, Us, End} = starl_create_order:leave_dock(Options),
+    Leave = {drive_script, ?LEAVE_REF, [{Begin, Us}], End},
+    {[{port, Leave}, {timer, step, ?LEAVE_MS}], Driver#driver{phase = leaving, rests = false}};
+actuate(Device, Value, _Mark, #driver{phase = ready, options = Options} = Driver) ->
+    case starl_create_order:signal(Device, Value, Driver#driver.pen, Options) of
+        {ok, Bytes} -> {[{port, {send, Bytes}}], Driver};
+        none -> {[], Driver}
+    end;
 actuate(_Device, _Value, _Mark, Driver) ->
     {[], Driver}.
 
@@ -121,6 +179,19 @@ stop(Driver) -> stand(Driver#driver{pen = up}).
 stand(#driver{drive = Drive, pen = Pen} = Driver) ->
     drives(starl_create_drive:stop(Pen, Drive), Driver).
 
+%% @doc There is nothing more to drive for now: it stands, and goes to mode Passive.
+-spec rest(t()) -> {[action()], t()}.
+rest(#driver{phase = ready, options = Options} = Driver) ->
+    {Actions, Stopped} = stop(Driver),
+    {More, Rests} = rested(starl_create_order:passive(Options), Stopped),
+    {Actions ++ More, Rests};
+rest(Driver) ->
+    {[], Driver#driver{rests = true}}.
+
+%% It is left to itself.
+rested(Bytes, Driver) ->
+    in_turn([do({port, {send, Bytes}}), lose(resting)], Driver#driver{rests = true}).
+
 %% @doc The last words: the robot stands, and goes to rest.
 -spec close(t()) -> [action()].
 close(#driver{phase = closed}) ->
@@ -132,28 +203,48 @@ close(#driver{options = Options}) ->
 
 %% @doc Handles a message.
 -spec hear(starl_create_word:message(), NowUs :: integer(), t()) -> {[action()], t()}.
-hear({opened, _Device}, _Now, Driver) ->
+hear(Message, Now, Driver) -> heard_at(Message, Now, Driver#driver{now = Now}).
+
+heard_at({opened, _Device}, _Now, Driver) ->
     greet(Driver);
-hear({data, Bytes}, _Now, #driver{parser = Parser} = Driver) ->
+heard_at({priority, Priority}, _Now, Driver) ->
+    Lines = [{say, notice, starl_create_advice:line(ordinary_priority)} || Priority =/= realtime],
+    {Lines, Driver#driver{priority = Priority}};
+heard_at({behind, Us}, Now, Driver) ->
+    {[], missed(Us, Now, Driver)};
+heard_at({data, Bytes}, _Now, #driver{parser = Parser} = Driver) ->
     {Found, Next} = starl_create_stream:parse(Bytes, Parser),
     in_turn([fun(D) -> found(What, D) end || What <- Found], Driver#driver{parser = Next});
-hear({closed, Reason}, _Now, #driver{greeting = Greeting} = Driver) ->
+heard_at({closed, Reason}, _Now, #driver{greeting = Greeting} = Driver) ->
     Anew = Driver#driver{greeting = starl_create_greeting:anew(Greeting)},
     in_turn([say(warning, {gone, Reason}), lose(closed)], Anew);
 %% A line that could not be opened is tried again.
-hear({error, Reason}, _Now, #driver{phase = closed} = Driver) ->
+heard_at({error, Reason}, _Now, #driver{phase = closed} = Driver) ->
     in_turn([say(warning, {no_line, Reason}), timer(step, ?REOPEN_MS)], Driver);
-hear({error, Reason}, _Now, Driver) ->
+heard_at({error, Reason}, _Now, Driver) ->
     said(warning, {line_error, Reason}, Driver);
-hear({timeout, Timer}, _Now, Driver) ->
+heard_at({timeout, Timer}, _Now, Driver) ->
     due(Timer, Driver);
 %% The stop bytes have raised the pen, too.
-hear({stopped, _Why, _At} = Stopped, _Now, #driver{senses = Senses, drive = Drive} = Driver) ->
+heard_at({stopped, Why, _At} = Stopped, Now, #driver{senses = Senses, drive = Drive} = Driver0) ->
+    Driver =
+        case Why of
+            guardian -> Driver0;
+            _ -> missed(?HALTED_US, Now, Driver0)
+        end,
     {Actions, Next} = drives(starl_create_drive:hear(Stopped, Senses, Drive), Driver),
     Pen = starl_create_order:pen(Driver#driver.pen, Driver#driver.options),
     {[{port, {send, Pen}} || Driver#driver.phase =:= ready] ++ Actions, Next};
-hear(OfScript, _Now, #driver{senses = Senses, drive = Drive} = Driver) ->
+heard_at(OfScript, _Now, #driver{senses = Senses, drive = Drive} = Driver) ->
     drives(starl_create_drive:hear(OfScript, Senses, Drive), Driver).
+
+missed(Us, Now, #driver{missed = Before} = Driver) when Us >= ?LATE_US ->
+    case Before of
+        {Worse, At} when Worse > Us, Now - At < ?BUSY_US -> Driver;
+        _ -> Driver#driver{missed = {Us, Now}}
+    end;
+missed(_Us, _Now, Driver) ->
+    Driver.
 
 %% The actions of the driver's parts.
 told(Actions, Driver) -> in_turn([tell(Action) || Action <- Actions], Driver).
@@ -172,11 +263,17 @@ timer(Name, Ms) -> do({timer, Name, Ms}).
 %% It is said once, until things are well again.
 say(Level, Advice) -> fun(Driver) -> said(Level, Advice, Driver) end.
 
-said(Level, Advice, #driver{said = Before} = Driver) ->
-    case starl_create_advice:topic(Advice) of
-        Before -> {[], Driver};
-        Topic -> {[{say, Level, starl_create_advice:line(Advice)}], Driver#driver{said = Topic}}
+said(Level, Given, #driver{said = Before} = Driver) ->
+    Advice = advice(Given, Driver),
+    case starl_create_advice:is_news(Advice, Before) of
+        false -> {[], Driver};
+        true -> {[{say, Level, starl_create_advice:line(Advice)}], Driver#driver{said = Advice}}
     end.
+
+advice(Advice, #driver{missed = {Us, At}, now = Now}) when Now - At < ?BUSY_US ->
+    starl_create_advice:on_busy(Advice, Us);
+advice(Advice, _Driver) ->
+    Advice.
 
 %% It has no control any more.
 lose(Next) ->
@@ -193,12 +290,16 @@ due(step, #driver{phase = closed, greeting = Greeting} = Driver) ->
 due(step, #driver{phase = taking, senses = Senses} = Driver) ->
     Advice = {no_control, starl_create_senses:unsafe(Senses)},
     in_turn([say(warning, Advice), take(?LATER_MS)], Driver);
+due(step, #driver{phase = leaving} = Driver) ->
+    (take(?MODE_MS))(Driver);
 due(step, Driver) ->
     {[], Driver};
 %% If the computer itself stood still, the frames are there in a moment.
 due(silence, #driver{is_silent = false} = Driver) ->
     {[{timer, silence, ?DOUBT_MS}], Driver#driver{is_silent = true}};
-due(silence, #driver{phase = Phase} = Driver) when Phase =:= ready; Phase =:= taking ->
+due(silence, #driver{phase = Phase} = Driver) when
+    Phase =:= ready; Phase =:= taking; Phase =:= leaving
+->
     in_turn([say(warning, silent), lose(greeting), fun stand/1, fun greet/1], Driver);
 due(silence, Driver) ->
     {[], Driver};
@@ -250,16 +351,33 @@ heard(_Found, Driver) ->
 is_there(#driver{model = Model} = Driver) ->
     #{mode := Mode} = readings(Driver),
     Ask = [timer(odometry, ?ODOMETRY_MS) || Model =:= 1],
-    Steps = [take(?MODE_MS)] ++ Ask ++ [timer(silence, ?SILENCE_MS)],
+    Begin =
+        case Driver#driver.rests of
+            true -> lose(resting);
+            false -> take(?MODE_MS)
+        end,
+    Steps = [Begin] ++ Ask ++ [timer(silence, ?SILENCE_MS)],
     in_turn(Steps, Driver#driver{offset = Mode - 1}).
 
 sensed(Readings, #driver{senses = Before, odometry = Odometry, phase = Phase} = Driver) ->
     Senses = starl_create_senses:see(Readings, Before),
     Counted = starl_create_odometry:count(starl_create_senses:readings(Before), Readings, Odometry),
-    Events = [do({event, Event}) || Phase =:= ready, Event <- starl_create_senses:events(Senses)],
+    Told = Phase =:= ready orelse Phase =:= resting,
+    Events = [told_event(Event) || Told, Event <- starl_create_senses:events(Senses)],
     Next = Driver#driver{senses = Senses, odometry = Counted, is_silent = false},
     Steps = [timer(silence, ?SILENCE_MS)] ++ Events ++ [fun judged/1],
     in_turn(Steps, Next).
+
+told_event(Event) ->
+    fun(#driver{senses = Senses} = Driver) ->
+        {[{event, Event} | low(Event, Senses)], Driver}
+    end.
+
+low({battery, low}, Senses) ->
+    Percent = starl_create_senses:battery_percent(Senses),
+    [{say, warning, starl_create_advice:line({low_battery, Percent})}];
+low(_Event, _Senses) ->
+    [].
 
 %% -- control --------------------------------------------------------------------------------
 
@@ -279,12 +397,17 @@ judged(#driver{phase = Phase, options = Options, offset = Before} = Driver0) ->
         {true, taking} -> ready(Driver);
         {true, ready} -> drives(starl_create_drive:watch(Senses, Drive), Driver);
         {false, taking} -> {[], Driver};
-        {false, ready} -> left(Driver)
+        {false, ready} -> left(Driver);
+        {_, _RestingOrLeaving} -> {[], Driver}
     end.
 
-ready(#driver{said = Said} = Driver) ->
-    Word = [say(notice, under_control) || Said =/= none],
-    in_turn(Word ++ [fun stand/1, do({event, ready})], Driver#driver{phase = ready, said = none}).
+%% A battery that is low by now is told; a change is told later.
+ready(#driver{said = Said, senses = Senses} = Driver) ->
+    Word = [do({say, notice, starl_create_advice:line(under_control)}) || Said =/= none],
+    Low = [told_event(Low) || {battery, low} = Low <- starl_create_senses:state(Senses)],
+    in_turn(
+        Word ++ [fun stand/1, do({event, ready}) | Low], Driver#driver{phase = ready, said = none}
+    ).
 
 %% It has left the mode by itself.
 left(#driver{senses = Senses} = Driver) ->

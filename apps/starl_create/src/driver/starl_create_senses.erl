@@ -2,12 +2,13 @@
 %% wheel stalls.
 %%
 %% A wheel stalls if the robot reports too high a current, or if the wheel does not turn at all while
-%% the robot has been commanded to turn it for four frames. A new bump counts as a stall, too, unless
+%% the robot has been commanded to turn it for four frames, in three frames one after the other: one
+%% frame may repeat the one before it. A new bump counts as a stall, too, unless
 %% bumps are to be ignored; a robot that touches something already can drive away from it.
 -module(starl_create_senses).
 
 -export([new/0, see/2, readings/1]).
--export([events/1, is_stalled/2, is_at_rest/1, unsafe/1]).
+-export([events/1, state/1, battery_percent/1, is_stalled/2, is_at_rest/1, unsafe/1]).
 
 -export_type([t/0, event/0, unsafe/0]).
 
@@ -26,7 +27,9 @@
     before = #{} :: starl_create_packet:readings(),
     now = #{} :: starl_create_packet:readings(),
     %% of each wheel: the frames since its command changed
-    steady = {0, 0} :: {non_neg_integer(), non_neg_integer()}
+    steady = {0, 0} :: {non_neg_integer(), non_neg_integer()},
+    %% the frames in which it has not turned since then
+    still = {0, 0} :: {non_neg_integer(), non_neg_integer()}
 }).
 
 -opaque t() :: #senses{}.
@@ -34,6 +37,7 @@
 %% Frames of the same command before a wheel that stands counts as stalled; the slowest speed at
 %% which each frame must show a count.
 -define(STEADY, 4).
+-define(STILL, 3).
 -define(SEEN_SPEED, 90).
 -define(LOW_BATTERY, 0.15).
 
@@ -43,9 +47,14 @@ new() -> #senses{}.
 
 %% @doc The next frame.
 -spec see(starl_create_packet:readings(), t()) -> t().
-see(Now, #senses{now = Before, steady = {Left, Right}}) ->
-    Steady = {same(left_velocity, Before, Now, Left), same(right_velocity, Before, Now, Right)},
-    #senses{before = Before, now = Now, steady = Steady}.
+see(Now, #senses{now = Before, steady = {Left0, Right0}, still = {StillLeft, StillRight}}) ->
+    Left = same(left_velocity, Before, Now, Left0),
+    Right = same(right_velocity, Before, Now, Right0),
+    Still = {
+        stands({left_velocity, left_encoder}, {Left, StillLeft}, Before, Now),
+        stands({right_velocity, right_encoder}, {Right, StillRight}, Before, Now)
+    },
+    #senses{before = Before, now = Now, steady = {Left, Right}, still = Still}.
 
 same(Name, Before, Now, N) ->
     case {Before, Now} of
@@ -60,8 +69,14 @@ readings(#senses{now = Now}) -> Now.
 %% @doc What the last frame shows otherwise than the one before.
 -spec events(t()) -> [event()].
 events(#senses{before = Before, now = Now}) ->
-    Kinds = [fun bumps/1, fun drops/1, fun at_cliff/1, fun buttons/1, fun docked/1, fun battery/1],
-    [Kind(Now) || Kind <- Kinds, Kind(Before) =/= Kind(Now)].
+    [Kind(Now) || Kind <- kinds(), Kind(Before) =/= Kind(Now)].
+
+kinds() -> [fun bumps/1, fun drops/1, fun at_cliff/1, fun buttons/1, fun docked/1, fun battery/1].
+
+%% @doc What the last frame shows of each kind.
+-spec state(t()) -> [event()].
+state(#senses{now = Now}) when map_size(Now) =:= 0 -> [];
+state(#senses{now = Now}) -> [Kind(Now) || Kind <- kinds()].
 
 bumps(#{bumps_drops := Bits}) -> {bump, bump(Bits band 3)}.
 
@@ -111,21 +126,31 @@ unsafe(#senses{now = Now}) ->
 
 %% @doc Does a wheel stall?
 -spec is_stalled(StopsAtBumps :: boolean(), t()) -> boolean().
-is_stalled(StopsAtBumps, #senses{before = Before, now = Now, steady = {Left, Right}}) ->
+is_stalled(StopsAtBumps, #senses{before = Before, now = Now, still = {Left, Right}}) ->
     #{overcurrents := Over} = Now,
     Over band 2#11000 =/= 0 orelse
         (StopsAtBumps andalso is_bump(Before, Now)) orelse
-        stands({left_velocity, left_encoder}, Left, Before, Now) orelse
-        stands({right_velocity, right_encoder}, Right, Before, Now).
+        max(Left, Right) >= ?STILL.
 
 is_bump(#{bumps_drops := Old}, #{bumps_drops := New}) -> (New band 3) band (bnot Old) =/= 0.
 
-stands({Velocity, Encoder}, Steady, Before, Now) when Steady >= ?STEADY ->
+%% In how many frames, this one the last, has a wheel stood that was to turn?
+stands({Velocity, Encoder}, {Steady, Still}, Before, Now) when Steady >= ?STEADY ->
     case Now of
         #{Velocity := V, Encoder := _} when abs(V) >= ?SEEN_SPEED ->
-            starl_create_odometry:counts(Encoder, Before, Now) =:= 0;
+            case starl_create_odometry:counts(Encoder, Before, Now) of
+                0 -> Still + 1;
+                _ -> 0
+            end;
         _ ->
-            false
+            0
     end;
 stands(_, _, _, _) ->
-    false.
+    0.
+
+%% @doc The part of its charge that is left, in percent.
+-spec battery_percent(t()) -> 0..100 | unknown.
+battery_percent(#senses{now = #{charge := Charge, capacity := Capacity}}) when Capacity > 0 ->
+    min(100, 100 * Charge div Capacity);
+battery_percent(#senses{}) ->
+    unknown.

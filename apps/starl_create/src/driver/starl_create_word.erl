@@ -28,7 +28,8 @@
     | {sent, Ref :: pos_integer(), AtUs :: integer()}
     | {ended, Ref :: pos_integer(), AtUs :: integer()}
     | {stopped, Why :: atom(), AtUs :: integer()}
-    | {timeout, timer()}.
+    | {timeout, timer()}
+    | {behind, Us :: pos_integer()}.
 
 %% What the driver's timers are for: the next step of its greeting, of taking control, or of opening
 %% the line; no frames; the question for a Create 1's odometry; a robot that comes to rest.

@@ -9,7 +9,7 @@
 -export_type([status/0]).
 
 %% `started': seconds since 1970; `result': of the application; `crashes': of machines and of the
-%% application since the node started, with the latest in words.
+%% application since the node started, with the latest in words; `chassis': how the body is, if it tells.
 -type status() :: #{
     robot := starl:robot_id(),
     release := string(),
@@ -20,7 +20,8 @@
     result := running | given_up | {done, string()},
     crashes := non_neg_integer(),
     crash := string() | none,
-    figures => map()
+    figures => map(),
+    chassis => map()
 }.
 
 -record(node, {
@@ -173,7 +174,20 @@ handle_call(status, _From, #node{place = Place, started = Started, app = App} = 
         crashes => Node#node.crashes,
         crash => crash(Node#node.crash)
     },
-    {reply, maps:merge(Status, maps:from_list([{figures, F} || #{} = F <- [Figures]])), Node}.
+    More = [{figures, F} || #{} = F <- [Figures]] ++ [{chassis, C} || C <- condition(Figures)],
+    {reply, maps:merge(Status, maps:from_list(More)), Node}.
+
+%% Only where the link has just answered.
+condition(silent) ->
+    [];
+condition(_Figures) ->
+    try
+        Link = starl_live_robot:link(starl_live_sup:robot()),
+        Condition = starl_live_chassis:condition(starl_live_link:line(Link, chassis)),
+        [Condition || map_size(Condition) > 0]
+    catch
+        exit:_ -> []
+    end.
 
 heard(silent) -> silent;
 heard(_) -> answers.

@@ -117,6 +117,7 @@
     | {until, Us :: integer(), out(), Owner :: {starl_machine:name(), Mark :: term()}}
     | {report, term()}
     | {outlived, starl_packet:incarnation()}
+    | rest
     | stop.
 
 %% @doc The body of a robot.
@@ -212,6 +213,8 @@ hear({starl_heard, Transport, Packets}, #body{transport = Transport}) ->
 hear({starl_located, Positioning, {Name, Tag}, Seen}, #body{positioning = Positioning} = Body) ->
     ok = tell_seen(Seen, Body),
     [{Name, info, {located, Tag, Seen}}];
+hear({starl_chassis, Chassis, sensed, Sense}, #body{chassis = Chassis}) ->
+    [{app, info, {sensed, Sense}}];
 hear({starl_chassis, Chassis, {Name, Mark}, Answer}, #body{chassis = Chassis}) ->
     said(Name, Mark, Answer);
 hear({starl_late, {Name, Mark}}, #body{}) ->
@@ -379,6 +382,8 @@ send({outlived, N}, #body{store = Store}) ->
         ok -> exit({shutdown, outlived});
         {error, Why} -> exit({shutdown, {store, unicode:characters_to_binary(Why)}})
     end;
+send(rest, #body{chassis = Chassis}) ->
+    starl_live_chassis:rest(Chassis);
 send(stop, #body{chassis = Chassis}) ->
     starl_live_chassis:stop(Chassis).
 
@@ -403,6 +408,8 @@ handles(Name, boot, _Content, #body{events = Events} = Body0) ->
     #body{now = Now, codes = Codes} = Body = at(event, Body0),
     {Told, Begun} = starl_reload:started(Name, Now, Codes),
     all_reloaded(Told, Name, Body#body{events = Events + 1, codes = Begun});
+handles(app, info, {sensed, _} = Sensed, #body{events = Events} = Body) ->
+    trace(chassis, Sensed, (at(event, Body))#body{events = Events + 1});
 handles(_Name, _Type, _Content, #body{events = Events} = Body) ->
     (at(event, Body))#body{events = Events + 1}.
 
@@ -471,6 +478,6 @@ store(Name, Term, #body{store = Store} = Body) ->
 
 %% @doc The application has ended. Its first end counts, unless a result follows.
 -spec ended(starl_robot:ended(), t()) -> t().
-ended({done, _} = Done, Body) -> Body#body{result = Done};
+ended({done, _} = Done, Body) -> out(rest, Body#body{result = Done});
 ended(given_up, #body{result = running} = Body) -> Body#body{result = given_up};
 ended(_, Body) -> Body.

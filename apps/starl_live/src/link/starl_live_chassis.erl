@@ -6,14 +6,15 @@
 %% ```
 %%     link -- drive, actuate, stop --> chassis --> the drive
 %%     link <-- {starl_chassis, Chassis, Mark, Answer} -- chassis <-- the drive
+%%     link <-- {starl_chassis, Chassis, sensed, Sense} -- chassis <-- a bumper, a button, ...
 %% '''
 -module(starl_live_chassis).
 -behaviour(gen_server).
 
--export([start_link/3, drive/4, actuate/4, stop/1, is_late/3]).
+-export([start_link/3, drive/4, actuate/4, stop/1, rest/1, condition/1, is_late/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
 
--export_type([config/0, answer/0, said/0]).
+-export_type([config/0, answer/0, said/0, sense/0]).
 
 %% What every driver is told; each has further keys of its own.
 -type config() :: #{
@@ -31,8 +32,13 @@
     | {actuated, Device :: atom(), Value :: term()}
     | {not_understood, starl_chassis:commands()}.
 
-%% The message to the link: the answer to the command of this mark.
--type said() :: {starl_chassis, Chassis :: pid(), Mark :: term(), answer()}.
+%% What a body feels, of its chassis' own: `{bump, left}'.
+-type sense() :: {Kind :: atom(), Value :: term()}.
+
+%% The message to the link: the answer to the command of this mark; or what the body has felt.
+-type said() ::
+    {starl_chassis, Chassis :: pid(), Mark :: term(), answer()}
+    | {starl_chassis, Chassis :: pid(), sensed, sense()}.
 
 %% Opens the line. The process that calls it gets the messages of ports and sockets.
 -callback open(config()) -> {ok, State :: term()} | {error, unicode:chardata()}.
@@ -50,8 +56,15 @@ when
 %% Everything comes to rest; no script is answered any more.
 -callback stop(State) -> State when State :: term().
 %% Handles a message of the process.
--callback hear(Message :: term(), State) -> {[{Mark, answer()}], State} | {stop, Why} | unknown when
+-callback hear(Message :: term(), State) ->
+    {[{Mark, answer()} | {sensed, sense()}], State} | {stop, Why} | unknown
+when
     State :: term(), Mark :: term(), Why :: unicode:chardata().
+%% The robot's application is done: it may sleep, and charge. A later script wakes it.
+-callback rest(State) -> State when State :: term().
+%% How the chassis is, for people.
+-callback condition(State :: term()) -> map().
+-optional_callbacks([rest/1, condition/1]).
 %% Closes the line.
 -callback close(State :: term()) -> ok.
 
@@ -85,6 +98,14 @@ actuate(Chassis, Device, Value, Mark) -> gen_server:cast(Chassis, {actuate, Devi
 -spec stop(pid()) -> ok.
 stop(Chassis) -> gen_server:cast(Chassis, stop).
 
+%% @doc The robot's application is done, and nothing more is to be driven for now.
+-spec rest(pid()) -> ok.
+rest(Chassis) -> gen_server:cast(Chassis, rest).
+
+%% @doc How the chassis is; empty if it has nothing to tell.
+-spec condition(pid()) -> map().
+condition(Chassis) -> gen_server:call(Chassis, condition).
+
 -spec init({module(), config(), pid()}) -> {ok, #chassis{}} | {stop, term()}.
 init({Module, #{robot := Robot, clock := Clock} = Config, Link}) ->
     process_flag(trap_exit, true),
@@ -94,11 +115,22 @@ init({Module, #{robot := Robot, clock := Clock} = Config, Link}) ->
         {error, Why} -> {stop, {shutdown, {chassis, unicode:characters_to_binary(Why)}}}
     end.
 
--spec handle_call(term(), gen_server:from(), #chassis{}) -> {reply, ok, #chassis{}}.
-handle_call(_Question, _From, Chassis) -> {reply, ok, Chassis}.
+-spec handle_call(term(), gen_server:from(), #chassis{}) -> {reply, ok | map(), #chassis{}}.
+handle_call(condition, _From, #chassis{module = Module, state = State} = Chassis) ->
+    Condition =
+        case erlang:function_exported(Module, condition, 1) of
+            true -> Module:condition(State);
+            false -> #{}
+        end,
+    {reply, Condition, Chassis};
+handle_call(_Question, _From, Chassis) ->
+    {reply, ok, Chassis}.
 
 -spec handle_cast(
-    {drive, starl_chassis:script(), integer(), term()} | {actuate, atom(), term(), term()} | stop,
+    {drive, starl_chassis:script(), integer(), term()}
+    | {actuate, atom(), term(), term()}
+    | stop
+    | rest,
     #chassis{}
 ) -> {noreply, #chassis{}}.
 handle_cast({drive, Script, Until, Mark}, #chassis{module = Module, state = State} = Chassis) ->
@@ -111,6 +143,11 @@ handle_cast({drive, Script, Until, Mark}, #chassis{module = Module, state = Stat
     end;
 handle_cast({actuate, Device, Value, Mark}, #chassis{module = Module, state = State} = Chassis) ->
     {noreply, said(Module:actuate(Device, Value, Mark, State), Chassis)};
+handle_cast(rest, #chassis{module = Module, state = State} = Chassis) ->
+    case erlang:function_exported(Module, rest, 1) of
+        true -> {noreply, Chassis#chassis{state = Module:rest(State)}};
+        false -> {noreply, Chassis}
+    end;
 handle_cast(stop, #chassis{module = Module, state = State} = Chassis) ->
     {noreply, Chassis#chassis{state = Module:stop(State)}}.
 

@@ -34,9 +34,11 @@
     {motion, starl_trajectory:piece()}
     %% a script of another chassis, which is not carried out
     | {not_understood, starl_chassis:commands()}
-    | {actuated, Device :: atom(), Value :: term()}.
+    | {actuated, Device :: atom(), Value :: term()}
+    %% what its body feels: a bump, a button, the charge of its battery
+    | {sensed, Sense :: term()}.
 
-%% Machine `radio': a packet of the sender is lost. `N' counts the packets to that robot, `{all, N}'
+%% Machine `radio'': a packet of the sender is lost. `N' counts the packets to that robot, `{all, N}'
 %% the packets to all in range.
 -type radio() :: {lost, To :: starl:robot_id(), N :: pos_integer() | {all, pos_integer()}}.
 
@@ -90,7 +92,7 @@ platform() ->
     #{
         robot => [{down, 0}, {up, 0}, {died, 1}, {store_set_back, 0}],
         supervisor => [{crashed, 2}, {given_up, 1}],
-        chassis => [{motion, 1}, {actuated, 2}, {not_understood, 1}],
+        chassis => [{motion, 1}, {actuated, 2}, {not_understood, 1}, {sensed, 1}],
         radio => [{lost, 2}],
         location => ?EVERY_MACHINE,
         motion => [{velocity, 2}, {velocity_over, 1} | ?EVERY_MACHINE],

@@ -613,8 +613,9 @@ wait(Match) ->
         {starl_step, code, Word, #{now := Now}} ->
             ok = hear(Word, Turn#turn{actions = [], count = 0, now = Now}),
             wait(Match);
-        {starl_step, Type, Content, #{now := Now}} ->
+        {starl_step, Type0, Content0, #{now := Now}} ->
             _ = put(?TURN, Turn#turn{actions = [], count = 0, now = Now}),
+            {Type, Content} = sensed(Type0, Content0, Turn),
             heed(Type, Content),
             case Match(Type, Content) of
                 skip ->
@@ -624,6 +625,15 @@ wait(Match) ->
                     Answer
             end
     end.
+
+%% What the body feels is a message of the robot itself, if the application listens to it.
+sensed(info, {sensed, Sense} = Sensed, #turn{robot = Id, listening = Listening}) ->
+    case lists:member({sap, {listen, {app, sense}, app}}, Listening) of
+        true -> {cast, {message, Id, sense, Sense}};
+        false -> {info, Sensed}
+    end;
+sensed(Type, Content, _Turn) ->
+    {Type, Content}.
 
 listening({cast, sap, {listen, Type, app, _Room}}, Known) ->
     lists:umerge([{sap, {listen, Type, app}}], Known);
@@ -663,7 +673,7 @@ keep({timeout, _}, call) ->
     ok;
 keep({reply, _}, _) ->
     ok;
-keep(info, {Word, _}) when Word =:= restarted; Word =:= given_up ->
+keep(info, {Word, _}) when Word =:= restarted; Word =:= given_up; Word =:= sensed ->
     ok;
 keep(Type, Content) ->
     perform([{trace, {unknown_event, Type, Content}}]).

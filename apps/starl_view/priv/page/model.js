@@ -122,7 +122,10 @@ export class Team {
   happened([, t, id, machine, what]) {
     const robot = this.robot(id);
     if (machine === 'robot' && ['up', 'down', 'died'].includes(what)) { robot.conditions.push([t, what]); this.trim(++this.count); }
-    if (machine === 'robot' || what === 'crashed') {
+    if (machine === 'chassis') {
+      this.marks.push([t, 'sensed', `robot ${id} feels ${what}`, [id]]);
+      if (this.marks.length > MOST_MARKS) this.marks.splice(0, MOST_MARKS / 2);
+    } else if (machine === 'robot' || what === 'crashed') {
       this.marks.push([t, what, machine === 'robot' ? `robot ${id} ${what}`
         : `${machine} of robot ${id} crashed`, [id]]);
       if (this.marks.length > MOST_MARKS) this.marks.splice(0, MOST_MARKS / 2);
