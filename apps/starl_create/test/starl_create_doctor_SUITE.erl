@@ -1,5 +1,5 @@
 %% The doctor and the driving by keys, on an emulated Create behind a pty. The quality of the stream
-%% depends on the load of this computer, and is not held against it.
+%% depends on the load of this computer and on its user, and is not held against it.
 -module(starl_create_doctor_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 -compile([export_all, nowarn_export_all]).
@@ -16,6 +16,7 @@ groups() ->
                 create_1,
                 wrong_baud,
                 too_late,
+                computer,
                 asleep,
                 silent,
                 docked,
@@ -71,6 +72,25 @@ too_late(_) ->
     {none, Noise, Late} = starl_create_search:all(Port, [115200]),
     Text = unicode:characters_to_list(starl_create_search:silent({Noise, Late})),
     contains("too busy to tell", Text).
+
+%% Without real-time priority legs are cut short; a busy computer is said before what it may have missed.
+computer(_) ->
+    {ok, computer, _} = starl_create_doctor:priority(realtime),
+    [
+        begin
+            {problem, computer, Text} = starl_create_doctor:priority(Priority),
+            contains("LimitRTPRIO=1", Text)
+        end
+     || Priority <- [raised, ordinary]
+    ],
+    {Findings, _} = all(#{model => 2}, #{model => 2}),
+    ?assertMatch({_, computer, _}, lists:keyfind(computer, 2, Findings)),
+    Lost = [{ok, baud, "115200 baud"}, {problem, port, "is the cable firm?"}],
+    [{problem, computer, Busy} | Lost] = starl_create_doctor:on_computer(Lost, 340),
+    contains("its own waits end 340 ms late", Busy),
+    ?assertEqual(Lost, starl_create_doctor:on_computer(Lost, 3)),
+    Well = [{ok, baud, "115200 baud"}],
+    ?assertEqual(Well, starl_create_doctor:on_computer(Well, 340)).
 
 answers_too_late(To, Frame) ->
     receive
@@ -190,7 +210,8 @@ pulled_from_the_doctor(_) ->
     end,
     receive
         {found, {Findings, none}} ->
-            [{problem, port, Text}] = starl_create_doctor:problems(Findings),
+            Problems = starl_create_doctor:problems(Findings),
+            [{problem, port, Text}] = lists:keydelete(computer, 2, Problems),
             contains("the line was lost meanwhile", Text)
     end.
 
@@ -238,7 +259,7 @@ examined(Robot, Options) -> problems(all(Robot, Options)).
 
 problems({Findings, Profile}) ->
     Problems = starl_create_doctor:problems(Findings),
-    {[{Key, Text} || {problem, Key, Text} <- Problems, Key =/= stream], Profile}.
+    {[{Key, Text} || {problem, Key, Text} <- Problems, Key =/= stream, Key =/= computer], Profile}.
 
 says(Key, Part, Problems) ->
     {Key, Text} = lists:keyfind(Key, 1, Problems),

@@ -4,7 +4,7 @@
 %% It moves nothing but the mode, unless it is to calibrate ({@link starl_create_calibration}).
 -module(starl_create_doctor).
 
--export([examine/2, line/1, problems/1]).
+-export([examine/2, line/1, problems/1, on_computer/2, priority/1]).
 
 -export_type([options/0, finding/0, key/0]).
 
@@ -17,7 +17,8 @@
 }.
 
 -type key() ::
-    port
+    computer
+    | port
     | baud
     | model
     | waits
@@ -55,6 +56,8 @@
     "it answered, and now does not: try again, with less other work for this computer"
 ).
 -define(QUALITY_MS, 1000).
+%% The lateness of its own waits by which a computer is busy.
+-define(BUSY_MS, 30).
 -define(LOW, 20).
 
 %% @doc Examines; gives what it has found, in order, and the profile of the robot if it answers.
@@ -70,12 +73,39 @@ examine(Device, #{model := Model} = Options) ->
             Exam = #exam{
                 probe = Probe, device = Device, options = Options, model = Model, baud = Baud
             },
-            Found = line_found(found({ok, port, [Device, ", opened and locked"]}, Exam), Baud),
+            Opened = found({ok, port, [Device, ", opened and locked"]}, Exam),
+            Alone = found(priority(starl_create_probe:priority(Probe)), Opened),
+            {Findings, Profile} = line_found(Alone, Baud),
             ok = starl_create_probe:close(Probe),
-            Found;
+            {on_computer(Findings, starl_create_probe:lateness_ms()), Profile};
         {error, {_Reason, Text}} ->
             {[{problem, port, Text}], none}
     end.
+
+%% @doc May the port program be on time?
+-spec priority(starl_create_port:priority()) -> finding().
+priority(realtime) ->
+    {ok, computer, "the port program has real-time priority"};
+priority(_) ->
+    {problem, computer, starl_create_advice:line(ordinary_priority)}.
+
+%% @doc Findings by a computer whose own waits end so late: that it is busy comes before what it may have
+%% missed.
+-spec on_computer([finding()], LateMs :: non_neg_integer()) -> [finding()].
+on_computer(Findings, LateMs) when LateMs >= ?BUSY_MS ->
+    case [Key || {problem, Key, _} <- Findings, Key =/= computer] of
+        [] -> Findings;
+        _ -> [{problem, computer, busy(LateMs)} | Findings]
+    end;
+on_computer(Findings, _LateMs) ->
+    Findings.
+
+busy(LateMs) ->
+    io_lib:format(
+        "it is too busy: its own waits end ~b ms late; what is found below may come from that: give it "
+        "less other work, and try again",
+        [LateMs]
+    ).
 
 %% @doc A finding as a line.
 -spec line(finding()) -> unicode:chardata().

@@ -6,7 +6,7 @@
 -export([
     open/3, close/1, speed/2, send/2, pulse/2, ask/4, said/3, listen/2, quiet/1, quiet/2, quiet_ms/0
 ]).
--export([stream/4, first/4, drive/4, go/3, is_lost/1]).
+-export([stream/4, first/4, drive/4, go/3, is_lost/1, priority/1, lateness_ms/0]).
 
 -export_type([t/0, heard/0]).
 
@@ -20,6 +20,9 @@
 }.
 
 -define(OPEN_MS, 5000).
+%% By which a busy computer is found.
+-define(WAITS, 10).
+-define(WAIT_MS, 10).
 -define(PULSE_MS, 200).
 %% Frames come each 15 ms.
 -define(QUIET_MS, 60).
@@ -57,6 +60,24 @@ is_lost(_Port) ->
     receive
         {closed, _} -> true
     after 0 -> false
+    end.
+
+%% @doc How soon the computer lets the port program run, which says it before it opens.
+-spec priority(t()) -> starl_create_port:priority().
+priority(_Port) ->
+    receive
+        {priority, Priority} -> Priority
+    after 0 -> ordinary
+    end.
+
+%% @doc How late the waits of this process end: the worst of some.
+-spec lateness_ms() -> non_neg_integer().
+lateness_ms() -> lists:max([late_ms() || _ <- lists:seq(1, ?WAITS)]).
+
+late_ms() ->
+    Begin = erlang:monotonic_time(millisecond),
+    receive
+    after ?WAIT_MS -> max(0, erlang:monotonic_time(millisecond) - Begin - ?WAIT_MS)
     end.
 
 %% @doc Another baud rate.
