@@ -117,7 +117,7 @@ one({When, Changes, Line}, Dir) ->
             _ = starl_sim:run(Sim),
             {Outcome, #{figures := []}} = starl_sim:finish(Sim),
             #{violations := Violations, unjudged := Unjudged, monitors := Results} = Outcome,
-            ?assertMatch({[#{monitors := [mine], why := {mistake, _}}], _}, {Unjudged, Shown}),
+            ?assertMatch({[#{monitors := ["mine"], why := {mistake, _}}], _}, {Unjudged, Shown}),
             [#{why := {mistake, Said}, from_us := From}] = Unjudged,
             is_line(Line, Said),
             ?assertNot(is_map_key(mine, Results)),

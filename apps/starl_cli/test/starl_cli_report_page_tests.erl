@@ -54,7 +54,7 @@ made() ->
     Outcome = #{
         end_us => 1,
         ending => done,
-        unjudged => [starl_unjudged:mistake(my_monitor, 1, "my_monitor.erl:1: step/2: badarg")],
+        unjudged => [starl_unjudged:mistake("my", 1, "my_monitor.erl:1: step/2: badarg")],
         violations => [
             #{contract => sap, what => lost, at_us => 1, robots => [1, 2], details => #{}}
         ],

@@ -33,7 +33,9 @@ late_test() ->
     {ok, After} = starl_world_judge:judge(60, Bad),
     {[], Results, [Part]} = starl_world_judge:close(60, After),
     ?assertEqual(#{}, Results),
-    ?assertMatch(#{monitors := [?MODULE], from_us := 9, why := {stood_still, 4, 40}}, Part).
+    ?assertMatch(
+        #{monitors := ["world_judge_tests"], from_us := 9, why := {stood_still, 4, 40}}, Part
+    ).
 
 %% What is undone in time is not judged; what is undone after it has been judged, nobody can take back.
 undone_test() ->

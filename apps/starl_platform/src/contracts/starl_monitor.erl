@@ -189,7 +189,7 @@ feed_each([{Module, _, _} = Monitor | Monitors], Events, Fed, Found, Runner) ->
     end.
 
 aside(Module, AtUs, Line, #runner{unjudged = Unjudged} = Runner) ->
-    Runner#runner{unjudged = [starl_unjudged:mistake(Module, AtUs, Line) | Unjudged]}.
+    Runner#runner{unjudged = [starl_unjudged:mistake(name(Module), AtUs, Line) | Unjudged]}.
 
 %% @doc An assumption was broken in this window, of which no event has been judged yet.
 -spec broken(starl_assumption:window(), t()) -> t().
@@ -218,7 +218,7 @@ blinded(Why, #runner{monitors = Monitors, seen = Seen, unjudged = Before} = Runn
 ->
     IsBlind = fun({_, Interests, _}) -> Interests =/= #{supervisor => []} end,
     {Blind, Left} = lists:partition(IsBlind, Monitors),
-    Parts = [starl_unjudged:since(Seen, [M || {M, _, _} <- Blind], Why) || Blind =/= []],
+    Parts = [starl_unjudged:since(Seen, [name(M) || {M, _, _} <- Blind], Why) || Blind =/= []],
     Runner#runner{monitors = Left, unjudged = Parts ++ Before}.
 
 call(Module, Callback, Args, #runner{unjudged = trusted}) -> {ok, apply(Module, Callback, Args)};

@@ -6,8 +6,9 @@
 
 -export_type([t/0, why/0]).
 
+%% Monitors by the names of reports.
 -type t() :: #{
-    monitors := [module(), ...] | all,
+    monitors := [Name :: string(), ...] | all,
     from_us := integer(),
     to_us := integer() | the_end,
     why := why()
@@ -23,10 +24,10 @@
     | {missing, Events :: pos_integer()}
     | no_end
     | {stood_still, FromUs :: integer(), ToUs :: integer()}
-    | {clocks, starl_monitor:robot_id(), starl_monitor:robot_id(), Us :: pos_integer()}.
+    | {clocks, starl:robot_id(), starl:robot_id(), Us :: pos_integer()}.
 
 %% @doc A monitor has made a mistake: from this time on it does not judge.
--spec mistake(module(), AtUs :: integer(), Line :: unicode:chardata()) -> t().
+-spec mistake(Monitor :: string(), AtUs :: integer(), Line :: unicode:chardata()) -> t().
 mistake(Monitor, AtUs, Line) ->
     #{
         monitors => [Monitor],
@@ -36,7 +37,7 @@ mistake(Monitor, AtUs, Line) ->
     }.
 
 %% @doc These monitors judge no further from this time on.
--spec since(AtUs :: integer(), [module(), ...], why()) -> t().
+-spec since(AtUs :: integer(), Monitors :: [string(), ...], why()) -> t().
 since(AtUs, Monitors, Why) ->
     #{monitors => Monitors, from_us => AtUs, to_us => the_end, why => Why}.
 
@@ -46,7 +47,7 @@ format(#{monitors := Monitors, from_us := From, to_us := To, why := Why}) ->
     ["not judged", who(Monitors), when_(From, To), ": ", why(Why)].
 
 who(all) -> "";
-who(Monitors) -> [": ", lists:join(", ", [starl_monitor:name(Monitor) || Monitor <- Monitors])].
+who(Monitors) -> [": ", lists:join(", ", Monitors)].
 
 when_(From, the_end) -> io_lib:format(" from ~.6f s on", [From / 1.0e6]);
 when_(From, To) -> io_lib:format(" from ~.6f to ~.6f s", [From / 1.0e6, To / 1.0e6]).
