@@ -503,8 +503,11 @@ bounded(Browser) ->
 
 %% Ctrl-C, as ./starl passes it on: a run that is over closes its window.
 closed(Port, Said) ->
-    {os_pid, Pid} = erlang:port_info(Port, os_pid),
-    _ = os:cmd("kill -USR1 " ++ integer_to_list(Pid)),
+    case erlang:port_info(Port, os_pid) of
+        {os_pid, Pid} -> os:cmd("kill -USR1 " ++ integer_to_list(Pid));
+        %% nobody has looked for too long
+        undefined -> ok
+    end,
     rest(Port, Said).
 
 ended(Port) ->
