@@ -45,7 +45,7 @@ opened(Create, #{robot := Robot, clock := Clock} = Config) ->
     end.
 
 -spec drive(starl_chassis:script(), integer(), Mark, #chassis{}) ->
-    {[{Mark, starl_live_chassis:answer()}], #chassis{}}
+    {[{Mark, starl_live_chassis:answer()} | {sensed, starl_live_chassis:sense()}], #chassis{}}
 when
     Mark :: term().
 drive({starl_chassis_differential, Commands}, _Until, Mark, #chassis{driver = Driver} = Chassis) ->
@@ -54,7 +54,7 @@ drive({_Other, Commands}, _Until, Mark, Chassis) ->
     {[{Mark, {not_understood, Commands}}], Chassis}.
 
 -spec actuate(atom(), term(), {mark, Mark} | none, #chassis{}) ->
-    {[{Mark, starl_live_chassis:answer()}], #chassis{}}
+    {[{Mark, starl_live_chassis:answer()} | {sensed, starl_live_chassis:sense()}], #chassis{}}
 when
     Mark :: term().
 actuate(Device, Value, Mark, #chassis{driver = Driver} = Chassis) ->
@@ -66,7 +66,10 @@ stop(#chassis{driver = Driver} = Chassis) ->
     Stopped.
 
 -spec hear(term(), #chassis{}) ->
-    {[{Mark :: term(), starl_live_chassis:answer()}], #chassis{}}
+    {
+        [{Mark :: term(), starl_live_chassis:answer()} | {sensed, starl_live_chassis:sense()}],
+        #chassis{}
+    }
     | {stop, unicode:chardata()}
     | unknown.
 hear({'EXIT', Port, Reason}, #chassis{port = Port}) ->
