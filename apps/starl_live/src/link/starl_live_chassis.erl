@@ -45,12 +45,12 @@
 %% Carries out a script in place of the present one ({@link starl_platform}), unless it would begin
 %% after this time, by the robot's clock: see {@link is_late/3}.
 -callback drive(starl_chassis:script(), UntilUs :: integer(), Mark :: term(), State) ->
-    {[{Mark, answer()}], State}
+    {[{Mark, answer()} | {sensed, sense()}], State}
 when
     State :: term(), Mark :: term().
 %% Sets another actuator, and answers if there is a mark.
 -callback actuate(Device :: atom(), Value :: term(), {mark, Mark :: term()} | none, State) ->
-    {[{Mark, answer()}], State}
+    {[{Mark, answer()} | {sensed, sense()}], State}
 when
     State :: term(), Mark :: term().
 %% Everything comes to rest; no script is answered any more.
