@@ -128,7 +128,7 @@ blocks() ->
         },
         counter => #{
             sources => ["apps/starl_blocks/src/counter/*.erl"],
-            unit => ["starl_counter_*"],
+            unit => ["starl_counter_monitor_*"],
             suite => [],
             soak => [counter],
             check => [{counter, 2, #{}}, {counter, 2, #{loss => 1, crash => 1}}]
@@ -172,7 +172,7 @@ blocks() ->
         reload => #{
             sources => ["apps/starl_platform/src/reload/*.erl"],
             unit => ["starl_{reload,lineage,version}_*"],
-            suite => ["starl_reload_SUITE"],
+            suite => [],
             soak => [],
             check => []
         },
