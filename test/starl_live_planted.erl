@@ -114,14 +114,6 @@ robot() ->
                     "        none when Outdated =:= damaged -> damaged;"}
             ],
             "machines of a robot whose store was lost find no term, and not a damaged one"},
-        {link_late_answer, mutex, starl_live_link,
-            [
-                {"{ok, Link#link{robot = Robot, beside = maps:remove(Gone, Beside)}};",
-                    "{ok, Link#link{robot = Robot, beside = (fun(_) -> Beside end)(Gone)}};"},
-                {"    case {Beside, starl_robot_machines:name_of(Pid, machines(Link))} of",
-                    "    _ = fun starl_robot_machines:name_of/2,\n    case {Beside, {ok, app}} of"}
-            ],
-            "the answer of a dead process is taken for its successor's"},
         {timers_early, mutex, starl_live_body,
             [
                 {"starl_live_clock:monotonic_ms(Now + Us, Clock)",
