@@ -68,7 +68,9 @@ driven() ->
         {drives, Script} -> Script
     end.
 
+%% Of what others have sent to this process nothing.
 flushed() ->
     receive
-        What -> What
+        What when What =:= stops; What =:= rests; What =:= closed -> What;
+        {starl_chassis, _, sensed, _} = What -> What
     end.

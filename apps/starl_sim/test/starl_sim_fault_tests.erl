@@ -39,7 +39,7 @@ sum_test() ->
         slack([{100, 9000, slow, #{lag_ms => 50}}, {100, 1000, pause, #{}}])
     ).
 
-%% What is bounded in time gets that much more time, what is not gets none.
+%% No fault of a schedule widens a bound of the whole run: monitors excuse what it explains.
 bounds_test() ->
     Sound = bounds([]),
     Slow = bounds([{f, 100, 9000, slow, 1, #{lag_ms => 50}}]),
@@ -48,9 +48,7 @@ bounds_test() ->
         lists:sort(maps:keys(Sound))
     ),
     ?assertEqual(1000, maps:get(starl_sim_told_monitor, Sound)),
-    Wider = maps:map(fun(_, Us) -> Us + 1000000 end, Sound),
-    %% one that needs nothing is told nothing
-    ?assertEqual(Wider#{starl_sim_order_monitor := 7}, Slow).
+    ?assertEqual(Sound, Slow).
 
 bounds(Faults) ->
     App = starl_sim_script_app,
