@@ -33,7 +33,7 @@ id(Place) when is_integer(Place) -> ?FIRST + Place.
 
 %% @doc The place of a robot, which is its own number.
 -spec number(starl:robot_id()) -> place().
-number(Id) when Id > ?FIRST -> Id - ?FIRST;
+number(Id) when is_integer(Id), Id > ?FIRST -> Id - ?FIRST;
 number(Id) when is_integer(Id) -> Id.
 
 %% @doc The reading of the clock of the robot at a place, in microseconds.

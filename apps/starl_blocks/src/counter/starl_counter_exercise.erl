@@ -23,7 +23,8 @@ block_options(#{gossip := Ms}) -> #{gossip_ms => Ms}.
 within_ms(#{gossip := Ms, team := Robots}) -> starl_counter:within_ms(Ms, Robots).
 
 -spec again_ms(starl_block_exercise:use()) -> pos_integer().
-again_ms(#{gossip := Ms, team := Robots}) -> Ms * Robots.
+again_ms(#{gossip := Ms, team := Robots}) when is_integer(Ms), is_integer(Robots) ->
+    Ms * Robots.
 
 -spec draw(starl_block_exercise:draw()) -> #{atom() => term()}.
 draw(Draw) -> #{gossip => Draw(gossip, [200, 1000, 3000])}.

@@ -40,7 +40,7 @@ when
     Figures :: [starl_lab_sweep_plot:figure(), ...],
     Rows :: starl_lab_sweep_rows:rows(),
     Bytes :: non_neg_integer(),
-    Status :: 0 | 1 | 3 | 4 | 130.
+    Status :: 0 | 1 | 3 | 4 | 5 | 130.
 run(#{dir := Dir} = Sweep, Columns, Figures, Rows, Bytes) ->
     case starl_lab_sweep_rows:open(filename:join(Dir, "runs.csv"), Columns, Bytes) of
         {ok, Device} ->

@@ -166,7 +166,7 @@ bound_us(Config) -> round(lists:sum(delays(Config))).
     non_neg_integer() | never
 when
     RetryUs :: non_neg_integer() | never.
-reach_us(Config, Loss, DelayUs, RetryUs) ->
+reach_us(Config, Loss, DelayUs, RetryUs) when is_integer(DelayUs) ->
     Delays = delays(Config),
     Before = transmissions(Loss) - 1,
     case {Before div length(Delays), RetryUs} of
@@ -179,7 +179,7 @@ reach_us(Config, Loss, DelayUs, RetryUs) ->
             GivenUp * waited([RetryUs | Delays]) + waited(Last) + DelayUs
     end.
 
-waited(Delays) -> lists:sum(Delays) * 101 div 100.
+waited(Delays) -> round(lists:sum(Delays)) * 101 div 100.
 
 transmissions(Loss) when Loss == 0 -> 1;
 transmissions(Loss) when Loss < 1 -> ceil(math:log(?RARE) / math:log(Loss)).
