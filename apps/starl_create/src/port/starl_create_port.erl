@@ -118,6 +118,8 @@ loop(#line{owner = Owner, program = Program} = Line) ->
             loop(ended(Status, Line));
         {'DOWN', _, process, Owner, _} ->
             exit(normal);
+        {'EXIT', Program, epipe} ->
+            loop(ended(starl_create_program:broken(), Line));
         {'EXIT', Ended, _} when is_port(Ended) ->
             loop(Line);
         {'EXIT', _, Reason} ->

@@ -1,7 +1,7 @@
 %% @doc Starts the port program of this application (`c_src'), and says in one line why it cannot.
 -module(starl_create_program).
 
--export([start/1, ended/1, path/0, us/1, format_error/1]).
+-export([start/1, ended/1, broken/0, path/0, us/1, format_error/1]).
 
 -export_type([reason/0]).
 
@@ -10,6 +10,10 @@
 -define(FILE_NAME, "starl_create_port").
 %% The exit status of a file that is not executed (ENOEXEC).
 -define(NO_EXEC, 8).
+%% That of a program whose end was noticed by a broken pipe (EPIPE).
+-define(BROKEN, 32).
+%% The time in which a file that is not executed tells.
+-define(TELLS_MS, 1000).
 %% Looks at two clocks that are no farther apart than this are as good as one.
 -define(NEAR_US, 50).
 -define(LOOKS, 5).
@@ -29,6 +33,23 @@ start(Args) ->
 -spec ended(Status :: non_neg_integer()) -> {error, reason()} | ended.
 ended(?NO_EXEC) -> {error, other_processor};
 ended(_Status) -> ended.
+
+%% @doc The exit status of a program that was written to when it had just ended: then its pipe breaks, and
+%% the VM does not tell it any more. So the program is started once more, and nothing is written to it:
+%% one that cannot run on this computer ends by itself.
+-spec broken() -> Status :: non_neg_integer().
+broken() ->
+    case start([]) of
+        {ok, Again} ->
+            receive
+                {Again, {exit_status, Status}} -> Status
+            after ?TELLS_MS ->
+                true = port_close(Again),
+                ?BROKEN
+            end;
+        {error, _} ->
+            ?BROKEN
+    end.
 
 %% @doc Where the program is. The environment variable `STARL_CREATE_PORT' names another one.
 -spec path() -> {ok, file:filename()} | {error, reason()}.
