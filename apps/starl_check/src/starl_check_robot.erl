@@ -119,7 +119,8 @@ cuts({Step, Actions} = Cut, Event, Robot, Model) ->
             {{_, Left, _, _}, _} = starl_robot:standing(Stands),
             [{Cut, Left} | cuts({Step, Actions + 1}, Event, Robot, Model)];
         #run{steps = Steps} when Step < Steps -> cuts({Step + 1, 0}, Event, Robot, Model);
-        #run{} -> []
+        #run{} ->
+            []
     end.
 
 %% What only the robot itself learns of, once the step is over, may come before it stands still or after.

@@ -51,7 +51,8 @@ within_ms(Gossip, Robots) when is_integer(Gossip), is_integer(Robots) ->
     5000 + 2 * Robots * Gossip.
 
 -spec contract() -> string().
-contract() -> "the value goes back only with a crash, and never exceeds the increments; all come to agree".
+contract() ->
+    "the value goes back only with a crash, and never exceeds the increments; all come to agree".
 
 -spec exercise() -> module().
 exercise() -> starl_counter_exercise.

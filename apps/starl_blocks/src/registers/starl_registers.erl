@@ -78,7 +78,8 @@ monitors(#{owners := Owners, sync_ms := Sync, ahead_ms := Ahead}, #{robots := Ro
 within_ms(Sync) -> 5000 + round(15 * Sync).
 
 -spec contract() -> string().
-contract() -> "a read returns what was written and goes back only with a crash; all robots come to agree".
+contract() ->
+    "a read returns what was written and goes back only with a crash; all robots come to agree".
 
 -spec exercise() -> module().
 exercise() -> starl_registers_exercise.
