@@ -299,9 +299,9 @@ mid_pulse(End) ->
     after ?AFTER_MS -> error(late)
     end,
     _ = End(Port),
-    %% a busy computer sees the line only when it has been given back
+    %% that of the program, or, as a busy computer sees it, that of the line that is given back
     receive
-        {pty, Pty, {baud, Baud}} -> ?assertNotEqual(hung_up, Baud)
+        {pty, Pty, {baud, Baud}} -> ?assert(lists:member(Baud, [57600, 38400]), Baud)
     after ?AFTER_MS -> error(late)
     end,
     ?assertEqual(?STOPS, heard(Pty, ?STOPS_SIZE)).
