@@ -288,16 +288,7 @@ killed_in_mid_pulse(_) -> mid_pulse(fun(Port) -> kill("KILL", os_pid(Port)) end)
 closed_in_mid_pulse(_) -> mid_pulse(fun(Port) -> Port ! close end).
 
 mid_pulse(End) ->
-    #{pty := Pty, port := Port} = line(),
-    receive
-        {pty, Pty, {baud, 57600}} -> ok
-    after ?AFTER_MS -> error(late)
-    end,
-    Port ! {pulse, dtr, 60000, 1},
-    receive
-        {pty, Pty, {baud, hung_up}} -> ok
-    after ?AFTER_MS -> error(late)
-    end,
+    #{pty := Pty, port := Port} = in_pulse(),
     _ = End(Port),
     %% that of the program, or, as a busy computer sees it, that of the line that is given back
     receive
@@ -705,9 +696,9 @@ speeds(_) ->
     after ?AFTER_MS -> error(late)
     end.
 
-%% A pty has no control lines: the other side sees the line hung up instead.
-pulses(_) ->
-    #{pty := Pty, port := Port} = line(),
+%% A line in a long pulse. A pty has no control lines: the other side sees the line hung up instead.
+in_pulse() ->
+    #{pty := Pty, port := Port} = Line = line(),
     receive
         {pty, Pty, {baud, 57600}} -> ok
     after ?AFTER_MS -> error(late)
@@ -717,6 +708,10 @@ pulses(_) ->
         {pty, Pty, {baud, hung_up}} -> ok
     after ?AFTER_MS -> error(late)
     end,
+    Line.
+
+pulses(_) ->
+    #{pty := Pty, port := Port} = in_pulse(),
     %% another request takes the place of the first
     Port ! {pulse, rts, 1, 2},
     receive

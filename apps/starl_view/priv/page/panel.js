@@ -36,11 +36,6 @@ export class Panel {
     $('rows-on').onclick = () => this.rows(MOST_ROWS);
     $('kind').onchange = () => this.params();
     $('team').ontoggle = () => { this.shown.table = null; };
-    // An answer stays in view while what stands above it grows.
-    this.answer = null;
-    const sizes = new ResizeObserver(() => this.answer?.scrollIntoView({ block: 'nearest' }));
-    const aside = document.querySelector('aside');
-    for (const part of [aside, ...aside.children]) sizes.observe(part);
   }
 
   began() {
@@ -94,11 +89,8 @@ export class Panel {
     clearTimeout(place.going);
     place.textContent = text;
     place.classList.toggle('bad', bad);
-    if (text && of) {
-      this.answer = place;
-      place.scrollIntoView({ block: 'nearest' });
-    } else if (this.answer === place) this.answer = null;
-    if (text && !stays) place.going = setTimeout(() => this.say('', of), SAID_MS);
+    if (text && of) place.scrollIntoView({ block: 'nearest' });
+    if (text && !stays) place.going = setTimeout(() => { place.textContent = ''; }, SAID_MS);
   }
 
   // -- the selected robot
