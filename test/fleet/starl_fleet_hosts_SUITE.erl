@@ -174,6 +174,7 @@ contains(Part, Text) -> starl_first_hour_ct:contains(Part, Text).
 releases(Hosts) ->
     {0, Status} = deploy("status", Hosts),
     {match, Releases} = re:run(Status, "release ([^,]+)", [global, {capture, all_but_first, list}]),
+    ?assertMatch([_, _], Releases, Status),
     Releases.
 
 %% `identity': that with which robot 2 is reached.

@@ -11,9 +11,11 @@ line(More) ->
         result => running,
         crashes => 0
     },
-    Answer = {ok, maps:merge(Status, More)},
+    said(starl_fleet_term:write(maps:merge(Status, More))).
+
+said(Text) ->
     Robot = #{user => none, host => "a"},
-    lists:flatten(starl_cli_fleet_status:line(1, Robot, Answer)).
+    lists:flatten(starl_cli_fleet_status:line(1, Robot, unicode:characters_to_list(Text))).
 
 a_chassis_that_tells_nothing_is_not_told_of_test() ->
     ?assertMatch({_, _}, binary:match(list_to_binary(line(#{})), <<" s\n">>)).
@@ -39,3 +41,16 @@ the_body_is_told_of_test() ->
         ]
     ],
     ?assertEqual(nomatch, string:find(Line, "hangs")).
+
+%% ssh, or a shell, warned of something first.
+an_answer_after_a_warning_test() ->
+    Status = #{
+        release => "1", app => a, started => 0, link => answers, result => running, crashes => 0
+    },
+    Text = ["Warning: added 'a' to the known hosts.\r\n", starl_fleet_term:write(Status)],
+    ?assertNotEqual(nomatch, string:find(said(Text), "a runs, release 1, ")).
+
+what_is_not_known_is_shown_test() ->
+    Line = said("bash: cannot set locale\n{no"),
+    ?assertNotEqual(nomatch, string:find(Line, "nothing that we know: \"bash: cannot")),
+    ?assertNotEqual(nomatch, string:find(said(""), "nothing that we know: []")).

@@ -132,7 +132,7 @@ act(stop, #{fleet := Fleet}, _Values) ->
     end);
 act(status, #{fleet := #{robots := Robots} = Fleet}, _Values) ->
     each(starl_fleet_deploy:ask("status", numbers(Fleet), Fleet), fun(N, Said) ->
-        starl_cli_fleet_status:line(N, maps:get(N, Robots), starl_fleet_term:read(Said))
+        starl_cli_fleet_status:line(N, maps:get(N, Robots), Said)
     end);
 act({logs, Which}, #{fleet := Fleet}, _Values) ->
     Numbers = [N || N <- numbers(Fleet), Which =:= all orelse Which =:= N],

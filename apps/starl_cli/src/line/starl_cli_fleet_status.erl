@@ -3,9 +3,17 @@
 
 -export([line/3]).
 
-%% @doc The line on a robot, from the answer of its node.
--spec line(starl:robot_id(), starl_fleet_file:robot(), {ok, term()} | none) -> unicode:chardata().
-line(N, Robot, {ok, #{release := Release, app := App, started := At, link := Link} = Status}) ->
+-define(SHOWN, 200).
+
+%% @doc The line on a robot, from what its computer said.
+-spec line(starl:robot_id(), starl_fleet_file:robot(), Said :: string()) -> unicode:chardata().
+line(N, Robot, Said) ->
+    case starl_fleet_term:read(Said) of
+        {ok, #{release := _} = Status} -> known(N, Robot, Status);
+        _ -> unknown(N, Robot, Said)
+    end.
+
+known(N, Robot, #{release := Release, app := App, started := At, link := Link} = Status) ->
     #{result := Result, crashes := Crashes} = Status,
     Line = "robot ~b (~ts): ~ts ~ts, release ~ts, for ~ts~ts~ts~ts\n",
     Who = starl_fleet_steps:target(Robot),
@@ -19,11 +27,12 @@ line(N, Robot, {ok, #{release := Release, app := App, started := At, link := Lin
         silent(Link),
         crashes(Crashes, Status),
         chassis(maps:get(chassis, Status, #{}))
-    ]);
-line(N, Robot, _) ->
-    io_lib:format("robot ~b (~ts): its node says nothing that we know\n", [
-        N, starl_fleet_steps:target(Robot)
     ]).
+
+%% Another version of ours, or a computer that says something else.
+unknown(N, Robot, Said) ->
+    Line = "robot ~b (~ts): its node says nothing that we know: ~0tp\n",
+    io_lib:format(Line, [N, starl_fleet_steps:target(Robot), string:slice(Said, 0, ?SHOWN)]).
 
 doing(running) -> "runs";
 doing(given_up) -> "has given up";

@@ -68,6 +68,9 @@ when
 %% Closes the line.
 -callback close(State :: term()) -> ok.
 
+%% Whoever asks has no more time, and the chassis may be held up by its line.
+-define(CONDITION_MS, 1000).
+
 -record(chassis, {
     module :: module(),
     state :: term(),
@@ -102,9 +105,9 @@ stop(Chassis) -> gen_server:cast(Chassis, stop).
 -spec rest(pid()) -> ok.
 rest(Chassis) -> gen_server:cast(Chassis, rest).
 
-%% @doc How the chassis is; empty if it has nothing to tell.
+%% @doc How the chassis is; empty if it has nothing to tell. Exits if it does not answer in a second.
 -spec condition(pid()) -> map().
-condition(Chassis) -> gen_server:call(Chassis, condition).
+condition(Chassis) -> gen_server:call(Chassis, condition, ?CONDITION_MS).
 
 -spec init({module(), config(), pid()}) -> {ok, #chassis{}} | {stop, term()}.
 init({Module, #{robot := Robot, clock := Clock} = Config, Link}) ->
