@@ -585,6 +585,22 @@ forgone_test() ->
      || {Caller, Tokens} <- [{other, a()}, {app, [a(), b()]}]
     ].
 
+%% ... and if one of them was lost before it gave up, the rest.
+forgone_in_part_test() ->
+    Both = after_all(
+        [
+            fun(M) -> acquires(0, app, [a(), b()], M) end,
+            fun(M) -> hears(0, 1, {token, a(), ?F, [{2, 1}]}, M) end,
+            fun(M) -> hears(0, 1, {granted, a(), ?F, {1, 0}}, M) end,
+            fun(M) -> hears(10, 1, {token, b(), ?F, [{2, 1}]}, M) end,
+            fun(M) -> hears(20, 1, {granted, b(), ?F, {1, 10}}, M) end
+        ],
+        asker()
+    ),
+    {Given, _} = call(?LEASE + 5, app, {forgo, [a(), b()]}, Both),
+    ?assertEqual([{lease_lost, a(), ?F}, {released, b(), ?F}], traces(Given)),
+    ?assertEqual([{app, ok}], answers(Given)).
+
 %% A hold that a later incarnation of the home has kept is prolonged. At its release the token goes
 %% back to the home with all that wait for it, though the robot itself wants it again.
 kept_test() ->

@@ -110,24 +110,23 @@ release(Caller, From, Names, Robot) ->
         false -> act({reply, From, {error, lost}}, Given)
     end.
 
-%% @doc Ends the caller's acquisitions of these tokens, which it has given up: the answer came too late.
+%% @doc Ends the caller's last acquisition of these tokens, which it has given up: the answer came too
+%% late. One of them may have been lost meanwhile.
 -spec forgo(starl_machine:name(), starl_machine:from(), token() | [token()], t()) -> t().
 forgo(Caller, From, Names, Robot) ->
-    Tokens = listed(Names),
-    Ended = lists:foldl(
-        fun(Id, R) -> forgo_job(Id, Tokens, R) end, Robot, starl_mutex_state:jobs_of(Caller, Robot)
-    ),
-    act({reply, From, ok}, Ended).
-
-forgo_job(Id, Tokens, Robot) ->
-    Job = starl_mutex_state:job(Id, Robot),
-    case starl_mutex_job:tokens(Job) of
-        Tokens ->
-            Held = starl_mutex_job:held(Job),
-            give_back(Held, starl_mutex_state:forget_job(Id, failed(Job, Robot)));
-        _Others ->
-            Robot
+    Asked = listed(Names),
+    Jobs = [
+        {Id, starl_mutex_state:job(Id, Robot)}
+     || Id <- starl_mutex_state:jobs_of(Caller, Robot)
+    ],
+    case [Made || {_, Job} = Made <- Jobs, starl_mutex_job:asked(Job) =:= Asked] of
+        [] -> act({reply, From, ok}, Robot);
+        Made -> act({reply, From, ok}, forgo_job(lists:last(Made), Robot))
     end.
+
+forgo_job({Id, Job}, Robot) ->
+    Held = starl_mutex_job:held(Job),
+    give_back(Held, starl_mutex_state:forget_job(Id, failed(Job, Robot))).
 
 failed(Job, Robot) ->
     case starl_mutex_job:next(Job) of

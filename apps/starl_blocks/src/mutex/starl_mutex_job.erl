@@ -3,7 +3,7 @@
 %% {@link starl_mutex_acquire}.
 -module(starl_mutex_job).
 
--export([new/3, caller/1, from/1, next/1, tokens/1, waits_for/2, answer/1, held/1, fences/1]).
+-export([new/3, caller/1, from/1, next/1, asked/1, waits_for/2, answer/1, held/1, fences/1]).
 -export([got/3, without/2, misses/2, is_broken/1, anew/1]).
 
 -export_type([t/0, id/0]).
@@ -17,6 +17,8 @@
     caller :: starl_machine:name(),
     from :: starl_machine:from(),
     shape :: one | set,
+    %% in the order of terms; one that it has lost is neither waited for nor held
+    asked :: [token()],
     todo :: [token()],
     got = [] :: [{token(), starl_mutex:fence()}],
     %% it misses a token that it seemed to have got, and must begin anew
@@ -28,9 +30,10 @@
 %% @doc A job of a machine for these tokens, at least one.
 -spec new(starl_machine:name(), starl_machine:from(), token() | [token(), ...]) -> t().
 new(Caller, From, Tokens) when is_list(Tokens) ->
-    #job{caller = Caller, from = From, shape = set, todo = lists:usort(Tokens)};
+    Asked = lists:usort(Tokens),
+    #job{caller = Caller, from = From, shape = set, asked = Asked, todo = Asked};
 new(Caller, From, Token) ->
-    #job{caller = Caller, from = From, shape = one, todo = [Token]}.
+    #job{caller = Caller, from = From, shape = one, asked = [Token], todo = [Token]}.
 
 %% @doc The machine whose job it is.
 -spec caller(t()) -> starl_machine:name().
@@ -45,9 +48,9 @@ from(#job{from = From}) -> From.
 next(#job{todo = []}) -> complete;
 next(#job{todo = [Token | _]}) -> {wait, Token}.
 
-%% @doc All its tokens, got or not, in the order of terms.
--spec tokens(t()) -> [token()].
-tokens(#job{todo = Todo} = Job) -> lists:usort(held(Job) ++ Todo).
+%% @doc The tokens of which it was made, in the order of terms: got, not got or lost.
+-spec asked(t()) -> [token()].
+asked(#job{asked = Asked}) -> Asked.
 
 %% @doc Does it wait for this token now?
 -spec waits_for(token(), t()) -> boolean().
