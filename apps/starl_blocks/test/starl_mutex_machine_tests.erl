@@ -323,6 +323,25 @@ half_test() ->
         ]
     ].
 
+%% A hold is renewed when half of the lease is left at the latest: a message and its answer may take as
+%% long as that.
+renewed_at_half_test() ->
+    Renewed = fun(Actions) -> [Us || {{renew, _}, Us} <- timers(Actions)] end,
+    {_, Idle} = call(10, app, {release, a()}, holding(a())),
+    [
+        begin
+            {Actions, _} = acquires(Now, app, a(), Idle),
+            ?assertEqual({Now, [Us]}, {Now, Renewed(Actions)})
+        end
+     || {Now, Us} <- [
+            {?LEASE div 5, ?LEASE div 4},
+            {?LEASE * 2 div 5, ?LEASE div 10},
+            {?LEASE div 2 - 1, 1}
+        ]
+    ],
+    {Fresh, _} = hears(?LEASE * 2 div 5, 1, {granted, a(), ?F, {1, 10}}, claims(a(), 10)),
+    ?assertEqual([?LEASE div 10 + 10], Renewed(Fresh)).
+
 %% A renewal makes the lease longer, never shorter.
 renewed_test() ->
     {Longer, Later} = hears(700, 1, {granted, a(), ?F, {1, 600}}, holding(a())),

@@ -22,7 +22,8 @@
     workers => pos_integer()
 }.
 
-%% A violation comes with the chart of a shortest way to it and the number of its steps.
+%% A violation comes with the chart of a shortest way to it and the number of its steps. A monitor that
+%% has a mistake judges nothing; it was found before the search, or within it.
 -type outcome() ::
     {holds, starl_check_search:ending(), starl_check_search:figures()}
     | {violated, #{
@@ -30,7 +31,8 @@
         steps := non_neg_integer(),
         chart := unicode:chardata(),
         figures := starl_check_search:figures()
-    }}.
+    }}
+    | {mistaken, before | within, Line :: unicode:chardata()}.
 
 -type reason() :: {unknown_fault, string()} | {bad_count, string()} | {twice, atom()}.
 
@@ -68,7 +70,13 @@ run(Block, Options, Control) ->
     Limits = #{
         depth => maps:get(depth, Options, infinity), memory => maps:get(memory, Options, ?MEMORY)
     },
-    Model = starl_check_model:new(Block, maps:without([depth, memory], Options)),
+    Asked = maps:without([depth, memory], Options),
+    case starl_check_model:check(Block, Asked) of
+        ok -> searched(starl_check_model:new(Block, Asked), Limits, Control);
+        {error, Line} -> {mistaken, before, Line}
+    end.
+
+searched(Model, Limits, Control) ->
     %% The memory of a separate process is freed as a whole.
     Self = self(),
     {Pid, Ref} = spawn_opt(
@@ -81,6 +89,8 @@ run(Block, Options, Control) ->
         {answer, Pid, Outcome} ->
             true = erlang:demonitor(Ref, [flush]),
             Outcome;
+        {'DOWN', Ref, process, Pid, {mistake, Line}} ->
+            {mistaken, within, Line};
         {'DOWN', Ref, process, Pid, Reason} ->
             error(Reason)
     end.

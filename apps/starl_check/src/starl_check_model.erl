@@ -4,7 +4,7 @@
 %% explains the models.
 -module(starl_check_model).
 
--export([blocks/0, new/2, machines/2, timer/2, permutations/1, may_be_inert/3, told_apart/1, id/2]).
+-export([blocks/0, new/2, check/2, machines/2, timer/2, permutations/1, may_be_inert/3, told_apart/1, id/2]).
 
 -export_type([t/0, block/0, options/0, budgets/0, timer_kind/0]).
 
@@ -120,6 +120,14 @@ new({_Name, _Doc, _Make} = Entry, Options) ->
     end;
 new(Name, Options) ->
     new(lists:keyfind(Name, 1, starl_blocks:models()), Options).
+
+%% @doc Checks what a user's model asks for, before there is a model: its monitor.
+-spec check(block() | starl_block:model_entry(), options()) -> ok | {error, unicode:chardata()}.
+check({Name, _Doc, Make}, Options) ->
+    #{monitor := Monitor, blocks := Blocks} = Make(team(common(Name, Options))),
+    starl_check_judge:check(Monitor, [Machine || {Machine, _, _} <- Blocks]);
+check(_Shipped, _Options) ->
+    ok.
 
 %% @doc The same model for a search that exchanges no robots: they have their own numbers, from 1.
 -spec told_apart(t()) -> t().

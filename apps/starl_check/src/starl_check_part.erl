@@ -140,7 +140,7 @@ traces(Number, Store) -> starl_check_store:term(Number, Store).
 %% @doc The number of a monitor's state. States that judge all later events alike have one number.
 -spec judge_number({module(), starl_monitor:state()}, store()) -> ref().
 judge_number({Module, Judge}, Store) ->
-    starl_check_store:number({Module, Module:timeless(Judge)}, Judge, Store).
+    starl_check_store:number({Module, starl_check_judge:timeless(Module, Judge)}, Judge, Store).
 
 %% @doc The monitor after it has judged the events.
 -spec judge(Judged :: ref() | none, Monitor :: ref(), model(), store()) ->
@@ -157,12 +157,10 @@ judge(Judged, Monitor, #{monitor := {Module, _}}, Store) ->
         Store
     ).
 
-verdict([], Module, Judge, Store) ->
-    judge_number({Module, Judge}, Store);
-verdict([Trace | Traces], Module, Judge, Store) ->
-    case Module:step(Trace, Judge) of
-        {ok, Next} -> verdict(Traces, Module, Next, Store);
-        {violation, Violation, _} -> {violation, Violation}
+verdict(Traces, Module, Judge, Store) ->
+    case starl_check_judge:read(Traces, Module, Judge) of
+        {ok, Next} -> judge_number({Module, Next}, Store);
+        {violation, _} = Violation -> Violation
     end.
 
 %% -- the content of a part ------------------------------------------------------------------

@@ -123,11 +123,9 @@ trim(Token, Queue, Robot) ->
 %% Asks the home to confirm the token, and again in a while.
 ask(Kind, Token, #{fence := Fence} = Entry, Robot) ->
     Nonce = {starl_mutex_state:incarnation(Robot), starl_mutex_state:now(Robot)},
-    Asking = act(renewal(Token, Robot), put_entry(Token, tried(Kind, Entry), Robot)),
+    Again = {{timeout, {renew, Token}}, quarter(Robot), again},
+    Asking = act(Again, put_entry(Token, tried(Kind, Entry), Robot)),
     post_home(Token, {ask, Kind, Token, base(Fence), Nonce}, Asking).
-
-renewal(Token, Robot) ->
-    {{timeout, {renew, Token}}, starl_mutex_state:lease_us(Robot) div ?CLAIMS_A_LEASE, again}.
 
 %% Only claims are counted: renewals end with the lease.
 tried(claim, #{tries := Tries} = Entry) -> Entry#{tries := Tries + 1};
@@ -231,7 +229,7 @@ begin_hold(used, Token, Id, #{queue := Rest} = Entry, Robot) ->
 begin_hold(fresh, Token, Id, Entry, Robot) ->
     lock(Token, Id, Entry, Robot).
 
-is_worn(Entry, Robot) -> left(Entry, Robot) < starl_mutex_state:lease_us(Robot) div 2.
+is_worn(Entry, Robot) -> left(Entry, Robot) < half(Robot).
 
 lock(Token, Id, #{fence := Fence} = Entry, Robot) ->
     Locked = Entry#{lock := {Id, Fence}},
@@ -239,12 +237,19 @@ lock(Token, Id, #{fence := Fence} = Entry, Robot) ->
     Traced = until([Entry], Facts, {hold, Token, Fence}, Robot),
     notify({locked, Id, Token, Fence}, prolong(Token, Locked, Traced)).
 
-%% A hold begins: the lease must be renewed, at once if more than half of it is over.
+%% A hold begins: the lease must be renewed, when half of it is left at the latest.
 prolong(Token, Entry, Robot) ->
-    case is_worn(Entry, Robot) of
-        true -> ask(renew, Token, Entry, Robot);
-        false -> put_entry(Token, Entry, act(renewal(Token, Robot), Robot))
+    case left(Entry, Robot) - half(Robot) of
+        Spare when Spare < 0 ->
+            ask(renew, Token, Entry, Robot);
+        Spare ->
+            Us = min(Spare, quarter(Robot)),
+            put_entry(Token, Entry, act({{timeout, {renew, Token}}, Us, again}, Robot))
     end.
+
+half(Robot) -> starl_mutex_state:lease_us(Robot) div 2.
+
+quarter(Robot) -> starl_mutex_state:lease_us(Robot) div ?CLAIMS_A_LEASE.
 
 %% @doc A hold ends; the next one has another number. One whose lease is over had ended before.
 -spec unlock(token(), t()) -> t().

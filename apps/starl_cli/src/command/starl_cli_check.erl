@@ -50,6 +50,7 @@ statuses() ->
         {0, "the contract holds"},
         {3, "it is violated; the shortest way there is printed"},
         {4, "out of memory before all was covered, or a search without end"},
+        {5, "the block's monitor has a mistake, so nothing was judged"},
         {130, "interrupted, with what was covered"}
     ].
 
@@ -156,7 +157,14 @@ tell({holds, Ending, Figures}, Block, Values, Seconds) ->
         "\n",
         [[What, "\n"] || What <- left(Ending, Figures, Values)]
     ]),
-    status(Ending).
+    status(Ending);
+%% A mistake of the block's monitor.
+tell({mistaken, When, Line}, _Block, _Values, _Seconds) ->
+    starl_cli_terminal:complain(["check: ", Line]),
+    case When of
+        before -> 2;
+        within -> 5
+    end.
 
 status(complete) -> 0;
 status(depth) -> 0;
