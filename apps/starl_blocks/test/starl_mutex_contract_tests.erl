@@ -255,3 +255,20 @@ others_test() ->
             {robot, {released, a, 1}}, {barrier, crashed}, {mutex, {handed_over, a, 1, 2}}
         ]
     ].
+
+%% Where a claim and its answer may take a lease, no bound is known: a grant that comes then is void.
+no_bound_where_a_claim_takes_a_lease_test() ->
+    Idle = fun(DelayUs) ->
+        Known = #{
+            broken => [],
+            faults => [],
+            healed_us => 0,
+            delay_us => DelayUs,
+            loss => 0,
+            sap => #{},
+            slack_us => 0
+        },
+        Config = #{lease_us => 2000000, lag_us => 250000, retry_us => 500000},
+        is_map_key(idle_us, starl_mutex_monitor:context(Known, Config))
+    end,
+    ?assertEqual([true, false, false], [Idle(Us) || Us <- [980000, 991000, 1000000]]).
