@@ -258,17 +258,23 @@ others_test() ->
 
 %% Where a claim and its answer may take a lease, no bound is known: a grant that comes then is void.
 no_bound_where_a_claim_takes_a_lease_test() ->
-    Idle = fun(DelayUs) ->
-        Known = #{
-            broken => [],
-            faults => [],
-            healed_us => 0,
-            delay_us => DelayUs,
-            loss => 0,
-            sap => #{},
-            slack_us => 0
-        },
-        Config = #{lease_us => 2000000, lag_us => 250000, retry_us => 500000},
-        is_map_key(idle_us, starl_mutex_monitor:context(Known, Config))
-    end,
-    ?assertEqual([true, false, false], [Idle(Us) || Us <- [980000, 991000, 1000000]]).
+    IsBounded = fun(DelayUs) -> is_map_key(idle_us, in_context(DelayUs, [1, 2])) end,
+    ?assertEqual([true, false, false], [IsBounded(Us) || Us <- [980000, 991000, 1000000]]).
+
+%% A token may go to each robot of its queue, of which none wants it any more.
+each_robot_may_have_given_up_test() ->
+    Bound = fun(Robots) -> map_get(idle_us, in_context(1000, Robots)) end,
+    ?assertEqual(18 * 1000, Bound(lists:seq(1, 20)) - Bound([1, 2])).
+
+in_context(DelayUs, Robots) ->
+    Known = #{
+        broken => [],
+        faults => [],
+        healed_us => 0,
+        delay_us => DelayUs,
+        loss => 0,
+        sap => #{},
+        slack_us => 0
+    },
+    Config = #{lease_us => 2000000, lag_us => 250000, retry_us => 500000, robots => Robots},
+    starl_mutex_monitor:context(Known, Config).

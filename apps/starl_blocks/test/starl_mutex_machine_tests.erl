@@ -588,6 +588,23 @@ granted(Token, Sent) -> {message, 1, mutex, {granted, Token, ?F, {1, Sent}}}.
 raw(Now, Type, Content, Machine) ->
     starl_machine:step(Type, Content, #{now => Now, robot => 2}, Machine).
 
+%% A request that its robot has given up is no reason to hand the token on: the robot's present one has
+%% its turn. Robots whose patience is shorter than a round of the team handed a token round for ever.
+present_request_has_the_turn_of_a_past_one_test() ->
+    {_, Waits} = acquires(10, app, a(), asker()),
+    {_, Past} = at(?US, {timeout, {patience, 1}}, patience, Waits),
+    {_, Wants} = acquires(?US + 10, app, a(), Past),
+    Comes = fun(Queue) ->
+        {Actions, _} = hears(?US + 20, 3, {token, a(), ?F, Queue}, Wants),
+        {[Kind || {1, {ask, Kind, _, _, _}} <- sent(Actions)], handed(Actions)}
+    end,
+    ?assertEqual({[claim], []}, Comes([{2, 1}, {3, 1}])),
+    %% after others, once, and all that is past is left out
+    To3 = fun(Queue) -> {[], [{3, {token, a(), ?F + 256, Queue}}]} end,
+    ?assertEqual(To3([{3, 1}, {2, 2}]), Comes([{3, 1}, {2, 1}])),
+    ?assertEqual(To3([{3, 1}, {2, 2}]), Comes([{3, 1}, {2, 1}, {2, 1}, {2, 2}])),
+    ?assertEqual(To3([{3, 1}]), Comes([{3, 1}])).
+
 %% An application whose answer came too late gives up what it has asked for, held by now or not.
 forgone_test() ->
     {_, Locked} = raw(20, cast, granted(a(), 10), claims(a(), 10)),

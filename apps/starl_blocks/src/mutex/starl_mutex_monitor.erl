@@ -89,7 +89,8 @@ init(Config) ->
 %% given. At worst the last holder has gone: the lease of its claim runs out, and that of a claim
 %% which its home may have forgotten. The robot then asks again at the home, which passes it on to the
 %% holder, which hands the token over; the robot claims it at the home, a second time if that was
-%% lost, and is answered. Where a claim and its answer may take a lease, by a clock that is 1 % fast,
+%% lost, and is answered. Before that the token may go to each robot of its queue, of which none wants
+%% it any more. Where a claim and its answer may take a lease, by a clock that is 1 % fast,
 %% nothing is sure.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{broken := Broken, faults := Faults, slack_us := Slack} = Known, Config) ->
@@ -108,12 +109,14 @@ idle(
     not is_map_key(idle_us, Told)
 ->
     #{lag_us := Lag} = Told,
+    Messages = 5 + length(maps:get(robots, Told, [])),
     case starl_sap:reach_us(Sap, Loss, Delay, Retry) of
         Reach when 2 * Reach * 101 >= Lease * 100 ->
             %% an atom is greater than every number
             Told;
         Reach ->
-            Told#{idle_us => 2 * (Lease + Retry) * 101 div 100 + 2 * Lag + 5 * Reach + ?MARGIN_US}
+            Waits = 2 * (Lease + Retry) * 101 div 100 + 2 * Lag,
+            Told#{idle_us => Waits + Messages * Reach + ?MARGIN_US}
     end;
 idle(_Known, Told) ->
     Told.

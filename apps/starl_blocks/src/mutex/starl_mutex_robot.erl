@@ -114,11 +114,22 @@ claim_or_pass(Token, Fence, Queue, Robot) ->
 new_entry(Fence, Queue) ->
     #{fence => Fence, granted => false, lease_end => 0, queue => Queue, lock => none, tries => 0}.
 
-%% Requests of this robot that it no longer makes.
+%% Without the requests of this robot that it no longer makes, wherever they stand; one that it makes
+%% now has the turn of the first of them. So a token that is wanted goes round the team at most once: none
+%% who wants it hands it on for those who do not.
 trim(Token, Queue, Robot) ->
-    lists:dropwhile(
-        fun(Request) -> not starl_mutex_state:is_wanted(Token, Request, Robot) end, Queue
-    ).
+    Self = starl_mutex_state:self(Robot),
+    Wanting = [{Self, Id} || Id <- starl_mutex_state:wanting(Token, Robot)],
+    turns(Queue, Wanting -- Queue, fun(R) -> starl_mutex_state:is_wanted(Token, R, Robot) end).
+
+turns([], _Wanting, _IsWanted) ->
+    [];
+turns([Request | Requests], Wanting, IsWanted) ->
+    case {IsWanted(Request), Wanting} of
+        {true, _} -> [Request | turns(Requests, Wanting, IsWanted)];
+        {false, [First | Others]} -> [First | turns(Requests, Others, IsWanted)];
+        {false, []} -> turns(Requests, [], IsWanted)
+    end.
 
 %% Asks the home to confirm the token, and again in a while.
 ask(Kind, Token, #{fence := Fence} = Entry, Robot) ->

@@ -10,7 +10,7 @@
 -export([
     next_job/1, keep_job/3, job/2, waiting/2, complete/2, jobs_of/2, forget_job/2, suspend_job/2
 ]).
--export([is_wanted/3, entry/2, put_entry/3, forget_entry/2, is_over/2, over/1]).
+-export([wanting/2, is_wanted/3, entry/2, put_entry/3, forget_entry/2, is_over/2, over/1]).
 -export([void/3, is_void/3, all_told/1]).
 -export([owners/1, put_owners/2, home/1, put_home/2, sent_out/5, take_out/3, outs/1]).
 
@@ -191,6 +191,11 @@ complete(Id, #robot{jobs = Jobs}) ->
 -spec jobs_of(starl_machine:name(), t()) -> [job_id()].
 jobs_of(Caller, #robot{jobs = Jobs}) ->
     lists:sort([Id || {Id, Job} <- maps:to_list(Jobs), starl_mutex_job:caller(Job) =:= Caller]).
+
+%% @doc The jobs that wait for this token now, in their order.
+-spec wanting(token(), t()) -> [job_id()].
+wanting(Token, #robot{jobs = Jobs}) ->
+    lists:sort([Id || {Id, Job} <- maps:to_list(Jobs), starl_mutex_job:waits_for(Token, Job)]).
 
 %% @doc A job has ended.
 -spec forget_job(job_id(), t()) -> t().
