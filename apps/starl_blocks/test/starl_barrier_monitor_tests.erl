@@ -183,6 +183,24 @@ set_back_test() ->
     ?assertEqual([passed_out_of_order], Again(damaged)),
     ?assertEqual([passed_out_of_order], judge(Round ++ [{4, 2, set_back}, {5, 1, passed, 1}])).
 
+%% A robot that was set back, and of which no other one knows anything any more, is where its store is, but
+%% not before a round that another robot has passed. One robot that knows of it is enough.
+set_back_and_known_by_none_test() ->
+    Both = fun(Event, T, K) -> [{T, R, Event, K} || R <- [1, 2]] end,
+    Two = Both(reached, 1, 1) ++ Both(passed, 2, 1) ++ Both(reached, 3, 2),
+    Passes = Two ++ [{4, 2, passed, 2}, {5, 2, reached, 3}],
+    Crashed = [{7, 1, crashed}],
+    Back = [{8, 2, set_back}, {9, 2, passed, 1}, {9, 2, reached, 2}],
+    ?assertEqual([], judge(Passes ++ Crashed ++ Back)),
+    ?assertEqual([passed_out_of_order], judge(Passes ++ Back)),
+    ?assertEqual([passed_out_of_order], judge(Passes ++ [{6, 1, passed, 2}] ++ Crashed ++ Back)),
+    %% it has heard of the rounds since it crashed
+    Heard = Two ++ [{4, 1, crashed}, {4, 2, passed, 2}, {4, 1, passed, 2}] ++ Both(reached, 5, 3),
+    ?assertEqual([passed_out_of_order], judge(Heard ++ [{6, 2, passed, 3}] ++ Back)),
+    %% a damaged store says nothing old
+    Damaged = [{8, 2, damaged}, {9, 2, passed, 1}],
+    ?assertEqual([passed_out_of_order], judge(Passes ++ Crashed ++ Damaged)).
+
 %% What is recalled is judged as if it had been told, and old counts tell nothing.
 recalled_is_judged_test() ->
     ?assertEqual([passed_early], judge([{1, 1, reached, 1}, {2, 1, recalled, 1, 1}])),

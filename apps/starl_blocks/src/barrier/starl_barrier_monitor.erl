@@ -8,7 +8,9 @@
 %% round, once: with the one after the last that it has reached; with the last that it has
 %% passed, if its store was set back, or another robot's machine has crashed, too, since it reached
 %% that one (the one that crashed has forgotten that round, and need not have heard of the next); or with an earlier one,
-%% if the stores of all robots were damaged. (What all have surely reached a robot learns anew when it
+%% if the stores of all robots were damaged. A robot whose store was set back goes on with one that no other
+%% robot has passed, or that it has passed last of them, if the machines of all others have crashed since it
+%% reached its last round. (What all have surely reached a robot learns anew when it
 %% passes a round: until then its damage counts for this.)
 %%
 %% Progress: a robot that has reached a round passes it or fails within `bound_us' (default: none)
@@ -55,8 +57,10 @@
     passed = #{} :: #{key() => non_neg_integer()},
     %% what has happened since the last round was reached
     doubts = #{} :: #{key() => doubt()},
-    %% the robots whose stores were damaged since they have passed a round
-    unsound = #{} :: #{key() => []},
+    %% the robots whose stores were damaged, or set back, since they have passed a round
+    unsound = #{} :: #{key() => damaged | set_back},
+    %% who may know nothing of its last rounds, since its machine has crashed meanwhile
+    ignorant = #{} :: #{key() => #{robot_id() => forgotten | untold}},
     rounds = #{} :: #{{name(), K :: pos_integer()} => #round{}},
     %% whose call has ended since it reached its last round of the name
     excused = [] :: [key()],
@@ -171,10 +175,10 @@ judge({barrier, {failed, Name, K, _Reason}}, T, Robot, #state{failed = Failed} =
 judge({barrier, crashed}, T, Robot, State) ->
     {[], fault(T, Robot, excuse(keys(Robot, State), forgets(Robot, State)))};
 judge({barrier, store_damaged}, _T, Robot, State) ->
-    {[], damage(Robot, State)};
+    {[], damage(damaged, Robot, State)};
 judge({robot, store_set_back}, _T, Robot, State) ->
     %% it gives a round back as reached and not passed, if nobody knows of a later life
-    Back = damage(Robot, State),
+    Back = damage(set_back, Robot, State),
     {[], doubt(fun(R) -> R =:= Robot end, fun forgotten/1, Back)};
 judge({robot, {died, _Reason}}, _T, Robot, State) ->
     {[], excuse(keys(Robot, State), State#state{is_whole = false})};
@@ -207,23 +211,58 @@ fault(T, Robot, #state{faults = Faults} = State) ->
     State#state{faults = starl_assumption:broken({Robot, T, T, fault}, Faults)}.
 
 %% A machine that crashed has forgotten the others' counts.
-forgets(Robot, State) ->
-    doubt(fun(R) -> R =/= Robot end, fun forgotten/1, State).
+forgets(Robot, #state{ignorant = Ignorant, reached = Reached} = State) ->
+    Others = [Key || {_, R} = Key <- maps:keys(Reached), R =/= Robot],
+    Forgot = [{K, (maps:get(K, Ignorant, #{}))#{Robot => forgotten}} || K <- Others],
+    Next = State#state{ignorant = maps:merge(Ignorant, maps:from_list(Forgot))},
+    doubt(fun(R) -> R =/= Robot end, fun forgotten/1, Next).
+
+%% They learn as a doubt is removed ({@link reached_with/1}, {@link passed_with/1}).
+learn(Key, Change, #state{ignorant = Ignorant} = State) ->
+    Left = maps:filtermap(
+        fun(_Robot, Doubt) ->
+            case Change(Doubt) of
+                none -> false;
+                Still -> {true, Still}
+            end
+        end,
+        maps:get(Key, Ignorant, #{})
+    ),
+    State#state{ignorant = Ignorant#{Key => Left}}.
+
+%% A robot that was set back, of which no other one knows anything more, is where its store says; but who
+%% has passed a round has stored that all have reached it.
+doubts({Name, Robot} = Key, #state{robots = Robots, doubts = Doubts, unsound = Unsound} = State) ->
+    Doubt = maps:get(Key, Doubts, none),
+    IsAlone = maps:get(Key, Unsound, none) =:= set_back andalso not is_known(Key, State),
+    case IsAlone andalso Doubt =/= lost of
+        true -> {from, lists:max([0 | [passed(Name, R, State) || R <- Robots, R =/= Robot]])};
+        false -> Doubt
+    end.
+
+passed(Name, Robot, #state{passed = Passed}) -> maps:get({Name, Robot}, Passed, 0).
+
+is_known({_, Robot} = Key, #state{robots = Robots, ignorant = Ignorant}) ->
+    lists:any(
+        fun(R) -> R =/= Robot andalso not is_map_key(R, maps:get(Key, Ignorant, #{})) end, Robots
+    ).
 
 forgotten(Doubt) when Doubt =:= none; Doubt =:= forgotten; Doubt =:= untold -> forgotten;
 forgotten(lost) -> lost;
 forgotten(_Damaged) -> damaged_and_forgotten.
 
-damage(Robot, State) ->
+damage(How, Robot, State) ->
     Damaged = doubt(fun(R) -> R =:= Robot end, fun damaged/1, State),
     Keys = maps:keys(State#state.reached),
-    Unsound = maps:merge(
-        State#state.unsound, maps:from_keys([K || {_, R} = K <- Keys, R =:= Robot], [])
-    ),
+    Own = maps:from_keys([K || {_, R} = K <- Keys, R =:= Robot], How),
+    Unsound = maps:merge_with(fun worse/3, State#state.unsound, Own),
     Doubts = Damaged#state.doubts,
     Sound = [Key || Key <- Keys, not is_map_key(Key, Unsound)],
     Lost = [Key || {Name, _} = Key <- maps:keys(Unsound), not lists:keymember(Name, 1, Sound)],
     Damaged#state{doubts = maps:merge(Doubts, maps:from_keys(Lost, lost)), unsound = Unsound}.
+
+worse(_Key, damaged, How) -> How;
+worse(_Key, set_back, _How) -> set_back.
 
 damaged(none) -> damaged;
 damaged(Doubt) when Doubt =:= forgotten; Doubt =:= untold -> damaged_and_forgotten;
@@ -253,7 +292,8 @@ doubt(Concerns, Grow, #state{reached = Reached, doubts = Doubts} = State) ->
 
 reach(T, Robot, Name, K, #state{reached = Reached, passed = Passed} = State) ->
     Key = {Name, Robot},
-    Next = (excuse_no_more(Key, State))#state{
+    Known = learn(Key, fun reached_with/1, State),
+    Next = (excuse_no_more(Key, Known))#state{
         reached = Reached#{Key => max(K, maps:get(Key, Reached, 0))},
         at = (State#state.at)#{Key => K},
         %% a round that was skipped counts as passed, one that comes again does not
@@ -286,7 +326,8 @@ is_complete(Name, K, #state{robots = Robots, at = At}) ->
 pass(T, Robot, Name, K, #state{passed = Passed, passes = Passes, robots = Robots} = State) ->
     #round{passed = N, first_us = First} = Round = round_of(Name, K, State),
     Key = {Name, Robot},
-    Next = (excuse_no_more(Key, State))#state{
+    Known = learn(Key, fun passed_with/1, State),
+    Next = (excuse_no_more(Key, Known))#state{
         passed = Passed#{Key => K},
         passes = Passes + 1,
         unsound = maps:remove(Key, State#state.unsound),
@@ -326,27 +367,28 @@ early(T, Robot, Name, K, State) ->
      || Absent =/= []
     ].
 
-out_of_order(T, Robot, Name, K, #state{passed = Passed, at = At, doubts = Doubts} = State) ->
+out_of_order(T, Robot, Name, K, #state{passed = Passed, at = At} = State) ->
     Key = {Name, Robot},
     Last = maps:get(Key, Passed, 0),
     Reached = maps:get(Key, State#state.reached, 0),
     %% the store of a robot that was set back may say that it has reached the round, and not passed it
-    Again = K =< Reached andalso may_be_next(maps:get(Key, Doubts, none), K, Last, Reached),
+    Again = K =< Reached andalso may_be_next(doubts(Key, State), K, Last, Reached),
     [
         violation(passed_out_of_order, T, [Robot], #{name => Name, round => K, last => Last})
      || not Again, K =< Last orelse K =/= maps:get(Key, At, 0)
     ].
 
-skipped(T, Robot, Name, K, #state{passed = Passed, reached = Reached, doubts = Doubts}) ->
+skipped(T, Robot, Name, K, #state{passed = Passed, reached = Reached} = State) ->
     Key = {Name, Robot},
     Last = maps:get(Key, Passed, 0),
-    Doubt = maps:get(Key, Doubts, none),
+    Doubt = doubts(Key, State),
     [
         violation(reached_out_of_order, T, [Robot], #{name => Name, round => K, passed => Last})
      || K =/= Last + 1, not may_be_next(Doubt, K, Last, maps:get(Key, Reached, 0))
     ].
 
 may_be_next(lost, K, _Last, Reached) -> K =< Reached + 1;
+may_be_next({from, First}, K, _Last, Reached) -> K >= First andalso K =< Reached + 1;
 may_be_next(damaged_and_forgotten, K, Last, Reached) -> K >= Last andalso K =< Reached + 1;
 may_be_next(damaged, K, Last, Reached) -> K > Last andalso K =< Reached + 1;
 may_be_next(_Sound, _K, _Last, _Reached) -> false.
