@@ -30,15 +30,24 @@ handle_event(packet, Packet, up, Test, #{now := Now}) ->
 handle_event(info, {located, Tag, Seen}, up, Test, #{now := Now}) ->
     Test ! {located, Tag, Seen, Now},
     {keep_state, Test, []};
+handle_event(info, {late, _} = Late, up, Test, _Meta) ->
+    Test ! Late,
+    keep_state_and_data;
 handle_event({timeout, wake}, _, up, _Test, _Meta) ->
     keep_state_and_data;
 handle_event(info, _, up, _Test, _Meta) ->
     keep_state_and_data.
 
-done({wake, Us}) -> [{{timeout, wake}, Us, wake}];
-done({drive, Mark}) -> [{drive, ?SCRIPT, Mark}];
-done({drive, Mark, Until}) -> [{until, Until, [{drive, ?SCRIPT, Mark}], Mark}];
-done(_Packet) -> [].
+done({wake, Us}) ->
+    [{{timeout, wake}, Us, wake}];
+done({drive, Mark}) ->
+    [{drive, ?SCRIPT, Mark}];
+done({say, Mark, Until, Us}) ->
+    [{until, Until, [{trace, {said, Mark}}], Mark}, {{timeout, wake}, Us, wake}];
+done({drive, Mark, Until}) ->
+    [{until, Until, [{drive, ?SCRIPT, Mark}], Mark}];
+done(_Packet) ->
+    [].
 
 %% -- the clock: system time and monotonic time, which the test sets -----------------------------------
 
@@ -48,14 +57,16 @@ monotonic_time(Unit, {Times, _Test}) -> in(Unit, atomics:get(Times, 2)).
 
 in(Unit, Us) -> erlang:convert_time_unit(Us, microsecond, Unit).
 
-start_timer(Ms, _Message, [{abs, true}], {_Times, Test}) ->
+%% The computer stands still here for as long as the test says.
+start_timer(Ms, _Message, [{abs, true}], {Times, Test}) ->
     Test ! {timer, Ms},
+    ok = atomics:add(Times, 1, atomics:exchange(Times, 3, 0)),
     make_ref().
 
 send_after(_Ms, watch, {_Times, _Test}) -> make_ref().
 
 clock(SystemUs, MonotonicUs, Pace) ->
-    Times = atomics:new(2, [{signed, true}]),
+    Times = atomics:new(3, [{signed, true}]),
     ok = set(SystemUs, MonotonicUs, Times),
     {Times, starl_live_clock:on({?MODULE, {Times, self()}}, starl_live_clock:new(0, Pace))}.
 
@@ -126,6 +137,13 @@ hung(Link) ->
         hangs -> ok
     end.
 
+%% What the machine has handled next.
+handled() ->
+    receive
+        {took, _, _} = Took -> Took;
+        {late, _} = Late -> Late
+    end.
+
 next() ->
     receive
         {starts, app, _, _} -> next();
@@ -176,6 +194,22 @@ stale_script_test() ->
         ?assertEqual({1, 7_500_000}, Until({drive, 1})),
         ?assertEqual({2, 7_500_000}, Until({drive, 2, 8_000_000})),
         ?assertEqual({3, 7_200_000}, Until({drive, 3, 7_200_000})),
+        ok
+    end).
+
+%% The computer stands still after a step, and then what rests on a lease is late: its machine learns of
+%% it before it handles what has come meanwhile. (A mutex gave back a hold of which nobody had heard.)
+late_is_told_first_test() ->
+    with_link(1, fun(Link, Times) ->
+        ok = atomics:put(Times, 3, 5000),
+        Link ! {starl_heard, self(), [{say, 1, 1000, 9000}, meanwhile]},
+        ?assertMatch({took, {say, 1, 1000, 9000}, _}, handled()),
+        ?assertEqual({late, 1}, handled()),
+        ?assertMatch({took, meanwhile, _}, handled()),
+        %% in time
+        [hears(Packet, Link) || Packet <- [{say, 2, 1_000_000, 9000}, after_it]],
+        ?assertMatch({took, {say, 2, _, _}, _}, handled()),
+        ?assertMatch({took, after_it, _}, handled()),
         ok
     end).
 

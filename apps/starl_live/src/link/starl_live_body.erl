@@ -3,9 +3,9 @@
 %%
 %% What a step sends, and the facts that it traces, are kept until the step is over ({@link
 %% flush/1}). The facts leave first: whoever judges the run knows of a packet before anybody can
-%% have received it. What has a latest moment is looked at again when it leaves; if it is late, the
-%% link gets `{starl_late, {Name, Mark}}', which {@link hear/2} makes an event of its machine. Facts
-%% bear the time of this look, too, since the robot may stand still before anybody has them.
+%% have received it. What has a latest moment is looked at again when it leaves; if it is late, its
+%% machine gets an event, before any other that waits. Facts bear the time of this look, too, since the
+%% robot may stand still before anybody has them.
 -module(starl_live_body).
 -behaviour(starl_robot).
 -behaviour(starl_platform).
@@ -92,6 +92,8 @@
     %% of the present step, newest first
     traces = [] :: [fact()],
     out = [] :: [out()],
+    %% whose facts and sendings were late, latest first
+    late = [] :: [{starl_machine:name(), Mark :: term()}],
     %% the number of the next batch of facts
     batch = 1 :: pos_integer(),
     events = 0 :: non_neg_integer(),
@@ -217,8 +219,6 @@ hear({starl_chassis, Chassis, sensed, Sense}, #body{chassis = Chassis}) ->
     [{app, info, {sensed, Sense}}];
 hear({starl_chassis, Chassis, {Name, Mark}, Answer}, #body{chassis = Chassis}) ->
     said(Name, Mark, Answer);
-hear({starl_late, {Name, Mark}}, #body{}) ->
-    [{Name, info, {late, Mark}}];
 hear(_Message, _Body) ->
     unknown.
 
@@ -316,14 +316,15 @@ stop(Body) -> out(stop, Body).
 
 out(What, #body{out = Out} = Body) -> Body#body{out = [What | Out]}.
 
-%% @doc Sends what the step has traced, and then what it sends.
--spec flush(t()) -> t().
-flush(#body{traces = [], out = [], told = Told, result = Told} = Body) ->
-    Body;
+%% @doc Sends what the step has traced, and then what it sends; and says which machines must learn that
+%% something was late.
+-spec flush(t()) -> {Late :: [starl_robot:local()], t()}.
+flush(#body{traces = [], out = [], late = [], told = Told, result = Told} = Body) ->
+    {[], Body};
 flush(#body{out = Out} = Body) ->
-    Facts = tell(Body),
-    lists:foreach(fun(What) -> send(What, Body) end, lists:reverse(Out)),
-    Facts#body{out = []}.
+    Sent = lists:foldl(fun leave/2, tell(Body), lists:reverse(Out)),
+    Late = [{Name, info, {late, Mark}} || {Name, Mark} <- lists:reverse(Sent#body.late)],
+    {Late, Sent#body{out = [], late = []}}.
 
 tell(#body{traces = Traces, batch = N, result = Result} = Body) ->
     Looked = present(Body),
@@ -332,8 +333,8 @@ tell(#body{traces = Traces, batch = N, result = Result} = Body) ->
     Record = recorded(Batch, Body),
     ok = sunk(Batch, Body),
     ok = observed(Events, Body),
-    ok = lists:foreach(fun late/1, lists:uniq(Late)),
-    Body#body{traces = [], batch = N + 1, told = Result, record = Record}.
+    Told = Body#body{traces = [], batch = N + 1, told = Result, record = Record},
+    lists:foldl(fun late/2, Told, lists:uniq(Late)).
 
 %% The facts that may leave now, and who is told that others are late.
 leaving([{until, Us, Fact, _Owner} | Facts], Now, Left, Late) when Now =< Us ->
@@ -358,11 +359,18 @@ sunk({_, _, Events} = Batch, #body{id = Id, sink = Sink, result = Result, told =
 observed([], _Body) -> ok;
 observed(Events, #body{observer = Observer}) -> starl_observer:tell({judged, Events, []}, Observer).
 
-send({until, Us, Out, Owner}, Body) ->
+leave({until, Us, Out, Owner}, Body) ->
     case present(Body) =< Us of
-        true -> send_until(Us, Out, Owner, Body);
-        false -> late(Owner)
+        true ->
+            _ = send_until(Us, Out, Owner, Body),
+            Body;
+        false ->
+            late(Owner, Body)
     end;
+leave(Out, Body) ->
+    _ = send(Out, Body),
+    Body.
+
 send({transmit, To, Packet}, #body{transport = Transport}) ->
     starl_live_transport:transmit(Transport, To, Packet);
 send({sense, Tag, Robots}, #body{positioning = Positioning}) ->
@@ -395,10 +403,9 @@ send_until(Us, {drive, Script, Latest, Mark}, _Owner, Body) ->
 send_until(_Us, Out, _Owner, Body) ->
     send(Out, Body).
 
-late({Name, _Mark} = Owner) ->
+late({Name, _Mark} = Owner, #body{late = Late} = Body) ->
     logger:warning(#{what => late, machine => Name}),
-    self() ! {starl_late, Owner},
-    ok.
+    Body#body{late = [Owner | Late]}.
 
 %% -- the robot's driver ---------------------------------------------------------------------
 

@@ -295,6 +295,8 @@ handle_info({'DOWN', _, process, Pid, Reason}, Link) ->
 handle_info(watch, #link{clock = Clock} = Link) ->
     _ = starl_live_clock:send_after(?WATCH_MS, watch, Clock),
     {noreply, watch(Link)};
+handle_info({starl_late, {Name, Mark}}, #link{robot = Robot} = Link) ->
+    {noreply, go_on(Link#link{robot = starl_robot:first([{Name, info, {late, Mark}}], Robot)})};
 handle_info(Message, #link{robot = Robot} = Link) ->
     case starl_live_body:hear(Message, starl_robot:world(Robot)) of
         unknown -> {noreply, Link};
@@ -373,7 +375,7 @@ at_event(#link{robot = Robot, turns = Turns} = Link) ->
 
 %% The result of an event, with all that followed from it.
 went({quiet, Robot}, Link) ->
-    work(order_next(flushed(Robot, Link)));
+    next(flushed(Robot, Link));
 went({ask, Pid, Order, Robot}, #link{beside = Beside} = Link) ->
     case {starl_robot:busy(Robot), Beside} of
         {_, #{Pid := {How, Orders}}} ->
@@ -398,8 +400,16 @@ went({crashed, Name, Reason, Robot}, Link) ->
         gave_up -> exit({shutdown, gave_up})
     end.
 
+%% A machine learns that something of its step was late before it handles anything else.
 flushed(Robot, Link) ->
-    Link#link{robot = starl_robot:world(starl_live_body:flush(starl_robot:world(Robot)), Robot)}.
+    {Late, Body} = starl_live_body:flush(starl_robot:world(Robot)),
+    Link#link{robot = starl_robot:first(Late, starl_robot:world(Body, Robot))}.
+
+next(#link{robot = Robot} = Link) ->
+    case starl_robot:status(Robot) of
+        {busy, _} -> went(starl_robot:run(Robot), Link);
+        {_, _} -> work(order_next(Link))
+    end.
 
 %% Processes that have answered get their next order.
 order_next(#link{beside = Beside} = Link) when map_size(Beside) =:= 0 -> Link;
