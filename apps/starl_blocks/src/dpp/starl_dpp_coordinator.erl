@@ -335,8 +335,8 @@ ask_again(Robot, #coordinator{now = Now, term = Term} = Data) ->
 %% If the clocks of others show that the own one has stood still, votes given before do not count.
 heard(Type, Body, Robot, State, Data) ->
     #coordinator{now = Now, config = Config, witness = Before, n = N} = Data,
-    Bounds = starl_dpp_lease:bounds(Config),
-    case starl_dpp_witness:hear(Robot, stamp(Type, Body), Now, Bounds, Before) of
+    Limits = starl_dpp_lease:limits(Config),
+    case starl_dpp_witness:hear(Robot, stamp(Type, Body), Now, Limits, Before) of
         {agrees, Witness} -> in_time(Type, Body, Robot, State, Data#coordinator{witness = Witness});
         {lags, Witness} -> claim(N, Data#coordinator{witness = Witness})
     end.

@@ -37,10 +37,10 @@
     short_us :: pos_integer(),
     granted :: integer(),
     asked :: integer(),
-    %% whose clock was last heard, what it showed, and when; stamps up to `void' count no more
-    clock = none :: {starl:robot_id(), starl_dpp_lease:seq(), AtUs :: integer()} | none,
+    %% what the beats of coordinators show of the own clock; stamps up to `void' count no more
+    witness = starl_dpp_witness:new() :: starl_dpp_witness:t(),
     void = none :: integer() | none,
-    bounds :: {JumpUs :: non_neg_integer(), Ppm :: non_neg_integer()}
+    limits :: starl_dpp_witness:limits()
 }).
 -opaque t() :: #follow{}.
 
@@ -62,7 +62,7 @@ new(#{robot := Self, participants := Team, now := Now} = Config) ->
         term = Term,
         here_us = 2 * starl_dpp_lease:beat_us(Config),
         short_us = Short,
-        bounds = starl_dpp_lease:bounds(Config),
+        limits = starl_dpp_lease:limits(Config),
         granted = Now - Short,
         asked = Now - Short
     }.
@@ -205,29 +205,23 @@ ballot(Seq, Now, #follow{vote = Vote0, coordinator = Coordinator} = F) ->
 
 %% -- lease ----------------------------------------------------------------------------------
 
-%% @doc A coordinator's clock is heard. `lags': since it was heard before, the own clock has lost
-%% more against it than drift and jumps explain; then all leases given up to now have ended. Only a
-%% beat is remembered: it is not repeated, so it has not taken long.
+%% @doc A coordinator's clock is heard. `lags': the own clock has lost more against it than drift and
+%% jumps explain; then all leases given up to now have ended. Only a beat is remembered: it is not
+%% repeated, so it has not taken long.
 -spec timed(starl:robot_id(), {starl_dpp_lease:seq(), IsBeat :: boolean()}, Now, t()) ->
     {agrees | lags, t()}
 when
     Now :: integer().
-timed(Source, {Seq, Beat}, Now, #follow{clock = Before, bounds = Bounds, short_us = Short} = F) ->
-    Timed =
-        case Beat of
-            true -> F#follow{clock = {Source, Seq, Now}};
-            false -> F
-        end,
-    case lost_us(Source, Seq, Now, Before, Bounds) > 0 of
-        true -> {lags, Timed#follow{granted = Now - Short, asked = Now - Short, void = Now}};
-        false -> {agrees, Timed}
+timed(Source, {Seq, IsBeat}, Now, #follow{witness = Before, limits = Limits, short_us = Short} = F) ->
+    case starl_dpp_witness:hear(Source, Seq, Now, Limits, Before) of
+        {lags, Witness} ->
+            Ended = F#follow{granted = Now - Short, asked = Now - Short, void = Now},
+            {lags, Ended#follow{witness = Witness}};
+        {agrees, Witness} when IsBeat ->
+            {agrees, F#follow{witness = Witness}};
+        {agrees, _NotRemembered} ->
+            {agrees, F}
     end.
-
-lost_us(Source, Seq, Now, {Source, Then, At}, {Jump, Ppm}) ->
-    Passed = max(0, Now - At),
-    Seq - Then - Passed - 2 * Ppm * Passed div 1000000 - Jump;
-lost_us(_Source, _Seq, _Now, _Before, _Bounds) ->
-    0.
 
 %% @doc A request is made: the drive lease that comes with its answer counts from now.
 -spec asked(Now :: integer(), t()) -> t().

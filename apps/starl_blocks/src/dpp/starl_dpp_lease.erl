@@ -19,7 +19,7 @@
 %% that of Ongaro and Ousterhout, "In search of an understandable consensus algorithm", 2014.)
 -module(starl_dpp_lease).
 
--export([options/0, check/1, new/2, short_us/1, long_us/1, bounds/1, beat_us/1, quorum/2]).
+-export([options/0, check/1, new/2, short_us/1, long_us/1, bounds/1, limits/1, beat_us/1, quorum/2]).
 -export([
     beat/2, voted/4, heard/4, since/2, leads/2, until/1, votes/2, stamps/1, rests/3, outlives/4
 ]).
@@ -103,6 +103,12 @@ short_us(Config) -> max(1, left_us(Config)).
 left_us(Config) ->
     {Jump, Ppm} = bounds(Config),
     long_us(Config) * (1000000 - Ppm) div (1000000 + Ppm) - 2 * Jump.
+
+%% @doc What a witness of the own clock allows for; a lease to drive is no longer than its window.
+-spec limits(config()) -> starl_dpp_witness:limits().
+limits(Config) ->
+    {Jump, Ppm} = bounds(Config),
+    {Jump, Ppm, short_us(Config)}.
 
 %% @doc The bounds on a clock: the most by which it is set (us), and its greatest drift (ppm).
 -spec bounds(config()) -> {JumpUs :: non_neg_integer(), Ppm :: non_neg_integer()}.

@@ -8,10 +8,20 @@
 -module(starl_dpp_witness).
 
 -export([new/0, hear/5]).
--export_type([t/0]).
+-export_type([t/0, limits/0]).
 
-%% The greatest lead over the own clock that was seen of each robot's clock (us), and when.
--opaque t() :: #{starl:robot_id() => {AheadUs :: integer(), AtUs :: integer()}}.
+%% The greatest lead over the own clock that was seen of a robot's clock (us), and when.
+-type lead() :: {AheadUs :: integer(), AtUs :: integer()}.
+
+%% Of each robot: the lead that it is held to, and the one since a time, which will be in its place a
+%% window of the own clock later. So a clock that loses little from message to message, and much in all,
+%% is found; and one that stands still gets to no other lead.
+-opaque t() :: #{starl:robot_id() => {Held :: lead(), Seen :: lead(), SinceUs :: integer()}}.
+
+%% How far a clock is set at most (us), the greatest drift of a clock (ppm), and the window (us).
+-type limits() :: {
+    MostUs :: non_neg_integer(), Ppm :: non_neg_integer(), WindowUs :: non_neg_integer()
+}.
 
 %% @doc No robot was heard yet.
 -spec new() -> t().
@@ -20,24 +30,35 @@ new() -> #{}.
 %% @doc Takes note of a message of the robot with this stamp. `lags': since that robot was heard,
 %% the own clock has lost more than `MostUs' against its clock, beside the drift of both; the loss
 %% is taken as known from then on, for all robots.
--spec hear(starl:robot_id(), Stamp | none, Now :: integer(), {MostUs, Ppm}, t()) ->
-    {agrees | lags, t()}
-when
-    Stamp :: starl_dpp_lease:stamp(), MostUs :: non_neg_integer(), Ppm :: non_neg_integer().
-hear(_Robot, none, _Now, _Bounds, Witnesses) ->
+-spec hear(starl:robot_id(), starl_dpp_lease:stamp() | none, Now :: integer(), limits(), t()) ->
+    {agrees | lags, t()}.
+hear(_Robot, none, _Now, _Limits, Witnesses) ->
     {agrees, Witnesses};
-hear(Robot, Stamp, Now, {Most, Ppm}, Witnesses) ->
+hear(Robot, Stamp, Now, {Most, Ppm, Window}, Witnesses) ->
     Ahead = Stamp - Now,
     case Witnesses of
-        #{Robot := {Before, At}} ->
-            Drifted = Before + 2 * Ppm * max(0, Now - At) div 1000000,
-            if
-                Ahead > Drifted + Most -> {lags, later(Ahead - Drifted, Witnesses)};
-                Ahead > Drifted -> {agrees, Witnesses#{Robot := {Ahead, Now}}};
-                true -> {agrees, Witnesses}
+        #{Robot := {{Before, At} = Held, Seen, Since}} ->
+            Drift = 2 * Ppm * max(0, Now - At) div 1000000,
+            case Ahead - Before - Drift of
+                Lost when Lost > Most ->
+                    {lags, later(Lost, Witnesses)};
+                _ when Now - Since >= Window ->
+                    Next = larger(Seen, {Before - Drift, Now}),
+                    {agrees, Witnesses#{Robot := {Next, {Ahead, Now}, Now}}};
+                _ ->
+                    {agrees, Witnesses#{Robot := {Held, larger({Ahead, Now}, Seen), Since}}}
             end;
         #{} ->
-            {agrees, Witnesses#{Robot => {Ahead, Now}}}
+            {agrees, Witnesses#{Robot => {{Ahead, Now}, {Ahead, Now}, Now}}}
     end.
 
-later(Us, Witnesses) -> maps:map(fun(_, {Ahead, At}) -> {Ahead + Us, At} end, Witnesses).
+larger({A, _} = One, {B, _}) when A > B -> One;
+larger(_One, Other) -> Other.
+
+later(Us, Witnesses) ->
+    maps:map(
+        fun(_, {{Held, At}, {Seen, Then}, Since}) ->
+            {{Held + Us, At}, {Seen + Us, Then}, Since}
+        end,
+        Witnesses
+    ).
