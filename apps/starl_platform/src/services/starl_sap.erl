@@ -301,8 +301,13 @@ packet({starl, _, data, Data}, Sap) ->
     receive_data(Data, Sap);
 packet({starl, _, ack, By, Theirs, Own, Seq}, Sap) ->
     settle({By, Theirs}, Own, Seq, acknowledged, Sap);
-packet({starl, _, refusal, By, Theirs, Own, Seq}, Sap) ->
-    settle({By, Theirs}, Own, Seq, restarted, Sap);
+packet({starl, _, refusal, By, Theirs, Own, Seq}, #sap{out = Out, peers = Peers} = Sap) ->
+    Settled = starl_sap_out:settle({By, Theirs}, Own, Seq, restarted, Out),
+    case {Settled, starl_sap_peers:heard(By, Theirs, Peers)} of
+        %% it is sent again until that robot has told its incarnation itself
+        {{_, _}, {far, _}} -> doubt(By, Sap, []);
+        {_, _} -> settle({By, Theirs}, Own, Seq, restarted, Sap)
+    end;
 packet({starl, _, hello, By, Theirs}, #sap{peers = Peers} = Sap) ->
     case starl_sap_peers:heard(By, Theirs, Peers) of
         {far, _} -> doubt(By, Sap, []);
