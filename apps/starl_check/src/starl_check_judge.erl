@@ -9,10 +9,15 @@
     ok | {error, unicode:chardata()}.
 check({Module, _} = Monitor, Machines) ->
     case starl_monitor_check:check([Monitor], Machines) of
-        ok -> can_be_checked(erlang:function_exported(Module, timeless, 1), Module);
+        ok -> can_be_checked(exports_timeless(Module), Module);
         {error, {listed, Module, Why}} -> {error, Why};
         {error, {mistake, Line}} -> {error, Line}
     end.
+
+%% A monitor of StarL need not be loaded yet.
+exports_timeless(Module) ->
+    {module, Module} = code:ensure_loaded(Module),
+    erlang:function_exported(Module, timeless, 1).
 
 can_be_checked(true, _Module) ->
     ok;
@@ -31,7 +36,8 @@ read([Event | Events], Module, State) ->
         {ok, Next} ->
             read(Events, Module, Next);
         {violation, Violation, _} ->
-            starl_monitor_check:is_violation(Violation) orelse mistake(Module, step, [Event, State]),
+            starl_monitor_check:is_violation(Violation) orelse
+                mistake(Module, step, [Event, State]),
             {violation, Violation};
         _ ->
             mistake(Module, step, [Event, State])

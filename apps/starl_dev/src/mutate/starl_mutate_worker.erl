@@ -168,7 +168,8 @@ passes({check, Block, Robots, Faults}) ->
     Options = #{robots => Robots, faults => Faults, workers => 1},
     case starl_check:run(Block, Options, {fun enough/2, none}) of
         {holds, _, _} -> true;
-        {violated, #{violation := Violation}} -> maps:with([contract, what], Violation)
+        {violated, #{violation := Violation}} -> maps:with([contract, what], Violation);
+        {mistaken, _, Line} -> {mistaken, Line}
     end;
 passes({suite, Suite, Path}) ->
     starl_mutate_suite:run(Suite, Path) =:= ok.
