@@ -49,3 +49,20 @@ bounded_test() ->
     ?assertEqual([false, false, true], [filelib:is_file(File) || File <- Files]),
     ?assertEqual(2, length(filelib:wildcard("*", Dir))),
     ok = file:del_dir_r(Dir).
+
+%% The names of records were times once, and the clock has been set back since.
+starts_are_ordered_by_number_test() ->
+    Dir = filename:join(os:getenv("TMPDIR", "/tmp"), "starl-starts-" ++ os:getpid()),
+    ok = filelib:ensure_path(Dir),
+    Later = erlang:system_time(microsecond) + 3_600_000_000,
+    [
+        ok = file:write_file(filename:join(Dir, "facts-" ++ integer_to_list(N)), "")
+     || N <- [9, 10, Later]
+    ],
+    {ok, Record} = starl_live_record:open(Dir),
+    _ = starl_live_record:write({1, 1, [{1, 1, app, last}]}, Record),
+    Names = ["facts-" ++ integer_to_list(N) || N <- [9, 10, Later, Later + 1]],
+    ?assertEqual(Names, [filename:basename(File) || File <- starl_live_record:starts(Dir)]),
+    ?assertEqual([{1, 1, app, last}], starl_live_record:last(Dir)),
+    ?assertEqual([starl_live_record:file(Record)], starl_live_record:starts(Dir)),
+    ok = file:del_dir_r(Dir).

@@ -3,6 +3,8 @@
 %% what its messages and its recording did not tell any more. A power failure may cost the last
 %% seconds: nothing is synced.
 %%
+%% Starts are ordered by their numbers: the clock may have been set back between two of them.
+%%
 %% Only the latest facts are wanted. A file that has grown to some size becomes `FILE.before', in the
 %% place of the one before it.
 -module(starl_live_record).
@@ -26,15 +28,24 @@
 %% Far more than a recording can be behind.
 -define(MOST_BYTES, 16 * 1024 * 1024).
 
-%% @doc Opens a new record in a directory.
+%% @doc Opens a new record in a directory: that of one more start.
 -spec open(file:filename()) -> {ok, t()} | {error, unicode:chardata()}.
 open(Dir) ->
-    Name = ?PREFIX ++ integer_to_list(erlang:system_time(microsecond)),
-    File = filename:join(Dir, Name),
+    Number = lists:max([0 | [N || {N, _} <- numbered(Dir)]]) + 1,
+    File = filename:join(Dir, ?PREFIX ++ integer_to_list(Number)),
     case file:open(File, [write, exclusive, raw, binary]) of
         {ok, Device} -> {ok, #record{file = File, device = Device}};
         {error, Posix} -> {error, [File, ": ", file:format_error(Posix)]}
     end.
+
+%% The records in a directory, by the numbers of their starts.
+numbered(Dir) ->
+    Digits = length(?PREFIX),
+    [
+        {N, filename:join(Dir, Name)}
+     || Name <- filelib:wildcard(?PREFIX ++ "*", Dir),
+        {N, ""} <- [string:to_integer(lists:nthtail(Digits, Name))]
+    ].
 
 %% @doc The file of the record.
 -spec file(t()) -> file:filename().
@@ -82,9 +93,7 @@ split(_) -> [].
 
 %% @doc The records of all starts of a robot that are in its directory, in their order.
 -spec starts(Dir :: file:filename()) -> [file:filename()].
-starts(Dir) ->
-    Files = filelib:wildcard(?PREFIX ++ "*", Dir),
-    lists:sort([filename:join(Dir, Name) || Name <- Files, filename:extension(Name) =:= ""]).
+starts(Dir) -> [File || {_N, File} <- lists:sort(numbered(Dir))].
 
 %% @doc Is the file of this name a record? A robot's directory also holds its store.
 -spec is_record(file:filename()) -> boolean().
