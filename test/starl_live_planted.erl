@@ -74,8 +74,17 @@ radio() ->
             ],
             "what a packet holds is not looked at"},
         {seal_stale, radio, starl_live_seal,
-            [{"ok when abs(Now - Time) > Fresh -> clock;", "ok when Time - Now > Fresh -> clock;"}],
+            [
+                {"ok when abs(Now - Time) > Fresh -> {clock,",
+                    "ok when Time - Now > Fresh -> {clock,"}
+            ],
             "old datagrams are taken"},
+        {seal_slewed, radio, starl_live_udp,
+            [
+                {"starl_live_clock:time_of_day(millisecond, Clock).",
+                    "starl_live_clock:system_time(millisecond, Clock)."}
+            ],
+            "datagrams are fresh by a clock that does not follow the computer's"},
         {seal_address, radio, starl_live_seal,
             [{"ok when To =/= 0, To =/= Robot -> address;", "ok when To < 0 -> address;"}],
             "datagrams for others are taken"},

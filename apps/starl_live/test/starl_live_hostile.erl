@@ -14,8 +14,8 @@ flood(Kinds, Number, Seed) ->
     Packets = packets(Kinds, Seed),
     Pool = starl_dev_hostile_packets:pool(Packets),
     Heard = lists:foldl(fun(Datagram, Udp) -> element(2, hear(Datagram, Udp)) end, Opened, Pool),
-    %% All code is loaded.
-    {_, _, Known} = flooded(20 * length(Kinds), Packets, [], Heard),
+    %% All code is loaded, and each robot has been refused for each reason.
+    {_, _, Known} = flooded(500 * length(Kinds), Packets, [], Heard),
     Atoms = erlang:system_info(atom_count),
     {Taken, Last, Udp} = flooded(Number, Packets, [], Known),
     Report = #{

@@ -7,7 +7,7 @@
 -behaviour(starl_live_clock).
 
 -export([init/1, handle_event/5]).
--export([system_time/2, monotonic_time/2, start_timer/4, send_after/3]).
+-export([system_time/2, time_of_day/2, monotonic_time/2, start_timer/4, send_after/3]).
 
 -define(MOST_WAITING, 10000).
 -define(SCRIPT, {starl_chassis_holonomic, [{100.0, 0.0, 1000}]}).
@@ -52,6 +52,8 @@ done(_Packet) ->
 %% -- the clock: system time and monotonic time, which the test sets -----------------------------------
 
 system_time(Unit, {Times, _Test}) -> in(Unit, atomics:get(Times, 1)).
+
+time_of_day(Unit, Computer) -> system_time(Unit, Computer).
 
 monotonic_time(Unit, {Times, _Test}) -> in(Unit, atomics:get(Times, 2)).
 

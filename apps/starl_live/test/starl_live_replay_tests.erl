@@ -2,22 +2,28 @@
 -include_lib("eunit/include/eunit.hrl").
 
 remembered_for_the_time_test() ->
-    Replay = starl_live_replay:add(1, 5, starl_live_replay:new(10, 0)),
-    Later = starl_live_replay:add(2, 15, Replay),
+    Replay = starl_live_replay:add(1, 5, 5, starl_live_replay:new(10, 0)),
+    Later = starl_live_replay:add(2, 15, 15, Replay),
     ?assert(starl_live_replay:has(1, Later)),
     ?assertNot(starl_live_replay:has(3, Later)),
-    ?assertNot(starl_live_replay:has(1, starl_live_replay:add(3, 26, Later))).
+    ?assertNot(starl_live_replay:has(1, starl_live_replay:add(3, 26, 26, Later))).
 
 %% What is forgotten early is refused for its age.
 memory_is_bounded_test() ->
     %% a hundred thousand in each millisecond
     Many = lists:foldl(
-        fun(N, Replay) -> starl_live_replay:add(N, (N - 1) div 100_000, Replay) end,
+        fun(N, Replay) ->
+            Ms = (N - 1) div 100_000,
+            starl_live_replay:add(N, Ms, Ms, Replay)
+        end,
         starl_live_replay:new(10, 0),
         lists:seq(1, 350_000)
     ),
     %% from 200,001, which came in millisecond 2, all are known
-    ?assertEqual(2, starl_live_replay:floor_ms(Many)),
+    ?assert(starl_live_replay:may_have(1, 3, Many)),
+    ?assertNot(starl_live_replay:may_have(2, 3, Many)),
+    %% what was sent then is too old by now
+    ?assertNot(starl_live_replay:may_have(1, 13, Many)),
     ?assert(starl_live_replay:has(200_001, Many)),
     ?assert(starl_live_replay:has(350_000, Many)),
     ?assert(starl_live_replay:has(250_001, Many)),

@@ -24,9 +24,10 @@ sealed(To, Seal) -> iolist_to_binary(starl_live_seal:seal(To, "text", ?NOW, Seal
 open(Datagram, Seal) -> open(Datagram, ?NOW, Seal).
 
 open(Datagram, Now, Seal) ->
-    case starl_live_seal:open(Datagram, Now, Seal) of
-        {ok, From, To, Bytes, _} -> {From, To, Bytes};
-        {error, Why} -> Why
+    case starl_live_seal:open(Datagram, {Now, Now}, Seal) of
+        {ok, #{from := From, to := To}, Bytes, _} -> {From, To, Bytes};
+        {error, {clock, _}, _} -> clock;
+        {error, Why, _} -> Why
     end.
 
 for_one_and_for_all_test() ->
@@ -49,8 +50,8 @@ others_are_refused_test_() ->
 as_documented_test() ->
     <<Fleet:4/binary, _/binary>> = crypto:hash(sha256, "garden"),
     Nonce = <<1:96>>,
-    Header = <<"S", 1, Fleet/binary, 5:64, 1:32, 2:32, ?NOW:64, Nonce/binary>>,
-    Key = crypto:mac(hmac, sha256, <<7:256>>, <<"starl datagram 1", 5:64, "garden">>),
+    Header = <<"S", 2, Fleet/binary, 5:64, 1:32, 2:32, 9:64, ?NOW:64, Nonce/binary>>,
+    Key = crypto:mac(hmac, sha256, <<7:256>>, <<"starl datagram 2", 5:64, "garden">>),
     {Sealed, Tag} = crypto:crypto_one_time_aead(aes_256_gcm, Key, Nonce, "text", Header, 16, true),
     ?assertEqual({1, 2, <<"text">>}, open(<<Header/binary, Sealed/binary, Tag/binary>>, seal(2))).
 
@@ -87,7 +88,7 @@ the_longest_fits_test() ->
 replays_are_refused_test() ->
     Datagram = sealed(2, seal(1)),
     Other = sealed(2, seal(1)),
-    {ok, 1, 2, _, Heard} = starl_live_seal:open(Datagram, ?NOW, seal(2)),
+    {ok, #{}, _, Heard} = starl_live_seal:open(Datagram, {?NOW, ?NOW}, seal(2)),
     ?assertEqual(replay, open(Datagram, Heard)),
     ?assertMatch({1, 2, _}, open(Other, Heard)).
 
@@ -102,6 +103,32 @@ old_packets_are_refused_test_() ->
         ?_assertEqual(clock, open(Datagram, ?NOW - 15_001, seal(2)))
     ].
 
+%% A refusal says by how much the sender's clock is ahead, and whose clock it seems to be.
+a_refusal_says_how_wrong_the_clock_is_test() ->
+    Open = fun(Now) -> starl_live_seal:open(sealed(2, seal(1)), {Now, 0}, seal(2)) end,
+    ?assertEqual({error, {clock, 60_000}, 1}, Open(?NOW - 60_000)),
+    ?assertEqual({error, {clock, -3_600_000}, 1}, Open(?NOW + 3_600_000)).
+
+%% Monotonic time goes on as it was.
+a_clock_that_is_set_right_hears_again_test() ->
+    Datagram = sealed(2, seal(1)),
+    Seal = seal(2),
+    Hour = 3_600_000,
+    ?assertMatch({error, {clock, _}, 1}, starl_live_seal:open(Datagram, {?NOW + Hour, 7}, Seal)),
+    ?assertMatch({ok, _, _, _}, starl_live_seal:open(Datagram, {?NOW, 8}, Seal)).
+
+%% After a flood, too: what was forgotten early is refused by its time for as long as that is fresh.
+a_flood_before_the_clock_is_set_back_mutes_nobody_test_() ->
+    {timeout, 60, fun() ->
+        Hour = 3_600_000,
+        Flood = fun(N, Replay) ->
+            starl_live_replay:add(N, ?NOW + Hour, 1, Replay)
+        end,
+        Full = lists:foldl(Flood, starl_live_replay:new(30_000, 0), lists:seq(1, 300_001)),
+        ?assert(starl_live_replay:may_have(?NOW, 2, Full)),
+        ?assertNot(starl_live_replay:may_have(?NOW, 30_001, Full))
+    end}.
+
 %% As early as a packet can be heard, and played again until it is too old, with other packets
 %% between, by robots that have run for different times.
 no_gap_between_replay_and_age_test_() ->
@@ -111,7 +138,7 @@ no_gap(Age) ->
     Datagram = sealed(2, seal(1)),
     Early = ?NOW - 15_000,
     {ok, New} = starl_live_seal:new(config(2, #{}), Early - Age),
-    {ok, _, _, _, Heard} = starl_live_seal:open(Datagram, Early, New),
+    {ok, _, _, Heard} = starl_live_seal:open(Datagram, {Early, Early}, New),
     lists:foldl(
         fun(Now, Seal) ->
             ?assert(lists:member(open(Datagram, Now, Seal), [replay, clock]), Now - Early),
@@ -123,7 +150,7 @@ no_gap(Age) ->
 
 other(Now, Seal) ->
     Datagram = iolist_to_binary(starl_live_seal:seal(2, "x", Now, seal(3))),
-    {ok, 3, 2, _, Next} = starl_live_seal:open(Datagram, Now, Seal),
+    {ok, #{from := 3}, _, Next} = starl_live_seal:open(Datagram, {Now, Now}, Seal),
     Next.
 
 %% No packet of a robot, whatever its time, makes others of that robot look old: it marks itself
@@ -132,9 +159,9 @@ absurd_packets_mute_nobody_test() ->
     Seal = lists:foldl(
         fun(Time, Seal) ->
             Datagram = iolist_to_binary(starl_live_seal:seal(2, "absurd", Time, seal(1))),
-            case starl_live_seal:open(Datagram, ?NOW, Seal) of
-                {ok, _, _, _, Next} -> Next;
-                {error, clock} -> Seal
+            case starl_live_seal:open(Datagram, {?NOW, ?NOW}, Seal) of
+                {ok, _, _, Next} -> Next;
+                {error, {clock, _}, 1} -> Seal
             end
         end,
         seal(2),

@@ -10,6 +10,10 @@
     noise_with_the_key/1,
     hostile_socket/1,
     replayed_on_the_way/1,
+    a_name_that_is_missing_stops_nobody/1,
+    a_robot_that_moves_is_found/1,
+    two_robots_of_one_number/1,
+    a_silent_robot/1,
     round_trips/1,
     paced/1,
     answers_spread/1,
@@ -25,6 +29,10 @@ all() ->
         noise_with_the_key,
         hostile_socket,
         replayed_on_the_way,
+        a_name_that_is_missing_stops_nobody,
+        a_robot_that_moves_is_found,
+        two_robots_of_one_number,
+        a_silent_robot,
         round_trips,
         paced,
         answers_spread,
@@ -111,7 +119,7 @@ replayed_on_the_way(_) ->
     Team = starl_live_team_ct:start(udp, [1, 2, 3], #{}),
     #{peers := Peers} = starl_live_team_ct:config(1, Team),
     Spied = starl_live_team_ct:drop(1, Team),
-    Wrong = #{peers => Peers#{2 => {{127, 0, 0, 1}, Port}}},
+    Wrong = #{peers => Peers#{2 => {{127, 0, 0, 1}, Port}}, beat_ms => infinity},
     Again = starl_live_team_ct:add(1, Wrong, Spied),
     Packet = starl_packet:shout(1, dpp, x),
     starl_live_team_ct:transmit(1, 2, Packet, Again),
@@ -133,6 +141,101 @@ replayed_on_the_way(_) ->
     starl_live_team_ct:counted(1, {own, 1}, Again),
     gen_udp:close(Middle),
     starl_live_team_ct:stop(Again).
+
+%% -- who is where ---------------------------------------------------------------------------
+
+-define(LOCAL, {127, 0, 0, 1}).
+
+%% Robot 3 has a name that nobody knows; the others talk. Names are looked up beside the transport.
+a_name_that_is_missing_stops_nobody(_) ->
+    Lookup = fun
+        ("robot-2.lab") -> {ok, ?LOCAL};
+        ("robot-3.lab") -> {error, nxdomain}
+    end,
+    Team = starl_live_team_ct:start(udp, [1, 2, 3], #{}),
+    #{peers := #{2 := {_, Port}} = Peers} = starl_live_team_ct:config(1, Team),
+    Named = Peers#{2 := {"robot-2.lab", Port}, 3 := {"robot-3.lab", 5001}},
+    Without = starl_live_team_ct:drop(3, Team),
+    Again = again(1, #{peers => Named, lookup => Lookup}, Without),
+    ok = starl_live_team_ct:greet(Again),
+    ?assertMatch(#{why := {unnamed, nxdomain}, address := none}, peer(1, 3, Again)),
+    ?assertMatch(#{address := {?LOCAL, Port}, why := none}, peer(1, 2, Again)),
+    starl_live_team_ct:stop(Again).
+
+%% Robot 2 goes on at another port in the same life: it speaks, and is answered there.
+a_robot_that_moves_is_found(_) ->
+    Team = starl_live_team_ct:start(udp, [1, 2, 3], #{beat_ms => 50}),
+    Here = again(2, #{life => 7}, Team),
+    ok = starl_live_team_ct:greet(Here),
+    There = again(2, #{life => 7, peers => elsewhere(2, Here)}, Here),
+    ok = starl_live_team_ct:greet(There),
+    #{peers := #{2 := Before}} = starl_live_team_ct:config(1, There),
+    [
+        ?assertMatch(#{life := 7, address := {?LOCAL, _}}, peer(Robot, 2, There))
+     || Robot <- [1, 3]
+    ],
+    [?assertNotMatch(#{address := Before}, peer(Robot, 2, There)) || Robot <- [1, 3]],
+    [?assertNot(is_map_key(twin, peer(Robot, 2, There))) || Robot <- [1, 3]],
+    starl_live_team_ct:stop(There).
+
+%% A disk was copied: two computers speak as robot 2. The one that has started first is heard.
+two_robots_of_one_number(_) ->
+    Team = starl_live_team_ct:start(udp, [1, 2, 3], #{beat_ms => 50}),
+    First = again(2, #{life => 7}, Team),
+    ok = starl_live_team_ct:greet(First),
+    #{ends := #{2 := End} = Ends} = First,
+    Clone = starl_live_team_ct:add(2, #{life => 8, peers => elsewhere(2, First)}, First#{
+        ends := maps:remove(2, Ends)
+    }),
+    Twins = [until_twin(Robot, Clone) || Robot <- [1, 3]],
+    #{peers := #{2 := Address}} = starl_live_team_ct:config(1, Clone),
+    [?assertMatch(#{life := 7, address := Address, twin := {8, _}}, Twin) || Twin <- Twins],
+    Packet = starl_packet:shout(2, dpp, clone),
+    starl_live_team_ct:transmit(2, 1, Packet, Clone),
+    starl_live_team_ct:transmit(2, 1, Packet, First),
+    ?assertEqual([Packet], starl_live_team_ct:hear(1, 1, Clone)),
+    starl_live_team_ct:stop(starl_live_team_ct:drop(2, Clone)),
+    starl_live_team_ct:stop(First#{ends := #{2 => End}}).
+
+until_twin(Robot, Team) ->
+    case peer(Robot, 2, Team) of
+        #{twin := _} = Peer -> Peer;
+        #{} -> until_twin(Robot, Team)
+    end.
+
+%% Beats are heard without any packet; then there are none.
+a_silent_robot(_) ->
+    Team = starl_live_team_ct:start(udp, [1, 2], #{beat_ms => 50}),
+    #{round_trip_us := _} = until(fun(Peer) -> is_map_key(round_trip_us, Peer) end, Team),
+    Alone = starl_live_team_ct:drop(2, Team),
+    #{heard_ms := Ms} = until(fun(#{is_silent := IsSilent}) -> IsSilent end, Alone),
+    ?assert(Ms >= 5000),
+    Again = starl_live_team_ct:add(2, #{}, Alone),
+    #{} = until(fun(#{is_silent := IsSilent}) -> not IsSilent end, Again),
+    starl_live_team_ct:stop(Again).
+
+until(Is, Team) ->
+    Peer = peer(1, 2, Team),
+    case Is(Peer) of
+        true -> Peer;
+        false -> until(Is, Team)
+    end.
+
+peer(Robot, Other, Team) ->
+    Peers = starl_live_transport:peers(starl_live_team_ct:pid(Robot, Team)),
+    [Peer] = [P || #{robot := R} = P <- Peers, R =:= Other],
+    Peer.
+
+again(Robot, More, Team) ->
+    starl_live_team_ct:add(Robot, More, starl_live_team_ct:drop(Robot, Team)).
+
+%% The places of a team as a robot knows them that has another port now.
+elsewhere(Robot, Team) ->
+    #{peers := Peers} = starl_live_team_ct:config(Robot, Team),
+    {ok, Socket} = gen_udp:open(0, []),
+    {ok, Port} = inet:port(Socket),
+    ok = gen_udp:close(Socket),
+    Peers#{Robot := {?LOCAL, Port}}.
 
 %% -- without sockets ------------------------------------------------------------------------
 
@@ -156,9 +259,9 @@ round_trips(_) ->
     starl_platform_ct:property(Prop, 500).
 
 open(Datagram, {Heard, Seal, Fragments}) ->
-    case starl_live_seal:open(Datagram, 0, Seal) of
-        {ok, 1, 2, Payload, Next} -> join(Payload, {Heard, Next, Fragments});
-        {error, replay} -> {Heard, Seal, Fragments}
+    case starl_live_seal:open(Datagram, {0, 0}, Seal) of
+        {ok, #{from := 1, to := 2}, Payload, Next} -> join(Payload, {Heard, Next, Fragments});
+        {error, replay, 1} -> {Heard, Seal, Fragments}
     end.
 
 join(Payload, {Heard, Seal, Fragments}) ->
@@ -193,7 +296,7 @@ key() -> fun() -> <<7:256>> end.
 opened(More) ->
     {ok, Spy} = gen_udp:open(0, [binary, {active, true}, {recbuf, 1_000_000}]),
     {ok, Port} = inet:port(Spy),
-    {ok, Udp} = starl_live_udp:open(maps:merge(config(Port), More)),
+    {ok, Udp} = starl_live_udp:open(maps:merge((config(Port))#{beat_ms => infinity}, More)),
     {Spy, Udp}.
 
 config(Port) ->
@@ -261,7 +364,8 @@ heard(From, To, Udp) ->
     {ok, Bytes} = starl_live_codec:encode(starl_packet:shout(From, dpp, x)),
     Now = erlang:system_time(millisecond),
     Datagram = iolist_to_binary(starl_live_seal:seal(To, [0, Bytes], Now, Seal)),
-    {[_], Next} = starl_live_udp:hear({udp, none, none, 0, Datagram}, Udp),
+    [{Ip, Port}] = [A || #{robot := R, address := A} <- starl_live_udp:peers(Udp), R =:= From],
+    {[_], Next} = starl_live_udp:hear({udp, none, Ip, Port, Datagram}, Udp),
     Next.
 
 close(Spy, Udp) ->

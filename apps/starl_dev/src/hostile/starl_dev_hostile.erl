@@ -105,6 +105,7 @@ attacked(Cluster, Victim, Dir, Left, Seed) ->
         line => Line,
         robot => Victim,
         participants => lists:seq(1, Robots),
+        lives => starl_dev_hostile_flood:lives(Node),
         kinds =>
             starl_dev_hostile_packets:outsiders() ++ starl_dev_hostile_packets:insiders() ++
             [absurd, shaped],

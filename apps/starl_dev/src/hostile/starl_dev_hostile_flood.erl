@@ -2,7 +2,7 @@
 %% the node gets through them: after each batch it asks for the counters of the node's transport.
 -module(starl_dev_hostile_flood).
 
--export([start/2, finish/1]).
+-export([start/2, finish/1, lives/1]).
 %% Called on the robot's node.
 -export([vitals/0]).
 
@@ -46,6 +46,7 @@
 -define(BATCH, 50).
 -define(POOL_EVERY, 10_000).
 -define(CALL_MS, 60_000).
+-define(PAUSE_MS, 100).
 -define(LOOPBACK, {127, 0, 0, 1}).
 
 %% @doc Sends so many datagrams at most.
@@ -78,6 +79,19 @@ transport(Node) ->
     Robot = erpc:call(Node, starl_live_sup, robot, [], ?CALL_MS),
     Link = erpc:call(Node, starl_live_robot, link, [Robot], ?CALL_MS),
     starl_live_link:line(Link, transport).
+
+%% @doc The lives of the other robots, as soon as the robot of this node has heard them all.
+-spec lives(node()) -> #{starl:robot_id() => starl_live_seal:life()}.
+lives(Node) ->
+    Peers = starl_live_transport:peers(transport(Node)),
+    case [Robot || #{robot := Robot, life := none} <- Peers] of
+        [] ->
+            maps:from_list([{Robot, Life} || #{robot := Robot, life := Life} <- Peers]);
+        _ ->
+            receive
+            after ?PAUSE_MS -> lives(Node)
+            end
+    end.
 
 flood(#flood{left = 0} = Flood) ->
     receive

@@ -13,7 +13,8 @@
 -type kind() :: atom().
 
 %% `line': what a robot's end is opened with: fleet, run and key; `robot': the one that gets the
-%% datagrams, in the name of the others of the team.
+%% datagrams, in the name of the others of the team; `lives': the numbers of their programs' lives, which
+%% anybody can read who hears them (0).
 -type config() :: #{
     line := #{
         fleet := unicode:chardata(),
@@ -23,6 +24,7 @@
     },
     robot := starl:robot_id(),
     participants := [starl:robot_id(), ...],
+    lives => #{starl:robot_id() => starl_live_seal:life()},
     kinds := [kind(), ...],
     seed := integer()
 }.
@@ -94,8 +96,9 @@ new(#{robot := Robot, participants := Team, kinds := Kinds, seed := Seed} = Conf
         random = rand:seed_s(exsss, Seed)
     }).
 
-seal(Robot, More, #{line := Line, participants := Team}) ->
-    Config = maps:merge(Line#{robot => Robot, participants => Team}, More),
+seal(Robot, More, #{line := Line, participants := Team} = Given) ->
+    Life = maps:get(Robot, maps:get(lives, Given, #{}), 0),
+    Config = maps:merge(Line#{robot => Robot, participants => Team, life => Life}, More),
     {ok, Seal} = starl_live_seal:new(Config, 0),
     Seal.
 
@@ -207,7 +210,7 @@ datagram(malformed, Packets, Random0) ->
     {payload([0, 1, term_to_binary(Term, [{minor_version, 2}])], Packets), Random};
 datagram(fragments, Packets, Random0) ->
     {Fields, Random1} = rand:bytes_s(10, Random0),
-    {Size, Random2} = rand:uniform_s(1131, Random1),
+    {Size, Random2} = rand:uniform_s(1123, Random1),
     {Noise, Random} = rand:bytes_s(Size, Random2),
     {payload([1, Fields, Noise], Packets), Random};
 %% -- that the transport takes ---------------------------------------------------------------

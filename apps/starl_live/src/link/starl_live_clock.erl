@@ -3,14 +3,16 @@
 %% durations shrink alike.
 %%
 %% System time must be set (by NTP, PTP, chrony) before a robot starts. The VM never lets it jump
-%% afterwards: it corrects the time slowly, by at most 1 % (`erl' without time warp).
+%% afterwards: it corrects the time slowly, by at most 1 % (`erl' without time warp). The time of day
+%% is what the computer's clock shows, and jumps with it: packets are fresh or not by that.
 %%
 %% The clock is also the robot's only way to its computer's time and timers. A simulation gives it
 %% another computer: a module of this behaviour.
 -module(starl_live_clock).
 
 -export([new/2, on/2, epoch_us/1, now_us/1, monotonic_ms/2, at_us/2]).
--export([system_time/2, monotonic_time/2, start_timer/4, send_after/3]).
+-export([system_time/2, time_of_day/2, monotonic_time/2, start_timer/4, send_after/3]).
+-export([ahead_us/1]).
 
 -export_type([t/0]).
 
@@ -21,6 +23,8 @@
 %% The functions of this name in `erlang', on a simulated computer. A timer's message comes to the
 %% calling process.
 -callback system_time(erlang:time_unit(), Handle :: term()) -> integer().
+%% As `os:system_time/1'.
+-callback time_of_day(erlang:time_unit(), Handle :: term()) -> integer().
 -callback monotonic_time(erlang:time_unit(), Handle :: term()) -> integer().
 -callback start_timer(Ms :: integer(), Message :: term(), [{abs, boolean()}], Handle :: term()) ->
     reference().
@@ -62,6 +66,15 @@ monotonic_ms(DueUs, {_, Pace, _} = Clock) ->
 -spec system_time(erlang:time_unit(), t()) -> integer().
 system_time(Unit, {_, _, computer}) -> erlang:system_time(Unit);
 system_time(Unit, {_, _, {Module, Handle}}) -> Module:system_time(Unit, Handle).
+
+%% @doc What the computer's clock shows now: it jumps when the clock is set.
+-spec time_of_day(erlang:time_unit(), t()) -> integer().
+time_of_day(Unit, {_, _, computer}) -> os:system_time(Unit);
+time_of_day(Unit, {_, _, {Module, Handle}}) -> Module:time_of_day(Unit, Handle).
+
+%% @doc How far the VM's time is ahead of the computer's clock, which was set since the VM started.
+-spec ahead_us(t()) -> integer().
+ahead_us(Clock) -> system_time(microsecond, Clock) - time_of_day(microsecond, Clock).
 
 %% @doc The computer's monotonic time.
 -spec monotonic_time(erlang:time_unit(), t()) -> integer().

@@ -5,10 +5,12 @@
 %% make others of its sender look old.
 %%
 %% A generation has room for a limited number. When more come, the older generation is forgotten
-%% early, and the packets of its time are refused from then on.
+%% early, and the packets of its time are refused until they are too old anyway.
+%%
+%% Generations end by monotonic time, whatever the computer's clock is set to meanwhile.
 -module(starl_live_replay).
 
--export([new/2, has/2, floor_ms/1, add/3]).
+-export([new/2, has/2, may_have/3, add/4]).
 
 -export_type([t/0, id/0]).
 
@@ -22,10 +24,13 @@
     keep_ms :: pos_integer(),
     %% the end of the younger generation
     until_ms :: integer(),
-    %% what was sent before may have been heard and forgotten
-    floor_ms = 0 :: integer(),
+    %% what was sent by then may have been heard and forgotten; how long that matters
+    floor = none :: none | {LatestMs :: integer(), UntilMs :: integer()},
     young = #{} :: #{id() => []},
-    old = #{} :: #{id() => []}
+    old = #{} :: #{id() => []},
+    %% the latest time of sending in each generation
+    young_ms = 0 :: integer(),
+    old_ms = 0 :: integer()
 }).
 
 -opaque t() :: #replay{}.
@@ -38,25 +43,31 @@ new(KeepMs, Now) -> #replay{keep_ms = KeepMs, until_ms = Now + KeepMs}.
 -spec has(id(), t()) -> boolean().
 has(Id, #replay{young = Young, old = Old}) -> is_map_key(Id, Young) orelse is_map_key(Id, Old).
 
-%% @doc The time before which packets must have been sent to be refused, whether known or not.
--spec floor_ms(t()) -> integer().
-floor_ms(#replay{floor_ms = Floor}) -> Floor.
+%% @doc May a packet that was sent at this time of its sender have been heard and forgotten?
+-spec may_have(SentMs :: integer(), NowMs :: integer(), t()) -> boolean().
+may_have(Sent, Now, #replay{floor = {Latest, Until}}) -> Now < Until andalso Sent =< Latest;
+may_have(_Sent, _Now, #replay{floor = none}) -> false.
 
-%% @doc Remembers a packet.
--spec add(id(), NowMs :: integer(), t()) -> t().
-add(Id, Now, #replay{until_ms = Until, young = Young} = Replay) when
+%% @doc Remembers a packet that was sent at this time of its sender.
+-spec add(id(), SentMs :: integer(), NowMs :: integer(), t()) -> t().
+add(Id, Sent, Now, #replay{until_ms = Until, young = Young, young_ms = Latest} = Replay) when
     Now < Until, map_size(Young) < ?MOST
 ->
-    Replay#replay{young = Young#{Id => []}};
-add(Id, Now, #replay{keep_ms = Keep, young = Young} = Replay) ->
+    Replay#replay{young = Young#{Id => []}, young_ms = max(Latest, Sent)};
+add(Id, Sent, Now, #replay{keep_ms = Keep, young = Young, young_ms = Latest} = Replay) ->
     Replay#replay{
-        until_ms = Now + Keep, floor_ms = floor_ms(Now, Replay), young = #{Id => []}, old = Young
+        until_ms = Now + Keep,
+        floor = floored(Now, Replay),
+        young = #{Id => []},
+        young_ms = Sent,
+        old = Young,
+        old_ms = Latest
     }.
 
-%% The generation that is forgotten ended when the young one began.
-floor_ms(Now, #replay{until_ms = Until, keep_ms = Keep, old = Old}) when
+%% The generation that is forgotten is too old after the time for which all are kept.
+floored(Now, #replay{until_ms = Until, keep_ms = Keep, old = Old, old_ms = Latest}) when
     Now < Until, map_size(Old) > 0
 ->
-    Until - Keep;
-floor_ms(_Now, #replay{floor_ms = Floor}) ->
+    {Latest, Now + Keep};
+floored(_Now, #replay{floor = Floor}) ->
     Floor.

@@ -2,8 +2,8 @@
 %% (AES-256-GCM), refusal of replays, strangers and packets for others.
 %%
 %% ```
-%%   "S" | version | fleet 4 | run 8 | from 4 | to 4 | time 8 | nonce 12 || sealed n | tag 16
-%%   '--------------------- authenticated header -----------------------'
+%%   "S" | version | fleet 4 | run 8 | from 4 | to 4 | life 8 | time 8 | nonce 12 || sealed n | tag 16
+%%   '------------------------- authenticated header -------------------------------'
 %% '''
 %% The key of a run is made from the key of the fleet, the fleet's name and the run's number, so
 %% nothing of one run opens in another. Nonces are random: their uniqueness must not rest on a
@@ -12,46 +12,73 @@
 %% fleet. Random ones are safe for 2^32 packets of a run.
 %%
 %% A packet is taken once, and only while it is fresh by its sender's clock: what was recorded
-%% longer before a robot's reboot is refused after it, though the robot remembers nothing. Neither epochs
+%% longer before a robot's reboot is refused after it, though the robot remembers nothing. Clocks show
+%% the time of day: once a wrong one is set right, its packets are fresh. Neither epochs
 %% nor counters order the packets of a sender, so no packet, not even one that was made with the
-%% right key, makes others of its sender look old.
+%% right key, makes others of its sender look old. The number of the sender's life says which start of
+%% its program speaks: it tells a restart from a second robot of the same number ({@link starl_live_peers}).
 -module(starl_live_seal).
 
 -export([new/2, room/0, seal/4, open/3]).
 
--export_type([t/0, config/0, refusal/0]).
+-export_type([t/0, config/0, header/0, life/0, now/0, refusal/0]).
 
--define(VERSION, 1).
+-define(VERSION, 2).
 %% The most bytes of a datagram: less than any link's, with room for tunnels.
 -define(LONGEST, 1200).
--define(HEADER, 42).
+-define(HEADER, 50).
 -define(TAG, 16).
 -define(CIPHER, aes_256_gcm).
 -define(MOST, 16#FFFFFFFF).
 
-%% `key': the fleet's key ({@link starl_live_key}); `run': the run's number, of 64 bits; `fresh_ms':
-%% the largest difference of a packet's time from this computer's.
+%% The number of one start of a robot's program, of 64 bits: a later start has a larger one.
+-type life() :: non_neg_integer().
+
+%% The time of day, and monotonic time, in milliseconds.
+-type now() :: {TimeOfDayMs :: integer(), MonotonicMs :: integer()}.
+
+%% `key': the fleet's key ({@link starl_live_key}); `run': the run's number, of 64 bits; `life': that of
+%% the robot's program; `fresh_ms': the largest difference of a packet's time from this computer's.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
     key := starl_live_key:t(),
     fleet := unicode:chardata(),
     run := non_neg_integer(),
+    life => life(),
     fresh_ms => pos_integer(),
     atom() => term()
 }.
 
+%% What an authentic datagram says of itself.
+-type header() :: #{
+    from := starl:robot_id(),
+    to := starl:robot_id() | all,
+    life := life(),
+    sent_ms := integer()
+}.
+
 %% Why a datagram is refused: its length, the version of its format, another fleet's, another run's,
-%% the robot's own, a robot outside the team, for another robot, too old or of the future, heard
-%% before, not sealed with our key or changed under way.
+%% the robot's own, a robot outside the team, for another robot, too old or of the future (by how much
+%% its time is ahead of ours), heard before, not sealed with our key or changed under way.
 -type refusal() ::
-    length | version | fleet | run | own | stranger | address | clock | replay | seal.
+    length
+    | version
+    | fleet
+    | run
+    | own
+    | stranger
+    | address
+    | {clock, AheadMs :: integer()}
+    | replay
+    | seal.
 
 -record(seal, {
     key :: binary(),
     fleet :: binary(),
     run :: non_neg_integer(),
     robot :: starl:robot_id(),
+    life :: life(),
     team :: starl_team:t(),
     fresh_ms :: pos_integer(),
     heard :: starl_live_replay:t()
@@ -59,7 +86,7 @@
 
 -opaque t() :: #seal{}.
 
-%% @doc The seal of a robot in a run.
+%% @doc The seal of a robot in a run, from this monotonic time on.
 -spec new(config(), NowMs :: integer()) -> {ok, t()} | {error, unicode:chardata()}.
 new(#{robot := Robot, participants := Team, fleet := Fleet, run := Run} = Config, Now) ->
     Fresh = maps:get(fresh_ms, Config, 15_000),
@@ -70,6 +97,7 @@ new(#{robot := Robot, participants := Team, fleet := Fleet, run := Run} = Config
                 fleet = fleet(Fleet),
                 run = Run,
                 robot = Robot,
+                life = maps:get(life, Config, 0),
                 team = Team,
                 fresh_ms = Fresh,
                 %% A packet of the near future may be played again for twice that time.
@@ -81,7 +109,7 @@ new(#{robot := Robot, participants := Team, fleet := Fleet, run := Run} = Config
 
 run_key(#{key := Key, fleet := Fleet, run := Run}) ->
     Name = unicode:characters_to_binary(Fleet),
-    crypto:mac(hmac, sha256, Key(), [<<"starl datagram 1", Run:64>>, Name]).
+    crypto:mac(hmac, sha256, Key(), [<<"starl datagram 2", Run:64>>, Name]).
 
 fleet(Name) ->
     <<Short:4/binary, _/binary>> = crypto:hash(sha256, unicode:characters_to_binary(Name)),
@@ -91,12 +119,20 @@ fleet(Name) ->
 -spec room() -> pos_integer().
 room() -> ?LONGEST - ?HEADER - ?TAG.
 
-%% @doc The datagram that carries these bytes to a robot, or to all.
--spec seal(starl:robot_id() | all, iodata(), NowMs :: non_neg_integer(), t()) -> iolist().
-seal(To, Bytes, Now, #seal{key = Key, fleet = Fleet, run = Run, robot = Robot}) ->
+%% @doc The datagram that carries these bytes to a robot, or to all, at this time of day.
+-spec seal(starl:robot_id() | all, iodata(), TimeOfDayMs :: non_neg_integer(), t()) -> iolist().
+seal(To, Bytes, Now, #seal{key = Key, fleet = Fleet, run = Run, robot = Robot, life = Life}) ->
     Nonce = crypto:strong_rand_bytes(12),
     Header = <<
-        $S, ?VERSION, Fleet/binary, Run:64, Robot:32, (number(To)):32, Now:64, Nonce/binary
+        $S,
+        ?VERSION,
+        Fleet/binary,
+        Run:64,
+        Robot:32,
+        (number(To)):32,
+        Life:64,
+        Now:64,
+        Nonce/binary
     >>,
     {Sealed, Tag} = crypto:crypto_one_time_aead(?CIPHER, Key, Nonce, Bytes, Header, ?TAG, true),
     [Header, Sealed, Tag].
@@ -104,19 +140,30 @@ seal(To, Bytes, Now, #seal{key = Key, fleet = Fleet, run = Run, robot = Robot}) 
 number(all) -> 0;
 number(Robot) -> Robot.
 
-%% @doc Opens a datagram.
--spec open(binary(), NowMs :: integer(), t()) ->
-    {ok, From :: starl:robot_id(), starl:robot_id() | all, Bytes :: binary(), t()}
-    | {error, refusal()}.
+%% @doc Opens a datagram. Of one that is refused: the robot that it claims to be from, if that is one
+%% of the team.
+-spec open(binary(), now(), t()) ->
+    {ok, header(), Bytes :: binary(), t()}
+    | {error, refusal(), Claimed :: starl:robot_id() | unknown}.
 open(<<Header:?HEADER/binary, Rest/binary>>, Now, Seal) when
     byte_size(Rest) > ?TAG, byte_size(Rest) =< ?LONGEST - ?HEADER
 ->
     case header(Header, Now, Seal) of
-        {From, To, Nonce, Id} -> opened(From, To, Id, bytes(Header, Nonce, Rest, Seal), Now, Seal);
-        Refusal -> {error, Refusal}
+        {#{} = Said, Nonce, Id} ->
+            opened(bytes(Header, Nonce, Rest, Seal), Said, Id, Now, Seal);
+        Refusal ->
+            {error, Refusal, claimed(Header, Seal)}
     end;
 open(_Datagram, _Now, _Seal) ->
-    {error, length}.
+    {error, length, unknown}.
+
+claimed(<<$S, ?VERSION, _Fleet:4/binary, _Run:64, From:32, _/binary>>, #seal{team = Team}) ->
+    case starl_team:has(From, Team) of
+        true -> From;
+        false -> unknown
+    end;
+claimed(_Header, _Seal) ->
+    unknown.
 
 %% Nothing here is believed before the seal is found whole; what cannot be for us needs no opening.
 header(<<$S, ?VERSION, Fleet:4/binary, Rest/binary>>, Now, #seal{fleet = Fleet} = Seal) ->
@@ -126,16 +173,23 @@ header(<<$S, ?VERSION, _/binary>>, _Now, _Seal) ->
 header(_Header, _Now, _Seal) ->
     version.
 
-header_of_run(<<Run:64, From:32, To:32, Time:64, Nonce/binary>>, Now, #seal{run = Run} = Seal) ->
+header_of_run(
+    <<Run:64, From:32, To:32, Life:64, Time:64, Nonce/binary>>,
+    {Now, Monotonic},
+    #seal{run = Run} = Seal
+) ->
     #seal{robot = Robot, team = Team, fresh_ms = Fresh, heard = Heard} = Seal,
-    Floor = starl_live_replay:floor_ms(Heard),
+    Forgotten = starl_live_replay:may_have(Time, Monotonic, Heard),
     <<Id:58, _/bits>> = Nonce,
     case sender(From, Robot, Team) of
         ok when To =/= 0, To =/= Robot -> address;
-        ok when abs(Now - Time) > Fresh -> clock;
-        ok when Time < Floor -> clock;
-        ok -> unheard(starl_live_replay:has(Id, Heard), {From, robot(To), Nonce, Id});
-        Refusal -> Refusal
+        ok when abs(Now - Time) > Fresh -> {clock, Time - Now};
+        ok when Forgotten -> {clock, Time - Now};
+        ok ->
+            Said = #{from => From, to => robot(To), life => Life, sent_ms => Time},
+            unheard(starl_live_replay:has(Id, Heard), {Said, Nonce, Id});
+        Refusal ->
+            Refusal
     end;
 header_of_run(_Rest, _Now, _Seal) ->
     run.
@@ -159,7 +213,7 @@ bytes(Header, Nonce, Rest, #seal{key = Key}) ->
     <<Sealed:Size/binary, Tag/binary>> = Rest,
     crypto:crypto_one_time_aead(?CIPHER, Key, Nonce, Sealed, Header, Tag, false).
 
-opened(_From, _To, _Id, error, _Now, _Seal) ->
-    {error, seal};
-opened(From, To, Id, Bytes, Now, #seal{heard = Heard} = Seal) ->
-    {ok, From, To, Bytes, Seal#seal{heard = starl_live_replay:add(Id, Now, Heard)}}.
+opened(error, #{from := From}, _Id, _Now, _Seal) ->
+    {error, seal, From};
+opened(Bytes, #{sent_ms := Sent} = Said, Id, {_, Now}, #seal{heard = Heard} = Seal) ->
+    {ok, Said, Bytes, Seal#seal{heard = starl_live_replay:add(Id, Sent, Now, Heard)}}.

@@ -17,7 +17,7 @@
 -module(starl_live_transport).
 -behaviour(gen_server).
 
--export([start_link/3, transmit/3, transmit/4, figures/1, set_air/2]).
+-export([start_link/3, transmit/3, transmit/4, figures/1, peers/1, set_air/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2, format_status/1]).
 
 -export_type([config/0, figures/0, heard/0, latest/0]).
@@ -58,8 +58,11 @@ when
     State :: term().
 %% Its counters.
 -callback figures(State :: term()) -> figures().
+%% What it knows of the other robots, if it hears them beat.
+-callback peers(State :: term()) -> [starl_live_peers:peer()].
 %% Closes the robot's end.
 -callback close(State :: term()) -> ok.
+-optional_callbacks([peers/1]).
 
 %% The most packets that the filter delays at a time; others are lost.
 -define(DELAYED, 10_000).
@@ -94,6 +97,10 @@ transmit(Transport, To, Packet, Latest) ->
 -spec figures(pid()) -> figures().
 figures(Transport) -> gen_server:call(Transport, figures).
 
+%% @doc What the transport knows of the other robots; nothing, if it does not hear them beat.
+-spec peers(pid()) -> [starl_live_peers:peer()].
+peers(Transport) -> gen_server:call(Transport, peers).
+
 %% @doc Changes these settings of the filter.
 -spec set_air(pid(), starl_live_air:settings()) -> ok | {error, unicode:chardata()}.
 set_air(Transport, Settings) -> gen_server:call(Transport, {set_air, Settings}).
@@ -119,8 +126,11 @@ opened({ok, State}, Module, Air, Link, Config) ->
 opened({error, Why}, _Module, _Air, _Link, _Config) ->
     {stop, {shutdown, {transport, unicode:characters_to_binary(Why)}}}.
 
--spec handle_call(figures | {set_air, starl_live_air:settings()}, gen_server:from(), #transport{}) ->
-    {reply, figures() | ok | {error, unicode:chardata()}, #transport{}}.
+-spec handle_call(Question, gen_server:from(), #transport{}) -> {reply, Answer, #transport{}} when
+    Question :: figures | peers | {set_air, starl_live_air:settings()},
+    Answer :: figures() | [starl_live_peers:peer()] | ok | {error, unicode:chardata()}.
+handle_call(peers, _From, #transport{module = Module, state = State} = Transport) ->
+    {reply, known(erlang:function_exported(Module, peers, 1), Module, State), Transport};
 handle_call(figures, _From, #transport{module = Module, state = State} = Transport) ->
     {reply, maps:merge(Module:figures(State), Transport#transport.figures), Transport};
 handle_call({set_air, Settings}, _From, #transport{air = Air} = Transport) ->
@@ -128,6 +138,9 @@ handle_call({set_air, Settings}, _From, #transport{air = Air} = Transport) ->
         {ok, Changed} -> {reply, ok, Transport#transport{air = Changed}};
         {error, _} = Error -> {reply, Error, Transport}
     end.
+
+known(true, Module, State) -> Module:peers(State);
+known(false, _Module, _State) -> [].
 
 -spec handle_cast(Transmit, #transport{}) -> {noreply, #transport{}} when
     Transmit ::

@@ -6,35 +6,45 @@
 %% heard a packet for all waits for a short random time before it sends something to that packet's
 %% source, so that the acknowledgements of a broadcast do not come all at once. The time is at most
 %% a tenth of SAP's first retransmission delay.
+%%
+%% Each second a beat goes to every other robot: an empty datagram, by which robots know that they hear
+%% each other, how long a round trip takes, and where they are ({@link starl_live_peers}). Names are
+%% looked up by a process beside this one, again while a robot is silent.
 -module(starl_live_udp).
 -behaviour(starl_live_transport).
 
--export([open/1, transmit/3, hear/2, figures/1, close/1]).
+-export([open/1, transmit/3, hear/2, figures/1, peers/1, close/1]).
 
 -export_type([config/0]).
 
 %% Beside the keys of every transport and of {@link starl_live_seal}: `peers': where each robot
 %% hears, this one as well; `all': the way of a packet for all; `interface': the address of the
 %% network that carries multicast; `rate': bytes per millisecond; `spread_ms': the longest wait
-%% before an answer to a packet for all. A simulation gives it other sockets, a module with the
-%% functions of `gen_udp' that are used here, and a random stream.
+%% before an answer to a packet for all; `beat_ms': the time between two beats. A simulation gives it
+%% other sockets, a module with the functions of `gen_udp' that are used here, and a random stream; a
+%% test another way to look up names.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
     fleet := unicode:chardata(),
     run := non_neg_integer(),
     key := starl_live_key:t(),
-    peers := #{starl:robot_id() => {inet:hostname() | inet:ip_address(), inet:port_number()}},
+    peers := #{starl:robot_id() => starl_live_peers:place()},
     all => each | {multicast | broadcast, inet:ip4_address(), inet:port_number()},
     interface => inet:ip4_address(),
     rate => pos_integer(),
     spread_ms => non_neg_integer(),
     fresh_ms => pos_integer(),
+    life => starl_live_seal:life(),
+    beat_ms => pos_integer() | infinity,
+    lookup => lookup(),
     clock => starl_live_clock:t(),
     sockets => module(),
     random => fun(() -> rand:state()),
     atom() => term()
 }.
+
+-type lookup() :: fun((inet:hostname()) -> {ok, inet:ip_address()} | {error, inet:posix()}).
 
 %% Messages of the socket to the process before it must ask for more: hostile traffic fills the
 %% socket's buffer, not the process's mailbox.
@@ -48,18 +58,27 @@
 -define(SPREAD_MS, 25).
 %% The most datagrams that wait before an answer; beyond that they go at once.
 -define(HELD, 1000).
+-define(BEAT_MS, 1000).
+%% A beat's payload has another type than a packet's ({@link starl_live_fragment}). It says that no beat
+%% was heard yet.
+-define(BEAT, 2).
+-define(NONE, 16#FFFFFFFF).
 
--type address() :: {inet:ip_address(), inet:port_number()}.
--type datagram() :: {address(), iodata()}.
+-type datagram() :: {starl_live_peers:address(), iodata()}.
 
 -record(udp, {
     clock :: starl_live_clock:t(),
     sockets :: module(),
     socket :: gen_udp:socket(),
     group :: gen_udp:socket() | none,
-    %% the addresses of a packet for all
-    all :: [address()],
-    peers :: #{starl:robot_id() => address()},
+    %% the address of a packet for all; `each': those of all robots
+    all :: each | starl_live_peers:address(),
+    peers :: starl_live_peers:t(),
+    lookup :: lookup(),
+    %% robots whose names are being looked up
+    asked = #{} :: #{reference() => starl:robot_id()},
+    beat_ms :: pos_integer() | infinity,
+    beat = none :: reference() | none,
     seal :: starl_live_seal:t(),
     fragments :: starl_live_fragment:t(),
     pace :: starl_live_pace:t(datagram()),
@@ -75,14 +94,14 @@
 %% -- opening --------------------------------------------------------------------------------
 
 -spec open(config()) -> {ok, #udp{}} | {error, unicode:chardata()}.
-open(#{robot := Robot, participants := Team, peers := Peers} = Config) ->
+open(#{robot := Robot, participants := Team, peers := Places} = Config) ->
     steps(
         [
-            fun(Opened) -> peers([Robot | starl_team:others(Robot, Team)], Peers, Opened) end,
-            fun(Opened) -> sealed(Config, Opened) end,
+            fun(Opened) -> places([Robot | starl_team:others(Robot, Team)], Places, Opened) end,
+            fun(Opened) -> sealed(with_life(Config), Opened) end,
             fun(Opened) -> socket(Robot, sockets(Config), Opened) end,
             fun(Opened) -> group(Config, Opened) end,
-            fun(Opened) -> {ok, udp(Config, Opened)} end
+            fun(Opened) -> {ok, call_all(udp(Config, Opened))} end
         ],
         #{}
     ).
@@ -95,26 +114,41 @@ steps([Step | Steps], Opened) ->
         {error, _} = Error -> Error
     end.
 
-peers(Robots, Peers, Opened) ->
-    Found = [{Robot, peer(maps:get(Robot, Peers, none))} || Robot <- Robots],
-    case [{Robot, Why} || {Robot, {error, Why}} <- Found] of
-        [] -> {ok, Opened#{peers => maps:from_list(Found)}};
-        [{Robot, Why} | _] -> {error, io_lib:format("peers: robot ~b: ~ts", [Robot, Why])}
+places(Robots, Places, Opened) ->
+    Given = [{Robot, maps:get(Robot, Places, none)} || Robot <- Robots],
+    case [Robot || {Robot, Place} <- Given, not is_place(Place)] of
+        [] ->
+            {ok, Opened#{places => maps:from_list(Given)}};
+        [Robot | _] ->
+            Line = "peers: robot ~b: an address and a port expected, {\"192.168.1.11\", 5001}",
+            {error, io_lib:format(Line, [Robot])}
     end.
 
-peer({Host, Port}) when is_integer(Port), Port > 0, Port < 65_536 ->
-    case address(Host) of
-        {ok, Address} -> {Address, Port};
-        {error, Why} -> {error, io_lib:format("~tp: ~ts", [Host, inet:format_error(Why)])}
-    end;
-peer(_) ->
-    {error, "an address and a port expected, {\"192.168.1.11\", 5001}"}.
+is_place({_Host, Port}) -> is_integer(Port) andalso Port > 0 andalso Port < 65_536;
+is_place(_) -> false.
 
-address(Address) when tuple_size(Address) =:= 4; tuple_size(Address) =:= 8 -> {ok, Address};
-address(Host) -> inet:getaddr(Host, inet).
+%% A number that is written as a text needs no server of names.
+numeric({Host, Port} = Place) when is_list(Host) ->
+    case inet:parse_strict_address(Host) of
+        {ok, Ip} -> {Ip, Port};
+        {error, _} -> Place
+    end;
+numeric(Place) ->
+    Place.
+
+%% Lives begin in the order of their times.
+with_life(#{life := _} = Config) ->
+    Config;
+with_life(Config) ->
+    {Lot, _} = rand:uniform_s(1 bsl 16, (random(Config))()),
+    Ms = starl_live_clock:time_of_day(millisecond, clock(Config)),
+    <<Life:64>> = <<Ms:48, (Lot - 1):16>>,
+    Config#{life => Life}.
+
+random(Config) -> maps:get(random, Config, fun() -> rand:seed_s(exsss) end).
 
 sealed(Config, Opened) ->
-    case starl_live_seal:new(Config, starl_live_clock:system_time(millisecond, clock(Config))) of
+    case starl_live_seal:new(Config, now_ms(clock(Config))) of
         {ok, Seal} -> {ok, Opened#{seal => Seal}};
         {error, _} = Error -> Error
     end.
@@ -124,9 +158,9 @@ clock(Config) -> maps:get(clock, Config, starl_live_clock:new(0, 1)).
 
 sockets(Config) -> maps:get(sockets, Config, gen_udp).
 
-socket(Robot, Sockets, #{peers := Peers} = Opened) ->
-    {Address, Port} = maps:get(Robot, Peers),
-    case Sockets:open(Port, options([family(Address), {broadcast, true}])) of
+socket(Robot, Sockets, #{places := Places} = Opened) ->
+    {Host, Port} = numeric(maps:get(Robot, Places)),
+    case Sockets:open(Port, options([family(Host), {broadcast, true}])) of
         {ok, Socket} -> {ok, Opened#{socket => Socket}};
         {error, Why} -> {error, io_lib:format("port ~b: ~ts", [Port, inet:format_error(Why)])}
     end.
@@ -147,14 +181,14 @@ group(#{all := {Way, Address, Port}} = Config, #{socket := Socket} = Opened) ->
     Interface = maps:get(interface, Config, {0, 0, 0, 0}),
     case joined_group(Way, Address, Port, Interface, Socket) of
         {ok, Group} ->
-            {ok, Opened#{group => Group, all => [{Address, Port}]}};
+            {ok, Opened#{group => Group, all => {Address, Port}}};
         {error, Why} ->
             gen_udp:close(Socket),
             Line = "~ts ~ts, port ~b: ~ts",
             {error, io_lib:format(Line, [Way, inet:ntoa(Address), Port, inet:format_error(Why)])}
     end;
-group(#{robot := Robot}, #{peers := Peers} = Opened) ->
-    {ok, Opened#{group => none, all => maps:values(maps:remove(Robot, Peers))}}.
+group(_Config, Opened) ->
+    {ok, Opened#{group => none, all => each}}.
 
 joined_group(Way, Address, Port, Interface, Socket) ->
     case gen_udp:open(Port, options([{reuseaddr, true}])) of
@@ -181,22 +215,28 @@ membership(broadcast, _Address, _Interface) -> [].
 outgoing(multicast, Interface) -> [{multicast_if, Interface}, {multicast_loop, true}];
 outgoing(broadcast, _Interface) -> [].
 
-udp(Config, #{socket := Socket, group := Group, all := All, peers := Peers, seal := Seal}) ->
+udp(
+    #{robot := Robot} = Config,
+    #{socket := Socket, group := Group, all := All, seal := Seal} = Opened
+) ->
+    #{places := Places} = Opened,
+    Others = maps:map(fun(_, Place) -> numeric(Place) end, maps:remove(Robot, Places)),
     Rate = maps:get(rate, Config, ?RATE),
     Clock = clock(Config),
-    Random = maps:get(random, Config, fun() -> rand:seed_s(exsss) end),
     #udp{
         clock = Clock,
         sockets = sockets(Config),
         socket = Socket,
         group = Group,
         all = All,
-        peers = Peers,
+        peers = starl_live_peers:new(Others, now_ms(Clock)),
+        lookup = maps:get(lookup, Config, fun(Host) -> inet:getaddr(Host, inet) end),
+        beat_ms = maps:get(beat_ms, Config, ?BEAT_MS),
         seal = Seal,
         fragments = starl_live_fragment:new(starl_live_seal:room()),
         pace = starl_live_pace:new(Rate, max(?BURST, Rate), now_us(Clock)),
-        spread_ms = maps:get(spread_ms, Config, min(?SPREAD_MS, map_size(Peers) div 2)),
-        random = Random()
+        spread_ms = maps:get(spread_ms, Config, min(?SPREAD_MS, map_size(Places) div 2)),
+        random = (random(Config))()
     }.
 
 %% -- sending --------------------------------------------------------------------------------
@@ -212,17 +252,20 @@ transmit(To, Packet, #udp{} = Udp) ->
         {{ok, Bytes}, Addresses} ->
             Datagrams = [
                 {Address, Sealed}
-             || Sealed <- sealed(To, Bytes, now_ms(Udp), Udp#udp.seal), Address <- Addresses
+             || Sealed <- sealed(To, Bytes, day_ms(Udp), Udp#udp.seal), Address <- Addresses
             ],
             {ok, answer(To, Datagrams, count(sent, Udp))}
     end.
 
-addresses(all, #udp{all = All}) ->
-    All;
+addresses(all, #udp{all = each, peers = Peers}) ->
+    starl_live_peers:addresses(Peers);
+addresses(all, #udp{all = Address}) ->
+    [Address];
 addresses(To, #udp{peers = Peers}) ->
-    case Peers of
-        #{To := Address} -> [Address];
-        #{} -> unknown
+    case starl_live_peers:address(To, Peers) of
+        unknown -> unknown;
+        none -> [];
+        Address -> [Address]
     end.
 
 sealed(To, Bytes, Now, Seal) ->
@@ -232,7 +275,7 @@ sealed(To, Bytes, Now, Seal) ->
 answer(To, Datagrams, #udp{calls = Calls, spread_ms = Spread, held = Held} = Udp) ->
     case Calls of
         #{To := At} when Spread > 0, Held < ?HELD ->
-            hold(now_ms(Udp) - At =< max(?ANSWER_MS, Spread), Datagrams, Udp);
+            hold(now_ms(Udp#udp.clock) - At =< max(?ANSWER_MS, Spread), Datagrams, Udp);
         #{} ->
             put_on_air(Datagrams, Udp)
     end.
@@ -265,26 +308,94 @@ timer(Wait, Clock) -> starl_live_clock:start_timer(Wait, flush, [], Clock).
 
 send({{Address, Port}, Bytes}, #udp{sockets = Sockets, socket = Socket} = Udp) ->
     case Sockets:send(Socket, Address, Port, Bytes) of
-        ok -> count(datagrams, Udp);
+        ok ->
+            count(datagrams, Udp);
         %% No way to that robot now: the packet is lost.
-        {error, _} -> count(send_error, Udp)
+        {error, Why} ->
+            #udp{peers = Peers, clock = Clock} = Udp,
+            Known = starl_live_peers:unsent({Address, Port}, Why, now_ms(Clock), Peers),
+            count(send_error, Udp#udp{peers = Known})
     end.
+
+%% -- beats ----------------------------------------------------------------------------------
+
+%% Calls all robots, looks who is silent, and looks up names.
+call_all(#udp{beat_ms = infinity} = Udp) ->
+    Udp;
+call_all(#udp{beat_ms = Ms, peers = Peers, clock = Clock} = Udp) ->
+    {News, Known} = starl_live_peers:look(now_ms(Clock), Peers),
+    ok = tell(News),
+    Asked = looked_up(Udp#udp{peers = Known}),
+    Calls = [{Address, beat(Robot, Asked)} || {Robot, Address} <- starl_live_peers:calls(Known)],
+    Next = put_on_air(Calls, Asked),
+    Next#udp{beat = starl_live_clock:start_timer(Ms, beat, [], Clock)}.
+
+beat(Robot, #udp{clock = Clock, peers = Peers, seal = Seal} = Udp) ->
+    {Ours, Theirs, Held} = starl_live_peers:beat(Robot, now_us(Clock), Peers),
+    Payload = <<?BEAT, Ours:64/signed, Theirs:64/signed, (held(Held)):32>>,
+    starl_live_seal:seal(Robot, Payload, day_ms(Udp), Seal).
+
+held(none) -> ?NONE;
+held(Us) -> min(Us, ?NONE - 1).
+
+%% A lookup may take seconds.
+looked_up(#udp{peers = Peers, clock = Clock} = Udp) ->
+    Now = now_ms(Clock),
+    lists:foldl(
+        fun(Name, U) -> look_up(Name, Now, U) end, Udp, starl_live_peers:unnamed(Now, Peers)
+    ).
+
+look_up({Robot, Host}, Now, #udp{asked = Asked, lookup = Lookup, peers = Peers} = Udp) ->
+    case lists:member(Robot, maps:values(Asked)) of
+        true ->
+            Udp;
+        false ->
+            {_Pid, Monitor} = spawn_monitor(fun() -> exit({found, Lookup(Host)}) end),
+            Udp#udp{
+                asked = Asked#{Monitor => Robot}, peers = starl_live_peers:asked(Robot, Now, Peers)
+            }
+    end.
+
+named({found, Found}, Robot, #udp{peers = Peers} = Udp) ->
+    {News, Known} = starl_live_peers:named(Robot, Found, Peers),
+    ok = tell(News),
+    Udp#udp{peers = Known};
+named(_Crash, _Robot, Udp) ->
+    Udp.
+
+tell(News) -> lists:foreach(fun tell_one/1, News).
+
+tell_one(News) ->
+    logger:log(level(News), #{
+        what => element(1, News),
+        why => unicode:characters_to_binary(starl_live_peers:format_news(News))
+    }).
+
+level({What, _, _}) when What =:= back; What =:= moved -> notice;
+level({once, _}) -> notice;
+level(_News) -> warning.
 
 %% -- hearing --------------------------------------------------------------------------------
 
 -spec hear(term(), #udp{}) -> {[starl_packet:t()], #udp{}} | unknown.
-hear({udp, _Socket, _Address, _Port, Datagram}, #udp{seal = Seal} = Udp) ->
-    case starl_live_seal:open(Datagram, now_ms(Udp), Seal) of
-        {ok, From, To, Payload, Next} ->
-            joined(From, Payload, called(From, To, Udp#udp{seal = Next}));
-        {error, Why} ->
-            {[], count(Why, Udp)}
+hear({udp, _Socket, Ip, Port, Datagram}, #udp{seal = Seal, clock = Clock} = Udp) ->
+    Now = {day_ms(Udp), now_ms(Clock)},
+    case starl_live_seal:open(Datagram, Now, Seal) of
+        {ok, Said, Payload, Next} -> opened(Said, {Ip, Port}, Now, Payload, Udp#udp{seal = Next});
+        {error, Why, Claimed} -> {[], refused(Claimed, Why, {Ip, Port}, Udp)}
     end;
 hear({udp_passive, Socket}, Udp) ->
     ok = inet:setopts(Socket, [{active, ?ACTIVE}]),
     {[], Udp};
 hear({timeout, Timer, flush}, #udp{flush = Timer} = Udp) ->
     {[], flush(Udp#udp{flush = none})};
+hear({timeout, Timer, beat}, #udp{beat = Timer} = Udp) ->
+    {[], call_all(Udp#udp{beat = none})};
+hear({'DOWN', Monitor, process, _Pid, Found}, #udp{asked = Asked} = Udp) when
+    is_map_key(Monitor, Asked)
+->
+    {Robot, Left} = maps:take(Monitor, Asked),
+    {[], named(Found, Robot, Udp#udp{asked = Left})};
 hear({?MODULE, held, Datagrams}, #udp{held = Held} = Udp) ->
     {[], put_on_air(Datagrams, Udp#udp{held = Held - 1})};
 %% A robot's computer has nobody at that port, or the like.
@@ -293,34 +404,79 @@ hear({udp_error, _Socket, _Why}, Udp) ->
 hear(_Message, _Udp) ->
     unknown.
 
-called(From, all, #udp{calls = Calls} = Udp) -> Udp#udp{calls = Calls#{From => now_ms(Udp)}};
-called(_From, _To, Udp) -> Udp.
+opened(#{from := From, to := To} = Said, Address, Now, Payload, #udp{peers = Peers} = Udp) ->
+    case starl_live_peers:heard(Said, Address, Now, Peers) of
+        {heard, News, Known} ->
+            ok = tell(News),
+            joined(From, Payload, Address, called(From, To, Udp#udp{peers = Known}));
+        {late, News, Known} ->
+            ok = tell(News),
+            late(From, Payload, Address, Udp#udp{peers = Known});
+        {Why, News, Known} ->
+            ok = tell(News),
+            {[], refused(From, Why, Address, Udp#udp{peers = Known})}
+    end.
 
-joined(From, Payload, #udp{fragments = Fragments} = Udp) ->
-    case starl_live_fragment:join(From, Payload, now_ms(Udp), Fragments) of
+%% A beat of a former life tells nothing.
+late(_From, <<?BEAT, _/binary>>, _Address, Udp) -> {[], Udp};
+late(From, Payload, Address, Udp) -> joined(From, Payload, Address, Udp).
+
+called(From, all, #udp{calls = Calls, clock = Clock} = Udp) ->
+    Udp#udp{calls = Calls#{From => now_ms(Clock)}};
+called(_From, _To, Udp) ->
+    Udp.
+
+joined(From, <<?BEAT, Theirs:64/signed, Echo:64/signed, Held:32>>, _Address, Udp) ->
+    #udp{peers = Peers, clock = Clock} = Udp,
+    Heard =
+        case Held of
+            ?NONE -> none;
+            _ -> Held
+        end,
+    {[], Udp#udp{
+        peers = starl_live_peers:beaten(From, Theirs, {Echo, Heard}, now_us(Clock), Peers)
+    }};
+joined(From, Payload, Address, #udp{fragments = Fragments, clock = Clock} = Udp) ->
+    case starl_live_fragment:join(From, Payload, now_ms(Clock), Fragments) of
         {whole, Bytes, Next} ->
-            decoded(From, starl_live_codec:decode(From, Bytes), Udp#udp{fragments = Next});
+            decoded(From, starl_live_codec:decode(From, Bytes), Address, Udp#udp{fragments = Next});
         {more, Next} ->
             {[], Udp#udp{fragments = Next}};
         {error, Why, Next} ->
-            {[], count(Why, Udp#udp{fragments = Next})}
+            {[], refused(From, Why, Address, Udp#udp{fragments = Next})}
     end.
 
-decoded(_From, {ok, Packet}, Udp) ->
+decoded(_From, {ok, Packet}, _Address, Udp) ->
     {[Packet], Udp};
-decoded(From, {error, Why}, #udp{figures = Figures} = Udp) ->
-    {[], Udp#udp{figures = starl_live_figures:refused(Why, From, Figures)}}.
+decoded(From, {error, Why}, Address, #udp{figures = Figures} = Udp) ->
+    Counted = Udp#udp{figures = starl_live_figures:refused(Why, From, Figures)},
+    {[], noted(From, Why, Address, Counted)}.
+
+refused(From, Why, Address, Udp) -> noted(From, Why, Address, count(reason(Why), Udp)).
+
+reason({clock, _Ahead}) -> clock;
+reason(Why) -> Why.
+
+noted(From, Why, Address, #udp{peers = Peers, clock = Clock} = Udp) ->
+    {News, Known} = starl_live_peers:refused(From, Why, Address, {now_ms(Clock), Peers}),
+    ok = tell(News),
+    Udp#udp{peers = Known}.
 
 count(What, #udp{figures = Figures} = Udp) ->
     Udp#udp{figures = starl_live_figures:count(What, Figures)}.
 
-%% The clock by which packets are fresh: that of the computers, whatever the pace of the run.
-now_ms(#udp{clock = Clock}) -> starl_live_clock:system_time(millisecond, Clock).
+%% The time by which packets are fresh: that which the computers' clocks show.
+day_ms(#udp{clock = Clock}) -> starl_live_clock:time_of_day(millisecond, Clock).
+
+now_ms(Clock) -> starl_live_clock:monotonic_time(millisecond, Clock).
 
 now_us(Clock) -> starl_live_clock:monotonic_time(microsecond, Clock).
 
 -spec figures(#udp{}) -> starl_live_transport:figures().
 figures(#udp{figures = Figures}) -> Figures.
+
+-spec peers(#udp{}) -> [starl_live_peers:peer()].
+peers(#udp{peers = Peers, clock = Clock}) -> starl_live_peers:all(now_ms(Clock), Peers).
 
 -spec close(#udp{}) -> ok.
 close(#udp{sockets = Sockets, socket = Socket, group = Group}) ->

@@ -3,7 +3,8 @@
 %% network loses, doubles, delays and damages datagrams; in some runs, for a while, all send large packets
 %% and half of their fragments are lost; then it is calm. An attacker sends what he has recorded to anybody,
 %% at any later time, datagrams of another run, and rubbish; a robot seals what is no packet. Robots start
-%% anew meanwhile.
+%% anew meanwhile. In some runs the time of day of one computer is wrong at first, and set right before the
+%% network is calm.
 %%
 %% The contract:
 %% <ul>
@@ -34,6 +35,10 @@
 %% the numbers of datagrams.
 -define(MEMORY, 2200000).
 -define(EPOCH_US, 1700000000000000).
+%% A wrong clock is this far ahead, and is set right at this time: what was sent by it is not fresh before
+%% the attacker has ended.
+-define(AHEAD_S, {80, 7200}).
+-define(SET_RIGHT_US, 35000000).
 
 -record(sent, {
     from :: starl:robot_id(),
@@ -94,10 +99,13 @@ uses(Seed) ->
             {starl_sim_draw:between({Seed, N, again}, 0, ?LAST_US), {send, N}}
          || N <- lists:seq(1, ?PACKETS), N rem 5 =:= 0
         ] ++
-        [
-            {starl_sim_draw:between({Seed, R, restart}, 0, ?CALM_US), {restart, R}}
-         || R <- ?ROBOTS, starl_sim_draw:uniform({Seed, R, restarts}) < 0.3
-        ].
+        [{At, {restart, R}} || R <- ?ROBOTS, At <- restarts(R, Seed)].
+
+restarts(Robot, Seed) ->
+    [
+        starl_sim_draw:between({Seed, Robot, restart}, 0, ?CALM_US)
+     || starl_sim_draw:uniform({Seed, Robot, restarts}) < 0.3
+    ].
 
 planned({At, Event}, Radio) -> plan(At, Event, Radio).
 
@@ -122,10 +130,12 @@ play(#radio{queue = Queue} = Radio) ->
 offset(Robot, Seed) -> round(starl_sim_draw:signed({Seed, Robot, offset}) * ?OFFSET_US).
 
 open(Robot, Life, #radio{seed = Seed, ends = Ends} = Radio) ->
+    shown(Robot, Radio),
     {ok, End} = starl_live_udp:open((config(Robot, 1, Radio))#{
+        life => Life,
         random => fun() -> rand:seed_s(exsss, erlang:phash2({Seed, Robot, Life}, 4294967296)) end
     }),
-    Radio#radio{ends = Ends#{Robot => {End, Life}}}.
+    effects(Robot, Radio#radio{ends = Ends#{Robot => {End, Life}}}).
 
 config(Robot, Run, #radio{seed = Seed, clocks = Clocks}) ->
     #{
@@ -156,7 +166,21 @@ happens({hear, Robot, For, Message}, #radio{ends = Ends} = Radio) ->
     end.
 
 shown(Robot, #radio{seed = Seed, clocks = Clocks, now = Now}) ->
-    starl_virtual_clock:set(Now + offset(Robot, Seed), maps:get(Robot, Clocks)).
+    #{Robot := Clock} = Clocks,
+    {System, Day} = ahead(Robot, Now, Seed),
+    ok = starl_virtual_clock:set_ahead(System, Day, Clock),
+    starl_virtual_clock:set(Now + offset(Robot, Seed), Clock).
+
+%% In one run of five the clock of one robot is wrong, and then the VM does not follow it.
+ahead(Robot, Now, Seed) ->
+    case starl_sim_draw:between({Seed, wrong}, 1, 5 * length(?ROBOTS)) of
+        Robot ->
+            {Least, Most} = ?AHEAD_S,
+            Us = 1000000 * starl_sim_draw:between({Seed, ahead}, Least, Most),
+            {Us, Us * (1 - min(1, Now div ?SET_RIGHT_US))};
+        _ ->
+            {0, 0}
+    end.
 
 send(N, #radio{sent = Sent, now = Now, ends = Ends} = Radio) ->
     #sent{from = From, to = To, packet = Packet, times = Times} = New = packet(N, Radio),
@@ -313,9 +337,10 @@ nested(N) -> {nested(N - 1)}.
 
 packet_of(From, Body) -> starl_packet:shout(From, {app, note}, {0, Body}).
 
-sealed(Run, From, To, Bytes, Now, Radio) ->
-    {ok, Seal} = starl_live_seal:new(config(From, Run, Radio), 0),
-    NowMs = (?EPOCH_US + Now) div 1000,
+sealed(Run, From, To, Bytes, Now, #radio{seed = Seed} = Radio) ->
+    Life = 1 + length([At || At <- restarts(From, Seed), At =< Now]),
+    {ok, Seal} = starl_live_seal:new((config(From, Run, Radio))#{life => Life}, 0),
+    NowMs = (?EPOCH_US + Now + offset(From, Seed)) div 1000,
     iolist_to_binary(starl_live_seal:seal(To, [0, Bytes], NowMs, Seal)).
 
 %% -- the judge ------------------------------------------------------------------------------

@@ -53,6 +53,7 @@ boot(#{radio := {Module, Own}, robot := Id, tree := Tree} = Config, Clock) ->
     Team = maps:get(participants, Tree),
     Radio = Own#{robot => Id, participants => Team, clock => Clock},
     {ok, Transport} = starl_live_transport:init({Module, Radio, self()}),
+    {[], Opened} = drained(transport),
     Spec = (maps:remove(radio, Config))#{
         robot_sup => Sup,
         clock => Clock,
@@ -64,7 +65,9 @@ boot(#{radio := {Module, Own}, robot := Id, tree := Tree} = Config, Clock) ->
         inline => true,
         tell => at_once
     },
-    run([{link, {boot, Spec}}], #robot{sup = Sup, link = none, transport = Transport}).
+    Robot = #robot{sup = Sup, link = none, transport = Transport},
+    {Up, Effects, Booted} = run([{link, {boot, Spec}}], Robot),
+    {Up, Opened ++ Effects, Booted}.
 
 %% @doc A part of the program gets a message.
 -spec hear(actor(), Message :: term(), t()) -> {up | {down, term()}, [effect()], t()}.

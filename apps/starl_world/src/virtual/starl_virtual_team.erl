@@ -173,6 +173,8 @@ robot(Id, Peers, #{world := World, crew := #{tree := Tree}}) ->
         fleet => "virtual",
         run => 1,
         key => fun() -> <<Seed:256>> end,
+        %% nothing rests on beats; the radio's own runs have them
+        beat_ms => infinity,
         sockets => starl_virtual_socket
     },
     #robot{

@@ -1,0 +1,270 @@
+%% What a robot knows of the others by their datagrams.
+-module(starl_live_peers_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(HOME, {{10, 0, 0, 2}, 5001}).
+-define(AWAY, {{10, 0, 0, 99}, 5001}).
+-define(THIRD, {{10, 0, 0, 3}, 5001}).
+%% The time of day is this far ahead of monotonic time.
+-define(DAY, 1_700_000_000_000).
+
+peers() -> starl_live_peers:new(#{2 => ?HOME, 3 => {"robot-3.lab", 5001}}, 0).
+
+%% Robot 2 speaks at this monotonic time, in a life, from an address.
+speaks(Now, Life, Address, Peers) -> speaks(Now, Now, Life, Address, Peers).
+
+speaks(Sent, Now, Life, Address, Peers) ->
+    Said = #{from => 2, to => 1, life => Life, sent_ms => ?DAY + Sent},
+    starl_live_peers:heard(Said, Address, {?DAY + Now, Now}, Peers).
+
+%% It speaks at each of these times, without news.
+speaks_on(Times, Life, Address, Peers) ->
+    lists:foldl(
+        fun(Now, Before) ->
+            {heard, [], After} = speaks(Now, Life, Address, Before),
+            After
+        end,
+        Peers,
+        Times
+    ).
+
+%% A look at each second, with what it told.
+looks(From, To, Peers) ->
+    lists:foldl(
+        fun(Now, {News, Before}) ->
+            {Told, After} = starl_live_peers:look(Now, Before),
+            {News ++ [{Now, T} || T <- Told], After}
+        end,
+        {[], Peers},
+        lists:seq(From, To, 1000)
+    ).
+
+robot(Robot, Now, Peers) ->
+    [Peer] = [P || #{robot := R} = P <- starl_live_peers:all(Now, Peers), R =:= Robot],
+    Peer.
+
+line(News) -> lists:flatten(starl_live_peers:format_news(News)).
+
+complaint(Peer) -> lists:flatten(starl_live_peers:complaint(Peer)).
+
+%% -- silence --------------------------------------------------------------------------------
+
+a_robot_that_falls_silent_is_told_once_and_when_it_is_back_test() ->
+    Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
+    {News, Silent} = looks(1000, 20_000, Heard),
+    ?assertMatch([{7000, {silent, 2, _}}], [N || {_, {silent, 2, _}} = N <- News]),
+    [{_, Told}] = [N || {_, {silent, 2, _}} = N <- News],
+    ?assertEqual("the robot has not heard robot 2 for 5 s", line(Told)),
+    {heard, [Back], _} = speaks(21_000, 7, ?HOME, Silent),
+    ?assertEqual("robot 2 is heard again, after 19.0 s", line(Back)).
+
+a_robot_that_was_never_heard_is_told_of_test() ->
+    {News, Silent} = looks(1000, 6000, peers()),
+    ?assertEqual(
+        [{5000, "the robot has not heard robot 2"}, {5000, "the robot has not heard robot 3"}],
+        [{At, line(N)} || {At, N} <- News]
+    ),
+    {heard, [Back], _} = speaks(9000, 7, ?HOME, Silent),
+    ?assertEqual("robot 2 is heard", line(Back)).
+
+%% A computer that has stood still accuses nobody.
+after_a_halt_all_have_their_time_anew_test() ->
+    Heard = speaks_on([1000], 7, ?HOME, peers()),
+    {[], Before} = looks(1000, 2000, Heard),
+    {[], Halted} = looks(60_000, 64_000, Before),
+    ?assertMatch({[_ | _], _}, looks(65_000, 65_000, Halted)).
+
+%% -- refusals -------------------------------------------------------------------------------
+
+refused(Reason, Now, Peers) -> starl_live_peers:refused(2, Reason, ?HOME, {Now, Peers}).
+
+a_new_reason_is_told_once_with_its_figures_test() ->
+    {[News], Once} = refused({clock, 60_000}, 1000, peers()),
+    ?assertEqual(
+        "datagrams of robot 2 are refused: its clock is 60.0 s ahead of ours", line(News)
+    ),
+    {[], Twice} = refused({clock, 61_000}, 2000, Once),
+    {[Other], Thrice} = refused(seal, 3000, Twice),
+    ?assertEqual(
+        "datagrams of robot 2 are refused: its datagrams are sealed with another key", line(Other)
+    ),
+    ?assertMatch(
+        #{
+            refused := #{
+                clock := #{count := 2, ago_ms := 2000, ahead_ms := 61_000},
+                seal := #{count := 1, ago_ms := 1000}
+            }
+        },
+        robot(2, 4000, Thrice)
+    ).
+
+%% What comes again after a long time is new.
+a_reason_is_told_again_after_a_while_test() ->
+    {[_], Once} = refused(seal, 1000, peers()),
+    {[], Twice} = refused(seal, 600_000, Once),
+    ?assertMatch({[_], _}, refused(seal, 1_200_000, Twice)).
+
+%% A network doubles datagrams; each sender to a group hears its own.
+usual_reasons_are_counted_only_test() ->
+    {[], Peers} = refused(replay, 1000, peers()),
+    ?assertMatch(#{refused := #{replay := #{count := 1}}, why := none}, robot(2, 1000, Peers)).
+
+the_latest_reason_says_why_a_robot_is_not_heard_test() ->
+    {_, Early} = refused(seal, 3000, peers()),
+    {_, Peers} = refused({clock, -3_600_000}, 4000, Early),
+    ?assertEqual(
+        "has not heard robot 2: its clock is 3600.0 s behind ours", complaint(robot(2, 5000, Peers))
+    ),
+    ?assertEqual("has not heard robot 2", complaint(robot(2, 15_000, Peers))).
+
+%% A datagram of another format says no robot's number: its address does.
+a_stranger_is_told_by_address_test() ->
+    {[Known], Peers} = starl_live_peers:refused(unknown, version, ?HOME, {1000, peers()}),
+    ?assertMatch({refused, 2, version}, Known),
+    {[News], Strange} = starl_live_peers:refused(unknown, stranger, ?AWAY, {1000, Peers}),
+    ?assertEqual(
+        "datagrams from 10.0.0.99 port 5001 are refused: it is no robot of the team", line(News)
+    ),
+    ?assertMatch({[], _}, starl_live_peers:refused(unknown, stranger, ?THIRD, {2000, Strange})).
+
+what_cannot_be_sent_is_why_test() ->
+    Peers = starl_live_peers:unsent(?HOME, enetunreach, 1000, peers()),
+    ?assertEqual(
+        "has not heard robot 2: nothing can be sent to it: network is unreachable",
+        complaint(robot(2, 2000, Peers))
+    ).
+
+%% -- beats ----------------------------------------------------------------------------------
+
+%% Ours left at 100 us, was held for 40 us there, and its echo came at 1000 us, by our clock.
+an_echo_tells_the_round_trip_test() ->
+    Heard = speaks_on([1], 7, ?HOME, peers()),
+    ?assertEqual({100, 0, none}, starl_live_peers:beat(2, 100, Heard)),
+    First = starl_live_peers:beaten(2, -5000, {0, none}, 500, Heard),
+    ?assertEqual({600, -5000, 100}, starl_live_peers:beat(2, 600, First)),
+    Second = starl_live_peers:beaten(2, -4000, {100, 40}, 1000, First),
+    ?assertMatch(#{round_trip_us := 860, ahead_ms := 0}, robot(2, 1, Second)).
+
+%% -- addresses ------------------------------------------------------------------------------
+
+a_robot_is_where_its_newest_datagram_comes_from_test() ->
+    Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
+    {heard, [], Soon} = speaks(3000, 7, ?AWAY, Heard),
+    ?assertEqual(?HOME, starl_live_peers:address(2, Soon)),
+    {heard, [News], Moved} = speaks(4000, 7, ?AWAY, Soon),
+    ?assertEqual("robot 2 is at 10.0.0.99 port 5001 now", line(News)),
+    ?assertEqual(?AWAY, starl_live_peers:address(2, Moved)),
+    ?assertEqual([?AWAY], starl_live_peers:addresses(Moved)).
+
+%% A datagram that was held back on its way says where the robot was.
+an_old_datagram_moves_nobody_test() ->
+    Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
+    {heard, [], Peers} = speaks(1500, 9000, 7, ?AWAY, Heard),
+    ?assertEqual(?HOME, starl_live_peers:address(2, Peers)).
+
+%% Two networks of one computer.
+while_its_address_speaks_a_robot_has_not_moved_test() ->
+    Both = fun(Now, Before) ->
+        {heard, [], One} = speaks(Now, 7, ?HOME, Before),
+        {heard, [], Other} = speaks(Now + 500, 7, ?AWAY, One),
+        Other
+    end,
+    Peers = lists:foldl(Both, peers(), lists:seq(1000, 20_000, 1000)),
+    ?assertEqual(?HOME, starl_live_peers:address(2, Peers)).
+
+names_are_looked_up_while_a_robot_is_silent_test() ->
+    ?assertEqual([{3, "robot-3.lab"}], starl_live_peers:unnamed(0, peers())),
+    Asked = starl_live_peers:asked(3, 0, peers()),
+    ?assertEqual([], starl_live_peers:unnamed(1000, Asked)),
+    {[News], Missing} = starl_live_peers:named(3, {error, nxdomain}, Asked),
+    ?assertEqual(
+        "robot 3: the name \"robot-3.lab\" is not found: non-existing domain; it is looked up again",
+        line(News)
+    ),
+    ?assertEqual(
+        "has not heard robot 3: its name is not found: non-existing domain",
+        complaint(robot(3, 1000, Missing))
+    ),
+    ?assertEqual([], starl_live_peers:calls(Missing) -- [{2, ?HOME}]),
+    ?assertMatch([{3, _}], starl_live_peers:unnamed(5000, Missing)),
+    {[], Again} = starl_live_peers:named(3, {error, nxdomain}, Missing),
+    {[], Found} = starl_live_peers:named(3, {ok, {10, 0, 0, 3}}, Again),
+    ?assertEqual(?THIRD, starl_live_peers:address(3, Found)),
+    ?assertEqual([{2, ?HOME}, {3, ?THIRD}], starl_live_peers:calls(Found)).
+
+%% Where it was, and where its name leads now.
+a_silent_robot_is_called_at_both_places_test() ->
+    Moved = speaks_on([1000], 7, ?HOME, peers()),
+    {heard, [_], There} = speaks(4000, 7, ?AWAY, Moved),
+    ?assertEqual([{2, ?AWAY}], starl_live_peers:calls(There)),
+    {_, Silent} = looks(4000, 12_000, There),
+    ?assertEqual([{2, ?HOME}, {2, ?AWAY}], starl_live_peers:calls(Silent)).
+
+%% -- lives ----------------------------------------------------------------------------------
+
+%% A restart, at another address: what the former life has said is late.
+a_restart_is_one_robot_test() ->
+    Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
+    {heard, [{moved, 2, ?AWAY}], Restarted} = speaks(5000, 8, ?AWAY, Heard),
+    {late, [], Late} = speaks(2500, 5001, 7, ?HOME, Restarted),
+    ?assertEqual(?AWAY, starl_live_peers:address(2, Late)),
+    Peers = speaks_on(lists:seq(6000, 20_000, 1000), 8, ?AWAY, Late),
+    {late, [], Later} = speaks(2600, 20_001, 7, ?HOME, Peers),
+    ?assertMatch(#{life := 8}, robot(2, 20_001, Later)),
+    ?assertNot(is_map_key(twin, robot(2, 20_001, Later))).
+
+%% The clock was set back by 10 s between the lives.
+a_restart_with_a_clock_that_was_set_back_is_heard_test() ->
+    Heard = speaks_on([1000, 20_000], 7, ?HOME, peers()),
+    {former, [], First} = speaks(11_000, 21_000, 6, ?HOME, Heard),
+    {heard, [], Second} = speaks(13_500, 23_500, 6, ?HOME, First),
+    ?assertMatch(#{life := 6}, robot(2, 23_500, Second)).
+
+%% One disk, two computers: both go on speaking, and the one that has started first is heard.
+clones(Since, To, First, Second, Peers) ->
+    lists:foldl(
+        fun(Now, {Verdicts, News, Before}) ->
+            {A, NewsA, One} = speaks(Now, First, ?HOME, Before),
+            {B, NewsB, Both} = speaks(Now + 500, Second, ?AWAY, One),
+            {Verdicts ++ [{A, B}], News ++ NewsA ++ NewsB, Both}
+        end,
+        {[], [], Peers},
+        lists:seq(Since, To, 1000)
+    ).
+
+two_robots_of_one_number_are_told_and_one_is_heard_test() ->
+    [clone(First, Second) || {First, Second} <- [{7, 8}, {8, 7}]].
+
+clone(First, Second) ->
+    {Verdicts, News, Peers} = clones(1000, 10_000, First, Second, peers()),
+    {Elder, There} = min({First, ?HOME}, {Second, ?AWAY}),
+    {Younger, Here} = max({First, ?HOME}, {Second, ?AWAY}),
+    ?assertEqual([{twice, 2, {Elder, There}, {Younger, Here}}], [N || {twice, _, _, _} = N <- News]),
+    Now = lists:last(Verdicts),
+    ?assertEqual(lists:sort([heard, clone]), lists:sort(tuple_to_list(Now))),
+    ?assertMatch(
+        #{life := Elder, address := There, twin := {Younger, Here}}, robot(2, 10_500, Peers)
+    ),
+    ?assertNotEqual(nomatch, string:find(complaint(robot(2, 10_500, Peers)), "two robots")).
+
+%% When the first is switched off the second is heard, and that is told.
+the_second_is_heard_when_the_first_is_gone_test() ->
+    {_, _, Both} = clones(1000, 10_000, 7, 8, peers()),
+    {Verdicts, News, _} = lists:foldl(
+        fun(Now, {Before, Told, P}) ->
+            {Verdict, More, Next} = speaks(Now, 8, ?AWAY, P),
+            {Before ++ [Verdict], Told ++ More, Next}
+        end,
+        {[], [], Both},
+        lists:seq(11_000, 20_000, 1000)
+    ),
+    ?assertEqual(heard, lists:last(Verdicts)),
+    ?assertMatch([{once, 2}], News).
+
+%% When the second is switched off that is told, too.
+a_clone_that_is_gone_is_told_test() ->
+    {_, _, Both} = clones(1000, 10_000, 7, 8, peers()),
+    Alone = speaks_on(lists:seq(11_000, 25_000, 1000), 7, ?HOME, Both),
+    {News, Once} = looks(11_000, 25_000, Alone),
+    ?assertMatch([{21_000, {once, 2}}], [N || {_, {once, _}} = N <- News]),
+    ?assertNot(is_map_key(twin, robot(2, 25_000, Once))).
