@@ -54,3 +54,49 @@ what_is_not_known_is_shown_test() ->
     Line = said("bash: cannot set locale\n{no"),
     ?assertNotEqual(nomatch, string:find(Line, "nothing that we know: \"bash: cannot")),
     ?assertNotEqual(nomatch, string:find(said(""), "nothing that we know: []")).
+
+peer(Robot, More) ->
+    Well = #{
+        robot => Robot,
+        is_silent => false,
+        heard_ms => 10,
+        address => {{10, 0, 0, Robot}, 5001},
+        life => 7,
+        refused => #{},
+        why => none,
+        ahead_ms => 2,
+        round_trip_us => 1500
+    },
+    maps:merge(Well, More).
+
+a_team_that_hears_each_other_is_a_few_words_test() ->
+    Line = line(#{peers => [peer(2, #{}), peer(3, #{round_trip_us => 4200})]}),
+    ?assertNotEqual(nomatch, string:find(Line, ", hears 2 of 2 others (round trip 4.2 ms)\n")).
+
+%% A deaf robot does not look well.
+whom_it_does_not_hear_is_told_and_why_test() ->
+    Peers = [
+        peer(2, #{heard_ms => never, why => {clock, 60_000}}),
+        peer(3, #{is_silent => true, heard_ms => 8000, why => seal}),
+        peer(4, #{ahead_ms => -2000, refused => #{replay => #{count => 3, ago_ms => 1}}}),
+        peer(5, #{twin => {8, {{10, 0, 0, 99}, 5001}}})
+    ],
+    Line = line(#{peers => Peers}),
+    [
+        ?assertNotEqual({Part, nomatch}, {Part, string:find(Line, Part)})
+     || Part <- [
+            "hears 2 of 4 others",
+            "has not heard robot 2: its clock is 60.0 s ahead of ours",
+            "has not heard robot 3 for 8 s: its datagrams are sealed with another key",
+            "the clock of robot 4 is 2.0 s behind its own",
+            "refused of robot 4: 3 replay",
+            "hears two robots that speak as robot 5: 10.0.0.5 port 5001 (life 7) is taken, "
+            "10.0.0.99 port 5001 (life 8) is refused"
+        ]
+    ].
+
+%% Only a restart helps against a clock of the VM that was wrong at its start.
+a_clock_that_was_set_since_the_start_is_told_test() ->
+    ?assertEqual(nomatch, string:find(line(#{ahead_us => 20_000}), "clock")),
+    Line = line(#{ahead_us => 3_600_000_000}),
+    ?assertNotEqual(nomatch, string:find(Line, "clock is 3600.0 s ahead of its computer's")).

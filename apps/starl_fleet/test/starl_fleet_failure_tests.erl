@@ -57,7 +57,7 @@ robot() ->
 facts_test() ->
     Said =
         "Warning: Permanently added 'r2' (ED25519) to the list.\r\n"
-        "machine aarch64\nrsync no\notp none\nfree 1000\nrelease none\nstore kept\n",
+        "machine aarch64\nrsync no\notp none\nfree 1000\nrelease none\nstore kept\ntime 1700000000\n",
     ?assertEqual(facts(#{}), starl_fleet_failure:facts(Said)),
     ?assertEqual(unknown, starl_fleet_failure:facts("C:\\>")).
 
@@ -68,9 +68,29 @@ facts(More) ->
         otp => "none",
         free_kb => 1000,
         release => "none",
-        store => true
+        store => true,
+        time_s => 1_700_000_000
     },
     maps:merge(Facts, More).
+
+%% What was read between two of our times is off by what it lies outside of them.
+clock_test_() ->
+    Clock = fun(From, To) ->
+        Lines = starl_fleet_failure:clock(2, robot(), facts(#{}), {From, To}),
+        [lists:flatten(Line) || Line <- Lines]
+    end,
+    At = 1_700_000_000,
+    Told = fun(What) ->
+        "robot 2 (starl@r2): its clock is " ++ What ++
+            " this computer's; set both (NTP or chrony): "
+            "robots whose clocks differ by more than 15 s do not hear each other"
+    end,
+    [
+        ?_assertEqual([], Clock(At - 1, At + 9)),
+        ?_assertEqual([], Clock(At + 1, At + 9)),
+        ?_assertEqual([Told("60 s ahead of")], Clock(At - 70, At - 60)),
+        ?_assertEqual([Told("3600 s behind")], Clock(At + 3600, At + 3610))
+    ].
 
 %% Another processor is said before anything is copied, with the ways out.
 look_test() ->

@@ -74,9 +74,34 @@ health_test_() ->
             },
             {{ill, "its link does not answer"}, {ok, status(#{link => silent})}},
             {{ill, "release 0-b still runs"}, {ok, status(#{release => "0-b"})}},
-            {{ill, "its node does not answer"}, none}
+            {{ill, "its node does not answer"}, none},
+            {{healthy, 7}, {ok, status(#{peers => [peer(2, #{}), peer(3, #{})]})}},
+            {
+                {ill,
+                    "it has not heard robot 2: its clock is 60.0 s ahead of ours; it has not heard robot 3 "
+                    "for 8 s"},
+                {ok,
+                    status(#{
+                        peers => [
+                            peer(2, #{heard_ms => never, why => {clock, 60_000}}),
+                            peer(3, #{heard_ms => 8000, is_silent => true})
+                        ]
+                    })}
+            }
         ]
     ].
+
+peer(Robot, More) ->
+    Well = #{
+        robot => Robot,
+        is_silent => false,
+        heard_ms => 10,
+        address => {{127, 0, 0, 1}, 5001},
+        life => 7,
+        refused => #{},
+        why => none
+    },
+    maps:merge(Well, More).
 
 health(Answer) ->
     case starl_fleet_ask:health(Answer, #{version => "0-a"}) of

@@ -69,7 +69,7 @@ dry_run(Fleet, Plan) ->
      || {Stage, Steps} <- starl_fleet_steps:deploy(Fleet, Plan, [])
     ]).
 
-title(look) -> "look: processor, disk, rsync, the release there";
+title(look) -> "look: processor, disk, rsync, the release there, the clock";
 title(room) -> "make the directories";
 title(copy) -> "copy the release (by tar, where a robot has no rsync)";
 title(keys) -> "copy the keys";
@@ -79,7 +79,7 @@ title(commission) -> "the robots have never run (only if none of them has a stor
 title(may_reload) -> "can the new code be loaded?";
 title(switch) -> "switch to the release, and start; on a failure: bin/robot undo";
 title(reload) -> "load the new code; on a failure: bin/robot reload back";
-title(health) -> "wait until the robot is well";
+title(health) -> "wait until the robot is well and hears all others";
 title(tidy) -> "remove older releases".
 
 %% -- a deployment ---------------------------------------------------------------------------
@@ -149,11 +149,12 @@ stage({commission, _Steps}, #{stores := [_ | _]} = State) ->
     {ok, State};
 stage({Name, Steps}, #{options := #{say := Say}, tar := Tar} = State) ->
     ok = Say(title(Name)),
+    Begun = os:system_time(second),
     Results = starl_fleet_shell:run(
         [other_way(Name, Step, Tar, State) || Step <- Steps], ?STAGE_MS
     ),
     case failures(Name, Results, State) of
-        [] -> looked(Name, Results, State);
+        [] -> looked(Name, Results, State#{looked_s => {Begun, os:system_time(second)}});
         Lines -> {error, Lines}
     end.
 
@@ -171,7 +172,13 @@ failures(Name, Results, #{fleet := #{robots := Robots}}) ->
     ].
 
 looked(look, Results, #{fleet := #{robots := Robots}, ours := Ours} = State) ->
+    #{looked_s := Looked, options := #{say := Say}} = State,
     Facts = [{N, starl_fleet_failure:facts(Said)} || {N, {0, Said}} <- Results],
+    Clocks = [
+        Line
+     || {N, F} <- Facts, Line <- starl_fleet_failure:clock(N, maps:get(N, Robots), F, Looked)
+    ],
+    ok = lists:foreach(Say, Clocks),
     case [L || {N, F} <- Facts, L <- starl_fleet_failure:look(N, maps:get(N, Robots), F, Ours)] of
         [] ->
             {ok, State#{

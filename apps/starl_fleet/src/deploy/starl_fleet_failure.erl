@@ -2,7 +2,7 @@
 %% to do. A pure module.
 -module(starl_fleet_failure).
 
--export([line/4, look/4, facts/1, lost_store/2]).
+-export([line/4, look/4, clock/4, facts/1, lost_store/2]).
 
 -export_type([facts/0]).
 
@@ -13,7 +13,8 @@
     otp := string(),
     free_kb := integer(),
     release := string(),
-    store := boolean()
+    store := boolean(),
+    time_s := integer()
 }.
 
 %% @doc The line on a command that ended with this exit status and these words.
@@ -112,18 +113,37 @@ facts(Said) ->
     Words = [string:lexemes(Line, " ") || Line <- lines(Said)],
     case [maps:from_list([{Key, Value} || [Key, Value] <- Words])] of
         [#{"machine" := M, "rsync" := R, "otp" := Otp, "free" := Free} = Facts] ->
-            #{"release" := Release, "store" := Store} = Facts,
+            #{"release" := Release, "store" := Store, "time" := Time} = Facts,
             #{
                 machine => M,
                 rsync => R =:= "yes",
                 otp => Otp,
                 free_kb => list_to_integer(Free),
                 release => Release,
-                store => Store =:= "kept"
+                store => Store =:= "kept",
+                time_s => list_to_integer(Time)
             };
         _ ->
             unknown
     end.
+
+%% @doc By how much a computer's clock differs from ours at least, if it is off: it was read between these
+%% two of our times. None or one line.
+-spec clock(starl:robot_id(), starl_fleet_file:robot(), facts() | unknown, {
+    FromS :: integer(), ToS :: integer()
+}) -> [unicode:chardata()].
+clock(N, Robot, #{time_s := Time}, {_From, To}) when Time - To > 1 ->
+    [named(N, Robot, off(Time - To, "ahead of"))];
+clock(N, Robot, #{time_s := Time}, {From, _To}) when From - Time > 1 ->
+    [named(N, Robot, off(From - Time, "behind"))];
+clock(_N, _Robot, _Facts, _Looked) ->
+    [].
+
+off(Seconds, Which) ->
+    Line =
+        "its clock is ~b s ~ts this computer's; set both (NTP or chrony): robots whose clocks differ by "
+        "more than 15 s do not hear each other",
+    io_lib:format(Line, [Seconds, Which]).
 
 %% @doc Why a release cannot go to a computer, by its facts: none or one line.
 -spec look(starl:robot_id(), starl_fleet_file:robot(), facts() | unknown, #{

@@ -126,7 +126,8 @@ look(Base) ->
         "echo release $(basename $(readlink " ++ Base ++
         "/current || echo none)); "
         "echo store $(cd " ++ Base ++
-        "/state 2>/dev/null && ls | grep -q '^starts-' && echo kept || echo none)".
+        "/state 2>/dev/null && ls | grep -q '^starts-' && echo kept || echo none); "
+        "echo time $(date +%s)".
 
 room(Base, #{service := Service}) ->
     Dirs = lists:append([" " ++ Base ++ "/" ++ Dir || Dir <- ["releases", "keys", "state"]]),

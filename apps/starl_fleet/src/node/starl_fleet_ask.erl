@@ -62,9 +62,10 @@ again(Watch, Since) ->
 -spec health({ok, term()} | none, #{version := string(), _ => _}) ->
     {healthy, Start :: term()} | {ill | dead, Why :: unicode:chardata()}.
 health({ok, #{release := Version, link := answers, crashes := 0} = Status}, #{version := Version}) ->
-    case Status of
-        #{result := given_up} -> {dead, "its application has given up"};
-        #{started := Started} -> {healthy, Started}
+    case {Status, complaints(maps:get(peers, Status, []))} of
+        {#{result := given_up}, _} -> {dead, "its application has given up"};
+        {#{started := Started}, []} -> {healthy, Started};
+        {#{}, Complaints} -> {ill, ["it ", lists:join("; it ", Complaints)]}
     end;
 health({ok, #{release := Version, crashes := N, crash := Crash}}, #{version := Version}) when
     N > 0
@@ -76,6 +77,10 @@ health({ok, #{release := Other}}, #{version := _}) ->
     {ill, ["release ", Other, " still runs"]};
 health(_, _) ->
     {ill, "its node does not answer"}.
+
+%% A robot that hears nobody is not well, whatever else it says.
+complaints(Peers) ->
+    [Line || Peer <- Peers, Line <- [starl_live_peers:complaint(Peer)], Line =/= none].
 
 why(State) ->
     case file:read_file(filename:join(State, "why")) of

@@ -9,7 +9,9 @@
 -export_type([status/0]).
 
 %% `started': seconds since 1970; `result': of the application; `crashes': of machines and of the
-%% application since the node started, with the latest in words; `chassis': how the body is, if it tells.
+%% application since the node started, with the latest in words; `chassis': how the body is, if it tells;
+%% `peers': what it knows of the other robots; `ahead_us': how far the time of the VM, which nobody can
+%% set, is ahead of the computer's clock.
 -type status() :: #{
     robot := starl:robot_id(),
     release := string(),
@@ -20,7 +22,9 @@
     result := running | given_up | {done, string()},
     crashes := non_neg_integer(),
     crash := string() | none,
+    ahead_us := integer(),
     figures => map(),
+    peers => [starl_live_peers:peer()],
     chassis => map()
 }.
 
@@ -172,21 +176,28 @@ handle_call(status, _From, #node{place = Place, started = Started, app = App} = 
         link => heard(Figures),
         result => shown(Node#node.result),
         crashes => Node#node.crashes,
-        crash => crash(Node#node.crash)
+        crash => crash(Node#node.crash),
+        ahead_us => starl_live_clock:ahead_us(starl_live_clock:new(0, 1))
     },
-    More = [{figures, F} || #{} = F <- [Figures]] ++ [{chassis, C} || C <- condition(Figures)],
-    {reply, maps:merge(Status, maps:from_list(More)), Node}.
+    {reply, maps:merge(Status, more(Figures)), Node}.
 
-%% Only where the link has just answered.
-condition(silent) ->
-    [];
-condition(_Figures) ->
+%% What its lines tell, only where the link has just answered.
+more(silent) ->
+    #{};
+more(Figures) ->
+    Peers = line(transport, fun starl_live_transport:peers/1, []),
+    Chassis = line(chassis, fun starl_live_chassis:condition/1, #{}),
+    maps:from_list(
+        [{figures, Figures}] ++
+            [{peers, Peers} || Peers =/= []] ++
+            [{chassis, Chassis} || map_size(Chassis) > 0]
+    ).
+
+line(Line, Ask, Otherwise) ->
     try
-        Link = starl_live_robot:link(starl_live_sup:robot()),
-        Condition = starl_live_chassis:condition(starl_live_link:line(Link, chassis)),
-        [Condition || map_size(Condition) > 0]
+        Ask(starl_live_link:line(starl_live_robot:link(starl_live_sup:robot()), Line))
     catch
-        exit:_ -> []
+        exit:_ -> Otherwise
     end.
 
 heard(silent) -> silent;
