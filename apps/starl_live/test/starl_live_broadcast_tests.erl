@@ -2,6 +2,9 @@
 -module(starl_live_broadcast_tests).
 -include_lib("eunit/include/eunit.hrl").
 
+%% a computer whose clock was an hour ahead when the VM started, and was set right
+-export([system_time/2, time_of_day/2]).
+
 -define(KEY, <<"01234567890123456789012345678901">>).
 
 %% By hand: "SP", version 1, flags, run 7, picture 258, taken at 1,000,000 us, two robots.
@@ -131,6 +134,20 @@ replayed_test() ->
     ?assertEqual(9, figure(old, S1)),
     {[], S2} = hear([{T + 20000000, Sent(5)}], Source),
     ?assertEqual(1, figure(wrong_time, S2)).
+
+-define(HOUR_US, 3600000000).
+
+system_time(Unit, set_right) -> erlang:convert_time_unit(?HOUR_US, microsecond, Unit).
+time_of_day(_Unit, set_right) -> 0.
+
+%% The times of the poses are the VM's, as all of the robot's.
+a_clock_that_was_set_right_sees_test() ->
+    Options = #{seal_key => starl_live_broadcast:seal_key(?KEY)},
+    T = 1700000000000000,
+    [Sent] = starl_live_broadcast:encode(1, T, [{1, {1.0, 0.0, 0.0}}], Options),
+    Clock = starl_live_clock:on({?MODULE, set_right}, starl_live_clock:new(0, 1)),
+    {Shown, _} = hear([{T + ?HOUR_US, Sent}], source(#{key => ?KEY, clock => Clock})),
+    ?assertEqual([{1, {1.0, 0.0, 0.0}, T + ?HOUR_US}], Shown).
 
 %% The key stands in nothing that a log may show.
 hidden_key_test() ->

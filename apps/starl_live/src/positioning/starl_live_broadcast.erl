@@ -244,10 +244,12 @@ datagram(Datagram, Arrived, #broadcast{options = Options} = Pure) ->
             {[], count(Reason, Pure)}
     end.
 
-%% A sealed datagram that was recorded is of no use later, also to a robot that has just started.
-dated(Time, Arrived, #broadcast{options = #{seal_key := _}, sealed_us = Last}) ->
+%% A sealed datagram that was recorded is of no use later, also to a robot that has just started. The
+%% computer's clock may have been wrong then, and set right since.
+dated(Time, Arrived, #broadcast{options = #{seal_key := _}, sealed_us = Last, clock = Clock}) ->
+    Day = Arrived - starl_live_clock:ahead_us(Clock),
     if
-        abs(Arrived - Time) > ?SKEW_US -> wrong_time;
+        abs(Day - Time) > ?SKEW_US -> wrong_time;
         Last =/= none, Time < Last -> old;
         true -> current
     end;
