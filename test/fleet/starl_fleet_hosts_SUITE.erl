@@ -6,13 +6,38 @@
 
 -export([all/0, suite/0, init_per_suite/1, end_per_suite/1]).
 -export([
-    deploys/1, reloads/1, goes_back/1, rolls_back/1, refuses/1, over_tls/1, stops/1, recorded/1
+    deploys/1,
+    deaf/1,
+    wrong_clock/1,
+    another_address/1,
+    cloned/1,
+    reloads/1,
+    goes_back/1,
+    rolls_back/1,
+    refuses/1,
+    over_tls/1,
+    stops/1,
+    recorded/1
 ]).
 
 suite() -> [{timetrap, {minutes, 9}}].
 
 %% One story: each case goes on where the one before has ended.
-all() -> [deploys, reloads, goes_back, rolls_back, refuses, over_tls, stops, recorded].
+all() ->
+    [
+        deploys,
+        deaf,
+        wrong_clock,
+        another_address,
+        cloned,
+        reloads,
+        goes_back,
+        rolls_back,
+        refuses,
+        over_tls,
+        stops,
+        recorded
+    ].
 
 init_per_suite(Config) ->
     case starl_fleet_hosts:allowed() of
@@ -58,6 +83,81 @@ deploys(Config) ->
     {0, Status} = deploy("status", Hosts),
     contains("robot 1 (root@10.77.0.1): loop runs", Status),
     contains("robot 2 (root@10.77.0.2): loop runs", Status).
+
+%% A robot whose ways are gone does not look well; each end of that is one line of its log.
+deaf(Config) ->
+    Hosts = ?config(hosts, Config),
+    ok = both_hear(Hosts),
+    ok = starl_fleet_hosts:deafen(1, 2, Hosts),
+    ok = until("robot 2 .*, hears 0 of 1 others, has not heard robot 1 for [0-9]+ s", Hosts),
+    ok = starl_fleet_hosts:hears(1, 2, Hosts),
+    ok = both_hear(Hosts),
+    {0, Log} = deploy("logs 2", Hosts),
+    ?assertMatch({match, [_]}, re:run(Log, "has not heard robot 1 for 5 s", [global])),
+    ?assertMatch({match, [_]}, re:run(Log, "robot 1 is heard again", [global])).
+
+%% A clock that is set wrong while the robot runs, and one that was wrong at its start: told by how much,
+%% and all is well when it is set right, without a restart.
+wrong_clock(Config) ->
+    Hosts = ?config(hosts, Config),
+    ok = starl_fleet_hosts:set_clock(2, 60, Hosts),
+    ok = until("robot 1 .*has not heard robot 2 .*its clock is (59|60).. s ahead of ours", Hosts),
+    _ = starl_fleet_hosts:on(2, "dd if=/dev/zero of=fill bs=1M 2>/dev/null", Hosts),
+    {1, Said} = deploy("--trial 1", Hosts),
+    told("robot 2 .root@10.77.0.2.: its clock is [56][0-9] s ahead of this computer's", Said),
+    _ = starl_fleet_hosts:on(2, "rm fill", Hosts),
+    ok = starl_fleet_hosts:set_clock(2, 0, Hosts),
+    ok = both_hear(Hosts),
+    ok = starl_fleet_hosts:set_clock(2, 3600, Hosts),
+    _ = starl_fleet_hosts:on(2, "test/robot-2/current/bin/robot start >/dev/null 2>&1", Hosts),
+    ok = until("robot 2 .*has not heard robot 1: its clock is (3599|3600).. s behind ours", Hosts),
+    ok = starl_fleet_hosts:set_clock(2, 0, Hosts),
+    ok = both_hear(Hosts),
+    ok = until("robot 2 .*its program's clock is (3599|3600).. s ahead of its computer's", Hosts),
+    _ = starl_fleet_hosts:on(2, "test/robot-2/current/bin/robot start >/dev/null 2>&1", Hosts),
+    ok = both_hear(Hosts).
+
+%% A lease of DHCP has ended: the robot speaks from another address, and is answered there.
+another_address(Config) ->
+    Hosts = ?config(hosts, Config),
+    ok = starl_fleet_hosts:address(2, 22, Hosts),
+    ok = until_log(1, "robot 2 is at 10.77.0.22 port 5001 now", Hosts),
+    ok = starl_fleet_hosts:address(2, 2, Hosts),
+    ok = until_log(1, "robot 2 is at 10.77.0.2 port 5001 now", Hosts),
+    ok = both_hear(Hosts).
+
+%% The disk of robot 2 was copied to the administrator's computer, and both are alive: both are told,
+%% and the one that has started first is heard.
+cloned(Config) ->
+    #{dir := Dir} = Hosts = ?config(hosts, Config),
+    _ = starl_fleet_hosts:on(2, "tar -cf " ++ Dir ++ "/copy.tar test/robot-2", Hosts),
+    {0, _} = sh("tar -xf copy.tar && test/robot-2/current/bin/robot start", Hosts),
+    Both =
+        "10.77.0.2 port 5001 .life [0-9a-f]+. is taken, 10.77.0.100 port 5001 .life [0-9a-f]+. is",
+    ok = until("robot 1 .*hears two robots that speak as robot 2: " ++ Both ++ " refused", Hosts),
+    {0, _} = sh("test/robot-2/current/bin/robot stop", Hosts),
+    ok = until_log(1, "one robot speaks as robot 2 again", Hosts),
+    {0, Log} = deploy("logs 1", Hosts),
+    ?assertMatch({match, [_]}, re:run(Log, "hears two robots", [global])),
+    ok = both_hear(Hosts).
+
+%% A look takes a second or so.
+-define(LOOKS, 15).
+
+both_hear(Hosts) -> until("(robot [12] .*, hears 1 of 1 others.*\n){2}", Hosts).
+
+until(Pattern, Hosts) -> until("status", Pattern, ?LOOKS, Hosts).
+
+until_log(N, Pattern, Hosts) ->
+    until("logs " ++ integer_to_list(N), Pattern, ?LOOKS, Hosts).
+
+until(Words, Pattern, Looks, Hosts) ->
+    {_, Said} = deploy(Words, Hosts),
+    case re:run(Said, Pattern) of
+        {match, _} -> ok;
+        nomatch when Looks > 0 -> until(Words, Pattern, Looks - 1, Hosts);
+        nomatch -> error({never, Pattern, Said})
+    end.
 
 %% New code of the application, while the robots run: they go on with their leader.
 reloads(Config) ->

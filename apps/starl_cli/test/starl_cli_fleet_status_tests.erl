@@ -78,7 +78,12 @@ whom_it_does_not_hear_is_told_and_why_test() ->
     Peers = [
         peer(2, #{heard_ms => never, why => {clock, 60_000}}),
         peer(3, #{is_silent => true, heard_ms => 8000, why => seal}),
-        peer(4, #{ahead_ms => -2000, refused => #{replay => #{count => 3, ago_ms => 1}}}),
+        peer(4, #{
+            ahead_ms => -2000,
+            refused => #{
+                replay => #{count => 3, ago_ms => 1}, seal => #{count => 1, ago_ms => 61_000}
+            }
+        }),
         peer(5, #{twin => {8, {{10, 0, 0, 99}, 5001}}})
     ],
     Line = line(#{peers => Peers}),
@@ -89,7 +94,7 @@ whom_it_does_not_hear_is_told_and_why_test() ->
             "has not heard robot 2: its clock is 60.0 s ahead of ours",
             "has not heard robot 3 for 8 s: its datagrams are sealed with another key",
             "the clock of robot 4 is 2.0 s behind its own",
-            "refused of robot 4: 3 replay",
+            "refused of robot 4: 3 replay\n",
             "hears two robots that speak as robot 5: 10.0.0.5 port 5001 (life 7) is taken, "
             "10.0.0.99 port 5001 (life 8) is refused"
         ]

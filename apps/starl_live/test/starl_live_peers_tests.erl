@@ -43,9 +43,9 @@ robot(Robot, Now, Peers) ->
     [Peer] = [P || #{robot := R} = P <- starl_live_peers:all(Now, Peers), R =:= Robot],
     Peer.
 
-line(News) -> lists:flatten(starl_live_peers:format_news(News)).
+line(News) -> lists:flatten(starl_live_hearing:format_news(News)).
 
-complaint(Peer) -> lists:flatten(starl_live_peers:complaint(Peer)).
+complaint(Peer) -> lists:flatten(starl_live_hearing:complaint(Peer)).
 
 %% -- silence --------------------------------------------------------------------------------
 
@@ -76,7 +76,7 @@ after_a_halt_all_have_their_time_anew_test() ->
 
 %% -- refusals -------------------------------------------------------------------------------
 
-refused(Reason, Now, Peers) -> starl_live_peers:refused(2, Reason, ?HOME, {Now, Peers}).
+refused(Reason, Now, Peers) -> starl_live_peers:refused(2, Reason, ?HOME, Now, Peers).
 
 a_new_reason_is_told_once_with_its_figures_test() ->
     {[News], Once} = refused({clock, 60_000}, 1000, peers()),
@@ -119,13 +119,13 @@ the_latest_reason_says_why_a_robot_is_not_heard_test() ->
 
 %% A datagram of another format says no robot's number: its address does.
 a_stranger_is_told_by_address_test() ->
-    {[Known], Peers} = starl_live_peers:refused(unknown, version, ?HOME, {1000, peers()}),
+    {[Known], Peers} = starl_live_peers:refused(unknown, version, ?HOME, 1000, peers()),
     ?assertMatch({refused, 2, version}, Known),
-    {[News], Strange} = starl_live_peers:refused(unknown, stranger, ?AWAY, {1000, Peers}),
+    {[News], Strange} = starl_live_peers:refused(unknown, stranger, ?AWAY, 1000, Peers),
     ?assertEqual(
         "datagrams from 10.0.0.99 port 5001 are refused: it is no robot of the team", line(News)
     ),
-    ?assertMatch({[], _}, starl_live_peers:refused(unknown, stranger, ?THIRD, {2000, Strange})).
+    ?assertMatch({[], _}, starl_live_peers:refused(unknown, stranger, ?THIRD, 2000, Strange)).
 
 what_cannot_be_sent_is_why_test() ->
     Peers = starl_live_peers:unsent(?HOME, enetunreach, 1000, peers()),

@@ -6,6 +6,7 @@
 -define(SHOWN, 200).
 %% A clock that is off by less is no clock to speak of.
 -define(CLOCK_US, 1_000_000).
+-define(LATELY_MS, 60_000).
 
 %% @doc The line on a robot, from what its computer said.
 -spec line(starl:robot_id(), starl_fleet_file:robot(), Said :: string()) -> unicode:chardata().
@@ -58,7 +59,7 @@ ahead(_Us) -> "behind".
 peers([]) ->
     "";
 peers(Peers) ->
-    Lines = [Line || Peer <- Peers, Line <- [starl_live_peers:complaint(Peer)], Line =/= none],
+    Lines = [Line || Peer <- Peers, Line <- [starl_live_hearing:complaint(Peer)], Line =/= none],
     Well = length([P || #{is_silent := false, heard_ms := Ms} = P <- Peers, Ms =/= never]),
     [
         io_lib:format(", hears ~b of ~b others~ts", [Well, length(Peers), trip(Peers)])
@@ -82,7 +83,7 @@ off(Peers) ->
         abs(Ms) >= ?CLOCK_US div 1000
     ].
 
-%% What robots that are heard are refused for now and then.
+%% What was refused of robots lately.
 refusals(Peers) ->
     [
         io_lib:format("refused of robot ~b: ~ts", [Robot, lists:join(", ", Counts)])
@@ -90,7 +91,8 @@ refusals(Peers) ->
         Counts <- [
             [
                 io_lib:format("~b ~ts", [Count, Reason])
-             || {Reason, #{count := Count}} <- lists:sort(maps:to_list(Refused))
+             || {Reason, #{count := Count, ago_ms := Ago}} <- lists:sort(maps:to_list(Refused)),
+                Ago < ?LATELY_MS
             ]
         ],
         Counts =/= []

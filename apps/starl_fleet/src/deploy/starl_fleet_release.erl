@@ -67,7 +67,12 @@ priv(Name) -> filename:join(code:priv_dir(starl_fleet), Name).
 sys_config() ->
     Template = [time, " ", level, ": ", msg, "\n"],
     Formatter = {logger_formatter, #{single_line => true, template => Template}},
-    Handler = {handler, default, logger_std_h, #{formatter => Formatter}},
+    %% without these, OTP's default handler takes what it knows the domain of: nothing of a robot's
+    Filters = [{remote_gl, {fun logger_filters:remote_gl/2, stop}}],
+    Handler =
+        {handler, default, logger_std_h, #{
+            formatter => Formatter, filters => Filters, filter_default => log
+        }},
     io_lib:format("~tp.~n", [[{kernel, [{logger, [Handler]}]}]]).
 
 %% -- applications ---------------------------------------------------------------------------

@@ -80,7 +80,7 @@ health(_, _) ->
 
 %% A robot that hears nobody is not well, whatever else it says.
 complaints(Peers) ->
-    [Line || Peer <- Peers, Line <- [starl_live_peers:complaint(Peer)], Line =/= none].
+    [Line || Peer <- Peers, Line <- [starl_live_hearing:complaint(Peer)], Line =/= none].
 
 why(State) ->
     case file:read_file(filename:join(State, "why")) of

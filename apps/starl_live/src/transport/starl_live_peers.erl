@@ -13,14 +13,15 @@
 %% is refused until the first is silent.
 %%
 %% <em>News</em> are what somebody should know: a robot that falls silent or is back, a new reason of
-%% refusal, another address, two robots of one number. Each is told once.
+%% refusal, another address, two robots of one number. Each is told once; {@link starl_live_hearing} has
+%% the words.
 -module(starl_live_peers).
 
--export([new/2, address/2, addresses/1, calls/1, heard/4, refused/4, unsent/4, look/2]).
+-export([new/2, address/2, addresses/1, calls/1, heard/4, refused/5, unsent/4, look/2]).
 -export([unnamed/2, asked/3, named/3, beat/3, beaten/5]).
--export([all/2, complaint/1, format_news/1]).
+-export([all/2]).
 
--export_type([t/0, place/0, address/0, reason/0, news/0, peer/0]).
+-export_type([t/0, place/0, address/0, reason/0, trouble/0, news/0, peer/0]).
 
 %% Where a robot hears, as its configuration says it.
 -type place() :: {inet:hostname() | inet:ip_address(), inet:port_number()}.
@@ -29,6 +30,9 @@
 
 %% Why a datagram of a robot was refused: {@link starl_live_seal:refusal()}, or those of its contents.
 -type reason() :: starl_live_seal:refusal() | former | clone | atom().
+
+%% Why it could not be called.
+-type trouble() :: {unsent | unnamed, inet:posix()}.
 
 -type news() ::
     {silent, starl:robot_id(), peer()}
@@ -52,7 +56,7 @@
     address := address() | none,
     life := starl_live_seal:life() | none,
     refused := #{atom() => #{count := pos_integer(), ago_ms := integer(), ahead_ms => integer()}},
-    why := reason() | {unsent | unnamed, inet:posix()} | none,
+    why := reason() | trouble() | none,
     ahead_ms => integer(),
     round_trip_us => non_neg_integer(),
     twin => {starl_live_seal:life(), address()}
@@ -73,7 +77,7 @@
 %% The largest difference of clocks that is told: centuries.
 -define(MOST_AHEAD_MS, 10_000_000_000_000).
 %% Reasons that are usual, or somebody else's business: they are counted only.
--define(USUAL, [address, replay, former]).
+-define(USUAL, [address, replay, former, clone]).
 
 %% The other life of a robot's number: the one before, or that of another robot.
 -record(other, {
@@ -108,7 +112,7 @@
     other = none :: #other{} | none,
     refused = #{} :: #{atom() => #refusals{}},
     %% why nothing could be sent to it, or its name not be found
-    trouble = none :: {integer(), {unsent | unnamed, inet:posix()}} | none,
+    trouble = none :: {AtMs :: integer(), trouble()} | none,
     %% its last beat: its monotonic time, and ours
     beat = none :: {integer(), integer()} | none,
     round_trip_us = none :: non_neg_integer() | none
@@ -319,11 +323,11 @@ is_twin(none) -> false.
 
 %% @doc A datagram was refused that claims to be this robot's, or came from this address. A robot's own
 %% that come back from a group are nobody's.
--spec refused(starl:robot_id() | unknown, reason(), address(), {NowMs :: integer(), t()}) ->
+-spec refused(starl:robot_id() | unknown, reason(), address(), NowMs :: integer(), t()) ->
     {[news()], t()}.
-refused(_Robot, own, _Address, {_Now, Peers}) ->
+refused(_Robot, own, _Address, _Now, Peers) ->
     {[], Peers};
-refused(Robot, Reason, Address, {Now, #peers{peers = All} = Peers}) ->
+refused(Robot, Reason, Address, Now, #peers{peers = All} = Peers) ->
     case [R || R <- [Robot | at(Address, All)], is_map_key(R, All)] of
         [Known | _] -> refused_of(Known, Reason, Now, Peers);
         [] -> refused_strange(Reason, Address, Now, Peers)
@@ -434,7 +438,7 @@ falls_silent(Robot, Now, Awake, #peer{is_silent = false, heard_ms = Last} = Peer
 falls_silent(_Robot, _Now, _Awake, Peer) ->
     {[], Peer}.
 
-%% -- for people -----------------------------------------------------------------------------
+%% -- its state ------------------------------------------------------------------------------
 
 %% @doc The state of all robots.
 -spec all(NowMs :: integer(), t()) -> [peer()].
@@ -480,74 +484,3 @@ why(Now, #peer{refused = Refused, trouble = Trouble}) ->
 
 reason(clock, Ahead) -> {clock, Ahead};
 reason(Name, _Ahead) -> Name.
-
-%% @doc What is wrong with a robot in our ears, as the rest of a sentence about us; `none': nothing.
--spec complaint(peer()) -> unicode:chardata() | none.
-complaint(#{robot := Robot, heard_ms := never, why := Why}) ->
-    ["has not heard robot ", integer_to_list(Robot), because(Why)];
-complaint(#{robot := Robot, is_silent := true, heard_ms := Ms, why := Why}) ->
-    Line = "has not heard robot ~b for ~b s~ts",
-    io_lib:format(Line, [Robot, Ms div 1000, because(Why)]);
-complaint(#{robot := Robot, twin := Twin, life := Life, address := Address}) ->
-    both(Robot, {Life, Address}, Twin);
-complaint(#{}) ->
-    none.
-
-because(none) -> "";
-because(Why) -> [": ", explained(Why)].
-
-both(Robot, Heard, Refused) ->
-    Line = "hears two robots that speak as robot ~b: ~ts is taken, ~ts is refused",
-    io_lib:format(Line, [Robot, life(Heard), life(Refused)]).
-
-life({Life, Address}) -> io_lib:format("~ts (life ~.16b)", [at(Address), Life]).
-
-at({Ip, Port}) -> io_lib:format("~ts port ~b", [inet:ntoa(Ip), Port]);
-at(none) -> "an unknown address".
-
-explained({clock, Ms}) when Ms >= 0 ->
-    io_lib:format("its clock is ~.1f s ahead of ours", [Ms / 1000]);
-explained({clock, Ms}) ->
-    io_lib:format("its clock is ~.1f s behind ours", [-Ms / 1000]);
-explained({unsent, Why}) ->
-    ["nothing can be sent to it: ", inet:format_error(Why)];
-explained({unnamed, Why}) ->
-    ["its name is not found: ", inet:format_error(Why)];
-explained(seal) ->
-    "its datagrams are sealed with another key";
-explained(fleet) ->
-    "its datagrams are another fleet's";
-explained(run) ->
-    "its datagrams are of another run; does it run the same release?";
-explained(version) ->
-    "its datagrams have another format; does it run another StarL?";
-explained(stranger) ->
-    "it is no robot of the team";
-explained(length) ->
-    "its datagrams have a wrong length";
-explained(clone) ->
-    "another robot of its number is heard";
-explained(Reason) ->
-    ["its packets are malformed (", atom_to_list(Reason), ")"].
-
-%% @doc One line of news.
--spec format_news(news()) -> unicode:chardata().
-format_news({silent, _Robot, Peer}) ->
-    ["the robot ", complaint(Peer)];
-format_news({back, Robot, never}) ->
-    io_lib:format("robot ~b is heard", [Robot]);
-format_news({back, Robot, Ms}) ->
-    io_lib:format("robot ~b is heard again, after ~.1f s", [Robot, Ms / 1000]);
-format_news({refused, Robot, Reason}) when is_integer(Robot) ->
-    io_lib:format("datagrams of robot ~b are refused: ~ts", [Robot, explained(Reason)]);
-format_news({refused, Address, Reason}) ->
-    io_lib:format("datagrams from ~ts are refused: ~ts", [at(Address), explained(Reason)]);
-format_news({moved, Robot, Address}) ->
-    io_lib:format("robot ~b is at ~ts now", [Robot, at(Address)]);
-format_news({twice, Robot, Heard, Refused}) ->
-    ["the robot ", both(Robot, Heard, Refused)];
-format_news({once, Robot}) ->
-    io_lib:format("one robot speaks as robot ~b again", [Robot]);
-format_news({unnamed, Robot, Host, Why}) ->
-    Line = "robot ~b: the name ~tp is not found: ~ts; it is looked up again",
-    io_lib:format(Line, [Robot, Host, inet:format_error(Why)]).

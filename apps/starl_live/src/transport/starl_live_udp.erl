@@ -368,7 +368,7 @@ tell(News) -> lists:foreach(fun tell_one/1, News).
 tell_one(News) ->
     logger:log(level(News), #{
         what => element(1, News),
-        why => unicode:characters_to_binary(starl_live_peers:format_news(News))
+        why => unicode:characters_to_binary(starl_live_hearing:format_news(News))
     }).
 
 level({What, _, _}) when What =:= back; What =:= moved -> notice;
@@ -458,7 +458,7 @@ reason({clock, _Ahead}) -> clock;
 reason(Why) -> Why.
 
 noted(From, Why, Address, #udp{peers = Peers, clock = Clock} = Udp) ->
-    {News, Known} = starl_live_peers:refused(From, Why, Address, {now_ms(Clock), Peers}),
+    {News, Known} = starl_live_peers:refused(From, Why, Address, now_ms(Clock), Peers),
     ok = tell(News),
     Udp#udp{peers = Known}.
 
