@@ -77,3 +77,35 @@ one_end_with_all_violations_test() ->
         end)
      || Order <- Orders
     ].
+
+%% Between two starts of a robot its clock was set back: its lives follow each other all the same, and none
+%% is missing. Another robot tells meanwhile.
+a_clock_that_was_set_back_test() ->
+    Dir = filename:join("/tmp", "starl-merge-set-back-" ++ os:getpid()),
+    ok = filelib:ensure_path(Dir),
+    try
+        Said = fun(At, Robot, N) -> {At, Robot, note, {said, N}} end,
+        Told = fun(Name, Robot, Begun, Events) ->
+            [{scenario, At, Facts} | Messages] = robot(Robot, Events, ended(9999, [])),
+            File = filename:join(Dir, Name),
+            ok = starl_trace_ct:recorded(File, [
+                {scenario, At, Facts#{begun_us => Begun}} | Messages
+            ]),
+            File
+        end,
+        Files = [
+            Told("robot-1.2.mcap", 1, 1000, [Said(1100, 1, 3), Said(6000, 1, 4)]),
+            Told("robot-1.mcap", 1, 4000, [Said(4100, 1, 1), Said(5000, 1, 2)]),
+            Told("robot-2.mcap", 2, 0, [Said(At, 2, At) || At <- lists:seq(500, 7000, 500)])
+        ],
+        Out = filename:join(Dir, "merged.mcap"),
+        {ok, Merged} = starl_trace_merge:files(Files, Out),
+        ?assertMatch(#{lacking := []}, Merged),
+        {ok, Read, closed} = starl_trace_reader:fold(fun(M, Before) -> [M | Before] end, [], Out),
+        All = [{At, R, N} || {trace, At, {R, note, {said, N}}} <- lists:reverse(Read)],
+        ?assertEqual([1, 2, 3, 4], [N || {_, 1, N} <- All]),
+        ?assertEqual(14, length([N || {_, 2, N} <- All])),
+        ?assertEqual(lists:sort([At || {At, _, _} <- All]), [At || {At, _, _} <- All])
+    after
+        file:del_dir_r(Dir)
+    end.

@@ -60,6 +60,8 @@
     due = none :: integer() | none,
     messages = 0 :: non_neg_integer(),
     until = 0 :: integer(),
+    %% the time until which each robot has told
+    told = #{} :: #{[starl:robot_id()] => integer()},
     ended = none :: starl_observer:ending() | none,
     cut_off = [] :: [file:filename_all()],
     %% the files behind which something is missing, and what
@@ -193,27 +195,60 @@ open_ends(Sources) ->
 %% The files of a robot whose next file has their end.
 continued(Sources) ->
     Starts = lists:sort([
-        {By, maps:get(begun_us, Facts, 0), maps:get(was_up, Facts, false), File}
+        {By, starl_trace_robot:order(File, Facts), maps:get(was_up, Facts, false), File}
      || #source{facts = #{told_by := By} = Facts, file = File} <- Sources
     ]),
     Pairs = lists:zip(lists:droplast([none | Starts]), Starts),
     [File || {{By, _, _, File}, {By, _, true, _}} <- Pairs].
 
-%% Takes the earliest messages of all files, file by file.
+%% Takes the earliest messages of all files, file by file. Of a robot with several files a later one waits
+%% until the one before has ended, whatever the clock was set to meanwhile.
 all([], Merge) ->
     Merge;
 all(_Sources, #merge{has_world = true, ended = #{}} = Merge) ->
     Merge;
 all(Sources, Merge) ->
-    [#source{messages = Messages} = Source | Others] = lists:sort(fun earlier/2, Sources),
+    {Waiting, Ready} = lists:partition(fun(Source) -> waits(Source, Sources) end, Sources),
+    [#source{messages = Messages} = Source | Others] = lists:sort(fun earlier/2, Ready),
     Until =
         case Others of
-            [] -> infinity;
+            [] when Waiting =:= [] -> infinity;
+            [] -> end_of(Messages);
             [#source{messages = [{_, At, _} | _]} | _] -> At
         end,
     {Now, Later} = lists:splitwith(fun({_, T, _}) -> T =< Until end, Messages),
-    {Left, Next} = filled([Source#source{messages = Later}], put_messages(Now, Merge)),
-    all(Left ++ Others, Next).
+    {Told, Known} = in_turn(Now, Source, Merge),
+    {Left, Next} = filled([Source#source{messages = Later}], put_messages(Told, Known)),
+    all(Left ++ Others ++ Waiting, Next).
+
+end_of(Messages) -> element(2, lists:last(Messages)).
+
+waits(#source{kind = world}, _Sources) ->
+    false;
+waits(#source{facts = #{told_by := By}} = Source, Sources) ->
+    Order = order(Source),
+    lists:any(
+        fun
+            (#source{facts = #{told_by := Same}} = Other) ->
+                Same =:= By andalso order(Other) < Order;
+            (#source{}) ->
+                false
+        end,
+        Sources
+    ).
+
+order(#source{file = File, facts = Facts}) -> starl_trace_robot:order(File, Facts).
+
+%% A robot does not go back in time.
+in_turn(Messages, #source{kind = world}, Merge) ->
+    {Messages, Merge};
+in_turn(Messages, #source{facts = #{told_by := By}}, #merge{told = Told} = Merge) ->
+    {Raised, Until} = lists:mapfoldl(
+        fun({Topic, At, What}, Last) -> {{Topic, max(At, Last), What}, max(At, Last)} end,
+        maps:get(By, Told, element(2, hd(Messages))),
+        Messages
+    ),
+    {Raised, Merge#merge{told = Told#{By => Until}}}.
 
 earlier(#source{messages = [{_, A, _} | _]} = One, #source{messages = [{_, B, _} | _]} = Other) ->
     {A, One#source.rank} =< {B, Other#source.rank}.

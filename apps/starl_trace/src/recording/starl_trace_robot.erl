@@ -9,7 +9,7 @@
 -module(starl_trace_robot).
 -behaviour(starl_observer).
 
--export([start_link/1, observer/1, files/2, lacking/1]).
+-export([start_link/1, observer/1, files/2, order/2, lacking/1]).
 -export([log/2]).
 
 -export_type([config/0]).
@@ -70,6 +70,16 @@ number("." ++ Rest) ->
 number(_) ->
     none.
 
+%% @doc The place of a recording among those of its robot: by its number, since the clock may have been set
+%% back between two of them; without one, by its beginning.
+-spec order(file:filename_all(), starl_observer:facts()) -> {non_neg_integer(), integer()}.
+order(File, #{told_by := [Robot | _]} = Facts) ->
+    Begun = maps:get(begun_us, Facts, 0),
+    case number_of(File, Robot) of
+        {ok, N} -> {N, Begun};
+        none -> {0, Begun}
+    end.
+
 %% @doc What is missing among these recordings of robots, with their facts: the names of the files, or
 %% the robots of whom an earlier file is missing; and the files behind which something is missing
 %% (`none': at the beginning), with the time until which.
@@ -77,7 +87,7 @@ number(_) ->
     {[file:filename() | starl:robot_id()], #{file:filename_all() | none => integer()}}.
 lacking(Files) ->
     Ordered = lists:sort([
-        {Robot, maps:get(begun_us, Facts, 0), maps:get(was_up, Facts, false), File}
+        {Robot, order(File, Facts), maps:get(was_up, Facts, false), File}
      || {File, #{told_by := [Robot]} = Facts} <- Files
     ]),
     Pairs = lists:zip([none | lists:droplast(Ordered)], Ordered),
@@ -94,9 +104,9 @@ lacking(Files) ->
     }.
 
 %% What is missing between two files, or before the first of a robot.
-gap({Robot, _, _, Before}, {Robot, Begun, _, File}) ->
+gap({Robot, _, _, Before}, {Robot, {_, Begun}, _, File}) ->
     {between(number_of(Before, Robot), number_of(File, Robot), Robot), Before, Begun};
-gap(_Other, {Robot, Begun, WasUp, File}) ->
+gap(_Other, {Robot, {_, Begun}, WasUp, File}) ->
     case between({ok, 0}, number_of(File, Robot), Robot) of
         [] when WasUp -> {[Robot], none, Begun};
         Names -> {Names, none, Begun}
