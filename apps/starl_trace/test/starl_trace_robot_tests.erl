@@ -14,12 +14,34 @@ killed_in_a_new_file_test() ->
     ok = killed(Recorder),
     ?assertMatch([_, _], starl_trace_robot:files(1, Dir)),
     Lost = [event(N) || N <- [301, 302]],
-    {ok, Next} = starl_trace_robot:start_link(config(Dir, Events ++ Lost)),
+    Config = config(Dir, Events ++ Lost),
+    {ok, Next} = starl_trace_robot:start_link(Config#{now := fun() -> 4_000_000 end}),
     {ok, _} = starl_trace_recorder:close(Next),
     [Full, Empty, Third] = starl_trace_robot:files(1, Dir),
     ?assertEqual({Events, closed}, traced(Full)),
     ?assertEqual({[], cut_off}, traced(Empty)),
     ?assertEqual({Lost, closed}, traced(Third)),
+    ok = file:del_dir_r(Dir).
+
+%% The clock was set back between two lives: the second has its own times, and what the first had lost
+%% stands at its beginning.
+a_clock_that_was_set_back_test() ->
+    Dir = dir(),
+    Events = [event(N) || N <- lists:seq(1, 250)],
+    {ok, Recorder} = starl_trace_robot:start_link(config(Dir, [])),
+    ok = told(Events, starl_trace_robot:observer(Recorder)),
+    ok = killed(Recorder),
+    All = Events ++ [event(251)],
+    Config = config(Dir, All),
+    {ok, Next} = starl_trace_robot:start_link(Config#{now := fun() -> 5000 end}),
+    Own = [{Us, 1, app, {step, Us, <<>>}} || Us <- [6000, 7000, 9_000_000]],
+    ok = told(Own, starl_trace_robot:observer(Next)),
+    {ok, _} = starl_trace_recorder:close(Next),
+    Files = starl_trace_robot:files(1, Dir),
+    Kept = lists:append([element(1, traced(File)) || File <- lists:droplast(Files)]),
+    Lost = [{5000, 1, app, What} || {_, 1, app, What} <- All -- Kept],
+    ?assertMatch([_ | _], Lost),
+    ?assertEqual({Lost ++ Own, closed}, traced(lists:last(Files))),
     ok = file:del_dir_r(Dir).
 
 %% Much more than may be kept: the latest files are there, whole.

@@ -183,8 +183,14 @@ tail(File, Facts) ->
 begin_with(none, Observer, #{now := Now} = Config) ->
     begun(#{begun_us => Now()}, [], Observer, Config);
 begin_with(#{trace := Trace, until_us := Until}, Observer, #{before := Before} = Config) ->
-    Lost = starl_trace_tail:lost(Trace, Before),
-    begun(#{begun_us => Until, was_up => true}, Lost, Observer, Config).
+    #{now := Now} = Config,
+    At = Now(),
+    Lost = [no_later(At, Event) || Event <- starl_trace_tail:lost(Trace, Before)],
+    begun(#{begun_us => min(Until, At), was_up => true}, Lost, Observer, Config).
+
+%% If the clock was set back, what was lost is told at the beginning: no message of a file is earlier than
+%% the one before, so the new life would have the last time of the old one.
+no_later(At, {Us, Robot, Machine, What}) -> {min(Us, At), Robot, Machine, What}.
 
 begun(How, Lost, Observer, #{robot := Robot, facts := Facts, now := Now}) ->
     Told = maps:merge(Facts#{told_by => [Robot]}, How),
