@@ -350,18 +350,18 @@ look_up({Robot, Host}, Now, #udp{asked = Asked, lookup = Lookup, peers = Peers} 
         true ->
             Udp;
         false ->
-            {_Pid, Monitor} = spawn_monitor(fun() -> exit({found, Lookup(Host)}) end),
+            Self = self(),
+            Look = fun() -> Self ! {?MODULE, named, Robot, Lookup(Host)} end,
+            {_Pid, Monitor} = spawn_monitor(Look),
             Udp#udp{
                 asked = Asked#{Monitor => Robot}, peers = starl_live_peers:asked(Robot, Now, Peers)
             }
     end.
 
-named({found, Found}, Robot, #udp{peers = Peers} = Udp) ->
+named(Robot, Found, #udp{peers = Peers} = Udp) ->
     {News, Known} = starl_live_peers:named(Robot, Found, Peers),
     ok = tell(News),
-    Udp#udp{peers = Known};
-named(_Crash, _Robot, Udp) ->
-    Udp.
+    Udp#udp{peers = Known}.
 
 tell(News) -> lists:foreach(fun tell_one/1, News).
 
@@ -391,11 +391,12 @@ hear({timeout, Timer, flush}, #udp{flush = Timer} = Udp) ->
     {[], flush(Udp#udp{flush = none})};
 hear({timeout, Timer, beat}, #udp{beat = Timer} = Udp) ->
     {[], call_all(Udp#udp{beat = none})};
-hear({'DOWN', Monitor, process, _Pid, Found}, #udp{asked = Asked} = Udp) when
+hear({?MODULE, named, Robot, Found}, Udp) ->
+    {[], named(Robot, Found, Udp)};
+hear({'DOWN', Monitor, process, _Pid, _Why}, #udp{asked = Asked} = Udp) when
     is_map_key(Monitor, Asked)
 ->
-    {Robot, Left} = maps:take(Monitor, Asked),
-    {[], named(Found, Robot, Udp#udp{asked = Left})};
+    {[], Udp#udp{asked = maps:remove(Monitor, Asked)}};
 hear({?MODULE, held, Datagrams}, #udp{held = Held} = Udp) ->
     {[], put_on_air(Datagrams, Udp#udp{held = Held - 1})};
 %% A robot's computer has nobody at that port, or the like.

@@ -72,7 +72,8 @@ number(_) ->
 
 %% @doc The place of a recording among those of its robot: by its number, since the clock may have been set
 %% back between two of them; without one, by its beginning.
--spec order(file:filename_all(), starl_observer:facts()) -> {non_neg_integer(), integer()}.
+-spec order(file:filename_all(), Facts) -> {Number :: non_neg_integer(), BegunUs :: integer()} when
+    Facts :: #{told_by := [starl:robot_id(), ...], begun_us => integer(), atom() => term()}.
 order(File, #{told_by := [Robot | _]} = Facts) ->
     Begun = maps:get(begun_us, Facts, 0),
     case number_of(File, Robot) of
