@@ -162,6 +162,21 @@ an_old_datagram_moves_nobody_test() ->
     {heard, [], Peers} = speaks(1500, 9000, 7, ?AWAY, Heard),
     ?assertEqual(?HOME, starl_live_peers:address(2, Peers)).
 
+%% Its clock and ours were an hour ahead, and were set right: its times go back.
+a_robot_moves_after_clocks_were_set_back_test() ->
+    Hour = 3_600_000,
+    {heard, [], Ahead} = speaks(Hour, 1000, 7, ?HOME, peers()),
+    Soon = speaks_on(lists:seq(2000, 20_000, 1000), 7, ?AWAY, Ahead),
+    {heard, [{moved, 2, ?AWAY}], Back} = speaks(21_000, 7, ?AWAY, Soon),
+    ?assertEqual(?AWAY, starl_live_peers:address(2, Back)).
+
+a_robot_restarts_after_clocks_were_set_back_test() ->
+    Hour = 3_600_000,
+    {heard, [], Ahead} = speaks(Hour, 1000, 7, ?HOME, peers()),
+    {late, [], Late} = speaks(2000, 6, ?HOME, Ahead),
+    {heard, [], Back} = speaks(21_000, 6, ?HOME, Late),
+    ?assertMatch(#{life := 6}, robot(2, 21_000, Back)).
+
 %% Two networks of one computer.
 while_its_address_speaks_a_robot_has_not_moved_test() ->
     Both = fun(Now, Before) ->

@@ -68,6 +68,8 @@
 -define(MOVED_MS, 2000).
 %% Two lives that both speak for this time are two robots.
 -define(BOTH_MS, 3000).
+%% After this time nothing is fresh any more that was sent before, whatever clocks say that were set back.
+-define(STALE_MS, 20_000).
 %% What was refused within this time may be why a robot is silent.
 -define(RECENT_MS, 10_000).
 %% A reason that has not come up for this time is new.
@@ -257,7 +259,9 @@ spoken(Now, Address, Other) ->
 
 %% What was sent before the present life began was under way. A later datagram is that of a robot whose
 %% clock was set back, if the present life is silent, or else of a second robot.
-lived_too(#{sent_ms := Sent}, Other, _Now, #peer{since_ms = Since} = Peer) when Sent =< Since ->
+lived_too(#{sent_ms := Sent}, Other, Now, #peer{since_ms = Since, heard_ms = Last} = Peer) when
+    Sent =< Since, Now - Last < ?STALE_MS
+->
     {late, Peer#peer{other = Other}};
 lived_too(Said, #other{address = Address}, Now, #peer{heard_ms = Last} = Peer) when
     Now - Last >= ?BOTH_MS
@@ -290,7 +294,7 @@ noted(_Other, _Said, _Address, _At, Peer) ->
 placed(Sent, Address, Now, #peer{address = Address, newest_ms = Newest} = Peer) ->
     Peer#peer{at_ms = Now, newest_ms = max(Sent, Newest)};
 placed(Sent, Address, Now, #peer{at_ms = At, newest_ms = Newest} = Peer) when
-    Sent > Newest, Now - At >= ?MOVED_MS
+    Sent > Newest, Now - At >= ?MOVED_MS; Now - At >= ?STALE_MS
 ->
     Peer#peer{address = Address, at_ms = Now, newest_ms = Sent};
 placed(Sent, _Address, _Now, #peer{newest_ms = Newest} = Peer) ->
