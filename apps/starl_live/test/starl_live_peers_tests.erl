@@ -59,12 +59,12 @@ a_robot_that_falls_silent_is_told_once_and_when_it_is_back_test() ->
     ?assertEqual("robot 2 is heard again, after 19.0 s", line(Back)).
 
 a_robot_that_was_never_heard_is_told_of_test() ->
-    {News, Silent} = looks(1000, 6000, peers()),
+    {News, Silent} = looks(1000, 11_000, peers()),
     ?assertEqual(
-        [{5000, "the robot has not heard robot 2"}, {5000, "the robot has not heard robot 3"}],
+        [{10_000, "the robot has not heard robot 2"}, {10_000, "the robot has not heard robot 3"}],
         [{At, line(N)} || {At, N} <- News]
     ),
-    {heard, [Back], _} = speaks(9000, 7, ?HOME, Silent),
+    {heard, [Back], _} = speaks(12_000, 7, ?HOME, Silent),
     ?assertEqual("robot 2 is heard", line(Back)).
 
 %% A computer that has stood still accuses nobody.

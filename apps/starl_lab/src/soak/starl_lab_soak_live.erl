@@ -18,7 +18,7 @@ about() ->
         "Runs the program that ships on robots in virtual time, on simulated clocks, sockets and "
         "disks, with one seed after the other. Datagrams are lost, doubled, late, damaged and "
         "replayed; disks are full, fail and forget what was not synced when the power goes; clocks "
-        "drift and stand still; applications get new code, good and bad. The same seed gives the "
+        "drift, stand still and are set right; applications get new code, good and bad. The same seed gives the "
         "same run.",
         [
             "Parts: ",

@@ -64,6 +64,8 @@
 
 %% A robot that was not heard for this time is silent: some beats.
 -define(SILENT_MS, 5000).
+%% One that was never heard may still start.
+-define(FIRST_MS, 10_000).
 %% A robot has moved if nothing has come from its address for this time.
 -define(MOVED_MS, 2000).
 %% Two lives that both speak for this time are two robots.
@@ -426,13 +428,9 @@ without_twin(Robot, Now, #peer{other = #other{is_twin = true, last_ms = Last}} =
 without_twin(_Robot, _Now, Peer) ->
     {[], Peer}.
 
-falls_silent(Robot, Now, Awake, #peer{is_silent = false, heard_ms = Last} = Peer) ->
-    Since =
-        case Last of
-            none -> Awake;
-            _ -> max(Last, Awake)
-        end,
-    case Now - Since >= ?SILENT_MS of
+falls_silent(Robot, Now, Awake, #peer{is_silent = false} = Peer) ->
+    {Since, Patience} = patience(Awake, Peer),
+    case Now - Since >= Patience of
         true ->
             Silent = Peer#peer{is_silent = true},
             {[{silent, Robot, shown(Robot, Now, Silent)}], Silent};
@@ -441,6 +439,9 @@ falls_silent(Robot, Now, Awake, #peer{is_silent = false, heard_ms = Last} = Peer
     end;
 falls_silent(_Robot, _Now, _Awake, Peer) ->
     {[], Peer}.
+
+patience(Awake, #peer{heard_ms = none}) -> {Awake, ?FIRST_MS};
+patience(Awake, #peer{heard_ms = Last}) -> {max(Last, Awake), ?SILENT_MS}.
 
 %% -- its state ------------------------------------------------------------------------------
 
