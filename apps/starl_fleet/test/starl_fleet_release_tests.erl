@@ -18,6 +18,13 @@ release() ->
     ],
     ?assertMatch([_ | _], [P || P <- Files, lists:suffix("/bin/beam.smp", P)]),
     ?assertMatch([_ | _], [P || P <- Files, lists:prefix("lib/starl_blocks-", P)]),
+    %% the log has what the robot's processes say, whose domain OTP's default handler does not know
+    {_, {text, Text}} = lists:keyfind("sys.config", 1, Manifest),
+    {ok, Tokens, _} = erl_scan:string(lists:flatten(Text)),
+    {ok, [{kernel, [{logger, [Handler]}]}]} = erl_parse:parse_term(Tokens),
+    ?assertMatch(
+        {handler, default, logger_std_h, #{filter_default := log, filters := [_]}}, Handler
+    ),
     %% crypto's library comes along, the C library of the robot stays its own
     Native = [filename:basename(P) || P <- Files, lists:prefix("native/", P)],
     ?assertMatch([_ | _], [P || P <- Native, lists:prefix("libcrypto", P)]),
