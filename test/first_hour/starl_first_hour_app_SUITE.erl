@@ -143,9 +143,8 @@ first_crash_is_told_once(_) ->
                 "4: my_app:step/2: this robot has no machine election; list its block: "
                 "blocks() -> [starl_election] (robot 1, 0.000000 s)"},
             {"9", "s", "starl:id(R) > 0 andalso {continue, s}",
-                "4: my_app:step/2: step/2 never waits: 100000 actions and steps in one moment; a "
-                "call such as starl:sleep, starl:await or starl:go_to lets time pass "
-                "(robot 1, 0.000000 s)"}
+                "4: my_app:step/2: step/2 lets no time pass: 100000 actions and steps in one "
+                "moment; starl:sleep(Robot, Ms) lets it pass (robot 1, 0.000000 s)"}
         ]
     ].
 

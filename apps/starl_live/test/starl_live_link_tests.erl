@@ -7,6 +7,7 @@
 -behaviour(starl_live_clock).
 
 -export([init/1, handle_event/5]).
+-export([log/2]).
 -export([system_time/2, time_of_day/2, monotonic_time/2, start_timer/4, send_after/3]).
 
 -define(MOST_WAITING, 10000).
@@ -20,13 +21,15 @@ init(#{test := Test, name := Name, incarnation := N}) ->
 
 %% It does what a packet asks for, and tells the test by its clock.
 handle_event(packet, hang, up, Test, _Meta) ->
-    Test ! hangs,
+    Test ! {hangs, self()},
     receive
         go_on -> {keep_state, Test, []}
     end;
 handle_event(packet, Packet, up, Test, #{now := Now}) ->
     Test ! {took, Packet, Now},
     {keep_state, Test, done(Packet)};
+handle_event(info, {located, hang, _Seen}, up, Test, Meta) ->
+    handle_event(packet, hang, up, Test, Meta);
 handle_event(info, {located, Tag, Seen}, up, Test, #{now := Now}) ->
     Test ! {located, Tag, Seen, Now},
     {keep_state, Test, []};
@@ -136,7 +139,7 @@ took(Packet, Link) ->
 hung(Link) ->
     _ = hears(hang, Link),
     receive
-        hangs -> ok
+        {hangs, _} -> ok
     end.
 
 %% What the machine has handled next.
@@ -267,6 +270,64 @@ hung_machine_is_killed_test() ->
         ?assertEqual(0, took(again, Link)),
         ok
     end).
+
+%% An application may take its time, but of one step that takes very long the log has one line, with its
+%% place; a step after that has its time anew.
+long_step_is_told_once_test() ->
+    with_link(1, fun(Link, _Times) ->
+        Watches = fun(N) ->
+            logged(fun() ->
+                _ = [Link ! watch || _ <- lists:seq(1, N)],
+                starl_live_link:metrics(Link)
+            end)
+        end,
+        App = app_hangs(Link),
+        ?assertEqual([], Watches(2)),
+        [Line] = Watches(8),
+        ?assertMatch(
+            {match, _},
+            re:run(
+                Line,
+                "^in one step for 10 s at starl_live_link_tests.erl:[0-9]+; an endless loop\\?$"
+            )
+        ),
+        App ! go_on,
+        App = app_hangs(Link),
+        ?assertEqual([], Watches(2)),
+        ?assertMatch([_], Watches(1)),
+        ?assert(is_process_alive(App)),
+        App ! go_on,
+        ok
+    end).
+
+app_hangs(Link) ->
+    Link ! {starl_located, self(), {app, hang}, []},
+    receive
+        {hangs, Pid} -> Pid
+    end.
+
+%% The errors that are logged meanwhile, in words.
+logged(Fun) ->
+    Handler = #{level => error, config => #{test => self()}},
+    #{level := Level} = logger:get_primary_config(),
+    ok = logger:set_primary_config(level, error),
+    ok = logger:add_handler(?MODULE, ?MODULE, Handler),
+    _ = Fun(),
+    ok = logger:remove_handler(?MODULE),
+    ok = logger:set_primary_config(level, Level),
+    lines().
+
+lines() ->
+    receive
+        {logged, Line} -> [Line | lines()]
+    after 0 -> []
+    end.
+
+log(#{msg := {report, Report}, meta := #{report_cb := Words}}, #{config := #{test := Test}}) ->
+    {Format, Terms} = Words(Report),
+    Test ! {logged, unicode:characters_to_binary(io_lib:format(Format, Terms))};
+log(_Event, _Config) ->
+    ok.
 
 %% One that is at rest is left alone, however often it is looked at.
 resting_machine_is_left_alone_test() ->

@@ -48,6 +48,7 @@
 %% Options outside the scenario: the events of which robots to record; further monitors, which only
 %% look on; the observer of the run, and whether it is told of each packet; the nodes of the run, either a number of peers on this machine or nodes that already run
 %% the same code ({@link starl_sim_nodes}); the wall time that one node may keep the others waiting;
+%% the wall time that the robots may take for a window of virtual time, before the run is given up;
 %% the time by which everything with a bound may be late (in real time, where a computer has other
 %% work, too); and modules that were compiled in memory, to be loaded on the nodes.
 -type options() :: #{
@@ -57,6 +58,7 @@
     packets => boolean(),
     nodes => starl_sim_nodes:nodes(),
     node_timeout_ms => pos_integer(),
+    patience_ms => pos_integer(),
     slack_us => non_neg_integer(),
     code => [{module(), file:filename(), Beam :: binary()}],
     %% those of the scenario, with their versions

@@ -12,7 +12,9 @@
     wrong_actions_at_the_start/1,
     an_application_that_is_a_machine/1,
     a_step_that_never_blocks/1,
-    steps_that_never_block/1
+    steps_that_never_block/1,
+    a_loop_that_lets_no_time_pass/1,
+    an_endless_loop_is_given_up/1
 ]).
 
 -define(MODES, [process, inline]).
@@ -25,7 +27,9 @@ all() ->
         wrong_actions_at_the_start,
         an_application_that_is_a_machine,
         a_step_that_never_blocks,
-        steps_that_never_block
+        steps_that_never_block,
+        a_loop_that_lets_no_time_pass,
+        an_endless_loop_is_given_up
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -228,6 +232,65 @@ steps_that_never_block(_) ->
     ?assertEqual([{done, recovered}], Results),
     told_so(Trace).
 
+%% Nor do calls that are answered at once let time pass, again and again: the application crashes at
+%% its own line.
+a_loop_that_lets_no_time_pass(_) ->
+    Polls = [
+        {neighbours, fun(R, _Here) -> starl:neighbours(R, 100) end},
+        {await, fun(R, _Here) -> starl:await(R, news, 0) end},
+        {sleep, fun(R, _Here) -> starl:sleep(R, 0) end},
+        {go_to, fun(R, Here) -> starl:go_to(R, Here) end}
+    ],
+    [
+        begin
+            {_, Results, Trace} = played(
+                1,
+                fun(R) ->
+                    case starl:now(R) < 500 of
+                        true ->
+                            ok = starl:sleep(R, 1000),
+                            {ok, {X, Y, _}} = starl:position(R),
+                            poll(R, {X, Y}, Poll);
+                        false ->
+                            recovered
+                    end
+                end,
+                #{clock_offset => 0}
+            ),
+            ?assertEqual({Name, [{done, recovered}]}, {Name, Results}),
+            told_so(Trace),
+            [Stack] = [Stack || {_, 1, supervisor, {crashed, app, {_, Stack}}} <- Trace],
+            ?assertMatch({?MODULE, _, _, _, Line} when Line > 0, starl_crash:place(Stack))
+        end
+     || {Name, Poll} <- Polls
+    ].
+
+%% An endless loop without any action is no crash, since wall time decides nothing; it ends the run,
+%% which names the line.
+an_endless_loop_is_given_up(_) ->
+    Script = fun(R) ->
+        ok = starl:sleep(R, 10),
+        spin(starl:id(R))
+    end,
+    Given = #{app => starl_sim_script_app, robots => 2, script => Script},
+    {Driver, Ref} = spawn_monitor(fun() ->
+        {ok, Sim} = starl_sim:start(Given, #{patience_ms => 500}),
+        starl_sim:run(Sim)
+    end),
+    receive
+        {'DOWN', Ref, process, Driver, Reason} ->
+            ?assertMatch({{shard_failed, {no_answer, _, [{2, app, _}]}}, _}, Reason),
+            {{_, {_, _, [{2, app, Frames}]}}, _} = Reason,
+            ?assertMatch({?MODULE, spin, 1, _, Line} when Line > 0, starl_crash:place(Frames))
+    end.
+
+spin(2) -> spin(2);
+spin(_) -> done.
+
+poll(R, Here, Poll) ->
+    _ = Poll(R, Here),
+    poll(R, Here, Poll).
+
 told_so(Trace) ->
     [Reason] = [Reason || {_, 1, supervisor, {crashed, app, {Reason, _}}} <- Trace],
-    ?assertMatch({match, _}, re:run(Reason, "^step/2 never waits: 100000 actions")).
+    ?assertMatch({match, _}, re:run(Reason, "^step/2 lets no time pass: 100000 actions")).

@@ -4,7 +4,7 @@
 
 -export([scene/1, init/1, handle_event/5, init/2, step/2, options/0]).
 
-options() -> [{kind, {one_of, [loops, machine, ends]}, loops, "what the robots do"}].
+options() -> [{kind, {one_of, [loops, goes, machine, ends]}, loops, "what the robots do"}].
 
 scene(#{options := #{kind := machine}}) -> {ok, #{app => {machine, ?MODULE, #{}}}};
 scene(#{options := #{kind := Kind}}) -> {ok, #{app => {sequential, ?MODULE, Kind}}}.
@@ -13,8 +13,20 @@ init(_Robot, Kind) -> Kind.
 
 step(Robot, Kind) ->
     ok = starl:sleep(Robot, 100),
-    _ = starl:id(Robot) =:= 2 andalso Kind =:= loops andalso for_ever(Robot),
+    _ = starl:id(Robot) =:= 2 andalso busy(Kind, Robot),
     {done, Kind}.
+
+busy(loops, Robot) ->
+    for_ever(Robot);
+busy(goes, Robot) ->
+    {ok, {X, Y, _}} = starl:position(Robot),
+    goes(Robot, {X, Y});
+busy(_Kind, _Robot) ->
+    none.
+
+goes(Robot, Here) ->
+    ok = starl:go_to(Robot, Here),
+    goes(Robot, Here).
 
 %% An application that is a machine.
 init(_Config) -> {waits, none, [{{timeout, t}, 100000, go}]}.
@@ -31,6 +43,18 @@ sequential_app_test_() ->
             ?assertMatch({?MODULE, for_ever, 1, _, _}, starl_crash:place(Frames))
         end}
      || {Mode, Shards} <- [{process, 1}, {process, 3}, {inline, 2}]
+    ].
+
+%% Its machines are at work all the time; the application is who keeps them so.
+a_loop_of_calls_names_the_application_test() ->
+    {module, starl_motion} = code:ensure_loaded(starl_motion),
+    Given = #{mode => process, robots => 2, kind => goes},
+    [
+        begin
+            [{2, app, Frames}] = AtWork,
+            ?assertMatch({?MODULE, goes, 2, _, _}, starl_crash:place(Frames))
+        end
+     || AtWork <- stands(Given, 5)
     ].
 
 %% A machine without a process holds up its shard, which cannot say which robot it is.
@@ -52,23 +76,41 @@ no_stall_test() ->
     ?assertEqual([], starl_sim:at_work(Sim)).
 
 stands(Given) ->
+    [AtWork] = stands(Given, 1),
+    AtWork.
+
+%% So many looks at who is at work, one after the other.
+stands(Given, Looks) ->
     Self = self(),
+    Tag = make_ref(),
     {Driver, Ref} = spawn_monitor(fun() ->
         {ok, Sim} = starl_sim:start(maps:merge(#{app => ?MODULE}, Given)),
         _ = starl_sim:watch(Sim, #{
-            patience_ms => 0, period_ms => 100, tell => fun(News) -> Self ! {self(), News} end
+            patience_ms => 0, period_ms => 100, tell => fun(News) -> Self ! {Tag, News} end
         }),
         starl_sim:run(Sim)
     end),
-    AtWork = known(),
+    AtWork = [known(Tag) | [look(Tag) || _ <- lists:seq(2, Looks)]],
     exit(Driver, kill),
     receive
         {'DOWN', Ref, process, Driver, _} -> AtWork
     end.
 
-%% The first moments may pass before the loop has begun.
-known() ->
+look(Tag) ->
     receive
-        {_, {stands, _, [Work | _] = AtWork}} when tuple_size(Work) =:= 3 -> AtWork;
-        {_, _} -> known()
+        {Tag, {stands, _, AtWork}} -> AtWork
+    end.
+
+%% The first moments may pass before the loop has begun, as while code is loaded.
+known(Tag) ->
+    receive
+        {Tag, {stands, _, [{_, _, [_ | _] = Frames}] = AtWork}} ->
+            case starl_crash:place(Frames) of
+                {?MODULE, Function, _, _, _} when Function =:= for_ever; Function =:= goes ->
+                    AtWork;
+                _ ->
+                    known(Tag)
+            end;
+        {Tag, _} ->
+            known(Tag)
     end.

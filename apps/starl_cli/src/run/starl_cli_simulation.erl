@@ -210,8 +210,7 @@ failed(Reason, #{out := Out} = Setup) ->
 
 why({shard_failed, Reason}) ->
     why(Reason);
-why({no_answer, [_ | _] = Busy}) ->
-    Names = [io_lib:format("~ts of robot ~b", [Name, Robot]) || {Robot, Name} <- Busy],
-    ["no answer from ", lists:join(", ", Names), " for long; is there an endless loop in it?"];
+why({no_answer, Ms, AtWork}) ->
+    starl_cli_stall:line(Ms, AtWork);
 why(Reason) ->
     io_lib:format("~0tP", [Reason, 15]).

@@ -49,7 +49,15 @@ line(Line, N) -> [string:trim(Line, trailing), io_lib:format(" (~b times in all)
 
 %% @private
 -spec log(logger:log_event(), logger:handler_config()) -> ok.
-log(Event, #{config := Table}) -> keep(key(Event), fun() -> text(Event) end, Table).
+log(Event, #{config := Table}) ->
+    ok = show(Event),
+    keep(key(Event), fun() -> text(Event) end, Table).
+
+%% What a user waits for in vain is said at once.
+show(#{msg := {report, #{what := long_step, reason := Why}}, meta := #{robot := Robot}}) ->
+    starl_cli_progress:note(io_lib:format("robot ~b ~ts", [Robot, Why]));
+show(_Event) ->
+    ok.
 
 keep(Key, Text, Table) ->
     case ets:info(Table, size) of

@@ -68,6 +68,8 @@
 
 %% The period in which the link looks for a process that does not answer, and packets that may wait.
 -define(WATCH_MS, 5000).
+%% After this many watches in one step, an application is told of.
+-define(LONG_STEP, 3).
 -define(MOST_WAITING, 10000).
 
 %% An event that waits for its turn.
@@ -88,6 +90,8 @@
     waiting = queue:new() :: queue:queue(event()),
     %% processes that work beside the link, or have just answered, with the orders that wait for them
     beside = #{} :: #{pid() => {at_work | idle, [starl_driver:order()]}},
+    %% those that were at work at the last watches, on the same order, and at how many
+    long = #{} :: #{pid() => pos_integer()},
     %% the number of turns, and what it was at the last watch, if a process was at work then
     turns = 0 :: non_neg_integer(),
     watched = none :: non_neg_integer() | none
@@ -294,7 +298,7 @@ handle_info({'DOWN', _, process, Pid, Reason}, Link) ->
     down(Pid, Reason, Link);
 handle_info(watch, #link{clock = Clock} = Link) ->
     _ = starl_live_clock:send_after(?WATCH_MS, watch, Clock),
-    {noreply, watch(Link)};
+    {noreply, watch(long_steps(Link))};
 handle_info({starl_late, {Name, Mark}}, #link{robot = Robot} = Link) ->
     {noreply, go_on(Link#link{robot = starl_robot:first([{Name, info, {late, Mark}}], Robot)})};
 handle_info(Message, #link{robot = Robot} = Link) ->
@@ -355,7 +359,8 @@ handle({acts, Pid, Actions}, #link{beside = Beside} = Link) ->
             {Body, #link{robot = Robot} = Now} = at_event(Link),
             Idle = Now#link{beside = Beside#{Pid := {idle, Orders}}},
             Valid = starl_robot:without_calls(starl_driver:restarted(Orders), Actions),
-            went(starl_robot:act(Name, Valid, Body, Robot), Idle);
+            Answered = Idle#link{long = maps:remove(Pid, Idle#link.long)},
+            went(starl_robot:act(Name, Valid, Body, Robot), Answered);
         _ ->
             work(Link)
     end.
@@ -474,15 +479,37 @@ crashed(Name, Reason, #link{robot = Robot0, tree = Tree, beside = Beside} = Link
 
 tell(Name, Reason) ->
     case starl_crash:cause(Reason) of
-        none ->
-            ok;
-        Cause ->
-            Why = unicode:characters_to_binary(starl_crash:format(Cause)),
-            logger:error(#{what => crashed, machine => Name, reason => Why})
+        none -> ok;
+        Cause -> log(crashed, Name, starl_crash:format(Cause))
     end.
 
+%% A report with its words, for handlers that show these.
+log(What, Name, Text) ->
+    Why = unicode:characters_to_binary(Text),
+    Report = #{what => What, machine => Name, reason => Why},
+    logger:error(Report, #{report_cb => fun report/1}).
+
+report(#{what := crashed, machine := Name, reason := Why}) -> {"~tp crashed: ~ts", [Name, Why]};
+report(#{what := long_step, reason := Why}) -> {"~ts", [Why]}.
+
+%% Applications may take their time; of one that takes very long the log has one line, with its place.
+long_steps(#link{beside = Beside, long = Long} = Link) ->
+    AtWork = [Pid || {Pid, {at_work, _}} <- maps:to_list(Beside)],
+    Watched = maps:from_list([{Pid, 1 + maps:get(Pid, Long, 0)} || Pid <- AtWork]),
+    _ = [tell_long(Pid, Link) || {Pid, ?LONG_STEP} <- maps:to_list(Watched)],
+    Link#link{long = Watched}.
+
+tell_long(Pid, Link) ->
+    {ok, Name} = starl_robot_machines:name_of(Pid, machines(Link)),
+    Seconds = (?LONG_STEP - 1) * ?WATCH_MS div 1000,
+    At = place(starl_crash:place(starl_crash:frames_of(Pid))),
+    log(long_step, Name, io_lib:format("in one step for ~b s~ts", [Seconds, At])).
+
+place(none) -> "";
+place({_, _, _, File, Line}) -> io_lib:format(" at ~ts:~b; an endless loop?", [File, Line]).
+
 %% A process at work that has not answered for a whole period is killed: its supervisor starts it
-%% anew. Applications may take their time.
+%% anew.
 watch(#link{robot = Robot, turns = Turns, watched = Turns} = Link) ->
     case starl_robot:busy(Robot) of
         none ->

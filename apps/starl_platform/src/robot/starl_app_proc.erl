@@ -23,8 +23,8 @@
 -define(INBOX_LIMIT, 1000).
 %% SAP is told of read messages in batches of this size, or one by one when room is scarce.
 -define(READ_AT_ONCE, 100).
-%% The largest number of actions and steps in one turn.
--define(TURN_LIMIT, 100000).
+%% The largest number of actions and steps in one moment of the robot's clock.
+-define(MOMENT_LIMIT, 100000).
 %% The time that a caller waits after a crash of the machine that it called.
 -define(RESTARTED_US, 250000).
 %% The time between two attempts to carry a state over into other code.
@@ -37,7 +37,7 @@
     now :: integer(),
     clock = none :: fun(() -> integer()) | none,
     actions = [] :: [starl_machine:action()],
-    %% the number of actions and steps in this turn
+    %% the number of actions and steps since the clock last changed
     count = 0 :: non_neg_integer(),
     inbox = [] :: [message()],
     %% whether SAP knows the room; the number of messages read that SAP has not been told of
@@ -156,7 +156,8 @@ waiting(Pid) ->
     end.
 
 %% @doc Adds actions to the turn; they take place when the application next blocks. A malformed
-%% action crashes the application ({@link starl_action}), and so does a turn with too many actions.
+%% action crashes the application ({@link starl_action}), and so do too many actions without time
+%% passing: in one turn, or in turn after turn of a loop that polls.
 -spec perform([starl_machine:action()]) -> ok.
 perform(New) ->
     ok = starl_action:check(New),
@@ -182,11 +183,12 @@ turn() ->
         undefined -> error({not_in_an_application, self()})
     end.
 
-%% The actions of a turn stay in memory until the application blocks.
-counted(N, #turn{count = Count} = Turn) when Count + N =< ?TURN_LIMIT ->
+%% The actions of a turn stay in memory until the application blocks; in virtual time, a loop that
+%% lets no time pass holds up the whole team.
+counted(N, #turn{count = Count} = Turn) when Count + N =< ?MOMENT_LIMIT ->
     Turn#turn{count = Count + N};
 counted(_N, #turn{module = Module}) ->
-    error({step_never_blocks, #{application => Module, actions_and_steps => ?TURN_LIMIT}}).
+    error({step_never_blocks, #{application => Module, actions_and_steps => ?MOMENT_LIMIT}}).
 
 %% @doc Listens to a type of message of SAP.
 -spec listen(starl_packet:type()) -> ok.
@@ -611,10 +613,10 @@ wait(Match) ->
     _ = starl_driver:done(Driver, Id, lists:reverse(Actions)),
     receive
         {starl_step, code, Word, #{now := Now}} ->
-            ok = hear(Word, Turn#turn{actions = [], count = 0, now = Now}),
+            ok = hear(Word, handed_back(Now, Turn)),
             wait(Match);
         {starl_step, Type0, Content0, #{now := Now}} ->
-            _ = put(?TURN, Turn#turn{actions = [], count = 0, now = Now}),
+            _ = put(?TURN, handed_back(Now, Turn)),
             {Type, Content} = sensed(Type0, Content0, Turn),
             heed(Type, Content),
             case Match(Type, Content) of
@@ -625,6 +627,10 @@ wait(Match) ->
                     Answer
             end
     end.
+
+%% The next turn begins.
+handed_back(Now, #turn{now = Now} = Turn) -> Turn#turn{actions = []};
+handed_back(Now, Turn) -> Turn#turn{actions = [], count = 0, now = Now}.
 
 %% What the body feels is a message of the robot itself, if the application listens to it.
 sensed(info, {sensed, Sense} = Sensed, #turn{robot = Id, listening = Listening}) ->

@@ -10,6 +10,7 @@
     cause/1,
     format/1,
     frames/1,
+    frames_of/1,
     place/1,
     format_frame/1
 ]).
@@ -74,6 +75,15 @@ format_frame({Module, Function, Arity, File, Line}) ->
 %% @doc The frames of a machine or an application in a stack.
 -spec frames(erlang:stacktrace()) -> [frame()].
 frames(Stack) -> own(Stack).
+
+%% @doc The frames of a machine or an application that a process of this node is in; none, if it has
+%% ended.
+-spec frames_of(pid()) -> [frame()].
+frames_of(Pid) ->
+    case erlang:process_info(Pid, current_stacktrace) of
+        {current_stacktrace, Stack} -> frames(Stack);
+        undefined -> []
+    end.
 
 %% @doc The place in a stack that its reader can mend: the innermost that belongs neither to Erlang
 %% nor to StarL; or else the innermost that is known.

@@ -14,8 +14,8 @@ text({bad_return, {_Module, Function}, Value}, _Stack) ->
     returned(Function, Value);
 text({step_never_blocks, #{actions_and_steps := Most}}, _Stack) ->
     io_lib:format(
-        "step/2 never waits: ~b actions and steps in one moment; a call such as starl:sleep, "
-        "starl:await or starl:go_to lets time pass",
+        "step/2 lets no time pass: ~b actions and steps in one moment; "
+        "starl:sleep(Robot, Ms) lets it pass",
         [Most]
     );
 text({no_such_machine, Name, add_it_to_blocks}, Stack) ->

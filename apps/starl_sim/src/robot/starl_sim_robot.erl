@@ -15,9 +15,9 @@
 
 -export([new/4, at/2, open/3, answered/3, down/4, yield/1]).
 -export([halt_after/2, halted/1, resume/1]).
--export([busy/1, at_work/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1, timers/2]).
+-export([at_work/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1, timers/2]).
 
--export_type([t/0, summary/0, window/0, timer/0]).
+-export_type([t/0, summary/0, window/0, timer/0, work/0]).
 
 %% The number of a robot's crashes that are remembered.
 -define(REMEMBERED, 10).
@@ -35,6 +35,16 @@
     pose := starl:pose(),
     crashes := [{starl_machine:name(), Reason :: term()}],
     waits := starl_robot_tree:waiting()
+}.
+
+%% A machine at work, with its process; how many events its robot has had, which tells a machine that
+%% does not answer from a loop that calls it; and the process of the robot's application.
+-type work() :: #{
+    robot := starl:robot_id(),
+    machine := starl_machine:name(),
+    process := pid(),
+    events := non_neg_integer(),
+    application := pid() | none
 }.
 
 %% The beginning and the end of a window.
@@ -142,15 +152,19 @@ resume(Site) -> proceed(Site).
 yield(Site) -> starl_sim_platform:yield(body(Site)).
 
 %% @doc The machine that is at work, if any.
--spec busy(t()) -> [{starl:robot_id(), starl_machine:name()}].
-busy(#robot{id = Id, robot = Robot}) ->
-    [{Id, Name} || Name <- [starl_robot:busy(Robot)], Name =/= none].
-
-%% @doc The machine that is at work, if any, with its process.
--spec at_work(t()) -> [{starl:robot_id(), starl_machine:name(), pid()}].
-at_work(#robot{robot = Robot} = Site) ->
+-spec at_work(t()) -> [work()].
+at_work(#robot{id = Id, robot = Robot} = Site) ->
     Machines = starl_robot:machines(Robot),
-    [{Id, Name, starl_robot_machines:process(Name, Machines)} || {Id, Name} <- busy(Site)].
+    [
+        #{
+            robot => Id,
+            machine => Name,
+            process => starl_robot_machines:process(Name, Machines),
+            events => count(Site),
+            application => starl_robot_machines:process(app, Machines)
+        }
+     || Name <- [starl_robot:busy(Robot)], Name =/= none
+    ].
 
 %% @doc Is this process one of its own?
 -spec owns(pid(), t()) -> boolean().

@@ -13,6 +13,7 @@
     crew := starl_sim_shard:crew(),
     world := starl_sim_platform:world(),
     window_us := pos_integer(),
+    patience_ms := pos_integer(),
     shards := pos_integer(),
     faults := [starl_sim_queue:event()],
     limit_us := starl_sim_queue:time(),
@@ -27,6 +28,7 @@
 -define(MANY_ROBOTS, 300).
 -define(INTENSITY, 1000).
 -define(NODE_TIMEOUT_MS, 30000).
+-define(PATIENCE_MS, 60000).
 %% A robot expects a command to take as long as this at most, whatever the scenario.
 -define(LATENCY_MS, 5).
 
@@ -82,6 +84,7 @@ make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
             starl_sim_reloads:world(Reloads, parts(Scene))
         ),
         window_us => round(MinMs * 1000),
+        patience_ms => maps:get(patience_ms, Options, ?PATIENCE_MS),
         limit_us => limit_us(Scenario),
         shards => shards(Shards, length(Ids), Options),
         faults => strikes(Faults, Reloads),

@@ -4,15 +4,18 @@
 %%   watch                         run                      shards that are late
 %%     | -- progress -------------->|                             |
 %%     |<-- windows judged, late -- |                             |
-%%     | -- who, Ref ------------------------------------------>  |   only if it stands still
+%%     | -- who, Ref ------------------------------------------>  |   only if it stands still, twice
 %%     |<-- at_work, Ref, processes ------------------------------|
 %% '''
+%% A robot that has had events from one answer to the next is in a loop that lets no time pass: its
+%% application is named, and not the machine that it has just called.
+%%
 %% A shard that does not answer is itself at work: in a machine that has no process, or in the
 %% simulator's own code, as with very many robots. A run that does not answer is at work in a monitor
 %% or on its results.
 -module(starl_sim_watch).
 
--export([start_link/2, stop/1, at_work/1]).
+-export([start_link/2, stop/1, at_work/1, named/1]).
 
 -export_type([config/0, news/0, work/0]).
 
@@ -37,6 +40,8 @@
 -define(PERIOD_MS, 1000).
 %% The time in which one who is not at work answers.
 -define(ANSWER_MS, 200).
+%% The time between two looks at the same robots.
+-define(APART_MS, 50).
 
 -record(watch, {
     run :: pid(),
@@ -127,21 +132,53 @@ forget() ->
 who(no_answer, Run) ->
     [{monitor, Frames} || [_ | _] = Frames <- [own(starl_monitor, Run)]];
 who({_Judged, _Resting, Late}, _Run) ->
+    First = answers(Late),
+    Again = [Shard || {Shard, {robots, [_ | _]}} <- First],
+    Second = maps:from_list(later(Again)),
+    lists:append([named(Answer, maps:get(Shard, Second, Answer)) || {Shard, Answer} <- First]).
+
+later([]) ->
+    [];
+later(Shards) ->
+    receive
+    after ?APART_MS -> answers(Shards)
+    end.
+
+%% What each of these shards answers.
+answers(Shards) ->
     Ref = make_ref(),
-    _ = [Shard ! {who, self(), Ref} || Shard <- Late],
+    _ = [Shard ! {who, self(), Ref} || Shard <- Shards],
     Deadline = now_ms() + ?ANSWER_MS,
-    lists:append([answer(Ref, Shard, Deadline) || Shard <- Late]).
+    [{Shard, answer(Ref, Shard, Deadline)} || Shard <- Shards].
 
 answer(Ref, Shard, Deadline) ->
     receive
-        {at_work, Ref, Shard, Busy} -> [{Robot, Name, frames(Pid)} || {Robot, Name, Pid} <- Busy]
-    after max(0, Deadline - now_ms()) -> inline(own(starl_machine, Shard))
+        {at_work, Ref, Shard, AtWork} -> {robots, AtWork}
+    after max(0, Deadline - now_ms()) -> {inline, own(starl_machine, Shard)}
     end.
 
-inline([]) -> [simulator];
-inline(Frames) -> [{unknown, machine, Frames}].
+named(_Before, {inline, []}) ->
+    [simulator];
+named(_Before, {inline, Frames}) ->
+    [{unknown, machine, Frames}];
+named({robots, Before}, {robots, Now}) ->
+    named([in_loop(Work, Before) || Work <- Now]).
 
-frames(Pid) -> starl_crash:frames(stack(Pid)).
+%% @doc Those who are at work, with the part of their stacks that is their own.
+-spec named([starl_sim_robot:work()]) -> [work()].
+named(AtWork) ->
+    [
+        {Robot, Name, frames(Pid)}
+     || #{robot := Robot, machine := Name, process := Pid} <- AtWork
+    ].
+
+in_loop(#{robot := Robot, events := N, application := App} = Work, Before) when is_pid(App) ->
+    case [M || #{robot := R, events := M} <- Before, R =:= Robot] of
+        [M] when M < N -> Work#{machine := app, process := App};
+        _ -> Work
+    end;
+in_loop(Work, _Before) ->
+    Work.
 
 %% The calls above an interpreter; none if the process is not in it.
 own(Interpreter, Pid) ->
@@ -150,6 +187,8 @@ own(Interpreter, Pid) ->
         {_, []} -> [];
         {Own, _} -> starl_crash:frames(Own)
     end.
+
+frames(Pid) -> starl_crash:frames(stack(Pid)).
 
 %% The process may be on another node, or gone.
 stack(Pid) when node(Pid) =:= node() ->

@@ -10,7 +10,7 @@
 %% '''
 -module(starl_sim_lockstep).
 
--export([new/2, launch/4, run/3, hear/2, planned/2]).
+-export([new/3, launch/4, run/3, hear/2, planned/2]).
 
 -export_type([t/0, reason/0, stop/0, message/0]).
 
@@ -33,7 +33,7 @@
     | {'DOWN', reference(), process, pid(), Reason :: term()}
     | {down, pid(), Reason :: term()}
     | starl_driver:attach()
-    | {out_of_patience, starl_sim_robot:window()}
+    | {timeout, reference(), term()}
     | {who, pid(), reference()}.
 
 %% A window that is not over: either a robot of this shard was held in it, with the data to finish
@@ -54,6 +54,8 @@
 -record(steps, {
     run :: pid(),
     window_us :: pos_integer(),
+    %% the wall time that a window may take
+    patience_ms :: pos_integer(),
     queue :: starl_sim_queue:t(),
     mail :: starl_sim_mail:t(),
     sight = none :: starl_sim_sight:t() | none,
@@ -74,11 +76,17 @@
 
 -opaque t() :: #steps{}.
 
-%% @doc A shard without robots or peers, which reports its windows to the process `Run'.
--spec new(Run :: pid(), WindowUs :: pos_integer()) -> t().
-new(Run, Width) ->
-    Queue = starl_sim_queue:new(Width),
-    #steps{run = Run, window_us = Width, queue = Queue, mail = starl_sim_mail:new([], #{})}.
+%% @doc A shard without robots or peers, which reports its windows to the process `Run' and gives up
+%% when one takes longer than the patience, in wall time.
+-spec new(Run :: pid(), WindowUs :: pos_integer(), PatienceMs :: pos_integer()) -> t().
+new(Run, Width, Patience) ->
+    #steps{
+        run = Run,
+        window_us = Width,
+        patience_ms = Patience,
+        queue = starl_sim_queue:new(Width),
+        mail = starl_sim_mail:new([], #{})
+    }.
 
 %% @doc All robots are in place: the number of running applications of the whole team, and the
 %% faults that strike this shard's robots.
@@ -99,11 +107,11 @@ planned(Robot, #steps{queue = Queue}) -> starl_sim_queue:of_robot(Robot, Queue).
 %% @doc Runs until a time or, if that is earlier, until just after an event of one robot; meanwhile
 %% it reports to the run as {@link starl_sim_shard:run/3} says.
 -spec run(Until :: starl_sim_queue:time(), stop(), t()) -> t().
-run(Until, Stop, #steps{now = Now, mail = Mail} = Steps) ->
-    Timer = starl_sim_window:be_patient({Now, Now}),
+run(Until, Stop, #steps{now = Now, mail = Mail, patience_ms = Patience} = Steps) ->
+    ok = starl_sim_window:be_patient({Now, Now}, Patience),
     Delivered = Steps#steps{mail = starl_sim_mail:deliver(Mail)},
     Rested = go_on(Until, resume(arm(Stop, Delivered))),
-    _ = erlang:cancel_timer(Timer),
+    ok = starl_sim_window:patient(),
     Rested.
 
 %% @doc Handles a message while it rests. A process that went down between two windows was killed
@@ -136,7 +144,7 @@ hear(abandon, Steps) ->
 hear({who, From, Ref}, Steps) ->
     ok = starl_sim_window:tell_at_work(From, Ref),
     Steps;
-hear({out_of_patience, _}, Steps) ->
+hear({timeout, _, _}, Steps) ->
     Steps.
 
 %% -- window after window --------------------------------------------------------------------

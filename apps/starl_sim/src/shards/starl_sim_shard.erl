@@ -77,6 +77,7 @@
     run := pid(),
     world := starl_sim_platform:world(),
     window_us := pos_integer(),
+    patience_ms := pos_integer(),
     robots_sup := pid(),
     robots := pos_integer()
 }) -> gen_server:start_ret().
@@ -118,8 +119,9 @@ abandon(Shard) ->
 inspect(Shard, What, Ms) -> gen_server:call(Shard, {inspect, What}, Ms).
 
 -spec init(map()) -> {ok, #shard{}}.
-init(#{run := Run, world := World, window_us := Width, robots_sup := RobotsSup}) ->
-    Steps = starl_sim_lockstep:new(Run, Width),
+init(#{run := Run, world := World, robots_sup := RobotsSup} = Config) ->
+    #{window_us := Width, patience_ms := Patience} = Config,
+    Steps = starl_sim_lockstep:new(Run, Width, Patience),
     {ok, #shard{world = World, robots_sup = RobotsSup, steps = Steps}}.
 
 -spec handle_call(term(), gen_server:from(), #shard{}) -> {reply, term(), #shard{}}.

@@ -30,7 +30,7 @@ start(#{robots := Robots} = Plan) ->
     #shards{pids = Pids, owners = Owners}.
 
 start_all(#{shards := N, sites := Sites, robots := Robots} = Plan) ->
-    Common = maps:with([world, window_us], Plan),
+    Common = maps:with([world, window_us, patience_ms], Plan),
     Config = Common#{run => self(), robots => length(Robots) div N + 1},
     [start_one(Site, Config) || Site <- starl_sim_deal:in_turn(Sites, N)].
 

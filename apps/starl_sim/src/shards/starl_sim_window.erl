@@ -10,7 +10,7 @@
 %% of the whole work.
 -module(starl_sim_window).
 
--export([hold/1, robots/0, robot/1, be_patient/1, run/2, yields/1, crashed/3]).
+-export([hold/1, robots/0, robot/1, be_patient/2, patient/0, run/2, yields/1, crashed/3]).
 -export([halt_after/2, resume/2, tell_at_work/2]).
 
 -export_type([yields/0]).
@@ -24,8 +24,9 @@
     ended := non_neg_integer()
 }.
 
-%% The wall time that the robots may take before the run is given up.
--define(PATIENCE_MS, 60000).
+%% The period of a look at the wall time that a window takes, and its key in the process dictionary.
+-define(LOOK_MS, 1000).
+-define(PATIENCE, patience).
 
 %% @doc Puts these robots into the shard.
 -spec hold([{starl:robot_id(), starl_sim_robot:t()}]) -> ok.
@@ -39,10 +40,21 @@ robots() -> lists:sort([{Id, Robot} || {Id, Robot} <- get(), is_integer(Id)]).
 -spec robot(starl:robot_id()) -> starl_sim_robot:t() | undefined.
 robot(Id) -> get(Id).
 
-%% @doc Starts the time limit of the robots' work. One timer serves many windows: a timer in each
-%% receive would cost as much as the event.
--spec be_patient(starl_sim_robot:window()) -> reference().
-be_patient(Window) -> erlang:send_after(?PATIENCE_MS, self(), {out_of_patience, Window}).
+%% @doc From now on the run is given up when one window takes this wall time (ms). One timer serves
+%% many windows: a timer in each receive would cost as much as the event.
+-spec be_patient(starl_sim_robot:window(), Ms :: pos_integer()) -> ok.
+be_patient(Window, Ms) -> look_later({Window, now_ms(), Ms}).
+
+look_later({_Window, _SinceMs, Ms} = Patience) ->
+    Timer = erlang:start_timer(min(?LOOK_MS, Ms), self(), {?PATIENCE, Patience}),
+    _ = put(?PATIENCE, Timer),
+    ok.
+
+%% @doc The shard rests: time does not matter.
+-spec patient() -> ok.
+patient() ->
+    _ = erlang:cancel_timer(erase(?PATIENCE)),
+    ok.
 
 %% @doc Runs a window with these events, which are ordered by robot, then in each robot's order;
 %% returns the robots that were at work, in descending order.
@@ -55,9 +67,10 @@ run(Window, Events) ->
 %% @doc Tells a process ({@link starl_sim_watch}) which machines' processes are at work.
 -spec tell_at_work(pid(), reference()) -> ok.
 tell_at_work(From, Ref) ->
-    AtWork = lists:append([starl_sim_robot:at_work(Robot) || {_, Robot} <- robots()]),
-    From ! {at_work, Ref, self(), AtWork},
+    From ! {at_work, Ref, self(), at_work()},
     ok.
+
+at_work() -> lists:append([starl_sim_robot:at_work(Robot) || {_, Robot} <- robots()]).
 
 %% @doc The yields of the window, from the robots that were at work in it.
 -spec yields([starl:robot_id()]) -> yields().
@@ -124,22 +137,33 @@ collect(Active, Window) ->
             end;
         {'DOWN', _, process, Pid, Reason} ->
             collect(Active + interrupted(Pid, Reason), Window);
-        {out_of_patience, Window} ->
-            exit({no_answer, [Busy || {_, R} <- robots(), Busy <- starl_sim_robot:busy(R)]});
-        {out_of_patience, _Earlier} ->
-            _ = be_patient(Window),
+        {timeout, Timer, {?PATIENCE, Patience}} ->
+            ok = look(get(?PATIENCE) =:= Timer, Patience, Window),
             collect(Active, Window);
         {who, From, Ref} ->
             ok = tell_at_work(From, Ref),
             collect(Active, Window)
     end.
 
+%% The timer of an earlier run has no say.
+look(false, _Patience, _Window) ->
+    ok;
+look(true, {Window, SinceMs, Ms} = Patience, Window) ->
+    case now_ms() - SinceMs of
+        Took when Took < Ms -> look_later(Patience);
+        Took -> exit({no_answer, Took, starl_sim_watch:named(at_work())})
+    end;
+look(true, {_Earlier, _SinceMs, Ms}, Window) ->
+    be_patient(Window, Ms).
+
+now_ms() -> erlang:monotonic_time(millisecond).
+
 %% A crash of a robot at work: the robot goes on when its supervisor has restarted the machine.
 %% Other robots' processes are handled between the windows.
 interrupted(Pid, Reason) ->
     case owner(Pid) of
         {Id, Robot} ->
-            case starl_sim_robot:busy(Robot) of
+            case starl_sim_robot:at_work(Robot) of
                 [] ->
                     self() ! {down, Pid, Reason},
                     0;
