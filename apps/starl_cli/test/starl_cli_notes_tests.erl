@@ -44,6 +44,53 @@ gone_test() ->
         lines(Mail, [{2, running}])
     ).
 
+%% A post that is dropped tells its sender nothing, and a robot that has ended reads no more: both are
+%% told once, with the lines that send. A full inbox of a robot at work is no news.
+dropped_test() ->
+    Mail = mail(
+        [{300000, 1, sap, {overload, {app, word}}} || _ <- [1, 2, 3]] ++
+            [
+                {400000, 3, sap, {full, 1, {app, note}}},
+                {500000, 2, app, {done, early}},
+                {600000, 2, sap, {full, 1, {app, note}}},
+                {700000, 2, sap, {full, 3, {app, note}}},
+                {700000, 2, sap, {overload, ballot}}
+            ]
+    ),
+    Source =
+        "-module(chatty). -export([f/1]).\n"
+        "f(R) ->\n starl:broadcast(R, word, 1),\n starl:post(R, 2, note, 1), starl:post(R, 2, other, 1).\n",
+    Notes = starl_cli_notes:make(outcome(Mail, [], #{}), ways([]), [beam(Source)]),
+    ?assertEqual(
+        [
+            "robot 1 did not send 3 messages of type word, too many were under way, first at "
+            "0.300 s; chatty.erl:3",
+            "robot 2 had ended, with a full inbox: messages of type note are lost after their last "
+            "try, first by robot 1 at 0.600 s; chatty.erl:4"
+        ],
+        texts(Notes)
+    ),
+    Figures = maps:from_list(starl_cli_notes:figures(Notes)),
+    ?assertMatch(
+        #{
+            messages_not_sent := [[{robot, 1}, {type, <<"word">>}, {at_s, 0.3}, {count, 3}]],
+            messages_refused := [[{robot, 2}, {from, 1}, {type, <<"note">>}, _, {count, 2}]]
+        },
+        Figures
+    ).
+
+beam(Source) ->
+    {ok, Tokens, _} = erl_scan:string(Source),
+    Forms = [element(2, erl_parse:parse_form(Form)) || Form <- forms(Tokens)],
+    {ok, chatty, Beam} = compile:forms(Forms, [debug_info]),
+    Beam.
+
+forms([]) ->
+    [];
+forms(Tokens) ->
+    {Form, [Dot | Others]} = lists:splitwith(fun(T) -> element(1, T) =/= dot end, Tokens),
+    [Form ++ [Dot] | forms(Others)].
+
 nothing_test() -> ?assertEqual([], lines(mail([]), [])).
 
 distances_test() ->
@@ -60,11 +107,11 @@ distances_test() ->
     ),
     %% path planning has a contract of distances
     Planned = outcome(mail([]), [], #{starl_dpp_monitor => #{}}),
-    ?assertEqual([], texts(starl_cli_notes:make(Planned, ways(Off)))).
+    ?assertEqual([], texts(starl_cli_notes:make(Planned, ways(Off), []))).
 
 results_test() ->
     Outcome = outcome(mail([]), [{1, {done, #{"Å" => 1}}}, {2, running}], #{}),
-    Notes = starl_cli_notes:make(Outcome, ways([])),
+    Notes = starl_cli_notes:make(Outcome, ways([]), []),
     File = "results-" ++ os:getpid() ++ ".term",
     ok = file:write_file(File, unicode:characters_to_binary(starl_cli_notes:results(Notes))),
     ?assertEqual({ok, [{1, {done, #{"Å" => 1}}}, {2, running}]}, file:consult(File)),
@@ -81,9 +128,9 @@ mail(Events) ->
     {ok, Mail} = starl_sim_mail_monitor:finish(1000, Fed),
     Mail.
 
-lines(Mail, Robots) -> texts(starl_cli_notes:make(outcome(Mail, Robots, #{}), ways([]))).
+lines(Mail, Robots) -> texts(starl_cli_notes:make(outcome(Mail, Robots, #{}), ways([]), [])).
 
-noted(Pieces) -> texts(starl_cli_notes:make(outcome(mail([]), [], #{}), ways(Pieces))).
+noted(Pieces) -> texts(starl_cli_notes:make(outcome(mail([]), [], #{}), ways(Pieces), [])).
 
 texts(Notes) -> [lists:flatten(Line) || Line <- starl_cli_notes:lines(Notes)].
 

@@ -63,7 +63,10 @@ made() ->
             starl_crash_monitor =>
                 #{crashes => 1, causes => 1, first_crash => Crash, given_up => []},
             starl_sim_mail_monitor => #{
-                strangers => [Mail#{to => 7}], unheard => [Mail#{robot => 2}]
+                strangers => [Mail#{to => 7}],
+                unheard => [Mail#{robot => 2}],
+                overloads => [Mail#{robot => 1}],
+                refused => [Mail#{robot => 3}]
             },
             starl_reload_monitor => #{
                 reloads => [
@@ -87,7 +90,7 @@ made() ->
             wall_s => 1.0,
             outcome => Outcome,
             app => #{figures => []},
-            notes => starl_cli_notes:make(Outcome, starl_cli_ways:new(Ways, {1, 1}))
+            notes => starl_cli_notes:make(Outcome, starl_cli_ways:new(Ways, {1, 1}), [])
         })
     ).
 

@@ -188,10 +188,12 @@ a_reload_that_was_rolled_back_is_told_test() ->
     Seen = Outcome#{
         monitors := Monitors#{
             starl_reload_monitor => #{reloads => [Reload]},
-            starl_sim_mail_monitor => #{strangers => [], unheard => []}
+            starl_sim_mail_monitor => #{
+                strangers => [], unheard => [], overloads => [], refused => []
+            }
         }
     },
-    Notes = starl_cli_notes:make(Seen, starl_cli_ways:new(Ways, {1, 1})),
+    Notes = starl_cli_notes:make(Seen, starl_cli_ways:new(Ways, {1, 1}), []),
     Report = report(#{outcome => Seen, notes => Notes}),
     shows("complete, 100 % of the lines painted, RELOAD 1 ROLLED BACK", headline(Report)),
     Line =

@@ -1,8 +1,9 @@
 %% @doc Finds calls in a user's modules whose values are not the robot's: random numbers, clocks and
-%% identifiers of this computer. With them, equal scenarios and seeds give unequal runs.
+%% identifiers of this computer. With them, equal scenarios and seeds give unequal runs. And it finds
+%% the calls that send messages of a type, which a note on such messages names.
 -module(starl_cli_foreign).
 
--export([calls/1, text/1]).
+-export([calls/1, sends/2, text/1]).
 
 -export_type([call/0]).
 
@@ -11,14 +12,30 @@
 %% @doc These calls, in the order of the source. A module without its source in the beam has none.
 -spec calls(Beam :: binary() | file:filename()) -> [call()].
 calls(Beam) ->
+    {File, Forms} = source(Beam),
+    All = [{File, at(Anno), Call} || {Anno, Call, _} <- found(Forms), kind(Call) =/= own],
+    lists:usort(All).
+
+%% @doc The calls that send messages of this type, as far as it is an atom in the source; in its
+%% order.
+-spec sends(Type :: atom(), Beam :: binary() | file:filename()) -> [call()].
+sends(Type, Beam) ->
+    {File, Forms} = source(Beam),
+    All = [{File, at(Anno), Call} || {Anno, Call, Args} <- found(Forms), is_sent(Type, Call, Args)],
+    lists:usort(All).
+
+is_sent(Type, {starl, F, 4}, [_, _, {atom, _, Type}, _]) -> F =:= post orelse F =:= send;
+is_sent(Type, {starl, broadcast, 3}, [_, {atom, _, Type}, _]) -> true;
+is_sent(_Type, _Call, _Args) -> false.
+
+source(Beam) ->
     case beam_lib:chunks(Beam, [abstract_code]) of
         {ok, {Module, [{abstract_code, {raw_abstract_v1, Forms}}]}} ->
             [{File, Line} | _] = [F || {attribute, _, file, F} <- Forms] ++ [{file(Module), 1}],
             true = is_integer(Line),
-            All = [{File, at(Anno), Call} || {Anno, Call} <- found(Forms), kind(Call) =/= own],
-            lists:usort(All);
+            {File, Forms};
         _ ->
-            []
+            {"", []}
     end.
 
 file(Module) -> atom_to_list(Module) ++ ".erl".
@@ -26,11 +43,11 @@ file(Module) -> atom_to_list(Module) ++ ".erl".
 at(Anno) -> erl_anno:line(Anno).
 
 found({call, Anno, {remote, _, {atom, _, M}, {atom, _, F}}, Args}) ->
-    [{Anno, {M, F, length(Args)}} | found(Args)];
+    [{Anno, {M, F, length(Args)}, Args} | found(Args)];
 found({call, Anno, {atom, _, F}, Args}) ->
-    [{Anno, {erlang, F, length(Args)}} || erl_internal:bif(F, length(Args))] ++ found(Args);
+    [{Anno, {erlang, F, length(Args)}, Args} || erl_internal:bif(F, length(Args))] ++ found(Args);
 found({'fun', Anno, {function, {atom, _, M}, {atom, _, F}, {integer, _, A}}}) ->
-    [{Anno, {M, F, A}}];
+    [{Anno, {M, F, A}, []}];
 found(Form) when is_tuple(Form) -> found(tuple_to_list(Form));
 found([Form | Forms]) ->
     found(Form) ++ found(Forms);

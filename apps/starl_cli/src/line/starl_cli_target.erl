@@ -3,6 +3,7 @@
 %% application, or a recorded run, by its directory or its `run.term'.
 -module(starl_cli_target).
 
+-export([beams/1]).
 -export([apps/0, purposes/0, scenarios/0, resolve/1, subject/2, seeded/2, looks_like_one/1, root/0]).
 
 -export_type([t/0, code/0]).
@@ -91,6 +92,11 @@ application(Word, Module) ->
         false ->
             {error, [starl_cli_source:no_application(Word)]}
     end.
+
+%% @doc The target's own modules.
+-spec beams(t()) -> [binary()].
+beams(#{code := Codes}) -> [Beam || {_, _, Beam} <- Codes];
+beams(#{app := App}) -> [Beam || {_, Beam, _} <- [code:get_object_code(App)]].
 
 %% @doc The target that the first word of a command names, with the other arguments.
 -spec subject(Word :: string(), Args) -> {ok, t(), Args} | {error, [unicode:chardata(), ...]} when

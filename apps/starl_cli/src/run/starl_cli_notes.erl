@@ -3,7 +3,7 @@
 %% the report, and in words.
 -module(starl_cli_notes).
 
--export([watch/1, watch_live/1, make/2, figures/1, lines/1, results/1, rolled_back/1]).
+-export([watch/1, watch_live/1, make/3, figures/1, lines/1, results/1, rolled_back/1]).
 
 -export_type([t/0]).
 
@@ -11,6 +11,10 @@
     reloads :: [starl_reload_monitor:reload()],
     strangers :: [starl_sim_mail_monitor:stranger()],
     unheard :: [starl_sim_mail_monitor:unheard()],
+    overloads :: [starl_sim_mail_monitor:overload()],
+    refused :: [starl_sim_mail_monitor:refused()],
+    %% the application's own modules, for the lines that send
+    beams :: [beam()],
     %% without a contract of distances
     ways :: {starl_cli_ways:least(), [starl_cli_ways:off()]} | none,
     cut :: none | integer(),
@@ -18,6 +22,8 @@
 }).
 
 -opaque t() :: #notes{}.
+
+-type beam() :: binary() | file:filename().
 
 %% The distance of the centres of two touching Creates, mm.
 -define(CONTACT_MM, 330).
@@ -36,16 +42,20 @@ watch(#{robots := Team, reloads := Reloads}) ->
 -spec watch_live(starl_sim_scenario:t()) -> [{module(), map()}].
 watch_live(Scenario) -> watch(Scenario) ++ [{starl_reload_monitor, #{}}].
 
-%% @doc The notes on a run. Path planning has a contract of distances, and its report tells them.
--spec make(starl_sim_run:outcome(), starl_cli_ways:t()) -> t().
-make(#{monitors := Monitors, robots := Robots}, Ways) ->
-    #{starl_sim_mail_monitor := #{strangers := Strangers, unheard := Unheard}} = Monitors,
+%% @doc The notes on a run of an application with these modules. Path planning has a contract of
+%% distances, and its report tells them.
+-spec make(starl_sim_run:outcome(), starl_cli_ways:t(), [beam()]) -> t().
+make(#{monitors := Monitors, robots := Robots}, Ways, Beams) ->
+    #{starl_sim_mail_monitor := #{strangers := Strangers, unheard := Unheard} = Mail} = Monitors,
     Gone = [Id || {Id, #{result := Result}} <- Robots, Result =:= died orelse Result =:= given_up],
     #{reloads := Reloads} = maps:get(starl_reload_monitor, Monitors, #{reloads => []}),
     #notes{
         reloads = Reloads,
         strangers = Strangers,
         unheard = [One || #{robot := Id} = One <- Unheard, not lists:member(Id, Gone)],
+        overloads = maps:get(overloads, Mail),
+        refused = maps:get(refused, Mail),
+        beams = Beams,
         ways =
             case is_map_key(starl_dpp_monitor, Monitors) of
                 true -> none;
@@ -69,6 +79,8 @@ figures(#notes{results = Results, reloads = Reloads} = Notes) ->
         [
             {messages_to_nobody, [stranger(S) || S <- Notes#notes.strangers]},
             {messages_unheard, [unheard(U) || U <- Notes#notes.unheard]},
+            {messages_not_sent, [not_sent(O) || O <- Notes#notes.overloads]},
+            {messages_refused, [unheard(R) || R <- Notes#notes.refused]},
             {results, [[{robot, Id} | result(Result)] || {Id, Result} <- Results]}
         ].
 
@@ -97,6 +109,8 @@ stranger(#{from := From, to := To} = One) -> [{from, From}, {to, To} | mail(One)
 
 unheard(#{robot := Robot, from := From} = One) -> [{robot, Robot}, {from, From} | mail(One)].
 
+not_sent(#{robot := Robot} = One) -> [{robot, Robot} | mail(One)].
+
 mail(#{type := Type, at_us := At, count := Count}) ->
     [{type, atom_to_binary(Type)}, {at_s, At / 1.0e6}, {count, Count}].
 
@@ -124,7 +138,7 @@ rolled_back(#notes{reloads = Reloads}) ->
 -spec lines(t()) -> [unicode:chardata()].
 lines(#notes{strangers = Strangers, unheard = Unheard} = Notes) ->
     reloads(Notes) ++ distance(Notes) ++ floor_of(Notes) ++ to_nobody(Strangers) ++ by_type(Unheard) ++
-        cut(Notes).
+        overload(Notes) ++ refused(Notes) ++ cut(Notes).
 
 reloads(#notes{reloads = Reloads}) -> [starl_reload_monitor:format(R) || R <- Reloads].
 
@@ -174,6 +188,47 @@ nobody(Type, All) ->
     io_lib:format("~ts ~ts not listen to ~tp: ~ts, first by robot ~b at ~.3f s", [
         robots([Id || #{robot := Id} <- All]), do(All), Type, messages(All), From, At / 1.0e6
     ]).
+
+%% Posts that were dropped tell nobody else.
+overload(#notes{overloads = Overloads, beams = Beams}) ->
+    [
+        not_sent(Type, [One || #{type := Of} = One <- Overloads, Of =:= Type], Beams)
+     || Type <- lists:usort([Type || #{type := Type} <- Overloads])
+    ].
+
+not_sent(Type, All, Beams) ->
+    At = lists:min([At || #{at_us := At} <- All]),
+    io_lib:format(
+        "~ts did not send ~ts of type ~tp, too many were under way, first at ~.3f s~ts", [
+            robots([Id || #{robot := Id} <- All]),
+            messages(All),
+            Type,
+            At / 1.0e6,
+            sent_at(Type, Beams)
+        ]
+    ).
+
+refused(#notes{refused = Refused, beams = Beams}) ->
+    [
+        full(Type, [One || #{type := Of} = One <- Refused, Of =:= Type], Beams)
+     || Type <- lists:usort([Type || #{type := Type} <- Refused])
+    ].
+
+full(Type, All, Beams) ->
+    {At, From} = first(All),
+    io_lib:format(
+        "~ts had ended, with a full inbox: messages of type ~tp are lost after their last try, first "
+        "by robot ~b at ~.3f s~ts",
+        [robots([Id || #{robot := Id} <- All]), Type, From, At / 1.0e6, sent_at(Type, Beams)]
+    ).
+
+%% The lines that send this type.
+sent_at(Type, Beams) ->
+    Calls = lists:append([starl_cli_foreign:sends(Type, Beam) || Beam <- Beams]),
+    [
+        io_lib:format("; ~ts:~b", [filename:basename(File), Line])
+     || {File, Line, _} <- lists:sublist(Calls, ?NAMED)
+    ].
 
 first(All) -> lists:min([{At, From} || #{at_us := At, from := From} <- All]).
 

@@ -41,7 +41,15 @@
 ]).
 %% The figures that have lines of their own in the text; the number of notes in the summary.
 -define(LISTS, [
-    violations, not_judged, results, reloads, off_floor, messages_to_nobody, messages_unheard
+    violations,
+    not_judged,
+    results,
+    reloads,
+    off_floor,
+    messages_to_nobody,
+    messages_unheard,
+    messages_not_sent,
+    messages_refused
 ]).
 -define(NOTES, 6).
 %% The places of waiting applications that are shown in the summary.

@@ -72,11 +72,11 @@ ending(Ending, _Outcome) -> Ending.
 
 %% @doc Tells of a run: prints a summary and writes the files; gives the exit status.
 -spec tell(starl_cli_setup:t(), ran()) -> starl_cli_terminal:status().
-tell(#{target := #{name := Name}, scenario := Scenario, out := Out} = Setup, Ran) ->
+tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = Setup, Ran) ->
     #{inputs := Inputs} = Setup,
     #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
     Ways = ways(Outcome, Scenario),
-    Notes = starl_cli_notes:make(Outcome, Ways),
+    Notes = starl_cli_notes:make(Outcome, Ways, starl_cli_target:beams(Target)),
     Report = starl_cli_report:make(#{
         name => Name,
         scenario => Scenario,

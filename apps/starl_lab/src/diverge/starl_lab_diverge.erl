@@ -288,13 +288,11 @@ trace({T, Machine, Event}) ->
     io_lib:format("  ~.6f s  ~tp traces ~0tP~n", [T / 1.0e6, Machine, Event, 30]).
 
 %% Calls whose values are not the robot's.
-likely(#{target := #{app := App} = Target}) ->
-    Beams =
-        case [Beam || {_, _, Beam} <- maps:get(code, Target, [])] of
-            [] -> [Beam || {_, Beam, _} <- [code:get_object_code(App)]];
-            Own -> Own
-        end,
-    Calls = lists:append([starl_cli_foreign:calls(Beam) || Beam <- Beams]),
+likely(#{target := Target}) ->
+    Calls = lists:append([
+        starl_cli_foreign:calls(Beam)
+     || Beam <- starl_cli_target:beams(Target)
+    ]),
     Lines = [["likely cause: ", starl_cli_foreign:text(Call), "\n"] || Call <- Calls],
     starl_cli_terminal:out(Lines).
 
