@@ -79,6 +79,34 @@ dropped_test() ->
         Figures
     ).
 
+%% Tokens that nobody can get any more.
+tokens_test() ->
+    Waits = #{
+        kept => [#{robot => 3, token => <<"key">>, asked => [1, 2]}],
+        circles => [
+            #{at_us => 500000, waits => [{2, right}, {1, left}]},
+            #{at_us => 600000, waits => [{4, door}]}
+        ]
+    },
+    Outcome = outcome(mail([]), [], #{starl_mutex_waits => Waits}),
+    Notes = starl_cli_notes:make(Outcome, ways([]), []),
+    ?assertEqual(
+        [
+            "robot 3 ended with token <<\"key\">>, and keeps it: robots 1, 2 asked for it in vain",
+            "robots 1, 2 waited for each other's tokens, at 0.500 s: robot 2 held right and asked for "
+            "left, robot 1 held left and asked for right; acquire them as one list",
+            "robot 4 asked for token door, which it holds itself, at 0.600 s"
+        ],
+        texts(Notes)
+    ),
+    ?assertMatch(
+        #{
+            tokens_kept := [[{robot, 3}, {token, <<"<<\"key\">>">>}, {asked, [1, 2]}]],
+            tokens_in_circle := [[{at_s, 0.5}, {waits, [[_, _], [_, _]]}], _]
+        },
+        maps:from_list(starl_cli_notes:figures(Notes))
+    ).
+
 beam(Source) ->
     {ok, Tokens, _} = erl_scan:string(Source),
     Forms = [element(2, erl_parse:parse_form(Form)) || Form <- forms(Tokens)],

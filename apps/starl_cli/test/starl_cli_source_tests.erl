@@ -33,6 +33,25 @@ library_test() ->
         )
     end).
 
+%% A text would be a token for each character. Lists of numbers are lists of tokens.
+a_text_is_no_token_test() ->
+    starl_cli_vm:in_directory(fun(Dir) ->
+        File = filename:join(Dir, "text_app.erl"),
+        ok = file:write_file(
+            File,
+            "-module(text_app).\n-export([step/2]).\n"
+            "step(R, s) ->\n    starl_mutex:acquire(R, [100, 101]),\n"
+            "    starl_mutex:acquire(R, \"tok\"),\n    {done, s}.\n"
+        ),
+        {error, [Line]} = starl_cli_source:load(File),
+        ?assertEqual(
+            File ++
+                ":5: starl_mutex:acquire/2: \"tok\" names a token for each of its characters; "
+                "use an atom, or <<\"tok\">>",
+            unicode:characters_to_list(Line)
+        )
+    end).
+
 write(Dir, Version) ->
     App =
         "-module(stale_app).\n-behaviour(starl_app).\n-export([init/2, step/2]).\n"

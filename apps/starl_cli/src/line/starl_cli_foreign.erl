@@ -1,9 +1,10 @@
 %% @doc Finds calls in a user's modules whose values are not the robot's: random numbers, clocks and
 %% identifiers of this computer. With them, equal scenarios and seeds give unequal runs. And it finds
-%% the calls that send messages of a type, which a note on such messages names.
+%% the calls that send messages of a type, which a note on such messages names, and those that name a
+%% token by a text.
 -module(starl_cli_foreign).
 
--export([calls/1, sends/2, text/1]).
+-export([calls/1, sends/2, named_by_text/1, text/1]).
 
 -export_type([call/0]).
 
@@ -23,6 +24,21 @@ sends(Type, Beam) ->
     {File, Forms} = source(Beam),
     All = [{File, at(Anno), Call} || {Anno, Call, Args} <- found(Forms), is_sent(Type, Call, Args)],
     lists:usort(All).
+
+%% @doc One line for each call that gives a text as a token: it would be a list of tokens, one for each
+%% character, each of which other texts have, too.
+-spec named_by_text(Beam :: binary() | file:filename()) -> [unicode:chardata()].
+named_by_text(Beam) ->
+    {File, Forms} = source(Beam),
+    [
+        io_lib:format(
+            "~ts:~b: ~tp:~tp/~b: ~tp names a token for each of its characters; use an atom, or <<~tp>>",
+            [File, at(Anno), M, F, A, Text, Text]
+        )
+     || {Anno, {M, F, A}, [_, {string, _, Text} | _]} <- found(Forms),
+        M =:= starl_mutex,
+        lists:member(F, [acquire, release, with_token])
+    ].
 
 is_sent(Type, {starl, F, 4}, [_, _, {atom, _, Type}, _]) -> F =:= post orelse F =:= send;
 is_sent(Type, {starl, broadcast, 3}, [_, {atom, _, Type}, _]) -> true;

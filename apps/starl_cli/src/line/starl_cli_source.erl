@@ -102,10 +102,12 @@ sound(File, {ok, Module, Beam, Warnings}) ->
         starl_cli_terminal:warn(["warning: ", Line])
      || Line <- starl_version:format_found(telling(Warnings)) ++ Foreign
     ],
-    case is_free(Module, File) of
-        true ->
+    case {starl_cli_foreign:named_by_text(Beam), is_free(Module, File)} of
+        {[_ | _] = Named, _} ->
+            {error, Named};
+        {[], true} ->
             {ok, {Module, File, Beam}};
-        false ->
+        {[], false} ->
             {error, [
                 io_lib:format("~ts: there is a module ~ts already; give yours another name", [
                     File, Module

@@ -13,6 +13,8 @@
     unheard :: [starl_sim_mail_monitor:unheard()],
     overloads :: [starl_sim_mail_monitor:overload()],
     refused :: [starl_sim_mail_monitor:refused()],
+    kept :: [starl_mutex_waits:kept()],
+    circles :: [starl_mutex_waits:circle()],
     %% the application's own modules, for the lines that send
     beams :: [beam()],
     %% without a contract of distances
@@ -35,7 +37,11 @@
 %% @doc The monitors that look on.
 -spec watch(starl_sim_scenario:t()) -> [{module(), map()}].
 watch(#{robots := Team, reloads := Reloads}) ->
-    [starl_cli_ways:watch(), {starl_sim_mail_monitor, #{robots => Team}}] ++
+    [
+        starl_cli_ways:watch(),
+        {starl_sim_mail_monitor, #{robots => Team}},
+        {starl_mutex_waits, #{}}
+    ] ++
         [{starl_reload_monitor, #{}} || Reloads =/= []].
 
 %% @doc The same for a live run, whose code may be reloaded at any time.
@@ -48,6 +54,8 @@ watch_live(Scenario) -> watch(Scenario) ++ [{starl_reload_monitor, #{}}].
 make(#{monitors := Monitors, robots := Robots}, Ways, Beams) ->
     #{starl_sim_mail_monitor := #{strangers := Strangers, unheard := Unheard} = Mail} = Monitors,
     Gone = [Id || {Id, #{result := Result}} <- Robots, Result =:= died orelse Result =:= given_up],
+    #{kept := Kept, circles := Circles} =
+        maps:get(starl_mutex_waits, Monitors, #{kept => [], circles => []}),
     #{reloads := Reloads} = maps:get(starl_reload_monitor, Monitors, #{reloads => []}),
     #notes{
         reloads = Reloads,
@@ -55,6 +63,8 @@ make(#{monitors := Monitors, robots := Robots}, Ways, Beams) ->
         unheard = [One || #{robot := Id} = One <- Unheard, not lists:member(Id, Gone)],
         overloads = maps:get(overloads, Mail),
         refused = maps:get(refused, Mail),
+        kept = Kept,
+        circles = Circles,
         beams = Beams,
         ways =
             case is_map_key(starl_dpp_monitor, Monitors) of
@@ -76,6 +86,7 @@ make(#{monitors := Monitors, robots := Robots}, Ways, Beams) ->
 figures(#notes{results = Results, reloads = Reloads} = Notes) ->
     [{reloads, [reload(Reload) || Reload <- Reloads]} || Reloads =/= []] ++
         far(Notes) ++
+        tokens(Notes) ++
         [
             {messages_to_nobody, [stranger(S) || S <- Notes#notes.strangers]},
             {messages_unheard, [unheard(U) || U <- Notes#notes.unheard]},
@@ -101,6 +112,24 @@ far(#notes{ways = {Least, Off}}) ->
 
 least(none) -> [{least_distance_mm, null}];
 least({Mm, _, _}) -> [{least_distance_mm, tenth(Mm)}].
+
+%% Only of applications that have come to this.
+tokens(#notes{kept = Kept, circles = Circles}) ->
+    [{tokens_kept, [kept(One) || One <- Kept]} || Kept =/= []] ++
+        [{tokens_in_circle, [circle(One) || One <- Circles]} || Circles =/= []].
+
+kept(#{robot := Robot, token := Token, asked := Asked}) ->
+    [{robot, Robot}, {token, binary(Token)}, {asked, Asked}].
+
+circle(#{at_us := At, waits := Waits}) ->
+    [
+        {at_s, At / 1.0e6},
+        {waits, [[{robot, Robot}, {holds, binary(Token)}] || {Robot, Token} <- Waits]}
+    ].
+
+binary(Token) -> unicode:characters_to_binary(token(Token)).
+
+token(Token) -> io_lib:format("~0tP", [Token, ?DEPTH]).
 
 %% A distance must not look greater than it is.
 tenth(Mm) -> floor(Mm * 10) / 10.
@@ -138,7 +167,7 @@ rolled_back(#notes{reloads = Reloads}) ->
 -spec lines(t()) -> [unicode:chardata()].
 lines(#notes{strangers = Strangers, unheard = Unheard} = Notes) ->
     reloads(Notes) ++ distance(Notes) ++ floor_of(Notes) ++ to_nobody(Strangers) ++ by_type(Unheard) ++
-        overload(Notes) ++ refused(Notes) ++ cut(Notes).
+        overload(Notes) ++ refused(Notes) ++ ended_with(Notes) ++ in_circles(Notes) ++ cut(Notes).
 
 reloads(#notes{reloads = Reloads}) -> [starl_reload_monitor:format(R) || R <- Reloads].
 
@@ -221,6 +250,35 @@ full(Type, All, Beams) ->
         "by robot ~b at ~.3f s~ts",
         [robots([Id || #{robot := Id} <- All]), Type, From, At / 1.0e6, sent_at(Type, Beams)]
     ).
+
+ended_with(#notes{kept = Kept}) ->
+    [
+        [
+            io_lib:format("robot ~b ended with token ~ts, and keeps it", [Robot, token(Token)]),
+            [[": ", robots(Asked), " asked for it in vain"] || Asked =/= []]
+        ]
+     || #{robot := Robot, token := Token, asked := Asked} <- lists:sublist(Kept, ?NAMED)
+    ].
+
+in_circles(#notes{circles = Circles}) ->
+    [in_circle(Circle) || Circle <- lists:sublist(Circles, ?NAMED)].
+
+in_circle(#{at_us := At, waits := [{Robot, Token}]}) ->
+    io_lib:format("robot ~b asked for token ~ts, which it holds itself, at ~.3f s", [
+        Robot, token(Token), At / 1.0e6
+    ]);
+in_circle(#{at_us := At, waits := [{_, First} | _] = Waits}) ->
+    Asked = [Token || {_, Token} <- tl(Waits)] ++ [First],
+    [
+        io_lib:format("~ts waited for each other's tokens, at ~.3f s: ", [
+            robots([Robot || {Robot, _} <- Waits]), At / 1.0e6
+        ]),
+        lists:join(", ", [
+            io_lib:format("robot ~b held ~ts and asked for ~ts", [Robot, token(Held), token(Asks)])
+         || {{Robot, Held}, Asks} <- lists:zip(Waits, Asked)
+        ]),
+        "; acquire them as one list"
+    ].
 
 %% The lines that send this type.
 sent_at(Type, Beams) ->

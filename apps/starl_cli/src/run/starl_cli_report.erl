@@ -49,7 +49,9 @@
     messages_to_nobody,
     messages_unheard,
     messages_not_sent,
-    messages_refused
+    messages_refused,
+    tokens_kept,
+    tokens_in_circle
 ]).
 -define(NOTES, 6).
 %% The places of waiting applications that are shown in the summary.

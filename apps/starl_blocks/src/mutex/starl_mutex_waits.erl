@@ -1,0 +1,116 @@
+%% @doc Records why robots wait for tokens in vain: an application has ended with a token that it
+%% holds, which its robot keeps for as long as it lives; or robots wait for each other's tokens, until
+%% the patience of one of them is over. It judges nothing: both are the application's own doing.
+%%
+%% A list of tokens that is acquired in one call never leads to a circle ({@link starl_mutex}).
+-module(starl_mutex_waits).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-export_type([kept/0, circle/0]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type token() :: starl_mutex:token().
+
+%% A robot whose application has ended, a token that it holds, and those who have asked for it in
+%% vain.
+-type kept() :: #{robot := robot_id(), token := token(), asked := [robot_id()]}.
+
+%% Robots that wait in a circle, since when: what each holds that the one before it in the list asks
+%% for (the first one's is asked for by the last).
+-type circle() :: #{at_us := integer(), waits := [{robot_id(), Holds :: token()}, ...]}.
+
+-record(state, {
+    holds = #{} :: #{token() => robot_id()},
+    asks = #{} :: #{{robot_id(), token()} => asks | failed},
+    ended = #{} :: #{robot_id() => true},
+    %% the first circle of each set of robots
+    circles = #{} :: #{[robot_id()] => circle()}
+}).
+
+%% @doc Nothing has happened yet.
+-spec init(#{}) -> #state{}.
+init(#{}) -> #state{}.
+
+%% @doc The mutex machines' events, and the ends of applications and robots.
+-spec interests() -> [atom()].
+interests() -> [mutex, app, robot].
+
+%% @doc Follows one event.
+-spec step(starl_monitor:trace_event(), #state{}) -> {ok, #state{}}.
+step({T, Robot, mutex, {requested, Token}}, #state{asks = Asks} = State) ->
+    {ok, in_circle(T, Robot, Token, State#state{asks = Asks#{{Robot, Token} => asks}})};
+step({_T, Robot, mutex, {acquired, Token, _}}, #state{holds = Holds, asks = Asks} = State) ->
+    {ok, State#state{holds = Holds#{Token => Robot}, asks = maps:remove({Robot, Token}, Asks)}};
+step({_T, Robot, mutex, {Ends, Token, _}}, #state{holds = Holds} = State) when
+    Ends =:= released; Ends =:= lease_lost
+->
+    case Holds of
+        #{Token := Robot} -> {ok, State#state{holds = maps:remove(Token, Holds)}};
+        #{} -> {ok, State}
+    end;
+step({_T, Robot, mutex, {failed, Token, _Why}}, #state{asks = Asks} = State) ->
+    {ok, State#state{asks = Asks#{{Robot, Token} => failed}}};
+step({_T, Robot, mutex, crashed}, State) ->
+    {ok, forgotten(Robot, State)};
+step({_T, Robot, robot, {died, _}}, State) ->
+    {ok, forgotten(Robot, State)};
+step({_T, Robot, app, {done, _}}, #state{ended = Ended} = State) ->
+    {ok, State#state{ended = Ended#{Robot => true}}};
+step(_Event, State) ->
+    {ok, State}.
+
+%% @doc What robots have kept, and who has waited in a circle.
+-spec finish(integer(), #state{}) -> {ok, #{kept := [kept()], circles := [circle()]}}.
+finish(_EndUs, #state{holds = Holds, ended = Ended, circles = Circles} = State) ->
+    Kept = [
+        #{robot => Robot, token => Token, asked => asked(Token, State)}
+     || {Token, Robot} <- lists:sort(maps:to_list(Holds)), is_map_key(Robot, Ended)
+    ],
+    {ok, #{kept => Kept, circles => [Circle || {_, Circle} <- lists:sort(maps:to_list(Circles))]}}.
+
+asked(Token, #state{asks = Asks}) ->
+    lists:sort([R || {R, Asked} <- maps:keys(Asks), Asked =:= Token]).
+
+%% The leases of its holds run out.
+forgotten(Robot, #state{holds = Holds, asks = Asks} = State) ->
+    State#state{
+        holds = maps:filter(fun(_Token, Holder) -> Holder =/= Robot end, Holds),
+        asks = maps:filter(fun({Asker, _Token}, _How) -> Asker =/= Robot end, Asks)
+    }.
+
+%% Does somebody wait for this robot, for whom it waits from now on?
+in_circle(T, Robot, Token, #state{circles = Circles} = State) ->
+    case way(Token, Robot, [], State) of
+        none ->
+            State;
+        Waits ->
+            Robots = lists:sort([Holder || {Holder, _} <- Waits]),
+            New = #{Robots => #{at_us => T, waits => Waits}},
+            State#state{circles = maps:merge(New, Circles)}
+    end.
+
+%% From holder to holder, until the one who asks.
+way(Token, Robot, Before, #state{holds = Holds, asks = Asks} = State) ->
+    case Holds of
+        #{Token := Robot} ->
+            lists:reverse(Before, [{Robot, Token}]);
+        #{Token := Holder} ->
+            Known = lists:keymember(Holder, 1, Before),
+            Next = [
+                Asked
+             || not Known, {{R, Asked}, asks} <- lists:sort(maps:to_list(Asks)), R =:= Holder
+            ],
+            first_way(Next, Robot, [{Holder, Token} | Before], State);
+        #{} ->
+            none
+    end.
+
+first_way([], _Robot, _Before, _State) ->
+    none;
+first_way([Token | Tokens], Robot, Before, State) ->
+    case way(Token, Robot, Before, State) of
+        none -> first_way(Tokens, Robot, Before, State);
+        Waits -> Waits
+    end.
