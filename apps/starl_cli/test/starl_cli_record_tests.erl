@@ -19,7 +19,11 @@ record() ->
         painting,
         Scenario,
         {violation, #{
-            digest => <<16#0a, 16#ff>>, end_us => 1234567, events => 99, violations => [Violation]
+            digest => <<16#0a, 16#ff>>,
+            end_us => 1234567,
+            events => 99,
+            violations => [Violation],
+            robots => [{1, #{result => {done, self()}}}, {2, #{result => running}}]
         }}
     ).
 
@@ -50,6 +54,14 @@ it_holds_what_a_reader_needs_test() ->
     ?assertNot(is_map_key(robots, Options)),
     ?assertNotEqual(nomatch, string:find(Text, "changed")).
 
+%% A record of an earlier version has no results.
+without_results_test() ->
+    in_directory(fun(Dir) ->
+        Record = maps:remove(results, record()),
+        ok = starl_cli_record:write(Dir, Record),
+        ?assertEqual({ok, Record}, starl_cli_record:read(Dir))
+    end).
+
 bad_files_test_() ->
     [
         {Part, fun() ->
@@ -65,6 +77,7 @@ bad_files_test_() ->
             {"no run is recorded here", "#{app => painting}."},
             {"lacks app, scenario, options, ending", "#{digest => \"00\"}."},
             {"not what a run writes: digest, end_us", text(#{digest => 7, end_us => -1})},
+            {"not what a run writes: results", text(#{results => [1]})},
             {"run.term:1: ", "#{digest => "},
             {"one map", "[1]."}
         ]

@@ -41,6 +41,29 @@ replay_test_() ->
         end)
     end}.
 
+%% A result that is not the robot's own may differ with equal events; so it does here, in each VM.
+results_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        in_directory(fun(Dir) ->
+            File = filename:join(Dir, "starl_cli_outsider.erl"),
+            ok = file:write_file(
+                File,
+                "-module(starl_cli_outsider).\n-export([init/2, step/2]).\n"
+                "init(R, _) -> starl:id(R).\n"
+                "step(_R, 1) -> {done, fine};\n"
+                "step(_R, 2) -> {done, application:get_env(kernel, outside)}.\n"
+            ),
+            Out = filename:join(Dir, "out"),
+            Warned = says(0, "result: ", ["run", File, "--robots", "2", "--out", Out]),
+            contains("starl_cli_outsider.erl:5: application:get_env/2 reads", Warned),
+            says(0, "same digest", ["replay", Out]),
+            {ok, #{results := [One, {2, Hash}]} = Record} = starl_cli_record:read(Out),
+            ok = starl_cli_record:write(Out, Record#{results := [One, {2, Hash + 1}]}),
+            Text = says(3, "other results have robot 2\n", ["replay", Out]),
+            contains("./starl diverge", Text)
+        end)
+    end}.
+
 %% An interrupted run comes back as far as it came.
 interrupted_test_() ->
     {timeout, ?PATIENCE_S, fun() ->

@@ -1,4 +1,4 @@
-%% @doc `./starl replay': repeats a recorded run and compares the digests, or stops the run at a
+%% @doc `./starl replay': repeats a recorded run and compares digest and results, or stops the run at a
 %% given point and shows the robots.
 -module(starl_cli_replay).
 
@@ -33,8 +33,8 @@ argument() -> {required, "RUN", {example, "out/painting-1"}}.
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
-        "RUN is the directory of a run or its run.term: the run is done again and its digest "
-        "compared (--mode and --shards may differ, which changes nothing). It may also be anything that "
+        "RUN is the directory of a run or its run.term: the run is done again, and its digest "
+        "and results are compared (--mode and --shards may differ, which changes nothing). It may also be anything that "
         "./starl run takes, with the same flags; SEED --app TARGET is TARGET --seed SEED."
     ].
 
@@ -66,8 +66,8 @@ own_flags() ->
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
     [
-        {0, "the same digest, or stopped where asked for"},
-        {3, "another digest"},
+        {0, "the same digest and results, or stopped where asked for"},
+        {3, "another digest, or other results"},
         {130, "interrupted; without a record those of ./starl run"}
     ].
 
@@ -187,32 +187,51 @@ came({ok, {_Ending, Outcome}}, #{record := Record} = Setup) ->
     Lines = [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
     Head = io_lib:format("~ts: ~b events in ~.1f s~n", [Name, Events, EndUs / 1.0e6]),
     starl_cli_terminal:out([Head, Lines]),
-    compare(starl_cli_record:hex(Digest), Record, Setup);
+    compare(starl_cli_record:hex(Digest), starl_cli_record:results(Outcome), Record, Setup);
 came(Failed, #{run := Run}) ->
     failed(Failed, Run).
 
 failed({error, Reason}, _Run) -> {error, [starl_sim:format_error(Reason)]};
 failed({failed, Reason}, Run) -> starl_cli_simulation:failed(Reason, Run).
 
-compare(Digest, #{ending := lost}, _Setup) ->
+compare(Digest, _Results, #{ending := lost}, _Setup) ->
     starl_cli_terminal:out(["the recorded run lost a node: not compared; digest ", Digest, "\n"]),
     0;
-compare(Digest, #{digest := Digest}, _Setup) ->
-    starl_cli_terminal:out(["same digest ", Digest, "\n"]),
-    0;
-compare(Digest, #{digest := Recorded, events := Events}, #{run := #{target := #{file := File}}}) ->
+compare(Digest, Results, #{digest := Digest} = Record, Setup) ->
+    Recorded = maps:get(results, Record, Results),
+    case [Robot || {{Robot, Hash}, {_, Now}} <- lists:zip(Recorded, Results), Hash =/= Now] of
+        [] ->
+            starl_cli_terminal:out(["same digest ", Digest, "\n"]),
+            0;
+        Others ->
+            starl_cli_terminal:out([
+                "NOT THE SAME: the events are, with digest ",
+                Digest,
+                "; other results have ",
+                starl_cli_phrase:robots(Others),
+                "\n",
+                outside(Setup)
+            ]),
+            3
+    end;
+compare(Digest, _Results, #{digest := Recorded, events := Events}, Setup) ->
     starl_cli_terminal:out([
         "NOT THE SAME: digest ",
         Digest,
         ", recorded was ",
         Recorded,
         io_lib:format(" (~b events)~n", [Events]),
+        outside(Setup)
+    ]),
+    3.
+
+outside(#{run := #{target := #{file := File}}}) ->
+    [
         "Unless the code is another one, something outside the scenario has a part in it; where:\n",
         "  ./starl diverge ",
         starl_cli_quoted:word(File),
         "\n"
-    ]),
-    3.
+    ].
 
 %% -- in a window ----------------------------------------------------------------------------
 

@@ -1,5 +1,5 @@
-%% @doc Finds calls in a user's modules whose values are not the robot's: random numbers, clocks and
-%% identifiers of this computer. With them, equal scenarios and seeds give unequal runs. And it finds
+%% @doc Finds calls in a user's modules whose values are not the robot's: random numbers, clocks,
+%% identifiers, shared tables and the environment of this computer. With them, equal scenarios and seeds give unequal runs. And it finds
 %% the calls that send messages of a type, which a note on such messages names, and those that name a
 %% token by a text.
 -module(starl_cli_foreign).
@@ -75,9 +75,18 @@ found(_Other) ->
 text({File, Line, {M, F, A} = Call}) ->
     io_lib:format("~ts:~b: ~tp:~tp/~b ~ts", [File, Line, M, F, A, words(kind(Call))]).
 
-words(random) -> "is not the robot's random number; use starl:random(Robot)";
-words(clock) -> "reads this computer's clock; use starl:now(Robot)";
-words(unique) -> "differs from run to run; use starl:id(Robot) and a counter".
+words(random) ->
+    "is not the robot's random number; use starl:random(Robot)";
+words(clock) ->
+    "reads this computer's clock; use starl:now(Robot)";
+words(unique) ->
+    "differs from run to run; use starl:id(Robot) and a counter";
+words(process) ->
+    "is another process in each run; use starl:id(Robot)";
+words(shared) ->
+    "is shared by the robots of one computer; use the state of step/2, or starl:store(Robot, Term)";
+words(environment) ->
+    "reads what is around this computer's VM; use an option of options/0".
 
 %% Functions that take a state, such as rand:uniform_s/1, are as good as the state that they take.
 kind({rand, F, A}) ->
@@ -92,6 +101,16 @@ kind({random, _, _}) ->
 kind({crypto, F, _}) when F =:= strong_rand_bytes; F =:= rand_uniform -> random;
 kind({os, F, _}) when F =:= system_time; F =:= timestamp; F =:= perf_counter -> clock;
 kind({calendar, F, 0}) when F =:= local_time; F =:= universal_time -> clock;
+kind({erlang, self, 0}) ->
+    process;
+kind({ets, _, _}) ->
+    shared;
+kind({persistent_term, _, _}) ->
+    shared;
+kind({application, F, _}) when F =:= get_env; F =:= get_all_env; F =:= set_env; F =:= unset_env ->
+    environment;
+kind({os, F, _}) when F =:= getenv; F =:= putenv; F =:= unsetenv; F =:= env ->
+    environment;
 kind({erlang, F, A}) ->
     Clocks = [now, system_time, monotonic_time, timestamp, date, time, localtime, universaltime],
     case {lists:member(F, Clocks) andalso A =< 1, F} of

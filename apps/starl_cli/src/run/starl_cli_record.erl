@@ -2,14 +2,15 @@
 %% with all inputs of the run and its results. `./starl replay' repeats the run and compares.
 -module(starl_cli_record).
 
--export([make/3, text/1, write/2, read/1, format_error/1, hex/1]).
+-export([make/3, results/1, text/1, write/2, read/1, format_error/1, hex/1]).
 
 -export_type([t/0, violation/0, reason/0]).
 
 %% A recorded run. `scenario': all values of the run with those of the application; its `faults'
 %% include the drawn ones; with the application's module as `app' it can be started unchanged.
 %% `options': the application's own values once more. `app': a name or a source file, as in a
-%% scenario file. `digest': lower-case hexadecimal; empty if a node was lost.
+%% scenario file. `digest': lower-case hexadecimal; empty if a node was lost. `results': a hash of each
+%% robot's result, since a result may have no readable form; a record of an earlier version has none.
 -type t() :: #{
     app := atom() | file:filename_all(),
     scenario := #{atom() => term()},
@@ -18,7 +19,8 @@
     ending := starl_sim_run:ending(),
     end_us := starl_sim_queue:time(),
     events := non_neg_integer(),
-    violations := [violation()]
+    violations := [violation()],
+    results => [{starl:robot_id(), Hash :: non_neg_integer()}]
 }.
 
 %% The record of a violation. Its details may have no readable form, so they are in the text only.
@@ -38,7 +40,10 @@
     | {unwritable, file:filename(), file:posix() | badarg | terminated | system_limit}.
 
 -define(NAME, "run.term").
+-define(HASHES, 1 bsl 32).
 -define(KEYS, [app, scenario, options, digest, ending, end_us, events, violations]).
+%% Those that a record may lack.
+-define(MORE, [results]).
 -define(ENDINGS, [done, time, violation, stopped, quiet, lost]).
 
 %% @doc Makes the record of a run from the application (as in a scenario file), the scenario that
@@ -56,8 +61,14 @@ make(Name, #{app := App} = Scenario, {Ending, Outcome}) ->
         ending => Ending,
         end_us => EndUs,
         events => Events,
-        violations => [violation(V) || V <- Violations]
+        violations => [violation(V) || V <- Violations],
+        results => results(Outcome)
     }.
+
+%% @doc A hash of each robot's result, the same in every VM.
+-spec results(starl_sim_run:outcome()) -> [{starl:robot_id(), non_neg_integer()}].
+results(#{robots := Robots}) ->
+    [{Id, erlang:phash2(Result, ?HASHES)} || {Id, #{result := Result}} <- Robots].
 
 violation(#{contract := _, what := _, at_us := _, robots := _} = Violation) ->
     Known = maps:with([contract, what, at_us, robots], Violation),
@@ -72,7 +83,8 @@ hex(Digest) -> binary_to_list(string:lowercase(binary:encode_hex(Digest))).
 %% scenario.
 -spec text(t()) -> unicode:chardata().
 text(Record) ->
-    Lines = [["    ", atom_to_list(Key), " => ", value(maps:get(Key, Record))] || Key <- ?KEYS],
+    Keys = [Key || Key <- ?KEYS ++ ?MORE, is_map_key(Key, Record)],
+    Lines = [["    ", atom_to_list(Key), " => ", value(maps:get(Key, Record))] || Key <- Keys],
     [
         "%% A run, as it was; ./starl replay with the name of this file runs it again.\n",
         "#{\n",
@@ -124,9 +136,12 @@ file_of(Path) ->
 
 checked(File, Map) ->
     Missing = [Key || Key <- ?KEYS, not is_map_key(Key, Map)],
-    Unsound = [Key || Key <- ?KEYS, is_map_key(Key, Map), not is_sound(Key, maps:get(Key, Map))],
+    Unsound = [
+        Key
+     || Key <- ?KEYS ++ ?MORE, is_map_key(Key, Map), not is_sound(Key, maps:get(Key, Map))
+    ],
     case {Missing, Unsound} of
-        {[], []} -> {ok, maps:with(?KEYS, Map)};
+        {[], []} -> {ok, maps:with(?KEYS ++ ?MORE, Map)};
         {[_ | _], _} -> {error, {missing, File, Missing}};
         {[], [_ | _]} -> {error, {unsound, File, Unsound}}
     end.
@@ -138,7 +153,11 @@ is_sound(digest, Digest) -> is_text(Digest);
 is_sound(ending, Ending) -> lists:member(Ending, ?ENDINGS);
 is_sound(end_us, EndUs) -> is_integer(EndUs) andalso EndUs >= 0;
 is_sound(events, Events) -> is_integer(Events) andalso Events >= 0;
+is_sound(results, Results) -> is_list(Results) andalso lists:all(fun is_hash/1, Results);
 is_sound(violations, Violations) -> is_list(Violations) andalso lists:all(fun is_map/1, Violations).
+
+is_hash({Robot, Hash}) -> is_integer(Robot) andalso is_integer(Hash);
+is_hash(_) -> false.
 
 is_text(Text) -> Text =/= "" andalso io_lib:printable_unicode_list(Text).
 
