@@ -196,7 +196,7 @@ a_record_is_run_as_it_was_test() ->
                 exercise,
                 Scenario,
                 {done, #{
-                    digest => <<1>>, end_us => 1, events => 1, violations => []
+                    digest => <<1>>, end_us => 1, events => 1, violations => [], robots => []
                 }}
             )
         ),
