@@ -125,9 +125,15 @@ inline(Name, given_up, Machines) ->
 %% If a process of another robot goes down meanwhile, the shard handles it later.
 await([], So, Machines, _Tree) ->
     {ok, So, Machines};
-await(Missing, So, Machines, #tree{robot = Robot, sup = Sup} = Tree) ->
-    Own = starl_robot_machines:processes(Machines),
+await(Missing, So, Machines, Tree) ->
     Guards = guards(Missing, Tree),
+    case [Part || {Pid, Part} <- maps:to_list(Guards), not is_process_alive(Pid)] of
+        [] -> await(Guards, Missing, So, Machines, Tree);
+        [Part | _] -> guard_gone(Part, Missing, So, Machines, Tree)
+    end.
+
+await(Guards, Missing, So, Machines, #tree{robot = Robot, sup = Sup} = Tree) ->
+    Own = starl_robot_machines:processes(Machines),
     receive
         %% the end of a process is handled before its successor
         {'DOWN', _, process, Pid, Reason} when is_map_key(Pid, Own) ->
@@ -137,14 +143,18 @@ await(Missing, So, Machines, #tree{robot = Robot, sup = Sup} = Tree) ->
         {'DOWN', _, process, Sup, _} ->
             gave_up;
         {'DOWN', _, process, Pid, _} when is_map_key(Pid, Guards) ->
-            case {maps:get(Pid, Guards), is_process_alive(Sup)} of
-                {Name, true} when Name =/= services ->
-                    #{given_up := GivenUp} = So,
-                    Given = So#{given_up := [Name | GivenUp]},
-                    await(lists:delete(Name, Missing), Given, Machines, Tree);
-                _ ->
-                    gave_up
-            end
+            guard_gone(maps:get(Pid, Guards), Missing, So, Machines, Tree)
+    end.
+
+%% A supervisor that gives up ends just after its process, but the news of its end may be the first to
+%% come, when nobody waits for them.
+guard_gone(Part, Missing, #{given_up := GivenUp} = So, Machines, #tree{sup = Sup} = Tree) ->
+    case is_process_alive(Sup) of
+        true when Part =/= services ->
+            Given = So#{given_up := [Part | GivenUp]},
+            await(lists:delete(Part, Missing), Given, Machines, Tree);
+        _ ->
+            gave_up
     end.
 
 %% Another machine has crashed meanwhile.
