@@ -30,6 +30,8 @@ handle_event(packet, Packet, up, Test, #{now := Now}) ->
     {keep_state, Test, done(Packet)};
 handle_event(info, {located, hang, _Seen}, up, Test, Meta) ->
     handle_event(packet, hang, up, Test, Meta);
+handle_event(info, {located, crash, _Seen}, up, _Test, _Meta) ->
+    error(planted);
 handle_event(info, {located, Tag, Seen}, up, Test, #{now := Now}) ->
     Test ! {located, Tag, Seen, Now},
     {keep_state, Test, []};
@@ -300,6 +302,35 @@ long_step_is_told_once_test() ->
         ok
     end).
 
+%% A node's log has one line for a crash, and none of OTP's reports of the same.
+crash_is_told_once_test() ->
+    with_link(1, fun(Link, _Times) ->
+        receive
+            {starts, app, _, _} -> ok
+        end,
+        Handler = #{
+            config => #{robot => 1, sink => self()},
+            formatter => {logger_formatter, #{single_line => true, template => [msg]}},
+            filter_default => log,
+            filters => [{again, {fun starl_live_log:again/2, []}}]
+        },
+        while_logging(starl_live_log, Handler, fun() ->
+            Link ! {starl_located, self(), {app, crash}, []},
+            receive
+                {starts, app, _, _} -> starl_live_link:metrics(Link)
+            end
+        end),
+        [Line] = node_lines(),
+        ?assertMatch({match, _}, re:run(Line, "^app crashed: planted at starl_live_link_tests:")),
+        ok
+    end).
+
+node_lines() ->
+    receive
+        {starl_log, 1, error, Line} -> [Line | node_lines()]
+    after 0 -> []
+    end.
+
 app_hangs(Link) ->
     Link ! {starl_located, self(), {app, hang}, []},
     receive
@@ -308,14 +339,16 @@ app_hangs(Link) ->
 
 %% The errors that are logged meanwhile, in words.
 logged(Fun) ->
-    Handler = #{level => error, config => #{test => self()}},
+    while_logging(?MODULE, #{config => #{test => self()}}, Fun),
+    lines().
+
+while_logging(Module, Handler, Fun) ->
     #{level := Level} = logger:get_primary_config(),
     ok = logger:set_primary_config(level, error),
-    ok = logger:add_handler(?MODULE, ?MODULE, Handler),
+    ok = logger:add_handler(?MODULE, Module, Handler),
     _ = Fun(),
     ok = logger:remove_handler(?MODULE),
-    ok = logger:set_primary_config(level, Level),
-    lines().
+    ok = logger:set_primary_config(level, Level).
 
 lines() ->
     receive

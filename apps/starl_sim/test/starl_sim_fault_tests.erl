@@ -64,3 +64,11 @@ bounds(Faults) ->
     Context = starl_sim_plan:context(App, Scenario),
     #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
     maps:from_list([{M, Us} || {M, #{bound_us := Us}} <- Monitors, is_integer(Us)]).
+
+%% The name of a fault is an atom, and that is said first.
+a_number_is_no_name_test() ->
+    {error, [Problem]} = starl_sim_fault:check([{1, 15000, 16000, reboot, 3, #{}}]),
+    ?assertEqual(
+        "fault 1 of the list: its name is an atom, as in a1, not 1",
+        lists:flatten(starl_sim_fault:format_problem(Problem))
+    ).

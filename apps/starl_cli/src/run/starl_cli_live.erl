@@ -123,12 +123,13 @@ options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
         rate_hz => Rate,
         whole_mm => Whole,
         arena => arena(Walls, Scenario),
-        watch => starl_cli_drive:watching() ++ starl_cli_notes:watch_live(Scenario)
+        watch => starl_cli_notes:watch_live(Scenario)
     },
     Moving = maps:merge(Common, chassis(Scenario, line(Live, Dir))),
     case Live of
         here ->
-            Moving;
+            maps:update_with(watch, fun(Watch) -> starl_cli_drive:watching() ++ Watch end, Moving);
+        %% the log of a node tells of its crashes
         {nodes, Transport, Chaos} ->
             Moving#{
                 chaos => Chaos,

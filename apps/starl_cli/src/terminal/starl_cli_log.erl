@@ -27,22 +27,31 @@ install() ->
 lines() ->
     case logger:get_handler_config(?MODULE) of
         {ok, #{config := Table}} ->
-            [line(Line, N) || {_, _, Line, N} <- lists:keysort(2, ets:tab2list(Table))];
+            Kept = [Line || {_, _, _, _} = Line <- ets:tab2list(Table)],
+            [line(Line, N) || {_, _, Line, N} <- lists:keysort(2, Kept)];
         {error, _} ->
             []
     end.
 
-%% @doc Stores a line of the log of a robot's node, and shows it if it tells of an error.
+%% @doc Stores a line of the log of a robot's node, and shows it if it tells of an error, the first
+%% time.
 -spec node(starl:robot_id(), logger:level(), binary()) -> ok.
 node(Robot, Level, Line) ->
     Prefixed = io_lib:format("robot ~b: ~ts", [Robot, Line]),
-    _ = logger:compare_levels(Level, error) =/= lt andalso starl_cli_progress:note(Prefixed),
+    IsError = logger:compare_levels(Level, error) =/= lt,
     case logger:get_handler_config(?MODULE) of
         {ok, #{config := Table}} ->
+            _ =
+                IsError andalso first({Robot, Line}, Table) andalso
+                    starl_cli_progress:note(Prefixed),
             keep(erlang:unique_integer(), fun() -> [Prefixed, "\n"] end, Table);
         {error, _} ->
+            _ = IsError andalso starl_cli_progress:note(Prefixed),
             ok
     end.
+
+first(Error, Table) ->
+    ets:info(Table, size) =:= undefined orelse ets:insert_new(Table, {{shown, Error}}).
 
 line(Line, 1) -> Line;
 line(Line, N) -> [string:trim(Line, trailing), io_lib:format(" (~b times in all)~n", [N])].

@@ -1,8 +1,9 @@
 %% @doc A handler of OTP's logger that sends each line to a process: a cluster gathers the logs of its
-%% nodes.
+%% nodes. The link says in one line that a machine has crashed; OTP's own reports of the machine's
+%% process and of its supervisor, which say so again, are left out.
 -module(starl_live_log).
 
--export([install/2, log/2]).
+-export([install/2, log/2, again/2]).
 
 -export_type([line/0]).
 
@@ -17,8 +18,28 @@ install(Robot, Sink) ->
     _ = logger:remove_handler(default),
     Formatter = {logger_formatter, #{single_line => true, template => ?TEMPLATE}},
     logger:add_handler(?MODULE, ?MODULE, #{
-        config => #{robot => Robot, sink => Sink}, formatter => Formatter, level => notice
+        config => #{robot => Robot, sink => Sink},
+        formatter => Formatter,
+        level => notice,
+        filter_default => log,
+        filters => [{?MODULE, {fun ?MODULE:again/2, []}}]
     }).
+
+%% @private Stops what the link says, too. Who ends a process from outside does not crash it: that is
+%% told by its supervisor alone.
+-spec again(logger:log_event(), []) -> stop | ignore.
+again(#{meta := #{domain := [otp | _], machine := _}}, []) ->
+    stop;
+again(#{msg := {report, #{label := {supervisor, child_terminated}, report := Report}}}, []) ->
+    case {proplists:get_value(supervisor, Report), proplists:get_value(reason, Report)} of
+        {{_Pid, starl_robot_sup}, Reason} -> told(starl_crash:cause(Reason));
+        _ -> ignore
+    end;
+again(_Event, []) ->
+    ignore.
+
+told(none) -> ignore;
+told(_Cause) -> stop.
 
 %% @private
 -spec log(logger:log_event(), logger:handler_config()) -> ok.

@@ -69,7 +69,7 @@ made([Entry | Entries], N, Team, Parts, Made, Code) ->
         {ok, Reload, New} ->
             made(Entries, N + 1, Team, Parts, [Reload | Made], New ++ Code);
         {error, Why} ->
-            {error, io_lib:format("reload ~b: ~ts", [N, Why])}
+            {error, io_lib:format("the reload at ~b ms: ~ts", [element(1, Entry), Why])}
     end.
 
 reload({AtMs, Robots, Source}, N, Team, Parts) ->

@@ -1,0 +1,14 @@
+%% Reloads of a scenario that cannot be.
+-module(starl_sim_reloads_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% The list may have any order: a reload is named by its time.
+the_wrong_one_of_several_is_named_test() ->
+    Parts = #{app => starl_sim_script_app},
+    Refused = fun(Reloads) ->
+        {error, Why} = starl_sim_reloads:make(#{reloads => Reloads, robots => 2}, Parts),
+        lists:flatten(Why)
+    end,
+    Given = [{9000, all, lists}, {1000, 7, lists}, {3000, 8, lists}],
+    ?assertEqual("the reload at 1000 ms: there is no robot 7", Refused(Given)),
+    ?assertEqual("the reload at 3000 ms: there is no robot 8", Refused([lists:last(Given)])).
