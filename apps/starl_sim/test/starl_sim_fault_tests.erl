@@ -67,7 +67,7 @@ bounds(Faults) ->
 
 %% The name of a fault is an atom, and that is said first.
 a_number_is_no_name_test() ->
-    {error, [Problem]} = starl_sim_fault:check([{1, 15000, 16000, reboot, 3, #{}}]),
+    [Problem] = starl_sim_fault:check([{1, 15000, 16000, reboot, 3, #{}}]),
     ?assertEqual(
         "fault 1 of the list: its name is an atom, as in a1, not 1",
         lists:flatten(starl_sim_fault:format_problem(Problem))
