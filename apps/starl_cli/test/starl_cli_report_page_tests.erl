@@ -68,6 +68,10 @@ made() ->
                 overloads => [Mail#{robot => 1}],
                 refused => [Mail#{robot => 3}]
             },
+            starl_mutex_waits => #{
+                kept => [#{robot => 1, token => door, asked => [2]}],
+                circles => [#{at_us => 1, waits => [{1, left}, {2, right}]}]
+            },
             starl_reload_monitor => #{
                 reloads => [
                     #{number => 1, machines => [app], taken => [1], back => [], why => none}

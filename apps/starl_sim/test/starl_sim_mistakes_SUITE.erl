@@ -260,7 +260,7 @@ a_loop_that_lets_no_time_pass(_) ->
             ?assertEqual({Name, [{done, recovered}]}, {Name, Results}),
             told_so(Trace),
             [Stack] = [Stack || {_, 1, supervisor, {crashed, app, {_, Stack}}} <- Trace],
-            ?assertMatch({?MODULE, _, _, _, Line} when Line > 0, starl_crash:place(Stack))
+            ?assertMatch([_ | _], [Line || {?MODULE, _, _, _, Line} <- Stack, Line > 0])
         end
      || {Name, Poll} <- Polls
     ].
@@ -281,7 +281,7 @@ an_endless_loop_is_given_up(_) ->
         {'DOWN', Ref, process, Driver, Reason} ->
             ?assertMatch({{shard_failed, {no_answer, _, [{2, app, _}]}}, _}, Reason),
             {{_, {_, _, [{2, app, Frames}]}}, _} = Reason,
-            ?assertMatch({?MODULE, spin, 1, _, Line} when Line > 0, starl_crash:place(Frames))
+            ?assertMatch([{?MODULE, spin, 1, _, Line} | _] when Line > 0, Frames)
     end.
 
 spin(2) -> spin(2);
