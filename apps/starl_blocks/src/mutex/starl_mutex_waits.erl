@@ -23,7 +23,8 @@
 
 -record(state, {
     holds = #{} :: #{token() => robot_id()},
-    asks = #{} :: #{{robot_id(), token()} => asks | failed},
+    asks = #{} :: #{robot_id() => [token()]},
+    failed = #{} :: #{{robot_id(), token()} => true},
     ended = #{} :: #{robot_id() => true},
     %% the first circle of each set of robots
     circles = #{} :: #{[robot_id()] => circle()}
@@ -39,10 +40,13 @@ interests() -> [mutex, app, robot].
 
 %% @doc Follows one event.
 -spec step(starl_monitor:trace_event(), #state{}) -> {ok, #state{}}.
-step({T, Robot, mutex, {requested, Token}}, #state{asks = Asks} = State) ->
-    {ok, in_circle(T, Robot, Token, State#state{asks = Asks#{{Robot, Token} => asks}})};
-step({_T, Robot, mutex, {acquired, Token, _}}, #state{holds = Holds, asks = Asks} = State) ->
-    {ok, State#state{holds = Holds#{Token => Robot}, asks = maps:remove({Robot, Token}, Asks)}};
+step({T, Robot, mutex, {requested, Token}}, State) ->
+    {ok, in_circle(T, Robot, Token, asks(Robot, Token, State))};
+step({_T, Robot, mutex, {acquired, Token, _}}, #state{holds = Holds, failed = Failed} = State) ->
+    Held = State#state{
+        holds = Holds#{Token => Robot}, failed = maps:remove({Robot, Token}, Failed)
+    },
+    {ok, asks_no_more(Robot, Token, Held)};
 step({_T, Robot, mutex, {Ends, Token, _}}, #state{holds = Holds} = State) when
     Ends =:= released; Ends =:= lease_lost
 ->
@@ -50,8 +54,8 @@ step({_T, Robot, mutex, {Ends, Token, _}}, #state{holds = Holds} = State) when
         #{Token := Robot} -> {ok, State#state{holds = maps:remove(Token, Holds)}};
         #{} -> {ok, State}
     end;
-step({_T, Robot, mutex, {failed, Token, _Why}}, #state{asks = Asks} = State) ->
-    {ok, State#state{asks = Asks#{{Robot, Token} => failed}}};
+step({_T, Robot, mutex, {failed, Token, _Why}}, #state{failed = Failed} = State) ->
+    {ok, asks_no_more(Robot, Token, State#state{failed = Failed#{{Robot, Token} => true}})};
 step({_T, Robot, mutex, crashed}, State) ->
     {ok, forgotten(Robot, State)};
 step({_T, Robot, robot, {died, _}}, State) ->
@@ -70,14 +74,23 @@ finish(_EndUs, #state{holds = Holds, ended = Ended, circles = Circles} = State) 
     ],
     {ok, #{kept => Kept, circles => [Circle || {_, Circle} <- lists:sort(maps:to_list(Circles))]}}.
 
-asked(Token, #state{asks = Asks}) ->
-    lists:sort([R || {R, Asked} <- maps:keys(Asks), Asked =:= Token]).
+asked(Token, #state{asks = Asks, failed = Failed}) ->
+    Open = [Robot || {Robot, Tokens} <- maps:to_list(Asks), lists:member(Token, Tokens)],
+    lists:usort(Open ++ [Robot || {Robot, Asked} <- maps:keys(Failed), Asked =:= Token]).
+
+asks(Robot, Token, #state{asks = Asks} = State) ->
+    Others = lists:delete(Token, maps:get(Robot, Asks, [])),
+    State#state{asks = Asks#{Robot => [Token | Others]}}.
+
+asks_no_more(Robot, Token, #state{asks = Asks} = State) ->
+    Left = lists:delete(Token, maps:get(Robot, Asks, [])),
+    State#state{asks = Asks#{Robot => Left}}.
 
 %% The leases of its holds run out.
 forgotten(Robot, #state{holds = Holds, asks = Asks} = State) ->
     State#state{
         holds = maps:filter(fun(_Token, Holder) -> Holder =/= Robot end, Holds),
-        asks = maps:filter(fun({Asker, _Token}, _How) -> Asker =/= Robot end, Asks)
+        asks = maps:remove(Robot, Asks)
     }.
 
 %% Does somebody wait for this robot, for whom it waits from now on?
@@ -97,11 +110,11 @@ way(Token, Robot, Before, #state{holds = Holds, asks = Asks} = State) ->
         #{Token := Robot} ->
             lists:reverse(Before, [{Robot, Token}]);
         #{Token := Holder} ->
-            Known = lists:keymember(Holder, 1, Before),
-            Next = [
-                Asked
-             || not Known, {{R, Asked}, asks} <- lists:sort(maps:to_list(Asks)), R =:= Holder
-            ],
+            Next =
+                case lists:keymember(Holder, 1, Before) of
+                    true -> [];
+                    false -> maps:get(Holder, Asks, [])
+                end,
             first_way(Next, Robot, [{Holder, Token} | Before], State);
         #{} ->
             none
