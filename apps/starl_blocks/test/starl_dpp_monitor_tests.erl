@@ -183,6 +183,9 @@ forgotten_term_test() ->
     ],
     ?assertEqual([], judge(Led ++ Ended ++ Back ++ Leads)),
     ?assertEqual([], judge(Led ++ [Says(2, 9, crashed)] ++ Back ++ Leads)),
+    Dies = fun(Robot) -> [{2, Robot, robot, {died, killed}}] end,
+    ?assertEqual([], judge(Led ++ Dies(9) ++ Back ++ Leads)),
+    ?assertEqual([{two_coordinators, [8, 9]}], judge(Led ++ Dies(7) ++ Back ++ Leads)),
     [
         ?assertEqual([{two_coordinators, [8, 9]}], judge(Events))
      || Events <- [

@@ -170,7 +170,8 @@ judge({chassis, {motion, Piece}}, T, Robot, #state{separation = Separation} = St
         separation = starl_separation:motion(Robot, Piece, Separation)
     }};
 judge({robot, {died, _Reason}}, T, Robot, #state{separation = Separation} = State) ->
-    {[], State#state{separation = starl_separation:stop(Robot, T, Separation)}};
+    Stopped = State#state{separation = starl_separation:stop(Robot, T, Separation)},
+    {[], ended_with(Robot, Stopped)};
 judge({robot, store_set_back}, _T, _Robot, State) ->
     {[], State#state{set_back = true}};
 judge({dpp_coordinator, Event}, _T, Robot, #state{leads = {Term, Robot}} = State) when
@@ -184,6 +185,10 @@ judge({dpp_coordinator, Event}, T, Coordinator, State) ->
     end;
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
+
+%% A term ends with the robot that leads in it.
+ended_with(Robot, #state{leads = {_Term, Robot}} = State) -> State#state{ended = true};
+ended_with(_Robot, State) -> State.
 
 coordinated({assigned, Robot, _ReqId, Segments}, T, Coordinator, State) ->
     {Broken, Next} =
