@@ -155,6 +155,11 @@ idle_test() ->
     ?assertEqual([], Found(Held, 900)),
     ?assertEqual([{40, [2]}], Found(Held ++ [let_go(30, 1, 1)], 50)),
     ?assertEqual([{13, [1]}], Found([asks(1, 1), {3, 3, {hand_over_lost, a, 1, 2}}], 20)),
+    %% a robot that has died may be in the queue still
+    Dead = hd([1, 2, 3] -- [1, starl_mutex:home(a, [1, 2, 3])]),
+    Goes = fun(To) -> Found([asks(1, 1), {2, Dead, died}, {5, 1, {handed_over, a, 1, To}}], 16) end,
+    ?assertEqual([{15, [1]}], Goes(Dead)),
+    ?assertEqual([{12, [1]}], Goes(1)),
     %% who gives up asks no more
     ?assertEqual([], Found([asks(1, 1), fails(5, 1)], 900)),
     %% a crash and faults give it its time anew, if it meets them

@@ -235,19 +235,20 @@ hands_over_test() ->
     Outcome = fun(What, M) -> at(30, {reply, {hand, a(), Next}}, What, M) end,
     {[], Done} = Outcome(ok, Gone),
     ?assertEqual({[], Done}, Outcome({error, {lost, [3]}}, Done)),
-    %% it may be lost: its queue goes to the home, behind it the one that was not reached
+    %% it may be lost: its queue goes to the home, without the one that was not reached
     {Lost, Told} = Outcome({error, {lost, [3]}}, Gone),
     ?assertEqual([{hand_over_lost, a(), Next, 3}], traces(Lost)),
-    ?assertEqual([{1, {return, a(), Next, [{1, 5}, {3, 5}]}}], sent(Lost)),
+    ?assertEqual([{1, {return, a(), Next, [{1, 5}]}}], sent(Lost)),
     ?assertEqual({[], Told}, Outcome({error, {lost, [3]}}, Told)),
     %% so are all that are under way when SAP crashes
     {Crashed, _} = at(30, info, {restarted, sap}, Gone),
-    ?assertEqual([{1, {return, a(), Next, [{1, 5}, {3, 5}]}}], sent(Crashed)),
+    ?assertEqual([{1, {return, a(), Next, [{1, 5}]}}], sent(Crashed)),
     ?assert(lists:member({cast, sap, {listen, mutex, mutex}}, Crashed)),
     ?assertEqual([], sent(element(1, at(30, info, {restarted, sap}, Done)))).
 
 %% However many wait, and of which robot they are, all of them go with the token, in their order: when it
-%% is handed over, when it is passed on unwanted, when it goes back to its home, and when it may be lost.
+%% is handed over, when it is passed on unwanted, and when it goes back to its home; when it may be lost, all
+%% but the first.
 whole_queue_goes_on_test() ->
     Queue = [{3, 5}, {1, 5}, {3, 6}, {1, 6}, {3, 7}],
     Held = after_all(
@@ -258,7 +259,7 @@ whole_queue_goes_on_test() ->
     {Released, Gone} = call(20, app, {release, a()}, Held),
     ?assertEqual([{3, {token, a(), Next, Queue}}], handed(Released)),
     {Lost, _} = at(30, {reply, {hand, a(), Next}}, {error, {lost, [3]}}, Gone),
-    ?assertEqual([{1, {return, a(), Next, tl(Queue) ++ [hd(Queue)]}}], sent(Lost)),
+    ?assertEqual([{1, {return, a(), Next, tl(Queue)}}], sent(Lost)),
     {Passed, _} = hears(10, 3, {token, a(), ?F, Queue}, asker()),
     ?assertEqual([{3, {token, a(), Next, Queue}}], handed(Passed)),
     {Used, _} = hears(10, 3, {token, a(), last_hand_over(?F), Queue}, asker()),
@@ -560,6 +561,22 @@ a_late_second_token_gives_the_first_one_back_test() ->
     ?assertEqual(
         [{lease_lost, a(), ?F}, {failed, b(), lease_lost}, {requested, a()}], traces(Actions)
     ).
+
+%% Of two tokens the first one is held late: the second one is not asked for any more, and this is told.
+a_late_first_token_ends_the_request_for_the_second_test() ->
+    Claims = after_all(
+        [
+            fun(M) -> acquires(0, app, [a(), b()], M) end,
+            fun(M) -> hears(10, 1, {token, a(), ?F, [{2, 1}]}, M) end
+        ],
+        asker()
+    ),
+    {Late, One} = raw(20, cast, granted(a(), 10), Claims),
+    ?assertEqual([{requested, b()}], traces(Late)),
+    {Told, Void} = at(10 + ?LEASE, info, {late, {hold, a(), ?F}}, One),
+    ?assertEqual([{failed, b(), lease_lost}], traces(Told)),
+    {Anew, _} = at(10 + ?LEASE, {timeout, {anew, 1}}, anew, Void),
+    ?assertEqual([{failed, a(), lease_lost}, {requested, a()}], traces(Anew)).
 
 %% Both are late, held and given back in one step: neither is lost, since neither has been held.
 two_late_tokens_are_not_lost_test() ->

@@ -221,9 +221,10 @@ late({hold, Token, Fence}, Robot0) ->
     Robot = starl_mutex_state:void(Token, Fence, Robot0),
     case starl_mutex_state:entry(Token, Robot) of
         #{lock := {Id, Fence}, queue := Queue} ->
-            Job = starl_mutex_job:misses(Token, starl_mutex_state:job(Id, Robot)),
-            Gone = starl_mutex_state:forget_entry(Token, Robot),
-            Kept = starl_mutex_state:keep_job(Id, Job, Gone),
+            %% it waits for this one, no more for the one after it
+            Job = starl_mutex_state:job(Id, Robot),
+            Gone = starl_mutex_state:forget_entry(Token, failed(Job, Robot)),
+            Kept = starl_mutex_state:keep_job(Id, starl_mutex_job:misses(Token, Job), Gone),
             starl_mutex_robot:orphan(Token, Queue, act({{timeout, {anew, Id}}, 0, anew}, Kept));
         _ ->
             Robot

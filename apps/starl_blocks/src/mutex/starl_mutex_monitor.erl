@@ -263,14 +263,28 @@ forget(T, Robot, #state{holds = Holds, open = Open} = State) ->
 
 %%% Tokens that lie idle
 
-noted(_Event, _T, #state{idle_us = infinity} = State) -> State;
-noted({requested, Token}, T, State) -> look(Token, T, State);
-noted({acquired, Token, _}, T, State) -> look(Token, T, State);
-noted({released, Token, _}, T, State) -> look(Token, T, State);
-noted({lease_lost, Token, _}, T, State) -> look(Token, T, State);
-noted({failed, Token, _}, T, State) -> look(Token, T, State);
-noted({hand_over_lost, Token, _, _}, T, State) -> look(Token, T, used(Token, State));
-noted(_Other, _T, State) -> State.
+noted(_Event, _T, #state{idle_us = infinity} = State) ->
+    State;
+noted({requested, Token}, T, State) ->
+    look(Token, T, State);
+noted({acquired, Token, _}, T, State) ->
+    look(Token, T, State);
+noted({released, Token, _}, T, State) ->
+    look(Token, T, State);
+noted({lease_lost, Token, _}, T, State) ->
+    look(Token, T, State);
+noted({failed, Token, _}, T, State) ->
+    look(Token, T, State);
+noted({hand_over_lost, Token, _, _}, T, State) ->
+    look(Token, T, used(Token, State));
+%% A request of a robot that has died is still in the queue; its lease has to end first.
+noted({handed_over, Token, _, To}, T, #state{died = Died} = State) ->
+    case lists:member(To, Died) of
+        true -> look(Token, T, used(Token, State));
+        false -> State
+    end;
+noted(_Other, _T, State) ->
+    State.
 
 %% Is the token idle from now on, still, or no longer?
 look(_Token, _T, #state{idle_us = infinity} = State) ->

@@ -332,7 +332,8 @@ hand_over(Token, Next, [{To, _} | _] = Queue, Robot) ->
     ).
 
 %% @doc The outcome of a hand-over. One reported lost may have arrived all the same: the home
-%% decides which comes first, the claim or the return.
+%% decides which comes first, the claim or the return. A robot that cannot be reached has no turn until it
+%% asks again: a dead one would have it in each round.
 -spec handed(token(), fence(), starl:outcome(), t()) -> t().
 handed(Token, Fence, Outcome, Robot) ->
     case starl_mutex_state:take_out(Token, Fence, Robot) of
@@ -340,9 +341,9 @@ handed(Token, Fence, Outcome, Robot) ->
             Robot;
         {_To, _Queue, Known} when Outcome =:= ok ->
             Known;
-        {To, [First | Others], Known} ->
+        {To, [_First | Others], Known} ->
             Traced = act({trace, {hand_over_lost, Token, Fence, To}}, Known),
-            post_home(Token, {return, Token, Fence, Others ++ [First]}, Traced)
+            post_home(Token, {return, Token, Fence, Others}, Traced)
     end.
 
 %% @doc SAP has restarted: the outcomes of hand-overs under way will not be known, and a new SAP
