@@ -12,6 +12,8 @@
     paused/1,
     stores_struck/1,
     cut/1,
+    hung/1,
+    hung_on_purpose/1,
     commands/1,
     reloads/1,
     taken_port/1,
@@ -31,6 +33,8 @@ all() ->
         paused,
         stores_struck,
         cut,
+        hung,
+        hung_on_purpose,
         commands,
         reloads,
         taken_port,
@@ -131,6 +135,40 @@ cut(Config) ->
     Outcome = run(udp, [{heard, 10, {cut, 1, 2}}, {lost, heal}], Config),
     ?assertEqual([{done, 30}, {done, 30}], results(Outcome)).
 
+%% A node that stands still, and nobody knows why, keeps no command and ends no run: who has not answered
+%% is told, and the node is killed and started anew.
+hung(Config) ->
+    Asked = [
+        {["heal"], "healed; no answer yet from the node of robot 2"},
+        {["cut", "1", "2"], "done; no answer yet from the node of robot 2"},
+        {["heal"], "no answer yet"},
+        {["reload", "starl_world_app"], "reloaded on"},
+        {["status"], "started 2 times"}
+    ],
+    Script = [{heard, 5, {halt, 2}}, {heard, 5, {ask, [Words || {Words, _} <- Asked]}}],
+    {Outcome, Answers} = run(udp, 150, Script, Config),
+    ?assertEqual([{done, 150}, {done, 150}], results(Outcome)),
+    answered(Asked, Answers).
+
+%% One that is halted by a command is not killed before its time.
+hung_on_purpose(Config) ->
+    Asked = [
+        {["pause", "2", "30"], "done"},
+        {
+            ["reload", "starl_world_app"],
+            "the node of robot 2 has not answered; nothing was reloaded"
+        },
+        {["heal"], "healed\n"},
+        {["status"], "robot 2  up    process"}
+    ],
+    {Outcome, Answers} = run(
+        dist, 150, [{heard, 5, {ask, [Words || {Words, _} <- Asked]}}], Config
+    ),
+    ?assertEqual([{done, 150}, {done, 150}], results(Outcome)),
+    answered(Asked, Answers),
+    {_, Status} = lists:last(Answers),
+    ?assertEqual(nomatch, string:find(Status, "started 2 times")).
+
 %% From outside, by the socket.
 commands(Config) ->
     Asked = [
@@ -146,8 +184,11 @@ commands(Config) ->
     ],
     {Outcome, Answers} = run(dist, [{heard, 5, {ask, [Words || {Words, _} <- Asked]}}], Config),
     ?assertEqual(stopped, maps:get(ending, Outcome)),
+    answered(Asked, Answers).
+
+answered(Asked, Answers) ->
     [
-        ?assertNotEqual({Words, nomatch}, {Words, string:find(Answer, Part)})
+        ?assertNotEqual({Words, Answer, nomatch}, {Words, Answer, string:find(Answer, Part)})
      || {{Words, Part}, {_, Answer}} <- lists:zip(Asked, Answers)
     ].
 
@@ -360,6 +401,10 @@ heard(N) ->
 
 act({kill, Robot}, Cluster) ->
     ok = starl_cluster:kill(Cluster, Robot),
+    [];
+act({halt, Robot}, Cluster) ->
+    #{os_pids := #{Robot := OsPid}} = starl_cluster:status(Cluster),
+    [] = os:cmd("kill -STOP " ++ OsPid),
     [];
 act({cut, A, B}, Cluster) ->
     ok = starl_cluster:cut(Cluster, A, B),

@@ -3,7 +3,8 @@
 
 -define(SPAN, {5_000_000, 45_000_000}).
 
-%% Two nodes are killed, the leader's first or second; what is cut is mended, what freezes thaws.
+%% Two nodes are killed, the leader's first or second; one is halted; what is cut is mended, what freezes
+%% thaws.
 draw_test_() ->
     [{"seed " ++ integer_to_list(Seed), fun() -> drawn(Seed) end} || Seed <- lists:seq(1, 50)].
 
@@ -13,12 +14,15 @@ drawn(Seed) ->
     ?assertEqual(lists:sort(Acts), Acts),
     ?assertMatch([_, _], [Act || {_, {kill, _}} = Act <- Acts]),
     ?assertMatch([_], [At || {At, {kill, leader}} <- Acts]),
+    [{_, Seconds}] = [{At, S} || {At, {pause_at_work, _, S}} <- Acts],
+    ?assert(Seconds >= 1 andalso Seconds =< 2),
     [{Frozen, Robot}] = [{At, R} || {At, {freeze, R}} <- Acts],
     ?assertEqual([Frozen + 5_000_000], [At || {At, {thaw, R}} <- Acts, R =:= Robot]),
     [?assert(lists:member({At + 10_000_000, {mend, A, B}}, Acts)) || {At, {cut, A, B}} <- Acts],
     ?assert(lists:all(fun begins_in_time/1, Acts)).
 
 begins_in_time({At, {What, _}}) when What =:= kill; What =:= freeze -> in_time(At);
+begins_in_time({At, {pause_at_work, _, _}}) -> in_time(At);
 begins_in_time({At, {cut, A, B}}) -> A =/= B andalso in_time(At);
 begins_in_time(_) -> true.
 

@@ -75,3 +75,14 @@ described_test() ->
         "robot 2  up    process 77, started 1 times\n",
         lists:flatten(starl_cluster_command:described(Status))
     ).
+
+%% The nodes that a command has not reached are named.
+unheard_test_() ->
+    [
+        ?_assertEqual(Text, lists:flatten(starl_cluster_command:unheard(Robots)))
+     || {Text, Robots} <- [
+            {"", []},
+            {"; no answer yet from the node of robot 2", [2]},
+            {"; no answer yet from the nodes of robots 2, 10", [10, 2]}
+        ]
+    ].

@@ -21,8 +21,8 @@ argument() -> {required, "TARGET", {example, "painting"}}.
 about(none) ->
     [
         "Runs the robots of TARGET (as of ./starl run) in real time: an Erlang node, a process of "
-        "the operating system, for each, in a simulated world. A node that ends is started anew, "
-        "and its robot rejoins.",
+        "the operating system, for each, in a simulated world. A node that ends or hangs is started "
+        "anew, and its robot rejoins.",
         {list, "While it runs, from another terminal", [
             {"cluster status", "the time, the robots, their nodes"},
             {"cluster kill N", "kills the node of robot N; it is started anew"},
@@ -69,8 +69,8 @@ own() ->
         {metrics, {optional, {integer, 1, 65000}}, none,
             "robot N serves http://127.0.0.1:PORT/metrics for Prometheus, PORT being this plus N"},
         {chaos, switch, false,
-            "kills two nodes, the leader's among them, cuts a link and freezes the positions of a "
-            "robot for a while, at times drawn from the seed"},
+            "kills two nodes, the leader's among them, halts one, cuts a link and freezes the "
+            "positions of a robot for a while, at times drawn from the seed"},
         {unplug, {integer, 0, 1000}, 0,
             "pulls the cable of a Create and puts it back a second later, so many times, every 4 s; "
             "that of a Create 2, which would drive on, when it stands"},

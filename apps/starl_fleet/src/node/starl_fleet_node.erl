@@ -56,15 +56,7 @@ runs(Release) -> gen_server:call(?MODULE, {runs, Release}, infinity).
 
 %% @doc Whether the robot's link answers within this time.
 -spec answers(TimeoutMs :: pos_integer()) -> boolean().
-answers(Ms) -> figures(Ms) =/= silent.
-
-figures(Ms) ->
-    try starl_live_robot:link(starl_live_sup:robot()) of
-        Link when is_pid(Link) -> gen_server:call(Link, figures, Ms);
-        none -> silent
-    catch
-        exit:_ -> silent
-    end.
+answers(Ms) -> starl_live_sup:answers(Ms).
 
 %% -- the robot ------------------------------------------------------------------------------
 
@@ -166,7 +158,7 @@ handle_call({runs, Release}, _From, #node{place = Place} = Node) ->
     Moved = Place#{release := Release, version := Version},
     {reply, ok, Node#node{place = Moved, crashes = 0, crash = none}};
 handle_call(status, _From, #node{place = Place, started = Started, app = App} = Node) ->
-    Figures = figures(?ANSWER_MS),
+    Figures = starl_live_sup:figures(?ANSWER_MS),
     Status = #{
         robot => maps:get(robot, Place),
         release => maps:get(version, Place),

@@ -1,10 +1,10 @@
 %% @doc The top supervisor of a robot's node. It bears no failure of its robot: a robot that cannot
 %% start any more ends the application, and with it the node, which whoever started the node then
-%% starts anew. A recorder that fails ends the recording, not the robot.
+%% starts anew. A recorder that fails ends the recording, not the robot; nor does a server of metrics.
 -module(starl_live_sup).
 -behaviour(supervisor).
 
--export([start_link/0, open/1, open/2, format_error/1, robot/0, close/0]).
+-export([start_link/0, open/1, open/2, format_error/1, robot/0, answers/1, figures/1, close/0]).
 -export([init/1]).
 
 %% A recorder writes the end of its file.
@@ -47,7 +47,9 @@ open(Spec) ->
 -spec open(starl_live_robot:spec(), #{ip := inet:ip_address(), port := inet:port_number()}) ->
     supervisor:startchild_ret().
 open(Spec, Http) ->
-    Metrics = #{id => metrics, start => {starl_live_http, start_link, [Http]}},
+    Metrics = #{
+        id => metrics, start => {starl_live_http, start_link, [Http]}, restart => temporary
+    },
     case supervisor:start_child(?MODULE, Metrics) of
         {ok, _} -> open(Spec);
         {error, _} = Error -> Error
@@ -75,6 +77,19 @@ robot() ->
     case lists:keyfind(robot, 1, supervisor:which_children(?MODULE)) of
         {robot, Pid, _, _} when is_pid(Pid) -> Pid;
         _ -> none
+    end.
+
+%% @doc Whether the robot's link answers within this time.
+-spec answers(TimeoutMs :: pos_integer()) -> boolean().
+answers(Ms) -> figures(Ms) =/= silent.
+
+%% @doc The counters of the robot; `silent': its link has not answered within this time.
+-spec figures(TimeoutMs :: pos_integer()) -> starl_live_body:figures() | silent.
+figures(Ms) ->
+    try
+        gen_server:call(starl_live_robot:link(robot()), figures, Ms)
+    catch
+        exit:_ -> silent
     end.
 
 %% @doc Ends the robot, and then its recorder.

@@ -1,7 +1,8 @@
 %% @doc Chaos for a cluster: what happens to its nodes and links, drawn from a seed. A pure module.
 %%
-%% Of a team of five two nodes are killed, that of the leader among them; a link is cut for ten
-%% seconds; one robot's positions freeze for five. All within the first part of the run.
+%% Of a team of five two nodes are killed, that of the leader among them; one is halted for a second or
+%% two; a link is cut for ten seconds; one robot's positions freeze for five. All within the first part of
+%% the run.
 -module(starl_cluster_chaos).
 
 -export([draw/3, cables/3, halts/3, stores/3, targets/2]).
@@ -36,11 +37,14 @@
 when
     FromUs :: integer(), ToUs :: integer().
 draw(Seed, Robots, {From, To}) ->
-    {Times, Random} = some(4, fun(R) -> between(From, To, R) end, rand:seed_s(exsss, Seed)),
-    {Chosen, _} = some(4, fun(R) -> one_of(Robots, R) end, Random),
+    {Times, Random0} = some(4, fun(R) -> between(From, To, R) end, rand:seed_s(exsss, Seed)),
+    {Chosen, Random1} = some(4, fun(R) -> one_of(Robots, R) end, Random0),
     {[T1, T2, T3, T4], [A, B, C, D]} = {Times, Chosen},
+    {T5, Random2} = between(From, To, Random1),
+    {E, Random3} = one_of(Robots, Random2),
+    {Halt, _} = drawn_halt(E, Random3),
     lists:sort(
-        [{T1, {kill, leader}}, {T2, {kill, A}}] ++
+        [{T5, Halt}, {T1, {kill, leader}}, {T2, {kill, A}}] ++
             lists:append([[{T3, {cut, B, C}}, {T3 + ?CUT_US, {mend, B, C}}] || B =/= C]) ++
             [{T4, {freeze, D}}, {T4 + ?FREEZE_US, {thaw, D}}]
     ).
@@ -62,11 +66,12 @@ cables(Seed, Robots, Times) ->
 -spec halts(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
     [{AtUs :: integer(), act()}].
 halts(Seed, Robots, Times) ->
+    apart(Seed, Robots, Times, fun drawn_halt/2).
+
+drawn_halt(Robot, Random0) ->
     {Least, Most} = ?HALT_MS,
-    apart(Seed, Robots, Times, fun(Robot, Random0) ->
-        {Ms, Random} = between(Least, Most, Random0),
-        {{pause_at_work, Robot, Ms / 1000}, Random}
-    end).
+    {Ms, Random} = between(Least, Most, Random0),
+    {{pause_at_work, Robot, Ms / 1000}, Random}.
 
 %% @doc So many stores that are lost, or set back, with a kill of the node, one after the other, of
 %% robots that are drawn.

@@ -2,7 +2,7 @@
 %% answers. A pure module.
 -module(starl_cluster_command).
 
--export([words/1, parse/1, described/1]).
+-export([words/1, parse/1, described/1, unheard/1]).
 
 -export_type([t/0]).
 
@@ -91,3 +91,16 @@ described(#{now_us := Now, running := Running, up := Up, restarts := Restarts, o
 
 up(true) -> "up";
 up(false) -> "down".
+
+%% @doc The end of an answer: the nodes that have not answered.
+-spec unheard([starl:robot_id()]) -> unicode:chardata().
+unheard([]) ->
+    "";
+unheard(Robots) ->
+    Ids = lists:join(", ", [integer_to_list(Id) || Id <- lists:sort(Robots)]),
+    Of =
+        case Robots of
+            [_] -> "the node of robot ";
+            _ -> "the nodes of robots "
+        end,
+    ["; no answer yet from ", Of, Ids].

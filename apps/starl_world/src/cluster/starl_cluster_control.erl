@@ -43,12 +43,22 @@ file(OsPid) -> filename:join(dir(), OsPid ++ ".sock").
 serve(Listening, Handler) ->
     case gen_tcp:accept(Listening) of
         {ok, Socket} ->
-            _ = answered(gen_tcp:recv(Socket, 0, ?LINE_MS), Socket, Handler),
-            _ = gen_tcp:close(Socket),
+            Server = spawn(fun() -> served(Socket, Handler) end),
+            _ = gen_tcp:controlling_process(Socket, Server),
+            Server ! {Socket, yours},
             serve(Listening, Handler);
         {error, _} ->
             ok
     end.
+
+%% A process of its own for each command: one that lasts keeps no other, and what becomes of it is no
+%% matter of the cluster.
+served(Socket, Handler) ->
+    receive
+        {Socket, yours} -> ok
+    end,
+    _ = answered(gen_tcp:recv(Socket, 0, ?LINE_MS), Socket, Handler),
+    gen_tcp:close(Socket).
 
 answered({ok, Line}, Socket, Handler) ->
     Words = string:lexemes(unicode:characters_to_list(Line), " \n"),

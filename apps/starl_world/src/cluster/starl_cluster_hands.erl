@@ -2,7 +2,7 @@
 %% pulled cables, stores that are lost or set back when their nodes start anew. A pure module.
 -module(starl_cluster_hands).
 
--export([new/0, healed/1, robots/1, done/2, cuts/1, deaf/2, frozen/1, unplugged/1, store/2]).
+-export([new/0, healed/1, robots/1, links/1, done/2, cuts/1, deaf/2, frozen/1, unplugged/1, store/2]).
 
 -export_type([t/0, act/0, fate/0]).
 
@@ -41,6 +41,11 @@ healed(#hands{stores = Stores}) -> #hands{stores = Stores}.
 robots({_What, Robot}) -> [Robot];
 robots({Pause, Robot, _Seconds}) when Pause =:= pause; Pause =:= pause_at_work -> [Robot];
 robots({_What, A, B}) -> [A, B].
+
+%% @doc The robots that hear others after an act than before.
+-spec links(act()) -> [starl:robot_id()].
+links({CutOrMend, A, B}) when CutOrMend =:= cut; CutOrMend =:= mend -> [A, B];
+links(_Act) -> [].
 
 %% @doc What holds after an act. A kill holds nothing: the node is started anew. Of a store that is lost
 %% and set back at once nothing is left.

@@ -1,23 +1,24 @@
 %% @doc Calls to the node of a robot of a cluster: opens the robot (its log, its code, its
-%% application), finds its link, changes its air. A node that does not answer is about to be started
-%% anew.
+%% application), gives it code, changes its air, closes it. A call to a node that stands still waits until
+%% it goes on or ends: {@link starl_cluster_calls} makes them.
 -module(starl_cluster_node).
 
--export([open/4, robot_link/1, set_air/2, close/1]).
+-export([open/5, load/2, set_air/2, close/1, answers/2]).
 
--define(CALL_MS, 60000).
 %% What a robot may run.
 -define(APPLICATIONS, [starl_platform, starl_blocks, starl_live]).
 
-%% @doc Opens the robot; its log goes to the caller. `Code': modules that were compiled in memory, or
-%% reloaded. All code is loaded first: an atom that a node does not know is refused in a packet.
--spec open(node(), starl:robot_id(), starl_live_robot:spec(), [Code]) ->
-    ok | {error, unicode:chardata()}
+%% @doc Opens the robot, with these settings of its air, and gives its link when it has begun; its log goes
+%% to that process. `Code': modules that were
+%% compiled in memory, or reloaded. All code is loaded first: an atom that a node does not know is refused
+%% in a packet.
+-spec open(node(), starl_live_robot:spec(), starl_live_air:settings(), [Code], Log :: pid()) ->
+    {ok, [Link :: pid()]} | {error, unicode:chardata()}
 when
     Code :: {module(), file:filename(), binary()}.
-open(Node, Id, Spec, Code) ->
+open(Node, #{robot := Id} = Spec, Air, Code, Log) ->
     try
-        ok = call(Node, starl_live_log, install, [Id, self()]),
+        ok = call(Node, starl_live_log, install, [Id, Log]),
         _ = [
             {module, Module} = call(Node, code, load_binary, [Module, File, Beam])
          || {Module, File, Beam} <- Code
@@ -26,13 +27,16 @@ open(Node, Id, Spec, Code) ->
         {ok, _} = call(Node, application, ensure_all_started, [starl_live, permanent]),
         call(Node, starl_live_sup, open, opening(Id, Spec))
     of
-        {ok, _} -> ok;
-        {error, Reason} -> {error, starl_live_sup:format_error(Reason)}
+        {ok, _} ->
+            ok = set_air(Node, Air),
+            {ok, robot_link(Node)};
+        {error, Reason} ->
+            {error, starl_live_sup:format_error(Reason)}
     catch
         Class:Reason -> {error, io_lib:format("its node failed: ~0tP", [{Class, Reason}, 20])}
     end.
 
-call(Node, Module, Function, Args) -> erpc:call(Node, Module, Function, Args, ?CALL_MS).
+call(Node, Module, Function, Args) -> erpc:call(Node, Module, Function, Args, infinity).
 
 opening(_Id, #{metrics := none} = Spec) ->
     [maps:remove(metrics, Spec)];
@@ -51,12 +55,22 @@ modules(App) ->
         undefined -> []
     end.
 
-%% @doc The link of the node's robot.
--spec robot_link(node()) -> [Link :: pid()].
+%% @doc Loads the code of versions, beside the present one; gives the link of the node's robot. A node
+%% that ends meanwhile is about to be started anew.
+-spec load(node(), [starl_version:code()]) ->
+    {ok, [Link :: pid()]} | {error, unicode:chardata()}.
+load(Node, Code) ->
+    try call(Node, starl_version, load, [Code]) of
+        ok -> {ok, robot_link(Node)};
+        {error, _} = Error -> Error
+    catch
+        error:{erpc, _} -> {ok, []}
+    end.
+
 robot_link(Node) ->
     try
         Robot = call(Node, starl_live_sup, robot, []),
-        [call(Node, starl_live_robot, link, [Robot])]
+        [Link || Link <- [call(Node, starl_live_robot, link, [Robot])], is_pid(Link)]
     catch
         error:{erpc, _} -> [];
         exit:_ -> []
@@ -73,8 +87,23 @@ aired(Link, Settings) ->
         exit:_ -> ok
     end.
 
-%% @doc Ends the robots of these nodes, and their recordings; a node that does not answer is killed soon.
--spec close([node()]) -> ok.
-close(Nodes) ->
-    _ = erpc:multicall(Nodes, starl_live_sup, close, [], ?CALL_MS),
-    ok.
+%% @doc Ends the node's robot, and its recording.
+-spec close(node()) -> ok.
+close(Node) ->
+    try
+        call(Node, starl_live_sup, close, [])
+    catch
+        error:{erpc, _} -> ok;
+        exit:_ -> ok
+    end.
+
+%% @doc Whether the link of the node's robot answers within this time; `gone': the node has ended.
+-spec answers(node(), TimeoutMs :: pos_integer()) -> boolean() | gone.
+answers(Node, Ms) ->
+    try
+        erpc:call(Node, starl_live_sup, answers, [Ms], Ms)
+    catch
+        error:{erpc, noconnection} -> gone;
+        error:{erpc, timeout} -> false;
+        exit:_ -> false
+    end.

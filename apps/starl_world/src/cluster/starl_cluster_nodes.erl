@@ -5,8 +5,8 @@
 %% '''
 -module(starl_cluster_nodes).
 
--export([start/1, names/1, specified/3, open/3, again/2, lost/2, drop/2, close/1, stop/1]).
--export([ids/1, up/1, name/2, spec/2, of_control/2, restarts/1, os_pids/1, kill/2, deafen/3]).
+-export([start/1, names/1, specified/3, again/2, lost/2, drop/2, stop/1]).
+-export([ids/1, up/1, name/2, spec/2, code/1, of_control/2, restarts/1, os_pids/1, kill/2]).
 
 -export_type([t/0, code/0]).
 
@@ -51,17 +51,6 @@ specified(Specs, Code, #nodes{nodes = All} = Nodes) ->
     With = [{Id, (maps:get(Id, All))#node{spec = Spec}} || {Id, Spec} <- Specs],
     Nodes#nodes{nodes = maps:merge(All, maps:from_list(With)), code = Code}.
 
-%% @doc Opens a robot on its node, with code that was reloaded. Returns its link.
--spec open(starl:robot_id(), {starl_reload:codes(), code()}, t()) ->
-    {ok, [Link :: pid()]} | {error, unicode:chardata()}.
-open(Id, {Codes, Reloaded}, #nodes{nodes = All, code = Code}) ->
-    #{Id := #node{peer = Peer, spec = Spec}} = All,
-    Node = starl_sim_peers:node(Peer),
-    case starl_cluster_node:open(Node, Id, Spec#{codes => Codes}, Code ++ Reloaded) of
-        ok -> {ok, starl_cluster_node:robot_link(Node)};
-        {error, _} = Error -> Error
-    end.
-
 %% @doc Starts a robot's node anew.
 -spec again(starl:robot_id(), t()) -> {ok, t()} | {error, starl_sim_peers:reason()}.
 again(Id, #nodes{nodes = All} = Nodes) ->
@@ -85,14 +74,6 @@ drop(Id, #nodes{nodes = All} = Nodes) ->
     lost(Id, Nodes).
 
 put_node(Id, Node, #nodes{nodes = All} = Nodes) -> Nodes#nodes{nodes = All#{Id := Node}}.
-
-%% @doc Ends the robots that are recorded, and their recordings.
--spec close(t()) -> ok.
-close(#nodes{nodes = All}) ->
-    starl_cluster_node:close([
-        starl_sim_peers:node(Peer)
-     || #node{peer = Peer, spec = #{recorder := _}} <- maps:values(All), Peer =/= none
-    ]).
 
 %% @doc Ends all nodes.
 -spec stop(t()) -> ok.
@@ -118,6 +99,10 @@ name(Id, Nodes) -> proplists:get_value(Id, up(Nodes), none).
 %% @doc What a robot starts with.
 -spec spec(starl:robot_id(), t()) -> starl_live_robot:spec().
 spec(Id, #nodes{nodes = All}) -> (maps:get(Id, All))#node.spec.
+
+%% @doc The code that every node gets.
+-spec code(t()) -> code().
+code(#nodes{code = Code}) -> Code.
 
 %% @doc The robot whose node is held by this process.
 -spec of_control(pid(), t()) -> {ok, starl:robot_id()} | none.
@@ -145,12 +130,4 @@ kill(Id, Nodes) ->
             ok;
         #{} ->
             {error, io_lib:format("the node of robot ~b is down already", [Id])}
-    end.
-
-%% @doc A robot does not hear these others, and hears all the rest, if its node is up.
--spec deafen(starl:robot_id(), [starl:robot_id()], t()) -> ok.
-deafen(Id, Others, Nodes) ->
-    case name(Id, Nodes) of
-        none -> ok;
-        Node -> starl_cluster_node:set_air(Node, #{cut => Others})
     end.

@@ -1,9 +1,10 @@
 %% @doc New code for the nodes of a cluster, in two phases, with a trial time.
 %% ```
-%%   prepared on every node --> every robot switches at its next step --> trial --> done
-%%        | a node cannot            | a state cannot be carried over      | a crash
-%%        v                          v                                     v
-%%     nothing has changed         the former code is back on every robot
+%%   loaded on every node --> every robot switches at its next step --> trial --> done
+%%        | a node cannot,         | a state cannot be carried over      | a crash
+%%        | or does not answer     v                                     v
+%%        v                      the former code is back on every robot
+%%     nothing has changed
 %% '''
 %% The new code lies beside the former one under a name of its own ({@link starl_version}), so that
 %% neither phase ends a process, and the way back is always there. The crash or the state that failed
@@ -12,17 +13,22 @@
 %% two reloads are under way.
 -module(starl_cluster_reload).
 
--export([new/1, codes/1, code/1, start/5, hear/2, lost/2, rejoined/3]).
+-export([new/1, codes/1, code/1, start/5, loaded/2, hear/2, lost/2, rejoined/3]).
 
--export_type([t/0, node_of/0, answer/0, options/0]).
-
-%% A robot whose node is up: its node and its link.
--type node_of() :: {starl:robot_id(), node(), Link :: pid()}.
+-export_type([t/0, answer/0, options/0]).
 
 %% `trial_ms': the trial time of the run (5,000).
 -type options() :: #{trial_ms => non_neg_integer()}.
 
 -type answer() :: {ok, unicode:chardata()} | {error, unicode:chardata()}.
+
+%% A reload whose code is being loaded on the nodes.
+-record(loading, {
+    order :: starl_reload:order(),
+    code :: [starl_version:code()],
+    parts :: #{starl_machine:name() => module()},
+    from :: gen_server:from()
+}).
 
 -record(rollout, {
     order :: starl_reload:order(),
@@ -43,6 +49,7 @@
     code = [] :: [starl_version:code()],
     %% the links of the robots that are up
     links = #{} :: #{starl:robot_id() => pid()},
+    loading = none :: #loading{} | none,
     %% the reloads that are under way
     rollouts = #{} :: #{starl_reload:count() => #rollout{}}
 }).
@@ -52,7 +59,6 @@
 -define(TRIAL_MS, 5000).
 %% The time after which the caller is told that some steps last long.
 -define(PATIENCE_MS, 30000).
--define(NODE_MS, 30000).
 
 %% @doc No reload yet; the run is this often as fast as real time.
 -spec new(Speed :: number()) -> t().
@@ -66,55 +72,81 @@ codes(#reloads{codes = Codes}) -> Codes.
 -spec code(t()) -> [starl_version:code()].
 code(#reloads{code = Code}) -> Code.
 
-%% @doc Phase one on all nodes, and phase two if all can. Otherwise says why not.
--spec start([starl_version:source()], options(), {Parts, [node_of()]}, gen_server:from(), t()) ->
-    {ok, t()} | {error, unicode:chardata()}
+%% @doc Makes the code that is to be loaded on all nodes, or says why not.
+-spec start([starl_version:source()], options(), Parts, gen_server:from(), t()) ->
+    {ok, [starl_version:code()], t()} | {error, unicode:chardata()}
 when
     Parts :: #{starl_machine:name() => module()}.
-start(Sources, Options, Robots, From, #reloads{rollouts = Rollouts} = Reloads) ->
+start(Sources, Options, Parts, From, #reloads{rollouts = Rollouts, loading = none} = Reloads) ->
     case [N || {N, #rollout{told = false}} <- maps:to_list(Rollouts)] of
-        [_ | _] -> {error, "another reload is on trial; try again when it has ended"};
-        [] -> made(starl_version:make(Sources), Options, Robots, From, Reloads)
-    end.
+        [_ | _] -> another();
+        [] -> made(starl_version:make(Sources), Options, Parts, From, Reloads)
+    end;
+start(_Sources, _Options, _Parts, _From, _Reloads) ->
+    another().
 
-made({ok, #{versions := Versions, code := Code}}, Options, Robots, From, Reloads) ->
-    {Parts, Nodes} = Robots,
-    Order = #{
-        number => Reloads#reloads.count + 1,
-        versions => Versions,
-        trial_us => 1000 * maps:get(trial_ms, Options, ?TRIAL_MS)
-    },
-    prepared(problems(Versions, Code, Parts, Nodes), Order, Code, Robots, From, Reloads);
-made({error, Lines}, _Options, _Robots, _From, _Reloads) ->
-    {error, lists:join("\n", Lines)}.
+another() -> {error, "another reload is on trial; try again when it has ended"}.
 
-problems(Versions, Code, Parts, Nodes) ->
+made({ok, #{versions := Versions, code := Code}}, Options, Parts, From, Reloads) ->
     case [M || M <- maps:values(Parts), is_map_key(M, Versions)] of
-        [] -> [nobody(maps:keys(Versions))];
-        _ -> [Line || {Robot, Node, _} <- Nodes, Line <- problem(Robot, Node, Code)]
-    end.
+        [] ->
+            {error, nobody(maps:keys(Versions))};
+        _ ->
+            Order = #{
+                number => Reloads#reloads.count + 1,
+                versions => Versions,
+                trial_us => 1000 * maps:get(trial_ms, Options, ?TRIAL_MS)
+            },
+            Loading = #loading{order = Order, code = Code, parts = Parts, from = From},
+            {ok, Code, Reloads#reloads{loading = Loading}}
+    end;
+made({error, Lines}, _Options, _Parts, _From, _Reloads) ->
+    {error, lists:join("\n", Lines)}.
 
 nobody(Modules) ->
     Names = lists:join(", ", [atom_to_list(M) || M <- Modules]),
     [Names, ": neither the application nor a machine of the robots; reload it together with one"].
 
-%% A node that does not answer is about to be started anew.
-problem(Robot, Node, Code) ->
-    try erpc:call(Node, starl_version, load, [Code], ?NODE_MS) of
-        ok -> [];
-        {error, Why} -> [io_lib:format("robot ~b: ~ts; nothing was reloaded", [Robot, Why])]
-    catch
-        error:{erpc, _} -> []
+%% @doc The nodes have loaded the code, as {@link starl_cluster_node:load/2} answers, or not: phase two if
+%% all have. A node that has ended starts with the present code.
+-spec loaded(starl_cluster_calls:answers(), t()) -> t().
+loaded(Answers, #reloads{loading = #loading{from = From} = Loading} = Before) ->
+    Reloads = Before#reloads{loading = none},
+    case
+        [
+            Line
+         || {Robot, Answer} <- lists:sort(maps:to_list(Answers)), Line <- problem(Robot, Answer)
+        ]
+    of
+        [] ->
+            switching(
+                [{Robot, Link} || {Robot, {ok, {ok, [Link]}}} <- maps:to_list(Answers)],
+                Loading,
+                Reloads
+            );
+        Problems ->
+            ok = gen_server:reply(From, {error, lists:join("\n", Problems)}),
+            Reloads
     end.
 
-prepared([], #{number := N} = Order, Code, {Parts, Nodes}, From, Reloads) ->
+problem(_Robot, down) ->
+    [];
+problem(_Robot, {ok, {ok, _Links}}) ->
+    [];
+problem(Robot, {ok, {error, Why}}) ->
+    [io_lib:format("robot ~b: ~ts; nothing was reloaded", [Robot, Why])];
+problem(Robot, silent) ->
+    [io_lib:format("the node of robot ~b has not answered; nothing was reloaded", [Robot])].
+
+switching(Robots, #loading{order = #{number := N} = Order} = Loading, Reloads) ->
+    #loading{code = Code, parts = Parts, from = From} = Loading,
     {Words, Codes} = starl_reload:take(Order, Parts, Reloads#reloads.codes),
-    Links = maps:from_list([{Robot, Link} || {Robot, _, Link} <- Nodes]),
+    Links = maps:from_list(Robots),
     ok = lists:foreach(
         fun(Link) -> starl_live_link:reload(Link, Order, self()) end, maps:values(Links)
     ),
     _ = erlang:send_after(?PATIENCE_MS, self(), {reload_patience, N}),
-    Waiting = [{Robot, Name} || {Robot, _, _} <- Nodes, {Name, _} <- Words],
+    Waiting = [{Robot, Name} || {Robot, _} <- Robots, {Name, _} <- Words],
     Rollout = #rollout{order = Order, from = From, links = Links, waiting = Waiting},
     Begun = Reloads#reloads{
         count = N,
@@ -122,9 +154,7 @@ prepared([], #{number := N} = Order, Code, {Parts, Nodes}, From, Reloads) ->
         code = Code ++ Reloads#reloads.code,
         links = maps:merge(Reloads#reloads.links, Links)
     },
-    {ok, rollout(N, begun(Rollout, Begun), Begun)};
-prepared(Problems, _Order, _Code, _Robots, _From, _Reloads) ->
-    {error, lists:join("\n", Problems)}.
+    rollout(N, begun(Rollout, Begun), Begun).
 
 rollout(N, Rollout, #reloads{rollouts = Rollouts} = Reloads) ->
     Reloads#reloads{rollouts = Rollouts#{N => Rollout}}.

@@ -1,5 +1,6 @@
 %% @doc The process of a cluster ({@link starl_cluster}): opens the robots on their nodes, starts anew
-%% what has ended, and does what hands, chaos and other terminals want.
+%% what has ended or hangs, and does what hands, chaos and other terminals want. It waits for no node
+%% ({@link starl_cluster_calls}).
 -module(starl_cluster_server).
 -behaviour(gen_server).
 
@@ -14,11 +15,21 @@
     | {control, unicode:chardata()}
     | {robot, starl:robot_id(), unicode:chardata()}.
 
+%% What nodes are asked: to open a robot, with this code; to change their air, and who waits for that, with
+%% the text of the answer; to load code; to close their robots.
+-type question() ::
+    {opened, starl:robot_id(), starl_reload:codes()}
+    | {aired, gen_server:from() | none, unicode:chardata() | none}
+    | loaded
+    | {closed, gen_server:from()}.
+
 -record(state, {
     world :: pid(),
     %% the process of the socket for commands
     control :: pid(),
     nodes :: starl_cluster_nodes:t(),
+    calls = starl_cluster_calls:new() :: starl_cluster_calls:t(question()),
+    watchdogs = starl_cluster_watchdog:new() :: starl_cluster_watchdog:t(),
     hands = starl_cluster_hands:new() :: starl_cluster_hands:t(),
     halts = starl_cluster_halts:new() :: starl_cluster_halts:t(),
     %% the modules of a robot's machines, and the reloads
@@ -29,7 +40,12 @@
 
 %% The time after which a node that has ended is started anew.
 -define(AGAIN_MS, 500).
--define(CALL_MS, 60000).
+%% The longest time to open a robot; to wait for answers to hands; to load code (a node that hangs is killed
+%% before); to end a recording.
+-define(OPEN_MS, 60000).
+-define(ANSWER_MS, 2000).
+-define(LOAD_MS, 15000).
+-define(CLOSE_MS, 15000).
 %% Less than three quarters of the time (60 s) after which Erlang's distribution gives up a silent node.
 -define(MOST_HALTED_S, 30).
 
@@ -49,12 +65,12 @@ init({#{robots := Poses} = Plan, Options}) ->
 
 controlled(Nodes, Plan, Options) ->
     Self = self(),
-    Handler = fun(Words) -> gen_server:call(Self, {control, Words}, ?CALL_MS) end,
+    Handler = fun(Words) -> gen_server:call(Self, {control, Words}, infinity) end,
     case starl_cluster_control:start_link(Handler) of
         {ok, Control} ->
             {Clock, State} = peopled(Plan, Control, Nodes, Options),
             ok = plan(maps:get(chaos, Options, []), Clock),
-            all_opened(starl_cluster_nodes:ids(Nodes), State);
+            all_opened(State);
         {error, Why} ->
             ok = starl_cluster_nodes:stop(Nodes),
             {stop, {shutdown, {control, Why}}}
@@ -84,14 +100,20 @@ plan(Chaos, Clock) ->
     ok.
 
 %% A robot that cannot be opened at first will not be later.
-all_opened([], State) ->
-    {ok, State};
-all_opened([Id | Ids], State) ->
-    case opened(Id, State) of
-        {ok, Next} ->
-            all_opened(Ids, Next);
-        {error, Why} ->
-            ok = terminate(not_opened, State),
+all_opened(#state{nodes = Nodes} = State) ->
+    #state{calls = Calls} =
+        Asked = lists:foldl(fun opening/2, State, starl_cluster_nodes:ids(Nodes)),
+    {Ended, Left} = starl_cluster_calls:await(Calls),
+    case
+        [
+            {Id, Why}
+         || {{opened, Id, _}, Answers} <- lists:sort(Ended), {error, Why} <- [result(Id, Answers)]
+        ]
+    of
+        [] ->
+            {ok, lists:foldl(fun done/2, Asked#state{calls = Left}, Ended)};
+        [{Id, Why} | _] ->
+            ok = terminate(not_opened, Asked),
             {stop, {shutdown, {robot, Id, Why}}}
     end.
 
@@ -108,11 +130,10 @@ handle_call(world, _From, #state{world = World} = State) ->
     {reply, World, State};
 handle_call(status, _From, State) ->
     {reply, status(State), State};
-handle_call(close, _From, State) ->
-    #state{nodes = Nodes} = Moving = all_go_on(State),
-    {reply, starl_cluster_nodes:close(Nodes), Moving};
-handle_call(heal, _From, State) ->
-    {reply, ok, healed(State)};
+handle_call(close, From, State) ->
+    {noreply, closing(From, all_go_on(State))};
+handle_call(heal, From, State) ->
+    {noreply, healed(From, none, State)};
 handle_call({place, Robot}, _From, #state{nodes = Nodes} = State) ->
     {reply, known([Robot], State, fun() -> {ok, place(Robot, Nodes)} end), State};
 handle_call({halted, Pause}, From, State) ->
@@ -123,9 +144,8 @@ handle_call({halted, Pause}, From, State) ->
         {{error, _} = Error, _} ->
             {reply, Error, State}
     end;
-handle_call({act, Act}, _From, State) ->
-    {Answer, Next} = act(Act, State),
-    {reply, Answer, Next}.
+handle_call({act, Act}, From, State) ->
+    acted(Act, From, none, State).
 
 status(#state{world = World, nodes = Nodes}) ->
     maps:merge(starl_world:status(World), #{
@@ -150,18 +170,25 @@ handle_info({chaos, Act}, State) ->
     {noreply, chaos(Act, State)};
 handle_info({again, Id}, State) ->
     {noreply, again(Id, State)};
-handle_info(Message, #state{halts = Halts, reloads = Reloads} = State) ->
+handle_info({starl_silent, Id, Watchdog}, State) ->
+    {noreply, silent(Id, Watchdog, State)};
+handle_info(Message, #state{calls = Calls} = State) ->
+    case starl_cluster_calls:hear(Message, Calls) of
+        {Ended, Left} -> {noreply, lists:foldl(fun done/2, State#state{calls = Left}, Ended)};
+        unknown -> {noreply, hear(Message, State)}
+    end.
+
+hear(Message, #state{halts = Halts, reloads = Reloads} = State) ->
     case starl_cluster_halts:hear(Message, Halts) of
-        {Told, Next} ->
-            ok = told(Told, State),
-            {noreply, State#state{halts = Next}};
-        unknown ->
-            {noreply, State#state{reloads = starl_cluster_reload:hear(Message, Reloads)}}
+        {Told, Next} -> told(Told, State#state{halts = Next});
+        unknown -> State#state{reloads = starl_cluster_reload:hear(Message, Reloads)}
     end.
 
 -spec terminate(term(), #state{}) -> ok.
-terminate(_Reason, #state{nodes = Nodes, halts = Halts, world = World}) ->
+terminate(_Reason, #state{nodes = Nodes, halts = Halts, world = World} = State) ->
     ok = starl_cluster_control:close(),
+    ok = starl_cluster_watchdog:stop(State#state.watchdogs),
+    ok = starl_cluster_calls:stop(State#state.calls),
     _ = starl_cluster_halts:undo_all(Halts),
     ok = starl_cluster_nodes:stop(Nodes),
     true = unlink(World),
@@ -174,13 +201,16 @@ command(status, _From, State) ->
     {reply, {ok, starl_cluster_command:described(status(State))}, State};
 command(stop, _From, #state{world = World} = State) ->
     {reply, {starl_world:stop(World), "the run ends\n"}, State};
-command(heal, _From, State) ->
-    {reply, {ok, "healed\n"}, healed(State)};
+command(heal, From, State) ->
+    {noreply, healed(From, "healed", State)};
 command({reload, Source}, From, State) ->
     reload([Source], #{}, From, State);
-command({act, Act}, _From, State) ->
+command({act, Act}, From, State) ->
+    acted(Act, From, "done", State).
+
+acted(Act, From, Text, State) ->
     case act(Act, State) of
-        {ok, Next} -> {reply, {ok, "done\n"}, Next};
+        {ok, Next} -> {noreply, aired(starl_cluster_hands:links(Act), From, Text, Next)};
         {{error, _} = Error, Next} -> {reply, Error, Next}
     end.
 
@@ -192,7 +222,7 @@ chaos(Act, #state{world = World} = State) ->
         Aimed ->
             logger:notice(#{what => chaos, act => Aimed}),
             {_, Next} = act(Aimed, State),
-            Next
+            aired(starl_cluster_hands:links(Aimed), none, none, Next)
     end.
 
 %% An act that succeeds holds from now on. A halt holds for a time of its own.
@@ -228,8 +258,8 @@ does({plug, Robot}, _Hands, #state{world = World}) ->
     starl_world:cable(World, Robot, back);
 does({_FreezeOrThaw, _Robot}, Hands, #state{world = World}) ->
     starl_world:freeze(World, starl_cluster_hands:frozen(Hands));
-does({_CutOrMend, A, B}, Hands, State) ->
-    cut([A, B], Hands, State).
+does({_CutOrMend, _A, _B}, Hands, #state{world = World}) ->
+    starl_world:cut(World, starl_cluster_hands:cuts(Hands)).
 
 %% What has to become of the store stands in the hands until the node is started anew.
 kill(Robot, Fault, #state{nodes = Nodes, world = World}) ->
@@ -254,63 +284,153 @@ halt(Robot, For, Moment, #state{world = World, halts = Halts} = State) ->
     ok = starl_world:halt(World, Robot),
     State#state{halts = starl_cluster_halts:halt(Robot, For, Moment, Halts)}.
 
-told({halted, Robot, Found}, #state{world = World}) ->
+told({halted, Robot, Found}, #state{world = World} = State) ->
     logger:notice(#{what => node_halted, robot => Robot, found => Found}),
-    starl_world:halted(World, Robot);
-told({resumed, Robot, Found, Callers}, #state{world = World}) ->
+    ok = starl_world:halted(World, Robot),
+    State;
+told({resumed, Robot, Found, Callers}, #state{world = World} = State) ->
     ok = starl_world:resumed(World, Robot),
-    lists:foreach(fun(From) -> gen_server:reply(From, {ok, Found}) end, Callers).
+    lists:foreach(fun(From) -> gen_server:reply(From, {ok, Found}) end, Callers),
+    watched(Robot, State).
 
 goes_on(Robot, #state{halts = Halts} = State) ->
     gone_on(starl_cluster_halts:undo(Robot, Halts), State).
 
 all_go_on(#state{halts = Halts} = State) -> gone_on(starl_cluster_halts:undo_all(Halts), State).
 
-gone_on({Told, Halts}, State) ->
-    ok = lists:foreach(fun(Each) -> ok = told(Each, State) end, Told),
-    State#state{halts = Halts}.
+gone_on({Told, Halts}, State) -> lists:foldl(fun told/2, State#state{halts = Halts}, Told).
 
-%% The robots hear what they are to hear now, and the world knows.
-cut(Robots, Hands, #state{nodes = Nodes, world = World}) ->
-    ok = starl_world:cut(World, starl_cluster_hands:cuts(Hands)),
-    lists:foreach(
-        fun(R) -> starl_cluster_nodes:deafen(R, starl_cluster_hands:deaf(R, Hands), Nodes) end,
-        Robots
-    ).
-
-healed(Standing) ->
+healed(From, Text, Standing) ->
     #state{world = World, nodes = Nodes, hands = Hands} = State = all_go_on(Standing),
     None = starl_cluster_hands:healed(Hands),
     Back = fun(Robot) -> ok = starl_world:cable(World, Robot, back) end,
     ok = starl_world:freeze(World, []),
     ok = lists:foreach(Back, starl_cluster_hands:unplugged(Hands)),
-    ok = cut(starl_cluster_nodes:ids(Nodes), None, State),
-    State#state{hands = None}.
+    ok = starl_world:cut(World, starl_cluster_hands:cuts(None)),
+    aired(starl_cluster_nodes:ids(Nodes), From, Text, State#state{hands = None}).
+
+%% These robots, as far as their nodes are up, hear what they are to hear now.
+aired(Robots, From, Text, #state{nodes = Nodes, hands = Hands} = State) ->
+    Calls = [
+        {Id, air(Node, starl_cluster_hands:deaf(Id, Hands))}
+     || {Id, Node} <- starl_cluster_nodes:up(Nodes), lists:member(Id, Robots)
+    ],
+    ask({aired, From, Text}, Calls, ?ANSWER_MS, State).
+
+air(Node, Deaf) -> fun() -> starl_cluster_node:set_air(Node, #{cut => Deaf}) end.
 
 %% -- nodes and their code -------------------------------------------------------------------
 
 reload(Sources, Options, From, #state{parts = Parts, nodes = Nodes, reloads = Reloads} = State) ->
-    Up = [
-        {Id, Node, Link}
-     || {Id, Node} <- starl_cluster_nodes:up(Nodes), Link <- starl_cluster_node:robot_link(Node)
-    ],
-    case starl_cluster_reload:start(Sources, Options, {Parts, Up}, From, Reloads) of
-        {ok, Next} -> {noreply, State#state{reloads = Next}};
-        {error, _} = Error -> {reply, Error, State}
+    case starl_cluster_reload:start(Sources, Options, Parts, From, Reloads) of
+        {ok, Code, Next} ->
+            Load = fun(Node) -> fun() -> starl_cluster_node:load(Node, Code) end end,
+            Calls = [{Id, Load(Node)} || {Id, Node} <- starl_cluster_nodes:up(Nodes)],
+            {noreply, ask(loaded, Calls, ?LOAD_MS, State#state{reloads = Next})};
+        {error, _} = Error ->
+            {reply, Error, State}
     end.
 
-opened(Id, #state{nodes = Nodes, reloads = Reloads, hands = Hands0} = State) ->
+%% A node that was started anew meanwhile has the former code: it is started once more.
+loaded(Answers, #state{nodes = Nodes, reloads = Before} = State) ->
+    Reloads = starl_cluster_reload:loaded(Answers, Before),
+    Renewed = starl_cluster_reload:codes(Reloads) =/= starl_cluster_reload:codes(Before),
+    _ = [starl_cluster_nodes:kill(Robot, Nodes) || Renewed, {Robot, down} <- maps:to_list(Answers)],
+    State#state{reloads = Reloads}.
+
+%% What hands do meanwhile is asked of the node after this.
+opening(Id, #state{nodes = Nodes, reloads = Reloads, hands = Hands0} = State) ->
     {Fate, Hands} = starl_cluster_hands:store(Id, Hands0),
-    ok = starl_cluster_store:before_start(Fate, starl_cluster_nodes:spec(Id, Nodes)),
-    New = {starl_cluster_reload:codes(Reloads), starl_cluster_reload:code(Reloads)},
-    case starl_cluster_nodes:open(Id, New, Nodes) of
-        {ok, Links} ->
-            ok = starl_cluster_nodes:deafen(Id, starl_cluster_hands:deaf(Id, Hands), Nodes),
-            {ok, State#state{
-                reloads = starl_cluster_reload:rejoined(Id, Links, Reloads), hands = Hands
-            }};
-        {error, _} = Error ->
-            Error
+    Spec = starl_cluster_nodes:spec(Id, Nodes),
+    ok = starl_cluster_store:before_start(Fate, Spec),
+    Codes = starl_cluster_reload:codes(Reloads),
+    Code = starl_cluster_nodes:code(Nodes) ++ starl_cluster_reload:code(Reloads),
+    {Node, Self} = {starl_cluster_nodes:name(Id, Nodes), self()},
+    Air = #{cut => starl_cluster_hands:deaf(Id, Hands)},
+    Open = fun() -> starl_cluster_node:open(Node, Spec#{codes => Codes}, Air, Code, Self) end,
+    Calls = starl_cluster_calls:joined(Id, State#state.calls),
+    ask({opened, Id, Codes}, [{Id, Open}], ?OPEN_MS, State#state{hands = Hands, calls = Calls}).
+
+ask(Question, Wanted, LimitMs, #state{calls = Calls} = State) ->
+    State#state{calls = starl_cluster_calls:ask(Question, Wanted, LimitMs, Calls)}.
+
+%% The nodes have answered a question, or have not within its time.
+done({{opened, Id, Codes}, Answers}, State) ->
+    opened(Id, Codes, result(Id, Answers), State);
+done({{aired, From, Text}, Answers}, State) ->
+    _ = [gen_server:reply(From, heard(Text, Answers)) || From =/= none],
+    State;
+done({loaded, Answers}, State) ->
+    loaded(Answers, State);
+done({{closed, From}, _Answers}, State) ->
+    ok = gen_server:reply(From, ok),
+    State.
+
+result(Id, Answers) ->
+    case Answers of
+        #{Id := {ok, Result}} -> Result;
+        #{Id := silent} -> {error, "its node does not answer"};
+        #{Id := down} -> down
+    end.
+
+heard(none, _Answers) ->
+    ok;
+heard(Text, Answers) ->
+    {ok, [Text, starl_cluster_command:unheard([Id || {Id, silent} <- maps:to_list(Answers)]), "\n"]}.
+
+opened(Id, Codes, {ok, Links}, #state{reloads = Reloads} = State) ->
+    case starl_cluster_reload:codes(Reloads) of
+        Codes ->
+            Rejoined = starl_cluster_reload:rejoined(Id, Links, Reloads),
+            watched(Id, State#state{reloads = Rejoined});
+        _Newer ->
+            not_opened(Id, "there is newer code", State)
+    end;
+opened(Id, _Codes, {error, Why}, State) ->
+    not_opened(Id, Why, State);
+opened(_Id, _Codes, down, State) ->
+    State.
+
+not_opened(Id, Why, #state{nodes = Nodes} = State) ->
+    Line = unicode:characters_to_binary(Why),
+    logger:error(#{what => robot_not_started, robot => Id, why => Line}),
+    later(Id, left(Id, State#state{nodes = starl_cluster_nodes:drop(Id, Nodes)})).
+
+%% A recording of a robot that is closed may take long to end.
+closing(From, #state{nodes = Nodes, watchdogs = Watchdogs} = State) ->
+    ok = starl_cluster_watchdog:stop(Watchdogs),
+    Close = fun(Node) -> fun() -> starl_cluster_node:close(Node) end end,
+    Calls = [
+        {Id, Close(Node)}
+     || {Id, Node} <- starl_cluster_nodes:up(Nodes),
+        is_map_key(recorder, starl_cluster_nodes:spec(Id, Nodes))
+    ],
+    ask({closed, From}, Calls, ?CLOSE_MS, State#state{watchdogs = starl_cluster_watchdog:new()}).
+
+%% -- nodes that hang or have ended ----------------------------------------------------------
+
+watched(Id, #state{nodes = Nodes, watchdogs = Watchdogs} = State) ->
+    case starl_cluster_nodes:name(Id, Nodes) of
+        none -> State;
+        Node -> State#state{watchdogs = starl_cluster_watchdog:watch(Id, Node, Watchdogs)}
+    end.
+
+%% A halt by hand or chaos has its time.
+silent(Id, Watchdog, #state{nodes = Nodes, halts = Halts, watchdogs = Watchdogs} = State) ->
+    case
+        {
+            starl_cluster_watchdog:is_of(Id, Watchdog, Watchdogs),
+            starl_cluster_halts:is_halted(Id, Halts)
+        }
+    of
+        {true, false} ->
+            logger:error(#{what => node_silent, robot => Id, then => killed_and_started_anew}),
+            _ = starl_cluster_nodes:kill(Id, Nodes),
+            State;
+        {true, true} ->
+            watched(Id, State);
+        {false, _} ->
+            State
     end.
 
 %% Of the processes that are linked, those of nodes may end.
@@ -327,10 +447,19 @@ exited(Pid, _Reason, #state{nodes = Nodes} = State) ->
 lost(Id, Before) ->
     logger:notice(#{what => node_ended, robot => Id}),
     #state{nodes = Nodes, reloads = Reloads} = State = goes_on(Id, Before),
-    later(Id, State#state{
-        nodes = starl_cluster_nodes:lost(Id, Nodes),
-        reloads = starl_cluster_reload:lost(Id, Reloads)
-    }).
+    later(
+        Id,
+        left(Id, State#state{
+            nodes = starl_cluster_nodes:lost(Id, Nodes),
+            reloads = starl_cluster_reload:lost(Id, Reloads)
+        })
+    ).
+
+%% Nobody asks the node of a robot any more.
+left(Id, #state{calls = Calls, watchdogs = Watchdogs} = State) ->
+    {Ended, Left} = starl_cluster_calls:lost(Id, Calls),
+    Next = State#state{calls = Left, watchdogs = starl_cluster_watchdog:leave(Id, Watchdogs)},
+    lists:foldl(fun done/2, Next, Ended).
 
 later(Id, State) ->
     _ = erlang:send_after(?AGAIN_MS, self(), {again, Id}),
@@ -339,18 +468,8 @@ later(Id, State) ->
 again(Id, #state{nodes = Nodes} = State) ->
     case starl_cluster_nodes:again(Id, Nodes) of
         {ok, Up} ->
-            reopened(Id, State#state{nodes = Up});
+            opening(Id, State#state{nodes = Up});
         {error, Reason} ->
             logger:error(#{what => node_not_started, robot => Id, why => Reason}),
             later(Id, State)
-    end.
-
-reopened(Id, #state{nodes = Nodes} = State) ->
-    case opened(Id, State) of
-        {ok, Opened} ->
-            Opened;
-        {error, Why} ->
-            Line = unicode:characters_to_binary(Why),
-            logger:error(#{what => robot_not_started, robot => Id, why => Line}),
-            later(Id, State#state{nodes = starl_cluster_nodes:drop(Id, Nodes)})
     end.
