@@ -1,48 +1,81 @@
 %% @doc The metrics of a robot's node over HTTP: `/metrics' in the text format of Prometheus, and
 %% `/health', which answers while the robot's link does. Requests are read by the parser of OTP's
-%% sockets, and answered one by one.
+%% sockets, each by a process of its own, in a limited time. Of too many clients the oldest has to go.
 -module(starl_live_http).
 
 -export([start_link/1]).
 
 -define(TEXT, "text/plain; version=0.0.4; charset=utf-8").
-%% The longest time that a client may take, and the most lines of a request.
+%% The longest time that a request may take to come, and an answer to go; the most lines of a request; the
+%% most clients at a time.
 -define(PATIENCE_MS, 2000).
 -define(MOST_LINES, 100).
+-define(MOST_CLIENTS, 16).
+%% The time after which a server without a free file descriptor tries again.
+-define(AGAIN_MS, 200).
 
 %% @doc Starts the server at an address, which should be one of a network that the fleet trusts.
 -spec start_link(#{ip := inet:ip_address(), port := inet:port_number()}) ->
     {ok, pid()} | {error, unicode:chardata()}.
 start_link(#{ip := Ip, port := Port}) ->
-    Options = [{ip, Ip}, {active, false}, {packet, http_bin}, {reuseaddr, true}, binary],
+    Options =
+        [{ip, Ip}, {active, false}, {packet, http_bin}, {reuseaddr, true}, binary] ++
+            [{send_timeout, ?PATIENCE_MS}, {send_timeout_close, true}],
     case gen_tcp:listen(Port, Options) of
         {ok, Socket} ->
-            Pid = proc_lib:spawn_link(fun() -> serve(Socket) end),
+            Pid = proc_lib:spawn_link(fun() -> serve(Socket, []) end),
             ok = gen_tcp:controlling_process(Socket, Pid),
             {ok, Pid};
         {error, Posix} ->
             {error, io_lib:format("metrics at port ~b: ~ts", [Port, inet:format_error(Posix)])}
     end.
 
-serve(Listening) ->
+%% `Clients': the processes of the last ones, the newest first.
+serve(Listening, Clients) ->
     case gen_tcp:accept(Listening) of
         {ok, Socket} ->
-            _ = answer(request(Socket, ?MOST_LINES, none), Socket),
-            _ = gen_tcp:close(Socket),
-            serve(Listening);
-        {error, Posix} ->
-            exit({shutdown, {metrics, Posix}})
+            serve(Listening, [client(Socket) | fewer(Clients)]);
+        {error, closed} ->
+            exit({shutdown, {metrics, closed}});
+        {error, _Posix} ->
+            receive
+            after ?AGAIN_MS -> serve(Listening, Clients)
+            end
     end.
 
+fewer(Clients) ->
+    Alive = [Pid || Pid <- Clients, is_process_alive(Pid)],
+    {Left, Old} = lists:split(min(?MOST_CLIENTS - 1, length(Alive)), Alive),
+    lists:foreach(fun(Pid) -> exit(Pid, kill) end, Old),
+    Left.
+
+client(Socket) ->
+    Pid = spawn(fun() -> answered(Socket) end),
+    _ = gen_tcp:controlling_process(Socket, Pid),
+    Pid ! {Socket, yours},
+    Pid.
+
+answered(Socket) ->
+    receive
+        {Socket, yours} -> ok
+    end,
+    Until = erlang:monotonic_time(millisecond) + ?PATIENCE_MS,
+    _ = answer(request(Socket, Until, ?MOST_LINES, none), Socket),
+    gen_tcp:close(Socket).
+
 %% The path, when all lines of the request have been read.
-request(_Socket, 0, _Path) ->
+request(_Socket, _Until, 0, _Path) ->
     bad;
-request(Socket, Left, Path) ->
-    case gen_tcp:recv(Socket, 0, ?PATIENCE_MS) of
-        {ok, {http_request, 'GET', {abs_path, Asked}, _}} -> request(Socket, Left - 1, Asked);
-        {ok, {http_header, _, _, _, _}} -> request(Socket, Left - 1, Path);
-        {ok, http_eoh} -> Path;
-        _ -> bad
+request(Socket, Until, Left, Path) ->
+    case gen_tcp:recv(Socket, 0, max(0, Until - erlang:monotonic_time(millisecond))) of
+        {ok, {http_request, 'GET', {abs_path, Asked}, _}} ->
+            request(Socket, Until, Left - 1, Asked);
+        {ok, {http_header, _, _, _, _}} ->
+            request(Socket, Until, Left - 1, Path);
+        {ok, http_eoh} ->
+            Path;
+        _ ->
+            bad
     end.
 
 answer(<<"/metrics">>, Socket) -> send(metrics(), Socket);
