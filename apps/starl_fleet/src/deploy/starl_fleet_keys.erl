@@ -54,11 +54,7 @@ authority(Dir, #{name := Name}) ->
     Subject = "/CN=StarL fleet " ++ Name,
     [
         {Key, fun() -> private(Key) end},
-        {Pem, fun() ->
-            openssl([
-                "req -x509 -new -key", q(Key), "-days", ?DAYS, "-subj", q(Subject), "-out", q(Pem)
-            ])
-        end},
+        {Pem, fun() -> signed_by_itself(Subject, Key, Pem) end},
         {Config, fun() -> written(Config, starl_fleet_net:tls()) end}
     ].
 
@@ -77,11 +73,29 @@ certificate(Dir, N, #{address := Address}) ->
 private(File) ->
     openssl(["genpkey -algorithm EC -pkeyopt ec_paramgen_curve:P-256 -out", q(File)]).
 
-%% The robot's address is in its certificate: a node is who it says.
+%% The authority signs robots' certificates, and no further authorities.
+signed_by_itself(Subject, Key, Pem) ->
+    Extensions = Pem ++ ".cnf",
+    ok = file:write_file(Extensions, [
+        "[req]\ndistinguished_name=name\nx509_extensions=authority\n[name]\n[authority]\n"
+        "basicConstraints=critical,CA:TRUE,pathlen:0\nkeyUsage=critical,keyCertSign,cRLSign\n"
+        "subjectKeyIdentifier=hash\n"
+    ]),
+    Words = ["-key", q(Key), "-days", ?DAYS, "-subj", q(Subject), "-out", q(Pem)],
+    Made = openssl(["req -x509 -new -config", q(Extensions) | Words]),
+    _ = file:delete(Extensions),
+    Made.
+
+%% The robot's address is in its certificate: a node is who it says. It signs nothing.
 signed(Dir, N, Address, Key, Pem) ->
     Request = Pem ++ ".csr",
     Extensions = Pem ++ ".ext",
-    ok = file:write_file(Extensions, ["subjectAltName=", names(Address), "\n"]),
+    ok = file:write_file(Extensions, [
+        "basicConstraints=critical,CA:FALSE\nkeyUsage=critical,digitalSignature\n"
+        "extendedKeyUsage=serverAuth,clientAuth\nsubjectAltName=",
+        names(Address),
+        "\n"
+    ]),
     Subject = "/CN=robot " ++ integer_to_list(N),
     Asked = openssl(["req -new -key", q(Key), "-subj", q(Subject), "-out", q(Request)]),
     Made = next(Asked, fun() ->

@@ -32,10 +32,11 @@ vm_args(#{transport := dist, robots := #{1 := #{port := Port}}}) ->
         "\n"
     ].
 
-%% @doc The file of TLS' options. Each end must show a certificate of the fleet.
+%% @doc The file of TLS' options. Each end must show a certificate that the fleet's own authority has
+%% signed, and nobody in its stead.
 -spec tls() -> unicode:chardata().
 tls() ->
     Own =
         "{certfile, \"keys/robot.pem\"}, {keyfile, \"keys/robot.key\"}, "
-        "{cacertfile, \"keys/ca.pem\"}, {verify, verify_peer}",
+        "{cacertfile, \"keys/ca.pem\"}, {verify, verify_peer}, {depth, 0}",
     ["[{server, [", Own, ", {fail_if_no_peer_cert, true}]},\n {client, [", Own, "]}].\n"].
