@@ -26,6 +26,8 @@ all() ->
         other_files_are_told,
         only_files_are_replaced,
         a_full_disk_ends_the_recording_only,
+        a_full_disk_frees_the_reserve,
+        a_reserve_comes_first,
         a_subscriber_gets_all,
         a_slow_subscriber_gets_a_gap,
         a_live_run_does_not_wait
@@ -616,6 +618,30 @@ a_full_disk_ends_the_recording_only(_Config) ->
     ?assertEqual({"/dev/full", enospc}, Reason),
     Line = unicode:characters_to_list(starl_trace_recorder:format_error(Reason)),
     ?assertEqual("/dev/full: the recording could not be written: no space left on device", Line).
+
+%% What a recording has held free goes to the robot's store then.
+a_full_disk_frees_the_reserve(Config) ->
+    Reserve = filename:join(proplists:get_value(priv_dir, Config), "reserve"),
+    Options = #{reserve => {Reserve, 100000}},
+    {ok, Recorder} = starl_trace_recorder:start_link("/dev/full", live, Options),
+    Observer = starl_trace_recorder:observer(Recorder),
+    ?assertEqual(100000, filelib:file_size(Reserve)),
+    ok = Observer({begun, starl_trace_ct:facts()}),
+    ok = Observer({judged, starl_trace_ct:events(5000, 10000), []}),
+    {error, {"/dev/full", enospc}} = starl_trace_recorder:close(Recorder),
+    ?assertNot(filelib:is_file(Reserve)).
+
+%% A good recording keeps its reserve; without room for one there is no recording.
+a_reserve_comes_first(Config) ->
+    Dir = proplists:get_value(priv_dir, Config),
+    {Reserve, File} = {filename:join(Dir, "reserve"), filename:join(Dir, "run.mcap")},
+    {ok, Recorder} = starl_trace_recorder:start_link(File, live, #{reserve => {Reserve, 1000}}),
+    {ok, _} = starl_trace_recorder:close(Recorder),
+    ?assertEqual(1000, filelib:file_size(Reserve)),
+    ?assertEqual(
+        {error, {"/dev/full", enospc}},
+        starl_trace_recorder:start_link(File, live, #{reserve => {"/dev/full", 1000}})
+    ).
 
 %% -- subscribers ----------------------------------------------------------------------------
 

@@ -8,8 +8,9 @@
 %% '''
 %% A chunk is written each half second of real time, and of the run's time in which something happens.
 %% A simulation waits for the recorder; a live run leaves events out when the disk is too slow, and the
-%% recording says how many. A disk that is full ends the recording, not the run. With a limit
-%% (`options()') the recording is a series of files.
+%% recording says how many. A disk that is full ends the recording, not the run: a reserve, which is
+%% written before and removed then, is room for the robot's store. With a limit (`options()') the recording
+%% is a series of files.
 -module(starl_trace_recorder).
 -behaviour(gen_server).
 
@@ -18,8 +19,13 @@
 
 -export_type([options/0, written/0, reason/0]).
 
-%% `file_bytes': a file that is larger is closed, and the recording goes on in the file named by `next'.
--type options() :: #{} | #{file_bytes := pos_integer(), next := fun(() -> file:filename_all())}.
+%% `file_bytes': a file that is larger is closed, and the recording goes on in the file named by `next';
+%% `reserve': a file of so many bytes, which the recording gives up when the disk is full.
+-type options() :: #{
+    file_bytes => pos_integer(),
+    next => fun(() -> file:filename_all()),
+    reserve => {file:filename_all(), Bytes :: pos_integer()}
+}.
 
 %% The recording: its last file, its bytes, and the time until which it goes.
 -type written() :: #{
@@ -58,6 +64,12 @@ start_link(File, Kind) -> start_link(File, Kind, #{}).
 -spec start_link(file:filename_all(), simulation | live, options()) ->
     {ok, pid()} | {error, reason()}.
 start_link(File, Kind, Options) ->
+    case reserved(Options) of
+        ok -> started(File, Kind, Options);
+        {error, _} = Error -> Error
+    end.
+
+started(File, Kind, Options) ->
     case file:open(File, [write, raw, binary]) of
         {ok, Device} ->
             ok = file:close(Device),
@@ -67,6 +79,25 @@ start_link(File, Kind, Options) ->
         {error, Posix} ->
             {error, {File, Posix}}
     end.
+
+%% Random bytes: a file system may keep others in no room at all. The reserve of an earlier recording is
+%% good.
+reserved(#{reserve := {File, Bytes}}) ->
+    case filelib:file_size(File) =:= Bytes orelse file:write_file(File, rand:bytes(Bytes)) of
+        {error, Posix} ->
+            _ = filelib:is_regular(File) andalso file:delete(File),
+            {error, {File, Posix}};
+        _ ->
+            ok
+    end;
+reserved(_Options) ->
+    ok.
+
+given_up(#{reserve := {File, _}}) ->
+    _ = file:delete(File),
+    ok;
+given_up(_Options) ->
+    ok.
 
 %% @doc The observer of the run, for its options.
 -spec observer(pid()) -> starl_observer:t().
@@ -181,7 +212,7 @@ opened(File, #recorder{stream = Stream} = Recorder) ->
             %% the scenario at once: without it the file of a robot that is killed now cannot be read
             flushed(messages(starl_trace_stream:head(Stream), write(Head, Opened)));
         {error, Posix} ->
-            Recorder#recorder{state = {File, Posix}}
+            failed({File, Posix}, Recorder)
     end.
 
 %% Places follow from the motions; those that viewers are shown are enough.
@@ -218,7 +249,11 @@ synced(_Kind, Answer, _Device) -> Answer.
 written(ok, Recorder) ->
     Recorder;
 written({error, Posix}, #recorder{file = File} = Recorder) ->
-    Recorder#recorder{state = {File, Posix}}.
+    failed({File, Posix}, Recorder).
+
+failed(Reason, #recorder{options = Options} = Recorder) ->
+    ok = given_up(Options),
+    Recorder#recorder{state = Reason}.
 
 closed(#recorder{state = open, stream = Stream, device = Device} = Recorder) ->
     {Messages, _} = starl_trace_stream:close(Stream),

@@ -16,6 +16,7 @@
 
 %% `dir' of the recordings; `facts' of the run; `most_bytes': the allowed bytes of the robot's files
 %% in the directory, of which the oldest are deleted; without it one file grows, and all are kept.
+%% With it a reserve is kept, too, which is the room of the robot's store when the disk is full.
 -type config() :: #{
     robot := starl:robot_id(),
     now := fun(() -> AtUs :: integer()),
@@ -29,6 +30,10 @@
 -define(SAME, [app, kind, scenario, epoch_us, run]).
 %% Files in the allowed bytes.
 -define(FILES, 4).
+%% Somewhat more than the largest term of a store ({@link starl_payload}), which is written beside its
+%% predecessor.
+-define(RESERVE, "reserve").
+-define(RESERVE_BYTES, 12_000_000).
 
 %% @doc Begins the recording of a robot.
 -spec start_link(config()) -> {ok, pid()} | {error, unicode:chardata()}.
@@ -126,7 +131,11 @@ name(Robot, 1) -> prefix(Robot) ++ ".mcap";
 name(Robot, N) -> lists:concat([prefix(Robot), ".", N, ".mcap"]).
 
 options(#{most_bytes := Most, robot := Robot, dir := Dir} = Config) when is_integer(Most) ->
-    #{file_bytes => Most div ?FILES, next => fun() -> next(Robot, Dir, Config) end};
+    #{
+        file_bytes => Most div ?FILES,
+        next => fun() -> next(Robot, Dir, Config) end,
+        reserve => {filename:join(Dir, ?RESERVE), ?RESERVE_BYTES}
+    };
 options(_Config) ->
     #{}.
 
