@@ -50,6 +50,12 @@ an_answer_after_a_warning_test() ->
     Text = ["Warning: added 'a' to the known hosts.\r\n", starl_fleet_term:write(Status)],
     ?assertNotEqual(nomatch, string:find(said(Text), "a runs, release 1, ")).
 
+a_robot_that_was_stopped_test_() ->
+    [
+        ?_assertEqual("robot 1 (a): stopped\n", said(Said))
+     || Said <- ["stopped\n", "Warning: added 'a' to the known hosts.\r\nstopped\n"]
+    ].
+
 what_is_not_known_is_shown_test() ->
     Line = said("bash: cannot set locale\n{no"),
     ?assertNotEqual(nomatch, string:find(Line, "nothing that we know: \"bash: cannot")),

@@ -32,6 +32,17 @@ build_there_test() ->
     ],
     ?assertEqual([keys, build, check], lists:sublist(Stages, 4, 3)).
 
+fetch_test() ->
+    [{1, Command}, {2, _}] = starl_fleet_steps:fetch("out/of all", fleet()),
+    ?assertEqual(
+        "mkdir -p 'out/of all/robot-1' && ssh -o BatchMode=yes -o ConnectTimeout=10 -n "
+        "starl@robot1.lab 'cd starl/lab/robot-1/state/recordings 2>/dev/null && tar -cf - *.mcap "
+        "2>/dev/null || tar -cf - -T /dev/null' >'out/of all/robot-1/fetched.tar' && "
+        "tar -xf 'out/of all/robot-1/fetched.tar' -C 'out/of all/robot-1'; "
+        "status=$?; rm -f 'out/of all/robot-1/fetched.tar'; exit $status",
+        Command
+    ).
+
 by_tar_test() ->
     State = {fleet(), plan(restart)},
     ?assertEqual(

@@ -4,9 +4,16 @@
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
 
--type action() :: deploy | status | stop | rollback | {logs, all | starl:robot_id()} | reload.
+-type action() ::
+    deploy
+    | status
+    | stop
+    | rollback
+    | {logs, all | starl:robot_id()}
+    | {fetch, file:filename()}
+    | reload.
 
--define(ACTIONS, ["status", "logs", "stop", "rollback", "reload"]).
+-define(ACTIONS, ["status", "logs", "fetch", "stop", "rollback", "reload"]).
 -define(LOG_LINES, 100).
 
 -spec name() -> string().
@@ -27,8 +34,9 @@ about(_Subject) ->
         {list, "Afterwards", [
             {"deploy F status", "how each robot is"},
             {"deploy F logs [N]", "the latest lines of the robots' logs, or of robot N"},
+            {"deploy F fetch DIR", "the robots' recordings, into DIR/robot-1, DIR/robot-2, ..."},
             {"deploy F stop", "stops the robots until the next deploy"},
-            {"deploy F rollback", "back to the release before"},
+            {"deploy F rollback", "back to the release before; a second time, forward again"},
             {"deploy F reload APP", "new code of the application, while the robots run"}
         ]},
         "doc/deploy.md explains the fleet file; ./starl keys makes the keys."
@@ -49,7 +57,8 @@ flags(_Subject) ->
     ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() -> [{0, "done"}, {1, "a robot is not well, or not reached"}].
+statuses() ->
+    [{0, "done"}, {1, "a robot is not well, or not reached; one that was stopped is well"}].
 
 %% The words after the file say what is wanted of the fleet.
 -spec subject(string(), [string()]) -> {ok, {file:filename(), Words :: [string()]}, [string()]}.
@@ -74,6 +83,10 @@ action(["logs"], _Fleet) ->
     {logs, all};
 action(["logs", Number], #{fleet := #{robots := Robots}}) ->
     logs(string:to_integer(Number), Robots);
+action(["fetch", Dir], _Fleet) ->
+    {fetch, Dir};
+action(["fetch"], _Fleet) ->
+    {error, "fetch the recordings to where? Name a directory, as in fetch recordings"};
 action(["reload"], _Fleet) ->
     {error, "reload what? Name the application of the fleet file"};
 action(["reload", App], #{file := File}) ->
@@ -126,6 +139,11 @@ act(reload, Fleet, Values) ->
     reload(Fleet, options(reload, Fleet, Values), Values);
 act(rollback, #{fleet := Fleet}, _Values) ->
     told(starl_fleet_deploy:rollback(Fleet));
+act({fetch, Dir}, #{fleet := Fleet}, _Values) ->
+    case filelib:ensure_path(Dir) of
+        ok -> each(starl_fleet_deploy:fetch(Dir, Fleet), fun fetched/2);
+        {error, Why} -> {error, [[Dir, ": ", file:format_error(Why)]]}
+    end;
 act(stop, #{fleet := Fleet}, _Values) ->
     each(starl_fleet_deploy:ask("stop", numbers(Fleet), Fleet), fun(N, _) ->
         io_lib:format("robot ~b: stopped\n", [N])
@@ -140,6 +158,14 @@ act({logs, Which}, #{fleet := Fleet}, _Values) ->
     each(starl_fleet_deploy:ask(Words, Numbers, Fleet), fun(N, Said) ->
         [io_lib:format("robot ~b: ~ts\n", [N, Line]) || Line <- string:lexemes(Said, "\n")]
     end).
+
+fetched(N, []) ->
+    io_lib:format("robot ~b: no recording\n", [N]);
+fetched(N, [File | _] = Files) ->
+    Bytes = lists:sum([filelib:file_size(F) || F <- Files]),
+    Line = "robot ~b: ~b recording~ts, ~.1f MB, in ~ts\n",
+    Plural = [$s || length(Files) > 1],
+    io_lib:format(Line, [N, length(Files), Plural, Bytes / 1.0e6, filename:dirname(File)]).
 
 numbers(#{robots := Robots}) -> lists:sort(maps:keys(Robots)).
 

@@ -13,8 +13,13 @@
 line(N, Robot, Said) ->
     case starl_fleet_term:read(Said) of
         {ok, #{release := _} = Status} -> known(N, Robot, Status);
-        _ -> unknown(N, Robot, Said)
+        _ -> other(lists:suffix("\nstopped\n", "\n" ++ Said), N, Robot, Said)
     end.
+
+other(true, N, Robot, _Said) ->
+    io_lib:format("robot ~b (~ts): stopped\n", [N, starl_fleet_steps:target(Robot)]);
+other(false, N, Robot, Said) ->
+    unknown(N, Robot, Said).
 
 known(N, Robot, #{release := Release, app := App, started := At, link := Link} = Status) ->
     #{result := Result, crashes := Crashes} = Status,

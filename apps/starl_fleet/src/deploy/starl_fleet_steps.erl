@@ -3,7 +3,9 @@
 %% ended on all robots. A pure module.
 -module(starl_fleet_steps).
 
--export([deploy/3, one/3, copy_by_tar/3, back/3, target/1, base/2, ssh/2, quoted/1]).
+-export([
+    deploy/3, one/3, copy_by_tar/3, back/3, fetch/2, recordings/1, target/1, base/2, ssh/2, quoted/1
+]).
 
 -export_type([plan/0, stage/0, step/0]).
 
@@ -95,6 +97,34 @@ one(Words, Numbers, #{robots := Robots} = Fleet) ->
 -spec back(Words :: string(), starl_fleet_file:t(), plan()) -> [step()].
 back(Words, #{robots := Robots} = Fleet, Plan) ->
     [{N, robot(N, R, Fleet, Plan, Words)} || {N, R} <- lists:sort(maps:to_list(Robots))].
+
+%% @doc Copies what the robots have recorded into this directory. A robot that runs goes on writing: its last
+%% file comes as far as it is written. Where there is nothing, an empty archive comes.
+-spec fetch(file:filename(), starl_fleet_file:t()) -> [step()].
+fetch(Dir, #{robots := Robots} = Fleet) ->
+    [
+        {N, fetched(filename:join(Dir, recordings(N)), N, R, Fleet)}
+     || {N, R} <- lists:sort(maps:to_list(Robots))
+    ].
+
+%% By a file, since of two programs with a pipe sh tells how the second has ended.
+fetched(To, N, Robot, Fleet) ->
+    There = base(N, Fleet) ++ "/state/recordings",
+    Archive = quoted(To ++ "/fetched.tar"),
+    Line =
+        "cd " ++ There ++
+            " 2>/dev/null && tar -cf - *.mcap 2>/dev/null || tar -cf - -T /dev/null",
+    words([
+        "mkdir -p " ++ quoted(To) ++ " &&",
+        ssh(Robot, Line),
+        ">" ++ Archive,
+        "&& tar -xf " ++ Archive ++ " -C " ++ quoted(To) ++ ";",
+        "status=$?; rm -f " ++ Archive ++ "; exit $status"
+    ]).
+
+%% @doc The name of the directory of a robot's recordings, as `./starl merge' takes it.
+-spec recordings(starl:robot_id()) -> string().
+recordings(N) -> "robot-" ++ integer_to_list(N).
 
 %% @doc Copies without rsync on the robot. By tar, not scp: any Linux has it, a small ssh server often has
 %% no sftp, and modes survive.

@@ -1,0 +1,136 @@
+%% The program bin/robot of a release, with a program in the place of Erlang.
+-module(starl_fleet_robot_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+robot_test_() ->
+    {foreach, fun place/0, fun gone/1, [
+        fun(Place) -> {Name, {timeout, 60, fun() -> Test(Place) end}} end
+     || {Name, Test} <- [
+            {"a robot that was stopped says so", fun stopped/1},
+            {"a store that cannot be written is one line", fun unwritable/1},
+            {"a store that is read-only is one line", fun read_only/1},
+            {"back to the release before, and forward again", fun rolled_back/1},
+            {"a node that a signal ends", fun signalled/1},
+            {"a log that has grown", fun rotated/1}
+        ]
+    ]}.
+
+stopped(Place) ->
+    ?assertEqual({3, "no answer\n"}, robot("one", "status", Place)),
+    ?assertEqual({0, ""}, robot("one", "stop", Place)),
+    ?assertEqual({0, "stopped\n"}, robot("one", "status", Place)),
+    ?assertEqual({0, ""}, robot("one", "start", Place)),
+    ?assertEqual({3, "no answer\n"}, robot("one", "status", Place)).
+
+unwritable(Place) ->
+    ok = filelib:ensure_path(state("writable/full", Place)),
+    {1, Said} = robot("one", "run", Place),
+    ?assertEqual("the store of robot 2 cannot be written: Is a directory\n", Said).
+
+%% Only who may mount can make a directory read-only for root.
+read_only(Place) ->
+    State = state("", Place),
+    Mount = "mount --bind " ++ State ++ " " ++ State ++ " && mount -o remount,bind,ro " ++ State,
+    case run("unshare -m sh -c '" ++ Mount ++ "'") of
+        {0, _} ->
+            Line = Mount ++ " && exec " ++ line("one", "run", Place),
+            ?assertEqual(
+                {1, "the store of robot 2 is read-only\n"}, run("unshare -m sh -c '" ++ Line ++ "'")
+            );
+        _ ->
+            ok
+    end.
+
+rolled_back(Place) ->
+    {0, _} = robot("two", "switch", Place),
+    ?assertEqual({0, "one\n"}, robot("two", "rollback", Place)),
+    ?assertEqual({"one", "two"}, {link("current", Place), link("previous", Place)}),
+    ?assertEqual({0, "two\n"}, robot("one", "rollback", Place)),
+    ?assertEqual({"two", "one"}, {link("current", Place), link("previous", Place)}),
+    %% a release that has failed is no release before
+    {0, "one\n"} = robot("two", "undo", Place),
+    ?assertEqual({"one", none}, {link("current", Place), link("previous", Place)}),
+    ?assertEqual(
+        {1, "there is no release before this one\n"}, robot("one", "rollback", Place)
+    ).
+
+%% The node kills itself when it starts.
+signalled(#{dir := Dir} = Place) ->
+    ok = erlang_is("kill -KILL $$\n", Dir),
+    Port = open_port({spawn_executable, "/bin/sh"}, [
+        {args, ["-c", "exec " ++ line("one", "daemon", Place)]}, {line, 200}, stderr_to_stdout
+    ]),
+    {os_pid, Pid} = erlang:port_info(Port, os_pid),
+    ?assertEqual(
+        "robot 2: its node was ended by signal KILL; was there no memory left?", said(Port)
+    ),
+    _ = os:cmd("kill -TERM " ++ integer_to_list(Pid)).
+
+said(Port) ->
+    receive
+        {Port, {data, {eol, "robot 2: " ++ _ = Line}}} -> Line;
+        {Port, {data, _}} -> said(Port)
+    end.
+
+rotated(Place) ->
+    Small = binary:copy(<<"a line\n">>, 1000),
+    ok = file:write_file(state("log", Place), Small),
+    {0, ""} = robot("one", "rotate", Place),
+    ?assertEqual({ok, Small}, file:read_file(state("log", Place))),
+    Large = binary:copy(<<"a line\n">>, 600_000),
+    ok = file:write_file(state("log", Place), Large),
+    {0, ""} = robot("one", "rotate", Place),
+    ?assertEqual({ok, <<>>}, file:read_file(state("log", Place))),
+    ?assertEqual({ok, Large}, file:read_file(state("log.1", Place))).
+
+%% -- a place --------------------------------------------------------------------------------
+
+%% Robot 2 of the fleet lab, with two releases. Erlang is a program that gives no answers.
+place() ->
+    Dir = "/tmp/starl-robot-" ++ os:getpid() ++ integer_to_list(erlang:unique_integer([positive])),
+    Base = filename:join(Dir, "lab/robot-2"),
+    Place = #{dir => Dir, base => Base},
+    lists:foreach(fun(Name) -> released(Name, Base) end, ["one", "two"]),
+    ok = filelib:ensure_path(state("", Place)),
+    ok = file:write_file(filename:join(Base, "service"), "plain\n"),
+    ok = file:make_symlink("releases/one", filename:join(Base, "current")),
+    ok = erlang_is(
+        "case $* in *starl_fleet_ask*) echo no answer; exit 3 ;; esac\nexec sleep 600\n", Dir
+    ),
+    Place.
+
+released(Name, Base) ->
+    Program = filename:join([Base, "releases", Name, "bin/robot"]),
+    ok = filelib:ensure_dir(Program),
+    {ok, _} = file:copy(filename:join(code:priv_dir(starl_fleet), "robot"), Program),
+    ok = file:change_mode(Program, 8#755),
+    ok = file:write_file(filename:join([Base, "releases", Name, "vm.args"]), "").
+
+erlang_is(Script, Dir) ->
+    File = filename:join(Dir, "bin/erl"),
+    ok = filelib:ensure_dir(File),
+    ok = file:write_file(File, ["#!/bin/sh\n", Script]),
+    file:change_mode(File, 8#755).
+
+gone(#{dir := Dir} = Place) ->
+    _ = robot("one", "stop", Place),
+    ok = file:del_dir_r(Dir).
+
+state(Name, #{base := Base}) -> filename:join([Base, "state", Name]).
+
+link(Name, #{base := Base}) ->
+    case file:read_link(filename:join(Base, Name)) of
+        {ok, Release} -> filename:basename(Release);
+        {error, enoent} -> none
+    end.
+
+robot(Release, Words, Place) -> run(line(Release, Words, Place)).
+
+line(Release, Words, #{dir := Dir, base := Base}) ->
+    "env PATH=" ++ Dir ++ "/bin:$PATH " ++ Base ++ "/releases/" ++ Release ++ "/bin/robot " ++
+        Words.
+
+run(Line) ->
+    Said = os:cmd("{ " ++ Line ++ "; } 2>&1; echo \" $?\""),
+    [Text, Status] = string:split(Said, " ", trailing),
+    {list_to_integer(string:trim(Status)), Text}.
