@@ -4,7 +4,7 @@
 
 -export([scene/1, init/1, handle_event/5, init/2, step/2, options/0]).
 
-options() -> [{kind, {one_of, [loops, goes, machine, ends]}, loops, "what the robots do"}].
+options() -> [{kind, {one_of, [loops, goes, machine, waits, ends]}, loops, "what the robots do"}].
 
 scene(#{options := #{kind := machine}}) -> {ok, #{app => {machine, ?MODULE, #{}}}};
 scene(#{options := #{kind := Kind}}) -> {ok, #{app => {sequential, ?MODULE, Kind}}}.
@@ -21,6 +21,10 @@ busy(loops, Robot) ->
 busy(goes, Robot) ->
     {ok, {X, Y, _}} = starl:position(Robot),
     goes(Robot, {X, Y});
+busy(waits, _Robot) ->
+    receive
+        never -> ok
+    end;
 busy(_Kind, _Robot) ->
     none.
 
@@ -62,6 +66,14 @@ inline_machine_test() ->
     [{unknown, machine, Frames}] = stands(#{mode => inline, robots => 1, kind => machine}),
     ?assertMatch({?MODULE, for_ever, 1, _, _}, starl_crash:place(Frames)).
 
+%% Work is counted, not time: an endless loop is found when it has done much, and what only waits, or gets
+%% no processor, is none, however often it is looked at.
+cause_test_() ->
+    [
+        {atom_to_list(Kind), fun() -> ?assertEqual(Cause, cause(#{kind => Kind, robots => 2})) end}
+     || {Kind, Cause} <- [{loops, loop}, {waits, slow}]
+    ].
+
 %% A run that goes on, and one that rests, are not told of.
 no_stall_test() ->
     {ok, Sim} = starl_sim:start(#{app => ?MODULE, kind => ends, robots => 3}),
@@ -98,13 +110,13 @@ stands(Given, Looks) ->
 
 look(Tag) ->
     receive
-        {Tag, {stands, _, AtWork}} -> AtWork
+        {Tag, {stands, _, _, AtWork}} -> AtWork
     end.
 
 %% The first moments may pass before the loop has begun, as while code is loaded.
 known(Tag) ->
     receive
-        {Tag, {stands, _, [{_, _, [_ | _] = Frames}] = AtWork}} ->
+        {Tag, {stands, _, _, [{_, _, [_ | _] = Frames}] = AtWork}} ->
             case lists:member(innermost(Frames), [for_ever, goes]) of
                 true -> AtWork;
                 false -> known(Tag)
@@ -115,3 +127,32 @@ known(Tag) ->
 
 %% The innermost function of this module.
 innermost(Frames) -> hd([Function || {?MODULE, Function, _, _, _} <- Frames] ++ [none]).
+
+%% A loop as soon as it is told, else what is told ten times.
+cause(Given) ->
+    Self = self(),
+    Tag = make_ref(),
+    {Driver, Ref} = spawn_monitor(fun() ->
+        {ok, Sim} = starl_sim:start(maps:merge(#{app => ?MODULE}, Given)),
+        _ = starl_sim:watch(Sim, #{
+            patience_ms => 0,
+            period_ms => 20,
+            reductions => 5_000_000,
+            tell => fun(News) -> Self ! {Tag, News} end
+        }),
+        starl_sim:run(Sim)
+    end),
+    Cause = told(Tag, 10),
+    exit(Driver, kill),
+    receive
+        {'DOWN', Ref, process, Driver, _} -> Cause
+    end.
+
+told(_Tag, 0) ->
+    slow;
+told(Tag, Left) ->
+    receive
+        {Tag, {stands, _, loop, [{2, app, _}]}} -> loop;
+        {Tag, {stands, _, slow, [{2, app, _}]}} -> told(Tag, Left - 1);
+        {Tag, _} -> told(Tag, Left)
+    end.

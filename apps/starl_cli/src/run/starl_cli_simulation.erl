@@ -211,6 +211,6 @@ failed(Reason, #{out := Out} = Setup) ->
 why({shard_failed, Reason}) ->
     why(Reason);
 why({no_answer, Ms, AtWork}) ->
-    starl_cli_stall:line(Ms, AtWork);
+    starl_cli_stall:line(Ms, loop, AtWork);
 why(Reason) ->
     io_lib:format("~0tP", [Reason, 15]).

@@ -1,29 +1,35 @@
 %% @doc Tells the user of a run that stands still in real time, and ends one that does not obey
-%% Ctrl-C.
+%% Ctrl-C. A computer that is slow, or has other work, is no reason for a line that stays.
 -module(starl_cli_stall).
 
 -export([watch/1, interrupt/1]).
--export([line/2, waiting/2]).
+-export([line/3, waiting/2]).
+
+%% The time after which a line is said even of a step that has not done much: it may wait.
+-define(LONG_MS, 60_000).
+%% The calls of a line.
+-define(CALLS, 3).
 
 %% The time that an interrupted run has to come to rest.
 -define(REST_MS, 600).
 %% The time to find who is at work then.
 -define(LOOK_MS, 450).
 
-%% @doc Watches a run: the first line on a stall stays, a progress line follows it.
+%% @doc Watches a run: one line on a stall stays, a progress line follows each.
 -spec watch(starl_sim:sim()) -> Watch :: pid().
 watch(Sim) ->
     Told = atomics:new(1, []),
     starl_sim:watch(Sim, #{tell => fun(News) -> tell(News, Told) end}).
 
-tell({stands, Ms, AtWork}, Told) ->
+tell({stands, Ms, Cause, AtWork}, Told) ->
     Known = [Work || Work <- AtWork, Work =/= simulator],
     _ =
-        Known =/= [] andalso atomics:exchange(Told, 1, 1) =:= 0 andalso
-            starl_cli_progress:note(line(Ms, Known)),
+        Known =/= [] andalso (Cause =:= loop orelse Ms >= ?LONG_MS) andalso
+            atomics:exchange(Told, 1, 1) =:= 0 andalso
+            starl_cli_progress:note(line(Ms, Cause, Known)),
     starl_cli_progress:say(waiting(Ms, AtWork));
-tell(goes_on, Told) ->
-    atomics:put(Told, 1, 0).
+tell(goes_on, _Told) ->
+    ok.
 
 %% @doc Ends a run with its results so far. A run that has not come to rest in time, because a robot
 %% does not end its step, ends without results.
@@ -60,19 +66,27 @@ in_step({"the simulator", _, _}) -> "the simulator was in the middle of its work
 in_step({Who, none, _}) -> [Who, " did not end its step"];
 in_step({Who, Place, _}) -> [Who, " did not end its step at ", Place].
 
-%% @doc One line on a stall: the place, who is there, since when, and the calls that lead there.
--spec line(Ms :: non_neg_integer(), [starl_sim_watch:work()]) -> unicode:chardata().
-line(Ms, AtWork) ->
-    lists:join("; ", [stall(Ms, Group) || Group <- groups(AtWork)]).
+%% @doc One line on a stall: the place, who is there, since when, and the latest calls that lead there.
+-spec line(Ms :: non_neg_integer(), starl_sim_watch:cause(), [starl_sim_watch:work()]) ->
+    unicode:chardata().
+line(Ms, Cause, AtWork) ->
+    {Shown, Others} = lists:split(min(1, length(AtWork)), groups(AtWork)),
+    [stall(Ms, Cause, Group) || Group <- Shown] ++
+        [io_lib:format("; ~b more are at work", [length(Others)]) || Others =/= []].
 
-stall(Ms, {Who, none, _}) ->
+stall(Ms, _Cause, {Who, none, _}) ->
     [Who, at_work_for(Ms)];
-stall(Ms, {Who, Place, Frames}) ->
-    [Place, ": ", Who, at_work_for(Ms), ", is this an endless loop? Calls: ", calls(Frames)].
+stall(Ms, Cause, {Who, Place, Frames}) ->
+    [Place, ": ", Who, at_work_for(Ms), asked(Cause), " Calls: ", calls(Frames)].
+
+asked(loop) -> ", is this an endless loop?";
+asked(slow) -> ".".
 
 at_work_for(Ms) -> io_lib:format(" at work for ~b s without a pause", [Ms div 1000]).
 
-calls(Frames) -> lists:join(", ", [starl_crash:format_frame(Frame) || Frame <- Frames]).
+calls(Frames) ->
+    Latest = [starl_crash:format_frame(Frame) || Frame <- lists:sublist(Frames, ?CALLS)],
+    lists:join(", ", Latest ++ ["..." || length(Frames) > ?CALLS]).
 
 %% @doc The words of the progress line: who is waited for.
 -spec waiting(Ms :: non_neg_integer(), [starl_sim_watch:work()]) -> [unicode:chardata()].

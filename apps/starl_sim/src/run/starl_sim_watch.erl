@@ -17,17 +17,22 @@
 
 -export([start_link/2, stop/1, at_work/1, named/1]).
 
--export_type([config/0, news/0, work/0]).
+-export_type([config/0, news/0, cause/0, work/0]).
 
 %% `tell' is called with the news, in the watch's own process: when the run has stood still for
-%% `patience_ms', again after each further `period_ms', and when it goes on.
+%% `patience_ms', again after each further `period_ms', and when it goes on. `reductions': the work that
+%% no step of a sound program takes; a computer that is slow, or has other work, takes longer for it.
 -type config() :: #{
     patience_ms => non_neg_integer(),
     period_ms => pos_integer(),
+    reductions => pos_integer(),
     tell := fun((news()) -> term())
 }.
 
--type news() :: {stands, Ms :: non_neg_integer(), [work()]} | goes_on.
+-type news() :: {stands, Ms :: non_neg_integer(), cause(), [work()]} | goes_on.
+
+%% Why a run stands still: `loop', more work than a sound step takes, on this node; `slow', so far.
+-type cause() :: loop | slow.
 
 %% A robot's machine that is at work, `unknown' for one without a process; a monitor; or the
 %% simulator itself. With the part of its stack that is its own.
@@ -38,6 +43,8 @@
 
 -define(PATIENCE_MS, 3000).
 -define(PERIOD_MS, 1000).
+%% Some ten seconds of a fast processor; a tight loop spends them in one or two.
+-define(REDUCTIONS, 300_000_000).
 %% The time in which one who is not at work answers.
 -define(ANSWER_MS, 200).
 %% The time between two looks at the same robots.
@@ -47,10 +54,12 @@
     run :: pid(),
     period_ms :: pos_integer(),
     patience_ms :: non_neg_integer(),
+    reductions :: pos_integer(),
     tell :: fun((news()) -> term()),
-    %% the progress seen last, and since when it is the same
+    %% the progress seen last, and since when it is the same: the time, and this node's reductions
     seen = none :: term(),
     since_ms :: integer(),
+    since :: non_neg_integer(),
     told = false :: boolean()
 }).
 
@@ -61,8 +70,10 @@ start_link(Run, #{tell := Tell} = Config) ->
         run = Run,
         period_ms = maps:get(period_ms, Config, ?PERIOD_MS),
         patience_ms = maps:get(patience_ms, Config, ?PATIENCE_MS),
+        reductions = maps:get(reductions, Config, ?REDUCTIONS),
         tell = Tell,
-        since_ms = now_ms()
+        since_ms = now_ms(),
+        since = spent()
     },
     spawn_link(fun() -> watch(Watch) end).
 
@@ -95,12 +106,23 @@ look(Progress, Watch) ->
 
 moved(Progress, #watch{told = Told, tell = Tell} = Watch) ->
     _ = Told andalso Tell(goes_on),
-    Watch#watch{seen = Progress, since_ms = now_ms(), told = false}.
+    Watch#watch{seen = Progress, since_ms = now_ms(), since = spent(), told = false}.
 
 stands(Ms, Progress, #watch{tell = Tell, run = Run} = Watch) ->
     AtWork = who(Progress, Run),
-    _ = AtWork =/= [] andalso Tell({stands, Ms, AtWork}),
+    _ = AtWork =/= [] andalso Tell({stands, Ms, cause(Watch), AtWork}),
     Watch#watch{told = true}.
+
+%% Whoever does not stand still beside the run does little.
+cause(#watch{since = Since, reductions = Most}) ->
+    case spent() - Since >= Most of
+        true -> loop;
+        false -> slow
+    end.
+
+spent() ->
+    {Reductions, _} = erlang:statistics(reductions),
+    Reductions.
 
 %% @doc Who is at work in a run that stands still.
 -spec at_work(Run :: pid()) -> [work()].
