@@ -6,6 +6,7 @@
 -export([standard_input_is_left_alone/1, a_closed_standard_input_is_none/1]).
 -export([the_shell_reads_standard_input/1, commands_of_the_script_are_explained/1]).
 -export([flags_of_the_script_are_refused/1, other_libraries_build_nothing/1]).
+-export([a_run_keeps_its_code/1]).
 
 suite() -> [{timetrap, {minutes, 5}}].
 
@@ -16,7 +17,8 @@ all() ->
         the_shell_reads_standard_input,
         commands_of_the_script_are_explained,
         flags_of_the_script_are_refused,
-        other_libraries_build_nothing
+        other_libraries_build_nothing,
+        a_run_keeps_its_code
     ].
 
 %% A list that a loop reads its turns from is not eaten by the first of them.
@@ -56,6 +58,26 @@ other_libraries_build_nothing(Config) ->
     {0, Before} = sh(Stamps, Config),
     {0, _} = sh("ERL_LIBS=\"$out:${ERL_LIBS-}\" ./starl apps", Config),
     ?assertEqual({0, Before}, sh(Stamps, Config)).
+
+%% The build goes while a cluster runs, as another Erlang, or new sources, would build anew: a node that
+%% is killed comes up again, and the run ends with its results.
+a_run_keeps_its_code(Config) ->
+    Line =
+        "copy=$out/copy; mkdir -p $copy/_build/starl; "
+        "cp -a starl apps rebar.config* .deps $copy/ 2>/dev/null; "
+        "cp -a _build/default $copy/_build/; "
+        "cp -a _build/starl/ready _build/starl/built _build/starl/places $copy/_build/starl/; "
+        "$copy/starl cluster exercise --robots 2 --quiet --out $out/kept >$out/kept.txt 2>&1 & "
+        "script=$!; ask() { ./starl cluster \"$@\" --pid $(pgrep -P $script); }; n=0; "
+        "until ask status 2>/dev/null | grep -q '2 at work' || [ $((n += 1)) -gt 100 ]; do :; done; "
+        "rm -rf $copy/_build/default/lib/starl_*; ask kill 1; n=0; "
+        "until ask status | grep 'robot 1 *up .* started 2 times' || [ $((n += 1)) -gt 30 ]; "
+        "do :; done; ask stop; wait $script; echo \"status $?\"; cat $out/kept.txt",
+    {0, Text} = sh(Line, Config),
+    [
+        ?assertNotEqual({Part, Text, nomatch}, {Part, Text, string:find(Text, Part)})
+     || Part <- ["started 2 times", "the run ends", "status 130"]
+    ].
 
 %% Runs a line in the checkout, with the environment in which ./starl itself has built it.
 sh(Line, Config) ->
