@@ -17,11 +17,13 @@
     commands/1,
     reloads/1,
     taken_port/1,
+    ended_at_once/1,
+    clock_starts_last/1,
     nothing_left/1,
     none_left_standing/1
 ]).
 %% called in the conductor
--export([play/4, struck/1, beside_another/1]).
+-export([play/4, struck/1, beside_another/1, killed_by_its_code/1, loaded_and_begun/1]).
 
 -define(SPEED, 10).
 
@@ -38,6 +40,8 @@ all() ->
         commands,
         reloads,
         taken_port,
+        ended_at_once,
+        clock_starts_last,
         nothing_left,
         none_left_standing
     ].
@@ -235,6 +239,20 @@ taken_port(Config) ->
         re:run(Said, "^robot 2 does not start: metrics at port [0-9]+: address already in use$")
     ).
 
+%% A node that is killed while its robot is opened, as one for which there is no memory: one line says so.
+ended_at_once(Config) ->
+    Said = in_conductor(killed_by_its_code, [proplists:get_value(dir, Config)], Config),
+    ?assertEqual(
+        "robot 1 does not start: its node has ended; was it killed, or no memory left?", Said
+    ).
+
+%% The time of the run begins when all nodes are up with all of their code.
+clock_starts_last(Config) ->
+    Dir = proplists:get_value(dir, Config),
+    {Loaded, Epoch} = in_conductor(loaded_and_begun, [Dir], Config),
+    ?assertMatch([_, _], Loaded),
+    ?assert(lists:max(Loaded) =< Epoch).
+
 %% The VM of the cluster is killed: no node of it is left.
 nothing_left(Config) ->
     Conductor = proplists:get_value(conductor, Config),
@@ -344,6 +362,53 @@ beside_another(Dir) ->
     _ = starl_cluster:stop(Cluster),
     _ = starl_cluster:finish(Cluster),
     unicode:characters_to_list(starl_cluster:format_error(Reason)).
+
+%% Code that kills the node that loads it.
+killed_by_its_code(Dir) ->
+    _ = process_flag(trap_exit, true),
+    Code = loading("os:cmd(\"kill -KILL \" ++ os:getpid())"),
+    {error, Reason} = started_with(Code, #{dir => Dir}),
+    unicode:characters_to_list(starl_cluster:format_error(Reason)).
+
+%% Code that tells when it was loaded, and what the observer of the run is told.
+loaded_and_begun(Dir) ->
+    _ = process_flag(trap_exit, true),
+    Self = self(),
+    ok = filelib:ensure_path(Dir),
+    Code = loading(
+        "file:write_file(\"" ++ filename:absname(Dir) ++
+            "/loaded-\" ++ os:getpid(), integer_to_list(os:system_time(microsecond)))"
+    ),
+    {ok, Cluster} = started_with(Code, #{
+        dir => Dir,
+        observe => fun
+            ({begun, Facts}) ->
+                Self ! Facts,
+                ok;
+            (_) ->
+                ok
+        end
+    }),
+    _ = starl_cluster:stop(Cluster),
+    _ = starl_cluster:finish(Cluster),
+    Times = [
+        element(2, file:read_file(filename:join(Dir, File)))
+     || File <- filelib:wildcard("loaded-*", Dir)
+    ],
+    receive
+        #{epoch_us := Epoch} -> {[binary_to_integer(Time) || Time <- Times], Epoch}
+    end.
+
+started_with(Code, Options) ->
+    Given = #{app => starl_world_app, robots => 2, play => #{}},
+    starl_cluster:start(Given, Options#{transport => dist, code => [Code]}).
+
+loading(Does) ->
+    Texts = [
+        "-module(starl_cluster_loaded).", "-on_load(load/0).", "load() -> _ = " ++ Does ++ ", ok."
+    ],
+    {ok, Module, Beam} = compile:forms([form(Text) || Text <- Texts]),
+    {Module, "starl_cluster_loaded.erl", Beam}.
 
 %% The robot's node is killed until the port is ours.
 listened(Port, Cluster) ->

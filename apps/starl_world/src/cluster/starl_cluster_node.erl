@@ -1,22 +1,18 @@
-%% @doc Calls to the node of a robot of a cluster: opens the robot (its log, its code, its
-%% application), gives it code, changes its air, closes it. A call to a node that stands still waits until
+%% @doc Calls to the node of a robot of a cluster: readies it (its log, its code, its application), opens
+%% the robot, gives it code, changes its air, closes it. A call to a node that stands still waits until
 %% it goes on or ends: {@link starl_cluster_calls} makes them.
 -module(starl_cluster_node).
 
--export([open/5, load/2, set_air/2, close/1, answers/2]).
+-export([ready/4, open/3, load/2, set_air/2, close/1, answers/2]).
 
 %% What a robot may run.
 -define(APPLICATIONS, [starl_platform, starl_blocks, starl_live]).
 
-%% @doc Opens the robot, with these settings of its air, and gives its link when it has begun; its log goes
-%% to that process. `Code': modules that were
-%% compiled in memory, or reloaded. All code is loaded first: an atom that a node does not know is refused
-%% in a packet.
--spec open(node(), starl_live_robot:spec(), starl_live_air:settings(), [Code], Log :: pid()) ->
-    {ok, [Link :: pid()]} | {error, unicode:chardata()}
-when
+%% @doc Readies the node for its robot: its log goes to that process. `Code': modules that were compiled in
+%% memory, or reloaded. All code is loaded first: an atom that a node does not know is refused in a packet.
+-spec ready(node(), starl:robot_id(), [Code], Log :: pid()) -> ok | {error, unicode:chardata()} when
     Code :: {module(), file:filename(), binary()}.
-open(Node, #{robot := Id} = Spec, Air, Code, Log) ->
+ready(Node, Id, Code, Log) ->
     try
         ok = call(Node, starl_live_log, install, [Id, Log]),
         _ = [
@@ -25,16 +21,29 @@ open(Node, #{robot := Id} = Spec, Air, Code, Log) ->
         ],
         ok = call(Node, code, ensure_modules_loaded, [modules()]),
         {ok, _} = call(Node, application, ensure_all_started, [starl_live, permanent]),
-        call(Node, starl_live_sup, open, opening(Id, Spec))
-    of
+        ok
+    catch
+        Class:Reason -> failed(Class, Reason)
+    end.
+
+%% @doc Opens the robot, with these settings of its air, and gives its link when it has begun.
+-spec open(node(), starl_live_robot:spec(), starl_live_air:settings()) ->
+    {ok, [Link :: pid()]} | {error, unicode:chardata()}.
+open(Node, #{robot := Id} = Spec, Air) ->
+    try call(Node, starl_live_sup, open, opening(Id, Spec)) of
         {ok, _} ->
             ok = set_air(Node, Air),
             {ok, robot_link(Node)};
         {error, Reason} ->
             {error, starl_live_sup:format_error(Reason)}
     catch
-        Class:Reason -> {error, io_lib:format("its node failed: ~0tP", [{Class, Reason}, 20])}
+        Class:Reason -> failed(Class, Reason)
     end.
+
+failed(error, {erpc, noconnection}) ->
+    {error, "its node has ended; was it killed, or no memory left?"};
+failed(Class, Reason) ->
+    {error, io_lib:format("its node failed: ~0tP", [{Class, Reason}, 20])}.
 
 call(Node, Module, Function, Args) -> erpc:call(Node, Module, Function, Args, infinity).
 

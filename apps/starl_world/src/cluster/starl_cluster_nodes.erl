@@ -5,7 +5,7 @@
 %% '''
 -module(starl_cluster_nodes).
 
--export([start/1, names/1, specified/3, again/2, lost/2, drop/2, stop/1]).
+-export([start/2, names/1, specified/2, again/2, lost/2, drop/2, stop/1]).
 -export([ids/1, up/1, name/2, spec/2, code/1, of_control/2, restarts/1, os_pids/1, kill/2]).
 
 -export_type([t/0, code/0]).
@@ -28,15 +28,15 @@
 
 -opaque t() :: #nodes{}.
 
-%% @doc Starts a node for each robot.
--spec start([starl:robot_id()]) -> {ok, t()} | {error, starl_sim_peers:reason()}.
-start(Ids) ->
+%% @doc Starts a node for each robot; the code that the nodes get.
+-spec start([starl:robot_id()], code()) -> {ok, t()} | {error, starl_sim_peers:reason()}.
+start(Ids, Code) ->
     Run = peer:random_name("starl"),
     Names = [Run ++ "-robot" ++ integer_to_list(Id) || Id <- Ids],
     case starl_sim_peers:start_as(Names) of
         {ok, Peers} ->
             Nodes = [#node{name = Name, peer = Peer} || {Name, Peer} <- lists:zip(Names, Peers)],
-            {ok, #nodes{nodes = maps:from_list(lists:zip(Ids, Nodes))}};
+            {ok, #nodes{nodes = maps:from_list(lists:zip(Ids, Nodes)), code = Code}};
         {error, _} = Error ->
             Error
     end.
@@ -45,11 +45,11 @@ start(Ids) ->
 -spec names(t()) -> #{starl:robot_id() => node()}.
 names(Nodes) -> maps:from_list(up(Nodes)).
 
-%% @doc What the robots start with, and the code that their nodes get.
--spec specified([{starl:robot_id(), starl_live_robot:spec()}], code(), t()) -> t().
-specified(Specs, Code, #nodes{nodes = All} = Nodes) ->
+%% @doc What the robots start with.
+-spec specified([{starl:robot_id(), starl_live_robot:spec()}], t()) -> t().
+specified(Specs, #nodes{nodes = All} = Nodes) ->
     With = [{Id, (maps:get(Id, All))#node{spec = Spec}} || {Id, Spec} <- Specs],
-    Nodes#nodes{nodes = maps:merge(All, maps:from_list(With)), code = Code}.
+    Nodes#nodes{nodes = maps:merge(All, maps:from_list(With))}.
 
 %% @doc Starts a robot's node anew.
 -spec again(starl:robot_id(), t()) -> {ok, t()} | {error, starl_sim_peers:reason()}.

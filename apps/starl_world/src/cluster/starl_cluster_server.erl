@@ -15,10 +15,11 @@
     | {control, unicode:chardata()}
     | {robot, starl:robot_id(), unicode:chardata()}.
 
-%% What nodes are asked: to open a robot, with this code; to change their air, and who waits for that, with
-%% the text of the answer; to load code; to close their robots.
+%% What nodes are asked: at first, to be ready for a robot; to open it, with this code; to change their
+%% air, and who waits for that, with the text of the answer; to load code; to close their robots.
 -type question() ::
-    {opened, starl:robot_id(), starl_reload:codes()}
+    ready
+    | {opened, starl:robot_id(), starl_reload:codes()}
     | {aired, gen_server:from() | none, unicode:chardata() | none}
     | loaded
     | {closed, gen_server:from()}.
@@ -58,20 +59,45 @@ start_link(Plan, Options) ->
     {ok, #state{}} | {stop, {shutdown, reason()}}.
 init({#{robots := Poses} = Plan, Options}) ->
     process_flag(trap_exit, true),
-    case starl_cluster_nodes:start([Id || {Id, _} <- Poses]) of
-        {ok, Nodes} -> controlled(Nodes, Plan, Options);
+    Code = maps:get(code, Options, []),
+    case starl_cluster_nodes:start([Id || {Id, _} <- Poses], Code) of
+        {ok, Nodes} -> readied(Nodes, Code, Plan, Options);
         {error, Reason} -> {stop, {shutdown, {peers, Reason}}}
     end.
 
-controlled(Nodes, Plan, Options) ->
+%% Nodes load all of their code before the time of the run begins.
+readied(Nodes, Code, Plan, Options) ->
+    Self = self(),
+    Up = starl_cluster_nodes:up(Nodes),
+    Ready = fun(Id, Node) -> fun() -> starl_cluster_node:ready(Node, Id, Code, Self) end end,
+    Joined = lists:foldl(
+        fun({Id, _}, Calls) -> starl_cluster_calls:joined(Id, Calls) end,
+        starl_cluster_calls:new(),
+        Up
+    ),
+    Wanted = [{Id, Ready(Id, Node)} || {Id, Node} <- Up],
+    {[{ready, Answers}], Calls} = starl_cluster_calls:await(
+        starl_cluster_calls:ask(ready, Wanted, ?OPEN_MS, Joined)
+    ),
+    case [{Id, Why} || {Id, _} <- Up, {error, Why} <- [result(Id, Answers)]] of
+        [] ->
+            controlled(Nodes, Calls, Plan, Options);
+        [{Id, Why} | _] ->
+            ok = starl_cluster_calls:stop(Calls),
+            ok = starl_cluster_nodes:stop(Nodes),
+            {stop, {shutdown, {robot, Id, Why}}}
+    end.
+
+controlled(Nodes, Calls, Plan, Options) ->
     Self = self(),
     Handler = fun(Words) -> gen_server:call(Self, {control, Words}, infinity) end,
     case starl_cluster_control:start_link(Handler) of
         {ok, Control} ->
             {Clock, State} = peopled(Plan, Control, Nodes, Options),
             ok = plan(maps:get(chaos, Options, []), Clock),
-            all_opened(State);
+            all_opened(State#state{calls = Calls});
         {error, Why} ->
+            ok = starl_cluster_calls:stop(Calls),
             ok = starl_cluster_nodes:stop(Nodes),
             {stop, {shutdown, {control, Why}}}
     end.
@@ -88,7 +114,7 @@ peopled(#{crew := #{tree := Tree}} = Plan, Control, Nodes, #{transport := Transp
     {Clock, #state{
         world = World,
         control = Control,
-        nodes = starl_cluster_nodes:specified(Specs, maps:get(code, Options, []), Nodes),
+        nodes = starl_cluster_nodes:specified(Specs, Nodes),
         parts = starl_robot_crew:parts(Tree),
         reloads = starl_cluster_reload:new(maps:get(speed, Options, 1)),
         log = maps:get(log, Options, fun(_, _, _) -> ok end)
@@ -338,18 +364,30 @@ loaded(Answers, #state{nodes = Nodes, reloads = Before} = State) ->
     _ = [starl_cluster_nodes:kill(Robot, Nodes) || Renewed, {Robot, down} <- maps:to_list(Answers)],
     State#state{reloads = Reloads}.
 
-%% What hands do meanwhile is asked of the node after this.
-opening(Id, #state{nodes = Nodes, reloads = Reloads, hands = Hands0} = State) ->
+%% Opens the robot of a node that is ready. What hands do meanwhile is asked of the node after this.
+opening(Id, State) -> opening(Id, fun(_Node) -> ok end, State).
+
+%% The same on a node that has just been started.
+reopening(Id, #state{nodes = Nodes, reloads = Reloads, calls = Calls} = State) ->
+    Self = self(),
+    Code = starl_cluster_nodes:code(Nodes) ++ starl_cluster_reload:code(Reloads),
+    Ready = fun(Node) -> starl_cluster_node:ready(Node, Id, Code, Self) end,
+    opening(Id, Ready, State#state{calls = starl_cluster_calls:joined(Id, Calls)}).
+
+opening(Id, Ready, #state{nodes = Nodes, reloads = Reloads, hands = Hands0} = State) ->
     {Fate, Hands} = starl_cluster_hands:store(Id, Hands0),
     Spec = starl_cluster_nodes:spec(Id, Nodes),
     ok = starl_cluster_store:before_start(Fate, Spec),
     Codes = starl_cluster_reload:codes(Reloads),
-    Code = starl_cluster_nodes:code(Nodes) ++ starl_cluster_reload:code(Reloads),
-    {Node, Self} = {starl_cluster_nodes:name(Id, Nodes), self()},
+    Node = starl_cluster_nodes:name(Id, Nodes),
     Air = #{cut => starl_cluster_hands:deaf(Id, Hands)},
-    Open = fun() -> starl_cluster_node:open(Node, Spec#{codes => Codes}, Air, Code, Self) end,
-    Calls = starl_cluster_calls:joined(Id, State#state.calls),
-    ask({opened, Id, Codes}, [{Id, Open}], ?OPEN_MS, State#state{hands = Hands, calls = Calls}).
+    Open = fun() ->
+        case Ready(Node) of
+            ok -> starl_cluster_node:open(Node, Spec#{codes => Codes}, Air);
+            {error, _} = Error -> Error
+        end
+    end,
+    ask({opened, Id, Codes}, [{Id, Open}], ?OPEN_MS, State#state{hands = Hands}).
 
 ask(Question, Wanted, LimitMs, #state{calls = Calls} = State) ->
     State#state{calls = starl_cluster_calls:ask(Question, Wanted, LimitMs, Calls)}.
@@ -468,7 +506,7 @@ later(Id, State) ->
 again(Id, #state{nodes = Nodes} = State) ->
     case starl_cluster_nodes:again(Id, Nodes) of
         {ok, Up} ->
-            opening(Id, State#state{nodes = Up});
+            reopening(Id, State#state{nodes = Up});
         {error, Reason} ->
             logger:error(#{what => node_not_started, robot => Id, why => Reason}),
             later(Id, State)
