@@ -13,6 +13,7 @@
     stores_struck/1,
     cut/1,
     hung/1,
+    hung_sender/1,
     hung_on_purpose/1,
     commands/1,
     reloads/1,
@@ -24,6 +25,7 @@
 ]).
 %% called in the conductor
 -export([play/4, struck/1, beside_another/1, killed_by_its_code/1, loaded_and_begun/1]).
+-export([sender_hangs/1]).
 
 -define(SPEED, 10).
 
@@ -36,6 +38,7 @@ all() ->
         stores_struck,
         cut,
         hung,
+        hung_sender,
         hung_on_purpose,
         commands,
         reloads,
@@ -153,6 +156,11 @@ hung(Config) ->
     {Outcome, Answers} = run(udp, 150, Script, Config),
     ?assertEqual([{done, 150}, {done, 150}], results(Outcome)),
     answered(Asked, Answers).
+
+%% Of what a node that hangs has not done nothing is called overdue, while others go on.
+hung_sender(Config) ->
+    Violations = in_conductor(sender_hangs, [proplists:get_value(dir, Config)], Config),
+    ?assertEqual([], Violations).
 
 %% One that is halted by a command is not killed before its time.
 hung_on_purpose(Config) ->
@@ -322,6 +330,27 @@ start(Transport, N, Script, Dir) ->
     ),
     played(Script, [], Cluster).
 
+%% Robots 1 and 3 send numbers to robot 2; then robot 1 hangs in the midst of it.
+sender_hangs(Dir) ->
+    _ = process_flag(trap_exit, true),
+    Self = self(),
+    Play = #{
+        1 => {numbers, 2, 1, 100, Self},
+        2 => {count, 1, 1000, Self},
+        3 => {numbers, 2, 101, 1000, Self}
+    },
+    {ok, Cluster} = starl_cluster:start(
+        #{app => starl_world_app, robots => 3, loss => 0.1, play => Play},
+        #{dir => Dir, transport => udp, speed => ?SPEED}
+    ),
+    ok = heard(10),
+    [] = act({halt, 1}, Cluster),
+    ok = restarted(1, 1, Cluster),
+    ok = up(1, Cluster),
+    _ = starl_cluster:stop(Cluster),
+    {#{violations := Violations}, _} = starl_cluster:finish(Cluster),
+    [lists:flatten(starl_monitor:format_violation(V)) || V <- Violations].
+
 %% What robot 2's store says of its starts, after each thing that is done to it.
 struck(Dir) ->
     _ = process_flag(trap_exit, true),
@@ -418,10 +447,12 @@ listened(Port, Cluster) ->
         {error, eaddrinuse} -> listened(Port, Cluster)
     end.
 
-restarted(N, Cluster) ->
+restarted(N, Cluster) -> restarted(N, 2, Cluster).
+
+restarted(N, Robot, Cluster) ->
     case starl_cluster:status(Cluster) of
-        #{restarts := #{2 := M}} when M >= N -> ok;
-        #{} -> restarted(N, Cluster)
+        #{restarts := #{Robot := M}} when M >= N -> ok;
+        #{} -> restarted(N, Robot, Cluster)
     end.
 
 up(Robot, Cluster) ->

@@ -31,6 +31,8 @@
     nodes :: starl_cluster_nodes:t(),
     calls = starl_cluster_calls:new() :: starl_cluster_calls:t(question()),
     watchdogs = starl_cluster_watchdog:new() :: starl_cluster_watchdog:t(),
+    %% the robots whose nodes stand still, and nobody has halted them
+    hanging = [] :: [starl:robot_id()],
     hands = starl_cluster_hands:new() :: starl_cluster_hands:t(),
     halts = starl_cluster_halts:new() :: starl_cluster_halts:t(),
     %% the modules of a robot's machines, and the reloads
@@ -196,8 +198,11 @@ handle_info({chaos, Act}, State) ->
     {noreply, chaos(Act, State)};
 handle_info({again, Id}, State) ->
     {noreply, again(Id, State)};
-handle_info({starl_silent, Id, Watchdog}, State) ->
-    {noreply, silent(Id, Watchdog, State)};
+handle_info({starl_silent, Id, Watchdog, Word}, #state{watchdogs = Watchdogs} = State) ->
+    case starl_cluster_watchdog:is_of(Id, Watchdog, Watchdogs) of
+        true -> {noreply, silent(Word, Id, State)};
+        false -> {noreply, State}
+    end;
 handle_info(Message, #state{calls = Calls} = State) ->
     case starl_cluster_calls:hear(Message, Calls) of
         {Ended, Left} -> {noreply, lists:foldl(fun done/2, State#state{calls = Left}, Ended)};
@@ -453,23 +458,33 @@ watched(Id, #state{nodes = Nodes, watchdogs = Watchdogs} = State) ->
         Node -> State#state{watchdogs = starl_cluster_watchdog:watch(Id, Node, Watchdogs)}
     end.
 
-%% A halt by hand or chaos has its time.
-silent(Id, Watchdog, #state{nodes = Nodes, halts = Halts, watchdogs = Watchdogs} = State) ->
-    case
-        {
-            starl_cluster_watchdog:is_of(Id, Watchdog, Watchdogs),
-            starl_cluster_halts:is_halted(Id, Halts)
-        }
-    of
-        {true, false} ->
+%% A halt by hand or chaos has its time. Of any other the world is told in the same way: nobody is
+%% accused of what a node that hangs has not done.
+-spec silent(starl_cluster_watchdog:word(), starl:robot_id(), #state{}) -> #state{}.
+silent(Word, Id, #state{nodes = Nodes, halts = Halts} = State) ->
+    case {Word, starl_cluster_halts:is_halted(Id, Halts)} of
+        {doubtful, false} ->
+            hangs(Id, State);
+        {back, _} ->
+            hangs_no_more(Id, State);
+        {silent, false} ->
             logger:error(#{what => node_silent, robot => Id, then => killed_and_started_anew}),
             _ = starl_cluster_nodes:kill(Id, Nodes),
             State;
-        {true, true} ->
-            watched(Id, State);
-        {false, _} ->
-            State
+        {doubtful, true} ->
+            State;
+        {silent, true} ->
+            watched(Id, State)
     end.
+
+hangs(Id, #state{world = World, hanging = Hanging} = State) ->
+    ok = starl_world:halt(World, Id),
+    ok = starl_world:halted(World, Id),
+    State#state{hanging = [Id | lists:delete(Id, Hanging)]}.
+
+hangs_no_more(Id, #state{world = World, hanging = Hanging} = State) ->
+    _ = [ok = starl_world:resumed(World, Id) || lists:member(Id, Hanging)],
+    State#state{hanging = lists:delete(Id, Hanging)}.
 
 %% Of the processes that are linked, those of nodes may end.
 exited(World, Reason, #state{world = World} = State) ->
@@ -484,7 +499,7 @@ exited(Pid, _Reason, #state{nodes = Nodes} = State) ->
 
 lost(Id, Before) ->
     logger:notice(#{what => node_ended, robot => Id}),
-    #state{nodes = Nodes, reloads = Reloads} = State = goes_on(Id, Before),
+    #state{nodes = Nodes, reloads = Reloads} = State = hangs_no_more(Id, goes_on(Id, Before)),
     later(
         Id,
         left(Id, State#state{

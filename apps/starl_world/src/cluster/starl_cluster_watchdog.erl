@@ -1,20 +1,24 @@
-%% @doc The watchdogs of a cluster's nodes. A process for each node asks the link of its robot every second;
-%% when it has missed so many answers as no busy computer keeps back, it says so once, and ends.
+%% @doc The watchdogs of a cluster's nodes. A process for each node asks the link of its robot every second.
+%% It says when it has missed two answers, when it has one again, and when it has missed so many as no
+%% busy computer keeps back; then it ends.
 %% ```
-%%     {starl_silent, Robot, Watchdog}
+%%     {starl_silent, Robot, Watchdog, doubtful | back | silent}
 %% '''
 %% Misses are counted, not measured: a computer that stood still as a whole misses one answer.
 -module(starl_cluster_watchdog).
 
 -export([new/0, watch/3, leave/2, stop/1, is_of/3]).
 
--export_type([t/0]).
+-export_type([t/0, word/0]).
+
+-type word() :: doubtful | back | silent.
 
 -opaque t() :: #{starl:robot_id() => pid()}.
 
 %% The period, which is also the time for an answer.
 -define(PERIOD_MS, 1000).
--define(MISSES, 10).
+-define(DOUBTFUL, 2).
+-define(SILENT, 10).
 
 %% @doc Nothing is watched.
 -spec new() -> t().
@@ -24,7 +28,7 @@ new() -> #{}.
 -spec watch(starl:robot_id(), node(), t()) -> t().
 watch(Robot, Node, Watchdogs) ->
     Owner = self(),
-    Pid = spawn_link(fun() -> look(?MISSES, {Robot, Node, Owner}) end),
+    Pid = spawn_link(fun() -> look(0, {Robot, Node, Owner}) end),
     (leave(Robot, Watchdogs))#{Robot => Pid}.
 
 %% @doc Watches the node of a robot no more.
@@ -48,18 +52,26 @@ stop(Watchdogs) ->
 -spec is_of(starl:robot_id(), pid(), t()) -> boolean().
 is_of(Robot, Pid, Watchdogs) -> maps:get(Robot, Watchdogs, none) =:= Pid.
 
-look(0, {Robot, _Node, Owner}) ->
-    Owner ! {starl_silent, Robot, self()},
-    ok;
-look(Left, {_Robot, Node, _Owner} = Watched) ->
+look(?SILENT, Watched) ->
+    say(silent, Watched);
+look(Missed, {_Robot, Node, _Owner} = Watched) ->
     Next = erlang:start_timer(?PERIOD_MS, self(), look),
     case starl_cluster_node:answers(Node, ?PERIOD_MS) of
-        true -> next(Next, ?MISSES, Watched);
-        false -> next(Next, Left - 1, Watched);
-        gone -> ok
+        true ->
+            _ = Missed >= ?DOUBTFUL andalso say(back, Watched),
+            next(Next, 0, Watched);
+        false ->
+            _ = Missed + 1 =:= ?DOUBTFUL andalso say(doubtful, Watched),
+            next(Next, Missed + 1, Watched);
+        gone ->
+            ok
     end.
 
-next(Timer, Left, Watched) ->
+next(Timer, Missed, Watched) ->
     receive
-        {timeout, Timer, look} -> look(Left, Watched)
+        {timeout, Timer, look} -> look(Missed, Watched)
     end.
+
+say(Word, {Robot, _Node, Owner}) ->
+    Owner ! {starl_silent, Robot, self(), Word},
+    ok.
