@@ -37,7 +37,11 @@
 
 %% Monitors that judge nothing.
 -define(LOOKING_ON, [
-    starl_sim_ways_monitor, starl_sim_mail_monitor, starl_cli_first_crash, starl_reload_monitor
+    starl_sim_ways_monitor,
+    starl_sim_mail_monitor,
+    starl_cli_first_crash,
+    starl_reload_monitor,
+    starl_mutex_waits
 ]).
 %% The figures that have lines of their own in the text; the number of notes in the summary.
 -define(LISTS, [
