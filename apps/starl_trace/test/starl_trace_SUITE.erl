@@ -619,13 +619,12 @@ a_full_disk_ends_the_recording_only(_Config) ->
     Line = unicode:characters_to_list(starl_trace_recorder:format_error(Reason)),
     ?assertEqual("/dev/full: the recording could not be written: no space left on device", Line).
 
-%% What a recording has held free goes to the robot's store then.
+%% What a recording has held free goes to the robot's store then; that may be at once.
 a_full_disk_frees_the_reserve(Config) ->
     Reserve = filename:join(proplists:get_value(priv_dir, Config), "reserve"),
     Options = #{reserve => {Reserve, 100000}},
     {ok, Recorder} = starl_trace_recorder:start_link("/dev/full", live, Options),
     Observer = starl_trace_recorder:observer(Recorder),
-    ?assertEqual(100000, filelib:file_size(Reserve)),
     ok = Observer({begun, starl_trace_ct:facts()}),
     ok = Observer({judged, starl_trace_ct:events(5000, 10000), []}),
     {error, {"/dev/full", enospc}} = starl_trace_recorder:close(Recorder),
