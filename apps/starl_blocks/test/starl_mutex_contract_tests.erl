@@ -33,6 +33,7 @@ found(Events) -> found(Events, 0, #{}).
 found(Events, End, Config) -> element(1, told(Events, End, Config)).
 
 trace({T, Robot, died}) -> {T, Robot, robot, {died, killed}};
+trace({T, Robot, set_back}) -> {T, Robot, robot, store_set_back};
 trace({T, Robot, Event}) -> {T, Robot, mutex, Event}.
 
 fence(N) -> N bsl 8.
@@ -283,3 +284,22 @@ in_context(DelayUs, Robots) ->
     },
     Config = #{lease_us => 2000000, lag_us => 250000, retry_us => 500000, robots => Robots},
     starl_mutex_monitor:context(Known, Config).
+
+%% A home whose store and clock were set back, and of which nobody has heard since, begins anew, once: its
+%% tokens' numbers grow from there. A clock or a store alone explains nothing.
+numbers_begin_anew_test() ->
+    Clock = #{broken => [{?HOME, 0, 1, {clock, -1000000}}]},
+    Judge = fun(Events, Config) -> [What || {What, _, _, _} <- found(Events, 0, Config)] end,
+    Five = got(1, 1, 5) ++ [let_go(2, 1, 5)],
+    Back = [{3, ?HOME, set_back}],
+    Four = got(4, 1, 4) ++ [let_go(5, 1, 4)],
+    ?assertEqual([], Judge(Five ++ Back ++ Four ++ got(6, 2, 5), Clock)),
+    [
+        ?assertMatch([grant_not_larger | _], Judge(Events, Config))
+     || {Events, Config} <- [
+            {Five ++ Back ++ Four, #{}},
+            {Five ++ Four, Clock},
+            {Five ++ [{3, 1, set_back}] ++ Four, Clock},
+            {Five ++ Back ++ Four ++ [granted(6, 1, 3)], Clock}
+        ]
+    ].

@@ -10,6 +10,9 @@
 %% '''
 %% A hand-over belongs to one robot, and a robot's fences grow: so no fence is used twice.
 %%
+%% A home whose store was set back, and in whose run a clock was set, may have a smaller incarnation than
+%% before, where no other robot has heard of that life: the numbers of its tokens begin anew, once.
+%%
 %% As long as clocks keep the assumptions:
 %% ```
 %%   two_holders         a second hold of a token begins before the first can be over
@@ -29,7 +32,18 @@
 -module(starl_mutex_holds).
 
 -export([is_held/2]).
--export([new/1, broken/2, granted/6, leased/6, acquired/5, answered/4, ended/6, forget/2, finish/2]).
+-export([
+    new/1,
+    set_back/2,
+    broken/2,
+    granted/6,
+    leased/6,
+    acquired/5,
+    answered/4,
+    ended/6,
+    forget/2,
+    finish/2
+]).
 -export([tokens/1, timeless/1]).
 
 -export_type([t/0, config/0]).
@@ -73,6 +87,8 @@
     fences = #{} :: #{{token(), robot_id()} => fence()},
     largest = #{} :: #{token() => {fence(), SinceUs :: integer()}},
     leases = #{} :: #{{token(), robot_id()} => #lease{}},
+    %% whose store was set back, and the tokens whose numbers have begun anew since
+    set_back = #{} :: #{robot_id() => [token()]},
     holds = #{} :: #{token() => [#hold{}]}
 }).
 
@@ -98,6 +114,10 @@ new(Config) ->
 broken(Window, #holds{assumption = Assumption} = Holds) ->
     Holds#holds{assumption = starl_assumption:broken(Window, Assumption)}.
 
+%% @doc The store of a robot was set back.
+-spec set_back(robot_id(), t()) -> t().
+set_back(Robot, #holds{set_back = Back} = Holds) -> Holds#holds{set_back = Back#{Robot => []}}.
+
 %% @doc Does a robot hold the token?
 -spec is_held(token(), t()) -> boolean().
 is_held(Token, #holds{holds = Holds}) -> maps:get(Token, Holds, []) =/= [].
@@ -105,7 +125,8 @@ is_held(Token, #holds{holds = Holds}) -> maps:get(Token, Holds, []) =/= [].
 %% @doc A home confirms a hand-over of a token to a robot.
 -spec granted(integer(), Home :: robot_id(), token(), fence(), To :: robot_id(), t()) ->
     {[starl_monitor:violation()], t()}.
-granted(T, Home, Token, Fence, To, #holds{grants = Grants, hand_overs = HandOvers} = Holds) ->
+granted(T, Home, Token, Fence, To, Before) ->
+    #holds{grants = Grants, hand_overs = HandOvers} = Holds = anew(Home, Token, Fence, Before),
     Broken =
         case Grants of
             #{Token := {Last, Whose, _}} when Fence < Last; Fence =:= Last, To =/= Whose ->
@@ -118,6 +139,28 @@ granted(T, Home, Token, Fence, To, #holds{grants = Grants, hand_overs = HandOver
         grants = Grants#{Token => {Fence, To, Home}},
         hand_overs = HandOvers#{{Token, To} => Fence}
     }}.
+
+anew(Home, Token, Fence, #holds{grants = Grants, set_back = Back} = Holds) ->
+    case {Grants, Back} of
+        {#{Token := {Last, _, Home}}, #{Home := Begun}} when Fence < Last ->
+            case
+                lists:member(Token, Begun) orelse starl_assumption:is_kept(Holds#holds.assumption)
+            of
+                true -> Holds;
+                false -> forgotten(Token, Holds#holds{set_back = Back#{Home := [Token | Begun]}})
+            end;
+        {_, _} ->
+            Holds
+    end.
+
+forgotten(Token, #holds{hand_overs = HandOvers, fences = Fences} = Holds) ->
+    Others = fun({Of, _}, _) -> Of =/= Token end,
+    Holds#holds{
+        grants = maps:remove(Token, Holds#holds.grants),
+        largest = maps:remove(Token, Holds#holds.largest),
+        hand_overs = maps:filter(Others, HandOvers),
+        fences = maps:filter(Others, Fences)
+    }.
 
 %% @doc A robot that holds a token, or will at once, tells the rest of its lease by its clock.
 -spec leased(integer(), robot_id(), token(), fence(), LeftUs :: integer(), t()) -> t().

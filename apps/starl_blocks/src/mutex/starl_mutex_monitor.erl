@@ -215,6 +215,8 @@ judge({mutex, {failed, Token, Reason}}, T, Robot, #state{failed = Failed} = Stat
 judge({mutex, crashed}, T, Robot, #state{faults = Faults} = State) ->
     Fault = {Robot, T, T, fault},
     {[], forget(T, Robot, State#state{faults = starl_assumption:broken(Fault, Faults)})};
+judge({robot, store_set_back}, _T, Robot, #state{holds = Holds} = State) ->
+    {[], State#state{holds = starl_mutex_holds:set_back(Robot, Holds)}};
 judge({robot, {died, _Reason}}, T, Robot, #state{faults = Faults, died = Died} = State) ->
     Fault = {Robot, T, T, fault},
     {
