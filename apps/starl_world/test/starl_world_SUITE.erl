@@ -115,8 +115,9 @@ killed_again_and_again(Config) ->
     Random = rand:seed_s(exsss, starl_platform_ct:seed()),
     _ = lists:foldl(fun killed/2, {Run, Random}, lists:seq(1, 50)),
     ok = atomics:put(Enough, 1, 1),
-    #{monitors := #{starl_sap_monitor := Sap}} = Outcome = sound(done, Run),
-    ct:log("~p", [Sap]),
+    #{monitors := Monitors} = Outcome = sound(done, Run),
+    %% a computer that has stood still has no verdict on what was later
+    ct:log("~p", [maps:get(starl_sap_monitor, Monitors, not_judged)]),
     ?assertEqual([{done, ok}, {done, ok}, {done, ok}], results(Outcome)),
     ?assertMatch(#{sap := 1}, starts(1, Config)),
     ?assert(maps:get(sap, starts(2, Config)) > 1 bsl 50).
