@@ -9,7 +9,7 @@
 -export([contracts_hold/1, drawn_schedules_are_well_formed/1, planted_bug_is_found_and_shrunk/1]).
 
 %% What holds under all of them. STARL_BLOCKS=bully,barrier and STARL_CASES=5000 ask more.
--define(BLOCKS, [sap, election, bully, mutex, barrier, geocast, registers, counter]).
+-define(BLOCKS, [sap, motion, election, bully, mutex, barrier, geocast, registers, counter]).
 %% Faults are over by this time, ms; the robots are done so many seconds later.
 -define(HEAL_MS, 10000).
 -define(CONVERGE_S, 35).

@@ -9,6 +9,7 @@
 known() ->
     [
         {sap, starl_sap_block},
+        {motion, starl_motion_block},
         {election, starl_election},
         {bully, starl_bully},
         {mutex, starl_mutex},

@@ -86,7 +86,7 @@ shared_flags_test() ->
 
 able_test() ->
     ?assertEqual(
-        [sap, election, bully, mutex, barrier, geocast, registers, counter],
+        [sap, motion, election, bully, mutex, barrier, geocast, registers, counter],
         starl_blocks:able(exercise)
     ),
     ?assertEqual([election, bully, mutex, barrier, geocast], starl_blocks:able(bench)),

@@ -56,18 +56,115 @@ brakes_test() ->
         judge([velocity(0), drives(0), Brakes(260000)], Profile)
     ).
 
+%% A robot that drives to a goal three metres off is on its line, or at most r(v) off it.
+near_its_line_test() ->
+    Mm = starl_chassis:tracking_radius(differential()),
+    ?assertEqual([], judge(drive([{0.0, 0.0}, {1000.0, Mm}, {3000.0, 0.0}]))),
+    ?assertEqual(
+        [{off_line, 2000000}], judge(drive([{0.0, 0.0}, {1000.0, Mm + 0.1}, {3000.0, 0.0}]))
+    ).
+
+%% So it is when its program has crashed meanwhile.
+near_its_line_without_a_program_test() ->
+    [Stands, Goal, Line | Moves] = drive([{0.0, 0.0}, {1000.0, 50.0}]),
+    Crash = {1, 1, motion, crashed},
+    ?assertMatch([{off_line, _}], judge([Stands, Goal, Line, Crash | Moves])).
+
+%% A robot that is told to drive along a line that it is not on is held to none; nor is one that sees
+%% the place of another, nor one that drives with a velocity meanwhile.
+held_to_its_own_line_test() ->
+    Off = drive([{0.0, 0.0}, {1000.0, 50.0}, {3000.0, 0.0}]),
+    Other = {0, 1, motion, {line, {{0.0, 500.0}, {3000.0, 500.0}}}},
+    Own = {line, {{0.0, 0.0}, {3000.0, 0.0}}},
+    ?assertEqual([], judge(lists:keyreplace(Own, 4, Off, Other))),
+    Elsewhere = fun(Robot, From, To) -> #{bodies => [{Robot, From, To, position}]} end,
+    ?assertEqual([], judge(Off, differential(), Elsewhere(1, 1000000, 1500000))),
+    [
+        ?assertMatch([{off_line, _}], judge(Off, differential(), Excuse))
+     || Excuse <- [Elsewhere(2, 0, 9000000), Elsewhere(1, 3000000, 4000000)]
+    ],
+    [Stands, Goal, Line | Moves] = Off,
+    Cruise = {0, 1, motion, {velocity, {100.0, 0.0}, 9000000}},
+    ?assertEqual([], judge([Stands, Goal, Line, Cruise | Moves])).
+
+%% By its chassis a drive of three metres takes so long at most; a robot that is paused begins anew.
+arrives_test() ->
+    Within = starl_chassis:arrives_us(3000.0, 65000, differential()) + 1500000,
+    [_Stands, Goal, Line | _] = drive([{0.0, 0.0}]),
+    ?assertEqual([{not_arrived, Within}], late([Goal, Line])),
+    [
+        ?assertEqual([], late([Goal, Line, {Within, 1, motion, End}]))
+     || End <- [crashed, {goal_over, arrived}, {goal_over, command}]
+    ],
+    ?assertEqual([], late([Goal, Line, {Within, 1, robot, down}])),
+    Pause = [{1, 1000000, 5000000, fault}],
+    ?assertEqual([{not_arrived, 5000000 + Within}], late([Goal], #{bodies => Pause})),
+    ?assertEqual([{not_arrived, Within}], late([Goal], #{bodies => [{2, 0, 9000000, fault}]})),
+    ?assertEqual(
+        [{not_arrived, Within}], late([Goal], #{bodies => [{1, 2 * Within, 3 * Within, fault}]})
+    ),
+    %% it may have been anywhere
+    ?assertEqual([], late([Goal], #{bodies => [{1, 0, 9, position}]})).
+
+%% A fault that is known only when it has happened.
+a_pause_by_hand_excuses_test() ->
+    Within = starl_chassis:arrives_us(3000.0, 65000, differential()) + 1500000,
+    New = starl_monitor:new([{starl_motion_monitor, #{profiles => [differential()]}}]),
+    {ok, Told} = starl_monitor:step(drive([{0.0, 0.0}]), New),
+    Paused = starl_monitor:broken({1, 0, 7000000, pause}, Told),
+    ?assertMatch({[], _}, starl_monitor:finish(7000000 + Within, Paused)),
+    ?assertMatch({[#{what := not_arrived}], _}, starl_monitor:finish(7000001 + Within, Paused)).
+
+%% Where the bounds of its errors tell nothing, no time is told.
+unbound_test() ->
+    Blind = starl_chassis:profile(starl_chassis_differential, #{position_error_mm => 500.0}),
+    ?assertEqual(never, starl_chassis:arrives_us(1000.0, 0, Blind)),
+    ?assertEqual([], judge(drive([{0.0, 0.0}]), Blind)).
+
+%% Stands at the first of these points, a second until the next one, and so on.
+drive([From | Points]) ->
+    Goal = {3000.0, 0.0},
+    {Moves, _} = lists:mapfoldl(
+        fun(To, {At, {N, A}}) ->
+            {{At, 1, chassis, {motion, straight(At, A, To)}}, {At + 1000000, {N + 1, To}}}
+        end,
+        {1000000, {1, From}},
+        Points
+    ),
+    [
+        {0, 1, chassis, {motion, starl_trajectory:standing(0, From, 0.0)}},
+        {0, 1, motion, {goal, to, Goal}},
+        {0, 1, motion, {line, {From, Goal}}}
+    ] ++ Moves ++ [stands(1000000 * (1 + length(Points)))].
+
+straight(At, From, To) ->
+    Mm = starl_geometry:distance(From, To),
+    starl_trajectory:piece(At, From, starl_geometry:heading(From, To), Mm, 0.0).
+
+differential() -> starl_chassis:profile(starl_chassis_differential, #{}).
+
 velocity(T) -> {T, 1, motion, {velocity, {100.0, 0.0}, 1000000}}.
 
 drives(T) -> {T, 1, chassis, {motion, starl_trajectory:piece(T, {0.0, 0.0}, 0.0, 100.0, 0.0)}}.
 
 stands(T) -> {T, 1, chassis, {motion, starl_trajectory:standing(T, {0.0, 0.0}, 0.0)}}.
 
-judge(Events) -> judge(Events, starl_chassis:profile(starl_chassis_differential, #{})).
+judge(Events) -> judge(Events, differential()).
 
-judge(Events, Profile) ->
-    New = starl_monitor:new([{starl_motion_monitor, #{profiles => [Profile]}}]),
+judge(Events, Profile) -> judge(Events, Profile, #{}).
+
+judge(Events, Profile, Facts) -> judge(Events, Profile, Facts, 5000000).
+
+late(Events) -> late(Events, #{}).
+
+late(Events, Facts) ->
+    Stands = {0, 1, chassis, {motion, starl_trajectory:standing(0, {0.0, 0.0}, 0.0)}},
+    judge([Stands | Events], differential(), Facts, 1000000000).
+
+judge(Events, Profile, Facts, EndUs) ->
+    New = starl_monitor:new([{starl_motion_monitor, Facts#{profiles => [Profile]}}]),
     {Found, Last} = lists:foldl(fun fed/2, {[], New}, Events),
-    {Late, #{starl_motion_monitor := #{velocities := N}}} = starl_monitor:finish(5000000, Last),
+    {Late, #{starl_motion_monitor := #{velocities := N}}} = starl_monitor:finish(EndUs, Last),
     ?assertEqual(length([V || {_, _, motion, {velocity, _, _}} = V <- Events]), N),
     [{What, At} || #{what := What, at_us := At} <- Found ++ Late].
 

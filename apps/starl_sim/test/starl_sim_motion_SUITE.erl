@@ -12,7 +12,8 @@
     each_kind_of_fault_bites/1,
     pause_ends_at_the_leg/1,
     frozen_picture_is_not_believed/1,
-    stuck_wheel_moves_it_no_further/1
+    stuck_wheel_moves_it_no_further/1,
+    a_run_of_a_worse_robot_breaks_the_contract/1
 ]).
 
 %% Faults are over after so long, ms; the run ends so much later, s.
@@ -46,7 +47,8 @@ all() ->
         each_kind_of_fault_bites,
         pause_ends_at_the_leg,
         frozen_picture_is_not_believed,
-        stuck_wheel_moves_it_no_further
+        stuck_wheel_moves_it_no_further,
+        a_run_of_a_worse_robot_breaks_the_contract
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -115,6 +117,33 @@ stuck_wheel_moves_it_no_further(_) ->
     Places = [starl_trajectory:position(element(2, P), P) || P <- Tries],
     Far = lists:max([starl_geometry:distance(A, B) || A <- Places, B <- Places]),
     ?assert(Far < 2.0, Far).
+
+%% The contract judges what really was: a robot that promises more than this one drives does not keep to
+%% its line, and one that a fault holds up without an excuse has not arrived.
+a_run_of_a_worse_robot_breaks_the_contract(_) ->
+    Sound = drive(#{}),
+    ?assertEqual([], breaks(Sound, #{}, [])),
+    Better = #{heading_error => 0.0, position_error_mm => 0.0, turn_rate => 0.1},
+    ?assertEqual([off_line], breaks(Sound, Better, [])),
+    Stuck = {s, 3000, 90000, wheel_stuck, 1, #{wheel => left}},
+    Held = drive(#{faults => [Stuck]}),
+    ?assertEqual([not_arrived], breaks(Held, #{}, [])),
+    ?assertEqual([], breaks(Held, #{}, starl_sim_assumption:bodies([Stuck], false))).
+
+breaks(#{monitors := #{starl_sim_order_monitor := #{trace := Trace}}, end_us := End}, Own, Bodies) ->
+    Profile = starl_chassis:profile(starl_chassis_differential, Own),
+    New = starl_monitor:new([
+        {starl_motion_monitor, #{profiles => [Profile], bodies => Bodies}}
+    ]),
+    {Found, Last} = lists:foldl(fun judged/2, {[], New}, Trace),
+    {Late, _} = starl_monitor:finish(End, Last),
+    lists:usort([What || #{what := What} <- Found ++ Late]).
+
+judged(Event, {Found, Runner}) ->
+    case starl_monitor:step(Event, Runner) of
+        {ok, Next} -> {Found, Next};
+        {violation, Violation, Next} -> {[Violation | Found], Next}
+    end.
 
 %% -- helpers --------------------------------------------------------------------------------
 

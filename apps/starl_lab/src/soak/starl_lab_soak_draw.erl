@@ -53,7 +53,7 @@ scenario(dpp, Robots, Seed) ->
     });
 scenario(Block, Robots, Seed) ->
     Figures = maps:merge(clocks(Block, Seed), figures(Block, Seed)),
-    Drawn = maps:merge(Figures, radio(Block, Seed)),
+    Drawn = maps:merge(maps:merge(Figures, radio(Block, Seed)), bodies(Block, Seed)),
     maps:merge(Drawn, #{
         app => starl_exercise,
         block => Block,
@@ -65,6 +65,14 @@ scenario(Block, Robots, Seed) ->
         converge => ?CONVERGE_S,
         time => ?TIME_S
     }).
+
+bodies(motion, Seed) ->
+    #{
+        chassis => one_of([differential, holonomic, mixed], {Seed, motion, chassis}),
+        command_latency => one_of(?LATENCIES, {Seed, motion, latency})
+    };
+bodies(_Block, _Seed) ->
+    #{}.
 
 ending(Seed) ->
     case starl_sim_draw:between({Seed, dpp, ending}, 1, ?DPP_TO_THE_END) of

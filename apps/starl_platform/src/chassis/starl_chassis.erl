@@ -16,11 +16,11 @@
 -module(starl_chassis).
 
 -export([profile/2, of_robot/2, kind/1]).
--export([tracking_radius/1, ends_mm/1, widest/1, limited/2, rests_s/1]).
+-export([tracking_radius/1, ends_mm/1, widest/1, limited/2, rests_s/1, arrives_us/3, latency_us/1]).
 -export([check/1]).
 
 -export_type([profile/0, profiles/0, script/0, commands/0, told/0, way/0, step/0, memo/0]).
--export_type([velocity/0]).
+-export_type([velocity/0, pace/0]).
 
 %% The profile of a robot's motion. `chassis' is the callback module, `speed' the highest speed
 %% (mm/s). The bounds of the errors: `heading_error' in rad and `distance_error' as a fraction, per
@@ -44,6 +44,16 @@
 -type script() :: {Chassis :: module(), commands()}.
 
 -type commands() :: [tuple()].
+
+%% Of a drive to a goal where nothing goes wrong: the least way that a leg makes towards the goal unless it
+%% ends there (0 if the bounds of the errors do not tell); the longest times of a leg, of a turn to any
+%% direction, and of a turn or a way to the exact place that has to be done once more.
+-type pace() :: #{
+    advance_mm := float(),
+    leg_us := non_neg_integer(),
+    turn_us := non_neg_integer(),
+    again_us := non_neg_integer()
+}.
 
 %% A velocity along the axes of the floor (mm/s).
 -type velocity() :: {VX :: float(), VY :: float()}.
@@ -87,7 +97,18 @@
 %% The largest distance along a line between its ends and the places where a robot began and ended
 %% it (mm).
 -callback ends_mm(profile()) -> float().
+%% Its pace on a drive to a goal.
+-callback pace(profile()) -> pace().
 -optional_callbacks([resume/3]).
+
+%% The legs of a drive beside those that a pace counts, each after a turn: one back to the line, one at a
+%% change of speed, one near the end of a line, and the last one.
+-define(SHORT_LEGS, 4).
+%% Turns and corrections that have to be done again, at most once in two for each leg: more than twice
+%% the legs and these are needed at most once in 10^9 drives (Hoeffding's inequality).
+-define(AGAIN, 60).
+%% The usual bound on the delay of a command, ms.
+-define(LATENCY_MS, 5).
 
 %% @doc A whole profile of a chassis.
 -spec profile(Chassis :: module(), map()) -> profile().
@@ -120,6 +141,25 @@ limited({VX, VY}, #{speed := Most}) ->
 %% @doc The longest time that a robot with this profile drives on after the end of a script (s).
 -spec rests_s(profile()) -> float().
 rests_s(#{chassis := Chassis} = Profile) -> Chassis:rests_s(Profile).
+
+%% @doc The longest time that a command takes to the chassis.
+-spec latency_us(profile()) -> non_neg_integer().
+latency_us(Profile) -> ceil(1000 * maps:get(latency_ms, Profile, ?LATENCY_MS)).
+
+%% @doc The longest time of a drive of a standing robot to a goal so far away, where nothing goes wrong,
+%% each step takes this long beside the driving (its command, its answer, and a look), and turns and
+%% corrections suffice at least every second time.
+-spec arrives_us(Mm :: float(), StepUs :: non_neg_integer(), profile()) -> pos_integer() | never.
+arrives_us(Mm, StepUs, #{chassis := Chassis} = Profile) ->
+    case Chassis:pace(Profile) of
+        #{advance_mm := Advance} when Advance =< 0 ->
+            never;
+        #{advance_mm := Advance, leg_us := Leg, turn_us := Turn, again_us := Again} ->
+            Legs = ceil(Mm / Advance) + ?SHORT_LEGS,
+            %% a leg is a turn, and a drive
+            Legs * (Leg + 2 * StepUs) + ?SHORT_LEGS * Turn +
+                (2 * Legs + ?AGAIN) * (Again + StepUs)
+    end.
 
 %% @doc The largest r(v) of a team.
 -spec widest(profiles()) -> float().

@@ -6,7 +6,7 @@
 -behaviour(starl_chassis).
 
 -export([profile/1, check/1, duration_us/2, next/4, resume/3, last/1, undo/1]).
--export([tracking_radius/1, ends_mm/1, cruise/4, rests_s/1]).
+-export([tracking_radius/1, ends_mm/1, cruise/4, rests_s/1, pace/1]).
 
 -export_type([commands/0]).
 
@@ -80,3 +80,6 @@ tracking_radius(Profile) -> starl_differential_course:tracking_radius(Profile).
 
 -spec ends_mm(starl_chassis:profile()) -> float().
 ends_mm(Profile) -> starl_differential_stroke:ends_mm(Profile).
+
+-spec pace(starl_chassis:profile()) -> starl_chassis:pace().
+pace(Profile) -> starl_differential_stroke:pace(Profile).

@@ -23,6 +23,7 @@
 
 -export([profile/1, tracking_radius/1, next/3, turned/3]).
 -export([towards/4, towards/5, turn/2, straight/2, look_from/1, longest_mm/1, last_mm/1]).
+-export([advance_mm/1]).
 
 -export_type([profile/0, leg/0, step/0]).
 
@@ -164,6 +165,16 @@ longest_mm(Profile) -> longer(Profile) * length_mm(Profile).
 %% @doc The longest leg that may lead to the goal, mm.
 -spec last_mm(profile()) -> float().
 last_mm(Profile) -> float(length_mm(Profile)).
+
+%% @doc The least way that a leg makes towards the goal unless it ends there, mm: the shortest leg less its
+%% errors. None, if a last leg may miss the goal.
+-spec advance_mm(profile()) -> float().
+advance_mm(#{goal_mm := Goal, near_speed := Near, speed := Speed, leg_s := LegS} = Profile) ->
+    #{distance_error := Part, position_error_mm := Position} = Profile,
+    case Goal < end_error(Profile) of
+        true -> 0.0;
+        false -> min(Near, Speed) * LegS * (1 - Part - aside(Profile)) - 2 * Position
+    end.
 
 %% @doc The next step of a robot that stands at a pose and has turned to a leg: it drives if it now
 %% has the direction. It keeps to the leg: where legs are short, a new plan from its place might

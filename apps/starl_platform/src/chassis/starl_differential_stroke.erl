@@ -11,7 +11,7 @@
 %% drawn too long: a place from 1/2 w inside to w outside is accepted.
 -module(starl_differential_stroke).
 
--export([ends_mm/1, along/3, face/3]).
+-export([ends_mm/1, along/3, face/3, pace/1]).
 
 -type step() :: starl_differential_course:step().
 
@@ -23,6 +23,8 @@
 %% the line, or its reverse, for a drive without a turn, rad.
 -define(SLOW, 100.0).
 -define(STRAIGHT, 0.1).
+%% The way of a robot that is a little off its line is longer than along the line by this at most.
+-define(FAR_OFF, 1.1).
 
 %% @doc The largest distance along a line between its ends and the places where a robot began and
 %% ended it, in millimetres.
@@ -30,6 +32,24 @@
 ends_mm(#{position_error_mm := Position} = Profile) -> float(window(Profile) + Position).
 
 window(#{position_error_mm := Position}) -> max(1.0, Position).
+
+%% @doc Its pace ({@link starl_chassis:pace()}). Before a leg it turns to the point of the line that is a
+%% leg ahead, from at most r(v) off the line, where it looked along the line but for errors of its
+%% heading. A correction is as long as a goal is missed by at most.
+-spec pace(starl_differential_course:profile()) -> starl_chassis:pace().
+pace(#{heading_error := Error, goal_mm := Goal, position_error_mm := Position} = Profile) ->
+    #{speed := Far, near_speed := Near, turn_rate := Fast, near_turn_rate := NearRate} = Profile,
+    Speed = min(Far, Near),
+    Rate = min(Fast, NearRate),
+    Slant = 2 * starl_differential_course:tracking_radius(Profile) / last_mm(Profile) + 2 * Error,
+    Leg = ?FAR_OFF * starl_differential_course:longest_mm(Profile) / Speed + Slant / Rate,
+    Again = (Goal + 2 * Position) / min(Speed, ?SLOW) + straight(Profile) / Rate,
+    #{
+        advance_mm => starl_differential_course:advance_mm(Profile),
+        leg_us => ceil(1.0e6 * Leg),
+        turn_us => ceil(1.0e6 * math:pi() / Rate),
+        again_us => ceil(1.0e6 * Again)
+    }.
 
 %% @doc The next step of a robot that stands at a pose on its way along a line to its end.
 -spec along(starl:pose(), starl_geometry:segment(), starl_differential_course:profile()) ->
@@ -86,7 +106,7 @@ unit({AX, AY}, {BX, BY}, Length) -> {(BX - AX) / Length, (BY - AY) / Length}.
 %% Drives this far along the line, or back, without a turn if the robot looks that way; else it
 %% turns.
 nudge(Mm, {_, _, Heading}, {Start, Goal}, #{speed := Speed} = Profile) ->
-    Straight = max(?STRAIGHT, 2 * starl_differential_course:look_from(Profile)),
+    Straight = straight(Profile),
     case starl_geometry:angle_diff(starl_geometry:heading(Start, Goal), Heading) of
         Angle when abs(Angle) =< Straight ->
             starl_differential_course:straight(Mm, min(Speed, ?SLOW));
@@ -126,3 +146,5 @@ far({X, Y, _} = Pose, Aim, Distance, {_, Goal}, Profile) ->
     end.
 
 last_mm(Profile) -> min(?LAST_MM, starl_differential_course:last_mm(Profile) / ?LAST_MOST).
+
+straight(Profile) -> max(?STRAIGHT, 2 * starl_differential_course:look_from(Profile)).

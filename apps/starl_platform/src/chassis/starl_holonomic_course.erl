@@ -33,7 +33,7 @@
 %% So the robot is never farther from the line than r(v) = g + s + b ({@link tracking_radius/1}).
 -module(starl_holonomic_course).
 
--export([profile/1, tracking_radius/1, ends_mm/1, next/4]).
+-export([profile/1, tracking_radius/1, ends_mm/1, pace/1, next/4]).
 
 -export_type([profile/0]).
 
@@ -61,6 +61,8 @@
 %% The time in which the chassis notices that its drive does not obey; the length of two tries, mm.
 -define(STALL_S, 0.015).
 -define(TRIES_MM, 0.4).
+%% The way of a robot that is a little off its line is longer than along the line by this at most.
+-define(FAR_OFF, 1.1).
 
 %% @doc A whole profile: the defaults, overridden by the given keys. 2 m/s² is a fifth of the
 %% acceleration of gravity: a quadrotor leans by 11 degrees.
@@ -94,6 +96,29 @@ stall_mm(#{speed := Speed, acceleration := Acceleration}) ->
 ends_mm(#{position_error_mm := Position} = Profile) -> float(window(Profile) + Position).
 
 window(#{position_error_mm := Position}) -> max(1.0, Position).
+
+%% @doc Its pace ({@link starl_chassis:pace()}): a leg has its longest length, and begins and ends
+%% standing; a correction is as long as a goal is missed by at most. A last leg may miss a nearer goal.
+-spec pace(profile()) -> starl_chassis:pace().
+pace(#{speed := Speed, goal_mm := Goal, position_error_mm := Position} = Profile) ->
+    #{heading_error := Error, distance_error := Part} = Profile,
+    Advance = length_mm(Profile) * (1 - Error - Part) - 2 * Position,
+    #{
+        advance_mm =>
+            case Goal < end_error(Profile) of
+                true -> 0.0;
+                false -> Advance
+            end,
+        leg_us => leg_us(?FAR_OFF * longest_mm(Profile), Speed, Profile),
+        turn_us => 0,
+        again_us => leg_us(Goal + 2 * Position, min(Speed, ?SLOW), Profile)
+    }.
+
+%% The longest time of a leg of this length: it is driven at its speed, less the error, or so short
+%% that the robot brakes as soon as it is fast enough.
+leg_us(Mm, Fastest, #{acceleration := Acceleration, distance_error := Part}) ->
+    Speed = Fastest / (1 + Part),
+    ceil(1.0e6 * max(Mm / Speed + Speed / Acceleration, 2 * math:sqrt(Mm / Acceleration))).
 
 length_mm(#{speed := Speed, leg_s := LegS}) -> Speed * LegS.
 

@@ -17,7 +17,7 @@
 
 -export([new/2, broken/2, is_kept/1, is_kept/3, longest_us/2]).
 -export([clock_later/4, clock_earlier/4, lost_us/4, gained_us/4, handled/4, begun_us/3]).
--export([is_misplaced/4, delayed_us/5, calm_us/3]).
+-export([is_misplaced/4, delayed_us/5, calm_us/3, calm_us/4]).
 
 -export_type([t/0, window/0, broken/0]).
 
@@ -211,13 +211,21 @@ delay(_Other, _Begin, _End, _Met, _Steps, _Assumption) ->
 %% anew at its end.
 -spec calm_us(SinceUs :: us(), WithinUs :: us(), t()) -> us().
 calm_us(Since, Within, #assumption{windows = Windows}) ->
+    anew(Since, Within, lists:merge(maps:values(Windows))).
+
+%% @doc The same for what one robot does by itself.
+-spec calm_us(robot_id(), SinceUs :: us(), WithinUs :: us(), t()) -> us().
+calm_us(Robot, Since, Within, Assumption) ->
+    anew(Since, Within, of_robot(Robot, Assumption)).
+
+anew(Since, Within, Windows) ->
     lists:foldl(
         fun
             ({Begin, End, _}, Late) when Begin =< Late, Since =< End -> max(Late, End + Within);
             (_, Late) -> Late
         end,
         Since + Within,
-        lists:merge(maps:values(Windows))
+        Windows
     ).
 
 %% @doc The earliest time at which the step may have begun that has traced something at this time: a

@@ -44,13 +44,15 @@
     {atom(), atom(), none | one | two | many, Details :: [term()], Order :: [term()]}.
 %% Figures that a monitor measured, for the report.
 -type results() :: #{atom() => term()}.
-%% The facts of a run beside its events: the windows in which faults break assumptions, and those of
-%% all faults that may cost a team time; the time at which all faults are over; the longest delay of a
+%% The facts of a run beside its events: the windows in which faults break assumptions, those of
+%% all faults that may cost a team time, and those that may cost a robot's drive time (`fault') or lead
+%% it off its line (`position'); the time at which all faults are over; the longest delay of a
 %% packet, the part of the packets that is lost, and the configuration of SAP; and the time by which
 %% every bound is longer on a computer that has other work, too. Of real robots nothing is known.
 -type known() :: #{
     broken := [starl_assumption:window()],
     faults := [starl_assumption:window()],
+    bodies := [starl_assumption:window()],
     loss := number(),
     sap := map(),
     healed_us := integer() | never,

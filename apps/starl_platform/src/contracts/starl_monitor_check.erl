@@ -24,6 +24,7 @@
     #{
         broken => [],
         faults => [],
+        bodies => [],
         healed_us => Healed,
         delay_us => 1000,
         loss => 0.0,

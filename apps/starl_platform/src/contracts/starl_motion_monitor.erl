@@ -1,4 +1,7 @@
-%% @doc The contract of motion for a robot that drives with a velocity ({@link starl:velocity/3}): it
+%% @doc The contract of motion. A robot that drives to a goal stays within r(v) of its line, and arrives
+%% ({@link starl_motion_monitor_goals}).
+%%
+%% A robot that drives with a velocity ({@link starl:velocity/3})
 %% stands at the end of its dead-man's time at the latest, whatever becomes of its program, unless
 %% another command came before. It stands, too, when motion says that the time is over. A chassis that
 %% does not hear a velocity keeps to the one before, and to its time; it has heard one if it moves
@@ -8,15 +11,16 @@
 %% little later ({@link starl_chassis:rests_s/1}); the bound is later by these two. It needs no excuse:
 %% the chassis carries out the script, with its end, by itself.
 %%
-%% Events: of machine `motion', {@link starl_motion:event()}; of machine `chassis', `motion'. A robot
-%% costs memory only while it drives with a velocity.
+%% Events: of machine `motion', {@link starl_motion:event()}, `crashed'; of machine `chassis', `motion';
+%% of machine `robot', `down' and `died'.
 -module(starl_motion_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, step/2, finish/2, interests/0, vocabulary/0]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0]).
 
 -record(state, {
     profiles :: starl_chassis:profiles(),
+    goals :: starl_motion_monitor_goals:t(),
     driving = #{} :: #{starl:robot_id() => driving()},
     %% the earliest of these times
     due = infinity :: integer() | infinity,
@@ -29,19 +33,34 @@
 
 -type piece() :: starl_trajectory:piece() | unknown.
 
--define(LATENCY_MS, 5).
+%% @doc `profiles': those of the team's robots; for the rest see {@link
+%% starl_motion_monitor_goals:new/1}.
+-spec init(#{
+    profiles := starl_chassis:profiles(),
+    bodies => [starl_assumption:window()],
+    slack_us => non_neg_integer()
+}) -> #state{}.
+init(#{profiles := Profiles} = Config) ->
+    #state{profiles = Profiles, goals = starl_motion_monitor_goals:new(Config)}.
 
-%% @doc `profiles': those of the team's robots.
--spec init(#{profiles := starl_chassis:profiles()}) -> #state{}.
-init(#{profiles := Profiles}) -> #state{profiles = Profiles}.
+%% @doc The configuration with the windows of the faults that robots have, and the time by which this
+%% computer may prolong anything.
+-spec context(starl_monitor:known(), map()) -> map().
+context(Known, Config) -> maps:merge(maps:with([bodies, slack_us], Known), Config).
 
-%% @doc The events of motion, and the motion of the chassis.
+%% @doc A fault in this window excuses what it meets.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken(Window, #state{goals = Goals} = State) ->
+    due(State#state{goals = starl_motion_monitor_goals:broken(Window, Goals)}).
+
+%% @doc The events of motion, the motion of the chassis, and the end of robots.
 -spec interests() -> [atom()].
-interests() -> [motion, chassis].
+interests() -> [motion, chassis, robot].
 
 %% @doc {@link starl_motion:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
-vocabulary() -> #{motion => [{velocity, 2}, {velocity_over, 1}]}.
+vocabulary() ->
+    #{motion => [{velocity, 2}, {velocity_over, 1}, {goal, 2}, {line, 1}, {goal_over, 1}]}.
 
 %% @doc Judges one event, and the time until it.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -58,7 +77,20 @@ step({T, _, _, _} = Event, State) ->
 first(Violation, {ok, State}) -> {violation, Violation, State};
 first(Violation, {violation, _Second, State}) -> {violation, Violation, State}.
 
-judge({T, Robot, chassis, {motion, Piece}}, #state{driving = Driving} = State) ->
+judge({T, Robot, Machine, Event}, #state{goals = Goals0} = State0) ->
+    {Off, Goals} = starl_motion_monitor_goals:happened(T, Robot, {Machine, Event}, Goals0),
+    Before = State0#state{goals = Goals},
+    State =
+        case starl_motion_monitor_goals:due(Goals) =:= starl_motion_monitor_goals:due(Goals0) of
+            true -> Before;
+            false -> due(Before)
+        end,
+    Judged = cruised({T, Robot, Machine, Event}, State),
+    lists:foldl(
+        fun({_, What, Details}, J) -> first(violation(What, T, Robot, Details), J) end, Judged, Off
+    ).
+
+cruised({T, Robot, chassis, {motion, Piece}}, #state{driving = Driving} = State) ->
     case Driving of
         #{Robot := {_, _, {T, Until} = Told}} ->
             {ok, due(State#state{driving = Driving#{Robot := {Until, Piece, Told}}})};
@@ -67,18 +99,18 @@ judge({T, Robot, chassis, {motion, Piece}}, #state{driving = Driving} = State) -
         #{} ->
             {ok, State}
     end;
-judge({T, Robot, motion, {velocity, _, Us}}, #state{driving = Driving, commands = N} = State) ->
+cruised({T, Robot, motion, {velocity, _, Us}}, #state{driving = Driving, commands = N} = State) ->
     Until = T + Us + spare_us(starl_chassis:of_robot(Robot, State#state.profiles)),
     {Before, Piece, _} = maps:get(Robot, Driving, {Until, unknown, none}),
     Drives = {max(Before, Until), Piece, {T, Until}},
     {ok, due(State#state{driving = Driving#{Robot => Drives}, commands = N + 1})};
-judge({T, Robot, motion, {velocity_over, Why}}, #state{driving = Driving} = State) ->
+cruised({T, Robot, motion, {velocity_over, Why}}, #state{driving = Driving} = State) ->
     Ended = due(State#state{driving = maps:remove(Robot, Driving)}),
     case Driving of
         #{Robot := {_, Piece, _}} when Why =:= time -> stands(T, Robot, Piece, Ended);
         #{} -> {ok, Ended}
     end;
-judge(_, State) ->
+cruised(_, State) ->
     {ok, State}.
 
 stands(T, Robot, Piece, State) ->
@@ -88,36 +120,50 @@ stands(T, Robot, Piece, State) ->
     end.
 
 spare_us(Profile) ->
-    Latency = maps:get(latency_ms, Profile, ?LATENCY_MS),
-    ceil(1000 * Latency + 1.0e6 * starl_chassis:rests_s(Profile)).
+    starl_chassis:latency_us(Profile) + ceil(1.0e6 * starl_chassis:rests_s(Profile)).
 
-due(#state{driving = Driving} = State) ->
-    State#state{due = lists:min([infinity | [Until || {Until, _, _} <- maps:values(Driving)]])}.
+due(#state{driving = Driving, goals = Goals} = State) ->
+    Ends = [Until || {Until, _, _} <- maps:values(Driving)],
+    State#state{
+        due = lists:min([infinity, starl_motion_monitor_goals:due(Goals) | Ends])
+    }.
 
 %% Robots whose time has passed are judged by the piece that they were in then.
-pass(T, #state{driving = Driving} = State) ->
+pass(T, #state{driving = Driving, goals = Goals} = State) ->
+    {Lost, Left} = starl_motion_monitor_goals:pass(T, Goals),
     All = [{Until, Robot, Piece} || {Robot, {Until, Piece, _}} <- maps:to_list(Driving)],
     Late = lists:sort([One || {Until, _, _} = One <- All, Until < T]),
     Found = [
         violation(drives_beyond_its_time, Until, Robot)
      || {Until, Robot, Piece} <- Late, not is_at_rest(Until, Piece)
     ],
-    {Found, due(State#state{driving = maps:without([R || {_, R, _} <- Late], Driving)})}.
+    NotArrived = [violation(What, Due, Robot, Details) || {Due, Robot, What, Details} <- Lost],
+    Driven = maps:without([R || {_, R, _} <- Late], Driving),
+    {Found ++ NotArrived, due(State#state{driving = Driven, goals = Left})}.
 
 %% A robot whose chassis has not heard a command has no piece: it stands as it stood.
 is_at_rest(_T, unknown) -> true;
 is_at_rest(_T, {piece, _, _, _, _, V, W}) -> V == 0 andalso W == 0;
 is_at_rest(T, Ramp) -> starl_trajectory:rests_from(Ramp) =< T.
 
-violation(What, T, Robot) ->
-    #{contract => motion, what => What, at_us => T, robots => [Robot], details => #{}}.
+violation(What, T, Robot) -> violation(What, T, Robot, #{}).
 
-%% @doc Judges the time until the end. Result: the number of velocities that were given.
+violation(What, T, Robot, Details) ->
+    #{contract => motion, what => What, at_us => T, robots => [Robot], details => Details}.
+
+%% @doc Judges the time until the end. Results: the numbers of velocities and of goals that were given, and
+%% of goals that were reached.
 -spec finish(integer(), #state{}) ->
-    {ok | {violation, [starl_monitor:violation(), ...]}, #{velocities := non_neg_integer()}}.
-finish(EndUs, State) ->
-    Results = #{velocities => State#state.commands},
-    case pass(EndUs, State) of
-        {[], _} -> {ok, Results};
-        {Found, _} -> {{violation, Found}, Results}
+    {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => non_neg_integer()}}.
+finish(EndUs, #state{goals = Goals} = State) ->
+    Counts = starl_motion_monitor_goals:counts(Goals),
+    Results = Counts#{velocities => State#state.commands},
+    {Late, _} = pass(EndUs, State),
+    Off = [
+        violation(What, EndUs, Robot, Details)
+     || {Robot, What, Details} <- starl_motion_monitor_goals:finish(EndUs, Goals)
+    ],
+    case Late ++ Off of
+        [] -> {ok, Results};
+        Found -> {{violation, Found}, Results}
     end.

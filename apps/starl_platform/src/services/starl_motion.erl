@@ -51,12 +51,18 @@
 
 -export_type([event/0]).
 
-%% It drives on with this velocity, within its limits, until told otherwise, for at most this time;
-%% this is over, because the time is up, or a command other than a velocity came, a new incarnation began, the drive
-%% does not obey, or the robot got no position or no answer of its chassis.
 -type event() ::
+    %% it drives on with this velocity, within its limits, until told otherwise, for at most this time
     {velocity, starl_geometry:point(), Us :: pos_integer()}
-    | {velocity_over, time | command | restarted | stalled | unknown | no_answer}.
+    %% because the time is up, or a command other than a velocity came, a new incarnation began, the
+    %% drive does not obey, or the robot got no position or no answer of its chassis
+    | {velocity_over, time | command | restarted | stalled | unknown | no_answer}
+    %% it is to drive to this point
+    | {goal, starl_chassis:way(), starl_geometry:point()}
+    %% along this line, since now it knows where it stands
+    | {line, starl_geometry:segment()}
+    %% it has arrived, or another command came, or the clocks do not agree
+    | {goal_over, arrived | command | out_of_time}.
 
 %% The time to wait for a position or for an answer of the chassis before asking again.
 -define(PATIENCE_US, 500000).
@@ -78,6 +84,9 @@
     goal = {0.0, 0.0} :: starl_geometry:point(),
     %% to the goal, or along a given line, or to the beginning of one
     way = to :: starl_chassis:way(),
+    %% is its caller that of a goal, and is the line to it known?
+    bound = false :: boolean(),
+    known = false :: boolean(),
     %% the velocity that it is given, and until when; does an earlier one still hold?
     wish = {{0.0, 0.0}, 0} :: {starl_geometry:point(), UntilUs :: integer()},
     cruises = false :: boolean(),
@@ -175,17 +184,18 @@ event({reply, N}, {error, _}, steering, #drive{asked = N} = Drive) ->
 event({reply, _}, _, _State, _Drive) ->
     keep_state_and_data;
 event({call, From}, {go_to, Goal}, State, Drive) ->
-    go(State, to(From, {unknown, Goal}, to, Drive), stopped(Drive));
-event({call, From}, {go_along, Line}, State, Drive) ->
-    go(State, to(From, Line, along, Drive), stopped(Drive));
-event({call, From}, {face, Line}, State, Drive) ->
-    go(State, to(From, Line, face, Drive), stopped(Drive));
+    go(State, to(From, {unknown, Goal}, to, Drive), stopped(Drive) ++ [goal(to, Goal)]);
+event({call, From}, {go_along, {_, Goal} = Line}, State, Drive) ->
+    go(State, to(From, Line, along, Drive), stopped(Drive) ++ [goal(along, Goal)]);
+event({call, From}, {face, {Start, _} = Line}, State, Drive) ->
+    go(State, to(From, Line, face, Drive), stopped(Drive) ++ [goal(face, Start)]);
 event({call, From}, {velocity, _, _}, State, Drive) when State =:= stalled; State =:= trying ->
     {keep_state, Drive, [{reply, From, {error, stalled}}]};
 event({call, From}, {velocity, _, _}, State, #drive{doubt = Doubt} = Drive) when Doubt =/= none ->
     doubtful(State, Drive#drive{from = none}, stopped(Drive) ++ [{reply, From, {error, stalled}}]);
 event({call, From}, {velocity, Velocity, Us}, _State, #drive{now = Now} = Drive) ->
-    steer(Drive#drive{from = From, wish = {Velocity, Now + Us}, memo = none}, stopped(Drive));
+    Wished = Drive#drive{from = From, bound = false, wish = {Velocity, Now + Us}, memo = none},
+    steer(Wished, stopped(Drive));
 event({call, From}, stop, _State, #drive{waiting = Waiting} = Drive) ->
     stand_still(Drive#drive{from = none, waiting = Waiting ++ [From]}, stopped(Drive));
 event(cast, stop, _State, Drive) ->
@@ -194,7 +204,17 @@ event(_, _, _, _) ->
     unknown_event.
 
 to(From, {Start, Goal}, Way, Drive) ->
-    Drive#drive{from = From, goal = Goal, start = Start, way = Way, memo = none}.
+    Drive#drive{
+        from = From,
+        bound = true,
+        known = false,
+        goal = Goal,
+        start = Start,
+        way = Way,
+        memo = none
+    }.
+
+goal(Way, Point) -> {trace, {goal, Way, Point}}.
 
 %% A robot that stands looks; one that drives stops first; one that waits for its drive keeps
 %% waiting.
@@ -202,8 +222,12 @@ go(stalled, Drive, Actions) -> {keep_state, Drive, Actions};
 go(_State, #drive{stands = true, way = to} = Drive, Actions) -> look(Drive, Actions);
 go(_State, Drive, Actions) -> stand_still(Drive, Actions).
 
-stopped(#drive{from = none}) -> [];
-stopped(#drive{from = From}) -> [{reply, From, {error, stopped}}].
+stopped(#drive{from = none}) ->
+    [];
+stopped(#drive{from = From} = Drive) ->
+    goal_over(command, Drive) ++ [{reply, From, {error, stopped}}].
+
+goal_over(Why, #drive{bound = Bound}) -> [{trace, {goal_over, Why}} || Bound].
 
 over(Why) -> {trace, {velocity_over, Why}}.
 
@@ -296,7 +320,8 @@ driven(HeardUs, State, #drive{now = Now, told = {Told, Takes}, watch = Before} =
 
 %% A robot without a goal rests; a wrong clock takes a robot's goal away.
 stands(false, #drive{from = From, way = Way} = Drive) when From =/= none, Way =/= to ->
-    rest(false, Drive#drive{from = none}, [{reply, From, {error, out_of_time}}]);
+    Over = goal_over(out_of_time, Drive) ++ [{reply, From, {error, out_of_time}}],
+    rest(false, Drive#drive{from = none}, Over);
 stands(Agree, #drive{from = none} = Drive) ->
     rest(Agree, Drive, []);
 stands(Agree, #drive{waiting = Waiting} = Drive) ->
@@ -339,6 +364,9 @@ locate(#drive{asked = N, self = Self} = Drive, Actions) ->
 
 located({X, Y, _} = Pose, #drive{start = unknown} = Drive) ->
     located(Pose, Drive#drive{start = {X, Y}});
+located(Pose, #drive{known = false, start = Start, goal = Goal} = Drive) ->
+    {next_state, State, Next, Actions} = located(Pose, Drive#drive{known = true}),
+    {next_state, State, Next, [{trace, {line, {Start, Goal}}} | Actions]};
 located(Pose, #drive{memo = none, chassis = Chassis, way = Way, profile = Profile} = Drive) ->
     #drive{start = Start, goal = Goal} = Drive,
     follow(Chassis:next(Way, Pose, {Start, Goal}, Profile), Drive);
@@ -346,7 +374,8 @@ located(Pose, #drive{memo = {some, Memo}, chassis = Chassis, profile = Profile} 
     follow(Chassis:resume(Pose, Memo, Profile), Drive).
 
 follow(arrived, #drive{from = From} = Drive) ->
-    {next_state, idle, Drive#drive{from = none}, [{reply, From, ok}]};
+    Over = goal_over(arrived, Drive) ++ [{reply, From, ok}],
+    {next_state, idle, Drive#drive{from = none}, Over};
 follow({_, _}, #drive{doubt = Doubt} = Drive) when Doubt =/= none ->
     try_again(Drive#drive{memo = none});
 follow({{look, Memo}, Script}, Drive) ->

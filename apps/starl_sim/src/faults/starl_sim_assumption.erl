@@ -3,10 +3,12 @@
 %% must hold under all other faults.
 -module(starl_sim_assumption).
 
--export([broken/2, faults/1]).
+-export([broken/2, faults/1, bodies/2]).
 
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
+%% Wheels slip by no more than half.
+-define(SLIP, 0.5).
 
 %% @doc The windows in which these faults break an assumption. A positioning system that is not
 %% exact is found out when it freezes (`starl_location'), so only an exact one breaks an assumption
@@ -54,6 +56,33 @@ faults(Faults) ->
         {_, From, To, _, _, Params} <- [starl_sim_fault:compile(Fault)],
         Kind =/= clock_drift orelse abs(maps:get(ppm, Params)) > ?DRIFT_PPM
     ]).
+
+%% @doc The windows of the faults that may cost a robot's drive time, or lead it off its line: positions
+%% that are wrong by more than their bound (a picture that freezes is found out unless positions are
+%% exact), and wheels that slip by more than half.
+-spec bodies([starl_sim_fault:t()], IsExact :: boolean()) -> [starl_assumption:window()].
+bodies(Faults, IsExact) ->
+    lists:append([
+        [
+            {Robot, From, To + rest(Kind, To - From, Params), costs(Kind, Params, IsExact)}
+         || Robot <- struck(Fault)
+        ]
+     || {_, _, _, Kind, _, _} = Fault <- Faults,
+        starl_sim_fault:class(Fault) =/= network,
+        not lists:member(Kind, [actuator_lost, actuator_stuck]),
+        {_, From, To, _, _, Params} <- [starl_sim_fault:compile(Fault)],
+        Kind =/= clock_drift orelse abs(maps:get(ppm, Params)) > ?DRIFT_PPM
+    ]).
+
+costs(location_frozen, _Params, true) ->
+    position;
+costs(slip, #{factor := Factor}, _IsExact) when Factor < ?SLIP -> position;
+costs(Kind, _Params, _IsExact) when
+    Kind =:= location_noise; Kind =:= location_bias; Kind =:= location_swap
+->
+    position;
+costs(_Kind, _Params, _IsExact) ->
+    fault.
 
 rest(_Kind, _Us, #{extra_ms := Ms}) -> 1000 * Ms;
 rest(_Kind, _Us, #{lag_ms := Ms}) -> 1000 * Ms;

@@ -202,6 +202,7 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, SlackUs) ->
         slack_us => SlackUs,
         broken => starl_sim_assumption:broken(Faults, is_exact(Profiles)),
         faults => out_of_range(Scenario) ++ starl_sim_assumption:faults(Faults),
+        bodies => starl_sim_assumption:bodies(Faults, is_exact(Profiles)),
         healed_us => healed_us(Scenario),
         loss => maps:get(loss, Scenario),
         sap => Sap,
