@@ -1,13 +1,15 @@
 %% The coordinator of path planning with a planted bug, chosen by the key `bug':
 %% "late_clear": it takes a Clear for the path that the robot has now, whichever it was said of;
 %% "freed": when an assignment is reported lost it gives free what was reserved for it;
-%% "untimely": what it says leaves whenever it does.
+%% "untimely": what it says leaves whenever it does;
+%% "idle": it takes no more requests than a few.
 -module(starl_coordinator_planted).
 -behaviour(starl_machine).
 
 -export([init/1, handle_event/5]).
 
 -define(REAL, starl_dpp_coordinator).
+-define(FEW, 5).
 
 init(#{bug := Bug} = Config) ->
     {State, Data, Actions} = ?REAL:init(maps:remove(bug, Config)),
@@ -35,6 +37,13 @@ handle_event(
     All = {message, Robot, dpp_passed, {Term, Id, 1 bsl 20}},
     {Last, Next, More} = whole(forward(cast, All, To, Told, Meta), To, Told),
     {next_state, Last, Next, Actions ++ More};
+handle_event(cast, {message, _, dpp_request, _} = Asks, State, {"idle", Taken, Data}, Meta) ->
+    case maps:get(requests, Taken, 0) of
+        N when N < ?FEW ->
+            forward(cast, Asks, State, {"idle", Taken#{requests => N + 1}, Data}, Meta);
+        _ ->
+            keep_state_and_data
+    end;
 handle_event(Type, Content, State, Planted, Meta) ->
     forward(Type, Content, State, Planted, Meta).
 

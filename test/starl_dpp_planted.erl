@@ -45,7 +45,7 @@ planted("one_clock", Block) ->
 planted(Bug, {dpp, starl_dpp_participant, Config}) ->
     {dpp, ?MODULE, Config#{bug => Bug}};
 planted(Bug, {dpp_coordinator, _, Config}) when
-    Bug =:= "late_clear"; Bug =:= "freed"; Bug =:= "untimely"
+    Bug =:= "late_clear"; Bug =:= "freed"; Bug =:= "untimely"; Bug =:= "idle"
 ->
     {dpp_coordinator, starl_coordinator_planted, Config#{bug => Bug}};
 planted(Bug, {dpp_coordinator, _, Config}) when

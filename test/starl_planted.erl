@@ -138,6 +138,8 @@ dpp() ->
             "votes for whoever asks, whatever it has promised"},
         {dpp_untimely, dpp, starl_coordinator_planted, "untimely", stood_still(),
             "assigns after it has stood still, when its votes have ended"},
+        {dpp_idle, dpp, starl_coordinator_planted, "idle", #{},
+            "takes no more requests than a few"},
         {dpp_newest, dpp, starl_mutant_planted, "newest", {soaked, late_votes()},
             "counts every vote from the newest beat"},
         {dpp_captive, dpp, starl_mutant_planted, "captive", complete(),

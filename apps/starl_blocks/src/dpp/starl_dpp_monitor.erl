@@ -7,20 +7,24 @@
 %% Leadership: only the coordinator of the latest term assigns. The latest term counts from the
 %% moment in which its coordinator has the votes, which is before it assigns anything itself. After a
 %% store was set back that voted for it, a lower term may follow, once it has ended.
-%% Lease: a robot begins no motion outside of its reservation, so it does not drive on when its
-%% space has become free; it may come to rest there.
+%% Lease: a robot begins no motion outside of its reservation, nor without one, so it does not drive on
+%% when its space has become free; it may come to rest there.
+%%
+%% Progress: requests are answered, and no line is given up without a reason ({@link
+%% starl_dpp_monitor_service}).
 %%
 %% Events of machine `dpp_coordinator': {@link starl_dpp_coordinator:event()} (a later `coordinator'
 %% starts with an empty view, filled before anything is assigned; `assigned' and `reserved' tell the
-%% robot's whole reservation afterwards); of machine `chassis': `motion'; of machine `robot': `died'
-%% (the robot stays where it is, and keeps its reservation).
+%% robot's whole reservation afterwards); of machine `dpp': {@link starl_dpp_participant:event()}; of
+%% machine `chassis': `motion'; of machine `robot': `died'
+%% (the robot stays where it is, and keeps its reservation), `down', `up'.
 %%
 %% Separation is judged at the end of a slice of time, so its violations are reported up to a second
 %% after the moment that they name; a pair of robots is reported once.
 -module(starl_dpp_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type reservation() :: {starl_geometry:box(), [starl_geometry:segment(), ...]}.
@@ -50,6 +54,7 @@
     %% Have any two reservations ever been too near to each other?
     overlaps = false :: boolean(),
     separation :: starl_separation:t(),
+    service :: starl_dpp_monitor_service:t(),
     assignments = 0 :: non_neg_integer(),
     deadlocks = 0 :: non_neg_integer(),
     %% Violations that are not returned yet: an event returns one.
@@ -68,7 +73,8 @@
 %% (mm); `tracking_mm': r(v) of single robots, where it is less than tubes have room for;
 %% `slice_us': the time that is judged at once (default one second). `lease_us', `jump_us' and
 %% `drift_ppm' are those of the machines (by default 10 s, 2 s, 10000); `robots': the team;
-%% `broken': the times at which clocks were not as assumed (by default never).
+%% `broken': the times at which clocks were not as assumed (by default never); `service': the times of
+%% {@link starl_dpp_monitor_service}.
 -spec init(#{
     tube_radius := float(),
     r_s := float(),
@@ -78,7 +84,8 @@
     lease_us => pos_integer(),
     jump_us => non_neg_integer(),
     drift_ppm => non_neg_integer(),
-    broken => [starl_assumption:window()]
+    broken => [starl_assumption:window()],
+    service => starl_dpp_monitor_service:times()
 }) -> #state{}.
 init(#{tube_radius := Radius, r_s := Limit} = Config) ->
     Slice = maps:get(slice_us, Config, 1_000_000),
@@ -92,22 +99,37 @@ init(#{tube_radius := Radius, r_s := Limit} = Config) ->
         lease_us = starl_assumption:longest_us(maps:get(lease_us, Config, ?LEASE_US), Ppm),
         jump_us = maps:get(jump_us, Config, ?JUMP_US),
         assumption = starl_assumption:new(maps:get(broken, Config, []), Ppm),
+        service = starl_dpp_monitor_service:new(
+            maps:merge(#{robots => []}, Config)
+        ),
         separation = starl_separation:new(Limit, Slice)
     }.
 
-%% @doc The configuration with the times at which clocks were not as assumed.
+%% @doc The configuration with the times at which clocks were not as assumed, and those of the service.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{broken := Broken}, Config) -> maps:merge(#{broken => Broken}, Config).
+context(#{broken := Broken} = Known, #{robots := _, lease_us := _} = Config) ->
+    Service = starl_dpp_monitor_service:times(Known, Config),
+    maps:merge(#{broken => Broken, service => Service}, Config);
+context(#{broken := Broken}, Config) ->
+    maps:merge(#{broken => Broken}, Config).
 
-%% @doc Plans, motions and the end of robots.
+%% @doc A fault in this window excuses what it meets.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken(Window, #state{assumption = Assumption, service = Service} = State) ->
+    State#state{
+        assumption = starl_assumption:broken(Window, Assumption),
+        service = starl_dpp_monitor_service:broken(Window, Service)
+    }.
+
+%% @doc Requests, plans, motions and the end of robots.
 -spec interests() -> [atom()].
-interests() -> [dpp_coordinator, chassis, robot].
+interests() -> [dpp, dpp_coordinator, chassis, robot].
 
 %% @doc {@link starl_dpp_coordinator:event()}, {@link starl_dpp_participant:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() ->
     #{
-        dpp => [{stale_answer, 3}, {void, 1}],
+        dpp => [{stale_answer, 3}, {void, 1}, {asks, 0}, {answered, 1}],
         dpp_coordinator => [
             {claims, 1},
             {leads, 1},
@@ -133,8 +155,10 @@ timeless(#state{term = Term, coordinators = Coordinators} = State) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
 step({T, Robot, Machine, Event}, #state{separation = Separation, r_s = Limit} = State) ->
     {Met, Advanced} = starl_separation:advance(T, Separation),
-    {Broken, Next} = judge({Machine, Event}, T, Robot, State#state{separation = Advanced}),
-    case State#state.waiting ++ [encounter(Meeting, Limit) || Meeting <- Met] ++ Broken of
+    {Stuck, Served} = served({Machine, Event}, T, Robot, State#state{separation = Advanced}),
+    {Broken, Next} = judge({Machine, Event}, T, Robot, Served),
+    Found = [encounter(Meeting, Limit) || Meeting <- Met] ++ Stuck ++ Broken,
+    case State#state.waiting ++ Found of
         [] -> {ok, Next};
         [First | Rest] -> {violation, First, Next#state{waiting = Rest}}
     end.
@@ -151,7 +175,9 @@ finish(EndTimeUs, #state{separation = Separation, waiting = Waiting, r_s = Limit
         deadlocks_resolved => State#state.deadlocks,
         coordinators => lists:reverse(State#state.coordinators)
     },
-    Verdict = verdict(Waiting ++ [encounter(Meeting, Limit) || Meeting <- Met]),
+    {Unanswered, _} = starl_dpp_monitor_service:pass(EndTimeUs, State#state.service),
+    Late = [encounter(Meeting, Limit) || Meeting <- Met] ++ unanswered(Unanswered),
+    Verdict = verdict(Waiting ++ Late),
     {Verdict, maps:merge(results(Least), Counts)}.
 
 verdict([]) -> ok;
@@ -164,6 +190,20 @@ results({Distance, AtUs, {A, B}}) ->
 
 encounter({Distance, AtUs, {A, B}}, Limit) ->
     violation(too_close, AtUs, [A, B], #{distance_mm => Distance, limit_mm => Limit}).
+
+served(Event, T, Robot, #state{service = Before} = State) ->
+    {Unanswered, Passed} = starl_dpp_monitor_service:pass(T, Before),
+    {GivenUp, Service} = starl_dpp_monitor_service:happened(T, Robot, Event, Passed),
+    Lost = [
+        violation(given_up, T, [Robot], #{lines => length(unreachable(Event))})
+     || GivenUp =/= none
+    ],
+    {unanswered(Unanswered) ++ Lost, State#state{service = Service}}.
+
+unanswered(none) -> [];
+unanswered({Due, Robots}) -> [violation(unanswered, Due, Robots, #{})].
+
+unreachable({dpp_coordinator, {unreachable, Lines}}) -> Lines.
 
 judge({chassis, {motion, Piece}}, T, Robot, #state{separation = Separation} = State) ->
     {without_lease(T, Robot, Piece, State), State#state{
@@ -252,23 +292,24 @@ usurped(T, Coordinator, #state{coordinators = [Leader | _], term = Term}) ->
     Robots = [min(Coordinator, Leader), max(Coordinator, Leader)],
     [violation(two_coordinators, T, Robots, #{term => Term})].
 
-without_lease(T, Robot, Piece, #state{reservations = Reservations, off_mm = Widest} = State) ->
-    Most = maps:get(Robot, State#state.offs, Widest),
-    case Reservations of
-        #{Robot := {_, Segments}} ->
-            Point = starl_trajectory:position(T, Piece),
-            Off = fun(S) -> starl_geometry:point_segment(Point, S) end,
-            %% the robot need be on one segment only
+without_lease(T, Robot, Piece, #state{reservations = Reservations} = State) ->
+    case {starl_trajectory:rests_from(Piece), Reservations} of
+        {never, #{Robot := {_, Segments}}} ->
+            Off = off_mm(starl_trajectory:position(T, Piece), Segments),
+            Most = maps:get(Robot, State#state.offs, State#state.off_mm),
             [
-                violation(moves_without_lease, T, [Robot], #{
-                    off_mm => lists:min([Off(S) || S <- Segments]), limit_mm => Most
-                })
-             || starl_trajectory:rests_from(Piece) =:= never,
-                not lists:any(fun(S) -> Off(S) =< Most end, Segments)
+                violation(moves_without_lease, T, [Robot], #{off_mm => Off, limit_mm => Most})
+             || Off > Most
             ];
-        #{} ->
+        {never, #{}} ->
+            [violation(moves_without_reservation, T, [Robot], #{})];
+        {_Rests, _} ->
             []
     end.
+
+%% The robot need be on one segment only.
+off_mm(Point, Segments) ->
+    lists:min([starl_geometry:point_segment(Point, Segment) || Segment <- Segments]).
 
 %%% Reservations
 

@@ -38,7 +38,10 @@
     %% an answer from this robot, in this term, to another request than the present one
     {stale_answer, starl:robot_id(), starl_dpp:term_id(), starl_dpp:request_id()}
     %% the lease to drive along the path of this answer has ended
-    | {void, starl_dpp:request_id()}.
+    | {void, starl_dpp:request_id()}
+    %% its application asks for a path, and is answered
+    | asks
+    | {answered, assign | complete | incomplete | no_answer}.
 
 -type where() :: starl_dpp_track:where().
 
@@ -106,7 +109,9 @@ event({reply, {sent, N}}, {error, _}, asking, #part{n = N} = Part) ->
     {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]};
 event({timeout, patience}, _, asking, #part{from = From} = Part) ->
     {next_state, standing, Part#part{from = none}, [
-        {{timeout, again}, cancel}, {reply, From, {error, no_answer}}
+        {{timeout, again}, cancel},
+        {trace, {answered, no_answer}},
+        {reply, From, {error, no_answer}}
     ]};
 event({timeout, missing}, _, _Where, #part{follow = Follow} = Part) ->
     {keep_state, Part, starl_dpp_follow:lead(Follow)};
@@ -151,7 +156,7 @@ request(From, Where, Part) ->
         _Robot ->
             Halted = starl_dpp_track:halted(Where, Part#part.track),
             Asking = next(Part#part{from = From, drive = none, track = Halted}),
-            {next_state, asking, Asking, [patience() | halt_and_look(Asking)]}
+            {next_state, asking, Asking, [{trace, asks}, patience() | halt_and_look(Asking)]}
     end.
 
 patience() -> {{timeout, patience}, ?PATIENCE_US, patience}.
@@ -214,7 +219,8 @@ answer(Source, Term, Id, {Answer, News}, Where, #part{follow = Follow} = Part) -
         End ->
             #part{from = Caller} = Part,
             Answered = (answered(News, Part))#part{from = none},
-            {next_state, standing, Answered, stop_asking() ++ [{reply, Caller, End}]}
+            {next_state, standing, Answered,
+                stop_asking() ++ [{trace, {answered, End}}, {reply, Caller, End}]}
     end.
 
 answered(News, #part{track = Track} = Part) ->
@@ -237,7 +243,9 @@ assigned({moving, Id, From, Path} = Moving, #part{track = Track, from = Caller} 
             {next_state, Moving, Begun,
                 stop_asking() ++
                     [
-                        {{timeout, leave}, Us, leave}, {reply, Caller, {ok, {Id, From, Path}}}
+                        {{timeout, leave}, Us, leave},
+                        {trace, {answered, assign}},
+                        {reply, Caller, {ok, {Id, From, Path}}}
                     ]};
         _Ended ->
             ask(Part)

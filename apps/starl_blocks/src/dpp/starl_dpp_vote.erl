@@ -11,7 +11,7 @@
 %% the coordinator that leads (Ongaro and Ousterhout, 2014, section 6).
 -module(starl_dpp_vote).
 
--export([new/1, leads/3, may_claim/3, give/3, missing_us/3]).
+-export([new/1, leads/3, may_claim/3, give/3, missing_us/3, last_claim_us/2]).
 -export_type([t/0]).
 
 %% The time between the claims of two robots that follow each other in the row.
@@ -62,4 +62,10 @@ give(Robot, Now, #vote{long_us = Long} = Vote) ->
 missing_us(Coordinator, Self, {Team, #vote{long_us = Long}}) ->
     {Before, From} = lists:splitwith(fun(Robot) -> Robot < Coordinator end, Team),
     Earlier = lists:takewhile(fun(Robot) -> Robot =/= Self end, From ++ Before),
-    Long + ?MARGIN_US + ?STAGGER_US * length(Earlier).
+    claim_us(length(Earlier), Long).
+
+%% @doc The time after which the last robot of a team of this size claims.
+-spec last_claim_us(Robots :: pos_integer(), LeaseUs :: pos_integer()) -> pos_integer().
+last_claim_us(Robots, Long) -> claim_us(Robots - 1, Long).
+
+claim_us(Earlier, Long) -> Long + ?MARGIN_US + ?STAGGER_US * Earlier.

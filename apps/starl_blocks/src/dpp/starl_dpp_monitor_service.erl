@@ -1,0 +1,195 @@
+%% @doc Judges that path planning goes on, for {@link starl_dpp_monitor}: when no robot is on its way and
+%% one waits for an answer, some robot is answered. So a free line that can be reached is assigned, and a
+%% deadlock, in which all wait, is resolved.
+%% ```
+%%   robot:  asks --> waits --> answered, assign --> is on its way --> asks
+%%                              answered, something else
+%% '''
+%% Under a coordinator that knows the places of all robots, all of whom live, an answer takes a request and
+%% its answer over the radio. Otherwise another robot may have to lead first, and the lines near silent robots
+%% to be given up, and it takes as long as all that together. Nothing is judged while a robot is down, nor
+%% without a quorum. A fault that the team meets lets the time begin anew.
+%%
+%% No line may be given up (`unreachable') as long as no robot has been silent or has died.
+-module(starl_dpp_monitor_service).
+
+-export([times/2, new/1, broken/2, happened/4, pass/2, died/1]).
+
+-export_type([t/0, times/0]).
+
+-type robot_id() :: starl_monitor:robot_id().
+-type us() :: integer().
+
+%% The windows of all faults; the time for an answer, that after which a request is repeated, and that for
+%% everything together. Where the answers to the beats of a lease may all be lost, or come too late, nothing is sure
+%% (`infinity').
+-type times() :: #{
+    faults := [starl_assumption:window()],
+    answer_us := us() | infinity,
+    again_us := us(),
+    whole_us := us()
+}.
+
+-record(service, {
+    robots :: [robot_id()],
+    times :: times(),
+    faults :: starl_assumption:t(),
+    %% the robots that wait; those that are on their way; when this last changed
+    asks = [] :: [robot_id()],
+    moves = [] :: [robot_id()],
+    changed_us = 0 :: us(),
+    %% since when a coordinator has led that knows the places of all robots; those that it has not heard
+    open_us = none :: us() | none,
+    silent = [] :: [robot_id()],
+    down = [] :: [robot_id()],
+    died = [] :: [robot_id()],
+    due = infinity :: us() | infinity
+}).
+
+-opaque t() :: #service{}.
+
+%% Of a participant: the time for a look at its position, and to ask again when SAP has given up; that
+%% after which it repeats a request in any case.
+-define(LOOK_US, 500000).
+-define(AGAIN_US, 40000000).
+%% Of a coordinator: the time after which it serves those who wait again, asks for places again, and gives
+%% up the lines near silent robots.
+-define(SERVE_US, 200000).
+-define(RECOVER_US, 2000000).
+-define(GIVE_UP_US, 60000000).
+%% The robots' own steps.
+-define(MARGIN_US, 1000000).
+%% A bound that is exceeded more seldom is none.
+-define(RARE, 1.0e-9).
+%% A lease is so much longer than a message and its answer take.
+-define(LONG_LEASE, 10).
+-define(DRIFT_PPM, 10000).
+
+%% @doc The times of a run, from its radio and the leases. Everything together: the coordinator is missed by
+%% the last robot of the team; promises to others end, and the claim is won; a silent robot's lease ends;
+%% lines are given up; the messages of all that.
+-spec times(starl_monitor:known(), #{
+    robots := [robot_id()], lease_us := us(), jump_us := us(), drift_ppm := non_neg_integer()
+}) ->
+    times().
+times(#{sap := Sap, loss := Loss, delay_us := Delay, slack_us := Slack} = Known, Config) ->
+    #{robots := Robots, lease_us := Lease, jump_us := Jump, drift_ppm := Ppm} = Config,
+    Leases = #{lease_ms => Lease div 1000, jump_ms => Jump div 1000, drift_ppm => Ppm},
+    #{faults := Faults, bodies := Bodies} = Known,
+    Reach = starl_sap:reach_us(Sap, Loss, Delay, ?LOOK_US),
+    Missing = starl_dpp_vote:last_claim_us(length(Robots), Lease),
+    Whole = Missing + 7 * Lease div 2 + ?RECOVER_US + ?AGAIN_US + ?GIVE_UP_US + 10 * Reach,
+    #{
+        faults => Faults ++ Bodies,
+        answer_us =>
+            case is_sure(Loss, Delay, Leases) of
+                true -> 2 * ?LOOK_US + ?SERVE_US + 2 * Reach + ?MARGIN_US + Slack;
+                false -> infinity
+            end,
+        again_us => ?AGAIN_US,
+        whole_us => (Whole + ?MARGIN_US) * 101 div 100 + Slack
+    }.
+
+%% Of the beats of a lease every other one is answered.
+is_sure(Loss, Delay, Leases) ->
+    Short = starl_dpp_lease:short_us(Leases),
+    Answers = Short div (2 * starl_dpp_lease:beat_us(Leases)),
+    Lost = 1 - (1 - Loss) * (1 - Loss),
+    math:pow(Lost, Answers) =< ?RARE andalso ?LONG_LEASE * 2 * Delay =< Short.
+
+%% @doc Without times nothing is judged but that no line is given up.
+-spec new(#{robots := [robot_id()], service => times()}) -> t().
+new(#{robots := Robots} = Config) ->
+    None = #{faults => [], answer_us => infinity, again_us => 0, whole_us => 0},
+    #{faults := Faults} = Times = maps:get(service, Config, None),
+    #service{
+        robots = Robots, times = Times, faults = starl_assumption:new(Faults, ?DRIFT_PPM)
+    }.
+
+%% @doc A fault in this window, of which no event has been judged yet.
+-spec broken(starl_assumption:window(), t()) -> t().
+broken(Window, #service{faults = Faults} = S) ->
+    due(S#service{faults = starl_assumption:broken(Window, Faults)}).
+
+%% @doc The robots that have died.
+-spec died(t()) -> [robot_id()].
+died(#service{died = Died}) -> Died.
+
+%% @doc Time has passed: should a robot have been answered until then? Which ones waited?
+-spec pass(TimeUs :: us(), t()) -> {none | {DueUs :: us(), [robot_id(), ...]}, t()}.
+pass(T, #service{due = Due} = S) when T =< Due ->
+    %% integers sort before the atom infinity
+    {none, S};
+pass(_T, #service{due = Due, asks = Asks} = S) ->
+    {{Due, Asks}, S#service{due = infinity}}.
+
+%% @doc An event of a robot. `given_up': lines were, without a reason.
+-spec happened(TimeUs :: us(), robot_id(), {Machine :: atom(), Event :: term()}, t()) ->
+    {none | given_up, t()}.
+happened(T, Robot, {dpp, asks}, S) ->
+    {none, changed(T, asks(Robot, S))};
+happened(T, Robot, {dpp, {answered, assign}}, #service{moves = Moves} = S) ->
+    Moving = S#service{moves = lists:usort([Robot | Moves])},
+    {none, changed(T, answered(Robot, Moving))};
+happened(T, Robot, {dpp, {answered, _End}}, S) ->
+    {none, changed(T, answered(Robot, S))};
+%% the coordinator does not know yet that it is not on its way any more
+happened(T, Robot, {dpp, crashed}, S) ->
+    {none, changed(T, answered(Robot, S))};
+happened(T, _Robot, {dpp_coordinator, {coordinator, _Term}}, S) ->
+    {none, due(S#service{open_us = T, silent = []})};
+happened(_T, _Robot, {dpp_coordinator, {silent, Silent}}, #service{silent = Known} = S) ->
+    {none, due(S#service{silent = lists:usort([Silent | Known])})};
+happened(_T, _Robot, {dpp_coordinator, {unreachable, [_ | _]}}, S) ->
+    #service{silent = Silent, died = Died, down = Down, open_us = Open} = S,
+    case Open =/= none andalso Silent ++ Died ++ Down of
+        [] -> {given_up, S};
+        _ -> {none, S}
+    end;
+happened(_T, _Robot, {dpp_coordinator, Event}, S) when
+    Event =:= crashed; element(1, Event) =:= claims; element(1, Event) =:= stepped_down
+->
+    {none, due(S#service{open_us = none})};
+happened(T, Robot, {robot, down}, #service{down = Down} = S) ->
+    {none, changed(T, answered(Robot, S#service{down = lists:usort([Robot | Down])}))};
+happened(T, Robot, {robot, up}, #service{down = Down} = S) ->
+    {none, changed(T, S#service{down = lists:delete(Robot, Down)})};
+happened(T, Robot, {robot, {died, _Reason}}, #service{died = Died, moves = Moves} = S) ->
+    Dead = answered(Robot, S#service{
+        died = lists:usort([Robot | Died]), moves = lists:delete(Robot, Moves)
+    }),
+    {none, changed(T, Dead)};
+happened(_T, _Robot, _Event, S) ->
+    {none, S}.
+
+asks(Robot, #service{asks = Asks, moves = Moves} = S) ->
+    S#service{asks = lists:usort([Robot | Asks]), moves = lists:delete(Robot, Moves)}.
+
+answered(Robot, #service{asks = Asks} = S) -> S#service{asks = lists:delete(Robot, Asks)}.
+
+changed(T, S) -> due(S#service{changed_us = T}).
+
+due(S) -> S#service{due = due_us(S)}.
+
+due_us(#service{times = #{answer_us := infinity}}) ->
+    infinity;
+due_us(#service{asks = Asks, moves = Moves, down = Down}) when
+    Asks =:= []; Moves =/= []; Down =/= []
+->
+    infinity;
+due_us(#service{robots = Robots, died = Died} = S) ->
+    case starl_dpp_lease:quorum(Robots -- Died, Robots) of
+        true -> due_us(S#service.open_us, S#service.silent ++ Died, S);
+        false -> infinity
+    end.
+
+%% A message from before may have been lost in a fault, which a robot makes good when it asks again: so a
+%% fault that was over so long before counts, too.
+due_us(Open, [], #service{changed_us = Changed, times = Times, faults = Faults}) when
+    is_integer(Open)
+->
+    #{answer_us := Answer, again_us := Again} = Times,
+    starl_assumption:calm_us(max(Open, Changed) - Again, Again + Answer, Faults);
+due_us(_Open, _Silent, #service{changed_us = Changed, times = Times, faults = Faults}) ->
+    #{whole_us := Whole} = Times,
+    starl_assumption:calm_us(Changed, Whole, Faults).
