@@ -35,6 +35,13 @@ sound_test_() ->
         narrow(Text)
     end}.
 
+%% What a few runs have not had is told, and not owed.
+sometimes_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        Text = says(0, "sap has never had: ", ["soak", "sap", "--seeds", "1", "--robots", "1"]),
+        narrow(Text)
+    end}.
+
 %% The program of real robots: each part has its line, and the lines of the program that ran are counted.
 live_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
@@ -77,12 +84,12 @@ failing_test() ->
         #{contract => Contract, what => What, at_us => 1, robots => [], details => #{}}
     end,
     Founds = [
-        {mutex, 9, {ok, [V(mutex, two_holders)], 0.1}},
-        {mutex, 3, {ok, [], 0.1}},
-        {mutex, 7, {ok, [V(mutex, two_holders)], 0.1}},
+        {mutex, 9, {ok, [V(mutex, two_holders)], 0.1, #{}}},
+        {mutex, 3, {ok, [], 0.1, #{}}},
+        {mutex, 7, {ok, [V(mutex, two_holders)], 0.1, #{}}},
         {mutex, 4, {failed, {failed, crash}}},
-        {mutex, 5, {ok, [V(sap, outcome_overdue)], 0.1}},
-        {barrier, 8, {ok, [V(barrier, passed_early)], 0.1}}
+        {mutex, 5, {ok, [V(sap, outcome_overdue)], 0.1, #{}}},
+        {barrier, 8, {ok, [V(barrier, passed_early)], 0.1, #{}}}
     ],
     ?assertEqual(
         [{1, mutex, 5, sap, 1}, {2, mutex, 7, mutex, 2}, {1, barrier, 8, barrier, 1}],

@@ -27,7 +27,8 @@
 -module(starl_barrier_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, broken/2, step/2, finish/2]).
+-export([interests/0, vocabulary/0, sometimes/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
@@ -69,7 +70,10 @@
     %% of the rounds that all have passed
     deltas = {0, 0, 0} :: {Count :: integer(), SumUs :: integer(), LongestUs :: integer()},
     passes = 0 :: non_neg_integer(),
-    failed = 0 :: non_neg_integer()
+    failed = 0 :: non_neg_integer(),
+    %% machines that started with a damaged store, and stores that were set back
+    damaged = 0 :: non_neg_integer(),
+    set_back = 0 :: non_neg_integer()
 }).
 
 %% Clocks are within 1 % of real time.
@@ -127,6 +131,10 @@ interests() -> [barrier, robot].
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() -> #{barrier => [{reached, 2}, {passed, 2}, {recalled, 3}, {failed, 3}]}.
 
+%% @doc A robot goes on with a damaged store, or with an old one.
+-spec sometimes() -> [{atom(), owed | seldom}].
+sometimes() -> [{damaged_store, owed}, {store_set_back, owed}].
+
 %% @doc The rounds that each robot has reached and passed; without `bound_us' and `delta_us' nothing
 %% else is judged. The checker damages no store, so the others' forgetting makes no difference.
 -spec timeless(#state{}) -> term().
@@ -152,7 +160,10 @@ finish(EndTimeUs, #state{deltas = {Count, Sum, Longest}} = State) ->
         passed => State#state.passes,
         failed => State#state.failed,
         longest_delta_us => Longest,
-        mean_delta_us => Sum / max(1, Count)
+        mean_delta_us => Sum / max(1, Count),
+        sometimes => #{
+            damaged_store => State#state.damaged, store_set_back => State#state.set_back
+        }
     },
     case overdue(EndTimeUs, State) of
         [] -> {ok, Results};
@@ -175,10 +186,10 @@ judge({barrier, {failed, Name, K, _Reason}}, T, Robot, #state{failed = Failed} =
 judge({barrier, crashed}, T, Robot, State) ->
     {[], fault(T, Robot, excuse(keys(Robot, State), forgets(Robot, State)))};
 judge({barrier, store_damaged}, _T, Robot, State) ->
-    {[], damage(damaged, Robot, State)};
+    {[], damage(damaged, Robot, State#state{damaged = State#state.damaged + 1})};
 judge({robot, store_set_back}, _T, Robot, State) ->
     %% it gives a round back as reached and not passed, if nobody knows of a later life
-    Back = damage(set_back, Robot, State),
+    Back = damage(set_back, Robot, State#state{set_back = State#state.set_back + 1}),
     {[], doubt(fun(R) -> R =:= Robot end, fun forgotten/1, Back)};
 judge({robot, {died, _Reason}}, _T, Robot, State) ->
     {[], excuse(keys(Robot, State), State#state{is_whole = false})};

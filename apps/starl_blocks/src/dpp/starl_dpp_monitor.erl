@@ -24,7 +24,17 @@
 -module(starl_dpp_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([
+    init/1,
+    context/2,
+    broken/2,
+    step/2,
+    finish/2,
+    interests/0,
+    vocabulary/0,
+    sometimes/0,
+    timeless/1
+]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type reservation() :: {starl_geometry:box(), [starl_geometry:segment(), ...]}.
@@ -57,6 +67,8 @@
     service :: starl_dpp_monitor_service:t(),
     assignments = 0 :: non_neg_integer(),
     deadlocks = 0 :: non_neg_integer(),
+    %% what deluded coordinators have said
+    deluded = 0 :: non_neg_integer(),
     %% Violations that are not returned yet: an event returns one.
     waiting = [] :: [starl_monitor:violation()]
 }).
@@ -144,6 +156,12 @@ vocabulary() ->
         ]
     }.
 
+%% @doc Another robot takes over; a coordinator goes on that broken clocks let believe that it leads. A message
+%% that is malformed comes from a computer that is broken.
+-spec sometimes() -> [{atom() | {atom(), atom()}, owed | seldom}].
+sometimes() ->
+    [{fail_over, owed}, {deluded_coordinator, seldom}, {{dpp_coordinator, malformed}, seldom}].
+
 %% @doc The coordinator and the reservations, while no robot moves.
 -spec timeless(#state{}) -> term().
 timeless(#state{term = Term, coordinators = Coordinators} = State) ->
@@ -173,7 +191,11 @@ finish(EndTimeUs, #state{separation = Separation, waiting = Waiting, r_s = Limit
     Counts = #{
         assignments => State#state.assignments,
         deadlocks_resolved => State#state.deadlocks,
-        coordinators => lists:reverse(State#state.coordinators)
+        coordinators => lists:reverse(State#state.coordinators),
+        sometimes => #{
+            fail_over => max(0, length(State#state.coordinators) - 1),
+            deluded_coordinator => State#state.deluded
+        }
     },
     {Unanswered, _} = starl_dpp_monitor_service:pass(EndTimeUs, State#state.service),
     Late = [encounter(Meeting, Limit) || Meeting <- Met] ++ unanswered(Unanswered),
@@ -220,8 +242,10 @@ judge({dpp_coordinator, Event}, _T, Robot, #state{leads = {Term, Robot}} = State
     {[], State#state{ended = true}};
 judge({dpp_coordinator, Event}, T, Coordinator, State) ->
     case is_deluded(T, Coordinator, State) of
-        true when element(1, Event) =/= leads -> {[], State};
-        _ -> coordinated(Event, T, Coordinator, State)
+        true when element(1, Event) =/= leads ->
+            {[], State#state{deluded = State#state.deluded + 1}};
+        _ ->
+            coordinated(Event, T, Coordinator, State)
     end;
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.

@@ -34,7 +34,7 @@
 -module(starl_geocast_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, sometimes/0]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type id() :: {robot_id(), pos_integer(), pos_integer()}.
@@ -125,6 +125,11 @@ interests() -> [geocast, chassis, robot].
 %% @doc {@link starl_geocast_flood:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() -> #{geocast => [{sent, 4}, {held, 2}, {delivered, 2}, {full, 1}]}.
+
+%% @doc A memory that is full is seldom.
+-spec sometimes() -> [{{atom(), atom()}, seldom}].
+sometimes() ->
+    [{{geocast, Tag}, seldom} || Tag <- [full]].
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->

@@ -18,7 +18,17 @@
 -module(starl_registers_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([
+    init/1,
+    context/2,
+    broken/2,
+    step/2,
+    finish/2,
+    interests/0,
+    vocabulary/0,
+    sometimes/0,
+    timeless/1
+]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
@@ -105,6 +115,11 @@ vocabulary() ->
 %% @doc The writes and reads; without `bound_us' nothing else is judged.
 -spec timeless(#state{}) -> term().
 timeless(#state{writes = Writes, stamps = Stamps, read = Read}) -> {Writes, Stamps, Read}.
+
+%% @doc A write that is too large is seldom.
+-spec sometimes() -> [{{atom(), atom()}, seldom}].
+sometimes() ->
+    [{{registers, Tag}, seldom} || Tag <- [refused]].
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->

@@ -1,7 +1,7 @@
 %% @doc The results of a soak: a table, and the first run of each kind of violation.
 -module(starl_lab_soak_report).
 
--export([tell/2, failing/2]).
+-export([tell/2, missed/2, failing/2]).
 
 -type founds() :: [{Block :: atom(), Seed :: non_neg_integer(), starl_lab_soak:found()}].
 
@@ -24,17 +24,45 @@ failure({Block, Seed, {failed, Reason}}) ->
     io_lib:format("~ts, seed ~b: ~ts~n", [Block, Seed, Why]).
 
 row(Block, Founds) ->
-    Seconds = lists:sum([S || {ok, _, S} <- Founds]),
-    Judged = length([x || {ok, _, _} <- Founds]),
+    Seconds = lists:sum([S || {ok, _, S, _} <- Founds]),
+    Judged = length([x || {ok, _, _, _} <- Founds]),
     io_lib:format("~-10s ~7b ~10b ~9b ~14b~n", [
         Block,
         length(Founds),
-        length([x || {ok, [_ | _], _} <- Founds]),
+        length([x || {ok, [_ | _], _, _} <- Founds]),
         length(Founds) - Judged,
         round(60 * Judged / max(1.0e-6, Seconds))
     ]).
 
 of_block(Block, Founds) -> [Found || {B, _, Found} <- Founds, B =:= Block].
+
+%% @doc Prints what has not happened in the runs of each block. `owed': there was something that has to.
+-spec missed([atom(), ...], founds()) -> owed | none.
+missed(Blocks, Founds) ->
+    Missed = [{Block, never(of_block(Block, Founds), Block)} || Block <- Blocks],
+    Lines = [
+        line(Block, Kind, maps:get(Kind, Never))
+     || {Block, Never} <- Missed, Kind <- [owed, seldom]
+    ],
+    starl_cli_terminal:out(Lines),
+    case [Block || {Block, #{owed := [_ | _]}} <- Missed] of
+        [] -> none;
+        [_ | _] -> owed
+    end.
+
+never(Founds, Block) ->
+    Counts = [C || {ok, _, _, C} <- Founds],
+    starl_lab_soak_sometimes:never(Block, length(Counts), Counts).
+
+line(_Block, _Kind, []) ->
+    [];
+line(Block, Kind, Names) ->
+    Words = lists:join(", ", [starl_lab_soak_sometimes:format(Name) || Name <- Names]),
+    Text = [atom_to_list(Block), " ", which(Kind), ": ", Words],
+    [starl_cli_terminal:wrap(Text, 4, starl_cli_terminal:columns()), "\n"].
+
+which(owed) -> "has never had, but owes";
+which(seldom) -> "has never had".
 
 %% @doc The first run of each kind of violation of a block's contracts, numbered within the
 %% block.
@@ -45,7 +73,7 @@ failing(Blocks, Founds) ->
 ways(Block, Founds) ->
     Broken = [
         {starl_monitor:shape(V), Seed, V}
-     || {B, Seed, {ok, [V | _], _}} <- Founds, B =:= Block
+     || {B, Seed, {ok, [V | _], _, _}} <- Founds, B =:= Block
     ],
     First = lists:ukeysort(1, Broken),
     [

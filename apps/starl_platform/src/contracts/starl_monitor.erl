@@ -77,11 +77,15 @@
 %% The machines whose contract the monitor stands for, with all events that these machines trace of
 %% their own, the events that it does not judge included; without this callback, none.
 -callback vocabulary() -> starl_event:vocabulary().
+%% What its results count as `sometimes', a map of names and numbers, beside the events of its
+%% vocabulary: situations, and excuses that it has used; each of these and of the events
+%% (`{Machine, Tag}') that is `seldom'. A soak of many runs owes the others.
+-callback sometimes() -> [{Name :: atom() | {atom(), atom()}, owed | seldom}].
 %% The part of the state that decides on later violations while no time passes: two states that are
 %% equal in it judge alike. For the exhaustive checker; figures and times are left out.
 -callback timeless(state()) -> term().
 -optional_callbacks([
-    interests/0, interests/1, context/2, broken/2, vocabulary/0, timeless/1
+    interests/0, interests/1, context/2, broken/2, vocabulary/0, sometimes/0, timeless/1
 ]).
 
 -record(runner, {

@@ -16,7 +16,7 @@
 -module(starl_motion_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, sometimes/0]).
 
 -record(state, {
     profiles :: starl_chassis:profiles(),
@@ -61,6 +61,11 @@ interests() -> [motion, chassis, robot].
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() ->
     #{motion => [{velocity, 2}, {velocity_over, 1}, {goal, 2}, {line, 1}, {goal_over, 1}]}.
+
+%% @doc Goals that were reached, and what was excused: a robot that was not near its line any more, or
+%% late, because its position may have been wrong; a robot that a fault held up.
+-spec sometimes() -> [{atom(), owed | seldom}].
+sometimes() -> [{arrived, owed}, {misplaced, owed}, {held_up, owed}].
 
 %% @doc Judges one event, and the time until it.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -157,7 +162,7 @@ violation(What, T, Robot, Details) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => non_neg_integer()}}.
 finish(EndUs, #state{goals = Goals} = State) ->
     Counts = starl_motion_monitor_goals:counts(Goals),
-    Results = Counts#{velocities => State#state.commands},
+    Results = Counts#{velocities => State#state.commands, sometimes => sometimes(Goals)},
     {Late, _} = pass(EndUs, State),
     Off = [
         violation(What, EndUs, Robot, Details)
@@ -167,3 +172,7 @@ finish(EndUs, #state{goals = Goals} = State) ->
         [] -> {ok, Results};
         Found -> {{violation, Found}, Results}
     end.
+
+sometimes(Goals) ->
+    #{arrived := Arrived} = starl_motion_monitor_goals:counts(Goals),
+    (starl_motion_monitor_goals:excused(Goals))#{arrived => Arrived}.

@@ -8,7 +8,7 @@
 %% starl_chassis:arrives_us/3}); it begins anew at the end of each fault of this robot that it meets.
 -module(starl_motion_monitor_goals).
 
--export([new/1, broken/2, happened/4, pass/2, due/1, finish/2, counts/1]).
+-export([new/1, broken/2, happened/4, pass/2, due/1, finish/2, counts/1, excused/1]).
 
 -export_type([t/0]).
 
@@ -37,7 +37,9 @@
     drives = #{} :: #{robot_id() => #drive{}},
     due = never :: integer() | never,
     goals = 0 :: non_neg_integer(),
-    arrived = 0 :: non_neg_integer()
+    arrived = 0 :: non_neg_integer(),
+    misplaced = 0 :: non_neg_integer(),
+    held_up = 0 :: non_neg_integer()
 }).
 
 -opaque t() :: #goals{}.
@@ -90,6 +92,12 @@ due(#goals{due = Due}) -> Due.
 -spec counts(t()) -> #{goals := non_neg_integer(), arrived := non_neg_integer()}.
 counts(#goals{goals = Goals, arrived = Arrived}) -> #{goals => Goals, arrived => Arrived}.
 
+%% @doc How often a robot was excused: its position may have been wrong; a fault has held it up beyond the time
+%% that it would have had.
+-spec excused(t()) -> #{misplaced := non_neg_integer(), held_up := non_neg_integer()}.
+excused(#goals{misplaced = Misplaced, held_up = Held}) ->
+    #{misplaced => Misplaced, held_up => Held}.
+
 %% @doc Time has passed: who should have arrived until then, when, and where?
 -spec pass(TimeUs :: integer(), t()) -> {[{DueUs, robot_id(), What, Details}], t()} when
     DueUs :: integer(), What :: atom(), Details :: map().
@@ -106,7 +114,8 @@ pass(T, #goals{drives = Drives, assumption = Assumption} = Goals) ->
      || {Due, Robot, _, #{since_us := Since}} = One <- Late,
         not starl_assumption:is_misplaced(Robot, Since, Due, Assumption)
     ],
-    {Found, earliest(Goals#goals{drives = Left})}.
+    Misplaced = Goals#goals.misplaced + length(Late) - length(Found),
+    {Found, earliest(Goals#goals{drives = Left, misplaced = Misplaced})}.
 
 %% @doc An event of a robot; the place where it was too far off its line before it, if it was.
 -spec happened(TimeUs :: integer(), robot_id(), Event, t()) ->
@@ -132,9 +141,11 @@ happened(T, Robot, {motion, {line, Line}}, Goals) ->
 happened(T, Robot, {motion, {velocity, _, _}}, Goals) ->
     {Found, Drive, Next} = follow(T, Robot, Goals),
     {Found, put_drive(Robot, Drive#drive{line = none}, Next)};
-happened(_T, Robot, {motion, {goal_over, Why}}, #goals{arrived = N} = Goals) ->
-    Arrived = N + length([Why || arrived <- [Why]]),
-    {[], over(Robot, Goals#goals{arrived = Arrived})};
+happened(T, Robot, {motion, {goal_over, arrived}}, #goals{arrived = N} = Goals) ->
+    Held = Goals#goals.held_up + length([x || is_late(T, drive(Robot, Goals))]),
+    {[], over(Robot, Goals#goals{arrived = N + 1, held_up = Held})};
+happened(_T, Robot, {motion, {goal_over, _Why}}, Goals) ->
+    {[], over(Robot, Goals)};
 happened(_T, Robot, {motion, Event}, Goals) when
     Event =:= crashed; Event =:= {velocity_over, restarted}
 ->
@@ -154,6 +165,12 @@ finish(EndUs, #goals{drives = Drives} = Goals) ->
         Off
      || Robot <- lists:sort(maps:keys(Drives)), Off <- element(1, follow(EndUs, Robot, Goals))
     ].
+
+is_late(T, #drive{goal = #{since_us := Since, within_us := Within}}) -> T > add(Since, Within);
+is_late(_T, _Drive) -> false.
+
+add(_Since, never) -> never;
+add(Since, Within) -> Since + Within.
 
 drive(Robot, #goals{drives = Drives}) -> maps:get(Robot, Drives, #drive{}).
 
@@ -210,7 +227,8 @@ follow(T, Robot, #goals{assumption = Assumption} = Goals) ->
                     Misplaced = starl_assumption:is_misplaced(Robot, Since, T, Assumption),
                     Off = #{at => At, distance_mm => Mm, limit_mm => radius_mm(Robot, Goals)},
                     Found = [{Robot, off_line, Off#{line => Line}} || not Misplaced],
-                    {Found, Judged#drive{line = none}, Goals}
+                    Count = Goals#goals.misplaced + length([x || Misplaced]),
+                    {Found, Judged#drive{line = none}, Goals#goals{misplaced = Count}}
             end;
         Drive ->
             {[], Drive#drive{judged_us = max(T, Drive#drive.judged_us)}, Goals}

@@ -29,7 +29,17 @@
 -module(starl_sap_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([
+    init/1,
+    context/2,
+    broken/2,
+    step/2,
+    finish/2,
+    interests/0,
+    vocabulary/0,
+    sometimes/0,
+    timeless/1
+]).
 
 -record(state, {
     bound_us :: pos_integer(),
@@ -126,6 +136,11 @@ vocabulary() ->
 -spec timeless(#state{}) -> term().
 timeless(#state{sources = Sources, running = Running} = State) ->
     {Sources, Running, State#state.forgotten, State#state.unread}.
+
+%% @doc Messages that nobody has room for, or listens to, are seldom where applications read.
+-spec sometimes() -> [{{atom(), atom()}, seldom}].
+sometimes() ->
+    [{{sap, Tag}, seldom} || Tag <- [overload, full, unclaimed_full, unheard, listener_refused]].
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->

@@ -38,6 +38,8 @@
 -callback machines(options()) -> [starl_robot_sup:machine()].
 %% The contract: the monitors that judge every run with the block.
 -callback monitors(options(), context()) -> [{module(), Config :: map()}].
+%% The monitors of the block that judge every run, with the block or without: of a service.
+-callback everywhere() -> [module()].
 %% The guarantee in one line, for lists.
 -callback contract() -> string().
 %% The module that uses the block for `exercise' and `soak'.
@@ -46,7 +48,7 @@
 -callback models() -> [model_entry()].
 -callback benchmark() -> benchmark().
 
--optional_callbacks([check/1, exercise/0, models/0, benchmark/0]).
+-optional_callbacks([check/1, everywhere/0, exercise/0, models/0, benchmark/0]).
 
 %% A model: its name, what it covers in a few words, and the model for a team.
 -type model_entry() :: {Name :: atom(), Doc :: string(), fun((team()) -> model())}.
@@ -243,7 +245,11 @@ exports(Module, Function, Arity) ->
 -spec monitors(module()) -> [module()].
 monitors(Block) ->
     {ok, Options} = starl_options:check(#{}, Block:options()),
-    [Monitor || {Monitor, _} <- Block:monitors(Options, example())].
+    Own = [Monitor || {Monitor, _} <- Block:monitors(Options, example())],
+    case exports(Block, everywhere, 0) of
+        true -> Own ++ Block:everywhere();
+        false -> Own
+    end.
 
 example() ->
     #{

@@ -4,7 +4,7 @@
 -module(starl_sap_block).
 -behaviour(starl_block).
 
--export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0]).
+-export([options/0, machines/1, monitors/2, everywhere/0, contract/0, exercise/0, models/0]).
 
 -spec options() -> [starl_options:option()].
 options() -> [].
@@ -14,6 +14,9 @@ machines(_Options) -> [].
 
 -spec monitors(starl_block:options(), starl_block:context()) -> [].
 monitors(_Options, _Context) -> [].
+
+-spec everywhere() -> [module()].
+everywhere() -> [starl_sap_monitor].
 
 -spec contract() -> string().
 contract() ->

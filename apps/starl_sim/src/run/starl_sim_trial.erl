@@ -2,7 +2,7 @@
 %% inline and with one shard, which is fast and, by contract, changes no result.
 -module(starl_sim_trial).
 
--export([run/1, run/2]).
+-export([run/1, run/2, run/3]).
 
 -export_type([verdict/0, outcome/0, reason/0]).
 
@@ -15,6 +15,7 @@
     end_us := starl_sim_queue:time(),
     events := non_neg_integer(),
     violations := [starl_monitor:violation()],
+    monitors := #{module() => starl_monitor:results()},
     lost := [starl_sim_loss_monitor:lost()]
 }.
 
@@ -32,10 +33,18 @@ run(Scenario) -> run(Scenario, fun(_Sim) -> ok end).
 %% @doc The same; calls a function with the simulation when it has started, so that it can be
 %% stopped.
 -spec run(#{app := module(), atom() => term()}, fun((starl_sim:sim()) -> term())) -> verdict().
-run(Scenario, Started) ->
+run(Scenario, Started) -> run(Scenario, Started, []).
+
+%% @doc The same, with further monitors that only look on.
+-spec run(
+    #{app := module(), atom() => term()},
+    fun((starl_sim:sim()) -> term()),
+    [{module(), Config :: map()}]
+) -> verdict().
+run(Scenario, Started, Watch) ->
     Caller = self(),
     Tag = make_ref(),
-    {Pid, Ref} = spawn_monitor(fun() -> Caller ! {Tag, play(Scenario, Started)} end),
+    {Pid, Ref} = spawn_monitor(fun() -> Caller ! {Tag, play(Scenario, Started, Watch)} end),
     receive
         {Tag, Verdict} ->
             true = erlang:demonitor(Ref, [flush]),
@@ -45,9 +54,9 @@ run(Scenario, Started) ->
     end.
 
 %% Runs in a process of its own, which a failing simulation takes along.
-play(Scenario, Started) ->
-    Watch = #{watch => [{starl_sim_loss_monitor, #{}}]},
-    case starl_sim:start(Scenario#{mode => inline, shards => 1}, Watch) of
+play(Scenario, Started, Watch) ->
+    Watched = #{watch => [{starl_sim_loss_monitor, #{}} | Watch]},
+    case starl_sim:start(Scenario#{mode => inline, shards => 1}, Watched) of
         {ok, Sim} ->
             _ = Started(Sim),
             _ = starl_sim:run(Sim),
@@ -59,7 +68,7 @@ play(Scenario, Started) ->
 outcome(_Given, _Ran, {#{violations := [], unjudged := [_ | _] = Parts}, _}) ->
     {error, {unjudged, Parts}};
 outcome(Given, Ran, {#{monitors := #{starl_sim_loss_monitor := #{lost := Lost}}} = Outcome, _}) ->
-    Known = maps:with([digest, ending, end_us, events, violations], Outcome),
+    Known = maps:with([digest, ending, end_us, events, violations, monitors], Outcome),
     %% the mode of the run is no part of the scenario
     As = maps:with([mode, shards], Given),
     {ok, Known#{lost => Lost, scenario => maps:merge(maps:without([mode, shards], Ran), As)}}.
