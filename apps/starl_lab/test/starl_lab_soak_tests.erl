@@ -100,6 +100,16 @@ failing_test() ->
         ]
     ).
 
+%% Many runs owe what has to happen sometimes, if their teams are of all sizes.
+owed_test() ->
+    Founds = [{mutex, Seed, {ok, [], 0.1, #{}}} || Seed <- lists:seq(1, 1000)],
+    Missed = fun(Runs, AreDrawn) ->
+        starl_lab_soak_report:missed([mutex], Runs, AreDrawn)
+    end,
+    ?assertEqual(owed, Missed(Founds, true)),
+    ?assertEqual(none, Missed(Founds, false)),
+    ?assertEqual(none, Missed(tl(Founds), true)).
+
 %% What a soak runs is what the printed command runs, with all that was drawn.
 scenario_test_() ->
     {timeout, ?PATIENCE_S, fun replayed/0}.

@@ -1,34 +1,28 @@
-%% What faults cost: by how much they widen a bound in time, and when they are over.
+%% What faults cost: the time in which a run converges, what monitors are told, and when they are over.
 -module(starl_sim_fault_cost_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-%% A bound is widened by what makes a robot late, to the millisecond, and by nothing else: a bound
-%% that is wider than that judges nothing.
-slack_test_() ->
-    [
-        {
-            atom_to_list(Kind),
-            ?_assertEqual(1000 * Ms, starl_sim_fault:slack_us([fault(Kind, Params)]))
-        }
-     || {Kind, Params, Ms} <- [
-            {pause, #{}, 3000},
-            {reboot, #{}, 3000},
-            {clock_freeze, #{}, 3000},
-            {clock_step, #{ms => -70}, 70},
-            {clock_offset, #{ms => 70}, 70},
-            {clock_drift, #{ppm => -500}, 2},
-            {slow, #{lag_ms => 40}, 800},
-            {kill_robot, #{}, 0},
-            {loss, #{part => 0.9}, 0},
-            {serial_split, #{lag_ms => 40}, 0}
-        ]
-    ].
-
-%% Each robot may be late after the other.
-slack_is_a_sum_test() ->
-    Faults = [fault(pause, #{}), fault(slow, #{lag_ms => 10}), fault(reboot, #{})],
-    ?assertEqual(6200000, starl_sim_fault:slack_us(Faults)),
-    ?assertEqual(0, starl_sim_fault:slack_us([])).
+%% A run has to converge so long after its last fault, and after what that makes late; all the others do not
+%% add up.
+the_last_fault_counts_test() ->
+    Deadline = fun(Faults) ->
+        {ok, Scenario} = starl_sim_scenario:check(
+            #{faults => Faults, heal => 5, converge => 10, time => 1000}, []
+        ),
+        Context = starl_sim_plan:context(?MODULE, Scenario),
+        Scene = #{app => {sequential, ?MODULE, none}},
+        #{monitors := Monitors, limit_us := Limit} = starl_sim_plan:make(
+            Scenario, Scene, Context, #{}
+        ),
+        {_, #{deadline_us := Us}} = lists:keyfind(starl_sim_progress_monitor, 1, Monitors),
+        ?assertEqual(Us, Limit),
+        Us
+    end,
+    Pause = fun(Id, From, To) -> {Id, From, To, pause, 1, #{}} end,
+    ?assertEqual(15000000, Deadline([])),
+    ?assertEqual(15000000, Deadline([Pause(a, 0, 4000), Pause(b, 500, 4900), Pause(c, 0, 5000)])),
+    ?assertEqual(19000000, Deadline([Pause(a, 0, 4000), Pause(b, 500, 9000)])),
+    ?assertEqual(17500000, Deadline([{s, 1000, 7000, clock_step, 1, #{ms => -500}}])).
 
 %% What the monitors of a run are told: a bound that no fault widens, when all faults are over, and how long a
 %% packet takes then.

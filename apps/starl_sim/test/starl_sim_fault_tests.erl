@@ -1,43 +1,6 @@
-%% How much longer than usual anything may take because of faults, and the bounds that monitors get:
-%% wider by that, and by no more.
+%% The bounds that monitors get.
 -module(starl_sim_fault_tests).
 -include_lib("eunit/include/eunit.hrl").
-
-slack(Faults) ->
-    starl_sim_fault:slack_us([{f, From, To, Kind, 1, P} || {From, To, Kind, P} <- Faults]).
-
-%% A robot that is slow is late at most once at each of SAP's retransmissions, twenty at most.
-slow_test() ->
-    ?assertEqual(20 * 50 * 1000, slack([{100, 9000, slow, #{lag_ms => 50}}])).
-
-%% One that stands still is late by that long, whatever became of it.
-standing_test_() ->
-    [
-        {atom_to_list(Kind), ?_assertEqual(900 * 1000, slack([{100, 1000, Kind, #{}}]))}
-     || Kind <- [pause, reboot, clock_freeze]
-    ].
-
-%% A clock that is wrong is late by how much it is wrong, to either side; drift by its part.
-clocks_test() ->
-    [
-        ?assertEqual(700 * 1000, slack([{100, 1000, Kind, #{ms => Ms}}]))
-     || Kind <- [clock_step, clock_offset], Ms <- [700, -700]
-    ],
-    [
-        ?assertEqual(20 * 1000, slack([{0, 2000, clock_drift, #{ppm => Ppm}}]))
-     || Ppm <- [10000, -10000]
-    ],
-    ?assertEqual(1000, slack([{0, 1, clock_drift, #{ppm => 1}}])).
-
-others_test() ->
-    ?assertEqual(0, slack([])),
-    ?assertEqual(0, slack([{0, 9000, Kind, #{}} || Kind <- [kill_robot, kill_machine, loss]])).
-
-sum_test() ->
-    ?assertEqual(
-        (20 * 50 + 900) * 1000,
-        slack([{100, 9000, slow, #{lag_ms => 50}}, {100, 1000, pause, #{}}])
-    ).
 
 %% No fault of a schedule widens a bound of the whole run: monitors excuse what it explains.
 bounds_test() ->

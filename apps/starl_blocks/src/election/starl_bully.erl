@@ -21,8 +21,9 @@ machines(Options) ->
     [{election, starl_election_bully, maps:with([answer_ms, rounds], Options)}].
 
 -spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
-monitors(#{patience_ms := Ms}, #{robots := Robots}) ->
-    [{starl_election_bully_monitor, #{robots => Robots, bound_us => 1000 * Ms + 1000000}}].
+monitors(#{patience_ms := Ms, answer_ms := Answer}, #{robots := Robots}) ->
+    Bounds = #{bound_us => 1000 * Ms + 1000000, answer_us => 1000 * Answer},
+    [{starl_election_bully_monitor, Bounds#{robots => Robots}}].
 
 -spec contract() -> string().
 contract() -> "a robot never reports two leaders for one term".

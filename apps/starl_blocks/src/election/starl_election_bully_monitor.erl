@@ -4,30 +4,40 @@
 %% of the election machine (a crash begins a new one); a leader is a robot of the team, and only
 %% that robot makes itself leader; a robot that entered elects or fails within `bound_us', unless it
 %% died or its machine crashed; later only by what its own clock, pauses and slowness explain in that
-%% time ({@link starl_assumption:delayed_us/5}). With `lossless' (default false: no packet lost, delays bounded, the
-%% patience long enough) also: no robot fails, all elect the same, and no robot above the leader was
+%% time ({@link starl_assumption:delayed_us/5}).
+%%
+%% Where no packet is lost, delays are bounded, and the patience is long enough, also: no robot fails, all elect the same, and no robot above the leader was
 %% alive from the beginning of the election until the leader was elected, unless its machine crashed
-%% in between; and the leader was alive when the election began.
+%% in between; and the leader was alive when the election began. `lossless' says where that is: in the
+%% whole run (`true'), nowhere (`false', the default), or in each election that no fault has met, nor the
+%% time before it in which a message may be under way (`{calm, Us}'; in a run it follows from the radio,
+%% `answer_us' and the patience, {@link context/2}).
 %%
 %% Events of machine `election': {@link starl_election_bully:event()}, `crashed'; of machine
 %% `robot': `died'.
 -module(starl_election_bully_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
+-export([init/1, context/2, broken/2, step/2, finish/2]).
+-export([interests/0, vocabulary/0, sometimes/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
+
+-type lossless() :: boolean() | {calm, SinceBeforeUs :: non_neg_integer()}.
 
 %% A robot's patience is one timer of its own; it enters, is told by the timer, and reports.
 -define(STEPS, 3).
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
+%% By so much the bound is longer than the patience.
+-define(MARGIN_US, 1000000).
 
 -record(state, {
     robots :: [robot_id()],
     bound_us :: pos_integer(),
-    lossless :: boolean(),
+    lossless :: lossless(),
+    faults :: starl_assumption:t(),
     %% when the election began, and every leader reported, with the robot and life that reported it
     began = #{} :: #{election() => integer()},
     reported = #{} :: #{{election(), robot_id(), Life :: non_neg_integer()} => robot_id()},
@@ -37,35 +47,62 @@
     died = #{} :: #{robot_id() => integer()},
     open = #{} :: #{{election(), robot_id()} => {EnteredUs :: integer(), DeadlineUs :: integer()}},
     assumption :: starl_assumption:t(),
-    failed = 0 :: non_neg_integer()
+    failed = 0 :: non_neg_integer(),
+    %% the results that were judged as lossless
+    lossless_results = 0 :: non_neg_integer()
 }).
 
 %% @doc `robots': the team; `bound_us': the longest time from entering to the result;
-%% `broken': the windows of broken assumptions.
+%% `broken': the windows of broken assumptions; `faults': those of all faults.
 -spec init(#{
     robots := [robot_id()],
     bound_us := pos_integer(),
+    answer_us => pos_integer(),
     broken => [starl_assumption:window()],
-    lossless => boolean()
+    faults => [starl_assumption:window()],
+    lossless => lossless()
 }) -> #state{}.
 init(#{robots := Robots, bound_us := Bound} = Config) ->
     #state{
         robots = Robots,
         bound_us = Bound,
         lossless = maps:get(lossless, Config, false),
+        faults = starl_assumption:new(maps:get(faults, Config, []), ?DRIFT_PPM),
         assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM)
     }.
 
-%% @doc The configuration with the windows of broken assumptions; the bound is longer on a computer
-%% that has other work, too.
+%% @doc The configuration with the windows of broken assumptions and of all faults; the bound is longer on a
+%% computer that has other work, too. Elections without a fault are judged as lossless where the radio
+%% loses nothing, an answer comes in time, and the patience outlasts the highest robot's wait for answers
+%% and its announcement. The network of a live run may lose anything.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{broken := Broken, slack_us := Slack}, #{bound_us := Bound} = Config) ->
-    maps:merge(#{broken => Broken}, Config#{bound_us := Bound + Slack}).
+context(#{broken := Broken, slack_us := Slack} = Known, #{bound_us := Bound} = Config) ->
+    maps:merge(
+        #{
+            broken => Broken,
+            lossless => lossless(Known, Config),
+            faults => maps:get(faults, Known, [])
+        },
+        Config#{bound_us := Bound + Slack}
+    ).
+
+lossless(
+    #{loss := Loss, delay_us := Delay, sap := Sap, slack_us := 0},
+    #{answer_us := Answer, bound_us := Bound}
+) when
+    Loss == 0, 2 * Delay * 102 =< 100 * Answer, 2 * Answer =< Bound - ?MARGIN_US
+->
+    {calm, starl_sap:bound_us(Sap)};
+lossless(_Known, _Config) ->
+    false.
 
 %% @doc The window excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
 broken(Window, #state{assumption = Assumption, open = Open} = State) ->
-    Told = State#state{assumption = starl_assumption:broken(Window, Assumption)},
+    Told = State#state{
+        assumption = starl_assumption:broken(Window, Assumption),
+        faults = starl_assumption:broken(Window, State#state.faults)
+    },
     Told#state{
         open = maps:map(fun({_, Robot}, {T, _}) -> {T, deadline(T, Robot, Told)} end, Open)
     }.
@@ -80,6 +117,10 @@ interests() -> [election, robot].
 %% @doc {@link starl_election_bully:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() -> #{election => [{entered, 1}, {elected, 3}, {failed, 2}]}.
+
+%% @doc Results of elections in which nothing is lost.
+-spec sometimes() -> [{atom(), owed}].
+sometimes() -> [{lossless, owed}].
 
 %% @doc The leaders reported, in which lives, and the robots without a result.
 -spec timeless(#state{}) -> term().
@@ -109,6 +150,7 @@ finish(EndTimeUs, State) ->
         elections => map_size(Began),
         elected => map_size(Reported),
         failed => Failed,
+        sometimes => #{lossless => State#state.lossless_results},
         leaders => [
             {E, lists:usort([L || {{Of, _, _}, L} <- maps:to_list(Reported), Of =:= E])}
          || E <- lists:sort(maps:keys(Began))
@@ -130,13 +172,18 @@ judge({election, {elected, Election, Leader, How}}, T, Robot, State0) ->
     Broken =
         two_leaders(Term, Leader, T, State) ++ unfit(Election, Leader, How, T, Robot, State) ++
             lossless(Election, Leader, T, Robot, State),
+    Judged = length([x || is_lossless(Election, T, State)]),
     {Broken, State#state{
+        lossless_results = State#state.lossless_results + Judged,
         reported = maps:merge(#{Term => Leader}, State#state.reported),
         leaders = maps:merge(#{Election => Leader}, State#state.leaders),
         open = maps:remove({Election, Robot}, State#state.open)
     }};
 judge({election, {failed, Election, _Reason}}, T, Robot, #state{failed = Failed} = State) ->
-    Broken = [violation(failed_without_loss, T, [Robot], Election) || State#state.lossless],
+    Broken = [
+        violation(failed_without_loss, T, [Robot], Election)
+     || is_lossless(Election, T, State)
+    ],
     Open = maps:remove({Election, Robot}, State#state.open),
     {Broken, State#state{failed = Failed + 1, open = Open}};
 judge({election, crashed}, T, Robot, #state{crashed = Crashed, lives = Lives} = State) ->
@@ -172,9 +219,18 @@ unfit(Election, Leader, How, T, Robot, #state{robots = Robots}) ->
     [violation(not_a_robot, T, [Robot], Election) || not lists:member(Leader, Robots)] ++
         [violation(not_itself, T, [Robot], Election) || How =:= highest, Leader =/= Robot].
 
-lossless(_Election, _Leader, _T, _Robot, #state{lossless = false}) ->
-    [];
+is_lossless(_Election, _T, #state{lossless = Always}) when is_boolean(Always) ->
+    Always;
+is_lossless(Election, T, #state{lossless = {calm, Us}, began = Began, faults = Faults}) ->
+    starl_assumption:is_kept(maps:get(Election, Began, T) - Us, T, Faults).
+
 lossless(Election, Leader, T, Robot, State) ->
+    case is_lossless(Election, T, State) of
+        true -> agreed(Election, Leader, T, Robot, State);
+        false -> []
+    end.
+
+agreed(Election, Leader, T, Robot, State) ->
     Began = maps:get(Election, State#state.began),
     Higher = [
         Other

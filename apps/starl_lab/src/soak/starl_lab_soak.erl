@@ -24,6 +24,8 @@
     blocks := [atom(), ...],
     runs := [run(), ...],
     jobs := pos_integer(),
+    %% are teams of all sizes drawn?
+    drawn := boolean(),
     shrink := non_neg_integer()
 }.
 
@@ -65,7 +67,7 @@ about(_Subject) ->
         "promises. The monitors of all contracts judge. For each way in which a contract is "
         "violated it prints the commands that replay and shrink the first run, and shrinks it. What "
         "has happened in no run is told: events of the block, and situations that its contract "
-        "names; 1,000 runs owe all that are not declared to be seldom.",
+        "names; 1,000 runs of teams of all sizes owe all that are not declared to be seldom.",
         [
             "Blocks: ",
             lists:join(", ", [atom_to_list(Block) || Block <- targets() ++ [all]]),
@@ -117,6 +119,7 @@ subject(File, Args) ->
 plan(Blocks, #{seeds := Count, from := From, robots := Robots} = Values) ->
     (maps:with([jobs, shrink], Values))#{
         blocks => Blocks,
+        drawn => Robots =:= none,
         runs => [
             {Block, Seed, checked(scenario(Block, Robots, Seed))}
          || Block <- Blocks, Seed <- lists:seq(From, From + Count - 1)
@@ -136,7 +139,7 @@ soak(#{runs := Runs, jobs := Jobs} = Plan, Own) ->
     end.
 
 -spec soaked(plan(), own() | none) -> starl_cli_terminal:status().
-soaked(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}, Own) ->
+soaked(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink} = Plan, Own) ->
     ok = starl_cli_log:install(),
     {How, Founds} = starl_lab_jobs:run(
         Runs,
@@ -152,7 +155,7 @@ soaked(#{blocks := Blocks, runs := Runs, jobs := Most, shrink := Shrink}, Own) -
     starl_cli_signal:on_interrupt(quit),
     Sorted = lists:sort(Founds),
     starl_lab_soak_report:tell(Blocks, Sorted),
-    Owed = starl_lab_soak_report:missed(Blocks, Sorted),
+    Owed = starl_lab_soak_report:missed(Blocks, Sorted, maps:get(drawn, Plan)),
     Failing = starl_lab_soak_report:failing(Blocks, Sorted),
     Scenarios = maps:from_list([{{Block, Seed}, Scenario} || {Block, Seed, Scenario} <- Runs]),
     _ = [

@@ -1,7 +1,7 @@
 %% @doc The results of a soak: a table, and the first run of each kind of violation.
 -module(starl_lab_soak_report).
 
--export([tell/2, missed/2, failing/2]).
+-export([tell/2, missed/3, failing/2]).
 
 -type founds() :: [{Block :: atom(), Seed :: non_neg_integer(), starl_lab_soak:found()}].
 
@@ -36,10 +36,11 @@ row(Block, Founds) ->
 
 of_block(Block, Founds) -> [Found || {B, _, Found} <- Founds, B =:= Block].
 
-%% @doc Prints what has not happened in the runs of each block. `owed': there was something that has to.
--spec missed([atom(), ...], founds()) -> owed | none.
-missed(Blocks, Founds) ->
-    Missed = [{Block, never(of_block(Block, Founds), Block)} || Block <- Blocks],
+%% @doc Prints what has not happened in the runs of each block. `owed': there was something that has to. Runs of teams of one size
+%% only owe nothing.
+-spec missed([atom(), ...], founds(), AreDrawn :: boolean()) -> owed | none.
+missed(Blocks, Founds, AreDrawn) ->
+    Missed = [{Block, never(of_block(Block, Founds), Block, AreDrawn)} || Block <- Blocks],
     Lines = [
         line(Block, Kind, maps:get(Kind, Never))
      || {Block, Never} <- Missed, Kind <- [owed, seldom]
@@ -50,9 +51,10 @@ missed(Blocks, Founds) ->
         [_ | _] -> owed
     end.
 
-never(Founds, Block) ->
+never(Founds, Block, AreDrawn) ->
     Counts = [C || {ok, _, _, C} <- Founds],
-    starl_lab_soak_sometimes:never(Block, length(Counts), Counts).
+    Runs = length([x || AreDrawn, _ <- Counts]),
+    starl_lab_soak_sometimes:never(Block, Runs, Counts).
 
 line(_Block, _Kind, []) ->
     [];

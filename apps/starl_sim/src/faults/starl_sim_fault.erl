@@ -7,7 +7,7 @@
 -module(starl_sim_fault).
 
 -export([kinds/0, classes/0, kinds_of/1, check/1, targets/1, format_problem/1]).
--export([compile/1, strikes/1, holding/2, hits/2, slack_us/1, healed_us/1]).
+-export([compile/1, strikes/1, holding/2, hits/2, healed_us/1]).
 -export([class/1]).
 
 -export_type([t/0, kind/0, class/0, target/0, compiled/0, problem/0, spec/0]).
@@ -346,29 +346,6 @@ hits(Robot, {_, _, _, _, Robot, _}) -> true;
 hits(Robot, {_, _, _, _, {A, B}, _}) -> Robot =:= A orelse Robot =:= B;
 hits(Robot, {_, _, _, _, Group, _}) when is_list(Group) -> lists:member(Robot, Group);
 hits(_, _) -> false.
-
-%% @doc The largest delay that these clock and process faults cause, in microseconds: bounds in time
-%% must be widened by it.
--spec slack_us([t()]) -> non_neg_integer().
-slack_us(Faults) -> round(1000 * lists:sum([slack_ms(Fault) || Fault <- Faults])).
-
-slack_ms({_, From, To, Kind, _, _}) when
-    Kind =:= clock_freeze;
-    Kind =:= pause;
-    Kind =:= stand_still;
-    Kind =:= reboot;
-    Kind =:= store_lost
-->
-    To - From;
-slack_ms({_, _, _, Kind, _, #{ms := Ms}}) when Kind =:= clock_offset; Kind =:= clock_step ->
-    abs(Ms);
-slack_ms({_, From, To, clock_drift, _, #{ppm := Ppm}}) ->
-    ceil((To - From) * abs(Ppm) / 1000000);
-slack_ms({_, _, _, slow, _, #{lag_ms := Ms}}) ->
-    %% once at every retransmission
-    20 * Ms;
-slack_ms(_) ->
-    0.
 
 %% @doc The time from which on no fault acts any more, in microseconds: the last delayed packets
 %% have arrived. A dead robot stays dead.

@@ -240,8 +240,10 @@ progress(#{converge := none}, _Ids) ->
 progress(Scenario, Ids) ->
     [{starl_sim_progress_monitor, #{robots => Ids, deadline_us => deadline_us(Scenario)}}].
 
+%% Counted from the end of the last fault, and of what it makes late.
 deadline_us(#{heal := Heal, converge := Converge, faults := Faults}) ->
-    micros(Heal) + micros(Converge) + starl_sim_fault:slack_us(Faults).
+    Windows = starl_sim_assumption:faults(Faults) ++ starl_sim_assumption:bodies(Faults, false),
+    lists:max([micros(Heal) | [To || {_, _, To, _} <- Windows]]) + micros(Converge).
 
 %% A run that has to converge ends at that deadline.
 limit_us(#{converge := none, time := Time}) -> micros(Time);
