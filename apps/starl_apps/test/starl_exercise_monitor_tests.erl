@@ -60,6 +60,30 @@ judged_test() ->
     ?assertEqual(2, Judged(Sent ++ call({send, 3}, 112, ok, 113))),
     ?assertEqual(0, Judged([{9, 2, robot, {died, killed}} | Sent])).
 
+%% A robot that is cut off for ever is promised nothing, and the others what they are when it has died.
+quiet_core_test() ->
+    Rest = #{rest => [2]},
+    ?assertEqual([not_as_promised], judge(call({send, 3}, 110, {error, lost}, 111), Rest)),
+    ?assertEqual([no_answer], judge([{110, 1, app, {call, {send, 3}, none}}], Rest)),
+    ?assertEqual([], judge(call({send, 2}, 110, {error, lost}, 111), Rest)),
+    ?assertEqual([not_as_promised], judge(call({send, 2}, 110, {error, lost}, 111))),
+    [Asks, _] = call({send, 3}, 110, {error, lost}, 111),
+    ?assertEqual([], judge([setelement(2, Asks, 2)], Rest)),
+    %% the time of the heal is the core's
+    Known = #{
+        broken => [],
+        healed_us => 7200 * ?S,
+        core => #{rest => [2], healed_us => 100 * ?S},
+        slack_us => 0,
+        delay_us => 0
+    },
+    ?assertMatch(
+        #{rest := [2], healed_us := 100000000},
+        starl_exercise_monitor:context(Known, #{
+            bound_us => 1, within_us => 1, margin_us => 1, robots => [1, 2, 3]
+        })
+    ).
+
 %% What is told of a call: when it ended, whose it was, since when, and how it came out.
 told_test() ->
     Config = #{

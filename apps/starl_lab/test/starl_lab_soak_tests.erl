@@ -122,14 +122,23 @@ replayed() ->
             {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
             {ok, Target} = starl_cli_target:resolve(Name),
             Replay = unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario)),
-            Words = string:lexemes(lists:flatten(Replay), " "),
-            ["./starl", "run" | Args] = [string:trim(W, both, "'") || W <- Words],
+            ["./starl", "run" | Args] = words(lists:flatten(Replay)),
             {ok, Call} = starl_cli_dispatch:read(starl_cli_run, Args),
             {ok, #{scenario := Again}} = starl_cli_setup:check(Call),
             ?assertEqual({Block, Seed, Scenario}, {Block, Seed, Again})
         end
      || Block <- starl_lab_soak:targets(), {Robots, Seed} <- [{6, 1}, {none, 2}, {none, 3}]
     ].
+
+%% As a shell reads it; a word in quotes has spaces.
+words(Line) ->
+    lists:append([
+        case N rem 2 of
+            0 -> [Part];
+            1 -> string:lexemes(Part, " ")
+        end
+     || {N, Part} <- lists:enumerate(string:split(Line, "'", all))
+    ]).
 
 %% Teams of all sizes are drawn, faults that outlast leases, leases of several lengths, holds longer
 %% than a lease, clocks near the bound of their drift; the same for the same seed.
@@ -162,6 +171,26 @@ drawn() ->
         Hold > Lease
     ],
     ?assert(length(Longer) > 50).
+
+%% In a share of the runs a minority stays for ever so that it hears nothing, is not heard, or is slow.
+quiet_cores_test() ->
+    Quiet = [
+        {Robots, Faults}
+     || Seed <- lists:seq(1, 300),
+        #{robots := Robots, faults := [_ | _] = Faults} <-
+            [starl_lab_soak:scenario(sap, none, Seed)]
+    ],
+    ?assert(length(Quiet) > 30 andalso length(Quiet) < 90),
+    Kinds = [element(1, hd(Faults)) || {_, Faults} <- Quiet],
+    ?assertEqual([deaf, mute, slow_1], lists:usort(Kinds)),
+    [
+        begin
+            Team = lists:seq(1, Robots),
+            {Rest, []} = starl_sim_assumption:core(Faults, Team, 7200000000),
+            ?assert(Rest =/= [] andalso 2 * length(Rest) < Robots)
+        end
+     || {Robots, Faults} <- Quiet
+    ].
 
 %% Where clocks are near the bound no fault lets one drift further.
 drift_within_its_bound_test() ->

@@ -24,6 +24,34 @@ the_last_fault_counts_test() ->
     ?assertEqual(19000000, Deadline([Pause(a, 0, 4000), Pause(b, 500, 9000)])),
     ?assertEqual(17500000, Deadline([{s, 1000, 7000, clock_step, 1, #{ms => -500}}])).
 
+%% A majority that heals is held to its time though the others are cut off until the end.
+a_quiet_core_converges_test() ->
+    Mute = fun(Group) -> {mute, 5000, 1000000, one_way_partition, Group, #{}} end,
+    Judged = fun(Robots, Faults) ->
+        {ok, Scenario} = starl_sim_scenario:check(
+            #{robots => Robots, faults => Faults, heal => 5, converge => 10, time => 1000}, []
+        ),
+        Context = starl_sim_plan:context(?MODULE, Scenario),
+        Scene = #{
+            app => {sequential, ?MODULE, none}, monitors => [{starl_sim_told_monitor, #{}}]
+        },
+        #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
+        {_, #{robots := Core, deadline_us := Us}} =
+            lists:keyfind(starl_sim_progress_monitor, 1, Monitors),
+        {_, #{core := Told}} = lists:keyfind(starl_sim_told_monitor, 1, Monitors),
+        {Core, Us, Told}
+    end,
+    Pause = {p, 1000, 4000, pause, 1, #{}},
+    Core = #{rest => [3], healed_us => 4000000},
+    ?assertEqual({[1, 2], 15000000, Core}, Judged(3, [Pause, Mute([3])])),
+    %% it hears nothing
+    ?assertEqual({[1, 2], 15000000, Core}, Judged(3, [Pause, Mute([1, 2])])),
+    Slow = {slow, 5000, 1000000, slow, 3, #{lag_ms => 200}},
+    ?assertEqual({[1, 2], 15000000, Core}, Judged(3, [Pause, Slow])),
+    %% half of a team is no core
+    NoCore = #{rest => [], healed_us => 1000000000},
+    ?assertEqual({[1, 2], 1010000000, NoCore}, Judged(2, [Pause, Mute([2])])).
+
 %% What the monitors of a run are told: a bound that no fault widens, when all faults are over, and how long a
 %% packet takes then.
 monitors_are_told_test() ->

@@ -5,6 +5,10 @@
 %% within `within_us' after the latest of three times: the call, the heal, and the arrival of the
 %% last robot that the call waits for.
 %%
+%% In a team with a core, a majority for which all faults end while others stay cut off, mute or slow for
+%% ever (`rest'), the core is promised what it is promised when those others have died, and they are
+%% promised nothing.
+%%
 %% A call whose patience ends earlier may fail. Independent of promises and faults, every call with
 %% a patience ends within the patience plus `bound_us', counted from the call, and within the
 %% patience plus `margin_us', counted from the heal. The first of these may be later by what the
@@ -33,6 +37,7 @@
     use :: starl_block_exercise:use() | none,
     open = #{} :: #{robot_id() => starl_promise:call()},
     died = [] :: [robot_id()],
+    rest :: [robot_id()],
     %% the memory of the exercise, and its update by an event
     seen :: term(),
     noted :: fun((starl_monitor:trace_event(), Seen :: term()) -> term()) | none,
@@ -55,6 +60,7 @@
     exercise := module(),
     robots := [robot_id()],
     healed_us => us() | never,
+    rest => [robot_id()],
     within_us := us(),
     margin_us := us(),
     bound_us := us(),
@@ -68,6 +74,7 @@ init(#{exercise := Exercise, robots := Robots} = Config) ->
         exercise = Exercise,
         robots = Robots,
         healed = maps:get(healed_us, Config, never),
+        rest = maps:get(rest, Config, []),
         within = Within,
         margin = Margin,
         bound = Bound,
@@ -85,7 +92,8 @@ init(#{exercise := Exercise, robots := Robots} = Config) ->
 %% SAP may give a message up for good, nothing is promised.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{slack_us := Slack} = Known, #{bound_us := Bound} = Config) ->
-    Told = maps:merge(maps:with([healed_us, broken], Known), Config#{bound_us := Bound + Slack}),
+    Core = maps:merge(maps:with([healed_us, broken], Known), maps:get(core, Known, #{})),
+    Told = maps:merge(Core, Config#{bound_us := Bound + Slack}),
     case reach(Known, Config) of
         never -> Told#{healed_us => never};
         Reach -> longer(Reach, Told)
@@ -178,7 +186,8 @@ dropped(Robot, #state{open = Open} = State) -> State#state{open = maps:remove(Ro
 
 %% -- the judgement --------------------------------------------------------------------------
 
-ended(T, #{since_us := Since} = Call, Outcome, #state{healed = Healed} = State) ->
+ended(T, #{since_us := Since, robot := Robot} = Call, Outcome, State) ->
+    Healed = healed(Robot, State),
     case promise(Call, State) of
         none ->
             overdue(T, Call, State);
@@ -206,9 +215,10 @@ overdue(T, Call, State) ->
 %% The end by the drifting clock of the robot. An atom is greater than every number, so that without
 %% a heal nothing is judged after it.
 ends(#{patience_ms := none} = Call, State) ->
-    starl_promise:due_us(Call, team(State));
+    starl_promise:due_us(Call, team(Call, State));
 ends(#{patience_ms := Ms, since_us := Since, robot := Robot}, State) ->
-    #state{margin = Margin, bound = Bound, healed = Healed, assumption = Assumption} = State,
+    #state{margin = Margin, bound = Bound, assumption = Assumption} = State,
+    Healed = healed(Robot, State),
     Due = Since + Ms * 1020 + Bound,
     min(
         starl_assumption:delayed_us(Robot, Since, Due, ?STEPS, Assumption),
@@ -219,10 +229,22 @@ add(never, _Us) -> never;
 add(Time, Us) -> Time + Us.
 
 promise(Call, #state{exercise = Exercise, seen = Seen} = State) ->
-    starl_block_exercise:promise(Exercise, Call, team(State), Seen).
+    starl_block_exercise:promise(Exercise, Call, team(Call, State), Seen).
 
-team(#state{robots = Robots, died = Died, healed = Healed, within = Within} = State) ->
-    Team = #{robots => Robots, died => Died, healed_us => Healed, within_us => Within},
+healed(Robot, #state{rest = Rest, healed = Healed}) ->
+    case lists:member(Robot, Rest) of
+        true -> never;
+        false -> Healed
+    end.
+
+team(#{robot := Robot}, #state{robots = Robots, died = Died, rest = Rest} = State) ->
+    Whole = #{
+        robots => Robots,
+        died => lists:usort(Rest ++ Died),
+        healed_us => healed(Robot, State),
+        within_us => State#state.within
+    },
+    Team = maps:merge(Whole, maps:from_list([{rest, Rest} || Rest =/= []])),
     case State of
         #state{use = none} -> Team;
         #state{use = Use, reach = Reach} -> Team#{use => Use, reach_us => Reach}

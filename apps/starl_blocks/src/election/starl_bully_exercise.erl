@@ -38,6 +38,9 @@ promise(#{what := {elect, Election}} = Call, Team, First) ->
 promise(_Call, _Team, _First) ->
     none.
 
+%% Of the robots that are cut off, a higher one may be heard.
+leader(_T, #{rest := [_ | _]}) ->
+    fun starl_promise:is_some/1;
 leader(T, #{healed_us := Healed, robots := Robots, died := Died} = Team) when
     is_integer(T), is_integer(Healed), T >= Healed + ?SETTLED_US
 ->

@@ -110,9 +110,12 @@ forgotten(Robot, {Written, Admitted}) ->
 -spec promise(starl_promise:call(), starl_promise:team(), seen()) -> starl_promise:t().
 promise(#{what := {learn, Name}} = Call, #{within_us := Within} = Team, {Written, Admitted}) ->
     case Written of
-        #{Name := {_, T}} ->
+        #{Name := {Writer, T}} ->
             Due = max(max(T, Admitted) + Within, starl_promise:due_us(Call, Team)),
-            {Due, fun starl_promise:is_ok/1};
+            case starl_promise:has_died([Writer], Team) of
+                true -> none;
+                false -> {Due, fun starl_promise:is_ok/1}
+            end;
         #{} ->
             none
     end;

@@ -30,6 +30,12 @@
 -define(LOSSES, [0.0, 0.01, 0.05, 0.1, 0.2, 0.4]).
 -define(DUPLICATES, [0.0, 0.0, 0.2]).
 -define(DELAYS, [{5, 20}, {5, 20}, {20, 200}, {1, 1000}]).
+%% The part of the runs in which only a core of the team heals, of two robots or more; how slow the others
+%% are then, ms, and the names of these faults.
+-define(QUIET, 0.2).
+-define(LEAST_CORE, 2).
+-define(LAG_MS, 200).
+-define(SLOW, [slow_1, slow_2, slow_3, slow_4]).
 %% The delays of drive commands, ms.
 -define(LATENCIES, [{0, 0}, {0, 8}, {0, 20}, {10, 50}]).
 %% The faults of positions, bodies and stores that path planning tolerates. It assumes positions
@@ -54,10 +60,12 @@ scenario(dpp, Robots, Seed) ->
 scenario(Block, Robots, Seed) ->
     Figures = maps:merge(clocks(Block, Seed), figures(Block, Seed)),
     Drawn = maps:merge(maps:merge(Figures, radio(Block, Seed)), bodies(Block, Seed)),
+    N = robots(Robots, Block, Seed),
     maps:merge(Drawn, #{
         app => starl_exercise,
         block => Block,
-        robots => robots(Robots, Block, Seed),
+        robots => N,
+        faults => quiet(N, Block, Seed),
         seed => Seed,
         heal => ?HEAL_S,
         longest_fault => longest(?HEAL_S, Block, Seed),
@@ -65,6 +73,34 @@ scenario(Block, Robots, Seed) ->
         converge => ?CONVERGE_S,
         time => ?TIME_S
     }).
+
+%% In some runs a majority heals, and the others stay for ever so that they hear nothing, are not heard,
+%% or are slow.
+quiet(N, Block, Seed) when N >= ?LEAST_CORE + 1 ->
+    Key = fun(Of) -> {Seed, Block, quiet, Of} end,
+    case starl_sim_draw:uniform(Key(share)) < ?QUIET of
+        false ->
+            [];
+        true ->
+            Most = min(length(?SLOW), (N - 1) div 2),
+            First = starl_sim_draw:between(Key(first), 1, N),
+            Count = starl_sim_draw:between(Key(count), 1, Most),
+            Rest = lists:sort([1 + (First + I) rem N || I <- lists:seq(1, Count)]),
+            endless(one_of([deaf, mute, slow], Key(kind)), Rest, lists:seq(1, N) -- Rest)
+    end;
+quiet(_N, _Block, _Seed) ->
+    [].
+
+endless(deaf, _Rest, Core) ->
+    [endless(deaf, one_way_partition, Core, #{})];
+endless(mute, Rest, _Core) ->
+    [endless(mute, one_way_partition, Rest, #{})];
+endless(slow, Rest, _Core) ->
+    Names = lists:sublist(?SLOW, length(Rest)),
+    [endless(Name, slow, Robot, #{lag_ms => ?LAG_MS}) || {Name, Robot} <- lists:zip(Names, Rest)].
+
+endless(Name, Kind, Target, Params) ->
+    {Name, 1000 * ?HEAL_S, 1000 * ?TIME_S, Kind, Target, Params}.
 
 bodies(motion, Seed) ->
     #{

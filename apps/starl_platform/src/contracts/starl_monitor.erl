@@ -46,7 +46,8 @@
 -type results() :: #{atom() => term()}.
 %% The facts of a run beside its events: the windows in which faults break assumptions, those of
 %% all faults that may cost a team time, and those that may cost a robot's drive time (`fault') or lead
-%% it off its line (`position'); the time at which all faults are over; the longest delay of a
+%% it off its line (`position'); the time at which all faults are over; the
+%% robots beside the core of the team, for which some never are, and that time for the core; the longest delay of a
 %% packet, the part of the packets that is lost, and the configuration of SAP; and the time by which
 %% every bound is longer on a computer that has other work, too. Of real robots nothing is known.
 -type known() :: #{
@@ -56,6 +57,7 @@
     loss := number(),
     sap := map(),
     healed_us := integer() | never,
+    core := #{rest := [robot_id()], healed_us := integer() | never},
     delay_us := non_neg_integer(),
     slack_us := non_neg_integer()
 }.

@@ -26,6 +26,7 @@
         faults => [],
         bodies => [],
         healed_us => Healed,
+        core => #{rest => [], healed_us => Healed},
         delay_us => 1000,
         loss => 0.0,
         sap => #{},

@@ -20,13 +20,15 @@
 
 %% The robots, those that have died, the end of all faults (`never': there are always some), and the
 %% time within which a promise comes true; the time in which a message reaches a robot (by default
-%% at once), and the values of the exercise.
+%% at once), and the values of the exercise. `rest': robots for which faults never end; they count among
+%% those that have died, but may still say something.
 -type team() :: #{
     robots := [starl_monitor:robot_id()],
     died := [starl_monitor:robot_id()],
     healed_us := us() | never,
     within_us := us(),
     reach_us => us(),
+    rest => [starl_monitor:robot_id(), ...],
     use => starl_block_exercise:use()
 }.
 

@@ -3,7 +3,7 @@
 %% must hold under all other faults.
 -module(starl_sim_assumption).
 
--export([broken/2, faults/1, bodies/2]).
+-export([broken/2, faults/1, bodies/2, core/3]).
 
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
@@ -56,6 +56,34 @@ faults(Faults) ->
         {_, From, To, _, _, Params} <- [starl_sim_fault:compile(Fault)],
         Kind =/= clock_drift orelse abs(maps:get(ppm, Params)) > ?DRIFT_PPM
     ]).
+
+%% @doc The core of a team, a majority for which all faults have an end, though some last until the end
+%% of the run: the robots beside it (the smaller part, where a fault separates two), and the faults that
+%% have an end. Without a majority there is no core.
+-spec core([starl_sim_fault:t()], [starl:robot_id()], EndUs :: integer()) ->
+    {Rest :: [starl:robot_id()], [starl_sim_fault:t()]}.
+core(Faults, Team, EndUs) ->
+    {Endless, Ending} = lists:partition(
+        fun({_, _, To, Kind, _, _}) -> Kind =/= kill_robot andalso 1000 * To >= EndUs end, Faults
+    ),
+    Rest = lists:usort(lists:append([beside(Fault, Team) || Fault <- Endless])),
+    case 2 * length(Rest) < length(Team) of
+        true -> {Rest, Ending};
+        false -> {[], Faults}
+    end.
+
+beside({_, _, _, Kind, Group, _}, Team) when
+    Kind =:= partition; Kind =:= one_way_partition
+->
+    case 2 * length(Group) < length(Team) of
+        true -> Group;
+        false -> Team -- Group
+    end;
+beside(Fault, Team) ->
+    case starl_sim_fault:targets(Fault) of
+        [] -> Team;
+        Robots -> Robots
+    end.
 
 %% @doc The windows of the faults that may cost a robot's drive time, or lead it off its line: positions
 %% that are wrong by more than their bound (a picture that freezes is found out unless positions are

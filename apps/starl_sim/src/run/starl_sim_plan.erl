@@ -204,6 +204,7 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, SlackUs) ->
         faults => out_of_range(Scenario) ++ starl_sim_assumption:faults(Faults),
         bodies => starl_sim_assumption:bodies(Faults, is_exact(Profiles)),
         healed_us => healed_us(Scenario),
+        core => core(Scenario, Ids),
         loss => maps:get(loss, Scenario),
         sap => Sap,
         delay_us => round(1000 * MaxMs)
@@ -238,10 +239,22 @@ healed_us(_Scenario) ->
 progress(#{converge := none}, _Ids) ->
     [];
 progress(Scenario, Ids) ->
-    [{starl_sim_progress_monitor, #{robots => Ids, deadline_us => deadline_us(Scenario)}}].
+    #{rest := Rest} = core(Scenario, Ids),
+    [
+        {starl_sim_progress_monitor, #{
+            robots => Ids -- Rest, deadline_us => deadline_us(Scenario)
+        }}
+    ].
+
+%% Faults that last until the end of the run leave a core that heals.
+core(#{faults := Faults, time := Time} = Scenario, Ids) ->
+    {Rest, Ending} = starl_sim_assumption:core(Faults, Ids, micros(Time)),
+    #{rest => Rest, healed_us => healed_us(Scenario#{faults := Ending})}.
 
 %% Counted from the end of the last fault, and of what it makes late.
-deadline_us(#{heal := Heal, converge := Converge, faults := Faults}) ->
+deadline_us(#{heal := Heal, converge := Converge, robots := N, time := Time} = Scenario) ->
+    #{faults := All} = Scenario,
+    {_Rest, Faults} = starl_sim_assumption:core(All, lists:seq(1, N), micros(Time)),
     Windows = starl_sim_assumption:faults(Faults) ++ starl_sim_assumption:bodies(Faults, false),
     lists:max([micros(Heal) | [To || {_, _, To, _} <- Windows]]) + micros(Converge).
 
