@@ -56,6 +56,15 @@ brakes_test() ->
         judge([velocity(0), drives(0), Brakes(260000)], Profile)
     ).
 
+%% Where the robot stands still in the middle of the step, the command leaves later, by half a second at most.
+stands_still_before_it_leaves_test() ->
+    Judge = fun(From, To) ->
+        Still = #{bodies => [{1, From, To, fault}]},
+        judge([velocity(1000000), drives(1400000)], differential(), Still)
+    end,
+    ?assertEqual([{drives_beyond_its_time, 2505000}], Judge(900000, 1400000)),
+    ?assertEqual([{drives_beyond_its_time, 2005000}], Judge(1500000, 1900000)).
+
 %% A robot that drives to a goal three metres off is on its line, or at most r(v) off it.
 near_its_line_test() ->
     Mm = starl_chassis:tracking_radius(differential()),

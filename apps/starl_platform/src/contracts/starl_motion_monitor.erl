@@ -8,8 +8,9 @@
 %% otherwise from that moment on.
 %%
 %% A command takes at most `latency_ms' to the chassis, and a chassis that brakes comes to rest a
-%% little later ({@link starl_chassis:rests_s/1}); the bound is later by these two. It needs no excuse:
-%% the chassis carries out the script, with its end, by itself.
+%% little later ({@link starl_chassis:rests_s/1}); the bound is later by these two. The chassis carries out
+%% the script, with its end, by itself; but a robot that has a fault when it gives the command may stand
+%% still before the command leaves, and what is no later than `HEARD_US' is begun.
 %%
 %% Events: of machine `motion', {@link starl_motion:event()}, `crashed'; of machine `chassis', `motion';
 %% of machine `robot', `down' and `died'.
@@ -32,6 +33,9 @@
 -type driving() :: {UntilUs :: integer(), piece(), {ToldUs :: integer(), UntilUs :: integer()}}.
 
 -type piece() :: starl_trajectory:piece() | unknown.
+
+%% A command is heard so long after its step, or is not begun.
+-define(HEARD_US, 500000).
 
 %% @doc `profiles': those of the team's robots; for the rest see {@link
 %% starl_motion_monitor_goals:new/1}.
@@ -65,7 +69,7 @@ vocabulary() ->
 %% @doc Goals that were reached, and what was excused: a robot that was not near its line any more, or
 %% late, because its position may have been wrong; a robot that a fault held up.
 -spec sometimes() -> [{atom(), owed | seldom}].
-sometimes() -> [{arrived, owed}, {misplaced, owed}, {held_up, owed}].
+sometimes() -> [{arrived, owed}, {misplaced, owed}, {held_up, seldom}].
 
 %% @doc Judges one event, and the time until it.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -105,7 +109,9 @@ cruised({T, Robot, chassis, {motion, Piece}}, #state{driving = Driving} = State)
             {ok, State}
     end;
 cruised({T, Robot, motion, {velocity, _, Us}}, #state{driving = Driving, commands = N} = State) ->
-    Until = T + Us + spare_us(starl_chassis:of_robot(Robot, State#state.profiles)),
+    Until =
+        T + Us + spare_us(starl_chassis:of_robot(Robot, State#state.profiles)) +
+            late_us(T, Robot, State),
     {Before, Piece, _} = maps:get(Robot, Driving, {Until, unknown, none}),
     Drives = {max(Before, Until), Piece, {T, Until}},
     {ok, due(State#state{driving = Driving#{Robot => Drives}, commands = N + 1})};
@@ -122,6 +128,12 @@ stands(T, Robot, Piece, State) ->
     case is_at_rest(T, Piece) of
         true -> {ok, State};
         false -> {violation, violation(drives_when_time_is_over, T, Robot), State}
+    end.
+
+late_us(T, Robot, #state{goals = Goals}) ->
+    case starl_motion_monitor_goals:is_struck(Robot, T, Goals) of
+        true -> ?HEARD_US;
+        false -> 0
     end.
 
 spare_us(Profile) ->
