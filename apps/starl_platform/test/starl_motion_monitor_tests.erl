@@ -88,9 +88,15 @@ held_to_its_own_line_test() ->
     ?assertEqual([], judge(lists:keyreplace(Own, 4, Off, Other))),
     Elsewhere = fun(Robot, From, To) -> #{bodies => [{Robot, From, To, position}]} end,
     ?assertEqual([], judge(Off, differential(), Elsewhere(1, 1000000, 1500000))),
+    %% where the line begins was seen before it did
+    ?assertEqual([], judge(Off, differential(), Elsewhere(1, -900000, -400000))),
     [
         ?assertMatch([{off_line, _}], judge(Off, differential(), Excuse))
-     || Excuse <- [Elsewhere(2, 0, 9000000), Elsewhere(1, 3000000, 4000000)]
+     || Excuse <- [
+            Elsewhere(2, 0, 9000000),
+            Elsewhere(1, 3000000, 4000000),
+            Elsewhere(1, -900000, -500000)
+        ]
     ],
     [Stands, Goal, Line | Moves] = Off,
     Cruise = {0, 1, motion, {velocity, {100.0, 0.0}, 9000000}},

@@ -229,7 +229,9 @@ follow(T, Robot, #goals{assumption = Assumption} = Goals) ->
                 none ->
                     {[], Judged, Goals};
                 {At, Mm} ->
-                    Misplaced = starl_assumption:is_misplaced(Robot, Since, T, Assumption),
+                    %% where it begins the robot has seen before, within its patience
+                    Seen = Since - ?PATIENCE_US,
+                    Misplaced = starl_assumption:is_misplaced(Robot, Seen, T, Assumption),
                     Off = #{at => At, distance_mm => Mm, limit_mm => radius_mm(Robot, Goals)},
                     Found = [{Robot, off_line, Off#{line => Line}} || not Misplaced],
                     Count = Goals#goals.misplaced + length([x || Misplaced]),
