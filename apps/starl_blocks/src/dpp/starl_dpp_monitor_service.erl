@@ -98,7 +98,7 @@ is_sure(Loss, Delay, Leases) ->
     math:pow(Lost, Answers) =< ?RARE andalso ?LONG_LEASE * 2 * Delay =< Short.
 
 %% @doc Without times nothing is judged but that no line is given up.
--spec new(#{robots := [robot_id()], service => times()}) -> t().
+-spec new(#{robots := [robot_id()], service => times(), _ => _}) -> t().
 new(#{robots := Robots} = Config) ->
     None = #{faults => [], answer_us => infinity, again_us => 0, whole_us => 0},
     #{faults := Faults} = Times = maps:get(service, Config, None),

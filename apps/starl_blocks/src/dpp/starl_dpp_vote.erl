@@ -68,4 +68,7 @@ missing_us(Coordinator, Self, {Team, #vote{long_us = Long}}) ->
 -spec last_claim_us(Robots :: pos_integer(), LeaseUs :: pos_integer()) -> pos_integer().
 last_claim_us(Robots, Long) -> claim_us(Robots - 1, Long).
 
-claim_us(Earlier, Long) -> Long + ?MARGIN_US + ?STAGGER_US * Earlier.
+claim_us(Earlier, Long) ->
+    case Long + ?MARGIN_US + ?STAGGER_US * Earlier of
+        Us when is_integer(Us) -> Us
+    end.

@@ -157,8 +157,10 @@ arrives_us(Mm, StepUs, #{chassis := Chassis} = Profile) ->
         #{advance_mm := Advance, leg_us := Leg, turn_us := Turn, again_us := Again} ->
             Legs = ceil(Mm / Advance) + ?SHORT_LEGS,
             %% a leg is a turn, and a drive
-            Legs * (Leg + 2 * StepUs) + ?SHORT_LEGS * Turn +
-                (2 * Legs + ?AGAIN) * (Again + StepUs)
+            Driven = Legs * (Leg + 2 * StepUs) + ?SHORT_LEGS * Turn,
+            case Driven + (2 * Legs + ?AGAIN) * (Again + StepUs) of
+                Us when is_integer(Us) -> Us
+            end
     end.
 
 %% @doc The largest r(v) of a team.
