@@ -115,7 +115,7 @@ acted_later(Step, Cluster) ->
 
 %% Every file is whole, and together they have everything; also where the node is killed.
 full_files_are_followed_by_others(Config) ->
-    {Dir, Outcome, Files} = rotated(300000, Config),
+    {Dir, Outcome, Files} = rotated(400000, Config),
     ct:log("~p", [
         [{filename:basename(F), filelib:file_size(F), maps:get(ended, info(F))} || F <- Files]
     ]),
