@@ -171,7 +171,7 @@ violation(What, T, Robot, Details) ->
 %% @doc Judges the time until the end. Results: the numbers of velocities and of goals that were given, and
 %% of goals that were reached.
 -spec finish(integer(), #state{}) ->
-    {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => non_neg_integer()}}.
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndUs, #state{goals = Goals} = State) ->
     Counts = starl_motion_monitor_goals:counts(Goals),
     Results = Counts#{velocities => State#state.commands, sometimes => sometimes(Goals)},
