@@ -4,7 +4,17 @@
 %% explains the models.
 -module(starl_check_model).
 
--export([blocks/0, new/2, check/2, machines/2, timer/2, permutations/1, may_be_inert/3, told_apart/1, id/2]).
+-export([
+    blocks/0,
+    new/2,
+    check/2,
+    machines/2,
+    timer/2,
+    permutations/1,
+    may_be_inert/3,
+    told_apart/1,
+    id/2
+]).
 
 -export_type([t/0, block/0, options/0, budgets/0, timer_kind/0]).
 
