@@ -1,3 +1,4 @@
+%% The server of metrics and health: many clients side by side, slow ones among them.
 -module(starl_live_http_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -1,3 +1,4 @@
+%% Calls to the nodes of a cluster: none keeps the caller waiting for longer than it said.
 -module(starl_cluster_calls_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -301,13 +301,8 @@ packet({starl, _, data, Data}, Sap) ->
     receive_data(Data, Sap);
 packet({starl, _, ack, By, Theirs, Own, Seq}, Sap) ->
     settle({By, Theirs}, Own, Seq, acknowledged, Sap);
-packet({starl, _, refusal, By, Theirs, Own, Seq}, #sap{out = Out, peers = Peers} = Sap) ->
-    Settled = starl_sap_out:settle({By, Theirs}, Own, Seq, restarted, Out),
-    case {Settled, starl_sap_peers:heard(By, Theirs, Peers)} of
-        %% it is sent again until that robot has told its incarnation itself
-        {{_, _}, {far, _}} -> doubt(By, Sap, []);
-        {_, _} -> settle({By, Theirs}, Own, Seq, restarted, Sap)
-    end;
+packet({starl, _, refusal, By, Theirs, Own, Seq}, Sap) ->
+    settle({By, Theirs}, Own, Seq, restarted, Sap);
 packet({starl, _, hello, By, Theirs}, #sap{peers = Peers} = Sap) ->
     case starl_sap_peers:heard(By, Theirs, Peers) of
         {far, _} -> doubt(By, Sap, []);
@@ -356,19 +351,21 @@ doubt(Robot, Sap, Actions) ->
 
 settle({By, Theirs} = Robot, Own, Seq, Outcome, #sap{out = Out} = Sap) ->
     case starl_sap_out:settle(Robot, Own, Seq, Outcome, Out) of
-        {Actions, Next} -> settled(By, Theirs, Outcome, Actions, Sap#sap{out = Next});
+        {Actions, Next} -> settled(By, Theirs, Outcome, {Actions, Next}, Sap);
         none -> keep_state_and_data;
         untrue -> {keep_state_and_data, [dropped(Outcome, By)]}
     end.
 
 %% An acknowledgement comes from the incarnation that the message was meant for: nothing to learn.
-%% A refusal may come from an earlier incarnation than the one known.
-settled(_By, _Theirs, acknowledged, Actions, Sap) ->
-    {keep_state, Sap, Actions};
-settled(By, Theirs, restarted, Actions, #sap{peers = Peers} = Sap) ->
+%% A refusal may come from an earlier incarnation than the one known; by one far beyond it the message is
+%% not settled: it is sent again until that robot has told its incarnation itself.
+settled(_By, _Theirs, acknowledged, {Actions, Out}, Sap) ->
+    {keep_state, Sap#sap{out = Out}, Actions};
+settled(By, Theirs, restarted, {Actions, Out}, #sap{peers = Peers} = Sap) ->
     case starl_sap_peers:heard(By, Theirs, Peers) of
-        {present, Heard} -> {keep_state, Sap#sap{peers = Heard}, Actions};
-        {_, _} -> doubt(By, Sap, Actions)
+        {present, Heard} -> {keep_state, Sap#sap{out = Out, peers = Heard}, Actions};
+        {earlier, _} -> doubt(By, Sap#sap{out = Out}, Actions);
+        {far, _} -> doubt(By, Sap, [])
     end.
 
 receive_data({Source, Theirs, Seq, _Number, For, _Type, _Body} = Data, Sap) ->
