@@ -171,11 +171,15 @@ the_manual_page_has_all_commands(Config) ->
     {0, Names} = sh("$starl help --names", Dir),
     [contains("\n.SS " ++ Name, Page) || Name <- string:lexemes(Names, "\n")],
     contains("\n.B \\-\\-random\\-faults TERM\n", Page),
-    %% groff warns of what it does not understand.
+    %% groff warns of what it does not understand, and of a path that does not fit: StarL may lie
+    %% in a directory with a name of any length.
     ?assertEqual(
         {0, ""},
         sh(
-            "command -v groff >/dev/null || exit 0; $starl man | groff -ww -man -Tutf8 >/dev/null",
+            "command -v groff >/dev/null || exit 0; $starl man > page; path=x; slash='/\\\\:';"
+            " while [ ${#path} -lt 200 ]; do"
+            "  sed \"s|[^ ]*examples/|$path/examples/|g\" page | groff -ww -man -Tutf8 >/dev/null;"
+            "  case $path in *xxxxx) path=$path${slash}x;; *) path=${path}x;; esac; done",
             Dir
         )
     ).

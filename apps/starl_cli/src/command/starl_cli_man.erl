@@ -24,7 +24,8 @@ run(_Call) ->
 
 page(Groups) ->
     [
-        ".TH STARL 1\n",
+        %% Left aligned: no path is so long that a line cannot be filled with blanks.
+        ".TH STARL 1\n.ad l\n",
         ".SH NAME\nstarl \\- programs for teams of robots\n",
         ".SH SYNOPSIS\n.B starl\n.I COMMAND\n[\\fIARGUMENTS\\fR]\n",
         ".SH DESCRIPTION\n",
@@ -93,8 +94,10 @@ item(Name, Doc) -> [".TP\n.B ", escaped(Name), "\n", escaped(Doc), "\n"].
 
 text(Text) -> [".PP\n", escaped(Text), "\n"].
 
-%% A backslash and a hyphen have a meaning, and a line that begins with a dot or an apostrophe.
+%% A backslash and a hyphen have a meaning, and a line that begins with a dot or an apostrophe. A
+%% path may be broken after a slash.
 escaped(Text) ->
     Plain = re:replace(Text, "[\\\\]", "\\\\e", [global, unicode]),
     Hyphens = re:replace(Plain, "-", "\\\\-", [global, unicode]),
-    re:replace(Hyphens, "^([.'])", "\\\\\\&\\1", [global, multiline, unicode]).
+    Paths = re:replace(Hyphens, "/", "/\\\\:", [global, unicode]),
+    re:replace(Paths, "^([.'])", "\\\\\\&\\1", [global, multiline, unicode]).
