@@ -37,6 +37,17 @@ queue_lost_with_owner_test() ->
     ?assertEqual([{2, 1}, {3, 1}], Queue),
     ?assert(G > F).
 
+%% A robot that has died had asked three times, with other calls each time: it costs one lease, not three.
+the_requests_of_a_robot_have_one_turn_test() ->
+    {_, H} = owned(),
+    {[_], H2} = ?H:request(t, {2, 1}, 10, H),
+    {[_], H3} = ?H:request(t, {2, 2}, 20, H2),
+    {[_], H4} = ?H:request(t, {3, 1}, 30, H3),
+    {[_], H5} = ?H:request(t, {2, 3}, 40, H4),
+    {[{2, {token, t, _, Queue}}], H6} = ?H:expire(t, ?H:due(t, H5), H5),
+    ?assertEqual([{2, 1}, {2, 2}, {3, 1}, {2, 3}], Queue),
+    ?assertMatch({[{3, {token, t, _, [{3, 1}]}}], _}, ?H:expire(t, ?H:due(t, H6), H6)).
+
 %% The home's lease is longer than the holder's by what two clocks may drift apart.
 drift_is_waited_out_test() ->
     {_, H} = owned(),

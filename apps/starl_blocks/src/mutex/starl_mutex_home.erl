@@ -175,7 +175,10 @@ due(Token, Home) ->
 
 create(Token, #lease{pending = []} = Lease, _Now, Home) ->
     {[], put_lease(Token, Lease, Home)};
-create(Token, #lease{pending = [{Robot, _} | Rest] = Queue} = Lease, Now, Home) ->
+%% All requests of a robot have one turn, as when it has the token: if it is dead, those that it made one
+%% after the other would cost a lease each.
+create(Token, #lease{pending = [{Robot, _} | _] = Queue} = Lease, Now, Home) ->
+    Rest = others(Robot, Queue),
     Fence = created(Lease#lease.fence),
     Until = Now + Home#home.lease_us,
     Created = Lease#lease{fence = Fence, owner = Robot, until = Until, pending = Rest},
@@ -193,9 +196,10 @@ forward(Token, {Robot, _} = Request, #lease{fence = Fence, owner = Owner}) ->
 
 %% A robot that has the token waits no longer.
 grant(Token, #lease{owner = Owner, pending = Pending} = Lease, Now, Home) ->
-    Rest = [Request || {Robot, _} = Request <- Pending, Robot =/= Owner],
-    Granted = Lease#lease{until = Now + Home#home.lease_us, pending = Rest},
+    Granted = Lease#lease{until = Now + Home#home.lease_us, pending = others(Owner, Pending)},
     {granted, put_lease(Token, Granted, Home)}.
+
+others(Robot, Queue) -> [Request || {From, _} = Request <- Queue, From =/= Robot].
 
 add(Request, Queue) ->
     case lists:member(Request, Queue) of
