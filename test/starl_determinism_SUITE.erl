@@ -24,7 +24,7 @@
     digest/1
 ]).
 
-suite() -> [{timetrap, {minutes, 10}}].
+suite() -> [{timetrap, {minutes, 30}}].
 
 all() -> [{group, painting}, {group, ring_shuttle}, {group, planted}].
 
