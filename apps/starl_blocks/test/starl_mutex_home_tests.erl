@@ -48,6 +48,24 @@ the_requests_of_a_robot_have_one_turn_test() ->
     ?assertEqual([{2, 1}, {2, 2}, {3, 1}, {2, 3}], Queue),
     ?assertMatch({[{3, {token, t, _, [{3, 1}]}}], _}, ?H:expire(t, ?H:due(t, H6), H6)).
 
+%% Who asks again comes before those who do not: they have given up, and a token that had to visit all of
+%% them would take longer than a lease. Who never asks again is forgotten after another token.
+who_asks_again_comes_first_test() ->
+    {_, H} = owned(),
+    {Made, H2} = all_ask([{2, 1}, {3, 1}, {4, 1}, {5, 1}], H),
+    ?assertEqual([{2, 1}, {3, 1}, {4, 1}, {5, 1}], Made),
+    {[_], H3} = ?H:request(t, {5, 1}, 0, H2),
+    {[{5, {token, t, _, Second}}], H4} = ?H:expire(t, ?H:due(t, H3), H3),
+    ?assertEqual([{5, 1}, {3, 1}, {4, 1}], Second),
+    {Third, _} = all_ask([{3, 1}], H4),
+    ?assertEqual([{3, 1}], Third).
+
+%% The queue of the token that is made next.
+all_ask(Requests, Home) ->
+    Asked = lists:foldl(fun(R, H) -> element(2, ?H:request(t, R, 0, H)) end, Home, Requests),
+    {[{_, {token, t, _, Queue}}], Next} = ?H:expire(t, ?H:due(t, Asked), Asked),
+    {Queue, Next}.
+
 %% The home's lease is longer than the holder's by what two clocks may drift apart.
 drift_is_waited_out_test() ->
     {_, H} = owned(),

@@ -32,6 +32,11 @@
 %% A message to a robot.
 -type outgoing() :: {starl:robot_id(), Body :: tuple()}.
 
+%% A request that waits: it has been `asked' for since the last token was made here; or it was `carried'
+%% by that token and has not been asked for again. Who waits asks again and again, so its robot has
+%% got the token since, has given up, or is dead.
+-type waiting() :: {request(), asked | carried}.
+
 -type us() :: integer().
 
 %% The most holds of an owner, hand-overs of a creation and creations of an incarnation.
@@ -46,7 +51,7 @@
     until :: us(),
     %% those of earlier incarnations that were renewed by this one, latest first
     renewed = [] :: [starl_mutex:fence()],
-    pending = [] :: [request()]
+    pending = [] :: [waiting()]
 }).
 
 -record(home, {
@@ -98,7 +103,7 @@ last_hand_over(Fence) -> next(Fence) =:= created(Fence).
 -spec request(starl_mutex:token(), request(), us(), t()) -> {[outgoing()], t()}.
 request(Token, Request, Now, Home) ->
     #lease{pending = Pending} = Lease = lease(Token, Home),
-    Waiting = Lease#lease{pending = add(Request, Pending)},
+    Waiting = Lease#lease{pending = ask(Request, Pending)},
     case Lease#lease.until =< Now of
         true -> create(Token, Waiting, Now, Home);
         false -> {forward(Token, Request, Lease), put_lease(Token, Waiting, Home)}
@@ -145,12 +150,12 @@ return(Token, Fence, By, Queue, Now, #home{base = Base} = Home) ->
             Fence > Last, Fence > Base;
             Fence =:= Last, By =:= Owner
         ->
-            Waiting = lists:foldl(fun add/2, Queue, Pending),
+            Waiting = back(Queue, Pending),
             Free = Lease#lease{fence = Fence, owner = none, until = Now, pending = Waiting},
             create(Token, Free, Now, Home);
         %% the only one of an earlier incarnation that has shown itself
         #lease{fence = Base, owner = none, renewed = [Fence], pending = Pending} = Lease ->
-            Waiting = lists:foldl(fun add/2, Queue, Pending),
+            Waiting = back(Queue, Pending),
             Free = Lease#lease{until = max(Now, Home#home.ready), pending = Waiting},
             expire(Token, Now, put_lease(Token, Free, Home));
         #lease{} ->
@@ -173,16 +178,20 @@ due(Token, Home) ->
         #lease{until = Until} -> Until
     end.
 
+%% Those who still wait come first: each robot that does not would cost the way to it, and all of them
+%% together more than a lease. All requests of a robot have one turn, as when it has the token: if it is
+%% dead, those that it made one after the other would cost a lease each.
 create(Token, #lease{pending = []} = Lease, _Now, Home) ->
     {[], put_lease(Token, Lease, Home)};
-%% All requests of a robot have one turn, as when it has the token: if it is dead, those that it made one
-%% after the other would cost a lease each.
-create(Token, #lease{pending = [{Robot, _} | _] = Queue} = Lease, Now, Home) ->
-    Rest = others(Robot, Queue),
+create(Token, #lease{pending = Pending} = Lease, Now, Home) ->
+    {Asked, Carried} = lists:partition(fun({_, How}) -> How =:= asked end, Pending),
+    [{{Robot, _}, _} | _] = Queue = Asked ++ Carried,
     Fence = created(Lease#lease.fence),
     Until = Now + Home#home.lease_us,
+    Rest = [{Request, carried} || {Request, _} <- others(Robot, Asked)],
     Created = Lease#lease{fence = Fence, owner = Robot, until = Until, pending = Rest},
-    {[{Robot, {token, Token, Fence, Queue}}], put_lease(Token, Created, Home)}.
+    Requests = [Request || {Request, _} <- Queue],
+    {[{Robot, {token, Token, Fence, Requests}}], put_lease(Token, Created, Home)}.
 
 created(Fence) ->
     Bits = ?HAND_OVER_BITS + ?HOLD_BITS,
@@ -199,13 +208,18 @@ grant(Token, #lease{owner = Owner, pending = Pending} = Lease, Now, Home) ->
     Granted = Lease#lease{until = Now + Home#home.lease_us, pending = others(Owner, Pending)},
     {granted, put_lease(Token, Granted, Home)}.
 
-others(Robot, Queue) -> [Request || {From, _} = Request <- Queue, From =/= Robot].
+others(Robot, Pending) -> [Waiting || {{From, _}, _} = Waiting <- Pending, From =/= Robot].
 
-add(Request, Queue) ->
-    case lists:member(Request, Queue) of
-        true -> Queue;
-        false -> Queue ++ [Request]
+ask(Request, Pending) ->
+    case lists:keymember(Request, 1, Pending) of
+        true -> lists:keyreplace(Request, 1, Pending, {Request, asked});
+        false -> Pending ++ [{Request, asked}]
     end.
+
+%% The requests that a token brings back are first.
+back(Queue, Pending) ->
+    [{Request, asked} || Request <- Queue] ++
+        [Waiting || {Request, _} = Waiting <- Pending, not lists:member(Request, Queue)].
 
 lease(Token, #home{leases = Leases, base = Base, ready = Ready}) ->
     maps:get(Token, Leases, #lease{fence = Base, until = Ready}).
