@@ -1,6 +1,7 @@
 %% @doc Finds what a command is to run: a shipped application, a scenario file, the Erlang source of
-%% a user's application, a directory with such sources, a module on the code path that is an
-%% application, or a recorded run, by its directory or its `run.term'.
+%% a user's application, a directory with such sources, the name of a module in `src' of the working
+%% directory, a module on the code path that is an application, or a recorded run, by its directory or
+%% its `run.term'.
 -module(starl_cli_target).
 
 -export([beams/1]).
@@ -75,8 +76,8 @@ resolve(Word) ->
     case kind(Word) of
         {app, Module} ->
             application(Word, Module);
-        source ->
-            starl_cli_source:load(Word);
+        {source, File} ->
+            starl_cli_source:load(File);
         {directory, Dir} ->
             starl_cli_source:load_directory(Dir);
         {scenario, File} ->
@@ -131,8 +132,8 @@ kind(Word) ->
         {false, false} -> kind_of_file(filename:extension(Word), Word)
     end.
 
-kind_of_file(".erl", _Word) ->
-    source;
+kind_of_file(".erl", Word) ->
+    {source, Word};
 kind_of_file(".term", Word) ->
     {scenario, Word};
 kind_of_file(".config", Word) ->
@@ -142,7 +143,15 @@ kind_of_file(_, Word) ->
     case {filelib:is_regular(Record), filelib:is_dir(Word)} of
         {true, _} -> {scenario, Record};
         {false, true} -> kind_of_directory(Word);
-        {false, false} -> on_the_code_path(Word)
+        {false, false} -> in_project(Word)
+    end.
+
+%% In the directory of the user's project its modules go by their names.
+in_project(Word) ->
+    Source = filename:join("src", Word ++ ".erl"),
+    case starl_cli_source:is_name(Word) andalso filelib:is_regular(Source) of
+        true -> {source, Source};
+        false -> on_the_code_path(Word)
     end.
 
 %% A directory such as the application's ebin is no reason to overlook a module of that name.

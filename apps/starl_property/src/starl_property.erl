@@ -1,0 +1,131 @@
+%% @doc Properties of a program for a team of robots, to be tested by PropEr: generators of scenarios
+%% and of faults, and what a run must hold to.
+%% ```
+%%   -include_lib("proper/include/proper.hrl").
+%%
+%%   prop_flock() ->
+%%       Team = #{app => flock, robots => {1, 8}, random_faults => [all], vary => [spacing, loss]},
+%%       ?FORALL(Scenario, starl_property:scenario(Team), starl_property:holds(Scenario)).
+%%
+%%   flock_test_() -> starl_property:eunit(fun prop_flock/0, #{cases => 100}).
+%% '''
+%% PropEr shrinks a scenario whose run breaks a contract: fewer faults, robots and extremes. The
+%% simulator's own shrinker goes on from there: it removes what a violation does not need, cuts the
+%% run's end, and replaces random losses by the lost packets. What is left is a scenario file, which
+%% `starl run' repeats with the same digest.
+%%
+%% PropEr must be on the code path where properties are tested; nothing else of StarL needs it.
+-module(starl_property).
+
+-ignore_xref([{proper, quickcheck, 2}, {proper, setup, 2}, {proper, whenfail, 2}]).
+
+-export([scenario/1, faults/2, holds/1, holds/2]).
+-export([quickcheck/1, quickcheck/2, eunit/1, eunit/2]).
+
+-export_type([generator/0, team/0, demand/0, options/0]).
+
+%% A generator of PropEr.
+-type generator() :: term().
+
+%% What scenarios are drawn for: the application; `robots', their number or the least and the greatest
+%% number (1 to 5); `random_faults', the classes and kinds of faults to be drawn (none); `most_faults',
+%% the greatest number of faults (6); `heal', by when all faults are over, s (60); `longest_fault', s (a
+%% third of `heal'); `vary', the options of a scenario and of the application whose values are drawn over
+%% their range. All other keys are those of a scenario, with their values or with generators of them.
+-type team() :: #{
+    app := module(),
+    robots => pos_integer() | {Least :: pos_integer(), Greatest :: pos_integer()},
+    random_faults => [all | starl_sim_fault:class() | starl_sim_fault:kind()],
+    most_faults => non_neg_integer(),
+    heal => number(),
+    longest_fault => number(),
+    vary => [atom()],
+    atom() => term()
+}.
+
+%% What is asked of a run beside its contracts: `complete', whether all applications must be done
+%% (`false'); `outcome', a further condition on the outcome of a sound run; `dir', the directory for the
+%% scenario file of a failing one ("out").
+-type demand() :: #{
+    complete => boolean(),
+    outcome => fun((starl_sim_trial:outcome()) -> boolean()),
+    dir => file:filename()
+}.
+
+%% `cases', the number of cases (100; the variable STARL_CASES of the environment goes before), and
+%% `seed', from which all draws follow (new for each test; the variable STARL_SEED goes before).
+-type options() :: #{cases => pos_integer(), seed => non_neg_integer()}.
+
+%% The seconds that EUnit gives a property.
+-define(EUNIT_S, 3600).
+
+%% @doc A generator of scenarios. What can be known to be wrong, such as an option that does not exist,
+%% is the error `{starl_property, Line}' before any run.
+-spec scenario(team()) -> generator().
+scenario(Team) -> starl_property_scenario:generator(Team).
+
+%% @doc A generator of lists of faults of these classes and kinds, for a team: its keys `robots',
+%% `most_faults', `heal' and `longest_fault' count. The lists shrink to fewer and simpler faults.
+-spec faults([all | starl_sim_fault:class() | starl_sim_fault:kind()], team()) -> generator().
+faults(What, Team) -> starl_property_scenario:faults(Team#{random_faults => What}).
+
+%% @doc Does the run of a scenario hold to its contracts? See {@link holds/2}.
+-spec holds(#{app := module(), atom() => term()}) -> term().
+holds(Scenario) -> holds(Scenario, #{}).
+
+%% @doc Does the run of a scenario hold to its contracts, and to what is demanded? A test of PropEr, for
+%% the body of a `?FORALL'. A run that is not judged to its end does not hold. When it fails, the
+%% smallest scenario that can be found is left in a file, and the command is printed that replays it.
+-spec holds(#{app := module(), atom() => term()}, demand()) -> term().
+holds(Scenario, Demand) ->
+    Verdict = starl_property_run:verdict(Scenario, Demand),
+    proper:whenfail(
+        fun() -> starl_property_run:tell(Scenario, Demand, Verdict) end,
+        fun() -> Verdict =:= holds end
+    ).
+
+%% @doc Tests a property of PropEr; prints the seed, with which a failing test is repeated.
+-spec quickcheck(generator()) -> boolean().
+quickcheck(Property) -> quickcheck(Property, #{}).
+
+%% @doc Tests a property of PropEr with these options.
+-spec quickcheck(generator(), options()) -> boolean().
+quickcheck(Property, Options) ->
+    Cases = environment("STARL_CASES", maps:get(cases, Options, 100)),
+    Drawn = erlang:phash2({os:timestamp(), make_ref()}, 1 bsl 32),
+    Seed = environment("STARL_SEED", maps:get(seed, Options, Drawn)),
+    io:format("~b cases, seed ~b; the same again with STARL_SEED=~b~n", [Cases, Seed, Seed]),
+    %% PropEr has no option for the seed; the set-up runs after it has seeded itself.
+    Seeded = proper:setup(
+        fun() ->
+            _ = rand:seed(exsss, Seed),
+            fun() -> ok end
+        end,
+        Property
+    ),
+    #{level := Level} = logger:get_primary_config(),
+    %% Crashes are planned: what is said of them would hide the answer.
+    ok = logger:set_primary_config(level, none),
+    try
+        true =:= proper:quickcheck(Seeded, [{numtests, Cases}, nocolors])
+    after
+        ok = logger:set_primary_config(level, Level)
+    end.
+
+%% @doc A test of EUnit for a property, from a generator `NAME_test_'.
+-spec eunit(fun(() -> generator())) -> term().
+eunit(Property) -> eunit(Property, #{}).
+
+%% @doc A test of EUnit for a property, with these options.
+-spec eunit(fun(() -> generator()), options()) -> term().
+eunit(Property, Options) ->
+    {timeout, ?EUNIT_S, fun() -> true = quickcheck(Property(), Options) end}.
+
+environment(Name, Default) ->
+    case os:getenv(Name) of
+        false -> Default;
+        Text -> natural(Name, string:to_integer(Text))
+    end.
+
+natural(_Name, {N, ""}) when N >= 0 -> N;
+natural(Name, _) -> error({starl_property, Name ++ " in the environment must be a whole number"}).
