@@ -43,10 +43,12 @@
     atom() => term()
 }.
 
-%% What is asked of a run beside its contracts: `complete', whether all applications must be done
+%% What is asked of a run beside its contracts: `crashes => true', that an application may crash by
+%% itself (its robot starts it anew; otherwise such a run does not hold); `complete', whether all applications must be done
 %% (`false'); `outcome', a further condition on the outcome of a sound run; `dir', the directory for the
 %% scenario file of a failing one ("out").
 -type demand() :: #{
+    crashes => true,
     complete => boolean(),
     outcome => fun((starl_sim_trial:outcome()) -> boolean()),
     dir => file:filename()

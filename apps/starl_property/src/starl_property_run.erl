@@ -9,6 +9,7 @@
 -type verdict() ::
     holds
     | {broken, starl_monitor:violation()}
+    | {crashed, starl_crash_monitor:excused()}
     | incomplete
     | refused
     | {failed, starl_sim_trial:reason()}.
@@ -21,9 +22,18 @@
 verdict(Scenario, Demand) ->
     case starl_sim_trial:run(Scenario) of
         {ok, #{violations := [First | _]}} -> {broken, First};
-        {ok, Outcome} -> demanded(Outcome, Demand);
+        {ok, Outcome} -> sound(crash(Outcome), Outcome, Demand);
         {error, Reason} -> {failed, Reason}
     end.
+
+%% The first crash of an application that no fault has caused.
+crash(#{monitors := #{starl_crash_monitor := #{first_crash := Crash}}}) -> Crash;
+crash(_Outcome) -> none.
+
+sound({_, _, _, _} = Crash, _Outcome, Demand) when not is_map_key(crashes, Demand) ->
+    {crashed, Crash};
+sound(_Crash, Outcome, Demand) ->
+    demanded(Outcome, Demand).
 
 demanded(#{ending := Ending}, #{complete := true}) when Ending =/= done -> incomplete;
 demanded(Outcome, #{outcome := Holds}) ->
@@ -44,6 +54,8 @@ tell(Scenario, Demand, Verdict) ->
     io:format("~n~ts~n", [words(Verdict)]),
     left(Scenario, Demand).
 
+words({crashed, {AtUs, Robot, _, Cause}}) ->
+    io_lib:format("~ts (robot ~b, ~.6f s)", [starl_crash:format(Cause), Robot, AtUs / 1000000]);
 words(incomplete) ->
     "the applications are not done when the run ends";
 words(refused) ->
@@ -79,8 +91,17 @@ left(#{app := App, seed := Seed} = Scenario, Demand) ->
             {error, _} = Error -> Error
         end,
     case Written of
-        ok -> io:format("replay: starl run ~ts~n", [File]);
+        ok -> io:format("replay: starl run ~ts~ts~n", [File, digest(Scenario)]);
         {error, Posix} -> io:format("~ts: ~ts~n", [File, file:format_error(Posix)])
+    end.
+
+%% The digest that the replay must have, too.
+digest(Scenario) ->
+    case starl_sim_trial:run(Scenario) of
+        {ok, #{digest := Digest}} ->
+            ["  (digest ", string:lowercase(binary:encode_hex(Digest)), ")"];
+        {error, _} ->
+            ""
     end.
 
 %% The application, and the values that differ from the defaults.

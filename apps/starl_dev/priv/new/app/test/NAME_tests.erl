@@ -1,7 +1,8 @@
 -module(@NAME@_tests).
 
--include_lib("eunit/include/eunit.hrl").
+%% PropEr first: both have a macro LET.
 -include_lib("proper/include/proper.hrl").
+-include_lib("eunit/include/eunit.hrl").
 
 %% One run in the simulator.
 a_team_goes_round_test() ->

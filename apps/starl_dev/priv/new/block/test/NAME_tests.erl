@@ -1,7 +1,8 @@
 -module(@NAME@_tests).
 
--include_lib("eunit/include/eunit.hrl").
+%% PropEr first: both have a macro LET.
 -include_lib("proper/include/proper.hrl").
+-include_lib("eunit/include/eunit.hrl").
 
 %% One run of an application that uses the block.
 a_team_greets_test() ->

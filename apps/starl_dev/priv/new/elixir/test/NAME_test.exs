@@ -1,6 +1,9 @@
 defmodule @MODULE@Test do
   use ExUnit.Case
 
+  # Robots that die are planned.
+  @moduletag :capture_log
+
   test "a team goes round" do
     assert {:ok, %{violations: [], ending: :done}} =
              :starl_sim_trial.run(%{app: @MODULE@, robots: 3, seed: 1})

@@ -1,0 +1,155 @@
+%% Other projects use StarL: as `./starl new' makes them, from a repository with the sources that are
+%% tested here.
+-module(starl_library_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+-include_lib("common_test/include/ct.hrl").
+
+-compile([export_all, nowarn_export_all]).
+
+suite() -> [{timetrap, {minutes, 15}}].
+
+all() ->
+    [
+        an_erlang_project_passes_its_tests,
+        its_names_are_known_in_its_directory,
+        a_failing_property_leaves_a_scenario,
+        a_block_passes_its_tests,
+        an_elixir_project_passes_its_tests,
+        a_mistaken_team_is_one_line
+    ].
+
+%% The repository that the projects depend on, and the project of the first cases.
+init_per_suite(Config) ->
+    Root = starl_first_hour_ct:root(),
+    Dir = ?config(priv_dir, Config),
+    Repository = filename:join(Dir, "repository"),
+    ok = filelib:ensure_dir(filename:join(Repository, "x")),
+    {0, _} = sh(
+        "git -C '" ++ Root ++
+            "' ls-files -co --exclude-standard | tar -C '" ++ Root ++
+            "' -cf - --ignore-failed-read -T - | tar -xf - && git init -q . && git add -A"
+            " && git -c user.name=test -c user.email=test@localhost commit -qm sources",
+        Repository
+    ),
+    [{repository, Repository} | Config].
+
+end_per_suite(Config) -> Config.
+
+an_erlang_project_passes_its_tests(Config) ->
+    Dir = project("patrol", app, Config),
+    {Status, Text} = rebar("eunit", Dir),
+    ?assertEqual(
+        {0, match}, {Status, re:run(Text, "3 tests, 0 failures", [{capture, none}])}, Text
+    ).
+
+its_names_are_known_in_its_directory(Config) ->
+    Dir = at("patrol", Config),
+    [
+        ?assertMatch({Args, {0, _}}, {Args, sh("$starl" ++ Args, Dir)})
+     || Args <- [" run patrol --robots 2", " run patrol.term", " run .", " sweep patrol --seeds 2"]
+    ].
+
+%% A send that must succeed: no monitor of its own is needed to find it, and at most three faults.
+a_failing_property_leaves_a_scenario(Config) ->
+    Dir = at("patrol", Config),
+    Source = filename:join([Dir, "src", "patrol.erl"]),
+    {ok, Sound} = file:read_file(Source),
+    Broken = re:replace(
+        Sound,
+        "case starl:send.*?    end;",
+        "ok = starl:send(Robot, next(Robot), round, #{}),\n    {continue, hear};",
+        [dotall]
+    ),
+    ok = file:write_file(Source, re:replace(Broken, "\\[{patrol_monitor, #{}}\\]", "[]")),
+    {1, Text} = sh("STARL_SEED=4 rebar3 eunit --module=patrol_tests", Dir),
+    ok = file:write_file(Source, Sound),
+    ?assertMatch({match, _}, re:run(Text, "seed 4;")),
+    {match, [[File, Digest] | _] = All} = re:run(
+        Text, "replay: starl run (\\S+)  \\(digest ([0-9a-f]+)\\)", [
+            global, {capture, all_but_first, list}
+        ]
+    ),
+    ?assertEqual({File, Digest}, {hd(lists:last(All)), Digest}),
+    {ok, [Scenario]} = file:consult(filename:join(Dir, File)),
+    ?assert(length(maps:get(faults, Scenario, [])) =< 3, Scenario),
+    ok = file:write_file(Source, Broken),
+    {3, Run} = sh("$starl run " ++ File, Dir),
+    ok = file:write_file(Source, Sound),
+    ?assertMatch({match, _}, re:run(Run, "digest " ++ lists:last(lists:last(All)))).
+
+a_block_passes_its_tests(Config) ->
+    Dir = project("relay", block, Config),
+    %% what is built already
+    {0, _} = sh(
+        "mkdir _build && cp -R ../patrol/_build/default _build", Dir
+    ),
+    {Status, Text} = rebar("eunit", Dir),
+    ?assertEqual(
+        {0, match}, {Status, re:run(Text, "2 tests, 0 failures", [{capture, none}])}, Text
+    ),
+    [
+        ?assertMatch({Args, {0, _}}, {Args, sh("$starl" ++ Args, Dir)})
+     || Args <- [" run relay_app", " soak src/relay.erl --seeds 2", " check src/relay.erl"]
+    ].
+
+an_elixir_project_passes_its_tests(Config) ->
+    case os:find_executable("mix") of
+        false ->
+            {skip, "no Elixir"};
+        _ ->
+            Dir = project("ronde", elixir, Config),
+            {0, _} = sh("mix deps.get >deps.log 2>&1", Dir),
+            {Status, Text} = sh("mix test", Dir),
+            ?assertEqual(
+                {0, match}, {Status, re:run(Text, "2 tests, 0 failures", [{capture, none}])}, Text
+            )
+    end.
+
+a_mistaken_team_is_one_line(_Config) ->
+    Wrong = fun(Team) ->
+        try starl_property:scenario(Team#{app => starl_exercise}) of
+            _ -> none
+        catch
+            error:{starl_property, Line} -> Line
+        end
+    end,
+    Lines = [
+        Wrong(Team)
+     || Team <- [
+            #{robots => 0},
+            #{robots => {5, 2}},
+            #{lose => 0.5},
+            #{loss => 7},
+            #{random_faults => [netwrok]},
+            #{vary => [lots]},
+            #{vary => [faults]},
+            #{app => no_such_app_at_all, robots => 2}
+        ]
+    ],
+    [
+        ?assertMatch({L, match}, {L, re:run(L, "^[^\n]{10,200}$", [{capture, none}])})
+     || L <- lists:droplast(Lines)
+    ].
+
+%% -- projects -------------------------------------------------------------------------------
+
+project(Name, Kind, Config) ->
+    {ok, Cwd} = file:get_cwd(),
+    ok = file:set_cwd(?config(priv_dir, Config)),
+    Made = starl_new:make(Name, Kind, ?config(repository, Config)),
+    ok = file:set_cwd(Cwd),
+    {ok, [_ | _]} = Made,
+    Dir = at(Name, Config),
+    %% The repository here has no libraries of its own beside it.
+    Proper = code:lib_dir(proper),
+    Kind =:= elixir orelse
+        sh("mkdir -p _checkouts && cp -RL '" ++ Proper ++ "' _checkouts/proper", Dir),
+    Dir.
+
+at(Name, Config) -> filename:join(?config(priv_dir, Config), Name).
+
+rebar(Args, Dir) -> sh("rebar3 " ++ Args, Dir).
+
+%% Without what this VM's environment says of libraries: the project has its own.
+sh(Command, Dir) ->
+    starl_first_hour_ct:sh(Command, Dir, [{"ERL_LIBS", false}, {"REBAR_COLOR", "none"}]).
