@@ -89,7 +89,7 @@ wait_test() ->
 
 %% -- the home -----------------------------------------------------------------------------------
 
-home() -> ?H:new(1, 0, ?LEASE, 1000, 0).
+home() -> ?H:new(1, 0, ?LEASE, 1000, 0, 1000000).
 
 %% Robot 1 owns the token.
 owned() ->
@@ -123,7 +123,7 @@ numbers_test() ->
 %% not by much more: a token whose owner is gone is had again soon.
 longer_test() ->
     Due = fun(Lease, Ppm, Lag) ->
-        {[_], H} = ?H:request(t, {1, 1}, 0, ?H:new(1, 0, Lease, Ppm, Lag)),
+        {[_], H} = ?H:request(t, {1, 1}, 0, ?H:new(1, 0, Lease, Ppm, Lag, 1000000)),
         {_, Waits} = ?H:request(t, {2, 1}, 10, H),
         ?H:due(t, Waits)
     end,
@@ -211,7 +211,7 @@ return_test() ->
 %% token of before back.
 restarted_test() ->
     {F, _} = owned(),
-    New = ?H:new(2, 0, ?LEASE, 1000, 0),
+    New = ?H:new(2, 0, ?LEASE, 1000, 0, 1000000),
     ?assertEqual({refused, New}, ?H:claim(t, F, 1, 10, New)),
     ?assertEqual({[], New}, ?H:return(t, F, 1, [{2, 1}], 10, New)),
     {[], Waits} = ?H:request(t, {2, 1}, 10, New),
@@ -230,7 +230,7 @@ incarnations_test() ->
     end,
     {[{2, {token, t, First, _}}], Home} = ?H:request(t, {2, 1}, 0, home()),
     {Last, _} = lists:foldl(Make, {First, Home}, lists:seq(1, 500)),
-    New = ?H:new(2, 0, ?LEASE, 1000, 0),
+    New = ?H:new(2, 0, ?LEASE, 1000, 0, 1000000),
     {[], Waits} = ?H:request(t, {2, 1}, 10, New),
     {[{2, {token, t, Fence, _}}], _} = ?H:expire(t, ?H:due(t, Waits), Waits),
     ?assert(Fence > Last),

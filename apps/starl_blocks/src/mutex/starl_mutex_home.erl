@@ -21,7 +21,7 @@
 %% and no other one begins under its number.
 -module(starl_mutex_home).
 
--export([new/5, next/1, hand_over/1, last_hold/1, last_hand_over/1]).
+-export([new/6, next/1, hand_over/1, last_hold/1, last_hand_over/1]).
 -export([request/4, claim/5, renew/5, return/6, expire/3, due/2]).
 
 -export_type([t/0, request/0, outgoing/0]).
@@ -32,13 +32,14 @@
 %% A message to a robot.
 -type outgoing() :: {starl:robot_id(), Body :: tuple()}.
 
-%% A request that waits: it has been `asked' for since the last token was made here; or it was `carried'
-%% by that token and has not been asked for again. Who waits asks again and again, so its robot has
-%% got the token since, has given up, or is dead.
--type waiting() :: {request(), asked | carried}.
+%% A request that waits, and the number of tokens that were made here since it was asked for last. Who
+%% waits asks again and again.
+-type waiting() :: {request(), Tokens :: non_neg_integer()}.
 
 -type us() :: integer().
 
+%% A request that is asked for again arrives at most this much later: after all retransmissions.
+-define(LATE_US, 2000000).
 %% The most holds of an owner, hand-overs of a creation and creations of an incarnation.
 -define(HOLD_BITS, 8).
 -define(HAND_OVER_BITS, 12).
@@ -58,21 +59,25 @@
     base :: starl_mutex:fence(),
     ready :: us(),
     lease_us :: pos_integer(),
+    %% so many tokens are made, at most, before one who waits has asked again
+    most :: pos_integer(),
     leases = #{} :: #{starl_mutex:token() => #lease{}}
 }).
 
 -opaque t() :: #home{}.
 
 %% @doc The home of no tokens yet. `LeaseUs' is the holder's lease, `DriftPpm' the bound on the
-%% drift of any clock, `LagUs' the most by which a robot notices the end of its lease too late.
+%% drift of any clock, `LagUs' the most by which a robot notices the end of its lease too late,
+%% `RetryUs' the time after which a robot that waits asks again.
 -spec new(
     Incarnation :: pos_integer(),
     us(),
     LeaseUs :: pos_integer(),
     DriftPpm :: integer(),
-    LagUs :: integer()
+    LagUs :: integer(),
+    RetryUs :: pos_integer()
 ) -> t().
-new(Incarnation, Now, LeaseUs, DriftPpm, LagUs) ->
+new(Incarnation, Now, LeaseUs, DriftPpm, LagUs, RetryUs) ->
     Longer = (LeaseUs + LagUs) * (1000000 + DriftPpm) div (1000000 - DriftPpm) + 1000,
     Ready =
         case Incarnation of
@@ -80,7 +85,8 @@ new(Incarnation, Now, LeaseUs, DriftPpm, LagUs) ->
             _ -> Now + Longer
         end,
     Base = Incarnation bsl (?CREATION_BITS + ?HAND_OVER_BITS + ?HOLD_BITS),
-    #home{base = Base, ready = Ready, lease_us = Longer}.
+    Most = 1 + (2 * RetryUs + ?LATE_US) div Longer,
+    #home{base = Base, ready = Ready, lease_us = Longer, most = Most}.
 
 %% @doc The number of the hand-over after this one.
 -spec next(starl_mutex:fence()) -> starl_mutex:fence().
@@ -178,20 +184,22 @@ due(Token, Home) ->
         #lease{until = Until} -> Until
     end.
 
-%% Those who still wait come first: each robot that does not would cost the way to it, and all of them
-%% together more than a lease. All requests of a robot have one turn, as when it has the token: if it is
-%% dead, those that it made one after the other would cost a lease each.
-create(Token, #lease{pending = []} = Lease, _Now, Home) ->
-    {[], put_lease(Token, Lease, Home)};
-create(Token, #lease{pending = Pending} = Lease, Now, Home) ->
-    {Asked, Carried} = lists:partition(fun({_, How}) -> How =:= asked end, Pending),
-    [{{Robot, _}, _} | _] = Queue = Asked ++ Carried,
-    Fence = created(Lease#lease.fence),
-    Until = Now + Home#home.lease_us,
-    Rest = [{Request, carried} || {Request, _} <- others(Robot, Asked)],
-    Created = Lease#lease{fence = Fence, owner = Robot, until = Until, pending = Rest},
-    Requests = [Request || {Request, _} <- Queue],
-    {[{Robot, {token, Token, Fence, Requests}}], put_lease(Token, Created, Home)}.
+%% Those who have not asked for long wait no more: their robots have got the token from another owner,
+%% have given up, or are dead. Each would cost the way to it, and all of them together more than a lease.
+%% All requests of a robot have one turn, as when it has the token: if it is dead, those that it made one
+%% after the other would cost a lease each.
+create(Token, #lease{pending = Pending} = Lease, Now, #home{most = Most} = Home) ->
+    case [Waiting || {_, Tokens} = Waiting <- Pending, Tokens < Most] of
+        [] ->
+            {[], put_lease(Token, Lease#lease{pending = []}, Home)};
+        [{{Robot, _}, _} | _] = Waiting ->
+            Rest = [{Request, Tokens + 1} || {Request, Tokens} <- others(Robot, Waiting)],
+            Queue = [Request || {Request, _} <- Waiting],
+            Fence = created(Lease#lease.fence),
+            Until = Now + Home#home.lease_us,
+            Made = Lease#lease{fence = Fence, owner = Robot, until = Until, pending = Rest},
+            {[{Robot, {token, Token, Fence, Queue}}], put_lease(Token, Made, Home)}
+    end.
 
 created(Fence) ->
     Bits = ?HAND_OVER_BITS + ?HOLD_BITS,
@@ -212,13 +220,13 @@ others(Robot, Pending) -> [Waiting || {{From, _}, _} = Waiting <- Pending, From 
 
 ask(Request, Pending) ->
     case lists:keymember(Request, 1, Pending) of
-        true -> lists:keyreplace(Request, 1, Pending, {Request, asked});
-        false -> Pending ++ [{Request, asked}]
+        true -> lists:keyreplace(Request, 1, Pending, {Request, 0});
+        false -> Pending ++ [{Request, 0}]
     end.
 
 %% The requests that a token brings back are first.
 back(Queue, Pending) ->
-    [{Request, asked} || Request <- Queue] ++
+    [{Request, 0} || Request <- Queue] ++
         [Waiting || {Request, _} = Waiting <- Pending, not lists:member(Request, Queue)].
 
 lease(Token, #home{leases = Leases, base = Base, ready = Ready}) ->

@@ -72,7 +72,7 @@ new(#{robot := Self, participants := Team, incarnation := Incarnation, now := No
         incarnation = Incarnation,
         lease_us = LeaseUs,
         retry_us = RetryUs,
-        home = starl_mutex_home:new(Incarnation, Now, LeaseUs, Drift, Lag)
+        home = starl_mutex_home:new(Incarnation, Now, LeaseUs, Drift, Lag, RetryUs)
     }.
 
 %% @doc The robot when an event comes at this time of its clock.
