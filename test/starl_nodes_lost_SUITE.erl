@@ -97,7 +97,11 @@ suspended_before_the_start(Config) ->
 suspended_in_the_launch(Config) ->
     [A, B] = worker_nodes(Config),
     Reason = in_conductor(launch, [[A, B], B], Config),
-    ?assertMatch({nodes, {lost, #{node := B, why := silent, at_us := 0}}}, Reason),
+    case Reason of
+        {nodes, {lost, Loss}} -> ?assertMatch(#{node := B, why := silent, at_us := 0}, Loss);
+        %% On a loaded machine it is the loading of the code that the node does not answer.
+        {nodes, {silent, Node}} -> ?assertEqual(B, Node)
+    end,
     ?assertEqual([], sites([A], Config)).
 
 %% A node that is not dead but does not get on, either.
