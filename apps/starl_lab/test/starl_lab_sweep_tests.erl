@@ -437,3 +437,47 @@ violation_test_() ->
             ?assertEqual(Text, says(3, "", Args))
         end)
     end}.
+
+%% Slices, of which one is made in another directory, become the study that one sweep makes; what is
+%% missing is named.
+slices_test_() ->
+    {timeout, 3 * ?PATIENCE_S, fun() ->
+        in_directory(fun(Dir) ->
+            [One, Here, There] = [filename:join(Dir, N) || N <- ["one", "here", "there"]],
+            Args = ["sweep", "painting", "--picture", "house", "--robots", "1..2", "--seeds", "3"],
+            says(0, "6 runs: 6 complete", Args ++ ["--out", One]),
+            says(0, "slice 1/3: 2 runs: 2 complete", Args ++ ["--slice", "1/3", "--out", Here]),
+            says(4, "4 of 6 runs are missing", ["join", Here]),
+            says(0, "slice 2/3: ", Args ++ ["--slice=2/3", "--out=" ++ Here]),
+            Lacking = says(4, "slice 3/3 lacks 2 of 2; make them with: ", ["join", Here]),
+            contains("--seeds 3 --out " ++ Here ++ " --slice 3/3", Lacking),
+            says(0, "slice 3/3: ", Args ++ ["--slice", "3/3", "--out", There]),
+            says(0, "6 runs: 6 complete", ["join", Here, There]),
+            ?assertEqual(without_wall(One), without_wall(Here)),
+            says(2, "--slice: 4/3: a slice is K/N", Args ++ ["--slice", "4/3"]),
+            says(2, "no slice of a sweep is here", ["join", One]),
+            Other = filename:join(Dir, "other"),
+            More = ["--speed", "400", "--slice", "1/9", "--out", Other],
+            says(0, "slice 1/9: 1 runs", Args ++ More),
+            says(2, "this is of another sweep than ", ["join", Here, Other])
+        end)
+    end}.
+
+%% Each run belongs to one slice.
+parts_test() ->
+    Runs = lists:seq(1, 10),
+    [
+        ?assertEqual(
+            Runs,
+            lists:sort(lists:append([starl_lab_slice:part({K, N}, Runs) || K <- lists:seq(1, N)]))
+        )
+     || N <- [1, 2, 3, 10, 13]
+    ].
+
+slice_texts_test() ->
+    ?assertEqual({ok, whole}, starl_lab_slice:read(none)),
+    ?assertEqual({ok, {3, 8}}, starl_lab_slice:read("3/8")),
+    [
+        ?assertMatch({error, _}, starl_lab_slice:read(T))
+     || T <- ["", "3", "0/8", "9/8", "a/b", "1/2/3", "1/8x"]
+    ].

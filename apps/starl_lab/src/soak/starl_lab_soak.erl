@@ -86,6 +86,7 @@ flags(_Subject) ->
             {robots, {optional, {integer, 1, 10000}}, none,
                 "robots in the team; none: from 1 to 10, drawn for each run"},
             {shrink, {integer, 0, 1000}, 1, "number of failing runs of each block that are shrunk"},
+            starl_lab_slice:flag(),
             starl_lab_jobs:at_once()
         ]}
     ].
@@ -102,10 +103,26 @@ statuses() ->
     ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{subject := live, values := Values}) -> starl_lab_soak_live:run(Values);
-run(#{subject := all, values := Values}) -> soak(plan(targets(), Values), none);
-run(#{subject := {own, Block, _, _} = Own, values := Values}) -> soak(plan([Block], Values), Own);
-run(#{subject := Block, values := Values}) -> soak(plan([Block], Values), none).
+run(#{subject := live, values := Values}) ->
+    starl_lab_soak_live:run(Values);
+run(#{values := #{slice := Text}} = Call) ->
+    case starl_lab_slice:read(Text) of
+        {ok, Slice} -> sliced(Slice, Call);
+        {error, Why} -> {error, [["--slice: ", Why]]}
+    end.
+
+sliced(Slice, #{subject := Subject, values := Values}) ->
+    {Blocks, Own} =
+        case Subject of
+            all -> {targets(), none};
+            {own, Block, _, _} -> {[Block], Subject};
+            Block -> {[Block], none}
+        end,
+    #{runs := Runs} = Plan = plan(Blocks, Values),
+    case starl_lab_slice:part(Slice, Runs) of
+        [] -> {error, ["--slice: no run is left for it; take fewer slices or more seeds"]};
+        Part -> soak(Plan#{runs := Part}, Own)
+    end.
 
 %% @doc Loads a user's block.
 -spec subject(string(), [string()]) ->

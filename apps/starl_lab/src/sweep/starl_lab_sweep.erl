@@ -6,6 +6,7 @@
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([join/2]).
 
 -spec name() -> string().
 name() -> "sweep".
@@ -21,7 +22,9 @@ about(_Subject) ->
     [
         "Runs every combination of the values of the flags with every seed. The directory of the "
         "results gets runs.csv, a row for each run; summary.csv, median, least and most of each "
-        "figure; and a plot. The same command goes on where it was stopped."
+        "figure; and a plot. The same command goes on where it was stopped.",
+        "With --slice only a part of the runs is made, for several computers or the jobs of a cluster; "
+        "./starl join then makes the whole."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
@@ -38,6 +41,7 @@ own_flags() ->
             "which figures of the report to plot; without it completion"
             " time and those that the application names"},
         {out, string, none, "directory for the results; without it out/TARGET-sweep"},
+        starl_lab_slice:flag(),
         starl_lab_jobs:at_once()
     ].
 
@@ -59,7 +63,17 @@ subject(Word, Args) -> starl_cli_target:subject(Word, Args).
 %% -- before the runs ------------------------------------------------------------------------
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{subject := Target, given := Given, values := Values, args := Args}) ->
+run(#{values := #{slice := Text}} = Call) ->
+    case starl_lab_slice:read(Text) of
+        {ok, Slice} -> checked(Call, {make, Slice});
+        {error, Why} -> {error, [["--slice: ", Why]]}
+    end.
+
+%% @doc Makes one study of the slices in these directories.
+-spec join(starl_cli_command:call(), [file:filename(), ...]) -> starl_cli_command:answer().
+join(Call, Dirs) -> checked(Call, {join, Dirs}).
+
+checked(#{subject := Target, given := Given, values := Values, args := Args}, Work) ->
     #{name := Name, given := InFile} = Target,
     Own = [Key || {Key, _, _, _} <- own_flags()],
     Grid = starl_lab_sweep_grid:new(options(Target), InFile, maps:without(Own, Given), Args),
@@ -73,6 +87,7 @@ run(#{subject := Target, given := Given, values := Values, args := Args}) ->
     case Unsound ++ Unwritable ++ too_large(Unsound, Checked, Grid, Values) of
         [] ->
             probed(#{
+                work => Work,
                 args => Args,
                 target => Target,
                 grid => Grid,
@@ -128,17 +143,27 @@ is_sound(_) -> false.
 problem({ok, {error, Why}}) -> unicode:characters_to_list(Why);
 problem({crashed, Reason}) -> lists:flatten(io_lib:format("the set-up fails: ~0tP", [Reason, 15])).
 
-with_columns(Columns, Formats, #{dir := Dir, plot := Plot} = Sweep) ->
+with_columns(Columns, Formats, #{plot := Plot} = Sweep) ->
     Numbers = starl_lab_sweep_rows:numbers(Columns),
-    File = filename:join(Dir, "runs.csv"),
-    Chosen = starl_lab_sweep_plot:chosen(Plot, Numbers, Formats),
-    case {Chosen, starl_lab_sweep_rows:read(File, Columns)} of
-        {{ok, Figures}, {ok, Rows, Bytes}} ->
-            starl_lab_sweep_run:run(Sweep, Columns, Figures, Rows, Bytes);
-        {{unknown, Names}, _} ->
-            {error, [unknown_figure(Name, Numbers) || Name <- Names]};
-        {_, {error, Reason}} ->
-            {error, [starl_lab_sweep_rows:format_error(Reason)]}
+    case starl_lab_sweep_plot:chosen(Plot, Numbers, Formats) of
+        {ok, Figures} -> with_figures(maps:get(work, Sweep), Columns, Figures, Sweep);
+        {unknown, Names} -> {error, [unknown_figure(Name, Numbers) || Name <- Names]}
+    end.
+
+with_figures({join, Dirs}, Columns, Figures, Sweep) ->
+    case starl_lab_sweep_study:rows(Dirs, Columns) of
+        {ok, Rows} -> starl_lab_sweep_run:join(Sweep, Columns, Figures, Rows);
+        {error, Reason} -> {error, [starl_lab_sweep_rows:format_error(Reason)]}
+    end;
+with_figures({make, Slice}, Columns, Figures, #{dir := Dir, args := Args} = Sweep) ->
+    File = starl_lab_sweep_study:file(Dir, Slice),
+    case {starl_lab_sweep_rows:read(File, Columns), starl_lab_sweep_study:note(Dir, Slice, Args)} of
+        {{ok, Rows, Bytes}, ok} ->
+            starl_lab_sweep_run:run(Sweep#{slice => Slice}, Columns, Figures, {File, Rows, Bytes});
+        {{error, Reason}, _} ->
+            {error, [starl_lab_sweep_rows:format_error(Reason)]};
+        {_, {error, Why}} ->
+            {error, [Why]}
     end.
 
 unknown_figure(Name, Numbers) ->

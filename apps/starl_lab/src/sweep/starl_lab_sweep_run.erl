@@ -2,7 +2,7 @@
 %% the exit status.
 -module(starl_lab_sweep_run).
 
--export([run/5, plan/4]).
+-export([run/4, join/4, plan/4]).
 %% Called in the VMs of the jobs.
 -export([probe/1, one/1]).
 
@@ -14,6 +14,10 @@
     target := starl_cli_target:t(),
     grid := starl_lab_sweep_grid:t(),
     points := [{starl_lab_sweep_grid:point(), starl_sim_scenario:t()}, ...],
+    %% what is to be done: runs, of which file and slice; or the whole from what others have run
+    work := {make, starl_lab_slice:t()} | {join, [file:filename(), ...]},
+    slice => starl_lab_slice:t(),
+    file => file:filename(),
     dir := file:filename(),
     jobs := pos_integer(),
     plot := none | [string()]
@@ -32,23 +36,56 @@
 
 -type run() :: {starl_lab_sweep_rows:key(), starl_sim_scenario:t()}.
 
-%% @doc Makes the runs.
--spec run(sweep(), Columns, Figures, Rows, Bytes) ->
-    Status | {error, [unicode:chardata(), ...]}
-when
-    Columns :: starl_lab_sweep_rows:columns(),
-    Figures :: [starl_lab_sweep_plot:figure(), ...],
-    Rows :: starl_lab_sweep_rows:rows(),
-    Bytes :: non_neg_integer(),
-    Status :: 0 | 1 | 3 | 4 | 5 | 130.
-run(#{dir := Dir} = Sweep, Columns, Figures, Rows, Bytes) ->
-    case starl_lab_sweep_rows:open(filename:join(Dir, "runs.csv"), Columns, Bytes) of
+%% The file of the rows, those that it has, and the length of its complete lines.
+-type known() :: {file:filename(), starl_lab_sweep_rows:rows(), Bytes :: non_neg_integer()}.
+
+-type answer() :: 0 | 1 | 3 | 4 | 5 | 130 | {error, [unicode:chardata(), ...]}.
+
+%% @doc Makes the runs, or those of a slice.
+-spec run(sweep(), starl_lab_sweep_rows:columns(), [starl_lab_sweep_plot:figure(), ...], known()) ->
+    answer().
+run(#{slice := Slice} = Sweep, Columns, Figures, {File, Rows, Bytes}) ->
+    case starl_lab_sweep_rows:open(File, Columns, Bytes) of
         {ok, Device} ->
             Made = #made{rows = Rows, columns = Columns, device = Device},
-            all(runs(Sweep), Made, Figures, Sweep);
+            all(starl_lab_slice:part(Slice, runs(Sweep)), Made, Figures, Sweep#{file => File});
         {error, Reason} ->
             {error, [starl_lab_sweep_rows:format_error(Reason)]}
     end.
+
+%% @doc Makes the summary and the plot from rows that are there, if none is missing.
+-spec join(sweep(), Columns, [starl_lab_sweep_plot:figure(), ...], starl_lab_sweep_rows:rows()) ->
+    answer()
+when
+    Columns :: starl_lab_sweep_rows:columns().
+join(#{work := {join, Dirs}} = Sweep, Columns, Figures, Rows) ->
+    Runs = runs(Sweep),
+    case [Key || {Key, _} <- Runs, not is_map_key(Key, Rows)] of
+        [] -> whole(Runs, Columns, Rows, Figures, Sweep);
+        Missing -> lacking(Missing, Runs, starl_lab_sweep_study:parts(Dirs), Sweep)
+    end.
+
+%% Which slices lack runs, and how they are made.
+lacking(Missing, Runs, Parts, #{args := Args, dir := Dir}) ->
+    Command = ["sweep" | starl_lab_sweep_study:plain(Args)] ++ ["--out", starl_cli_out:shown(Dir)],
+    starl_cli_terminal:out([
+        io_lib:format("~b of ~b runs are missing\n", [length(Missing), length(Runs)]),
+        [
+            io_lib:format("slice ~ts lacks ~b of ~b; make them with: ~ts --slice ~ts\n", [
+                starl_lab_slice:text(Slice),
+                Count,
+                length(Part),
+                command(Command),
+                starl_lab_slice:text(Slice)
+            ])
+         || K <- lists:seq(1, Parts),
+            Slice <- [{K, Parts}],
+            Part <- [starl_lab_slice:part(Slice, Runs)],
+            Count <- [length([Key || {Key, _} <- Part, lists:member(Key, Missing)])],
+            Count > 0
+        ]
+    ]),
+    4.
 
 -spec runs(sweep()) -> [run(), ...].
 runs(#{points := Points, grid := Grid, target := #{name := Name}}) ->
@@ -90,23 +127,41 @@ plan(#{jobs := Most, target := Target}, Function, What, Each) ->
 
 %% -- the end --------------------------------------------------------------------------------
 
-ended(interrupted, Runs, #made{rows = Rows}, _Figures, #{dir := Dir, args := Args}) ->
+ended(interrupted, Runs, #made{rows = Rows}, _Figures, #{file := File, args := Args}) ->
     Known = length([Key || {Key, _} <- Runs, is_map_key(Key, Rows)]),
     starl_cli_terminal:out("interrupted; ~b of ~b runs are kept in ~ts\ngo on with: ~ts\n", [
         Known,
         length(Runs),
-        starl_cli_out:shown(filename:join(Dir, "runs.csv")),
-        lists:join(" ", ["./starl sweep" | [starl_cli_quoted:word(Arg) || Arg <- Args]])
+        starl_cli_out:shown(File),
+        command(["sweep" | Args])
     ]),
     130;
-ended(done, Runs, #made{rows = Rows, columns = Columns}, Figures, #{target := Target} = Sweep) ->
+ended(done, Runs, #made{rows = Rows, columns = Columns}, Figures, #{slice := whole} = Sweep) ->
+    whole(Runs, Columns, Rows, Figures, Sweep);
+ended(done, Runs, #made{rows = Rows, columns = Columns}, _Figures, Sweep) ->
+    #{target := Target, slice := Slice, file := File, dir := Dir} = Sweep,
+    Judged = judged(Runs, Columns, Rows),
+    starl_cli_terminal:out(["slice ", starl_lab_slice:text(Slice), ": "]),
+    told(Judged, Target),
+    starl_cli_terminal:out("kept in ~ts\nwhen all slices are there: ./starl join ~ts\n", [
+        starl_cli_out:shown(File), starl_cli_quoted:word(starl_cli_out:shown(Dir))
+    ]),
+    verdict([How || {How, _} <- Judged]).
+
+command(Words) -> lists:join(" ", ["./starl" | [starl_cli_quoted:word(Word) || Word <- Words]]).
+
+judged(Runs, Columns, Rows) ->
+    [
+        {starl_lab_sweep_rows:status(Columns, maps:get(Key, Rows)), Scenario}
+     || {Key, Scenario} <- Runs
+    ].
+
+%% All runs have rows.
+whole(Runs, Columns, Rows, Figures, #{target := Target} = Sweep) ->
     Points = points(Columns, Rows, Sweep),
     Text = starl_lab_sweep_rows:ordered(Columns, [Key || {Key, _} <- Runs], Rows),
     Written = write(Text, Points, Columns, Figures, Sweep),
-    Judged = [
-        {starl_lab_sweep_rows:status(Columns, maps:get(Key, Rows)), Scenario}
-     || {Key, Scenario} <- Runs
-    ],
+    Judged = judged(Runs, Columns, Rows),
     told(Judged, Target),
     written(Written, verdict([How || {How, _} <- Judged])).
 

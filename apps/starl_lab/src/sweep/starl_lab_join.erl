@@ -1,0 +1,58 @@
+%% @doc `./starl join': makes one study of the slices of a sweep, or names what is missing.
+-module(starl_lab_join).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+
+-spec name() -> string().
+name() -> "join".
+
+-spec synopsis() -> string().
+synopsis() -> "make one study of the slices of a sweep".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "DIRS", {example, "study"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "./starl join DIRS... takes the directories of ./starl sweep ... --slice K/N, in any order, and "
+        "writes runs.csv, summary.csv and the plot as the same sweep in one piece would, into the first "
+        "of them or that of --out. If runs are missing, it names the slices that lack them and the "
+        "command that makes them; a slice goes on where it was stopped.",
+        {lines, "  ./starl join study"}
+    ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(_Subject) ->
+    [
+        {"Flags", [
+            {out, string, none,
+                "directory for the results; without it the first of the directories"}
+        ]}
+    ].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() -> starl_lab_sweep:statuses().
+
+-spec subject(string(), [string()]) -> {ok, [file:filename(), ...], [string()]}.
+subject(Dir, Args) ->
+    {Dirs, Others} = lists:splitwith(fun(Word) -> not lists:prefix("-", Word) end, Args),
+    {ok, [string:trim(D, trailing, "/") || D <- [Dir | Dirs]], Others}.
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := [First | _] = Dirs, values := #{out := Given}}) ->
+    Out =
+        case Given of
+            none -> First;
+            _ -> Given
+        end,
+    case starl_lab_sweep_study:noted(Dirs) of
+        {ok, Args} ->
+            joined(starl_cli_dispatch:read(starl_lab_sweep, Args ++ ["--out", Out]), Dirs);
+        {error, Reason} ->
+            {error, [starl_lab_sweep_study:format_error(Reason)]}
+    end.
+
+joined({ok, Call}, Dirs) -> starl_lab_sweep:join(Call, Dirs);
+joined({error, _} = Error, _Dirs) -> Error.
