@@ -15,7 +15,8 @@ all() ->
         a_failing_property_leaves_a_scenario,
         a_block_passes_its_tests,
         an_elixir_project_passes_its_tests,
-        a_mistaken_team_is_one_line
+        a_mistaken_team_is_one_line,
+        python_reads_results
     ].
 
 %% The repository that the projects depend on, and the project of the first cases.
@@ -64,18 +65,17 @@ a_failing_property_leaves_a_scenario(Config) ->
     {1, Text} = sh("STARL_SEED=4 rebar3 eunit --module=patrol_tests", Dir),
     ok = file:write_file(Source, Sound),
     ?assertMatch({match, _}, re:run(Text, "seed 4;")),
-    {match, [[File, Digest] | _] = All} = re:run(
-        Text, "replay: starl run (\\S+)  \\(digest ([0-9a-f]+)\\)", [
-            global, {capture, all_but_first, list}
-        ]
-    ),
-    ?assertEqual({File, Digest}, {hd(lists:last(All)), Digest}),
+    {match, Left} = re:run(Text, "replay: starl run (\\S+)  \\(digest ([0-9a-f]+)\\)", [
+        global, {capture, all_but_first, list}
+    ]),
+    %% What PropEr and the shrinker have left in the end.
+    [File, Digest] = lists:last(Left),
     {ok, [Scenario]} = file:consult(filename:join(Dir, File)),
     ?assert(length(maps:get(faults, Scenario, [])) =< 3, Scenario),
     ok = file:write_file(Source, Broken),
-    {3, Run} = sh("$starl run " ++ File, Dir),
+    {_, Run} = sh("$starl run " ++ File, Dir),
     ok = file:write_file(Source, Sound),
-    ?assertMatch({match, _}, re:run(Run, "digest " ++ lists:last(lists:last(All)))).
+    ?assertMatch({match, _}, re:run(Run, "digest " ++ Digest)).
 
 a_block_passes_its_tests(Config) ->
     Dir = project("relay", block, Config),
@@ -130,6 +130,28 @@ a_mistaken_team_is_one_line(_Config) ->
         ?assertMatch({L, match}, {L, re:run(L, "^[^\n]{10,200}$", [{capture, none}])})
      || L <- lists:droplast(Lines)
     ].
+
+%% The package in python/, on results of its own making and on ours.
+python_reads_results(Config) ->
+    case os:find_executable("python3") of
+        false ->
+            {skip, "no Python"};
+        _ ->
+            Dir = at("results", Config),
+            {0, _} = sh("$starl run painting --robots 2 --record --out run --quiet", Dir),
+            {0, _} = sh("$starl sweep painting --robots 1,2 --seeds 1 --out sweep", Dir),
+            Python = filename:join(starl_first_hour_ct:root(), "python"),
+            {Status, Text} = starl_first_hour_ct:sh(
+                "python3 -B -m unittest discover -s '" ++ Python ++ "/tests'",
+                Dir,
+                [{"STARL_RESULTS", Dir}, {"PYTHONPATH", filename:join(Python, "src")}]
+            ),
+            ?assertEqual(
+                {0, match},
+                {Status, re:run(Text, "Ran 10 tests.*OK$", [dotall, {capture, none}])},
+                Text
+            )
+    end.
 
 %% -- projects -------------------------------------------------------------------------------
 
