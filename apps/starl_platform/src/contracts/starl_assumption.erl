@@ -17,7 +17,7 @@
 
 -export([new/2, broken/2, is_kept/1, is_kept/3, longest_us/2]).
 -export([clock_later/4, clock_earlier/4, lost_us/4, gained_us/4, handled/4, begun_us/3]).
--export([is_misplaced/4, delayed_us/5, calm_us/3, calm_us/4]).
+-export([is_misplaced/4, delayed_us/5, calm_us/3, calm_us/4, leaves_us/3]).
 
 -export_type([t/0, window/0, broken/0]).
 
@@ -234,6 +234,21 @@ anew(Since, Within, Windows) ->
 begun_us(Robot, At, Assumption) ->
     lists:min([
         At | [Begin || {Begin, End, still} <- of_robot(Robot, Assumption), Begin =< At, At =< End]
+    ]).
+
+%% @doc The latest time at which that leaves a robot which one of its steps does at this time: a robot that
+%% stands still within a step does the rest when it goes on.
+-spec leaves_us(robot_id(), AtUs :: us(), t()) -> us().
+leaves_us(Robot, At, Assumption) ->
+    lists:max([
+        At
+        | [
+            End
+         || {Begin, End, Broken} <- of_robot(Robot, Assumption),
+            Broken =:= still orelse Broken =:= pause,
+            Begin =< At,
+            At =< End
+        ]
     ]).
 
 %% @doc May the robot have received a wrong position between two times?

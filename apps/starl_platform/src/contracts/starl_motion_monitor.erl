@@ -9,8 +9,8 @@
 %%
 %% A command takes at most `latency_ms' to the chassis, and a chassis that brakes comes to rest a
 %% little later ({@link starl_chassis:rests_s/1}); the bound is later by these two. The chassis carries out
-%% the script, with its end, by itself; but a robot that has a fault when it gives the command may stand
-%% still before the command leaves, and what is no later than `HEARD_US' is begun.
+%% the script, with its end, by itself; but a robot whose computer stands still when it gives the command
+%% may go on before the command leaves, and what is no later than `HEARD_US' is begun.
 %%
 %% Events: of machine `motion', {@link starl_motion:event()}, `crashed'; of machine `chassis', `motion';
 %% of machine `robot', `down' and `died'.
@@ -131,10 +131,7 @@ stands(T, Robot, Piece, State) ->
     end.
 
 late_us(T, Robot, #state{goals = Goals}) ->
-    case starl_motion_monitor_goals:is_struck(Robot, T, Goals) of
-        true -> ?HEARD_US;
-        false -> 0
-    end.
+    min(?HEARD_US, starl_motion_monitor_goals:leaves_us(Robot, T, Goals) - T).
 
 spare_us(Profile) ->
     starl_chassis:latency_us(Profile) + ceil(1.0e6 * starl_chassis:rests_s(Profile)).

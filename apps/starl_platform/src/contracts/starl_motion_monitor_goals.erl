@@ -8,7 +8,7 @@
 %% starl_chassis:arrives_us/3}); it begins anew at the end of each fault of this robot that it meets.
 -module(starl_motion_monitor_goals).
 
--export([new/1, broken/2, happened/4, pass/2, due/1, finish/2, counts/1, excused/1, is_struck/3]).
+-export([new/1, broken/2, happened/4, pass/2, due/1, finish/2, counts/1, excused/1, leaves_us/3]).
 
 -export_type([t/0]).
 
@@ -158,10 +158,10 @@ happened(T, Robot, {robot, {died, _Reason}}, Goals) ->
 happened(_T, _Robot, _Event, Goals) ->
     {[], Goals}.
 
-%% @doc Has the robot a fault at this time?
--spec is_struck(robot_id(), TimeUs :: integer(), t()) -> boolean().
-is_struck(Robot, T, #goals{assumption = Assumption}) ->
-    starl_assumption:calm_us(Robot, T, 1, Assumption) > T + 1.
+%% @doc The latest time at which a command of a step at this time leaves the robot's computer.
+-spec leaves_us(robot_id(), TimeUs :: integer(), t()) -> integer().
+leaves_us(Robot, T, #goals{assumption = Assumption}) ->
+    starl_assumption:leaves_us(Robot, T, Assumption).
 
 %% @doc The run has ended: who has been too far off its line since its last event?
 -spec finish(EndUs :: integer(), t()) -> [{robot_id(), off_line, map()}].

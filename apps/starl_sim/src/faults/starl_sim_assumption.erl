@@ -87,7 +87,7 @@ beside(Fault, Team) ->
 
 %% @doc The windows of the faults that may cost a robot's drive time, or lead it off its line: positions
 %% that are wrong by more than their bound (a picture that freezes is found out unless positions are
-%% exact), and wheels that slip by more than half.
+%% exact), and wheels that slip by more than half. Of a computer that stands still it is told apart.
 -spec bodies([starl_sim_fault:t()], IsExact :: boolean()) -> [starl_assumption:window()].
 bodies(Faults, IsExact) ->
     lists:append([
@@ -109,6 +109,10 @@ costs(Kind, _Params, _IsExact) when
     Kind =:= location_noise; Kind =:= location_bias; Kind =:= location_swap
 ->
     position;
+costs(stand_still, _Params, _IsExact) ->
+    still;
+costs(pause, _Params, _IsExact) ->
+    pause;
 costs(_Kind, _Params, _IsExact) ->
     fault.
 
