@@ -22,6 +22,7 @@ table() ->
         geocast(),
         registers(),
         counter(),
+        motion(),
         dpp()
     ]).
 
@@ -130,6 +131,15 @@ counter() ->
             "counts anew in the entry of an earlier life"}
     ].
 
+motion() ->
+    [
+        {motion_unlooked, motion, starl_motion_unlooked_planted, #{}, #{},
+            "looks where it stands before the first leg of a drive only"},
+        {motion_deaf, motion, starl_motion_deaf_planted, #{},
+            #{random_faults => [], time => 200, faults => [commands_lost()]},
+            "waits for ever for the answer to a command that was lost"}
+    ].
+
 dpp() ->
     [
         {dpp_overstaying, dpp, starl_dpp_planted, "overstaying", cut_off(),
@@ -228,6 +238,9 @@ healed() -> #{final => 2, converge => 2000, time => 7200}.
 %% again, after 3 s, where it came to a robot that has handed the token over. It need not ask twice.
 queued() -> #{random_faults => [], hold => 100, judge => #{bound_us => 4500000}}.
 
+%% Commands of one robot to its chassis are lost, now and then.
+commands_lost() -> {lost, 1000, 20000, command_lost, 1, #{part => 0.3}}.
+
 %% One robot hears nothing for longer than its lease lasts.
 cut_off() -> #{faults => [{cut, 20000, 60000, partition, [2], #{}}]}.
 
@@ -294,6 +307,8 @@ planted(false, Scene) ->
     Scene;
 planted({_, sap, Machine, Config, _, _}, #{sap := Sap} = Scene) ->
     Scene#{sap := maps:merge(Sap, Config), sap_machine => Machine};
+planted({_, motion, Machine, _, _, _}, Scene) ->
+    Scene#{motion_machine => Machine};
 planted({_, _, Machine, Config, _, _}, #{blocks := [{Name, _, Sound} | Blocks]} = Scene) ->
     Scene#{blocks := [{Name, Machine, maps:merge(Sound, Config)} | Blocks]}.
 

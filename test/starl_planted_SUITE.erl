@@ -37,9 +37,8 @@ contracts(Bug) ->
         _ -> [Block, calls]
     end.
 
-%% No machine stands in for motion: a worse robot breaks its contract in `starl_sim_motion_SUITE'.
 at_least_one_per_block(_) ->
-    Blocks = [motion] ++ [Block || {_, Block, _} <- starl_planted:bugs()],
+    Blocks = [Block || {_, Block, _} <- starl_planted:bugs()],
     ?assertEqual([], starl_exercise:blocks_known() -- Blocks),
     ?assert(lists:member(dpp, Blocks)).
 

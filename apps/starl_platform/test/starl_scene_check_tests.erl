@@ -69,6 +69,7 @@ wrong_test_() ->
             {"sap has no key limits (did you mean limit?)", sap, #{limits => 1}},
             {"never_crashes: true or false expected, not 1", never_crashes, 1},
             {"sap_machine: a module expected, not 1", sap_machine, 1},
+            {"motion_machine: a module expected, not 1", motion_machine, 1},
             {"the scene has no key poss (did you mean poses?)", poss, #{}}
         ]
     ].

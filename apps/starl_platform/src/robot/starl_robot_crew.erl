@@ -6,10 +6,10 @@
 
 -export_type([t/0, tree/0]).
 
-%% The parts of the robots of a team. `sap': overrides of its configuration; `sap_machine': another
-%% implementation, for tests; `profiles': the profiles of the chassis; `waypoints': the named
-%% places; `exact': the positioning system may show the same pose twice to the bit (only if it has
-%% no error). `intensity': the restarts in an hour that each supervisor allows.
+%% The parts of the robots of a team. `sap': overrides of its configuration; `sap_machine',
+%% `motion_machine': other implementations, for tests; `profiles': the profiles of the chassis;
+%% `waypoints': the named places; `exact': the positioning system may show the same pose twice to the
+%% bit (only if it has no error). `intensity': the restarts in an hour that each supervisor allows.
 -type t() :: #{
     robots := [starl:robot_id()],
     profiles := starl_chassis:profiles(),
@@ -17,6 +17,7 @@
     blocks => [starl_robot_sup:machine()],
     sap => starl_sap:config(),
     sap_machine => module(),
+    motion_machine => module(),
     waypoints => #{atom() => starl_geometry:point()},
     exact => boolean(),
     intensity => pos_integer()
@@ -63,7 +64,7 @@ services(#{profiles := Profiles} = Crew) ->
     [
         {sap, maps:get(sap_machine, Crew, starl_sap), maps:get(sap, Crew, #{})},
         {location, starl_location, location(Crew)},
-        {motion, starl_motion, #{profiles => Profiles}}
+        {motion, maps:get(motion_machine, Crew, starl_motion), #{profiles => Profiles}}
     ].
 
 location(#{profiles := [#{position_error_mm := Error} | _]} = Crew) ->

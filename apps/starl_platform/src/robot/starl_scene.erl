@@ -34,8 +34,9 @@
     sap => starl_sap:config(),
     %% is a crash of the application by itself a violation, as that of a block is (false)?
     never_crashes => boolean(),
-    %% another implementation of SAP, for tests
+    %% other implementations of SAP and of motion, for tests
     sap_machine => module(),
+    motion_machine => module(),
     %% any term for report/2
     memo => term()
 }.

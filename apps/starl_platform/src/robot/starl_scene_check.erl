@@ -26,7 +26,7 @@ no_answer(Other) ->
 
 keys() ->
     [app, blocks, waypoints, poses, monitors, profile, sap] ++
-        [never_crashes, sap_machine, memo].
+        [never_crashes, sap_machine, motion_machine, memo].
 
 values([]) ->
     ok;
@@ -57,7 +57,7 @@ value(sap, Sap) ->
     known("sap", Sap, sap_keys());
 value(never_crashes, Is) ->
     is_boolean(Is) orelse "true or false";
-value(sap_machine, Module) ->
+value(Machine, Module) when Machine =:= sap_machine; Machine =:= motion_machine ->
     is_atom(Module) orelse "a module";
 value(_Key, _Value) ->
     true.

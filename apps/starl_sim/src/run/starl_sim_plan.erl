@@ -104,7 +104,7 @@ parts(Scene) ->
         app => element(2, maps:get(app, Scene)),
         sap => Sap,
         location => starl_location,
-        motion => starl_motion
+        motion => maps:get(motion_machine, Scene, starl_motion)
     }.
 
 %% @doc The facts of a planned run, for its observer. Monitors that only look on are not among them.
@@ -121,13 +121,15 @@ facts({#{app := App} = Scenario, Scene, #{robots := Robots, monitors := Monitors
     }.
 
 nodes(#{app := App}, #{app := Playing} = Scene, #{nodes := Nodes} = Options) ->
-    Sap = maps:get(sap_machine, Scene, starl_sap),
+    Services = [
+        maps:get(sap_machine, Scene, starl_sap), maps:get(motion_machine, Scene, starl_motion)
+    ],
     Blocks = [Module || {_, Module, _} <- maps:get(blocks, Scene, [])],
     #{
         nodes => #{
             nodes => Nodes,
             timeout_ms => maps:get(node_timeout_ms, Options, ?NODE_TIMEOUT_MS),
-            modules => lists:usort([App, element(2, Playing), Sap | Blocks]),
+            modules => lists:usort([App, element(2, Playing) | Services ++ Blocks]),
             code => maps:get(code, Options, [])
         }
     };
@@ -163,7 +165,7 @@ latency(#{command_latency := {Least, Most}}) ->
 is_exact([#{position_error_mm := Error} | _]) -> Error == 0.
 
 crew(Mode, Scene, Profiles, #{robots := Ids} = Context) ->
-    Given = maps:with([app, blocks, waypoints, sap_machine], Scene),
+    Given = maps:with([app, blocks, waypoints, sap_machine, motion_machine], Scene),
     Tree = starl_robot_crew:tree(Given#{
         robots => Ids,
         profiles => Profiles,
