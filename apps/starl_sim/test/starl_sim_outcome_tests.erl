@@ -11,6 +11,7 @@ adds_up_test() ->
         #{
             ending => done,
             end_us => 5,
+            judged_us => 5,
             robots => maps:get(robots, End),
             lost => [],
             events => 20,
@@ -37,6 +38,18 @@ closed_at_the_end_test() ->
     #{violations := Violations} =
         starl_sim_outcome:new(ending([robot(1, 7)], 1), starl_sim_judge:new([Unfinished])),
     ?assertMatch([#{contract := progress, at_us := 5}], Violations).
+
+%% Where nothing can happen any more, those who wait have waited for ever: they are late at their deadline.
+judged_to_the_limit_when_quiet_test() ->
+    Unfinished = {starl_sim_progress_monitor, #{robots => [1], deadline_us => 9}},
+    Close = fun(Ending) ->
+        End = (ending([robot(1, 7)], 1))#{ending := Ending},
+        starl_sim_outcome:new(End, starl_sim_judge:new([Unfinished]))
+    end,
+    ?assertMatch(#{violations := [], judged_us := 5}, Close(stopped)),
+    ?assertMatch(
+        #{violations := [#{at_us := 9}], judged_us := 9, end_us := 5}, Close(quiet)
+    ).
 
 %% Two runs have the same digest if the chains of all robots are the same, and only then; whose
 %% chain it is counts, the rest of what is known does not.
@@ -66,7 +79,7 @@ digest(Robots) ->
     Digest.
 
 ending(Robots, Team) ->
-    #{ending => done, end_us => 5, robots => Robots, team => Team, lost => []}.
+    #{ending => done, end_us => 5, limit_us => 9, robots => Robots, team => Team, lost => []}.
 
 %% It had as many events as its chain says, and a hundred packets more.
 robot(Id, Chain) -> {Id, #{chain => Chain, events => Chain, packets => Chain + 100}}.

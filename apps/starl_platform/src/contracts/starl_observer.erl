@@ -53,11 +53,14 @@
     was_up => boolean()
 }.
 
-%% The end of a run: all violations, in the order of its report.
+%% The end of a run: all violations, in the order of its report, and what was not judged. Contracts are
+%% judged until `judged_us', if that is later than the end: until then nothing would have happened.
 -type ending() :: #{
     ending := atom(),
     end_us := integer(),
+    judged_us => integer(),
     violations := [starl_monitor:violation()],
+    unjudged => [starl_unjudged:t()],
     digest := binary()
 }.
 

@@ -14,6 +14,8 @@
 -type t() :: #{
     ending := ending() | none,
     end_us := starl_sim_queue:time(),
+    %% the time until which contracts are judged
+    judged_us := starl_sim_queue:time(),
     violations := [starl_monitor:violation()],
     %% the parts of the run of which there is no verdict
     unjudged := [starl_unjudged:t()],
@@ -27,18 +29,23 @@
 
 -type robot() :: {starl:robot_id(), starl_sim_robot:summary()}.
 
-%% @doc The outcome of a run that ends now, from the summaries of its known robots, ascending.
+%% @doc The outcome of a run that ends now, from the summaries of its known robots, ascending. Where
+%% nothing could happen any more (`quiet') the time passes all the same, until the limit of the run:
+%% who should have got on until then has not.
 -spec new(End, starl_sim_judge:t()) -> t() when
     End :: #{
         ending := ending() | none,
         end_us := starl_sim_queue:time(),
+        limit_us := starl_sim_queue:time(),
         robots := [robot()],
         team := pos_integer(),
         lost := [starl_sim_nodes:loss()]
     }.
-new(#{end_us := Now, robots := Robots, team := Team} = End, Judge) ->
-    {Violations, Results, Unjudged} = starl_sim_judge:close(Now, Judge),
+new(#{robots := Robots, team := Team} = End, Judge) ->
+    Until = until_us(End),
+    {Violations, Results, Unjudged} = starl_sim_judge:close(Until, Judge),
     (maps:with([ending, end_us, robots, lost], End))#{
+        judged_us => Until,
         violations => Violations,
         unjudged => Unjudged,
         monitors => Results,
@@ -46,6 +53,9 @@ new(#{end_us := Now, robots := Robots, team := Team} = End, Judge) ->
         events => lists:sum([N || {_, #{events := N}} <- Robots]),
         packets => lists:sum([N || {_, #{packets := N}} <- Robots])
     }.
+
+until_us(#{ending := quiet, end_us := Now, limit_us := Limit}) -> max(Now, Limit);
+until_us(#{end_us := Now}) -> Now.
 
 %% Only a digest over all robots can be compared with that of another run.
 digest(Robots, Team) when length(Robots) < Team ->

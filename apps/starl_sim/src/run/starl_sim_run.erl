@@ -336,12 +336,13 @@ conclude(Robots, #run{shards = Shards, judge = Judge} = Run) ->
     End = #{
         ending => Run#run.ending,
         end_us => Run#run.now,
+        limit_us => Run#run.limit_us,
         robots => Robots,
         team => starl_sim_shards:team(Shards),
         lost => Run#run.lost
     },
     Outcome = starl_sim_outcome:new(End, Judge),
-    Told = maps:with([ending, end_us, violations, digest], Outcome),
+    Told = maps:with([ending, end_us, judged_us, violations, unjudged, digest], Outcome),
     ok = starl_observer:tell({ended, Told}, Run#run.observer),
     Outcome.
 

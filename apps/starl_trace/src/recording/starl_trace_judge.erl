@@ -153,8 +153,9 @@ message({scenario, _, Scenario}, #judge{scenario = none, file = File} = Judge) -
         monitors = starl_monitor:guarded([Monitor || {Monitor, nothing} <- Needs]),
         not_judged = [{Module, What} || {{Module, _}, What} <- Needs, What =/= nothing]
     };
-message({verdicts, _, {ended, #{end_us := End, violations := Found}}}, Judge) ->
-    Judge#judge{found = Found, until = max(End, Judge#judge.until)};
+message({verdicts, _, {ended, #{end_us := End, violations := Found} = Ending}}, Judge) ->
+    Until = maps:get(judged_us, Ending, End),
+    Judge#judge{found = Found, until = max(Until, Judge#judge.until)};
 message({faults, At, {began, {Id, _, forever, pause, Robot, _}}}, Judge) ->
     Judge#judge{standing = (Judge#judge.standing)#{Id => {Robot, At}}};
 message({faults, At, {ended, {Id, _, _, pause, _, _}}}, #judge{standing = Standing} = Judge) when

@@ -10,7 +10,13 @@ when
     Ending :: starl_world:ending() | none, NowUs :: integer().
 close(Ending, Now, {Judge, Robots}, Observer) ->
     {Violations, Results, Unjudged} = starl_world_judge:close(Now, Judge),
-    Told = #{ending => Ending, end_us => Now, violations => Violations, digest => <<>>},
+    Told = #{
+        ending => Ending,
+        end_us => Now,
+        violations => Violations,
+        unjudged => Unjudged,
+        digest => <<>>
+    },
     ok = starl_observer:tell({ended, Told}, Observer),
     outcome(Ending, Now, {Violations, Results, Unjudged}, Robots).
 
@@ -22,6 +28,7 @@ outcome(Ending, Now, {Violations, Results, Unjudged}, Robots) ->
     #{
         ending => Ending,
         end_us => Now,
+        judged_us => Now,
         violations => Violations,
         unjudged => Unjudged,
         monitors => Results,
