@@ -16,7 +16,8 @@
     news_keep_focus_and_selection/1,
     a_button_does_not_take_the_keys/1,
     an_answer_stands_at_its_form/1,
-    a_large_team_is_reachable/1
+    a_large_team_is_reachable/1,
+    what_is_not_judged_is_said/1
 ]).
 
 -define(B, starl_view_browser).
@@ -35,7 +36,8 @@ all() ->
         news_keep_focus_and_selection,
         a_button_does_not_take_the_keys,
         an_answer_stands_at_its_form,
-        a_large_team_is_reachable
+        a_large_team_is_reachable,
+        what_is_not_judged_is_said
     ].
 
 init_per_suite(Config) ->
@@ -256,6 +258,34 @@ look(State, Hub, Browser) ->
         Browser
     ).
 
+%% -- verdicts -------------------------------------------------------------------------------
+
+%% A contract that is not judged is neither kept nor broken: its light says so from then on, with the reason in
+%% words; a page that comes later is told, too.
+what_is_not_judged_is_said(Config) ->
+    shown(grid(2), Config, fun(Browser, Hub) ->
+        Lights =
+            "[...document.querySelectorAll('#lights span')].map(l => l.textContent).join()",
+        Shows = fun(Text) -> ?B:await([Lights, " === '", Text, "'"], Browser) end,
+        ok = Shows("motion kept,sap kept"),
+        ok = told([[<<"u">>, 2000000, [<<"sap">>], <<"sap: a mistake">>]], 3000000, Hub),
+        ok = Shows("motion kept,sap not judged from 2.000 s on"),
+        Hub ! {unjudged, 3500000, {stood_still, 1000000, 3500000}},
+        ok = told([], 4000000, Hub),
+        ok = Shows("motion not judged from 3.500 s on,sap not judged from 2.000 s on"),
+        ?assertMatch(
+            [
+                <<"sap: a mistake">>,
+                <<"not judged any further: the computer stood still", _/binary>>
+            ],
+            ?B:eval("[...document.querySelectorAll('#broken li')].map(l => l.textContent)", Browser)
+        ),
+        ?B:eval("starl.scrub(2.5e6)", Browser),
+        ok = Shows("motion kept,sap not judged from 2.000 s on"),
+        ?B:eval("location.reload()", Browser),
+        Shows("motion not judged from 3.500 s on,sap not judged from 2.000 s on")
+    end).
+
 %% After a click keys work as before, and space does not press the button again; a button that the keyboard has
 %% reached has its space; a field takes what is typed.
 a_button_does_not_take_the_keys(Config) ->
@@ -375,7 +405,7 @@ shown(Team, Browser, Do) ->
         range => null,
         limit => 100,
         machines => [<<"sap">>],
-        contracts => [<<"sap">>],
+        contracts => [<<"motion">>, <<"sap">>],
         kinds => [[<<"isolate">>, <<"robots">>, [], <<"no packets">>]],
         spots => [[Id, X, Y] || {Id, X, Y} <- Team],
         waypoints => [],

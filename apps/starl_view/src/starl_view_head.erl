@@ -43,13 +43,10 @@ range(_) -> null.
 %% Those of an application of its own among them; monitors that only look on are no facts of a run. Crashes break
 %% contracts that are named after the machines.
 contracts(Monitors) ->
-    lists:usort([contract(Module) || {Module, _} <- Monitors, Module =/= starl_crash_monitor]).
-
-%% The word by which its violations name it.
-contract(starl_sim_progress_monitor) -> <<"progress">>;
-contract(starl_exercise_monitor) -> <<"calls">>;
-contract(starl_election_bully_monitor) -> <<"election">>;
-contract(Module) -> unicode:characters_to_binary(starl_monitor:name(Module)).
+    lists:usort([
+        starl_view_row:contract(starl_monitor:name(Module))
+     || {Module, _} <- Monitors, Module =/= starl_crash_monitor
+    ]).
 
 tube(Monitors) ->
     case [Radius || {_, #{tube_radius := Radius}} <- Monitors] of

@@ -281,6 +281,9 @@ handle_info({ended, #{end_us := End} = Ending} = News, Hub) ->
 handle_info({fault, At, What} = News, Hub) ->
     ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
     {noreply, told({faults, At, What}, Hub)};
+handle_info({unjudged, At, Why} = News, Hub) ->
+    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
+    {noreply, told({gap, At, Why}, Hub)};
 handle_info({starl_trace, _, Messages}, Hub) ->
     {noreply, lists:foldl(fun told/2, Hub, Messages)};
 handle_info(_, Hub) ->

@@ -13,11 +13,12 @@
 %%   ["x", T, Robot, Machine, What]        crashes, ends, new starts; what the body feels (chassis)
 %%   ["f", T, Id, From, To, Kind, Target, Params]                a fault of the schedule, in ms
 %%   ["v", T, Contract, Text, [Robot, ...]]                                     a broken contract
+%%   ["u", T, [Contract, ...], Text]           not judged from then on, or at all; no name: all
 %% '''
 %% Times are in microseconds, lengths in millimetres, angles in radians.
 -module(starl_view_row).
 
--export([of_message/1, fault/2, violation/1, text/2]).
+-export([of_message/1, fault/2, violation/1, contract/1, text/2]).
 
 -export_type([row/0]).
 
@@ -35,9 +36,14 @@ of_message({packets, T, {From, To, What, Bytes, Fate}}) ->
     [packet(T, From, To, What, Bytes, Fate)];
 of_message({verdicts, _, {violation, Violation}}) ->
     [violation(Violation)];
-of_message({verdicts, _, {ended, #{violations := Violations}}}) ->
+of_message({verdicts, _, {ended, #{violations := Violations} = Ending}}) ->
     %% some are found at the end only
-    [violation(Violation) || Violation <- Violations];
+    [violation(Violation) || Violation <- Violations] ++
+        [unjudged(Part) || Part <- maps:get(unjudged, Ending, [])];
+of_message({gap, T, Missing}) when is_integer(Missing) ->
+    [unjudged(T, [], starl_unjudged:format_why({missing, Missing}))];
+of_message({gap, T, Why}) ->
+    [unjudged(T, [], starl_unjudged:format_why(Why))];
 of_message({faults, T, {_BeganOrEnded, Fault}}) ->
     [fault(T, Fault)];
 of_message(_) ->
@@ -111,6 +117,21 @@ ended(_) -> ?FOREVER_MS.
 violation(#{contract := Contract, at_us := T, robots := Robots} = Violation) ->
     Text = unicode:characters_to_binary(starl_monitor:format_violation(Violation)),
     [<<"v">>, T, Contract, Text, Robots].
+
+unjudged(#{monitors := all, from_us := T} = Part) ->
+    unjudged(T, [], starl_unjudged:format(Part));
+unjudged(#{monitors := Names, from_us := T} = Part) ->
+    unjudged(T, lists:usort([contract(Name) || Name <- Names]), starl_unjudged:format(Part)).
+
+unjudged(T, Contracts, Text) ->
+    [<<"u">>, T, Contracts, unicode:characters_to_binary(Text)].
+
+%% @doc The word by which the violations of a monitor, given by its name, name its contract.
+-spec contract(Monitor :: string()) -> binary().
+contract("sim_progress") -> <<"progress">>;
+contract("exercise") -> <<"calls">>;
+contract("election_bully") -> <<"election">>;
+contract(Name) -> unicode:characters_to_binary(Name).
 
 %% @doc A term as a short text.
 -spec text(term(), pos_integer()) -> binary().

@@ -13,7 +13,7 @@
 -record(state, {
     %% the last rows of a kind, by robot (and device)
     last = #{} :: #{Key :: term() => starl_view_row:row()},
-    %% faults, violations, and crashes, newest first
+    %% faults, violations, what is not judged, and crashes, newest first
     said = [] :: [starl_view_row:row()],
     %% the strokes of each robot's pen, latest first, and the number of their points
     ink = #{} :: #{starl:robot_id() => [[float()]]},
@@ -35,7 +35,7 @@ add([<<"a">>, T, Robot, Device | _] = Row, #state{last = Last} = State) ->
 add([<<"r">>, _, Robot | _] = Row, #state{last = Last} = State) ->
     State#state{last = Last#{{r, Robot} => Row}};
 add([Kind | _] = Row, #state{said = Said} = State) when
-    Kind =:= <<"f">>; Kind =:= <<"v">>; Kind =:= <<"x">>
+    Kind =:= <<"f">>; Kind =:= <<"v">>; Kind =:= <<"u">>; Kind =:= <<"x">>
 ->
     State#state{said = lists:sublist([Row | Said], ?MOST_SAID)};
 add(_Row, State) ->

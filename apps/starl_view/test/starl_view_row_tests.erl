@@ -50,6 +50,24 @@ ends_test() ->
     ?assertEqual([[<<"x">>, 7, 2, sap, crashed]], rows(sap, crashed)),
     ?assertEqual([], rows(app, {anything, at, all})).
 
+%% What is not judged is told as what is broken: at its time, with the contracts as their lights name them.
+not_judged_test() ->
+    Mistake = starl_unjudged:mistake("exercise", 5, "it crashes"),
+    Ended = {ended, #{ending => done, end_us => 9, violations => [], unjudged => [Mistake]}},
+    ?assertEqual(
+        [[<<"u">>, 5, [<<"calls">>], iolist_to_binary(starl_unjudged:format(Mistake))]],
+        starl_view_row:of_message({verdicts, 9, Ended})
+    ),
+    %% recordings of earlier versions do not say it
+    Kept = {ended, #{ending => done, end_us => 9, violations => []}},
+    ?assertEqual([], starl_view_row:of_message({verdicts, 9, Kept})),
+    Gap = fun(Why) ->
+        [[<<"u">>, 7, [], Text]] = starl_view_row:of_message({gap, 7, Why}),
+        Text
+    end,
+    ?assertMatch({_, _}, binary:match(Gap({stood_still, 1000000, 2000000}), <<"stood still">>)),
+    ?assertMatch({_, _}, binary:match(Gap(3), <<"3 events are missing">>)).
+
 %% A long term stays short, and a whole number of characters.
 text_test() ->
     Long = starl_view_row:text(lists:duplicate(1000, "ä"), 40),

@@ -61,6 +61,7 @@ export class Team {
     this.marks = [];         // [t, kind, text, robots]
     this.faults = new Map();
     this.violations = [];
+    this.unjudged = [];      // of some contracts, or of all
     this.begin = 0;
     this.part = false;
     this.now = 0;
@@ -90,6 +91,7 @@ export class Team {
         kind: row[5], target: row[6], params: row[7] }); break;
       case 'end': if (this.faults.has(row[2])) this.faults.get(row[2]).to = t; break;
       case 'v': this.violated(row); break;
+      case 'u': this.blinded(row); break;
       case 'i': this.ink.push(row.slice(1)); this.begin = t; this.version++; break;
       case 'c': this.leftOut += row[2]; break;
       case 'gap': this.begin = t; this.version++; break;
@@ -135,6 +137,12 @@ export class Team {
     if (this.violations.length >= MOST_FAULTS || this.violations.some(v => v.text === text)) return;
     this.violations.push({ t, contract, text, robots });
     this.marks.push([t, 'violation', text, robots]);
+    this.marks.sort((a, b) => a[0] - b[0]);
+  }
+  blinded([, t, contracts, text]) {
+    if (this.unjudged.length >= MOST_FAULTS || this.unjudged.some(u => u.text === text)) return;
+    this.unjudged.push({ t, contracts, text });
+    this.marks.push([t, 'unjudged', text, []]);
     this.marks.sort((a, b) => a[0] - b[0]);
   }
   oldFaults() {

@@ -220,8 +220,8 @@ export class Panel {
     $('robot-where').textContent = pose ? describe(robot, pose, t) + this.off(pose) : 'click a robot, or give its number';
   }
   lights(t) {
-    const broken = this.team.violations.filter(v => v.t <= t);
-    const key = `${broken.length} ${this.team.run.contracts}`;
+    const broken = this.team.violations.filter(v => v.t <= t), blind = this.team.unjudged.filter(u => u.t <= t);
+    const key = `${broken.length} ${blind.length} ${this.team.run.contracts}`;
     if (this.shown.lights === key) return;
     this.shown.lights = key;
     const known = this.team.run.contracts, others = broken.map(v => v.contract).filter(c => !known.includes(c));
@@ -229,9 +229,12 @@ export class Panel {
       const own = broken.filter(v => v.contract === name), light = element('span', '');
       light.dataset.key = name;
       // What only robots have recorded nobody has judged.
-      const unknown = this.team.run.judged === false;
+      const since = blind.find(u => u.contracts.length === 0 || u.contracts.includes(name));
+      const unknown = this.team.run.judged === false || since;
       if (unknown) light.className = 'unknown';
-      light.append(element('i', ''), own.length ? '' : `${name} ${unknown ? 'not judged' : 'kept'}`);
+      if (since) light.title = since.text;
+      light.append(element('i', ''), own.length ? '' : `${name} ${!unknown ? 'kept' : 'not judged'}` +
+        `${since ? ` from ${seconds(since.t)} on` : ''}`);
       if (own.length) {
         light.className = 'broken';
         light.append(element('button', `${name} broken at ${seconds(own[0].t)}`,
@@ -239,13 +242,14 @@ export class Panel {
       }
       return light;
     }));
-    this.violations(broken);
+    this.violations(broken, blind);
   }
-  // What is broken in words, for all eyes: the first of each contract.
-  violations(broken) {
+  // What is broken in words, for all eyes: the first of each contract; and what is not judged, and why.
+  violations(broken, blind) {
     const first = broken.filter((v, i) => broken.findIndex(w => w.contract === v.contract) === i);
-    $('broken').classList.toggle('absent', first.length === 0);
-    settle($('broken'), first.map(v => element('li', v.text)));
+    $('broken').classList.toggle('absent', first.length + blind.length === 0);
+    settle($('broken'), first.map(v => element('li', v.text)).concat(
+      blind.map(u => element('li', u.text, { className: 'unjudged' }))));
   }
   faults(t) {
     const all = [...this.team.faults.values()];

@@ -1,4 +1,4 @@
-// The time line: spans of faults, marks of crashes and broken contracts above the slider.
+// The time line: spans of faults, marks of crashes, broken contracts and what is not judged above the slider.
 export function marks(canvas, floor, team, from, end) {
   const g = canvas.getContext('2d'), px = window.devicePixelRatio || 1;
   const w = canvas.width = Math.round(canvas.clientWidth * px);
@@ -13,7 +13,8 @@ export function marks(canvas, floor, team, from, end) {
   }
   for (const [t, kind] of team.marks) {
     g.fillStyle = kind === 'violation' || kind === 'died' ? floor.c.bad
-      : kind === 'up' ? floor.c.accent : floor.c.dim;
-    g.fillRect(x(t) - px, kind === 'violation' ? 0 : 10 * px, 2 * px, kind === 'violation' ? h : h - 10 * px);
+      : kind === 'up' ? floor.c.accent : kind === 'unjudged' ? floor.c.warn : floor.c.dim;
+    const whole = kind === 'violation' || kind === 'unjudged';
+    g.fillRect(x(t) - px, whole ? 0 : 10 * px, 2 * px, whole ? h : h - 10 * px);
   }
 }
