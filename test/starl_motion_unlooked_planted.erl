@@ -1,5 +1,5 @@
-%% Motion that looks where it stands before the first leg of a drive only, and takes itself to be there before
-%% each further one. Where it heads it looks each time.
+%% Motion that looks where it stands before the first leg of a drive only, and takes itself to be there
+%% before each further one. Where it heads it looks each time.
 -module(starl_motion_unlooked_planted).
 -behaviour(starl_machine).
 

@@ -82,6 +82,57 @@ agreement_test() ->
     Known = #{broken => [], healed_us => 20, delay_us => 1, slack_us => 5},
     ?assertEqual([{no_agreement, 30}], judge(One, starl_counter_monitor:context(Known, Bound))).
 
+%% The last message that all wait for may be lost as often as it may be in 10^9 messages, and be sent
+%% again in the next turn.
+longer_with_loss_test() ->
+    Sap = #{},
+    Known = #{healed_us => 0, sap => Sap, loss => 0.2, delay_us => 1000},
+    Longer = starl_counter_monitor:context(Known, #{within_us => 10, turn_us => 5}),
+    Reach = starl_sap:reach_us(Sap, 0.2, 1000, 5),
+    ?assertEqual(#{within_us => 10 + Reach, turn_us => 5, healed_us => 0}, Longer).
+
+%% A fault that is known only when it has happened has its time to heal; without an increment nothing
+%% is due.
+broken_later_test() ->
+    Start = starl_counter_monitor:init(#{robots => [1, 2], within_us => 10}),
+    Finished = fun(Events, End) ->
+        Last = lists:foldl(
+            fun
+                ({broken, To}, State) ->
+                    starl_counter_monitor:broken({1, 0, To, pause}, State);
+                (Event, State) ->
+                    element(2, starl_counter_monitor:step(Event, State))
+            end,
+            Start,
+            Events
+        ),
+        {Verdict, _} = starl_counter_monitor:finish(End, Last),
+        Verdict
+    end,
+    One = count(1, 1, 1),
+    ?assertMatch({violation, [#{at_us := 11}]}, Finished([One], 50)),
+    ?assertMatch({violation, [#{at_us := 30}]}, Finished([One, {broken, 20}], 50)),
+    ?assertMatch({violation, [#{at_us := 30}]}, Finished([{broken, 20}, One], 50)),
+    ?assertMatch({violation, [#{at_us := 30}]}, Finished([One, {broken, 20}, {broken, 5}], 50)),
+    ?assertEqual(ok, Finished([{broken, 20}, reads(1, 1, 0)], 50)).
+
+%% Who is accused of an increment that does not count is named; the first one of a robot that is not
+%% known counts.
+not_counted_details_test() ->
+    State = starl_counter_monitor:init(#{robots => [1]}),
+    {violation, Found, _} = starl_counter_monitor:step(count(1, 1, 0), State),
+    ?assertMatch(#{robots := [1], details := #{value := 0}}, Found),
+    ?assertMatch({ok, _}, starl_counter_monitor:step(count(1, 7, 1), State)),
+    %% it has counted three times since the crash of another, who knew of nothing
+    Bound = #{within_us => 10},
+    Thrice = [{1, 2, counter, crashed}, count(2, 1, 1), count(3, 1, 2), count(4, 1, 3)],
+    All = fun(Value) -> [holds(5, Robot, Value) || Robot <- [2, 3]] end,
+    ?assertEqual([], judge(Thrice ++ All(3), Bound)),
+    ?assertEqual(
+        [{increments_lost, 14}],
+        judge(Thrice ++ [reads(5, 1, 2) | All(2)], Bound) -- [{goes_back, 5}]
+    ).
+
 results_test() ->
     State = starl_counter_monitor:init(#{robots => [1], within_us => 1}),
     {ok, Next} = starl_counter_monitor:step(count(1, 1, 1), State),
