@@ -66,3 +66,23 @@ starts_are_ordered_by_number_test() ->
     ?assertEqual([{1, 1, app, last}], starl_live_record:last(Dir)),
     ?assertEqual([starl_live_record:file(Record)], starl_live_record:starts(Dir)),
     ok = file:del_dir_r(Dir).
+
+%% A batch that a full disk has cut off is taken back: one after it that finds room is read. No file of the
+%% program may have more than 512 bytes; two batches of 150 fit.
+full_disk_test_() ->
+    {timeout, 60, fun() ->
+        Dir = filename:join(os:getenv("TMPDIR", "/tmp"), "starl-full-" ++ os:getpid()),
+        ok = filelib:ensure_path(Dir),
+        Eval =
+            "{ok, New} = starl_live_record:open(\"" ++ Dir ++
+                "\"),"
+                "Write = fun({N, Size}, Record) -> starl_live_record:write("
+                "{N, N, [{N, 1, app, binary:copy(<<0>>, Size)}]}, Record) end,"
+                "lists:foldl(Write, New, [{1, 150}, {2, 150}, {3, 150}, {4, 10}]), halt().",
+        Erl =
+            "exec erl -noinput -pa " ++ filename:dirname(code:which(starl_live_record)) ++
+                " -eval '" ++ Eval ++ "'",
+        ?assertEqual("", os:cmd("trap '' XFSZ; ulimit -f 1; " ++ Erl)),
+        ?assertEqual([1, 2, 4], [N || {N, 1, app, _} <- starl_live_record:last(Dir)]),
+        ok = file:del_dir_r(Dir)
+    end}.

@@ -11,6 +11,7 @@
     all_killed/1,
     paused/1,
     stores_struck/1,
+    full_disk/1,
     cut/1,
     hung/1,
     hung_sender/1,
@@ -24,7 +25,7 @@
     none_left_standing/1
 ]).
 %% called in the conductor
--export([play/4, struck/1, beside_another/1, killed_by_its_code/1, loaded_and_begun/1]).
+-export([play/4, struck/1, filled/1, beside_another/1, killed_by_its_code/1, loaded_and_begun/1]).
 -export([sender_hangs/1]).
 
 -define(SPEED, 10).
@@ -36,6 +37,7 @@ all() ->
         all_killed,
         paused,
         stores_struck,
+        full_disk,
         cut,
         hung,
         hung_sender,
@@ -136,6 +138,12 @@ stores_struck(Config) ->
     {Struck, Numbers} = lists:unzip(Starts),
     ?assertEqual([first, killed, set_back, killed, lost], Struck),
     ?assertEqual(lists:usort(Numbers), Numbers).
+
+%% On a full disk nothing can be written, and what was written stays; the node runs. One that ends comes back
+%% when there is room.
+full_disk(Config) ->
+    Dir = proplists:get_value(dir, Config),
+    ?assertEqual({{error, efbig}, ok, ok, [1]}, in_conductor(filled, [Dir], Config)).
 
 %% Nothing gets through while the link is cut.
 cut(Config) ->
@@ -368,6 +376,31 @@ struck(Dir) ->
     ok = starl_cluster:stop(Cluster),
     _ = starl_cluster:finish(Cluster),
     [First | Starts].
+
+%% A write of robot 2's node while its disk is full, when it is clear, and by its neighbour's meanwhile;
+%% the robots that are up when it has tried to start on a full disk.
+filled(Dir) ->
+    _ = process_flag(trap_exit, true),
+    Given = #{app => starl_world_app, robots => 2, play => #{}},
+    {ok, Cluster} = starl_cluster:start(Given, #{dir => Dir, transport => dist}),
+    ok = starl_cluster:fill(Cluster, 2),
+    Full = writes(2, Dir, Cluster),
+    Other = writes(1, Dir, Cluster),
+    ok = starl_cluster:heal(Cluster),
+    Clear = writes(2, Dir, Cluster),
+    ok = starl_cluster:fill(Cluster, 2),
+    ok = starl_cluster:kill(Cluster, 2),
+    ok = restarted(2, Cluster),
+    #{up := Up} = starl_cluster:status(Cluster),
+    ok = starl_cluster:heal(Cluster),
+    ok = up(2, Cluster),
+    _ = starl_cluster:stop(Cluster),
+    _ = starl_cluster:finish(Cluster),
+    {Full, Other, Clear, Up}.
+
+writes(Robot, Dir, Cluster) ->
+    {ok, #{node := Node}} = starl_cluster:place(Cluster, Robot),
+    erpc:call(Node, file, write_file, [filename:join(Dir, "written"), <<"anything">>]).
 
 starts(Dir) ->
     {ok, Store} = starl_live_store:open(filename:join(Dir, "robot-2")),

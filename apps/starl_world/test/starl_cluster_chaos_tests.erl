@@ -4,7 +4,7 @@
 -define(SPAN, {5_000_000, 45_000_000}).
 
 %% Two nodes are killed, the leader's first or second; one is halted; what is cut is mended, what freezes
-%% thaws.
+%% thaws; a disk that is full has room again.
 draw_test_() ->
     [{"seed " ++ integer_to_list(Seed), fun() -> drawn(Seed) end} || Seed <- lists:seq(1, 50)].
 
@@ -18,10 +18,12 @@ drawn(Seed) ->
     ?assert(Seconds >= 1 andalso Seconds =< 2),
     [{Frozen, Robot}] = [{At, R} || {At, {freeze, R}} <- Acts],
     ?assertEqual([Frozen + 5_000_000], [At || {At, {thaw, R}} <- Acts, R =:= Robot]),
+    [{Full, Filled}] = [{At, R} || {At, {fill, R}} <- Acts],
+    ?assertEqual([Full + 5_000_000], [At || {At, {clear, R}} <- Acts, R =:= Filled]),
     [?assert(lists:member({At + 10_000_000, {mend, A, B}}, Acts)) || {At, {cut, A, B}} <- Acts],
     ?assert(lists:all(fun begins_in_time/1, Acts)).
 
-begins_in_time({At, {What, _}}) when What =:= kill; What =:= freeze -> in_time(At);
+begins_in_time({At, {What, _}}) when What =:= kill; What =:= freeze; What =:= fill -> in_time(At);
 begins_in_time({At, {pause_at_work, _, _}}) -> in_time(At);
 begins_in_time({At, {cut, A, B}}) -> A =/= B andalso in_time(At);
 begins_in_time(_) -> true.
@@ -51,6 +53,14 @@ stores_test() ->
     ?assertEqual(Acts, starl_cluster_chaos:stores(7, [1, 2, 3], 20)),
     ?assertEqual(20, length(Acts)),
     ?assertEqual([lose_store, set_back], lists:usort([What || {_, {What, _}} <- Acts])).
+
+%% Each has room again before the next is full.
+full_disks_test() ->
+    Acts = starl_cluster_chaos:full_disks(7, [1, 2, 3], 20),
+    ?assertEqual(Acts, starl_cluster_chaos:full_disks(7, [1, 2, 3], 20)),
+    ?assertEqual(40, length(Acts)),
+    ?assertEqual([1, 2, 3], lists:usort([R || {_, {fill, R}} <- Acts])),
+    [?assert(lists:member({At + 5_000_000, {clear, R}}, Acts)) || {At, {fill, R}} <- Acts].
 
 alone_test() ->
     Acts = starl_cluster_chaos:draw(1, [1], ?SPAN),

@@ -17,6 +17,7 @@ undone_test_() ->
         ?_assertEqual({?M:new(), [2]}, {done([Act, Undo]), Held(done([Act, Act]))})
      || {Act, Undo, Held} <- [
             {{freeze, 2}, {thaw, 2}, fun ?M:frozen/1},
+            {{fill, 2}, {clear, 2}, fun ?M:full/1},
             {{unplug, 2}, {plug, 2}, fun ?M:unplugged/1},
             {{unplug_in_time, 2}, {plug, 2}, fun ?M:unplugged/1}
         ]

@@ -35,8 +35,11 @@ about(none) ->
                 "last start"},
             {"cluster cut N M", "robots N and M do not hear each other"},
             {"cluster freeze N", "robot N gets no new positions"},
+            {"cluster fill N",
+                "the disk of robot N is full: its store and recording cannot be written"},
             {"cluster unplug N", "the cable of robot N's Create is pulled"},
-            {"cluster heal", "undoes all cuts, freezes and pauses, puts all cables back"},
+            {"cluster heal",
+                "undoes all cuts, freezes and pauses, clears the disks, puts all cables back"},
             {"cluster reload CODE",
                 "new code for all robots: an application, FILE.erl or a module; what fails within 5 s "
                 "is rolled back everywhere"},
@@ -69,8 +72,8 @@ own() ->
         {metrics, {optional, {integer, 1, 65000}}, none,
             "robot N serves http://127.0.0.1:PORT/metrics for Prometheus, PORT being this plus N"},
         {chaos, switch, false,
-            "kills two nodes, the leader's among them, halts one, cuts a link and freezes the "
-            "positions of a robot for a while, at times drawn from the seed"},
+            "kills two nodes, the leader's among them, halts one, cuts a link, freezes the positions "
+            "of a robot and fills the disk of one for a while, at times drawn from the seed"},
         {unplug, {integer, 0, 1000}, 0,
             "pulls the cable of a Create and puts it back a second later, so many times, every 4 s; "
             "that of a Create 2, which would drive on, when it stands"},
@@ -80,6 +83,8 @@ own() ->
         {lost_stores, {integer, 0, 1000}, 0,
             "kills a node, which is started anew without its store, or with an old one, so many "
             "times, every 10 s of the run"},
+        {full_disks, {integer, 0, 1000}, 0,
+            "fills the disk of a robot for 5 s of the run, so many times, every 10 s"},
         {runs, {integer, 1, 1000}, 1, "runs, one after the other, each with the next seed"}
         | lists:keydelete(pace, 1, starl_cli_live:flags()) ++
             lists:keydelete(record, 1, starl_cli_recording:flags()) ++ starl_cli_window:flags()
@@ -161,8 +166,9 @@ chaos(#{robots := Robots, seed := Seed}, #{chaos := true}) ->
     starl_cluster_chaos:draw(Seed, lists:seq(1, Robots), ?CHAOS_US).
 
 drawn(#{robots := Robots, seed := Seed}, Values) ->
-    #{unplug := Cables, halts := Halts, lost_stores := Stores} = Values,
+    #{unplug := Cables, halts := Halts, lost_stores := Stores, full_disks := Full} = Values,
     Ids = lists:seq(1, Robots),
     starl_cluster_chaos:cables(Seed, Ids, Cables) ++
         starl_cluster_chaos:halts(Seed, Ids, Halts) ++
-        starl_cluster_chaos:stores(Seed, Ids, Stores).
+        starl_cluster_chaos:stores(Seed, Ids, Stores) ++
+        starl_cluster_chaos:full_disks(Seed, Ids, Full).

@@ -51,15 +51,23 @@ numbered(Dir) ->
 -spec file(t()) -> file:filename().
 file(#record{file = File}) -> File.
 
-%% @doc Writes a batch. A disk that is full costs the record, not the robot.
+%% @doc Writes a batch. A disk that is full costs the batches that do not fit, not the robot: what was
+%% written of one is taken back, so that those after it can be read.
 -spec write(batch(), t()) -> t().
 write({_N, _Looked, []}, Record) ->
     Record;
 write(Batch, Record) ->
     #record{device = Device, size = Size} = Turned = turned(Record),
     Bytes = term_to_binary(Batch),
-    _ = file:write(Device, [<<(byte_size(Bytes)):32>>, Bytes]),
-    Turned#record{size = Size + 4 + byte_size(Bytes)}.
+    case file:write(Device, [<<(byte_size(Bytes)):32>>, Bytes]) of
+        ok -> Turned#record{size = Size + 4 + byte_size(Bytes)};
+        {error, _} -> taken_back(Turned)
+    end.
+
+taken_back(#record{device = Device, size = Size} = Record) ->
+    _ = file:position(Device, Size),
+    _ = file:truncate(Device),
+    Record.
 
 turned(#record{size = Size} = Record) when Size < ?MOST_BYTES -> Record;
 turned(#record{file = File, device = Device} = Record) ->

@@ -98,10 +98,25 @@ start_all(Names) ->
 boot() ->
     Tag = make_ref(),
     Options = #{
-        connection => standard_io, wait_boot => {self(), Tag}, shutdown => close, args => args()
+        connection => standard_io,
+        wait_boot => {self(), Tag},
+        shutdown => close,
+        exec => exec(),
+        args => args()
     },
     {ok, Control} = peer:start_link(Options),
     {Control, Tag}.
+
+%% The same Erlang as this one. A file that may not grow any more is an error of the write, not the end of
+%% the peer.
+exec() ->
+    Own = filename:join([code:root_dir(), "bin", "erl"]),
+    Erl =
+        case filelib:is_regular(Own) of
+            true -> Own;
+            false -> "erl"
+        end,
+    {"/bin/sh", ["-c", "trap '' XFSZ; exec \"$0\" \"$@\"", Erl]}.
 
 %% The code path is this VM's own; the peer finds OTP's code itself. Ctrl-C of a
 %% terminal reaches every VM: peers leave it to the first one (+Bi). A node that loses another one

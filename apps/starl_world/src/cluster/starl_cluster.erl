@@ -25,6 +25,7 @@
     pause_at_work/3,
     cut/3,
     freeze/2,
+    fill/2,
     unplug/2,
     heal/1,
     stop/1,
@@ -165,13 +166,17 @@ cut(Cluster, A, B) -> act({cut, A, B}, Cluster).
 -spec freeze(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
 freeze(Cluster, Robot) -> act({freeze, Robot}, Cluster).
 
+%% @doc Nothing of a robot can be written to its disk any more.
+-spec fill(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
+fill(Cluster, Robot) -> act({fill, Robot}, Cluster).
+
 %% @doc Pulls the cable of a robot's Create.
 -spec unplug(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
 unplug(Cluster, Robot) -> act({unplug, Robot}, Cluster).
 
 act(Act, #cluster{server = Server}) -> gen_server:call(Server, {act, Act}, ?CALL_MS).
 
-%% @doc Undoes all cuts and freezes, and puts the cables back.
+%% @doc Undoes all cuts and freezes, clears the disks, and puts the cables back.
 -spec heal(t()) -> ok.
 heal(#cluster{server = Server}) -> gen_server:call(Server, heal, ?CALL_MS).
 

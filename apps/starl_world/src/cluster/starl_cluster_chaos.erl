@@ -1,11 +1,11 @@
 %% @doc Chaos for a cluster: what happens to its nodes and links, drawn from a seed. A pure module.
 %%
 %% Of a team of five two nodes are killed, that of the leader among them; one is halted for a second or
-%% two; a link is cut for ten seconds; one robot's positions freeze for five. All within the first part of
-%% the run.
+%% two; a link is cut for ten seconds; one robot's positions freeze for five; the disk of one is full for
+%% five. All within the first part of the run.
 -module(starl_cluster_chaos).
 
--export([draw/3, cables/3, halts/3, stores/3, targets/2]).
+-export([draw/3, cables/3, halts/3, stores/3, full_disks/3, targets/2]).
 
 -export_type([act/0]).
 
@@ -18,12 +18,15 @@
     | {unplug_in_time, robot()}
     | {plug, robot()}
     | {freeze, robot()}
-    | {thaw, robot()}.
+    | {thaw, robot()}
+    | {fill, robot()}
+    | {clear, robot()}.
 
 -type robot() :: starl:robot_id() | leader.
 
 -define(CUT_US, 10000000).
 -define(FREEZE_US, 5000000).
+-define(FULL_US, 5000000).
 %% The time without a cable, and from one pull to the next.
 -define(UNPLUGGED_US, 1000000).
 -define(PULL_US, 4000000).
@@ -42,11 +45,14 @@ draw(Seed, Robots, {From, To}) ->
     {[T1, T2, T3, T4], [A, B, C, D]} = {Times, Chosen},
     {T5, Random2} = between(From, To, Random1),
     {E, Random3} = one_of(Robots, Random2),
-    {Halt, _} = drawn_halt(E, Random3),
+    {Halt, Random4} = drawn_halt(E, Random3),
+    {T6, Random5} = between(From, To, Random4),
+    {F, _} = one_of(Robots, Random5),
     lists:sort(
         [{T5, Halt}, {T1, {kill, leader}}, {T2, {kill, A}}] ++
             lists:append([[{T3, {cut, B, C}}, {T3 + ?CUT_US, {mend, B, C}}] || B =/= C]) ++
-            [{T4, {freeze, D}}, {T4 + ?FREEZE_US, {thaw, D}}]
+            [{T4, {freeze, D}}, {T4 + ?FREEZE_US, {thaw, D}}] ++
+            full({T6, F})
     ).
 
 %% @doc So many pulled cables, one after the other, of robots that are drawn; each is put back a second
@@ -82,6 +88,15 @@ stores(Seed, Robots, Times) ->
         {What, Random} = one_of([lose_store, set_back], Random0),
         {{What, Robot}, Random}
     end).
+
+%% @doc So many disks that are full for five seconds, one after the other, of robots that are drawn.
+-spec full_disks(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
+    [{AtUs :: integer(), act()}].
+full_disks(Seed, Robots, Times) ->
+    Filled = apart(Seed, Robots, Times, fun(Robot, Random) -> {Robot, Random} end),
+    lists:sort(lists:append([full(Each) || Each <- Filled])).
+
+full({At, Robot}) -> [{At, {fill, Robot}}, {At + ?FULL_US, {clear, Robot}}].
 
 apart(Seed, Robots, Times, Draw) ->
     Act = fun(N, R0) ->

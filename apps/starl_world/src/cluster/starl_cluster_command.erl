@@ -18,6 +18,7 @@
     {"set-back", 1},
     {"cut", 2},
     {"freeze", 1},
+    {"fill", 1},
     {"unplug", 1},
     {"heal", 0},
     {"stop", 0},
@@ -57,6 +58,7 @@ act("kill", [{Robot, []}]) -> {ok, {act, {kill, Robot}}};
 act("lose-store", [{Robot, []}]) -> {ok, {act, {lose_store, Robot}}};
 act("set-back", [{Robot, []}]) -> {ok, {act, {set_back, Robot}}};
 act("freeze", [{Robot, []}]) -> {ok, {act, {freeze, Robot}}};
+act("fill", [{Robot, []}]) -> {ok, {act, {fill, Robot}}};
 act("unplug", [{Robot, []}]) -> {ok, {act, {unplug, Robot}}};
 act("cut", [{A, []}, {B, []}]) when A =/= B -> {ok, {act, {cut, A, B}}};
 act(Word, _) -> {error, [Word, ": robots by their numbers, as in cut 1 2 or kill 3"]}.

@@ -1,15 +1,25 @@
 %% @doc What holds in a cluster because hands, or chaos, have done it: cut links, frozen positions,
-%% pulled cables, stores that are lost or set back when their nodes start anew. A pure module.
+%% full disks, pulled cables, stores that are lost or set back when their nodes start anew. A pure module.
 -module(starl_cluster_hands).
 
--export([new/0, healed/1, robots/1, links/1, done/2, cuts/1, deaf/2, frozen/1, unplugged/1, store/2]).
+-export([new/0, healed/1, robots/1, links/1, done/2, cuts/1, deaf/2, frozen/1, full/1]).
+-export([unplugged/1, store/2]).
 
 -export_type([t/0, act/0, fate/0]).
 
 %% An act on robots by number ({@link starl_cluster_chaos:act()}).
 -type act() ::
     {
-        kill | lose_store | set_back | freeze | thaw | unplug | unplug_in_time | plug,
+        kill
+        | lose_store
+        | set_back
+        | fill
+        | clear
+        | freeze
+        | thaw
+        | unplug
+        | unplug_in_time
+        | plug,
         starl:robot_id()
     }
     | {pause | pause_at_work, starl:robot_id(), Seconds :: number()}
@@ -22,6 +32,7 @@
     %% both directions of each link
     cuts = [] :: [{starl:robot_id(), starl:robot_id()}],
     frozen = [] :: [starl:robot_id()],
+    full = [] :: [starl:robot_id()],
     unplugged = [] :: [starl:robot_id()],
     stores = #{} :: #{starl:robot_id() => fate()}
 }).
@@ -64,6 +75,10 @@ done({freeze, R}, #hands{frozen = Frozen} = Hands) ->
     Hands#hands{frozen = with(R, Frozen)};
 done({thaw, R}, #hands{frozen = Frozen} = Hands) ->
     Hands#hands{frozen = lists:delete(R, Frozen)};
+done({fill, R}, #hands{full = Full} = Hands) ->
+    Hands#hands{full = with(R, Full)};
+done({clear, R}, #hands{full = Full} = Hands) ->
+    Hands#hands{full = lists:delete(R, Full)};
 done({plug, R}, #hands{unplugged = Out} = Hands) ->
     Hands#hands{unplugged = lists:delete(R, Out)};
 done({_Unplug, R}, #hands{unplugged = Out} = Hands) ->
@@ -84,6 +99,10 @@ deaf(Robot, #hands{cuts = Cuts}) -> [Other || {R, Other} <- Cuts, R =:= Robot].
 %% @doc The robots that get no new positions.
 -spec frozen(t()) -> [starl:robot_id()].
 frozen(#hands{frozen = Frozen}) -> Frozen.
+
+%% @doc The robots whose disks are full.
+-spec full(t()) -> [starl:robot_id()].
+full(#hands{full = Full}) -> Full.
 
 %% @doc The robots whose cables are out.
 -spec unplugged(t()) -> [starl:robot_id()].

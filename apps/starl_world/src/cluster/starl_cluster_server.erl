@@ -287,6 +287,12 @@ does({unplug_in_time, Robot}, _Hands, #state{world = World}) ->
     starl_world:cable(World, Robot, pulled_in_time);
 does({plug, Robot}, _Hands, #state{world = World}) ->
     starl_world:cable(World, Robot, back);
+does({FillOrClear, _Robot} = Act, Hands, State) when FillOrClear =:= fill; FillOrClear =:= clear ->
+    #state{world = World, nodes = Nodes} = State,
+    case starl_cluster_quota:change(Act, starl_cluster_nodes:os_pids(Nodes)) of
+        ok -> starl_world:fill(World, starl_cluster_hands:full(Hands));
+        {error, _} = Error -> Error
+    end;
 does({_FreezeOrThaw, _Robot}, Hands, #state{world = World}) ->
     starl_world:freeze(World, starl_cluster_hands:frozen(Hands));
 does({_CutOrMend, _A, _B}, Hands, #state{world = World}) ->
@@ -335,6 +341,9 @@ healed(From, Text, Standing) ->
     #state{world = World, nodes = Nodes, hands = Hands} = State = all_go_on(Standing),
     None = starl_cluster_hands:healed(Hands),
     Back = fun(Robot) -> ok = starl_world:cable(World, Robot, back) end,
+    OsPids = starl_cluster_nodes:os_pids(Nodes),
+    _ = [starl_cluster_quota:change({clear, R}, OsPids) || R <- starl_cluster_hands:full(Hands)],
+    ok = starl_world:fill(World, []),
     ok = starl_world:freeze(World, []),
     ok = lists:foreach(Back, starl_cluster_hands:unplugged(Hands)),
     ok = starl_world:cut(World, starl_cluster_hands:cuts(None)),
@@ -521,8 +530,18 @@ later(Id, State) ->
 again(Id, #state{nodes = Nodes} = State) ->
     case starl_cluster_nodes:again(Id, Nodes) of
         {ok, Up} ->
+            ok = filled_again(Id, Up, State),
             reopening(Id, State#state{nodes = Up});
         {error, Reason} ->
             logger:error(#{what => node_not_started, robot => Id, why => Reason}),
             later(Id, State)
     end.
+
+%% A disk that is full stays so while its robot's node starts anew.
+filled_again(Id, Nodes, #state{hands = Hands}) ->
+    OsPids = starl_cluster_nodes:os_pids(Nodes),
+    _ = [
+        starl_cluster_quota:change({fill, Id}, OsPids)
+     || lists:member(Id, starl_cluster_hands:full(Hands))
+    ],
+    ok.

@@ -25,6 +25,7 @@
     freeze/2,
     cable/3,
     freeze_too/2,
+    fill/2,
     cut/2,
     struck/3,
     halt/2,
@@ -133,6 +134,10 @@ freeze_too(World, Robot) -> gen_server:call(World, {freeze_too, Robot}).
 %% @doc From now on these links, and no others, are cut: the world only tells its observer.
 -spec cut(pid(), [{starl:robot_id(), starl:robot_id()}]) -> ok.
 cut(World, Links) -> gen_server:call(World, {cut, Links}).
+
+%% @doc From now on the disks of these robots, and no others, are full: the world only tells its observer.
+-spec fill(pid(), [starl:robot_id()]) -> ok.
+fill(World, Robots) -> gen_server:call(World, {fill, Robots}).
 
 %% @doc Something has been done to a robot by hand at once, a fault of this kind: the world only tells its
 %% observer.

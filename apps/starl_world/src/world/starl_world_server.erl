@@ -240,6 +240,8 @@ by_hand({freeze_too, Id}, #world{positioning = Positioning} = World) ->
     by_hand({freeze, lists:usort([Id | Frozen])}, World);
 by_hand({cut, Links}, World) ->
     tell(fun(Now, Hands) -> starl_world_hands:holds(loss, Links, Now, Hands) end, World);
+by_hand({fill, Ids}, World) ->
+    tell(fun(Now, Hands) -> starl_world_hands:holds(store_full, Ids, Now, Hands) end, World);
 by_hand({struck, Kind, Id}, World) ->
     tell(fun(Now, Hands) -> starl_world_hands:struck(Kind, Id, Now, Hands) end, World);
 by_hand({halt, Id}, #world{judge = Judge} = World) ->
