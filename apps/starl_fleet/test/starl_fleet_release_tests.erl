@@ -64,7 +64,7 @@ create_test() ->
 has_program() ->
     filelib:is_regular(filename:join(code:priv_dir(starl_create), "starl_create_port")).
 
-%% A robot's unit lets its port program be on time, and open a serial line.
+%% A robot's unit lets its port program be on time, and open a serial line; it waits for a clock that is set.
 unit_test() ->
     Base = filename:join(["/tmp", "starl-unit-" ++ os:getpid(), "lab", "robot-1"]),
     Bin = filename:join(Base, "releases/v/bin"),
@@ -92,7 +92,11 @@ unit_test() ->
     Lines = binary:split(Unit, <<"\n">>, [global]),
     [
         ?assert(lists:member(Line, Lines))
-     || Line <- [<<"LimitRTPRIO=1">>, <<"SupplementaryGroups=dialout">>]
+     || Line <- [
+            <<"LimitRTPRIO=1">>,
+            <<"SupplementaryGroups=dialout">>,
+            iolist_to_binary(["ExecStartPre=", Base, "/current/bin/robot clock"])
+        ]
     ],
     ok = file:del_dir_r(filename:dirname(filename:dirname(Base))).
 

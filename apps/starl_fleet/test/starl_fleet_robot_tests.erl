@@ -11,7 +11,9 @@ robot_test_() ->
             {"a store that is read-only is one line", fun read_only/1},
             {"back to the release before, and forward again", fun rolled_back/1},
             {"a node that a signal ends", fun signalled/1},
-            {"a log that has grown", fun rotated/1}
+            {"a log that has grown", fun rotated/1},
+            {"a clock that is set soon is waited for", fun set_clock/1},
+            {"a clock that nobody sets is not", fun unset_clock/1}
         ]
     ]}.
 
@@ -83,6 +85,28 @@ rotated(Place) ->
     ?assertEqual({ok, <<>>}, file:read_file(state("log", Place))),
     ?assertEqual({ok, Large}, file:read_file(state("log.1", Place))).
 
+%% Just switched on: the third answer is yes.
+set_clock(#{dir := Dir} = Place) ->
+    Asked = filename:join(Dir, "asked"),
+    ok = program(
+        "timedatectl",
+        "echo >>" ++ Asked ++ "\n[ $(wc -l <" ++ Asked ++ ") -lt 3 ] && echo no || echo yes\n",
+        Dir
+    ),
+    ok = program("sleep", "", Dir),
+    ?assertEqual({0, ""}, clock("20.42 31.00\n", Place)),
+    ?assertEqual({ok, <<"\n\n\n">>}, file:read_file(Asked)).
+
+unset_clock(#{dir := Dir} = Place) ->
+    ok = program("timedatectl", "echo no\n", Dir),
+    Line = "robot 2: the network has not set this computer's clock; starting all the same\n",
+    ?assertEqual({0, Line}, clock("120.00 31.00\n", Place)).
+
+clock(Uptime, #{dir := Dir} = Place) ->
+    File = filename:join(Dir, "uptime"),
+    ok = file:write_file(File, Uptime),
+    run("env STARL_UPTIME=" ++ File ++ " " ++ line("one", "clock", Place)).
+
 %% -- a place --------------------------------------------------------------------------------
 
 %% Robot 2 of the fleet lab, with two releases. Erlang is a program that gives no answers.
@@ -106,8 +130,10 @@ released(Name, Base) ->
     ok = file:change_mode(Program, 8#755),
     ok = file:write_file(filename:join([Base, "releases", Name, "vm.args"]), "").
 
-erlang_is(Script, Dir) ->
-    File = filename:join(Dir, "bin/erl"),
+erlang_is(Script, Dir) -> program("erl", Script, Dir).
+
+program(Name, Script, Dir) ->
+    File = filename:join([Dir, "bin", Name]),
     ok = filelib:ensure_dir(File),
     ok = file:write_file(File, ["#!/bin/sh\n", Script]),
     file:change_mode(File, 8#755).
