@@ -57,6 +57,8 @@ config(Robot, Port) ->
         run => 1,
         %% hours: what is replayed is refused because it was heard, not for its age
         fresh_ms => 10_000_000,
+        %% nor because it may be of a former life
+        beat_ms => infinity,
         peers => maps:from_list([{R, {{127, 0, 0, 1}, Port}} || R <- ?TEAM])
     }.
 

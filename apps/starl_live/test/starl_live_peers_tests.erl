@@ -283,3 +283,27 @@ a_clone_that_is_gone_is_told_test() ->
     {News, Once} = looks(11_000, 25_000, Alone),
     ?assertMatch([{21_000, {once, 2}}], [N || {_, {once, _}} = N <- News]),
     ?assertNot(is_map_key(twin, robot(2, 25_000, Once))).
+
+%% -- proof ----------------------------------------------------------------------------------
+
+said(Sent) -> #{from => 2, to => 1, life => 7, sent_ms => ?DAY + Sent}.
+
+%% What was sent before the first beat that names our life may be a record of what our former life has heard.
+nothing_is_taken_from_before_the_proof_test() ->
+    Heard = speaks_on([1000], 7, ?HOME, peers()),
+    ?assertNot(starl_live_peers:is_proved(said(1000), Heard)),
+    Proved = starl_live_peers:proved(2, ?DAY + 2000, Heard),
+    ?assertEqual(
+        [false, true, true],
+        [starl_live_peers:is_proved(said(Sent), Proved) || Sent <- [1999, 2000, 9000]]
+    ),
+    ?assertNot(starl_live_peers:is_proved((said(9000))#{from := 3}, Proved)).
+
+%% A clock that is set back mutes nobody for longer than until the next beat.
+a_clock_that_is_set_back_is_proved_again_test() ->
+    Proved = starl_live_peers:proved(2, ?DAY + 14_000, speaks_on([1000], 7, ?HOME, peers())),
+    ?assertNot(starl_live_peers:is_proved(said(3000), Proved)),
+    Again = starl_live_peers:proved(2, ?DAY + 2500, Proved),
+    ?assert(starl_live_peers:is_proved(said(3000), Again)),
+    Later = starl_live_peers:proved(2, ?DAY + 5000, Again),
+    ?assert(starl_live_peers:is_proved(said(3000), Later)).

@@ -10,6 +10,7 @@
     noise_with_the_key/1,
     hostile_socket/1,
     replayed_on_the_way/1,
+    replayed_to_a_later_life/1,
     a_name_that_is_missing_stops_nobody/1,
     a_robot_that_moves_is_found/1,
     two_robots_of_one_number/1,
@@ -29,6 +30,7 @@ all() ->
         noise_with_the_key,
         hostile_socket,
         replayed_on_the_way,
+        replayed_to_a_later_life,
         a_name_that_is_missing_stops_nobody,
         a_robot_that_moves_is_found,
         two_robots_of_one_number,
@@ -141,6 +143,45 @@ replayed_on_the_way(_) ->
     starl_live_team_ct:counted(1, {own, 1}, Again),
     gen_udp:close(Middle),
     starl_live_team_ct:stop(Again).
+
+%% Robot 2 starts anew, and gets at once what was sent in its former life: beats and packets, to it and to all.
+%% Nothing of it is taken; what robot 1 sends then is.
+replayed_to_a_later_life(_) ->
+    {ok, Middle} = gen_udp:open(0, [binary, {active, true}]),
+    {ok, Port} = inet:port(Middle),
+    Team = starl_live_team_ct:start(udp, [1, 2], #{beat_ms => 50}),
+    #{peers := #{2 := {Address, Real}} = Peers} = starl_live_team_ct:config(1, Team),
+    Alone = starl_live_team_ct:drop(2, Team),
+    Spied = again(1, #{peers => Peers#{2 => {Address, Port}}}, Alone),
+    [
+        starl_live_team_ct:transmit(1, To, starl_packet:shout(1, dpp, Old), Spied)
+     || {To, Old} <- [{2, one}, {all, all}]
+    ],
+    Recorded = recorded(Middle, 4),
+    Reborn = starl_live_team_ct:add(2, #{}, starl_live_team_ct:drop(1, Spied)),
+    [ok = gen_udp:send(Middle, Address, Real, Datagram) || Datagram <- Recorded],
+    Whole = starl_live_team_ct:add(1, #{}, Reborn),
+    Packet = starl_packet:shout(1, dpp, new),
+    ?assertEqual([Packet], until_heard(Packet, Whole)),
+    gen_udp:close(Middle),
+    starl_live_team_ct:stop(Whole).
+
+%% Packets and beats.
+recorded(_Middle, 0) ->
+    [];
+recorded(Middle, N) ->
+    receive
+        {udp, Middle, _, _, Bytes} -> [Bytes | recorded(Middle, N - 1)]
+    end.
+
+%% All that robot 2 hears until this packet; it is sent until then.
+until_heard(Packet, Team) ->
+    starl_live_team_ct:transmit(1, 2, Packet, Team),
+    Pid = starl_live_team_ct:pid(2, Team),
+    receive
+        {starl_heard, Pid, Packets} -> Packets
+    after 20 -> until_heard(Packet, Team)
+    end.
 
 %% -- who is where ---------------------------------------------------------------------------
 

@@ -12,13 +12,17 @@
 %% number: the one that has started first is heard, so that all robots hear the same one, and the other
 %% is refused until the first is silent.
 %%
+%% <em>Proof.</em> A robot that has just started cannot know what it took in its former life. A beat that
+%% names its present life was sent in it; of each other robot it takes nothing that was sent before the
+%% first such beat, which may be a record of what its former life has heard.
+%%
 %% <em>News</em> are what somebody should know: a robot that falls silent or is back, a new reason of
 %% refusal, another address, two robots of one number. Each is told once; {@link starl_live_hearing} has
 %% the words.
 -module(starl_live_peers).
 
 -export([new/2, address/2, addresses/1, calls/1, heard/4, refused/5, unsent/4, look/2]).
--export([unnamed/2, asked/3, named/3, beat/3, beaten/5]).
+-export([unnamed/2, asked/3, named/3, beat/3, beaten/5, life/2, proved/3, is_proved/2]).
 -export([all/2]).
 
 -export_type([t/0, place/0, address/0, reason/0, trouble/0, news/0, peer/0]).
@@ -29,7 +33,7 @@
 -type address() :: {inet:ip_address(), inet:port_number()}.
 
 %% Why a datagram of a robot was refused: {@link starl_live_seal:refusal()}, or those of its contents.
--type reason() :: starl_live_seal:refusal() | former | clone | atom().
+-type reason() :: starl_live_seal:refusal() | former | clone | unproved | atom().
 
 %% Why it could not be called.
 -type trouble() :: {unsent | unnamed, inet:posix()}.
@@ -81,7 +85,7 @@
 %% The largest difference of clocks that is told: centuries.
 -define(MOST_AHEAD_MS, 10_000_000_000_000).
 %% Reasons that are usual, or somebody else's business: they are counted only.
--define(USUAL, [address, replay, former, clone]).
+-define(USUAL, [address, replay, former, clone, unproved]).
 
 %% The other life of a robot's number: the one before, or that of another robot.
 -record(other, {
@@ -111,6 +115,8 @@
     since_ms = 0 :: integer(),
     newest_ms = 0 :: integer(),
     heard_ms = none :: integer() | none,
+    %% the time of sending, by its clock, of a beat that names our life: what is later is no record
+    proved_ms = none :: integer() | none,
     ahead_ms = none :: integer() | none,
     is_silent = false :: boolean(),
     other = none :: #other{} | none,
@@ -396,6 +402,31 @@ beaten(Robot, Theirs, {Echo, Held}, Now, Peers) ->
     update(
         Robot, fun(Peer) -> Peer#peer{beat = {Theirs, Now}, round_trip_us = Trip} end, Peers
     ).
+
+%% @doc The life of a robot, as far as it was heard; 0: it was not.
+-spec life(starl:robot_id(), t()) -> starl_live_seal:life().
+life(Robot, #peers{peers = All}) ->
+    case All of
+        #{Robot := #peer{life = none}} -> 0;
+        #{Robot := #peer{life = Life}} -> Life
+    end.
+
+%% @doc A beat of a robot names our present life: the robot sent it in that, and all that is later. A clock
+%% that was set back since shows an earlier time.
+-spec proved(starl:robot_id(), SentMs :: integer(), t()) -> t().
+proved(Robot, Sent, Peers) ->
+    update(
+        Robot, fun(Peer) -> Peer#peer{proved_ms = earliest(Sent, Peer#peer.proved_ms)} end, Peers
+    ).
+
+earliest(Sent, none) -> Sent;
+earliest(Sent, Proved) -> min(Sent, Proved).
+
+%% @doc Was a datagram certainly sent in our present life?
+-spec is_proved(starl_live_seal:header(), t()) -> boolean().
+is_proved(#{from := Robot, sent_ms := Sent}, #peers{peers = All}) ->
+    #{Robot := #peer{proved_ms = Proved}} = All,
+    Proved =/= none andalso Sent >= Proved.
 
 %% @doc Looks for robots that have fallen silent, each some time. When this computer itself has stood
 %% still, they all get their time anew.

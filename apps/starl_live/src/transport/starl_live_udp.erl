@@ -7,8 +7,10 @@
 %% source, so that the acknowledgements of a broadcast do not come all at once. The time is at most
 %% a tenth of SAP's first retransmission delay.
 %%
-%% Each second a beat goes to every other robot: an empty datagram, by which robots know that they hear
-%% each other, how long a round trip takes, and where they are ({@link starl_live_peers}). Names are
+%% Each second a beat goes to every other robot: a datagram without a packet, by which robots know that they
+%% hear each other, how long a round trip takes, where they are, and that nobody plays what their former
+%% lives have heard ({@link starl_live_peers}). A beat that does not name the receiver's life, or is the
+%% first of its sender's, is answered at once. Names are
 %% looked up by a process beside this one, again while a robot is silent.
 -module(starl_live_udp).
 -behaviour(starl_live_transport).
@@ -20,7 +22,8 @@
 %% Beside the keys of every transport and of {@link starl_live_seal}: `peers': where each robot
 %% hears, this one as well; `all': the way of a packet for all; `interface': the address of the
 %% network that carries multicast; `rate': bytes per millisecond; `spread_ms': the longest wait
-%% before an answer to a packet for all; `beat_ms': the time between two beats. A simulation gives it
+%% before an answer to a packet for all; `beat_ms': the time between two beats; without beats nobody is asked
+%% for a proof. A simulation gives it
 %% other sockets, a module with the functions of `gen_udp' that are used here, and a random stream; a
 %% test another way to look up names.
 -type config() :: #{
@@ -80,6 +83,7 @@
     beat_ms :: pos_integer() | infinity,
     beat = none :: reference() | none,
     seal :: starl_live_seal:t(),
+    life :: starl_live_seal:life(),
     fragments :: starl_live_fragment:t(),
     pace :: starl_live_pace:t(datagram()),
     flush = none :: reference() | none,
@@ -149,7 +153,7 @@ random(Config) -> maps:get(random, Config, fun() -> rand:seed_s(exsss) end).
 
 sealed(Config, Opened) ->
     case starl_live_seal:new(Config, now_ms(clock(Config))) of
-        {ok, Seal} -> {ok, Opened#{seal => Seal}};
+        {ok, Seal} -> {ok, Opened#{seal => Seal, life => maps:get(life, Config)}};
         {error, _} = Error -> Error
     end.
 
@@ -217,7 +221,7 @@ outgoing(broadcast, _Interface) -> [].
 
 udp(
     #{robot := Robot} = Config,
-    #{socket := Socket, group := Group, all := All, seal := Seal} = Opened
+    #{socket := Socket, group := Group, all := All, seal := Seal, life := Life} = Opened
 ) ->
     #{places := Places} = Opened,
     Others = maps:map(fun(_, Place) -> numeric(Place) end, maps:remove(Robot, Places)),
@@ -233,6 +237,7 @@ udp(
         lookup = maps:get(lookup, Config, fun(Host) -> inet:getaddr(Host, inet) end),
         beat_ms = maps:get(beat_ms, Config, ?BEAT_MS),
         seal = Seal,
+        life = Life,
         fragments = starl_live_fragment:new(starl_live_seal:room()),
         pace = starl_live_pace:new(Rate, max(?BURST, Rate), now_us(Clock)),
         spread_ms = maps:get(spread_ms, Config, min(?SPREAD_MS, map_size(Places) div 2)),
@@ -332,11 +337,20 @@ call_all(#udp{beat_ms = Ms, peers = Peers, clock = Clock} = Udp) ->
 
 beat(Robot, #udp{clock = Clock, peers = Peers, seal = Seal} = Udp) ->
     {Ours, Theirs, Held} = starl_live_peers:beat(Robot, now_us(Clock), Peers),
-    Payload = <<?BEAT, Ours:64/signed, Theirs:64/signed, (held(Held)):32>>,
+    Life = starl_live_peers:life(Robot, Peers),
+    Payload = <<?BEAT, Ours:64/signed, Theirs:64/signed, (held(Held)):32, Life:64>>,
     starl_live_seal:seal(Robot, Payload, day_ms(Udp), Seal).
 
 held(none) -> ?NONE;
 held(Us) -> min(Us, ?NONE - 1).
+
+%% Our beat names the life of a robot that has just been heard in it.
+call_back(Robot, #udp{peers = Peers} = Udp) ->
+    Calls = [
+        {Address, beat(Robot, Udp)}
+     || {R, Address} <- starl_live_peers:calls(Peers), R =:= Robot
+    ],
+    put_on_air(Calls, Udp).
 
 %% A lookup may take seconds.
 looked_up(#udp{peers = Peers, clock = Clock} = Udp) ->
@@ -409,34 +423,51 @@ opened(#{from := From, to := To} = Said, Address, Now, Payload, #udp{peers = Pee
     case starl_live_peers:heard(Said, Address, Now, Peers) of
         {heard, News, Known} ->
             ok = tell(News),
-            joined(From, Payload, Address, called(From, To, Udp#udp{peers = Known}));
+            IsNew = starl_live_peers:life(From, Peers) =/= starl_live_peers:life(From, Known),
+            taken(Said, Payload, Address, IsNew, called(From, To, Udp#udp{peers = Known}));
         {late, News, Known} ->
             ok = tell(News),
-            late(From, Payload, Address, Udp#udp{peers = Known});
+            late(Said, Payload, Address, Udp#udp{peers = Known});
         {Why, News, Known} ->
             ok = tell(News),
             {[], refused(From, Why, Address, Udp#udp{peers = Known})}
     end.
 
 %% A beat of a former life tells nothing.
-late(_From, <<?BEAT, _/binary>>, _Address, Udp) -> {[], Udp};
-late(From, Payload, Address, Udp) -> joined(From, Payload, Address, Udp).
+late(_Said, <<?BEAT, _/binary>>, _Address, Udp) -> {[], Udp};
+late(Said, Payload, Address, Udp) -> proved(Said, Payload, Address, Udp).
 
 called(From, all, #udp{calls = Calls, clock = Clock} = Udp) ->
     Udp#udp{calls = Calls#{From => now_ms(Clock)}};
 called(_From, _To, Udp) ->
     Udp.
 
-joined(From, <<?BEAT, Theirs:64/signed, Echo:64/signed, Held:32>>, _Address, Udp) ->
-    #udp{peers = Peers, clock = Clock} = Udp,
-    Heard =
-        case Held of
-            ?NONE -> none;
-            _ -> Held
-        end,
-    {[], Udp#udp{
-        peers = starl_live_peers:beaten(From, Theirs, {Echo, Heard}, now_us(Clock), Peers)
-    }};
+taken(#{from := From, sent_ms := Sent}, <<?BEAT, Beat/binary>>, _Address, IsNew, Udp) when
+    byte_size(Beat) =:= 28
+->
+    <<Theirs:64/signed, Echo:64/signed, Held:32, Life:64>> = Beat,
+    #udp{peers = Peers, clock = Clock, life = Ours} = Udp,
+    Beaten = starl_live_peers:beaten(From, Theirs, {Echo, heard(Held)}, now_us(Clock), Peers),
+    case Life of
+        Ours when not IsNew ->
+            {[], Udp#udp{peers = starl_live_peers:proved(From, Sent, Beaten)}};
+        Ours ->
+            {[], call_back(From, Udp#udp{peers = starl_live_peers:proved(From, Sent, Beaten)})};
+        _Former ->
+            {[], call_back(From, Udp#udp{peers = Beaten})}
+    end;
+taken(Said, Payload, Address, _IsNew, Udp) ->
+    proved(Said, Payload, Address, Udp).
+
+heard(?NONE) -> none;
+heard(Held) -> Held.
+
+proved(#{from := From} = Said, Payload, Address, #udp{peers = Peers, beat_ms = Ms} = Udp) ->
+    case Ms =:= infinity orelse starl_live_peers:is_proved(Said, Peers) of
+        true -> joined(From, Payload, Address, Udp);
+        false -> {[], refused(From, unproved, Address, Udp)}
+    end.
+
 joined(From, Payload, Address, #udp{fragments = Fragments, clock = Clock} = Udp) ->
     case starl_live_fragment:join(From, Payload, now_ms(Clock), Fragments) of
         {whole, Bytes, Next} ->

@@ -9,9 +9,10 @@
 %% The contract:
 %% <ul>
 %% <li>What is heard was sent, in the sender's name, to the one who hears it.</li>
-%% <li>In one life of a robot a packet is heard at most as often as it was sent, and none that is older
-%%   than the seal, the clocks and the fragments allow.</li>
-%% <li>What is sent in a calm network is heard.</li>
+%% <li>A packet is heard by a robot at most as often as it was sent, in all of its lives together, and none
+%%   that is older than the seal, the clocks and the fragments allow.</li>
+%% <li>What is sent in a calm network is heard, but for the first seconds, in which robots that have just
+%%   started learn of each other.</li>
 %% <li>The memory of an end is bounded.</li>
 %% </ul>
 -module(starl_virtual_radio).
@@ -19,9 +20,10 @@
 -export([run/1]).
 
 -define(ROBOTS, [1, 2, 3]).
-%% The network is at its worst, is calm, the last packets are sent, and the run ends, us.
+%% The network is at its worst, is calm, all robots have met in it, the last packets are sent, and the run ends, us.
 -define(WORST_US, {20000000, 24000000}).
 -define(CALM_US, 40000000).
+-define(MET_US, 43000000).
 -define(LAST_US, 55000000).
 -define(END_US, 70000000).
 -define(PACKETS, 120).
@@ -56,9 +58,7 @@
     n = 1 :: pos_integer(),
     now = 0 :: integer(),
     sent = #{} :: #{pos_integer() => #sent{}},
-    heard = #{} :: #{
-        {pos_integer(), starl:robot_id(), Life :: pos_integer()} => pos_integer()
-    },
+    heard = #{} :: #{{pos_integer(), starl:robot_id()} => pos_integer()},
     chain = 0 :: non_neg_integer(),
     violations = [] :: [starl_monitor:violation()]
 }).
@@ -216,7 +216,7 @@ packet(N, #radio{seed = Seed}) ->
 heard({Packets, End}, Robot, #radio{ends = Ends} = Radio) ->
     #{Robot := {_, Life}} = Ends,
     Heard = lists:foldl(
-        fun(Packet, R) -> judge(Packet, Robot, Life, R) end,
+        fun(Packet, R) -> judge(Packet, Robot, R) end,
         Radio#radio{ends = Ends#{Robot := {End, Life}}},
         Packets
     ),
@@ -345,8 +345,8 @@ sealed(Run, From, To, Bytes, Now, #radio{seed = Seed} = Radio) ->
 
 %% -- the judge ------------------------------------------------------------------------------
 
-judge({starl, 1, shout, _, _, {N, _}} = Packet, Robot, Life, #radio{sent = Sent} = Radio) ->
-    Key = {N, Robot, Life},
+judge({starl, 1, shout, _, _, {N, _}} = Packet, Robot, #radio{sent = Sent} = Radio) ->
+    Key = {N, Robot},
     #radio{heard = Heard, chain = Chain, now = Now} = Radio,
     Times = maps:get(Key, Heard, 0) + 1,
     Noted = Radio#radio{
@@ -364,20 +364,19 @@ judge({starl, 1, shout, _, _, {N, _}} = Packet, Robot, Life, #radio{sent = Sent}
         #{} ->
             broken(never_sent, Robot, Told, Noted)
     end;
-judge(_Other, Robot, _Life, Radio) ->
+judge(_Other, Robot, Radio) ->
     broken(never_sent, Robot, #{}, Radio).
 
-%% Everything that was sent in the calm network has been heard.
+%% Everything that was sent in the calm network, when all had met, has been heard.
 complete(#radio{violations = [_ | _]} = Radio) ->
     Radio;
-complete(#radio{sent = Sent, ends = Ends, heard = Heard} = Radio) ->
+complete(#radio{sent = Sent, heard = Heard} = Radio) ->
     Missing = [
         {N, Robot}
      || {N, #sent{to = To, at_us = At}} <- lists:sort(maps:to_list(Sent)),
-        At >= ?CALM_US,
+        At >= ?MET_US,
         Robot <- To,
-        {_, Life} <- [maps:get(Robot, Ends)],
-        not is_map_key({N, Robot, Life}, Heard)
+        not is_map_key({N, Robot}, Heard)
     ],
     case Missing of
         [] -> Radio;
