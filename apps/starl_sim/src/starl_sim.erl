@@ -61,6 +61,8 @@
     patience_ms => pos_integer(),
     slack_us => non_neg_integer(),
     code => [{module(), file:filename(), Beam :: binary()}],
+    %% other draws from a moment on, which do change the result
+    branch => starl_sim_branch:t(),
     %% those of the scenario, with their versions
     reloads => [starl_sim_reloads:t()]
 }.

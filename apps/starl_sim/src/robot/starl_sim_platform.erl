@@ -17,7 +17,7 @@
 -export([perform/3, stop/1]).
 -export([pending/1, now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
 -export([outdate_store/1, save_store/3, set_back_store/2]).
--export([turn_wheels/1, beat/2, says/2, postpone/2, reload/2, take_back/3, fallen/3]).
+-export([turn_wheels/1, beat/2, says/2, postpone/2, reload/2, take_back/3, fallen/3, turn_off/2]).
 
 -export_type([t/0, world/0, yield/0]).
 
@@ -25,8 +25,12 @@
 %% faults of each class; faults of the serial line are among those of actuation.
 %% `sight' knows the pieces of motion that all robots were in when the window began.
 %% `record' names the robots and events to record; `packets': each packet is traced.
+%% After a branch ({@link starl_sim_branch}) `team_seed' is the seed that all robots knew from the
+%% beginning.
 -type world() :: #{
     seed := integer(),
+    team_seed => integer(),
+    branch => starl_sim_branch:planted(),
     team := starl_team:t(),
     clock := {OffsetUs :: non_neg_integer(), DriftPpb :: non_neg_integer()},
     sight => starl_sim_sight:t(),
@@ -143,7 +147,7 @@ base(Name, Incarnation, #body{id = Id, world = World} = Body) ->
         incarnation => Incarnation,
         stored => stored(Name, Body),
         random => rand:seed_s(exsss, stream(Name, Incarnation, Body)),
-        team_seed => Seed,
+        team_seed => maps:get(team_seed, World, Seed),
         now => clock(Body)
     }.
 
@@ -165,6 +169,12 @@ ended(_, Body) -> over(Body).
 
 over(#body{result = running, changes = Changes} = Body) -> Body#body{changes = [ended | Changes]};
 over(Body) -> Body.
+
+%% @doc Other values of the world hold from now on, as after a branch.
+-spec turn_off(Later :: map(), t()) -> t().
+turn_off(Later, #body{world = World0, vehicle = Vehicle} = Body) ->
+    World = maps:merge(World0, Later),
+    Body#body{world = World, vehicle = starl_sim_vehicle:in_world(World, Vehicle)}.
 
 %% @doc The robot's virtual time.
 -spec now(t()) -> starl_sim_queue:time().

@@ -14,7 +14,7 @@
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
 -export([new/4, at/2, open/3, answered/3, down/4, yield/1]).
--export([halt_after/2, halted/1, resume/1]).
+-export([halt_after/2, halted/1, resume/1, branch_after/3]).
 -export([at_work/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1, timers/2]).
 
 -export_type([t/0, summary/0, window/0, timer/0, work/0]).
@@ -61,8 +61,8 @@
     tree :: starl_robot_tree:t(),
     %% events of this window, by key
     events = [] :: [starl_sim_queue:event()],
-    %% after this number of events it halts until it is resumed
-    stop = none :: pos_integer() | none,
+    %% after this number of events it halts until it is resumed, or turns off into a branch
+    stop = none :: pos_integer() | {branch, Events :: non_neg_integer(), Later :: map()} | none,
     hold = {0, 0} :: starl_sim_hold:t(),
     %% until when it stands still, if it does so in a step of a machine that a fault has named
     still = 0 :: starl_sim_queue:time(),
@@ -146,6 +146,11 @@ halted(#robot{stop = N} = Site) ->
 %% @doc Goes on with the window in which it was held.
 -spec resume(t()) -> {busy | idle | held, t()}.
 resume(Site) -> proceed(Site).
+
+%% @doc Makes the robot turn off into a branch just after its N-th event ({@link starl_sim_branch}).
+-spec branch_after(N :: non_neg_integer(), Later :: map(), t()) -> t().
+branch_after(N, Later, #robot{robot = Robot} = Site) ->
+    Site#robot{stop = {branch, N, Later}, robot = starl_robot:pace(single, Robot)}.
 
 %% @doc The yield of the window.
 -spec yield(t()) -> starl_sim_platform:yield().
@@ -236,11 +241,18 @@ is_timer(_) -> false.
 %% Goes on with the rest of this window, unless the robot is to halt here.
 proceed(#robot{robot = Robot, events = Events, stop = none} = Site) ->
     went(starl_robot:run(Robot), Events, Site);
+proceed(#robot{robot = Robot, events = Events, stop = {branch, N, Later}} = Site) ->
+    case count(Site) < N of
+        true -> went(starl_robot:run(Robot), Events, Site);
+        false -> proceed(halt_after(none, turn_off(Later, Site)))
+    end;
 proceed(#robot{robot = Robot, events = Events, stop = N} = Site) ->
     case count(Site) of
         N -> {held, Site};
         _ -> went(starl_robot:run(Robot), Events, Site)
     end.
+
+turn_off(Later, Site) -> body(starl_sim_platform:turn_off(Later, body(Site)), Site).
 
 %% The result of an event, with all that followed from it.
 went({quiet, Robot}, Events, Site) ->

@@ -79,9 +79,12 @@ make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     Plan = #{
         robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],
         crew => crew(mode(Scenario), Scene, Profiles, Context),
-        world => maps:merge(
-            world(Scenario, Profiles, Context, Options),
-            starl_sim_reloads:world(Reloads, parts(Scene))
+        world => starl_sim_branch:plant(
+            maps:get(branch, Options, none),
+            maps:merge(
+                world(Scenario, Profiles, Context, Options),
+                starl_sim_reloads:world(Reloads, parts(Scene))
+            )
         ),
         window_us => round(MinMs * 1000),
         patience_ms => maps:get(patience_ms, Options, ?PATIENCE_MS),

@@ -166,7 +166,11 @@ handle_info(Message, #shard{steps = Steps} = Shard) ->
 start_robot({Id, Pose}, #{tree := Tree, inline := Inline}, World, Shard) ->
     {Processes, Machines} = starl_robot_tree:launch(Id, starter(Id, Tree, Shard), Inline),
     Body = starl_sim_platform:new(Id, Pose, World),
-    {Id, starl_sim_robot:new(Id, Body, Machines, Processes)}.
+    Robot = starl_sim_robot:new(Id, Body, Machines, Processes),
+    case starl_sim_branch:of_robot(Id, World) of
+        none -> {Id, Robot};
+        {N, Later} -> {Id, starl_sim_robot:branch_after(N, Later, Robot)}
+    end.
 
 %% start_child returns when the whole tree has started, so all attach messages are here then.
 starter(_Id, none, _Shard) ->

@@ -11,7 +11,9 @@
 %% seen as they were at the beginning of the present window (`sight' in the world).
 -module(starl_sim_vehicle).
 
--export([new/3, piece/1, drive/4, actuate/4, turn_wheels/2, beat/3, says/2, stop/2, sense/3]).
+-export([
+    new/3, in_world/2, piece/1, drive/4, actuate/4, turn_wheels/2, beat/3, says/2, stop/2, sense/3
+]).
 
 -export_type([t/0, world/0, change/0, plan/0, beat/0]).
 
@@ -90,6 +92,10 @@ new(Id, {X, Y, Heading}, #{profiles := Profiles} = World) ->
         command = Kind:standing(),
         piece = starl_trajectory:standing(0, {X, Y}, Heading)
     }.
+
+%% @doc The same vehicle in a world with other values.
+-spec in_world(world(), t()) -> t().
+in_world(World, Vehicle) -> Vehicle#vehicle{world = World}.
 
 %% @doc The piece of motion that it is in.
 -spec piece(t()) -> starl_trajectory:piece().
