@@ -5,6 +5,7 @@
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([digest/2]).
 
 -spec name() -> string().
 name() -> "shrink".
@@ -75,19 +76,23 @@ run(#{subject := Target, values := Values} = Call) ->
     case Unsound ++ Unwritable of
         [] ->
             shrink((maps:with([seconds, quiet], Values))#{
-                target => Target, scenario => Scenario, file => File, digest => digest(Call)
+                target => Target,
+                scenario => Scenario,
+                file => File,
+                digest => digest(Call, own_flags())
             });
         Problems ->
             {error, Problems}
     end.
 
-%% A recorded run must give its digest again. With changed values the digest is unknown.
-digest(#{subject := #{record := #{digest := Hex}}, given := Given}) ->
-    case maps:without([Key || {Key, _, _, _} <- own_flags()], Given) of
+%% @doc The digest that a recorded run must give again; with values that are not the record's, `any'.
+-spec digest(starl_cli_command:call(), Own :: [starl_cli_flags:flag()]) -> binary() | any.
+digest(#{subject := #{record := #{digest := Hex}}, given := Given}, Own) ->
+    case maps:without([Key || {Key, _, _, _} <- Own], Given) of
         Chosen when map_size(Chosen) =:= 0 -> binary:decode_hex(list_to_binary(Hex));
         _ -> any
     end;
-digest(_Call) ->
+digest(_Call, _Own) ->
     any.
 
 out(#{out := none, overwrite := Overwrite}, Target, Scenario) ->

@@ -9,7 +9,7 @@
 %% robot's with it, the other way, or a pause of its robot within the time of a lease.
 -module(starl_sim_fault_draw).
 
--export([draw/1]).
+-export([draw/1, again/4]).
 
 -export_type([request/0]).
 
@@ -46,6 +46,29 @@ draw(#{seed := Seed, kinds := What} = Request) ->
         uniform({Seed, Class, in}) < ?CLASS_IN,
         uniform({Seed, Kind, in}) < ?KIND_IN
     ]).
+
+%% @doc The same fault at another time and, unless it strikes all, elsewhere: it begins at any of the
+%% `WithinMs' milliseconds after a time, and lasts as long. Its parameters stay.
+-spec again(starl_sim_fault:t(), {AfterMs, WithinMs}, Key :: term(), Team) ->
+    starl_sim_fault:t()
+when
+    AfterMs :: non_neg_integer(),
+    WithinMs :: pos_integer(),
+    Team :: #{robots := pos_integer(), seed := integer()}.
+again({Id, From, To, Kind, Target, Params}, {AfterMs, WithinMs}, Key0, Team) ->
+    Key = {Key0, Id},
+    At = AfterMs + starl_sim_draw:between({Key, from}, 1, WithinMs),
+    {_, _, Shape, _, _} = lists:keyfind(Kind, 1, starl_sim_fault:kinds()),
+    {Id, At, At + To - From, Kind, elsewhere(Shape, Target, Key, Team), Params}.
+
+elsewhere(_Shape, all, _Key, _Team) -> all;
+elsewhere(machine, {_, Name}, Key, Team) -> {robot(Key, Team), Name};
+elsewhere(two, Two, _Key, #{robots := 1}) -> Two;
+elsewhere(link, {_, _}, Key, #{robots := N} = Team) when N > 1 -> target(two, Key, Team);
+elsewhere(link, Target, Key, Team) when is_integer(Target) -> robot(Key, Team);
+elsewhere(robots, _, Key, Team) -> robot(Key, Team);
+elsewhere(link, Target, _Key, _Team) -> Target;
+elsewhere(Shape, _, Key, Team) -> target(Shape, Key, Team).
 
 %% A single robot has no other to be confused with.
 is_possible({_, _, two, _, _}, #{robots := 1}) -> false;

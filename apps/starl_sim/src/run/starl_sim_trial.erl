@@ -2,7 +2,7 @@
 %% inline and with one shard, which is fast and, by contract, changes no result.
 -module(starl_sim_trial).
 
--export([run/1, run/2, run/3]).
+-export([run/1, run/2, run/3, apart/1]).
 
 -export_type([verdict/0, outcome/0, reason/0]).
 
@@ -42,18 +42,25 @@ run(Scenario, Started) -> run(Scenario, Started, []).
     [{module(), Config :: map()}]
 ) -> verdict().
 run(Scenario, Started, Watch) ->
+    case apart(fun() -> play(Scenario, Started, Watch) end) of
+        {ok, Verdict} -> Verdict;
+        {error, _} = Error -> Error
+    end.
+
+%% @doc Calls a function in a process of its own, which a failing simulation takes along.
+-spec apart(fun(() -> Result)) -> {ok, Result} | {error, {failed, Reason :: term()}}.
+apart(Play) ->
     Caller = self(),
     Tag = make_ref(),
-    {Pid, Ref} = spawn_monitor(fun() -> Caller ! {Tag, play(Scenario, Started, Watch)} end),
+    {Pid, Ref} = spawn_monitor(fun() -> Caller ! {Tag, Play()} end),
     receive
-        {Tag, Verdict} ->
+        {Tag, Result} ->
             true = erlang:demonitor(Ref, [flush]),
-            Verdict;
+            {ok, Result};
         {'DOWN', Ref, process, Pid, Reason} ->
             {error, {failed, Reason}}
     end.
 
-%% Runs in a process of its own, which a failing simulation takes along.
 play(Scenario, Started, Watch) ->
     Watched = #{watch => [{starl_sim_loss_monitor, #{}} | Watch]},
     case starl_sim:start(Scenario#{mode => inline, shards => 1}, Watched) of

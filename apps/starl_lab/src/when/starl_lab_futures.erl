@@ -1,0 +1,109 @@
+%% @doc Runs futures of a run ({@link starl_sim_future}) in some processes at a time, and counts
+%% what becomes of them. The numbers do not depend on how many run at a time.
+%%
+%% A process is cheaper here than a VM: futures are short, and their number is known only step by
+%% step.
+-module(starl_lab_futures).
+
+-export([ask/2]).
+
+-export_type([plan/0]).
+
+%% The run and its futures; the number from which their salts follow; the number of processes; the
+%% message that ends all; and the progress line.
+-type plan() :: #{
+    run := starl_sim_future:run(),
+    settings := starl_sim_future:settings(),
+    salt := integer(),
+    jobs := pos_integer(),
+    interrupt := reference(),
+    progress := starl_cli_progress:t()
+}.
+
+-type question() :: starl_sim_inevitable:question().
+
+-record(pool, {
+    plan :: plan(),
+    later :: [{starl_sim_moments:moment(), K :: pos_integer()}],
+    running = #{} :: #{pid() => {reference(), starl_sim_moments:moment()}},
+    done = 0 :: non_neg_integer(),
+    total :: non_neg_integer(),
+    curve = #{} :: #{starl_sim_moments:moment() => starl_sim_inevitable:tally()},
+    progress :: starl_cli_progress:t()
+}).
+
+%% @doc Runs the futures that are asked for. `stopped': the interruption came before all were done.
+%% A future that fails ends the search: `throw({future, Reason})'.
+-spec ask([question()], plan()) -> {done | stopped, starl_sim_inevitable:curve()}.
+ask(Questions, #{progress := Progress} = Plan) ->
+    Later = [{Moment, K} || {Moment, {From, To}} <- Questions, K <- lists:seq(From, To)],
+    Pool = #pool{plan = Plan, later = Later, total = length(Later), progress = Progress},
+    work(fill(Pool)).
+
+fill(#pool{later = []} = Pool) ->
+    Pool;
+fill(#pool{running = Running, plan = #{jobs := Jobs}} = Pool) when map_size(Running) >= Jobs ->
+    Pool;
+fill(#pool{later = [{Moment, K} | Later], running = Running, plan = Plan} = Pool) ->
+    #{run := Run, settings := Settings, salt := Salt} = Plan,
+    Job = starl_sim_future:plan(Run, Moment, erlang:phash2({Salt, K}, 1 bsl 32), Settings),
+    Self = self(),
+    {Pid, Ref} = spawn_monitor(fun() -> Self ! {future, self(), starl_sim_future:play(Job)} end),
+    fill(Pool#pool{later = Later, running = Running#{Pid => {Ref, Moment}}}).
+
+work(#pool{running = Running, curve = Curve}) when map_size(Running) =:= 0 ->
+    {done, maps:to_list(Curve)};
+work(#pool{running = Running, plan = #{interrupt := Interrupt}, curve = Curve} = Pool) ->
+    receive
+        Interrupt ->
+            ok = end_all(Running),
+            %% what is asked later is not begun
+            self() ! Interrupt,
+            {stopped, maps:to_list(Curve)};
+        {future, Pid, {ok, Verdict, Digest}} when is_map_key(Pid, Running) ->
+            work(fill(show(came(Pid, Verdict, Digest, Pool))));
+        {future, Pid, {error, Reason}} when is_map_key(Pid, Running) ->
+            failed(Reason, Running);
+        {'DOWN', _, process, Pid, Reason} when is_map_key(Pid, Running) ->
+            failed({trial, {failed, Reason}}, maps:remove(Pid, Running))
+    end.
+
+-spec failed(starl_sim_future:reason(), map()) -> no_return().
+failed(Reason, Running) ->
+    ok = end_all(Running),
+    throw({future, Reason}).
+
+end_all(Running) ->
+    maps:foreach(
+        fun(Pid, {Ref, _}) ->
+            true = erlang:demonitor(Ref, [flush]),
+            exit(Pid, kill)
+        end,
+        Running
+    ).
+
+came(Pid, Verdict, Digest, #pool{running = Running, curve = Curve, done = Done} = Pool) ->
+    {{Ref, Moment}, Others} = maps:take(Pid, Running),
+    true = erlang:demonitor(Ref, [flush]),
+    Tally = maps:get(Moment, Curve, #{
+        futures => 0, broken => 0, other => 0, unjudged => 0, digests => []
+    }),
+    Pool#pool{
+        running = Others, done = Done + 1, curve = Curve#{Moment => counted(Verdict, Digest, Tally)}
+    }.
+
+counted(Verdict, Digest, #{futures := N, digests := Digests} = Tally) ->
+    Counted = Tally#{futures := N + 1, digests := lists:usort([Digest | Digests])},
+    case Verdict of
+        kept -> Counted;
+        _ -> maps:update_with(Verdict, fun(Count) -> Count + 1 end, Counted)
+    end.
+
+show(#pool{progress = Progress, done = Done, total = Total, later = Later} = Pool) ->
+    Words = fun() -> [io_lib:format("~b of ~b futures", [Done, Total]), at(Later, Pool)] end,
+    Pool#pool{progress = starl_cli_progress:show(Progress, Done / Total, Words)}.
+
+at([{Moment, _} | _], #pool{plan = #{run := #{moments := Moments}}}) ->
+    io_lib:format("from ~.3f s", [starl_sim_moments:time_us(Moment, Moments) / 1.0e6]);
+at([], _Pool) ->
+    "".

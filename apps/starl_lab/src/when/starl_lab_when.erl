@@ -1,0 +1,217 @@
+%% @doc `./starl when': tells when a violation became inevitable. The run is continued from earlier
+%% moments with other random draws; where the share of futures that break the contract rises most,
+%% an event is named.
+-module(starl_lab_when).
+
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+
+-type setup() :: #{
+    target := starl_cli_target:t(),
+    scenario := starl_sim_scenario:t(),
+    out := starl_cli_out:t(),
+    digest := binary() | any,
+    values := map()
+}.
+
+%% A future ends this long after the violation of the run, a second at least.
+-define(BEYOND, 0.25).
+-define(LEAST_BEYOND_S, 1.0).
+
+-spec name() -> string().
+name() -> "when".
+
+-spec synopsis() -> string().
+synopsis() -> "tell when a violation became inevitable, and by which event".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "RUN", {example, "out/counter-7-shrunk.term"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "Takes a run that violates a contract (RUN as for ./starl shrink: a shrunk scenario, the "
+        "directory of a run, or an application with the flags of ./starl run). The run is repeated "
+        "up to earlier moments and goes on with other random draws: loss and delay of packets, "
+        "errors of drives and positions, and when and where the faults strike that have not begun. "
+        "The share of these futures that break the same contract is a curve over moments. Where it "
+        "rises most, halving finds the event.",
+        "Written are when.txt, curve.csv and a plot. The same --salt gives the same curve. Ctrl-C "
+        "tells what is known so far."
+    ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(none) -> [{"Flags", own_flags()}];
+flags(#{app := App}) -> [{"Flags", own_flags()}, {hidden, starl_sim_scenario:options(App)}].
+
+own_flags() ->
+    [
+        {futures, {integer, 2, 10000}, 20,
+            "futures of each moment; a step that is not high gets five times as many"},
+        {moments, {integer, 2, 1000}, 16, "moments of the grid, before the halving"},
+        {salt, {integer, 0, 1 bsl 32}, 1, "the number from which the draws of the futures follow"},
+        {beyond, {optional, {number, 0.001, 1.0e6}}, none,
+            "a future ends this long after the violation of the run, s; none: a quarter of its "
+            "time, at least 1 s"},
+        {loss_ahead, {optional, {number, 0, 1}}, none,
+            "fraction of the packets that futures lose; none: as many as the run"},
+        {out, string, none, "directory for the results; without it a new one under out/"},
+        {quiet, switch, false, "no progress line"},
+        starl_lab_jobs:at_once()
+    ].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [
+        {0, "an event was found"},
+        {1, "internal error"},
+        {2, "bad usage or input, also where the run violates nothing or is not reproducible"},
+        {4, "the share rises nowhere: no draw decides"},
+        {130, "interrupted"}
+    ].
+
+-spec subject(string(), [string()]) ->
+    {ok, starl_cli_target:t(), [string()]} | {error, [unicode:chardata(), ...]}.
+subject(Word, Args) -> starl_lab_shrink:subject(Word, Args).
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := #{name := Name} = Target, values := Values} = Call) ->
+    {Unsound, Scenario} = starl_cli_setup:scenario(
+        Target, starl_cli_setup:given(Call, own_flags())
+    ),
+    {Unwritable, Out} = starl_cli_setup:out(maps:get(out, Values), Name ++ "-when"),
+    case Unsound ++ Unwritable of
+        [] ->
+            ok = starl_cli_log:install(),
+            repeated(#{
+                target => Target,
+                scenario => Scenario,
+                out => Out,
+                digest => starl_lab_shrink:digest(Call, own_flags()),
+                values => Values
+            });
+        Problems ->
+            {error, Problems}
+    end.
+
+-spec repeated(setup()) -> starl_cli_command:answer().
+repeated(#{scenario := Scenario, digest := Known} = Setup) ->
+    case starl_sim_future:repeat(Scenario) of
+        {ok, #{digest := Digest}} when Known =/= any, Known =/= Digest ->
+            {error, [starl_sim_future:format_error({not_reproducible, [Known, Digest]})]};
+        {ok, Run} ->
+            search(Run, Setup);
+        {error, {trial, {failed, _}} = Reason} ->
+            failed(Reason);
+        {error, Reason} ->
+            {error, [starl_sim_future:format_error(Reason)]}
+    end.
+
+search(#{violation := Violation, moments := Moments} = Run, #{values := Values} = Setup) ->
+    starl_cli_terminal:out([starl_monitor:format_violation(Violation), "\n"]),
+    #{at_us := AtUs} = Violation,
+    #{futures := K, moments := N} = Values,
+    Settings = settings(Run, Values),
+    Plan = plan(Run, Settings, Values),
+    Last = starl_sim_moments:at(AtUs, Moments),
+    try
+        starl_sim_inevitable:search(#{
+            grid => starl_sim_inevitable:grid(N, Last, Moments),
+            futures => K,
+            ask => fun(Questions) -> starl_lab_futures:ask(Questions, Plan) end
+        })
+    of
+        Result -> told(Result, Run, Settings, Setup)
+    catch
+        throw:{future, Reason} -> failed(Reason)
+    after
+        starl_cli_signal:on_interrupt(quit)
+    end.
+
+plan(Run, Settings, #{salt := Salt, jobs := Jobs, quiet := Quiet}) ->
+    Self = self(),
+    Interrupt = make_ref(),
+    starl_cli_signal:on_interrupt(fun() -> Self ! Interrupt end),
+    How =
+        case Quiet of
+            true -> quiet;
+            false -> auto
+        end,
+    #{
+        run => Run,
+        settings => Settings,
+        salt => Salt,
+        jobs => Jobs,
+        interrupt => Interrupt,
+        progress => starl_cli_progress:new(How)
+    }.
+
+settings(#{violation := #{at_us := AtUs}, loss := Loss}, Values) ->
+    At = AtUs / 1.0e6,
+    Beyond =
+        case Values of
+            #{beyond := none} -> max(?LEAST_BEYOND_S, ?BEYOND * At);
+            #{beyond := Seconds} -> Seconds
+        end,
+    Ahead =
+        case Values of
+            #{loss_ahead := none} -> Loss;
+            #{loss_ahead := Given} -> Given
+        end,
+    #{loss => Ahead, until_s => At + Beyond}.
+
+failed(Reason) ->
+    starl_cli_progress:erase(),
+    starl_cli_terminal:complain(["when: ", starl_sim_future:format_error(Reason)]),
+    1.
+
+%% -- the answer -----------------------------------------------------------------------------
+
+told(Result, Run, Settings, #{target := Target, scenario := Scenario, out := Out}) ->
+    starl_cli_progress:erase(),
+    Report = starl_lab_when_report:new(Result, Run, Settings),
+    Look = look(Result, Run, Target, Scenario),
+    Text = [starl_lab_when_report:text(Report, starl_cli_terminal:columns()), Look],
+    starl_cli_terminal:out(Text),
+    Files = [
+        {"when.txt", Text},
+        {"curve.csv", starl_lab_when_report:csv(Report)},
+        {"plot.gp", starl_lab_sweep_plot:script(starl_lab_when_report:plot(Report))}
+    ],
+    Written = starl_cli_out:write(Out, fun(New) ->
+        drawn(starl_cli_files:put_all(New, Files), New)
+    end),
+    written(Written, status(Result)).
+
+%% The command that shows the robot just after the event.
+look(#{step := {_, Above}, complete := true}, #{moments := Moments}, Target, Scenario) ->
+    case starl_sim_moments:entry(Above, Moments) of
+        {_, fault, _} ->
+            "";
+        {_, Robot, #{n := N}} ->
+            Command = starl_cli_setup:command_line("replay", Target, Scenario),
+            ["look: ", Command, io_lib:format(" --until ~b:~b --inspect ~b~n", [Robot, N, Robot])]
+    end;
+look(_Result, _Run, _Target, _Scenario) ->
+    "".
+
+%% A plot that cannot be drawn is not a failure: all other results exist.
+drawn({error, _} = Error, _Dir) ->
+    Error;
+drawn(ok, Dir) ->
+    case starl_lab_sweep_plot:draw(Dir) of
+        ok -> ok;
+        {error, Why} -> starl_cli_terminal:complain(Why)
+    end.
+
+status(#{complete := false}) -> 130;
+status(#{step := none}) -> 4;
+status(#{step := _}) -> 0.
+
+written({ok, Dir}, Status) ->
+    starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), "\n"]),
+    Status;
+written({error, Why}, _Status) ->
+    starl_cli_terminal:complain(["the results could not be written: ", Why]),
+    1.

@@ -1,0 +1,273 @@
+%% @doc The answer of `./starl when' as text, as a table of comma-separated values, and as a plot.
+-module(starl_lab_when_report).
+
+-export([new/3, text/2, csv/1, plot/1]).
+
+-export_type([t/0]).
+
+%% `facts': what the robot of the event did at that moment.
+-opaque t() :: #{
+    result := starl_sim_inevitable:result(),
+    run := starl_sim_future:run(),
+    settings := starl_sim_future:settings(),
+    facts := [{starl_machine:name(), term()}]
+}.
+
+-define(BAR, 20).
+-define(MOST_FACTS, 12).
+-define(MOST_RISES, 3).
+%% The events that are shown after the beginning of a fault.
+-define(FOLLOWERS, 6).
+%% The depth to which terms are printed in one line.
+-define(DEPTH, 20).
+
+%% @doc The report of a search; looks up in the run what the robot of the step's event did.
+-spec new(starl_sim_inevitable:result(), starl_sim_future:run(), starl_sim_future:settings()) ->
+    t().
+new(Result, Run, Settings) ->
+    #{result => Result, run => Run, settings => Settings, facts => facts(Result, Run)}.
+
+facts(#{step := {_, Above}, complete := true}, #{moments := Moments} = Run) ->
+    case starl_sim_moments:entry(Above, Moments) of
+        {_, fault, _} ->
+            [];
+        {AtUs, Robot, _} ->
+            case starl_sim_future:facts(Run, {AtUs, Robot}) of
+                {ok, Facts} -> Facts;
+                {error, _} -> []
+            end
+    end;
+facts(_Result, _Run) ->
+    [].
+
+%% @doc The report for a terminal of this width.
+-spec text(t(), Width :: pos_integer()) -> unicode:chardata().
+text(#{result := #{curve := Curve} = Result} = Report, Width) ->
+    [
+        "\n      time  after      futures that break it\n",
+        [row(Point, Report) || Point <- Curve],
+        "\n",
+        answer(Result, Report, Width),
+        others(Result, Report),
+        draws(Report, Width)
+    ].
+
+row({Moment, Tally}, #{run := #{moments := Moments}} = Report) ->
+    {Broken, N} = Count = count(Tally),
+    {Low, High} = starl_sim_share:interval(Count),
+    [
+        io_lib:format("~10.6f  ~-9ts ~5b of ~-5b ~.2f-~.2f  ", [
+            starl_sim_moments:time_us(Moment, Moments) / 1.0e6, place(Moment), Broken, N, Low, High
+        ]),
+        bar(starl_sim_share:share(Count)),
+        mark(Moment, Report),
+        besides(Tally),
+        "\n"
+    ].
+
+place(0) -> "start";
+place(Moment) -> integer_to_list(Moment).
+
+bar(Share) ->
+    Full = round(?BAR * Share),
+    [lists:duplicate(Full, $#), lists:duplicate(?BAR - Full, $.)].
+
+mark(Moment, #{result := #{step := {_, Moment}, complete := true}}) -> " <";
+mark(_Moment, _Report) -> "".
+
+besides(#{other := Other, unjudged := Unjudged}) ->
+    [
+        [io_lib:format("  (~b break another)", [Other]) || Other > 0],
+        [io_lib:format("  (~b not judged)", [Unjudged]) || Unjudged > 0]
+    ].
+
+answer(#{curve := []}, _Report, _Width) ->
+    "interrupted before any future has ended\n";
+answer(#{complete := false, step := none}, _Report, _Width) ->
+    "interrupted; no rise is certain so far\n";
+answer(#{complete := false, step := {Low, High}}, #{run := #{moments := Moments}}, _Width) ->
+    io_lib:format("interrupted; so far the largest rise lies between ~.6f s and ~.6f s~n", [
+        starl_sim_moments:time_us(M, Moments) / 1.0e6
+     || M <- [Low, High]
+    ]);
+answer(#{step := none, curve := [{_, First} | _] = Curve}, _Report, Width) ->
+    wrapped(flat(count(First), lists:usort([D || {_, #{digests := Ds}} <- Curve, D <- Ds])), Width);
+answer(#{step := {Low, High}, curve := Curve}, #{run := #{moments := Moments}} = Report, Width) ->
+    {_, Below} = lists:keyfind(Low, 1, Curve),
+    {_, Above} = lists:keyfind(High, 1, Curve),
+    [
+        wrapped(
+            [
+                became(Above),
+                ": just before it ",
+                futures(Below),
+                " break the contract, just after it ",
+                futures(Above)
+            ],
+            Width
+        ),
+        event(starl_sim_moments:entry(High, Moments), Report, Width),
+        followers(High, Moments, Width)
+    ].
+
+flat({0, _}, _Digests) ->
+    "the share rises nowhere: no future breaks the contract before the run does";
+flat({_, _}, [_]) ->
+    "from the scenario: no draw changes anything, all futures are the run itself";
+flat({N, N}, _Digests) ->
+    "inevitable from the start: whatever is drawn, all futures break the contract, so the cause is "
+    "in the scenario or the program";
+flat(Count, _Digests) ->
+    {Low, High} = starl_sim_share:interval(Count),
+    io_lib:format(
+        "the share rises nowhere beyond its intervals (at the start it is ~.2f-~.2f): no single "
+        "event decides; --futures makes the intervals smaller",
+        [Low, High]
+    ).
+
+%% That all futures do so is all that can be shown.
+became(#{broken := N, futures := N}) ->
+    "it became inevitable, as far as futures can tell, by one event";
+became(#{}) ->
+    "it became likely by one event".
+
+futures(Tally) ->
+    {Broken, N} = Count = count(Tally),
+    {Low, High} = starl_sim_share:interval(Count),
+    io_lib:format("~b of ~b futures (~.2f-~.2f)", [Broken, N, Low, High]).
+
+event({AtUs, fault, Fault}, _Report, _Width) ->
+    io_lib:format("  ~.6f s  a fault begins: ~0tp~n", [AtUs / 1.0e6, Fault]);
+event({_, _, #{content := Content}} = Entry, #{facts := Facts}, Width) ->
+    [
+        line(Entry),
+        [["    ", starl_cli_inspect:term(Content, 4, Width), "\n"] || Content =/= none],
+        [
+            [cut(["    ", fact(Fact)], Width), "\n"]
+         || Fact <- lists:sublist(Facts, ?MOST_FACTS)
+        ],
+        [
+            io_lib:format("    and ~b more~n", [length(Facts) - ?MOST_FACTS])
+         || length(Facts) > ?MOST_FACTS
+        ]
+    ].
+
+%% A fault shows in what its robots do next.
+followers(Moment, Moments, Width) ->
+    case starl_sim_moments:entry(Moment, Moments) of
+        {_, fault, Fault} ->
+            Robots = starl_sim_fault:targets(Fault),
+            Next = starl_sim_moments:following(Moment, Robots, ?FOLLOWERS, Moments),
+            ["  and then:\n" | [cut(line(Entry), Width) || Entry <- Next]];
+        _ ->
+            ""
+    end.
+
+line({AtUs, Robot, #{n := N, machine := Machine, type := Type}}) ->
+    io_lib:format("  ~.6f s  robot ~b, event ~b: ~ts ~ts~n", [
+        AtUs / 1.0e6, Robot, N, Machine, handles(Type)
+    ]).
+
+handles(boot) -> "boots";
+handles({call, {From, _}}) -> io_lib:format("is called by ~0tp", [From]);
+handles(packet) -> "gets a packet";
+handles(timeout) -> "has a timer";
+handles(Type) -> io_lib:format("handles ~0tp", [Type]).
+
+%% Packets to the other robots, with their fate.
+fact({radio, {packet, To, Brief, _Bytes, {lost, Why}}}) ->
+    io_lib:format("sends ~0tp to robot ~b: LOST (~0tp)", [Brief, To, Why]);
+fact({radio, {packet, To, Brief, _Bytes, {arrives, Copies}}}) ->
+    Times = [io_lib:format("~.6f s~ts", [At / 1.0e6, state(State)]) || {At, State} <- Copies],
+    io_lib:format("sends ~0tp to robot ~b: arrives ~ts", [Brief, To, lists:join(" and ", Times)]);
+fact({Machine, Fact}) ->
+    io_lib:format("~ts: ~0tP", [Machine, Fact, ?DEPTH]).
+
+state(intact) -> "";
+state(corrupt) -> " damaged".
+
+cut(Text, Width) -> string:slice(Text, 0, Width).
+
+others(#{complete := true, others := [_ | _] = Rises, curve := Curve}, Report) ->
+    #{run := #{moments := Moments}} = Report,
+    [
+        "it rises elsewhere, too:\n",
+        [
+            io_lib:format("  between ~.6f s and ~.6f s, from ~.2f to ~.2f~n", [
+                starl_sim_moments:time_us(Low, Moments) / 1.0e6,
+                starl_sim_moments:time_us(High, Moments) / 1.0e6,
+                share(Low, Curve),
+                share(High, Curve)
+            ])
+         || {Low, High} <- lists:sublist(Rises, ?MOST_RISES)
+        ]
+    ];
+others(_Result, _Report) ->
+    "".
+
+share(Moment, Curve) ->
+    {_, Tally} = lists:keyfind(Moment, 1, Curve),
+    starl_sim_share:share(count(Tally)).
+
+%% What was drawn anew: the answer depends on it.
+draws(#{run := #{scenario := Scenario}, settings := Settings}, Width) ->
+    #{loss := Loss, until_s := Until} = Settings,
+    #{delay := {Min, Max}, faults := Faults} = Scenario,
+    Ahead = length([Id || {Id, _, _, Kind, _, _} <- Faults, Kind =/= drop]),
+    wrapped(
+        io_lib:format(
+            "drawn anew from each moment on: loss (~.4g of the packets), delay (~w..~w ms), "
+            "duplicates, errors of drives and positions, and when and where those of ~b faults "
+            "strike that have not begun. Not drawn anew: clocks, random numbers of machines that "
+            "run, the places at the start. Futures end at ~.3f s.",
+            [float(Loss), Min, Max, Ahead, float(Until)]
+        ),
+        Width
+    ).
+
+wrapped(Text, Width) -> [starl_cli_terminal:wrap(Text, 2, Width), "\n"].
+
+count(#{broken := Broken, futures := N}) -> {Broken, N}.
+
+%% @doc One line for each moment: its place among the events, its time in s, its counts and the
+%% interval.
+-spec csv(t()) -> unicode:chardata().
+csv(#{result := #{curve := Curve}, run := #{moments := Moments}}) ->
+    Head = ["events", "time_s", "futures", "broken", "other", "unjudged", "share", "low", "high"],
+    [starl_lab_csv:line(Head) | [starl_lab_csv:line(cells(Point, Moments)) || Point <- Curve]].
+
+cells({Moment, Tally}, Moments) ->
+    #{futures := N, broken := Broken, other := Other, unjudged := Unjudged} = Tally,
+    {Low, High} = starl_sim_share:interval({Broken, N}),
+    Share = starl_sim_share:share({Broken, N}),
+    [integer_to_list(Moment), number(starl_sim_moments:time_us(Moment, Moments) / 1.0e6)] ++
+        [integer_to_list(Count) || Count <- [N, Broken, Other, Unjudged]] ++
+        [number(X) || X <- [Share, Low, High]].
+
+number(X) -> io_lib:format("~.6f", [X]).
+
+%% @doc The curve with its intervals, over the time and over the events, for {@link
+%% starl_lab_sweep_plot:script/1}.
+-spec plot(t()) -> starl_lab_sweep_plot:plot().
+plot(#{result := #{curve := Curve}, run := #{moments := Moments, violation := Violation}}) ->
+    #{contract := Contract} = Violation,
+    Points = [
+        {Moment, starl_sim_share:share(C), starl_sim_share:interval(C)}
+     || {Moment, T} <- Curve, C <- [count(T)]
+    ],
+    #{
+        title => lists:flatten(io_lib:format("futures that break ~ts", [Contract])),
+        x => "virtual time of the moment, s",
+        panels => [
+            #{
+                y => "share of the futures, 95 % intervals",
+                curves => [
+                    {"", [
+                        {starl_sim_moments:time_us(M, Moments) / 1.0e6, Share, Low, High}
+                     || {M, Share, {Low, High}} <- Points
+                    ]}
+                ]
+            }
+         || Points =/= []
+        ]
+    }.
