@@ -1,0 +1,108 @@
+%% The search for the step of a share, over futures that are a function of moment and number.
+-module(starl_sim_inevitable_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% Of the futures from moment 700 on nearly all break the contract, before it few.
+the_event_at_the_step_is_found_test() ->
+    #{step := Step, complete := true, others := []} = search(step(700, 10, 95)),
+    ?assertEqual({699, 700}, Step).
+
+%% A low step needs more futures.
+a_low_step_is_found_test() ->
+    #{step := Step, curve := Curve} = search(step(333, 20, 60)),
+    ?assertEqual({332, 333}, Step),
+    ?assertEqual([100], lists:usort([maps:get(futures, tally(M, Curve)) || M <- [332, 333]])).
+
+%% Luck lowers the share for a while: the largest rise is the one that is told, and the other, too.
+a_share_that_falls_in_between_test() ->
+    Share = fun
+        (M) when M < 100 -> 5;
+        (M) when M < 480 -> 70;
+        (M) when M < 620 -> 5;
+        (_) -> 100
+    end,
+    #{step := Step, others := Others} = search(Share),
+    ?assertEqual({619, 620}, Step),
+    ?assertMatch([{Low, High}] when Low < 100 andalso High >= 100, Others).
+
+%% What is the same everywhere has no step, however often it breaks.
+no_step_test() ->
+    [
+        ?assertMatch({Percent, #{step := none, complete := true}}, {
+            Percent, search(fun(_) -> Percent end)
+        })
+     || Percent <- [0, 50, 100]
+    ].
+
+%% The numbers of the futures go on where they ended, and none is run twice.
+no_future_is_run_twice_test() ->
+    Self = self(),
+    Ask = fun(Questions) ->
+        _ = [Self ! {ran, M, K} || {M, {From, To}} <- Questions, K <- lists:seq(From, To)],
+        {done, [{M, tally(From, To, step(M, 333, 20, 60))} || {M, {From, To}} <- Questions]}
+    end,
+    #{curve := Curve} = search_by(Ask),
+    Ran = ran(),
+    ?assertEqual(Ran, lists:usort(Ran)),
+    ?assertEqual(
+        Ran, [{M, K} || {M, #{futures := N}} <- Curve, K <- lists:seq(1, N)]
+    ).
+
+%% Interrupted in the grid or in the halving: what is known is told.
+stopped_test() ->
+    ?assertMatch(
+        #{complete := false, step := none, curve := []}, search_by(fun(_) -> {stopped, []} end)
+    ),
+    Share = step(700, 10, 95),
+    Once = fun
+        ([_, _ | _] = Questions) -> answers(Questions, Share);
+        (_) -> {stopped, []}
+    end,
+    #{complete := false, step := {Low, High}} = search_by(Once),
+    ?assert(Low < 700 andalso High >= 700).
+
+%% Moments that are even in events, and others that come nearer and nearer to the last one.
+grid_test() ->
+    Events = [
+        #{n => N, at_us => 1000 * N, chain => 0, machine => m, type => info, content => none}
+     || N <- lists:seq(1, 1000)
+    ],
+    Moments = starl_sim_moments:new(#{1 => Events}, []),
+    ?assertEqual(
+        [0, 200, 400, 600, 700, 750, 800], starl_sim_inevitable:grid(8, 800, Moments)
+    ).
+
+%% -- helpers --------------------------------------------------------------------------------
+
+step(At, Below, Above) -> fun(M) -> step(M, At, Below, Above) end.
+
+step(M, At, Below, _Above) when M < At -> Below;
+step(_M, _At, _Below, Above) -> Above.
+
+search(Share) -> search_by(fun(Questions) -> answers(Questions, Share) end).
+
+search_by(Ask) ->
+    starl_sim_inevitable:search(#{grid => lists:seq(0, 1000, 100), futures => 20, ask => Ask}).
+
+answers(Questions, Share) ->
+    {done, [{M, tally(From, To, Share(M))} || {M, {From, To}} <- Questions]}.
+
+%% The K-th future breaks the contract or not, the same at each moment with the same share.
+tally(From, To, Percent) ->
+    #{
+        futures => To - From + 1,
+        broken => length([K || K <- lists:seq(From, To), 37 * K rem 100 < Percent]),
+        other => 0,
+        unjudged => 0,
+        digests => [<<>>]
+    }.
+
+tally(Moment, Curve) ->
+    {_, Tally} = lists:keyfind(Moment, 1, Curve),
+    Tally.
+
+ran() ->
+    receive
+        {ran, M, K} -> lists:sort([{M, K} | ran()])
+    after 0 -> []
+    end.
