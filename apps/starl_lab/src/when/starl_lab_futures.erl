@@ -68,7 +68,7 @@ work(#pool{running = Running, plan = #{interrupt := Interrupt}, curve = Curve} =
             failed({trial, {failed, Reason}}, maps:remove(Pid, Running))
     end.
 
--spec failed(starl_sim_future:reason(), map()) -> no_return().
+-spec failed(starl_sim_future:reason() | starl_sim_future:parted(), map()) -> no_return().
 failed(Reason, Running) ->
     ok = end_all(Running),
     throw({future, Reason}).

@@ -184,15 +184,14 @@ told(Result, Run, Settings, #{target := Target, scenario := Scenario, out := Out
     end),
     written(Written, status(Result)).
 
-%% The command that shows the robot just after the event.
+%% The command that shows the robot just after the event, or all when the fault begins.
 look(#{step := {_, Above}, complete := true}, #{moments := Moments}, Target, Scenario) ->
-    case starl_sim_moments:entry(Above, Moments) of
-        {_, fault, _} ->
-            "";
-        {_, Robot, #{n := N}} ->
-            Command = starl_cli_setup:command_line("replay", Target, Scenario),
-            ["look: ", Command, io_lib:format(" --until ~b:~b --inspect ~b~n", [Robot, N, Robot])]
-    end;
+    Until =
+        case starl_sim_moments:entry(Above, Moments) of
+            {AtUs, fault, _} -> io_lib:format(" --until ~.6f", [AtUs / 1.0e6]);
+            {_, Robot, #{n := N}} -> io_lib:format(" --until ~b:~b --inspect ~b", [Robot, N, Robot])
+        end,
+    ["look: ", starl_cli_setup:command_line("replay", Target, Scenario), Until, "\n"];
 look(_Result, _Run, _Target, _Scenario) ->
     "".
 

@@ -12,7 +12,7 @@
 
 -export([repeat/1, plan/4, play/1, facts/2, format_error/1]).
 
--export_type([run/0, settings/0, job/0, verdict/0, reason/0]).
+-export_type([run/0, settings/0, job/0, verdict/0, reason/0, parted/0]).
 
 %% A run with a violation: the scenario with its drawn faults, and all its moments.
 -type run() :: #{
@@ -43,8 +43,10 @@
     holds
     | {too_long, Events :: pos_integer()}
     | {not_reproducible, [binary(), ...]}
-    | {parted, starl:robot_id(), Event :: pos_integer()}
     | {trial, starl_sim_trial:reason()}.
+
+%% A future that is not the run up to its moment.
+-type parted() :: {parted, starl:robot_id(), Event :: pos_integer()}.
 
 %% All events of a run are kept in memory.
 -define(MOST_EVENTS, 1000000).
@@ -131,7 +133,7 @@ ahead(Fault, Begun, Span, Salt, Team) ->
 
 %% @doc Runs a future in the calling process, which a failing simulation takes along. Checks that it
 %% is the run up to its moment.
--spec play(job()) -> {ok, verdict(), Digest :: binary()} | {error, reason()}.
+-spec play(job()) -> {ok, verdict(), Digest :: binary()} | {error, parted()}.
 play(#{scenario := Scenario, branch := Branch, chains := Chains} = Job) ->
     Sim = started(Scenario, #{
         branch => Branch, record => maps:map(fun(_, {N, _}) -> {N, N} end, Chains)
@@ -165,7 +167,7 @@ verdict(#{violations := Violations, unjudged := Unjudged}, #{contract := Contrac
 %% @doc The facts that a robot traced at a time of the run, with the fate of each packet that it
 %% sent then.
 -spec facts(run(), {starl_sim_queue:time(), starl:robot_id()}) ->
-    {ok, [{starl_machine:name(), Fact :: term()}]} | {error, starl_sim_trial:reason()}.
+    {ok, [{starl_machine:name(), Fact :: term()}]} | {error, {failed, term()}}.
 facts(#{scenario := Scenario}, {AtUs, Robot}) ->
     starl_sim_trial:apart(fun() ->
         Self = self(),
@@ -189,7 +191,7 @@ collected(Facts) ->
     end.
 
 %% @doc One line on why there are no futures.
--spec format_error(reason()) -> unicode:chardata().
+-spec format_error(reason() | parted()) -> unicode:chardata().
 format_error(holds) ->
     "the run violates no contract, so there is nothing to ask";
 format_error({too_long, Events}) ->
