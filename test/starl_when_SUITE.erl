@@ -1,6 +1,6 @@
 %% When violations of planted bugs became inevitable: what is named is what the bug makes wrong, or
-%% the fault that it does not bear. The scenarios are what ./starl shrink has left of the runs in which
-%% ./starl planted finds the bugs.
+%% the fault that it does not bear. The scenarios are what ./starl shrink has left of the runs in
+%% which ./starl planted finds the bugs.
 -module(starl_when_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 
