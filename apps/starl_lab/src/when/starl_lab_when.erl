@@ -176,11 +176,10 @@ told(Result, Run, Settings, #{target := Target, scenario := Scenario, out := Out
     starl_cli_terminal:out(Text),
     Files = [
         {"when.txt", Text},
-        {"curve.csv", starl_lab_when_report:csv(Report)},
-        {"plot.gp", starl_lab_sweep_plot:script(starl_lab_when_report:plot(Report))}
+        {"curve.csv", starl_lab_when_report:csv(Report)}
     ],
     Written = starl_cli_out:write(Out, fun(New) ->
-        drawn(starl_cli_files:put_all(New, Files), New)
+        plotted(starl_lab_when_report:plot(Report), Files, New)
     end),
     written(Written, status(Result)).
 
@@ -194,6 +193,12 @@ look(#{step := {_, Above}, complete := true}, #{moments := Moments}, Target, Sce
     ["look: ", starl_cli_setup:command_line("replay", Target, Scenario), Until, "\n"];
 look(_Result, _Run, _Target, _Scenario) ->
     "".
+
+plotted(none, Files, Dir) ->
+    starl_cli_files:put_all(Dir, Files);
+plotted({ok, Plot}, Files, Dir) ->
+    Script = {"plot.gp", starl_lab_sweep_plot:script(Plot)},
+    drawn(starl_cli_files:put_all(Dir, Files ++ [Script]), Dir).
 
 %% A plot that cannot be drawn is not a failure: all other results exist.
 drawn({error, _} = Error, _Dir) ->

@@ -246,28 +246,24 @@ cells({Moment, Tally}, Moments) ->
 
 number(X) -> io_lib:format("~.6f", [X]).
 
-%% @doc The curve with its intervals, over the time and over the events, for {@link
-%% starl_lab_sweep_plot:script/1}.
--spec plot(t()) -> starl_lab_sweep_plot:plot().
+%% @doc The curve with its intervals over the time, for {@link starl_lab_sweep_plot:script/1}; none
+%% where no future has ended.
+-spec plot(t()) -> {ok, starl_lab_sweep_plot:plot()} | none.
+plot(#{result := #{curve := []}}) ->
+    none;
 plot(#{result := #{curve := Curve}, run := #{moments := Moments, violation := Violation}}) ->
     #{contract := Contract} = Violation,
-    Points = [
-        {Moment, starl_sim_share:share(C), starl_sim_share:interval(C)}
-     || {Moment, T} <- Curve, C <- [count(T)]
-    ],
-    #{
+    Panel = #{
+        y => "share of the futures, 95 % intervals",
+        curves => [{"", [point(Point, Moments) || Point <- Curve]}]
+    },
+    {ok, #{
         title => lists:flatten(io_lib:format("futures that break ~ts", [Contract])),
         x => "virtual time of the moment, s",
-        panels => [
-            #{
-                y => "share of the futures, 95 % intervals",
-                curves => [
-                    {"", [
-                        {starl_sim_moments:time_us(M, Moments) / 1.0e6, Share, Low, High}
-                     || {M, Share, {Low, High}} <- Points
-                    ]}
-                ]
-            }
-         || Points =/= []
-        ]
-    }.
+        panels => [Panel]
+    }}.
+
+point({Moment, Tally}, Moments) ->
+    {Low, High} = starl_sim_share:interval(count(Tally)),
+    Share = starl_sim_share:share(count(Tally)),
+    {starl_sim_moments:time_us(Moment, Moments) / 1.0e6, Share, Low, High}.
