@@ -48,7 +48,7 @@ tables(Table) ->
         function("_starl_words", "$1", [{"''", words(names(Table))} | rows(Table, fun after_it/1)]),
         function("_starl_flags", "$1:$2", lists:append([flag_rows(C) || C <- Table])),
         function("_starl_values", "$1:$2", lists:append([value_rows(C) || C <- Table])),
-        function("_starl_switch", "$1", [{lists:join("|", switches(Table)), "yes"}])
+        function("_starl_switch", "$1:$2", lists:append([switch_rows(C) || C <- Table]))
     ].
 
 function(Name, Of, Rows) ->
@@ -81,12 +81,13 @@ said({words, Words}) -> Words;
 said({files, Words}) -> Words ++ ["FILES"];
 said(_) -> [].
 
-switches(Table) ->
-    lists:usort([
-        Flag
-     || #{flags := Flags, targets := Targets} <- Table,
-        {Flag, _, switch} <- lists:append([Flags | [Some || {_, Some} <- Targets]])
-    ]).
+%% A flag that is a switch of one command may have a value with another.
+switch_rows(#{name := Name, flags := Flags, targets := Targets}) ->
+    All = lists:append([Flags | [Some || {_, Some} <- Targets]]),
+    case lists:usort([[Name, ":", Flag] || {Flag, _, switch} <- All]) of
+        [] -> [];
+        Switches -> [{lists:join("|", Switches), "yes"}]
+    end.
 
 words(Words) -> lists:join(" ", Words).
 
@@ -97,7 +98,7 @@ bash() ->
     "        word=${COMP_WORDS[i]}\n"
     "        case $word in\n"
     "            =) ;;\n"
-    "            --*) [ -n \"$(_starl_switch \"$word\")\" ] && skip= || skip=$word ;;\n"
+    "            --*) [ -n \"$(_starl_switch \"$cmd\" \"$word\")\" ] && skip= || skip=$word ;;\n"
     "            *) if [ -n \"$skip\" ]; then skip=\n"
     "               elif [ -z \"$cmd\" ]; then cmd=$word\n"
     "               elif [ -z \"$target\" ]; then target=$word; fi ;;\n"
@@ -122,7 +123,7 @@ zsh() ->
     "        word=${words[i]}\n"
     "        case $word in\n"
     "            --*=*) skip= ;;\n"
-    "            --*) [[ -n $(_starl_switch $word) ]] && skip= || skip=$word ;;\n"
+    "            --*) [[ -n $(_starl_switch \"$cmd\" $word) ]] && skip= || skip=$word ;;\n"
     "            *) if [[ -n $skip ]]; then skip=\n"
     "               elif [[ -z $cmd ]]; then cmd=$word\n"
     "               elif [[ -z $target ]]; then target=$word; fi ;;\n"

@@ -19,7 +19,7 @@ about(_Subject) ->
         "Makes the directory NAME with a program for a team of robots, its contract, a scenario, a "
         "test, properties under random faults and a workflow for continuous integration. It depends "
         "on this StarL by one line: on the repository that it was cloned from, at this commit.",
-        {lines, "  ./starl new patrol && cd patrol && rebar3 eunit"}
+        {lines, "  ./starl new patrol\n  cd patrol\n  rebar3 eunit"}
     ].
 
 -spec subject(string(), [string()]) ->

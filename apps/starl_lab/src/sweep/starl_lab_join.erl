@@ -11,12 +11,12 @@ name() -> "join".
 synopsis() -> "make one study of the slices of a sweep".
 
 -spec argument() -> starl_cli_command:argument().
-argument() -> {required, "DIRS", {example, "study"}}.
+argument() -> {required, "DIRECTORY", {example, "study"}}.
 
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
-        "./starl join DIRS... takes the directories of ./starl sweep ... --slice K/N, in any order, and "
+        "./starl join DIRECTORY... takes the directories of ./starl sweep ... --slice K/N, in any order, and "
         "writes runs.csv, summary.csv and the plot as the same sweep in one piece would, into the first "
         "of them or that of --out. If runs are missing, it names the slices that lack them and the "
         "command that makes them; a slice goes on where it was stopped.",
