@@ -128,7 +128,7 @@ blocks() ->
         },
         counter => #{
             sources => ["apps/starl_blocks/src/counter/*.erl"],
-            unit => ["starl_counter_*"],
+            unit => ["starl_counter_{monitor,gossip,block}_*"],
             suite => [],
             soak => [counter],
             check => [{counter, 2, #{}}, {counter, 2, #{loss => 1, crash => 1}}]
