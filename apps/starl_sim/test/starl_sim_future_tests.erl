@@ -46,11 +46,17 @@ a_salt_changes_only_what_comes_later_test_() ->
         ]
     end}.
 
-%% All robots of a team draw the same numbers from the team's seed: it stays.
+%% A machine that starts after the moment draws other numbers, but those that follow from the seed of
+%% the team, which all robots know, are the same.
 the_seed_of_the_team_stays_test() ->
-    Faults = [{again, 1000, 1001, kill_machine, {2, sap}, #{}}],
-    Scenario = (?SCENARIO)#{faults => Faults, random_faults => []},
-    #{violations := []} = run(Scenario, #{}, 7).
+    Branch = #{counts => #{2 => 7}, salt => 1, loss => 0.1, faults => []},
+    {ok, {_, _, #{world := World}}} = starl_sim:plan(?SCENARIO, #{branch => Branch}),
+    Body = starl_sim_platform:new(2, {0.0, 0.0, 0.0}, World),
+    {7, Later} = starl_sim_branch:of_robot(2, World),
+    #{team_seed := 3, random := Before} = starl_sim_platform:base(sap, 2, Body),
+    Turned = starl_sim_platform:turn_off(Later, Body),
+    #{team_seed := 3, random := After} = starl_sim_platform:base(sap, 2, Turned),
+    ?assertNotEqual(Before, After).
 
 %% Faults that have begun stay, others begin at another time after the moment.
 faults_ahead_are_drawn_anew_test() ->

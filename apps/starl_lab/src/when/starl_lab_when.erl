@@ -15,9 +15,9 @@
     values := map()
 }.
 
-%% A future ends this long after the violation of the run, a second at least.
+%% A future ends this part of its time after the violation of the run, or this long, s.
 -define(BEYOND, 0.25).
--define(LEAST_BEYOND_S, 1.0).
+-define(LEAST_BEYOND_S, 0.1).
 
 -spec name() -> string().
 name() -> "when".
@@ -53,7 +53,7 @@ own_flags() ->
         {salt, {integer, 0, 1 bsl 32}, 1, "the number from which the draws of the futures follow"},
         {beyond, {optional, {number, 0.001, 1.0e6}}, none,
             "a future ends this long after the violation of the run, s; none: a quarter of its "
-            "time, at least 1 s"},
+            "time, at least 0.1 s"},
         {loss_ahead, {optional, {number, 0, 1}}, none,
             "fraction of the packets that futures lose; none: as many as the run"},
         {out, string, none, "directory for the results; without it a new one under out/"},
