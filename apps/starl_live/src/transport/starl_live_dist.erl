@@ -5,17 +5,21 @@
 %% packet is lost, as on any radio. A connection that is not up is made in the background, by a
 %% process of its own, at most once a second. It is a hidden one: the connections of a team fail one by
 %% one, and visible nodes would then cut off others as well, to keep all their views of the
-%% network alike (`global', since OTP 25).
+%% network alike (`global', since OTP 25). Each second a connection is made to each node that has none, so
+%% it is known which robots can be heard though nobody says anything.
 -module(starl_live_dist).
 -behaviour(starl_live_transport).
 
--export([open/1, transmit/3, hear/2, figures/1, close/1]).
+-export([open/1, transmit/3, hear/2, figures/1, peers/1, close/1]).
 
 %% A node that could not be reached is tried again after this time.
 -define(PAUSE_MS, 1000).
 
 -record(dist, {
     ends :: starl_live_frame:t(),
+    robot :: starl:robot_id(),
+    %% when each other robot was heard last, ms of monotonic time
+    heard = #{} :: #{starl:robot_id() => integer()},
     peers :: #{starl:robot_id() => node()},
     %% the nodes that a connection is being made to
     connecting = #{} :: #{node() => reference()}
@@ -24,13 +28,17 @@
 -spec open(starl_live_transport:config()) -> {ok, #dist{}} | {error, unicode:chardata()}.
 open(#{robot := Robot, participants := Team, peers := Peers} = Config) ->
     case [R || R <- starl_team:others(Robot, Team), not is_map_key(R, Peers)] of
-        [] -> registered(Robot, #dist{ends = starl_live_frame:new(Config), peers = Peers});
-        [Missing | _] -> {error, io_lib:format("peers: no node of robot ~b", [Missing])}
+        [] ->
+            registered(Robot, #dist{
+                ends = starl_live_frame:new(Config), robot = Robot, peers = Peers
+            });
+        [Missing | _] ->
+            {error, io_lib:format("peers: no node of robot ~b", [Missing])}
     end.
 
 registered(Robot, Dist) ->
     try register(name(Robot), self()) of
-        true -> {ok, Dist}
+        true -> {ok, connect_all(Dist)}
     catch
         error:badarg -> {error, io_lib:format("robot ~b runs on this node already", [Robot])}
     end.
@@ -62,6 +70,12 @@ sent(ok, _Node, Dist) -> Dist;
 sent(nosuspend, _Node, Dist) -> count(busy, Dist);
 sent(noconnect, Node, Dist) -> connect(Node, count(not_connected, Dist)).
 
+%% Nodes are connected, or it is known that they are not.
+connect_all(#dist{peers = Peers, robot = Robot} = Dist) ->
+    _ = erlang:send_after(?PAUSE_MS, self(), {?MODULE, connect}),
+    Missing = lists:usort(maps:values(maps:remove(Robot, Peers))) -- [node() | nodes(connected)],
+    lists:foldl(fun connect/2, Dist, Missing).
+
 connect(Node, #dist{connecting = Connecting} = Dist) when is_map_key(Node, Connecting) ->
     Dist;
 connect(Node, #dist{connecting = Connecting} = Dist) ->
@@ -83,16 +97,50 @@ pause() ->
 hear({'DOWN', Monitor, process, _Pid, _Why}, #dist{connecting = Connecting} = Dist) ->
     Left = maps:filter(fun(_Node, Ref) -> Ref =/= Monitor end, Connecting),
     {[], Dist#dist{connecting = Left}};
-hear(Message, #dist{ends = Ends} = Dist) ->
+hear({?MODULE, connect}, Dist) ->
+    {[], connect_all(Dist)};
+hear(Message, #dist{ends = Ends, heard = Heard} = Dist) ->
     case starl_live_frame:read(Message, Ends) of
-        {Packets, Next} -> {Packets, Dist#dist{ends = Next}};
-        unknown -> unknown
+        {Packets, Next} ->
+            Now = erlang:monotonic_time(millisecond),
+            From = maps:from_list([{starl_packet:source(Packet), Now} || Packet <- Packets]),
+            {Packets, Dist#dist{ends = Next, heard = maps:merge(Heard, From)}};
+        unknown ->
+            unknown
     end.
 
 count(What, #dist{ends = Ends} = Dist) -> Dist#dist{ends = starl_live_frame:count(What, Ends)}.
 
 -spec figures(#dist{}) -> starl_live_transport:figures().
 figures(#dist{ends = Ends}) -> starl_live_frame:figures(Ends).
+
+%% A connection is a sign of life: distribution itself ends one that has been silent for a minute.
+-spec peers(#dist{}) -> [starl_live_peers:peer()].
+peers(#dist{peers = Peers, robot = Robot, heard = Heard}) ->
+    Connected = [node() | nodes(connected)],
+    Now = erlang:monotonic_time(millisecond),
+    [
+        peer(Other, lists:member(Node, Connected), [Now - At || #{Other := At} <- [Heard]])
+     || {Other, Node} <- lists:sort(maps:to_list(Peers)), Other =/= Robot
+    ].
+
+peer(Robot, IsConnected, Ago) ->
+    {Silence, Why} =
+        case {IsConnected, Ago} of
+            {true, []} -> {0, none};
+            {true, [Ms]} -> {Ms, none};
+            {false, []} -> {never, not_connected};
+            {false, [Ms]} -> {Ms, not_connected}
+        end,
+    #{
+        robot => Robot,
+        is_silent => not IsConnected,
+        heard_ms => Silence,
+        address => none,
+        life => none,
+        refused => #{},
+        why => Why
+    }.
 
 %% The name goes with the process.
 -spec close(#dist{}) -> ok.

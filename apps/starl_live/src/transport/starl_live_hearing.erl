@@ -48,6 +48,8 @@ explained(stranger) ->
     "it is no robot of the team";
 explained(length) ->
     "its datagrams have a wrong length";
+explained(not_connected) ->
+    "its node is not connected";
 explained(clone) ->
     "another robot of its number is heard";
 explained(Reason) ->
