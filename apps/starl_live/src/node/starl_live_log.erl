@@ -1,6 +1,7 @@
 %% @doc A handler of OTP's logger that sends each line to a process: a cluster gathers the logs of its
 %% nodes. The link says in one line that a machine has crashed; OTP's own reports of the machine's
-%% process and of its supervisor, which say so again, are left out.
+%% process and of its supervisor, which say so again, are left out. Of a robot that starts anew, or cannot
+%% any more, as on a full disk, its supervisors say it in many words: the reason is one line.
 -module(starl_live_log).
 
 -export([install/2, log/2, again/2]).
@@ -27,16 +28,33 @@ install(Robot, Sink) ->
 
 %% @private Stops what the link says, too. Who ends a process from outside does not crash it: that is
 %% told by its supervisor alone.
--spec again(logger:log_event(), []) -> stop | ignore.
+-spec again(logger:log_event(), []) -> stop | ignore | logger:log_event().
 again(#{meta := #{domain := [otp | _], machine := _}}, []) ->
     stop;
-again(#{msg := {report, #{label := {supervisor, child_terminated}, report := Report}}}, []) ->
-    case {proplists:get_value(supervisor, Report), proplists:get_value(reason, Report)} of
-        {{_Pid, starl_robot_sup}, Reason} -> told(starl_crash:cause(Reason));
-        _ -> ignore
+again(#{msg := {report, #{label := {supervisor, What}, report := Report}}} = Event, []) ->
+    case {proplists:get_value(supervisor, Report), What, proplists:get_value(reason, Report)} of
+        {{_Pid, starl_robot_sup}, child_terminated, Reason} ->
+            told(starl_crash:cause(Reason));
+        {{_Pid, starl_live_robot}, child_terminated, {shutdown, Why}} ->
+            says(starts_anew(Why), Event);
+        {{_Pid, starl_live_robot}, shutdown, Why} ->
+            says(#{what => node_ends, why => Why}, Event);
+        {{local, starl_live_sup}, _, Why} when
+            Why =:= shutdown; Why =:= reached_max_restart_intensity
+        ->
+            stop;
+        _ ->
+            ignore
     end;
 again(_Event, []) ->
     ignore.
+
+%% The text is no more the supervisor's.
+says(Report, #{meta := Meta} = Event) ->
+    Event#{msg := {report, Report}, meta := maps:remove(report_cb, Meta)}.
+
+starts_anew({store, Why}) -> #{what => store_unwritable, why => Why};
+starts_anew(Why) -> #{what => robot_starts_anew, why => Why}.
 
 told(none) -> ignore;
 told(_Cause) -> stop.

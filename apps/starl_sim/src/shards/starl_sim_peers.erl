@@ -102,6 +102,8 @@ boot() ->
         wait_boot => {self(), Tag},
         shutdown => close,
         exec => exec(),
+        %% who started it says why it has ended
+        env => [{"ERL_CRASH_DUMP_SECONDS", "0"}],
         args => args()
     },
     {ok, Control} = peer:start_link(Options),
