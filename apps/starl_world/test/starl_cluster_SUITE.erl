@@ -192,7 +192,7 @@ hung_on_purpose(Config) ->
 %% From outside, by the socket.
 commands(Config) ->
     Asked = [
-        {["status"], "2 at work"},
+        {["status"], "started 1 times, hears 1 of 1 others"},
         {["kill", "9"], "there is no robot 9"},
         {["kill", "x"], "robots by their numbers"},
         {["pause", "9", "1"], "there is no robot 9"},

@@ -62,6 +62,8 @@ words_test_() ->
     ].
 
 described_test() ->
+    Silent = #{robot => 1, is_silent => true, heard_ms => 7400, why => not_connected},
+    Heard = #{robot => 3, is_silent => false, heard_ms => 20, why => none},
     Status = #{
         now_us => 2500000,
         running => 2,
@@ -74,8 +76,9 @@ described_test() ->
     ?assertEqual(
         "2.5 s, 2 at work\n"
         "robot 1  down  process -, started 2 times\n"
-        "robot 2  up    process 77, started 1 times\n",
-        lists:flatten(starl_cluster_command:described(Status))
+        "robot 2  up    process 77, started 1 times, hears 1 of 2 others, has not heard robot 1 for 7 s: "
+        "its node is not connected\n",
+        lists:flatten(starl_cluster_command:described(Status, #{2 => [Silent, Heard]}))
     ).
 
 %% The nodes that a command has not reached are named.

@@ -2,7 +2,7 @@
 %% answers. A pure module.
 -module(starl_cluster_command).
 
--export([words/1, parse/1, described/1, unheard/1]).
+-export([words/1, parse/1, described/2, unheard/1]).
 
 -export_type([t/0]).
 
@@ -78,14 +78,21 @@ module([Name | Names]) ->
         false -> module(Names)
     end.
 
-%% @doc The answer to `status'.
--spec described(starl_cluster:status()) -> unicode:chardata().
-described(#{now_us := Now, running := Running, up := Up, restarts := Restarts, os_pids := Pids}) ->
+%% @doc The answer to `status', with what each node that has answered knows of the other robots.
+-spec described(starl_cluster:status(), #{starl:robot_id() => [starl_live_peers:peer()]}) ->
+    unicode:chardata().
+described(
+    #{now_us := Now, running := Running, up := Up, restarts := Restarts, os_pids := Pids}, Peers
+) ->
     [
         io_lib:format("~.1f s, ~b at work~n", [Now / 1.0e6, Running])
         | [
-            io_lib:format("robot ~b  ~-5s process ~s, started ~b times~n", [
-                Id, up(lists:member(Id, Up)), maps:get(Id, Pids, "-"), N + 1
+            io_lib:format("robot ~b  ~-5s process ~s, started ~b times~ts~n", [
+                Id,
+                up(lists:member(Id, Up)),
+                maps:get(Id, Pids, "-"),
+                N + 1,
+                hears(maps:get(Id, Peers, []))
             ])
          || {Id, N} <- lists:sort(maps:to_list(Restarts))
         ]
@@ -93,6 +100,17 @@ described(#{now_us := Now, running := Running, up := Up, restarts := Restarts, o
 
 up(true) -> "up";
 up(false) -> "down".
+
+%% Whom it hears, and whom not, and why.
+hears([]) ->
+    "";
+hears(Peers) ->
+    Complaints = [
+        [", ", Line]
+     || Peer <- Peers, Line <- [starl_live_hearing:complaint(Peer)], Line =/= none
+    ],
+    Heard = length([x || #{is_silent := false, heard_ms := Ms} <- Peers, Ms =/= never]),
+    [io_lib:format(", hears ~b of ~b others", [Heard, length(Peers)]) | Complaints].
 
 %% @doc The end of an answer: the nodes that have not answered.
 -spec unheard([starl:robot_id()]) -> unicode:chardata().

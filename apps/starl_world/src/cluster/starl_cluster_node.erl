@@ -3,7 +3,8 @@
 %% it goes on or ends: {@link starl_cluster_calls} makes them.
 -module(starl_cluster_node).
 
--export([ready/4, open/3, load/2, set_air/2, close/1, answers/2]).
+-export([ready/4, open/3, load/2, set_air/2, peers/1, close/1, answers/2]).
+-export([ends_with_robot/0]).
 
 %% What a robot may run.
 -define(APPLICATIONS, [starl_platform, starl_blocks, starl_live]).
@@ -20,11 +21,23 @@ ready(Node, Id, Code, Log) ->
          || {Module, File, Beam} <- Code
         ],
         ok = call(Node, code, ensure_modules_loaded, [modules()]),
-        {ok, _} = call(Node, application, ensure_all_started, [starl_live, permanent]),
-        ok
+        {ok, _} = call(Node, application, ensure_all_started, [starl_live]),
+        call(Node, ?MODULE, ends_with_robot, [])
     catch
         Class:Reason -> failed(Class, Reason)
     end.
+
+%% @private A node whose robot cannot start any more ends. OTP would end it for a permanent application, with
+%% a dump and lines of its own.
+-spec ends_with_robot() -> ok.
+ends_with_robot() ->
+    _ = spawn(fun() ->
+        Monitor = monitor(process, starl_live_sup),
+        receive
+            {'DOWN', Monitor, process, _, _} -> halt(1)
+        end
+    end),
+    ok.
 
 %% @doc Opens the robot, with these settings of its air, and gives its link when it has begun.
 -spec open(node(), starl_live_robot:spec(), starl_live_air:settings()) ->
@@ -94,6 +107,17 @@ aired(Link, Settings) ->
         starl_live_transport:set_air(starl_live_link:line(Link, transport), Settings)
     catch
         exit:_ -> ok
+    end.
+
+%% @doc What the node's robot knows of the others.
+-spec peers(node()) -> [starl_live_peers:peer()].
+peers(Node) -> lists:append([known(Link) || Link <- robot_link(Node)]).
+
+known(Link) ->
+    try
+        starl_live_transport:peers(starl_live_link:line(Link, transport))
+    catch
+        exit:_ -> []
     end.
 
 %% @doc Ends the node's robot, and its recording.

@@ -16,11 +16,13 @@
     | {robot, starl:robot_id(), unicode:chardata()}.
 
 %% What nodes are asked: at first, to be ready for a robot; to open it, with this code; to change their
-%% air, and who waits for that, with the text of the answer; to load code; to close their robots.
+%% air, and who waits for that, with the text of the answer; what they know of the others, and who wants to
+%% know; to load code; to close their robots.
 -type question() ::
     ready
     | {opened, starl:robot_id(), starl_reload:codes()}
     | {aired, gen_server:from() | none, unicode:chardata() | none}
+    | {known, gen_server:from()}
     | loaded
     | {closed, gen_server:from()}.
 
@@ -228,8 +230,12 @@ terminate(_Reason, #state{nodes = Nodes, halts = Halts, world = World} = State) 
 
 %% -- hands and chaos ------------------------------------------------------------------------
 
-command(status, _From, State) ->
-    {reply, {ok, starl_cluster_command:described(status(State))}, State};
+command(status, From, #state{nodes = Nodes} = State) ->
+    Calls = [
+        {Id, fun() -> starl_cluster_node:peers(Node) end}
+     || {Id, Node} <- starl_cluster_nodes:up(Nodes)
+    ],
+    {noreply, ask({known, From}, Calls, ?ANSWER_MS, State)};
 command(stop, _From, #state{world = World} = State) ->
     {reply, {starl_world:stop(World), "the run ends\n"}, State};
 command(heal, From, State) ->
@@ -411,6 +417,10 @@ done({{opened, Id, Codes}, Answers}, State) ->
     opened(Id, Codes, result(Id, Answers), State);
 done({{aired, From, Text}, Answers}, State) ->
     _ = [gen_server:reply(From, heard(Text, Answers)) || From =/= none],
+    State;
+done({{known, From}, Answers}, State) ->
+    Peers = maps:from_list([{Id, Known} || {Id, {ok, Known}} <- maps:to_list(Answers)]),
+    ok = gen_server:reply(From, {ok, starl_cluster_command:described(status(State), Peers)}),
     State;
 done({loaded, Answers}, State) ->
     loaded(Answers, State);
