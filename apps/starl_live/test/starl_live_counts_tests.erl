@@ -49,6 +49,18 @@ others_test() ->
     ?assertEqual("1", maps:get("starl_packets_sent_total{kind=\"ack\"}", Lines)),
     ?assertEqual("0", maps:get("starl_retransmissions_total", Lines, "0")).
 
+%% Who is heard, and the longest round trip of those; a battery that tells.
+gauges_test() ->
+    Peer = #{robot => 2, is_silent => false, heard_ms => 3, round_trip_us => 2000},
+    Peers = [Peer, Peer#{robot := 3, is_silent := true, round_trip_us := 9000}],
+    ?assertEqual(
+        [{peers, [], 2}, {peers_heard, [], 1}, {round_trip_seconds, [], 0.002}],
+        starl_live_counts:peers(Peers)
+    ),
+    ?assertEqual([], starl_live_counts:peers([])),
+    ?assertEqual([{battery_percent, [], 71}], starl_live_counts:chassis(#{charge => 71})),
+    ?assertEqual([], starl_live_counts:chassis(#{charge => none})).
+
 %% Each family has its type, once, before its lines.
 format_test() ->
     Gauges = [{queue, [{of_what, b}], 2}, {queue, [{of_what, a}], 1}],

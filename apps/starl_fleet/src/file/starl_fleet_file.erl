@@ -24,6 +24,7 @@
     home := file:filename(),
     service := auto | systemd | plain,
     record_mb := non_neg_integer(),
+    metrics := inet:port_number() | none,
     dir := file:filename()
 }.
 
@@ -79,7 +80,9 @@ options() ->
         {service, {one_of, [auto, systemd, plain]}, auto,
             "what keeps a robot's node running; auto: systemd where it is"},
         {record_mb, {integer, 0, 1000000}, 1000,
-            "the recordings that a robot keeps, in MB; 0: it records nothing"}
+            "the recordings that a robot keeps, in MB; 0: it records nothing"},
+        {metrics, {optional, {integer, 1, 65535}}, none,
+            "the port at which each robot serves its metrics for Prometheus; none: it serves none"}
     ].
 
 %% @doc The keys of a robot.

@@ -122,15 +122,17 @@ handle_continue(open, #node{place = #{state := State} = Place} = Node) ->
     ok = filelib:ensure_path(State),
     case prepare(Place) of
         {ok, #{app := App} = Fleet, Spec} ->
-            {noreply, opened(distribute(Place, Fleet), Spec, Node#node{app = App})};
+            Distributed = distribute(Place, Fleet),
+            {noreply, opened(Distributed, Spec, maps:get(metrics, Fleet), Node#node{app = App})};
         {error, Lines} ->
             {noreply, refused(lists:join("; ", Lines), Node)}
     end.
 
-opened({error, Why}, _Spec, Node) ->
+opened({error, Why}, _Spec, _Metrics, Node) ->
     refused(Why, Node);
-opened(ok, Spec, #node{place = #{state := State, robot := Robot, version := Version}} = Node) ->
-    case starl_live_sup:open(Spec) of
+opened(ok, Spec, Metrics, #node{place = Place} = Node) ->
+    #{state := State, robot := Robot, version := Version} = Place,
+    case open(Spec, Metrics) of
         {ok, _} ->
             _ = file:delete(filename:join(State, ?WHY)),
             logger:notice(#{what => robot_started, robot => Robot, release => Version}),
@@ -138,6 +140,9 @@ opened(ok, Spec, #node{place = #{state := State, robot := Robot, version := Vers
         {error, Reason} ->
             refused(starl_live_sup:format_error(Reason), Node)
     end.
+
+open(Spec, none) -> starl_live_sup:open(Spec);
+open(Spec, Port) -> starl_live_sup:open(Spec, #{ip => {0, 0, 0, 0}, port => Port}).
 
 %% The service manager tries again. The chassis is not open, so nothing moves.
 refused(Why, #node{place = #{state := State}} = Node) ->

@@ -3,6 +3,7 @@
 -module(starl_live_counts).
 
 -export([new/0, traced/2, transmits/3, text/2]).
+-export([peers/1, chassis/1]).
 
 -export_type([t/0, gauge/0]).
 
@@ -93,6 +94,21 @@ observed(Us, #counts{buckets = Buckets, sum_us = Sum, count = Count} = Counts) -
 bucket(Us, [Ms | _]) when Us =< Ms * 1000 -> Ms;
 bucket(Us, [_ | Bounds]) -> bucket(Us, Bounds);
 bucket(_Us, []) -> infinity.
+
+%% @doc The gauges of what the transport knows of the other robots.
+-spec peers([starl_live_peers:peer()]) -> [gauge()].
+peers([]) ->
+    [];
+peers(Peers) ->
+    Heard = [Robot || #{robot := Robot, is_silent := false, heard_ms := Ms} <- Peers, Ms =/= never],
+    Trips = [Us || #{round_trip_us := Us, is_silent := false} <- Peers],
+    [{peers, [], length(Peers)}, {peers_heard, [], length(Heard)}] ++
+        [{round_trip_seconds, [], lists:max(Trips) / 1.0e6} || Trips =/= []].
+
+%% @doc The gauges of what a chassis tells of itself.
+-spec chassis(map()) -> [gauge()].
+chassis(Condition) ->
+    [{battery_percent, [], Charge} || #{charge := Charge} <- [Condition], is_integer(Charge)].
 
 %% @doc All counters and some gauges, in the text format of Prometheus 0.0.4.
 -spec text([gauge()], t()) -> iolist().

@@ -122,12 +122,16 @@ link() ->
         exit:_ -> none
     end.
 
-%% The counters of the radio and of the positioning system.
+%% The counters of the radio and of the positioning system, the other robots, and the body.
 lines(Link) ->
-    Radio = starl_live_transport:figures(starl_live_link:line(Link, transport)),
+    Transport = starl_live_link:line(Link, transport),
+    Radio = starl_live_transport:figures(Transport),
+    Peers = starl_live_transport:peers(Transport),
+    Chassis = starl_live_chassis:condition(starl_live_link:line(Link, chassis)),
     Sight = starl_live_positioning:figures(starl_live_link:line(Link, positioning)),
     [{radio, [{what, What}], N} || {What, N} <- maps:to_list(Radio)] ++
-        [{positioning, [{what, What}], N} || {What, N} <- maps:to_list(Sight)].
+        [{positioning, [{what, What}], N} || {What, N} <- maps:to_list(Sight)] ++
+        starl_live_counts:peers(Peers) ++ starl_live_counts:chassis(Chassis).
 
 vm() ->
     [
