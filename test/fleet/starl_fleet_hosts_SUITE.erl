@@ -9,6 +9,8 @@
     deploys/1,
     deaf/1,
     wrong_clock/1,
+    wrong_key/1,
+    wrong_port/1,
     another_address/1,
     cloned/1,
     reloads/1,
@@ -28,6 +30,8 @@ all() ->
         deploys,
         deaf,
         wrong_clock,
+        wrong_key,
+        wrong_port,
         another_address,
         cloned,
         reloads,
@@ -117,6 +121,32 @@ wrong_clock(Config) ->
     _ = starl_fleet_hosts:on(2, "test/robot-2/current/bin/robot start >/dev/null 2>&1", Hosts),
     ok = both_hear(Hosts).
 
+%% The key of another fleet came to robot 2: both say so, and hear each other when it has ours again.
+wrong_key(Config) ->
+    Hosts = ?config(hosts, Config),
+    Key = "test/robot-2/keys/fleet.key",
+    Other = lists:flatten(lists:duplicate(32, "a7")),
+    _ = starl_fleet_hosts:on(2, "cp -p " ++ Key ++ " kept && echo " ++ Other ++ " >" ++ Key, Hosts),
+    _ = starl_fleet_hosts:on(2, "test/robot-2/current/bin/robot start >/dev/null 2>&1", Hosts),
+    ok = until("robot 1 .*has not heard robot 2 .*sealed with another key", Hosts),
+    _ = starl_fleet_hosts:on(2, "cp -p kept " ++ Key, Hosts),
+    _ = starl_fleet_hosts:on(2, "test/robot-2/current/bin/robot start >/dev/null 2>&1", Hosts),
+    ok = both_hear(Hosts).
+
+%% Robot 2 has a fleet file with another port, at which nobody is: neither hears the other.
+wrong_port(Config) ->
+    Hosts = ?config(hosts, Config),
+    File = "test/robot-2/current/fleet.term",
+    Line =
+        "cp -p " ++ File ++ " kept && sed -i \"s/5001/5009/\" " ++ File ++
+            " && grep -c 5009 " ++ File,
+    ?assertNotEqual("0\n", starl_fleet_hosts:on(2, Line, Hosts)),
+    _ = starl_fleet_hosts:on(2, "test/robot-2/current/bin/robot start >/dev/null 2>&1", Hosts),
+    ok = until("robot 1 .*has not heard robot 2.*\nrobot 2 .*has not heard robot 1", Hosts),
+    _ = starl_fleet_hosts:on(2, "cp -p kept " ++ File, Hosts),
+    _ = starl_fleet_hosts:on(2, "test/robot-2/current/bin/robot start >/dev/null 2>&1", Hosts),
+    ok = both_hear(Hosts).
+
 %% A lease of DHCP has ended: the robot speaks from another address, and is answered there.
 another_address(Config) ->
     Hosts = ?config(hosts, Config),
@@ -146,10 +176,16 @@ cloned(Config) ->
 
 both_hear(Hosts) -> until("(robot [12] .*, hears 1 of 1 others.*\n){2}", Hosts).
 
-until(Pattern, Hosts) -> until("status", Pattern, ?LOOKS, Hosts).
+until(Pattern, Hosts) -> timed("status", Pattern, Hosts).
 
-until_log(N, Pattern, Hosts) ->
-    until("logs " ++ integer_to_list(N), Pattern, ?LOOKS, Hosts).
+until_log(N, Pattern, Hosts) -> timed("logs " ++ integer_to_list(N), Pattern, Hosts).
+
+%% How long it took until it was told, with the looks themselves, each of which is an ssh to each robot.
+timed(Words, Pattern, Hosts) ->
+    Begun = erlang:monotonic_time(millisecond),
+    ok = until(Words, Pattern, ?LOOKS, Hosts),
+    Ms = erlang:monotonic_time(millisecond) - Begun,
+    ct:pal("told after ~.1f s: ~ts", [Ms / 1000, Pattern]).
 
 until(Words, Pattern, Looks, Hosts) ->
     {_, Said} = deploy(Words, Hosts),
