@@ -167,8 +167,11 @@ eval(Expression, Browser) ->
         {#{<<"result">> := Result}, _} -> maps:get(<<"value">>, Result, undefined)
     end.
 
-%% Waits, frame by frame, until an expression is true.
-await(Condition, Browser) ->
+%% Waits, frame by frame, until an expression is true. A page that is just being left takes the
+%% question with it: it is asked again of the next one, a few times.
+await(Condition, Browser) -> await(Condition, 3, Browser).
+
+await(Condition, Again, Browser) ->
     Script = [
         "new Promise((yes, no) => { const late = performance.now() + 25000;",
         "const look = () => { let is = false; try { is = ",
@@ -177,9 +180,14 @@ await(Condition, Browser) ->
         "if (is) yes(true); else if (performance.now() > late) yes(false);",
         "else setTimeout(look, 10); }; look(); })"
     ],
-    case eval(Script, Browser) of
+    try eval(Script, Browser) of
         true -> ok;
         Other -> error({never, iolist_to_binary(Condition), Other})
+    catch
+        error:{devtools, #{<<"message">> := <<"Inspected target navigated or closed">>}} when
+            Again > 0
+        ->
+            await(Condition, Again - 1, Browser)
     end.
 
 %% A click of the mouse on an element, which must be there to be hit.

@@ -48,15 +48,17 @@ a_salt_changes_only_what_comes_later_test_() ->
 
 %% A machine that starts after the moment draws other numbers, but those that follow from the seed of
 %% the team, which all robots know, are the same.
-the_seed_of_the_team_stays_test() ->
-    Branch = #{counts => #{2 => 7}, salt => 1, loss => 0.1, faults => []},
-    {ok, {_, _, #{world := World}}} = starl_sim:plan(?SCENARIO, #{branch => Branch}),
-    Body = starl_sim_platform:new(2, {0.0, 0.0, 0.0}, World),
-    {7, Later} = starl_sim_branch:of_robot(2, World),
-    #{team_seed := 3, random := Before} = starl_sim_platform:base(sap, 2, Body),
-    Turned = starl_sim_platform:turn_off(Later, Body),
-    #{team_seed := 3, random := After} = starl_sim_platform:base(sap, 2, Turned),
-    ?assertNotEqual(Before, After).
+the_seed_of_the_team_stays_test_() ->
+    {timeout, 60, fun() ->
+        Branch = #{counts => #{2 => 7}, salt => 1, loss => 0.1, faults => []},
+        {ok, {_, _, #{world := World}}} = starl_sim:plan(?SCENARIO, #{branch => Branch}),
+        Body = starl_sim_platform:new(2, {0.0, 0.0, 0.0}, World),
+        {7, Later} = starl_sim_branch:of_robot(2, World),
+        #{team_seed := 3, random := Before} = starl_sim_platform:base(sap, 2, Body),
+        Turned = starl_sim_platform:turn_off(Later, Body),
+        #{team_seed := 3, random := After} = starl_sim_platform:base(sap, 2, Turned),
+        ?assertNotEqual(Before, After)
+    end}.
 
 %% Faults that have begun stay, others begin at another time after the moment.
 faults_ahead_are_drawn_anew_test() ->
@@ -92,8 +94,9 @@ faults_ahead_are_drawn_anew_test() ->
      || Salt <- lists:seq(1, 20)
     ].
 
-nothing_to_ask_test() ->
-    ?assertEqual({error, holds}, starl_sim_future:repeat((?SCENARIO)#{time => 1})).
+nothing_to_ask_test_() ->
+    {timeout, 60,
+        ?_assertEqual({error, holds}, starl_sim_future:repeat((?SCENARIO)#{time => 1}))}.
 
 %% -- helpers --------------------------------------------------------------------------------
 

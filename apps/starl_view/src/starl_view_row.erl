@@ -131,7 +131,7 @@ unjudged(T, Contracts, Text) ->
 contract("sim_progress") -> <<"progress">>;
 contract("exercise") -> <<"calls">>;
 contract("election_bully") -> <<"election">>;
-contract(Name) -> unicode:characters_to_binary(Name).
+contract(Name) -> <<_/binary>> = unicode:characters_to_binary(Name).
 
 %% @doc A term as a short text.
 -spec text(term(), pos_integer()) -> binary().

@@ -106,12 +106,16 @@ one(N, Values) ->
     Dir = dir(N, Values),
     _ = file:del_dir_r(Dir),
     Args = args(N, Values),
-    {Runner, Monitor} = spawn_monitor(fun() -> exit({ended, starl_cli:command(Args)}) end),
+    Caller = self(),
+    {Runner, Monitor} = spawn_monitor(fun() -> Caller ! {self(), starl_cli:command(Args)} end),
     Commander = commander(N, Values),
     Status =
         receive
-            {'DOWN', Monitor, process, Runner, {ended, Ended}} -> Ended;
-            {'DOWN', Monitor, process, Runner, Reason} -> crashed(Reason)
+            {Runner, Ended} ->
+                true = demonitor(Monitor, [flush]),
+                Ended;
+            {'DOWN', Monitor, process, Runner, Reason} ->
+                crashed(Reason)
         end,
     #{
         status => Status,

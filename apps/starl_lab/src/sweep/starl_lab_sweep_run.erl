@@ -55,7 +55,7 @@ run(#{slice := Slice} = Sweep, Columns, Figures, {File, Rows, Bytes}) ->
 
 %% @doc Makes the summary and the plot from rows that are there, if none is missing.
 -spec join(sweep(), Columns, [starl_lab_sweep_plot:figure(), ...], starl_lab_sweep_rows:rows()) ->
-    answer()
+    0 | 1 | 3 | 4 | 5
 when
     Columns :: starl_lab_sweep_rows:columns().
 join(#{work := {join, Dirs}} = Sweep, Columns, Figures, Rows) ->

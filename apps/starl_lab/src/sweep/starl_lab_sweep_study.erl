@@ -17,7 +17,7 @@
 -define(NOTE, "sweep.term").
 
 %% @doc The file of the rows of a slice in a directory.
--spec file(file:filename(), starl_lab_slice:t()) -> file:filename().
+-spec file(file:filename(), starl_lab_slice:t()) -> file:filename_all().
 file(Dir, whole) -> filename:join(Dir, "runs.csv");
 file(Dir, {K, N}) -> filename:join(Dir, lists:concat(["slice-", K, "-of-", N, ".csv"])).
 

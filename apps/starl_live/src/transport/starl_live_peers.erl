@@ -406,9 +406,9 @@ beaten(Robot, Theirs, {Echo, Held}, Now, Peers) ->
 %% @doc The life of a robot, as far as it was heard; 0: it was not.
 -spec life(starl:robot_id(), t()) -> starl_live_seal:life().
 life(Robot, #peers{peers = All}) ->
-    case All of
-        #{Robot := #peer{life = none}} -> 0;
-        #{Robot := #peer{life = Life}} -> Life
+    case maps:get(Robot, All) of
+        #peer{life = none} -> 0;
+        #peer{life = Life} -> Life
     end.
 
 %% @doc A beat of a robot names our present life: the robot sent it in that, and all that is later. A clock

@@ -31,13 +31,15 @@ ready(Node, Id, Code, Log) ->
 %% a dump and lines of its own.
 -spec ends_with_robot() -> ok.
 ends_with_robot() ->
-    _ = spawn(fun() ->
-        Monitor = monitor(process, starl_live_sup),
-        receive
-            {'DOWN', Monitor, process, _, _} -> halt(1)
-        end
-    end),
+    _ = spawn(fun end_with_robot/0),
     ok.
+
+-spec end_with_robot() -> no_return().
+end_with_robot() ->
+    Monitor = monitor(process, starl_live_sup),
+    receive
+        {'DOWN', Monitor, process, _, _} -> halt(1)
+    end.
 
 %% @doc Opens the robot, with these settings of its air, and gives its link when it has begun.
 -spec open(node(), starl_live_robot:spec(), starl_live_air:settings()) ->
