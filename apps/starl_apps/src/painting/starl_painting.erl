@@ -12,6 +12,7 @@
 -behaviour(starl_app).
 -behaviour(starl_scene).
 
+-export([guarantees/0]).
 -export([init/2, step/2]).
 -export([options/0, scene/1, preview/1, report/2]).
 
@@ -118,6 +119,19 @@ pen(Robot, State) ->
 
 -spec options() -> [starl_options:option()].
 options() -> starl_painting_scene:options().
+
+%% @doc What a picture may rely on.
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {ink, safety, "ink lies within r(v) + 2 mm of a line of the picture", [{motion, line}]},
+        {true, safety,
+            "a picture is reported complete only when each line is inked, by a drive along it, except "
+            "2 mm at its ends", [{motion, ends}, {actuator, shown}]},
+        {complete, progress, "every line is painted", [
+            {dpp, assigned}, {dpp, resolved}, {motion, arrives}, {actuator, set}
+        ]}
+    ].
 
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
 scene(Context) -> starl_painting_scene:scene(Context).

@@ -12,7 +12,9 @@
 -module(starl_barrier).
 -behaviour(starl_block).
 
--export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0, benchmark/0]).
+-export([
+    options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, benchmark/0
+]).
 -export([sync/2, sync/3, round/2, round/3]).
 
 -export_type([name/0, round/0]).
@@ -91,6 +93,17 @@ machines(Options) -> [{barrier, starl_barrier_rounds, Options}].
 -spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
 monitors(#{retry_ms := Retry}, #{robots := Robots}) ->
     [{starl_barrier_monitor, #{robots => Robots, retry_us => 1000 * Retry}}].
+
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {together, safety, "no robot passes a round before all have reached it", []},
+        {once, safety,
+            "each robot passes every round once, over reboots too, if stores keep what they took", [
+                store
+            ]},
+        {passed, progress, "all pass", [alive, {sap, delivered}]}
+    ].
 
 -spec contract() -> string().
 contract() -> "nobody passes a round before all have reached it".

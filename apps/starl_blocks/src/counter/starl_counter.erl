@@ -15,7 +15,7 @@
 -behaviour(starl_block).
 
 -export([increment/1, value/1, within_ms/2]).
--export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0]).
+-export([options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0]).
 
 %% @doc Adds one, and returns the new value.
 -spec increment(starl:robot()) -> {ok, Value :: pos_integer()} | {error, restarted}.
@@ -49,6 +49,19 @@ monitors(#{gossip_ms := Ms}, #{robots := Robots}) ->
 -spec within_ms(GossipMs :: pos_integer(), Robots :: pos_integer()) -> pos_integer().
 within_ms(Gossip, Robots) when is_integer(Gossip), is_integer(Robots) ->
     5000 + 2 * Robots * Gossip.
+
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {grows, safety,
+            "a value goes back only if its robot's machine has crashed since, and never exceeds the "
+            "increments made", []},
+        {counts, safety, "an increment counts at once at its robot", []},
+        {agree, progress,
+            "all robots agree, and no increment is lost but with the robot that made it", [
+                delivery
+            ]}
+    ].
 
 -spec contract() -> string().
 contract() ->

@@ -15,7 +15,7 @@
 -module(starl_dpp).
 -behaviour(starl_block).
 
--export([options/0, check/1, machines/1, monitors/2, contract/0, models/0]).
+-export([options/0, check/1, machines/1, monitors/2, guarantees/0, contract/0, models/0]).
 -export([join/2, coordinator/1, request_path/1, lines/1, face/3, drive/3]).
 
 -export_type([config/0, path/0, request_id/0, term_id/0, place/0]).
@@ -160,6 +160,27 @@ tracking(Robots, Profiles) ->
         {Robot, starl_chassis:tracking_radius(starl_chassis:of_robot(Robot, Profiles))}
      || Robot <- Robots
     ]).
+
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {tubes, safety, "the tubes that robots hold are pairwise disjoint", [
+            clock_rate, clock_jump
+        ]},
+        {distance, safety,
+            "any two robots are at least r_s apart at *every* instant, checked in continuous time",
+            [
+                clock_rate, clock_jump, positions, {motion, line}, {motion, stops}
+            ]},
+        {leader, safety, "two coordinators never assign at one time", [clock_rate, clock_jump]},
+        {assigned, progress, "a free line that can be reached safely is assigned", [
+            {sap, delivered}, {motion, arrives}
+        ]},
+        {resolved, progress, "deadlocks are resolved", [{sap, delivered}, {motion, arrives}]},
+        {replaced, progress, "when the coordinator's robot dies another takes over", [
+            {sap, delivered}
+        ]}
+    ].
 
 -spec contract() -> string().
 contract() -> "the tubes that robots hold are disjoint, and robots keep their distance".

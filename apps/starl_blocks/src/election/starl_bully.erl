@@ -3,7 +3,9 @@
 -module(starl_bully).
 -behaviour(starl_block).
 
--export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0, benchmark/0]).
+-export([
+    options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, benchmark/0
+]).
 
 %% @doc See {@link starl_election_bully:config()}; `patience_ms' as in {@link starl_election}.
 -spec options() -> [starl_options:option()].
@@ -24,6 +26,15 @@ machines(Options) ->
 monitors(#{patience_ms := Ms, answer_ms := Answer}, #{robots := Robots}) ->
     Bounds = #{bound_us => 1000 * Ms + 1000000, answer_us => 1000 * Answer},
     [{starl_election_bully_monitor, Bounds#{robots => Robots}}].
+
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {once, safety, "a robot never reports two leaders for one term", []},
+        {elected, progress, "nothing lost, bounded delay: all elect the highest robot alive", [
+            no_loss, quick, {sap, delivered}
+        ]}
+    ].
 
 -spec contract() -> string().
 contract() -> "a robot never reports two leaders for one term".

@@ -14,7 +14,9 @@
 -behaviour(starl_block).
 
 -export([elect/2, elect/3]).
--export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0, benchmark/0]).
+-export([
+    options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, benchmark/0
+]).
 
 -export_type([election/0]).
 
@@ -61,6 +63,14 @@ monitors(#{patience_ms := Ms}, #{robots := Robots}) ->
             again_us => starl_election_ballots:again_us(),
             complete => true
         }}
+    ].
+
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {agree, safety, "two robots that elect in one election elect the same leader", []},
+        {ends, safety, "a robot elects or fails in bounded time", [clock_rate, prompt]},
+        {elected, progress, "nothing lost: all elect the same", [no_loss, alive, {sap, delivered}]}
     ].
 
 -spec contract() -> string().

@@ -13,7 +13,9 @@
 -behaviour(starl_block).
 
 -export([send/5, listen/2]).
--export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0, benchmark/0]).
+-export([
+    options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, benchmark/0
+]).
 
 -export_type([area/0, options/0]).
 
@@ -102,6 +104,22 @@ monitors(#{position_error_mm := Error, drift_ppm := Ppm, all_listen := All}, Con
             margin_mm => 2.0 * Error,
             drift_ppm => Ppm
         }}
+    ].
+
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {inside, safety, "never delivered outside the area or after its time", [
+            positions, clock_rate, clock_set
+        ]},
+        {once, safety,
+            "at most once in each life of a robot's machine, whatever clocks do; never changed",
+            []},
+        {once_ever, safety, "at most once per robot, over restarts too", [clock_rate, clock_set]},
+        {delivered, progress,
+            "delivered to every robot that is inside all the time, over several hops", [
+                delivery, positions, clock_rate, clock_set, no_restart
+            ]}
     ].
 
 -spec contract() -> string().

@@ -17,7 +17,9 @@
 -module(starl_mutex).
 -behaviour(starl_block).
 
--export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0, benchmark/0]).
+-export([
+    options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, benchmark/0
+]).
 -export([acquire/2, acquire/3, release/2, owner/2, with_token/3, home/2]).
 
 -export_type([token/0, fence/0]).
@@ -144,6 +146,16 @@ monitors(Options, #{robots := Robots}) ->
             lag_us => 1000 * Lag,
             retry_us => 1000 * Retry
         }}
+    ].
+
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {exclusion, safety, "no two robots hold one token at once", [clock_rate, clock_set, prompt]},
+        {fences, safety, "no fencing number is given twice, whatever clocks do", []},
+        {granted, progress, "holders release: every request is granted", [
+            alive, clock_rate, clock_set, prompt, {sap, delivered}
+        ]}
     ].
 
 -spec contract() -> string().

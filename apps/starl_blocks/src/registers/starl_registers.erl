@@ -12,7 +12,7 @@
 -behaviour(starl_block).
 
 -export([put/3, get/2, subscribe/2, within_ms/1]).
--export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0]).
+-export([options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0]).
 
 -export_type([name/0]).
 
@@ -76,6 +76,18 @@ monitors(#{owners := Owners, sync_ms := Sync, ahead_ms := Ahead}, #{robots := Ro
 %% with this mean time between two exchanges.
 -spec within_ms(SyncMs :: pos_integer()) -> pos_integer().
 within_ms(Sync) -> 5000 + round(15 * Sync).
+
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {written, safety,
+            "a read returns what was written, and goes back only if its robot's machine has crashed "
+            "since", []},
+        {order, safety, "of two writes of one robot the later one wins", [
+            {any, [store, clock_forward]}
+        ]},
+        {agree, progress, "all robots agree", [delivery, clock_near]}
+    ].
 
 -spec contract() -> string().
 contract() ->

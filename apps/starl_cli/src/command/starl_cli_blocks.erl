@@ -2,7 +2,7 @@
 -module(starl_cli_blocks).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, subject/2, run/1]).
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
 
 -spec name() -> string().
 name() -> "blocks".
@@ -23,6 +23,25 @@ about(_Subject) ->
             {"exercise", "./starl run exercise --block BLOCK, ./starl soak BLOCK"},
             {"check", "./starl check BLOCK"},
             {"bench", "./starl bench blocks"}
+        ]},
+        "A guarantee is always there, or as long as what it assumes holds: conditions of the world, or "
+        "guarantees of other blocks. --compose tells what an application may rely on; with --faults, what "
+        "is left while such faults happen.",
+        {lines,
+            "  ./starl blocks --compose painting \\\n"
+            "      --faults clock,loss"}
+    ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(_Subject) ->
+    Names =
+        [all | starl_sim_fault:classes()] ++
+            [Kind || {Kind, _, _, _, _} <- starl_sim_fault:kinds()],
+    [
+        {"Flags", [
+            {compose, string, none, "an application: what it may rely on"},
+            {faults, {list, {one_of, Names}}, [],
+                "with --compose: classes and kinds that may happen; ./starl faults lists them"}
         ]}
     ].
 
@@ -35,10 +54,28 @@ subject(File, Args) ->
     end.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := none, values := #{compose := Word, faults := What}}) when Word =/= none ->
+    Kinds = lists:usort([Kind || W <- What, {Kind, _, _, _, _} <- starl_sim_fault:kinds_of(W)]),
+    case starl_cli_target:resolve(Word) of
+        {ok, Target} ->
+            composed(starl_cli_compose:told(Target, Kinds, starl_cli_terminal:columns()));
+        {error, _} = Error ->
+            Error
+    end;
+run(#{values := #{compose := Word}}) when Word =/= none ->
+    {error, ["--compose: is for an application, not beside a block"]};
+run(#{given := #{faults := _}}) ->
+    {error, ["--faults: is for --compose APP"]};
 run(#{subject := Subject}) ->
     Width = starl_cli_terminal:columns(),
     starl_cli_terminal:out(lists:join("\n", [shown(Block, Width) || Block <- blocks(Subject)])),
     0.
+
+composed({ok, Text}) ->
+    starl_cli_terminal:out(Text),
+    0;
+composed({error, _} = Error) ->
+    Error.
 
 blocks(none) -> starl_blocks:known();
 blocks({own, Block}) -> [{Block, Block}];
@@ -52,9 +89,23 @@ shown({Name, Block}, Width) ->
             "", [atom_to_list(Name), " (", atom_to_list(Block), "): ", Block:contract()], Width
         ),
         [wrapped("  ", ["contracts: ", lists:join(", ", Judges)], Width) || Judges =/= []],
+        [guarantee(Guarantee, Width) || Guarantee <- guarantees(Block)],
         [["  can: ", lists:join(", ", Can), "\n"] || Can =/= []],
         [option(Option, Width) || Option <- Block:options()]
     ].
+
+guarantees(Block) ->
+    case starl_block:guarantees(Block) of
+        {ok, Guarantees} -> Guarantees;
+        {error, _} -> []
+    end.
+
+guarantee({_, Kind, Says, Assumed}, Width) ->
+    Needs = [
+        ["; assumes: ", lists:join("; ", [starl_guarantee:text(Need) || Need <- Assumed])]
+     || Assumed =/= []
+    ],
+    wrapped("  ", [atom_to_list(Kind), ": ", Says, Needs], Width).
 
 option({Key, Type, Default, Doc}, Width) ->
     Text = io_lib:format("~ts => ~0tp: ~ts; ~ts", [

@@ -25,8 +25,10 @@
 -callback options() -> [starl_options:option()].
 %% The application's own contracts, with the configuration of each.
 -callback monitors(starl_scene:context()) -> [{module(), Config :: map()}].
+%% What it assumes, of its blocks among others, and guarantees, for `./starl blocks --compose'.
+-callback guarantees() -> [starl_guarantee:t()].
 
--optional_callbacks([code_change/2, blocks/0, options/0, monitors/1]).
+-optional_callbacks([code_change/2, blocks/0, options/0, monitors/1, guarantees/0]).
 
 -define(CALLBACKS, [{init, 2}, {step, 2}]).
 

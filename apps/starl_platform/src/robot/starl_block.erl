@@ -14,7 +14,7 @@
 %% the workload of `./starl bench blocks'.
 -module(starl_block).
 
--export([expand/2, is_block/1, can/2, monitors/1]).
+-export([expand/2, is_block/1, can/2, monitors/1, guarantees/1, example/0]).
 
 -export_type([entry/0, options/0, context/0, capability/0]).
 -export_type([model_entry/0, team/0, model/0, script/0, place/0, benchmark/0]).
@@ -42,13 +42,15 @@
 -callback everywhere() -> [module()].
 %% The guarantee in one line, for lists.
 -callback contract() -> string().
+%% What it assumes and guarantees, for `./starl blocks --compose'.
+-callback guarantees() -> [starl_guarantee:t()].
 %% The module that uses the block for `exercise' and `soak'.
 -callback exercise() -> module().
 %% The models that the checker explores, usually one with the name of the block.
 -callback models() -> [model_entry()].
 -callback benchmark() -> benchmark().
 
--optional_callbacks([check/1, everywhere/0, exercise/0, models/0, benchmark/0]).
+-optional_callbacks([check/1, everywhere/0, guarantees/0, exercise/0, models/0, benchmark/0]).
 
 %% A model: its name, what it covers in a few words, and the model for a team.
 -type model_entry() :: {Name :: atom(), Doc :: string(), fun((team()) -> model())}.
@@ -251,6 +253,22 @@ monitors(Block) ->
         false -> Own
     end.
 
+%% @doc What a block, or an application, says that it assumes and guarantees; nothing, if it does not say.
+-spec guarantees(module()) -> {ok, [starl_guarantee:t()]} | {error, unicode:chardata()}.
+guarantees(Module) ->
+    case exports(Module, guarantees, 0) of
+        true -> stated(Module, Module:guarantees());
+        false -> {ok, []}
+    end.
+
+stated(Module, Guarantees) ->
+    case starl_guarantee:check(Guarantees) of
+        ok -> {ok, Guarantees};
+        {error, Why} -> {error, [atom_to_list(Module), ": ", Why]}
+    end.
+
+%% @doc An example team, for lists.
+-spec example() -> context().
 example() ->
     #{
         robots => [1, 2, 3],

@@ -6,7 +6,7 @@
 %% nothing else; as an application it may have a table of options, `options/0'.
 -module(starl_scene).
 
--export([make/2, report/3, preview/2]).
+-export([make/2, report/3, preview/2, blocks_of/2]).
 
 -export_type([t/0, context/0, outcome/0, report/0, format/0, preview/0, written/0]).
 
@@ -99,6 +99,18 @@ make(App, Context) ->
         {ok, Scene} -> expanded(App, Scene, Context);
         {error, _} = Error -> Error
     end.
+
+%% @doc The building blocks that an application lists, without what every robot has.
+-spec blocks_of(module(), context()) -> {ok, [module()]} | {error, unicode:chardata()}.
+blocks_of(App, Context) ->
+    case scene(App, Context) of
+        {ok, Scene} -> {ok, lists:append([block(Entry) || Entry <- maps:get(blocks, Scene, [])])};
+        {error, _} = Error -> Error
+    end.
+
+block({Block, Options}) when is_map(Options) -> [Block];
+block(Block) when is_atom(Block) -> [Block];
+block(_Machine) -> [].
 
 scene(App, #{options := Options} = Context) ->
     case exported(App, scene, 1) of

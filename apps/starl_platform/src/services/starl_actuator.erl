@@ -15,7 +15,7 @@
 -behaviour(starl_block).
 
 -export([set/3]).
--export([options/0, machines/1, monitors/2, contract/0]).
+-export([options/0, machines/1, monitors/2, guarantees/0, contract/0]).
 -export([init/1, handle_event/5]).
 
 %% The time after which a command is repeated to a device that has not confirmed it.
@@ -42,6 +42,14 @@ machines(_Options) -> [{actuator, ?MODULE, #{}}].
 
 -spec monitors(starl_block:options(), starl_block:context()) -> [].
 monitors(_Options, _Context) -> [].
+
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {shown, safety, "when a call returns ok, the device's sensor shows the requested value",
+            []},
+        {set, progress, "every call returns ok", [devices]}
+    ].
 
 -spec contract() -> string().
 contract() -> "when a call returns ok, the device's sensor shows the requested value".

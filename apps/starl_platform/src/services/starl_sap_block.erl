@@ -4,7 +4,9 @@
 -module(starl_sap_block).
 -behaviour(starl_block).
 
--export([options/0, machines/1, monitors/2, everywhere/0, contract/0, exercise/0, models/0]).
+-export([
+    options/0, machines/1, monitors/2, everywhere/0, guarantees/0, contract/0, exercise/0, models/0
+]).
 
 -spec options() -> [starl_options:option()].
 options() -> [].
@@ -17,6 +19,21 @@ monitors(_Options, _Context) -> [].
 
 -spec everywhere() -> [module()].
 everywhere() -> [starl_sap_monitor].
+
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {once, safety,
+            "delivered at most once per receiver, never changed, never to the wrong type of listener",
+            []},
+        {told, safety,
+            "a lost report after the last retransmission (a message reported lost may have been "
+            "delivered all the same)", []},
+        {read, safety, "an application can read every acknowledged message", [no_restart]},
+        {others, safety, "a dead robot delays no other; memory is bounded", []},
+        {outcome, progress, "delivered, or reported lost, in bounded time", [clock_rate, prompt]},
+        {delivered, progress, "delivered, where packets get through", [delivery]}
+    ].
 
 -spec contract() -> string().
 contract() ->

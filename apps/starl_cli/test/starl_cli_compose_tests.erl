@@ -1,0 +1,86 @@
+-module(starl_cli_compose_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% The rows of the README's table: the text that each begins with, and whose guarantees they are.
+-define(ROWS, [
+    {"| [SAP]", starl_sap_block},
+    {"| [Election]", starl_election},
+    {"| Election, bully", starl_bully},
+    {"| [Mutual exclusion]", starl_mutex},
+    {"| [Barrier]", starl_barrier},
+    {"| [Geocast]", starl_geocast},
+    {"| [Registers]", starl_registers},
+    {"| [Counter]", starl_counter},
+    {"| [Motion]", starl_motion_block},
+    {"| [Path planning (DPP)]", starl_dpp},
+    {"| [Painting]", starl_painting}
+]).
+
+readme() ->
+    {ok, Text} = file:read_file(filename:join(starl_cli_target:root(), "README.md")),
+    string:split(unicode:characters_to_list(Text), "\n", all).
+
+readme_says_what_the_blocks_say_test_() ->
+    [
+        {atom_to_list(Module), fun() ->
+            {ok, Guarantees} = starl_block:guarantees(Module),
+            Cells = [
+                lists:flatten(
+                    lists:join("; ", [
+                        [Says, mark(K, Needs)]
+                     || {_, K, Says, Needs} <- Guarantees, K =:= Kind
+                    ])
+                )
+             || Kind <- [safety, progress]
+            ],
+            [Row] = [Row || Row <- readme(), lists:prefix(Begin, Row)],
+            ?assertEqual(Cells, lists:sublist(cells(Row), 2, 2))
+        end}
+     || {Begin, Module} <- ?ROWS
+    ].
+
+cells(Row) -> [string:trim(Cell) || Cell <- string:split(string:trim(Row, both, "| "), " | ", all)].
+
+%% What is always so bears no mark, and progress always rests on something.
+mark(safety, [_ | _]) -> "†";
+mark(_, _) -> "".
+
+%% Each guarantee of another block that one rests on is there.
+blocks_rest_on_what_there_is_test() ->
+    Parts = [
+        begin
+            {ok, Guarantees} = starl_block:guarantees(Block),
+            ?assertNotEqual([], Guarantees),
+            {Name, Guarantees}
+        end
+     || {Name, Block} <- starl_blocks:known()
+    ],
+    [
+        ?assertEqual({Name, One, holds}, {Name, One, Verdict})
+     || {Name, Own} <- starl_guarantee:composed(Parts, []), {One, Verdict} <- Own
+    ].
+
+told(App, Kinds) ->
+    {ok, Text} = starl_cli_compose:told(#{app => App}, Kinds, 80),
+    unicode:characters_to_list(Text).
+
+a_painting_without_faults_may_rely_on_all_test() ->
+    ?assertEqual(nomatch, string:find(told(starl_painting, []), "Not while")).
+
+a_clock_that_is_set_reaches_the_painting_test() ->
+    [_, Open] = string:split(told(starl_painting, [clock_step]), "Not while"),
+    ?assertNotEqual(nomatch, string:find(Open, "tubes that robots hold")),
+    ?assertNotEqual(nomatch, string:find(Open, "clock_step")),
+    ?assertEqual(nomatch, string:find(Open, "ink lies")).
+
+loss_leaves_a_painting_all_test() ->
+    ?assertNotEqual(
+        nomatch, string:find(told(starl_painting, [isolate]), "every line is painted\n      needs")
+    ),
+    [_, Open] = string:split(told(starl_painting, [loss]), "Not while"),
+    ?assertEqual(nomatch, string:find(Open, "every line is painted")).
+
+an_application_that_says_nothing_is_told_test() ->
+    ?assertNotEqual(
+        nomatch, string:find(told(starl_exercise, []), "does not say what it guarantees")
+    ).
