@@ -20,6 +20,7 @@
 -define(CLOSE_MS, 10000).
 %% The check makes a node load all the code, which takes time.
 -define(LEAST_CHECK_MS, 5000).
+-define(TRIES, 12).
 -define(MOST_NAMES, 3).
 
 %% @doc The names of the requested nodes ({@link starl_sim_nodes:nodes()}), or the
@@ -73,7 +74,7 @@ site_on(Node, Wanted) ->
 
 checked(Node, #{modules := Modules, digests := Ours, ms := Ms} = Wanted) ->
     try
-        case erpc:call(Node, starl_sim_code, digests, [Modules], Ms) of
+        case answer(Node, starl_sim_code, digests, [Modules], Ms) of
             Ours -> {ok, site(Node, Wanted)};
             Theirs -> {error, other_code(Node, starl_sim_code:differing(Ours, Theirs), Ms)}
         end
@@ -83,13 +84,26 @@ checked(Node, #{modules := Modules, digests := Ours, ms := Ms} = Wanted) ->
         error:{erpc, noconnection} -> {error, {unreachable, Node}}
     end.
 
+%% The answer of a call on a node that may be repeated. A busy computer takes long to load code: silent is
+%% only a node that does not even say its name within the time limit.
+answer(Node, Module, Function, Args, Ms) -> answer(Node, Module, Function, Args, Ms, ?TRIES).
+
+answer(Node, Module, Function, Args, Ms, Tries) ->
+    try
+        erpc:call(Node, Module, Function, Args, Ms)
+    catch
+        error:{erpc, timeout} when Tries > 1 ->
+            Node = erpc:call(Node, erlang, node, [], Ms),
+            answer(Node, Module, Function, Args, Ms, Tries - 1)
+    end.
+
 other_code(Node, Modules, Ms) ->
-    There = erpc:call(Node, erlang, system_info, [otp_release], Ms),
+    There = answer(Node, erlang, system_info, [otp_release], Ms),
     {other_code, Node, Modules, erlang:system_info(otp_release), There}.
 
 site(Node, #{code := Code, ms := Ms}) ->
     _ = [
-        {module, Module} = erpc:call(Node, code, load_binary, [Module, File, Beam], Ms)
+        {module, Module} = answer(Node, code, load_binary, [Module, File, Beam], Ms)
      || {Module, File, Beam} <- Code, Node =/= node()
     ],
     starl_sim_site:open(Node, self(), Ms).
