@@ -12,6 +12,7 @@ all() ->
     [
         an_erlang_project_passes_its_tests,
         its_names_are_known_in_its_directory,
+        its_shell_tells_of_modules,
         a_failing_property_leaves_a_scenario,
         a_block_passes_its_tests,
         an_elixir_project_passes_its_tests,
@@ -48,6 +49,25 @@ its_names_are_known_in_its_directory(Config) ->
     [
         ?assertMatch({Args, {0, _}}, {Args, sh("$starl" ++ Args, Dir)})
      || Args <- [" run patrol --robots 2", " run patrol.term", " run .", " sweep patrol --seeds 2"]
+    ].
+
+%% Of StarL's and of its own.
+its_shell_tells_of_modules(Config) ->
+    Dir = at("patrol", Config),
+    ?assertMatch({0, _}, sh("$starl doc", Dir)),
+    {0, Told} = sh(
+        "erl -noinput -pa _build/default/lib/*/ebin _build/default/lib/*/apps/*/ebin"
+        " -eval 'c:h(starl), c:h(starl_mutex, acquire), c:ht(starl, pose), c:h(patrol), halt(0).'",
+        Dir
+    ),
+    [
+        ?assertNotEqual(nomatch, string:find(Told, Part), Told)
+     || Part <- [
+            "The API that an application sees",
+            "with half a minute's",
+            "radians counter-clockwise",
+            "-spec acquire("
+        ]
     ].
 
 %% A send that must succeed: no monitor of its own is needed to find it, and at most three faults.

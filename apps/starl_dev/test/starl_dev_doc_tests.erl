@@ -18,6 +18,10 @@ source_test() ->
         ["-type a() :: b.", "%% A.", "-type c() :: d.", "%% C."],
         turned("%% A.\n-type a() :: b.\n%% C.\n-type c() :: d.")
     ),
+    ?assertEqual(
+        ["-callback a() -> b.", "%% A."],
+        turned("%% A.\n-callback a() -> b.")
+    ),
     Alone = "%% Nobody's.\n\n-type a() :: b.\n-export_type([a/0]).",
     ?assertEqual(string:split(Alone, "\n", all), turned(Alone)),
     ?assertEqual(["-type a() ::", "%% A."], turned("%% A.\n-type a() ::")).
@@ -35,6 +39,23 @@ pages_test_() ->
             )
         ]
     end}.
+
+%% One folder of chunks for each build.
+chunks_test() ->
+    Dir = directory(),
+    File = filename:join(Dir, "m.erl"),
+    Builds = [filename:join(Dir, Build) || Build <- ["default", "dev"]],
+    ok = file:write_file(
+        File, "%% @doc Of M.\n-module(m).\n-export_type([t/0]).\n\n%% Of T.\n-type t() :: a.\n"
+    ),
+    ?assertEqual(1, starl_dev_doc_chunks:make([File], Builds)),
+    [One, Same] = [file:read_file(filename:join(Build, "doc/chunks/m.chunk")) || Build <- Builds],
+    ?assertEqual(One, Same),
+    {ok, Chunk} = One,
+    {docs_v1, _, erlang, _, #{<<"en">> := OfM}, _, Entries} = binary_to_term(Chunk),
+    ?assertMatch([_ | _], OfM),
+    ?assertMatch([{{type, t, 0}, _, _, #{<<"en">> := [_ | _]}, _}], Entries),
+    ok = file:del_dir_r(Dir).
 
 directory() ->
     Dir = filename:join("_build", "doc_test_" ++ os:getpid()),

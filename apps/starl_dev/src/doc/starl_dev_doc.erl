@@ -1,4 +1,5 @@
-%% @doc `./starl doc': makes the pages of all modules ({@link starl_dev_doc_pages}).
+%% @doc `./starl doc': makes the pages of all modules ({@link starl_dev_doc_pages}), and what a shell tells of
+%% them ({@link starl_dev_doc_chunks}).
 -module(starl_dev_doc).
 -behaviour(starl_cli_command).
 
@@ -14,7 +15,10 @@ synopsis() -> "make the pages of all modules, for a browser".
 about(_Subject) ->
     [
         "Makes a page for each module by EDoc, from its sources, and an index. EDoc's warnings "
-        "and links that lead nowhere are printed, one line each."
+        "and links that lead nowhere are printed, one line each.",
+        "Afterwards the shells know them, too: h(starl), h(starl_mutex, acquire) in ./starl shell. In the "
+        "directory of your own project, built by rebar3 or mix, it makes no pages, but its shells "
+        "(rebar3 shell, iex -S mix) tell of its modules and of StarL's."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
@@ -31,14 +35,40 @@ default() -> starl_cli_out:shown(filename:join([starl_cli_target:root(), "_build
 statuses() -> [{0, "the pages are made"}, {1, "some pages have problems, which are printed"}].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{values := #{out := Dir}}) ->
+run(#{values := #{out := Dir}} = Call) ->
     Root = starl_cli_target:root(),
     Sources = filelib:wildcard(filename:join([Root, "apps", "*", "src", "**", "*.erl"])),
-    case {Sources, is_ours(Dir)} of
-        {[], _} -> {error, ["there are no sources under ", Root]};
-        {_, false} -> {error, [["--out: ", Dir, " holds something else than such pages"]]};
-        {_, true} -> told(starl_dev_doc_pages:make(Sources, overview(Root), Dir), Dir)
+    case {Sources, is_project(Root), is_ours(Dir)} of
+        {[], _, _} -> {error, ["there are no sources under ", Root]};
+        {_, true, _} -> for_project(Sources, Call);
+        {_, false, false} -> {error, [["--out: ", Dir, " holds something else than such pages"]]};
+        {_, false, true} -> for_checkout(Sources, Root, Dir)
     end.
+
+for_checkout(Sources, Root, Dir) ->
+    case told(starl_dev_doc_pages:make(Sources, overview(Root), Dir), Dir) of
+        0 -> shells(Sources, [filename:join([Root, "_build", "default"])]);
+        Status -> Status
+    end.
+
+%% The directory of a user's own project.
+is_project(Root) ->
+    {ok, Here} = file:get_cwd(),
+    Here =/= filename:absname(Root) andalso
+        lists:any(fun filelib:is_regular/1, ["rebar.config", "mix.exs"]).
+
+for_project(_Sources, #{given := #{out := _}}) ->
+    {error, ["--out: the pages are made in StarL's own checkout"]};
+for_project(Sources, _Call) ->
+    case [filename:dirname(Lib) || Lib <- filelib:wildcard("_build/*/lib")] of
+        [] -> {error, ["there is no build of this project yet: rebar3 compile, or mix compile"]};
+        Builds -> shells(Sources ++ filelib:wildcard("src/**/*.erl"), Builds)
+    end.
+
+shells(Sources, Builds) ->
+    Count = starl_dev_doc_chunks:make(Sources, Builds),
+    starl_cli_terminal:out("~b modules are known to the shell: h(starl).\n", [Count]),
+    0.
 
 overview(Root) -> filename:join([Root, "doc", "overview.edoc"]).
 

@@ -17,8 +17,7 @@
 make(Files, Overview, Dir) ->
     _ = file:del_dir_r(Dir),
     Sources = filename:join(Dir, "src"),
-    ok = filelib:ensure_dir(filename:join(Sources, "any")),
-    Copies = [copied(File, Sources) || File <- Files],
+    Copies = starl_dev_doc_source:copies(Files, Sources),
     Options = [{overview, Overview}, {title, "StarL"}, {todo, false}],
     Said = said_by(fun() -> edoc:files(Copies, [{dir, Dir} | Options]) end),
     ok = file:del_dir_r(Sources),
@@ -27,16 +26,6 @@ make(Files, Overview, Dir) ->
         [] -> {ok, length(Files)};
         Problems -> {error, Problems}
     end.
-
-copied(File, Dir) ->
-    {ok, Text} = file:read_file(File),
-    Lines = string:split(unicode:characters_to_list(Text), "\n", all),
-    Copy = filename:join(Dir, filename:basename(File)),
-    Turned = lists:join("\n", starl_dev_doc_source:for_edoc(Lines)),
-    ok = starl_cli_out:sure(
-        Copy, file:write_file(Copy, unicode:characters_to_binary(Turned))
-    ),
-    Copy.
 
 %% EDoc names the copy; the message should name the original file.
 original(Line, Sources, Files) ->

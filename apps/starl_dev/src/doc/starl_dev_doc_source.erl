@@ -1,11 +1,25 @@
-%% @doc Rearranges a module's source for EDoc. In StarL the comment on a type stands before it, but
-%% EDoc expects it after the type: so the comment and the type change places. The number of lines
-%% stays the same, so EDoc's line numbers are nearly right.
+%% @doc Rearranges a module's source for EDoc. In StarL the comment on a type or a callback stands before it,
+%% but EDoc expects it after it: so the two change places. The number of lines stays the same, so EDoc's
+%% line numbers are nearly right.
 -module(starl_dev_doc_source).
 
--export([for_edoc/1]).
+-export([for_edoc/1, copies/2]).
 
-%% @doc The lines of a module, with the comment on each type moved after it.
+%% @doc Copies of these sources for EDoc, in a directory.
+-spec copies([file:filename()], Dir :: file:filename()) -> [file:filename_all()].
+copies(Files, Dir) ->
+    ok = filelib:ensure_dir(filename:join(Dir, "any")),
+    [copy(File, Dir) || File <- Files].
+
+copy(File, Dir) ->
+    {ok, Text} = file:read_file(File),
+    Lines = string:split(unicode:characters_to_list(Text), "\n", all),
+    Copy = filename:join(Dir, filename:basename(File)),
+    Turned = unicode:characters_to_binary(lists:join("\n", for_edoc(Lines))),
+    ok = starl_cli_out:sure(Copy, file:write_file(Copy, Turned)),
+    Copy.
+
+%% @doc The lines of a module, with the comment on each type and callback moved after it.
 -spec for_edoc([string()]) -> [string()].
 for_edoc([]) ->
     [];
@@ -25,6 +39,7 @@ is_comment(Line) -> lists:prefix("%%", Line).
 
 is_type(["-type " ++ _ | _]) -> true;
 is_type(["-opaque " ++ _ | _]) -> true;
+is_type(["-callback " ++ _ | _]) -> true;
 is_type(_Lines) -> false.
 
 %% The lines of a form, up to its full stop.
