@@ -22,6 +22,9 @@ world(Test) ->
         {starl_body, 1, _, {at, At, What}} ->
             Test ! {body, At - erlang:time_offset(microsecond), What},
             world(Test);
+        {starl_settled, 1, N} ->
+            Test ! {settled, N},
+            world(Test);
         stop ->
             ok
     end.
@@ -52,6 +55,27 @@ bytes_on_the_way_are_waited_for_test() ->
     End = Begin + 1000,
     says([{drive_direct, 0, 0}], End, Create),
     ?assertEqual({End, 0.0, 0.0}, wheels()),
+    World ! stop.
+
+%% A look waits for an answer to a question that was asked after it; what came before it is told first.
+a_look_waits_for_the_line_test() ->
+    {Create, World} = started(),
+    Begin = erlang:monotonic_time(microsecond),
+    says([start, safe, {stream, [7]}, {drive_direct, 100, 100}], Begin, Create),
+    {Begin, 100.0, 100.0} = wheels(),
+    asks(Create),
+    Create ! {starl_settle, World, 5},
+    %% the answer to a question of before
+    Create ! {serial, self(), {upto, Begin + 1}},
+    asks(Create),
+    End = Begin + 2,
+    says([{drive_direct, 0, 0}], End, Create),
+    Create ! {serial, self(), {upto, erlang:monotonic_time(microsecond)}},
+    ?assertEqual({End, 0.0, 0.0}, wheels()),
+    receive
+        {settled, 5} -> ok
+    after ?AFTER_MS -> error(not_settled)
+    end,
     World ! stop.
 
 %% No frame leaves before the line has told everything until then; what the body feels waits, too.

@@ -9,7 +9,7 @@
 %% It waits for robots that always have something to say: a wait in vain must end with its line.
 suite() -> [{timetrap, {minutes, 10}}].
 
-all() -> [bumped, wall, held_in_a_room, held_in_a_world, no_room].
+all() -> [bumped, wall, held_in_a_room, held_in_a_world, seen_where_it_is, no_room].
 
 init_per_suite(Config) ->
     case starl_create_program:path() of
@@ -55,21 +55,44 @@ held_in_a_room(_) ->
     touches({3, false}).
 
 held_in_a_world(_) ->
-    Sim = #{
-        profiles => starl_sim_chassis:profiles(create, #{}),
-        seed => 1,
-        actuation => [],
-        location => []
-    },
-    Plan = #{robots => touching(), world => Sim, monitors => [], limit_us => 1 bsl 40},
-    Clock = starl_live_clock:new(erlang:system_time(microsecond), 1),
-    {ok, World} = starl_world:start_link(#{plan => Plan, clock => Clock}),
+    World = world(touching()),
     ok = starl_world:inhabit(World, 1),
     held(World),
     #{robots := [{1, #{pose := Pose}}, _]} = starl_world:finish(World),
     here(Pose),
     drive(World, -1.0e5),
     touches({3, false}).
+
+%% A look asks the hardware first: what it did before is heard late, and the picture is right all the same.
+seen_where_it_is(_) ->
+    World = world([{1, {0.0, 0.0, 0.0}}, {2, {9000.0, 0.0, 0.0}}]),
+    ok = starl_world:inhabit(World, 1),
+    Begin = erlang:system_time(microsecond) - 200000,
+    drive(World, 500.0, Begin),
+    World ! {starl_look, 2, self(), [1]},
+    receive
+        {starl_settle, World, N} ->
+            drive(World, 0.0, Begin + 100000),
+            World ! {starl_settled, 1, N}
+    after ?AFTER_MS -> error(not_asked)
+    end,
+    receive
+        {starl_seen, [{1, {X, _, _}, _}]} -> ?assert(abs(X - 50.0) < 5.0, X)
+    after ?AFTER_MS -> error(not_seen)
+    end.
+
+world(Poses) ->
+    Sim = #{
+        profiles => starl_sim_chassis:profiles(create, #{}),
+        seed => 1,
+        actuation => [],
+        location => []
+    },
+    Plan = #{robots => Poses, world => Sim, monitors => [], limit_us => 1 bsl 40},
+    %% the run began a second ago
+    Clock = starl_live_clock:new(erlang:system_time(microsecond) - 1000000, 1),
+    {ok, World} = starl_world:start_link(#{plan => Plan, clock => Clock}),
+    World.
 
 %% Only its heading is a little off, as that of every robot.
 here({X, Y, _Heading}) -> ?assertEqual({0.0, 0.0}, {X, Y}).
@@ -82,9 +105,11 @@ held(World) ->
     drive(World, 1.0e5),
     touches({3, true}).
 
-drive(World, V) ->
+drive(World, V) -> drive(World, V, erlang:system_time(microsecond)).
+
+drive(World, V, At) ->
     Drive = {drive, {starl_chassis_differential, [{V, V, ?LONG_US}]}, 1 bsl 60, wheels},
-    World ! {starl_body, 1, self(), {at, erlang:system_time(microsecond), Drive}}.
+    World ! {starl_body, 1, self(), {at, At, Drive}}.
 
 touches(Wanted) ->
     receive

@@ -122,11 +122,29 @@ heard_late_test() ->
     {At, _} = ?T:heard(1, self(), {{at, 201000}, stop}, 401000 + Horizon, Advanced),
     ?assertEqual(401000, At).
 
+%% The picture of hardware is of the moment up to which it has told everything, or when it told something
+%% last; that of others is of now.
+poses_of_hardware_test() ->
+    {ok, Team} = ?T:embodied(1, self(), true, team()),
+    Drive = {drive, {starl_chassis_differential, [{100.0, 100.0, 900000}]}, 10000000, mark},
+    {_, {_, _, Driving}} = ?T:heard(1, self(), {{at, 1000}, Drive}, 1000, Team),
+    {_, _, Advanced} = ?T:advance(1, 800000, Driving),
+    {_, {_, _, Stopped}} = ?T:heard(1, self(), {{at, 201000}, stop}, 900000, Advanced),
+    Picture = fun(At, Robots) ->
+        [{1, {X, _, _}, Us}] = ?T:poses([1], At, 900000, Robots),
+        {round(X), Us}
+    end,
+    ?assertEqual({20, 201000}, Picture(101000, Stopped)),
+    ?assertEqual({20, 301000}, Picture(301000, Stopped)),
+    ?assertEqual({30, 301000}, Picture(301000, Advanced)),
+    {ok, Simulated} = ?T:embodied(1, self(), false, team()),
+    ?assertMatch({_, 900000}, Picture(301000, Simulated)).
+
 motions(Traces) -> [At || {At, 1, chassis, {motion, _}} <- Traces].
 
 %% How far it has come, mm.
 way(At, Team) ->
-    [{1, {X, _, _}}] = ?T:poses([1], At, Team),
+    [{1, {X, _, _}, _}] = ?T:poses([1], At, At, Team),
     round(X).
 
 fact(At) -> {At, 1, a, x}.

@@ -64,6 +64,8 @@
     is_asking = false :: boolean(),
     %% what the body has felt meanwhile, latest first
     felt = [] :: [starl_create_emulator:sense()],
+    %% the looks that wait until everything up to these times is told
+    looks = [] :: [{World :: pid(), N :: pos_integer(), AtUs :: integer()}],
     %% the time of the next wake-up
     due = none :: integer() | none
 }).
@@ -139,11 +141,15 @@ handle_cast(power_cycle, Emulated) ->
 -spec handle_info(term(), #emulated{}) -> {noreply, #emulated{}} | {stop, normal, #emulated{}}.
 handle_info({serial, Other, {attach, Baud}}, Emulated) ->
     {noreply,
-        line({baud, Baud}, Emulated#emulated{other = Other, line = Other, is_asking = false})};
+        asked_again(
+            line({baud, Baud}, Emulated#emulated{other = Other, line = Other, is_asking = false})
+        )};
 handle_info({serial, Other, Word}, #emulated{other = Other} = Emulated) ->
     {noreply, hears(Word, Emulated)};
 handle_info({tick, Due}, #emulated{due = Due} = Emulated) ->
     {noreply, ask(Emulated#emulated{due = none})};
+handle_info({starl_settle, World, N}, #emulated{looks = Looks} = Emulated) ->
+    {noreply, ask(Emulated#emulated{looks = [{World, N, now_us()} | Looks]})};
 handle_info({starl_cable, Cable}, Emulated) ->
     {noreply, cable(Cable, Emulated)};
 handle_info({starl_body_says, Answers}, Emulated) ->
@@ -209,7 +215,18 @@ ask(#emulated{other = Other} = Emulated) ->
 
 up_to(At, #emulated{create = Create, felt = Felt} = Emulated) ->
     Here = went(starl_create_emulator:advance(At, Create), Emulated#emulated{felt = []}),
-    wake(lists:foldr(fun(Sense, Before) -> felt(At, Sense, Before) end, Here, Felt)).
+    settled(At, wake(lists:foldr(fun(Sense, Before) -> felt(At, Sense, Before) end, Here, Felt))).
+
+%% The answer may be to a question that was earlier than a look.
+settled(_At, #emulated{looks = []} = Emulated) ->
+    Emulated;
+settled(At, #emulated{looks = Looks, body = {starl_world, _, Robot}} = Emulated) ->
+    {Past, Later} = lists:partition(fun({_, _, Asked}) -> Asked =< At end, Looks),
+    _ = [World ! {starl_settled, Robot, N} || {World, N, _} <- lists:reverse(Past)],
+    asked_again(Emulated#emulated{looks = Later}).
+
+asked_again(#emulated{looks = []} = Emulated) -> Emulated;
+asked_again(Emulated) -> ask(Emulated).
 
 felt(At, Sense, #emulated{create = Create} = Emulated) ->
     went(starl_create_emulator:feel(At, Sense, Create), Emulated).

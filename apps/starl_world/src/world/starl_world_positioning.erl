@@ -4,7 +4,7 @@
 %% A robot for which the system is frozen gets the last picture again and again, as a new one.
 -module(starl_world_positioning).
 
--export([new/2, rate_hz/1, freeze/2, frozen/1, seen/4, shown/4]).
+-export([new/2, rate_hz/1, freeze/2, frozen/1, seen/3, shown/4]).
 
 -export_type([t/0, options/0]).
 
@@ -46,14 +46,14 @@ freeze(Ids, Positioning) -> Positioning#positioning{frozen = Ids}.
 -spec frozen(t()) -> [starl:robot_id()].
 frozen(#positioning{frozen = Frozen}) -> Frozen.
 
-%% @doc A picture of robots at these true poses; `By': the robot that looks, 0 if the system does by
-%% itself.
--spec seen(By, [{starl:robot_id(), starl:pose()}], NowUs, t()) ->
+%% @doc A picture of robots at these true poses, each at its time; `By': the robot that looks, 0 if the
+%% system does by itself.
+-spec seen(By, [{starl:robot_id(), starl:pose(), Us :: integer()}], t()) ->
     {[starl_live_positioning:sighting()], t()}
 when
-    By :: starl:robot_id() | 0, NowUs :: integer().
-seen(By, Poses, Now, #positioning{seed = Seed, draws = N} = Positioning) ->
-    Seen = [{Id, sensed(Pose, {Seed, By, Id, N}, Id, Positioning), Now} || {Id, Pose} <- Poses],
+    By :: starl:robot_id() | 0.
+seen(By, Poses, #positioning{seed = Seed, draws = N} = Positioning) ->
+    Seen = [{Id, sensed(Pose, {Seed, By, Id, N}, Id, Positioning), Us} || {Id, Pose, Us} <- Poses],
     {Seen, Positioning#positioning{draws = N + 1}}.
 
 sensed(Pose, Key, Id, #positioning{profiles = Profiles, whole_mm = Whole}) ->

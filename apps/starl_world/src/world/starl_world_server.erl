@@ -13,6 +13,7 @@
     clock :: starl_live_clock:t(),
     robots :: starl_world_team:t(),
     positioning :: starl_world_positioning:t(),
+    looks = starl_world_looks:new() :: starl_world_looks:t(),
     %% what hardware touches; is it looked at?
     floor :: starl_world_floor:t(),
     is_felt = false :: boolean(),
@@ -85,6 +86,7 @@ hear({advance, Id}, World) -> advance(Id, World);
 hear(feel, World) -> feel(World);
 hear({starl_watches, Id, Sight}, World) -> watched(Id, Sight, World);
 hear({starl_look, Id, Sight, Looked}, World) -> looked(Id, Sight, Looked, World);
+hear({starl_settled, Id, N}, World) -> settled(Id, N, World);
 hear(show, World) -> show(World);
 hear({starl_started, Id, Link, What}, World) -> started(Id, Link, What, World);
 hear({starl_traced, Id, Link, Batch}, World) -> traced(Id, Link, Batch, World);
@@ -180,7 +182,7 @@ felt(World) ->
     World#world{is_felt = true}.
 
 feel(#world{robots = Robots} = World) ->
-    Free = starl_world_team:free(Robots),
+    Free = [Id || {Id, _} <- starl_world_team:free(starl_world_team:ids(Robots), Robots)],
     feel(now_us(World), Free, felt(World#world{is_felt = false})).
 
 %% A robot that was told to drive feels at once that it cannot.
@@ -204,24 +206,42 @@ watched(Id, Sight, #world{robots = Robots} = World) ->
 %% A system with a rate of its own is not asked.
 looked(Id, Sight, Looked, #world{positioning = Positioning} = World) ->
     case starl_world_positioning:rate_hz(Positioning) of
-        none ->
-            {Seen, Next} = seen(Id, Looked, World),
-            pictured(Id, Sight, Seen, Next);
-        _Rate ->
-            World
+        none -> look({{Id, Sight}, Looked}, World);
+        _Rate -> World
     end.
 
 show(#world{positioning = Positioning, robots = Robots} = World) ->
     Rate = starl_world_positioning:rate_hz(Positioning),
     ok = at(now_us(World) + round(1.0e6 / Rate), show, World),
-    {Seen, Next} = seen(0, starl_world_team:ids(Robots), World),
+    look({all, starl_world_team:ids(Robots)}, World).
+
+look({_, Ids} = Look, #world{looks = Looks, robots = Robots} = World) ->
+    Now = now_us(World),
+    case starl_world_looks:begun(Look, Now, starl_world_team:free(Ids, Robots), Looks) of
+        taken ->
+            picture(Look, Now, World);
+        {Words, Next} ->
+            _ = [Hardware ! {starl_settle, self(), N} || {Hardware, N} <- Words],
+            World#world{looks = Next}
+    end.
+
+settled(Id, N, #world{looks = Looks} = World) ->
+    case starl_world_looks:settled(Id, N, Looks) of
+        {taken, Look, At, Next} -> picture(Look, At, World#world{looks = Next});
+        {waits, Next} -> World#world{looks = Next}
+    end.
+
+picture({{Id, Sight}, Ids}, At, World) ->
+    {Seen, Next} = seen(Id, Ids, At, World),
+    pictured(Id, Sight, Seen, Next);
+picture({all, Ids}, At, #world{robots = Robots} = World) ->
+    {Seen, Next} = seen(0, Ids, At, World),
     Watching = starl_world_team:watching(Robots),
     lists:foldl(fun({Id, Sight}, W) -> pictured(Id, Sight, Seen, W) end, Next, Watching).
 
-seen(By, Ids, #world{positioning = Positioning, robots = Robots} = World) ->
-    Now = now_us(World),
-    Poses = starl_world_team:poses(Ids, Now, Robots),
-    {Seen, Next} = starl_world_positioning:seen(By, Poses, Now, Positioning),
+seen(By, Ids, At, #world{positioning = Positioning, robots = Robots} = World) ->
+    Poses = starl_world_team:poses(Ids, At, now_us(World), Robots),
+    {Seen, Next} = starl_world_positioning:seen(By, Poses, Positioning),
     {Seen, World#world{positioning = Next}}.
 
 pictured(Id, Sight, Seen, #world{positioning = Positioning} = World) ->

@@ -11,8 +11,8 @@
 %% '''
 -module(starl_world_team).
 
--export([new/2, embodied/4, hardware/2, free/1, watches/3, watching/1]).
--export([heard/5, advance/3, touched/4, on_floor/2, poses/3]).
+-export([new/2, embodied/4, hardware/2, free/2, watches/3, watching/1]).
+-export([heard/5, advance/3, touched/4, on_floor/2, poses/4]).
 -export([started/4, halted/4, traced/4, result/3, record/2, down/4, of_link/2]).
 -export([ids/1, up/1, running/1, summaries/2]).
 
@@ -95,9 +95,13 @@ hardware(Id, Robots) ->
             {error, io_lib:format("robot ~b has no cable: it is no Create", [Id])}
     end.
 
-%% @doc The robots with hardware.
--spec free(t()) -> [id()].
-free(Robots) -> [Id || {Id, #robot{is_free = true}} <- maps:to_list(Robots)].
+%% @doc Those of these robots that have hardware, with its process.
+-spec free([id()], t()) -> [{id(), Hardware :: pid()}].
+free(Ids, Robots) ->
+    [
+        {Id, Hardware}
+     || Id <- Ids, #{Id := #robot{is_free = true, chassis = Hardware}} <- [Robots], is_pid(Hardware)
+    ].
 
 %% @doc This process gets a robot's pictures from now on.
 -spec watches(id(), Sight :: pid(), t()) -> t().
@@ -200,10 +204,18 @@ on_floor(At, Robots) ->
      || {Id, #robot{body = Body}} <- lists:sort(maps:to_list(Robots))
     ].
 
-%% @doc The true poses of those of these robots that there are.
--spec poses([id()], NowUs :: integer(), t()) -> [{id(), starl:pose()}].
-poses(Ids, Now, Robots) ->
-    [{Id, pose(Now, Body)} || Id <- Ids, #{Id := #robot{body = Body}} <- [Robots]].
+%% @doc The true poses of those of these robots that there are, each with its time: now; of hardware, which
+%% has told everything up to `AtUs', then, or when it told something last.
+-spec poses([id()], AtUs :: integer(), NowUs :: integer(), t()) ->
+    [{id(), starl:pose(), Us :: integer()}].
+poses(Ids, At, Now, Robots) ->
+    [pose(Id, At, Now, Robot) || Id <- Ids, #{Id := Robot} <- [Robots]].
+
+pose(Id, At, _Now, #robot{is_free = true, settled = Body, told_at = Told}) when Body =/= none ->
+    Then = max(At, Told),
+    {Id, pose(Then, Body), Then};
+pose(Id, _At, Now, #robot{body = Body}) ->
+    {Id, pose(Now, Body), Now}.
 
 pose(Now, Body) ->
     {_, _, Caught} = starl_world_body:advance(Now, Body),
