@@ -1,0 +1,122 @@
+%% @doc A floor plan: the size of the floor, its walls, rooms, doors and named places.
+%% ```
+%%   {ok, Floor} = starl_floor_file:read("search"),
+%%   #{size := {W, H}, places := #{'A' := Door}} = Floor.
+%% '''
+%% The floor is the box from the origin to its size; its border is a wall. Walls are the outlines of what
+%% is solid, each a closed polygon with the solid on its left: counter-clockwise around a block, clockwise
+%% around a hole in one. A polygon of two points is a wall without thickness. They may overlap. A room is
+%% the polygon of its free floor. Lengths are millimetres.
+-module(starl_floor).
+
+-export([empty/1, new/1, border/1, segments/1, box/4, is_solid/2, room_at/2, area/1, summary/1]).
+
+-export_type([t/0, polygon/0]).
+
+%% `name' is its title. A door is the line that closes it.
+-type t() :: #{
+    name := binary(),
+    size := {Width :: float(), Height :: float()},
+    walls := [polygon()],
+    rooms := #{atom() => polygon()},
+    doors := [starl_geometry:segment()],
+    places := #{atom() => starl_geometry:point()}
+}.
+
+-type polygon() :: [starl_geometry:point(), ...].
+
+%% @doc A floor with nothing on it.
+-spec empty({Width :: number(), Height :: number()}) -> t().
+empty({W, H}) ->
+    new(#{size => {W, H}}).
+
+%% @doc A floor plan of its parts, those that are left out being empty; all numbers become floats.
+-spec new(#{size := {number(), number()}, atom() => term()}) -> t().
+new(#{size := {W, H}} = Parts) ->
+    Polygons = fun(_Name, Polygon) -> floats(Polygon) end,
+    #{
+        name => maps:get(name, Parts, <<>>),
+        size => {float(W), float(H)},
+        walls => [floats(Polygon) || Polygon <- maps:get(walls, Parts, [])],
+        rooms => maps:map(Polygons, maps:get(rooms, Parts, #{})),
+        doors => [{float_point(A), float_point(B)} || {A, B} <- maps:get(doors, Parts, [])],
+        places => maps:map(fun(_, P) -> float_point(P) end, maps:get(places, Parts, #{}))
+    }.
+
+floats(Points) -> [float_point(Point) || Point <- Points].
+
+float_point({X, Y}) -> {float(X), float(Y)}.
+
+%% @doc The polygon of a box.
+-spec box(X0 :: number(), Y0 :: number(), X1 :: number(), Y1 :: number()) -> polygon().
+box(X0, Y0, X1, Y1) ->
+    floats([{X0, Y0}, {X1, Y0}, {X1, Y1}, {X0, Y1}]).
+
+%% @doc The border of the floor, seen from inside.
+-spec border(t()) -> [starl_geometry:segment()].
+border(#{size := {W, H}}) -> sides(lists:reverse(box(0, 0, W, H))).
+
+%% @doc All walls as segments, the border first.
+-spec segments(t()) -> [starl_geometry:segment()].
+segments(#{walls := Walls} = Floor) ->
+    border(Floor) ++ lists:append([sides(Wall) || Wall <- Walls]).
+
+sides([A]) -> [{A, A}];
+sides([A, B]) -> [{A, B}];
+sides([First | Rest] = Polygon) -> lists:zip(Polygon, Rest ++ [First]).
+
+%% @doc Is this point in a wall, or off the floor? The edges of a wall are not in it.
+-spec is_solid(starl_geometry:point(), t()) -> boolean().
+is_solid({X, Y}, #{size := {W, H}}) when X < 0; Y < 0; X > W; Y > H ->
+    true;
+is_solid(Point, #{walls := Walls}) ->
+    lists:sum([winding(Point, Wall) || [_, _, _ | _] = Wall <- Walls]) > 0.
+
+%% How often a polygon goes around a point, counter-clockwise.
+winding(Point, Polygon) -> lists:sum([crossing(Point, Side) || Side <- sides(Polygon)]).
+
+crossing({X, Y}, {{AX, AY}, {BX, BY}}) ->
+    Left = (BX - AX) * (Y - AY) - (X - AX) * (BY - AY),
+    if
+        AY =< Y, BY > Y, Left > 0 -> 1;
+        BY =< Y, AY > Y, Left < 0 -> -1;
+        true -> 0
+    end.
+
+%% @doc The room in which a point lies.
+-spec room_at(starl_geometry:point(), t()) -> {ok, atom()} | none.
+room_at(Point, #{rooms := Rooms}) ->
+    case [Name || {Name, Of} <- lists:sort(maps:to_list(Rooms)), winding(Point, Of) =/= 0] of
+        [Name | _] -> {ok, Name};
+        [] -> none
+    end.
+
+%% @doc The area of a polygon (mm2): negative if it is clockwise.
+-spec area(polygon()) -> float().
+area(Polygon) ->
+    lists:sum([AX * BY - BX * AY || {{AX, AY}, {BX, BY}} <- sides(Polygon)]) / 2.
+
+%% @doc A floor plan in a few lines of text.
+-spec summary(t()) -> [unicode:chardata()].
+summary(#{name := Name, size := {W, H}, walls := Walls, doors := Doors} = Floor) ->
+    #{rooms := Rooms, places := Places} = Floor,
+    Sides = length(segments(Floor)) - 4,
+    [[Name] || Name =/= <<>>] ++
+        [
+            io_lib:format("floor: ~s m x ~s m", [metres(W), metres(H)]),
+            io_lib:format("walls: ~b, with ~b sides", [length(Walls), Sides])
+        ] ++
+        listed("rooms", [room(Room) || Room <- lists:sort(maps:to_list(Rooms))]) ++
+        listed("doors", [door(Door) || Door <- Doors]) ++
+        listed("places", [place(Place) || Place <- lists:sort(maps:to_list(Places))]).
+
+listed(_What, []) -> [];
+listed(What, Texts) -> [io_lib:format("~ts: ~ts", [What, lists:join(", ", Texts)])].
+
+room({Name, Polygon}) -> io_lib:format("~ts (~.1f m2)", [Name, abs(area(Polygon)) / 1.0e6]).
+
+door(Door) -> io_lib:format("~b mm", [round(starl_geometry:length(Door))]).
+
+place({Name, {X, Y}}) -> io_lib:format("~ts (~b, ~b)", [Name, round(X), round(Y)]).
+
+metres(Mm) -> float_to_list(Mm / 1000, [{decimals, 2}, compact]).

@@ -1,0 +1,44 @@
+%% @doc The walls of a floor plan in a spatial grid: which of them are near, and how much room there is.
+%% Lengths are millimetres.
+-module(starl_walls).
+
+-export([new/1, near/3, clearance/3, is_free/3]).
+
+-export_type([t/0]).
+
+-record(walls, {
+    floor :: starl_floor:t(),
+    sides :: tuple(),
+    grid :: starl_grid:t(pos_integer())
+}).
+
+-opaque t() :: #walls{}.
+
+%% The width of the grid's cells.
+-define(CELL_MM, 500.0).
+
+%% @doc The walls of a floor, its border included, numbered in the order of {@link
+%% starl_floor:segments/1}.
+-spec new(starl_floor:t()) -> t().
+new(Floor) ->
+    Sides = starl_floor:segments(Floor),
+    Enter = fun(Side, {N, Grid}) -> {N + 1, starl_grid:add(N, Side, Grid)} end,
+    {_, Grid} = lists:foldl(Enter, {1, starl_grid:new(?CELL_MM)}, Sides),
+    #walls{floor = Floor, sides = list_to_tuple(Sides), grid = Grid}.
+
+%% @doc The walls that may be within `Mm' of a segment or a box, each with its number.
+-spec near(starl_grid:shape(), Mm :: float(), t()) -> [starl_contact:wall()].
+near(Shape, Mm, #walls{sides = Sides, grid = Grid}) ->
+    [{N, element(N, Sides)} || N <- starl_grid:near(Shape, Mm, Grid)].
+
+%% @doc The distance of a segment from the nearest wall, `Most' if it is farther.
+-spec clearance(starl_geometry:segment(), Most :: float(), t()) -> float().
+clearance(Segment, Most, Walls) ->
+    lists:min([
+        Most | [starl_geometry:segment_segment(Segment, Wall) || {_, Wall} <- near(Segment, Most, Walls)]
+    ]).
+
+%% @doc Is there room for a disc of this radius all along a segment?
+-spec is_free(starl_geometry:segment(), Radius :: float(), t()) -> boolean().
+is_free({A, _} = Segment, R, #walls{floor = Floor} = Walls) ->
+    not starl_floor:is_solid(A, Floor) andalso clearance(Segment, R, Walls) >= R.
