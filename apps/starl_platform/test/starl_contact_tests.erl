@@ -123,8 +123,10 @@ piece(State0) ->
         [{-500, 500}, {-500, 500}, {-350, 350}, {-350, 350}, {0, 0.5}], State1
     ),
     case trunc(Kind) of
-        0 -> {starl_trajectory:piece(0, {0.0, 0.0}, Heading, V, 0.0), State2};
-        1 -> {starl_trajectory:piece(0, {0.0, 0.0}, Heading, V, W), State2};
+        0 ->
+            {starl_trajectory:piece(0, {0.0, 0.0}, Heading, V, 0.0), State2};
+        1 ->
+            {starl_trajectory:piece(0, {0.0, 0.0}, Heading, V, W), State2};
         _ ->
             Us = trunc(1.0e6 * S),
             {starl_trajectory:ramp(0, {0.0, 0.0}, Heading, {X0, Y0}, {X1, Y1}, Us), State2}

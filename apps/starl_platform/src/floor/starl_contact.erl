@@ -86,8 +86,10 @@ cut({ramp, T0, _, _, _, _, _, Us} = Piece, From, To) ->
 chords(Bend, Us, Stray) -> max(1, ceil(Us / 1.0e6 * math:sqrt(Bend / 8 / Stray))).
 
 %% The bound of the acceleration (mm/s2).
-bend({piece, _, _, _, _, V, W}) -> float(abs(V * W));
-bend({ramp, _, _, _, _, _, _, 0}) -> 0.0;
+bend({piece, _, _, _, _, V, W}) ->
+    float(abs(V * W));
+bend({ramp, _, _, _, _, _, _, 0}) ->
+    0.0;
 bend({ramp, _, _, _, _, {VX0, VY0}, {VX1, VY1}, Us}) ->
     math:sqrt((VX1 - VX0) * (VX1 - VX0) + (VY1 - VY0) * (VY1 - VY0)) * 1.0e6 / Us.
 

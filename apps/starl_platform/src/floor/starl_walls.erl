@@ -35,7 +35,8 @@ near(Shape, Mm, #walls{sides = Sides, grid = Grid}) ->
 -spec clearance(starl_geometry:segment(), Most :: float(), t()) -> float().
 clearance(Segment, Most, Walls) ->
     lists:min([
-        Most | [starl_geometry:segment_segment(Segment, Wall) || {_, Wall} <- near(Segment, Most, Walls)]
+        Most
+        | [starl_geometry:segment_segment(Segment, Wall) || {_, Wall} <- near(Segment, Most, Walls)]
     ]).
 
 %% @doc Is there room for a disc of this radius all along a segment?

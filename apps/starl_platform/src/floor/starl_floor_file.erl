@@ -1,0 +1,84 @@
+%% @doc Reads a floor plan from a file, or one that ships with StarL by its name. The ending says of what
+%% form it is: `.map' of the MovingAI benchmarks ({@link starl_floor_map}), `.yaml' of an occupancy grid of
+%% ROS ({@link starl_floor_ros}), `.svg' a drawing with a layer of walls; any other is StarL's own ({@link
+%% starl_floor_text}).
+-module(starl_floor_file).
+
+-export([read/1, read/2, shipped/0]).
+
+-define(MOST_BYTES, 50000000).
+%% The width of a cell of a MovingAI map, unless it is given.
+-define(SCALE_MM, 1000).
+
+%% @doc Reads a plan.
+-spec read(file:filename()) -> {ok, starl_floor:t()} | {error, unicode:chardata()}.
+read(Name) -> read(Name, ?SCALE_MM).
+
+%% @doc Reads a plan; `ScaleMm' is the width of a cell of a MovingAI map. An error is one line.
+-spec read(file:filename(), ScaleMm :: number()) ->
+    {ok, starl_floor:t()} | {error, unicode:chardata()}.
+read(Name, Scale) ->
+    File = file(Name),
+    case bytes(File) of
+        {ok, Bytes} -> named(File, parsed(filename:extension(File), Bytes, File, Scale));
+        {error, Why} -> {error, [Name, ": ", Why, remedy(Name)]}
+    end.
+
+parsed(".map", Bytes, _File, Scale) ->
+    starl_floor_map:parse(Bytes, Scale);
+parsed(".yaml", Bytes, File, _Scale) ->
+    starl_floor_ros:parse(Bytes, filename:dirname(File));
+parsed(Ending, Bytes, _File, _Scale) when Ending =:= ".pgm"; Ending =:= ".png" ->
+    {error, {none, no_plan(Bytes)}};
+parsed(_Own, Bytes, _File, _Scale) ->
+    starl_floor_text:parse(Bytes).
+
+no_plan(_Bytes) -> "this is only the image of a map: give its YAML file".
+
+named(File, {ok, #{name := <<>>} = Floor}) ->
+    {ok, Floor#{name := unicode:characters_to_binary(filename:basename(File))}};
+named(_File, {ok, Floor}) ->
+    {ok, Floor};
+named(File, {error, {none, What}}) ->
+    {error, [File, ": ", What]};
+named(File, {error, {Line, What}}) ->
+    {error, [File, io_lib:format(":~b: ", [Line]), What]}.
+
+bytes(File) ->
+    case filelib:is_dir(File) of
+        true -> {error, "this is a directory"};
+        false -> content(file:read_file(File))
+    end.
+
+content({ok, Bytes}) when byte_size(Bytes) > ?MOST_BYTES ->
+    {error, "this is too big for a floor plan"};
+content({ok, Bytes}) ->
+    {ok, Bytes};
+content({error, Posix}) ->
+    {error, file:format_error(Posix)}.
+
+%% A file of that name has priority over a plan that ships.
+file(Name) ->
+    Shipped = filename:join(dir(), Name ++ ".floor"),
+    case is_word(Name) andalso filelib:is_regular(Shipped) andalso not filelib:is_regular(Name) of
+        true -> Shipped;
+        false -> Name
+    end.
+
+is_word(Name) -> filename:extension(Name) =:= "" andalso filename:basename(Name) =:= Name.
+
+remedy(Name) ->
+    case is_word(Name) andalso starl_options:similar(Name, shipped()) of
+        [Near | _] -> [" (did you mean ", Near, "?)"];
+        _ -> ["; give a file, or one of ", lists:join(", ", shipped())]
+    end.
+
+%% @doc The names of the plans that ship.
+-spec shipped() -> [string()].
+shipped() ->
+    [
+        filename:basename(F, ".floor")
+     || F <- lists:sort(filelib:wildcard(filename:join(dir(), "*.floor")))
+    ].
+
+dir() -> filename:join(code:priv_dir(starl_platform), "floors").
