@@ -14,7 +14,8 @@
 
 -export([id/1, participants/1, now/1, random/1]).
 -export([send/4, post/4, broadcast/3, listen/2, await/2, await/3]).
--export([position/1, position/2, positions/1, neighbours/2, waypoint/2, waypoints/1]).
+-export([position/1, position/2, positions/1, neighbours/2]).
+-export([floor/1, waypoint/2, waypoints/1, put_waypoint/3]).
 -export([go_to/2, velocity/3, stop/1, sleep/2, actuate/3, trace/2, store/2, stored/1, call/4]).
 -export([robot/2]).
 
@@ -163,6 +164,20 @@ waypoint(#robot{} = Robot, Name) ->
 %% @doc All named waypoints.
 -spec waypoints(robot()) -> {ok, #{atom() => starl_geometry:point()}} | {error, restarted}.
 waypoints(#robot{} = Robot) -> flatten(call(Robot, location, waypoints, infinity)).
+
+%% @doc Puts a named waypoint, or another in its place: for this robot, which keeps it over restarts and
+%% reboots. `full': it has put 1,000.
+-spec put_waypoint(robot(), Name :: atom(), starl_geometry:point()) ->
+    ok | {error, full | restarted}.
+put_waypoint(#robot{} = Robot, Name, Point) ->
+    ok = starl_caller:check({?MODULE, put_waypoint, 3}, 'Name', name, Name),
+    ok = starl_caller:check({?MODULE, put_waypoint, 3}, 'Point', point, Point),
+    flatten(call(Robot, location, {put_waypoint, Name, Point}, infinity)).
+
+%% @doc The floor plan of the run: its size, walls, rooms, doors and places. Without a plan it is empty but for
+%% its size. The places are waypoints, too.
+-spec floor(robot()) -> {ok, starl_floor:t()} | {error, unknown | restarted}.
+floor(#robot{} = Robot) -> flatten(call(Robot, location, floor, infinity)).
 
 %% @doc Drives in a straight line to a point or a named waypoint and waits for the arrival.
 %% While it drives, the robot keeps within r(v) of the line (Assumption II.1 of the paper;

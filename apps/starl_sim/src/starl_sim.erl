@@ -304,9 +304,30 @@ prepare(App, Scenario, Options) ->
     end.
 
 set_scene(App, Scenario, Options) ->
-    Context = starl_sim_plan:context(App, Scenario),
+    case starl_sim_floor:read(Scenario) of
+        {ok, Floor} -> set_scene(App, Floor, starl_sim_floor:given(Floor, Scenario), Options);
+        {error, Why} -> {error, {scene, Why}}
+    end.
+
+set_scene(App, Floor, Scenario, Options) ->
+    Context = starl_sim_plan:context(App, Floor, Scenario),
     case starl_scene:make(App, Context) of
-        {ok, Scene} -> check_faults(Scenario, Scene, Context, Options);
+        {ok, Scene} -> on_floor(Floor, Scenario, Scene, Context, Options);
+        {error, Why} -> {error, {scene, Why}}
+    end.
+
+%% The scenario's floor plan, or else that of the application.
+on_floor(none, Scenario, #{floor := #{size := Size} = Floor} = Scene, Context, Options) ->
+    Placed = Context#{floor := Floor, world := Size},
+    stand(starl_sim_floor:given(Floor, Scenario), Scene, Placed, Options);
+on_floor(none, Scenario, Scene, Context, Options) ->
+    stand(Scenario, Scene, Context, Options);
+on_floor(Floor, Scenario, Scene, Context, Options) ->
+    stand(Scenario, Scene#{floor => Floor}, Context, Options).
+
+stand(Scenario, Scene, Context, Options) ->
+    case starl_sim_floor:stand(Scenario, Scene, Context) of
+        {ok, Standing} -> check_faults(Scenario, Standing, Context, Options);
         {error, Why} -> {error, {scene, Why}}
     end.
 

@@ -65,7 +65,7 @@ absolute(Target, Scenario) ->
 %% slash may also be a name, such as that of a picture that ships.
 -spec resolved(module(), file:filename(), #{atom() => term()}) -> #{atom() => term()}.
 resolved(App, Scenario, Given) ->
-    Keys = [Key || {Key, file, _, _} <- starl_sim_scenario:options(App)],
+    Keys = [Key || {Key, Type, _, _} <- starl_sim_scenario:options(App), is_file(Type)],
     Resolve = fun(_Key, Value) -> beside(Scenario, Value) end,
     maps:merge(Given, maps:map(Resolve, maps:with(Keys, Given))).
 
@@ -98,11 +98,14 @@ source(Module, File) ->
 options(#{app := App}, Scenario) ->
     [
         {Key, File}
-     || {Key, file, _, _} <- starl_sim_scenario:options(App),
+     || {Key, Type, _, _} <- starl_sim_scenario:options(App),
+        is_file(Type),
         File <- [maps:get(Key, Scenario, none)],
         io_lib:char_list(File),
         filelib:is_regular(File)
     ].
+
+is_file(Type) -> Type =:= file orelse Type =:= {optional, file}.
 
 %% Two files of one name are told apart by their options.
 named(Dir, Key, File, Codes) ->

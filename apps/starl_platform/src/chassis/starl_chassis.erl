@@ -15,7 +15,7 @@
 %% with a memo for the step after the next look.
 -module(starl_chassis).
 
--export([profile/2, of_robot/2, kind/1]).
+-export([profile/2, of_robot/2, kind/1, radius_mm/1]).
 -export([tracking_radius/1, ends_mm/1, widest/1, limited/2, rests_s/1, arrives_us/3, latency_us/1]).
 -export([check/1]).
 
@@ -25,8 +25,9 @@
 %% The profile of a robot's motion. `chassis' is the callback module, `speed' the highest speed
 %% (mm/s). The bounds of the errors: `heading_error' in rad and `distance_error' as a fraction, per
 %% leg, `position_error_mm' of the positioning system. `latency_ms' (5) bounds the delay with which
-%% the chassis hears a command over its line ({@link starl_motion_watch} depends on it). The other
-%% keys belong to the chassis.
+%% the chassis hears a command over its line ({@link starl_motion_watch} depends on it). `radius_mm'
+%% (165, a Create) is that of the round body about the point between its wheels. The other keys belong
+%% to the chassis.
 -type profile() :: #{
     chassis := module(),
     speed := float(),
@@ -34,6 +35,7 @@
     distance_error := float(),
     position_error_mm := float(),
     latency_ms => number(),
+    radius_mm => float(),
     atom() => term()
 }.
 
@@ -109,6 +111,8 @@
 -define(AGAIN, 60).
 %% The usual bound on the delay of a command, ms.
 -define(LATENCY_MS, 5).
+%% The radius of a Create (mm).
+-define(RADIUS_MM, 165.0).
 
 %% @doc A whole profile of a chassis.
 -spec profile(Chassis :: module(), map()) -> profile().
@@ -121,6 +125,10 @@ of_robot(Robot, Profiles) -> lists:nth(1 + (Robot - 1) rem length(Profiles), Pro
 %% @doc The chassis of a profile.
 -spec kind(profile()) -> module().
 kind(#{chassis := Chassis}) -> Chassis.
+
+%% @doc The radius of its round body.
+-spec radius_mm(profile()) -> float().
+radius_mm(Profile) -> float(maps:get(radius_mm, Profile, ?RADIUS_MM)).
 
 %% @doc r(v) of a robot with this profile.
 -spec tracking_radius(profile()) -> float().

@@ -130,6 +130,9 @@ happened(T, Robot, {motion, {goal, _Way, To}}, #goals{goals = N} = Goals) ->
     Drive = drive(Robot, Goals),
     Goal = goal(T, Robot, To, Drive, Goals),
     {[], earliest(put_drive(Robot, Drive#drive{goal = Goal}, Goals#goals{goals = N + 1}))};
+happened(_T, Robot, {chassis, {sensed, {bump, _Side}}}, Goals) ->
+    %% something is in its way: it need not arrive
+    {[], over(Robot, Goals)};
 happened(T, Robot, {motion, {line, Line}}, Goals) ->
     {Found, Drive, Next} = follow(T, Robot, Goals),
     Held = [

@@ -45,6 +45,8 @@
     monitors := [{module(), map()}],
     machines := #{starl_machine:name() => module()},
     waypoints := #{atom() => starl_geometry:point()},
+    %% of a run with a floor plan
+    floor => starl_floor:t(),
     epoch_us => integer(),
     begun_us => integer(),
     run => non_neg_integer(),

@@ -9,7 +9,18 @@
 %% the polygon of its free floor. Lengths are millimetres.
 -module(starl_floor).
 
--export([empty/1, new/1, border/1, segments/1, box/4, is_solid/2, room_at/2, area/1, summary/1]).
+-export([
+    empty/1,
+    new/1,
+    is_floor/1,
+    border/1,
+    segments/1,
+    box/4,
+    is_solid/2,
+    room_at/2,
+    area/1,
+    summary/1
+]).
 
 -export_type([t/0, polygon/0]).
 
@@ -46,6 +57,25 @@ new(#{size := {W, H}} = Parts) ->
 floats(Points) -> [float_point(Point) || Point <- Points].
 
 float_point({X, Y}) -> {float(X), float(Y)}.
+
+%% @doc Is this term a floor plan?
+-spec is_floor(term()) -> boolean().
+is_floor(#{
+    name := Name, size := {W, H}, walls := Walls, rooms := Rooms, doors := Doors, places := Places
+}) ->
+    is_binary(Name) andalso is_float(W) andalso is_float(H) andalso
+        lists:all(fun is_polygon/1, Walls) andalso
+        lists:all(fun is_polygon/1, maps:values(Rooms)) andalso
+        lists:all(fun({A, B}) -> is_polygon([A, B]) end, Doors) andalso
+        is_polygon([{0.0, 0.0} | maps:values(Places)]);
+is_floor(_) ->
+    false.
+
+is_polygon([_ | _] = Points) -> lists:all(fun is_point/1, Points);
+is_polygon(_) -> false.
+
+is_point({X, Y}) -> is_float(X) andalso is_float(Y);
+is_point(_) -> false.
 
 %% @doc The polygon of a box.
 -spec box(X0 :: number(), Y0 :: number(), X1 :: number(), Y1 :: number()) -> polygon().

@@ -2,7 +2,7 @@
 %% Lengths are millimetres.
 -module(starl_walls).
 
--export([new/1, near/3, clearance/3, is_free/3]).
+-export([new/1, floor/1, side/2, near/3, clearance/3, is_free/3]).
 
 -export_type([t/0]).
 
@@ -25,6 +25,14 @@ new(Floor) ->
     Enter = fun(Side, {N, Grid}) -> {N + 1, starl_grid:add(N, Side, Grid)} end,
     {_, Grid} = lists:foldl(Enter, {1, starl_grid:new(?CELL_MM)}, Sides),
     #walls{floor = Floor, sides = list_to_tuple(Sides), grid = Grid}.
+
+%% @doc The floor whose walls these are.
+-spec floor(t()) -> starl_floor:t().
+floor(#walls{floor = Floor}) -> Floor.
+
+%% @doc The wall of a number.
+-spec side(pos_integer(), t()) -> starl_geometry:segment().
+side(N, #walls{sides = Sides}) -> element(N, Sides).
 
 %% @doc The walls that may be within `Mm' of a segment or a box, each with its number.
 -spec near(starl_grid:shape(), Mm :: float(), t()) -> [starl_contact:wall()].

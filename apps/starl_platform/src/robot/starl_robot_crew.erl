@@ -8,8 +8,9 @@
 
 %% The parts of the robots of a team. `sap': overrides of its configuration; `sap_machine',
 %% `motion_machine': other implementations, for tests; `profiles': the profiles of the chassis;
-%% `waypoints': the named places; `exact': the positioning system may show the same pose twice to the
-%% bit (only if it has no error). `intensity': the restarts in an hour that each supervisor allows.
+%% `waypoints': the named places; `floor': the floor plan; `exact': the positioning system may show
+%% the same pose twice to the bit (only if it has no error). `intensity': the restarts in an hour
+%% that each supervisor allows.
 -type t() :: #{
     robots := [starl:robot_id()],
     profiles := starl_chassis:profiles(),
@@ -19,6 +20,7 @@
     sap_machine => module(),
     motion_machine => module(),
     waypoints => #{atom() => starl_geometry:point()},
+    floor => starl_floor:t(),
     exact => boolean(),
     intensity => pos_integer()
 }.
@@ -68,7 +70,7 @@ services(#{profiles := Profiles} = Crew) ->
     ].
 
 location(#{profiles := [#{position_error_mm := Error} | _]} = Crew) ->
-    #{
+    (maps:with([floor], Crew))#{
         waypoints => maps:get(waypoints, Crew, #{}),
         exact => maps:get(exact, Crew, Error == 0)
     }.

@@ -14,6 +14,8 @@
 -type context() :: #{
     robots := [starl:robot_id()],
     world := {WidthMm :: number(), HeightMm :: number()},
+    %% the floor plan; of a run without one, an empty floor of that size
+    floor => starl_floor:t(),
     seed := integer(),
     %% the profiles of the robots, taken in turn
     profiles := starl_chassis:profiles(),
@@ -27,6 +29,8 @@
     app := {sequential, module(), Args :: term()} | {machine, module(), Config :: map()},
     blocks => [starl_block:entry()],
     waypoints => #{atom() => starl_geometry:point()},
+    %% the application's own floor plan, if the scenario names none
+    floor => starl_floor:t(),
     poses => #{starl:robot_id() => starl:pose()},
     %% contracts besides those of the blocks
     monitors => [{module(), map()}],
@@ -34,6 +38,8 @@
     sap => starl_sap:config(),
     %% is a crash of the application by itself a violation, as that of a block is (false)?
     never_crashes => boolean(),
+    %% is it a violation if a robot touches anything (false)?
+    never_bumps => boolean(),
     %% other implementations of SAP and of motion, for tests
     sap_machine => module(),
     motion_machine => module(),

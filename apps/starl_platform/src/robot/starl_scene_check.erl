@@ -25,8 +25,8 @@ no_answer(Other) ->
     io_lib:format("{ok, #{app => ...}} or {error, \"Why\"} expected, not ~0tP", [Other, 12]).
 
 keys() ->
-    [app, blocks, waypoints, poses, monitors, profile, sap] ++
-        [never_crashes, sap_machine, motion_machine, memo].
+    [app, blocks, waypoints, floor, poses, monitors, profile, sap] ++
+        [never_crashes, never_bumps, sap_machine, motion_machine, memo].
 
 values([]) ->
     ok;
@@ -55,8 +55,11 @@ value(profile, Profile) ->
     known("the profile", Profile, profile_keys());
 value(sap, Sap) ->
     known("sap", Sap, sap_keys());
-value(never_crashes, Is) ->
+value(Key, Is) when Key =:= never_crashes; Key =:= never_bumps ->
     is_boolean(Is) orelse "true or false";
+value(floor, Floor) ->
+    starl_floor:is_floor(Floor) orelse
+        "a floor plan, of starl_floor_file:read/1 or starl_floor:new/1";
 value(Machine, Module) when Machine =:= sap_machine; Machine =:= motion_machine ->
     is_atom(Module) orelse "a module";
 value(_Key, _Value) ->
@@ -112,6 +115,6 @@ unknown(What, Key, Keys) ->
 profile_keys() ->
     Chassis = [starl_chassis_differential, starl_chassis_holonomic],
     Keys = lists:append([maps:keys(Module:profile(#{})) || Module <- Chassis]),
-    lists:usort([chassis, latency_ms | Keys]).
+    lists:usort([chassis, latency_ms, radius_mm | Keys]).
 
 sap_keys() -> [retransmit_ms, backoff, longest_ms, limit, window, unclaimed].

@@ -2,7 +2,8 @@
 %%
 %% Only this service asks the positioning system (`sense'); all other machines ask it. Calls:
 %% `{pose, Robot}' (answer `{ok, pose()}' or `{error, unknown}'), `poses' (all robots seen),
-%% `{waypoint, Name}', `waypoints'. Configuration: `waypoints => #{Name => point()}', `exact'
+%% `{waypoint, Name}', `waypoints', `{put_waypoint, Name, point()}' (durable), `floor' (the floor plan).
+%% Configuration: `waypoints => #{Name => point()}', `floor => starl_floor:t()', `exact'
 %% (false), `oldest_us' (infinity).
 %%
 %% <em>The age of a picture.</em> A picture gives the age of each pose. Each picture shows the
@@ -39,11 +40,16 @@
 %% The largest number of open questions: a constant, and more for each robot of the team.
 -define(OPEN, 16).
 -define(OPEN_A_ROBOT, 2).
+%% The waypoints that an application may put.
+-define(MOST_PUT, 1000).
 
 -record(location, {
     self :: starl:robot_id(),
     participants :: starl_team:t(),
     waypoints :: #{atom() => starl_geometry:point()},
+    floor :: starl_floor:t() | unknown,
+    %% those that the application has put
+    put = #{} :: #{atom() => starl_geometry:point()},
     exact :: boolean(),
     oldest_us :: non_neg_integer() | infinity,
     %% the robot's own pose in the last picture, and the last question that this picture answers
@@ -75,7 +81,9 @@ init(#{robot := Self, participants := Participants, incarnation := Incarnation} 
     Location = #location{
         self = Self,
         participants = Participants,
-        waypoints = maps:get(waypoints, Config, #{}),
+        waypoints = maps:merge(maps:get(waypoints, Config, #{}), put_before(Config)),
+        floor = maps:get(floor, Config, unknown),
+        put = put_before(Config),
         exact = maps:get(exact, Config, false),
         oldest_us = maps:get(oldest_us, Config, infinity),
         number = Incarnation bsl 32,
@@ -108,10 +116,32 @@ handle_event({call, From}, {waypoint, Name}, ready, #location{waypoints = Waypoi
     {keep_state_and_data, [{reply, From, Answer}]};
 handle_event({call, From}, waypoints, ready, #location{waypoints = Waypoints}, _Meta) ->
     {keep_state_and_data, [{reply, From, {ok, Waypoints}}]};
+handle_event({call, From}, {put_waypoint, Name, Point}, ready, #location{} = Location, _Meta) ->
+    put_waypoint(From, Name, Point, Location);
+handle_event({call, From}, floor, ready, #location{floor = unknown}, _Meta) ->
+    {keep_state_and_data, [{reply, From, {error, unknown}}]};
+handle_event({call, From}, floor, ready, #location{floor = Floor}, _Meta) ->
+    {keep_state_and_data, [{reply, From, {ok, Floor}}]};
 handle_event(info, {restarted, _}, ready, _Location, _Meta) ->
     keep_state_and_data;
 handle_event(_, _, _, _, _) ->
     unknown_event.
+
+%% -- waypoints ------------------------------------------------------------------------------
+
+put_before(#{stored := {stored, #{waypoints := Put}}}) -> Put;
+put_before(_Config) -> #{}.
+
+%% Those that were put are kept over restarts and reboots.
+put_waypoint(From, Name, Point, #location{waypoints = Waypoints, put = Put} = Location) ->
+    case map_size(Put) < ?MOST_PUT orelse is_map_key(Name, Put) of
+        true ->
+            Kept = Put#{Name => Point},
+            Next = Location#location{waypoints = Waypoints#{Name => Point}, put = Kept},
+            {keep_state, Next, [{store, #{waypoints => Kept}}, {reply, From, ok}]};
+        false ->
+            {keep_state_and_data, [{reply, From, {error, full}}]}
+    end.
 
 %% -- questions ------------------------------------------------------------------------------
 

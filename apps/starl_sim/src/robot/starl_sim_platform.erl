@@ -17,7 +17,8 @@
 -export([perform/3, stop/1]).
 -export([pending/1, now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
 -export([outdate_store/1, save_store/3, set_back_store/2]).
--export([turn_wheels/1, beat/2, says/2, postpone/2, reload/2, take_back/3, fallen/3, turn_off/2]).
+-export([turn_wheels/1, beat/2, touch/2, says/2, postpone/2, reload/2, take_back/3, fallen/3]).
+-export([turn_off/2]).
 
 -export_type([t/0, world/0, yield/0]).
 
@@ -41,6 +42,8 @@
     %% the delay of a command on its way to the chassis
     latency_us => {Min :: non_neg_integer(), Max :: non_neg_integer()},
     profiles := starl_chassis:profiles(),
+    %% bodies are solid
+    walls => starl_walls:t(),
     network := [starl_sim_fault:compiled()],
     clocks := [starl_sim_fault:compiled()],
     location := [starl_sim_fault:compiled()],
@@ -397,9 +400,60 @@ actuate(Device, Value, Owner, #body{now = Now, vehicle = Vehicle} = Body) ->
         same -> Planned
     end.
 
-moved({same, Plans, Vehicle}, Body) ->
+moved({moved, Plans, Vehicle}, #body{world = #{walls := _}} = Body) ->
+    #body{id = Id, now = Now, until = Until, world = World} = Body,
+    Piece = starl_sim_vehicle:piece(Vehicle),
+    case starl_sim_bodies:contact(Id, Piece, Now, Until, World) of
+        {blocked, With} -> bump(With, chassis(Plans, Body#body{vehicle = Vehicle}));
+        none -> free({moved, Plans, Vehicle}, Body);
+        Touch -> free({moved, [Touch | Plans], Vehicle}, Body)
+    end;
+moved(Moved, Body) ->
+    free(Moved, Body).
+
+%% @doc The robot touches something, as was planned, unless its motion has changed since, or the other's.
+-spec touch(starl_sim_bodies:touch(), t()) -> t().
+touch({touch, Piece, With}, Body) ->
+    case piece(Body) of
+        Piece -> touched(With, Body);
+        _ -> Body
+    end;
+touch({look, Piece}, Body) ->
+    case piece(Body) of
+        Piece -> look(Piece, Body);
+        _ -> Body
+    end.
+
+touched({wall, _} = Wall, Body) ->
+    bump(Wall, Body);
+touched({robot, Other, Piece, Stops}, #body{world = #{sight := Sight}} = Body) ->
+    case starl_sim_sight:piece(Other, Sight) of
+        {ok, Piece} when Stops -> bump({robot, Other}, Body);
+        {ok, Piece} -> feel({robot, Other}, Body);
+        _ -> Body
+    end.
+
+%% The shards look at it, too.
+look(Piece, #body{id = Id, now = Now, until = Until, world = World, changes = Changes} = Body) ->
+    Seen = Body#body{changes = [moved | Changes]},
+    case starl_sim_bodies:contact(Id, Piece, Now, Until, World) of
+        {blocked, With} -> bump(With, Body);
+        none -> Seen;
+        Touch -> chassis([Touch], Seen)
+    end.
+
+bump(With, #body{now = Now, vehicle = Vehicle} = Body) ->
+    feel(With, free(starl_sim_vehicle:bump(Now, Vehicle), Body)).
+
+%% Its application is told, too.
+feel(With, #body{now = Now, world = World} = Body) ->
+    Pose = starl_trajectory:pose(Now, piece(Body)),
+    Sense = {bump, starl_sim_bodies:side(starl_sim_bodies:place(With, Pose, Now, World), Pose)},
+    chassis([{0, {app, info, {sensed, Sense}}}], trace(chassis, {sensed, Sense}, Body)).
+
+free({same, Plans, Vehicle}, Body) ->
     chassis(Plans, Body#body{vehicle = Vehicle});
-moved({moved, Plans, Vehicle}, #body{changes = Changes} = Body) ->
+free({moved, Plans, Vehicle}, #body{changes = Changes} = Body) ->
     Moved = Body#body{vehicle = Vehicle, changes = [moved | Changes]},
     chassis(Plans, trace(chassis, {motion, starl_sim_vehicle:piece(Vehicle)}, Moved)).
 

@@ -336,6 +336,10 @@ strike({watch, _, _} = Beat, Site) ->
     wait_turn(body(starl_sim_platform:beat(Beat, body(Site)), Site));
 strike({hears, _, _, _} = Beat, Site) ->
     wait_turn(body(starl_sim_platform:beat(Beat, body(Site)), Site));
+strike({touch, _, _} = Touch, Site) ->
+    wait_turn(body(starl_sim_platform:touch(Touch, body(Site)), Site));
+strike({look, _} = Look, Site) ->
+    wait_turn(body(starl_sim_platform:touch(Look, body(Site)), Site));
 strike({kill_machine, Name}, #robot{robot = Robot} = Site) ->
     case starl_robot_tree:kill(Name, starl_robot:machines(Robot)) of
         {ok, Reason} -> crashed(Name, Reason, Site);

@@ -2,7 +2,7 @@
 %% their machines, the world, the faults with their times, the monitors.
 -module(starl_sim_plan).
 
--export([context/2, make/4, mode/1, parts/1, facts/2]).
+-export([context/2, context/3, make/4, mode/1, parts/1, facts/2]).
 
 -export_type([t/0]).
 
@@ -34,15 +34,23 @@
 
 %% @doc The context from which the application makes its scene.
 -spec context(module(), starl_sim_scenario:t()) -> starl_scene:context().
-context(App, #{robots := N, world := World, seed := Seed} = Scenario) ->
+context(App, Scenario) -> context(App, none, Scenario).
+
+%% @doc The same on the floor plan that the scenario names.
+-spec context(module(), starl_floor:t() | none, starl_sim_scenario:t()) -> starl_scene:context().
+context(App, Floor, #{robots := N, world := World, seed := Seed} = Scenario) ->
     #{
         robots => lists:seq(1, N),
         world => World,
+        floor => plan(Floor, World),
         seed => Seed,
         profiles => profiles(#{}, Scenario),
         sap => sap(Scenario),
         options => maps:with([Key || {Key, _, _, _} <- starl_app:options(App)], Scenario)
     }.
+
+plan(none, World) -> starl_floor:empty(World);
+plan(Floor, _World) -> Floor.
 
 %% The application's scene may override these profiles.
 profiles(Overrides, #{chassis := Choice} = Scenario) ->
@@ -82,7 +90,7 @@ make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
         world => starl_sim_branch:plant(
             maps:get(branch, Options, none),
             maps:merge(
-                world(Scenario, Profiles, Context, Options),
+                maps:merge(world(Scenario, Profiles, Context, Options), walls(Scene)),
                 starl_sim_reloads:world(Reloads, parts(Scene))
             )
         ),
@@ -113,15 +121,25 @@ parts(Scene) ->
 %% @doc The facts of a planned run, for its observer. Monitors that only look on are not among them.
 -spec facts(starl_sim:planned(), Watching :: [{module(), map()}]) -> starl_observer:facts().
 facts({#{app := App} = Scenario, Scene, #{robots := Robots, monitors := Monitors}}, Watching) ->
-    #{
+    (maps:with([floor], Scene))#{
         kind => simulation,
         app => App,
         scenario => maps:remove(app, Scenario),
         robots => Robots,
         monitors => Monitors -- Watching,
         machines => parts(Scene),
-        waypoints => maps:get(waypoints, Scene, #{})
+        waypoints => waypoints(Scene)
     }.
+
+%% The places of the floor plan, and those of the application.
+waypoints(#{floor := #{places := Places}} = Scene) ->
+    maps:merge(Places, maps:get(waypoints, Scene, #{}));
+waypoints(Scene) ->
+    maps:get(waypoints, Scene, #{}).
+
+%% On a floor plan bodies are solid.
+walls(#{floor := Floor}) -> #{walls => starl_walls:new(Floor)};
+walls(_Scene) -> #{}.
 
 nodes(#{app := App}, #{app := Playing} = Scene, #{nodes := Nodes} = Options) ->
     Services = [
@@ -168,8 +186,10 @@ latency(#{command_latency := {Least, Most}}) ->
 is_exact([#{position_error_mm := Error} | _]) -> Error == 0.
 
 crew(Mode, Scene, Profiles, #{robots := Ids} = Context) ->
-    Given = maps:with([app, blocks, waypoints, sap_machine, motion_machine], Scene),
+    Given = maps:with([app, blocks, sap_machine, motion_machine], Scene),
     Tree = starl_robot_crew:tree(Given#{
+        waypoints => waypoints(Scene),
+        floor => maps:get(floor, Scene, maps:get(floor, Context)),
         robots => Ids,
         profiles => Profiles,
         sap => maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
@@ -224,8 +244,23 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, SlackUs) ->
         {starl_motion_monitor, #{profiles => Profiles}}
     ],
     starl_monitor:informed(
-        Own ++ maps:get(monitors, Scene, []) ++ progress(Scenario, Ids), Known
+        Own ++ contact(Scenario, Scene, Profiles) ++ maps:get(monitors, Scene, []) ++
+            progress(Scenario, Ids),
+        Known
     ).
+
+%% A robot knows the motion of another as of the beginning of the window.
+contact(#{delay := {MinMs, _}}, #{floor := Floor} = Scene, Profiles) ->
+    [
+        {starl_contact_monitor, #{
+            walls => starl_walls:new(Floor),
+            profiles => Profiles,
+            unaware_us => round(MinMs * 1000),
+            never_bumps => maps:get(never_bumps, Scene, false)
+        }}
+    ];
+contact(_Scenario, _Scene, _Profiles) ->
+    [].
 
 %% Crashes of a user's application are reported, but are no violation.
 excused(#{never_crashes := true}) -> [];

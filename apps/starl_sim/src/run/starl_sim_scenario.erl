@@ -26,6 +26,13 @@ options() ->
         {robots, {integer, 1, 100000}, 4, "number of robots"},
         {seed, {integer, 0, 1 bsl 32}, 1, "the number from which every random draw follows"},
         {world, {size, {number, 1000, 1000000}}, {12000, 12000}, "size of the floor, mm"},
+        {floor, {optional, file}, none,
+            "a floor plan, which says the size of the floor, too: a file, or one that ships; bodies and "
+            "walls are solid then (./starl floor PLAN shows it)"},
+        {floor_scale, {number, 10, 100000}, 1000, "width of a cell of a MovingAI map, mm"},
+        {start, {optional, file}, none,
+            "where the robots stand at the beginning: grid, line, circle, random, or a file with a line "
+            "X Y DEGREES, or the name of a place, for each; none: the application says it"},
         {loss, {number, 0, 1}, 0.0, "fraction of the packets that the radio loses"},
         {duplicate, {number, 0, 1}, 0.0, "fraction of the packets that arrive twice"},
         {delay, {between, {number, 1, 60000}}, {5, 20}, "delay of a packet, ms"},

@@ -10,7 +10,7 @@
 %% '''
 -module(starl_sim_lockstep).
 
--export([new/3, launch/4, run/3, hear/2, planned/2]).
+-export([new/3, launch/4, solid/2, run/3, hear/2, planned/2]).
 
 -export_type([t/0, reason/0, stop/0, message/0]).
 
@@ -71,7 +71,10 @@
     %% the robot of this shard that is to halt; the window in which one was held
     stop = none :: starl:robot_id() | none,
     open = none :: open(),
-    abandoned = false :: boolean()
+    abandoned = false :: boolean(),
+    %% the world, if bodies are solid; the robots with new pieces of motion, until all shards' are known
+    solid = none :: starl_sim_platform:world() | none,
+    moved = [] :: [starl:robot_id()]
 }).
 
 -opaque t() :: #steps{}.
@@ -99,6 +102,11 @@ new(Run, Width, Patience) ->
 launch(Running, Faults, {Sight, Mail}, #steps{queue = Queue} = Steps) ->
     Planned = starl_sim_queue:add_all(Faults, Queue),
     Steps#steps{queue = Planned, sight = Sight, mail = Mail, running = Running}.
+
+%% @doc Bodies are solid, if the world has walls.
+-spec solid(starl_sim_platform:world(), t()) -> t().
+solid(#{walls := _} = World, Steps) -> Steps#steps{solid = World};
+solid(#{}, Steps) -> Steps.
 
 %% @doc The events that are planned for a robot, in no order, while the shard rests.
 -spec planned(starl:robot_id(), t()) -> [starl_sim_queue:event()].
@@ -176,6 +184,8 @@ advance(_Until, #steps{open = #{at := At}} = Steps) ->
     rest(held, At, Steps);
 advance(_Until, #steps{open = {peer, _, At}} = Steps) ->
     rest(held, At, Steps);
+advance(Until, #steps{moved = [_ | _]} = Steps) ->
+    advance(Until, meet(Steps));
 advance(_Until, #steps{running = 0} = Steps) ->
     rest(done, Steps);
 advance(_Until, #steps{next = infinity} = Steps) ->
@@ -194,6 +204,17 @@ advance(Until, #steps{windows = N, approved = Approved} = Steps) when N >= Appro
     end;
 advance(Until, Steps) ->
     advance(Until, run_window(look_up(Steps))).
+
+%% All shards plan all touches, and each keeps those of its robots.
+meet(#steps{moved = Moved, now = Now, solid = World} = Steps) ->
+    #steps{sight = Sight, mail = Mail, queue = Queue, next = Next} = Steps,
+    Events = starl_sim_bodies:meetings(Moved, Now, Sight, World),
+    Own = [Event || Event <- Events, starl_sim_mail:is_own(element(1, Event), Mail)],
+    Steps#steps{
+        moved = [],
+        queue = starl_sim_queue:add_all(Own, Queue),
+        next = lists:min([Next | [element(2, Event) || Event <- Events]])
+    }.
 
 rest(Reason, #steps{now = Now} = Steps) -> rest(Reason, Now, Steps).
 
@@ -286,8 +307,13 @@ receive_mail(Peer, #steps{windows = N} = Steps) ->
 
 take({Next, Ended, Moved, Packets}, #steps{queue = Queue, sight = Sight} = Steps) ->
     ok = starl_sim_sight:moved(Moved, Sight),
-    Steps#steps{
+    moved(Moved, Steps#steps{
         next = min(Next, Steps#steps.next),
         running = Steps#steps.running - Ended,
         queue = starl_sim_queue:add_all(Packets, Queue)
-    }.
+    }).
+
+moved(_Moved, #steps{solid = none} = Steps) ->
+    Steps;
+moved(Moved, #steps{moved = Before} = Steps) ->
+    Steps#steps{moved = [Id || {Id, _} <- Moved] ++ Before}.

@@ -132,7 +132,8 @@ handle_call({launch, Load}, _From, #shard{steps = Steps} = Shard) ->
     World = World0#{sight => Sight},
     ok = starl_sim_window:hold([start_robot(Robot, Crew, World, Shard) || Robot <- Robots]),
     Mail = starl_sim_mail:new(maps:get(peers, Load), maps:get(owners, Load)),
-    Launched = starl_sim_lockstep:launch(Running, Faults, {Sight, Mail}, Steps),
+    Solid = starl_sim_lockstep:solid(World, Steps),
+    Launched = starl_sim_lockstep:launch(Running, Faults, {Sight, Mail}, Solid),
     {reply, ok, Shard#shard{world = World, steps = Launched}};
 handle_call({inspect, {summary, Time}}, _From, Shard) ->
     Robots = starl_sim_window:robots(),

@@ -12,7 +12,7 @@
 %% microseconds.
 -module(starl_sim_sight).
 
--export([new/2, moved/2, piece/2, within/3]).
+-export([new/2, moved/2, piece/2, pieces/1, within/3]).
 
 -export_type([t/0]).
 
@@ -67,6 +67,11 @@ piece(Robot, #sight{table = Table}) ->
         [] -> unknown
     end.
 
+%% @doc The pieces of all robots, in no order.
+-spec pieces(t()) -> [{starl:robot_id(), starl_trajectory:piece()}].
+pieces(#sight{table = Table}) ->
+    ets:select(Table, [{{'$1', '$2'}, [{is_integer, '$1'}], ['$_']}]).
+
 %% @doc The robots within the range of a point at a time, ascending. The times of
 %% successive questions never decrease.
 -spec within(starl_geometry:point(), starl_sim_queue:time(), t()) -> [starl:robot_id()].
@@ -91,9 +96,8 @@ slack(Now, #sight{table = Table, range = Range} = Sight) ->
 come(none, _Now, _Fastest) -> infinity;
 come(Made, Now, Fastest) -> Fastest * (Now - Made) / 1.0e6.
 
-make_grid(Now, #sight{table = Table, range = Range}) ->
-    Pieces = ets:select(Table, [{{'$1', '$2'}, [{is_integer, '$1'}], ['$_']}]),
-    Entries = [entered(Id, Piece, Now, Range) || {Id, Piece} <- Pieces],
+make_grid(Now, #sight{table = Table, range = Range} = Sight) ->
+    Entries = [entered(Id, Piece, Now, Range) || {Id, Piece} <- pieces(Sight)],
     true = ets:match_delete(Table, {{'_', '_'}, '_'}),
     true = ets:insert(Table, cells(lists:keysort(1, Entries))),
     true = ets:insert(Table, {grid, Now, length(Entries) div ?WORTH}),

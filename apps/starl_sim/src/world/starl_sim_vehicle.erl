@@ -11,9 +11,8 @@
 %% seen as they were at the beginning of the present window (`sight' in the world).
 -module(starl_sim_vehicle).
 
--export([
-    new/3, in_world/2, piece/1, drive/4, actuate/4, turn_wheels/2, beat/3, says/2, stop/2, sense/3
-]).
+-export([new/3, in_world/2, piece/1, drive/4, actuate/4, turn_wheels/2, beat/3, says/2, stop/2]).
+-export([bump/2, sense/3]).
 
 -export_type([t/0, world/0, change/0, plan/0, beat/0]).
 
@@ -222,6 +221,20 @@ stop(Now, #vehicle{run = Run, kind = Kind, line = {Stops, _}} = Vehicle) ->
     move(goes_on, [], Now, Vehicle#vehicle{
         command = Kind:standing(), script = [], run = Run + 1, word = none, line = {Stops + 1, Now}
     }).
+
+%% @doc The body is held up by what it touches: it stands, and the chassis says that its drive does not
+%% obey, as a Create does of a bump.
+-spec bump(starl_sim_queue:time(), t()) -> change().
+bump(Now, #vehicle{piece = Piece, owner = Owner, command = Command} = Vehicle) ->
+    {X, Y, Heading} = starl_trajectory:pose(Now, Piece),
+    Standing = starl_trajectory:standing(Now, {X, Y}, Heading),
+    {_, [], Stopped} = stop(Now, Vehicle#vehicle{piece = Standing}),
+    Said =
+        case Owner of
+            {Name, Mark} -> word(?WATCH_US, Name, {stalled, Mark, Command}, Now, Stopped);
+            none -> []
+        end,
+    {moved, Said, Stopped}.
 
 held(_Now, #vehicle{world = #{actuation := []}}) ->
     [];

@@ -1,0 +1,128 @@
+%% @doc The contract of contact: no body is ever in a wall, none goes through another. Of an application that
+%% promises it, none touches anything at all.
+%%
+%% The depth of a body in a wall is judged at every instant, along the chords of its path. Two bodies may
+%% overlap by what they drive in the time in which neither knows of the other's motion.
+%%
+%% Events: of machine `chassis', `motion' and `sensed'; of `robot', `died'.
+-module(starl_contact_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, finish/2, interests/0]).
+
+-record(state, {
+    walls :: starl_walls:t(),
+    profiles :: starl_chassis:profiles(),
+    never_bumps :: boolean(),
+    separation :: starl_separation:t(),
+    pieces = #{} :: #{starl:robot_id() => {FromUs :: integer(), starl_trajectory:piece()}},
+    bumps = 0 :: non_neg_integer(),
+    %% the least distance of a body's edge from a wall (mm)
+    least = none :: float() | none
+}).
+
+%% How deep a body may be in a wall, and the error of the chords (mm).
+-define(DEEP_MM, 0.1).
+-define(CHORD_MM, 0.01).
+%% Beyond this no distance from a wall is measured (mm).
+-define(MOST_MM, 1000.0).
+
+%% @doc `unaware_us': the time in which no robot knows of another's new motion.
+-spec init(#{
+    walls := starl_walls:t(),
+    profiles := starl_chassis:profiles(),
+    unaware_us := non_neg_integer(),
+    never_bumps => boolean()
+}) -> #state{}.
+init(#{walls := Walls, profiles := Profiles, unaware_us := Us} = Config) ->
+    Sum = 2 * lists:min([starl_chassis:radius_mm(Profile) || Profile <- Profiles]),
+    Fastest = lists:max([Speed || #{speed := Speed} <- Profiles]),
+    #state{
+        walls = Walls,
+        profiles = Profiles,
+        never_bumps = maps:get(never_bumps, Config, false),
+        separation = starl_separation:new(Sum - ?DEEP_MM - 2 * Fastest * Us / 1.0e6)
+    }.
+
+%% @doc The motion and the touch of bodies, and the end of robots.
+-spec interests() -> [atom()].
+interests() -> [chassis, robot].
+
+%% @doc Judges the time until an event.
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, chassis, {motion, Piece}}, #state{separation = Before, pieces = Pieces} = State) ->
+    {Deep, Driven} = driven(Robot, T, State),
+    {Met, Advanced} = starl_separation:advance(T, Before),
+    answer(
+        Deep ++ met(Met),
+        Driven#state{
+            separation = starl_separation:motion(Robot, Piece, Advanced),
+            pieces = Pieces#{Robot => {max(T, starl_trajectory:start_us(Piece)), Piece}}
+        }
+    );
+step({T, Robot, chassis, {sensed, {bump, Side}}}, #state{bumps = N, never_bumps = Never} = State) ->
+    answer([violation(bump, T, [Robot], #{side => Side}) || Never], State#state{bumps = N + 1});
+step(_, State) ->
+    {ok, State}.
+
+answer([], State) -> {ok, State};
+answer([Violation | _], State) -> {violation, Violation, State}.
+
+met(Met) ->
+    [violation(in_another, At, [A, B], #{distance_mm => Mm}) || {Mm, At, {A, B}} <- Met].
+
+violation(What, At, Robots, Details) ->
+    #{contract => contact, what => What, at_us => At, robots => Robots, details => Details}.
+
+%% The way of a robot since it was last judged.
+driven(Robot, T, #state{pieces = Pieces, least = Least} = State) ->
+    case Pieces of
+        #{Robot := {From, Piece}} when From =< T ->
+            R = starl_chassis:radius_mm(starl_chassis:of_robot(Robot, State#state.profiles)),
+            Points = starl_trajectory:polyline(Piece, From, T, ?CHORD_MM),
+            Room = room(Points, R, State#state.walls),
+            Deep = [
+                violation(in_a_wall, T, [Robot], #{deep_mm => -Room, since_us => From})
+             || Room < -?DEEP_MM
+            ],
+            {Deep, State#state{least = min(Least, Room)}};
+        #{} ->
+            {[], State}
+    end.
+
+%% The distance of the body's edge from the nearest wall; numbers are less than atoms.
+room([Point], R, Walls) -> clear({Point, Point}, R, Walls);
+room([A, B], R, Walls) -> clear({A, B}, R, Walls);
+room([A, B | Points], R, Walls) -> min(clear({A, B}, R, Walls), room([B | Points], R, Walls)).
+
+clear({A, B} = Way, R, Walls) ->
+    Most = ?MOST_MM,
+    Floor = starl_walls:floor(Walls),
+    case starl_floor:is_solid(A, Floor) orelse starl_floor:is_solid(B, Floor) of
+        true -> -R;
+        false -> starl_walls:clearance(Way, Most, Walls) - R
+    end.
+
+%% @doc Judges the time until the end. Results: the number of bumps, and the least distance of a body's edge
+%% from a wall (mm; 0 or a little less where it touched one).
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(EndUs, #state{pieces = Pieces, separation = Separation} = State) ->
+    {Deep, #state{least = Least, bumps = Bumps}} = lists:foldl(
+        fun(Robot, {Found, S}) ->
+            {More, Next} = driven(Robot, EndUs, S),
+            {Found ++ More, Next}
+        end,
+        {[], State},
+        lists:sort(maps:keys(Pieces))
+    ),
+    {Met, Nearest} = starl_separation:finish(EndUs, Separation),
+    Results = #{bumps => Bumps, least_room_mm => Least, least_distance_mm => nearest(Nearest)},
+    case Deep ++ met(Met) of
+        [] -> {ok, Results};
+        Found -> {{violation, Found}, Results}
+    end.
+
+nearest({Mm, _, _}) -> Mm;
+nearest(none) -> none.

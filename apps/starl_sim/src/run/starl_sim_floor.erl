@@ -1,0 +1,107 @@
+%% @doc The floor of a run: its plan, from the scenario or from the application's scene, and the places where
+%% the robots stand at the beginning.
+-module(starl_sim_floor).
+
+-export([read/1, given/2, stand/3]).
+
+-type problem() :: {error, unicode:chardata()}.
+
+%% @doc The floor plan that a scenario names.
+-spec read(starl_sim_scenario:t()) -> {ok, starl_floor:t() | none} | problem().
+read(#{floor := none}) -> {ok, none};
+read(#{floor := Name, floor_scale := Scale}) -> starl_floor_file:read(Name, Scale).
+
+%% @doc The scenario on this floor: the plan's size is the size of the floor.
+-spec given(starl_floor:t() | none, starl_sim_scenario:t()) -> starl_sim_scenario:t().
+given(none, Scenario) -> Scenario;
+given(#{size := Size}, Scenario) -> Scenario#{world := Size}.
+
+%% @doc The scene with the start poses of all robots that it does not place itself. On a floor plan all
+%% must have room.
+-spec stand(starl_sim_scenario:t(), starl_scene:t(), starl_scene:context()) ->
+    {ok, starl_scene:t()} | problem().
+stand(#{start := none}, Scene, _Context) when not is_map_key(floor, Scene) ->
+    {ok, Scene};
+stand(#{start := none}, #{poses := Poses} = Scene, #{robots := Ids} = Context) ->
+    case [Id || Id <- Ids, not is_map_key(Id, Poses)] of
+        [] ->
+            checked(Poses, Scene, Context);
+        [Id | _] ->
+            {error, io_lib:format("the scene has a floor and poses, but none of robot ~b", [Id])}
+    end;
+stand(#{start := Start}, #{poses := _}, _Context) when Start =/= none ->
+    {error, "this application places its robots itself: leave --start out"};
+stand(#{start := Start} = Scenario, Scene, Context) ->
+    case places(Start, Scenario, Scene, Context) of
+        {ok, Poses} -> checked(Poses, Scene#{poses => Poses}, Context);
+        {error, _} = Error -> Error
+    end.
+
+checked(Poses, Scene, #{profiles := Profiles} = Context) ->
+    Radius = fun(Id) -> starl_chassis:radius_mm(starl_chassis:of_robot(Id, Profiles)) end,
+    case starl_floor_start:check(lists:sort(maps:to_list(Poses)), Radius, walls(Scene, Context)) of
+        ok -> {ok, Scene};
+        {error, _} = Error -> Error
+    end.
+
+walls(#{floor := Floor}, _Context) -> starl_walls:new(Floor);
+walls(_Scene, #{world := World}) -> starl_walls:new(starl_floor:empty(World)).
+
+places(none, Scenario, Scene, Context) ->
+    places("grid", Scenario, Scene, Context);
+places(How, #{seed := Seed}, Scene, #{robots := Ids, profiles := Profiles} = Context) ->
+    Radius = lists:max([starl_chassis:radius_mm(Profile) || Profile <- Profiles]),
+    case lists:keyfind(How, 1, words()) of
+        {_, Word} -> starl_floor_start:places(Word, Ids, Radius, Seed, walls(Scene, Context));
+        false -> listed(How, file:read_file(How), Ids, Scene)
+    end.
+
+words() -> [{atom_to_list(Word), Word} || Word <- [grid, line, circle, random]].
+
+%% A line for each robot: its place (mm) and heading (degrees), or the name of a place of the plan.
+listed(File, {error, Posix}, _Ids, _Scene) ->
+    Words = lists:join(", ", [Word || {Word, _} <- words()]),
+    {error, [File, ": ", file:format_error(Posix), "; --start takes ", Words, ", or a file"]};
+listed(File, {ok, Bytes}, Ids, Scene) ->
+    Lines = [
+        {N, string:lexemes(hd(string:split(Line, "%")), " \t\r,")}
+     || {N, Line} <- lists:enumerate(1, string:split(binary_to_list(Bytes), "\n", all))
+    ],
+    Poses = [{N, pose(Words, places_of(Scene))} || {N, [_ | _] = Words} <- Lines],
+    case [N || {N, bad} <- Poses] of
+        [N | _] ->
+            {error,
+                io_lib:format(
+                    "~ts:~b: X Y and the heading in degrees expected, or the name of a place", [
+                        File, N
+                    ]
+                )};
+        [] when length(Poses) < length(Ids) ->
+            {error,
+                io_lib:format("~ts: ~b places for ~b robots", [File, length(Poses), length(Ids)])};
+        [] ->
+            {_, Given} = lists:unzip(lists:sublist(Poses, length(Ids))),
+            {ok, maps:from_list(lists:zip(Ids, Given))}
+    end.
+
+places_of(#{floor := #{places := Places}}) ->
+    maps:from_list([{atom_to_list(Name), Place} || {Name, Place} <- maps:to_list(Places)]);
+places_of(_Scene) ->
+    #{}.
+
+pose([Name], Places) when is_map_key(Name, Places) ->
+    {X, Y} = maps:get(Name, Places),
+    {X, Y, 0.0};
+pose(Words, _Places) ->
+    case [number(Word) || Word <- Words] of
+        [X, Y] when is_float(X), is_float(Y) -> {X, Y, 0.0};
+        [X, Y, D] when is_float(X), is_float(Y), is_float(D) -> {X, Y, D * math:pi() / 180};
+        _ -> bad
+    end.
+
+number(Word) ->
+    case {string:to_float(Word), string:to_integer(Word)} of
+        {{F, []}, _} -> F;
+        {_, {I, []}} when is_integer(I) -> float(I);
+        _ -> bad
+    end.
