@@ -77,6 +77,8 @@ values(random_faults, _) -> {words, texts([all | starl_sim_fault:classes()] ++ k
 values(faults, _) -> {words, texts(kinds())};
 values(chassis, _) -> {words, texts([differential, holonomic, create, create_1, mixed])};
 values(Key, _) when Key =:= picture; Key =:= pictures -> {files, pictures()};
+values(floor, _) -> {files, starl_floor_file:shipped()};
+values(start, _) -> {files, ["grid", "line", "circle", "random"]};
 values(out, _) -> {files, []};
 values(_Key, file) -> {files, []};
 values(_Key, _Type) -> any.

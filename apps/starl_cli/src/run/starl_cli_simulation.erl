@@ -120,8 +120,12 @@ with_recording({partly, _} = Partly, Setup, Dir) ->
 with_recording({error, _} = Error, _Setup, _Dir) ->
     Error.
 
-ways(#{monitors := #{starl_sim_ways_monitor := Ways}}, #{world := World}) ->
-    starl_cli_ways:new(Ways, World).
+ways(#{monitors := #{starl_sim_ways_monitor := Ways}}, #{world := World} = Scenario) ->
+    %% the file may have gone since
+    case starl_sim_floor:read(Scenario) of
+        {ok, #{size := Size} = Floor} -> starl_cli_ways:on(Floor, starl_cli_ways:new(Ways, Size));
+        _ -> starl_cli_ways:new(Ways, World)
+    end.
 
 %% Reports lost nodes; passes on the status.
 lost(Losses, Status) ->

@@ -2,12 +2,13 @@
 %% the least distance of two robots and the robots that left the floor. Pure but for the picture.
 -module(starl_cli_ways).
 
--export([watch/0, new/2, least/1, off_floor/1, is_whole/1, until_us/1, csv/1, draw/3]).
+-export([watch/0, new/2, on/2, least/1, off_floor/1, is_whole/1, until_us/1, csv/1, draw/3]).
 
 -export_type([t/0, least/0, off/0]).
 
 -record(ways, {
     world :: {number(), number()},
+    plan = none :: starl_floor:t() | none,
     pieces :: [{starl:robot_id(), starl_trajectory:piece()}],
     paths :: [{starl:robot_id(), [stretch()]}],
     until :: integer(),
@@ -41,6 +42,10 @@ new(#{pieces := Pieces, until_us := Until, is_whole := IsWhole}, World) ->
     Own = maps:groups_from_list(fun({Id, _}) -> Id end, fun({_, Piece}) -> Piece end, Pieces),
     Paths = [{Id, stretches(Path, Until)} || {Id, Path} <- lists:sort(maps:to_list(Own))],
     #ways{world = World, pieces = Pieces, paths = Paths, until = Until, whole = IsWhole}.
+
+%% @doc The ways on a floor plan, which is drawn with them.
+-spec on(starl_floor:t() | none, t()) -> t().
+on(Plan, Ways) -> Ways#ways{plan = Plan}.
 
 %% A piece that was replaced at the moment when it began was never driven.
 stretches([Last], Until) ->
@@ -153,8 +158,9 @@ chords(From, To, Piece) ->
 
 %% @doc Draws the ways into `ways.svg', and into `ways.png' where the program for it is at hand.
 -spec draw(file:filename(), Title :: unicode:chardata(), t()) -> starl_scene:written().
-draw(Dir, Title, #ways{world = World, paths = Paths, until = Until}) ->
-    Drawing = #{
+draw(Dir, Title, #ways{world = World, paths = Paths, until = Until, plan = Plan}) ->
+    On = maps:from_list([{plan, Plan} || Plan =/= none]),
+    Drawing = On#{
         floor => World,
         target => [],
         ink => maps:from_list([{Id, [line(Path)]} || {Id, Path} <- Paths]),

@@ -1,0 +1,161 @@
+-module(starl_floor_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+drawing() ->
+    <<
+        "name Two rooms\nscale 250\nroom west = w\n\ndrawing\n"
+        "########\n"
+        "# w#   #\n"
+        "#  + d #\n"
+        "#  #   #\n"
+        "########\n"
+    >>.
+
+a_drawing_has_walls_rooms_doors_and_places_test() ->
+    {ok, Floor} = starl_floor_text:parse(drawing()),
+    #{size := Size, rooms := Rooms, doors := Doors, places := Places, name := Name} = Floor,
+    ?assertEqual({2000.0, 1250.0}, Size),
+    ?assertEqual(<<"Two rooms">>, Name),
+    ?assertEqual(#{d => {1375.0, 625.0}}, Places),
+    %% the first line of the drawing is the top
+    ?assertEqual([{{875.0, 500.0}, {875.0, 750.0}}], Doors),
+    ?assertEqual([west], maps:keys(Rooms)),
+    ?assertEqual(2 * 3 * 250.0 * 250.0, starl_floor:area(maps:get(west, Rooms))),
+    ?assertEqual({ok, west}, starl_floor:room_at({400.0, 400.0}, Floor)),
+    ?assert(starl_floor:is_solid({100.0, 100.0}, Floor)),
+    ?assertNot(starl_floor:is_solid({400.0, 400.0}, Floor)),
+    ?assert(starl_floor:is_solid({-1.0, 400.0}, Floor)).
+
+mistakes_are_one_line_with_their_place_test_() ->
+    [
+        ?_assertMatch({error, {Line, _}}, starl_floor_text:parse(Text))
+     || {Line, Text} <- [
+            {1, <<"wal 1 2 3 4">>},
+            {2, <<"size 100 100\nwall 1 2 3">>},
+            {2, <<"size 100 100\nwall 1 2 3 x">>},
+            {1, <<"size 0 100">>},
+            {1, <<"drawing\n###">>},
+            {3, <<"scale 10\ndrawing\n#~#">>},
+            {none, <<"scale 10\nroom a = b\ndrawing\n###">>},
+            {none, <<>>},
+            {none, <<255, 254>>}
+        ]
+    ].
+
+%% Outlines keep what is solid to their left: so their areas sum to the number of cells, with holes.
+outlines_enclose_their_cells_test() ->
+    Seed = starl_floor_seed(),
+    lists:foldl(
+        fun(_, State0) ->
+            {Cells, State} = lists:mapfoldl(
+                fun(Cell, S) ->
+                    {U, Next} = rand:uniform_s(S),
+                    {{Cell, U}, Next}
+                end,
+                State0,
+                [{X, Y} || X <- lists:seq(0, 11), Y <- lists:seq(0, 9)]
+            ),
+            Solid = maps:from_list([{Cell, true} || {Cell, U} <- Cells, U < 0.5]),
+            Areas = [starl_floor:area(Outline) || Outline <- starl_floor_cells:outlines(Solid)],
+            ?assertEqual({Seed, float(map_size(Solid))}, {Seed, lists:sum([0.0 | Areas])}),
+            State
+        end,
+        rand:seed_s(exsss, Seed),
+        lists:seq(1, 50)
+    ).
+
+starl_floor_seed() ->
+    case os:getenv("STARL_SEED") of
+        false -> erlang:phash2(make_ref(), 1 bsl 27);
+        Text -> list_to_integer(Text)
+    end.
+
+a_map_of_movingai_is_read_from_its_top_test() ->
+    Map = <<"type octile\r\nheight 2\r\nwidth 3\r\nmap\r\n.@.\r\nGS.\r\n">>,
+    {ok, #{size := Size, walls := [Wall]}} = starl_floor_map:parse(Map, 500),
+    ?assertEqual({1500.0, 1000.0}, Size),
+    ?assertEqual(lists:sort(starl_floor:box(500, 500, 1000, 1000)), lists:sort(Wall)),
+    ?assertMatch(
+        {error, {6, _}}, starl_floor_map:parse(binary:replace(Map, <<"GS.">>, <<"GS">>), 500)
+    ),
+    ?assertMatch(
+        {error, {6, _}}, starl_floor_map:parse(binary:replace(Map, <<"GS.">>, <<"G?.">>), 500)
+    ),
+    ?assertMatch(
+        {error, {none, _}}, starl_floor_map:parse(<<"type octile\nheight 2\nwidth 3\nmap\n...">>, 1)
+    ),
+    ?assertMatch({error, {1, _}}, starl_floor_map:parse(<<"hello">>, 1)).
+
+%% A remark stands in nearly every PGM; 205 is unknown only just.
+a_grid_of_ros_is_read_test() ->
+    Dir = filename:join("/tmp", "starl_floor_" ++ os:getpid()),
+    ok = filelib:ensure_dir(filename:join(Dir, "x")),
+    Write = fun(Name, Text) -> ok = file:write_file(filename:join(Dir, Name), Text) end,
+    Yaml =
+        "image: m.pgm\nresolution: 0.05 # m\norigin: [-1.0, -2.0, 0.0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n",
+    Write("m.pgm", [<<"P5\n# CREATOR: map_saver 0.05 m/pix\n2 2\n255\n">>, 254, 205, 254, 254]),
+    {ok, #{size := Size, walls := Walls}} = starl_floor_ros:parse(iolist_to_binary(Yaml), Dir),
+    ?assertEqual({100.0, 100.0}, Size),
+    ?assertEqual([lists:sort(starl_floor:box(50, 50, 100, 100))], [lists:sort(W) || W <- Walls]),
+    ?assertMatch({ok, {2, 1, <<0, 255>>}}, starl_floor_ros:pgm(<<"P2 2 1 # x\n15\n0 15">>)),
+    ?assertMatch({error, _}, starl_floor_ros:pgm(<<"P5 2 2 255\nabc">>)),
+    ?assertMatch({error, {none, _}}, starl_floor_ros:parse(<<"image: m.pgm">>, Dir)),
+    Gone = string:replace(Yaml, "m.pgm", "gone.pgm"),
+    ?assertMatch({error, {1, _}}, starl_floor_ros:parse(iolist_to_binary(Gone), Dir)),
+    ok = file:del_dir_r(Dir).
+
+the_floor_of_the_search_is_the_originals_test() ->
+    {ok, #{walls := Walls, rooms := Rooms, places := Places} = Floor} = starl_floor_file:read(
+        "search"
+    ),
+    Near = starl_walls:new(Floor),
+    ?assertEqual(20, length(Walls)),
+    ?assertEqual(['A', 'B', 'C', 'D', 'E', 'F', 'G', hall], maps:keys(Rooms)),
+    %% all eight and the floor of four doors, 120 mm deep: 87.5688 m2
+    Doors = 120 * (810 + 750 + 850 + 820),
+    Sum = lists:sum([starl_floor:area(Room) || Room <- maps:values(Rooms)]),
+    ?assert(abs(Sum + Doors - 87568800) < 1),
+    %% every place has room for a robot
+    [
+        ?assert(starl_walls:is_free({P, P}, 165.0, Near))
+     || {_, P} <- maps:to_list(Places)
+    ].
+
+teams_start_where_there_is_room_test() ->
+    {ok, Floor} = starl_floor_file:read("two_rooms"),
+    Walls = starl_walls:new(Floor),
+    Ids = lists:seq(1, 8),
+    [
+        begin
+            {ok, Poses} = starl_floor_start:places(How, Ids, 165.0, 7, Walls),
+            ?assertEqual(
+                {How, ok},
+                {How, starl_floor_start:check(maps:to_list(Poses), fun(_) -> 165.0 end, Walls)}
+            )
+        end
+     || How <- [grid, line, random]
+    ],
+    Small = starl_walls:new(starl_floor:empty({3000, 3000})),
+    {ok, Circle} = starl_floor_start:places(circle, Ids, 165.0, 7, Small),
+    ?assertEqual(ok, starl_floor_start:check(maps:to_list(Circle), fun(_) -> 165.0 end, Small)),
+    ?assertMatch({error, _}, starl_floor_start:places(grid, lists:seq(1, 100), 165.0, 7, Small)).
+
+who_has_no_room_is_named_test_() ->
+    {ok, Floor} = starl_floor_text:parse(drawing()),
+    Walls = starl_walls:new(Floor),
+    [
+        ?_assertMatch(
+            {match, _},
+            begin
+                {error, Line} = starl_floor_start:check(Robots, fun(_) -> 100.0 end, Walls),
+                re:run(Line, Said)
+            end
+        )
+     || {Said, Robots} <- [
+            {"robot 2 .*off the floor", [{1, {500.0, 625.0, 0.0}}, {2, {-5.0, 0.0, 0.0}}]},
+            {"robot 1 .*in a wall", [{1, {100.0, 100.0, 0.0}}]},
+            {"robot 1 .*in a wall", [{1, {300.0, 625.0, 0.0}}]},
+            {"robot 1 .*on robot 2", [{1, {500.0, 625.0, 0.0}}, {2, {510.0, 600.0, 0.0}}]}
+        ]
+    ].

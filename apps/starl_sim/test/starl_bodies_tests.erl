@@ -1,0 +1,63 @@
+-module(starl_bodies_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% Drives in a test, and as many as one likes: STARL_DRIVES=10000.
+-define(DRIVES, 300).
+-define(ROBOTS, 6).
+
+%% Blind drives into walls and each other: no body is ever in a wall, none goes through another, and all
+%% ways of running come to the same digest.
+blind_drives_test_() ->
+    Seed = number("STARL_SEED", erlang:phash2(make_ref(), 1 bsl 24)),
+    Runs = number("STARL_DRIVES", ?DRIVES) div (?ROBOTS * 10),
+    {timeout, 3600, fun() ->
+        Found = [drive(Seed + I, chassis(I)) || I <- lists:seq(1, Runs)],
+        [] = [{'STARL_SEED', Seed, One} || {problem, _} = One <- Found],
+        Bumps = lists:sum([N || {ok, N} <- Found]),
+        %% it would judge nothing else
+        ?assert(Bumps > Runs)
+    end}.
+
+number(Name, Default) ->
+    case os:getenv(Name) of
+        false -> Default;
+        Text -> list_to_integer(Text)
+    end.
+
+chassis(I) -> lists:nth(1 + I rem 3, [differential, holonomic, mixed]).
+
+drive(Seed, Chassis) ->
+    Scenario = #{
+        app => starl_bumper,
+        robots => ?ROBOTS,
+        drives => 10,
+        seed => Seed,
+        chassis => Chassis,
+        delay => {5, 20}
+    },
+    Ways = [#{mode => process, shards => 1}, #{mode => inline, shards => 1}, #{shards => 3}],
+    [First | _] = Outcomes = [outcome(maps:merge(Scenario, Way)) || Way <- Ways],
+    Digests = lists:usort([maps:get(digest, Outcome) || Outcome <- Outcomes]),
+    #{violations := Violations, monitors := #{starl_contact_monitor := #{bumps := Bumps}}} = First,
+    case {Digests, Violations} of
+        {[_], []} -> {ok, Bumps};
+        _ -> {problem, {Seed, Chassis, Digests, Violations}}
+    end.
+
+outcome(Scenario) ->
+    {ok, Sim} = starl_sim:start(Scenario),
+    _ = starl_sim:run(Sim),
+    {Outcome, _} = starl_sim:finish(Sim),
+    Outcome.
+
+a_run_begins_only_where_all_have_room_test_() ->
+    Of = fun(More) ->
+        starl_sim:plan(maps:merge(#{app => starl_bumper, robots => 2}, More), #{})
+    end,
+    [
+        ?_assertMatch({error, {scene, _}}, Of(#{floor => "gone.floor"})),
+        ?_assertMatch({error, {scene, _}}, Of(#{robots => 200})),
+        ?_assertMatch({error, {scene, _}}, Of(#{start => "gone.txt"})),
+        ?_assertMatch({ok, {#{world := {12330.0, 8550.0}}, _, _}}, Of(#{floor => "search"})),
+        ?_assertMatch({ok, {#{world := {3000.0, 2600.0}}, _, _}}, Of(#{start => "random"}))
+    ].
