@@ -32,6 +32,8 @@ options() ->
 %% distance of a robot from its path, R = r_s/2 + r(v) the radius of the tubes. All tubes have the
 %% largest radius that any robot of the team needs.
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
+scene(#{floor := #{walls := [_ | _]}}) ->
+    {error, "painting does not keep away from walls yet: use a floor plan without any"};
 scene(#{robots := Ids, world := World, profiles := Profiles, options := Options} = Context) ->
     Tracking = starl_chassis:widest(Profiles),
     Radius = maps:get(safety_distance, Options) / 2 + Tracking,
@@ -64,6 +66,7 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
             {ok, #{
                 app => {sequential, starl_painting, none},
                 never_crashes => true,
+                never_bumps => true,
                 blocks => [
                     {starl_election, #{patience_ms => ?PATIENCE_MS}},
                     starl_actuator,

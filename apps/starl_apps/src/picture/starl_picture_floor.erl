@@ -25,14 +25,31 @@ line(Colour, Width, More) ->
 path([], _Style) -> [];
 path(Polygons, Style) -> ["<path ", Style, " d=\"", lists:join($\n, Polygons), "\"/>\n"].
 
+polygon([A, B], H) -> [$M, point(A, H), $L, point(B, H)];
 polygon(Points, H) -> [$M, lists:join($L, [point(Point, H) || Point <- Points]), $Z].
 
 point({X, Y}, H) -> [number(X), $,, number(H - Y)].
 
-%% The middle of the corners is near enough for a name.
+%% Where a room is widest.
 middle(Points) ->
-    {Xs, Ys} = lists:unzip(Points),
-    {lists:sum(Xs) / length(Points), lists:sum(Ys) / length(Points)}.
+    {_, Low, _, High} = starl_geometry:box(Points),
+    Heights = [Low + I * (High - Low) / 10 || I <- lists:seq(1, 9)],
+    {_, X, Y} = lists:max([{0.0, 0.0, Low} | lists:append([widths(Y, Points) || Y <- Heights])]),
+    {X, Y}.
+
+%% The stretches of a room at a height, with their middles.
+widths(Y, [First | Rest] = Points) ->
+    Sides = lists:zip(Points, Rest ++ [First]),
+    pairs(
+        Y,
+        lists:sort([
+            AX + (Y - AY) * (BX - AX) / (BY - AY)
+         || {{AX, AY}, {BX, BY}} <- Sides, (AY =< Y) =/= (BY =< Y)
+        ])
+    ).
+
+pairs(Y, [From, To | Rest]) -> [{To - From, (From + To) / 2, Y} | pairs(Y, Rest)];
+pairs(_Y, []) -> [].
 
 place(Name, {X, Y}, H, Dot) ->
     [
