@@ -212,6 +212,21 @@ act({state_timeout, cancel}, _At, S) ->
 %% -- helpers --------------------------------------------------------------------------------
 
 %% It has seen itself before, so that it believes the next picture.
+%% A waypoint that the application puts hides one of the floor's, and outlives a restart.
+a_waypoint_that_was_put_is_kept_test() ->
+    Config = #{waypoints => #{dock => {1.0, 1.0}, door => {2.0, 2.0}}},
+    {[{store, Kept}, {reply, {app, a}, ok}], A} =
+        ask(a, {put_waypoint, dock, {5.0, 5.0}}, new(Config, 1)),
+    ?assertMatch({[{reply, _, {ok, {5.0, 5.0}}}], _}, ask(b, {waypoint, dock}, A)),
+    Later = new(Config#{stored => {stored, Kept}}, 2),
+    All = #{dock => {5.0, 5.0}, door => {2.0, 2.0}},
+    ?assertMatch({[{reply, _, {ok, All}}], _}, ask(c, waypoints, Later)).
+
+the_floor_plan_is_told_test() ->
+    Floor = starl_floor:empty({3000, 2000}),
+    ?assertMatch({[{reply, _, {ok, Floor}}], _}, ask(a, floor, new(#{floor => Floor}, 1))),
+    ?assertMatch({[{reply, _, {error, unknown}}], _}, ask(a, floor, new(#{}, 1))).
+
 located_once() -> located_once(#{}).
 
 located_once(Config) ->

@@ -4,12 +4,26 @@
 
 -export([read/1, given/2, stand/3]).
 
+%% The sizes of floors that a scenario may have (mm).
+-define(LEAST_MM, 1000).
+-define(MOST_MM, 1000000).
+
 -type problem() :: {error, unicode:chardata()}.
 
 %% @doc The floor plan that a scenario names.
 -spec read(starl_sim_scenario:t()) -> {ok, starl_floor:t() | none} | problem().
-read(#{floor := none}) -> {ok, none};
-read(#{floor := Name, floor_scale := Scale}) -> starl_floor_file:read(Name, Scale).
+read(#{floor := none}) ->
+    {ok, none};
+read(#{floor := Name, floor_scale := Scale}) ->
+    case starl_floor_file:read(Name, Scale) of
+        {ok, #{size := {W, H}}} when W < ?LEAST_MM; H < ?LEAST_MM; W > ?MOST_MM; H > ?MOST_MM ->
+            {error,
+                io_lib:format("~ts: a floor is 1 m to 1 km wide and high, not ~.3f m by ~.3f m", [
+                    Name, W / 1000, H / 1000
+                ])};
+        Read ->
+            Read
+    end.
 
 %% @doc The scenario on this floor: the plan's size is the size of the floor.
 -spec given(starl_floor:t() | none, starl_sim_scenario:t()) -> starl_sim_scenario:t().

@@ -78,7 +78,13 @@
     {ok, starl_sim:planned()} | {error, starl_sim:reason()}.
 plan(Given, Options) ->
     Slack = round(?SLACK_US * maps:get(speed, Options, 1)),
-    starl_sim:plan(Given#{mode => process}, (maps:with([watch], Options))#{slack_us => Slack}).
+    Watch = maps:with([watch], Options),
+    case starl_sim:plan(Given#{mode => process}, Watch#{slack_us => Slack}) of
+        {ok, {_Scenario, #{floor := _}, _Plan}} ->
+            {error, {scene, "in real time there are no floor plans yet: run it in virtual time"}};
+        Planned ->
+            Planned
+    end.
 
 %% @doc The options of a run with what its observer and the recorders of its robots are told first.
 -spec observed(starl_sim:planned(), Options) -> Options when Options :: map().
