@@ -285,6 +285,21 @@ back_for_who_starts_test() ->
     {[Goes], _} = ?R:started(a, 2 * ?TRIAL_US, Newest),
     ?assertMatch(#{number := 2, module := starl_reload_tests_1}, Goes).
 
+%% A reload that another one has replaced within its trial has not passed with that one: if that is left
+%% later, the machine goes back beyond both.
+replaced_has_not_passed_test() ->
+    {_, One} = ?R:take(order(1), parts(), #{}),
+    {_, Two} = ?R:take(order(2), parts(), One),
+    {_, Left} = ?R:back(2, 3, ?R:passed(2, Two)),
+    {_, Started} = ?R:started(a, 10, Left),
+    #{code := Lineage} = ?R:code(a, Started),
+    ?assert(starl_lineage:is_first(Lineage)),
+    %% the earlier one has passed before: that is where it goes back to
+    {_, Proven} = ?R:back(2, 3, ?R:passed(2, ?R:passed(1, Two))),
+    {_, Begun} = ?R:started(a, 10, Proven),
+    #{code := Passed} = ?R:code(a, Begun),
+    ?assertEqual(module(1), starl_lineage:code(Passed)).
+
 %% Robots that start later start with what has passed, not on trial, and without what has failed.
 who_starts_later_test() ->
     {_, Codes} = ?R:take(order(1), parts(), #{}),

@@ -185,8 +185,12 @@ passed_by(N, {Lineage, Awaited} = Code) ->
 
 promoted(N, Lineage, Awaited) ->
     {Passed, Later} = lists:partition(fun({take, #{number := M}}) -> M =< N end, Awaited),
-    Switches = [Switch#{trial_us := 0} || {take, Switch} <- Passed],
+    Switches = [proven(N, Switch) || {take, Switch} <- Passed],
     {lists:foldl(fun(Switch, L) -> taken(Switch, 0, L) end, Lineage, Switches), Later}.
+
+%% An earlier one that the passed one has replaced within its trial has proven nothing.
+proven(N, #{number := N} = Switch) -> Switch#{trial_us := 0};
+proven(_N, Switch) -> Switch.
 
 %% @doc The reload has failed on a robot: no robot starts with it.
 -spec without(count(), codes()) -> codes().
