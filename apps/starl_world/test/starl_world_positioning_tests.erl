@@ -19,12 +19,12 @@ frozen_test() ->
 
 %% Whole millimetres; the heading is as it is.
 rounded_test() ->
-    {[{1, {X, Y, _}, 10}], _} = ?M:seen(0, [{1, {1.4, 2.6, 0.5}}], 10, system(#{whole_mm => true})),
+    {[{1, {X, Y, _}, 10}], _} = ?M:seen(0, [{1, {1.4, 2.6, 0.5}, 10}], system(#{whole_mm => true})),
     ?assert(is_float(X) andalso is_float(Y)),
     ?assertEqual({X, Y}, {float(round(X)), float(round(Y))}).
 
 shown(Id, Poses, Now, System) ->
-    {Seen, Drawn} = ?M:seen(0, Poses, Now, System),
+    {Seen, Drawn} = ?M:seen(0, [{R, Pose, Now} || {R, Pose} <- Poses], System),
     ?M:shown(Id, Seen, Now, Drawn).
 
 system(Options) ->
