@@ -1,0 +1,342 @@
+%% @doc `./starl debug': tells whether something was true at some moment of a recorded run, if its
+%% robots' clocks need not agree.
+-module(starl_cli_debug).
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+
+-define(SIGMA_US, 10000).
+
+-spec name() -> string().
+name() -> "debug".
+
+-spec synopsis() -> string().
+synopsis() -> "tell what can have happened in a recorded run whose clocks disagree".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "RECORDING...", {example, "out/painting-1"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "./starl debug RECORDING... --predicate \"TEXT\" tells whether the predicate was never, possibly or "
+        "certainly true at some moment of the run. RECORDING is a recording, the directory of a run, or "
+        "the recordings of its robots. Any two clocks differ by at most sigma; clocks that are each within "
+        "that of the true time differ by twice as much. Between samples of its place a robot may be "
+        "wherever its greatest speed allows.",
+        {lines, [
+            "  dist(r1.pos, r2.pos) < 400 mm\n"
+            "  exists a, b, token t: owner(a, t) and owner(b, t)\n"
+            "  count(r: r.mode = moving) > 3\n"
+            "  (forall r: r.mode = waiting) for 2 s\n"
+        ]},
+        {list, "Predicates by name", [
+            {[Name, takes(Kind)], Words}
+         || {Name, Kind, _, Words} <- starl_debug_library:known()
+        ]}
+    ].
+
+takes(none) -> "";
+takes(length) -> "(400 mm)";
+takes(duration) -> "(2 s)".
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(_Subject) ->
+    [
+        {"Flags", [
+            {predicate, string, none, "what may have been true, see above"},
+            {sigma, string, none,
+                "how far two clocks differ at most, such as 50ms; auto: as the messages bound it (10ms)"},
+            {drift, {number, 0, 10000}, 100, "by how much the rate of a clock is off at most, ppm"},
+            {from, {number, 0, 1.0e9}, none, "looks at the run from this second on"},
+            {until, {number, 0, 1.0e9}, none, "looks at the run until this second"},
+            {speed, {number, 1, 100000}, none,
+                "the robots' greatest speed, mm/s (that of the run)"},
+            {picture, file, none, "draws the moment that was found, as SVG"},
+            {no_explain, switch, false, "only the answer, not what would change it"},
+            {quiet, switch, false, "no progress"}
+        ]}
+    ].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [
+        {0, "never true"},
+        {3, "certainly true at some moment"},
+        {5, "not all was looked at, and in the part that was it was never true"},
+        {6, "possibly true: it depends on the clocks, or on places between samples"}
+    ].
+
+-spec subject(string(), [string()]) ->
+    {ok, [file:filename(), ...], [string()]} | {error, [unicode:chardata(), ...]}.
+subject(Word, Args) ->
+    {Words, Others} = lists:splitwith(fun(Arg) -> not lists:prefix("-", Arg) end, Args),
+    Found = [
+        starl_cli_recording:found(W, "./starl run TARGET --record makes one")
+     || W <- [Word | Words]
+    ],
+    case lists:append([Problems || {error, Problems} <- Found]) of
+        [] -> {ok, [File || {ok, File} <- Found], Others};
+        Problems -> {error, Problems}
+    end.
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{values := #{predicate := none}}) ->
+    {error, [
+        "--predicate is needed, such as --predicate \"too_near(400 mm)\"; --help shows the language"
+    ]};
+run(#{subject := Files, values := Values}) ->
+    #{predicate := Text, sigma := Sigma} = Values,
+    case {starl_debug:predicate(Text), sigma(Sigma)} of
+        {{ok, Predicate}, {ok, Us}} -> read(Files, Predicate, Us, Values);
+        {Parsed, Read} -> {error, wrong(Parsed, Text) ++ unread(Read)}
+    end.
+
+wrong({ok, _}, _Text) ->
+    [];
+wrong({error, {Column, Problem}}, Text) ->
+    [io_lib:format("--predicate, column ~b: ~ts, in: ~ts", [Column, Problem, Text])].
+
+unread({ok, _}) -> [];
+unread({error, Line}) -> [Line].
+
+sigma(none) ->
+    {ok, ?SIGMA_US};
+sigma("auto") ->
+    {ok, auto};
+sigma(Text) ->
+    case starl_debug_parser:parse(["(", Text, ")"]) of
+        _ when Text =:= "0" -> {ok, 0};
+        {ok, {at, _, {number, Number, Unit}}} when Number >= 0 -> in_us(Number, Unit);
+        _ -> bad_sigma(Text)
+    end.
+
+in_us(Number, <<"us">>) -> {ok, round(Number)};
+in_us(Number, <<"ms">>) -> {ok, round(1000 * Number)};
+in_us(Number, <<"s">>) when Number =< 60 -> {ok, round(1000000 * Number)};
+in_us(Number, Unit) -> bad_sigma(io_lib:format("~w ~ts", [Number, Unit])).
+
+bad_sigma(Text) ->
+    {error, [
+        "--sigma: a duration of at most 60 s, such as 50ms, or auto expected, not \"", Text, "\""
+    ]}.
+
+%% -- the check ------------------------------------------------------------------------------
+
+read(Files, Predicate, Sigma, Values) ->
+    Limits = maps:from_list([{speed, S} || #{speed := S} <- [Values], S =/= none]),
+    case starl_debug_recording:read(Files, Limits) of
+        {ok, Recording} ->
+            formula(starl_debug:formula(Predicate, Recording), Recording, Sigma, Values);
+        {error, Reason} ->
+            {error, [starl_debug_recording:format_error(Reason)]}
+    end.
+
+formula({ok, Formula}, Recording, Sigma, Values) ->
+    case bounds(Sigma, Recording, Values) of
+        {ok, Known} -> checked(Formula, Recording, options(Known, Recording, Values), Values);
+        {error, Line} -> {error, [Line]}
+    end;
+formula({error, {no_robots, Missing}}, #{robots := Robots}, _Sigma, _Values) ->
+    Line = "--predicate: the recording has no robot ~ts; it has ~ts",
+    {error, [io_lib:format(Line, [robots(Missing), robots(Robots)])]}.
+
+robots(Robots) -> lists:join(", ", [["r", integer_to_list(R)] || R <- Robots]).
+
+bounds(auto, Recording, Values) ->
+    starl_debug_envelope:from_packets(Recording, maps:get(drift, Values));
+bounds(Sigma, _Recording, _Values) ->
+    {ok, Sigma}.
+
+options(Sigma, #{begun := Begun}, Values) ->
+    Times = [
+        {Key, Begun + round(1.0e6 * S)}
+     || Key <- [from, until], #{Key := S} <- [Values], S =/= none
+    ],
+    maps:merge(
+        #{sigma => Sigma, drift_ppm => round(maps:get(drift, Values))}, maps:from_list(Times)
+    ).
+
+checked(Formula, Recording, Options, Values) ->
+    Stop = atomics:new(1, []),
+    starl_cli_signal:on_interrupt(fun() -> atomics:put(Stop, 1, 1) end),
+    Progress = starl_cli_progress:new(drawing(Values)),
+    Look = fun(Done) ->
+        _ = starl_cli_progress:show(Progress, Done, fun() -> ["checked"] end),
+        case atomics:get(Stop, 1) of
+            0 -> continue;
+            1 -> stop
+        end
+    end,
+    Answer = starl_debug_check:run(Formula, Recording, Options, Look),
+    starl_cli_signal:on_interrupt(quit),
+    starl_cli_progress:erase(),
+    told(Answer, Formula, Recording, Options, Values).
+
+drawing(#{quiet := true}) -> quiet;
+drawing(#{quiet := false}) -> auto.
+
+%% -- the answer -----------------------------------------------------------------------------
+
+told(Answer, Formula, Recording, Options, Values) ->
+    starl_cli_terminal:out([
+        head(Recording, Options),
+        doubts(Recording),
+        answer(Answer, Recording),
+        explained(Answer, Formula, Recording, Options, Values)
+    ]),
+    drawn(Answer, Recording, Values, status(Answer)).
+
+head(#{app := App, robots := Robots, extent := {First, Last}, how := How}, #{sigma := Sigma}) ->
+    io_lib:format("~ts: ~b robots, ~.1f s~ts; ~ts\n", [
+        App, length(Robots), (Last - First) / 1.0e6, told_by(How), clocks(Sigma)
+    ]).
+
+told_by(exact) -> "";
+told_by(told) -> " that all have told of".
+
+clocks(Sigma) when is_integer(Sigma) -> ["any two clocks within ", ms(Sigma)];
+clocks(Bounds) ->
+    ["clocks as messages bound them, at worst within ", ms(starl_debug_envelope:widest(Bounds))].
+
+ms(Us) -> io_lib:format("~.1f ms", [Us / 1000]).
+
+seconds(Us, #{begun := Begun}) -> io_lib:format("~.3f s", [(Us - Begun) / 1.0e6]).
+
+doubts(#{missing := Missing, too_fast := TooFast, holes := Holes, left_out := LeftOut}) ->
+    [
+        [["no recording of ", robots(Missing), "\n"] || Missing =/= []],
+        [
+            io_lib:format(
+                "r~b: faster than its chassis allows ~b times; its places are in doubt\n", [R, N]
+            )
+         || {R, N} <- TooFast
+        ],
+        [[File, ": a part is missing; what happened in it is not known\n"] || File <- Holes],
+        [[File, ": left out; the robots' own recordings are here\n"] || File <- LeftOut]
+    ].
+
+answer(#{verdict := Verdict} = Answer, Recording) ->
+    [
+        word(Verdict),
+        part(Answer, Recording),
+        "\n",
+        found(maps:get(best, Answer), Recording),
+        times(Answer, Recording)
+    ].
+
+word(never) -> "NEVER true";
+word(possibly) -> "POSSIBLY true";
+word(certainly) -> "CERTAINLY true".
+
+part(#{is_whole := false, verdict := Verdict, until := Until}, Recording) when
+    Verdict =/= certainly
+->
+    [" until ", seconds(Until, Recording), "; the rest was not looked at"];
+part(_Answer, _Recording) ->
+    "".
+
+found(none, _Recording) ->
+    "";
+found(#{formula := Formula, outcome := #{witness := {At, _} = Witness} = Outcome}, Recording) ->
+    #{begun := Begun} = Recording,
+    Rows = starl_debug_witness:rows(Formula, Witness, Recording),
+    [
+        "at ",
+        seconds(At, Recording),
+        shown(Outcome),
+        ":\n",
+        [[Line, "\n"] || Line <- starl_debug_witness:format(Rows, Begun)]
+    ].
+
+shown(#{verdict := certainly}) -> ", for one of the clocks that are possible";
+shown(#{is_shown := true}) -> ", if the clocks stood like this";
+shown(#{is_shown := false}) -> ", where it cannot be excluded".
+
+times(#{times := []}, _Recording) ->
+    "";
+times(#{times := Times, verdict := Verdict}, Recording) when Verdict =/= never ->
+    Some = lists:sublist(Times, 4),
+    [
+        "it may be true ",
+        lists:join(", ", [[seconds(A, Recording), " .. ", seconds(B, Recording)] || {A, B} <- Some]),
+        [io_lib:format(" and ~b times more", [length(Times) - 4]) || length(Times) > 4],
+        "\n"
+    ];
+times(_Answer, _Recording) ->
+    "".
+
+%% What the answer rests on, which takes some more checks.
+explained(#{is_whole := false, verdict := Verdict}, _Formula, _Recording, _Options, _Values) when
+    Verdict =/= certainly
+->
+    "";
+explained(_Answer, _Formula, _Recording, _Options, #{no_explain := true}) ->
+    "";
+explained(#{verdict := Verdict} = Answer, Formula, Recording, Options, _Values) ->
+    Explained = starl_debug_sigma:explain(Formula, Recording, Options, Verdict),
+    [share(Answer), changes(Explained), decides(Verdict, Explained)].
+
+share(#{parts := 0}) ->
+    "";
+share(#{parts := Parts, open := Open}) ->
+    io_lib:format("decided without a doubt: ~b of ~b parts in slices of a second\n", [
+        Parts - length(Open), Parts
+    ]).
+
+changes(#{smaller := Smaller, greater := Greater}) ->
+    [
+        [
+            ["with clocks within ", ms(Us), " it is ", word_of(V), "\n"]
+         || {until, V, Us} <- [Smaller]
+        ],
+        [
+            ["with clocks off by ", ms(Us), " it is ", word_of(V), "\n"]
+         || {from, V, Us} <- [Greater]
+        ],
+        [["the same for clocks off by ", ms(Us), "\n"] || {not_until, Us} <- [Greater]]
+    ].
+
+word_of(never) -> "never true";
+word_of(possibly) -> "possibly true";
+word_of(certainly) -> "certainly true".
+
+decides(possibly, #{perfect_clocks := Clocks, known_places := Places, both := Both}) ->
+    case {Clocks =/= possibly, Places =/= possibly, Both =/= possibly} of
+        {true, true, _} -> "better clocks or more samples of places would decide it\n";
+        {true, false, _} -> "better clocks would decide it\n";
+        {false, true, _} -> "more samples of places would decide it\n";
+        {false, false, true} -> "better clocks and more samples of places would decide it\n";
+        {false, false, false} -> "neither better clocks nor more samples would decide it\n"
+    end;
+decides(_Verdict, _Explained) ->
+    "".
+
+drawn(
+    #{best := #{formula := Formula, outcome := #{witness := Witness}}},
+    Recording,
+    #{picture := File},
+    Status
+) when
+    File =/= none
+->
+    Title = ["at ", seconds(element(1, Witness), Recording), " of the time line"],
+    case starl_debug_picture:svg(Formula, Witness, Recording, Title) of
+        {ok, Svg} ->
+            written(file:write_file(File, Svg), File, Status);
+        {error, no_places} ->
+            {error, [File, ": not drawn, since no place of these robots is known"]}
+    end;
+drawn(_Answer, _Recording, _Values, Status) ->
+    Status.
+
+written(ok, File, Status) ->
+    starl_cli_terminal:out(["picture: ", File, "\n"]),
+    Status;
+written({error, Posix}, File, _Status) ->
+    {error, [[File, ": ", file:format_error(Posix)]]}.
+
+status(#{verdict := certainly}) -> 3;
+status(#{verdict := possibly}) -> 6;
+status(#{is_whole := false}) -> 5;
+status(#{verdict := never}) -> 0.

@@ -1,0 +1,300 @@
+%% @doc Reads what the trace debugger needs of recordings: for each robot its states and places by its
+%% own clock, and the packets, which bound the clocks.
+%%
+%% One file of a run has all robots; the files of the robots themselves have one each, and a robot may
+%% have several. Beside these the world's file is left out: its clock is none of theirs.
+-module(starl_debug_recording).
+
+-export([read/2, format_error/1]).
+
+-export_type([t/0, reason/0, packet/0, limits/0]).
+
+%% `how': `exact', as the simulator knew it, or `told' by the robots; `begun': the time that is shown as
+%% 0; `extent': from the first to the last time of any robot; `too_fast': samples that a robot cannot have reached;
+%% `holes': files that lack something; `left_out': files that were not needed.
+-type t() :: #{
+    how := exact | told,
+    app := module(),
+    robots := [starl:robot_id(), ...],
+    begun := integer(),
+    extent := starl_debug_set:interval(),
+    states := #{starl:robot_id() => starl_debug_state:t()},
+    tracks := #{starl:robot_id() => starl_debug_track:t()},
+    packets := [packet()],
+    tokens := [starl_debug_parser:name()],
+    geocasts := [{term(), starl:robot_id(), integer(), starl_debug_type:area()}],
+    missing := [starl:robot_id()],
+    too_fast := [{starl:robot_id(), pos_integer()}],
+    holes := [file:filename_all()],
+    left_out := [file:filename_all()]
+}.
+
+%% A packet by the sender's and the receiver's clock; or one end of it, with its number.
+-type packet() ::
+    {packet, From :: starl:robot_id(), To :: starl:robot_id(), SentUs :: integer(),
+        CameUs :: integer()}
+    | {
+        sent | came,
+        From :: starl:robot_id(),
+        To :: starl:robot_id(),
+        Hash :: integer(),
+        AtUs :: integer()
+    }.
+
+%% `speed' (mm/s) and `error' (mm) of places, in the place of those of the run; `until': nothing is
+%% read behind that time (us from the beginning of the recording).
+-type limits() :: #{speed => number(), error => number(), until => integer()}.
+
+-type reason() ::
+    starl_trace_reader:reason()
+    | {no_scenario, file:filename_all()}
+    | {empty, file:filename_all()}
+    | {other_run, file:filename_all(), file:filename_all(), Key :: atom()}
+    | {two_worlds, file:filename_all(), file:filename_all()}.
+
+-record(file, {
+    name :: file:filename_all(),
+    facts = none :: none | starl_trace_message:scenario(),
+    %% by robot and machine, the latest first
+    events = #{} :: #{starl:robot_id() => #{starl_machine:name() => [{integer(), term()}]}},
+    seen = #{} :: #{starl:robot_id() => [{integer(), starl_geometry:point()}]},
+    packets = [] :: [packet()],
+    first = none :: none | integer(),
+    last = none :: none | integer(),
+    until = infinity :: integer() | infinity,
+    has_hole = false :: boolean()
+}).
+
+-define(SAME, [app, kind, scenario, epoch_us, run]).
+-define(SPEED, 500).
+-define(ERROR_MM, 1.0).
+%% The events of these machines count; of others only the last is asked for.
+-define(NO_MACHINES, [sap, radio, supervisor]).
+
+%% @doc Reads recordings of one run.
+-spec read([file:filename_all(), ...], limits()) -> {ok, t()} | {error, reason()}.
+read(Names, Limits) ->
+    try
+        Files = [file(Name, Limits) || Name <- Names],
+        ok = of_one_run(Files),
+        {ok, recording(Files, Limits)}
+    catch
+        throw:{?MODULE, Reason} -> {error, Reason}
+    end.
+
+file(Name, Limits) ->
+    case starl_trace_reader:start(Name) of
+        {ok, Cursor} ->
+            try
+                all(Cursor, #file{name = Name}, Limits)
+            after
+                starl_trace_reader:stop(Cursor)
+            end;
+        {error, Reason} ->
+            throw({?MODULE, Reason})
+    end.
+
+all(Cursor, #file{until = Until, last = Last} = File, _Limits) when
+    is_integer(Last), Last > Until
+->
+    _ = Cursor,
+    File;
+all(Cursor, File, Limits) ->
+    case starl_trace_reader:next(Cursor) of
+        {ok, Messages, Next} ->
+            all(
+                Next,
+                lists:foldl(fun(M, F) -> message(M, timed(M, F), Limits) end, File, Messages),
+                Limits
+            );
+        {ended, _} when File#file.facts =:= none ->
+            throw({?MODULE, {no_scenario, File#file.name}});
+        {ended, closed} ->
+            File;
+        {ended, _} ->
+            File#file{has_hole = true};
+        {error, Reason} ->
+            throw({?MODULE, Reason})
+    end.
+
+timed({_, At, _}, #file{first = First, last = Last} = File) ->
+    %% an atom is larger than any number
+    File#file{first = min(First, At), last = later(Last, At)}.
+
+later(none, At) -> At;
+later(Last, At) -> max(Last, At).
+
+message({scenario, _, Facts}, #file{facts = none, first = First} = File, Limits) ->
+    Begun = maps:get(begun_us, Facts, First),
+    case Limits of
+        #{until := Until} -> File#file{facts = Facts, first = Begun, until = Begun + Until};
+        #{} -> File#file{facts = Facts, first = Begun}
+    end;
+message(_Message, #file{facts = none, name = Name}, _Limits) ->
+    throw({?MODULE, {no_scenario, Name}});
+message({trace, At, {Robot, Machine, Event}}, #file{events = Events} = File, _Limits) ->
+    case lists:member(Machine, ?NO_MACHINES) of
+        true ->
+            File;
+        false ->
+            Own = maps:get(Robot, Events, #{}),
+            Before = maps:get(Machine, Own, []),
+            File#file{events = Events#{Robot => Own#{Machine => [{At, Event} | Before]}}}
+    end;
+message({poses, At, #{robots := Poses}}, #file{seen = Seen, facts = Facts} = File, _Limits) ->
+    case is_told(Facts) of
+        true -> File#file{seen = lists:foldl(fun(P, S) -> seen(At, P, S) end, Seen, Poses)};
+        false -> File
+    end;
+message(
+    {packets, At, {From, To, _, _, {arrives, Copies}}}, #file{packets = Packets} = File, _Limits
+) ->
+    Came = lists:min([T || {T, _} <- Copies]),
+    File#file{packets = [{packet, From, To, At, Came} | Packets]};
+message({ways, At, {Robot, {sent, To, _, _, Hash}}}, #file{packets = Packets} = File, _Limits) ->
+    File#file{packets = [{sent, Robot, To, Hash, At} | Packets]};
+message({ways, At, {Robot, {came, From, _, _, Hash, _}}}, #file{packets = Packets} = File, _Limits) ->
+    File#file{packets = [{came, From, Robot, Hash, At} | Packets]};
+message({gap, _, _}, File, _Limits) ->
+    File#file{has_hole = true};
+message(_Other, File, _Limits) ->
+    File.
+
+seen(At, {Robot, {X, Y, _}, _, _}, Seen) ->
+    Seen#{Robot => [{At, {X, Y}} | maps:get(Robot, Seen, [])]};
+seen(_At, _Unknown, Seen) ->
+    Seen.
+
+is_told(Facts) -> is_map_key(told_by, Facts) andalso not maps:get(has_motions, Facts, false).
+
+of_one_run([#file{name = First, facts = Facts} | Others] = Files) ->
+    _ = [
+        throw({?MODULE, {other_run, First, Name, Key}})
+     || #file{name = Name, facts = Other} <- Others,
+        Key <- ?SAME,
+        maps:get(Key, Facts, none) =/= maps:get(Key, Other, none)
+    ],
+    case [Name || #file{facts = F, name = Name} <- Files, not is_map_key(told_by, F)] of
+        [A, B | _] -> throw({?MODULE, {two_worlds, A, B}});
+        _ -> ok
+    end.
+
+%% -- the whole ------------------------------------------------------------------------------
+
+recording(All, Limits) ->
+    {Own, Worlds} = lists:partition(fun(#file{facts = F}) -> is_map_key(told_by, F) end, All),
+    {Files, LeftOut} = chosen(Own, Worlds),
+    [#file{facts = Facts} | _] = Files,
+    How = how(Files),
+    Robots = robots(Files),
+    Extents = maps:from_list([{R, extent(R, Files)} || R <- Robots]),
+    States = maps:from_list([
+        {R, starl_debug_state:new(R, events(R, Files), maps:get(R, Extents), How)}
+     || R <- Robots
+    ]),
+    Tracks = [
+        {R, Track}
+     || R <- Robots, Track <- [track(R, Files, maps:get(R, Extents), Limits)], Track =/= none
+    ],
+    #{
+        how => How,
+        app => maps:get(app, Facts),
+        robots => Robots,
+        begun => lists:min([First || #file{first = First} <- Files]),
+        extent => common(maps:values(Extents), Files),
+        states => States,
+        tracks => maps:from_list([{R, Track} || {R, {Track, _}} <- Tracks]),
+        packets => lists:append([Packets || #file{packets = Packets} <- Files]),
+        tokens => lists:usort(
+            lists:append([starl_debug_state:tokens(S) || S <- maps:values(States)])
+        ),
+        geocasts => lists:append([
+            starl_debug_state:geocasts(R, S)
+         || {R, S} <- lists:sort(maps:to_list(States))
+        ]),
+        missing => [R || {R, _} <- maps:get(robots, Facts)] -- Robots,
+        too_fast => [{R, N} || {R, {_, N}} <- Tracks, N > 0],
+        holes => [Name || #file{name = Name, has_hole = true} <- Files],
+        left_out => LeftOut
+    }.
+
+chosen([], Worlds) -> {Worlds, []};
+chosen(Own, Worlds) -> {Own, [Name || #file{name = Name} <- Worlds]}.
+
+how(Files) ->
+    case [x || #file{facts = Facts} <- Files, is_map_key(told_by, Facts)] of
+        [] -> exact;
+        _ -> told
+    end.
+
+robots(Files) ->
+    lists:usort(
+        lists:append([
+            maps:get(told_by, F, [R || {R, _} <- maps:get(robots, F)])
+         || #file{facts = F} <- Files
+        ])
+    ).
+
+of_robot(R, Files) ->
+    [F || #file{facts = Facts} = F <- Files, lists:member(R, maps:get(told_by, Facts, [R]))].
+
+extent(R, Files) ->
+    Own = of_robot(R, Files),
+    {lists:min([A || #file{first = A} <- Own]), lists:max([B || #file{last = B} <- Own])}.
+
+%% From the first word of any robot to the last of any; they must have some time in common.
+common(Extents, Files) ->
+    {Begins, Ends} = lists:unzip(Extents),
+    case lists:max(Begins) =< lists:min(Ends) of
+        true -> {lists:min(Begins), lists:max(Ends)};
+        false -> throw({?MODULE, {empty, (hd(Files))#file.name}})
+    end.
+
+%% A robot with several files: in the order of their beginnings.
+events(R, Files) ->
+    Own = lists:sort([
+        {A, maps:get(R, E, #{})}
+     || #file{first = A, events = E} <- of_robot(R, Files)
+    ]),
+    lists:foldl(
+        fun({_, Events}, Acc) ->
+            maps:fold(
+                fun(M, E, A) -> A#{M => maps:get(M, A, []) ++ lists:reverse(E)} end, Acc, Events
+            )
+        end,
+        #{},
+        Own
+    ).
+
+track(R, Files, {_, End}, Limits) ->
+    Pieces = [P || {_, {motion, P}} <- maps:get(chassis, events(R, Files), [])],
+    Samples = lists:sort(
+        lists:append([maps:get(R, Seen, []) || #file{seen = Seen} <- of_robot(R, Files)])
+    ),
+    case {Pieces, Samples} of
+        {[], []} -> none;
+        {[], _} -> starl_debug_track:samples(Samples, limits(Files, Limits));
+        {_, _} -> {starl_debug_track:motions(Pieces, End), 0}
+    end.
+
+limits([#file{facts = Facts} | _], Limits) ->
+    Scenario = maps:get(scenario, Facts, #{}),
+    #{
+        speed => maps:get(speed, Limits, maps:get(speed, Scenario, ?SPEED)),
+        error => maps:get(error, Limits, maps:get(position_error, Scenario, ?ERROR_MM))
+    }.
+
+%% @doc One line on a problem: what is wrong, where, and what to do.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({no_scenario, File}) ->
+    io_lib:format("~ts: the recording does not begin with its scenario", [File]);
+format_error({empty, File}) ->
+    io_lib:format("~ts: the robots of this recording have no time in common", [File]);
+format_error({other_run, First, File, Key}) ->
+    Line = "~ts: not of the run of ~ts (another ~ts); give the recordings of one run",
+    io_lib:format(Line, [File, First, Key]);
+format_error({two_worlds, First, File}) ->
+    Line = "~ts: like ~ts the recording of a whole run; give one of them, or those of the robots",
+    io_lib:format(Line, [File, First]);
+format_error(Reason) ->
+    starl_trace_reader:format_error(Reason).

@@ -1,0 +1,39 @@
+%% The check against runs whose truth is known (`starl_debug_truth'): it never says never of what was
+%% true, nor certainly of what was not. STARL_DEBUG_RUNS=34 tries more runs of each kind and prints the table of
+%% what stayed undecided; STARL_DEBUG_SEED begins at another run.
+-module(starl_debug_truth_tests).
+
+-include_lib("eunit/include/eunit.hrl").
+
+-define(RUNS, 1).
+
+number(Name, Default) -> list_to_integer(os:getenv(Name, integer_to_list(Default))).
+
+never_and_certainly_are_right_test_() ->
+    {timeout, 3600, fun() ->
+        Seed = number("STARL_DEBUG_SEED", erlang:system_time(second) rem 100000),
+        Runs = number("STARL_DEBUG_RUNS", ?RUNS),
+        Wrong = lists:append([
+            starl_debug_truth:wrong(S, Sigma, Hz)
+         || S <- lists:seq(Seed, Seed + Runs - 1), Sigma <- [0, 5000, 50000, 200000], Hz <- [2, 20]
+        ]),
+        ?assertEqual({seed, Seed, []}, {seed, Seed, Wrong}),
+        _ = [starl_debug_truth:table(Runs) || Runs > ?RUNS]
+    end}.
+
+%% At sigma 0 and with samples that are dense, nothing is left open that the milliseconds decide.
+perfect_clocks_are_a_plain_evaluation_test_() ->
+    {timeout, 600, fun() ->
+        Seed = number("STARL_DEBUG_SEED", erlang:system_time(second) rem 100000),
+        {Recording, Run} = starl_debug_truth:make(Seed, #{ms => 3000, sigma => 0, hz => 1000}),
+        Open = [
+            {Text, Truth, Verdict}
+         || {Text, Truth, Verdict} <- starl_debug_truth:answers(Recording, Run, 0),
+            Truth =/= doubtful,
+            Verdict =/= verdict(Truth)
+        ],
+        ?assertEqual({seed, Seed, []}, {seed, Seed, Open})
+    end}.
+
+verdict(true) -> certainly;
+verdict(false) -> never.
