@@ -30,6 +30,10 @@
 %% @doc The bounds that the packets of a recording give, for clocks whose rates are off by that (ppm).
 -spec from_packets(starl_debug_recording:t(), DriftPpm :: number()) ->
     {ok, t()} | {error, unicode:chardata()}.
+from_packets(#{packets := []}, _Drift) ->
+    {error,
+        "no messages bound the clocks of these robots; give a sigma, or the robots' own recordings "
+        "(what ./starl merge makes has no stamps of both ends)"};
 from_packets(#{packets := Packets, robots := Robots, extent := {From, To}}, Drift) ->
     Links = maps:groups_from_list(
         fun({A, B, _, _}) -> {A, B} end, fun({_, _, S, R}) -> {S, R} end, met(Packets)
@@ -126,8 +130,8 @@ via(I, K, Known) -> maps:with([{I, K}], Known).
 inconsistent(Slice, Robots, Closed) ->
     Us = lists:min([maps:get({R, R}, Closed) || R <- Robots]),
     io_lib:format(
-        "--sigma auto: the packets of robots ~ts contradict each other by ~.1f ms around second ~b: "
-        "a clock was set, drifts more than --drift, or a file is of another run; give a sigma instead",
+        "the packets of robots ~ts contradict each other by ~.1f ms around second ~b: "
+        "a clock was set, drifts more than --drift, or a file is of another run",
         [lists:join(", ", [integer_to_list(R) || R <- Robots]), -Us / 1000, Slice]
     ).
 

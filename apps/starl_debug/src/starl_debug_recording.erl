@@ -15,6 +15,7 @@
 -type t() :: #{
     how := exact | told,
     app := module(),
+    monitors := [{module(), map()}],
     robots := [starl:robot_id(), ...],
     begun := integer(),
     extent := starl_debug_set:interval(),
@@ -146,11 +147,11 @@ message({poses, At, #{robots := Poses}}, #file{seen = Seen, facts = Facts} = Fil
         true -> File#file{seen = lists:foldl(fun(P, S) -> seen(At, P, S) end, Seen, Poses)};
         false -> File
     end;
-message(
-    {packets, At, {From, To, _, _, {arrives, Copies}}}, #file{packets = Packets} = File, _Limits
-) ->
+message({packets, At, {From, To, _, _, {arrives, Copies}}}, #file{facts = Facts} = File, _Limits) when
+    not is_map_key(told_by, Facts)
+->
     Came = lists:min([T || {T, _} <- Copies]),
-    File#file{packets = [{packet, From, To, At, Came} | Packets]};
+    File#file{packets = [{packet, From, To, At, Came} | File#file.packets]};
 message({ways, At, {Robot, {sent, To, _, _, Hash}}}, #file{packets = Packets} = File, _Limits) ->
     File#file{packets = [{sent, Robot, To, Hash, At} | Packets]};
 message({ways, At, {Robot, {came, From, _, _, Hash, _}}}, #file{packets = Packets} = File, _Limits) ->
@@ -199,6 +200,7 @@ recording(All, Limits) ->
     #{
         how => How,
         app => maps:get(app, Facts),
+        monitors => maps:get(monitors, Facts, []),
         robots => Robots,
         begun => lists:min([First || #file{first = First} <- Files]),
         extent => common(maps:values(Extents), Files),

@@ -36,6 +36,7 @@ make(Seed, #{ms := Ms, sigma := Sigma, hz := Hz}) ->
         #{
             how => exact,
             app => truth,
+            monitors => [],
             robots => [R || {R, _} <- Robots],
             begun => 0,
             extent => {lists:min([A || {A, _} <- Extents]), lists:max([B || {_, B} <- Extents])},
@@ -153,6 +154,15 @@ own({left, Mm}, S, R, #{robots := Robots}) ->
 own({near, P, Mm}, S, R, #{robots := Robots}) ->
     #{R := #{places := Places}} = Robots,
     [compared('<', starl_geometry:distance(P, Q), Mm, S) || Q <- Places];
+%% What lasts is judged where the recording goes back as far.
+own({'not', {once, Us, A}}, S, R, Run) ->
+    own({held, Us, {'not', A}}, S, R, Run);
+own({'not', {held, Us, A}}, S, R, Run) ->
+    own({once, Us, {'not', A}}, S, R, Run);
+own({'not', {ago, Us, A}}, S, R, Run) ->
+    own({ago, Us, {'not', A}}, S, R, Run);
+own({'not', {'not', A}}, S, R, Run) ->
+    own(A, S, R, Run);
 own({'not', A}, S, R, Run) ->
     [not V || V <- own(A, -S, R, Run)];
 own({Operator, Parts}, S, R, Run) when Operator =:= 'and'; Operator =:= 'or' ->

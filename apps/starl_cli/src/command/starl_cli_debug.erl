@@ -5,8 +5,6 @@
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
 
--define(SIGMA_US, 10000).
-
 -spec name() -> string().
 name() -> "debug".
 
@@ -45,9 +43,8 @@ flags(_Subject) ->
     [
         {"Flags", [
             {predicate, string, none, "what may have been true, see above"},
-            {sigma, string, none,
-                "how far two clocks differ at most, such as 50ms; auto: as the messages bound it (10ms)"},
-            {drift, {number, 0, 10000}, 100, "by how much the rate of a clock is off at most, ppm"},
+            starl_cli_sigma:flag(" (10ms)"),
+            starl_cli_sigma:drift(),
             {from, {number, 0, 1.0e9}, none, "looks at the run from this second on"},
             {until, {number, 0, 1.0e9}, none, "looks at the run until this second"},
             {speed, {number, 1, 100000}, none,
@@ -87,7 +84,7 @@ run(#{values := #{predicate := none}}) ->
     ]};
 run(#{subject := Files, values := Values}) ->
     #{predicate := Text, sigma := Sigma} = Values,
-    case {starl_debug:predicate(Text), sigma(Sigma)} of
+    case {starl_debug:predicate(Text), starl_cli_sigma:read(Sigma)} of
         {{ok, Predicate}, {ok, Us}} -> read(Files, Predicate, Us, Values);
         {Parsed, Read} -> {error, wrong(Parsed, Text) ++ unread(Read)}
     end.
@@ -99,27 +96,6 @@ wrong({error, {Column, Problem}}, Text) ->
 
 unread({ok, _}) -> [];
 unread({error, Line}) -> [Line].
-
-sigma(none) ->
-    {ok, ?SIGMA_US};
-sigma("auto") ->
-    {ok, auto};
-sigma(Text) ->
-    case starl_debug_parser:parse(["(", Text, ")"]) of
-        _ when Text =:= "0" -> {ok, 0};
-        {ok, {at, _, {number, Number, Unit}}} when Number >= 0 -> in_us(Number, Unit);
-        _ -> bad_sigma(Text)
-    end.
-
-in_us(Number, <<"us">>) -> {ok, round(Number)};
-in_us(Number, <<"ms">>) -> {ok, round(1000 * Number)};
-in_us(Number, <<"s">>) when Number =< 60 -> {ok, round(1000000 * Number)};
-in_us(Number, Unit) -> bad_sigma(io_lib:format("~w ~ts", [Number, Unit])).
-
-bad_sigma(Text) ->
-    {error, [
-        "--sigma: a duration of at most 60 s, such as 50ms, or auto expected, not \"", Text, "\""
-    ]}.
 
 %% -- the check ------------------------------------------------------------------------------
 
@@ -133,20 +109,15 @@ read(Files, Predicate, Sigma, Values) ->
     end.
 
 formula({ok, Formula}, Recording, Sigma, Values) ->
-    case bounds(Sigma, Recording, Values) of
+    case starl_cli_sigma:bounds(Sigma, Recording, maps:get(drift, Values)) of
         {ok, Known} -> checked(Formula, Recording, options(Known, Recording, Values), Values);
-        {error, Line} -> {error, [Line]}
+        {error, Line} -> {error, [["--sigma auto: ", Line]]}
     end;
 formula({error, {no_robots, Missing}}, #{robots := Robots}, _Sigma, _Values) ->
     Line = "--predicate: the recording has no robot ~ts; it has ~ts",
     {error, [io_lib:format(Line, [robots(Missing), robots(Robots)])]}.
 
 robots(Robots) -> lists:join(", ", [["r", integer_to_list(R)] || R <- Robots]).
-
-bounds(auto, Recording, Values) ->
-    starl_debug_envelope:from_packets(Recording, maps:get(drift, Values));
-bounds(Sigma, _Recording, _Values) ->
-    {ok, Sigma}.
 
 options(Sigma, #{begun := Begun}, Values) ->
     Times = [
@@ -189,17 +160,11 @@ told(Answer, Formula, Recording, Options, Values) ->
 
 head(#{app := App, robots := Robots, extent := {First, Last}, how := How}, #{sigma := Sigma}) ->
     io_lib:format("~ts: ~b robots, ~.1f s~ts; ~ts\n", [
-        App, length(Robots), (Last - First) / 1.0e6, told_by(How), clocks(Sigma)
+        App, length(Robots), (Last - First) / 1.0e6, told_by(How), starl_cli_sigma:words(Sigma)
     ]).
 
 told_by(exact) -> "";
 told_by(told) -> " that all have told of".
-
-clocks(Sigma) when is_integer(Sigma) -> ["any two clocks within ", ms(Sigma)];
-clocks(Bounds) ->
-    ["clocks as messages bound them, at worst within ", ms(starl_debug_envelope:widest(Bounds))].
-
-ms(Us) -> io_lib:format("~.1f ms", [Us / 1000]).
 
 seconds(Us, #{begun := Begun}) -> io_lib:format("~.3f s", [(Us - Begun) / 1.0e6]).
 
@@ -287,14 +252,14 @@ share(#{parts := Parts, open := Open}) ->
 changes(#{smaller := Smaller, greater := Greater}) ->
     [
         [
-            ["with clocks within ", ms(Us), " it is ", word_of(V), "\n"]
+            ["with clocks within ", starl_cli_sigma:ms(Us), " it is ", word_of(V), "\n"]
          || {until, V, Us} <- [Smaller]
         ],
         [
-            ["with clocks off by ", ms(Us), " it is ", word_of(V), "\n"]
+            ["with clocks off by ", starl_cli_sigma:ms(Us), " it is ", word_of(V), "\n"]
          || {from, V, Us} <- [Greater]
         ],
-        [["the same for clocks off by ", ms(Us), "\n"] || {not_until, Us} <- [Greater]]
+        [["the same for clocks off by ", starl_cli_sigma:ms(Us), "\n"] || {not_until, Us} <- [Greater]]
     ].
 
 word_of(never) -> "never true";

@@ -2,7 +2,7 @@
 -module(starl_cli_judge).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, statuses/0, subject/2, run/1]).
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
 
 -spec name() -> string().
 name() -> "judge".
@@ -21,15 +21,22 @@ about(_Subject) ->
         "judged to its last whole second, one with a hole up to that. Of recordings of the robots themselves, merged, the "
         "contracts are judged that do not need the true motions; which are not judged is said. A "
         "contract of your own is taken from the directory inputs beside the recording, where a run "
-        "keeps its source."
+        "keeps its source.",
+        "The times of the recording are taken as they are. With --sigma the contracts that speak of two "
+        "robots at one moment are judged for all clocks within it: kept, broken, or depends on the "
+        "clocks."
     ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(_Subject) -> [{"Flags", [starl_cli_sigma:flag(""), starl_cli_sigma:drift()]}].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
     [
         {0, "no contract is broken"},
         {3, "a contract is broken"},
-        {5, "a part of the run is not judged, and in the rest no contract is broken"}
+        {5, "a part of the run is not judged, and in the rest no contract is broken"},
+        {6, "none is broken for sure; with --sigma one depends on the clocks"}
     ].
 
 -spec subject(string(), [string()]) ->
@@ -41,25 +48,50 @@ subject(Word, Args) ->
     end.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{subject := File}) -> judged(starl_trace_judge:file(File), File, []).
+run(#{subject := File, values := #{sigma := Sigma, drift := Drift}}) ->
+    case starl_cli_sigma:read(Sigma) of
+        {ok, _} when Sigma =:= none -> judged(starl_trace_judge:file(File), {File, none}, []);
+        {ok, Us} -> judged(starl_trace_judge:file(File), {File, {Us, Drift}}, []);
+        {error, Line} -> {error, [Line]}
+    end.
 
-judged({ok, Judged}, File, _Loaded) ->
-    told(File, Judged);
-judged({error, {no_monitor, _, Module} = Reason}, File, Loaded) ->
+judged({ok, Judged}, {File, none}, _Loaded) ->
+    told(File, Judged, []);
+judged({ok, Judged}, {File, Clocks}, _Loaded) ->
+    case by_clocks(File, Judged, Clocks) of
+        {ok, Judgements} -> told(File, Judged, Judgements);
+        {error, Line} -> {error, [Line]}
+    end;
+judged({error, {no_monitor, _, Module} = Reason}, {File, _} = Wanted, Loaded) ->
     case lists:member(Module, Loaded) orelse starl_cli_inputs:source(Module, File) of
-        {ok, Source} -> loaded(starl_cli_source:modules(Source), Module, File, Loaded);
+        {ok, Source} -> loaded(starl_cli_source:modules(Source), Module, Wanted, Loaded);
         _ -> {error, [starl_trace_judge:format_error(Reason)]}
     end;
-judged({error, Reason}, _File, _Loaded) ->
+judged({error, Reason}, _Wanted, _Loaded) ->
     {error, [starl_trace_judge:format_error(Reason)]}.
 
-loaded({ok, _, _}, Module, File, Loaded) ->
-    judged(starl_trace_judge:file(File), File, [Module | Loaded]);
-loaded({error, _} = Error, _Module, _File, _Loaded) ->
+loaded({ok, _, _}, Module, {File, _} = Wanted, Loaded) ->
+    judged(starl_trace_judge:file(File), Wanted, [Module | Loaded]);
+loaded({error, _} = Error, _Module, _Wanted, _Loaded) ->
     Error.
 
-told(File, #{violations := Violations, scenario := #{app := App} = Scenario} = Judged) ->
+by_clocks(File, #{violations := Violations}, {Sigma, Drift}) ->
+    case starl_debug_recording:read([File], #{}) of
+        {ok, Recording} ->
+            judgements(starl_cli_sigma:bounds(Sigma, Recording, Drift), Recording, Violations, Drift);
+        {error, Reason} ->
+            {error, starl_debug_recording:format_error(Reason)}
+    end.
+
+judgements({ok, Bounds}, Recording, Violations, Drift) ->
+    Options = #{sigma => Bounds, drift_ppm => round(Drift)},
+    {ok, starl_debug_contracts:judge(Recording, Violations, Options)};
+judgements({error, Line}, _Recording, _Violations, _Drift) ->
+    {error, ["--sigma auto: ", Line]}.
+
+told(File, #{violations := Found, scenario := #{app := App} = Scenario} = Judged, Judgements) ->
     #{until_us := Until, events := Events, ended := Ended, unjudged := Unjudged} = Judged,
+    Violations = Found -- lists:append([Vs || #{word := depends, violations := Vs} <- Judgements]),
     Us = Until - maps:get(begun_us, Scenario, 0),
     starl_cli_terminal:out([
         io_lib:format("~ts: ~ts, ~.1f s, ~b events judged", [File, App, Us / 1.0e6, Events]),
@@ -68,11 +100,21 @@ told(File, #{violations := Violations, scenario := #{app := App} = Scenario} = J
         "\n",
         [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
         not_judged(Judged),
+        [by_clocks(Judgement) || Judgement <- Judgements],
         [[starl_unjudged:format(Part), "\n"] || Part <- Unjudged],
         verdict(Violations, Unjudged),
         same(Judged)
     ]),
-    status(Violations, Unjudged).
+    status(Violations, Unjudged, [J || #{word := depends} = J <- Judgements]).
+
+by_clocks(#{contract := Contract, what := What, word := Word, violations := Found, answer := Answer}) ->
+    io_lib:format("~ts, ~ts: ~ts\n", [Contract, What, word(Word, Found, Answer)]).
+
+word(kept, _Found, #{verdict := certainly}) -> "kept; it happened, and a fault explains it";
+word(kept, _Found, _Answer) -> "kept, for all clocks within that";
+word(broken, _Found, _Answer) -> "broken, for all clocks within that";
+word(depends, [], _Answer) -> "depends on the clocks";
+word(depends, _Found, _Answer) -> "depends on the clocks; by the times of the recording it is broken".
 
 cut(closed) -> "";
 cut(cut_off) -> "the file is cut off after that";
@@ -106,6 +148,7 @@ same(#{found := Found, violations := Violations}) ->
         false -> io_lib:format("the run itself had found ~b violations\n", [length(Found)])
     end.
 
-status([], []) -> 0;
-status([], _Unjudged) -> 5;
-status(_Violations, _Unjudged) -> 3.
+status([], [], []) -> 0;
+status([], [], _Depends) -> 6;
+status([], _Unjudged, _Depends) -> 5;
+status(_Violations, _Unjudged, _Depends) -> 3.

@@ -4,6 +4,10 @@
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
 
+%% Rates of clocks are off by this at most; bounds that are wider say nothing.
+-define(DRIFT_PPM, 100).
+-define(UNKNOWN_US, 60000000).
+
 -spec name() -> string().
 name() -> "merge".
 
@@ -44,11 +48,11 @@ run(#{subject := Files, values := #{out := Given, overwrite := Overwrite}}) ->
     {Taken, Out} = starl_cli_setup:out_file(Given, "merged.mcap", Overwrite),
     Own = [[Out, ": this is one of the files to merge"] || lists:member(Out, Files)],
     case Taken ++ Own of
-        [] -> told(starl_trace_merge:files(Files, Out), Out);
+        [] -> told(starl_trace_merge:files(Files, Out), Files, Out);
         Problems -> {error, Problems}
     end.
 
-told({ok, #{messages := Messages, cut_off := CutOff} = Merged}, Out) ->
+told({ok, #{messages := Messages, cut_off := CutOff} = Merged}, Files, Out) ->
     #{begun_us := Begun, until_us := Until, missing := Missing, clocks := Clocks} = Merged,
     #{lacking := Lacking} = Merged,
     ok = starl_cli_recording:packed(Out),
@@ -63,11 +67,29 @@ told({ok, #{messages := Messages, cut_off := CutOff} = Merged}, Out) ->
                 [From, To, Us / 1000]
             )
          || {{From, To}, Us} <- Clocks
-        ]
+        ],
+        clocks(starl_debug_recording:read(Files, #{}), Out)
     ]),
     0;
-told({error, Reason}, _Out) ->
+told({error, Reason}, _Files, _Out) ->
     {error, [starl_trace_merge:format_error(Reason)]}.
+
+%% How far the clocks can differ, by the stamps of both ends of each packet.
+clocks({ok, #{robots := [_, _ | _], packets := [_ | _]} = Recording}, Out) ->
+    case starl_debug_envelope:from_packets(Recording, ?DRIFT_PPM) of
+        {ok, Bounds} -> clocks_within(starl_debug_clocks:widest(Bounds), Out);
+        {error, Line} -> ["clocks: ", Line, "\n"]
+    end;
+clocks(_NoneOrOne, _Out) ->
+    "".
+
+clocks_within(Us, _Out) when Us >= ?UNKNOWN_US ->
+    "";
+clocks_within(Us, Out) ->
+    io_lib:format(
+        "clocks: by the packets any two differ by ~.1f ms at most; ./starl judge ~ts --sigma ~bms\n",
+        [Us / 1000, Out, Us div 1000 + 1]
+    ).
 
 lacking(Robot) when is_integer(Robot) ->
     io_lib:format("an earlier recording of robot ~b is missing\n", [Robot]);

@@ -1,0 +1,57 @@
+%% @doc The flag `--sigma' of the commands that do not trust the robots' clocks.
+-module(starl_cli_sigma).
+
+-export([flag/1, drift/0, read/1, bounds/3, words/1, ms/1]).
+
+%% What nothing was said of.
+-define(SIGMA_US, 10000).
+-define(MOST_S, 60).
+
+%% @doc The flag, with its default in words.
+-spec flag(string()) -> starl_cli_flags:flag().
+flag(Default) ->
+    {sigma, string, none,
+        "how far two clocks differ at most, such as 50ms; auto: as the messages bound it" ++ Default}.
+
+%% @doc The flag for the rates of clocks.
+-spec drift() -> starl_cli_flags:flag().
+drift() -> {drift, {number, 0, 10000}, 100, "by how much the rate of a clock is off at most, ppm"}.
+
+%% @doc Reads a value of the flag (us).
+-spec read(string() | none) -> {ok, auto | non_neg_integer()} | {error, unicode:chardata()}.
+read(none) ->
+    {ok, ?SIGMA_US};
+read("auto") ->
+    {ok, auto};
+read("0") ->
+    {ok, 0};
+read(Text) ->
+    case starl_debug_lexer:tokens(Text) of
+        {ok, [{number, _, Number}, {name, _, Unit}]} -> us(Number, Unit, Text);
+        _ -> bad(Text)
+    end.
+
+us(Number, <<"us">>, _Text) when Number =< 1000000 * ?MOST_S -> {ok, round(Number)};
+us(Number, <<"ms">>, _Text) when Number =< 1000 * ?MOST_S -> {ok, round(1000 * Number)};
+us(Number, <<"s">>, _Text) when Number =< ?MOST_S -> {ok, round(1000000 * Number)};
+us(_Number, _Unit, Text) -> bad(Text).
+
+bad(Text) ->
+    Line = "--sigma: a duration of at most ~b s, such as 50ms, or auto expected, not \"~ts\"",
+    {error, io_lib:format(Line, [?MOST_S, Text])}.
+
+%% @doc What is known of the clocks of a recording, for {@link starl_debug_check:options()}.
+-spec bounds(auto | non_neg_integer(), starl_debug_recording:t(), DriftPpm :: number()) ->
+    {ok, non_neg_integer() | starl_debug_clocks:bounds()} | {error, unicode:chardata()}.
+bounds(auto, Recording, Drift) -> starl_debug_envelope:from_packets(Recording, Drift);
+bounds(Sigma, _Recording, _Drift) -> {ok, Sigma}.
+
+%% @doc The same for people.
+-spec words(non_neg_integer() | starl_debug_clocks:bounds()) -> unicode:chardata().
+words(Sigma) when is_integer(Sigma) -> ["any two clocks within ", ms(Sigma)];
+words(Bounds) ->
+    ["clocks as messages bound them, at worst within ", ms(starl_debug_clocks:widest(Bounds))].
+
+%% @doc Microseconds as milliseconds.
+-spec ms(integer()) -> unicode:chardata().
+ms(Us) -> io_lib:format("~.1f ms", [Us / 1000]).
