@@ -17,12 +17,13 @@
 
 %% `sigma': how far two clocks differ at most (us), or the bounds that messages give; `drift_ppm': by how
 %% much a clock's rate differs from 1; `from' and `until': the times that are looked at (us of the
-%% recording).
+%% recording); `solver': asked what the search leaves open of three robots and more.
 -type options() :: #{
     sigma := non_neg_integer() | starl_debug_clocks:bounds(),
     drift_ppm => non_neg_integer(),
     from => integer(),
-    until => integer()
+    until => integer(),
+    solver => starl_debug_cases:solver()
 }.
 
 %% What was found in one slice of one part.
@@ -189,12 +190,22 @@ group(Formula, {From, To} = Slice, #check{options = Options, facts = Facts} = Ch
         fine => max(?FINEST_US, Width div ?PARTS),
         looks => looks(Robots)
     },
-    Outcome = starl_debug_search:decide(Formula, {Slice, Windows}, Facts, Limits),
-    Check#check{
-        answer = better(
-            #{formula => Formula, slice => Slice, outcome => Outcome}, Check#check.answer
-        )
-    }.
+    Searched = starl_debug_search:decide(Formula, {Slice, Windows}, Facts, Limits),
+    Outcome = settled(Searched, Formula, {Slice, Windows}, Facts, Limits, Options),
+    Found = #{formula => Formula, slice => Slice, outcome => Outcome},
+    Check#check{answer = better(Found, Check#check.answer)}.
+
+%% What is possible and may be certain is a question of cases.
+settled(#{is_open := true, is_shown := true} = Outcome, Formula, When, Facts, Limits, #{
+    solver := Solver
+}) ->
+    case starl_debug_cases:decide(Formula, When, Facts, Limits, Solver) of
+        certainly -> Outcome#{verdict := certainly, is_open := false};
+        not_certainly -> Outcome#{is_open := false};
+        undecided -> Outcome
+    end;
+settled(Outcome, _Formula, _When, _Facts, _Limits, _Options) ->
+    Outcome.
 
 looks(Robots) when length(Robots) =< 2 -> ?LOOKS_PAIR;
 looks(_Robots) -> ?LOOKS_TEAM.

@@ -237,6 +237,8 @@ operand({text, Text}, _At, _Env) ->
 operand(_Other, At, _Env) ->
     fail(At, "a value is expected, such as dist(r1.pos, r2.pos) or r1.mode").
 
+place({at, Column, Expr}, _At, Env) ->
+    place(Expr, Column, Env);
 place(Expr, At, Env) ->
     case operand(Expr, At, Env) of
         {place, Place} -> Place;
@@ -253,6 +255,8 @@ area({call, <<"rectangle">>, [X0, Y0, X1, Y1]}, At, Env) ->
 area(_Other, At, _Env) ->
     fail(At, "an area is expected: circle(X, Y, RADIUS) or rectangle(X0, Y0, X1, Y1)").
 
+len({at, Column, Expr}, _At, Env) ->
+    len(Expr, Column, Env);
 len(Expr, At, Env) ->
     case operand(Expr, At, Env) of
         {constant, length, Mm} -> float(Mm);
@@ -260,6 +264,8 @@ len(Expr, At, Env) ->
         _ -> fail(At, "a length with its unit is expected, such as 400 mm")
     end.
 
+duration({at, Column, Expr}, _At, Env) ->
+    duration(Expr, Column, Env);
 duration(Expr, At, Env) ->
     case operand(Expr, At, Env) of
         {constant, duration, Us} when Us > 0 -> Us;

@@ -3,7 +3,7 @@
 %% truth is taken from the true time, millisecond by millisecond, by other code than that under test.
 -module(starl_debug_truth).
 
--export([make/2, truth/2, answers/3, wrong/3, table/1]).
+-export([make/2, truth/2, answers/3, wrong/3, table/1, table/3]).
 
 -define(SPEED, 500.0).
 -define(MOST_PPM, 100).
@@ -185,8 +185,10 @@ held_at(T, Ms, [{From, _} | _] = Holds) -> [T > From | held_at(T + 1, Ms, Holds)
 held_at(T, Ms, []) -> [false | held_at(T + 1, Ms, [])].
 
 %% A duration is off by 2 ms.
-lasting(held, Ms, S, Values) -> run_of(Ms + 2 * S, 0, Values);
-lasting(once, Ms, S, Values) -> since(Ms - 2 * S, infinity, Values);
+lasting(held, Ms, S, Values) ->
+    run_of(Ms + 2 * S, 0, Values);
+lasting(once, Ms, S, Values) ->
+    since(Ms - 2 * S, infinity, Values);
 lasting(ago, Ms, 1, Values) ->
     joined(fun(A, B) -> A andalso B end, [before(Ms + D, Values) || D <- [-2, 0, 2]]);
 lasting(ago, Ms, -1, Values) ->
@@ -207,9 +209,11 @@ before(Ms, Values) ->
 %% -- a table --------------------------------------------------------------------------------
 
 %% Judges that many runs by sigma and samples a second: how often the answer was undecided.
-table(Runs) ->
+table(Runs) -> table(Runs, [0, 500, 5000, 50000, 200000], [2, 5, 20]).
+
+table(Runs, Sigmas, Rates) ->
     io:format("sigma  samples  true  false  certainly of true  possibly of false  wrong~n"),
-    [row(Sigma, Hz, Runs) || Sigma <- [0, 500, 5000, 50000, 200000], Hz <- [2, 5, 20]].
+    [row(Sigma, Hz, Runs) || Sigma <- Sigmas, Hz <- Rates].
 
 row(Sigma, Hz, Runs) ->
     Answers = lists:append([verdicts(Seed, Sigma, Hz) || Seed <- lists:seq(1, Runs)]),
@@ -217,8 +221,13 @@ row(Sigma, Hz, Runs) ->
     {True, False} = {Of(true), Of(false)},
     Wrong = length([x || never <- True]) + length([x || certainly <- False]),
     io:format("~5.1f ms ~4b Hz ~6b ~6b ~15.1f % ~16.1f % ~6b~n", [
-        Sigma / 1000, Hz, length(True), length(False),
-        share(certainly, True), share(possibly, False), Wrong
+        Sigma / 1000,
+        Hz,
+        length(True),
+        length(False),
+        share(certainly, True),
+        share(possibly, False),
+        Wrong
     ]),
     {Sigma, Hz, Wrong}.
 
@@ -233,7 +242,8 @@ verdicts(Seed, Sigma, Hz) ->
 answers(Recording, Run, Sigma) ->
     Go = fun(_Done) -> continue end,
     [
-        {Text, truth(Formula, Run), maps:get(verdict, starl_debug_check:run(Formula, Recording, #{sigma => Sigma}, Go))}
+        {Text, truth(Formula, Run),
+            maps:get(verdict, starl_debug_check:run(Formula, Recording, #{sigma => Sigma}, Go))}
      || Text <- predicates(),
         {ok, Predicate} <- [starl_debug:predicate(Text)],
         {ok, Formula} <- [starl_debug:formula(Predicate, Recording)]

@@ -124,8 +124,10 @@ options(Sigma, #{begun := Begun}, Values) ->
         {Key, Begun + round(1.0e6 * S)}
      || Key <- [from, until], #{Key := S} <- [Values], S =/= none
     ],
+    Solver = [{solver, starl_debug_z3:solver(File)} || {ok, File} <- [starl_debug_z3:find()]],
     maps:merge(
-        #{sigma => Sigma, drift_ppm => round(maps:get(drift, Values))}, maps:from_list(Times)
+        #{sigma => Sigma, drift_ppm => round(maps:get(drift, Values))},
+        maps:from_list(Times ++ Solver)
     ).
 
 checked(Formula, Recording, Options, Values) ->
@@ -245,9 +247,16 @@ explained(#{verdict := Verdict} = Answer, Formula, Recording, Options, _Values) 
 share(#{parts := 0}) ->
     "";
 share(#{parts := Parts, open := Open}) ->
-    io_lib:format("decided without a doubt: ~b of ~b parts in slices of a second\n", [
-        Parts - length(Open), Parts
-    ]).
+    [
+        io_lib:format("decided without a doubt: ~b of ~b parts in slices of a second\n", [
+            Parts - length(Open), Parts
+        ]),
+        [
+            "Z3 is not installed; it may decide what is left open of three robots and more (apt install z3)\n"
+         || #{formula := {'and', [_, _, _ | _]}} <- lists:sublist(Open, 1),
+            starl_debug_z3:find() =:= none
+        ]
+    ].
 
 changes(#{smaller := Smaller, greater := Greater}) ->
     [
@@ -259,7 +268,10 @@ changes(#{smaller := Smaller, greater := Greater}) ->
             ["with clocks off by ", starl_cli_sigma:ms(Us), " it is ", word_of(V), "\n"]
          || {from, V, Us} <- [Greater]
         ],
-        [["the same for clocks off by ", starl_cli_sigma:ms(Us), "\n"] || {not_until, Us} <- [Greater]]
+        [
+            ["the same for clocks off by ", starl_cli_sigma:ms(Us), "\n"]
+         || {not_until, Us} <- [Greater]
+        ]
     ].
 
 word_of(never) -> "never true";

@@ -78,7 +78,9 @@ loaded({error, _} = Error, _Module, _Wanted, _Loaded) ->
 by_clocks(File, #{violations := Violations}, {Sigma, Drift}) ->
     case starl_debug_recording:read([File], #{}) of
         {ok, Recording} ->
-            judgements(starl_cli_sigma:bounds(Sigma, Recording, Drift), Recording, Violations, Drift);
+            judgements(
+                starl_cli_sigma:bounds(Sigma, Recording, Drift), Recording, Violations, Drift
+            );
         {error, Reason} ->
             {error, starl_debug_recording:format_error(Reason)}
     end.
@@ -110,11 +112,16 @@ told(File, #{violations := Found, scenario := #{app := App} = Scenario} = Judged
 by_clocks(#{contract := Contract, what := What, word := Word, violations := Found, answer := Answer}) ->
     io_lib:format("~ts, ~ts: ~ts\n", [Contract, What, word(Word, Found, Answer)]).
 
-word(kept, _Found, #{verdict := certainly}) -> "kept; it happened, and a fault explains it";
-word(kept, _Found, _Answer) -> "kept, for all clocks within that";
-word(broken, _Found, _Answer) -> "broken, for all clocks within that";
-word(depends, [], _Answer) -> "depends on the clocks";
-word(depends, _Found, _Answer) -> "depends on the clocks; by the times of the recording it is broken".
+word(kept, _Found, #{verdict := certainly}) ->
+    "kept; it happened, and a fault explains it";
+word(kept, _Found, _Answer) ->
+    "kept, for all clocks within that";
+word(broken, _Found, _Answer) ->
+    "broken, for all clocks within that";
+word(depends, [], _Answer) ->
+    "depends on the clocks";
+word(depends, _Found, _Answer) ->
+    "depends on the clocks; by the times of the recording it is broken".
 
 cut(closed) -> "";
 cut(cut_off) -> "the file is cut off after that";

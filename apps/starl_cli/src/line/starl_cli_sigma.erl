@@ -11,7 +11,8 @@
 -spec flag(string()) -> starl_cli_flags:flag().
 flag(Default) ->
     {sigma, string, none,
-        "how far two clocks differ at most, such as 50ms; auto: as the messages bound it" ++ Default}.
+        "how far two clocks differ at most, such as 50ms; auto: as the messages bound it" ++
+            Default}.
 
 %% @doc The flag for the rates of clocks.
 -spec drift() -> starl_cli_flags:flag().
