@@ -42,9 +42,12 @@
         AtUs :: integer()
     }.
 
-%% `speed' (mm/s) and `error' (mm) of places, in the place of those of the run; `until': nothing is
+%% `speed' (mm/s) and `error' (mm) of places, in the place of those of the run; `pose_age': how old a
+%% pose is at most when a robot tells it (ms); `until': nothing is
 %% read behind that time (us from the beginning of the recording).
--type limits() :: #{speed => number(), error => number(), until => integer()}.
+-type limits() :: #{
+    speed => number(), error => number(), pose_age => number(), until => integer()
+}.
 
 -type reason() ::
     starl_trace_reader:reason()
@@ -63,12 +66,15 @@
     first = none :: none | integer(),
     last = none :: none | integer(),
     until = infinity :: integer() | infinity,
-    has_hole = false :: boolean()
+    %% messages are missing in it; or its end is
+    has_gap = false :: boolean(),
+    is_cut = false :: boolean()
 }).
 
 -define(SAME, [app, kind, scenario, epoch_us, run]).
 -define(SPEED, 500).
 -define(ERROR_MM, 1.0).
+-define(POSE_AGE_MS, 100).
 %% The events of these machines count; of others only the last is asked for.
 -define(NO_MACHINES, [sap, radio, supervisor]).
 
@@ -113,7 +119,7 @@ all(Cursor, File, Limits) ->
         {ended, closed} ->
             File;
         {ended, _} ->
-            File#file{has_hole = true};
+            File#file{is_cut = true};
         {error, Reason} ->
             throw({?MODULE, Reason})
     end.
@@ -159,7 +165,7 @@ message({ways, At, {Robot, {sent, To, _, _, Hash}}}, #file{packets = Packets} = 
 message({ways, At, {Robot, {came, From, _, _, Hash, _}}}, #file{packets = Packets} = File, _Limits) ->
     File#file{packets = [{came, From, Robot, Hash, At} | Packets]};
 message({gap, _, _}, File, _Limits) ->
-    File#file{has_hole = true};
+    File#file{has_gap = true};
 message(_Other, File, _Limits) ->
     File.
 
@@ -208,7 +214,7 @@ recording(All, Limits) ->
         extent => common(maps:values(Extents), Files),
         states => States,
         tracks => maps:from_list([{R, Track} || {R, {Track, _}} <- Tracks]),
-        packets => lists:append([Packets || #file{packets = Packets} <- Files]),
+        packets => packets(Files),
         tokens => lists:usort(
             lists:append([starl_debug_state:tokens(S) || S <- maps:values(States)])
         ),
@@ -218,9 +224,29 @@ recording(All, Limits) ->
         ]),
         missing => [R || {R, _} <- maps:get(robots, Facts)] -- Robots,
         too_fast => [{R, N} || {R, {_, N}} <- Tracks, N > 0],
-        holes => [Name || #file{name = Name, has_hole = true} <- Files],
+        holes => [Name || #file{name = Name, has_gap = Gap, is_cut = Cut} <- Files, Gap orelse Cut],
         left_out => LeftOut
     }.
+
+%% Behind a gap the earliest packet with a number need not be the first of its kind; nor if two lives of a
+%% robot have sent the same.
+packets(Files) ->
+    Sent = lists:append([
+        lists:usort([{A, B, Hash} || {sent, A, B, Hash, _} <- Packets])
+     || #file{packets = Packets} <- Files
+    ]),
+    Twice = sets:from_list(Sent -- lists:usort(Sent), [{version, 2}]),
+    [
+        Packet
+     || #file{packets = Packets, has_gap = HasGap} <- Files,
+        Packet <- Packets,
+        is_first(Packet, HasGap, Twice)
+    ].
+
+is_first({sent, A, B, Hash, _}, HasGap, Twice) ->
+    not HasGap andalso not sets:is_element({A, B, Hash}, Twice);
+is_first(_Packet, _HasGap, _Twice) ->
+    true.
 
 chosen([], Worlds) -> {Worlds, []};
 chosen(Own, Worlds) -> {Own, [Name || #file{name = Name} <- Worlds]}.
@@ -281,12 +307,12 @@ track(R, Files, {_, End}, Limits) ->
         {_, _} -> {starl_debug_track:motions(Pieces, End), 0}
     end.
 
+%% A pose that was old when it was told is off by what the robot has driven since.
 limits([#file{facts = Facts} | _], Limits) ->
     Scenario = maps:get(scenario, Facts, #{}),
-    #{
-        speed => maps:get(speed, Limits, maps:get(speed, Scenario, ?SPEED)),
-        error => maps:get(error, Limits, maps:get(position_error, Scenario, ?ERROR_MM))
-    }.
+    Speed = maps:get(speed, Limits, maps:get(speed, Scenario, ?SPEED)),
+    Error = maps:get(error, Limits, maps:get(position_error, Scenario, ?ERROR_MM)),
+    #{speed => Speed, error => Error + Speed * maps:get(pose_age, Limits, ?POSE_AGE_MS) / 1000}.
 
 %% @doc One line on a problem: what is wrong, where, and what to do.
 -spec format_error(reason()) -> unicode:chardata().

@@ -49,6 +49,8 @@ flags(_Subject) ->
             {until, {number, 0, 1.0e9}, none, "looks at the run until this second"},
             {speed, {number, 1, 100000}, none,
                 "the robots' greatest speed, mm/s (that of the run)"},
+            {pose_age, {number, 0, 60000}, 100,
+                "robots' own recordings: how old a pose is at most when it comes, ms"},
             {picture, file, none, "draws the moment that was found, as SVG"},
             {no_explain, switch, false, "only the answer, not what would change it"},
             {quiet, switch, false, "no progress"}
@@ -100,7 +102,10 @@ unread({error, Line}) -> [Line].
 %% -- the check ------------------------------------------------------------------------------
 
 read(Files, Predicate, Sigma, Values) ->
-    Limits = maps:from_list([{speed, S} || #{speed := S} <- [Values], S =/= none]),
+    Limits = maps:from_list([
+        {Key, V}
+     || Key <- [speed, pose_age], #{Key := V} <- [Values], V =/= none
+    ]),
     case starl_debug_recording:read(Files, Limits) of
         {ok, Recording} ->
             formula(starl_debug:formula(Predicate, Recording), Recording, Sigma, Values);
