@@ -1,4 +1,5 @@
-%% @doc The trace debugger: what can have happened in a recorded run when the robots' clocks disagree.
+%% @doc The trace debugger: what can have happened in a recorded run when the robots' clocks
+%% disagree.
 %% ```
 %%   {ok, Recording} = starl_debug_recording:read(["out/painting-1/run.mcap"], #{}),
 %%   {ok, Predicate} = starl_debug:predicate("dist(r1.pos, r2.pos) < 400 mm"),
@@ -20,7 +21,8 @@ predicate(Text) ->
         {error, _} = Error -> Error
     end.
 
-%% @doc The predicate for the robots of a recording, or the robots that it speaks of and that are not there.
+%% @doc The predicate for the robots of a recording, or the robots that it speaks of and that are
+%% not there.
 -spec formula(starl_debug_type:formula(), starl_debug_recording:t()) ->
     {ok, starl_debug_ground:t()} | {error, {no_robots, [starl:robot_id(), ...]}}.
 formula(Predicate, #{robots := Robots} = Recording) ->

@@ -1,6 +1,6 @@
-%% @doc Is it certain that three robots and more were something at one moment? For each choice of the
-%% clocks' errors some tuple of intervals, one of each robot, must overlap. That is a question of cases
-%% between linear inequalities, in SMT-LIB: is there a choice for which no tuple overlaps?
+%% @doc Is it certain that three robots and more were something at one moment? For each choice of
+%% the clocks' errors some tuple of intervals, one of each robot, must overlap. That is a question
+%% of cases between linear inequalities, in SMT-LIB: is there a choice for which no tuple overlaps?
 %%
 %% Intervals [a, b] by the clocks have a common moment iff no two of them are apart: with errors o,
 %% `o_j − o_i ≤ b_j − a_i' for all i and j. Only tuples that can overlap at all become clauses.
@@ -17,7 +17,8 @@
 
 -define(MOST_TUPLES, 2000).
 
-%% @doc Asks the solver about a conjunction of what robots know of themselves; others stay undecided.
+%% @doc Asks the solver about a conjunction of what robots know of themselves; others stay
+%% undecided.
 -spec decide(
     starl_debug_ground:t(),
     {starl_debug_set:interval(), starl_debug_eval:windows()},
@@ -66,7 +67,7 @@ can_meet({R, {A, B}}, {Q, {C, D}}, Windows) ->
 
 %% @doc The query: errors within the windows for which no tuple overlaps by more than the drift.
 -spec query([tuple_of()], starl_debug_eval:windows(), Drift :: integer(), [starl:robot_id()]) ->
-    iodata().
+    iolist().
 query(Tuples, Windows, Drift, Robots) ->
     [
         "(set-logic QF_LRA)\n",

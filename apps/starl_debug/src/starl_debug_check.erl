@@ -1,5 +1,5 @@
-%% @doc Answers whether a predicate was true at some moment of a recording, if the clocks of its robots
-%% agree to within a bound: never, possibly or certainly.
+%% @doc Answers whether a predicate was true at some moment of a recording, if the clocks of its
+%% robots agree to within a bound: never, possibly or certainly.
 %% ```
 %%   {ok, Recording} = starl_debug_recording:read(["run.mcap"], #{}),
 %%   {ok, Formula} = starl_debug:predicate("dist(r1.pos, r2.pos) < 400 mm"),
@@ -7,17 +7,17 @@
 %% '''
 %% An `or' is decided part by part. Parts of the same two robots are one, since together they may be
 %% certain where none is. Time is cut into slices, so that clocks need not run alike for longer, and
-%% what was done is known when the user stops it. A part that is possible in a slice with one pair of
-%% clocks and in another with another is possible; it is certain only if one slice makes it so.
+%% what was done is known when the user stops it. A part that is possible in a slice with one pair
+%% of clocks and in another with another is possible; it is certain only if one slice makes it so.
 -module(starl_debug_check).
 
 -export([run/4, groups/1]).
 
 -export_type([options/0, answer/0, found/0, look/0]).
 
-%% `sigma': how far two clocks differ at most (us), or the bounds that messages give; `drift_ppm': by how
-%% much a clock's rate differs from 1; `from' and `until': the times that are looked at (us of the
-%% recording); `solver': asked what the search leaves open of three robots and more.
+%% `sigma': how far two clocks differ at most (us), or the bounds that messages give; `drift_ppm':
+%% by how much a clock's rate differs from 1; `from' and `until': the times that are looked at (us
+%% of the recording); `solver': asked what the search leaves open of three robots and more.
 -type options() :: #{
     sigma := non_neg_integer() | starl_debug_clocks:bounds(),
     drift_ppm => non_neg_integer(),
@@ -34,7 +34,8 @@
 }.
 
 %% `best': the slice that gives the verdict; `times': when it may be true, by slices; `parts' of the
-%% predicate in slices, those of them that were decided without a doubt, and the time until which all was looked at.
+%% predicate in slices, those of them that were decided without a doubt, and the time until which
+%% all was looked at.
 -type answer() :: #{
     verdict := starl_debug_search:verdict(),
     best := none | found(),
@@ -158,8 +159,8 @@ slice({_, To} = Slice, Groups, #check{facts = Facts} = Check) ->
     #check{answer = Answer} = lists:foldl(fun(G, C) -> group(G, Slice, C) end, Cut, Groups),
     Check#check{answer = Answer#{until := To}}.
 
-%% The sets are sorted, and slices come in order: what is over is dropped for good, what is still far
-%% is left out, so that a long recording costs no more a second than a short one.
+%% The sets are sorted, and slices come in order: what is over is dropped for good, what is still
+%% far is left out, so that a long recording costs no more a second than a short one.
 near(From, _To, Groups, #check{facts = #{locals := Locals} = Facts} = Check) ->
     Before = From - margin(Groups, Check),
     Drop = fun(Set) -> lists:dropwhile(fun({_, B}) -> B < Before end, Set) end,

@@ -8,10 +8,10 @@
 %% Bounds of pairs of clocks, from messages ({@link starl_debug_envelope}).
 -type bounds() :: starl_debug_envelope:t().
 
-%% @doc The windows of these robots' clocks in a slice of time. Of two robots the time line is the clock
-%% of the first. Of more it is a common time from which no clock is farther than half of sigma, which
-%% exists if any two clocks agree to within sigma; or, by messages, the clock of the robot that the
-%% others are known best by.
+%% @doc The windows of these robots' clocks in a slice of time. Of two robots the time line is the
+%% clock of the first. Of more it is a common time from which no clock is farther than half of
+%% sigma, which exists if any two clocks agree to within sigma; or, by messages, the clock of the
+%% robot that the others are known best by.
 -spec windows([starl:robot_id()], starl_debug_set:interval(), non_neg_integer() | bounds()) ->
     starl_debug_eval:windows().
 windows([], _Slice, _Sigma) ->

@@ -1,8 +1,9 @@
-%% @doc The contracts that speak of several robots at one moment, judged without trust in the clocks.
+%% @doc The contracts that speak of several robots at one moment, judged without trust in the
+%% clocks.
 %%
-%% The monitors of a run take the times of a recording as they are. What they find is broken only if it
-%% is so for all clocks that are possible; what they do not find may have happened for others. What is
-%% certain and was not found by them is explained by a fault, since they excuse only that.
+%% The monitors of a run take the times of a recording as they are. What they find is broken only if
+%% it is so for all clocks that are possible; what they do not find may have happened for others.
+%% What is certain and was not found by them is explained by a fault, since they excuse only that.
 -module(starl_debug_contracts).
 
 -export([judge/3]).

@@ -1,12 +1,12 @@
 %% @doc Bounds on the difference of two clocks over time, from the messages between them.
 %%
 %% A packet that left at s by the sender's clock and came at r by the receiver's says: when the
-%% sender's clock showed s, the receiver's showed r at most. Packets the other way bound it from below.
-%% Between packets a bound fades with the rates of the clocks, so for each direction the bound at a
-%% time is the best of all packets, each faded by the time from it: two sweeps find it.
+%% sender's clock showed s, the receiver's showed r at most. Packets the other way bound it from
+%% below. Between packets a bound fades with the rates of the clocks, so for each direction the
+%% bound at a time is the best of all packets, each faded by the time from it: two sweeps find it.
 %%
-%% For a slice of time the pairs are joined by shortest paths: a third robot may know two clocks better
-%% than they know each other. Bounds that contradict each other name their robots.
+%% For a slice of time the pairs are joined by shortest paths: a third robot may know two clocks
+%% better than they know each other. Bounds that contradict each other name their robots.
 -module(starl_debug_envelope).
 
 -export([from_packets/2, offset/4, widest/1]).
@@ -27,7 +27,8 @@
 %% What nobody knows: an hour.
 -define(MOST_US, 3600000000).
 
-%% @doc The bounds that the packets of a recording give, for clocks whose rates are off by that (ppm).
+%% @doc The bounds that the packets of a recording give, for clocks whose rates are off by that
+%% (ppm).
 -spec from_packets(starl_debug_recording:t(), DriftPpm :: number()) ->
     {ok, t()} | {error, unicode:chardata()}.
 from_packets(#{packets := []}, _Drift) ->
@@ -47,8 +48,8 @@ from_packets(#{packets := Packets, robots := Robots, extent := {From, To}}, Drif
         slice_us = ?SLICE_US, from = From, robots = Robots, ahead = #{}
     }).
 
-%% Of what came only one packet is known to be it: the earliest that was sent with that number, which
-%% weakens the bound at most. A number that came before it was ever sent tells nothing.
+%% Of what came only one packet is known to be it: the earliest that was sent with that number,
+%% which weakens the bound at most. A number that came before it was ever sent tells nothing.
 met(Packets) ->
     Sent = lists:foldl(
         fun
@@ -153,6 +154,5 @@ offset(R, Q, {From, To}, #envelope{from = First, ahead = Ahead, slice_us = Lengt
 -spec widest(t()) -> non_neg_integer().
 widest(#envelope{ahead = Ahead, robots = Robots}) ->
     Pairs = [{R, Q} || R <- Robots, Q <- Robots, R =/= Q],
-    lists:max([
-        0 | [abs(maps:get(Pair, Known, ?MOST_US)) || Known <- maps:values(Ahead), Pair <- Pairs]
-    ]).
+    Bounds = [maps:get(Pair, Known, ?MOST_US) || Known <- maps:values(Ahead), Pair <- Pairs],
+    lists:foldl(fun(Us, Widest) -> max(abs(Us), Widest) end, 0, Bounds).

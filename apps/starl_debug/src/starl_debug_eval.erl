@@ -1,8 +1,8 @@
 %% @doc Evaluates a predicate in three values over a time line, for clocks within windows.
 %%
 %% The time line is a time T; the clock of robot R shows T + o with o in R's window, which may be
-%% another o at each moment. The answer are the times T at which the predicate may be true, and those
-%% at which it must be, for all clocks within the windows: narrow windows give sharp answers.
+%% another o at each moment. The answer are the times T at which the predicate may be true, and
+%% those at which it must be, for all clocks within the windows: narrow windows give sharp answers.
 %%
 %% What depends on places is decided by halving the time: where a bound decides, the whole piece is
 %% decided; a piece that stays open is tried at one of its moments.
@@ -12,7 +12,8 @@
 
 -export_type([facts/0, windows/0, locals/0]).
 
-%% The robots: what they were and where. `locals': what was computed already, by the robot's own clock.
+%% The robots: what they were and where. `locals': what was computed already, by the robot's own
+%% clock.
 -type facts() :: #{
     states := #{starl:robot_id() => starl_debug_state:t()},
     tracks := #{starl:robot_id() => starl_debug_track:t()},

@@ -1,5 +1,5 @@
-%% @doc A predicate of the robots of one recording, without quantifiers, and without negations but in
-%% front of what one robot knows of itself.
+%% @doc A predicate of the robots of one recording, without quantifiers, and without negations but
+%% in front of what one robot knows of itself.
 %%
 %% What concerns one robot alone is one part, `local', however it is composed: its times are known
 %% exactly by the robot's own clock. What is left joins robots.
@@ -11,8 +11,8 @@
 
 -type us() :: pos_integer().
 
-%% What is true of one robot by its own clock; `near', `left' and `below': its distance from a point and its
-%% coordinates are smaller than that (mm); `since': it is this time or later.
+%% What is true of one robot by its own clock; `near', `left' and `below': its distance from a point
+%% and its coordinates are smaller than that (mm); `since': it is this time or later.
 -type local() ::
     boolean()
     | {state, starl_debug_type:state()}
@@ -25,7 +25,8 @@
     | {'and' | 'or', [local()]}
     | {held | once | ago, us(), local()}.
 
-%% `held': throughout the last so many microseconds; `once': at some moment of them; `ago': before them.
+%% `held': throughout the last so many microseconds; `once': at some moment of them; `ago': before
+%% them.
 %% `at_least': so many of these are true.
 -type t() ::
     boolean()
@@ -211,11 +212,15 @@ named({_Lasting, _Us, A}) ->
 
 %% @doc The time before a moment that the truth at that moment depends on.
 -spec look_back_us(t()) -> non_neg_integer().
-look_back_us({Operator, Parts}) when Operator =:= 'and'; Operator =:= 'or' ->
-    lists:max([look_back_us(P) || P <- Parts]);
-look_back_us({at_least, _, Parts}) ->
-    lists:max([look_back_us(P) || P <- Parts]);
-look_back_us({How, Us, A}) when How =:= held; How =:= once; How =:= ago ->
-    Us + look_back_us(A);
-look_back_us(_Other) ->
-    0.
+look_back_us(Formula) -> look_back_us(Formula, 0).
+
+look_back_us({Operator, Parts}, Us) when Operator =:= 'and'; Operator =:= 'or' ->
+    lists:max([look_back_us(P, Us) || P <- Parts]);
+look_back_us({at_least, _, Parts}, Us) ->
+    lists:max([look_back_us(P, Us) || P <- Parts]);
+look_back_us({How, More, A}, Us) when
+    How =:= held orelse How =:= once orelse How =:= ago, is_integer(More), is_integer(Us)
+->
+    look_back_us(A, Us + More);
+look_back_us(_Other, Us) ->
+    Us.

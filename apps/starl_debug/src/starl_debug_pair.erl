@@ -1,9 +1,9 @@
 %% @doc Bounds of the distance of two robots for a piece of time and windows of their clocks.
 %%
-%% Each robot stays within a radius of a point that moves evenly by its own clock. The difference of the
-%% two points is then linear in the time and in the two errors of clocks, so over the piece and the
-%% windows it fills a convex polygon with parallel sides; the distances of its points from 0 are between
-%% those found here.
+%% Each robot stays within a radius of a point that moves evenly by its own clock. The difference of
+%% the two points is then linear in the time and in the two errors of clocks, so over the piece and
+%% the windows it fills a convex polygon with parallel sides; the distances of its points from 0 are
+%% between those found here.
 -module(starl_debug_pair).
 
 -export([distance/4]).

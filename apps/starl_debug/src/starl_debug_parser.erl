@@ -7,9 +7,10 @@
 %%   (forall r: r.mode = waiting) for 2 s
 %%   not (r2.mode = moving within 5 s after r1.mode = idle)
 %% '''
-%% `and' binds stronger than `or'; `for' and `within' bind stronger than both; a quantifier reaches to
-%% the end. The result is an expression, plain Erlang data, which a program may also write itself; the
-%% parser adds the column of each part. {@link starl_debug_type} says what has a meaning.
+%% `and' binds stronger than `or'; `for' and `within' bind stronger than both; a quantifier reaches
+%% to the end. The result is an expression, plain Erlang data, which a program may also write
+%% itself; the parser adds the column of each part. {@link starl_debug_type} says what has a
+%% meaning.
 -module(starl_debug_parser).
 
 -export([parse/1]).

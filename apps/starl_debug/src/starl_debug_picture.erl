@@ -1,5 +1,5 @@
-%% @doc A witness as a picture (SVG): where the robots of a predicate were at that moment, the bound on
-%% where they can have been, and their ways a second before and after it, each by its own clock.
+%% @doc A witness as a picture (SVG): where the robots of a predicate were at that moment, the bound
+%% on where they can have been, and their ways a second before and after it, each by its own clock.
 -module(starl_debug_picture).
 
 -export([svg/4]).

@@ -1,16 +1,17 @@
-%% @doc Reads what the trace debugger needs of recordings: for each robot its states and places by its
-%% own clock, and the packets, which bound the clocks.
+%% @doc Reads what the trace debugger needs of recordings: for each robot its states and places by
+%% its own clock, and the packets, which bound the clocks.
 %%
-%% One file of a run has all robots; the files of the robots themselves have one each, and a robot may
-%% have several. Beside these the world's file is left out: its clock is none of theirs.
+%% One file of a run has all robots; the files of the robots themselves have one each, and a robot
+%% may have several. Beside these the world's file is left out: its clock is none of theirs.
 -module(starl_debug_recording).
 
 -export([read/2, format_error/1]).
 
 -export_type([t/0, reason/0, packet/0, limits/0]).
 
-%% `how': `exact', as the simulator knew it, or `told' by the robots; `begun': the time that is shown as
-%% 0; `extent': from the first to the last time of any robot; `too_fast': samples that a robot cannot have reached;
+%% `how': `exact', as the simulator knew it, or `told' by the robots; `begun': the time that is
+%% shown as 0; `extent': from the first to the last time of any robot; `too_fast': samples that a
+%% robot cannot have reached;
 %% `holes': files that lack something; `left_out': files that were not needed.
 -type t() :: #{
     how := exact | told,
@@ -42,8 +43,8 @@
         AtUs :: integer()
     }.
 
-%% `speed' (mm/s) and `error' (mm) of places, in the place of those of the run; `pose_age': how old a
-%% pose is at most when a robot tells it (ms); `until': nothing is
+%% `speed' (mm/s) and `error' (mm) of places, in the place of those of the run; `pose_age': how old
+%% a pose is at most when a robot tells it (ms); `until': nothing is
 %% read behind that time (us from the beginning of the recording).
 -type limits() :: #{
     speed => number(), error => number(), pose_age => number(), until => integer()
@@ -228,8 +229,8 @@ recording(All, Limits) ->
         left_out => LeftOut
     }.
 
-%% Behind a gap the earliest packet with a number need not be the first of its kind; nor if two lives of a
-%% robot have sent the same.
+%% Behind a gap the earliest packet with a number need not be the first of its kind; nor if two
+%% lives of a robot have sent the same.
 packets(Files) ->
     Sent = lists:append([
         lists:usort([{A, B, Hash} || {sent, A, B, Hash, _} <- Packets])

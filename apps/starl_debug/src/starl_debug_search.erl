@@ -1,10 +1,10 @@
-%% @doc Decides one part of a predicate in one slice of time: for which errors of the clocks is it true at
-%% some moment?
+%% @doc Decides one part of a predicate in one slice of time: for which errors of the clocks is it
+%% true at some moment?
 %%
-%% All errors within the windows are tried at once. Where that leaves the part open, the widest window
-%% is halved and both halves are tried, only at the times that are left. The part is <em>certain</em> if
-%% each piece of the windows has a moment at which it must be true, at different moments perhaps;
-%% it is <em>never</em> true if no piece has one at which it may be.
+%% All errors within the windows are tried at once. Where that leaves the part open, the widest
+%% window is halved and both halves are tried, only at the times that are left. The part is
+%% <em>certain</em> if each piece of the windows has a moment at which it must be true, at different
+%% moments perhaps; it is <em>never</em> true if no piece has one at which it may be.
 %%
 %% Clocks run apart by a little during a slice: each piece of the windows is widened by that.
 -module(starl_debug_search).
@@ -18,8 +18,8 @@
 %% A time, and what the clocks of the robots show then, less that time.
 -type witness() :: {AtUs :: integer(), #{starl:robot_id() => OffsetUs :: integer()}}.
 
-%% `is_open': the part may be decided more sharply than is said here. `times': all those at which it may be true. The
-%% witness of what is open may not exist.
+%% `is_open': the part may be decided more sharply than is said here. `times': all those at which it
+%% may be true. The witness of what is open may not exist.
 -type outcome() :: #{
     verdict := verdict(),
     witness := none | witness(),

@@ -1,7 +1,7 @@
 %% @doc Sets of times: sorted, disjoint intervals of whole microseconds, both ends included.
 %%
-%% A <em>three-valued</em> set is a pair: the times at which something may be true, and those at which
-%% it must be. The second is part of the first. What is known exactly has both alike.
+%% A <em>three-valued</em> set is a pair: the times at which something may be true, and those at
+%% which it must be. The second is part of the first. What is known exactly has both alike.
 -module(starl_debug_set).
 
 -export([new/1, union/1, union/2, intersect/1, intersect/2, complement/2]).

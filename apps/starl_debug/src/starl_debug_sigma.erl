@@ -1,5 +1,5 @@
-%% @doc At which error of the clocks does an answer change, and what would decide it: better clocks, or
-%% more samples of the places?
+%% @doc At which error of the clocks does an answer change, and what would decide it: better clocks,
+%% or more samples of the places?
 %%
 %% The larger the error, the more is possible and the less is certain, so the error is found by
 %% halving.
@@ -13,8 +13,8 @@
 -type change() ::
     {from, starl_debug_search:verdict(), Us :: pos_integer()} | {not_until, Us :: pos_integer()}.
 
-%% `now': the answer for perfect clocks, and with places that are known between the samples; `change':
-%% smaller and greater errors.
+%% `now': the answer for perfect clocks, and with places that are known between the samples;
+%% `change': smaller and greater errors.
 -type explained() :: #{
     perfect_clocks := starl_debug_search:verdict(),
     known_places := starl_debug_search:verdict(),

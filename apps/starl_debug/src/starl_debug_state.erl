@@ -1,5 +1,6 @@
-%% @doc What a robot was by its own trace, as sets of times of its own clock: its mode, the tokens that it
-%% held, whether it led. Between two events nothing changes, so only a death leaves something open.
+%% @doc What a robot was by its own trace, as sets of times of its own clock: its mode, the tokens
+%% that it held, whether it led. Between two events nothing changes, so only a death leaves
+%% something open.
 -module(starl_debug_state).
 
 -export([new/4, times/2, tokens/1, geocasts/2, extent/1]).
@@ -19,8 +20,8 @@
 
 -opaque t() :: #state{}.
 
-%% @doc A robot by its events, from the first to the last time of its recording. A robot that tells of
-%% itself does not know when it went down: `told' is what it has told until its next start.
+%% @doc A robot by its events, from the first to the last time of its recording. A robot that tells
+%% of itself does not know when it went down: `told' is what it has told until its next start.
 -spec new(starl:robot_id(), events(), starl_debug_set:interval(), exact | told) -> t().
 new(Robot, Events, Extent, How) ->
     Down = spans(maps:get(robot, Events, []), fun life/1, Extent),

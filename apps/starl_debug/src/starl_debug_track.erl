@@ -1,5 +1,5 @@
-%% @doc Where a robot was by its own clock: a line through what is known, and a bound on its distance from
-%% that line at each time.
+%% @doc Where a robot was by its own clock: a line through what is known, and a bound on its
+%% distance from that line at each time.
 %%
 %% Between two samples, `V' mm of its greatest speed apart in time and `L' mm in place, the robot is
 %% within √(λ(1−λ)(V² − L²)) of the line between them at the part λ of the time, and that is tight.
@@ -23,7 +23,8 @@
 %% Pieces of an arc (us).
 -define(CHORD_US, 20000).
 
-%% @doc A track through samples, with the number of those that the robot cannot have reached in time.
+%% @doc A track through samples, with the number of those that the robot cannot have reached in
+%% time.
 -spec samples([{AtUs :: integer(), starl_geometry:point()}, ...], limits()) ->
     {t(), TooFast :: non_neg_integer()}.
 samples(Samples, Limits) ->

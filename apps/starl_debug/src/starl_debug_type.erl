@@ -1,5 +1,5 @@
-%% @doc The meaning of a predicate: its types and units, checked, with the column of each problem. The
-%% result is in core terms: lengths are millimetres, durations microseconds, and each
+%% @doc The meaning of a predicate: its types and units, checked, with the column of each problem.
+%% The result is in core terms: lengths are millimetres, durations microseconds, and each
 %% comparison has its constant on the right.
 -module(starl_debug_type).
 

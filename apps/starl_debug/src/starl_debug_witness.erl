@@ -5,8 +5,8 @@
 
 -export_type([row/0]).
 
-%% The robot's clock (us of its recording, and less than the time line's), its place with the bound of
-%% its error (mm), its modes, the tokens that it holds.
+%% The robot's clock (us of its recording, and less than the time line's), its place with the bound
+%% of its error (mm), its modes, the tokens that it holds.
 -type row() :: #{
     robot := starl:robot_id(),
     clock := integer(),

@@ -1,5 +1,6 @@
-%% @doc Asks Z3, where it is installed (Debian: `z3'). Each query has a process of its own, so none can
-%% disturb another; one that does not answer in time is killed, and its question stays undecided.
+%% @doc Asks Z3, where it is installed (Debian: `z3'). Each query has a process of its own, so none
+%% can disturb another; one that does not answer in time is killed, and its question stays
+%% undecided.
 -module(starl_debug_z3).
 
 -export([find/0, solver/1, ask/3]).

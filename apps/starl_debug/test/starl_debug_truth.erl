@@ -1,6 +1,7 @@
-%% Runs whose truth is known: robots that drive at random with stops, hold a token at random, and are
-%% recorded by clocks with errors and drifts within sigma, at uneven samples of their places. The
-%% truth is taken from the true time, millisecond by millisecond, by other code than that under test.
+%% Runs whose truth is known: robots that drive at random with stops, hold a token at random, and
+%% are recorded by clocks with errors and drifts within sigma, at uneven samples of their places.
+%% The truth is taken from the true time, millisecond by millisecond, by other code than that under
+%% test.
 -module(starl_debug_truth).
 
 -export([make/2, truth/2, answers/3, wrong/3, table/1, table/3]).
@@ -23,7 +24,8 @@ predicates() ->
         "r1.x < 1 m and not r2.x < 1 m and dist(r3.pos, point(1 m, 1 m)) < 300 mm"
     ].
 
-%% A run of three robots: its recording, and the truth. `ms': its length; `sigma': us; `hz': samples a second.
+%% A run of three robots: its recording, and the truth. `ms': its length; `sigma': us; `hz': samples
+%% a second.
 make(Seed, #{ms := Ms, sigma := Sigma, hz := Hz}) ->
     _ = rand:seed(exsss, Seed),
     Robots = [{R, robot(Ms, Sigma, Hz)} || R <- [1, 2, 3]],
@@ -126,7 +128,8 @@ truth(Formula, Run) ->
 
 holds_at(Formula, Strict, Run) -> lists:member(true, values(Formula, Strict, Run)).
 
-%% The values of a formula by milliseconds; strict: what is true is so by a margin, else what is false.
+%% The values of a formula by milliseconds; strict: what is true is so by a margin, else what is
+%% false.
 values({local, R, Local}, S, Run) ->
     own(Local, S, R, Run);
 values({'and', Parts}, S, Run) ->

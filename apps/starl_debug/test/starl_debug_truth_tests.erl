@@ -1,6 +1,6 @@
-%% The check against runs whose truth is known (`starl_debug_truth'): it never says never of what was
-%% true, nor certainly of what was not. STARL_DEBUG_RUNS=34 tries more runs of each kind and prints the table of
-%% what stayed undecided; STARL_DEBUG_SEED begins at another run.
+%% The check against runs whose truth is known (`starl_debug_truth'): it never says never of what
+%% was true, nor certainly of what was not. STARL_DEBUG_RUNS=34 tries more runs of each kind and
+%% prints the table of what stayed undecided; STARL_DEBUG_SEED begins at another run.
 -module(starl_debug_truth_tests).
 
 -include_lib("eunit/include/eunit.hrl").

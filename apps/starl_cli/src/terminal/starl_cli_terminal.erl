@@ -8,8 +8,8 @@
 -export_type([status/0]).
 
 %% The exit status of a command: 0 done, 1 internal error, 2 bad usage or input, 3 a contract was
-%% violated, 4 not complete, 5 not judged to the end, 130 interrupted.
--type status() :: 0 | 1 | 2 | 3 | 4 | 5 | 130.
+%% violated, 4 not complete, 5 not judged to the end, 6 it depends on the clocks, 130 interrupted.
+-type status() :: 0 | 1 | 2 | 3 | 4 | 5 | 6 | 130.
 
 %% @doc Prints one line per problem on standard error; gives the exit status of bad input.
 -spec bad_input([unicode:chardata(), ...]) -> 2.
