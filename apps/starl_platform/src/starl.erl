@@ -15,7 +15,7 @@
 -export([id/1, participants/1, now/1, random/1]).
 -export([send/4, post/4, broadcast/3, listen/2, await/2, await/3]).
 -export([position/1, position/2, positions/1, neighbours/2]).
--export([floor/1, waypoint/2, waypoints/1, put_waypoint/3]).
+-export([floor/1, waypoint/2, waypoints/1, put_waypoint/3, sense/2, watch/3]).
 -export([go_to/2, velocity/3, stop/1, sleep/2, actuate/3, trace/2, store/2, stored/1, call/4]).
 -export([robot/2]).
 
@@ -178,6 +178,24 @@ put_waypoint(#robot{} = Robot, Name, Point) ->
 %% its size. The places are waypoints, too.
 -spec floor(robot()) -> {ok, starl_floor:t()} | {error, unknown | restarted}.
 floor(#robot{} = Robot) -> flatten(call(Robot, location, floor, infinity)).
+
+%% @doc Asks a sense ({@link starl_sense}): `bump', `range', `bearing', `camera', `light' or
+%% `battery'. The answer is what the sense says now. `gone': it does not answer; `unknown': the
+%% robot has no such sense.
+-spec sense(robot(), starl_sense:kind()) ->
+    {ok, Reading :: term()} | {error, gone | unknown | restarted}.
+sense(#robot{} = Robot, Kind) ->
+    ok = starl_caller:check({?MODULE, sense, 2}, 'Kind', sense, Kind),
+    flatten(call(Robot, location, {sense, Kind}, infinity)).
+
+%% @doc Has a sense looked at every so many milliseconds from now on; each time that it says
+%% something else than the last time, the application gets the message `{Kind, Reading}' of type
+%% `sense' from its own robot: `{ok, _, {camera, Blobs}} = starl:await(Robot, sense)'.
+-spec watch(robot(), starl_sense:kind(), Ms :: pos_integer()) -> ok.
+watch(#robot{}, Kind, Ms) ->
+    ok = starl_caller:check({?MODULE, watch, 3}, 'Kind', sense, Kind),
+    ok = starl_caller:check({?MODULE, watch, 3}, 'Ms', positive_ms, Ms),
+    starl_app_proc:perform([{cast, location, {subscribe, Kind, us(Ms)}}]).
 
 %% @doc Drives in a straight line to a point or a named waypoint and waits for the arrival.
 %% While it drives, the robot keeps within r(v) of the line (Assumption II.1 of the paper;

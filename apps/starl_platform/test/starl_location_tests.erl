@@ -262,3 +262,29 @@ located(Now, N, Seen, M) -> step(Now, info, {located, N, Seen}, M).
 step(Type, Content, M) -> step(0, Type, Content, M).
 
 step(Now, Type, Content, M) -> starl_machine:step(Type, Content, #{now => Now, robot => 1}, M).
+
+%% -- senses ---------------------------------------------------------------------------------
+
+%% Who asks gets what the sense says; a sense that is silent, or that the robot has not, is an
+%% error.
+a_sense_is_asked_test() ->
+    L = located_once(),
+    Ask = {call, {app, x}},
+    {[{feel, light, Tag}], A} = step(Ask, {sense, light}, L),
+    Answers = [{{ok, 0.5}, {ok, 0.5}}, {none, {error, gone}}, {unknown, {error, unknown}}],
+    [
+        ?assertEqual({[{reply, {app, x}, Answer}], A}, step(info, {felt, Tag, Felt}, A))
+     || {Felt, Answer} <- Answers
+    ].
+
+%% A sense that is watched is looked at in its period, and only news are told.
+a_watched_sense_tells_news_test() ->
+    {[{{timeout, {watch, light}}, 100, look}], A} = step(
+        cast, {subscribe, light, 100}, located_once()
+    ),
+    {[{feel, light, Tag}, {{timeout, {watch, light}}, 100, look}], A} =
+        step({timeout, {watch, light}}, look, A),
+    {[{cast, app, {message, 1, sense, {light, 0.5}}}], B} = step(info, {felt, Tag, {ok, 0.5}}, A),
+    ?assertEqual({[], B}, step(info, {felt, Tag, {ok, 0.5}}, B)),
+    ?assertEqual({[], B}, step(info, {felt, Tag, none}, B)),
+    ?assertMatch({[{cast, app, _}], _}, step(info, {felt, Tag, {ok, 0.6}}, B)).

@@ -334,18 +334,20 @@ stand(Scenario, Scene, Context, Options) ->
 check_faults(#{faults := Faults} = Scenario, Scene, Context, Options) ->
     Known = [sap, location, motion, app | [N || {N, _, _} <- maps:get(blocks, Scene, [])]],
     case [{Id, N} || {Id, _, _, kill_machine, {_, N}, _} <- Faults, not lists:member(N, Known)] of
-        [] -> planned(with_random_faults(Known, Scenario), Scene, Context, Options);
+        [] -> planned(with_random_faults(Known, Scene, Scenario), Scene, Context, Options);
         [{Id, Name} | _] -> {error, {fault_machine, Id, Name, Known}}
     end.
 
 %% Drawn faults stand in the scenario from now on as if the user had given them.
-with_random_faults(_Known, #{random_faults := []} = Scenario) ->
+with_random_faults(_Known, _Scene, #{random_faults := []} = Scenario) ->
     Scenario;
-with_random_faults(Known, #{faults := Given, random_faults := What, heal := Heal} = Scenario) ->
+with_random_faults(Known, Scene, Scenario) ->
+    #{faults := Given, random_faults := What, heal := Heal} = Scenario,
     Drawn = starl_sim_fault_draw:draw((longest(Scenario))#{
         seed => maps:get(seed, Scenario),
         robots => maps:get(robots, Scenario),
         machines => Known,
+        senses => is_map_key(floor, Scene),
         until_ms => max(1, round(1000 * Heal)),
         kinds => What
     }),

@@ -248,6 +248,9 @@ perform({transmit, To, Packet}, _Name, #body{packets = Packets, counts = Counts}
     {[], out({transmit, To, Packet}, Body#body{packets = Packets + 1, counts = Counted})};
 perform({sense, Robots, Tag}, Name, Body) ->
     {[], out({sense, {Name, Tag}, Robots}, Body)};
+perform({feel, _Kind, Tag}, Name, Body) ->
+    %% no adapter of a real robot has such a sense yet
+    {[{Name, info, {felt, Tag, unknown}}], Body};
 perform({drive, Script, Mark}, Name, #body{now = Now} = Body) ->
     {[], out({drive, Script, Now + ?LATEST_US, {Name, Mark}}, Body)};
 perform({actuate, Device, Value}, _Name, Body) ->

@@ -56,6 +56,9 @@ check([{call, To, _, _} | Rest]) when is_atom(To) -> check(Rest);
 check([{sense, Robots, _Tag} = Action | Rest]) ->
     right(are_robots(Robots), Action),
     check(Rest);
+check([{feel, Kind, _Tag} = Action | Rest]) ->
+    right(starl_sense:is_kind(Kind), Action),
+    check(Rest);
 check([{drive, Script, _} = Action | Rest]) ->
     driven(starl_chassis:check(Script), Action),
     check(Rest);
@@ -109,6 +112,8 @@ is_request(sap, {send, _, _, _, _}) -> false;
 is_request(sap, {Cast, Type, _}) when Cast =:= broadcast; Cast =:= shout -> is_type(Type);
 is_request(sap, {listen, Type, Machine}) -> is_type(Type) andalso is_atom(Machine);
 is_request(location, {pose, Robot}) -> are_robots([Robot]);
+is_request(location, {sense, Kind}) -> starl_sense:is_kind(Kind);
+is_request(location, {subscribe, Kind, Us}) -> starl_sense:is_kind(Kind) andalso is_duration(Us);
 is_request(motion, {go_to, Point}) -> is_point(Point);
 is_request(motion, {velocity, {VX, VY}, Us}) -> is_point({VX, VY}) andalso is_duration(Us);
 is_request(motion, {velocity, _, _}) -> false;
@@ -123,6 +128,8 @@ is_type(Type) -> is_atom(Type).
 request(send) -> "{send, Robot, Type, Body}: Robot is a number from 1, Type an atom";
 request(listen) -> "{listen, Type, Machine}: both are atoms";
 request(pose) -> "{pose, Robot}: Robot is a number from 1";
+request(sense) -> "{sense, Kind}: a sense of starl_sense:kinds/0";
+request(subscribe) -> "{subscribe, Kind, Us}: a sense of starl_sense:kinds/0, Us from 1 to 2^50";
 request(go_to) -> "{go_to, {X, Y}}: mm, within 1.0e9";
 request(velocity) -> "{velocity, {VX, VY}, Us}: mm/s, within 1.0e9, Us from 1 to 2^50";
 request(go_along) -> "{go_along, {{X0, Y0}, {X1, Y1}}}: mm, within 1.0e9";
@@ -152,6 +159,7 @@ expected({{timeout, _}, _, _}) -> "microseconds: a whole number from 0 to 2^50";
 expected({state_timeout, _, _}) -> "microseconds: a whole number from 0 to 2^50";
 expected({transmit, _, _}) -> "a robot's number from 1, or all";
 expected({sense, _, _}) -> "a list of robots' numbers from 1";
+expected({feel, _, _}) -> "a sense of starl_sense:kinds/0";
 expected({actuate, _, _}) -> "a device, which is an atom";
 expected({actuate, _, _, _}) -> "a device, which is an atom";
 expected({until, _, _, _}) -> "{until, Us, Actions, Mark}: Us is a whole number";

@@ -8,9 +8,9 @@
 -export_type([kind/0, mistake/0]).
 
 %% The kind of an argument: milliseconds, from 0 or from 1; a number from 1; a robot; an atom; a
-%% point of the floor; a velocity; a distance from 0.
+%% point of the floor; a velocity; a distance from 0; a sense.
 -type kind() ::
-    ms | positive_ms | ms_or_infinity | number | robot | name | point | velocity | distance.
+    ms | positive_ms | ms_or_infinity | number | robot | name | point | velocity | distance | sense.
 
 %% The reason of the error. `application' is `none' outside an application. A payload that may not
 %% travel or be kept is not given, since it may be of any size; `why' says what is wrong with it.
@@ -70,6 +70,7 @@ is(ms_or_infinity, Ms) -> Ms =:= infinity orelse is(positive_ms, Ms);
 is(number, N) -> is_integer(N) andalso N > 0;
 is(robot, Id) -> is_integer(Id) andalso Id > 0;
 is(name, Name) -> is_atom(Name);
+is(sense, Kind) -> starl_sense:is_kind(Kind);
 is(distance, Mm) -> is_coordinate(Mm) andalso Mm >= 0;
 is(velocity, Velocity) -> is(point, Velocity);
 is(point, {X, Y}) -> is_coordinate(X) andalso is_coordinate(Y);
@@ -79,12 +80,23 @@ is_coordinate(X) -> is_number(X) andalso X =< ?FARTHEST andalso X >= -?FARTHEST.
 
 longest_ms() -> starl_action:longest_us() div 1000.
 
-expected(ms) -> "milliseconds: a whole number from 0";
-expected(positive_ms) -> "milliseconds: a whole number from 1";
-expected(ms_or_infinity) -> "milliseconds: a whole number from 1, or infinity";
-expected(number) -> "a whole number from 1";
-expected(robot) -> "a robot: a whole number from 1";
-expected(name) -> "an atom";
-expected(distance) -> "a distance: a number from 0, mm";
-expected(velocity) -> "a velocity {VX, VY}: two numbers, mm/s, within 1.0e9";
-expected(point) -> "a point {X, Y}: two numbers, mm, within 1.0e9".
+expected(ms) ->
+    "milliseconds: a whole number from 0";
+expected(positive_ms) ->
+    "milliseconds: a whole number from 1";
+expected(ms_or_infinity) ->
+    "milliseconds: a whole number from 1, or infinity";
+expected(number) ->
+    "a whole number from 1";
+expected(robot) ->
+    "a robot: a whole number from 1";
+expected(name) ->
+    "an atom";
+expected(sense) ->
+    lists:flatten(io_lib:format("one of ~0tp", [[K || {K, _} <- starl_sense:kinds()]]));
+expected(distance) ->
+    "a distance: a number from 0, mm";
+expected(velocity) ->
+    "a velocity {VX, VY}: two numbers, mm/s, within 1.0e9";
+expected(point) ->
+    "a point {X, Y}: two numbers, mm, within 1.0e9".

@@ -33,10 +33,11 @@
 %% answer to its own call, timeouts as in gen_statem, `packet' from the radio, and `info' from
 %% the platform: `{located, Tag, [{robot_id(), pose(), AgeUs}]}' after `sense', `{driven, Mark, Us}'
 %% or `{stalled, Mark, Told}' after `drive', `{actuated, Mark, Device, Value}' after `actuate'
-%% with a mark, `{restarted, Name}' when another machine of this robot has crashed and come back,
-%% `{given_up, Name}' when it does not come back (a machine may leave it unhandled), and `{late,
-%% Mark}' when actions were not carried out because their latest moment had passed. The runner
-%% itself handles `code', a word on new code ({@link starl_reload}).
+%% with a mark, `{felt, Tag, {ok, Reading} | none | unknown}' after `feel', `{restarted, Name}' when
+%% another machine of this robot has crashed and come back, `{given_up, Name}' when it does not come
+%% back (a machine may leave it unhandled), and `{late, Mark}' when actions were not carried out
+%% because their latest moment had passed. The runner itself handles `code', a word on new code
+%% ({@link starl_reload}).
 -type event_type() ::
     cast
     | code
@@ -62,6 +63,8 @@
     | {transmit, starl:robot_id() | all, starl_packet:t()}
     %% ask the positioning system; answered by the event `info', `{located, Tag, …}'
     | {sense, [starl:robot_id()], Tag :: term()}
+    %% ask a sense; answered by `info', `{felt, Tag, {ok, Reading} | none | unknown}'
+    | {feel, starl_sense:kind(), Tag :: term()}
     %% the chassis drives the script and then stands; replaces a script that is running; answered by
     %% `info', `{driven, Mark, …}', or `{stalled, Mark, …}' if the drive does not obey
     | {drive, starl_chassis:script(), Mark :: term()}

@@ -13,6 +13,7 @@
 -type world_action() ::
     {transmit, starl:robot_id() | all, starl_packet:t()}
     | {sense, [starl:robot_id()], Tag :: term()}
+    | {feel, starl_sense:kind(), Tag :: term()}
     | {drive, starl_chassis:script(), Mark :: term()}
     | {actuate, Device :: atom(), Value :: term()}
     | {actuate, Device :: atom(), Value :: term(), Mark :: term()}
@@ -29,6 +30,8 @@
 %%   Pose, AgeUs}]}}' with those of the robots that the positioning system sees, and the age of each
 %%   measurement. An adapter to a system that sends pictures at its own pace should answer with the
 %%   next picture (see {@link starl_location})</dd>
+%% <dt>`{feel, Kind, Tag}'</dt><dd>answered by the event `{Name, info, {felt, Tag, {ok, Reading}}}' with what the
+%%   sense says; `none' if it is silent, `unknown' if the robot has no such sense</dd>
 %% <dt>`{drive, {Chassis, Commands}, Mark}'</dt><dd>the chassis carries out the commands, one after
 %%   the other, each for its duration by the chassis' own clock, and stops, even if the robot's
 %%   program fails; without commands it stops as soon as it can. When it stands, it answers with

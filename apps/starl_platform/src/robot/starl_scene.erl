@@ -32,6 +32,9 @@
     %% the application's own floor plan, if the scenario names none
     floor => starl_floor:t(),
     poses => #{starl:robot_id() => starl:pose()},
+    %% what senses see on the floor, and other measures and errors of senses than the usual ones
+    things => [starl_sense:thing()],
+    senses => #{starl_sense:kind() => starl_sense:profile()},
     %% contracts besides those of the blocks
     monitors => [{module(), map()}],
     profile => map(),

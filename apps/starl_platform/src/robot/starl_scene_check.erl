@@ -25,7 +25,7 @@ no_answer(Other) ->
     io_lib:format("{ok, #{app => ...}} or {error, \"Why\"} expected, not ~0tP", [Other, 12]).
 
 keys() ->
-    [app, blocks, waypoints, floor, poses, monitors, profile, sap] ++
+    [app, blocks, waypoints, floor, poses, things, senses, monitors, profile, sap] ++
         [never_crashes, never_bumps, sap_machine, motion_machine, memo].
 
 values([]) ->
@@ -60,6 +60,14 @@ value(Key, Is) when Key =:= never_crashes; Key =:= never_bumps ->
 value(floor, Floor) ->
     starl_floor:is_floor(Floor) orelse
         "a floor plan, of starl_floor_file:read/1 or starl_floor:new/1";
+value(things, Things) ->
+    is_list(Things) andalso lists:all(fun is_thing/1, Things) orelse
+        "a list of #{at => {X, Y}, colour => Colour}, with radius_mm and lamp_mm, mm";
+value(senses, Senses) ->
+    case starl_sense:profiles(Senses) of
+        {ok, _} -> true;
+        {error, Why} -> {error, ["senses: ", Why]}
+    end;
 value(Machine, Module) when Machine =:= sap_machine; Machine =:= motion_machine ->
     is_atom(Module) orelse "a module";
 value(_Key, _Value) ->
@@ -83,6 +91,15 @@ is_map_of(IsKey, IsValue, Map, Expected) ->
 
 is_point({X, Y}) -> is_number(X) andalso is_number(Y);
 is_point(_) -> false.
+
+is_thing(#{at := At} = Thing) ->
+    is_point(At) andalso is_atom(maps:get(colour, Thing, none)) andalso
+        lists:all(
+            fun(Mm) -> is_number(Mm) andalso Mm > 0 end,
+            maps:values(maps:with([radius_mm, lamp_mm], Thing))
+        );
+is_thing(_) ->
+    false.
 
 is_pose({X, Y, Heading}) -> is_point({X, Y}) andalso is_number(Heading);
 is_pose(_) -> false.

@@ -1,10 +1,12 @@
-%% @doc Location: answers questions about the positions of all robots and the named waypoints.
+%% @doc Location: answers questions about the positions of all robots, the named waypoints, and what
+%% the senses say.
 %%
 %% Only this service asks the positioning system (`sense'); all other machines ask it. Calls:
 %% `{pose, Robot}' (answer `{ok, pose()}' or `{error, unknown}'), `poses' (all robots seen),
-%% `{waypoint, Name}', `waypoints', `{put_waypoint, Name, point()}' (durable), `floor' (the floor plan).
-%% Configuration: `waypoints => #{Name => point()}', `floor => starl_floor:t()', `exact'
-%% (false), `oldest_us' (infinity).
+%% `{waypoint, Name}', `waypoints', `{put_waypoint, Name, point()}' (durable), `floor' (the floor
+%% plan). `{sense, Kind}'. A cast `{subscribe, Kind, Us}' has a sense looked at in this period from
+%% now on; the application gets what is new as messages of type `sense'. Configuration: `waypoints
+%% => #{Name => point()}', `floor => starl_floor:t()', `exact' (false), `oldest_us' (infinity).
 %%
 %% <em>The age of a picture.</em> A picture gives the age of each pose. Each picture shows the
 %% robot itself, and answers a question only if that pose was taken after the question: a robot that
@@ -50,6 +52,8 @@
     floor :: starl_floor:t() | unknown,
     %% those that the application has put
     put = #{} :: #{atom() => starl_geometry:point()},
+    %% the senses that are looked at: the period, and what each said last
+    watched = #{} :: #{starl_sense:kind() => {Us :: pos_integer(), Said :: term()}},
     exact :: boolean(),
     oldest_us :: non_neg_integer() | infinity,
     %% the robot's own pose in the last picture, and the last question that this picture answers
@@ -118,6 +122,18 @@ handle_event({call, From}, waypoints, ready, #location{waypoints = Waypoints}, _
     {keep_state_and_data, [{reply, From, {ok, Waypoints}}]};
 handle_event({call, From}, {put_waypoint, Name, Point}, ready, #location{} = Location, _Meta) ->
     put_waypoint(From, Name, Point, Location);
+handle_event({call, From}, {sense, Kind}, ready, _Location, _Meta) ->
+    {keep_state_and_data, [{feel, Kind, {asked, From}}]};
+handle_event(info, {felt, {asked, From}, Felt}, ready, _Location, _Meta) ->
+    {keep_state_and_data, [{reply, From, felt(Felt)}]};
+handle_event(cast, {subscribe, Kind, Us}, ready, #location{watched = Watched} = Location, _Meta) ->
+    Next = Location#location{watched = Watched#{Kind => {Us, nothing}}},
+    {keep_state, Next, [{{timeout, {watch, Kind}}, Us, look}]};
+handle_event({timeout, {watch, Kind}}, look, ready, #location{watched = Watched}, _Meta) ->
+    #{Kind := {Us, _}} = Watched,
+    {keep_state_and_data, [{feel, Kind, {watched, Kind}}, {{timeout, {watch, Kind}}, Us, look}]};
+handle_event(info, {felt, {watched, Kind}, Felt}, ready, #location{} = Location, _Meta) ->
+    told(Kind, Felt, Location);
 handle_event({call, From}, floor, ready, #location{floor = unknown}, _Meta) ->
     {keep_state_and_data, [{reply, From, {error, unknown}}]};
 handle_event({call, From}, floor, ready, #location{floor = Floor}, _Meta) ->
@@ -142,6 +158,26 @@ put_waypoint(From, Name, Point, #location{waypoints = Waypoints, put = Put} = Lo
         false ->
             {keep_state_and_data, [{reply, From, {error, full}}]}
     end.
+
+%% -- senses ---------------------------------------------------------------------------------
+
+felt({ok, _} = Reading) -> Reading;
+felt(none) -> {error, gone};
+felt(unknown) -> {error, unknown}.
+
+%% The application hears what the sense has not said the last time.
+told(Kind, {ok, Reading}, #location{self = Self, watched = Watched} = Location) ->
+    case Watched of
+        #{Kind := {_, Reading}} ->
+            keep_state_and_data;
+        #{Kind := {Us, _}} ->
+            Next = Location#location{watched = Watched#{Kind := {Us, Reading}}},
+            {keep_state, Next, [{cast, app, {message, Self, sense, {Kind, Reading}}}]};
+        #{} ->
+            keep_state_and_data
+    end;
+told(_Kind, _Nothing, _Location) ->
+    keep_state_and_data.
 
 %% -- questions ------------------------------------------------------------------------------
 

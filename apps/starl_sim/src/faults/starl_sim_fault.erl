@@ -21,7 +21,7 @@
     Params :: #{atom() => term()}
 }.
 
--type class() :: network | clock | process | location | actuation | serial | store.
+-type class() :: network | clock | process | location | actuation | serial | store | sense.
 
 -type kind() ::
     loss
@@ -64,7 +64,11 @@
     | store_full
     | store_damaged
     | store_lost
-    | store_set_back.
+    | store_set_back
+    | sense_gone
+    | sense_frozen
+    | sense_noisy
+    | sense_wrong.
 
 %% The target of a fault: see the shapes in {@link spec()}.
 -type target() ::
@@ -168,8 +172,17 @@ kinds() ->
         {store_damaged, store, robot, [], "machines that start find their stored terms damaged"},
         {store_lost, store, robot, [], "the robot goes down and starts anew, with an empty store"},
         {store_set_back, store, robot, [],
-            "the robot reboots, and in the end once more, with its store as it was at first"}
+            "the robot reboots, and in the end once more, with its store as it was at first"},
+        {sense_gone, sense, robots, [sense()], "the sense does not answer"},
+        {sense_frozen, sense, robots, [sense()], "the sense says what it said last"},
+        {sense_noisy, sense, robots, [sense(), {times, {number, 1, 1000}, {2, 20}}],
+            "the sense errs so many times as much"},
+        {sense_wrong, sense, robots, [sense()], "the sense says anything"}
     ].
+
+sense() ->
+    Senses = [all | [Kind || {Kind, _} <- starl_sense:kinds()]],
+    {sense, {one_of, Senses}, {1, length(Senses)}}.
 
 part(Low, High) -> {part, {number, 0, 1}, {Low, High}}.
 
@@ -181,7 +194,7 @@ shift(Ms) -> {ms, {integer, -3600000, 3600000}, {-Ms, Ms}}.
 
 %% @doc The classes of faults.
 -spec classes() -> [class()].
-classes() -> [network, clock, process, location, actuation, serial, store].
+classes() -> [network, clock, process, location, actuation, serial, store, sense].
 
 %% @doc The kinds that `all', a class or a kind stands for.
 -spec kinds_of(all | class() | kind()) -> [spec()].

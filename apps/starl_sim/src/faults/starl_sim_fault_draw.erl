@@ -14,13 +14,15 @@
 -export_type([request/0]).
 
 %% The robots and machines to hit, the time before which faults end, the longest fault (default a
-%% third of that time), and what to draw: `all', classes and kinds.
+%% third of that time), and what to draw: `all', classes and kinds. `senses' (true): is there
+%% anything to sense?
 -type request() :: #{
     seed := integer(),
     robots := pos_integer(),
     machines := [starl_machine:name()],
     until_ms := pos_integer(),
     longest_ms => pos_integer(),
+    senses => boolean(),
     kinds := [all | starl_sim_fault:class() | starl_sim_fault:kind()]
 }.
 
@@ -72,6 +74,7 @@ elsewhere(Shape, _, Key, Team) -> target(Shape, Key, Team).
 
 %% A single robot has no other to be confused with.
 is_possible({_, _, two, _, _}, #{robots := 1}) -> false;
+is_possible({_, sense, _, _, _}, #{senses := Any}) -> Any;
 is_possible(_Spec, _Request) -> true.
 
 faults({Kind, _, _, _, _} = Spec, #{seed := Seed} = Request) ->

@@ -44,9 +44,12 @@
     profiles := starl_chassis:profiles(),
     %% bodies are solid
     walls => starl_walls:t(),
+    %% what the senses see on the floor, and their measures
+    senses => starl_sim_senses:t(),
     network := [starl_sim_fault:compiled()],
     clocks := [starl_sim_fault:compiled()],
     location := [starl_sim_fault:compiled()],
+    sense => [starl_sim_fault:compiled()],
     actuation := [starl_sim_fault:compiled()],
     store := [starl_sim_fault:compiled()],
     record => #{starl:robot_id() => starl_sim_ledger:range()},
@@ -206,6 +209,8 @@ piece(#body{vehicle = Vehicle}) -> starl_sim_vehicle:piece(Vehicle).
 -spec handles(starl_machine:name(), starl_machine:event_type() | boot, term(), t()) -> t().
 handles(Machine, info, {located, _Tag, Seen}, Body) ->
     handles(Machine, info, {located, [{Robot, Pose} || {Robot, Pose, _Age} <- Seen]}, Body);
+handles(Machine, info, {felt, _Tag, Felt}, Body) ->
+    handles(Machine, info, {felt, Felt}, Body);
 handles(Machine, code, {take, #{number := N}}, Body) ->
     %% the names of versions depend on the compiler's release
     handles(Machine, code, {take, N}, Body);
@@ -250,6 +255,9 @@ perform({drive, Script, Mark}, Name, Body) ->
 perform({sense, Robots, Tag}, Name, Body) ->
     {Seen, Next} = sense(Robots, Body),
     {[{Name, info, {located, Tag, Seen}}], Next};
+perform({feel, Kind, Tag}, Name, Body) ->
+    {Felt, Next} = feels(Kind, Body),
+    {[{Name, info, {felt, Tag, Felt}}], Next};
 perform({actuate, Device, Value}, _Name, Body) ->
     {[], actuate(Device, Value, none, Body)};
 perform({actuate, Device, Value, Mark}, Name, Body) ->
@@ -481,6 +489,10 @@ sense(Robots, #body{id = Id, now = Now, window = From, vehicle = Vehicle} = Body
         (_Other) -> Now - From
     end,
     {[{Robot, Pose, Age(Robot)} || {Robot, Pose} <- Poses], Body#body{vehicle = Sensed}}.
+
+feels(Kind, #body{now = Now, window = From, vehicle = Vehicle} = Body) ->
+    {Felt, Looked} = starl_sim_vehicle:feel(Kind, {Now, From}, Vehicle),
+    {Felt, Body#body{vehicle = Looked}}.
 
 %% -- timers and traces ----------------------------------------------------------------------
 

@@ -137,9 +137,11 @@ waypoints(#{floor := #{places := Places}} = Scene) ->
 waypoints(Scene) ->
     maps:get(waypoints, Scene, #{}).
 
-%% On a floor plan bodies are solid.
-walls(#{floor := Floor}) -> #{walls => starl_walls:new(Floor)};
-walls(_Scene) -> #{}.
+%% On a floor plan bodies are solid, and there is something to sense.
+walls(#{floor := Floor} = Scene) ->
+    #{walls => starl_walls:new(Floor), senses => starl_sim_senses:new(Scene)};
+walls(_Scene) ->
+    #{}.
 
 nodes(#{app := App}, #{app := Playing} = Scene, #{nodes := Nodes} = Options) ->
     Services = [
@@ -171,6 +173,7 @@ world(Scenario, Profiles, #{robots := Ids}, Options) ->
         network => faults(network, Faults),
         clocks => faults(clock, Faults),
         location => faults(location, Faults),
+        sense => faults(sense, Faults),
         actuation => faults(actuation, Faults) ++ faults(serial, Faults),
         store => faults(store, Faults),
         packets =>

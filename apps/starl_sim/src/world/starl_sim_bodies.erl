@@ -147,11 +147,4 @@ place({robot, Other}, _Pose, Now, #{sight := Sight}) ->
 %% within 15 degrees of the middle both switches close.
 -spec side(starl_geometry:point(), starl:pose()) -> left | right | both | behind.
 side(There, {X, Y, Heading}) ->
-    Bearing = starl_geometry:angle_diff(starl_geometry:heading({X, Y}, There), Heading),
-    Middle = math:pi() / 12,
-    if
-        abs(Bearing) =< Middle -> both;
-        abs(Bearing) > 6 * Middle -> behind;
-        Bearing > 0 -> left;
-        true -> right
-    end.
+    starl_sense_bump:side(starl_sense:bearing(There, {X, Y, Heading}), math:pi() / 12).

@@ -12,7 +12,7 @@
 -module(starl_sim_vehicle).
 
 -export([new/3, in_world/2, piece/1, drive/4, actuate/4, turn_wheels/2, beat/3, says/2, stop/2]).
--export([bump/2, sense/3]).
+-export([bump/2, sense/3, feel/3]).
 
 -export_type([t/0, world/0, change/0, plan/0, beat/0]).
 
@@ -51,7 +51,11 @@
     %% the values of its other actuators, as far as they were ever set
     devices = #{} :: #{atom() => term()},
     %% the last seen poses of robots, if sight may freeze
-    seen = #{} :: #{starl:robot_id() => starl:pose()}
+    seen = #{} :: #{starl:robot_id() => starl:pose()},
+    %% on a floor plan: how far it has driven up to this piece of motion (mm), and what its senses
+    %% said last, if they may freeze
+    driven = 0.0 :: float(),
+    felt = #{} :: #{starl_sense:kind() => term()}
 }).
 
 -opaque t() :: #vehicle{}.
@@ -228,7 +232,7 @@ stop(Now, #vehicle{run = Run, kind = Kind, line = {Stops, _}} = Vehicle) ->
 bump(Now, #vehicle{piece = Piece, owner = Owner, command = Command} = Vehicle) ->
     {X, Y, Heading} = starl_trajectory:pose(Now, Piece),
     Standing = starl_trajectory:standing(Now, {X, Y}, Heading),
-    {_, [], Stopped} = stop(Now, Vehicle#vehicle{piece = Standing}),
+    {_, [], Stopped} = stop(Now, (driven(Now, Vehicle))#vehicle{piece = Standing}),
     Said =
         case Owner of
             {Name, Mark} -> word(?WATCH_US, Name, {stalled, Mark, Command}, Now, Stopped);
@@ -247,8 +251,15 @@ move(When, Faults, Now, #vehicle{kind = Kind, command = Command, piece = Old} = 
     {Plans, Watched} = watch(IsOff, Now, Vehicle),
     case Motion of
         same -> {same, Plans, Watched};
-        Piece -> {moved, Plans, Watched#vehicle{piece = Piece}}
+        Piece -> {moved, Plans, (driven(Now, Watched))#vehicle{piece = Piece}}
     end.
+
+%% Only a battery asks for it, and only on a floor plan there is one.
+driven(Now, #vehicle{world = #{senses := _}, piece = Piece, driven = Mm} = Vehicle) ->
+    Since = starl_trajectory:start_us(Piece),
+    Vehicle#vehicle{driven = Mm + starl_trajectory:moved(min(Since, Now), Now, Piece)};
+driven(_Now, Vehicle) ->
+    Vehicle.
 
 watch(false, _Now, #vehicle{off = no} = Vehicle) ->
     {[], Vehicle};
@@ -308,6 +319,27 @@ sense(Robots, {Now, _} = When, #vehicle{id = Id, draws = N, world = World} = Veh
         seen => Vehicle#vehicle.seen
     }),
     {Poses, Vehicle#vehicle{draws = N + 1, seen = Seen}}.
+
+%% @doc What a sense says: the robot's own place counts as of now, the others' as of the beginning
+%% of the window.
+-spec feel(starl_sense:kind(), {Now, WindowFrom}, t()) -> {starl_sim_senses:felt(), t()} when
+    Now :: starl_sim_queue:time(), WindowFrom :: starl_sim_queue:time().
+feel(Kind, {Now, From}, #vehicle{world = #{senses := Senses} = World} = Vehicle) ->
+    #vehicle{id = Id, draws = N, profile = Profile, piece = Piece, felt = Before} = Vehicle,
+    #vehicle{driven = Driven} = driven(Now, Vehicle),
+    {Felt, After} = starl_sim_senses:feel(Kind, Senses, World, #{
+        robot => Id,
+        pose => starl_trajectory:pose(Now, Piece),
+        radius_mm => starl_chassis:radius_mm(Profile),
+        driven_mm => Driven,
+        now_us => Now,
+        window_us => From,
+        key => {maps:get(seed, World), Id, N, sense, Kind},
+        felt => Before
+    }),
+    {Felt, Vehicle#vehicle{draws = N + 1, felt = After}};
+feel(_Kind, _When, Vehicle) ->
+    {unknown, Vehicle}.
 
 see(Id, {Now, _From}, #vehicle{id = Id, piece = Piece} = Vehicle) ->
     [blur(Id, starl_trajectory:pose(Now, Piece), Vehicle)];

@@ -1,0 +1,60 @@
+%% @doc The bumper: what does the robot touch? It goes around the front half, with a switch on each
+%% side, and near the middle both close. A reading is `none', `left', `right' or `both'.
+-module(starl_sense_bump).
+-behaviour(starl_sense).
+
+-export([profile/0, errors/0, read/2, guess/2, is_reading/2]).
+-export([side/2]).
+
+%% `middle': both switches close within this bearing (rad); `touch_mm': so near is touching;
+%% `missed': the part of the touches that is not felt.
+-spec profile() -> starl_sense:profile().
+profile() -> #{middle => 0.26, touch_mm => 1.0, missed => 0.0}.
+
+-spec errors() -> [atom()].
+errors() -> [missed].
+
+-spec read(starl_sense:view(), starl_sense:profile()) -> none | left | right | both.
+read(#{draw := Draw} = View, #{missed := Missed} = Profile) ->
+    case Draw(missed) < Missed of
+        true -> none;
+        false -> pressed([Side || P <- touched(View, Profile), Side <- [side(P, View, Profile)]])
+    end.
+
+pressed(Sides) ->
+    case {lists:member(left, Sides), lists:member(right, Sides), lists:member(both, Sides)} of
+        {_, _, true} -> both;
+        {true, true, _} -> both;
+        {true, false, _} -> left;
+        {false, true, _} -> right;
+        {false, false, _} -> none
+    end.
+
+%% The places at which it touches walls and bodies.
+touched(#{pose := {X, Y, _}, radius_mm := R, walls := Walls, bodies := Bodies}, Profile) ->
+    Reach = R + maps:get(touch_mm, Profile),
+    [
+        P
+     || {_, Wall} <- starl_walls:near({{X, Y}, {X, Y}}, Reach, Walls),
+        P <- [starl_geometry:closest_point({X, Y}, Wall)],
+        starl_geometry:distance({X, Y}, P) =< Reach
+    ] ++
+        [P || {_, P, Other} <- Bodies, starl_geometry:distance({X, Y}, P) =< Reach + Other].
+
+side(Point, #{pose := Pose}, #{middle := Middle}) -> side(starl_sense:bearing(Point, Pose), Middle).
+
+%% @doc The side of the bumper at a bearing.
+-spec side(Bearing :: float(), Middle :: float()) -> left | right | both | behind.
+side(Bearing, Middle) ->
+    if
+        abs(Bearing) =< Middle -> both;
+        abs(Bearing) > 1.5707963267948966 -> behind;
+        Bearing > 0 -> left;
+        true -> right
+    end.
+
+-spec guess(starl_sense:draw(), starl_sense:profile()) -> none | left | right | both.
+guess(Draw, _Profile) -> lists:nth(1 + trunc(4 * Draw(guess)), [none, left, right, both]).
+
+-spec is_reading(term(), starl_sense:profile()) -> boolean().
+is_reading(Reading, _Profile) -> lists:member(Reading, [none, left, right, both]).

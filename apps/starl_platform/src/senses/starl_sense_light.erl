@@ -1,0 +1,31 @@
+%% @doc The light sensor: how bright is it here? A reading is a number from 0 (dark); each lamp in
+%% sight adds 1 beside it, and a third of that `lamp_mm' away. Walls and robots cast shadows.
+-module(starl_sense_light).
+-behaviour(starl_sense).
+
+-export([profile/0, errors/0, read/2, guess/2, is_reading/2]).
+
+%% `most': the brightest that it tells; `noise': the standard deviation, as a part of the reading.
+-spec profile() -> starl_sense:profile().
+profile() -> #{most => 4.0, noise => 0.02}.
+
+-spec errors() -> [atom()].
+errors() -> [noise].
+
+-spec read(starl_sense:view(), starl_sense:profile()) -> float().
+read(
+    #{pose := {X, Y, _}, things := Things, walls := Walls, bodies := Bodies, draw := Draw}, Profile
+) ->
+    #{most := Most, noise := Noise} = Profile,
+    Discs = [{At, R} || {_, At, R} <- Bodies],
+    Light = lists:sum([
+        math:exp(-starl_geometry:distance({X, Y}, At) / Mm)
+     || #{at := At, lamp_mm := Mm} <- Things, starl_sight:is_clear({X, Y}, At, Discs, Walls)
+    ]),
+    max(0.0, min(float(Most), Light * (1.0 + Noise * starl_sense:normal(light, Draw)))).
+
+-spec guess(starl_sense:draw(), starl_sense:profile()) -> float().
+guess(Draw, #{most := Most}) -> Most * Draw(guess).
+
+-spec is_reading(term(), starl_sense:profile()) -> boolean().
+is_reading(Light, #{most := Most}) -> is_float(Light) andalso Light >= 0 andalso Light =< Most.
