@@ -34,9 +34,10 @@ class(Class, Width) ->
     [atom_to_list(Class), ":\n" | [kind(Spec, Width) || Spec <- starl_sim_fault:kinds_of(Class)]].
 
 %% The kind with its target and parameters, and what it does, which may need lines of its own.
-kind({Kind, _Class, Target, Params, Doc}, Width) ->
-    Texts = [[atom_to_list(Key), " ", type(Type), unit(Key)] || {Key, Type, _} <- Params],
-    Head = [string:pad(atom_to_list(Target), 9), lists:join(", ", Texts)],
+kind({Kind, _Class, Target, Specs, Doc}, Width) ->
+    Texts = [[atom_to_list(Key), " ", type(Type), unit(Key)] || {Key, Type, _} <- Specs],
+    Params = starl_cli_terminal:wrap(lists:join(", ", Texts), 30, Width),
+    Head = [string:pad(atom_to_list(Target), 9), Params],
     [
         io_lib:format("  ~-18ts ", [Kind]),
         string:trim(Head, trailing),
