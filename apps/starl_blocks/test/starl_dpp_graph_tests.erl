@@ -58,7 +58,7 @@ targets_test() ->
     ?assertEqual([350, 350, 500, 500, 500], lists:sort(Lengths)),
     ?assertEqual(500.0, starl_dpp_graph:longest(Graph)),
     ?assertEqual(215.0, starl_dpp_graph:radius(Graph)),
-    ?assertEqual({0.0, 0.0, 12000.0, 12000.0}, starl_dpp_graph:floor_box(Graph)),
+    ?assertEqual(2000.0, starl_dpp_graph:depth({5000.0, 10000.0}, Graph)),
     {ok, Empty} = new([]),
     ?assertEqual({0, +0.0}, {starl_dpp_graph:targets(Empty), starl_dpp_graph:longest(Empty)}).
 

@@ -107,13 +107,12 @@ kept(Behind) ->
     Points =
         [At | [{1400.0 + 100.0 * I, 4000.0} || I <- [1, 2, 3]]] ++
             [{6000.0 + 10.0 * I, 4000.0} || I <- lists:seq(1, Behind)],
-    Smooth = starl_dpp_route:smooth(
-        Points, starl_dpp_route:obstacles(view(At, {4000.0, 4000.0}))
-    ),
+    #{graph := Graph} = View = view(At, {4000.0, 4000.0}),
+    Smooth = starl_dpp_route:smooth(Points, starl_dpp_route:obstacles(View), Graph),
     Numbers = maps:from_list(lists:zip(Points, lists:seq(0, length(Points) - 1))),
     [maps:get(P, Numbers) || P <- Smooth].
 
 %% Two points in one place are a leg, too.
 no_way_at_all_test() ->
     ?assertEqual([{1.0, 1.0}], starl_dpp_route:legs([{1.0, 1.0}, {1.0, 1.0}], 4.0)),
-    ?assertEqual([{1.0, 1.0}], starl_dpp_route:smooth([{1.0, 1.0}], [])).
+    ?assertEqual([{1.0, 1.0}], starl_dpp_route:smooth([{1.0, 1.0}], [], graph)).

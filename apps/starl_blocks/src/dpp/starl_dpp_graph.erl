@@ -24,7 +24,8 @@
     near/3,
     part/3,
     reach/3,
-    floor_box/1
+    clear/2,
+    depth/2
 ]).
 -export_type([t/0, edge_id/0, vertex/0, step/0, near/0, config/0, reason/0]).
 
@@ -43,6 +44,7 @@
     robots := [robot_id()],
     tube_radius := float(),
     edge_length := float(),
+    ways => starl_dpp_floor:t() | none,
     seed := integer()
 }.
 -type reason() ::
@@ -64,6 +66,9 @@
     longest :: float(),
     spots :: #{robot_id() => vertex()},
     ring :: [vertex()],
+    walls = none :: starl_dpp_floor:walls(),
+    %% with walls: how far each vertex is from the nearest spot, over the roadmap
+    depths = none :: starl_dpp_array:t(float()) | none,
     edge_grid :: starl_grid:t(edge_id()),
     vertex_grid :: starl_grid:t(vertex())
 }).
@@ -77,17 +82,21 @@
 -spec new(config()) -> {ok, t()} | {error, reason()}.
 new(#{robots := []}) ->
     {error, no_robots};
-new(#{segments := Segments, world := World, robots := Robots, tube_radius := R} = Config) ->
-    case starl_roadmap:layout(World, length(Robots), R) of
-        {ok, Layout} ->
-            MaxLength = maps:get(edge_length, Config),
-            Limits = #{max_length => MaxLength, most => ?MOST_EDGES},
-            case starl_planar:planarise(Segments, Limits) of
-                too_many -> {error, {too_many_edges, more, ?MOST_EDGES}};
-                Picture -> checked(Picture, Layout, Config)
+new(#{world := World, robots := Robots, tube_radius := R} = Config) ->
+    case maps:get(ways, Config, none) of
+        none ->
+            case starl_roadmap:layout(World, length(Robots), R) of
+                {ok, Layout} -> drawn(fun(Picture) -> checked(Picture, Layout, Config) end, Config);
+                {error, _} = Error -> Error
             end;
-        {error, _} = Error ->
-            Error
+        Ways ->
+            drawn(fun(Picture) -> walled(Picture, Ways, Config) end, Config)
+    end.
+
+drawn(Build, #{segments := Segments, edge_length := MaxLength}) ->
+    case starl_planar:planarise(Segments, #{max_length => MaxLength, most => ?MOST_EDGES}) of
+        too_many -> {error, {too_many_edges, more, ?MOST_EDGES}};
+        Picture -> Build(Picture)
     end.
 
 %% @doc One line that says what is wrong and what to do.
@@ -133,9 +142,17 @@ vertices(#graph{points = Points}) -> tuple_size(Points).
 -spec radius(t()) -> float().
 radius(#graph{radius = R}) -> R.
 
-%% @doc The box of the whole floor.
--spec floor_box(t()) -> starl_geometry:box().
-floor_box(#graph{world = {W, H}}) -> {0.0, 0.0, float(W), float(H)}.
+%% @doc Does a line keep away from the walls?
+-spec clear(segment(), t()) -> boolean().
+clear(Line, #graph{walls = Walls}) -> starl_dpp_floor:clear(Line, Walls).
+
+%% @doc How far a point is from where robots park: from the border of the floor; with walls, from the nearest
+%% spot over the roadmap.
+-spec depth(point(), t()) -> float().
+depth({X, Y}, #graph{depths = none, world = {W, H}}) ->
+    min(min(X, W - X), min(Y, H - Y));
+depth(P, #graph{depths = Depths} = Graph) ->
+    lists:min([Mm + starl_dpp_array:get(V, Depths) || {Mm, V} <- joints(P, 3, Graph)]).
 
 %% @doc The point of a vertex.
 -spec point(vertex(), t()) -> point().
@@ -218,9 +235,36 @@ checked(#{vertices := Points, edges := Edges} = Picture, Layout, Config) ->
         {_, []} -> check_reach(build(Picture, Layout, Config))
     end.
 
-build(#{vertices := Drawn, edges := TargetEdges} = Picture, Layout, Config) ->
-    #{tube_radius := R, world := World, seed := Seed} = Config,
-    Travel = starl_roadmap:travel(Layout, R, Picture, Seed),
+build(Picture, Layout, #{tube_radius := R, seed := Seed} = Config) ->
+    graph(Picture, starl_roadmap:travel(Layout, R, Picture, Seed), Config).
+
+%% With walls the ways have been checked before: all lines can be reached.
+walled(#{edges := Edges}, _Ways, _Config) when length(Edges) > ?MOST_EDGES ->
+    {error, {too_many_edges, length(Edges), ?MOST_EDGES}};
+walled(Picture, Ways, Config) ->
+    Graph = graph(Picture, starl_dpp_floor:travel(Ways, Picture), Config),
+    {ok, Graph#graph{walls = starl_dpp_floor:walls(Ways), depths = depths(Graph)}}.
+
+%% Dijkstra's search from all spots at once.
+depths(#graph{spots = Spots, points = Points} = Graph) ->
+    Start = fun(V, Heap) -> starl_dpp_heap:push(0.0, V, Heap) end,
+    Heap = lists:foldl(Start, starl_dpp_heap:new(), maps:values(Spots)),
+    depths(starl_dpp_heap:pop(Heap), starl_dpp_array:new(tuple_size(Points), 1.0e9), Graph).
+
+depths(empty, Depths, _Graph) ->
+    Depths;
+depths({Mm, V, Heap}, Depths, Graph) ->
+    case starl_dpp_array:get(V, Depths) =< Mm of
+        true ->
+            depths(starl_dpp_heap:pop(Heap), Depths, Graph);
+        false ->
+            Push = fun({_, W, Length, _}, Acc) -> starl_dpp_heap:push(Mm + Length, W, Acc) end,
+            Next = lists:foldl(Push, Heap, adjacent(V, Graph)),
+            depths(starl_dpp_heap:pop(Next), starl_dpp_array:put(V, Mm, Depths), Graph)
+    end.
+
+graph(#{vertices := Drawn, edges := TargetEdges}, Travel, Config) ->
+    #{tube_radius := R, world := World} = Config,
     Points = list_to_tuple(Drawn ++ maps:get(points, Travel)),
     All = TargetEdges ++ maps:get(edges, Travel),
     Targets = length(TargetEdges),

@@ -58,7 +58,7 @@
     | {moving, Done :: non_neg_integer(), Left :: [waypoint()]}.
 
 -record(plan, {
-    %% without the segments, defaults filled in
+    %% without the segments and ways, defaults filled in
     config :: map(),
     graph :: starl_dpp_graph:t(),
     unsafe :: starl_dpp_unsafe:t(),
@@ -82,9 +82,9 @@
 new(Config0) ->
     Config = starl_dpp_settings:complete(Config0),
     Robots = lists:usort(maps:get(robots, Config)),
-    Keys = [segments, world, robots, tube_radius, edge_length, seed],
+    Keys = [segments, world, robots, tube_radius, edge_length, ways, seed],
     case starl_dpp_graph:new(maps:with(Keys, Config#{robots => Robots})) of
-        {ok, Graph} -> {ok, plan(Robots, Graph, maps:remove(segments, Config))};
+        {ok, Graph} -> {ok, plan(Robots, Graph, maps:without([segments, ways], Config))};
         {error, _} = Error -> Error
     end.
 

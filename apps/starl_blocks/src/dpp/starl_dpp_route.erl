@@ -1,10 +1,9 @@
 %% @doc Ways off the graph: from anywhere onto it, and straight across instead of along it.
 %%
-%% The floor has no fixed obstacles, so any straight line that keeps clear of the other robots'
-%% reservations may be driven. Lengths are millimetres.
+%% Any straight line that keeps clear of the other robots' reservations, and of the walls, may be driven. Lengths are millimetres.
 -module(starl_dpp_route).
 
--export([space/2, obstacles/1, nearby/1, starts/3, travel/3, smooth/2, legs/2]).
+-export([space/2, obstacles/1, nearby/1, starts/3, travel/3, smooth/3, legs/2]).
 -export_type([view/0]).
 
 -type robot_id() :: pos_integer().
@@ -52,7 +51,7 @@ starts(Vertices, Obstacles, #{at := P, graph := Graph} = View) ->
         start(V, Q, View)
      || V <- Vertices,
         Q <- [starl_dpp_graph:point(V, Graph)],
-        starl_geometry:distance(P, Q) < ?AT orelse starl_dpp_unsafe:clear({P, Q}, Obstacles)
+        starl_geometry:distance(P, Q) < ?AT orelse is_clear({P, Q}, Obstacles, Graph)
     ].
 
 %% @doc The way along vertices with the pen up, cut short where that is safe. Empty when the robot
@@ -60,16 +59,16 @@ starts(Vertices, Obstacles, #{at := P, graph := Graph} = View) ->
 -spec travel([vertex(), ...], obstacles(), view()) -> [{point(), up}].
 travel(Trail, Obstacles, #{at := P, graph := Graph, leg := Leg}) ->
     Points = [starl_dpp_graph:point(V, Graph) || V <- Trail],
-    Way = smooth(distinct([P | Points]), Obstacles),
+    Way = smooth(distinct([P | Points]), Obstacles, Graph),
     [{Q, up} || Q <- legs(Way, Leg)].
 
 %% @doc Shortens a way: drops points between which a straight line is clear.
--spec smooth([point(), ...], obstacles()) -> [point(), ...].
-smooth([_] = Points, _Obstacles) ->
+-spec smooth([point(), ...], obstacles(), starl_dpp_graph:t()) -> [point(), ...].
+smooth([_] = Points, _Obstacles, _Graph) ->
     Points;
-smooth([P | Rest], Obstacles) ->
+smooth([P | Rest], Obstacles, Graph) ->
     %% The farthest point is tried first, then ones ever nearer by half.
-    [P | smooth(farthest(P, Rest, length(Rest), ?TRIES, Obstacles), Obstacles)].
+    [P | smooth(farthest(P, Rest, length(Rest), ?TRIES, Obstacles, Graph), Obstacles, Graph)].
 
 %% @doc The points after the first, with more in between so that no leg is longer than `Mm'.
 -spec legs([point(), ...], Mm :: float()) -> [point()].
@@ -99,11 +98,14 @@ distinct([P, Q | Rest]) ->
 distinct(Points) ->
     Points.
 
-farthest(_P, Rest, N, Tries, _Obstacles) when N =:= 1; Tries =:= 0 ->
+farthest(_P, Rest, N, Tries, _Obstacles, _Graph) when N =:= 1; Tries =:= 0 ->
     Rest;
-farthest(P, Rest, N, Tries, Obstacles) ->
+farthest(P, Rest, N, Tries, Obstacles, Graph) ->
     [Q | _] = Left = lists:nthtail(N - 1, Rest),
-    case starl_dpp_unsafe:clear({P, Q}, Obstacles) of
+    case is_clear({P, Q}, Obstacles, Graph) of
         true -> Left;
-        false -> farthest(P, Rest, (N + 1) div 2, Tries - 1, Obstacles)
+        false -> farthest(P, Rest, (N + 1) div 2, Tries - 1, Obstacles, Graph)
     end.
+
+is_clear(Line, Obstacles, Graph) ->
+    starl_dpp_unsafe:clear(Line, Obstacles) andalso starl_dpp_graph:clear(Line, Graph).

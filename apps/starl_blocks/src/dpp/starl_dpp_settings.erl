@@ -17,6 +17,7 @@
     overhead_mm => float(),
     middle => float(),
     patience => {Factor :: float(), Mm :: float()} | infinity,
+    ways => starl_dpp_floor:t() | none,
     seed => integer()
 }.
 %% `slack' (0): the distance from its path within which a robot counts as on it, the paper's r(v);
@@ -26,7 +27,8 @@
 %% radian. `overhead_mm' (100): mm driven in the time of a request. `middle' (0.7): the weight of a
 %% line that is begun in its middle. `patience' ({1.05, 50}): factor F and length M; while others
 %% move, a request is answered `none' rather than with a way around them longer than F times the
-%% straight way plus M; `infinity' takes every way. `seed' (1): of the roadmap's points.
+%% straight way plus M; `infinity' takes every way. `ways' (none): the roadmap of a floor with walls.
+%% `seed' (1): of the roadmap's points.
 
 %% @doc The settings with all defaults filled in.
 -spec complete(t()) -> t().
@@ -57,8 +59,12 @@ options() ->
         {middle, {number, 0, 1}, 0.7, "the weight of a line that is begun in its middle"},
         {patience, {term, "{Factor, Mm}, or infinity", fun is_patience/1}, {1.05, 50.0},
             "the longest way round others, against the straight one"},
+        {ways, {term, "the ways of a floor with walls, or none", fun is_ways/1}, none,
+            "where robots drive on a floor with walls"},
         {seed, {integer, 0, 1 bsl 64}, 1, "where the points of the roadmap fall"}
     ].
+
+is_ways(Ways) -> Ways =:= none orelse starl_dpp_floor:is_ways(Ways).
 
 is_patience({Factor, Mm}) -> is_number(Factor) andalso is_number(Mm);
 is_patience(Patience) -> Patience =:= infinity.

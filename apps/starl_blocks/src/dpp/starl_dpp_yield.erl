@@ -76,8 +76,7 @@ in_way(Held, Way, Graph) ->
 %% the ring.
 -spec outermost([{robot_id(), point()}], starl_dpp_graph:t()) -> [robot_id()].
 outermost(Places, Graph) ->
-    Box = starl_dpp_graph:floor_box(Graph),
-    [Id || {_, Id} <- lists:sort([{depth(P, Box), Id} || {Id, P} <- Places])].
+    [Id || {_, Id} <- lists:sort([{starl_dpp_graph:depth(P, Graph), Id} || {Id, P} <- Places])].
 
 %%% Internals
 
@@ -118,5 +117,3 @@ wished({Cost, V, E}, Labels, Waiting, #{robot := Robot, at := P} = View) ->
         blockers => Blockers,
         cost_mm => Cost + ?BLOCKER_MM * length(Blockers)
     }.
-
-depth({X, Y}, {X0, Y0, X1, Y1}) -> min(min(X - X0, X1 - X), min(Y - Y0, Y1 - Y)).

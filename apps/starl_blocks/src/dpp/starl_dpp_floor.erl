@@ -1,0 +1,142 @@
+%% @doc Where robots drive on a floor with walls: the roadmap ({@link starl_dpp_cells}), which leads
+%% through every door that is wide enough, and parking spots out of everybody's way ({@link
+%% starl_dpp_parking}). Made once for a run, it is part of the options of path planning (`ways').
+%% Lengths are millimetres.
+-module(starl_dpp_floor).
+
+-export([new/2, travel/2, clear/2, walls/1, places/1, is_ways/1, format_error/1]).
+
+-export_type([t/0, walls/0, config/0, reason/0]).
+
+-type point() :: starl_geometry:point().
+-type segment() :: starl_geometry:segment().
+
+%% The robots, the radius of their tubes, the distance of their paths from walls, the lines that
+%% they are to drive, and the place near which they park.
+-type config() :: #{
+    robots := pos_integer(),
+    tube_radius := float(),
+    wall_mm := float(),
+    lines := [segment()],
+    near := point()
+}.
+
+%% The roadmap, its points numbered from 1; each spot with the point of the roadmap that it is left
+%% by.
+-type t() :: #{
+    floor := starl_floor:t(),
+    wall_mm := float(),
+    reach_mm := float(),
+    points := [point()],
+    edges := [{pos_integer(), pos_integer()}],
+    spots := [{point(), Foot :: pos_integer()}]
+}.
+
+%% The walls, and the distance that paths keep from them.
+-type walls() :: {starl_walls:t(), Mm :: float()} | none.
+
+-type reason() :: no_room | {spots, Most :: non_neg_integer(), Robots :: pos_integer()}.
+
+%% @doc The roadmap and the spots, with the lines that robots can reach from there and those that
+%% they cannot.
+-spec new(starl_floor:t(), config()) ->
+    {ok, t(), #{reached := [segment()], lost := [segment()]}} | {error, reason()}.
+new(Floor, #{lines := Lines, near := Near} = Config) ->
+    #{points := Points} = Roads = starl_dpp_cells:roads(Floor, Config),
+    case lists:sort([{starl_geometry:distance(Near, P), V} || {V, P} <- maps:to_list(Points)]) of
+        [] ->
+            {error, no_room};
+        [{_, Root} | _] ->
+            Part = starl_dpp_parking:part(Root, Roads),
+            {Reached, Lost} = lists:partition(fun(Line) -> is_joined(Line, Part, Roads) end, Lines),
+            parked(Floor, Reached, Lost, Part, Roads, Config)
+    end.
+
+parked(Floor, Reached, Lost, Part, Roads, #{robots := N, tube_radius := R, near := Near}) ->
+    #{points := Points, edges := Edges, nooks := Nooks} = Roads,
+    At = lists:sort([{starl_geometry:distance(Near, P), P} || {P, V} <- Nooks, is_map_key(V, Part)]),
+    case starl_dpp_parking:spots(N, [P || {_, P} <- At], Reached, R, Part, Roads) of
+        {ok, Spots} ->
+            Ways = (maps:with([wall_mm, reach_mm], Roads))#{
+                floor => Floor,
+                points => [P || {_, P} <- lists:sort(maps:to_list(Points))],
+                edges => Edges,
+                spots => Spots
+            },
+            {ok, Ways, #{reached => Reached, lost => Lost}};
+        {most, Most} ->
+            {error, {spots, Most, N}}
+    end.
+
+%% Can both ends of a line be reached?
+is_joined({A, B}, Part, #{points := Points, reach_mm := Reach} = Roads) ->
+    Grid = index(maps:to_list(Points), Reach),
+    Joined = fun(P) -> [V || V <- visible(P, Grid, Roads), is_map_key(V, Part)] =/= [] end,
+    Joined(A) andalso Joined(B).
+
+%% The four nearest points to which a straight line leads.
+visible(P, Grid, #{walls := Walls, wall_mm := Mm, reach_mm := Reach}) ->
+    Near = lists:sort([
+        {starl_geometry:distance(P, Q), V, Q}
+     || {V, Q} <- starl_grid:near({P, P}, Reach, Grid)
+    ]),
+    lists:sublist([V || {_, V, Q} <- Near, starl_walls:is_free({P, Q}, Mm, Walls)], 4).
+
+index(Points, Size) ->
+    Add = fun({_, P} = Key, Grid) -> starl_grid:add(Key, {P, P}, Grid) end,
+    lists:foldl(Add, starl_grid:new(Size), Points).
+
+%% @doc One line that says what is wrong and what to do.
+-spec format_error(reason()) -> unicode:chardata().
+format_error(no_room) ->
+    "there is no room for a robot between the walls: use a larger scale, or another plan";
+format_error({spots, Most, N}) ->
+    io_lib:format(
+        "the floor has parking spots out of everybody's way for ~b robots, not for ~b: use fewer robots, "
+        "or another plan",
+        [Most, N]
+    ).
+
+%% @doc Is this term the ways of a floor?
+-spec is_ways(term()) -> boolean().
+is_ways(#{floor := _, wall_mm := _, reach_mm := _, points := _, edges := _, spots := _}) -> true;
+is_ways(_) -> false.
+
+%% @doc The walls that paths keep away from.
+-spec walls(t()) -> walls().
+walls(#{floor := Floor, wall_mm := Mm}) -> {starl_walls:new(Floor), Mm}.
+
+%% @doc Does a line keep away from the walls? A robot that begins nearer to a wall comes no nearer.
+-spec clear(segment(), walls()) -> boolean().
+clear(_Line, none) ->
+    true;
+clear({A, _} = Line, {Walls, Mm}) ->
+    case starl_walls:clearance(Line, Mm, Walls) of
+        Room when Room >= Mm -> true;
+        Room -> Room >= starl_walls:clearance({A, A}, Mm, Walls) - 1.0e-3 andalso Room > 0.9 * Mm
+    end.
+
+%% @doc The poses of robots that stand on the spots, ready to leave.
+-spec places(t()) -> [starl:pose()].
+places(#{spots := Spots, points := Points}) ->
+    All = list_to_tuple(Points),
+    [{X, Y, starl_geometry:heading({X, Y}, element(Foot, All))} || {{X, Y}, Foot} <- Spots].
+
+%% @doc The roadmap for a picture of lines, its vertices numbered on from those of the picture.
+-spec travel(t(), starl_planar:graph()) -> starl_roadmap:travel().
+travel(#{points := Points, edges := Edges, spots := Spots, reach_mm := Reach} = Ways, #{
+    vertices := Targets
+}) ->
+    {Walls, Mm} = walls(Ways),
+    Roads = #{walls => Walls, wall_mm => Mm, reach_mm => Reach},
+    N = length(Targets),
+    Grid = index(lists:enumerate(N + 1, Points), Reach),
+    Parked = lists:enumerate(N + length(Points) + 1, Spots),
+    #{
+        points => Points ++ [P || {P, _} <- Spots],
+        edges =>
+            [{A + N, B + N} || {A, B} <- Edges] ++ [{V, Foot + N} || {V, {_, Foot}} <- Parked] ++
+            [{V, W} || {V, P} <- lists:enumerate(Targets), W <- visible(P, Grid, Roads)],
+        spots => maps:from_list([{Id, V} || {Id, {V, _}} <- lists:enumerate(Parked)]),
+        ring => []
+    }.
