@@ -44,10 +44,15 @@ end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 %% With a fault of each kind the run is another one; the same one in both modes.
 every_kind_takes_effect(_) ->
-    Plain = busy(#{}),
-    #{digest := Without} = run(Plain),
+    #{digest := Usual} = run(busy(#{})),
+    #{digest := OnFloor} = run(on_floor()),
     [
         begin
+            {Plain, Without} =
+                case Class of
+                    sense -> {on_floor(), OnFloor};
+                    _ -> {busy(#{}), Usual}
+                end,
             Faults = [example(Kind) | maps:get(faults, Plain)],
             #{digest := With, violations := Broken} = run(Plain#{faults => Faults}),
             ?assertEqual({Kind, []}, {Kind, Broken}),
@@ -55,7 +60,7 @@ every_kind_takes_effect(_) ->
             #{digest := Inline} = run(Plain#{faults => Faults, mode => inline, shards => 2}),
             ?assertEqual({Kind, With}, {Kind, Inline})
         end
-     || {Kind, _, _, _, _} <- starl_sim_fault:kinds()
+     || {Kind, Class, _, _, _} <- starl_sim_fault:kinds()
     ].
 
 example(Kind) ->
@@ -85,6 +90,11 @@ value(_, {one_of, [First | _]}, _) -> First;
 value(_, {number, _, _}, {_, High}) -> High;
 value(_, {integer, _, _}, {_, High}) -> High.
 
+%% There are senses on a floor plan only.
+on_floor() ->
+    #{around := Around} = Busy = busy(#{}),
+    Busy#{around := Around#{floor => starl_floor:empty({12000, 12000})}}.
+
 %% Four robots that talk, look around, store and drive, for ten seconds; what one has stored it
 %% reads after a crash.
 busy(More) ->
@@ -107,6 +117,7 @@ busy(More) ->
     ).
 
 turn(K, R) ->
+    _ = starl:sense(R, range),
     _ = starl:post(R, 1 + (starl:id(R) + K) rem 4, word, {K, starl:now(R)}),
     {ok, {X, Y, _}} = look(R),
     _ = starl:go_to(R, {X + 50.0 - 100.0 * (K rem 2), Y + 20.0}),
