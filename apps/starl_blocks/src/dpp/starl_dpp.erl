@@ -16,7 +16,7 @@
 -behaviour(starl_block).
 
 -export([options/0, check/1, machines/1, monitors/2, guarantees/0, contract/0, models/0]).
--export([join/2, coordinator/1, request_path/1, lines/1, face/3, drive/3]).
+-export([join/2, coordinator/1, request_path/1, request_path/2, lines/1, face/3, drive/3]).
 
 -export_type([config/0, path/0, request_id/0, term_id/0, place/0]).
 
@@ -77,6 +77,19 @@ request_path(Robot) ->
     case starl:call(Robot, dpp, request, infinity) of
         {ok, Answer} -> Answer;
         {error, restarted} -> {error, restarted}
+    end.
+
+%% @doc The same, for at most the given milliseconds. After `timeout' the robot stands, and holds no
+%% path; a path that it is given later is dropped at its next request.
+-spec request_path(starl:robot(), Ms :: pos_integer()) ->
+    {ok, path()}
+    | complete
+    | incomplete
+    | {error, timeout | restarted | no_coordinator | no_answer}.
+request_path(Robot, Ms) ->
+    case starl:call(Robot, dpp, request, Ms) of
+        {ok, Answer} -> Answer;
+        {error, Why} -> {error, Why}
     end.
 
 %% @doc The lines of the path in order, numbered from 1: each leads to a waypoint, with the pen in

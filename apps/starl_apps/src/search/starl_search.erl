@@ -1,0 +1,144 @@
+%% @doc Distributed search (the paper's section III-C): robots with cameras search the rooms of a
+%% building for a coloured ball. Path planning leads each to lines that nobody has driven yet; after each
+%% leg it looks. Who sees the ball looks again, from where it stands; if the looks agree it writes the
+%% place into a register that all share, and everybody is done. A robot that dies, or whose camera is
+%% gone, gives its lines back.
+%%
+%% Trace: {@link event()} (see {@link starl_search_monitor}).
+-module(starl_search).
+-behaviour(starl_app).
+-behaviour(starl_scene).
+
+-export([init/2, step/2]).
+-export([options/0, scene/1, preview/1, report/2]).
+
+-export_type([event/0]).
+
+%% The robot has found the ball, and where it takes it to be (mm).
+-type event() :: {found, starl_geometry:point()}.
+
+-type state() :: elect | search.
+
+-define(COLOUR, orange).
+%% A robot that waits for work looks so often whether the ball has been found (ms).
+-define(WAIT_MS, 5000).
+%% The looks after the first one, the time between them (ms), and how many of all agree on a place (mm).
+-define(LOOKS, 4).
+-define(LOOK_MS, 60).
+-define(AGREE, 3).
+-define(SAME_MM, 400.0).
+
+-spec init(starl:robot(), none) -> state().
+init(Robot, none) ->
+    case starl_dpp:coordinator(Robot) of
+        {ok, _} -> search;
+        {error, _} -> elect
+    end.
+
+-spec step(starl:robot(), state()) ->
+    {continue, state()} | {done, {found, starl_geometry:point()} | complete | incomplete}.
+step(Robot, elect) ->
+    case starl_election:elect(Robot, search) of
+        {ok, Leader} -> join(Robot, Leader);
+        {error, restarted} -> {continue, elect};
+        {error, timeout} -> join(Robot, hd(starl:participants(Robot)))
+    end;
+step(Robot, search) ->
+    case {starl_registers:get(Robot, found), starl:sense(Robot, camera)} of
+        {{ok, At}, _} ->
+            {done, {found, At}};
+        {_, {error, _}} ->
+            %% who does not see leaves the work to others
+            ok = starl:sleep(Robot, 1000),
+            {continue, search};
+        {_, {ok, _}} ->
+            requested(starl_dpp:request_path(Robot, ?WAIT_MS), Robot)
+    end.
+
+join(Robot, Leader) ->
+    _ = starl_dpp:join(Robot, Leader),
+    {continue, search}.
+
+requested({ok, Path}, Robot) -> follow(starl_dpp:lines(Path), Path, Robot);
+requested({error, no_coordinator}, Robot) -> join(Robot, hd(starl:participants(Robot)));
+requested({error, no_answer}, _Robot) -> {done, incomplete};
+requested({error, _RestartedOrTimeout}, _Robot) -> {continue, search};
+requested(End, _Robot) -> {done, End}.
+
+%% The rest of a path that is not followed goes to the next robot that asks.
+follow([{N, _Line, _Pen} | Lines], Path, Robot) ->
+    case starl_dpp:drive(Robot, Path, N) of
+        ok -> looked(look(Robot), Lines, Path, Robot);
+        {error, _VoidOrRestarted} -> {continue, search}
+    end;
+follow([], _Path, _Robot) ->
+    {continue, search}.
+
+looked({found, At}, _Lines, _Path, Robot) ->
+    starl:trace(Robot, {found, At}),
+    _ = starl_registers:put(Robot, found, At),
+    {done, {found, At}};
+looked(gone, _Lines, _Path, _Robot) ->
+    {continue, search};
+looked(nothing, Lines, Path, Robot) ->
+    case starl_registers:get(Robot, found) of
+        {ok, _} -> {continue, search};
+        {error, _} -> follow(Lines, Path, Robot)
+    end.
+
+%% -- looking --------------------------------------------------------------------------------
+
+look(Robot) ->
+    case starl:sense(Robot, camera) of
+        {ok, Blobs} -> look_again(balls(Blobs), Robot);
+        {error, _} -> gone
+    end.
+
+balls(Blobs) -> [{Bearing, Mm} || #{colour := ?COLOUR, bearing := Bearing, mm := Mm} <- Blobs].
+
+%% A camera may invent a ball, and one that says the same again to the bit is frozen.
+look_again([], _Robot) ->
+    nothing;
+look_again(First, Robot) ->
+    case starl:position(Robot) of
+        {ok, Pose} ->
+            Looks = lists:usort([First | [again(Robot) || _ <- lists:seq(1, ?LOOKS)]]),
+            agreed([place(Ball, Pose) || Balls <- Looks, Ball <- Balls]);
+        {error, _} ->
+            nothing
+    end.
+
+again(Robot) ->
+    ok = starl:sleep(Robot, ?LOOK_MS),
+    case starl:sense(Robot, camera) of
+        {ok, Blobs} -> balls(Blobs);
+        {error, _} -> []
+    end.
+
+place({Bearing, Mm}, {X, Y, Heading}) ->
+    {X + Mm * math:cos(Heading + Bearing), Y + Mm * math:sin(Heading + Bearing)}.
+
+agreed(Places) ->
+    Near = [[Q || Q <- Places, starl_geometry:distance(P, Q) =< ?SAME_MM] || P <- Places],
+    case [Group || Group <- Near, length(Group) >= ?AGREE] of
+        [Group | _] -> {found, middle(Group)};
+        [] -> nothing
+    end.
+
+middle(Points) ->
+    N = length(Points),
+    {lists:sum([X || {X, _} <- Points]) / N, lists:sum([Y || {_, Y} <- Points]) / N}.
+
+%% -- scene and report -----------------------------------------------------------------------
+
+-spec options() -> [starl_options:option()].
+options() -> starl_search_scene:options().
+
+-spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
+scene(Context) -> starl_search_scene:scene(Context).
+
+-spec preview(starl_scene:t()) -> starl_scene:preview().
+preview(Scene) -> starl_search_scene:preview(Scene).
+
+-spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
+report(Scene, Outcome) -> starl_search_scene:report(Scene, Outcome).

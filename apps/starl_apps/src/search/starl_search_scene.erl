@@ -1,0 +1,216 @@
+%% @doc The scene of the search: the building with its lines, the ball, the robots on their parking
+%% spots, the blocks and the contracts; and what is told before and after a run.
+-module(starl_search_scene).
+
+-export([options/0, scene/1, preview/1, report/2]).
+
+%% The distance of the centres of two touching Creates (mm).
+-define(CONTACT_MM, 330).
+%% More than a robot needs beside a wall (mm).
+-define(MARGIN_MM, 5.0).
+-define(BALL_MM, 100).
+-define(PATIENCE_MS, 30000).
+%% Beside what registers take, until all are done (ms): a lease, a request, a leg.
+-define(DONE_MS, 60000).
+
+-spec options() -> [starl_options:option()].
+options() ->
+    [
+        {ball, {one_of, [place, random, nowhere]}, place,
+            "where the ball is: at the place `object' of the floor plan, anywhere in a room, or nowhere"},
+        {spacing, {number, 200, 100000}, 3500,
+            "the distance of the lines that are driven in a room, mm"},
+        {camera_range, {number, 100, 100000}, 3000, "how far a camera sees the ball, mm"},
+        {camera_field, {number, 1, 360}, 360, "the angle of view of a camera, degrees"},
+        {safety_distance, {number, ?CONTACT_MM, 5000}, 340,
+            "the least distance of any two robots (r_s), mm"},
+        {lease, {integer, 100, 1000000}, 10000,
+            "the duration of a lease: of a vote, and of a robot's permission to drive, ms"},
+        {jump, {integer, 0, 1000000}, 2000,
+            "the most by which a clock may be set during a lease, ms; far less than half of a lease"}
+    ].
+
+%% @doc The scene on the floor plan of the run, by default that of Java StarL's search.
+-spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
+scene(Context) ->
+    case building(Context) of
+        {ok, Floor} -> on_floor(Floor, Context);
+        {error, _} = Error -> Error
+    end.
+
+building(#{floor := #{walls := [], rooms := Rooms}}) when map_size(Rooms) =:= 0 ->
+    starl_floor_file:read("search", 1000);
+building(#{floor := Floor}) ->
+    {ok, Floor}.
+
+on_floor(Floor, #{robots := Ids, profiles := Profiles, options := Options} = Context) ->
+    #{spacing := Spacing, safety_distance := Safety} = Options,
+    Tracking = starl_chassis:widest(Profiles),
+    Body = lists:max([starl_chassis:radius_mm(Profile) || Profile <- Profiles]),
+    WallMm = Body + Tracking + ?MARGIN_MM,
+    Radius = max(Safety / 2, Body) + Tracking,
+    Rooms = starl_search_lines:lines(Floor, #{spacing => Spacing, wall_mm => WallMm}),
+    Wanted = #{
+        robots => length(Ids),
+        tube_radius => Radius,
+        wall_mm => WallMm,
+        lines => [Line || {_, Lines} <- Rooms, Line <- Lines],
+        near => near(Floor)
+    },
+    case {starl_dpp_floor:new(Floor, Wanted), ball(Floor, Rooms, Context)} of
+        {{ok, Ways, #{reached := [_ | _] = Reached}}, {ok, Ball}} ->
+            {ok, built(Floor, Ways, Reached, Rooms, Ball, Radius, Tracking, Context)};
+        {{ok, _, _}, {ok, _}} ->
+            {error, "no room of this floor can be reached: use a larger scale, or another plan"};
+        {{error, Reason}, _} ->
+            {error, starl_dpp_floor:format_error(Reason)};
+        {_, {error, _} = Error} ->
+            Error
+    end.
+
+%% They park near the first of these places.
+near(#{places := Places}) ->
+    case
+        [maps:get(Name, Places) || Name <- [start, start5, start1, dock], is_map_key(Name, Places)]
+    of
+        [Place | _] -> Place;
+        [] -> {0.0, 0.0}
+    end.
+
+ball(_Floor, _Rooms, #{options := #{ball := nowhere}}) ->
+    {ok, none};
+ball(#{places := #{object := At}}, _Rooms, #{options := #{ball := place}}) ->
+    {ok, At};
+ball(_Floor, _Rooms, #{options := #{ball := place}}) ->
+    {error, "the floor plan has no place object: give it one, or use --ball random"};
+ball(_Floor, Rooms, #{seed := Seed}) ->
+    Lines = [Line || {_, Lines} <- Rooms, Line <- Lines],
+    case Lines of
+        [] ->
+            {error, "no room of this floor is wide enough for a robot"};
+        _ ->
+            {A, B} = lists:nth(1 + erlang:phash2({Seed, room}, length(Lines)), Lines),
+            {ok, starl_geometry:interpolate(A, B, erlang:phash2({Seed, part}, 1001) / 1000)}
+    end.
+
+built(#{size := World} = Floor, Ways, Reached, Rooms, Ball, Radius, Tracking, Context) ->
+    #{robots := Ids, seed := Seed, options := Options} = Context,
+    #{camera_range := Range, camera_field := Degrees} = Options,
+    Plan = #{
+        segments => Reached,
+        world => World,
+        tube_radius => Radius,
+        slack => Tracking,
+        horizon => 6000.0,
+        patience => infinity,
+        ways => Ways,
+        seed => Seed,
+        lease_ms => maps:get(lease, Options),
+        jump_ms => maps:get(jump, Options)
+    },
+    {Open, Closed} = lists:partition(
+        fun({_, Lines}) -> lists:any(fun(Line) -> lists:member(Line, Reached) end, Lines) end, Rooms
+    ),
+    #{
+        app => {sequential, starl_search, none},
+        never_crashes => true,
+        never_bumps => true,
+        floor => Floor,
+        poses => maps:from_list(lists:zip(Ids, starl_dpp_floor:places(Ways))),
+        things => [
+            #{at => At, colour => orange, radius_mm => ?BALL_MM}
+         || At <- [Ball], At =/= none
+        ],
+        senses => #{
+            camera => #{field => Degrees * math:pi() / 180, most_mm => Range, ball_mm => ?BALL_MM}
+        },
+        blocks => [
+            {starl_election, #{patience_ms => ?PATIENCE_MS}}, starl_registers, {starl_dpp, Plan}
+        ],
+        monitors => [
+            {starl_search_monitor, #{
+                floor => Floor,
+                lines => Reached,
+                ball => Ball,
+                range_mm => float(Range),
+                robots => Ids,
+                within_us => 1000 * (?DONE_MS + starl_registers:within_ms(length(Ids)))
+            }}
+        ],
+        memo => #{
+            floor => Floor,
+            lines => Reached,
+            open => [Name || {Name, _} <- Open],
+            closed => [Name || {Name, _} <- Closed]
+        }
+    }.
+
+%% -- before and after a run -----------------------------------------------------------------
+
+%% @doc The rooms, and those that cannot be searched.
+-spec preview(starl_scene:t()) -> starl_scene:preview().
+preview(#{poses := Poses, memo := #{lines := Lines} = Memo}) ->
+    Mm = lists:sum([starl_geometry:length(Line) || Line <- Lines]),
+    Robots = [{Id, {X, Y}, Heading} || {Id, {X, Y, Heading}} <- lists:sort(maps:to_list(Poses))],
+    #{
+        lines => [rooms(Memo), io_lib:format("~.1f m to search", [Mm / 1000]) | closed(Memo)],
+        write => fun(Dir) -> draw(Dir, Memo, Robots, true) end
+    }.
+
+rooms(#{open := Open}) ->
+    io_lib:format("~b room~ts: ~ts", [length(Open), [$s || length(Open) =/= 1], names(Open)]).
+
+closed(#{closed := []}) -> [];
+closed(#{closed := Closed}) -> [["cannot be searched, too narrow or closed: ", names(Closed)]].
+
+names(Names) -> lists:join(", ", [atom_to_list(Name) || Name <- Names]).
+
+%% @doc The report of a run: complete if the ball is found, or every room that can be reached is searched.
+-spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
+report(#{memo := Memo}, #{monitors := Monitors, robots := Robots}) ->
+    #{starl_search_monitor := #{searched := Searched, found_us := Found, done_us := Done}} =
+        Monitors,
+    Standing = [{Id, {X, Y}, Heading} || {Id, #{pose := {X, Y, Heading}}} <- Robots],
+    #{
+        figures => [
+            {rooms, length(maps:get(open, Memo))},
+            {searched, Searched},
+            {found_s, seconds(Found)},
+            {all_done_s, seconds(Done)}
+        ],
+        formats => #{
+            searched => #{decimals => 4, rounded => down, label => "part of the lines driven"},
+            found_s => #{
+                decimals => 1, label => "time until the ball is found, s", plotted => true
+            },
+            all_done_s => #{decimals => 1}
+        },
+        complete => Found =/= none orelse Searched >= 1.0,
+        done => done(Found, Searched),
+        summary => closed(Memo),
+        write => fun(Dir) -> draw(Dir, Memo, Standing, false) end
+    }.
+
+seconds(none) -> null;
+seconds(Us) -> Us / 1.0e6.
+
+done(none, Searched) ->
+    io_lib:format("~b % of the rooms' lines searched", [floor(100 * Searched)]);
+done(Us, _Searched) ->
+    io_lib:format("ball found after ~.1f s", [Us / 1.0e6]).
+
+draw(Dir, #{floor := #{size := Size} = Floor, lines := Lines}, Robots, IsPreview) ->
+    Drawing = #{
+        floor => Size,
+        plan => Floor,
+        target => Lines,
+        ink => #{},
+        robots => Robots,
+        title => maps:get(name, Floor),
+        preview => IsPreview
+    },
+    case starl_picture_draw:write(Dir, "search", Drawing) of
+        {ok, Files} -> {ok, Files};
+        {partly, Files, Reason} -> {partly, Files, starl_picture_draw:format_error(Reason)};
+        {error, Reason} -> {error, starl_picture_draw:format_error(Reason)}
+    end.
