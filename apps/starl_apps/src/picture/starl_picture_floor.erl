@@ -5,7 +5,7 @@
 -export([svg/2]).
 
 %% @doc The plan, with y down from the top of the floor; `DotMm' is the width of a dot.
--spec svg(starl_floor:t(), DotMm :: float()) -> iodata().
+-spec svg(starl_floor:t(), DotMm :: float()) -> iolist().
 svg(#{size := {_, H}, walls := Walls, doors := Doors, places := Places, rooms := Rooms}, Dot) ->
     [
         path([polygon(Wall, H) || [_, _, _ | _] = Wall <- Walls], "fill=\"#8a8a8a\""),

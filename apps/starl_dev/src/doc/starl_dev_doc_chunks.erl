@@ -16,7 +16,7 @@ make(Files, [Build | Builds]) ->
     ok = edoc:files(Copies, [{dir, filename:join(Build, "doc")}, {todo, false} | Options]),
     ok = file:del_dir_r(Sources),
     Made = filelib:wildcard(filename:join(Dir, "*.chunk")),
-    [copied(Chunk, chunks(Other)) || Other <- Builds, Chunk <- Made],
+    _ = [copied(Chunk, chunks(Other)) || Other <- Builds, Chunk <- Made],
     length(Made).
 
 chunks(Build) -> filename:join([Build, "doc", "chunks"]).

@@ -66,6 +66,7 @@ parse(Bytes) ->
             {error, {none, "this is no text in UTF-8"}}
     end.
 
+-spec fail(pos_integer() | none, io:format(), [term()]) -> no_return().
 fail(Line, Format, Args) -> throw({?MODULE, {Line, io_lib:format(Format, Args)}}).
 
 plan(Lines) -> lines(Lines, #plan{}).
