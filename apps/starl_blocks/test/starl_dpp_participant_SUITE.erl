@@ -10,6 +10,8 @@
 -export([
     request_certifies_the_place/1,
     request_without_coordinator/1,
+    waiting_on_is_no_new_request/1,
+    a_late_answer_is_not_lost/1,
     answer_is_taken_once/1,
     stale_answers_are_refused/1,
     answer_in_no_time/1,
@@ -74,6 +76,8 @@ all() ->
     [
         request_certifies_the_place,
         request_without_coordinator,
+        waiting_on_is_no_new_request,
+        a_late_answer_is_not_lost,
         answer_is_taken_once,
         stale_answers_are_refused,
         answer_in_no_time,
@@ -140,6 +144,23 @@ request_certifies_the_place(_) ->
 request_without_coordinator(_) ->
     {Actions, _} = step({call, {app, 1}}, request, participant(1)),
     ?assertEqual([{reply, {app, 1}, {error, no_coordinator}}], Actions).
+
+%% The one that waits now gets the answer; nothing is sent, and no time begins anew.
+waiting_on_is_no_new_request(_) ->
+    {Id, P} = asking(led()),
+    {[], Waiting} = step({call, {app, 2}}, wait, P),
+    {Actions, _} = answer(4, {1, 4, 1}, Id, Waiting),
+    ?assertEqual([{reply, {app, 2}, {ok, {Id, {1.0, 2.0}, path()}}}], replies(Actions)).
+
+%% A path that came after its caller had gone is given to the next one, unless it is driven already.
+a_late_answer_is_not_lost(_) ->
+    {Id, Moving} = moving(),
+    {Actions, _} = step({call, {app, 2}}, wait, Moving),
+    ?assertEqual([{reply, {app, 2}, {ok, {Id, {1.0, 2.0}, path()}}}], Actions),
+    {_, Driven} = drive(Id, 1, Moving),
+    {Asks, _} = step({call, {app, 2}}, wait, Driven),
+    ?assertMatch([{call, motion, stop, _}], [A || {call, motion, _, _} = A <- Asks]),
+    ?assertEqual([], replies(Asks)).
 
 answer_is_taken_once(_) ->
     {Id, P} = asking(led()),

@@ -1,8 +1,8 @@
 %% @doc Distributed search (the paper's section III-C): robots with cameras search the rooms of a
-%% building for a coloured ball. Path planning leads each to lines that nobody has driven yet; after each
-%% leg it looks. Who sees the ball looks again, from where it stands; if the looks agree it writes the
-%% place into a register that all share, and everybody is done. A robot that dies, or whose camera is
-%% gone, gives its lines back.
+%% building for a coloured ball. Path planning leads each to lines that nobody has driven yet; after
+%% each leg it looks. Who sees the ball looks again, from where it stands; if the looks agree it
+%% writes the place into a register that all share, and everybody is done. A robot that dies, or
+%% whose camera is gone, gives its lines back.
 %%
 %% Trace: {@link event()} (see {@link starl_search_monitor}).
 -module(starl_search).
@@ -17,12 +17,14 @@
 %% The robot has found the ball, and where it takes it to be (mm).
 -type event() :: {found, starl_geometry:point()}.
 
--type state() :: elect | search.
+%% `wait': the answer to its last request is still due.
+-type state() :: elect | search | wait.
 
 -define(COLOUR, orange).
 %% A robot that waits for work looks so often whether the ball has been found (ms).
 -define(WAIT_MS, 5000).
-%% The looks after the first one, the time between them (ms), and how many of all agree on a place (mm).
+%% The looks after the first one, the time between them (ms), and how many of all agree on a place
+%% (mm).
 -define(LOOKS, 4).
 -define(LOOK_MS, 60).
 -define(AGREE, 3).
@@ -43,6 +45,11 @@ step(Robot, elect) ->
         {error, restarted} -> {continue, elect};
         {error, timeout} -> join(Robot, hd(starl:participants(Robot)))
     end;
+step(Robot, wait) ->
+    case starl_registers:get(Robot, found) of
+        {ok, At} -> {done, {found, At}};
+        {error, _} -> requested(starl_dpp:wait_path(Robot, ?WAIT_MS), Robot)
+    end;
 step(Robot, search) ->
     case {starl_registers:get(Robot, found), starl:sense(Robot, camera)} of
         {{ok, At}, _} ->
@@ -62,7 +69,8 @@ join(Robot, Leader) ->
 requested({ok, Path}, Robot) -> follow(starl_dpp:lines(Path), Path, Robot);
 requested({error, no_coordinator}, Robot) -> join(Robot, hd(starl:participants(Robot)));
 requested({error, no_answer}, _Robot) -> {done, incomplete};
-requested({error, _RestartedOrTimeout}, _Robot) -> {continue, search};
+requested({error, timeout}, _Robot) -> {continue, wait};
+requested({error, restarted}, _Robot) -> {continue, search};
 requested(End, _Robot) -> {done, End}.
 
 %% The rest of a path that is not followed goes to the next robot that asks.

@@ -1,5 +1,5 @@
-%% @doc The lines along which a team searches the rooms of a floor: in each room parallel lines, as far
-%% apart as a camera sees, where there is room for a robot. Lengths are millimetres.
+%% @doc The lines along which a team searches the rooms of a floor: in each room parallel lines, as
+%% far apart as a camera sees, where there is room for a robot. Lengths are millimetres.
 -module(starl_search_lines).
 
 -export([lines/2]).
@@ -9,8 +9,8 @@
 %% A room with its lines; none if it is too narrow.
 -type room() :: {Name :: atom(), [starl_geometry:segment()]}.
 
-%% The step in which a line is looked at, the shortest line, and the places where a line is looked for in
-%% a room that has none yet.
+%% The step in which a line is looked at, the shortest line, and the places where a line is looked
+%% for in a room that has none yet.
 -define(STEP_MM, 50.0).
 -define(SHORTEST_MM, 200.0).
 -define(TRIES, 24).

@@ -1,7 +1,7 @@
-%% @doc The contract of the search. Until the ball is found every room that can be reached is searched:
-%% a robot that says `complete' is right, each line was driven by some robot. Who says that it has found
-%% the ball could see it: it is there, in the camera's range and not behind a wall. And then all
-%% that live are done within a bound, counted from the heal if that comes later.
+%% @doc The contract of the search. Until the ball is found every room that can be reached is
+%% searched: a robot that says `complete' is right, each line was driven by some robot. Who says
+%% that it has found the ball could see it: it is there, in the camera's range and not behind a
+%% wall. And then all that live are done within a bound, counted from the heal if that comes later.
 %%
 %% Events of machine `chassis': `motion'; of machine `app': {@link starl_search:event()}, `done'; of
 %% machine `robot': `died'; of machine `supervisor': `given_up'.
@@ -176,8 +176,8 @@ all_driven(T, #state{pieces = Pieces} = State) ->
 violation(What, T, Robots, Details) ->
     #{contract => search, what => What, at_us => T, robots => Robots, details => Details}.
 
-%% @doc Results: the part of the lines that was driven, when the ball was found first, and when the last
-%% robot was done.
+%% @doc Results: the part of the lines that was driven, when the ball was found first, and when the
+%% last robot was done.
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndUs, State) ->

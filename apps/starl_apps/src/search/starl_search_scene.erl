@@ -165,7 +165,8 @@ closed(#{closed := Closed}) -> [["cannot be searched, too narrow or closed: ", n
 
 names(Names) -> lists:join(", ", [atom_to_list(Name) || Name <- Names]).
 
-%% @doc The report of a run: complete if the ball is found, or every room that can be reached is searched.
+%% @doc The report of a run: complete if the ball is found, or every room that can be reached is
+%% searched.
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
 report(#{memo := Memo}, #{monitors := Monitors, robots := Robots}) ->
     #{starl_search_monitor := #{searched := Searched, found_us := Found, done_us := Done}} =

@@ -15,8 +15,15 @@
 -module(starl_dpp).
 -behaviour(starl_block).
 
+<<<<<<< HEAD
 -export([options/0, check/1, machines/1, monitors/2, guarantees/0, contract/0, models/0]).
 -export([join/2, coordinator/1, request_path/1, request_path/2, lines/1, face/3, drive/3]).
+=======
+-export([options/0, check/1, machines/1, monitors/2, contract/0, models/0]).
+-export([
+    join/2, coordinator/1, request_path/1, request_path/2, wait_path/2, lines/1, face/3, drive/3
+]).
+>>>>>>> 36792ec3 (Search: contract, page and tests; a request for a path that waits on)
 
 -export_type([config/0, path/0, request_id/0, term_id/0, place/0]).
 
@@ -79,18 +86,26 @@ request_path(Robot) ->
         {error, restarted} -> {error, restarted}
     end.
 
-%% @doc The same, for at most the given milliseconds. After `timeout' the robot stands, and holds no
-%% path; a path that it is given later is dropped at its next request.
+%% @doc The same, for at most the given milliseconds. After `timeout' the request still waits for its
+%% answer: see {@link wait_path/2}.
 -spec request_path(starl:robot(), Ms :: pos_integer()) ->
     {ok, path()}
     | complete
     | incomplete
     | {error, timeout | restarted | no_coordinator | no_answer}.
-request_path(Robot, Ms) ->
-    case starl:call(Robot, dpp, request, Ms) of
-        {ok, Answer} -> Answer;
-        {error, Why} -> {error, Why}
-    end.
+request_path(Robot, Ms) -> answered(starl:call(Robot, dpp, request, Ms)).
+
+%% @doc Waits on for the answer to the last request, for at most the given milliseconds; without one it
+%% requests a path.
+-spec wait_path(starl:robot(), Ms :: pos_integer()) ->
+    {ok, path()}
+    | complete
+    | incomplete
+    | {error, timeout | restarted | no_coordinator | no_answer}.
+wait_path(Robot, Ms) -> answered(starl:call(Robot, dpp, wait, Ms)).
+
+answered({ok, Answer}) -> Answer;
+answered({error, Why}) -> {error, Why}.
 
 %% @doc The lines of the path in order, numbered from 1: each leads to a waypoint, with the pen in
 %% this state.

@@ -19,7 +19,7 @@
 %% ({@link starl_dpp_vote}). When it misses its coordinator, its own robot's coordinator machine
 %% claims a term.
 %%
-%% Calls: `{join, Coordinator}', `coordinator', `request', `{face, Id, N}', `{drive, Id, N}' (see
+%% Calls: `{join, Coordinator}', `coordinator', `request', `wait', `{face, Id, N}', `{drive, Id, N}' (see
 %% {@link starl_dpp}). Messages to the coordinator: `dpp_request {Term, Id, At, Painted, Stamp}',
 %% `dpp_passed {Term, Id, N}', `dpp_state {Term, Id, Place, Painted, Ballot}', `dpp_here {Term,
 %% Ballot}', with Ballot = {Seq, Stamp, Vote}, and `dpp_refused Term'; from it: `dpp_answer {Term,
@@ -89,6 +89,8 @@ event(cast, {message, Source, dpp_beat, {_, Seq, _} = Beat}, Where, Part) ->
     timed(Source, {Seq, true}, Where, Part, fun(At, Next) -> beat(Source, Beat, At, Next) end);
 event({call, From}, request, Where, Part) ->
     request(From, Where, Part);
+event({call, From}, wait, Where, Part) ->
+    wait(From, Where, Part);
 event({call, From}, {What, Id, N}, Where, Part) when What =:= face; What =:= drive ->
     drive({From, What, N}, Id, Where, Part);
 event({reply, {driven, What, Id, N}}, Outcome, Where, Part) ->
@@ -158,6 +160,17 @@ request(From, Where, Part) ->
             Asking = next(Part#part{from = From, drive = none, track = Halted}),
             {next_state, asking, Asking, [{trace, asks}, patience() | halt_and_look(Asking)]}
     end.
+
+%% The caller has waited for the answer to its request before. If it came too late for the caller, it gets it now.
+wait(From, asking, Part) ->
+    {keep_state, Part#part{from = From}};
+wait(From, {moving, Id, Begin, Path} = Moving, #part{drive = none, track = Track} = Part) ->
+    case starl_dpp_track:last(Track) of
+        Begin -> {keep_state_and_data, [{reply, From, {ok, {Id, Begin, Path}}}]};
+        _Driven -> request(From, Moving, Part)
+    end;
+wait(From, Where, Part) ->
+    request(From, Where, Part).
 
 patience() -> {{timeout, patience}, ?PATIENCE_US, patience}.
 

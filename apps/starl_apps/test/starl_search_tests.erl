@@ -1,0 +1,96 @@
+%% Searches of small floors: the ball is found, or all rooms are searched, and the same in all ways
+%% of running.
+-module(starl_search_tests).
+-export([floor/0]).
+-compile({no_auto_import, [floor/1]}).
+-include_lib("eunit/include/eunit.hrl").
+
+%% Two rooms with a door, and a closet that nobody can enter.
+floor() ->
+    starl_floor:new(#{
+        size => {5000, 3000},
+        walls => [
+            starl_floor:box(2450, 0, 2550, 1100),
+            starl_floor:box(2450, 1700, 2550, 3000),
+            starl_floor:box(4400, 0, 4500, 3000)
+        ],
+        rooms => #{
+            west => starl_floor:box(0, 0, 2450, 3000),
+            east => starl_floor:box(2550, 0, 4400, 3000),
+            closet => starl_floor:box(4500, 0, 5000, 3000)
+        },
+        places => #{object => {4000, 2500}, start => {400, 400}}
+    }).
+
+lines_keep_away_from_walls_test() ->
+    Rooms = starl_search_lines:lines(floor(), #{spacing => 1500, wall_mm => 181.0}),
+    Walls = starl_walls:new(floor()),
+    ?assertEqual([{closet, 1}, {east, 2}, {west, 2}], [{Name, length(L)} || {Name, L} <- Rooms]),
+    [
+        ?assert(starl_walls:is_free(Line, 181.0, Walls))
+     || {_, Lines} <- Rooms, Line <- Lines
+    ].
+
+the_closed_room_is_told_before_test() ->
+    {ok, Scene} = starl_search:scene(context(#{})),
+    #{lines := Lines} = starl_search:preview(Scene),
+    ?assertMatch(
+        ["2 rooms: east, west", _Metres, "cannot be searched, too narrow or closed: closet"],
+        [unicode:characters_to_list(Line) || Line <- Lines]
+    ).
+
+mistakes_are_one_line_test() ->
+    Why = fun(More) ->
+        {error, Line} = starl_search:scene(context(More)),
+        lists:flatten(Line)
+    end,
+    #{places := Places} = floor(),
+    NoBall = (floor())#{places := maps:remove(object, Places)},
+    ?assertMatch("the floor plan has no place object" ++ _, Why(#{floor => NoBall})),
+    ?assertMatch("the floor has parking spots " ++ _, Why(#{robots => lists:seq(1, 60)})).
+
+context(More) ->
+    maps:merge(
+        #{
+            robots => [1, 2],
+            world => {5000, 3000},
+            floor => floor(),
+            seed => 1,
+            profiles => [starl_chassis:profile(starl_chassis_differential, #{})],
+            sap => #{},
+            options => maps:from_list([{Key, Value} || {Key, _, Value, _} <- starl_search:options()])
+        },
+        More
+    ).
+
+searches_test_() ->
+    [
+        {timeout, 120, fun() ->
+            Ways = [#{mode => inline}, #{mode => process, shards => 2}],
+            [#{violations := [], digest := Digest, report := Report} | _] =
+                Outcomes = [outcome(maps:merge(Scenario, Way)) || Way <- Ways],
+            ?assertEqual([Digest], lists:usort([D || #{digest := D} <- Outcomes])),
+            ?assertMatch(#{complete := true}, Report),
+            #{monitors := #{starl_search_monitor := #{found_us := Found, searched := Searched}}} = hd(
+                Outcomes
+            ),
+            case Scenario of
+                #{ball := nowhere} -> ?assertEqual({none, 1.0}, {Found, Searched});
+                #{} -> ?assert(is_integer(Found))
+            end
+        end}
+     || Scenario <- [
+            #{robots => 1, ball => nowhere},
+            #{robots => 3, ball => nowhere, loss => 0.2},
+            #{robots => 3, faults => [{f, 0, 20000, sense_gone, all, #{sense => camera}}]},
+            #{robots => 3, ball => nowhere, faults => [{f, 9000, 9000, kill_robot, 2, #{}}]}
+        ]
+    ].
+
+outcome(Scenario) ->
+    {ok, Sim} = starl_sim:start(Scenario#{
+        app => starl_search_floor, time => 900, camera_range => 1200
+    }),
+    _ = starl_sim:run(Sim),
+    {Outcome, Report} = starl_sim:finish(Sim),
+    Outcome#{report => Report}.
