@@ -24,8 +24,7 @@ about(_Subject) ->
         "wherever its greatest speed allows.",
         {lines, [
             "  dist(r1.pos, r2.pos) < 400 mm\n"
-            "  exists a, b, token t:\n"
-            "      owner(a, t) and owner(b, t)\n"
+            "  exists a, b: leader(a) and leader(b)\n"
             "  count(r: r.mode = moving) > 3\n"
             "  (forall r: r.mode = waiting) for 2 s\n"
         ]},
