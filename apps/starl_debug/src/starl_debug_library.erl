@@ -34,11 +34,11 @@ known() ->
 
 %% @doc The meaning of a name with these arguments.
 -spec predicate(starl_debug_parser:name(), [starl_debug_parser:expr()]) ->
-    {ok, starl_debug_parser:expr()} | {error, unicode:chardata()}.
+    {ok, starl_debug_parser:expr()} | unknown | {error, unicode:chardata()}.
 predicate(Name, Arguments) ->
     case {lists:keyfind(Name, 1, known()), Arguments} of
         {false, _} ->
-            {error, ["no predicate is called ", Name, "; there are ", lists:join(", ", names())]};
+            unknown;
         {{_, none, Text, _}, []} ->
             starl_debug_parser:parse(Text);
         {{_, Kind, Text, _}, [Argument]} when Kind =/= none ->
@@ -47,8 +47,6 @@ predicate(Name, Arguments) ->
         {{_, Kind, _, _}, _} ->
             {error, [Name, " takes ", takes(Kind)]}
     end.
-
-names() -> starl_debug_type:names() ++ [Name || {Name, _, _, _} <- known()].
 
 takes(none) -> "nothing";
 takes(length) -> "a length: too_near(400 mm)";

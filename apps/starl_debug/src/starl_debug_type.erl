@@ -3,7 +3,7 @@
 %% comparison has its constant on the right.
 -module(starl_debug_type).
 
--export([check/1, modes/0, names/0]).
+-export([check/1, modes/0]).
 
 -export_type([formula/0, robot/0, token/0, quantity/0, state/0, area/0, reason/0]).
 
@@ -44,28 +44,24 @@
 -type env() :: #{name() => robot | token}.
 
 -define(MODES, [<<"moving">>, <<"waiting">>, <<"idle">>, <<"down">>]).
+-define(FUNCTIONS, [
+    <<"dist">>,
+    <<"owner">>,
+    <<"leader">>,
+    <<"coordinator">>,
+    <<"up">>,
+    <<"inside">>,
+    <<"last">>,
+    <<"circle">>,
+    <<"rectangle">>,
+    <<"point">>
+]).
 -define(LENGTHS, #{<<"mm">> => 1, <<"cm">> => 10, <<"m">> => 1000}).
 -define(DURATIONS, #{<<"us">> => 1, <<"ms">> => 1000, <<"s">> => 1000000, <<"min">> => 60000000}).
 
 %% @doc The modes of a robot.
 -spec modes() -> [name()].
 modes() -> ?MODES.
-
-%% @doc The functions of the language.
--spec names() -> [name()].
-names() ->
-    [
-        <<"dist">>,
-        <<"owner">>,
-        <<"leader">>,
-        <<"coordinator">>,
-        <<"up">>,
-        <<"inside">>,
-        <<"last">>,
-        <<"circle">>,
-        <<"rectangle">>,
-        <<"point">>
-    ].
 
 %% @doc Checks an expression.
 -spec check(starl_debug_parser:expr()) -> {ok, formula()} | {error, reason()}.
@@ -147,9 +143,15 @@ called(<<"undelivered">>, [Duration], At, Env) ->
     {undelivered, duration(Duration, At, Env)};
 called(Name, Arguments, At, Env) ->
     case starl_debug_library:predicate(Name, Arguments) of
-        {ok, Expr} -> formula(Expr, At, Env);
-        {error, Problem} -> fail(At, Problem)
+        {ok, Expr} ->
+            formula(Expr, At, Env);
+        unknown ->
+            fail(At, ["no predicate is called ", Name, "; there are ", lists:join(", ", names())]);
+        {error, Problem} ->
+            fail(At, Problem)
     end.
+
+names() -> ?FUNCTIONS ++ [Name || {Name, _, _, _} <- starl_debug_library:known()].
 
 %% -- comparisons ----------------------------------------------------------------------------
 
