@@ -13,7 +13,8 @@
     {"| [Counter]", starl_counter},
     {"| [Motion]", starl_motion_block},
     {"| [Path planning (DPP)]", starl_dpp},
-    {"| [Painting]", starl_painting}
+    {"| [Painting]", starl_painting},
+    {"| [Search]", starl_search}
 ]).
 
 readme() ->

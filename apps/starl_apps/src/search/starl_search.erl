@@ -10,6 +10,7 @@
 -behaviour(starl_scene).
 
 -export([init/2, step/2]).
+-export([guarantees/0]).
 -export([options/0, scene/1, preview/1, report/2]).
 
 -export_type([event/0]).
@@ -141,6 +142,22 @@ middle(Points) ->
 
 -spec options() -> [starl_options:option()].
 options() -> starl_search_scene:options().
+
+%% @doc What those who search may rely on.
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {seen, safety, "who says that it has found the ball could see it", [positions, senses]},
+        {true, safety,
+            "`complete` is reported only when each line of each room that can be reached was driven",
+            [
+                {motion, line}
+            ]},
+        {searched, progress,
+            "until the ball is found every such room is searched; then all are done", [
+                {dpp, assigned}, {dpp, resolved}, {motion, arrives}, senses
+            ]}
+    ].
 
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
 scene(Context) -> starl_search_scene:scene(Context).

@@ -15,15 +15,9 @@
 -module(starl_dpp).
 -behaviour(starl_block).
 
-<<<<<<< HEAD
 -export([options/0, check/1, machines/1, monitors/2, guarantees/0, contract/0, models/0]).
--export([join/2, coordinator/1, request_path/1, request_path/2, lines/1, face/3, drive/3]).
-=======
--export([options/0, check/1, machines/1, monitors/2, contract/0, models/0]).
--export([
-    join/2, coordinator/1, request_path/1, request_path/2, wait_path/2, lines/1, face/3, drive/3
-]).
->>>>>>> 36792ec3 (Search: contract, page and tests; a request for a path that waits on)
+-export([join/2, coordinator/1, request_path/1, request_path/2, wait_path/2]).
+-export([lines/1, face/3, drive/3]).
 
 -export_type([config/0, path/0, request_id/0, term_id/0, place/0]).
 

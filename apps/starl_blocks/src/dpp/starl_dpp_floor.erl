@@ -103,7 +103,7 @@ is_ways(#{floor := _, wall_mm := _, reach_mm := _, points := _, edges := _, spot
 is_ways(_) -> false.
 
 %% @doc The walls that paths keep away from.
--spec walls(t()) -> walls().
+-spec walls(t()) -> {starl_walls:t(), Mm :: float()}.
 walls(#{floor := Floor, wall_mm := Mm}) -> {starl_walls:new(Floor), Mm}.
 
 %% @doc Does a line keep away from the walls? A robot that begins nearer to a wall comes no nearer.

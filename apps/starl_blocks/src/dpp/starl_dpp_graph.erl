@@ -148,7 +148,7 @@ clear(Line, #graph{walls = Walls}) -> starl_dpp_floor:clear(Line, Walls).
 
 %% @doc How far a point is from where robots park: from the border of the floor; with walls, from the nearest
 %% spot over the roadmap.
--spec depth(point(), t()) -> float().
+-spec depth(point(), t()) -> number().
 depth({X, Y}, #graph{depths = none, world = {W, H}}) ->
     min(min(X, W - X), min(Y, H - Y));
 depth(P, #graph{depths = Depths} = Graph) ->

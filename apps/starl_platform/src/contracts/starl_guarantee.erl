@@ -40,7 +40,8 @@
     | quick
     | alive
     | no_restart
-    | devices.
+    | devices
+    | senses.
 
 %% A block, or an application, with its guarantees.
 -type part() :: {Name :: atom(), [t()]}.
@@ -66,7 +67,8 @@ conditions() ->
         {quick, "packets are quick (bully: half of answer_ms each way)"},
         {alive, "no robot dies for good"},
         {no_restart, "no machine and no robot restarts"},
-        {devices, "chassis and tools obey"}
+        {devices, "chassis and tools obey"},
+        {senses, "senses are there, fresh and right"}
     ].
 
 %% @doc An assumption in words.

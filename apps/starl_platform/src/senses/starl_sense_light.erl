@@ -25,7 +25,7 @@ read(
     max(0.0, min(float(Most), Light * (1.0 + Noise * starl_sense:normal(light, Draw)))).
 
 -spec guess(starl_sense:draw(), starl_sense:profile()) -> float().
-guess(Draw, #{most := Most}) -> Most * Draw(guess).
+guess(Draw, #{most := Most}) -> float(Most) * Draw(guess).
 
 -spec is_reading(term(), starl_sense:profile()) -> boolean().
 is_reading(Light, #{most := Most}) -> is_float(Light) andalso Light >= 0 andalso Light =< Most.

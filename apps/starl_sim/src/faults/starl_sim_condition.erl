@@ -46,7 +46,11 @@ broken(serial_gone) -> [devices];
 broken(store_full) -> [store, no_restart];
 broken(store_damaged) -> [store];
 broken(store_lost) -> [store, no_restart, no_loss];
-broken(store_set_back) -> [store, no_restart, no_loss].
+broken(store_set_back) -> [store, no_restart, no_loss];
+broken(sense_gone) -> [senses];
+broken(sense_frozen) -> [senses];
+broken(sense_noisy) -> [senses];
+broken(sense_wrong) -> [senses].
 
 %% @doc Those of the kinds that break a condition.
 -spec breakers(starl_guarantee:condition(), [starl_sim_fault:kind()]) -> [starl_sim_fault:kind()].
