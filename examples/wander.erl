@@ -1,5 +1,5 @@
-%% Robots wander about a floor plan: each drives until it bumps into something, then elsewhere, and tells in
-%% which rooms it has been.
+%% Robots wander about a floor plan: each drives until it bumps into something, then elsewhere, and
+%% tells in which rooms it has been.
 %%     ./starl run examples/wander.erl --floor search --robots 5 --time 300
 -module(wander).
 -behaviour(starl_app).

@@ -1,5 +1,5 @@
-%% Ways on a floor with walls: through every door that is wide enough, around all walls, and with robots that
-%% park out of each other's way.
+%% Ways on a floor with walls: through every door that is wide enough, around all walls, and with
+%% robots that park out of each other's way.
 -module(starl_dpp_floor_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -47,8 +47,8 @@ two_that_drive_at_each_other_meet_in_the_middle_test() ->
     ?assert(starl_contact:towards({1330.0, 0.0}, 0, A)),
     ?assertNot(starl_contact:towards({-1330.0, 0.0}, 0, A)).
 
-%% Random drives against random walls, compared with many looks at the distance: no contact is missed,
-%% and none is told too early.
+%% Random drives against random walls, compared with many looks at the distance: no contact is
+%% missed, and none is told too early.
 contacts_agree_with_dense_looks_test_() ->
     {timeout, 60, fun() -> tries(600, seed(), fun wall_case/1) end}.
 

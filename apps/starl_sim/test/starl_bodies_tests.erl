@@ -5,8 +5,8 @@
 -define(DRIVES, 300).
 -define(ROBOTS, 6).
 
-%% Blind drives into walls and each other: no body is ever in a wall, none goes through another, and all
-%% ways of running come to the same digest.
+%% Blind drives into walls and each other: no body is ever in a wall, none goes through another, and
+%% all ways of running come to the same digest.
 blind_drives_test_() ->
     Seed = number("STARL_SEED", erlang:phash2(make_ref(), 1 bsl 24)),
     Runs = number("STARL_DRIVES", ?DRIVES) div (?ROBOTS * 10),

@@ -161,7 +161,7 @@ request(From, Where, Part) ->
             {next_state, asking, Asking, [{trace, asks}, patience() | halt_and_look(Asking)]}
     end.
 
-%% The caller has waited for the answer to its request before. If it came too late for the caller, it gets it now.
+%% The caller has waited before. An answer that came too late for it then is given now.
 wait(From, asking, Part) ->
     {keep_state, Part#part{from = From}};
 wait(From, {moving, Id, Begin, Path} = Moving, #part{drive = none, track = Track} = Part) ->

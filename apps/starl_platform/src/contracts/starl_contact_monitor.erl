@@ -1,8 +1,8 @@
-%% @doc The contract of contact: no body is ever in a wall, none goes through another. Of an application that
-%% promises it, none touches anything at all.
+%% @doc The contract of contact: no body is ever in a wall, none goes through another. Of an
+%% application that promises it, none touches anything at all.
 %%
-%% The depth of a body in a wall is judged at every instant, along the chords of its path. Two bodies may
-%% overlap by what they drive in the time in which neither knows of the other's motion.
+%% The depth of a body in a wall is judged at every instant, along the chords of its path. Two
+%% bodies may overlap by what they drive in the time in which neither knows of the other's motion.
 %%
 %% Events: of machine `chassis', `motion' and `sensed'; of `robot', `died'.
 -module(starl_contact_monitor).
@@ -104,8 +104,8 @@ clear({A, B} = Way, R, Walls) ->
         false -> starl_walls:clearance(Way, Most, Walls) - R
     end.
 
-%% @doc Judges the time until the end. Results: the number of bumps, and the least distance of a body's edge
-%% from a wall (mm; 0 or a little less where it touched one).
+%% @doc Judges the time until the end. Results: the number of bumps, and the least distance of a
+%% body's edge from a wall (mm; 0 or a little less where it touched one).
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndUs, #state{pieces = Pieces, separation = Separation} = State) ->

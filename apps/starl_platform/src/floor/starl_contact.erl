@@ -1,15 +1,16 @@
-%% @doc Contact of round bodies in closed form: when does a disc that moves on a piece of motion first
-%% touch a wall, or another disc?
+%% @doc Contact of round bodies in closed form: when does a disc that moves on a piece of motion
+%% first touch a wall, or another disc?
 %%
-%% A wall is a segment. A disc of radius `R' touches it where its centre is `R' from it: on a line beside
-%% the segment (its face), or on a circle around one of its ends. Straight lines and arcs meet both in
-%% closed form. A parabola, and two bodies of which one bends, are cut into chords from which the path
-%% strays by a bound on its acceleration; there the bodies stop short of the contact by at most that
-%% much, and never later.
+%% A wall is a segment. A disc of radius `R' touches it where its centre is `R' from it: on a line
+%% beside the segment (its face), or on a circle around one of its ends. Straight lines and arcs
+%% meet both in closed form. A parabola, and two bodies of which one bends, are cut into chords from
+%% which the path strays by a bound on its acceleration; there the bodies stop short of the contact
+%% by at most that much, and never later.
 %%
-%% A body that touches already is in contact only if the distance falls: it may always leave, and slide
-%% along. One that is in the wall, because a door has closed on it, may move where it gets no deeper.
-%% Nothing is ever pushed. A contact is told a micrometre before it, and rounded down to a microsecond.
+%% A body that touches already is in contact only if the distance falls: it may always leave, and
+%% slide along. One that is in the wall, because a door has closed on it, may move where it gets no
+%% deeper. Nothing is ever pushed. A contact is told a micrometre before it, and rounded down to a
+%% microsecond.
 -module(starl_contact).
 
 -export([wall/5, bodies/5, towards/3]).
@@ -33,8 +34,9 @@
 %% An arc with less than this between itself and its chord is taken as straight (mm).
 -define(STRAIGHT_MM, 1.0e-4).
 
-%% @doc The first moment from `From' to `To' (us) at which the disc on this piece touches one of these
-%% walls and would get nearer, and the number of the wall; of two at once the first in the list.
+%% @doc The first moment from `From' to `To' (us) at which the disc on this piece touches one of
+%% these walls and would get nearer, and the number of the wall; of two at once the first in the
+%% list.
 -spec wall(starl_trajectory:piece(), RadiusMm :: float(), [wall()], From, To) ->
     {AtUs :: integer(), N :: pos_integer()} | none
 when
@@ -44,8 +46,8 @@ wall(_Piece, _R, [], _From, _To) ->
 wall(Piece, R, Walls, From, To) when From =< To ->
     stretch(cut(Piece, From, To), Piece, R, Walls).
 
-%% @doc The first moment from `From' to `To' (us) at which two discs touch and would get nearer. `Sum' is
-%% the sum of their radii (mm).
+%% @doc The first moment from `From' to `To' (us) at which two discs touch and would get nearer.
+%% `Sum' is the sum of their radii (mm).
 -spec bodies(starl_trajectory:piece(), starl_trajectory:piece(), SumMm :: float(), From, To) ->
     AtUs :: integer() | none
 when
@@ -283,7 +285,8 @@ relative(T, A, B) ->
     {UX, UY} = starl_trajectory:velocity(T, B),
     {{BX - AX, BY - AY}, {UX - VX, UY - VY}}.
 
-%% Chords of the relative path; where the bodies are far apart they come no nearer than their speeds allow.
+%% Chords of the relative path; where the bodies are far apart they come no nearer than their speeds
+%% allow.
 curved_pair(A, B, Sum, Bend, From, To) ->
     Fastest = max(1.0, starl_trajectory:fastest(A) + starl_trajectory:fastest(B)),
     Us = max(1, floor(1.0e6 * math:sqrt(8 * ?RELATIVE_CHORD_MM / Bend))),

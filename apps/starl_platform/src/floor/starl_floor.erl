@@ -3,10 +3,10 @@
 %%   {ok, Floor} = starl_floor_file:read("search"),
 %%   #{size := {W, H}, places := #{'A' := Door}} = Floor.
 %% '''
-%% The floor is the box from the origin to its size; its border is a wall. Walls are the outlines of what
-%% is solid, each a closed polygon with the solid on its left: counter-clockwise around a block, clockwise
-%% around a hole in one. A polygon of two points is a wall without thickness. They may overlap. A room is
-%% the polygon of its free floor. Lengths are millimetres.
+%% The floor is the box from the origin to its size; its border is a wall. Walls are the outlines of
+%% what is solid, each a closed polygon with the solid on its left: counter-clockwise around a
+%% block, clockwise around a hole in one. A polygon of two points is a wall without thickness. They
+%% may overlap. A room is the polygon of its free floor. Lengths are millimetres.
 -module(starl_floor).
 
 -export([

@@ -1,8 +1,9 @@
-%% @doc A floor plan of square cells: outlines of solid cells, rooms that are flooded from a cell, doors.
+%% @doc A floor plan of square cells: outlines of solid cells, rooms that are flooded from a cell,
+%% doors.
 %%
-%% A cell is `{Column, Row}' from the lower left corner. All is computed in whole numbers and scaled at the
-%% very end, so neighbours share their corners exactly. Two solid cells that touch in a corner only are
-%% outlined separately: no body fits through there.
+%% A cell is `{Column, Row}' from the lower left corner. All is computed in whole numbers and scaled
+%% at the very end, so neighbours share their corners exactly. Two solid cells that touch in a
+%% corner only are outlined separately: no body fits through there.
 -module(starl_floor_cells).
 
 -export([walls/2, outlines/1, flood/2, room/3, door/3, centre/2]).
@@ -24,8 +25,8 @@ scaled({X, Y}, Scale) -> {float(X * Scale), float(Y * Scale)}.
 -spec centre(cell(), ScaleMm :: number()) -> starl_geometry:point().
 centre({X, Y}, Scale) -> {(X + 0.5) * Scale, (Y + 0.5) * Scale}.
 
-%% @doc The outlines of a set of cells, with the cells to the left: counter-clockwise around, clockwise
-%% around holes. The signed areas sum to the number of cells.
+%% @doc The outlines of a set of cells, with the cells to the left: counter-clockwise around,
+%% clockwise around holes. The signed areas sum to the number of cells.
 -spec outlines(cells()) -> [[corner(), ...]].
 outlines(Solid) ->
     Edges = [Edge || Cell <- lists:sort(maps:keys(Solid)), Edge <- edges(Cell, Solid)],

@@ -1,7 +1,7 @@
-%% @doc Reads a floor plan from a file, or one that ships with StarL by its name. The ending says of what
-%% form it is: `.map' of the MovingAI benchmarks ({@link starl_floor_map}), `.yaml' of an occupancy grid of
-%% ROS ({@link starl_floor_ros}), `.svg' a drawing with a layer of walls; any other is StarL's own ({@link
-%% starl_floor_text}).
+%% @doc Reads a floor plan from a file, or one that ships with StarL by its name. The ending says of
+%% what form it is: `.map' of the MovingAI benchmarks ({@link starl_floor_map}), `.yaml' of an
+%% occupancy grid of ROS ({@link starl_floor_ros}), `.svg' a drawing with a layer of walls; any
+%% other is StarL's own ({@link starl_floor_text}).
 -module(starl_floor_file).
 
 -export([read/1, read/2, shipped/0]).

@@ -1,5 +1,6 @@
-%% @doc Reads a map of the MovingAI benchmarks (`.map'): a header of four lines, then rows of characters,
-%% the first at the top. Ground, grass and swamp are free; trees, water and what is out of bounds are walls.
+%% @doc Reads a map of the MovingAI benchmarks (`.map'): a header of four lines, then rows of
+%% characters, the first at the top. Ground, grass and swamp are free; trees, water and what is out
+%% of bounds are walls.
 -module(starl_floor_map).
 
 -export([parse/2]).

@@ -1,6 +1,6 @@
-%% @doc Reads an occupancy grid of ROS: a YAML file, and the PGM image that it names. A cell is a wall where
-%% it is not free: also where nothing is known of it. The lower left corner of the image becomes the
-%% origin of the floor; a frame that is turned is not turned back.
+%% @doc Reads an occupancy grid of ROS: a YAML file, and the PGM image that it names. A cell is a
+%% wall where it is not free: also where nothing is known of it. The lower left corner of the image
+%% becomes the origin of the floor; a frame that is turned is not turned back.
 -module(starl_floor_ros).
 
 -export([parse/2, pgm/1]).
@@ -80,8 +80,8 @@ plan({W, H, Grey}, #{"resolution" := Metres, "free_thresh" := Free}, Negate) ->
 dark(Level, true) -> Level;
 dark(Level, false) -> 255 - Level.
 
-%% @doc The width, the height and the grey levels (0 black, 255 white) of a PGM image, row by row from the
-%% top.
+%% @doc The width, the height and the grey levels (0 black, 255 white) of a PGM image, row by row
+%% from the top.
 -spec pgm(binary()) -> {ok, {pos_integer(), pos_integer(), binary()}} | {error, string()}.
 pgm(<<"P5", Rest/binary>>) -> header(Rest, fun raw/4);
 pgm(<<"P2", Rest/binary>>) -> header(Rest, fun plain/4);

@@ -1,5 +1,5 @@
-%% @doc Where the robots of a team stand at the beginning: on a floor plan, out of its walls, and not on each
-%% other.
+%% @doc Where the robots of a team stand at the beginning: on a floor plan, out of its walls, and
+%% not on each other.
 -module(starl_floor_start).
 
 -export([places/5, check/3]).
@@ -18,7 +18,8 @@
 -define(NARROWER, 0.85).
 -define(TRIES, 10000).
 
-%% @doc The start poses of these robots, whose bodies have this radius; one line if there is no room.
+%% @doc The start poses of these robots, whose bodies have this radius; one line if there is no
+%% room.
 -spec places(
     how(), [starl:robot_id(), ...], RadiusMm :: float(), Seed :: integer(), starl_walls:t()
 ) ->
@@ -117,8 +118,8 @@ drawn(N, R, Tries, Random0, Walls, Poses) ->
             drawn(N, R, Tries - 1, Random, Walls, Poses)
     end.
 
-%% @doc Do these robots, each with the radius of its body, stand on the floor, out of its walls, and not on
-%% each other? Otherwise one line that names the first that does not.
+%% @doc Do these robots, each with the radius of its body, stand on the floor, out of its walls, and
+%% not on each other? Otherwise one line that names the first that does not.
 -spec check(
     [{starl:robot_id(), starl:pose()}], fun((starl:robot_id()) -> float()), starl_walls:t()
 ) ->

@@ -11,10 +11,10 @@
 %%   #   #    #
 %%   ##########
 %% '''
-%% In the drawing `#' is a wall, `+' a door, a blank or a dot free floor. A letter marks a place, or the
-%% room around it, up to walls and doors; one without a line of its own is a place of that name. The first
-%% line of the drawing is the top of the floor; the lower left corner is the origin. Measures in
-%% millimetres may be given instead of a drawing, or beside it:
+%% In the drawing `#' is a wall, `+' a door, a blank or a dot free floor. A letter marks a place, or
+%% the room around it, up to walls and doors; one without a line of its own is a place of that name.
+%% The first line of the drawing is the top of the floor; the lower left corner is the origin.
+%% Measures in millimetres may be given instead of a drawing, or beside it:
 %% ```
 %%   size 12330 8550           % only without a drawing
 %%   wall 0 0 7910 120         % a block, from corner to corner

@@ -1,5 +1,5 @@
-%% @doc The floor of a run: its plan, from the scenario or from the application's scene, and the places where
-%% the robots stand at the beginning.
+%% @doc The floor of a run: its plan, from the scenario or from the application's scene, and the
+%% places where the robots stand at the beginning.
 -module(starl_sim_floor).
 
 -export([read/1, given/2, stand/3]).
@@ -30,8 +30,8 @@ read(#{floor := Name, floor_scale := Scale}) ->
 given(none, Scenario) -> Scenario;
 given(#{size := Size}, Scenario) -> Scenario#{world := Size}.
 
-%% @doc The scene with the start poses of all robots that it does not place itself. On a floor plan all
-%% must have room.
+%% @doc The scene with the start poses of all robots that it does not place itself. On a floor plan
+%% all must have room.
 -spec stand(starl_sim_scenario:t(), starl_scene:t(), starl_scene:context()) ->
     {ok, starl_scene:t()} | problem().
 stand(#{start := none}, Scene, _Context) when not is_map_key(floor, Scene) ->

@@ -1,11 +1,11 @@
 %% @doc Solid bodies on a floor plan: when does a robot next touch a wall or another robot?
 %%
-%% A robot that gets a new piece of motion is looked at twice. At that moment its own walls are known, and
-%% the other robots as of the beginning of the window: a touch within the window is planned, or the piece
-%% is blocked from its start. At the end of the window all shards know all new pieces, and plan the touches
-%% of later windows alike ({@link meetings/4}); each carries the two pieces, and is void when one of them
-%% has changed. So two robots overlap only if both change their motion within one window, and by no more
-%% than they drive in it.
+%% A robot that gets a new piece of motion is looked at twice. At that moment its own walls are
+%% known, and the other robots as of the beginning of the window: a touch within the window is
+%% planned, or the piece is blocked from its start. At the end of the window all shards know all new
+%% pieces, and plan the touches of later windows alike ({@link meetings/4}); each carries the two
+%% pieces, and is void when one of them has changed. So two robots overlap only if both change their
+%% motion within one window, and by no more than they drive in it.
 %%
 %% Only the next second is looked at; a piece that lasts is looked at again then.
 -module(starl_sim_bodies).
@@ -17,8 +17,8 @@
 %% What a robot touches: the wall of this number, or another robot.
 -type with() :: {wall, pos_integer()} | {robot, starl:robot_id()}.
 
-%% A planned touch of a robot on this piece: of a wall; of a robot on that piece, and whether this robot
-%% drives against it. `look': the next second is to be looked at.
+%% A planned touch of a robot on this piece: of a wall; of a robot on that piece, and whether this
+%% robot drives against it. `look': the next second is to be looked at.
 -type touch() ::
     {touch, starl_trajectory:piece(), {wall, pos_integer()}}
     | {touch, starl_trajectory:piece(),
@@ -34,8 +34,8 @@
 
 -define(HORIZON_US, 1000000).
 
-%% @doc The next touch of a robot on a new piece that begins now, in a window that ends then; `blocked': the
-%% piece begins with it.
+%% @doc The next touch of a robot on a new piece that begins now, in a window that ends then;
+%% `blocked': the piece begins with it.
 -spec contact(starl:robot_id(), starl_trajectory:piece(), Now, Until, world()) ->
     {blocked, with()} | {Us :: pos_integer(), touch()} | none
 when
@@ -98,8 +98,8 @@ is_near(Place, A, B, Sum, Now, Until) ->
 radius(Id, #{profiles := Profiles}) ->
     starl_chassis:radius_mm(starl_chassis:of_robot(Id, Profiles)).
 
-%% @doc The touches between robots of which one has a new piece, from the end of this window on: events of
-%% both, in order. All shards come to the same.
+%% @doc The touches between robots of which one has a new piece, from the end of this window on:
+%% events of both, in order. All shards come to the same.
 -spec meetings([starl:robot_id()], Now :: starl_sim_queue:time(), starl_sim_sight:t(), world()) ->
     [starl_sim_queue:event()].
 meetings(Moved, Now, Sight, World) ->
@@ -143,8 +143,8 @@ place({robot, Other}, _Pose, Now, #{sight := Sight}) ->
     {ok, Piece} = starl_sim_sight:piece(Other, Sight),
     starl_trajectory:position(Now, Piece).
 
-%% @doc The side of its bumper at which a robot feels what is there: it goes around the front half, and
-%% within 15 degrees of the middle both switches close.
+%% @doc The side of its bumper at which a robot feels what is there: it goes around the front half,
+%% and within 15 degrees of the middle both switches close.
 -spec side(starl_geometry:point(), starl:pose()) -> left | right | both | behind.
 side(There, {X, Y, Heading}) ->
     starl_sense_bump:side(starl_sense:bearing(There, {X, Y, Heading}), math:pi() / 12).
