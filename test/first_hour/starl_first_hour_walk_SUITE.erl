@@ -87,7 +87,7 @@ results_are_those_of_the_page(Config) ->
     [Header | Rows] = string:lexemes(read(In("sweep/runs.csv")), "\n"),
     ?assertEqual(
         "app,robots,spacing,flight,seed,status,virtual_s,polarisation,nearest_mm,messages,"
-        "packets,events,digest,violations,ending,wall_s",
+        "packets,events,digest,violations,ending",
         Header
     ),
     ?assertEqual(8, length(Rows)),

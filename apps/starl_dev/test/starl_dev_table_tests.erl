@@ -61,3 +61,22 @@ random_picture(N, Seed) ->
     Segments = length(starl_picture:segments(Picture)),
     ?assert(Segments > 0),
     ?assert(Segments =< max(N, 40) * 1.6).
+
+%% A slice has whole rows, the slices together all of them.
+slices_test_() ->
+    {timeout, 60, fun() ->
+        starl_cli_vm:in_directory(fun(Dir) ->
+            Args = [
+                "table", "--pictures", "house", "--robots", "1,2", "--loss", "0", "--seeds", "1"
+            ],
+            Lines = fun(Slice) ->
+                File = filename:join(Dir, [hd(Slice) | ".csv"]),
+                starl_cli_vm:says(0, "all 1 runs: ", Args ++ ["--slice", Slice, "--out", File]),
+                {ok, Text} = file:read_file(File),
+                [_Header, Line] = string:lexemes(Text, "\n"),
+                binary:part(Line, 0, 8)
+            end,
+            ?assertEqual([<<"house,1,">>, <<"house,2,">>], [Lines(S) || S <- ["1/2", "2/2"]]),
+            starl_cli_vm:says(2, "--slice: 3/2: a slice is K/N", Args ++ ["--slice", "3/2"])
+        end)
+    end}.

@@ -33,7 +33,8 @@ about(_Subject) ->
     [
         "Paints every picture with teams of several sizes, several losses and seeds; a row for each "
         "picture, team and loss. Every run has to be sound: all painted, no contract violated, no two "
-        "robots closer than the safety distance."
+        "robots closer than the safety distance. A slice has whole rows; the files of --out of all slices "
+        "together have the lines of one."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
@@ -50,6 +51,7 @@ flags(_Subject) ->
                 "number of random pictures, small to large, besides the others"},
             {random_seed, {integer, 0, 1 bsl 32}, 1, "the seed of the random pictures"},
             {time, {number, 1, 1.0e6}, 40000, "a run ends at this virtual time, s"},
+            starl_lab_slice:flag(),
             starl_lab_jobs:at_once(),
             {out, string, none, "a CSV file with a line for each run"},
             starl_cli_setup:overwrite_file()
@@ -69,7 +71,13 @@ statuses() ->
 %% -- before the runs ------------------------------------------------------------------------
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{values := #{random := N, random_seed := Seed, pictures := Named} = Options}) ->
+run(#{values := #{slice := Text} = Options}) ->
+    case starl_lab_slice:read(Text) of
+        {ok, Slice} -> begun(Options#{slice := Slice});
+        {error, Why} -> {error, [["--slice: ", Why]]}
+    end.
+
+begun(#{random := N, random_seed := Seed, pictures := Named} = Options) ->
     ok = starl_cli_log:install(),
     _ = process_flag(trap_exit, true),
     {Dir, Files} = starl_dev_random:write(N, Seed),
@@ -124,7 +132,8 @@ scenario({Picture, Robots, Loss}, Seed, #{delay := Delay, time := Time}) ->
 %% -- the runs -------------------------------------------------------------------------------
 
 painted(Pictures, Csv, Dir, #{robots := Robots, loss := Losses, seeds := Seeds} = Options) ->
-    Rows = [{P, N, Loss} || P <- Pictures, N <- Robots, Loss <- Losses],
+    All = [{P, N, Loss} || P <- Pictures, N <- Robots, Loss <- Losses],
+    Rows = starl_lab_slice:part(maps:get(slice, Options), All),
     Jobs = [{Row, scenario(Row, Seed, Options)} || Row <- Rows, Seed <- lists:seq(1, Seeds)],
     starl_cli_terminal:out(starl_dev_table_rows:header(Seeds)),
     Plan = #{

@@ -24,7 +24,8 @@ about(_Subject) ->
         "results gets runs.csv, a row for each run; summary.csv, median, least and most of each "
         "figure; and a plot. The same command goes on where it was stopped.",
         "With --slice only a part of the runs is made, for several computers or the jobs of a cluster; "
-        "./starl join then makes the whole."
+        "./starl join then makes the whole. With --slurm the slices are jobs of Slurm: the command writes "
+        "their scripts into the directory of the results and submits them, and the join behind them."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
@@ -43,6 +44,7 @@ own_flags() ->
         {out, string, none, "directory for the results; without it out/TARGET-sweep"},
         starl_lab_slice:flag(),
         starl_lab_jobs:at_once()
+        | starl_lab_slurm:flags()
     ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
@@ -63,11 +65,24 @@ subject(Word, Args) -> starl_cli_target:subject(Word, Args).
 %% -- before the runs ------------------------------------------------------------------------
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{values := #{slice := Text}} = Call) ->
-    case starl_lab_slice:read(Text) of
-        {ok, Slice} -> checked(Call, {make, Slice});
-        {error, Why} -> {error, [["--slice: ", Why]]}
+run(#{values := #{slice := Text} = Values} = Call) ->
+    case {starl_lab_slurm:wanted(Values), starl_lab_slice:read(Text)} of
+        {{error, Why}, _} -> {error, [Why]};
+        {_, {error, Why}} -> {error, [["--slice: ", Why]]};
+        {none, {ok, Slice}} -> checked(Call, {make, Slice});
+        {{Parts, How}, {ok, whole}} -> checked(Call, {How, study(Parts, Call)})
     end.
+
+%% A slice makes one run at a time, or the number that --jobs says.
+study(Parts, #{args := Args, given := Given}) ->
+    {ok, Cwd} = file:get_cwd(),
+    #{
+        words => starl_lab_sweep_study:plain(Args),
+        parts => Parts,
+        jobs => maps:get(jobs, Given, 1),
+        starl => filename:join(os:getenv("STARL_ROOT", "."), "starl"),
+        cwd => Cwd
+    }.
 
 %% @doc Makes one study of the slices in these directories.
 -spec join(starl_cli_command:call(), [file:filename(), ...]) -> starl_cli_command:answer().
@@ -150,6 +165,8 @@ with_columns(Columns, Formats, #{plot := Plot} = Sweep) ->
         {unknown, Names} -> {error, [unknown_figure(Name, Numbers) || Name <- Names]}
     end.
 
+with_figures({How, #{} = Study}, _Columns, _Figures, #{dir := Dir}) ->
+    starl_lab_slurm:begin_jobs(How, Study, Dir);
 with_figures({join, Dirs}, Columns, Figures, Sweep) ->
     case starl_lab_sweep_study:rows(Dirs, Columns) of
         {ok, Rows} -> starl_lab_sweep_run:join(Sweep, Columns, Figures, Rows);

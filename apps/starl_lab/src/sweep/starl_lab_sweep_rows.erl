@@ -32,20 +32,19 @@
     | {row, file:filename(), Line :: pos_integer()}
     | {file, file:filename(), file:posix() | badarg | terminated | system_limit}.
 
-%% @doc The columns for a grid and for an application with the figures of a report. The wall time
-%% comes last, because only it differs between equal runs.
+%% @doc The columns for a grid and for an application with the figures of a report. The wall time is
+%% none of them: it alone differs between equal runs, so a sweep in slices would differ from the same
+%% sweep in one piece.
 -spec columns(starl_lab_sweep_grid:t(), starl_cli_report:t()) -> columns().
 columns(Grid, Report) ->
     Settings = [Key || {Key, _, _} <- starl_lab_sweep_grid:settings(Grid)],
-    Known = [app, seed, contracts, waiting | Settings],
-    Figures = [
-        {Key, kind(Value)}
-     || {Key, Value} <- starl_cli_report:figures(Report), not lists:member(Key, Known)
-    ],
-    {Wall, Others} = lists:partition(fun({Key, _}) -> Key =:= wall_s end, Figures),
+    Known = [app, seed, contracts, waiting, wall_s | Settings],
     #columns{
         key = [atom_to_list(Key) || Key <- [app | Settings] ++ [seed]],
-        figures = Others ++ Wall
+        figures = [
+            {Key, kind(Value)}
+         || {Key, Value} <- starl_cli_report:figures(Report), not lists:member(Key, Known)
+        ]
     }.
 
 %% Violations are counted.

@@ -15,7 +15,10 @@
     grid := starl_lab_sweep_grid:t(),
     points := [{starl_lab_sweep_grid:point(), starl_sim_scenario:t()}, ...],
     %% what is to be done: runs, of which file and slice; or the whole from what others have run
-    work := {make, starl_lab_slice:t()} | {join, [file:filename(), ...]},
+    work :=
+        {make, starl_lab_slice:t()}
+        | {join, [file:filename(), ...]}
+        | {submit | write, starl_lab_slurm:study()},
     slice => starl_lab_slice:t(),
     file => file:filename(),
     dir := file:filename(),
@@ -66,23 +69,32 @@ join(#{work := {join, Dirs}} = Sweep, Columns, Figures, Rows) ->
     end.
 
 %% Which slices lack runs, and how they are made.
-lacking(Missing, Runs, Parts, #{args := Args, dir := Dir}) ->
+lacking(Missing, Runs, Parts, #{args := Args, dir := Dir, work := {join, Dirs}}) ->
     Command = ["sweep" | starl_lab_sweep_study:plain(Args)] ++ ["--out", starl_cli_out:shown(Dir)],
+    IsMissing = maps:from_keys(Missing, true),
+    Lacking = [
+        {Slice, Count, length(Part)}
+     || K <- lists:seq(1, Parts),
+        Slice <- [{K, Parts}],
+        Part <- [starl_lab_slice:part(Slice, Runs)],
+        Count <- [length([Key || {Key, _} <- Part, is_map_key(Key, IsMissing)])],
+        Count > 0
+    ],
     starl_cli_terminal:out([
         io_lib:format("~b of ~b runs are missing\n", [length(Missing), length(Runs)]),
         [
             io_lib:format("slice ~ts lacks ~b of ~b; make them with: ~ts --slice ~ts\n", [
                 starl_lab_slice:text(Slice),
                 Count,
-                length(Part),
+                All,
                 command(Command),
                 starl_lab_slice:text(Slice)
             ])
-         || K <- lists:seq(1, Parts),
-            Slice <- [{K, Parts}],
-            Part <- [starl_lab_slice:part(Slice, Runs)],
-            Count <- [length([Key || {Key, _} <- Part, lists:member(Key, Missing)])],
-            Count > 0
+         || {Slice, Count, All} <- Lacking
+        ],
+        [
+            ["or submit them: ", lists:join(" ", [starl_cli_quoted:word(W) || W <- Words]), "\n"]
+         || {ok, Words} <- [starl_lab_slurm:again(hd(Dirs), [K || {{K, _}, _, _} <- Lacking])]
         ]
     ]),
     4.

@@ -43,13 +43,13 @@ note(Dir, _Slice, Args) ->
 plain([]) ->
     [];
 plain([Arg | Args]) ->
-    case {lists:member(hd(string:split(Arg, "=")), ["--slice", "--out", "--jobs"]), Args} of
-        {false, _} ->
-            [Arg | plain(Args)];
-        {true, [_Value | Others]} when Arg =:= "--slice"; Arg =:= "--out"; Arg =:= "--jobs" ->
+    Valued = ["--slice", "--out", "--jobs", "--slurm"],
+    case {lists:member(Arg, Valued), Args} of
+        {true, [_Value | Others]} ->
             plain(Others);
-        {true, _} ->
-            plain(Args)
+        _ ->
+            Same = lists:member(hd(string:split(Arg, "=")), ["--no-submit" | Valued]),
+            [Arg || not Same] ++ plain(Args)
     end.
 
 version() ->
