@@ -3,19 +3,25 @@
 -include_lib("stdlib/include/assert.hrl").
 
 -export([suite/0, all/0]).
--export([a_block_of_your_own/1, its_links/1]).
+-export([a_block_of_your_own/1, coming_from_elsewhere/1, links/1]).
 
 suite() -> [{timetrap, {minutes, 10}}].
 
-all() -> [a_block_of_your_own, its_links].
+all() -> [a_block_of_your_own, coming_from_elsewhere, links].
 
 a_block_of_your_own(Config) ->
     ?assertEqual(8, starl_tutorial_page:follow("doc/tutorial/block.md", dir(block, Config), #{})).
 
-its_links(_Config) ->
+coming_from_elsewhere(Config) ->
+    Options = #{env => [{"STARL", starl_first_hour_ct:root()}]},
+    ?assertEqual(
+        9, starl_tutorial_page:follow("doc/coming_from.md", dir(elsewhere, Config), Options)
+    ).
+
+links(_Config) ->
     [
         starl_tutorial_page:links_lead_somewhere(Page)
-     || Page <- ["doc/tutorial/block.md"]
+     || Page <- ["doc/tutorial/block.md", "doc/coming_from.md"]
     ].
 
 dir(Name, Config) ->

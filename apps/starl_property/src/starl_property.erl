@@ -64,7 +64,9 @@
 %% @doc A generator of scenarios. What can be known to be wrong, such as an option that does not exist,
 %% is the error `{starl_property, Line}' before any run.
 -spec scenario(team()) -> generator().
-scenario(Team) -> starl_property_scenario:generator(Team).
+scenario(Team) ->
+    ok = starl_property_mistake:team(Team),
+    starl_property_scenario:generator(Team).
 
 %% @doc A generator of lists of faults of these classes and kinds, for a team: its keys `robots',
 %% `most_faults', `heal' and `longest_fault' count. The lists shrink to fewer and simpler faults.
@@ -80,6 +82,8 @@ holds(Scenario) -> holds(Scenario, #{}).
 %% smallest scenario that can be found is left in a file, and the command is printed that replays it.
 -spec holds(#{app := module(), atom() => term()}, demand()) -> term().
 holds(Scenario, Demand) ->
+    ok = starl_property_mistake:scenario(Scenario),
+    ok = starl_property_mistake:demand(Demand),
     Verdict = starl_property_run:verdict(Scenario, Demand),
     proper:whenfail(
         fun() -> starl_property_run:tell(Scenario, Demand, Verdict) end,
@@ -93,6 +97,8 @@ quickcheck(Property) -> quickcheck(Property, #{}).
 %% @doc Tests a property of PropEr with these options.
 -spec quickcheck(generator(), options()) -> boolean().
 quickcheck(Property, Options) ->
+    ok = starl_property_mistake:options(Options),
+    ok = starl_property_mistake:property(Property),
     Cases = environment("STARL_CASES", maps:get(cases, Options, 100)),
     Drawn = erlang:phash2({os:timestamp(), make_ref()}, 1 bsl 32),
     Seed = environment("STARL_SEED", maps:get(seed, Options, Drawn)),
