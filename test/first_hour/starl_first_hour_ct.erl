@@ -1,7 +1,7 @@
 %% A terminal for the tests: shell lines that call ./starl from a directory of their own.
 -module(starl_first_hour_ct).
 
--export([sh/2, sh/3, root/0, contains/2, write/2]).
+-export([sh/2, sh/3, root/0, path/0, contains/2, write/2]).
 
 %% Runs a line of sh in a directory; $starl is the script of the checkout. Gives the exit status and
 %% what both outputs said.

@@ -27,7 +27,7 @@ follow(File, Dir, Options) ->
     After = maps:get(also, Options, #{}),
     Lines = script(Steps, After, 1),
     starl_first_hour_ct:write(Script, unicode:characters_to_binary(Lines)),
-    Path = starl_first_hour_ct:root() ++ ":" ++ os:getenv("PATH"),
+    Path = starl_first_hour_ct:root() ++ ":" ++ starl_first_hour_ct:path(),
     Env = [{"PATH", Path}, {"REBAR_COLOR", "none"} | maps:get(env, Options, [])],
     {_, Printed} = starl_first_hour_ct:sh("sh page.sh 2>&1 </dev/null", Dir, Env),
     judged(Commands, 1, plain(Printed)),
