@@ -24,13 +24,26 @@ init_per_suite(Config) ->
     case has_hex_core() of
         true ->
             Apps = apps(),
-            Tarballs = maps:map(fun(App, _) -> tarball(App, Apps) end, Apps),
-            [{apps, Apps}, {tarballs, Tarballs} | Config];
+            Dir = ?config(priv_dir, Config),
+            [ok = file:write_file(file(App, Dir), tarball(App, Apps)) || App <- maps:keys(Apps)],
+            %% Files: what is in Config is printed into the logs.
+            [{apps, Apps}, {packages, Dir} | Config];
         false ->
             {skip, "rebar3 has no hex_core"}
     end.
 
 end_per_suite(Config) -> Config.
+
+file(App, Dir) -> filename:join(Dir, atom_to_list(App) ++ ".tar").
+
+tarballs(Config) ->
+    maps:map(
+        fun(App, _) ->
+            {ok, Tarball} = file:read_file(file(App, ?config(packages, Config))),
+            Tarball
+        end,
+        ?config(apps, Config)
+    ).
 
 metadata_is_complete(Config) ->
     Apps = ?config(apps, Config),
@@ -65,7 +78,7 @@ a_tarball_holds_what_the_build_needs(Config) ->
             ?assertEqual(Held, lists:sort(Named)),
             ?assertEqual(checksum(Tarball), inner(Tarball))
         end,
-        ?config(tarballs, Config)
+        tarballs(Config)
     ).
 
 needed(starl, _Config) ->
@@ -99,7 +112,7 @@ requirements_are_packages_with_versions(Config) ->
                 #{<<"requirement">> := Version} <- [maps:get(atom_to_binary(A), Wanted)]
             ]
         end,
-        ?config(tarballs, Config)
+        tarballs(Config)
     ).
 
 %% Headers and behaviours: those of the packages that a package names, directly or not.
@@ -107,7 +120,7 @@ sources_find_what_they_need_in_the_tarballs(Config) ->
     Lib = filename:join(?config(priv_dir, Config), "lib"),
     maps:foreach(
         fun(App, Tarball) -> {ok, _} = r3_hex_tarball:unpack(Tarball, filename:join(Lib, App)) end,
-        maps:with(?LIBRARY, ?config(tarballs, Config))
+        maps:with(?LIBRARY, tarballs(Config))
     ),
     Apps = ?config(apps, Config),
     Lacking = [
@@ -147,7 +160,7 @@ is_otp_module(Module) ->
 
 %% In the contents, in the metadata and in the padding of the outer tar, which only the outer sum covers.
 a_changed_byte_is_noticed(Config) ->
-    #{starl_platform := Tarball} = ?config(tarballs, Config),
+    #{starl_platform := Tarball} = tarballs(Config),
     {ok, #{outer_checksum := Outer}} = r3_hex_tarball:unpack(Tarball, memory),
     [
         ?assertMatch(

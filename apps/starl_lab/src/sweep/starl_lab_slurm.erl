@@ -131,13 +131,32 @@ behind(_Array, {error, _} = Error) -> Error.
 
 %% The answer is a number; of one cluster among several also its name.
 sbatch(Args) ->
-    Options = [{args, ["--parsable" | Args]}, exit_status, stderr_to_stdout, hide],
+    Options = [
+        {args, ["--parsable" | Args]}, {env, shell()}, exit_status, stderr_to_stdout, hide
+    ],
     case said(open_port({spawn_executable, os:find_executable("sbatch")}, Options), "") of
         {0, Text} ->
             Last = lists:last(string:lexemes(Text, "\n")),
             {ok, hd(string:split(Last, ";"))};
         {_, Text} ->
             {error, ["--slurm: ", lists:join("; ", string:lexemes(Text, "\n"))]}
+    end.
+
+%% Jobs get the environment of who submits them: that of the user's shell, without what the script and
+%% this VM have added. With another `erl' first in PATH the script would build anew.
+shell() ->
+    Own = [os:getenv("BINDIR", ""), filename:join(code:root_dir(), "bin")],
+    Added = ["BINDIR", "ROOTDIR", "EMU", "PROGNAME", "ERL_CRASH_DUMP" | starl()],
+    Deps = filename:join(os:getenv("STARL_ROOT", "."), ".deps"),
+    [{"PATH", path("PATH", Own)}, {"ERL_LIBS", path("ERL_LIBS", [Deps])}] ++
+        [{Name, false} || Name <- Added].
+
+starl() -> [Name || "STARL_" ++ _ = Entry <- os:getenv(), [Name, _] <- [string:split(Entry, "=")]].
+
+path(Name, Own) ->
+    case string:lexemes(os:getenv(Name, ""), ":") -- Own of
+        [] -> false;
+        Dirs -> lists:append(lists:join(":", Dirs))
     end.
 
 said(Port, Text) ->
