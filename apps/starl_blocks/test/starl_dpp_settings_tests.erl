@@ -20,7 +20,8 @@ complete_test() ->
         overhead_mm => 100.0,
         middle => 0.7,
         patience => {1.05, 50.0},
-        seed => 1
+        seed => 1,
+        ways => none
     },
     ?assertEqual(maps:merge(required(), Defaults), starl_dpp_settings:complete(required())),
     Own = maps:merge(required(), maps:map(fun(_, _) -> own end, Defaults)),
@@ -46,6 +47,7 @@ defaults_test() ->
             middle => 0.7,
             patience => {1.05, 50.0},
             seed => 1,
+            ways => none,
             lease_ms => 10000,
             drift_ppm => 10000,
             jump_ms => 2000

@@ -3,7 +3,10 @@
 -include_lib("eunit/include/eunit.hrl").
 
 %% The list may have any order: a reload is named by its time.
-the_wrong_one_of_several_is_named_test() ->
+the_wrong_one_of_several_is_named_test_() ->
+    {timeout, 60, fun the_wrong_one_of_several_is_named/0}.
+
+the_wrong_one_of_several_is_named() ->
     Parts = #{app => starl_sim_script_app},
     Refused = fun(Reloads) ->
         {error, Why} = starl_sim_reloads:make(#{reloads => Reloads, robots => 2}, Parts),
