@@ -108,7 +108,7 @@ properties_too(_Config) ->
             {"scenario/1: the key app is missing, the application's module", fun() ->
                 starl_property:scenario(#{robots => 2})
             end},
-            {"quickcheck/2: there is no key case; there are cases, seed", fun() ->
+            {"quickcheck/2: there is no key 'case'; there are cases, seed", fun() ->
                 starl_property:quickcheck(Generator, #{'case' => 3})
             end},
             {"quickcheck/2: cases: a whole number expected, not many", fun() ->

@@ -85,7 +85,7 @@ script([{file, File, Body} | Steps], After, N) ->
     Dir = filename:dirname(File),
     ["mkdir -p ", Dir, "; cat >", File, here(Body) | script(Steps, After, N)];
 script([{diff, Body} | Steps], After, N) ->
-    ["git apply -v", here(Body) | script(Steps, After, N)];
+    ["git apply --quiet", here(Body) | script(Steps, After, N)];
 script([{command, {Line, _, _}} | Steps], After, N) ->
     Added = [[Lines, "\n"] || {Words, Lines} <- maps:to_list(After), lists:prefix(Words, Line)],
     Mark = ["printf '\\n@@ %s %s\\n' ", integer_to_list(N), " $?\n"],

@@ -28,7 +28,7 @@
 %% (mm).
 -define(LOOKS, 4).
 -define(LOOK_MS, 60).
--define(AGREE, 3).
+-define(AGREE, 4).
 -define(SAME_MM, 400.0).
 
 -spec init(starl:robot(), none) -> state().

@@ -91,18 +91,17 @@ driven(Robot, T, #state{pieces = Pieces, least = Least} = State) ->
             {[], State}
     end.
 
-%% The distance of the body's edge from the nearest wall; numbers are less than atoms.
-room([Point], R, Walls) -> clear({Point, Point}, R, Walls);
-room([A, B], R, Walls) -> clear({A, B}, R, Walls);
-room([A, B | Points], R, Walls) -> min(clear({A, B}, R, Walls), room([B | Points], R, Walls)).
-
-clear({A, B} = Way, R, Walls) ->
-    Most = ?MOST_MM,
-    Floor = starl_walls:floor(Walls),
-    case starl_floor:is_solid(A, Floor) orelse starl_floor:is_solid(B, Floor) of
+%% The distance of the body's edge from the nearest wall. A way that begins free gets into a solid only
+%% across a wall, at no distance from it. Numbers are less than atoms.
+room([First | _] = Points, R, Walls) ->
+    case starl_floor:is_solid(First, starl_walls:floor(Walls)) of
         true -> -R;
-        false -> starl_walls:clearance(Way, Most, Walls) - R
+        false -> least(Points, Walls) - R
     end.
+
+least([Point], Walls) -> starl_walls:clearance({Point, Point}, ?MOST_MM, Walls);
+least([A, B], Walls) -> starl_walls:clearance({A, B}, ?MOST_MM, Walls);
+least([A, B | Points], Walls) -> min(least([A, B], Walls), least([B | Points], Walls)).
 
 %% @doc Judges the time until the end. Results: the number of bumps, and the least distance of a
 %% body's edge from a wall (mm; 0 or a little less where it touched one).
