@@ -31,7 +31,7 @@
 -define(AGREE, 4).
 -define(SAME_MM, 400.0).
 
--spec init(starl:robot(), none) -> state().
+-spec init(starl:robot(), none) -> elect | search.
 init(Robot, none) ->
     case starl_dpp:coordinator(Robot) of
         {ok, _} -> search;
