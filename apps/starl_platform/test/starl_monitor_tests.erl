@@ -46,6 +46,22 @@ runs_several_monitors_test() ->
     {violation, #{contract := test}, M2} = starl_monitor:step({1, 1, counted, bad}, M1),
     ?assertMatch({[], #{starl_sap_monitor := #{}, ?MODULE := #{}}}, starl_monitor:finish(2, M2)).
 
+%% A report of a run whose computer stood still needs figures: what was measured until then is kept, and
+%% nothing that comes later is judged.
+who_is_blinded_keeps_what_it_measured_test() ->
+    M0 = starl_monitor:guarded([{?MODULE, #{start => 99}}, {starl_crash_monitor, #{excused => []}}]),
+    {ok, M1} = starl_monitor:step([{1, 1, counted, a}, {2, 1, counted, b}], M0),
+    Why = {stood_still, 1, 3},
+    M2 = starl_monitor:blinded(Why, M1),
+    ?assertEqual(M2, starl_monitor:blinded({stood_still, 2, 4}, M2)),
+    {ok, M3} = starl_monitor:step({5, 1, counted, bad}, M2),
+    ?assertMatch(
+        {[], #{?MODULE := #{seen := 101}, starl_crash_monitor := #{}}, [
+            #{from_us := 2, monitors := ["tests"], why := Why}
+        ]},
+        starl_monitor:close(9, M3)
+    ).
+
 %% All events of a batch are judged; the first violation is returned, the others at the finish.
 goes_on_after_a_violation_test() ->
     M0 = starl_monitor:new([{?MODULE, #{start => 100}}]),

@@ -98,6 +98,8 @@
     room :: non_neg_integer(),
     %% what monitors that were put aside have not judged, latest first; `trusted': none is put aside
     unjudged = trusted :: trusted | [starl_unjudged:t()],
+    %% what monitors that judge no further had measured until then
+    measured = #{} :: #{module() => results()},
     %% the time of the last event
     seen = 0 :: integer()
 }).
@@ -219,7 +221,8 @@ unjudged(#runner{unjudged = trusted}) -> [];
 unjudged(#runner{unjudged = Unjudged}) -> lists:reverse(Unjudged).
 
 %% @doc From now on events are missing. A monitor that wants more than the crashes of machines, each of
-%% which is judged by itself, judges no further: it would accuse those who are innocent.
+%% which is judged by itself, judges no further: it would accuse those who are innocent. What it has
+%% measured so far is kept: reports need the figures.
 -spec blinded(starl_unjudged:why(), t()) -> t().
 blinded(Why, #runner{monitors = Monitors, seen = Seen, unjudged = Before} = Runner) when
     is_list(Before)
@@ -227,7 +230,14 @@ blinded(Why, #runner{monitors = Monitors, seen = Seen, unjudged = Before} = Runn
     IsBlind = fun({_, Interests, _}) -> Interests =/= #{supervisor => []} end,
     {Blind, Left} = lists:partition(IsBlind, Monitors),
     Parts = [starl_unjudged:since(Seen, [name(M) || {M, _, _} <- Blind], Why) || Blind =/= []],
-    Runner#runner{monitors = Left, unjudged = Parts ++ Before}.
+    Measured = results([{Module, ended(Seen, Monitor, Runner)} || {Module, _, _} = Monitor <- Blind]),
+    Runner#runner{
+        monitors = Left,
+        unjudged = Parts ++ Before,
+        measured = maps:merge(Runner#runner.measured, Measured)
+    }.
+
+results(Ends) -> maps:from_list([{Module, Results} || {Module, {ok, {_, Results}}} <- Ends]).
 
 call(Module, Callback, Args, #runner{unjudged = trusted}) -> {ok, apply(Module, Callback, Args)};
 call(Module, Callback, Args, _Guarded) -> starl_monitor_check:call(Module, Callback, Args).
@@ -242,8 +252,8 @@ finish(EndTimeUs, Runner) ->
         {_, _, [First | _]} -> error({unjudged, First})
     end.
 
-%% @doc The same, with what monitors that were put aside have not judged, earliest first; they have
-%% measured nothing.
+%% @doc The same, with what monitors that were put aside have not judged, earliest first. One that made a
+%% mistake has measured nothing; what the others have measured, they had until then.
 -spec close(EndTimeUs :: integer(), t()) ->
     {[violation()], #{module() => results()}, [starl_unjudged:t()]}.
 close(EndTimeUs, #runner{monitors = Monitors, violations = Kept, room = Room} = Runner) ->
@@ -252,7 +262,7 @@ close(EndTimeUs, #runner{monitors = Monitors, violations = Kept, room = Room} = 
     Mistakes = [{Module, Line} || {Module, {error, Line}} <- Ends],
     {
         lists:reverse(Kept, lists:sublist(Late, Room)),
-        maps:from_list([{Module, Results} || {Module, {ok, {_Verdict, Results}}} <- Ends]),
+        maps:merge(Runner#runner.measured, results(Ends)),
         unjudged(Mistakes, EndTimeUs, Runner)
     }.
 
