@@ -16,6 +16,14 @@ again_test_() ->
                 #{what => robot_starts_anew, why => outlived}
             },
             {
+                {{pid, starl_live_robot}, start_error, {shutdown, {transport, <<"in use">>}}},
+                #{what => robot_starts_anew, why => {transport, <<"in use">>}}
+            },
+            {
+                {{pid, starl_robot_sup}, child_terminated, killed},
+                #{what => machine_ended, machine => dpp, why => killed}
+            },
+            {
                 {{pid, starl_live_robot}, shutdown, reached_max_restart_intensity},
                 #{what => node_ends, why => reached_max_restart_intensity}
             },
@@ -29,7 +37,12 @@ again_test_() ->
     ].
 
 event({Supervisor, What, Reason}) ->
-    Report = [{supervisor, Supervisor}, {errorContext, What}, {reason, Reason}, {offender, []}],
+    Report = [
+        {supervisor, Supervisor},
+        {errorContext, What},
+        {reason, Reason},
+        {offender, [{pid, pid}, {id, dpp}]}
+    ],
     #{
         level => error,
         meta => #{report_cb => fun supervisor:format_log/2},

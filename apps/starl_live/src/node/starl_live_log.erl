@@ -27,15 +27,17 @@ install(Robot, Sink) ->
     }).
 
 %% @private Stops what the link says, too. Who ends a process from outside does not crash it: that is
-%% told by its supervisor alone.
+%% told by its supervisor alone, and becomes one line.
 -spec again(logger:log_event(), []) -> stop | ignore | logger:log_event().
 again(#{meta := #{domain := [otp | _], machine := _}}, []) ->
     stop;
 again(#{msg := {report, #{label := {supervisor, What}, report := Report}}} = Event, []) ->
     case {proplists:get_value(supervisor, Report), What, proplists:get_value(reason, Report)} of
         {{_Pid, starl_robot_sup}, child_terminated, Reason} ->
-            told(starl_crash:cause(Reason));
-        {{_Pid, starl_live_robot}, child_terminated, {shutdown, Why}} ->
+            told(starl_crash:cause(Reason), Report, Event);
+        {{_Pid, starl_live_robot}, Ended, {shutdown, Why}} when
+            Ended =:= child_terminated; Ended =:= start_error
+        ->
             says(starts_anew(Why), Event);
         {{_Pid, starl_live_robot}, shutdown, Why} ->
             says(#{what => node_ends, why => Why}, Event);
@@ -56,8 +58,12 @@ says(Report, #{meta := Meta} = Event) ->
 starts_anew({store, Why}) -> #{what => store_unwritable, why => Why};
 starts_anew(Why) -> #{what => robot_starts_anew, why => Why}.
 
-told(none) -> ignore;
-told(_Cause) -> stop.
+told(none, Report, Event) ->
+    Machine = proplists:get_value(id, proplists:get_value(offender, Report)),
+    Why = proplists:get_value(reason, Report),
+    says(#{what => machine_ended, machine => Machine, why => Why}, Event);
+told(_Cause, _Report, _Event) ->
+    stop.
 
 %% @private
 -spec log(logger:log_event(), logger:handler_config()) -> ok.

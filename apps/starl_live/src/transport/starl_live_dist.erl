@@ -14,6 +14,8 @@
 
 %% A node that could not be reached is tried again after this time.
 -define(PAUSE_MS, 1000).
+%% The time that a robot's former transport has to end.
+-define(ENDS_MS, 1000).
 
 -record(dist, {
     ends :: starl_live_frame:t(),
@@ -37,10 +39,23 @@ open(#{robot := Robot, participants := Team, peers := Peers} = Config) ->
     end.
 
 registered(Robot, Dist) ->
+    ok = ended(whereis(name(Robot))),
     try register(name(Robot), self()) of
         true -> {ok, connect_all(Dist)}
     catch
         error:badarg -> {error, io_lib:format("robot ~b runs on this node already", [Robot])}
+    end.
+
+%% A robot that starts anew may be sooner than its former transport, which ends after its link.
+ended(undefined) ->
+    ok;
+ended(Former) ->
+    Monitor = erlang:monitor(process, Former),
+    receive
+        {'DOWN', Monitor, process, Former, _Why} -> ok
+    after ?ENDS_MS ->
+        _ = demonitor(Monitor, [flush]),
+        ok
     end.
 
 %% The names are those of the robots in the configuration: no more than these.
