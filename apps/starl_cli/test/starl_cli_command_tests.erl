@@ -3,46 +3,11 @@
 -module(starl_cli_command_tests).
 -include_lib("eunit/include/eunit.hrl").
 
+-import(starl_cli_said, [said/1]).
+
 commands() -> [Command || {_, Commands} <- starl_cli_command:all(), Command <- Commands].
 
 of_each(Test) -> [{Command:name(), fun() -> Test(Command) end} || Command <- commands()].
-
-%% What the command prints, on both outputs, and its exit status.
-said(Args) ->
-    Self = self(),
-    {Pid, Ref} = spawn_monitor(fun() ->
-        Errors = whereis(standard_error),
-        Sink = spawn_link(fun() -> sink([]) end),
-        true = unregister(standard_error),
-        true = register(standard_error, Sink),
-        true = group_leader(Sink, self()),
-        Status = starl_cli:command(Args),
-        true = unregister(standard_error),
-        true = register(standard_error, Errors),
-        Sink ! {said, self()},
-        receive
-            {Sink, Text} -> Self ! {self(), {Status, Text}}
-        end
-    end),
-    receive
-        {Pid, Said} ->
-            true = demonitor(Ref, [flush]),
-            Said;
-        {'DOWN', Ref, process, Pid, Reason} ->
-            error(Reason)
-    end.
-
-sink(Said) ->
-    receive
-        {said, Pid} ->
-            Pid ! {self(), unicode:characters_to_list(lists:reverse(Said))};
-        {io_request, From, Tag, {put_chars, unicode, Text}} ->
-            From ! {io_reply, Tag, ok},
-            sink([Text | Said]);
-        {io_request, From, Tag, _} ->
-            From ! {io_reply, Tag, {error, enotsup}},
-            sink(Said)
-    end.
 
 contains(Part, Text) ->
     ?assertNotEqual({Part, nomatch, Text}, {Part, string:find(Text, Part), Text}).

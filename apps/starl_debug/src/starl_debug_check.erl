@@ -35,7 +35,8 @@
 
 %% `best': the slice that gives the verdict; `times': when it may be true, by slices; `parts' of the
 %% predicate in slices, those of them that were decided without a doubt, and the time until which
-%% all was looked at.
+%% all was looked at; and the time until which the recordings tell all, if that is within the times
+%% that were to be looked at. What lies behind it is never certain.
 -type answer() :: #{
     verdict := starl_debug_search:verdict(),
     best := none | found(),
@@ -43,7 +44,8 @@
     parts := non_neg_integer(),
     open := [found()],
     until := integer(),
-    is_whole := boolean()
+    is_whole := boolean(),
+    known_until := integer() | infinity
 }.
 
 %% Asked after each slice, with the part that is done; `stop' ends the check.
@@ -80,11 +82,19 @@ run(Formula, Recording, Options, Look) ->
             parts => 0,
             open => [],
             until => From,
-            is_whole => From > Until
+            is_whole => From > Until,
+            known_until => known_until(Formula, Recording, Options, Until)
         }
     },
     #check{answer = Answer} = slices(From, {From, Until}, Groups, Look, Check),
     Answer.
+
+known_until(Formula, #{holes := Holes}, #{sigma := Sigma}, Until) ->
+    Robots = starl_debug_ground:robots(Formula),
+    case starl_debug_hole:known_until(Robots, Holes) of
+        Known when Known =< Until -> Known - min(?SLICE_US, starl_debug_clocks:widest(Sigma));
+        _ -> infinity
+    end.
 
 %% The common time of the line may be outside of all recordings by the error of the clocks.
 range(#{extent := {First, Last}}, #{sigma := Sigma} = Options) ->
@@ -192,7 +202,8 @@ group(Formula, {From, To} = Slice, #check{options = Options, facts = Facts} = Ch
         looks => looks(Robots)
     },
     Searched = starl_debug_search:decide(Formula, {Slice, Windows}, Facts, Limits),
-    Outcome = settled(Searched, Formula, {Slice, Windows}, Facts, Limits, Options),
+    Settled = settled(Searched, Formula, {Slice, Windows}, Facts, Limits, Options),
+    Outcome = as_known(Settled, To, Check#check.answer),
     Found = #{formula => Formula, slice => Slice, outcome => Outcome},
     Check#check{answer = better(Found, Check#check.answer)}.
 
@@ -206,6 +217,12 @@ settled(#{is_open := true, is_shown := true} = Outcome, Formula, When, Facts, Li
         undecided -> Outcome
     end;
 settled(Outcome, _Formula, _When, _Facts, _Limits, _Options) ->
+    Outcome.
+
+%% What was in a hole may have ended what was true before it.
+as_known(#{verdict := certainly} = Outcome, To, #{known_until := Known}) when To >= Known ->
+    Outcome#{verdict := possibly, is_open := true};
+as_known(Outcome, _To, _Answer) ->
     Outcome.
 
 looks(Robots) when length(Robots) =< 2 -> ?LOOKS_PAIR;

@@ -9,7 +9,7 @@
 %% better than they know each other. Bounds that contradict each other name their robots.
 -module(starl_debug_envelope).
 
--export([from_packets/2, offset/4, widest/1]).
+-export([from_packets/2, offset/4, widest/1, least/1]).
 
 -export_type([t/0]).
 
@@ -156,3 +156,11 @@ widest(#envelope{ahead = Ahead, robots = Robots}) ->
     Pairs = [{R, Q} || R <- Robots, Q <- Robots, R =/= Q],
     Bounds = [maps:get(Pair, Known, ?MOST_US) || Known <- maps:values(Ahead), Pair <- Pairs],
     lists:foldl(fun(Us, Widest) -> max(abs(Us), Widest) end, 0, Bounds).
+
+%% @doc The greatest difference of two clocks that the messages prove (us), and these robots; `none'
+%% if all clocks may be equal.
+-spec least(t()) -> none | {Us :: pos_integer(), starl:robot_id(), starl:robot_id()}.
+least(#envelope{ahead = Ahead}) ->
+    %% one that is ahead by less than nothing is behind
+    Behind = [{-Us, R, Q} || Known <- maps:values(Ahead), {{R, Q}, Us} <- maps:to_list(Known)],
+    lists:max([none | [Found || {Us, _, _} = Found <- Behind, Us > 0]]).

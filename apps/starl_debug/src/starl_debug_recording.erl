@@ -12,7 +12,7 @@
 %% `how': `exact', as the simulator knew it, or `told' by the robots; `begun': the time that is
 %% shown as 0; `extent': from the first to the last time of any robot; `too_fast': samples that a
 %% robot cannot have reached;
-%% `holes': files that lack something; `left_out': files that were not needed.
+%% `left_out': files that were not needed.
 -type t() :: #{
     how := exact | told,
     app := module(),
@@ -27,7 +27,7 @@
     geocasts := [{term(), starl:robot_id(), integer(), starl_debug_type:area()}],
     missing := [starl:robot_id()],
     too_fast := [{starl:robot_id(), pos_integer()}],
-    holes := [file:filename_all()],
+    holes := [starl_debug_hole:t()],
     left_out := [file:filename_all()]
 }.
 
@@ -55,7 +55,9 @@
     | {no_scenario, file:filename_all()}
     | {empty, file:filename_all()}
     | {other_run, file:filename_all(), file:filename_all(), Key :: atom()}
-    | {two_worlds, file:filename_all(), file:filename_all()}.
+    | {two_worlds, file:filename_all(), file:filename_all()}
+    | {twice, file:filename_all()}
+    | {overlap, file:filename_all(), file:filename_all(), starl:robot_id()}.
 
 -record(file, {
     name :: file:filename_all(),
@@ -67,8 +69,8 @@
     first = none :: none | integer(),
     last = none :: none | integer(),
     until = infinity :: integer() | infinity,
-    %% messages are missing in it; or its end is
-    has_gap = false :: boolean(),
+    %% what is missing in it, the latest first
+    gaps = [] :: [starl_debug_hole:gap()],
     is_cut = false :: boolean()
 }).
 
@@ -83,6 +85,7 @@
 -spec read([file:filename_all(), ...], limits()) -> {ok, t()} | {error, reason()}.
 read(Names, Limits) ->
     try
+        _ = [throw({?MODULE, {twice, Name}}) || Name <- Names -- lists:usort(Names)],
         Files = [file(Name, Limits) || Name <- Names],
         ok = of_one_run(Files),
         {ok, recording(Files, Limits)}
@@ -165,8 +168,8 @@ message({ways, At, {Robot, {sent, To, _, _, Hash}}}, #file{packets = Packets} = 
     File#file{packets = [{sent, Robot, To, Hash, At} | Packets]};
 message({ways, At, {Robot, {came, From, _, _, Hash, _}}}, #file{packets = Packets} = File, _Limits) ->
     File#file{packets = [{came, From, Robot, Hash, At} | Packets]};
-message({gap, _, _}, File, _Limits) ->
-    File#file{has_gap = true};
+message({gap, At, Why}, #file{gaps = Gaps} = File, _Limits) ->
+    File#file{gaps = [{At, Why} | Gaps]};
 message(_Other, File, _Limits) ->
     File.
 
@@ -185,9 +188,30 @@ of_one_run([#file{name = First, facts = Facts} | Others] = Files) ->
         maps:get(Key, Facts, none) =/= maps:get(Key, Other, none)
     ],
     case [Name || #file{facts = F, name = Name} <- Files, not is_map_key(told_by, F)] of
-        [A, B | _] -> throw({?MODULE, {two_worlds, A, B}});
-        _ -> ok
-    end.
+        [A, B | _] ->
+            throw({?MODULE, {two_worlds, A, B}});
+        _ ->
+            [
+                apart(Before, File)
+             || {N, File} <- lists:enumerate(Files), Before <- lists:sublist(Files, N - 1)
+            ]
+    end,
+    ok.
+
+%% Two files that tell of one robot follow each other. By their numbers they do, also if its clock
+%% was set back.
+apart(#file{facts = #{told_by := Of1} = Facts1} = A, #file{facts = #{told_by := Of2} = Facts2} = B) ->
+    {N1, _} = starl_trace_robot:order(A#file.name, Facts1),
+    {N2, _} = starl_trace_robot:order(B#file.name, Facts2),
+    IsNumbered = N1 > 0 andalso N2 > 0 andalso N1 =/= N2,
+    case [R || R <- Of1, lists:member(R, Of2)] of
+        [R | _] when not IsNumbered, A#file.first < B#file.last, B#file.first < A#file.last ->
+            throw({?MODULE, {overlap, A#file.name, B#file.name, R}});
+        _ ->
+            ok
+    end;
+apart(_OneOfThem, _IsTheWorld) ->
+    ok.
 
 %% -- the whole ------------------------------------------------------------------------------
 
@@ -225,7 +249,7 @@ recording(All, Limits) ->
         ]),
         missing => [R || {R, _} <- maps:get(robots, Facts)] -- Robots,
         too_fast => [{R, N} || {R, {_, N}} <- Tracks, N > 0],
-        holes => [Name || #file{name = Name, has_gap = Gap, is_cut = Cut} <- Files, Gap orelse Cut],
+        holes => holes(Files),
         left_out => LeftOut
     }.
 
@@ -239,15 +263,29 @@ packets(Files) ->
     Twice = sets:from_list(Sent -- lists:usort(Sent), [{version, 2}]),
     [
         Packet
-     || #file{packets = Packets, has_gap = HasGap} <- Files,
+     || #file{packets = Packets, gaps = Gaps} <- Files,
         Packet <- Packets,
-        is_first(Packet, HasGap, Twice)
+        is_first(Packet, Gaps =/= [], Twice)
     ].
 
 is_first({sent, A, B, Hash, _}, HasGap, Twice) ->
     not HasGap andalso not sets:is_element({A, B, Hash}, Twice);
 is_first(_Packet, _HasGap, _Twice) ->
     true.
+
+holes(Files) ->
+    starl_debug_hole:all([
+        #{
+            file => Name,
+            facts => Facts,
+            first => First,
+            last => Last,
+            gaps => lists:reverse(Gaps),
+            is_cut => IsCut
+        }
+     || #file{name = Name, facts = Facts, first = First, last = Last, gaps = Gaps, is_cut = IsCut} <-
+            Files
+    ]).
 
 chosen([], Worlds) -> {Worlds, []};
 chosen(Own, Worlds) -> {Own, [Name || #file{name = Name} <- Worlds]}.
@@ -327,5 +365,10 @@ format_error({other_run, First, File, Key}) ->
 format_error({two_worlds, First, File}) ->
     Line = "~ts: like ~ts the recording of a whole run; give one of them, or those of the robots",
     io_lib:format(Line, [File, First]);
+format_error({twice, File}) ->
+    [File, ": given twice"];
+format_error({overlap, First, File, Robot}) ->
+    Line = "~ts: like ~ts it tells of r~b, and both tell of r~b at the same time; give one of them",
+    io_lib:format(Line, [File, First, Robot, Robot]);
 format_error(Reason) ->
     starl_trace_reader:format_error(Reason).

@@ -62,7 +62,7 @@ statuses() ->
     [
         {0, "never true"},
         {3, "certainly true at some moment"},
-        {5, "not all was looked at, and in the part that was it was never true"},
+        {5, "not all was looked at, or is known, and in the part that was it was never true"},
         {6, "possibly true: it depends on the clocks, or on places between samples"}
     ].
 
@@ -108,15 +108,27 @@ read(Files, Predicate, Sigma, Values) ->
     ]),
     case starl_debug_recording:read(Files, Limits) of
         {ok, Recording} ->
-            formula(starl_debug:formula(Predicate, Recording), Recording, Sigma, Values);
+            Formula = starl_debug:formula(Predicate, Recording),
+            IsOfAll = is_of_all(Predicate, Recording),
+            formula(Formula, Recording, Sigma, Values#{is_of_all => IsOfAll});
         {error, Reason} ->
             {error, [starl_debug_recording:format_error(Reason)]}
     end.
 
+%% What is said of all robots is not known of those without a recording, nor is a token that only
+%% they held.
+is_of_all(_Predicate, #{missing := []}) ->
+    true;
+is_of_all(Predicate, #{robots := Here, missing := Missing} = Recording) ->
+    Whole = Recording#{robots := lists:sort(Here ++ Missing)},
+    {ok, Formula} = starl_debug:formula(Predicate, Whole),
+    Robots = starl_debug_ground:robots(Formula),
+    Robots =/= [] andalso not lists:any(fun(R) -> lists:member(R, Missing) end, Robots).
+
 formula({ok, Formula}, Recording, Sigma, Values) ->
     case starl_cli_sigma:bounds(Sigma, Recording, maps:get(drift, Values)) of
         {ok, Known} -> checked(Formula, Recording, options(Known, Recording, Values), Values);
-        {error, Line} -> {error, [["--sigma auto: ", Line]]}
+        {error, Line} -> {error, [Line]}
     end;
 formula({error, {no_robots, Missing}}, #{robots := Robots}, _Sigma, _Values) ->
     Line = "--predicate: the recording has no robot ~ts; it has ~ts",
@@ -160,10 +172,10 @@ told(Answer, Formula, Recording, Options, Values) ->
     starl_cli_terminal:out([
         head(Recording, Options),
         doubts(Recording),
-        answer(Answer, Recording),
+        answer(Answer, Recording, Values),
         explained(Answer, Formula, Recording, Options, Values)
     ]),
-    drawn(Answer, Recording, Values, status(Answer)).
+    drawn(Answer, Recording, Values, status(Answer, Values)).
 
 head(#{app := App, robots := Robots, extent := {First, Last}, how := How}, #{sigma := Sigma}) ->
     io_lib:format("~ts: ~b robots, ~.1f s~ts; ~ts\n", [
@@ -175,7 +187,8 @@ told_by(told) -> " that all have told of".
 
 seconds(Us, #{begun := Begun}) -> io_lib:format("~.3f s", [(Us - Begun) / 1.0e6]).
 
-doubts(#{missing := Missing, too_fast := TooFast, holes := Holes, left_out := LeftOut}) ->
+doubts(#{missing := Missing, too_fast := TooFast, holes := Holes} = Recording) ->
+    #{left_out := LeftOut, begun := Begun} = Recording,
     [
         [["no recording of ", robots(Missing), "\n"] || Missing =/= []],
         [
@@ -184,13 +197,14 @@ doubts(#{missing := Missing, too_fast := TooFast, holes := Holes, left_out := Le
             )
          || {R, N} <- TooFast
         ],
-        [[File, ": a part is missing; what happened in it is not known\n"] || File <- Holes],
+        [[starl_debug_hole:format(Hole, Begun), "\n"] || Hole <- Holes],
         [[File, ": left out; the robots' own recordings are here\n"] || File <- LeftOut]
     ].
 
-answer(#{verdict := Verdict} = Answer, Recording) ->
+answer(#{verdict := Verdict} = Answer, Recording, #{is_of_all := IsOfAll}) ->
     [
         word(Verdict),
+        [" of the robots that are here" || not IsOfAll],
         part(Answer, Recording),
         "\n",
         found(maps:get(best, Answer), Recording),
@@ -205,6 +219,8 @@ part(#{is_whole := false, verdict := Verdict, until := Until}, Recording) when
     Verdict =/= certainly
 ->
     [" until ", seconds(Until, Recording), "; the rest was not looked at"];
+part(#{verdict := never, known_until := Until}, Recording) when is_integer(Until) ->
+    [" until ", seconds(Until, Recording), "; after that not all is known"];
 part(_Answer, _Recording) ->
     "".
 
@@ -318,7 +334,9 @@ written(ok, File, Status) ->
 written({error, Posix}, File, _Status) ->
     {error, [[File, ": ", file:format_error(Posix)]]}.
 
-status(#{verdict := certainly}) -> 3;
-status(#{verdict := possibly}) -> 6;
-status(#{is_whole := false}) -> 5;
-status(#{verdict := never}) -> 0.
+status(#{verdict := certainly}, _Values) -> 3;
+status(#{verdict := possibly}, _Values) -> 6;
+status(#{is_whole := false}, _Values) -> 5;
+status(#{known_until := Until}, _Values) when is_integer(Until) -> 5;
+status(#{verdict := never}, #{is_of_all := false}) -> 5;
+status(#{verdict := never}, #{is_of_all := true}) -> 0.

@@ -89,7 +89,7 @@ judgements({ok, Bounds}, Recording, Violations, Drift) ->
     Options = #{sigma => Bounds, drift_ppm => round(Drift)},
     {ok, starl_debug_contracts:judge(Recording, Violations, Options)};
 judgements({error, Line}, _Recording, _Violations, _Drift) ->
-    {error, ["--sigma auto: ", Line]}.
+    {error, Line}.
 
 told(File, #{violations := Found, scenario := #{app := App} = Scenario} = Judged, Judgements) ->
     #{until_us := Until, events := Events, ended := Ended, unjudged := Unjudged} = Judged,
@@ -114,6 +114,8 @@ by_clocks(#{contract := Contract, what := What, word := Word, violations := Foun
 
 word(kept, _Found, #{verdict := certainly}) ->
     "kept; it happened, and a fault explains it";
+word(kept, _Found, #{known_until := Us}) when is_integer(Us) ->
+    "kept, for all clocks within that, as far as the recording tells all";
 word(kept, _Found, _Answer) ->
     "kept, for all clocks within that";
 word(broken, _Found, _Answer) ->

@@ -44,8 +44,28 @@ bad(Text) ->
 %% @doc What is known of the clocks of a recording, for {@link starl_debug_check:options()}.
 -spec bounds(auto | non_neg_integer(), starl_debug_recording:t(), DriftPpm :: number()) ->
     {ok, non_neg_integer() | starl_debug_clocks:bounds()} | {error, unicode:chardata()}.
-bounds(auto, Recording, Drift) -> starl_debug_envelope:from_packets(Recording, Drift);
-bounds(Sigma, _Recording, _Drift) -> {ok, Sigma}.
+bounds(auto, Recording, Drift) ->
+    case starl_debug_envelope:from_packets(Recording, Drift) of
+        {ok, _} = Bounds -> Bounds;
+        {error, Line} -> {error, ["--sigma auto: ", Line]}
+    end;
+bounds(Sigma, #{how := told, packets := [_ | _]} = Recording, Drift) ->
+    case starl_debug_envelope:from_packets(Recording, Drift) of
+        {ok, Bounds} -> within(Sigma, starl_debug_envelope:least(Bounds));
+        {error, _} -> {ok, Sigma}
+    end;
+bounds(Sigma, _Recording, _Drift) ->
+    {ok, Sigma}.
+
+%% No clocks within a sigma that the packets refute can be looked at.
+within(Sigma, {Us, R, Q}) when Us > Sigma ->
+    [A, B] = lists:sort([R, Q]),
+    Line =
+        "--sigma ~ts: by the packets the clocks of r~b and r~b differ by ~ts at least; "
+        "give more, or auto",
+    {error, io_lib:format(Line, [ms(Sigma), A, B, ms(Us)])};
+within(Sigma, _Possible) ->
+    {ok, Sigma}.
 
 %% @doc The same for people.
 -spec words(non_neg_integer() | starl_debug_clocks:bounds()) -> unicode:chardata().

@@ -192,14 +192,11 @@ open_ends(Sources) ->
     Files = [File || #source{file = File} <- Sources],
     maps:from_keys(Files -- continued(Sources), no_end).
 
-%% The files of a robot whose next file has their end.
 continued(Sources) ->
-    Starts = lists:sort([
-        {By, starl_trace_robot:order(File, Facts), maps:get(was_up, Facts, false), File}
-     || #source{facts = #{told_by := By} = Facts, file = File} <- Sources
-    ]),
-    Pairs = lists:zip(lists:droplast([none | Starts]), Starts),
-    [File || {{By, _, _, File}, {By, _, true, _}} <- Pairs].
+    starl_trace_robot:continued([
+        {File, Facts}
+     || #source{facts = #{told_by := _} = Facts, file = File} <- Sources
+    ]).
 
 %% Takes the earliest messages of all files, file by file. Of a robot with several files a later one waits
 %% until the one before has ended, whatever the clock was set to meanwhile.

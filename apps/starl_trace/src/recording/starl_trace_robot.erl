@@ -9,7 +9,7 @@
 -module(starl_trace_robot).
 -behaviour(starl_observer).
 
--export([start_link/1, observer/1, files/2, order/2, lacking/1]).
+-export([start_link/1, observer/1, files/2, order/2, continued/1, lacking/1]).
 -export([log/2]).
 
 -export_type([config/0]).
@@ -86,6 +86,16 @@ order(File, #{told_by := [Robot | _]} = Facts) ->
         none -> {0, Begun}
     end.
 
+%% @doc The files of a robot whose next file has their end, if they were cut off.
+-spec continued([{file:filename_all(), starl_observer:facts()}]) -> [file:filename_all()].
+continued(Files) ->
+    Starts = lists:sort([
+        {By, order(File, Facts), maps:get(was_up, Facts, false), File}
+     || {File, #{told_by := By} = Facts} <- Files
+    ]),
+    Pairs = lists:zip(lists:droplast([none | Starts]), Starts),
+    [File || {{By, _, _, File}, {By, _, true, _}} <- Pairs].
+
 %% @doc What is missing among these recordings of robots, with their facts: the names of the files, or
 %% the robots of whom an earlier file is missing; and the files behind which something is missing
 %% (`none': at the beginning), with the time until which.
@@ -96,7 +106,7 @@ lacking(Files) ->
         {Robot, order(File, Facts), maps:get(was_up, Facts, false), File}
      || {File, #{told_by := [Robot]} = Facts} <- Files
     ]),
-    Pairs = lists:zip([none | lists:droplast(Ordered)], Ordered),
+    Pairs = lists:zip(lists:droplast([none | Ordered]), Ordered),
     Lacking = [
         {Names, Behind, To}
      || {A, B} <- Pairs, {[_ | _] = Names, Behind, To} <- [gap(A, B)]
