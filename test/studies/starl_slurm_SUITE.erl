@@ -129,6 +129,7 @@ conf(Dir) ->
         {"SelectType", "select/cons_tres"},
         {"SelectTypeParameters", "CR_Core"},
         {"ReturnToService", "2"},
+        {"SchedulerParameters", "batch_sched_delay=0"},
         {"NodeName", host() ++ " NodeAddr=127.0.0.1 CPUs=2 State=UNKNOWN"},
         {"PartitionName", "main Nodes=ALL Default=YES MaxTime=INFINITE State=DOWN"}
     ],

@@ -439,27 +439,40 @@ violation_test_() ->
         end)
     end}.
 
-%% Slices, of which one is made in another directory, become the study that one sweep makes; what is
-%% missing is named.
+%% Slices, of which one is killed in its second run and one made in another directory, become the study
+%% that one sweep makes, byte by byte; what is missing is named.
 slices_test_() ->
     {timeout, 3 * ?PATIENCE_S, fun() ->
         in_directory(fun(Dir) ->
-            [One, Here, There] = [filename:join(Dir, N) || N <- ["one", "here", "there"]],
-            Args = ["sweep", "painting", "--picture", "house", "--robots", "1..2", "--seeds", "3"],
-            says(0, "6 runs: 6 complete", Args ++ ["--out", One]),
-            says(0, "slice 1/3: 2 runs: 2 complete", Args ++ ["--slice", "1/3", "--out", Here]),
-            says(4, "4 of 6 runs are missing", ["join", Here]),
-            says(0, "slice 2/3: ", Args ++ ["--slice=2/3", "--out=" ++ Here]),
-            Lacking = says(4, "slice 3/3 lacks 2 of 2; make them with: ", ["join", Here]),
-            contains("--seeds 3 --out " ++ Here ++ " --slice 3/3", Lacking),
-            says(0, "slice 3/3: ", Args ++ ["--slice", "3/3", "--out", There]),
-            says(0, "6 runs: 6 complete", ["join", Here, There]),
+            [File, Gate, One, Here, There] = [
+                filename:join(Dir, N)
+             || N <- ["starl_cli_gated.erl", "gate", "one", "here", "there"]
+            ],
+            ok = file:write_file(File, gated(Gate)),
+            Args = ["sweep", File, "--robots", "2..5", "--seeds", "10"],
+            First = Args ++ ["--slice", "1/4", "--jobs", "1", "--out", Here],
+            Port = start(First),
+            Begun = until("stuck", Port, ""),
+            {os_pid, Pid} = erlang:port_info(Port, os_pid),
+            "" = os:cmd("kill -KILL " ++ integer_to_list(Pid)),
+            ?assertMatch({137, _}, rest(Port, Begun)),
+            ok = file:write_file(Gate, ""),
+            Lacking = says(4, "39 of 40 runs are missing", ["join", Here]),
+            contains("slice 1/4 lacks 9 of 10; make them with: ", Lacking),
+            contains("--seeds 10 --out " ++ Here ++ " --slice 1/4", Lacking),
+            says(0, "slice 2/4: 10 runs: 10 complete", Args ++ ["--slice=2/4", "--out=" ++ Here]),
+            says(0, "slice 3/4: ", Args ++ ["--slice", "3/4", "--out", There]),
+            says(0, "slice 4/4: ", Args ++ ["--slice", "4/4", "--out", Here]),
+            says(0, "slice 1/4: 10 runs: 10 complete", First),
+            says(0, "40 runs: 40 complete", ["join", Here, There]),
+            says(0, "40 runs: 40 complete", Args ++ ["--out", One]),
             ?assertEqual(runs(One), runs(Here)),
+            ?assertEqual(41, length(rows(Here))),
             says(2, "--slice: 4/3: a slice is K/N", Args ++ ["--slice", "4/3"]),
             says(2, "no slice of a sweep is here", ["join", One]),
             Other = filename:join(Dir, "other"),
             More = ["--speed", "400", "--slice", "1/9", "--out", Other],
-            says(0, "slice 1/9: 1 runs", Args ++ More),
+            says(0, "slice 1/9: 5 runs", Args ++ More),
             says(2, "this is of another sweep than ", ["join", Here, Other])
         end)
     end}.
