@@ -1,0 +1,294 @@
+%% @doc Recordings in a storage, where the robots of many runs leave them.
+%% ```
+%%   pieces/9f86d081...              a piece of a file, by its hash (SHA-256)
+%%   runs/painting-1f2e3d4c/robot-3.mcap-9f86d081   what a file of that run consists of
+%% '''
+%% The list of pieces is sent last, so what is listed is there. A piece that is there is not sent
+%% again: after a cut the rest is sent, and a file that has grown costs only what is new.
+-module(starl_storage).
+
+-export([upload/3, list/1, download/4, execution/1, format_error/1]).
+
+-export_type([options/0, entry/0, reason/0]).
+
+%% `piece_bytes'; `tries': after so many failures one after the other it ends; `pause_ms': after the
+%% first of them, then twice as long each time; `sent': told of each
+%% try to send a piece.
+-type options() :: #{
+    piece_bytes => pos_integer(),
+    tries => pos_integer(),
+    pause_ms => non_neg_integer(),
+    sent => fun((Bytes :: non_neg_integer()) -> term())
+}.
+
+%% A file of a run, and the place of its list.
+-type entry() :: #{run := string(), name := string(), list := string()}.
+
+-type reason() ::
+    starl_storage_rclone:reason()
+    | starl_trace_reader:reason()
+    | {file, file:filename(), file:posix()}
+    | {no_scenario, file:filename()}
+    | {damaged, string()}.
+
+-define(PIECE_BYTES, 1048576).
+-define(TRIES, 5).
+-define(PAUSE_MS, 200).
+-define(SAME, [app, kind, scenario, epoch_us, run]).
+-define(HEAD, "starl recording 1").
+
+%% @doc Sends a recording; the number of pieces, and of those that were sent now.
+-spec upload(file:filename(), starl_storage_rclone:path(), options()) ->
+    {ok, #{run := string(), pieces := pos_integer(), sent := non_neg_integer()}}
+    | {error, reason()}.
+upload(File, Remote, Options) ->
+    stepwise(fun() ->
+        Run = must(execution(File)),
+        There = maps:from_list(
+            must(tried(fun() -> starl_storage_rclone:list(Remote, "pieces") end, Options))
+        ),
+        in_temporary(fun(Temporary) ->
+            {Pieces, Hash, Sent} = pieces(File, Remote, There, Temporary, Options),
+            List = listed(File, Hash, Pieces),
+            ok = must(file_written(Temporary, List)),
+            Name = lists:concat(["runs/", Run, "/", filename:basename(File), "-", short(Hash)]),
+            ok = must(
+                tried(fun() -> starl_storage_rclone:put(Temporary, Remote, Name) end, Options)
+            ),
+            {ok, #{run => Run, pieces => length(Pieces), sent => Sent}}
+        end)
+    end).
+
+%% @doc The run that a recording is of, as a name: the same for all robots of it.
+-spec execution(file:filename()) -> {ok, string()} | {error, reason()}.
+execution(File) ->
+    case starl_trace_reader:start(File) of
+        {ok, Cursor} ->
+            Next = starl_trace_reader:next(Cursor),
+            ok = starl_trace_reader:stop(Cursor),
+            named(Next, File);
+        {error, _} = Error ->
+            Error
+    end.
+
+named({ok, [{scenario, _, #{app := App} = Facts} | _], _}, _File) ->
+    Same = term_to_binary(lists:sort(maps:to_list(maps:with(?SAME, Facts))), [deterministic]),
+    {ok, lists:concat([App, "-", short(hash(Same))])};
+named({error, _} = Error, _File) ->
+    Error;
+named(_Other, File) ->
+    {error, {no_scenario, File}}.
+
+pieces(File, Remote, There, Temporary, Options) ->
+    Bytes = maps:get(piece_bytes, Options, ?PIECE_BYTES),
+    Device = must(named_error(file:open(File, [read, raw, binary]), File)),
+    try
+        pieces(Device, Bytes, {Remote, There, Temporary, Options}, [], crypto:hash_init(sha256), 0)
+    after
+        file:close(Device)
+    end.
+
+pieces(Device, Bytes, {Remote, There, Temporary, Options} = To, Before, Whole, Sent) ->
+    case file:read(Device, Bytes) of
+        {ok, Piece} ->
+            Hash = hash(Piece),
+            Size = byte_size(Piece),
+            Now =
+                case There of
+                    #{Hash := Size} -> 0;
+                    #{} -> sent(Piece, "pieces/" ++ Hash, Remote, Temporary, Options)
+                end,
+            Next = crypto:hash_update(Whole, Piece),
+            pieces(
+                Device,
+                Bytes,
+                setelement(2, To, There#{Hash => Size}),
+                [{Hash, Size} | Before],
+                Next,
+                Sent + Now
+            );
+        eof ->
+            {lists:reverse(Before), hex(crypto:hash_final(Whole)), Sent}
+    end.
+
+sent(Piece, Name, Remote, Temporary, Options) ->
+    ok = must(file_written(Temporary, Piece)),
+    Told = maps:get(sent, Options, fun(_) -> ok end),
+    Send = fun() ->
+        _ = Told(byte_size(Piece)),
+        starl_storage_rclone:put(Temporary, Remote, Name)
+    end,
+    ok = must(tried(Send, Options)),
+    1.
+
+%% -- back -------------------------------------------------------------------------------------
+
+%% @doc What a storage has, by run.
+-spec list(starl_storage_rclone:path()) -> {ok, [entry()]} | {error, reason()}.
+list(Remote) ->
+    case tried(fun() -> starl_storage_rclone:list(Remote, "runs") end, #{}) of
+        {ok, Files} ->
+            {ok, [E || {Path, _} <- lists:sort(Files), E <- entry(string:split(Path, "/"))]};
+        {error, _} = Error ->
+            Error
+    end.
+
+%% What somebody else has put there, or what is being sent, is none.
+entry([Run, File]) ->
+    case
+        re:run(Run ++ "/" ++ File, "^[\\w.@-]+/([\\w@-][\\w.@ -]*)-[0-9a-f]{16}$", [
+            {capture, [1], list}, unicode
+        ])
+    of
+        {match, [Name]} -> [#{run => Run, name => Name, list => "runs/" ++ Run ++ "/" ++ File}];
+        nomatch -> []
+    end;
+entry(_Other) ->
+    [].
+
+%% @doc Fetches a file, checks it, and puts it under that name. What an earlier try has fetched is
+%% not fetched again.
+-spec download(entry(), starl_storage_rclone:path(), file:filename(), options()) ->
+    {ok, fetched | is_there} | {error, reason()}.
+download(#{list := List}, Remote, File, Options) ->
+    stepwise(fun() ->
+        ok = must(named_error(filelib:ensure_dir(File), File)),
+        in_temporary(fun(Temporary) ->
+            ok = must(
+                tried(fun() -> starl_storage_rclone:get(Remote, List, Temporary) end, Options)
+            ),
+            {Hash, Pieces} = must(read_list(file:read_file(Temporary), List)),
+            case file:read_file(File) of
+                {ok, Bytes} ->
+                    case hash(Bytes) of
+                        Hash -> {ok, is_there};
+                        _ -> {error, {file, File, eexist}}
+                    end;
+                {error, _} ->
+                    joined(Pieces, Hash, Remote, File, Options)
+            end
+        end)
+    end).
+
+joined(Pieces, Hash, Remote, File, Options) ->
+    Dir = File ++ ".pieces",
+    ok = must(named_error(filelib:ensure_path(Dir), Dir)),
+    Whole = [fetched(Piece, Dir, Remote, Options) || Piece <- Pieces],
+    case hash(Whole) of
+        Hash ->
+            Part = filename:join(Dir, "whole"),
+            ok = must(file_written(Part, Whole)),
+            ok = must(named_error(file:rename(Part, File), File)),
+            _ = file:del_dir_r(Dir),
+            {ok, fetched};
+        _ ->
+            {error, {damaged, File}}
+    end.
+
+fetched({Hash, Size}, Dir, Remote, Options) ->
+    File = filename:join(Dir, Hash),
+    case file:read_file(File) of
+        {ok, Bytes} when byte_size(Bytes) =:= Size ->
+            case hash(Bytes) of
+                Hash -> Bytes;
+                _ -> fetch(Hash, File, Remote, Options)
+            end;
+        _ ->
+            fetch(Hash, File, Remote, Options)
+    end.
+
+fetch(Hash, File, Remote, Options) ->
+    Name = "pieces/" ++ Hash,
+    ok = must(tried(fun() -> starl_storage_rclone:get(Remote, Name, File) end, Options)),
+    Bytes = must(named_error(file:read_file(File), File)),
+    case hash(Bytes) of
+        Hash -> Bytes;
+        _ -> throw({?MODULE, {error, {damaged, Name}}})
+    end.
+
+%% -- the list ---------------------------------------------------------------------------------
+
+listed(File, Hash, Pieces) ->
+    [
+        [?HEAD, "\nfile ", filename:basename(File), "\nhash ", Hash, "\n"],
+        [["piece ", H, " ", integer_to_list(Size), "\n"] || {H, Size} <- Pieces]
+    ].
+
+read_list({ok, Text}, List) ->
+    case string:lexemes(unicode:characters_to_list(Text), "\n") of
+        [?HEAD, "file " ++ _, "hash " ++ Hash | Lines] ->
+            Read = [
+                re:run(L, "^piece ([0-9a-f]{64}) ([0-9]{1,12})$", [{capture, [1, 2], list}])
+             || L <- Lines
+            ],
+            case lists:member(nomatch, Read) of
+                false -> {ok, {Hash, [{H, list_to_integer(Size)} || {match, [H, Size]} <- Read]}};
+                true -> {error, {damaged, List}}
+            end;
+        _ ->
+            {error, {damaged, List}}
+    end;
+read_list({error, _}, List) ->
+    {error, {damaged, List}}.
+
+%% -- steps ------------------------------------------------------------------------------------
+
+stepwise(Steps) ->
+    try
+        Steps()
+    catch
+        throw:{?MODULE, {error, _} = Error} -> Error
+    end.
+
+must(ok) -> ok;
+must({ok, Value}) -> Value;
+must({error, _} = Error) -> throw({?MODULE, Error}).
+
+named_error({error, Posix}, File) when is_atom(Posix) -> {error, {file, File, Posix}};
+named_error(Done, _File) -> Done.
+
+file_written(File, Bytes) -> named_error(file:write_file(File, Bytes), File).
+
+tried(Step, Options) ->
+    tried(Step, maps:get(tries, Options, ?TRIES), maps:get(pause_ms, Options, ?PAUSE_MS)).
+
+tried(Step, Left, Pause) ->
+    case Step() of
+        {error, {lost, _, _}} when Left > 1 ->
+            timer:sleep(Pause),
+            tried(Step, Left - 1, 2 * Pause);
+        Answer ->
+            Answer
+    end.
+
+in_temporary(Use) ->
+    Name = lists:concat(["starl-", os:getpid(), "-", erlang:unique_integer([positive]), ".piece"]),
+    File = filename:join(os:getenv("TMPDIR", "/tmp"), Name),
+    try
+        Use(File)
+    after
+        file:delete(File)
+    end.
+
+hash(Bytes) -> hex(crypto:hash(sha256, Bytes)).
+
+hex(Bytes) -> string:lowercase(binary_to_list(binary:encode_hex(Bytes))).
+
+short(Hash) -> lists:sublist(Hash, 16).
+
+%% @doc One line on a problem: what is wrong, where, and what to do.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({file, File, eexist}) ->
+    [File, ": is there already, and is another file"];
+format_error({file, File, Posix}) ->
+    [File, ": ", file:format_error(Posix)];
+format_error({no_scenario, File}) ->
+    [File, ": the recording does not begin with its scenario"];
+format_error({damaged, Name}) ->
+    [Name, ": is damaged in the storage; upload the recording again"];
+format_error(Reason) when
+    Reason =:= no_rclone; element(1, Reason) =:= lost; element(1, Reason) =:= refused
+->
+    starl_storage_rclone:format_error(Reason);
+format_error(Reason) ->
+    starl_trace_reader:format_error(Reason).
