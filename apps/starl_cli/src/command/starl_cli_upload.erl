@@ -11,12 +11,12 @@ name() -> "upload".
 synopsis() -> "send recordings to a storage".
 
 -spec argument() -> starl_cli_command:argument().
-argument() -> {required, "RECORDING...", {example, "out/painting-1"}}.
+argument() -> {required, "FILES", {example, "out/painting-1"}}.
 
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
-        "./starl upload RECORDING... REMOTE:PATH sends recordings to any storage that the program "
+        "./starl upload FILES... REMOTE:PATH sends recordings to any storage that the program "
         "rclone knows, in pieces by their hashes. Started again it sends only what is missing. "
         "./starl download fetches them.",
         {lines, ["  ./starl upload robot-*.mcap lab:runs\n"]}
