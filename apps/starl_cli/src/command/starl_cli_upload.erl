@@ -52,7 +52,8 @@ sent([], _Remote) ->
 sent([File | Files], Remote) ->
     case starl_storage:upload(File, Remote, #{}) of
         {ok, #{run := Run, pieces := Pieces, sent := Sent}} ->
-            starl_cli_terminal:out("~ts: ~b of ~b pieces sent, run ~ts\n", [File, Sent, Pieces, Run]),
+            Line = "~ts: ~b of ~b pieces sent, run ~ts\n",
+            starl_cli_terminal:out(Line, [File, Sent, Pieces, Run]),
             sent(Files, Remote);
         {error, Reason} ->
             {error, [starl_storage:format_error(Reason)]}
