@@ -5,7 +5,8 @@
 %% beside the segment (its face), or on a circle around one of its ends. Straight lines and arcs
 %% meet both in closed form. A parabola, and two bodies of which one bends, are cut into chords from
 %% which the path strays by a bound on its acceleration; there the bodies stop short of the contact
-%% by at most that much, and never later.
+%% by at most twice that much, since they count as thicker by it and may be on the other side of the
+%% chord; and never later.
 %%
 %% A body that touches already is in contact only if the distance falls: it may always leave, and
 %% slide along. One that is in the wall, because a door has closed on it, may move where it gets no
