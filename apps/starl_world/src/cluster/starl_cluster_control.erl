@@ -2,7 +2,7 @@
 %% user's own. A command is one line of words, the answer a text.
 -module(starl_cluster_control).
 
--export([start_link/1, close/0, ask/2]).
+-export([start_link/1, close/0, ask/2, ask/3]).
 
 -export_type([handler/0]).
 
@@ -80,13 +80,18 @@ close() ->
 %% @doc Sends a command to the cluster of this process number, or to the only one.
 -spec ask([string(), ...], OsPid :: pos_integer() | none) ->
     {ok, unicode:chardata()} | {error, unicode:chardata()}.
-ask(Words, OsPid) ->
+ask(Words, OsPid) -> ask(Words, OsPid, ?TIMEOUT_MS).
+
+%% @doc The same, for at most so many milliseconds without a word of the cluster.
+-spec ask([string(), ...], OsPid :: pos_integer() | none, Ms :: pos_integer()) ->
+    {ok, unicode:chardata()} | {error, unicode:chardata()}.
+ask(Words, OsPid, Ms) ->
     Running = [Pid || Pid <- pids(), OsPid =:= none orelse integer_to_list(OsPid) =:= Pid],
     case [Open || Pid <- Running, {ok, Socket} <- [connect(Pid)], Open <- [{Pid, Socket}]] of
         [] ->
             {error, "no cluster runs; start one first, as in ./starl cluster painting"};
         [{_, Socket}] ->
-            asked(Words, Socket);
+            asked(Words, Socket, Ms);
         [_, _ | _] = Several ->
             Each = lists:join(", ", [[Pid, doing(Pid)] || {Pid, _} <- Several]),
             {error, ["several clusters run; name one by --pid: ", Each]}
@@ -117,18 +122,24 @@ connect(Pid) ->
             Error
     end.
 
-asked(Words, Socket) ->
+asked(Words, Socket, Ms) ->
     ok = gen_tcp:send(Socket, [lists:join(" ", Words), "\n"]),
-    Answer = all(Socket, []),
+    Answer = all(Socket, Ms, []),
     ok = gen_tcp:close(Socket),
     case Answer of
-        <<"ok\n", Text/binary>> -> {ok, Text};
-        <<"error\n", Why/binary>> -> {error, Why};
-        _ -> {error, "the cluster has ended"}
+        <<"ok\n", Text/binary>> ->
+            {ok, Text};
+        <<"error\n", Why/binary>> ->
+            {error, Why};
+        timeout ->
+            {error, io_lib:format("no answer within ~b s; the cluster may be busy", [Ms div 1000])};
+        _ ->
+            {error, "the cluster has ended"}
     end.
 
-all(Socket, Read) ->
-    case gen_tcp:recv(Socket, 0, ?TIMEOUT_MS) of
-        {ok, Bytes} -> all(Socket, [Read, Bytes]);
+all(Socket, Ms, Read) ->
+    case gen_tcp:recv(Socket, 0, Ms) of
+        {ok, Bytes} -> all(Socket, Ms, [Read, Bytes]);
+        {error, timeout} -> timeout;
         {error, _} -> iolist_to_binary(Read)
     end.
