@@ -191,12 +191,12 @@ of_one_run([#file{name = First, facts = Facts} | Others] = Files) ->
         [A, B | _] ->
             throw({?MODULE, {two_worlds, A, B}});
         _ ->
-            [
+            _ = [
                 apart(Before, File)
              || {N, File} <- lists:enumerate(Files), Before <- lists:sublist(Files, N - 1)
-            ]
-    end,
-    ok.
+            ],
+            ok
+    end.
 
 %% Two files that tell of one robot follow each other. By their numbers they do, also if its clock
 %% was set back.
