@@ -20,6 +20,7 @@
     damaged_stores_of_all/1,
     damaged_one_after_another/1,
     damaged_for_a_while/1,
+    damaged_while_another_reboots/1,
     memory_is_bounded/1,
     planted_bugs_are_caught/1
 ]).
@@ -40,6 +41,7 @@ all() ->
         damaged_stores_of_all,
         damaged_one_after_another,
         damaged_for_a_while,
+        damaged_while_another_reboots,
         memory_is_bounded,
         planted_bugs_are_caught
     ].
@@ -217,6 +219,13 @@ damaged_for_a_while(_) ->
         )
      || Robots <- [2, 3], At <- lists:seq(1000, 1300, 10), Again <- [At + 3400, At + 3700]
     ].
+
+%% A damaged robot asks one that has just come up itself and may know less than it did: the round that it
+%% had reached counts as passed, and its machine crashes before it goes on.
+damaged_while_another_reboots(_) ->
+    Storm = {1, 0.0, 0.0, {5, 20}, 50, [{87, 3, barrier}, {7, 3, damaged}, {5, 1, reboot}]},
+    Outcome = starl_blocks_storm:run(starl_barrier_app, Storm, #{}),
+    ?assertEqual([], starl_blocks_storm:broken(barrier, Outcome)).
 
 crash(Robot, At, Machine) ->
     Name = starl_platform_ct:fault_id(lists:concat([Machine, "_"]), At),

@@ -209,6 +209,13 @@ recalled_is_judged_test() ->
     ?assertEqual([], judge(Round ++ [{4, 1, recalled, K, 0} || K <- [0, 1]])),
     ?assertEqual([], judge(Round ++ [{4, 1, recalled, 1, 1}, {5, 1, reached, 2}])).
 
+%% A robot whose store was damaged may count the round that it had reached as passed, though not all have
+%% reached it: it has skipped it, and that is no pass. One that tells its application so passes early.
+skipped_is_not_passed_test() ->
+    Damaged = [{1, 2, reached, 1}, {2, 2, crashed}, {2, 2, damaged}, {3, 2, crashed}],
+    ?assertEqual([], judge(Damaged ++ [{3, 2, recalled, 1, 1}, {4, 2, reached, 2}])),
+    ?assertEqual([passed_early], judge(Damaged ++ [{3, 2, recalled, 1, 1}, {4, 2, passed, 1}])).
+
 %% Whose store was damaged does not know whether it has passed the round that it had reached. It may
 %% go on with the one after it, once, and passes neither early nor a round of before.
 damaged_test() ->

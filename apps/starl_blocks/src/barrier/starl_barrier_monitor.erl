@@ -197,13 +197,15 @@ judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
 
 %% What a machine has stored and not told, since its life has ended in that step, counts from now. One
-%% of two stores in a step is told.
+%% of two stores in a step is told. But a round that counts as passed since the store was damaged, or set
+%% back, may have been skipped, and nobody was told that all have reached it: it is no pass.
 recalled(T, Robot, Name, {K, Passed}, State) ->
     Key = {Name, Robot},
     Reached = K > maps:get(Key, State#state.reached, 0),
     Left =
         Passed =:= maps:get(Key, State#state.at, 0) andalso
-            Passed =/= maps:get(Key, State#state.passed, 0),
+            Passed =/= maps:get(Key, State#state.passed, 0) andalso
+            not is_map_key(Key, State#state.unsound),
     case {Reached, Left} of
         {true, _} -> judge({barrier, {reached, Name, K}}, T, Robot, State);
         {false, true} -> judge({barrier, {passed, Name, Passed}}, T, Robot, State);
