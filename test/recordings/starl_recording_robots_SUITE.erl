@@ -48,7 +48,17 @@ init_per_suite(Config) ->
         play,
         [
             #{app => painting, robots => 3, loss => 0.2},
-            [{cut, 1, 3}, {up, 3}, {for, 10}, heal, {for, 3}, {kill, 2}, {again, 2}, {for, 3}, stop],
+            [
+                {cut, 1, 3},
+                {up, 3},
+                {for, 10},
+                heal,
+                {for, 3},
+                {kill, 2},
+                {again, 2},
+                {for, 3},
+                stop
+            ],
             Dir
         ],
         120000

@@ -10,26 +10,11 @@ recording(Holds) ->
     Events = fun(Times) ->
         lists:append([[{A, {acquired, t, 1}}, {B, {released, t, 1}}] || {A, B} <- Times])
     end,
-    #{
-        how => exact,
-        app => made,
-        monitors => [],
-        robots => [R || {R, _} <- Holds],
-        begun => 0,
-        extent => {0, ?END},
-        states => maps:from_list([
-            {R, starl_debug_state:new(R, #{mutex => Events(Times)}, {0, ?END}, exact)}
-         || {R, Times} <- Holds
-        ]),
-        tracks => #{},
-        packets => [],
-        tokens => [<<"t">>],
-        geocasts => [],
-        missing => [],
-        too_fast => [],
-        holes => [],
-        left_out => []
-    }.
+    States = maps:from_list([
+        {R, starl_debug_state:new(R, #{mutex => Events(Times)}, {0, ?END}, exact)}
+     || {R, Times} <- Holds
+    ]),
+    starl_debug_truth:recording({0, ?END}, States, #{}).
 
 answer(Text, Holds, Options) ->
     Recording = recording(Holds),

@@ -4,7 +4,7 @@
 %% test.
 -module(starl_debug_truth).
 
--export([make/2, truth/2, answers/3, wrong/3, table/1, table/3]).
+-export([recording/3, make/2, truth/2, answers/3, wrong/3, table/1, table/3]).
 
 -define(SPEED, 500.0).
 -define(MOST_PPM, 100).
@@ -24,6 +24,26 @@ predicates() ->
         "r1.x < 1 m and not r2.x < 1 m and dist(r3.pos, point(1 m, 1 m)) < 300 mm"
     ].
 
+%% A whole recording of robots with these states and tracks.
+recording(Extent, States, Tracks) ->
+    #{
+        how => exact,
+        app => made,
+        monitors => [],
+        robots => lists:sort(maps:keys(States)),
+        begun => 0,
+        extent => Extent,
+        states => States,
+        tracks => Tracks,
+        packets => [],
+        tokens => [<<"t">>],
+        geocasts => [],
+        missing => [],
+        too_fast => [],
+        holes => [],
+        left_out => []
+    }.
+
 %% A run of three robots: its recording, and the truth. `ms': its length; `sigma': us; `hz': samples
 %% a second.
 make(Seed, #{ms := Ms, sigma := Sigma, hz := Hz}) ->
@@ -31,27 +51,13 @@ make(Seed, #{ms := Ms, sigma := Sigma, hz := Hz}) ->
     Robots = [{R, robot(Ms, Sigma, Hz)} || R <- [1, 2, 3]],
     Extents = [{round(clock(0, C)), round(clock(Ms, C))} || {_, #{clock := C}} <- Robots],
     States = maps:from_list([
-        {R, starl_debug_state:new(R, #{mutex => events(Robot)}, Extent, exact)}
-     || {{R, Robot}, Extent} <- lists:zip(Robots, Extents)
+        {R, starl_debug_state:new(R, #{mutex => events(Robot)}, Own, exact)}
+     || {{R, Robot}, Own} <- lists:zip(Robots, Extents)
     ]),
+    Extent = {lists:min([A || {A, _} <- Extents]), lists:max([B || {_, B} <- Extents])},
+    Tracks = maps:from_list([{R, track(Robot)} || {R, Robot} <- Robots]),
     {
-        #{
-            how => exact,
-            app => truth,
-            monitors => [],
-            robots => [R || {R, _} <- Robots],
-            begun => 0,
-            extent => {lists:min([A || {A, _} <- Extents]), lists:max([B || {_, B} <- Extents])},
-            states => States,
-            tracks => maps:from_list([{R, track(Robot)} || {R, Robot} <- Robots]),
-            packets => [],
-            tokens => [<<"t">>],
-            geocasts => [],
-            missing => [],
-            too_fast => [],
-            holes => [],
-            left_out => []
-        },
+        recording(Extent, States, Tracks),
         #{ms => Ms, robots => maps:from_list(Robots)}
     }.
 

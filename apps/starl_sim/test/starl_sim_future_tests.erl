@@ -95,8 +95,7 @@ faults_ahead_are_drawn_anew_test() ->
     ].
 
 nothing_to_ask_test_() ->
-    {timeout, 60,
-        ?_assertEqual({error, holds}, starl_sim_future:repeat((?SCENARIO)#{time => 1}))}.
+    {timeout, 60, ?_assertEqual({error, holds}, starl_sim_future:repeat((?SCENARIO)#{time => 1}))}.
 
 %% -- helpers --------------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@
 %% library at hand, `jsx' or OTP's own `json' (OTP 27 and newer).
 -module(starl_view_json).
 
--export([encode/1, decode/1]).
+-export([encode/1, decode/1, codec/0]).
 
 -export_type([value/0]).
 
@@ -49,7 +49,9 @@ decode(Text) ->
         error:_ -> error
     end.
 
-%% A module that is not there is looked for in all directories each time, so only one is asked for.
+%% @doc The library at hand. A module that is not there is looked for in all directories each time, so only
+%% one is asked for.
+-spec codec() -> jsx | json.
 codec() ->
     case code:ensure_loaded(jsx) of
         {module, jsx} -> jsx;

@@ -50,21 +50,10 @@ shown(#{name := Name, size := Size} = Floor, Out) ->
     Drawing = #{
         floor => Size, plan => Floor, target => [], ink => #{}, robots => [], title => Name
     },
-    Write = fun(Dir) -> done(starl_picture_draw:write(Dir, name(), Drawing)) end,
-    written(starl_cli_out:write(Out, Write)).
+    starl_cli_drawing:write(Out, name(), fun(Dir) ->
+        written(starl_picture_draw:write(Dir, name(), Drawing))
+    end).
 
-done({ok, _Files}) -> ok;
-done({partly, _Files, Reason}) -> {partly, starl_picture_draw:format_error(Reason)};
-done({error, Reason}) -> {error, starl_picture_draw:format_error(Reason)}.
-
-written({ok, Dir}) ->
-    Files = filelib:wildcard(filename:join(Dir, "floor.*")),
-    starl_cli_terminal:out([["result: ", starl_cli_out:shown(File), "\n"] || File <- Files]),
-    0;
-written({partly, Dir, Why}) ->
-    _ = written({ok, Dir}),
-    starl_cli_terminal:complain(Why),
-    1;
-written({error, Why}) ->
-    starl_cli_terminal:complain(["the drawing could not be written: ", Why]),
-    1.
+written({partly, Files, Reason}) -> {partly, Files, starl_picture_draw:format_error(Reason)};
+written({error, Reason}) -> {error, starl_picture_draw:format_error(Reason)};
+written({ok, _Files} = All) -> All.

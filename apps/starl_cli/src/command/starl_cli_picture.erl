@@ -71,20 +71,4 @@ shown({error, Why}, _Out) ->
     {error, [Why]};
 shown({ok, #{lines := Lines, write := Write}}, Out) ->
     starl_cli_terminal:out([[Line, "\n"] || Line <- Lines]),
-    written(starl_cli_out:write(Out, fun(Dir) -> done(Write(Dir)) end)).
-
-done({ok, _Files}) -> ok;
-done({partly, _Files, Why}) -> {partly, Why};
-done({error, Why}) -> {error, Why}.
-
-written({ok, Dir}) ->
-    Files = filelib:wildcard(filename:join(Dir, "picture.*")),
-    starl_cli_terminal:out([["result: ", starl_cli_out:shown(File), "\n"] || File <- Files]),
-    0;
-written({partly, Dir, Why}) ->
-    _ = written({ok, Dir}),
-    starl_cli_terminal:complain(Why),
-    1;
-written({error, Why}) ->
-    starl_cli_terminal:complain(["the drawing could not be written: ", Why]),
-    1.
+    starl_cli_drawing:write(Out, "picture", Write).

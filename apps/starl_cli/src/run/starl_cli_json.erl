@@ -15,14 +15,7 @@
 
 %% @doc A value in one line.
 -spec encode(value()) -> iodata().
-encode(Value) -> encode(codec(), Value).
-
-%% A module that is not there is looked for in all directories each time, so only one is asked for.
-codec() ->
-    case code:ensure_loaded(jsx) of
-        {module, jsx} -> jsx;
-        {error, _} -> json
-    end.
+encode(Value) -> encode(starl_view_json:codec(), Value).
 
 %% @doc An object, one line per pair.
 -spec pretty([{atom(), value()}, ...]) -> iolist().
