@@ -273,6 +273,7 @@ example() ->
     #{
         robots => [1, 2, 3],
         world => {12000, 12000},
+        floor => starl_floor:empty({12000, 12000}),
         seed => 1,
         profiles => [starl_chassis:profile(starl_chassis_differential, #{})],
         sap => #{},

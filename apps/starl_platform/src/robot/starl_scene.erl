@@ -15,7 +15,7 @@
     robots := [starl:robot_id()],
     world := {WidthMm :: number(), HeightMm :: number()},
     %% the floor plan; of a run without one, an empty floor of that size
-    floor => starl_floor:t(),
+    floor := starl_floor:t(),
     seed := integer(),
     %% the profiles of the robots, taken in turn
     profiles := starl_chassis:profiles(),
