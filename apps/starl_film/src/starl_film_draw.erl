@@ -37,13 +37,18 @@ open(Look, Foot, #{width := Width, height := Height, dot := Dot} = Page) ->
         number(2 * round(Full / Dot / 2)),
         "\" viewBox=\"0 0 ",
         [number(Width), $\s, number(Full)],
-        "\">\n<rect width=\"100%\" height=\"100%\" fill=\"",
+        "\">\n<rect width=\"100%\" height=\"100%\"",
         ground(Look),
-        "\"/>\n"
+        "/>\n"
     ].
 
-ground(day) -> "#fff";
-ground(night) -> "#06070d".
+ground(day) -> " class=\"p\" fill=\"#fff\"";
+ground(night) -> " fill=\"#06070d\"".
+
+%% A film within a dark page is dark: browsers ask the reader's setting for pictures, too.
+dark() ->
+    "@media(prefers-color-scheme:dark){.p,.b{fill:#0d1117}.t{stroke:#3d444d}"
+    ".e{fill:#2a2f36}text{fill:#d1d7e0}}".
 
 %% @doc The styles of ink, robots and letters.
 -spec style(page()) -> iolist().
@@ -55,7 +60,9 @@ style(#{dot := Dot}) ->
         number(1.5 * Dot),
         "}.b{fill:#fff;fill-opacity:.85;stroke-width:",
         number(2.5 * Dot),
-        "}text{font-family:sans-serif;fill:#303030}</style>\n"
+        "}text{font-family:sans-serif;fill:#303030}",
+        dark(),
+        "</style>\n"
     ].
 
 %% @doc The lines that are to be painted.

@@ -176,7 +176,7 @@ foot(Title, #film{page = #{width := Width, height := Height, dot := Dot}, end_us
         "animate attributeName=\"width\"", [{0, "0"}, {End, integer_to_list(Width)}], Film
     ),
     [
-        io_lib:format("<rect y=\"~b\" width=\"~b\" height=\"~b\" fill=\"#eee\"/>\n", [
+        io_lib:format("<rect class=\"e\" y=\"~b\" width=\"~b\" height=\"~b\" fill=\"#eee\"/>\n", [
             Height, Width, round(4 * Dot)
         ]),
         io_lib:format("<rect y=\"~b\" width=\"~b\" height=\"~b\" fill=\"#888\">", [
