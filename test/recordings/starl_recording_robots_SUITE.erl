@@ -61,7 +61,7 @@ init_per_suite(Config) ->
             ],
             Dir
         ],
-        120000
+        infinity
     ),
     [{conductor, Conductor}, {dir, Dir}, {painted, Painted} | Config].
 
@@ -166,7 +166,7 @@ rotated(Most, Config) ->
             Most,
             Dir
         ],
-        120000
+        infinity
     ),
     {Dir, Outcome, robots_files(Dir)}.
 
@@ -252,7 +252,7 @@ broken_contracts_are_found(Config) ->
         robots := 3, loss => 0.6, time := 60
     },
     Conductor = proplists:get_value(conductor, Config),
-    Outcome = peer:call(Conductor, ?MODULE, play, [Scenario, [], Dir], 120000),
+    Outcome = peer:call(Conductor, ?MODULE, play, [Scenario, [], Dir], infinity),
     ?assertMatch(#{violations := [#{contract := sap} | _]}, Outcome),
     #{violations := Found} = judged_as(Outcome, robots_files(Dir), Dir),
     ?assertMatch([#{contract := sap} | _], Found).

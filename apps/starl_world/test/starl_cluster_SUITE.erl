@@ -311,7 +311,7 @@ run(Transport, N, Script, Config) ->
     in_conductor(play, [Transport, N, Script, Dir], Config).
 
 in_conductor(Function, Args, Config) ->
-    peer:call(proplists:get_value(conductor, Config), ?MODULE, Function, Args, 120000).
+    peer:call(proplists:get_value(conductor, Config), ?MODULE, Function, Args, infinity).
 
 %% Robot 1 sends the numbers up to N to robot 2, which tells this process of each. The script says
 %% what happens after which number; then the run goes on to its end.

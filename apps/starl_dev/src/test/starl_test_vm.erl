@@ -70,6 +70,8 @@ ran(#{kind := suite, modules := [Suite], name := Name} = Job, Begin) ->
         {suite, Suite},
         {logdir, Pages},
         {auto_compile, false},
+        %% they are for cases that hang, not for a busy computer
+        {multiply_timetraps, 3},
         {ct_hooks, [{starl_test_cases, #{to => pid_to_list(self()), file => case_file(Job)}}]}
     ]),
     suite(Name, Answer, cases([]), erlang:monotonic_time(millisecond) - Begin);
