@@ -84,13 +84,16 @@ holds(Scenario) -> holds(Scenario, #{}).
 holds(Scenario, Demand) ->
     ok = starl_property_mistake:scenario(Scenario),
     ok = starl_property_mistake:demand(Demand),
-    Verdict = starl_property_run:verdict(Scenario, Demand),
+    Verdict = starl_property_shrinking:judged(Scenario, fun() ->
+        starl_property_run:verdict(Scenario, Demand)
+    end),
     proper:whenfail(
         fun() -> starl_property_run:tell(Scenario, Demand, Verdict) end,
         fun() -> Verdict =:= holds end
     ).
 
-%% @doc Tests a property of PropEr; prints the seed, with which a failing test is repeated.
+%% @doc Tests a property of PropEr; prints the seed, with which a failing test is repeated. PropEr makes a
+%% failing case smaller with at most 300 runs.
 -spec quickcheck(generator()) -> boolean().
 quickcheck(Property) -> quickcheck(Property, #{}).
 
@@ -115,7 +118,9 @@ quickcheck(Property, Options) ->
     %% Crashes are planned: what is said of them would hide the answer.
     ok = logger:set_primary_config(level, none),
     try
-        true =:= proper:quickcheck(Seeded, [{numtests, Cases}, nocolors])
+        starl_property_shrinking:within_bound(fun() ->
+            true =:= proper:quickcheck(Seeded, [{numtests, Cases}, nocolors])
+        end)
     after
         ok = logger:set_primary_config(level, Level)
     end.

@@ -129,9 +129,25 @@ incomplete_test() ->
     ?assertNot(quietly(Team, #{dir => dir("incomplete"), complete => true, crashes => true})),
     ?assert(quietly(Team, #{crashes => true})).
 
-quietly(Team, Demand) ->
+%% A failing case has thousands of neighbours that hold: PropEr does not try them all.
+shrinking_ends_test_() ->
+    {timeout, 300, fun() ->
+        Runs = counters:new(1, []),
+        Few = fun(#{scenario := #{faults := Faults, loss := Loss}}) ->
+            ok = counters:add(Runs, 1, 1),
+            length(Faults) < 4 orelse Loss < 0.3
+        end,
+        Team = #{app => ?MODULE, robots => {1, 2}, random_faults => [all], vary => [loss]},
+        Demand = #{dir => dir("shrinking"), crashes => true, outcome => Few},
+        ?assertNot(quietly(Team, Demand, 100)),
+        ?assert(counters:get(Runs, 1) =< 100 + 300 + 1, counters:get(Runs, 1))
+    end}.
+
+quietly(Team, Demand) -> quietly(Team, Demand, 5).
+
+quietly(Team, Demand, Cases) ->
     Property = ?FORALL(S, starl_property:scenario(Team), starl_property:holds(S, Demand)),
-    starl_property:quickcheck(Property, #{cases => 5}).
+    starl_property:quickcheck(Property, #{cases => Cases}).
 
 dir(Name) ->
     Dir = filename:join(["_build", "test", "starl_property", Name]),
