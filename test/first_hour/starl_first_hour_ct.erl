@@ -1,7 +1,7 @@
 %% A terminal for the tests: shell lines that call ./starl from a directory of their own.
 -module(starl_first_hour_ct).
 
--export([sh/2, sh/3, root/0, path/0, contains/2, write/2]).
+-export([sh/2, sh/3, root/0, path/0, contains/2, write/2, repository/1]).
 
 %% Runs a line of sh in a directory; $starl is the script of the checkout. Gives the exit status and
 %% what both outputs said.
@@ -42,6 +42,18 @@ contains(Part, Text) ->
 write(File, Text) ->
     ok = filelib:ensure_dir(File),
     ok = file:write_file(File, Text).
+
+%% Makes a directory a repository with the sources that are tested here, for projects to depend on.
+repository(Dir) ->
+    {0, _} = sh(
+        "git -C '" ++ root() ++
+            "' ls-files -co --exclude-standard | tar -C '" ++ root() ++
+            "' -cf - --ignore-failed-read -T - | tar -xf - && git init -q -b main . && git add -A"
+            " && git -c user.name=test -c user.email=test@localhost commit -qm sources",
+        Dir,
+        [{"ERL_LIBS", false}]
+    ),
+    Dir.
 
 %% The checkout.
 root() -> root(filename:dirname(code:which(?MODULE))).

@@ -11,6 +11,7 @@ suite() -> [{timetrap, {minutes, 15}}].
 all() ->
     [
         an_erlang_project_passes_its_tests,
+        a_commit_of_its_own_is_found,
         its_names_are_known_in_its_directory,
         its_shell_tells_of_modules,
         a_failing_property_leaves_a_scenario,
@@ -22,18 +23,8 @@ all() ->
 
 %% The repository that the projects depend on, and the project of the first cases.
 init_per_suite(Config) ->
-    Root = starl_first_hour_ct:root(),
-    Dir = ?config(priv_dir, Config),
-    Repository = filename:join(Dir, "repository"),
-    ok = filelib:ensure_dir(filename:join(Repository, "x")),
-    {0, _} = sh(
-        "git -C '" ++ Root ++
-            "' ls-files -co --exclude-standard | tar -C '" ++ Root ++
-            "' -cf - --ignore-failed-read -T - | tar -xf - && git init -q . && git add -A"
-            " && git -c user.name=test -c user.email=test@localhost commit -qm sources",
-        Repository
-    ),
-    [{repository, Repository} | Config].
+    Repository = filename:join(?config(priv_dir, Config), "repository"),
+    [{repository, starl_first_hour_ct:repository(Repository)} | Config].
 
 end_per_suite(Config) -> Config.
 
@@ -43,6 +34,28 @@ an_erlang_project_passes_its_tests(Config) ->
     ?assertEqual(
         {0, match}, {Status, re:run(Text, "3 tests, 0 failures", [{capture, none}])}, Text
     ).
+
+%% A clone with a commit that its origin has not is itself what the project depends on.
+a_commit_of_its_own_is_found(Config) ->
+    Clone = at("clone", Config),
+    Git = "git -c user.name=test -c user.email=test@localhost -C '" ++ Clone ++ "' ",
+    Repository = ?config(repository, Config),
+    Cloned = lists:append(["git clone -q '", Repository, "' '", Clone, "'"]),
+    {0, _} = sh(Cloned, ?config(priv_dir, Config)),
+    ?assertEqual(["file://", Repository], origin("theirs", Clone, Config)),
+    {0, _} = sh(Git ++ "commit -q --allow-empty -m own", Clone),
+    ?assertEqual(["file://", Clone], origin("ours", Clone, Config)).
+
+%% Where a project that is made by this clone finds StarL.
+origin(Name, Clone, Config) ->
+    {ok, Cwd} = file:get_cwd(),
+    ok = file:set_cwd(?config(priv_dir, Config)),
+    {ok, _} = starl_new:make(Name, app, Clone),
+    ok = file:set_cwd(Cwd),
+    {ok, Terms} = file:consult(filename:join(at(Name, Config), "rebar.config")),
+    [{starl, {git, Url, _}}] = proplists:get_value(deps, Terms),
+    {Scheme, Path} = lists:split(length("file://"), Url),
+    [Scheme, Path].
 
 its_names_are_known_in_its_directory(Config) ->
     Dir = at("patrol", Config),

@@ -86,9 +86,12 @@ replaced(Text, Values) ->
         Values
     ).
 
-%% Where this StarL comes from, and its commit; a clone of nowhere is itself where it comes from.
+%% Where this StarL comes from, and its commit; a clone of nowhere is itself where it comes from, and so
+%% is one whose commit nobody else has yet.
 version(Root) ->
-    case {git(Root, "config --get remote.origin.url"), git(Root, "rev-parse HEAD")} of
+    Shared = git(Root, "branch --remotes --contains HEAD"),
+    Origin = [Url || Url <- [git(Root, "config --get remote.origin.url")], Shared =/= ""],
+    case {lists:append(Origin), git(Root, "rev-parse HEAD")} of
         {_, ""} ->
             {error, [
                 Root,
