@@ -267,7 +267,7 @@ call(Method, Params, #browser{port = Port, session = Session} = Browser) ->
             none -> Message;
             _ -> Message#{sessionId => Session}
         end,
-    true = port_command(Port, [starl_view_json:encode(Full), 0]),
+    true = port_command(Port, [starl_json:encode(Full), 0]),
     {answer(Id, Port), Browser}.
 
 %% A page that complains is broken; that its server has ended is no fault of its own.
@@ -289,7 +289,7 @@ answer(Id, Port) ->
 answer(Id, Port, Rest) ->
     case binary:split(Rest, <<0>>) of
         [Text, More] ->
-            case starl_view_json:decode(Text) of
+            case starl_json:decode(Text) of
                 {ok, #{<<"id">> := Id, <<"result">> := Result}} ->
                     _ = put({rest, Port}, More),
                     Result;

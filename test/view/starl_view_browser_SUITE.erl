@@ -80,7 +80,7 @@ computes_motion(Browser) ->
 
 computes(Piece, T, Browser) ->
     [[_, _, _ | Row]] = starl_view_row:of_message({trace, 0, {1, chassis, {motion, Piece}}}),
-    Json = starl_view_json:encode(Row),
+    Json = starl_json:encode(Row),
     Call = [".then(m => m.pose(", Json, ", ", integer_to_list(T), "))"],
     Shown = ?B:eval(["import('/motion.js')" | Call], Browser),
     {X, Y, Heading} = starl_trajectory:pose(T, Piece),

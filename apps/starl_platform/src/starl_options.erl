@@ -122,7 +122,8 @@ parse(boolean, _) ->
 parse({term, _, _} = Type, Text) ->
     case term(Text) of
         {ok, Term} -> valid_or_error(Type, Term);
-        {error, _} -> error
+        %% such as the name of a file, if the option takes a binary
+        {error, _} -> valid_or_error(Type, unicode:characters_to_binary(Text))
     end.
 
 term(Text) ->

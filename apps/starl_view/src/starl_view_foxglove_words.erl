@@ -140,7 +140,7 @@ playback(#{status := Status, now_us := Now, speed := Speed, seeked := Seeked, id
 %% @doc What a viewer's text says.
 -spec command(binary()) -> command().
 command(Text) ->
-    case starl_view_json:decode(Text) of
+    case starl_json:decode(Text) of
         {ok, #{<<"op">> := <<"subscribe">>, <<"subscriptions">> := List}} when is_list(List) ->
             {Good, Bad} = parted([subscription(Each) || Each <- List]),
             {subscribe, Good, Bad};

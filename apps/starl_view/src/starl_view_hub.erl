@@ -199,7 +199,7 @@ init(Config) ->
 
 -spec handle_call(term(), gen_server:from(), #hub{}) -> {reply, term(), #hub{}}.
 handle_call({clock, #{now_us := Now} = Clock}, _From, #hub{clock = {N, _}} = Hub) ->
-    Row = starl_view_json:encode([<<"t">>, Now, maps:remove(now_us, Clock)]),
+    Row = starl_json:encode([<<"t">>, Now, maps:remove(now_us, Clock)]),
     Timed = framed(Hub#hub{now = Now, clock = {N + 1, Row}}),
     ok = tapped(fun(Feed) -> starl_view_foxglove_feed:clock(Feed, Clock) end, Hub),
     {reply, ok, serve(Timed)};
@@ -335,7 +335,7 @@ framed(#hub{rows = Rows, left_out = Out, now = Now, frames = Frames} = Hub) ->
     Frame = iolist_to_binary(json(lists:reverse(Rows, More))),
     Hub#hub{rows = [], talk = 0, left_out = 0, frames = starl_view_frames:add(Frame, Frames)}.
 
-json(Rows) -> lists:join($,, [starl_view_json:encode(Row) || Row <- Rows]).
+json(Rows) -> lists:join($,, [starl_json:encode(Row) || Row <- Rows]).
 
 serve(#hub{waiting = Waiting} = Hub) ->
     maps:fold(fun answer/3, Hub#hub{waiting = #{}}, Waiting).

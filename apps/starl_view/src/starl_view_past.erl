@@ -24,7 +24,7 @@
     },
     %% the robot that is looked at; its last events and packets, newest first
     watched = none :: starl:robot_id() | none,
-    events = [] :: [[starl_view_json:value()]],
+    events = [] :: [[starl_json:value()]],
     packets = [] :: [starl_view_row:row()]
 }).
 
@@ -101,7 +101,7 @@ watch(Id, Past) -> Past#past{watched = Id, events = [], packets = []}.
 
 %% @doc A robot as texts for the page: what the trace has told of it. States, timers and inboxes are in
 %% no recording, so nothing is said of them.
--spec look(starl:robot_id(), integer(), t()) -> #{atom() => starl_view_json:value()}.
+-spec look(starl:robot_id(), integer(), t()) -> #{atom() => starl_json:value()}.
 look(Id, At, #past{told = Told, modules = Modules, events = Events, packets = Packets}) ->
     Machines = lists:sort(maps:to_list(maps:get(Id, Told, #{}))),
     #{

@@ -277,7 +277,7 @@ closed(Acc, Cursor) ->
 
 pieces(Rows, Page) ->
     {Piece, Left} = lists:split(min(?PIECE_ROWS, length(Rows)), Rows),
-    Page ! {rows, iolist_to_binary(lists:join($,, [starl_view_json:encode(Row) || Row <- Piece]))},
+    Page ! {rows, iolist_to_binary(lists:join($,, [starl_json:encode(Row) || Row <- Piece]))},
     case Left of
         [] -> ok;
         _ -> pieces(Left, Page)

@@ -22,7 +22,7 @@
 
 -export_type([row/0]).
 
--type row() :: [starl_view_json:value(), ...].
+-type row() :: [starl_json:value(), ...].
 
 -define(DEPTH, 12).
 -define(LENGTH, 60).

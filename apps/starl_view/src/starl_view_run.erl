@@ -205,7 +205,7 @@ close(#run{ended = Ended, sim = Sim}) ->
     starl_sim:close(Sim).
 
 %% @doc All of a robot, as texts for the page.
--spec look(starl:robot_id(), t()) -> {ok, #{atom() => starl_view_json:value()}} | none.
+-spec look(starl:robot_id(), t()) -> {ok, #{atom() => starl_json:value()}} | none.
 look(Robot, #run{sim = Sim, config = #{hub := Hub}}) ->
     case starl_sim:inspect(Sim, Robot) of
         #{} = Machines ->

@@ -47,7 +47,7 @@ websocket_init(#page{hub = Hub} = Page) ->
 websocket_handle({text, <<"k">>}, #page{credit = Credit} = Page) ->
     {[], ask(Page#page{credit = starl_view_credit:handled(Credit)})};
 websocket_handle({text, Text}, Page) ->
-    case starl_view_json:decode(Text) of
+    case starl_json:decode(Text) of
         {ok, #{<<"do">> := Do} = Command} when is_binary(Do) -> pass_on(Command, Page);
         _ -> bad(Page)
     end;
@@ -62,7 +62,7 @@ websocket_info({frames, Rows, Place}, Page) ->
 websocket_info({rows, Rows}, Page) ->
     {[{text, [$[, Rows, $]]}], Page};
 websocket_info({tell, Row}, Page) ->
-    {[{text, [$[, starl_view_json:encode(Row), $]]}], Page};
+    {[{text, [$[, starl_json:encode(Row), $]]}], Page};
 websocket_info(_, Page) ->
     {[], Page}.
 
@@ -87,7 +87,7 @@ pass_on(Command, #page{hub = Hub, credit = Credit} = Page) ->
 bad(#page{credit = Credit} = Page) ->
     case starl_view_credit:mistake(Credit) of
         {ok, Next} ->
-            Row = starl_view_json:encode([<<"no">>, <<"this is no command">>]),
+            Row = starl_json:encode([<<"no">>, <<"this is no command">>]),
             {[{text, [$[, Row, $]]}], Page#page{credit = Next}};
         shut_out ->
             {[{close, 1008, <<"no commands">>}], Page}

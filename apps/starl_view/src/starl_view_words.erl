@@ -18,7 +18,7 @@
     #{starl_machine:name() => starl_robot_tree:seen()},
     [starl_sim_robot:timer()],
     [{integer(), starl_machine:name(), Event :: term()}]
-) -> #{atom() => starl_view_json:value()}.
+) -> #{atom() => starl_json:value()}.
 robot(#{result := Result, events := Events, crashes := Crashes}, Machines, Timers, Last) ->
     #{
         result => starl_view_row:text(Result, 80),
@@ -42,7 +42,7 @@ timed(Name, Timers, Words) ->
 
 %% @doc A machine as texts for the page: its module, its state, its data or what it waits in.
 -spec machine(starl_machine:name(), starl_robot_tree:seen()) ->
-    #{atom() => starl_view_json:value()}.
+    #{atom() => starl_json:value()}.
 machine(Name, waiting) ->
     #{name => Name, state => <<"not booted yet">>};
 machine(Name, #{stack := Stack}) ->

@@ -96,7 +96,7 @@ message(Type, Size, Socket) ->
     {ok, Content} = gen_tcp:recv(Socket, Size, ?PATIENCE_MS),
     case {Type, Content} of
         {1, _} ->
-            {ok, Rows} = starl_view_json:decode(Content),
+            {ok, Rows} = starl_json:decode(Content),
             {rows, Rows};
         {8, <<Code:16, _/binary>>} ->
             {close, Code};

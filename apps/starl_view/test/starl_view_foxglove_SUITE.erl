@@ -373,7 +373,7 @@ viewers(Feed) -> hd([Map || Map <- tuple_to_list(Feed), is_map(Map)]).
 line(Port) ->
     receive
         {Port, {data, {eol, Line}}} ->
-            {ok, Words} = starl_view_json:decode(Line),
+            {ok, Words} = starl_json:decode(Line),
             Words
     after ?PATIENCE_MS -> error(silent)
     end.
@@ -486,10 +486,10 @@ text(Socket) ->
 seen(Socket) ->
     case ?C:frame(Socket, ?PATIENCE_MS) of
         {1, Text} ->
-            {ok, Json} = starl_view_json:decode(Text),
+            {ok, Json} = starl_json:decode(Text),
             {text, Json};
         {2, <<1, Id:32/little, Ns:64/little, Text/binary>>} ->
-            {ok, Json} = starl_view_json:decode(Text),
+            {ok, Json} = starl_json:decode(Text),
             {Id, Ns div 1000, Json};
         {2, <<2, Ns:64/little>>} ->
             {time, Ns div 1000};

@@ -189,7 +189,7 @@ violations(Hub) ->
     ok = starl_view_hub:want(Hub, {0, 0}),
     receive
         {frames, Frames, _} ->
-            {ok, Rows} = starl_view_json:decode(iolist_to_binary([$[, Frames, $]])),
+            {ok, Rows} = starl_json:decode(iolist_to_binary([$[, Frames, $]])),
             length([v || [<<"v">> | _] <- lists:foldl(fun kept/2, [], Rows)])
     end.
 
@@ -218,7 +218,7 @@ viewers_see_hands(_Config) ->
     end.
 
 decoded(Text) ->
-    {ok, Value} = starl_view_json:decode(Text),
+    {ok, Value} = starl_json:decode(Text),
     Value.
 
 %% Each timer of each machine with the time at which it expires, none of which is past; also within a
@@ -444,7 +444,7 @@ paged(Test, Hub, Hands, Waits, Rows, Said) ->
     receive
         {frames, Frames, Place} ->
             ok = starl_view_hub:want(Hub, Place),
-            {ok, New} = starl_view_json:decode(iolist_to_binary([$[, Frames, $]])),
+            {ok, New} = starl_json:decode(iolist_to_binary([$[, Frames, $]])),
             All = lists:foldl(fun kept/2, Rows, New),
             {Left, Next} = next(Hands, Waits, New, Hub),
             paged(Test, Hub, Left, Next, All, Said);
@@ -501,7 +501,7 @@ command({fault, Fault}) -> jsoned(Fault#{do => fault});
 command({raw, Command}) -> Command.
 
 jsoned(Value) ->
-    {ok, Decoded} = starl_view_json:decode(iolist_to_binary(starl_view_json:encode(Value))),
+    {ok, Decoded} = starl_json:decode(iolist_to_binary(starl_json:encode(Value))),
     Decoded.
 
 motions(Rows) -> [Row || [<<"m">> | _] = Row <- Rows].

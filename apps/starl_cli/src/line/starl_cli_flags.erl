@@ -88,6 +88,7 @@ text(Type, none) when Type =:= string; Type =:= file -> "none";
 text(Type, Value) when Type =:= string; Type =:= file -> Value;
 text({one_of, _}, Value) -> atom_to_list(Value);
 text(boolean, Value) -> atom_to_list(Value);
+text({term, _, _}, Value) when is_binary(Value) -> unicode:characters_to_list(Value);
 text({term, _, _}, Value) -> lists:flatten(io_lib:format("~0tp", [Value]));
 text({integer, _, _}, Value) -> integer_to_list(Value);
 text({number, _, _}, Value) -> lists:flatten(io_lib:format("~p", [Value])).

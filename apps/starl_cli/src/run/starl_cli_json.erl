@@ -15,7 +15,7 @@
 
 %% @doc A value in one line.
 -spec encode(value()) -> iodata().
-encode(Value) -> encode(starl_view_json:codec(), Value).
+encode(Value) -> encode(starl_json:codec(), Value).
 
 %% @doc An object, one line per pair.
 -spec pretty([{atom(), value()}, ...]) -> iolist().

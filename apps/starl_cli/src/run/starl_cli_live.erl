@@ -44,20 +44,27 @@ flags() ->
     starl_cli_command:answer().
 run(Live, #{scenario := Scenario} = Setup, Values) ->
     case refused(Scenario) ++ too_fast(Scenario, Values) ++ no_cable(Scenario, Values) of
-        [] ->
-            Recorded =
-                case starl_cli_recording:wanted(live, Values) of
-                    true -> live;
-                    false -> none
-                end,
-            starl_cli_recording:recorded(Recorded, Setup, fun(With) ->
-                starl_cli_window:live(Values, fun(Options, Attach) ->
-                    prepared(Live, With, Values, {Options, Attach})
-                end)
-            end);
-        Problems ->
-            {error, Problems}
+        [] -> run_with(own(Scenario), Live, Setup, Values);
+        Problems -> {error, Problems}
     end.
+
+own(#{chassis := Choice} = Scenario) ->
+    starl_cli_own_chassis:resolve(Choice, starl_sim_plan:profiles(Scenario)).
+
+run_with({error, _} = Error, _Live, _Setup, _Values) ->
+    Error;
+run_with({ok, Own}, Live, Checked, Values) ->
+    Setup = Checked#{own => Own},
+    Recorded =
+        case starl_cli_recording:wanted(live, Values) of
+            true -> live;
+            false -> none
+        end,
+    starl_cli_recording:recorded(Recorded, Setup, fun(With) ->
+        starl_cli_window:live(Values, fun(Options, Attach) ->
+            prepared(Live, With, Values, {Options, Attach})
+        end)
+    end).
 
 %% What only the simulator can do.
 refused(#{faults := Faults, random_faults := Random, reloads := Reloads}) ->
@@ -72,12 +79,13 @@ refused(#{faults := Faults, random_faults := Random, reloads := Reloads}) ->
          || Reloads =/= []
         ].
 
-%% An emulated Create knows real time only.
+%% An emulated Create knows real time only, and so do programs.
 too_fast(#{chassis := Choice}, #{pace := Pace}) ->
+    Own = [Name || Name <- starl_sim_chassis:in_turn(Choice), starl_sim_chassis:own(Name) =/= none],
     [
-        "chassis: an emulated Create runs in real time only: leave --pace and --speed of the cluster "
-        "at 1"
-     || Pace /= 1, starl_create:emulated(Choice, pipe) =/= undefined
+        "chassis: an emulated Create, or a chassis of your own, runs in real time only: leave --pace "
+        "and --speed of the cluster at 1"
+     || Pace /= 1, Own =/= [] orelse starl_create:emulated(Choice, pipe) =/= undefined
     ].
 
 no_cable(#{chassis := Choice}, #{unplug := Times}) ->
@@ -115,7 +123,7 @@ abandoned(Dir) ->
     ?STATE_DIR ++ Pid = filename:basename(Dir),
     filelib:is_dir("/proc/self") andalso not filelib:is_dir("/proc/" ++ Pid).
 
-options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
+options(Dir, Live, #{target := Target, scenario := Scenario, own := Own}, Values) ->
     #{pace := Pace, position_rate := Rate, whole_mm := Whole, walls := Walls} = Values,
     Common = #{
         dir => Dir,
@@ -125,7 +133,7 @@ options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
         arena => arena(Walls, Scenario),
         watch => starl_cli_notes:watch_live(Scenario)
     },
-    Moving = maps:merge(Common, chassis(Scenario, line(Live, Dir))),
+    Moving = maps:merge(Common, chassis(Scenario, Own, line(Live, Dir))),
     case Live of
         here ->
             maps:update_with(watch, fun(Watch) -> starl_cli_drive:watching() ++ Watch end, Moving);
@@ -135,7 +143,7 @@ options(Dir, Live, #{target := Target, scenario := Scenario}, Values) ->
                 chaos => Chaos,
                 metrics => maps:get(metrics, Values, none),
                 transport => Transport,
-                code => maps:get(code, Target, []),
+                code => lists:ukeysort(1, maps:get(code, Target, []) ++ maps:get(code, Own)),
                 log => fun starl_cli_log:node/3
             }
     end.
@@ -152,9 +160,9 @@ line({nodes, _, _}, Dir) ->
         {error, _} -> pipe
     end.
 
-%% An emulated Create for each robot that has one.
-chassis(#{chassis := Choice}, Line) ->
-    case starl_create:emulated(Choice, Line) of
+%% A chassis of the user's own, or an emulated Create, for each robot that has one.
+chassis(#{chassis := Choice}, Own, Line) ->
+    case starl_cli_own_chassis:lines(Choice, Own, starl_create:emulated(Choice, Line)) of
         undefined -> #{};
         Lines -> #{chassis => Lines}
     end.

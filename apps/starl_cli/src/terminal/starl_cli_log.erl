@@ -65,6 +65,8 @@ log(Event, #{config := Table}) ->
 %% What a user waits for in vain is said at once.
 show(#{msg := {report, #{what := long_step, reason := Why}}, meta := #{robot := Robot}}) ->
     starl_cli_progress:note(io_lib:format("robot ~b ~ts", [Robot, Why]));
+show(#{msg := {report, #{what := chassis_failed, why := Why}}, meta := #{robot := Robot}}) ->
+    starl_cli_progress:note(io_lib:format("robot ~b: ~ts; the robot starts anew", [Robot, Why]));
 show(_Event) ->
     ok.
 

@@ -14,7 +14,7 @@
 -export([start_link/3, drive/4, actuate/4, stop/1, rest/1, condition/1, is_late/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
 
--export_type([config/0, answer/0, said/0, sense/0]).
+-export_type([config/0, answer/0, output/0, said/0, sense/0]).
 
 %% What every driver is told; each has further keys of its own.
 -type config() :: #{
@@ -35,6 +35,13 @@
 %% What a body feels, of its chassis' own: `{bump, left}'.
 -type sense() :: {Kind :: atom(), Value :: term()}.
 
+%% What a driver tells: the answer to the command of this mark; what the body has felt; where it was
+%% at a time of the robot's clock, if the driver knows that (a world of simulated robots needs it).
+-type output() ::
+    {Mark :: term(), answer()}
+    | {sensed, sense()}
+    | {posed, AtUs :: integer(), starl:pose()}.
+
 %% The message to the link: the answer to the command of this mark; or what the body has felt.
 -type said() ::
     {starl_chassis, Chassis :: pid(), Mark :: term(), answer()}
@@ -45,26 +52,28 @@
 %% Carries out a script in place of the present one ({@link starl_platform}), unless it would begin
 %% after this time, by the robot's clock: see {@link is_late/3}.
 -callback drive(starl_chassis:script(), UntilUs :: integer(), Mark :: term(), State) ->
-    {[{Mark, answer()} | {sensed, sense()}], State}
+    {[output()], State}
 when
-    State :: term(), Mark :: term().
+    State :: term().
 %% Sets another actuator, and answers if there is a mark.
 -callback actuate(Device :: atom(), Value :: term(), {mark, Mark :: term()} | none, State) ->
-    {[{Mark, answer()} | {sensed, sense()}], State}
+    {[output()], State}
 when
-    State :: term(), Mark :: term().
+    State :: term().
 %% Everything comes to rest; no script is answered any more.
 -callback stop(State) -> State when State :: term().
 %% Handles a message of the process.
 -callback hear(Message :: term(), State) ->
-    {[{Mark, answer()} | {sensed, sense()}], State} | {stop, Why} | unknown
+    {[output()], State} | {stop, Why} | unknown
 when
-    State :: term(), Mark :: term(), Why :: unicode:chardata().
+    State :: term(), Why :: unicode:chardata().
 %% The robot's application is done: it may sleep, and charge. A later script wakes it.
 -callback rest(State) -> State when State :: term().
+%% Somebody wants to know where the body is: it is told soon (`posed').
+-callback look(State) -> State when State :: term().
 %% How the chassis is, for people.
 -callback condition(State :: term()) -> map().
--optional_callbacks([rest/1, condition/1]).
+-optional_callbacks([rest/1, condition/1, look/1]).
 %% Closes the line.
 -callback close(State :: term()) -> ok.
 
@@ -160,9 +169,15 @@ handle_info({'EXIT', Link, Reason}, #chassis{link = Link} = Chassis) ->
 handle_info(Message, #chassis{module = Module, state = State} = Chassis) ->
     case Module:hear(Message, State) of
         unknown -> {noreply, Chassis};
-        {stop, Why} -> {stop, {shutdown, {chassis, unicode:characters_to_binary(Why)}}, Chassis};
+        {stop, Why} -> failed(unicode:characters_to_binary(Why), Chassis);
         Heard -> {noreply, said(Heard, Chassis)}
     end.
+
+%% The link ends with it, and the robot starts anew.
+failed(Why, Chassis) ->
+    Report = #{what => chassis_failed, why => Why},
+    logger:error(Report, #{report_cb => fun(#{why := W}) -> {"~ts; the robot starts anew", [W]} end}),
+    {stop, {shutdown, {chassis, Why}}, Chassis}.
 
 -spec terminate(term(), #chassis{}) -> ok.
 terminate(_Reason, #chassis{module = Module, state = State}) ->

@@ -35,6 +35,9 @@ again(#{msg := {report, #{label := {supervisor, What}, report := Report}}} = Eve
     case {proplists:get_value(supervisor, Report), What, proplists:get_value(reason, Report)} of
         {{_Pid, starl_robot_sup}, child_terminated, Reason} ->
             told(starl_crash:cause(Reason), Report, Event);
+        %% the chassis has told it
+        {{_Pid, starl_live_robot}, child_terminated, {shutdown, {chassis, _}}} ->
+            stop;
         {{_Pid, starl_live_robot}, Ended, {shutdown, Why}} when
             Ended =:= child_terminated; Ended =:= start_error
         ->

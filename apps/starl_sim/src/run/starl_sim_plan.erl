@@ -2,7 +2,7 @@
 %% their machines, the world, the faults with their times, the monitors.
 -module(starl_sim_plan).
 
--export([context/2, context/3, make/4, mode/1, parts/1, facts/2]).
+-export([context/2, context/3, profiles/1, make/4, mode/1, parts/1, facts/2]).
 
 -export_type([t/0]).
 
@@ -51,6 +51,10 @@ context(App, Floor, #{robots := N, world := World, seed := Seed} = Scenario) ->
 
 plan(none, World) -> starl_floor:empty(World);
 plan(Floor, _World) -> Floor.
+
+%% @doc The profiles of the robots of a checked scenario, in turn, unless its application has others.
+-spec profiles(starl_sim_scenario:t()) -> starl_chassis:profiles().
+profiles(Scenario) -> profiles(#{}, Scenario).
 
 %% The application's scene may override these profiles.
 profiles(Overrides, #{chassis := Choice} = Scenario) ->

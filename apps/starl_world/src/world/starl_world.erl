@@ -19,6 +19,7 @@
     start_link/1,
     embody/2,
     inhabit/2,
+    track/2,
     await/1,
     status/1,
     until/2,
@@ -113,6 +114,13 @@ embody(World, Robot) -> gen_server:call(World, {embody, Robot}).
 %% then, and afterwards `{starl_settled, Robot, N}' ({@link starl_world_looks}).
 -spec inhabit(pid(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
 inhabit(World, Robot) -> gen_server:call(World, {inhabit, Robot}).
+
+%% @doc The calling process is the chassis of this robot from now on, and tells where its body is, which the world
+%% does not move: `{starl_body, Robot, self(), {told, AtUs, {moves, Piece}}}'. It is asked for that as
+%% hardware is ({@link inhabit/2}). Gives the place of the body until then; if the process ends, the body
+%% stands where it was last.
+-spec track(pid(), starl:robot_id()) -> {ok, starl:pose()} | {error, unicode:chardata()}.
+track(World, Robot) -> gen_server:call(World, {track, Robot}).
 
 %% @doc Waits for the end of the run.
 -spec await(pid()) -> ending().

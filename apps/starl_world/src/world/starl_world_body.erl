@@ -6,12 +6,15 @@
 -module(starl_world_body).
 
 -export([new/3, advance/2, next_due/1, drive/4, actuate/4, stop/2, pose/2, piece/1, on_floor/3]).
+-export([moves/2]).
 
 -export_type([t/0, yield/0]).
 
 -record(body, {
     id :: starl:robot_id(),
     vehicle :: starl_sim_vehicle:t(),
+    %% its motion, as it is told by what moves it elsewhere
+    told = none :: starl_trajectory:piece() | none,
     %% the planned steps and answers of the chassis, ascending
     agenda = [] :: [{DueUs :: integer(), N :: non_neg_integer(), Content :: term()}],
     n = 0 :: non_neg_integer()
@@ -89,8 +92,19 @@ actuate({Device, Value}, Mark, Now, Body0) ->
     Traced = [{Now, Id, chassis, {actuated, Device, Value}} || Set =:= set],
     {Traces ++ Traced, Answers, planned(Now, Plans, Body#body{vehicle = Actuated})}.
 
-%% @doc The chassis comes to rest.
+%% @doc The body moves so from the beginning of this piece on, whatever its chassis was told; `same': as
+%% before.
+-spec moves(starl_trajectory:piece() | same, t()) -> yield().
+moves(same, Body) ->
+    {[], [], Body};
+moves(Piece, #body{id = Id} = Body) ->
+    Fact = {starl_trajectory:start_us(Piece), Id, chassis, {motion, Piece}},
+    {[Fact], [], Body#body{told = Piece}}.
+
+%% @doc The chassis comes to rest. A body that is moved elsewhere stands where it was.
 -spec stop(NowUs :: integer(), t()) -> yield().
+stop(Now, #body{told = Piece} = Body) when Piece =/= none ->
+    moves(starl_trajectory:stop(max(Now, starl_trajectory:start_us(Piece)), Piece), Body);
 stop(Now, Body0) ->
     {Traces, Answers, #body{vehicle = Vehicle} = Body} = advance(Now, Body0),
     {Traced, Answered, Next} = moved(Now, starl_sim_vehicle:stop(Now, Vehicle), Body),
@@ -114,7 +128,8 @@ pose(Now, Body) -> starl_trajectory:pose(Now, piece(Body)).
 
 %% @doc The piece of motion that it is in.
 -spec piece(t()) -> starl_trajectory:piece().
-piece(#body{vehicle = Vehicle}) -> starl_sim_vehicle:piece(Vehicle).
+piece(#body{told = none, vehicle = Vehicle}) -> starl_sim_vehicle:piece(Vehicle);
+piece(#body{told = Piece}) -> Piece.
 
 %% @doc Where it is, and how it moves, at a time: for {@link starl_world_floor}.
 -spec on_floor(starl:robot_id(), NowUs :: integer(), t()) -> starl_world_floor:body().

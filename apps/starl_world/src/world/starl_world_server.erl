@@ -59,6 +59,8 @@ handle_call({embody, Id}, {Chassis, _}, World) ->
     embodied(Id, Chassis, false, World);
 handle_call({inhabit, Id}, {Hardware, _}, World) ->
     embodied(Id, Hardware, true, felt(World));
+handle_call({track, Id}, {Chassis, _}, World) ->
+    tracked(Id, Chassis, World);
 handle_call(await, From, #world{ending = none, callers = Callers} = World) ->
     {noreply, World#world{callers = [From | Callers]}};
 handle_call(await, _From, #world{ending = Ending} = World) ->
@@ -126,6 +128,15 @@ embodied(Id, Chassis, IsFree, #world{robots = Robots} = World) ->
         {error, _} = Error -> {reply, Error, World}
     end.
 
+tracked(Id, Chassis, #world{robots = Robots} = World) ->
+    case starl_world_team:tracked(Id, Chassis, Robots) of
+        {ok, At, Next} ->
+            _ = erlang:monitor(process, Chassis),
+            {reply, {ok, At}, World#world{robots = Next}};
+        {error, _} = Error ->
+            {reply, Error, World}
+    end.
+
 cable(Id, Cable, #world{robots = Robots} = World) ->
     case starl_world_team:hardware(Id, Robots) of
         {ok, Hardware} -> say({tell, Hardware, {starl_cable, Cable}}, World);
@@ -137,6 +148,8 @@ heard(Id, Chassis, {at, SystemUs, What}, #world{clock = Clock} = World) ->
     Then = starl_live_clock:at_us(SystemUs, Clock),
     Told = {{at, Then}, What},
     heard_at(Id, Chassis, Told, fun(At, Next) -> driven(Id, What, At, Next) end, late(Then, World));
+heard(Id, Chassis, {told, Then, What}, World) ->
+    heard_at(Id, Chassis, {{at, Then}, What}, fun(_At, Next) -> Next end, late(Then, World));
 heard(Id, Chassis, What, World) ->
     heard_at(Id, Chassis, {now, What}, fun(_At, Next) -> Next end, World).
 
@@ -308,7 +321,7 @@ goes_on(Judge, World) -> halted(World#world{judge = Judge}).
 gone(Pid, #world{robots = Robots} = World) ->
     case starl_world_team:of_link(Pid, Robots) of
         {ok, Id} -> down(Id, World);
-        none -> World
+        none -> yielded(starl_world_team:untracked(Pid, Robots), World)
     end.
 
 down(Id, #world{robots = Robots} = World) ->

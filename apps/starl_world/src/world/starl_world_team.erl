@@ -11,7 +11,7 @@
 %% '''
 -module(starl_world_team).
 
--export([new/2, embodied/4, hardware/2, free/2, watches/3, watching/1]).
+-export([new/2, embodied/4, tracked/3, untracked/2, hardware/2, free/2, watches/3, watching/1]).
 -export([heard/5, advance/3, touched/4, on_floor/2, poses/4]).
 -export([started/4, halted/4, traced/4, result/3, record/2, down/4, of_link/2]).
 -export([ids/1, up/1, running/1, summaries/2]).
@@ -27,6 +27,8 @@
     chassis = none :: pid() | none,
     %% does the body go on without the link?
     is_free = false :: boolean(),
+    %% does the chassis tell where the body is?
+    is_tracked = false :: boolean(),
     %% of free hardware: when what it has told last was, its body then, and what the body has done since,
     %% as long as nothing is heard that was earlier
     told_at = 0 :: integer(),
@@ -85,11 +87,46 @@ embodied(Id, Chassis, IsFree, Robots) ->
             {error, io_lib:format("the world has no robot ~b", [Id])}
     end.
 
+%% @doc This process is a robot's chassis from now on, and tells where its body is. Gives the place of the
+%% body until then.
+-spec tracked(id(), Chassis :: pid(), t()) -> {ok, starl:pose(), t()} | {error, iolist()}.
+tracked(Id, Chassis, Robots) ->
+    case embodied(Id, Chassis, true, Robots) of
+        {ok, #{Id := #robot{told_at = Told} = Robot} = Next} ->
+            {ok, pose(Told, body(Robot)), Next#{Id := Robot#robot{is_tracked = true}}};
+        {error, _} = Error ->
+            Error
+    end.
+
+%% @doc A process has ended. If it told where a robot's body is, that stands where it was last.
+-spec untracked(Chassis :: pid(), t()) -> yield().
+untracked(Chassis, Robots) ->
+    case
+        [
+            R
+         || {_, #robot{chassis = C, is_tracked = true}} = R <- maps:to_list(Robots), C =:= Chassis
+        ]
+    of
+        [{Id, #robot{told_at = At} = Robot}] ->
+            {_, _, Body} = Stop = starl_world_body:stop(At, body(Robot)),
+            Gone = (settled(Body, Robot))#robot{
+                chassis = none, is_free = false, is_tracked = false
+            },
+            yielded(Id, Stop, Gone, Robots);
+        [] ->
+            {[], [], Robots}
+    end.
+
+body(#robot{settled = none, body = Body}) -> Body;
+body(#robot{settled = Body}) -> Body.
+
 %% @doc The process of a robot's hardware.
 -spec hardware(id(), t()) -> {ok, pid()} | {error, unicode:chardata()}.
 hardware(Id, Robots) ->
     case Robots of
-        #{Id := #robot{is_free = true, chassis = Hardware}} when is_pid(Hardware) ->
+        #{Id := #robot{is_free = true, is_tracked = false, chassis = Hardware}} when
+            is_pid(Hardware)
+        ->
             {ok, Hardware};
         #{} ->
             {error, io_lib:format("robot ~b has no cable: it is no Create", [Id])}
@@ -121,7 +158,11 @@ watching(Robots) -> [{Id, S} || {Id, #robot{sight = S}} <- maps:to_list(Robots),
 -spec heard(id(), Chassis :: pid(), {now | {at, integer()}, What}, NowUs :: integer(), t()) ->
     {AtUs :: integer(), yield()} | unknown
 when
-    What :: {drive, starl_chassis:script(), integer(), term()} | {actuate, term(), term()} | stop.
+    What ::
+        {drive, starl_chassis:script(), integer(), term()}
+        | {actuate, term(), term()}
+        | {moves, starl_trajectory:piece() | same}
+        | stop.
 heard(Id, Chassis, {Time, What}, Now, Robots) ->
     case Robots of
         #{Id := #robot{chassis = Chassis} = Robot} ->
@@ -159,6 +200,8 @@ does({drive, Script, Until, Mark}, Now, Body) ->
     end;
 does({actuate, What, Mark}, Now, Body) ->
     starl_world_body:actuate(What, Mark, Now, Body);
+does({moves, Piece}, _Now, Body) ->
+    starl_world_body:moves(Piece, Body);
 does(stop, Now, Body) ->
     starl_world_body:stop(Now, Body).
 

@@ -1,9 +1,10 @@
-%% @doc JSON of the window: rows for the page, commands from it.
+%% @doc JSON between StarL and programs: the rows of the window and its commands, the words of a body
+%% that is a program.
 %%
 %% Lists are arrays, maps are objects, binaries and atoms are texts, but `true', `false' and
-%% `null'. A row has few numbers and short texts, so it is written here; a command is read by the
-%% library at hand, `jsx' or OTP's own `json' (OTP 27 and newer).
--module(starl_view_json).
+%% `null'. What is written has few numbers and short texts, so it is written here; what comes from
+%% outside is read by the library at hand, `jsx' or OTP's own `json' (OTP 27 and newer).
+-module(starl_json).
 
 -export([encode/1, decode/1, codec/0]).
 

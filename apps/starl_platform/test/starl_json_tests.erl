@@ -1,10 +1,10 @@
--module(starl_view_json_tests).
+-module(starl_json_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 %% What is written is read as it was, by the library.
 read_back_test_() ->
     [
-        ?_assertEqual({ok, Value}, starl_view_json:decode(written(Value)))
+        ?_assertEqual({ok, Value}, starl_json:decode(written(Value)))
      || Value <- [
             1,
             -1.5,
@@ -26,8 +26,8 @@ words_test() ->
 %% No text from outside is more than an error.
 garbage_test_() ->
     [
-        ?_assertEqual(error, starl_view_json:decode(Text))
+        ?_assertEqual(error, starl_json:decode(Text))
      || Text <- [<<>>, <<"{">>, <<255, 0>>, binary:copy(<<"[">>, 1000), <<"{\"a\"}">>]
     ].
 
-written(Value) -> iolist_to_binary(starl_view_json:encode(Value)).
+written(Value) -> iolist_to_binary(starl_json:encode(Value)).

@@ -1,0 +1,94 @@
+%% @doc The chassis of the user's own that a command line names, `FILE.erl' or `exec:PROGRAM': sources are
+%% compiled and checked, programs are started once and asked for their hello, before anything runs.
+-module(starl_cli_own_chassis).
+
+-export([resolve/2, driver/1, lines/3]).
+
+-export_type([t/0]).
+
+%% The drivers by their names, and the modules that were compiled for them.
+-type t() :: #{
+    drivers := #{starl_sim_chassis:name() => starl_live_link:line()},
+    code := [starl_cli_target:code()]
+}.
+
+%% @doc The user's own chassis of a choice, with the profiles that the robots will have.
+-spec resolve(starl_sim_chassis:choice(), starl_chassis:profiles()) ->
+    {ok, t()} | {error, [unicode:chardata(), ...]}.
+resolve(Choice, Profiles) ->
+    Names = lists:zip(starl_sim_chassis:in_turn(Choice), Profiles),
+    Own = lists:usort([{N, P} || {N, P} <- Names, starl_sim_chassis:own(N) =/= none]),
+    All = [{Name, resolved(Name, Profile)} || {Name, Profile} <- Own],
+    case [["--chassis: ", Why] || {_, {error, Lines}} <- All, Why <- Lines] of
+        [] ->
+            {ok, #{
+                drivers => maps:from_list([{Name, Driver} || {Name, {ok, Driver, _}} <- All]),
+                code => lists:append([Code || {_, {ok, _, Code}} <- All])
+            }};
+        Problems ->
+            {error, Problems}
+    end.
+
+resolved(Name, Profile) ->
+    case driver(Name) of
+        {ok, {starl_live_exec, _} = Driver, Code} -> tried(Driver, Code, Profile);
+        Answer -> Answer
+    end.
+
+%% @doc The driver of a chassis of the user's own.
+-spec driver(starl_sim_chassis:name()) ->
+    {ok, starl_live_link:line(), [starl_cli_target:code()]} | {error, [unicode:chardata(), ...]}.
+driver(Name) ->
+    case starl_sim_chassis:own(Name) of
+        {exec, Command} -> {ok, {starl_live_exec, #{exec => absolute(Command)}}, []};
+        {file, File, Options} -> compiled(starl_cli_source:modules(File), Options)
+    end.
+
+%% The nodes of a cluster may have another working directory.
+absolute(Command) ->
+    case starl_live_program:words(Command) of
+        [Name | Args] ->
+            Path =
+                case lists:member($/, Name) of
+                    true -> filename:absname(Name);
+                    false -> Name
+                end,
+            lists:append(lists:join(" ", [Path | Args]));
+        [] ->
+            ""
+    end.
+
+compiled({ok, Module, Code}, Options) ->
+    case starl_live_own:check(Module, starl_live_chassis, Options) of
+        {ok, Values} -> {ok, {Module, Values}, Code};
+        {error, Why} -> {error, [Why]}
+    end;
+compiled({error, _} = Error, _Options) ->
+    Error.
+
+%% Is it there, and can it do what the robots are to do?
+tried({Module, Own} = Driver, Code, Profile) ->
+    _ = process_flag(trap_exit, true),
+    Clock = starl_live_clock:new(erlang:system_time(microsecond), 1),
+    case Module:open(Own#{robot => 1, clock => Clock, profile => Profile}) of
+        {ok, State} ->
+            ok = Module:close(Module:stop(State)),
+            {ok, Driver, Code};
+        {error, Why} ->
+            {error, [Why]}
+    end.
+
+%% @doc The chassis of each robot of a run: of the user's own, or else that of these lines, or one of the
+%% world.
+-spec lines(starl_sim_chassis:choice(), t(), starl_world_chassis:lines() | undefined) ->
+    starl_world_chassis:lines() | undefined.
+lines(_Choice, #{drivers := None}, Others) when map_size(None) =:= 0 ->
+    Others;
+lines(Choice, #{drivers := Drivers}, Others) ->
+    fun(Robot, World) ->
+        case maps:find(starl_sim_chassis:of_robot(Robot, Choice), Drivers) of
+            {ok, Driver} -> {starl_world_own, #{world => World, own => Driver}};
+            error when Others =:= undefined -> {starl_world_chassis, #{world => World}};
+            error -> Others(Robot, World)
+        end
+    end.

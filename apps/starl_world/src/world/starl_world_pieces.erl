@@ -1,0 +1,59 @@
+%% @doc Motion from samples: a body tells where it was at some moments, and between two of them it has
+%% moved evenly, straight on or along an arc. Each piece begins where the body was at one moment and is
+%% there at the next, to 0.02 mm. A pure module.
+-module(starl_world_pieces).
+
+-export([new/2, add/3, told_us/1]).
+
+-export_type([t/0]).
+
+%% The last sample, and the piece that it ends.
+-opaque t() :: {Us :: integer(), starl:pose(), starl_trajectory:piece()}.
+
+%% So near it is where it was expected (mm, rad).
+-define(NEAR_MM, 0.02).
+-define(NEAR_RAD, 1.0e-4).
+
+%% @doc A body at rest at a pose, since this time.
+-spec new(Us :: integer(), starl:pose()) -> t().
+new(Us, {X, Y, Heading} = Pose) -> {Us, Pose, starl_trajectory:standing(Us, {X, Y}, Heading)}.
+
+%% @doc The time of the last sample.
+-spec told_us(t()) -> integer().
+told_us({Us, _, _}) -> Us.
+
+%% @doc The body was there then: the piece of motion from the last sample on, if that is another one than
+%% before. What is no later than the last sample changes nothing.
+-spec add(Us :: integer(), starl:pose(), t()) -> {starl_trajectory:piece() | same, t()}.
+add(Us, _Pose, {Last, _, _} = Pieces) when Us =< Last ->
+    {same, Pieces};
+add(Us, Pose, {Last, From, Piece}) ->
+    case is_near(starl_trajectory:pose(Us, Piece), Pose) of
+        true ->
+            {same, {Us, Pose, Piece}};
+        false ->
+            Next = between(Last, From, Us, Pose),
+            {Next, {Us, Pose, Next}}
+    end.
+
+is_near({X, Y, Heading}, {X1, Y1, Heading1}) ->
+    abs(X - X1) < ?NEAR_MM andalso abs(Y - Y1) < ?NEAR_MM andalso
+        abs(starl_geometry:normalise(Heading - Heading1)) < ?NEAR_RAD.
+
+%% On an arc the chord points half way between the headings; a body that has slipped aside has moved
+%% along the chord.
+between(T0, {X0, Y0, H0}, T1, {X1, Y1, H1}) ->
+    S = (T1 - T0) / 1.0e6,
+    Turn = starl_geometry:normalise(H1 - H0),
+    {DX, DY} = {X1 - X0, Y1 - Y0},
+    Chord = math:sqrt(DX * DX + DY * DY),
+    Ahead = DX * math:cos(H0 + Turn / 2) + DY * math:sin(H0 + Turn / 2),
+    case Chord - abs(Ahead) < ?NEAR_MM of
+        true ->
+            starl_trajectory:piece(T0, {X0, Y0}, H0, Ahead / sinc(Turn / 2) / S, Turn / S);
+        false ->
+            starl_trajectory:piece(T0, {X0, Y0}, math:atan2(DY, DX), Chord / S, 0.0)
+    end.
+
+sinc(U) when abs(U) < 1.0e-4 -> 1.0;
+sinc(U) -> math:sin(U) / U.
