@@ -90,12 +90,12 @@ greeted(Profile, #exec{robot = Robot, at = At, program = Program} = Exec) ->
                 {error, Why} -> refused(Why, Exec)
             end;
         {error, Why} ->
-            ok = starl_live_program:stop(Program),
+            _ = starl_live_program:stop(Program),
             {error, Why}
     end.
 
 refused(Why, #exec{name = Name, program = Program}) ->
-    ok = starl_live_program:stop(Program),
+    _ = starl_live_program:stop(Program),
     {error, [Name, ": ", Why]}.
 
 %% Nothing else of this process is handled meanwhile.
@@ -198,7 +198,9 @@ rest(Exec) ->
     Exec.
 
 -spec close(#exec{}) -> ok.
-close(#exec{program = Program}) -> starl_live_program:stop(Program).
+close(#exec{program = Program}) ->
+    _ = starl_live_program:stop(Program),
+    ok.
 
 ping(#exec{next = N} = Exec) ->
     _ = say({ping, N}, Exec),

@@ -33,7 +33,7 @@
 -define(LINES_A_SECOND, 2000).
 %% The time that it has to end by itself, in looks.
 -define(LOOK_MS, 20).
--define(LOOKS, 20).
+-define(LOOKS, 50).
 
 %% @doc The words of a command; blanks are between them, and there are no quotes.
 -spec words(string()) -> [string()].
@@ -142,7 +142,7 @@ counted({Lines, #program{second = Second, lines = N} = Program}) ->
     end.
 
 %% @doc Closes its standard input, and kills it with its children if it does not end by that.
--spec stop(t()) -> ok.
+-spec stop(t()) -> ended | killed.
 stop(#program{port = Port, os_pid = Pid}) ->
     true = unlink(Port),
     _ =
@@ -154,10 +154,10 @@ stop(#program{port = Port, os_pid = Pid}) ->
     gone(?LOOKS, Pid).
 
 gone(_Looks, none) ->
-    ok;
+    ended;
 gone(0, Pid) ->
     _ = os:cmd("kill -9 -" ++ integer_to_list(Pid)),
-    ok;
+    killed;
 gone(Looks, Pid) ->
     case os:cmd("kill -0 -" ++ integer_to_list(Pid) ++ " 2>&1") of
         "" ->
@@ -165,5 +165,5 @@ gone(Looks, Pid) ->
             after ?LOOK_MS -> gone(Looks - 1, Pid)
             end;
         _NoSuchProcess ->
-            ok
+            ended
     end.

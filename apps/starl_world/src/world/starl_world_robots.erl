@@ -117,7 +117,9 @@ handle_info({'DOWN', Ref, process, _, _}, #robots{watched = Watched} = Robots) w
 handle_info({watch, Id}, Robots) ->
     {noreply, watch(Id, Robots)};
 handle_info({'EXIT', Sup, _Reason}, #robots{sups = Sups} = Robots) ->
-    {noreply, Robots#robots{sups = maps:filter(fun(_, S) -> S =/= Sup end, Sups)}};
+    Gone = [Id || {Id, S} <- maps:to_list(Sups), S =:= Sup],
+    ok = lists:foreach(fun(Id) -> given_up(Id, Robots) end, Gone),
+    {noreply, Robots#robots{sups = maps:without(Gone, Sups)}};
 handle_info(_Message, Robots) ->
     {noreply, Robots}.
 
@@ -128,6 +130,15 @@ terminate(_Reason, #robots{sups = Sups}) ->
 shut_down(Sup) ->
     true = unlink(Sup),
     starl_sim_stop:shutdown(Sup, infinity).
+
+%% It has started anew too often; the others go on.
+given_up(Id, #robots{world = World}) ->
+    Report = #{what => robot_given_up, robot => Id},
+    logger:error(Report, #{robot => Id, report_cb => fun given_up/1}),
+    World ! {starl_ended, Id, self(), given_up},
+    ok.
+
+given_up(#{robot := Id}) -> {"robot ~b has started anew too often, and is given up", [Id]}.
 
 %% -- robots that start and end --------------------------------------------------------------
 
