@@ -27,9 +27,12 @@
     first = none :: starl:pose() | none,
     shift = starl_live_program_clock:new() :: starl_live_program_clock:t(),
     next = 1 :: pos_integer(),
+    pings = 1 :: pos_integer(),
     %% commands without an answer
     open = #{} :: #{pos_integer() => command()},
     beat :: reference(),
+    %% what it has said with its hello
+    waiting = [] :: [starl_live_program:line()],
     %% beats since it has said anything
     silent = 0 :: non_neg_integer(),
     %% lines that were nothing, in this second
@@ -86,7 +89,7 @@ greeted(Profile, #exec{robot = Robot, at = At, program = Program} = Exec) ->
     case hello(Exec) of
         {ok, #exec{limits = Limits} = Greeted} ->
             case fits(Limits, Profile) of
-                ok -> {ok, beat(Greeted)};
+                ok -> {ok, begun(Greeted)};
                 {error, Why} -> refused(Why, Exec)
             end;
         {error, Why} ->
@@ -111,20 +114,22 @@ hello(#exec{beat = Ref} = Exec) ->
 
 said_hello(Message, #exec{name = Name, program = Program} = Exec) ->
     case starl_live_program:hear(Message, Program) of
-        unknown -> hello(Exec);
-        {ended, Why} -> {error, [Name, ": ", Why, " before its hello"]};
-        {[], Next} -> hello(Exec#exec{program = Next});
-        {[long], _} -> {error, [Name, ": its first line is no hello, but a very long one"]};
-        {[{line, Line}], Next} -> first_line(Line, Exec#exec{program = Next})
+        unknown ->
+            hello(Exec);
+        {ended, Why} ->
+            {error, [Name, ": ", Why, " before its hello"]};
+        {[], Next} ->
+            hello(Exec#exec{program = Next});
+        {[long | _], _} ->
+            {error, [Name, ": its first line is no hello, but a very long one"]};
+        {[{line, Line} | Lines], Next} ->
+            first_line(Line, Exec#exec{program = Next, waiting = Lines})
     end.
 
 first_line(Line, #exec{name = Name} = Exec) ->
     case starl_live_program_word:decode(Line) of
         {ok, {hello, Limits}} ->
             {ok, Exec#exec{limits = Limits}};
-        {ok, {log, Text}} ->
-            ok = log(Text, Exec),
-            hello(Exec);
         {ok, _} ->
             {error, [Name, ": its first line is no hello, but: ", shown(Line)]};
         {error, Why} ->
@@ -138,6 +143,10 @@ fits(#{vmax := Most}, #{speed := Speed}) when Speed > Most ->
         ])};
 fits(_Limits, _Profile) ->
     ok.
+
+begun(#exec{beat = Ref} = Exec) ->
+    self() ! {?MODULE, Ref, beat},
+    Exec.
 
 beat(#exec{beat = Ref} = Exec) ->
     _ = erlang:send_after(?BEAT_MS, self(), {?MODULE, Ref, beat}),
@@ -202,9 +211,9 @@ close(#exec{program = Program}) ->
     _ = starl_live_program:stop(Program),
     ok.
 
-ping(#exec{next = N} = Exec) ->
+ping(#exec{pings = N} = Exec) ->
     _ = say({ping, N}, Exec),
-    Exec#exec{next = N + 1}.
+    Exec#exec{pings = N + 1}.
 
 %% A program whose pipe is full does not read.
 say(Command, #exec{program = Program, beat = Ref}) ->
@@ -217,28 +226,42 @@ say(Command, #exec{program = Program, beat = Ref}) ->
 
 -spec hear(term(), #exec{}) -> {outputs(), #exec{}} | {stop, unicode:chardata()} | unknown.
 hear({?MODULE, Ref, beat}, #exec{beat = Ref, silent = Beats} = Exec) when Beats < ?SILENT_BEATS ->
-    {[], ping(beat(Exec#exec{silent = Beats + 1}))};
+    waited([], ping(beat(Exec#exec{silent = Beats + 1})));
 hear({?MODULE, Ref, beat}, #exec{beat = Ref} = Exec) ->
     Ms = ?SILENT_BEATS * ?BEAT_MS,
-    ends(io_lib:format("has said nothing for ~b ms: it hangs", [Ms]), Exec);
+    broken(io_lib:format("has said nothing for ~b ms: it hangs", [Ms]), Exec);
 hear({?MODULE, Ref, hung}, #exec{beat = Ref} = Exec) ->
-    ends("does not read its commands: it hangs", Exec);
+    broken("does not read its commands: it hangs", Exec);
 hear({?MODULE, _, _}, Exec) ->
     {[], Exec};
 hear(Message, #exec{program = Program} = Exec) ->
     case starl_live_program:hear(Message, Program) of
         unknown -> unknown;
         {ended, Why} -> ends(Why, Exec);
-        {Lines, Next} -> lines(Lines, Exec#exec{program = Next})
+        {Lines, Next} -> waited(Lines, Exec#exec{program = Next})
     end.
+
+waited(Lines, #exec{waiting = Before} = Exec) ->
+    lines(Before ++ Lines, [], Exec#exec{waiting = []}).
 
 ends(Why, #exec{name = Name}) -> {stop, [Name, " ", Why]}.
 
-lines([], Exec) ->
-    {[], Exec};
-lines([long], Exec) ->
+%% It will not stop by what it is told.
+broken(Why, #exec{program = Program} = Exec) ->
+    ok = starl_live_program:kill(Program),
+    ends(Why, Exec).
+
+lines([], Outputs, Exec) ->
+    {lists:append(lists:reverse(Outputs)), Exec};
+lines([Line | Lines], Outputs, Exec) ->
+    case line(Line, Exec) of
+        {stop, _} = Stop -> Stop;
+        {Told, Next} -> lines(Lines, [Told | Outputs], Next)
+    end.
+
+line(long, Exec) ->
     nonsense("a very long line", <<>>, Exec);
-lines([{line, Line}], Exec) ->
+line({line, Line}, Exec) ->
     case starl_live_program_word:decode(Line) of
         {ok, Word} -> word(Word, Exec#exec{silent = 0});
         {error, Why} -> nonsense(Why, Line, Exec)
@@ -246,14 +269,16 @@ lines([{line, Line}], Exec) ->
 
 %% A stray line is logged; many of them are no robot.
 nonsense(Why, Line, #exec{name = Name, nonsense = {Second, N}} = Exec) ->
-    Said = [Name, " says nonsense: ", Why, [[": ", shown(Line)] || Line =/= <<>>]],
+    Said = ["says nonsense: ", Why, [[": ", shown(Line)] || Line =/= <<>>]],
     case erlang:monotonic_time(second) of
         Second when N >= ?NONSENSE_A_SECOND ->
-            {stop, Said};
+            broken(Said, Exec);
         Second ->
             {[], Exec#exec{nonsense = {Second, N + 1}}};
         Now ->
-            logger:warning(#{what => nonsense, why => unicode:characters_to_binary(Said)}),
+            logger:warning(#{
+                what => nonsense, why => unicode:characters_to_binary([Name, $\s, Said])
+            }),
             {[], Exec#exec{nonsense = {Now, 1}}}
     end.
 

@@ -15,21 +15,21 @@
 check(Module, Behaviour, Given) ->
     {module, Module} = code:ensure_loaded(Module),
     Optional = Behaviour:behaviour_info(optional_callbacks),
-    Needed = Behaviour:behaviour_info(callbacks) -- Optional,
+    Needed = lists:sort(Behaviour:behaviour_info(callbacks) -- Optional),
     case [Callback || {F, A} = Callback <- Needed, not erlang:function_exported(Module, F, A)] of
         [] -> options(Module, Given);
         [Missing | _] -> {error, missing(Module, Missing, Needed, Behaviour)}
     end.
 
 missing(Module, {Function, Arity}, Needed, Behaviour) ->
-    All = lists:join(", ", [io_lib:format("~ts/~b", [F, A]) || {F, A} <- lists:sort(Needed)]),
-    Why =
+    All = lists:join(", ", [io_lib:format("~ts/~b", [F, A]) || {F, A} <- Needed]),
+    {Place, Why} =
         case starl_code:line(Module, Function, Arity) of
-            {ok, _, _} -> "is not exported";
-            none -> "is missing"
+            {ok, _, _} -> {starl_app:place(Module, Function, Arity), "is not exported"};
+            none -> {starl_app:place(Module, none, 0), "is missing"}
         end,
     io_lib:format("~ts: ~ts/~b ~ts; ~ts exports ~ts", [
-        starl_app:place(Module, Function, Arity), Function, Arity, Why, what(Behaviour), All
+        Place, Function, Arity, Why, what(Behaviour), All
     ]).
 
 what(starl_live_chassis) -> "a chassis";

@@ -10,7 +10,7 @@
 %% by {@link stop/1}.
 -module(starl_live_program).
 
--export([start/1, words/1, send/2, hear/2, stop/1]).
+-export([start/1, words/1, send/2, hear/2, stop/1, kill/1]).
 
 -export_type([t/0, line/0]).
 
@@ -68,7 +68,6 @@ beside(Name) ->
 opened(Path, Args) ->
     Options = [
         {args, Args},
-        {line, ?LINE_BYTES},
         {env, [{"PYTHONUNBUFFERED", "1"}]},
         binary,
         exit_status,
@@ -113,32 +112,39 @@ ended(0) -> "has ended";
 ended(Status) when Status > 128 -> io_lib:format("was killed by signal ~b", [Status - 128]);
 ended(Status) -> io_lib:format("has ended with status ~b", [Status]).
 
-heard({noeol, _More}, #program{part = long} = Program) ->
-    {[], Program};
-heard({noeol, More}, #program{part = Part} = Program) when
-    byte_size(Part) + byte_size(More) >= ?LINE_BYTES
-->
-    {[], Program#program{part = long}};
-heard({noeol, More}, #program{part = Part} = Program) ->
-    {[], Program#program{part = <<Part/binary, More/binary>>}};
-heard({eol, _Rest}, #program{part = long} = Program) ->
-    {[long], Program#program{part = <<>>}};
-heard({eol, Rest}, #program{part = Part} = Program) ->
-    {[{line, L} || L <- [trimmed(<<Part/binary, Rest/binary>>)], L =/= <<>>], Program#program{
-        part = <<>>
-    }}.
+heard(Data, #program{part = long} = Program) ->
+    case binary:split(Data, <<"\n">>) of
+        [_Rest, More] -> long(heard(More, Program#program{part = <<>>}));
+        [_More] -> {[], Program}
+    end;
+heard(Data, #program{part = Part} = Program) ->
+    All = binary:split(<<Part/binary, Data/binary>>, <<"\n">>, [global]),
+    {Whole, Rest} = {lists:droplast(All), lists:last(All)},
+    Lines = [line(trimmed(Line)) || Line <- Whole],
+    Left =
+        case byte_size(Rest) > ?LINE_BYTES of
+            true -> long;
+            false -> Rest
+        end,
+    {[Line || Line <- Lines, Line =/= {line, <<>>}], Program#program{part = Left}}.
+
+long({Lines, Program}) -> {[long | Lines], Program}.
+
+line(Line) when byte_size(Line) > ?LINE_BYTES -> long;
+line(Line) -> {line, Line}.
 
 trimmed(Line) -> string:trim(Line, both, "\r\t ").
 
-%% Parts of long lines count, too.
+%% A part of a line counts, too.
 counted({Lines, #program{second = Second, lines = N} = Program}) ->
+    Count = max(1, length(Lines)),
     case erlang:monotonic_time(second) of
-        Second when N >= ?LINES_A_SECOND ->
+        Second when N + Count > ?LINES_A_SECOND ->
             {ended, io_lib:format("says more than ~b lines in a second", [?LINES_A_SECOND])};
         Second ->
-            {Lines, Program#program{lines = N + 1}};
-        Next ->
-            {Lines, Program#program{second = Next, lines = 1}}
+            {Lines, Program#program{lines = N + Count}};
+        Later ->
+            {Lines, Program#program{second = Later, lines = Count}}
     end.
 
 %% @doc Closes its standard input, and kills it with its children if it does not end by that.
@@ -151,13 +157,32 @@ stop(#program{port = Port, os_pid = Pid}) ->
         catch
             error:badarg -> true
         end,
-    gone(?LOOKS, Pid).
+    apart(fun() -> gone(?LOOKS, Pid) end).
+
+%% The mailbox of this process may be full of what the program has said.
+apart(Do) ->
+    {_, Ref} = spawn_monitor(fun() -> exit({did, Do()}) end),
+    receive
+        {'DOWN', Ref, process, _, {did, Answer}} -> Answer
+    end.
+
+%% @doc Kills it with its children, at once. It is heard of as of any other end.
+-spec kill(t()) -> ok.
+kill(#program{os_pid = none}) ->
+    ok;
+kill(#program{os_pid = Pid}) ->
+    killed = apart(fun() -> killed(Pid) end),
+    ok.
+
+%% Each program leads a group of its own.
+killed(Pid) ->
+    _ = os:cmd("kill -9 -" ++ integer_to_list(Pid)),
+    killed.
 
 gone(_Looks, none) ->
     ended;
 gone(0, Pid) ->
-    _ = os:cmd("kill -9 -" ++ integer_to_list(Pid)),
-    killed;
+    killed(Pid);
 gone(Looks, Pid) ->
     case os:cmd("kill -0 -" ++ integer_to_list(Pid) ++ " 2>&1") of
         "" ->

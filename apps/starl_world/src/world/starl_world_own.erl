@@ -28,6 +28,9 @@
 
 -define(PLACE_MS, 2000).
 -define(MOST_WAITING, 100).
+%% A body that has told nothing for so long stands, as far as is known: the judge waits no longer.
+-define(WATCH_MS, 250).
+-define(SILENT_US, 500000).
 
 -spec open(map()) -> {ok, #own{}} | {error, unicode:chardata()}.
 open(#{world := World, robot := Robot, clock := Clock, own := {Module, Options}} = Config) ->
@@ -51,6 +54,7 @@ open(#{world := World, robot := Robot, clock := Clock, own := {Module, Options}}
 
 opened({ok, State}, Own) ->
     _ = erlang:send_after(?PLACE_MS, self(), {?MODULE, placed}),
+    _ = erlang:send_after(?WATCH_MS, self(), {?MODULE, watch}),
     {ok, Own#own{state = State}};
 opened({error, _} = Error, _Own) ->
     Error.
@@ -96,7 +100,18 @@ condition(#own{module = Module, state = State}) ->
     end.
 
 -spec close(#own{}) -> ok.
-close(#own{module = Module, state = State}) -> Module:close(State).
+close(#own{module = Module, state = State} = Own) ->
+    _ = rested(Own),
+    Module:close(State).
+
+rested(#own{pieces = Pieces} = Own) ->
+    case starl_world_pieces:rest(Pieces) of
+        {same, _} ->
+            Own;
+        {Standing, Next} ->
+            _ = tell({moves, Standing}, starl_world_pieces:told_us(Next), Own),
+            Own#own{pieces = Next}
+    end.
 
 -spec hear(term(), #own{}) ->
     {[starl_live_chassis:output()], #own{}} | {stop, unicode:chardata()} | unknown.
@@ -107,6 +122,12 @@ hear({?MODULE, placed}, #own{is_placed = false}) ->
     {stop, "the chassis tells no pose, and this world has no other way to know where its body is"};
 hear({?MODULE, placed}, Own) ->
     {[], Own};
+hear({?MODULE, watch}, #own{clock = Clock, pieces = Pieces} = Own) ->
+    _ = erlang:send_after(?WATCH_MS, self(), {?MODULE, watch}),
+    case starl_live_clock:now_us(Clock) - starl_world_pieces:told_us(Pieces) of
+        Us when Us > ?SILENT_US -> {[], rested(Own)};
+        _ -> {[], Own}
+    end;
 hear({'DOWN', Monitor, _, _, _}, #own{monitor = Monitor}) ->
     {stop, "the world has ended"};
 hear(Message, #own{module = Module, state = State} = Own) ->

@@ -3,13 +3,15 @@
 %% there at the next, to 0.02 mm. A pure module.
 -module(starl_world_pieces).
 
--export([new/2, add/3, told_us/1]).
+-export([new/2, add/3, rest/1, told_us/1]).
 
 -export_type([t/0]).
 
 %% The last sample, and the piece that it ends.
--opaque t() :: {Us :: integer(), starl:pose(), starl_trajectory:piece()}.
+-opaque t() :: {Us :: integer(), starl:pose(), starl_trajectory:arc()}.
 
+%% A body that stood begins to move so long before it is seen to have moved, at most.
+-define(LONGEST_US, 500000).
 %% So near it is where it was expected (mm, rad).
 -define(NEAR_MM, 0.02).
 -define(NEAR_RAD, 1.0e-4).
@@ -24,7 +26,7 @@ told_us({Us, _, _}) -> Us.
 
 %% @doc The body was there then: the piece of motion from the last sample on, if that is another one than
 %% before. What is no later than the last sample changes nothing.
--spec add(Us :: integer(), starl:pose(), t()) -> {starl_trajectory:piece() | same, t()}.
+-spec add(Us :: integer(), starl:pose(), t()) -> {starl_trajectory:arc() | same, t()}.
 add(Us, _Pose, {Last, _, _} = Pieces) when Us =< Last ->
     {same, Pieces};
 add(Us, Pose, {Last, From, Piece}) ->
@@ -32,8 +34,25 @@ add(Us, Pose, {Last, From, Piece}) ->
         true ->
             {same, {Us, Pose, Piece}};
         false ->
-            Next = between(Last, From, Us, Pose),
+            Next = between(begins(Last, Us, Piece), From, Us, Pose),
             {Next, {Us, Pose, Next}}
+    end.
+
+begins(Last, Us, Piece) ->
+    case is_standing(Piece) of
+        true -> max(Last, Us - ?LONGEST_US);
+        false -> Last
+    end.
+
+is_standing({piece, _, _, _, _, V, W}) -> V == 0 andalso W == 0.
+
+%% @doc Nothing more is told: as far as is known, the body stands where it was last.
+-spec rest(t()) -> {starl_trajectory:arc() | same, t()}.
+rest({Last, {X, Y, Heading} = Pose, Piece}) ->
+    Standing = starl_trajectory:standing(Last, {X, Y}, Heading),
+    case is_standing(Piece) of
+        true -> {same, {Last, Pose, Piece}};
+        false -> {Standing, {Last, Pose, Standing}}
     end.
 
 is_near({X, Y, Heading}, {X1, Y1, Heading1}) ->
