@@ -28,18 +28,16 @@ about(_Subject) ->
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() -> [{0, "it keeps the contract"}, {3, "it does not"}].
 
--spec subject(string(), [string()]) ->
-    {ok, starl_cli_command:subject(), [string()]} | {error, [unicode:chardata(), ...]}.
-subject("check", [[C | _] = Chassis | Args]) when C =/= $- ->
-    {ok, {check, Chassis}, Args};
-subject("check", ["--help" | _] = Args) ->
-    {ok, help, Args};
-subject("check", _Args) ->
-    {error, ["check which chassis? FILE.erl, or exec:PROGRAM"]};
-subject(Word, _Args) ->
-    {error, ["there is no ", Word, "; there is check"]}.
+-spec subject(string(), [string()]) -> {ok, starl_cli_command:subject(), [string()]}.
+subject("check", [[C | _] = Chassis | Args]) when C =/= $- -> {ok, {check, Chassis}, Args};
+subject("check", Args) -> {ok, {check, none}, Args};
+subject(Word, Args) -> {ok, {unknown, Word}, Args}.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := {unknown, Word}}) ->
+    {error, [["there is no ", Word, "; there is check"]]};
+run(#{subject := {check, none}}) ->
+    {error, ["check which chassis? FILE.erl, or exec:PROGRAM"]};
 run(#{subject := {check, Text}}) ->
     Name = unicode:characters_to_binary(Text),
     case starl_sim_chassis:own(Name) =/= none andalso starl_cli_own_chassis:driver(Name) of

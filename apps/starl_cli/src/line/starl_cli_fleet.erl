@@ -15,7 +15,7 @@
 -spec read(file:filename()) -> {ok, t()} | {error, [unicode:chardata(), ...]}.
 read(File) ->
     case starl_fleet_file:read(File) of
-        {ok, Given} -> with_app(File, Given, app(File, Given));
+        {ok, Given} -> own(File, Given);
         {error, _} = Error -> Error
     end.
 
@@ -30,6 +30,54 @@ robots(File) ->
 
 checked(File, {ok, Fleet}, Code) -> {ok, #{file => File, fleet => Fleet, code => Code}};
 checked(_File, {error, _} = Error, _Code) -> Error.
+
+%% Drivers and sources of positions of the user's own are compiled: their modules take the place of their files.
+own(File, Given) ->
+    {Positioning, Sources} = driver(positioning, starl_live_positioning, File, Given),
+    {Robots, Drivers} = chassis(File, Positioning),
+    Built = Sources ++ Drivers,
+    Code = lists:ukeysort(1, lists:append([C || {ok, C} <- Built])),
+    case [[File, ": ", Why] || {error, Lines} <- Built, Why <- Lines] of
+        [] -> with(Code, with_app(File, Robots, app(File, Robots)));
+        Problems -> {error, Problems}
+    end.
+
+with(Own, {ok, #{code := Code} = Fleet}) -> {ok, Fleet#{code := lists:ukeysort(1, Code ++ Own)}};
+with(_Own, {error, _} = Error) -> Error.
+
+chassis(File, #{robots := #{} = Robots} = Given) ->
+    All = [
+        {Number, driver(chassis, starl_live_chassis, File, Robot)}
+     || {Number, Robot} <- lists:sort(maps:to_list(Robots)), is_map(Robot)
+    ],
+    Next = maps:merge(Robots, maps:from_list([{Number, Robot} || {Number, {Robot, _}} <- All])),
+    {Given#{robots := Next}, lists:append([Built || {_, {_, Built}} <- All])};
+chassis(_File, Given) ->
+    {Given, []}.
+
+driver(Key, Behaviour, File, Given) ->
+    case maps:get(Key, Given, none) of
+        {[_ | _] = Source, #{} = Options} -> built(Key, Behaviour, File, {Source, Options}, Given);
+        [_ | _] = Source -> built(Key, Behaviour, File, {Source, #{}}, Given);
+        _Known -> {Given, []}
+    end.
+
+built(Key, Behaviour, File, {Source, Options}, Given) ->
+    case io_lib:printable_unicode_list(Source) andalso filename:extension(Source) of
+        ".erl" ->
+            Beside = filename:join(filename:dirname(File), Source),
+            compiled(Key, Behaviour, starl_cli_source:driver(Beside), Options, Given);
+        _NoFile ->
+            {Given, []}
+    end.
+
+compiled(Key, Behaviour, {ok, Module, Code}, Options, Given) ->
+    case starl_live_own:check(Module, Behaviour, Options) of
+        {ok, Values} -> {Given#{Key := {{module, Module}, Values}}, [{ok, Code}]};
+        {error, Why} -> {Given, [{error, [Why]}]}
+    end;
+compiled(_Key, _Behaviour, {error, _} = Error, _Options, Given) ->
+    {Given, [Error]}.
 
 %% The other problems are told even if there is no such application.
 with_app(File, Given, {ok, #{app := App} = Target}) ->

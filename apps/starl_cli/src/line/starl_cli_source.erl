@@ -2,7 +2,7 @@
 %% together with the files beside it whose modules it names, directly or indirectly.
 -module(starl_cli_source).
 
--export([load/1, load_directory/1, in_directory/1, modules/1]).
+-export([load/1, load_directory/1, in_directory/1, modules/1, driver/1]).
 -export([is_name/1, runs/1, no_application/1]).
 
 %% @doc Compiles and loads a source file: an application, or a building block to be exercised.
@@ -70,8 +70,15 @@ is_behaviour(_Form) ->
 %% @doc Compiles and loads a source file and those that it needs; gives its module.
 -spec modules(file:filename()) ->
     {ok, module(), [starl_cli_target:code(), ...]} | {error, [unicode:chardata(), ...]}.
-modules(File) ->
-    case compiled([File], []) of
+modules(File) -> modules(File, application).
+
+%% @doc The same of a driver, which is no application: it may look at the computer's clock, and has processes.
+-spec driver(file:filename()) ->
+    {ok, module(), [starl_cli_target:code(), ...]} | {error, [unicode:chardata(), ...]}.
+driver(File) -> modules(File, driver).
+
+modules(File, Kind) ->
+    case compiled([File], [], Kind) of
         {ok, Codes} ->
             _ = [{module, M} = code:load_binary(M, F, Code) || {M, F, Code} <- Codes],
             {ok, element(1, hd(Codes)), Codes};
@@ -79,25 +86,28 @@ modules(File) ->
             Error
     end.
 
-compiled([], Codes) ->
+compiled([], Codes, _Kind) ->
     {ok, lists:reverse(Codes)};
-compiled([File | Files], Codes) ->
-    case code(File) of
+compiled([File | Files], Codes, Kind) ->
+    case code(File, Kind) of
         {ok, {Module, _, Beam} = Code} ->
             Known = Files ++ [F || {_, F, _} <- Codes],
-            compiled(Files ++ (beside(File, Module, Beam) -- Known), [Code | Codes]);
+            compiled(Files ++ (beside(File, Module, Beam) -- Known), [Code | Codes], Kind);
         {error, _} = Error ->
             Error
     end.
 
-code(File) ->
+code(File, Kind) ->
     case filelib:is_regular(File) of
-        true -> sound(File, compile:file(File, [binary, return, debug_info]));
+        true -> sound(File, Kind, compile:file(File, [binary, return, debug_info]));
         false -> {error, [[File, ": there is no such file"]]}
     end.
 
-sound(File, {ok, Module, Beam, Warnings}) ->
-    Foreign = [starl_cli_foreign:text(Call) || Call <- starl_cli_foreign:calls(Beam)],
+sound(File, Kind, {ok, Module, Beam, Warnings}) ->
+    Foreign = [
+        starl_cli_foreign:text(Call)
+     || Kind =:= application, Call <- starl_cli_foreign:calls(Beam)
+    ],
     _ = [
         starl_cli_terminal:warn(["warning: ", Line])
      || Line <- starl_version:format_found(telling(Warnings)) ++ Foreign
@@ -114,7 +124,7 @@ sound(File, {ok, Module, Beam, Warnings}) ->
                 ])
             ]}
     end;
-sound(_File, {error, Errors, _Warnings}) ->
+sound(_File, _Kind, {error, Errors, _Warnings}) ->
     {error, starl_version:format_found(first_causes(Errors))}.
 
 %% May a source take this name? It has precedence over what was once compiled from it.
@@ -141,12 +151,14 @@ first_causes(Errors) ->
         _ -> [{File, [Info]} || {File, Info} <- Unread]
     end.
 
-%% That a callback of an application is missing is told as an error later.
+%% That a callback of an application or a driver is missing is told as an error later.
 telling(Warnings) ->
     [{File, [Info || Info <- Infos, not is_told_later(Info)]} || {File, Infos} <- Warnings].
 
-is_told_later({_, erl_lint, {undefined_behaviour_func, _, starl_app}}) -> true;
-is_told_later(_) -> false.
+is_told_later({_, erl_lint, {undefined_behaviour_func, _, Behaviour}}) ->
+    lists:member(Behaviour, [starl_app, starl_live_chassis, starl_live_positioning]);
+is_told_later(_) ->
+    false.
 
 %% The files in the same directory whose modules are named in this file and not loaded yet.
 beside(File, Module, Beam) ->

@@ -75,7 +75,7 @@ values(faults, string) -> {words, [[atom_to_list(F), ":1"] || {F, _} <- starl_ch
 values(block, {term, _, _}) -> {words, texts([Name || {Name, _} <- starl_blocks:known()])};
 values(random_faults, _) -> {words, texts([all | starl_sim_fault:classes()] ++ kinds())};
 values(faults, _) -> {words, texts(kinds())};
-values(chassis, _) -> {words, texts([differential, holonomic, create, create_1, mixed])};
+values(chassis, _) -> {files, texts([differential, holonomic, create, create_1, mixed])};
 values(Key, _) when Key =:= picture; Key =:= pictures -> {files, pictures()};
 values(floor, _) -> {files, starl_floor_file:shipped()};
 values(start, _) -> {files, ["grid", "line", "circle", "random"]};

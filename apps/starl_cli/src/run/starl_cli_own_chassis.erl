@@ -41,7 +41,7 @@ resolved(Name, Profile) ->
 driver(Name) ->
     case starl_sim_chassis:own(Name) of
         {exec, Command} -> {ok, {starl_live_exec, #{exec => absolute(Command)}}, []};
-        {file, File, Options} -> compiled(starl_cli_source:modules(File), Options)
+        {file, File, Options} -> compiled(starl_cli_source:driver(File), Options)
     end.
 
 %% The nodes of a cluster may have another working directory.

@@ -19,7 +19,7 @@
     robots := #{starl:robot_id() => robot()},
     transport := udp | dist,
     all := each | {multicast | broadcast, inet:ip4_address(), inet:port_number()},
-    positioning := {atom(), map()},
+    positioning := {starl_fleet_lines:name(), map()},
     keys := file:filename(),
     home := file:filename(),
     service := auto | systemd | plain,
@@ -36,7 +36,7 @@
     ssh := [string()],
     address := string(),
     port := inet:port_number(),
-    chassis := {atom(), map()}
+    chassis := {starl_fleet_lines:name(), map()}
 }.
 
 %% The scenario's keys that mean something outside the simulator.
@@ -104,12 +104,20 @@ source_type() -> choice(starl_fleet_lines:sources()).
 chassis_type() -> choice(starl_fleet_lines:chassis()).
 
 choice(Names) ->
-    Shape = "one of " ++ lists:append(lists:join(", ", [atom_to_list(N) || N <- Names])),
+    Known = lists:append(lists:join(", ", [atom_to_list(N) || N <- Names, N =/= exec])),
+    Programs = lists:append([", \"exec:PROGRAM\"" || lists:member(exec, Names)]),
+    IsName = fun(Name) -> lists:member(Name, Names) orelse is_own(Name) end,
     Is = fun
-        ({Name, Own}) -> lists:member(Name, Names) andalso is_map(Own);
-        (Name) -> lists:member(Name, Names)
+        ({module, Module}) -> is_atom(Module);
+        ({Name, Own}) -> IsName(Name) andalso is_map(Own);
+        ("exec:" ++ Command) -> Programs =/= "" andalso is_text(Command);
+        (Name) -> IsName(Name)
     end,
-    {term, Shape ++ ", or {NAME, #{...}}", Is}.
+    {term, "one of " ++ Known ++ Programs ++ ", \"FILE.erl\", or {NAME, #{...}}", Is}.
+
+%% A file of the user's own, or its module, once it is compiled.
+is_own({module, Module}) -> is_atom(Module);
+is_own(File) -> is_text(File) andalso filename:extension(File) =:= ".erl".
 
 path() -> {term, "a path without blanks", matches(?PATH)}.
 
@@ -215,7 +223,9 @@ addressed(#{address := none, host := Host} = Robot) -> addressed(Robot#{address 
 addressed(#{chassis := Chassis} = Robot) -> Robot#{chassis := named(Chassis)};
 addressed(Robot) -> Robot.
 
+named({module, _} = Module) -> {Module, #{}};
 named({Name, Own}) -> {Name, Own};
+named("exec:" ++ Command) -> {exec, #{exec => Command}};
 named(Name) -> {Name, #{}}.
 
 normal(#{positioning := Source} = Fleet) -> Fleet#{positioning := named(Source)};

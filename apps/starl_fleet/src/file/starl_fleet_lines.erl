@@ -5,10 +5,16 @@
 -export([chassis/0, driver/1, drivers/1, sources/0, source/1]).
 -export([chassis/2, positioning/2, transport/3, node_name/2]).
 
+-export_type([name/0]).
+
+%% One of a table; a file of the user's own, or its module once it is compiled.
+-type name() :: atom() | file:filename() | {module, module()}.
+
 %% A chassis of this name, and the module of its driver.
 -define(CHASSIS, [
     {none, starl_fleet_still},
-    {create, starl_create_chassis}
+    {create, starl_create_chassis},
+    {exec, starl_live_exec}
 ]).
 
 %% A positioning system of this name, and the module that reads it.
@@ -24,23 +30,32 @@
 chassis() -> [Name || {Name, _} <- ?CHASSIS].
 
 %% @doc The driver of a chassis.
--spec driver(atom()) -> {ok, module()} | {error, unicode:chardata()}.
+-spec driver(name()) -> {ok, module()} | {error, unicode:chardata()}.
 driver(Name) -> module(Name, ?CHASSIS, "driver for a chassis").
 
-%% @doc The drivers of a fleet's chassis.
+%% @doc The drivers of a fleet's chassis, and what they need: a program speaks JSON.
 -spec drivers(starl_fleet_file:t()) -> [module()].
 drivers(#{robots := Robots}) ->
     Names = lists:usort([Name || #{chassis := {Name, _}} <- maps:values(Robots)]),
-    [Module || {Name, Module} <- ?CHASSIS, lists:member(Name, Names)].
+    [Module || {Name, Module} <- ?CHASSIS, lists:member(Name, Names)] ++
+        [starl_json:codec() || lists:member(exec, Names)].
 
 %% @doc The names of the positioning systems.
 -spec sources() -> [atom()].
 sources() -> [Name || {Name, _} <- ?SOURCES].
 
 %% @doc The module that reads a positioning system.
--spec source(atom()) -> {ok, module()} | {error, unicode:chardata()}.
+-spec source(name()) -> {ok, module()} | {error, unicode:chardata()}.
 source(Name) -> module(Name, ?SOURCES, "reader of a positioning system").
 
+module({module, Module}, _Table, _What) ->
+    case code:ensure_loaded(Module) of
+        {module, Module} -> {ok, Module};
+        {error, _} -> {error, io_lib:format("the module ~ts is not in this release", [Module])}
+    end;
+%% it is compiled by whoever deploys it
+module([_ | _] = _File, _Table, _What) ->
+    {ok, starl_fleet_still};
 module(Name, Table, What) ->
     {Name, Module} = lists:keyfind(Name, 1, Table),
     case code:ensure_loaded(Module) of

@@ -62,7 +62,7 @@ open(#{exec := Command, robot := Robot, clock := Clock, profile := Profile} = Co
     case {kind(Profile), Words =/= [] andalso starl_live_program:start(Words)} of
         {{ok, Axle}, {ok, Program}} ->
             greeted(Profile, #exec{
-                name = hd(Words),
+                name = filename:basename(hd(Words)),
                 robot = Robot,
                 clock = Clock,
                 axle_mm = Axle,

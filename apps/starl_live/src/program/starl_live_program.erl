@@ -103,8 +103,9 @@ hear({Port, {data, Data}}, #program{port = Port} = Program) ->
     counted(heard(Data, Program));
 hear({Port, {exit_status, Status}}, #program{port = Port}) ->
     {ended, ended(Status)};
+%% With a command under way to it there is no status.
 hear({'EXIT', Port, _Why}, #program{port = Port}) ->
-    {ended, "has closed its standard input"};
+    {ended, "has ended, or reads no more"};
 hear(_Message, _Program) ->
     unknown.
 
