@@ -77,7 +77,7 @@ mistakes(Config) ->
             },
             {
                 "$starl run line_up.erl" ?LIVE "'{\"two_wheels.erl\", #{pott => 1}}'",
-                "run: --chassis: two_wheels.erl:12: unknown key pott (did you mean port?)"
+                "run: --chassis: two_wheels.erl:11: unknown key pott (did you mean port?)"
             },
             {"$starl chassis check my_robot.py",
                 "starl: chassis: my_robot.py is no chassis of your own: FILE.erl, or exec:PROGRAM"}
@@ -94,7 +94,15 @@ bodies_paint(Config) ->
 
 on_nodes(Config) ->
     {0, Text} = sh("$starl cluster line_up.erl --robots 2 --chassis exec:./my_robot.py", Config),
-    says("line_up: complete, 2 robots", Text).
+    says("line_up: complete, 2 robots", Text),
+    %% a node that is killed takes its program with it; the robot rejoins with another
+    {0, Killed} = sh(
+        "export XDG_CACHE_HOME=\"$PWD\"; "
+        "$starl cluster painting --picture mini.svg --robots 2 --chassis exec:./my_robot.py & "
+        "until $starl cluster kill 1 2>&1 | grep -q done; do :; done; wait $!",
+        Config
+    ),
+    says("painting: complete, 100 % of the lines painted, 2 robots", Killed).
 
 %% There it has two wheels; the program does not even start.
 in_virtual_time(Config) ->

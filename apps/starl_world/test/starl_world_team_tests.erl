@@ -159,3 +159,42 @@ team() ->
     ),
     {_, Team} = ?T:new([{1, {0.0, 0.0, 0.0}}], World),
     ?T:started(1, self(), {[a], none}, Team).
+
+%% A chassis that tells where its body is: its motion counts from the beginning of each piece on. When it
+%% ends, the body stands where it was last, once, whichever of the robot's processes is missed first; the next
+%% chassis begins there, and undoes nothing.
+a_body_that_is_told_test_() ->
+    [
+        {atom_to_list(First), fun() ->
+            {ok, {_, _, _} = At, Team} = ?T:tracked(1, self(), team()),
+            Up = ?T:started(1, link, {[], none}, Team),
+            Piece = starl_trajectory:piece(1000, {element(1, At), element(2, At)}, 0.0, 100.0, 0.0),
+            {[Moves], [], Moving} = tells(41000, {moves, Piece}, Up),
+            ?assertEqual({1000, 1, chassis, {motion, Piece}}, Moves),
+            {[], [], Same} = tells(81000, {moves, same}, Moving),
+            {Facts, Gone} = ended(First, 500000, Same),
+            ?assertEqual([81000], [T || {T, 1, chassis, {motion, _}} <- Facts]),
+            ?assertEqual({error, cable}, no_cable(Gone)),
+            {ok, {X, _, _}, Next} = ?T:tracked(1, self(), Gone),
+            ?assertEqual(8, round(X - element(1, At))),
+            {[], [], _} = tells(900000, {moves, same}, Next)
+        end}
+     || First <- [link, chassis]
+    ].
+
+tells(At, What, Robots) ->
+    {At, {Traces, Words, Next}} = ?T:heard(1, self(), {{at, At}, What}, At, Robots),
+    {Traces, Words, Next}.
+
+ended(link, Now, Robots) ->
+    {Down, _, One} = ?T:down(1, [], Now, Robots),
+    {Stands, _, Two} = ?T:untracked(self(), One),
+    {Down ++ Stands, Two};
+ended(chassis, Now, Robots) ->
+    {Stands, _, One} = ?T:untracked(self(), Robots),
+    {Down, _, Two} = ?T:down(1, [], Now, One),
+    {Stands ++ Down, Two}.
+
+no_cable(Robots) ->
+    {error, _} = ?T:hardware(1, Robots),
+    {error, cable}.

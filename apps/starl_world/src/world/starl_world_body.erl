@@ -103,6 +103,8 @@ moves(Piece, #body{id = Id} = Body) ->
 
 %% @doc The chassis comes to rest. A body that is moved elsewhere stands where it was.
 -spec stop(NowUs :: integer(), t()) -> yield().
+stop(_Now, #body{told = {piece, _, _, _, _, V, W}} = Body) when V == 0, W == 0 ->
+    {[], [], Body};
 stop(Now, #body{told = Piece} = Body) when Piece =/= none ->
     moves(starl_trajectory:stop(max(Now, starl_trajectory:start_us(Piece)), Piece), Body);
 stop(Now, Body0) ->

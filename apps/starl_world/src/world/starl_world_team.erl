@@ -108,19 +108,17 @@ untracked(Chassis, Robots) ->
         ]
     of
         [{Id, #robot{told_at = At} = Robot}] ->
-            {_, _, Body} = Stop = stands(At, body(Robot)),
-            Gone = (settled(Body, Robot))#robot{
-                chassis = none, is_free = false, is_tracked = false
+            Gone = Robot#robot{
+                chassis = none,
+                is_free = false,
+                is_tracked = false,
+                settled = none,
+                since = [],
+                answered = []
             },
-            yielded(Id, Stop, Gone, Robots);
+            yielded(Id, starl_world_body:stop(At, body(Robot)), Gone, Robots);
         [] ->
             {[], [], Robots}
-    end.
-
-stands(At, Body) ->
-    case starl_world_body:piece(Body) of
-        {piece, _, _, _, _, V, W} when V == 0, W == 0 -> {[], [], Body};
-        _ -> starl_world_body:stop(At, Body)
     end.
 
 body(#robot{settled = none, body = Body}) -> Body;
