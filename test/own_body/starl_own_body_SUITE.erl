@@ -97,9 +97,11 @@ on_nodes(Config) ->
     says("line_up: complete, 2 robots", Text),
     %% a node that is killed takes its program with it; the robot rejoins with another
     {0, Killed} = sh(
-        "export XDG_CACHE_HOME=\"$PWD\"; "
-        "$starl cluster painting --picture mini.svg --robots 2 --chassis exec:./my_robot.py & "
-        "until $starl cluster kill 1 2>&1 | grep -q done; do :; done; wait $!",
+        %% the name of its socket must be short
+        "export XDG_CACHE_HOME=$(mktemp -d); n=0\n"
+        "$starl cluster painting --picture mini.svg --robots 2 --chassis exec:./my_robot.py &\n"
+        "until [ $n -gt 50 ] || $starl cluster kill 1 2>&1 | grep -q done; do n=$((n+1)); done\n"
+        "wait $!; status=$?; rm -r \"$XDG_CACHE_HOME\"; [ $n -le 50 ] && exit $status",
         Config
     ),
     says("painting: complete, 100 % of the lines painted, 2 robots", Killed).
