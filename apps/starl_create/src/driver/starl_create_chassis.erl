@@ -8,7 +8,7 @@
 -module(starl_create_chassis).
 -behaviour(starl_live_chassis).
 
--export([open/1, drive/4, actuate/4, stop/1, hear/2, close/1, rest/1, condition/1]).
+-export([open/1, drive/4, actuate/4, stop/1, hear/2, close/1, rest/1, condition/1, feel/2]).
 
 -record(chassis, {
     robot :: starl:robot_id(),
@@ -108,6 +108,26 @@ rest(#chassis{driver = Driver} = Chassis) ->
 
 -spec condition(#chassis{}) -> starl_create_driver:condition().
 condition(#chassis{driver = Driver}) -> starl_create_driver:condition(Driver).
+
+%% The bumper and the battery, as the last frame of the stream tells.
+-spec feel(starl_sense:kind(), #chassis{}) -> starl_live_sense:felt().
+feel(Kind, #chassis{driver = Driver}) when Kind =:= bump; Kind =:= battery ->
+    case starl_create_driver:condition(Driver) of
+        #{control := false} -> none;
+        Condition -> felt(Kind, Condition)
+    end;
+feel(_Kind, #chassis{}) ->
+    unknown.
+
+felt(bump, #{senses := Senses}) ->
+    case lists:keyfind(bump, 1, Senses) of
+        {bump, Side} -> {ok, Side};
+        false -> none
+    end;
+felt(battery, #{charge := unknown}) ->
+    none;
+felt(battery, #{charge := Percent}) ->
+    {ok, Percent / 100}.
 
 -spec close(#chassis{}) -> ok.
 close(#chassis{driver = Driver} = Chassis) ->

@@ -44,6 +44,7 @@
     transport := pid(),
     positioning := pid(),
     chassis := pid(),
+    senses := #{starl_sense:kind() => pid()},
     sink := pid() | none,
     record := starl_live_record:t() | none,
     parts := #{starl_machine:name() => module()},
@@ -74,6 +75,7 @@
     transport :: pid(),
     positioning :: pid(),
     chassis :: pid(),
+    senses :: #{starl_sense:kind() => pid()},
     sink :: pid() | none,
     record :: starl_live_record:t() | none,
     %% the modules of the robot's machines, those of new code, and who is told about reloads
@@ -114,6 +116,7 @@
 -type out() ::
     {transmit, starl:robot_id() | all, starl_packet:t()}
     | {sense, Tag :: term(), [starl:robot_id()]}
+    | {feel, starl_sense:kind(), Mark :: term()}
     | {drive, starl_chassis:script(), UntilUs :: integer(), Mark :: term()}
     | {actuate, atom(), term(), {mark, term()} | none}
     | {until, Us :: integer(), out(), Owner :: {starl_machine:name(), Mark :: term()}}
@@ -137,6 +140,7 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         transport = Transport,
         positioning = Positioning,
         chassis = Chassis,
+        senses = maps:get(senses, Config),
         sink = Sink,
         record = Record,
         parts = Parts,
@@ -219,6 +223,11 @@ hear({starl_chassis, Chassis, sensed, Sense}, #body{chassis = Chassis}) ->
     [{app, info, {sensed, Sense}}];
 hear({starl_chassis, Chassis, {Name, Mark}, Answer}, #body{chassis = Chassis}) ->
     said(Name, Mark, Answer);
+hear({starl_felt, From, {Name, Tag}, Felt}, #body{chassis = Chassis, senses = Senses}) ->
+    case lists:member(From, [Chassis | maps:values(Senses)]) of
+        true -> [{Name, info, {felt, Tag, Felt}}];
+        false -> unknown
+    end;
 hear(_Message, _Body) ->
     unknown.
 
@@ -248,9 +257,8 @@ perform({transmit, To, Packet}, _Name, #body{packets = Packets, counts = Counts}
     {[], out({transmit, To, Packet}, Body#body{packets = Packets + 1, counts = Counted})};
 perform({sense, Robots, Tag}, Name, Body) ->
     {[], out({sense, {Name, Tag}, Robots}, Body)};
-perform({feel, _Kind, Tag}, Name, Body) ->
-    %% no adapter of a real robot has such a sense yet
-    {[{Name, info, {felt, Tag, unknown}}], Body};
+perform({feel, Kind, Tag}, Name, Body) ->
+    {[], out({feel, Kind, {Name, Tag}}, Body)};
 perform({drive, Script, Mark}, Name, #body{now = Now} = Body) ->
     {[], out({drive, Script, Now + ?LATEST_US, {Name, Mark}}, Body)};
 perform({actuate, Device, Value}, _Name, Body) ->
@@ -378,6 +386,12 @@ send({transmit, To, Packet}, #body{transport = Transport}) ->
     starl_live_transport:transmit(Transport, To, Packet);
 send({sense, Tag, Robots}, #body{positioning = Positioning}) ->
     starl_live_positioning:ask(Positioning, Tag, Robots);
+%% What no sense of its own tells is asked of the chassis.
+send({feel, Kind, Mark}, #body{senses = Senses, chassis = Chassis}) ->
+    case Senses of
+        #{Kind := Sense} -> starl_live_sense:ask(Sense, Mark);
+        #{} -> starl_live_chassis:feel(Chassis, Kind, Mark)
+    end;
 send({drive, Script, Until, Mark}, #body{chassis = Chassis}) ->
     starl_live_chassis:drive(Chassis, Script, Until, Mark);
 send({actuate, Device, Value, Mark}, #body{chassis = Chassis}) ->

@@ -11,7 +11,7 @@
 -module(starl_live_chassis).
 -behaviour(gen_server).
 
--export([start_link/3, drive/4, actuate/4, stop/1, rest/1, condition/1, is_late/3]).
+-export([start_link/3, drive/4, actuate/4, stop/1, rest/1, condition/1, feel/3, is_late/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
 
 -export_type([config/0, answer/0, output/0, said/0, sense/0]).
@@ -73,7 +73,9 @@ when
 -callback look(State) -> State when State :: term().
 %% How the chassis is, for people.
 -callback condition(State :: term()) -> map().
--optional_callbacks([rest/1, condition/1, look/1]).
+%% What a sense of the chassis' own says now ({@link starl_sense}).
+-callback feel(starl_sense:kind(), State :: term()) -> starl_live_sense:felt().
+-optional_callbacks([rest/1, condition/1, look/1, feel/2]).
 %% Closes the line.
 -callback close(State :: term()) -> ok.
 
@@ -118,6 +120,11 @@ rest(Chassis) -> gen_server:cast(Chassis, rest).
 -spec condition(pid()) -> map().
 condition(Chassis) -> gen_server:call(Chassis, condition, ?CONDITION_MS).
 
+%% @doc Asks what a sense of the chassis says; the link gets `{starl_felt, Chassis, Mark, Felt}'
+%% ({@link starl_live_sense:felt()}).
+-spec feel(pid(), starl_sense:kind(), Mark :: term()) -> ok.
+feel(Chassis, Kind, Mark) -> gen_server:cast(Chassis, {feel, Kind, Mark}).
+
 -spec init({module(), config(), pid()}) -> {ok, #chassis{}} | {stop, term()}.
 init({Module, #{robot := Robot, clock := Clock} = Config, Link}) ->
     process_flag(trap_exit, true),
@@ -141,6 +148,7 @@ handle_call(_Question, _From, Chassis) ->
 -spec handle_cast(
     {drive, starl_chassis:script(), integer(), term()}
     | {actuate, atom(), term(), term()}
+    | {feel, starl_sense:kind(), term()}
     | stop
     | rest,
     #chassis{}
@@ -155,6 +163,14 @@ handle_cast({drive, Script, Until, Mark}, #chassis{module = Module, state = Stat
     end;
 handle_cast({actuate, Device, Value, Mark}, #chassis{module = Module, state = State} = Chassis) ->
     {noreply, said(Module:actuate(Device, Value, Mark, State), Chassis)};
+handle_cast({feel, Kind, Mark}, #chassis{module = Module, state = State, link = Link} = Chassis) ->
+    Felt =
+        case erlang:function_exported(Module, feel, 2) of
+            true -> Module:feel(Kind, State);
+            false -> unknown
+        end,
+    Link ! {starl_felt, self(), Mark, Felt},
+    {noreply, Chassis};
 handle_cast(rest, #chassis{module = Module, state = State} = Chassis) ->
     case erlang:function_exported(Module, rest, 1) of
         true -> {noreply, Chassis#chassis{state = Module:rest(State)}};

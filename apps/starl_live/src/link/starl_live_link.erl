@@ -25,7 +25,8 @@
 -type line() :: {module(), map()}.
 
 %% A robot: its machines ({@link starl_robot_crew:tree()}), the seed of its team, which is the same
-%% for all robots and all their starts ({@link starl_machine:config()}), its lines, its clock, the directory of
+%% for all robots and all their starts ({@link starl_machine:config()}), its lines, the senses that are not its
+%% chassis', its clock, the directory of
 %% its store, and the process that gets the facts, if any; `record': whether the facts are also
 %% written to a file there (false); `codes': the code of machines that have been reloaded;
 %% `reporter': who is told about reloads; `packets': whether the sink is told of all packets;
@@ -44,6 +45,7 @@
     transport := line() | pid(),
     positioning := line() | pid(),
     chassis := line() | pid(),
+    senses => #{starl_sense:kind() => line()},
     sink := pid() | none,
     record => boolean(),
     codes => starl_reload:codes(),
@@ -154,7 +156,7 @@ recording(Spec) ->
     lines([transport, positioning, chassis], Spec#{record => none}).
 
 lines([], Spec) ->
-    {ok, Spec, {continue, launch}};
+    senses(maps:to_list(maps:get(senses, Spec, #{})), Spec#{senses => #{}});
 lines([Line | Lines], Spec) when is_pid(map_get(Line, Spec)) ->
     lines(Lines, Spec);
 lines([Line | Lines], Spec) ->
@@ -164,6 +166,14 @@ lines([Line | Lines], Spec) ->
     Config = with_radio(Line, Known, Spec),
     case (process(Line)):start_link(Module, Config, self()) of
         {ok, Pid} -> lines(Lines, Spec#{Line => Pid});
+        {error, Reason} -> {stop, Reason}
+    end.
+
+senses([], Spec) ->
+    {ok, Spec, {continue, launch}};
+senses([{Kind, {Module, Own}} | Others], #{robot := Robot, clock := Clock, senses := Open} = Spec) ->
+    case starl_live_sense:start_link(Module, Own#{robot => Robot, clock => Clock}, self()) of
+        {ok, Pid} -> senses(Others, Spec#{senses := Open#{Kind => Pid}});
         {error, Reason} -> {stop, Reason}
     end.
 

@@ -206,7 +206,9 @@ sent({'$gen_cast', {ask, Tag, Robots}}, link) ->
     {effect, {asked, Tag, Robots}};
 sent({'$gen_cast', Cast}, link) when element(1, Cast) =:= transmit ->
     {inner, {transport, {'$gen_cast', Cast}}};
-%% the chassis stands
+%% the chassis stands, and feels nothing
+sent({'$gen_cast', {feel, _Kind, Mark}}, link) ->
+    {inner, {link, {starl_felt, self(), Mark, unknown}}};
 sent({'$gen_cast', _}, link) ->
     none;
 %% a supervisor's or a process's end that has been handled
