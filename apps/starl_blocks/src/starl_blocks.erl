@@ -2,7 +2,7 @@
 %% a folder with its modules ({@link starl_block}).
 -module(starl_blocks).
 
--export([known/0, find/1, name/1, able/1, models/0]).
+-export([known/0, find/1, name/1, able/1, models/0, histories/0]).
 
 %% @doc The blocks with the names that they have on the command line, in the order of lists.
 -spec known() -> [{Name :: atom(), module()}].
@@ -48,3 +48,7 @@ able(What) -> [Name || {Name, Block} <- known(), starl_block:can(What, Block)].
 -spec models() -> [starl_block:model_entry()].
 models() ->
     lists:append([Block:models() || {_, Block} <- known(), starl_block:can(check, Block)]).
+
+%% @doc What the blocks promise their callers, for histories ({@link starl_history_model}).
+-spec histories() -> [module()].
+histories() -> [Block:history() || {_, Block} <- known(), starl_block:can(history, Block)].

@@ -46,7 +46,8 @@
 -opaque sim() :: #sim{}.
 
 %% Options outside the scenario: the events of which robots to record; further monitors, which only
-%% look on; the observer of the run, and whether it is told of each packet; the nodes of the run, either a number of peers on this machine or nodes that already run
+%% look on; the observer of the run, and whether it is told of each packet; whether
+%% histories of the calls are kept, and judged; the nodes of the run, either a number of peers on this machine or nodes that already run
 %% the same code ({@link starl_sim_nodes}); the wall time that one node may keep the others waiting;
 %% the wall time that the robots may take for a window of virtual time, before the run is given up;
 %% the time by which everything with a bound may be late (in real time, where a computer has other
@@ -56,6 +57,7 @@
     watch => [{module(), map()}],
     observe => starl_observer:t(),
     packets => boolean(),
+    histories => starl_sim_plan:histories(),
     nodes => starl_sim_nodes:nodes(),
     node_timeout_ms => pos_integer(),
     patience_ms => pos_integer(),

@@ -15,7 +15,9 @@
 -behaviour(starl_block).
 
 -export([increment/1, value/1, within_ms/2]).
--export([options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0]).
+-export([
+    options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, history/0
+]).
 
 %% @doc Adds one, and returns the new value.
 -spec increment(starl:robot()) -> {ok, Value :: pos_integer()} | {error, restarted}.
@@ -69,6 +71,9 @@ contract() ->
 
 -spec exercise() -> module().
 exercise() -> starl_counter_exercise.
+
+-spec history() -> module().
+history() -> starl_counter_history.
 
 -spec models() -> [starl_block:model_entry()].
 models() -> [{counter, "a shared counter that only grows", fun model/1}].

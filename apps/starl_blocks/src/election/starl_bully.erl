@@ -4,7 +4,15 @@
 -behaviour(starl_block).
 
 -export([
-    options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, benchmark/0
+    options/0,
+    machines/1,
+    monitors/2,
+    guarantees/0,
+    contract/0,
+    exercise/0,
+    models/0,
+    history/0,
+    benchmark/0
 ]).
 
 %% @doc See {@link starl_election_bully:config()}; `patience_ms' as in {@link starl_election}.
@@ -41,6 +49,9 @@ contract() -> "a robot never reports two leaders for one term".
 
 -spec exercise() -> module().
 exercise() -> starl_bully_exercise.
+
+-spec history() -> module().
+history() -> starl_bully_history.
 
 -spec models() -> [starl_block:model_entry()].
 models() -> [{bully, "election by the bully algorithm", fun model/1}].

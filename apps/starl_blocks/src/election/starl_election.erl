@@ -15,7 +15,15 @@
 
 -export([elect/2, elect/3]).
 -export([
-    options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, benchmark/0
+    options/0,
+    machines/1,
+    monitors/2,
+    guarantees/0,
+    contract/0,
+    exercise/0,
+    models/0,
+    history/0,
+    benchmark/0
 ]).
 
 -export_type([election/0]).
@@ -78,6 +86,9 @@ contract() -> "two robots that elect in one election elect the same leader".
 
 -spec exercise() -> module().
 exercise() -> starl_election_exercise.
+
+-spec history() -> module().
+history() -> starl_election_history.
 
 -spec models() -> [starl_block:model_entry()].
 models() -> [{election, "election by randomized ballots", fun model/1}].

@@ -18,7 +18,15 @@
 -behaviour(starl_block).
 
 -export([
-    options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, benchmark/0
+    options/0,
+    machines/1,
+    monitors/2,
+    guarantees/0,
+    contract/0,
+    exercise/0,
+    models/0,
+    history/0,
+    benchmark/0
 ]).
 -export([acquire/2, acquire/3, release/2, owner/2, with_token/3, home/2]).
 
@@ -163,6 +171,9 @@ contract() -> "no two robots hold one token at once; no fencing number is given 
 
 -spec exercise() -> module().
 exercise() -> starl_mutex_exercise.
+
+-spec history() -> module().
+history() -> starl_mutex_history.
 
 -spec models() -> [starl_block:model_entry()].
 models() ->

@@ -12,7 +12,9 @@
 -behaviour(starl_block).
 
 -export([put/3, get/2, subscribe/2, within_ms/1]).
--export([options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0]).
+-export([
+    options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, history/0
+]).
 
 -export_type([name/0]).
 
@@ -95,6 +97,9 @@ contract() ->
 
 -spec exercise() -> module().
 exercise() -> starl_registers_exercise.
+
+-spec history() -> module().
+history() -> starl_registers_history.
 
 -spec models() -> [starl_block:model_entry()].
 models() ->

@@ -56,12 +56,13 @@
 
 %% Machine `app', beside the events that the application traces: it listens to a type; it has read a
 %% message, with the hash of its body (`erlang:phash2/1'); it had no room for a message; new code could not take its
-%% state over; it is done.
+%% state over; a call, or its answer, of which a history is kept; it is done.
 -type app() ::
     {listens, starl_packet:type()}
     | {read, From :: starl:robot_id(), starl_packet:type(), Hash :: non_neg_integer()}
     | {inbox_full, From :: starl:robot_id(), starl_packet:type()}
     | {code_change_failed, starl_crash:cause()}
+    | starl_history:event()
     | {done, Result :: term()}.
 
 %% An event as `{Tag, Size}': its first element, and how many elements follow. `{up, 0}' stands for
@@ -84,7 +85,9 @@
     {unknown_machine, 1},
     {reloaded, 2}
 ]).
--define(EVERY_APP, [{listens, 1}, {read, 3}, {inbox_full, 2}, {code_change_failed, 1}, {done, 1}]).
+-define(EVERY_APP, [
+    {listens, 1}, {read, 3}, {inbox_full, 2}, {code_change_failed, 1}, {history, 1}, {done, 1}
+]).
 
 %% @doc The vocabulary that every runner knows.
 -spec platform() -> vocabulary().

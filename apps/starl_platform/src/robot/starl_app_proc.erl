@@ -66,7 +66,9 @@
     %% while a step may be taken back: the messages that it has read, newest first; those of a step
     %% that was taken back
     read = [] :: [message()],
-    again = [] :: [message()]
+    again = [] :: [message()],
+    %% the machines of whose calls a history is kept
+    histories = [] :: [starl_machine:name()]
 }).
 
 %% The way back from a version: that of the code before, the state before the switch, and whether
@@ -120,7 +122,8 @@ init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := D
                 clock = maps:get(clock, Boot, none),
                 random = Random,
                 stored = Stored,
-                tag = {Incarnation, 0}
+                tag = {Incarnation, 0},
+                histories = maps:get(histories, Boot, [])
             }),
             run(Robot, Code, Args)
     end.
@@ -231,6 +234,7 @@ random() ->
     {ok, Answer :: term()} | {error, timeout | restarted}.
 call(Name, Request, Us) ->
     Tag = new_tag({answer, Name}),
+    ok = told(Name, {invoked, Tag, Name, Request}),
     perform([{call, Name, Request, Tag} | timer(Tag, Us)]),
     Answer = wait(fun
         ({reply, T}, {no_such_machine, N}) when T =:= Tag, N =:= Name -> no_such_machine;
@@ -242,12 +246,27 @@ call(Name, Request, Us) ->
     end),
     stop_timer(Tag, Us),
     case Answer of
-        {answer, {until, Latest, Reply}} -> {ok, in_time(Latest, Reply)};
-        {answer, Reply} -> {ok, Reply};
+        {answer, {until, Latest, Reply}} -> returned(Name, Tag, {ok, in_time(Latest, Reply)});
+        {answer, Reply} -> returned(Name, Tag, {ok, Reply});
         no_such_machine -> error(missing(Name));
         given_up -> error(missing(Name));
-        timeout -> {error, timeout};
-        restarted -> restarted()
+        timeout -> returned(Name, Tag, {error, timeout});
+        restarted -> restarted(returned(Name, Tag, {error, restarted}))
+    end.
+
+returned(Name, Tag, Answer) ->
+    ok = told(Name, {returned, Tag, Answer}),
+    Answer.
+
+%% What the caller sees is kept beside what the application does: it is none of its actions, which are counted.
+told(Name, Event) ->
+    #turn{histories = Names, actions = Actions} = Turn = turn(),
+    case lists:member(Name, Names) of
+        true ->
+            _ = put(?TURN, Turn#turn{actions = [{trace, {history, Event}} | Actions]}),
+            ok;
+        false ->
+            ok
     end.
 
 %% The computer may have stood still on the way of the answer.
@@ -259,9 +278,9 @@ in_time(Latest, Reply) ->
 
 %% The cause of the crash, such as a full store, may last: a caller that tried again at once would
 %% crash the machine until it is given up.
-restarted() ->
+restarted(Answer) ->
     ok = sleep(?RESTARTED_US),
-    {error, restarted}.
+    Answer.
 
 %% A machine that was given up is missing, too.
 missing(Name) ->

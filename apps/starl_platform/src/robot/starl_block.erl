@@ -28,7 +28,7 @@
 %% The team and its surroundings, for monitors.
 -type context() :: starl_scene:context().
 
--type capability() :: exercise | check | bench.
+-type capability() :: exercise | check | bench | history.
 
 %% The table of the block's options.
 -callback options() -> [starl_options:option()].
@@ -49,8 +49,12 @@
 %% The models that the checker explores, usually one with the name of the block.
 -callback models() -> [model_entry()].
 -callback benchmark() -> benchmark().
+%% What the block promises its callers, for histories: a module with the behaviour starl_history_model.
+-callback history() -> module().
 
--optional_callbacks([check/1, everywhere/0, guarantees/0, exercise/0, models/0, benchmark/0]).
+-optional_callbacks([
+    check/1, everywhere/0, guarantees/0, exercise/0, models/0, benchmark/0, history/0
+]).
 
 %% A model: its name, what it covers in a few words, and the model for a team.
 -type model_entry() :: {Name :: atom(), Doc :: string(), fun((team()) -> model())}.
@@ -237,7 +241,8 @@ is_block(Module) ->
 -spec can(capability(), module()) -> boolean().
 can(exercise, Block) -> exports(Block, exercise, 0);
 can(check, Block) -> exports(Block, models, 0);
-can(bench, Block) -> exports(Block, benchmark, 0).
+can(bench, Block) -> exports(Block, benchmark, 0);
+can(history, Block) -> exports(Block, history, 0).
 
 exports(Module, Function, Arity) ->
     _ = code:ensure_loaded(Module),

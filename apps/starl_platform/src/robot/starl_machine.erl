@@ -122,6 +122,7 @@
     now := integer(),
     clock => fun(() -> integer()),
     code => starl_lineage:t(),
+    histories => [name()],
     atom() => term()
 }.
 

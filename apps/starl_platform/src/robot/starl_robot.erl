@@ -386,6 +386,8 @@ stepped(Actions, Name, Local, World, Machines, Timers, Robot) ->
 count(Actions) -> lists:sum([size_of(Action) || Action <- Actions]).
 
 size_of({until, _Us, Group, _Mark}) when is_list(Group) -> length(Group);
+%% what is kept of calls is no action: a run is the same with it and without
+size_of({trace, {history, _}}) -> 0;
 size_of(_Action) -> 1.
 
 %% The actions with the mark `stand_still' behind this many of them.
@@ -396,7 +398,7 @@ cut(After, [{until, Us, Group, Mark} | Rest]) when After =< length(Group) ->
 cut(After, [{until, _, Group, _} = Until | Rest]) ->
     [Until | cut(After - length(Group), Rest)];
 cut(After, [Action | Rest]) ->
-    [Action | cut(After - 1, Rest)].
+    [Action | cut(After - size_of(Action), Rest)].
 
 %% The facts of a group leave with the look at the clock.
 cut_group(After, Group) ->

@@ -54,6 +54,8 @@
     store := [starl_sim_fault:compiled()],
     record => #{starl:robot_id() => starl_sim_ledger:range()},
     packets => boolean(),
+    %% the machines of whose calls histories are kept
+    histories => [starl_machine:name()],
     %% the reloads by number, and the modules of a robot's machines
     reloads => #{pos_integer() => starl_sim_reloads:t()},
     parts => #{starl_machine:name() => module()}
@@ -154,7 +156,8 @@ base(Name, Incarnation, #body{id = Id, world = World} = Body) ->
         stored => stored(Name, Body),
         random => rand:seed_s(exsss, stream(Name, Incarnation, Body)),
         team_seed => maps:get(team_seed, World, Seed),
-        now => clock(Body)
+        now => clock(Body),
+        histories => maps:get(histories, World, [])
     }.
 
 %% A restart begins another stream: a robot that has started anew does not know how far it had got.

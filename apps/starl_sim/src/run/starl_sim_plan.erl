@@ -4,7 +4,11 @@
 
 -export([context/2, context/3, profiles/1, make/4, mode/1, parts/1, facts/2]).
 
--export_type([t/0]).
+-export_type([t/0, histories/0]).
+
+%% By the models of those blocks that the run has: histories are only kept, in the trace; or judged, too;
+%% or nothing else is judged.
+-type histories() :: {kept | judged | alone, [module()]}.
 
 %% The parts of a simulation and its time limit; its nodes, if any, and, once these are
 %% open, its sites.
@@ -94,7 +98,10 @@ make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
         world => starl_sim_branch:plant(
             maps:get(branch, Options, none),
             maps:merge(
-                maps:merge(world(Scenario, Profiles, Context, Options), walls(Scene)),
+                maps:merge(
+                    maps:merge(world(Scenario, Profiles, Context, Options), walls(Scene)),
+                    kept(models(Scene, Options))
+                ),
                 starl_sim_reloads:world(Reloads, parts(Scene))
             )
         ),
@@ -104,8 +111,7 @@ make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
         shards => shards(Shards, length(Ids), Options),
         faults => strikes(Faults, Reloads),
         monitors =>
-            monitors(Scenario, Scene, Profiles, Context, maps:get(slack_us, Options, 0)) ++
-            maps:get(watch, Options, [])
+            monitors(Scenario, Scene, Profiles, Context, Options) ++ maps:get(watch, Options, [])
     },
     Observed = maps:with([observe], Options),
     maps:merge(maps:merge(Plan, Observed), nodes(Scenario, Scene, Options)).
@@ -227,11 +233,11 @@ pose(Id, Scene, #{world := {Width, _}}) ->
 
 %% Monitors get the windows of broken assumptions, the time at which all faults are over, the
 %% longest delay of a packet then, and the time by which this computer may prolong anything. The contract of progress comes last: other contracts describe a failure better.
-monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, SlackUs) ->
+monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, Options) ->
     #{faults := Faults, delay := {_, MaxMs}} = Scenario,
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
     Known = #{
-        slack_us => SlackUs,
+        slack_us => maps:get(slack_us, Options, 0),
         broken => starl_sim_assumption:broken(Faults, is_exact(Profiles)),
         faults => out_of_range(Scenario) ++ starl_sim_assumption:faults(Faults),
         bodies => starl_sim_assumption:bodies(Faults, is_exact(Profiles)),
@@ -250,11 +256,24 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, SlackUs) ->
         {starl_crash_monitor, #{excused => excused(Scene)}},
         {starl_motion_monitor, #{profiles => Profiles}}
     ],
-    starl_monitor:informed(
+    Contracts =
         Own ++ contact(Scenario, Scene, Profiles) ++ maps:get(monitors, Scene, []) ++
             progress(Scenario, Ids),
-        Known
-    ).
+    starl_monitor:informed(with_history(Contracts, models(Scene, Options), Options), Known).
+
+models(Scene, #{histories := {_, Models}}) ->
+    starl_history:models(Models, maps:get(monitors, Scene, []));
+models(_Scene, _Options) ->
+    [].
+
+kept([]) -> #{};
+kept(Models) -> #{histories => lists:usort([Model:machine() || {Model, _} <- Models])}.
+
+with_history(Contracts, [_ | _] = Models, #{histories := {How, _}}) when How =/= kept ->
+    [Contract || Contract <- Contracts, How =/= alone] ++
+        [{starl_history_monitor, #{models => Models}}];
+with_history(Contracts, _Models, _Options) ->
+    Contracts.
 
 %% A robot knows the motion of another as of the beginning of the window.
 contact(#{delay := {MinMs, _}}, #{floor := Floor} = Scene, Profiles) ->

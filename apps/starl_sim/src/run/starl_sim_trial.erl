@@ -2,7 +2,7 @@
 %% inline and with one shard, which is fast and, by contract, changes no result.
 -module(starl_sim_trial).
 
--export([run/1, run/2, run/3, apart/1]).
+-export([run/1, run/2, run/3, run/4, apart/1]).
 
 -export_type([verdict/0, outcome/0, reason/0]).
 
@@ -41,8 +41,17 @@ run(Scenario, Started) -> run(Scenario, Started, []).
     fun((starl_sim:sim()) -> term()),
     [{module(), Config :: map()}]
 ) -> verdict().
-run(Scenario, Started, Watch) ->
-    case apart(fun() -> play(Scenario, Started, Watch) end) of
+run(Scenario, Started, Watch) -> run(Scenario, Started, Watch, #{}).
+
+%% @doc The same with options of the run.
+-spec run(
+    #{app := module(), atom() => term()},
+    fun((starl_sim:sim()) -> term()),
+    [{module(), Config :: map()}],
+    starl_sim:options()
+) -> verdict().
+run(Scenario, Started, Watch, Options) ->
+    case apart(fun() -> play(Scenario, Started, Watch, Options) end) of
         {ok, Verdict} -> Verdict;
         {error, _} = Error -> Error
     end.
@@ -61,8 +70,8 @@ apart(Play) ->
             {error, {failed, Reason}}
     end.
 
-play(Scenario, Started, Watch) ->
-    Watched = #{watch => [{starl_sim_loss_monitor, #{}} | Watch]},
+play(Scenario, Started, Watch, Options) ->
+    Watched = Options#{watch => [{starl_sim_loss_monitor, #{}} | Watch]},
     case starl_sim:start(Scenario#{mode => inline, shards => 1}, Watched) of
         {ok, Sim} ->
             _ = Started(Sim),

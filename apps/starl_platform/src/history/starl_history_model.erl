@@ -1,0 +1,31 @@
+%% @doc The behaviour of a model: what a block promises those that call it, in words of calls and answers
+%% alone ({@link starl_history}). It is written from the block's page, not from its machine.
+%%
+%% A model judges the calls of one object, such as a token, by themselves. What it says of some calls has to
+%% hold of each beginning of them, too, with the calls that were under way then as unknown: the shortest
+%% beginning without an explanation is found by halving.
+-module(starl_history_model).
+
+-export_type([judge/0, judgement/0]).
+
+%% The most states of a search; when stores were damaged or set back; when clocks were.
+-type judge() :: #{
+    states := pos_integer(),
+    marks := [starl_history:mark()],
+    clocks => [{FromUs :: integer(), ToUs :: integer()}]
+}.
+
+%% With what it is, or is not: "linearizable".
+-type judgement() ::
+    {explained, What :: unicode:chardata()} | {unexplained, What :: unicode:chardata()} | undecided.
+
+%% The machine that is called.
+-callback machine() -> starl_machine:name().
+%% The monitor whose contract the model stands for: a run with this contract is judged by the model, with
+%% the monitor's configuration.
+-callback contract() -> module().
+%% The calls of each object.
+-callback objects([starl_history:call()], Config :: map()) ->
+    [{Object :: term(), [starl_history:call()]}].
+%% Can the answers of an object's calls be explained?
+-callback judge([starl_history:call()], Config :: map(), judge()) -> judgement().

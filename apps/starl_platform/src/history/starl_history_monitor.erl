@@ -1,0 +1,71 @@
+%% @doc Judges the history of a run by models, beside the monitors of its contracts, and knowing of the
+%% machines nothing that these trace: calls and answers as applications have seen them ({@link
+%% starl_history}).
+-module(starl_history_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, interests/1, context/2, broken/2, step/2, finish/2]).
+
+-record(monitor, {
+    models :: [{module(), map()}],
+    machines :: [starl_machine:name()],
+    states :: pos_integer(),
+    clocks :: [{integer(), integer()}],
+    history :: starl_history:t()
+}).
+
+%% @doc The models with their contracts' configuration ({@link starl_history:models/2}); the most states
+%% of a search; when clocks were set.
+-spec init(#{
+    models := [{module(), map()}],
+    states => pos_integer(),
+    clocks => [{integer(), integer()}]
+}) -> #monitor{}.
+init(#{models := Models} = Config) ->
+    Machines = lists:usort([Model:machine() || {Model, _} <- Models]),
+    #monitor{
+        models = Models,
+        machines = Machines,
+        states = maps:get(states, Config, 200000),
+        clocks = maps:get(clocks, Config, []),
+        history = starl_history:new(Machines)
+    }.
+
+-spec interests(#monitor{}) -> [starl_machine:name()].
+interests(#monitor{machines = Machines}) -> [app, robot | Machines].
+
+-spec context(starl_monitor:known(), map()) -> map().
+context(#{broken := Windows}, Config) ->
+    Config#{clocks => [{From, To} || {_, From, To, {clock, _}} <- Windows]}.
+
+-spec broken(starl_assumption:window(), #monitor{}) -> #monitor{}.
+broken({_, From, To, {clock, _}}, #monitor{clocks = Clocks} = Monitor) ->
+    Monitor#monitor{clocks = [{From, To} | Clocks]};
+broken(_Window, Monitor) ->
+    Monitor.
+
+-spec step(starl_monitor:trace_event(), #monitor{}) -> {ok, #monitor{}}.
+step(Event, #monitor{history = History} = Monitor) ->
+    {ok, Monitor#monitor{history = starl_history:event(Event, History)}}.
+
+-spec finish(integer(), #monitor{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
+finish(_EndUs, #monitor{models = Models, history = History, states = States, clocks = Clocks}) ->
+    Verdicts = starl_history:verdicts(Models, History, #{states => States, clocks => Clocks}),
+    Undecided = length([undecided || #{outcome := undecided} <- Verdicts]),
+    Results = #{objects => length(Verdicts), undecided => Undecided},
+    case [violation(Verdict) || #{outcome := {broken, _, _, _}} = Verdict <- Verdicts] of
+        [] -> {ok, Results};
+        Found -> {{violation, Found}, Results}
+    end.
+
+violation(#{machine := Machine, object := Object, outcome := {broken, What, At, Calls}}) ->
+    #{
+        contract => history,
+        what => not_explained,
+        at_us => At,
+        robots => lists:usort([Robot || #{robot := Robot} <- lists:sublist(Calls, 2)]),
+        details => #{
+            machine => Machine, object => Object, never => unicode:characters_to_binary(What)
+        }
+    }.
