@@ -64,7 +64,11 @@ discard(_Kept) ->
 %% @doc The options of the run with its recorder.
 -spec options(starl_cli_setup:t(), map()) -> map().
 options(#{recording := {Recorder, _}}, Options) ->
-    Options#{observe => starl_trace_recorder:observer(Recorder), packets => true};
+    Options#{
+        observe => starl_trace_recorder:observer(Recorder),
+        packets => true,
+        histories => {kept, starl_blocks:histories()}
+    };
 options(#{}, Options) ->
     Options.
 

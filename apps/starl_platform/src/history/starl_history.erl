@@ -14,7 +14,7 @@
 -module(starl_history).
 
 -export([new/1, event/2, calls/1, until/2, widened/2, is_empty/1]).
--export([models/2, verdicts/3, format/1, format_call/1]).
+-export([models/2, verdicts/3, format/1, format_object/1, format_call/1]).
 
 -export_type([t/0, event/0, call/0, tag/0, mark/0, options/0, verdict/0, outcome/0]).
 
@@ -57,7 +57,12 @@
 
 %% `states': the most states of a search; `clocks': the windows in which clocks were set, or went wrong
 %% by more than they may.
--type options() :: #{states => pos_integer(), clocks => [{FromUs :: integer(), ToUs :: integer()}]}.
+%% `sigma_us': how far two clocks differ at most.
+-type options() :: #{
+    states => pos_integer(),
+    clocks => [{FromUs :: integer(), ToUs :: integer()}],
+    sigma_us => non_neg_integer()
+}.
 
 %% What is said of an object, such as a token: how many calls there were, and the outcome.
 -type verdict() :: #{
@@ -229,11 +234,13 @@ latest(#{invoked_us := Invoked}) -> {Invoked, 0}.
 %% @doc The lines of a verdict: the object, and, if it is broken, the calls at the end of the shortest
 %% prefix, the last one first.
 -spec format(verdict()) -> unicode:chardata().
-format(#{machine := Machine, object := Object, calls := Count, outcome := Outcome}) ->
-    [
-        io_lib:format("~ts ~0tp: ~b call~ts, ", [Machine, Object, Count, ["s" || Count =/= 1]]),
-        outcome(Outcome)
-    ].
+format(#{outcome := Outcome} = Verdict) -> [format_object(Verdict), outcome(Outcome)].
+
+%% @doc The beginning of that line.
+-spec format_object(#{machine := atom(), object := term(), calls := integer(), _ => _}) ->
+    unicode:chardata().
+format_object(#{machine := Machine, object := Object, calls := Count}) ->
+    io_lib:format("~ts ~0tp: ~b call~ts, ", [Machine, Object, Count, ["s" || Count =/= 1]]).
 
 outcome({kept, What}) ->
     [What, "\n"];

@@ -8,11 +8,13 @@
 
 -export_type([judge/0, judgement/0]).
 
-%% The most states of a search; when stores were damaged or set back; when clocks were.
+%% The most states of a search; when stores were damaged or set back; when clocks were; how far two clocks
+%% differ at most: calls are longer by it already.
 -type judge() :: #{
     states := pos_integer(),
     marks := [starl_history:mark()],
-    clocks => [{FromUs :: integer(), ToUs :: integer()}]
+    clocks => [{FromUs :: integer(), ToUs :: integer()}],
+    sigma_us => non_neg_integer()
 }.
 
 %% With what it is, or is not: "linearizable".
