@@ -34,7 +34,8 @@ about(_Subject) ->
         "pitfall, runs under random faults with seeds 1, 2, ... until a contract is violated that "
         "the sound one keeps in the same run. The table has the contract, the seed and the time. The "
         "broken ones are no part of StarL: their sources (apps/*/test/*_bug.erl, *_planted.erl, "
-        "test/*_planted.erl) are compiled in memory."
+        "test/*_planted.erl) are compiled in memory. With --histories no monitor looks: the calls of the "
+        "applications and their answers are all that is judged (./starl histories)."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
@@ -43,6 +44,7 @@ flags(_Subject) ->
         {"Flags", [
             {bug, {list, string}, none, "only these bugs"},
             {seeds, {integer, 1, 1000000}, 1000, "the most seeds to try for each bug"},
+            {histories, switch, false, "judges histories alone"},
             starl_lab_jobs:at_once()
         ]}
     ].
@@ -110,9 +112,10 @@ catalogue() -> list_to_existing_atom("starl_planted").
 
 %% -- the search -----------------------------------------------------------------------------
 
-search(Bugs, Codes, #{seeds := Seeds, jobs := Most}) ->
+search(Bugs, Codes, #{seeds := Seeds, jobs := Most} = Values) ->
     ok = starl_cli_log:install(),
-    Jobs = [{Bug, Seeds} || {Bug, _, _} <- Bugs],
+    By = judges(maps:get(histories, Values, false)),
+    Jobs = [{Bug, Seeds, By} || {Bug, _, _} <- Bugs],
     {How, Answers} = starl_lab_jobs:run(
         Jobs,
         #{
@@ -136,8 +139,8 @@ status(interrupted, _) -> 130;
 status(done, true) -> 0;
 status(done, false) -> 4.
 
-noted({Bug, _}, {ok, Answer}, Answers) -> Answers#{Bug => Answer};
-noted({Bug, _}, {crashed, Reason}, Answers) -> Answers#{Bug => {failed, Reason}}.
+noted({Bug, _, _}, {ok, Answer}, Answers) -> Answers#{Bug => Answer};
+noted({Bug, _, _}, {crashed, Reason}, Answers) -> Answers#{Bug => {failed, Reason}}.
 
 row({Bug, _Block, Pitfall}, {failed, Reason}) ->
     Why = io_lib:format("~0tP", [Reason, 8]),
@@ -163,26 +166,35 @@ table_row([Bug, Pitfall, Found, Seed, Seconds]) ->
     ].
 
 %% @private The first seed whose run violates a contract with the bug but not without it.
--spec caught({Bug :: atom(), Seeds :: pos_integer()}) -> answer().
-caught({Bug, Seeds}) -> caught(Bug, 1, Seeds, erlang:monotonic_time(millisecond)).
+-spec caught({Bug :: atom(), Seeds :: pos_integer(), monitors | histories}) -> answer().
+caught({Bug, Seeds, By}) -> caught(Bug, 1, Seeds, By, erlang:monotonic_time(millisecond)).
 
-caught(_Bug, Seed, Seeds, Begin) when Seed > Seeds ->
+caught(_Bug, Seed, Seeds, _By, Begin) when Seed > Seeds ->
     {not_caught, Seeds, since(Begin)};
-caught(Bug, Seed, Seeds, Begin) ->
+caught(Bug, Seed, Seeds, By, Begin) ->
     Catalogue = catalogue(),
     Scenario = Catalogue:scenario(Bug, Seed),
-    case starl_sim_trial:run(Scenario) of
-        {ok, #{violations := []}} -> caught(Bug, Seed + 1, Seeds, Begin);
-        {ok, #{violations := [First | _]}} -> proven(Scenario, First, {Bug, Seed, Seeds, Begin});
+    case judged(Scenario, By) of
+        {ok, #{violations := []}} -> caught(Bug, Seed + 1, Seeds, By, Begin);
+        {ok, #{violations := [First | _]}} -> proven(Scenario, First, {Bug, Seed, Seeds, By, Begin});
         {error, Reason} -> {failed, Reason}
     end.
 
-proven(Scenario, Violation, {Bug, Seed, Seeds, Begin}) ->
+proven(Scenario, Violation, {Bug, Seed, Seeds, By, Begin}) ->
     Catalogue = catalogue(),
-    case starl_sim_trial:run(Catalogue:sound(Scenario)) of
+    case judged(Catalogue:sound(Scenario), By) of
         {ok, #{violations := []}} -> {caught, Seed, Violation, since(Begin)};
-        {ok, _} -> caught(Bug, Seed + 1, Seeds, Begin);
+        {ok, _} -> caught(Bug, Seed + 1, Seeds, By, Begin);
         {error, Reason} -> {failed, Reason}
     end.
+
+judges(true) -> histories;
+judges(false) -> monitors.
+
+judged(Scenario, monitors) ->
+    starl_sim_trial:run(Scenario);
+judged(Scenario, histories) ->
+    Alone = #{histories => {alone, starl_blocks:histories()}},
+    starl_sim_trial:run(Scenario, fun(_Sim) -> ok end, [], Alone).
 
 since(Begin) -> (erlang:monotonic_time(millisecond) - Begin) / 1000.

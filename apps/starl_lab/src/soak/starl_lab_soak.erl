@@ -65,7 +65,8 @@ about(_Subject) ->
         "of the team, the lengths of faults, leases and the drift of clocks. Faults are over after "
         "25 s of virtual time (path planning: 45 s); then every call has to end as its block "
         "promises. The monitors of all contracts judge. For each way in which a contract is "
-        "violated it prints the commands that replay and shrink the first run, and shrinks it. What "
+        "violated it prints the commands that replay and shrink the first run, and shrinks it. The "
+        "answers that the applications get are judged by themselves, too (./starl histories). What "
         "has happened in no run is told: events of the block, and situations that its contract "
         "names; 1,000 runs of teams of all sizes owe all that are not declared to be seldom.",
         [
@@ -208,13 +209,20 @@ violated({Block, Seed, Violation, Count}, Target, Scenario, Shrunk) ->
         "\n",
         "replay: ",
         Replay,
-        "\n",
-        "shrink: ",
-        string:replace(Replay, "./starl run ", "./starl shrink "),
+        further(Violation, Replay),
         "\n"
     ]),
-    _ = [small(file(Block, Seed), Target, Scenario) || Shrunk],
+    _ = [small(file(Block, Seed), Target, Scenario) || Shrunk, not is_history(Violation)],
     ok.
+
+is_history(#{contract := Contract}) -> Contract =:= history.
+
+%% Other commands judge no histories.
+further(Violation, Replay) ->
+    case is_history(Violation) of
+        true -> " --record; ./starl histories on its directory shows the calls";
+        false -> ["\nshrink: ", string:replace(Replay, "./starl run ", "./starl shrink ")]
+    end.
 
 codes(none) -> [];
 codes({own, _, _, Codes}) -> Codes.
@@ -265,7 +273,8 @@ small(File, Target, Scenario) ->
 one({Block, _Seed, Scenario}) ->
     Begin = erlang:monotonic_time(microsecond),
     Watch = [starl_lab_soak_sometimes:watch(Block)],
-    case starl_sim_trial:run(Scenario, fun(_Sim) -> ok end, Watch) of
+    Histories = #{histories => {judged, starl_blocks:histories()}},
+    case starl_sim_trial:run(Scenario, fun(_Sim) -> ok end, Watch, Histories) of
         {ok, #{violations := Violations, monitors := Results}} ->
             Us = erlang:monotonic_time(microsecond) - Begin,
             Counts = starl_lab_soak_sometimes:counts(Results),
