@@ -80,13 +80,13 @@ explore([Node | Nodes], Moves, Key, Done, Seen, Most) ->
 
 %% -- sessions -------------------------------------------------------------------------------
 
-%% What is left of the sessions; the value of the register and when its write was invoked; how many reads
-%% and writes of each value are left; the number of each writer's next write.
+%% What is left of the sessions, each with the number of its calls; the number of the write that stands; for
+%% each write the reads that are left and can come from no other; the number of each writer's next write.
+%% Writes count from 1; before all stands 0.
 -record(register, {
-    sessions :: [session()],
-    value = {unset, -1 bsl 80} :: {Value :: term(), InvokedUs :: integer()},
-    reads = #{} :: #{Value :: term() => pos_integer()},
-    writes = #{} :: #{Value :: term() => pos_integer()},
+    sessions :: [{Length :: non_neg_integer(), starl_history_order:session()}],
+    value = 0 :: non_neg_integer(),
+    needed :: #{Write :: non_neg_integer() => pos_integer()},
     next = #{} :: #{Writer :: term() => pos_integer()}
 }).
 
@@ -94,73 +94,114 @@ explore([Node | Nodes], Moves, Key, Done, Seen, Most) ->
 %% value of the write before it, `unset' before all writes, and none that was invoked after its return?
 -spec sequential([session()], Unset :: term(), MostStates :: pos_integer()) -> answer().
 sequential(Sessions, Unset, Most) ->
-    All = lists:append(Sessions),
+    {Placed, Writes} = placed(Sessions, #{Unset => [{0, -1 bsl 80}]}),
+    Sources = [[sources(Call, Writes) || Call <- Session] || Session <- Placed],
+    case starl_history_order:narrowed(Sources) of
+        {narrowed, Left} -> ordered(Left, Most);
+        Answer -> Answer
+    end.
+
+ordered(Sessions, Most) ->
     Start = #register{
-        sessions = Sessions,
-        value = {Unset, -1 bsl 80},
-        reads = counted([Value || {read, Value, _} <- All]),
-        writes = counted([element(2, Call) || Call <- All, element(1, Call) =/= read])
+        sessions = [{length(Session), Session} || Session <- Sessions],
+        needed = counted([Write || {read, [Write]} <- lists:append(Sessions)])
     },
     explore([read(Start)], fun written/1, fun place_of/1, fun is_over/1, #{}, Most).
 
-counted(Values) ->
-    maps:map(fun(_, All) -> length(All) end, maps:groups_from_list(fun same/1, Values)).
+%% The writes get numbers in the order of their invocations, and stand by their values.
+placed(Sessions, Known) ->
+    Of = [
+        {element(3, Call), Session, Place}
+     || {Session, Calls} <- lists:enumerate(Sessions),
+        {Place, Call} <- lists:enumerate(Calls),
+        element(1, Call) =/= read
+    ],
+    Numbers = maps:from_list([{{S, P}, N} || {N, {_, S, P}} <- lists:enumerate(lists:sort(Of))]),
+    lists:mapfoldl(
+        fun({S, Calls}, Writes) ->
+            lists:mapfoldl(
+                fun({P, Call}, Before) -> numbered(Call, maps:get({S, P}, Numbers, 0), Before) end,
+                Writes,
+                lists:enumerate(Calls)
+            )
+        end,
+        Known,
+        lists:enumerate(Sessions)
+    ).
 
-same(Value) -> Value.
+numbered({read, _, _} = Read, _N, Writes) ->
+    {Read, Writes};
+numbered({write, Value, Invoked, In}, N, Writes) ->
+    {{write, N, In}, added(Value, {N, Invoked}, Writes)};
+numbered({maybe_write, Value, Invoked}, N, Writes) ->
+    {{maybe_write, N}, added(Value, {N, Invoked}, Writes)}.
 
-place_of(#register{sessions = Sessions, value = Value}) -> {[length(S) || S <- Sessions], Value}.
+added(Value, Write, Writes) -> Writes#{Value => [Write | maps:get(Value, Writes, [])]}.
+
+sources({read, Value, Returned}, Writes) ->
+    {read, [N || {N, Invoked} <- maps:get(Value, Writes, []), Invoked =< Returned]};
+sources(Write, _Writes) ->
+    Write.
+
+counted(Writes) ->
+    lists:foldl(fun(W, Counts) -> Counts#{W => maps:get(W, Counts, 0) + 1} end, #{}, Writes).
+
+place_of(#register{sessions = Sessions, value = Value}) -> {[N || {N, _} <- Sessions], Value}.
 
 is_over(#register{sessions = Sessions}) ->
-    lists:all(fun(Session) -> lists:all(fun is_maybe/1, Session) end, Sessions).
+    lists:all(fun({_, Session}) -> lists:all(fun is_maybe/1, Session) end, Sessions).
 
-is_maybe({maybe_write, _, _}) -> true;
+is_maybe({maybe_write, _}) -> true;
 is_maybe(_) -> false.
 
-%% A read that may return the present value is placed at once: it changes nothing.
-read(#register{sessions = Sessions, value = Value, reads = Reads} = Register) ->
-    {Left, Now} = lists:mapfoldl(fun(S, Rs) -> read(S, Value, Rs) end, Reads, Sessions),
-    Register#register{sessions = Left, reads = Now}.
+%% A read that may return what stands is placed at once: it changes nothing.
+read(#register{sessions = Sessions, value = Value, needed = Needed} = Register) ->
+    {Left, Now} = lists:mapfoldl(fun(S, Ns) -> read(S, Value, Ns) end, Needed, Sessions),
+    Register#register{sessions = Left, needed = Now}.
 
-read([{read, Value, Returned} | Session], {Value, Invoked} = Present, Reads) when
-    Invoked =< Returned
-->
-    read(Session, Present, less(Value, Reads));
-read(Session, _Present, Reads) ->
-    {Session, Reads}.
+read({N, [{read, [Value]} | Session]}, Value, Needed) ->
+    read({N - 1, Session}, Value, less(Value, Needed));
+read({N, [{read, From} | Session]} = All, Value, Needed) ->
+    case lists:member(Value, From) of
+        true -> read({N - 1, Session}, Value, Needed);
+        false -> {All, Needed}
+    end;
+read(Session, _Value, Needed) ->
+    {Session, Needed}.
 
-less(Value, Counts) ->
+less(Write, Counts) ->
     case Counts of
-        #{Value := 1} -> maps:remove(Value, Counts);
-        #{Value := N} -> Counts#{Value := N - 1}
+        #{Write := 1} -> maps:remove(Write, Counts);
+        #{Write := N} -> Counts#{Write := N - 1}
     end.
 
-%% A value that is still to be read, and that nobody writes again, is not written over.
-written(#register{value = {Value, _}, reads = Reads, writes = Writes}) when
-    is_map_key(Value, Reads), not is_map_key(Value, Writes)
-->
+%% What is still to be read is not written over.
+written(#register{value = Value, needed = Needed}) when is_map_key(Value, Needed) ->
     [];
+%% An earlier write is tried first: clocks are seldom far apart.
 written(#register{sessions = Sessions} = Register) ->
+    Next = [
+        {element(2, Call), Place, N - 1, Call, Session}
+     || {Place, {N, [Call | Session]}} <- lists:enumerate(Sessions), element(1, Call) =/= read
+    ],
     [
-        read(Next)
-     || {N, [Call | Session]} <- lists:enumerate(Sessions),
-        Next <- write(Call, Register#register{sessions = replaced(N, Session, Sessions)})
+        read(Written)
+     || {_, Place, N, Call, Session} <- lists:sort(Next),
+        Written <- write(
+            Call, Register#register{sessions = replaced(Place, {N, Session}, Sessions)}
+        )
     ].
 
 replaced(N, Session, Sessions) ->
     {Before, [_ | After]} = lists:split(N - 1, Sessions),
     Before ++ [Session | After].
 
-write({read, _, _}, _Register) ->
-    [];
-write({maybe_write, Value, Invoked}, Register) ->
-    [put_value(Value, Invoked, Register)];
-write({write, Value, Invoked, none}, Register) ->
-    [put_value(Value, Invoked, Register)];
-write({write, Value, Invoked, {Writer, N}}, #register{next = Next} = Register) ->
+write({maybe_write, Write}, Register) ->
+    [Register#register{value = Write}];
+write({write, Write, none}, Register) ->
+    [Register#register{value = Write}];
+write({write, Write, {Writer, N}}, #register{next = Next} = Register) ->
     case maps:get(Writer, Next, 1) of
-        N -> [put_value(Value, Invoked, Register#register{next = Next#{Writer => N + 1}})];
+        N -> [Register#register{value = Write, next = Next#{Writer => N + 1}}];
         _ -> []
     end.
-
-put_value(Value, Invoked, #register{writes = Writes} = Register) ->
-    Register#register{value = {Value, Invoked}, writes = less(Value, Writes)}.
