@@ -166,7 +166,9 @@ table_row([Bug, Pitfall, Found, Seed, Seconds]) ->
     ].
 
 %% @private The first seed whose run violates a contract with the bug but not without it.
--spec caught({Bug :: atom(), Seeds :: pos_integer(), monitors | histories}) -> answer().
+-spec caught({Bug, Seeds} | {Bug, Seeds, monitors | histories}) -> answer() when
+    Bug :: atom(), Seeds :: pos_integer().
+caught({Bug, Seeds}) -> caught({Bug, Seeds, monitors});
 caught({Bug, Seeds, By}) -> caught(Bug, 1, Seeds, By, erlang:monotonic_time(millisecond)).
 
 caught(_Bug, Seed, Seeds, _By, Begin) when Seed > Seeds ->

@@ -57,16 +57,17 @@ chained([{Writer, A}, {Writer, B} | Own]) -> [{A, B} | chained([{Writer, B} | Ow
 chained([_ | Own]) -> chained(Own);
 chained([]) -> [].
 
-%% The writes of a session that are known, in its order.
+%% The writes of a session that are known, in its order, and whether they are made there.
 known(Session) ->
-    [Write || Call <- Session, Write <- of_call(Call)].
+    [{Write, element(1, Call) =/= read} || Call <- Session, Write <- of_call(Call)].
 
 of_call({read, [Write]}) -> [Write];
 of_call({read, _}) -> [];
 of_call(Write) -> [element(2, Write)].
 
-met([A, A | Writes]) -> met([A | Writes]);
-met([A, B | Writes]) -> [{A, B} | met([B | Writes])];
+%% A write that its session has read before it has made it is before itself.
+met([{A, _}, {A, false} = Read | Writes]) -> met([Read | Writes]);
+met([{A, _}, {B, _} = Next | Writes]) -> [{A, B} | met([Next | Writes])];
 met(_) -> [].
 
 closed([], _Next, Later) ->

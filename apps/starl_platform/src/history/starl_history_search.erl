@@ -23,7 +23,7 @@
 %% The calls of a session, in their order.
 -type session() :: [session_call()].
 
-%% `maybe': a write whose outcome is unknown. The writes of a writer take effect in the order of their
+%% `maybe_write': one whose outcome is unknown; it is a session of its own. The writes of a writer take effect in the order of their
 %% numbers, which count from 1 without a gap, whatever their sessions; `none': one that is in no such order.
 -type session_call() ::
     {write, Value :: term(), InvokedUs :: integer(), {Writer :: term(), N :: pos_integer()} | none}
@@ -45,8 +45,9 @@ linearizable(Calls, State, Step, Most) ->
 place({Open, [], State}) -> {[N || {N, _} <- Open], none, State};
 place({Open, [{Next, _} | _], State}) -> {[N || {N, _} <- Open], Next, State}.
 
-is_done({Open, [], _State}) -> lists:all(fun({_, {_, End, _}}) -> End =:= infinity end, Open);
-is_done(_Node) -> false.
+is_done({Open, Rest, _State}) -> are_unknown(Rest) andalso are_unknown(Open).
+
+are_unknown(Calls) -> lists:all(fun({_, {_, End, _}}) -> End =:= infinity end, Calls).
 
 moves({Before, After, State}, Step) ->
     {Open, Rest} = admitted(Before, After, first_return(Before)),
