@@ -53,6 +53,7 @@
     observe => starl_observer:t(),
     random => random(),
     tell => step | at_once,
+    inline => boolean(),
     atom() => term()
 }.
 
@@ -102,7 +103,9 @@
     packets = 0 :: non_neg_integer(),
     counts = starl_live_counts:new() :: starl_live_counts:t(),
     result = running :: running | given_up | {done, term()},
-    told = running :: running | given_up | {done, term()}
+    told = running :: running | given_up | {done, term()},
+    %% the machines of whose calls histories are kept
+    histories = [] :: [starl_machine:name()]
 }).
 
 -opaque t() :: #body{}.
@@ -149,8 +152,13 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         observer = maps:get(observe, Config, none),
         random = maps:get(random, Config, fun(_Name, _Incarnation) -> rand:seed_s(exsss) end),
         tell = maps:get(tell, Config, step),
+        histories = histories(Config),
         now = Now
     }.
+
+%% Of real robots histories are kept: of the calls to all blocks, whatever the blocks are.
+histories(#{inline := true}) -> [];
+histories(#{parts := Parts}) -> maps:keys(Parts) -- [app, sap, location, motion].
 
 %% @doc The body at a new event: time does not go back.
 -spec at(event | same, t()) -> t().
@@ -457,7 +465,8 @@ base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = S
         stored => starl_live_store:kept(Name, Store),
         random => Random(Name, Incarnation),
         team_seed => Seed,
-        now => Now
+        now => Now,
+        histories => Body#body.histories
     }.
 
 %% An application looks at the clock itself when it is told of a grant.
