@@ -100,10 +100,10 @@ call(_Call, Holds) ->
     Holds.
 
 %% A hold may rest on a lease that was confirmed before the call.
-is_judged(#{acquired := {Invoked, Returned}} = Hold, #{lease_us := Lease}, Judge) ->
+is_judged(#{acquired := {Invoked, Returned}} = Hold, Config, Judge) ->
     #{marks := Marks} = Judge,
     Clocks = maps:get(clocks, Judge, []),
-    From = Invoked - 2 * Lease,
+    From = Invoked - 2 * maps:get(lease_us, Config, 0),
     Until = last(Hold, Returned),
     not lists:any(fun({Begin, End}) -> Begin =< Until andalso From =< End end, Clocks) andalso
         (Clocks =:= [] orelse Marks =:= [] orelse Invoked > element(1, lists:last(Marks))).

@@ -39,7 +39,8 @@ flags(_Subject) ->
         {"Flags", [
             starl_cli_sigma:flag(""),
             starl_cli_sigma:drift(),
-            {states, {integer, 1, 100000000}, 200000, "the most states that are tried for an object"}
+            {states, {integer, 1, 100000000}, 200000,
+                "the most states that are tried for an object"}
         ]}
     ].
 
@@ -97,7 +98,8 @@ missing(_Facts) -> [].
 incomplete(File, Robot) ->
     io_lib:format(
         "~ts: it does not tell of robot ~b, whose calls may explain others; ./starl merge joins the "
-        "recordings of the robots", [File, Robot]
+        "recordings of the robots",
+        [File, Robot]
     ).
 
 verdicts(#{facts := Facts, history := History, models := Models}, Sigma, States) ->
@@ -149,17 +151,20 @@ line(#{outcome := {depends, What}} = Verdict) ->
 line(Verdict) ->
     starl_history:format(Verdict).
 
-nothing(#{models := []}) -> "the run has no block that promises its callers anything of this kind\n";
-nothing(_Read) -> "nobody has called a block, or the recording does not keep the calls\n".
+nothing(#{models := []}) ->
+    "the run has no block that promises its callers anything of this kind\n";
+nothing(_Read) ->
+    "nobody has called a block, or the recording does not keep the calls\n".
 
 outcome(#{outcome := undecided}) -> undecided;
 outcome(#{outcome := Outcome}) -> element(1, Outcome).
 
 status(Outcomes, Ends) ->
-    Found = [
-        3
-     || lists:member(broken, Outcomes)
-    ] ++
-        [5 || Ends =:= hole orelse lists:member(undecided, Outcomes)] ++
-        [6 || lists:member(depends, Outcomes)],
+    Found =
+        [
+            3
+         || lists:member(broken, Outcomes)
+        ] ++
+            [5 || Ends =:= hole orelse lists:member(undecided, Outcomes)] ++
+            [6 || lists:member(depends, Outcomes)],
     hd(Found ++ [0]).

@@ -177,9 +177,12 @@ caught(Bug, Seed, Seeds, By, Begin) ->
     Catalogue = catalogue(),
     Scenario = Catalogue:scenario(Bug, Seed),
     case judged(Scenario, By) of
-        {ok, #{violations := []}} -> caught(Bug, Seed + 1, Seeds, By, Begin);
-        {ok, #{violations := [First | _]}} -> proven(Scenario, First, {Bug, Seed, Seeds, By, Begin});
-        {error, Reason} -> {failed, Reason}
+        {ok, #{violations := []}} ->
+            caught(Bug, Seed + 1, Seeds, By, Begin);
+        {ok, #{violations := [First | _]}} ->
+            proven(Scenario, First, {Bug, Seed, Seeds, By, Begin});
+        {error, Reason} ->
+            {failed, Reason}
     end.
 
 proven(Scenario, Violation, {Bug, Seed, Seeds, By, Begin}) ->
