@@ -211,6 +211,25 @@ stands_still_in_mid_step_test_() ->
         ]
     ].
 
+%% What is kept of calls is no action: the robot stands still at the same place.
+stands_still_at_the_same_action_with_histories_test() ->
+    Kept = {trace, {history, {invoked, {1, 1}, sap, go}}},
+    App = fun
+        (boot, _) -> [];
+        (cast, plain) -> [{trace, a}, {trace, b}, {trace, c}];
+        (cast, kept) -> [Kept, {trace, a}, Kept, {trace, b}, Kept, {trace, c}, Kept];
+        (cast, few) -> [Kept, {trace, a}, {trace, b}, Kept]
+    end,
+    {quiet, R} = starl_robot:run(robot(#{app => App})),
+    Armed = starl_robot:stand_still(app, 2, R),
+    Until = fun(How) ->
+        {Stands, Then} = starl_robot:event(app, cast, How, starl_robot:world(Armed), Armed),
+        {Stands, [E || {app, E} <- traced(Then), is_atom(E)]}
+    end,
+    ?assertEqual({stands, [a, b]}, Until(plain)),
+    ?assertEqual({stands, [a, b]}, Until(kept)),
+    ?assertEqual({quiet, [a, b]}, Until(few)).
+
 %% A step of fewer actions goes by.
 stands_still_in_a_step_of_more_actions_test() ->
     App = fun
