@@ -288,6 +288,14 @@ format_error({fault_target, Id, Robot}) ->
 format_error({fault_machine, Id, Name, Known}) ->
     Names = lists:join(", ", [atom_to_list(N) || N <- Known]),
     io_lib:format("fault ~ts: a robot has no machine ~ts; it has ~ts", [Id, Name, Names]);
+format_error({fault_floor, Id}) ->
+    io_lib:format("fault ~ts is one of a floor plan: give a plan with --floor", [Id]);
+format_error({fault_door, Id, Door, 0}) ->
+    io_lib:format("fault ~ts: there is no door ~b, the floor plan has no doors", [Id, Door]);
+format_error({fault_door, Id, Door, Doors}) ->
+    io_lib:format("fault ~ts: there is no door ~b, the floor plan has doors 1 to ~b", [
+        Id, Door, Doors
+    ]);
 format_error({no_robot, Robot}) ->
     io_lib:format("there is no robot ~b", [Robot]);
 format_error({past, Robot, Events}) ->
@@ -335,9 +343,13 @@ stand(Scenario, Scene, Context, Options) ->
 
 check_faults(#{faults := Faults} = Scenario, Scene, Context, Options) ->
     Known = [sap, location, motion, app | [N || {N, _, _} <- maps:get(blocks, Scene, [])]],
-    case [{Id, N} || {Id, _, _, kill_machine, {_, N}, _} <- Faults, not lists:member(N, Known)] of
+    Unknown = [
+        {fault_machine, Id, N, Known}
+     || {Id, _, _, kill_machine, {_, N}, _} <- Faults, not lists:member(N, Known)
+    ],
+    case Unknown ++ starl_sim_floor:faults(Faults, Scene) of
         [] -> planned(with_random_faults(Known, Scene, Scenario), Scene, Context, Options);
-        [{Id, Name} | _] -> {error, {fault_machine, Id, Name, Known}}
+        [Problem | _] -> {error, Problem}
     end.
 
 %% Drawn faults stand in the scenario from now on as if the user had given them.
@@ -349,11 +361,14 @@ with_random_faults(Known, Scene, Scenario) ->
         seed => maps:get(seed, Scenario),
         robots => maps:get(robots, Scenario),
         machines => Known,
-        senses => is_map_key(floor, Scene),
+        floor => drawn_on(Scene),
         until_ms => max(1, round(1000 * Heal)),
         kinds => What
     }),
     Scenario#{faults := Given ++ Drawn, random_faults := []}.
+
+drawn_on(#{floor := #{doors := Doors, size := Size}}) -> {length(Doors), Size};
+drawn_on(_Scene) -> none.
 
 longest(#{longest_fault := none}) -> #{};
 longest(#{longest_fault := Seconds}) -> #{longest_ms => max(1, round(1000 * Seconds))}.

@@ -5,7 +5,7 @@
 -define(DRIVES, 300).
 -define(ROBOTS, 6).
 
-%% Blind drives into walls and each other: no body is ever in a wall, none goes through another, and
+%% Blind drives into walls, each other, boxes that are put down and doors that close: no body is ever in a wall, none goes through another, and
 %% all ways of running come to the same digest.
 blind_drives_test_() ->
     Seed = number("STARL_SEED", erlang:phash2(make_ref(), 1 bsl 24)),
@@ -33,7 +33,9 @@ drive(Seed, Chassis) ->
         drives => 10,
         seed => Seed,
         chassis => Chassis,
-        delay => {5, 20}
+        delay => {5, 20},
+        random_faults => [closed, obstacle],
+        heal => 20
     },
     Ways = [#{mode => process, shards => 1}, #{mode => inline, shards => 1}, #{shards => 3}],
     [First | _] = Outcomes = [outcome(maps:merge(Scenario, Way)) || Way <- Ways],

@@ -2,7 +2,8 @@
 %% application that promises it, none touches anything at all.
 %%
 %% The depth of a body in a wall is judged at every instant, along the chords of its path. Two
-%% bodies may overlap by what they drive in the time in which neither knows of the other's motion.
+%% bodies may overlap by what they drive in the time in which neither knows of the other's motion. A
+%% body that stands where an obstacle appears gets no deeper into it, and may bump.
 %%
 %% Events: of machine `chassis', `motion' and `sensed'; of `robot', `died'.
 -module(starl_contact_monitor).
@@ -12,13 +13,16 @@
 
 -record(state, {
     walls :: starl_walls:t(),
+    obstacles :: starl_obstacles:t() | none,
     profiles :: starl_chassis:profiles(),
     never_bumps :: boolean(),
     separation :: starl_separation:t(),
     pieces = #{} :: #{starl:robot_id() => {FromUs :: integer(), starl_trajectory:piece()}},
     bumps = 0 :: non_neg_integer(),
     %% the least distance of a body's edge from a wall (mm)
-    least = none :: float() | none
+    least = none :: float() | none,
+    %% how deep a robot was when an obstacle appeared where it stands (mm)
+    caught = #{} :: #{starl:robot_id() => float()}
 }).
 
 %% How deep a body may be in a wall, and the error of the chords (mm).
@@ -26,12 +30,16 @@
 -define(CHORD_MM, 0.01).
 %% Beyond this no distance from a wall is measured (mm).
 -define(MOST_MM, 1000.0).
+%% A bump within this of an obstacle is one at it.
+-define(AT_MM, 1.0).
 
-%% @doc `unaware_us': the time in which no robot knows of another's new motion.
+%% @doc `unaware_us': the time in which no robot knows of another's new motion. Obstacles are nobody's
+%% promise: a bump at one breaks none.
 -spec init(#{
     walls := starl_walls:t(),
     profiles := starl_chassis:profiles(),
     unaware_us := non_neg_integer(),
+    obstacles => starl_obstacles:t(),
     never_bumps => boolean()
 }) -> #state{}.
 init(#{walls := Walls, profiles := Profiles, unaware_us := Us} = Config) ->
@@ -39,6 +47,7 @@ init(#{walls := Walls, profiles := Profiles, unaware_us := Us} = Config) ->
     Fastest = lists:max([Speed || #{speed := Speed} <- Profiles]),
     #state{
         walls = Walls,
+        obstacles = maps:get(obstacles, Config, none),
         profiles = Profiles,
         never_bumps = maps:get(never_bumps, Config, false),
         separation = starl_separation:new(Sum - ?DEEP_MM - 2 * Fastest * Us / 1.0e6)
@@ -62,7 +71,8 @@ step({T, Robot, chassis, {motion, Piece}}, #state{separation = Before, pieces = 
         }
     );
 step({T, Robot, chassis, {sensed, {bump, Side}}}, #state{bumps = N, never_bumps = Never} = State) ->
-    answer([violation(bump, T, [Robot], #{side => Side}) || Never], State#state{bumps = N + 1});
+    Broken = Never andalso not at_obstacle(T, Robot, State),
+    answer([violation(bump, T, [Robot], #{side => Side}) || Broken], State#state{bumps = N + 1});
 step(_, State) ->
     {ok, State}.
 
@@ -75,20 +85,61 @@ met(Met) ->
 violation(What, At, Robots, Details) ->
     #{contract => contact, what => What, at_us => At, robots => Robots, details => Details}.
 
-%% The way of a robot since it was last judged.
-driven(Robot, T, #state{pieces = Pieces, least = Least} = State) ->
+at_obstacle(_T, _Robot, #state{obstacles = none}) ->
+    false;
+at_obstacle(T, Robot, #state{obstacles = Obstacles, pieces = Pieces} = State) ->
+    #{Robot := {_, Piece}} = Pieces,
+    Place = starl_trajectory:position(T, Piece),
+    Near = radius(Robot, State) + ?AT_MM,
+    lists:any(
+        fun(Side) -> starl_geometry:point_segment(Place, Side) =< Near end,
+        starl_obstacles:sides(T, Obstacles)
+    ).
+
+radius(Robot, #state{profiles = Profiles}) ->
+    starl_chassis:radius_mm(starl_chassis:of_robot(Robot, Profiles)).
+
+%% The way of a robot since it was last judged, piece by piece between changes of the obstacles.
+driven(Robot, T, #state{pieces = Pieces} = State) ->
     case Pieces of
         #{Robot := {From, Piece}} when From =< T ->
-            R = starl_chassis:radius_mm(starl_chassis:of_robot(Robot, State#state.profiles)),
-            Points = starl_trajectory:polyline(Piece, From, T, ?CHORD_MM),
-            Room = room(Points, R, State#state.walls),
-            Deep = [
-                violation(in_a_wall, T, [Robot], #{deep_mm => -Room, since_us => From})
-             || Room < -?DEEP_MM
-            ],
-            {Deep, State#state{least = min(Least, Room)}};
+            lists:foldl(
+                fun(Stretch, {Found, S}) ->
+                    {More, Next} = stretch(Stretch, Robot, Piece, S),
+                    {Found ++ More, Next}
+                end,
+                {[], State},
+                stretches(From, T, State)
+            );
         #{} ->
             {[], State}
+    end.
+
+stretches(From, T, #state{obstacles = none, walls = Walls}) -> [{From, T, Walls}];
+stretches(From, T, #state{obstacles = Obstacles}) -> starl_obstacles:stretches(From, T, Obstacles).
+
+stretch({From, To, Walls}, Robot, Piece, State0) ->
+    R = radius(Robot, State0),
+    Room = room(starl_trajectory:polyline(Piece, From, To, ?CHORD_MM), R, Walls),
+    #state{caught = Caught, least = Least} = State = caught(From, Robot, Piece, Walls, State0),
+    Deep = [
+        violation(in_a_wall, To, [Robot], #{deep_mm => -Room, since_us => From})
+     || Room < -max(?DEEP_MM, maps:get(Robot, Caught, 0.0) + ?CHORD_MM)
+    ],
+    {Deep, State#state{least = min(Least, Room)}}.
+
+%% A body in the way of an obstacle that appears is as deep in it as it stands there, until it is out.
+caught(_T, _Robot, _Piece, _Walls, #state{obstacles = none} = State) ->
+    State;
+caught(T, Robot, Piece, Walls, #state{obstacles = Obstacles, caught = Caught} = State) ->
+    Place = starl_trajectory:position(T, Piece),
+    R = radius(Robot, State),
+    Depth = fun(Side) -> R - starl_geometry:point_segment(Place, Side) end,
+    New = lists:max([0.0 | [Depth(Side) || Side <- starl_obstacles:caught(T, Obstacles)]]),
+    Deep = R - starl_walls:clearance({Place, Place}, R, Walls),
+    case max(New, min(Deep, maps:get(Robot, Caught, 0.0))) of
+        Mm when Mm > 0.0 -> State#state{caught = Caught#{Robot => Mm}};
+        _Out -> State#state{caught = maps:remove(Robot, Caught)}
     end.
 
 %% The distance of the body's edge from the nearest wall. A way that begins free gets into a solid only

@@ -41,7 +41,8 @@
     | alive
     | no_restart
     | devices
-    | senses.
+    | senses
+    | ways.
 
 %% A block, or an application, with its guarantees.
 -type part() :: {Name :: atom(), [t()]}.
@@ -68,7 +69,8 @@ conditions() ->
         {alive, "no robot dies for good"},
         {no_restart, "no machine and no robot restarts"},
         {devices, "chassis and tools obey"},
-        {senses, "senses are there, fresh and right"}
+        {senses, "senses are there, fresh and right"},
+        {ways, "nothing is in the way but what the floor plan shows"}
     ].
 
 %% @doc An assumption in words.

@@ -2,7 +2,7 @@
 %% is. Lengths are millimetres.
 -module(starl_walls).
 
--export([new/1, floor/1, side/2, near/3, clearance/3, is_free/3]).
+-export([new/1, add/2, floor/1, side/2, near/3, clearance/3, is_free/3]).
 
 -export_type([t/0]).
 
@@ -21,10 +21,17 @@
 %% starl_floor:segments/1}.
 -spec new(starl_floor:t()) -> t().
 new(Floor) ->
-    Sides = starl_floor:segments(Floor),
-    Enter = fun(Side, {N, Grid}) -> {N + 1, starl_grid:add(N, Side, Grid)} end,
-    {_, Grid} = lists:foldl(Enter, {1, starl_grid:new(?CELL_MM)}, Sides),
-    #walls{floor = Floor, sides = list_to_tuple(Sides), grid = Grid}.
+    Empty = #walls{floor = Floor, sides = {}, grid = starl_grid:new(?CELL_MM)},
+    add(starl_floor:segments(Floor), Empty).
+
+%% @doc More walls, numbered on.
+-spec add([starl_geometry:segment()], t()) -> t().
+add([], Walls) ->
+    Walls;
+add(More, #walls{sides = Sides, grid = Grid} = Walls) ->
+    Enter = fun(Side, {N, Acc}) -> {N + 1, starl_grid:add(N, Side, Acc)} end,
+    {_, Entered} = lists:foldl(Enter, {tuple_size(Sides) + 1, Grid}, More),
+    Walls#walls{sides = list_to_tuple(tuple_to_list(Sides) ++ More), grid = Entered}.
 
 %% @doc The floor whose walls these are.
 -spec floor(t()) -> starl_floor:t().

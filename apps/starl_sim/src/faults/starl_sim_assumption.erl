@@ -9,6 +9,8 @@
 -define(DRIFT_PPM, 10000).
 %% Wheels slip by no more than half.
 -define(SLIP, 0.5).
+%% Robots look after a way that was closed again and again, and drive there meanwhile.
+-define(REOPENED_US, 60000000).
 
 %% @doc The windows in which these faults break an assumption. A positioning system that is not
 %% exact is found out when it freezes (`starl_location'), so only an exact one breaks an assumption
@@ -44,7 +46,7 @@ windows(_) ->
     [].
 
 %% @doc The windows of the faults that may cost a team time: those of the network, of computers, of
-%% stores, and of clocks that do not keep their bound. A timer that runs while its clock is set back is
+%% stores, of the floor, and of clocks that do not keep their bound. A timer that runs while its clock is set back is
 %% late by that, what is under way in a slow radio comes later, and a computer that is slow has a
 %% queue.
 -spec faults([starl_sim_fault:t()]) -> [starl_assumption:window()].
@@ -52,7 +54,7 @@ faults(Faults) ->
     lists:append([
         [{Robot, From, To + rest(Kind, To - From, Params), fault} || Robot <- struck(Fault)]
      || {_, _, _, Kind, _, _} = Fault <- Faults,
-        lists:member(starl_sim_fault:class(Fault), [network, clock, process, store]),
+        lists:member(starl_sim_fault:class(Fault), [network, clock, process, store, floor]),
         {_, From, To, _, _, Params} <- [starl_sim_fault:compile(Fault)],
         Kind =/= clock_drift orelse abs(maps:get(ppm, Params)) > ?DRIFT_PPM
     ]).
@@ -119,6 +121,7 @@ costs(_Kind, _Params, _IsExact) ->
 rest(_Kind, _Us, #{extra_ms := Ms}) -> 1000 * Ms;
 rest(_Kind, _Us, #{lag_ms := Ms}) -> 1000 * Ms;
 rest(_Kind, _Us, #{ms := Ms}) -> 1000 * abs(Ms);
+rest(Kind, _Us, _Params) when Kind =:= closed; Kind =:= obstacle -> ?REOPENED_US;
 rest(clock_freeze, Us, _Params) -> Us;
 rest(clock_drift, Us, #{ppm := Ppm}) -> Us * abs(round(Ppm)) div 1000000 + 1;
 rest(_Kind, _Us, _Params) -> 0.

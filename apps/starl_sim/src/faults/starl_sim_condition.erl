@@ -50,7 +50,9 @@ broken(store_set_back) -> [store, no_restart, no_loss];
 broken(sense_gone) -> [senses];
 broken(sense_frozen) -> [senses];
 broken(sense_noisy) -> [senses];
-broken(sense_wrong) -> [senses].
+broken(sense_wrong) -> [senses];
+broken(closed) -> [ways];
+broken(obstacle) -> [ways].
 
 %% @doc Those of the kinds that break a condition.
 -spec breakers(starl_guarantee:condition(), [starl_sim_fault:kind()]) -> [starl_sim_fault:kind()].

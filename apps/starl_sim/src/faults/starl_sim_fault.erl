@@ -21,7 +21,8 @@
     Params :: #{atom() => term()}
 }.
 
--type class() :: network | clock | process | location | actuation | serial | store | sense.
+-type class() ::
+    network | clock | process | location | actuation | serial | store | sense | floor.
 
 -type kind() ::
     loss
@@ -68,7 +69,9 @@
     | sense_gone
     | sense_frozen
     | sense_noisy
-    | sense_wrong.
+    | sense_wrong
+    | closed
+    | obstacle.
 
 %% The target of a fault: see the shapes in {@link spec()}.
 -type target() ::
@@ -80,11 +83,11 @@
 
 %% A kind: its class; its target, `robots' (all or one robot), `robot', `machine' (`{Robot,
 %% Machine}'), `link' (all, the source Robot, or {Source, Destination}), a `group' of robots, or
-%% `two' robots; and its parameters, each with a range for random faults.
+%% `two' robots, the `floor' (all); and its parameters, each with a range for random faults.
 -type spec() :: {
     kind(),
     class(),
-    robots | robot | machine | link | group | two,
+    robots | robot | machine | link | group | two | floor,
     [{Key :: atom(), starl_options:type(), Drawn :: {number(), number()}}],
     Doc :: string()
 }.
@@ -177,8 +180,19 @@ kinds() ->
         {sense_frozen, sense, robots, [sense()], "the sense says what it said last"},
         {sense_noisy, sense, robots, [sense(), {times, {number, 1, 1000}, {2, 20}}],
             "the sense errs so many times as much"},
-        {sense_wrong, sense, robots, [sense()], "the sense says anything"}
+        {sense_wrong, sense, robots, [sense()], "the sense says anything"},
+        {closed, floor, floor, [{door, {integer, 1, 100000}, {1, 8}}],
+            "the door of this number on the floor plan is closed"},
+        {obstacle, floor, floor,
+            [
+                place(x), place(y), side(width), side(height)
+            ],
+            "a box stands on the floor, its lower left corner at x, y (mm)"}
     ].
+
+place(Key) -> {Key, {number, 0, 1000000}, {0, 10000}}.
+
+side(Key) -> {Key, {number, 1, 1000000}, {100, 800}}.
 
 sense() ->
     Senses = [all | [Kind || {Kind, _} <- starl_sense:kinds()]],
@@ -194,7 +208,7 @@ shift(Ms) -> {ms, {integer, -3600000, 3600000}, {-Ms, Ms}}.
 
 %% @doc The classes of faults.
 -spec classes() -> [class()].
-classes() -> [network, clock, process, location, actuation, serial, store, sense].
+classes() -> [network, clock, process, location, actuation, serial, store, sense, floor].
 
 %% @doc The kinds that `all', a class or a kind stands for.
 -spec kinds_of(all | class() | kind()) -> [spec()].
@@ -235,6 +249,7 @@ problems(Fault, N) ->
 
 is_span(From, To) -> is_integer(From) andalso From >= 0 andalso is_integer(To) andalso To >= From.
 
+is_target(floor, Target) -> Target =:= all;
 is_target(robots, all) -> true;
 is_target(robots, Target) -> is_robot(Target);
 is_target(robot, Target) -> is_robot(Target);
@@ -298,6 +313,7 @@ format_problem({same_id, Id}) ->
 near([]) -> "; ./starl faults lists the kinds";
 near(Near) -> Near.
 
+shape(floor) -> "all";
 shape(robots) -> "all or one Robot";
 shape(robot) -> "one Robot";
 shape(machine) -> "{Robot, Machine}";

@@ -14,15 +14,15 @@
 -export_type([request/0]).
 
 %% The robots and machines to hit, the time before which faults end, the longest fault (default a
-%% third of that time), and what to draw: `all', classes and kinds. `senses' (true): is there
-%% anything to sense?
+%% third of that time), and what to draw: `all', classes and kinds. `floor' (none): the number of doors
+%% of the floor plan, and its size; without one there is nothing to sense.
 -type request() :: #{
     seed := integer(),
     robots := pos_integer(),
     machines := [starl_machine:name()],
     until_ms := pos_integer(),
     longest_ms => pos_integer(),
-    senses => boolean(),
+    floor => {Doors :: non_neg_integer(), Size :: {float(), float()}} | none,
     kinds := [all | starl_sim_fault:class() | starl_sim_fault:kind()]
 }.
 
@@ -73,9 +73,16 @@ elsewhere(link, Target, _Key, _Team) -> Target;
 elsewhere(Shape, _, Key, Team) -> target(Shape, Key, Team).
 
 %% A single robot has no other to be confused with.
-is_possible({_, _, two, _, _}, #{robots := 1}) -> false;
-is_possible({_, sense, _, _, _}, #{senses := Any}) -> Any;
-is_possible(_Spec, _Request) -> true.
+is_possible({_, _, two, _, _}, #{robots := 1}) ->
+    false;
+is_possible({Kind, Class, _, _, _}, Request) when Class =:= sense; Class =:= floor ->
+    case maps:get(floor, Request, none) of
+        none -> false;
+        {0, _} -> Kind =/= closed;
+        {_, _} -> true
+    end;
+is_possible(_Spec, _Request) ->
+    true.
 
 faults({Kind, _, _, _, _} = Spec, #{seed := Seed} = Request) ->
     Count = starl_sim_draw:between({Seed, Kind, count}, 1, ?MOST),
@@ -125,10 +132,16 @@ fault({Kind, _, Shape, Params, _}, Key, N, Request) ->
     %% a bounded number of atoms: the number of kinds times ?MOST
     Id = list_to_atom(lists:concat([Kind, "_", N])),
     Values = maps:from_list([
-        {Name, value(Type, Range, {Key, Name})}
+        {Name, value(Type, on_floor(Name, Range, Request), {Key, Name})}
      || {Name, Type, Range} <- Params
     ]),
     {Id, From, To, Kind, target(Shape, Key, Request), Values}.
+
+%% One of the plan's doors, a place on the plan.
+on_floor(door, _, #{floor := {Doors, _}}) -> {1, Doors};
+on_floor(x, _, #{floor := {_, {W, _}}}) -> {0, W};
+on_floor(y, _, #{floor := {_, {_, H}}}) -> {0, H};
+on_floor(_Name, Range, _Request) -> Range.
 
 %% Mostly short, now and then nearly as long as allowed.
 end_of(From, Key, #{until_ms := UntilMs} = Request) ->
@@ -145,6 +158,8 @@ target(robots, Key, Request) ->
         true -> all;
         false -> robot(Key, Request)
     end;
+target(floor, _Key, _Request) ->
+    all;
 target(robot, Key, Request) ->
     robot(Key, Request);
 target(machine, Key, #{machines := Names} = Request) ->

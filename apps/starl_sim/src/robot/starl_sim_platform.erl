@@ -44,6 +44,8 @@
     profiles := starl_chassis:profiles(),
     %% bodies are solid
     walls => starl_walls:t(),
+    %% what stands in the way for a time, if anything does
+    obstacles => starl_obstacles:t(),
     %% what the senses see on the floor, and their measures
     senses => starl_sim_senses:t(),
     network := [starl_sim_fault:compiled()],

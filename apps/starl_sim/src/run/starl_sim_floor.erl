@@ -2,13 +2,18 @@
 %% places where the robots stand at the beginning.
 -module(starl_sim_floor).
 
--export([read/1, given/2, stand/3]).
+-export([read/1, given/2, stand/3, faults/2, obstacles/2]).
 
 %% The sizes of floors that a scenario may have (mm).
 -define(LEAST_MM, 1000).
 -define(MOST_MM, 1000000).
 
 -type problem() :: {error, unicode:chardata()}.
+
+%% A fault that is not possible on this floor.
+-type problem_of_fault() ::
+    {fault_floor, Id :: atom()}
+    | {fault_door, Id :: atom(), Door :: pos_integer(), Doors :: non_neg_integer()}.
 
 %% @doc The floor plan that a scenario names.
 -spec read(starl_sim_scenario:t()) -> {ok, starl_floor:t() | none} | problem().
@@ -119,3 +124,38 @@ number(Word) ->
         {_, {I, []}} when is_integer(I) -> float(I);
         _ -> bad
     end.
+
+%% @doc What is wrong with the faults of a floor: it has no plan, or not this door.
+-spec faults([starl_sim_fault:t()], starl_scene:t()) -> [problem_of_fault()].
+faults(Faults, Scene) ->
+    [
+        Problem
+     || {Id, _, _, Kind, _, Params} = Fault <- Faults,
+        starl_sim_fault:class(Fault) =:= floor,
+        Problem <- problem(Id, Kind, Params, maps:get(floor, Scene, none))
+    ].
+
+problem(Id, _Kind, _Params, none) ->
+    [{fault_floor, Id}];
+problem(Id, closed, #{door := Door}, Floor) ->
+    case starl_obstacles:door(Door, Floor) of
+        {ok, _} -> [];
+        {error, Doors} -> [{fault_door, Id, Door, Doors}]
+    end;
+problem(_Id, _Kind, _Params, _Floor) ->
+    [].
+
+%% @doc The obstacles that faults put on a floor, if there are any.
+-spec obstacles([starl_sim_fault:t()], starl_floor:t()) -> none | starl_obstacles:t().
+obstacles(Faults, Floor) ->
+    Compiled = [starl_sim_fault:compile(F) || F <- Faults, starl_sim_fault:class(F) =:= floor],
+    case Compiled of
+        [] -> none;
+        _ -> starl_obstacles:new([obstacle(F, Floor) || F <- Compiled], starl_walls:new(Floor))
+    end.
+
+obstacle({_, From, To, closed, _, #{door := Door}}, Floor) ->
+    {ok, Sides} = starl_obstacles:door(Door, Floor),
+    {From, To, Sides};
+obstacle({_, From, To, obstacle, _, #{x := X, y := Y, width := W, height := H}}, _Floor) ->
+    {From, To, starl_obstacles:box({X, Y, W, H})}.

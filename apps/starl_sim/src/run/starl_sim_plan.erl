@@ -99,7 +99,7 @@ make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
             maps:get(branch, Options, none),
             maps:merge(
                 maps:merge(
-                    maps:merge(world(Scenario, Profiles, Context, Options), walls(Scene)),
+                    maps:merge(world(Scenario, Profiles, Context, Options), walls(Faults, Scene)),
                     kept(models(Scene, Options))
                 ),
                 starl_sim_reloads:world(Reloads, parts(Scene))
@@ -148,10 +148,18 @@ waypoints(Scene) ->
     maps:get(waypoints, Scene, #{}).
 
 %% On a floor plan bodies are solid, and there is something to sense.
-walls(#{floor := Floor} = Scene) ->
-    #{walls => starl_walls:new(Floor), senses => starl_sim_senses:new(Scene)};
-walls(_Scene) ->
+walls(Faults, #{floor := Floor} = Scene) ->
+    (obstacles(Faults, Floor))#{
+        walls => starl_walls:new(Floor), senses => starl_sim_senses:new(Scene)
+    };
+walls(_Faults, _Scene) ->
     #{}.
+
+obstacles(Faults, Floor) ->
+    case starl_sim_floor:obstacles(Faults, Floor) of
+        none -> #{};
+        Obstacles -> #{obstacles => Obstacles}
+    end.
 
 nodes(#{app := App}, #{app := Playing} = Scene, #{nodes := Nodes} = Options) ->
     Services = [
@@ -276,9 +284,9 @@ with_history(Contracts, _Models, _Options) ->
     Contracts.
 
 %% A robot knows the motion of another as of the beginning of the window.
-contact(#{delay := {MinMs, _}}, #{floor := Floor} = Scene, Profiles) ->
+contact(#{delay := {MinMs, _}, faults := Faults}, #{floor := Floor} = Scene, Profiles) ->
     [
-        {starl_contact_monitor, #{
+        {starl_contact_monitor, (obstacles(Faults, Floor))#{
             walls => starl_walls:new(Floor),
             profiles => Profiles,
             unaware_us => round(MinMs * 1000),

@@ -10,7 +10,7 @@
 %% Only the next second is looked at; a piece that lasts is looked at again then.
 -module(starl_sim_bodies).
 
--export([contact/5, meetings/4, side/2, place/4]).
+-export([contact/5, meetings/4, side/2, place/4, walls/2]).
 
 -export_type([with/0, touch/0]).
 
@@ -27,6 +27,7 @@
 
 -type world() :: #{
     walls := starl_walls:t(),
+    obstacles => starl_obstacles:t(),
     profiles := starl_chassis:profiles(),
     sight => starl_sim_sight:t(),
     atom() => term()
@@ -62,15 +63,29 @@ next(_Piece, Now, [{Now, {robot, Other, _, _}} | _]) ->
 next(Piece, Now, [{At, With} | _]) ->
     {At - Now, {touch, Piece, With}}.
 
-wall(Id, Piece, Now, #{walls := Walls} = World) ->
+wall(Id, Piece, Now, World) ->
     Until = Now + ?HORIZON_US,
     Radius = radius(Id, World),
     {{X, Y}, Reach} = starl_trajectory:enclosing(Now, Until, Piece),
     Box = starl_geometry:grow({X, Y, X, Y}, Reach + 1.0),
-    case starl_contact:wall(Piece, Radius, starl_walls:near(Box, Radius, Walls), Now, Until) of
+    first_wall(stretches(Now, Until, World), Piece, Radius, Box).
+
+%% Obstacles come and go at known times.
+stretches(From, To, #{obstacles := Obstacles}) -> starl_obstacles:stretches(From, To, Obstacles);
+stretches(From, To, #{walls := Walls}) -> [{From, To, Walls}].
+
+first_wall([], _Piece, _Radius, _Box) ->
+    [];
+first_wall([{From, To, Walls} | Stretches], Piece, Radius, Box) ->
+    case starl_contact:wall(Piece, Radius, starl_walls:near(Box, Radius, Walls), From, To) of
         {At, N} -> [{At, {wall, N}}];
-        none -> []
+        none -> first_wall(Stretches, Piece, Radius, Box)
     end.
+
+%% @doc All that is in the way at a time, but the robots.
+-spec walls(starl_sim_queue:time(), world()) -> starl_walls:t().
+walls(Now, #{obstacles := Obstacles}) -> starl_obstacles:walls(Now, Obstacles);
+walls(_Now, #{walls := Walls}) -> Walls.
 
 %% The robots against which it drives in this window.
 beside(_Id, _Piece, _Now, _Until, World) when not is_map_key(sight, World) ->
@@ -137,8 +152,8 @@ touch(At, Id, Piece, {Other, P}) ->
 
 %% @doc The place where a robot is touched.
 -spec place(with(), starl:pose(), starl_sim_queue:time(), world()) -> starl_geometry:point().
-place({wall, N}, {X, Y, _}, _Now, #{walls := Walls}) ->
-    starl_geometry:closest_point({X, Y}, starl_walls:side(N, Walls));
+place({wall, N}, {X, Y, _}, Now, World) ->
+    starl_geometry:closest_point({X, Y}, starl_walls:side(N, walls(Now, World)));
 place({robot, Other}, _Pose, Now, #{sight := Sight}) ->
     {ok, Piece} = starl_sim_sight:piece(Other, Sight),
     starl_trajectory:position(Now, Piece).

@@ -62,11 +62,11 @@ kept(_All, Kind, Reading, Before) -> Before#{Kind => Reading}.
 reading(Kind, true, _Faults, #{profiles := Profiles}, _World, #{key := Key}) ->
     starl_sense:guess(Kind, draw(Key), Profiles);
 reading(Kind, false, Faults, #{profiles := Profiles, things := Things}, World, Self) ->
-    #{key := Key} = Self,
+    #{key := Key, now_us := Now} = Self,
     Times = [Times || {_, _, _, sense_noisy, _, #{times := Times}} <- Faults],
     Noisy = lists:foldl(fun(N, P) -> starl_sense:noisy(Kind, N, P) end, Profiles, Times),
     View = (maps:with([pose, radius_mm, driven_mm, now_us], Self))#{
-        walls => maps:get(walls, World),
+        walls => starl_sim_bodies:walls(Now, World),
         bodies => bodies(World, Self),
         things => Things,
         draw => draw(Key)
