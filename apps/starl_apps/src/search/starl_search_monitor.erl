@@ -176,14 +176,17 @@ all_driven(T, #state{pieces = Pieces} = State) ->
 violation(What, T, Robots, Details) ->
     #{contract => search, what => What, at_us => T, robots => Robots, details => Details}.
 
-%% @doc Results: the part of the lines that was driven, when the ball was found first, and when the
+%% @doc Results: the part of the lines that was driven, the points that nobody came by, when the ball was found first, and when the
 %% last robot was done.
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndUs, State) ->
     #state{points = Points, total = Total, found = Found, done = Done} = all_driven(EndUs, State),
     Results = #{
-        searched => (Total - map_size(Points)) / max(1, Total), found_us => Found, done_us => Done
+        searched => (Total - map_size(Points)) / max(1, Total),
+        left => [P || {_, P} <- lists:sort(maps:to_list(Points))],
+        found_us => Found,
+        done_us => Done
     },
     case late(EndUs, State) of
         ok -> {ok, Results};

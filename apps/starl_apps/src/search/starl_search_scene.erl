@@ -169,8 +169,8 @@ names(Names) -> lists:join(", ", [atom_to_list(Name) || Name <- Names]).
 %% searched.
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
 report(#{memo := Memo}, #{monitors := Monitors, robots := Robots}) ->
-    #{starl_search_monitor := #{searched := Searched, found_us := Found, done_us := Done}} =
-        Monitors,
+    #{starl_search_monitor := #{searched := Searched, left := Left} = Results} = Monitors,
+    #{found_us := Found, done_us := Done} = Results,
     Standing = [{Id, {X, Y}, Heading} || {Id, #{pose := {X, Y, Heading}}} <- Robots],
     #{
         figures => [
@@ -188,9 +188,17 @@ report(#{memo := Memo}, #{monitors := Monitors, robots := Robots}) ->
         },
         complete => Found =/= none orelse Searched >= 1.0,
         done => done(Found, Searched),
-        summary => closed(Memo),
+        summary => [not_searched(Left, Memo) || Found =:= none, Left =/= []] ++ closed(Memo),
         write => fun(Dir) -> draw(Dir, Memo, Standing, false) end
     }.
+
+%% The rooms with points of lines that nobody has come by.
+not_searched(Left, #{floor := Floor}) ->
+    Rooms = lists:usort([Room || P <- Left, {ok, Room} <- [starl_floor:room_at(P, Floor)]]),
+    case Rooms of
+        [] -> "parts of the floor were not searched";
+        _ -> ["not searched, or in part: ", names(Rooms)]
+    end.
 
 seconds(none) -> null;
 seconds(Us) -> Us / 1.0e6.

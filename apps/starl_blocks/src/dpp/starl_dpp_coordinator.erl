@@ -67,6 +67,12 @@ when
 -callback serve(service()) -> turn().
 -callback give_up(service()) -> turn().
 -callback answered(starl:robot_id(), ok | lost, service()) -> service().
+%% On a floor with walls: a robot at a point could not go on towards another; what is closed is looked
+%% after.
+-callback blocked(At, Towards, service()) -> turn() when
+    At :: starl_geometry:point(), Towards :: starl_geometry:point().
+-callback reopen(service()) -> turn().
+-optional_callbacks([blocked/3, reopen/1]).
 
 %% The time after which robots whose place is not known are asked again.
 -define(RECOVER_US, 2000000).
@@ -180,6 +186,8 @@ event({timeout, serve}, _, leading, #coordinator{service = Service, serve = Serv
     keep(served(Service:serve(Serve), Data));
 event({timeout, give_up}, _, leading, #coordinator{service = Service, serve = Serve} = Data) ->
     keep(served(Service:give_up(Serve), Data));
+event({timeout, reopen}, _, leading, #coordinator{service = Service, serve = Serve} = Data) ->
+    keep(served(Service:reopen(Serve), Data));
 event({timeout, claim}, _, claiming, Data) ->
     {next_state, idle, Data, stop_timers()};
 event({timeout, _}, _, _State, _Data) ->
@@ -341,11 +349,17 @@ heard(Type, Body, Robot, State, Data) ->
         {lags, Witness} -> claim(N, Data#coordinator{witness = Witness})
     end.
 
-stamp(dpp_request, {_, _Id, _At, _Painted, Stamp}) -> Stamp;
+stamp(dpp_request, Body) -> element(5, Body);
 stamp(dpp_state, {_, _Id, _Place, _Painted, {_, Stamp, _}}) -> Stamp;
 stamp(dpp_here, {_, {_, Stamp, _}}) -> Stamp;
 stamp(dpp_passed, _Body) -> none.
 
+in_time(dpp_request, {Term, Id, At, Painted, Stamp, Towards}, Robot, State, Data) ->
+    #coordinator{service = Service, serve = S} = Data,
+    {Told, Actions} = served(Service:blocked(At, Towards, S), Data),
+    Request = {Term, Id, At, Painted, Stamp},
+    {keep_state, Next, More} = in_time(dpp_request, Request, Robot, State, Told),
+    {keep_state, Next, Actions ++ More};
 in_time(dpp_request, {_, Id, At, Painted, Stamp}, Robot, _State, #coordinator{serve = S} = Data) ->
     #coordinator{lease = Lease, now = Now, term = Term} = Heard = stamped(Robot, Stamp, Data),
     Service = Data#coordinator.service,

@@ -25,6 +25,7 @@
     part/3,
     reach/3,
     clear/2,
+    ahead/3,
     depth/2
 ]).
 -export_type([t/0, edge_id/0, vertex/0, step/0, near/0, config/0, reason/0]).
@@ -76,6 +77,8 @@
 
 %% Memory and the time of planning grow with the edges: eight robots paint 30,000 with 0.5 GB.
 -define(MOST_EDGES, 40000).
+%% What is in the way of a robot is so near beyond its body (mm).
+-define(AHEAD_MM, 100.0).
 
 %% @doc Builds the graph and checks that every target edge can be driven from every spot while all
 %% the others are parked.
@@ -145,6 +148,25 @@ radius(#graph{radius = R}) -> R.
 %% @doc Does a line keep away from the walls?
 -spec clear(segment(), t()) -> boolean().
 clear(Line, #graph{walls = Walls}) -> starl_dpp_floor:clear(Line, Walls).
+
+%% @doc What is in the way of a robot that stands at a point and cannot go on towards another one: a door
+%% of the floor plan that is closed, or else something at that place; and the distance to keep from it.
+-spec ahead(point(), Towards :: point(), t()) -> {[segment(), ...], Mm :: float()}.
+ahead({X, Y} = At, Towards, #graph{radius = R, walls = Walls}) ->
+    {Mm, Doors} = kept(Walls, R),
+    Heading = starl_geometry:heading(At, Towards),
+    Far = fun(D) -> {X + D * math:cos(Heading), Y + D * math:sin(Heading)} end,
+    Way = {At, Far(Mm + ?AHEAD_MM)},
+    case [Door || Door <- Doors, starl_geometry:segment_segment(Way, Door) < 1.0] of
+        [Door | _] -> {[Door], Mm};
+        [] -> {[{Far(Mm), Far(Mm)}], Mm + ?AHEAD_MM}
+    end.
+
+kept(none, R) ->
+    {R, []};
+kept({Walls, Mm}, _R) ->
+    #{doors := Doors} = starl_walls:floor(Walls),
+    {Mm, Doors}.
 
 %% @doc How far a point is from where robots park: from the border of the floor; with walls, from the nearest
 %% spot over the roadmap.

@@ -6,7 +6,7 @@
 
 %% @doc Is this term the body of a message of this type?
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
-accepts(dpp_request, Body) -> starl_shape:is([term(), id(), point, edges(), integer], Body);
+accepts(dpp_request, Body) -> starl_shape:is({either, [request(), request() ++ [point]]}, Body);
 accepts(dpp_passed, Body) -> starl_shape:is([term(), id(), natural], Body);
 accepts(dpp_state, Body) -> starl_shape:is([term(), id(), place(), edges(), ballot()], Body);
 accepts(dpp_here, Body) -> starl_shape:is([term(), ballot()], Body);
@@ -15,6 +15,8 @@ accepts(dpp_answer, Body) -> starl_shape:is([term(), id(), answer(), edges()], B
 accepts(dpp_recover, Body) -> starl_shape:is([term(), integer, boolean], Body);
 accepts(dpp_beat, Body) -> starl_shape:is([term(), integer, {list, [count, integer]}], Body);
 accepts(_Type, _Body) -> false.
+
+request() -> [term(), id(), point, edges(), integer].
 
 term() -> [{either, [{is, 0}, serial]}, natural, natural].
 

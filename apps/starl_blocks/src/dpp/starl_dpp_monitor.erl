@@ -141,7 +141,7 @@ interests() -> [dpp, dpp_coordinator, chassis, robot].
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() ->
     #{
-        dpp => [{stale_answer, 3}, {void, 1}, {asks, 0}, {answered, 1}],
+        dpp => [{stale_answer, 3}, {void, 1}, {blocked, 1}, {asks, 0}, {answered, 1}],
         dpp_coordinator => [
             {claims, 1},
             {leads, 1},
@@ -152,6 +152,8 @@ vocabulary() ->
             {deadlock_resolved, 1},
             {silent, 1},
             {unreachable, 1},
+            {closed, 1},
+            {reopened, 0},
             {malformed, 2}
         ]
     }.

@@ -10,7 +10,8 @@
 %% to be given up, and it takes as long as all that together. Nothing is judged while a robot is down, nor
 %% without a quorum. A fault that the team meets lets the time begin anew.
 %%
-%% No line may be given up (`unreachable') as long as no robot has been silent or has died.
+%% No line may be given up (`unreachable') as long as no robot has been silent or has died, and none has
+%% found its way closed.
 -module(starl_dpp_monitor_service).
 
 -export([times/2, new/1, broken/2, happened/4, pass/2, died/1]).
@@ -43,6 +44,7 @@
     silent = [] :: [robot_id()],
     down = [] :: [robot_id()],
     died = [] :: [robot_id()],
+    closed = false :: boolean(),
     due = infinity :: us() | infinity
 }).
 
@@ -140,7 +142,9 @@ happened(T, _Robot, {dpp_coordinator, {coordinator, _Term}}, S) ->
     {none, due(S#service{open_us = T, silent = []})};
 happened(_T, _Robot, {dpp_coordinator, {silent, Silent}}, #service{silent = Known} = S) ->
     {none, due(S#service{silent = lists:usort([Silent | Known])})};
-happened(_T, _Robot, {dpp_coordinator, {unreachable, [_ | _]}}, S) ->
+happened(_T, _Robot, {dpp_coordinator, {closed, [_ | _]}}, S) ->
+    {none, S#service{closed = true}};
+happened(_T, _Robot, {dpp_coordinator, {unreachable, [_ | _]}}, #service{closed = false} = S) ->
     #service{silent = Silent, died = Died, down = Down, open_us = Open} = S,
     case Open =/= none andalso Silent ++ Died ++ Down of
         [] -> {given_up, S};

@@ -20,7 +20,8 @@
 %% claims a term.
 %%
 %% Calls: `{join, Coordinator}', `coordinator', `request', `wait', `{face, Id, N}', `{drive, Id, N}' (see
-%% {@link starl_dpp}). Messages to the coordinator: `dpp_request {Term, Id, At, Painted, Stamp}',
+%% {@link starl_dpp}). Messages to the coordinator: `dpp_request {Term, Id, At, Painted, Stamp}', with one
+%% more element, the end of the line, if something was in the way of its last drive;
 %% `dpp_passed {Term, Id, N}', `dpp_state {Term, Id, Place, Painted, Ballot}', `dpp_here {Term,
 %% Ballot}', with Ballot = {Seq, Stamp, Vote}, and `dpp_refused Term'; from it: `dpp_answer {Term,
 %% Id, Answer, News}', `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}'.
@@ -39,6 +40,8 @@
     {stale_answer, starl:robot_id(), starl_dpp:term_id(), starl_dpp:request_id()}
     %% the lease to drive along the path of this answer has ended
     | {void, starl_dpp:request_id()}
+    %% something is in its way on the line to this point
+    | {blocked, starl_geometry:point()}
     %% its application asks for a path, and is answered
     | asks
     | {answered, assign | complete | incomplete | no_answer}.
@@ -63,6 +66,8 @@
     %% the caller of the application's request, and of its drive
     from = none :: starl_machine:from() | none,
     drive = none :: {starl_machine:from(), face | drive, N :: pos_integer()} | none,
+    %% the end of the line on which something was in its way, until that is told
+    blocked = none :: starl_geometry:point() | none,
     track :: starl_dpp_track:t(),
     follow :: starl_dpp_follow:t()
 }).
@@ -205,12 +210,16 @@ ask(#part{track = Track, now = Now, follow = Follow} = Part) ->
             {keep_state, Part, halt_and_look(Part)};
         At ->
             #part{n = N} = Next = next(Part#part{follow = starl_dpp_follow:asked(Now, Follow)}),
-            Body = {term(Next), id(Next), At, starl_dpp_track:fresh(Track), Now},
+            Request = {term(Next), id(Next), At, starl_dpp_track:fresh(Track), Now},
+            Body = with_blocked(Request, Next),
             {keep_state, Next, [
                 starl_sap:send(coordinator(Next), dpp_request, Body, {sent, N}),
                 {{timeout, again}, ?AGAIN_US, request}
             ]}
     end.
+
+with_blocked(Request, #part{blocked = none}) -> Request;
+with_blocked(Request, #part{blocked = Towards}) -> erlang:append_element(Request, Towards).
 
 id(#part{series = Series, n = N}) -> {Series, N}.
 
@@ -237,7 +246,9 @@ answer(Source, Term, Id, {Answer, News}, Where, #part{follow = Follow} = Part) -
     end.
 
 answered(News, #part{track = Track} = Part) ->
-    Part#part{track = starl_dpp_track:answered(starl_dpp_track:learn(News, Track))}.
+    Part#part{
+        track = starl_dpp_track:answered(starl_dpp_track:learn(News, Track)), blocked = none
+    }.
 
 stop_asking() -> [{{timeout, T}, cancel} || T <- [again, patience]].
 
@@ -307,6 +318,13 @@ driven(ok, {drive, N}, Id, {moving, Id, _, Path}, #part{drive = {From, drive, N}
     Track = starl_dpp_track:reached(N, lists:nth(N, Path), Part#part.track),
     {Told, Report} = report(Id, N, Part#part{drive = none, track = Track}),
     {keep_state, Told, Report ++ [{reply, From, ok}]};
+driven(
+    {error, blocked}, {drive, N}, Id, {moving, Id, _, Path}, #part{drive = {From, drive, N}} = Part
+) ->
+    {Towards, _} = lists:nth(N, Path),
+    {keep_state, Part#part{drive = none, blocked = Towards}, [
+        {trace, {blocked, Towards}}, {reply, From, {error, void}}
+    ]};
 driven(
     {error, _} = Outcome, {What, N}, Id, {moving, Id, _, _}, #part{drive = {From, What, N}} = Part
 ) ->

@@ -16,6 +16,7 @@
 
 -export([new/1, format_error/1]).
 -export([standing/3, silent/3, passed/3, send/4, exchange/3, adopt/4, apart/1, mark_painted/2]).
+-export([close/3, reopen/1]).
 -export([
     counts/1,
     painted_since/2,
@@ -177,6 +178,16 @@ apart({Robot, Q0, P}, #plan{unsafe = Unsafe, modes = Modes} = Plan) ->
 %% @doc Enters edges that are painted already.
 -spec mark_painted([edge_id()], t()) -> t().
 mark_painted(Edges, Plan) -> paint(Edges, Plan).
+
+%% @doc A robot at a point could not go on towards another one: what is in its way is closed to all.
+-spec close(point(), Towards :: point(), t()) -> {[segment(), ...], t()}.
+close(At, Towards, #plan{graph = Graph, unsafe = Unsafe} = Plan) ->
+    {Segments, Mm} = starl_dpp_graph:ahead(At, Towards, Graph),
+    {Segments, Plan#plan{unsafe = starl_dpp_unsafe:close(Segments, Mm, Unsafe)}}.
+
+%% @doc What was closed is perhaps open.
+-spec reopen(t()) -> t().
+reopen(#plan{unsafe = Unsafe} = Plan) -> Plan#plan{unsafe = starl_dpp_unsafe:open(Unsafe)}.
 
 %%% Reading the plan
 

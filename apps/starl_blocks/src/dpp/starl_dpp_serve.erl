@@ -14,6 +14,7 @@
 
 -export([prepare/1, new/2, lead/1, unknown/1, knows/2, silent/2]).
 -export([requested/4, reported/4, passed/4, rests/3, serve/1, give_up/1, answered/3]).
+-export([blocked/3, reopen/1]).
 -export_type([t/0, turn/0, event/0]).
 
 %% The trace of the service. Segments (mm) are the centre lines of the tubes that the robot holds.
@@ -28,6 +29,9 @@
     | {silent, starl:robot_id()}
     %% only robots that are silent stand between the team and the rest of the picture
     | {unreachable, [starl_dpp_graph:edge_id()]}
+    %% robots keep away from these segments, as something is in the way there; perhaps no more
+    | {closed, [starl_geometry:segment(), ...]}
+    | reopened
     %% the robot reports painted lines that are not in the picture
     | {malformed, starl:robot_id(), {edges, term()}}.
 
@@ -35,6 +39,9 @@
 -define(SERVE_US, 200000).
 %% The time that silent robots have to be heard again when only they are in the way.
 -define(GIVE_UP_US, 60000000).
+%% The time after which what was closed is tried again, and how often without any line painted meanwhile.
+-define(REOPEN_US, 20000000).
+-define(MOST_TRIES, 15).
 
 -record(serve, {
     plan :: starl_dpp_plan:t(),
@@ -53,7 +60,10 @@
     told = #{} :: #{starl:robot_id() => non_neg_integer()},
     telling = #{} :: #{starl:robot_id() => non_neg_integer()},
     %% no robot moves and nothing can be assigned
-    stuck = false :: boolean()
+    stuck = false :: boolean(),
+    %% something is closed; how often that was tried again, and the number of painted edges then
+    closed = false :: boolean(),
+    tries = {0, 0} :: {Tries :: non_neg_integer(), Painted :: non_neg_integer()}
 }).
 -opaque t() :: #serve{}.
 -type turn() :: {t(), [starl_machine:action()]}.
@@ -298,6 +308,36 @@ resolve(Paths, S) ->
     {Assigned, [{trace, {deadlock_resolved, Away}} || Away =/= []] ++ Actions}.
 
 paints({_Point, Pen}) -> Pen =/= up.
+
+%% @doc A robot at a point could not go on towards another one. All keep away from there for a while.
+-spec blocked(At, Towards, t()) -> turn() when
+    At :: starl_geometry:point(), Towards :: starl_geometry:point().
+blocked(At, Towards, #serve{plan = Plan, closed = Before} = S) ->
+    {Segments, Closed} = starl_dpp_plan:close(At, Towards, Plan),
+    {Timer, Counted} = try_again(Before, S),
+    {Counted#serve{plan = Closed, closed = true}, [{trace, {closed, Segments}} | Timer]}.
+
+%% It is not tried for ever.
+try_again(true, S) ->
+    {[], S};
+try_again(false, #serve{plan = Plan, tries = {N, Then}} = S) ->
+    #{painted := Painted} = starl_dpp_plan:counts(Plan),
+    Tries =
+        case Painted of
+            Then -> N + 1;
+            _ -> 1
+        end,
+    {
+        [{{timeout, reopen}, ?REOPEN_US, reopen} || Tries =< ?MOST_TRIES],
+        S#serve{tries = {Tries, Painted}}
+    }.
+
+%% @doc What was closed is perhaps open.
+-spec reopen(t()) -> turn().
+reopen(#serve{plan = Plan} = S) ->
+    Open = S#serve{plan = starl_dpp_plan:reopen(Plan), closed = false},
+    {Served, Actions} = serve(Open),
+    {Served, [{trace, reopened} | Actions]}.
 
 %% @doc Gives up: no robot moves, nothing can be assigned, and the silent robots have not come back.
 -spec give_up(t()) -> turn().

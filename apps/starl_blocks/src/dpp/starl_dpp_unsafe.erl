@@ -20,6 +20,8 @@
     masks/1,
     blocks/2,
     others/2,
+    close/3,
+    open/1,
     clear/2,
     away/3,
     nominal/3
@@ -47,7 +49,11 @@
     graph :: starl_dpp_graph:t(),
     bits :: #{robot_id() => pos_integer()},
     held = #{} :: #{robot_id() => #held{}},
-    masks :: masks()
+    masks :: masks(),
+    %% the bit that stands for what is closed, with its edges, and as obstacles
+    bit :: pos_integer(),
+    closed = [] :: [item()],
+    shut = [] :: [obstacle()]
 }).
 -opaque t() :: #unsafe{}.
 
@@ -62,7 +68,9 @@
 new(Robots, Graph) ->
     Bits = lists:zip(Robots, [1 bsl I || I <- lists:seq(0, length(Robots) - 1)]),
     Masks = starl_dpp_array:new(starl_dpp_graph:edges(Graph), 0),
-    #unsafe{graph = Graph, bits = maps:from_list(Bits), masks = Masks}.
+    #unsafe{
+        graph = Graph, bits = maps:from_list(Bits), masks = Masks, bit = 1 bsl length(Robots)
+    }.
 
 %% @doc Replaces the reservation of a robot.
 -spec set(robot_id(), [segment(), ...], t()) -> t().
@@ -117,10 +125,27 @@ blocks(Robot, Unsafe) -> lists:append([Edges || {_, Edges} <- items(Robot, Unsaf
 -spec others(robot_id(), t()) -> [obstacle()].
 others(Robot, #unsafe{held = Held} = Unsafe) ->
     Others = [Obstacles || {Id, #held{obstacles = Obstacles}} <- maps:to_list(Held), Id =/= Robot],
+    Shut = [[Obstacle] || Obstacle <- Unsafe#unsafe.shut],
     case items(Robot, Unsafe) of
-        [{{P, _}, _} | _] -> lists:append([seen_from(P, Obstacles) || Obstacles <- Others]);
-        [] -> lists:append(Others)
+        [{{P, _}, _} | _] -> lists:append([seen_from(P, Obstacles) || Obstacles <- Shut ++ Others]);
+        [] -> lists:append(Shut ++ Others)
     end.
+
+%% @doc Something else is there: all robots keep this distance from these segments.
+-spec close([segment(), ...], Mm :: float(), t()) -> t().
+close(Segments, Mm, #unsafe{graph = Graph, bit = Bit, masks = Masks, closed = Closed} = Unsafe) ->
+    Box = starl_geometry:box(lists:append([[P, Q] || {P, Q} <- Segments])),
+    Open = fun(E) -> starl_dpp_array:get(E, Masks) band Bit =:= 0 end,
+    Near = starl_dpp_graph:near(Box, {Mm, Open}, Graph),
+    {Items, Blocked} = hold_each(Segments, Near, Bit, Mm, Closed, Masks),
+    Unsafe#unsafe{
+        masks = Blocked, closed = Items, shut = chunks(Mm, Segments) ++ Unsafe#unsafe.shut
+    }.
+
+%% @doc It is perhaps gone.
+-spec open(t()) -> t().
+open(#unsafe{bit = Bit, masks = Masks, closed = Closed} = Unsafe) ->
+    Unsafe#unsafe{masks = free(Bit, Closed, Masks), closed = [], shut = []}.
 
 %% @doc Is the segment far enough from all obstacles?
 -spec clear(segment(), [obstacle()]) -> boolean().

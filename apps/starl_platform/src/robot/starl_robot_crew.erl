@@ -22,6 +22,7 @@
     waypoints => #{atom() => starl_geometry:point()},
     floor => starl_floor:t(),
     exact => boolean(),
+    solid => boolean(),
     intensity => pos_integer()
 }.
 
@@ -66,8 +67,10 @@ services(#{profiles := Profiles} = Crew) ->
     [
         {sap, maps:get(sap_machine, Crew, starl_sap), maps:get(sap, Crew, #{})},
         {location, starl_location, location(Crew)},
-        {motion, maps:get(motion_machine, Crew, starl_motion), #{profiles => Profiles}}
+        {motion, maps:get(motion_machine, Crew, starl_motion), motion(Profiles, Crew)}
     ].
+
+motion(Profiles, Crew) -> (maps:with([solid], Crew))#{profiles => Profiles}.
 
 location(#{profiles := [#{position_error_mm := Error} | _]} = Crew) ->
     (maps:with([floor], Crew))#{

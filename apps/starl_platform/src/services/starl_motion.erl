@@ -37,12 +37,13 @@
 %% `{go_along, segment()}' drives along this line, near which the robot stands, to its exact end;
 %% `{face, segment()}' drives to the beginning of this line, near which the robot stands, ready to
 %% follow it (two wheels: looking along it). Answers: `ok' on arrival; `{error, stopped}' when
-%% another command comes first; `{error, out_of_time}', except for `go_to', when the clocks do not
+%% another command comes first; `{error, blocked}', of a drive along a given line on a floor plan, when
+%% the robot has run against something three times; `{error, out_of_time}', except for `go_to', when the clocks do not
 %% agree. `{velocity, {VX, VY}, Us}' drives on with this velocity (mm/s, along the axes of the floor)
 %% for that time, and is answered at once: `ok'; `{error, unknown}' without a position, `{error,
 %% stalled}' while a drive does not obey, `{error, stopped}'. `stop' is answered when the robot stands: `ok', or `{error, out_of_time}' when the clocks
 %% do not agree. Configuration: `profiles', from which the machine takes that of its robot ({@link
-%% starl_chassis:profiles()}).
+%% starl_chassis:profiles()}); `solid' (false): are there walls, and things in the way?
 -module(starl_motion).
 -behaviour(starl_machine).
 
@@ -61,8 +62,8 @@
     | {goal, starl_chassis:way(), starl_geometry:point()}
     %% along this line, since now it knows where it stands
     | {line, starl_geometry:segment()}
-    %% it has arrived, or another command came, or the clocks do not agree
-    | {goal_over, arrived | command | out_of_time}.
+    %% it has arrived, or another command came, or the clocks do not agree, or something is in the way
+    | {goal_over, arrived | command | out_of_time | blocked}.
 
 %% The time to wait for a position or for an answer of the chassis before asking again.
 -define(PATIENCE_US, 500000).
@@ -70,6 +71,8 @@
 -define(REST_US, 500000).
 %% A robot that stands and was seen within this time is not looked for again.
 -define(SEEN_US, 100000).
+%% Something is in the way of a robot that has come up against it so often, and back each time.
+-define(STALLS, 3).
 
 -type state() :: idle | halting | locating | driving | stalled | trying | steering | cruising.
 
@@ -77,6 +80,9 @@
     self :: starl:robot_id(),
     chassis :: module(),
     profile :: starl_chassis:profile(),
+    solid :: boolean(),
+    %% how often in a row its drive has not obeyed on the way to the present goal
+    stalls = 0 :: non_neg_integer(),
     %% the caller of the drive, and the callers of `stop'
     from = none :: starl_machine:from() | none,
     waiting = [] :: [starl_machine:from()],
@@ -115,12 +121,13 @@
 stop() -> {cast, motion, stop}.
 
 -spec init(starl_machine:config()) -> {state(), #drive{}, [starl_machine:action()]}.
-init(#{robot := Self, profiles := Profiles, incarnation := Incarnation, now := Now}) ->
+init(#{robot := Self, profiles := Profiles, incarnation := Incarnation, now := Now} = Config) ->
     Profile = starl_chassis:of_robot(Self, Profiles),
     Drive = #drive{
         self = Self,
         chassis = starl_chassis:kind(Profile),
         profile = Profile,
+        solid = maps:get(solid, Config, false),
         watch = starl_motion_watch:new(Profile),
         now = Now,
         %% a robot that still drives must not accept an answer to an earlier incarnation's command
@@ -211,6 +218,7 @@ to(From, {Start, Goal}, Way, Drive) ->
         goal = Goal,
         start = Start,
         way = Way,
+        stalls = 0,
         memo = none
     }.
 
@@ -316,12 +324,22 @@ driven(HeardUs, State, #drive{now = Now, told = {Told, Takes}, watch = Before} =
             trying -> none;
             _ -> Drive#drive.doubt
         end,
-    stands(Agree, Drive#drive{stands = true, watch = Watch, doubt = Doubt}).
+    Stalls =
+        case State of
+            driving -> 0;
+            _ -> Drive#drive.stalls
+        end,
+    stands(Agree, Drive#drive{stands = true, watch = Watch, doubt = Doubt, stalls = Stalls}).
 
 %% A robot without a goal rests; a wrong clock takes a robot's goal away.
 stands(false, #drive{from = From, way = Way} = Drive) when From =/= none, Way =/= to ->
     Over = goal_over(out_of_time, Drive) ++ [{reply, From, {error, out_of_time}}],
     rest(false, Drive#drive{from = none}, Over);
+stands(Agree, #drive{from = From, way = Way, solid = true, stalls = Stalls} = Drive) when
+    From =/= none, Way =/= to, Stalls >= ?STALLS
+->
+    Over = goal_over(blocked, Drive) ++ [{reply, From, {error, blocked}}],
+    rest(Agree, Drive#drive{from = none, stalls = 0}, Over);
 stands(Agree, #drive{from = none} = Drive) ->
     rest(Agree, Drive, []);
 stands(Agree, #drive{waiting = Waiting} = Drive) ->
@@ -340,8 +358,8 @@ stalled(unknown, _Drive) ->
     unknown_event;
 stalled(none, Drive) ->
     stand_still(Drive, []);
-stalled({ok, _} = Doubt, Drive) ->
-    Doubtful = Drive#drive{stands = true, memo = none, doubt = Doubt},
+stalled({ok, _} = Doubt, #drive{stalls = N} = Drive) ->
+    Doubtful = Drive#drive{stands = true, memo = none, doubt = Doubt, stalls = N + 1},
     {next_state, stalled, Doubtful, [{state_timeout, ?REST_US, try_again}]}.
 
 known(unknown) -> unknown_event;

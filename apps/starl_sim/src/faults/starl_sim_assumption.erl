@@ -98,7 +98,7 @@ bodies(Faults, IsExact) ->
          || Robot <- struck(Fault)
         ]
      || {_, _, _, Kind, _, _} = Fault <- Faults,
-        starl_sim_fault:class(Fault) =/= network,
+        not lists:member(starl_sim_fault:class(Fault), [network, floor]),
         not lists:member(Kind, [actuator_lost, actuator_stuck]),
         {_, From, To, _, _, Params} <- [starl_sim_fault:compile(Fault)],
         Kind =/= clock_drift orelse abs(maps:get(ppm, Params)) > ?DRIFT_PPM

@@ -211,6 +211,7 @@ crew(Mode, Scene, Profiles, #{robots := Ids} = Context) ->
     Tree = starl_robot_crew:tree(Given#{
         waypoints => waypoints(Scene),
         floor => maps:get(floor, Scene, maps:get(floor, Context)),
+        solid => is_map_key(floor, Scene),
         robots => Ids,
         profiles => Profiles,
         sap => maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),
