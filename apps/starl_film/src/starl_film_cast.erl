@@ -33,6 +33,9 @@
     lines := [{starl_geometry:point(), starl_geometry:point()}],
     actors := [actor()],
     cuts := [starl_film_cuts:cut()],
+    plan := starl_floor:t() | none,
+    %% the sides of what stands in the way for a time
+    obstacles := [{[starl_geometry:segment()], span()}],
     end_us := integer()
 }.
 
@@ -120,9 +123,15 @@ scene(#cast{facts = Facts, until = Until} = Cast) ->
         maps:map(fun(_, Known) -> lists:reverse(Known) end, Cast#cast.poses),
         maps:map(fun(_, Known) -> way(lists:reverse(Known), Until) end, Cast#cast.pieces)
     ),
+    Plan = plan(Facts),
     {ok, #{
         app => App,
         floor => floor_of(Scenario),
+        plan => Plan,
+        obstacles => [
+            {Sides, span(Begun, Span)}
+         || {Sides, Span} <- obstacles(Plan, maps:values(Cast#cast.faults), Until)
+        ],
         lines => lines(Monitors),
         actors => [
             since(Begun, actor(Id, Way, Cast))
@@ -147,6 +156,27 @@ since(Begun, #{way := Way, ink := Ink, down := Down} = Actor) ->
     }.
 
 span(Begun, {From, To}) -> {max(0, From - Begun), max(0, To - Begun)}.
+
+%% What a recording says is of any shape.
+plan(#{floor := Plan}) ->
+    case starl_floor:is_floor(Plan) of
+        true -> Plan;
+        false -> none
+    end;
+plan(_Facts) ->
+    none.
+
+obstacles(none, _Faults, _Until) ->
+    [];
+obstacles(Plan, Faults, Until) ->
+    [
+        {Sides, {1000 * From, min(1000 * To, Until)}}
+     || {_, From, To, Kind, _, Params} <- Faults,
+        is_integer(To),
+        1000 * From < min(1000 * To, Until),
+        Sides <- [starl_obstacles:of_fault(Kind, Params, Plan)],
+        Sides =/= []
+    ].
 
 floor_of(#{world := {Width, Height}}) when is_number(Width), is_number(Height) -> {Width, Height};
 floor_of(_) -> {12000, 12000}.

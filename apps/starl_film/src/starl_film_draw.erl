@@ -2,7 +2,19 @@
 %% with y downwards. A pure module.
 -module(starl_film_draw).
 
--export([page/1, open/3, target/2, body/2, style/1, place/2, path/1, number/1, colour/1]).
+-export([
+    page/1,
+    open/3,
+    plan/2,
+    obstacle/2,
+    target/2,
+    body/2,
+    style/1,
+    place/2,
+    path/1,
+    number/1,
+    colour/1
+]).
 
 -export_type([page/0, look/0]).
 
@@ -64,6 +76,16 @@ style(#{dot := Dot}) ->
         dark(),
         "</style>\n"
     ].
+
+%% @doc The walls of the floor plan, with doors and names.
+-spec plan(starl_floor:t() | none, page()) -> iolist().
+plan(none, _Page) -> [];
+plan(Plan, #{dot := Dot}) -> starl_picture_floor:svg(Plan, Dot).
+
+%% @doc What stands in the way for a time.
+-spec obstacle([starl_geometry:segment()], page()) -> iolist().
+obstacle(Sides, #{height := Height, dot := Dot}) ->
+    starl_picture_floor:obstacle(Sides, float(Height), Dot).
 
 %% @doc The lines that are to be painted.
 -spec target([{starl_geometry:point(), starl_geometry:point()}], page()) -> iolist().

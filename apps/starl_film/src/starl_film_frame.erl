@@ -13,6 +13,11 @@ at(T, Title, #{actors := Actors, lines := Lines, cuts := Cuts} = Scene) ->
     iolist_to_binary([
         starl_film_draw:open(day, foot, Page),
         starl_film_draw:style(Page),
+        starl_film_draw:plan(maps:get(plan, Scene), Page),
+        [
+            starl_film_draw:obstacle(Sides, Page)
+         || {Sides, {From, To}} <- maps:get(obstacles, Scene), From =< T, T < To
+        ],
         starl_film_draw:target(Lines, Page),
         [ink(T, Actor, Page) || Actor <- Actors],
         [link(T, Link, Actors, Page) || Link <- starl_film_cuts:links(Holding)],

@@ -37,6 +37,8 @@ film(#{actors := Actors, lines := Lines, end_us := End, cuts := Cuts} = Scene, O
         starl_film_draw:open(day, foot, Page),
         ["<title>", escape(Title), "</title>\n"],
         starl_film_draw:style(Page),
+        starl_film_draw:plan(maps:get(plan, Scene), Page),
+        [obstacle(Obstacle, Film) || Obstacle <- maps:get(obstacles, Scene)],
         starl_film_draw:target(Lines, Page),
         [ink(Actor, Film) || Actor <- Actors],
         [link(Link, Actors, Film) || Link <- starl_film_cuts:links(Cuts)],
@@ -44,6 +46,12 @@ film(#{actors := Actors, lines := Lines, end_us := End, cuts := Cuts} = Scene, O
         foot(Title, Film),
         "</svg>\n"
     ]).
+
+obstacle({Sides, Span}, #film{page = Page, time = Time}) ->
+    [
+        ["<g opacity=\"0\">", starl_film_draw:obstacle(Sides, Page)],
+        [starl_film_animate:shown([Span], Time), "</g>\n"]
+    ].
 
 %% -- ink ------------------------------------------------------------------------------------
 

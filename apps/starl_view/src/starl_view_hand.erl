@@ -72,6 +72,8 @@ possible(robot, #{robots := N}) ->
     io_lib:format("a robot from 1 to ~b", [N]);
 possible(link, #{robots := N}) ->
     io_lib:format("a robot from 1 to ~b, a link as 1,2, or all", [N]);
+possible(floor, _Where) ->
+    "all";
 possible(machine, _Where) ->
     "a machine as 1 sap";
 possible(two, _Where) ->
@@ -102,6 +104,8 @@ until(_Spec, #{<<"seconds">> := S}, #{from_ms := From, until_ms := Until}) when
 until(_Spec, _Command, #{from_ms := From, until_ms := Until}) ->
     max(From, Until).
 
+target(floor, _Floor, _Where) ->
+    {ok, all};
 target(Shape, <<"all">>, _Where) when Shape =:= robots; Shape =:= link ->
     {ok, all};
 target(Shape, Robot, Where) when Shape =:= robots; Shape =:= robot; Shape =:= link ->

@@ -29,10 +29,24 @@ rows(#{app := App, scenario := Scenario, robots := Robots} = Facts, Extra) ->
         contracts => contracts(Monitors),
         spots => [[Id, X, Y] || {Id, {X, Y, _}} <- Robots],
         waypoints => [[Name, X, Y] || {Name, {X, Y}} <- lists:sort(maps:to_list(Waypoints))],
+        plan => plan(maps:get(floor, Facts, none)),
         tube => tube(Monitors),
         lines => lines(Monitors)
     },
     [[<<"run">>, maps:merge(Own, Extra)] | faults(Scenario)].
+
+%% Walls, doors, and the rooms' names with a place for each.
+plan(#{walls := Walls, doors := Doors, rooms := Rooms}) ->
+    #{
+        walls => [[[X, Y] || {X, Y} <- Wall] || Wall <- Walls],
+        doors => [[X1, Y1, X2, Y2] || {{X1, Y1}, {X2, Y2}} <- Doors],
+        rooms => [
+            [Name, X, Y]
+         || {Name, Room} <- lists:sort(maps:to_list(Rooms)), {X, Y} <- [starl_floor:middle(Room)]
+        ]
+    };
+plan(_None) ->
+    null.
 
 floor_of(#{world := {Width, Height}}) -> [Width, Height];
 floor_of(_) -> [12000, 12000].

@@ -11,7 +11,8 @@
 %%   ["o", T, Robot, Id, At, Outcome]                   acknowledged, lost or restarted at a robot
 %%   ["p", T, From, To, What, Bytes, Fate, At]          a packet; At: 0 if it is lost
 %%   ["x", T, Robot, Machine, What]        crashes, ends, new starts; what the body feels (chassis)
-%%   ["f", T, Id, From, To, Kind, Target, Params]                a fault of the schedule, in ms
+%%   ["f", T, Id, From, To, Kind, Target, Params]                a fault of the schedule, in ms; of the
+%%                                                               floor with [Door] or [X, Y, Width, Height]
 %%   ["v", T, Contract, Text, [Robot, ...]]                                     a broken contract
 %%   ["u", T, [Contract, ...], Text]           not judged from then on, or at all; no name: all
 %% '''
@@ -106,7 +107,13 @@ fate({arrives, [{AtUs, corrupt} | _]}) -> {<<"corrupt">>, AtUs}.
 %% @doc A fault of the schedule, or by hand, told at a time.
 -spec fault(integer(), starl_sim_fault:t() | tuple()) -> row().
 fault(T, {Id, From, To, Kind, Target, Params}) ->
-    [<<"f">>, T, Id, From, ended(To), Kind, text(Target, ?LENGTH), text(Params, ?LENGTH)].
+    [<<"f">>, T, Id, From, ended(To), Kind, text(Target, ?LENGTH), text(Params, ?LENGTH)] ++
+        on_floor(Kind, Params).
+
+%% The number of a door, or a box, to be drawn.
+on_floor(closed, #{door := Door}) -> [[Door]];
+on_floor(obstacle, #{x := X, y := Y, width := W, height := H}) -> [[X, Y, W, H]];
+on_floor(_Kind, _Params) -> [].
 
 %% Of a fault by hand in a live run nobody knows the end.
 ended(Ms) when is_integer(Ms) -> Ms;

@@ -19,6 +19,7 @@
     is_solid/2,
     room_at/2,
     area/1,
+    middle/1,
     summary/1
 ]).
 
@@ -126,6 +127,28 @@ room_at(Point, #{rooms := Rooms}) ->
 area(Polygon) ->
     lists:sum([AX * BY - BX * AY || {{AX, AY}, {BX, BY}} <- sides(Polygon)]) / 2.
 
+%% @doc A point in the middle of where a polygon is widest, for its name.
+-spec middle(polygon()) -> starl_geometry:point().
+middle(Points) ->
+    {_, Low, _, High} = starl_geometry:box(Points),
+    Heights = [Low + I * (High - Low) / 10 || I <- lists:seq(1, 9)],
+    {_, X, Y} = lists:max([{0.0, 0.0, Low} | lists:append([widths(Y, Points) || Y <- Heights])]),
+    {X, Y}.
+
+%% The stretches of a room at a height, with their middles.
+widths(Y, [First | Rest] = Points) ->
+    Sides = lists:zip(Points, Rest ++ [First]),
+    pairs(
+        Y,
+        lists:sort([
+            AX + (Y - AY) * (BX - AX) / (BY - AY)
+         || {{AX, AY}, {BX, BY}} <- Sides, (AY =< Y) =/= (BY =< Y)
+        ])
+    ).
+
+pairs(Y, [From, To | Rest]) -> [{To - From, (From + To) / 2, Y} | pairs(Y, Rest)];
+pairs(_Y, []) -> [].
+
 %% @doc A floor plan in a few lines of text.
 -spec summary(t()) -> [unicode:chardata()].
 summary(#{name := Name, size := {W, H}, walls := Walls, doors := Doors} = Floor) ->
@@ -137,7 +160,7 @@ summary(#{name := Name, size := {W, H}, walls := Walls, doors := Doors} = Floor)
             io_lib:format("walls: ~b, with ~b sides", [length(Walls), Sides])
         ] ++
         listed("rooms", [room(Room) || Room <- lists:sort(maps:to_list(Rooms))]) ++
-        listed("doors", [door(Door) || Door <- Doors]) ++
+        listed("doors", [door(N, Door) || {N, Door} <- lists:enumerate(Doors)]) ++
         listed("places", [place(Place) || Place <- lists:sort(maps:to_list(Places))]).
 
 listed(_What, []) -> [];
@@ -145,7 +168,7 @@ listed(What, Texts) -> [io_lib:format("~ts: ~ts", [What, lists:join(", ", Texts)
 
 room({Name, Polygon}) -> io_lib:format("~ts (~.1f m2)", [Name, abs(area(Polygon)) / 1.0e6]).
 
-door(Door) -> io_lib:format("~b mm", [round(starl_geometry:length(Door))]).
+door(N, Door) -> io_lib:format("~b (~b mm)", [N, round(starl_geometry:length(Door))]).
 
 place({Name, {X, Y}}) -> io_lib:format("~ts (~b, ~b)", [Name, round(X), round(Y)]).
 

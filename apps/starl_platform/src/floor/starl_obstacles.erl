@@ -10,7 +10,7 @@
 %% millimetres.
 -module(starl_obstacles).
 
--export([door/2, box/1, new/2, walls/2, stretches/3, sides/2, caught/2]).
+-export([door/2, box/1, of_fault/3, new/2, walls/2, stretches/3, sides/2, caught/2]).
 
 -export_type([t/0, obstacle/0]).
 
@@ -39,6 +39,19 @@ door(N, #{doors := Doors}) -> {ok, [lists:nth(N, Doors)]}.
 box({X, Y, W, H}) ->
     [A, B, C, D] = starl_floor:box(X, Y, X + W, Y + H),
     [{A, B}, {B, C}, {C, D}, {D, A}].
+
+%% @doc The sides of what a fault of a floor puts in the way ({@link starl_sim_fault}, class `floor').
+-spec of_fault(Kind :: atom(), Params :: #{atom() => term()}, starl_floor:t()) ->
+    [starl_geometry:segment()].
+of_fault(closed, #{door := Door}, Floor) ->
+    case door(Door, Floor) of
+        {ok, Sides} -> Sides;
+        {error, _} -> []
+    end;
+of_fault(obstacle, #{x := X, y := Y, width := W, height := H}, _Floor) ->
+    box({X, Y, W, H});
+of_fault(_Other, _Params, _Floor) ->
+    [].
 
 %% @doc The walls of a floor with these obstacles beside them.
 -spec new([obstacle()], starl_walls:t()) -> t().

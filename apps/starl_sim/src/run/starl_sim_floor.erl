@@ -154,8 +154,5 @@ obstacles(Faults, Floor) ->
         _ -> starl_obstacles:new([obstacle(F, Floor) || F <- Compiled], starl_walls:new(Floor))
     end.
 
-obstacle({_, From, To, closed, _, #{door := Door}}, Floor) ->
-    {ok, Sides} = starl_obstacles:door(Door, Floor),
-    {From, To, Sides};
-obstacle({_, From, To, obstacle, _, #{x := X, y := Y, width := W, height := H}}, _Floor) ->
-    {From, To, starl_obstacles:box({X, Y, W, H})}.
+obstacle({_, From, To, Kind, _, Params}, Floor) ->
+    {From, To, starl_obstacles:of_fault(Kind, Params, Floor)}.

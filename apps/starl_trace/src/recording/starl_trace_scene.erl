@@ -2,13 +2,14 @@
 %% robots, and the ink of their pens. A pure module; lengths become metres.
 -module(starl_trace_scene).
 
--export([new/0, bodies/2, event/2, transforms/2, timestamp/1]).
+-export([new/0, bodies/2, plan/2, event/2, transforms/2, timestamp/1]).
 
 -export_type([t/0]).
 
 -define(BODY_MM, 330.0).
 -define(TALL_MM, 100.0).
 -define(INK_MM, 20.0).
+-define(WALL_MM, 30.0).
 %% The line stays this close to the way of the pen.
 -define(TOLERANCE_MM, 5.0).
 -define(APART_MM, 75.0).
@@ -41,6 +42,47 @@ new() -> #scene{}.
 %% @doc The bodies of these robots, each in the frame of its robot.
 -spec bodies(AtUs :: integer(), [starl:robot_id()]) -> starl_trace_json:json().
 bodies(At, Robots) -> update([body(At, Robot) || Robot <- Robots]).
+
+%% @doc The walls and doors of a floor plan, and the names of its rooms, in the frame of the floor.
+-spec plan(AtUs :: integer(), starl_floor:t()) -> starl_trace_json:json().
+plan(At, #{doors := Doors, rooms := Rooms} = Floor) ->
+    Walls = wire(starl_floor:segments(Floor), {[{r, 0.5}, {g, 0.5}, {b, 0.5}, {a, 1}]}),
+    Doorways = wire(Doors, {[{r, 0.75}, {g, 0.55}, {b, 0.25}, {a, 1}]}),
+    Names = [
+        name(Name, starl_floor:middle(Room))
+     || {Name, Room} <- lists:sort(maps:to_list(Rooms))
+    ],
+    update([
+        entity(At, <<"floor">>, <<"floor plan">>, false, [
+            {lines, [Walls | [Doorways || Doors =/= []]]}, {texts, Names}
+        ])
+    ]).
+
+%% A list of lines, each from one point to the next.
+wire(Segments, Colour) ->
+    {[
+        {type, 2},
+        {pose, pose({0.0, 0.0, 0.0}, 0.0)},
+        {thickness, m(?WALL_MM)},
+        {scale_invariant, false},
+        {points, [
+            {[{x, m(X)}, {y, m(Y)}, {z, 0}]}
+         || {A, B} <- Segments, {X, Y} <- [A, B]
+        ]},
+        {color, Colour},
+        {colors, []},
+        {indices, []}
+    ]}.
+
+name(Name, {X, Y}) ->
+    {[
+        {pose, pose({X, Y, 0.0}, 0.0)},
+        {billboard, true},
+        {font_size, 0.3},
+        {scale_invariant, false},
+        {color, {[{r, 0.5}, {g, 0.5}, {b, 0.5}, {a, 1}]}},
+        {text, atom_to_binary(Name)}
+    ]}.
 
 %% @doc Takes a trace event into account: the new ink, if any, in the frame of the floor.
 -spec event(starl_monitor:trace_event(), t()) -> {[starl_trace_json:json()], t()}.

@@ -55,7 +55,8 @@ message(Message, Shown) ->
 
 updates({scenario, At, #{robots := Robots} = Facts}) ->
     Bodies = starl_trace_scene:bodies(At, [Id || {Id, _} <- Robots]),
-    [{scenario, At, scenario(Facts)}, {scene, At, Bodies}];
+    Plan = [{scene, At, starl_trace_scene:plan(At, Floor)} || #{floor := Floor} <- [Facts]],
+    [{scenario, At, scenario(Facts)} | Plan] ++ [{scene, At, Bodies}];
 updates({trace, _, {_, sap, _}}) ->
     [];
 updates({trace, At, {Robot, Machine, Event}}) ->

@@ -132,6 +132,7 @@ export class Floor {
     if (this.show.tubes) this.tubes(g, t);
     if (this.show.ink) this.ink(g, t);
     if (this.show.ways && poses.length <= 200) this.ways(g, t);
+    this.obstacles(g, t);
     this.cuts(g, t, at);
     if (this.show.packets) this.packets(g, t, at);
     this.robots(g, t, poses.filter(([, x, y]) => this.isSeen(x, y)), selected);
@@ -176,11 +177,54 @@ export class Floor {
     for (let x = 0; x <= width; x += step) this.lineOf(g, [[x, 0], [x, height]]);
     for (let y = 0; y <= height; y += step) this.lineOf(g, [[0, y], [width, y]]);
     g.stroke();
+    if (run.plan) this.plan(g, run.plan, px);
+    g.lineWidth = px;
     g.strokeStyle = this.c.todo;
     g.beginPath();
     for (const [x1, y1, x2, y2] of run.lines) this.lineOf(g, [[x1, y1], [x2, y2]]);
     g.stroke();
     if (this.show.spots) this.spots(g, run, px);
+  }
+  // The walls of the floor plan, its doors and the names of its rooms.
+  plan(g, { walls, doors, rooms }, px) {
+    g.fillStyle = g.strokeStyle = this.c.dim;
+    g.lineWidth = 2 * px;
+    for (const wall of walls) {
+      g.beginPath();
+      this.lineOf(g, wall.length > 2 ? [...wall, wall[0]] : wall);
+      if (wall.length > 2) g.fill(); else g.stroke();
+    }
+    g.lineWidth = 1.5 * px;
+    g.strokeStyle = this.c.warn;
+    g.setLineDash([5 * px, 4 * px]);
+    g.beginPath();
+    for (const [x1, y1, x2, y2] of doors) this.lineOf(g, [[x1, y1], [x2, y2]]);
+    g.stroke();
+    g.setLineDash([]);
+    g.fillStyle = this.c.dim;
+    g.font = `${14 * px}px system-ui, sans-serif`;
+    g.textAlign = 'center';
+    g.textBaseline = 'middle';
+    for (const [name, x, y] of rooms) g.fillText(name, this.x(x), this.y(y));
+  }
+  // Doors that are closed now, and boxes that stand there.
+  obstacles(g, t) {
+    const plan = this.team.run.plan;
+    if (!plan) return;
+    g.lineWidth = 4 * this.ratio;
+    g.strokeStyle = this.c.bad;
+    g.beginPath();
+    for (const { floor } of this.team.holding(t)) {
+      if (!floor) continue;
+      if (floor.length === 1) {
+        const [x1, y1, x2, y2] = plan.doors[floor[0] - 1] || [0, 0, 0, 0];
+        this.lineOf(g, [[x1, y1], [x2, y2]]);
+      } else {
+        const [x, y, w, h] = floor;
+        this.lineOf(g, [[x, y], [x + w, y], [x + w, y + h], [x, y + h], [x, y]]);
+      }
+    }
+    g.stroke();
   }
   spots(g, run, px) {
     g.fillStyle = g.strokeStyle = this.c.todo;

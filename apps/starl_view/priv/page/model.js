@@ -88,7 +88,7 @@ export class Team {
       case 'o': this.outcome(row); break;
       case 'x': this.happened(row); break;
       case 'f': this.oldFaults(); this.faults.set(row[2], { id: row[2], from: row[3] * 1000, to: row[4] * 1000,
-        kind: row[5], target: row[6], params: row[7] }); break;
+        kind: row[5], target: row[6], params: row[7], floor: row[8] }); break;
       case 'end': if (this.faults.has(row[2])) this.faults.get(row[2]).to = t; break;
       case 'v': this.violated(row); break;
       case 'u': this.blinded(row); break;
