@@ -19,6 +19,7 @@ floor() ->
             east => starl_floor:box(2550, 0, 4400, 3000),
             closet => starl_floor:box(4500, 0, 5000, 3000)
         },
+        doors => [{{2500, 1100}, {2500, 1700}}],
         places => #{object => {4000, 2500}, start => {400, 400}}
     }).
 
@@ -87,10 +88,68 @@ searches_test_() ->
         ]
     ].
 
+%% Robots come to a door that is closed, and to a box that stands in it: they go in when it is gone.
+a_door_that_closes_for_a_while_test_() ->
+    Seed = seed(),
+    [
+        {timeout, 120, fun() ->
+            Faults = [{door, From, From + 40000, Kind, all, Params}],
+            Scenario = #{robots => N, seed => Seed, ball => nowhere, faults => Faults},
+            #{violations := Violations, report := Report} = outcome(Scenario),
+            ?assertMatch({Seed, N, [], #{complete := true}}, {Seed, N, Violations, Report})
+        end}
+     || N <- [1, 2, 4],
+        From <- [0, erlang:phash2({Seed, N}, 60000)],
+        {Kind, Params} <- [
+            {closed, #{door => 1}},
+            {obstacle, #{x => 2400, y => 1150, width => 200, height => 500}}
+        ]
+    ].
+
+%% The team says so, and names the room; whoever is in there stays.
+a_door_that_closes_for_good_test_() ->
+    [
+        {timeout, 120, fun() ->
+            Faults = [{door, 0, 1500000, closed, all, #{door => 1}}],
+            Scenario = #{robots => N, ball => nowhere, faults => Faults, time => 1500},
+            #{violations := Violations, report := Report} = Outcome = outcome(Scenario),
+            #{robots := Robots} = Outcome,
+            ?assertMatch({[], #{complete := false}}, {Violations, Report}),
+            ?assertEqual([{done, incomplete}], lists:usort([R || {_, #{result := R}} <- Robots])),
+            #{summary := [Line | _]} = Report,
+            ?assertEqual("not searched, or in part: east", unicode:characters_to_list(Line))
+        end}
+     || N <- [1, 2, 3]
+    ].
+
+%% Boxes anywhere, doors at any time.
+obstacles_break_no_contract_test_() ->
+    Seed = seed(),
+    [
+        {timeout, 120, fun() ->
+            Scenario = #{
+                robots => 1 + I rem 4,
+                seed => Seed + I,
+                chassis => lists:nth(1 + I rem 3, [differential, holonomic, mixed]),
+                ball => nowhere,
+                random_faults => [floor],
+                heal => 60
+            },
+            #{violations := Violations, report := Report} = outcome(Scenario),
+            ?assertMatch({Seed, I, [], #{complete := true}}, {Seed, I, Violations, Report})
+        end}
+     || I <- lists:seq(1, 12)
+    ].
+
+seed() ->
+    case os:getenv("STARL_SEED") of
+        false -> erlang:phash2(make_ref(), 1 bsl 24);
+        Text -> list_to_integer(Text)
+    end.
+
 outcome(Scenario) ->
-    {ok, Sim} = starl_sim:start(Scenario#{
-        app => starl_search_floor, time => 900, camera_range => 1200
-    }),
+    Given = maps:merge(#{time => 900}, Scenario),
+    {ok, Sim} = starl_sim:start(Given#{app => starl_search_floor, camera_range => 1200}),
     _ = starl_sim:run(Sim),
     {Outcome, Report} = starl_sim:finish(Sim),
     Outcome#{report => Report}.
