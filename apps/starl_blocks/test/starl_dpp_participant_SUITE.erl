@@ -47,6 +47,7 @@
     reboot_tells_its_place/1,
     damaged_term_is_the_highest/1,
     wrong_clock_is_told/1,
+    what_is_in_the_way_is_told/1,
     short_lease_is_answered_more_often/1,
     own_coordinator_hears_of_each_term/1,
     no_answer_at_all/1,
@@ -96,6 +97,7 @@ all() ->
         reboot_tells_its_place,
         damaged_term_is_the_highest,
         wrong_clock_is_told,
+        what_is_in_the_way_is_told,
         short_lease_is_answered_more_often,
         earlier_term_is_refused,
         vote_is_kept,
@@ -363,6 +365,25 @@ wrong_clock_is_told(_) ->
         end
      || {Why, Expected} <- [{out_of_time, [told]}, {stopped, []}]
     ].
+
+%% The path is void, and the next request says on which line something was in the way; the one after it
+%% does not.
+what_is_in_the_way_is_told(_) ->
+    {Id, Moving} = moving(),
+    {_, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
+    {Void, Blocked} = step({reply, {driven, drive, Id, 1}}, {error, blocked}, Driving),
+    [{trace, {blocked, Towards}}, {reply, {app, 2}, {error, void}}] = Void,
+    {Stop, Asking} = step({call, {app, 3}}, request, Blocked),
+    {Ask, Asked} = located(Stop, Asking),
+    [{4, Request}] = sent(dpp_request, Ask),
+    ?assertMatch({_, _, _, _, _, Towards}, Request),
+    ?assert(starl_dpp_message:accepts(dpp_request, Request)),
+    Answer = {message, 4, dpp_answer, {{1, 4, 1}, element(2, Request), incomplete, []}},
+    {_, Standing} = step(cast, Answer, Asked),
+    {Stop2, Again} = step({call, {app, 4}}, request, Standing),
+    {Ask2, _} = located(Stop2, Again),
+    [{4, Request2}] = sent(dpp_request, Ask2),
+    ?assertEqual(5, tuple_size(Request2)).
 
 %% A beat is answered when the last answer is two beats old, however long those are.
 short_lease_is_answered_more_often(_) ->

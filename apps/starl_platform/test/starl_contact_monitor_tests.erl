@@ -61,3 +61,49 @@ who_promises_no_bump_has_none_test() ->
     Bump = [stands(1, 0, 500.0, 500.0), {5, 1, chassis, {sensed, {bump, left}}}],
     ?assertMatch({[], #{bumps := 1}}, judged(Bump)),
     ?assertMatch({[bump], _}, judged(Bump, (config())#{never_bumps => true})).
+
+%% -- obstacles ------------------------------------------------------------------------------
+
+%% A wall across the lower part from 1 s until 3 s.
+with_obstacle() ->
+    #{walls := Walls} = Config = config(),
+    Obstacles = [{1000000, 3000000, [{{1000.0, 0.0}, {1000.0, 900.0}}]}],
+    Config#{obstacles => starl_obstacles:new(Obstacles, Walls)}.
+
+nobody_goes_through_an_obstacle_while_it_stands_test() ->
+    Through = fun(T) ->
+        Drives = drives(1, T, 500.0, 450.0, 1000.0),
+        element(1, judged([Drives, stands(1, T + 1000000, 1500.0, 450.0)], with_obstacle()))
+    end,
+    ?assertEqual([[], [in_a_wall], []], [Through(T) || T <- [0, 1500000, 3000000]]).
+
+%% 100 mm deep when it appears: it may stay so, and leave, and not go deeper.
+who_is_caught_gets_no_deeper_test() ->
+    Caught = fun(V) ->
+        Events = [
+            stands(1, 0, 935.0, 450.0),
+            drives(1, 1500000, 935.0, 450.0, V),
+            stands(1, 1600000, 935.0 + V / 10, 450.0)
+        ],
+        element(1, judged(Events, with_obstacle()))
+    end,
+    ?assertEqual([[], [], [in_a_wall]], [Caught(V) || V <- [0.0, -200.0, 10.0]]).
+
+%% Once it is out it may not come back.
+who_was_caught_and_is_out_is_as_all_others_test() ->
+    Events = [
+        stands(1, 0, 935.0, 450.0),
+        drives(1, 1200000, 935.0, 450.0, -1000.0),
+        stands(1, 1500000, 635.0, 450.0),
+        stands(1, 1600000, 900.0, 450.0)
+    ],
+    ?assertEqual([in_a_wall], element(1, judged(Events, with_obstacle()))).
+
+a_bump_at_an_obstacle_is_no_broken_promise_test() ->
+    Bump = fun(T, X) ->
+        Events = [stands(1, T, X, 450.0), {T + 5, 1, chassis, {sensed, {bump, left}}}],
+        element(1, judged(Events, (with_obstacle())#{never_bumps => true}))
+    end,
+    ?assertEqual([[], [bump], [bump]], [
+        Bump(1100000, 834.0), Bump(1100000, 700.0), Bump(3100000, 834.0)
+    ]).

@@ -38,9 +38,14 @@
 
 %% @doc A generator of drafts of faults.
 -spec drafts(request()) -> starl_property:generator().
-drafts(#{kinds := Kinds, most := Most}) when Kinds =:= []; Most =:= 0 ->
-    proper_types:exactly([]);
-drafts(#{kinds := Kinds, most := Most} = Request) ->
+drafts(#{kinds := All, most := Most} = Request) ->
+    %% the doors of a floor plan are not known here
+    case [Spec || {_, _, Shape, _, _} = Spec <- All, Shape =/= floor] of
+        Kinds when Kinds =:= []; Most =:= 0 -> proper_types:exactly([]);
+        Kinds -> drafts(Kinds, Most, Request)
+    end.
+
+drafts(Kinds, Most, Request) ->
     Draft = proper_types:oneof([draft(Spec, Request) || Spec <- Kinds]),
     %% The greatest length of a list is its size; the drafts themselves do not depend on it.
     proper_types:resize(Most, proper_types:list(Draft)).

@@ -55,6 +55,7 @@ large(_Key, {one_of, [First | _]}) -> First;
 large(_Key, {_, _, High}) -> High.
 
 target(robots) -> all;
+target(floor) -> all;
 target(robot) -> 1;
 target(machine) -> {1, sap};
 target(link) -> all;

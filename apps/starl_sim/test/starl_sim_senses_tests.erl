@@ -41,25 +41,45 @@ faults_of_senses_test() ->
     {_, Usual} = result(1, #{}),
     ?assert(Spread(Of(sense_noisy, light, #{times => 10})) > 3 * Spread(Usual)).
 
-%% Without a floor plan there is nothing to sense, and no such fault is drawn.
+%% Without a floor plan there is nothing to sense and nothing to close, and no such fault is drawn; without
+%% doors none is closed.
 no_floor_no_senses_test() ->
-    Draw = fun(Senses) ->
-        [
-            Fault
+    Draw = fun(Floor) ->
+        lists:usort([
+            {starl_sim_fault:class(Fault), element(4, Fault) =:= closed}
          || Seed <- lists:seq(1, 30),
             Fault <- starl_sim_fault_draw:draw(#{
                 seed => Seed,
                 robots => 2,
                 machines => [app],
                 until_ms => 1000,
-                senses => Senses,
+                floor => Floor,
                 kinds => [all]
             }),
-            starl_sim_fault:class(Fault) =:= sense
-        ]
+            lists:member(starl_sim_fault:class(Fault), [sense, floor])
+        ])
     end,
-    ?assertEqual([], Draw(false)),
-    ?assertNotEqual([], Draw(true)).
+    ?assertEqual([], Draw(none)),
+    ?assertEqual([{floor, false}, {sense, false}], Draw({0, {5000.0, 5000.0}})),
+    ?assertEqual(
+        [{floor, false}, {floor, true}, {sense, false}], Draw({2, {5000.0, 5000.0}})
+    ).
+
+faults_of_a_floor_need_one_test() ->
+    Line = fun(Scenario) ->
+        {error, Reason} = starl_sim:start(Scenario#{
+            faults => [{shut, 0, 1000, closed, all, #{door => 3}}]
+        }),
+        lists:flatten(starl_sim:format_error(Reason))
+    end,
+    ?assertEqual(
+        "fault shut is one of a floor plan: give a plan with --floor",
+        Line(#{app => starl_exercise, block => sap})
+    ),
+    ?assertEqual(
+        "fault shut: there is no door 3, the floor plan has doors 1 to 1",
+        Line(#{app => starl_bumper, floor => "two_rooms"})
+    ).
 
 result(Robot, More) ->
     {ok, Sim} = starl_sim:start(maps:merge(#{app => starl_feeler, robots => 2, time => 60}, More)),
