@@ -45,6 +45,9 @@
 
 -record(robot, {id :: robot_id(), team :: starl_team:t()}).
 
+%% A team of so many robots at most is looked at as a whole when a robot asks who is near.
+-define(SMALL_TEAM, 64).
+
 %% The robot that an application runs on.
 -opaque robot() :: #robot{}.
 
@@ -137,7 +140,7 @@ positions(#robot{} = Robot) -> flatten(call(Robot, location, poses, infinity)).
     {ok, [neighbour()]} | {error, restarted | unknown}.
 neighbours(#robot{id = Id} = Robot, Within) ->
     ok = starl_caller:check({?MODULE, neighbours, 2}, 'WithinMm', distance, Within),
-    case positions(Robot) of
+    case near(Robot, Within) of
         {ok, #{Id := {X, Y, _}} = Poses} ->
             Others = lists:sort(maps:to_list(maps:remove(Id, Poses))),
             All = [neighbour({X, Y}, Other) || Other <- Others],
@@ -147,6 +150,13 @@ neighbours(#robot{id = Id} = Robot, Within) ->
             {error, unknown};
         {error, _} = Error ->
             Error
+    end.
+
+%% A small team is looked at as a whole.
+near(#robot{team = Team} = Robot, Within) ->
+    case starl_team:count(Team) > ?SMALL_TEAM of
+        true -> flatten(call(Robot, location, {near, Within}, infinity));
+        false -> positions(Robot)
     end.
 
 neighbour({X0, Y0}, {Robot, {X, Y, _} = Pose}) ->

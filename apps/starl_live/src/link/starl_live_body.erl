@@ -263,6 +263,9 @@ said(_Name, _Mark, {not_understood, _Commands}) -> [].
 perform({transmit, To, Packet}, _Name, #body{packets = Packets, counts = Counts} = Body) ->
     Counted = starl_live_counts:transmits(To, Packet, Counts),
     {[], out({transmit, To, Packet}, Body#body{packets = Packets + 1, counts = Counted})};
+perform({sense, {near, _Mm}, Tag}, Name, #body{participants = Team} = Body) ->
+    %% no positioning system answers that yet
+    perform({sense, starl_team:members(Team), Tag}, Name, Body);
 perform({sense, Robots, Tag}, Name, Body) ->
     {[], out({sense, {Name, Tag}, Robots}, Body)};
 perform({feel, Kind, Tag}, Name, Body) ->

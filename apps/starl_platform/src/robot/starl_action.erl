@@ -53,6 +53,8 @@ check([{transmit, To, _} | Rest]) when ?IS_ROBOT(To) -> check(Rest);
 check([{reply, {To, _}, _} | Rest]) when is_atom(To) -> check(Rest);
 check([{call, To, Word, _} | Rest]) when is_atom(To), is_tuple(Word) -> asked(To, Word, Rest);
 check([{call, To, _, _} | Rest]) when is_atom(To) -> check(Rest);
+check([{sense, {near, Mm}, _Tag} | Rest]) when is_number(Mm), Mm >= 0 ->
+    check(Rest);
 check([{sense, Robots, _Tag} = Action | Rest]) ->
     right(are_robots(Robots), Action),
     check(Rest);
@@ -158,7 +160,7 @@ wrong(Action) -> error({bad_action, Action, expected(Action)}).
 expected({{timeout, _}, _, _}) -> "microseconds: a whole number from 0 to 2^50";
 expected({state_timeout, _, _}) -> "microseconds: a whole number from 0 to 2^50";
 expected({transmit, _, _}) -> "a robot's number from 1, or all";
-expected({sense, _, _}) -> "a list of robots' numbers from 1";
+expected({sense, _, _}) -> "a list of robots' numbers from 1, or {near, Mm}";
 expected({feel, _, _}) -> "a sense of starl_sense:kinds/0";
 expected({actuate, _, _}) -> "a device, which is an atom";
 expected({actuate, _, _, _}) -> "a device, which is an atom";

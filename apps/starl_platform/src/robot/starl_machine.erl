@@ -62,7 +62,7 @@
     %% the radio: one packet on the air, for one robot or for all in range
     | {transmit, starl:robot_id() | all, starl_packet:t()}
     %% ask the positioning system; answered by the event `info', `{located, Tag, …}'
-    | {sense, [starl:robot_id()], Tag :: term()}
+    | {sense, [starl:robot_id()] | {near, Mm :: number()}, Tag :: term()}
     %% ask a sense; answered by `info', `{felt, Tag, {ok, Reading} | none | unknown}'
     | {feel, starl_sense:kind(), Tag :: term()}
     %% the chassis drives the script and then stands; replaces a script that is running; answered by

@@ -12,7 +12,7 @@
 %% An action of a machine on the world.
 -type world_action() ::
     {transmit, starl:robot_id() | all, starl_packet:t()}
-    | {sense, [starl:robot_id()], Tag :: term()}
+    | {sense, [starl:robot_id()] | {near, Mm :: number()}, Tag :: term()}
     | {feel, starl_sense:kind(), Tag :: term()}
     | {drive, starl_chassis:script(), Mark :: term()}
     | {actuate, Device :: atom(), Value :: term()}
@@ -27,7 +27,8 @@
 %% <dt>`{transmit, Dest | all, Packet}'</dt><dd>puts one packet on the air, for one robot or for
 %%   all in range</dd>
 %% <dt>`{sense, Robots, Tag}'</dt><dd>answered by the event `{Name, info, {located, Tag, [{Robot,
-%%   Pose, AgeUs}]}}' with those of the robots that the positioning system sees, and the age of each
+%%   Pose, AgeUs}]}}' with those of the robots that the positioning system sees (of `{near, Mm}': its own pose, and at
+%%   least all that are so near; an adapter may show the whole team), and the age of each
 %%   measurement. An adapter to a system that sends pictures at its own pace should answer with the
 %%   next picture (see {@link starl_location})</dd>
 %% <dt>`{feel, Kind, Tag}'</dt><dd>answered by the event `{Name, info, {felt, Tag, {ok, Reading}}}' with what the

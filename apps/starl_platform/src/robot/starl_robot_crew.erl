@@ -23,6 +23,7 @@
     floor => starl_floor:t(),
     exact => boolean(),
     solid => boolean(),
+    grid => boolean(),
     intensity => pos_integer()
 }.
 
@@ -73,7 +74,7 @@ services(#{profiles := Profiles} = Crew) ->
 motion(Profiles, Crew) -> (maps:with([solid], Crew))#{profiles => Profiles}.
 
 location(#{profiles := [#{position_error_mm := Error} | _]} = Crew) ->
-    (maps:with([floor], Crew))#{
+    (maps:with([floor, grid], Crew))#{
         waypoints => maps:get(waypoints, Crew, #{}),
         exact => maps:get(exact, Crew, Error == 0)
     }.

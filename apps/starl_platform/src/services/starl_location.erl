@@ -2,11 +2,12 @@
 %% the senses say.
 %%
 %% Only this service asks the positioning system (`sense'); all other machines ask it. Calls:
-%% `{pose, Robot}' (answer `{ok, pose()}' or `{error, unknown}'), `poses' (all robots seen),
+%% `{pose, Robot}' (answer `{ok, pose()}' or `{error, unknown}'), `poses' (all robots seen), `{near, Mm}'
+%% (those that are seen at most so far away, and perhaps others),
 %% `{waypoint, Name}', `waypoints', `{put_waypoint, Name, point()}' (durable), `floor' (the floor
 %% plan). `{sense, Kind}'. A cast `{subscribe, Kind, Us}' has a sense looked at in this period from
 %% now on; the application gets what is new as messages of type `sense'. Configuration: `waypoints
-%% => #{Name => point()}', `floor => starl_floor:t()', `exact' (false), `oldest_us' (infinity).
+%% => #{Name => point()}', `floor => starl_floor:t()', `exact' (false), `grid' (false), `oldest_us' (infinity).
 %%
 %% <em>The age of a picture.</em> A picture gives the age of each pose. Each picture shows the
 %% robot itself, and answers a question only if that pose was taken after the question: a robot that
@@ -55,6 +56,8 @@
     %% the senses that are looked at: the period, and what each said last
     watched = #{} :: #{starl_sense:kind() => {Us :: pos_integer(), Said :: term()}},
     exact :: boolean(),
+    %% does the positioning system know who is near?
+    grid :: boolean(),
     oldest_us :: non_neg_integer() | infinity,
     %% the robot's own pose in the last picture, and the last question that this picture answers
     last = none :: {starl:pose(), seq()} | none,
@@ -68,7 +71,7 @@
 %% The number of a question.
 -type seq() :: non_neg_integer().
 
--type question() :: {pose, starl:robot_id()} | poses.
+-type question() :: {pose, starl:robot_id()} | poses | {near, Mm :: number()}.
 
 %% A question: its number, its time, its caller, and its content.
 -type asked() :: {seq(), AtUs :: integer(), starl_machine:from(), question()}.
@@ -89,6 +92,7 @@ init(#{robot := Self, participants := Participants, incarnation := Incarnation} 
         floor = maps:get(floor, Config, unknown),
         put = put_before(Config),
         exact = maps:get(exact, Config, false),
+        grid = maps:get(grid, Config, false),
         oldest_us = maps:get(oldest_us, Config, infinity),
         number = Incarnation bsl 32,
         most = ?OPEN + ?OPEN_A_ROBOT * starl_team:count(Participants)
@@ -111,6 +115,8 @@ handle_event({timeout, moment}, again, ready, #location{asked = Asked} = Locatio
     {keep_state_and_data, [sense(Question, Location) || Question <- Asked]};
 handle_event({call, From}, poses, ready, Location, #{now := Now}) ->
     ask(From, poses, Now, Location);
+handle_event({call, From}, {near, _} = Question, ready, Location, #{now := Now}) ->
+    ask(From, Question, Now, Location);
 handle_event({call, From}, {waypoint, Name}, ready, #location{waypoints = Waypoints}, _Meta) ->
     Answer =
         case Waypoints of
@@ -199,7 +205,8 @@ sense({N, _, _, Question}, Location) -> {sense, robots(Question, Location), N}.
 
 robots({pose, Self}, #location{self = Self}) -> [Self];
 robots({pose, Robot}, #location{self = Self}) -> [Self, Robot];
-robots(poses, #location{participants = Participants}) -> starl_team:members(Participants).
+robots({near, _} = Near, #location{grid = true}) -> Near;
+robots(_All, #location{participants = Participants}) -> starl_team:members(Participants).
 
 patience() -> {state_timeout, ?PATIENCE_US, again}.
 
@@ -250,10 +257,10 @@ recent(Seen, #location{oldest_us = infinity}) -> Seen;
 recent(Seen, #location{oldest_us = Us}) -> [One || {_, _, Age} = One <- Seen, Age =< Us].
 
 -spec answer(question(), seen()) -> {ok, term()} | {error, unknown}.
-answer(poses, Seen) ->
-    {ok, maps:from_list([{Robot, Pose} || {Robot, Pose, _} <- Seen])};
 answer({pose, Robot}, Seen) ->
     case lists:keyfind(Robot, 1, Seen) of
         {Robot, Pose, _} -> {ok, Pose};
         false -> {error, unknown}
-    end.
+    end;
+answer(_PosesOrNear, Seen) ->
+    {ok, maps:from_list([{Robot, Pose} || {Robot, Pose, _} <- Seen])}.

@@ -212,6 +212,7 @@ crew(Mode, Scene, Profiles, #{robots := Ids} = Context) ->
         waypoints => waypoints(Scene),
         floor => maps:get(floor, Scene, maps:get(floor, Context)),
         solid => is_map_key(floor, Scene),
+        grid => true,
         robots => Ids,
         profiles => Profiles,
         sap => maps:merge(maps:get(sap, Context), maps:get(sap, Scene, #{})),

@@ -1,7 +1,7 @@
 %% @doc The places of all robots, as a shard knows them: the piece of motion of each robot when the
-%% present window began, and a spatial index that finds the robots in range of a place.
+%% present window began, and spatial indices that find the robots in range of a place, or near it.
 %%
-%% The index is a grid of cells, as wide as the range, that holds the robots' places at one moment.
+%% An index is a grid of cells, as wide as the range (for those near a place: one metre), that holds the robots' places at one moment.
 %% It does not change when they move: a search covers the range plus the distance that any robot can
 %% have moved since, and measures the robots that are neither surely in range nor surely out. A new
 %% grid is made when robots may have moved too far, or when the questions asked of the old one would
@@ -12,21 +12,22 @@
 %% microseconds.
 -module(starl_sim_sight).
 
--export([new/2, moved/2, piece/2, pieces/1, within/3]).
+-export([new/2, moved/2, piece/2, pieces/1, within/3, near/4]).
 
 -export_type([t/0]).
 
 -type entry() :: {starl:robot_id(), X :: float(), Y :: float()}.
--type cell() :: {Column :: integer(), Row :: integer()}.
+-type grid() :: range | near.
+-type cell() :: {grid(), Column :: integer(), Row :: integer()}.
 
-%% The rows of the table: pieces by robot, entries by cell, and two more. `fastest' is the
-%% highest speed (mm/s) of any piece so far; `grid' holds the time of the grid and the number of
+%% The rows of the table: pieces by robot, entries by cell, and some more. `fastest' is the
+%% highest speed (mm/s) of any piece so far; `grid' holds the time of a grid and the number of
 %% questions that it may still answer before a new grid is worth its cost.
 -type row() ::
     {starl:robot_id(), starl_trajectory:piece()}
     | {cell(), [entry()]}
     | {fastest, float()}
-    | {grid, MadeUs :: starl_sim_queue:time() | none, Left :: integer()}.
+    | {{grid, grid()}, MadeUs :: starl_sim_queue:time() | none, Left :: integer()}.
 
 -record(sight, {table :: ets:table(), range :: float() | infinity}).
 
@@ -34,6 +35,7 @@
 
 %% A grid is too old when a robot can have moved by this fraction of the range.
 -define(STALE, 0.5).
+-define(NEAR_CELL_MM, 1000.0).
 %% A grid of N robots has paid for itself after N / WORTH questions.
 -define(WORTH, 4).
 %% More than the rounding errors of a position, mm.
@@ -43,7 +45,7 @@
 -spec new([{starl:robot_id(), starl_trajectory:piece()}], RangeMm :: float() | infinity) -> t().
 new(Pieces, Range) ->
     Table = ets:new(starl_sim_sight, [set, private]),
-    true = ets:insert(Table, [{fastest, 0.0}, {grid, none, 0}]),
+    true = ets:insert(Table, [{fastest, 0.0}, {{grid, range}, none, 0}, {{grid, near}, none, 0}]),
     Sight = #sight{table = Table, range = Range},
     ok = moved(Pieces, Sight),
     Sight.
@@ -76,19 +78,27 @@ pieces(#sight{table = Table}) ->
 %% successive questions never decrease.
 -spec within(starl_geometry:point(), starl_sim_queue:time(), t()) -> [starl:robot_id()].
 within(Point, Now, #sight{range = Range} = Sight) when is_float(Range) ->
-    Slack = slack(Now, Sight),
-    lists:sort(search(Point, Now, Slack, Sight)).
+    asked({range, Range}, Range, Point, Now, Sight).
+
+%% @doc The robots within this distance of a point at a time, ascending; likewise.
+-spec near(starl_geometry:point(), Mm :: float(), starl_sim_queue:time(), t()) ->
+    [starl:robot_id()].
+near(Point, Mm, Now, Sight) -> asked({near, ?NEAR_CELL_MM}, Mm, Point, Now, Sight).
+
+asked(Grid, Range, Point, Now, Sight) ->
+    Slack = slack(Grid, Now, Sight),
+    lists:sort(search(Grid, Range, Point, Now, Slack, Sight)).
 
 %% The distance that robots can have moved since the grid was made.
-slack(Now, #sight{table = Table, range = Range} = Sight) ->
-    [{grid, Made, Left}] = ets:lookup(Table, grid),
+slack({Name, Cell} = Grid, Now, #sight{table = Table} = Sight) ->
+    [{_, Made, Left}] = ets:lookup(Table, {grid, Name}),
     Slack = come(Made, Now, ets:lookup_element(Table, fastest, 2)),
-    case Slack =< 0.0 orelse (Left > 0 andalso Slack =< ?STALE * Range) of
+    case Slack =< 0.0 orelse (Left > 0 andalso Slack =< ?STALE * Cell) of
         true ->
-            true = ets:update_element(Table, grid, {3, Left - 1}),
+            true = ets:update_element(Table, {grid, Name}, {3, Left - 1}),
             Slack;
         false ->
-            ok = make_grid(Now, Sight),
+            ok = make_grid(Grid, Now, Sight),
             0.0
     end.
 
@@ -96,16 +106,16 @@ slack(Now, #sight{table = Table, range = Range} = Sight) ->
 come(none, _Now, _Fastest) -> infinity;
 come(Made, Now, Fastest) -> Fastest * (Now - Made) / 1.0e6.
 
-make_grid(Now, #sight{table = Table, range = Range} = Sight) ->
-    Entries = [entered(Id, Piece, Now, Range) || {Id, Piece} <- pieces(Sight)],
-    true = ets:match_delete(Table, {{'_', '_'}, '_'}),
+make_grid({Name, _} = Grid, Now, #sight{table = Table} = Sight) ->
+    Entries = [entered(Id, Piece, Now, Grid) || {Id, Piece} <- pieces(Sight)],
+    true = ets:match_delete(Table, {{Name, '_', '_'}, '_'}),
     true = ets:insert(Table, cells(lists:keysort(1, Entries))),
-    true = ets:insert(Table, {grid, Now, length(Entries) div ?WORTH}),
+    true = ets:insert(Table, {{grid, Name}, Now, length(Entries) div ?WORTH}),
     ok.
 
-entered(Id, Piece, Now, Range) ->
+entered(Id, Piece, Now, {Name, Cell}) ->
     {X, Y} = starl_trajectory:position(Now, Piece),
-    {{floor(X / Range), floor(Y / Range)}, {Id, X, Y}}.
+    {{Name, floor(X / Cell), floor(Y / Cell)}, {Id, X, Y}}.
 
 -spec cells([{cell(), entry()}]) -> [row()].
 cells([]) -> [];
@@ -114,15 +124,15 @@ cells([{Cell, Entry} | Rest]) -> cells(Rest, Cell, [Entry]).
 cells([{Cell, Entry} | Rest], Cell, Entries) -> cells(Rest, Cell, [Entry | Entries]);
 cells(Rest, Cell, Entries) -> [{Cell, Entries} | cells(Rest)].
 
-search({X, Y} = Point, Now, Slack, #sight{range = Range} = Sight) ->
+search({Name, Cell}, Range, {X, Y} = Point, Now, Slack, Sight) ->
     Reach = Range + Slack + ?HAIR_MM,
-    Rows = lists:seq(floor((Y - Reach) / Range), floor((Y + Reach) / Range)),
+    Rows = lists:seq(floor((Y - Reach) / Cell), floor((Y + Reach) / Cell)),
     [
         Id
-     || Column <- lists:seq(floor((X - Reach) / Range), floor((X + Reach) / Range)),
+     || Column <- lists:seq(floor((X - Reach) / Cell), floor((X + Reach) / Cell)),
         Row <- Rows,
-        {Id, X1, Y1} <- entries({Column, Row}, Sight),
-        is_within((X1 - X) * (X1 - X) + (Y1 - Y) * (Y1 - Y), Slack, Id, Point, Now, Sight)
+        {Id, X1, Y1} <- entries({Name, Column, Row}, Sight),
+        is_within((X1 - X) * (X1 - X) + (Y1 - Y) * (Y1 - Y), Slack, Id, {Point, Range}, Now, Sight)
     ].
 
 entries(Cell, #sight{table = Table}) ->
@@ -132,15 +142,15 @@ entries(Cell, #sight{table = Table}) ->
     end.
 
 %% Decides by the squared distance in the grid; measures where that is not enough.
-is_within(Square, Slack, Id, Point, Now, #sight{range = Range} = Sight) ->
+is_within(Square, Slack, Id, {Point, Range}, Now, Sight) ->
     Out = Range + Slack + ?HAIR_MM,
     In = Range - Slack - ?HAIR_MM,
     if
         Square > Out * Out -> false;
         In > 0, Square < In * In -> true;
-        true -> measured(Id, Point, Now, Sight)
+        true -> measured(Id, Point, Range, Now, Sight)
     end.
 
-measured(Id, Point, Now, #sight{range = Range} = Sight) ->
+measured(Id, Point, Range, Now, Sight) ->
     {ok, Piece} = piece(Id, Sight),
     starl_geometry:distance(Point, starl_trajectory:position(Now, Piece)) =< Range.

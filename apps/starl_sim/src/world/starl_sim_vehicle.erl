@@ -302,11 +302,21 @@ state(Device, Value, {Name, Mark}, Faults, #vehicle{id = Id, draws = N, world = 
 %% -- positioning ----------------------------------------------------------------------------
 
 %% @doc The poses of these robots, if they are seen: its own as of now, the others' as of the
-%% beginning of the window.
--spec sense([starl:robot_id()], {Now, WindowFrom}, t()) ->
+%% beginning of the window. `{near, Mm}': its own, and at least those of all robots that it sees at most so
+%% far away.
+-spec sense([starl:robot_id()] | {near, Mm :: number()}, {Now, WindowFrom}, t()) ->
     {[{starl:robot_id(), starl:pose()}], t()}
 when
     Now :: starl_sim_queue:time(), WindowFrom :: starl_sim_queue:time().
+sense({near, Mm}, {Now, From} = When, #vehicle{world = #{location := []}} = Vehicle) ->
+    #vehicle{id = Id, piece = Piece, profile = Profile, world = #{sight := Sight}} = Vehicle,
+    #{position_error_mm := Error} = Profile,
+    Far = Mm + 2 * Error + 1.0,
+    Near = starl_sim_sight:near(starl_trajectory:position(Now, Piece), Far, From, Sight),
+    sense(lists:umerge([Id], Near), When, Vehicle);
+sense({near, _Mm}, When, #vehicle{world = #{team := Team}} = Vehicle) ->
+    %% a fault may show a robot anywhere
+    sense(starl_team:members(Team), When, Vehicle);
 sense(Robots, When, #vehicle{draws = N, world = #{location := []}} = Vehicle) ->
     Poses = [{Robot, Pose} || Robot <- Robots, Pose <- see(Robot, When, Vehicle)],
     {Poses, Vehicle#vehicle{draws = N + 1}};
