@@ -33,6 +33,14 @@ rounds(N, Now, Pieces, Sight, Random0) ->
         starl_geometry:distance(Point, starl_trajectory:position(Now, Piece)) =< ?RANGE
     ],
     ?assertEqual(Near, starl_sim_sight:within(Point, Now, Sight)),
+    %% and within any other distance
+    Mm = 300.0 * (1 + N rem 9),
+    Nearer = [
+        Id
+     || {Id, Piece} <- lists:sort(maps:to_list(Pieces)),
+        starl_geometry:distance(Point, starl_trajectory:position(Now, Piece)) =< Mm
+    ],
+    ?assertEqual(Nearer, starl_sim_sight:near(Point, Mm, Now, Sight)),
     {Moved, Random2} = lists:mapfoldl(
         fun(Id, R) -> turned(Id, Now, Pieces, R) end,
         Random1,

@@ -89,11 +89,7 @@ first(Violation, {violation, _Second, State}) -> {violation, Violation, State}.
 judge({T, Robot, Machine, Event}, #state{goals = Goals0} = State0) ->
     {Off, Goals} = starl_motion_monitor_goals:happened(T, Robot, {Machine, Event}, Goals0),
     Before = State0#state{goals = Goals},
-    State =
-        case starl_motion_monitor_goals:due(Goals) =:= starl_motion_monitor_goals:due(Goals0) of
-            true -> Before;
-            false -> due(Before)
-        end,
+    State = sooner(starl_motion_monitor_goals:due(Goals), Before),
     Judged = cruised({T, Robot, Machine, Event}, State),
     lists:foldl(
         fun({_, What, Details}, J) -> first(violation(What, T, Robot, Details), J) end, Judged, Off
@@ -102,7 +98,7 @@ judge({T, Robot, Machine, Event}, #state{goals = Goals0} = State0) ->
 cruised({T, Robot, chassis, {motion, Piece}}, #state{driving = Driving} = State) ->
     case Driving of
         #{Robot := {_, _, {T, Until} = Told}} ->
-            {ok, due(State#state{driving = Driving#{Robot := {Until, Piece, Told}}})};
+            {ok, sooner(Until, State#state{driving = Driving#{Robot := {Until, Piece, Told}}})};
         #{Robot := {Until, _, Told}} ->
             {ok, State#state{driving = Driving#{Robot := {Until, Piece, Told}}}};
         #{} ->
@@ -114,9 +110,10 @@ cruised({T, Robot, motion, {velocity, _, Us}}, #state{driving = Driving, command
             late_us(T, Robot, State),
     {Before, Piece, _} = maps:get(Robot, Driving, {Until, unknown, none}),
     Drives = {max(Before, Until), Piece, {T, Until}},
-    {ok, due(State#state{driving = Driving#{Robot => Drives}, commands = N + 1})};
+    Driven = State#state{driving = Driving#{Robot => Drives}, commands = N + 1},
+    {ok, sooner(element(1, Drives), Driven)};
 cruised({T, Robot, motion, {velocity_over, Why}}, #state{driving = Driving} = State) ->
-    Ended = due(State#state{driving = maps:remove(Robot, Driving)}),
+    Ended = State#state{driving = maps:remove(Robot, Driving)},
     case Driving of
         #{Robot := {_, Piece, _}} when Why =:= time -> stands(T, Robot, Piece, Ended);
         #{} -> {ok, Ended}
@@ -135,6 +132,10 @@ late_us(T, Robot, #state{goals = Goals}) ->
 
 spare_us(Profile) ->
     starl_chassis:latency_us(Profile) + ceil(1.0e6 * starl_chassis:rests_s(Profile)).
+
+%% Never later than the earliest time, and mostly not much earlier: to look at all robots at each event
+%% would cost the whole team.
+sooner(Due, #state{due = Before} = State) -> State#state{due = min(Due, Before)}.
 
 due(#state{driving = Driving, goals = Goals} = State) ->
     Ends = [Until || {Until, _, _} <- maps:values(Driving)],

@@ -84,7 +84,7 @@ broken(Window, #goals{assumption = Before, drives = Drives} = Goals) ->
     end,
     earliest(Goals#goals{assumption = Assumption, drives = maps:map(Later, Drives)}).
 
-%% @doc The earliest time at which a robot may be too late. An atom is greater than every number.
+%% @doc No robot may be too late up to this time. An atom is greater than every number.
 -spec due(t()) -> integer() | never.
 due(#goals{due = Due}) -> Due.
 
@@ -129,7 +129,9 @@ happened(T, Robot, {chassis, {motion, Piece}}, Goals) ->
 happened(T, Robot, {motion, {goal, _Way, To}}, #goals{goals = N} = Goals) ->
     Drive = drive(Robot, Goals),
     Goal = goal(T, Robot, To, Drive, Goals),
-    {[], earliest(put_drive(Robot, Drive#drive{goal = Goal}, Goals#goals{goals = N + 1}))};
+    #goals{due = Due} =
+        Given = put_drive(Robot, Drive#drive{goal = Goal}, Goals#goals{goals = N + 1}),
+    {[], Given#goals{due = min(Due, maps:get(due_us, Goal))}};
 happened(_T, Robot, {chassis, {sensed, {bump, _Side}}}, Goals) ->
     %% something is in its way: it need not arrive
     {[], over(Robot, Goals)};
@@ -157,7 +159,7 @@ happened(_T, Robot, {robot, down}, Goals) ->
     {[], over(Robot, Goals)};
 happened(T, Robot, {robot, {died, _Reason}}, Goals) ->
     {Found, _Drive, #goals{drives = Drives} = Next} = follow(T, Robot, Goals),
-    {Found, earliest(Next#goals{drives = maps:remove(Robot, Drives)})};
+    {Found, Next#goals{drives = maps:remove(Robot, Drives)}};
 happened(_T, _Robot, _Event, Goals) ->
     {[], Goals}.
 
@@ -186,7 +188,7 @@ put_drive(Robot, Drive, #goals{drives = Drives} = Goals) ->
     Goals#goals{drives = Drives#{Robot => Drive}}.
 
 over(Robot, #goals{drives = Drives} = Goals) ->
-    earliest(Goals#goals{drives = ended(Robot, Drives)}).
+    Goals#goals{drives = ended(Robot, Drives)}.
 
 ended(Robot, Drives) ->
     case Drives of
