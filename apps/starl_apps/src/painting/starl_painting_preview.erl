@@ -12,7 +12,9 @@
 preview(#{memo := Memo} = Scene) ->
     #{picture := Picture} = Memo,
     #{
-        lines => work(Memo) ++ starl_picture_left_out:lines(starl_picture:left_out(Picture)),
+        lines =>
+            work(Memo) ++ starl_painting_walls:left_out(maps:get(lost, Memo)) ++
+                starl_picture_left_out:lines(starl_picture:left_out(Picture)),
         write => fun(Dir) -> draw(Dir, Scene) end
     }.
 
@@ -47,10 +49,11 @@ counted(N, What) -> [integer_to_list(N), " ", What, "s"].
 
 decimals(N, X) -> float_to_list(float(X), [{decimals, N}]).
 
-draw(Dir, #{poses := Poses, memo := #{picture := Picture, world := World}}) ->
+draw(Dir, #{poses := Poses, memo := #{picture := Picture, world := World} = Memo}) ->
     Drawing = #{
         floor => World,
         target => starl_picture:segments(Picture),
+        plan => maps:get(floor, Memo),
         ink => #{},
         robots => [{Id, {X, Y}, Heading} || {Id, {X, Y, Heading}} <- maps:to_list(Poses)],
         title => starl_picture:title(Picture),

@@ -71,8 +71,9 @@ summary(Figures) ->
     [driven(Told)] ++ closest(Told) ++ [planned(Told)].
 
 %% What a browser shows of the picture and the team does not paint.
-left_out(#{picture := Picture}) ->
-    starl_picture_left_out:lines(starl_picture:left_out(Picture)).
+left_out(#{picture := Picture, lost := Lost}) ->
+    starl_painting_walls:left_out(Lost) ++
+        starl_picture_left_out:lines(starl_picture:left_out(Picture)).
 
 driven(#{ink_mm := Ink, driven_mm := Driven, makespan_bound_ratio := Ratio}) ->
     io_lib:format("ink ~ts m of ~ts m driven; ~ts x the least time possible", [
@@ -97,10 +98,11 @@ decimals(N, X) -> float_to_list(float(X), [{decimals, N}]).
 
 %% -- the picture ----------------------------------------------------------------------------
 
-draw(Dir, #{picture := Picture, world := World}, #{ink := Ink}, #{robots := Robots}) ->
+draw(Dir, #{picture := Picture, world := World} = Memo, #{ink := Ink}, #{robots := Robots}) ->
     Drawing = #{
         floor => World,
         target => starl_picture:segments(Picture),
+        plan => maps:get(floor, Memo),
         ink => Ink,
         robots => [{Id, {X, Y}, Heading} || {Id, #{pose := {X, Y, Heading}}} <- Robots],
         title => starl_picture:title(Picture)

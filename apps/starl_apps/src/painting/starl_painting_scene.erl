@@ -6,6 +6,8 @@
 
 %% The distance of the centres of two touching Creates (radius 165 mm).
 -define(CONTACT_MM, 330).
+%% More than a robot needs beside a wall (mm).
+-define(MARGIN_MM, 5.0).
 %% That of elect/2.
 -define(PATIENCE_MS, 30000).
 
@@ -32,27 +34,71 @@ options() ->
 %% distance of a robot from its path, R = r_s/2 + r(v) the radius of the tubes. All tubes have the
 %% largest radius that any robot of the team needs.
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
-scene(#{floor := #{walls := [_ | _]}}) ->
-    {error, "painting does not keep away from walls yet: use a floor plan without any"};
+scene(#{floor := #{walls := [_ | _]} = Floor} = Context) ->
+    among_walls(Floor, Context);
 scene(#{robots := Ids, world := World, profiles := Profiles, options := Options} = Context) ->
     Tracking = starl_chassis:widest(Profiles),
     Radius = maps:get(safety_distance, Options) / 2 + Tracking,
     case starl_roadmap:layout(floats(World), length(Ids), Radius) of
         {ok, Layout} ->
             case starl_painting_picture:read(maps:get(area, Layout), Options) of
-                {ok, Picture} -> place(Picture, Layout, Radius, Tracking, Context);
+                {ok, Picture} -> place(Picture, parked(Layout, World), Radius, Tracking, Context);
                 {error, _} = Error -> Error
             end;
         {error, Reason} ->
             {error, starl_roadmap:format_error(Reason)}
     end.
 
-place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
+%% The picture fills the floor; robots paint what they can reach of it.
+among_walls(#{size := {W, H} = Size} = Floor, #{profiles := Profiles, options := Options} = Context) ->
+    Tracking = starl_chassis:widest(Profiles),
+    Body = lists:max([starl_chassis:radius_mm(Profile) || Profile <- Profiles]),
+    Mm = Body + Tracking + ?MARGIN_MM,
+    Radius = max(maps:get(safety_distance, Options) / 2, Body) + Tracking,
+    Config = #{
+        robots => length(maps:get(robots, Context)),
+        tube_radius => Radius,
+        wall_mm => Mm,
+        lines => [],
+        near => starl_dpp_floor:near(Floor)
+    },
+    case starl_painting_picture:read({Mm, Mm, W - Mm, H - Mm}, Options) of
+        {ok, Picture} ->
+            case starl_painting_walls:fit(Picture, Floor, Config) of
+                {ok, Ways, Reached, Lost} ->
+                    Parked = among(Ways, Floor, Lost, Context),
+                    place(Reached, Parked, Radius, Tracking, Context#{world := Size});
+                {error, _} = Error ->
+                    Error
+            end;
+        {error, _} = Error ->
+            Error
+    end.
+
+among(Ways, Floor, Lost, #{robots := Ids}) ->
+    #{
+        poses => maps:from_list(lists:zip(Ids, starl_dpp_floor:places(Ways))),
+        plan => #{ways => Ways, patience => infinity},
+        scene => #{floor => Floor},
+        memo => #{lost => Lost, floor => Floor}
+    }.
+
+%% What is particular to the floor: where robots stand, what path planning, the scene, and the report
+%% know of it.
+parked(#{spots := Spots}, World) ->
+    #{
+        poses => maps:map(fun(_, Spot) -> facing(Spot, World) end, Spots),
+        plan => #{},
+        scene => #{},
+        memo => #{lost => none, floor => none}
+    }.
+
+place(Picture, #{poses := Poses} = Parked, Radius, Tracking, Context) ->
     #{robots := Ids, world := World, seed := Seed, profiles := Profiles} = Context,
     #{options := Options} = Context,
     Lines = starl_picture:segments(Picture),
     Speed = lists:max([Speed || #{speed := Speed} <- Profiles]),
-    Plan = #{
+    Plan = (maps:get(plan, Parked))#{
         segments => Lines,
         world => floats(World),
         tube_radius => Radius,
@@ -63,7 +109,7 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
     Leases = #{lease_ms => maps:get(lease, Options), jump_ms => maps:get(jump, Options)},
     case starl_dpp_plan:new(Plan#{robots => Ids}) of
         {ok, Empty} ->
-            {ok, #{
+            {ok, (maps:get(scene, Parked))#{
                 app => {sequential, starl_painting, none},
                 never_crashes => true,
                 never_bumps => true,
@@ -72,9 +118,9 @@ place(Picture, #{spots := Spots}, Radius, Tracking, Context) ->
                     starl_actuator,
                     {starl_dpp, maps:merge(Plan, Leases)}
                 ],
-                poses => maps:map(fun(_, Spot) -> facing(Spot, World) end, Spots),
+                poses => Poses,
                 monitors => monitors(Picture, Tracking, Context),
-                memo => #{
+                memo => (maps:get(memo, Parked))#{
                     picture => Picture,
                     world => World,
                     robots => length(Ids),

@@ -16,7 +16,7 @@
 %% and no atoms come from the file.
 -module(starl_picture).
 
--export([read/2, parse/2, segments/1, tolerance/1, title/1, left_out/1, format_error/1]).
+-export([read/2, parse/2, segments/1, only/2, tolerance/1, title/1, left_out/1, format_error/1]).
 -export_type([t/0, point/0, segment/0, options/0, left_out/0, reason/0]).
 
 -include_lib("kernel/include/file.hrl").
@@ -88,6 +88,10 @@ drawn(Bytes, Area, Tolerance, Max) ->
 %% @doc The lines to paint, in the order of the document; no two are the same, in either direction.
 -spec segments(t()) -> [segment()].
 segments(#picture{segments = Segments}) -> Segments.
+
+%% @doc The picture with these lines in the place of its own.
+-spec only([segment()], t()) -> t().
+only(Segments, Picture) -> Picture#picture{segments = Segments}.
 
 %% @doc The largest distance of the segments from the original curves, in mm.
 -spec tolerance(t()) -> float().

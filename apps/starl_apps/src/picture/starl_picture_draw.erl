@@ -17,7 +17,7 @@
     target := [{point(), point()}],
     ink := #{robot_id() => [[point()]]},
     robots := [{robot_id(), point(), Heading :: float()}],
-    plan => starl_floor:t(),
+    plan => starl_floor:t() | none,
     title => unicode:chardata(),
     %% what is to be painted is shown alone, so it is dark
     preview => boolean()
@@ -58,7 +58,7 @@ svg(#{floor := Floor, target := Target, ink := Ink, robots := Robots} = Drawing)
     iolist_to_binary([
         head(Page),
         title(Title, Page),
-        [starl_picture_floor:svg(Plan, Page#page.dot) || #{plan := Plan} <- [Drawing]],
+        [starl_picture_floor:svg(Plan, Page#page.dot) || #{plan := #{} = Plan} <- [Drawing]],
         target(Target, maps:get(preview, Drawing, false), Page),
         [ink(Id, maps:get(Id, Ink), Page) || Id <- Ids, is_map_key(Id, Ink)],
         [robot(Robot, Page) || Robot <- lists:sort(Robots)],

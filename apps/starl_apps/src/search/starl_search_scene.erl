@@ -55,7 +55,7 @@ on_floor(Floor, #{robots := Ids, profiles := Profiles, options := Options} = Con
         tube_radius => Radius,
         wall_mm => WallMm,
         lines => [Line || {_, Lines} <- Rooms, Line <- Lines],
-        near => near(Floor)
+        near => starl_dpp_floor:near(Floor)
     },
     case {starl_dpp_floor:new(Floor, Wanted), ball(Floor, Rooms, Context)} of
         {{ok, Ways, #{reached := [_ | _] = Reached}}, {ok, Ball}} ->
@@ -66,15 +66,6 @@ on_floor(Floor, #{robots := Ids, profiles := Profiles, options := Options} = Con
             {error, starl_dpp_floor:format_error(Reason)};
         {_, {error, _} = Error} ->
             Error
-    end.
-
-%% They park near the first of these places.
-near(#{places := Places}) ->
-    case
-        [maps:get(Name, Places) || Name <- [start, start5, start1, dock], is_map_key(Name, Places)]
-    of
-        [Place | _] -> Place;
-        [] -> {0.0, 0.0}
     end.
 
 ball(_Floor, _Rooms, #{options := #{ball := nowhere}}) ->

@@ -4,7 +4,7 @@
 %% Lengths are millimetres.
 -module(starl_dpp_floor).
 
--export([new/2, travel/2, clear/2, walls/1, places/1, is_ways/1, format_error/1]).
+-export([new/2, near/1, travel/2, clear/2, walls/1, places/1, is_ways/1, format_error/1]).
 
 -export_type([t/0, walls/0, config/0, reason/0]).
 
@@ -66,6 +66,16 @@ parked(Floor, Reached, Lost, Part, Roads, #{robots := N, tube_radius := R, near 
             {ok, Ways, #{reached => Reached, lost => Lost}};
         {most, Most} ->
             {error, {spots, Most, N}}
+    end.
+
+%% @doc The place of a plan near which robots park by custom: the first of these that it has, or the
+%% origin.
+-spec near(starl_floor:t()) -> point().
+near(#{places := Places}) ->
+    Known = [start, start5, start1, dock],
+    case [maps:get(Name, Places) || Name <- Known, is_map_key(Name, Places)] of
+        [Place | _] -> Place;
+        [] -> {0.0, 0.0}
     end.
 
 %% Can both ends of a line be reached?

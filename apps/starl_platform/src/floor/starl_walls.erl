@@ -2,13 +2,15 @@
 %% is. Lengths are millimetres.
 -module(starl_walls).
 
--export([new/1, add/2, floor/1, side/2, near/3, clearance/3, is_free/3]).
+-export([new/1, add/2, floor/1, side/2, near/3, clearance/3, is_free/3, crossed/2]).
 
 -export_type([t/0]).
 
 -record(walls, {
     floor :: starl_floor:t(),
     sides :: tuple(),
+    %% how much of a wall each of the plan's sides is to a radio
+    weights = {} :: tuple(),
     grid :: starl_grid:t(pos_integer())
 }).
 
@@ -22,7 +24,17 @@
 -spec new(starl_floor:t()) -> t().
 new(Floor) ->
     Empty = #walls{floor = Floor, sides = {}, grid = starl_grid:new(?CELL_MM)},
-    add(starl_floor:segments(Floor), Empty).
+    Walls = add(starl_floor:segments(Floor), Empty),
+    Walls#walls{weights = weights(Floor)}.
+
+%% The border is in nobody's way.
+weights(#{walls := Polygons}) ->
+    Border = [0.0, 0.0, 0.0, 0.0],
+    list_to_tuple(lists:append([Border | [weights_of(Polygon) || Polygon <- Polygons]])).
+
+weights_of([_]) -> [0.0];
+weights_of([_, _]) -> [1.0];
+weights_of(Polygon) -> [0.5 || _ <- Polygon].
 
 %% @doc More walls, numbered on.
 -spec add([starl_geometry:segment()], t()) -> t().
@@ -53,6 +65,21 @@ clearance(Segment, Most, Walls) ->
         Most
         | [starl_geometry:segment_segment(Segment, Wall) || {_, Wall} <- near(Segment, Most, Walls)]
     ]).
+
+%% @doc The number of walls that a straight way goes through. A block has two sides in the way, each of
+%% which counts for half a wall; a line counts whole, and so does one without a plan's number: an obstacle.
+-spec crossed(starl_geometry:segment(), t()) -> float().
+crossed(Way, #walls{weights = Weights} = Walls) ->
+    lists:sum([weight(N, Weights) || {N, Side} <- near(Way, 0.0, Walls), crosses(Way, Side)]).
+
+weight(N, Weights) when N =< tuple_size(Weights) -> element(N, Weights);
+weight(_N, _Weights) -> 1.0.
+
+%% Half-open, so that a way through a corner crosses one of its two sides.
+crosses({P, Q}, {A, B}) ->
+    is_left(P, Q, A) =/= is_left(P, Q, B) andalso is_left(A, B, P) =/= is_left(A, B, Q).
+
+is_left({PX, PY}, {QX, QY}, {X, Y}) -> (QX - PX) * (Y - PY) - (X - PX) * (QY - PY) > 0.
 
 %% @doc Is there room for a disc of this radius all along a segment?
 -spec is_free(starl_geometry:segment(), Radius :: float(), t()) -> boolean().

@@ -89,7 +89,8 @@
     {heading_error, 0.0},
     {distance_error, 0.0},
     {position_error, 0.0},
-    {range, none}
+    {range, none},
+    {wall_loss, 0.0}
 ]).
 
 %% @doc The smallest scenario found whose run has the violation of this scenario's run.

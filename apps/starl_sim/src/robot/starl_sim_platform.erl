@@ -39,6 +39,8 @@
     duplicate := float(),
     delay_us := {Min :: pos_integer(), Max :: pos_integer()},
     range_mm := float() | infinity,
+    %% the part of the packets that each wall in their way takes
+    wall_loss => float(),
     %% the delay of a command on its way to the chassis
     latency_us => {Min :: non_neg_integer(), Max :: non_neg_integer()},
     profiles := starl_chassis:profiles(),

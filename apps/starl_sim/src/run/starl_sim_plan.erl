@@ -186,6 +186,7 @@ world(Scenario, Profiles, #{robots := Ids}, Options) ->
         duplicate => float(maps:get(duplicate, Scenario)),
         delay_us => {round(MinMs * 1000), round(MaxMs * 1000)},
         range_mm => range(Scenario),
+        wall_loss => float(maps:get(wall_loss, Scenario)),
         clock => clock(Scenario),
         profiles => Profiles,
         network => faults(network, Faults),
@@ -302,12 +303,12 @@ contact(_Scenario, _Scene, _Profiles) ->
 excused(#{never_crashes := true}) -> [];
 excused(_Scene) -> [app].
 
-%% A radio of limited range may lose any packet at any time.
-out_of_range(#{range := none}) -> [];
+%% A radio of limited range, or among walls, may lose any packet at any time.
+out_of_range(#{range := none, wall_loss := Loss}) when Loss == 0 -> [];
 out_of_range(Scenario) -> [{all, 0, limit_us(Scenario), fault}].
 
-%% With a limited range, faults never end. With random loss they do: bounds allow for it.
-healed_us(#{range := none, faults := Faults}) ->
+%% With a limited range, or walls that take packets, faults never end. With random loss they do: bounds allow for it.
+healed_us(#{range := none, wall_loss := Loss, faults := Faults}) when Loss == 0 ->
     starl_sim_fault:healed_us(Faults);
 healed_us(_Scenario) ->
     never.

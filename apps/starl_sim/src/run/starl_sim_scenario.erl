@@ -37,6 +37,8 @@ options() ->
         {duplicate, {number, 0, 1}, 0.0, "fraction of the packets that arrive twice"},
         {delay, {between, {number, 1, 60000}}, {5, 20}, "delay of a packet, ms"},
         {range, {optional, {number, 1, 10000000}}, none, "range of the radio, mm"},
+        {wall_loss, {number, 0, 1}, 0.0,
+            "fraction of the packets that each wall in their way takes, on a floor plan"},
         {clock_offset, {number, 0, 1.0e9}, 1000,
             "the largest error of a robot's clock at the start, ms"},
         {clock_drift, {number, 0, 10000}, 50, "the largest drift of a robot's clock, ppm"},

@@ -51,11 +51,10 @@ send(To, Packet, Sender, World, Outgoing, Links) ->
 %% For an observer: all draws are stateless, so they can be made once more.
 told(To, [], {_, Packet}, {Id, Now, _, _}, _World, {Seq, Plans, Traces}) when is_integer(To) ->
     {Seq, Plans, [{Now, Id, radio, told(To, Packet, {lost, out_of_range})} | Traces]};
-told(_To, Dests, {Number, Packet}, {Id, Now, _, _}, #{seed := Seed} = World, Sent) ->
+told(_To, Dests, {Number, Packet}, {Id, Now, _, _} = Sender, #{seed := Seed} = World, Sent) ->
     {Seq, Plans, Traces} = Sent,
     Told = [
-        {Now, Id, radio,
-            told(Dest, Packet, starl_sim_radio:fate({Seed, Id, Dest, Number}, Now, World))}
+        {Now, Id, radio, told(Dest, Packet, fate({Seed, Id, Dest, Number}, Sender, World))}
      || Dest <- Dests
     ],
     {Seq, Plans, Told ++ Traces}.
@@ -64,6 +63,34 @@ told(_To, Dests, {Number, Packet}, {Id, Now, _, _}, #{seed := Seed} = World, Sen
 told(Dest, Packet, Fate) ->
     {packet, Dest, starl_packet:brief(Packet), erlang:external_size(Packet), Fate}.
 
+fate(Link, {_, Now, _, _} = Sender, World) ->
+    case is_screened(Link, Sender, World) of
+        true -> {lost, chance};
+        false -> starl_sim_radio:fate(Link, Now, World)
+    end.
+
+arrivals(Link, {_, Now, _, _} = Sender, World) ->
+    case is_screened(Link, Sender, World) of
+        true -> lost;
+        false -> starl_sim_radio:arrivals(Link, Now, World)
+    end.
+
+%% Do the walls in its way take the packet? Each takes its part of those that come so far.
+is_screened({_, _, Dest, _} = Link, {_, Now, From, _} = Sender, #{wall_loss := Loss} = World) when
+    Loss > 0.0, is_map_key(walls, World)
+->
+    #{sight := Sight} = World,
+    case starl_sim_sight:piece(Dest, Sight) of
+        {ok, Theirs} ->
+            Way = {position(Sender), starl_trajectory:position(From, Theirs)},
+            Walls = starl_walls:crossed(Way, starl_sim_bodies:walls(Now, World)),
+            starl_sim_draw:uniform({Link, walls}) >= math:pow(1.0 - Loss, Walls);
+        unknown ->
+            false
+    end;
+is_screened(_Link, _Sender, _World) ->
+    false.
+
 number(all, N) -> {all, N};
 number(_Dest, N) -> N.
 
@@ -71,7 +98,7 @@ send_each([], _Numbered, _Sender, _World, Outgoing) ->
     Outgoing;
 send_each([Dest | Dests], {Number, Packet} = Numbered, Sender, World, {Seq, Plans, Traces}) ->
     {Id, Now, _, _} = Sender,
-    case starl_sim_radio:arrivals({maps:get(seed, World), Id, Dest, Number}, Now, World) of
+    case arrivals({maps:get(seed, World), Id, Dest, Number}, Sender, World) of
         lost ->
             Lost = {Now, Id, radio, {lost, Dest, Number}},
             send_each(Dests, Numbered, Sender, World, {Seq, Plans, [Lost | Traces]});
