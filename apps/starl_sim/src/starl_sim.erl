@@ -27,7 +27,7 @@
 ]).
 -export([watch/2, at_work/1]).
 -export([run_until_event/3, robots/1, events/2, timers/2, violations/1, reload/2, reload/3]).
--export([check_app/1, scenario/1, robot_pids/2, plan/2, format_error/1]).
+-export([check_app/1, scenario/1, notes/1, robot_pids/2, plan/2, format_error/1]).
 
 -export_type([sim/0, options/0, planned/0, reason/0]).
 
@@ -231,6 +231,10 @@ at_work(#sim{run = Run}) -> starl_sim_watch:at_work(Run).
 %% @doc The checked scenario, with all defaults.
 -spec scenario(sim()) -> starl_sim_scenario:t().
 scenario(#sim{scenario = Scenario}) -> Scenario.
+
+%% @doc What the application's scene tells before the run begins, a line each.
+-spec notes(sim()) -> [unicode:chardata()].
+notes(#sim{scene = Scene}) -> maps:get(notes, Scene, []).
 
 %% @doc The supervisors of the robots, to inspect their trees with OTP's own tools.
 -spec robot_pids(sim(), all) -> [pid()].

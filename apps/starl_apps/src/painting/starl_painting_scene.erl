@@ -50,7 +50,9 @@ scene(#{robots := Ids, world := World, profiles := Profiles, options := Options}
     end.
 
 %% The picture fills the floor; robots paint what they can reach of it.
-among_walls(#{size := {W, H} = Size} = Floor, #{profiles := Profiles, options := Options} = Context) ->
+among_walls(
+    #{size := {W, H} = Size} = Floor, #{profiles := Profiles, options := Options} = Context
+) ->
     Tracking = starl_chassis:widest(Profiles),
     Body = lists:max([starl_chassis:radius_mm(Profile) || Profile <- Profiles]),
     Mm = Body + Tracking + ?MARGIN_MM,
@@ -79,7 +81,7 @@ among(Ways, Floor, Lost, #{robots := Ids}) ->
     #{
         poses => maps:from_list(lists:zip(Ids, starl_dpp_floor:places(Ways))),
         plan => #{ways => Ways, patience => infinity},
-        scene => #{floor => Floor},
+        scene => #{floor => Floor, notes => starl_painting_walls:left_out(Lost)},
         memo => #{lost => Lost, floor => Floor}
     }.
 

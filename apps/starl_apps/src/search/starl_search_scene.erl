@@ -102,7 +102,9 @@ built(#{size := World} = Floor, Ways, Reached, Rooms, Ball, Radius, Tracking, Co
     {Open, Closed} = lists:partition(
         fun({_, Lines}) -> lists:any(fun(Line) -> lists:member(Line, Reached) end, Lines) end, Rooms
     ),
+    Told = closed(#{closed => [Name || {Name, _} <- Closed]}),
     #{
+        notes => Told,
         app => {sequential, starl_search, none},
         never_crashes => true,
         never_bumps => true,

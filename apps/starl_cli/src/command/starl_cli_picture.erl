@@ -6,7 +6,9 @@
 
 %% The application, by its name, and those of its options on which its picture depends.
 -define(APP, "painting").
--define(KEYS, [robots, world, speed, chassis, tolerance, segments, safety_distance]).
+-define(KEYS, [
+    robots, world, floor, floor_scale, speed, chassis, tolerance, segments, safety_distance
+]).
 
 -spec name() -> string().
 name() -> "picture".
@@ -62,7 +64,13 @@ run(#{subject := Target, values := Values} = Call) ->
     end.
 
 preview(#{app := App}, Scenario) ->
-    case starl_scene:make(App, starl_sim_plan:context(App, Scenario)) of
+    case starl_sim_floor:read(Scenario) of
+        {ok, Floor} -> preview(App, Floor, starl_sim_floor:given(Floor, Scenario));
+        {error, _} = Error -> Error
+    end.
+
+preview(App, Floor, Scenario) ->
+    case starl_scene:make(App, starl_sim_plan:context(App, Floor, Scenario)) of
         {ok, Scene} -> {ok, starl_scene:preview(App, Scene)};
         {error, _} = Error -> Error
     end.

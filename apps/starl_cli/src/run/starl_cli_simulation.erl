@@ -46,6 +46,7 @@ at(_Reason, _Setup) ->
 
 -spec to_the_end(starl_sim:sim(), starl_cli_setup:t()) -> ran().
 to_the_end(Sim, #{scenario := #{time := Seconds}} = Setup) ->
+    ok = lists:foreach(fun starl_cli_progress:note/1, starl_sim:notes(Sim)),
     {Ending, WallMs} = starl_cli_drive:run(Sim, round(Seconds * 1.0e6), Setup),
     Ran = conclude(Sim, starl_sim:scenario(Sim), Ending, WallMs),
     ok = starl_sim:close(Sim),

@@ -43,6 +43,8 @@
     never_crashes => boolean(),
     %% is it a violation if a robot touches anything (false)?
     never_bumps => boolean(),
+    %% what is told before a run begins, a line each, such as the rooms that cannot be reached
+    notes => [unicode:chardata()],
     %% other implementations of SAP and of motion, for tests
     sap_machine => module(),
     motion_machine => module(),

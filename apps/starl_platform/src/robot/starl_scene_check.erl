@@ -26,7 +26,7 @@ no_answer(Other) ->
 
 keys() ->
     [app, blocks, waypoints, floor, poses, things, senses, monitors, profile, sap] ++
-        [never_crashes, never_bumps, sap_machine, motion_machine, memo].
+        [never_crashes, never_bumps, notes, sap_machine, motion_machine, memo].
 
 values([]) ->
     ok;
@@ -57,6 +57,8 @@ value(sap, Sap) ->
     known("sap", Sap, sap_keys());
 value(Key, Is) when Key =:= never_crashes; Key =:= never_bumps ->
     is_boolean(Is) orelse "true or false";
+value(notes, Notes) ->
+    is_list(Notes) orelse "a list of lines";
 value(floor, Floor) ->
     starl_floor:is_floor(Floor) orelse
         "a floor plan, of starl_floor_file:read/1 or starl_floor:new/1";
