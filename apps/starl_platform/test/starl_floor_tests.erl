@@ -1,6 +1,30 @@
 -module(starl_floor_tests).
 -include_lib("eunit/include/eunit.hrl").
 
+%% A block is one wall, from side to side; so is a line; a way through a corner, or along it, is through one
+%% wall or none; the border is in nobody's way.
+walls_that_a_way_goes_through_test() ->
+    Floor = starl_floor:new(#{
+        size => {4000, 3000},
+        walls => [starl_floor:box(1000, 1000, 1200, 2000), [{2000, 0}, {2000, 1500}]]
+    }),
+    Walls = starl_walls:new(Floor),
+    ?assertEqual([0.0, 1.0, 2.0, 1.0, 0.5], [
+        starl_walls:crossed(Way, Walls)
+     || Way <- [
+            {{100.0, 100.0}, {1900.0, 100.0}},
+            {{100.0, 1100.0}, {1900.0, 1100.0}},
+            {{100.0, 1100.0}, {3900.0, 1100.0}},
+            {{100.0, 1600.0}, {3900.0, 1600.0}},
+            {{100.0, 1500.0}, {1100.0, 1500.0}}
+        ]
+    ]),
+    Through = starl_walls:crossed({{500.0, 500.0}, {1500.0, 1500.0}}, Walls),
+    ?assert(Through =:= 1.0 orelse Through =:= 0.0),
+    %% a door that is closed is a wall
+    Closed = starl_walls:add([{{3000.0, 0.0}, {3000.0, 3000.0}}], Walls),
+    ?assertEqual(1.0, starl_walls:crossed({{2500.0, 2000.0}, {3500.0, 2000.0}}, Closed)).
+
 drawing() ->
     <<
         "name Two rooms\nscale 250\nroom west = w\n\ndrawing\n"

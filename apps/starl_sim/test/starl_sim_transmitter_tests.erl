@@ -20,6 +20,35 @@ in_range_test() ->
     ?assertEqual([2], reached(all, Short)),
     ?assertEqual([], reached(3, Short)).
 
+%% Each wall in the way takes its part of the packets: robot 3 is behind one, robot 4 behind two.
+walls_take_packets_test() ->
+    Floor = starl_floor:new(#{
+        size => {5000, 4000},
+        walls => [[{1500, 0}, {1500, 4000}], starl_floor:box(2400, 0, 2600, 4000)]
+    }),
+    Stand = fun(X) -> starl_trajectory:standing(0, {X, 2000.0}, 0.0) end,
+    Robots = [{1, Stand(100.0)}, {2, Stand(1100.0)}, {3, Stand(2100.0)}, {4, Stand(3100.0)}],
+    World = (world(infinity, []))#{
+        walls => starl_walls:new(Floor),
+        wall_loss => 0.5,
+        sight := starl_sim_sight:new(Robots, infinity)
+    },
+    Sender = {1, 7, 0, Stand(100.0)},
+    {Planned, _} = lists:mapfoldl(
+        fun(_, Links) ->
+            {{_, Plans, _}, Next} = starl_sim_transmitter:send(
+                all, <<"hello">>, Sender, World, {0, [], []}, Links
+            ),
+            {[element(1, Plan) || Plan <- Plans], Next}
+        end,
+        starl_sim_transmitter:new(),
+        lists:seq(1, 1000)
+    ),
+    Heard = fun(Id) -> length([x || Plans <- Planned, R <- Plans, R =:= Id]) end,
+    ?assertEqual(1000, Heard(2)),
+    ?assert(abs(Heard(3) - 500) < 70),
+    ?assert(abs(Heard(4) - 250) < 70).
+
 %% Robots are where they were when the window began, the sender is where it is now.
 others_as_of_the_window_test() ->
     Drives = fun(X) -> starl_trajectory:piece(0, {X, 0.0}, 0.0, 500.0, 0.0) end,

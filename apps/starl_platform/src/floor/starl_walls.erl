@@ -70,7 +70,7 @@ clearance(Segment, Most, Walls) ->
 %% which counts for half a wall; a line counts whole, and so does one without a plan's number: an obstacle.
 -spec crossed(starl_geometry:segment(), t()) -> float().
 crossed(Way, #walls{weights = Weights} = Walls) ->
-    lists:sum([weight(N, Weights) || {N, Side} <- near(Way, 0.0, Walls), crosses(Way, Side)]).
+    lists:sum([0.0 | [weight(N, Weights) || {N, Side} <- near(Way, 0.0, Walls), crosses(Way, Side)]]).
 
 weight(N, Weights) when N =< tuple_size(Weights) -> element(N, Weights);
 weight(_N, _Weights) -> 1.0.

@@ -30,7 +30,9 @@ guarantees() ->
         {stops, safety,
             "it stops by itself at the end of its leg, or of the dead-man's time of its velocity, even "
             "if its program crashes", []},
-        {arrives, progress, "arrives", [positions, grip, devices, prompt, clock_rate, no_restart]}
+        {arrives, progress, "arrives", [
+            positions, grip, devices, ways, prompt, clock_rate, no_restart
+        ]}
     ].
 
 -spec contract() -> string().
