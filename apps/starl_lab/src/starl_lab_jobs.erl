@@ -244,7 +244,7 @@ started(Scenario, Run) ->
     _ = process_flag(trap_exit, true),
     Begin = erlang:monotonic_time(microsecond),
     try
-        case starl_sim:start(one_shard(Scenario)) of
+        case starl_sim:start(one_shard(Scenario), #{watch => [starl_cli_measures:watch()]}) of
             {ok, Sim} -> {ok, finish(Sim, Run(Sim), Begin)};
             {error, Reason} -> {error, starl_sim:format_error(Reason)}
         end

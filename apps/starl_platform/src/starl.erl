@@ -12,11 +12,12 @@
 %% (`starl_election', `starl_dpp', …), built on {@link call/4}.
 -module(starl).
 
--export([id/1, participants/1, now/1, random/1]).
+-export([id/1, participants/1, now/1, random/1, choice/2, normal/3, shuffle/2]).
 -export([send/4, post/4, broadcast/3, listen/2, await/2, await/3]).
 -export([position/1, position/2, positions/1, neighbours/2]).
 -export([floor/1, waypoint/2, waypoints/1, put_waypoint/3, sense/2, watch/3]).
 -export([go_to/2, velocity/3, stop/1, sleep/2, actuate/3, trace/2, store/2, stored/1, call/4]).
+-export([measure/3, draw/2]).
 -export([robot/2]).
 
 -export_type([robot/0, robot_id/0, pose/0, goal/0, outcome/0, neighbour/0]).
@@ -66,6 +67,28 @@ now(#robot{}) -> starl_app_proc:now() div 1000.
 %% @doc A number in `0.0 =< X < 1.0', from the seed of the run.
 -spec random(robot()) -> float().
 random(#robot{}) -> starl_app_proc:random().
+
+%% @doc One of these, each as likely as any other, from the seed of the run.
+-spec choice(robot(), [Item, ...]) -> Item.
+choice(#robot{} = Robot, Items) ->
+    ok = starl_caller:check({?MODULE, choice, 2}, 'Items', items, Items),
+    lists:nth(1 + trunc(random(Robot) * length(Items)), Items).
+
+%% @doc A number of the normal distribution with this mean and standard deviation, from the seed of the
+%% run (by Box and Muller's method).
+-spec normal(robot(), Mean :: number(), Deviation :: number()) -> float().
+normal(#robot{} = Robot, Mean, Deviation) ->
+    ok = starl_caller:check({?MODULE, normal, 3}, 'Mean', value, Mean),
+    ok = starl_caller:check({?MODULE, normal, 3}, 'Deviation', deviation, Deviation),
+    %% the logarithm of 0 is none
+    Radius = math:sqrt(-2 * math:log(1.0 - random(Robot))),
+    Mean + Deviation * Radius * math:cos(2 * math:pi() * random(Robot)).
+
+%% @doc These in another order, each order as likely as any other, from the seed of the run.
+-spec shuffle(robot(), [Item]) -> [Item].
+shuffle(#robot{} = Robot, Items) ->
+    ok = starl_caller:check({?MODULE, shuffle, 2}, 'Items', list, Items),
+    [Item || {_, Item} <- lists:keysort(1, [{random(Robot), Item} || Item <- Items])].
 
 %% @doc Sends a message reliably (SAP) and waits for its outcome.
 -spec send(robot(), robot_id(), Type :: atom(), Body :: term()) -> outcome().
@@ -263,6 +286,32 @@ actuate(#robot{}, Device, Value) ->
 %% @doc Records an event, which monitors see.
 -spec trace(robot(), Event :: term()) -> ok.
 trace(#robot{}, Event) -> starl_app_proc:perform([{trace, Event}]).
+
+%% @doc Measures: tells the value of a quantity now, such as an error in mm. All values of a run are in
+%% `measures.csv' and `measures.svg' of its results, on the topic `/measures' of its recording, and by their
+%% median and range in its report and in sweeps ({@link starl_app}: `measures/0').
+-spec measure(robot(), Key :: atom(), Value :: number()) -> ok.
+measure(#robot{}, Key, Value) ->
+    ok = starl_caller:check({?MODULE, measure, 3}, 'Key', key, Key),
+    ok = starl_caller:check({?MODULE, measure, 3}, 'Value', value, Value),
+    starl_app_proc:perform([{trace, {measure, Key, Value}}]).
+
+%% @doc Draws on the floor: points, a line, an area or a text, for people who look at the run in the
+%% window, in its film or in its recording. It has no influence on anything.
+%% ```
+%%   starl:draw(Robot, #{key => way, line => [{0, 0}, {1000, 500}]}),
+%%   starl:draw(Robot, #{key => said, text => "leader", at => {500, 500}, seconds => 5})
+%% '''
+%% What a robot draws takes the place of what it has drawn before under the same key, and goes by
+%% itself after `seconds', if that is given ({@link starl_drawing}).
+-spec draw(robot(), starl_drawing:shape()) -> ok.
+draw(#robot{}, Shape) ->
+    case starl_drawing:new(Shape) of
+        {ok, Drawing} ->
+            starl_app_proc:perform([{trace, {draw, Drawing}}]);
+        {error, Expected} ->
+            starl_caller:mistake({?MODULE, draw, 2}, 'Shape', Shape, Expected)
+    end.
 
 %% @doc Keeps a term durably, over a crash of the application and a reboot of the robot; it replaces
 %% the term kept before. Later actions of the application take place only when the term is durable;

@@ -36,6 +36,7 @@
 -define(MOST_VIEWERS, 50).
 -define(MOST_WAITING, 4 * 1024 * 1024).
 -define(MOST_INK, 16 * 1024 * 1024).
+-define(MOST_DRAWINGS, 2000).
 
 -record(viewer, {
     monitor :: reference(),
@@ -62,7 +63,12 @@
     viewers = #{} :: #{pid() => #viewer{}},
     %% bodies and ink, newest first
     scene = [] :: [update()],
-    ink = 0 :: non_neg_integer()
+    ink = 0 :: non_neg_integer(),
+    %% the latest of each key
+    drawings = #{} :: #{
+        {starl:robot_id(), starl_drawing:key()} =>
+            {drawings, AtUs :: integer(), starl_trace_json:json()}
+    }
 }).
 
 %% @doc Starts a feed; `most_waiting': bytes for one viewer.
@@ -182,12 +188,24 @@ told(News, #feed{stream = Stream} = Feed) ->
 %% The only channel of frequent messages; what is rare is always looked at.
 channel({poses, _, _}) -> tf;
 channel({packets, _, _}) -> packets;
+channel({trace, _, {_, app, {measure, _, _}}}) -> measures;
+channel({trace, _, {_, app, {draw, _}}}) -> scene;
 channel({trace, _, {_, Machine, _}}) when Machine =/= chassis -> trace;
 channel(_) -> scene.
 
 message(Message, #feed{shown = Shown} = Feed) ->
     {Updates, Next} = starl_trace_shown:message(Message, Shown),
-    lists:foldl(fun update/2, Feed#feed{shown = Next}, Updates).
+    lists:foldl(fun update/2, drawn(Message, Updates, Feed#feed{shown = Next}), Updates).
+
+%% Who comes later gets the latest drawing of each key.
+drawn({trace, _, {Robot, app, {draw, #{key := Key}}}}, [{drawings, At, Json}], Feed) ->
+    #feed{drawings = Drawings} = Feed,
+    case map_size(Drawings) < ?MOST_DRAWINGS orelse is_map_key({Robot, Key}, Drawings) of
+        true -> Feed#feed{drawings = Drawings#{{Robot, Key} => {drawings, At, Json}}};
+        false -> Feed
+    end;
+drawn(_Message, _Updates, Feed) ->
+    Feed.
 
 packets(#feed{shown = Shown, packets_from = From, now = Now} = Feed) ->
     {Updates, Next} = starl_trace_shown:packets(From, Now, Shown),
@@ -242,8 +260,12 @@ subscribed(Pid, Channels, Feed, #viewer{channels = Before, missed = Missed} = Vi
 size_of(Updates) -> lists:sum([byte_size(Text) || {_, _, Text} <- Updates]).
 
 %% What a viewer must know of these channels to begin with.
-state(Channels, #feed{scene = Scene} = Feed) ->
+state(Channels, #feed{scene = Scene, drawings = Drawings} = Feed) ->
     lists:append([
+        [
+            {drawings, At, text(Json)}
+         || has(drawings, Channels), {_, At, Json} <- lists:keysort(2, maps:values(Drawings))
+        ],
         [{scenario, At, text(Json)} || {scenario, At, Json} <- now(Feed), has(scenario, Channels)],
         [{tf, At, text(Json)} || {tf, At, Json} <- now(Feed), has(tf, Channels)],
         [Update || has(scene, Channels), Update <- lists:reverse(Scene)]

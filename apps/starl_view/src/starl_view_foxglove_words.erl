@@ -63,7 +63,9 @@ at(Us) -> {[{sec, Us div 1000000}, {nsec, Us rem 1000000 * 1000}]}.
 %% @doc The channels that viewers can see. The exact terms of a recording are for nobody here.
 -spec channels() -> [{id(), starl_trace_schema:channel()}].
 channels() ->
-    Names = [scenario, tf, scene, log, trace, packets, faults, verdicts, metrics],
+    Names = [
+        scenario, tf, scene, log, trace, packets, faults, verdicts, metrics, measures, drawings
+    ],
     [{starl_trace_schema:id(Name), Name} || Name <- Names].
 
 %% @doc The offer of all channels.

@@ -84,7 +84,9 @@ sees_the_run(Config) ->
             <<"/packets">>,
             <<"/faults">>,
             <<"/verdicts">>,
-            <<"/metrics">>
+            <<"/metrics">>,
+            <<"/measures">>,
+            <<"/drawings">>
         ]),
         lists:sort(maps:keys(Topics))
     ),
@@ -117,7 +119,9 @@ sees_the_run(Config) ->
     ],
     ?assert(length(Lines) > 1).
 
-has(Topic) -> not lists:member(Topic, [<<"/log">>, <<"/faults">>, <<"/verdicts">>]).
+has(Topic) -> not lists:member(Topic, [
+        <<"/log">>, <<"/faults">>, <<"/verdicts">>, <<"/measures">>, <<"/drawings">>
+    ]).
 
 is_true(T, #{<<"child_frame_id">> := <<"robot ", Id/binary>>, <<"translation">> := At}, Truth) ->
     #{<<"x">> := X, <<"y">> := Y} = At,

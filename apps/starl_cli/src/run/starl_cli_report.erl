@@ -39,6 +39,7 @@
 -define(LOOKING_ON, [
     starl_sim_ways_monitor,
     starl_sim_mail_monitor,
+    starl_sim_measures_monitor,
     starl_cli_first_crash,
     starl_reload_monitor,
     starl_mutex_waits
@@ -70,7 +71,7 @@ make(#{outcome := Outcome, ending := Ending, app := App} = Input) ->
         fields = fields(Input),
         ending = Ending,
         %% A function cannot be sent to another VM.
-        app = maps:remove(write, App),
+        app = with_measures(Input, maps:remove(write, App)),
         running = [Id || {Id, #{result := running}} <- Robots],
         died = [Id || {Id, #{result := died}} <- Robots],
         given_up = [Id || {Id, #{result := given_up}} <- Robots],
@@ -79,6 +80,10 @@ make(#{outcome := Outcome, ending := Ending, app := App} = Input) ->
         rolled_back = [N || #{notes := Notes} <- [Input], N <- starl_cli_notes:rolled_back(Notes)],
         waiting = waiting(Robots)
     }.
+
+with_measures(#{scenario := Scenario}, App) ->
+    Measures = starl_cli_measures:formats(maps:get(app, Scenario, none)),
+    App#{formats => maps:merge(Measures, maps:get(formats, App, #{}))}.
 
 %% Where the applications wait that still run at the end.
 waiting(Robots) ->
@@ -94,7 +99,12 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
     #{outcome := Outcome, wall_s := Wall, ending := Ending} = Input,
     #{end_us := EndUs, monitors := Monitors, violations := Violations} = Outcome,
     Formats = maps:get(formats, App, #{}),
-    Own = [{Key, rounded(maps:get(Key, Formats, #{}), Value)} || {Key, Value} <- Figures],
+    Measures = starl_cli_measures:figures(maps:get(app, Scenario, none), Monitors),
+    Own = [
+        {Key, rounded(maps:get(Key, Formats, #{}), Value)}
+     || {Key, Value} <-
+            Figures ++ [M || {K, _} = M <- Measures, not is_map_key(K, maps:from_list(Figures))]
+    ],
     [
         {app, unicode:characters_to_binary(Name)},
         {seed, maps:get(seed, Scenario)},

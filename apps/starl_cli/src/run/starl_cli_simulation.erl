@@ -92,12 +92,14 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
     Record = starl_cli_record:make(
         starl_cli_inputs:app(Inputs), starl_cli_inputs:local(Inputs, Effective), {Ending, Outcome}
     ),
+    #{monitors := Monitors} = Outcome,
     Draw = fun(Dir) -> starl_cli_ways:draw(Dir, Name, Ways) end,
     Own = #{
         write => maps:get(write, App, Draw),
         texts => [
             {"results.term", starl_cli_notes:results(Notes)},
             {"trajectories.csv", starl_cli_ways:csv(Ways)}
+            | starl_cli_measures:csv(Monitors) ++ starl_cli_measures:svg(Monitors)
         ]
     },
     Written = starl_cli_out:write(Out, fun(Dir) ->

@@ -63,6 +63,8 @@
     | {inbox_full, From :: starl:robot_id(), starl_packet:type()}
     | {code_change_failed, starl_crash:cause()}
     | starl_history:event()
+    | {measure, Key :: atom(), Value :: number()}
+    | {draw, starl_drawing:t()}
     | {done, Result :: term()}.
 
 %% An event as `{Tag, Size}': its first element, and how many elements follow. `{up, 0}' stands for
@@ -86,7 +88,14 @@
     {reloaded, 2}
 ]).
 -define(EVERY_APP, [
-    {listens, 1}, {read, 3}, {inbox_full, 2}, {code_change_failed, 1}, {history, 1}, {done, 1}
+    {listens, 1},
+    {read, 3},
+    {inbox_full, 2},
+    {code_change_failed, 1},
+    {history, 1},
+    {measure, 2},
+    {draw, 1},
+    {done, 1}
 ]).
 
 %% @doc The vocabulary that every runner knows.

@@ -13,7 +13,7 @@
 %% report: `report/2' of the behaviour {@link starl_scene}. An application with a scene of its own also has the behaviour {@link starl_scene}.
 -module(starl_app).
 
--export([options/1, check/2, declared/3, place/3]).
+-export([options/1, measures/1, check/2, declared/3, place/3]).
 
 %% `Args' are the values of the application's options, unless its scene says otherwise.
 -callback init(starl:robot(), Args :: term()) -> State :: term().
@@ -27,8 +27,11 @@
 -callback monitors(starl_scene:context()) -> [{module(), Config :: map()}].
 %% What it assumes, of its blocks among others, and guarantees, for `./starl blocks --compose'.
 -callback guarantees() -> [starl_guarantee:t()].
+%% What it measures by `starl:measure/3', with a text that has the unit. Reports and sweeps have the
+%% median and the range of these, also of a run without any value.
+-callback measures() -> [{Key :: atom(), Text :: string()}].
 
--optional_callbacks([code_change/2, blocks/0, options/0, monitors/1, guarantees/0]).
+-optional_callbacks([code_change/2, blocks/0, options/0, monitors/1, guarantees/0, measures/0]).
 
 -define(CALLBACKS, [{init, 2}, {step, 2}]).
 
@@ -39,6 +42,17 @@ options(App) ->
     case erlang:function_exported(App, options, 0) of
         true -> App:options();
         false -> []
+    end.
+
+%% @doc The measures that an application declares. One whose declaration fails has none.
+-spec measures(module()) -> [{atom(), string()}].
+measures(App) ->
+    _ = code:ensure_loaded(App),
+    case erlang:function_exported(App, measures, 0) andalso declared(App, measures, []) of
+        {ok, Measures} when is_list(Measures) ->
+            [{Key, Text} || {Key, Text} <- Measures, is_atom(Key), io_lib:printable_list(Text)];
+        _ ->
+            []
     end.
 
 %% @doc Checks an application before it runs: are its callbacks there, and is its table of options

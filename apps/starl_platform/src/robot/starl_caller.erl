@@ -8,9 +8,24 @@
 -export_type([kind/0, mistake/0]).
 
 %% The kind of an argument: milliseconds, from 0 or from 1; a number from 1; a robot; an atom; a
-%% point of the floor; a velocity; a distance from 0; a sense.
+%% point of the floor; a velocity; a distance from 0; a sense; the name of a measure; a number; one from
+%% 0; a list, and one with something in it.
 -type kind() ::
-    ms | positive_ms | ms_or_infinity | number | robot | name | point | velocity | distance | sense.
+    ms
+    | positive_ms
+    | ms_or_infinity
+    | number
+    | robot
+    | name
+    | point
+    | velocity
+    | distance
+    | sense
+    | key
+    | value
+    | deviation
+    | list
+    | items.
 
 %% The reason of the error. `application' is `none' outside an application. A payload that may not
 %% travel or be kept is not given, since it may be of any size; `why' says what is wrong with it.
@@ -26,6 +41,8 @@
 
 %% The largest coordinate of a point, mm.
 -define(FARTHEST, 1.0e9).
+%% The largest value of a measure: whole numbers up to it are exact as a float.
+-define(LARGEST, 1.0e15).
 
 %% @doc Fails with a {@link mistake()} unless the argument is of its kind.
 -spec check(mfa(), Argument :: atom(), kind(), Given :: term()) -> ok.
@@ -71,12 +88,31 @@ is(number, N) -> is_integer(N) andalso N > 0;
 is(robot, Id) -> is_integer(Id) andalso Id > 0;
 is(name, Name) -> is_atom(Name);
 is(sense, Kind) -> starl_sense:is_kind(Kind);
+is(key, Key) -> is_atom(Key) andalso is_key(atom_to_list(Key));
+is(value, X) -> is_number(X) andalso X =< ?LARGEST andalso X >= -?LARGEST;
+is(deviation, X) -> is(value, X) andalso X >= 0;
+is(list, Items) -> length_of(Items) >= 0;
+is(items, Items) -> length_of(Items) > 0;
 is(distance, Mm) -> is_coordinate(Mm) andalso Mm >= 0;
 is(velocity, Velocity) -> is(point, Velocity);
 is(point, {X, Y}) -> is_coordinate(X) andalso is_coordinate(Y);
 is(point, _) -> false.
 
 is_coordinate(X) -> is_number(X) andalso X =< ?FARTHEST andalso X >= -?FARTHEST.
+
+%% It becomes the name of a column.
+is_key([First | Others]) when First >= $a, First =< $z -> lists:all(fun is_plain/1, Others);
+is_key(_) -> false.
+
+is_plain(C) -> (C >= $a andalso C =< $z) orelse (C >= $0 andalso C =< $9) orelse C =:= $_.
+
+%% An improper list has none.
+length_of(Items) ->
+    try
+        length(Items)
+    catch
+        error:badarg -> -1
+    end.
 
 longest_ms() -> starl_action:longest_us() div 1000.
 
@@ -94,6 +130,16 @@ expected(name) ->
     "an atom";
 expected(sense) ->
     lists:flatten(io_lib:format("one of ~0tp", [[K || {K, _} <- starl_sense:kinds()]]));
+expected(key) ->
+    "an atom of small letters, digits and _";
+expected(value) ->
+    "a number within 1.0e15";
+expected(deviation) ->
+    "a number from 0 to 1.0e15";
+expected(list) ->
+    "a list";
+expected(items) ->
+    "a list that is not empty";
 expected(distance) ->
     "a distance: a number from 0, mm";
 expected(velocity) ->

@@ -2,7 +2,7 @@
 %% robots, and the ink of their pens. A pure module; lengths become metres.
 -module(starl_trace_scene).
 
--export([new/0, bodies/2, plan/2, event/2, transforms/2, timestamp/1]).
+-export([new/0, bodies/2, plan/2, event/2, transforms/2, timestamp/1, entity/5, colour/3]).
 
 -export_type([t/0]).
 
@@ -178,7 +178,7 @@ body(At, Robot) ->
             {color, {[{r, 1}, {g, 1}, {b, 1}, {a, 1}]}},
             {text, integer_to_binary(Robot)}
         ]},
-    entity(At, frame(Robot), frame(Robot), true, [
+    entity(At, frame(Robot), frame(Robot), true, 0, [
         {arrows, [Nose]}, {cylinders, [Cylinder]}, {texts, [Number]}
     ]).
 
@@ -198,16 +198,23 @@ ink(At, Robot, N, Points) ->
             {indices, []}
         ]},
     Id = <<"ink ", (integer_to_binary(N))/binary>>,
-    entity(At, <<"floor">>, Id, false, [{lines, [Line]}]).
+    entity(At, <<"floor">>, Id, 0, [{lines, [Line]}]).
 
-entity(At, Frame, Id, IsLocked, Shapes) ->
+%% @doc An entity that stands on the floor, with its shapes by their kinds; 0: it stays.
+-spec entity(AtUs :: integer(), Frame :: binary(), Id :: binary(), LifeUs, Shapes) ->
+    starl_trace_json:json()
+when
+    LifeUs :: non_neg_integer(), Shapes :: [{atom(), [starl_trace_json:json()]}].
+entity(At, Frame, Id, LifeUs, Shapes) -> entity(At, Frame, Id, false, LifeUs, Shapes).
+
+entity(At, Frame, Id, IsLocked, LifeUs, Shapes) ->
     Kinds = [arrows, cubes, spheres, cylinders, lines, triangles, texts, models],
     {
         [
             {timestamp, timestamp(At)},
             {frame_id, Frame},
             {id, Id},
-            {lifetime, {[{sec, 0}, {nsec, 0}]}},
+            {lifetime, timestamp(LifeUs)},
             {frame_locked, IsLocked},
             {metadata, []}
         ] ++ [{Kind, proplists:get_value(Kind, Shapes, [])} || Kind <- Kinds]
@@ -251,8 +258,14 @@ rotation(Heading) ->
 
 m(Mm) -> {Mm / 1000, 3}.
 
-colour(Robot, Alpha) ->
-    {R, G, B} = element((Robot - 1) rem tuple_size(?COLOURS) + 1, ?COLOURS),
+colour(Robot, Alpha) -> colour(Robot, own, Alpha).
+
+%% @doc The colour of a robot, or another, each part from 0 to 1.
+-spec colour(starl:robot_id(), own | {R, G, B}, Alpha :: float()) -> starl_trace_json:json() when
+    R :: float(), G :: float(), B :: float().
+colour(Robot, own, Alpha) ->
+    colour(Robot, element((Robot - 1) rem tuple_size(?COLOURS) + 1, ?COLOURS), Alpha);
+colour(_Robot, {R, G, B}, Alpha) ->
     {[{r, R}, {g, G}, {b, B}, {a, Alpha}]}.
 
 %% @doc A time as viewers expect it.

@@ -9,7 +9,18 @@
 
 %% `terms' holds every message of a run exactly; the others are for people and their viewers.
 -type channel() ::
-    terms | scenario | tf | scene | log | trace | packets | faults | verdicts | metrics.
+    terms
+    | scenario
+    | tf
+    | scene
+    | log
+    | trace
+    | packets
+    | faults
+    | verdicts
+    | metrics
+    | measures
+    | drawings.
 
 %% @doc The schemas and channels of a recording.
 -spec channels() -> starl_mcap_writer:channels().
@@ -40,7 +51,9 @@ id(trace) -> 6;
 id(packets) -> 7;
 id(faults) -> 8;
 id(verdicts) -> 9;
-id(metrics) -> 10.
+id(metrics) -> 10;
+id(measures) -> 11;
+id(drawings) -> 12.
 
 all() ->
     [
@@ -54,8 +67,7 @@ all() ->
                 {values, list(object([{key, string()}, {value, string()}]))}
             ])},
         {tf, "/tf", "foxglove.FrameTransforms", object([{transforms, list(transform())}])},
-        {scene, "/scene", "foxglove.SceneUpdate",
-            object([{deletions, list(deletion())}, {entities, list(entity())}])},
+        {scene, "/scene", "foxglove.SceneUpdate", scene()},
         {log, "/log", "foxglove.Log",
             object([
                 {timestamp, timestamp()},
@@ -83,8 +95,15 @@ all() ->
                 {packets, integer()},
                 {lost, integer()},
                 {violations, integer()}
-            ])}
+            ])},
+        {measures, "/measures", "starl.Measures",
+            object([
+                {robot, integer()}, {key, string()}, {value, number()}, {series, object([])}
+            ])},
+        {drawings, "/drawings", "foxglove.SceneUpdate", scene()}
     ].
+
+scene() -> object([{deletions, list(deletion())}, {entities, list(entity())}]).
 
 titled(Name, {Pairs}) -> {[{title, list_to_binary(Name)} | Pairs]}.
 

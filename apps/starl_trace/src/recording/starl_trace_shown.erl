@@ -59,6 +59,10 @@ updates({scenario, At, #{robots := Robots} = Facts}) ->
     [{scenario, At, scenario(Facts)} | Plan] ++ [{scene, At, Bodies}];
 updates({trace, _, {_, sap, _}}) ->
     [];
+updates({trace, At, {Robot, app, {measure, Key, Value}}}) when is_atom(Key), is_number(Value) ->
+    [{measures, At, measure(Robot, Key, Value)}];
+updates({trace, At, {Robot, app, {draw, #{key := _} = Drawing}}}) ->
+    [{drawings, At, starl_trace_drawing:update(At, Robot, Drawing)}];
 updates({trace, At, {Robot, Machine, Event}}) ->
     [{trace, At, event(Robot, Machine, Event)}];
 updates({faults, At, Fault}) ->
@@ -113,6 +117,19 @@ scenario(#{kind := Kind, app := App, robots := Robots, scenario := Values}) ->
          || {Key, Value} <- lists:sort(maps:to_list(Values))
         ]}
     ]}.
+
+%% `series' is for viewers that plot every number by its path: /measures/series/KEY/robot_N.
+measure(Robot, Key, Value) ->
+    {Name, Number} = {atom_to_binary(Key), number(Value)},
+    {[
+        {robot, Robot},
+        {key, Name},
+        {value, Number},
+        {series, {[{Name, {[{text("robot_~b", [Robot]), Number}]}}]}}
+    ]}.
+
+number(Value) when is_integer(Value) -> Value;
+number(Value) -> {json, float_to_binary(Value, [short])}.
 
 event(Robot, Machine, Event) when is_atom(Event) ->
     event(Robot, Machine, Event, <<>>);
