@@ -1,0 +1,174 @@
+%% @doc Formation: a team elects a leader, who gives each robot a place in the order; then the team stands in
+%% a circle, in a line, in a circle ..., each time turned a little further. At a barrier each waits
+%% until all stand in their places.
+%%
+%% Measure: `error_mm', the distance of a robot from its place. Trace: {@link event()} (see {@link
+%% starl_formation_monitor}).
+-module(starl_formation).
+-behaviour(starl_app).
+
+-export([init/2, step/2]).
+-export([options/0, blocks/0, monitors/1, guarantees/0, measures/0, report/2]).
+
+-export_type([event/0]).
+
+%% The robot stands in its place of this round; it knows that all do.
+-type event() ::
+    {in_place, Round :: pos_integer(), starl_geometry:point()} | {formed, Round :: pos_integer()}.
+
+-type state() :: #{
+    next := elect | order | round | {drive, pos_integer()} | {wait, pos_integer()},
+    order => [starl:robot_id(), ...],
+    atom() => term()
+}.
+
+%% The pace of control (ms), the fastest drive (mm/s), and from where a robot drives straight (mm).
+-define(PACE_MS, 250).
+-define(SPEED, 300).
+-define(NEAR_MM, 150).
+%% From where a robot avoids another, and where they touch: the distance of their centres (mm).
+-define(SHY_MM, 1000).
+-define(TOUCH_MM, 330).
+%% A formation stands so long (ms).
+-define(HOLD_MS, 2000).
+
+-spec options() -> [starl_options:option()].
+options() ->
+    [
+        {shapes, {one_of, [circle, line, both]}, both, "the shapes, one after the other"},
+        {rounds, {integer, 1, 1000}, 4, "how many formations, one after the other"},
+        {spacing, {number, 400, 5000}, 900, "the distance of neighbours, where there is room, mm"},
+        {tolerance, {number, 10, 1000}, 50, "a robot this near to its place is in it, mm"}
+    ].
+
+-spec blocks() -> [starl_block:entry()].
+blocks() -> [starl_election, starl_registers, starl_barrier].
+
+-spec monitors(starl_scene:context()) -> [{module(), map()}].
+monitors(#{robots := Ids, options := #{tolerance := Mm}}) ->
+    [{starl_formation_monitor, #{robots => Ids, tolerance_mm => Mm}}].
+
+-spec measures() -> [{atom(), string()}].
+measures() -> [{error_mm, "distance from the place in the formation, mm"}].
+
+%% @doc What those who use a formation may rely on.
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {formed, safety,
+            "when a robot first takes a formation for formed, every robot is in its place", [
+                {barrier, together}, positions
+            ]}
+    ].
+
+-spec init(starl:robot(), map()) -> state().
+init(Robot, Options) ->
+    case starl_registers:get(Robot, order) of
+        {ok, Order} -> Options#{next => round, order => Order};
+        {error, _} -> Options#{next => elect}
+    end.
+
+-spec step(starl:robot(), state()) -> {continue, state()} | {done, Rounds :: pos_integer()}.
+step(Robot, #{next := elect} = State) ->
+    Me = starl:id(Robot),
+    case {starl_election:elect(Robot, formation), starl:positions(Robot)} of
+        {{ok, Me}, {ok, Poses}} ->
+            _ = starl_registers:put(
+                Robot, order, starl_formation_places:order(starl:participants(Robot), Poses)
+            ),
+            _ = starl:draw(Robot, #{key => leader, text => "leader", at => {200, 200}}),
+            {continue, State#{next := order}};
+        {{ok, Other}, _} when Other =/= Me ->
+            {continue, State#{next := order}};
+        _ ->
+            {continue, State}
+    end;
+step(Robot, #{next := order} = State) ->
+    case starl_registers:get(Robot, order) of
+        {ok, Order} ->
+            {continue, State#{next := round, order => Order}};
+        {error, _} ->
+            ok = starl:sleep(Robot, ?PACE_MS),
+            {continue, State}
+    end;
+step(Robot, #{next := round, rounds := Rounds} = State) ->
+    case starl_barrier:round(Robot, formation) of
+        {ok, Round} when Round > Rounds -> {done, Rounds};
+        {ok, Round} -> {continue, State#{next := {drive, Round}}};
+        {error, _} -> {continue, State}
+    end;
+step(Robot, #{next := {drive, Round}, tolerance := Tolerance} = State) ->
+    case {place(Robot, Round, State), starl:position(Robot)} of
+        {{ok, Place}, {ok, {X, Y, _}}} ->
+            Mm = starl_geometry:distance(Place, {X, Y}),
+            ok = starl:measure(Robot, error_mm, Mm),
+            case Mm =< Tolerance of
+                true ->
+                    ok = starl:trace(Robot, {in_place, Round, Place}),
+                    {continue, State#{next := {wait, Round}}};
+                false ->
+                    drive(Robot, {X, Y}, Place, Mm, State),
+                    {continue, State}
+            end;
+        _ ->
+            ok = starl:sleep(Robot, ?PACE_MS),
+            {continue, State}
+    end;
+step(Robot, #{next := {wait, Round}} = State) ->
+    ok = starl:stop(Robot),
+    case starl_barrier:sync(Robot, formation) of
+        ok ->
+            ok = starl:trace(Robot, {formed, Round}),
+            ok = starl:sleep(Robot, ?HOLD_MS),
+            {continue, State#{next := round}};
+        {error, _} ->
+            {continue, State}
+    end.
+
+%% -- driving --------------------------------------------------------------------------------
+
+%% Near its place a robot drives straight to it; before that it keeps away from others.
+drive(Robot, _At, Place, Mm, _State) when Mm =< ?NEAR_MM ->
+    starl:go_to(Robot, Place);
+drive(Robot, {X, Y}, {PX, PY}, Mm, #{spacing := Spacing}) ->
+    Away = min(?SHY_MM, 0.9 * Spacing),
+    Near =
+        case starl:neighbours(Robot, Away) of
+            {ok, Neighbours} -> Neighbours;
+            {error, _} -> []
+        end,
+    Speed = min(?SPEED, Mm),
+    Pushes = [push(Neighbour, Away) || #{distance := D} = Neighbour <- Near, D > 0],
+    VX = Speed * (PX - X) / Mm + lists:sum([DX || {DX, _} <- Pushes]),
+    VY = Speed * (PY - Y) / Mm + lists:sum([DY || {_, DY} <- Pushes]),
+    _ = starl:velocity(Robot, {VX, VY}, 3 * ?PACE_MS),
+    starl:sleep(Robot, ?PACE_MS).
+
+%% Away from the other and to the right, so that two that meet pass each other.
+push(#{offset := {DX, DY}, distance := D}, Away) ->
+    By = ?SPEED * (Away - D) / max(1, Away - ?TOUCH_MM) / D,
+    {By * (-DX + 0.7 * DY), By * (-DY - 0.7 * DX)}.
+
+place(Robot, Round, #{order := Order} = State) ->
+    case starl:floor(Robot) of
+        {ok, #{size := Size}} ->
+            Places = starl_formation_places:places(Round, length(Order), Size, State),
+            {_, Place} = lists:keyfind(starl:id(Robot), 1, lists:zip(Order, Places)),
+            ok = starl:draw(Robot, #{key => place, area => starl_drawing:circle(Place, 120)}),
+            {ok, Place};
+        {error, _} = Error ->
+            Error
+    end.
+
+%% -- the report -----------------------------------------------------------------------------
+
+%% @doc The formations, and the greatest distance of a robot from its place when one was formed.
+-spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
+report(_Scene, #{monitors := #{starl_formation_monitor := #{formed := Formed, worst_mm := Mm}}}) ->
+    #{
+        figures => [{formations, Formed}, {worst_mm, Mm}],
+        formats => #{
+            worst_mm => #{decimals => 1, label => "distance from the place when formed, mm"}
+        },
+        done => io_lib:format("~b formations", [Formed])
+    }.
