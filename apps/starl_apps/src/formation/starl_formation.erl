@@ -56,7 +56,7 @@ measures() -> [{error_mm, "distance from the place in the formation, mm"}].
 guarantees() ->
     [
         {formed, safety,
-            "when a robot first takes a formation for formed, every robot is in its place", [
+            "who takes a formation for formed first is right: every robot is in its place", [
                 {barrier, together}, positions
             ]}
     ].

@@ -1,8 +1,10 @@
 %% @doc The contract of a formation: when a robot first takes a round's formation for formed, every robot
 %% stands in its place, to within the tolerance. A robot that a fault gave a wrong position when it
-%% came to its place is excused.
+%% came to its place is excused; so is one whose store was damaged or set back, which may have forgotten
+%% the round, until it comes to its place of that round.
 %%
-%% Events of machine `app': {@link starl_formation:event()}; of machine `chassis': `motion'.
+%% Events of machine `app': {@link starl_formation:event()}; of machine `chassis': `motion'; of machine
+%% `barrier': `store_damaged'; of machine `robot': `store_set_back'.
 -module(starl_formation_monitor).
 -behaviour(starl_monitor).
 
@@ -15,6 +17,8 @@
     pieces = #{} :: #{starl:robot_id() => starl_trajectory:piece()},
     %% where each robot came to its place last, when, and in which round
     places = #{} :: #{starl:robot_id() => {pos_integer(), integer(), starl_geometry:point()}},
+    %% the robots that may have forgotten their round
+    unsound = #{} :: #{starl:robot_id() => true},
     formed = 0 :: non_neg_integer(),
     worst = 0.0 :: float()
 }).
@@ -39,7 +43,7 @@ init(#{robots := Robots, tolerance_mm := Mm} = Config) ->
 context(#{bodies := Bodies}, Config) -> Config#{bodies => Bodies}.
 
 -spec interests() -> [atom()].
-interests() -> [chassis, app].
+interests() -> [chassis, app, barrier, robot].
 
 %% @doc {@link starl_formation:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
@@ -51,10 +55,17 @@ step({_, Robot, chassis, {motion, Piece}}, #state{pieces = Pieces} = State) ->
     {ok, State#state{pieces = Pieces#{Robot => Piece}}};
 step({T, Robot, app, {in_place, Round, Place}}, #state{places = Places} = State) ->
     {ok, State#state{places = Places#{Robot => {Round, T, Place}}}};
+step({_, Robot, Machine, Damage}, #state{places = Places, unsound = Unsound} = State) when
+    Machine =:= barrier, Damage =:= store_damaged; Machine =:= robot, Damage =:= store_set_back
+->
+    {ok, State#state{places = maps:remove(Robot, Places), unsound = Unsound#{Robot => true}}};
 step({T, Robot, app, {formed, Round}}, #state{formed = Formed} = State) when Round > Formed ->
     Errors = [{Id, error(Id, Round, T, State)} || Id <- State#state.robots],
     Known = [Mm || {_, Mm} <- Errors, is_float(Mm)],
-    Next = State#state{formed = Round, worst = lists:max([State#state.worst | Known])},
+    Sound = maps:without([Id || {Id, Mm} <- Errors, is_float(Mm)], State#state.unsound),
+    Next = State#state{
+        formed = Round, worst = lists:max([State#state.worst | Known]), unsound = Sound
+    },
     case [{Id, Mm} || {Id, Mm} <- Errors, is_away(Id, Mm, T, State)] of
         [] -> {ok, Next};
         [{Id, Mm} | _] -> {violation, violation(T, [Robot, Id], Round, Mm), Next}
@@ -71,8 +82,8 @@ error(Id, Round, T, #state{places = Places, pieces = Pieces}) ->
             never
     end.
 
-is_away(_Id, never, _T, _State) ->
-    true;
+is_away(Id, never, _T, #state{unsound = Unsound}) ->
+    not is_map_key(Id, Unsound);
 is_away(Id, Mm, T, #state{tolerance = Tolerance, places = Places, assumption = Assumption}) ->
     #{Id := {_, Since, _}} = Places,
     Mm > Tolerance + ?MARGIN_MM andalso

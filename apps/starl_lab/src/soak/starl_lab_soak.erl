@@ -1,4 +1,4 @@
-%% @doc `./starl soak': runs a building block with many seeds under random faults of all kinds (path
+%% @doc `./starl soak': runs a building block, or an application, with many seeds under random faults of all kinds (path
 %% planning: the kinds that it tolerates), on one VM per core. The monitors judge safety all the
 %% time and progress after the faults.
 -module(starl_lab_soak).
@@ -53,7 +53,8 @@ synopsis() -> "use a block under random faults, with many seeds".
 -spec argument() -> starl_cli_command:argument().
 argument() ->
     Others = [{all, "one after the other"}, {live, "the program of real robots"}],
-    {required, "BLOCK", [{Block, ""} || Block <- targets()] ++ Others}.
+    Applications = [{Name, "an application"} || {Name, _} <- starl_lab_soak_draw:applications()],
+    {required, "BLOCK", [{Block, ""} || Block <- targets()] ++ Applications ++ Others}.
 
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(live) ->
@@ -72,7 +73,9 @@ about(_Subject) ->
         [
             "Blocks: ",
             lists:join(", ", [atom_to_list(Block) || Block <- targets() ++ [all]]),
-            ", or FILE.erl with one of your own; live: the program of real robots, in virtual time"
+            "; applications: ",
+            lists:join(", ", [atom_to_list(Name) || {Name, _} <- starl_lab_soak_draw:applications()]),
+            "; or FILE.erl with a block of your own; live: the program of real robots, in virtual time"
         ]
     ].
 

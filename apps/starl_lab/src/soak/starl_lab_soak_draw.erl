@@ -7,7 +7,7 @@
 %% contract of small teams only in small teams, a bound on the drift of clocks only near the bound.
 -module(starl_lab_soak_draw).
 
--export([scenario/3]).
+-export([scenario/3, applications/0]).
 
 %% The end of the faults, and the time after it in which the work must be done, s.
 -define(HEAL_S, 25).
@@ -18,6 +18,8 @@
 -define(DPP_TIME_S, 60).
 -define(DPP_CONVERGE_S, 1800).
 -define(DPP_TO_THE_END, 20).
+%% That of an application, s.
+-define(APP_TIME_S, 300).
 %% An upper limit of the time, s; a run ends earlier, when all work is done.
 -define(TIME_S, 7200).
 -define(MOST_ROBOTS, 10).
@@ -57,7 +59,42 @@ scenario(dpp, Robots, Seed) ->
         longest_fault => longest(?DPP_HEAL_S, dpp, Seed),
         chassis => one_of([differential, differential, holonomic, mixed], {Seed, dpp, chassis})
     });
-scenario(Block, Robots, Seed) ->
+scenario(Name, Robots, Seed) ->
+    case lists:keyfind(Name, 1, applications()) of
+        {Name, App} -> application(Name, App, Robots, Seed);
+        false -> block(Name, Robots, Seed)
+    end.
+
+%% @doc The applications that a soak knows beside: those that ship, but for the exercise of blocks, and
+%% painting, which stands for path planning.
+-spec applications() -> [{atom(), module()}].
+applications() ->
+    [
+        {list_to_atom(Name), App}
+     || {Name, App} <- starl_cli_target:apps(), App =/= starl_exercise, App =/= starl_painting
+    ].
+
+%% What has leases of path planning bears what path planning bears, and all faults of senses.
+application(Name, App, Robots, Seed) ->
+    Keys = [Key || {Key, _, _, _} <- starl_app:options(App)],
+    {Heal, Faults} =
+        case lists:member(jump, Keys) of
+            true ->
+                #{random_faults := Borne} = Drawn = clocks(dpp, Seed),
+                {?DPP_HEAL_S, Drawn#{random_faults := Borne ++ [sense]}};
+            false ->
+                {?HEAL_S, maps:merge(clocks(Name, Seed), radio(Name, Seed))}
+        end,
+    Faults#{
+        app => App,
+        robots => robots(Robots, Name, Seed),
+        seed => Seed,
+        heal => Heal,
+        longest_fault => longest(Heal, Name, Seed),
+        time => ?APP_TIME_S
+    }.
+
+block(Block, Robots, Seed) ->
     Figures = maps:merge(clocks(Block, Seed), figures(Block, Seed)),
     Drawn = maps:merge(maps:merge(Figures, radio(Block, Seed)), bodies(Block, Seed)),
     N = robots(Robots, Block, Seed),

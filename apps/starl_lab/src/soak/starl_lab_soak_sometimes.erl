@@ -68,8 +68,11 @@ names(Block) ->
 
 %% A user's block may have any monitors.
 monitors(Name) ->
-    {ok, Block} = starl_blocks:find(Name),
-    starl_block:monitors(Block).
+    case starl_blocks:find(Name) of
+        {ok, Block} -> starl_block:monitors(Block);
+        %% an application owes nothing
+        error -> []
+    end.
 
 vocabulary(Module) -> optional(Module, vocabulary, #{}).
 
