@@ -1,5 +1,6 @@
 %% @doc Gathers from the messages of a run ({@link starl_trace_message}) what its film shows: the floor,
-%% the lines to paint, the ways of the robots, their ink, when they were down, and cut links. A pure module.
+%% the lines to paint, the ways of the robots, their ink, when they were down, cut links, and what applications draw.
+%% A pure module.
 %% ```
 %%   {ok, Cast, _} = starl_trace_reader:fold(fun starl_film_cast:message/2, starl_film_cast:new(), File),
 %%   {ok, Scene} = starl_film_cast:scene(Cast)
@@ -20,6 +21,8 @@
     states = #{} :: #{starl:robot_id() => [{integer(), up | down}]},
     %% by their names, as they were told last
     faults = #{} :: #{Name :: term() => tuple()},
+    %% what applications draw, the latest first
+    drawings = [] :: [{integer(), starl:robot_id(), starl_drawing:t()}],
     until = 0 :: integer()
 }).
 
@@ -36,6 +39,7 @@
     plan := starl_floor:t() | none,
     %% the sides of what stands in the way for a time
     obstacles := [{[starl_geometry:segment()], span()}],
+    drawings := [starl_drawing:seen()],
     end_us := integer()
 }.
 
@@ -89,6 +93,8 @@ event(robot, {died, _}, At, Robot, #cast{states = States} = Cast) ->
     Cast#cast{states = added(Robot, {At, down}, States)};
 event(robot, State, At, Robot, #cast{states = States} = Cast) when State =:= up; State =:= down ->
     Cast#cast{states = added(Robot, {At, State}, States)};
+event(app, {draw, #{kind := _} = Drawing}, At, Robot, #cast{drawings = Drawings} = Cast) ->
+    Cast#cast{drawings = [{At, Robot, Drawing} | Drawings]};
 event(_Machine, _Event, _At, _Robot, Cast) ->
     Cast.
 
@@ -141,6 +147,12 @@ scene(#cast{facts = Facts, until = Until} = Cast) ->
             {Mark, span(Begun, Span)}
          || {Mark, Span} <- starl_film_cuts:cuts(
                 maps:values(Cast#cast.faults), maps:keys(Ways), Until
+            )
+        ],
+        drawings => [
+            {max(0, From - Begun), To - Begun, Robot, Drawing}
+         || {From, To, Robot, Drawing} <- starl_drawing:shown(
+                lists:reverse(Cast#cast.drawings), Until
             )
         ],
         end_us => Until - Begun

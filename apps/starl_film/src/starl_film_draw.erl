@@ -6,6 +6,7 @@
     page/1,
     open/3,
     plan/2,
+    drawing/3,
     obstacle/2,
     target/2,
     body/2,
@@ -153,6 +154,11 @@ comma(N) -> [$,, integer_to_list(N)].
 -spec number(number()) -> iodata().
 number(N) when is_integer(N) -> integer_to_list(N);
 number(N) -> float_to_binary(float(N), [{decimals, 1}, compact]).
+
+%% @doc What an application draws.
+-spec drawing(starl:robot_id(), starl_drawing:t(), page()) -> iolist().
+drawing(Robot, Drawing, #{height := Height, dot := Dot}) ->
+    starl_picture_drawing:svg(Robot, Drawing, Height, Dot).
 
 %% @doc The colour of a robot, as in the pictures of its run.
 -spec colour(starl:robot_id()) -> string().

@@ -9,6 +9,7 @@
 -spec at(integer(), unicode:chardata(), starl_film_cast:scene()) -> binary().
 at(T, Title, #{actors := Actors, lines := Lines, cuts := Cuts} = Scene) ->
     Page = starl_film_draw:page(Scene),
+    #{drawings := Drawings} = Scene,
     Holding = starl_film_cuts:holds(T, Cuts),
     iolist_to_binary([
         starl_film_draw:open(day, foot, Page),
@@ -20,6 +21,10 @@ at(T, Title, #{actors := Actors, lines := Lines, cuts := Cuts} = Scene) ->
         ],
         starl_film_draw:target(Lines, Page),
         [ink(T, Actor, Page) || Actor <- Actors],
+        [
+            starl_film_draw:drawing(Robot, Drawing, Page)
+         || {From, To, Robot, Drawing} <- Drawings, From =< T, T =< To
+        ],
         [link(T, Link, Actors, Page) || Link <- starl_film_cuts:links(Holding)],
         [robot(T, Actor, Holding, Page) || Actor <- Actors],
         foot(T, Title, Scene, Page),

@@ -26,6 +26,7 @@
 %% @doc The film of a scene.
 -spec film(starl_film_cast:scene(), options()) -> binary().
 film(#{actors := Actors, lines := Lines, end_us := End, cuts := Cuts} = Scene, Options) ->
+    #{drawings := Drawings} = Scene,
     #{title := Title} = Options,
     Page = starl_film_draw:page(Scene),
     Film = #film{
@@ -41,6 +42,7 @@ film(#{actors := Actors, lines := Lines, end_us := End, cuts := Cuts} = Scene, O
         [obstacle(Obstacle, Film) || Obstacle <- maps:get(obstacles, Scene)],
         starl_film_draw:target(Lines, Page),
         [ink(Actor, Film) || Actor <- Actors],
+        [drawing(Seen, Film) || Seen <- Drawings],
         [link(Link, Actors, Film) || Link <- starl_film_cuts:links(Cuts)],
         [robot(Actor, Cuts, Film) || Actor <- Actors],
         foot(Title, Film),
@@ -99,6 +101,26 @@ driven([], _Last, Length, Driven) ->
 driven([{T, {X, Y}} | Points], {X0, Y0}, Length, Driven) ->
     Longer = Length + math:sqrt((X - X0) * (X - X0) + (Y - Y0) * (Y - Y0)),
     driven(Points, {X, Y}, Longer, [{T, [Longer]} | Driven]).
+
+%% -- what applications draw -----------------------------------------------------------------
+
+%% What is there at the end stays; a picture without animation shows it.
+drawing({0, To, Robot, Drawing}, #film{page = Page, end_us = End}) when To >= End ->
+    starl_film_draw:drawing(Robot, Drawing, Page);
+drawing({From, To, Robot, Drawing}, #film{page = Page, end_us = End, time = Time}) ->
+    {Opacity, Keys} =
+        case To >= End of
+            true -> {"1", [{0, "0"}, {From, "1"}]};
+            false -> {"0", [{0, "0"}, {From, "1"}, {To, "0"}]}
+        end,
+    [
+        ["<g opacity=\"", Opacity, "\">"],
+        starl_film_animate:values(
+            "animate attributeName=\"opacity\" calcMode=\"discrete\"", Keys, Time
+        ),
+        starl_film_draw:drawing(Robot, Drawing, Page),
+        "</g>\n"
+    ].
 
 %% -- robots ---------------------------------------------------------------------------------
 

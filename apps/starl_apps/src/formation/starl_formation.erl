@@ -17,7 +17,12 @@
     {in_place, Round :: pos_integer(), starl_geometry:point()} | {formed, Round :: pos_integer()}.
 
 -type state() :: #{
-    next := elect | order | round | {drive, pos_integer()} | {wait, pos_integer()},
+    next :=
+        elect
+        | order
+        | round
+        | {drive, pos_integer(), starl_geometry:point()}
+        | {wait, pos_integer()},
     order => [starl:robot_id(), ...],
     atom() => term()
 }.
@@ -57,7 +62,7 @@ guarantees() ->
     [
         {formed, safety,
             "who takes a formation for formed first is right: every robot is in its place", [
-                {barrier, together}, positions
+                {barrier, together}, positions, store
             ]}
     ].
 
@@ -76,7 +81,8 @@ step(Robot, #{next := elect} = State) ->
             _ = starl_registers:put(
                 Robot, order, starl_formation_places:order(starl:participants(Robot), Poses)
             ),
-            _ = starl:draw(Robot, #{key => leader, text => "leader", at => {200, 200}}),
+            Text = io_lib:format("robot ~b leads", [Me]),
+            ok = starl:draw(Robot, #{key => leader, text => Text, at => {200, 200}}),
             {continue, State#{next := order}};
         {{ok, Other}, _} when Other =/= Me ->
             {continue, State#{next := order}};
@@ -92,14 +98,17 @@ step(Robot, #{next := order} = State) ->
             {continue, State}
     end;
 step(Robot, #{next := round, rounds := Rounds} = State) ->
-    case starl_barrier:round(Robot, formation) of
-        {ok, Round} when Round > Rounds -> {done, Rounds};
-        {ok, Round} -> {continue, State#{next := {drive, Round}}};
-        {error, _} -> {continue, State}
+    case {starl_barrier:round(Robot, formation), starl:floor(Robot)} of
+        {{ok, Round}, _} when Round > Rounds ->
+            {done, Rounds};
+        {{ok, Round}, {ok, #{size := Size}}} ->
+            {continue, State#{next := {drive, Round, place(Robot, Round, Size, State)}}};
+        _ ->
+            {continue, State}
     end;
-step(Robot, #{next := {drive, Round}, tolerance := Tolerance} = State) ->
-    case {place(Robot, Round, State), starl:position(Robot)} of
-        {{ok, Place}, {ok, {X, Y, _}}} ->
+step(Robot, #{next := {drive, Round, Place}, tolerance := Tolerance} = State) ->
+    case starl:position(Robot) of
+        {ok, {X, Y, _}} ->
             Mm = starl_geometry:distance(Place, {X, Y}),
             ok = starl:measure(Robot, error_mm, Mm),
             case Mm =< Tolerance of
@@ -107,15 +116,15 @@ step(Robot, #{next := {drive, Round}, tolerance := Tolerance} = State) ->
                     ok = starl:trace(Robot, {in_place, Round, Place}),
                     {continue, State#{next := {wait, Round}}};
                 false ->
-                    drive(Robot, {X, Y}, Place, Mm, State),
+                    _ = drive(Robot, {X, Y}, Place, Mm, State),
                     {continue, State}
             end;
-        _ ->
+        {error, _} ->
             ok = starl:sleep(Robot, ?PACE_MS),
             {continue, State}
     end;
 step(Robot, #{next := {wait, Round}} = State) ->
-    ok = starl:stop(Robot),
+    _ = starl:stop(Robot),
     case starl_barrier:sync(Robot, formation) of
         ok ->
             ok = starl:trace(Robot, {formed, Round}),
@@ -124,6 +133,12 @@ step(Robot, #{next := {wait, Round}} = State) ->
         {error, _} ->
             {continue, State}
     end.
+
+place(Robot, Round, Size, #{order := Order} = State) ->
+    Places = starl_formation_places:places(Round, length(Order), Size, State),
+    {_, Place} = lists:keyfind(starl:id(Robot), 1, lists:zip(Order, Places)),
+    ok = starl:draw(Robot, #{key => place, area => starl_drawing:circle(Place, 250)}),
+    Place.
 
 %% -- driving --------------------------------------------------------------------------------
 
@@ -148,17 +163,6 @@ drive(Robot, {X, Y}, {PX, PY}, Mm, #{spacing := Spacing}) ->
 push(#{offset := {DX, DY}, distance := D}, Away) ->
     By = ?SPEED * (Away - D) / max(1, Away - ?TOUCH_MM) / D,
     {By * (-DX + 0.7 * DY), By * (-DY - 0.7 * DX)}.
-
-place(Robot, Round, #{order := Order} = State) ->
-    case starl:floor(Robot) of
-        {ok, #{size := Size}} ->
-            Places = starl_formation_places:places(Round, length(Order), Size, State),
-            {_, Place} = lists:keyfind(starl:id(Robot), 1, lists:zip(Order, Places)),
-            ok = starl:draw(Robot, #{key => place, area => starl_drawing:circle(Place, 120)}),
-            {ok, Place};
-        {error, _} = Error ->
-            Error
-    end.
 
 %% -- the report -----------------------------------------------------------------------------
 

@@ -19,6 +19,8 @@
     robots := [{robot_id(), point(), Heading :: float()}],
     plan => starl_floor:t() | none,
     title => unicode:chardata(),
+    %% what applications draw
+    drawings => [{robot_id(), starl_drawing:t()}],
     %% what is to be painted is shown alone, so it is dark
     preview => boolean()
 }.
@@ -61,6 +63,10 @@ svg(#{floor := Floor, target := Target, ink := Ink, robots := Robots} = Drawing)
         [starl_picture_floor:svg(Plan, Page#page.dot) || #{plan := #{} = Plan} <- [Drawing]],
         target(Target, maps:get(preview, Drawing, false), Page),
         [ink(Id, maps:get(Id, Ink), Page) || Id <- Ids, is_map_key(Id, Ink)],
+        [
+            starl_picture_drawing:svg(Id, Drawn, Page#page.height, Page#page.dot)
+         || {Id, Drawn} <- maps:get(drawings, Drawing, [])
+        ],
         [robot(Robot, Page) || Robot <- lists:sort(Robots)],
         legend(Listed, Page),
         "</svg>\n"

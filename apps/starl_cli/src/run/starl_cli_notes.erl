@@ -40,6 +40,7 @@ watch(#{robots := Team, reloads := Reloads}) ->
     [
         starl_cli_ways:watch(),
         starl_cli_measures:watch(),
+        {starl_sim_drawings_monitor, #{}},
         {starl_sim_mail_monitor, #{robots => Team}},
         {starl_mutex_waits, #{}}
     ] ++

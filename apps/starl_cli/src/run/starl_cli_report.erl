@@ -40,6 +40,7 @@
     starl_sim_ways_monitor,
     starl_sim_mail_monitor,
     starl_sim_measures_monitor,
+    starl_sim_drawings_monitor,
     starl_cli_first_crash,
     starl_reload_monitor,
     starl_mutex_waits

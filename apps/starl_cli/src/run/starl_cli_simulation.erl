@@ -76,7 +76,7 @@ ending(Ending, _Outcome) -> Ending.
 tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = Setup, Ran) ->
     #{inputs := Inputs} = Setup,
     #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
-    Ways = ways(Outcome, Scenario),
+    Ways = starl_cli_ways:with(drawings(Outcome), ways(Outcome, Scenario)),
     Notes = starl_cli_notes:make(Outcome, Ways, starl_cli_target:beams(Target)),
     Report = starl_cli_report:make(#{
         name => Name,
@@ -129,6 +129,8 @@ ways(#{monitors := #{starl_sim_ways_monitor := Ways}}, #{world := World} = Scena
         {ok, #{size := Size} = Floor} -> starl_cli_ways:on(Floor, starl_cli_ways:new(Ways, Size));
         _ -> starl_cli_ways:new(Ways, World)
     end.
+
+drawings(#{monitors := #{starl_sim_drawings_monitor := #{drawings := Drawings}}}) -> Drawings.
 
 %% Reports lost nodes; passes on the status.
 lost(Losses, Status) ->

@@ -2,7 +2,7 @@
 %% the least distance of two robots and the robots that left the floor. Pure but for the picture.
 -module(starl_cli_ways).
 
--export([watch/0, new/2, on/2, least/1, off_floor/1, is_whole/1, until_us/1, csv/1, draw/3]).
+-export([watch/0, new/2, on/2, with/2, least/1, off_floor/1, is_whole/1, until_us/1, csv/1, draw/3]).
 
 -export_type([t/0, least/0, off/0]).
 
@@ -12,7 +12,8 @@
     pieces :: [{starl:robot_id(), starl_trajectory:piece()}],
     paths :: [{starl:robot_id(), [stretch()]}],
     until :: integer(),
-    whole :: boolean()
+    whole :: boolean(),
+    drawings = [] :: [{starl:robot_id(), starl_drawing:t()}]
 }).
 
 -opaque t() :: #ways{}.
@@ -46,6 +47,10 @@ new(#{pieces := Pieces, until_us := Until, is_whole := IsWhole}, World) ->
 %% @doc The ways on a floor plan, which is drawn with them.
 -spec on(starl_floor:t() | none, t()) -> t().
 on(Plan, Ways) -> Ways#ways{plan = Plan}.
+
+%% @doc The ways with what the application has drawn.
+-spec with([{starl:robot_id(), starl_drawing:t()}], t()) -> t().
+with(Drawings, Ways) -> Ways#ways{drawings = Drawings}.
 
 %% A piece that was replaced at the moment when it began was never driven.
 stretches([Last], Until) ->
@@ -158,13 +163,14 @@ chords(From, To, Piece) ->
 
 %% @doc Draws the ways into `ways.svg', and into `ways.png' where the program for it is at hand.
 -spec draw(file:filename(), Title :: unicode:chardata(), t()) -> starl_scene:written().
-draw(Dir, Title, #ways{world = World, paths = Paths, until = Until, plan = Plan}) ->
+draw(Dir, Title, #ways{world = World, paths = Paths, until = Until, plan = Plan} = Ways) ->
     On = maps:from_list([{plan, Plan} || Plan =/= none]),
     Drawing = On#{
         floor => World,
         target => [],
         ink => maps:from_list([{Id, [line(Path)]} || {Id, Path} <- Paths]),
         robots => [robot(Id, lists:last(Path), Until) || {Id, Path} <- Paths],
+        drawings => Ways#ways.drawings,
         title => Title
     },
     case starl_picture_draw:write(Dir, "ways", Drawing) of
