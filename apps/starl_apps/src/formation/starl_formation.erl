@@ -31,9 +31,8 @@
 -define(PACE_MS, 250).
 -define(SPEED, 300).
 -define(NEAR_MM, 150).
-%% From where a robot avoids another, and where they touch: the distance of their centres (mm).
+%% From where a robot avoids another: the distance of their centres (mm).
 -define(SHY_MM, 1000).
--define(TOUCH_MM, 330).
 %% A formation stands so long (ms).
 -define(HOLD_MS, 2000).
 
@@ -116,7 +115,7 @@ step(Robot, #{next := {drive, Round, Place}, tolerance := Tolerance} = State) ->
                     ok = starl:trace(Robot, {in_place, Round, Place}),
                     {continue, State#{next := {wait, Round}}};
                 false ->
-                    _ = drive(Robot, {X, Y}, Place, Mm, State),
+                    _ = drive(Robot, Place, Mm, State),
                     {continue, State}
             end;
         {error, _} ->
@@ -140,29 +139,13 @@ place(Robot, Round, Size, #{order := Order} = State) ->
     ok = starl:draw(Robot, #{key => place, area => starl_drawing:circle(Place, 250)}),
     Place.
 
-%% -- driving --------------------------------------------------------------------------------
-
 %% Near its place a robot drives straight to it; before that it keeps away from others.
-drive(Robot, _At, Place, Mm, _State) when Mm =< ?NEAR_MM ->
+drive(Robot, Place, Mm, _State) when Mm =< ?NEAR_MM ->
     starl:go_to(Robot, Place);
-drive(Robot, {X, Y}, {PX, PY}, Mm, #{spacing := Spacing}) ->
-    Away = min(?SHY_MM, 0.9 * Spacing),
-    Near =
-        case starl:neighbours(Robot, Away) of
-            {ok, Neighbours} -> Neighbours;
-            {error, _} -> []
-        end,
-    Speed = min(?SPEED, Mm),
-    Pushes = [push(Neighbour, Away) || #{distance := D} = Neighbour <- Near, D > 0],
-    VX = Speed * (PX - X) / Mm + lists:sum([DX || {DX, _} <- Pushes]),
-    VY = Speed * (PY - Y) / Mm + lists:sum([DY || {_, DY} <- Pushes]),
-    _ = starl:velocity(Robot, {VX, VY}, 3 * ?PACE_MS),
+drive(Robot, Place, _Mm, #{spacing := Spacing}) ->
+    Shy = min(?SHY_MM, 0.9 * Spacing),
+    _ = starl_avoidance:drive(Robot, Place, #{speed => ?SPEED, shy_mm => Shy, ms => 3 * ?PACE_MS}),
     starl:sleep(Robot, ?PACE_MS).
-
-%% Away from the other and to the right, so that two that meet pass each other.
-push(#{offset := {DX, DY}, distance := D}, Away) ->
-    By = ?SPEED * (Away - D) / max(1, Away - ?TOUCH_MM) / D,
-    {By * (-DX + 0.7 * DY), By * (-DY - 0.7 * DX)}.
 
 %% -- the report -----------------------------------------------------------------------------
 

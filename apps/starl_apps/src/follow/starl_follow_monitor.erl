@@ -1,0 +1,112 @@
+%% @doc The contract of following: in one life a robot never turns from a later term to an earlier one; and
+%% while robots drive, a minute after all faults at the latest, never is a minute without a leader.
+%%
+%% Events of machine `app': {@link starl_follow:event()}, `crashed', `done'; of machine `robot': `up',
+%% `died'; of machine `supervisor': `given_up'.
+-module(starl_follow_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0]).
+
+-record(state, {
+    %% the robots that drive; none when the first is done, since all drive for the same time
+    left :: [starl:robot_id()],
+    healed :: integer() | never,
+    terms = #{} :: #{starl:robot_id() => non_neg_integer()},
+    leaders = #{} :: #{starl:robot_id() => true},
+    %% when somebody led last, and the longest time between
+    led = 0 :: integer(),
+    longest = 0 :: integer(),
+    told = false :: boolean()
+}).
+
+-define(WITHIN_US, 60000000).
+
+-spec init(#{robots := [starl:robot_id()], healed_us => integer() | never}) -> #state{}.
+init(#{robots := Robots} = Config) ->
+    #state{left = Robots, healed = maps:get(healed_us, Config, 0)}.
+
+%% @doc When all faults are over.
+-spec context(starl_monitor:known(), map()) -> map().
+context(#{healed_us := Healed}, Config) -> Config#{healed_us => Healed}.
+
+-spec interests() -> [atom()].
+interests() -> [app, robot, supervisor].
+
+%% @doc {@link starl_follow:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() -> #{app => [{leads, 1}, {follows, 2}]}.
+
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, _, _, _} = Event, State) ->
+    case late(T, State) of
+        {[Violation], Next} -> {violation, Violation, judged(Event, Next)};
+        {[], _} -> judge(Event, State)
+    end.
+
+judged(Event, State) ->
+    case judge(Event, State) of
+        {ok, Next} -> Next;
+        {violation, _, Next} -> Next
+    end.
+
+judge({T, Robot, app, {leads, Term}}, #state{leaders = Leaders} = State) ->
+    Led = lead(T, State#state{leaders = Leaders#{Robot => true}}),
+    term(T, Robot, Term, Led);
+judge({T, Robot, app, {follows, Term, _}}, State) ->
+    term(T, Robot, Term, State);
+judge({_, Robot, app, crashed}, #state{terms = Terms} = State) ->
+    {ok, State#state{terms = maps:remove(Robot, Terms)}};
+judge({T, _, app, {done, _}}, State) ->
+    {ok, (lead(T, State))#state{left = []}};
+judge({T, Robot, Machine, {Gone, _}}, #state{left = [_ | _] = Left} = State) when
+    Machine =:= robot, Gone =:= died; Machine =:= supervisor, Gone =:= given_up
+->
+    case lists:delete(Robot, Left) of
+        [] -> {ok, (lead(T, State))#state{left = []}};
+        Others -> {ok, State#state{left = Others}}
+    end;
+judge(_Event, State) ->
+    {ok, State}.
+
+lead(_T, #state{left = []} = State) ->
+    State;
+lead(T, #state{led = Led, longest = Longest} = State) ->
+    State#state{led = T, longest = max(Longest, T - Led)}.
+
+term(T, Robot, Term, #state{terms = Terms} = State) ->
+    Next = State#state{terms = Terms#{Robot => Term}},
+    case Terms of
+        #{Robot := Later} when Later > Term ->
+            Details = #{term => Term, after_term => Later},
+            {violation, violation(went_back, T, [Robot], Details), Next};
+        #{} ->
+            {ok, Next}
+    end.
+
+%% Nobody has led in time.
+late(T, #state{left = [_ | _] = Left, healed = Healed, led = Led, told = false} = State) when
+    Healed =/= never
+->
+    Due = max(Led, Healed) + ?WITHIN_US,
+    case T > Due of
+        true -> {[violation(nobody_leads, Due, Left, #{})], State#state{told = true}};
+        false -> {[], State}
+    end;
+late(_T, State) ->
+    {[], State}.
+
+violation(What, T, Robots, Details) ->
+    #{contract => follow, what => What, at_us => T, robots => Robots, details => Details}.
+
+%% @doc Results: the number of robots that have led, and the longest time without a leader.
+-spec finish(integer(), #state{}) -> {ok | {violation, [starl_monitor:violation(), ...]}, map()}.
+finish(EndUs, State) ->
+    {Late, Last} = late(EndUs, State),
+    #state{leaders = Leaders, longest = Longest} = lead(EndUs, Last),
+    Results = #{leaders => map_size(Leaders), longest_us => Longest},
+    case Late of
+        [] -> {ok, Results};
+        _ -> {{violation, Late}, Results}
+    end.
