@@ -3,7 +3,7 @@
 %% one by the bully algorithm, in the next term; who hears of a later term follows its leader.
 %% ```
 %%   leader                                followers
-%%      |--- beat Term, {X, Y} ------------->|   each half second; they drive along its trail
+%%      |--- beat Term, {X, Y}, Goal ------->|   each half second; they drive along its trail
 %%      (dies)                               |   three seconds without a beat
 %%                                           |--- elect {lead, Term + 1}: the highest alive leads
 %% '''
@@ -30,6 +30,8 @@
     gap := number(),
     goals => [starl_geometry:point(), ...],
     leader => starl:robot_id(),
+    %% to which corner the leader drives
+    goal => starl_geometry:point(),
     trail => [starl_geometry:point(), ...]
 }.
 
@@ -89,16 +91,19 @@ step(Robot, #{role := Role, until := Until, term := Term} = State) ->
 act(elect, Robot, #{term := Before} = State) ->
     {Me, Term} = {starl:id(Robot), Before + 1},
     case starl_election:elect(Robot, {lead, Term}, ?PATIENCE_MS) of
-        {ok, Me} -> State#{role := lead, term := Term, goals => course(Robot)};
-        {ok, Leader} -> follow(Robot, Term, Leader, State);
-        {error, _} -> State#{term := Term}
+        {ok, Me} ->
+            maps:remove(leader, State#{role := lead, term := Term, goals => course(Robot, State)});
+        {ok, Leader} ->
+            follow(Robot, Term, Leader, State);
+        {error, _} ->
+            State#{term := Term}
     end;
 act(lead, Robot, #{term := Term, goals := [Goal | Goals]} = State) ->
     Next =
         case starl:position(Robot) of
             {ok, {X, Y, _}} ->
                 ok = starl:trace(Robot, {leads, Term}),
-                ok = beat(Robot, Term, {X, Y}),
+                ok = beat(Robot, Term, {X, Y}, Goal),
                 _ = drive(Robot, {X, Y}, Goal, ?SPEED, State),
                 case starl_geometry:distance({X, Y}, Goal) < ?NEAR_MM of
                     true -> State#{goals := Goals ++ [Goal]};
@@ -116,9 +121,9 @@ act(follow, Robot, State) ->
 
 %% -- beats ----------------------------------------------------------------------------------
 
-beat(Robot, Term, {X, Y}) ->
+beat(Robot, Term, {X, Y}, Goal) ->
     Others = lists:delete(starl:id(Robot), starl:participants(Robot)),
-    _ = [ok = starl:post(Robot, Other, beat, {Term, {X, Y}}) || Other <- Others],
+    _ = [ok = starl:post(Robot, Other, beat, {Term, {X, Y}, Goal}) || Other <- Others],
     Text = io_lib:format("leads, term ~b", [Term]),
     starl:draw(Robot, #{key => role, text => Text, at => {X + 250, Y + 250}, seconds => 1}).
 
@@ -137,12 +142,12 @@ rivals(_Robot, _Until, State) ->
     State.
 
 %% Of two leaders of one term, whom lost messages can make, the one with the higher number leads.
-heard({ok, From, {Term, At}}, Robot, #{role := follow, term := Term, leader := From} = State) ->
-    behind(Robot, At, State);
-heard({ok, From, {Term, At}}, Robot, #{term := Known} = State) ->
+heard({ok, From, {Term, At, Goal}}, Robot, #{term := Term, leader := From} = State) ->
+    behind(Robot, At, State#{goal => Goal});
+heard({ok, From, {Term, At, Goal}}, Robot, #{term := Known} = State) ->
     Rival = maps:get(leader, State, starl:id(Robot)),
     case Term > Known orelse (Term =:= Known andalso From > Rival) of
-        true -> behind(Robot, At, follow(Robot, Term, From, State));
+        true -> behind(Robot, At, follow(Robot, Term, From, State#{goal => Goal}));
         false -> State
     end.
 
@@ -187,7 +192,7 @@ drive(Robot, {X, Y}, Goal, Speed, #{gap := Gap}) ->
     end.
 
 %% The corners of the course.
-course(Robot) ->
+course(Robot, State) ->
     case starl:floor(Robot) of
         {ok, #{size := {W, H}}} ->
             Corners = [
@@ -195,18 +200,20 @@ course(Robot) ->
             ],
             Shape = #{key => course, line => Corners ++ [hd(Corners)], colour => grey},
             ok = starl:draw(Robot, Shape),
-            nearest(starl:position(Robot), Corners);
+            first(State, starl:position(Robot), Corners);
         {error, _} ->
-            course(Robot)
+            course(Robot, State)
     end.
 
-%% The course begins at the nearest corner.
-nearest({ok, {X, Y, _}}, Corners) ->
-    {_, First} = lists:min([{starl_geometry:distance({X, Y}, C), C} || C <- Corners]),
+%% The course goes on with the corner to which the leader before drove, or begins at the nearest.
+first(#{goal := Goal}, _Pose, Corners) -> from(Goal, Corners);
+first(_State, {ok, {X, Y, _}}, Corners) -> from({X, Y}, Corners);
+first(_State, {error, _}, Corners) -> Corners.
+
+from(Point, Corners) ->
+    {_, First} = lists:min([{starl_geometry:distance(Point, C), C} || C <- Corners]),
     {Before, After} = lists:splitwith(fun(C) -> C =/= First end, Corners),
-    After ++ Before;
-nearest({error, _}, Corners) ->
-    Corners.
+    After ++ Before.
 
 %% -- the report -----------------------------------------------------------------------------
 

@@ -1,6 +1,6 @@
 %% @doc Drives towards a point and keeps away from other robots, for a short time: a velocity that is the sum of
-%% one towards the goal and of pushes away from all that are near, each a little to the right, so that
-%% two that meet pass each other. A courtesy, without a guarantee: what must never touch goes by path planning
+%% one towards the goal and of pushes away from all that are near and ahead, each a little to the right, so
+%% that two that meet pass each other. A courtesy, without a guarantee: what must never touch goes by path planning
 %% (`starl_dpp').
 -module(starl_avoidance).
 
@@ -21,8 +21,9 @@
 drive(Robot, Goal, #{shy_mm := Shy, ms := Ms} = Options) ->
     case {starl:position(Robot), starl:neighbours(Robot, Shy)} of
         {{ok, {X, Y, _}}, {ok, Near}} ->
-            Pushes = [push(N, Options) || #{distance := D} = N <- Near, D > 0],
-            starl:velocity(Robot, sum([pull({X, Y}, Goal, Options) | Pushes]), Ms);
+            Pull = pull({X, Y}, Goal, Options),
+            Pushes = [push(N, Options) || #{distance := D} = N <- Near, D > 0, is_ahead(N, Pull)],
+            starl:velocity(Robot, sum([Pull | Pushes]), Ms);
         {{error, _} = Error, _} ->
             Error;
         {_, {error, _} = Error} ->
@@ -34,6 +35,9 @@ pull({X, Y}, {GX, GY}, #{speed := Speed}) ->
         D when D > 0 -> {min(Speed, D) / D * (GX - X), min(Speed, D) / D * (GY - Y)};
         _ -> {0.0, 0.0}
     end.
+
+%% Who comes from behind keeps away himself.
+is_ahead(#{offset := {DX, DY}}, {VX, VY}) -> DX * VX + DY * VY >= 0.
 
 push(#{offset := {DX, DY}, distance := D}, #{speed := Speed, shy_mm := Shy}) ->
     By = Speed * (Shy - D) / max(1, Shy - ?TOUCH_MM) / D,
