@@ -20,6 +20,8 @@
     %% the profiles of the robots, taken in turn
     profiles := starl_chassis:profiles(),
     sap := starl_sap:config(),
+    %% of the radio, mm; `none': everybody hears everybody
+    range => number() | none,
     options := #{atom() => term()}
 }.
 

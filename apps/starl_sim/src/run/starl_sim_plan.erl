@@ -50,6 +50,7 @@ context(App, Floor, #{robots := N, world := World, seed := Seed} = Scenario) ->
         seed => Seed,
         profiles => profiles(#{}, Scenario),
         sap => sap(Scenario),
+        range => maps:get(range, Scenario, none),
         options => maps:with([Key || {Key, _, _, _} <- starl_app:options(App)], Scenario)
     }.
 

@@ -1,0 +1,183 @@
+%% @doc An intersection: robots drive round a road in the form of an eight. A token of mutual exclusion guards
+%% each section of the road, and one the crossing, which both strands share: a robot acquires the next
+%% section, drives there, and releases the one behind it.
+%%
+%% A token's lease may run out while its robot, cut off or dead, still stands in the section; so a robot also
+%% looks whether anybody is there before it drives.
+%%
+%% Measures: `wait_s', how long a robot has waited for a section, and `passes_per_min', how often it
+%% passes the crossing. Trace: {@link event()} (see {@link starl_crossing_monitor}).
+-module(starl_crossing).
+-behaviour(starl_app).
+-behaviour(starl_scene).
+
+-export([init/2, step/2]).
+-export([options/0, scene/1, guarantees/0, measures/0, report/2]).
+
+-export_type([event/0]).
+
+%% The robot is in the crossing.
+-type event() :: passes.
+
+%% `held': whether it holds the token of the section where it is. Times by the robot's own clock (ms).
+-type state() :: #{
+    road := [starl_geometry:point(), ...],
+    begun := integer(),
+    until := integer(),
+    at := non_neg_integer(),
+    held := boolean(),
+    passes := non_neg_integer()
+}.
+
+-define(PATIENCE_MS, 5000).
+-define(LOOK_MS, 500).
+%% A section is free if no robot is nearer than this to its middle (mm).
+-define(FREE_MM, 700).
+
+-spec options() -> [starl_options:option()].
+options() ->
+    [{duration, {integer, 1, 86400}, 120, "how long they drive, s"}].
+
+-spec measures() -> [{atom(), string()}].
+measures() ->
+    [
+        {wait_s, "waiting for a section of the road, s"},
+        {passes_per_min, "passes of the crossing by a robot per minute"}
+    ].
+
+%% @doc What those who drive may rely on.
+-spec guarantees() -> [starl_guarantee:t()].
+guarantees() ->
+    [
+        {apart, safety, "no two robots come nearer to each other than half a metre", [
+            {mutex, exclusion}, {motion, line}, delivery, alive, no_restart, positions
+        ]}
+    ].
+
+%% @doc The road on the floor of the run, with the robots on it.
+-spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
+scene(#{robots := Ids, world := World, options := Options}) ->
+    Road = starl_crossing_road:sections(World),
+    Most = starl_crossing_road:most(Road),
+    case length(Ids) =< Most of
+        true ->
+            {ok, #{
+                app => {sequential, starl_crossing, Options#{road => Road}},
+                blocks => [starl_mutex],
+                poses => maps:from_list(starl_crossing_road:starts(Ids, Road)),
+                monitors => [{starl_crossing_monitor, #{}}],
+                never_crashes => true
+            }};
+        false ->
+            Why = "this road has room for ~b robots: use fewer, or a larger floor (--world)",
+            {error, io_lib:format(Why, [Most])}
+    end.
+
+-spec init(starl:robot(), map()) -> state().
+init(Robot, #{road := Road, duration := Seconds}) ->
+    Now = starl:now(Robot),
+    At = section(starl:position(Robot), Robot, Road),
+    ok = draw(Robot, Road),
+    #{
+        road => Road,
+        begun => Now,
+        until => Now + 1000 * Seconds,
+        at => At,
+        held => acquired(starl_mutex:acquire(Robot, token(At, Road), ?PATIENCE_MS)),
+        passes => 0
+    }.
+
+section({ok, {X, Y, _}}, _Robot, Road) ->
+    starl_crossing_road:nearest({X, Y}, Road);
+section({error, _}, Robot, Road) ->
+    ok = starl:sleep(Robot, ?LOOK_MS),
+    section(starl:position(Robot), Robot, Road).
+
+acquired({ok, _Fence}) -> true;
+acquired({error, _}) -> false.
+
+token(At, Road) -> starl_crossing_road:token(At, Road).
+
+-spec step(starl:robot(), state()) -> {continue, state()} | {done, Passes :: non_neg_integer()}.
+step(Robot, #{road := Road, until := Until, at := At, passes := Passes} = State) ->
+    Now = starl:now(Robot),
+    Next = (At + 1) rem length(Road),
+    case Now < Until andalso starl_mutex:acquire(Robot, token(Next, Road), ?PATIENCE_MS) of
+        false ->
+            _ = maps:get(held, State) andalso starl_mutex:release(Robot, token(At, Road)),
+            {done, Passes};
+        {error, _} ->
+            {continue, State};
+        {ok, _Fence} ->
+            ok = starl:measure(Robot, wait_s, (starl:now(Robot) - Now) / 1000),
+            Place = lists:nth(Next + 1, Road),
+            case is_free(Robot, Place) of
+                true ->
+                    Area = starl_drawing:circle(Place, ?FREE_MM / 2),
+                    ok = starl:draw(Robot, #{key => section, area => Area}),
+                    Driven = drive(Robot, Place),
+                    {continue, left(Driven, Robot, Next, State)};
+                false ->
+                    _ = starl_mutex:release(Robot, token(Next, Road)),
+                    ok = starl:sleep(Robot, ?LOOK_MS),
+                    {continue, State}
+            end
+    end.
+
+is_free(Robot, Place) ->
+    case starl:positions(Robot) of
+        {ok, Poses} ->
+            Others = maps:values(maps:remove(starl:id(Robot), Poses)),
+            [near || {X, Y, _} <- Others, starl_geometry:distance({X, Y}, Place) < ?FREE_MM] =:= [];
+        {error, _} ->
+            false
+    end.
+
+drive(Robot, Place) ->
+    case starl:go_to(Robot, Place) of
+        ok ->
+            ok;
+        {error, _} ->
+            ok = starl:sleep(Robot, ?LOOK_MS),
+            drive(Robot, Place)
+    end.
+
+%% The section behind is free again.
+left(ok, Robot, Next, #{road := Road, at := At, held := Held} = State) ->
+    _ = Held andalso starl_mutex:release(Robot, token(At, Road)),
+    passed(token(Next, Road), Robot, State#{at := Next, held := true}).
+
+passed(crossing, Robot, #{passes := Passes, begun := Begun} = State) ->
+    ok = starl:trace(Robot, passes),
+    Minutes = max(1, starl:now(Robot) - Begun) / 60000,
+    ok = starl:measure(Robot, passes_per_min, (Passes + 1) / Minutes),
+    State#{passes := Passes + 1};
+passed(_Section, _Robot, State) ->
+    State.
+
+%% One robot shows the road.
+draw(Robot, Road) ->
+    case hd(starl:participants(Robot)) =:= starl:id(Robot) of
+        true ->
+            ok = starl:draw(Robot, #{key => road, line => Road ++ [hd(Road)], colour => grey}),
+            Crossing = starl_drawing:circle(hd(Road), ?FREE_MM),
+            starl:draw(Robot, #{key => crossing, area => Crossing, colour => orange});
+        false ->
+            ok
+    end.
+
+%% @doc How often the crossing was passed, and how near robots came to each other.
+-spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
+report(_Scene, #{end_us := EndUs, monitors := #{starl_crossing_monitor := Results}}) ->
+    #{passes := Passes, least_mm := Least} = Results,
+    PerMinute = Passes * 6.0e7 / max(1, EndUs),
+    #{
+        figures => [{passes, Passes}, {throughput_per_min, PerMinute}, {least_mm, Least}],
+        formats => #{
+            throughput_per_min => #{
+                decimals => 2, label => "passes of the crossing per minute", plotted => true
+            },
+            least_mm => #{decimals => 1, rounded => down}
+        },
+        done => io_lib:format("~b passes of the crossing, ~.1f a minute", [Passes, PerMinute])
+    }.

@@ -1,0 +1,74 @@
+%% @doc The contract of the intersection: no two robots come nearer to each other than half a metre. Excused is
+%% what happens in a fault, or up to half a minute after it: a lease that ran out while a robot was cut
+%% off, or down, leaves it in a section that another may get.
+%%
+%% Events of machine `chassis': `motion'; of machine `app': {@link starl_crossing:event()}.
+-module(starl_crossing_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0]).
+
+-record(state, {
+    separation = starl_separation:new(500.0) :: starl_separation:t(),
+    faults :: [starl_assumption:window()],
+    passes = 0 :: non_neg_integer()
+}).
+
+-define(AFTER_US, 30000000).
+
+-spec init(#{faults => [starl_assumption:window()]}) -> #state{}.
+init(Config) -> #state{faults = maps:get(faults, Config, [])}.
+
+%% @doc All faults.
+-spec context(starl_monitor:known(), map()) -> map().
+context(#{broken := Broken, faults := Faults, bodies := Bodies}, Config) ->
+    Config#{faults => Broken ++ Faults ++ Bodies}.
+
+-spec interests() -> [atom()].
+interests() -> [chassis, app].
+
+%% @doc {@link starl_crossing:event()}.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() -> #{app => [{passes, 0}]}.
+
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, Robot, chassis, {motion, Piece}}, #state{separation = Before} = State) ->
+    {Met, Advanced} = starl_separation:advance(T, Before),
+    Next = State#state{separation = starl_separation:motion(Robot, Piece, Advanced)},
+    case judged(Met, State) of
+        [] -> {ok, Next};
+        [Violation | _] -> {violation, Violation, Next}
+    end;
+step({_, _, app, passes}, #state{passes = Passes} = State) ->
+    {ok, State#state{passes = Passes + 1}};
+step(_Event, State) ->
+    {ok, State}.
+
+judged(Met, #state{faults = Faults}) ->
+    [
+        #{
+            contract => crossing,
+            what => too_near,
+            at_us => At,
+            robots => [A, B],
+            details => #{mm => Mm}
+        }
+     || {Mm, At, {A, B}} <- Met,
+        not lists:any(
+            fun({_, From, To, _}) -> From =< At andalso At =< To + ?AFTER_US end, Faults
+        )
+    ].
+
+%% @doc Results: the passes of the crossing, and the least distance of two robots (mm).
+-spec finish(integer(), #state{}) -> {ok | {violation, [starl_monitor:violation(), ...]}, map()}.
+finish(EndUs, #state{separation = Separation, passes = Passes} = State) ->
+    {Met, Least} = starl_separation:finish(EndUs, Separation),
+    Results = #{passes => Passes, least_mm => least(Least)},
+    case judged(Met, State) of
+        [] -> {ok, Results};
+        Violations -> {{violation, Violations}, Results}
+    end.
+
+least({Mm, _, _}) -> Mm;
+least(none) -> null.

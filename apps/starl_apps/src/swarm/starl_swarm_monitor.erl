@@ -1,0 +1,152 @@
+%% @doc Who must hear a message of the swarm, also over several hops of a short radio: each robot that at the
+%% sending is well inside the area and that a chain of robots links to the sender, each well within the
+%% radio's range of the next. "Well": also if all drive as fast as they can for a second, the time in
+%% which the message must be there.
+%%
+%% Not judged are messages on a radio that loses packets, in slow ones a chain of too many hops, and
+%% messages with a fault during that second or up to five seconds before. That nobody else hears, the
+%% contract of geocast judges ({@link starl_geocast_monitor}).
+%%
+%% Events of machine `geocast': {@link starl_geocast_flood:event()}; of machine `chassis': `motion'; of
+%% machine `robot': `died'.
+-module(starl_swarm_monitor).
+-behaviour(starl_monitor).
+
+-export([init/1, context/2, step/2, finish/2, interests/0]).
+
+-type id() :: {starl:robot_id(), pos_integer(), pos_integer()}.
+
+-record(state, {
+    range :: number() | none,
+    %% how far a robot drives in the time of a message (mm)
+    drive :: float(),
+    loss :: number(),
+    hops :: non_neg_integer(),
+    faults :: [starl_assumption:window()],
+    pieces = #{} :: #{starl:robot_id() => starl_trajectory:piece()},
+    %% the messages on their way, the latest first, with those that still have to hear
+    open = [] :: [{id(), DueUs :: integer(), [starl:robot_id()]}],
+    owed = 0 :: non_neg_integer(),
+    missing = 0 :: non_neg_integer()
+}).
+
+-define(WITHIN_US, 1000000).
+-define(BEFORE_US, 5000000).
+%% Packets of a hop: an offer, a question, an answer, each with the longest delay and a wait.
+-define(PACKETS, 3).
+-define(WAIT_US, 10000).
+
+-spec init(#{
+    range_mm := number() | none,
+    speed := number(),
+    loss => number(),
+    delay_us => non_neg_integer(),
+    faults => [starl_assumption:window()]
+}) -> #state{}.
+init(#{range_mm := Range, speed := Speed} = Config) ->
+    Hop = ?PACKETS * (maps:get(delay_us, Config, 0) + ?WAIT_US),
+    #state{
+        range = Range,
+        drive = Speed * ?WITHIN_US / 1.0e6,
+        loss = maps:get(loss, Config, 0),
+        hops = ?WITHIN_US div Hop,
+        faults = maps:get(faults, Config, [])
+    }.
+
+%% @doc The faults, without the window of the whole run that stands for a limited range.
+-spec context(starl_monitor:known(), map()) -> map().
+context(#{broken := Broken, faults := Faults, bodies := Bodies} = Known, Config) ->
+    Own = [Window || {Who, From, _, _} = Window <- Faults, {Who, From} =/= {all, 0}],
+    (maps:merge(maps:with([loss, delay_us], Known), Config))#{faults => Broken ++ Own ++ Bodies}.
+
+-spec interests() -> [atom()].
+interests() -> [geocast, chassis, robot].
+
+-spec step(starl_monitor:trace_event(), #state{}) ->
+    {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, _, _, _} = Event, State) ->
+    {Late, Next} = late(T, State),
+    case Late of
+        [] -> {ok, note(Event, Next)};
+        [Violation | _] -> {violation, Violation, note(Event, Next)}
+    end.
+
+note({_, Robot, chassis, {motion, Piece}}, #state{pieces = Pieces} = State) ->
+    State#state{pieces = Pieces#{Robot => Piece}};
+note({_, Robot, robot, {died, _}}, #state{pieces = Pieces} = State) ->
+    State#state{pieces = maps:remove(Robot, Pieces)};
+note({T, Robot, geocast, {sent, Id, Area, _Lifetime, _Hash}}, State) ->
+    case due(T, Robot, Area, State) of
+        [] ->
+            State;
+        Due ->
+            #state{open = Open, owed = Owed} = State,
+            State#state{open = [{Id, T + ?WITHIN_US, Due} | Open], owed = Owed + length(Due)}
+    end;
+note({_, Robot, geocast, {delivered, Id, _Hash}}, #state{open = Open} = State) ->
+    State#state{open = [heard(Robot, Id, One) || One <- Open]};
+note(_Event, State) ->
+    State.
+
+heard(Robot, Id, {Id, Due, Robots}) -> {Id, Due, lists:delete(Robot, Robots)};
+heard(_Robot, _Id, Other) -> Other.
+
+due(_T, _Robot, _Area, #state{loss = Loss}) when Loss > 0 ->
+    [];
+due(T, Robot, Area, #state{faults = Faults, drive = Drive} = State) ->
+    case [W || {_, From, To, _} = W <- Faults, From =< T + ?WITHIN_US, To >= T - ?BEFORE_US] of
+        [] ->
+            Places = maps:map(
+                fun(_, Piece) -> starl_trajectory:position(T, Piece) end, State#state.pieces
+            ),
+            [
+                Id
+             || Id <- reached(
+                    State#state.hops, [Robot], maps:without([Robot], Places), Places, State
+                ),
+                starl_geocast_area:depth(maps:get(Id, Places), Area) > Drive
+            ];
+        _ ->
+            []
+    end.
+
+%% All robots that so many hops reach.
+reached(0, _Edge, _Others, _Places, _State) ->
+    [];
+reached(_Hops, [], _Others, _Places, _State) ->
+    [];
+reached(Hops, Edge, Others, Places, #state{range = Range, drive = Drive} = State) ->
+    Next = [
+        Id
+     || {Id, At} <- lists:sort(maps:to_list(Others)),
+        Range =:= none orelse
+            lists:any(
+                fun(From) ->
+                    starl_geometry:distance(At, maps:get(From, Places)) + 2 * Drive < Range
+                end,
+                Edge
+            )
+    ],
+    Next ++ reached(Hops - 1, Next, maps:without(Next, Others), Places, State).
+
+late(T, #state{open = Open, missing = Missing} = State) ->
+    {Over, Waiting} = lists:partition(fun({_, Due, _}) -> Due < T end, Open),
+    Late = [violation(Id, Due, Robots) || {Id, Due, [_ | _] = Robots} <- lists:reverse(Over)],
+    {Late, State#state{open = Waiting, missing = Missing + length(Late)}}.
+
+violation(Id, Due, Robots) ->
+    #{
+        contract => swarm,
+        what => not_heard,
+        at_us => Due,
+        robots => Robots,
+        details => #{message => Id}
+    }.
+
+%% @doc Results: how many times a message had to be heard.
+-spec finish(integer(), #state{}) -> {ok | {violation, [starl_monitor:violation(), ...]}, map()}.
+finish(EndUs, State) ->
+    case late(EndUs, State) of
+        {[], #state{owed = Owed}} -> {ok, #{owed => Owed}};
+        {Late, #state{owed = Owed}} -> {{violation, Late}, #{owed => Owed}}
+    end.
