@@ -17,7 +17,8 @@
     a_button_does_not_take_the_keys/1,
     an_answer_stands_at_its_form/1,
     a_large_team_is_reachable/1,
-    what_is_not_judged_is_said/1
+    what_is_not_judged_is_said/1,
+    what_an_application_draws_is_shown/1
 ]).
 
 -define(B, starl_view_browser).
@@ -37,7 +38,8 @@ all() ->
         a_button_does_not_take_the_keys,
         an_answer_stands_at_its_form,
         a_large_team_is_reachable,
-        what_is_not_judged_is_said
+        what_is_not_judged_is_said,
+        what_an_application_draws_is_shown
     ].
 
 init_per_suite(Config) ->
@@ -284,6 +286,42 @@ what_is_not_judged_is_said(Config) ->
         ok = Shows("motion kept,sap not judged from 2.000 s on"),
         ?B:eval("location.reload()", Browser),
         Shows("motion not judged from 3.500 s on,sap not judged from 2.000 s on")
+    end).
+
+%% A drawing is there from when it is drawn until its life ends or another one of its key takes its place; a
+%% page that comes later shows it, too.
+what_an_application_draws_is_shown(Config) ->
+    shown(grid(2), Config, fun(Browser, Hub) ->
+        %% the colour of a place of the floor, after the next frame
+        Pixel =
+            "[...starl.floor.context.getImageData(starl.floor.x(5000), starl.floor.y(5000), 1, 1).data].join()",
+        Bare = ?B:eval(Pixel, Browser),
+        Square = fun(At, Robot, Key, Life, Points) ->
+            {trace, At,
+                {Robot, app,
+                    {draw, #{
+                        key => Key,
+                        kind => area,
+                        points => Points,
+                        text => <<>>,
+                        life_us => Life,
+                        colour => red
+                    }}}}
+        end,
+        Points = [{4000, 4000}, {6000, 4000}, {6000, 6000}, {4000, 6000}],
+        Rows = fun(Message) -> starl_view_row:of_message(Message) end,
+        Is = fun(Sign) -> ?B:await([Pixel, Sign, "'", Bare, "'"], Browser) end,
+        ok = told(Rows(Square(2000000, 1, a, 500000, Points)), 2100000, Hub),
+        ok = Is(" !== "),
+        ok = told([], 3000000, Hub),
+        ok = Is(" === "),
+        ok = told(Rows(Square(3000000, 1, {b, 1}, infinity, Points)), 3500000, Hub),
+        ok = Is(" !== "),
+        ?B:eval("location.reload()", Browser),
+        ok = ?B:await("window.starl && starl.floor.view && true", Browser),
+        ok = Is(" !== "),
+        ok = told(Rows(Square(4000000, 1, {b, 1}, infinity, [])), 4500000, Hub),
+        Is(" === ")
     end).
 
 %% After a click keys work as before, and space does not press the button again; a button that the keyboard has

@@ -6,6 +6,7 @@
 %%   ["m", T, Robot, 1, T0, X, Y, Heading, VX0, VY0, VX1, VY1, Us]                          a ramp
 %%   ["a", T, Robot, Device, Value]                                   an actuator, such as the pen
 %%   ["r", T, Robot, [[X1, Y1, X2, Y2], ...]]              the centre lines of the tubes it holds
+%%   ["g", T, Robot, Key, Kind, Colour, [X, Y, ...], Text, LifeUs]   an application's drawing; 0: it stays
 %%   ["s", T, Robot, Id, [To, ...], Type]                                   a message begins its way
 %%   ["d", T, Robot, Id, Type]                                                   it is delivered
 %%   ["o", T, Robot, Id, At, Outcome]                   acknowledged, lost or restarted at a robot
@@ -56,6 +57,8 @@ of_event(chassis, {actuated, Device, Value}, T, Robot) ->
     [[<<"a">>, T, Robot, text(Device, ?LENGTH), text(Value, ?LENGTH)]];
 of_event(chassis, {sensed, Sense}, T, Robot) ->
     [[<<"x">>, T, Robot, chassis, text(Sense, ?LENGTH)]];
+of_event(app, {draw, #{kind := _} = Drawing}, T, Robot) ->
+    [drawing(Drawing, T, Robot)];
 of_event(sap, {sent, Id, To, Type, _}, T, Robot) ->
     [[<<"s">>, T, Robot, id(Id), To, type(Type)]];
 of_event(sap, {delivered, Id, Type, _}, T, Robot) ->
@@ -76,6 +79,18 @@ of_event(_Coordinator, {assigned, Of, _Request, Lines}, T, _) when is_integer(Of
     held(T, Of, Lines);
 of_event(_Machine, _Event, _T, _Robot) ->
     [].
+
+drawing(#{key := Key, kind := Kind, points := Points, text := Text} = Drawing, T, Robot) ->
+    #{colour := Colour, life_us := Life} = Drawing,
+    Numbers = lists:append([[round(X), round(Y)] || {X, Y} <- Points]),
+    [<<"g">>, T, Robot, text(Key, ?LENGTH), Kind, css(Colour), Numbers, Text, life(Life)].
+
+%% The page knows the colours of robots.
+css(own) -> own;
+css(Name) -> list_to_binary(proplists:get_value(Name, starl_drawing:colours())).
+
+life(infinity) -> 0;
+life(Us) -> Us.
 
 piece({piece, T0, X, Y, Heading, V, W}) ->
     [0, T0, X, Y, Heading, V, W];

@@ -9,6 +9,8 @@
 -define(MOST_INK, 100000).
 -define(TOLERANCE_MM, 3.0).
 -define(MOST_SAID, 1000).
+%% With more last rows than these, no further key of drawings is kept.
+-define(MOST_LAST, 20000).
 
 -record(state, {
     %% the last rows of a kind, by robot (and device)
@@ -34,6 +36,10 @@ add([<<"a">>, T, Robot, Device | _] = Row, #state{last = Last} = State) ->
     (stroke(T, Robot, State))#state{last = Last#{{a, Robot, Device} => Row}};
 add([<<"r">>, _, Robot | _] = Row, #state{last = Last} = State) ->
     State#state{last = Last#{{r, Robot} => Row}};
+add([<<"g">>, _, Robot, Key | _] = Row, #state{last = Last} = State) when
+    map_size(Last) < ?MOST_LAST; is_map_key({g, Robot, Key}, Last)
+->
+    State#state{last = Last#{{g, Robot, Key} => Row}};
 add([Kind | _] = Row, #state{said = Said} = State) when
     Kind =:= <<"f">>; Kind =:= <<"v">>; Kind =:= <<"u">>; Kind =:= <<"x">>
 ->

@@ -131,6 +131,7 @@ export class Floor {
     g.drawImage(this.groundLayer, 0, 0);
     if (this.show.tubes) this.tubes(g, t);
     if (this.show.ink) this.ink(g, t);
+    this.drawings(g, t);
     if (this.show.ways && poses.length <= 200) this.ways(g, t);
     this.obstacles(g, t);
     this.cuts(g, t, at);
@@ -263,6 +264,36 @@ export class Floor {
     }
     g.globalAlpha = 1;
     g.lineCap = 'butt';
+  }
+  // What applications draw.
+  drawings(g, t) {
+    const px = this.ratio;
+    g.font = `${13 * px}px system-ui, sans-serif`;
+    g.textAlign = 'left';
+    g.textBaseline = 'alphabetic';
+    for (const robot of this.team.robots.values())
+      for (const { kind, colour, points, text } of robot.drawings(t)) {
+        g.fillStyle = g.strokeStyle = colour === 'own' ? this.colour(robot.id) : colour;
+        g.lineWidth = 1.5 * px;
+        if (kind === 'text') { g.fillText(text, this.x(points[0]), this.y(points[1])); continue; }
+        g.beginPath();
+        for (let i = 0; i < points.length; i += 2) {
+          const [x, y] = [this.x(points[i]), this.y(points[i + 1])];
+          if (kind === 'points') { g.moveTo(x + 4 * px, y); g.arc(x, y, 4 * px, 0, 7); }
+          else if (i === 0) g.moveTo(x, y);
+          else g.lineTo(x, y);
+        }
+        if (kind === 'points') { g.fill(); continue; }
+        if (kind === 'line') g.setLineDash([5 * px, 4 * px]);
+        else {
+          g.closePath();
+          g.globalAlpha = 0.15;
+          g.fill();
+          g.globalAlpha = 1;
+        }
+        g.stroke();
+        g.setLineDash([]);
+      }
   }
   // Ink only grows, so it is drawn once, on a layer of its own.
   ink(g, t) {

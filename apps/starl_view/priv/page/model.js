@@ -2,7 +2,8 @@
 // any moment of it can be shown. It is bounded: of a very long run the oldest part is forgotten.
 import { pose, way } from './motion.js';
 
-const MOST_TOLD = 600000, MOST_PACKETS = 120000, MOST_MARKS = 5000, MOST_FAULTS = 2000, MOST_SENT = 20000;
+const MOST_TOLD = 600000, MOST_PACKETS = 120000, MOST_MARKS = 5000, MOST_FAULTS = 2000, MOST_SENT = 20000,
+  MOST_KEYS = 500;
 
 // The index of the last entry at or before a time, or -1; entries are [time, ...], ascending.
 export function last(entries, t) {
@@ -21,6 +22,7 @@ class Robot {
     this.pen = [];          // [t, down]
     this.held = [];         // [t, lines]
     this.conditions = [];   // [t, up | down | died]
+    this.drawn = new Map(); // by key: [t, drawing]
   }
   pose(t) {
     const i = last(this.motions, t);
@@ -29,6 +31,23 @@ class Robot {
   }
   isDown(t) { const i = last(this.pen, t); return i >= 0 && this.pen[i][1]; }
   tubes(t) { const i = last(this.held, t); return i < 0 ? [] : this.held[i][1]; }
+  // What its application draws, as of a moment.
+  draw(t, key, drawing) {
+    if (!this.drawn.has(key)) {
+      if (this.drawn.size >= MOST_KEYS) this.drawn.delete(this.drawn.keys().next().value);
+      this.drawn.set(key, []);
+    }
+    this.drawn.get(key).push([t, drawing]);
+  }
+  drawings(t) {
+    const list = [];
+    for (const entries of this.drawn.values()) {
+      const i = last(entries, t);
+      if (i >= 0 && entries[i][1].points.length && (!entries[i][1].life || t < entries[i][0] + entries[i][1].life))
+        list.push(entries[i][1]);
+    }
+    return list;
+  }
   condition(t) { const i = last(this.conditions, t); return i < 0 ? 'up' : this.conditions[i][1]; }
   // The way with the pen down between two times: a function gets each stroke as points.
   strokes(from, to, draw) {
@@ -82,6 +101,8 @@ export class Team {
       case 'm': this.robot(row[2]).motions.push([t, row.slice(3)]); this.trim(++this.count); break;
       case 'a': if (row[3] === 'pen') { this.robot(row[2]).pen.push([t, row[4] === 'down']); this.trim(++this.count); } break;
       case 'r': this.robot(row[2]).held.push([t, row[3]]); this.trim(++this.count); break;
+      case 'g': this.robot(row[2]).draw(t, row[3], { kind: row[4], colour: row[5], points: row[6], text: row[7],
+        life: row[8] }); this.trim(++this.count); break;
       case 'p': this.told = true; this.packet(row.slice(1)); break;
       case 's': if (this.sent.size >= MOST_SENT) this.sent.clear(); this.sent.set(row[3], t); break;
       case 'd': this.delivered(row); break;
@@ -151,7 +172,8 @@ export class Team {
   // Of a run without end the older half is forgotten, and the ink of it with it; what held then is kept.
   trim(count) {
     if (count < MOST_TOLD) return;
-    const stores = [...this.robots.values()].flatMap(r => [r.motions, r.pen, r.held, r.conditions]);
+    const stores = [...this.robots.values()].flatMap(r => [r.motions, r.pen, r.held, r.conditions,
+      ...r.drawn.values()]);
     const times = stores.flatMap(store => store.length > 1 ? [store[store.length >> 1][0]] : []);
     const begin = Math.max(this.begin, ...times);
     for (const store of stores) store.splice(0, Math.max(0, last(store, begin)));
