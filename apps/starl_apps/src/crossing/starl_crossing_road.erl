@@ -38,8 +38,10 @@ point(Half, {CX, CY}, I) ->
 along([P], Mm) -> [{Mm, P}];
 along([P, Q | Points], Mm) -> [{Mm, P} | along([Q | Points], Mm + starl_geometry:distance(P, Q))].
 
-at(Mm, [{_, P}, {To, _} | _]) when Mm < To -> P;
-at(Mm, [_ | Along]) -> at(Mm, Along).
+at(Mm, [{From, P}, {To, Q} | _]) when Mm < To ->
+    starl_geometry:interpolate(P, Q, (Mm - From) / (To - From));
+at(Mm, [_ | Along]) ->
+    at(Mm, Along).
 
 %% @doc The most robots for which somebody can always drive on: not enough to fill one of the two loops.
 -spec most(road()) -> pos_integer().

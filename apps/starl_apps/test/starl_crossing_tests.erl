@@ -1,0 +1,95 @@
+%% The intersection: its road, the contract, and runs.
+-module(starl_crossing_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(FLOOR, {12000, 12000}).
+
+%% Evenly along the road, which is closed and passes the crossing twice; no two sections are near each other.
+road_test_() ->
+    [
+        fun() ->
+            [First | Others] = Road = starl_crossing_road:sections(Floor),
+            N = length(Road),
+            Steps = [starl_geometry:distance(P, Q) || {P, Q} <- lists:zip(Road, Others ++ [First])],
+            ?assert(lists:max(Steps) < 1.15 * lists:min(Steps)),
+            Crossing = [
+                P
+             || {I, P} <- lists:enumerate(0, Road), starl_crossing_road:token(I, Road) =:= crossing
+            ],
+            ?assertMatch([_, _], Crossing),
+            ?assert(starl_geometry:distance(hd(Crossing), lists:last(Crossing)) < 10),
+            Sections = lists:droplast(Crossing) ++ (Road -- Crossing),
+            Apart = [starl_geometry:distance(P, Q) || P <- Sections, Q <- Sections, P =/= Q],
+            ?assert(lists:min(Apart) > 0.85 * lists:min(Steps)),
+            Tokens = lists:usort([starl_crossing_road:token(I, Road) || I <- lists:seq(0, N - 1)]),
+            ?assertEqual(N - 1, length(Tokens)),
+            [
+                ?assertEqual(I, starl_crossing_road:nearest(P, Road))
+             || {I, P} <- lists:enumerate(0, Road), I rem (N div 2) =/= 0
+            ]
+        end
+     || Floor <- [?FLOOR, {8000, 6000}, {30000, 20000}]
+    ].
+
+robots_begin_in_sections_of_their_own_test() ->
+    Road = starl_crossing_road:sections(?FLOOR),
+    [
+        begin
+            Starts = starl_crossing_road:starts(lists:seq(1, N), Road),
+            Tokens = [
+                starl_crossing_road:token(starl_crossing_road:nearest({X, Y}, Road), Road)
+             || {_, {X, Y, _}} <- Starts
+            ],
+            ?assertEqual(N, length(lists:usort(Tokens))),
+            ?assertNot(lists:member(crossing, Tokens))
+        end
+     || N <- lists:seq(1, starl_crossing_road:most(Road))
+    ].
+
+%% -- the contract ---------------------------------------------------------------------------
+
+judged(Mm, Faults) ->
+    Events = [
+        starl_team_runs:standing(0, 1, {0, 0}),
+        {1, 1, app, passes},
+        starl_team_runs:standing(0, 2, {5000, 0}),
+        starl_team_runs:standing(2000000, 2, {Mm, 0}),
+        starl_team_runs:standing(4000000, 2, {5000, 0})
+    ],
+    starl_team_runs:judged(Events, {starl_crossing_monitor, #{faults => Faults}}).
+
+apart_test() ->
+    ?assertMatch({[], #{passes := 1, least_mm := 501.0}}, judged(501, [])),
+    ?assertMatch({[too_near], _}, judged(499, [])),
+    ?assertMatch({[], _}, judged(499, [{1, 0, 1000, fault}])),
+    ?assertMatch({[too_near], _}, judged(499, [{1, 5000000, 6000000, fault}])).
+
+%% -- runs -----------------------------------------------------------------------------------
+
+too_many_test() ->
+    {error, Why} = starl_crossing:scene(#{
+        robots => lists:seq(1, 50), world => ?FLOOR, options => #{}
+    }),
+    ?assertEqual(
+        "this road has room for 11 robots: use fewer, or a larger floor (--world)",
+        lists:flatten(Why)
+    ).
+
+runs_test_() ->
+    [
+        {timeout, 120, fun() ->
+            #{report := #{figures := [{passes, Passes}, _, {least_mm, Least}]}} =
+                Outcome = starl_team_runs:both_ways(maps:merge(#{app => starl_crossing}, More)),
+            ?assert(Passes >= Expected, Passes),
+            %% null is greater than every number
+            ?assert(Least > 1000),
+            ?assertEqual(Passes, length(starl_team_runs:noted(passes_per_min, Outcome))),
+            #{robots := Robots} = Outcome,
+            ?assertEqual(Passes, lists:sum([N || {_, #{result := {done, N}}} <- Robots]))
+        end}
+     || {Expected, More} <- [
+            {3, #{robots => 1}},
+            {15, #{robots => 6}},
+            {10, #{robots => 10, loss => 0.2}}
+        ]
+    ].

@@ -1,0 +1,74 @@
+%% Following a leader: the contract, and runs in which leaders die.
+-module(starl_follow_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+judged(Events) -> judged(Events, 0).
+
+judged(Events, Healed) ->
+    Config = #{robots => [1, 2], healed_us => Healed},
+    starl_team_runs:judged(Events, {starl_follow_monitor, Config}).
+
+leads(S, Robot, Term) -> {S * 1000000, Robot, app, {leads, Term}}.
+
+follows(S, Robot, Term, Leader) -> {S * 1000000, Robot, app, {follows, Term, Leader}}.
+
+terms_go_onwards_test() ->
+    Kept = [leads(1, 2, 1), follows(1, 1, 1, 2), follows(3, 1, 2, 2), leads(4, 2, 2)],
+    ?assertMatch({[], #{leaders := 1, longest_us := 3000000}}, judged(Kept)),
+    ?assertMatch({[went_back], _}, judged(Kept ++ [follows(5, 1, 1, 2)])),
+    ?assertMatch({[went_back], _}, judged(Kept ++ [leads(5, 1, 1)])),
+    %% a new life may begin anew
+    ?assertMatch({[], _}, judged(Kept ++ [{4500000, 1, app, crashed}, follows(5, 1, 1, 2)])).
+
+somebody_leads_test() ->
+    ?assertMatch({[], _}, judged([leads(1, 2, 1), leads(60, 1, 2)])),
+    ?assertMatch({[nobody_leads], _}, judged([leads(1, 2, 1), leads(62, 1, 2)])),
+    ?assertMatch({[nobody_leads], #{leaders := 0}}, judged([follows(61, 1, 1, 2)])),
+    %% it counts from the end of the faults; when one is done, all are; when all have died, nobody can
+    ?assertMatch({[], _}, judged([leads(1, 2, 1), leads(62, 1, 2)], 5000000)),
+    Late = follows(100, 1, 1, 2),
+    ?assertMatch({[], _}, judged([leads(1, 2, 1), {5000000, 1, app, {done, 1}}, Late])),
+    Died = [{T, Robot, robot, {died, killed}} || {T, Robot} <- [{5000000, 1}, {6000000, 2}]],
+    ?assertMatch({[], _}, judged([leads(1, 2, 1) | Died] ++ [Late])),
+    ?assertMatch({[nobody_leads], _}, judged([leads(1, 2, 1), hd(Died), Late])).
+
+follow(More) ->
+    Scenario = maps:merge(#{app => starl_follow, time => 200}, More),
+    #{report := #{figures := [{leaders, N}, {leaderless_s, S}]}} =
+        Outcome = starl_team_runs:both_ways(Scenario),
+    {N, S, Outcome}.
+
+%% Each comes to its place in the column, which is as far behind the leader as its rank says.
+column_test_() ->
+    {timeout, 120, fun() ->
+        {1, Least, #{robots := Robots} = Outcome} = follow(#{robots => 4}),
+        ?assert(Least < 5),
+        ?assert(lists:min(starl_team_runs:noted(error_mm, Outcome)) < 100),
+        Places = [{X, Y} || {_, #{pose := {X, Y, _}}} <- Robots],
+        %% neighbours in the column, about 700 mm apart
+        Gaps = [
+            starl_geometry:distance(P, Q)
+         || {P, Q} <- lists:zip(lists:droplast(Places), tl(Places))
+        ],
+        ?assert(lists:all(fun(Mm) -> Mm > 350 andalso Mm < 1400 end, Gaps), Gaps)
+    end}.
+
+%% Without a leader they are for the silence, and the time of an election.
+fail_over_test_() ->
+    [
+        {timeout, 120, fun() ->
+            {Leaders, Least, _} = follow(More),
+            ?assertEqual({Expected, true}, {Leaders, Least < 10})
+        end}
+     || {Expected, More} <- [
+            {2, #{robots => 4, faults => [{f, 20000, 20000, kill_robot, 4, #{}}]}},
+            {2, #{robots => 3, loss => 0.2, faults => [{f, 20000, 20000, kill_robot, 3, #{}}]}},
+            {3, #{
+                robots => 4,
+                faults => [
+                    {f, 20000, 20000, kill_robot, 4, #{}}, {g, 35000, 35000, kill_robot, 3, #{}}
+                ]
+            }},
+            {1, #{robots => 1}}
+        ]
+    ].

@@ -1,0 +1,101 @@
+%% Formations: the places, the contract, and runs.
+-module(starl_formation_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(FLOOR, {12000, 12000}).
+
+form(Shapes) -> #{shapes => Shapes, spacing => 900}.
+
+%% On the floor, as far apart as they should be, or evenly in less room.
+places_test_() ->
+    [
+        fun() ->
+            Places = starl_formation_places:places(Round, N, ?FLOOR, form(both)),
+            ?assertEqual(N, length(Places)),
+            [
+                ?assert(X > 400 andalso X < 11600 andalso Y > 400 andalso Y < 11600)
+             || {X, Y} <- Places
+            ],
+            Apart = [starl_geometry:distance(P, Q) || P <- Places, Q <- Places, P =/= Q],
+            [?assert(lists:min(Apart) > 450) || N > 1, N =< 20]
+        end
+     || N <- [1, 2, 3, 8, 20], Round <- lists:seq(1, 12)
+    ].
+
+circle_and_line_in_turn_test() ->
+    Of = fun(Round) -> starl_formation_places:places(Round, 8, ?FLOOR, form(both)) end,
+    Radii = fun(Places) -> [round(starl_geometry:distance(P, {6000, 6000})) || P <- Places] end,
+    ?assertMatch([_], lists:usort(Radii(Of(1)))),
+    Line = Of(2),
+    Ends = {lists:min(Line), lists:max(Line)},
+    [?assert(starl_geometry:point_segment(P, Ends) < 1) || P <- Line].
+
+%% By their direction from the middle; one that nobody sees has a place, too.
+order_test() ->
+    Poses = #{1 => {5.0, 0.0, 0.0}, 2 => {-5.0, 1.0, 0.0}, 3 => {0.0, -5.0, 0.0}},
+    ?assertEqual([3, 1, 2], starl_formation_places:order([1, 2, 3], Poses)),
+    ?assertEqual([1, 2, 3, 4], lists:sort(starl_formation_places:order([1, 2, 3, 4], Poses))),
+    ?assertEqual([1, 2], starl_formation_places:order([1, 2], #{})).
+
+%% -- the contract ---------------------------------------------------------------------------
+
+judged(Events) -> judged(Events, []).
+
+judged(Events, Bodies) ->
+    Config = #{robots => [1, 2], tolerance_mm => 50, bodies => Bodies},
+    starl_team_runs:judged(Events, {starl_formation_monitor, Config}).
+
+in_place(T, Robot, At) -> {T, Robot, app, {in_place, 1, At}}.
+
+both(X) ->
+    [
+        starl_team_runs:standing(0, 1, {100, 0}),
+        starl_team_runs:standing(0, 2, {X, 0}),
+        in_place(1, 1, {100.0, 0.0}),
+        in_place(2, 2, {900.0, 0.0})
+    ].
+
+formed(T) -> {T, 1, app, {formed, 1}}.
+
+all_in_place_test() ->
+    ?assertMatch({[], #{formed := 1, worst_mm := 40.0}}, judged(both(940) ++ [formed(3)])).
+
+one_is_away_test() ->
+    ?assertMatch({[not_in_place], _}, judged(both(980) ++ [formed(3)])),
+    ?assertMatch({[not_in_place], _}, judged(lists:droplast(both(900)) ++ [formed(3)])),
+    %% who takes it for formed later may find the first ones on their way
+    Later = [formed(3), starl_team_runs:standing(4, 2, {5000, 0}), {5, 2, app, {formed, 1}}],
+    ?assertMatch({[], _}, judged(both(900) ++ Later)).
+
+excuses_test() ->
+    Away = both(980) ++ [formed(3)],
+    ?assertMatch({[], _}, judged(Away, [{2, 0, 5, position}])),
+    ?assertMatch({[not_in_place], _}, judged(Away, [{1, 0, 5, position}])),
+    Gone = fun(Damage) ->
+        both(900) ++ [Damage, starl_team_runs:standing(4, 2, {5000, 0}), formed(5)]
+    end,
+    ?assertMatch({[], _}, judged(Gone({3, 2, robot, store_set_back}))),
+    ?assertMatch({[], _}, judged(Gone({3, 2, barrier, store_damaged}))),
+    ?assertMatch({[not_in_place], _}, judged(Gone({3, 1, robot, store_set_back}))).
+
+%% -- runs -----------------------------------------------------------------------------------
+
+runs_test_() ->
+    [
+        {timeout, 120, fun() ->
+            #{report := Report} =
+                Outcome = starl_team_runs:both_ways(
+                    maps:merge(#{app => starl_formation, time => 400}, More)
+                ),
+            ?assertMatch(#{figures := [{formations, 4}, {worst_mm, Mm}]} when Mm =< 70, Report),
+            Errors = starl_team_runs:noted(error_mm, Outcome),
+            ?assert(lists:max(Errors) > 1000 andalso lists:min(Errors) =< 50),
+            #{monitors := #{starl_sim_drawings_monitor := #{drawings := Drawings}}} = Outcome,
+            ?assertEqual(1, length([x || {_, #{key := leader}} <- Drawings]))
+        end}
+     || More <- [
+            #{robots => 1},
+            #{robots => 5, loss => 0.3},
+            #{robots => 4, faults => [{f, 12000, 15000, reboot, 2, #{}}]}
+        ]
+    ].

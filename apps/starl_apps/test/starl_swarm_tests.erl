@@ -1,0 +1,60 @@
+%% The swarm: who must hear, and runs over several hops.
+-module(starl_swarm_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+%% Four robots in a row, 1.5 m apart; the radio reaches 2.5 m, of which a second's drive of two is left out.
+row() -> [starl_team_runs:standing(0, N, {1500 * N, 0}) || N <- [1, 2, 3, 4]].
+
+-define(ID, {1, 1, 1}).
+
+sent(Area) -> {10, 1, geocast, {sent, ?ID, Area, 5000000, 7}}.
+
+delivered(Robot) -> {500000, Robot, geocast, {delivered, ?ID, 7}}.
+
+judged(Events) -> judged(Events, #{}).
+
+judged(Events, More) ->
+    Config = #{range_mm => 2500, speed => 400, loss => 0, delay_us => 20000},
+    starl_team_runs:judged(
+        row() ++ Events ++ [starl_team_runs:standing(9000000, 1, {1500, 0})],
+        {starl_swarm_monitor, maps:merge(Config, More)}
+    ).
+
+%% The last two are inside.
+-define(AREA, {circle, {5500.0, 0.0}, 1600.0}).
+
+over_hops_test() ->
+    ?assertMatch({[], #{owed := 2}}, judged([sent(?AREA), delivered(3), delivered(4)])),
+    ?assertMatch({[not_heard], _}, judged([sent(?AREA), delivered(4)])),
+    ?assertMatch({[not_heard], _}, judged([sent(?AREA)])),
+    Late = {1500000, 4, geocast, {delivered, ?ID, 7}},
+    ?assertMatch({[not_heard], _}, judged([sent(?AREA), delivered(3), Late])).
+
+%% Who is not linked, or near the border, may hear.
+not_owed_test() ->
+    ?assertMatch({[], #{owed := 0}}, judged([sent(?AREA)], #{range_mm => 2200})),
+    ?assertMatch({[], #{owed := 0}}, judged([sent({circle, {5250.0, 0.0}, 1000.0})])),
+    ?assertMatch({[], #{owed := 0}}, judged([sent(?AREA)], #{loss => 0.1})),
+    ?assertMatch({[], #{owed := 0}}, judged([sent(?AREA)], #{delay_us => 300000})),
+    ?assertMatch({[], #{owed := 0}}, judged([sent(?AREA)], #{faults => [{3, 0, 5, fault}]})),
+    Died = {5, 2, robot, {died, killed}},
+    ?assertMatch({[], #{owed := 0}}, judged([Died, sent(?AREA)])),
+    ?assertMatch({[not_heard], #{owed := 2}}, judged([sent(?AREA)], #{range_mm => none})).
+
+runs_test_() ->
+    [
+        {timeout, 120, fun() ->
+            #{report := #{figures := Figures}} =
+                Outcome = starl_team_runs:both_ways(maps:merge(#{app => starl_swarm}, More)),
+            [{sent, Sent}, {delivered, Delivered}, {owed, Owed}] = Figures,
+            ?assert(Sent > 0),
+            ?assertEqual(IsOwed, Owed > 0),
+            ?assert(Delivered >= Owed),
+            ?assertEqual(Delivered, length(starl_team_runs:noted(heard, Outcome)))
+        end}
+     || {IsOwed, More} <- [
+            {true, #{robots => 16, range => 4000}},
+            {false, #{robots => 6, loss => 0.2}},
+            {true, #{robots => 6, faults => [{f, 20000, 25000, isolate, 2, #{}}]}}
+        ]
+    ].
