@@ -64,6 +64,18 @@ apart_test() ->
     ?assertMatch({[], _}, judged(499, [{1, 0, 1000, fault}])),
     ?assertMatch({[too_near], _}, judged(499, [{1, 5000000, 6000000, fault}])).
 
+passes_are_owed_test() ->
+    Judged = fun(Events) -> starl_team_runs:judged(Events, {starl_crossing_monitor, #{}}) end,
+    At = fun(S, Robot) -> starl_team_runs:standing(S * 1000000, Robot, {0, 0}) end,
+    Passes = fun(S) -> {S * 1000000, 1, app, passes} end,
+    ?assertMatch({[], #{passes := 2}}, Judged([At(0, 1), Passes(100), Passes(219), At(330, 1)])),
+    ?assertMatch({[nobody_passes], #{passes := 1}}, Judged([At(0, 1), Passes(100), Passes(221)])),
+    ?assertMatch({[nobody_passes], #{passes := 0}}, Judged([At(0, 1), At(121, 1)])),
+    [
+        ?assertMatch({[], _}, Judged([At(0, 1), {4000000, 2, Machine, End}, At(400, 1)]))
+     || {Machine, End} <- [{robot, {died, killed}}, {supervisor, {given_up, app}}, {app, {done, 4}}]
+    ].
+
 %% -- runs -----------------------------------------------------------------------------------
 
 too_many_test() ->

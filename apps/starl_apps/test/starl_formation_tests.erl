@@ -78,6 +78,17 @@ excuses_test() ->
     ?assertMatch({[], _}, judged(Gone({3, 2, barrier, store_damaged}))),
     ?assertMatch({[not_in_place], _}, judged(Gone({3, 1, robot, store_set_back}))).
 
+the_next_one_is_owed_test() ->
+    Later = fun(S) -> starl_team_runs:standing(S * 1000000, 2, {900, 0}) end,
+    Formed = both(900) ++ [formed(3000000)],
+    ?assertMatch({[], _}, judged(Formed ++ [Later(182)])),
+    ?assertMatch({[not_formed], #{formed := 1}}, judged(Formed ++ [Later(184)])),
+    ?assertMatch({[not_formed], #{formed := 0}}, judged(both(900) ++ [Later(181)])),
+    [
+        ?assertMatch({[], _}, judged(Formed ++ [{4000000, 2, Machine, End}, Later(400)]))
+     || {Machine, End} <- [{robot, {died, killed}}, {supervisor, {given_up, app}}, {app, {done, 4}}]
+    ].
+
 %% -- runs -----------------------------------------------------------------------------------
 
 runs_test_() ->

@@ -14,7 +14,11 @@
     {"| [Motion]", starl_motion_block},
     {"| [Path planning (DPP)]", starl_dpp},
     {"| [Painting]", starl_painting},
-    {"| [Search]", starl_search}
+    {"| [Search]", starl_search},
+    {"| [Formation]", starl_formation},
+    {"| [Follow the leader]", starl_follow},
+    {"| [Swarm]", starl_swarm},
+    {"| [Intersection]", starl_crossing}
 ]).
 
 readme() ->

@@ -24,6 +24,8 @@
     road := [starl_geometry:point(), ...],
     begun := integer(),
     until := integer(),
+    %% since when it waits for the next section
+    since := integer(),
     at := non_neg_integer(),
     held := boolean(),
     passes := non_neg_integer()
@@ -51,6 +53,9 @@ guarantees() ->
     [
         {apart, safety, "no two robots come nearer to each other than half a metre", [
             {mutex, exclusion}, {motion, line}, delivery, alive, no_restart, positions
+        ]},
+        {flows, progress, "the crossing is passed at least every two minutes", [
+            alive, {mutex, granted}, {motion, arrives}
         ]}
     ].
 
@@ -82,6 +87,7 @@ init(Robot, #{road := Road, duration := Seconds}) ->
         road => Road,
         begun => Now,
         until => Now + 1000 * Seconds,
+        since => Now,
         at => At,
         held => acquired(starl_mutex:acquire(Robot, token(At, Road), ?PATIENCE_MS)),
         passes => 0
@@ -109,10 +115,11 @@ step(Robot, #{road := Road, until := Until, at := At, passes := Passes} = State)
         {error, _} ->
             {continue, State};
         {ok, _Fence} ->
-            ok = starl:measure(Robot, wait_s, (starl:now(Robot) - Now) / 1000),
             Place = lists:nth(Next + 1, Road),
             case is_free(Robot, Place) of
                 true ->
+                    Waited = starl:now(Robot) - maps:get(since, State),
+                    ok = starl:measure(Robot, wait_s, Waited / 1000),
                     Area = starl_drawing:circle(Place, ?FREE_MM / 2),
                     ok = starl:draw(Robot, #{key => section, area => Area}),
                     Driven = drive(Robot, Place),
@@ -128,7 +135,9 @@ is_free(Robot, Place) ->
     case starl:positions(Robot) of
         {ok, Poses} ->
             Others = maps:values(maps:remove(starl:id(Robot), Poses)),
-            [near || {X, Y, _} <- Others, starl_geometry:distance({X, Y}, Place) < ?FREE_MM] =:= [];
+            lists:all(
+                fun({X, Y, _}) -> starl_geometry:distance({X, Y}, Place) > ?FREE_MM end, Others
+            );
         {error, _} ->
             false
     end.
@@ -145,7 +154,8 @@ drive(Robot, Place) ->
 %% The section behind is free again.
 left(ok, Robot, Next, #{road := Road, at := At, held := Held} = State) ->
     _ = Held andalso starl_mutex:release(Robot, token(At, Road)),
-    passed(token(Next, Road), Robot, State#{at := Next, held := true}).
+    Here = State#{at := Next, held := true, since := starl:now(Robot)},
+    passed(token(Next, Road), Robot, Here).
 
 passed(crossing, Robot, #{passes := Passes, begun := Begun} = State) ->
     ok = starl:trace(Robot, passes),

@@ -2,7 +2,11 @@
 %% what happens in a fault, or up to half a minute after it: a lease that ran out while a robot was cut
 %% off, or down, leaves it in a section that another may get.
 %%
-%% Events of machine `chassis': `motion'; of machine `app': {@link starl_crossing:event()}.
+%% Progress: as long as none has died, and until the first is done, the crossing is passed within two minutes
+%% after the last time and after all faults.
+%%
+%% Events of machine `chassis': `motion'; of machine `app': {@link starl_crossing:event()}, `done'; of
+%% machine `robot': `died'; of machine `supervisor': `given_up'.
 -module(starl_crossing_monitor).
 -behaviour(starl_monitor).
 
@@ -11,21 +15,28 @@
 -record(state, {
     separation = starl_separation:new(500.0) :: starl_separation:t(),
     faults :: [starl_assumption:window()],
+    healed :: integer() | never,
+    %% when the crossing was passed last; `over': no other pass is owed
+    since = 0 :: integer() | over,
     passes = 0 :: non_neg_integer()
 }).
 
 -define(AFTER_US, 30000000).
 
--spec init(#{faults => [starl_assumption:window()]}) -> #state{}.
-init(Config) -> #state{faults = maps:get(faults, Config, [])}.
+-define(WITHIN_US, 120000000).
 
-%% @doc All faults.
+-spec init(#{faults => [starl_assumption:window()], healed_us => integer() | never}) -> #state{}.
+init(Config) ->
+    #state{faults = maps:get(faults, Config, []), healed = maps:get(healed_us, Config, 0)}.
+
+%% @doc All faults, and when they are over.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{broken := Broken, faults := Faults, bodies := Bodies}, Config) ->
-    Config#{faults => Broken ++ Faults ++ Bodies}.
+context(#{broken := Broken, faults := Faults, bodies := Bodies} = Known, Config) ->
+    #{healed_us := Healed} = Known,
+    Config#{faults => Broken ++ Faults ++ Bodies, healed_us => Healed}.
 
 -spec interests() -> [atom()].
-interests() -> [chassis, app].
+interests() -> [chassis, app, robot, supervisor].
 
 %% @doc {@link starl_crossing:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
@@ -33,16 +44,40 @@ vocabulary() -> #{app => [{passes, 0}]}.
 
 -spec step(starl_monitor:trace_event(), #state{}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
-step({T, Robot, chassis, {motion, Piece}}, #state{separation = Before} = State) ->
+step({T, _, _, _} = Event, State) ->
+    case late(T, State) of
+        [] -> judge(Event, State);
+        [Violation] -> {violation, Violation, State#state{since = over}}
+    end.
+
+%% The crossing stands empty, or blocked.
+late(T, #state{since = Since, healed = Healed}) when is_integer(Since), is_integer(Healed) ->
+    Due = max(Since, Healed) + ?WITHIN_US,
+    [
+        #{contract => crossing, what => nobody_passes, at_us => Due, robots => [], details => #{}}
+     || T > Due
+    ];
+late(_T, _State) ->
+    [].
+
+judge({T, Robot, chassis, {motion, Piece}}, #state{separation = Before} = State) ->
     {Met, Advanced} = starl_separation:advance(T, Before),
     Next = State#state{separation = starl_separation:motion(Robot, Piece, Advanced)},
     case judged(Met, State) of
         [] -> {ok, Next};
         [Violation | _] -> {violation, Violation, Next}
     end;
-step({_, _, app, passes}, #state{passes = Passes} = State) ->
+judge({_, _, app, passes}, #state{passes = Passes, since = over} = State) ->
     {ok, State#state{passes = Passes + 1}};
-step(_Event, State) ->
+judge({T, _, app, passes}, #state{passes = Passes} = State) ->
+    {ok, State#state{passes = Passes + 1, since = T}};
+judge({_, _, Machine, {End, _}}, State) when
+    Machine =:= robot, End =:= died;
+    Machine =:= supervisor, End =:= given_up;
+    Machine =:= app, End =:= done
+->
+    {ok, State#state{since = over}};
+judge(_Event, State) ->
     {ok, State}.
 
 judged(Met, #state{faults = Faults}) ->
@@ -65,7 +100,7 @@ judged(Met, #state{faults = Faults}) ->
 finish(EndUs, #state{separation = Separation, passes = Passes} = State) ->
     {Met, Least} = starl_separation:finish(EndUs, Separation),
     Results = #{passes => Passes, least_mm => least(Least)},
-    case judged(Met, State) of
+    case judged(Met, State) ++ late(EndUs, State) of
         [] -> {ok, Results};
         Violations -> {{violation, Violations}, Results}
     end.

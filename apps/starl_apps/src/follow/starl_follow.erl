@@ -104,7 +104,7 @@ act(lead, Robot, #{term := Term, goals := [Goal | Goals]} = State) ->
             {ok, {X, Y, _}} ->
                 ok = starl:trace(Robot, {leads, Term}),
                 ok = beat(Robot, Term, {X, Y}, Goal),
-                _ = drive(Robot, {X, Y}, Goal, ?SPEED, State),
+                _ = drive(Robot, Goal, ?SPEED, State),
                 case starl_geometry:distance({X, Y}, Goal) < ?NEAR_MM of
                     true -> State#{goals := Goals ++ [Goal]};
                     false -> State
@@ -162,72 +162,40 @@ behind(Robot, At, #{gap := Gap, leader := Leader} = State) ->
         {ok, {X, Y, _}} ->
             Trail = [At | maps:get(trail, State, [{X, Y}])],
             Ahead = [Id || Id <- starl:participants(Robot), Id > starl:id(Robot), Id =/= Leader],
-            {Place, Kept} = back(Trail, Gap * (1 + length(Ahead)), []),
+            {Place, Kept} = starl_follow_course:back(Trail, Gap * (1 + length(Ahead))),
             ok = starl:measure(Robot, error_mm, starl_geometry:distance({X, Y}, Place)),
             ok = starl:draw(Robot, #{key => way, line => [{X, Y}, Place], seconds => 1}),
-            _ = drive(Robot, {X, Y}, Place, ?FASTEST, State),
+            _ = drive(Robot, Place, ?FASTEST, State),
             State#{trail => Kept};
         {error, _} ->
             State
     end.
 
-%% The point of a trail at a distance from its beginning, and the trail up to it.
-back([Last], _Mm, Before) ->
-    {Last, lists:reverse(Before, [Last])};
-back([A, B | Trail], Mm, Before) ->
-    case starl_geometry:distance(A, B) of
-        D when D >= Mm, D > 0 ->
-            {starl_geometry:interpolate(A, B, Mm / D), lists:reverse(Before, [A, B])};
-        D ->
-            back([B | Trail], Mm - D, [A | Before])
-    end.
+drive(Robot, Goal, Speed, #{gap := Gap}) ->
+    Shy = min(?SHY_MM, 0.8 * Gap),
+    starl_avoidance:drive(Robot, Goal, #{speed => Speed, shy_mm => Shy, ms => 3 * ?BEAT_MS}).
 
-drive(Robot, {X, Y}, Goal, Speed, #{gap := Gap}) ->
-    case starl_geometry:distance({X, Y}, Goal) of
-        D when D < 20 ->
-            starl:stop(Robot);
-        _ ->
-            Shy = min(?SHY_MM, 0.8 * Gap),
-            starl_avoidance:drive(Robot, Goal, #{speed => Speed, shy_mm => Shy, ms => 3 * ?BEAT_MS})
-    end.
-
-%% The corners of the course.
+%% It goes on with the corner to which the leader before drove, or begins at the nearest.
 course(Robot, State) ->
-    case starl:floor(Robot) of
-        {ok, #{size := {W, H}}} ->
-            Corners = [
-                {0.2 * W, 0.2 * H}, {0.8 * W, 0.2 * H}, {0.8 * W, 0.8 * H}, {0.2 * W, 0.8 * H}
-            ],
+    case {starl:floor(Robot), starl:position(Robot)} of
+        {{ok, #{size := Size}}, {ok, {X, Y, _}}} ->
+            Corners = starl_follow_course:corners(Size),
             Shape = #{key => course, line => Corners ++ [hd(Corners)], colour => grey},
             ok = starl:draw(Robot, Shape),
-            first(State, starl:position(Robot), Corners);
-        {error, _} ->
+            starl_follow_course:from(maps:get(goal, State, {X, Y}), Corners);
+        _ ->
+            ok = starl:sleep(Robot, ?BEAT_MS),
             course(Robot, State)
     end.
-
-%% The course goes on with the corner to which the leader before drove, or begins at the nearest.
-first(#{goal := Goal}, _Pose, Corners) -> from(Goal, Corners);
-first(_State, {ok, {X, Y, _}}, Corners) -> from({X, Y}, Corners);
-first(_State, {error, _}, Corners) -> Corners.
-
-from(Point, Corners) ->
-    {_, First} = lists:min([{starl_geometry:distance(Point, C), C} || C <- Corners]),
-    {Before, After} = lists:splitwith(fun(C) -> C =/= First end, Corners),
-    After ++ Before.
 
 %% -- the report -----------------------------------------------------------------------------
 
 %% @doc How many robots have led, and the longest time without a leader.
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
-report(_Scene, #{monitors := #{starl_follow_monitor := #{leaders := Leaders, longest_us := Us}}}) ->
+report(_Scene, #{monitors := #{starl_follow_monitor := #{leaders := N, longest_us := Us}}}) ->
+    Label = "longest time without a leader, s",
     #{
-        figures => [{leaders, Leaders}, {leaderless_s, Us / 1.0e6}],
-        formats => #{
-            leaderless_s => #{
-                decimals => 1, label => "longest time without a leader, s", plotted => true
-            }
-        },
-        done => io_lib:format("~b leader~ts, at most ~.1f s without one", [
-            Leaders, [$s || Leaders =/= 1], Us / 1.0e6
-        ])
+        figures => [{leaders, N}, {leaderless_s, Us / 1.0e6}],
+        formats => #{leaderless_s => #{decimals => 1, label => Label, plotted => true}},
+        done => io_lib:format("leaders: ~b, at most ~.1f s without one", [N, Us / 1.0e6])
     }.

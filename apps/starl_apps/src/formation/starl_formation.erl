@@ -60,9 +60,12 @@ measures() -> [{error_mm, "distance from the place in the formation, mm"}].
 guarantees() ->
     [
         {formed, safety,
-            "who takes a formation for formed first is right: every robot is in its place", [
+            "who first takes a formation for formed is right: every robot is in its place", [
                 {barrier, together}, positions, store
-            ]}
+            ]},
+        {next, progress, "the next formation is formed within three minutes", [
+            alive, delivery, store, {barrier, passed}, {motion, arrives}
+        ]}
     ].
 
 -spec init(starl:robot(), map()) -> state().

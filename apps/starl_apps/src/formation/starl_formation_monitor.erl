@@ -3,8 +3,12 @@
 %% came to its place is excused; so is one whose store was damaged or set back, which may have forgotten
 %% the round, until it comes to its place of that round.
 %%
+%% Progress: as long as none has died, no store was damaged or set back, and until the first is done, the next formation is formed within three
+%% minutes after the one before and after all faults.
+%%
 %% Events of machine `app': {@link starl_formation:event()}; of machine `chassis': `motion'; of machine
-%% `barrier': `store_damaged'; of machine `robot': `store_set_back'.
+%% `barrier': `store_damaged'; of machine `robot': `store_set_back', `died'; of machine `supervisor':
+%% `given_up'.
 -module(starl_formation_monitor).
 -behaviour(starl_monitor).
 
@@ -19,31 +23,38 @@
     places = #{} :: #{starl:robot_id() => {pos_integer(), integer(), starl_geometry:point()}},
     %% the robots that may have forgotten their round
     unsound = #{} :: #{starl:robot_id() => true},
+    healed :: integer() | never,
+    %% when a formation was formed last; `over': no other one is owed
+    since = 0 :: integer() | over,
     formed = 0 :: non_neg_integer(),
     worst = 0.0 :: float()
 }).
 
 %% Positions are exact to this (mm).
 -define(MARGIN_MM, 20.0).
+-define(WITHIN_US, 180000000).
 
 -spec init(#{
     robots := [starl:robot_id()],
     tolerance_mm := number(),
-    bodies => [starl_assumption:window()]
+    bodies => [starl_assumption:window()],
+    healed_us => integer() | never
 }) -> #state{}.
 init(#{robots := Robots, tolerance_mm := Mm} = Config) ->
     #state{
         robots = Robots,
         tolerance = Mm,
+        healed = maps:get(healed_us, Config, 0),
         assumption = starl_assumption:new(maps:get(bodies, Config, []), 0)
     }.
 
-%% @doc The faults of bodies.
+%% @doc The faults of bodies, and when all faults are over.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{bodies := Bodies}, Config) -> Config#{bodies => Bodies}.
+context(#{bodies := Bodies, healed_us := Healed}, Config) ->
+    Config#{bodies => Bodies, healed_us => Healed}.
 
 -spec interests() -> [atom()].
-interests() -> [chassis, app, barrier, robot].
+interests() -> [chassis, app, barrier, robot, supervisor].
 
 %% @doc {@link starl_formation:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
@@ -51,27 +62,68 @@ vocabulary() -> #{app => [{in_place, 2}, {formed, 1}]}.
 
 -spec step(starl_monitor:trace_event(), #state{}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
-step({_, Robot, chassis, {motion, Piece}}, #state{pieces = Pieces} = State) ->
+step({T, _, _, _} = Event, State) ->
+    case late(T, State) of
+        none -> judge(Event, State);
+        Violation -> {violation, Violation, State#state{since = over}}
+    end.
+
+%% The next formation is overdue.
+late(T, #state{since = Since, healed = Healed} = State) when
+    is_integer(Since), is_integer(Healed)
+->
+    #state{robots = Robots, formed = Formed} = State,
+    case max(Since, Healed) + ?WITHIN_US of
+        Due when T > Due ->
+            #{
+                contract => formation,
+                what => not_formed,
+                at_us => Due,
+                robots => Robots,
+                details => #{round => Formed + 1}
+            };
+        _ ->
+            none
+    end;
+late(_T, _State) ->
+    none.
+
+judge({_, Robot, chassis, {motion, Piece}}, #state{pieces = Pieces} = State) ->
     {ok, State#state{pieces = Pieces#{Robot => Piece}}};
-step({T, Robot, app, {in_place, Round, Place}}, #state{places = Places} = State) ->
+judge({T, Robot, app, {in_place, Round, Place}}, #state{places = Places} = State) ->
     {ok, State#state{places = Places#{Robot => {Round, T, Place}}}};
-step({_, Robot, Machine, Damage}, #state{places = Places, unsound = Unsound} = State) when
+judge({_, _, Machine, {End, _}}, State) when
+    Machine =:= robot, End =:= died;
+    Machine =:= supervisor, End =:= given_up;
+    Machine =:= app, End =:= done
+->
+    {ok, State#state{since = over}};
+%% A leader that has forgotten the order may give another one, and places are mixed up.
+judge({_, Robot, Machine, Damage}, #state{places = Places, unsound = Unsound} = State) when
     Machine =:= barrier, Damage =:= store_damaged; Machine =:= robot, Damage =:= store_set_back
 ->
-    {ok, State#state{places = maps:remove(Robot, Places), unsound = Unsound#{Robot => true}}};
-step({T, Robot, app, {formed, Round}}, #state{formed = Formed} = State) when Round > Formed ->
+    {ok, State#state{
+        places = maps:remove(Robot, Places), unsound = Unsound#{Robot => true}, since = over
+    }};
+judge({T, Robot, app, {formed, Round}}, #state{formed = Formed} = State) when Round > Formed ->
     Errors = [{Id, error(Id, Round, T, State)} || Id <- State#state.robots],
     Known = [Mm || {_, Mm} <- Errors, is_float(Mm)],
     Sound = maps:without([Id || {Id, Mm} <- Errors, is_float(Mm)], State#state.unsound),
     Next = State#state{
-        formed = Round, worst = lists:max([State#state.worst | Known]), unsound = Sound
+        formed = Round,
+        since = again(T, State),
+        worst = lists:max([State#state.worst | Known]),
+        unsound = Sound
     },
     case [{Id, Mm} || {Id, Mm} <- Errors, is_away(Id, Mm, T, State)] of
         [] -> {ok, Next};
         [{Id, Mm} | _] -> {violation, violation(T, [Robot, Id], Round, Mm), Next}
     end;
-step(_Event, State) ->
+judge(_Event, State) ->
     {ok, State}.
+
+again(_T, #state{since = over}) -> over;
+again(T, _State) -> T.
 
 %% The distance of a robot from its place of a round.
 error(Id, Round, T, #state{places = Places, pieces = Pieces}) ->
@@ -99,6 +151,10 @@ violation(T, Robots, Round, Mm) ->
     }.
 
 %% @doc Results: the rounds that were formed, and the greatest distance of a robot from its place then.
--spec finish(integer(), #state{}) -> {ok, map()}.
-finish(_EndUs, #state{formed = Formed, worst = Worst}) ->
-    {ok, #{formed => Formed, worst_mm => Worst}}.
+-spec finish(integer(), #state{}) -> {ok | {violation, [starl_monitor:violation(), ...]}, map()}.
+finish(EndUs, #state{formed = Formed, worst = Worst} = State) ->
+    Results = #{formed => Formed, worst_mm => Worst},
+    case late(EndUs, State) of
+        none -> {ok, Results};
+        Violation -> {{violation, [Violation]}, Results}
+    end.
