@@ -158,7 +158,7 @@ number(N) -> float_to_binary(float(N), [{decimals, 1}, compact]).
 %% @doc What an application draws.
 -spec drawing(starl:robot_id(), starl_drawing:t(), page()) -> iolist().
 drawing(Robot, Drawing, #{height := Height, dot := Dot}) ->
-    starl_picture_drawing:svg(Robot, Drawing, Height, Dot).
+    starl_picture_drawing:svg(starl_picture_draw:colour(Robot), Drawing, Height, Dot).
 
 %% @doc The colour of a robot, as in the pictures of its run.
 -spec colour(starl:robot_id()) -> string().

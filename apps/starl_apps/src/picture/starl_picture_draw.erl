@@ -64,7 +64,7 @@ svg(#{floor := Floor, target := Target, ink := Ink, robots := Robots} = Drawing)
         target(Target, maps:get(preview, Drawing, false), Page),
         [ink(Id, maps:get(Id, Ink), Page) || Id <- Ids, is_map_key(Id, Ink)],
         [
-            starl_picture_drawing:svg(Id, Drawn, Page#page.height, Page#page.dot)
+            starl_picture_drawing:svg(colour(Id), Drawn, Page#page.height, Page#page.dot)
          || {Id, Drawn} <- maps:get(drawings, Drawing, [])
         ],
         [robot(Robot, Page) || Robot <- lists:sort(Robots)],

@@ -8,18 +8,18 @@
 -define(LINE_DOTS, 2).
 -define(LETTER_DOTS, 15).
 
-%% @doc The drawing of a robot on a floor of this height; `DotMm' is the size of a dot, of which the longer
+%% @doc The drawing of a robot whose own colour is this one, on a floor of this height; `DotMm' is the size of a dot, of which the longer
 %% side has 800.
--spec svg(starl:robot_id(), starl_drawing:t(), HeightMm :: number(), DotMm :: float()) -> iolist().
-svg(_Robot, #{points := []}, _Height, _Dot) ->
+-spec svg(Own :: string(), starl_drawing:t(), HeightMm :: number(), DotMm :: float()) -> iolist().
+svg(_Own, #{points := []}, _Height, _Dot) ->
     [];
-svg(Robot, #{kind := Kind, points := Points, text := Text} = Drawing, Height, Dot) ->
-    Colour = colour(Robot, Drawing),
+svg(Own, #{kind := Kind, points := Points, text := Text} = Drawing, Height, Dot) ->
+    Colour = colour(Own, Drawing),
     shape(Kind, [{round(X), round(Height - Y)} || {X, Y} <- Points], Text, Colour, Dot).
 
-colour(Robot, #{colour := own}) ->
-    starl_picture_draw:colour(Robot);
-colour(_Robot, #{colour := Name}) ->
+colour(Own, #{colour := own}) ->
+    Own;
+colour(_Own, #{colour := Name}) ->
     {Name, Colour} = lists:keyfind(Name, 1, starl_drawing:colours()),
     Colour.
 
