@@ -47,6 +47,16 @@ options_test() ->
         lines(fleet(#{options => #{loss => 0.1, spee => 3}}), starl_exercise)
     ).
 
+%% A camera's mistakes are told with the robot's number.
+camera_test() ->
+    Robot = #{host => "a", camera => #{command => "x", ball_mm => 0}},
+    ?assertEqual(
+        ["f.term: robot 1: camera: ball_mm is the radius of the balls, mm"],
+        lines(fleet(#{robots => #{1 => Robot}}), starl_exercise)
+    ),
+    Sound = Robot#{camera := #{command => "x"}},
+    ?assertEqual([], lines(fleet(#{robots => #{1 => Sound}}), starl_exercise)).
+
 chassis_test() ->
     Robots = #{1 => #{host => "a", chassis => creat}},
     ?assertEqual(

@@ -97,7 +97,9 @@ robot_options() ->
         {address, {optional, {term, "a name or an IPv4 address", matches(?HOST)}}, none,
             "where the other robots reach it; none: the host"},
         {port, {integer, 1, 65535}, ?PORT, "the port at which it hears"},
-        {chassis, chassis_type(), none, "what drives"}
+        {chassis, chassis_type(), none, "what drives"},
+        {camera, {optional, {term, "a map as #{command => \"ffmpeg ...\"}", fun is_map/1}}, none,
+            "the program that writes the camera's pictures, and what is looked for"}
     ].
 
 source_type() -> choice(starl_fleet_lines:sources()).
@@ -309,6 +311,11 @@ available(#{positioning := {Source, _}, robots := Robots}) ->
             [place(Number), "chassis: ", Why]
          || {Number, #{chassis := {Chassis, _}}} <- lists:sort(maps:to_list(Robots)),
             {error, Why} <- [starl_fleet_lines:driver(Chassis)]
+        ] ++
+        [
+            [place(Number), Why]
+         || {Number, #{camera := #{} = Camera}} <- lists:sort(maps:to_list(Robots)),
+            {error, Why} <- [starl_live_camera:options(Camera)]
         ].
 
 same_places(#{robots := Robots}) ->

@@ -3,7 +3,7 @@
 -module(starl_fleet_lines).
 
 -export([chassis/0, driver/1, drivers/1, sources/0, source/1]).
--export([chassis/2, positioning/2, transport/3, node_name/2]).
+-export([chassis/2, positioning/2, senses/2, transport/3, node_name/2]).
 
 -export_type([name/0]).
 
@@ -79,6 +79,15 @@ chassis(Robot, #{robots := Robots}) ->
 positioning(_Robot, #{positioning := {Name, Own}}) ->
     {ok, Module} = source(Name),
     {Module, Own}.
+
+%% @doc A robot's senses that are not its chassis'.
+-spec senses(starl:robot_id(), starl_fleet_file:t()) ->
+    #{starl_sense:kind() => starl_live_link:line()}.
+senses(Robot, #{robots := Robots}) ->
+    case Robots of
+        #{Robot := #{camera := #{} = Own}} -> #{camera => {starl_live_camera, Own}};
+        #{} -> #{}
+    end.
 
 %% @doc A robot's line to the others. Robots of different runs do not hear each other.
 -spec transport(Run :: non_neg_integer(), starl_live_key:t(), starl_fleet_file:t()) ->

@@ -108,6 +108,7 @@ robot(#{robot := Robot, state := State} = Place, Key, {_Scenario, _Scene, Plan},
         transport => starl_fleet_lines:transport(starl_fleet_place:run(Place), Key, Fleet),
         positioning => starl_fleet_lines:positioning(Robot, Fleet),
         chassis => starl_fleet_lines:chassis(Robot, Fleet),
+        senses => starl_fleet_lines:senses(Robot, Fleet),
         sink => self()
     }.
 
