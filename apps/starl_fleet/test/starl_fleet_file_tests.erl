@@ -61,7 +61,7 @@ chassis_test() ->
     Robots = #{1 => #{host => "a", chassis => creat}},
     ?assertEqual(
         [
-            "f.term: robot 1: chassis: one of none, create, or {NAME, #{...}} expected, not creat"
+            "f.term: robot 1: chassis: one of none, create, \"exec:PROGRAM\", \"FILE.erl\", or {NAME, #{...}} expected, not creat"
         ],
         lines(fleet(#{robots => Robots}), starl_exercise)
     ).
