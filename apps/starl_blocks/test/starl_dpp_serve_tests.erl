@@ -125,6 +125,35 @@ deadlock_is_counted_test() ->
     {Actions, _} = chain(S, [asks(3, 9, {9000.0, 9000.0})]),
     ?assertMatch([[_ | _]], resolved(Actions)).
 
+%% What is in the way on the only line is closed, so nobody gets it; it is tried again after a while, and
+%% after fifteen tries that brought no line no more.
+a_closed_way_is_tried_again_test() ->
+    {A, B} = short(),
+    {ok, Plan} = starl_dpp_plan:new(config([short()], 1)),
+    Spot = starl_dpp_plan:spot(1, Plan),
+    Blocked = fun(S) -> starl_dpp_serve:blocked(A, B, S) end,
+    Closed = fun(N, S) -> chain(S, [Blocked, asks(1, N, Spot)]) end,
+    {_, S0} = chain(new([short()], 1), [stands(1, Spot)]),
+    {First, S1} = Closed(1, S0),
+    ?assertMatch([[_]], [Segments || {trace, {closed, Segments}} <- First]),
+    ?assertEqual([], sent(First)),
+    ?assertEqual([20000000], tries(First)),
+    {S2, Again} = starl_dpp_serve:reopen(S1),
+    ?assert(lists:member({trace, reopened}, Again)),
+    ?assertMatch([{1, _, {assign, _, _}}], sent(Again)),
+    {Tried, _} = lists:mapfoldl(
+        fun(N, S) ->
+            {Actions, Next} = Closed(N, S),
+            {Open, _} = starl_dpp_serve:reopen(Next),
+            {length(tries(Actions)), Open}
+        end,
+        S2,
+        lists:seq(2, 18)
+    ),
+    ?assertEqual(lists:duplicate(14, 1) ++ [0, 0, 0], Tried).
+
+tries(Actions) -> [Us || {{timeout, reopen}, Us, reopen} <- Actions].
+
 %% Two that close the last line to each other: who has been told to make way, and has not gone, is
 %% sent to park, so nobody waits for a deadlock.
 blockers_park_test() ->

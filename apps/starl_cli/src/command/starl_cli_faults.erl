@@ -20,7 +20,7 @@ about(_Subject) ->
             "             {bad, 0, 60000, loss, all, #{part => 0.2}}]"},
         "or, drawn from the seed, random_faults => [network, kill_machine], classes and kinds. "
         "Targets: robots is all or one Robot; robot a Robot; machine {Robot, Machine}; link all, the "
-        "Robot that sends, or {From, To}; group a list of robots; two {A, B}."
+        "Robot that sends, or {From, To}; group a list of robots; two {A, B}; floor all."
     ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
