@@ -160,3 +160,36 @@ kinds_test() ->
     ?assertEqual({error, kind}, starl_film:needs(png, false)),
     ?assertEqual({error, kind}, starl_film:needs(unknown, true)),
     ?assertEqual(ok, starl_film:needs(svg, true)).
+
+%% The walls all the time, a closed door in its time only.
+a_floor_plan_test() ->
+    Floor = starl_floor:new(#{
+        size => {4000, 2000},
+        walls => [starl_floor:box(1950, 0, 2050, 1000)],
+        doors => [{{2000, 1000}, {2000, 2000}}]
+    }),
+    Facts = #{
+        app => starl_painting,
+        scenario => #{
+            world => {4000, 2000}, faults => [{shut, 1000, 2000, closed, all, #{door => 1}}]
+        },
+        floor => Floor,
+        robots => [{1, {500.0, 500.0, 0.0}}],
+        monitors => [],
+        machines => #{},
+        waypoints => #{},
+        kind => simulation
+    },
+    Messages = [
+        {scenario, 0, Facts},
+        {trace, 0, {1, chassis, {motion, {piece, 0, 500.0, 500.0, 0.0, 0.0, 0.0}}}},
+        {trace, 3000000, {1, robot, down}}
+    ],
+    Cast = lists:foldl(fun starl_film_cast:message/2, starl_film_cast:new(), Messages),
+    {ok, Scene} = starl_film_cast:scene(Cast),
+    Wall = <<"M1950.0,2000.0L2050.0,2000.0L2050.0,1000.0L1950.0,1000.0Z">>,
+    Shut = <<"stroke=\"#c40d2e\"">>,
+    ?assertEqual([{true, false}, {true, true}, {true, false}], [
+        {binary:match(Frame, Wall) =/= nomatch, binary:match(Frame, Shut) =/= nomatch}
+     || T <- [500000, 1500000, 2500000], Frame <- [starl_film_frame:at(T, "plan", Scene)]
+    ]).

@@ -17,14 +17,29 @@ contracts_test() ->
         [<<"calls">>, <<"election">>, <<"flock">>, <<"progress">>, <<"sap">>], contracts(Monitors)
     ).
 
+%% Walls, doors, and a place for each room's name; null without a plan.
+the_plan_test() ->
+    Floor = starl_floor:new(#{
+        size => {4000, 3000},
+        walls => [starl_floor:box(1000, 0, 1100, 3000)],
+        doors => [{{1050, 500}, {1050, 900}}],
+        rooms => #{hall => starl_floor:box(0, 0, 1000, 3000)}
+    }),
+    [[<<"run">>, #{plan := Plan}] | _] = starl_view_head:rows((facts([]))#{floor => Floor}, #{}),
+    #{walls := [[_, _, _, _]], doors := Doors, rooms := [[hall, X, _]]} = Plan,
+    ?assertEqual({[[1050.0, 500.0, 1050.0, 900.0]], 500.0}, {Doors, X}),
+    ?assertMatch([[<<"run">>, #{plan := null}] | _], starl_view_head:rows(facts([]), #{})).
+
 contracts(Monitors) ->
-    Facts = #{
+    [[<<"run">>, #{contracts := Contracts}] | _] = starl_view_head:rows(facts(Monitors), #{}),
+    Contracts.
+
+facts(Monitors) ->
+    #{
         app => starl_painting,
         scenario => #{},
         robots => [{1, {0.0, 0.0, 0.0}}],
         monitors => Monitors,
         waypoints => #{},
         machines => #{}
-    },
-    [[<<"run">>, #{contracts := Contracts}] | _] = starl_view_head:rows(Facts, #{}),
-    Contracts.
+    }.

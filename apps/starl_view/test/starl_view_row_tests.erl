@@ -73,3 +73,11 @@ text_test() ->
     Long = starl_view_row:text(lists:duplicate(1000, "ä"), 40),
     ?assert(string:length(Long) =< 40),
     ?assertEqual(Long, unicode:characters_to_binary(unicode:characters_to_list(Long))).
+
+%% The page draws what faults of the floor put in the way.
+a_fault_of_the_floor_has_its_place_test() ->
+    Row = fun(Kind, Params) -> starl_view_row:fault(0, {f, 1, 2, Kind, all, Params}) end,
+    ?assertEqual([7], lists:last(Row(closed, #{door => 7}))),
+    Box = #{x => 1, y => 2, width => 3, height => 4},
+    ?assertEqual([1, 2, 3, 4], lists:last(Row(obstacle, Box))),
+    ?assertEqual(8, length(Row(pause, #{}))).
