@@ -193,3 +193,50 @@ a_floor_plan_test() ->
         {binary:match(Frame, Wall) =/= nomatch, binary:match(Frame, Shut) =/= nomatch}
      || T <- [500000, 1500000, 2500000], Frame <- [starl_film_frame:at(T, "plan", Scene)]
     ]).
+
+%% -- what applications draw -----------------------------------------------------------------
+
+drawn(At, Shape) ->
+    {ok, Drawing} = starl_drawing:new(Shape),
+    {trace, At, {1, app, {draw, Drawing}}}.
+
+%% A text of half a second, an area that stays, and a line that is taken away.
+drawings() ->
+    [
+        {scenario, 0, #{app => a, scenario => #{world => {4000, 2000}}, monitors => []}},
+        {trace, 0, {1, chassis, {motion, {piece, 0, 500.0, 500.0, 0.0, 500.0, 0.0}}}},
+        drawn(1000000, #{key => a, text => "hello <all>", at => {100, 200}, seconds => 0.5}),
+        drawn(1000000, #{key => b, area => starl_drawing:circle({9, 9}, 50), colour => red}),
+        drawn(1000000, #{key => c, line => [{1, 2}, {3, 4}]}),
+        drawn(2000000, #{key => c, line => []}),
+        {trace, 4000000, {1, robot, down}}
+    ].
+
+drawn_scene() ->
+    Cast = lists:foldl(fun starl_film_cast:message/2, starl_film_cast:new(), drawings()),
+    {ok, Scene} = starl_film_cast:scene(Cast),
+    Scene.
+
+has(Text, Svg) -> string:find(Svg, Text) =/= nomatch.
+
+drawings_in_a_frame_test() ->
+    At = fun(T) ->
+        Svg = starl_film_frame:at(T, "t", drawn_scene()),
+        {has("hello &lt;all&gt;", Svg), has("<polygon", Svg), has("<polyline", Svg)}
+    end,
+    ?assertEqual({false, false, false}, At(900000)),
+    ?assertEqual({true, true, true}, At(1200000)),
+    ?assertEqual({false, true, true}, At(1700000)),
+    ?assertEqual({false, true, false}, At(3000000)).
+
+%% Without animation it shows the end: the area alone.
+drawings_in_the_film_test() ->
+    Svg = starl_film_svg:film(drawn_scene(), #{seconds => 4.0, title => "t"}),
+    {_, []} = xmerl_scan:string(unicode:characters_to_list(Svg), [{quiet, true}]),
+    Begins = fun(Shape) ->
+        [Before, _] = string:split(Svg, Shape),
+        lists:last(string:split(Before, "<g opacity=", all))
+    end,
+    ?assertMatch(<<"\"0\"", _/binary>>, Begins("<polyline")),
+    ?assertMatch(<<"\"0\"", _/binary>>, Begins("hello &lt;all&gt;")),
+    ?assertMatch(<<"\"1\"", _/binary>>, Begins("<polygon")).

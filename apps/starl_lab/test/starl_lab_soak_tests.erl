@@ -35,6 +35,33 @@ sound_test_() ->
         narrow(Text)
     end}.
 
+%% So does an application, in teams of all sizes, under faults that it bears.
+application_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        Text = says(0, "seeds/min/core", ["soak", "follow", "--seeds", "4", "--jobs", "2"]),
+        contains("follow           4          0         0", Text)
+    end}.
+
+applications_are_drawn_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        Known = starl_lab_soak_draw:applications(),
+        Names = [search, formation, follow, swarm, crossing],
+        ?assertEqual([], Names -- [Name || {Name, _} <- Known]),
+        Drawn = fun(Name) -> [starl_lab_soak:scenario(Name, none, S) || S <- lists:seq(1, 50)] end,
+        [
+            ?assertEqual(proplists:get_value(Name, Known), App)
+         || Name <- Names, #{app := App} <- Drawn(Name)
+        ],
+        Faults = fun(Name) -> lists:usort([F || #{random_faults := F} <- Drawn(Name)]) end,
+        ?assert(lists:member([all], Faults(formation))),
+        %% what rests on path planning gets what that bears
+        ?assertNot(
+            lists:any(fun(F) -> F =:= [all] orelse lists:member(location, F) end, Faults(search))
+        ),
+        Sizes = [N || #{robots := N} <- Drawn(swarm)],
+        ?assertEqual({1, 10}, {lists:min(Sizes), lists:max(Sizes)})
+    end}.
+
 %% What a few runs have not had is told, and not owed.
 sometimes_test_() ->
     {timeout, ?PATIENCE_S, fun() ->

@@ -60,9 +60,17 @@ scenario(dpp, Robots, Seed) ->
         chassis => one_of([differential, differential, holonomic, mixed], {Seed, dpp, chassis})
     });
 scenario(Name, Robots, Seed) ->
-    case lists:keyfind(Name, 1, applications()) of
-        {Name, App} -> application(Name, App, Robots, Seed);
-        false -> block(Name, Robots, Seed)
+    case starl_blocks:find(Name) of
+        {ok, _} -> block(Name, Robots, Seed);
+        error -> application(Name, module(Name), Robots, Seed)
+    end.
+
+%% Searching the code path for it, as `applications/0' does, takes too long for each run.
+module(Name) ->
+    Shipped = list_to_atom("starl_" ++ atom_to_list(Name)),
+    case code:ensure_loaded(Shipped) of
+        {module, Shipped} -> Shipped;
+        {error, _} -> Name
     end.
 
 %% @doc The applications that a soak knows beside: those that ship, but for the exercise of blocks, and
