@@ -23,6 +23,8 @@
 
 -define(PACE_MS, 500).
 -define(LIFETIME_MS, 5000).
+%% How long areas and dots are shown (s).
+-define(SHOWN_S, 15).
 -define(SPEED, 150).
 -define(SHY_MM, 700).
 -define(NEAR_MM, 300).
@@ -108,7 +110,7 @@ send(Now, Robot, #{send_at := At, until := Until, every := Every, size := Size} 
     case starl_geocast:send(Robot, {circle, Centre, Radius}, note, Now, Options) of
         ok ->
             Area = starl_drawing:circle(Centre, Radius),
-            ok = starl:draw(Robot, #{key => area, area => Area});
+            ok = starl:draw(Robot, #{key => area, area => Area, seconds => ?SHOWN_S});
         {error, _} ->
             ok
     end,
@@ -144,7 +146,7 @@ listen(Robot, Until, #{heard := Heard} = State) ->
     end.
 
 mark({ok, {X, Y, _}}, Robot, From) ->
-    starl:draw(Robot, #{key => {heard, From}, points => [{X, Y}]});
+    starl:draw(Robot, #{key => {heard, From}, points => [{X, Y}], seconds => ?SHOWN_S});
 mark({error, _}, _Robot, _From) ->
     ok.
 
