@@ -45,6 +45,7 @@ refuses_test_() ->
             {"{\"op\":\"pose\",\"x\":1e300,\"y\":2,\"th\":0}",
                 "pose needs \"x\", \"y\" (mm) and \"th\" (rad)"},
             {"{\"op\":\"pose\",\"x\":NaN,\"y\":2,\"th\":0}", "no JSON"},
+            {"{\"op\":\"pong\",\"n\":\"x\"}", "pong lacks a key, or it has a wrong value"},
             {"{\"op\":\"pong\"}", "pong lacks a key, or it has a wrong value"},
             {"{\"op\":\"hello\"}", "hello needs \"protocol\":1"},
             {"{\"op\":\"hello\",\"protocol\":2}", "hello: protocol 2, and this StarL speaks 1"},
