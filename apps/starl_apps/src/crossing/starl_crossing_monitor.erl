@@ -96,7 +96,8 @@ judged(Met, #state{faults = Faults}) ->
     ].
 
 %% @doc Results: the passes of the crossing, and the least distance of two robots (mm).
--spec finish(integer(), #state{}) -> {ok | {violation, [starl_monitor:violation(), ...]}, map()}.
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => term()}}.
 finish(EndUs, #state{separation = Separation, passes = Passes} = State) ->
     {Met, Least} = starl_separation:finish(EndUs, Separation),
     Results = #{passes => Passes, least_mm => least(Least)},

@@ -101,7 +101,8 @@ violation(What, T, Robots, Details) ->
     #{contract => follow, what => What, at_us => T, robots => Robots, details => Details}.
 
 %% @doc Results: the number of robots that have led, and the longest time without a leader.
--spec finish(integer(), #state{}) -> {ok | {violation, [starl_monitor:violation(), ...]}, map()}.
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => term()}}.
 finish(EndUs, State) ->
     {Late, Last} = late(EndUs, State),
     #state{leaders = Leaders, longest = Longest} = lead(EndUs, Last),

@@ -151,7 +151,8 @@ violation(T, Robots, Round, Mm) ->
     }.
 
 %% @doc Results: the rounds that were formed, and the greatest distance of a robot from its place then.
--spec finish(integer(), #state{}) -> {ok | {violation, [starl_monitor:violation(), ...]}, map()}.
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => term()}}.
 finish(EndUs, #state{formed = Formed, worst = Worst} = State) ->
     Results = #{formed => Formed, worst_mm => Worst},
     case late(EndUs, State) of

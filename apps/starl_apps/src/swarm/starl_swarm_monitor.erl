@@ -144,7 +144,8 @@ violation(Id, Due, Robots) ->
     }.
 
 %% @doc Results: how many times a message had to be heard.
--spec finish(integer(), #state{}) -> {ok | {violation, [starl_monitor:violation(), ...]}, map()}.
+-spec finish(integer(), #state{}) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => term()}}.
 finish(EndUs, State) ->
     case late(EndUs, State) of
         {[], #state{owed = Owed}} -> {ok, #{owed => Owed}};

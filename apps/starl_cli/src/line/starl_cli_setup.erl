@@ -17,6 +17,8 @@
     print_scenario := boolean(),
     %% a run in real time
     live => boolean(),
+    %% the user's own chassis
+    own => starl_cli_own_chassis:t(),
     recording => starl_cli_recording:t()
 }.
 

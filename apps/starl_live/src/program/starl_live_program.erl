@@ -162,9 +162,14 @@ stop(#program{port = Port, os_pid = Pid}) ->
 
 %% The mailbox of this process may be full of what the program has said.
 apart(Do) ->
-    {_, Ref} = spawn_monitor(fun() -> exit({did, Do()}) end),
+    {Parent, Mark} = {self(), make_ref()},
+    {_, Ref} = spawn_monitor(fun() -> Parent ! {Mark, Do()} end),
     receive
-        {'DOWN', Ref, process, _, {did, Answer}} -> Answer
+        {Mark, Answer} ->
+            true = erlang:demonitor(Ref, [flush]),
+            Answer;
+        {'DOWN', Ref, process, _, Reason} ->
+            exit(Reason)
     end.
 
 %% @doc Kills it with its children, at once. It is heard of as of any other end.

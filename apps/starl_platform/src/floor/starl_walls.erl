@@ -68,7 +68,7 @@ clearance(Segment, Most, Walls) ->
 
 %% @doc The number of walls that a straight way goes through. A block has two sides in the way, each of
 %% which counts for half a wall; a line counts whole, and so does one without a plan's number: an obstacle.
--spec crossed(starl_geometry:segment(), t()) -> float().
+-spec crossed(starl_geometry:segment(), t()) -> number().
 crossed(Way, #walls{weights = Weights} = Walls) ->
     lists:sum([0.0 | [weight(N, Weights) || {N, Side} <- near(Way, 0.0, Walls), crosses(Way, Side)]]).
 

@@ -14,7 +14,7 @@
 
 -export([new/1, circle/2, colours/0, shown/2]).
 
--export_type([t/0, shape/0, key/0, kind/0, colour/0, seen/0]).
+-export_type([t/0, shape/0, place/0, key/0, kind/0, colour/0, seen/0]).
 
 -type key() :: atom() | {atom(), integer()}.
 
@@ -23,15 +23,18 @@
 %% `own': the colour of the robot.
 -type colour() :: own | red | orange | yellow | green | blue | purple | grey | black.
 
+%% In millimetres.
+-type place() :: {X :: number(), Y :: number()}.
+
 %% What an application gives: a key, one of the four kinds, and, if it likes, the seconds after which it
 %% goes (otherwise it stays) and its colour (its own). A text has a place, `at'.
 -type shape() :: #{
     key := key(),
-    points => [starl_geometry:point()],
-    line => [starl_geometry:point()],
-    area => [starl_geometry:point()],
+    points => [place()],
+    line => [place()],
+    area => [place()],
     text => unicode:chardata(),
-    at => starl_geometry:point(),
+    at => place(),
     seconds => number(),
     colour => colour()
 }.
@@ -152,7 +155,7 @@ points(_, _N, _Points) ->
 is_coordinate(X) -> is_number(X) andalso X =< ?FARTHEST andalso X >= -?FARTHEST.
 
 %% @doc The outline of a circle, for an area or a line.
--spec circle(Centre :: starl_geometry:point(), RadiusMm :: number()) -> [starl_geometry:point()].
+-spec circle(Centre :: place(), RadiusMm :: number()) -> [starl_geometry:point()].
 circle({X, Y}, Radius) ->
     Turns = [2 * math:pi() * N / ?CORNERS || N <- lists:seq(0, ?CORNERS)],
     [{X + Radius * math:cos(Turn), Y + Radius * math:sin(Turn)} || Turn <- Turns].

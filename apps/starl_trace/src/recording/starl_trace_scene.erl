@@ -53,7 +53,7 @@ plan(At, #{doors := Doors, rooms := Rooms} = Floor) ->
      || {Name, Room} <- lists:sort(maps:to_list(Rooms))
     ],
     update([
-        entity(At, <<"floor">>, <<"floor plan">>, false, [
+        entity(At, <<"floor">>, <<"floor plan">>, 0, [
             {lines, [Walls | [Doorways || Doors =/= []]]}, {texts, Names}
         ])
     ]).
@@ -202,7 +202,7 @@ ink(At, Robot, N, Points) ->
 
 %% @doc An entity that stands on the floor, with its shapes by their kinds; 0: it stays.
 -spec entity(AtUs :: integer(), Frame :: binary(), Id :: binary(), LifeUs, Shapes) ->
-    starl_trace_json:json()
+    {[{atom(), starl_trace_json:json()}]}
 when
     LifeUs :: non_neg_integer(), Shapes :: [{atom(), [starl_trace_json:json()]}].
 entity(At, Frame, Id, LifeUs, Shapes) -> entity(At, Frame, Id, false, LifeUs, Shapes).
@@ -261,7 +261,9 @@ m(Mm) -> {Mm / 1000, 3}.
 colour(Robot, Alpha) -> colour(Robot, own, Alpha).
 
 %% @doc The colour of a robot, or another, each part from 0 to 1.
--spec colour(starl:robot_id(), own | {R, G, B}, Alpha :: float()) -> starl_trace_json:json() when
+-spec colour(starl:robot_id(), own | {R, G, B}, Alpha :: float()) ->
+    {[{atom(), starl_trace_json:json()}]}
+when
     R :: float(), G :: float(), B :: float().
 colour(Robot, own, Alpha) ->
     colour(Robot, element((Robot - 1) rem tuple_size(?COLOURS) + 1, ?COLOURS), Alpha);

@@ -47,6 +47,7 @@
     monitors := [{module(), map()}],
     machines := #{starl_machine:name() => module()},
     waypoints := #{atom() => starl_geometry:point()},
+    floor => starl_floor:t(),
     versions := #{atom() => string()},
     epoch_us => integer(),
     begun_us => integer(),
