@@ -140,9 +140,13 @@ deviations_of_terms_are_refused(Config) ->
     Second = [Claims(2, 2), Leads(2, 2)],
     Right = First ++ Second ++ [Assigns(2, 2), Down(1, 1), Assigns(0, 2)],
     ?assertEqual(accepted, starl_promela:replay(Right, Dir)),
+    %% a leader that was late claims anew (soak, seed 311475)
+    Anew = First ++ [Claims(2, 1)],
+    ?assertEqual(accepted, starl_promela:replay(Anew ++ [Leads(2, 1), Assigns(2, 1)], Dir)),
     [
         ?assertEqual({Name, {refused, At}}, {Name, starl_promela:replay(Facts, Dir)})
      || {Name, At, Facts} <- [
+            {assigns_while_it_claims_anew, 5, Anew ++ [Assigns(0, 1)]},
             {leads_without_a_claim, 0, [Leads(1, 1)]},
             {leads_in_the_term_of_another, 1, [Claims(1, 1), Leads(1, 2)]},
             {a_lower_term_after_a_higher, 3, [Claims(1, 1) | Second] ++ [Leads(1, 1)]},

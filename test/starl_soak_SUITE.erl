@@ -136,8 +136,10 @@ scenario(Blocks) ->
         )
     ).
 
+%% The blocks are used on an empty floor.
 faults(Block, N) ->
-    resize(12, list(?LET(Spec, oneof(starl_sim_fault:kinds()), fault(Spec, Block, N)))).
+    Kinds = [Spec || {_, _, Shape, _, _} = Spec <- starl_sim_fault:kinds(), Shape =/= floor],
+    resize(12, list(?LET(Spec, oneof(Kinds), fault(Spec, Block, N)))).
 
 fault({Kind, _, Shape, Params, _}, Block, N) ->
     ?LET(

@@ -1,7 +1,7 @@
 /* Terms of path planning: who may lead, and who may assign. Driven by the facts of a trace as lock.pml is:
    kind, number of the term in the order of terms, robot; the others are not used. A leader whose votes have
    ended, since it stands still or is cut off, may think that it leads beside the next one, but assigns
-   nothing any more. */
+   nothing any more. One that was late, or is out of time, claims anew, and with that leads no longer. */
 
 c_decl { \#include "trace.h" };
 
@@ -33,7 +33,7 @@ active proctype Model()
 			now.robot = trace_facts[now.at][3];
 		};
 		if
-		:: kind == CLAIMS && term > claimed[robot] && leads[robot] == 0 -> claimed[robot] = term
+		:: kind == CLAIMS && term > claimed[robot] -> claimed[robot] = term; leads[robot] = 0
 		:: kind == LEADS && term == claimed[robot] && term > latest && leads[robot] == 0 ->
 			leads[robot] = term; latest = term; leader = robot
 		:: kind == ASSIGNS && leader == robot && leads[robot] == latest && latest != 0 &&
