@@ -62,7 +62,7 @@ results_go_to_out_of_the_working_directory(Config) ->
     {0, Help} = sh("\"$(pwd)/st\" run --help", Dir),
     contains("Usage: st run TARGET", Help),
     {0, Apps} = sh("./st apps", Dir),
-    contains("  painting  A team paints a picture together.\n", Apps),
+    contains("  painting   A team paints a picture together.\n", Apps),
     contains("examples/line_up.erl", Apps).
 
 an_earlier_result_is_not_overwritten_without_a_word(Config) ->

@@ -505,16 +505,19 @@ counts_test() ->
 vocabulary_test() ->
     #{dpp := Participant, dpp_coordinator := Coordinator} = starl_dpp_monitor:vocabulary(),
     ?assertEqual(
-        [{answered, 1}, {asks, 0}, {stale_answer, 3}, {void, 1}], lists:sort(Participant)
+        [{answered, 1}, {asks, 0}, {blocked, 1}, {stale_answer, 3}, {void, 1}],
+        lists:sort(Participant)
     ),
     ?assertEqual(
         [
             {assigned, 3},
             {claims, 1},
+            {closed, 1},
             {coordinator, 1},
             {deadlock_resolved, 1},
             {leads, 1},
             {malformed, 2},
+            {reopened, 0},
             {reserved, 2},
             {silent, 1},
             {stepped_down, 1},

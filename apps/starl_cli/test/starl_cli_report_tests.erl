@@ -65,6 +65,7 @@ painting(Covered, Separation) ->
             speed => 500,
             safety_distance => 400,
             picture => picture(),
+            lost => none,
             world => none
         }
     },

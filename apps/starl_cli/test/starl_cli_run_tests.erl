@@ -134,7 +134,7 @@ bad_faults_test_() ->
                 "--random-faults: there is no class or kind of faults netwrk (did you mean network?)"},
             {"--random-faults", "[all|1]",
                 "--random-faults: there is no class or kind of faults 1; classes: all, network, "
-                "clock, process, location, actuation, serial, store, sense"},
+                "clock, process, location, actuation, serial, store, sense, floor"},
             {"--random-faults", "all",
                 "--random-faults: a list of classes and kinds of faults, as in "
                 "[network, kill_machine], or [all] expected, not \"all\""}

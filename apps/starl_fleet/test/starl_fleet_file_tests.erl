@@ -55,7 +55,10 @@ camera_test() ->
         lines(fleet(#{robots => #{1 => Robot}}), starl_exercise)
     ),
     Sound = Robot#{camera := #{command => "x"}},
-    ?assertEqual([], lines(fleet(#{robots => #{1 => Sound}}), starl_exercise)).
+    ?assertMatch(
+        {ok, #{robots := #{1 := #{camera := #{command := "x"}}}}},
+        starl_fleet_file:check("f.term", fleet(#{robots => #{1 => Sound}}), starl_exercise)
+    ).
 
 chassis_test() ->
     Robots = #{1 => #{host => "a", chassis => creat}},
