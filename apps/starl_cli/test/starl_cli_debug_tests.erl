@@ -138,7 +138,7 @@ behind_a_hole_nothing_is_certain_test_() ->
 a_cut_recording_of_another_robot_test_() ->
     in_directory(fun(Dir) ->
         One = write(Dir, "robot-1.mcap", own(1, holds([hd(?APART)]))),
-        Two = cut(0.6, write(Dir, "robot-2.mcap", own(2, []))),
+        Two = cut(0.5, write(Dir, "robot-2.mcap", own(2, []))),
         says(0, ["robot-2.mcap: cut off at"], [
             "debug", One, Two, "--quiet", "--predicate", "r1.mode = down"
         ]),
