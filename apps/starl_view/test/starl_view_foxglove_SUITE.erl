@@ -348,7 +348,7 @@ official(Node, Dir, Config) ->
     ]),
     [<<"info">>, <<"starl">>, [<<"time">>]] = line(Port),
     _ = lines(<<"ready">>, Port),
-    ok = subscribed(9, Config),
+    ok = subscribed(11, Config),
     _ = ran(20, Config),
     Lines = until_time(20000000, Port, []),
     true = port_close(Port),
