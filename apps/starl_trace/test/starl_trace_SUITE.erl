@@ -127,7 +127,7 @@ a_file_has_what_the_specification_asks(Config) ->
         {_, {message, _, _, Time, _, _}} <- records(0, Inside)
     ],
     ?assertEqual(lists:sort(Times), Times),
-    {value, {statistics, Count, 10, 10, 1, 0, ChunkCount, _, _, Per}} =
+    {value, {statistics, Count, 12, 12, 1, 0, ChunkCount, _, _, Per}} =
         lists:search(fun(R) -> element(1, R) =:= statistics end, Summary),
     ?assertEqual({length(Chunks), lists:sum([N || {_, N} <- Per])}, {ChunkCount, Count}),
     %% every index points to a message of its channel
@@ -219,11 +219,11 @@ every_channel_is_in_the_data(Config) ->
     ok = file:write_file(Empty, [Head, starl_trace_writer:finish(Writer)]),
     ?assertEqual({[], []}, told_and_repeated(Empty)),
     ok = starl_trace_ct:recorded(File, starl_trace_ct:told(starl_trace_ct:events(300, 15000))),
-    {20, 20} = counts(told_and_repeated(File)),
+    {24, 24} = counts(told_and_repeated(File)),
     {ok, <<Before:5000/binary, Byte, After/binary>>} = file:read_file(File),
     ok = file:write_file(File, <<Before/binary, (Byte bxor 1), After/binary>>),
     {ok, #{damaged := 1}} = starl_mcap_recover:file(File, Out),
-    {20, 20} = counts(told_and_repeated(Out)),
+    {24, 24} = counts(told_and_repeated(Out)),
     ok = file:write_file(File, channels_apart()),
     {ok, #{messages := 1}} = starl_mcap_recover:file(File, Out),
     {2, 2} = counts(told_and_repeated(Out)).
