@@ -181,9 +181,9 @@ hung_on_purpose(Config) ->
         {["heal"], "healed\n"},
         {["status"], "robot 2  up    process"}
     ],
-    {Outcome, Answers} = run(
-        dist, 150, [{heard, 5, {ask, [Words || {Words, _} <- Asked]}}], Config
-    ),
+    [Pause | Words] = [Words || {Words, _} <- Asked],
+    Script = [{heard, 5, {ask, [Pause]}}, {heard, 5, {stands, 2}}, {heard, 5, {ask, Words}}],
+    {Outcome, Answers} = run(dist, 150, Script, Config),
     ?assertEqual([{done, 150}, {done, 150}], results(Outcome)),
     answered(Asked, Answers),
     {_, Status} = lists:last(Answers),
@@ -534,6 +534,11 @@ act({kill, Robot}, Cluster) ->
 act({halt, Robot}, Cluster) ->
     #{os_pids := #{Robot := OsPid}} = starl_cluster:status(Cluster),
     [] = os:cmd("kill -STOP " ++ OsPid),
+    stands(OsPid),
+    [];
+act({stands, Robot}, Cluster) ->
+    #{os_pids := #{Robot := OsPid}} = starl_cluster:status(Cluster),
+    stands(OsPid),
     [];
 act({cut, A, B}, Cluster) ->
     ok = starl_cluster:cut(Cluster, A, B),
@@ -551,6 +556,16 @@ act({reload, Texts, Step}, Cluster) ->
     [starl_cluster:reload(Cluster, [Code], #{trial_ms => 1000})];
 act({ask, Questions}, _Cluster) ->
     [starl_cluster_control:ask(Words, list_to_integer(os:getpid())) || Words <- Questions].
+
+%% A process stands when each of its threads has heard of it: on a busy computer some go on meanwhile.
+stands(OsPid) ->
+    Threads = filelib:wildcard("/proc/" ++ OsPid ++ "/task/*/stat"),
+    case [Stat || File <- Threads, {ok, Stat} <- [file:read_file(File)], not is_stopped(Stat)] of
+        [] -> ok;
+        _ -> stands(OsPid)
+    end.
+
+is_stopped(Stat) -> binary:first(lists:last(binary:split(Stat, <<") ">>, [global]))) =:= $T.
 
 %% The application of these runs with further functions; its own `step/2' under this name.
 changed(Texts, Step) ->
