@@ -49,9 +49,9 @@ every_kind_takes_effect(_) ->
     [
         begin
             {Plain, Without} =
-                case Class of
-                    sense -> {on_floor(), OnFloor};
-                    _ -> {busy(#{}), Usual}
+                case lists:member(Class, [sense, floor]) of
+                    true -> {on_floor(), OnFloor};
+                    false -> {busy(#{}), Usual}
                 end,
             Faults = [example(Kind) | maps:get(faults, Plain)],
             #{digest := With, violations := Broken} = run(Plain#{faults => Faults}),
@@ -72,7 +72,8 @@ example(Kind) ->
             machine -> {1, sap};
             link -> all;
             group -> [1];
-            two -> {1, 2}
+            two -> {1, 2};
+            floor -> all
         end,
     Values = maps:from_list([{K, value(K, T, R)} || {K, T, R} <- Params]),
     From =
@@ -82,6 +83,10 @@ example(Kind) ->
         end,
     {Kind, From, 6000, Kind, Target, Values}.
 
+%% the only door; a box before the robots
+value(door, _, _) -> 1;
+value(x, _, _) -> 3000;
+value(y, _, _) -> 1000;
 value(packet, _, _) -> 3;
 value(actions, _, _) -> 0;
 value(part, _, _) -> 0.5;
@@ -90,10 +95,11 @@ value(_, {one_of, [First | _]}, _) -> First;
 value(_, {number, _, _}, {_, High}) -> High;
 value(_, {integer, _, _}, {_, High}) -> High.
 
-%% There are senses on a floor plan only.
+%% There are senses, doors and boxes on a floor plan only.
 on_floor() ->
     #{around := Around} = Busy = busy(#{}),
-    Busy#{around := Around#{floor => starl_floor:empty({12000, 12000})}}.
+    Floor = starl_floor:new(#{size => {12000, 12000}, doors => [{{1000, 1700}, {11000, 1700}}]}),
+    Busy#{around := Around#{floor => Floor}}.
 
 %% Four robots that talk, look around, store and drive, for ten seconds; what one has stored it
 %% reads after a crash.
@@ -280,7 +286,12 @@ is_set(Fault) -> element(4, Fault) =:= clock_step andalso not is_companion(Fault
 
 drawn(Seed, Kinds) ->
     starl_sim_fault_draw:draw(#{
-        seed => Seed, robots => 5, machines => [sap, app], until_ms => 20000, kinds => Kinds
+        seed => Seed,
+        robots => 5,
+        machines => [sap, app],
+        until_ms => 20000,
+        kinds => Kinds,
+        floor => {2, {12000.0, 12000.0}}
     }).
 
 %% What was drawn stands in the scenario, so that it can be replayed and reduced.

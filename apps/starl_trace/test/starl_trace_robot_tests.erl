@@ -2,7 +2,7 @@
 -module(starl_trace_robot_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--define(MOST, 400000).
+-define(MOST, 440000).
 
 %% A node that is killed in the moment in which a file was full: the next one has no event yet, and what
 %% was lost is found by the end of the full one.

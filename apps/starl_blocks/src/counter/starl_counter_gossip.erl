@@ -13,7 +13,7 @@
 -module(starl_counter_gossip).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5, accepts/2]).
+-export([has_history/0, init/1, handle_event/5, accepts/2]).
 
 -export_type([event/0]).
 
@@ -32,6 +32,9 @@
 -type entry() :: {starl:robot_id(), Life :: pos_integer()}.
 
 -define(GOSSIP_MS, 1000).
+
+-spec has_history() -> true.
+has_history() -> true.
 
 -spec init(starl_machine:config()) -> {ready, #counter{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Life} = Config) ->

@@ -18,7 +18,7 @@
 -module(starl_election_ballots).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5, accepts/2, again_us/0]).
+-export([has_history/0, init/1, handle_event/5, accepts/2, again_us/0]).
 
 -export_type([event/0]).
 
@@ -59,6 +59,9 @@
 %% @doc The time after which a robot without a result asks again, in microseconds.
 -spec again_us() -> pos_integer().
 again_us() -> ?AGAIN_US.
+
+-spec has_history() -> true.
+has_history() -> true.
 
 -spec init(starl_machine:config()) -> {ready, #election{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, team_seed := Seed} = Config) ->

@@ -24,7 +24,7 @@
 -module(starl_election_bully).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5, accepts/2]).
+-export([has_history/0, init/1, handle_event/5, accepts/2]).
 
 -export_type([config/0, event/0]).
 
@@ -66,6 +66,9 @@
     %% the elections, latest first
     order = [] :: [starl_election:election()]
 }).
+
+-spec has_history() -> true.
+has_history() -> true.
 
 -spec init(starl_machine:config()) -> {ready, #bully{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team} = Config) ->

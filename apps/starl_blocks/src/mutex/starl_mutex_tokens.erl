@@ -29,7 +29,7 @@
 -module(starl_mutex_tokens).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5, accepts/2]).
+-export([has_history/0, init/1, handle_event/5, accepts/2]).
 
 -export_type([event/0]).
 
@@ -56,6 +56,9 @@
 -define(DRIFT_PPM, 10000).
 -define(LAG_MS, 250).
 -define(RETRY_MS, 3000).
+
+-spec has_history() -> true.
+has_history() -> true.
 
 -spec init(starl_machine:config()) ->
     {ready, starl_mutex_state:t(), [starl_machine:action()]}.

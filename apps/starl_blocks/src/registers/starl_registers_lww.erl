@@ -34,7 +34,7 @@
 -module(starl_registers_lww).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5, accepts/2]).
+-export([has_history/0, init/1, handle_event/5, accepts/2]).
 
 -export_type([config/0, event/0]).
 
@@ -85,6 +85,9 @@
     %% stamps are given before this time; it is stored
     reserved = none :: integer() | none
 }).
+
+-spec has_history() -> true.
+has_history() -> true.
 
 -spec init(starl_machine:config()) ->
     {ready | recovering, #lww{}, [starl_machine:action()]}.

@@ -156,9 +156,15 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         now = Now
     }.
 
-%% Of real robots histories are kept: of the calls to all blocks, whatever the blocks are.
-histories(#{inline := true}) -> [];
-histories(#{parts := Parts}) -> maps:keys(Parts) -- [app, sap, location, motion].
+%% Of real robots histories are kept: of the calls that a model explains.
+histories(#{inline := true}) ->
+    [];
+histories(#{parts := Parts}) ->
+    [Name || {Name, Module} <- lists:sort(maps:to_list(Parts)), has_history(Module)].
+
+has_history(Module) ->
+    {module, Module} = code:ensure_loaded(Module),
+    erlang:function_exported(Module, has_history, 0) andalso Module:has_history().
 
 %% @doc The body at a new event: time does not go back.
 -spec at(event | same, t()) -> t().

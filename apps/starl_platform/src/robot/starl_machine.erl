@@ -147,7 +147,10 @@
     {ok, State :: term(), Data :: term()}
 when
     Md5 :: binary(), State :: term(), Data :: term().
--optional_callbacks([accepts/2, code_change/3]).
+%% Are the calls to it kept by real robots? A model of what its block promises explains them then ({@link
+%% starl_history_model}); without this callback they are not kept, since they cost room in recordings.
+-callback has_history() -> boolean().
+-optional_callbacks([accepts/2, code_change/3, has_history/0]).
 
 -record(machine, {
     %% the callback, looked up once; a fun of this kind calls the latest version of its module;
