@@ -19,7 +19,8 @@
     piece = none :: starl_trajectory:piece() | none,
     judged_us = 0 :: integer(),
     line = none :: {starl_geometry:segment(), SinceUs :: integer()} | none,
-    goal = none :: goal() | none
+    goal = none :: goal() | none,
+    bumped_us = none :: integer() | none
 }).
 
 -type goal() :: #{
@@ -132,14 +133,16 @@ happened(T, Robot, {motion, {goal, _Way, To}}, #goals{goals = N} = Goals) ->
     #goals{due = Due} =
         Given = put_drive(Robot, Drive#drive{goal = Goal}, Goals#goals{goals = N + 1}),
     {[], Given#goals{due = min(Due, maps:get(due_us, Goal))}};
-happened(_T, Robot, {chassis, {sensed, {bump, _Side}}}, Goals) ->
-    %% something is in its way: it need not arrive
-    {[], over(Robot, Goals)};
+happened(T, Robot, {chassis, {sensed, {bump, _Side}}}, Goals) ->
+    %% something is in its way: it need not arrive; and while its wheels turned on it was set apart
+    {Found, Drive, Next} = follow(T, Robot, Goals),
+    {Found, over(Robot, put_drive(Robot, Drive#drive{line = none, bumped_us = T}, Next))};
 happened(T, Robot, {motion, {line, Line}}, Goals) ->
     {Found, Drive, Next} = follow(T, Robot, Goals),
     Held = [
         {Line, T}
      || Place <- place(T, Drive),
+        is_apart(T, Drive),
         starl_geometry:point_segment(Place, Line) =< radius_mm(Robot, Goals)
     ],
     {Found, put_drive(Robot, Drive#drive{line = hd(Held ++ [none])}, Next)};
@@ -181,6 +184,10 @@ is_late(_T, _Drive) -> false.
 
 add(_Since, never) -> never;
 add(Since, Within) -> Since + Within.
+
+%% Has it touched nothing for a while?
+is_apart(_T, #drive{bumped_us = none}) -> true;
+is_apart(T, #drive{bumped_us = Bumped}) -> T - Bumped >= ?PATIENCE_US.
 
 drive(Robot, #goals{drives = Drives}) -> maps:get(Robot, Drives, #drive{}).
 
