@@ -88,6 +88,14 @@ near_its_line_without_a_program_test() ->
     Crash = {1, 1, motion, crashed},
     ?assertMatch([{off_line, _}], judge([Stands, Goal, Line, Crash | Moves])).
 
+%% One that bumps is held to no line that it has begun until half a second later.
+bumped_off_its_line_test() ->
+    [Stands, Goal, Line | Moves] = drive([{0.0, 0.0}, {1000.0, 50.0}]),
+    Bump = fun(At) -> {At, 1, chassis, {sensed, {bump, left}}} end,
+    ?assertEqual([], judge([Stands, Goal, Line, Bump(1) | Moves])),
+    ?assertEqual([], judge([Stands, Bump(-499999), Goal, Line | Moves])),
+    ?assertMatch([{off_line, _}], judge([Stands, Bump(-500000), Goal, Line | Moves])).
+
 %% A robot that is told to drive along a line that it is not on is held to none; nor is one that sees
 %% the place of another, nor one that drives with a velocity meanwhile.
 held_to_its_own_line_test() ->
