@@ -5,7 +5,7 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([every_bug_is_found/1, nothing_is_found_in_the_sound/1, the_same_seed_is_the_same_run/1]).
--export([a_reload_loses_no_application/1]).
+-export([a_reload_loses_no_application/1, what_was_found_once/1]).
 %% Called in the VMs of the runs.
 -export([digests/1]).
 
@@ -19,7 +19,8 @@ all() ->
         every_bug_is_found,
         nothing_is_found_in_the_sound,
         the_same_seed_is_the_same_run,
-        a_reload_loses_no_application
+        a_reload_loses_no_application,
+        what_was_found_once
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -68,6 +69,18 @@ a_reload_loses_no_application(_) ->
             ?assertEqual({Variant, Seed, []}, {Variant, Seed, Violations})
         end
      || Variant <- [good, crashes_at_once, no_migration], Seed <- lists:seq(1, 10)
+    ].
+
+%% A robot that started twice within a millisecond was taken for two; a call of the barrier had its timeout
+%% twice, once for each of its parts; a robot that ended with the failure of its new code, since its disk
+%% was full, told nobody.
+what_was_found_once(_) ->
+    [
+        begin
+            #{violations := Violations} = starl_virtual_run:run(run(Part, Seed)),
+            ?assertEqual({Part, Seed, []}, {Part, Seed, Violations})
+        end
+     || {Part, Seed} <- [{barrier, 99401284}, {barrier, 99400737}, {registers, 99401689}]
     ].
 
 digests(Parts) ->

@@ -32,6 +32,20 @@ sync_test() ->
         play(fun(R) -> starl_barrier:sync(R, gate, 7) end, [{answer, {3, 2}}, {answer, ok}])
     ).
 
+%% The timeout is that of the whole call: what has passed until the round was known is gone.
+timeout_of_the_whole_call_test() ->
+    Sync = fun(R) -> starl_barrier:sync(R, gate, 7000) end,
+    Waited = fun(Us) -> [{at, Us, {answer, {3, 2}}}, {answer, {error, timeout}}] end,
+    Asked = fun(Us) ->
+        [{barrier, {round, gate}, 7000000}, {barrier, {sync, gate, {3, 2}, Us}, infinity}]
+    end,
+    [
+        ?assertEqual({Asked(Left), {error, timeout}}, play(Sync, Waited(Us)))
+     || {Us, Left} <- [
+            {0, 7000000}, {5000000, 2000000}, {6999000, 1000}, {7000000, 0}, {9000000, 0}
+        ]
+    ].
+
 %% A new machine is told which round was not passed, as often as need be: a round that was passed
 %% just before the crash is not taken for this one.
 restarted_test() ->

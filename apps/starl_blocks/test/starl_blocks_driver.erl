@@ -4,7 +4,8 @@
 -export([play/2]).
 -export([init/2, step/2]).
 
--type answer() :: {answer, term()} | timeout | restarted.
+%% `at': the robot's clock is there when the answer comes, us.
+-type answer() :: {answer, term()} | timeout | restarted | {at, Us :: integer(), answer()}.
 
 %% The application: its state is the function.
 init(_Robot, Fun) -> Fun.
@@ -41,8 +42,9 @@ go_on(Pid, Actions, Answers, Calls) ->
         {[], [Answer | Rest]} ->
             [{Name, Request, Tag}] = [{N, R, T} || {call, N, R, T} <- Actions],
             Us = hd([U || {{timeout, T}, U, call} <- Actions, T =:= Tag] ++ [infinity]),
-            {Type, Content} = answered(Answer, Name, Tag),
-            Next = awake(Pid, event(Pid, Type, Content)),
+            {Now, Told} = timed(Answer),
+            {Type, Content} = answered(Told, Name, Tag),
+            Next = awake(Pid, event(Pid, Type, Content, Now)),
             go_on(Pid, Next, Rest, [{Name, Request, Us} | Calls])
     end.
 
@@ -50,12 +52,15 @@ go_on(Pid, Actions, Answers, Calls) ->
 awake(Pid, Actions) ->
     Calls = [call || {call, _, _, _} <- Actions],
     case {Calls, [Timer || {{timeout, Timer}, Us, call} <- Actions, is_integer(Us)]} of
-        {[], [Timer]} -> awake(Pid, event(Pid, {timeout, Timer}, call));
+        {[], [Timer]} -> awake(Pid, event(Pid, {timeout, Timer}, call, 0));
         {_, _} -> Actions
     end.
 
-event(Pid, Type, Content) ->
-    Pid ! {starl_step, Type, Content, #{now => 0, robot => 1}},
+timed({at, Now, Answer}) -> {Now, Answer};
+timed(Answer) -> {0, Answer}.
+
+event(Pid, Type, Content, Now) ->
+    Pid ! {starl_step, Type, Content, #{now => Now, robot => 1}},
     done().
 
 answered({answer, Answer}, _Name, Tag) -> {{reply, Tag}, Answer};

@@ -56,9 +56,11 @@ sync(Robot, Name) -> sync(Robot, Name, ?PATIENCE_MS).
 sync(Robot, Name, Ms) ->
     ok = starl_caller:payload({?MODULE, sync, 3}, 'Name', label, Name),
     ok = starl_caller:check({?MODULE, sync, 3}, 'Ms', positive_ms, Ms),
-    %% Two calls, so that the round's turn is known here should the machine crash.
+    %% Two calls, so that the round's turn is known here should the machine crash. The timeout is that of
+    %% both.
+    Until = starl:now(Robot) + Ms,
     case turn(Robot, Name, Ms) of
-        {ok, Turn} -> pass(Robot, Name, Turn, Ms);
+        {ok, Turn} -> pass(Robot, Name, Turn, max(0, Until - starl:now(Robot)));
         {error, _} = Error -> Error
     end.
 

@@ -412,7 +412,7 @@ went({crashed, Name, Reason, Robot}, Link) ->
     {ok, _Killed} = starl_robot_tree:kill(Name, machines(Flushed)),
     case crashed(Name, Reason, Flushed) of
         {ok, Next} -> go_on(Next);
-        gave_up -> exit({shutdown, gave_up})
+        {gave_up, _} -> exit({shutdown, gave_up})
     end.
 
 %% A machine learns that something of its step was late before it handles anything else.
@@ -455,7 +455,7 @@ down(Pid, Reason, Link) ->
         {ok, Name} ->
             case crashed(Name, Reason, Link) of
                 {ok, Next} -> {noreply, go_on(Next)};
-                gave_up -> {stop, {shutdown, gave_up}, Link}
+                {gave_up, Last} -> {stop, {shutdown, gave_up}, Last}
             end;
         none when Pid =:= Link#link.machines_sup ->
             {stop, {shutdown, gave_up}, Link};
@@ -463,7 +463,8 @@ down(Pid, Reason, Link) ->
             {noreply, Link}
     end.
 
-%% The link waits until the machine has been restarted, or given up.
+%% The link waits until the machine has been restarted, or given up. Whoever told the robot of new code
+%% learns that it has failed also from a link that ends with it.
 crashed(Name, Reason, #link{robot = Robot0, tree = Tree, beside = Beside} = Link) ->
     Gone = starl_robot_machines:process(Name, starl_robot:machines(Robot0)),
     Cause = starl_crash:cause(Reason),
@@ -481,10 +482,10 @@ crashed(Name, Reason, #link{robot = Robot0, tree = Tree, beside = Beside} = Link
                     Robot = starl_robot:back(Back, GivenUp, With),
                     {ok, Link#link{robot = Robot, beside = maps:remove(Gone, Beside)}};
                 {error, _} ->
-                    gave_up
+                    {gave_up, flushed(Bare, Link)}
             end;
         gave_up ->
-            gave_up
+            {gave_up, flushed(Bare, Link)}
     end.
 
 tell(Name, Reason) ->

@@ -28,7 +28,7 @@
 -define(ANSWER_US, 3000).
 -define(COMPUTES_US, 400000).
 -define(SIGHT_US, 20000).
-%% A program that has ended by itself is started anew after this time.
+%% A program that has ended by itself is started anew after this time, and none sooner after its last start.
 -define(AGAIN_US, 100000).
 %% The news of a reload that has failed takes this time.
 -define(NEWS_US, 100000).
@@ -49,6 +49,7 @@
     config :: starl_virtual_robot:config(),
     program = none :: starl_virtual_robot:t() | none,
     condition = down :: up | down | dead,
+    booted_us = none :: integer() | none,
     life = 0 :: non_neg_integer(),
     names = [] :: [starl_machine:name()],
     hold_us = 0 :: integer(),
@@ -501,6 +502,11 @@ without_power(#robot{disk = Disk} = Robot, Team) ->
 power({starl_power_cut, _}, #robot{disk = Disk}) -> starl_virtual_disk:cut_power(Disk);
 power(_Killed, #robot{disk = Disk}) -> starl_virtual_disk:keep_power(Disk).
 
+%% A program takes a while to start: two lives do not begin in one millisecond.
+comes_up(#robot{id = Id, condition = down, booted_us = Last}, #team{now = Now} = Team) when
+    is_integer(Last), Now < Last + ?AGAIN_US
+->
+    plan(Last + ?AGAIN_US, {boot, Id}, Team);
 comes_up(#robot{condition = down, life = Before} = Robot, #team{world = World, now = Now} = Team) ->
     #{seed := Seed} = World,
     #robot{id = Id, config = #{radio := {Module, Radio}} = Config, shown = Shown} = Robot,
@@ -516,7 +522,7 @@ comes_up(#robot{condition = down, life = Before} = Robot, #team{world = World, n
         random => fun(Name, Incarnation) -> Random({Name, Incarnation}) end,
         radio := {Module, Radio#{random => fun() -> Random(radio) end}}
     },
-    Up = Robot#robot{life = Life},
+    Up = Robot#robot{life = Life, booted_us = Now},
     done(runs(fun() -> starl_virtual_robot:boot(Own, Clock) end, Up, Team), Up, Team);
 comes_up(_Robot, Team) ->
     Team.
