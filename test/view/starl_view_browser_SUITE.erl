@@ -7,7 +7,9 @@
 -include_lib("common_test/include/ct.hrl").
 
 -export([all/0, suite/0, init_per_suite/1, end_per_suite/1]).
--export([simulation/1, reload/1, recording/1, late/1, replay/1, film/1, live/1, cluster/1]).
+-export([
+    simulation/1, reload/1, measures/1, recording/1, late/1, replay/1, film/1, live/1, cluster/1
+]).
 
 -define(B, starl_view_browser).
 -define(AT_S, 21).
@@ -18,7 +20,7 @@
 
 suite() -> [{timetrap, {minutes, 5}}].
 
-all() -> [simulation, reload, recording, late, replay, film, live, cluster].
+all() -> [simulation, reload, measures, recording, late, replay, film, live, cluster].
 
 init_per_suite(Config) ->
     case ?B:program() of
@@ -288,6 +290,48 @@ reload(Config) ->
     %% one line, however often the page comes
     ?assertMatch({match, [_]}, re:run(element(2, Closed), "the run is over", [global])).
 
+%% What applications measure is drawn, and told; a page that comes later knows it, too. An application that
+%% measures nothing has no curves.
+measures(Config) ->
+    Dir = ?config(priv_dir, Config),
+    Run = starl(["run", "formation", "--robots", "4", "--view", "--no-open", "--pace", "100"], Dir),
+    {Url, Said} = until("view: (http://[^\n]+/)\n", Run, ""),
+    browse(Config, fun(Browser) ->
+        ok = ?B:open(Url, Browser),
+        ok = ?B:await("starl.team.clock.ending", Browser),
+        ?B:eval("starl.select(2)", Browser),
+        shows_measures(Browser),
+        ?B:eval("document.getElementById('measures').scrollIntoView()", Browser),
+        ?B:shot(filename:join(Dir, "6_measures.png"), Browser),
+        Values = ?B:eval(values(), Browser),
+        ok = ?B:visit("about:blank", Browser),
+        ok = ?B:open(Url, Browser),
+        ok = ?B:await("starl.team.measured.length", Browser),
+        shows_measures(Browser),
+        %% the latest value of each is there, however many are left out
+        ?assertEqual(Values, ?B:eval(values(), Browser)),
+        ok = ?B:visit("about:blank", Browser)
+    end),
+    ?assertMatch({0, _}, closed(Run, Said)).
+
+values() ->
+    "starl.team.measured.map(key => [key, [...starl.team.robots.values()].map(robot => "
+    "(robot.measures.get(key) ?? []).at(-1))])".
+
+shows_measures(Browser) ->
+    ok = ?B:await("document.getElementById('measured').textContent.includes('median')", Browser),
+    Drawn = ?B:eval(
+        "(canvas => new Set(new Uint32Array(canvas.getContext('2d').getImageData(0, 0, canvas.width, "
+        "canvas.height).data.buffer)).size)(document.getElementById('curves'))",
+        Browser
+    ),
+    %% the colours of four robots, at least
+    ?assert(Drawn > 4),
+    ?assertEqual(
+        ?B:eval("starl.team.measured", Browser),
+        ?B:eval("[...document.getElementById('measure').options].map(o => o.value)", Browser)
+    ).
+
 %% A desktop, whose program for addresses says which one it was given.
 desktop(Dir) ->
     Bin = filename:join(Dir, "bin"),
@@ -310,6 +354,9 @@ recording(Config) ->
     browse(Config, fun(Browser) ->
         ok = ?B:open(Url, Browser),
         ok = ?B:await("starl.team.clock.ending", Browser),
+        ?assert(
+            ?B:eval("document.getElementById('measures').classList.contains('absent')", Browser)
+        ),
         [moment(Us, Browser) || Us <- [30000000, 75500000, 12345000, 62000000]],
         %% no packet is left out
         ?assertEqual(packets(File), ?B:eval("starl.team.packets.length", Browser)),

@@ -7,6 +7,7 @@
 %%   ["a", T, Robot, Device, Value]                                   an actuator, such as the pen
 %%   ["r", T, Robot, [[X1, Y1, X2, Y2], ...]]              the centre lines of the tubes it holds
 %%   ["g", T, Robot, Key, Kind, Colour, [X, Y, ...], Text, LifeUs]   an application's drawing; 0: it stays
+%%   ["n", T, Robot, Key, Value]                                     a measure of its application
 %%   ["s", T, Robot, Id, [To, ...], Type]                                   a message begins its way
 %%   ["d", T, Robot, Id, Type]                                                   it is delivered
 %%   ["o", T, Robot, Id, At, Outcome]                   acknowledged, lost or restarted at a robot
@@ -59,6 +60,8 @@ of_event(chassis, {sensed, Sense}, T, Robot) ->
     [[<<"x">>, T, Robot, chassis, text(Sense, ?LENGTH)]];
 of_event(app, {draw, #{kind := _} = Drawing}, T, Robot) ->
     [drawing(Drawing, T, Robot)];
+of_event(app, {measure, Key, Value}, T, Robot) when is_atom(Key), is_number(Value) ->
+    [[<<"n">>, T, Robot, text(Key, ?LENGTH), Value]];
 of_event(sap, {sent, Id, To, Type, _}, T, Robot) ->
     [[<<"s">>, T, Robot, id(Id), To, type(Type)]];
 of_event(sap, {delivered, Id, Type, _}, T, Robot) ->

@@ -11,10 +11,18 @@
 -define(MOST_SAID, 1000).
 %% With more last rows than these, no further key of drawings is kept.
 -define(MOST_LAST, 20000).
+%% The most values of a robot's measure that are kept, and the most of all: then each second one is left out, and no
+%% further measure is kept.
+-define(MOST_VALUES, 400).
+-define(MOST_MEASURES, 1000).
 
 -record(state, {
     %% the last rows of a kind, by robot (and device)
     last = #{} :: #{Key :: term() => starl_view_row:row()},
+    %% the measures of each robot, latest first, and their number
+    measures = #{} :: #{
+        {starl:robot_id(), Key :: term()} => {pos_integer(), [starl_view_row:row(), ...]}
+    },
     %% faults, violations, what is not judged, and crashes, newest first
     said = [] :: [starl_view_row:row()],
     %% the strokes of each robot's pen, latest first, and the number of their points
@@ -40,12 +48,26 @@ add([<<"g">>, _, Robot, Key | _] = Row, #state{last = Last} = State) when
     map_size(Last) < ?MOST_LAST; is_map_key({g, Robot, Key}, Last)
 ->
     State#state{last = Last#{{g, Robot, Key} => Row}};
+add([<<"n">>, _, Robot, Key | _] = Row, #state{measures = Measures} = State) when
+    map_size(Measures) < ?MOST_MEASURES; is_map_key({Robot, Key}, Measures)
+->
+    {Count, Rows} = maps:get({Robot, Key}, Measures, {0, []}),
+    State#state{measures = Measures#{{Robot, Key} => thinned(Count + 1, [Row | Rows])}};
 add([Kind | _] = Row, #state{said = Said} = State) when
     Kind =:= <<"f">>; Kind =:= <<"v">>; Kind =:= <<"u">>; Kind =:= <<"x">>
 ->
     State#state{said = lists:sublist([Row | Said], ?MOST_SAID)};
 add(_Row, State) ->
     State.
+
+%% The latest value is always there.
+thinned(Count, Rows) when Count =< ?MOST_VALUES -> {Count, Rows};
+thinned(_Count, Rows) ->
+    Kept = every_second(Rows),
+    {length(Kept), Kept}.
+
+every_second([Row, _ | Rows]) -> [Row | every_second(Rows)];
+every_second(Rows) -> Rows.
 
 %% The part of the last piece that was driven with the pen down, at most up to now.
 stroke(Now, Robot, #state{last = Last, points = Points} = State) when Points < ?MOST_INK ->
@@ -84,9 +106,11 @@ rows(Now, #state{last = Last} = State) ->
     Drawn = lists:foldl(
         fun(Robot, S) -> stroke(Now, Robot, S) end, State, [R || {m, R} <- maps:keys(Last)]
     ),
-    #state{ink = Ink, said = Said} = Drawn,
+    #state{ink = Ink, said = Said, measures = Measures} = Drawn,
     [[<<"i">>, Now, R, Line] || {R, Lines} <- lists:sort(maps:to_list(Ink)), Line <- Lines] ++
-        [Row || {_, Row} <- lists:sort(maps:to_list(Last))] ++ lists:reverse(Said).
+        [Row || {_, Row} <- lists:sort(maps:to_list(Last))] ++
+        [Row || {_, {_, Rows}} <- lists:sort(maps:to_list(Measures)), Row <- lists:reverse(Rows)] ++
+        lists:reverse(Said).
 
 %% @doc The faults, violations and crashes, as far as they are kept.
 -spec said(t()) -> [starl_view_row:row()].

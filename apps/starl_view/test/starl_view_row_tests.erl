@@ -48,7 +48,9 @@ ends_test() ->
     ?assertEqual([[<<"x">>, 7, 2, robot, died]], rows(robot, {died, killed})),
     ?assertEqual([[<<"x">>, 7, 2, robot, down]], rows(robot, down)),
     ?assertEqual([[<<"x">>, 7, 2, sap, crashed]], rows(sap, crashed)),
-    ?assertEqual([], rows(app, {anything, at, all})).
+    ?assertEqual([], rows(app, {anything, at, all})),
+    %% an application may trace what looks like a measure
+    ?assertEqual([], rows(app, {measure, "no", key})).
 
 %% What is not judged is told as what is broken: at its time, with the contracts as their lights name them.
 not_judged_test() ->

@@ -43,3 +43,20 @@ last_test() ->
 bounded_test() ->
     Rows = [[<<"x">>, T, 1, sap, crashed] || T <- lists:seq(1, 3000)],
     ?assertEqual(1000, length(starl_view_state:rows(9999, state(Rows)))).
+
+%% Of very many values each second one is left out, the latest never; they come in their order.
+measures_test() ->
+    Value = fun(N) -> [<<"n">>, N, 1, <<"error_mm">>, N] end,
+    Kept = fun(N) ->
+        Rows = starl_view_state:rows(N, state([Value(K) || K <- lists:seq(1, N)])),
+        [V || [<<"n">>, _, 1, <<"error_mm">>, V] <- Rows]
+    end,
+    ?assertEqual(lists:seq(1, 400), Kept(400)),
+    [
+        begin
+            Values = Kept(N),
+            ?assertEqual({N, true}, {lists:last(Values), length(Values) =< 400}),
+            ?assertEqual(Values, lists:usort(Values))
+        end
+     || N <- [401, 402, 5000, 12345]
+    ].

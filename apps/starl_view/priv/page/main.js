@@ -2,6 +2,7 @@
 import { Team } from './model.js';
 import { Floor } from './draw.js';
 import { chart, words } from './chart.js';
+import { curves } from './curves.js';
 import { marks } from './timeline.js';
 import { connect } from './link.js';
 import { Panel } from './panel.js';
@@ -246,7 +247,9 @@ function rarely() {
   if (team.run.kind === 'recording') $('pause').textContent = paused ? 'Play' : 'Pause';
   $('pause').setAttribute('aria-pressed', String(Boolean(paused)));
   if (document.activeElement !== $('speed') && clock.speed && team.run.kind === 'simulation') {
-    $('speed').value = String(clock.speed);
+    const speed = String(clock.speed), known = [...$('speed').options].some(({ value }) => value === speed);
+    if (!known) $('speed').append(new Option(`${speed} ×`, speed));
+    $('speed').value = speed;
   }
   $('live').disabled = state.live || isRecording() && state.shown >= team.until;
   const slider = $('time');
@@ -262,6 +265,7 @@ function rarely() {
   if (isRecording() && state.asked) want(state.shown);
   const { talk, ids, all } = chart($('chart'), floor, team, t, state.selected, state.column);
   columns(ids, all);
+  measures(t);
   const list = $('talk'), key = talk.length + ' ' + t;
   $('talk-said').textContent = talk.length > MOST_TALK ? ` (the last ${MOST_TALK} of ${talk.length})` : '';
   if (list.parentElement.open && key !== talked) {
@@ -269,6 +273,19 @@ function rarely() {
     settle(list, talk.slice(-MOST_TALK).map(p => item(words(p))));
   }
   panel.refresh(t);
+}
+
+// What applications measure; the choice stays while names come.
+function measures(t) {
+  const names = team.measured, choice = $('measure');
+  $('measures').classList.toggle('absent', names.length === 0);
+  if (names.length === 0) return;
+  if (names.join() !== [...choice.options].map(option => option.value).join()) {
+    const chosen = choice.value;
+    choice.replaceChildren(...names.map(name => new Option(name, name)));
+    if (names.includes(chosen)) choice.value = chosen;
+  }
+  $('measured').textContent = curves($('curves'), floor, team, choice.value, t, state.selected);
 }
 
 // The robots that talk, of which the chart has room for some.

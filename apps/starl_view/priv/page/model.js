@@ -3,7 +3,7 @@
 import { pose, way } from './motion.js';
 
 const MOST_TOLD = 600000, MOST_PACKETS = 120000, MOST_MARKS = 5000, MOST_FAULTS = 2000, MOST_SENT = 20000,
-  MOST_KEYS = 500;
+  MOST_KEYS = 500, MOST_MEASURES = 200, MOST_VALUES = 4000;
 
 // The index of the last entry at or before a time, or -1; entries are [time, ...], ascending.
 export function last(entries, t) {
@@ -23,6 +23,7 @@ class Robot {
     this.held = [];         // [t, lines]
     this.conditions = [];   // [t, up | down | died]
     this.drawn = new Map(); // by key: [t, drawing]
+    this.measures = new Map(); // by key: [t, value]
   }
   pose(t) {
     const i = last(this.motions, t);
@@ -47,6 +48,16 @@ class Robot {
         list.push(entries[i][1]);
     }
     return list;
+  }
+  // A number that its application measures; of very many each second one is left out.
+  measure(t, key, value) {
+    if (!this.measures.has(key)) {
+      if (this.measures.size >= MOST_MEASURES) return;
+      this.measures.set(key, []);
+    }
+    const values = this.measures.get(key);
+    values.push([t, value]);
+    if (values.length > MOST_VALUES) this.measures.set(key, values.filter((_, i) => i % 2 === 1 || i === values.length - 1));
   }
   condition(t) { const i = last(this.conditions, t); return i < 0 ? 'up' : this.conditions[i][1]; }
   // The way with the pen down between two times: a function gets each stroke as points.
@@ -103,6 +114,7 @@ export class Team {
       case 'r': this.robot(row[2]).held.push([t, row[3]]); this.trim(++this.count); break;
       case 'g': this.robot(row[2]).draw(t, row[3], { kind: row[4], colour: row[5], points: row[6], text: row[7],
         life: row[8] }); this.trim(++this.count); break;
+      case 'n': this.robot(row[2]).measure(t, row[3], row[4]); break;
       case 'p': this.told = true; this.packet(row.slice(1)); break;
       case 's': if (this.sent.size >= MOST_SENT) this.sent.clear(); this.sent.set(row[3], t); break;
       case 'd': this.delivered(row); break;
@@ -199,6 +211,10 @@ export class Team {
     for (let i = last(this.packets, to); i >= 0 && this.packets[i][0] >= from && list.length < 3000; i--)
       list.push(this.packets[i]);
     return list.reverse();
+  }
+  // The names of what is measured.
+  get measured() {
+    return [...new Set([...this.robots.values()].flatMap(robot => [...robot.measures.keys()]))].sort();
   }
   holding(t) { return [...this.faults.values()].filter(f => f.from <= t && t < f.to); }
 }
