@@ -1,5 +1,5 @@
 %% @doc Gathers from the messages of a run ({@link starl_trace_message}) what its film shows: the floor,
-%% the lines to paint, the ways of the robots, their ink, when they were down, cut links, and what applications draw.
+%% the lines to paint, the ways of the robots, their ink, when they were down, cut links, and what applications draw and measure.
 %% A pure module.
 %% ```
 %%   {ok, Cast, _} = starl_trace_reader:fold(fun starl_film_cast:message/2, starl_film_cast:new(), File),
@@ -23,6 +23,7 @@
     faults = #{} :: #{Name :: term() => tuple()},
     %% what applications draw, the latest first
     drawings = [] :: [{integer(), starl:robot_id(), starl_drawing:t()}],
+    curves = starl_film_curves:new() :: starl_film_curves:t(),
     until = 0 :: integer()
 }).
 
@@ -40,6 +41,7 @@
     %% the sides of what stands in the way for a time
     obstacles := [{[starl_geometry:segment()], span()}],
     drawings := [starl_drawing:seen()],
+    curves := [starl_film_curves:curve()],
     end_us := integer()
 }.
 
@@ -95,6 +97,10 @@ event(robot, State, At, Robot, #cast{states = States} = Cast) when State =:= up;
     Cast#cast{states = added(Robot, {At, State}, States)};
 event(app, {draw, #{kind := _} = Drawing}, At, Robot, #cast{drawings = Drawings} = Cast) ->
     Cast#cast{drawings = [{At, Robot, Drawing} | Drawings]};
+event(app, {measure, Key, Value}, At, Robot, #cast{curves = Curves} = Cast) when
+    is_atom(Key), is_number(Value)
+->
+    Cast#cast{curves = starl_film_curves:add(At, Robot, Key, Value, Curves)};
 event(_Machine, _Event, _At, _Robot, Cast) ->
     Cast.
 
@@ -155,6 +161,7 @@ scene(#cast{facts = Facts, until = Until} = Cast) ->
                 lists:reverse(Cast#cast.drawings), Until
             )
         ],
+        curves => starl_film_curves:curves(Begun, Cast#cast.curves),
         end_us => Until - Begun
     }}.
 

@@ -19,8 +19,15 @@
 
 -export_type([page/0, look/0]).
 
-%% The size of the floor and of one dot, in mm: the longer side has 800 dots.
--type page() :: #{width := integer(), height := integer(), dot := float(), foot := float()}.
+%% The size of the floor, of the foot and of one dot, in mm: the longer side has 800 dots; the number of strips
+%% with curves in the foot.
+-type page() :: #{
+    width := integer(),
+    height := integer(),
+    dot := float(),
+    foot := float(),
+    strips := non_neg_integer()
+}.
 
 -type look() :: day | night.
 
@@ -30,9 +37,15 @@
 
 %% @doc The page of a scene.
 -spec page(starl_film_cast:scene()) -> page().
-page(#{floor := {Width, Height}}) ->
+page(#{floor := {Width, Height}, curves := Curves}) ->
     Dot = max(Width, Height) / ?DOTS,
-    #{width => round(Width), height => round(Height), dot => Dot, foot => ?FOOT_DOTS * Dot}.
+    #{
+        width => round(Width),
+        height => round(Height),
+        dot => Dot,
+        foot => ?FOOT_DOTS * Dot + starl_film_curves:height(Curves, Dot),
+        strips => length(Curves)
+    }.
 
 %% @doc The head of a picture, with a foot below the floor or without.
 -spec open(look(), foot | bare, page()) -> iolist().

@@ -28,6 +28,7 @@ at(T, Title, #{actors := Actors, lines := Lines, cuts := Cuts} = Scene) ->
         [link(T, Link, Actors, Page) || Link <- starl_film_cuts:links(Holding)],
         [robot(T, Actor, Holding, Page) || Actor <- Actors],
         foot(T, Title, Scene, Page),
+        curves(T, Scene, Page),
         "</svg>\n"
     ]).
 
@@ -87,6 +88,16 @@ foot(T, Title, #{end_us := End}, #{width := Width, height := Height, dot := Dot}
                 round(Width - 12 * Dot), Y, round(20 * Dot), Seconds div 60, Seconds rem 60
             ]
         )
+    ].
+
+curves(_T, #{curves := []}, _Page) ->
+    [];
+curves(T, #{curves := Curves, end_us := End}, #{width := Width} = Page) ->
+    [
+        [starl_film_curves:strips(Curves, End, Page), starl_film_curves:mark(Page)],
+        io_lib:format(" transform=\"translate(~b,0)\"/>\n", [
+            round(Width * min(T, End) / max(1, End))
+        ])
     ].
 
 escape(Text) -> string:replace(string:replace(Text, "&", "&amp;", all), "<", "&lt;", all).

@@ -26,7 +26,7 @@
 %% @doc The film of a scene.
 -spec film(starl_film_cast:scene(), options()) -> binary().
 film(#{actors := Actors, lines := Lines, end_us := End, cuts := Cuts} = Scene, Options) ->
-    #{drawings := Drawings} = Scene,
+    #{drawings := Drawings, curves := Curves} = Scene,
     #{title := Title} = Options,
     Page = starl_film_draw:page(Scene),
     Film = #film{
@@ -46,6 +46,7 @@ film(#{actors := Actors, lines := Lines, end_us := End, cuts := Cuts} = Scene, O
         [link(Link, Actors, Film) || Link <- starl_film_cuts:links(Cuts)],
         [robot(Actor, Cuts, Film) || Actor <- Actors],
         foot(Title, Film),
+        curves(Curves, Film),
         "</svg>\n"
     ]).
 
@@ -219,6 +220,18 @@ foot(Title, #film{page = #{width := Width, height := Height, dot := Dot}, end_us
         ]),
         [escape(Title), "</text>\n"],
         clock(Film)
+    ].
+
+%% A mark goes over the curves with the bar.
+curves([], _Film) ->
+    [];
+curves(Curves, #film{page = #{width := Width} = Page, end_us = End} = Film) ->
+    Keys = [{0, "0,0"}, {End, [integer_to_list(Width), ",0"]}],
+    [
+        starl_film_curves:strips(Curves, End, Page),
+        [starl_film_curves:mark(Page), io_lib:format(" transform=\"translate(~b,0)\">", [Width])],
+        animate("animateTransform attributeName=\"transform\" type=\"translate\"", Keys, Film),
+        "</path>\n"
     ].
 
 %% Digits turn behind a window: an image without scripts cannot change a text.

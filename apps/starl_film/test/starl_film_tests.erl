@@ -240,3 +240,51 @@ drawings_in_the_film_test() ->
     ?assertMatch(<<"\"0\"", _/binary>>, Begins("<polyline")),
     ?assertMatch(<<"\"0\"", _/binary>>, Begins("hello &lt;all&gt;")),
     ?assertMatch(<<"\"1\"", _/binary>>, Begins("<polygon")).
+
+%% A run of 10 s with this many measures, of two robots.
+measured(Keys) ->
+    Facts = #{app => starl_formation, scenario => #{world => {8000, 8000}}, monitors => []},
+    Messages =
+        [
+            {scenario, 0, Facts},
+            {trace, 0, {1, chassis, {motion, {piece, 0, 500.0, 500.0, 0.0, 0.0, 0.0}}}}
+        ] ++
+            [
+                {trace, 1000000 * S, {Robot, app, {measure, Key, S * Robot}}}
+             || Key <- Keys, S <- lists:seq(0, 10), Robot <- [1, 2]
+            ],
+    Cast = lists:foldl(fun starl_film_cast:message/2, starl_film_cast:new(), Messages),
+    {ok, Scene} = starl_film_cast:scene(Cast),
+    Scene.
+
+parts(Pattern, Svg) ->
+    case re:run(Svg, Pattern, [global, {capture, all_but_first, list}]) of
+        {match, Found} -> Found;
+        nomatch -> []
+    end.
+
+%% Beneath the film there is a strip for each measure, three at most, with a line for each robot from the first value
+%% to the last, and a mark that goes over them with the time.
+curves_test() ->
+    Height = fun(Keys) ->
+        Film = starl_film_svg:film(measured(Keys), #{seconds => 10.0, title => ""}),
+        [[H]] = parts("^<svg [^>]*height=\"(\\d+)\"", Film),
+        {Film, list_to_integer(H)}
+    end,
+    {_, Bare} = Height([]),
+    {Film, One} = Height([a]),
+    ?assertEqual(Bare + 116, One),
+    ?assertEqual(Bare + 348, element(2, Height([a, b, c]))),
+    ?assertEqual(Bare + 348, element(2, Height([a, b, c, d]))),
+    ?assertEqual([["a: 0 to 20"]], parts("(a: 0 to 20)", Film)),
+    %% robot 2 measures twice as much: its line ends at the top, that of robot 1 halfway up
+    Lines = parts("style=\"stroke-width:15[^>]*d=\"M0,(\\d+)l8000 ?,?(-\\d+)\"", Film),
+    ?assertMatch([[Low, _], [Low, _]], Lines),
+    [Half, Full] = [list_to_integer(Up) || [_, Up] <- Lines],
+    ?assertEqual(Full, 2 * Half),
+    Mark = fun(T) ->
+        parts("translate\\((\\d+),0\\)\"/>", starl_film_frame:at(T, "", measured([a])))
+    end,
+    ?assertEqual([["0"]], Mark(0)),
+    ?assertEqual([["4000"]], Mark(5000000)),
+    ?assertEqual([["8000"]], Mark(99000000)).
