@@ -60,7 +60,7 @@ judged(Block, Seed) ->
     {Block, Seed, Found, Undecided}.
 
 run(Scenario, How) ->
-    Options = #{histories => {How, starl_blocks:histories()}},
+    Options = #{histories => {How, starl_block_catalogue:histories()}},
     starl_sim_trial:run(Scenario, fun(_Sim) -> ok end, [], Options).
 
 %% Under all faults: a robot that stands still in mid-step stands still at the same action.

@@ -39,7 +39,7 @@ contracts(Bug) ->
 
 at_least_one_per_block(_) ->
     Blocks = [Block || {_, Block, _} <- starl_planted:bugs()],
-    ?assertEqual([], starl_exercise:blocks_known() -- Blocks),
+    ?assertEqual([], starl_block_catalogue:able(exercise) -- Blocks),
     ?assert(lists:member(dpp, Blocks)).
 
 %% Without a bug the same search ends without a find: it is not the search that is broken.

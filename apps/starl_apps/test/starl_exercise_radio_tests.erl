@@ -11,7 +11,7 @@ slow_test_() ->
                 ?assertEqual([], played(Block, #{delay => {1000, 6000}}))
             end}
         }
-     || Block <- starl_exercise:blocks_known()
+     || Block <- starl_block_catalogue:able(exercise)
     ].
 
 a_little_loss_breaks_no_promise_test_() ->
@@ -22,7 +22,7 @@ a_little_loss_breaks_no_promise_test_() ->
                 ?assertEqual([], played(Block, #{loss => 0.01, delay => {5, 200}}))
             end}
         }
-     || Block <- starl_exercise:blocks_known()
+     || Block <- starl_block_catalogue:able(exercise)
     ].
 
 %% Promises hold from the end of all faults on, also if the radio loses some packets at all times.
@@ -40,7 +40,7 @@ a_little_loss_switches_no_promise_off_test() ->
     end,
     [
         ?assertEqual(Healed(Block, 0.0), Healed(Block, 0.01))
-     || Block <- starl_exercise:blocks_known()
+     || Block <- starl_block_catalogue:able(exercise)
     ],
     %% what SAP gives up and nobody sends again is not promised
     ?assertMatch([{sap, _, never}], Healed(sap, 0.4)),

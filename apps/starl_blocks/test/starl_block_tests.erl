@@ -42,7 +42,7 @@ defaults_test_() ->
         {atom_to_list(Machine), fun() ->
             ?assertEqual(begun(Machine, #{}), begun(Machine, Config))
         end}
-     || {_, Block} <- starl_blocks:known(),
+     || {_, Block} <- starl_block_catalogue:known(),
         Block =/= starl_dpp,
         {_, Machine, Config} <- Block:machines(defaults(Block))
     ].
@@ -68,31 +68,62 @@ tables_test_() ->
             ?assertEqual({ok, defaults(Block)}, starl_options:check(#{}, Block:options())),
             ?assertMatch({ok, _}, starl_options:check(defaults(Block), Block:options())),
             ?assertMatch({ok, _}, starl_block:expand([Block], context([1, 2, 3]))),
-            ?assertEqual(Name, starl_blocks:name(Block)),
-            ?assertEqual({ok, Block}, starl_blocks:find(Name))
+            ?assertEqual(Name, starl_block_catalogue:name(Block)),
+            ?assertEqual({ok, Block}, starl_block_catalogue:find(Name))
         end}
-     || {Name, Block} <- starl_blocks:known()
+     || {Name, Block} <- starl_block_catalogue:known()
     ].
 
 %% Flags that two exercises share are the same.
 shared_flags_test() ->
     Flags = [
         Flag
-     || Name <- starl_blocks:able(exercise),
-        {ok, Block} <- [starl_blocks:find(Name)],
+     || Name <- starl_block_catalogue:able(exercise),
+        {ok, Block} <- [starl_block_catalogue:find(Name)],
         Flag <- starl_block_exercise:flags(Block:exercise())
     ],
     ?assertEqual(length(lists:ukeysort(1, Flags)), length(lists:usort(Flags))).
 
-able_test() ->
-    ?assertEqual(
-        [sap, motion, election, bully, mutex, barrier, geocast, registers, counter],
-        starl_blocks:able(exercise)
-    ),
-    ?assertEqual([election, bully, mutex, barrier, geocast], starl_blocks:able(bench)),
-    ?assertEqual(
-        [sap, election, bully, mutex, barrier, geocast, registers, counter, terms],
-        [Name || {Name, _, _} <- starl_blocks:models()]
-    ),
-    ?assertEqual(error, starl_blocks:find(lists)),
-    ?assertEqual({ok, starl_bully}, starl_blocks:find(starl_bully)).
+%% Nothing but an application's `.app' file lists its blocks; one that is left out would be there for nobody.
+every_block_is_listed_test() ->
+    Blocks = [
+        Module
+     || App <- [starl_platform, starl_blocks],
+        Dir <- [filename:dirname(code:where_is_file(atom_to_list(App) ++ ".app"))],
+        Beam <- filelib:wildcard("*.beam", Dir),
+        Module <- [list_to_atom(filename:rootname(Beam))],
+        {module, _} <- [code:ensure_loaded(Module)],
+        starl_block:is_block(Module)
+    ],
+    ?assertNotEqual([], Blocks),
+    ?assertEqual([], Blocks -- [Block || {_, Block} <- starl_block_catalogue:known()]).
+
+%% A capability is the callback: it is not spelt a second time.
+capabilities_follow_from_the_callbacks_test_() ->
+    [
+        {atom_to_list(Capability), fun() ->
+            Able = starl_block_catalogue:able(Capability),
+            ?assertNotEqual([], Able),
+            ?assertEqual(
+                [
+                    Name
+                 || {Name, Block} <- starl_block_catalogue:known(),
+                    erlang:function_exported(Block, Callback, 0)
+                ],
+                Able
+            )
+        end}
+     || {Capability, Callback} <- [
+            {exercise, exercise}, {bench, benchmark}, {check, models}, {history, history}
+        ]
+    ].
+
+names_of_models_are_told_apart_test() ->
+    Names = [Name || {Name, _, _} <- starl_block_catalogue:models()],
+    ?assertEqual(lists:usort(Names), lists:sort(Names)).
+
+a_module_that_is_no_block_is_not_found_test() ->
+    ?assertEqual(error, starl_block_catalogue:find(lists)).
+
+a_block_is_found_by_its_module_test() ->
+    ?assertEqual({ok, starl_bully}, starl_block_catalogue:find(starl_bully)).

@@ -118,7 +118,7 @@
 
 %% @doc The models of the shipped blocks, and the property checked of each.
 -spec blocks() -> [{block(), string()}].
-blocks() -> [{Name, Doc} || {Name, Doc, _} <- starl_blocks:models()].
+blocks() -> [{Name, Doc} || {Name, Doc, _} <- starl_block_catalogue:models()].
 
 %% @doc The model of a shipped block or of a user's block.
 -spec new(block() | starl_block:model_entry(), options()) -> t().
@@ -129,7 +129,7 @@ new({_Name, _Doc, _Make} = Entry, Options) ->
         [_ | _] -> Model
     end;
 new(Name, Options) ->
-    new(lists:keyfind(Name, 1, starl_blocks:models()), Options).
+    new(lists:keyfind(Name, 1, starl_block_catalogue:models()), Options).
 
 %% @doc Checks what a user's model asks for, before there is a model: its monitor.
 -spec check(block() | starl_block:model_entry(), options()) -> ok | {error, unicode:chardata()}.

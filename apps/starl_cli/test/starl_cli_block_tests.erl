@@ -26,7 +26,10 @@ commands_test_() ->
 %% Every block with its guarantee, its contracts, what it can and its options.
 all_are_listed() ->
     Text = says(0, "no two robots hold one token", ["blocks"]),
-    [contains(["\n", atom_to_list(Name), " ("], "\n" ++ Text) || {Name, _} <- starl_blocks:known()],
+    [
+        contains(["\n", atom_to_list(Name), " ("], "\n" ++ Text)
+     || {Name, _} <- starl_block_catalogue:known()
+    ],
     contains("contracts: mutex", Text),
     contains("can: exercise, check, bench", Text),
     contains("lease_ms => 8000", Text).

@@ -141,7 +141,7 @@ a_choice_behind_flags_test() ->
 
 %% A command or an application that nobody lists would be there for nobody.
 all_that_there_are_are_offered_test() ->
-    Apps = [Module || {_, Module} <- starl_cli_catalogue:apps()],
+    Apps = [Module || {_, Module} <- starl_cli_target:apps()],
     ?assertEqual([], implementing(starl_cli_command) -- commands()),
     ?assertEqual([], implementing(starl_app) -- Apps).
 

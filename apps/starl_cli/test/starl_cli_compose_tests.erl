@@ -58,7 +58,7 @@ blocks_rest_on_what_there_is_test() ->
             ?assertNotEqual([], Guarantees),
             {Name, Guarantees}
         end
-     || {Name, Block} <- starl_blocks:known()
+     || {Name, Block} <- starl_block_catalogue:known()
     ],
     [
         ?assertEqual({Name, One, holds}, {Name, One, Verdict})

@@ -10,7 +10,6 @@
 -behaviour(starl_scene).
 
 -export([options/0, scene/1, init/2, step/2, report/2]).
--export([blocks_known/0]).
 
 -export_type([state/0]).
 
@@ -28,13 +27,9 @@
 %% the end of the faults.
 -define(APART_MS, 45000).
 
-%% @doc The blocks that ship and can be exercised.
--spec blocks_known() -> [atom()].
-blocks_known() -> starl_blocks:able(exercise).
-
 -spec options() -> [starl_options:option()].
 options() ->
-    Names = lists:join(", ", [atom_to_list(Name) || Name <- blocks_known()]),
+    Names = lists:join(", ", [atom_to_list(Name) || Name <- starl_block_catalogue:able(exercise)]),
     Block = {term, lists:flatten(["one of ", Names, ", or a module"]), fun is_exercised/1},
     [
         {block, Block, sap, "the building block to be used"},
@@ -57,8 +52,8 @@ options() ->
 flags() ->
     lists:foldl(fun shared/2, [], [
         Flag
-     || Name <- blocks_known(),
-        {ok, Block} <- [starl_blocks:find(Name)],
+     || Name <- starl_block_catalogue:able(exercise),
+        {ok, Block} <- [starl_block_catalogue:find(Name)],
         Flag <- starl_block_exercise:flags(Block:exercise())
     ]).
 
@@ -69,7 +64,7 @@ shared({Key, _, _, _} = Flag, Flags) ->
     end.
 
 is_exercised(Name) when is_atom(Name) ->
-    case starl_blocks:find(Name) of
+    case starl_block_catalogue:find(Name) of
         {ok, Block} -> starl_block:can(exercise, Block);
         error -> false
     end;
@@ -78,7 +73,7 @@ is_exercised(_Name) ->
 
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
 scene(#{options := #{block := Name}} = Context) ->
-    {ok, Block} = starl_blocks:find(Name),
+    {ok, Block} = starl_block_catalogue:find(Name),
     case with_own(Block, Block:exercise(), Context) of
         {ok, {Use, Options}} -> {ok, scene(Block, Use, Options, Context)};
         {error, _} = Error -> Error

@@ -11,7 +11,7 @@ name() -> "blocks".
 synopsis() -> "list the building blocks".
 
 -spec argument() -> starl_cli_command:argument().
-argument() -> {optional, "BLOCK", [{Name, ""} || {Name, _} <- starl_blocks:known()]}.
+argument() -> {optional, "BLOCK", [{Name, ""} || {Name, _} <- starl_block_catalogue:known()]}.
 
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
@@ -77,9 +77,9 @@ composed({ok, Text}) ->
 composed({error, _} = Error) ->
     Error.
 
-blocks(none) -> starl_blocks:known();
+blocks(none) -> starl_block_catalogue:known();
 blocks({own, Block}) -> [{Block, Block}];
-blocks(Name) -> [lists:keyfind(Name, 1, starl_blocks:known())].
+blocks(Name) -> [lists:keyfind(Name, 1, starl_block_catalogue:known())].
 
 shown({Name, Block}, Width) ->
     Can = [atom_to_list(What) || What <- [exercise, check, bench], starl_block:can(What, Block)],

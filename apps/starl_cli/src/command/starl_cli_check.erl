@@ -70,9 +70,9 @@ run(#{subject := Wanted, values := #{faults := Text} = Values}) ->
         {error, Reason} -> {error, [["--faults: ", starl_check:format_error(Reason)]]}
     end.
 
-models(all) -> starl_blocks:models();
+models(all) -> starl_block_catalogue:models();
 models({own, Block}) -> Block:models();
-models(Name) -> [lists:keyfind(Name, 1, starl_blocks:models())].
+models(Name) -> [lists:keyfind(Name, 1, starl_block_catalogue:models())].
 
 faults("none") -> starl_check:parse_faults("");
 faults(Text) -> starl_check:parse_faults(Text).

@@ -3,7 +3,7 @@
 %% A command declares its name, its arguments and its purpose. The dispatch and the parser of
 %% arguments (`starl_cli_dispatch'), both help texts (`starl_cli_usage') and the words for completion
 %% all follow from this declaration. An OTP application lists its commands in its `.app' file ({@link
-%% starl_cli_catalogue}).
+%% starl_catalogue}).
 -module(starl_cli_command).
 
 -export([all/0, find/1]).
@@ -68,7 +68,7 @@
 
 %% @doc All commands, by the application that offers them.
 -spec all() -> [{Title :: string(), [module(), ...]}].
-all() -> starl_cli_catalogue:commands().
+all() -> starl_catalogue:listed(starl_commands).
 
 %% @doc Finds a command by its name; otherwise gives similar names.
 -spec find(string()) -> {ok, module()} | {error, Near :: [string()]}.

@@ -18,7 +18,7 @@ parts(App) ->
     case blocks(App) of
         {ok, Blocks} ->
             Named = [
-                {starl_blocks:name(B), B}
+                {starl_block_catalogue:name(B), B}
              || B <- [starl_sap_block, starl_motion_block | Blocks]
             ],
             stated(Named ++ [{App, App}], []);

@@ -82,7 +82,7 @@ by_clocks(Sigma, File, #{drift := Drift} = Values) ->
     end.
 
 judged(File, Sigma, #{states := States}) ->
-    case starl_trace_history:file(File, starl_blocks:histories()) of
+    case starl_trace_history:file(File, starl_block_catalogue:histories()) of
         {ok, #{facts := Facts} = Read} ->
             case missing(Facts) of
                 [] -> told(File, Read, verdicts(Read, Sigma, States));

@@ -24,16 +24,31 @@
 
 -type code() :: {module(), Source :: file:filename(), Beam :: binary()}.
 
+-define(PREFIX, "starl_").
+
 -type answer() :: {ok, t()} | {error, [unicode:chardata(), ...]}.
 
-%% @doc The shipped applications, by name and module.
+%% @doc The applications for teams that are offered ({@link starl_catalogue}), by name and module.
 -spec apps() -> [{Name :: string(), module()}].
-apps() -> starl_cli_catalogue:apps().
+apps() -> [{short(Module), Module} || Module <- lists:sort([module(App) || App <- offered()])].
+
+offered() -> starl_catalogue:listed(starl_apps).
+
+module({Module, _Purpose}) -> Module;
+module(Module) -> Module.
+
+short(Module) ->
+    case atom_to_list(Module) of
+        ?PREFIX ++ Name -> Name;
+        Name -> Name
+    end.
 
 %% @doc The applications that are for users: those that ship, and the examples of the checkout by
 %% their files.
 -spec purposes() -> [{Target :: string(), Purpose :: unicode:chardata()}].
-purposes() -> starl_cli_catalogue:purposes() ++ examples().
+purposes() -> shown() ++ examples().
+
+shown() -> lists:sort([{short(Module), Purpose} || {Module, Purpose} <- offered()]).
 
 examples() ->
     [
@@ -176,7 +191,7 @@ loaded(Module) ->
 
 unknown(Word) ->
     Scenarios = [Name || {Name, _, _} <- scenarios()],
-    Known = [Name || {Name, _} <- starl_cli_catalogue:purposes()] ++ Scenarios,
+    Known = [Name || {Name, _} <- shown()] ++ Scenarios,
     case starl_cli_flags:nearest(Word, [Name || {Name, _} <- apps()] ++ Scenarios) of
         [Near | _] ->
             ["there is no application or scenario ", Word, " (did you mean ", Near, "?)"];

@@ -65,23 +65,39 @@ flags(Command, Subject) ->
      || {Key, Type, _, Doc} <- Flags
     ]).
 
-values(_Key, switch) -> switch;
-values(Key, {list, Type}) -> values(Key, Type);
-values(Key, {first, Type}) -> values(Key, Type);
-values(Key, {optional, Type}) -> values(Key, Type);
-values(_Key, {one_of, Atoms}) -> {words, texts(Atoms)};
-values(_Key, boolean) -> {words, ["true", "false"]};
-values(faults, string) -> {words, [[atom_to_list(F), ":1"] || {F, _} <- starl_check:faults()]};
-values(block, {term, _, _}) -> {words, texts([Name || {Name, _} <- starl_blocks:known()])};
-values(random_faults, _) -> {words, texts([all | starl_sim_fault:classes()] ++ kinds())};
-values(faults, _) -> {words, texts(kinds())};
-values(chassis, _) -> {files, texts([differential, holonomic, create, create_1, mixed])};
+values(_Key, switch) ->
+    switch;
+values(Key, {list, Type}) ->
+    values(Key, Type);
+values(Key, {first, Type}) ->
+    values(Key, Type);
+values(Key, {optional, Type}) ->
+    values(Key, Type);
+values(_Key, {one_of, Atoms}) ->
+    {words, texts(Atoms)};
+values(_Key, boolean) ->
+    {words, ["true", "false"]};
+values(faults, string) ->
+    {words, [[atom_to_list(F), ":1"] || {F, _} <- starl_check:faults()]};
+values(block, {term, _, _}) ->
+    {words, texts([Name || {Name, _} <- starl_block_catalogue:known()])};
+values(random_faults, _) ->
+    {words, texts([all | starl_sim_fault:classes()] ++ kinds())};
+values(faults, _) ->
+    {words, texts(kinds())};
+values(chassis, _) ->
+    {files, texts([differential, holonomic, create, create_1, mixed])};
 values(Key, _) when Key =:= picture; Key =:= pictures -> {files, pictures()};
-values(floor, _) -> {files, starl_floor_file:shipped()};
-values(start, _) -> {files, ["grid", "line", "circle", "random"]};
-values(out, _) -> {files, []};
-values(_Key, file) -> {files, []};
-values(_Key, _Type) -> any.
+values(floor, _) ->
+    {files, starl_floor_file:shipped()};
+values(start, _) ->
+    {files, ["grid", "line", "circle", "random"]};
+values(out, _) ->
+    {files, []};
+values(_Key, file) ->
+    {files, []};
+values(_Key, _Type) ->
+    any.
 
 kinds() -> [element(1, Spec) || Spec <- starl_sim_fault:kinds()].
 

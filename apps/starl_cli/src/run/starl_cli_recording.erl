@@ -67,7 +67,7 @@ options(#{recording := {Recorder, _}}, Options) ->
     Options#{
         observe => starl_trace_recorder:observer(Recorder),
         packets => true,
-        histories => {kept, starl_blocks:histories()}
+        histories => {kept, starl_block_catalogue:histories()}
     };
 options(#{}, Options) ->
     Options.

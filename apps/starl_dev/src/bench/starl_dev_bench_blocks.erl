@@ -31,7 +31,7 @@ run(#{robots := Sizes, loss := Loss} = Options) ->
 benchmarks() ->
     [
         {Name, Block:benchmark()}
-     || Name <- starl_blocks:able(bench), {ok, Block} <- [starl_blocks:find(Name)]
+     || Name <- starl_block_catalogue:able(bench), {ok, Block} <- [starl_block_catalogue:find(Name)]
     ].
 
 formula(Name, #{formula := Formula}) -> io_lib:format("  ~ts: ~ts~n", [Name, Formula]).

@@ -199,7 +199,7 @@ judges(false) -> monitors.
 judged(Scenario, monitors) ->
     starl_sim_trial:run(Scenario);
 judged(Scenario, histories) ->
-    Alone = #{histories => {alone, starl_blocks:histories()}},
+    Alone = #{histories => {alone, starl_block_catalogue:histories()}},
     starl_sim_trial:run(Scenario, fun(_Sim) -> ok end, [], Alone).
 
 since(Begin) -> (erlang:monotonic_time(millisecond) - Begin) / 1000.

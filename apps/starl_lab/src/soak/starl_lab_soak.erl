@@ -36,7 +36,7 @@
 
 %% @doc The targets of a soak: the blocks of `exercise', and path planning.
 -spec targets() -> [atom(), ...].
-targets() -> starl_exercise:blocks_known() ++ [dpp].
+targets() -> starl_block_catalogue:able(exercise) ++ [dpp].
 
 %% @doc The values of a run of a block that differ from the defaults. The number of robots is drawn
 %% if it is `none'.
@@ -276,7 +276,7 @@ small(File, Target, Scenario) ->
 one({Block, _Seed, Scenario}) ->
     Begin = erlang:monotonic_time(microsecond),
     Watch = [starl_lab_soak_sometimes:watch(Block)],
-    Histories = #{histories => {judged, starl_blocks:histories()}},
+    Histories = #{histories => {judged, starl_block_catalogue:histories()}},
     case starl_sim_trial:run(Scenario, fun(_Sim) -> ok end, Watch, Histories) of
         {ok, #{violations := Violations, monitors := Results}} ->
             Us = erlang:monotonic_time(microsecond) - Begin,

@@ -60,7 +60,7 @@ scenario(dpp, Robots, Seed) ->
         chassis => one_of([differential, differential, holonomic, mixed], {Seed, dpp, chassis})
     });
 scenario(Name, Robots, Seed) ->
-    case starl_blocks:find(Name) of
+    case starl_block_catalogue:find(Name) of
         {ok, _} -> block(Name, Robots, Seed);
         error -> application(Name, module(Name), Robots, Seed)
     end.
@@ -225,13 +225,13 @@ is_steady(Block, Seed) -> starl_sim_draw:uniform({Seed, Block, steady}) < ?STEAD
 
 %% The values that the block draws for its exercise; those of a user's block are given in `with'.
 figures(Name, Seed) ->
-    {ok, Block} = starl_blocks:find(Name),
+    {ok, Block} = starl_block_catalogue:find(Name),
     Draw = fun
         (Key, Values) when is_list(Values) -> one_of(Values, {Seed, Key});
         (Key, {Low, High}) -> starl_sim_draw:between({Seed, Key}, Low, High)
     end,
     Drawn = starl_block_exercise:draw(Block:exercise(), Draw),
-    Known = [Key || {Key, _, _, _} <- starl_exercise:options()],
+    Known = [Key || {Key, _, _, _} <- starl_app:options(starl_exercise)],
     case maps:without(Known, Drawn) of
         None when None =:= #{} -> Drawn;
         Own -> (maps:with(Known, Drawn))#{with => Own}

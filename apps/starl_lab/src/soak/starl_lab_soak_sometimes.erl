@@ -68,7 +68,7 @@ names(Block) ->
 
 %% A user's block may have any monitors.
 monitors(Name) ->
-    case starl_blocks:find(Name) of
+    case starl_block_catalogue:find(Name) of
         {ok, Block} -> starl_block:monitors(Block);
         %% an application owes nothing
         error -> []

@@ -1,27 +1,14 @@
-%% @doc The table of the building blocks that ship with StarL. To add a block, add one line here and
-%% a folder with its modules ({@link starl_block}).
--module(starl_blocks).
+%% @doc Finds building blocks by their names. An application of OTP lists its blocks in its `.app' file ({@link
+%% starl_catalogue}): to add a block, add one line there and a folder with its modules ({@link starl_block}).
+-module(starl_block_catalogue).
 
 -export([known/0, find/1, name/1, able/1, models/0, histories/0]).
 
 %% @doc The blocks with the names that they have on the command line, in the order of lists.
 -spec known() -> [{Name :: atom(), module()}].
-known() ->
-    [
-        {sap, starl_sap_block},
-        {motion, starl_motion_block},
-        {election, starl_election},
-        {bully, starl_bully},
-        {mutex, starl_mutex},
-        {barrier, starl_barrier},
-        {geocast, starl_geocast},
-        {registers, starl_registers},
-        {counter, starl_counter},
-        {actuator, starl_actuator},
-        {dpp, starl_dpp}
-    ].
+known() -> starl_catalogue:listed(starl_blocks).
 
-%% @doc The block of a name: one that ships, or a user's own module that is loaded.
+%% @doc The block of a name: one that an application lists, or a user's own module that is loaded.
 -spec find(atom()) -> {ok, module()} | error.
 find(Name) ->
     case lists:keyfind(Name, 1, known()) of
