@@ -16,7 +16,7 @@ the_best_of_all(Seed) ->
 %% The edges that the job paints.
 painted(At, View, Horizon) ->
     Settings = #{
-        horizon => Horizon, overhead_mm => 100.0, middle => 0.7, reach => infinity
+        horizon => Horizon, choice => ink, overhead_mm => 100.0, middle => 0.7, reach => infinity
     },
     case starl_dpp_choice:best(At, View, Settings) of
         {ok, #{path := Path}} -> [E || {_, {down, E}} <- Path];
@@ -106,7 +106,9 @@ beside_the_line_test_() ->
     {ok, Plan0} = starl_dpp_plan:new(config([{At, {5400.0, 5000.0}}])),
     Plan1 = starl_dpp_plan:standing(2, {7400.0, 2000.0}, Plan0),
     View = starl_dpp_plan:view(1, starl_dpp_plan:standing(1, At, Plan1)),
-    Settings = #{horizon => ?HORIZON, overhead_mm => 100.0, middle => 0.7, reach => infinity},
+    Settings = #{
+        horizon => ?HORIZON, choice => ink, overhead_mm => 100.0, middle => 0.7, reach => infinity
+    },
     [
         fun() ->
             {ok, #{path := Path} = Job} = starl_dpp_choice:best(
@@ -124,7 +126,9 @@ travel_is_counted_test() ->
     Plan1 = starl_dpp_plan:standing(2, {7400.0, 2000.0}, Plan0),
     At = {4000.0, 5000.0},
     View = starl_dpp_plan:view(1, starl_dpp_plan:standing(1, At, Plan1)),
-    Settings = #{horizon => ?HORIZON, overhead_mm => 100.0, middle => 0.7, reach => infinity},
+    Settings = #{
+        horizon => ?HORIZON, choice => ink, overhead_mm => 100.0, middle => 0.7, reach => infinity
+    },
     {ok, #{path := Path, travel_mm := Mm}} = starl_dpp_choice:best(At, View, Settings),
     ?assertEqual([4500.0, 5000.0, 5400.0], [X || {{X, _}, _} <- Path]),
     ?assert(abs(Mm - 1000.0) < 1.0e-6).
@@ -135,7 +139,7 @@ reach_test_() ->
     Plan1 = starl_dpp_plan:standing(2, {7400.0, 2000.0}, Plan0),
     At = {2000.0, 5000.0},
     View = starl_dpp_plan:view(1, starl_dpp_plan:standing(1, At, Plan1)),
-    Settings = #{horizon => ?HORIZON, overhead_mm => 100.0, middle => 0.7},
+    Settings = #{horizon => ?HORIZON, choice => ink, overhead_mm => 100.0, middle => 0.7},
     Best = fun(Reach) -> starl_dpp_choice:best(At, View, Settings#{reach => Reach}) end,
     [
         ?_assertMatch({ok, _}, Best(infinity)),

@@ -63,7 +63,7 @@ answer(Robot, Plan) ->
 
 best(Robot, Reach, Plan) ->
     {_, Really} = starl_dpp_plan:stands(Robot, Plan),
-    Settings = maps:with([horizon, overhead_mm, middle], starl_dpp_plan:config(Plan)),
+    Settings = maps:with([choice, horizon, overhead_mm, middle], starl_dpp_plan:config(Plan)),
     View = starl_dpp_plan:view(Robot, Plan),
     starl_dpp_choice:best(Really, View, Settings#{reach => Reach}).
 

@@ -24,6 +24,8 @@ options() ->
             "the least distance of any two robots (r_s), mm"},
         {horizon, {number, 100, 100000}, 3000,
             "length of the lines that a robot gets at a time, mm"},
+        {choice, file, "ink",
+            "the rule that chooses what a robot paints next: ink, nearest, or a file of yours, FILE.erl"},
         {lease, {integer, 100, 1000000}, 10000,
             "the duration of a lease: of a vote, and of a robot's permission to drive, ms"},
         {jump, {integer, 0, 1000000}, 2000,
@@ -34,9 +36,15 @@ options() ->
 %% distance of a robot from its path, R = r_s/2 + r(v) the radius of the tubes. All tubes have the
 %% largest radius that any robot of the team needs.
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
-scene(#{floor := #{walls := [_ | _]} = Floor} = Context) ->
+scene(#{options := #{choice := Text} = Options} = Context) ->
+    case starl_dpp_rule:named(Text) of
+        {ok, Rule} -> on_the_floor(Context#{options := Options#{choice := Rule}});
+        {error, _} = Error -> Error
+    end.
+
+on_the_floor(#{floor := #{walls := [_ | _]} = Floor} = Context) ->
     among_walls(Floor, Context);
-scene(#{robots := Ids, world := World, profiles := Profiles, options := Options} = Context) ->
+on_the_floor(#{robots := Ids, world := World, profiles := Profiles, options := Options} = Context) ->
     Tracking = starl_chassis:widest(Profiles),
     Radius = maps:get(safety_distance, Options) / 2 + Tracking,
     case starl_roadmap:layout(floats(World), length(Ids), Radius) of
@@ -106,6 +114,7 @@ place(Picture, #{poses := Poses} = Parked, Radius, Tracking, Context) ->
         tube_radius => Radius,
         slack => Tracking,
         horizon => float(maps:get(horizon, Options)),
+        choice => maps:get(choice, Options),
         seed => Seed
     },
     Leases = #{lease_ms => maps:get(lease, Options), jump_ms => maps:get(jump, Options)},

@@ -101,7 +101,7 @@ find_work(Robot, Patient, Plan) ->
 
 search_work(Robot, Patient, Reach, Plan) ->
     {_, Really} = starl_dpp_plan:stands(Robot, Plan),
-    Settings = maps:with([horizon, overhead_mm, middle], starl_dpp_plan:config(Plan)),
+    Settings = maps:with([choice, horizon, overhead_mm, middle], starl_dpp_plan:config(Plan)),
     case starl_dpp_choice:best(Really, view(Robot, Plan), Settings#{reach => Reach}) of
         {ok, #{path := Path} = Job} ->
             case Patient andalso starl_dpp_patience:waits(Robot, Job, Plan) of

@@ -1,8 +1,10 @@
 %% @doc Chooses the free edges that a robot should paint next.
 %%
 %% One search from the robot visits vertices, nearest first. From each vertex with free edges it
-%% follows a chain of them, straight on where possible, up to the horizon. The chain with the most
-%% ink per distance driven wins. The search stops when no farther vertex can win: no chain has more
+%% follows a chain of them, straight on where possible, up to the horizon. The chain with the highest
+%% score wins; the team's rule gives the scores ({@link starl_dpp_rule}). The first chain is taken if no other has
+%% a higher score, so every rule leaves no work undone. The search stops when no farther vertex can win, if the
+%% rule can tell: no chain has more
 %% ink than the largest connected set of open edges, and no chain begins where no open edge ends.
 -module(starl_dpp_choice).
 
@@ -13,13 +15,14 @@
 -type point() :: starl_geometry:point().
 -type waypoint() :: {point(), up | {down, edge_id()}}.
 -type settings() :: #{
+    choice := starl_dpp_rule:name(),
     horizon := float(),
     overhead_mm := float(),
     middle := float(),
     reach := starl_dpp_search:within()
 }.
-%% `horizon': paint per assignment (mm). `overhead_mm': the cost of one more assignment. `middle':
-%% the factor on the score of a chain that begins in the middle of a line. `reach': the greatest
+%% `choice': the rule. `horizon': paint per assignment (mm). `overhead_mm' and `middle': see {@link
+%% starl_dpp_rule:settings()}. `reach': the greatest
 %% cost of getting to a chain; farther chains are not looked at.
 -type job() :: #{path := [waypoint()], ink_mm := float(), travel_mm := float()}.
 %% `travel_mm': the distance driven with the pen up.
@@ -31,12 +34,15 @@
     %% the most ink of any chain up to the horizon; and with the line on which it passes the horizon
     most = 0.0 :: float(),
     longest = 0.0 :: float(),
-    overhead :: float(),
-    middle :: float(),
+    rule :: module(),
+    %% does the rule tell how far a better chain can be?
+    bounded :: boolean(),
+    settings :: starl_dpp_rule:settings(),
     reach :: starl_dpp_search:within()
 }).
 -record(best, {
-    score = 0.0 :: float(),
+    %% nothing found yet: any chain is better
+    score = none :: number() | none,
     %% a vertex that costs more cannot win
     within = infinity :: starl_dpp_search:within(),
     from = 0 :: non_neg_integer(),
@@ -52,14 +58,16 @@
 %% reserved for it.
 -spec best(Stands :: point(), starl_dpp_route:view(), settings()) -> {ok, job()} | none.
 best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
-    #{horizon := Horizon, overhead_mm := Overhead, middle := Middle, reach := Reach} = Settings,
-    Space = starl_dpp_route:space([Robot], View),
+    #{choice := Choice, horizon := Horizon, reach := Reach} = Settings,
+    Rule = starl_dpp_rule:module(Choice),
+    _ = code:ensure_loaded(Rule),
     Task = #task{
-        space = Space,
+        space = starl_dpp_route:space([Robot], View),
         free = Free,
         horizon = Horizon,
-        overhead = Overhead,
-        middle = Middle,
+        rule = Rule,
+        bounded = erlang:function_exported(Rule, farthest, 3),
+        settings = maps:with([overhead_mm, middle], Settings),
         reach = Reach
     },
     case open_edges(Task) of
@@ -167,59 +175,61 @@ job(Stands, #best{from = V, chain = Chain}, Travel0, #{at := P, graph := Graph})
 driven([P, Q | Rest]) -> starl_geometry:distance(P, Q) + driven([Q | Rest]);
 driven([_]) -> 0.0.
 
-visit(V, Cost, Heading, Task, {Tries, #best{score = Score, within = Within} = Best} = Acc) ->
-    #task{most = Most, overhead = Overhead, free = Free} = Task,
-    case Most / (Cost + Most + Overhead) =< Score of
-        true ->
-            {stop, Acc};
-        false ->
-            case open_steps(starl_dpp_free:steps(V, Free), Task, #{}) of
-                [] ->
-                    {continue, Within, Acc};
-                Steps when Tries =< 1 -> {stop, {0, tried(Steps, V, Cost, Heading, Task, Best)}};
-                Steps ->
-                    Tried = tried(Steps, V, Cost, Heading, Task, Best),
-                    {continue, Tried#best.within, {Tries - 1, Tried}}
-            end
+visit(_V, Cost, _Heading, _Task, {_Tries, #best{within = Within}} = Acc) when Cost > Within ->
+    {stop, Acc};
+visit(V, Cost, Heading, #task{free = Free} = Task, {Tries, #best{within = Within} = Best} = Acc) ->
+    case open_steps(starl_dpp_free:steps(V, Free), Task, #{}) of
+        [] ->
+            {continue, Within, Acc};
+        Steps when Tries =< 1 ->
+            {stop, {0, tried(Steps, V, Cost, Heading, Task, Best)}};
+        Steps ->
+            Tried = tried(Steps, V, Cost, Heading, Task, Best),
+            {continue, Tried#best.within, {Tries - 1, Tried}}
     end.
 
-%% No vertex that costs more can win: a hair above where the bound meets the score, for rounding.
-within(#task{most = Most, overhead = Overhead, reach = Reach}, Score) ->
-    min((Most / Score - Most - Overhead) * (1.0 + 1.0e-9) + 1.0e-3, Reach).
+%% No vertex that costs more can win.
+within(#task{bounded = false, reach = Reach}, _Score) ->
+    Reach;
+within(#task{most = Most, rule = Rule, settings = Settings, reach = Reach}, Score) ->
+    min(Rule:farthest(Score, Most, Settings), Reach).
 
 tried(Steps, V, Cost, Heading, #task{free = Free} = Task, Best) ->
     %% To begin in the middle of a line leaves two pieces of it instead of one.
-    Factor =
-        case length(starl_dpp_free:steps(V, Free)) rem 2 of
-            0 -> Task#task.middle;
-            1 -> 1.0
-        end,
-    try_each(Steps, V, Cost, Heading, Factor, Task, Best).
+    Middle = length(starl_dpp_free:steps(V, Free)) rem 2 =:= 0,
+    try_each(Steps, V, Cost, Heading, Middle, Task, Best).
 
-try_each([], _V, _Cost, _Heading, _Factor, _Task, Best) ->
+try_each([], _V, _Cost, _Heading, _Middle, _Task, Best) ->
     Best;
-try_each([Step | Steps], V, Cost, Heading, Factor, Task, Best) ->
+try_each([Step | Steps], V, Cost, Heading, Middle, Task, Best) ->
     Next =
-        case may_win(Step, Cost, Heading, Factor, Task, Best) of
-            true -> try_one(Step, V, Cost, Heading, Factor, Task, Best);
+        case may_win(Step, Cost, Heading, Middle, Task, Best) of
+            true -> try_one(Step, V, Cost, Heading, Middle, Task, Best);
             false -> Best
         end,
-    try_each(Steps, V, Cost, Heading, Factor, Task, Next).
+    try_each(Steps, V, Cost, Heading, Middle, Task, Next).
 
 %% Could a vertex of this cost win, with the most ink that any chain has?
-may_win({_, _, _, Out}, Cost, Heading, Factor, Task, #best{score = Score}) ->
-    #task{longest = Ink, overhead = Overhead, space = #{turn_mm := TurnMm}} = Task,
+may_win(_Step, _Cost, _Heading, _Middle, _Task, #best{score = none}) ->
+    true;
+may_win(_Step, _Cost, _Heading, _Middle, #task{bounded = false}, _Best) ->
+    true;
+may_win({_, _, _, Out}, Cost, Heading, Middle, Task, #best{score = Score}) ->
+    #task{longest = Ink, space = #{turn_mm := TurnMm}} = Task,
     Spent = starl_dpp_search:turn(Heading, Out, TurnMm) + Ink,
-    Factor * Ink * (1.0 + 1.0e-9) > Score * (Cost + Spent + Overhead).
+    score(Ink, Spent, Cost, Middle, Task) * (1.0 + 1.0e-9) > Score.
 
-try_one(Step, V, Cost, Heading, Factor, Task, #best{score = Score} = Best) ->
+try_one(Step, V, Cost, Heading, Middle, Task, #best{score = Score} = Best) ->
     {Ink, Spent, Chain} = follow(Step, Heading, Task#task.horizon, Task, #{}, 0.0, 0.0, []),
-    case Factor * Ink / (Cost + Spent + Task#task.overhead) of
-        Better when Better > Score ->
+    case score(Ink, Spent, Cost, Middle, Task) of
+        Better when Score =:= none; Better > Score ->
             #best{score = Better, within = within(Task, Better), from = V, chain = Chain};
         _ ->
             Best
     end.
+
+score(Ink, Spent, Cost, Middle, #task{rule = Rule, settings = Settings}) ->
+    Rule:score(#{ink_mm => Ink, spent_mm => Spent, way_mm => Cost, middle => Middle}, Settings).
 
 %% The edges that are safe and not yet in the chain.
 open_steps([{E, _, _, _} = Step | Steps], Task, Used) when not is_map_key(E, Used) ->

@@ -17,6 +17,7 @@
     overhead_mm => float(),
     middle => float(),
     patience => {Factor :: float(), Mm :: float()} | infinity,
+    choice => starl_dpp_rule:name(),
     ways => starl_dpp_floor:t() | none,
     seed => integer()
 }.
@@ -27,7 +28,8 @@
 %% radian. `overhead_mm' (100): mm driven in the time of a request. `middle' (0.7): the weight of a
 %% line that is begun in its middle. `patience' ({1.05, 50}): factor F and length M; while others
 %% move, a request is answered `none' rather than with a way around them longer than F times the
-%% straight way plus M; `infinity' takes every way. `ways' (none): the roadmap of a floor with walls.
+%% straight way plus M; `infinity' takes every way. `choice' (ink): the rule that chooses what a robot paints
+%% next. `ways' (none): the roadmap of a floor with walls.
 %% `seed' (1): of the roadmap's points.
 
 %% @doc The settings with all defaults filled in.
@@ -59,10 +61,16 @@ options() ->
         {middle, {number, 0, 1}, 0.7, "the weight of a line that is begun in its middle"},
         {patience, {term, "{Factor, Mm}, or infinity", fun is_patience/1}, {1.05, 50.0},
             "the longest way round others, against the straight one"},
+        {choice, {term, choices(), fun starl_dpp_rule:is_rule/1}, ink,
+            "the rule that chooses what a robot paints next"},
         {ways, {term, "the ways of a floor with walls, or none", fun is_ways/1}, none,
             "where robots drive on a floor with walls"},
         {seed, {integer, 0, 1 bsl 64}, 1, "where the points of the roadmap fall"}
     ].
+
+choices() ->
+    Names = lists:join(", ", [atom_to_list(Name) || Name <- starl_dpp_rule:names()]),
+    lists:append(Names) ++ ", or a module of yours (behaviour starl_dpp_rule)".
 
 is_ways(Ways) -> Ways =:= none orelse starl_dpp_floor:is_ways(Ways).
 

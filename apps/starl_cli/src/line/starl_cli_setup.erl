@@ -59,7 +59,7 @@ given(#{subject := #{given := InFile}, given := Given}, Own) ->
 scenario(#{app := App} = Target, Given) ->
     case starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)) of
         {ok, Scenario} ->
-            {[], Scenario};
+            {starl_cli_source:of_options(starl_app:options(App), Scenario), Scenario};
         {error, {problems, Problems}} ->
             {[problem(P, Target, Given) || P <- Problems], #{}}
     end.

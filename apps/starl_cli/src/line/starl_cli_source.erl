@@ -2,7 +2,7 @@
 %% together with the files beside it whose modules it names, directly or indirectly.
 -module(starl_cli_source).
 
--export([load/1, load_directory/1, in_directory/1, modules/1, driver/1]).
+-export([load/1, load_directory/1, in_directory/1, modules/1, driver/1, of_options/2]).
 -export([is_name/1, runs/1, no_application/1]).
 
 %% @doc Compiles and loads a source file: an application, or a building block to be exercised.
@@ -76,6 +76,23 @@ modules(File) -> modules(File, application).
 -spec driver(file:filename()) ->
     {ok, module(), [starl_cli_target:code(), ...]} | {error, [unicode:chardata(), ...]}.
 driver(File) -> modules(File, driver).
+
+%% @doc Compiles and loads the sources that options name, such as a rule of a user's own; gives the problems.
+-spec of_options([starl_options:option()], #{atom() => term()}) -> [unicode:chardata()].
+of_options(Options, Values) ->
+    [
+        Problem
+     || {Key, file, _, _} <- Options,
+        File <- [maps:get(Key, Values)],
+        filename:extension(File) =:= ".erl",
+        not is_loaded(File),
+        {error, Problems} <- [modules(File)],
+        Problem <- Problems
+    ].
+
+%% Another run here may be using it.
+is_loaded(File) ->
+    lists:any(fun({_, Path}) -> Path =:= File end, code:all_loaded()).
 
 modules(File, Kind) ->
     case compiled([File], [], Kind) of

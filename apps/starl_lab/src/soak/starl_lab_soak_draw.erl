@@ -55,6 +55,7 @@ scenario(dpp, Robots, Seed) ->
         robots => robots(Robots, dpp, Seed),
         seed => Seed,
         picture => "house",
+        choice => one_of(["ink", "ink", "nearest"], {Seed, dpp, choice}),
         heal => ?DPP_HEAL_S,
         longest_fault => longest(?DPP_HEAL_S, dpp, Seed),
         chassis => one_of([differential, differential, holonomic, mixed], {Seed, dpp, chassis})
