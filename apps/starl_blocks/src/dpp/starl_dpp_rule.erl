@@ -76,16 +76,10 @@ named(Text) ->
     end.
 
 of_file(File) ->
-    case is_loaded_rule(filename:basename(File, ".erl")) of
-        {true, Module} -> {ok, Module};
+    Text = filename:basename(File, ".erl"),
+    case starl_code:exports(Text, score, 2) of
+        true -> {ok, list_to_existing_atom(Text)};
         false -> {error, ["choice: ", File, " is no rule: it exports no score/2 (starl_dpp_rule)"]}
-    end.
-
-is_loaded_rule(Text) ->
-    try list_to_existing_atom(Text) of
-        Module -> is_rule(Module) andalso {true, Module}
-    catch
-        error:badarg -> false
     end.
 
 unknown(Text, [Near | _], _Texts) ->

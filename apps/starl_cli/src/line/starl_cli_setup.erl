@@ -57,15 +57,19 @@ given(#{subject := #{given := InFile}, given := Given}, Own) ->
 -spec scenario(starl_cli_target:t(), #{atom() => term()}) ->
     {[unicode:chardata()], starl_sim_scenario:t()}.
 scenario(#{app := App} = Target, Given) ->
+    Uncompiled = starl_cli_source:of_options(starl_sim_scenario:options(App), Given),
     case starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)) of
+        _ when Uncompiled =/= [] ->
+            {Uncompiled, #{}};
         {ok, Scenario} ->
-            {starl_cli_source:of_options(starl_app:options(App), Scenario), Scenario};
+            {[], Scenario};
         {error, {problems, Problems}} ->
             {[problem(P, Target, Given) || P <- Problems], #{}}
     end.
 
 %% Problems of lists of faults do not name the key themselves.
 problem({fault, _} = P, Target, Given) -> problem(faults, P, Target, Given);
+problem({no_controller, _} = P, Target, Given) -> problem(controller, P, Target, Given);
 problem({no_such_faults, _} = P, Target, Given) -> problem(random_faults, P, Target, Given);
 problem(P, #{file := File}, _Given) -> [File, ": ", starl_options:format_problem(P)].
 

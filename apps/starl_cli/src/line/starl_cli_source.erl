@@ -83,7 +83,8 @@ of_options(Options, Values) ->
     [
         Problem
      || {Key, file, _, _} <- Options,
-        File <- [maps:get(Key, Values)],
+        #{Key := File} <- [Values],
+        io_lib:printable_unicode_list(File),
         filename:extension(File) =:= ".erl",
         not is_loaded(File),
         {error, Problems} <- [modules(File)],

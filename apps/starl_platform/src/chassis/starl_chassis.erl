@@ -26,7 +26,8 @@
 %% (mm/s). The bounds of the errors: `heading_error' in rad and `distance_error' as a fraction, per
 %% leg, `position_error_mm' of the positioning system. `latency_ms' (5) bounds the delay with which
 %% the chassis hears a command over its line ({@link starl_motion_watch} depends on it). `radius_mm'
-%% (165, a Create) is that of the round body about the point between its wheels. The other keys belong
+%% (165, a Create) is that of the round body about the point between its wheels. `controller' is the module that
+%% says how it drives between looks ({@link starl_controller}), if not the usual one. The other keys belong
 %% to the chassis.
 -type profile() :: #{
     chassis := module(),
@@ -36,6 +37,7 @@
     position_error_mm := float(),
     latency_ms => number(),
     radius_mm => float(),
+    controller => module(),
     atom() => term()
 }.
 

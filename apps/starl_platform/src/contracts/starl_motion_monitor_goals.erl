@@ -5,7 +5,7 @@
 %% held to the line until it has another one or drives with a velocity, also when its program has
 %% crashed; but not if it is farther off the line at its beginning, nor once its position may have been
 %% wrong. How long a drive may take follows from its length and its chassis ({@link
-%% starl_chassis:arrives_us/3}); it begins anew at the end of each fault of this robot that it meets.
+%% starl_chassis:arrives_us/3}), and from how long its controller may wait; it begins anew at the end of each fault of this robot that it meets.
 -module(starl_motion_monitor_goals).
 
 -export([new/1, broken/2, happened/4, pass/2, due/1, finish/2, counts/1, excused/1, leaves_us/3]).
@@ -219,8 +219,10 @@ goal(T, Robot, To, Drive, #goals{profiles = Profiles, step_us = Step, slack_us =
     Way = [starl_geometry:distance(Place, To) || Place <- place(T, Drive)],
     Within =
         case Way =/= [] andalso starl_chassis:arrives_us(hd(Way), Step + 2 * Latency, Profile) of
-            Us when is_integer(Us) -> Us + 3 * ?PATIENCE_US + Slack;
-            _Unknown -> never
+            Us when is_integer(Us) ->
+                Us + 3 * ?PATIENCE_US + Slack + starl_controller:waits_us(Profile);
+            _Unknown ->
+                never
         end,
     Goal = #{to => To, since_us => T, within_us => Within, due_us => never},
     Goal#{due_us := due_us(Robot, Goal, Goals#goals.assumption)}.

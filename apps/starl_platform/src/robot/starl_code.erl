@@ -8,7 +8,7 @@
 -module(starl_code).
 
 -export([check/3, is_free/1, load/3, users/1, format_error/1]).
--export([line/3, is_library/1, resembling/1]).
+-export([line/3, is_library/1, resembling/1, exports/3]).
 
 -export_type([reason/0]).
 
@@ -113,3 +113,14 @@ resembling(Module) ->
     Names = [list_to_atom(Name) || {"starl" ++ _ = Name, _, _} <- code:all_available()],
     Whole = list_to_atom("starl_" ++ atom_to_list(Module)),
     [Whole || lists:member(Whole, Names)] ++ starl_options:suggestion(Module, Names).
+
+%% @doc Is there a module of this name with this function? No atom is made of the text.
+-spec exports(Module :: string(), Function :: atom(), arity()) -> boolean().
+exports(Text, Function, Arity) ->
+    try list_to_existing_atom(Text) of
+        Module ->
+            code:ensure_loaded(Module) =:= {module, Module} andalso
+                erlang:function_exported(Module, Function, Arity)
+    catch
+        error:badarg -> false
+    end.

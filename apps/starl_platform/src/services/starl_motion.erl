@@ -9,11 +9,16 @@
 %%   stalled   half a second later: trying
 %%   trying    stands: locating;   stalled: stalled;       no answer: halting
 %%
+%%   locating  the controller waits: waiting
+%%   waiting   the wait is over: halting
+%%
 %%   any but stalled, trying   velocity: steering
 %%   steering  a pose: cruising; go_to, stop: halting;     no answer: halting
 %%   cruising  stands, as its time is up: idle; velocity: steering; stalled: stalled;
 %%             go_to, stop: halting;                       no answer: halting
 %% '''
+%% Whether it waits before a leg, and how it drives with a velocity, is said by its controller ({@link starl_controller}).
+%%
 %% While it drives, it depends on the chassis alone. Every command has a duration, so a robot whose
 %% program crashes, pauses, is late or has a wrong clock stops by itself at the planned place,
 %% within its leg. The next step depends on the chassis' answer that it stands, and on a look at the
@@ -74,7 +79,8 @@
 %% Something is in the way of a robot that has come up against it so often, and back each time.
 -define(STALLS, 3).
 
--type state() :: idle | halting | locating | driving | stalled | trying | steering | cruising.
+-type state() ::
+    idle | halting | locating | driving | waiting | stalled | trying | steering | cruising.
 
 -record(drive, {
     self :: starl:robot_id(),
@@ -110,6 +116,10 @@
     %% seen, and its time
     stands = false :: boolean(),
     seen = none :: {starl:pose(), AtUs :: integer()} | none,
+    %% the robots that it saw with its pose, if its controller looks for them; how long it has waited on the
+    %% way to the present goal
+    poses = #{} :: #{starl:robot_id() => starl:pose()},
+    waited = 0 :: non_neg_integer(),
     %% the last script
     script = [] :: starl_chassis:commands(),
     %% the next try, if the drive did not obey, or may not have, and has not obeyed since
@@ -182,6 +192,15 @@ event(state_timeout, ask, locating, #drive{way = to} = Drive) ->
     locate(Drive, []);
 event(state_timeout, ask, locating, Drive) ->
     stand_still(Drive, []);
+event(state_timeout, go_on, waiting, Drive) ->
+    stand_still(Drive, []);
+event({reply, N}, {ok, #{} = Poses}, State, #drive{asked = N, self = Self} = Drive) ->
+    Own =
+        case Poses of
+            #{Self := Pose} -> {ok, Pose};
+            #{} -> {error, unknown}
+        end,
+    event({reply, N}, Own, State, Drive#drive{poses = Poses});
 event({reply, N}, {ok, Pose}, locating, #drive{asked = N, now = Now} = Drive) ->
     located(Pose, Drive#drive{seen = {Pose, Now}});
 event({reply, N}, {ok, Pose}, steering, #drive{asked = N} = Drive) ->
@@ -219,6 +238,7 @@ to(From, {Start, Goal}, Way, Drive) ->
         start = Start,
         way = Way,
         stalls = 0,
+        waited = 0,
         memo = none
     }.
 
@@ -247,15 +267,18 @@ steer(#drive{waiting = Waiting} = Drive, Actions) ->
     {next_state, State, Steering, Looks} = sight(Drive#drive{waiting = []}),
     {next_state, State, Steering, Actions ++ Interrupted ++ Looks}.
 
-sight(#drive{asked = N, self = Self} = Drive) ->
-    Ask = [starl_location:pose(Self, N + 1), {state_timeout, ?PATIENCE_US, ask}],
-    {next_state, steering, Drive#drive{asked = N + 1}, Ask}.
+sight(#drive{asked = N} = Drive) ->
+    {next_state, steering, Drive#drive{asked = N + 1}, ask(Drive)}.
+
+ask(#drive{asked = N, self = Self, profile = Profile}) ->
+    Question = starl_controller:look(Self, Profile),
+    [{call, location, Question, N + 1}, {state_timeout, ?PATIENCE_US, ask}].
 
 %% The time that the look took is gone.
 cruise(Pose, #drive{now = Now, wish = {Wish, Until}, chassis = Chassis} = Drive) ->
-    #drive{profile = Profile, from = From} = Drive,
-    Velocity = starl_chassis:limited(Wish, Profile),
+    #drive{profile = Profile, from = From, self = Self, poses = Poses} = Drive,
     Us = max(1, Until - Now),
+    Velocity = starl_controller:velocity(Wish, Us, {Self, Poses}, Profile),
     Script = Chassis:cruise(Velocity, Pose, Us, Profile),
     {next_state, State, Told, Actions} = command(cruising, Script, Drive#drive{
         from = none, cruises = true
@@ -376,9 +399,8 @@ look(#drive{seen = {Pose, At}, now = Now} = Drive, Actions) when
 look(Drive, Actions) ->
     locate(Drive, Actions).
 
-locate(#drive{asked = N, self = Self} = Drive, Actions) ->
-    Ask = [starl_location:pose(Self, N + 1), {state_timeout, ?PATIENCE_US, ask}],
-    {next_state, locating, Drive#drive{asked = N + 1}, Actions ++ Ask}.
+locate(#drive{asked = N} = Drive, Actions) ->
+    {next_state, locating, Drive#drive{asked = N + 1}, Actions ++ ask(Drive)}.
 
 located({X, Y, _} = Pose, #drive{start = unknown} = Drive) ->
     located(Pose, Drive#drive{start = {X, Y}});
@@ -396,7 +418,19 @@ follow(arrived, #drive{from = From} = Drive) ->
     {next_state, idle, Drive#drive{from = none}, Over};
 follow({_, _}, #drive{doubt = Doubt} = Drive) when Doubt =/= none ->
     try_again(Drive#drive{memo = none});
-follow({{look, Memo}, Script}, Drive) ->
+follow(Step, Drive) ->
+    #drive{poses = Poses, self = Self, waited = Waited, profile = Profile} = Drive,
+    case starl_controller:leg(Poses, heads_to(Drive), {Self, Waited}, Profile) of
+        go -> leg(Step, Drive);
+        {wait, Us} -> wait(Us, Drive#drive{waited = Waited + Us})
+    end.
+
+heads_to(#drive{way = face, start = Start}) -> Start;
+heads_to(#drive{goal = Goal}) -> Goal.
+
+wait(Us, Drive) -> {next_state, waiting, Drive#drive{memo = none}, [{state_timeout, Us, go_on}]}.
+
+leg({{look, Memo}, Script}, Drive) ->
     command(driving, Script, Drive#drive{memo = {some, Memo}});
-follow({drive, Script}, Drive) ->
+leg({drive, Script}, Drive) ->
     command(driving, Script, Drive#drive{memo = none}).

@@ -65,15 +65,17 @@ profiles(Scenario) -> profiles(#{}, Scenario).
 profiles(Overrides, #{chassis := Choice} = Scenario) ->
     starl_sim_chassis:profiles(Choice, maps:merge(profile(Scenario), Overrides)).
 
-profile(#{
-    speed := Speed,
-    acceleration := Acceleration,
-    heading_error := H,
-    distance_error := D,
-    position_error := P,
-    command_latency := {_, LatencyMs}
-}) ->
+profile(
     #{
+        speed := Speed,
+        acceleration := Acceleration,
+        heading_error := H,
+        distance_error := D,
+        position_error := P,
+        command_latency := {_, LatencyMs}
+    } = Scenario
+) ->
+    (controller(Scenario))#{
         latency_ms => max(?LATENCY_MS, LatencyMs),
         speed => float(Speed),
         acceleration => float(Acceleration),
@@ -82,6 +84,15 @@ profile(#{
         distance_error => float(D),
         position_error_mm => float(P)
     }.
+
+%% The usual one needs no entry.
+controller(#{controller := Text}) ->
+    case starl_controller:named(Text) of
+        {ok, none} -> #{};
+        {ok, Module} -> #{controller => Module}
+    end;
+controller(_Scenario) ->
+    #{}.
 
 %% The first retransmission waits a little longer than the longest way there and back.
 sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.

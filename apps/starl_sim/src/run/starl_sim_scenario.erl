@@ -11,7 +11,10 @@
 -type t() :: #{atom() => term()}.
 
 -type problem() ::
-    starl_options:problem() | {fault, starl_sim_fault:problem()} | {no_such_faults, term()}.
+    starl_options:problem()
+    | {fault, starl_sim_fault:problem()}
+    | {no_such_faults, term()}
+    | {no_controller, unicode:chardata()}.
 
 -type reason() ::
     {problems, [problem()]}
@@ -44,6 +47,7 @@ options() ->
         {clock_drift, {number, 0, 10000}, 50, "the largest drift of a robot's clock, ppm"},
         {speed, {number, 1, 500}, 500, "driving speed, mm/s (the Create's limit is 500)"},
         starl_sim_chassis:option(),
+        starl_controller:option(),
         {acceleration, {number, 50, 100000}, 2000,
             "limit of acceleration, mm/s2 (holonomic chassis only)"},
         {heading_error, {number, 0, 0.1}, 0.02,
@@ -87,12 +91,19 @@ check(Given, AppOptions) ->
     Checked = starl_options:check(maps:remove(app, Given), options() ++ AppOptions),
     Faults =
         [{fault, P} || P <- fault_problems(maps:get(faults, Given, []))] ++
-            [{no_such_faults, W} || W <- unknown(maps:get(random_faults, Given, []))],
+            [{no_such_faults, W} || W <- unknown(maps:get(random_faults, Given, []))] ++
+            [{no_controller, Why} || {error, Why} <- [controller(Given)]],
     case {Checked, Faults} of
         {{ok, Scenario}, []} -> {ok, maps:merge(maps:with([app], Given), Scenario)};
         {{ok, _}, _} -> {error, {problems, Faults}};
         {{error, Problems}, _} -> {error, {problems, Problems ++ Faults}}
     end.
+
+%% What is no text is a problem of its type.
+controller(#{controller := Text}) when is_list(Text) ->
+    io_lib:printable_unicode_list(Text) andalso starl_controller:named(Text);
+controller(_) ->
+    none.
 
 %% What is no list is a problem of its type; the tail of a list may be anything.
 unknown([W | What]) -> [W || starl_sim_fault:kinds_of(W) =:= []] ++ unknown_tail(What);
@@ -132,6 +143,8 @@ format_error({shape, File}) ->
 -spec format_problem(problem()) -> unicode:chardata().
 format_problem({no_such_faults, What}) ->
     io_lib:format("there is no class or kind of faults ~0tP~ts", [What, 12, near(What)]);
+format_problem({no_controller, Why}) ->
+    Why;
 format_problem({fault, Problem}) ->
     starl_sim_fault:format_problem(Problem);
 format_problem(Problem) ->
