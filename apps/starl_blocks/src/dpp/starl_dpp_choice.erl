@@ -34,6 +34,7 @@
     %% the most ink of any chain up to the horizon; and with the line on which it passes the horizon
     most = 0.0 :: float(),
     longest = 0.0 :: float(),
+    robot :: pos_integer(),
     rule :: module(),
     %% does the rule tell how far a better chain can be?
     bounded :: boolean(),
@@ -65,6 +66,7 @@ best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
         space = starl_dpp_route:space([Robot], View),
         free = Free,
         horizon = Horizon,
+        robot = Robot,
         rule = Rule,
         bounded = erlang:function_exported(Rule, farthest, 3),
         settings = maps:with([overhead_mm, middle], Settings),
@@ -203,33 +205,42 @@ try_each([], _V, _Cost, _Heading, _Middle, _Task, Best) ->
     Best;
 try_each([Step | Steps], V, Cost, Heading, Middle, Task, Best) ->
     Next =
-        case may_win(Step, Cost, Heading, Middle, Task, Best) of
+        case may_win(Step, V, Cost, Heading, Middle, Task, Best) of
             true -> try_one(Step, V, Cost, Heading, Middle, Task, Best);
             false -> Best
         end,
     try_each(Steps, V, Cost, Heading, Middle, Task, Next).
 
 %% Could a vertex of this cost win, with the most ink that any chain has?
-may_win(_Step, _Cost, _Heading, _Middle, _Task, #best{score = none}) ->
+may_win(_Step, _V, _Cost, _Heading, _Middle, _Task, #best{score = none}) ->
     true;
-may_win(_Step, _Cost, _Heading, _Middle, #task{bounded = false}, _Best) ->
+may_win(_Step, _V, _Cost, _Heading, _Middle, #task{bounded = false}, _Best) ->
     true;
-may_win({_, _, _, Out}, Cost, Heading, Middle, Task, #best{score = Score}) ->
+may_win({_, _, _, Out}, V, Cost, Heading, Middle, Task, #best{score = Score}) ->
     #task{longest = Ink, space = #{turn_mm := TurnMm}} = Task,
     Spent = starl_dpp_search:turn(Heading, Out, TurnMm) + Ink,
-    score(Ink, Spent, Cost, Middle, Task) * (1.0 + 1.0e-9) > Score.
+    score(Ink, Spent, Cost, V, Middle, Task) * (1.0 + 1.0e-9) > Score.
 
 try_one(Step, V, Cost, Heading, Middle, Task, #best{score = Score} = Best) ->
     {Ink, Spent, Chain} = follow(Step, Heading, Task#task.horizon, Task, #{}, 0.0, 0.0, []),
-    case score(Ink, Spent, Cost, Middle, Task) of
+    case score(Ink, Spent, Cost, V, Middle, Task) of
         Better when Score =:= none; Better > Score ->
             #best{score = Better, within = within(Task, Better), from = V, chain = Chain};
         _ ->
             Best
     end.
 
-score(Ink, Spent, Cost, Middle, #task{rule = Rule, settings = Settings}) ->
-    Rule:score(#{ink_mm => Ink, spent_mm => Spent, way_mm => Cost, middle => Middle}, Settings).
+score(Ink, Spent, Cost, V, Middle, #task{rule = Rule, robot = Robot, space = Space} = Task) ->
+    #{graph := Graph} = Space,
+    Work = #{
+        robot => Robot,
+        begins => starl_dpp_graph:point(V, Graph),
+        ink_mm => Ink,
+        spent_mm => Spent,
+        way_mm => Cost,
+        middle => Middle
+    },
+    Rule:score(Work, Task#task.settings).
 
 %% The edges that are safe and not yet in the chain.
 open_steps([{E, _, _, _} = Step | Steps], Task, Used) when not is_map_key(E, Used) ->

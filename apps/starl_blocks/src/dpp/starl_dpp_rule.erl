@@ -21,12 +21,14 @@
 
 %% A chain of free lines, up to the horizon.
 -type work() :: #{
+    robot := pos_integer(),
+    begins := starl_geometry:point(),
     ink_mm := float(),
     spent_mm := float(),
     way_mm := number(),
     middle := boolean()
 }.
-%% `ink_mm': its length. `spent_mm': the same with the turns on it, each as the way in its time. `way_mm': the way to its
+%% The robot that would paint it, and where it begins. `ink_mm': its length. `spent_mm': the same with the turns on it, each as the way in its time. `way_mm': the way to its
 %% beginning, with turns. `middle': it begins in the middle of a line, so two pieces are left instead of one.
 
 -type settings() :: #{overhead_mm := number(), middle := number()}.

@@ -151,7 +151,8 @@ endless(Name, Kind, Target, Params) ->
 bodies(motion, Seed) ->
     #{
         chassis => one_of([differential, holonomic, mixed], {Seed, motion, chassis}),
-        command_latency => one_of(?LATENCIES, {Seed, motion, latency})
+        command_latency => one_of(?LATENCIES, {Seed, motion, latency}),
+        controller => one_of(["straight", "straight", "wary"], {Seed, motion, controller})
     };
 bodies(_Block, _Seed) ->
     #{}.
