@@ -18,7 +18,8 @@
     {"| [Formation]", starl_formation},
     {"| [Follow the leader]", starl_follow},
     {"| [Swarm]", starl_swarm},
-    {"| [Intersection]", starl_crossing}
+    {"| [Intersection]", starl_crossing},
+    {"| [Convoy]", starl_convoy}
 ]).
 
 readme() ->

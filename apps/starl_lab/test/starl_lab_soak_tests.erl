@@ -45,7 +45,7 @@ application_test_() ->
 applications_are_drawn_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         Known = starl_lab_soak_draw:applications(),
-        Names = [search, formation, follow, swarm, crossing],
+        Names = [search, formation, follow, swarm, crossing, convoy],
         ?assertEqual([], Names -- [Name || {Name, _} <- Known]),
         Drawn = fun(Name) -> [starl_lab_soak:scenario(Name, none, S) || S <- lists:seq(1, 50)] end,
         [

@@ -1,9 +1,6 @@
 %% @doc An intersection: robots drive round a road in the form of an eight. A token of mutual exclusion guards
 %% each section of the road, and one the crossing, which both strands share: a robot acquires the next
-%% section, drives there, and releases the one behind it.
-%%
-%% A token's lease may run out while its robot, cut off or dead, still stands in the section; so a robot also
-%% looks whether anybody is there before it drives.
+%% section, drives there, and releases the one behind it ({@link starl_sections}).
 %%
 %% Measures: `wait_s', how long a robot has waited for a section, and `passes_per_min', how often it
 %% passes the crossing. Trace: {@link event()} (see {@link starl_crossing_monitor}).
@@ -31,14 +28,8 @@
     passes := non_neg_integer()
 }.
 
--define(PATIENCE_MS, 5000).
--define(LOOK_MS, 500).
-%% A section is free if no robot is nearer than this to its middle (mm).
--define(FREE_MM, 700).
-
 -spec options() -> [starl_options:option()].
-options() ->
-    [{duration, {integer, 1, 86400}, 120, "how long they drive, s"}].
+options() -> [{duration, {integer, 1, 86400}, 120, "how long they drive, s"}].
 
 -spec measures() -> [{atom(), string()}].
 measures() ->
@@ -81,7 +72,7 @@ scene(#{robots := Ids, world := World, options := Options}) ->
 -spec init(starl:robot(), map()) -> state().
 init(Robot, #{road := Road, duration := Seconds}) ->
     Now = starl:now(Robot),
-    At = section(starl:position(Robot), Robot, Road),
+    At = starl_crossing_road:nearest(starl_sections:position(Robot), Road),
     ok = draw(Robot, Road),
     #{
         road => Road,
@@ -89,73 +80,36 @@ init(Robot, #{road := Road, duration := Seconds}) ->
         until => Now + 1000 * Seconds,
         since => Now,
         at => At,
-        held => acquired(starl_mutex:acquire(Robot, token(At, Road), ?PATIENCE_MS)),
+        held => starl_sections:take(Robot, starl_crossing_road:token(At, Road)),
         passes => 0
     }.
 
-section({ok, {X, Y, _}}, _Robot, Road) ->
-    starl_crossing_road:nearest({X, Y}, Road);
-section({error, _}, Robot, Road) ->
-    ok = starl:sleep(Robot, ?LOOK_MS),
-    section(starl:position(Robot), Robot, Road).
-
-acquired({ok, _Fence}) -> true;
-acquired({error, _}) -> false.
-
-token(At, Road) -> starl_crossing_road:token(At, Road).
-
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, Passes :: non_neg_integer()}.
 step(Robot, #{road := Road, until := Until, at := At, passes := Passes} = State) ->
-    Now = starl:now(Robot),
     Next = (At + 1) rem length(Road),
-    case Now < Until andalso starl_mutex:acquire(Robot, token(Next, Road), ?PATIENCE_MS) of
+    #{token := Token, way := [Place]} = Section = starl_crossing_road:section(Next, Road),
+    Begins = fun() -> begins(Robot, Place, State) end,
+    case starl:now(Robot) < Until andalso starl_sections:enter(Robot, Section, Begins) of
         false ->
-            _ = maps:get(held, State) andalso starl_mutex:release(Robot, token(At, Road)),
+            behind(Robot, State),
             {done, Passes};
-        {error, _} ->
+        occupied ->
             {continue, State};
-        {ok, _Fence} ->
-            Place = lists:nth(Next + 1, Road),
-            case is_free(Robot, Place) of
-                true ->
-                    Waited = starl:now(Robot) - maps:get(since, State),
-                    ok = starl:measure(Robot, wait_s, Waited / 1000),
-                    Area = starl_drawing:circle(Place, ?FREE_MM / 2),
-                    ok = starl:draw(Robot, #{key => section, area => Area}),
-                    Driven = drive(Robot, Place),
-                    {continue, left(Driven, Robot, Next, State)};
-                false ->
-                    _ = starl_mutex:release(Robot, token(Next, Road)),
-                    ok = starl:sleep(Robot, ?LOOK_MS),
-                    {continue, State}
-            end
-    end.
-
-is_free(Robot, Place) ->
-    case starl:positions(Robot) of
-        {ok, Poses} ->
-            Others = maps:values(maps:remove(starl:id(Robot), Poses)),
-            lists:all(
-                fun({X, Y, _}) -> starl_geometry:distance({X, Y}, Place) > ?FREE_MM end, Others
-            );
-        {error, _} ->
-            false
-    end.
-
-drive(Robot, Place) ->
-    case starl:go_to(Robot, Place) of
         ok ->
-            ok;
-        {error, _} ->
-            ok = starl:sleep(Robot, ?LOOK_MS),
-            drive(Robot, Place)
+            behind(Robot, State),
+            Here = State#{at := Next, held := true, since := starl:now(Robot)},
+            {continue, passed(Token, Robot, Here)}
     end.
+
+begins(Robot, Place, #{since := Since}) ->
+    ok = starl:measure(Robot, wait_s, (starl:now(Robot) - Since) / 1000),
+    starl:draw(Robot, #{key => section, area => starl_drawing:circle(Place, 350)}).
 
 %% The section behind is free again.
-left(ok, Robot, Next, #{road := Road, at := At, held := Held} = State) ->
-    _ = Held andalso starl_mutex:release(Robot, token(At, Road)),
-    Here = State#{at := Next, held := true, since := starl:now(Robot)},
-    passed(token(Next, Road), Robot, Here).
+behind(Robot, #{held := true, at := At, road := Road}) ->
+    starl_sections:leave(Robot, starl_crossing_road:token(At, Road));
+behind(_Robot, #{held := false}) ->
+    ok.
 
 passed(crossing, Robot, #{passes := Passes, begun := Begun} = State) ->
     ok = starl:trace(Robot, passes),
@@ -170,8 +124,7 @@ draw(Robot, Road) ->
     case hd(starl:participants(Robot)) =:= starl:id(Robot) of
         true ->
             ok = starl:draw(Robot, #{key => road, line => Road ++ [hd(Road)], colour => grey}),
-            Crossing = starl_drawing:circle(hd(Road), ?FREE_MM),
-            starl:draw(Robot, #{key => crossing, area => Crossing, colour => orange});
+            starl:draw(Robot, starl_crossing_road:crossing(Road));
         false ->
             ok
     end.

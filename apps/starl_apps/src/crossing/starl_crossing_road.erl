@@ -2,7 +2,7 @@
 %% the middle of the floor, in sections of equal length. A pure module; lengths are millimetres.
 -module(starl_crossing_road).
 
--export([sections/1, most/1, starts/2, nearest/2, token/2]).
+-export([sections/1, most/1, starts/2, nearest/2, token/2, section/2, crossing/1]).
 
 -export_type([road/0, token/0]).
 
@@ -17,6 +17,8 @@
 -define(EDGE_MM, 600).
 -define(SECTION_MM, 1150).
 -define(STEPS, 4000).
+%% A section is free if no robot is nearer than this to its middle.
+-define(FREE_MM, 700).
 
 %% @doc The sections of the road on a floor of this size: an even number, eight at least.
 -spec sections({WidthMm :: number(), HeightMm :: number()}) -> road().
@@ -78,3 +80,13 @@ token(I, Road) ->
         0 -> crossing;
         _ -> {section, I}
     end.
+
+%% @doc What is to be known of a section to drive there.
+-spec section(non_neg_integer(), road()) -> starl_sections:section().
+section(I, Road) ->
+    #{token => token(I, Road), way => [lists:nth(I + 1, Road)], free_mm => ?FREE_MM}.
+
+%% @doc The drawing of the crossing.
+-spec crossing(road()) -> starl_drawing:t().
+crossing([Middle | _]) ->
+    #{key => crossing, area => starl_drawing:circle(Middle, ?FREE_MM), colour => orange}.

@@ -76,7 +76,7 @@ ending(Ending, _Outcome) -> Ending.
 tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = Setup, Ran) ->
     #{inputs := Inputs} = Setup,
     #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
-    Ways = starl_cli_ways:with(drawings(Outcome), ways(Outcome, Scenario)),
+    Ways = starl_cli_ways:with(drawings(Outcome), ways(Outcome, App, Scenario)),
     Notes = starl_cli_notes:make(Outcome, Ways, starl_cli_target:beams(Target)),
     Report = starl_cli_report:make(#{
         name => Name,
@@ -123,12 +123,11 @@ with_recording({partly, _} = Partly, Setup, Dir) ->
 with_recording({error, _} = Error, _Setup, _Dir) ->
     Error.
 
-ways(#{monitors := #{starl_sim_ways_monitor := Ways}}, #{world := World} = Scenario) ->
-    %% the file may have gone since
-    case starl_sim_floor:read(Scenario) of
-        {ok, #{size := Size} = Floor} -> starl_cli_ways:on(Floor, starl_cli_ways:new(Ways, Size));
-        _ -> starl_cli_ways:new(Ways, World)
-    end.
+%% The floor plan is that of the scenario, or else of the application.
+ways(#{monitors := #{starl_sim_ways_monitor := Ways}}, #{floor := #{size := Size} = Floor}, _) ->
+    starl_cli_ways:on(Floor, starl_cli_ways:new(Ways, Size));
+ways(#{monitors := #{starl_sim_ways_monitor := Ways}}, _Report, #{world := World}) ->
+    starl_cli_ways:new(Ways, World).
 
 drawings(#{monitors := #{starl_sim_drawings_monitor := #{drawings := Drawings}}}) -> Drawings.
 

@@ -72,7 +72,8 @@
     complete => boolean(),
     done => unicode:chardata(),
     summary => [unicode:chardata()],
-    write => fun((Dir :: file:filename()) -> written())
+    write => fun((Dir :: file:filename()) -> written()),
+    floor => starl_floor:t()
 }.
 
 %% The files that were written; `partly': all that matter, and why others are not there.
@@ -215,10 +216,12 @@ at(App, Function, Arity, Why) ->
 %% of the run are kept.
 -spec report(module(), t(), outcome()) -> report().
 report(App, Scene, Outcome) ->
-    case exported(App, report, 2) of
-        true -> reported(starl_app:declared(App, report, [Scene, Outcome]));
-        false -> #{figures => []}
-    end.
+    Report =
+        case exported(App, report, 2) of
+            true -> reported(starl_app:declared(App, report, [Scene, Outcome]));
+            false -> #{figures => []}
+        end,
+    maps:merge(maps:with([floor], Scene), Report).
 
 reported({ok, Report}) -> Report;
 reported({error, Line}) -> #{figures => [], complete => false, summary => [Line]}.

@@ -1,0 +1,148 @@
+%% The convoy: its lane, the contract, and runs.
+-module(starl_convoy_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(WALL_MM, 187.0).
+
+lane() -> lane("doors").
+
+lane(Plan) ->
+    {ok, Floor} = starl_floor_file:read(Plan, 1000),
+    starl_convoy_route:new(Floor, #{wall_mm => ?WALL_MM, section_mm => 600}).
+
+%% From start to goal, in steps of one length, through each door once, and clear of all walls.
+lane_test() ->
+    {ok, Lane} = lane(),
+    {ok, #{places := #{start := Start, goal := Goal}} = Floor} = starl_floor_file:read(
+        "doors", 1000
+    ),
+    Ends = [lists:last(Way) || {Way, _} <- Lane],
+    ?assertEqual(Start, hd(Ends)),
+    ?assert(starl_geometry:distance(lists:last(Ends), Goal) < 600),
+    Steps = [
+        starl_geometry:distance(P, Q)
+     || {P, Q} <- lists:zip(lists:droplast(Ends), tl(Ends))
+    ],
+    ?assert(lists:min(Steps) >= 600 andalso lists:max(Steps) < 611),
+    ?assertEqual([1, 2, 3], [Door || {_, Door} <- Lane, Door =/= none]),
+    Points = lists:append([Way || {Way, _} <- Lane]),
+    Walls = starl_walls:new(Floor),
+    [
+        ?assert(starl_walls:clearance({P, Q}, 300.0, Walls) >= ?WALL_MM - 1.0e-3, {P, Q})
+     || {P, Q} <- lists:zip(lists:droplast(Points), tl(Points))
+    ].
+
+%% Also one that is under way, or has stopped beside a corner of the lane.
+a_robot_finds_its_place_on_the_lane_test() ->
+    {ok, Lane} = lane(),
+    Ends = [lists:last(Way) || {Way, _} <- Lane],
+    [
+        begin
+            ?assertEqual(I, starl_convoy_route:locate(P, Lane)),
+            Part = starl_geometry:interpolate(P, hd(Way), 0.5),
+            ?assertEqual(I, starl_convoy_route:locate(Part, Lane))
+        end
+     || {I, P, {Way, _}} <- lists:zip3(
+            lists:seq(0, length(Ends) - 2), lists:droplast(Ends), tl(Lane)
+        )
+    ].
+
+what_a_plan_lacks_is_told_test() ->
+    ?assertEqual(
+        {error, "a convoy needs the places `start' and `goal' of the floor plan"}, lane("search")
+    ),
+    Places = #{start => {500, 500}, goal => {3500, 500}},
+    Wall = starl_floor:box(1950, 0, 2050, 1700),
+    Floor = starl_floor:new(#{size => {4000, 2000}, walls => [Wall], places => Places}),
+    ?assertEqual(
+        {error, "no way from `start' to `goal' is wide enough for a robot"},
+        starl_convoy_route:new(Floor, #{wall_mm => ?WALL_MM, section_mm => 600})
+    ).
+
+too_many_test() ->
+    {error, Why} = starl_sim:start(#{app => starl_convoy, robots => 11}),
+    ?assertEqual(
+        "before the first door, or behind the last one, is room for 10 robots: use fewer",
+        lists:flatten(starl_sim:format_error(Why))
+    ).
+
+%% -- the contract ---------------------------------------------------------------------------
+
+judged(Events) -> judged(Events, []).
+
+judged(Events, Faults) ->
+    Config = #{robots => [1, 2], faults => Faults},
+    starl_team_runs:judged(Events, {starl_convoy_monitor, Config}).
+
+at(S, Robot, Door) -> {S * 1000000, Robot, app, {at, 7, Door}}.
+
+stands(S, Robot, X) -> starl_team_runs:standing(S * 1000000, Robot, {X, 0}).
+
+nobody_overtakes_test() ->
+    ?assertMatch({[], #{passes := 2}}, judged([at(1, 1, 3), at(2, 2, 3), stands(3, 1, 0)])),
+    ?assertMatch({[overtaken], _}, judged([at(1, 2, 3), at(2, 1, 3), stands(3, 1, 0)])),
+    %% at another door, or between doors, that says nothing
+    ?assertMatch({[], _}, judged([at(1, 2, 3), at(2, 1, 4), stands(3, 1, 0)])),
+    ?assertMatch({[], _}, judged([at(1, 2, none), at(2, 1, none), stands(3, 1, 0)])),
+    Fault = [{1, 0, 1000, fault}],
+    ?assertMatch({[], _}, judged([at(1, 2, 3), at(2, 1, 3), stands(3, 1, 0)], Fault)),
+    ?assertMatch({[overtaken], _}, judged([at(40, 2, 3), at(41, 1, 3), stands(42, 1, 0)], Fault)).
+
+apart_test() ->
+    Near = fun(Mm) ->
+        [stands(0, 1, 0), stands(0, 2, 5000), stands(2, 2, Mm), stands(4, 2, 5000)]
+    end,
+    ?assertMatch({[], #{least_mm := 401.0}}, judged(Near(401))),
+    ?assertMatch({[too_near], _}, judged(Near(399))),
+    ?assertMatch({[], _}, judged(Near(399), [{1, 0, 1000, fault}])).
+
+somebody_moves_on_test() ->
+    ?assertMatch({[], _}, judged([at(100, 1, none), at(219, 2, none), stands(330, 1, 0)])),
+    ?assertMatch({[nobody_moves], _}, judged([at(100, 1, none), stands(221, 1, 0)])),
+    Done = [{S * 1000000, Robot, app, {done, arrived}} || {S, Robot} <- [{2, 1}, {3, 2}]],
+    ?assertMatch({[], _}, judged(Done ++ [stands(400, 1, 0)])),
+    ?assertMatch({[nobody_moves], _}, judged([hd(Done), stands(400, 1, 0)])),
+    ?assertMatch({[], _}, judged([{1000000, 2, robot, {died, killed}}, stands(400, 1, 0)])).
+
+%% -- runs -----------------------------------------------------------------------------------
+
+%% In the end the column stands behind the last door, in its order; a bump would break `contact'.
+runs_test_() ->
+    [
+        {timeout, 120, fun() ->
+            Scenario = maps:merge(#{app => starl_convoy, robots => N}, More),
+            #{report := #{figures := Figures}, robots := Robots} =
+                Outcome = starl_team_runs:both_ways(Scenario),
+            ?assertMatch([{there, N}, {passes, _}, {seconds, _}, {least_mm, _}], Figures),
+            ?assertEqual(3 * N, proplists:get_value(passes, Figures)),
+            %% null is greater than every number
+            ?assert(proplists:get_value(least_mm, Figures) > 550),
+            Xs = [X || {_, #{pose := {X, Y, _}}} <- Robots, Y > 6000],
+            ?assertEqual(N, length(Xs)),
+            ?assertEqual(Xs, lists:sort(Xs)),
+            ?assertEqual(N =:= 1, starl_team_runs:noted(gap_mm, Outcome) =:= [])
+        end}
+     || {N, More} <- [
+            {1, #{}}, {4, #{chassis => mixed}}, {10, #{}}, {4, #{loss => 0.2, seed => 7}}
+        ]
+    ].
+
+%% A robot whose application is killed again and again goes on where it is.
+restarts_test_() ->
+    {timeout, 120, fun() ->
+        Kills = [
+            {
+                list_to_atom("k" ++ integer_to_list(S)),
+                1000 * S,
+                1000 * S,
+                kill_machine,
+                {2, app},
+                #{}
+            }
+         || S <- lists:seq(3, 45, 3)
+        ],
+        #{report := #{figures := Figures}, violations := []} = starl_team_runs:outcome(#{
+            app => starl_convoy, robots => 3, faults => Kills
+        }),
+        ?assertEqual(3, proplists:get_value(there, Figures))
+    end}.
