@@ -4,65 +4,18 @@
 
 -export([format/1]).
 
-%% Text quoted from a file is cut to this many characters.
--define(QUOTED, 40).
-
 %% @doc One line of printable text without a line feed, as UTF-8.
 -spec format(starl_picture:reason()) -> binary().
 format(Reason) ->
-    {Format, Arguments} = text(Reason),
-    Line = unicode:characters_to_binary(io_lib:format(Format, Arguments)),
-    true = is_binary(Line),
-    Line.
+    case text(Reason) of
+        {svg, Problem} -> starl_svg_error:format(Problem);
+        {Format, Arguments} -> starl_svg_error:line(Format, Arguments)
+    end.
 
 %%% Internals
 
 text({cannot_read, File, Why}) ->
-    {"cannot read ~ts: ~ts", [quote(File, 200), file_text(Why)]};
-text(empty) ->
-    {"the picture is empty; give an SVG file", []};
-text({not_xml, Kind}) ->
-    {"the picture is not an SVG drawing: ~ts", [kind_text(Kind)]};
-text({bad_encoding, Name}) ->
-    {"the picture cannot be read as ~ts; save it as UTF-8", [quote(Name)]};
-text({entities, Line}) ->
-    {
-        "line ~b: the DOCTYPE declares something other than plain text entities, which is refused "
-        "for safety; save the picture as plain SVG",
-        [Line]
-    };
-text({entities_too_big, Line}) ->
-    {"line ~b: the entities of the DOCTYPE are too long; save the picture as plain SVG", [Line]};
-text({truncated, Line}) ->
-    {"line ~b: the picture ends in the middle; fetch or export the file again", [Line]};
-text({bad_xml, Line, What}) ->
-    {"line ~b: not well-formed XML (~ts); export the file again", [Line, shown(What, 80)]};
-text({wrong_root, Name}) ->
-    {"the root element is ~ts, not an SVG <svg> element; give an SVG file", [quote(Name)]};
-text({too_deep, Line}) ->
-    {"line ~b: elements are nested more than 200 deep; ungroup the drawing", [Line]};
-text(too_complex) ->
-    {"the picture takes too much memory or work to read; simplify the drawing", []};
-text({bad_number, Where, Attribute, Text}) ->
-    {"~ts: ~ts in attribute ~ts is not what SVG allows there; correct it", [
-        where(Where), quote(Text), Attribute
-    ]};
-text({bad_path, Where, Offset, Problem}) ->
-    {"~ts: the path data is wrong at character ~b: ~ts; correct it", [
-        where(Where), Offset + 1, path_text(Problem)
-    ]};
-text({bad_transform, Where, Text}) ->
-    {
-        "~ts: cannot use the transform ~ts; it must be a list of matrix, translate, scale, rotate, "
-        "skewX and skewY of moderate size",
-        [where(Where), quote(Text)]
-    };
-text({bad_reference, Where, Text}) ->
-    {"~ts: the reference ~ts does not lead to an element of this file; remove or embed it", [
-        where(Where), quote(Text)
-    ]};
-text({use_too_deep, Where}) ->
-    {"~ts: <use> elements refer to each other without end; remove the loop", [where(Where)]};
+    {"cannot read ~ts: ~ts", [starl_svg_error:quote(File, 200), file_text(Why)]};
 text({no_lines, #{texts := Texts, unseen := 0}}) when Texts > 0 ->
     {
         "the picture draws no lines, only text; convert the text to paths "
@@ -78,14 +31,14 @@ text({no_lines, #{images := Images}}) when Images > 0 ->
     {"the picture draws no lines, only an image; trace the image to paths first", []};
 text({no_lines, _LeftOut}) ->
     {"the picture draws no lines; it needs a visible line, path or other shape", []};
-text(too_many_shapes) ->
-    {"the picture has too many shapes; simplify the drawing", []};
 text({too_many_segments, Max}) ->
     {
         "the picture has more than ~b line segments; simplify it, or allow a larger --tolerance or "
         "more --segments",
         [Max]
-    }.
+    };
+text(Problem) ->
+    {svg, Problem}.
 
 unseen(1) -> "its only shape has neither stroke nor fill that is visible";
 unseen(N) -> io_lib:format("its ~b shapes have neither stroke nor fill that is visible", [N]).
@@ -95,39 +48,3 @@ file_text(directory) -> "it is a directory; give an SVG file";
 file_text(no_permission) -> "no permission; make the file readable";
 file_text(too_big) -> "it is larger than 20 MB; simplify the drawing";
 file_text(Posix) -> file:format_error(Posix).
-
-kind_text(png) -> "it is a PNG image; trace it to SVG first";
-kind_text(jpeg) -> "it is a JPEG image; trace it to SVG first";
-kind_text(gzip) -> "it is compressed; unpack it with gunzip first";
-kind_text(pdf) -> "it is a PDF document; convert it to SVG first";
-kind_text(unknown) -> "it does not begin as XML; give an SVG file".
-
-path_text(expected_moveto) -> "it must begin with M or m";
-path_text(expected_command) -> "a command letter is missing or unknown";
-path_text(expected_number) -> "a number is missing";
-path_text(expected_flag) -> "an arc flag must be 0 or 1";
-path_text(out_of_range) -> "a number is too large".
-
-where({Name, none, Line}) -> io_lib:format("line ~b, <~ts>", [Line, Name]);
-where({Name, Id, Line}) -> io_lib:format("line ~b, <~ts id=~ts>", [Line, Name, quote(Id)]).
-
-quote(Text) -> quote(Text, ?QUOTED).
-
-quote(Text, Max) -> [$", shown(Text, Max), $"].
-
-%% At most Max characters, none of them a control character.
-shown(Text, Max) ->
-    Characters = characters(Text),
-    Short = lists:sublist(Characters, Max),
-    [visible(C) || C <- Short] ++ ["..." || length(Characters) > Max].
-
-%% File names may be raw bytes that are not UTF-8.
-characters(Text) ->
-    case unicode:characters_to_list(Text) of
-        Characters when is_list(Characters) -> Characters;
-        _ when is_binary(Text) -> binary_to_list(Text);
-        _ -> "?"
-    end.
-
-visible(C) when C < 32; C >= 127, C < 160; C =:= 16#2028; C =:= 16#2029 -> $\s;
-visible(C) -> C.

@@ -18,7 +18,7 @@ about(_Subject) ->
     [
         [
             "Tells the size, the walls, rooms, doors and places of a floor plan and draws it. PLAN is a file: "
-            "a drawing in characters, a MovingAI .map, the map.yaml of a grid of ROS; or a plan that "
+            "a drawing in characters, a MovingAI .map, the map.yaml of a grid of ROS, an SVG drawing with a layer (group) walls; or a plan that "
             "ships: ",
             lists:join(", ", starl_floor_file:shipped()),
             ". With ./starl run APP --floor PLAN walls and robots are solid."

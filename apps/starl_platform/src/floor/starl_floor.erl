@@ -17,6 +17,7 @@
     segments/1,
     box/4,
     is_solid/2,
+    winding/2,
     room_at/2,
     area/1,
     middle/1,
@@ -103,7 +104,8 @@ is_solid({X, Y}, #{size := {W, H}}) when X < 0; Y < 0; X > W; Y > H ->
 is_solid(Point, #{walls := Walls}) ->
     lists:sum([winding(Point, Wall) || [_, _, _ | _] = Wall <- Walls]) > 0.
 
-%% How often a polygon goes around a point, counter-clockwise.
+%% @doc The number of times that a polygon goes around a point, counter-clockwise.
+-spec winding(starl_geometry:point(), polygon()) -> integer().
 winding(Point, Polygon) -> lists:sum([crossing(Point, Side) || Side <- sides(Polygon)]).
 
 crossing({X, Y}, {{AX, AY}, {BX, BY}}) ->

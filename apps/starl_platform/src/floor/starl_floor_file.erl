@@ -1,21 +1,23 @@
 %% @doc Reads a floor plan from a file, or one that ships with StarL by its name. The ending says of
 %% what form it is: `.map' of the MovingAI benchmarks ({@link starl_floor_map}), `.yaml' of an
-%% occupancy grid of ROS ({@link starl_floor_ros}), `.svg' a drawing with a layer of walls; any
-%% other is StarL's own ({@link starl_floor_text}).
+%% occupancy grid of ROS ({@link starl_floor_ros}), `.svg' a drawing with a layer of walls
+%% ({@link starl_floor_svg}); any other is StarL's own ({@link starl_floor_text}).
 -module(starl_floor_file).
 
 -export([read/1, read/2, shipped/0]).
 
 -define(MOST_BYTES, 50000000).
-%% The width of a cell of a MovingAI map, unless it is given.
--define(SCALE_MM, 1000).
+%% The width of a cell of a MovingAI map, and of a unit of a drawing, unless it is given.
+-define(CELL_MM, 1000).
+-define(UNIT_MM, 1).
 
 %% @doc Reads a plan.
 -spec read(file:filename()) -> {ok, starl_floor:t()} | {error, unicode:chardata()}.
-read(Name) -> read(Name, ?SCALE_MM).
+read(Name) -> read(Name, none).
 
-%% @doc Reads a plan; `ScaleMm' is the width of a cell of a MovingAI map. An error is one line.
--spec read(file:filename(), ScaleMm :: number()) ->
+%% @doc Reads a plan; `ScaleMm' is the width of a cell of a MovingAI map (usually 1000), or of a unit
+%% of an SVG drawing (usually 1). An error is one line.
+-spec read(file:filename(), ScaleMm :: number() | none) ->
     {ok, starl_floor:t()} | {error, unicode:chardata()}.
 read(Name, Scale) ->
     File = file(Name),
@@ -24,8 +26,14 @@ read(Name, Scale) ->
         {error, Why} -> {error, [Name, ": ", Why, remedy(Name)]}
     end.
 
+parsed(".map", Bytes, _File, none) ->
+    starl_floor_map:parse(Bytes, ?CELL_MM);
 parsed(".map", Bytes, _File, Scale) ->
     starl_floor_map:parse(Bytes, Scale);
+parsed(".svg", Bytes, _File, none) ->
+    starl_floor_svg:parse(Bytes, ?UNIT_MM);
+parsed(".svg", Bytes, _File, Scale) ->
+    starl_floor_svg:parse(Bytes, Scale);
 parsed(".yaml", Bytes, File, _Scale) ->
     starl_floor_ros:parse(Bytes, filename:dirname(File));
 parsed(Ending, Bytes, _File, _Scale) when Ending =:= ".pgm"; Ending =:= ".png" ->

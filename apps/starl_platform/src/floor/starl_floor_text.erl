@@ -26,7 +26,7 @@
 %% '''
 -module(starl_floor_text).
 
--export([parse/1]).
+-export([parse/1, name/1]).
 
 -export_type([problem/0]).
 
@@ -137,11 +137,18 @@ named(#plan{rooms = Rooms, places = Places, letters = Letters} = Plan, N) ->
         fail(N, "a plan has at most ~b names", [?MOST_NAMES]),
     Plan.
 
-%% Their number and length are bounded.
-name(Name, N) ->
-    case re:run(Name, "^[\\pL\\d][\\pL\\d_-]{0,39}$", [unicode, {capture, none}]) of
-        match -> list_to_atom(Name);
-        nomatch -> fail(N, "a name has letters, digits, _ or -, at most 40; not ~ts", [Name])
+name(Text, N) ->
+    case name(Text) of
+        {ok, Name} -> Name;
+        {error, What} -> fail(N, "~ts", [What])
+    end.
+
+%% @doc The name of a room or place, of bounded length; who asks bounds their number.
+-spec name(string()) -> {ok, atom()} | {error, unicode:chardata()}.
+name(Text) ->
+    case re:run(Text, "^[\\pL\\d][\\pL\\d_-]{0,39}$", [unicode, {capture, none}]) of
+        match -> {ok, list_to_atom(Text)};
+        nomatch -> {error, ["a name has letters, digits, _ or -, at most 40; not ", Text]}
     end.
 
 numbers(Count, What, Words, N) when length(Words) =:= Count ->

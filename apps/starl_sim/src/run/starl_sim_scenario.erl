@@ -32,7 +32,8 @@ options() ->
         {floor, {optional, file}, none,
             "a floor plan, which says the size of the floor, too: a file, or one that ships; bodies and "
             "walls are solid then (./starl floor PLAN shows it)"},
-        {floor_scale, {number, 10, 100000}, 1000, "width of a cell of a MovingAI map, mm"},
+        {floor_scale, {optional, {number, 0.01, 100000}}, none,
+            "width of a cell of a MovingAI map (1000), or of a unit of an SVG drawing (1), mm"},
         {start, {optional, file}, none,
             "where the robots stand at the beginning: grid, line, circle, random, or a file with a line "
             "X Y DEGREES, or the name of a place, for each; none: the application says it"},

@@ -8,8 +8,8 @@
 %% frame; and a fill in the page's colour with nothing beneath.
 -module(starl_svg_walk).
 
--export([drawn/3]).
--export_type([shape/0, left_out/0]).
+-export([drawn/3, parts/3]).
+-export_type([shape/0, part/0, left_out/0]).
 
 %% An outline and the windows through which it is seen; or the edges that the windows give to an
 %% area of these outlines.
@@ -27,6 +27,15 @@
     unseen := non_neg_integer()
 }.
 
+%% A shape that can be seen, with its elements, its own first and the root last: its outlines,
+%% whether its inside is painted, and the width of its line, 0.0 without one.
+-type part() :: #{
+    elements := [element_(), ...],
+    outlines := [starl_svg_pen:outline(), ...],
+    is_filled := boolean(),
+    line := float()
+}.
+
 -type element_() :: starl_svg_xml:element_().
 -type frame() :: starl_svg_curve:bounds() | none.
 
@@ -34,6 +43,8 @@
     matrix :: starl_svg_transform:matrix(),
     viewport :: starl_svg_shape:viewport(),
     paint :: starl_svg_paint:t(),
+    %% The elements around, the innermost first.
+    elements = [] :: [element_()],
     clips = [] :: [starl_svg_clip:t()],
     uses = 0 :: non_neg_integer()
 }).
@@ -49,6 +60,7 @@
     curves :: non_neg_integer(),
     visits :: non_neg_integer(),
     shapes = [] :: [shape()],
+    parts = [] :: [part()],
     left_out :: left_out()
 }).
 
@@ -67,6 +79,17 @@
 %% `{starl_svg, Problem}'.
 -spec drawn(element_(), frame(), Max :: pos_integer()) -> {[shape()], left_out()}.
 drawn(Root, Frame, Max) ->
+    Walk = walk(Root, Frame, Max),
+    {lists:reverse(Walk#walk.shapes), Walk#walk.left_out}.
+
+%% @doc The same shapes, whole, with the elements that they come from. Throws
+%% `{starl_svg, Problem}'.
+-spec parts(element_(), frame(), Max :: pos_integer()) -> [part()].
+parts(Root, Frame, Max) -> lists:reverse((walk(Root, Frame, Max))#walk.parts).
+
+%%% Internals
+
+walk(Root, Frame, Max) ->
     Walk0 = #walk{
         ids = ids(Root, #{}),
         frame = Frame,
@@ -79,10 +102,7 @@ drawn(Root, Frame, Max) ->
         viewport = viewport(Frame),
         paint = starl_svg_paint:initial()
     },
-    Walk = visit(Root, Context, Walk0, fun group/3),
-    {lists:reverse(Walk#walk.shapes), Walk#walk.left_out}.
-
-%%% Internals
+    visit(Root, Context, Walk0, fun group/3).
 
 ids(Element, Ids0) ->
     Ids =
@@ -107,7 +127,8 @@ visit(Element, Context0, #walk{visits = Visits} = Walk0, Draw) ->
             Matrix = starl_svg_window:transformed(
                 Element, Context0#context.viewport, Context0#context.matrix
             ),
-            Context = Context0#context{paint = Paint, matrix = Matrix},
+            Elements = [Element | Context0#context.elements],
+            Context = Context0#context{paint = Paint, matrix = Matrix, elements = Elements},
             clipped(Element, Context, Walk, Draw);
         false ->
             Walk
@@ -209,12 +230,32 @@ is_refused(Child) ->
 shape(Element, #context{viewport = Viewport, paint = Paint} = Context, Walk) ->
     case starl_svg_shape:outlines(Element, Viewport, Walk#walk.curves) of
         {ok, Outlines} ->
-            shown(placed(Outlines, Context), seen(Paint, Walk), Context, marked(Element, Walk));
+            Seen = seen(Paint, Walk),
+            Placed = placed(Outlines, Context),
+            shown(Placed, Seen, Context, part(Placed, Seen, Context, marked(Element, Walk)));
         {error, too_many} ->
             starl_svg_problem:fail(too_many_shapes);
         {error, Problem} ->
             starl_svg_problem:fail(Problem, Element)
     end.
+
+part([], _Seen, _Context, Walk) ->
+    Walk;
+part(_Outlines, #{fill := none, stroke := none}, _Context, Walk) ->
+    Walk;
+part(Outlines, #{fill := Fill, stroke := Stroke}, Context, #walk{parts = Parts} = Walk) ->
+    #context{elements = Elements, paint = Paint, matrix = Matrix} = Context,
+    Part = #{
+        elements => Elements,
+        outlines => Outlines,
+        is_filled => Fill =/= none,
+        line => line(Stroke, starl_svg_paint:stroke_width(Paint), Matrix)
+    },
+    Walk#walk{parts = [Part | Parts]}.
+
+%% A map that scales unevenly draws lines of several widths: their mean is taken.
+line(none, _Width, _Matrix) -> 0.0;
+line(_Stroke, Width, {A, B, C, D, _, _}) -> Width * math:sqrt(abs(A * D - B * C)).
 
 placed(Outlines, #context{matrix = Matrix}) ->
     [[starl_svg_curve:transform(Matrix, Curve) || Curve <- Outline] || Outline <- Outlines].

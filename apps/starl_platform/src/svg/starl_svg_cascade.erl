@@ -24,6 +24,7 @@
     <<"color">>,
     <<"opacity">>,
     <<"fill-opacity">>,
+    <<"fill-rule">>,
     <<"stroke-opacity">>,
     <<"stroke-width">>,
     <<"display">>,

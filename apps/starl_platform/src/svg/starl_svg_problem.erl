@@ -2,7 +2,7 @@
 %% reader, {@link starl_svg}, which catches it.
 -module(starl_svg_problem).
 
--export([fail/1, fail/2, caught/1]).
+-export([fail/1, fail/2, caught/1, where/1]).
 -export_type([local/0]).
 
 %% A mistake in an element.
@@ -29,6 +29,15 @@ caught(Fun) ->
         throw:{?MODULE, Problem} -> {error, Problem}
     end.
 
+%% @doc Where an element stands in the document.
+-spec where(starl_svg_xml:element_()) -> starl_svg:where().
+where(Element) ->
+    {
+        starl_svg_xml:name(Element),
+        starl_svg_xml:attribute(<<"id">>, Element, none),
+        starl_svg_xml:line(Element)
+    }.
+
 %%% Internals
 
 placed({bad_number, Name, Text}, Where) -> {bad_number, Where, Name, Text};
@@ -37,10 +46,3 @@ placed({bad_transform, Text}, Where) -> {bad_transform, Where, Text};
 placed({bad_reference, Text}, Where) -> {bad_reference, Where, Text};
 placed(use_too_deep, Where) -> {use_too_deep, Where};
 placed(too_many, _Where) -> too_many_shapes.
-
-where(Element) ->
-    {
-        starl_svg_xml:name(Element),
-        starl_svg_xml:attribute(<<"id">>, Element, none),
-        starl_svg_xml:line(Element)
-    }.

@@ -10,8 +10,8 @@
 %% {@link starl_svg_area} tells what an outline encloses, {@link starl_svg_number} reads numbers.
 -module(starl_svg).
 
--export([read/2]).
--export_type([drawing/0, problem/0, where/0]).
+-export([read/2, layers/3, name/1]).
+-export_type([drawing/0, layers/0, part/0, problem/0, where/0]).
 
 %% The drawing of a document, in the user units of its root element.
 -type drawing() :: #{
@@ -21,6 +21,11 @@
     title := string(),
     left_out := starl_svg_walk:left_out()
 }.
+%% The shapes of the layers of a document, each with the layer's name, in the order of the document.
+-type layers() :: #{
+    parts := [part()], frame := starl_svg_curve:bounds() | none, title := string()
+}.
+-type part() :: {Layer :: string(), starl_svg_walk:part()}.
 %% The name of the element, its id if it has one, and the line on which its start tag ends.
 -type where() :: {Name :: binary(), Id :: binary() | none, Line :: pos_integer()}.
 -type problem() ::
@@ -43,11 +48,21 @@
     {sheet, ["style"]}
 ]).
 -define(ATTRIBUTES, [
-    ["id", "href", "class", "style", "type", "media", "requiredExtensions", "systemLanguage"],
+    [
+        "id",
+        "label",
+        "href",
+        "class",
+        "style",
+        "type",
+        "media",
+        "requiredExtensions",
+        "systemLanguage"
+    ],
     ["transform", "transform-origin", "viewBox", "preserveAspectRatio", "overflow"],
     ["clip-path", "clipPathUnits", "mask", "marker-start", "marker-mid", "marker-end"],
     ["display", "visibility", "opacity", "fill", "stroke", "color"],
-    ["fill-opacity", "stroke-opacity", "stroke-width"],
+    ["fill-opacity", "fill-rule", "stroke-opacity", "stroke-width"],
     ["x", "y", "width", "height", "x1", "y1", "x2", "y2", "cx", "cy", "r", "rx", "ry"],
     ["points", "d"]
 ]).
@@ -60,7 +75,52 @@ read(Bytes, Max) ->
         {error, _} = Error -> Error
     end.
 
+%% @doc Reads the shapes in these layers (lower case) of a document of at most `Max' curves: groups
+%% that have one of these names, in upper or lower case. What is in no layer is left out.
+-spec layers(binary(), Names :: [string()], Max :: pos_integer()) ->
+    {ok, layers()} | {error, problem()}.
+layers(Bytes, Names, Max) ->
+    case starl_svg_xml:parse(Bytes, vocabulary(Max)) of
+        {ok, Root} -> layered(starl_svg_cascade:resolve(Root), Names, Max);
+        {error, _} = Error -> Error
+    end.
+
+%% @doc The name that a person has given to an element: in Inkscape's label, its title or its id;
+%% "" without one.
+-spec name(element_()) -> string().
+name(Element) ->
+    Id = starl_svg_xml:attribute(<<"id">>, Element, <<>>),
+    Label = starl_svg_xml:attribute(<<"label">>, Element, <<>>),
+    Title = unicode:characters_to_binary(title(starl_svg_xml:children(Element))),
+    case [Name || Name <- [Label, string:trim(Title), Id], Name =/= <<>>] of
+        [Name | _] -> unicode:characters_to_list(Name);
+        [] -> ""
+    end.
+
 %%% Internals
+
+layered(Root, Names, Max) ->
+    starl_svg_problem:caught(fun() ->
+        Frame = frame(Root),
+        #{
+            parts => [
+                {Layer, Part}
+             || #{elements := [_ | Around]} = Part <- starl_svg_walk:parts(Root, Frame, Max),
+                {ok, Layer} <- [layer(Around, Names)]
+            ],
+            frame => Frame,
+            title => title(starl_svg_xml:children(Root))
+        }
+    end).
+
+layer([], _Names) ->
+    none;
+layer([Element | Around], Names) ->
+    Name = string:lowercase(name(Element)),
+    case lists:member(Name, Names) of
+        true -> {ok, Name};
+        false -> layer(Around, Names)
+    end.
 
 vocabulary(Max) ->
     #{

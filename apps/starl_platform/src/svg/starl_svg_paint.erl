@@ -3,7 +3,7 @@
 %% {@link starl_svg}.
 -module(starl_svg_paint).
 
--export([initial/0, inherit/2, is_displayed/1, is_visible/1, seen/2, is_valid/2]).
+-export([initial/0, inherit/2, is_displayed/1, is_visible/1, stroke_width/1, seen/2, is_valid/2]).
 -export_type([t/0, seen/0]).
 
 -record(paint, {
@@ -64,6 +64,10 @@ is_displayed(Element) ->
 -spec is_visible(t()) -> boolean().
 is_visible(#paint{visible = Visible, opaque = Opaque}) -> Visible andalso Opaque.
 
+%% @doc The width of a line in user units.
+-spec stroke_width(t()) -> float().
+stroke_width(#paint{stroke_width = Width}) -> Width.
+
 %% @doc What can be seen of a shape. `IsServer' tells whether a gradient or pattern exists.
 -spec seen(t(), IsServer :: fun((Id :: binary()) -> boolean())) -> seen().
 seen(#paint{visible = Visible, opaque = Opaque} = Paint, IsServer) when Visible, Opaque ->
@@ -122,6 +126,7 @@ value(Name, Text) when
 ->
     ok_or_error(starl_svg_number:length(Text, 1.0));
 value(Name, Text) when
+    Name =:= <<"fill-rule">>;
     Name =:= <<"clip-path">>;
     Name =:= <<"mask">>;
     Name =:= <<"overflow">>;

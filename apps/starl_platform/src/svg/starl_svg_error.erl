@@ -1,0 +1,108 @@
+%% @doc The messages for {@link starl_svg:problem()}: one line that states the problem, its place and
+%% the remedy. A part of the SVG reader, {@link starl_svg}.
+-module(starl_svg_error).
+
+-export([format/1, line/2, quote/2]).
+
+%% Text quoted from a file is cut to this many characters.
+-define(QUOTED, 40).
+
+%% @doc One line of printable text without a line feed, as UTF-8.
+-spec format(starl_svg:problem()) -> binary().
+format(Problem) ->
+    {Format, Arguments} = text(Problem),
+    line(Format, Arguments).
+
+%% @doc Text as UTF-8.
+-spec line(io:format(), [term()]) -> binary().
+line(Format, Arguments) ->
+    Line = unicode:characters_to_binary(io_lib:format(Format, Arguments)),
+    true = is_binary(Line),
+    Line.
+
+%% @doc Text of a file in quotation marks, without control characters, cut to `Max' characters.
+-spec quote(unicode:chardata() | file:filename_all(), Max :: pos_integer()) -> unicode:chardata().
+quote(Text, Max) -> [$", shown(Text, Max), $"].
+
+%%% Internals
+
+text(empty) ->
+    {"the picture is empty; give an SVG file", []};
+text({not_xml, Kind}) ->
+    {"the picture is not an SVG drawing: ~ts", [kind_text(Kind)]};
+text({bad_encoding, Name}) ->
+    {"the picture cannot be read as ~ts; save it as UTF-8", [quote(Name)]};
+text({entities, Line}) ->
+    {
+        "line ~b: the DOCTYPE declares something other than plain text entities, which is refused "
+        "for safety; save the picture as plain SVG",
+        [Line]
+    };
+text({entities_too_big, Line}) ->
+    {"line ~b: the entities of the DOCTYPE are too long; save the picture as plain SVG", [Line]};
+text({truncated, Line}) ->
+    {"line ~b: the picture ends in the middle; fetch or export the file again", [Line]};
+text({bad_xml, Line, What}) ->
+    {"line ~b: not well-formed XML (~ts); export the file again", [Line, shown(What, 80)]};
+text({wrong_root, Name}) ->
+    {"the root element is ~ts, not an SVG <svg> element; give an SVG file", [quote(Name)]};
+text({too_deep, Line}) ->
+    {"line ~b: elements are nested more than 200 deep; ungroup the drawing", [Line]};
+text(too_complex) ->
+    {"the picture takes too much memory or work to read; simplify the drawing", []};
+text({bad_number, Where, Attribute, Text}) ->
+    {"~ts: ~ts in attribute ~ts is not what SVG allows there; correct it", [
+        where(Where), quote(Text), Attribute
+    ]};
+text({bad_path, Where, Offset, Problem}) ->
+    {"~ts: the path data is wrong at character ~b: ~ts; correct it", [
+        where(Where), Offset + 1, path_text(Problem)
+    ]};
+text({bad_transform, Where, Text}) ->
+    {
+        "~ts: cannot use the transform ~ts; it must be a list of matrix, translate, scale, rotate, "
+        "skewX and skewY of moderate size",
+        [where(Where), quote(Text)]
+    };
+text({bad_reference, Where, Text}) ->
+    {"~ts: the reference ~ts does not lead to an element of this file; remove or embed it", [
+        where(Where), quote(Text)
+    ]};
+text({use_too_deep, Where}) ->
+    {"~ts: <use> elements refer to each other without end; remove the loop", [where(Where)]};
+text(too_many_shapes) ->
+    {"the picture has too many shapes; simplify the drawing", []}.
+
+kind_text(png) -> "it is a PNG image; trace it to SVG first";
+kind_text(jpeg) -> "it is a JPEG image; trace it to SVG first";
+kind_text(gzip) -> "it is compressed; unpack it with gunzip first";
+kind_text(pdf) -> "it is a PDF document; convert it to SVG first";
+kind_text(unknown) -> "it does not begin as XML; give an SVG file".
+
+path_text(expected_moveto) -> "it must begin with M or m";
+path_text(expected_command) -> "a command letter is missing or unknown";
+path_text(expected_number) -> "a number is missing";
+path_text(expected_flag) -> "an arc flag must be 0 or 1";
+path_text(out_of_range) -> "a number is too large".
+
+where({Name, none, Line}) -> io_lib:format("line ~b, <~ts>", [Line, Name]);
+where({Name, Id, Line}) -> io_lib:format("line ~b, <~ts id=~ts>", [Line, Name, quote(Id)]).
+
+quote(Text) -> quote(Text, ?QUOTED).
+
+%% At most Max characters, none of them a control character.
+shown(Text, Max) ->
+    Characters = characters(Text),
+    Short = lists:sublist(Characters, Max),
+    [visible(C) || C <- Short] ++ ["..." || length(Characters) > Max].
+
+%% File names may be raw bytes that are not UTF-8.
+characters(Text) ->
+    case unicode:characters_to_list(Text) of
+        Characters when is_list(Characters) -> Characters;
+        _ when is_binary(Text) -> binary_to_list(Text);
+        _ -> "?"
+    end.
+
+visible(C) when C < 32; C >= 127, C < 160; C =:= 16#2028; C =:= 16#2029 -> $\s;
+visible(C) -> C.
