@@ -88,6 +88,24 @@ outlines_enclose_their_cells_test() ->
         lists:seq(1, 50)
     ).
 
+%% The index of sides by height answers as the plan does, on corners and sides, too.
+what_is_solid_is_found_by_height_test() ->
+    Seed = starl_floor_seed(),
+    Solid = maps:from_list([
+        {{X, Y}, true}
+     || X <- lists:seq(0, 9), Y <- lists:seq(0, 9), erlang:phash2({Seed, X, Y}, 3) =:= 0
+    ]),
+    Floor = starl_floor:new(#{
+        size => {3000, 3000},
+        walls => starl_floor_cells:walls(Solid, 300) ++ [[{0, 0}, {3000, 3000}]]
+    }),
+    Walls = starl_walls:new(Floor),
+    Points = [{X * 50.0, Y * 50.0} || X <- lists:seq(-1, 61), Y <- lists:seq(-1, 61)],
+    Of = fun(Is) -> [P || P <- Points, Is(P)] end,
+    Expected = Of(fun(P) -> starl_floor:is_solid(P, Floor) end),
+    ?assert(length(Expected) > 252),
+    ?assertEqual({Seed, Expected}, {Seed, Of(fun(P) -> starl_walls:is_solid(P, Walls) end)}).
+
 starl_floor_seed() ->
     case os:getenv("STARL_SEED") of
         false -> erlang:phash2(make_ref(), 1 bsl 27);

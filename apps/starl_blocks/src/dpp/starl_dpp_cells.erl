@@ -95,7 +95,7 @@ measured(#{size := {W, H}} = Floor, #{wall_mm := Mm, tube_radius := R}) ->
     Open = [
         Part
      || [Cell | _] = Part <- parts(Cells, Clear, fun(_, _) -> true end),
-        not starl_floor:is_solid(middle(Cell, Map), Floor)
+        not starl_walls:is_solid(middle(Cell, Map), Map#map.walls)
     ],
     Map#map{cells = maps:from_keys(lists:append(Open), none)}.
 

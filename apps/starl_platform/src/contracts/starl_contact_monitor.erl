@@ -145,7 +145,7 @@ caught(T, Robot, Piece, Walls, #state{obstacles = Obstacles, caught = Caught} = 
 %% The distance of the body's edge from the nearest wall. A way that begins free gets into a solid only
 %% across a wall, at no distance from it. Numbers are less than atoms.
 room([First | _] = Points, R, Walls) ->
-    case starl_floor:is_solid(First, starl_walls:floor(Walls)) of
+    case starl_walls:is_solid(First, Walls) of
         true -> -R;
         false -> least(Points, Walls) - R
     end.

@@ -18,6 +18,8 @@
     box/4,
     is_solid/2,
     winding/2,
+    crossing/2,
+    blocks/1,
     room_at/2,
     area/1,
     middle/1,
@@ -93,6 +95,10 @@ border(#{size := {W, H}}) -> sides(lists:reverse(box(0, 0, W, H))).
 segments(#{walls := Walls} = Floor) ->
     border(Floor) ++ lists:append([sides(Wall) || Wall <- Walls]).
 
+%% @doc The sides of the walls that are solid inside.
+-spec blocks(t()) -> [starl_geometry:segment()].
+blocks(#{walls := Walls}) -> lists:append([sides(Wall) || [_, _, _ | _] = Wall <- Walls]).
+
 sides([A]) -> [{A, A}];
 sides([A, B]) -> [{A, B}];
 sides([First | Rest] = Polygon) -> lists:zip(Polygon, Rest ++ [First]).
@@ -106,15 +112,28 @@ is_solid(Point, #{walls := Walls}) ->
 
 %% @doc The number of times that a polygon goes around a point, counter-clockwise.
 -spec winding(starl_geometry:point(), polygon()) -> integer().
-winding(Point, Polygon) -> lists:sum([crossing(Point, Side) || Side <- sides(Polygon)]).
+winding(Point, [First | _] = Polygon) -> winding(Point, Polygon, First, 0).
 
-crossing({X, Y}, {{AX, AY}, {BX, BY}}) ->
-    Left = (BX - AX) * (Y - AY) - (X - AX) * (BY - AY),
-    if
-        AY =< Y, BY > Y, Left > 0 -> 1;
-        BY =< Y, AY > Y, Left < 0 -> -1;
-        true -> 0
-    end.
+winding(Point, [A | [B | _] = Rest], First, N) ->
+    winding(Point, Rest, First, N + crossing(Point, {A, B}));
+winding(Point, [Last], First, N) ->
+    N + crossing(Point, {Last, First}).
+
+%% @doc What one of its sides adds to that: 1, -1 or 0. A side does that only for points as high as
+%% itself.
+-spec crossing(starl_geometry:point(), starl_geometry:segment()) -> -1 | 0 | 1.
+crossing({X, Y}, {{AX, AY}, {BX, BY}}) when AY =< Y, BY > Y ->
+    case (BX - AX) * (Y - AY) - (X - AX) * (BY - AY) of
+        Left when Left > 0 -> 1;
+        _ -> 0
+    end;
+crossing({X, Y}, {{AX, AY}, {BX, BY}}) when BY =< Y, AY > Y ->
+    case (BX - AX) * (Y - AY) - (X - AX) * (BY - AY) of
+        Left when Left < 0 -> -1;
+        _ -> 0
+    end;
+crossing(_Point, _Side) ->
+    0.
 
 %% @doc The room in which a point lies.
 -spec room_at(starl_geometry:point(), t()) -> {ok, atom()} | none.

@@ -125,13 +125,13 @@ drawn(N, R, Tries, Random0, Walls, Poses) ->
 ) ->
     ok | {error, unicode:chardata()}.
 check(Robots, Radius, Walls) ->
-    #{size := {W, H}} = Floor = starl_walls:floor(Walls),
+    #{size := {W, H}} = starl_walls:floor(Walls),
     Problems = [
         Problem
      || {Id, {X, Y, _}} <- Robots,
         Problem <- [
             case
-                {X < 0 orelse Y < 0 orelse X > W orelse Y > H, starl_floor:is_solid({X, Y}, Floor)}
+                {X < 0 orelse Y < 0 orelse X > W orelse Y > H, starl_walls:is_solid({X, Y}, Walls)}
             of
                 {true, _} -> {Id, {X, Y}, "off the floor"};
                 {_, true} -> {Id, {X, Y}, "in a wall"};

@@ -2,22 +2,24 @@
 %% is. Lengths are millimetres.
 -module(starl_walls).
 
--export([new/1, add/2, floor/1, side/2, near/3, clearance/3, is_free/3, crossed/2]).
+-export([new/1, add/2, floor/1, side/2, near/3, clearance/3, is_solid/2, is_free/3, crossed/2]).
 
 -export_type([t/0]).
+
+%% The width of the grid's cells.
+-define(CELL_MM, 500.0).
 
 -record(walls, {
     floor :: starl_floor:t(),
     sides :: tuple(),
     %% how much of a wall each of the plan's sides is to a radio
     weights = {} :: tuple(),
+    %% by height, in bands as high as a cell: the sides of blocks
+    bands = #{} :: #{integer() => [starl_geometry:segment()]},
     grid :: starl_grid:t(pos_integer())
 }).
 
 -opaque t() :: #walls{}.
-
-%% The width of the grid's cells.
--define(CELL_MM, 500.0).
 
 %% @doc The walls of a floor, its border included, numbered in the order of {@link
 %% starl_floor:segments/1}.
@@ -25,7 +27,17 @@
 new(Floor) ->
     Empty = #walls{floor = Floor, sides = {}, grid = starl_grid:new(?CELL_MM)},
     Walls = add(starl_floor:segments(Floor), Empty),
-    Walls#walls{weights = weights(Floor)}.
+    Walls#walls{weights = weights(Floor), bands = bands(starl_floor:blocks(Floor))}.
+
+bands(Sides) ->
+    maps:groups_from_list(fun({Band, _}) -> Band end, fun({_, Side}) -> Side end, [
+        {Band, Side}
+     || {{_, AY}, {_, BY}} = Side <- Sides,
+        AY =/= BY,
+        Band <- lists:seq(band_of(min(AY, BY)), band_of(max(AY, BY)))
+    ]).
+
+band_of(Y) -> erlang:floor(Y / ?CELL_MM).
 
 %% The border is in nobody's way.
 weights(#{walls := Polygons}) ->
@@ -81,7 +93,15 @@ crosses({P, Q}, {A, B}) ->
 
 is_left({PX, PY}, {QX, QY}, {X, Y}) -> (QX - PX) * (Y - PY) - (X - PX) * (QY - PY) > 0.
 
+%% @doc Is this point in a wall, or off the floor? As {@link starl_floor:is_solid/2}, and faster.
+-spec is_solid(starl_geometry:point(), t()) -> boolean().
+is_solid({X, Y}, #walls{floor = #{size := {W, H}}}) when X < 0; Y < 0; X > W; Y > H ->
+    true;
+is_solid({_, Y} = Point, #walls{bands = Bands}) ->
+    Sides = maps:get(band_of(Y), Bands, []),
+    lists:foldl(fun(Side, N) -> N + starl_floor:crossing(Point, Side) end, 0, Sides) > 0.
+
 %% @doc Is there room for a disc of this radius all along a segment?
 -spec is_free(starl_geometry:segment(), Radius :: float(), t()) -> boolean().
-is_free({A, _} = Segment, R, #walls{floor = Floor} = Walls) ->
-    not starl_floor:is_solid(A, Floor) andalso clearance(Segment, R, Walls) >= R.
+is_free({A, _} = Segment, R, Walls) ->
+    not is_solid(A, Walls) andalso clearance(Segment, R, Walls) >= R.
