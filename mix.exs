@@ -13,7 +13,10 @@ defmodule Starl.MixProject do
   end
 
   def application do
-    Keyword.take(@props, [:applications, :description, :env, :registered])
+    # Starl.App is written in Elixir.
+    @props
+    |> Keyword.take([:applications, :description, :env, :registered])
+    |> Keyword.update!(:applications, &(&1 ++ [:elixir]))
   end
 
   defp deps do

@@ -8,7 +8,7 @@
 -module(starl_film_camera).
 -behaviour(gen_server).
 
--export([start_link/0, observer/1, stop/1]).
+-export([start_link/0, observer/1, cast/1, stop/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 %% Events that may wait.
@@ -24,10 +24,14 @@ start_link() -> gen_server:start_link(?MODULE, none, []).
 -spec observer(pid()) -> starl_observer:t().
 observer(Camera) -> starl_trace_feed:observer(Camera, wait, ?WAITING).
 
+%% @doc What the camera has seen until now.
+-spec cast(pid()) -> starl_film_cast:t().
+cast(Camera) -> gen_server:call(Camera, cast, infinity).
+
 %% @doc Ends the camera; gives what it has seen.
 -spec stop(pid()) -> starl_film_cast:t().
 stop(Camera) ->
-    Cast = gen_server:call(Camera, cast, infinity),
+    Cast = cast(Camera),
     ok = gen_server:stop(Camera),
     Cast.
 

@@ -7,7 +7,7 @@
 %% '''
 -module(starl_film_cast).
 
--export([new/0, message/2, scene/1]).
+-export([new/0, message/2, until/2, scene/1]).
 
 -export_type([t/0, scene/0, actor/0, span/0]).
 
@@ -77,6 +77,10 @@ message({verdicts, _, {ended, #{end_us := End}}}, #cast{until = Until} = Cast) -
     Cast#cast{until = max(End, Until)};
 message(_, Cast) ->
     Cast.
+
+%% @doc The run has come to this time, in which robots go on as they were told.
+-spec until(AtUs :: integer(), t()) -> t().
+until(At, #cast{until = Until} = Cast) -> Cast#cast{until = max(At, Until)}.
 
 fault(Fault, #cast{faults = Faults} = Cast) ->
     Cast#cast{faults = Faults#{element(1, Fault) => Fault}}.
