@@ -16,7 +16,9 @@ all() ->
         its_shell_tells_of_modules,
         a_failing_property_leaves_a_scenario,
         a_block_passes_its_tests,
+        a_chassis_passes_its_tests,
         an_elixir_project_passes_its_tests,
+        one_kind_at_a_time,
         a_mistaken_team_is_one_line,
         python_reads_results
     ].
@@ -124,6 +126,34 @@ a_block_passes_its_tests(Config) ->
         ?assertMatch({Args, {0, _}}, {Args, sh("$starl" ++ Args, Dir)})
      || Args <- [" run relay_app", " soak src/relay.erl --seeds 2", " check src/relay.erl"]
     ].
+
+%% Its contract is tested by a chassis that drives, also by the command line; one that turns as it
+%% drives ahead does not pass.
+a_chassis_passes_its_tests(Config) ->
+    Dir = project("rover", chassis, Config),
+    %% what is built already
+    {0, _} = sh("mkdir _build && cp -R ../patrol/_build/default _build", Dir),
+    {Status, Text} = rebar("eunit", Dir),
+    ?assertEqual(
+        {0, match}, {Status, re:run(Text, "2 tests, 0 failures", [{capture, none}])}, Text
+    ),
+    [
+        ?assertMatch({Args, {0, _}}, {Args, sh("$starl" ++ Args, Dir)})
+     || Args <- [
+            " chassis check src/rover.erl", " run rover.term", " run rover.term --robots 1 --live"
+        ]
+    ],
+    {0, _} = sh("sed -i 's/\\[Left, Right, Us/[2 * Left, Right, Us/' src/rover.erl", Dir),
+    {Failed, Told} = rebar("eunit", Dir),
+    ?assertEqual(
+        {1, match}, {Failed, re:run(Told, "leg_way,", [{capture, none}])}, Told
+    ).
+
+one_kind_at_a_time(Config) ->
+    {2, Text} = sh("$starl new both --block --chassis", ?config(priv_dir, Config)),
+    ?assertNotEqual(
+        nomatch, string:find(Text, "new: --block --chassis: a project begins with one of them")
+    ).
 
 an_elixir_project_passes_its_tests(Config) ->
     case os:find_executable("mix") of

@@ -4,7 +4,6 @@
 %%   team =
 %%     defmodule Dance do
 %%       use Starl.App
-%%       @compile {:autoload, false}
 %%       ...
 %%     end
 %%     |> :starl_notebook.team(%{robots: 20})

@@ -36,15 +36,27 @@ flags(_Subject) ->
         {"Flags", [
             {block, switch, false,
                 "a building block of your own, with its contract and its exercise"},
+            {chassis, switch, false,
+                "a robot with two wheels of your own, with the test of its contract"},
             {elixir, switch, false, "a mix project, with the program in Elixir"}
         ]}
     ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{values := #{block := true, elixir := true}}) ->
-    {error, ["--block --elixir: a building block is written in Erlang; take one of the two"]};
-run(#{subject := Name, values := #{block := Block, elixir := Elixir}}) ->
-    Kind = hd([block || Block] ++ [elixir || Elixir] ++ [app]),
+run(#{subject := Name, values := Values}) ->
+    case [Kind || Kind <- [block, chassis, elixir], maps:get(Kind, Values)] of
+        [] -> project(Name, app);
+        [Kind] -> project(Name, Kind);
+        Kinds -> {error, [several(Kinds)]}
+    end.
+
+several(Kinds) ->
+    [
+        lists:join(" ", ["--" ++ atom_to_list(Kind) || Kind <- Kinds]),
+        ": a project begins with one of them"
+    ].
+
+project(Name, Kind) ->
     case starl_new:make(Name, Kind, starl_cli_target:root()) of
         {ok, Files} -> made(Name, Kind, Files);
         {error, Why} -> {error, [Why]}

@@ -1,17 +1,14 @@
 %% @doc Makes the files of a new project from templates: those in `priv/new', and for a building block
-%% the example of one.
+%% or a chassis the example of one.
 -module(starl_new).
 
 -export([check_name/1, make/3]).
 
 -export_type([kind/0]).
 
--type kind() :: app | block | elixir.
+-type kind() :: app | block | chassis | elixir.
 
 -type answer() :: {ok, [file:filename()]} | {error, unicode:chardata()}.
-
-%% The example that a block is made from, and the name of it there.
--define(BLOCK, {"examples/own_block", "my_relay"}).
 
 %% @doc Can a project have this name? It is one of an Erlang module that does not exist yet.
 -spec check_name(string()) -> ok | {error, unicode:chardata()}.
@@ -40,7 +37,7 @@ make(Name, Kind, Root) ->
     end.
 
 files(Name, Kind, Root, Version) ->
-    Values = values(Name, Root, Version),
+    Values = values(Name, Root, Version) ++ more(Kind, Version),
     [
         {filename:join(Name, replaced(File, [{"NAME", Name}])), replaced(Text, Values)}
      || {File, Text} <- templates(Kind, Root)
@@ -50,10 +47,28 @@ files(Name, Kind, Root, Version) ->
                 filename:join([Name, "src", replaced(File, [{Old, Name}])]),
                 replaced(Text, [{Old, Name}])
             }
-         || Kind =:= block,
-            {Dir, Old} <- [?BLOCK],
-            {File, Text} <- texts(filename:join(Root, Dir))
+         || {Dir, Old} <- example(Kind),
+            {File, Text} <- texts(filename:join(Root, Dir)),
+            lists:prefix(Old, File)
         ].
+
+%% The example that a project is made from, and the name of it there.
+example(block) -> [{"examples/own_block", "my_relay"}];
+example(chassis) -> [{"examples/own_body", "two_wheels"}];
+example(_Kind) -> [].
+
+%% What else it depends on: a chassis is one of live robots.
+more(chassis, {Url, Ref}) ->
+    Live = [
+        ",\n    {starl_live, {git_subdir, \"",
+        Url,
+        "\", {ref, \"",
+        Ref,
+        "\"}, \"apps/starl_live\"}}"
+    ],
+    [{"@DEPS@", Live}, {"@APPLICATIONS@", ", starl_live"}];
+more(_Kind, _Version) ->
+    [{"@DEPS@", ""}, {"@APPLICATIONS@", ""}].
 
 templates(elixir, _Root) -> texts(new("elixir"));
 templates(Kind, _Root) -> texts(new("erlang")) ++ texts(new(atom_to_list(Kind))).
