@@ -73,6 +73,11 @@ class Written(unittest.TestCase):
         (row,) = starl_runs.read(self.dir / "sweep").runs
         wanted = {"app": "painting", "robots": 2, "status": "complete", "digest": "0123", "nothing": None}
         self.assertEqual(wanted, row)
+        with self.assertRaisesRegex(starl_runs.NotFromStarl, "declares no measures"):
+            starl_runs.read(self.dir / "sweep").curves
+        self.write("sweep/curves.csv", "app,measure,time_s,runs,median,least,most\nx,mm,0.8,4,1.5,1,2\n")
+        (moment,) = starl_runs.read(self.dir / "sweep").curves
+        self.assertEqual(("mm", 0.8, 1.5), (moment["measure"], moment["time_s"], moment["median"]))
 
     def test_cells(self):
         cells = ["", "1", "-2.5", "1.0e3", "house", "nan?"]

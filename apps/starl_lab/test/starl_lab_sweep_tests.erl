@@ -125,9 +125,10 @@ formats() -> #{assignments_per_robot => #{label => "paths of a robot", plotted =
 violation() ->
     #{contract => sanity, what => lost, at_us => 1, robots => [1], details => #{}}.
 
-columns() -> starl_lab_sweep_rows:columns(grid(#{}, ["--robots", "1..2"]), report(#{})).
+columns() -> starl_lab_sweep_rows:columns(grid(#{}, ["--robots", "1..2"]), report(#{}), [mm]).
 
-row(Key, Changes) -> starl_lab_sweep_rows:row(columns(), Key, {ok, report(Changes)}).
+row(Key, Changes) ->
+    starl_lab_sweep_rows:row(columns(), Key, {ok, report(Changes), #{mm => "0.1 1/1/1"}}).
 
 header_test() ->
     Header = starl_lab_sweep_rows:header(columns()),
@@ -415,9 +416,11 @@ rows(Dir) -> element(1, starl_lab_csv:parse(runs(Dir))).
 %% The third seed is stuck until there is a file.
 gated(Gate) ->
     "-module(starl_cli_gated).\n"
-    "-export([scene/1, init/2, step/2]).\n"
+    "-export([scene/1, measures/0, init/2, step/2]).\n"
+    "measures() -> [{seed, \"the seed\"}].\n"
     "scene(#{seed := Seed}) -> {ok, #{app => {sequential, ?MODULE, Seed}}}.\n"
-    "init(_, Seed) ->\n"
+    "init(R, Seed) ->\n"
+    "    starl:measure(R, seed, Seed),\n"
     "    Open = Seed < 3 orelse filelib:is_file(\"" ++ Gate ++
         "\"),\n"
         "    Open orelse io:put_chars(\"stuck\\n\"),\n"
@@ -466,8 +469,18 @@ slices_test_() ->
             says(0, "slice 1/4: 10 runs: 10 complete", First),
             says(0, "40 runs: 40 complete", ["join", Here, There]),
             says(0, "40 runs: 40 complete", Args ++ ["--out", One]),
-            ?assertEqual(runs(One), runs(Here)),
+            [
+                ?assertEqual(file:read_file(filename:join(One, Name)), {ok, Bytes})
+             || Name <- ["runs.csv", "summary.csv", "curves.csv", "curves.svg"],
+                {ok, Bytes} <- [file:read_file(filename:join(Here, Name))]
+            ],
             ?assertEqual(41, length(rows(Here))),
+            %% every robot has measured once, the seed, of ten runs
+            {ok, Curves} = file:read_file(filename:join(Here, "curves.csv")),
+            ?assertMatch(
+                [[_, "2", "seed", "0.0", "10", "5.5", "1", "10"] | _],
+                tl(element(1, starl_lab_csv:parse(Curves)))
+            ),
             says(2, "--slice: 4/3: a slice is K/N", Args ++ ["--slice", "4/3"]),
             says(2, "no slice of a sweep is here", ["join", One]),
             Other = filename:join(Dir, "other"),

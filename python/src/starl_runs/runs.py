@@ -86,9 +86,18 @@ class Sweep:
         """A dict for each combination of settings: median, least and most of each figure."""
         return tables.rows(self.path / "summary.csv")
 
+    @functools.cached_property
+    def curves(self):
+        """What the application measures, over time: dicts with the settings, measure, time_s, runs, median,
+        least and most."""
+        path = self.path / "curves.csv"
+        if not path.is_file():
+            raise NotFromStarl(f"{path}: the application of this sweep declares no measures")
+        return tables.rows(path)
+
     def frame(self, table="runs"):
         """A table as a data frame of pandas."""
-        return tables.frame(_table(self, table, ("runs", "summary")))
+        return tables.frame(_table(self, table, ("runs", "summary", "curves")))
 
 
 def _table(of, name, known):

@@ -22,7 +22,7 @@ about(_Subject) ->
     [
         "Runs every combination of the values of the flags with every seed. The directory of the "
         "results gets runs.csv, a row for each run; summary.csv, median, least and most of each "
-        "figure; and a plot. The same command goes on where it was stopped.",
+        "figure; curves.csv and curves.svg, the application's measures over time; and a plot. The same command goes on where it was stopped.",
         "With --slice only a part of the runs is made, for several computers or the jobs of a cluster; "
         "./starl join then makes the whole. With --slurm the slices are jobs of Slurm: the command writes "
         "their scripts into the directory of the results and submits them, and the join behind them."
@@ -145,14 +145,16 @@ interrupted_early() ->
 sound(Answers, Sweep) ->
     case lists:uniq([problem(A) || A <- Answers, not is_sound(A)]) of
         [] ->
-            {ok, {ok, Report}} = hd(Answers),
-            Columns = starl_lab_sweep_rows:columns(maps:get(grid, Sweep), Report),
+            {ok, {ok, Report, _}} = hd(Answers),
+            [{_, Scenario} | _] = maps:get(points, Sweep),
+            Measures = [Key || {Key, _} <- starl_lab_sweep_curve:measures(Scenario)],
+            Columns = starl_lab_sweep_rows:columns(maps:get(grid, Sweep), Report, Measures),
             with_columns(Columns, starl_cli_report:formats(Report), Sweep);
         Problems ->
             {error, Problems}
     end.
 
-is_sound({ok, {ok, _}}) -> true;
+is_sound({ok, {ok, _, _}}) -> true;
 is_sound(_) -> false.
 
 problem({ok, {error, Why}}) -> unicode:characters_to_list(Why);

@@ -3,7 +3,7 @@
 %% the x axis; each combination of the other swept settings is a curve.
 -module(starl_lab_sweep_plot).
 
--export([axis/1, chosen/3, script/1, data/5, draw/1]).
+-export([axis/1, chosen/3, point_name/2, script/1, data/5, draw/1]).
 
 -export_type([plot/0, panel/0, figure/0]).
 
@@ -99,6 +99,14 @@ curve(Name, Figure, Named) ->
         N =:= Name,
         {Median, Min, Max} <- [starl_lab_sweep_summary:range(Figure, Sum)]
     ]).
+
+%% @doc The name of a point: its values of the swept settings.
+-spec point_name(starl_lab_sweep_grid:t(), starl_lab_sweep_grid:point()) -> string().
+point_name(Grid, Point) ->
+    case named(starl_lab_sweep_grid:swept(Grid), Point) of
+        "" -> "all runs";
+        Name -> Name
+    end.
 
 named(Settings, Point) ->
     Texts = [setting(Key, Type, maps:get(Key, Point)) || {Key, Type, _} <- Settings],

@@ -1,18 +1,20 @@
 %% @doc The file `runs.csv' of a sweep. It has one row per run: the settings and the seed, which
-%% identify the run, then the status and all figures of the report. Rows are appended as runs
+%% identify the run, then the status, all figures of the report, and the measures over time. Rows are appended as runs
 %% finish, so an interrupted sweep can continue.
 -module(starl_lab_sweep_rows).
 
--export([columns/2, header/1, settings/1, key/4, row/3, status/2, figure/3, numbers/1]).
+-export([columns/3, header/1, settings/1, key/4, row/3, status/2, figure/3, numbers/1]).
+-export([curve/3]).
 -export([read/2, open/3, append/2, close/1, ordered/3, format_error/1]).
 
 -export_type([columns/0, key/0, row/0, rows/0, status/0, reason/0]).
 
 %% `key': the names of the columns that identify a run; `figures': those of the report's figures and
-%% the type of each. The status stands between them.
+%% the type of each; `measures': those of which there is a curve. The status stands after the key.
 -record(columns, {
     key :: [string()],
-    figures :: [{atom(), number | text}]
+    figures :: [{atom(), number | text}],
+    measures :: [atom()]
 }).
 
 -opaque columns() :: #columns{}.
@@ -35,8 +37,8 @@
 %% @doc The columns for a grid and for an application with the figures of a report. The wall time is
 %% none of them: it alone differs between equal runs, so a sweep in slices would differ from the same
 %% sweep in one piece.
--spec columns(starl_lab_sweep_grid:t(), starl_cli_report:t()) -> columns().
-columns(Grid, Report) ->
+-spec columns(starl_lab_sweep_grid:t(), starl_cli_report:t(), Measures :: [atom()]) -> columns().
+columns(Grid, Report, Measures) ->
     Settings = [Key || {Key, _, _} <- starl_lab_sweep_grid:settings(Grid)],
     Known = [app, seed, contracts, waiting, wall_s | Settings],
     #columns{
@@ -44,7 +46,8 @@ columns(Grid, Report) ->
         figures = [
             {Key, kind(Value)}
          || {Key, Value} <- starl_cli_report:figures(Report), not lists:member(Key, Known)
-        ]
+        ],
+        measures = Measures
     }.
 
 %% Violations are counted.
@@ -53,8 +56,11 @@ kind(_) -> number.
 
 %% @doc The names of all columns.
 -spec header(columns()) -> [string(), ...].
-header(#columns{key = Key, figures = Figures}) ->
-    Key ++ ["status" | [atom_to_list(Figure) || {Figure, _} <- Figures]].
+header(#columns{key = Key, figures = Figures, measures = Measures}) ->
+    Key ++ ["status" | [atom_to_list(Figure) || {Figure, _} <- Figures]] ++
+        [over_time(Measure) || Measure <- Measures].
+
+over_time(Measure) -> atom_to_list(Measure) ++ "_over_time".
 
 %% @doc The names of the columns of the application and the settings, without the seed.
 -spec settings(columns()) -> [string()].
@@ -66,13 +72,13 @@ settings(#columns{key = Key}) -> lists:droplast(Key).
 key(App, Grid, Scenario, Seed) ->
     [App | starl_lab_sweep_grid:cells(Grid, Scenario)] ++ [integer_to_list(Seed)].
 
-%% @doc A run as a row.
--spec row(columns(), key(), {ok, starl_cli_report:t()} | failed) -> row().
-row(#columns{figures = Figures}, Key, failed) ->
-    Key ++ ["failed" | ["" || _ <- Figures]];
-row(#columns{figures = Figures}, Key, {ok, Report}) ->
+%% @doc A run as a row, with the curves of its measures as texts.
+-spec row(columns(), key(), {ok, starl_cli_report:t(), #{atom() => string()}} | failed) -> row().
+row(#columns{figures = Figures, measures = Measures}, Key, failed) ->
+    Key ++ ["failed" | ["" || _ <- Figures ++ Measures]];
+row(#columns{figures = Figures, measures = Measures}, Key, {ok, Report, Curves}) ->
     Cells = [cell(starl_cli_report:figure(Figure, Report)) || {Figure, _} <- Figures],
-    Key ++ [atom_to_list(judged(Report)) | Cells].
+    Key ++ [atom_to_list(judged(Report)) | Cells] ++ [maps:get(M, Curves, "") || M <- Measures].
 
 judged(Report) ->
     case {starl_cli_report:figure(violations, Report), starl_cli_report:judged(Report)} of
@@ -112,6 +118,12 @@ figure(Columns, Figure, Row) ->
 %% @doc The figures that are numbers.
 -spec numbers(columns()) -> [atom()].
 numbers(#columns{figures = Figures}) -> [Figure || {Figure, number} <- Figures].
+
+%% @doc The curve of a measure in a run, if it has one.
+-spec curve(columns(), atom(), row()) -> {ok, starl_lab_sweep_curve:t()} | none.
+curve(Columns, Measure, Row) ->
+    Texts = maps:from_list(lists:zip(header(Columns), Row)),
+    starl_lab_sweep_curve:parse(maps:get(over_time(Measure), Texts)).
 
 %% -- the file -------------------------------------------------------------------------------
 

@@ -118,7 +118,7 @@ all(Runs, #made{rows = Rows, device = Device} = Made, Figures, Sweep) ->
 noted({Key, _, _}, Answer, #made{rows = Rows, columns = Columns, device = Device} = Made) ->
     Report =
         case Answer of
-            {ok, {ok, _} = Known} -> Known;
+            {ok, {ok, _, _} = Known} -> Known;
             _ -> failed
         end,
     Row = starl_lab_sweep_rows:row(Columns, Key, Report),
@@ -172,7 +172,8 @@ judged(Runs, Columns, Rows) ->
 whole(Runs, Columns, Rows, Figures, #{target := Target} = Sweep) ->
     Points = points(Columns, Rows, Sweep),
     Text = starl_lab_sweep_rows:ordered(Columns, [Key || {Key, _} <- Runs], Rows),
-    Written = write(Text, Points, Columns, Figures, Sweep),
+    Curves = curves(Columns, Rows, Sweep),
+    Written = write([{"runs.csv", Text} | Curves], Points, Columns, Figures, Sweep),
     Judged = judged(Runs, Columns, Rows),
     told(Judged, Target),
     written(Written, verdict([How || {How, _} <- Judged])).
@@ -189,13 +190,41 @@ points(Columns, Rows, #{points := Points, grid := Grid, target := #{name := Name
      || {Point, Scenario} <- Points
     ].
 
+%% The measures over time, as a table and as a plot; nothing where nothing was measured.
+curves(Columns, Rows, #{points := Points, grid := Grid, target := #{name := Name}}) ->
+    Curves = [
+        {Cells, starl_lab_sweep_plot:point_name(Grid, Point), Measure, Text, Moments}
+     || {Point, Scenario} <- Points,
+        Keys <- [
+            [
+                starl_lab_sweep_rows:key(Name, Grid, Scenario, Seed)
+             || Seed <- starl_lab_sweep_grid:seeds(Grid)
+            ]
+        ],
+        Cells <- [lists:droplast(hd(Keys))],
+        {Measure, Text} <- starl_lab_sweep_curve:measures(Scenario),
+        Moments <- [
+            starl_lab_sweep_summary:curve(Columns, Measure, [maps:get(Key, Rows) || Key <- Keys])
+        ],
+        Moments =/= []
+    ],
+    Settings = starl_lab_sweep_rows:settings(Columns),
+    [
+        File
+     || Curves =/= [],
+        File <- [
+            {"curves.csv", starl_lab_sweep_curve:csv(Settings, Curves)},
+            {"curves.svg", starl_lab_sweep_curve:svg(Curves)}
+        ]
+    ].
+
 %% The files are made in another directory and moved. The rows, until now in the order in which the
 %% runs ended, are replaced by the rows in the order of the grid.
-write(Text, Points, Columns, Figures, #{dir := Dir, grid := Grid, target := #{name := Name}}) ->
+write(Tables, Points, Columns, Figures, #{dir := Dir, grid := Grid, target := #{name := Name}}) ->
     {ok, Plan} = starl_cli_out:plan(Dir, Name),
     Summary = starl_lab_sweep_summary:csv(Columns, [Sum || {_, Sum} <- Points]),
     starl_cli_out:write(Plan, fun(New) ->
-        Files = [{"runs.csv", Text}, {"summary.csv", Summary}],
+        Files = Tables ++ [{"summary.csv", Summary}],
         case plot(Name, Grid, Points, Figures) of
             {ok, Plot} ->
                 Script = starl_lab_sweep_plot:script(Plot),
@@ -266,14 +295,25 @@ written({error, Why}, _Status) ->
 
 %% @private The report of a simulation that was only started.
 -spec probe({N :: pos_integer(), {App :: string(), starl_sim_scenario:t()}}) ->
-    {ok, starl_cli_report:t()} | {error, unicode:chardata()}.
+    {ok, starl_cli_report:t(), #{atom() => string()}} | {error, unicode:chardata()}.
 probe({_N, {Name, Scenario}}) -> report(Name, Scenario, starl_lab_jobs:set_up(Scenario)).
 
-%% @private The report of a run.
--spec one(job()) -> {ok, starl_cli_report:t()} | {error, unicode:chardata()}.
+%% @private The report of a run, and its measures over time.
+-spec one(job()) ->
+    {ok, starl_cli_report:t(), #{atom() => string()}} | {error, unicode:chardata()}.
 one({_Key, Name, Scenario}) -> report(Name, Scenario, starl_lab_jobs:simulate(Scenario)).
 
 report(_Name, _Scenario, {error, Why}) ->
     {error, Why};
 report(Name, Scenario, {ok, Ran}) ->
-    {ok, starl_cli_report:make(Ran#{name => Name, scenario => Scenario})}.
+    {ok, starl_cli_report:make(Ran#{name => Name, scenario => Scenario}), curves(Scenario, Ran)}.
+
+curves(Scenario, #{outcome := #{monitors := #{starl_sim_measures_monitor := Seen}}}) ->
+    #{values := Values, until_us := Until} = Seen,
+    maps:from_list([
+        {
+            Measure,
+            starl_lab_sweep_curve:text(starl_lab_sweep_curve:of_run(Measure, Values, Until))
+        }
+     || {Measure, _} <- starl_lab_sweep_curve:measures(Scenario)
+    ]).

@@ -5,7 +5,7 @@
 %% their end.
 -module(starl_lab_sweep_summary).
 
--export([summarize/3, csv/2, range/2, median/1]).
+-export([summarize/3, curve/3, csv/2, range/2, median/1]).
 
 -export_type([t/0, range/0]).
 
@@ -24,17 +24,37 @@
 -spec summarize(starl_lab_sweep_rows:columns(), Cells, [starl_lab_sweep_rows:row()]) -> t() when
     Cells :: [string()].
 summarize(Columns, Cells, Rows) ->
-    Judged = [{starl_lab_sweep_rows:status(Columns, Row), Row} || Row <- Rows],
-    Measured = [Row || {How, Row} <- Judged, How =:= complete orelse How =:= incomplete],
+    Measured = measured(Columns, Rows),
     #{
         cells => Cells,
         runs => length(Rows),
-        complete => length([Row || {complete, Row} <- Judged]),
+        complete => length([
+            Row
+         || Row <- Measured, starl_lab_sweep_rows:status(Columns, Row) =:= complete
+        ]),
         ranges => maps:from_list([
             {Figure, range_of(Columns, Figure, Measured)}
          || Figure <- starl_lab_sweep_rows:numbers(Columns)
         ])
     }.
+
+measured(Columns, Rows) ->
+    [
+        Row
+     || Row <- Rows,
+        How <- [starl_lab_sweep_rows:status(Columns, Row)],
+        How =:= complete orelse How =:= incomplete
+    ].
+
+%% @doc A measure over time in the runs of a point.
+-spec curve(starl_lab_sweep_rows:columns(), atom(), [starl_lab_sweep_rows:row()]) ->
+    [starl_lab_sweep_curve:moment()].
+curve(Columns, Measure, Rows) ->
+    starl_lab_sweep_curve:merge([
+        Curve
+     || Row <- measured(Columns, Rows),
+        {ok, Curve} <- [starl_lab_sweep_rows:curve(Columns, Measure, Row)]
+    ]).
 
 range_of(Columns, Figure, Rows) ->
     Found = [starl_lab_sweep_rows:figure(Columns, Figure, Row) || Row <- Rows],
