@@ -244,7 +244,8 @@ started(Scenario, Run) ->
     _ = process_flag(trap_exit, true),
     Begin = erlang:monotonic_time(microsecond),
     try
-        case starl_sim:start(one_shard(Scenario), #{watch => [starl_cli_measures:watch()]}) of
+        Options = #{auto => inline, watch => [starl_cli_measures:watch()]},
+        case starl_sim:start(one_shard(Scenario), Options) of
             {ok, Sim} -> {ok, finish(Sim, Run(Sim), Begin)};
             {error, Reason} -> {error, starl_sim:format_error(Reason)}
         end

@@ -51,7 +51,7 @@
 %% the same code ({@link starl_sim_nodes}); the wall time that one node may keep the others waiting;
 %% the wall time that the robots may take for a window of virtual time, before the run is given up;
 %% the time by which everything with a bound may be late (in real time, where a computer has other
-%% work, too); and modules that were compiled in memory, to be loaded on the nodes.
+%% work, too); what the mode `auto' is for teams of up to 300 robots (`process'); and modules that were compiled in memory, to be loaded on the nodes.
 -type options() :: #{
     record => #{starl:robot_id() => starl_sim_ledger:range()},
     watch => [{module(), map()}],
@@ -62,6 +62,7 @@
     node_timeout_ms => pos_integer(),
     patience_ms => pos_integer(),
     slack_us => non_neg_integer(),
+    auto => process | inline,
     code => [{module(), file:filename(), Beam :: binary()}],
     %% other draws from a moment on, which do change the result
     branch => starl_sim_branch:t(),

@@ -47,7 +47,9 @@ with(Scenario, Options, Do) ->
         exit:Reason -> {failed, Reason}
     end.
 
-watched(Options) -> Options#{watch => watching() ++ maps:get(watch, Options, [])}.
+watched(Options) ->
+    %% nobody looks at processes
+    Options#{auto => inline, watch => watching() ++ maps:get(watch, Options, [])}.
 
 %% @doc The monitors that tell the user something while a run goes on.
 -spec watching() -> [{module(), map()}].

@@ -36,7 +36,7 @@ largest(Scenarios, Use) ->
 -spec check(starl_sim_scenario:t(), use(), Available :: non_neg_integer() | unknown) ->
     [unicode:chardata()].
 check(#{robots := Robots} = Scenario, #{jobs := Jobs} = Use, Available) ->
-    Mode = starl_sim_plan:mode(Scenario),
+    Mode = mode(Scenario),
     Processes = erlang:system_info(process_limit) div ?PROCESSES,
     Needed = Jobs * needed(Scenario),
     %% An atom is more than every number.
@@ -71,7 +71,9 @@ up_to(Robots) -> io_lib:format("up to ~b robots", [Robots]).
 %% @doc The memory that a run of this scenario needs, in bytes.
 -spec needed(starl_sim_scenario:t()) -> pos_integer().
 needed(#{robots := Robots} = Scenario) when is_integer(Robots) ->
-    ?BARE + Robots * each(starl_sim_plan:mode(Scenario)).
+    ?BARE + Robots * each(mode(Scenario)).
+
+mode(Scenario) -> starl_sim_plan:mode(Scenario, #{auto => inline}).
 
 each(process) -> ?PROCESS;
 each(inline) -> ?INLINE.

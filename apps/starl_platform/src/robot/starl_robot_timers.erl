@@ -3,7 +3,8 @@
 %% started anew meanwhile, is recognized by its mark, and dropped.
 -module(starl_robot_timers).
 
--export([new/0, start/4, cancel/3, expire/4, forget/2, to_list/1, from_list/1, event_type/1]).
+-export([new/0, start/4, cancel/3, expire/4, runs/4, forget/2, to_list/1, from_list/1]).
+-export([event_type/1]).
 
 -export_type([t/0, timer/0, mark/0]).
 
@@ -44,6 +45,14 @@ expire(Machine, Timer, Mark, Timers) ->
             {ok, Timers#{Machine := maps:remove(Timer, Own)}};
         #{} ->
             stale
+    end.
+
+%% @doc Does the timer run whose event has this mark?
+-spec runs(starl_machine:name(), timer(), mark(), t()) -> boolean().
+runs(Machine, Timer, Mark, Timers) ->
+    case Timers of
+        #{Machine := #{Timer := Mark}} -> true;
+        #{} -> false
     end.
 
 %% @doc Forgets the timers of a machine that crashed.

@@ -12,7 +12,7 @@
 -behaviour(starl_robot).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
--export([new/3, open/3, rest/2, at/2, soon/1, planned/1, yield/1]).
+-export([new/3, open/3, come/3, rest/2, at/2, soon/1, planned/1, yield/1]).
 -export([handles/4, clock/1, present/1, moment/1, base/3, trace/3, plan/5, store/3, ended/2]).
 -export([perform/3, stop/1]).
 -export([pending/1, now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
@@ -80,6 +80,7 @@
     until = 0 :: starl_sim_queue:time(),
     clock :: starl_sim_clock:t(),
     seq = 0 :: non_neg_integer(),
+    timers = starl_sim_timers:new() :: starl_sim_timers:t(),
     transmitter = starl_sim_transmitter:new() :: starl_sim_transmitter:t(),
     vehicle :: starl_sim_vehicle:t(),
     store :: starl_sim_store:t(),
@@ -121,6 +122,16 @@ open(Now, {From, Until}, Body) ->
         now = Now, window = From, until = Until, later = [], traces = [], changes = []
     }.
 
+%% @doc Of these events of the window, those that come: not the timers that do not run any more, or have
+%% been started anew.
+-spec come([starl_sim_queue:event()], Running :: starl_robot_timers:t(), t()) ->
+    {[starl_sim_queue:event()], t()}.
+come(Events, Running, #body{timers = Before, until = Until, later = Later} = Body) ->
+    case starl_sim_timers:come(Events, Until, Running, Before) of
+        {Come, [], Before} -> {Come, Body};
+        {Come, Put, Timers} -> {Come, Body#body{timers = Timers, later = Put ++ Later}}
+    end.
+
 %% @doc The robot at a later time, between two windows.
 -spec rest(starl_sim_queue:time(), t()) -> t().
 rest(Now, #body{window = none} = Body) ->
@@ -136,9 +147,10 @@ at(Now, Body) -> Body#body{now = Now}.
 -spec soon(t()) -> [starl_sim_queue:event()].
 soon(#body{soon = Soon}) -> Soon.
 
-%% @doc The events that the present window has planned so far.
+%% @doc The events that the present window has planned so far, and those that wait behind others.
 -spec pending(t()) -> [starl_sim_queue:event()].
-pending(#body{soon = Soon, later = Later}) -> Soon ++ Later.
+pending(#body{soon = Soon, later = Later, timers = Timers}) ->
+    Soon ++ Later ++ starl_sim_timers:waiting(Timers).
 
 %% @doc Marks the new events of the present window as planned.
 -spec planned(t()) -> t().
@@ -513,8 +525,13 @@ plan(Machine, Timer, Us, Content, #body{id = Id, now = Now, seq = Seq} = Body) -
     Event = {Id, Due, ?CLASS_TIMER, Id, Seq, {timer, Machine, Timer, Content}},
     case Due < Until of
         true -> {Seq, Body#body{seq = Seq + 1, soon = [Event | Body#body.soon]}};
-        false -> {Seq, Body#body{seq = Seq + 1, later = [Event | Body#body.later]}}
+        false -> {Seq, later(starl_sim_timers:start(Event, Body#body.timers), Event, Body)}
     end.
+
+later({put, Timers}, Event, #body{seq = Seq, later = Later} = Body) ->
+    Body#body{seq = Seq + 1, timers = Timers, later = [Event | Later]};
+later({waits, Timers}, _Event, #body{seq = Seq} = Body) ->
+    Body#body{seq = Seq + 1, timers = Timers}.
 
 %% @doc Plans delayed events of the robot again, in this window or later ones.
 -spec postpone([starl_sim_queue:event()], t()) -> t().

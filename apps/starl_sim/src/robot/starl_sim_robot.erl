@@ -81,9 +81,10 @@ new(Id, Body, Machines, Tree) ->
 
 %% @doc Opens a window with these events of the robot, sorted, and begins with the first.
 -spec open([starl_sim_queue:event()], window(), t()) -> {busy | idle | held, t()}.
-open([{_, Time, _, _, _, _} | _] = Events, Window, #robot{robot = Robot, hold = Hold} = Site) ->
+open([{_, Time, _, _, _, _} | _] = Planned, Window, #robot{robot = Robot, hold = Hold} = Site) ->
     {Status, World} = starl_robot:status(Robot),
-    Body = starl_sim_platform:open(Time, Window, World),
+    Opened = starl_sim_platform:open(Time, Window, World),
+    {Events, Body} = starl_sim_platform:come(Planned, starl_robot:timers(Robot), Opened),
     case Status of
         %% most robots are quiet then, and go straight to the first event
         quiet when Hold =:= {0, 0}, Site#robot.stop =:= none ->

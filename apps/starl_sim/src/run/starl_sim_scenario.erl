@@ -61,7 +61,7 @@ options() ->
         {time, {number, 0, 1.0e6}, 7200, "the run ends at this virtual time, s"},
         {mode, {one_of, [auto, process, inline]}, auto,
             "process: each machine of a robot is an Erlang process; inline: none is; auto: "
-            "processes for teams of up to 300 robots"},
+            "inline; from Erlang, processes for teams of up to 300 robots"},
         {shards, {optional, {integer, 1, 256}}, none,
             "number of parts that are simulated at the same time; none: chosen by the number of "
             "robots and cores"},
