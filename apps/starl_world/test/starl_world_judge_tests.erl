@@ -210,3 +210,30 @@ told(Batches, Judge) -> lists:foldl(fun starl_world_judge:told/2, Judge, Batches
 seen(Judge) ->
     {_, #{?MODULE := #{seen := Seen}}, []} = starl_world_judge:close(0, Judge),
     [{T, Event} || {T, _, _, Event} <- Seen].
+
+%% What hands do excuses what it explains, while it lasts: two robots have reached a round, and the link between
+%% them is cut, for ever, or for a while, after which they have their time again.
+by_hand_test() ->
+    Monitor = {starl_barrier_monitor, #{robots => [1, 2], bound_us => 3000000}},
+    Reached = [{1000000, R, barrier, {reached, gate, 1}} || R <- [1, 2]],
+    Cut = fun(ToMs) -> {hand_1, 900, ToMs, loss, {1, 2}, #{part => 1.0}} end,
+    Found = fun(Done) ->
+        Judge = starl_world_judge:told(Reached, starl_world_judge:new([Monitor], 1500000)),
+        Last = lists:foldl(
+            fun(S, J) ->
+                Told = proplists:get_all_values(S, Done),
+                {ok, Next} = starl_world_judge:judge(
+                    S * 1000000, starl_world_judge:faults(Told, J)
+                ),
+                Next
+            end,
+            Judge,
+            lists:seq(1, 60)
+        ),
+        {Violations, _, []} = starl_world_judge:close(60000000, Last),
+        [{What, At} || #{what := What, at_us := At} <- Violations]
+    end,
+    ?assertEqual([{not_passed, 4000000}], Found([])),
+    ?assertEqual([], Found([{1, {began, Cut(forever)}}])),
+    [{not_passed, At}] = Found([{1, {began, Cut(forever)}}, {20, {ended, Cut(20000)}}]),
+    ?assert(At > 23000000 andalso At =< 28000000).

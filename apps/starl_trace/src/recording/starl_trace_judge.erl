@@ -46,6 +46,8 @@
     %% the robots of a live run that are halted, since when, and what happened meanwhile, latest first
     standing = #{} :: #{atom() => {starl:robot_id(), integer()}},
     waiting = [] :: [[starl_monitor:trace_event()]],
+    %% what hands do to it, as long as it lasts
+    lasting = starl_assumption_lasting:new() :: starl_assumption_lasting:t(),
     events = 0 :: non_neg_integer(),
     missing = 0 :: non_neg_integer()
 }).
@@ -162,6 +164,8 @@ message({faults, At, {ended, {Id, _, _, pause, _, _}}}, #judge{standing = Standi
     is_map_key(Id, Standing)
 ->
     resumed(Id, At, Judge);
+message({faults, _At, Told}, #judge{lasting = Lasting} = Judge) ->
+    Judge#judge{lasting = starl_assumption_lasting:told(Told, Lasting)};
 message(_Message, Judge) ->
     Judge.
 
@@ -174,8 +178,9 @@ step([], Judge) ->
     Judge;
 step(_Trace, #judge{monitors = none, file = File}) ->
     throw({?MODULE, {no_scenario, File}});
-step(Trace, #judge{monitors = Monitors, events = Events, until = Until} = Judge0) ->
+step(Trace, #judge{events = Events, until = Until} = Judge1) ->
     {Last, _, _, _} = lists:last(Trace),
+    #judge{monitors = Monitors} = Judge0 = lasting(Last, Judge1),
     Judge = Judge0#judge{events = Events + length(Trace), until = max(Last, Until)},
     case starl_monitor:step(Trace, Monitors) of
         {ok, Next} ->
@@ -185,6 +190,13 @@ step(Trace, #judge{monitors = Monitors, events = Events, until = Until} = Judge0
                 monitors = Next, violations = [Violation | Judge#judge.violations]
             }
     end.
+
+%% What is judged now may rest on faults that still last.
+lasting(Now, #judge{lasting = Before, monitors = Monitors} = Judge) ->
+    {Windows, Lasting} = starl_assumption_lasting:windows(Now, Before),
+    Judge#judge{
+        lasting = Lasting, monitors = lists:foldl(fun starl_monitor:broken/2, Monitors, Windows)
+    }.
 
 %% A file names modules that are to be called: only monitors are, with data and no functions.
 check({Module, Config}, File) when is_atom(Module), is_map(Config) ->

@@ -23,6 +23,7 @@
     told/2,
     undone/3,
     heard/2,
+    faults/2,
     hold/3,
     halted/3,
     released/3,
@@ -52,6 +53,7 @@
     %% the robots for which the judge waits; the halts that are over, from when to when
     held = #{} :: #{starl:robot_id() => hold()},
     halts = [] :: [{integer(), integer()}],
+    lasting = starl_assumption_lasting:new() :: starl_assumption_lasting:t(),
     ways = starl_packet_ways:new() :: starl_packet_ways:t(),
     violations = [] :: [starl_monitor:violation()]
 }).
@@ -109,6 +111,11 @@ heard(_Events, #judge{observer = none} = Judge) ->
     Judge;
 heard(Events, #judge{ways = Ways} = Judge) ->
     Judge#judge{ways = lists:foldl(fun starl_packet_ways:told/2, Ways, Events)}.
+
+%% @doc Faults by hand have begun or ended: while they last, they excuse what they explain.
+-spec faults([{began | ended, starl_assumption_lasting:fault()}], t()) -> t().
+faults(Told, #judge{lasting = Lasting} = Judge) ->
+    Judge#judge{lasting = lists:foldl(fun starl_assumption_lasting:told/2, Lasting, Told)}.
 
 %% @doc A robot is about to be halted: nothing is judged from now on.
 -spec hold(starl:robot_id(), NowUs :: integer(), t()) -> t().
@@ -169,12 +176,20 @@ judge(Now, Judge) -> judge(Now, 0, Judge).
 %% @doc The same, of a judge who was kept from his work for so long and may not have all facts that have
 %% come meanwhile: he waits longer for them.
 -spec judge(NowUs :: integer(), BehindUs :: non_neg_integer(), t()) -> {ok | violation, t()}.
-judge(Now, Behind, #judge{horizon_us = Least} = Open) ->
+judge(Now, Behind, Begun) ->
+    #judge{horizon_us = Least} = Open = lasting(Now, Begun),
     Horizon = Least + Behind,
     #judge{held = Held, halts = Halts} = Judge = unheard(Now - Least, Open),
     Recent = [Halt || {_, To} = Halt <- Halts, To > Now - Horizon],
-    Begun = [element(1, Halt) || Halt <- maps:values(Held) ++ Recent],
-    upto(lists:min([Now | Begun]) - Horizon, Now, apart(Now, Judge#judge{halts = Recent})).
+    Since = [element(1, Halt) || Halt <- maps:values(Held) ++ Recent],
+    upto(lists:min([Now | Since]) - Horizon, Now, apart(Now, Judge#judge{halts = Recent})).
+
+%% What is judged now may rest on faults that still last.
+lasting(Now, #judge{lasting = Before, monitors = Monitors} = Judge) ->
+    {Windows, Lasting} = starl_assumption_lasting:windows(Now, Before),
+    Judge#judge{
+        lasting = Lasting, monitors = lists:foldl(fun starl_monitor:broken/2, Monitors, Windows)
+    }.
 
 %% The robots that were released by this time are not waited for any longer.
 unheard(Time, #judge{horizon_us = Horizon, held = Held} = Judge) ->
@@ -257,7 +272,7 @@ late(#judge{late = Late}) -> Late.
     {[starl_monitor:violation()], #{module() => map()}, [starl_unjudged:t()]}.
 close(Now, #judge{held = Held} = Open) ->
     Over = fun(Robot, Judge) -> resumed(Robot, Now, Judge) end,
-    Judge = lists:foldl(Over, Open, lists:sort(maps:keys(Held))),
+    Judge = lists:foldl(Over, lasting(Now, Open), lists:sort(maps:keys(Held))),
     {_, #judge{monitors = Monitors, violations = Violations, seen = Seen}} = upto(
         infinity, Now, Judge
     ),

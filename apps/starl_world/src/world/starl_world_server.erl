@@ -291,11 +291,11 @@ halted(#world{judge = Judge} = World) ->
     Ids = starl_world_judge:standing(Judge),
     tell(fun(Now, Hands) -> starl_world_hands:holds(pause, Ids, Now, Hands) end, World).
 
-tell(Done, #world{hands = Hands, observer = Observer} = World) ->
+tell(Done, #world{hands = Hands, judge = Judge, observer = Observer} = World) ->
     Now = now_us(World),
     {Told, Next} = Done(Now, Hands),
     ok = lists:foreach(fun(F) -> starl_observer:tell({fault, Now, F}, Observer) end, Told),
-    World#world{hands = Next}.
+    World#world{hands = Next, judge = starl_world_judge:faults(Told, Judge)}.
 
 %% -- robots that start and end --------------------------------------------------------------
 
