@@ -360,10 +360,25 @@ exports(Module, Function, Arity) ->
     erlang:function_exported(Module, Function, Arity).
 
 %% A monitor reads all its events in one loop, which keeps its state local.
-feed_all(Events, {Module, Interests, State}, Found0) ->
-    %% the function is looked up once
-    {Next, Found} = feed(Events, 1, fun Module:step/2, Interests, State, Found0),
-    {{Module, Interests, Next}, Found}.
+feed_all(Events, {Module, Interests, State} = Monitor, Found0) ->
+    case starts(Events, 1, Interests) of
+        none ->
+            {Monitor, Found0};
+        {Wanted, Place} ->
+            %% the function is looked up once
+            {Next, Found} = feed(Wanted, Place, fun Module:step/2, Interests, State, Found0),
+            {{Module, Interests, Next}, Found}
+    end.
+
+%% From the first event on that the monitor wants: most windows have none.
+starts([], _Place, _Interests) ->
+    none;
+starts([{_, _, Machine, _} | _] = Events, Place, Interests) when
+    is_map_key(Machine, Interests); Interests =:= all
+->
+    {Events, Place};
+starts([_ | Events], Place, Interests) ->
+    starts(Events, Place + 1, Interests).
 
 feed([], _Place, _Step, _Interests, State, Found) ->
     {State, Found};
@@ -383,6 +398,8 @@ feed([_ | Events], Place, Step, Interests, State, Found) ->
 %% what it finds before that is kept.
 fed(Events, Monitor, Found) ->
     try feed_all(Events, Monitor, []) of
+        {Next, []} ->
+            {Next, Found};
         {Next, More} ->
             case lists:all(fun({_, V}) -> starl_monitor_check:is_violation(V) end, More) of
                 true -> {Next, More ++ Found};

@@ -32,6 +32,8 @@
 
 -record(goals, {
     profiles :: starl_chassis:profiles(),
+    %% the limit of each profile, mm: it is asked for at each piece of motion
+    radii :: tuple(),
     assumption :: starl_assumption:t(),
     step_us :: non_neg_integer(),
     slack_us :: non_neg_integer(),
@@ -67,6 +69,7 @@ new(#{profiles := Profiles} = Config) ->
     Slack = maps:get(slack_us, Config, 0),
     #goals{
         profiles = Profiles,
+        radii = list_to_tuple([starl_chassis:tracking_radius(P) + ?CHORD_MM || P <- Profiles]),
         assumption = starl_assumption:new(maps:get(bodies, Config, []), ?DRIFT_PPM),
         %% a step that takes longer than these two patiences is begun again
         step_us = ?STEP_US + min(Slack, 2 * ?PATIENCE_US),
@@ -267,5 +270,6 @@ strays(Line, Piece, From, To, Limit) ->
         _ -> none
     end.
 
-radius_mm(Robot, #goals{profiles = Profiles}) ->
-    starl_chassis:tracking_radius(starl_chassis:of_robot(Robot, Profiles)) + ?CHORD_MM.
+radius_mm(Robot, #goals{radii = Radii}) ->
+    %% as starl_chassis:of_robot/2
+    element(1 + (Robot - 1) rem tuple_size(Radii), Radii).
