@@ -241,7 +241,7 @@ interpreted(inline, Tree) ->
     #{tree => Left, inline => Inline}.
 
 %% @doc How the robots of a scenario are simulated. A caller that lets nobody look at their processes says
-%% `auto => inline', which is a fifth cheaper.
+%% `auto => inline', which is cheaper.
 -spec mode(starl_sim_scenario:t(), starl_sim:options()) -> process | inline.
 mode(#{mode := auto, robots := N}, _Options) when N > ?MANY_ROBOTS -> inline;
 mode(#{mode := auto}, Options) -> maps:get(auto, Options, process);
