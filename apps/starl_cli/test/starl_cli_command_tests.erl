@@ -135,7 +135,7 @@ every_command_is_listed_test() ->
 %% The word may stand behind flags.
 a_choice_behind_flags_test() ->
     {ok, #{subject := Block, values := Values}} =
-        starl_cli_dispatch:read(starl_cli_check, ["--robots", "2", "mutex", "--depth", "3"]),
+        starl_cli_dispatch:read(starl_lab_check, ["--robots", "2", "mutex", "--depth", "3"]),
     ?assertEqual(mutex, Block),
     ?assertMatch(#{robots := 2, depth := 3, quiet := false}, Values).
 
@@ -147,15 +147,14 @@ all_that_there_are_are_offered_test() ->
 
 implementing(Behaviour) ->
     lists:usort([
-        Module
-     || App <- [starl_cli, starl_lab, starl_dev, starl_apps],
-        Dir <- [filename:dirname(code:where_is_file(atom_to_list(App) ++ ".app"))],
+        list_to_atom(filename:rootname(Beam))
+     || File <- lists:append([filelib:wildcard("starl_*.app", Dir) || Dir <- code:get_path()]),
+        Dir <- [filename:dirname(code:where_is_file(File))],
         Beam <- filelib:wildcard("*.beam", Dir),
-        Module <- [list_to_atom(filename:rootname(Beam))],
-        {module, _} <- [code:ensure_loaded(Module)],
-        lists:member(
-            Behaviour, proplists:append_values(behaviour, Module:module_info(attributes))
-        )
+        {ok, {_, [{attributes, Attributes}]}} <- [
+            beam_lib:chunks(filename:join(Dir, Beam), [attributes])
+        ],
+        lists:member(Behaviour, proplists:append_values(behaviour, Attributes))
     ]).
 
 %% A lower layer comes first.

@@ -1,27 +1,39 @@
 %% @doc Emulated Creates as the robots of a simulated world in real time.
 -module(starl_create).
+-behaviour(starl_world_emulator).
 
--export([emulated/2]).
+-export([lines/2, emulated/2]).
 
 %% A line without a wire is late only if its computer is busy.
 -define(JITTER_MS, 5).
+
+%% @doc Nodes drive their robots through a pty, as if these were real, where the program for devices is built.
+-spec lines(starl_chassis_choice:t(), starl_world_emulator:place()) ->
+    starl_world_chassis:lines() | undefined.
+lines(Choice, here) ->
+    emulated(Choice, pipe);
+lines(Choice, {node, Dir}) ->
+    case starl_create_program:path() of
+        {ok, _} -> emulated(Choice, starl_create_on_pty:in(Dir));
+        {error, _} -> emulated(Choice, pipe)
+    end.
 
 %% @doc The chassis of the robots of a run: an emulated Create with its driver for each that has one
 %% by this choice; what is left has a chassis of the world. `undefined' if nobody has one.
 %%
 %% `open' gives the port of an emulated robot, and what the port opens: as a rule, a pipe within the
 %% VM or between nodes.
--spec emulated(starl_sim_chassis:choice(), Open) -> starl_world_chassis:lines() | undefined when
+-spec emulated(starl_chassis_choice:t(), Open) -> starl_world_chassis:lines() | undefined when
     Open ::
         pipe | fun((pid(), starl_create_packet:model()) -> {{module(), map()}, Device :: term()}).
 emulated(Choice, Open) ->
-    Names = starl_sim_chassis:in_turn(Choice),
+    Names = starl_chassis_choice:in_turn(Choice),
     case [Name || Name <- Names, Name =:= create orelse Name =:= create_1] of
         [] ->
             undefined;
         _ ->
             fun(Robot, World) ->
-                line(starl_sim_chassis:of_robot(Robot, Choice), Robot, World, Open)
+                line(starl_chassis_choice:of_robot(Robot, Choice), Robot, World, Open)
             end
     end.
 

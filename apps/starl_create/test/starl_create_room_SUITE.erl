@@ -83,7 +83,7 @@ seen_where_it_is(_) ->
 
 world(Poses) ->
     Sim = #{
-        profiles => starl_sim_chassis:profiles(create, #{}),
+        profiles => starl_chassis_choice:profiles(create, #{}),
         seed => 1,
         actuation => [],
         location => []

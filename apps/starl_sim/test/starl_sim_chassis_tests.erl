@@ -4,7 +4,7 @@
 
 choices_test() ->
     Check = fun(Choice) ->
-        starl_options:check(#{chassis => Choice}, [starl_sim_chassis:option()])
+        starl_options:check(#{chassis => Choice}, [starl_chassis_choice:option()])
     end,
     Good = [differential, holonomic, mixed, [holonomic], [differential, differential, holonomic]],
     [?assertMatch({ok, _}, Check(Choice)) || Choice <- Good],
@@ -13,7 +13,7 @@ choices_test() ->
 
 in_turn_test() ->
     Kinds = fun(Choice, Robots) ->
-        Profiles = starl_sim_chassis:profiles(Choice, #{speed => 300.0}),
+        Profiles = starl_chassis_choice:profiles(Choice, #{speed => 300.0}),
         [starl_chassis:kind(starl_chassis:of_robot(Robot, Profiles)) || Robot <- Robots]
     end,
     {D, H} = {starl_chassis_differential, starl_chassis_holonomic},
@@ -23,13 +23,13 @@ in_turn_test() ->
     ?assertEqual(
         [300.0, 300.0], [
             maps:get(speed, P)
-         || P <- starl_sim_chassis:profiles(mixed, #{speed => 300.0})
+         || P <- starl_chassis_choice:profiles(mixed, #{speed => 300.0})
         ]
     ).
 
 %% The widest of a team is that of the robot that needs most.
 widest_test() ->
-    [Wheels, Holonomic] = Profiles = starl_sim_chassis:profiles(mixed, #{}),
+    [Wheels, Holonomic] = Profiles = starl_chassis_choice:profiles(mixed, #{}),
     [R1, R2] = [starl_chassis:tracking_radius(P) || P <- [Wheels, Holonomic]],
     ?assert(R1 /= R2),
     ?assertEqual(max(R1, R2), starl_chassis:widest(Profiles)).

@@ -258,7 +258,7 @@ profile() ->
     ).
 
 radius(Profile) ->
-    [Whole] = starl_sim_chassis:profiles(
+    [Whole] = starl_chassis_choice:profiles(
         holonomic,
         maps:from_list([
             {
@@ -342,7 +342,7 @@ vehicle(Faults) -> vehicle(Faults, #{}, 1).
 
 vehicle(Faults, Errors, Seed) ->
     Exact = #{heading_error => 0.0, distance_error => 0.0, position_error_mm => 0.0},
-    Profiles = starl_sim_chassis:profiles(holonomic, maps:merge(Exact, Errors)),
+    Profiles = starl_chassis_choice:profiles(holonomic, maps:merge(Exact, Errors)),
     starl_sim_vehicle:new(1, {0.0, 0.0, 0.0}, #{
         seed => Seed,
         team => starl_team:new([1]),

@@ -7,7 +7,7 @@
 -module(starl_cli_command).
 
 -export([all/0, find/1]).
--export([argument/1, flags/2, statuses/1]).
+-export([argument/1, flags/2, statuses/1, words/2]).
 
 -export_type([argument/0, choices/0, subject/0, paragraph/0, group/0, call/0, answer/0]).
 
@@ -64,11 +64,20 @@
     {ok, subject(), [string()]} | {error, [unicode:chardata(), ...]}.
 -callback run(call()) -> answer().
 
--optional_callbacks([argument/0, flags/1, statuses/0, subject/2]).
+%% The words that a flag may take, for completion, where its type does not say.
+-callback words(Flag :: atom()) -> [unicode:chardata()].
 
-%% @doc All commands, by the application that offers them.
+-optional_callbacks([argument/0, flags/1, statuses/0, subject/2, words/1]).
+
+%% @doc All commands under their titles, which applications may share.
 -spec all() -> [{Title :: string(), [module(), ...]}].
-all() -> starl_catalogue:listed(starl_commands).
+all() -> lists:foldl(fun under/2, [], starl_catalogue:listed(starl_commands)).
+
+under({Title, Commands}, Groups) ->
+    case lists:keyfind(Title, 1, Groups) of
+        {Title, Earlier} -> lists:keyreplace(Title, 1, Groups, {Title, Earlier ++ Commands});
+        false -> Groups ++ [{Title, Commands}]
+    end.
 
 %% @doc Finds a command by its name; otherwise gives similar names.
 -spec find(string()) -> {ok, module()} | {error, Near :: [string()]}.
@@ -104,6 +113,10 @@ statuses(Command) ->
         [] -> [];
         Own -> lists:ukeysort(1, Own ++ [{2, "bad usage or input"}])
     end.
+
+%% @doc The words that a command knows for a flag.
+-spec words(module(), Flag :: atom()) -> [unicode:chardata()].
+words(Command, Flag) -> optional(Command, words, [Flag], []).
 
 optional(Command, Callback, Args, Otherwise) ->
     {module, Command} = code:ensure_loaded(Command),

@@ -18,7 +18,7 @@
     %% a run in real time
     live => boolean(),
     %% the user's own chassis
-    own => starl_cli_own_chassis:t(),
+    own => starl_world_drivers:t(),
     recording => starl_cli_recording:t()
 }.
 

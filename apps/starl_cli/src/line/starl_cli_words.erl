@@ -61,9 +61,16 @@ grouped(Pairs) ->
 flags(Command, Subject) ->
     Flags = lists:append([Some || {_, Some} <- starl_cli_command:flags(Command, Subject)]),
     lists:usort([
-        {starl_cli_flags:flag(Key), Doc, values(Key, Type)}
+        {starl_cli_flags:flag(Key), Doc, values(Command, Key, Type)}
      || {Key, Type, _, Doc} <- Flags
     ]).
+
+%% A command may know more of a flag than its type says.
+values(Command, Key, Type) ->
+    case starl_cli_command:words(Command, Key) of
+        [] -> values(Key, Type);
+        Words -> {words, Words}
+    end.
 
 values(_Key, switch) ->
     switch;
@@ -77,8 +84,6 @@ values(_Key, {one_of, Atoms}) ->
     {words, texts(Atoms)};
 values(_Key, boolean) ->
     {words, ["true", "false"]};
-values(faults, string) ->
-    {words, [[atom_to_list(F), ":1"] || {F, _} <- starl_check:faults()]};
 values(block, {term, _, _}) ->
     {words, texts([Name || {Name, _} <- starl_block_catalogue:known()])};
 values(random_faults, _) ->

@@ -49,7 +49,9 @@ run(Live, #{scenario := Scenario} = Setup, Values) ->
     end.
 
 own(#{chassis := Choice} = Scenario) ->
-    starl_cli_own_chassis:resolve(Choice, starl_sim_plan:profiles(Scenario)).
+    starl_world_drivers:resolve(
+        Choice, starl_sim_plan:profiles(Scenario), fun starl_cli_source:driver/1
+    ).
 
 run_with({error, _} = Error, _Live, _Setup, _Values) ->
     Error;
@@ -81,17 +83,20 @@ refused(#{faults := Faults, random_faults := Random, reloads := Reloads}) ->
 
 %% An emulated Create knows real time only, and so do programs.
 too_fast(#{chassis := Choice}, #{pace := Pace}) ->
-    Own = [Name || Name <- starl_sim_chassis:in_turn(Choice), starl_sim_chassis:own(Name) =/= none],
+    Own = [
+        Name
+     || Name <- starl_chassis_choice:in_turn(Choice), starl_chassis_choice:own(Name) =/= none
+    ],
     [
         "chassis: an emulated Create, or a chassis of your own, runs in real time only: leave --pace "
         "and --speed of the cluster at 1"
-     || Pace /= 1, Own =/= [] orelse starl_create:emulated(Choice, pipe) =/= undefined
+     || Pace /= 1, Own =/= [] orelse starl_world_emulator:all(Choice, here) =/= undefined
     ].
 
 no_cable(#{chassis := Choice}, #{unplug := Times}) ->
     [
         "unplug: only a Create has a cable: add --chassis create or create_1"
-     || Times > 0, starl_create:emulated(Choice, pipe) =:= undefined
+     || Times > 0, starl_world_emulator:all(Choice, here) =:= undefined
     ];
 no_cable(_Scenario, _Values) ->
     [].
@@ -133,7 +138,7 @@ options(Dir, Live, #{target := Target, scenario := Scenario, own := Own}, Values
         arena => arena(Walls, Scenario),
         watch => starl_cli_notes:watch_live(Scenario)
     },
-    Moving = maps:merge(Common, chassis(Scenario, Own, line(Live, Dir))),
+    Moving = maps:merge(Common, chassis(Scenario, Own, place(Live, Dir))),
     case Live of
         here ->
             maps:update_with(watch, fun(Watch) -> starl_cli_drive:watching() ++ Watch end, Moving);
@@ -151,18 +156,12 @@ options(Dir, Live, #{target := Target, scenario := Scenario, own := Own}, Values
 arena(false, _Scenario) -> none;
 arena(true, #{world := Size}) -> Size.
 
-%% Nodes drive their robots through a device, as if these were real.
-line(here, _Dir) ->
-    pipe;
-line({nodes, _, _}, Dir) ->
-    case starl_create_program:path() of
-        {ok, _} -> starl_create_on_pty:in(Dir);
-        {error, _} -> pipe
-    end.
+place(here, _Dir) -> here;
+place({nodes, _, _}, Dir) -> {node, Dir}.
 
-%% A chassis of the user's own, or an emulated Create, for each robot that has one.
-chassis(#{chassis := Choice}, Own, Line) ->
-    case starl_cli_own_chassis:lines(Choice, Own, starl_create:emulated(Choice, Line)) of
+%% A chassis of the user's own, or an emulated one, for each robot that has one.
+chassis(#{chassis := Choice}, Own, Place) ->
+    case starl_world_drivers:lines(Choice, Own, starl_world_emulator:all(Choice, Place)) of
         undefined -> #{};
         Lines -> #{chassis => Lines}
     end.

@@ -63,8 +63,8 @@ init({Poses, Model, Arena}) ->
         robots = maps:from_list([{Id, robot(Id, Pose, Now, World)} || {Id, Pose} <- Poses])
     }}.
 
-profiles(1) -> starl_sim_chassis:profiles(create_1, #{});
-profiles(2) -> starl_sim_chassis:profiles(create, #{}).
+profiles(1) -> starl_chassis_choice:profiles(create_1, #{});
+profiles(2) -> starl_chassis_choice:profiles(create, #{}).
 
 robot(Id, Pose, Now, World) ->
     {_, Body} = starl_world_body:new(Id, Pose, World),

@@ -97,12 +97,17 @@ apps([App | Apps], All) ->
             Line = "the application ~ts is missing here: ~0tp; see ./starl setup",
             {error, io_lib:format(Line, [App, Why])};
         false ->
-            {ok, Below} = application:get_key(App, applications),
-            case apps(Below, All) of
+            case apps(needed(App), All) of
                 {ok, Lower} -> apps(Apps, [App | lists:reverse(Lower)]);
                 {error, _} = Error -> Error
             end
     end.
+
+%% What an application can do without is none of a robot's.
+needed(App) ->
+    {ok, Below} = application:get_key(App, applications),
+    {ok, Optional} = application:get_key(App, optional_applications),
+    Below -- Optional.
 
 loaded(ok) -> false;
 loaded({error, {already_loaded, _}}) -> false;

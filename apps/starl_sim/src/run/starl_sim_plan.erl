@@ -63,7 +63,7 @@ profiles(Scenario) -> profiles(#{}, Scenario).
 
 %% The application's scene may override these profiles.
 profiles(Overrides, #{chassis := Choice} = Scenario) ->
-    starl_sim_chassis:profiles(Choice, maps:merge(profile(Scenario), Overrides)).
+    starl_chassis_choice:profiles(Choice, maps:merge(profile(Scenario), Overrides)).
 
 profile(
     #{

@@ -47,7 +47,7 @@ options() ->
             "the largest error of a robot's clock at the start, ms"},
         {clock_drift, {number, 0, 10000}, 50, "the largest drift of a robot's clock, ppm"},
         {speed, {number, 1, 500}, 500, "driving speed, mm/s (the Create's limit is 500)"},
-        starl_sim_chassis:option(),
+        starl_chassis_choice:option(),
         starl_controller:option(),
         {acceleration, {number, 50, 100000}, 2000,
             "limit of acceleration, mm/s2 (holonomic chassis only)"},

@@ -1,6 +1,6 @@
 %% @doc `./starl histories': tells whether the answers that the applications of a recorded run got can be
 %% explained by what its blocks promise.
--module(starl_cli_histories).
+-module(starl_debug_histories_command).
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
@@ -37,8 +37,8 @@ about(_Subject) ->
 flags(_Subject) ->
     [
         {"Flags", [
-            starl_cli_sigma:flag(""),
-            starl_cli_sigma:drift(),
+            starl_debug_bounds:flag(""),
+            starl_debug_bounds:drift(),
             {states, {integer, 1, 100000000}, 200000,
                 "the most states that are tried for an object"}
         ]}
@@ -63,7 +63,7 @@ subject(Word, Args) ->
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := File, values := #{sigma := Text} = Values}) ->
-    case starl_cli_sigma:read(Text) of
+    case starl_debug_bounds:read(Text) of
         {ok, _} when Text =:= none -> judged(File, 0, Values);
         {ok, Sigma} -> by_clocks(Sigma, File, Values);
         {error, Line} -> {error, [Line]}
@@ -72,7 +72,7 @@ run(#{subject := File, values := #{sigma := Text} = Values}) ->
 by_clocks(Sigma, File, #{drift := Drift} = Values) ->
     case starl_debug_recording:read([File], #{}) of
         {ok, Recording} ->
-            case starl_cli_sigma:bounds(Sigma, Recording, Drift) of
+            case starl_debug_bounds:bounds(Sigma, Recording, Drift) of
                 {ok, Us} when is_integer(Us) -> judged(File, Us, Values);
                 {ok, Bounds} -> judged(File, starl_debug_clocks:widest(Bounds), Values);
                 {error, Line} -> {error, [Line]}

@@ -1,9 +1,9 @@
 %% @doc `./starl check BLOCK': runs the exhaustive checker on a building block.
--module(starl_cli_check).
+-module(starl_lab_check).
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, words/1, subject/2, run/1]).
 
 -define(DEPTH, {optional, {integer, 1, 1000000}}).
 
@@ -53,6 +53,10 @@ statuses() ->
         {5, "the block's monitor has a mistake, so nothing was judged"},
         {130, "interrupted, with what was covered"}
     ].
+
+-spec words(atom()) -> [unicode:chardata()].
+words(faults) -> [[atom_to_list(Fault), ":1"] || {Fault, _} <- starl_check:faults()];
+words(_Flag) -> [].
 
 %% @doc A block of the user's own.
 -spec subject(string(), [string()]) ->
@@ -116,7 +120,7 @@ control(Stop, #{quiet := Quiet}) ->
             false -> auto
         end,
     Look = fun(Figures, Progress) ->
-        Next = starl_cli_progress:show(Progress, unknown, fun() -> words(Figures) end),
+        Next = starl_cli_progress:show(Progress, unknown, fun() -> figures(Figures) end),
         case atomics:get(Stop, 1) of
             0 -> {continue, Next};
             1 -> {stop, Next}
@@ -124,7 +128,7 @@ control(Stop, #{quiet := Quiet}) ->
     end,
     {Look, starl_cli_progress:new(How)}.
 
-words(#{states := States, waiting := Waiting, depth := Depth}) ->
+figures(#{states := States, waiting := Waiting, depth := Depth}) ->
     [
         io_lib:format("~ts states", [grouped(States)]),
         io_lib:format("~ts waiting", [grouped(Waiting)]),

@@ -1,8 +1,8 @@
 %% The words of `./starl check': what is refused, and the status of what is done.
--module(starl_cli_check_tests).
+-module(starl_lab_check_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-check(Args) -> starl_cli_dispatch:run(starl_cli_check, Args).
+check(Args) -> starl_cli_dispatch:run(starl_lab_check, Args).
 
 refused_test_() ->
     [

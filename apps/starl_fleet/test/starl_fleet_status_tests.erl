@@ -1,5 +1,5 @@
 %% The line on a robot of a fleet.
--module(starl_cli_fleet_status_tests).
+-module(starl_fleet_status_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 line(More) ->
@@ -15,7 +15,7 @@ line(More) ->
 
 said(Text) ->
     Robot = #{user => none, host => "a"},
-    lists:flatten(starl_cli_fleet_status:line(1, Robot, unicode:characters_to_list(Text))).
+    lists:flatten(starl_fleet_status:line(1, Robot, unicode:characters_to_list(Text))).
 
 a_chassis_that_tells_nothing_is_not_told_of_test() ->
     ?assertMatch({_, _}, binary:match(list_to_binary(line(#{})), <<" s\n">>)).

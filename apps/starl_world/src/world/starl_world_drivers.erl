@@ -1,24 +1,31 @@
-%% @doc The chassis of the user's own that a command line names, `FILE.erl' or `exec:PROGRAM': sources are
-%% compiled and checked, programs are started once and asked for their hello, before anything runs.
--module(starl_cli_own_chassis).
+%% @doc The drivers of the chassis of a user's own, by the names in a choice, `FILE.erl' or `exec:PROGRAM': sources
+%% are compiled and checked, programs are started once and asked for their hello, before anything runs.
+-module(starl_world_drivers).
 
--export([resolve/2, driver/1, lines/3]).
+-export([resolve/3, driver/2, lines/3]).
 
--export_type([t/0]).
+-export_type([t/0, code/0, compile/0]).
+
+-type code() :: {module(), Source :: file:filename(), Beam :: binary()}.
+
+%% Compiles the source of a driver.
+-type compile() :: fun(
+    (file:filename()) -> {ok, module(), [code()]} | {error, [unicode:chardata(), ...]}
+).
 
 %% The drivers by their names, and the modules that were compiled for them.
 -type t() :: #{
-    drivers := #{starl_sim_chassis:name() => starl_live_link:line()},
-    code := [starl_cli_target:code()]
+    drivers := #{starl_chassis_choice:name() => starl_live_link:line()},
+    code := [code()]
 }.
 
 %% @doc The user's own chassis of a choice, with the profiles that the robots will have.
--spec resolve(starl_sim_chassis:choice(), starl_chassis:profiles()) ->
+-spec resolve(starl_chassis_choice:t(), starl_chassis:profiles(), compile()) ->
     {ok, t()} | {error, [unicode:chardata(), ...]}.
-resolve(Choice, Profiles) ->
-    Names = lists:zip(starl_sim_chassis:in_turn(Choice), Profiles),
-    Own = lists:usort([{N, P} || {N, P} <- Names, starl_sim_chassis:own(N) =/= none]),
-    All = [{Name, resolved(Name, Profile)} || {Name, Profile} <- Own],
+resolve(Choice, Profiles, Compile) ->
+    Names = lists:zip(starl_chassis_choice:in_turn(Choice), Profiles),
+    Own = lists:usort([{N, P} || {N, P} <- Names, starl_chassis_choice:own(N) =/= none]),
+    All = [{Name, resolved(Name, Profile, Compile)} || {Name, Profile} <- Own],
     case [["--chassis: ", Why] || {_, {error, Lines}} <- All, Why <- Lines] of
         [] ->
             {ok, #{
@@ -29,19 +36,19 @@ resolve(Choice, Profiles) ->
             {error, Problems}
     end.
 
-resolved(Name, Profile) ->
-    case driver(Name) of
+resolved(Name, Profile, Compile) ->
+    case driver(Name, Compile) of
         {ok, {starl_live_exec, _} = Driver, Code} -> tried(Driver, Code, Profile);
         Answer -> Answer
     end.
 
 %% @doc The driver of a chassis of the user's own.
--spec driver(starl_sim_chassis:name()) ->
-    {ok, starl_live_link:line(), [starl_cli_target:code()]} | {error, [unicode:chardata(), ...]}.
-driver(Name) ->
-    case starl_sim_chassis:own(Name) of
+-spec driver(starl_chassis_choice:name(), compile()) ->
+    {ok, starl_live_link:line(), [code()]} | {error, [unicode:chardata(), ...]}.
+driver(Name, Compile) ->
+    case starl_chassis_choice:own(Name) of
         {exec, Command} -> {ok, {starl_live_exec, #{exec => absolute(Command)}}, []};
-        {file, File, Options} -> compiled(starl_cli_source:driver(File), Options)
+        {file, File, Options} -> compiled(Compile(File), Options)
     end.
 
 %% The nodes of a cluster may have another working directory.
@@ -80,13 +87,13 @@ tried({Module, Own} = Driver, Code, Profile) ->
 
 %% @doc The chassis of each robot of a run: of the user's own, or else that of these lines, or one of the
 %% world.
--spec lines(starl_sim_chassis:choice(), t(), starl_world_chassis:lines() | undefined) ->
+-spec lines(starl_chassis_choice:t(), t(), starl_world_chassis:lines() | undefined) ->
     starl_world_chassis:lines() | undefined.
 lines(_Choice, #{drivers := None}, Others) when map_size(None) =:= 0 ->
     Others;
 lines(Choice, #{drivers := Drivers}, Others) ->
     fun(Robot, World) ->
-        case maps:find(starl_sim_chassis:of_robot(Robot, Choice), Drivers) of
+        case maps:find(starl_chassis_choice:of_robot(Robot, Choice), Drivers) of
             {ok, Driver} -> {starl_world_own, #{world => World, own => Driver}};
             error when Others =:= undefined -> {starl_world_chassis, #{world => World}};
             error -> Others(Robot, World)

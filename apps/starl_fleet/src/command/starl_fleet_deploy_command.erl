@@ -1,5 +1,5 @@
 %% @doc `./starl deploy': brings a fleet of real robots to a release, and looks after it.
--module(starl_cli_deploy).
+-module(starl_fleet_deploy_command).
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
@@ -67,10 +67,10 @@ subject(File, Args) ->
     {ok, {File, Words}, Flags}.
 
 %% To look at robots or to stop them, the application need not be sound.
-fleet([Word | _], File) when Word =/= "reload" -> starl_cli_fleet:robots(File);
-fleet(_, File) -> starl_cli_fleet:read(File).
+fleet([Word | _], File) when Word =/= "reload" -> starl_fleet_named:robots(File);
+fleet(_, File) -> starl_fleet_named:read(File).
 
--spec action([string()], starl_cli_fleet:t()) -> action() | {error, unicode:chardata()}.
+-spec action([string()], starl_fleet_named:t()) -> action() | {error, unicode:chardata()}.
 action([], _Fleet) ->
     deploy;
 action(["status"], _Fleet) ->
@@ -150,7 +150,7 @@ act(stop, #{fleet := Fleet}, _Values) ->
     end);
 act(status, #{fleet := #{robots := Robots} = Fleet}, _Values) ->
     each(starl_fleet_deploy:ask("status", numbers(Fleet), Fleet), fun(N, Said) ->
-        starl_cli_fleet_status:line(N, maps:get(N, Robots), Said)
+        starl_fleet_status:line(N, maps:get(N, Robots), Said)
     end);
 act({logs, Which}, #{fleet := Fleet}, _Values) ->
     Numbers = [N || N <- numbers(Fleet), Which =:= all orelse Which =:= N],

@@ -1,5 +1,5 @@
 %% @doc `./starl merge': makes one recording of those of several robots of a run.
--module(starl_cli_merge).
+-module(starl_debug_merge_command).
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).

@@ -1,5 +1,5 @@
 %% @doc The flag `--sigma' of the commands that do not trust the robots' clocks.
--module(starl_cli_sigma).
+-module(starl_debug_bounds).
 
 -export([flag/1, drift/0, read/1, bounds/3, words/1, ms/1]).
 

@@ -1,5 +1,5 @@
 %% @doc `./starl chassis': holds a chassis of the user's own to its contract.
--module(starl_cli_chassis).
+-module(starl_fleet_chassis_command).
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, statuses/0, subject/2, run/1]).
@@ -40,11 +40,13 @@ run(#{subject := {check, none}}) ->
     {error, ["check which chassis? FILE.erl, or exec:PROGRAM"]};
 run(#{subject := {check, Text}}) ->
     Name = unicode:characters_to_binary(Text),
-    case starl_sim_chassis:own(Name) =/= none andalso starl_cli_own_chassis:driver(Name) of
+    case starl_chassis_choice:own(Name) =/= none andalso driver(Name) of
         false -> {error, [[Text, " is no chassis of your own: FILE.erl, or exec:PROGRAM"]]};
         {ok, Driver, _Code} -> told(starl_live_chassis_check:check(Driver));
         {error, _} = Error -> Error
     end.
+
+driver(Name) -> starl_world_drivers:driver(Name, fun starl_cli_source:driver/1).
 
 told(Found) ->
     starl_cli_terminal:out([[starl_live_chassis_check:line(F), "\n"] || F <- Found]),

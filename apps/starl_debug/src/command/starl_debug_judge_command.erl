@@ -1,5 +1,5 @@
 %% @doc `./starl judge': judges a recording by all contracts of its run.
--module(starl_cli_judge).
+-module(starl_debug_judge_command).
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
@@ -28,7 +28,7 @@ about(_Subject) ->
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) -> [{"Flags", [starl_cli_sigma:flag(""), starl_cli_sigma:drift()]}].
+flags(_Subject) -> [{"Flags", [starl_debug_bounds:flag(""), starl_debug_bounds:drift()]}].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
 statuses() ->
@@ -49,7 +49,7 @@ subject(Word, Args) ->
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := File, values := #{sigma := Sigma, drift := Drift}}) ->
-    case starl_cli_sigma:read(Sigma) of
+    case starl_debug_bounds:read(Sigma) of
         {ok, _} when Sigma =:= none -> judged(starl_trace_judge:file(File), {File, none}, []);
         {ok, Us} -> judged(starl_trace_judge:file(File), {File, {Us, Drift}}, []);
         {error, Line} -> {error, [Line]}
@@ -79,7 +79,7 @@ by_clocks(File, #{violations := Violations}, {Sigma, Drift}) ->
     case starl_debug_recording:read([File], #{}) of
         {ok, Recording} ->
             judgements(
-                starl_cli_sigma:bounds(Sigma, Recording, Drift), Recording, Violations, Drift
+                starl_debug_bounds:bounds(Sigma, Recording, Drift), Recording, Violations, Drift
             );
         {error, Reason} ->
             {error, starl_debug_recording:format_error(Reason)}

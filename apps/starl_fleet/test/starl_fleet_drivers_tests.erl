@@ -1,5 +1,5 @@
 %% The user's own chassis of a fleet file and of a scenario.
--module(starl_cli_own_chassis_tests).
+-module(starl_fleet_drivers_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 -define(FLEET(Robots),
@@ -67,7 +67,7 @@ in_dir(Text) ->
      || Name <- ["two_wheels.erl", "two_wheels_robot.erl"]
     ],
     ok = file:write_file(File, Text),
-    Answer = starl_cli_fleet:read(File),
+    Answer = starl_fleet_named:read(File),
     ok = file:del_dir_r(Dir),
     _ = [code:purge(M) || M <- [two_wheels, two_wheels_robot], code:delete(M)],
     case Answer of
@@ -89,7 +89,7 @@ root(Dir) ->
 
 %% A choice of a command line and its text.
 choice_test_() ->
-    {chassis, Type, _, _} = starl_sim_chassis:option(),
+    {chassis, Type, _, _} = starl_chassis_choice:option(),
     [
         ?_assertEqual(Value, starl_options:parse(Type, Text))
      || {Text, Value} <- [
@@ -105,6 +105,6 @@ choice_test_() ->
     ].
 
 in_turn_test() ->
-    ?assertEqual([<<"exec:./b">>], starl_sim_chassis:in_turn(<<"exec:./b">>)),
-    ?assertEqual(["exec:./b"], starl_sim_chassis:in_turn("exec:./b")),
-    ?assertEqual(["exec:./b", create], starl_sim_chassis:in_turn(["exec:./b", create])).
+    ?assertEqual([<<"exec:./b">>], starl_chassis_choice:in_turn(<<"exec:./b">>)),
+    ?assertEqual(["exec:./b"], starl_chassis_choice:in_turn("exec:./b")),
+    ?assertEqual(["exec:./b", create], starl_chassis_choice:in_turn(["exec:./b", create])).

@@ -1,5 +1,5 @@
 %% @doc `./starl film': makes the film of a run, or its light painting.
--module(starl_cli_film).
+-module(starl_film_command).
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).

@@ -1,6 +1,6 @@
 %% @doc Reads the fleet file that a command names, with its application: a shipped one, or the Erlang
 %% source of the user's own, which is compiled.
--module(starl_cli_fleet).
+-module(starl_fleet_named).
 
 -export([read/1, robots/1]).
 

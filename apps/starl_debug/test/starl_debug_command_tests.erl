@@ -1,5 +1,5 @@
 %% What `debug', `judge --sigma' and `merge' say of recordings that are made here, bad ones among them.
--module(starl_cli_debug_tests).
+-module(starl_debug_command_tests).
 
 -include_lib("eunit/include/eunit.hrl").
 

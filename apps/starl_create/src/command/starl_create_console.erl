@@ -1,6 +1,6 @@
 %% @doc `./starl create': an emulated iRobot Create on a pty; the doctor of a Create; a Create driven
 %% by keys; and how long wheels turn after something has been killed.
--module(starl_cli_create).
+-module(starl_create_console).
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).

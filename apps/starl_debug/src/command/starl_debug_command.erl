@@ -1,6 +1,6 @@
 %% @doc `./starl debug': tells whether something was true at some moment of a recorded run, if its
 %% robots' clocks need not agree.
--module(starl_cli_debug).
+-module(starl_debug_command).
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
@@ -43,8 +43,8 @@ flags(_Subject) ->
     [
         {"Flags", [
             {predicate, string, none, "what may have been true, see above"},
-            starl_cli_sigma:flag(" (10ms)"),
-            starl_cli_sigma:drift(),
+            starl_debug_bounds:flag(" (10ms)"),
+            starl_debug_bounds:drift(),
             {from, {number, 0, 1.0e9}, none, "looks at the run from this second on"},
             {until, {number, 0, 1.0e9}, none, "looks at the run until this second"},
             {speed, {number, 1, 100000}, none,
@@ -86,7 +86,7 @@ run(#{values := #{predicate := none}}) ->
     ]};
 run(#{subject := Files, values := Values}) ->
     #{predicate := Text, sigma := Sigma} = Values,
-    case {starl_debug:predicate(Text), starl_cli_sigma:read(Sigma)} of
+    case {starl_debug:predicate(Text), starl_debug_bounds:read(Sigma)} of
         {{ok, Predicate}, {ok, Us}} -> read(Files, Predicate, Us, Values);
         {Parsed, Read} -> {error, wrong(Parsed, Text) ++ unread(Read)}
     end.
@@ -126,7 +126,7 @@ is_of_all(Predicate, #{robots := Here, missing := Missing} = Recording) ->
     Robots =/= [] andalso not lists:any(fun(R) -> lists:member(R, Missing) end, Robots).
 
 formula({ok, Formula}, Recording, Sigma, Values) ->
-    case starl_cli_sigma:bounds(Sigma, Recording, maps:get(drift, Values)) of
+    case starl_debug_bounds:bounds(Sigma, Recording, maps:get(drift, Values)) of
         {ok, Known} -> checked(Formula, Recording, options(Known, Recording, Values), Values);
         {error, Line} -> {error, [Line]}
     end;
@@ -179,7 +179,7 @@ told(Answer, Formula, Recording, Options, Values) ->
 
 head(#{app := App, robots := Robots, extent := {First, Last}, how := How}, #{sigma := Sigma}) ->
     io_lib:format("~ts: ~b robots, ~.1f s~ts; ~ts\n", [
-        App, length(Robots), (Last - First) / 1.0e6, told_by(How), starl_cli_sigma:words(Sigma)
+        App, length(Robots), (Last - First) / 1.0e6, told_by(How), starl_debug_bounds:words(Sigma)
     ]).
 
 told_by(exact) -> "";
@@ -282,15 +282,15 @@ share(#{parts := Parts, open := Open}) ->
 changes(#{smaller := Smaller, greater := Greater}) ->
     [
         [
-            ["with clocks within ", starl_cli_sigma:ms(Us), " it is ", word_of(V), "\n"]
+            ["with clocks within ", starl_debug_bounds:ms(Us), " it is ", word_of(V), "\n"]
          || {until, V, Us} <- [Smaller]
         ],
         [
-            ["with clocks off by ", starl_cli_sigma:ms(Us), " it is ", word_of(V), "\n"]
+            ["with clocks off by ", starl_debug_bounds:ms(Us), " it is ", word_of(V), "\n"]
          || {from, V, Us} <- [Greater]
         ],
         [
-            ["the same for clocks off by ", starl_cli_sigma:ms(Us), "\n"]
+            ["the same for clocks off by ", starl_debug_bounds:ms(Us), "\n"]
          || {not_until, Us} <- [Greater]
         ]
     ].

@@ -1,5 +1,5 @@
 %% What `histories' says of recordings that are made here.
--module(starl_cli_histories_tests).
+-module(starl_debug_histories_command_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 -define(PATIENCE_S, 60).

@@ -1,5 +1,5 @@
 %% @doc `./starl keys': makes the keys of a fleet of real robots.
--module(starl_cli_keys).
+-module(starl_fleet_keys_command).
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, subject/2, run/1]).
@@ -27,7 +27,7 @@ subject(File, Args) -> {ok, File, Args}.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := File}) ->
-    case starl_cli_fleet:read(File) of
+    case starl_fleet_named:read(File) of
         {ok, #{fleet := Fleet}} -> made(starl_fleet_keys:make(Fleet));
         {error, _} = Error -> Error
     end.

@@ -1,5 +1,5 @@
 %% @doc One line on how a real robot is.
--module(starl_cli_fleet_status).
+-module(starl_fleet_status).
 
 -export([line/3]).
 
