@@ -35,10 +35,8 @@ keys(Report) ->
     ].
 
 read(Json) ->
-    case starl_cli_json:codecs() of
-        [jsx | _] = [Codec | _] -> Codec:decode(iolist_to_binary(Json), [return_maps]);
-        [Codec | _] -> Codec:decode(iolist_to_binary(Json))
-    end.
+    {ok, Value} = starl_json:decode(iolist_to_binary(Json)),
+    Value.
 
 under(Key, [Object | _] = Objects) when is_map(Object) ->
     [binary_to_list(<<Key/binary, ".", K/binary>>) || O <- Objects, K <- maps:keys(O)];

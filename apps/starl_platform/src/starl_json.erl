@@ -1,45 +1,97 @@
-%% @doc JSON between StarL and programs: the rows of the window and its commands, the words of a body
-%% that is a program.
-%%
-%% Lists are arrays, maps are objects, binaries and atoms are texts, but `true', `false' and
-%% `null'. What is written has few numbers and short texts, so it is written here; what comes from
-%% outside is read by the library at hand, `jsx' or OTP's own `json' (OTP 27 and newer).
+%% @doc JSON: recordings, reports, the rows of the window and its commands, the words of a body that is a program.
+%% ```
+%%   1> iolist_to_binary(starl_json:encode(#{op => drive, legs => [1, 2.5]})).
+%%   <<"{\"legs\":[1,2.5],\"op\":\"drive\"}">>
+%%   2> starl_json:decode(<<"[true]">>).
+%%   {ok, [true]}
+%% '''
+%% What is written is written here, the same whatever library is at hand. What comes from
+%% outside is read by `jsx' or OTP's own `json' (OTP 27 and newer).
 -module(starl_json).
 
--export([encode/1, decode/1, codec/0]).
+-export([encode/1, encode/2, pretty/1, decode/1, codec/0]).
 
--export_type([value/0]).
+-export_type([value/0, key/0]).
 
--type value() :: number() | atom() | binary() | [value()] | #{atom() | binary() => value()}.
+-type value() ::
+    number()
+    | {float(), Decimals :: 0..15}
+    | atom()
+    | binary()
+    | [value()]
+    | #{key() => value()}
+    | {[{key(), value()}]}
+    | [{key(), value()}, ...]
+    | {json, iodata()}.
+%% Lists are arrays, binaries and atoms are texts, but `true', `false' and `null'. Objects are maps, which are
+%% written in the order of their keys, or pairs, which keep theirs: a list that is not empty and does
+%% not begin with a key `json', or any list in a tuple. A float may say its decimals; `json' is a text that is JSON already.
 
-%% @doc A value in one line.
+-type key() :: atom() | binary().
+
+-define(PLAIN(C), (C >= $\s andalso C =/= $" andalso C =/= $\\ andalso C < 16#7f)).
+
+%% @doc A value in one line; floats have as few digits as tell them apart.
 -spec encode(value()) -> iodata().
-encode(Number) when is_integer(Number) -> integer_to_binary(Number);
-encode(Number) when is_float(Number) -> float_to_binary(Number, [short]);
-encode(Text) when is_binary(Text) -> [$", escape(Text, Text), $"];
-encode(Word) when Word =:= true; Word =:= false; Word =:= null -> atom_to_binary(Word);
-encode(Word) when is_atom(Word) -> encode(atom_to_binary(Word));
-encode(List) when is_list(List) -> [$[, commas([encode(V) || V <- List]), $]];
-encode(Map) when is_map(Map) ->
-    [${, commas([[key(K), $:, encode(V)] || {K, V} <- lists:sort(maps:to_list(Map))]), $}].
+encode(Value) -> written(Value, [short]).
 
-commas(Parts) -> lists:join($,, Parts).
+%% @doc A value in one line; floats have at most so many decimals.
+-spec encode(value(), Decimals :: 0..15) -> iodata().
+encode(Value, Decimals) -> written(Value, [{decimals, Decimals}, compact]).
 
-key(Key) when is_atom(Key) -> encode(atom_to_binary(Key));
-key(Key) -> encode(Key).
+written(Number, _Floats) when is_integer(Number) -> integer_to_binary(Number);
+written(Number, Floats) when is_float(Number) -> float_to_binary(Number, Floats);
+written(Text, _Floats) when is_binary(Text) -> text(Text);
+written(Word, _Floats) when Word =:= true; Word =:= false; Word =:= null -> atom_to_binary(Word);
+written(Word, _Floats) when is_atom(Word) -> text(atom_to_binary(Word));
+written([{Key, _} | _] = Pairs, Floats) when is_binary(Key); is_atom(Key), Key =/= json ->
+    object(Pairs, Floats);
+written([], _Floats) ->
+    <<"[]">>;
+written([First | Others], Floats) ->
+    [$[, written(First, Floats), [[$,, written(Other, Floats)] || Other <- Others], $]];
+written(Map, Floats) when is_map(Map) -> object(lists:sort(maps:to_list(Map)), Floats);
+written({json, Text}, _Floats) ->
+    Text;
+written({Number, Decimals}, _Floats) ->
+    float_to_binary(Number, [{decimals, Decimals}, compact]);
+written({Pairs}, Floats) ->
+    object(Pairs, Floats).
 
-%% Most texts have nothing to escape.
-escape(<<C, Rest/binary>>, Whole) when C >= 32, C < 127, C =/= $", C =/= $\\ ->
-    escape(Rest, Whole);
-escape(<<>>, Whole) ->
-    Whole;
-escape(_, Whole) ->
-    [escaped(C) || C <- unicode:characters_to_list(Whole)].
+object([], _Floats) ->
+    <<"{}">>;
+object([First | Pairs], Floats) ->
+    [${, pair(First, Floats), [[$,, pair(Pair, Floats)] || Pair <- Pairs], $}].
 
-escaped($") -> <<"\\\"">>;
-escaped($\\) -> <<"\\\\">>;
-escaped(C) when C < 32; C =:= 127 -> io_lib:format("\\u~4.16.0b", [C]);
-escaped(C) -> <<C/utf8>>.
+pair({Key, Value}, Floats) when is_atom(Key) ->
+    [$", atom_to_binary(Key), $", $:, written(Value, Floats)];
+pair({Key, Value}, Floats) ->
+    [text(Key), $:, written(Value, Floats)].
+
+%% Most texts need no escape.
+text(Text) ->
+    case is_plain(Text) of
+        true -> [$", Text, $"];
+        false -> [$", escaped(Text), $"]
+    end.
+
+is_plain(<<A, B, C, D, Rest/binary>>) when ?PLAIN(A), ?PLAIN(B), ?PLAIN(C), ?PLAIN(D) ->
+    is_plain(Rest);
+is_plain(<<C, Rest/binary>>) when ?PLAIN(C) -> is_plain(Rest);
+is_plain(Rest) ->
+    Rest =:= <<>>.
+
+escaped(<<$", Rest/binary>>) -> [<<"\\\"">> | escaped(Rest)];
+escaped(<<$\\, Rest/binary>>) -> [<<"\\\\">> | escaped(Rest)];
+escaped(<<C/utf8, Rest/binary>>) when C >= $\s, C =/= 16#7f -> [<<C/utf8>> | escaped(Rest)];
+escaped(<<C, Rest/binary>>) -> [io_lib:format("\\u~4.16.0b", [C]) | escaped(Rest)];
+escaped(<<>>) -> [].
+
+%% @doc An object, one line per pair.
+-spec pretty([{atom(), value()}, ...]) -> iolist().
+pretty(Object) ->
+    Lines = [["  ", text(atom_to_binary(Key)), ": ", encode(Value)] || {Key, Value} <- Object],
+    ["{\n", lists:join(",\n", Lines), "\n}\n"].
 
 %% @doc Reads a text from outside; keys stay binaries.
 -spec decode(binary()) -> {ok, value()} | error.

@@ -23,6 +23,30 @@ read_back_test_() ->
 words_test() ->
     ?assertEqual(<<"[\"pen\",true,{\"a\":1}]">>, written([pen, true, #{a => 1}])).
 
+an_object_of_pairs_keeps_their_order_test_() ->
+    Pairs = [{b, 1}, {<<"a">>, []}, {c, [[{d, [1, 2]}]]}],
+    Text = <<"{\"b\":1,\"a\":[],\"c\":[{\"d\":[1,2]}]}">>,
+    [
+        ?_assertEqual(Text, written(Pairs)),
+        ?_assertEqual(Text, written({Pairs})),
+        ?_assertEqual(<<"{}">>, written({[]}))
+    ].
+
+a_float_has_the_decimals_that_are_asked_for_test() ->
+    Values = [{0.1234567, 2}, 0.1234567, 3.0, 4],
+    Text = iolist_to_binary(starl_json:encode(Values, 6)),
+    ?assertEqual(<<"[0.12,0.123457,3.0,4]">>, Text).
+
+what_is_json_already_stays_as_it_is_test() ->
+    ?assertEqual(<<"[[ ],1]">>, written([{json, <<"[ ]">>}, 1])).
+
+bytes_that_are_no_text_are_written_all_the_same_test() ->
+    ?assertEqual(<<"\"a\\u00ff\"">>, written(<<"a", 255>>)).
+
+a_pretty_object_has_a_line_for_each_pair_test() ->
+    Text = iolist_to_binary(starl_json:pretty([{a, 1}, {b, [{c, null}]}])),
+    ?assertEqual(<<"{\n  \"a\": 1,\n  \"b\": {\"c\":null}\n}\n">>, Text).
+
 %% No text from outside is more than an error.
 garbage_test_() ->
     [

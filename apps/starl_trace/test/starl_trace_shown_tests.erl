@@ -6,7 +6,7 @@ updates(Event) ->
     Message = {trace, 7000000, {2, app, Event}},
     {Updates, _} = starl_trace_shown:message(Message, starl_trace_shown:new(1)),
     [
-        {Channel, jsx:decode(iolist_to_binary(starl_trace_json:encode(Json)), [return_maps])}
+        {Channel, jsx:decode(iolist_to_binary(starl_json:encode(Json, 6)), [return_maps])}
      || {Channel, 7000000, Json} <- Updates
     ].
 

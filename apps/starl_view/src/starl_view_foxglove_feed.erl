@@ -32,6 +32,8 @@
 %% The session, whether a run goes on, and its end, if viewers may control its time.
 -type joined() :: {ok, session(), HasRun :: boolean(), UntilUs :: non_neg_integer() | none} | full.
 
+%% Millionths of a unit are enough for all that is shown.
+-define(DECIMALS, 6).
 -define(FRAMES_US, 50000).
 -define(MOST_VIEWERS, 50).
 -define(MOST_WAITING, 4 * 1024 * 1024).
@@ -67,7 +69,7 @@
     %% the latest of each key
     drawings = #{} :: #{
         {starl:robot_id(), starl_drawing:key()} =>
-            {drawings, AtUs :: integer(), starl_trace_json:json()}
+            {drawings, AtUs :: integer(), starl_json:value()}
     }
 }).
 
@@ -225,7 +227,7 @@ inked({_, _, Text} = Update, #feed{scene = Scene, ink = Ink} = Feed) when Ink < 
 inked(_Update, Feed) ->
     Feed.
 
-text(Json) -> iolist_to_binary(starl_trace_json:encode(Json)).
+text(Json) -> iolist_to_binary(starl_json:encode(Json, ?DECIMALS)).
 
 given(Update, #feed{viewers = Viewers, most = Most} = Feed) ->
     Feed#feed{viewers = maps:map(fun(_, V) -> given(Update, Most, V) end, Viewers)}.

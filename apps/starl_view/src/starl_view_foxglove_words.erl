@@ -34,6 +34,9 @@
     | {other, binary()}
     | garbage.
 
+%% Millionths of a unit are enough for all that is shown.
+-define(DECIMALS, 6).
+
 %% @doc The version that is spoken, of those that a viewer offers.
 -spec chosen([binary()]) -> {ok, binary()} | none.
 chosen(Offered) ->
@@ -102,7 +105,7 @@ status(Level, Text) ->
         {message, unicode:characters_to_binary(Text)}
     ]).
 
-json(Pairs) -> starl_trace_json:encode({Pairs}).
+json(Pairs) -> starl_json:encode({Pairs}, ?DECIMALS).
 
 %% @doc A message of a subscription.
 -spec message(id(), AtUs :: integer(), iodata()) -> iolist().

@@ -119,7 +119,8 @@ sees_the_run(Config) ->
     ],
     ?assert(length(Lines) > 1).
 
-has(Topic) -> not lists:member(Topic, [
+has(Topic) ->
+    not lists:member(Topic, [
         <<"/log">>, <<"/faults">>, <<"/verdicts">>, <<"/measures">>, <<"/drawings">>
     ]).
 
@@ -471,7 +472,7 @@ subscribe(Pairs, Socket) ->
 
 subscribes(Pairs, Socket) ->
     List = [{[{id, Id}, {channelId, Channel}]} || {Id, Channel} <- Pairs],
-    ?C:send(starl_trace_json:encode({[{op, <<"subscribe">>}, {subscriptions, List}]}), Socket).
+    ?C:send(starl_json:encode({[{op, <<"subscribe">>}, {subscriptions, List}]}), Socket).
 
 answered(Socket) ->
     case seen(Socket) of

@@ -84,7 +84,7 @@ make(#{monitors := Monitors, robots := Robots}, Ways, Beams) ->
 %% -- figures --------------------------------------------------------------------------------
 
 %% @doc The notes as figures of the report.
--spec figures(t()) -> [{atom(), starl_cli_json:value()}].
+-spec figures(t()) -> [{atom(), starl_json:value()}].
 figures(#notes{results = Results, reloads = Reloads} = Notes) ->
     [{reloads, [reload(Reload) || Reload <- Reloads]} || Reloads =/= []] ++
         far(Notes) ++

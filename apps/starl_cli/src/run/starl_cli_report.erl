@@ -19,7 +19,7 @@
 }.
 
 -record(report, {
-    fields :: [{atom(), starl_cli_json:value()}],
+    fields :: [{atom(), starl_json:value()}],
     ending :: starl_sim_run:ending(),
     app :: starl_scene:report(),
     running :: [starl:robot_id()],
@@ -173,11 +173,11 @@ whole(infinity) -> null;
 whole(Value) -> Value.
 
 %% @doc All figures, in their order.
--spec figures(t()) -> [{atom(), starl_cli_json:value()}].
+-spec figures(t()) -> [{atom(), starl_json:value()}].
 figures(#report{fields = Fields}) -> Fields.
 
 %% @doc One figure of the report.
--spec figure(atom(), t()) -> starl_cli_json:value().
+-spec figure(atom(), t()) -> starl_json:value().
 figure(Key, #report{fields = Fields}) -> proplists:get_value(Key, Fields, null).
 
 %% @doc Why the run ended.
@@ -204,7 +204,7 @@ judged(Report) -> figure(not_judged, Report) =:= null.
 
 %% @doc The report as JSON.
 -spec json(t()) -> iolist().
-json(#report{fields = Fields}) -> starl_cli_json:pretty(Fields).
+json(#report{fields = Fields}) -> starl_json:pretty(Fields).
 
 %% @doc The report as a text, one line per figure.
 -spec text(t()) -> unicode:chardata().

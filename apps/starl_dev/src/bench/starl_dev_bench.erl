@@ -93,7 +93,7 @@ can_write(File) ->
 measured(Kinds, #{out := File} = Options) ->
     ok = starl_cli_log:install(),
     Figures = [{Kind, bench(Kind, Options)} || Kind <- Kinds],
-    Text = starl_cli_json:pretty(machine() ++ Figures),
+    Text = starl_json:pretty(machine() ++ Figures),
     ok = starl_cli_out:sure(File, file:write_file(File, Text)),
     starl_cli_terminal:out(["\nfigures: ", File, "\n"]),
     case lists:all(fun sound/1, [Row || {_, Rows} <- Figures, Row <- Rows]) of

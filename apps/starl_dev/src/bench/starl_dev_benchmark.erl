@@ -10,7 +10,7 @@
 -type options() :: #{atom() => term()}.
 
 %% A row of the file. An optional `checks' tells whether the run passed its checks.
--type figures() :: [{atom(), starl_cli_json:value()}].
+-type figures() :: [{atom(), starl_json:value()}].
 
 -callback flags() -> [starl_cli_flags:flag()].
 %% The problems that prevent the measurement, one line each; checked before it begins.

@@ -11,7 +11,7 @@
 -define(ABOVE_MM, 5.0).
 
 %% @doc The change of the scene by a drawing of a robot.
--spec update(AtUs :: integer(), starl:robot_id(), starl_drawing:t()) -> starl_trace_json:json().
+-spec update(AtUs :: integer(), starl:robot_id(), starl_drawing:t()) -> starl_json:value().
 update(At, Robot, #{key := Key, points := []}) ->
     Deletion =
         {[{timestamp, starl_trace_scene:timestamp(At)}, {type, 0}, {id, name(Robot, Key)}]},

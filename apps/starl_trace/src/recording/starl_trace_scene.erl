@@ -40,11 +40,11 @@
 new() -> #scene{}.
 
 %% @doc The bodies of these robots, each in the frame of its robot.
--spec bodies(AtUs :: integer(), [starl:robot_id()]) -> starl_trace_json:json().
+-spec bodies(AtUs :: integer(), [starl:robot_id()]) -> starl_json:value().
 bodies(At, Robots) -> update([body(At, Robot) || Robot <- Robots]).
 
 %% @doc The walls and doors of a floor plan, and the names of its rooms, in the frame of the floor.
--spec plan(AtUs :: integer(), starl_floor:t()) -> starl_trace_json:json().
+-spec plan(AtUs :: integer(), starl_floor:t()) -> starl_json:value().
 plan(At, #{doors := Doors, rooms := Rooms} = Floor) ->
     Walls = wire(starl_floor:segments(Floor), {[{r, 0.5}, {g, 0.5}, {b, 0.5}, {a, 1}]}),
     Doorways = wire(Doors, {[{r, 0.75}, {g, 0.55}, {b, 0.25}, {a, 1}]}),
@@ -85,7 +85,7 @@ name(Name, {X, Y}) ->
     ]}.
 
 %% @doc Takes a trace event into account: the new ink, if any, in the frame of the floor.
--spec event(starl_monitor:trace_event(), t()) -> {[starl_trace_json:json()], t()}.
+-spec event(starl_monitor:trace_event(), t()) -> {[starl_json:value()], t()}.
 event({At, Robot, chassis, {motion, Piece}}, #scene{pieces = Pieces} = Scene) ->
     {Shown, Driven} = drawn(At, Robot, Scene),
     {Shown, Driven#scene{pieces = Pieces#{Robot => Piece}}};
@@ -202,9 +202,9 @@ ink(At, Robot, N, Points) ->
 
 %% @doc An entity that stands on the floor, with its shapes by their kinds; 0: it stays.
 -spec entity(AtUs :: integer(), Frame :: binary(), Id :: binary(), LifeUs, Shapes) ->
-    {[{atom(), starl_trace_json:json()}]}
+    {[{atom(), starl_json:value()}]}
 when
-    LifeUs :: non_neg_integer(), Shapes :: [{atom(), [starl_trace_json:json()]}].
+    LifeUs :: non_neg_integer(), Shapes :: [{atom(), [starl_json:value()]}].
 entity(At, Frame, Id, LifeUs, Shapes) -> entity(At, Frame, Id, false, LifeUs, Shapes).
 
 entity(At, Frame, Id, IsLocked, LifeUs, Shapes) ->
@@ -222,7 +222,7 @@ entity(At, Frame, Id, IsLocked, LifeUs, Shapes) ->
 
 %% @doc The frames of these robots, which stand on the floor.
 -spec transforms(AtUs :: integer(), [{starl:robot_id(), starl:pose()}]) ->
-    starl_trace_json:json().
+    starl_json:value().
 transforms(At, Poses) ->
     {[{transforms, [transform(At, Robot, Pose) || {Robot, Pose} <- Poses]}]}.
 
@@ -262,7 +262,7 @@ colour(Robot, Alpha) -> colour(Robot, own, Alpha).
 
 %% @doc The colour of a robot, or another, each part from 0 to 1.
 -spec colour(starl:robot_id(), own | {R, G, B}, Alpha :: float()) ->
-    {[{atom(), starl_trace_json:json()}]}
+    {[{atom(), starl_json:value()}]}
 when
     R :: float(), G :: float(), B :: float().
 colour(Robot, own, Alpha) ->
@@ -271,7 +271,7 @@ colour(_Robot, {R, G, B}, Alpha) ->
     {[{r, R}, {g, G}, {b, B}, {a, Alpha}]}.
 
 %% @doc A time as viewers expect it.
--spec timestamp(AtUs :: integer()) -> starl_trace_json:json().
+-spec timestamp(AtUs :: integer()) -> starl_json:value().
 timestamp(At) ->
     Us = max(0, At),
     {[{sec, Us div 1000000}, {nsec, Us rem 1000000 * 1000}]}.

@@ -27,7 +27,7 @@
 channels() ->
     Numbered = numbered(),
     Schemas = [
-        {schema, Id, Name, "jsonschema", starl_trace_json:encode(titled(Name, Schema))}
+        {schema, Id, Name, "jsonschema", starl_json:encode(titled(Name, Schema))}
      || {Id, _, _, Name, Schema} <- Numbered
     ],
     Schemas ++

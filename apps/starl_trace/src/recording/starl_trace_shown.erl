@@ -26,7 +26,7 @@
 
 %% What a channel shows at a time.
 -type update() ::
-    {starl_trace_schema:channel(), AtUs :: integer(), starl_trace_json:json()}.
+    {starl_trace_schema:channel(), AtUs :: integer(), starl_json:value()}.
 
 %% @doc Nothing has been shown; frames come at most once in such a period.
 -spec new(FramesUs :: pos_integer()) -> t().

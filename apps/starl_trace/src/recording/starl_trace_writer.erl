@@ -12,6 +12,8 @@
 
 -export_type([t/0]).
 
+%% Millionths of a unit are enough for all that is shown.
+-define(DECIMALS, 6).
 -define(CHUNK_US, 500000).
 -define(CHUNK_BYTES, 1048576).
 -define(CHUNK_MESSAGES, 20000).
@@ -152,7 +154,7 @@ added(Message, #writer{terms = Terms, count = Count} = Writer) ->
 
 shown({Updates, Shown}, Writer) ->
     Put = fun({Channel, At, Json}, W) ->
-        put_text(Channel, At, starl_trace_json:encode(Json), W)
+        put_text(Channel, At, starl_json:encode(Json, ?DECIMALS), W)
     end,
     lists:foldl(Put, Writer#writer{shown = Shown}, Updates).
 
