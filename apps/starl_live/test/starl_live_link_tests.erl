@@ -35,6 +35,9 @@ handle_event(info, {located, crash, _Seen}, up, _Test, _Meta) ->
 handle_event(info, {located, Tag, Seen}, up, Test, #{now := Now}) ->
     Test ! {located, Tag, Seen, Now},
     {keep_state, Test, []};
+handle_event(info, {felt, _, _} = Felt, up, Test, _Meta) ->
+    Test ! Felt,
+    keep_state_and_data;
 handle_event(info, {late, _} = Late, up, Test, _Meta) ->
     Test ! Late,
     keep_state_and_data;
@@ -47,6 +50,8 @@ done({wake, Us}) ->
     [{{timeout, wake}, Us, wake}];
 done({drive, Mark}) ->
     [{drive, ?SCRIPT, Mark}];
+done({feel, Kind, Tag}) ->
+    [{feel, Kind, Tag}];
 done({say, Mark, Until, Us}) ->
     [{until, Until, [{trace, {said, Mark}}], Mark}, {{timeout, wake}, Us, wake}];
 done({drive, Mark, Until}) ->
@@ -186,6 +191,29 @@ heard_until(What) ->
         Message when element(1, Message) =:= What -> [];
         Message -> [Message | heard_until(What)]
     end.
+
+%% Faults lie between the sense and whoever asked, for as long as they hold: for those of the chassis, too.
+a_fault_of_a_sense_lies_between_it_and_who_asked_test() ->
+    with_link(1, fun(Link, _Times) ->
+        Told = fun(Reading) ->
+            0 = took({feel, bump, tag}, Link),
+            receive
+                {'$gen_cast', {feel, bump, Mark}} -> Link ! {starl_felt, self(), Mark, Reading}
+            end,
+            receive
+                {felt, tag, Felt} -> Felt
+            end
+        end,
+        ?assertEqual({ok, left}, Told({ok, left})),
+        ok = starl_live_link:sense_faults(Link, #{bump => gone}),
+        ?assertEqual(none, Told({ok, left})),
+        ok = starl_live_link:sense_faults(Link, #{all => frozen}),
+        ?assertEqual({ok, left}, Told({ok, right})),
+        ?assertEqual(unknown, Told(unknown)),
+        ok = starl_live_link:sense_faults(Link, #{}),
+        ?assertEqual({ok, right}, Told({ok, right})),
+        ok
+    end).
 
 %% A script must begin half a second after the step that wants it, or by its own latest moment if that
 %% comes first: the chassis begins none later.

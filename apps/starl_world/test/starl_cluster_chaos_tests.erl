@@ -4,7 +4,7 @@
 -define(SPAN, {5_000_000, 45_000_000}).
 
 %% Two nodes are killed, the leader's first or second; one is halted; what is cut is mended, what freezes
-%% thaws; a disk that is full has room again.
+%% thaws; a disk that is full has room again; senses are well again.
 draw_test_() ->
     [{"seed " ++ integer_to_list(Seed), fun() -> drawn(Seed) end} || Seed <- lists:seq(1, 50)].
 
@@ -20,6 +20,9 @@ drawn(Seed) ->
     ?assertEqual([Frozen + 5_000_000], [At || {At, {thaw, R}} <- Acts, R =:= Robot]),
     [{Full, Filled}] = [{At, R} || {At, {fill, R}} <- Acts],
     ?assertEqual([Full + 5_000_000], [At || {At, {clear, R}} <- Acts, R =:= Filled]),
+    [{Spoilt, Who}, {Well, Who}] = [{At, R} || {At, {sense, R, all, _}} <- Acts],
+    ?assertEqual([Well], [At || {At, {sense, _, all, well}} <- Acts]),
+    ?assertEqual(Spoilt + 5_000_000, Well),
     [?assert(lists:member({At + 10_000_000, {mend, A, B}}, Acts)) || {At, {cut, A, B}} <- Acts],
     ?assert(lists:all(fun begins_in_time/1, Acts)).
 

@@ -14,6 +14,9 @@ parse_test_() ->
             {["cut", "1", "2"], {ok, {act, {cut, 1, 2}}}},
             {["fill", "1"], {ok, {act, {fill, 1}}}},
             {["unplug", "1"], {ok, {act, {unplug, 1}}}},
+            {["sense", "2", "camera", "frozen"], {ok, {act, {sense, 2, camera, frozen}}}},
+            {["sense", "2", "all", "noisy"], {ok, {act, {sense, 2, all, {noisy, 10}}}}},
+            {["sense", "2", "all", "well"], {ok, {act, {sense, 2, all, well}}}},
             {["reload", "lists"], {ok, {reload, lists}}},
             {["reload", "election"], {ok, {reload, starl_election}}},
             {["reload", "/tmp/mine.erl"], {ok, {reload, "/tmp/mine.erl"}}}
@@ -59,6 +62,22 @@ words_test_() ->
             "reload"
         ],
         N <- [starl_cluster_command:words(Word)]
+    ] ++ [?_assertEqual(3, starl_cluster_command:words("sense"))].
+
+senses_and_faults_are_named_test_() ->
+    [
+        ?_assertMatch(
+            {Words, {match, _}},
+            begin
+                {error, Why} = starl_cluster_command:parse(["sense" | Words]),
+                {Words, re:run(Why, Expected)}
+            end
+        )
+     || {Words, Expected} <- [
+            {["1", "nose", "gone"], "no sense nose; there are all, bump"},
+            {["1", "bump", "odd"], "can be well, gone, frozen, noisy, wrong, not odd"},
+            {["x", "bump", "gone"], "a robot by its number"}
+        ]
     ].
 
 described_test() ->

@@ -23,6 +23,21 @@ undone_test_() ->
         ]
     ] ++ [?_assertEqual(?M:new(), done([{kill, 2}]))].
 
+%% Each sense has its fault, of which the latest holds; nodes are told of it, and a heal ends all.
+senses_test() ->
+    Acts = [
+        {sense, 2, camera, gone},
+        {sense, 2, camera, frozen},
+        {sense, 2, bump, wrong},
+        {sense, 1, all, gone}
+    ],
+    Held = done(Acts),
+    ?assertEqual(#{camera => frozen, bump => wrong}, ?M:senses(2, Held)),
+    ?assertEqual([{1, all, gone}, {2, bump, wrong}, {2, camera, frozen}], ?M:senses(Held)),
+    ?assertEqual(#{bump => wrong}, ?M:senses(2, ?M:done({sense, 2, camera, well}, Held))),
+    ?assertEqual([], ?M:senses(?M:healed(Held))),
+    ?assertEqual([2], ?M:links(hd(Acts))).
+
 %% A store is lost, or set back, once: when its node starts. One that was lost before that stays lost, and
 %% no heal brings one back.
 stores_test() ->

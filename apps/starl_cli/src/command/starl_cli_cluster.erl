@@ -38,8 +38,10 @@ about(none) ->
             {"cluster fill N",
                 "the disk of robot N is full: its store and recording cannot be written"},
             {"cluster unplug N", "the cable of robot N's Create is pulled"},
+            {"cluster sense N SENSE HOW",
+                "a sense of robot N, or all, is gone, frozen, noisy, wrong, or well again"},
             {"cluster heal",
-                "undoes all cuts, freezes and pauses, clears the disks, puts all cables back"},
+                "undoes all cuts, freezes, pauses and faults of senses, clears the disks, puts all cables back"},
             {"cluster reload CODE",
                 "new code for all robots: an application, FILE.erl or a module; what fails within 5 s "
                 "is rolled back everywhere"},
@@ -73,7 +75,8 @@ own() ->
             "robot N serves http://127.0.0.1:PORT/metrics for Prometheus, PORT being this plus N"},
         {chaos, switch, false,
             "kills two nodes, the leader's among them, halts one, cuts a link, freezes the positions "
-            "of a robot and fills the disk of one for a while, at times drawn from the seed"},
+            "of a robot, fills the disk of one and takes or spoils the senses of one for a while, at "
+            "times drawn from the seed"},
         {unplug, {integer, 0, 1000}, 0,
             "pulls the cable of a Create and puts it back a second later, so many times, every 4 s; "
             "that of a Create 2, which would drive on, when it stands"},

@@ -237,7 +237,7 @@ hear({starl_chassis, Chassis, sensed, Sense}, #body{chassis = Chassis}) ->
     [{app, info, {sensed, Sense}}];
 hear({starl_chassis, Chassis, {Name, Mark}, Answer}, #body{chassis = Chassis}) ->
     said(Name, Mark, Answer);
-hear({starl_felt, From, {Name, Tag}, Felt}, #body{chassis = Chassis, senses = Senses}) ->
+hear({starl_felt, From, {Name, _Kind, Tag}, Felt}, #body{chassis = Chassis, senses = Senses}) ->
     case lists:member(From, [Chassis | maps:values(Senses)]) of
         true -> [{Name, info, {felt, Tag, Felt}}];
         false -> unknown
@@ -275,7 +275,7 @@ perform({sense, {near, _Mm}, Tag}, Name, #body{participants = Team} = Body) ->
 perform({sense, Robots, Tag}, Name, Body) ->
     {[], out({sense, {Name, Tag}, Robots}, Body)};
 perform({feel, Kind, Tag}, Name, Body) ->
-    {[], out({feel, Kind, {Name, Tag}}, Body)};
+    {[], out({feel, Kind, {Name, Kind, Tag}}, Body)};
 perform({drive, Script, Mark}, Name, #body{now = Now} = Body) ->
     {[], out({drive, Script, Now + ?LATEST_US, {Name, Mark}}, Body)};
 perform({actuate, Device, Value}, _Name, Body) ->

@@ -15,7 +15,9 @@
 -module(starl_live_link).
 -behaviour(gen_server).
 
--export([start_link/1, inspect/1, figures/1, metrics/1, line/2, reload/3, take_back/3]).
+-export([
+    start_link/1, inspect/1, figures/1, metrics/1, line/2, reload/3, take_back/3, sense_faults/2
+]).
 -export([processes/1, at_work/1]).
 -export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
 
@@ -86,6 +88,7 @@
     id :: starl:robot_id(),
     clock :: starl_live_clock:t(),
     robot :: starl_robot:t(),
+    senses :: starl_live_sense_fault:t(),
     tree :: starl_robot_tree:t(),
     %% the supervisor of the machines' processes
     machines_sup :: pid() | none,
@@ -124,6 +127,10 @@ line(Link, Line) -> gen_server:call(Link, {line, Line}).
 %% heeds it: `{starl_reloaded, Robot, Machine, Told}' ({@link starl_reload:told()}).
 -spec reload(pid(), starl_reload:order(), pid()) -> ok.
 reload(Link, Order, Reporter) -> gen_server:cast(Link, {reload, Order, Reporter}).
+
+%% @doc From now on the robot's senses have these faults, and no others.
+-spec sense_faults(pid(), starl_live_sense_fault:faults()) -> ok.
+sense_faults(Link, Faults) -> gen_server:cast(Link, {sense_faults, Faults}).
 
 %% @doc The reload of this number has failed on that robot: this one goes back.
 -spec take_back(pid(), starl_reload:count(), Failed :: starl:robot_id()) -> ok.
@@ -240,6 +247,7 @@ launched(#{robot := Id, clock := Clock} = Spec, Body, Processes, Machines) ->
         id = Id,
         clock = Clock,
         robot = Robot,
+        senses = starl_live_sense_fault:new(Id),
         tree = Processes,
         machines_sup = starl_robot_tree:supervisor(Processes)
     },
@@ -277,9 +285,14 @@ gauges(#link{waiting = Waiting, beside = Beside} = Link) ->
     ].
 
 -spec handle_cast(term(), #link{}) -> {noreply, #link{}}.
-handle_cast({reload, _Order, _Reporter} = Reload, Link) -> {noreply, waits(Reload, Link)};
-handle_cast({take_back, _N, _Failed} = Back, Link) -> {noreply, waits(Back, Link)};
-handle_cast(_Request, Link) -> {noreply, Link}.
+handle_cast({reload, _Order, _Reporter} = Reload, Link) ->
+    {noreply, waits(Reload, Link)};
+handle_cast({take_back, _N, _Failed} = Back, Link) ->
+    {noreply, waits(Back, Link)};
+handle_cast({sense_faults, Faults}, #link{senses = Senses} = Link) ->
+    {noreply, Link#link{senses = starl_live_sense_fault:set(Faults, Senses)}};
+handle_cast(_Request, Link) ->
+    {noreply, Link}.
 
 -spec handle_info(term(), #link{}) -> {noreply, #link{}} | {stop, term(), #link{}}.
 handle_info({starl_done, _, Pid, Actions}, #link{beside = Beside} = Link) when
@@ -311,7 +324,13 @@ handle_info(watch, #link{clock = Clock} = Link) ->
     {noreply, watch(long_steps(Link))};
 handle_info({starl_late, {Name, Mark}}, #link{robot = Robot} = Link) ->
     {noreply, go_on(Link#link{robot = starl_robot:first([{Name, info, {late, Mark}}], Robot)})};
-handle_info(Message, #link{robot = Robot} = Link) ->
+handle_info({starl_felt, From, {_, Kind, _} = Mark, Said}, #link{senses = Senses} = Link) ->
+    {Felt, Next} = starl_live_sense_fault:felt(Kind, Said, Senses),
+    line_says({starl_felt, From, Mark, Felt}, Link#link{senses = Next});
+handle_info(Message, Link) ->
+    line_says(Message, Link).
+
+line_says(Message, #link{robot = Robot} = Link) ->
     case starl_live_body:hear(Message, starl_robot:world(Robot)) of
         unknown -> {noreply, Link};
         Events -> {noreply, heard(Events, Link)}

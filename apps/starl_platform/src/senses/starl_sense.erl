@@ -10,7 +10,16 @@
 -module(starl_sense).
 
 -export([
-    kinds/0, is_kind/1, profiles/1, read/3, noisy/3, guess/3, is_reading/3, normal/2, bearing/2
+    kinds/0,
+    is_kind/1,
+    profiles/1,
+    read/3,
+    noisy/3,
+    blurred/4,
+    guess/3,
+    is_reading/3,
+    normal/2,
+    bearing/2
 ]).
 
 -export_type([kind/0, profile/0, profiles/0, view/0, thing/0, draw/0]).
@@ -50,6 +59,8 @@
 %% The keys of the profile that are errors: noise multiplies them.
 -callback errors() -> [atom()].
 -callback read(view(), profile()) -> Reading :: term().
+%% A reading with further errors, those of the profile.
+-callback blurred(Reading :: term(), draw(), profile()) -> Reading :: term().
 %% A reading that has nothing to do with the world: of a sense that is wrong.
 -callback guess(draw(), profile()) -> Reading :: term().
 %% May the sense say this?
@@ -117,6 +128,11 @@ noisy(Kind, Times, Profiles) ->
 %% Parts are missed and invented.
 larger(Key, Part, Times) when Key =:= missed; Key =:= invented -> min(0.9, Part * Times);
 larger(_Key, Error, Times) -> Error * Times.
+
+%% @doc A reading of a sense with further errors, those of its profile.
+-spec blurred(kind(), Reading :: term(), draw(), profiles()) -> term().
+blurred(Kind, Reading, Draw, Profiles) ->
+    (module(Kind)):blurred(Reading, Draw, maps:get(Kind, Profiles)).
 
 %% @doc A reading of a sense that is wrong.
 -spec guess(kind(), draw(), profiles()) -> term().

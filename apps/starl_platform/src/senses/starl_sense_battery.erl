@@ -3,7 +3,7 @@
 -module(starl_sense_battery).
 -behaviour(starl_sense).
 
--export([profile/0, errors/0, read/2, guess/2, is_reading/2]).
+-export([profile/0, errors/0, read/2, blurred/3, guess/2, is_reading/2]).
 
 %% It lasts so many seconds at rest, or so many millimetres of driving; `noise' is the standard
 %% deviation.
@@ -18,6 +18,11 @@ read(#{now_us := Now, driven_mm := Driven, draw := Draw}, Profile) ->
     #{rests_s := Rests, drives_mm := Drives, noise := Noise} = Profile,
     Left = 1.0 - Now / 1.0e6 / max(1, Rests) - Driven / max(1, Drives),
     max(0.0, min(1.0, max(0.0, Left) + Noise * starl_sense:normal(battery, Draw))).
+
+%% @doc A reading with more noise.
+-spec blurred(float(), starl_sense:draw(), starl_sense:profile()) -> float().
+blurred(Part, Draw, #{noise := Noise}) ->
+    max(0.0, min(1.0, Part + Noise * starl_sense:normal(battery, Draw))).
 
 -spec guess(starl_sense:draw(), starl_sense:profile()) -> float().
 guess(Draw, _Profile) -> Draw(guess).

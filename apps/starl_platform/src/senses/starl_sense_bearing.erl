@@ -3,7 +3,7 @@
 -module(starl_sense_bearing).
 -behaviour(starl_sense).
 
--export([profile/0, errors/0, read/2, guess/2, is_reading/2]).
+-export([profile/0, errors/0, read/2, blurred/3, guess/2, is_reading/2]).
 
 %% `most_mm': how far it sees, all around. `noise' (rad) and the part `noise_part' of the distance
 %% are standard deviations; `missed': the part of the robots that it overlooks.
@@ -38,6 +38,14 @@ one(Robot, Mm, Bearing, Draw, #{noise := Noise, noise_part := Part, most_mm := M
         bearing => starl_geometry:normalise(Bearing + Off),
         mm => max(0.0, min(float(Most), Far))
     }.
+
+%% @doc Robots that are missed, or seen elsewhere.
+-spec blurred([map()], starl_sense:draw(), starl_sense:profile()) -> [map()].
+blurred(Seen, Draw, #{missed := Missed} = Profile) ->
+    [
+        one(Robot, Mm, Bearing, Draw, Profile)
+     || #{robot := Robot, mm := Mm, bearing := Bearing} <- Seen, Draw({missed, Robot}) >= Missed
+    ].
 
 -spec guess(starl_sense:draw(), starl_sense:profile()) -> [map()].
 guess(Draw, #{most_mm := Most}) ->

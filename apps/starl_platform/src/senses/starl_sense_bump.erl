@@ -3,7 +3,7 @@
 -module(starl_sense_bump).
 -behaviour(starl_sense).
 
--export([profile/0, errors/0, read/2, guess/2, is_reading/2]).
+-export([profile/0, errors/0, read/2, blurred/3, guess/2, is_reading/2]).
 -export([side/2]).
 
 %% `middle': both switches close within this bearing (rad); `touch_mm': so near is touching;
@@ -51,6 +51,15 @@ side(Bearing, Middle) ->
         abs(Bearing) > 1.5707963267948966 -> behind;
         Bearing > 0 -> left;
         true -> right
+    end.
+
+%% @doc A touch that is missed.
+-spec blurred(Side, starl_sense:draw(), starl_sense:profile()) -> Side when
+    Side :: none | left | right | both.
+blurred(Side, Draw, #{missed := Missed}) ->
+    case Draw(missed) < Missed of
+        true -> none;
+        false -> Side
     end.
 
 -spec guess(starl_sense:draw(), starl_sense:profile()) -> none | left | right | both.

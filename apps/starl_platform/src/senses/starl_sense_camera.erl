@@ -5,7 +5,7 @@
 -module(starl_sense_camera).
 -behaviour(starl_sense).
 
--export([profile/0, errors/0, read/2, guess/2, is_reading/2]).
+-export([profile/0, errors/0, read/2, blurred/3, guess/2, is_reading/2]).
 
 %% `field': the angle of view (rad); `most_mm': how far a thing is seen; `ball_mm': the radius of
 %% the ball that a distance is told for. `noise' (rad) and the part `noise_part' of the distance are
@@ -34,7 +34,7 @@ read(#{things := Things, draw := Draw} = View, #{invented := Invented} = Profile
         Blob <- blob(N, Thing, View, Profile)
     ],
     False = [One || Draw(invented) < Invented, One <- guess(Draw, Profile)],
-    lists:sort(fun(#{bearing := A}, #{bearing := B}) -> A >= B end, Seen ++ False).
+    from_the_left(Seen ++ False).
 
 blob(N, #{at := At, colour := Colour} = Thing, #{pose := {X, Y, _} = Pose} = View, Profile) ->
     #{walls := Walls, bodies := Bodies, draw := Draw} = View,
@@ -62,6 +62,18 @@ seen(Colour, Bearing, Size0, N, Draw, #{noise := Noise, noise_part := Part} = Pr
 made(Colour, Bearing, Size, #{ball_mm := Ball, most_mm := Most}) ->
     Mm = Ball / math:tan(min(1.5, Size / 2)),
     #{colour => Colour, bearing => Bearing, size => Size, mm => min(float(Most), Mm)}.
+
+%% @doc Things that are missed, invented, or seen elsewhere.
+-spec blurred([map()], starl_sense:draw(), starl_sense:profile()) -> [map()].
+blurred(Blobs, Draw, #{missed := Missed, invented := Invented} = Profile) ->
+    Seen = [
+        maps:merge(Blob, seen(Colour, Bearing, Size, N, Draw, Profile))
+     || {N, #{colour := Colour, bearing := Bearing, size := Size} = Blob} <- lists:enumerate(Blobs),
+        Draw({missed, N}) >= Missed
+    ],
+    from_the_left(Seen ++ [One || Draw(invented) < Invented, One <- guess(Draw, Profile)]).
+
+from_the_left(Blobs) -> lists:sort(fun(#{bearing := A}, #{bearing := B}) -> A >= B end, Blobs).
 
 %% A false blob has the colour of no thing in particular.
 -spec guess(starl_sense:draw(), starl_sense:profile()) -> [map()].

@@ -3,7 +3,7 @@
 -module(starl_sense_light).
 -behaviour(starl_sense).
 
--export([profile/0, errors/0, read/2, guess/2, is_reading/2]).
+-export([profile/0, errors/0, read/2, blurred/3, guess/2, is_reading/2]).
 
 %% `most': the brightest that it tells; `noise': the standard deviation, as a part of the reading.
 -spec profile() -> starl_sense:profile().
@@ -22,6 +22,11 @@ read(
         math:exp(-starl_geometry:distance({X, Y}, At) / Mm)
      || #{at := At, lamp_mm := Mm} <- Things, starl_sight:is_clear({X, Y}, At, Discs, Walls)
     ]),
+    max(0.0, min(float(Most), Light * (1.0 + Noise * starl_sense:normal(light, Draw)))).
+
+%% @doc A reading with more noise.
+-spec blurred(float(), starl_sense:draw(), starl_sense:profile()) -> float().
+blurred(Light, Draw, #{most := Most, noise := Noise}) ->
     max(0.0, min(float(Most), Light * (1.0 + Noise * starl_sense:normal(light, Draw)))).
 
 -spec guess(starl_sense:draw(), starl_sense:profile()) -> float().

@@ -4,7 +4,7 @@
 -module(starl_sense_range).
 -behaviour(starl_sense).
 
--export([profile/0, errors/0, read/2, guess/2, is_reading/2]).
+-export([profile/0, errors/0, read/2, blurred/3, guess/2, is_reading/2]).
 
 %% `beams' spread evenly over `field' (rad), up to `most_mm'. `noise_mm' and the part `noise' of the
 %% distance are standard deviations; `missed': the part of the beams without an echo; `invented':
@@ -58,6 +58,12 @@ blurred(Mm, N, Draw, #{noise_mm := Error, noise := Part, most_mm := Most}) ->
         Seen when Seen > Most -> none;
         Seen -> max(0.0, Seen)
     end.
+
+%% @doc Beams that are missed, end too early, or err.
+-spec blurred(Beams, starl_sense:draw(), starl_sense:profile()) -> Beams when
+    Beams :: [{float(), float() | none}].
+blurred(Beams, Draw, Profile) ->
+    [{Bearing, echo(Mm, N, Draw, Profile)} || {N, {Bearing, Mm}} <- lists:enumerate(Beams)].
 
 -spec guess(starl_sense:draw(), starl_sense:profile()) -> [{float(), float()}].
 guess(Draw, #{most_mm := Most} = Profile) ->

@@ -27,6 +27,7 @@
     freeze/2,
     fill/2,
     unplug/2,
+    sense/4,
     heal/1,
     stop/1,
     finish/1
@@ -173,6 +174,13 @@ fill(Cluster, Robot) -> act({fill, Robot}, Cluster).
 %% @doc Pulls the cable of a robot's Create.
 -spec unplug(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
 unplug(Cluster, Robot) -> act({unplug, Robot}, Cluster).
+
+%% @doc A sense of a robot, or all of them, has a fault from now on; `well': no more.
+-spec sense(
+    t(), starl:robot_id(), starl_sense:kind() | all, starl_live_sense_fault:fault() | well
+) ->
+    ok | {error, unicode:chardata()}.
+sense(Cluster, Robot, Sense, Fault) -> act({sense, Robot, Sense, Fault}, Cluster).
 
 act(Act, #cluster{server = Server}) -> gen_server:call(Server, {act, Act}, ?CALL_MS).
 

@@ -2,7 +2,7 @@
 %%
 %% Of a team of five two nodes are killed, that of the leader among them; one is halted for a second or
 %% two; a link is cut for ten seconds; one robot's positions freeze for five; the disk of one is full for
-%% five. All within the first part of the run.
+%% five; the senses of one have a fault for five. All within the first part of the run.
 -module(starl_cluster_chaos).
 
 -export([draw/3, cables/3, halts/3, stores/3, full_disks/3, targets/2]).
@@ -20,13 +20,15 @@
     | {freeze, robot()}
     | {thaw, robot()}
     | {fill, robot()}
-    | {clear, robot()}.
+    | {clear, robot()}
+    | {sense, robot(), all, starl_live_sense_fault:fault() | well}.
 
 -type robot() :: starl:robot_id() | leader.
 
 -define(CUT_US, 10000000).
 -define(FREEZE_US, 5000000).
 -define(FULL_US, 5000000).
+-define(SENSE_US, 5000000).
 %% The time without a cable, and from one pull to the next.
 -define(UNPLUGGED_US, 1000000).
 -define(PULL_US, 4000000).
@@ -47,12 +49,16 @@ draw(Seed, Robots, {From, To}) ->
     {E, Random3} = one_of(Robots, Random2),
     {Halt, Random4} = drawn_halt(E, Random3),
     {T6, Random5} = between(From, To, Random4),
-    {F, _} = one_of(Robots, Random5),
+    {F, Random6} = one_of(Robots, Random5),
+    {T7, Random7} = between(From, To, Random6),
+    {G, Random8} = one_of(Robots, Random7),
+    {{_, Fault}, _} = one_of(starl_live_sense_fault:known(), Random8),
     lists:sort(
         [{T5, Halt}, {T1, {kill, leader}}, {T2, {kill, A}}] ++
             lists:append([[{T3, {cut, B, C}}, {T3 + ?CUT_US, {mend, B, C}}] || B =/= C]) ++
             [{T4, {freeze, D}}, {T4 + ?FREEZE_US, {thaw, D}}] ++
-            full({T6, F})
+            full({T6, F}) ++
+            [{T7, {sense, G, all, Fault}}, {T7 + ?SENSE_US, {sense, G, all, well}}]
     ).
 
 %% @doc So many pulled cables, one after the other, of robots that are drawn; each is put back a second

@@ -20,6 +20,7 @@
     {"freeze", 1},
     {"fill", 1},
     {"unplug", 1},
+    {"sense", 3},
     {"heal", 0},
     {"stop", 0},
     {"reload", 1}
@@ -36,6 +37,7 @@ parse(["stop"]) -> {ok, stop};
 parse(["heal"]) -> {ok, heal};
 parse(["reload", What]) -> {ok, {reload, source(What)}};
 parse(["pause" | Words]) -> pause(Words);
+parse(["sense" | Words]) -> sense(Words);
 parse([Word | Robots]) -> act(Word, [string:to_integer(Robot) || Robot <- Robots]);
 parse([]) -> {error, "a command expected, as cluster status"}.
 
@@ -46,6 +48,28 @@ pause([Robot, Seconds]) ->
     end;
 pause(_) ->
     {error, "pause: a robot by its number and seconds, as in pause 3 1.5"}.
+
+sense([Robot, Sense, How]) ->
+    Senses = [{atom_to_list(Kind), Kind} || Kind <- [all | [K || {K, _} <- starl_sense:kinds()]]],
+    Faults = [{"well", well} | starl_live_sense_fault:known()],
+    case
+        {string:to_integer(Robot), lists:keyfind(Sense, 1, Senses), lists:keyfind(How, 1, Faults)}
+    of
+        {{Id, []}, {_, Kind}, {_, Fault}} when is_integer(Id) ->
+            {ok, {act, {sense, Id, Kind, Fault}}};
+        {{Id, []}, false, _} when is_integer(Id) ->
+            wrong_sense(["there is no sense ", Sense, "; there are ", words_of(Senses)]);
+        {{Id, []}, _, false} when is_integer(Id) ->
+            wrong_sense(["a sense can be ", words_of(Faults), ", not ", How]);
+        _ ->
+            sense([])
+    end;
+sense(_) ->
+    wrong_sense("a robot by its number, a sense, and what it is, as in sense 2 camera frozen").
+
+wrong_sense(Why) -> {error, ["sense: ", Why]}.
+
+words_of(Known) -> lists:join(", ", [Word || {Word, _} <- Known]).
 
 number(Text) ->
     case {string:to_float(Text), string:to_integer(Text)} of

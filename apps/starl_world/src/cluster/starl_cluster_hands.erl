@@ -3,7 +3,7 @@
 -module(starl_cluster_hands).
 
 -export([new/0, healed/1, robots/1, links/1, done/2, cuts/1, deaf/2, frozen/1, full/1]).
--export([unplugged/1, store/2]).
+-export([unplugged/1, store/2, senses/1, senses/2]).
 
 -export_type([t/0, act/0, fate/0]).
 
@@ -23,7 +23,8 @@
         starl:robot_id()
     }
     | {pause | pause_at_work, starl:robot_id(), Seconds :: number()}
-    | {cut | mend, starl:robot_id(), starl:robot_id()}.
+    | {cut | mend, starl:robot_id(), starl:robot_id()}
+    | {sense, starl:robot_id(), starl_sense:kind() | all, starl_live_sense_fault:fault() | well}.
 
 %% What becomes of a robot's store before its node starts.
 -type fate() :: kept | lost | set_back.
@@ -34,6 +35,9 @@
     frozen = [] :: [starl:robot_id()],
     full = [] :: [starl:robot_id()],
     unplugged = [] :: [starl:robot_id()],
+    senses = #{} :: #{
+        {starl:robot_id(), starl_sense:kind() | all} => starl_live_sense_fault:fault()
+    },
     stores = #{} :: #{starl:robot_id() => fate()}
 }).
 
@@ -51,12 +55,19 @@ healed(#hands{stores = Stores}) -> #hands{stores = Stores}.
 -spec robots(act()) -> [starl:robot_id(), ...].
 robots({_What, Robot}) -> [Robot];
 robots({Pause, Robot, _Seconds}) when Pause =:= pause; Pause =:= pause_at_work -> [Robot];
+robots({sense, Robot, _Sense, _Fault}) -> [Robot];
 robots({_What, A, B}) -> [A, B].
 
-%% @doc The robots that hear others after an act than before.
+%% @doc The robots whose nodes have to be told of an act: they hear others than before, or sense otherwise.
 -spec links(act()) -> [starl:robot_id()].
 links({CutOrMend, A, B}) when CutOrMend =:= cut; CutOrMend =:= mend -> [A, B];
+links({sense, Robot, _Sense, _Fault}) -> [Robot];
 links(_Act) -> [].
+
+%% @doc The faults of a robot's senses.
+-spec senses(starl:robot_id(), t()) -> starl_live_sense_fault:faults().
+senses(Robot, #hands{senses = Senses}) ->
+    maps:from_list([{S, F} || {{R, S}, F} <- maps:to_list(Senses), R =:= Robot]).
 
 %% @doc What holds after an act. A kill holds nothing: the node is started anew. Of a store that is lost
 %% and set back at once nothing is left.
@@ -67,6 +78,10 @@ done({lose_store, R}, #hands{stores = Stores} = Hands) ->
     Hands#hands{stores = Stores#{R => lost}};
 done({set_back, R}, #hands{stores = Stores} = Hands) ->
     Hands#hands{stores = maps:merge(#{R => set_back}, Stores)};
+done({sense, R, Sense, well}, #hands{senses = Senses} = Hands) ->
+    Hands#hands{senses = maps:remove({R, Sense}, Senses)};
+done({sense, R, Sense, Fault}, #hands{senses = Senses} = Hands) ->
+    Hands#hands{senses = Senses#{{R, Sense} => Fault}};
 done({cut, A, B}, #hands{cuts = Cuts} = Hands) ->
     Hands#hands{cuts = lists:usort(both(A, B) ++ Cuts)};
 done({mend, A, B}, #hands{cuts = Cuts} = Hands) ->
@@ -107,6 +122,11 @@ full(#hands{full = Full}) -> Full.
 %% @doc The robots whose cables are out.
 -spec unplugged(t()) -> [starl:robot_id()].
 unplugged(#hands{unplugged = Unplugged}) -> Unplugged.
+
+%% @doc The faults of all robots' senses.
+-spec senses(t()) ->
+    [{starl:robot_id(), starl_sense:kind() | all, starl_live_sense_fault:fault()}].
+senses(#hands{senses = Senses}) -> [{R, S, F} || {{R, S}, F} <- lists:sort(maps:to_list(Senses))].
 
 %% @doc What becomes of the store of a robot whose node starts now; what holds then.
 -spec store(starl:robot_id(), t()) -> {fate(), t()}.

@@ -3,7 +3,7 @@
 %% it goes on or ends: {@link starl_cluster_calls} makes them.
 -module(starl_cluster_node).
 
--export([ready/4, open/3, load/2, set_air/2, peers/1, close/1, answers/2]).
+-export([ready/4, open/4, load/2, set_air/2, set_senses/2, peers/1, close/1, answers/2]).
 -export([ends_with_robot/0]).
 
 %% What a robot may run.
@@ -41,13 +41,16 @@ end_with_robot() ->
         {'DOWN', Monitor, process, _, _} -> halt(1)
     end.
 
-%% @doc Opens the robot, with these settings of its air, and gives its link when it has begun.
--spec open(node(), starl_live_robot:spec(), starl_live_air:settings()) ->
+%% @doc Opens the robot, with these settings of its air and faults of its senses, and gives its link when it has begun.
+-spec open(
+    node(), starl_live_robot:spec(), starl_live_air:settings(), starl_live_sense_fault:faults()
+) ->
     {ok, [Link :: pid()]} | {error, unicode:chardata()}.
-open(Node, #{robot := Id} = Spec, Air) ->
+open(Node, #{robot := Id} = Spec, Air, Senses) ->
     try call(Node, starl_live_sup, open, opening(Id, Spec)) of
         {ok, _} ->
             ok = set_air(Node, Air),
+            ok = set_senses(Node, Senses),
             {ok, robot_link(Node)};
         {error, Reason} ->
             {error, starl_live_sup:format_error(Reason)}
@@ -110,6 +113,11 @@ aired(Link, Settings) ->
     catch
         exit:_ -> ok
     end.
+
+%% @doc The senses of the node's robot have these faults, and no others.
+-spec set_senses(node(), starl_live_sense_fault:faults()) -> ok.
+set_senses(Node, Faults) ->
+    lists:foreach(fun(Link) -> starl_live_link:sense_faults(Link, Faults) end, robot_link(Node)).
 
 %% @doc What the node's robot knows of the others.
 -spec peers(node()) -> [starl_live_peers:peer()].

@@ -299,6 +299,8 @@ does({FillOrClear, _Robot} = Act, Hands, State) when FillOrClear =:= fill; FillO
         ok -> starl_world:fill(World, starl_cluster_hands:full(Hands));
         {error, _} = Error -> Error
     end;
+does({sense, _Robot, _Sense, _Fault}, Hands, #state{world = World}) ->
+    starl_world:senses(World, starl_cluster_hands:senses(Hands));
 does({_FreezeOrThaw, _Robot}, Hands, #state{world = World}) ->
     starl_world:freeze(World, starl_cluster_hands:frozen(Hands));
 does({_CutOrMend, _A, _B}, Hands, #state{world = World}) ->
@@ -351,19 +353,24 @@ healed(From, Text, Standing) ->
     _ = [starl_cluster_quota:change({clear, R}, OsPids) || R <- starl_cluster_hands:full(Hands)],
     ok = starl_world:fill(World, []),
     ok = starl_world:freeze(World, []),
+    ok = starl_world:senses(World, []),
     ok = lists:foreach(Back, starl_cluster_hands:unplugged(Hands)),
     ok = starl_world:cut(World, starl_cluster_hands:cuts(None)),
     aired(starl_cluster_nodes:ids(Nodes), From, Text, State#state{hands = None}).
 
-%% These robots, as far as their nodes are up, hear what they are to hear now.
+%% These robots, as far as their nodes are up, hear and sense what they are to now.
 aired(Robots, From, Text, #state{nodes = Nodes, hands = Hands} = State) ->
     Calls = [
-        {Id, air(Node, starl_cluster_hands:deaf(Id, Hands))}
+        {Id, air(Node, starl_cluster_hands:deaf(Id, Hands), starl_cluster_hands:senses(Id, Hands))}
      || {Id, Node} <- starl_cluster_nodes:up(Nodes), lists:member(Id, Robots)
     ],
     ask({aired, From, Text}, Calls, ?ANSWER_MS, State).
 
-air(Node, Deaf) -> fun() -> starl_cluster_node:set_air(Node, #{cut => Deaf}) end.
+air(Node, Deaf, Senses) ->
+    fun() ->
+        ok = starl_cluster_node:set_air(Node, #{cut => Deaf}),
+        starl_cluster_node:set_senses(Node, Senses)
+    end.
 
 %% -- nodes and their code -------------------------------------------------------------------
 
@@ -401,9 +408,10 @@ opening(Id, Ready, #state{nodes = Nodes, reloads = Reloads, hands = Hands0} = St
     Codes = starl_cluster_reload:codes(Reloads),
     Node = starl_cluster_nodes:name(Id, Nodes),
     Air = #{cut => starl_cluster_hands:deaf(Id, Hands)},
+    Senses = starl_cluster_hands:senses(Id, Hands),
     Open = fun() ->
         case Ready(Node) of
-            ok -> starl_cluster_node:open(Node, Spec#{codes => Codes}, Air);
+            ok -> starl_cluster_node:open(Node, Spec#{codes => Codes}, Air, Senses);
             {error, _} = Error -> Error
         end
     end,

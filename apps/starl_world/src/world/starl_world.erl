@@ -26,6 +26,7 @@
     freeze/2,
     cable/3,
     freeze_too/2,
+    senses/2,
     fill/2,
     cut/2,
     struck/3,
@@ -145,6 +146,12 @@ cable(World, Robot, Cable) -> gen_server:call(World, {cable, Robot, Cable}).
 %% @doc From now on this robot, too, is shown what it was shown last.
 -spec freeze_too(pid(), starl:robot_id()) -> ok.
 freeze_too(World, Robot) -> gen_server:call(World, {freeze_too, Robot}).
+
+%% @doc From now on these senses of robots have these faults, and no others: the world only tells its
+%% observer.
+-spec senses(pid(), [{starl:robot_id(), starl_sense:kind() | all, starl_live_sense_fault:fault()}]) ->
+    ok.
+senses(World, Faults) -> gen_server:call(World, {senses, Faults}).
 
 %% @doc From now on these links, and no others, are cut: the world only tells its observer.
 -spec cut(pid(), [{starl:robot_id(), starl:robot_id()}]) -> ok.

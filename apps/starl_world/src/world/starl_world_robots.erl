@@ -4,7 +4,7 @@
 -module(starl_world_robots).
 -behaviour(gen_server).
 
--export([start_link/2, link/2, kill/2, cut/3, freeze/2, heal/1, stop/1]).
+-export([start_link/2, link/2, kill/2, cut/3, freeze/2, sense/4, heal/1, stop/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
 
 -type specs() :: #{starl:robot_id() => starl_live_robot:spec()}.
@@ -14,6 +14,7 @@
     | {kill, starl:robot_id()}
     | {cut, starl:robot_id(), starl:robot_id()}
     | {freeze, starl:robot_id()}
+    | {sense, starl:robot_id(), starl_sense:kind() | all, starl_live_sense_fault:fault() | well}
     | heal.
 
 -record(robots, {
@@ -24,7 +25,8 @@
     %% the monitors of their links
     watched = #{} :: #{reference() => starl:robot_id()},
     %% who cannot hear whom
-    cuts = [] :: [{starl:robot_id(), starl:robot_id()}]
+    cuts = [] :: [{starl:robot_id(), starl:robot_id()}],
+    senses = #{} :: #{starl:robot_id() => starl_live_sense_fault:faults()}
 }).
 
 %% A robot whose link starts anew is asked for it until it has one.
@@ -50,7 +52,13 @@ cut(Robots, A, B) -> gen_server:call(Robots, {cut, A, B}, infinity).
 -spec freeze(pid(), starl:robot_id()) -> answer().
 freeze(Robots, Id) -> gen_server:call(Robots, {freeze, Id}, infinity).
 
-%% @doc All links and positions are as they were.
+%% @doc A sense of this robot, or all of them, has a fault from now on; `well': no more.
+-spec sense(
+    pid(), starl:robot_id(), starl_sense:kind() | all, starl_live_sense_fault:fault() | well
+) -> answer().
+sense(Robots, Id, Sense, Fault) -> gen_server:call(Robots, {sense, Id, Sense, Fault}, infinity).
+
+%% @doc All links, positions and senses are as they were.
 -spec heal(pid()) -> ok.
 heal(Robots) -> gen_server:call(Robots, heal, infinity).
 
@@ -96,9 +104,15 @@ handle_call({cut, A, B}, _From, #robots{cuts = Cuts} = Robots) ->
     {reply, ok, cuts(lists:usort([{A, B}, {B, A} | Cuts]), Robots)};
 handle_call({freeze, Id}, _From, #robots{world = World} = Robots) ->
     {reply, starl_world:freeze_too(World, Id), Robots};
+handle_call({sense, Id, Sense, well}, _From, #robots{senses = Senses} = Robots) ->
+    Left = maps:remove(Sense, maps:get(Id, Senses, #{})),
+    {reply, ok, senses(Senses#{Id => Left}, Robots)};
+handle_call({sense, Id, Sense, Fault}, _From, #robots{senses = Senses} = Robots) ->
+    Own = (maps:get(Id, Senses, #{}))#{Sense => Fault},
+    {reply, ok, senses(Senses#{Id => Own}, Robots)};
 handle_call(heal, _From, #robots{world = World} = Robots) ->
     ok = starl_world:freeze(World, []),
-    {reply, ok, cuts([], Robots)}.
+    {reply, ok, cuts([], senses(#{}, Robots))}.
 
 answer(_Id, ok) ->
     ok;
@@ -195,7 +209,25 @@ watch(Id, #robots{sups = Sups, watched = Watched} = Robots) ->
         Link ->
             Next = Robots#robots{watched = Watched#{erlang:monitor(process, Link) => Id}},
             _ = lists:keymember(Id, 1, Robots#robots.cuts) andalso aired(Id, Next),
+            _ = is_map_key(Id, Robots#robots.senses) andalso sensing(Id, Next),
             Next
+    end.
+
+senses(Senses, #robots{world = World, specs = Specs} = Robots) ->
+    Next = Robots#robots{senses = Senses},
+    Told = [
+        {Id, Sense, Fault}
+     || {Id, Faults} <- lists:sort(maps:to_list(Senses)), {Sense, Fault} <- maps:to_list(Faults)
+    ],
+    ok = starl_world:senses(World, Told),
+    ok = lists:foreach(fun(Id) -> sensing(Id, Next) end, maps:keys(Specs)),
+    Next.
+
+%% A link that starts anew has sound senses at first.
+sensing(Id, #robots{senses = Senses} = Robots) ->
+    case link_of(Id, Robots) of
+        none -> ok;
+        Link -> starl_live_link:sense_faults(Link, maps:get(Id, Senses, #{}))
     end.
 
 cuts(Cuts, #robots{world = World, specs = Specs} = Robots) ->

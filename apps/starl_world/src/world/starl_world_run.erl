@@ -11,6 +11,7 @@
     link/2,
     freeze/2,
     freeze_too/2,
+    sense/4,
     kill/2,
     cut/3,
     heal/1,
@@ -109,6 +110,13 @@ link(#run{robots = Robots}, Id) -> starl_world_robots:link(Robots, Id).
 freeze_too(Run, Id) ->
     known([Id], Run, fun(Robots) -> starl_world_robots:freeze(Robots, Id) end).
 
+%% @doc A sense of this robot, or all of them, has a fault from now on; `well': no more.
+-spec sense(
+    t(), starl:robot_id(), starl_sense:kind() | all, starl_live_sense_fault:fault() | well
+) -> answer().
+sense(Run, Id, Sense, Fault) ->
+    known([Id], Run, fun(Robots) -> starl_world_robots:sense(Robots, Id, Sense, Fault) end).
+
 %% @doc Kills all processes of a robot at once, as the death of its node does, and starts it anew.
 -spec kill(t(), starl:robot_id()) -> answer().
 kill(Run, Id) ->
@@ -119,7 +127,7 @@ kill(Run, Id) ->
 cut(Run, A, B) ->
     known([A, B], Run, fun(Robots) -> starl_world_robots:cut(Robots, A, B) end).
 
-%% @doc All links and positions are as they were.
+%% @doc All links, positions and senses are as they were.
 -spec heal(t()) -> ok.
 heal(#run{robots = Robots}) -> starl_world_robots:heal(Robots).
 

@@ -275,6 +275,8 @@ by_hand({cut, Links}, World) ->
     tell(fun(Now, Hands) -> starl_world_hands:holds(loss, Links, Now, Hands) end, World);
 by_hand({fill, Ids}, World) ->
     tell(fun(Now, Hands) -> starl_world_hands:holds(store_full, Ids, Now, Hands) end, World);
+by_hand({senses, Faults}, World) ->
+    tell(fun(Now, Hands) -> senses(Faults, Now, Hands) end, World);
 by_hand({struck, Kind, Id}, World) ->
     tell(fun(Now, Hands) -> starl_world_hands:struck(Kind, Id, Now, Hands) end, World);
 by_hand({halt, Id}, #world{judge = Judge} = World) ->
@@ -290,6 +292,20 @@ by_hand({halted, Id}, #world{robots = Robots, judge = Judge} = World) ->
 halted(#world{judge = Judge} = World) ->
     Ids = starl_world_judge:standing(Judge),
     tell(fun(Now, Hands) -> starl_world_hands:holds(pause, Ids, Now, Hands) end, World).
+
+%% Those of each sense, and of all together.
+senses(Faults, Now, Hands0) ->
+    Senses = [all | [Sense || {Sense, _} <- starl_sense:kinds()]],
+    {Told, Hands} = lists:mapfoldl(
+        fun({Sense, Fault}, Hands) ->
+            Ids = [Id || {Id, S, F} <- Faults, {S, F} =:= {Sense, Fault}],
+            Params = starl_live_sense_fault:params(Sense, Fault),
+            starl_world_hands:holds(starl_live_sense_fault:kind(Fault), Params, Ids, Now, Hands)
+        end,
+        Hands0,
+        [{Sense, Fault} || Sense <- Senses, {_, Fault} <- starl_live_sense_fault:known()]
+    ),
+    {lists:append(Told), Hands}.
 
 tell(Done, #world{hands = Hands, judge = Judge, observer = Observer} = World) ->
     Now = now_us(World),

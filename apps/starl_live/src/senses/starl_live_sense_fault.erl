@@ -1,0 +1,89 @@
+%% @doc Faults of the senses of a live robot, by hand or by chaos: the same as those of a scenario
+%% (`sense_gone', `sense_frozen', `sense_noisy', `sense_wrong'). They lie between the sense and whoever
+%% asked, so they hit any sense: of the chassis, of a driver's own. A pure module.
+%% ```
+%%   Faults = starl_live_sense_fault:set(#{camera => frozen}, starl_live_sense_fault:new(1)),
+%%   {Felt, Next} = starl_live_sense_fault:felt(camera, {ok, Blobs}, Faults).
+%% '''
+-module(starl_live_sense_fault).
+
+-export([new/1, set/2, felt/3, kind/1, params/2, known/0]).
+
+-export_type([t/0, fault/0, faults/0]).
+
+%% `{noisy, Times}': the sense errs so many times as much more.
+-type fault() :: gone | frozen | wrong | {noisy, Times :: number()}.
+%% A fault of one sense has priority over that of all.
+-type faults() :: #{starl_sense:kind() | all => fault()}.
+
+-record(senses, {
+    robot :: starl:robot_id(),
+    faults = #{} :: faults(),
+    %% what each has said last
+    last = #{} :: #{starl_sense:kind() => term()},
+    %% the answers so far: each has draws of its own
+    count = 0 :: non_neg_integer()
+}).
+
+-opaque t() :: #senses{}.
+
+-define(DRAWS, (1 bsl 27)).
+%% As many times the usual errors, where hands and chaos say only that a sense is noisy.
+-define(TIMES, 10).
+
+%% @doc All senses of a robot are sound.
+-spec new(starl:robot_id()) -> t().
+new(Robot) -> #senses{robot = Robot}.
+
+%% @doc From now on its senses have these faults, and no others.
+-spec set(faults(), t()) -> t().
+set(Faults, Senses) -> Senses#senses{faults = Faults}.
+
+%% @doc What the robot is told of the answer of a sense. A sense that it has not stays unknown; one that
+%% is silent stays so.
+-spec felt(starl_sense:kind(), starl_live_sense:felt(), t()) -> {starl_live_sense:felt(), t()}.
+felt(Kind, {ok, Reading}, #senses{faults = Faults, last = Last, count = N} = Senses) ->
+    Fault = maps:get(Kind, Faults, maps:get(all, Faults, none)),
+    Said = said(Fault, Kind, Reading, Senses),
+    Kept = [{Kind, What} || {ok, What} <- [Said]],
+    {Said, Senses#senses{last = maps:merge(Last, maps:from_list(Kept)), count = N + 1}};
+felt(_Kind, Silent, Senses) ->
+    {Silent, Senses}.
+
+said(none, _Kind, Reading, _Senses) ->
+    {ok, Reading};
+said(gone, _Kind, _Reading, _Senses) ->
+    none;
+said(frozen, Kind, Reading, #senses{last = Last}) ->
+    {ok, maps:get(Kind, Last, Reading)};
+said(wrong, Kind, _Reading, Senses) ->
+    {ok, starl_sense:guess(Kind, draw(Kind, Senses), profiles())};
+said({noisy, Times}, Kind, Reading, Senses) ->
+    Noisy = starl_sense:noisy(Kind, Times, profiles()),
+    {ok, starl_sense:blurred(Kind, Reading, draw(Kind, Senses), Noisy)}.
+
+profiles() ->
+    {ok, Profiles} = starl_sense:profiles(#{}),
+    Profiles.
+
+draw(Kind, #senses{robot = Robot, count = N}) ->
+    fun(Purpose) -> erlang:phash2({Robot, N, Kind, Purpose}, ?DRAWS) / ?DRAWS end.
+
+%% -- words ----------------------------------------------------------------------------------------
+
+%% @doc The faults by the words of commands.
+-spec known() -> [{string(), fault()}].
+known() ->
+    [{"gone", gone}, {"frozen", frozen}, {"noisy", {noisy, ?TIMES}}, {"wrong", wrong}].
+
+%% @doc The kind of fault in a scenario.
+-spec kind(fault()) -> sense_gone | sense_frozen | sense_noisy | sense_wrong.
+kind(gone) -> sense_gone;
+kind(frozen) -> sense_frozen;
+kind({noisy, _}) -> sense_noisy;
+kind(wrong) -> sense_wrong.
+
+%% @doc The parameters of the fault in a scenario.
+-spec params(starl_sense:kind() | all, fault()) -> map().
+params(Sense, {noisy, Times}) -> #{sense => Sense, times => Times};
+params(Sense, _Fault) -> #{sense => Sense}.
