@@ -2,13 +2,17 @@
 -module(starl_convoy_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--define(WALL_MM, 187.0).
+-define(WALL_MM, 185.0).
 
 lane() -> lane("doors").
 
 lane(Plan) ->
     {ok, Floor} = starl_floor_file:read(Plan, 1000),
-    starl_convoy_route:new(Floor, #{wall_mm => ?WALL_MM, section_mm => 600}).
+    route(Floor).
+
+route(Floor) ->
+    Profiles = [starl_chassis:profile(starl_chassis_differential, #{})],
+    starl_convoy_route:new(Floor, #{profiles => Profiles, section_mm => 600}).
 
 %% From start to goal, in steps of one length, through each door once, and clear of all walls.
 lane_test() ->
@@ -56,7 +60,7 @@ what_a_plan_lacks_is_told_test() ->
     Floor = starl_floor:new(#{size => {4000, 2000}, walls => [Wall], places => Places}),
     ?assertEqual(
         {error, "no way from `start' to `goal' is wide enough for a robot"},
-        starl_convoy_route:new(Floor, #{wall_mm => ?WALL_MM, section_mm => 600})
+        route(Floor)
     ).
 
 too_many_test() ->
@@ -145,4 +149,19 @@ restarts_test_() ->
             app => starl_convoy, robots => 3, faults => Kills
         }),
         ?assertEqual(3, proplists:get_value(there, Figures))
+    end}.
+
+%% A robot that begins anew while it takes itself for another one wants to drive through the others: it gives up, and
+%% finds its place.
+a_robot_that_was_misled_finds_its_place_test_() ->
+    {timeout, 120, fun() ->
+        #{report := #{figures := Figures}, violations := []} = starl_team_runs:outcome(#{
+            app => starl_convoy,
+            robots => 4,
+            faults => [
+                {swap, 6000, 9000, location_swap, {4, 2}, #{}},
+                {kill, 7000, 7000, kill_machine, {4, app}, #{}}
+            ]
+        }),
+        ?assertEqual(4, proplists:get_value(there, Figures))
     end}.

@@ -27,9 +27,6 @@
     since := integer()
 }.
 
-%% More than a body and r(v) from walls (mm).
--define(MARGIN_MM, 10.0).
-
 -spec options() -> [starl_options:option()].
 options() ->
     [
@@ -61,9 +58,7 @@ guarantees() ->
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
 scene(#{robots := Ids, profiles := Profiles, options := #{section := Length}} = Context) ->
     {ok, Floor} = building(Context),
-    Body = lists:max([starl_chassis:radius_mm(Profile) || Profile <- Profiles]),
-    Mm = Body + starl_chassis:widest(Profiles) + ?MARGIN_MM,
-    case starl_convoy_route:new(Floor, #{wall_mm => Mm, section_mm => Length}) of
+    case starl_convoy_route:new(Floor, #{profiles => Profiles, section_mm => Length}) of
         {ok, Lane} -> column(Ids, Lane, Floor, starl_convoy_route:most(Lane));
         {error, _} = Error -> Error
     end.
@@ -87,33 +82,37 @@ column(Ids, Lane, Floor, _Most) ->
 
 -spec init(starl:robot(), starl_convoy_route:t()) -> state().
 init(Robot, Lane) ->
-    At = starl_convoy_route:locate(starl_sections:position(Robot), Lane),
     {Ahead, _} = lists:splitwith(fun(R) -> R =/= starl:id(Robot) end, starl:participants(Robot)),
     _ = Ahead =:= [] andalso draw(Robot, Lane),
-    #{
-        lane => Lane,
-        ahead => Ahead,
-        last => length(Lane) - 1 - length(Ahead),
-        at => At,
-        held => starl_sections:take(Robot, {section, At}),
-        since => starl:now(Robot)
-    }.
+    located(Robot, #{lane => Lane, ahead => Ahead, last => length(Lane) - 1 - length(Ahead)}).
+
+%% At the beginning, after a restart, and when it does not come where it wants to.
+located(Robot, #{lane := Lane} = State) ->
+    At = starl_convoy_route:locate(starl_sections:position(Robot), Lane),
+    Held = starl_sections:take(Robot, {section, At}),
+    State#{at => At, held => Held, since => starl:now(Robot)}.
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, arrived}.
-step(Robot, #{at := Last, last := Last}) ->
-    ok = starl_sections:leave(Robot, {section, Last}),
+step(Robot, #{at := At, last := Last} = State) when At >= Last ->
+    ok = behind(Robot, State),
     {done, arrived};
 step(Robot, #{lane := Lane, at := At} = State) ->
     #{way := Way} = Section = starl_convoy_route:section(At + 1, Lane),
     case starl_sections:enter(Robot, Section, fun() -> begins(Robot, Way, State) end) of
         occupied ->
             {continue, State};
+        stuck ->
+            ok = behind(Robot, State),
+            {continue, located(Robot, State)};
         ok ->
             {_, Door} = lists:nth(At + 2, Lane),
             ok = starl:trace(Robot, {at, At + 1, Door}),
-            _ = maps:get(held, State) andalso starl_sections:leave(Robot, {section, At}),
+            ok = behind(Robot, State),
             {continue, State#{at := At + 1, held := true, since := starl:now(Robot)}}
     end.
+
+behind(Robot, #{at := At, held := true}) -> starl_sections:leave(Robot, {section, At});
+behind(_Robot, #{held := false}) -> ok.
 
 begins(Robot, Way, #{since := Since, ahead := Ahead}) ->
     ok = starl:measure(Robot, wait_s, (starl:now(Robot) - Since) / 1000),

@@ -13,15 +13,21 @@
 %% The size of the roadmap's meshes; the steps in which a way is measured; who is nearer to the middle of a
 %% section has come there.
 -define(MESH_MM, 250.0).
+%% More than a body and r(v) from walls.
+-define(MARGIN_MM, 10.0).
 -define(STEP_MM, 10).
 -define(THERE_MM, 60).
 %% A section is free if nobody is nearer to its middle than this part of its length.
 -define(FREE, 0.75).
+%% It takes three seconds, and longer in faults.
+-define(WITHIN_MS, 30000).
 
-%% @doc The lane with sections of this length that keeps this distance from walls, or one line on what the plan lacks.
--spec new(starl_floor:t(), #{wall_mm := float(), section_mm := number()}) ->
+%% @doc The lane for robots with these profiles, with sections of this length, or one line on what the plan lacks.
+-spec new(starl_floor:t(), #{profiles := starl_chassis:profiles(), section_mm := number()}) ->
     {ok, t()} | {error, unicode:chardata()}.
-new(#{places := #{start := From, goal := To}} = Floor, #{wall_mm := Mm, section_mm := Length}) ->
+new(#{places := #{start := From, goal := To}} = Floor, #{profiles := Profiles, section_mm := Length}) ->
+    Body = lists:max([starl_chassis:radius_mm(Profile) || Profile <- Profiles]),
+    Mm = Body + starl_chassis:widest(Profiles) + ?MARGIN_MM,
     #{walls := Walls, points := Points} =
         Roads = starl_dpp_cells:roads(Floor, #{wall_mm => Mm, tube_radius => ?MESH_MM}),
     [First, Last] = [nearest(P, Points) || P <- [From, To]],
@@ -149,7 +155,7 @@ start(I, Lane) ->
 section(I, Lane) ->
     [{Before, _}, {Way, _}] = lists:sublist(Lane, I, 2),
     Mm = starl_geometry:distance(lists:last(Before), lists:last(Way)),
-    #{token => {section, I}, way => Way, free_mm => ?FREE * Mm}.
+    #{token => {section, I}, way => Way, free_mm => ?FREE * Mm, within_ms => ?WITHIN_MS}.
 
 %% @doc The last section to whose middle a robot on the lane at this place has come.
 -spec locate(starl_geometry:point(), t()) -> non_neg_integer().

@@ -9,8 +9,14 @@
 
 -export_type([section/0]).
 
-%% The way to the middle of a section, the middle last; no other robot may be nearer to it than `free_mm'.
--type section() :: #{token := term(), way := [starl_geometry:point(), ...], free_mm := number()}.
+%% The way to the middle of a section, the middle last; no other robot may be nearer to it than `free_mm'. `within_ms'
+%% (infinity): each point of the way is to be reached within this time.
+-type section() :: #{
+    token := term(),
+    way := [starl_geometry:point(), ...],
+    free_mm := number(),
+    within_ms => pos_integer()
+}.
 
 -define(PATIENCE_MS, 5000).
 -define(LOOK_MS, 500).
@@ -40,10 +46,10 @@ leave(Robot, Token) ->
     _ = starl_mutex:release(Robot, Token),
     ok.
 
-%% @doc Waits for the section for a while. If it is free, calls the function and drives there.
--spec enter(starl:robot(), section(), Begins :: fun(() -> term())) ->
-    ok | occupied.
-enter(Robot, #{token := Token, way := Way, free_mm := Mm}, Begins) ->
+%% @doc Waits for the section for a while. If it is free, calls the function and drives there. `stuck': it has not come there in
+%% time, and the token is free again; as when it believed to be elsewhere.
+-spec enter(starl:robot(), section(), Begins :: fun(() -> term())) -> ok | occupied | stuck.
+enter(Robot, #{token := Token, way := Way, free_mm := Mm} = Section, Begins) ->
     case take(Robot, Token) of
         false ->
             occupied;
@@ -51,13 +57,22 @@ enter(Robot, #{token := Token, way := Way, free_mm := Mm}, Begins) ->
             case is_free(Robot, lists:last(Way), Mm) of
                 true ->
                     _ = Begins(),
-                    lists:foreach(fun(Place) -> drive(Robot, Place) end, Way);
+                    driven(
+                        follow(Robot, Way, maps:get(within_ms, Section, infinity)), Robot, Token
+                    );
                 false ->
                     ok = leave(Robot, Token),
                     ok = starl:sleep(Robot, ?LOOK_MS),
                     occupied
             end
     end.
+
+driven(ok, _Robot, _Token) ->
+    ok;
+driven(stuck, Robot, Token) ->
+    _ = starl:stop(Robot),
+    ok = leave(Robot, Token),
+    stuck.
 
 is_free(Robot, Place, Mm) ->
     case starl:positions(Robot) of
@@ -68,11 +83,15 @@ is_free(Robot, Place, Mm) ->
             false
     end.
 
-drive(Robot, Place) ->
-    case starl:go_to(Robot, Place) of
-        ok ->
-            ok;
-        {error, _} ->
+follow(Robot, [Place | Way], Ms) ->
+    case starl:call(Robot, motion, {go_to, Place}, Ms) of
+        {ok, ok} ->
+            follow(Robot, Way, Ms);
+        {error, timeout} ->
+            stuck;
+        _StoppedOrRestarted ->
             ok = starl:sleep(Robot, ?LOOK_MS),
-            drive(Robot, Place)
-    end.
+            follow(Robot, [Place | Way], Ms)
+    end;
+follow(_Robot, [], _Ms) ->
+    ok.
