@@ -9,6 +9,7 @@
 -define(BENCHMARKS, [
     {ring, starl_dev_bench_ring, "robots that send a message every 100 ms and drive to and fro"},
     {swarm, starl_dev_bench_swarm, "robots that broadcast to those within a metre"},
+    {coverage, starl_dev_bench_coverage, "robots that look at their neighbours and spread"},
     {events, starl_dev_bench_events, "timers and deliveries, nothing else"},
     {scale, starl_dev_bench_scale, "start-up and memory of up to 10,000 robots"},
     {painting, starl_dev_bench_painting, "a picture painted, in times of real time"},
