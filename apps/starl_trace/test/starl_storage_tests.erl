@@ -19,6 +19,7 @@ all_test_() ->
                 {Name, {timeout, ?PATIENCE_S, Test}}
              || {Name, Test} <- [
                     {"cut twenty times", fun cut_twenty_times/0},
+                    {"while it is written", fun while_it_is_written/0},
                     {"many robots, by run", fun by_run/0},
                     {"damaged", fun damaged/0},
                     {"wrong remotes", fun wrong_remotes/0}
@@ -85,6 +86,32 @@ half_written(Store) ->
 hash(File) ->
     {ok, Bytes} = file:read_file(File),
     string:lowercase(binary_to_list(binary:encode_hex(crypto:hash(sha256, Bytes)))).
+
+%% What is whole of a file that grows is there before its end is written, and is not sent again; the line is
+%% cut meanwhile. A storage that is not reached is told, and tried again.
+while_it_is_written() ->
+    in_directory(fun(Dir) ->
+        Whole = file(Dir, "whole.mcap", 1, 5 * ?PIECE + 100),
+        {ok, Bytes} = file:read_file(Whole),
+        File = filename:join(Dir, "run.mcap"),
+        Store = filename:join(Dir, "store"),
+        ok = file:make_dir(Store),
+        served(Store, 2, fun(Remote, Cuts) ->
+            Never = ?OPTIONS#{every_ms => 3_600_000},
+            {ok, Sender} = starl_storage_sender:start(fun() -> [File] end, Remote, Never),
+            ?assertMatch(#{trouble := {file, File, enoent}}, starl_storage_sender:look(Sender)),
+            ok = file:write_file(File, binary:part(Bytes, 0, 3 * ?PIECE + 50)),
+            ?assertEqual(#{sent => 3, trouble => none}, starl_storage_sender:look(Sender)),
+            ?assertEqual(3, length(filelib:wildcard(Store ++ "/pieces/*"))),
+            ?assertEqual([], filelib:wildcard(Store ++ "/runs/*")),
+            ok = file:write_file(File, Bytes),
+            ?assertEqual(#{sent => 5, trouble => none}, starl_storage_sender:look(Sender)),
+            ?assertEqual(#{sent => 5, trouble => none}, starl_storage_sender:stop(Sender)),
+            ?assertEqual(2, counters:get(Cuts, 1)),
+            ?assertEqual([], half_written(Store)),
+            {ok, #{pieces := 6, sent := 1}} = starl_storage:upload(File, Remote, ?OPTIONS)
+        end)
+    end).
 
 %% A directory is a remote, too. Robots of one run are together; a file that has grown costs its end.
 by_run() ->

@@ -81,10 +81,14 @@ run(#{given := Given, values := Values} = Call) ->
 
 run(Setup, #{live := true} = Values) ->
     starl_cli_live:run(here, Setup, Values);
-run(Setup, #{record := true} = Values) ->
-    starl_cli_recording:recorded(simulation, Setup, fun(With) -> simulated(With, Values) end);
 run(Setup, Values) ->
-    simulated(Setup, Values).
+    Recorded =
+        case starl_cli_recording:wanted(simulation, Values) of
+            true -> simulation;
+            false -> none
+        end,
+    Run = fun(With) -> simulated(With, Values) end,
+    starl_cli_recording:recorded(Recorded, Values, Setup, Run).
 
 simulated(Setup, #{view := true} = Values) -> starl_cli_window:run(Setup, Values);
 simulated(Setup, _Values) -> starl_cli_simulation:run(Setup).

@@ -19,7 +19,9 @@
     live => boolean(),
     %% the user's own chassis
     own => starl_world_drivers:t(),
-    recording => starl_cli_recording:t()
+    recording => starl_cli_recording:t(),
+    %% who sends the recordings meanwhile, and where to
+    upload => {pid(), starl_storage_rclone:path()}
 }.
 
 -type answer() :: {ok, t()} | {error, [unicode:chardata(), ...]}.

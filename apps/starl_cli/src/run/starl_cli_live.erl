@@ -62,7 +62,7 @@ run_with({ok, Own}, Live, Checked, Values) ->
             true -> live;
             false -> none
         end,
-    starl_cli_recording:recorded(Recorded, Setup, fun(With) ->
+    starl_cli_recording:recorded(Recorded, Values, Setup, fun(With) ->
         starl_cli_window:live(Values, fun(Options, Attach) ->
             prepared(Live, With, Values, {Options, Attach})
         end)

@@ -4,7 +4,7 @@
 %% directory beside it, `painting.4711.robots', which becomes `robots'.
 -module(starl_cli_recording).
 
--export([flags/0, wanted/2, recorded/3, options/2, nodes/2, kept/2, shown/1, found/2]).
+-export([flags/0, wanted/2, recorded/4, options/2, nodes/2, kept/2, uploaded/2, shown/1, found/2]).
 -export([packed/1, not_packed/2]).
 
 -export_type([t/0]).
@@ -21,31 +21,82 @@
 flags() ->
     [
         {record, switch, false, "records the run as run.mcap, for ./starl judge and for viewers"},
-        {no_record, switch, false, "live: no recording"}
+        {no_record, switch, false, "live: no recording"},
+        {upload, {optional, string}, none,
+            "records, and sends the recordings to a storage of rclone's (lab:runs) meanwhile"}
     ].
 
 %% @doc Is the run to be recorded? A live run is, unless its user says no.
 -spec wanted(simulation | live, Values :: #{atom() => term()}) -> boolean().
+wanted(_Kind, #{upload := Remote}) when Remote =/= none -> true;
 wanted(simulation, Values) -> maps:get(record, Values, false);
 wanted(live, Values) -> not maps:get(no_record, Values, false).
 
 %% @doc Runs something with a recorder; what it does not keep is deleted.
--spec recorded(simulation | live | none, starl_cli_setup:t(), Run) -> Answer when
+-spec recorded(simulation | live | none, Values :: #{atom() => term()}, starl_cli_setup:t(), Run) ->
+    Answer
+when
     Run :: fun((starl_cli_setup:t()) -> Answer),
     Answer :: starl_cli_command:answer().
-recorded(none, Setup, Run) ->
+recorded(none, _Values, Setup, Run) ->
     Run(Setup);
-recorded(Kind, #{out := Out} = Setup, Run) ->
+recorded(Kind, Values, #{out := Out} = Setup, Run) ->
     File = starl_cli_out:beside(Out, ".mcap"),
     _ = filelib:ensure_dir(File),
     case starl_trace_recorder:start_link(File, Kind) of
         {ok, Recorder} ->
-            Answer = Run(Setup#{recording => {Recorder, File}}),
+            Answer = sending(Values, File, Setup#{recording => {Recorder, File}}, Run),
             ok = gone(Recorder),
             _ = file:del_dir(robots(File)),
             Answer;
         {error, Reason} ->
             {error, [starl_trace_recorder:format_error(Reason)]}
+    end.
+
+%% What is whole of the recordings is sent while they are written. Each look is a try.
+sending(#{upload := Remote}, File, Setup, Run) when Remote =/= none ->
+    Files = fun() -> [File | filelib:wildcard(robots(File) ++ "/*.mcap")] end,
+    case starl_storage_sender:start(Files, Remote, #{tries => 1}) of
+        {ok, Sender} ->
+            try
+                Run(Setup#{upload => {Sender, Remote}})
+            after
+                exit(Sender, kill)
+            end;
+        {error, Reason} ->
+            {error, [["upload: ", starl_storage:format_error(Reason)]]}
+    end;
+sending(_Values, _File, Setup, Run) ->
+    Run(Setup).
+
+%% @doc Sends what is left of the recordings in the directory of the results, and says so. Without success a
+%% line tells how to go on: the run is as it is.
+-spec uploaded(starl_cli_setup:t(), file:filename()) -> ok.
+uploaded(#{upload := {Sender, Remote}}, Dir) ->
+    _ = is_process_alive(Sender) andalso starl_storage_sender:stop(Sender),
+    Robots = filelib:wildcard(filename:join([Dir, ?ROBOTS, "*.mcap"])),
+    Files = [F || F <- [filename:join(Dir, ?NAME)], filelib:is_regular(F)] ++ Robots,
+    sent(Files, Remote);
+uploaded(#{}, _Dir) ->
+    ok.
+
+sent([], _Remote) ->
+    ok;
+sent([File | Files], Remote) ->
+    case starl_storage:upload(File, Remote, #{}) of
+        {ok, #{run := Run}} ->
+            starl_cli_terminal:out("~ts: is in ~ts, run ~ts\n", [File, Remote, Run]),
+            sent(Files, Remote);
+        {error, Reason} ->
+            Again = lists:join(" ", [File | Files]),
+            starl_cli_terminal:complain([
+                "upload: ",
+                starl_storage:format_error(Reason),
+                "; ./starl upload ",
+                Again,
+                " ",
+                Remote
+            ])
     end.
 
 %% A run that did not even start leaves no recording.
@@ -83,11 +134,11 @@ robots(File) -> filename:rootname(File) ++ ".robots".
 
 %% @doc Ends the recording and puts it into the directory of the results.
 -spec kept(starl_cli_setup:t(), file:filename()) -> ok | {partly, unicode:chardata()}.
-kept(#{recording := {Recorder, File}}, Dir) ->
+kept(#{recording := {Recorder, File}} = Setup, Dir) ->
     case is_process_alive(Recorder) andalso starl_trace_recorder:close(Recorder) of
         {ok, _} ->
             _ = file:rename(robots(File), filename:join(Dir, ?ROBOTS)),
-            moved(File, filename:join(Dir, ?NAME));
+            moved(Setup, File, filename:join(Dir, ?NAME));
         {error, Reason} ->
             _ = file:rename(robots(File), filename:join(Dir, ?ROBOTS)),
             _ = file:rename(File, filename:join(Dir, ?NAME)),
@@ -98,8 +149,14 @@ kept(#{recording := {Recorder, File}}, Dir) ->
 kept(#{}, _Dir) ->
     ok.
 
-moved(File, Into) ->
+moved(#{upload := _}, File, Into) ->
+    %% its pieces are in the storage as they were written
+    named(File, Into);
+moved(#{}, File, Into) ->
     ok = packed_at_end(filelib:file_size(File), File),
+    named(File, Into).
+
+named(File, Into) ->
     case file:rename(File, Into) of
         ok -> ok;
         {error, Posix} -> {partly, [File, ": ", file:format_error(Posix)]}

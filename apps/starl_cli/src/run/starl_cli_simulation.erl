@@ -113,7 +113,12 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
             #{live := true} -> Outcome#{violations := []};
             #{} -> Outcome
         end,
+    ok = uploaded(Written, Setup),
     where(Written, Seen, lost(maps:get(lost, Outcome), status(Report))).
+
+uploaded({ok, Dir}, Setup) -> starl_cli_recording:uploaded(Setup, Dir);
+uploaded({partly, Dir, _Why}, Setup) -> starl_cli_recording:uploaded(Setup, Dir);
+uploaded({error, _Why}, _Setup) -> ok.
 
 with_recording(ok, Setup, Dir) ->
     starl_cli_recording:kept(Setup, Dir);

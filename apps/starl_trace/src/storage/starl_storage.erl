@@ -7,7 +7,7 @@
 %% again: after a cut the rest is sent, and a file that has grown costs only what is new.
 -module(starl_storage).
 
--export([upload/3, list/1, download/4, execution/1, format_error/1]).
+-export([upload/3, ahead/4, list/1, download/4, execution/1, format_error/1]).
 
 -export_type([options/0, entry/0, reason/0]).
 
@@ -58,6 +58,36 @@ upload(File, Remote, Options) ->
             {ok, #{run => Run, pieces => length(Pieces), sent => Sent}}
         end)
     end).
+
+%% @doc Sends one piece of a file that is still being written, if there is a whole one more: the number of
+%% pieces that are there then. {@link upload/3} sends the rest.
+-spec ahead(file:filename(), Pieces :: non_neg_integer(), starl_storage_rclone:path(), options()) ->
+    {ok, Pieces :: non_neg_integer()} | {error, reason()}.
+ahead(File, Before, Remote, Options) ->
+    Bytes = maps:get(piece_bytes, Options, ?PIECE_BYTES),
+    stepwise(fun() ->
+        case must(named_error(read_at(File, Before * Bytes, Bytes), File)) of
+            Piece when byte_size(Piece) =:= Bytes ->
+                Name = "pieces/" ++ hash(Piece),
+                1 = in_temporary(fun(T) -> sent(Piece, Name, Remote, T, Options) end),
+                {ok, Before + 1};
+            _ ->
+                {ok, Before}
+        end
+    end).
+
+read_at(File, At, Bytes) ->
+    case file:open(File, [read, raw, binary]) of
+        {ok, Device} ->
+            Read = file:pread(Device, At, Bytes),
+            ok = file:close(Device),
+            case Read of
+                eof -> {ok, <<>>};
+                Other -> Other
+            end;
+        {error, _} = Error ->
+            Error
+    end.
 
 %% @doc The run that a recording is of, as a name: the same for all robots of it.
 -spec execution(file:filename()) -> {ok, string()} | {error, reason()}.
