@@ -6,7 +6,7 @@
 -behaviour(starl_block_exercise).
 
 -export([greet/1]).
--export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0]).
+-export([options/0, machines/1, monitors/2, contract/0, exercise/0, models/0, history/0]).
 -export([init/1, handle_event/5]).
 -export([flags/0, block_options/1, draw/1, work/3, final/3, promise/3]).
 
@@ -23,6 +23,8 @@ monitors(_Options, #{robots := Robots}) -> [{my_relay_monitor, #{robots => Robot
 contract() -> "no more greetings are heard than were said".
 
 exercise() -> ?MODULE.
+
+history() -> my_relay_history.
 
 models() -> [{my_relay, "greetings, heard and said", fun model/1}].
 

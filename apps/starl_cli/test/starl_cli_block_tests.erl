@@ -95,6 +95,26 @@ own_is_judged_test_() ->
         end)
     end}.
 
+%% What it promises its callers is judged, too: by soak, and from a recording.
+own_histories_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        in_directory(fun(Dir) ->
+            Out = filename:join(Dir, "run"),
+            says(0, "complete", ["run", own("my_relay"), "--record", "--out", Out]),
+            says(0, "my_relay greetings: ", ["histories", Out]),
+            [
+                {ok, _} = file:copy(own(Name), filename:join(Dir, Name ++ ".erl"))
+             || Name <- ["my_relay_monitor", "my_relay_history"]
+            ],
+            {ok, Sound} = file:read_file(own("my_relay")),
+            Lying = string:replace(Sound, "{reply, From, Greeting}", "{reply, From, twice}"),
+            File = filename:join(Dir, "my_relay.erl"),
+            ok = file:write_file(File, Lying),
+            Soak = ["soak", File, "--seeds", "1", "--jobs", "1", "--shrink", "0"],
+            says(3, "history broken at ", Soak)
+        end)
+    end}.
+
 %% One line that names the application, the block and the key.
 mistakes_test_() ->
     patient([

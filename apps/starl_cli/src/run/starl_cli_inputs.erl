@@ -3,7 +3,9 @@
 %% a run can be repeated after they were moved or changed.
 -module(starl_cli_inputs).
 
--export([read/2, read/3, files/1, app/1, local/2, absolute/2, resolved/3, source/2]).
+-export([
+    read/2, read/3, files/1, app/1, local/2, absolute/2, resolved/3, source/2, sources_beside/1
+]).
 
 -export_type([t/0]).
 
@@ -91,6 +93,12 @@ source(Module, File) ->
         [Path | _] -> {ok, filename:join(Dir, Path)};
         [] -> none
     end.
+
+%% @doc The sources that are kept beside a file of a run.
+-spec sources_beside(file:filename()) -> [file:filename()].
+sources_beside(File) ->
+    Dir = filename:join(filename:dirname(File), ?DIR),
+    [filename:join(Dir, Path) || Path <- filelib:wildcard("**/*.erl", Dir)].
 
 %% -- options --------------------------------------------------------------------------------
 

@@ -114,11 +114,12 @@ discard(_Kept) ->
 
 %% @doc The options of the run with its recorder.
 -spec options(starl_cli_setup:t(), map()) -> map().
-options(#{recording := {Recorder, _}}, Options) ->
+options(#{recording := {Recorder, _}, target := Target}, Options) ->
+    Own = [Module || {Module, _, _} <- maps:get(code, Target, [])],
     Options#{
         observe => starl_trace_recorder:observer(Recorder),
         packets => true,
-        histories => {kept, starl_block_catalogue:histories()}
+        histories => {kept, starl_block_catalogue:histories(Own)}
     };
 options(#{}, Options) ->
     Options.

@@ -81,8 +81,23 @@ by_clocks(Sigma, File, #{drift := Drift} = Values) ->
             {error, [starl_debug_recording:format_error(Reason)]}
     end.
 
-judged(File, Sigma, #{states := States}) ->
-    case starl_trace_history:file(File, starl_block_catalogue:histories()) of
+judged(File, Sigma, Values) ->
+    case own(starl_cli_inputs:sources_beside(File), []) of
+        {ok, Own} -> judged(File, Sigma, Values, starl_block_catalogue:histories(Own));
+        {error, _} = Error -> Error
+    end.
+
+%% Blocks of the user's own, as the run has kept their sources.
+own([], Modules) ->
+    {ok, Modules};
+own([Source | Sources], Modules) ->
+    case starl_cli_source:modules(Source) of
+        {ok, _, Codes} -> own(Sources, [M || {M, _, _} <- Codes] ++ Modules);
+        {error, _} = Error -> Error
+    end.
+
+judged(File, Sigma, #{states := States}, Models) ->
+    case starl_trace_history:file(File, Models) of
         {ok, #{facts := Facts} = Read} ->
             case missing(Facts) of
                 [] -> told(File, Read, verdicts(Read, Sigma, States));

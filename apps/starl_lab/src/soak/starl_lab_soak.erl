@@ -276,7 +276,7 @@ small(File, Target, Scenario) ->
 one({Block, _Seed, Scenario}) ->
     Begin = erlang:monotonic_time(microsecond),
     Watch = [starl_lab_soak_sometimes:watch(Block)],
-    Histories = #{histories => {judged, starl_block_catalogue:histories()}},
+    Histories = #{histories => {judged, starl_block_catalogue:histories([Block])}},
     case starl_sim_trial:run(Scenario, fun(_Sim) -> ok end, Watch, Histories) of
         {ok, #{violations := Violations, monitors := Results}} ->
             Us = erlang:monotonic_time(microsecond) - Begin,

@@ -2,7 +2,7 @@
 %% starl_catalogue}): to add a block, add one line there and a folder with its modules ({@link starl_block}).
 -module(starl_block_catalogue).
 
--export([known/0, find/1, name/1, able/1, models/0, histories/0]).
+-export([known/0, find/1, name/1, able/1, models/0, histories/0, histories/1]).
 
 %% @doc The blocks with the names that they have on the command line, in the order of lists.
 -spec known() -> [{Name :: atom(), module()}].
@@ -39,3 +39,9 @@ models() ->
 %% @doc What the blocks promise their callers, for histories ({@link starl_history_model}).
 -spec histories() -> [module()].
 histories() -> [Block:history() || {_, Block} <- known(), starl_block:can(history, Block)].
+
+%% @doc The same, with what those of these modules promise that are a user's own blocks.
+-spec histories([module()]) -> [module()].
+histories(Modules) ->
+    Own = [Block || Block <- lists:usort(Modules), {ok, Block} =:= find(Block)],
+    histories() ++ [Block:history() || Block <- Own, starl_block:can(history, Block)].
