@@ -4,7 +4,7 @@
 %% test.
 -module(starl_debug_truth).
 
--export([recording/3, make/2, truth/2, answers/3, wrong/3, table/1, table/3]).
+-export([recording/3, make/2, signals/3, truth/2, answers/3, wrong/3, table/1, table/3]).
 
 -define(SPEED, 500.0).
 -define(MOST_PPM, 100).
@@ -121,6 +121,16 @@ events(#{holds := Holds, clock := Clock}) ->
 track(#{samples := Samples}) ->
     {Track, 0} = starl_debug_track:samples(Samples, #{speed => ?SPEED * 1.0005, error => 0.01}),
     Track.
+
+%% The distance of two robots (mm) and who of them holds the token (1 or 0), each millisecond.
+signals(R, Q, #{ms := Ms, robots := Robots}) ->
+    #{R := #{places := A, holds := HoldsA}, Q := #{places := B, holds := HoldsB}} = Robots,
+    Held = fun(Holds) -> [number(V) || V <- held_at(0, Ms, Holds)] end,
+    {
+        [starl_geometry:distance(P, Other) || {P, Other} <- lists:zip(A, B)],
+        Held(HoldsA),
+        Held(HoldsB)
+    }.
 
 %% -- the truth ------------------------------------------------------------------------------
 
