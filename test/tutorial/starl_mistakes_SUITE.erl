@@ -4,11 +4,11 @@
 -include_lib("stdlib/include/assert.hrl").
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
--export([each_mistake_is_one_line/1, properties_too/1]).
+-export([each_mistake_is_one_line/1, in_a_shell_too/1, properties_too/1]).
 
 suite() -> [{timetrap, {minutes, 10}}].
 
-all() -> [each_mistake_is_one_line, properties_too].
+all() -> [each_mistake_is_one_line, in_a_shell_too, properties_too].
 
 init_per_suite(Config) ->
     Dir = proplists:get_value(priv_dir, Config),
@@ -82,6 +82,58 @@ change(File, From, To) ->
     {ok, Text} = file:read_file(File),
     ?assertNotEqual({File, From, nomatch}, {File, From, string:find(Text, From)}),
     ok = file:write_file(File, string:replace(Text, From, To, all)).
+
+%% What is in the path, the scenario that is started, and the line.
+in_a_shell() ->
+    All = [starl_platform, starl_blocks, starl_sim],
+    [
+        {"a version that does not fit", [old, own | All], "#{app => mine}",
+            "applications of StarL of unlike versions: starl_platform is 0.1.0, starl_sim is 0.1.0,"
+            " starl_blocks is 0.0.9; a project takes all of them from one commit"},
+        {"an application that is not in the path", All, "#{app => mine}",
+            "there is no application mine; is it compiled, and in the path?"},
+        {"an application of StarL that is not in the path", All, "#{app => painting}",
+            "there is no application painting; is it compiled, and in the path?"},
+        {"a block whose application is not in the path", [own | All -- [starl_blocks]],
+            "#{app => mine}",
+            "mine.erl:3: blocks/0: starl_mutex is no building block: there is no such module; is it compiled,"
+            " and in the path?"},
+        {"no mistake", [own | All], "#{app => mine, robots => 1}", "none"}
+    ].
+
+in_a_shell_too(Config) ->
+    Dir = filename:join(proplists:get_value(priv_dir, Config), "shell"),
+    starl_first_hour_ct:write(
+        filename:join([Dir, "own", "mine.erl"]),
+        "-module(mine).\n-export([blocks/0, init/2, step/2]).\n"
+        "blocks() -> [starl_mutex].\ninit(_, _) -> 0.\nstep(_, N) -> {done, N}.\n"
+    ),
+    {ok, mine} = compile:file(filename:join([Dir, "own", "mine"]), [{outdir, ebin(own, Dir)}]),
+    {ok, [{application, starl_blocks, Keys}]} = file:consult(
+        filename:join(ebin(starl_blocks, Dir), "starl_blocks.app")
+    ),
+    Old = {application, starl_blocks, lists:keystore(vsn, 1, Keys, {vsn, "0.0.9"})},
+    starl_first_hour_ct:write(
+        filename:join([Dir, "old", "starl_blocks.app"]), io_lib:format("~tp.~n", [Old])
+    ),
+    [started(Mistake, Dir) || Mistake <- in_a_shell()].
+
+started({What, Apps, Scenario, Line}, Dir) ->
+    {0, Text} = starl_first_hour_ct:sh(
+        lists:flatten([
+            "erl -noinput",
+            [[" -pa '", ebin(App, Dir), "'"] || App <- lists:reverse(Apps)],
+            " -eval 'io:put_chars(case starl_sim:start(",
+            Scenario,
+            ") of {error, Why} -> starl_sim:format_error(Why); {ok, _} -> \"none\" end), halt().'"
+        ]),
+        Dir
+    ),
+    ?assertEqual({What, Line}, {What, Text}).
+
+ebin(old, Dir) -> filename:join(Dir, "old");
+ebin(own, Dir) -> filename:join(Dir, "own");
+ebin(App, _Dir) -> filename:join(code:lib_dir(App), "ebin").
 
 %% What would pass, or end in a page of PropEr's terms.
 properties_too(_Config) ->

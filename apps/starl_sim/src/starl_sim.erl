@@ -31,6 +31,9 @@
 
 -export_type([sim/0, options/0, planned/0, reason/0]).
 
+%% They are of one version.
+-define(SIBLINGS, [starl_platform, starl_sim, starl_blocks]).
+
 -define(EXAMPLE, "starl_sim:start(#{app => painting, robots => 3})").
 
 -record(sim, {
@@ -82,6 +85,7 @@
     | {fault_target, atom(), starl:robot_id()}
     | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
     | {nodes, starl_sim_nodes:reason()}
+    | {versions, [{atom(), Version :: string()}, ...]}
     | {reload, {no_code, module()} | starl_sim_reload:reason()}
     | {new_code, unicode:chardata()}
     | starl_sim_run:missed().
@@ -113,9 +117,10 @@ begun(Observer, Facts) -> starl_observer:tell({begun, Facts()}, Observer).
 plan(App, Options) when is_atom(App) ->
     plan(#{app => App}, Options);
 plan(#{app := Name} = Given, Options) when is_atom(Name) ->
-    case module_named(Name) of
-        {ok, App} -> checked(check_app(App), Given#{app := App}, Options);
-        none -> {error, {no_such_app, Name}}
+    case {starl_code:versions(?SIBLINGS), module_named(Name)} of
+        {{differ, Versions}, _} -> {error, {versions, Versions}};
+        {same, {ok, App}} -> checked(check_app(App), Given#{app := App}, Options);
+        {same, none} -> {error, {no_such_app, Name}}
     end;
 plan(_Given, _Options) ->
     {error, {no_app, ?EXAMPLE}}.
@@ -273,9 +278,16 @@ format_error({no_such_app, App}) ->
     Meant =
         case starl_code:resembling(App) of
             [Near | _] -> io_lib:format(" (did you mean ~ts?)", [Near]);
-            [] -> ""
+            [] -> "; is it compiled, and in the path?"
         end,
     [io_lib:format("there is no application ~ts", [App]), Meant];
+format_error({versions, Versions}) ->
+    Each = [io_lib:format("~ts is ~ts", [App, Version]) || {App, Version} <- Versions],
+    [
+        "applications of StarL of unlike versions: ",
+        lists:join(", ", Each),
+        "; a project takes all of them from one commit"
+    ];
 format_error({no_app, Example}) ->
     ["which application? Write ", Example];
 format_error({nodes, Reason}) ->

@@ -570,7 +570,10 @@ errors_of_start(_) ->
         {error, Reason} = starl_sim:start(Given),
         lists:flatten(io_lib:format("~ts", [starl_sim:format_error(Reason)]))
     end,
-    ?assertEqual("there is no application no_such_app", Line(#{app => no_such_app})),
+    ?assertEqual(
+        "there is no application no_such_app; is it compiled, and in the path?",
+        Line(#{app => no_such_app})
+    ),
     Both = Line(#{app => ?APP, robots => 0, lss => 0.5}),
     ?assertNotEqual(nomatch, string:find(Both, "did you mean loss?")),
     ?assertNotEqual(nomatch, string:find(Both, "robots: a whole number from 1")),

@@ -8,7 +8,7 @@
 -module(starl_code).
 
 -export([check/3, is_free/1, load/3, users/1, format_error/1]).
--export([line/3, is_library/1, resembling/1, exports/3]).
+-export([line/3, is_library/1, resembling/1, exports/3, versions/1]).
 
 -export_type([reason/0]).
 
@@ -123,4 +123,21 @@ exports(Text, Function, Arity) ->
                 erlang:function_exported(Module, Function, Arity)
     catch
         error:badarg -> false
+    end.
+
+%% @doc The versions of applications of StarL that are in the path: one, or which application has which.
+%% Applications that a project takes from unlike commits do not know each other's messages.
+-spec versions([atom(), ...]) -> same | {differ, [{atom(), Version :: string()}, ...]}.
+versions(Apps) ->
+    Known = [{App, Version} || App <- Apps, {ok, Version} <- [version(App)]],
+    case lists:usort([Version || {_, Version} <- Known]) of
+        [_, _ | _] -> {differ, Known};
+        _ -> same
+    end.
+
+version(App) ->
+    case application:load(App) of
+        {error, {already_loaded, App}} -> application:get_key(App, vsn);
+        ok -> application:get_key(App, vsn);
+        {error, _NotInThePath} -> undefined
     end.
