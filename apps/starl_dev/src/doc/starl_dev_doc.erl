@@ -1,4 +1,5 @@
-%% @doc `./starl doc': makes the pages of all modules ({@link starl_dev_doc_pages}), and what a shell tells of
+%% @doc `./starl doc': makes the pages of all modules ({@link starl_dev_doc_pages}) and of the guides
+%% ({@link starl_dev_doc_site}), and what a shell tells of
 %% them ({@link starl_dev_doc_chunks}).
 -module(starl_dev_doc).
 -behaviour(starl_cli_command).
@@ -9,13 +10,14 @@
 name() -> "doc".
 
 -spec synopsis() -> string().
-synopsis() -> "make the pages of all modules, for a browser".
+synopsis() -> "make the pages of guides and modules, for a browser".
 
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
-        "Makes a page for each module by EDoc, from its sources, and an index. EDoc's warnings "
-        "and links that lead nowhere are printed, one line each.",
+        "Makes a page for each guide, and one for each module by EDoc, with contents beside it and "
+        "a search over all of them, which needs no server. EDoc's warnings and links that lead nowhere "
+        "are printed, one line each.",
         "Afterwards the shells know them, too: h(starl), h(starl_mutex, acquire) in ./starl shell. In the "
         "directory of your own project, built by rebar3 or mix, it makes no pages, but its shells "
         "(rebar3 shell, iex -S mix) tell of its modules and of StarL's."
@@ -46,9 +48,20 @@ run(#{values := #{out := Dir}} = Call) ->
     end.
 
 for_checkout(Sources, Root, Dir) ->
-    case told(starl_dev_doc_pages:make(Sources, overview(Root), Dir), Dir) of
+    Made =
+        case starl_dev_doc_pages:make(Sources, overview(Root), Dir) of
+            {ok, Count} -> with_guides(starl_dev_doc_site:make(Root, Sources, Dir), Count, Dir);
+            {error, _} = Error -> Error
+        end,
+    case told(Made, Dir) of
         0 -> shells(Sources, [filename:join([Root, "_build", "default"])]);
         Status -> Status
+    end.
+
+with_guides(Guides, Modules, Dir) ->
+    case starl_dev_doc_pages:dead_links(Dir) of
+        [] -> {ok, Guides, Modules};
+        Problems -> {error, Problems}
     end.
 
 %% The directory of a user's own project.
@@ -76,8 +89,10 @@ overview(Root) -> filename:join([Root, "doc", "overview.edoc"]).
 is_ours(Dir) ->
     not filelib:is_file(Dir) orelse filelib:is_regular(filename:join(Dir, "edoc-info")).
 
-told({ok, Count}, Dir) ->
-    starl_cli_terminal:out("~b pages: ~ts\n", [Count, filename:join(Dir, "index.html")]),
+told({ok, Guides, Modules}, Dir) ->
+    starl_cli_terminal:out("~b guides, ~b modules: ~ts\n", [
+        Guides, Modules, filename:join(Dir, "index.html")
+    ]),
     0;
 told({error, Problems}, _Dir) ->
     [starl_cli_terminal:complain(Problem) || Problem <- Problems],

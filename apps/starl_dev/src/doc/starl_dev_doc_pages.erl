@@ -3,7 +3,7 @@
 %% wrong as code that does not compile.
 -module(starl_dev_doc_pages).
 
--export([make/3]).
+-export([make/3, dead_links/1]).
 
 -export_type([problem/0]).
 
@@ -83,7 +83,8 @@ pages(Dir) -> filelib:wildcard(filename:join(Dir, "*.html")).
 
 %% -- links ----------------------------------------------------------------------------------
 
-%% Links to missing pages, and to missing anchors in pages.
+%% @doc Links to missing pages, and to missing anchors in pages, a line each.
+-spec dead_links(Dir :: file:filename()) -> [problem()].
 dead_links(Dir) ->
     Pages = [{filename:basename(File), read(File)} || File <- pages(Dir)],
     Places = maps:from_list([{Page, places(Page, Text)} || {Page, Text} <- Pages]),
