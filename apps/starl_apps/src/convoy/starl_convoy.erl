@@ -99,16 +99,23 @@ step(Robot, #{at := At, last := Last} = State) when At >= Last ->
 step(Robot, #{lane := Lane, at := At} = State) ->
     #{way := Way} = Section = starl_convoy_route:section(At + 1, Lane),
     case starl_sections:enter(Robot, Section, fun() -> begins(Robot, Way, State) end) of
-        occupied ->
-            {continue, State};
-        stuck ->
-            ok = behind(Robot, State),
-            {continue, located(Robot, State)};
+        Why when Why =:= occupied; Why =:= stuck ->
+            {continue, elsewhere(starl_sections:position(Robot), Robot, State)};
         ok ->
             {_, Door} = lists:nth(At + 2, Lane),
             ok = starl:trace(Robot, {at, At + 1, Door}),
             ok = behind(Robot, State),
             {continue, State#{at := At + 1, held := true, since := starl:now(Robot)}}
+    end.
+
+%% Is it where it takes itself to be? A fault may have misled it.
+elsewhere(Place, Robot, #{lane := Lane, at := At} = State) ->
+    case starl_convoy_route:locate(Place, Lane) of
+        At ->
+            State;
+        _ ->
+            ok = behind(Robot, State),
+            located(Robot, State)
     end.
 
 behind(Robot, #{at := At, held := true}) -> starl_sections:leave(Robot, {section, At});
