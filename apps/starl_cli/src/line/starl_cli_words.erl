@@ -91,7 +91,7 @@ values(random_faults, _) ->
 values(faults, _) ->
     {words, texts(kinds())};
 values(chassis, _) ->
-    {files, texts([differential, holonomic, create, create_1, mixed])};
+    {files, texts(starl_chassis_choice:names())};
 values(Key, _) when Key =:= picture; Key =:= pictures -> {files, pictures()};
 values(floor, _) ->
     {files, starl_floor_file:shipped()};

@@ -3,7 +3,7 @@
 %% starl_chassis}) and its measures, whatever world the robots are in.
 -module(starl_chassis_choice).
 
--export([option/0, profiles/2, in_turn/1, of_robot/2, own/1]).
+-export([option/0, names/0, profiles/2, in_turn/1, of_robot/2, own/1]).
 
 -export_type([t/0, name/0, own/0]).
 
@@ -32,6 +32,10 @@ option() ->
         "real time an emulated one), any direction (holonomic), the first and the last in turn "
         "(mixed), a list that the robots take in turn; exec:PROGRAM and FILE.erl are two wheels "
         "of your own, in real time driven by that program or module"}.
+
+%% @doc The words of a choice.
+-spec names() -> [atom(), ...].
+names() -> [Name || {Name, _, _} <- kinds()] ++ [mixed].
 
 is_choice(mixed) ->
     true;
@@ -114,4 +118,3 @@ kind(Name) when is_atom(Name) ->
     lists:keyfind(Name, 1, kinds());
 kind(Own) ->
     {Own, starl_chassis_differential, #{latency_ms => ?OWN_LATENCY_MS}}.
-
