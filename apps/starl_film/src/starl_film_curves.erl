@@ -2,7 +2,7 @@
 %% line for each robot, above one axis of time with the bar of the film. A pure module.
 -module(starl_film_curves).
 
--export([new/0, add/5, curves/2, height/2, strips/3, mark/1]).
+-export([new/0, add/5, curves/2, strips/3, mark/1]).
 
 -export_type([t/0, curve/0]).
 
@@ -13,10 +13,10 @@
 %% The values of each robot by time.
 -type curve() :: {Key :: atom(), [{starl:robot_id(), [starl_film_series:point(), ...]}, ...]}.
 
-%% The most strips, and the size of one, in dots.
+%% The most strips; the height of the words above one, and of what is free beside its lines, in dots.
 -define(MOST, 3).
--define(STRIP, 96).
 -define(HEAD, 20).
+-define(FREE, 4).
 -define(TEXT, 13).
 
 %% @doc Nothing has been measured.
@@ -42,10 +42,6 @@ curves(Begun, Curves) ->
 
 since(Begun, Points) -> [{T - Begun, Value} || {T, Value} <- lists:reverse(Points)].
 
-%% @doc The room that curves take, in mm.
--spec height([curve()], Dot :: float()) -> float().
-height(Curves, Dot) -> length(Curves) * (?HEAD + ?STRIP) * Dot.
-
 %% @doc The strips of a film that ends then.
 -spec strips([curve()], EndUs :: integer(), starl_film_draw:page()) -> iolist().
 strips(Curves, End, Page) ->
@@ -54,7 +50,7 @@ strips(Curves, End, Page) ->
      || {N, Curve} <- lists:enumerate(0, Curves)
     ].
 
-strip(N, {Key, Lines}, End, #{width := Width, dot := Dot} = Page) ->
+strip(N, {Key, Lines}, End, #{width := Width, dot := Dot, strip := Strip} = Page) ->
     Top = top(N, Page),
     Range = range([V || {_, Points} <- Lines, {_, [V]} <- Points]),
     {Low, High} = Range,
@@ -65,15 +61,15 @@ strip(N, {Key, Lines}, End, #{width := Width, dot := Dot} = Page) ->
         ]),
         io_lib:format(
             "<rect class=\"e\" y=\"~b\" width=\"~b\" height=\"~b\" fill=\"#f6f6f6\"/>\n", [
-                round(Top), Width, round((?STRIP - 4) * Dot)
+                round(Top), Width, round(Strip - (?HEAD + ?FREE) * Dot)
             ]
         ),
         [line(Line, Top, Range, End, Page) || Line <- Lines]
     ].
 
 %% The strips begin beneath the foot without them.
-top(N, #{height := Height, foot := Foot, strips := Strips, dot := Dot}) ->
-    Height + Foot - (Strips - N) * (?HEAD + ?STRIP) * Dot + ?HEAD * Dot.
+top(N, #{height := Height, foot := Foot, strips := Strips, strip := Strip, dot := Dot}) ->
+    Height + Foot - (Strips - N) * Strip + ?HEAD * Dot.
 
 range(Values) ->
     case {lists:min(Values), lists:max(Values)} of
@@ -85,15 +81,15 @@ short(Value) when trunc(Value) == Value -> integer_to_list(trunc(Value));
 short(Value) when abs(Value) < 0.05 -> io_lib:format("~.2e", [Value]);
 short(Value) -> starl_film_draw:number(Value).
 
-line({Robot, Points}, Top, {Low, High}, End, #{width := Width, dot := Dot}) ->
-    Room = (?STRIP - 12) * Dot,
+line({Robot, Points}, Top, {Low, High}, End, #{width := Width, dot := Dot, strip := Strip}) ->
+    Room = Strip - (?HEAD + 3 * ?FREE) * Dot,
     Place = fun({T, [V]}) ->
         {
             round(Width * max(0, min(T, End)) / End),
-            round(Top + 4 * Dot + Room * (High - V) / (High - Low))
+            round(Top + ?FREE * Dot + Room * (High - V) / (High - Low))
         }
     end,
-    Seen = starl_film_series:thin((High - Low) / ?STRIP, Points),
+    Seen = starl_film_series:thin((High - Low) * Dot / Room, Points),
     [
         [
             "<path class=\"i\" style=\"stroke-width:",

@@ -19,14 +19,15 @@
 
 -export_type([page/0, look/0]).
 
-%% The size of the floor, of the foot and of one dot, in mm: the longer side has 800 dots; the number of strips
-%% with curves in the foot.
+%% The size of the floor, of the foot and of one dot, in mm: the longer side has 800 dots; the number and the
+%% height of strips with curves in the foot.
 -type page() :: #{
     width := integer(),
     height := integer(),
     dot := float(),
     foot := float(),
-    strips := non_neg_integer()
+    strips := non_neg_integer(),
+    strip := float()
 }.
 
 -type look() :: day | night.
@@ -34,6 +35,7 @@
 -define(RADIUS_MM, 165).
 -define(DOTS, 800).
 -define(FOOT_DOTS, 44).
+-define(STRIP_DOTS, 116).
 
 %% @doc The page of a scene.
 -spec page(starl_film_cast:scene()) -> page().
@@ -43,8 +45,9 @@ page(#{floor := {Width, Height}, curves := Curves}) ->
         width => round(Width),
         height => round(Height),
         dot => Dot,
-        foot => ?FOOT_DOTS * Dot + starl_film_curves:height(Curves, Dot),
-        strips => length(Curves)
+        foot => (?FOOT_DOTS + ?STRIP_DOTS * length(Curves)) * Dot,
+        strips => length(Curves),
+        strip => ?STRIP_DOTS * Dot
     }.
 
 %% @doc The head of a picture, with a foot below the floor or without.
