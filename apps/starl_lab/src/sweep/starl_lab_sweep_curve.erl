@@ -50,7 +50,15 @@ held([T | Times], Values, Held) ->
     [values(lists:sort(maps:values(Now))) | held(Times, Later, Now)].
 
 values([]) -> none;
-values(Sorted) -> {starl_lab_sweep_summary:median(Sorted), hd(Sorted), lists:last(Sorted)}.
+values(Sorted) -> {median(Sorted), hd(Sorted), lists:last(Sorted)}.
+
+%% As the summary's, which is built on this module.
+median(Sorted) ->
+    N = length(Sorted),
+    case N rem 2 of
+        1 -> lists:nth(N div 2 + 1, Sorted);
+        0 -> (lists:nth(N div 2, Sorted) + lists:nth(N div 2 + 1, Sorted)) / 2
+    end.
 
 %% @doc A curve as the cell of a table: the step in seconds, and at each `MEDIAN/LEAST/MOST' or `-'.
 -spec text(t()) -> string().
@@ -107,7 +115,7 @@ at(Ms, Step, Curves) ->
 
 over(Known) ->
     {
-        starl_lab_sweep_summary:median([Median || {Median, _, _} <- Known]),
+        median(lists:sort([Median || {Median, _, _} <- Known])),
         lists:min([Least || {_, Least, _} <- Known]),
         lists:max([Most || {_, _, Most} <- Known])
     }.
