@@ -39,8 +39,7 @@ all_test_() ->
         "there\n" ->
             {timeout, 600, fun() -> agree(Python) end};
         _ ->
-            io:format(user, "rtamt: skipped, pip install rtamt~n", []),
-            []
+            fun() -> io:format(user, "rtamt: skipped, pip install rtamt~n", []) end
     end.
 
 agree(Python) ->

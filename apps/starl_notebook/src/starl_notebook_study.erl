@@ -27,13 +27,19 @@ chunks(Points, N, Run) ->
     Tags = [begun(Point, Run) || Point <- Now],
     [ended(Tag) || Tag <- Tags] ++ chunks(Later, N, Run).
 
-begun(Point, Run) -> spawn_monitor(fun() -> exit({ran, Run(Point)}) end).
+begun(Point, Run) ->
+    Caller = self(),
+    spawn_monitor(fun() -> Caller ! {self(), Run(Point)} end).
 
 ended({Pid, Ref}) ->
     receive
-        {'DOWN', Ref, process, Pid, {ran, Row}} -> Row;
-        {'DOWN', Ref, process, Pid, {{starl_notebook, Line}, _}} -> error({starl_notebook, Line});
-        {'DOWN', Ref, process, Pid, Reason} -> exit(Reason)
+        {Pid, Row} ->
+            true = erlang:demonitor(Ref, [flush]),
+            Row;
+        {'DOWN', Ref, process, Pid, {{starl_notebook, Line}, _}} ->
+            error({starl_notebook, Line});
+        {'DOWN', Ref, process, Pid, Reason} ->
+            exit(Reason)
     end.
 
 ran(Scenario) ->
@@ -59,7 +65,7 @@ measured(Values) ->
     maps:map(fun(_Key, Numbers) -> median(Numbers) end, Groups).
 
 %% @doc The median; for an even number of values the mean of the two middle ones.
--spec median([number(), ...]) -> number().
+-spec median([number(), ...]) -> float().
 median(Values) ->
     Sorted = lists:sort(Values),
     N = length(Sorted),
@@ -74,7 +80,9 @@ markdown([First | _] = Rows) ->
         ["---" || _ <- Keys]
         | [[cell(maps:get(Key, Row, "")) || Key <- Keys] || Row <- Rows]
     ],
-    unicode:characters_to_binary([["| ", lists:join(" | ", Line), " |\n"] || Line <- Lines]).
+    binary([["| ", lists:join(" | ", Line), " |\n"] || Line <- Lines]).
+
+binary(Text) -> <<_/binary>> = unicode:characters_to_binary(Text).
 
 cell(Value) when is_float(Value) -> float_to_list(Value, [{decimals, 3}, compact]);
 cell(Value) when is_binary(Value) -> Value;
@@ -101,7 +109,7 @@ svg(Rows, X, Y, Curves) ->
         curves => Drawn,
         legend => Curves =/= none
     },
-    unicode:characters_to_binary(starl_picture_plot:svg("", [Panel])).
+    binary(starl_picture_plot:svg("", [Panel])).
 
 ranges(X, Y, Rows) ->
     Groups = maps:groups_from_list(

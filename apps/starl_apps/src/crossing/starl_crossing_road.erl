@@ -87,6 +87,6 @@ section(I, Road) ->
     #{token => token(I, Road), way => [lists:nth(I + 1, Road)], free_mm => ?FREE_MM}.
 
 %% @doc The drawing of the crossing.
--spec crossing(road()) -> starl_drawing:t().
+-spec crossing(road()) -> starl_drawing:shape().
 crossing([Middle | _]) ->
     #{key => crossing, area => starl_drawing:circle(Middle, ?FREE_MM), colour => orange}.

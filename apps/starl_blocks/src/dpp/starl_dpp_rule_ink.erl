@@ -14,7 +14,7 @@ factor(true, #{middle := Weight}) -> Weight;
 factor(false, _Settings) -> 1.0.
 
 %% A hair beyond where the bound meets the score, for rounding.
--spec farthest(number(), number(), starl_dpp_rule:settings()) -> number().
+-spec farthest(number(), number(), starl_dpp_rule:settings()) -> float().
 farthest(Score, Ink, #{overhead_mm := Overhead}) when Score > 0 ->
     (Ink / Score - Ink - Overhead) * (1.0 + 1.0e-9) + 1.0e-3;
 farthest(_Score, _Ink, _Settings) ->

@@ -8,5 +8,5 @@
 score(#{ink_mm := Ink, spent_mm := Spent, way_mm := Way}, _Settings) -> float(Ink - Spent - Way).
 
 %% A hair farther, for rounding.
--spec farthest(number(), number(), starl_dpp_rule:settings()) -> number().
+-spec farthest(number(), number(), starl_dpp_rule:settings()) -> float().
 farthest(Score, _Ink, _Settings) -> -Score + 1.0e-3.

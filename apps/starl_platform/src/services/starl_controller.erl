@@ -142,8 +142,10 @@ velocity(Wish, _Us, _Who, Profile) ->
 
 %% @doc The time that waiting may cost a robot on the way to a goal, with the looks in between.
 -spec waits_us(starl_chassis:profile()) -> non_neg_integer().
-waits_us(#{controller := Module} = Profile) -> 2 * Module:waits_us(Profile);
+waits_us(#{controller := Module} = Profile) -> twice(Module:waits_us(Profile));
 waits_us(_Profile) -> 0.
+
+twice(Us) when is_integer(Us), Us >= 0 -> 2 * Us.
 
 situation(Poses, Self, Waited, Profile) ->
     #{Self := {X, Y, _} = Pose} = Poses,

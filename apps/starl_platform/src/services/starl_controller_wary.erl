@@ -18,7 +18,7 @@
 %% The part of what it may not drive towards another that it drives past it instead.
 -define(PASSING, 0.8).
 
--spec sees_mm(starl_chassis:profile()) -> number().
+-spec sees_mm(starl_chassis:profile()) -> pos_integer().
 sees_mm(_Profile) -> ?SEES_MM.
 
 -spec waits_us(starl_chassis:profile()) -> pos_integer().

@@ -93,7 +93,7 @@ name(Element) ->
     Label = starl_svg_xml:attribute(<<"label">>, Element, <<>>),
     Title = unicode:characters_to_binary(title(starl_svg_xml:children(Element))),
     case [Name || Name <- [Label, string:trim(Title), Id], Name =/= <<>>] of
-        [Name | _] -> unicode:characters_to_list(Name);
+        [Name | _] -> [_ | _] = unicode:characters_to_list(Name);
         [] -> ""
     end.
 

@@ -263,6 +263,7 @@ read_list({error, _}, List) ->
 
 %% -- steps ------------------------------------------------------------------------------------
 
+-spec stepwise(fun(() -> Result)) -> Result | {error, reason()}.
 stepwise(Steps) ->
     try
         Steps()
@@ -291,6 +292,7 @@ tried(Step, Left, Pause) ->
             Answer
     end.
 
+-spec in_temporary(fun((file:filename()) -> Result)) -> Result.
 in_temporary(Use) ->
     Name = lists:concat(["starl-", os:getpid(), "-", erlang:unique_integer([positive]), ".piece"]),
     File = filename:join(os:getenv("TMPDIR", "/tmp"), Name),
