@@ -69,8 +69,10 @@ ahead(File, Before, Remote, Options) ->
         case must(named_error(read_at(File, Before * Bytes, Bytes), File)) of
             Piece when byte_size(Piece) =:= Bytes ->
                 Name = "pieces/" ++ hash(Piece),
-                1 = in_temporary(fun(T) -> sent(Piece, Name, Remote, T, Options) end),
-                {ok, Before + 1};
+                in_temporary(fun(Temporary) ->
+                    1 = sent(Piece, Name, Remote, Temporary, Options),
+                    {ok, Before + 1}
+                end);
             _ ->
                 {ok, Before}
         end
