@@ -66,23 +66,24 @@ alone_test() ->
     ?assertMatch(#{rounds := 1, passed := 1, longest_delta_us := 0}, Results),
     ?assert(maps:get(mean_delta_us, Results) == 0).
 
+told(Events, End, Extra) ->
+    M0 = starl_monitor:new([{starl_barrier_monitor, Extra#{robots => [1, 2]}}]),
+    {Met, M} = lists:foldl(
+        fun(Event, {Found, M1}) ->
+            case starl_monitor:step(trace(Event), M1) of
+                {ok, Next} -> {Found, Next};
+                {violation, V, Next} -> {Found ++ [V], Next}
+            end
+        end,
+        {[], M0},
+        Events
+    ),
+    {Late, _} = starl_monitor:finish(End, M),
+    [{W, T, R, D} || #{what := W, at_us := T, robots := R, details := D} <- Met ++ Late].
+
 %% What broke, when, whose it is, and in which round.
 told_test() ->
-    Told = fun(Events, End, Extra) ->
-        M0 = starl_monitor:new([{starl_barrier_monitor, Extra#{robots => [1, 2]}}]),
-        {Met, M} = lists:foldl(
-            fun(Event, {Found, M1}) ->
-                case starl_monitor:step(trace(Event), M1) of
-                    {ok, Next} -> {Found, Next};
-                    {violation, V, Next} -> {Found ++ [V], Next}
-                end
-            end,
-            {[], M0},
-            Events
-        ),
-        {Late, _} = starl_monitor:finish(End, M),
-        [{W, T, R, D} || #{what := W, at_us := T, robots := R, details := D} <- Met ++ Late]
-    end,
+    Told = fun told/3,
     Of = #{name => b, round => 1},
     ?assertEqual(
         [{passed_early, 2, [1], Of#{absent => [2]}}],
@@ -173,6 +174,15 @@ stored_and_not_told_test() ->
     Passed = all_reach() ++ [{3, 1, passed, 1}, {4, 2, crashed}],
     ?assertEqual([], judge(Passed ++ [{5, 2, recalled, 1, 1}, {6, 2, reached, 2}])),
     ?assertEqual([reached_out_of_order], judge(Passed ++ [{6, 2, reached, 2}])).
+
+%% Whoever called was told of the crash: of a round that is only recalled nobody waits for an answer. The other robot
+%% waits, until the bound after the last crash.
+recalled_without_a_caller_test() ->
+    Recalled = [{1, 2, reached, 1}, {2, 1, crashed}, {3, 1, recalled, 1, 0}],
+    ?assertMatch([{not_passed, _, [2], _}], told(Recalled, 99, #{bound_us => 10})),
+    ?assertEqual([], told(Recalled ++ [{4, 2, passed, 1}], 99, #{bound_us => 10})),
+    Again = Recalled ++ [{4, 2, passed, 1}, {5, 1, reached, 1}],
+    ?assertMatch([{not_passed, _, [1], _}], told(Again, 99, #{bound_us => 10})).
 
 %% A store that was set back may hold the round as reached only: it is passed once more. A store that
 %% is damaged does not.

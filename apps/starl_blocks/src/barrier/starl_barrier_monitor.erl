@@ -207,9 +207,14 @@ recalled(T, Robot, Name, {K, Passed}, State) ->
             Passed =/= maps:get(Key, State#state.passed, 0) andalso
             not is_map_key(Key, State#state.unsound),
     case {Reached, Left} of
-        {true, _} -> judge({barrier, {reached, Name, K}}, T, Robot, State);
-        {false, true} -> judge({barrier, {passed, Name, Passed}}, T, Robot, State);
-        {false, false} -> {[], State}
+        %% whoever called has been told of the crash, and need not pass
+        {true, _} ->
+            {Found, Next} = judge({barrier, {reached, Name, K}}, T, Robot, State),
+            {Found, excuse([Key], Next)};
+        {false, true} ->
+            judge({barrier, {passed, Name, Passed}}, T, Robot, State);
+        {false, false} ->
+            {[], State}
     end.
 
 keys(Robot, #state{reached = Reached}) -> [Key || {_, R} = Key <- maps:keys(Reached), R =:= Robot].
