@@ -50,6 +50,16 @@ a_lost_hold_is_there_when_it_is_told_test() ->
         mutex([acquired(1, 0, 20, 5), acquired(2, 0, 10, 6), released(2, 25, 26)])
     ).
 
+%% An application that stands still in the step of the answer tells of it afterwards: the hold was there at some
+%% moment of the halt. No other robot's halt explains it, nor one before.
+an_answer_to_a_robot_that_stands_still_test() ->
+    Calls = [acquired(1, 0, 20, 5), acquired(2, 0, 10, 6), released(2, 25, 26)],
+    Still = fun(Stills) -> mutex(Calls, [], #{stills => Stills}) end,
+    ?assertEqual([{t, kept}], Still([{1, 5, 20}])),
+    ?assertEqual([{t, {broken, 20}}], Still([{1, 11, 20}])),
+    ?assertEqual([{t, {broken, 20}}], Still([{2, 5, 20}])),
+    ?assertEqual([{t, {broken, 20}}], Still([{1, 5, 19}])).
+
 what_has_failed_or_is_unknown_holds_nothing_test() ->
     [First | Others] = two_holds(25, 6),
     {1, From, To, Request, _} = First,

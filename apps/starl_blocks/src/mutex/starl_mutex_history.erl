@@ -16,6 +16,7 @@
 
 %% `ends': not with a release that is known to have released it.
 -type hold() :: #{
+    robot := starl:robot_id(),
     fence := pos_integer(),
     acquired := {InvokedUs :: integer(), ReturnedUs :: integer()},
     released := {InvokedUs :: integer(), ReturnedUs :: integer()} | ends
@@ -65,7 +66,7 @@ judge(Calls, Config, #{states := Most} = Judge) ->
     Holds = [Hold || Hold <- holds(Calls), is_judged(Hold, Config, Judge)],
     Fences = lists:sort([Fence || #{fence := Fence} <- Holds]),
     Ranks = maps:from_list([{Fence, N} || {N, Fence} <- lists:enumerate(Fences)]),
-    Timed = lists:append([timed(Hold, Ranks, maps:get(sigma_us, Judge, 0)) || Hold <- Holds]),
+    Timed = lists:append([timed(Hold, Ranks, Judge) || Hold <- Holds]),
     case length(Fences) =:= map_size(Ranks) of
         false -> {unexplained, "linearizable: a fencing number comes twice"};
         true -> said(starl_history_search:linearizable(Timed, {0, free}, fun step/2, Most))
@@ -85,7 +86,7 @@ holds(Calls) ->
 
 call(#{request := {acquire, _, _}, answer := {ok, {ok, Fence}}} = Call, {Held, Over}) ->
     #{robot := Robot, invoked_us := Invoked, returned_us := Returned} = Call,
-    New = #{fence => Fence, acquired => {Invoked, Returned}, released => ends},
+    New = #{robot => Robot, fence => Fence, acquired => {Invoked, Returned}, released => ends},
     {Held#{Robot => New}, [maps:get(Robot, Held) || is_map_key(Robot, Held)] ++ Over};
 call(#{request := {release, _}, robot := Robot, answer := Answer} = Call, {Held, Over}) when
     is_map_key(Robot, Held)
@@ -111,14 +112,24 @@ is_judged(#{acquired := {Invoked, Returned}} = Hold, Config, Judge) ->
 last(#{released := {_, Returned}}, _Acquired) -> Returned;
 last(#{released := ends}, Acquired) -> Acquired.
 
-%% When the answer comes, the hold is there.
-timed(#{fence := Fence, acquired := {Invoked, Returned}, released := Released}, Ranks, Sigma) ->
+%% When the answer comes, the hold is there. An application that stands still in the step that the answer begins
+%% tells of it afterwards.
+timed(#{fence := Fence, acquired := {Invoked, Returned}} = Hold, Ranks, Judge) ->
     #{Fence := Rank} = Ranks,
+    #{robot := Robot, released := Released} = Hold,
+    Sigma = maps:get(sigma_us, Judge, 0),
+    Came = came(Robot, Returned, maps:get(stills, Judge, [])),
     [
         {Invoked, Returned, {acquire, Rank, Released =:= ends}},
-        {Returned - Sigma, Returned, {held, Rank}}
+        {max(Invoked, Came - Sigma), Returned, {held, Rank}}
         | [{From, To, {release, Rank}} || {From, To} <- [Released]]
     ].
+
+came(Robot, Told, Stills) ->
+    lists:min([
+        Told
+        | [From || {R, From, To} <- Stills, R =:= Robot, From =< Told, Told =< To]
+    ]).
 
 %% The lock: the rank of the last fencing number, and whether it is held; a hold that `ends' may have
 %% ended.

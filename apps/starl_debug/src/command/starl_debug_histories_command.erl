@@ -118,7 +118,7 @@ incomplete(File, Robot) ->
     ).
 
 verdicts(#{facts := Facts, history := History, models := Models}, Sigma, States) ->
-    Options = #{states => States, clocks => clocks(Facts)},
+    Options = (broken(Facts))#{states => States},
     Plain = starl_history:verdicts(Models, History, Options),
     case Sigma > 0 andalso [x || #{outcome := {broken, _, _, _}} <- Plain] =/= [] of
         true ->
@@ -136,11 +136,15 @@ with_clocks(#{outcome := {broken, _, _, _}}, Wide) ->
 with_clocks(Verdict, _Wide) ->
     Verdict.
 
-%% When faults of the scenario made clocks go wrong.
-clocks(#{scenario := #{faults := Faults}, kind := simulation}) ->
-    [{From, To} || {_, From, To, {clock, _}} <- starl_sim_assumption:broken(Faults, false)];
-clocks(_Facts) ->
-    [].
+%% When faults of the scenario made clocks go wrong, or applications stand still within a step.
+broken(#{scenario := #{faults := Faults}, kind := simulation}) ->
+    Windows = starl_sim_assumption:broken(Faults, false),
+    #{
+        clocks => [{From, To} || {_, From, To, {clock, _}} <- Windows],
+        stills => [{Robot, From, To} || {Robot, From, To, caller} <- Windows]
+    };
+broken(_Facts) ->
+    #{}.
 
 told(File, #{facts := #{app := App}} = Read, Verdicts) ->
     #{until_us := Until, ends := Ends, history := History} = Read,

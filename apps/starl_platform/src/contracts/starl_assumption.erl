@@ -27,7 +27,8 @@
 
 %% `clock': the clock gains this much in the window (it loses if negative), on top of its drift; the
 %% gain is a jump where the window is a moment. `pause': no event is handled before the end of the
-%% window. `still': it stands still within a step, whose rest takes place at the end of the window.
+%% window. `still': it stands still within a step, whose rest takes place at the end of the window; `caller': this
+%% step is its application's, which tells only then what it has been answered.
 %% `slow': events are handled up to `LagUs' later. `position': positions are those of
 %% another time or of another robot. `fault': something that costs a team time, of whatever kind;
 %% what assumptions are about is told apart from it.
@@ -35,6 +36,7 @@
     {clock, GainUs :: integer()}
     | pause
     | still
+    | caller
     | {slow, LagUs :: integer()}
     | position
     | fault.

@@ -56,11 +56,12 @@
 -opaque t() :: #history{}.
 
 %% `states': the most states of a search; `clocks': the windows in which clocks were set, or went wrong
-%% by more than they may.
+%% by more than they may; `stills': when a robot's application stood still within a step.
 %% `sigma_us': how far two clocks differ at most.
 -type options() :: #{
     states => pos_integer(),
     clocks => [{FromUs :: integer(), ToUs :: integer()}],
+    stills => [{starl:robot_id(), FromUs :: integer(), ToUs :: integer()}],
     sigma_us => non_neg_integer()
 }.
 

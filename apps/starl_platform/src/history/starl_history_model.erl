@@ -8,12 +8,13 @@
 
 -export_type([judge/0, judgement/0]).
 
-%% The most states of a search; when stores were damaged or set back; when clocks were; how far two clocks
-%% differ at most: calls are longer by it already.
+%% The most states of a search; when stores were damaged or set back; when clocks were; whose application
+%% stood still within a step, and told afterwards; how far two clocks differ at most: calls are longer by it already.
 -type judge() :: #{
     states := pos_integer(),
     marks := [starl_history:mark()],
     clocks => [{FromUs :: integer(), ToUs :: integer()}],
+    stills => [{starl:robot_id(), FromUs :: integer(), ToUs :: integer()}],
     sigma_us => non_neg_integer()
 }.
 

@@ -11,15 +11,17 @@
     machines :: [starl_machine:name()],
     states :: pos_integer(),
     clocks :: [{integer(), integer()}],
+    stills :: [{starl:robot_id(), integer(), integer()}],
     history :: starl_history:t()
 }).
 
 %% @doc The models with their contracts' configuration ({@link starl_history:models/2}); the most states
-%% of a search; when clocks were set.
+%% of a search; when clocks were set; when applications stood still within a step.
 -spec init(#{
     models := [{module(), map()}],
     states => pos_integer(),
-    clocks => [{integer(), integer()}]
+    clocks => [{integer(), integer()}],
+    stills => [{starl:robot_id(), integer(), integer()}]
 }) -> #monitor{}.
 init(#{models := Models} = Config) ->
     Machines = lists:usort([Model:machine() || {Model, _} <- Models]),
@@ -28,6 +30,7 @@ init(#{models := Models} = Config) ->
         machines = Machines,
         states = maps:get(states, Config, 200000),
         clocks = maps:get(clocks, Config, []),
+        stills = maps:get(stills, Config, []),
         history = starl_history:new(Machines)
     }.
 
@@ -36,11 +39,16 @@ interests(#monitor{machines = Machines}) -> [app, robot | Machines].
 
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{broken := Windows}, Config) ->
-    Config#{clocks => [{From, To} || {_, From, To, {clock, _}} <- Windows]}.
+    Config#{
+        clocks => [{From, To} || {_, From, To, {clock, _}} <- Windows],
+        stills => [{Robot, From, To} || {Robot, From, To, caller} <- Windows]
+    }.
 
 -spec broken(starl_assumption:window(), #monitor{}) -> #monitor{}.
 broken({_, From, To, {clock, _}}, #monitor{clocks = Clocks} = Monitor) ->
     Monitor#monitor{clocks = [{From, To} | Clocks]};
+broken({Robot, From, To, caller}, #monitor{stills = Stills} = Monitor) ->
+    Monitor#monitor{stills = [{Robot, From, To} | Stills]};
 broken(_Window, Monitor) ->
     Monitor.
 
@@ -50,8 +58,10 @@ step(Event, #monitor{history = History} = Monitor) ->
 
 -spec finish(integer(), #monitor{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
-finish(_EndUs, #monitor{models = Models, history = History, states = States, clocks = Clocks}) ->
-    Verdicts = starl_history:verdicts(Models, History, #{states => States, clocks => Clocks}),
+finish(_EndUs, #monitor{models = Models, history = History, states = States} = Monitor) ->
+    Verdicts = starl_history:verdicts(Models, History, #{
+        states => States, clocks => Monitor#monitor.clocks, stills => Monitor#monitor.stills
+    }),
     Undecided = length([undecided || #{outcome := undecided} <- Verdicts]),
     Results = #{objects => length(Verdicts), undecided => Undecided},
     case [violation(Verdict) || #{outcome := {broken, _, _, _}} = Verdict <- Verdicts] of

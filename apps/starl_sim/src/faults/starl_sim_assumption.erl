@@ -34,8 +34,9 @@ windows({_, From, To, clock_drift, Robot, #{ppm := Ppm}}) when abs(Ppm) > ?DRIFT
     [{Robot, From, To, {clock, round((To - From) * Ppm / 1000000)}}];
 windows({_, From, To, pause, Robot, _}) ->
     [{Robot, From, To, pause}];
-windows({_, From, To, stand_still, {Robot, _Machine}, _}) ->
-    [{Robot, From, To, pause}, {Robot, From, To, still}];
+windows({_, From, To, stand_still, {Robot, Machine}, _}) ->
+    [{Robot, From, To, pause}, {Robot, From, To, still}] ++
+        [{Robot, From, To, caller} || Machine =:= app];
 windows({_, From, To, slow, Robot, #{lag_ms := Ms}}) ->
     [{Robot, From, To, {slow, 1000 * Ms}}];
 windows({_, From, To, location_frozen, Robots, _}) ->
