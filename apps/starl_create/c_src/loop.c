@@ -94,11 +94,12 @@ static void was_halted(struct port *port)
     port_say(port, 'x', "halted");
 }
 
-static void guard_ready(struct port *port, short events)
+/* Asked whatever the last poll has said: this program may have been halted since then. */
+static void ask_guard(struct port *port, short events)
 {
     if (events & (POLLERR | POLLHUP))
         guard_died(port);
-    else if (events & POLLIN && guardian_heard(&port->guard, clock_us()))
+    else if (guardian_heard(&port->guard, clock_us()))
         was_halted(port);
 }
 
@@ -139,12 +140,11 @@ static void time_passed(struct port *port)
     look_again(port, now);
 }
 
-/* False: Erlang has closed. */
+/* Reads, and handles nothing yet. False: Erlang has closed. */
 static bool erlang_ready(struct port *port, short events)
 {
     if (events & POLLIN && !frames_read(&port->in))
         return false;
-    messages(port);
     return !(events & (POLLERR | POLLNVAL)) && (events & POLLIN || !(events & POLLHUP));
 }
 
@@ -189,9 +189,11 @@ int port_run(const char *priority)
     port_say(&port, 'p', priority);
     while (!is_ended) {
         wait_for(&port, fds);
+        bool is_open = erlang_ready(&port, fds[IN].revents) && !(fds[OUT].revents & POLLERR);
         if (port.guard.socket >= 0 && fds[GUARD].fd == port.guard.socket)
-            guard_ready(&port, fds[GUARD].revents);
-        if (!erlang_ready(&port, fds[IN].revents) || fds[OUT].revents & POLLERR)
+            ask_guard(&port, fds[GUARD].revents);
+        messages(&port);
+        if (!is_open)
             break;
         if (fds[OUT].revents & POLLOUT)
             frames_flush(&port.out);
