@@ -20,13 +20,14 @@
     reloads/1,
     taken_port/1,
     ended_at_once/1,
+    ended_by_signal/1,
     clock_starts_last/1,
     nothing_left/1,
     none_left_standing/1
 ]).
 %% called in the conductor
 -export([play/4, struck/1, filled/1, beside_another/1, killed_by_its_code/1, loaded_and_begun/1]).
--export([sender_hangs/1]).
+-export([sender_hangs/1, shot/1]).
 
 -define(SPEED, 10).
 
@@ -46,6 +47,7 @@ all() ->
         reloads,
         taken_port,
         ended_at_once,
+        ended_by_signal,
         clock_starts_last,
         nothing_left,
         none_left_standing
@@ -259,7 +261,19 @@ taken_port(Config) ->
 ended_at_once(Config) ->
     Said = in_conductor(killed_by_its_code, [proplists:get_value(dir, Config)], Config),
     ?assertEqual(
-        "robot 1 does not start: its node has ended; was it killed, or no memory left?", Said
+        "robot 1 does not start: its node was ended by signal 9 (SIGKILL): by hand, or for want of memory",
+        Said
+    ).
+
+%% The same while the run goes on; who was killed by a command is not told of it.
+ended_by_signal(Config) ->
+    Said = in_conductor(shot, [proplists:get_value(dir, Config)], Config),
+    ?assertEqual(
+        [
+            {1, <<"its node was ended by signal 9 (SIGKILL): by hand, or for want of memory">>},
+            {1, <<"its node was ended by signal 6 (SIGABRT): for want of memory?">>}
+        ],
+        [Line || {_, Text} = Line <- Said, binary:match(Text, <<"signal">>) =/= nomatch]
     ).
 
 %% The time of the run begins when all nodes are up with all of their code.
@@ -431,6 +445,35 @@ killed_by_its_code(Dir) ->
     Code = loading("os:cmd(\"kill -KILL \" ++ os:getpid())"),
     {error, Reason} = started_with(Code, #{dir => Dir}),
     unicode:characters_to_list(starl_cluster:format_error(Reason)).
+
+%% The errors that are told when the node of robot 2 is killed by a command, and that of robot 1 by others.
+shot(Dir) ->
+    _ = process_flag(trap_exit, true),
+    Self = self(),
+    Log = fun(Robot, Level, Line) -> Level =:= error andalso (Self ! {told, Robot, Line}) end,
+    Given = #{app => starl_world_app, robots => 2, play => #{}},
+    {ok, Cluster} = starl_cluster:start(Given, #{dir => Dir, transport => dist, log => Log}),
+    ok = starl_cluster:kill(Cluster, 2),
+    ok = restarted(1, Cluster),
+    ok = up(2, Cluster),
+    First = shot("KILL", 1, Cluster),
+    Second = shot("ABRT", 2, Cluster),
+    _ = starl_cluster:stop(Cluster),
+    _ = starl_cluster:finish(Cluster),
+    First ++ Second.
+
+shot(Signal, N, Cluster) ->
+    #{os_pids := #{1 := OsPid}} = starl_cluster:status(Cluster),
+    [] = os:cmd("kill -" ++ Signal ++ " " ++ OsPid),
+    ok = restarted(N, 1, Cluster),
+    ok = up(1, Cluster),
+    said().
+
+said() ->
+    receive
+        {told, Robot, Line} -> [{Robot, Line} | said()]
+    after 0 -> []
+    end.
 
 %% Code that tells when it was loaded, and what the observer of the run is told.
 loaded_and_begun(Dir) ->

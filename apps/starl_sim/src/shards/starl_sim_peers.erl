@@ -7,8 +7,9 @@
 -module(starl_sim_peers).
 
 -export([start/1, start_as/1, node/1, control/1, os_pid/1, stop/1, kill/1, format_error/1]).
+-export([tell_end/1, format_end/1]).
 
--export_type([t/0, reason/0]).
+-export_type([t/0, reason/0, told/0]).
 
 -record(peer, {control :: pid(), node :: node(), os_pid :: string()}).
 
@@ -16,7 +17,13 @@
 
 -type reason() :: starl_sim_net:reason() | {no_peer, Why :: term()}.
 
+%% The news of a peer that has ended, if {@link tell_end/1} asked for it: with the status of its process, as a
+%% shell has it.
+-type told() :: {starl_peer_ended, Control :: pid(), Status :: non_neg_integer()}.
+
 -define(BOOT_MS, 60000).
+%% The status of a process that a signal has ended, less its number.
+-define(SIGNALLED, 128).
 -define(END_MS, 5000).
 
 %% @doc Starts `N' peers, linked to the calling process, which must trap exits.
@@ -62,6 +69,41 @@ kill(#peer{control = Control, os_pid = OsPid}) ->
     close(Control).
 
 close(Control) -> starl_sim_stop:shutdown(Control, ?END_MS).
+
+%% @doc From now on the calling process is told with what status a peer ends, before its control does.
+%% OTP's `peer' keeps the status to itself, or crashes with it, with reports of its own.
+-spec tell_end(t()) -> ok.
+tell_end(#peer{control = Control}) ->
+    Self = self(),
+    Tell = fun
+        (told, {in, {Port, {exit_status, Status}}}, _) when is_port(Port) ->
+            Self ! {starl_peer_ended, Control, Status},
+            done;
+        (told, _Event, _) ->
+            told
+    end,
+    try
+        sys:install(Control, {Tell, told})
+    catch
+        %% it has ended already
+        exit:_ -> ok
+    end.
+
+%% @doc The end of a peer in words, as a part of a sentence.
+-spec format_end(Status :: non_neg_integer()) -> unicode:chardata().
+format_end(Status) when Status > ?SIGNALLED ->
+    io_lib:format("was ended by signal ~b~ts", [Status - ?SIGNALLED, signal(Status - ?SIGNALLED)]);
+format_end(Status) ->
+    io_lib:format("has ended with status ~b", [Status]).
+
+%% A VM that gets no memory aborts; the kernel kills when the computer has none left.
+signal(4) -> " (SIGILL)";
+signal(6) -> " (SIGABRT): for want of memory?";
+signal(7) -> " (SIGBUS)";
+signal(9) -> " (SIGKILL): by hand, or for want of memory";
+signal(11) -> " (SIGSEGV)";
+signal(15) -> " (SIGTERM)";
+signal(_) -> "".
 
 %% @doc One line on why there are no peers.
 -spec format_error(reason()) -> unicode:chardata().

@@ -11,7 +11,9 @@
 
 %% @doc Readies the node for its robot: its log goes to that process. `Code': modules that were compiled in
 %% memory, or reloaded. All code is loaded first: an atom that a node does not know is refused in a packet.
--spec ready(node(), starl:robot_id(), [Code], Log :: pid()) -> ok | {error, unicode:chardata()} when
+-spec ready(node(), starl:robot_id(), [Code], Log :: pid()) ->
+    ok | {error, ended | unicode:chardata()}
+when
     Code :: {module(), file:filename(), binary()}.
 ready(Node, Id, Code, Log) ->
     try
@@ -45,7 +47,7 @@ end_with_robot() ->
 -spec open(
     node(), starl_live_robot:spec(), starl_live_air:settings(), starl_live_sense_fault:faults()
 ) ->
-    {ok, [Link :: pid()]} | {error, unicode:chardata()}.
+    {ok, [Link :: pid()]} | {error, ended | unicode:chardata()}.
 open(Node, #{robot := Id} = Spec, Air, Senses) ->
     try call(Node, starl_live_sup, open, opening(Id, Spec)) of
         {ok, _} ->
@@ -59,7 +61,7 @@ open(Node, #{robot := Id} = Spec, Air, Senses) ->
     end.
 
 failed(error, {erpc, noconnection}) ->
-    {error, "its node has ended; was it killed, or no memory left?"};
+    {error, ended};
 failed(Class, Reason) ->
     {error, io_lib:format("its node failed: ~0tP", [{Class, Reason}, 20])}.
 

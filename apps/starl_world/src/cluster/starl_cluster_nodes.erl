@@ -7,6 +7,7 @@
 
 -export([start/2, names/1, specified/2, again/2, lost/2, drop/2, stop/1]).
 -export([ids/1, up/1, name/2, spec/2, code/1, of_control/2, restarts/1, os_pids/1, kill/2]).
+-export([control/2, doom/2, is_doomed/2]).
 
 -export_type([t/0, code/0]).
 
@@ -17,6 +18,8 @@
     name :: string(),
     peer :: starl_sim_peers:t() | none,
     restarts = 0 :: non_neg_integer(),
+    %% whether it is to end: it was killed from here
+    doomed = false :: boolean(),
     %% what its robot starts with
     spec = #{} :: starl_live_robot:spec()
 }).
@@ -35,6 +38,7 @@ start(Ids, Code) ->
     Names = [Run ++ "-robot" ++ integer_to_list(Id) || Id <- Ids],
     case starl_sim_peers:start_as(Names) of
         {ok, Peers} ->
+            ok = lists:foreach(fun starl_sim_peers:tell_end/1, Peers),
             Nodes = [#node{name = Name, peer = Peer} || {Name, Peer} <- lists:zip(Names, Peers)],
             {ok, #nodes{nodes = maps:from_list(lists:zip(Ids, Nodes)), code = Code}};
         {error, _} = Error ->
@@ -51,13 +55,18 @@ specified(Specs, #nodes{nodes = All} = Nodes) ->
     With = [{Id, (maps:get(Id, All))#node{spec = Spec}} || {Id, Spec} <- Specs],
     Nodes#nodes{nodes = maps:merge(All, maps:from_list(With))}.
 
-%% @doc Starts a robot's node anew.
+%% @doc Starts a robot's node anew. The calling process is told of its end, as of the others'
+%% ({@link starl_sim_peers:told()}).
 -spec again(starl:robot_id(), t()) -> {ok, t()} | {error, starl_sim_peers:reason()}.
 again(Id, #nodes{nodes = All} = Nodes) ->
     #{Id := #node{name = Name, restarts = N} = Node} = All,
     case starl_sim_peers:start_as([Name]) of
-        {ok, [Peer]} -> {ok, put_node(Id, Node#node{peer = Peer, restarts = N + 1}, Nodes)};
-        {error, _} = Error -> Error
+        {ok, [Peer]} ->
+            ok = starl_sim_peers:tell_end(Peer),
+            Again = Node#node{peer = Peer, restarts = N + 1, doomed = false},
+            {ok, put_node(Id, Again, Nodes)};
+        {error, _} = Error ->
+            Error
     end.
 
 %% @doc The node of a robot has ended.
@@ -111,6 +120,23 @@ of_control(Pid, Nodes) ->
         [Id] -> {ok, Id};
         [] -> none
     end.
+
+%% @doc The process that holds the node of a robot.
+-spec control(starl:robot_id(), t()) -> pid() | none.
+control(Id, Nodes) ->
+    case lists:keyfind(Id, 1, peers(Nodes)) of
+        {Id, Peer} -> starl_sim_peers:control(Peer);
+        false -> none
+    end.
+
+%% @doc The node of a robot is to end: nobody need be told by what.
+-spec doom(starl:robot_id(), t()) -> t().
+doom(Id, #nodes{nodes = All} = Nodes) ->
+    put_node(Id, (maps:get(Id, All))#node{doomed = true}, Nodes).
+
+%% @doc Is the node of a robot to end?
+-spec is_doomed(starl:robot_id(), t()) -> boolean().
+is_doomed(Id, #nodes{nodes = All}) -> (maps:get(Id, All))#node.doomed.
 
 %% @doc How often each node was started anew.
 -spec restarts(t()) -> #{starl:robot_id() => non_neg_integer()}.

@@ -45,6 +45,8 @@
 
 %% The time after which a node that has ended is started anew.
 -define(AGAIN_MS, 500).
+%% The time within which the end of a node's process is known after its connection has gone.
+-define(END_MS, 2000).
 %% The longest time to open a robot; to wait for answers to hands; to load code (a node that hangs is killed
 %% before); to end a recording.
 -define(OPEN_MS, 60000).
@@ -87,9 +89,10 @@ readied(Nodes, Code, Plan, Options) ->
         [] ->
             controlled(Nodes, Calls, Plan, Options);
         [{Id, Why} | _] ->
+            Known = known_end(Id, Why, Nodes),
             ok = starl_cluster_calls:stop(Calls),
             ok = starl_cluster_nodes:stop(Nodes),
-            {stop, {shutdown, {robot, Id, Why}}}
+            {stop, {shutdown, {robot, Id, Known}}}
     end.
 
 controlled(Nodes, Calls, Plan, Options) ->
@@ -143,9 +146,20 @@ all_opened(#state{nodes = Nodes} = State) ->
         [] ->
             {ok, lists:foldl(fun done/2, Asked#state{calls = Left}, Ended)};
         [{Id, Why} | _] ->
+            Known = known_end(Id, Why, Nodes),
             ok = terminate(not_opened, Asked),
-            {stop, {shutdown, {robot, Id, Why}}}
+            {stop, {shutdown, {robot, Id, Known}}}
     end.
+
+%% Why a robot could not be opened, in words. Its node may have ended just now.
+known_end(Id, ended, Nodes) ->
+    Control = starl_cluster_nodes:control(Id, Nodes),
+    receive
+        {starl_peer_ended, Control, Status} -> ["its node ", starl_sim_peers:format_end(Status)]
+    after ?END_MS -> "its node has ended"
+    end;
+known_end(_Id, Why, _Nodes) ->
+    Why.
 
 -spec handle_call(term(), gen_server:from(), #state{}) ->
     {reply, term(), #state{}} | {noreply, #state{}}.
@@ -196,6 +210,9 @@ handle_info({starl_log, Id, Level, Line}, #state{log = Log} = State) ->
     {noreply, State};
 handle_info({'EXIT', Pid, Reason}, State) ->
     exited(Pid, Reason, State);
+handle_info({starl_peer_ended, Control, Status}, State) ->
+    ok = ended(Control, Status, State),
+    {noreply, State};
 handle_info({chaos, Act}, State) ->
     {noreply, chaos(Act, State)};
 handle_info({again, Id}, State) ->
@@ -271,9 +288,16 @@ act({Pause, Robot, Seconds}, State) when Pause =:= pause; Pause =:= pause_at_wor
 act(Act, #state{hands = Hands} = State) ->
     Next = starl_cluster_hands:done(Act, Hands),
     case known(starl_cluster_hands:robots(Act), State, fun() -> does(Act, Next, State) end) of
-        ok -> {ok, State#state{hands = Next}};
+        ok -> {ok, doomed(Act, State#state{hands = Next})};
         {error, _} = Error -> {Error, State}
     end.
+
+doomed({Kill, Robot}, #state{nodes = Nodes} = State) when
+    Kill =:= kill; Kill =:= lose_store; Kill =:= set_back
+->
+    State#state{nodes = starl_cluster_nodes:doom(Robot, Nodes)};
+doomed(_Act, State) ->
+    State.
 
 known(Robots, #state{nodes = Nodes}, Then) ->
     case Robots -- starl_cluster_nodes:ids(Nodes) of
@@ -388,8 +412,10 @@ reload(Sources, Options, From, #state{parts = Parts, nodes = Nodes, reloads = Re
 loaded(Answers, #state{nodes = Nodes, reloads = Before} = State) ->
     Reloads = starl_cluster_reload:loaded(Answers, Before),
     Renewed = starl_cluster_reload:codes(Reloads) =/= starl_cluster_reload:codes(Before),
-    _ = [starl_cluster_nodes:kill(Robot, Nodes) || Renewed, {Robot, down} <- maps:to_list(Answers)],
-    State#state{reloads = Reloads}.
+    Late = [Robot || Renewed, {Robot, down} <- maps:to_list(Answers)],
+    _ = [starl_cluster_nodes:kill(Robot, Nodes) || Robot <- Late],
+    Doomed = lists:foldl(fun starl_cluster_nodes:doom/2, Nodes, Late),
+    State#state{reloads = Reloads, nodes = Doomed}.
 
 %% Opens the robot of a node that is ready. What hands do meanwhile is asked of the node after this.
 opening(Id, State) -> opening(Id, fun(_Node) -> ok end, State).
@@ -462,7 +488,7 @@ opened(_Id, _Codes, down, State) ->
     State.
 
 not_opened(Id, Why, #state{nodes = Nodes} = State) ->
-    Line = unicode:characters_to_binary(Why),
+    Line = unicode:characters_to_binary(known_end(Id, Why, Nodes)),
     logger:error(#{what => robot_not_started, robot => Id, why => Line}),
     later(Id, left(Id, State#state{nodes = starl_cluster_nodes:drop(Id, Nodes)})).
 
@@ -497,7 +523,7 @@ silent(Word, Id, #state{nodes = Nodes, halts = Halts} = State) ->
         {silent, false} ->
             logger:error(#{what => node_silent, robot => Id, then => killed_and_started_anew}),
             _ = starl_cluster_nodes:kill(Id, Nodes),
-            State;
+            State#state{nodes = starl_cluster_nodes:doom(Id, Nodes)};
         {doubtful, true} ->
             State;
         {silent, true} ->
@@ -523,6 +549,21 @@ exited(Pid, _Reason, #state{nodes = Nodes} = State) ->
         {ok, Id} -> {noreply, lost(Id, State)};
         none -> {noreply, State}
     end.
+
+%% A signal is told, unless it came from here.
+ended(Control, Status, #state{nodes = Nodes, log = Log}) ->
+    case starl_cluster_nodes:of_control(Control, Nodes) of
+        {ok, Id} ->
+            Level = level(Status, starl_cluster_nodes:is_doomed(Id, Nodes)),
+            Line = ["its node ", starl_sim_peers:format_end(Status)],
+            _ = Log(Id, Level, unicode:characters_to_binary(Line)),
+            ok;
+        none ->
+            ok
+    end.
+
+level(Status, false) when Status > 128 -> error;
+level(_Status, _IsDoomed) -> notice.
 
 lost(Id, Before) ->
     logger:notice(#{what => node_ended, robot => Id}),
