@@ -29,6 +29,9 @@
 
 -type key() :: atom() | binary().
 
+%% Larger numbers have an exponent; smaller whole ones are exact.
+-define(READABLE, 1.0e15).
+
 -define(PLAIN(C), (C >= $\s andalso C =/= $" andalso C =/= $\\ andalso C < 16#7f)).
 
 %% @doc A value in one line; floats have as few digits as tell them apart.
@@ -40,6 +43,7 @@ encode(Value) -> written(Value, [short]).
 encode(Value, Decimals) -> written(Value, [{decimals, Decimals}, compact]).
 
 written(Number, _Floats) when is_integer(Number) -> integer_to_binary(Number);
+written(Number, [short]) when is_float(Number) -> short(Number);
 written(Number, Floats) when is_float(Number) -> float_to_binary(Number, Floats);
 written(Text, _Floats) when is_binary(Text) -> text(Text);
 written(Word, _Floats) when Word =:= true; Word =:= false; Word =:= null -> atom_to_binary(Word);
@@ -57,6 +61,12 @@ written({Number, Decimals}, _Floats) ->
     float_to_binary(Number, [{decimals, Decimals}, compact]);
 written({Pairs}, Floats) ->
     object(Pairs, Floats).
+
+%% Erlang writes 2.0e3, which people do not read as a length.
+short(Number) when abs(Number) < ?READABLE, trunc(Number) == Number ->
+    float_to_binary(Number, [{decimals, 1}]);
+short(Number) ->
+    float_to_binary(Number, [short]).
 
 object([], _Floats) ->
     <<"{}">>;

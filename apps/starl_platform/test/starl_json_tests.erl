@@ -37,6 +37,12 @@ a_float_has_the_decimals_that_are_asked_for_test() ->
     Text = iolist_to_binary(starl_json:encode(Values, 6)),
     ?assertEqual(<<"[0.12,0.123457,3.0,4]">>, Text).
 
+a_length_has_no_exponent_test() ->
+    Values = [2.0e3, -1.0e5, 1.0e14, 1.5e-7, 1.0e300, 0.1],
+    Text = <<"[2000.0,-100000.0,100000000000000.0,1.5e-7,1.0e300,0.1]">>,
+    ?assertEqual(Text, iolist_to_binary(starl_json:encode(Values))),
+    ?assertEqual({ok, Values}, starl_json:decode(Text)).
+
 what_is_json_already_stays_as_it_is_test() ->
     ?assertEqual(<<"[[ ],1]">>, written([{json, <<"[ ]">>}, 1])).
 

@@ -93,6 +93,7 @@ completed(false) -> incomplete.
 cell(null) -> "";
 cell(Text) when is_binary(Text) -> unicode:characters_to_list(Text);
 cell(Violations) when is_list(Violations) -> integer_to_list(length(Violations));
+cell(Value) when is_float(Value) -> binary_to_list(iolist_to_binary(starl_json:encode(Value)));
 cell(Value) -> lists:flatten(io_lib:format("~w", [Value])).
 
 %% @doc The status of a run.
