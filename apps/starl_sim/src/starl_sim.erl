@@ -294,6 +294,8 @@ format_error({nodes, Reason}) ->
     starl_sim_nodes:format_error(Reason);
 format_error({lost, Loss}) ->
     starl_sim_nodes:format_loss(Loss);
+format_error({hung, Hang}) ->
+    starl_sim_watch:format_hang(Hang);
 format_error({reload, {no_code, Module}}) ->
     io_lib:format("there is no code of ~ts to be loaded; is it compiled and in the path?", [Module]);
 format_error({reload, {bad_code, _, _} = Reason}) ->

@@ -14,7 +14,8 @@
     a_step_that_never_blocks/1,
     steps_that_never_block/1,
     a_loop_that_lets_no_time_pass/1,
-    an_endless_loop_is_given_up/1
+    an_endless_loop_is_given_up/1,
+    a_run_that_hangs_is_no_trial/1
 ]).
 
 -define(MODES, [process, inline]).
@@ -29,7 +30,8 @@ all() ->
         a_step_that_never_blocks,
         steps_that_never_block,
         a_loop_that_lets_no_time_pass,
-        an_endless_loop_is_given_up
+        an_endless_loop_is_given_up,
+        a_run_that_hangs_is_no_trial
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -266,23 +268,35 @@ a_loop_that_lets_no_time_pass(_) ->
     ].
 
 %% An endless loop without any action is no crash, since wall time decides nothing; it ends the run,
-%% which names the line.
+%% which names the line and keeps what was judged: with one shard, and with another that waits.
 an_endless_loop_is_given_up(_) ->
     Script = fun(R) ->
         ok = starl:sleep(R, 10),
         spin(starl:id(R))
     end,
     Given = #{app => starl_sim_script_app, robots => 2, script => Script},
-    {Driver, Ref} = spawn_monitor(fun() ->
-        {ok, Sim} = starl_sim:start(Given, #{patience_ms => 500}),
-        starl_sim:run(Sim)
-    end),
-    receive
-        {'DOWN', Ref, process, Driver, Reason} ->
-            ?assertMatch({{shard_failed, {no_answer, _, [{2, app, _}]}}, _}, Reason),
-            {{_, {_, _, [{2, app, Frames}]}}, _} = Reason,
-            ?assertMatch([{?MODULE, spin, 1, _, Line} | _] when Line > 0, Frames)
-    end.
+    [
+        begin
+            {ok, Sim} = starl_sim:start(Given#{shards => Shards}, #{patience_ms => 500}),
+            ?assertMatch(#{ending := hung}, starl_sim:run(Sim)),
+            ?assertMatch({error, {hung, _}}, starl_sim:run_until_event(Sim, 1, 1000)),
+            {#{hung := {_, [{2, app, Frames}]}} = Outcome, _} = starl_sim:finish(Sim),
+            ?assertMatch([{?MODULE, spin, 1, _, Line} | _] when Line > 0, Frames),
+            #{ending := hung, digest := <<>>, violations := [], robots := Robots} = Outcome,
+            ?assertMatch([{1, #{result := {done, done}}}, {2, #{result := running}}], Robots)
+        end
+     || Shards <- [1, 2]
+    ].
+
+%% Where runs are compared, one that wall time has ended is an error, and not the same as another.
+a_run_that_hangs_is_no_trial(_) ->
+    Script = fun(R) -> spin(starl:id(R)) end,
+    Given = #{app => starl_sim_script_app, robots => 2, script => Script},
+    Options = #{patience_ms => 200},
+    {error, {failed, {hung, _}} = Why} =
+        starl_sim_trial:run(Given, fun(_) -> ok end, [], Options),
+    Line = starl_sim_shrink:format_error({trial, Why}),
+    ?assertMatch({match, _}, re:run(Line, "^robot 2 at .*spin/1.* did not end a step within 0 s$")).
 
 spin(2) -> spin(2);
 spin(_) -> done.

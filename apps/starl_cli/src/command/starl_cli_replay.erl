@@ -182,17 +182,32 @@ came({ok, {stopped, _}}, _Setup) ->
     starl_cli_terminal:out("interrupted: not compared\n"),
     130;
 came({ok, {_Ending, Outcome}}, #{record := Record} = Setup) ->
-    #{digest := Digest, violations := Violations, end_us := EndUs, events := Events} = Outcome,
+    #{violations := Violations, end_us := EndUs, events := Events} = Outcome,
     #{run := #{target := #{name := Name}}} = Setup,
     Lines = [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
     Head = io_lib:format("~ts: ~b events in ~.1f s~n", [Name, Events, EndUs / 1.0e6]),
-    starl_cli_terminal:out([Head, Lines]),
-    compare(starl_cli_record:hex(Digest), starl_cli_record:results(Outcome), Record, Setup);
+    Stands = [[starl_sim_watch:format_hang(Hang), "\n"] || #{hung := Hang} <- [Outcome]],
+    starl_cli_terminal:out([Head, Lines, Stands]),
+    compare(Outcome, Record, Setup);
 came(Failed, #{run := Run}) ->
     failed(Failed, Run).
 
 failed({error, Reason}, _Run) -> {error, [starl_sim:format_error(Reason)]};
 failed({failed, Reason}, Run) -> starl_cli_simulation:failed(Reason, Run).
+
+%% Wall time has ended a run that hung, so its digest says nothing.
+compare(#{hung := _}, #{ending := hung}, _Setup) ->
+    starl_cli_terminal:out("so the recorded run ended, too: no digest to compare\n"),
+    0;
+compare(#{hung := _}, _Record, _Setup) ->
+    starl_cli_terminal:out("NOT THE SAME: in the recorded run each step ended\n"),
+    3;
+compare(_Outcome, #{ending := hung}, _Setup) ->
+    starl_cli_terminal:out("NOT THE SAME: in the recorded run a step did not end\n"),
+    3;
+compare(#{digest := Digest} = Outcome, Record, Setup) ->
+    Results = starl_cli_record:results(Outcome),
+    compare(starl_cli_record:hex(Digest), Results, Record, Setup).
 
 compare(Digest, _Results, #{ending := lost}, _Setup) ->
     starl_cli_terminal:out(["the recorded run lost a node: not compared; digest ", Digest, "\n"]),

@@ -9,7 +9,7 @@
 %% A recorded run. `scenario': all values of the run with those of the application; its `faults'
 %% include the drawn ones; with the application's module as `app' it can be started unchanged.
 %% `options': the application's own values once more. `app': a name or a source file, as in a
-%% scenario file. `digest': lower-case hexadecimal; empty if a node was lost. `results': a hash of each
+%% scenario file. `digest': lower-case hexadecimal; empty if a node was lost, or a step did not end. `results': a hash of each
 %% robot's result, since a result may have no readable form; a record of an earlier version has none.
 -type t() :: #{
     app := atom() | file:filename_all(),
@@ -44,7 +44,7 @@
 -define(KEYS, [app, scenario, options, digest, ending, end_us, events, violations]).
 %% Those that a record may lack.
 -define(MORE, [results]).
--define(ENDINGS, [done, time, violation, stopped, quiet, lost]).
+-define(ENDINGS, [done, time, violation, stopped, quiet, lost, hung]).
 
 %% @doc Makes the record of a run from the application (as in a scenario file), the scenario that
 %% has run, the end of the run and the results.

@@ -123,7 +123,7 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
         ] ++ not_judged(Outcome) ++
         [
             {ending, atom_to_binary(Ending)}
-        ] ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})) ++
+        ] ++ hung(Outcome) ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})) ++
         [Figure || #{notes := Notes} <- [Input], Figure <- starl_cli_notes:figures(Notes)] ++
         [
             {waiting, [unicode:characters_to_binary(W) || W <- Waiting]}
@@ -134,6 +134,12 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
 contracts(Monitors) ->
     Judging = maps:keys(maps:without(?LOOKING_ON, Monitors)),
     [unicode:characters_to_binary(starl_monitor:name(M)) || M <- lists:sort(Judging)].
+
+%% Only for runs that ended because a robot did not end its step.
+hung(#{hung := {Ms, AtWork}}) ->
+    [{hung, unicode:characters_to_binary(starl_cli_stall:line(Ms, loop, AtWork))}];
+hung(#{}) ->
+    [].
 
 %% Only for runs in which applications crashed.
 crashes(#{crashes := Count, causes := Causes, first_crash := {_, _, _, _} = Crash}) ->
@@ -191,7 +197,7 @@ formats(#report{app = App}) -> maps:get(formats, App, #{}).
 %% @doc Whether the work is complete: by the application's word, or else if every application has
 %% ended.
 -spec complete(t()) -> boolean().
-complete(#report{ending = lost}) ->
+complete(#report{ending = Ending}) when Ending =:= lost; Ending =:= hung ->
     false;
 complete(#report{app = #{complete := Complete}}) ->
     Complete;
@@ -280,6 +286,8 @@ why(time, Report) ->
     ["the time was up", still("; ", Report)];
 why(lost, _Report) ->
     "a node was lost";
+why(hung, _Report) ->
+    "a step did not end";
 why(_, #report{died = [], given_up = [_ | _] = GivenUp} = Report) ->
     [
         "the application crashed for ever on ",
@@ -299,7 +307,8 @@ still(Before, #report{running = Ids}) -> [Before, integer_to_list(length(Ids)), 
 
 details(#report{app = App} = Report) ->
     Own = [["  ", Line] || Line <- maps:get(summary, App, [])],
-    [crashed(Report)] ++ waits(Report) ++ Own ++ noted(Report) ++ [radio(Report), cost(Report)].
+    [crashed(Report), stands(Report)] ++ waits(Report) ++ Own ++ noted(Report) ++
+        [radio(Report), cost(Report)].
 
 noted(#report{notes = Notes}) when length(Notes) > ?NOTES ->
     {Shown, More} = lists:split(?NOTES, Notes),
@@ -327,6 +336,12 @@ crashed(#report{crashes = {Count, Causes}}) ->
     io_lib:format("  the application crashed ~b times, from ~b causes; the first is told above", [
         Count, Causes
     ]).
+
+stands(Report) ->
+    case figure(hung, Report) of
+        null -> none;
+        Line -> ["  ", Line]
+    end.
 
 radio(Report) ->
     {Messages, Packets} = {figure(messages, Report), figure(packets, Report)},

@@ -96,6 +96,6 @@ traced({Scenario, Robot}) ->
 
 run(Scenario, Config) ->
     {ok, Sim} = starl_sim:start(Scenario, #{watch => [{starl_sim_trace_monitor, Config}]}),
-    #{ending := _} = starl_sim:run(Sim),
+    #{ending := _} = starl_sim_trial:whole(Sim),
     {Outcome, _} = starl_sim:finish(Sim),
     Outcome.

@@ -78,7 +78,7 @@
 -spec run(#{app := module(), atom() => term()}, ranges()) -> result().
 run(Scenario, Record) ->
     {ok, Sim} = starl_sim:start(Scenario, #{record => Record}),
-    #{ending := _} = starl_sim:run(Sim),
+    #{ending := _} = starl_sim_trial:whole(Sim),
     Recorded = maps:map(fun(Id, _) -> starl_sim:events(Sim, Id) end, Record),
     {#{digest := Digest, end_us := EndUs, events := Events} = Outcome, _} = starl_sim:finish(Sim),
     #{robots := Robots, violations := Violations} = Outcome,

@@ -341,5 +341,7 @@ format_error({trial, {start, Reason}}) ->
     starl_sim:format_error(Reason);
 format_error({trial, {unjudged, [Part | _]}}) ->
     starl_unjudged:format(Part);
+format_error({trial, {failed, {hung, Hang}}}) ->
+    starl_sim_watch:format_hang(Hang);
 format_error({trial, {failed, Reason}}) ->
     io_lib:format("the simulation failed: ~0tP", [Reason, 15]).

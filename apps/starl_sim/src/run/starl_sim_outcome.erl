@@ -7,10 +7,11 @@
 -export_type([t/0, ending/0]).
 
 %% Why a run ended: all applications finished, its time was up, a contract was violated, it was
-%% stopped from outside, nothing could happen any more, or a node was lost.
--type ending() :: done | time | violation | stopped | quiet | lost.
+%% stopped from outside, nothing could happen any more, a node was lost, or a robot did not end its step.
+-type ending() :: done | time | violation | stopped | quiet | lost | hung.
 
-%% The outcome. The robots of lost nodes are missing in it, and the digest is empty then.
+%% The outcome. The robots of lost nodes are missing in it. The digest is empty then, and if a robot
+%% did not end its step, which `hung' names.
 -type t() :: #{
     ending := ending() | none,
     end_us := starl_sim_queue:time(),
@@ -24,7 +25,8 @@
     digest := binary(),
     events := non_neg_integer(),
     packets := non_neg_integer(),
-    lost := [starl_sim_nodes:loss()]
+    lost := [starl_sim_nodes:loss()],
+    hung => starl_sim_window:hang()
 }.
 
 -type robot() :: {starl:robot_id(), starl_sim_robot:summary()}.
@@ -39,17 +41,18 @@
         limit_us := starl_sim_queue:time(),
         robots := [robot()],
         team := pos_integer(),
-        lost := [starl_sim_nodes:loss()]
+        lost := [starl_sim_nodes:loss()],
+        hung => starl_sim_window:hang()
     }.
-new(#{robots := Robots, team := Team} = End, Judge) ->
+new(#{robots := Robots} = End, Judge) ->
     Until = until_us(End),
     {Violations, Results, Unjudged} = starl_sim_judge:close(Until, Judge),
-    (maps:with([ending, end_us, robots, lost], End))#{
+    (maps:with([ending, end_us, robots, lost, hung], End))#{
         judged_us => Until,
         violations => Violations,
         unjudged => Unjudged,
         monitors => Results,
-        digest => digest(Robots, Team),
+        digest => digest(End),
         events => lists:sum([N || {_, #{events := N}} <- Robots]),
         packets => lists:sum([N || {_, #{packets := N}} <- Robots])
     }.
@@ -57,9 +60,11 @@ new(#{robots := Robots, team := Team} = End, Judge) ->
 until_us(#{ending := quiet, end_us := Now, limit_us := Limit}) -> max(Now, Limit);
 until_us(#{end_us := Now}) -> Now.
 
-%% Only a digest over all robots can be compared with that of another run.
-digest(Robots, Team) when length(Robots) < Team ->
+%% Only a digest over all robots, at the end of a window, can be compared with that of another run.
+digest(#{robots := Robots, team := Team}) when length(Robots) < Team ->
     <<>>;
-digest(Robots, _Team) ->
+digest(#{hung := _}) ->
+    <<>>;
+digest(#{robots := Robots}) ->
     Bytes = [<<Id:32, Chain:32>> || {Id, #{chain := Chain}} <- Robots],
     binary:part(crypto:hash(sha256, Bytes), 0, 16).

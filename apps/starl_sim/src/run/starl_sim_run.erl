@@ -41,12 +41,13 @@
 }.
 
 %% Why a run cannot stop at an event: there is no such robot, the robot has had more events already,
-%% the run ended before, or it lost a node.
+%% the run ended before, it lost a node, or a robot did not end its step.
 -type missed() ::
     {no_robot, starl:robot_id()}
     | {past, starl:robot_id(), Events :: non_neg_integer()}
     | {ended, starl:robot_id(), Events :: non_neg_integer()}
-    | {lost, starl_sim_nodes:loss()}.
+    | {lost, starl_sim_nodes:loss()}
+    | {hung, starl_sim_window:hang()}.
 
 -record(run, {
     limit_us :: starl_sim_queue:time(),
@@ -66,7 +67,8 @@
     stop = false :: boolean(),
     %% new code that waits
     reload :: starl_sim_reload:t(),
-    lost = [] :: [starl_sim_nodes:loss()]
+    lost = [] :: [starl_sim_nodes:loss()],
+    hung = none :: starl_sim_window:hang() | none
 }).
 
 %% The shards are told after this many newly judged windows.
@@ -168,6 +170,8 @@ handle_call(_Question, _From, #run{caller = Caller} = Run) when Caller =/= none 
     {reply, {error, running}, Run};
 handle_call({run_to, _Goal}, _From, #run{lost = [Loss | _]} = Run) ->
     {reply, {error, {lost, Loss}}, Run};
+handle_call({run_to, _Goal}, _From, #run{hung = {_, _} = Hang} = Run) ->
+    {reply, {error, {hung, Hang}}, Run};
 handle_call({run_to, {Id, N} = Goal}, From, #run{limit_us = Limit, ending = Ending} = Run) ->
     case ask(count, Id, Run) of
         unknown -> {reply, {error, {no_robot, Id}}, Run};
@@ -207,6 +211,10 @@ handle_info({lost, Loss}, Run) ->
     {noreply, lose(Loss, Run)};
 handle_info(_LastWords, #run{lost = [_ | _]} = Run) ->
     {noreply, Run};
+handle_info(_LastWords, #run{hung = {_, _}} = Run) ->
+    {noreply, Run};
+handle_info({hung, Hang}, Run) ->
+    {noreply, give_up(Hang, Run)};
 handle_info({window_done, Shard, N, Trace}, #run{judge = Judge, shards = Shards} = Run) ->
     case starl_sim_judge:told(Shard, N, Trace, starl_sim_shards:count(Shards), Judge) of
         {ok, Next} ->
@@ -288,6 +296,7 @@ judged(Reason, #run{stop = Stop, judge = Judge}) ->
 
 reply(none, _Reason, Run) -> status_of(Run);
 reply(_Goal, lost, #run{lost = [Loss | _]}) -> {error, {lost, Loss}};
+reply(_Goal, _Reason, #run{hung = {_, _} = Hang}) -> {error, {hung, Hang}};
 reply(_Goal, held, Run) -> {ok, status_of(Run)};
 reply({Id, _N}, _Reason, Run) -> {error, {ended, Id, ask(count, Id, Run)}}.
 
@@ -313,6 +322,19 @@ lose(#{node := Node} = Loss, #run{shards = Shards, caller = Caller, judge = Judg
     _ = Caller =/= none andalso gen_server:reply(Caller, reply(Run#run.goal, lost, Ended)),
     Ended.
 
+%% Likewise if a robot does not end its step.
+give_up(Hang, #run{shards = Shards, caller = From, goal = Goal, judge = Judge} = Run) ->
+    Ended = Run#run{
+        shards = starl_sim_shards:give_up(Shards),
+        now = starl_sim_judge:seen(Judge),
+        caller = none,
+        goal = none,
+        ending = judged(hung, Run),
+        hung = Hang
+    },
+    gen_server:reply(From, reply(Goal, hung, Ended)),
+    Ended.
+
 %% -- the end --------------------------------------------------------------------------------
 
 status_of(#run{now = Now, running = Running, ending = Ending}) ->
@@ -320,8 +342,8 @@ status_of(#run{now = Now, running = Running, ending = Ending}) ->
 
 conclude(Run) ->
     Robots = summaries(Run),
-    case length(Robots) =:= starl_sim_shards:team(Run#run.shards) orelse Run#run.lost of
-        [] -> conclude(await_loss(Run));
+    case length(Robots) =:= starl_sim_shards:team(Run#run.shards) orelse Run of
+        #run{lost = [], hung = none} -> conclude(await_loss(Run));
         _ -> conclude(Robots, Run)
     end.
 
@@ -332,8 +354,8 @@ await_loss(Run) ->
     after ?LAST_WORDS_MS -> exit({shard_failed, no_answer})
     end.
 
-conclude(Robots, #run{shards = Shards, judge = Judge} = Run) ->
-    End = #{
+conclude(Robots, #run{shards = Shards, judge = Judge, hung = Hung} = Run) ->
+    End0 = #{
         ending => Run#run.ending,
         end_us => Run#run.now,
         limit_us => Run#run.limit_us,
@@ -341,6 +363,7 @@ conclude(Robots, #run{shards = Shards, judge = Judge} = Run) ->
         team => starl_sim_shards:team(Shards),
         lost => Run#run.lost
     },
+    End = maps:merge(End0, maps:from_list([{hung, Hung} || Hung =/= none])),
     Outcome = starl_sim_outcome:new(End, Judge),
     Told = maps:with([ending, end_us, judged_us, violations, unjudged, digest], Outcome),
     ok = starl_observer:tell({ended, Told}, Run#run.observer),

@@ -2,7 +2,7 @@
 %% inline and with one shard, which is fast and, by contract, changes no result.
 -module(starl_sim_trial).
 
--export([run/1, run/2, run/3, run/4, apart/1]).
+-export([run/1, run/2, run/3, run/4, apart/1, whole/1]).
 
 -export_type([verdict/0, outcome/0, reason/0]).
 
@@ -75,10 +75,22 @@ play(Scenario, Started, Watch, Options) ->
     case starl_sim:start(Scenario#{mode => inline, shards => 1}, Watched) of
         {ok, Sim} ->
             _ = Started(Sim),
-            _ = starl_sim:run(Sim),
+            _ = whole(Sim),
             outcome(Scenario, starl_sim:scenario(Sim), starl_sim:finish(Sim));
         {error, Reason} ->
             {error, {start, Reason}}
+    end.
+
+%% @doc Runs a simulation to its end, as {@link starl_sim:run/1} does; exits if a robot does not end
+%% its step: where wall time has ended a run, it is like no other.
+-spec whole(starl_sim:sim()) -> starl_sim_run:status().
+whole(Sim) ->
+    case starl_sim:run(Sim) of
+        #{ending := hung} ->
+            {#{hung := Hang}, _} = starl_sim:finish(Sim),
+            exit({hung, Hang});
+        Status ->
+            Status
     end.
 
 outcome(_Given, _Ran, {#{violations := [], unjudged := [_ | _] = Parts}, _}) ->

@@ -15,7 +15,7 @@
 %% or on its results.
 -module(starl_sim_watch).
 
--export([start_link/2, stop/1, at_work/1, named/1]).
+-export([start_link/2, stop/1, at_work/1, named/1, format_hang/1]).
 
 -export_type([config/0, news/0, cause/0, work/0]).
 
@@ -193,6 +193,21 @@ named(AtWork) ->
         {Robot, Name, frames(Pid)}
      || #{robot := Robot, machine := Name, process := Pid} <- AtWork
     ].
+
+%% @doc One line on a robot that did not end its step; the innermost call of its own comes with it.
+-spec format_hang(starl_sim_window:hang()) -> unicode:chardata().
+format_hang({Ms, AtWork}) ->
+    Each = [[who(Work), at(Work)] || Work <- AtWork],
+    io_lib:format("~ts did not end a step within ~b s", [lists:join(", ", Each), Ms div 1000]).
+
+who({Robot, app, _Frames}) -> io_lib:format("robot ~w", [Robot]);
+who({Robot, Name, _Frames}) -> io_lib:format("~ts of robot ~w", [Name, Robot]).
+
+at({_Robot, _Name, Frames}) ->
+    case starl_crash:place(Frames) of
+        none -> "";
+        Frame -> [" at ", starl_crash:format_frame(Frame)]
+    end.
 
 in_loop(#{robot := Robot, events := N, application := App} = Work, Before) when is_pid(App) ->
     case [M || #{robot := R, events := M} <- Before, R =:= Robot] of

@@ -247,8 +247,16 @@ run_window(#steps{next = Next, window_us = Width, queue = Queue, windows = N} = 
     From = Next - Next rem Width,
     To = From + Width,
     {Events, Rest} = starl_sim_queue:take_window(To, Queue),
-    Ids = starl_sim_window:run({From, To}, Events),
-    close({From, To}, Ids, none, Steps#steps{queue = Rest, now = To, windows = N + 1}).
+    Steps1 = Steps#steps{queue = Rest, now = To, windows = N + 1},
+    case starl_sim_window:run({From, To}, Events) of
+        {hung, Hang} -> give_up(Hang, Steps1);
+        Ids -> close({From, To}, Ids, none, Steps1)
+    end.
+
+%% A robot does not end its step: this shard's part of the run ends within the window.
+give_up(Hang, #steps{run = Run} = Steps) ->
+    Run ! {hung, Hang},
+    Steps#steps{abandoned = true}.
 
 %% Ends the window, unless a robot was held in it. `Mails' holds what the peers sent meanwhile.
 close(Window, Ids, Mails, #steps{stop = Stop} = Steps) ->
@@ -283,8 +291,10 @@ finish(Ids, Mails, #steps{windows = N} = Steps) ->
 resume(#steps{open = #{window := Window, robot := Id, news := Waiting} = Open} = Steps) ->
     #{ids := Ids, mails := Mails} = Open,
     _ = [self() ! News || News <- lists:reverse(Waiting)],
-    ok = starl_sim_window:resume(Window, Id),
-    close(Window, Ids, Mails, Steps#steps{open = none});
+    case starl_sim_window:resume(Window, Id) of
+        ok -> close(Window, Ids, Mails, Steps#steps{open = none});
+        {hung, Hang} -> give_up(Hang, Steps#steps{open = none})
+    end;
 resume(#steps{open = {peer, Peer, _}} = Steps) ->
     receive_mail(Peer, Steps#steps{open = none});
 resume(#steps{open = none} = Steps) ->

@@ -3,7 +3,7 @@
 -module(starl_sim_shards).
 
 -export([start/1, count/1, team/1, is_one/2, missing/2]).
--export([run/3, approve/2, halt/1, ask/3, summaries/2, lose/2]).
+-export([run/3, approve/2, halt/1, ask/3, summaries/2, lose/2, give_up/1]).
 
 -export_type([t/0]).
 
@@ -89,10 +89,17 @@ lose(Node, #shards{pids = Pids} = Shards) ->
     Left = [Shard || Shard <- Pids, node(Shard) =/= Node],
     Shards#shards{pids = Left, patience_ms = ?LAST_WORDS_MS}.
 
+%% @doc A robot does not end its step: the shards rest, and each has some time for its answer.
+-spec give_up(t()) -> t().
+give_up(#shards{pids = Pids} = Shards) ->
+    ok = lists:foreach(fun starl_sim_shard:abandon/1, Pids),
+    Shards#shards{patience_ms = ?LAST_WORDS_MS}.
+
 asked(Shard, Question, Without, #shards{pids = Pids, patience_ms = Ms}) ->
     try lists:member(Shard, Pids) andalso starl_sim_shard:inspect(Shard, Question, Ms) of
         false -> Without;
         Answer -> Answer
     catch
-        exit:{_, {gen_server, call, _}} when node(Shard) =/= node() -> Without
+        exit:{_, {gen_server, call, _}} when node(Shard) =/= node() -> Without;
+        exit:{timeout, {gen_server, call, _}} -> Without
     end.

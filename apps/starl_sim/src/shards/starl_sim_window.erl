@@ -13,7 +13,7 @@
 -export([hold/1, robots/0, robot/1, be_patient/2, patient/0, run/2, yields/1, crashed/3]).
 -export([halt_after/2, resume/2, tell_at_work/2]).
 
--export_type([yields/0]).
+-export_type([yields/0, hang/0]).
 
 %% The yields of a window: events for later ones, the trace ordered by time, then robot, new
 %% pieces of motion by robot, and the number of applications that have ended.
@@ -23,6 +23,9 @@
     moved := [{starl:robot_id(), starl_trajectory:piece()}],
     ended := non_neg_integer()
 }.
+
+%% A robot's machines that did not end their step within the patience, with that time.
+-type hang() :: {Ms :: non_neg_integer(), [starl_sim_watch:work()]}.
 
 %% The period of a look at the wall time that a window takes, and its key in the process dictionary.
 -define(LOOK_MS, 1000).
@@ -40,7 +43,7 @@ robots() -> lists:sort([{Id, Robot} || {Id, Robot} <- get(), is_integer(Id)]).
 -spec robot(starl:robot_id()) -> starl_sim_robot:t() | undefined.
 robot(Id) -> get(Id).
 
-%% @doc From now on the run is given up when one window takes this wall time (ms). One timer serves
+%% @doc From now on a window is given up when it takes this wall time (ms). One timer serves
 %% many windows: a timer in each receive would cost as much as the event.
 -spec be_patient(starl_sim_robot:window(), Ms :: pos_integer()) -> ok.
 be_patient(Window, Ms) -> look_later({Window, now_ms(), Ms}).
@@ -57,12 +60,15 @@ patient() ->
     ok.
 
 %% @doc Runs a window with these events, which are ordered by robot, then in each robot's order;
-%% returns the robots that were at work, in descending order.
--spec run(starl_sim_robot:window(), [starl_sim_queue:event()]) -> [starl:robot_id()].
+%% returns the robots that were at work, in descending order, or who did not end a step.
+-spec run(starl_sim_robot:window(), [starl_sim_queue:event()]) ->
+    [starl:robot_id()] | {hung, hang()}.
 run(Window, Events) ->
     {Ids, Active} = begin_robots(agenda(Window, Events), Window, [], 0),
-    ok = collect(Active, Window),
-    Ids.
+    case collect(Active, Window) of
+        ok -> Ids;
+        {hung, _} = Hung -> Hung
+    end.
 
 %% @doc Tells a process ({@link starl_sim_watch}) which machines' processes are at work.
 -spec tell_at_work(pid(), reference()) -> ok.
@@ -83,7 +89,7 @@ halt_after(Id, N) ->
     ok.
 
 %% @doc Goes on with a window in which one robot was held.
--spec resume(starl_sim_robot:window(), starl:robot_id()) -> ok.
+-spec resume(starl_sim_robot:window(), starl:robot_id()) -> ok | {hung, hang()}.
 resume(Window, Id) -> collect(keep(Id, starl_sim_robot:resume(get(Id))), Window).
 
 %% @doc A process has gone down between two windows. Returns its robot, if it is one of these; the
@@ -138,8 +144,10 @@ collect(Active, Window) ->
         {'DOWN', _, process, Pid, Reason} ->
             collect(Active + interrupted(Pid, Reason), Window);
         {timeout, Timer, {?PATIENCE, Patience}} ->
-            ok = look(get(?PATIENCE) =:= Timer, Patience, Window),
-            collect(Active, Window);
+            case look(get(?PATIENCE) =:= Timer, Patience, Window) of
+                ok -> collect(Active, Window);
+                {hung, _} = Hung -> Hung
+            end;
         {who, From, Ref} ->
             ok = tell_at_work(From, Ref),
             collect(Active, Window)
@@ -151,7 +159,7 @@ look(false, _Patience, _Window) ->
 look(true, {Window, SinceMs, Ms} = Patience, Window) ->
     case now_ms() - SinceMs of
         Took when Took < Ms -> look_later(Patience);
-        Took -> exit({no_answer, Took, starl_sim_watch:named(at_work())})
+        Took -> {hung, {Took, starl_sim_watch:named(at_work())}}
     end;
 look(true, {_Earlier, _SinceMs, Ms}, Window) ->
     be_patient(Window, Ms).

@@ -83,7 +83,7 @@ again(#{scenario := Scenario, digest := Digest, violations := [First | _]} = Out
 recorded(#{robots := Robots} = Scenario) ->
     Ids = lists:seq(1, Robots),
     Sim = started(Scenario, #{record => maps:from_keys(Ids, ?ALL)}),
-    _ = starl_sim:run(Sim),
+    _ = starl_sim_trial:whole(Sim),
     Events = maps:from_list([{Id, starl_sim:events(Sim, Id)} || Id <- Ids]),
     {#{digest := Digest, packets := Packets}, _} = starl_sim:finish(Sim),
     {Digest, Packets, Events}.
@@ -138,7 +138,7 @@ play(#{scenario := Scenario, branch := Branch, chains := Chains} = Job) ->
     Sim = started(Scenario, #{
         branch => Branch, record => maps:map(fun(_, {N, _}) -> {N, N} end, Chains)
     }),
-    _ = starl_sim:run(Sim),
+    _ = starl_sim_trial:whole(Sim),
     Parted = [Two || {Id, {N, Chain}} <- maps:to_list(Chains), Two <- parted(Id, N, Chain, Sim)],
     {#{digest := Digest} = Outcome, _} = starl_sim:finish(Sim),
     case {Parted, Outcome} of
