@@ -65,7 +65,7 @@ command([]) ->
     command(["help"]);
 command([Help | _]) when Help =:= "--help"; Help =:= "-h" -> command(["help"]);
 command([Version | _]) when Version =:= "--version"; Version =:= "-V"; Version =:= "version" ->
-    show(["starl ", version(), "\n"]);
+    show(["starl ", version(), ", code ", starl_build:code([]), "\n"]);
 command([Name | Args]) ->
     found(starl_cli_command:find(Name), Name, Args).
 

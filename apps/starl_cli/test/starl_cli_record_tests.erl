@@ -24,7 +24,8 @@ record() ->
             events => 99,
             violations => [Violation],
             robots => [{1, #{result => {done, self()}}}, {2, #{result => running}}]
-        }}
+        }},
+        "0123456789ab"
     ).
 
 what_is_written_is_read_test() ->
@@ -45,6 +46,7 @@ it_holds_what_a_reader_needs_test() ->
         ending := violation,
         end_us := 1234567,
         events := 99,
+        code := "0123456789ab",
         scenario := Scenario,
         options := Options,
         violations := [#{contract := starl_sap_monitor, at_us := 1200, text := Text}]
@@ -54,10 +56,10 @@ it_holds_what_a_reader_needs_test() ->
     ?assertNot(is_map_key(robots, Options)),
     ?assertNotEqual(nomatch, string:find(Text, "changed")).
 
-%% A record of an earlier version has no results.
-without_results_test() ->
+%% A record of an earlier version has no results, and does not tell its code.
+without_results_and_code_test() ->
     in_directory(fun(Dir) ->
-        Record = maps:remove(results, record()),
+        Record = maps:without([results, code], record()),
         ok = starl_cli_record:write(Dir, Record),
         ?assertEqual({ok, Record}, starl_cli_record:read(Dir))
     end).

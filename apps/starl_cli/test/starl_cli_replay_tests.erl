@@ -197,7 +197,8 @@ a_record_is_run_as_it_was_test() ->
                 Scenario,
                 {done, #{
                     digest => <<1>>, end_us => 1, events => 1, violations => [], robots => []
-                }}
+                }},
+                "0123456789ab"
             )
         ),
         ?assertMatch({ok, #{record := #{}, run := #{scenario := Scenario}}}, setup([Dir])),

@@ -92,6 +92,7 @@ made() ->
             ending => done,
             wall_s => 1.0,
             outcome => Outcome,
+            code => "0123456789ab",
             app => #{figures => []},
             notes => starl_cli_notes:make(Outcome, starl_cli_ways:new(Ways, {1, 1}), [])
         })

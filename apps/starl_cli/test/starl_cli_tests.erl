@@ -12,7 +12,7 @@ commands_test_() ->
     {timeout, ?PATIENCE_S, [
         {"nothing", fun() -> says(0, "Usage:", []) end},
         {"--help", fun() -> says(0, "Usage:", ["--help"]) end},
-        {"--version", fun() -> says(0, "starl ", ["--version"]) end},
+        {"--version", fun() -> says(0, ", code ", ["--version"]) end},
         {"apps", fun() -> says(0, "painting", ["apps"]) end},
         {"unknown command", fun() -> says(2, "starl: unknown command rnu (did you", ["rnu"]) end},
         {"bad value", fun() ->

@@ -490,6 +490,40 @@ slices_test_() ->
         end)
     end}.
 
+%% Two programs of one version are not one study: a slice of other code is not gone on with, and the join
+%% names it.
+other_code_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        in_directory(fun(Dir) ->
+            [File, Here, There] = [filename:join(Dir, N) || N <- ["starl_cli_gated.erl", "a", "b"]],
+            ok = file:write_file(File, gated(Dir)),
+            Args = ["sweep", File, "--robots", "1", "--seeds", "3", "--slice"],
+            says(0, "slice 1/3: 1 runs", Args ++ ["1/3", "--out", Here]),
+            says(0, "slice 2/3: 1 runs", Args ++ ["2/3", "--out", Here]),
+            ok = file:write_file(File, string:replace(gated(Dir), "1000", "1001")),
+            Wrong = says(
+                2, "slice-1-of-3.csv: its runs are of other code, ", Args ++ ["1/3", "--out", Here]
+            ),
+            contains("; name another directory with --out, or remove this file", Wrong),
+            says(0, "slice 3/3: 1 runs", Args ++ ["3/3", "--out", There]),
+            Named = says(2, "b/slice-3-of-3.csv is of other code, ", ["join", There, Here]),
+            contains("; the other slices are of ", Named),
+            ?assertEqual(1, occurrences("\n", Named)),
+            %% the code that they have is the first one again
+            ok = file:write_file(File, gated(Dir)),
+            [ok = file:delete(F) || F <- filelib:wildcard(filename:join(There, "slice*"))],
+            says(0, "slice 3/3: 1 runs", Args ++ ["3/3", "--out", There]),
+            says(0, "3 runs: 3 complete", ["join", There, Here]),
+            %% a study that is whole is gone on with by its own code alone
+            ok = file:write_file(File, string:replace(gated(Dir), "1000", "1001")),
+            says(
+                2,
+                "runs.csv: its runs are of other code, ",
+                lists:droplast(Args) ++ ["--out", There]
+            )
+        end)
+    end}.
+
 %% Each run belongs to one slice.
 parts_test() ->
     Runs = lists:seq(1, 10),

@@ -116,5 +116,10 @@ text(App, Scenario) ->
     ],
     Lines = [io_lib:format("app => ~0tp", [App]) | Values],
     unicode:characters_to_binary([
-        "#{\n    ", lists:join(",\n    ", Lines), "\n}.\n"
+        "%% A run that does not hold, of the code ",
+        starl_build:code([Beam || {_, Beam, _} <- [code:get_object_code(App)]]),
+        "; starl run with the name of this file repeats it.\n"
+        "#{\n    ",
+        lists:join(",\n    ", Lines),
+        "\n}.\n"
     ]).

@@ -240,12 +240,22 @@ compare(Digest, _Results, #{digest := Recorded, events := Events}, Setup) ->
     ]),
     3.
 
-outside(#{run := #{target := #{file := File}}}) ->
+outside(#{run := #{target := #{file := File} = Target}, record := Record}) ->
     [
-        "Unless the code is another one, something outside the scenario has a part in it; where:\n",
+        code(maps:get(code, Record, none), starl_build:code(starl_cli_target:beams(Target))),
         "  ./starl diverge ",
         starl_cli_quoted:word(File),
         "\n"
+    ].
+
+code(none, _Code) ->
+    "Unless the code is another one, something outside the scenario has a part in it; where:\n";
+code(Code, Code) ->
+    ["The code is the same, ", Code, "; something outside the scenario has a part in it; where:\n"];
+code(Recorded, Code) ->
+    [
+        ["The recorded run was of other code: ", Recorded, ", this is ", Code, ".\n"],
+        "If that is not the reason, something outside the scenario has a part in it; where:\n"
     ].
 
 %% -- in a window ----------------------------------------------------------------------------

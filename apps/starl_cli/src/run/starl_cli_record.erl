@@ -2,7 +2,7 @@
 %% with all inputs of the run and its results. `./starl replay' repeats the run and compares.
 -module(starl_cli_record).
 
--export([make/3, results/1, text/1, write/2, read/1, format_error/1, hex/1]).
+-export([make/4, results/1, text/1, write/2, read/1, format_error/1, hex/1]).
 
 -export_type([t/0, violation/0, reason/0]).
 
@@ -10,7 +10,8 @@
 %% include the drawn ones; with the application's module as `app' it can be started unchanged.
 %% `options': the application's own values once more. `app': a name or a source file, as in a
 %% scenario file. `digest': lower-case hexadecimal; empty if a node was lost, or a step did not end. `results': a hash of each
-%% robot's result, since a result may have no readable form; a record of an earlier version has none.
+%% robot's result, since a result may have no readable form. `code': the code that has run. A record of
+%% an earlier version lacks the two.
 -type t() :: #{
     app := atom() | file:filename_all(),
     scenario := #{atom() => term()},
@@ -20,7 +21,8 @@
     end_us := starl_sim_queue:time(),
     events := non_neg_integer(),
     violations := [violation()],
-    results => [{starl:robot_id(), Hash :: non_neg_integer()}]
+    results => [{starl:robot_id(), Hash :: non_neg_integer()}],
+    code => starl_build:code()
 }.
 
 %% The record of a violation. Its details may have no readable form, so they are in the text only.
@@ -43,15 +45,17 @@
 -define(HASHES, 1 bsl 32).
 -define(KEYS, [app, scenario, options, digest, ending, end_us, events, violations]).
 %% Those that a record may lack.
--define(MORE, [results]).
+-define(MORE, [results, code]).
 -define(ENDINGS, [done, time, violation, stopped, quiet, lost, hung]).
 
 %% @doc Makes the record of a run from the application (as in a scenario file), the scenario that
-%% has run, the end of the run and the results.
--spec make(App, starl_sim_scenario:t(), {starl_sim_run:ending(), Outcome}) -> t() when
+%% has run, the end of the run and the results, and the code.
+-spec make(App, starl_sim_scenario:t(), {starl_sim_run:ending(), Outcome}, starl_build:code()) ->
+    t()
+when
     App :: atom() | file:filename_all(),
     Outcome :: starl_sim_run:outcome().
-make(Name, #{app := App} = Scenario, {Ending, Outcome}) ->
+make(Name, #{app := App} = Scenario, {Ending, Outcome}, Code) ->
     #{digest := Digest, end_us := EndUs, events := Events, violations := Violations} = Outcome,
     #{
         app => Name,
@@ -62,7 +66,8 @@ make(Name, #{app := App} = Scenario, {Ending, Outcome}) ->
         end_us => EndUs,
         events => Events,
         violations => [violation(V) || V <- Violations],
-        results => results(Outcome)
+        results => results(Outcome),
+        code => Code
     }.
 
 %% @doc A hash of each robot's result, the same in every VM.
@@ -154,6 +159,7 @@ is_sound(ending, Ending) -> lists:member(Ending, ?ENDINGS);
 is_sound(end_us, EndUs) -> is_integer(EndUs) andalso EndUs >= 0;
 is_sound(events, Events) -> is_integer(Events) andalso Events >= 0;
 is_sound(results, Results) -> is_list(Results) andalso lists:all(fun is_hash/1, Results);
+is_sound(code, Code) -> is_text(Code);
 is_sound(violations, Violations) -> is_list(Violations) andalso lists:all(fun is_map/1, Violations).
 
 is_hash({Robot, Hash}) -> is_integer(Robot) andalso is_integer(Hash);

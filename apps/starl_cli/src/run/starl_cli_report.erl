@@ -7,7 +7,8 @@
 
 -export_type([t/0, input/0]).
 
-%% `ending' is `time' if the scenario's time limit was reached; `wall_s' excludes the start.
+%% `ending' is `time' if the scenario's time limit was reached; `wall_s' excludes the start; `code' is
+%% that which has run, where the report is of one run alone.
 -type input() :: #{
     name := string(),
     scenario := starl_sim_scenario:t(),
@@ -15,6 +16,7 @@
     wall_s := float(),
     outcome := starl_sim_run:outcome(),
     app := starl_scene:report(),
+    code => starl_build:code(),
     notes => starl_cli_notes:t()
 }.
 
@@ -112,7 +114,7 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
         {robots, maps:get(robots, Scenario)},
         {virtual_s, rounded(#{decimals => 6}, EndUs / 1.0e6)},
         {wall_s, rounded(#{}, Wall)}
-    ] ++ Own ++
+    ] ++ [{code, list_to_binary(Code)} || #{code := Code} <- [Input]] ++ Own ++
         [
             {messages, maps:get(sent, maps:get(starl_sap_monitor, Monitors))},
             {packets, maps:get(packets, Outcome)},

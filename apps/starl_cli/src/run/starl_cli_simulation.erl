@@ -78,6 +78,7 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
     #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
     Ways = starl_cli_ways:with(drawings(Outcome), ways(Outcome, App, Scenario)),
     Notes = starl_cli_notes:make(Outcome, Ways, starl_cli_target:beams(Target)),
+    Code = starl_build:code(starl_cli_target:beams(Target)),
     Report = starl_cli_report:make(#{
         name => Name,
         scenario => Scenario,
@@ -85,12 +86,16 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
         wall_s => WallMs / 1000,
         outcome => Outcome,
         app => App,
+        code => Code,
         notes => Notes
     }),
     %% This scenario includes the faults that were drawn.
     #{scenario := Effective} = Ran,
     Record = starl_cli_record:make(
-        starl_cli_inputs:app(Inputs), starl_cli_inputs:local(Inputs, Effective), {Ending, Outcome}
+        starl_cli_inputs:app(Inputs),
+        starl_cli_inputs:local(Inputs, Effective),
+        {Ending, Outcome},
+        Code
     ),
     #{monitors := Monitors} = Outcome,
     Draw = fun(Dir) -> starl_cli_ways:draw(Dir, Name, Ways) end,

@@ -48,11 +48,11 @@ run(#{subject := [First | _] = Dirs, values := #{out := Given}}) ->
             _ -> Given
         end,
     case starl_lab_sweep_study:noted(Dirs) of
-        {ok, Args} ->
-            joined(starl_cli_dispatch:read(starl_lab_sweep, Args ++ ["--out", Out]), Dirs);
+        {ok, Args, Code} ->
+            joined(starl_cli_dispatch:read(starl_lab_sweep, Args ++ ["--out", Out]), Dirs, Code);
         {error, Reason} ->
             {error, [starl_lab_sweep_study:format_error(Reason)]}
     end.
 
-joined({ok, Call}, Dirs) -> starl_lab_sweep:join(Call, Dirs);
-joined({error, _} = Error, _Dirs) -> Error.
+joined({ok, Call}, Dirs, Code) -> starl_lab_sweep:join(Call, Dirs, Code);
+joined({error, _} = Error, _Dirs, _Code) -> Error.

@@ -6,7 +6,7 @@
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
--export([join/2]).
+-export([join/3]).
 
 -spec name() -> string().
 name() -> "sweep".
@@ -84,9 +84,10 @@ study(Parts, #{args := Args, given := Given}) ->
         cwd => Cwd
     }.
 
-%% @doc Makes one study of the slices in these directories.
--spec join(starl_cli_command:call(), [file:filename(), ...]) -> starl_cli_command:answer().
-join(Call, Dirs) -> checked(Call, {join, Dirs}).
+%% @doc Makes one study of the slices in these directories, whose runs are of this code.
+-spec join(starl_cli_command:call(), [file:filename(), ...], starl_build:code()) ->
+    starl_cli_command:answer().
+join(Call, Dirs, Code) -> checked(Call, {join, Dirs, Code}).
 
 checked(#{subject := Target, given := Given, values := Values, args := Args}, Work) ->
     #{name := Name, given := InFile} = Target,
@@ -169,21 +170,21 @@ with_columns(Columns, Formats, #{plot := Plot} = Sweep) ->
 
 with_figures({How, #{} = Study}, _Columns, _Figures, #{dir := Dir}) ->
     starl_lab_slurm:begin_jobs(How, Study, Dir);
-with_figures({join, Dirs}, Columns, Figures, Sweep) ->
+with_figures({join, Dirs, _Code}, Columns, Figures, Sweep) ->
     case starl_lab_sweep_study:rows(Dirs, Columns) of
         {ok, Rows} -> starl_lab_sweep_run:join(Sweep, Columns, Figures, Rows);
-        {error, Reason} -> {error, [starl_lab_sweep_rows:format_error(Reason)]}
+        {error, Reason} -> wrong(Reason)
     end;
-with_figures({make, Slice}, Columns, Figures, #{dir := Dir, args := Args} = Sweep) ->
-    File = starl_lab_sweep_study:file(Dir, Slice),
-    case {starl_lab_sweep_rows:read(File, Columns), starl_lab_sweep_study:note(Dir, Slice, Args)} of
-        {{ok, Rows, Bytes}, ok} ->
-            starl_lab_sweep_run:run(Sweep#{slice => Slice}, Columns, Figures, {File, Rows, Bytes});
-        {{error, Reason}, _} ->
-            {error, [starl_lab_sweep_rows:format_error(Reason)]};
-        {_, {error, Why}} ->
-            {error, [Why]}
+with_figures(
+    {make, Slice}, Columns, Figures, #{dir := Dir, target := Target, args := Args} = Sweep
+) ->
+    Code = starl_build:code(starl_cli_target:beams(Target)),
+    case starl_lab_sweep_study:begin_slice(Dir, Slice, Columns, {Args, Code}) of
+        {ok, Known} -> starl_lab_sweep_run:run(Sweep#{slice => Slice}, Columns, Figures, Known);
+        {error, Reason} -> wrong(Reason)
     end.
+
+wrong(Reason) -> {error, [starl_lab_sweep_study:format_error(Reason)]}.
 
 unknown_figure(Name, Numbers) ->
     Texts = [atom_to_list(Key) || Key <- Numbers],

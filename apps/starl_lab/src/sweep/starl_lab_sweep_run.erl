@@ -17,7 +17,7 @@
     %% what is to be done: runs, of which file and slice; or the whole from what others have run
     work :=
         {make, starl_lab_slice:t()}
-        | {join, [file:filename(), ...]}
+        | {join, [file:filename(), ...], starl_build:code()}
         | {submit | write, starl_lab_slurm:study()},
     slice => starl_lab_slice:t(),
     file => file:filename(),
@@ -61,7 +61,7 @@ run(#{slice := Slice} = Sweep, Columns, Figures, {File, Rows, Bytes}) ->
     0 | 1 | 3 | 4 | 5
 when
     Columns :: starl_lab_sweep_rows:columns().
-join(#{work := {join, Dirs}} = Sweep, Columns, Figures, Rows) ->
+join(#{work := {join, Dirs, _Code}} = Sweep, Columns, Figures, Rows) ->
     Runs = runs(Sweep),
     case [Key || {Key, _} <- Runs, not is_map_key(Key, Rows)] of
         [] -> whole(Runs, Columns, Rows, Figures, Sweep);
@@ -69,7 +69,7 @@ join(#{work := {join, Dirs}} = Sweep, Columns, Figures, Rows) ->
     end.
 
 %% Which slices lack runs, and how they are made.
-lacking(Missing, Runs, Parts, #{args := Args, dir := Dir, work := {join, Dirs}}) ->
+lacking(Missing, Runs, Parts, #{args := Args, dir := Dir, work := {join, Dirs, _Code}}) ->
     Command = ["sweep" | starl_lab_sweep_study:plain(Args)] ++ ["--out", starl_cli_out:shown(Dir)],
     IsMissing = maps:from_keys(Missing, true),
     Lacking = [
@@ -173,10 +173,16 @@ whole(Runs, Columns, Rows, Figures, #{target := Target} = Sweep) ->
     Points = points(Columns, Rows, Sweep),
     Text = starl_lab_sweep_rows:ordered(Columns, [Key || {Key, _} <- Runs], Rows),
     Curves = curves(Columns, Rows, Sweep),
-    Written = write([{"runs.csv", Text} | Curves], Points, Columns, Figures, Sweep),
+    Written = write([{"runs.csv", Text} | note(Sweep) ++ Curves], Points, Columns, Figures, Sweep),
     Judged = judged(Runs, Columns, Rows),
     told(Judged, Target),
     written(Written, verdict([How || {How, _} <- Judged])).
+
+%% A study that was joined goes on as a sweep in one piece does; that one has its note already.
+note(#{work := {join, _Dirs, Code}, args := Args}) ->
+    [{"runs.term", starl_lab_sweep_study:note(Args, Code)}];
+note(#{work := {make, _Slice}}) ->
+    [].
 
 points(Columns, Rows, #{points := Points, grid := Grid, target := #{name := Name}}) ->
     Seeds = starl_lab_sweep_grid:seeds(Grid),

@@ -1,41 +1,74 @@
 %% @doc A sweep in several directories: what its slices leave, so that they become one. Each slice
-%% appends to a file of rows of its own, `slice-K-of-N.csv', and notes in `sweep.term' of which sweep it
-%% is; so slices may share a directory, on one computer or on several.
+%% appends to a file of rows of its own, `slice-K-of-N.csv', and notes beside it, in `slice-K-of-N.term',
+%% of which sweep it is and of which code its runs are; so slices may share a directory, on one computer or on
+%% several. Runs of different code are not one study.
 -module(starl_lab_sweep_study).
 
--export([file/2, note/3, plain/1, noted/1, rows/2, parts/1, format_error/1]).
+-export([begin_slice/4, note/2, plain/1, noted/1, rows/2, parts/1, format_error/1]).
 
--export_type([reason/0]).
+-export_type([note/0, reason/0]).
+
+%% The arguments without those that change no run; the version; the code, where the note has it.
+-type note() :: #{sweep := [string()], starl := string(), code := starl_build:code()}.
 
 -type reason() ::
     {none, file:filename()}
     | {unreadable, file:filename()}
+    | {unwritable, file:filename(), file:posix() | badarg | terminated | system_limit}
     | {other, file:filename(), file:filename()}
     | {version, file:filename(), string()}
+    | {code, file:filename(), Rows :: string(), starl_build:code()}
+    | {codes, [{file:filename(), starl_build:code()}, ...], starl_build:code()}
     | starl_lab_sweep_rows:reason().
 
--define(NOTE, "sweep.term").
+-define(UNKNOWN, "unknown").
 
-%% @doc The file of the rows of a slice in a directory.
--spec file(file:filename(), starl_lab_slice:t()) -> file:filename_all().
 file(Dir, whole) -> filename:join(Dir, "runs.csv");
 file(Dir, {K, N}) -> filename:join(Dir, lists:concat(["slice-", K, "-of-", N, ".csv"])).
 
-%% @doc Notes of which sweep a directory is: its arguments without the flags that change no run.
--spec note(file:filename(), starl_lab_slice:t(), [string()]) -> ok | {error, unicode:chardata()}.
-note(_Dir, whole, _Args) ->
-    ok;
-note(Dir, _Slice, Args) ->
-    File = filename:join(Dir, ?NOTE),
-    Note = #{sweep => plain(Args), starl => version()},
-    Text = io_lib:format("%% A part of a study; ./starl join makes it whole.~n~tp.~n", [Note]),
-    %% Another slice may write it at the same time: a whole file takes the place of another.
+note_of(File) -> filename:rootname(File) ++ ".term".
+
+%% @doc Notes of which sweep and code a slice is; gives its file, the rows that are there already, which
+%% must be of the same code, and the length of their lines.
+-spec begin_slice(file:filename(), starl_lab_slice:t(), starl_lab_sweep_rows:columns(), What) ->
+    {ok, {file:filename(), starl_lab_sweep_rows:rows(), Bytes :: non_neg_integer()}}
+    | {error, reason()}
+when
+    What :: {Args :: [string()], starl_build:code()}.
+begin_slice(Dir, Slice, Columns, {Args, Code}) ->
+    File = file(Dir, Slice),
+    case {starl_lab_sweep_rows:read(File, Columns), code_of(File)} of
+        {{ok, Rows, _Bytes}, Other} when map_size(Rows) > 0, Other =/= Code ->
+            {error, {code, File, Other, Code}};
+        {{ok, Rows, Bytes}, _} ->
+            begun(write(note_of(File), note(Args, Code)), {File, Rows, Bytes});
+        {{error, _} = Error, _} ->
+            Error
+    end.
+
+begun(ok, Known) -> {ok, Known};
+begun({error, _} = Error, _Known) -> Error.
+
+code_of(File) ->
+    case read(note_of(File)) of
+        {ok, #{code := Code}} -> Code;
+        {error, _} -> ?UNKNOWN
+    end.
+
+%% @doc The text of the note.
+-spec note([string()], starl_build:code()) -> unicode:chardata().
+note(Args, Code) ->
+    Note = #{sweep => plain(Args), starl => version(), code => Code},
+    io_lib:format("%% Of which sweep and code the rows beside this file are.~n~tp.~n", [Note]).
+
+%% Another computer may write it at the same time: a whole file takes the place of another.
+write(File, Text) ->
     New = File ++ "." ++ os:getpid(),
     _ = filelib:ensure_dir(File),
     case {file:write_file(New, unicode:characters_to_binary(Text)), file:rename(New, File)} of
         {ok, ok} -> ok;
-        {{error, Posix}, _} -> {error, [File, ": ", file:format_error(Posix)]};
-        {ok, {error, Posix}} -> {error, [File, ": ", file:format_error(Posix)]}
+        {{error, Posix}, _} -> {error, {unwritable, File, Posix}};
+        {ok, {error, Posix}} -> {error, {unwritable, File, Posix}}
     end.
 
 %% @doc The arguments of a sweep without those that change no run.
@@ -57,30 +90,49 @@ version() ->
     {ok, Version} = application:get_key(starl_lab, vsn),
     Version.
 
-%% @doc The arguments of the sweep that all these directories are of.
--spec noted([file:filename(), ...]) -> {ok, [string()]} | {error, reason()}.
+%% @doc The arguments of the sweep that all these directories are of, and the code of its runs.
+-spec noted([file:filename(), ...]) -> {ok, [string()], starl_build:code()} | {error, reason()}.
 noted(Dirs) ->
-    Notes = [{Dir, read(filename:join(Dir, ?NOTE))} || Dir <- Dirs],
-    case {[Reason || {_, {error, Reason}} <- Notes], Notes} of
-        {[Reason | _], _} -> {error, Reason};
-        {[], [{First, {ok, Args}} | Others]} -> same(Args, First, Others)
+    Found = [{Dir, files("slice-*-of-*.csv", Dir)} || Dir <- Dirs],
+    Whole = lists:append([files("runs.csv", Dir) || Dir <- Dirs]),
+    Notes = [{F, read(note_of(F))} || F <- lists:append([Fs || {_, Fs} <- Found]) ++ Whole],
+    Wrong = [{none, Dir} || {Dir, []} <- Found] ++ [Reason || {_, {error, Reason}} <- Notes],
+    case {Wrong, Notes} of
+        {[Reason | _], _} ->
+            {error, Reason};
+        {[], [{First, {ok, Note}} | Others]} ->
+            same(Note, First, [{F, N} || {F, {ok, N}} <- Others])
     end.
 
-same(Args, First, Others) ->
-    case [Dir || {Dir, {ok, Other}} <- Others, Other =/= Args] of
-        [] -> {ok, Args};
-        [Dir | _] -> {error, {other, Dir, First}}
+files(Names, Dir) -> filelib:wildcard(filename:join(Dir, Names)).
+
+same(#{sweep := Args, code := Code}, First, Others) ->
+    case [File || {File, #{sweep := Other}} <- Others, Other =/= Args] of
+        [] -> one_code([{First, Code} | [{File, C} || {File, #{code := C}} <- Others]], Args);
+        [File | _] -> {error, {other, filename:dirname(File), filename:dirname(First)}}
+    end.
+
+%% What most slices have is what the others lack.
+one_code(Files, Args) ->
+    Codes = [Code || {_, Code} <- Files],
+    Count = fun(Code) -> length([x || C <- Codes, C =:= Code]) end,
+    {_, Most} = lists:max([{Count(Code), Code} || Code <- Codes]),
+    case [Other || {_, Code} = Other <- Files, Code =/= Most] of
+        [] -> {ok, Args, Most};
+        Others -> {error, {codes, Others, Most}}
     end.
 
 read(File) ->
     case file:consult(File) of
-        {ok, [#{sweep := [_ | _] = Args, starl := Version}]} ->
+        {ok, [#{sweep := [_ | _] = Args, starl := Version} = Note]} ->
             case version() of
-                Version -> {ok, Args};
-                _ -> {error, {version, File, Version}}
+                Version ->
+                    {ok, #{
+                        sweep => Args, starl => Version, code => maps:get(code, Note, ?UNKNOWN)
+                    }};
+                _ ->
+                    {error, {version, File, Version}}
             end;
-        {error, enoent} ->
-            {error, {none, filename:dirname(File)}};
         _ ->
             {error, {unreadable, File}}
     end.
@@ -124,6 +176,24 @@ format_error({none, Dir}) ->
     ];
 format_error({unreadable, File}) ->
     [File, ": this is not what a slice of a sweep leaves; run one of its slices again"];
+format_error({unwritable, File, Posix}) ->
+    [File, ": ", file:format_error(Posix)];
+format_error({code, File, Other, Code}) ->
+    [
+        File,
+        ": its runs are of other code, ",
+        Other,
+        ", this is ",
+        Code,
+        "; name another directory with --out, or remove this file"
+    ];
+format_error({codes, Others, Most}) ->
+    [
+        lists:join(", ", [[File, " is of other code, ", Code] || {File, Code} <- Others]),
+        "; the other slices are of ",
+        Most,
+        ": remove it and run its slice again with that"
+    ];
 format_error({other, Dir, First}) ->
     [Dir, ": this is of another sweep than ", First, "; join them apart"];
 format_error({version, File, Version}) ->
