@@ -42,6 +42,40 @@ frozen_test() ->
     ?assertEqual([{2, at(1), 1500}], Show(new())),
     ?assertEqual([{2, at(1), 500}], Show(new(#{exact => true}))).
 
+%% A source that was stuck before the robot looked for the first time shows the same picture for ever: the
+%% robot itself is known only when another one has followed that fits.
+stuck_from_the_first_test() ->
+    Stuck = lists:foldl(
+        fun(Ms, S) ->
+            {[], [], Next} = starl_live_seen:show([{1, at(0), Ms * ?MS}], Ms * ?MS, S),
+            Next
+        end,
+        starl_live_seen:ask(q, [1], 0, unseen(#{speed => 500.0})),
+        [10, 100, 200, 300]
+    ),
+    ?assertEqual(1, figure(open, Stuck)),
+    {[{q, Picture}], [], _} = starl_live_seen:show([{1, at(1), 400 * ?MS}], 400 * ?MS, Stuck),
+    ?assertEqual([{1, at(1), 0}], Picture).
+
+%% The source wakes up and shows the robot elsewhere: that is known when it has lasted, and said.
+stuck_from_the_first_and_elsewhere_test() ->
+    Asked = starl_live_seen:ask(q, [1], 0, unseen(#{speed => 500.0})),
+    {Answers, Events, _} = lists:foldl(
+        fun({Ms, X}, {Before, Said, S}) ->
+            {More, New, Next} = starl_live_seen:show([{1, at(X), Ms * ?MS}], Ms * ?MS, S),
+            {Before ++ More, Said ++ New, Next}
+        end,
+        {[], [], Asked},
+        [{0, 0}, {10, 0}] ++ [{N * 100, 2000 + N} || N <- lists:seq(1, 12)]
+    ),
+    ?assertMatch([{q, [{1, {2011.0, _, _}, 0}]}], Answers),
+    ?assertMatch([#{what := position_jumped}], Events).
+
+%% A source that rounds may show a robot that stands the same twice.
+first_of_an_exact_source_test() ->
+    Asked = starl_live_seen:ask(q, [1], 0, unseen(#{exact => true})),
+    ?assertMatch({[{q, _}], [], _}, starl_live_seen:show([{1, at(0), 10}], 10, Asked)).
+
 %% A picture from the future is from now, and those that follow are newer.
 future_test() ->
     {_, _, A} = starl_live_seen:show([{2, at(1), 99 * ?S}], 1000, new()),
@@ -138,7 +172,14 @@ options_test() ->
 
 new() -> new(#{}).
 
+%% The robot has just been seen, twice.
 new(Options) ->
+    {[], [], Seen} = starl_live_seen:show(
+        [{1, at(-2), -2}, {1, at(-1), -1}], 0, unseen(Options)
+    ),
+    Seen.
+
+unseen(Options) ->
     Clock = starl_live_clock:new(0, 1),
     Config = #{robot => 1, participants => starl_team:new([1, 2, 3]), clock => Clock},
     starl_live_seen:new(maps:merge(Config, Options), 0).
@@ -166,7 +207,7 @@ others(Now, S) -> others([2], Now, S).
 others(Robots, Now, S) ->
     {[{other, Picture}], _, _} =
         starl_live_seen:show(
-            [{1, at(Now), Now}], Now, starl_live_seen:ask(other, [1 | Robots], Now, S)
+            [{1, at(1), Now}], Now, starl_live_seen:ask(other, [1 | Robots], Now, S)
         ),
     [One || {Robot, _, _} = One <- Picture, Robot =/= 1].
 

@@ -8,6 +8,10 @@
 %% does a pose that repeats the one before it to the bit, unless the source is `exact' (it rounds): no
 %% live system measures the same twice.
 %%
+%% <em>The first picture.</em> A source may have been stuck before the robot looked for the first time. So the
+%% first pose of the robot itself counts only when a different one that fits it has followed (unless the
+%% source is `exact').
+%%
 %% <em>Jumps.</em> A robot cannot be where it could not have driven to: a pose farther from the last one
 %% than `speed' allows for the time between them (and `jump_mm' more), or turned by more than `turn'
 %% allows (and `jump_rad' more), is refused. If the poses that follow agree with it for `believe_us',
@@ -61,8 +65,10 @@
     BelieveUs :: non_neg_integer()
 }.
 
-%% The last pose that was believed; since when others have been refused, and the last of these.
--type robot() :: {at(), none | {SinceUs :: integer(), at()}}.
+%% The last pose that was believed; since when others have been refused, and the last of these. The robot
+%% itself is not known yet while no other pose has followed its first one.
+-type robot() :: {at(), doubt()} | {first, at(), doubt()}.
+-type doubt() :: none | {SinceUs :: integer(), at()}.
 -type at() :: {starl:pose(), TakenUs :: integer()}.
 
 -opaque t() :: #seen{}.
@@ -161,6 +167,7 @@ here(Now, Seen) -> Seen#seen{since_us = Now, silent = false}.
 taken(Robot, #seen{robots = Robots}) ->
     case Robots of
         #{Robot := {{_, Taken}, _}} -> Taken;
+        %% not seen, or only for the first time
         #{} -> none
     end.
 
@@ -199,8 +206,15 @@ see({Robot, Pose, Taken}, Now, {Events, #seen{robots = Robots} = Seen}) ->
 count(Figure, #seen{figures = Figures} = Seen) ->
     Seen#seen{figures = maps:update_with(Figure, fun(N) -> N + 1 end, 1, Figures)}.
 
+judge(Self, This, none, #seen{self = Self, exact = false}) ->
+    {first, [], {first, This, none}};
 judge(_Robot, This, none, _Seen) ->
     {shown, [], {This, none}};
+judge(Robot, This, {first, Last, Doubt}, Seen) ->
+    case judge(Robot, This, {Last, Doubt}, Seen) of
+        {Figure, Said, {This, none}} -> {Figure, Said, {This, none}};
+        {Figure, Said, {Last, Other}} -> {Figure, Said, {first, Last, Other}}
+    end;
 judge(_Robot, {_, Taken}, {{_, Last}, _} = Known, _Seen) when Taken =< Last ->
     {late, [], Known};
 judge(_Robot, {Pose, _}, {{Pose, _}, _} = Known, #seen{exact = false}) ->
