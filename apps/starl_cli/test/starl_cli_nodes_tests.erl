@@ -46,7 +46,7 @@ bad_flags_test() ->
 line({[Line | _], _}) -> lists:flatten(unicode:characters_to_list(Line)).
 
 commands_test_() ->
-    {timeout, ?PATIENCE_S, [
+    patient([
         {"bad nodes", fun() ->
             says(2, "starl: run: --nodes: ", ["run", "painting", "--nodes", "x"])
         end},
@@ -56,7 +56,10 @@ commands_test_() ->
         end},
         {"help", fun() -> says(0, "Usage: ./starl node", ["node", "--help"]) end},
         {"bad name", fun() -> says(2, "starl: node: \"a@b@c\"", ["node", "--name", "a@b@c"]) end}
-    ]}.
+    ]).
+
+%% A limit of a group is none of its tests'.
+patient(Tests) -> [{Title, {timeout, ?PATIENCE_S, Test}} || {Title, Test} <- Tests].
 
 %% A node waits, an application of the user's own runs there, and comes to the digest of one VM;
 %% with another cookie nothing does. Ctrl-C ends the node.

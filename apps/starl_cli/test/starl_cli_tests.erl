@@ -9,7 +9,7 @@
 -define(PATIENCE_S, 60).
 
 commands_test_() ->
-    {timeout, ?PATIENCE_S, [
+    patient([
         {"nothing", fun() -> says(0, "Usage:", []) end},
         {"--help", fun() -> says(0, "Usage:", ["--help"]) end},
         {"--version", fun() -> says(0, ", code ", ["--version"]) end},
@@ -29,7 +29,10 @@ commands_test_() ->
             Text = says(0, "events: timers", ["bench", "events", "--help"]),
             ?assertEqual(nomatch, string:find(Text, "dpp: "))
         end}
-    ]}.
+    ]).
+
+%% A limit of a group is none of its tests'.
+patient(Tests) -> [{Title, {timeout, ?PATIENCE_S, Test}} || {Title, Test} <- Tests].
 
 %% A run writes all its files, and its scenario replays it to the same digest.
 run_and_replay_test_() ->

@@ -8,7 +8,10 @@
 
 %% Each benchmark, in a short run.
 benchmarks_test_() ->
-    {timeout, ?PATIENCE_S, [{atom_to_list(M), fun() -> short(M, Some) end} || {M, Some} <- short()]}.
+    [
+        {atom_to_list(M), {timeout, ?PATIENCE_S, fun() -> short(M, Some) end}}
+     || {M, Some} <- short()
+    ].
 
 short() ->
     [

@@ -44,10 +44,13 @@ a_failed_run_is_seen_test() ->
     ?assertMatch(["1 failed" | _], starl_dev_table_rows:figures([failed, result(#{})])).
 
 random_pictures_test_() ->
-    {timeout, 60, [
-        {lists:concat(["segments ", N, ", seed ", Seed]), fun() -> random_picture(N, Seed) end}
+    [
+        {
+            lists:concat(["segments ", N, ", seed ", Seed]),
+            {timeout, 60, fun() -> random_picture(N, Seed) end}
+        }
      || {N, Seed} <- [{1, 1}, {5, 2}, {100, 3}, {2000, 4}]
-    ]}.
+    ].
 
 %% Read by the project's own reader, no more segments than said, and the same for the same seed.
 random_picture(N, Seed) ->

@@ -7,7 +7,7 @@
 -define(PATIENCE_S, 60).
 
 commands_test_() ->
-    {timeout, ?PATIENCE_S, [
+    patient([
         {"soak --help", fun() -> says(0, "Usage: ./starl soak BLOCK", ["soak", "--help"]) end},
         {"no block", fun() -> says(2, "starl: soak: name a block", ["soak"]) end},
         {"flag first", fun() -> says(2, "name a block first", ["soak", "--seeds", "3"]) end},
@@ -24,7 +24,10 @@ commands_test_() ->
         end},
         {"faults --help", fun() -> says(0, "Usage: ./starl faults", ["faults", "--help"]) end},
         {"faults x", fun() -> says(2, "unexpected argument \"x\"", ["faults", "x"]) end}
-    ]}.
+    ]).
+
+%% A limit of a group is none of its tests'.
+patient(Tests) -> [{Title, {timeout, ?PATIENCE_S, Test}} || {Title, Test} <- Tests].
 
 %% A sound block holds: the table has its line, the exit status is 0.
 sound_test_() ->
