@@ -67,12 +67,12 @@ tested(Wanted, Root, Logs) ->
     Begin = erlang:monotonic_time(second),
     Cores = erlang:system_info(logical_processors_available),
     Times = filename:join(Logs, "test_times.term"),
-    Known = starl_test_schedule:known(
-        rows(filename:join([Root, "test", "test_times.term"])), rows(Times)
-    ),
+    Own = rows(filename:join([Root, "test", "test_times.term"])),
+    Known = starl_test_schedule:known(Own, rows(Times)),
     Code = ["_build/test/lib/*/test", "_build/test/extras/test"],
     ok = code:add_pathsa([Dir || C <- Code, Dir <- filelib:wildcard(filename:join(Root, C))]),
-    Found = starl_test_plan:jobs(Wanted, starl_test_plan:sources(Root)),
+    Long = [Name || {Name, _, _} <- Own],
+    Found = starl_test_plan:jobs(Wanted, starl_test_plan:sources(Root), Long),
     Jobs = [Job#{root => Root, logs => Logs} || Job <- starl_test_schedule:order(Found, Known)],
     lists:foreach(fun clear/1, Jobs),
     {How, Report} = together(Jobs, Known, Cores),
@@ -94,7 +94,7 @@ rows(File) ->
         {error, _} -> []
     end.
 
-%% A run of some tests deals the quick ones otherwise.
+%% A run of some tests deals those that share a VM otherwise.
 keep(all, done, Seconds, {File, Known}, Took) ->
     Rows = starl_test_schedule:kept(Took, Known),
     ok = file:write_file(File, [io_lib:format("~0tp.~n", [Row]) || Row <- Rows]),
