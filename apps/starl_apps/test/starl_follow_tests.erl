@@ -43,7 +43,11 @@ column_test_() ->
     {timeout, 120, fun() ->
         {1, Least, #{robots := Robots} = Outcome} = follow(#{robots => 4}),
         ?assert(Least < 5),
-        ?assert(lists:min(starl_team_runs:noted(error_mm, Outcome)) < 100),
+        %% once they have come they are in their places, while these go on: most of the time to a few centimetres
+        Errors = starl_team_runs:noted(error_mm, Outcome),
+        Settled = lists:sort(lists:nthtail(length(Errors) div 2, Errors)),
+        ?assert(lists:nth(length(Settled) * 8 div 10, Settled) < 50),
+        ?assert(lists:last(Settled) < 200),
         Places = [{X, Y} || {_, #{pose := {X, Y, _}}} <- Robots],
         %% neighbours in the column, about 700 mm apart
         Gaps = [

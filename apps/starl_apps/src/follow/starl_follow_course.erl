@@ -2,7 +2,10 @@
 %% millimetres.
 -module(starl_follow_course).
 
--export([corners/1, from/2, back/2]).
+-export([corners/1, from/2, passed/2, back/2]).
+
+%% A corner of the course is passed at this distance (mm).
+-define(NEAR_MM, 200).
 
 %% @doc The corners of the course on a floor of this size.
 -spec corners({WidthMm :: number(), HeightMm :: number()}) -> [starl_geometry:point(), ...].
@@ -16,6 +19,15 @@ from(Point, Corners) ->
     {_, First} = lists:min([{starl_geometry:distance(Point, C), C} || C <- Corners]),
     {Before, After} = lists:splitwith(fun(C) -> C =/= First end, Corners),
     After ++ Before.
+
+%% @doc The corners from now on, the next one first, of a leader that is here.
+-spec passed(starl_geometry:point(), Corners) -> Corners when
+    Corners :: [starl_geometry:point(), ...].
+passed(Point, [Corner | Corners]) ->
+    case starl_geometry:distance(Point, Corner) < ?NEAR_MM of
+        true -> Corners ++ [Corner];
+        false -> [Corner | Corners]
+    end.
 
 %% @doc The point of a trail at this distance from its beginning, or its end if it is shorter; and the trail up
 %% to there.

@@ -1,7 +1,7 @@
 %% @doc The contract of following: in one life a robot never turns from a later term to an earlier one; and
 %% while robots drive, a minute after all faults at the latest, never is a minute without a leader.
 %%
-%% Events of machine `app': {@link starl_follow:event()}, `crashed', `done'; of machine `robot': `up',
+%% Events of machine `app': {@link starl_leadership:event()}, `crashed', `done'; of machine `robot': `up',
 %% `died'; of machine `supervisor': `given_up'.
 -module(starl_follow_monitor).
 -behaviour(starl_monitor).
@@ -33,7 +33,7 @@ context(#{healed_us := Healed}, Config) -> Config#{healed_us => Healed}.
 -spec interests() -> [atom()].
 interests() -> [app, robot, supervisor].
 
-%% @doc {@link starl_follow:event()}.
+%% @doc {@link starl_leadership:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() -> #{app => [{leads, 1}, {follows, 2}]}.
 
