@@ -21,16 +21,38 @@ results(Scenario) ->
 
 %% A look costs what is near, not the team: of a thousand robots it tells of nine.
 a_look_tells_of_those_near_only_test() ->
-    Place = fun(I) -> {1000.0 * (I rem 32), 1000.0 * (I div 32)} end,
-    Pieces = [{I, starl_trajectory:standing(0, Place(I), 0.0)} || I <- lists:seq(1, 1000)],
+    {Look, _} = amid(1024, 1000.0),
+    ?assertEqual(9, length(Look(1500))).
+
+%% Who sees as many pays as much in every team, in reductions, which no load of the computer changes.
+a_look_costs_the_same_in_every_team_test() ->
+    Cost = fun(N) ->
+        {Look, Robot} = amid(N, 800.0),
+        ?assert(lists:member(Robot, [Seen || {Seen, _} <- Look(2000)])),
+        {reductions, Before} = process_info(self(), reductions),
+        _ = [?assertEqual(21, length(Look(2000))) || _ <- lists:seq(1, 20)],
+        {reductions, After} = process_info(self(), reductions),
+        After - Before
+    end,
+    [Least | _] = Costs = lists:sort([Cost(N) || N <- [100, 400, 1600]]),
+    ?assert(lists:last(Costs) =< 1.1 * Least, Costs).
+
+%% A robot in the middle of so many that stand on a square grid, and its look.
+amid(N, Mm) ->
+    Row = round(math:sqrt(N)),
+    Place = fun(I) -> {Mm * (I rem Row), Mm * (I div Row)} end,
+    Pieces = [{I, starl_trajectory:standing(0, Place(I), 0.0)} || I <- lists:seq(0, N - 1)],
     World = #{
         seed => 1,
-        team => starl_team:new(lists:seq(1, 1000)),
+        team => starl_team:new(lists:seq(0, N - 1)),
         location => [],
         profiles => [starl_chassis:profile(starl_chassis_differential, #{})],
         sight => starl_sim_sight:new(Pieces, infinity)
     },
-    {X, Y} = Place(500),
-    Vehicle = starl_sim_vehicle:new(500, {X, Y, 0.0}, World),
-    {Seen, _} = starl_sim_vehicle:sense({near, 1500}, {0, 0}, Vehicle),
-    ?assertEqual(9, length(Seen)).
+    Robot = Row * (Row div 2) + Row div 2,
+    {X, Y} = Place(Robot),
+    Vehicle = starl_sim_vehicle:new(Robot, {X, Y, 0.0}, World),
+    {
+        fun(Reach) -> element(1, starl_sim_vehicle:sense({near, Reach}, {0, 0}, Vehicle)) end,
+        Robot
+    }.

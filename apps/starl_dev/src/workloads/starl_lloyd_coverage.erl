@@ -16,19 +16,30 @@
 -define(SPEED, 200).
 -define(ROUND_MS, 500).
 
+%% `seen': at all looks together.
 -type state() :: #{
-    side := float(), left := non_neg_integer(), first := float() | none, last := float()
+    side := float(),
+    left := non_neg_integer(),
+    first := float() | none,
+    last := float(),
+    seen := non_neg_integer()
 }.
 
 -spec options() -> [starl_options:option()].
-options() -> [{rounds, {integer, 1, 1000000}, 40, "looks of each robot"}].
+options() ->
+    [
+        {rounds, {integer, 1, 1000000}, 40, "looks of each robot"},
+        {begins, {one_of, [corner, everywhere]}, corner, "where the robots begin"}
+    ].
 
-%% @doc All begin in the lower left quarter of a square floor.
+%% @doc All begin in the lower left quarter of a square floor, or evenly everywhere: then teams of every size have one
+%% density from the beginning.
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()}.
-scene(#{robots := Ids, options := #{rounds := Rounds}}) ->
+scene(#{robots := Ids, options := #{rounds := Rounds, begins := Begins}}) ->
     Row = ceil(math:sqrt(length(Ids))),
     Side = float(?SHARE_MM * Row),
-    Place = fun(K) -> (K + 0.5) * Side / 2 / Row end,
+    Part = part(Begins),
+    Place = fun(K) -> (K + 0.5) * Side * Part / Row end,
     {ok, #{
         app => {sequential, ?MODULE, {Side, Rounds}},
         poses => maps:from_list([
@@ -37,13 +48,18 @@ scene(#{robots := Ids, options := #{rounds := Rounds}}) ->
         ])
     }}.
 
--spec init(starl:robot(), {Side :: float(), Rounds :: pos_integer()}) -> state().
-init(_Robot, {Side, Rounds}) -> #{side => Side, left => Rounds, first => none, last => 0.0}.
+part(corner) -> 0.5;
+part(everywhere) -> 1.0.
 
--spec step(starl:robot(), state()) -> {continue, state()} | {done, {float() | none, float()}}.
-step(Robot, #{left := 0, first := First, last := Last}) ->
+-spec init(starl:robot(), {Side :: float(), Rounds :: pos_integer()}) -> state().
+init(_Robot, {Side, Rounds}) ->
+    #{side => Side, left => Rounds, first => none, last => 0.0, seen => 0}.
+
+-spec step(starl:robot(), state()) ->
+    {continue, state()} | {done, {float() | none, float(), non_neg_integer()}}.
+step(Robot, #{left := 0, first := First, last := Last, seen := Seen}) ->
     _ = starl:stop(Robot),
-    {done, {First, Last}};
+    {done, {First, Last, Seen}};
 step(Robot, #{side := Side, left := Left} = State) ->
     Next =
         case {starl:position(Robot), starl:neighbours(Robot, ?SEES_MM)} of
@@ -52,15 +68,15 @@ step(Robot, #{side := Side, left := Left} = State) ->
                 Mm = starl_geometry:distance({X, Y}, {CX, CY}),
                 Part = ?SPEED / max(float(?SPEED), Mm),
                 _ = starl:velocity(Robot, {Part * (CX - X), Part * (CY - Y)}, 3 * ?ROUND_MS),
-                told(Mm, State);
+                told(Mm, length(Near), State);
             _Unknown ->
                 State
         end,
     ok = starl:sleep(Robot, ?ROUND_MS),
     {continue, Next#{left := Left - 1}}.
 
-told(Mm, #{first := none} = State) -> State#{first := Mm, last := Mm};
-told(Mm, State) -> State#{last := Mm}.
+told(Mm, N, #{first := none} = State) -> told(Mm, N, State#{first := Mm});
+told(Mm, N, #{seen := Seen} = State) -> State#{last := Mm, seen := Seen + N}.
 
 %% @doc The middle of the part of the floor, up to this distance, that is nearer to a place than to any of these
 %% others, which are given by their offsets.
@@ -89,11 +105,11 @@ is_own(DX, DY, [{OX, OY} | Others]) ->
 is_own(_DX, _DY, []) ->
     true.
 
-%% @doc The mean distance of a robot from the middle of its cell at its first and at its last look (mm), and how many
-%% quarters of the floor have a fair share of the robots.
+%% @doc The mean distance of a robot from the middle of its cell at its first and at its last look (mm), how many
+%% others a look shows, and the part of the robots that is in the emptiest quarter of the floor.
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
-report(#{app := {_, _, {Side, _}}}, #{robots := Robots}) ->
-    Own = [Ends || {_, #{result := {done, {First, _} = Ends}}} <- Robots, First =/= none],
+report(#{app := {_, _, {Side, Rounds}}}, #{robots := Robots}) ->
+    Own = [Ends || {_, #{result := {done, {First, _, _} = Ends}}} <- Robots, First =/= none],
     N = max(1, length(Own)),
     Half = Side / 2,
     Quarters = [{X > Half, Y > Half} || {_, #{pose := {X, Y, _}}} <- Robots],
@@ -103,8 +119,9 @@ report(#{app := {_, _, {Side, _}}}, #{robots := Robots}) ->
     ]),
     #{
         figures => [
-            {first_mm, lists:sum([First || {First, _} <- Own]) / N},
-            {last_mm, lists:sum([Last || {_, Last} <- Own]) / N},
+            {first_mm, lists:sum([First || {First, _, _} <- Own]) / N},
+            {last_mm, lists:sum([Last || {_, Last, _} <- Own]) / N},
+            {seen, lists:sum([Seen || {_, _, Seen} <- Own]) / N / Rounds},
             {emptiest_quarter, Least / length(Robots)}
         ]
     }.
