@@ -248,7 +248,7 @@ uses_test_() ->
         hd(lists:append(Lines)) >= 0
     ].
 
-%% Clipping by convex polygons; what else clips is counted.
+%% Clipping by shapes; what else clips is counted.
 clips_test_() ->
     [
         ?_test(begin
@@ -279,8 +279,9 @@ clips_test_() ->
                 [25, 50, 75, 50],
                 0
             },
-            {"<circle cx='50' cy='50' r='20'/>", [0, 50, 100, 50], 1},
-            {"<path d='M0 0L50 40L100 0V100H0z'/>", [0, 50, 100, 50], 1}
+            {"<path d='M0 0L50 40L100 0V100H0z'/>", [0, 50, 100, 50], 0},
+            {"<path d='M0 0H60V40H20V100H0z'/>", [0, 50, 20, 50], 0},
+            {"<text>x</text>", [0, 50, 100, 50], 1}
         ]
     ].
 
@@ -312,6 +313,92 @@ clipped_fill_test_() ->
             ]}
         ]
     ].
+
+%% Clipped by any shape, a fill is painted as the pixels tell that a browser shows: each line has what is seen on
+%% one of its sides alone, and wherever two pixels differ a line is near.
+clipped_by_any_shape_test_() ->
+    [
+        {Clip, fun() -> same_as_pixels(Clip, In) end}
+     || {Clip, In} <- [
+            {"<circle cx='50' cy='50' r='30'/>", fun(X, Y) -> hypot(X - 50, Y - 50) < 30 end},
+            {"<circle cx='5' cy='50' r='40'/>", fun(X, Y) -> hypot(X - 5, Y - 50) < 40 end},
+            {"<ellipse cx='50' cy='50' rx='45' ry='20'/>", fun(X, Y) ->
+                hypot((X - 50) / 45, (Y - 50) / 20) < 1
+            end},
+            %% an arrow, which is not convex
+            {"<path d='M10 10L50 90L95 15L50 50z'/>", fun(X, Y) ->
+                in_polygon({X, Y}, [{10, 10}, {50, 90}, {95, 15}, {50, 50}])
+            end},
+            %% a ring, by both rules
+            {
+                "<path clip-rule='evenodd' d='M10 50a40 40 0 0 1 80 0a40 40 0 0 1-80 0z"
+                "M30 50a20 20 0 0 1 40 0a20 20 0 0 1-40 0z'/>",
+                fun(X, Y) -> hypot(X - 50, Y - 50) < 40 andalso hypot(X - 50, Y - 50) > 20 end
+            },
+            {
+                "<path d='M10 50a40 40 0 0 1 80 0a40 40 0 0 1-80 0z"
+                "M30 50a20 20 0 0 1 40 0a20 20 0 0 1-40 0z'/>",
+                fun(X, Y) -> hypot(X - 50, Y - 50) < 40 end
+            },
+            %% two shapes are one window
+            {"<circle cx='35' cy='50' r='20'/><rect x='40' y='30' width='30' height='60'/>", fun(
+                X, Y
+            ) ->
+                hypot(X - 35, Y - 50) < 20 orelse
+                    (X > 40 andalso X < 70 andalso Y > 30 andalso Y < 90)
+            end}
+        ]
+    ].
+
+%% The fill is the square from 10 to 90.
+same_as_pixels(Clip, In) ->
+    {ok, Picture} = parse([
+        "<clipPath id='c'>",
+        Clip,
+        "</clipPath>",
+        "<g clip-path='url(#c)'><rect x='10' y='10' width='80' height='80' fill='red'/></g>"
+    ]),
+    ?assertEqual(0, maps:get(clips, starl_picture:left_out(Picture))),
+    Lines = [
+        {{X0 / 10, 100 - Y0 / 10}, {X1 / 10, 100 - Y1 / 10}}
+     || {{X0, Y0}, {X1, Y1}} <- starl_picture:segments(Picture)
+    ],
+    Shown = fun({X, Y}) ->
+        X > 10 andalso X < 90 andalso Y > 10 andalso Y < 90 andalso In(X, Y)
+    end,
+    [?assertEqual({Line, 1}, {Line, seen_beside(Line, Shown)}) || Line <- Lines, is_long(Line)],
+    Grid = [X + 0.37 || X <- lists:seq(0, 98, 2)],
+    Pairs = [{{X, Y}, {X + DX, Y + DY}} || X <- Grid, Y <- Grid, {DX, DY} <- [{2, 0}, {0, 2}]],
+    Changes = [{P, Q} || {P, Q} <- Pairs, Shown(P) =/= Shown(Q)],
+    ?assert(length(Changes) > 50),
+    [
+        ?assert(lists:min([starl_geometry:point_segment(middle(Pair), L) || L <- Lines]) < 1.2)
+     || Pair <- Changes
+    ].
+
+%% On how many sides of its middle something is seen.
+seen_beside({{X0, Y0}, {X1, Y1}} = Line, Shown) ->
+    {X, Y} = middle(Line),
+    Length = hypot(X1 - X0, Y1 - Y0),
+    {NX, NY} = {0.3 * (Y0 - Y1) / Length, 0.3 * (X1 - X0) / Length},
+    length([seen || Side <- [1, -1], Shown({X + Side * NX, Y + Side * NY})]).
+
+middle({{X0, Y0}, {X1, Y1}}) -> {(X0 + X1) / 2, (Y0 + Y1) / 2}.
+
+%% A short one may lie at a corner.
+is_long({{X0, Y0}, {X1, Y1}}) -> hypot(X1 - X0, Y1 - Y0) > 1.
+
+%% A ray to the right crosses the sides an odd number of times.
+in_polygon({X, Y}, [First | Rest] = Corners) ->
+    Crossed = [
+        crossed
+     || {{X0, Y0}, {X1, Y1}} <- lists:zip(Corners, Rest ++ [First]),
+        (Y0 > Y) =/= (Y1 > Y),
+        X < X0 + (Y - Y0) * (X1 - X0) / (Y1 - Y0)
+    ],
+    length(Crossed) rem 2 =:= 1.
+
+hypot(X, Y) -> math:sqrt(X * X + Y * Y).
 
 %% A background remains one in a window that shows all of the page.
 clipped_background_test() ->

@@ -170,7 +170,7 @@ line(Text) ->
 picture(#{shapes := Shapes, frame := Frame, left_out := LeftOut} = Drawing, Area, Tolerance, Max) ->
     case place(Shapes, Frame, Area) of
         {ok, Map} ->
-            case chords([on_floor(Map, Shape) || Shape <- Shapes], Tolerance, Max) of
+            case chords([on_floor(Map, Tolerance, Shape) || Shape <- Shapes], Tolerance, Max) of
                 {ok, []} -> {error, {no_lines, LeftOut}};
                 {ok, Segments} -> {ok, made(Segments, Tolerance, Drawing)};
                 {error, _} = Error -> Error
@@ -184,13 +184,13 @@ made(Segments, Tolerance, #{title := Title, left_out := LeftOut}) ->
         segments = Segments, tolerance = Tolerance, title = line(Title), left_out = LeftOut
     }.
 
-on_floor(Map, {line, Outline, Clips}) ->
-    {line, on_floor_outline(Map, Outline), [starl_svg_clip:transform(Map, Clip) || Clip <- Clips]};
-on_floor(Map, {edges, Outlines, Clips}) ->
+on_floor(Map, Tolerance, {line, Outline, Clips}) ->
+    {line, on_floor_outline(Map, Outline), [starl_svg_clip:placed(Map, Tolerance, C) || C <- Clips]};
+on_floor(Map, Tolerance, {edges, Outlines, Clips}) ->
     {
         edges,
         [on_floor_outline(Map, Outline) || Outline <- Outlines],
-        [starl_svg_clip:transform(Map, Clip) || Clip <- Clips]
+        [starl_svg_clip:placed(Map, Tolerance, Clip) || Clip <- Clips]
     }.
 
 on_floor_outline(Map, Outline) -> [starl_svg_curve:transform(Map, Curve) || Curve <- Outline].
@@ -300,7 +300,7 @@ chain(From, [Point | Points]) ->
 clipped([], Chain) ->
     Chain;
 clipped([Clip | Clips], Chain) ->
-    Inside = [Part || Segment <- Chain, {ok, Part} <- [starl_svg_clip:cut(Clip, Segment)]],
+    Inside = [Part || Segment <- Chain, Part <- starl_svg_clip:cut(Clip, Segment)],
     clipped(Clips, long_enough(Inside)).
 
 long_enough(Segments) ->

@@ -32,6 +32,7 @@
     <<"transform">>,
     <<"transform-origin">>,
     <<"clip-path">>,
+    <<"clip-rule">>,
     <<"mask">>,
     <<"overflow">>,
     <<"marker-start">>,

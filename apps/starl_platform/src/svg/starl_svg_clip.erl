@@ -1,56 +1,91 @@
-%% @doc Clipping by convex polygons: what the window of a nested picture, or a `clipPath' that is a
-%% rectangle or another convex polygon, leaves of a line (Cyrus and Beck, 1978). A part of the SVG
-%% reader, {@link starl_svg}.
+%% @doc Clipping: what the window of a nested picture, or the shapes of a `clipPath', leave of a line. A convex
+%% polygon cuts by its sides (Cyrus and Beck, 1978); of any other area the winding number tells what is
+%% inside, as in browsers. Curves become chords on the floor, within a tolerance. A part of the SVG reader,
+%% {@link starl_svg}.
 -module(starl_svg_clip).
 
--export([rectangle/3, of_path/2, transform/2, box/1, covers/2, cut/2, edges/2]).
+-export([rectangle/3, of_path/2, placed/3, box/1, covers/2, cut/2, edges/2]).
 -export_type([t/0]).
 
 -type point() :: starl_svg_curve:point().
+-type segment() :: {point(), point()}.
 -type matrix() :: starl_svg_transform:matrix().
-%% The corners, in one or the other sense of rotation.
--opaque t() :: [point(), ...].
+%% What is inside of an outline that crosses itself, or of several: that round which they go in all, or an odd
+%% number of times.
+-type rule() :: nonzero | evenodd.
+%% A convex polygon, by its corners in one or the other sense of rotation; shapes, which together are the
+%% window, each by its closed outlines; the same by their sides.
+-opaque t() ::
+    {convex, [point(), ...]}
+    | {shapes, [{rule(), [starl_svg_pen:outline()]}, ...]}
+    | {area, [{rule(), [segment()]}, ...]}.
 
-%% Numbers of curves that a clipping path may have.
+%% Numbers of curves that a shape of a clipping path may have, and of its shapes.
 -define(MOST, 100).
+-define(MOST_SHAPES, 20).
 %% What lies this little outside, in mm on the floor, is on the boundary, where it is seen.
 -define(BOUNDARY, 0.01).
+%% The part of a window's size by which chords may miss it while the floor is not known.
+-define(ROUGH, 0.001).
 -define(UNITS, {0.0, 0.0}).
 
 %% @doc The image of a rectangle.
 -spec rectangle(point(), Size :: point(), matrix()) -> t().
 rectangle({X, Y}, {W, H}, Matrix) ->
-    transform(Matrix, [{X, Y}, {X + W, Y}, {X + W, Y + H}, {X, Y + H}]).
+    {convex, moved(Matrix, [{X, Y}, {X + W, Y}, {X + W, Y + H}, {X, Y + H}])}.
 
-%% @doc The polygon of a `clipPath' element; `unknown' if it is none, or not convex.
+%% @doc The window of a `clipPath' element; `none' if it is no such element, `unknown' if it has no
+%% shapes, too many, or what is none.
 -spec of_path(starl_svg_xml:element_(), matrix()) -> {ok, t()} | none | unknown.
 of_path(Element, Matrix) ->
     Units = starl_svg_xml:attribute(<<"clipPathUnits">>, Element, <<"userSpaceOnUse">>),
-    case {starl_svg_xml:name(Element), Units, starl_svg_xml:children(Element)} of
-        {<<"clipPath">>, <<"userSpaceOnUse">>, [Shape]} -> of_shape(Element, Shape, Matrix);
-        {<<"clipPath">>, _, _} -> unknown;
-        {_, _, _} -> none
+    Shapes = starl_svg_xml:children(Element),
+    case {starl_svg_xml:name(Element), Units, Shapes} of
+        {<<"clipPath">>, <<"userSpaceOnUse">>, [_ | _]} when length(Shapes) =< ?MOST_SHAPES ->
+            Inner = starl_svg_window:transformed(Element, ?UNITS, Matrix),
+            Rule = starl_svg_xml:attribute(<<"clip-rule">>, Element, <<"nonzero">>),
+            of_shapes([of_shape(Shape, Rule, Inner) || Shape <- Shapes]);
+        {<<"clipPath">>, _, _} ->
+            unknown;
+        {_, _, _} ->
+            none
     end.
 
-%% @doc The image of a polygon.
--spec transform(matrix(), t()) -> t().
-transform(Matrix, Corners) -> [starl_svg_transform:apply(Matrix, Corner) || Corner <- Corners].
+%% @doc The image of a window on the floor; its curves are chords that miss them by at most this tolerance.
+-spec placed(matrix(), Tolerance :: float(), t()) -> t().
+placed(Matrix, _Tolerance, {convex, Corners}) ->
+    {convex, moved(Matrix, Corners)};
+placed(Matrix, Tolerance, {shapes, Shapes}) ->
+    {area, [
+        {Rule, lists:append([chords(outline(Matrix, Outline), Tolerance) || Outline <- Outlines])}
+     || {Rule, Outlines} <- Shapes
+    ]}.
 
-%% @doc The box around a polygon.
+%% @doc The box around a window that is not on the floor yet.
 -spec box(t()) -> starl_svg_curve:bounds().
-box(Corners) ->
+box({convex, Corners}) ->
     {Xs, Ys} = lists:unzip(Corners),
-    {lists:min(Xs), lists:min(Ys), lists:max(Xs), lists:max(Ys)}.
+    {lists:min(Xs), lists:min(Ys), lists:max(Xs), lists:max(Ys)};
+box({shapes, Shapes}) ->
+    starl_svg_area:box(lists:append([Outlines || {_, Outlines} <- Shapes])).
 
-%% @doc Is all of a box seen?
+%% @doc Is all of a box seen through a window that is not on the floor yet?
 -spec covers(t(), starl_svg_curve:bounds()) -> boolean().
-covers(Clip, {X0, Y0, X1, Y1}) ->
-    Sides = sides([{X0, Y0}, {X1, Y0}, {X1, Y1}, {X0, Y1}]),
-    lists:all(fun(Side) -> cut(Clip, Side) =:= {ok, Side} end, Sides).
+covers({shapes, _} = Clip, Box) ->
+    {X0, Y0, X1, Y1} = box(Clip),
+    Rough = placed(starl_svg_transform:identity(), ?ROUGH * max(X1 - X0, Y1 - Y0), Clip),
+    covers_sides(Rough, Box) andalso edges([Rough], box_sides(Box)) =:= [];
+covers({convex, _} = Clip, Box) ->
+    covers_sides(Clip, Box).
 
-%% @doc The part of a segment that lies inside.
--spec cut(t(), {point(), point()}) -> {ok, {point(), point()}} | outside.
-cut(Corners, {P, Q} = Segment) ->
+covers_sides(Clip, Box) ->
+    lists:all(fun(Side) -> cut(Clip, Side) =:= [Side] end, box_sides(Box)).
+
+box_sides({X0, Y0, X1, Y1}) -> sides([{X0, Y0}, {X1, Y0}, {X1, Y1}, {X0, Y1}]).
+
+%% @doc The parts of a segment that lie inside of a window on the floor, in their order.
+-spec cut(t(), segment()) -> [segment()].
+cut({convex, Corners}, {P, Q} = Segment) ->
     Sense = sign(area(Corners)),
     Bounds = lists:foldl(
         fun(Side, Bounds) -> narrowed(depth(Sense, Side, P), depth(Sense, Side, Q), Bounds) end,
@@ -58,45 +93,79 @@ cut(Corners, {P, Q} = Segment) ->
         [Side || {From, To} = Side <- sides(Corners), From =/= To]
     ),
     case Bounds of
-        {0.0, 1.0} -> {ok, Segment};
-        {From, To} when From < To -> {ok, {between(P, Q, From), between(P, Q, To)}};
-        {_, _} -> outside
-    end.
+        {0.0, 1.0} -> [Segment];
+        {From, To} when From < To -> [{between(P, Q, From), between(P, Q, To)}];
+        {_, _} -> []
+    end;
+cut({area, Shapes}, Segment) ->
+    Sides = all_sides(Shapes),
+    split(Segment, Sides, fun(Point) -> is_in(Point, Shapes) orelse is_near(Point, Sides) end).
 
-%% @doc The edges that the polygons give to an area between them: what the other polygons leave of
-%% their sides, as far as it lies within the area (by the winding number, as browsers fill it). What
+%% @doc The edges that windows on the floor give to an area between them: what the other windows leave of
+%% their boundaries, as far as it lies within the area (by the winding number, as browsers fill it). What
 %% runs along the area's own boundary is not among them.
--spec edges([t()], Boundary :: [{point(), point()}]) -> [{point(), point()}].
+-spec edges([t()], Boundary :: [segment()]) -> [segment()].
 edges(Clips, Boundary) ->
     [
         Part
      || Clip <- Clips,
-        Side <- sides(Clip),
+        Side <- boundary(Clip),
         Seen <- cut_all(lists:delete(Clip, Clips), Side),
         Part <- within(Boundary, Seen)
     ].
 
 %%% Internals
 
-cut_all([], Segment) ->
-    [Segment];
-cut_all([Clip | Clips], Segment) ->
-    case cut(Clip, Segment) of
-        {ok, Part} -> cut_all(Clips, Part);
-        outside -> []
-    end.
+%% The sides of a window: where shapes overlap, their boundaries are none.
+boundary({convex, Corners}) ->
+    sides(Corners);
+boundary({area, Shapes}) ->
+    Sides = all_sides(Shapes),
+    lists:append([
+        split(Side, Sides, fun(Point) -> is_edge(Point, normal(Side), Shapes) end)
+     || Side <- Sides
+    ]).
 
-%% The parts of a segment between two crossings of the boundary lie within the area or outside of it.
-within(Boundary, {P, Q} = Segment) ->
-    Crossings = [T || Line <- Boundary, {ok, T} <- [crossing(Segment, Line)]],
-    Parts = parts(lists:usort([0.0, 1.0 | Crossings])),
-    [
-        {between(P, Q, From), between(P, Q, To)}
-     || {From, To} <- Parts, is_within(between(P, Q, (From + To) / 2.0), Boundary)
-    ].
+%% Only on one side of an edge something is seen.
+is_edge({X, Y}, {NX, NY}, Shapes) ->
+    is_in({X + NX, Y + NY}, Shapes) =/= is_in({X - NX, Y - NY}, Shapes).
+
+%% Beyond what counts as the boundary.
+normal({{X0, Y0}, {X1, Y1}} = Side) ->
+    Length = length_of(Side),
+    {2.0 * ?BOUNDARY * (Y0 - Y1) / Length, 2.0 * ?BOUNDARY * (X1 - X0) / Length}.
+
+all_sides(Shapes) -> lists:append([Sides || {_, Sides} <- Shapes]).
+
+cut_all([], Segment) -> [Segment];
+cut_all([Clip | Clips], Segment) -> [P || Part <- cut(Clip, Segment), P <- cut_all(Clips, Part)].
+
+within(Boundary, Segment) ->
+    split(Segment, Boundary, fun(Point) ->
+        not is_near(Point, Boundary) andalso winding(Point, Boundary) =/= 0
+    end).
+
+%% The parts of a segment whose middles are taken: between two crossings of lines all is alike.
+split({P, Q} = Segment, Lines, IsTaken) ->
+    Crossings = [T || Line <- Lines, {ok, T} <- [crossing(Segment, Line)]],
+    Taken = [
+        Part
+     || {From, To} = Part <- parts(lists:usort([0.0, 1.0 | Crossings])),
+        IsTaken(between(P, Q, (From + To) / 2.0))
+    ],
+    [{at(P, Q, From), at(P, Q, To)} || {From, To} <- joined(Taken)].
 
 parts([From | [To | _] = Rest]) -> [{From, To} | parts(Rest)];
 parts([_Last]) -> [].
+
+joined([{From, At}, {At, To} | Rest]) -> joined([{From, To} | Rest]);
+joined([Part | Rest]) -> [Part | joined(Rest)];
+joined([]) -> [].
+
+%% Its ends are those of the segment itself.
+at(P, _Q, 0.0) -> P;
+at(_P, Q, 1.0) -> Q;
+at(P, Q, T) -> between(P, Q, T).
 
 %% Where on the segment it crosses a line, from 0 to 1. A parallel one it does not cross.
 crossing({P, Q}, Line) ->
@@ -114,9 +183,16 @@ crossing({P, Q}, Line) ->
             end
     end.
 
-is_within(Point, Boundary) ->
-    not lists:any(fun(Line) -> starl_geometry:point_segment(Point, Line) < ?BOUNDARY end, Boundary) andalso
-        lists:sum([turn(Point, Line) || Line <- Boundary]) =/= 0.
+is_near(Point, Lines) ->
+    lists:any(fun(Line) -> starl_geometry:point_segment(Point, Line) < ?BOUNDARY end, Lines).
+
+is_in(Point, Shapes) ->
+    lists:any(fun({Rule, Sides}) -> is_inside(Rule, winding(Point, Sides)) end, Shapes).
+
+is_inside(nonzero, Turns) -> Turns =/= 0;
+is_inside(evenodd, Turns) -> Turns rem 2 =/= 0.
+
+winding(Point, Lines) -> lists:sum([turn(Point, Line) || Line <- Lines]).
 
 %% How often a line goes round a point: upwards to the right of it, or downwards.
 turn({_, Y} = Point, {{_, Y0}, {_, Y1}} = Line) ->
@@ -126,37 +202,61 @@ turn({_, Y} = Point, {{_, Y0}, {_, Y1}} = Line) ->
         _ -> 0
     end.
 
-of_shape(Element, Shape, Matrix0) ->
-    IsShape = lists:member(starl_svg_xml:name(Shape), starl_svg_shape:names()),
-    Matrix = starl_svg_window:transformed(
-        Shape, ?UNITS, starl_svg_window:transformed(Element, ?UNITS, Matrix0)
-    ),
-    case IsShape andalso starl_svg_shape:outlines(Shape, ?UNITS, ?MOST) of
-        {ok, [Outline]} -> of_outline(Outline, Matrix);
-        _ -> unknown
+%% One convex polygon cuts faster than others.
+of_shapes(Shapes) ->
+    case {lists:member(unknown, Shapes), Shapes} of
+        {true, _} -> unknown;
+        {false, [{_, [Outline]} = Shape]} -> {ok, of_outline(Outline, Shape)};
+        {false, _} -> {ok, {shapes, Shapes}}
     end.
 
-of_outline(Outline, Matrix) ->
-    Closed = starl_svg_area:closed(Outline),
-    Lines = [Line || {line, _, _} = Line <- Closed],
-    Corners = [From || {line, From, To} <- Lines, From =/= To],
-    case length(Corners) >= 3 andalso length(Lines) =:= length(Closed) of
-        true -> convex(transform(Matrix, Corners));
-        false -> unknown
+of_shape(Shape, Inherited, Matrix0) ->
+    IsShape = lists:member(starl_svg_xml:name(Shape), starl_svg_shape:names()),
+    Matrix = starl_svg_window:transformed(Shape, ?UNITS, Matrix0),
+    case IsShape andalso starl_svg_shape:outlines(Shape, ?UNITS, ?MOST) of
+        {ok, [_ | _] = Outlines} ->
+            Closed = [outline(Matrix, starl_svg_area:closed(Each)) || Each <- Outlines],
+            {rule(starl_svg_xml:attribute(<<"clip-rule">>, Shape, Inherited)), Closed};
+        _ ->
+            unknown
     end.
+
+rule(<<"evenodd">>) -> evenodd;
+rule(_) -> nonzero.
+
+of_outline(Outline, Shape) ->
+    Corners = [From || {line, From, To} <- Outline, From =/= To],
+    IsPolygon = lists:all(fun(Curve) -> element(1, Curve) =:= line end, Outline),
+    case IsPolygon andalso length(Corners) >= 3 andalso is_convex(Corners) of
+        true -> {convex, Corners};
+        false -> {shapes, [Shape]}
+    end.
+
+outline(Matrix, Outline) -> [starl_svg_curve:transform(Matrix, Curve) || Curve <- Outline].
+
+moved(Matrix, Corners) -> [starl_svg_transform:apply(Matrix, Corner) || Corner <- Corners].
+
+%% The chords of a closed outline.
+chords([First | _] = Outline, Tolerance) ->
+    Points = lists:append([
+        starl_svg_curve:flatten(Curve, starl_svg_curve:steps(Curve, Tolerance))
+     || Curve <- Outline
+    ]),
+    From = starl_svg_curve:start(First),
+    [{P, Q} || {P, Q} <- lists:zip([From | lists:droplast(Points)], Points), P =/= Q].
 
 %% Every corner lies on the inner side of every side.
-convex(Corners) ->
+is_convex(Corners) ->
     Area = area(Corners),
     Give = 1.0e-6 * abs(Area),
-    Inside = [
-        sign(Area) * left(Side, Corner) >= -Give
-     || Side <- sides(Corners), Corner <- Corners
-    ],
-    case Area /= 0.0 andalso lists:all(fun(Is) -> Is end, Inside) of
-        true -> {ok, Corners};
-        false -> unknown
-    end.
+    Area /= 0.0 andalso
+        lists:all(
+            fun(Inside) -> Inside end,
+            [
+                sign(Area) * left(Side, Corner) >= -Give
+             || Side <- sides(Corners), Corner <- Corners
+            ]
+        ).
 
 sides([First | _] = Corners) -> lists:zip(Corners, tl(Corners) ++ [First]).
 
@@ -167,9 +267,10 @@ sign(X) when X < 0.0 -> -1.0;
 sign(_) -> 1.0.
 
 %% How deep inside of a side a point lies.
-depth(Sense, {{X0, Y0}, {X1, Y1}} = Side, Point) ->
-    Length = math:sqrt((X1 - X0) * (X1 - X0) + (Y1 - Y0) * (Y1 - Y0)),
-    Sense * left(Side, Point) / Length.
+depth(Sense, Side, Point) -> Sense * left(Side, Point) / length_of(Side).
+
+length_of({{X0, Y0}, {X1, Y1}}) ->
+    math:sqrt((X1 - X0) * (X1 - X0) + (Y1 - Y0) * (Y1 - Y0)).
 
 %% Positive for points to the left of a side, seen along it.
 left({{X0, Y0}, {X1, Y1}}, {X, Y}) -> (X1 - X0) * (Y - Y0) - (Y1 - Y0) * (X - X0).

@@ -128,6 +128,7 @@ value(Name, Text) when
 value(Name, Text) when
     Name =:= <<"fill-rule">>;
     Name =:= <<"clip-path">>;
+    Name =:= <<"clip-rule">>;
     Name =:= <<"mask">>;
     Name =:= <<"overflow">>;
     Name =:= <<"transform-origin">>;

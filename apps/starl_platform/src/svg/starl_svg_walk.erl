@@ -16,7 +16,7 @@
 -type shape() ::
     {line, starl_svg_pen:outline(), [starl_svg_clip:t()]}
     | {edges, [starl_svg_pen:outline(), ...], [starl_svg_clip:t(), ...]}.
-%% Numbers of texts, images, markers, clipping paths (and masks) that are no convex polygons, and
+%% Numbers of texts, images, markers, clipping paths that are no shapes (and masks), and
 %% page backgrounds; and of shapes without anything to see.
 -type left_out() :: #{
     texts := non_neg_integer(),
