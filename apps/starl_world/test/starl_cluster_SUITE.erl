@@ -22,12 +22,13 @@
     ended_at_once/1,
     ended_by_signal/1,
     clock_starts_last/1,
+    clocks_apart/1,
     nothing_left/1,
     none_left_standing/1
 ]).
 %% called in the conductor
 -export([play/4, struck/1, filled/1, beside_another/1, killed_by_its_code/1, loaded_and_begun/1]).
--export([sender_hangs/1, shot/1]).
+-export([sender_hangs/1, shot/1, set_apart/2]).
 
 -define(SPEED, 10).
 
@@ -49,6 +50,7 @@ all() ->
         ended_at_once,
         ended_by_signal,
         clock_starts_last,
+        clocks_apart,
         nothing_left,
         none_left_standing
     ].
@@ -283,6 +285,46 @@ clock_starts_last(Config) ->
     ?assertMatch([_, _], Loaded),
     ?assert(lists:max(Loaded) =< Epoch).
 
+%% A node whose computer has another time, by a second or three: nobody is accused of what that makes of
+%% its facts, and it is said. A library that the node loads first gives it that time.
+clocks_apart(Config) ->
+    Dir = proplists:get_value(priv_dir, Config),
+    case shifted_clock(Dir) of
+        {ok, Library} ->
+            [
+                begin
+                    Own = filename:join(Dir, integer_to_list(Seconds)),
+                    {Violations, Whys} = in_conductor(set_apart, [Own, {Library, Seconds}], Config),
+                    ?assertEqual([], Violations),
+                    ?assertMatch([{clocks, 2, 2, _}], Whys),
+                    [{clocks, _, _, Us}] = Whys,
+                    ?assertEqual(Seconds, round(Us / 1.0e6))
+                end
+             || Seconds <- [-1, 3]
+            ];
+        none ->
+            {skip, "no C compiler"}
+    end.
+
+shifted_clock(Dir) ->
+    [Source, Library] = [filename:absname(F, Dir) || F <- ["shifted.c", "shifted.so"]],
+    ok = file:write_file(Source, [
+        "#define _GNU_SOURCE\n#include <dlfcn.h>\n#include <stdlib.h>\n#include <time.h>\n"
+        "int clock_gettime(clockid_t id, struct timespec *t) {\n"
+        "  static int (*own)(clockid_t, struct timespec *);\n"
+        "  if (!own) own = dlsym(RTLD_NEXT, \"clock_gettime\");\n"
+        "  int r = own(id, t);\n"
+        "  if (id == CLOCK_REALTIME) t->tv_sec += atol(getenv(\"SHIFTED_S\"));\n"
+        "  return r;\n}\n"
+    ]),
+    case os:find_executable("cc") of
+        false ->
+            none;
+        Cc ->
+            [] = os:cmd(Cc ++ " -shared -fPIC -o " ++ Library ++ " " ++ Source ++ " -ldl"),
+            {ok, Library}
+    end.
+
 %% The VM of the cluster is killed: no node of it is left.
 nothing_left(Config) ->
     Conductor = proplists:get_value(conductor, Config),
@@ -474,6 +516,30 @@ said() ->
         {told, Robot, Line} -> [{Robot, Line} | said()]
     after 0 -> []
     end.
+
+%% What is broken and why what is not judged, when the node of robot 2 has been started anew with another time.
+set_apart(Dir, {Library, Seconds}) ->
+    _ = process_flag(trap_exit, true),
+    Play = #{1 => {numbers, 2, 1, 60, self()}, 2 => {count, 1, 60, self()}},
+    _ = put(heard, none),
+    {ok, Cluster} = starl_cluster:start(
+        #{app => starl_world_app, robots => 2, loss => 0.1, play => Play},
+        #{dir => Dir, transport => udp}
+    ),
+    ok = heard(3),
+    true = os:putenv("SHIFTED_S", integer_to_list(Seconds)),
+    true = os:putenv("LD_PRELOAD", Library),
+    ok = starl_cluster:kill(Cluster, 2),
+    ok = restarted(1, Cluster),
+    true = os:unsetenv("LD_PRELOAD"),
+    ok = up(2, Cluster),
+    ok = heard(20),
+    ok = starl_cluster:stop(Cluster),
+    {#{violations := Violations, unjudged := Parts}, _} = starl_cluster:finish(Cluster),
+    {
+        [lists:flatten(starl_monitor:format_violation(V)) || V <- Violations],
+        lists:usort([Why || #{why := Why} <- Parts])
+    }.
 
 %% Code that tells when it was loaded, and what the observer of the run is told.
 loaded_and_begun(Dir) ->

@@ -80,6 +80,20 @@ clocks_test() ->
     ?assertEqual([{clocks, 3, 3, 900000}], Judged([], [{2900000, 3, a, x}])),
     ?assertError({badmatch, _}, Judged(Radio(-9000), [])).
 
+%% So does the robot's computer itself, when it is asked.
+a_clock_that_is_asked_test() ->
+    Whys = fun(Us) ->
+        Judge = starl_world_judge:new([{?MODULE, #{}}], 10),
+        [Why || #{why := Why} <- starl_world_judge:unjudged(starl_world_judge:clock(2, Us, Judge))]
+    end,
+    ?assertEqual([], Whys(4999)),
+    ?assertEqual([{clocks, 2, 2, 5000}], Whys(5000)),
+    [Behind] = Whys(-1000000),
+    ?assertEqual(
+        "not judged any further: the clock of robot 2 is 1000.0 ms behind",
+        lists:flatten(starl_unjudged:format_why(Behind))
+    ).
+
 violation_test() ->
     Judge = told([[{5, 1, a, bad}], [{6, 1, a, bad}]], new(10)),
     {ok, Before} = starl_world_judge:judge(14, Judge),

@@ -17,14 +17,14 @@
 %% A monitor has a mistake, which the line describes; a recording has a hole until that time, or lacks
 %% so many events, or is cut off or damaged, so that its end is not known; facts came later than the judge
 %% waits for them, since the computer, or that of a node, stood still; the clocks of two computers are apart
-%% by so much.
+%% by so much; of one robot, it is so far ahead of the judge's, or behind.
 -type why() ::
     {mistake, Line :: binary()}
     | {hole, ToUs :: integer()}
     | {missing, Events :: pos_integer()}
     | no_end
     | {stood_still, FromUs :: integer(), ToUs :: integer()}
-    | {clocks, starl:robot_id(), starl:robot_id(), Us :: pos_integer()}.
+    | {clocks, starl:robot_id(), starl:robot_id(), Us :: integer()}.
 
 %% @doc A monitor has made a mistake: from this time on it does not judge.
 -spec mistake(Monitor :: string(), AtUs :: integer(), Line :: unicode:chardata()) -> t().
@@ -62,6 +62,8 @@ why(no_end) ->
     "the recording ends there, and the run did not";
 why({stood_still, From, To}) ->
     io_lib:format("the computer stood still from ~.3f to ~.3f s", [From / 1.0e6, To / 1.0e6]);
+why({clocks, A, A, Us}) when Us < 0 ->
+    io_lib:format("the clock of robot ~b is ~.1f ms behind", [A, -Us / 1000]);
 why({clocks, A, A, Us}) ->
     io_lib:format("the clock of robot ~b is ~.1f ms ahead", [A, Us / 1000]);
 why({clocks, A, B, Us}) ->

@@ -3,9 +3,11 @@
 %% it goes on or ends: {@link starl_cluster_calls} makes them.
 -module(starl_cluster_node).
 
--export([ready/4, open/4, load/2, set_air/2, set_senses/2, peers/1, close/1, answers/2]).
+-export([ready/4, ahead_us/1, open/4, load/2, set_air/2, set_senses/2, peers/1, close/1, answers/2]).
 -export([ends_with_robot/0]).
 
+%% How often a node is asked for its time.
+-define(ASKS, 3).
 %% What a robot may run.
 -define(APPLICATIONS, [starl_platform, starl_blocks, starl_live]).
 
@@ -42,6 +44,25 @@ end_with_robot() ->
     receive
         {'DOWN', Monitor, process, _, _} -> halt(1)
     end.
+
+%% @doc How far the node's clock is ahead of that of this VM, at least: less than 0 if it is behind, 0 if they
+%% may be alike, as the time that the answers take has it.
+-spec ahead_us(node()) -> integer().
+ahead_us(Node) ->
+    try [asked_time(Node) || _ <- lists:seq(1, ?ASKS)] of
+        Times ->
+            Least = lists:max([There - After || {_, There, After} <- Times]),
+            Most = lists:min([There - Before || {Before, There, _} <- Times]),
+            max(Least, min(Most, 0))
+    catch
+        %% its robot will not be opened either
+        error:{erpc, _} -> 0
+    end.
+
+asked_time(Node) ->
+    Before = erlang:system_time(microsecond),
+    There = call(Node, erlang, system_time, [microsecond]),
+    {Before, There, erlang:system_time(microsecond)}.
 
 %% @doc Opens the robot, with these settings of its air and faults of its senses, and gives its link when it has begun.
 -spec open(

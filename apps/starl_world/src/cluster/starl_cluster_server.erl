@@ -427,7 +427,8 @@ reopening(Id, #state{nodes = Nodes, reloads = Reloads, calls = Calls} = State) -
     Ready = fun(Node) -> starl_cluster_node:ready(Node, Id, Code, Self) end,
     opening(Id, Ready, State#state{calls = starl_cluster_calls:joined(Id, Calls)}).
 
-opening(Id, Ready, #state{nodes = Nodes, reloads = Reloads, hands = Hands0} = State) ->
+opening(Id, Ready, #state{world = World, nodes = Nodes, hands = Hands0} = State) ->
+    #state{reloads = Reloads} = State,
     {Fate, Hands} = starl_cluster_hands:store(Id, Hands0),
     Spec = starl_cluster_nodes:spec(Id, Nodes),
     ok = starl_cluster_store:before_start(Fate, Spec),
@@ -437,8 +438,11 @@ opening(Id, Ready, #state{nodes = Nodes, reloads = Reloads, hands = Hands0} = St
     Senses = starl_cluster_hands:senses(Id, Hands),
     Open = fun() ->
         case Ready(Node) of
-            ok -> starl_cluster_node:open(Node, Spec#{codes => Codes}, Air, Senses);
-            {error, _} = Error -> Error
+            ok ->
+                ok = starl_world:clock(World, Id, starl_cluster_node:ahead_us(Node)),
+                starl_cluster_node:open(Node, Spec#{codes => Codes}, Air, Senses);
+            {error, _} = Error ->
+                Error
         end
     end,
     ask({opened, Id, Codes}, [{Id, Open}], ?OPEN_MS, State#state{hands = Hands}).

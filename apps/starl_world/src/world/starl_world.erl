@@ -30,6 +30,7 @@
     fill/2,
     cut/2,
     struck/3,
+    clock/3,
     halt/2,
     halted/2,
     resumed/2,
@@ -165,6 +166,10 @@ fill(World, Robots) -> gen_server:call(World, {fill, Robots}).
 %% observer.
 -spec struck(pid(), kill_robot | store_lost | store_set_back, starl:robot_id()) -> ok.
 struck(World, Kind, Robot) -> gen_server:call(World, {struck, Kind, Robot}).
+
+%% @doc The clock of a robot's node is ahead of this VM's, or behind: if by much, nothing is judged from now on.
+-spec clock(pid(), starl:robot_id(), AheadUs :: integer()) -> ok.
+clock(World, Robot, AheadUs) -> gen_server:call(World, {clock, Robot, AheadUs}, infinity).
 
 %% @doc The node of a robot is about to be halted: nothing is judged from now on until it goes on.
 -spec halt(pid(), starl:robot_id()) -> ok.

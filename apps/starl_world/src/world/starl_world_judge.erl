@@ -3,8 +3,8 @@
 %%
 %% Facts arrive late and out of order. An event is judged when it is older than the horizon. If one
 %% arrives later still, the computer stood still, and what follows is not judged: neither it nor what builds
-%% on it. Nor is it where the clocks of two robots' computers are apart, as packets tell that came before
-%% they were sent, and facts of times that are still to come. Packets are not judged;
+%% on it. Nor is it where the clocks of two robots' computers are apart, as they say when they are asked, and as
+%% packets tell that came before they were sent, and facts of times that are still to come. Packets are not judged;
 %% an observer is told of each, when its sender and its receiver have had time to tell what they know.
 %%
 %% A robot that is halted tells nothing, and its facts come afterwards, also those of the last moment
@@ -24,6 +24,7 @@
     undone/3,
     heard/2,
     faults/2,
+    clock/3,
     hold/3,
     halted/3,
     released/3,
@@ -116,6 +117,13 @@ heard(Events, #judge{ways = Ways} = Judge) ->
 -spec faults([{began | ended, starl_assumption_lasting:fault()}], t()) -> t().
 faults(Told, #judge{lasting = Lasting} = Judge) ->
     Judge#judge{lasting = lists:foldl(fun starl_assumption_lasting:told/2, Lasting, Told)}.
+
+%% @doc The clock of a robot's computer is so far ahead of the judge's, or behind.
+-spec clock(starl:robot_id(), AheadUs :: integer(), t()) -> t().
+clock(Robot, Ahead, Judge) when abs(Ahead) >= ?APART_US ->
+    blinded({clocks, Robot, Robot, Ahead}, Judge);
+clock(_Robot, _Ahead, Judge) ->
+    Judge.
 
 %% @doc A robot is about to be halted: nothing is judged from now on.
 -spec hold(starl:robot_id(), NowUs :: integer(), t()) -> t().

@@ -279,6 +279,8 @@ by_hand({senses, Faults}, World) ->
     tell(fun(Now, Hands) -> senses(Faults, Now, Hands) end, World);
 by_hand({struck, Kind, Id}, World) ->
     tell(fun(Now, Hands) -> starl_world_hands:struck(Kind, Id, Now, Hands) end, World);
+by_hand({clock, Id, Us}, #world{judge = Judge} = World) ->
+    by(starl_world_judge:clock(Id, Us, Judge), World);
 by_hand({halt, Id}, #world{judge = Judge} = World) ->
     World#world{judge = starl_world_judge:hold(Id, now_us(World), Judge)};
 by_hand({resumed, Id}, #world{judge = Judge} = World) ->
