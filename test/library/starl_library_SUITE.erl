@@ -17,6 +17,7 @@ all() ->
         a_failing_property_leaves_a_scenario,
         a_block_passes_its_tests,
         a_chassis_passes_its_tests,
+        an_application_of_your_own,
         an_elixir_project_passes_its_tests,
         one_kind_at_a_time,
         a_mistaken_team_is_one_line,
@@ -147,6 +148,25 @@ a_chassis_passes_its_tests(Config) ->
     {Failed, Told} = rebar("eunit", Dir),
     ?assertEqual(
         {1, match}, {Failed, re:run(Told, "leg_way,", [{capture, none}])}, Told
+    ).
+
+%% The page of the tutorial that makes a project.
+an_application_of_your_own(Config) ->
+    Made = [
+        "sed -i 's|git, \".*|git, \"file://",
+        ?config(repository, Config),
+        "\", {branch, \"main\"}}}]}.|' charge/rebar.config\n",
+        %% what is built already
+        "mkdir charge/_build && cp -R '",
+        at("patrol/_build/default", Config),
+        "' charge/_build"
+    ],
+    Options = #{env => [{"ERL_LIBS", false}], also => #{"starl new" => lists:append(Made)}},
+    ?assertEqual(
+        10,
+        starl_tutorial_page:follow(
+            "doc/tutorial/application.md", at("application", Config), Options
+        )
     ).
 
 one_kind_at_a_time(Config) ->
