@@ -30,6 +30,22 @@ circle_and_line_in_turn_test() ->
     Ends = {lists:min(Line), lists:max(Line)},
     [?assert(starl_geometry:point_segment(P, Ends) < 1) || P <- Line].
 
+%% The way round leads outside of all places, on the floor, and to the place.
+way_round_test_() ->
+    [
+        fun() ->
+            Places = starl_formation_places:places(Round, 8, ?FLOOR, form(both)),
+            Place = lists:nth(N, Places),
+            Way = starl_formation_places:way_round({6300, 5800}, Place, {Places, 800}, ?FLOOR),
+            ?assertEqual(Place, lists:last(Way)),
+            [
+                ?assert(starl_geometry:point_segment(P, Side) > 600)
+             || Side <- lists:droplast(lists:zip(lists:droplast(Way), tl(Way))), P <- Places
+            ]
+        end
+     || Round <- [1, 2], N <- lists:seq(1, 8)
+    ].
+
 %% By their direction from the middle; one that nobody sees has a place, too.
 order_test() ->
     Poses = #{1 => {5.0, 0.0, 0.0}, 2 => {-5.0, 1.0, 0.0}, 3 => {0.0, -5.0, 0.0}},
@@ -107,6 +123,37 @@ runs_test_() ->
      || More <- [
             #{robots => 1},
             #{robots => 5, loss => 0.3},
-            #{robots => 4, faults => [{f, 12000, 15000, reboot, 2, #{}}]}
+            #{robots => 4, faults => [{f, 12000, 15000, reboot, 2, #{}}]},
+            %% who knows nothing of the election any more is the only one that takes part in it
+            #{
+                robots => 2,
+                seed => 3100039,
+                loss => 0.01,
+                faults => [
+                    {f, 5167, 5597, reboot, 2, #{}}, {g, 21492, 22512, reboot, 1, #{}}
+                ]
+            },
+            %% taken for another one it waits where that one has to stand; later the others are in its way
+            #{
+                robots => 4,
+                seed => 3100052,
+                loss => 0.2,
+                delay => {20, 200},
+                clock_drift => 9999,
+                random_faults =>
+                    [
+                        network,
+                        clock_offset,
+                        clock_step,
+                        clock_freeze,
+                        process,
+                        location,
+                        actuation,
+                        serial,
+                        store
+                    ],
+                heal => 25,
+                longest_fault => 25
+            }
         ]
     ].

@@ -2,7 +2,7 @@
 %% a little further than the one before. A pure module; lengths are millimetres.
 -module(starl_formation_places).
 
--export([order/2, places/4]).
+-export([order/2, places/4, way_round/4]).
 
 -export_type([form/0]).
 
@@ -10,8 +10,11 @@
 
 %% A formation is turned by this against the one before (rad).
 -define(TURN, (math:pi() / 6)).
-%% What stays free at the edge of the floor.
+%% What stays free at the edge of the floor, and beside a way round.
 -define(EDGE_MM, 500).
+-define(SIDE_MM, 200).
+%% The corners of a way round are at most so far apart, seen from the middle (rad).
+-define(CORNER, (math:pi() / 4)).
 
 %% @doc The robots in the order of their direction from the middle of all: on the way to places in that order
 %% they seldom meet.
@@ -57,3 +60,27 @@ ranks(Numbers) ->
     Sorted = [I || {_, I} <- lists:sort(lists:zip(Numbers, lists:seq(1, N)))],
     Parts = lists:zip(Sorted, [(2 * K - N - 1) / (N - 1) || K <- lists:seq(1, N)]),
     [Part || {_, Part} <- lists:sort(Parts)].
+
+%% @doc The way from a point to a place outside of all places, at this distance from them if the floor allows it: out, round the
+%% shorter side, and in.
+-spec way_round(
+    From :: starl_geometry:point(),
+    Place :: starl_geometry:point(),
+    {[starl_geometry:point(), ...], Mm :: number()},
+    Floor :: {number(), number()}
+) -> [starl_geometry:point(), ...].
+way_round({X, Y}, {PX, PY} = Place, {Places, Mm}, {W, H}) ->
+    Middle = {W / 2, H / 2},
+    Radius = Mm + lists:max([starl_geometry:distance(P, Middle) || P <- Places]),
+    Begin = math:atan2(Y - H / 2, X - W / 2),
+    Turn = starl_geometry:angle_diff(math:atan2(PY - H / 2, PX - W / 2), Begin),
+    N = max(1, ceil(abs(Turn) / ?CORNER)),
+    Corner = fun(I) ->
+        Angle = Begin + Turn * I / N,
+        {
+            within(W / 2 + Radius * math:cos(Angle), W), within(H / 2 + Radius * math:sin(Angle), H)
+        }
+    end,
+    [Corner(I) || I <- lists:seq(0, N)] ++ [Place].
+
+within(X, Size) -> max(?SIDE_MM, min(Size - ?SIDE_MM, X)).
