@@ -32,6 +32,23 @@ somebody_leads_test() ->
     ?assertMatch({[], _}, judged([leads(1, 2, 1) | Died] ++ [Late])),
     ?assertMatch({[nobody_leads], _}, judged([leads(1, 2, 1), hd(Died), Late])).
 
+%% A column has no empty place when its leader dies; the robot that comes back is the last one.
+a_column_closes_up_test() ->
+    Column = fun(Leader) ->
+        Ids = lists:delete(Leader, [1, 2, 3, 4, 5]),
+        [
+            Id
+         || {_, Id} <- lists:sort([
+                {starl_follow_course:rank(I, Leader, [1, 2, 3, 4, 5]), I}
+             || I <- Ids
+            ])
+        ]
+    end,
+    ?assertEqual([4, 3, 2, 1], Column(5)),
+    ?assertEqual([3, 2, 1, 5], Column(4)),
+    ?assertEqual([2, 1, 5, 4], Column(3)),
+    ?assertEqual(1, starl_follow_course:rank(3, 4, [1, 2, 3, 4, 5])).
+
 follow(More) ->
     Scenario = maps:merge(#{app => starl_follow, time => 200}, More),
     #{report := #{figures := [{leaders, N}, {leaderless_s, S}]}} =

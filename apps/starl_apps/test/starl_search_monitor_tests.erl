@@ -60,6 +60,25 @@ a_line_that_nobody_drove_test() ->
     Half = [Begins, done(1000000, 1, complete)],
     ?assertMatch({[not_searched], #{searched := 0.5}}, judged(Half, monitor())).
 
+%% Over time: a room is searched when all its lines are driven; in between the number stays, for a plot.
+rooms_are_counted_over_time_test() ->
+    Floor = starl_floor:new(#{
+        size => {4000, 2000},
+        rooms => #{
+            west => starl_floor:box(0, 0, 2000, 2000), east => starl_floor:box(2000, 0, 4000, 2000)
+        }
+    }),
+    East = {{2500.0, 1000.0}, {3500.0, 1000.0}},
+    Config = #{floor => Floor, lines => [?WAY, East], ball => none},
+    Events =
+        drives(1, 0, {500.0, 1000.0}) ++ drives(2, 3000000, {2500.0, 1000.0}) ++
+            [done(6000000, 1, complete)],
+    {[], #{measured := Measured}} = judged(Events, monitor(Config)),
+    ?assertEqual(
+        [{0, 0}, {2000000, 0}, {2000000, 1}, {5000000, 1}, {5000000, 2}, {6000000, 2}],
+        [{T, N} || {T, rooms_searched, N} <- Measured]
+    ).
+
 found_test() ->
     Events =
         drives(1, 0, {500.0, 1000.0}) ++

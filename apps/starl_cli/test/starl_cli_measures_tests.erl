@@ -138,3 +138,31 @@ bounded_test() ->
         ],
         starl_cli_measures:figures(none, Results)
     ).
+
+%% What a monitor measures is the team's, in the order of time among the robots'.
+monitors_measure_test() ->
+    Monitors = #{
+        starl_sim_measures_monitor => #{
+            values => [{1000000, 1, own, 5}, {3000000, 1, own, 6}],
+            until_us => 3000000,
+            is_whole => true
+        },
+        some_monitor => #{measured => [{0, rooms, 0}, {2000000, rooms, 3}]},
+        other_monitor => #{figure => 1}
+    },
+    [{_, Csv}] = starl_cli_measures:csv(Monitors),
+    ?assertEqual(
+        [
+            "time_s,robot,measure,value",
+            "0.000000,team,rooms,0",
+            "1.000000,1,own,5",
+            "2.000000,team,rooms,3",
+            "3.000000,1,own,6"
+        ],
+        string:lexemes(lists:flatten(Csv), "\n")
+    ),
+    ?assertMatch(
+        [{rooms_median, 1.5} | _], lists:nthtail(3, starl_cli_measures:figures(none, Monitors))
+    ),
+    [{_, Svg}] = starl_cli_measures:svg(Monitors),
+    ?assertMatch({_, _}, binary:match(iolist_to_binary(Svg), <<"rooms">>)).

@@ -91,16 +91,15 @@ lead(Robot, #{team := Team, goals := [Goal | _] = Goals} = State) ->
             State
     end.
 
-%% Drives to the place on the trail that is as far behind the leader as the robot's rank says: the
-%% highest number comes first, who would lead next. The place goes on, and within a second's way of its
+%% Drives to the place on the trail that is as far behind the leader as the robot's rank says. The place goes on, and within a second's way of its
 %% goal a robot drives slower: so it aims at where its place will be in a second.
 behind(Robot, At, #{team := Team, gap := Gap, trails := Trails} = State) ->
     {_, Id} = Leader = starl_leadership:leader(Team),
     case starl:position(Robot) of
         {ok, {X, Y, _}} ->
             Trail = [At | maps:get(Leader, Trails, [{X, Y}])],
-            Ahead = [R || R <- starl:participants(Robot), R > starl:id(Robot), R =/= Id],
-            Back = Gap * (1 + length(Ahead)),
+            Back =
+                Gap * starl_follow_course:rank(starl:id(Robot), Id, starl:participants(Robot)),
             {Place, Kept} = starl_follow_course:back(Trail, Back),
             ok = starl:measure(Robot, error_mm, starl_geometry:distance({X, Y}, Place)),
             ok = starl:draw(Robot, #{key => way, line => [{X, Y}, Place], seconds => 1}),

@@ -2,7 +2,7 @@
 %% millimetres.
 -module(starl_follow_course).
 
--export([corners/1, from/2, passed/2, back/2]).
+-export([corners/1, from/2, passed/2, rank/3, back/2]).
 
 %% A corner of the course is passed at this distance (mm).
 -define(NEAR_MM, 200).
@@ -28,6 +28,12 @@ passed(Point, [Corner | Corners]) ->
         true -> Corners ++ [Corner];
         false -> [Corner | Corners]
     end.
+
+%% @doc The place of a robot in the column, 1 behind the leader: the highest number comes first, who would lead next;
+%% last those above the leader, whom it takes the place of, since they have died and may be back.
+-spec rank(starl:robot_id(), Leader :: starl:robot_id(), [starl:robot_id(), ...]) -> pos_integer().
+rank(Id, Leader, Ids) when Id < Leader -> 1 + length([R || R <- Ids, R > Id, R < Leader]);
+rank(Id, Leader, Ids) -> 1 + length([R || R <- Ids, R < Leader orelse R > Id]).
 
 %% @doc The point of a trail at this distance from its beginning, or its end if it is shorter; and the trail up
 %% to there.

@@ -31,8 +31,14 @@
 -define(AGREE, 4).
 -define(SAME_MM, 400.0).
 
--spec init(starl:robot(), none) -> elect | search.
-init(Robot, none) ->
+%% One robot shows the lines.
+-spec init(starl:robot(), [starl_geometry:segment()]) -> elect | search.
+init(Robot, Lines) ->
+    IsFirst = hd(starl:participants(Robot)) =:= starl:id(Robot),
+    _ = [
+        ok = starl:draw(Robot, #{key => {line, N}, line => [A, B], colour => grey})
+     || IsFirst, {N, {A, B}} <- lists:enumerate(Lines)
+    ],
     case starl_dpp:coordinator(Robot) of
         {ok, _} -> search;
         {error, _} -> elect
@@ -85,6 +91,8 @@ follow([], _Path, _Robot) ->
 
 looked({found, At}, _Lines, _Path, Robot) ->
     starl:trace(Robot, {found, At}),
+    ok = starl:draw(Robot, #{key => found, area => starl_drawing:circle(At, 200)}),
+    ok = starl:draw(Robot, #{key => here, text => "found", at => beside(At)}),
     _ = starl_registers:put(Robot, found, At),
     {done, {found, At}};
 looked(gone, _Lines, _Path, _Robot) ->
@@ -94,6 +102,8 @@ looked(nothing, Lines, Path, Robot) ->
         {ok, _} -> {continue, search};
         {error, _} -> follow(Lines, Path, Robot)
     end.
+
+beside({X, Y}) -> {X + 250, Y - 250}.
 
 %% -- looking --------------------------------------------------------------------------------
 

@@ -22,6 +22,11 @@
     points :: #{pos_integer() => starl_geometry:point()},
     total :: non_neg_integer(),
     grid :: starl_grid:t(pos_integer()),
+    %% the room of each point, and how many points of each room are left
+    rooms :: #{pos_integer() => atom()},
+    open :: #{atom() => pos_integer()},
+    %% how many rooms were searched when, the latest first
+    searched = [{0, 0}] :: [{AtUs :: integer(), non_neg_integer()}, ...],
     pieces = #{} :: #{starl:robot_id() => {FromUs :: integer(), starl_trajectory:piece()}},
     found = none :: integer() | none,
     done = none :: integer() | none,
@@ -46,6 +51,7 @@
 }) -> #state{}.
 init(#{floor := Floor, lines := Lines, ball := Ball, robots := Robots} = Config) ->
     Points = lists:enumerate([P || Line <- Lines, P <- points(Line)]),
+    Rooms = [{N, room(P, Floor)} || {N, P} <- Points],
     Enter = fun({N, P}, Grid) -> starl_grid:add(N, {P, P}, Grid) end,
     #state{
         walls = starl_walls:new(Floor),
@@ -56,12 +62,22 @@ init(#{floor := Floor, lines := Lines, ball := Ball, robots := Robots} = Config)
         left = Robots,
         points = maps:from_list(Points),
         total = length(Points),
+        rooms = maps:from_list(Rooms),
+        open = lists:foldl(fun({_, Room}, Open) -> more(Room, Open) end, #{}, Rooms),
         grid = lists:foldl(Enter, starl_grid:new(500.0), Points)
     }.
 
 points({A, B} = Line) ->
     N = max(1, ceil(starl_geometry:length(Line) / ?STEP_MM)),
     [starl_geometry:interpolate(A, B, I / N) || I <- lists:seq(0, N)].
+
+room(P, Floor) ->
+    case starl_floor:room_at(P, Floor) of
+        {ok, Room} -> Room;
+        _None -> floor
+    end.
+
+more(Room, Open) -> maps:update_with(Room, fun(N) -> N + 1 end, 1, Open).
 
 %% @doc When all faults are over.
 -spec context(starl_monitor:known(), map()) -> map().
@@ -145,12 +161,18 @@ sees(T, Robot, #state{ball = Ball, range = Range, pieces = Pieces, walls = Walls
 driven(Robot, T, #state{pieces = Pieces} = State) ->
     case Pieces of
         #{Robot := {From, Piece}} when From =< T ->
-            come_by(starl_trajectory:polyline(Piece, From, T, ?CHORD_MM), State#state{
+            Next = come_by(starl_trajectory:polyline(Piece, From, T, ?CHORD_MM), State#state{
                 pieces = Pieces#{Robot := {T, Piece}}
-            });
+            }),
+            searched(T, map_size(State#state.open) - map_size(Next#state.open), Next);
         #{} ->
             State
     end.
+
+searched(_T, 0, State) ->
+    State;
+searched(T, More, #state{searched = [{_, Before} | _] = Searched} = State) ->
+    State#state{searched = [{T, Before + More} | Searched]}.
 
 come_by([A | Points], State) -> come_by(A, Points, State).
 
@@ -161,14 +183,21 @@ come_by(A, [B], State) ->
 come_by(A, [B | Points], State) ->
     come_by(B, Points, passed({A, B}, State)).
 
-passed(Way, #state{points = Points, grid = Grid} = State) ->
+passed(Way, #state{points = Points, grid = Grid, rooms = Rooms, open = Open} = State) ->
     By = [
         N
      || N <- starl_grid:near(Way, ?BY_MM, Grid),
         #{N := P} <- [Points],
         starl_geometry:point_segment(P, Way) =< ?BY_MM
     ],
-    State#state{points = maps:without(By, Points)}.
+    Fewer = lists:foldl(fun(N, Acc) -> fewer(maps:get(N, Rooms), Acc) end, Open, By),
+    State#state{points = maps:without(By, Points), open = Fewer}.
+
+fewer(Room, Open) ->
+    case Open of
+        #{Room := 1} -> maps:remove(Room, Open);
+        #{Room := N} -> Open#{Room := N - 1}
+    end.
 
 all_driven(T, #state{pieces = Pieces} = State) ->
     lists:foldl(fun(Robot, S) -> driven(Robot, T, S) end, State, lists:sort(maps:keys(Pieces))).
@@ -177,18 +206,26 @@ violation(What, T, Robots, Details) ->
     #{contract => search, what => What, at_us => T, robots => Robots, details => Details}.
 
 %% @doc Results: the part of the lines that was driven, the points that nobody came by, when the ball was found first, and when the
-%% last robot was done.
+%% last robot was done; and over time how many rooms were searched.
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndUs, State) ->
-    #state{points = Points, total = Total, found = Found, done = Done} = all_driven(EndUs, State),
+    #state{points = Points, total = Total, found = Found, done = Done, searched = Searched} =
+        all_driven(EndUs, State),
     Results = #{
         searched => (Total - map_size(Points)) / max(1, Total),
         left => [P || {_, P} <- lists:sort(maps:to_list(Points))],
         found_us => Found,
-        done_us => Done
+        done_us => Done,
+        measured => [{T, rooms_searched, N} || {T, N} <- steps(EndUs, Searched)]
     },
     case late(EndUs, State) of
         ok -> {ok, Results};
         {violation, Violation, _} -> {{violation, [Violation]}, Results}
     end.
+
+%% Each number until the next one, so that a plot has steps.
+steps(EndUs, [{_, Last} | _] = Searched) -> steps(lists:reverse(Searched)) ++ [{EndUs, Last}].
+
+steps([{T, N}, {Next, More} | Searched]) -> [{T, N}, {Next, N} | steps([{Next, More} | Searched])];
+steps(Last) -> Last.

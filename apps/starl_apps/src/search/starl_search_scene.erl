@@ -105,7 +105,7 @@ built(#{size := World} = Floor, Ways, Reached, Rooms, Ball, Radius, Tracking, Co
     Told = closed(#{closed => [Name || {Name, _} <- Closed]}),
     #{
         notes => Told,
-        app => {sequential, starl_search, none},
+        app => {sequential, starl_search, Reached},
         never_crashes => true,
         never_bumps => true,
         floor => Floor,
@@ -147,7 +147,7 @@ preview(#{poses := Poses, memo := #{lines := Lines} = Memo}) ->
     Robots = [{Id, {X, Y}, Heading} || {Id, {X, Y, Heading}} <- lists:sort(maps:to_list(Poses))],
     #{
         lines => [rooms(Memo), io_lib:format("~.1f m to search", [Mm / 1000]) | closed(Memo)],
-        write => fun(Dir) -> draw(Dir, Memo, Robots, true) end
+        write => fun(Dir) -> draw(Dir, Memo, Robots) end
     }.
 
 rooms(#{open := Open}) ->
@@ -161,10 +161,9 @@ names(Names) -> lists:join(", ", [atom_to_list(Name) || Name <- Names]).
 %% @doc The report of a run: complete if the ball is found, or every room that can be reached is
 %% searched.
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
-report(#{memo := Memo}, #{monitors := Monitors, robots := Robots}) ->
+report(#{memo := Memo}, #{monitors := Monitors}) ->
     #{starl_search_monitor := #{searched := Searched, left := Left} = Results} = Monitors,
     #{found_us := Found, done_us := Done} = Results,
-    Standing = [{Id, {X, Y}, Heading} || {Id, #{pose := {X, Y, Heading}}} <- Robots],
     #{
         figures => [
             {rooms, length(maps:get(open, Memo))},
@@ -181,8 +180,7 @@ report(#{memo := Memo}, #{monitors := Monitors, robots := Robots}) ->
         },
         complete => Found =/= none orelse Searched >= 1.0,
         done => done(Found, Searched),
-        summary => [not_searched(Left, Memo) || Found =:= none, Left =/= []] ++ closed(Memo),
-        write => fun(Dir) -> draw(Dir, Memo, Standing, false) end
+        summary => [not_searched(Left, Memo) || Found =:= none, Left =/= []] ++ closed(Memo)
     }.
 
 %% The rooms with points of lines that nobody has come by.
@@ -201,7 +199,7 @@ done(none, Searched) ->
 done(Us, _Searched) ->
     io_lib:format("ball found after ~.1f s", [Us / 1.0e6]).
 
-draw(Dir, #{floor := #{size := Size} = Floor, lines := Lines}, Robots, IsPreview) ->
+draw(Dir, #{floor := #{size := Size} = Floor, lines := Lines}, Robots) ->
     Drawing = #{
         floor => Size,
         plan => Floor,
@@ -209,7 +207,7 @@ draw(Dir, #{floor := #{size := Size} = Floor, lines := Lines}, Robots, IsPreview
         ink => #{},
         robots => Robots,
         title => maps:get(name, Floor),
-        preview => IsPreview
+        preview => true
     },
     case starl_picture_draw:write(Dir, "search", Drawing) of
         {ok, Files} -> {ok, Files};

@@ -1,8 +1,17 @@
-%% @doc What the application of a run has measured (`starl:measure/3'): as a table, as figures of the
-%% report, and as a plot over time.
+%% @doc What the application of a run has measured (`starl:measure/3'), and what monitors measure over time: as a
+%% table, as figures of the report, and as a plot over time.
+%%
+%% A monitor measures of the whole team: by the key `measured' of its results, `[{AtUs, Key, Value}]'.
 -module(starl_cli_measures).
 
 -export([watch/0, figures/2, formats/1, csv/1, svg/1]).
+
+-export_type([value/0]).
+
+%% `team': a monitor's.
+-type value() ::
+    starl_sim_measures_monitor:value()
+    | {AtUs :: integer(), team, Key :: atom(), Value :: number()}.
 
 %% The number of values that are kept.
 -define(MOST, 200000).
@@ -11,9 +20,19 @@
 -spec watch() -> {module(), map()}.
 watch() -> {starl_sim_measures_monitor, #{most => ?MOST}}.
 
--spec values(#{module() => map()}) -> [starl_sim_measures_monitor:value()].
-values(#{starl_sim_measures_monitor := #{values := Values}}) -> Values;
-values(#{}) -> [].
+%% In the order of time.
+-spec values(#{module() => map()}) -> [value()].
+values(Monitors) ->
+    Robots = [
+        V
+     || #{values := Values} <- [maps:get(starl_sim_measures_monitor, Monitors, #{})], V <- Values
+    ],
+    Team = [
+        {T, team, Key, Value}
+     || {_, #{measured := Measured}} <- lists:sort(maps:to_list(Monitors)),
+        {T, Key, Value} <- Measured
+    ],
+    lists:keymerge(1, Robots, lists:keysort(1, Team)).
 
 %% -- figures --------------------------------------------------------------------------------
 
@@ -70,7 +89,7 @@ csv(Monitors) ->
             [];
         Values ->
             Rows = [
-                io_lib:format("~.6f,~b,~ts,~ts\n", [T / 1.0e6, Robot, Key, number(Value)])
+                io_lib:format("~.6f,~p,~ts,~ts\n", [T / 1.0e6, Robot, Key, number(Value)])
              || {T, Robot, Key, Value} <- Values
             ],
             [{"measures.csv", ["time_s,robot,measure,value\n" | Rows]}]

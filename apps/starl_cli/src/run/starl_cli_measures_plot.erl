@@ -1,10 +1,10 @@
-%% @doc Draws measures over time as SVG: a panel for each measure, a line for each robot. A pure module.
+%% @doc Draws measures over time as SVG: a panel for each measure, a line for each robot, or one for the team. A pure module.
 -module(starl_cli_measures_plot).
 
 -export([svg/1]).
 
 %% @doc The plot of these values, which are in the order of time.
--spec svg([starl_sim_measures_monitor:value(), ...]) -> iolist().
+-spec svg([starl_cli_measures:value(), ...]) -> iolist().
 svg(Values) ->
     Groups = maps:groups_from_list(fun({_, _, Key, _}) -> Key end, Values),
     starl_picture_plot:svg(" s", [
@@ -17,6 +17,9 @@ curves(Values) ->
         fun({_, Robot, _, _}) -> Robot end, fun({T, _, _, Value}) -> {T / 1.0e6, Value} end, Values
     ),
     [
-        #{name => ["robot ", integer_to_list(Robot)], colour => Robot, points => Points}
+        (whose(Robot))#{points => Points}
      || {Robot, Points} <- lists:sort(maps:to_list(Lines))
     ].
+
+whose(team) -> #{name => "team", colour => 1};
+whose(Robot) -> #{name => ["robot ", integer_to_list(Robot)], colour => Robot}.
