@@ -34,8 +34,17 @@ own_clock_lags_test() ->
 
 %% Both clocks may drift while time shows.
 drift_test() ->
-    ?assertEqual([agrees, agrees], heard([{1, 0, 0}, {1, 104 * ?S, 100 * ?S}])),
-    ?assertEqual([agrees, lags], heard([{1, 0, 0}, {1, 104 * ?S + 1, 100 * ?S}])).
+    ?assertEqual([agrees, agrees], heard([{1, 0, 0}, {1, 103 * ?S, 99 * ?S}])),
+    ?assertEqual([agrees, lags], heard([{1, 0, 0}, {1, 103 * ?S + 1, 99 * ?S}])).
+
+%% The own clock may be the slowest and the other the fastest: it lags no more than both may by their bound.
+slowest_clock_test() ->
+    Hear = fun(Ahead) ->
+        {agrees, First} = starl_dpp_witness:hear(1, 0, 0, {0, 10000, ?S}, starl_dpp_witness:new()),
+        {Answer, _} = starl_dpp_witness:hear(1, 990000 + Ahead, 990000, {0, 10000, ?S}, First),
+        Answer
+    end,
+    ?assertEqual([agrees, lags], [Hear(Ahead) || Ahead <- [20000, 20001]]).
 
 %% A message that took long shows less; the one that took least counts.
 least_delay_counts_test() ->
@@ -76,5 +85,5 @@ known_once_test() ->
 slow_between_test() ->
     ?assertEqual(
         [agrees, agrees, agrees, lags],
-        heard([{1, 0, 0}, {1, ?S, 4 * ?S}, {1, 4 * ?S, 4 * ?S}, {1, 6 * ?S + 80001, 4 * ?S}])
+        heard([{1, 0, 0}, {1, ?S, 4 * ?S}, {1, 4 * ?S, 4 * ?S}, {1, 6 * ?S + 80810, 4 * ?S}])
     ).

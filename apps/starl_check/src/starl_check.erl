@@ -6,7 +6,7 @@
 %% blocks over SAP's contract. doc/checking.md describes the coverage and its limits.
 -module(starl_check).
 
--export([blocks/0, run/3, faults/0, parse_faults/1, format_error/1, format_unlike/1]).
+-export([blocks/0, run/3, faults/0, terms/0, parse_faults/1, format_error/1, format_unlike/1]).
 
 -export_type([options/0, outcome/0, reason/0]).
 
@@ -17,6 +17,7 @@
     faults => starl_check_model:budgets(),
     depth => pos_integer() | infinity,
     memory => pos_integer(),
+    terms => pos_integer(),
     machine => {module(), Config :: map()} | {starl_machine:name(), module(), Config :: map()},
     symmetry => boolean(),
     workers => pos_integer()
@@ -59,6 +60,10 @@ faults() ->
         {late, "messages that are slower than time-outs"},
         {timeout, "calls that run out of patience"}
     ].
+
+%% @doc The number of terms that a model with terms goes through, if no other is asked for.
+-spec terms() -> pos_integer().
+terms() -> starl_check_model:terms().
 
 %% @doc Checks a block. `Control' decides from time to time whether to continue; it gets the present
 %% figures and its own state, and is called in another process.

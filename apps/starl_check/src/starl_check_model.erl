@@ -6,6 +6,7 @@
 
 -export([
     blocks/0,
+    terms/0,
     new/2,
     check/2,
     machines/2,
@@ -62,8 +63,8 @@
 %% `horizon_us': past times in messages are distinguished up to this age; `past_us': the same for
 %% times in a machine's data; `waits': the places where the start time of a machine matters
 %% (elsewhere it is long ago); `fixed': the places of robots that are unlike all others;
-%% `draws': with `same' a robot draws the same number each time; `beyond': states after such an event are not expanded; `known': the events that
-%% may be traced.
+%% `draws': with `same' a robot draws the same number each time; `beyond': states after such an event are not expanded, which `bounds' says in
+%% words; `known': the events that may be traced.
 -type t() :: #{
     block := block(),
     %% what it is made of
@@ -86,6 +87,7 @@
     fixed := [starl_check_term:place()],
     draws := free | same,
     beyond := fun((starl_monitor:trace_event()) -> boolean()),
+    bounds := string(),
     inert := fun((Type :: atom(), Body :: term()) -> boolean()),
     rounds := pos_integer(),
     terms := pos_integer(),
@@ -100,8 +102,6 @@
 
 %% The default number of µs that a clock gains in a tick.
 -define(FAST, 101).
-%% The number of consecutive terms that are followed.
--define(TERMS, 3).
 %% For fewer bytes of states several cores do not pay.
 -define(SPREAD, 100000).
 -define(NO_FAULTS, #{
@@ -119,6 +119,10 @@
 %% @doc The models of the shipped blocks, and the property checked of each.
 -spec blocks() -> [{block(), string()}].
 blocks() -> [{Name, Doc} || {Name, Doc, _} <- starl_block_catalogue:models()].
+
+%% @doc The number of consecutive terms that are followed, if no other is asked for.
+-spec terms() -> pos_integer().
+terms() -> 3.
 
 %% @doc The model of a shipped block or of a user's block.
 -spec new(block() | starl_block:model_entry(), options()) -> t().
@@ -184,9 +188,10 @@ common(Block, Options) ->
         past_us => 0,
         draws => free,
         beyond => fun(_) -> false end,
+        bounds => "",
         inert => fun(_, _) -> false end,
         rounds => maps:get(rounds, Options, 2),
-        terms => maps:get(terms, Options, ?TERMS),
+        terms => maps:get(terms, Options, terms()),
         symmetry => Symmetry,
         reduce => maps:get(reduce, Options, true),
         leave_out => maps:get(leave_out, Options, true),

@@ -16,13 +16,15 @@
 
 %% `states': states met; `waiting': those not yet expanded; `runs': runs taken; `depth': all states
 %% fewer steps away have been expanded; `unlike': a difference found between robots assumed to be
-%% alike; the other figures are then those of a search without symmetry.
+%% alike; the other figures are then those of a search without symmetry; `bounds': up to where the model
+%% goes, in words; empty if it goes on to the end.
 -type figures() :: #{
     states := non_neg_integer(),
     waiting := non_neg_integer(),
     runs := non_neg_integer(),
     depth := non_neg_integer(),
-    unlike := none | unlike()
+    unlike := none | unlike(),
+    bounds := string()
 }.
 
 %% A choice whose effect differs between robots assumed to be alike; a robot that looks at its number.
@@ -336,8 +338,9 @@ look(#search{limits = #{memory := Most}, control = {Control, Own}} = Search, Con
             end
     end.
 
-figures(#search{visited = Visited, count = Count, runs = Runs, depth = Depth}) ->
+figures(#search{visited = Visited, count = Count, runs = Runs, depth = Depth, model = Model}) ->
     #{
+        bounds => maps:get(bounds, Model),
         states => starl_check_visited:count(Visited),
         waiting => Count,
         runs => Runs,

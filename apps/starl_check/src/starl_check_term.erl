@@ -2,13 +2,15 @@
 %%
 %% A machine's data are opaque, so the checker cannot ask the machine for the times and robots in
 %% them. It recognizes them by their values: in a search that exchanges robots, robot N of the team has
-%% a number that no machine uses for anything else ({@link id/1}), and each robot's clock reads values in a separate range. A value in such a
-%% range is a time of that robot's clock, wherever it occurs: in the data of the robot's own
-%% machine, in a message, or in the data of another robot that sends it back later.
+%% a number that no machine uses for anything else ({@link id/1}), and each robot's clock reads values in a
+%% separate range. A value in such a range is a time of that robot's clock, wherever it occurs: in the data
+%% of the robot's own machine, in a message, or in the data of another robot that sends it back later. The
+%% ranges lie so that the difference of two clocks is in none of them, and tells the two clocks.
 %%
 %% The clock of a robot always reads {@link now/1}. When time passes, the clock stays and all stored
 %% times go back, each at the rate of its clock. So two states that differ only in the time of day
-%% are the same term. A time further back than the `horizon' is kept at the horizon.
+%% are the same term. A time further back than the `horizon' is kept at the horizon. The difference of two
+%% clocks is no time: it changes by the drift between them alone, for as long as a time gets to the horizon.
 -module(starl_check_term).
 
 -export([id/1, number/1, now/1, long_ago/1, shift/4, rename/2, own/1, redrawn/1, shown/1]).
@@ -36,9 +38,13 @@ id(Place) when is_integer(Place) -> ?FIRST + Place.
 number(Id) when is_integer(Id), Id > ?FIRST -> Id - ?FIRST;
 number(Id) when is_integer(Id) -> Id.
 
-%% @doc The reading of the clock of the robot at a place, in microseconds.
+%% @doc The reading of the clock of the robot at a place, in microseconds. No difference of two powers of
+%% three is a power of three, or the difference of two others.
 -spec now(place()) -> integer().
-now(Place) -> Place bsl ?CLOCK_BITS.
+now(Place) -> power(Place - 1) bsl ?CLOCK_BITS.
+
+power(0) -> 1;
+power(N) -> 3 * power(N - 1).
 
 %% @doc A time of its clock that lies further back than any duration in a model, in microseconds.
 -spec long_ago(place()) -> integer().
@@ -48,19 +54,50 @@ long_ago(Place) -> now(Place) - ?REACH div 2.
 -spec shift(Term, Ticks :: non_neg_integer(), Rates :: tuple(), HorizonUs :: non_neg_integer()) ->
     Term.
 shift(Term, Ticks, Rates, Horizon) ->
-    walk(fun(I) -> back(clock(I), I, Ticks, Rates, Horizon) end, Term).
+    walk(fun(I) -> back(clocks(I), I, {Ticks, Rates, Horizon}) end, Term).
 
-back(none, I, _Ticks, _Rates, _Horizon) ->
-    I;
-back(Place, I, _Ticks, Rates, _Horizon) when Place > tuple_size(Rates) -> I;
-back(Place, I, Ticks, Rates, Horizon) ->
-    max(I - Ticks * element(Place, Rates), now(Place) - Horizon).
+back(Place, I, {Ticks, Rates, Horizon}) when is_integer(Place), Place =< tuple_size(Rates) ->
+    max(I - Ticks * element(Place, Rates), now(Place) - Horizon);
+back({A, B}, I, {Ticks, Rates, Horizon}) when A =< tuple_size(Rates), B =< tuple_size(Rates) ->
+    {RateA, RateB} = {element(A, Rates), element(B, Rates)},
+    drifted(I, now(A) - now(B), Ticks * (RateA - RateB), most(RateA, RateB, Horizon));
+back(_Clocks, I, _Passed) ->
+    I.
 
-clock(I) ->
-    Place = (I + ?REACH) bsr ?CLOCK_BITS,
-    case Place > 0 andalso abs(I - now(Place)) < ?REACH of
-        true -> Place;
+%% The drift between two clocks while a time gets to the horizon.
+most(RateA, RateB, Horizon) -> Horizon * abs(RateA - RateB) div min(RateA, RateB).
+
+drifted(I, Zero, Drift, Most) when abs(I - Zero) =< Most ->
+    min(Zero + Most, max(Zero - Most, I - Drift));
+drifted(I, _Zero, _Drift, _Most) ->
+    I.
+
+%% The clock of which a value is a time, or the two clocks of which it is the difference.
+clocks(I) ->
+    Range = (I + ?REACH) bsr ?CLOCK_BITS,
+    case abs(I - (Range bsl ?CLOCK_BITS)) < ?REACH of
+        true -> of_range(Range);
         false -> none
+    end.
+
+of_range(0) ->
+    none;
+of_range(Range) when Range < 0 ->
+    case of_range(-Range) of
+        {A, B} -> {B, A};
+        _ -> none
+    end;
+of_range(Range) ->
+    factored(Range, 1).
+
+factored(1, Place) ->
+    Place;
+factored(N, Place) when N rem 3 =:= 0 -> factored(N div 3, Place + 1);
+factored(N, _Place) when N rem 3 =:= 1 -> none;
+factored(N, Place) ->
+    case factored(N + 1, Place) of
+        Farther when is_integer(Farther) -> {Farther, Place};
+        _ -> none
     end.
 
 %% @doc The term after a permutation of the robots and of the times of their clocks. A list that
@@ -89,9 +126,13 @@ is_robot(I) -> is_integer(I) andalso I > ?FIRST andalso I < ?FIRST + 100.
 renamed(I, Permutation) when I > ?FIRST, I =< ?FIRST + tuple_size(Permutation) ->
     id(element(number(I), Permutation));
 renamed(I, Permutation) ->
-    case clock(I) of
-        Place when is_integer(Place), Place =< tuple_size(Permutation) ->
+    Size = tuple_size(Permutation),
+    case clocks(I) of
+        Place when is_integer(Place), Place =< Size ->
             I - now(Place) + now(element(Place, Permutation));
+        {A, B} when A =< Size, B =< Size ->
+            Zero = now(A) - now(B),
+            I - Zero + now(element(A, Permutation)) - now(element(B, Permutation));
         _ ->
             I
     end.
@@ -116,10 +157,10 @@ shown(Term) -> walk(fun readable/1, Term).
 readable(I) when I > ?FIRST, I < ?FIRST + 100 ->
     number(I);
 readable(I) ->
-    case clock(I) of
-        none -> I;
+    case clocks(I) of
         %% An atom is printed without quotes. Only the times in one chart become atoms.
-        Place -> list_to_atom(lists:flatten(ago(I - now(Place))))
+        Place when is_integer(Place) -> list_to_atom(lists:flatten(ago(I - now(Place))));
+        _ -> I
     end.
 
 ago(Us) -> io_lib:format("t~s~b", [[$+ || Us >= 0], Us div 1000]).

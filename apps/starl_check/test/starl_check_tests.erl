@@ -87,6 +87,7 @@ sound_test_() ->
             {barrier, 2, #{loss => 1}},
             {barrier, 2, #{timeout => 1}},
             {barrier, 2, #{sap => 1}},
+            {terms, 2, #{loss => 1}},
             {terms, 2, #{reboot => 1}},
             {registers, 2, #{crash => 1}},
             {geocast, 2, #{crash => 1}},
@@ -97,6 +98,15 @@ sound_test_() ->
 %% Two robots, one of which stands still within a step: what rests on votes leaves in time.
 standing_coordinator_test_() ->
     ?SLOW(?assertMatch({holds, complete, #{}}, check(terms, 2, #{still => 1}, #{}))).
+
+%% Clocks at both bounds of drift are no reason for another term: without a fault none is claimed.
+one_term_without_faults_test() ->
+    [One, Two] = [
+        check(terms, 3, #{}, #{terms => Terms, workers => 1})
+     || Terms <- [1, 2]
+    ],
+    {holds, complete, Figures} = One,
+    ?assertEqual({holds, complete, Figures#{bounds := "up to term 2"}}, Two).
 
 %% With three robots, too, a coordinator's words that leave late are found.
 untimely_of_three_test_() ->

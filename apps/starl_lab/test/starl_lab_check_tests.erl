@@ -14,6 +14,7 @@ refused_test_() ->
             ["mutex", "--robots", "9"],
             ["mutex", "--faults", "flood:1"],
             ["mutex", "--depth", "0"],
+            ["terms", "--terms", "0"],
             ["mutex", "more"]
         ]
     ].
@@ -27,6 +28,19 @@ no_symmetry_test() ->
 
 depth_test() ->
     ?assertEqual(0, check(["mutex", "--depth", "5", "--quiet"])).
+
+%% The verdict says up to where a model goes that has no end.
+terms_test() ->
+    ?assertNotEqual(
+        nomatch, string:find(told(["--terms", "2"]), "2 robots, no faults, up to term 2: ")
+    ),
+    ?assertNotEqual(nomatch, string:find(told([]), "up to term 3: ")).
+
+told(More) ->
+    {0, Told} = starl_cli_said:said(
+        ["check", "terms", "--robots", "2", "--faults", "none", "--quiet" | More]
+    ),
+    Told.
 
 help_test() ->
     ?assertEqual(0, check(["mutex", "--help"])).

@@ -33,6 +33,7 @@ new(#{robots := Ids, terms := Terms}) ->
         timed => [beat, recover, claim, missing, again, look, leave],
         steps => [serve],
         beyond => fun(Event) -> claims_more(Event, Terms) end,
+        bounds => lists:concat(["up to term ", Terms]),
         rates => rates(length(Ids)),
         grain => 1,
         horizon_us => ?LEASE_US + 1,

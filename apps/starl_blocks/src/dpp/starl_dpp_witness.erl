@@ -38,7 +38,7 @@ hear(Robot, Stamp, Now, {Most, Ppm, Window}, Witnesses) ->
     Ahead = Stamp - Now,
     case Witnesses of
         #{Robot := {{Before, At} = Held, Seen, Since}} ->
-            Drift = 2 * Ppm * max(0, Now - At) div 1000000,
+            Drift = drift_us(max(0, Now - At), Ppm),
             case Ahead - Before - Drift of
                 Lost when Lost > Most ->
                     {lags, later(Lost, Witnesses)};
@@ -51,6 +51,10 @@ hear(Robot, Stamp, Now, {Most, Ppm, Window}, Witnesses) ->
         #{} ->
             {agrees, Witnesses#{Robot => {{Ahead, Now}, {Ahead, Now}, Now}}}
     end.
+
+%% What the fastest clock gains on the slowest within this time of the slowest, rounded up. The own clock may
+%% be the slowest.
+drift_us(Us, Ppm) -> (2 * Ppm * Us + 999999 - Ppm) div (1000000 - Ppm).
 
 larger({A, _} = One, {B, _}) when A > B -> One;
 larger(_One, Other) -> Other.

@@ -36,6 +36,8 @@ flags(_Subject) ->
             {faults, string, "loss:1,crash:1",
                 "faults, each with the number of times that it may happen, as in "
                 "loss:2,crash:1; or none"},
+            {terms, {integer, 1, 1000}, starl_check:terms(),
+                "the number of terms that the model terms goes through"},
             {depth, ?DEPTH, none, "the largest number of steps in a row"},
             {memory, {integer, 100, 1000000}, 4000, "the most memory to use, MB"},
             {'no-symmetry', switch, false,
@@ -96,6 +98,7 @@ graver(One, Other) -> max(One, Other).
 
 checked({Block, _, _} = Model, #{robots := Robots, faults := Faults, memory := Megabytes} = Values) ->
     Options = #{
+        terms => maps:get(terms, Values),
         robots => Robots,
         faults => Faults,
         memory => Megabytes * 1000000,
@@ -181,11 +184,21 @@ verdict(complete, Block) ->
 verdict(_, Block) ->
     ["NOT COMPLETE: the contract of ", atom_to_list(Block), " holds in every state met so far."].
 
-covered(#{states := States, runs := Runs, depth := Depth}, Block, Values, Seconds) ->
+covered(#{states := States, runs := Runs, depth := Depth} = Figures, Block, Values, Seconds) ->
     #{robots := Robots, faults := Faults} = Values,
-    io_lib:format("~ts, ~b robots, ~ts: ~ts states, ~ts runs, depth ~b, ~.1f s", [
-        Block, Robots, fault_text(Faults), grouped(States), grouped(Runs), Depth, Seconds
+    io_lib:format("~ts, ~b robots, ~ts~ts: ~ts states, ~ts runs, depth ~b, ~.1f s", [
+        Block,
+        Robots,
+        fault_text(Faults),
+        bounds(Figures),
+        grouped(States),
+        grouped(Runs),
+        Depth,
+        Seconds
     ]).
+
+bounds(#{bounds := ""}) -> "";
+bounds(#{bounds := Words}) -> [", ", Words].
 
 fault_text(Faults) ->
     Given = [

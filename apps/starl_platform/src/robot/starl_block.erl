@@ -105,7 +105,8 @@
 %%
 %% Random draws: `draws' is `same': a robot draws the same each time.
 %%
-%% Bounds: the checker does not go on after an event for which `beyond' holds. A message for
+%% Bounds: the checker does not go on after an event for which `beyond' holds; `bounds' says in a few words
+%% up to where it goes. A message for
 %% which `inert' holds is assumed to change nothing any more; the checker proves that in the end.
 %%
 %% `sap' is the real machine, over packets, only in a check of SAP itself.
@@ -126,6 +127,7 @@
     waits => [place()],
     draws => free | same,
     beyond => fun((starl_monitor:trace_event()) -> boolean()),
+    bounds => string(),
     inert => fun((Type :: atom(), Body :: term()) -> boolean())
 }.
 
