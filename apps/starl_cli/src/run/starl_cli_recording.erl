@@ -22,6 +22,8 @@ flags() ->
     [
         {record, switch, false, "records the run as run.mcap, for ./starl judge and for viewers"},
         {no_record, switch, false, "live: no recording"},
+        {snapshots, {optional, {number, 0.1, 3600}}, none,
+            "records, and keeps the robots' states this often, s (5), for ./starl onward"},
         {upload, {optional, string}, none,
             "records, and sends the recordings to a storage of rclone's (lab:runs) meanwhile"}
     ].
@@ -29,6 +31,7 @@ flags() ->
 %% @doc Is the run to be recorded? A live run is, unless its user says no.
 -spec wanted(simulation | live, Values :: #{atom() => term()}) -> boolean().
 wanted(_Kind, #{upload := Remote}) when Remote =/= none -> true;
+wanted(simulation, #{snapshots := Seconds}) when Seconds =/= none -> true;
 wanted(simulation, Values) -> maps:get(record, Values, false);
 wanted(live, Values) -> not maps:get(no_record, Values, false).
 
@@ -45,13 +48,19 @@ recorded(Kind, Values, #{out := Out} = Setup, Run) ->
     _ = filelib:ensure_dir(File),
     case starl_trace_recorder:start_link(File, Kind) of
         {ok, Recorder} ->
-            Answer = sending(Values, File, Setup#{recording => {Recorder, File}}, Run),
+            Recording = often(Values, Setup#{recording => {Recorder, File}}),
+            Answer = sending(Values, File, Recording, Run),
             ok = gone(Recorder),
             _ = file:del_dir(robots(File)),
             Answer;
         {error, Reason} ->
             {error, [starl_trace_recorder:format_error(Reason)]}
     end.
+
+often(#{snapshots := Seconds}, Setup) when is_number(Seconds) ->
+    Setup#{snapshots_us => round(1.0e6 * Seconds)};
+often(_Values, Setup) ->
+    Setup.
 
 %% What is whole of the recordings is sent while they are written. Each look is a try.
 sending(#{upload := Remote}, File, Setup, Run) when Remote =/= none ->
@@ -114,9 +123,9 @@ discard(_Kept) ->
 
 %% @doc The options of the run with its recorder.
 -spec options(starl_cli_setup:t(), map()) -> map().
-options(#{recording := {Recorder, _}, target := Target}, Options) ->
+options(#{recording := {Recorder, _}, target := Target} = Setup, Options) ->
     Own = [Module || {Module, _, _} <- maps:get(code, Target, [])],
-    Options#{
+    (maps:merge(Options, maps:with([snapshots_us], Setup)))#{
         observe => starl_trace_recorder:observer(Recorder),
         packets => true,
         histories => {kept, starl_block_catalogue:histories(Own)}

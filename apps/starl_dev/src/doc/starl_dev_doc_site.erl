@@ -46,6 +46,7 @@
         "doc/finding_faults.md",
         "doc/checking.md",
         "doc/debug.md",
+        "doc/onward.md",
         "doc/histories.md",
         "doc/mutation.md"
     ]},

@@ -1,5 +1,5 @@
-%% @doc Runs futures of a run ({@link starl_sim_future}) in some processes at a time, and counts
-%% what becomes of them. The numbers do not depend on how many run at a time.
+%% @doc Runs futures of a run ({@link starl_sim_future}, {@link starl_sim_onward}) in some processes at a
+%% time, and counts what becomes of them. The numbers do not depend on how many run at a time.
 %%
 %% A process is cheaper here than a VM: futures are short, and their number is known only step by
 %% step.
@@ -9,16 +9,18 @@
 
 -export_type([plan/0]).
 
-%% The run and its futures; the number from which their salts follow; the number of processes; the
-%% message that ends all; and the progress line.
+%% The future of a moment and a salt, to be played in a process of its own; the time of a moment; the number
+%% from which the salts follow; the number of processes; the message that ends all; and the progress line.
 -type plan() :: #{
-    run := starl_sim_future:run(),
-    settings := starl_sim_future:settings(),
+    future := fun((starl_sim_moments:moment(), Salt :: integer()) -> fun(() -> played())),
+    time_us := fun((starl_sim_moments:moment()) -> integer()),
     salt := integer(),
     jobs := pos_integer(),
     interrupt := reference(),
     progress := starl_cli_progress:t()
 }.
+
+-type played() :: {ok, starl_sim_future:verdict(), Digest :: binary()} | {error, term()}.
 
 -type question() :: starl_sim_inevitable:question().
 
@@ -45,10 +47,10 @@ fill(#pool{later = []} = Pool) ->
 fill(#pool{running = Running, plan = #{jobs := Jobs}} = Pool) when map_size(Running) >= Jobs ->
     Pool;
 fill(#pool{later = [{Moment, K} | Later], running = Running, plan = Plan} = Pool) ->
-    #{run := Run, settings := Settings, salt := Salt} = Plan,
-    Job = starl_sim_future:plan(Run, Moment, erlang:phash2({Salt, K}, 1 bsl 32), Settings),
+    #{future := Future, salt := Salt} = Plan,
+    Play = Future(Moment, erlang:phash2({Salt, K}, 1 bsl 32)),
     Self = self(),
-    {Pid, Ref} = spawn_monitor(fun() -> Self ! {future, self(), starl_sim_future:play(Job)} end),
+    {Pid, Ref} = spawn_monitor(fun() -> Self ! {future, self(), Play()} end),
     fill(Pool#pool{later = Later, running = Running#{Pid => {Ref, Moment}}}).
 
 work(#pool{running = Running, curve = Curve}) when map_size(Running) =:= 0 ->
@@ -68,7 +70,7 @@ work(#pool{running = Running, plan = #{interrupt := Interrupt}, curve = Curve} =
             failed({trial, {failed, Reason}}, maps:remove(Pid, Running))
     end.
 
--spec failed(starl_sim_future:reason() | starl_sim_future:parted(), map()) -> no_return().
+-spec failed(term(), map()) -> no_return().
 failed(Reason, Running) ->
     ok = end_all(Running),
     throw({future, Reason}).
@@ -103,7 +105,7 @@ show(#pool{progress = Progress, done = Done, total = Total, later = Later} = Poo
     Words = fun() -> [io_lib:format("~b of ~b futures", [Done, Total]), at(Later, Pool)] end,
     Pool#pool{progress = starl_cli_progress:show(Progress, Done / Total, Words)}.
 
-at([{Moment, _} | _], #pool{plan = #{run := #{moments := Moments}}}) ->
-    io_lib:format("from ~.3f s", [starl_sim_moments:time_us(Moment, Moments) / 1.0e6]);
+at([{Moment, _} | _], #pool{plan = #{time_us := TimeUs}}) ->
+    io_lib:format("from ~.3f s", [TimeUs(Moment) / 1.0e6]);
 at([], _Pool) ->
     "".

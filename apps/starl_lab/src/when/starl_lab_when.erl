@@ -129,7 +129,7 @@ search(#{violation := Violation, moments := Moments} = Run, #{values := Values} 
         starl_cli_signal:on_interrupt(quit)
     end.
 
-plan(Run, Settings, #{salt := Salt, jobs := Jobs, quiet := Quiet}) ->
+plan(#{moments := Moments} = Run, Settings, #{salt := Salt, jobs := Jobs, quiet := Quiet}) ->
     Self = self(),
     Interrupt = make_ref(),
     starl_cli_signal:on_interrupt(fun() -> Self ! Interrupt end),
@@ -139,8 +139,11 @@ plan(Run, Settings, #{salt := Salt, jobs := Jobs, quiet := Quiet}) ->
             false -> auto
         end,
     #{
-        run => Run,
-        settings => Settings,
+        future => fun(Moment, Own) ->
+            Job = starl_sim_future:plan(Run, Moment, Own, Settings),
+            fun() -> starl_sim_future:play(Job) end
+        end,
+        time_us => fun(Moment) -> starl_sim_moments:time_us(Moment, Moments) end,
         salt => Salt,
         jobs => Jobs,
         interrupt => Interrupt,
@@ -179,7 +182,7 @@ told(Result, Run, Settings, #{target := Target, scenario := Scenario, out := Out
         {"curve.csv", starl_lab_when_report:csv(Report)}
     ],
     Written = starl_cli_out:write(Out, fun(New) ->
-        plotted(starl_lab_when_report:plot(Report), Files, New)
+        starl_lab_when_report:plotted(starl_lab_when_report:plot(Report), Files, New)
     end),
     written(Written, status(Result)).
 
@@ -193,21 +196,6 @@ look(#{step := {_, Above}, complete := true}, #{moments := Moments}, Target, Sce
     ["look: ", starl_cli_setup:command_line("replay", Target, Scenario), Until, "\n"];
 look(_Result, _Run, _Target, _Scenario) ->
     "".
-
-plotted(none, Files, Dir) ->
-    starl_cli_files:put_all(Dir, Files);
-plotted({ok, Plot}, Files, Dir) ->
-    Script = {"plot.gp", starl_lab_sweep_plot:script(Plot)},
-    drawn(starl_cli_files:put_all(Dir, Files ++ [Script]), Dir).
-
-%% A plot that cannot be drawn is not a failure: all other results exist.
-drawn({error, _} = Error, _Dir) ->
-    Error;
-drawn(ok, Dir) ->
-    case starl_lab_sweep_plot:draw(Dir) of
-        ok -> ok;
-        {error, Why} -> starl_cli_terminal:complain(Why)
-    end.
 
 status(#{complete := false}) -> 130;
 status(#{step := none}) -> 4;

@@ -2,6 +2,7 @@
 -module(starl_lab_when_report).
 
 -export([new/3, text/2, csv/1, plot/1]).
+-export([share_text/1, share_cells/1, share_point/2, besides/1, plotted/3]).
 
 -export_type([t/0]).
 
@@ -53,16 +54,23 @@ text(#{result := #{curve := Curve} = Result} = Report, Width) ->
     ].
 
 row({Moment, Tally}, #{run := #{moments := Moments}} = Report) ->
-    {Broken, N} = Count = count(Tally),
-    {Low, High} = starl_sim_share:interval(Count),
+    AtUs = starl_sim_moments:time_us(Moment, Moments),
     [
-        io_lib:format("~10.6f  ~-9ts ~5b of ~-5b ~.2f-~.2f  ", [
-            starl_sim_moments:time_us(Moment, Moments) / 1.0e6, place(Moment), Broken, N, Low, High
-        ]),
-        bar(starl_sim_share:share(Count)),
+        io_lib:format("~10.6f  ~-9ts ", [AtUs / 1.0e6, place(Moment)]),
+        share_text(Tally),
         mark(Moment, Report),
         besides(Tally),
         "\n"
+    ].
+
+%% @doc A share with its interval, in columns, and as a bar.
+-spec share_text(starl_sim_inevitable:tally()) -> unicode:chardata().
+share_text(Tally) ->
+    {Broken, N} = Count = count(Tally),
+    {Low, High} = starl_sim_share:interval(Count),
+    [
+        io_lib:format("~5b of ~-5b ~.2f-~.2f  ", [Broken, N, Low, High]),
+        bar(starl_sim_share:share(Count))
     ].
 
 place(0) -> "start";
@@ -75,6 +83,8 @@ bar(Share) ->
 mark(Moment, #{result := #{step := {_, Moment}, complete := true}}) -> " <";
 mark(_Moment, _Report) -> "".
 
+%% @doc What else became of futures.
+-spec besides(starl_sim_inevitable:tally()) -> unicode:chardata().
 besides(#{other := Other, unjudged := Unjudged}) ->
     [
         [io_lib:format("  (~b break another)", [Other]) || Other > 0],
@@ -237,11 +247,16 @@ csv(#{result := #{curve := Curve}, run := #{moments := Moments}}) ->
     [starl_lab_csv:line(Head) | [starl_lab_csv:line(cells(Point, Moments)) || Point <- Curve]].
 
 cells({Moment, Tally}, Moments) ->
+    Time = number(starl_sim_moments:time_us(Moment, Moments) / 1.0e6),
+    [integer_to_list(Moment), Time | share_cells(Tally)].
+
+%% @doc Its cells: futures, broken, other, unjudged, share, low, high.
+-spec share_cells(starl_sim_inevitable:tally()) -> [unicode:chardata()].
+share_cells(Tally) ->
     #{futures := N, broken := Broken, other := Other, unjudged := Unjudged} = Tally,
     {Low, High} = starl_sim_share:interval({Broken, N}),
     Share = starl_sim_share:share({Broken, N}),
-    [integer_to_list(Moment), number(starl_sim_moments:time_us(Moment, Moments) / 1.0e6)] ++
-        [integer_to_list(Count) || Count <- [N, Broken, Other, Unjudged]] ++
+    [integer_to_list(Count) || Count <- [N, Broken, Other, Unjudged]] ++
         [number(X) || X <- [Share, Low, High]].
 
 number(X) -> io_lib:format("~.6f", [X]).
@@ -264,6 +279,32 @@ plot(#{result := #{curve := Curve}, run := #{moments := Moments, violation := Vi
     }}.
 
 point({Moment, Tally}, Moments) ->
+    share_point(starl_sim_moments:time_us(Moment, Moments), Tally).
+
+%% @doc The share at this time as a point of a plot.
+-spec share_point(AtUs :: integer(), starl_sim_inevitable:tally()) ->
+    {float(), float(), float(), float()}.
+share_point(AtUs, Tally) ->
     {Low, High} = starl_sim_share:interval(count(Tally)),
     Share = starl_sim_share:share(count(Tally)),
-    {starl_sim_moments:time_us(Moment, Moments) / 1.0e6, Share, Low, High}.
+    {AtUs / 1.0e6, Share, Low, High}.
+
+%% @doc Writes these files and the plot, if there is one, into a directory.
+-spec plotted({ok, starl_lab_sweep_plot:plot()} | none, Files, file:filename()) ->
+    ok | {error, unicode:chardata()}
+when
+    Files :: [{file:filename(), unicode:chardata()}].
+plotted(none, Files, Dir) ->
+    starl_cli_files:put_all(Dir, Files);
+plotted({ok, Plot}, Files, Dir) ->
+    Script = {"plot.gp", starl_lab_sweep_plot:script(Plot)},
+    drawn(starl_cli_files:put_all(Dir, Files ++ [Script]), Dir).
+
+%% A plot that cannot be drawn is not a failure: all other results exist.
+drawn({error, _} = Error, _Dir) ->
+    Error;
+drawn(ok, Dir) ->
+    case starl_lab_sweep_plot:draw(Dir) of
+        ok -> ok;
+        {error, Why} -> starl_cli_terminal:complain(Why)
+    end.

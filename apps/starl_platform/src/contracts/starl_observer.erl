@@ -10,7 +10,7 @@
 %% and outlives its restarts: a module with this behaviour.
 -module(starl_observer).
 
--export([tell/2, all/1, is_packet/1]).
+-export([tell/2, all/1, is_judged/1]).
 
 -export_type([t/0, news/0, facts/0, ending/0, packet/0, fate/0, cause/0, way/0, recorder/0]).
 
@@ -115,7 +115,9 @@ all(Observers) ->
         Several -> fun(News) -> lists:foreach(fun(Each) -> ok = Each(News) end, Several) end
     end.
 
-%% @doc Is this trace event that of a packet?
--spec is_packet(starl_monitor:trace_event()) -> boolean().
-is_packet({_, _, radio, {packet, _, _, _, _}}) -> true;
-is_packet(_) -> false.
+%% @doc Do monitors get this trace event? It is neither that of a packet nor of a snapshot ({@link
+%% starl_snapshot}).
+-spec is_judged(starl_monitor:trace_event()) -> boolean().
+is_judged({_, _, radio, {packet, _, _, _, _}}) -> false;
+is_judged({_, _, snapshot, _}) -> false;
+is_judged(_) -> true.

@@ -15,11 +15,17 @@
 
 -export([start_link/1, init/1]).
 -export([perform/1, store/1, stored/0, now/0, random/0, listen/1, call/3, await/2, sleep/1]).
--export([application/0, waiting/1]).
+-export([application/0, waiting/1, snapshot/1, restore/2]).
 
--export_type([waits/0]).
+-export_type([waits/0, snapshot/0]).
 
 -define(TURN, starl_turn).
+%% Where its step began, if snapshots are taken.
+-define(BEGUN, starl_begun).
+%% The events of a step that are kept for a snapshot.
+-define(MOST_EVENTS, 5000).
+%% The time that an application may take to come back to where it was, in real time.
+-define(PATIENCE_MS, 30000).
 -define(INBOX_LIMIT, 1000).
 %% SAP is told of read messages in batches of this size, or one by one when room is scarce.
 -define(READ_AT_ONCE, 100).
@@ -68,8 +74,24 @@
     read = [] :: [message()],
     again = [] :: [message()],
     %% the machines of whose calls a history is kept
-    histories = [] :: [starl_machine:name()]
+    histories = [] :: [starl_machine:name()],
+    %% what has come since the step began, newest first, and its number, if snapshots are taken
+    log = none :: {non_neg_integer(), [entry()]} | none,
+    %% what is still to come again, until the application is where the snapshot was taken
+    replay = none :: {From :: pid(), reference(), [entry()]} | none
 }).
+
+%% What came to a step from outside: an event, at this time of the robot's clock; what the clock showed.
+-type entry() ::
+    {event, starl_machine:event_type() | code, Content :: term(), NowUs :: integer()}
+    | {clock, Us :: integer()}.
+
+%% An application as data: as its step began, and all that has come since. A stack is no data: the step
+%% is taken anew, with the same events, and what it does until then is not done again.
+-type snapshot() :: #{turn := tuple(), at := place(), log := [entry()]}.
+
+%% Before its first step, before this step, or after its end.
+-type place() :: init | {step, running()} | over.
 
 %% The way back from a version: that of the code before, the state before the switch, and whether
 %% the new code has converted it. `none' in an application that has started with this version.
@@ -108,7 +130,16 @@ init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := D
     logger:set_process_metadata(#{domain => [starl, robot], robot => Id, machine => app}),
     _ = starl_driver:attach(Driver, Id, app),
     proc_lib:init_ack({ok, self()}),
+    started(Id, Robot, Module, Args, Driver).
+
+started(Id, Robot, Module, Args, Driver) ->
     receive
+        {starl_snapshot, From, Ref} ->
+            From ! {Ref, {ok, waiting}},
+            started(Id, Robot, Module, Args, Driver);
+        {starl_restore, From, Ref, #{turn := #turn{} = Turn, at := At, log := Log}} ->
+            _ = put(?TURN, Turn#turn{robot = Id, driver = Driver, replay = {From, Ref, Log}}),
+            resumed(At, Robot, Args);
         {starl_boot, Boot} ->
             #{now := Now, random := Random, incarnation := Incarnation, stored := Stored} = Boot,
             Lineage = maps:get(code, Boot, starl_lineage:new(Module)),
@@ -123,15 +154,33 @@ init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := D
                 random = Random,
                 stored = Stored,
                 tag = {Incarnation, 0},
-                histories = maps:get(histories, Boot, [])
+                histories = maps:get(histories, Boot, []),
+                log = kept_from(maps:get(snapshots, Boot, false))
             }),
             run(Robot, Code, Args)
     end.
 
-%% Every kind of crash carries its stack.
+kept_from(true) -> {0, []};
+kept_from(false) -> none.
+
 run(Robot, Module, Args) ->
-    try
+    guarded(fun() ->
+        ok = begun(init),
         loop(Robot, Module, Module:init(Robot, Args), version(Module))
+    end).
+
+resumed(init, Robot, Args) ->
+    run(Robot, (turn())#turn.module, Args);
+resumed({step, {Module, State, Version}}, Robot, _Args) ->
+    {module, Module} = code:ensure_loaded(Module),
+    guarded(fun() -> loop(Robot, Module, State, Version) end);
+resumed(over, _Robot, _Args) ->
+    guarded(fun() -> over(turn()) end).
+
+%% Every kind of crash carries its stack.
+guarded(Run) ->
+    try
+        Run()
     catch
         Class:Reason:Stack ->
             #turn{steps = Steps} = get(?TURN),
@@ -157,6 +206,61 @@ waiting(Pid) ->
         undefined ->
             {nothing, []}
     end.
+
+%% @doc The application in this process as data, while the process is at rest. It is told with its boot
+%% whether snapshots are taken.
+-spec snapshot(pid()) -> {ok, snapshot() | waiting} | {error, starl_snapshot:reason()}.
+snapshot(Pid) ->
+    Ref = erlang:monitor(process, Pid, [{alias, reply_demonitor}]),
+    Pid ! {starl_snapshot, Ref, Ref},
+    receive
+        {Ref, Answer} -> Answer;
+        {'DOWN', Ref, process, Pid, _} -> {error, gone}
+    end.
+
+%% @doc Lets an application that has started, and waits for its boot, go on from a snapshot. Returns when
+%% it waits where it waited then.
+-spec restore(pid(), snapshot()) -> ok | {error, Reason :: term()}.
+restore(Pid, Snapshot) ->
+    Ref = erlang:monitor(process, Pid),
+    Pid ! {starl_restore, self(), Ref, Snapshot},
+    receive
+        {Ref, restored} ->
+            true = erlang:demonitor(Ref, [flush]),
+            ok;
+        {'DOWN', Ref, process, Pid, Reason} ->
+            {error, Reason}
+    after ?PATIENCE_MS ->
+        true = erlang:demonitor(Ref, [flush]),
+        {error, no_answer}
+    end.
+
+begun(Where) ->
+    case turn() of
+        #turn{log = none} ->
+            ok;
+        Turn ->
+            Begun = Turn#turn{log = {0, []}},
+            _ = put(?BEGUN, {Where, Begun#turn{clock = none, replay = none}}),
+            _ = put(?TURN, Begun),
+            ok
+    end.
+
+taken() ->
+    case {get(?TURN), get(?BEGUN)} of
+        {#turn{log = {N, _}}, _} when N > ?MOST_EVENTS -> {error, long_step};
+        {#turn{log = {_, Log}}, {Where, Turn}} ->
+            {ok, #{
+                turn => setelement(#turn.driver, Turn, none), at => Where, log => lists:reverse(Log)
+            }};
+        _ ->
+            {error, long_step}
+    end.
+
+%% What is too much is not kept.
+logged(_Entry, #turn{log = none} = Turn) -> Turn;
+logged(_Entry, #turn{log = {N, _}} = Turn) when N >= ?MOST_EVENTS -> Turn#turn{log = {N + 1, []}};
+logged(Entry, #turn{log = {N, Log}} = Turn) -> Turn#turn{log = {N + 1, [Entry | Log]}}.
 
 %% @doc Adds actions to the turn; they take place when the application next blocks. A malformed
 %% action crashes the application ({@link starl_action}), and so do too many actions without time
@@ -215,8 +319,15 @@ now() -> (turn())#turn.now.
 %% The time that the robot's own clock shows now. In virtual time a turn takes none.
 present() ->
     case turn() of
-        #turn{clock = none, now = Now} -> Now;
-        #turn{clock = Clock, now = Now} -> max(Now, Clock())
+        #turn{replay = {From, Ref, [{clock, Us} = Entry | Log]}} = Turn ->
+            _ = put(?TURN, logged(Entry, Turn#turn{replay = {From, Ref, Log}})),
+            Us;
+        #turn{clock = none, now = Now} ->
+            Now;
+        #turn{clock = Clock, now = Now} = Turn ->
+            Us = max(Now, Clock()),
+            _ = put(?TURN, logged({clock, Us}, Turn)),
+            Us
     end.
 
 %% @doc A number in `0.0 =< X < 1.0' from the application's own random stream.
@@ -328,6 +439,7 @@ sleep(Us) ->
 %% -- internals ------------------------------------------------------------------------------
 
 loop(Robot, Module0, State0, Version0) ->
+    ok = begun({step, {Module0, State0, Version0}}),
     {Module, State1, Version1} = switched({Module0, State0, Version0}, turn()),
     {State, Version} = upgrade(Module, State1, Version1),
     case attempted(Robot, Module, State, turn()) of
@@ -400,7 +512,9 @@ stepped(Robot, Module, State) ->
     end.
 
 %% It takes no step any more.
-over(#turn{switches = Words} = Turn) ->
+over(Turn0) ->
+    ok = begun(over),
+    #turn{switches = Words} = Turn = Turn0#turn{log = (turn())#turn.log},
     _ = put(?TURN, Turn#turn{switches = [], over = true}),
     lists:foreach(fun(Word) -> hear(Word, turn()) end, Words),
     wait(fun(_, _) -> skip end).
@@ -625,26 +739,46 @@ noted(Message, #turn{read = Read} = Turn) ->
 said(Unsaid, Free) when Unsaid >= ?READ_AT_ONCE; Free - Unsaid < ?READ_AT_ONCE -> Unsaid;
 said(_Unsaid, _Free) -> 0.
 
-%% Hands the gathered actions back and takes events until Match accepts one.
+%% Hands the gathered actions back and takes events until Match accepts one. What a snapshot knows to be
+%% done is not done again.
 -spec wait(fun((starl_machine:event_type(), term()) -> skip | term())) -> term().
 wait(Match) ->
-    #turn{robot = Id, driver = Driver, actions = Actions} = Turn = get(?TURN),
-    _ = starl_driver:done(Driver, Id, lists:reverse(Actions)),
+    case get(?TURN) of
+        #turn{replay = none, robot = Id, driver = Driver, actions = Actions} = Turn ->
+            _ = starl_driver:done(Driver, Id, lists:reverse(Actions)),
+            awaited(Match, Turn);
+        #turn{replay = {From, Ref, []}} = Turn ->
+            From ! {Ref, restored},
+            _ = put(?TURN, Turn#turn{replay = none, actions = []}),
+            awaited(Match, Turn#turn{replay = none});
+        #turn{replay = {From, Ref, [{event, Type, Content, Now} | Log]}} = Turn ->
+            came(Type, Content, Now, Match, Turn#turn{replay = {From, Ref, Log}});
+        #turn{replay = {_, _, [{clock, _} | _]}} ->
+            exit(another_way)
+    end.
+
+awaited(Match, Turn) ->
     receive
-        {starl_step, code, Word, #{now := Now}} ->
-            ok = hear(Word, handed_back(Now, Turn)),
+        {starl_step, Type, Content, #{now := Now}} ->
+            came(Type, Content, Now, Match, Turn);
+        {starl_snapshot, From, Ref} ->
+            From ! {Ref, taken()},
+            awaited(Match, Turn)
+    end.
+
+came(code, Word, Now, Match, Turn) ->
+    ok = hear(Word, handed_back(Now, logged({event, code, Word, Now}, Turn))),
+    wait(Match);
+came(Type0, Content0, Now, Match, Turn) ->
+    _ = put(?TURN, handed_back(Now, logged({event, Type0, Content0, Now}, Turn))),
+    {Type, Content} = sensed(Type0, Content0, Turn),
+    heed(Type, Content),
+    case Match(Type, Content) of
+        skip ->
+            keep(Type, Content),
             wait(Match);
-        {starl_step, Type0, Content0, #{now := Now}} ->
-            _ = put(?TURN, handed_back(Now, Turn)),
-            {Type, Content} = sensed(Type0, Content0, Turn),
-            heed(Type, Content),
-            case Match(Type, Content) of
-                skip ->
-                    keep(Type, Content),
-                    wait(Match);
-                Answer ->
-                    Answer
-            end
+        Answer ->
+            Answer
     end.
 
 %% The next turn begins.

@@ -12,10 +12,10 @@
 %% `{malformed, From, Type, Body}'.
 -module(starl_machine).
 
--export([new/3, step/4, module/1, state/1, data/1]).
+-export([new/3, step/4, module/1, state/1, data/1, snapshot/1, restore/1]).
 
 -export_type([t/0, name/0, tag/0, from/0, event_type/0, action/0, stored/0, meta/0, config/0]).
--export_type([result/0]).
+-export_type([result/0, snapshot/0]).
 
 %% The name of a machine within its robot: `sap', `motion', `election', `app', …
 -type name() :: atom().
@@ -173,6 +173,9 @@ when
 
 %% A machine with its present state.
 -opaque t() :: #machine{} | #reloaded{}.
+
+%% A machine as data.
+-type snapshot() :: {module(), State :: term(), Data :: term()}.
 
 %% @doc A machine in its first state, with the actions of its start. `Base' is the platform's part
 %% of the configuration, `Config' the machine's own.
@@ -451,6 +454,19 @@ state(#machine{state = State}) -> State.
 -spec data(t()) -> term().
 data(#reloaded{machine = Machine}) -> data(Machine);
 data(#machine{data = Data}) -> Data.
+
+%% @doc The machine as data; the versions of reloaded code are more than that.
+-spec snapshot(t()) -> {ok, snapshot()} | {error, reloaded_code}.
+snapshot(#machine{state = State, data = Data} = Machine) -> {ok, {module(Machine), State, Data}};
+snapshot(#reloaded{}) -> {error, reloaded_code}.
+
+%% @doc The machine of such data.
+-spec restore(snapshot()) -> t().
+restore({Module, State, Data}) ->
+    {module, Module} = code:ensure_loaded(Module),
+    #machine{
+        handle = fun Module:handle_event/5, accepts = accepts(Module), state = State, data = Data
+    }.
 
 %% As in gen_statem, a state time-out does not outlive its state.
 moved(State, Data, Actions, #machine{state = State} = Machine) ->

@@ -32,12 +32,14 @@
 %% </ul>
 -module(starl_robot).
 
--export([new/4, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1]).
+-export([
+    new/4, parts/1, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1
+]).
 -export([run/1, status/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
 -export([leave/1, act/4, without_calls/2, stand_still/3, go_on/1, standing/1]).
 -export([lost/3, attach/3, back/3, first/2, then/2, die/2, go_down/1, come_up/2]).
 
--export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0, standing/0]).
+-export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0, standing/0, parts/0]).
 
 %% A local event: a machine handles an event, or boots.
 -type local() ::
@@ -126,6 +128,15 @@ when
 %% events that are due after it.
 -type standing() :: {rest(), [local()]}.
 
+%% A robot as data, between two events.
+-type parts() :: #{
+    condition := condition(),
+    timers := [{starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark()}],
+    local := [local()],
+    rest := {stands | due, rest()} | none,
+    still := {starl_machine:name(), Actions :: non_neg_integer()} | none
+}.
+
 -opaque t() :: #robot{}.
 
 %% @doc A robot whose machines all boot first.
@@ -134,16 +145,51 @@ new(Id, Driver, World, Machines) ->
     Robot = #robot{id = Id, driver = driver(Driver), world = World, machines = Machines},
     Robot#robot{local = boots(Machines)}.
 
-%% @doc A robot from its parts: a quiet one, or one that stands still in mid-step.
--spec restore(#{
-    id := starl:robot_id(),
-    driver := module(),
-    world := world(),
-    condition := condition(),
-    machines := starl_robot_machines:t(),
-    timers := starl_robot_timers:t(),
-    standing => standing() | none
-}) -> t().
+%% @doc What a robot is between two events, beside its machines and its driver's state.
+-spec parts(t()) -> parts().
+parts(#robot{condition = Condition, timers = Timers, local = Local, rest = Rest, still = Still}) ->
+    #{
+        condition => Condition,
+        timers => starl_robot_timers:to_list(Timers),
+        local => Local,
+        rest => Rest,
+        still => Still
+    }.
+
+%% @doc A robot from its parts: a quiet one, or one that stands still in mid-step. Those that {@link parts/1}
+%% tells come with `parts'.
+-spec restore(
+    #{
+        id := starl:robot_id(),
+        driver := module(),
+        world := world(),
+        machines := starl_robot_machines:t(),
+        parts := parts()
+    }
+    | #{
+        id := starl:robot_id(),
+        driver := module(),
+        world := world(),
+        condition := condition(),
+        machines := starl_robot_machines:t(),
+        timers := starl_robot_timers:t(),
+        standing => standing() | none
+    }
+) -> t().
+restore(#{id := Id, driver := Driver, world := World, machines := Machines, parts := Parts}) ->
+    #{condition := Condition, timers := Timers, local := Local, rest := Rest, still := Still} =
+        Parts,
+    #robot{
+        id = Id,
+        driver = driver(Driver),
+        condition = Condition,
+        world = World,
+        machines = Machines,
+        timers = starl_robot_timers:from_list(Timers),
+        local = Local,
+        still = Still,
+        rest = Rest
+    };
 restore(#{id := Id, driver := Driver, world := World} = Parts) ->
     #{condition := Condition, machines := Machines, timers := Timers} = Parts,
     {Rest, Local} =

@@ -18,7 +18,7 @@
 -export([pending/1, now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
 -export([outdate_store/1, save_store/3, set_back_store/2]).
 -export([turn_wheels/1, beat/2, touch/2, says/2, postpone/2, reload/2, take_back/3, fallen/3]).
--export([turn_off/2]).
+-export([turn_off/2, snapshot/1, restore/2, piece_of/1]).
 
 -export_type([t/0, world/0, yield/0]).
 
@@ -60,6 +60,8 @@
     packets => boolean(),
     %% the machines of whose calls histories are kept
     histories => [starl_machine:name()],
+    %% a snapshot of each robot is told this often
+    snapshots_us => pos_integer(),
     %% the reloads by number, and the modules of a robot's machines
     reloads => #{pos_integer() => starl_sim_reloads:t()},
     parts => #{starl_machine:name() => module()}
@@ -97,19 +99,65 @@
 
 %% @doc A robot at rest at a pose. Its clock is drawn from the seed within the given bounds.
 -spec new(starl:robot_id(), starl:pose(), world()) -> t().
-new(Id, Pose, #{seed := Seed, clock := {OffsetUs, DriftPpb}} = World) ->
+new(Id, Pose, World) ->
     Vehicle = starl_sim_vehicle:new(Id, Pose, World),
-    Offset = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
-    Drift = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
-    Hitting = fun(Class) -> [F || F <- maps:get(Class, World), starl_sim_fault:hits(Id, F)] end,
     #body{
         id = Id,
         world = World,
-        chain = starl_sim_chain:new(maps:get(Id, maps:get(record, World, #{}), none)),
-        clock = starl_sim_clock:new(Offset, Drift, Hitting(clocks)),
+        chain = starl_sim_chain:new(range(Id, World)),
+        clock = clock(Id, World),
         vehicle = Vehicle,
-        store = starl_sim_store:new(Hitting(store)),
+        store = starl_sim_store:new(hitting(Id, store, World)),
         traces = [{0, Id, chassis, {motion, starl_sim_vehicle:piece(Vehicle)}}]
+    }.
+
+range(Id, World) -> maps:get(Id, maps:get(record, World, #{}), none).
+
+%% Clocks do not change with a branch.
+clock(Id, #{clock := {OffsetUs, DriftPpb}} = World) ->
+    Seed = team_seed(World),
+    Offset = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
+    Drift = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
+    starl_sim_clock:new(Offset, Drift, hitting(Id, clocks, World)).
+
+hitting(Id, Class, World) -> [F || F <- maps:get(Class, World), starl_sim_fault:hits(Id, F)].
+
+team_seed(#{seed := Seed} = World) -> maps:get(team_seed, World, Seed).
+
+%% @doc The body as data, between two windows: all but the world.
+-spec snapshot(t()) -> map().
+snapshot(#body{vehicle = Vehicle, chain = Chain} = Body) ->
+    #{
+        now => Body#body.now,
+        seq => Body#body.seq,
+        timers => Body#body.timers,
+        transmitter => Body#body.transmitter,
+        vehicle => starl_sim_vehicle:snapshot(Vehicle),
+        store => Body#body.store,
+        chain => {starl_sim_chain:value(Chain), starl_sim_chain:events(Chain)},
+        result => Body#body.result
+    }.
+
+%% @doc The piece of motion in such data.
+-spec piece_of(map()) -> starl_trajectory:piece().
+piece_of(#{vehicle := Vehicle}) -> starl_sim_vehicle:piece(Vehicle).
+
+%% @doc The body of such data in a world, whose faults strike it from now on.
+-spec restore({starl:robot_id(), map()}, world()) -> t().
+restore({Id, #{now := Now, chain := Chain, store := Store} = Kept}, World) ->
+    #body{
+        id = Id,
+        world = World,
+        now = Now,
+        until = Now,
+        clock = clock(Id, World),
+        seq = maps:get(seq, Kept),
+        timers = maps:get(timers, Kept),
+        transmitter = maps:get(transmitter, Kept),
+        vehicle = starl_sim_vehicle:restore(maps:get(vehicle, Kept), World),
+        store = starl_sim_store:with_faults(hitting(Id, store, World), Store),
+        chain = starl_sim_chain:new(range(Id, World), Chain),
+        result = maps:get(result, Kept)
     }.
 
 %% @doc The robot at a later time, in a new window; its yield begins with what happened
@@ -163,7 +211,7 @@ yield(#body{later = Later, traces = Traces, changes = Changes}) -> {Later, Trace
 %% @doc The start configuration of a machine.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
 base(Name, Incarnation, #body{id = Id, world = World} = Body) ->
-    #{seed := Seed, team := Team} = World,
+    #{team := Team} = World,
     (starl_reload:code(Name, codes(Body)))#{
         robot => Id,
         participants => Team,
@@ -171,8 +219,9 @@ base(Name, Incarnation, #body{id = Id, world = World} = Body) ->
         incarnation => Incarnation,
         stored => stored(Name, Body),
         random => rand:seed_s(exsss, stream(Name, Incarnation, Body)),
-        team_seed => maps:get(team_seed, World, Seed),
+        team_seed => team_seed(World),
         now => clock(Body),
+        snapshots => is_map_key(snapshots_us, World),
         histories => maps:get(histories, World, [])
     }.
 

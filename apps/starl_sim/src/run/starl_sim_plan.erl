@@ -23,6 +23,7 @@
     limit_us := starl_sim_queue:time(),
     monitors := [{module(), map()}],
     observe => starl_observer:t(),
+    from => starl_sim_start:t(),
     nodes => starl_sim_nodes:options(),
     sites => [starl_sim_site:t(), ...]
 }.
@@ -125,7 +126,7 @@ make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
         monitors =>
             monitors(Scenario, Scene, Profiles, Context, Options) ++ maps:get(watch, Options, [])
     },
-    Observed = maps:with([observe], Options),
+    Observed = maps:with([observe, from], Options),
     maps:merge(maps:merge(Plan, Observed), nodes(Scenario, Scene, Options)).
 
 %% @doc The modules of a robot's machines.
@@ -191,8 +192,7 @@ nodes(_Scenario, _Scene, _Options) ->
 
 world(Scenario, Profiles, #{robots := Ids}, Options) ->
     #{delay := {MinMs, MaxMs}, faults := Faults} = Scenario,
-    (latency(Scenario))#{
-        seed => maps:get(seed, Scenario),
+    (maps:merge(maps:merge(latency(Scenario), told(Options)), seeds(Scenario, Options)))#{
         team => starl_team:new(Ids),
         loss => float(maps:get(loss, Scenario)),
         duplicate => float(maps:get(duplicate, Scenario)),
@@ -211,6 +211,14 @@ world(Scenario, Profiles, #{robots := Ids}, Options) ->
             maps:get(packets, Options, false) andalso maps:get(observe, Options, none) =/= none,
         record => maps:get(record, Options, #{})
     }.
+
+%% What an observer is told beside the facts.
+told(#{observe := Observer, snapshots_us := Us}) when Observer =/= none -> #{snapshots_us => Us};
+told(#{}) -> #{}.
+
+%% A run that goes on with other draws than it began with.
+seeds(#{seed := Seed}, #{from := #{seed := Later}}) -> #{seed => Later, team_seed => Seed};
+seeds(#{seed := Seed}, #{}) -> #{seed => Seed}.
 
 latency(#{command_latency := {_, Most}}) when Most == 0 -> #{};
 latency(#{command_latency := {Least, Most}}) ->

@@ -20,6 +20,7 @@
     events/2,
     timers/2,
     violations/1,
+    snapshots/1,
     finish/1,
     reload/2
 ]).
@@ -125,6 +126,14 @@ timers(Run, Robot) -> gen_server:call(Run, {timers, Robot}, infinity).
 -spec violations(pid()) -> [starl_monitor:violation()] | {error, running}.
 violations(Run) -> gen_server:call(Run, violations, infinity).
 
+%% @doc All robots as data, and the number of windows so far, while the run rests.
+-spec snapshots(pid()) ->
+    {Windows :: non_neg_integer(), [
+        {starl:robot_id(), {ok, starl_sim_robot:snapshot()} | {error, starl_snapshot:reason()}}
+    ]}
+    | {error, running}.
+snapshots(Run) -> gen_server:call(Run, snapshots, infinity).
+
 %% @doc Loads new code of a module, at once or as soon as no robot is in the middle of a step of the
 %% version before last; may be asked while it runs.
 -spec reload(pid(), {module(), file:filename(), Beam :: binary()}) -> starl_sim_reload:answer().
@@ -145,15 +154,24 @@ init(Plan) ->
 
 set_out(#{window_us := WindowUs, robots := Robots, limit_us := LimitUs} = Plan) ->
     Observer = maps:get(observe, Plan, none),
+    {Now, Judge} = begun(Plan, Observer),
     #run{
+        now = Now,
         limit_us = LimitUs,
         window_us = WindowUs,
         shards = starl_sim_shards:start(Plan),
-        judge = starl_sim_judge:new(maps:get(monitors, Plan), Observer),
+        judge = Judge,
+        approved = starl_sim_judge:judged(Judge),
         observer = Observer,
         running = length(Robots),
         reload = starl_sim_reload:new([Node || #{node := Node} <- maps:get(sites, Plan)])
     }.
+
+begun(#{from := From, monitors := Monitors}, Observer) ->
+    #{at_us := At, windows := Windows, past := Past} = From,
+    {At, starl_sim_judge:new(Past(Monitors), Observer, Windows)};
+begun(#{monitors := Monitors}, Observer) ->
+    {0, starl_sim_judge:new(Monitors, Observer)}.
 
 -spec handle_call(term(), gen_server:from(), #run{}) ->
     {reply, term(), #run{}} | {noreply, #run{}}.
@@ -189,6 +207,8 @@ handle_call({events, Id}, _From, Run) ->
 handle_call(violations, _From, #run{judge = Judge, now = Now} = Run) ->
     {Violations, _Results, _Unjudged} = starl_sim_judge:close(Now, Judge),
     {reply, Violations, Run};
+handle_call(snapshots, _From, #run{judge = Judge, shards = Shards} = Run) ->
+    {reply, {starl_sim_judge:judged(Judge), starl_sim_shards:snapshots(Shards)}, Run};
 handle_call(robots, _From, Run) ->
     {reply, summaries(Run), Run};
 handle_call(finish, _From, Run) ->

@@ -19,8 +19,8 @@ owners(Shards, Robots) ->
 %% @doc The initial load of one shard.
 -spec load(pid(), [pid()], #{starl:robot_id() => pid()}, starl_sim_plan:t()) ->
     starl_sim_shard:load().
-load(Shard, Shards, Owners, #{robots := Robots, crew := Crew, faults := Faults}) ->
-    #{
+load(Shard, Shards, Owners, #{robots := Robots, crew := Crew, faults := Faults} = Plan) ->
+    Load = #{
         robots => [R || {Id, _} = R <- Robots, maps:get(Id, Owners) =:= Shard],
         crew => Crew,
         faults => [F || F <- Faults, maps:get(element(1, F), Owners) =:= Shard],
@@ -28,6 +28,19 @@ load(Shard, Shards, Owners, #{robots := Robots, crew := Crew, faults := Faults})
         owners => Owners,
         sight => [{Id, standing(Pose)} || {Id, Pose} <- Robots],
         running => length(Robots)
+    },
+    case Plan of
+        #{from := From} -> from(From, Load);
+        #{} -> Load
+    end.
+
+%% Faults that have struck before are in the robots' states.
+from(#{at_us := At} = From, #{faults := Faults} = Load) ->
+    Load#{
+        from => From,
+        faults := [Fault || Fault <- Faults, element(2, Fault) >= At],
+        sight := starl_sim_start:pieces(From),
+        running := starl_sim_start:running(From)
     }.
 
 standing({X, Y, Heading}) -> starl_trajectory:standing(0, {X, Y}, Heading).

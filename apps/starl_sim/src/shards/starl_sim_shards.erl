@@ -3,7 +3,7 @@
 -module(starl_sim_shards).
 
 -export([start/1, count/1, team/1, is_one/2, missing/2]).
--export([run/3, approve/2, halt/1, ask/3, summaries/2, lose/2, give_up/1]).
+-export([run/3, approve/2, halt/1, ask/3, summaries/2, snapshots/1, lose/2, give_up/1]).
 
 -export_type([t/0]).
 
@@ -26,8 +26,11 @@ start(#{robots := Robots} = Plan) ->
     Pids = start_all(Plan),
     Owners = starl_sim_deal:owners(Pids, Robots),
     Load = fun(Shard) -> starl_sim_deal:load(Shard, Pids, Owners, Plan) end,
-    _ = [ok = starl_sim_shard:launch(Shard, Load(Shard)) || Shard <- Pids],
+    _ = [launched(starl_sim_shard:launch(Shard, Load(Shard))) || Shard <- Pids],
     #shards{pids = Pids, owners = Owners}.
+
+launched(ok) -> ok;
+launched({error, Reason}) -> exit({not_restored, Reason}).
 
 start_all(#{shards := N, sites := Sites, robots := Robots} = Plan) ->
     Common = maps:with([world, window_us, patience_ms], Plan),
@@ -82,6 +85,12 @@ ask(What, Id, #shards{owners = Owners} = Shards) ->
 summaries(Now, #shards{pids = Pids} = Shards) ->
     Told = [asked(Shard, {summary, Now}, [], Shards) || Shard <- Pids],
     lists:keysort(1, lists:append(Told)).
+
+%% @doc All robots as data, ascending.
+-spec snapshots(t()) ->
+    [{starl:robot_id(), {ok, starl_sim_robot:snapshot()} | {error, starl_snapshot:reason()}}].
+snapshots(#shards{pids = Pids} = Shards) ->
+    lists:keysort(1, lists:append([asked(Shard, snapshots, [], Shards) || Shard <- Pids])).
 
 %% @doc A node is lost: its shards answer no more; each of the others has some time for its answer.
 -spec lose(node(), t()) -> t().

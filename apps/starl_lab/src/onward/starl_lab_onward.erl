@@ -1,0 +1,244 @@
+%% @doc `./starl onward': simulates a recording onwards from a moment, time and again with other random draws,
+%% and prints the share of the futures that break a contract.
+-module(starl_lab_onward).
+
+-behaviour(starl_cli_command).
+
+-export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+
+-type setup() :: #{
+    file := file:filename(),
+    recording := starl_lab_onward_recording:t(),
+    %% modules of a user's own
+    code => [module()],
+    out := starl_cli_out:t(),
+    values := map()
+}.
+
+%% Futures end this part of the time up to the moment after the recording's end, or this long, s.
+-define(BEYOND, 0.25).
+-define(LEAST_BEYOND_S, 1.0).
+
+-spec name() -> string().
+name() -> "onward".
+
+-spec synopsis() -> string().
+synopsis() -> "simulate a recording onwards from a moment, with other draws".
+
+-spec argument() -> starl_cli_command:argument().
+argument() -> {required, "RUN", {example, "out/painting-1"}}.
+
+-spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
+about(_Subject) ->
+    [
+        "RUN is a recording, or the directory of a run that holds one. Its robots are taken up as they were at "
+        "the moment --at, with the packets that were under way, their places, their clocks, and what the "
+        "contracts had seen; from there the run goes on in the simulator, --runs times, with other losses, "
+        "delays, errors of drives, and faults that have not begun. Printed is the share of these futures that "
+        "break a contract.",
+        "A run that was recorded with --snapshots 5 is taken up at its last snapshot before the moment; "
+        "without, a simulation is repeated from its beginning.",
+        "Written are onward.txt, curve.csv and a plot. The same --salt gives the same curve. Ctrl-C tells what "
+        "is known so far."
+    ].
+
+-spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
+flags(_Subject) -> [{"Flags", own_flags()}].
+
+own_flags() ->
+    [
+        {at, {optional, {number, 0, 1.0e7}}, none, "the moment, s; none: the end of the recording"},
+        {runs, {integer, 1, 10000}, 20, "futures of each moment"},
+        {moments, {integer, 1, 1000}, 1, "moments, evenly up to that one"},
+        {since, {number, 0, 1.0e7}, 0, "the moments lie after this time, s"},
+        {contract, {optional, string}, none, "only this contract counts as broken, as mutex"},
+        {beyond, {optional, {number, 0.001, 1.0e6}}, none,
+            "futures end this long after the moment, s; none: a quarter of its time after the recording's end"},
+        {loss_ahead, {optional, {number, 0, 1}}, none,
+            "fraction of the packets that futures lose; none: as the run"},
+        {salt, {integer, 0, 1 bsl 32}, 1, "the number from which the draws of the futures follow"},
+        {out, string, none, "directory for the results; without it a new one under out/"},
+        {quiet, switch, false, "no progress line"},
+        starl_lab_jobs:at_once()
+    ].
+
+-spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
+statuses() ->
+    [
+        {0, "no future breaks a contract"},
+        {1, "internal error"},
+        {2, "bad usage or input, also where what goes on here is not what was recorded"},
+        {3, "some futures break a contract"},
+        {130, "interrupted"}
+    ].
+
+-spec subject(string(), [string()]) ->
+    {ok, file:filename(), [string()]} | {error, [unicode:chardata(), ...]}.
+subject(Word, Args) ->
+    case starl_cli_recording:found(Word, "./starl run TARGET --snapshots 5 makes one") of
+        {ok, File} -> {ok, File, Args};
+        {error, _} = Error -> Error
+    end.
+
+-spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{subject := File, values := #{out := Into, at := At} = Values}) ->
+    {Unwritable, Out} = starl_cli_setup:out(Into, "onward"),
+    case {Unwritable, starl_lab_onward_recording:read(File, until_us(Values))} of
+        {[], {ok, #{end_us := End}}} when is_number(At), 1.0e6 * At > End ->
+            {error, [io_lib:format("--at ~w: the recording ends at ~.3f s", [At, End / 1.0e6])]};
+        {[], {ok, Recording}} ->
+            ok = starl_cli_log:install(),
+            with_code(#{file => File, recording => Recording, out => Out, values => Values});
+        {Problems, {ok, _}} ->
+            {error, Problems};
+        {Problems, {error, Reason}} ->
+            {error, Problems ++ [starl_lab_onward_recording:format_error(Reason)]}
+    end.
+
+until_us(#{at := none}) -> 1 bsl 60;
+until_us(#{at := Seconds}) -> us(Seconds).
+
+us(Seconds) -> round(1.0e6 * Seconds).
+
+%% The source of an application of a user's own lies in `inputs' beside the recording.
+-spec with_code(setup()) -> starl_cli_command:answer().
+with_code(#{file := File, recording := #{scenario := #{app := App}}} = Setup) ->
+    case starl_cli_inputs:source(App, File) of
+        {ok, Source} -> loaded(starl_cli_source:modules(Source), Setup);
+        none -> taken_up(Setup#{code => []})
+    end.
+
+loaded({ok, _App, Code}, Setup) -> taken_up(Setup#{code => [Module || {Module, _, _} <- Code]});
+loaded({error, _} = Error, _Setup) -> Error.
+
+-spec taken_up(setup()) -> starl_cli_command:answer().
+taken_up(#{recording := Recording, values := Values} = Setup) ->
+    #{scenario := #{app := App, scenario := Scenario}, facts := Facts, images := Images} =
+        Recording,
+    Times = times(Recording, Values),
+    Recorded = #{scenario => Scenario#{app => App}, facts => Facts, images => Images},
+    case starl_sim_onward:moments(Recorded, Times, #{histories => histories(Setup)}) of
+        {ok, Points} ->
+            futures(maps:from_list(Points), Setup);
+        {error, {failed, _} = Reason} ->
+            failed(Reason);
+        {error, Reason} ->
+            {error, [starl_sim_onward:format_error(Reason)]}
+    end.
+
+times(#{end_us := End}, #{at := At, moments := N, since := Since}) ->
+    Last =
+        case At of
+            none -> End;
+            _ -> us(At)
+        end,
+    First = min(us(Since), Last),
+    lists:usort([First + (Last - First) * I div N || I <- lists:seq(1, N)]).
+
+%% -- futures --------------------------------------------------------------------------------
+
+futures(Points, #{recording := #{end_us := End} = Recording, values := Values} = Setup) ->
+    #{runs := Runs, contract := Contract} = Values,
+    Settings = fun(Us) -> (settings(Us, End, Values))#{histories => histories(Setup)} end,
+    Self = self(),
+    Interrupt = make_ref(),
+    starl_cli_signal:on_interrupt(fun() -> Self ! Interrupt end),
+    Plan = #{
+        future => fun(Us, Salt) -> future(maps:get(Us, Points), Settings(Us), Salt, Contract) end,
+        time_us => fun(Us) -> Us end,
+        salt => maps:get(salt, Values),
+        jobs => maps:get(jobs, Values),
+        interrupt => Interrupt,
+        progress => starl_cli_progress:new(how(Values))
+    },
+    Questions = [{Us, {1, Runs}} || Us <- lists:sort(maps:keys(Points))],
+    try starl_lab_futures:ask(Questions, Plan) of
+        {How, Curve} ->
+            Last = lists:max(maps:keys(Points)),
+            Report = #{
+                curve => lists:sort(Curve),
+                how => How,
+                contract => Contract,
+                settings => Settings(Last),
+                recording => maps:without([facts, images], Recording),
+                images => [At || {At, _, _} <- maps:get(images, Recording)]
+            },
+            told(Report, Setup)
+    catch
+        throw:{future, Reason} -> failed(Reason)
+    after
+        starl_cli_signal:on_interrupt(quit)
+    end.
+
+how(#{quiet := true}) -> quiet;
+how(#{quiet := false}) -> auto.
+
+settings(Us, End, #{beyond := Beyond, loss_ahead := Loss}) ->
+    Until =
+        case Beyond of
+            none -> max(End, Us) / 1.0e6 + max(?LEAST_BEYOND_S, ?BEYOND * Us / 1.0e6);
+            Seconds -> Us / 1.0e6 + Seconds
+        end,
+    #{
+        loss =>
+            case Loss of
+                none -> same;
+                _ -> Loss
+            end,
+        until_s => Until,
+        until_ms => max(1, max(End, Us) div 1000)
+    }.
+
+%% As a recorded run keeps them.
+histories(#{code := Code}) -> {kept, starl_block_catalogue:histories(Code)}.
+
+future(Point, Settings, Salt, Contract) ->
+    fun() ->
+        {ok, Verdict, Digest} = starl_sim_onward:play(Point, Settings, Salt),
+        {ok, word(Verdict, Contract), Digest}
+    end.
+
+word({broken, _}, none) ->
+    broken;
+word({broken, Contracts}, Name) ->
+    case lists:member(Name, [atom_to_list(C) || C <- Contracts]) of
+        true -> broken;
+        false -> other
+    end;
+word(Verdict, _Contract) ->
+    Verdict.
+
+failed(Reason) ->
+    starl_cli_progress:erase(),
+    starl_cli_terminal:complain(["onward: ", why(Reason)]),
+    1.
+
+why({trial, {failed, Reason}}) -> starl_sim_onward:format_error({failed, Reason});
+why(Reason) -> starl_sim_onward:format_error(Reason).
+
+%% -- the answer -----------------------------------------------------------------------------
+
+told(Report, #{out := Out}) ->
+    starl_cli_progress:erase(),
+    Text = starl_lab_onward_report:text(Report, starl_cli_terminal:columns()),
+    starl_cli_terminal:out(Text),
+    Files = [{"onward.txt", Text}, {"curve.csv", starl_lab_onward_report:csv(Report)}],
+    Written = starl_cli_out:write(Out, fun(New) ->
+        starl_lab_when_report:plotted(starl_lab_onward_report:plot(Report), Files, New)
+    end),
+    written(Written, status(Report)).
+
+status(#{how := stopped}) ->
+    130;
+status(#{curve := Curve}) ->
+    case lists:any(fun({_, #{broken := Broken}}) -> Broken > 0 end, Curve) of
+        true -> 3;
+        false -> 0
+    end.
+
+written({ok, Dir}, Status) ->
+    starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), "\n"]),
+    Status;
+written({error, Why}, _Status) ->
+    starl_cli_terminal:complain(["the results could not be written: ", Why]),
+    1.

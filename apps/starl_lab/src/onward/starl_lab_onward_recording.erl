@@ -1,0 +1,106 @@
+%% @doc Reads a recording up to a moment, to simulate it onwards: the scenario of its run, its facts, and the
+%% snapshots of its robots.
+-module(starl_lab_onward_recording).
+
+-export([read/2, format_error/1]).
+
+-export_type([t/0, reason/0]).
+
+%% `told': how many snapshots of robots there are, and why others were not kept; `end_us': the time of the
+%% last message.
+-type t() :: #{
+    scenario := starl_trace_message:scenario(),
+    facts := [starl_monitor:trace_event()],
+    images := [starl_sim_onward:image()],
+    not_kept := [{starl:robot_id(), starl_snapshot:reason()}],
+    end_us := integer()
+}.
+
+-type reason() ::
+    {unreadable, starl_trace_reader:reason()}
+    | {no_scenario, file:filename_all()}
+    | {hole, file:filename_all(), AtUs :: integer()}
+    | {live, file:filename_all()}.
+
+-record(read, {
+    file :: file:filename_all(),
+    until :: integer(),
+    scenario = none :: starl_trace_message:scenario() | none,
+    facts = [] :: [starl_monitor:trace_event()],
+    images = #{} :: #{integer() => #{starl:robot_id() => binary()}},
+    not_kept = [] :: [{starl:robot_id(), starl_snapshot:reason()}],
+    now = 0 :: integer()
+}).
+
+%% @doc Reads a recording; of what is later than this time only the end is told.
+-spec read(file:filename_all(), UntilUs :: integer()) -> {ok, t()} | {error, reason()}.
+read(File, Until) ->
+    try starl_trace_reader:fold(fun message/2, #read{file = File, until = Until}, File) of
+        {ok, #read{scenario = none}, _Ended} -> {error, {no_scenario, File}};
+        {ok, Read, _Ended} -> {ok, whole(Read)};
+        {error, Reason} -> {error, {unreadable, Reason}}
+    catch
+        throw:{?MODULE, Reason} -> {error, Reason}
+    end.
+
+message({scenario, _, #{kind := simulation} = Scenario}, #read{scenario = none} = Read) ->
+    Read#read{scenario = Scenario};
+message({scenario, _, #{kind := live}}, #read{scenario = none, file = File}) ->
+    throw({?MODULE, {live, File}});
+message({gap, At, _}, #read{until = Until, file = File}) when At =< Until ->
+    throw({?MODULE, {hole, File, At}});
+message({_, At, _}, #read{until = Until} = Read) when At > Until ->
+    Read#read{now = At};
+message({trace, At, {Robot, Machine, Event}}, #read{facts = Facts} = Read) ->
+    Read#read{now = At, facts = [{At, Robot, Machine, Event} | Facts]};
+message({snapshots, At, {Robot, {ok, Bytes}}}, #read{images = Images} = Read) ->
+    Known = maps:get(At, Images, #{}),
+    Read#read{now = At, images = Images#{At => Known#{Robot => Bytes}}};
+message({snapshots, At, {Robot, {error, Reason}}}, #read{not_kept = NotKept} = Read) ->
+    Read#read{now = At, not_kept = lists:keystore(Robot, 1, NotKept, {Robot, Reason})};
+message({_, At, _}, Read) ->
+    Read#read{now = At}.
+
+whole(#read{scenario = Scenario, facts = Facts, images = Images, not_kept = NotKept, now = End}) ->
+    #{robots := Robots} = Scenario,
+    #{
+        scenario => Scenario,
+        facts => lists:reverse(Facts),
+        images => [
+            Image
+         || {At, Kept} <- lists:sort(maps:to_list(Images)),
+            map_size(Kept) =:= length(Robots),
+            {ok, Image} <- [image(At, Kept)]
+        ],
+        not_kept => NotKept,
+        end_us => End
+    }.
+
+%% What cannot be read here is as if it had not been kept.
+image(At, Kept) ->
+    Read = [{Id, read(Bytes)} || {Id, Bytes} <- maps:to_list(Kept)],
+    case [{Id, W, Robot} || {Id, {ok, {simulation, W, Robot}}} <- Read] of
+        [{_, Windows, _} | _] = All when length(All) =:= map_size(Kept) ->
+            {ok, {At, Windows, maps:from_list([{Id, Robot} || {Id, _, Robot} <- All])}};
+        _ ->
+            none
+    end.
+
+read(Bytes) ->
+    case starl_trace_terms:read(Bytes) of
+        {ok, Term} -> starl_snapshot:of_term(Term);
+        {error, _} = Error -> Error
+    end.
+
+%% @doc One line on a problem: what is wrong, where, and what to do.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({unreadable, Reason}) ->
+    starl_trace_reader:format_error(Reason);
+format_error({no_scenario, File}) ->
+    io_lib:format("~ts: the recording does not begin with its scenario", [File]);
+format_error({hole, File, At}) ->
+    io_lib:format("~ts: the recording has a hole at ~.3f s; choose an earlier moment", [
+        File, At / 1.0e6
+    ]);
+format_error({live, File}) ->
+    io_lib:format("~ts: a live run cannot be simulated onwards yet", [File]).

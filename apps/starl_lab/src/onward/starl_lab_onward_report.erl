@@ -1,0 +1,128 @@
+%% @doc The answer of `./starl onward' as text, as a table of comma-separated values, and as a plot.
+-module(starl_lab_onward_report).
+
+-export([text/2, csv/1, plot/1]).
+
+-export_type([t/0]).
+
+%% `images': the times of the snapshots that were found.
+-type t() :: #{
+    curve := starl_sim_inevitable:curve(),
+    how := done | stopped,
+    contract := string() | none,
+    settings := starl_sim_onward:settings(),
+    recording := map(),
+    images := [integer()]
+}.
+
+%% @doc The report for a terminal of this width.
+-spec text(t(), Width :: pos_integer()) -> unicode:chardata().
+text(#{curve := Curve, how := How} = Report, Width) ->
+    [
+        taken_up(Report, Width),
+        "\n      time      futures that break ",
+        contract(Report),
+        "\n",
+        [row(Point) || Point <- Curve],
+        "\n",
+        [wrapped("interrupted: not all futures were run", Width) || How =:= stopped],
+        answer(Curve, Report, Width),
+        draws(Report, Width)
+    ].
+
+contract(#{contract := none}) -> "a contract";
+contract(#{contract := Name}) -> Name.
+
+taken_up(#{images := [], recording := #{not_kept := []}}, Width) ->
+    wrapped("the recording has no snapshots: the run was repeated from its beginning", Width);
+taken_up(#{images := [], recording := #{not_kept := [{Id, Reason} | _]}}, Width) ->
+    wrapped(
+        [
+            io_lib:format("no snapshot has all robots (robot ~b: ", [Id]),
+            starl_snapshot:format_reason(Reason),
+            "): the run was repeated from its beginning"
+        ],
+        Width
+    );
+taken_up(#{images := Images, curve := [{First, _} | _]}, Width) ->
+    At = lists:max([0 | [Us || Us <- Images, Us =< First]]),
+    wrapped(
+        io_lib:format("taken up at ~.3f s; from there to the moments it is the recording", [
+            At / 1.0e6
+        ]),
+        Width
+    );
+taken_up(#{curve := []}, _Width) ->
+    "".
+
+row({Us, Tally}) ->
+    [
+        io_lib:format("~10.3f  ", [Us / 1.0e6]),
+        starl_lab_when_report:share_text(Tally),
+        starl_lab_when_report:besides(Tally),
+        "\n"
+    ].
+
+answer([], _Report, Width) ->
+    wrapped("no future has ended", Width);
+answer(Curve, Report, Width) ->
+    {Us, #{broken := Broken, futures := N}} = lists:last(Curve),
+    {Low, High} = starl_sim_share:interval({Broken, N}),
+    wrapped(
+        io_lib:format("from ~.3f s on ~ts of ~b futures break ~ts (~.2f-~.2f)", [
+            Us / 1.0e6, number(Broken), N, contract(Report), Low, High
+        ]),
+        Width
+    ).
+
+number(0) -> "none";
+number(N) -> integer_to_list(N).
+
+%% What was drawn anew: the answer depends on it.
+draws(#{settings := #{loss := Loss, until_s := Until}, recording := Recording}, Width) ->
+    #{scenario := #{scenario := #{delay := {Min, Max}, loss := Before}}} = Recording,
+    wrapped(
+        io_lib:format(
+            "drawn anew from each moment on: loss (~.4g of the packets), delay (~w..~w ms) of what is sent "
+            "from then on, duplicates, errors of drives and positions, and when and where those faults "
+            "strike that have not begun. Not drawn anew: packets under way, clocks, random numbers of "
+            "machines that run. Futures of the last moment end at ~.3f s.",
+            [float(lost(Loss, Before)), Min, Max, float(Until)]
+        ),
+        Width
+    ).
+
+lost(same, Before) -> Before;
+lost(Loss, _Before) -> Loss.
+
+wrapped(Text, Width) -> [starl_cli_terminal:wrap(Text, 2, Width), "\n"].
+
+%% @doc One line for each moment: its time in s, its counts and the interval.
+-spec csv(t()) -> unicode:chardata().
+csv(#{curve := Curve}) ->
+    Head = ["time_s", "futures", "broken", "other", "unjudged", "share", "low", "high"],
+    [
+        starl_lab_csv:line(Head)
+        | [
+            starl_lab_csv:line([
+                io_lib:format("~.6f", [Us / 1.0e6])
+                | starl_lab_when_report:share_cells(Tally)
+            ])
+         || {Us, Tally} <- Curve
+        ]
+    ].
+
+%% @doc The curve with its intervals over the time; none where no future has ended.
+-spec plot(t()) -> {ok, starl_lab_sweep_plot:plot()} | none.
+plot(#{curve := []}) ->
+    none;
+plot(#{curve := Curve} = Report) ->
+    Panel = #{
+        y => "share of the futures, 95 % intervals",
+        curves => [{"", [starl_lab_when_report:share_point(Us, Tally) || {Us, Tally} <- Curve]}]
+    },
+    {ok, #{
+        title => lists:flatten(["futures that break ", contract(Report)]),
+        x => "time of the moment, s",
+        panels => [Panel]
+    }}.

@@ -1,0 +1,92 @@
+%% ./starl onward as its user meets it, on the recording of a run with an application of a user's own.
+-module(starl_lab_onward_SUITE).
+-include_lib("stdlib/include/assert.hrl").
+
+-export([suite/0, all/0]).
+-export([a_recording_goes_on/1, without_snapshots_it_is_repeated/1, bad_input/1]).
+-export([the_example_of_the_page/1]).
+
+-import(starl_cli_vm, [says/3, contains/2]).
+
+suite() -> [{timetrap, {minutes, 2}}].
+
+all() ->
+    [
+        a_recording_goes_on,
+        without_snapshots_it_is_repeated,
+        bad_input,
+        the_example_of_the_page
+    ].
+
+%% At the first moment the second crash is still to be drawn, when and where; at the last one it has been.
+a_recording_goes_on(Config) ->
+    Run = recorded(Config, "kept", ["--snapshots", "0.5"]),
+    Args = ["--at", "1.56", "--since", "0.9", "--moments", "2", "--runs", "6", "--beyond", "0.4"],
+    Out = out(Config, "onward"),
+    Text = says(3, "from 1.560 s on ", ["onward", Run, "--out", Out | Args]),
+    contains("taken up at 1.000 s", Text),
+    contains("time_s,futures,broken,", curve(Out)),
+    Same = out(Config, "same"),
+    _ = says(3, "result: ", ["onward", Run, "--out", Same, "--jobs", "1" | Args]),
+    ?assertEqual(curve(Out), curve(Same)),
+    Other = ["onward", Run, "--out", out(Config, "other"), "--contract", "mutex"],
+    contains("none of 6 futures break mutex", says(0, "break another", Other ++ Args)).
+
+without_snapshots_it_is_repeated(Config) ->
+    Run = recorded(Config, "bare", ["--record"]),
+    Out = out(Config, "repeated"),
+    Text = says(3, "the recording has no snapshots", ["onward", Run, "--out", Out, "--at", "1.2"]),
+    contains("of 20 futures break a contract", Text).
+
+bad_input(Config) ->
+    Run = recorded(Config, "bad", ["--snapshots", "1"]),
+    says(2, "the recording ends at ", ["onward", Run, "--at", "2.5"]),
+    says(2, "planted broken at 1.57", ["onward", Run, "--at", "1.6"]),
+    says(2, "holds no recording", ["onward", proplists:get_value(data_dir, Config)]),
+    says(2, "--runs: ", ["onward", Run, "--runs", "0"]).
+
+the_example_of_the_page(Config) ->
+    {ok, Page} = file:read_file(filename:join(starl_cli_target:root(), "doc/onward.md")),
+    Lines = string:lexemes(unicode:characters_to_list(Page), "\n"),
+    Priv = proplists:get_value(priv_dir, Config),
+    Texts = [
+        says(0, "result: ", [
+            lists:flatten(string:replace(Word, "out/", Priv))
+         || Word <- string:lexemes(Args, " ")
+        ])
+     || "    ./starl " ++ Args <- Lines
+    ],
+    ?assertEqual(2, length(Texts)),
+    contains("from 17.000 s on none of 10 futures break a contract (0.00-0.28)", lists:last(Texts)),
+    contains("5.667      0 of 10    0.00-0.28", lists:last(Texts)).
+
+%% -- helpers --------------------------------------------------------------------------------
+
+recorded(Config, Name, Flags) ->
+    [Data, Priv] = [proplists:get_value(Key, Config) || Key <- [data_dir, priv_dir]],
+    Dir = filename:join(Priv, Name ++ "-source"),
+    ok = filelib:ensure_path(Dir),
+    %% a source of this name among the tests would be taken for one of them
+    Of = filename:join([filename:dirname(Data), "starl_lab_when_SUITE_data", "two_crashes.erl.in"]),
+    {ok, _} = file:copy(Of, filename:join(Dir, "two_crashes.erl")),
+    File = filename:join(Dir, "two_crashes.term"),
+    Scenario = #{
+        app => "two_crashes.erl",
+        robots => 6,
+        seed => 7,
+        time => 3,
+        faults => [
+            {first, 900, 900, kill_machine, {1, sap}, #{}},
+            {second, 1570, 1570, kill_machine, {2, sap}, #{}}
+        ]
+    },
+    ok = file:write_file(File, io_lib:format("~0p.~n", [Scenario])),
+    Run = out(Config, Name),
+    _ = says(3, "planted broken at 1.57", ["run", File, "--out", Run | Flags]),
+    Run.
+
+out(Config, Name) -> filename:join(proplists:get_value(priv_dir, Config), Name).
+
+curve(Out) ->
+    {ok, Text} = file:read_file(filename:join(Out, "curve.csv")),
+    unicode:characters_to_list(Text).
