@@ -111,7 +111,19 @@ own_histories_test_() ->
             File = filename:join(Dir, "my_relay.erl"),
             ok = file:write_file(File, Lying),
             Soak = ["soak", File, "--seeds", "1", "--jobs", "1", "--shrink", "0"],
-            says(3, "history broken at ", Soak)
+            says(3, "history broken at ", Soak),
+            %% what only histories accuse is run again, and made small, if they are judged
+            Judged = filename:join(Dir, "judged"),
+            Small = filename:join(Dir, "small.term"),
+            says(0, "complete", ["run", File, "--out", filename:join(Dir, "blind")]),
+            says(3, "history broken at ", ["run", File, "--judge-histories", "--out", Judged]),
+            says(0, "same digest ", ["replay", Judged, "--judge-histories"]),
+            says(0, "history broken at ", [
+                "shrink", Judged, "--judge-histories", "--out", Small, "--seconds", "5"
+            ]),
+            says(3, "history broken at ", [
+                "run", Small, "--judge-histories", "--out", filename:join(Dir, "again")
+            ])
         end)
     end}.
 

@@ -8,7 +8,7 @@
 %% schedulers.
 -module(starl_lab_jobs).
 
--export([run/3, at_once/0, vm/2, simulate/1, set_up/1, prepare/1]).
+-export([run/3, at_once/0, vm/2, simulate/1, simulate/2, set_up/1, prepare/1]).
 
 -export_type([plan/2, answer/1, ran/0]).
 
@@ -227,8 +227,13 @@ prepare(Codes) ->
 
 %% @doc Runs a scenario to its end, by default with one shard.
 -spec simulate(starl_sim_scenario:t()) -> {ok, ran()} | {error, unicode:chardata()}.
-simulate(#{app := _} = Scenario) ->
-    started(Scenario, fun(Sim) ->
+simulate(Scenario) -> simulate(Scenario, #{}).
+
+%% @doc The same with options of the run.
+-spec simulate(starl_sim_scenario:t(), starl_sim:options()) ->
+    {ok, ran()} | {error, unicode:chardata()}.
+simulate(#{app := _} = Scenario, Options) ->
+    started(Scenario, Options, fun(Sim) ->
         case starl_sim:run(Sim) of
             #{ending := none} -> time;
             #{ending := Known} -> Known
@@ -238,13 +243,13 @@ simulate(#{app := _} = Scenario) ->
 %% @doc Starts and ends a simulation without running it, to learn whether it starts and which
 %% figures its report has.
 -spec set_up(starl_sim_scenario:t()) -> {ok, ran()} | {error, unicode:chardata()}.
-set_up(Scenario) -> started(Scenario, fun(_Sim) -> stopped end).
+set_up(Scenario) -> started(Scenario, #{}, fun(_Sim) -> stopped end).
 
-started(Scenario, Run) ->
+started(Scenario, Own, Run) ->
     _ = process_flag(trap_exit, true),
     Begin = erlang:monotonic_time(microsecond),
     try
-        Options = #{auto => inline, watch => [starl_cli_measures:watch()]},
+        Options = Own#{auto => inline, watch => [starl_cli_measures:watch()]},
         case starl_sim:start(one_shard(Scenario), Options) of
             {ok, Sim} -> {ok, finish(Sim, Run(Sim), Begin)};
             {error, Reason} -> {error, starl_sim:format_error(Reason)}

@@ -59,7 +59,8 @@ own_flags() ->
             "state and data"},
         {out, string, none, "directory for the results of a run that is not compared"},
         starl_cli_setup:overwrite(),
-        {quiet, switch, false, "no progress and no summary"}
+        {quiet, switch, false, "no progress and no summary"},
+        starl_cli_setup:judge_histories()
         | starl_cli_window:flags()
     ].
 
@@ -110,7 +111,7 @@ setup(#{subject := #{name := Name} = Target, values := Values} = Call) ->
     case Unsound ++ Unwritable ++ Unknown ++ Others of
         [] ->
             {ok, #{
-                run => #{
+                run => (starl_cli_setup:histories(Target, Values))#{
                     target => Target,
                     scenario => Scenario,
                     out => Out,
@@ -171,7 +172,7 @@ again(#{run := #{scenario := #{time := Seconds} = Scenario} = Run, record := Rec
             #{ending := stopped, end_us := EndUs} -> EndUs;
             #{} -> round(Seconds * 1.0e6)
         end,
-    Ran = starl_cli_drive:with(Scenario, fun(Sim) ->
+    Ran = starl_cli_drive:with(Scenario, maps:with([histories], Run), fun(Sim) ->
         {Ending, _} = starl_cli_drive:run(Sim, UntilUs, Run),
         {Outcome, _} = starl_sim:finish(Sim),
         {Ending, Outcome}

@@ -42,7 +42,7 @@ flags_of_all() ->
         {"Flags of every simulation", starl_sim_scenario:options()},
         {"Other flags",
             starl_cli_setup:own_flags() ++
-                [live() | starl_cli_live:flags()] ++
+                [live(), starl_cli_setup:judge_histories() | starl_cli_live:flags()] ++
                 starl_cli_window:flags() ++ starl_cli_recording:flags()}
     ].
 
@@ -64,17 +64,21 @@ statuses() ->
 subject(Word, Args) -> starl_cli_target:subject(Word, Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{values := #{live := true, judge_histories := true}}) ->
+    {error, [
+        "--judge-histories is for simulations; ./starl histories judges the recording of a live run"
+    ]};
 run(#{given := Given, values := Values} = Call) ->
     Flags =
-        [live() | starl_cli_live:flags()] ++
+        [live(), starl_cli_setup:judge_histories() | starl_cli_live:flags()] ++
             starl_cli_window:flags() ++ starl_cli_recording:flags(),
     Other = [Key || {Key, _, _, _} <- Flags],
     case starl_cli_setup:check(Call#{given := maps:without(Other, Given)}) of
         {ok, #{print_scenario := true} = Setup} ->
             starl_cli_terminal:out(starl_cli_files:scenario(Setup)),
             0;
-        {ok, Setup} ->
-            run(Setup, Values);
+        {ok, #{target := Target} = Setup} ->
+            run(maps:merge(Setup, starl_cli_setup:histories(Target, Values)), Values);
         {error, _} = Error ->
             Error
     end.

@@ -3,6 +3,7 @@
 
 -export([check/1, given/2, scenario/2, place/3, replay/2, command_line/3]).
 -export([out/2, out/3, out_file/3, own_flags/0, overwrite/0, overwrite_file/0]).
+-export([judge_histories/0, histories/2]).
 
 -export_type([t/0, answer/0]).
 
@@ -20,6 +21,10 @@
     %% the user's own chassis
     own => starl_world_drivers:t(),
     recording => starl_cli_recording:t(),
+    %% the period in which the robots' states are recorded
+    snapshots_us => pos_integer(),
+    %% they are judged, too
+    histories => starl_sim_plan:histories(),
     %% who sends the recordings meanwhile, and where to
     upload => {pid(), starl_storage_rclone:path()}
 }.
@@ -48,6 +53,21 @@ check(#{subject := #{name := Name} = Target, values := Values} = Call) ->
 %% Over several machines each has a part of the robots only, so this one says nothing.
 too_large([], Scenario, none) -> starl_cli_memory:check(Scenario);
 too_large(_Unsound, _Scenario, _Nodes) -> [].
+
+%% @doc The flag by which a simulation also judges the calls to blocks and their answers by themselves.
+-spec judge_histories() -> starl_cli_flags:flag().
+judge_histories() ->
+    {judge_histories, switch, false,
+        "judges the calls to blocks and their answers by themselves, too, as ./starl soak does"}.
+
+%% @doc The option of a simulation for that flag, by the models of all blocks and of the target's own ones.
+-spec histories(starl_cli_target:t(), #{atom() => term()}) ->
+    #{histories => starl_sim_plan:histories()}.
+histories(Target, #{judge_histories := true}) ->
+    Own = [Module || {Module, _, _} <- maps:get(code, Target, [])],
+    #{histories => {judged, starl_block_catalogue:histories(Own)}};
+histories(_Target, _Values) ->
+    #{}.
 
 %% @doc The values of a simulation that a command line sets, for a command with flags of its own.
 %% Flags override the values of a scenario file.

@@ -128,10 +128,10 @@ options(#{recording := {Recorder, _}, target := Target} = Setup, Options) ->
     (maps:merge(Options, maps:with([snapshots_us], Setup)))#{
         observe => starl_trace_recorder:observer(Recorder),
         packets => true,
-        histories => {kept, starl_block_catalogue:histories(Own)}
+        histories => maps:get(histories, Setup, {kept, starl_block_catalogue:histories(Own)})
     };
-options(#{}, Options) ->
-    Options.
+options(Setup, Options) ->
+    maps:merge(Options, maps:with([histories], Setup)).
 
 %% @doc The options of a run on nodes, which record their robots themselves, too.
 -spec nodes(starl_cli_setup:t(), map()) -> map().

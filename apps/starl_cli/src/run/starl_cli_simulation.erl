@@ -119,7 +119,7 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
             #{} -> Outcome
         end,
     ok = uploaded(Written, Setup),
-    where(Written, Seen, lost(maps:get(lost, Outcome), status(Report))).
+    where(Written, Setup, Seen, lost(maps:get(lost, Outcome), status(Report))).
 
 uploaded({ok, Dir}, Setup) -> starl_cli_recording:uploaded(Setup, Dir);
 uploaded({partly, Dir, _Why}, Setup) -> starl_cli_recording:uploaded(Setup, Dir);
@@ -167,37 +167,44 @@ unjudged(#{unjudged := Parts}) ->
 %% Real time does not come again.
 repeated(#{live := true}) ->
     "";
-repeated(#{target := Target, scenario := Scenario}) ->
-    ["replay: ", starl_cli_setup:replay(Target, Scenario), "\n"].
+repeated(#{target := Target, scenario := Scenario} = Setup) ->
+    ["replay: ", starl_cli_setup:replay(Target, Scenario), judging(Setup), "\n"].
 
-where({ok, Dir}, Outcome, Status) ->
+%% Without it another run would break nothing, or go on for longer.
+judging(#{histories := {judged, _}}) -> " --judge-histories";
+judging(#{}) -> "".
+
+where({ok, Dir}, Setup, Outcome, Status) ->
     Crashes =
         case starl_cli_log:lines() of
             [] -> "";
             [_ | _] -> " (see its run.log)"
         end,
     starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), Crashes, "\n"]),
-    look(Dir, Outcome),
+    look(Dir, judging(Setup), Outcome),
     Status;
-where({partly, Dir, Why}, Outcome, Status) ->
-    _ = where({ok, Dir}, Outcome, Status),
+where({partly, Dir, Why}, Setup, Outcome, Status) ->
+    _ = where({ok, Dir}, Setup, Outcome, Status),
     starl_cli_terminal:complain(Why),
     max(Status, 1);
-where({error, Why}, _Outcome, _Status) ->
+where({error, Why}, _Setup, _Outcome, _Status) ->
     starl_cli_terminal:complain(["the results could not be written: ", Why]),
     1.
 
 %% The commands that show the robots at the first violation and that shrink the run.
-look(_Dir, #{violations := []}) ->
+look(_Dir, _Judging, #{violations := []}) ->
     ok;
-look(Dir, #{violations := [#{at_us := AtUs, robots := Robots} | _]}) ->
+look(Dir, Judging, #{violations := [#{at_us := AtUs, robots := Robots} | _]}) ->
     Shell = starl_cli_quoted:word(starl_cli_out:shown(Dir)),
     Ids = lists:join(",", [integer_to_list(Id) || Id <- Robots]),
     Inspect = [[" --inspect ", Ids] || Ids =/= []],
     %% One microsecond later, so that all events of that time have happened.
     Until = io_lib:format(" --until ~.6f", [(AtUs + 1) / 1.0e6]),
     starl_cli_terminal:out([
-        "look: ./starl replay ", Shell, Until, Inspect, "\nsmaller: ./starl shrink ", Shell, "\n"
+        "look: ./starl replay ",
+        [Shell, Until, Inspect, Judging],
+        "\nsmaller: ./starl shrink ",
+        [Shell, Judging, "\n"]
     ]).
 
 status(Report) ->

@@ -36,7 +36,8 @@ own_flags() ->
         starl_cli_setup:overwrite_file(),
         {seconds, {optional, {number, 0.001, 1.0e6}}, none,
             "time limit, s; then the smallest run so far is the result"},
-        {quiet, switch, false, "no progress line"}
+        {quiet, switch, false, "no progress line"},
+        starl_cli_setup:judge_histories()
     ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
@@ -79,7 +80,8 @@ run(#{subject := Target, values := Values} = Call) ->
                 target => Target,
                 scenario => Scenario,
                 file => File,
-                digest => digest(Call, own_flags())
+                digest => digest(Call, own_flags()),
+                options => starl_cli_setup:histories(Target, Values)
             });
         Problems ->
             {error, Problems}

@@ -14,7 +14,9 @@
     file := file:filename(),
     digest := binary() | any,
     seconds := number() | none,
-    quiet := boolean()
+    quiet := boolean(),
+    %% whether histories are judged
+    options => #{histories => starl_sim_plan:histories()}
 }.
 
 -type answer() ::
@@ -47,7 +49,9 @@ shrink(#{scenario := Scenario, digest := Digest, seconds := Seconds, quiet := Qu
         deadline = deadline(Seconds, Begin)
     },
     Answer = starl_sim_shrink:shrink(Scenario, #{
-        run => fun(S) -> starl_sim_trial:run(S, fun(Sim) -> stoppable(Sim, Stop) end) end,
+        run => fun(S) ->
+            starl_sim_trial:run(S, fun(Sim) -> stoppable(Sim, Stop) end, [], options(Job))
+        end,
         watch => watch(Watch),
         digest => Digest
     }),
@@ -59,6 +63,12 @@ shrink(#{scenario := Scenario, digest := Digest, seconds := Seconds, quiet := Qu
         {error, _} when Interrupted =:= 1 -> {error, interrupted, "interrupted, nothing is shrunk"};
         {error, Reason} -> {error, blame(Reason), starl_sim_shrink:format_error(Reason)}
     end.
+
+options(Job) -> maps:get(options, Job, #{}).
+
+%% A history is judged only where that is asked for.
+judging(#{options := #{histories := {judged, _}}}) -> " --judge-histories";
+judging(_Job) -> "".
 
 blame({trial, {failed, _}}) -> internal;
 blame(_) -> input.
@@ -96,7 +106,7 @@ written(Result, Ms, Interrupted, #{file := File, target := Target} = Job) ->
     Inputs = starl_cli_inputs:read(inputs(File), Target, Shrunk),
     Text = text(Result, File, Inputs, Job),
     case write(File, [{filename:basename(File), Text} | starl_cli_inputs:files(Inputs)]) of
-        ok -> replayed(replay(File, Target, Result), Result, Ms, Interrupted, Job);
+        ok -> replayed(replay(File, Target, Result, Job), Result, Ms, Interrupted, Job);
         {error, Why} -> {error, internal, ["the result could not be written: ", Why, "\n", Text]}
     end.
 
@@ -124,7 +134,7 @@ replayed(true, Result, Ms, Interrupted, #{file := File, scenario := Before} = Jo
     ],
     Where = [
         ["result: ", starl_cli_out:shown(File)],
-        ["replay: ./starl run ", starl_cli_quoted:word(starl_cli_out:shown(File))]
+        ["replay: ./starl run ", starl_cli_quoted:word(starl_cli_out:shown(File)), judging(Job)]
     ],
     {ok, Shrunk ++ others(Result, Job) ++ Where, How};
 replayed(false, _Result, _Ms, _Interrupted, #{file := File}) ->
@@ -161,7 +171,8 @@ other(#{violation := Violation, scenario := Scenario} = Met, File, Job) ->
                     ": ",
                     starl_monitor:format_violation(Violation),
                     "; ./starl shrink ",
-                    starl_cli_quoted:word(starl_cli_out:shown(File))
+                    starl_cli_quoted:word(starl_cli_out:shown(File)),
+                    judging(Job)
                 ]
             ];
         {error, _} ->
@@ -169,11 +180,11 @@ other(#{violation := Violation, scenario := Scenario} = Met, File, Job) ->
     end.
 
 %% Reads and runs the file as `./starl run' does.
-replay(File, #{app := App}, #{digest := Digest}) ->
+replay(File, #{app := App}, #{digest := Digest}, Job) ->
     {ok, Read} = starl_sim_scenario:read(File),
     Given = starl_cli_inputs:resolved(App, File, maps:remove(app, Read)),
     {ok, Scenario} = starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)),
-    case starl_lab_jobs:simulate(Scenario) of
+    case starl_lab_jobs:simulate(Scenario, options(Job)) of
         {ok, #{outcome := #{digest := Digest}}} -> true;
         _ -> false
     end.
@@ -228,6 +239,7 @@ text(#{violation := Violation, scenario := Shrunk} = Result, File, Inputs, Job) 
         ".\n",
         "%% Replay it with: ./starl run ",
         Name,
+        judging(Job),
         "\n",
         "#{\n",
         lists:join(",\n", [line(app, starl_cli_inputs:app(Inputs)) | Lines]),

@@ -215,16 +215,29 @@ violated({Block, Seed, Violation, Count}, Target, Scenario, Shrunk) ->
         further(Violation, Replay),
         "\n"
     ]),
-    _ = [small(file(Block, Seed), Target, Scenario) || Shrunk, not is_history(Violation)],
+    Job = #{target => Target, scenario => Scenario, file => file(Block, Seed)},
+    _ = [small(Job#{options => judged(Violation, Target)}) || Shrunk],
     ok.
+
+judged(Violation, Target) ->
+    starl_cli_setup:histories(Target, #{judge_histories => is_history(Violation)}).
 
 is_history(#{contract := Contract}) -> Contract =:= history.
 
-%% Other commands judge no histories.
+%% Other commands judge histories if they are asked to.
 further(Violation, Replay) ->
+    Shrink = ["\nshrink: ", string:replace(Replay, "./starl run ", "./starl shrink ")],
     case is_history(Violation) of
-        true -> " --record; ./starl histories on its directory shows the calls";
-        false -> ["\nshrink: ", string:replace(Replay, "./starl run ", "./starl shrink ")]
+        true ->
+            Judging = " --judge-histories",
+            [
+                Judging,
+                " --record; ./starl histories on its directory shows the calls",
+                Shrink,
+                Judging
+            ];
+        false ->
+            Shrink
     end.
 
 codes(none) -> [];
@@ -251,16 +264,8 @@ file(Block, Seed) ->
     Name = lists:concat(["soak-", Block, "-", Seed, ".term"]),
     starl_cli_out:free(starl_cli_out:usual(Name)).
 
-small(File, Target, Scenario) ->
-    Job = #{
-        target => Target,
-        scenario => Scenario,
-        file => File,
-        digest => any,
-        seconds => ?SHRINK_S,
-        quiet => false
-    },
-    Answer = starl_lab_shrunk:shrink(Job),
+small(Job) ->
+    Answer = starl_lab_shrunk:shrink(Job#{digest => any, seconds => ?SHRINK_S, quiet => false}),
     starl_cli_progress:erase(),
     starl_cli_terminal:out([
         [Line, "\n"]
