@@ -42,11 +42,11 @@ bad_input(Config) ->
     Run = recorded(Config, "bad", ["--snapshots", "1"]),
     says(2, "the recording ends at ", ["onward", Run, "--at", "2.5"]),
     says(2, "planted broken at 1.57", ["onward", Run, "--at", "1.6"]),
-    says(2, "holds no recording", ["onward", proplists:get_value(data_dir, Config)]),
+    says(2, "holds no recording", ["onward", proplists:get_value(priv_dir, Config)]),
     says(2, "--runs: ", ["onward", Run, "--runs", "0"]).
 
 the_example_of_the_page(Config) ->
-    {ok, Page} = file:read_file(filename:join(starl_cli_target:root(), "doc/onward.md")),
+    {ok, Page} = file:read_file(filename:join(root(), "doc/onward.md")),
     Lines = string:lexemes(unicode:characters_to_list(Page), "\n"),
     Priv = proplists:get_value(priv_dir, Config),
     Texts = [
@@ -64,10 +64,11 @@ the_example_of_the_page(Config) ->
 
 recorded(Config, Name, Flags) ->
     [Data, Priv] = [proplists:get_value(Key, Config) || Key <- [data_dir, priv_dir]],
+    Beside = filename:dirname(string:trim(Data, trailing, "/")),
     Dir = filename:join(Priv, Name ++ "-source"),
     ok = filelib:ensure_path(Dir),
     %% a source of this name among the tests would be taken for one of them
-    Of = filename:join([filename:dirname(Data), "starl_lab_when_SUITE_data", "two_crashes.erl.in"]),
+    Of = filename:join([Beside, "starl_lab_when_SUITE_data", "two_crashes.erl.in"]),
     {ok, _} = file:copy(Of, filename:join(Dir, "two_crashes.erl")),
     File = filename:join(Dir, "two_crashes.term"),
     Scenario = #{
@@ -84,6 +85,8 @@ recorded(Config, Name, Flags) ->
     Run = out(Config, Name),
     _ = says(3, "planted broken at 1.57", ["run", File, "--out", Run | Flags]),
     Run.
+
+root() -> hd(string:split(code:which(?MODULE), "/_build/")).
 
 out(Config, Name) -> filename:join(proplists:get_value(priv_dir, Config), Name).
 
