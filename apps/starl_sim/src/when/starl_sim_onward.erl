@@ -186,7 +186,7 @@ time_us(#{image := {Now, _, _}}) -> Now.
 -spec play(point(), settings(), Salt :: integer() | none) -> {ok, verdict(), Digest :: binary()}.
 play(Point, Settings, Salt) ->
     Sim = started(Point, Settings, Salt, #{}),
-    _ = starl_sim:run(Sim),
+    _ = starl_sim_trial:whole(Sim),
     {#{violations := Violations, unjudged := Unjudged, digest := Digest}, _} = starl_sim:finish(
         Sim
     ),
@@ -202,7 +202,7 @@ verdict(Broken, _Unjudged) -> {broken, Broken}.
 facts(Point, Settings, Salt) ->
     Self = self(),
     Sim = started(Point, Settings, Salt, #{observe => fun(News) -> told(News, Self) end}),
-    _ = starl_sim:run(Sim),
+    _ = starl_sim_trial:whole(Sim),
     _ = starl_sim:finish(Sim),
     all_told([]).
 
