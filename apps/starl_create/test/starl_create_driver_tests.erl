@@ -430,7 +430,10 @@ goes_on(Bench0) ->
 %% -- odometry -------------------------------------------------------------------------------
 
 %% The encoders wrap at 29 m, forwards and backwards.
-odometry_of_a_create_2_test() ->
+odometry_of_a_create_2_test_() ->
+    {timeout, 60, fun odometry_of_a_create_2/0}.
+
+odometry_of_a_create_2() ->
     lists:foldl(
         fun({V, Seconds, Sum}, Bench0) ->
             Driven = starl_create_bench:drive({[{V, V, Seconds * ?S}], leg}, Bench0),

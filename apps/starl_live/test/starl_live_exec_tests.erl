@@ -19,7 +19,7 @@
 
 hello_test_() ->
     [
-        {Script, ?_assertEqual("bot" ++ Why, refused(Script))}
+        {Script, {timeout, 30, ?_assertEqual("bot" ++ Why, refused(Script))}}
      || {Script, Why} <- [
             {"exit 3\n", ": has ended with status 3 before its hello"},
             {"exit 0\n", ": has ended before its hello"},
