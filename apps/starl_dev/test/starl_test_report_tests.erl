@@ -100,3 +100,8 @@ lost_jobs_have_no_seconds_test() ->
     {_, One} = ?R:ended(suite(), #{modules => [tested("a_SUITE", 7, 0)], told => []}, ?R:new([])),
     {_, Both} = ?R:ended(job(eunit, [b_tests]), {lost, timeout, none}, One),
     ?assertEqual([{"a_SUITE", 1.5}], ?R:seconds(Both)).
+
+the_duration_has_what_was_built_before_test() ->
+    Said = fun(Tests, Built) -> lists:flatten(starl_test_report:duration(Tests, Built)) end,
+    ?assertEqual("The tests took 14 min 59 s, after 1 min 2 s of building.\n", Said(899, 62)),
+    ?assertEqual("The tests took 0 min 31 s.\n", Said(31, 0)).

@@ -79,10 +79,13 @@ tested(Wanted, Root, Logs) ->
     Seconds = erlang:monotonic_time(second) - Begin,
     {Summary, Sound} = starl_test_report:summary(How, Report),
     starl_cli_terminal:out([
-        io_lib:format("The tests took ~b min ~b s.~n", [Seconds div 60, Seconds rem 60]), Summary
+        starl_test_report:duration(Seconds, built_s()), Summary
     ]),
     ok = keep(Wanted, How, Seconds, {Times, Known}, starl_test_report:seconds(Report)),
     status(How, Sound).
+
+%% The script has built the tests before it started this command.
+built_s() -> list_to_integer(os:getenv("STARL_TESTS_BUILT", "0")).
 
 status(interrupted, _Sound) -> 130;
 status(done, true) -> 0;

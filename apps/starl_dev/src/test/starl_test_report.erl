@@ -2,7 +2,7 @@
 %% ends, the seconds for the next run, and the count. Whatever did not end well counts as failed.
 -module(starl_test_report).
 
--export([new/1, ended/3, summary/2, seconds/1]).
+-export([new/1, ended/3, summary/2, seconds/1, duration/2]).
 
 -export_type([t/0]).
 
@@ -86,6 +86,17 @@ lost(Reason) -> ["its VM has ended: ", io_lib:format("~0tP", [Reason, ?DEPTH])].
 %% @doc How long each job took that gave an outcome.
 -spec seconds(t()) -> [{Job :: string(), Seconds :: float()}].
 seconds(#report{seconds = Seconds}) -> Seconds.
+
+%% @doc The line that tells how long it took, s: the tests, and to build them before.
+-spec duration(Tests :: non_neg_integer(), Built :: non_neg_integer()) -> unicode:chardata().
+duration(Tests, Built) ->
+    Long = fun(S) -> io_lib:format("~b min ~b s", [S div 60, S rem 60]) end,
+    [
+        "The tests took ",
+        Long(Tests),
+        [[", after ", Long(Built), " of building"] || Built > 0],
+        ".\n"
+    ].
 
 %% @doc The last lines, and whether all is well: all has run, something has, and nothing failed.
 -spec summary(done | interrupted, t()) -> {Lines :: unicode:chardata(), Sound :: boolean()}.
