@@ -88,6 +88,20 @@ searches_test_() ->
         ]
     ].
 
+%% Who finds the ball while nothing can be stored tells it later, and does not leave before.
+a_full_store_keeps_no_ball_secret_test_() ->
+    {timeout, 120, fun() ->
+        Scenario = #{robots => 3, time => 600, heal => 60},
+        #{monitors := #{starl_search_monitor := #{found_us := Us}}} = outcome(Scenario),
+        Full = [
+            {Name, Us div 1000 - 3000, 60000, store_full, Robot, #{}}
+         || {Robot, Name} <- [{1, one}, {2, two}, {3, three}]
+        ],
+        #{violations := Violations, robots := Robots} = outcome(Scenario#{faults => Full}),
+        ?assertEqual([], Violations),
+        ?assertMatch([{done, {found, _}}], lists:usort([R || {_, #{result := R}} <- Robots]))
+    end}.
+
 %% Robots come to a door that is closed, and to a box that stands in it: they go in when it is gone.
 a_door_that_closes_for_a_while_test_() ->
     Seed = seed(),

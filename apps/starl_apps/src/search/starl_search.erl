@@ -18,12 +18,14 @@
 %% The robot has found the ball, and where it takes it to be (mm).
 -type event() :: {found, starl_geometry:point()}.
 
-%% `wait': the answer to its last request is still due.
--type state() :: elect | search | wait.
+%% `wait': the answer to its last request is still due. `tell': it has found the ball, and the others do not know.
+-type state() :: elect | search | wait | {tell, starl_geometry:point()}.
 
 -define(COLOUR, orange).
 %% A robot that waits for work looks so often whether the ball has been found (ms).
 -define(WAIT_MS, 5000).
+%% One whose register could not be written tries again after this time (ms): its store may be full for a while.
+-define(TELL_MS, 1000).
 %% The looks after the first one, the time between them (ms), and how many of all agree on a place
 %% (mm).
 -define(LOOKS, 4).
@@ -51,6 +53,14 @@ step(Robot, elect) ->
         {ok, Leader} -> join(Robot, Leader);
         {error, restarted} -> {continue, elect};
         {error, timeout} -> join(Robot, hd(starl:participants(Robot)))
+    end;
+step(Robot, {tell, At}) ->
+    case starl_registers:put(Robot, found, At) of
+        ok ->
+            {done, {found, At}};
+        {error, _} ->
+            ok = starl:sleep(Robot, ?TELL_MS),
+            {continue, {tell, At}}
     end;
 step(Robot, wait) ->
     case starl_registers:get(Robot, found) of
@@ -93,8 +103,7 @@ looked({found, At}, _Lines, _Path, Robot) ->
     starl:trace(Robot, {found, At}),
     ok = starl:draw(Robot, #{key => found, area => starl_drawing:circle(At, 200)}),
     ok = starl:draw(Robot, #{key => here, text => "found", at => beside(At)}),
-    _ = starl_registers:put(Robot, found, At),
-    {done, {found, At}};
+    {continue, {tell, At}};
 looked(gone, _Lines, _Path, _Robot) ->
     {continue, search};
 looked(nothing, Lines, Path, Robot) ->
