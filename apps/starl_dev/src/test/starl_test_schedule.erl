@@ -1,6 +1,7 @@
 %% @doc Chooses which job of `./starl test' runs next, so that no core is idle: the longest first; one
 %% job that computes for each core, and beside them as many that mostly wait, for timers, sockets or
-%% other programs. A job that must have the machine alone comes last.
+%% other programs. When none of those is left, one more that computes runs beside the others: each
+%% waits at times, for a program that it has started. A job that must have the machine alone comes last.
 %%
 %% What is known of the jobs stands in `test/test_times.term', and the seconds of the last run in
 %% `_build/starl/tests/test_times.term' are newer. An unknown job is assumed to compute for ten seconds.
@@ -69,7 +70,12 @@ next([], [Job | Later], _Known, _Cores) ->
     {Job, Later};
 next(Running, Later, Known, Cores) ->
     Loads = [load(Job, Known) || Job <- Running],
-    May = fun(Job) -> fits(load(Job, Known), Loads, Cores) end,
+    Most =
+        case lists:member(waits, Loads ++ [load(Job, Known) || Job <- Later]) of
+            true -> #{waits => Cores, computes => Cores};
+            false -> #{waits => Cores, computes => Cores + 1}
+        end,
+    May = fun(Job) -> fits(load(Job, Known), Loads, Most) end,
     case lists:splitwith(fun(Job) -> not May(Job) end, Later) of
         {_, []} -> wait;
         {Before, [Job | After]} -> {Job, Before ++ After}
@@ -77,8 +83,8 @@ next(Running, Later, Known, Cores) ->
 
 load(#{name := Name}, Known) -> element(1, of_job(Name, Known)).
 
-fits(alone, _Loads, _Cores) ->
+fits(alone, _Loads, _Most) ->
     false;
-fits(Load, Loads, Cores) ->
+fits(Load, Loads, Most) ->
     not lists:member(alone, Loads) andalso
-        length([Same || Same <- Loads, Same =:= Load]) < Cores.
+        length([Same || Same <- Loads, Same =:= Load]) < maps:get(Load, Most).
