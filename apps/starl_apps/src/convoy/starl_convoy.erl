@@ -59,31 +59,29 @@ guarantees() ->
 scene(#{robots := Ids, profiles := Profiles, options := #{section := Length}} = Context) ->
     {ok, Floor} = building(Context),
     case starl_convoy_route:new(Floor, #{profiles => Profiles, section_mm => Length}) of
-        {ok, Lane} -> column(Ids, Lane, Floor, starl_convoy_route:most(Lane));
+        {ok, Lane} -> column(starl_convoy_route:starts(Ids, Lane), Lane, Floor);
         {error, _} = Error -> Error
     end.
 
 building(#{floor := #{doors := []}}) -> starl_floor_file:read("doors", 1000);
 building(#{floor := Floor}) -> {ok, Floor}.
 
-column(Ids, _Lane, _Floor, Most) when length(Ids) > Most ->
-    Why = "before the first door, or behind the last one, is room for ~b robots: use fewer",
-    {error, io_lib:format(Why, [Most])};
-column(Ids, Lane, Floor, _Most) ->
-    Start = fun({K, Id}) -> {Id, starl_convoy_route:start(length(Ids) - K, Lane)} end,
+column({ok, Poses}, Lane, Floor) ->
     {ok, #{
         app => {sequential, starl_convoy, Lane},
         blocks => [starl_mutex],
         floor => Floor,
-        poses => maps:from_list([Start(One) || One <- lists:enumerate(Ids)]),
-        monitors => [{starl_convoy_monitor, #{robots => Ids}}],
+        poses => Poses,
+        monitors => [{starl_convoy_monitor, #{robots => lists:sort(maps:keys(Poses))}}],
         never_crashes => true
-    }}.
+    }};
+column({error, _} = Error, _Lane, _Floor) ->
+    Error.
 
 -spec init(starl:robot(), starl_convoy_route:t()) -> state().
 init(Robot, Lane) ->
     {Ahead, _} = lists:splitwith(fun(R) -> R =/= starl:id(Robot) end, starl:participants(Robot)),
-    _ = Ahead =:= [] andalso draw(Robot, Lane),
+    _ = Ahead =:= [] andalso starl:draw(Robot, starl_convoy_route:drawing(Lane)),
     located(Robot, #{lane => Lane, ahead => Ahead, last => length(Lane) - 1 - length(Ahead)}).
 
 %% At the beginning, after a restart, and when it does not come where it wants to.
@@ -130,10 +128,6 @@ begins(Robot, Way, #{since := Since, ahead := Ahead}) ->
         {ok, {X, Y, _}} <- [starl:position(Robot, Other)]
     ],
     starl:draw(Robot, #{key => section, area => starl_drawing:circle(lists:last(Way), 165)}).
-
-draw(Robot, Lane) ->
-    Line = lists:append([Way || {Way, _} <- Lane]),
-    starl:draw(Robot, #{key => lane, line => Line, colour => grey}).
 
 %% @doc How many came through all doors, and when; and how near robots came to each other.
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().

@@ -2,7 +2,7 @@
 %% of path planning, straightened, and cut into sections. A pure module; lengths are millimetres.
 -module(starl_convoy_route).
 
--export([new/2, most/1, start/2, section/2, locate/2]).
+-export([new/2, starts/2, section/2, locate/2, drawing/1]).
 
 -export_type([t/0]).
 
@@ -133,8 +133,20 @@ sides([_]) -> [].
 
 %% -- the column -----------------------------------------------------------------------------
 
-%% @doc The most robots that stand before the first door at the beginning and behind the last one at the end.
--spec most(t()) -> non_neg_integer().
+%% @doc Where the robots of a column begin, the first one ahead: in the middle of a section each, towards the next one.
+%% All stand before the first door at the beginning, and behind the last one at the end, or one line says that they cannot.
+-spec starts([Id], t()) -> {ok, #{Id => starl:pose()}} | {error, unicode:chardata()} when
+    Id :: starl:robot_id().
+starts(Ids, Lane) ->
+    case most(Lane) of
+        Most when length(Ids) > Most ->
+            Why = "before the first door, or behind the last one, is room for ~b robots: use fewer",
+            {error, io_lib:format(Why, [Most])};
+        _ ->
+            Starts = [{Id, start(length(Ids) - K, Lane)} || {K, Id} <- lists:enumerate(Ids)],
+            {ok, maps:from_list(Starts)}
+    end.
+
 most(Lane) ->
     Doors = [I || {I, {_, Door}} <- lists:enumerate(0, Lane), Door =/= none],
     case Doors of
@@ -142,8 +154,6 @@ most(Lane) ->
         _ -> min(hd(Doors), length(Lane) - 1 - lists:last(Doors))
     end.
 
-%% @doc The pose in the middle of a section, towards the next one.
--spec start(Section :: non_neg_integer(), t()) -> starl:pose().
 start(I, Lane) ->
     {Way, _} = lists:nth(I + 1, Lane),
     {[Next | _], _} = lists:nth(I + 2, Lane),
@@ -171,3 +181,7 @@ locate(Place, Lane) ->
         true -> I;
         false -> I - 1
     end.
+
+%% @doc The drawing of the lane.
+-spec drawing(t()) -> starl_drawing:shape().
+drawing(Lane) -> #{key => lane, line => lists:append([Way || {Way, _} <- Lane]), colour => grey}.
