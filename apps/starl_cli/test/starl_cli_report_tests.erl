@@ -244,11 +244,15 @@ the_application_has_the_word_test() ->
 %% A run in which a step did not end is never complete, and says where.
 a_step_that_does_not_end_test() ->
     Work = [{2, app, [{my_app, step, 2, "my_app.erl", 7}]}],
-    Outcome = (outcome([done, running], []))#{hung => {60000, Work}, digest := <<>>},
+    Waits = {time, [{my_app, step, 2, "my_app.erl", 3}]},
+    Running = [{1, #{result => {done, 1}}}, {2, #{result => running, waits => Waits}}],
+    Outcome = (outcome([], []))#{hung => {60000, Work}, digest := <<>>, robots := Running},
     Report = report(#{outcome => Outcome, ending => hung}),
     ?assertNot(starl_cli_report:complete(Report)),
     shows("NOT COMPLETE, 100 % of the lines painted (a step did not end)", headline(Report)),
     <<"my_app.erl:7: robot 2 at work for 60 s", _/binary>> =
         Line = starl_cli_report:figure(hung, Report),
     shows(binary_to_list(Line), text(lists:join("\n", starl_cli_report:summary(Report)))),
-    shows(binary_to_list(Line), text(starl_cli_report:json(Report))).
+    shows(binary_to_list(Line), text(starl_cli_report:json(Report))),
+    %% it waits for nothing
+    ?assertEqual(null, starl_cli_report:figure(waiting, Report)).

@@ -81,7 +81,7 @@ make(#{outcome := Outcome, ending := Ending, app := App} = Input) ->
         crashes = {maps:get(crashes, Seen, 0), maps:get(causes, Seen, 0)},
         notes = [Line || #{notes := Notes} <- [Input], Line <- starl_cli_notes:lines(Notes)],
         rolled_back = [N || #{notes := Notes} <- [Input], N <- starl_cli_notes:rolled_back(Notes)],
-        waiting = waiting(Robots)
+        waiting = waiting(Outcome)
     }.
 
 with_measures(#{scenario := Scenario}, App) ->
@@ -89,8 +89,12 @@ with_measures(#{scenario := Scenario}, App) ->
     App#{formats => maps:merge(Measures, maps:get(formats, App, #{}))}.
 
 %% Where the applications wait that still run at the end.
-waiting(Robots) ->
-    Waits = [{place_of(starl_cli_phrase:waits(W)), Id} || {Id, #{waits := W}} <- Robots],
+waiting(#{robots := Robots} = Outcome) ->
+    AtWork = [Id || #{hung := {_, Works}} <- [Outcome], {Id, _, _} <- Works],
+    Waits = [
+        {place_of(starl_cli_phrase:waits(W)), Id}
+     || {Id, #{waits := W}} <- Robots, not lists:member(Id, AtWork)
+    ],
     Places = lists:usort([Place || {Place, _} <- Waits, Place =/= none]),
     Groups = lists:sort([{[Id || {P, Id} <- Waits, P =:= Place], Place} || Place <- Places]),
     [[starl_cli_phrase:robots(Ids), ": ", Place] || {Ids, Place} <- Groups].
@@ -129,7 +133,7 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
         [Figure || #{notes := Notes} <- [Input], Figure <- starl_cli_notes:figures(Notes)] ++
         [
             {waiting, [unicode:characters_to_binary(W) || W <- Waiting]}
-         || Waiting <- [waiting(maps:get(robots, Outcome))], Waiting =/= []
+         || Waiting <- [waiting(Outcome)], Waiting =/= []
         ].
 
 %% The contracts by which the run was judged.

@@ -233,8 +233,8 @@ handle_info(_LastWords, #run{lost = [_ | _]} = Run) ->
     {noreply, Run};
 handle_info(_LastWords, #run{hung = {_, _}} = Run) ->
     {noreply, Run};
-handle_info({hung, Hang}, Run) ->
-    {noreply, give_up(Hang, Run)};
+handle_info({hung, Since, Hang}, Run) ->
+    {noreply, give_up(Since, Hang, Run)};
 handle_info({window_done, Shard, N, Trace}, #run{judge = Judge, shards = Shards} = Run) ->
     case starl_sim_judge:told(Shard, N, Trace, starl_sim_shards:count(Shards), Judge) of
         {ok, Next} ->
@@ -342,11 +342,11 @@ lose(#{node := Node} = Loss, #run{shards = Shards, caller = Caller, judge = Judg
     _ = Caller =/= none andalso gen_server:reply(Caller, reply(Run#run.goal, lost, Ended)),
     Ended.
 
-%% Likewise if a robot does not end its step.
-give_up(Hang, #run{shards = Shards, caller = From, goal = Goal, judge = Judge} = Run) ->
+%% Likewise if a robot does not end its step: all windows before this one are known.
+give_up(Since, Hang, #run{shards = Shards, caller = From, goal = Goal, judge = Judge} = Run) ->
     Ended = Run#run{
         shards = starl_sim_shards:give_up(Shards),
-        now = starl_sim_judge:seen(Judge),
+        now = max(Since, starl_sim_judge:seen(Judge)),
         caller = none,
         goal = none,
         ending = judged(hung, Run),

@@ -278,8 +278,8 @@ run_window(#steps{next = Next, window_us = Width, windows = N} = Steps0) ->
     end.
 
 %% A robot does not end its step: this shard's part of the run ends within the window.
-give_up(Hang, #steps{run = Run} = Steps) ->
-    Run ! {hung, Hang},
+give_up(Hang, #steps{run = Run, now = Now, window_us = Width} = Steps) ->
+    Run ! {hung, Now - Width, Hang},
     Steps#steps{abandoned = true}.
 
 %% A snapshot lies before all events of the window.
