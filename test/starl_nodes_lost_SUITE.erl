@@ -109,7 +109,8 @@ endless_loop(Config) ->
     [A, B] = worker_nodes(Config),
     {Status, Losses, Robots} = in_conductor(exhausted, [[A, B]], Config),
     ?assertMatch(#{ending := lost}, Status),
-    ?assertMatch([#{node := B, why := slow}], Losses),
+    ?assertMatch([#{node := B, why := slow, work := [{2, app, [_ | _]}]}], Losses),
+    ?assertNotEqual(nomatch, string:find(starl_sim_nodes:format_loss(hd(Losses)), ": robot 2 at ")),
     ?assertEqual([1], Robots),
     ?assertEqual([], sites_left(Config)).
 

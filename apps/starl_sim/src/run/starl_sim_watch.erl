@@ -15,7 +15,8 @@
 %% or on its results.
 -module(starl_sim_watch).
 
--export([start_link/2, stop/1, at_work/1, named/1, format_hang/1]).
+-export([start_link/2, stop/1, at_work/1, named/1]).
+-export([format_hang/1, format_work/1]).
 
 -export_type([config/0, news/0, cause/0, work/0]).
 
@@ -197,8 +198,11 @@ named(AtWork) ->
 %% @doc One line on a robot that did not end its step; the innermost call of its own comes with it.
 -spec format_hang(starl_sim_window:hang()) -> unicode:chardata().
 format_hang({Ms, AtWork}) ->
-    Each = [[who(Work), at(Work)] || Work <- AtWork],
-    io_lib:format("~ts did not end a step within ~b s", [lists:join(", ", Each), Ms div 1000]).
+    io_lib:format("~ts did not end a step within ~b s", [format_work(AtWork), Ms div 1000]).
+
+%% @doc Robots that are at work, each with the innermost call of its own.
+-spec format_work([work()]) -> unicode:chardata().
+format_work(AtWork) -> lists:join(", ", [[who(Work), at(Work)] || Work <- AtWork]).
 
 who({Robot, app, _Frames}) -> io_lib:format("robot ~w", [Robot]);
 who({Robot, Name, _Frames}) -> io_lib:format("~ts of robot ~w", [Name, Robot]).

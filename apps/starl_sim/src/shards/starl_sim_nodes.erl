@@ -29,12 +29,14 @@
     code := [{module(), file:filename(), Beam :: binary()}]
 }.
 
-%% A lost node, why it was lost, and the virtual time up to which all windows are known.
+%% A lost node, why it was lost, and the virtual time up to which all windows are known; `work': who was at
+%% work on a slow one.
 -type loss() :: #{
     node := node(),
     why := down | silent | slow,
     timeout_ms := pos_integer(),
-    at_us := starl_sim_queue:time()
+    at_us := starl_sim_queue:time(),
+    work => [starl_sim_watch:work(), ...]
 }.
 
 -type reason() :: starl_sim_sites:reason() | {lost, loss()}.
@@ -84,10 +86,13 @@ format_error(Reason) -> starl_sim_sites:format_error(Reason).
 
 %% @doc One line on a lost node: which node, when, and what to do.
 -spec format_loss(loss()) -> unicode:chardata().
-format_loss(#{node := Node, why := Why, at_us := At, timeout_ms := Ms}) ->
-    io_lib:format("node ~ts ~ts; virtual time ~.3f s; ~ts", [
-        Node, what(Why, Ms / 1000), At / 1.0e6, advice(Why)
+format_loss(#{node := Node, why := Why, at_us := At, timeout_ms := Ms} = Loss) ->
+    io_lib:format("node ~ts ~ts~ts; virtual time ~.3f s; ~ts", [
+        Node, what(Why, Ms / 1000), at_work(Loss), At / 1.0e6, advice(Why)
     ]).
+
+at_work(#{work := Work}) -> [": ", starl_sim_watch:format_work(Work)];
+at_work(#{}) -> "".
 
 what(down, _Seconds) -> "is gone";
 what(silent, Seconds) -> io_lib:format("has not answered for ~.1f s", [Seconds]);
@@ -212,14 +217,25 @@ progressed({_, _, [Late | _]} = Progress, #nodes{progress = Progress, same = ?TI
             true -> silent;
             false -> slow
         end,
-    lose(Node, Why, Nodes#nodes{progress = none, same = 0});
+    lose(Node, Why, work(Why, Nodes#nodes.run), Nodes#nodes{progress = none, same = 0});
 progressed({_, _, [_ | _]} = Progress, #nodes{progress = Progress, same = Same} = Nodes) ->
     Nodes#nodes{same = Same + 1};
 progressed(Progress, Nodes) ->
     Nodes#nodes{progress = Progress, same = 0}.
 
-lose(Node, Why, #nodes{sites = Sites, timeout_ms = Ms} = Nodes) ->
-    Loss = #{node => Node, why => Why, timeout_ms => Ms, at_us => 0},
+%% The shards that are waited for answer, or are at work themselves.
+work(slow, Run) ->
+    case [Work || {_, _, _} = Work <- starl_sim_watch:at_work(Run)] of
+        [] -> #{};
+        [_ | _] = Known -> #{work => Known}
+    end;
+work(silent, _Run) ->
+    #{}.
+
+lose(Node, Why, Nodes) -> lose(Node, Why, #{}, Nodes).
+
+lose(Node, Why, Work, #nodes{sites = Sites, timeout_ms = Ms} = Nodes) ->
+    Loss = Work#{node => Node, why => Why, timeout_ms => Ms, at_us => 0},
     Left = maps:remove(Node, Sites),
     _ = Why =:= silent andalso erlang:disconnect_node(Node),
     ok = lists:foreach(fun(Site) -> starl_sim_site:abandon(Site, Node) end, maps:values(Left)),
