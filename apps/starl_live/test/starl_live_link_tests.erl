@@ -311,9 +311,17 @@ long_step_is_told_once_test() ->
                 starl_live_link:metrics(Link)
             end)
         end,
+        Seconds = fun() ->
+            {Gauges, _} = starl_live_link:metrics(Link),
+            [N] = [N || {step_seconds, [], N} <- Gauges],
+            N
+        end,
         App = app_hangs(Link),
+        ?assertEqual(0, Seconds()),
         ?assertEqual([], Watches(2)),
+        ?assertEqual(5, Seconds()),
         [Line] = Watches(8),
+        ?assertEqual(45, Seconds()),
         ?assertMatch(
             {match, _},
             re:run(

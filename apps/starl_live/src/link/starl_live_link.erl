@@ -275,12 +275,13 @@ handle_call(inspect, _From, #link{robot = Robot} = Link) ->
 handle_call(figures, _From, #link{robot = Robot} = Link) ->
     {reply, starl_live_body:figures(starl_robot:world(Robot)), Link}.
 
-gauges(#link{waiting = Waiting, beside = Beside} = Link) ->
+gauges(#link{waiting = Waiting, beside = Beside, long = Long} = Link) ->
     Starts = starl_robot_machines:starts(machines(Link)),
     Orders = lists:sum([length(Orders) || {_, Orders} <- maps:values(Beside)]),
     [
         {queue_events, [], queue:len(Waiting)},
-        {queue_application, [], Orders}
+        {queue_application, [], Orders},
+        {step_seconds, [], lists:max([0 | [watched_s(N) || N <- maps:values(Long)]])}
         | [{starts, [{machine, Name}], N} || {Name, N} <- maps:to_list(Starts)]
     ].
 
@@ -531,9 +532,12 @@ long_steps(#link{beside = Beside, long = Long} = Link) ->
 
 tell_long(Pid, Link) ->
     {ok, Name} = starl_robot_machines:name_of(Pid, machines(Link)),
-    Seconds = (?LONG_STEP - 1) * ?WATCH_MS div 1000,
+    Seconds = watched_s(?LONG_STEP),
     At = place(starl_crash:place(starl_crash:frames_of(Pid))),
     log(long_step, Name, io_lib:format("in one step for ~b s~ts", [Seconds, At])).
+
+%% The time from the first of these watches to the last.
+watched_s(Watches) -> (Watches - 1) * ?WATCH_MS div 1000.
 
 place(none) -> "";
 place({_, _, _, File, Line}) -> io_lib:format(" at ~ts:~b; an endless loop?", [File, Line]).

@@ -2,6 +2,9 @@
 %% file grow any more (RLIMIT_FSIZE), so each write of its store, its facts or its recording fails, and
 %% what was written before stays. No right is needed for that, and no other process notices.
 %%
+%% One thing is not as on a full disk: the Erlang VM keeps compiled code in memory that is a file to the kernel. A
+%% node that wants more of it meanwhile, for new code, is ended by SIGSEGV, and starts anew.
+%%
 %% Such a write fails with `efbig', that on a full disk with `enospc': both are errors of `file', and
 %% StarL tells them apart in the text alone.
 -module(starl_cluster_quota).
