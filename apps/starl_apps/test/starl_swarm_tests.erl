@@ -55,6 +55,7 @@ runs_test_() ->
      || {IsOwed, More} <- [
             {true, #{robots => 16, range => 4000}},
             {false, #{robots => 6, loss => 0.2}},
+            {false, #{robots => 6, range => 9000, shadowing => 6}},
             {true, #{robots => 6, faults => [{f, 20000, 25000, isolate, 2, #{}}]}}
         ]
     ].

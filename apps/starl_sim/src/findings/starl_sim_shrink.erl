@@ -90,7 +90,8 @@
     {distance_error, 0.0},
     {position_error, 0.0},
     {range, none},
-    {wall_loss, 0.0}
+    {wall_loss, 0.0},
+    {shadowing, 0.0}
 ]).
 
 %% @doc The smallest scenario found whose run has the violation of this scenario's run.

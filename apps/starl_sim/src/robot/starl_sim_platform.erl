@@ -41,6 +41,8 @@
     range_mm := float() | infinity,
     %% the part of the packets that each wall in their way takes
     wall_loss => float(),
+    %% the deviation of the loss on the way between two places, dB
+    shadowing => float(),
     %% the delay of a command on its way to the chassis
     latency_us => {Min :: non_neg_integer(), Max :: non_neg_integer()},
     profiles := starl_chassis:profiles(),

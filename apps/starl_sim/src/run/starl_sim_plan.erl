@@ -36,6 +36,8 @@
 -define(PATIENCE_MS, 60000).
 %% A robot expects a command to take as long as this at most, whatever the scenario.
 -define(LATENCY_MS, 5).
+%% What contracts take for the loss of a radio among walls or in shadows.
+-define(SOME_LOSS, 0.5).
 
 %% @doc The context from which the application makes its scene.
 -spec context(module(), starl_sim_scenario:t()) -> starl_scene:context().
@@ -199,6 +201,7 @@ world(Scenario, Profiles, #{robots := Ids}, Options) ->
         delay_us => {round(MinMs * 1000), round(MaxMs * 1000)},
         range_mm => range(Scenario),
         wall_loss => float(maps:get(wall_loss, Scenario)),
+        shadowing => float(maps:get(shadowing, Scenario)),
         clock => clock(Scenario),
         profiles => Profiles,
         network => faults(network, Faults),
@@ -275,7 +278,7 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, Options) ->
         bodies => starl_sim_assumption:bodies(Faults, is_exact(Profiles)),
         healed_us => healed_us(Scenario),
         core => core(Scenario, Ids),
-        loss => maps:get(loss, Scenario),
+        loss => told_loss(Scenario),
         sap => Sap,
         delay_us => round(1000 * MaxMs)
     },
@@ -327,6 +330,14 @@ excused(_Scene) -> [app].
 %% A radio of limited range, or among walls, may lose any packet at any time.
 out_of_range(#{range := none, wall_loss := Loss}) when Loss == 0 -> [];
 out_of_range(Scenario) -> [{all, 0, limit_us(Scenario), fault}].
+
+%% Walls and shadows lose packets, too. No bound is owed that would need their exact part, since faults never end then.
+told_loss(#{loss := Loss, wall_loss := Walls, shadowing := Shadows, range := Range}) when
+    Walls > 0; Shadows > 0, Range =/= none
+->
+    max(Loss, ?SOME_LOSS);
+told_loss(#{loss := Loss}) ->
+    Loss.
 
 %% With a limited range, or walls that take packets, faults never end. With random loss they do: bounds allow for it.
 healed_us(#{range := none, wall_loss := Loss, faults := Faults}) when Loss == 0 ->

@@ -43,6 +43,8 @@ options() ->
         {range, {optional, {number, 1, 10000000}}, none, "range of the radio, mm"},
         {wall_loss, {number, 0, 1}, 0.0,
             "fraction of the packets that each wall in their way takes, on a floor plan"},
+        {shadowing, {number, 0, 20}, 0.0,
+            "how unevenly a radio of limited range reaches, dB: its range is shorter for some pairs and places"},
         {clock_offset, {number, 0, 1.0e9}, 1000,
             "the largest error of a robot's clock at the start, ms"},
         {clock_drift, {number, 0, 10000}, 50, "the largest drift of a robot's clock, ppm"},

@@ -25,6 +25,11 @@
     Seq :: non_neg_integer(), [starl_sim_queue:event()], [starl_monitor:trace_event()]
 }.
 
+%% A way of ten times the length takes 30 dB more (the exponent is 3, as indoors).
+-define(DB_A_DECADE, 30.0).
+%% Within a square of the floor of this side what takes a packet is the same.
+-define(SQUARE_MM, 2000.0).
+
 %% @doc Nothing has been sent.
 -spec new() -> t().
 new() -> #{}.
@@ -64,13 +69,13 @@ told(Dest, Packet, Fate) ->
     {packet, Dest, starl_packet:brief(Packet), erlang:external_size(Packet), Fate}.
 
 fate(Link, {_, Now, _, _} = Sender, World) ->
-    case is_screened(Link, Sender, World) of
+    case is_screened(Link, Sender, World) orelse is_shadowed(Link, Sender, World) of
         true -> {lost, chance};
         false -> starl_sim_radio:fate(Link, Now, World)
     end.
 
 arrivals(Link, {_, Now, _, _} = Sender, World) ->
-    case is_screened(Link, Sender, World) of
+    case is_screened(Link, Sender, World) orelse is_shadowed(Link, Sender, World) of
         true -> lost;
         false -> starl_sim_radio:arrivals(Link, Now, World)
     end.
@@ -90,6 +95,34 @@ is_screened({_, _, Dest, _} = Link, {_, Now, From, _} = Sender, #{wall_loss := L
     end;
 is_screened(_Link, _Sender, _World) ->
     false.
+
+%% Does the way between the two places take more than a radio of this range has left? What it takes (dB) is half of a normal
+%% distribution, drawn for the pair and the squares of the floor in which both are: the same in both
+%% directions, and again when they come back. So no range is longer than the radio's.
+is_shadowed({Seed, Id, Dest, _}, {_, _, From, _} = Sender, #{shadowing := Db} = World) when
+    Db > 0.0
+->
+    #{sight := Sight, range_mm := Range} = World,
+    case starl_sim_sight:piece(Dest, Sight) of
+        {ok, Theirs} when is_float(Range) ->
+            Places = [{Id, position(Sender)}, {Dest, starl_trajectory:position(From, Theirs)}],
+            Taken = Db * abs(normal({Seed, shadow, squares(Places)})),
+            [{_, Here}, {_, There}] = Places,
+            starl_geometry:distance(Here, There) > Range * math:pow(10, -Taken / ?DB_A_DECADE);
+        _ ->
+            false
+    end;
+is_shadowed(_Link, _Sender, _World) ->
+    false.
+
+squares(Places) ->
+    lists:sort([{Id, floor(X / ?SQUARE_MM), floor(Y / ?SQUARE_MM)} || {Id, {X, Y}} <- Places]).
+
+%% At most three deviations; by Box and Muller.
+normal(Key) ->
+    U = 1.0 - starl_sim_draw:uniform({Key, 1}),
+    N = math:sqrt(-2 * math:log(U)) * math:cos(2 * math:pi() * starl_sim_draw:uniform({Key, 2})),
+    max(-3.0, min(3.0, N)).
 
 number(all, N) -> {all, N};
 number(_Dest, N) -> N.
