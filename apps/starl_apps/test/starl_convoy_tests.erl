@@ -90,7 +90,10 @@ nobody_overtakes_test() ->
     ?assertMatch({[], _}, judged([at(1, 2, none), at(2, 1, none), stands(3, 1, 0)])),
     Fault = [{1, 0, 1000, fault}],
     ?assertMatch({[], _}, judged([at(1, 2, 3), at(2, 1, 3), stands(3, 1, 0)], Fault)),
-    ?assertMatch({[overtaken], _}, judged([at(40, 2, 3), at(41, 1, 3), stands(42, 1, 0)], Fault)).
+    ?assertMatch({[overtaken], _}, judged([at(40, 2, 3), at(41, 1, 3), stands(42, 1, 0)], Fault)),
+    %% who was overtaken in a fault comes through later
+    Later = [at(20, 2, 3), at(60, 1, 3), at(70, 2, 4), at(80, 1, 4), stands(81, 1, 0)],
+    ?assertMatch({[], _}, judged(Later, Fault)).
 
 apart_test() ->
     Near = fun(Mm) ->
@@ -164,4 +167,23 @@ a_robot_that_was_misled_finds_its_place_test_() ->
             ]
         }),
         ?assertEqual(4, proplists:get_value(there, Figures))
+    end}.
+
+%% Wrong positions have mixed up the column: the one behind does not wait for a place behind another one, which has come to
+%% stay before it.
+a_column_that_is_mixed_up_arrives_test_() ->
+    {timeout, 120, fun() ->
+        #{report := #{figures := Figures}, violations := []} = starl_team_runs:outcome(#{
+            app => starl_convoy,
+            robots => 6,
+            seed => 3100032,
+            clock_offset => 0,
+            clock_drift => 0,
+            distance_error => 0.0,
+            faults => [
+                {one, 16032, 22134, location_swap, {5, 1}, #{}},
+                {two, 4079, 9704, location_swap, {5, 6}, #{}}
+            ]
+        }),
+        ?assertEqual(6, proplists:get_value(there, Figures))
     end}.

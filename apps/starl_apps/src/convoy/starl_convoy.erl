@@ -17,11 +17,10 @@
 %% The robot has come to this section; it is the one behind this door.
 -type event() :: {at, Section :: pos_integer(), Door :: pos_integer() | none}.
 
-%% `ahead': the robots before it in the column. `last': where its way ends. `since': when it began to wait for the next section, by its own clock (ms).
+%% `ahead': the robots before it in the column. `since': when it began to wait for the next section, by its own clock (ms).
 -type state() :: #{
     lane := starl_convoy_route:t(),
     ahead := [starl:robot_id()],
-    last := pos_integer(),
     at := non_neg_integer(),
     held := boolean(),
     since := integer()
@@ -82,23 +81,26 @@ column({error, _} = Error, _Lane, _Floor) ->
 init(Robot, Lane) ->
     {Ahead, _} = lists:splitwith(fun(R) -> R =/= starl:id(Robot) end, starl:participants(Robot)),
     _ = Ahead =:= [] andalso starl:draw(Robot, starl_convoy_route:drawing(Lane)),
-    located(Robot, #{lane => Lane, ahead => Ahead, last => length(Lane) - 1 - length(Ahead)}).
+    located(Robot, #{lane => Lane, ahead => Ahead}).
 
 %% At the beginning, after a restart, and when it does not come where it wants to.
 located(Robot, #{lane := Lane} = State) ->
-    At = starl_convoy_route:locate(starl_sections:position(Robot), Lane),
+    at(starl_convoy_route:locate(starl_sections:position(Robot), Lane), Robot, State).
+
+at(At, Robot, State) ->
     Held = starl_sections:take(Robot, {section, At}),
     State#{at => At, held => Held, since => starl:now(Robot)}.
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, arrived}.
-step(Robot, #{at := At, last := Last} = State) when At >= Last ->
-    ok = behind(Robot, State),
-    {done, arrived};
+step(Robot, #{lane := Lane, at := At} = State) when At + 1 >= length(Lane) -> arrived(Robot, State);
 step(Robot, #{lane := Lane, at := At} = State) ->
     #{way := Way} = Section = starl_convoy_route:section(At + 1, Lane),
     case starl_sections:enter(Robot, Section, fun() -> begins(Robot, Way, State) end) of
-        Why when Why =:= occupied; Why =:= stuck ->
-            {continue, elsewhere(starl_sections:position(Robot), Robot, State)};
+        occupied ->
+            Here = elsewhere(starl_sections:position(Robot), Robot, State),
+            behind_all(starl:positions(Robot), Robot, Here);
+        stuck ->
+            {continue, beside(starl:floor(Robot), starl_sections:position(Robot), Robot, State)};
         ok ->
             {_, Door} = lists:nth(At + 2, Lane),
             ok = starl:trace(Robot, {at, At + 1, Door}),
@@ -106,15 +108,41 @@ step(Robot, #{lane := Lane, at := At} = State) ->
             {continue, State#{at := At + 1, held := true, since := starl:now(Robot)}}
     end.
 
+arrived(Robot, State) ->
+    ok = behind(Robot, State),
+    {done, arrived}.
+
+%% Its way ends behind those that have come to stay, in whatever order: wrong positions may have mixed up the column.
+behind_all({ok, Poses}, Robot, #{lane := Lane, at := At} = State) ->
+    Others = [{X, Y} || {X, Y, _} <- maps:values(maps:remove(starl:id(Robot), Poses))],
+    case starl_convoy_route:is_full(At + 1, Others, Lane) of
+        true -> arrived(Robot, State);
+        false -> {continue, State}
+    end;
+behind_all({error, _}, _Robot, State) ->
+    {continue, State}.
+
 %% Is it where it takes itself to be? A fault may have misled it.
 elsewhere(Place, Robot, #{lane := Lane, at := At} = State) ->
     case starl_convoy_route:locate(Place, Lane) of
         At ->
             State;
-        _ ->
-            ok = behind(Robot, State),
-            located(Robot, State)
+        Other ->
+            moved(Other, Robot, State)
     end.
+
+%% It may stand where a wall is between it and the lane: it begins anew with a section that it can reach.
+beside({ok, Floor}, Place, Robot, #{lane := Lane, at := At} = State) ->
+    case starl_convoy_route:reach(Place, Floor, Lane) of
+        At -> State;
+        Other -> moved(Other, Robot, State)
+    end;
+beside({error, _}, Place, Robot, State) ->
+    elsewhere(Place, Robot, State).
+
+moved(At, Robot, State) ->
+    ok = behind(Robot, State),
+    at(At, Robot, State).
 
 behind(Robot, #{at := At, held := true}) -> starl_sections:leave(Robot, {section, At});
 behind(_Robot, #{held := false}) -> ok.

@@ -1,6 +1,7 @@
 %% @doc The contract of a convoy: no robot comes through a door before one that was ahead of it, and no two robots come
 %% nearer to each other than 400 mm. Excused is what happens in a fault, or up to half a minute after it: a lease that ran out while a
-%% robot was cut off, or down, leaves it in a section that another may get.
+%% robot was cut off, or down, leaves it in a section that another may get. Who was overtaken in that time may stay
+%% behind.
 %%
 %% Progress: as long as none has died, somebody comes to a next section within two minutes after the last time and after
 %% all faults, until all are there.
@@ -20,7 +21,9 @@
     under_way :: [starl:robot_id()],
     places :: #{starl:robot_id() => pos_integer()},
     %% the last in the column of those that have come through each door
-    through = #{} :: #{Door :: pos_integer() => Place :: pos_integer()},
+    through = #{} :: #{pos_integer() => {Place :: pos_integer(), AtUs :: integer()}},
+    %% those whom a fault has had overtaken
+    mixed = #{} :: #{starl:robot_id() => true},
     %% when somebody moved on last; `over': no progress is owed
     since = 0 :: integer() | over,
     last = 0 :: integer(),
@@ -100,10 +103,21 @@ passes(_T, _Robot, none, State) ->
     {ok, State};
 passes(T, Robot, Door, #state{through = Through, places = Places, passes = N} = State) ->
     #{Robot := Place} = Places,
-    Last = maps:get(Door, Through, 0),
-    Next = State#state{through = Through#{Door => max(Place, Last)}, passes = N + 1},
-    Overtaken = [violation(overtaken, T, [Robot], #{door => Door}) || Place < Last],
-    told([V || V <- Overtaken, not is_excused(T, State)], Next).
+    {Last, Before} = maps:get(Door, Through, {0, T}),
+    Next = State#state{
+        through = Through#{Door => max({Place, T}, {Last, Before})}, passes = N + 1
+    },
+    case Place < Last andalso not is_map_key(Robot, State#state.mixed) of
+        false -> {ok, Next};
+        true -> overtaken(T, Before, Robot, Door, Next)
+    end.
+
+%% The other one has overtaken when it came through. If that is excused, it is ahead from now on.
+overtaken(T, Before, Robot, Door, #state{mixed = Mixed} = State) ->
+    case is_excused(T, State) orelse is_excused(Before, State) of
+        true -> {ok, State#state{mixed = Mixed#{Robot => true}}};
+        false -> {violation, violation(overtaken, T, [Robot], #{door => Door}), State}
+    end.
 
 near(Met, State) ->
     [

@@ -2,7 +2,7 @@
 %% of path planning, straightened, and cut into sections. A pure module; lengths are millimetres.
 -module(starl_convoy_route).
 
--export([new/2, starts/2, section/2, locate/2, drawing/1]).
+-export([new/2, starts/2, section/2, locate/2, reach/3, is_full/3, drawing/1]).
 
 -export_type([t/0]).
 
@@ -17,6 +17,10 @@
 -define(MARGIN_MM, 10.0).
 -define(STEP_MM, 10).
 -define(THERE_MM, 60).
+%% Who is no farther from the middle of a section stands in it, not between two.
+-define(STAYS_MM, 150).
+%% Who stands at a wall has its centre a little farther from it.
+-define(BODY_MM, 160.0).
 %% A section is free if nobody is nearer to its middle than this part of its length.
 -define(FREE, 0.75).
 %% It takes three seconds, and longer in faults.
@@ -181,6 +185,33 @@ locate(Place, Lane) ->
         true -> I;
         false -> I - 1
     end.
+
+%% @doc The section before the nearest one to whose middle a straight line leads past all walls; without any, as {@link
+%% locate/2}. A robot that wrong positions have led astray drives on from there.
+-spec reach(starl_geometry:point(), starl_floor:t(), t()) -> non_neg_integer().
+reach(Place, Floor, [_ | Sections] = Lane) ->
+    Walls = starl_walls:new(Floor),
+    Near = lists:sort([
+        {starl_geometry:distance(Place, lists:last(Way)), I, lists:last(Way)}
+     || {I, {Way, _}} <- lists:enumerate(Sections)
+    ]),
+    Free = fun({_, _, Middle}) -> starl_walls:is_free({Place, Middle}, ?BODY_MM, Walls) end,
+    case lists:search(Free, Near) of
+        {value, {Mm, I, _}} when Mm =< ?THERE_MM -> I;
+        {value, {_, I, _}} -> I - 1;
+        false -> locate(Place, Lane)
+    end.
+
+%% @doc Does a robot stand in the middle of each section from this one on to the end?
+-spec is_full(Section :: pos_integer(), [starl_geometry:point()], t()) -> boolean().
+is_full(I, Robots, Lane) ->
+    lists:all(
+        fun({Way, _}) ->
+            Middle = lists:last(Way),
+            lists:any(fun(P) -> starl_geometry:distance(P, Middle) =< ?STAYS_MM end, Robots)
+        end,
+        lists:nthtail(I, Lane)
+    ).
 
 %% @doc The drawing of the lane.
 -spec drawing(t()) -> starl_drawing:shape().
