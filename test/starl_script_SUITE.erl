@@ -48,7 +48,15 @@ commands_of_the_script_are_explained(Config) ->
 flags_of_the_script_are_refused(Config) ->
     [
         ?assertMatch({2, "starl: " ++ _}, sh("./starl " ++ Line, Config))
-     || Line <- ["test --helpp", "setup --helpp", "setup now", "test no/such-name"]
+     || Line <- [
+            "test --helpp",
+            "setup --helpp",
+            "setup now",
+            "test no/such-name",
+            "test --cases",
+            "test --cases 0",
+            "test --cases=x y"
+        ]
     ].
 
 %% Where a user has libraries of his own is no matter of the build.

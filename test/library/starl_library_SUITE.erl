@@ -11,7 +11,9 @@ suite() -> [{timetrap, {minutes, 15}}].
 all() ->
     [
         an_erlang_project_passes_its_tests,
+        the_number_of_cases_is_a_flag,
         a_commit_of_its_own_is_found,
+        as_a_dependency_it_only_computes,
         its_names_are_known_in_its_directory,
         its_shell_tells_of_modules,
         a_failing_property_leaves_a_scenario,
@@ -38,6 +40,27 @@ an_erlang_project_passes_its_tests(Config) ->
         {0, match}, {Status, re:run(Text, "3 tests, 0 failures", [{capture, none}])}, Text
     ).
 
+%% In the project's directory, its tests are meant.
+the_number_of_cases_is_a_flag(Config) ->
+    Dir = at("patrol", Config),
+    Test = filename:join([Dir, "test", "counted_tests.erl"]),
+    ok = file:write_file(
+        Test,
+        "-module(counted_tests).\n"
+        "-export([three_test/0]).\n"
+        "three_test() ->\n"
+        "    Count = counters:new(1, []),\n"
+        "    Each = fun(_) -> counters:add(Count, 1, 1) =:= ok end,\n"
+        "    true = starl_property:quickcheck(proper:forall(proper_types:integer(), Each)),\n"
+        "    3 = counters:get(Count, 1).\n"
+    ),
+    {Status, Text} = sh("$starl test --cases 3 counted_tests", Dir),
+    ok = file:delete(Test),
+    ?assertEqual(
+        {0, match}, {Status, re:run(Text, "1 tests?, 0 failures", [{capture, none}])}, Text
+    ),
+    ?assertMatch({2, "starl: test: '--quick' is no flag" ++ _}, sh("$starl test --quick", Dir)).
+
 %% A clone with a commit that its origin has not is itself what the project depends on.
 a_commit_of_its_own_is_found(Config) ->
     Clone = at("clone", Config),
@@ -48,6 +71,21 @@ a_commit_of_its_own_is_found(Config) ->
     ?assertEqual(["file://", Repository], origin("theirs", Clone, Config)),
     {0, _} = sh(Git ++ "commit -q --allow-empty -m own", Clone),
     ?assertEqual(["file://", Clone], origin("ours", Clone, Config)).
+
+%% What rebar3 and mix run in the VM that builds a project: nothing is printed and nothing changed there, and
+%% a warning of a newer compiler does not stop the project's build.
+as_a_dependency_it_only_computes(Config) ->
+    Script = filename:join(at("clone", Config), "rebar.config.script"),
+    {ok, Terms} = file:consult(filename:rootname(Script)),
+    State = fun() -> {code:get_path(), lists:sort(os:env()), file:get_cwd()} end,
+    Before = State(),
+    ok = ct:capture_start(),
+    {ok, Computed} = file:script(Script, [{'SCRIPT', Script}, {'CONFIG', Terms}]),
+    ok = ct:capture_stop(),
+    ?assertEqual([], ct:capture_get()),
+    ?assertEqual(Before, State()),
+    ?assertEqual([debug_info], proplists:get_value(erl_opts, Computed)),
+    ?assertEqual([deps, erl_opts, minimum_otp_vsn], lists:sort(proplists:get_keys(Computed))).
 
 %% Where a project that is made by this clone finds StarL.
 origin(Name, Clone, Config) ->

@@ -1,7 +1,8 @@
 %% Helpers of the test suites of all applications: properties that run inside Common Test, and
 %% runs without a log, violations and the names of faults.
 %%
-%% A random test prints its seed and takes it back from the environment variable STARL_SEED.
+%% A random test prints its seed and takes it back from the environment variable STARL_SEED; the number of
+%% its cases is that of the variable STARL_CASES, where it is set.
 -module(starl_platform_ct).
 -include_lib("proper/include/proper.hrl").
 
@@ -19,7 +20,7 @@ property(Prop, Cases) ->
         end,
         Prop
     ),
-    Options = [{numtests, Cases}, {max_shrinks, 60}, nocolors, {on_output, fun io:format/2}],
+    Options = [{numtests, cases(Cases)}, {max_shrinks, 60}, nocolors, {on_output, fun io:format/2}],
     case proper:quickcheck(Seeded, Options) of
         true ->
             ok;
@@ -32,6 +33,9 @@ property(Prop, Cases) ->
                 ]}
             )
     end.
+
+%% `./starl test --cases N' asks for other cases than a test does by itself.
+cases(Own) -> list_to_integer(os:getenv("STARL_CASES", integer_to_list(Own))).
 
 %% PropEr 1.2 cannot report an exception on OTP 25: it is printed here and counts as false.
 safely(Fun) ->

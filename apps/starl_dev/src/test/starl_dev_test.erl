@@ -24,6 +24,8 @@ about(_Subject) ->
     [
         "Runs xref, EUnit and Common Test and ends with the line 'N passed, N failed'. With names, "
         "only those modules run: NAME_SUITE is a Common Test suite, any other is a module for EUnit.",
+        "In the directory of a project of your own, as ./starl new makes it, this runs its tests: those of EUnit, "
+        "or of mix.",
         "Each suite runs in a VM of its own, with its log, pages and error reports in "
         "_build/starl/tests; suites that wait run beside those that compute (test/test_times.term). "
         "A suite that hangs or whose VM ends has failed. Ctrl-C ends all, with the results so far."
@@ -33,7 +35,9 @@ about(_Subject) ->
 flags(_Subject) ->
     [
         {"Flags", [
-            {quick, switch, false, "only xref and the quick tests of EUnit, in less than a minute"}
+            {quick, switch, false, "only xref and the quick tests of EUnit, in less than a minute"},
+            {cases, {optional, {integer, 1, 1000000000}}, none,
+                "the number of cases of each property; without it the test's own"}
         ]}
     ].
 

@@ -5,10 +5,12 @@
 -include_lib("eunit/include/eunit.hrl").
 
 %% One run in the simulator.
-a_team_goes_round_test() ->
-    {ok, Outcome} = starl_sim_trial:run(#{app => @NAME@, robots => 3, seed => 1}),
-    ?assertMatch(#{violations := [], ending := done}, Outcome),
-    ?assertMatch(#{monitors := #{@NAME@_monitor := #{round := 3}}}, Outcome).
+a_team_goes_round_test_() ->
+    {timeout, 60, fun() ->
+        {ok, Outcome} = starl_sim_trial:run(#{app => @NAME@, robots => 3, seed => 1}),
+        ?assertMatch(#{violations := [], ending := done}, Outcome),
+        ?assertMatch(#{monitors := #{@NAME@_monitor := #{round := 3}}}, Outcome)
+    end}.
 
 %% Many runs, of teams of all sizes, under faults of all kinds.
 @NAME@_test_() -> starl_property:eunit(fun prop_@NAME@/0, #{cases => 50}).

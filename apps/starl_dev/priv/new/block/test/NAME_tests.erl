@@ -5,9 +5,11 @@
 -include_lib("eunit/include/eunit.hrl").
 
 %% One run of an application that uses the block.
-a_team_greets_test() ->
-    {ok, Outcome} = starl_sim_trial:run(#{app => @NAME@_app, robots => 3, seed => 1}),
-    ?assertMatch(#{violations := [], ending := done}, Outcome).
+a_team_greets_test_() ->
+    {timeout, 60, fun() ->
+        {ok, Outcome} = starl_sim_trial:run(#{app => @NAME@_app, robots => 3, seed => 1}),
+        ?assertMatch(#{violations := [], ending := done}, Outcome)
+    end}.
 
 %% Many runs, of teams of all sizes, under faults of all kinds.
 @NAME@_test_() -> starl_property:eunit(fun prop_@NAME@/0, #{cases => 50}).

@@ -10,6 +10,8 @@ the_contract_of_a_chassis_test_() ->
     end}.
 
 %% One run of the application, in virtual time.
-a_team_drives_test() ->
-    {ok, Outcome} = starl_sim_trial:run(#{app => @NAME@_app, robots => 3, seed => 1}),
-    ?assertMatch(#{violations := [], ending := done}, Outcome).
+a_team_drives_test_() ->
+    {timeout, 60, fun() ->
+        {ok, Outcome} = starl_sim_trial:run(#{app => @NAME@_app, robots => 3, seed => 1}),
+        ?assertMatch(#{violations := [], ending := done}, Outcome)
+    end}.
