@@ -9,6 +9,8 @@
 -type setup() :: #{
     file := file:filename(),
     recording := starl_lab_onward_recording:t(),
+    %% the robots of a live run that start anew at the last moment
+    anew => [{starl:robot_id(), starl_sim_follow:reason()}],
     %% modules of a user's own
     code => [module()],
     out := starl_cli_out:t(),
@@ -91,6 +93,9 @@ run(#{subject := File, values := #{out := Into, at := At} = Values}) ->
             with_code(#{file => File, recording => Recording, out => Out, values => Values});
         {Problems, {ok, _}} ->
             {error, Problems};
+        {[], {error, {live, _}}} ->
+            ok = starl_cli_log:install(),
+            live(#{file => File, out => Out, values => Values});
         {Problems, {error, Reason}} ->
             {error, Problems ++ [starl_lab_onward_recording:format_error(Reason)]}
     end.
@@ -100,16 +105,56 @@ until_us(#{at := Seconds}) -> us(Seconds).
 
 us(Seconds) -> round(1.0e6 * Seconds).
 
+%% -- live runs ------------------------------------------------------------------------------
+
+%% Each moment is read by itself. The last message tells the end of the recording.
+live(#{file := File, values := #{at := At} = Values} = Setup) ->
+    case starl_lab_onward_live:read(File, 0) of
+        {ok, #{end_us := End}} when is_number(At), 1.0e6 * At > End ->
+            {error, [io_lib:format("--at ~w: the recording ends at ~.3f s", [At, End / 1.0e6])]};
+        {ok, #{scenario := #{app := App}} = Read} ->
+            case own_code(App, File) of
+                {ok, Code} -> live(times(Read, Values), [], [], Setup#{code => Code});
+                {error, _} = Error -> Error
+            end;
+        {error, Reason} ->
+            {error, [starl_lab_onward_live:format_error(Reason)]}
+    end.
+
+live([], Points, Anew, Setup) ->
+    futures(maps:from_list(Points), Setup#{anew => Anew});
+live([Us | Later], Points, _Anew, #{file := File} = Setup) ->
+    {ok, #{live := Live} = Read} = starl_lab_onward_live:read(File, Us),
+    Options = #{histories => histories(Setup), slack_us => starl_world:slack_us()},
+    case starl_sim_onward:live(Live, Us, Options) of
+        {ok, Point, Anew} ->
+            live(Later, [{Us, Point} | Points], Anew, Setup#{
+                recording => (maps:with([scenario, end_us], Read))#{not_kept => [], images => []}
+            });
+        {error, Reason} ->
+            {error, [starl_sim_onward:format_error(Reason)]}
+    end.
+
+own_code(App, File) ->
+    case starl_cli_inputs:source(App, File) of
+        {ok, Source} ->
+            case starl_cli_source:modules(Source) of
+                {ok, _, Code} -> {ok, [Module || {Module, _, _} <- Code]};
+                {error, _} = Error -> Error
+            end;
+        none ->
+            {ok, []}
+    end.
+
+%% -- simulations ----------------------------------------------------------------------------
+
 %% The source of an application of a user's own lies in `inputs' beside the recording.
 -spec with_code(setup()) -> starl_cli_command:answer().
 with_code(#{file := File, recording := #{scenario := #{app := App}}} = Setup) ->
-    case starl_cli_inputs:source(App, File) of
-        {ok, Source} -> loaded(starl_cli_source:modules(Source), Setup);
-        none -> taken_up(Setup#{code => []})
+    case own_code(App, File) of
+        {ok, Code} -> taken_up(Setup#{code => Code});
+        {error, _} = Error -> Error
     end.
-
-loaded({ok, _App, Code}, Setup) -> taken_up(Setup#{code => [Module || {Module, _, _} <- Code]});
-loaded({error, _} = Error, _Setup) -> Error.
 
 -spec taken_up(setup()) -> starl_cli_command:answer().
 taken_up(#{recording := Recording, values := Values} = Setup) ->
@@ -139,7 +184,7 @@ times(#{end_us := End}, #{at := At, moments := N, since := Since}) ->
 
 futures(Points, #{recording := #{end_us := End} = Recording, values := Values} = Setup) ->
     #{runs := Runs, contract := Contract} = Values,
-    Settings = fun(Us) -> (settings(Us, End, Values))#{histories => histories(Setup)} end,
+    Settings = fun(Us) -> (settings(Us, End, Values))#{histories => histories(Setup), slack_us => slack_us(Setup)} end,
     Self = self(),
     Interrupt = make_ref(),
     starl_cli_signal:on_interrupt(fun() -> Self ! Interrupt end),
@@ -161,7 +206,8 @@ futures(Points, #{recording := #{end_us := End} = Recording, values := Values} =
                 contract => Contract,
                 settings => Settings(Last),
                 recording => maps:without([facts, images], Recording),
-                images => [At || {At, _, _} <- maps:get(images, Recording)]
+                images => [At || {At, _, _} <- maps:get(images, Recording)],
+                anew => maps:get(anew, Setup, none)
             },
             told(Report, Setup)
     catch
@@ -188,6 +234,10 @@ settings(Us, End, #{beyond := Beyond, loss_ahead := Loss}) ->
         until_s => Until,
         until_ms => max(1, max(End, Us) div 1000)
     }.
+
+%% The contracts of a live run allow for a computer that has other work.
+slack_us(#{anew := _}) -> starl_world:slack_us();
+slack_us(#{}) -> 0.
 
 %% As a recorded run keeps them.
 histories(#{code := Code}) -> {kept, starl_block_catalogue:histories(Code)}.

@@ -12,7 +12,9 @@
     contract := string() | none,
     settings := starl_sim_onward:settings(),
     recording := map(),
-    images := [integer()]
+    images := [integer()],
+    %% of a live run: the robots that start anew at the last moment
+    anew := [{starl:robot_id(), starl_sim_follow:reason()}] | none
 }.
 
 %% @doc The report for a terminal of this width.
@@ -33,6 +35,18 @@ text(#{curve := Curve, how := How} = Report, Width) ->
 contract(#{contract := none}) -> "a contract";
 contract(#{contract := Name}) -> Name.
 
+taken_up(#{anew := []}, Width) ->
+    wrapped("all robots are taken up as they were", Width);
+taken_up(#{anew := [_ | _] = Anew}, Width) ->
+    [
+        wrapped(
+            io_lib:format("robot ~b starts anew at the last moment, as after a lost store: ~ts", [
+                Id, starl_sim_follow:format_reason(Why)
+            ]),
+            Width
+        )
+     || {Id, Why} <- Anew
+    ];
 taken_up(#{images := [], recording := #{not_kept := []}}, Width) ->
     wrapped("the recording has no snapshots: the run was repeated from its beginning", Width);
 taken_up(#{images := [], recording := #{not_kept := [{Id, Reason} | _]}}, Width) ->

@@ -30,8 +30,9 @@
     handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1
 ]).
 -export([reload/3, take_back/3, fallen/3, gone/3]).
+-export([is_kept/1, input/2, snapshot/2]).
 
--export_type([t/0, config/0, figures/0, random/0]).
+-export_type([t/0, config/0, figures/0, random/0, input/0, snapshot/0]).
 
 %% The parts of the body: processes that the link has started, or their stand-ins. Facts go to the
 %% `sink' as {@link starl_live_link:told()}, and to the observer of this node.
@@ -54,6 +55,7 @@
     random => random(),
     tell => step | at_once,
     inline => boolean(),
+    snapshots_us => pos_integer() | none,
     atom() => term()
 }.
 
@@ -105,8 +107,39 @@
     result = running :: running | given_up | {done, term()},
     told = running :: running | given_up | {done, term()},
     %% the machines of whose calls histories are kept
-    histories = [] :: [starl_machine:name()]
+    histories = [] :: [starl_machine:name()],
+    %% are snapshots told, and has the first one been? then all that comes to the robot is told, too
+    kept = no :: no | asked | begun,
+    %% if so: the timers by their marks, and the last script of the chassis
+    dues = #{} :: #{starl_robot_timers:mark() => due()},
+    script = none :: {AtUs :: integer(), starl_chassis:script(), {starl_machine:name(), term()}} | none
 }).
+
+%% A timer's event.
+-type due() :: {DueUs :: integer(), starl_machine:name(), starl_robot_timers:timer(), term()}.
+
+%% What came to the robot since its last snapshot: an event; a timer's; what its application did; the
+%% next order that its application got. `now': the time at which a machine has handled an event. `other':
+%% what a simulation cannot repeat. They are facts of machine `snapshot', as snapshots are.
+-type input() ::
+    {event, starl_machine:name(), starl_machine:event_type(), term()}
+    | {timer, starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark(), term()}
+    | acts
+    | order
+    | now
+    | {other, atom()}.
+
+%% A live robot as data, at a time of its clock.
+-type snapshot() :: #{
+    at_us := integer(),
+    machines := starl_robot_machines:snapshot(),
+    parts := starl_robot:parts(),
+    dues := #{starl_robot_timers:mark() => due()},
+    marks := non_neg_integer(),
+    stored := #{starl_machine:name() => term()},
+    script := {integer(), starl_chassis:script(), {starl_machine:name(), term()}} | none,
+    result := running | given_up | {done, term()}
+}.
 
 -opaque t() :: #body{}.
 
@@ -153,8 +186,12 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         random = maps:get(random, Config, fun(_Name, _Incarnation) -> rand:seed_s(exsss) end),
         tell = maps:get(tell, Config, step),
         histories = histories(Config),
+        kept = asked(maps:get(snapshots_us, Config, none)),
         now = Now
     }.
+
+asked(none) -> no;
+asked(_Us) -> asked.
 
 %% Of real robots histories are kept: of the calls that a model explains.
 histories(#{inline := true}) ->
@@ -224,6 +261,54 @@ started(Starts, #body{store = Store}) -> starl_live_store:started(Starts, Store)
 tell_start(Names, #body{id = Id, now = Now, observer = Observer}) ->
     starl_observer:tell({started, Now, Id, Names}, Observer).
 
+%% -- snapshots ------------------------------------------------------------------------------
+
+%% @doc Are snapshots of the robot told?
+-spec is_kept(t()) -> boolean().
+is_kept(#body{kept = Kept}) -> Kept =/= no.
+
+%% @doc Tells what comes to the robot, from its first snapshot on.
+-spec input(input(), t()) -> t().
+input(Input, #body{kept = begun, id = Id, now = Now, traces = Traces} = Body) ->
+    Body#body{traces = [{Now, Id, snapshot, {input, Input}} | Traces]};
+input(_Input, Body) ->
+    Body.
+
+%% @doc Tells a snapshot of the robot, between two events; without one what comes is of no use.
+-spec snapshot(
+    {ok, {starl_robot_machines:snapshot(), starl_robot:parts()}} | {error, starl_snapshot:reason()},
+    t()
+) -> t().
+snapshot({ok, {Machines, #{timers := Running} = Parts}}, #body{dues = Dues, now = Now} = Body) ->
+    Left = maps:with([Mark || {_, _, Mark} <- Running], Dues),
+    Snapshot = #{
+        at_us => Now,
+        machines => Machines,
+        parts => Parts,
+        dues => Left,
+        marks => Body#body.marks,
+        stored => stored(Body),
+        script => Body#body.script,
+        result => Body#body.result
+    },
+    told(starl_snapshot:encode({live, Snapshot}), Body#body{dues = Left});
+snapshot({error, _} = Error, Body) ->
+    told(Error, Body).
+
+told(Told, #body{id = Id, now = Now, traces = Traces} = Body) ->
+    Kept =
+        case Told of
+            {ok, _} -> begun;
+            {error, _} -> asked
+        end,
+    Body#body{kept = Kept, traces = [{Now, Id, snapshot, Told} | Traces]}.
+
+stored(#body{parts = Parts, store = Store}) ->
+    maps:from_list([
+        {Name, Term}
+     || Name <- maps:keys(Parts), {stored, Term} <- [starl_live_store:kept(Name, Store)]
+    ]).
+
 %% -- events from outside --------------------------------------------------------------------
 
 %% @doc The events of the robot that a message of its lines is.
@@ -277,7 +362,8 @@ perform({sense, Robots, Tag}, Name, Body) ->
 perform({feel, Kind, Tag}, Name, Body) ->
     {[], out({feel, Kind, {Name, Kind, Tag}}, Body)};
 perform({drive, Script, Mark}, Name, #body{now = Now} = Body) ->
-    {[], out({drive, Script, Now + ?LATEST_US, {Name, Mark}}, Body)};
+    Out = {drive, Script, Now + ?LATEST_US, {Name, Mark}},
+    {[], out(Out, Body#body{script = {Now, Script, {Name, Mark}}})};
 perform({actuate, Device, Value}, _Name, Body) ->
     {[], out({actuate, Device, Value, none}, Body)};
 perform({actuate, Device, Value, Mark}, Name, Body) ->
@@ -448,11 +534,11 @@ late({Name, _Mark} = Owner, #body{late = Late} = Body) ->
 handles(Name, boot, _Content, #body{events = Events} = Body0) ->
     #body{now = Now, codes = Codes} = Body = at(event, Body0),
     {Told, Begun} = starl_reload:started(Name, Now, Codes),
-    all_reloaded(Told, Name, Body#body{events = Events + 1, codes = Begun});
+    input({other, boot}, all_reloaded(Told, Name, Body#body{events = Events + 1, codes = Begun}));
 handles(app, info, {sensed, _} = Sensed, #body{events = Events} = Body) ->
-    trace(chassis, Sensed, (at(event, Body))#body{events = Events + 1});
+    trace(chassis, Sensed, input(now, (at(event, Body))#body{events = Events + 1}));
 handles(_Name, _Type, _Content, #body{events = Events} = Body) ->
-    (at(event, Body))#body{events = Events + 1}.
+    input(now, (at(event, Body))#body{events = Events + 1}).
 
 %% @doc The time at which the present step began, by the robot's clock.
 -spec clock(t()) -> integer().
@@ -475,7 +561,8 @@ base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = S
         random => Random(Name, Incarnation),
         team_seed => Seed,
         now => Now,
-        histories => Body#body.histories
+        histories => Body#body.histories,
+        snapshots => is_kept(Body)
     }.
 
 %% An application looks at the clock itself when it is told of a grant.
@@ -508,7 +595,10 @@ plan(Name, Timer, Us, Content, #body{now = Now, clock = Clock, marks = Mark} = B
     Message = {starl_timer, Name, Timer, Mark, Content},
     At = max(Due, starl_live_clock:monotonic_time(millisecond, Clock)),
     _ = starl_live_clock:start_timer(At, Message, [{abs, true}], Clock),
-    {Mark, Body#body{marks = Mark + 1}}.
+    {Mark, due(Mark, {Now + Us, Name, Timer, Content}, Body#body{marks = Mark + 1})}.
+
+due(_Mark, _Due, #body{kept = no} = Body) -> Body;
+due(Mark, Due, #body{dues = Dues} = Body) -> Body#body{dues = Dues#{Mark => Due}}.
 
 %% @doc Makes a term durable.
 -spec store(starl_machine:name(), term(), t()) -> {ok, t()} | full.

@@ -55,6 +55,8 @@
     packets => boolean(),
     observe => starl_observer:t(),
     inline => boolean(),
+    %% a snapshot of the robot is told this often, and all that comes to it
+    snapshots_us => pos_integer() | none,
     random => starl_live_body:random(),
     tell => step | at_once
 }.
@@ -99,6 +101,9 @@
     long = #{} :: #{pid() => pos_integer()},
     %% the number of turns, and what it was at the last watch, if a process was at work then
     turns = 0 :: non_neg_integer(),
+    %% the period of snapshots, and is one due?
+    snapshots = none :: pos_integer() | none,
+    is_due = false :: boolean(),
     watched = none :: non_neg_integer() | none
 }).
 
@@ -249,9 +254,20 @@ launched(#{robot := Id, clock := Clock} = Spec, Body, Processes, Machines) ->
         robot = Robot,
         senses = starl_live_sense_fault:new(Id),
         tree = Processes,
-        machines_sup = starl_robot_tree:supervisor(Processes)
+        machines_sup = starl_robot_tree:supervisor(Processes),
+        snapshots = maps:get(snapshots_us, Spec, none)
     },
+    ok = due_later(Link),
     {noreply, went(starl_robot:run(Robot), Link)}.
+
+%% By the run's clock, so that all robots tell theirs at about the same time.
+due_later(#link{snapshots = none}) ->
+    ok;
+due_later(#link{snapshots = Us, clock = Clock}) ->
+    Now = starl_live_clock:now_us(Clock),
+    Ms = starl_live_clock:monotonic_ms((Now div Us + 1) * Us, Clock),
+    _ = starl_live_clock:start_timer(Ms, snapshot, [{abs, true}], Clock),
+    ok.
 
 tell_start(_Names, #{sink := none}) ->
     ok;
@@ -305,6 +321,9 @@ handle_info({starl_done, _, Pid, Actions}, #link{robot = Robot} = Link) ->
         ignored -> {noreply, Link};
         Turn -> {noreply, went(Turn, Link)}
     end;
+handle_info({timeout, _, snapshot}, Link) ->
+    ok = due_later(Link),
+    {noreply, work(Link#link{is_due = true})};
 handle_info({timeout, _, {starl_timer, Name, Timer, Mark, Content}}, Link) ->
     {noreply, waits({timer, Name, Timer, Mark, Content}, Link)};
 handle_info({starl_attach, _, Name, _} = Attach, #link{robot = Robot} = Link) ->
@@ -323,7 +342,8 @@ handle_info({'DOWN', _, process, Pid, Reason}, Link) ->
 handle_info(watch, #link{clock = Clock} = Link) ->
     _ = starl_live_clock:send_after(?WATCH_MS, watch, Clock),
     {noreply, watch(long_steps(Link))};
-handle_info({starl_late, {Name, Mark}}, #link{robot = Robot} = Link) ->
+handle_info({starl_late, {Name, Mark}}, Link0) ->
+    #link{robot = Robot} = Link = input({other, late}, Link0),
     {noreply, go_on(Link#link{robot = starl_robot:first([{Name, info, {late, Mark}}], Robot)})};
 handle_info({starl_felt, From, {_, Kind, _} = Mark, Said}, #link{senses = Senses} = Link) ->
     {Felt, Next} = starl_live_sense_fault:felt(Kind, Said, Senses),
@@ -358,26 +378,46 @@ waits(Event, #link{waiting = Waiting} = Link) ->
 work(#link{robot = Robot, waiting = Waiting} = Link) ->
     case starl_robot:busy(Robot) =:= none andalso queue:out(Waiting) of
         false -> Link;
+        _ when Link#link.is_due -> work(pictured(Link#link{is_due = false}));
         {empty, _} -> Link;
         {{value, Event}, Left} -> handle(Event, Link#link{waiting = Left})
     end.
 
+%% The robot is quiet. An application that computes is asked another time.
+pictured(#link{robot = Robot, beside = Beside} = Link) ->
+    Machines = starl_robot:machines(Robot),
+    Told =
+        case map_size(Beside) =:= 0 andalso starl_robot_tree:snapshot(Machines) of
+            false -> {error, at_work};
+            {ok, Kept} -> {ok, {Kept, starl_robot:parts(Robot)}};
+            {error, _} = Error -> Error
+        end,
+    Body = starl_live_body:snapshot(Told, starl_live_body:at(event, starl_robot:world(Robot))),
+    flushed(starl_robot:world(Body, Robot), Link).
+
+input(Input, #link{robot = Robot} = Link) ->
+    Link#link{
+        robot = starl_robot:world(starl_live_body:input(Input, starl_robot:world(Robot)), Robot)
+    }.
+
 handle({event, {Name, Type, Content}}, Link) ->
-    {Body, #link{robot = Robot} = Now} = at_event(Link),
+    {Body0, #link{robot = Robot} = Now} = at_event(Link),
+    Body = starl_live_body:input({event, Name, Type, Content}, Body0),
     Noted = starl_live_body:handles(Name, Type, Content, Body),
     went(starl_robot:event(Name, Type, Content, Noted, Robot), Now);
 handle({reload, Order, Reporter}, Link) ->
-    {Body, Now} = at_event(Link),
+    {Body, Now} = at_event(input({other, reload}, Link)),
     {Words, Next} = starl_live_body:reload(Order, Reporter, Body),
     heeded(Words, Next, Now);
 handle({take_back, N, Failed}, Link) ->
-    {Body, Now} = at_event(Link),
+    {Body, Now} = at_event(input({other, reload}, Link)),
     {Words, Next} = starl_live_body:take_back(N, Failed, Body),
     heeded(Words, Next, Now);
 handle({timer, Name, Timer, Mark, Content}, #link{robot = Robot} = Link) ->
     case starl_robot:expire(Name, Timer, Mark, Robot) of
         {ok, Type, Left} ->
-            {Body, Now} = at_event(Link),
+            {Body0, Now} = at_event(Link),
+            Body = starl_live_body:input({timer, Name, Timer, Mark, Content}, Body0),
             Noted = starl_live_body:handles(Name, Type, Content, Body),
             went(starl_robot:fire(Name, Type, Content, Noted, Left, Now#link.robot), Now);
         stale ->
@@ -386,7 +426,8 @@ handle({timer, Name, Timer, Mark, Content}, #link{robot = Robot} = Link) ->
 handle({acts, Pid, Actions}, #link{beside = Beside} = Link) ->
     case {Beside, starl_robot_machines:name_of(Pid, machines(Link))} of
         {#{Pid := {_, Orders}}, {ok, Name}} ->
-            {Body, #link{robot = Robot} = Now} = at_event(Link),
+            {Body0, #link{robot = Robot} = Now} = at_event(Link),
+            Body = starl_live_body:input(acts, Body0),
             Idle = Now#link{beside = Beside#{Pid := {idle, Orders}}},
             Valid = starl_robot:without_calls(starl_driver:restarted(Orders), Actions),
             Answered = Idle#link{long = maps:remove(Pid, Idle#link.long)},
@@ -437,8 +478,12 @@ went({crashed, Name, Reason, Robot}, Link) ->
 
 %% A machine learns that something of its step was late before it handles anything else.
 flushed(Robot, Link) ->
-    {Late, Body} = starl_live_body:flush(starl_robot:world(Robot)),
+    {Late, Flushed} = starl_live_body:flush(starl_robot:world(Robot)),
+    Body = late(Late, Flushed),
     Link#link{robot = starl_robot:first(Late, starl_robot:world(Body, Robot))}.
+
+late([], Body) -> Body;
+late([_ | _], Body) -> starl_live_body:input({other, late}, Body).
 
 next(#link{robot = Robot} = Link) ->
     case starl_robot:status(Robot) of
@@ -452,7 +497,12 @@ order_next(#link{beside = Beside} = Link) ->
     Body = starl_live_body:at(event, starl_robot:world(Link#link.robot)),
     Now = starl_live_body:now_us(Body),
     Next = maps:filtermap(fun(Pid, Work) -> ordered(Pid, Work, Now) end, Beside),
-    Link#link{beside = Next}.
+    Told = lists:foldl(
+        fun(_, B) -> starl_live_body:input(order, B) end,
+        Body,
+        [Pid || {Pid, {idle, [_ | _]}} <- maps:to_list(Beside)]
+    ),
+    Link#link{beside = Next, robot = starl_robot:world(Told, Link#link.robot)}.
 
 ordered(_Pid, {at_work, _}, _Now) ->
     true;
@@ -485,7 +535,8 @@ down(Pid, Reason, Link) ->
 
 %% The link waits until the machine has been restarted, or given up. Whoever told the robot of new code
 %% learns that it has failed also from a link that ends with it.
-crashed(Name, Reason, #link{robot = Robot0, tree = Tree, beside = Beside} = Link) ->
+crashed(Name, Reason, Link0) ->
+    #link{robot = Robot0, tree = Tree, beside = Beside} = Link = input({other, crashed}, Link0),
     Gone = starl_robot_machines:process(Name, starl_robot:machines(Robot0)),
     Cause = starl_crash:cause(Reason),
     Body = starl_live_body:fallen(

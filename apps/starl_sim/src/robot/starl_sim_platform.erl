@@ -140,6 +140,12 @@ snapshot(#body{vehicle = Vehicle, chain = Chain} = Body) ->
         result => Body#body.result
     }.
 
+%% That of a robot that was not simulated so far.
+own_clock(Id, #{clock := {Offset, Ppb}}, World) ->
+    starl_sim_clock:new(Offset, Ppb, hitting(Id, clocks, World));
+own_clock(Id, _Kept, World) ->
+    clock(Id, World).
+
 %% @doc The piece of motion in such data.
 -spec piece_of(map()) -> starl_trajectory:piece().
 piece_of(#{vehicle := Vehicle}) -> starl_sim_vehicle:piece(Vehicle).
@@ -152,7 +158,7 @@ restore({Id, #{now := Now, chain := Chain, store := Store} = Kept}, World) ->
         world = World,
         now = Now,
         until = Now,
-        clock = clock(Id, World),
+        clock = own_clock(Id, Kept, World),
         seq = maps:get(seq, Kept),
         timers = maps:get(timers, Kept),
         transmitter = maps:get(transmitter, Kept),

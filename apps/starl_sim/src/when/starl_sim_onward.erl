@@ -4,10 +4,11 @@
 %% Up to the moments every fact is compared with the recording, so what goes on is what was recorded. What
 %% futures draw anew is what those of {@link starl_sim_future} do.
 -module(starl_sim_onward).
+-include_lib("starl_platform/include/starl_robot_order.hrl").
 
--export([moments/3, time_us/1, play/3, facts/3, format_error/1]).
+-export([moments/3, live/3, time_us/1, play/3, facts/3, format_error/1]).
 
--export_type([recorded/0, image/0, point/0, settings/0, verdict/0, reason/0]).
+-export_type([recorded/0, live/0, image/0, point/0, settings/0, verdict/0, reason/0]).
 
 %% What is known of a run: its facts, in the order of their times, and images of all its robots, the
 %% earliest first.
@@ -15,6 +16,17 @@
     scenario := starl_sim_scenario:t(),
     facts := [starl_monitor:trace_event()],
     images := [image()]
+}.
+
+%% What is known of a live run at a moment: its facts by then; of each robot what it takes to follow it, or
+%% why it cannot be; its piece of motion; the packets that are under way, with the times at which they
+%% arrive.
+-type live() :: #{
+    scenario := starl_sim_scenario:t(),
+    facts := [starl_monitor:trace_event()],
+    robots := #{starl:robot_id() => {ok, starl_sim_follow:past()} | {error, starl_sim_follow:reason()}},
+    pieces := #{starl:robot_id() => starl_trajectory:piece()},
+    packets := [{To :: starl:robot_id(), AtUs :: integer(), From :: starl:robot_id(), starl_packet:t()}]
 }.
 
 %% All robots at a time between two windows, and the number of windows up to then.
@@ -39,6 +51,8 @@
     loss := number() | same,
     until_s := number(),
     until_ms := pos_integer(),
+    %% the time by which a computer may have prolonged anything
+    slack_us => non_neg_integer(),
     histories => starl_sim_plan:histories()
 }.
 
@@ -51,10 +65,12 @@
     | {broken, starl_monitor:violation()}
     | {parted, starl_monitor:trace_event() | none, starl_monitor:trace_event() | none}
     | {not_kept, starl:robot_id(), starl_snapshot:reason()}
+    | {not_followed, starl:robot_id(), starl_sim_follow:reason()}
     | {failed, term()}.
 
 %% No robot is told of on its way from one moment to the next.
 -define(NEVER_US, 1 bsl 50).
+-define(MANY, 1 bsl 40).
 
 %% @doc The moments of a recording at these times, ascending; each is the beginning of the first window
 %% from its time on.
@@ -177,6 +193,68 @@ parted(Facts, Others) -> {first(Facts), first(Others)}.
 first([]) -> none;
 first([Fact | _]) -> Fact.
 
+%% @doc The moment of a live run: the beginning of the first window from this time on. Robots that cannot be
+%% followed start anew; they are told, with the reasons.
+-spec live(live(), starl_sim_queue:time(), starl_sim:options()) ->
+    {ok, point(), [{starl:robot_id(), starl_sim_follow:reason()}]} | {error, reason()}.
+live(#{scenario := Scenario, robots := Robots} = Live, Time, Options) ->
+    case starl_sim:plan(Scenario#{mode => inline, shards => 1}, Options) of
+        {ok, {_, _, #{window_us := Window, monitors := Monitors} = Plan}} ->
+            At = (Time + Window - 1) div Window * Window,
+            Setting = (maps:with([world, crew], Plan))#{at_us => At},
+            Each = [
+                {Id, followed(Id, maps:get(Id, Robots), Live, Setting)}
+             || Id <- lists:sort(maps:keys(Robots))
+            ],
+            joined(Each, At, Monitors, Live);
+        {error, Reason} ->
+            {error, {start, Reason}}
+    end.
+
+followed(Id, {ok, Past}, Live, Setting) ->
+    case starl_sim_follow:robot(Id, Past, Setting) of
+        {ok, Kept, Facts} -> {ok, Kept, Facts, none};
+        {error, Why} -> followed(Id, {error, Why}, Live, Setting)
+    end;
+followed(Id, {error, Why}, #{pieces := Pieces}, #{at_us := At} = Setting) ->
+    case starl_sim_follow:anew(Id, maps:get(Id, Pieces), Setting) of
+        {ok, Kept} -> {ok, Kept, [{At, Id, robot, down}, {At, Id, robot, up}], Why};
+        {error, Reason} -> {error, Reason}
+    end.
+
+joined(Each, At, Monitors, #{scenario := Scenario, facts := Before, packets := Packets}) ->
+    case [{Id, Why} || {Id, {error, Why}} <- Each] of
+        [{Id, Why} | _] ->
+            {error, {not_followed, Id, Why}};
+        [] ->
+            Robots = maps:from_list([{Id, Kept} || {Id, {ok, Kept, _, _}} <- Each]),
+            More = lists:append([Facts || {_, {ok, _, Facts, _}} <- Each]),
+            case judged(Before ++ lists:keysort(1, More), starl_monitor:guarded(Monitors)) of
+                {broken, Violation} ->
+                    {error, {broken, Violation}};
+                Judged ->
+                    Point = #{
+                        scenario => Scenario,
+                        image => {At, 1, under_way(Packets, At, Robots)},
+                        judged => {Monitors, Judged},
+                        facts => []
+                    },
+                    {ok, Point, [{Id, Why} || {Id, {ok, _, _, Why}} <- Each, Why =/= none]}
+            end
+    end.
+
+under_way(Packets, At, Robots) ->
+    lists:foldl(
+        fun({N, {To, Us, From, Packet}}, Acc) ->
+            #{To := #{planned := Planned} = Robot} = Acc,
+            %% no number of a robot's own
+            Event = {To, max(At, Us), ?CLASS_PACKET, From, ?MANY + N, {sap, packet, Packet}},
+            Acc#{To := Robot#{planned := [Event | Planned]}}
+        end,
+        Robots,
+        lists:enumerate(Packets)
+    ).
+
 %% @doc The time from which a future of a moment differs.
 -spec time_us(point()) -> starl_sim_queue:time().
 time_us(#{image := {Now, _, _}}) -> Now.
@@ -218,7 +296,7 @@ started(#{scenario := Scenario, image := {Now, Windows, Robots}} = Point, Settin
     {ok, Sim} = starl_sim:start(
         Future,
         maps:merge(
-            maps:with([histories], Settings), Options#{from => salted(Salt, Scenario, From)}
+            maps:with([histories, slack_us], Settings), Options#{from => salted(Salt, Scenario, From)}
         )
     ),
     Sim.
@@ -271,6 +349,8 @@ format_error({parted, Recorded, Now}) ->
     );
 format_error({not_kept, Robot, Reason}) ->
     io_lib:format("robot ~b cannot be taken up: ~ts", [Robot, starl_snapshot:format_reason(Reason)]);
+format_error({not_followed, Robot, Reason}) ->
+    io_lib:format("robot ~b cannot be taken up: ~ts", [Robot, starl_sim_follow:format_reason(Reason)]);
 format_error({failed, Reason}) ->
     io_lib:format("the simulation failed: ~0tP", [Reason, 15]).
 

@@ -14,6 +14,7 @@
 
 -export([
     plan/2,
+    slack_us/0,
     observed/2,
     live/2,
     start_link/1,
@@ -88,6 +89,10 @@ plan(Given, Options) ->
         Planned ->
             Planned
     end.
+
+%% @doc The time by which contracts allow everything with a bound to be late, in a run as fast as real time.
+-spec slack_us() -> pos_integer().
+slack_us() -> ?SLACK_US.
 
 %% @doc The options of a run with what its observer and the recorders of its robots are told first.
 -spec observed(starl_sim:planned(), Options) -> Options when Options :: map().

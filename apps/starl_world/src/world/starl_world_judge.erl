@@ -252,7 +252,7 @@ watch([], Packets, Judge) ->
 watch(Trace, Packets, #judge{monitors = Monitors, violations = Violations} = Judge) ->
     Told = lists:keymerge(1, Trace, Packets),
     Seen = Judge#judge{seen = element(1, lists:last(Trace))},
-    case starl_monitor:step(Trace, Monitors) of
+    case starl_monitor:step([E || E <- Trace, starl_observer:is_judged(E)], Monitors) of
         {ok, Next} ->
             ok = tell(Told, [], Judge),
             {ok, Seen#judge{monitors = Next}};

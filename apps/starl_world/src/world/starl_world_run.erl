@@ -44,6 +44,7 @@
     watch => [{module(), map()}],
     observe => starl_observer:t(),
     packets => boolean(),
+    snapshots_us => pos_integer(),
     dir := file:filename(),
     rate_hz => number() | none,
     chassis => starl_world_chassis:lines(),

@@ -54,7 +54,8 @@ robot(Id, #{plan := Plan, clock := Clock, world := World, transport := Line, opt
         positioning => {starl_world_sight, #{world => World}},
         chassis => starl_world_chassis:line(Id, World, Options),
         sink => World,
-        packets => maps:get(packets, Options, false)
+        packets => maps:get(packets, Options, false),
+        snapshots_us => maps:get(snapshots_us, Options, none)
     }.
 
 %% @doc What a robot on a node of its own starts with: its facts are recorded there, too. This process is

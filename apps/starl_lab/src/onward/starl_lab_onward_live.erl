@@ -1,0 +1,214 @@
+%% @doc Reads the recording of a live run up to a moment, to simulate it onwards: of each robot its last snapshot,
+%% what has come to it since, its facts and its piece of motion; and the packets that are under way.
+-module(starl_lab_onward_live).
+
+-export([read/2, format_error/1]).
+
+-export_type([t/0, reason/0]).
+
+-type t() :: #{
+    scenario := starl_trace_message:scenario(), live := starl_sim_onward:live(), end_us := integer()
+}.
+
+-type reason() ::
+    {unreadable, starl_trace_reader:reason()}
+    | {no_scenario, file:filename_all()}
+    | {no_motions, file:filename_all()}
+    | {hole, file:filename_all(), AtUs :: integer()}.
+
+-type id() :: starl:robot_id().
+
+%% A robot: its last snapshot, its time, what has come since, newest first; the time of the last of it; is
+%% the moment over for it?
+-record(robot, {
+    told = {error, no_snapshot} :: {ok, binary()} | {error, starl_sim_follow:reason()},
+    at = 0 :: integer(),
+    inputs = [] :: [{integer(), term()}],
+    until = 0 :: integer(),
+    is_over = false :: boolean(),
+    is_up = true :: boolean()
+}).
+
+-record(read, {
+    file :: file:filename_all(),
+    until :: integer(),
+    scenario = none :: starl_trace_message:scenario() | none,
+    robots = #{} :: #{id() => #robot{}},
+    pieces = #{} :: #{id() => starl_trajectory:piece()},
+    %% newest first
+    facts = [] :: [starl_monitor:trace_event()],
+    %% packets that were sent before, by what they look like, with the times at which they arrive
+    sent = #{} :: #{term() => [integer()]},
+    %% what came after the moment
+    came = [] :: [{id(), integer(), starl_packet:t()}],
+    now = 0 :: integer()
+}).
+
+%% What is under way at a moment comes soon after it, and is heard soon after it has come.
+-define(SOON_US, 2000000).
+-define(HEARD_US, 500000).
+
+%% @doc Reads a recording of a live run.
+-spec read(file:filename_all(), UntilUs :: integer()) -> {ok, t()} | {error, reason()}.
+read(File, Until) ->
+    try starl_trace_reader:fold(fun message/2, #read{file = File, until = Until}, File) of
+        {ok, #read{scenario = none}, _Ended} -> {error, {no_scenario, File}};
+        {ok, Read, _Ended} -> {ok, whole(Read)};
+        {error, Reason} -> {error, {unreadable, Reason}}
+    catch
+        throw:{?MODULE, Reason} -> {error, Reason}
+    end.
+
+message({scenario, _, #{robots := Robots} = Scenario}, #read{scenario = none, file = File} = Read) ->
+    case Scenario of
+        #{told_by := _} when not is_map_key(has_motions, Scenario) ->
+            throw({?MODULE, {no_motions, File}});
+        #{} ->
+            Read#read{
+                scenario = Scenario, robots = maps:from_list([{Id, #robot{}} || {Id, _} <- Robots])
+            }
+    end;
+message({gap, At, Why}, #read{until = Until, file = File} = Read) when At =< Until ->
+    %% what was not judged may be there
+    is_missing(Why) andalso throw({?MODULE, {hole, File, At}}),
+    Read#read{now = At};
+message({_, At, _}, #read{until = Until} = Read) when At > Until + ?SOON_US ->
+    Read#read{now = At};
+message({snapshots, At, {Id, Told}}, #read{robots = Robots} = Read) when is_map_key(Id, Robots) ->
+    told(Told, At, Id, Read#read{now = At});
+message({trace, At, {Id, chassis, {motion, Piece}} = Fact}, #read{until = Until} = Read) when
+    At =< Until
+->
+    #read{pieces = Pieces} = Read,
+    fact(At, Fact, Read#read{pieces = Pieces#{Id => Piece}});
+message({trace, At, {Id, robot, What} = Fact}, #read{until = Until} = Read) when At =< Until ->
+    fact(At, Fact, turned(What, Id, Read));
+message({trace, At, Fact}, Read) ->
+    fact(At, Fact, Read);
+message({packets, At, {From, To, Brief, Bytes, {arrives, Copies}}}, #read{until = Until} = Read) when
+    At =< Until
+->
+    #read{sent = Sent} = Read,
+    Times = [Us || {Us, intact} <- Copies, Us > Until - ?HEARD_US],
+    Key = {From, To, Brief, Bytes},
+    Read#read{now = At, sent = Sent#{Key => Times ++ maps:get(Key, Sent, [])}};
+message({_, At, _}, Read) ->
+    Read#read{now = At}.
+
+is_missing(N) when is_integer(N) -> true;
+is_missing({hole, _}) -> true;
+is_missing(Why) -> Why =:= no_end.
+
+fact(At, {Id, Machine, Event}, #read{facts = Facts} = Read) ->
+    Read#read{now = At, facts = [{At, Id, Machine, Event} | Facts]}.
+
+%% A robot that starts again has no snapshot yet.
+turned(down, Id, Read) -> with(Id, fun(_) -> #robot{is_up = false} end, Read);
+turned(up, Id, Read) -> with(Id, fun(_) -> #robot{} end, Read);
+turned(_Other, _Id, Read) -> Read.
+
+with(Id, Fun, #read{robots = Robots} = Read) ->
+    Read#read{robots = maps:update_with(Id, Fun, Robots)}.
+
+told({input, Input}, At, Id, #read{until = Until} = Read) when At > Until ->
+    after_moment(Input, At, Id, Read);
+told({input, Input}, At, Id, Read) ->
+    with(Id, fun(#robot{inputs = Ins} = R) -> R#robot{inputs = [{At, Input} | Ins], until = At} end, Read);
+told(_Later, At, _Id, #read{until = Until} = Read) when At > Until ->
+    Read;
+told(Told, At, Id, Read) ->
+    with(Id, fun(Robot) -> Robot#robot{told = Told, at = At, inputs = [], until = At} end, Read).
+
+%% What has begun is ended.
+after_moment(now, At, Id, #read{robots = Robots} = Read) ->
+    case Robots of
+        #{Id := #robot{is_over = false, inputs = Inputs} = Robot} ->
+            Read#read{robots = Robots#{Id := Robot#robot{inputs = [{At, now} | Inputs], until = At}}};
+        #{} ->
+            Read
+    end;
+after_moment(Input, At, Id, Read) ->
+    came(Input, At, Id, with(Id, fun(Robot) -> Robot#robot{is_over = true} end, Read)).
+
+came({event, sap, packet, Packet}, At, Id, #read{came = Came} = Read) ->
+    Read#read{came = [{Id, At, Packet} | Came]};
+came(_Other, _At, _Id, Read) ->
+    Read.
+
+%% -- the moment -----------------------------------------------------------------------------
+
+whole(#read{scenario = Scenario, facts = Reversed, robots = Robots, pieces = Pieces} = Read) ->
+    #read{until = Until, now = End} = Read,
+    #{app := App, scenario := Values} = Scenario,
+    Ends = maps:map(fun(_, #robot{until = Us}) -> max(Us, Until) end, Robots),
+    Facts = [
+        Fact
+     || {At, Id, Machine, _} = Fact <- lists:reverse(Reversed),
+        At =< until(Machine, Id, Until, Ends)
+    ],
+    #{
+        scenario => Scenario,
+        end_us => End,
+        live => #{
+            scenario => Values#{app => App},
+            facts => Facts,
+            robots => maps:map(fun(Id, Robot) -> past(Id, Robot, Facts, Pieces) end, Robots),
+            pieces => Pieces,
+            packets => under_way(Read)
+        }
+    }.
+
+until(Machine, _Id, Until, _Ends) when Machine =:= chassis; Machine =:= radio; Machine =:= robot -> Until;
+until(_Machine, Id, Until, Ends) -> maps:get(Id, Ends, Until).
+
+past(_Id, #robot{is_up = false}, _Facts, _Pieces) ->
+    {error, down};
+past(_Id, #robot{told = {error, Why}}, _Facts, _Pieces) ->
+    {error, Why};
+past(Id, #robot{told = {ok, Bytes}, inputs = Inputs}, Facts, Pieces) ->
+    case snapshot(Bytes) of
+        {ok, {live, #{at_us := At} = Snapshot}} ->
+            {ok, #{
+                snapshot => Snapshot,
+                inputs => lists:reverse(Inputs),
+                facts => [Fact || {Us, Of, _, _} = Fact <- Facts, Of =:= Id, Us > At],
+                piece => maps:get(Id, Pieces)
+            }};
+        _ ->
+            {error, other_code}
+    end.
+
+snapshot(Bytes) ->
+    case starl_trace_terms:read(Bytes) of
+        {ok, Term} -> starl_snapshot:of_term(Term);
+        {error, _} = Error -> Error
+    end.
+
+%% What was sent before the moment and heard after it.
+under_way(#read{sent = Sent, came = Came}) ->
+    {Packets, _} = lists:foldl(fun under_way/2, {[], Sent}, lists:reverse(Came)),
+    lists:reverse(Packets).
+
+under_way({To, Heard, Packet}, {Packets, Sent}) ->
+    From = starl_packet:source(Packet),
+    Key = {From, To, starl_packet:brief(Packet), erlang:external_size(Packet)},
+    case [Us || Us <- maps:get(Key, Sent, []), Us =< Heard + ?HEARD_US, Us >= Heard - ?HEARD_US] of
+        [Us | _] when is_integer(From) ->
+            Left = lists:delete(Us, maps:get(Key, Sent)),
+            {[{To, Us, From, Packet} | Packets], Sent#{Key := Left}};
+        _ ->
+            {Packets, Sent}
+    end.
+
+%% @doc One line on a problem: what is wrong, where, and what to do.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({no_motions, File}) ->
+    io_lib:format("~ts: the true motions are missing; merge the world's run.mcap, too", [File]);
+format_error({hole, File, At}) ->
+    io_lib:format("~ts: the recording has a hole at ~.3f s; choose an earlier moment", [
+        File, At / 1.0e6
+    ]);
+format_error({no_scenario, File}) ->
+    io_lib:format("~ts: the recording does not begin with its scenario", [File]);
+format_error({unreadable, Reason}) ->
+    starl_trace_reader:format_error(Reason).
