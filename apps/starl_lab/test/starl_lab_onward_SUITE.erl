@@ -4,9 +4,10 @@
 
 -export([suite/0, all/0]).
 -export([a_recording_goes_on/1, without_snapshots_it_is_repeated/1, bad_input/1]).
--export([the_example_of_the_page/1]).
+-export([the_example_of_the_page/1, live_robots_that_move_go_on/1]).
+-export([live_robots_without_snapshots_start_anew/1]).
 
--import(starl_cli_vm, [says/3, contains/2]).
+-import(starl_cli_vm, [says/3, contains/2, start/1, rest/2]).
 
 suite() -> [{timetrap, {minutes, 2}}].
 
@@ -15,7 +16,9 @@ all() ->
         a_recording_goes_on,
         without_snapshots_it_is_repeated,
         bad_input,
-        the_example_of_the_page
+        the_example_of_the_page,
+        live_robots_that_move_go_on,
+        live_robots_without_snapshots_start_anew
     ].
 
 %% At the first moment the second crash is still to be drawn, when and where; at the last one it has been.
@@ -54,11 +57,63 @@ the_example_of_the_page(Config) ->
             lists:flatten(string:replace(Word, "out/", Priv))
          || Word <- string:lexemes(Args, " ")
         ])
-     || "    ./starl " ++ Args <- Lines
+     || "    ./starl " ++ Args <- lists:sublist([L || "    ./starl " ++ _ = L <- Lines], 2)
     ],
     ?assertEqual(2, length(Texts)),
     contains("from 17.000 s on none of 10 futures break a contract (0.00-0.28)", lists:last(Texts)),
     contains("5.667      0 of 10    0.00-0.28", lists:last(Texts)).
+
+%% Each robot of a live run does again what it was recorded doing, and drives on from where it was. On a busy
+%% computer something may be late, or a step be under way; then it starts anew, but it never goes another way.
+live_robots_that_move_go_on(Config) ->
+    Run = live(Config, "live", ["--snapshots", "1"]),
+    File = filename:join(Run, "run.mcap"),
+    Moments = [4000000, 5500000, 7000000],
+    Taken = lists:append([taken_up(File, At) || At <- Moments]),
+    ?assertEqual([], [Why || {_, Why} <- Taken, is_another_way(Why)]),
+    Followed = [Id || {Id, none} <- Taken],
+    ?assertNotEqual([], Followed),
+    Args = ["--at", "7", "--runs", "2", "--moments", "2", "--since", "4", "--beyond", "3"],
+    {_, Text} = rest(start(["onward", Run, "--out", out(Config, "on") | Args]), ""),
+    contains("from 7.000 s on ", Text).
+
+taken_up(File, At) ->
+    {ok, #{live := #{robots := Robots, facts := Facts} = Live}} = starl_lab_onward_live:read(
+        File, At
+    ),
+    {ok, Point, Anew} = starl_sim_onward:live(Live, At, #{slack_us => starl_world:slack_us()}),
+    Until = (At + 3000000) / 1.0e6,
+    Settings = #{
+        loss => same, until_s => Until, until_ms => 1, slack_us => starl_world:slack_us()
+    },
+    Later = starl_sim_onward:facts(Point, Settings, none),
+    [
+        begin
+            %% it drives on
+            ?assertNotEqual([], [At0 || {At0, R, chassis, {motion, _}} <- Later, R =:= Id]),
+            ?assertNotEqual([], [At0 || {At0, R, chassis, {motion, _}} <- Facts, R =:= Id]),
+            {Id, proplists:get_value(Id, Anew, none)}
+        end
+     || Id <- maps:keys(Robots)
+    ].
+
+is_another_way({parted, _, _}) -> true;
+is_another_way({failed, _}) -> true;
+is_another_way(Why) -> lists:member(Why, [another_way, other_code, no_data]).
+
+live_robots_without_snapshots_start_anew(Config) ->
+    Run = live(Config, "bare-live", []),
+    Args = ["onward", Run, "--at", "4", "--runs", "2", "--out", out(Config, "anew")],
+    {_, Text} = rest(start(Args), ""),
+    contains("robot 1 starts anew at the last moment", Text),
+    contains("it has no snapshot before the moment", Text),
+    contains("from 4.000 s on ", Text).
+
+live(Config, Name, Flags) ->
+    Run = out(Config, Name),
+    Args = ["run", "painting", "--live", "--robots", "2", "--time", "8", "--out", Run | Flags],
+    _ = says(4, "result: ", Args),
+    Run.
 
 %% -- helpers --------------------------------------------------------------------------------
 

@@ -39,7 +39,7 @@ about(_Subject) ->
         "delays, errors of drives, and faults that have not begun. Printed is the share of these futures that "
         "break a contract.",
         "A run that was recorded with --snapshots 5 is taken up at its last snapshot before the moment; "
-        "without, a simulation is repeated from its beginning.",
+        "without, a simulation is repeated from its beginning, and live robots start anew.",
         "Written are onward.txt, curve.csv and a plot. The same --salt gives the same curve. Ctrl-C tells what "
         "is known so far."
     ].
@@ -184,7 +184,9 @@ times(#{end_us := End}, #{at := At, moments := N, since := Since}) ->
 
 futures(Points, #{recording := #{end_us := End} = Recording, values := Values} = Setup) ->
     #{runs := Runs, contract := Contract} = Values,
-    Settings = fun(Us) -> (settings(Us, End, Values))#{histories => histories(Setup), slack_us => slack_us(Setup)} end,
+    Settings = fun(Us) ->
+        (settings(Us, End, Values))#{histories => histories(Setup), slack_us => slack_us(Setup)}
+    end,
     Self = self(),
     Interrupt = make_ref(),
     starl_cli_signal:on_interrupt(fun() -> Self ! Interrupt end),

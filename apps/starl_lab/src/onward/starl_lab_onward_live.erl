@@ -85,7 +85,9 @@ message({trace, At, {Id, robot, What} = Fact}, #read{until = Until} = Read) when
     fact(At, Fact, turned(What, Id, Read));
 message({trace, At, Fact}, Read) ->
     fact(At, Fact, Read);
-message({packets, At, {From, To, Brief, Bytes, {arrives, Copies}}}, #read{until = Until} = Read) when
+message(
+    {packets, At, {From, To, Brief, Bytes, {arrives, Copies}}}, #read{until = Until} = Read
+) when
     At =< Until
 ->
     #read{sent = Sent} = Read,
@@ -110,10 +112,14 @@ turned(_Other, _Id, Read) -> Read.
 with(Id, Fun, #read{robots = Robots} = Read) ->
     Read#read{robots = maps:update_with(Id, Fun, Robots)}.
 
-told({input, Input}, At, Id, #read{until = Until} = Read) when At > Until ->
+told({input, {At, Input}}, _, Id, #read{until = Until} = Read) when At > Until ->
     after_moment(Input, At, Id, Read);
-told({input, Input}, At, Id, Read) ->
-    with(Id, fun(#robot{inputs = Ins} = R) -> R#robot{inputs = [{At, Input} | Ins], until = At} end, Read);
+told({input, {At, Input}}, _, Id, Read) ->
+    with(
+        Id,
+        fun(#robot{inputs = Ins} = R) -> R#robot{inputs = [{At, Input} | Ins], until = At} end,
+        Read
+    );
 told(_Later, At, _Id, #read{until = Until} = Read) when At > Until ->
     Read;
 told(Told, At, Id, Read) ->
@@ -123,7 +129,9 @@ told(Told, At, Id, Read) ->
 after_moment(now, At, Id, #read{robots = Robots} = Read) ->
     case Robots of
         #{Id := #robot{is_over = false, inputs = Inputs} = Robot} ->
-            Read#read{robots = Robots#{Id := Robot#robot{inputs = [{At, now} | Inputs], until = At}}};
+            Read#read{
+                robots = Robots#{Id := Robot#robot{inputs = [{At, now} | Inputs], until = At}}
+            };
         #{} ->
             Read
     end;
@@ -158,8 +166,10 @@ whole(#read{scenario = Scenario, facts = Reversed, robots = Robots, pieces = Pie
         }
     }.
 
-until(Machine, _Id, Until, _Ends) when Machine =:= chassis; Machine =:= radio; Machine =:= robot -> Until;
-until(_Machine, Id, Until, Ends) -> maps:get(Id, Ends, Until).
+until(Machine, _Id, Until, _Ends) when Machine =:= chassis; Machine =:= radio; Machine =:= robot ->
+    Until;
+until(_Machine, Id, Until, Ends) ->
+    maps:get(Id, Ends, Until).
 
 past(_Id, #robot{is_up = false}, _Facts, _Pieces) ->
     {error, down};

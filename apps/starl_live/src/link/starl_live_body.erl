@@ -112,7 +112,8 @@
     kept = no :: no | asked | begun,
     %% if so: the timers by their marks, and the last script of the chassis
     dues = #{} :: #{starl_robot_timers:mark() => due()},
-    script = none :: {AtUs :: integer(), starl_chassis:script(), {starl_machine:name(), term()}} | none
+    script = none ::
+        {AtUs :: integer(), starl_chassis:script(), {starl_machine:name(), term()}} | none
 }).
 
 %% A timer's event.
@@ -270,7 +271,8 @@ is_kept(#body{kept = Kept}) -> Kept =/= no.
 %% @doc Tells what comes to the robot, from its first snapshot on.
 -spec input(input(), t()) -> t().
 input(Input, #body{kept = begun, id = Id, now = Now, traces = Traces} = Body) ->
-    Body#body{traces = [{Now, Id, snapshot, {input, Input}} | Traces]};
+    %% the times of messages may be those of others in a recording
+    Body#body{traces = [{Now, Id, snapshot, {input, {Now, Input}}} | Traces]};
 input(_Input, Body) ->
     Body.
 

@@ -187,7 +187,9 @@ done(Robot) ->
     end.
 
 %% The chassis has said so: what it would say here is not said again.
-answered(Name, {Word, Mark, _}, #world{beats = Beats} = World) when Word =:= driven; Word =:= stalled ->
+answered(Name, {Word, Mark, _}, #world{beats = Beats} = World) when
+    Word =:= driven; Word =:= stalled
+->
     Said = World#world{beats = [B || B <- Beats, not says(Name, Mark, B)]},
     stalled(Word, Said);
 answered(_Name, _Content, World) ->
@@ -203,7 +205,7 @@ stalled(stalled, World) -> stop(World).
 
 compared({App, Robot}, #{facts := Facts} = Past, #{at_us := At} = Setting) ->
     #world{traces = Traces} = World = starl_robot:world(Robot),
-    ok = same([F || F <- Facts, is_own(F)], [F || F <- lists:reverse(Traces), is_own(F)]),
+    ok = same(own(Facts), own(lists:reverse(Traces))),
     Later = World#world{traces = [], now = max(At, World#world.now)},
     Rested = rested(App, starl_robot:world(Later, Robot)),
     #world{traces = New} = starl_robot:world(Rested),
@@ -212,7 +214,9 @@ compared({App, Robot}, #{facts := Facts} = Past, #{at_us := At} = Setting) ->
         {error, _} = Error -> Error
     end.
 
-is_own({_, _, Machine, _}) -> not lists:member(Machine, ?OF_THE_WORLD).
+%% A recording may tell a fact a little later than it was.
+own(Facts) ->
+    [{Machine, Fact} || {_, _, Machine, Fact} <- Facts, not lists:member(Machine, ?OF_THE_WORLD)].
 
 same([Fact | Facts], [Fact | Others]) -> same(Facts, Others);
 same([], []) -> ok;
@@ -277,7 +281,7 @@ class(_Beat) -> ?CLASS_WORLD.
 
 %% @doc A robot that starts anew at the moment, where the recording has it, as after a lost store.
 -spec anew(starl:robot_id(), starl_trajectory:piece(), setting()) ->
-    {ok, starl_sim_robot:snapshot()} | {error, reason()}.
+    {ok, starl_sim_robot:snapshot(), [starl_monitor:trace_event()]} | {error, reason()}.
 anew(Id, Piece, Setting) ->
     case starl_sim_trial:apart(fun() -> begun(Id, Piece, Setting) end) of
         {ok, Answer} -> Answer;
@@ -291,10 +295,12 @@ begun(Id, Piece, #{at_us := At, world := World, crew := #{inline := Inline}} = S
     {ok, Kept} = starl_robot_tree:snapshot(Machines),
     _ = starl_robot_tree:down(Tree),
     Standing = starl_trajectory:pose(At, Piece),
-    Vehicle = starl_sim_vehicle:at(
-        starl_trajectory:standing(At, point(Standing), element(3, Standing)),
-        starl_sim_vehicle:new(Id, {0.0, 0.0, 0.0}, World)
-    ),
+    Stands = starl_trajectory:standing(At, point(Standing), element(3, Standing)),
+    Vehicle = starl_sim_vehicle:at(Stands, starl_sim_vehicle:new(Id, {0.0, 0.0, 0.0}, World)),
+    Names = starl_robot_machines:names(Machines),
+    Facts =
+        [{chassis, {motion, Stands}}, {robot, down}] ++
+            [{Name, crashed} || Name <- Names] ++ [{robot, up}],
     {ok,
         data(Kept, starl_robot:parts(Robot), [{Id, At, ?CLASS_WORLD, 0, 0, wake}], #{
             now => At,
@@ -302,23 +308,34 @@ begun(Id, Piece, #{at_us := At, world := World, crew := #{inline := Inline}} = S
             vehicle => starl_sim_vehicle:snapshot(Vehicle),
             store => starl_sim_store:outdate(starl_sim_store:new([])),
             result => running
-        })}.
+        }), [{At, Id, Machine, Fact} || {Machine, Fact} <- Facts]}.
 
 point({X, Y, _}) -> {X, Y}.
 
 %% @doc Why a robot could not be followed, for a sentence.
 -spec format_reason(reason()) -> unicode:chardata().
-format_reason({other, crashed}) -> "one of its machines crashed after its last snapshot";
-format_reason({other, boot}) -> "one of its machines started after its last snapshot";
-format_reason({other, late}) -> "something of a step was late after its last snapshot";
-format_reason({other, What}) -> io_lib:format("~ts after its last snapshot", [What]);
+format_reason({other, crashed}) ->
+    "one of its machines crashed after its last snapshot";
+format_reason({other, boot}) ->
+    "one of its machines started after its last snapshot";
+format_reason({other, late}) ->
+    "something of a step was late after its last snapshot";
+format_reason({other, What}) ->
+    io_lib:format("~ts after its last snapshot", [What]);
 format_reason({parted, Recorded, Now}) ->
-    io_lib:format("what it does again is not what was recorded: ~0tP, not ~0tP", [Now, 12, Recorded, 12]);
-format_reason(another_way) -> "its program goes another way the second time";
-format_reason(down) -> "it is down";
-format_reason(no_snapshot) -> "it has no snapshot before the moment";
-format_reason({failed, Reason}) -> io_lib:format("it fails: ~0tP", [Reason, 12]);
-format_reason(Reason) -> starl_snapshot:format_reason(Reason).
+    io_lib:format("what it does again is not what was recorded: ~0tP, not ~0tP", [
+        Now, 12, Recorded, 12
+    ]);
+format_reason(another_way) ->
+    "its program goes another way the second time";
+format_reason(down) ->
+    "it is down";
+format_reason(no_snapshot) ->
+    "it has no snapshot before the moment";
+format_reason({failed, Reason}) ->
+    io_lib:format("it fails: ~0tP", [Reason, 12]);
+format_reason(Reason) ->
+    starl_snapshot:format_reason(Reason).
 
 %% -- the chassis ----------------------------------------------------------------------------
 
@@ -346,7 +363,8 @@ drive(Script, Owner, #world{now = Now, vehicle = Vehicle} = World) ->
 %% -- the robot's driver ---------------------------------------------------------------------
 
 %% @doc The machine handles it when it did.
--spec handles(starl_machine:name(), starl_machine:event_type() | boot, term(), #world{}) -> #world{}.
+-spec handles(starl_machine:name(), starl_machine:event_type() | boot, term(), #world{}) ->
+    #world{}.
 handles(app, info, {sensed, _}, World) -> at(World);
 handles(_Name, boot, _Content, _World) -> throw({?MODULE, {other, boot}});
 handles(_Name, _Type, _Content, World) -> at(World).

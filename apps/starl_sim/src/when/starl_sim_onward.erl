@@ -24,9 +24,13 @@
 -type live() :: #{
     scenario := starl_sim_scenario:t(),
     facts := [starl_monitor:trace_event()],
-    robots := #{starl:robot_id() => {ok, starl_sim_follow:past()} | {error, starl_sim_follow:reason()}},
+    robots := #{
+        starl:robot_id() => {ok, starl_sim_follow:past()} | {error, starl_sim_follow:reason()}
+    },
     pieces := #{starl:robot_id() => starl_trajectory:piece()},
-    packets := [{To :: starl:robot_id(), AtUs :: integer(), From :: starl:robot_id(), starl_packet:t()}]
+    packets := [
+        {To :: starl:robot_id(), AtUs :: integer(), From :: starl:robot_id(), starl_packet:t()}
+    ]
 }.
 
 %% All robots at a time between two windows, and the number of windows up to then.
@@ -216,9 +220,9 @@ followed(Id, {ok, Past}, Live, Setting) ->
         {ok, Kept, Facts} -> {ok, Kept, Facts, none};
         {error, Why} -> followed(Id, {error, Why}, Live, Setting)
     end;
-followed(Id, {error, Why}, #{pieces := Pieces}, #{at_us := At} = Setting) ->
+followed(Id, {error, Why}, #{pieces := Pieces}, Setting) ->
     case starl_sim_follow:anew(Id, maps:get(Id, Pieces), Setting) of
-        {ok, Kept} -> {ok, Kept, [{At, Id, robot, down}, {At, Id, robot, up}], Why};
+        {ok, Kept, Facts} -> {ok, Kept, Facts, Why};
         {error, Reason} -> {error, Reason}
     end.
 
@@ -296,7 +300,9 @@ started(#{scenario := Scenario, image := {Now, Windows, Robots}} = Point, Settin
     {ok, Sim} = starl_sim:start(
         Future,
         maps:merge(
-            maps:with([histories, slack_us], Settings), Options#{from => salted(Salt, Scenario, From)}
+            maps:with([histories, slack_us], Settings), Options#{
+                from => salted(Salt, Scenario, From)
+            }
         )
     ),
     Sim.
@@ -350,7 +356,9 @@ format_error({parted, Recorded, Now}) ->
 format_error({not_kept, Robot, Reason}) ->
     io_lib:format("robot ~b cannot be taken up: ~ts", [Robot, starl_snapshot:format_reason(Reason)]);
 format_error({not_followed, Robot, Reason}) ->
-    io_lib:format("robot ~b cannot be taken up: ~ts", [Robot, starl_sim_follow:format_reason(Reason)]);
+    io_lib:format("robot ~b cannot be taken up: ~ts", [
+        Robot, starl_sim_follow:format_reason(Reason)
+    ]);
 format_error({failed, Reason}) ->
     io_lib:format("the simulation failed: ~0tP", [Reason, 15]).
 
