@@ -5,7 +5,6 @@
 -export([suite/0, all/0]).
 -export([a_recording_goes_on/1, without_snapshots_it_is_repeated/1, bad_input/1]).
 -export([the_example_of_the_page/1, live_robots_that_move_go_on/1]).
--export([live_robots_without_snapshots_start_anew/1]).
 
 -import(starl_cli_vm, [says/3, contains/2, start/1, rest/2]).
 
@@ -17,8 +16,7 @@ all() ->
         without_snapshots_it_is_repeated,
         bad_input,
         the_example_of_the_page,
-        live_robots_that_move_go_on,
-        live_robots_without_snapshots_start_anew
+        live_robots_that_move_go_on
     ].
 
 %% At the first moment the second crash is still to be drawn, when and where; at the last one it has been.
@@ -66,7 +64,7 @@ the_example_of_the_page(Config) ->
 %% Each robot of a live run does again what it was recorded doing, and drives on from where it was. On a busy
 %% computer something may be late, or a step be under way; then it starts anew, but it never goes another way.
 live_robots_that_move_go_on(Config) ->
-    Run = live(Config, "live", ["--snapshots", "1"]),
+    Run = live(Config),
     File = filename:join(Run, "run.mcap"),
     Moments = [4000000, 5500000, 7000000],
     Taken = lists:append([taken_up(File, At) || At <- Moments]),
@@ -75,7 +73,14 @@ live_robots_that_move_go_on(Config) ->
     ?assertNotEqual([], Followed),
     Args = ["--at", "7", "--runs", "2", "--moments", "2", "--since", "4", "--beyond", "3"],
     {_, Text} = rest(start(["onward", Run, "--out", out(Config, "on") | Args]), ""),
-    contains("from 7.000 s on ", Text).
+    contains("from 7.000 s on ", Text),
+    %% before its first snapshot there is nothing to follow
+    Early = [
+        "onward", Run, "--at", "0.5", "--runs", "2", "--beyond", "3", "--out", out(Config, "early")
+    ],
+    {_, Anew} = rest(start(Early), ""),
+    contains("robot 1 starts anew at the last moment", Anew),
+    contains("from 0.500 s on ", Anew).
 
 taken_up(File, At) ->
     {ok, #{live := #{robots := Robots, facts := Facts} = Live}} = starl_lab_onward_live:read(
@@ -101,18 +106,10 @@ is_another_way({parted, _, _}) -> true;
 is_another_way({failed, _}) -> true;
 is_another_way(Why) -> lists:member(Why, [another_way, other_code, no_data]).
 
-live_robots_without_snapshots_start_anew(Config) ->
-    Run = live(Config, "bare-live", []),
-    Args = ["onward", Run, "--at", "4", "--runs", "2", "--out", out(Config, "anew")],
-    {_, Text} = rest(start(Args), ""),
-    contains("robot 1 starts anew at the last moment", Text),
-    contains("it has no snapshot before the moment", Text),
-    contains("from 4.000 s on ", Text).
-
-live(Config, Name, Flags) ->
-    Run = out(Config, Name),
-    Args = ["run", "painting", "--live", "--robots", "2", "--time", "8", "--out", Run | Flags],
-    _ = says(4, "result: ", Args),
+live(Config) ->
+    Run = out(Config, "live"),
+    Args = ["--live", "--robots", "2", "--time", "8", "--snapshots", "1", "--out", Run],
+    _ = says(4, "result: ", ["run", "painting" | Args]),
     Run.
 
 %% -- helpers --------------------------------------------------------------------------------
