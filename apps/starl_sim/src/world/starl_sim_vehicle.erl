@@ -107,9 +107,8 @@ at(Piece, Vehicle) -> Vehicle#vehicle{piece = Piece}.
 
 %% @doc The vehicle as data: all but the world, and what follows from it.
 -spec snapshot(t()) -> tuple().
-snapshot(Vehicle) -> Vehicle#vehicle{world = nowhere(), profile = #{}}.
-
-nowhere() -> #{seed => 0, profiles => [], location => [], actuation => []}.
+snapshot(Vehicle) ->
+    setelement(#vehicle.world, setelement(#vehicle.profile, Vehicle, none), none).
 
 %% @doc The vehicle of such data in a world.
 -spec restore(tuple(), world()) -> t().
