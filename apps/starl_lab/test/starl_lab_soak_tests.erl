@@ -65,6 +65,13 @@ applications_are_drawn_test_() ->
         ?assertEqual({1, 10}, {lists:min(Sizes), lists:max(Sizes)})
     end}.
 
+%% Ways are closed and opened again only where there are walls: in a part of the runs of path planning.
+path_planning_has_walls_in_some_runs_test() ->
+    Drawn = [starl_lab_soak:scenario(dpp, none, Seed) || Seed <- lists:seq(1, 200)],
+    Walls = [Faults || #{floor := _, random_faults := Faults} <- Drawn],
+    ?assert(length(Walls) > 30 andalso length(Walls) < 70),
+    ?assert(lists:all(fun(Faults) -> lists:member(floor, Faults) end, Walls)).
+
 %% What a few runs have not had is told, and not owed.
 sometimes_test_() ->
     {timeout, ?PATIENCE_S, fun() ->

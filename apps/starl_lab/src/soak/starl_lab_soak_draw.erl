@@ -40,6 +40,8 @@
 -define(SLOW, [slow_1, slow_2, slow_3, slow_4]).
 %% The delays of drive commands, ms.
 -define(LATENCIES, [{0, 0}, {0, 8}, {0, 20}, {10, 50}]).
+%% The part of the runs of path planning on a floor with walls.
+-define(WALLS, 0.25).
 %% The faults of positions, bodies and stores that path planning tolerates. It assumes positions
 %% within their stated error, and noise, bias and exchanged robots exceed that.
 -define(DPP_BEARS, [location_dropout, location_frozen, actuation, serial, store]).
@@ -50,20 +52,32 @@
     #{atom() => term()}.
 scenario(dpp, Robots, Seed) ->
     Drawn = maps:merge(clocks(dpp, Seed), ending(Seed)),
-    maps:merge(Drawn, #{
-        app => starl_painting,
-        robots => robots(Robots, dpp, Seed),
-        seed => Seed,
-        picture => "house",
-        choice => one_of(["ink", "ink", "nearest"], {Seed, dpp, choice}),
-        heal => ?DPP_HEAL_S,
-        longest_fault => longest(?DPP_HEAL_S, dpp, Seed),
-        chassis => one_of([differential, differential, holonomic, mixed], {Seed, dpp, chassis})
-    });
+    on_a_floor(
+        Seed,
+        maps:merge(Drawn, #{
+            app => starl_painting,
+            robots => robots(Robots, dpp, Seed),
+            seed => Seed,
+            picture => "house",
+            choice => one_of(["ink", "ink", "nearest"], {Seed, dpp, choice}),
+            heal => ?DPP_HEAL_S,
+            longest_fault => longest(?DPP_HEAL_S, dpp, Seed),
+            chassis => one_of([differential, differential, holonomic, mixed], {Seed, dpp, chassis})
+        })
+    );
 scenario(Name, Robots, Seed) ->
     case starl_block_catalogue:find(Name) of
         {ok, _} -> block(Name, Robots, Seed);
         error -> application(Name, module(Name), Robots, Seed)
+    end.
+
+%% In some runs there are walls, doors that close, and boxes that are put down, so that ways are blocked.
+on_a_floor(Seed, #{random_faults := Faults} = Scenario) ->
+    case starl_sim_draw:uniform({Seed, dpp, floor}) < ?WALLS of
+        true ->
+            Scenario#{floor => "two_rooms", random_faults := Faults ++ [floor]};
+        false ->
+            Scenario
     end.
 
 %% Searching the code path for it, as `applications/0' does, takes too long for each run.
