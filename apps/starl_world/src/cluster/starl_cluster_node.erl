@@ -61,8 +61,9 @@ ahead_us(Node) ->
 
 asked_time(Node) ->
     Before = erlang:system_time(microsecond),
-    There = call(Node, erlang, system_time, [microsecond]),
-    {Before, There, erlang:system_time(microsecond)}.
+    case call(Node, erlang, system_time, [microsecond]) of
+        There when is_integer(There) -> {Before, There, erlang:system_time(microsecond)}
+    end.
 
 %% @doc Opens the robot, with these settings of its air and faults of its senses, and gives its link when it has begun.
 -spec open(
