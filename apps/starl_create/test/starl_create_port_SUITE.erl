@@ -465,7 +465,7 @@ vm_asleep(_) ->
         {said, {stopped, heartbeat, _}} -> ok
     after ?AFTER_MS -> error(late)
     end,
-    ok = peer:call(Peer, ?MODULE, go_again, []),
+    ok = peer:call(Peer, ?MODULE, go_again, [], ?AFTER_MS),
     ?assertEqual(?GO, heard(Pty, 5)),
     peer:stop(Peer).
 
@@ -842,7 +842,7 @@ vm(#{pty := Pty} = Line, Options) ->
      || Dir <- code:get_path(), string:find(Dir, "starl") =/= nomatch
     ]),
     {ok, Peer, _} = peer:start(#{connection => standard_io, args => Paths}),
-    ok = peer:call(Peer, ?MODULE, drive, [maps:remove(pty, Line), Options]),
+    ok = peer:call(Peer, ?MODULE, drive, [maps:remove(pty, Line), Options], ?AFTER_MS),
     ?assertEqual(?GO, heard(Pty, 5)),
     Self = self(),
     _ = [
