@@ -299,3 +299,16 @@ settles_after_faults_test() ->
     ?assertEqual([], Judge([{6, 1, crashed}], [])),
     ?assertEqual([], Judge([{6, 1, {failed, e1, timeout}}], [{3, 2, 3, fault}])),
     ?assertEqual([not_settled, not_settled], Judge([{6, 1, {failed, e1, timeout}}], [])).
+
+%% A robot whose machine has crashed has lost the ballots that it kept; who has given up before, or while
+%% it was away, does not tell them again. It has them again from those that are still electing.
+settles_what_is_told_again_test() ->
+    Others = [entered(1, 1), ballot(1, 1, 10), entered(1, 3), ballot(1, 3, 30)],
+    Failed = [{5, 1, {failed, e1, timeout}}, {5, 3, {failed, e1, timeout}}],
+    Judge = fun(Events) ->
+        judge(Others ++ Events ++ [entered(7, 2), ballot(7, 2, 20)], 40, #{settle_us => 10})
+    end,
+    ?assertEqual([not_settled], Judge(Failed)),
+    ?assertEqual([], Judge([{2, 2, crashed} | Failed])),
+    ?assertEqual([], Judge(Failed ++ [{6, 2, crashed}])),
+    ?assertEqual([not_settled, not_settled, not_settled], Judge([{2, 2, crashed}])).

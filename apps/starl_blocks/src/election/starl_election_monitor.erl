@@ -12,7 +12,8 @@
 %% last ballot is cast has elected by that time after it, and after the last fault that the team meets
 %% meanwhile ({@link starl_assumption:calm_us/3}): it must have kept the ballots that came before it took
 %% part itself. An election is not judged so once a robot that had cast its ballot has died, or its machine
-%% has crashed, or it has failed after a fault, as it need not tell the ballot again.
+%% has crashed, or it has failed after a fault, as it need not tell the ballot again: also not to a robot
+%% that has lost what it kept of it in a crash, or was away after one.
 %%
 %% Events of machine `election': {@link starl_election_ballots:event()}, `crashed'; of machine
 %% `robot': `died'. Entering again, after a restart, starts the bound afresh.
@@ -46,6 +47,8 @@
     assumption :: starl_assumption:t(),
     faults :: starl_assumption:t(),
     forgotten = #{} :: #{election() => []},
+    %% The last crash of each robot's machine, and when the robot has taken part again.
+    away = #{} :: #{robot_id() => {CrashUs :: integer(), BackUs :: integer() | infinity}},
     %% The robots that were electing when the last ballot was cast, and that time.
     settling = queue:new() :: queue:queue({SinceUs :: integer(), election(), robot_id()}),
     failed = 0 :: non_neg_integer()
@@ -168,30 +171,44 @@ judge({election, {failed, Election, _Reason}}, T, Robot, #state{failed = Failed}
     Given = given_up(T, Election, Robot, State),
     {[], conclude(Election, Robot, Given#state{failed = Failed + 1})};
 %% Its caller is told that the machine has restarted, and may take part anew.
-judge({election, crashed}, _T, Robot, State) ->
-    {[], absent(Robot, State)};
-judge({robot, {died, _Reason}}, _T, Robot, State) ->
-    {[], absent(Robot, State)};
+judge({election, crashed}, T, Robot, State) ->
+    {[], absent(T, Robot, State)};
+judge({robot, {died, _Reason}}, T, Robot, State) ->
+    {[], absent(T, Robot, State)};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
 
 %% The others need not have heard its ballot, if a fault came in between.
 given_up(T, Election, Robot, #state{open = Open, faults = Faults, forgotten = Of} = State) ->
     {Entered, _} = maps:get({Election, Robot}, Open, {T, T}),
-    case starl_assumption:is_kept(Entered, T, Faults) of
+    case starl_assumption:is_kept(Entered, T, Faults) andalso all_there(Entered, State) of
         true -> State;
         false -> State#state{forgotten = Of#{Election => []}}
     end.
 
-absent(Robot, #state{open = Open, elections = Elections, forgotten = Forgotten} = State) ->
+%% Has no robot been away since then?
+all_there(Since, #state{away = Away}) ->
+    lists:all(fun({_Crash, Back}) -> Back < Since end, maps:values(Away)).
+
+absent(T, Robot, State) ->
+    #state{open = Open, elections = Elections, forgotten = Forgotten, away = Away} = State,
     Cast = [
         Election
-     || {Election, {Ballots, _}} <- maps:to_list(Elections), is_map_key(Robot, Ballots)
+     || {Election, {Ballots, _} = Record} <- maps:to_list(Elections),
+        is_map_key(Robot, Ballots) orelse is_given_up(Election, Record, Open)
     ],
     State#state{
+        away = Away#{Robot => {T, infinity}},
         open = maps:filter(fun({_Election, Who}, _Deadline) -> Who =/= Robot end, Open),
         forgotten = maps:merge(Forgotten, maps:from_keys(Cast, []))
     }.
+
+%% Has a robot cast a ballot that it does not tell any more, nor the result?
+is_given_up(Election, {Ballots, Elected}, Open) ->
+    lists:any(
+        fun(Robot) -> not is_map_key({Election, Robot}, Open) end,
+        maps:keys(maps:without(maps:keys(Elected), Ballots))
+    ).
 
 record_of(Election, #state{elections = Elections}) ->
     maps:get(Election, Elections, {#{}, #{}}).
@@ -199,11 +216,19 @@ record_of(Election, #state{elections = Elections}) ->
 keep(Election, Record, #state{elections = Elections} = State) ->
     State#state{elections = Elections#{Election => Record}}.
 
-enter(T, Robot, Election, #state{open = Open, first_due = First} = State) ->
+enter(T, Robot, Election, #state{open = Open, first_due = First, away = Away} = State) ->
     Deadline = deadline(T, Robot, State),
     keep(Election, record_of(Election, State), State#state{
-        open = Open#{{Election, Robot} => {T, Deadline}}, first_due = min(First, Deadline)
+        away = back(T, Robot, Away),
+        open = Open#{{Election, Robot} => {T, Deadline}},
+        first_due = min(First, Deadline)
     }).
+
+back(T, Robot, Away) ->
+    case Away of
+        #{Robot := {Crash, infinity}} -> Away#{Robot := {Crash, T}};
+        #{} -> Away
+    end.
 
 deadline(T, Robot, #state{bound_us = Bound, assumption = Assumption}) ->
     starl_assumption:delayed_us(Robot, T, T + Bound, ?STEPS, Assumption).
