@@ -63,3 +63,33 @@ a_run_begins_only_where_all_have_room_test_() ->
         ?_assertMatch({ok, {#{world := {12330.0, 8550.0}}, _, _}}, Of(#{floor => "search"})),
         ?_assertMatch({ok, {#{world := {3000.0, 2600.0}}, _, _}}, Of(#{start => "random"}))
     ].
+
+%% On a small floor without a plan they stand closer than in rows two metres apart, which would end beyond it.
+nobody_starts_off_a_small_floor_test_() ->
+    Poses = fun(N, World) ->
+        {ok, {_, Scene, _}} = starl_sim:plan(
+            #{app => starl_looker, robots => N, world => World}, #{}
+        ),
+        maps:values(maps:get(poses, Scene, #{}))
+    end,
+    Distance = fun({X, Y, _}, {X2, Y2, _}) -> starl_geometry:distance({X, Y}, {X2, Y2}) end,
+    [
+        {
+            lists:concat([N, " robots"]),
+            fun() ->
+                Own = Poses(N, {3000, 3000}),
+                ?assertEqual(N, length(Own)),
+                [
+                    ?assert(X > 165 andalso X < 2835 andalso Y > 165 andalso Y < 2835)
+                 || {X, Y, _} <- Own
+                ],
+                [?assert(Distance(P, Q) > 330) || P <- Own, Q <- Own, P < Q]
+            end
+        }
+     || N <- [2, 8, 20]
+    ] ++
+        %% where they have room, and on the usual floor, they stand in rows; a crowd without room does, too
+        [
+            ?_assertEqual([], Poses(N, World))
+         || {N, World} <- [{9, {6000, 6000}}, {200, {12000, 12000}}, {500, {3000, 3000}}]
+        ].

@@ -2,7 +2,7 @@
 %% not on each other.
 -module(starl_floor_start).
 
--export([places/5, check/3]).
+-export([places/5, row/2, check/3]).
 
 -export_type([how/0]).
 
@@ -29,6 +29,13 @@ places(How, Ids, R, Seed, Walls) ->
         {ok, Poses} -> {ok, maps:from_list(lists:zip(Ids, Poses))};
         none -> {error, no_room(How, length(Ids), Walls)}
     end.
+
+%% @doc Where the robot of this number stands in rows two metres apart, on an empty floor of this width (mm).
+-spec row(starl:robot_id(), WidthMm :: number()) -> starl:pose().
+row(Id, Width) ->
+    PerRow = max(1, trunc(Width / ?SPACING_MM)),
+    Place = fun(N) -> ?SPACING_MM / 2 + ?SPACING_MM * N end,
+    {Place((Id - 1) rem PerRow), Place((Id - 1) div PerRow), 0.0}.
 
 no_room(How, N, Walls) ->
     #{size := {W, H}} = starl_walls:floor(Walls),

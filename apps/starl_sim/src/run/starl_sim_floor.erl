@@ -7,6 +7,7 @@
 %% The sizes of floors that a scenario may have (mm).
 -define(LEAST_MM, 1000).
 -define(MOST_MM, 1000000).
+-define(USUAL, {12000, 12000}).
 
 -type problem() :: {error, unicode:chardata()}.
 
@@ -39,8 +40,15 @@ given(#{size := Size}, Scenario) -> Scenario#{world := Size}.
 %% all must have room.
 -spec stand(starl_sim_scenario:t(), starl_scene:t(), starl_scene:context()) ->
     {ok, starl_scene:t()} | problem().
-stand(#{start := none}, Scene, _Context) when not is_map_key(floor, Scene) ->
+stand(#{start := none}, Scene, _Context) when
+    not is_map_key(floor, Scene), is_map_key(poses, Scene)
+->
     {ok, Scene};
+stand(#{start := none} = Scenario, Scene, Context) when not is_map_key(floor, Scene) ->
+    case has_rows(Scenario, Context) orelse places("grid", Scenario, Scene, Context) of
+        {ok, Poses} -> {ok, Scene#{poses => Poses}};
+        _RowsOrNoRoom -> {ok, Scene}
+    end;
 stand(#{start := none}, #{poses := Poses} = Scene, #{robots := Ids} = Context) ->
     case [Id || Id <- Ids, not is_map_key(Id, Poses)] of
         [] ->
@@ -55,6 +63,14 @@ stand(#{start := Start} = Scenario, Scene, Context) ->
         {ok, Poses} -> checked(Poses, Scene#{poses => Poses}, Context);
         {error, _} = Error -> Error
     end.
+
+%% Have all robots room in rows two metres apart? On a floor of the usual size they stand so in any case, as they
+%% always did.
+has_rows(#{world := ?USUAL}, _Context) ->
+    true;
+has_rows(#{world := {Width, Height}}, #{robots := Ids}) ->
+    {_, Y, _} = starl_floor_start:row(lists:max(Ids), Width),
+    Width >= ?LEAST_MM andalso Y < Height.
 
 checked(Poses, Scene, #{profiles := Profiles} = Context) ->
     Radius = fun(Id) -> starl_chassis:radius_mm(starl_chassis:of_robot(Id, Profiles)) end,

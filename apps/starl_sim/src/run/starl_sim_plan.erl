@@ -260,11 +260,7 @@ mode(#{mode := Mode}, _Options) -> Mode.
 
 %% Robots without a start pose stand in rows two metres apart.
 pose(Id, Scene, #{world := {Width, _}}) ->
-    PerRow = max(1, trunc(Width / 2000)),
-    Default = {
-        1000.0 + 2000.0 * ((Id - 1) rem PerRow), 1000.0 + 2000.0 * ((Id - 1) div PerRow), 0.0
-    },
-    maps:get(Id, maps:get(poses, Scene, #{}), Default).
+    maps:get(Id, maps:get(poses, Scene, #{}), starl_floor_start:row(Id, Width)).
 
 %% Monitors get the windows of broken assumptions, the time at which all faults are over, the
 %% longest delay of a packet then, and the time by which this computer may prolong anything. The contract of progress comes last: other contracts describe a failure better.
