@@ -79,11 +79,15 @@ ahead(Robot, At, _Mm, #approach{round = [Corner | Corners], since = Since} = App
     end;
 ahead(Robot, At, Mm, #approach{round = [], nearest = Nearest, since = Since} = Approach, Options) ->
     #{round := Round} = Options,
-    case starl:now(Robot) of
-        Now when Nearest =:= none; Mm < Nearest - ?NEARER_MM ->
+    Now = starl:now(Robot),
+    case is_nearer(Mm, Nearest) of
+        true ->
             Approach#approach{nearest = Mm, since = Now};
-        Now when Now - Since > ?STUCK_MS ->
+        false when Now - Since > ?STUCK_MS ->
             Approach#approach{round = Round(At), nearest = none, since = Now};
-        _ ->
+        false ->
             Approach
     end.
+
+is_nearer(_Mm, none) -> true;
+is_nearer(Mm, Nearest) -> Mm < Nearest - ?NEARER_MM.
