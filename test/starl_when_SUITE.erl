@@ -36,9 +36,13 @@ named(Bug, Seed, Left) ->
     Scenario = maps:merge(starl_planted:scenario(Bug, Seed), maps:merge(plain(), Left)),
     {ok, #{violation := #{at_us := At}, moments := Moments, loss := Loss} = Run} =
         starl_sim_future:repeat(Scenario),
+    Settings = #{loss => Loss, until_s => 1.25 * At / 1.0e6},
     Plan = #{
-        run => Run,
-        settings => #{loss => Loss, until_s => 1.25 * At / 1.0e6},
+        future => fun(Moment, Salt) ->
+            Job = starl_sim_future:plan(Run, Moment, Salt, Settings),
+            fun() -> starl_sim_future:play(Job) end
+        end,
+        time_us => fun(Moment) -> starl_sim_moments:time_us(Moment, Moments) end,
         salt => 1,
         jobs => 2,
         interrupt => make_ref(),
