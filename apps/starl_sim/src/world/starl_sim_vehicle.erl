@@ -14,7 +14,6 @@
 -export([new/3, in_world/2, piece/1, drive/4, actuate/4, turn_wheels/2, beat/3, says/2, stop/2]).
 -export([bump/2, sense/3, feel/3, snapshot/1, restore/2, at/2]).
 
-
 -export_type([t/0, world/0, change/0, plan/0, beat/0]).
 
 %% The part of a simulation's world that a vehicle looks at.
