@@ -3,7 +3,7 @@
 %% the x axis; each combination of the other swept settings is a curve.
 -module(starl_lab_sweep_plot).
 
--export([axis/1, chosen/3, point_name/2, script/1, data/5, draw/1]).
+-export([axis/1, chosen/3, point_name/2, script/1, data/5, put/3]).
 
 -export_type([plot/0, panel/0, figure/0]).
 
@@ -245,8 +245,20 @@ quoted(Text) -> ["'", string:replace(Text, "'", "''", all), "'"].
 
 %% -- gnuplot --------------------------------------------------------------------------------
 
-%% @doc Runs gnuplot on `plot.gp' in a directory; gives its message if it fails.
--spec draw(file:filename()) -> ok | {error, unicode:chardata()}.
+%% @doc Writes these files and the plot's script into a directory, and draws it. A plot that cannot be drawn
+%% is said, and is not a failure: all other results exist.
+-spec put(file:filename(), Files, plot()) -> ok | {error, unicode:chardata()} when
+    Files :: [{file:filename(), unicode:chardata()}].
+put(Dir, Files, Plot) ->
+    case starl_cli_files:put_all(Dir, Files ++ [{"plot.gp", script(Plot)}]) of
+        ok -> said(draw(Dir));
+        {error, _} = Error -> Error
+    end.
+
+said(ok) -> ok;
+said({error, Why}) -> starl_cli_terminal:complain(Why).
+
+%% Runs gnuplot on the script; gives its message if it fails.
 draw(Dir) ->
     case os:find_executable("gnuplot") of
         false ->

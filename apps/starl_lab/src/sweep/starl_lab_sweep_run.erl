@@ -233,8 +233,7 @@ write(Tables, Points, Columns, Figures, #{dir := Dir, grid := Grid, target := #{
         Files = Tables ++ [{"summary.csv", Summary}],
         case plot(Name, Grid, Points, Figures) of
             {ok, Plot} ->
-                Script = starl_lab_sweep_plot:script(Plot),
-                drawn(starl_cli_files:put_all(New, Files ++ [{"plot.gp", Script}]), New);
+                starl_lab_sweep_plot:put(New, Files, Plot);
             {none, Why} ->
                 starl_cli_terminal:warn(["no plot: ", Why]),
                 starl_cli_files:put_all(New, Files)
@@ -249,15 +248,6 @@ plot(Name, Grid, Points, Figures) ->
 
 with_points(#{panels := []}) -> {none, "no run has a figure to plot"};
 with_points(Plot) -> {ok, Plot}.
-
-%% A plot that cannot be drawn is not a failure: all other results exist.
-drawn({error, _} = Error, _Dir) ->
-    Error;
-drawn(ok, Dir) ->
-    case starl_lab_sweep_plot:draw(Dir) of
-        ok -> ok;
-        {error, Why} -> starl_cli_terminal:complain(Why)
-    end.
 
 told(Judged, Target) ->
     lists:foreach(

@@ -297,14 +297,4 @@ when
 plotted(none, Files, Dir) ->
     starl_cli_files:put_all(Dir, Files);
 plotted({ok, Plot}, Files, Dir) ->
-    Script = {"plot.gp", starl_lab_sweep_plot:script(Plot)},
-    drawn(starl_cli_files:put_all(Dir, Files ++ [Script]), Dir).
-
-%% A plot that cannot be drawn is not a failure: all other results exist.
-drawn({error, _} = Error, _Dir) ->
-    Error;
-drawn(ok, Dir) ->
-    case starl_lab_sweep_plot:draw(Dir) of
-        ok -> ok;
-        {error, Why} -> starl_cli_terminal:complain(Why)
-    end.
+    starl_lab_sweep_plot:put(Dir, Files, Plot).
