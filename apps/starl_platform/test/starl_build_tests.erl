@@ -27,6 +27,7 @@ each_change_is_other_code_test() ->
         {integer, 1, 8},
         {atom, 1, a},
         {string, 1, "a"},
+        {string, 1, "b"},
         {call, 1, {atom, 1, node}, []}
     ],
     Codes = [starl_build:code([]) | [code(Body, []) || Body <- Bodies]],
