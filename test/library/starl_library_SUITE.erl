@@ -220,10 +220,12 @@ an_elixir_project_passes_its_tests(Config) ->
         _ ->
             Dir = project("ronde", elixir, Config),
             {0, _} = sh("mix deps.get >deps.log 2>&1", Dir),
-            {Status, Text} = sh("mix test", Dir),
+            {Status, Text} = sh("mix test 2>&1", Dir),
             ?assertEqual(
                 {0, match}, {Status, re:run(Text, "2 tests, 0 failures", [{capture, none}])}, Text
-            )
+            ),
+            %% A new project begins without a warning of the compiler.
+            ?assertEqual(nomatch, re:run(Text, "warning", [{capture, none}]), Text)
     end.
 
 a_mistaken_team_is_one_line(_Config) ->

@@ -12,7 +12,7 @@ defmodule @MODULE@Test do
   test "teams of all sizes keep their contracts under faults" do
     for seed <- 1..20 do
       scenario = %{app: @MODULE@, robots: 1 + rem(seed, 6), seed: seed, random_faults: [:all], time: 600}
-      assert {seed, {:ok, %{violations: []}}} = {seed, :starl_sim_trial.run(scenario)}
+      assert {^seed, {:ok, %{violations: []}}} = {seed, :starl_sim_trial.run(scenario)}
     end
   end
 end
