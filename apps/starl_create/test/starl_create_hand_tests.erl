@@ -64,9 +64,23 @@ last_speeds(Bytes, Last) ->
 waits_are_judged_by_the_time_of_an_answer_test() ->
     Quiet = starl_create_probe:quiet_ms(),
     [
-        ?assertEqual({Ms, Waits}, {Ms, starl_create_waits:judge(Quiet + Ms)})
+        ?assertEqual({Ms, Waits}, {Ms, starl_create_waits:judge(20, Quiet + Ms)})
      || {Ms, Waits} <- [
             {0, long}, {100, long}, {200, unclear}, {286, short}, {380, short}, {400, unclear}
         ]
     ],
-    ?assertEqual(unclear, starl_create_waits:judge(none)).
+    ?assertEqual(unclear, starl_create_waits:judge(20, none)).
+
+%% A robot that does not wait, asked by a computer that hears every answer late, must not be taken for one that does.
+late_answers_show_no_short_waits_test() ->
+    Quiet = starl_create_probe:quiet_ms(),
+    [
+        ?assertEqual({Late, long}, {Late, starl_create_waits:found(fun(_) -> Quiet + Late end)})
+     || Late <- lists:seq(0, 890, 5)
+    ],
+    [
+        ?assertEqual(
+            {Late, short}, {Late, starl_create_waits:found(fun(N) -> Quiet + 15 * N + Late end)}
+        )
+     || Late <- lists:seq(0, 85, 5)
+    ].

@@ -3,12 +3,13 @@
 %% sooner than by those of 100 ms ({@link starl_create_script}).
 %%
 %% The robot is asked for a byte after a number of such waits. A computer that is busy hears the answer later,
-%% so only an answer in time counts.
+%% so only an answer in time counts, and only answers after two numbers of waits that differ: what delays both
+%% alike is in time for one of them at most. An answer that is early cannot come from a robot that waits.
 -module(starl_create_waits).
 
--export([measure/1, judge/1, line/1]).
+-export([measure/1, found/1, judge/2, line/1]).
 
--define(WAITS, 20).
+-define(NUMBERS, [20, 10]).
 -define(LOOK_MS, 15).
 -define(ASK_MS, 900).
 %% Of an answer in time, in looks.
@@ -17,34 +18,43 @@
 
 %% @doc The waits of this robot.
 -spec measure(starl_create_probe:t()) -> starl_create_script:waits().
-measure(Probe) -> measure(Probe, ?TRIES).
+measure(Probe) -> found(fun(Number) -> answer_ms(Number, Probe) end).
 
-measure(_Probe, 0) ->
+%% @doc The waits of a robot whose answers come so long after so many waits.
+-spec found(AnswerMs :: fun((Number :: pos_integer()) -> non_neg_integer() | none)) ->
+    starl_create_script:waits().
+found(AnswerMs) -> found(?NUMBERS, ?TRIES, AnswerMs).
+
+found([], _Tries, _AnswerMs) ->
+    short;
+found(_Numbers, 0, _AnswerMs) ->
     long;
-measure(Probe, Tries) ->
-    case judge(answer_ms(Probe)) of
-        unclear -> measure(Probe, Tries - 1);
-        Waits -> Waits
+found([Number | Others] = Numbers, Tries, AnswerMs) ->
+    case judge(Number, AnswerMs(Number)) of
+        unclear -> found(Numbers, Tries - 1, AnswerMs);
+        short -> found(Others, ?TRIES, AnswerMs);
+        long -> long
     end.
 
-answer_ms(Probe) ->
+answer_ms(Number, Probe) ->
     ok = starl_create_probe:quiet(Probe),
     Begin = erlang:monotonic_time(millisecond),
-    Question = [binary:copy(<<155, 0>>, ?WAITS), 142, 35],
+    Question = [binary:copy(<<155, 0>>, Number), 142, 35],
     case starl_create_probe:ask(Probe, Question, 1, ?ASK_MS) of
         {ok, _} -> erlang:monotonic_time(millisecond) - Begin;
         none -> none
     end.
 
 %% @doc What the time to the answer says. Before it is asked, the line has been quiet for a while.
--spec judge(Ms :: non_neg_integer() | none) -> starl_create_script:waits() | unclear.
-judge(Ms) when is_integer(Ms) ->
+-spec judge(Number :: pos_integer(), Ms :: non_neg_integer() | none) ->
+    starl_create_script:waits() | unclear.
+judge(Number, Ms) when is_integer(Ms) ->
     case (Ms - starl_create_probe:quiet_ms()) / ?LOOK_MS of
-        Looks when Looks < ?WAITS div 2 -> long;
-        Looks when Looks >= ?WAITS - 1, Looks < ?WAITS + ?LATE -> short;
+        Looks when Looks < Number div 2 -> long;
+        Looks when Looks >= Number - 1, Looks < Number + ?LATE -> short;
         _ -> unclear
     end;
-judge(none) ->
+judge(_Number, none) ->
     unclear.
 
 %% @doc What they mean.
