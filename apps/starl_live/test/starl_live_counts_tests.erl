@@ -61,6 +61,29 @@ gauges_test() ->
     ?assertEqual([{battery_percent, [], 71}], starl_live_counts:chassis(#{charge => 71})),
     ?assertEqual([], starl_live_counts:chassis(#{charge => none})).
 
+%% What is left of the leases that a robot holds: of tokens, until it has released or lost them, and of
+%% the right to send what only a leader sends.
+leases_test() ->
+    Beat = {starl, 1, shout, 1, dpp_beat, any},
+    Events = [
+        {0, mutex, {leased, door, 3, 4000000}},
+        {0, mutex, {leased, key, 1, 9000000}},
+        {500000, mutex, {released, key, 1}},
+        {1000000, mutex, {leased, door, 3, 5000000}},
+        {1000000, mutex, {leased, gate, 2, 500000}}
+    ],
+    Held = lists:foldl(fun counted/2, starl_live_counts:new(), Events),
+    Counts = starl_live_counts:sent_until(3000000, Beat, Held),
+    ?assertEqual(
+        [{lease_seconds, [{token, door}], 4.0}, {lease_seconds, [{type, dpp_beat}], 1.0}],
+        starl_live_counts:leases(2000000, Counts)
+    ),
+    Lost = counted({2000000, mutex, {lease_lost, door, 3}}, Counts),
+    ?assertEqual(
+        [{lease_seconds, [{type, dpp_beat}], 1.0}], starl_live_counts:leases(2000000, Lost)
+    ),
+    ?assertEqual([], starl_live_counts:leases(3000000, Lost)).
+
 %% Each family has its type, once, before its lines.
 format_test() ->
     Gauges = [{queue, [{of_what, b}], 2}, {queue, [{of_what, a}], 1}],

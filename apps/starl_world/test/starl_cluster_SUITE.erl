@@ -143,11 +143,11 @@ stores_struck(Config) ->
     ?assertEqual([first, killed, set_back, killed, lost], Struck),
     ?assertEqual(lists:usort(Numbers), Numbers).
 
-%% On a full disk nothing can be written, and what was written stays; the node runs. One that ends comes back
-%% when there is room.
+%% On a full disk nothing can be written, and what was written stays; the node runs, also with code that is
+%% loaded meanwhile. One that ends comes back when there is room.
 full_disk(Config) ->
     Dir = proplists:get_value(dir, Config),
-    ?assertEqual({{error, efbig}, ok, ok, [1]}, in_conductor(filled, [Dir], Config)).
+    ?assertEqual({{error, efbig}, ok, ok, ok, [1]}, in_conductor(filled, [Dir], Config)).
 
 %% Nothing gets through while the link is cut.
 cut(Config) ->
@@ -441,6 +441,7 @@ filled(Dir) ->
     {ok, Cluster} = starl_cluster:start(Given, #{dir => Dir, transport => dist}),
     ok = starl_cluster:fill(Cluster, 2),
     Full = writes(2, Dir, Cluster),
+    Loaded = loads(2, Cluster),
     Other = writes(1, Dir, Cluster),
     ok = starl_cluster:heal(Cluster),
     Clear = writes(2, Dir, Cluster),
@@ -452,11 +453,19 @@ filled(Dir) ->
     ok = up(2, Cluster),
     _ = starl_cluster:stop(Cluster),
     _ = starl_cluster:finish(Cluster),
-    {Full, Other, Clear, Up}.
+    {Full, Loaded, Other, Clear, Up}.
 
 writes(Robot, Dir, Cluster) ->
     {ok, #{node := Node}} = starl_cluster:place(Cluster, Robot),
     erpc:call(Node, file, write_file, [filename:join(Dir, "written"), <<"anything">>]).
+
+%% So much code that the memory of a node for code has to grow: all of OTP's that a node may have.
+loads(Robot, Cluster) ->
+    {ok, #{node := Node}} = starl_cluster:place(Cluster, Robot),
+    Files = filelib:wildcard(filename:join(code:lib_dir(), "*/ebin/*.beam")),
+    Modules = [list_to_atom(filename:basename(File, ".beam")) || File <- Files],
+    _ = erpc:call(Node, code, ensure_modules_loaded, [Modules]),
+    ok.
 
 starts(Dir) ->
     {ok, Store} = starl_live_store:open(filename:join(Dir, "robot-2")),

@@ -375,7 +375,7 @@ perform({until, Us, {trace, Event}, Mark}, Name, #body{id = Id, now = Now} = Bod
     {[], noted({until, Us, Fact, {Name, Mark}}, counted(Fact, Body))};
 perform({until, Us, Action, Mark}, Name, Body) ->
     {Events, #body{out = [Out | Earlier]} = Next} = perform(Action, Name, Body),
-    {Events, Next#body{out = [{until, Us, Out, {Name, Mark}} | Earlier]}};
+    {Events, leased(Us, Action, Next#body{out = [{until, Us, Out, {Name, Mark}} | Earlier]})};
 perform({outlived, N}, _Name, Body) ->
     {[], out({outlived, N}, Body)};
 perform({reloaded, #{tell := nobody} = Told}, Name, Body) ->
@@ -383,6 +383,11 @@ perform({reloaded, #{tell := nobody} = Told}, Name, Body) ->
 perform({reloaded, #{tell := others} = Told}, Name, #body{parts = Parts} = Body) ->
     Others = lists:delete(Name, lists:sort(maps:keys(Parts))),
     {[{To, info, {restarted, Name}} || To <- Others], reloaded(Told, Name, Body)}.
+
+leased(Us, {transmit, _, Packet}, #body{counts = Counts} = Body) ->
+    Body#body{counts = starl_live_counts:sent_until(Us, Packet, Counts)};
+leased(_Us, _Action, Body) ->
+    Body.
 
 %% -- new code -------------------------------------------------------------------------------
 

@@ -283,7 +283,10 @@ tell_start(Names, #{robot := Id, sink := Sink, record := Record}) ->
 -spec handle_call(inspect | figures | metrics | {line, atom()}, gen_server:from(), #link{}) ->
     {reply, term(), #link{}}.
 handle_call(metrics, _From, #link{robot = Robot} = Link) ->
-    {reply, {gauges(Link), starl_live_body:counts(starl_robot:world(Robot))}, Link};
+    Body = starl_live_body:at(event, starl_robot:world(Robot)),
+    Counts = starl_live_body:counts(Body),
+    Leases = starl_live_counts:leases(starl_live_body:now_us(Body), Counts),
+    {reply, {gauges(Link) ++ Leases, Counts}, Link};
 handle_call({line, Line}, _From, #link{robot = Robot} = Link) ->
     {reply, starl_live_body:line(Line, starl_robot:world(Robot)), Link};
 handle_call(inspect, _From, #link{robot = Robot} = Link) ->

@@ -2,8 +2,8 @@
 %% A pure module; {@link text/2} writes them in the text format of Prometheus.
 -module(starl_live_counts).
 
--export([new/0, traced/2, transmits/3, text/2]).
--export([peers/1, chassis/1]).
+-export([new/0, traced/2, transmits/3, sent_until/3, text/2]).
+-export([leases/2, peers/1, chassis/1]).
 
 -export_type([t/0, gauge/0]).
 
@@ -19,10 +19,15 @@
     %% latencies by bucket, their sum and number
     buckets = #{} :: #{pos_integer() | infinity => pos_integer()},
     sum_us = 0 :: non_neg_integer(),
-    count = 0 :: non_neg_integer()
+    count = 0 :: non_neg_integer(),
+    %% the ends of leases, by the robot's clock (us)
+    leases = #{} :: #{lease() => integer()}
 }).
 
 -opaque t() :: #counts{}.
+
+%% What is held under a lease: a token; what allows the robot to send messages of this type, as votes do.
+-type lease() :: {token | type, atom()}.
 
 %% A counter: its name, with a label or without.
 -type counter() :: atom() | {atom(), Label :: atom(), Value :: atom()}.
@@ -57,6 +62,11 @@ traced({_, _, sap, {dropped, Why, _}}, Counts) ->
 traced({_, _, sap, {started, _}}, Counts) ->
     %% messages of an earlier life have no outcome any more
     Counts#counts{open = #{}};
+traced({Us, _, _, {leased, Token, _Fence, LeftUs}}, Counts) ->
+    leased({token, Token}, Us + LeftUs, Counts);
+traced({_, _, _, {How, Token, _Fence}}, Counts) when How =:= released; How =:= lease_lost ->
+    #counts{leases = Leases} = Counts,
+    Counts#counts{leases = maps:remove({token, Token}, Leases)};
 traced({_, _, Machine, crashed}, Counts) ->
     count({restarts, machine, Machine}, 1, Counts);
 traced({_, _, Machine, late}, Counts) ->
@@ -80,6 +90,15 @@ transmits(_To, {starl, _, data, {_, _, Seq, _, _, _, _}}, #counts{open = Open} =
 transmits(_To, Packet, Counts) ->
     count({packets_sent, kind, element(3, Packet)}, 1, Counts).
 
+%% @doc Counts a packet that the robot sends by this time (us) or not at all. A shout has such a time
+%% from a lease alone.
+-spec sent_until(integer(), starl_packet:t(), t()) -> t().
+sent_until(Us, {starl, _, shout, _, Type, _}, Counts) -> leased({type, Type}, Us, Counts);
+sent_until(_Us, _Packet, Counts) -> Counts.
+
+leased(Lease, Us, #counts{leases = Leases} = Counts) ->
+    Counts#counts{leases = Leases#{Lease => Us}}.
+
 count(Counter, N, #counts{counters = Counters} = Counts) ->
     Counts#counts{counters = maps:update_with(Counter, fun(Old) -> Old + N end, N, Counters)}.
 
@@ -94,6 +113,14 @@ observed(Us, #counts{buckets = Buckets, sum_us = Sum, count = Count} = Counts) -
 bucket(Us, [Ms | _]) when Us =< Ms * 1000 -> Ms;
 bucket(Us, [_ | Bounds]) -> bucket(Us, Bounds);
 bucket(_Us, []) -> infinity.
+
+%% @doc The gauges of what is left at this time (us) of leases that have not ended.
+-spec leases(NowUs :: integer(), t()) -> [gauge()].
+leases(Now, #counts{leases = Leases}) ->
+    [
+        {lease_seconds, [Of], (Until - Now) / 1.0e6}
+     || {Of, Until} <- lists:sort(maps:to_list(Leases)), Until > Now
+    ].
 
 %% @doc The gauges of what the transport knows of the other robots.
 -spec peers([starl_live_peers:peer()]) -> [gauge()].

@@ -6,7 +6,7 @@
 %% cookie stands on no command line and in no file.
 -module(starl_sim_peers).
 
--export([start/1, start_as/1, node/1, control/1, os_pid/1, stop/1, kill/1, format_error/1]).
+-export([start/1, start_as/2, node/1, control/1, os_pid/1, stop/1, kill/1, format_error/1]).
 -export([tell_end/1, format_end/1]).
 
 -export_type([t/0, reason/0, told/0]).
@@ -28,14 +28,15 @@
 
 %% @doc Starts `N' peers, linked to the calling process, which must trap exits.
 -spec start(pos_integer()) -> {ok, [t()]} | {error, reason()}.
-start(N) -> start_as([unique("starl_peer") || _ <- lists:seq(1, N)]).
+start(N) -> start_as([unique("starl_peer") || _ <- lists:seq(1, N)], "").
 
 %% @doc Starts a peer for each of these names, without the part after the `@'. A name may be used
-%% again when its peer has ended.
--spec start_as([string()]) -> {ok, [t()]} | {error, reason()}.
-start_as(Names) ->
+%% again when its peer has ended. The process of a peer begins with these commands of a shell, if any,
+%% such as `"ulimit -S -c 0; "'.
+-spec start_as([string()], Commands :: string()) -> {ok, [t()]} | {error, reason()}.
+start_as(Names, Commands) ->
     case distribute() of
-        ok -> start_all(Names);
+        ok -> start_all(Names, Commands);
         {error, _} = Error -> Error
     end.
 
@@ -130,20 +131,20 @@ distribute() ->
 unique(Prefix) -> peer:random_name(Prefix).
 
 %% All peers boot at the same time.
-start_all(Names) ->
-    try [boot() || _ <- Names] of
+start_all(Names, Commands) ->
+    try [boot(Commands) || _ <- Names] of
         Boots -> named([{await(Boot), Name} || {Boot, Name} <- lists:zip(Boots, Names)], [])
     catch
         error:Why -> {error, {no_peer, Why}}
     end.
 
-boot() ->
+boot(Commands) ->
     Tag = make_ref(),
     Options = #{
         connection => standard_io,
         wait_boot => {self(), Tag},
         shutdown => close,
-        exec => exec(),
+        exec => exec(Commands),
         %% who started it says why it has ended
         env => [{"ERL_CRASH_DUMP_SECONDS", "0"}],
         args => args()
@@ -153,14 +154,14 @@ boot() ->
 
 %% The same Erlang as this one. A file that may not grow any more is an error of the write, not the end of
 %% the peer.
-exec() ->
+exec(Commands) ->
     Own = filename:join([code:root_dir(), "bin", "erl"]),
     Erl =
         case filelib:is_regular(Own) of
             true -> Own;
             false -> "erl"
         end,
-    {"/bin/sh", ["-c", "trap '' XFSZ; exec \"$0\" \"$@\"", Erl]}.
+    {"/bin/sh", ["-c", "trap '' XFSZ; " ++ Commands ++ "exec \"$0\" \"$@\"", Erl]}.
 
 %% The code path is this VM's own; the peer finds OTP's code itself. Ctrl-C of a
 %% terminal reaches every VM: peers leave it to the first one (+Bi). A node that loses another one

@@ -5,7 +5,7 @@
 %% '''
 -module(starl_cluster_nodes).
 
--export([start/2, names/1, specified/2, again/2, lost/2, drop/2, stop/1]).
+-export([start/2, names/1, specified/2, again/3, disk/3, lost/2, drop/2, stop/1]).
 -export([ids/1, up/1, name/2, spec/2, code/1, of_control/2, restarts/1, os_pids/1, kill/2]).
 -export([control/2, doom/2, is_doomed/2]).
 
@@ -31,16 +31,18 @@
 
 -opaque t() :: #nodes{}.
 
-%% @doc Starts a node for each robot; the code that the nodes get.
+%% @doc Starts a node for each robot; the code that the nodes get. Their disks have room.
 -spec start([starl:robot_id()], code()) -> {ok, t()} | {error, starl_sim_peers:reason()}.
 start(Ids, Code) ->
     Run = peer:random_name("starl"),
     Names = [Run ++ "-robot" ++ integer_to_list(Id) || Id <- Ids],
-    case starl_sim_peers:start_as(Names) of
+    case starl_sim_peers:start_as(Names, starl_cluster_quota:commands()) of
         {ok, Peers} ->
             ok = lists:foreach(fun starl_sim_peers:tell_end/1, Peers),
-            Nodes = [#node{name = Name, peer = Peer} || {Name, Peer} <- lists:zip(Names, Peers)],
-            {ok, #nodes{nodes = maps:from_list(lists:zip(Ids, Nodes)), code = Code}};
+            All = [#node{name = Name, peer = Peer} || {Name, Peer} <- lists:zip(Names, Peers)],
+            Nodes = #nodes{nodes = maps:from_list(lists:zip(Ids, All)), code = Code},
+            _ = [disk(clear, Id, Nodes) || Id <- Ids],
+            {ok, Nodes};
         {error, _} = Error ->
             Error
     end.
@@ -55,16 +57,22 @@ specified(Specs, #nodes{nodes = All} = Nodes) ->
     With = [{Id, (maps:get(Id, All))#node{spec = Spec}} || {Id, Spec} <- Specs],
     Nodes#nodes{nodes = maps:merge(All, maps:from_list(With))}.
 
-%% @doc Starts a robot's node anew. The calling process is told of its end, as of the others'
-%% ({@link starl_sim_peers:told()}).
--spec again(starl:robot_id(), t()) -> {ok, t()} | {error, starl_sim_peers:reason()}.
-again(Id, #nodes{nodes = All} = Nodes) ->
+%% @doc Fills the disk of a robot, or clears it.
+-spec disk(fill | clear, starl:robot_id(), t()) -> ok | {error, unicode:chardata()}.
+disk(What, Id, Nodes) -> starl_cluster_quota:change({What, Id}, os_pids(Nodes)).
+
+%% @doc Starts a robot's node anew, on a disk that is full or clear. The calling process is told of its
+%% end, as of the others' ({@link starl_sim_peers:told()}).
+-spec again(starl:robot_id(), fill | clear, t()) -> {ok, t()} | {error, starl_sim_peers:reason()}.
+again(Id, Disk, #nodes{nodes = All} = Nodes) ->
     #{Id := #node{name = Name, restarts = N} = Node} = All,
-    case starl_sim_peers:start_as([Name]) of
+    case starl_sim_peers:start_as([Name], starl_cluster_quota:commands()) of
         {ok, [Peer]} ->
             ok = starl_sim_peers:tell_end(Peer),
             Again = Node#node{peer = Peer, restarts = N + 1, doomed = false},
-            {ok, put_node(Id, Again, Nodes)};
+            Up = put_node(Id, Again, Nodes),
+            _ = disk(Disk, Id, Up),
+            {ok, Up};
         {error, _} = Error ->
             Error
     end.

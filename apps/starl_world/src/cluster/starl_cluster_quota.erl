@@ -2,24 +2,35 @@
 %% file grow any more (RLIMIT_FSIZE), so each write of its store, its facts or its recording fails, and
 %% what was written before stays. No right is needed for that, and no other process notices.
 %%
-%% One thing is not as on a full disk: the Erlang VM keeps compiled code in memory that is a file to the kernel. A
-%% node that wants more of it meanwhile, for new code, is ended by SIGSEGV, and starts anew.
+%% The Erlang VM keeps compiled code in memory that is a file to the kernel, too: a node that wanted more of it
+%% on a full disk, for new code, would be ended by SIGSEGV. A VM that starts under the limit keeps its code
+%% in other memory, so each node does ({@link commands/0}), and the limit goes when it is up.
 %%
 %% Such a write fails with `efbig', that on a full disk with `enospc': both are errors of `file', and
 %% StarL tells them apart in the text alone.
 -module(starl_cluster_quota).
 
--export([change/2]).
+-export([commands/0, change/2]).
+
+%% @doc The commands of a shell with which the process of a node begins: its disk is full.
+-spec commands() -> string().
+commands() ->
+    case program() of
+        false -> "";
+        _ -> "ulimit -S -f 0; "
+    end.
 
 %% @doc Fills the disk of a robot, or clears it. A node that is down is filled when it starts.
 -spec change({fill | clear, starl:robot_id()}, #{starl:robot_id() => OsPid :: string()}) ->
     ok | {error, unicode:chardata()}.
 change({What, Robot}, OsPids) ->
-    case {os:find_executable("prlimit"), OsPids} of
+    case {program(), OsPids} of
         {false, _} -> {error, "a disk cannot be filled here: apt install util-linux (prlimit)"};
         {Program, #{Robot := OsPid}} -> limited(What, Robot, OsPid, Program);
         {_, #{}} -> ok
     end.
+
+program() -> os:find_executable("prlimit").
 
 %% The limit that holds is the soft one; the hard one stays.
 limited(What, Robot, OsPid, Program) ->

@@ -317,9 +317,9 @@ does({unplug_in_time, Robot}, _Hands, #state{world = World}) ->
     starl_world:cable(World, Robot, pulled_in_time);
 does({plug, Robot}, _Hands, #state{world = World}) ->
     starl_world:cable(World, Robot, back);
-does({FillOrClear, _Robot} = Act, Hands, State) when FillOrClear =:= fill; FillOrClear =:= clear ->
+does({FillOrClear, Robot}, Hands, State) when FillOrClear =:= fill; FillOrClear =:= clear ->
     #state{world = World, nodes = Nodes} = State,
-    case starl_cluster_quota:change(Act, starl_cluster_nodes:os_pids(Nodes)) of
+    case starl_cluster_nodes:disk(FillOrClear, Robot, Nodes) of
         ok -> starl_world:fill(World, starl_cluster_hands:full(Hands));
         {error, _} = Error -> Error
     end;
@@ -373,8 +373,7 @@ healed(From, Text, Standing) ->
     #state{world = World, nodes = Nodes, hands = Hands} = State = all_go_on(Standing),
     None = starl_cluster_hands:healed(Hands),
     Back = fun(Robot) -> ok = starl_world:cable(World, Robot, back) end,
-    OsPids = starl_cluster_nodes:os_pids(Nodes),
-    _ = [starl_cluster_quota:change({clear, R}, OsPids) || R <- starl_cluster_hands:full(Hands)],
+    _ = [starl_cluster_nodes:disk(clear, R, Nodes) || R <- starl_cluster_hands:full(Hands)],
     ok = starl_world:fill(World, []),
     ok = starl_world:freeze(World, []),
     ok = starl_world:senses(World, []),
@@ -590,21 +589,17 @@ later(Id, State) ->
     _ = erlang:send_after(?AGAIN_MS, self(), {again, Id}),
     State.
 
-again(Id, #state{nodes = Nodes} = State) ->
-    case starl_cluster_nodes:again(Id, Nodes) of
+%% A disk that is full stays so.
+again(Id, #state{nodes = Nodes, hands = Hands} = State) ->
+    Disk =
+        case lists:member(Id, starl_cluster_hands:full(Hands)) of
+            true -> fill;
+            false -> clear
+        end,
+    case starl_cluster_nodes:again(Id, Disk, Nodes) of
         {ok, Up} ->
-            ok = filled_again(Id, Up, State),
             reopening(Id, State#state{nodes = Up});
         {error, Reason} ->
             logger:error(#{what => node_not_started, robot => Id, why => Reason}),
             later(Id, State)
     end.
-
-%% A disk that is full stays so while its robot's node starts anew.
-filled_again(Id, Nodes, #state{hands = Hands}) ->
-    OsPids = starl_cluster_nodes:os_pids(Nodes),
-    _ = [
-        starl_cluster_quota:change({fill, Id}, OsPids)
-     || lists:member(Id, starl_cluster_hands:full(Hands))
-    ],
-    ok.
