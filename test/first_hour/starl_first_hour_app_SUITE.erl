@@ -4,6 +4,7 @@
 -include_lib("stdlib/include/assert.hrl").
 
 -export([suite/0, all/0, init_per_testcase/2, end_per_testcase/2]).
+-export([own_applications_are_listed/1]).
 -export([mistakes_are_told_before_the_run/1, first_crash_is_told_once/1, log_has_each_cause_once/1]).
 -export([crashes_now_and_then_go_on/1, a_killed_robot_is_one_line/1, waiting_robots_are_told/1]).
 -export([an_endless_loop_is_told_and_interrupted/1, a_loop_without_a_process_is_told/1]).
@@ -13,6 +14,7 @@ suite() -> [{timetrap, {minutes, 2}}].
 
 all() ->
     [
+        own_applications_are_listed,
         mistakes_are_told_before_the_run,
         first_crash_is_told_once,
         log_has_each_cause_once,
@@ -32,6 +34,19 @@ init_per_testcase(Case, Config) ->
     [{before, Before} | Config].
 
 end_per_testcase(_Case, Config) -> file:set_cwd(proplists:get_value(before, Config)).
+
+%% What a user runs is listed first, by the word that runs it.
+own_applications_are_listed(_) ->
+    Lines = ["%% Waits.\n", "-module(idle).\n", "-behaviour(starl_app).\n"],
+    Files = ["idle.erl", "src/idle.erl", "team/idle.erl"],
+    [ok = filelib:ensure_dir(File) || File <- Files],
+    [ok = file:write_file(File, Lines) || File <- Files],
+    ok = file:write_file("other.erl", "-module(other).\n"),
+    Listed = lists:sublist(starl_cli_target:purposes(), 3),
+    ?assertEqual(["idle.erl", "idle", "team"], [Word || {Word, _} <- Listed]),
+    ?assertEqual(
+        ["Waits."], lists:usort([unicode:characters_to_list(Told) || {_, Told} <- Listed])
+    ).
 
 %% The line on each, and the whole output and the exit status of one.
 mistakes_are_told_before_the_run(_) ->

@@ -11,7 +11,11 @@ name() -> "apps".
 synopsis() -> "list the applications".
 
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) -> ["Lists the applications and the examples; ./starl run NAME runs one."].
+about(_Subject) ->
+    [
+        "Lists your own applications in this directory, those that ship and the examples; ./starl run NAME "
+        "runs one."
+    ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(_Call) ->

@@ -25,6 +25,8 @@
 -type code() :: {module(), Source :: file:filename(), Beam :: binary()}.
 
 -define(PREFIX, "starl_").
+%% Directories whose sources are not one application.
+-define(NO_TEAM, ["src", "test", "examples"]).
 
 -type answer() :: {ok, t()} | {error, [unicode:chardata(), ...]}.
 
@@ -43,29 +45,35 @@ short(Module) ->
         Name -> Name
     end.
 
-%% @doc The applications that are for users: those that ship, and the examples of the checkout by
-%% their files.
+%% @doc The applications that are for users: their own in the working directory, by the words for
+%% them; those that ship; and the examples of the checkout by their files.
 -spec purposes() -> [{Target :: string(), Purpose :: unicode:chardata()}].
-purposes() -> shown() ++ examples().
+purposes() -> own() ++ shown() ++ examples().
 
 shown() -> lists:sort([{short(Module), Purpose} || {Module, Purpose} <- offered()]).
 
+%% In a project's `src' its modules go by their names ({@link resolve/1}); a directory with several
+%% sources is one application.
+own() ->
+    Here = [{File, doc(File)} || File <- sources("*.erl", ".")],
+    Directories = [{filename:dirname(File), doc(File)} || File <- sources("*/*.erl", ".")],
+    Modules = [{filename:basename(File, ".erl"), doc(File)} || File <- sources("src/*.erl", ".")],
+    Here ++ Modules ++ [Own || {Dir, _} = Own <- Directories, not lists:member(Dir, ?NO_TEAM)].
+
 examples() ->
     [
-        {shortest(File, Path), doc(Path)}
-     || Pattern <- ["examples/*.erl", "examples/*/*.erl"],
-        File <- filelib:wildcard(Pattern, root()),
-        Path <- [filename:join(root(), File)],
-        {ok, Text} <- [file:read_file(Path)],
-        nomatch =/= re:run(Text, "^-behaviou?r[(]starl_app[)]", [multiline])
+        {File, doc(filename:join(root(), File))}
+     || Pattern <- ["examples/*.erl", "examples/*/*.erl"], File <- sources(Pattern, root())
     ].
 
-%% A word by which `resolve/1' finds the file.
-shortest(File, Path) ->
-    case cwd() =:= root() of
-        true -> File;
-        false -> Path
-    end.
+%% The sources of applications in a directory.
+sources(Pattern, Dir) ->
+    [
+        File
+     || File <- filelib:wildcard(Pattern, Dir),
+        {ok, Text} <- [file:read_file(filename:join(Dir, File))],
+        nomatch =/= re:run(Text, "^-behaviou?r[(]starl_app[)]", [multiline])
+    ].
 
 %% @doc The shipped scenario files: name, file and first comment line.
 -spec scenarios() -> [{Name :: string(), file:filename(), Doc :: unicode:chardata()}].
@@ -140,12 +148,23 @@ app(Args) ->
         {_, _} -> none
     end.
 
-kind(Word) ->
+%% The examples of the checkout go by their files from everywhere.
+kind(Given) ->
+    Word = example(Given),
     case {lists:keyfind(Word, 1, apps()), lists:keyfind(Word, 1, scenarios())} of
         {{_, Module}, _} -> {app, Module};
         {false, {_, File, _}} -> {scenario, File};
         {false, false} -> kind_of_file(filename:extension(Word), Word)
     end.
+
+example("examples/" ++ _ = Word) ->
+    There = filename:join(root(), Word),
+    case {filelib:is_file(Word), filelib:is_file(There)} of
+        {false, true} -> There;
+        _ -> Word
+    end;
+example(Word) ->
+    Word.
 
 kind_of_file(".erl", Word) ->
     {source, Word};
