@@ -103,7 +103,7 @@ searched(Model, Limits, Control) ->
 outcome({holds, Ending, Figures}, _Model) ->
     {holds, Ending, Figures};
 outcome({violated, Violation, Way, Figures}, #{ids := Ids}) ->
-    Steps = [starl_check_explain:step(Step) || Step <- Way],
+    Steps = [starl_check_chart:described(Step) || Step <- Way],
     {violated, #{
         violation => starl_check_term:shown(Violation),
         steps => length(Way),
@@ -148,7 +148,7 @@ count(Text) ->
 format_unlike({number, Place}) ->
     io_lib:format("robot ~b does something else under its own number", [Place]);
 format_unlike({Choice, Item, Permutation}) ->
-    {Event, []} = starl_check_explain:step({Choice, Item, []}),
+    {Event, []} = starl_check_chart:described({Choice, Item, []}),
     Moves = [
         io_lib:format("~b as ~b", [From, To])
      || {From, To} <- lists:enumerate(tuple_to_list(Permutation)), From =/= To

@@ -10,7 +10,7 @@
 %% stand below it.
 -module(starl_check_chart).
 
--export([format/2, text/1]).
+-export([described/1, format/2, text/1]).
 
 -export_type([step/0, event/0]).
 
@@ -89,3 +89,60 @@ shaft(false, Length, Kind) -> "o<" ++ stroke(Length, Kind) ++ "|".
 
 stroke(Length, solid) -> lists:duplicate(Length, $-);
 stroke(Length, dotted) -> lists:duplicate(Length, $.).
+
+%% -- the steps -----------------------------------------------------------------------------
+
+%% @doc A step of the search in words, as a line of a chart.
+-spec described({starl_check_choice:t(), starl_check_part:item() | none, [starl_monitor:trace_event()]}) ->
+    step().
+described({{still, Choice, {Step, Actions}}, Item, Traces}) ->
+    {Happens, _} = described({Choice, Item, []}),
+    {
+        cut(Happens, io_lib:format("  (stands still: step ~b, action ~b)", [Step, Actions + 1])),
+        Traces
+    };
+described({{go_on, Place}, none, Traces}) ->
+    {{mark, Place, happens, "goes on with its step"}, Traces};
+described({{fire, Place, {app, _}}, none, Traces}) ->
+    {{mark, Place, happens, "the application goes on"}, Traces};
+described({{fire, Place, {Name, Timer}}, none, Traces}) ->
+    Text = io_lib:format("~ts: time-out ~0tp", [Name, starl_check_term:shown(Timer)]),
+    {{mark, Place, happens, Text}, Traces};
+described({{crash, Place, Name}, none, Traces}) ->
+    {{mark, Place, crash, [atom_to_list(Name), " crashes"]}, Traces};
+described({{down, Place}, none, Traces}) ->
+    {{mark, Place, crash, "goes down"}, Traces};
+described({{die, Place}, none, Traces}) ->
+    {{mark, Place, crash, "dies"}, Traces};
+described({{up, Place}, none, Traces}) ->
+    {{mark, Place, happens, "starts anew"}, Traces};
+described({{outcome, Place, _, Lost}, none, Traces}) ->
+    {{mark, Place, happens, ["hears from SAP: ", heard(Lost)]}, Traces};
+described({tick, none, Traces}) ->
+    {{note, "time passes"}, Traces};
+described({{Kind, _}, Item, Traces}) ->
+    {arrow(Kind, Item), Traces}.
+
+cut({mark, Place, Kind, Text}, More) -> {mark, Place, Kind, [Text, More]};
+cut({arrow, From, To, Line, Text}, More) -> {arrow, From, To, Line, [Text, More]}.
+
+arrow(Kind, {packet, From, To, Packet}) ->
+    {arrow, From, To, solid, [shown(Packet), again(Kind)]};
+arrow(deliver, {message, From, To, Type, Body, _, Age}) ->
+    {arrow, From, To, solid, [atom_to_list(Type), " ", shown(Body), slow(Age)]};
+arrow(refuse, {message, From, To, Type, Body, _, _}) ->
+    {arrow, From, To, dotted, [atom_to_list(Type), " ", shown(Body), "  (refused)"]}.
+
+heard([]) ->
+    "nothing is lost";
+heard(Lost) ->
+    ["lost at ", lists:join(", ", [integer_to_list(starl_check_term:number(R)) || R <- Lost])].
+
+again(again) -> "  (and once more later)";
+again(deliver) -> "".
+
+slow(fresh) -> "";
+slow(late) -> "  (slow)";
+slow(ghost) -> "  (thought lost)".
+
+shown(Term) -> io_lib:format("~0tp", [starl_check_term:shown(Term)]).

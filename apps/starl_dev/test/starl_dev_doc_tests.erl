@@ -2,7 +2,7 @@
 -module(starl_dev_doc_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-turned(Text) -> starl_dev_doc_source:for_edoc(string:split(Text, "\n", all)).
+turned(Text) -> starl_dev_doc_pages:for_edoc(string:split(Text, "\n", all)).
 
 %% A comment goes behind the type that it stands before, over all its lines; others stay.
 source_test() ->
@@ -48,7 +48,7 @@ chunks_test() ->
     ok = file:write_file(
         File, "%% @doc Of M.\n-module(m).\n-export_type([t/0]).\n\n%% Of T.\n-type t() :: a.\n"
     ),
-    ?assertEqual(1, starl_dev_doc_chunks:make([File], Builds)),
+    ?assertEqual(1, starl_dev_doc:make_chunks([File], Builds)),
     [One, Same] = [file:read_file(filename:join(Build, "doc/chunks/m.chunk")) || Build <- Builds],
     ?assertEqual(One, Same),
     {ok, Chunk} = One,

@@ -61,6 +61,10 @@
 %% The seconds that EUnit gives a property.
 -define(EUNIT_S, 3600).
 
+%% The state of shrinking, and the runs that it may take.
+-define(KEY, {?MODULE, shrinking}).
+-define(MOST, 300).
+
 %% @doc A generator of scenarios. What can be known to be wrong, such as an option that does not exist,
 %% is the error `{starl_property, Line}' before any run.
 -spec scenario(team()) -> generator().
@@ -84,7 +88,7 @@ holds(Scenario) -> holds(Scenario, #{}).
 holds(Scenario, Demand) ->
     ok = starl_property_mistake:scenario(Scenario),
     ok = starl_property_mistake:demand(Demand),
-    Verdict = starl_property_shrinking:judged(Scenario, fun() ->
+    Verdict = judged(Scenario, fun() ->
         starl_property_run:verdict(Scenario, Demand)
     end),
     proper:whenfail(
@@ -118,7 +122,7 @@ quickcheck(Property, Options) ->
     %% Crashes are planned: what is said of them would hide the answer.
     ok = logger:set_primary_config(level, none),
     try
-        starl_property_shrinking:within_bound(fun() ->
+        within_bound(fun() ->
             true =:= proper:quickcheck(Seeded, [{numtests, Cases}, nocolors])
         end)
     after
@@ -142,3 +146,43 @@ environment(Name, Default) ->
 
 natural(_Name, {N, ""}) when N >= 0 -> N;
 natural(Name, _) -> error({starl_property, Name ++ " in the environment must be a whole number"}).
+
+%% -- the bound on shrinking ----------------------------------------------------------------
+
+%% How many runs PropEr may take to make a failing case small. Its own bound counts only those that
+%% succeed; a scenario with six faults has thousands of neighbours, most of which hold. What is
+%% left over is for the simulator's shrinker, which goes on from there and knows runs.
+%%
+%% It stands in the dictionary of the process that tests, as PropEr's own state does. A property that
+%% is tested by PropEr itself (`rebar3 proper') has no such bound.
+
+within_bound(Test) ->
+    Outer = put(?KEY, testing),
+    try
+        Test()
+    after
+        put(?KEY, Outer)
+    end.
+
+%% The verdict on a scenario; once the bound is reached every new one holds, so that PropEr ends. The
+%% one that failed last is always judged: PropEr tells of it at its end.
+-spec judged(Scenario :: map(), fun(() -> Verdict)) -> Verdict | holds.
+judged(Scenario, Verdict) ->
+    case get(?KEY) of
+        {shrinking, ?MOST, Failing} when Failing =/= Scenario -> holds;
+        State -> noted(Verdict(), Scenario, State)
+    end.
+
+noted(Verdict, _Scenario, undefined) ->
+    Verdict;
+noted(holds, _Scenario, testing) ->
+    holds;
+noted(holds, _Scenario, {shrinking, Runs, Failing}) ->
+    _ = put(?KEY, {shrinking, min(?MOST, Runs + 1), Failing}),
+    holds;
+noted(Verdict, Scenario, State) ->
+    _ = put(?KEY, {shrinking, runs(State), Scenario}),
+    Verdict.
+
+runs(testing) -> 0;
+runs({shrinking, Runs, _}) -> min(?MOST, Runs + 1).

@@ -10,6 +10,8 @@
     {proper_types, bind, 3},
     {proper_types, exactly, 1},
     {proper_types, is_type, 1},
+    {proper_types, boolean, 0},
+    {proper_types, oneof, 1},
     {proper_types, noshrink, 1},
     {proper_types, binary, 1},
     {proper_types, integer, 2},
@@ -21,6 +23,8 @@
 -define(ROBOTS, {1, 5}).
 -define(MOST_FAULTS, 6).
 -define(HEAL_S, 60).
+%% The parts of a range that numbers are drawn in.
+-define(PARTS, 1000).
 
 %% @doc A generator of scenarios for a team.
 -spec generator(starl_property:team()) -> starl_property:generator().
@@ -141,10 +145,41 @@ is_generator(Value) -> proper_types:is_type(Value).
 
 varied(Key, Options) ->
     case lists:keyfind(Key, 1, Options) of
-        {Key, Type, _, _} -> starl_property_option:generator(Key, Type);
+        {Key, Type, _, _} -> of_type(Key, Type);
         false -> wrong("vary: there is no option ~tp", [Key])
     end.
 
 -spec wrong(io:format(), [term()]) -> no_return().
 wrong(Format, Args) ->
     error({starl_property, unicode:characters_to_list(io_lib:format(Format, Args))}).
+
+%% -- the values of an option ---------------------------------------------------------------
+
+%% A generator of what the value of an option is made from, and the function that makes it: so
+%% that the caller draws all values at once. It shrinks towards the option's least value. An option
+%% that has no range, such as a text, is an error.
+-spec of_type(atom(), starl_options:type()) ->
+    {starl_property:generator(), fun((term()) -> term())}.
+of_type(_Key, {integer, Least, Most}) ->
+    {proper_types:integer(Least, Most), fun same/1};
+of_type(_Key, {number, Least, Most}) ->
+    {proper_types:integer(0, ?PARTS), fun(N) -> Least + (Most - Least) * N / ?PARTS end};
+of_type(_Key, {one_of, Names}) ->
+    {proper_types:oneof([proper_types:exactly(Name) || Name <- Names]), fun same/1};
+of_type(_Key, boolean) ->
+    {proper_types:boolean(), fun same/1};
+of_type(Key, {between, Type}) ->
+    {Part, Make} = of_type(Key, Type),
+    {proper_types:tuple([Part, Part]), fun({A, B}) ->
+        {min(Make(A), Make(B)), max(Make(A), Make(B))}
+    end};
+of_type(Key, {optional, Type}) ->
+    {Part, Make} = of_type(Key, Type),
+    Some = proper_types:tuple([proper_types:exactly(some), Part]),
+    {proper_types:oneof([proper_types:exactly(none), Some]), fun
+        (none) -> none;
+        ({some, Drawn}) -> Make(Drawn)
+    end};
+of_type(Key, _Type) ->
+    Why = io_lib:format("vary: ~tp has no range; give it a generator of its values", [Key]),
+    error({starl_property, lists:flatten(Why)}).

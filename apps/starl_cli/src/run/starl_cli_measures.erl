@@ -106,5 +106,25 @@ number(Value) -> io_lib:format("~w", [Value]).
 svg(Monitors) ->
     case values(Monitors) of
         [] -> [];
-        Values -> [{"measures.svg", starl_cli_measures_plot:svg(Values)}]
+        Values -> [{"measures.svg", panels(Values)}]
     end.
+
+%% A panel for each measure, a line for each robot, or one for the team.
+panels(Values) ->
+    Groups = maps:groups_from_list(fun({_, _, Key, _}) -> Key end, Values),
+    starl_picture_plot:svg(" s", [
+        #{title => atom_to_list(Key), curves => curves(Own)}
+     || {Key, Own} <- lists:sort(maps:to_list(Groups))
+    ]).
+
+curves(Values) ->
+    Lines = maps:groups_from_list(
+        fun({_, Robot, _, _}) -> Robot end, fun({T, _, _, Value}) -> {T / 1.0e6, Value} end, Values
+    ),
+    [
+        (whose(Robot))#{points => Points}
+     || {Robot, Points} <- lists:sort(maps:to_list(Lines))
+    ].
+
+whose(team) -> #{name => "team", colour => 1};
+whose(Robot) -> #{name => ["robot ", integer_to_list(Robot)], colour => Robot}.

@@ -1,10 +1,10 @@
 %% @doc `./starl doc': makes the pages of all modules ({@link starl_dev_doc_pages}) and of the guides
-%% ({@link starl_dev_doc_site}), and what a shell tells of
-%% them ({@link starl_dev_doc_chunks}).
+%% ({@link starl_dev_doc_site}), and what Erlang's and Elixir's shells tell of modules: `h(starl)'.
 -module(starl_dev_doc).
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, about/1, flags/1, statuses/0, run/1]).
+-export([make_chunks/2]).
 
 -spec name() -> string().
 name() -> "doc".
@@ -79,7 +79,7 @@ for_project(Sources, _Call) ->
     end.
 
 shells(Sources, Builds) ->
-    Count = starl_dev_doc_chunks:make(Sources, Builds),
+    Count = make_chunks(Sources, Builds),
     starl_cli_terminal:out("~b modules are known to the shell: h(starl).\n", [Count]),
     0.
 
@@ -97,3 +97,29 @@ told({ok, Guides, Modules}, Dir) ->
 told({error, Problems}, _Dir) ->
     [starl_cli_terminal:complain(Problem) || Problem <- Problems],
     1.
+
+%% -- the shells' pages ---------------------------------------------------------------------
+
+%% EDoc writes a chunk (EEP 48) for each module. `code:get_doc/1' looks for it in a folder `doc/chunks'
+%% beside the module's code, and beside each folder above that: one such folder serves a whole build.
+
+%% @doc Makes the chunks of these sources, in the folder of chunks of each build. Gives their number.
+-spec make_chunks([file:filename()], Builds :: [file:filename(), ...]) -> non_neg_integer().
+make_chunks(Files, [Build | Builds]) ->
+    Dir = chunks(Build),
+    _ = file:del_dir_r(Dir),
+    Sources = filename:join(Build, "doc/src"),
+    Copies = starl_dev_doc_pages:copies(Files, Sources),
+    Options = [{doclet, edoc_doclet_chunks}, {layout, edoc_layout_chunks}, {preprocess, false}],
+    ok = edoc:files(Copies, [{dir, filename:join(Build, "doc")}, {todo, false} | Options]),
+    ok = file:del_dir_r(Sources),
+    Made = filelib:wildcard(filename:join(Dir, "*.chunk")),
+    _ = [copied(Chunk, chunks(Other)) || Other <- Builds, Chunk <- Made],
+    length(Made).
+
+chunks(Build) -> filename:join([Build, "doc", "chunks"]).
+
+copied(Chunk, Dir) ->
+    To = filename:join(Dir, filename:basename(Chunk)),
+    ok = filelib:ensure_dir(To),
+    {ok, _} = file:copy(Chunk, To).

@@ -24,8 +24,8 @@
 -spec start(starl_sim_plan:t()) -> t().
 start(#{robots := Robots} = Plan) ->
     Pids = start_all(Plan),
-    Owners = starl_sim_deal:owners(Pids, Robots),
-    Load = fun(Shard) -> starl_sim_deal:load(Shard, Pids, Owners, Plan) end,
+    Owners = owners(Pids, Robots),
+    Load = fun(Shard) -> load(Shard, Pids, Owners, Plan) end,
     _ = [launched(starl_sim_shard:launch(Shard, Load(Shard))) || Shard <- Pids],
     #shards{pids = Pids, owners = Owners}.
 
@@ -35,7 +35,7 @@ launched({error, Reason}) -> exit({not_restored, Reason}).
 start_all(#{shards := N, sites := Sites, robots := Robots} = Plan) ->
     Common = maps:with([world, window_us, patience_ms], Plan),
     Config = Common#{run => self(), robots => length(Robots) div N + 1},
-    [start_one(Site, Config) || Site <- starl_sim_deal:in_turn(Sites, N)].
+    [start_one(Site, Config) || Site <- in_turn(Sites, N)].
 
 start_one(#{shard_sup := Sup, robots_sup := Robots}, Config) ->
     {ok, Shard} = supervisor:start_child(Sup, [Config#{robots_sup => Robots}]),
@@ -112,3 +112,48 @@ asked(Shard, Question, Without, #shards{pids = Pids, patience_ms = Ms}) ->
         exit:{_, {gen_server, call, _}} when node(Shard) =/= node() -> Without;
         exit:{timeout, {gen_server, call, _}} -> Without
     end.
+
+%% -- robots and shards ---------------------------------------------------------------------
+
+%% Shards go to the sites in turn, robots to the shards. The assignment does not change a run's result.
+
+%% The first `N' items of a list that repeats without end.
+-spec in_turn([Item, ...], N :: non_neg_integer()) -> [Item].
+in_turn(Items, N) ->
+    Turns = lists:append(lists:duplicate(N div length(Items) + 1, Items)),
+    lists:sublist(Turns, N).
+
+%% The shard of each robot.
+-spec owners([pid(), ...], [{starl:robot_id(), starl:pose()}]) -> #{starl:robot_id() => pid()}.
+owners(Shards, Robots) ->
+    Ids = [Id || {Id, _} <- Robots],
+    maps:from_list(lists:zip(Ids, in_turn(Shards, length(Ids)))).
+
+%% The initial load of one shard.
+-spec load(pid(), [pid()], #{starl:robot_id() => pid()}, starl_sim_plan:t()) ->
+    starl_sim_shard:load().
+load(Shard, Shards, Owners, #{robots := Robots, crew := Crew, faults := Faults} = Plan) ->
+    Load = #{
+        robots => [R || {Id, _} = R <- Robots, maps:get(Id, Owners) =:= Shard],
+        crew => Crew,
+        faults => [F || F <- Faults, maps:get(element(1, F), Owners) =:= Shard],
+        peers => lists:delete(Shard, Shards),
+        owners => Owners,
+        sight => [{Id, standing(Pose)} || {Id, Pose} <- Robots],
+        running => length(Robots)
+    },
+    case Plan of
+        #{from := From} -> from(From, Load);
+        #{} -> Load
+    end.
+
+%% Faults that have struck before are in the robots' states.
+from(#{at_us := At} = From, #{faults := Faults} = Load) ->
+    Load#{
+        from => From,
+        faults := [Fault || Fault <- Faults, element(2, Fault) >= At],
+        sight := starl_sim_start:pieces(From),
+        running := starl_sim_start:running(From)
+    }.
+
+standing({X, Y, Heading}) -> starl_trajectory:standing(0, {X, Y}, Heading).
