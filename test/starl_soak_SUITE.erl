@@ -197,7 +197,7 @@ tell({error, _, Why}) -> ct:log("~ts", [Why]).
 
 shrink(App, Given, Config) ->
     {ok, Scenario} = starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)),
-    starl_lab_shrunk:shrink(#{
+    starl_lab_shrinker:shrink(#{
         target => target(App),
         scenario => Scenario,
         file => file(Config),

@@ -94,7 +94,7 @@ made() ->
             outcome => Outcome,
             code => "0123456789ab",
             app => #{figures => []},
-            notes => starl_cli_notes:make(Outcome, starl_cli_ways:new(Ways, {1, 1}), [])
+            notes => starl_cli_findings:make(Outcome, starl_cli_ways:new(Ways, {1, 1}), [])
         })
     ).
 

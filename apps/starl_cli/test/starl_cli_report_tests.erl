@@ -184,7 +184,7 @@ a_reload_that_was_rolled_back_is_told_test() ->
             }
         }
     },
-    Notes = starl_cli_notes:make(Seen, starl_cli_ways:new(Ways, {1, 1}), []),
+    Notes = starl_cli_findings:make(Seen, starl_cli_ways:new(Ways, {1, 1}), []),
     Report = report(#{outcome => Seen, notes => Notes}),
     shows("complete, 100 % of the lines painted, RELOAD 1 ROLLED BACK", headline(Report)),
     Line =
@@ -195,10 +195,10 @@ a_reload_that_was_rolled_back_is_told_test() ->
             [[L, "\n"] || L <- starl_cli_report:summary(Report)],
             starl_cli_report:text(Report),
             starl_cli_report:json(Report),
-            starl_cli_notes:results(Notes)
+            starl_cli_findings:results(Notes)
         ]
     ],
-    shows("my_app.erl:7", text(starl_cli_notes:results(Notes))),
+    shows("my_app.erl:7", text(starl_cli_findings:results(Notes))),
     ?assert(starl_cli_report:complete(Report)).
 
 interrupted_is_told_test() ->

@@ -54,8 +54,8 @@ random_pictures_test_() ->
 
 %% Read by the project's own reader, no more segments than said, and the same for the same seed.
 random_picture(N, Seed) ->
-    Svg = iolist_to_binary(starl_dev_random:svg(N, Seed)),
-    ?assertEqual(Svg, iolist_to_binary(starl_dev_random:svg(N, Seed))),
+    Svg = iolist_to_binary(starl_dev_table_pictures:svg(N, Seed)),
+    ?assertEqual(Svg, iolist_to_binary(starl_dev_table_pictures:svg(N, Seed))),
     File = filename:join("/tmp", "starl-random-test-" ++ os:getpid() ++ ".svg"),
     ok = file:write_file(File, Svg),
     Read = starl_picture:read(File, #{area => {0.0, 0.0, 10000.0, 10000.0}, tolerance_mm => 2.0}),

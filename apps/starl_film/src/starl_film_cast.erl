@@ -36,7 +36,7 @@
     floor := {number(), number()},
     lines := [{starl_geometry:point(), starl_geometry:point()}],
     actors := [actor()],
-    cuts := [starl_film_cuts:cut()],
+    cuts := [starl_film_partitions:cut()],
     plan := starl_floor:t() | none,
     %% the sides of what stands in the way for a time
     obstacles := [{[starl_geometry:segment()], span()}],
@@ -155,7 +155,7 @@ scene(#cast{facts = Facts, until = Until} = Cast) ->
         ],
         cuts => [
             {Mark, span(Begun, Span)}
-         || {Mark, Span} <- starl_film_cuts:cuts(
+         || {Mark, Span} <- starl_film_partitions:cuts(
                 maps:values(Cast#cast.faults), maps:keys(Ways), Until
             )
         ],

@@ -10,7 +10,7 @@
 at(T, Title, #{actors := Actors, lines := Lines, cuts := Cuts} = Scene) ->
     Page = starl_film_draw:page(Scene),
     #{drawings := Drawings} = Scene,
-    Holding = starl_film_cuts:holds(T, Cuts),
+    Holding = starl_film_partitions:holds(T, Cuts),
     iolist_to_binary([
         starl_film_draw:open(day, foot, Page),
         starl_film_draw:style(Page),
@@ -25,7 +25,7 @@ at(T, Title, #{actors := Actors, lines := Lines, cuts := Cuts} = Scene) ->
             starl_film_draw:drawing(Robot, Drawing, Page)
          || {From, To, Robot, Drawing} <- Drawings, From =< T, T =< To
         ],
-        [link(T, Link, Actors, Page) || Link <- starl_film_cuts:links(Holding)],
+        [link(T, Link, Actors, Page) || Link <- starl_film_partitions:links(Holding)],
         [robot(T, Actor, Holding, Page) || Actor <- Actors],
         foot(T, Title, Scene, Page),
         curves(T, Scene, Page),
@@ -49,7 +49,7 @@ link(T, {A, B, _}, Actors, Page) ->
     ],
     [
         io_lib:format("<line x1=\"~b\" y1=\"~b\" x2=\"~b\" y2=\"~b\" ", [X1, Y1, X2, Y2]),
-        [starl_film_cuts:line(Page), "/>\n"]
+        [starl_film_partitions:line(Page), "/>\n"]
     ].
 
 place(T, Way, Page) ->
@@ -60,7 +60,10 @@ robot(T, #{id := Id, way := Way, down := Down}, Cuts, Page) ->
     [_, _, Heading] = starl_film_series:at(T, Way),
     {Body, Number} = starl_film_draw:body(Id, Page),
     {PX, PY} = place(T, Way, Page),
-    Rings = [[starl_film_cuts:ring(Page), "/>"] || _ <- starl_film_cuts:rings(Id, Cuts)],
+    Rings = [
+        [starl_film_partitions:ring(Page), "/>"]
+     || _ <- starl_film_partitions:rings(Id, Cuts)
+    ],
     Opacity =
         case [Span || {From, To} = Span <- Down, From =< T, T =< To] of
             [] -> "";

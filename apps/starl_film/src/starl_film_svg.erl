@@ -43,7 +43,7 @@ film(#{actors := Actors, lines := Lines, end_us := End, cuts := Cuts} = Scene, O
         starl_film_draw:target(Lines, Page),
         [ink(Actor, Film) || Actor <- Actors],
         [drawing(Seen, Film) || Seen <- Drawings],
-        [link(Link, Actors, Film) || Link <- starl_film_cuts:links(Cuts)],
+        [link(Link, Actors, Film) || Link <- starl_film_partitions:links(Cuts)],
         [robot(Actor, Cuts, Film) || Actor <- Actors],
         foot(Title, Film),
         curves(Curves, Film),
@@ -141,14 +141,14 @@ robot(#{id := Id, way := Way, down := Down}, Cuts, #film{page = Page} = Film) ->
         animate("animateTransform attributeName=\"transform\" type=\"translate\"", Places, Film),
         ["<g transform=\"rotate(", last(Turns), ")\">"],
         animate("animateTransform attributeName=\"transform\" type=\"rotate\"", Turns, Film),
-        [Body, "</g>", Number, ring(starl_film_cuts:rings(Id, Cuts), Film), "</g></g>\n"]
+        [Body, "</g>", Number, ring(starl_film_partitions:rings(Id, Cuts), Film), "</g></g>\n"]
     ].
 
 ring([], _Film) ->
     [];
 ring(Spans, #film{page = Page, time = Time}) ->
     [
-        [starl_film_cuts:ring(Page), " opacity=\"0\">"],
+        [starl_film_partitions:ring(Page), " opacity=\"0\">"],
         [starl_film_animate:shown(Spans, Time), "</circle>"]
     ].
 
@@ -159,7 +159,7 @@ link({A, B, Span}, Actors, #film{page = Page, time = Time} = Film) ->
      || {Key, Id} <- [{"1", A}, {"2", B}], #{id := Actor, way := Way} <- Actors, Actor =:= Id
     ],
     [
-        ["<line opacity=\"0\" ", starl_film_cuts:line(Page), $>],
+        ["<line opacity=\"0\" ", starl_film_partitions:line(Page), $>],
         [starl_film_animate:shown([Span], Time), Ends, "</line>\n"]
     ].
 

@@ -170,18 +170,20 @@ teams_start_where_there_is_room_test() ->
     Ids = lists:seq(1, 8),
     [
         begin
-            {ok, Poses} = starl_floor_start:places(How, Ids, 165.0, 7, Walls),
+            {ok, Poses} = starl_floor_placement:places(How, Ids, 165.0, 7, Walls),
             ?assertEqual(
                 {How, ok},
-                {How, starl_floor_start:check(maps:to_list(Poses), fun(_) -> 165.0 end, Walls)}
+                {How, starl_floor_placement:check(maps:to_list(Poses), fun(_) -> 165.0 end, Walls)}
             )
         end
      || How <- [grid, line, random]
     ],
     Small = starl_walls:new(starl_floor:empty({3000, 3000})),
-    {ok, Circle} = starl_floor_start:places(circle, Ids, 165.0, 7, Small),
-    ?assertEqual(ok, starl_floor_start:check(maps:to_list(Circle), fun(_) -> 165.0 end, Small)),
-    ?assertMatch({error, _}, starl_floor_start:places(grid, lists:seq(1, 100), 165.0, 7, Small)).
+    {ok, Circle} = starl_floor_placement:places(circle, Ids, 165.0, 7, Small),
+    ?assertEqual(ok, starl_floor_placement:check(maps:to_list(Circle), fun(_) -> 165.0 end, Small)),
+    ?assertMatch(
+        {error, _}, starl_floor_placement:places(grid, lists:seq(1, 100), 165.0, 7, Small)
+    ).
 
 who_has_no_room_is_named_test_() ->
     {ok, Floor} = starl_floor_text:parse(drawing()),
@@ -190,7 +192,7 @@ who_has_no_room_is_named_test_() ->
         ?_assertMatch(
             {match, _},
             begin
-                {error, Line} = starl_floor_start:check(Robots, fun(_) -> 100.0 end, Walls),
+                {error, Line} = starl_floor_placement:check(Robots, fun(_) -> 100.0 end, Walls),
                 re:run(Line, Said)
             end
         )

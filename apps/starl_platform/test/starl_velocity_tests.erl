@@ -158,7 +158,7 @@ limit_test() ->
 
 script(Velocity, Heading, Us) ->
     Profile = starl_chassis:profile(starl_chassis_differential, #{}),
-    starl_differential_cruise:script(Velocity, {0.0, 0.0, Heading}, Us, Profile).
+    starl_differential_steering:script(Velocity, {0.0, 0.0, Heading}, Us, Profile).
 
 exact() -> new(fun(_) -> 0.0 end, starl_chassis:profile(starl_chassis_differential, #{})).
 

@@ -65,7 +65,7 @@ words({failed, {start, Reason}}) ->
 words({failed, {unjudged, Parts}}) ->
     lists:join("; ", [starl_unjudged:format(Part) || Part <- Parts]);
 words({failed, {failed, {hung, Hang}}}) ->
-    starl_sim_watch:format_hang(Hang);
+    starl_sim_watchdog:format_hang(Hang);
 words({failed, {failed, Reason}}) ->
     io_lib:format("the simulation failed: ~0tP", [Reason, 30]).
 

@@ -65,7 +65,7 @@
     %% its observer is told a snapshot of each robot this often
     snapshots_us => pos_integer(),
     %% the run goes on from there, instead of its beginning
-    from => starl_sim_start:t(),
+    from => starl_sim_checkpoint:t(),
     histories => starl_sim_plan:histories(),
     nodes => starl_sim_nodes:nodes(),
     node_timeout_ms => pos_integer(),
@@ -192,7 +192,7 @@ inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
 -spec robots(sim()) -> [{starl:robot_id(), starl_sim_robot:summary()}] | {error, running}.
 robots(#sim{run = Run}) -> starl_sim_run:robots(Run).
 
-%% @doc All robots as data, from which another run can go on ({@link starl_sim_start}). Only while the run
+%% @doc All robots as data, from which another run can go on ({@link starl_sim_checkpoint}). Only while the run
 %% rests. `Windows' have been run so far.
 -spec snapshots(sim()) ->
     {Windows :: non_neg_integer(), [
@@ -241,13 +241,13 @@ module_of(Beam) ->
         {error, beam_lib, _} -> none
     end.
 
-%% @doc Watches for a run that stands still in real time ({@link starl_sim_watch}).
--spec watch(sim(), starl_sim_watch:config()) -> pid().
-watch(#sim{run = Run}, Config) -> starl_sim_watch:start_link(Run, Config).
+%% @doc Watches for a run that stands still in real time ({@link starl_sim_watchdog}).
+-spec watch(sim(), starl_sim_watchdog:config()) -> pid().
+watch(#sim{run = Run}, Config) -> starl_sim_watchdog:start_link(Run, Config).
 
 %% @doc Who is at work in a run that stands still; any process may ask.
--spec at_work(sim()) -> [starl_sim_watch:work()].
-at_work(#sim{run = Run}) -> starl_sim_watch:at_work(Run).
+-spec at_work(sim()) -> [starl_sim_watchdog:work()].
+at_work(#sim{run = Run}) -> starl_sim_watchdog:at_work(Run).
 
 %% @doc The checked scenario, with all defaults.
 -spec scenario(sim()) -> starl_sim_scenario:t().
@@ -310,7 +310,7 @@ format_error({nodes, Reason}) ->
 format_error({lost, Loss}) ->
     starl_sim_nodes:format_loss(Loss);
 format_error({hung, Hang}) ->
-    starl_sim_watch:format_hang(Hang);
+    starl_sim_watchdog:format_hang(Hang);
 format_error({reload, {no_code, Module}}) ->
     io_lib:format("there is no code of ~ts to be loaded; is it compiled and in the path?", [Module]);
 format_error({reload, {bad_code, _, _} = Reason}) ->

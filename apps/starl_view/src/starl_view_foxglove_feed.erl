@@ -1,4 +1,4 @@
-%% @doc Gives what a run shows ({@link starl_trace_shown}) to viewers that speak Foxglove's protocol, each
+%% @doc Gives what a run shows ({@link starl_trace_foxglove}) to viewers that speak Foxglove's protocol, each
 %% at its own pace.
 %% ```
 %%   starl_view_hub               feed                        starl_view_foxglove
@@ -59,7 +59,7 @@
     until = none :: non_neg_integer() | none,
     most :: pos_integer(),
     stream = starl_trace_stream:new() :: starl_trace_stream:t(),
-    shown = starl_trace_shown:new(?FRAMES_US) :: starl_trace_shown:t(),
+    shown = starl_trace_foxglove:new(?FRAMES_US) :: starl_trace_foxglove:t(),
     packets_from = 0 :: integer(),
     now = 0 :: integer(),
     viewers = #{} :: #{pid() => #viewer{}},
@@ -196,7 +196,7 @@ channel({trace, _, {_, Machine, _}}) when Machine =/= chassis -> trace;
 channel(_) -> scene.
 
 message(Message, #feed{shown = Shown} = Feed) ->
-    {Updates, Next} = starl_trace_shown:message(Message, Shown),
+    {Updates, Next} = starl_trace_foxglove:message(Message, Shown),
     lists:foldl(fun update/2, drawn(Message, Updates, Feed#feed{shown = Next}), Updates).
 
 %% Who comes later gets the latest drawing of each key.
@@ -210,7 +210,7 @@ drawn(_Message, _Updates, Feed) ->
     Feed.
 
 packets(#feed{shown = Shown, packets_from = From, now = Now} = Feed) ->
-    {Updates, Next} = starl_trace_shown:packets(From, Now, Shown),
+    {Updates, Next} = starl_trace_foxglove:packets(From, Now, Shown),
     lists:foldl(fun update/2, Feed#feed{shown = Next, packets_from = Now}, Updates).
 
 update({scene, At, Json}, Feed) ->
@@ -276,9 +276,9 @@ state(Channels, #feed{scene = Scene, drawings = Drawings} = Feed) ->
 has(Channel, Channels) -> lists:member(Channel, Channels).
 
 now(#feed{stream = Stream}) ->
-    New = starl_trace_shown:new(?FRAMES_US),
+    New = starl_trace_foxglove:new(?FRAMES_US),
     lists:append([
-        element(1, starl_trace_shown:message(Message, New))
+        element(1, starl_trace_foxglove:message(Message, New))
      || Message <- starl_trace_stream:state(Stream)
     ]).
 

@@ -47,7 +47,7 @@ make_way(Robot, Plan) ->
     of
         true ->
             View = view(Robot, Plan),
-            case step_aside(Robot, fun(V) -> starl_dpp_yield:closes(V, View) =:= [] end, Plan) of
+            case step_aside(Robot, fun(V) -> starl_dpp_evasion:closes(V, View) =:= [] end, Plan) of
                 {none, Plan1} -> retreat(Robot, Plan1);
                 Assigned -> Assigned
             end;
@@ -121,7 +121,7 @@ park(Robot, Plan) ->
      || {Id, V} <- starl_dpp_plan:spots(Plan),
         Id =:= Robot orelse not parked(Id, Plan)
     ],
-    case starl_dpp_yield:park([V || {V, _} <- Free], view(Robot, Plan)) of
+    case starl_dpp_evasion:park([V || {V, _} <- Free], view(Robot, Plan)) of
         {ok, V, Path} ->
             {V, Owner} = lists:keyfind(V, 1, Free),
             Sent = starl_dpp_plan:send(Robot, Path, retreat, Plan),
@@ -134,7 +134,7 @@ park(Robot, Plan) ->
 step_aside(Robot, Good, Plan) ->
     case
         starl_dpp_plan:yielded(Robot, Plan) orelse parked(Robot, Plan) orelse
-            starl_dpp_yield:aside(Good, view(Robot, Plan))
+            starl_dpp_evasion:aside(Good, view(Robot, Plan))
     of
         {ok, _, Path} ->
             {{assign, Path}, starl_dpp_plan:send(Robot, Path, aside, Plan)};
@@ -162,7 +162,7 @@ favourite(Waiting, Plan) ->
         {Cost, Id, Wish}
      || Id <- Waiting,
         {ok, #{cost_mm := Cost} = Wish} <-
-            [starl_dpp_yield:wish(Waiting, view(Id, Plan))]
+            [starl_dpp_evasion:wish(Waiting, view(Id, Plan))]
     ],
     case lists:sort(Wishes) of
         [{_, _, Wish} | _] -> Wish;
@@ -182,7 +182,7 @@ clear(Robot, Way, Plan0) ->
     Graph = starl_dpp_plan:graph(Plan0),
     Good = fun(V) ->
         P = starl_dpp_graph:point(V, Graph),
-        not starl_dpp_yield:in_way([{P, P}], Way, Graph)
+        not starl_dpp_evasion:in_way([{P, P}], Way, Graph)
     end,
     case step_aside(Robot, Good, Plan0) of
         {none, Plan1} -> retreat(Robot, Plan1);
@@ -200,7 +200,7 @@ first_out([Robot | Rest], Plan0) ->
 
 outermost(Robots, Plan) ->
     Places = [{Id, P} || Id <- Robots, {P, _} <- [starl_dpp_plan:stands(Id, Plan)]],
-    starl_dpp_yield:outermost(Places, starl_dpp_plan:graph(Plan)).
+    starl_dpp_evasion:outermost(Places, starl_dpp_plan:graph(Plan)).
 
 is_standing(Robot, Plan) -> starl_dpp_plan:stands(Robot, Plan) =/= false.
 

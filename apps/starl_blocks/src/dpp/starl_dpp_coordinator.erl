@@ -1,5 +1,5 @@
 %% @doc The coordinator of distributed path planning (the paper's Subroutine 3). This machine sees
-%% to it that at most one robot leads; {@link starl_dpp_serve} serves the robots.
+%% to it that at most one robot leads; {@link starl_dpp_service} serves the robots.
 %% ```
 %%        a request, or a participant that misses its coordinator
 %%   idle -------------------------------------------> claiming --- no quorum ---> idle
@@ -40,10 +40,10 @@
     {claims, starl_dpp:term_id()}
     | {leads, starl_dpp:term_id()}
     | {stepped_down, starl_dpp:term_id()}
-    | starl_dpp_serve:event().
+    | starl_dpp_service:event().
 
 %% The coordinator's view of its robots, private to the module of its service: `serve' in the
-%% configuration, by default {@link starl_dpp_serve}. The exhaustive checker gives a smaller one.
+%% configuration, by default {@link starl_dpp_service}. The exhaustive checker gives a smaller one.
 -type service() :: term().
 -type turn() :: {service(), [starl_machine:action()]}.
 
@@ -90,7 +90,7 @@ when
     n = 0 :: non_neg_integer(),
     term = {0, 0, 0} :: starl_dpp:term_id(),
     lease :: starl_dpp_lease:t(),
-    witness = starl_dpp_witness:new() :: starl_dpp_witness:t(),
+    witness = starl_dpp_clock_check:new() :: starl_dpp_clock_check:t(),
     serve = none :: service() | none
 }).
 
@@ -121,7 +121,7 @@ init(#{robot := Self, participants := Team, incarnation := Life, now := Now} = C
         team = Members,
         config = Given,
         now = Now,
-        service = maps:get(serve, Config, starl_dpp_serve),
+        service = maps:get(serve, Config, starl_dpp_service),
         lease = starl_dpp_lease:new(Members, Given)
     },
     {idle, Data, listen()}.
@@ -344,7 +344,7 @@ ask_again(Robot, #coordinator{now = Now, term = Term} = Data) ->
 heard(Type, Body, Robot, State, Data) ->
     #coordinator{now = Now, config = Config, witness = Before, n = N} = Data,
     Limits = starl_dpp_lease:limits(Config),
-    case starl_dpp_witness:hear(Robot, stamp(Type, Body), Now, Limits, Before) of
+    case starl_dpp_clock_check:hear(Robot, stamp(Type, Body), Now, Limits, Before) of
         {agrees, Witness} -> in_time(Type, Body, Robot, State, Data#coordinator{witness = Witness});
         {lags, Witness} -> claim(N, Data#coordinator{witness = Witness})
     end.

@@ -105,7 +105,7 @@ left_us(Config) ->
     long_us(Config) * (1000000 - Ppm) div (1000000 + Ppm) - 2 * Jump.
 
 %% @doc What a witness of the own clock allows for; a lease to drive is no longer than its window.
--spec limits(config()) -> starl_dpp_witness:limits().
+-spec limits(config()) -> starl_dpp_clock_check:limits().
 limits(Config) ->
     {Jump, Ppm} = bounds(Config),
     {Jump, Ppm, short_us(Config)}.

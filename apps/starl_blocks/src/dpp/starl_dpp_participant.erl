@@ -46,7 +46,7 @@
     | asks
     | {answered, assign | complete | incomplete | no_answer}.
 
--type where() :: starl_dpp_track:where().
+-type where() :: starl_dpp_progress:where().
 
 %% The time after which a request without an answer is repeated; likewise a look at the position.
 -define(AGAIN_US, 40000000).
@@ -68,22 +68,22 @@
     drive = none :: {starl_machine:from(), face | drive, N :: pos_integer()} | none,
     %% the end of the line on which something was in its way, until that is told
     blocked = none :: starl_geometry:point() | none,
-    track :: starl_dpp_track:t(),
-    follow :: starl_dpp_follow:t()
+    track :: starl_dpp_progress:t(),
+    follow :: starl_dpp_follower:t()
 }).
 
 -spec init(starl_machine:config()) -> {standing, #part{}, [starl_machine:action()]}.
 init(#{robot := Self, incarnation := Life, now := Now} = Config) ->
-    Follow = starl_dpp_follow:new(Config),
+    Follow = starl_dpp_follower:new(Config),
     Part = #part{
         self = Self,
         now = Now,
         series = Life,
-        track = starl_dpp_track:new(maps:get(slack, Config, 0.0)),
+        track = starl_dpp_progress:new(maps:get(slack, Config, 0.0)),
         follow = Follow
     },
     Stop = [starl_motion:stop() || Life > 1],
-    {standing, Part, listen() ++ Stop ++ starl_dpp_follow:begins(Follow)}.
+    {standing, Part, listen() ++ Stop ++ starl_dpp_follower:begins(Follow)}.
 
 -spec handle_event(starl_machine:event_type(), term(), where(), #part{}, starl_machine:meta()) ->
     starl_machine:result().
@@ -121,19 +121,19 @@ event({timeout, patience}, _, asking, #part{from = From} = Part) ->
         {reply, From, {error, no_answer}}
     ]};
 event({timeout, missing}, _, _Where, #part{follow = Follow} = Part) ->
-    {keep_state, Part, starl_dpp_follow:lead(Follow)};
+    {keep_state, Part, starl_dpp_follower:lead(Follow)};
 event({timeout, _}, _, _Where, _Part) ->
     keep_state_and_data;
 event({reply, _}, _, _Where, _Part) ->
     keep_state_and_data;
 event({call, From}, {join, Coordinator}, _Where, #part{follow = Follow} = Part) ->
-    {Joined, Actions} = starl_dpp_follow:join(Coordinator, Follow),
+    {Joined, Actions} = starl_dpp_follower:join(Coordinator, Follow),
     {keep_state, Part#part{follow = Joined}, [{reply, From, ok} | Actions]};
 event({call, From}, coordinator, _Where, Part) ->
     {keep_state_and_data, [{reply, From, coordinator(Part)}]};
 event(cast, {message, Source, dpp_recover, {_, Seq, _} = Recover}, Where, Part) ->
     timed(Source, {Seq, false}, Where, Part, fun(At, #part{follow = F, now = Now} = Next) ->
-        recovered(starl_dpp_follow:recover(Source, Recover, Now, F), At, Next)
+        recovered(starl_dpp_follower:recover(Source, Recover, Now, F), At, Next)
     end);
 event(info, {restarted, sap}, asking, Part) ->
     {keep_state, Part, listen() ++ [{{timeout, again}, ?LOOK_US, request}]};
@@ -142,7 +142,7 @@ event(info, {restarted, sap}, _Where, _Part) ->
 event(info, {restarted, motion}, Where, Part) ->
     {keep_state, Part, go_on(Where, Part)};
 event(info, {restarted, dpp_coordinator}, _Where, #part{follow = Follow} = Part) ->
-    {keep_state, Part, starl_dpp_follow:restarted(Follow)};
+    {keep_state, Part, starl_dpp_follower:restarted(Follow)};
 event(info, {restarted, _}, _Where, _Part) ->
     keep_state_and_data;
 event(_, _, _, _) ->
@@ -161,7 +161,7 @@ request(From, Where, Part) ->
         none ->
             {keep_state_and_data, [{reply, From, {error, no_coordinator}}]};
         _Robot ->
-            Halted = starl_dpp_track:halted(Where, Part#part.track),
+            Halted = starl_dpp_progress:halted(Where, Part#part.track),
             Asking = next(Part#part{from = From, drive = none, track = Halted}),
             {next_state, asking, Asking, [{trace, asks}, patience() | halt_and_look(Asking)]}
     end.
@@ -170,7 +170,7 @@ request(From, Where, Part) ->
 wait(From, asking, Part) ->
     {keep_state, Part#part{from = From}};
 wait(From, {moving, Id, Begin, Path} = Moving, #part{drive = none, track = Track} = Part) ->
-    case starl_dpp_track:last(Track) of
+    case starl_dpp_progress:last(Track) of
         Begin -> {keep_state_and_data, [{reply, From, {ok, {Id, Begin, Path}}}]};
         _Driven -> request(From, Moving, Part)
     end;
@@ -179,9 +179,9 @@ wait(From, Where, Part) ->
 
 patience() -> {{timeout, patience}, ?PATIENCE_US, patience}.
 
-coordinator(#part{follow = Follow}) -> starl_dpp_follow:coordinator(Follow).
+coordinator(#part{follow = Follow}) -> starl_dpp_follower:coordinator(Follow).
 
-term(#part{follow = Follow}) -> starl_dpp_follow:term(Follow).
+term(#part{follow = Follow}) -> starl_dpp_follower:term(Follow).
 
 next(#part{n = N} = Part) -> Part#part{n = N + 1}.
 
@@ -192,7 +192,7 @@ look(#part{self = Self, n = N}) -> [starl_location:pose(Self, {pose, N})].
 
 %% The robot stands at a known place.
 stands(At, Where, #part{track = Track} = Part) when Where =:= asking; Where =:= standing ->
-    {Told, Report} = tell(Where, Part#part{track = starl_dpp_track:stands(At, Track)}),
+    {Told, Report} = tell(Where, Part#part{track = starl_dpp_progress:stands(At, Track)}),
     Seen = [{{timeout, look}, cancel} | Report],
     case Where of
         standing ->
@@ -205,12 +205,12 @@ stands(_At, _Where, Part) ->
     {keep_state, Part, [{{timeout, look}, cancel}]}.
 
 ask(#part{track = Track, now = Now, follow = Follow} = Part) ->
-    case starl_dpp_track:at(Track) of
+    case starl_dpp_progress:at(Track) of
         unknown ->
             {keep_state, Part, halt_and_look(Part)};
         At ->
-            #part{n = N} = Next = next(Part#part{follow = starl_dpp_follow:asked(Now, Follow)}),
-            Request = {term(Next), id(Next), At, starl_dpp_track:fresh(Track), Now},
+            #part{n = N} = Next = next(Part#part{follow = starl_dpp_follower:asked(Now, Follow)}),
+            Request = {term(Next), id(Next), At, starl_dpp_progress:fresh(Track), Now},
             Body = with_blocked(Request, Next),
             {keep_state, Next, [
                 starl_sap:send(coordinator(Next), dpp_request, Body, {sent, N}),
@@ -226,7 +226,7 @@ id(#part{series = Series, n = N}) -> {Series, N}.
 answer(Source, Term, Id, {Answer, News}, Where, #part{follow = Follow} = Part) ->
     Due =
         Where =:= asking andalso Id =:= id(Part) andalso
-            starl_dpp_follow:answers(Source, Term, Follow),
+            starl_dpp_follower:answers(Source, Term, Follow),
     case Answer of
         _ when not Due ->
             {keep_state, Part, [{trace, {stale_answer, Source, Term, Id}}]};
@@ -247,7 +247,7 @@ answer(Source, Term, Id, {Answer, News}, Where, #part{follow = Follow} = Part) -
 
 answered(News, #part{track = Track} = Part) ->
     Part#part{
-        track = starl_dpp_track:answered(starl_dpp_track:learn(News, Track)), blocked = none
+        track = starl_dpp_progress:answered(starl_dpp_progress:learn(News, Track)), blocked = none
     }.
 
 stop_asking() -> [{{timeout, T}, cancel} || T <- [again, patience]].
@@ -258,12 +258,12 @@ stop_asking() -> [{{timeout, T}, cancel} || T <- [again, patience]].
 %% because the own clock stands still.
 assigned({moving, Id, From, Path} = Moving, #part{track = Track, from = Caller} = Part) ->
     #part{follow = Follow, now = Now} = Part,
-    Broken = starl_dpp_follow:in_no_time(Now, Follow),
+    Broken = starl_dpp_follower:in_no_time(Now, Follow),
     case lease_us(Part) of
         _ when Broken ->
             {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]};
         Us when Us > 0 ->
-            Begun = Part#part{from = none, track = starl_dpp_track:begins(From, Track)},
+            Begun = Part#part{from = none, track = starl_dpp_progress:begins(From, Track)},
             {next_state, Moving, Begun,
                 stop_asking() ++
                     [
@@ -276,7 +276,7 @@ assigned({moving, Id, From, Path} = Moving, #part{track = Track, from = Caller} 
     end.
 
 %% What is left of the lease to drive. (Its timer is called `leave'.)
-lease_us(#part{follow = Follow, now = Now}) -> starl_dpp_follow:lease_us(Now, Follow).
+lease_us(#part{follow = Follow, now = Now}) -> starl_dpp_follower:lease_us(Now, Follow).
 
 %% At the end of its lease the robot stops, and its path is void.
 lease_end({moving, Id, _, _} = Moving, #part{track = Track, drive = Drive} = Part) ->
@@ -284,7 +284,7 @@ lease_end({moving, Id, _, _} = Moving, #part{track = Track, drive = Drive} = Par
         Us when Us > 0 ->
             {keep_state, Part, [{{timeout, leave}, Us, leave}]};
         _Ended ->
-            Void = Part#part{drive = none, track = starl_dpp_track:halted(Moving, Track)},
+            Void = Part#part{drive = none, track = starl_dpp_progress:halted(Moving, Track)},
             Replies = [{reply, From, {error, void}} || {From, _, _} <- [Drive]],
             {next_state, standing, Void, [starl_motion:stop(), {trace, {void, Id}} | Replies]}
     end;
@@ -302,7 +302,7 @@ drive({From, _, _}, _Id, _Where, _Part) ->
 
 go_on({moving, Id, _, Path}, #part{drive = {_From, What, N}, track = Track}) ->
     {Point, _} = lists:nth(N, Path),
-    Line = {starl_dpp_track:last(Track), Point},
+    Line = {starl_dpp_progress:last(Track), Point},
     Way =
         case What of
             face -> face;
@@ -315,7 +315,7 @@ go_on(_Where, _Part) ->
 driven(ok, {face, N}, Id, {moving, Id, _, _}, #part{drive = {From, face, N}} = Part) ->
     {keep_state, Part#part{drive = none}, [{reply, From, ok}]};
 driven(ok, {drive, N}, Id, {moving, Id, _, Path}, #part{drive = {From, drive, N}} = Part) ->
-    Track = starl_dpp_track:reached(N, lists:nth(N, Path), Part#part.track),
+    Track = starl_dpp_progress:reached(N, lists:nth(N, Path), Part#part.track),
     {Told, Report} = report(Id, N, Part#part{drive = none, track = Track}),
     {keep_state, Told, Report ++ [{reply, From, ok}]};
 driven(
@@ -340,10 +340,10 @@ distrust(_Outcome) -> [].
 
 %% The paper's Clear: reported now and then. Painted edges are reported with the next request.
 report(Id, N, #part{track = Track} = Part) ->
-    case starl_dpp_track:unreported_mm(Track) >= ?REPORT_MM of
+    case starl_dpp_progress:unreported_mm(Track) >= ?REPORT_MM of
         true ->
             Report = starl_sap:post(coordinator(Part), dpp_passed, {term(Part), Id, N}),
-            {Part#part{track = starl_dpp_track:reported(Track)}, [Report]};
+            {Part#part{track = starl_dpp_progress:reported(Track)}, [Report]};
         false ->
             {Part, []}
     end.
@@ -352,7 +352,7 @@ report(Id, N, #part{track = Track} = Part) ->
 
 %% If a coordinator's clock shows that the own one has stood still, all leases have ended.
 timed(Source, Shown, Where, #part{follow = Follow, now = Now} = Part, Then) ->
-    case starl_dpp_follow:timed(Source, Shown, Now, Follow) of
+    case starl_dpp_follower:timed(Source, Shown, Now, Follow) of
         {agrees, Timed} -> Then(Where, Part#part{follow = Timed});
         {lags, Ended} -> ended(Where, Part#part{follow = Ended}, Then)
     end.
@@ -367,9 +367,9 @@ ended(Where, Part, Then) ->
     Then(Where, Part).
 
 beat(Source, Beat, Where, #part{follow = Follow, now = Now} = Part) ->
-    case starl_dpp_follow:beat(Source, Beat, Now, Follow) of
+    case starl_dpp_follower:beat(Source, Beat, Now, Follow) of
         {beaten, {Beaten, Actions}} ->
-            Missed = starl_dpp_follow:missed(Now, Follow),
+            Missed = starl_dpp_follower:missed(Now, Follow),
             {keep_state, Part#part{follow = Beaten}, Actions ++ awaited(Where, Missed)};
         Other ->
             recovered(Other, Where, Part)
@@ -400,10 +400,10 @@ tell_place({moving, _, _, _} = Moving, Part) ->
             {next_state, standing, Next, Stop ++ Look}
     end;
 tell_place(standing, #part{track = Track} = Part) ->
-    Next = next(Part#part{track = starl_dpp_track:lost(Track)}),
+    Next = next(Part#part{track = starl_dpp_progress:lost(Track)}),
     {keep_state, Next, halt_and_look(Next)};
 tell_place(asking, #part{track = Track} = Part) ->
-    case starl_dpp_track:at(Track) of
+    case starl_dpp_progress:at(Track) of
         unknown ->
             {keep_state, Part, halt_and_look(Part)};
         _At ->
@@ -417,6 +417,6 @@ tell(Where, #part{follow = Follow, track = Track, now = Now} = Part) ->
             {moving, Of, _, _} -> Of;
             _ -> id(Part)
         end,
-    Place = {starl_dpp_track:place(Where, Track), starl_dpp_track:painted(Track)},
-    {Told, Report} = starl_dpp_follow:tell(Id, Place, Now, Follow),
+    Place = {starl_dpp_progress:place(Where, Track), starl_dpp_progress:painted(Track)},
+    {Told, Report} = starl_dpp_follower:tell(Id, Place, Now, Follow),
     {Part#part{follow = Told}, Report}.

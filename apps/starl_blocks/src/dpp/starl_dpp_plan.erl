@@ -71,7 +71,7 @@
     %% robots that stand and are silent
     silent = #{} :: #{robot_id() => true},
     headings = #{} :: #{robot_id() => float()},
-    spots :: starl_dpp_spots:t(),
+    spots :: starl_dpp_spot_owners:t(),
     yielded = #{} :: #{robot_id() => true}
 }).
 -opaque t() :: #plan{}.
@@ -148,7 +148,7 @@ send(Robot, Path, Why, #plan{modes = Modes, yielded = Yielded} = Plan) ->
 %% @doc Two robots exchange their parking spots.
 -spec exchange(robot_id(), robot_id(), t()) -> t().
 exchange(Robot, Owner, #plan{spots = Spots} = Plan) ->
-    Plan#plan{spots = starl_dpp_spots:exchange(Robot, Owner, Spots)}.
+    Plan#plan{spots = starl_dpp_spot_owners:exchange(Robot, Owner, Spots)}.
 
 %% @doc Takes over the rest of an assignment that a robot holds from an earlier coordinator: the
 %% robot is on its way from the point along the path. For a robot that has driven part of the way,
@@ -228,13 +228,13 @@ unknown(#plan{unsafe = Unsafe}) -> starl_dpp_unsafe:unknown(Unsafe).
 
 %% @doc The robot's parking spot at present.
 -spec spot(robot_id(), t()) -> point().
-spot(Robot, #plan{spots = Spots}) -> starl_dpp_spots:place(Robot, Spots).
+spot(Robot, #plan{spots = Spots}) -> starl_dpp_spot_owners:place(Robot, Spots).
 
 %% @doc Does the robot stand on its parking spot?
 -spec parked(robot_id(), t()) -> boolean().
 parked(Robot, #plan{modes = Modes, spots = Spots}) ->
     case Modes of
-        #{Robot := {standing, P, _}} -> starl_dpp_spots:on(P, Robot, Spots);
+        #{Robot := {standing, P, _}} -> starl_dpp_spot_owners:on(P, Robot, Spots);
         #{} -> false
     end.
 
@@ -265,7 +265,7 @@ masks(Without, #plan{unsafe = Unsafe}) ->
 
 %% @doc Each robot's parking spot at present, sorted by robot.
 -spec spots(t()) -> [{robot_id(), starl_dpp_graph:vertex()}].
-spots(#plan{spots = Spots}) -> starl_dpp_spots:all(Spots).
+spots(#plan{spots = Spots}) -> starl_dpp_spot_owners:all(Spots).
 
 %% @doc The segments that a robot holds, `[]' when its place is not known.
 -spec held(robot_id(), t()) -> [segment()].
@@ -321,7 +321,7 @@ plan(Robots, Graph, Config) ->
         graph = Graph,
         unsafe = starl_dpp_unsafe:new(Robots, Graph),
         free = starl_dpp_free:new(Graph),
-        spots = starl_dpp_spots:new(Robots, Graph)
+        spots = starl_dpp_spot_owners:new(Robots, Graph)
     }.
 
 pens(Items) -> [E || {_, {down, E}} <- Items].
@@ -374,7 +374,7 @@ claim_spot(Robot, P, #plan{spots = Spots} = Plan) ->
         Id
      || {Id, _} <- spots(Plan),
         Id =/= Robot,
-        starl_dpp_spots:on(P, Id, Spots),
+        starl_dpp_spot_owners:on(P, Id, Spots),
         not parked(Id, Plan)
     ],
     case Here of

@@ -10,7 +10,7 @@
 %% excused:
 %% ```
 %%   late           by no more than has been lost by the clocks on the way of the message to the
-%%                  robot, each while it counted ({@link starl_geocast_way})
+%%                  robot, each while it counted ({@link starl_geocast_provenance})
 %%   once more      after a restart, if the message had been sent before that by no more than the
 %%                  clocks on the way have lost before it was given to the robot, and the robot's
 %%                  own has gained since the restart
@@ -51,7 +51,7 @@
     hash :: integer(),
     from_us :: integer(),
     to_us :: integer(),
-    way :: starl_geocast_way:t(),
+    way :: starl_geocast_provenance:t(),
     got = #{} :: #{robot_id() => [integer(), ...]}
 }).
 
@@ -172,7 +172,7 @@ judge({geocast, {sent, Id, Area, Lifetime, Hash}}, T, Robot, State) ->
         hash = Hash,
         from_us = T,
         to_us = T + Lifetime,
-        way = starl_geocast_way:new(Robot, T)
+        way = starl_geocast_provenance:new(Robot, T)
     },
     {[], State#state{
         messages = Messages#{Id => Message}, open = gb_sets:add({T + Lifetime, Id, T}, Open)
@@ -180,7 +180,7 @@ judge({geocast, {sent, Id, Area, Lifetime, Hash}}, T, Robot, State) ->
 judge({geocast, {held, Id, From}}, T, Robot, #state{messages = Messages} = State) ->
     case starl_assumption:is_kept(State#state.assumption) orelse Messages of
         #{Id := #message{way = Way} = Message} ->
-            Held = Message#message{way = starl_geocast_way:held(T, Robot, From, Way)},
+            Held = Message#message{way = starl_geocast_provenance:held(T, Robot, From, Way)},
             {[], State#state{messages = Messages#{Id := Held}}};
         _NobodyAsks ->
             {[], State}
@@ -213,7 +213,7 @@ twice(Id, #message{got = Got, from_us = Sent} = Message, T, Robot, State) ->
     #state{crashed = Crashed, assumption = Assumption} = State,
     case {Got, Crashed} of
         {#{Robot := [Last | _]}, #{Robot := Crash}} when Crash >= Last ->
-            Before = starl_geocast_way:spans_before(Robot, T, Message#message.way),
+            Before = starl_geocast_provenance:spans_before(Robot, T, Message#message.way),
             Gained = starl_assumption:gained_us(Robot, Crash, T, Assumption),
             [
                 violation(delivered_twice, T, Robot, Id, #{})
@@ -228,7 +228,7 @@ twice(Id, #message{got = Got, from_us = Sent} = Message, T, Robot, State) ->
 late(_Id, #message{to_us = To}, T, _Robot, _State) when T =< To ->
     [];
 late(Id, #message{to_us = To} = Message, T, Robot, #state{assumption = Assumption} = State) ->
-    Spans = starl_geocast_way:spans(Robot, T, Message#message.way),
+    Spans = starl_geocast_provenance:spans(Robot, T, Message#message.way),
     case T - To =< lost(Spans, Assumption) of
         true ->
             Now = Message#message{from_us = T - ?FRESH_US, to_us = T},

@@ -187,7 +187,7 @@ came({ok, {_Ending, Outcome}}, #{record := Record} = Setup) ->
     #{run := #{target := #{name := Name}}} = Setup,
     Lines = [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
     Head = io_lib:format("~ts: ~b events in ~.1f s~n", [Name, Events, EndUs / 1.0e6]),
-    Stands = [[starl_sim_watch:format_hang(Hang), "\n"] || #{hung := Hang} <- [Outcome]],
+    Stands = [[starl_sim_watchdog:format_hang(Hang), "\n"] || #{hung := Hang} <- [Outcome]],
     starl_cli_terminal:out([Head, Lines, Stands]),
     compare(Outcome, Record, Setup);
 came(Failed, #{run := Run}) ->

@@ -123,14 +123,14 @@ code(File, Kind) ->
 
 sound(File, Kind, {ok, Module, Beam, Warnings}) ->
     Foreign = [
-        starl_cli_foreign:text(Call)
-     || Kind =:= application, Call <- starl_cli_foreign:calls(Beam)
+        starl_cli_lint:text(Call)
+     || Kind =:= application, Call <- starl_cli_lint:calls(Beam)
     ],
     _ = [
         starl_cli_terminal:warn(["warning: ", Line])
      || Line <- starl_version:format_found(telling(Warnings)) ++ Foreign
     ],
-    case {starl_cli_foreign:named_by_text(Beam), is_free(Module, File)} of
+    case {starl_cli_lint:named_by_text(Beam), is_free(Module, File)} of
         {[_ | _] = Named, _} ->
             {error, Named};
         {[], true} ->

@@ -70,7 +70,7 @@ started(Sim, Do) ->
             starl_cli_progress:erase(),
             {failed, Reason}
     after
-        ok = starl_sim_watch:stop(Watch)
+        ok = starl_sim_watchdog:stop(Watch)
     end.
 
 %% @doc Runs to a virtual time or an earlier end, with a progress line; gives the end of the run and

@@ -136,7 +136,7 @@ options(Dir, Live, #{target := Target, scenario := Scenario, own := Own}, Values
         rate_hz => Rate,
         whole_mm => Whole,
         arena => arena(Walls, Scenario),
-        watch => starl_cli_notes:watch_live(Scenario)
+        watch => starl_cli_findings:watch_live(Scenario)
     },
     Moving = maps:merge(Common, chassis(Scenario, Own, place(Live, Dir))),
     case Live of

@@ -17,7 +17,7 @@
     outcome := starl_sim_run:outcome(),
     app := starl_scene:report(),
     code => starl_build:code(),
-    notes => starl_cli_notes:t()
+    notes => starl_cli_findings:t()
 }.
 
 -record(report, {
@@ -79,8 +79,11 @@ make(#{outcome := Outcome, ending := Ending, app := App} = Input) ->
         died = [Id || {Id, #{result := died}} <- Robots],
         given_up = [Id || {Id, #{result := given_up}} <- Robots],
         crashes = {maps:get(crashes, Seen, 0), maps:get(causes, Seen, 0)},
-        notes = [Line || #{notes := Notes} <- [Input], Line <- starl_cli_notes:lines(Notes)],
-        rolled_back = [N || #{notes := Notes} <- [Input], N <- starl_cli_notes:rolled_back(Notes)],
+        notes = [Line || #{notes := Notes} <- [Input], Line <- starl_cli_findings:lines(Notes)],
+        rolled_back = [
+            N
+         || #{notes := Notes} <- [Input], N <- starl_cli_findings:rolled_back(Notes)
+        ],
         waiting = waiting(Outcome)
     }.
 
@@ -130,7 +133,7 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
         [
             {ending, atom_to_binary(Ending)}
         ] ++ hung(Outcome) ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})) ++
-        [Figure || #{notes := Notes} <- [Input], Figure <- starl_cli_notes:figures(Notes)] ++
+        [Figure || #{notes := Notes} <- [Input], Figure <- starl_cli_findings:figures(Notes)] ++
         [
             {waiting, [unicode:characters_to_binary(W) || W <- Waiting]}
          || Waiting <- [waiting(Outcome)], Waiting =/= []

@@ -24,7 +24,7 @@ run(#{nodes := Nodes, target := Target} = Setup) ->
     end.
 
 run(Options, #{scenario := Scenario} = Setup) ->
-    Watching = Options#{watch => starl_cli_notes:watch(Scenario)},
+    Watching = Options#{watch => starl_cli_findings:watch(Scenario)},
     answer(
         starl_cli_drive:with(Scenario, Watching, fun(Sim) -> to_the_end(Sim, Setup) end), Setup
     ).
@@ -77,7 +77,7 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
     #{inputs := Inputs} = Setup,
     #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
     Ways = starl_cli_ways:with(drawings(Outcome), ways(Outcome, App, Scenario)),
-    Notes = starl_cli_notes:make(Outcome, Ways, starl_cli_target:beams(Target)),
+    Notes = starl_cli_findings:make(Outcome, Ways, starl_cli_target:beams(Target)),
     Code = starl_build:code(starl_cli_target:beams(Target)),
     Report = starl_cli_report:make(#{
         name => Name,
@@ -102,7 +102,7 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
     Own = #{
         write => maps:get(write, App, Draw),
         texts => [
-            {"results.term", starl_cli_notes:results(Notes)},
+            {"results.term", starl_cli_findings:results(Notes)},
             {"trajectories.csv", starl_cli_ways:csv(Ways)}
             | starl_cli_measures:csv(Monitors) ++ starl_cli_measures:svg(Monitors)
         ]

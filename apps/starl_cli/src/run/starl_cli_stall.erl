@@ -67,7 +67,7 @@ in_step({Who, none, _}) -> [Who, " did not end its step"];
 in_step({Who, Place, _}) -> [Who, " did not end its step at ", Place].
 
 %% @doc One line on a stall: the place, who is there, since when, and the latest calls that lead there.
--spec line(Ms :: non_neg_integer(), starl_sim_watch:cause(), [starl_sim_watch:work()]) ->
+-spec line(Ms :: non_neg_integer(), starl_sim_watchdog:cause(), [starl_sim_watchdog:work()]) ->
     unicode:chardata().
 line(Ms, Cause, AtWork) ->
     {Shown, Others} = lists:split(min(1, length(AtWork)), groups(AtWork)),
@@ -89,7 +89,7 @@ calls(Frames) ->
     lists:join(", ", Latest ++ ["..." || length(Frames) > ?CALLS]).
 
 %% @doc The words of the progress line: who is waited for.
--spec waiting(Ms :: non_neg_integer(), [starl_sim_watch:work()]) -> [unicode:chardata()].
+-spec waiting(Ms :: non_neg_integer(), [starl_sim_watchdog:work()]) -> [unicode:chardata()].
 waiting(Ms, AtWork) ->
     For = [[Who, place(Place)] || {Who, Place, _} <- groups(AtWork)],
     [

@@ -65,7 +65,7 @@ run(Setup, Values) -> run(Setup, Values, #{}).
 run(#{nodes := Nodes, target := Target} = Setup, Values, Config) ->
     case starl_cli_nodes:options(Nodes, Target) of
         {ok, Options} ->
-            Watched = Options#{watch => starl_cli_notes:watch(maps:get(scenario, Setup))},
+            Watched = Options#{watch => starl_cli_findings:watch(maps:get(scenario, Setup))},
             Own = Config#{options => Watched, recorded => is_map_key(recording, Setup)},
             played(Setup, Values, Own, fun told/2);
         {error, Line} ->
@@ -175,7 +175,7 @@ watched(Sim) ->
         ok = starl_view_player:stop(Player),
         starl_cli_stall:interrupt(Sim)
     end),
-    fun() -> starl_sim_watch:stop(Watch) end.
+    fun() -> starl_sim_watchdog:stop(Watch) end.
 
 %% @doc Runs robots in real time in a window, if that is wanted. The function gets a function for the
 %% options of the run, and another one to be called with the run's hands when it has started.

@@ -71,7 +71,7 @@ modules() ->
         starl_dev_hostile_absurd,
         starl_dev_hostile_flood,
         starl_hostile_painting,
-        starl_hostile_talk
+        starl_hostile_traffic
     ].
 
 %% The picture is painted again until all datagrams have been sent.

@@ -18,7 +18,7 @@
 run(Values) -> starl_dev_hostile_run:with_dir(fun(Dir) -> run(Dir, Values) end).
 
 run(Dir, #{robots := Robots, seed := Seed, speed := Speed} = Values) ->
-    Scenario = #{app => starl_hostile_talk, robots => Robots, seed => Seed, time => 40000},
+    Scenario = #{app => starl_hostile_traffic, robots => Robots, seed => Seed, time => 40000},
     Options = #{dir => Dir, transport => udp, speed => Speed, log => fun starl_cli_log:node/3},
     case starl_cluster:start(Scenario, Options) of
         {ok, Cluster} -> killed(Cluster, Dir, Values);

@@ -80,7 +80,7 @@ run(#{values := #{slice := Text} = Options}) ->
 begun(#{random := N, random_seed := Seed, pictures := Named} = Options) ->
     ok = starl_cli_log:install(),
     _ = process_flag(trap_exit, true),
-    {Dir, Files} = starl_dev_random:write(N, Seed),
+    {Dir, Files} = starl_dev_table_pictures:write(N, Seed),
     Pictures = Named ++ Files,
     #{out := Out, overwrite := Overwrite} = Options,
     There = [
@@ -219,7 +219,7 @@ conclude(How, #table{bad = Bad, done = Done, total = Total, csv = Csv}, Dir) ->
     _ = [ok = file:close(Csv) || Csv =/= none],
     Wrong = lists:reverse(Bad),
     starl_cli_terminal:out([[Line, "\n"] || Line <- Wrong]),
-    _ = Wrong =:= [] andalso starl_dev_random:remove(Dir),
+    _ = Wrong =:= [] andalso starl_dev_table_pictures:remove(Dir),
     verdict(Wrong, How, Done, Total).
 
 verdict(Wrong, interrupted, Done, Total) ->

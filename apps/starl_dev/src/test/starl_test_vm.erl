@@ -72,7 +72,7 @@ ran(#{kind := suite, modules := [Suite], name := Name} = Job, Begin) ->
         {auto_compile, false},
         %% they are for cases that hang, not for a busy computer
         {multiply_timetraps, 3},
-        {ct_hooks, [{starl_test_cases, #{to => pid_to_list(self()), file => case_file(Job)}}]}
+        {ct_hooks, [{starl_test_hook, #{to => pid_to_list(self()), file => case_file(Job)}}]}
     ]),
     suite(Name, Answer, cases([]), erlang:monotonic_time(millisecond) - Begin);
 ran(#{kind := xref, name := Name, root := Root}, Begin) ->
@@ -87,7 +87,7 @@ ran(#{kind := xref, name := Name, root := Root}, Begin) ->
 %% What the hook has told, in its order.
 cases(Told) ->
     receive
-        {starl_test_cases, Kind, Suite, Case, Reason} ->
+        {starl_test_hook, Kind, Suite, Case, Reason} ->
             cases([{Kind, lists:concat([Suite, ":", name(Case)]), Reason} | Told])
     after 0 -> lists:reverse(Told)
     end.

@@ -10,13 +10,13 @@
     target := starl_cli_target:t(),
     scenario := starl_sim_scenario:t(),
     seeds := [non_neg_integer(), ...],
-    ways := [starl_lab_way:t(), ...],
+    ways := [starl_lab_execution:t(), ...],
     jobs := pos_integer()
 }.
 
 %% The results of each seed so far, by the position of the way in the list of ways.
 -type results() :: #{Seed :: non_neg_integer() => #{pos_integer() => answer()}}.
--type answer() :: starl_lab_way:outcome() | {crashed, Reason :: term()}.
+-type answer() :: starl_lab_execution:outcome() | {crashed, Reason :: term()}.
 
 -spec name() -> string().
 name() -> "diverge".
@@ -45,7 +45,7 @@ own_flags() ->
     [
         {seeds, {list, {integer, 0, 1 bsl 32}}, none,
             "the seeds to run; without it that of --seed"},
-        {ways, string, starl_lab_way:usual(),
+        {ways, string, starl_lab_execution:usual(),
             "the ways to run each in, MODE:SHARDS or "
             "MODE:SHARDS:SCHEDULERS, with commas between"},
         starl_lab_jobs:at_once()
@@ -69,7 +69,7 @@ run(#{subject := Target, values := Values} = Call) ->
     {Unsound, Scenario} = starl_cli_setup:scenario(
         Target, starl_cli_setup:given(Call, own_flags())
     ),
-    {Unknown, Ways} = ways(starl_lab_way:parse(maps:get(ways, Values))),
+    {Unknown, Ways} = ways(starl_lab_execution:parse(maps:get(ways, Values))),
     case Unsound ++ Unknown of
         [] ->
             probed(#{
@@ -84,7 +84,7 @@ run(#{subject := Target, values := Values} = Call) ->
     end.
 
 ways({ok, Ways}) -> {[], Ways};
-ways({error, Reason}) -> {[["--ways: ", starl_lab_way:format_error(Reason)]], []}.
+ways({error, Reason}) -> {[["--ways: ", starl_lab_execution:format_error(Reason)]], []}.
 
 seeds(none, #{seed := Seed}) -> [Seed];
 seeds(Seeds, _Scenario) -> lists:usort(Seeds).
@@ -103,9 +103,9 @@ probed(#{scenario := Scenario, seeds := [Seed | _]} = Setup) ->
 all(#{ways := Ways} = Setup) ->
     Begin = erlang:monotonic_time(millisecond),
     Numbered = lists:zip(lists:seq(1, length(Ways)), Ways),
-    Sizes = lists:usort([starl_lab_way:schedulers(Way) || Way <- Ways]),
+    Sizes = lists:usort([starl_lab_execution:schedulers(Way) || Way <- Ways]),
     Group = fun(Size, Acc) ->
-        Same = [P || {_, Way} = P <- Numbered, starl_lab_way:schedulers(Way) =:= Size],
+        Same = [P || {_, Way} = P <- Numbered, starl_lab_execution:schedulers(Way) =:= Size],
         group({Size, Same}, Acc, Setup)
     end,
     {How, Results} = lists:foldl(Group, {done, #{}}, Sizes),
@@ -116,9 +116,9 @@ group(_Group, {interrupted, _} = Acc, _Setup) ->
 group({Schedulers, Numbered}, {done, Results}, Setup) ->
     #{scenario := Scenario, seeds := Seeds, jobs := Jobs, target := Target} = Setup,
     {Places, Ways} = lists:unzip(Numbered),
-    Names = lists:join(", ", [starl_lab_way:text(Way) || Way <- Ways]),
+    Names = lists:join(", ", [starl_lab_execution:text(Way) || Way <- Ways]),
     Plan = #{
-        work => {starl_lab_way, digests},
+        work => {starl_lab_execution, digests},
         at_once => max(1, Jobs div Schedulers),
         schedulers => Schedulers,
         what => lists:flatten(["seeds, ", Names]),
@@ -205,7 +205,7 @@ locate(Seed, [{_, First} | Others], #{scenario := Scenario, ways := Ways} = Setu
     {A, B} = {hd(Ways), lists:nth(Place, Ways)},
     starl_cli_terminal:out(
         io_lib:format("seed ~b, ~ts and ~ts: ", [
-            Seed, starl_lab_way:text(A), starl_lab_way:text(B)
+            Seed, starl_lab_execution:text(A), starl_lab_execution:text(B)
         ])
     ),
     case [Reason || {crashed, Reason} <- [First, Other]] of
@@ -249,9 +249,9 @@ traces(Robot, Scenario, {A, B}, #{target := Target}) ->
     Codes = maps:get(code, Target, []),
     [First, Second] = [
         begin
-            Vm = starl_lab_jobs:vm(starl_lab_way:schedulers(Way), Codes),
-            Full = starl_lab_way:apply_to(Scenario, Way),
-            Traced = peer:call(Vm, starl_lab_way, traced, [{Full, Robot}], infinity),
+            Vm = starl_lab_jobs:vm(starl_lab_execution:schedulers(Way), Codes),
+            Full = starl_lab_execution:apply_to(Scenario, Way),
+            Traced = peer:call(Vm, starl_lab_execution, traced, [{Full, Robot}], infinity),
             peer:stop(Vm),
             Traced
         end
@@ -264,10 +264,10 @@ traces(Robot, Scenario, {A, B}, #{target := Target}) ->
                 "run again, they no longer differ\n";
             {One, Other} ->
                 [
-                    starl_lab_way:text(A),
+                    starl_lab_execution:text(A),
                     ":\n",
                     trace(One),
-                    starl_lab_way:text(B),
+                    starl_lab_execution:text(B),
                     ":\n",
                     trace(Other)
                 ]
@@ -290,10 +290,10 @@ trace({T, Machine, Event}) ->
 %% Calls whose values are not the robot's.
 likely(#{target := Target}) ->
     Calls = lists:append([
-        starl_cli_foreign:calls(Beam)
+        starl_cli_lint:calls(Beam)
      || Beam <- starl_cli_target:beams(Target)
     ]),
-    Lines = [["likely cause: ", starl_cli_foreign:text(Call), "\n"] || Call <- Calls],
+    Lines = [["likely cause: ", starl_cli_lint:text(Call), "\n"] || Call <- Calls],
     starl_cli_terminal:out(Lines).
 
 %% Successive runs in one VM differ in their pids, references and times.
@@ -302,11 +302,11 @@ find(Scenario, {A, B} = Ways, #{target := Target} = Setup) ->
     Codes = maps:get(code, Target, []),
     Vms = maps:from_list([
         {Size, starl_lab_jobs:vm(Size, Codes)}
-     || Size <- lists:usort([starl_lab_way:schedulers(Way) || Way <- [A, B]])
+     || Size <- lists:usort([starl_lab_execution:schedulers(Way) || Way <- [A, B]])
     ]),
     Runner = fun(Way) ->
-        Vm = maps:get(starl_lab_way:schedulers(Way), Vms),
-        Full = starl_lab_way:apply_to(Scenario, Way),
+        Vm = maps:get(starl_lab_execution:schedulers(Way), Vms),
+        Full = starl_lab_execution:apply_to(Scenario, Way),
         fun(Record) -> peer:call(Vm, starl_sim_divergence, run, [Full, Record], infinity) end
     end,
     Answer = starl_sim_divergence:find(Runner(A), Runner(B)),
@@ -323,8 +323,8 @@ found({differ, #{robot := Robot, n := N} = Difference}, {A, B}, Scenario, #{targ
             N, Robot, AtUs / 1.0e6
         ]),
         [["before it, in both:\n", [event(E) || E <- Before]] || Before =/= []],
-        [starl_lab_way:text(A), ":\n", event(First)],
-        [starl_lab_way:text(B), ":\n", event(Second)],
+        [starl_lab_execution:text(A), ":\n", event(First)],
+        [starl_lab_execution:text(B), ":\n", event(Second)],
         [
             [
                 "look: ",

@@ -98,7 +98,7 @@ digest(_Call, _Own) ->
     any.
 
 out(#{out := none, overwrite := Overwrite}, Target, Scenario) ->
-    starl_cli_setup:out_file(none, starl_lab_shrunk:file(Target, Scenario), Overwrite);
+    starl_cli_setup:out_file(none, starl_lab_shrinker:file(Target, Scenario), Overwrite);
 out(#{out := File, overwrite := Overwrite}, _Target, _Scenario) ->
     case {filename:extension(File), filelib:is_dir(File)} of
         {".term", false} -> starl_cli_setup:out_file(File, File, Overwrite);
@@ -108,7 +108,7 @@ out(#{out := File, overwrite := Overwrite}, _Target, _Scenario) ->
 
 shrink(Job) ->
     ok = starl_cli_log:install(),
-    Answer = starl_lab_shrunk:shrink(Job),
+    Answer = starl_lab_shrinker:shrink(Job),
     starl_cli_progress:erase(),
     case Answer of
         {ok, Lines, complete} -> told(Lines, 0);

@@ -265,7 +265,7 @@ file(Block, Seed) ->
     starl_cli_out:free(starl_cli_out:usual(Name)).
 
 small(Job) ->
-    Answer = starl_lab_shrunk:shrink(Job#{digest => any, seconds => ?SHRINK_S, quiet => false}),
+    Answer = starl_lab_shrinker:shrink(Job#{digest => any, seconds => ?SHRINK_S, quiet => false}),
     starl_cli_progress:erase(),
     starl_cli_terminal:out([
         [Line, "\n"]

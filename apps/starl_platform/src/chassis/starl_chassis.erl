@@ -25,7 +25,7 @@
 %% The profile of a robot's motion. `chassis' is the callback module, `speed' the highest speed
 %% (mm/s). The bounds of the errors: `heading_error' in rad and `distance_error' as a fraction, per
 %% leg, `position_error_mm' of the positioning system. `latency_ms' (5) bounds the delay with which
-%% the chassis hears a command over its line ({@link starl_motion_watch} depends on it). `radius_mm'
+%% the chassis hears a command over its line ({@link starl_motion_clock_check} depends on it). `radius_mm'
 %% (165, a Create) is that of the round body about the point between its wheels. `controller' is the module that
 %% says how it drives between looks ({@link starl_controller}), if not the usual one. The other keys belong
 %% to the chassis.

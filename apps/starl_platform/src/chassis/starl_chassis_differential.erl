@@ -1,7 +1,7 @@
 %% @doc The chassis with two wheels on one axle, such as the iRobot Create: it turns in place and
 %% drives straight on, in legs ({@link starl_differential_course}, {@link
 %% starl_differential_stroke}), or turns to a velocity while it drives ({@link
-%% starl_differential_cruise}).
+%% starl_differential_steering}).
 -module(starl_chassis_differential).
 -behaviour(starl_chassis).
 
@@ -69,7 +69,7 @@ undo(_) ->
 -spec cruise(starl_chassis:velocity(), starl:pose(), pos_integer(), starl_chassis:profile()) ->
     commands().
 cruise(Velocity, Pose, Us, Profile) ->
-    starl_differential_cruise:script(Velocity, Pose, Us, Profile).
+    starl_differential_steering:script(Velocity, Pose, Us, Profile).
 
 %% It stands as soon as it is told to.
 -spec rests_s(starl_chassis:profile()) -> float().

@@ -80,7 +80,7 @@
 -type cause() :: chance | out_of_range | {fault, atom()} | cut | refused | full | unheard.
 
 %% What one end of a live robot's radio knows of a packet: that it was sent, or what became of it at
-%% its receiver. Both ends give a packet the same number, a hash of it. {@link starl_packet_ways}
+%% its receiver. Both ends give a packet the same number, a hash of it. {@link starl_packet_fates}
 %% puts the two together.
 -type way() ::
     {sent, To :: starl:robot_id(), starl_packet:brief(), Bytes :: pos_integer(), Hash :: integer()}

@@ -85,7 +85,7 @@ explore([Node | Nodes], Moves, Key, Done, Seen, Most) ->
 %% each write the reads that are left and can come from no other; the number of each writer's next write.
 %% Writes count from 1; before all stands 0.
 -record(register, {
-    sessions :: [{Length :: non_neg_integer(), starl_history_order:session()}],
+    sessions :: [{Length :: non_neg_integer(), starl_history_write_order:session()}],
     value = 0 :: non_neg_integer(),
     needed :: #{Write :: non_neg_integer() => pos_integer()},
     next = #{} :: #{Writer :: term() => pos_integer()}
@@ -97,7 +97,7 @@ explore([Node | Nodes], Moves, Key, Done, Seen, Most) ->
 sequential(Sessions, Unset, Most) ->
     {Placed, Writes} = placed(Sessions, #{Unset => [{0, -1 bsl 80}]}),
     Sources = [[sources(Call, Writes) || Call <- Session] || Session <- Placed],
-    case starl_history_order:narrowed(Sources) of
+    case starl_history_write_order:narrowed(Sources) of
         {narrowed, Left} -> ordered(Left, Most);
         Answer -> Answer
     end.

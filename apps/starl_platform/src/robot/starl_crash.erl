@@ -97,7 +97,7 @@ place(Stack) ->
 
 %% Process identifiers, references and functions differ from run to run.
 text(Reason, Stack) ->
-    Text = starl_crash_words:text(Reason, Stack),
+    Text = starl_crash_text:text(Reason, Stack),
     Plain = re:replace(Text, "<[0-9.]+>", "<>", [global, unicode, {return, list}]),
     re:replace(Plain, "#Fun<([^>]*)\\.[0-9]+>", "#Fun<\\1>", [global, unicode, {return, list}]).
 

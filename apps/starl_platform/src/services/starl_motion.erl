@@ -32,7 +32,7 @@
 %%
 %% A robot that drives under a lease must not resume after an unnoticed pause. So each leg of a
 %% drive along a given line begins just after an answer of the chassis, and only while its clock and
-%% the robot's agree ({@link starl_motion_watch}).
+%% the robot's agree ({@link starl_motion_clock_check}).
 %%
 %% A cruise is one script, too, whose end is the end of its dead-man's time. A robot that is given
 %% another velocity looks at its position, while it still drives, and its new script replaces the
@@ -111,7 +111,7 @@
     %% clock with that of the chassis, which must agree along given lines
     now :: integer(),
     told = {0, {0, 0}} :: {ToldUs :: integer(), Takes :: {Least :: integer(), Most :: integer()}},
-    watch :: starl_motion_watch:t(),
+    watch :: starl_motion_clock_check:t(),
     %% the chassis has answered that it stands, and has had no other command since; the pose then
     %% seen, and its time
     stands = false :: boolean(),
@@ -138,7 +138,7 @@ init(#{robot := Self, profiles := Profiles, incarnation := Incarnation, now := N
         chassis = starl_chassis:kind(Profile),
         profile = Profile,
         solid = maps:get(solid, Config, false),
-        watch = starl_motion_watch:new(Profile),
+        watch = starl_motion_clock_check:new(Profile),
         now = Now,
         %% a robot that still drives must not accept an answer to an earlier incarnation's command
         command = Incarnation bsl 32
@@ -340,7 +340,7 @@ still(_Script, _Drive) -> none.
 
 %% The chassis stands; it heard the command at this time of its clock.
 driven(HeardUs, State, #drive{now = Now, told = {Told, Takes}, watch = Before} = Drive) ->
-    {Agree, Watch} = starl_motion_watch:agree({Told, Takes, Now}, HeardUs, Before),
+    {Agree, Watch} = starl_motion_clock_check:agree({Told, Takes, Now}, HeardUs, Before),
     %% a drive that has obeyed in a try obeys, even if the clocks do not agree
     Doubt =
         case State of

@@ -343,6 +343,6 @@ format_error({trial, {start, Reason}}) ->
 format_error({trial, {unjudged, [Part | _]}}) ->
     starl_unjudged:format(Part);
 format_error({trial, {failed, {hung, Hang}}}) ->
-    starl_sim_watch:format_hang(Hang);
+    starl_sim_watchdog:format_hang(Hang);
 format_error({trial, {failed, Reason}}) ->
     io_lib:format("the simulation failed: ~0tP", [Reason, 15]).

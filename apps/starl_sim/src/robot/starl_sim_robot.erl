@@ -64,11 +64,11 @@
     events = [] :: [starl_sim_queue:event()],
     %% after this number of events it halts until it is resumed, or turns off into a branch
     stop = none :: pos_integer() | {branch, Events :: non_neg_integer(), Later :: map()} | none,
-    hold = {0, 0} :: starl_sim_hold:t(),
+    hold = {0, 0} :: starl_sim_lag:t(),
     %% until when it stands still, if it does so in a step of a machine that a fault has named
     still = 0 :: starl_sim_queue:time(),
     crashes = [] :: [{starl_machine:name(), Reason :: term()}],
-    despair = starl_sim_despair:new() :: starl_sim_despair:t()
+    despair = starl_sim_crash_loop:new() :: starl_sim_crash_loop:t()
 }).
 
 %% A robot as data, with its events of later windows.
@@ -77,9 +77,9 @@
     parts := starl_robot:parts(),
     body := map(),
     planned := [starl_sim_queue:event()],
-    hold := starl_sim_hold:t(),
+    hold := starl_sim_lag:t(),
     still := starl_sim_queue:time(),
-    despair := starl_sim_despair:t()
+    despair := starl_sim_crash_loop:t()
 }.
 
 -opaque t() :: #robot{}.
@@ -472,7 +472,7 @@ wait_turn(Site) -> postpone(settle(Site)).
 
 %% An event that comes while the robot is held up waits, in this window or for a later one.
 postpone(#robot{events = Events, hold = Hold} = Site) ->
-    {Late, Ready} = starl_sim_hold:part(Events, Hold),
+    {Late, Ready} = starl_sim_lag:part(Events, Hold),
     settle(body(starl_sim_platform:postpone(Late, body(Site)), Site#robot{events = Ready})).
 
 %% A machine has ended. Virtual time waits until it has been restarted.
@@ -507,7 +507,7 @@ hope(app, {_, _} = Cause, Reason, #robot{despair = Despair} = Site) ->
         pose => starl_trajectory:pose(Now, starl_sim_platform:piece(Body)),
         stored => starl_sim_platform:stored(app, Body)
     },
-    starl_sim_despair:crashed(Crash, Despair);
+    starl_sim_crash_loop:crashed(Crash, Despair);
 hope(_Name, _Cause, _Reason, #robot{despair = Despair}) ->
     {goes_on, Despair}.
 

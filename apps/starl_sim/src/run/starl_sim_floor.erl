@@ -69,12 +69,14 @@ stand(#{start := Start} = Scenario, Scene, Context) ->
 has_rows(#{world := ?USUAL}, _Context) ->
     true;
 has_rows(#{world := {Width, Height}}, #{robots := Ids}) ->
-    {_, Y, _} = starl_floor_start:row(lists:max(Ids), Width),
+    {_, Y, _} = starl_floor_placement:row(lists:max(Ids), Width),
     Width >= ?LEAST_MM andalso Y < Height.
 
 checked(Poses, Scene, #{profiles := Profiles} = Context) ->
     Radius = fun(Id) -> starl_chassis:radius_mm(starl_chassis:of_robot(Id, Profiles)) end,
-    case starl_floor_start:check(lists:sort(maps:to_list(Poses)), Radius, walls(Scene, Context)) of
+    case
+        starl_floor_placement:check(lists:sort(maps:to_list(Poses)), Radius, walls(Scene, Context))
+    of
         ok -> {ok, Scene};
         {error, _} = Error -> Error
     end.
@@ -87,7 +89,7 @@ places(none, Scenario, Scene, Context) ->
 places(How, #{seed := Seed}, Scene, #{robots := Ids, profiles := Profiles} = Context) ->
     Radius = lists:max([starl_chassis:radius_mm(Profile) || Profile <- Profiles]),
     case lists:keyfind(How, 1, words()) of
-        {_, Word} -> starl_floor_start:places(Word, Ids, Radius, Seed, walls(Scene, Context));
+        {_, Word} -> starl_floor_placement:places(Word, Ids, Radius, Seed, walls(Scene, Context));
         false -> listed(How, file:read_file(How), Ids, Scene)
     end.
 

@@ -23,7 +23,7 @@
     limit_us := starl_sim_queue:time(),
     monitors := [{module(), map()}],
     observe => starl_observer:t(),
-    from => starl_sim_start:t(),
+    from => starl_sim_checkpoint:t(),
     nodes => starl_sim_nodes:options(),
     sites => [starl_sim_site:t(), ...]
 }.
@@ -260,7 +260,7 @@ mode(#{mode := Mode}, _Options) -> Mode.
 
 %% Robots without a start pose stand in rows two metres apart.
 pose(Id, Scene, #{world := {Width, _}}) ->
-    maps:get(Id, maps:get(poses, Scene, #{}), starl_floor_start:row(Id, Width)).
+    maps:get(Id, maps:get(poses, Scene, #{}), starl_floor_placement:row(Id, Width)).
 
 %% Monitors get the windows of broken assumptions, the time at which all faults are over, the
 %% longest delay of a packet then, and the time by which this computer may prolong anything. The contract of progress comes last: other contracts describe a failure better.

@@ -36,7 +36,7 @@
     why := down | silent | slow,
     timeout_ms := pos_integer(),
     at_us := starl_sim_queue:time(),
-    work => [starl_sim_watch:work(), ...]
+    work => [starl_sim_watchdog:work(), ...]
 }.
 
 -type reason() :: starl_sim_sites:reason() | {lost, loss()}.
@@ -91,7 +91,7 @@ format_loss(#{node := Node, why := Why, at_us := At, timeout_ms := Ms} = Loss) -
         Node, what(Why, Ms / 1000), at_work(Loss), At / 1.0e6, advice(Why)
     ]).
 
-at_work(#{work := Work}) -> [": ", starl_sim_watch:format_work(Work)];
+at_work(#{work := Work}) -> [": ", starl_sim_watchdog:format_work(Work)];
 at_work(#{}) -> "".
 
 what(down, _Seconds) -> "is gone";
@@ -225,7 +225,7 @@ progressed(Progress, Nodes) ->
 
 %% The shards that are waited for answer, or are at work themselves.
 work(slow, Run) ->
-    case [Work || {_, _, _} = Work <- starl_sim_watch:at_work(Run)] of
+    case [Work || {_, _, _} = Work <- starl_sim_watchdog:at_work(Run)] of
         [] -> #{};
         [_ | _] = Known -> #{work => Known}
     end;

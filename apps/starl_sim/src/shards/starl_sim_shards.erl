@@ -152,8 +152,8 @@ from(#{at_us := At} = From, #{faults := Faults} = Load) ->
     Load#{
         from => From,
         faults := [Fault || Fault <- Faults, element(2, Fault) >= At],
-        sight := starl_sim_start:pieces(From),
-        running := starl_sim_start:running(From)
+        sight := starl_sim_checkpoint:pieces(From),
+        running := starl_sim_checkpoint:running(From)
     }.
 
 standing({X, Y, Heading}) -> starl_trajectory:standing(0, {X, Y}, Heading).

@@ -25,7 +25,7 @@
 }.
 
 %% A robot's machines that did not end their step within the patience, with that time.
--type hang() :: {Ms :: non_neg_integer(), [starl_sim_watch:work()]}.
+-type hang() :: {Ms :: non_neg_integer(), [starl_sim_watchdog:work()]}.
 
 %% The period of a look at the wall time that a window takes, and its key in the process dictionary.
 -define(LOOK_MS, 1000).
@@ -70,7 +70,7 @@ run(Window, Events) ->
         {hung, _} = Hung -> Hung
     end.
 
-%% @doc Tells a process ({@link starl_sim_watch}) which machines' processes are at work.
+%% @doc Tells a process ({@link starl_sim_watchdog}) which machines' processes are at work.
 -spec tell_at_work(pid(), reference()) -> ok.
 tell_at_work(From, Ref) ->
     From ! {at_work, Ref, self(), at_work()},
@@ -159,7 +159,7 @@ look(false, _Patience, _Window) ->
 look(true, {Window, SinceMs, Ms} = Patience, Window) ->
     case now_ms() - SinceMs of
         Took when Took < Ms -> look_later(Patience);
-        Took -> {hung, {Took, starl_sim_watch:named(at_work())}}
+        Took -> {hung, {Took, starl_sim_watchdog:named(at_work())}}
     end;
 look(true, {_Earlier, _SinceMs, Ms}, Window) ->
     be_patient(Window, Ms).

@@ -269,7 +269,7 @@ data(Machines, Parts, Planned, Body) ->
         planned => Planned,
         hold => {0, 0},
         still => 0,
-        despair => starl_sim_despair:new()
+        despair => starl_sim_crash_loop:new()
     }.
 
 timer(Id, At, {Name, Timer, Mark}, {Due, _, _, Content}) ->

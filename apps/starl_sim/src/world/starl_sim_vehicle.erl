@@ -1,6 +1,6 @@
 %% @doc The vehicle of a simulated robot: the present script of its chassis, its piece of motion
 %% ({@link starl_sim_chassis}, with faults of actuation and of the serial line), its other
-%% actuators, and its view of the positioning system ({@link starl_sim_sense}, with faults of
+%% actuators, and its view of the positioning system ({@link starl_sim_positioning}, with faults of
 %% location).
 %%
 %% The chassis carries out a script by itself, by its own clock. Every 15 ms, the period
@@ -335,7 +335,7 @@ sense(Robots, When, #vehicle{draws = N, world = #{location := []}} = Vehicle) ->
     Poses = [{Robot, Pose} || Robot <- Robots, Pose <- see(Robot, When, Vehicle)],
     {Poses, Vehicle#vehicle{draws = N + 1}};
 sense(Robots, {Now, _} = When, #vehicle{id = Id, draws = N, world = World} = Vehicle) ->
-    {Poses, Seen} = starl_sim_sense:poses(Robots, #{
+    {Poses, Seen} = starl_sim_positioning:poses(Robots, #{
         robot => Id,
         faults => starl_sim_fault:holding(Now, maps:get(location, World)),
         key => {maps:get(seed, World), Id, N},
@@ -374,4 +374,4 @@ see(Other, {_Now, From}, #vehicle{world = #{sight := Sight}} = Vehicle) ->
     end.
 
 blur(Robot, Pose, #vehicle{id = Id, draws = N, profile = Profile, world = #{seed := Seed}}) ->
-    starl_sim_sense:blur(Pose, {Seed, Id, Robot, N}, Profile).
+    starl_sim_positioning:blur(Pose, {Seed, Id, Robot, N}, Profile).

@@ -47,7 +47,7 @@
     standing = #{} :: #{atom() => {starl:robot_id(), integer()}},
     waiting = [] :: [[starl_monitor:trace_event()]],
     %% what hands do to it, as long as it lasts
-    lasting = starl_assumption_lasting:new() :: starl_assumption_lasting:t(),
+    lasting = starl_assumption_open_faults:new() :: starl_assumption_open_faults:t(),
     events = 0 :: non_neg_integer(),
     missing = 0 :: non_neg_integer()
 }).
@@ -165,7 +165,7 @@ message({faults, At, {ended, {Id, _, _, pause, _, _}}}, #judge{standing = Standi
 ->
     resumed(Id, At, Judge);
 message({faults, _At, Told}, #judge{lasting = Lasting} = Judge) ->
-    Judge#judge{lasting = starl_assumption_lasting:told(Told, Lasting)};
+    Judge#judge{lasting = starl_assumption_open_faults:told(Told, Lasting)};
 message(_Message, Judge) ->
     Judge.
 
@@ -193,7 +193,7 @@ step(Trace, #judge{events = Events, until = Until} = Judge1) ->
 
 %% What is judged now may rest on faults that still last.
 lasting(Now, #judge{lasting = Before, monitors = Monitors} = Judge) ->
-    {Windows, Lasting} = starl_assumption_lasting:windows(Now, Before),
+    {Windows, Lasting} = starl_assumption_open_faults:windows(Now, Before),
     Judge#judge{
         lasting = Lasting, monitors = lists:foldl(fun starl_monitor:broken/2, Monitors, Windows)
     }.

@@ -44,7 +44,7 @@
     kind :: world | robot,
     file :: file:filename_all(),
     facts :: starl_trace_message:scenario(),
-    share :: starl_trace_share:t() | none,
+    share :: starl_trace_merge_selection:t() | none,
     %% the messages that wait
     messages :: [starl_trace_message:t()],
     cursor :: starl_trace_reader:cursor()
@@ -56,7 +56,7 @@
     has_world :: boolean(),
     %% messages that wait until the fates of packets are known, the latest first
     waiting = [] :: [starl_trace_message:t()],
-    ways = starl_packet_ways:new() :: starl_packet_ways:t(),
+    ways = starl_packet_fates:new() :: starl_packet_fates:t(),
     due = none :: integer() | none,
     messages = 0 :: non_neg_integer(),
     until = 0 :: integer(),
@@ -159,14 +159,14 @@ written(Sources0, Part) ->
         cut_off => lists:reverse(Merged#merge.cut_off) -- continued(Sources),
         missing => missing(Sources),
         lacking => Lacking,
-        clocks => starl_packet_ways:early(Merged#merge.ways)
+        clocks => starl_packet_fates:early(Merged#merge.ways)
     }.
 
 shared(HasWorld, #source{kind = Kind, messages = Messages} = Source) ->
-    taken(Messages, Source#source{share = starl_trace_share:new(Kind, HasWorld)}).
+    taken(Messages, Source#source{share = starl_trace_merge_selection:new(Kind, HasWorld)}).
 
 taken(Messages, #source{share = Share} = Source) ->
-    {Taken, Next} = starl_trace_share:take(Messages, Share),
+    {Taken, Next} = starl_trace_merge_selection:take(Messages, Share),
     Source#source{messages = Taken, share = Next}.
 
 has_world(Sources) -> lists:any(fun(#source{kind = Kind}) -> Kind =:= world end, Sources).
@@ -281,7 +281,7 @@ put_messages(Messages, #merge{until = Until} = Merge0) ->
 
 %% What robots know of packets becomes packets with their fates.
 kept({ways, At, {Robot, Way}}, #merge{ways = Ways} = Merge) ->
-    Merge#merge{ways = starl_packet_ways:told({At, Robot, radio, Way}, Ways)};
+    Merge#merge{ways = starl_packet_fates:told({At, Robot, radio, Way}, Ways)};
 kept(Message, #merge{waiting = Waiting} = Merge) ->
     Merge#merge{waiting = [Message | Waiting]}.
 
@@ -294,7 +294,7 @@ due(#merge{until = Until} = Merge) ->
 %% Writes what has happened until then; an atom is larger than any number.
 told(Until, #merge{waiting = Waiting, ways = Ways, writer = Writer, messages = N} = Merge) ->
     {Young, Old} = lists:splitwith(fun({_, At, _}) -> At > Until end, Waiting),
-    {Packets, Left} = starl_packet_ways:due(Until, Ways),
+    {Packets, Left} = starl_packet_fates:due(Until, Ways),
     Fates = [
         {packets, At, {From, To, Brief, Bytes, Fate}}
      || {At, From, radio, {packet, To, Brief, Bytes, Fate}} <- Packets

@@ -36,7 +36,7 @@
 %% last message.
 -type tail() :: #{
     scenario := starl_trace_message:scenario(),
-    trace := [starl_trace_tail:traced()],
+    trace := [starl_trace_lost_facts:traced()],
     until_us := integer(),
     ended := ended()
 }.

@@ -205,7 +205,7 @@ begin_with(none, Observer, #{now := Now} = Config) ->
 begin_with(#{trace := Trace, until_us := Until}, Observer, #{before := Before} = Config) ->
     #{now := Now} = Config,
     At = Now(),
-    Lost = [no_later(At, Event) || Event <- starl_trace_tail:lost(Trace, Before)],
+    Lost = [no_later(At, Event) || Event <- starl_trace_lost_facts:lost(Trace, Before)],
     begun(#{begun_us => min(Until, At), was_up => true}, Lost, Observer, Config).
 
 %% If the clock was set back, what was lost is told at the beginning: no message of a file is earlier than

@@ -2,7 +2,7 @@
 %%
 %% Each message is kept exactly, as a term, on the channel `/starl'; only positions are left out
 %% where they follow from the motions in the trace, and the reader computes them again. The other
-%% channels show the same to people and their viewers ({@link starl_trace_shown}), frames twice a
+%% channels show the same to people and their viewers ({@link starl_trace_foxglove}), frames twice a
 %% second. Each ten seconds the motions of all robots are written at the beginning of a chunk, so that
 %% a reader can begin there. The scenario stands behind the first chunk once more, as an attachment. A chunk ends with the first message half a second of time after its
 %% beginning, so a killed run loses less than a second as long as something happens.
@@ -31,7 +31,7 @@
     now = 0 :: integer(),
     terms = [] :: [starl_trace_message:t()],
     count = 0 :: non_neg_integer(),
-    shown = starl_trace_shown:new(?FRAMES_US) :: starl_trace_shown:t(),
+    shown = starl_trace_foxglove:new(?FRAMES_US) :: starl_trace_foxglove:t(),
     %% do positions follow from the trace? the motions, and the time of the next account of them
     derived = false :: boolean(),
     motions = #{} :: #{starl:robot_id() => [starl_trajectory:piece(), ...]},
@@ -91,7 +91,7 @@ flush(#writer{since = none} = Writer) ->
     {[], Writer};
 flush(#writer{since = Since, now = Now, terms = Terms, shown = Shown} = Writer) ->
     %% the times of a file never decrease
-    Listed = shown(starl_trace_shown:packets(Since, Now, Shown), Writer),
+    Listed = shown(starl_trace_foxglove:packets(Since, Now, Shown), Writer),
     Text = starl_trace_terms:encode(lists:reverse(Terms)),
     #writer{mcap = Mcap} = Full = put_text(terms, Now, Text, Listed),
     {Bytes, Next} = starl_mcap_writer:flush(Mcap),
@@ -131,7 +131,7 @@ finish(Writer) ->
 %% -- messages -------------------------------------------------------------------------------
 
 message(Message, #writer{shown = Before} = Writer) ->
-    shown(starl_trace_shown:message(Message, Before), kept(Message, Writer)).
+    shown(starl_trace_foxglove:message(Message, Before), kept(Message, Writer)).
 
 kept({scenario, _, _} = Message, Writer) ->
     added(Message, Writer#writer{scenario = Message});

@@ -54,8 +54,8 @@
     %% the robots for which the judge waits; the halts that are over, from when to when
     held = #{} :: #{starl:robot_id() => hold()},
     halts = [] :: [{integer(), integer()}],
-    lasting = starl_assumption_lasting:new() :: starl_assumption_lasting:t(),
-    ways = starl_packet_ways:new() :: starl_packet_ways:t(),
+    lasting = starl_assumption_open_faults:new() :: starl_assumption_open_faults:t(),
+    ways = starl_packet_fates:new() :: starl_packet_fates:t(),
     violations = [] :: [starl_monitor:violation()]
 }).
 
@@ -111,12 +111,12 @@ arrived(Event, #judge{pending = Pending, n = N} = Judge) ->
 heard(_Events, #judge{observer = none} = Judge) ->
     Judge;
 heard(Events, #judge{ways = Ways} = Judge) ->
-    Judge#judge{ways = lists:foldl(fun starl_packet_ways:told/2, Ways, Events)}.
+    Judge#judge{ways = lists:foldl(fun starl_packet_fates:told/2, Ways, Events)}.
 
 %% @doc Faults by hand have begun or ended: while they last, they excuse what they explain.
--spec faults([{began | ended, starl_assumption_lasting:fault()}], t()) -> t().
+-spec faults([{began | ended, starl_assumption_open_faults:fault()}], t()) -> t().
 faults(Told, #judge{lasting = Lasting} = Judge) ->
-    Judge#judge{lasting = lists:foldl(fun starl_assumption_lasting:told/2, Lasting, Told)}.
+    Judge#judge{lasting = lists:foldl(fun starl_assumption_open_faults:told/2, Lasting, Told)}.
 
 %% @doc The clock of a robot's computer is so far ahead of the judge's, or behind.
 -spec clock(starl:robot_id(), AheadUs :: integer(), t()) -> t().
@@ -194,7 +194,7 @@ judge(Now, Behind, Begun) ->
 
 %% What is judged now may rest on faults that still last.
 lasting(Now, #judge{lasting = Before, monitors = Monitors} = Judge) ->
-    {Windows, Lasting} = starl_assumption_lasting:windows(Now, Before),
+    {Windows, Lasting} = starl_assumption_open_faults:windows(Now, Before),
     Judge#judge{
         lasting = Lasting, monitors = lists:foldl(fun starl_monitor:broken/2, Monitors, Windows)
     }.
@@ -209,7 +209,7 @@ unheard(Time, #judge{horizon_us = Horizon, held = Held} = Judge) ->
 
 %% Clocks that run apart.
 apart(Now, #judge{pending = Pending, ways = Ways} = Judge) ->
-    Early = [{clocks, A, B, Us} || {{A, B}, Us} <- starl_packet_ways:early(Ways), Us >= ?APART_US],
+    Early = [{clocks, A, B, Us} || {{A, B}, Us} <- starl_packet_fates:early(Ways), Us >= ?APART_US],
     Ahead = [{clocks, R, R, T - Now} || {T, _, {_, R, _, _}} <- Pending, T >= Now + ?AHEAD_US],
     case Early ++ Ahead of
         [] -> Judge;
@@ -238,7 +238,7 @@ upto(Time, Now, #judge{pending = Pending, seen = Seen, late = Late0} = Judge0) -
     {Late, InTime} = lists:splitwith(fun(Event) -> element(1, Event) < Seen end, Sorted),
     Trace = [setelement(1, Event, Seen) || Event <- Late] ++ InTime,
     Judge = lateness(Late, Now, Judge0),
-    {Packets, Ways} = starl_packet_ways:due(Time, Judge#judge.ways),
+    {Packets, Ways} = starl_packet_fates:due(Time, Judge#judge.ways),
     Known = Judge#judge{pending = Young, late = Late0 + length(Late), ways = Ways},
     watch(Trace, Packets, Known).
 

@@ -57,7 +57,7 @@ seen(By, Poses, #positioning{seed = Seed, draws = N} = Positioning) ->
     {Seen, Positioning#positioning{draws = N + 1}}.
 
 sensed(Pose, Key, Id, #positioning{profiles = Profiles, whole_mm = Whole}) ->
-    rounded(Whole, starl_sim_sense:blur(Pose, Key, starl_chassis:of_robot(Id, Profiles))).
+    rounded(Whole, starl_sim_positioning:blur(Pose, Key, starl_chassis:of_robot(Id, Profiles))).
 
 rounded(false, Pose) -> Pose;
 rounded(true, {X, Y, Heading}) -> {float(round(X)), float(round(Y)), Heading}.

@@ -1,0 +1,241 @@
+%% @doc The participant's side of leadership in path planning: the coordinator that it follows (of
+%% the highest term that it has heard of), its vote, the report that it still owes, and its lease to
+%% drive. Pure; the giver's side of leases is {@link starl_dpp_lease}.
+-module(starl_dpp_follower).
+
+-export([new/1, begins/1, join/2, coordinator/1, term/1, answers/3]).
+-export([recover/4, beat/4, missed/2, lead/1, restarted/1]).
+-export([tell/4]).
+-export([timed/4, asked/2, in_no_time/2, lease_us/2]).
+-export_type([t/0, ballot/0, turn/0]).
+
+-type turn() :: {t(), [starl_machine:action()]}.
+%% The answer to the coordinator's beat Seq: the own clock, and whether it has the vote.
+-type ballot() :: {starl_dpp_lease:seq(), starl_dpp_lease:stamp(), Vote :: boolean()}.
+
+%% A robot claims fewer than 2^32 terms in its life, even in 100 years.
+-define(FORGOTTEN_BITS, 32).
+
+-record(follow, {
+    self :: starl:robot_id(),
+    team :: [starl:robot_id()],
+    coordinator = none :: starl:robot_id() | none,
+    vote :: starl_dpp_vote:t(),
+    %% the highest term heard of, in this life or an earlier one; is it known from an earlier one
+    %% only?
+    term :: starl_dpp:term_id(),
+    anew = true :: boolean(),
+    %% the beat of this term that asked for the robot's place
+    wanted = none :: starl_dpp_lease:seq() | none,
+    %% when the coordinator was last heard, and when it was last answered
+    heard = none :: integer() | none,
+    here = none :: integer() | none,
+    %% the time between two answers to beats
+    here_us :: pos_integer(),
+    %% the duration of a drive lease, and from when it counts, the later of two: the robot's latest
+    %% stamp that came back in a beat, and the stamp of the latest request
+    short_us :: pos_integer(),
+    granted :: integer(),
+    asked :: integer(),
+    %% what the beats of coordinators show of the own clock; stamps up to `void' count no more
+    witness = starl_dpp_clock_check:new() :: starl_dpp_clock_check:t(),
+    void = none :: integer() | none,
+    limits :: starl_dpp_clock_check:limits()
+}).
+-opaque t() :: #follow{}.
+
+%% @doc Follows the coordinator of the term that was last stored; without a drive lease. The robot
+%% has not voted in a lower term since, and will not from now on.
+-spec new(starl_machine:config()) -> t().
+new(#{robot := Self, participants := Team, now := Now} = Config) ->
+    Short = starl_dpp_lease:short_us(Config),
+    {_, Claimant, _} = Term = stored(Config),
+    #follow{
+        self = Self,
+        team = starl_team:members(Team),
+        vote = starl_dpp_vote:new(Config),
+        coordinator =
+            case Claimant of
+                0 -> none;
+                _ -> Claimant
+            end,
+        term = Term,
+        here_us = 2 * starl_dpp_lease:beat_us(Config),
+        short_us = Short,
+        limits = starl_dpp_lease:limits(Config),
+        granted = Now - Short,
+        asked = Now - Short
+    }.
+
+%% A term that was forgotten is replaced by one higher than any that is reached by counting.
+stored(#{stored := none}) -> {0, 0, 0};
+stored(#{stored := {stored, Term}}) -> Term;
+stored(#{stored := damaged, incarnation := Life}) -> {Life bsl ?FORGOTTEN_BITS, 0, 0}.
+
+%% @doc Watches a coordinator known from an earlier life: if it says nothing, another has to lead.
+-spec begins(t()) -> [starl_machine:action()].
+begins(#follow{coordinator = none}) -> [];
+begins(F) -> missing(F).
+
+%% @doc Names the first coordinator. A participant that knows one already stays with it.
+-spec join(starl:robot_id(), t()) -> turn().
+join(Coordinator, #follow{coordinator = none} = F) ->
+    Joined = F#follow{coordinator = Coordinator},
+    {Joined, missing(Joined)};
+join(_Coordinator, F) ->
+    {F, []}.
+
+%% @doc The coordinator that is followed.
+-spec coordinator(t()) -> starl:robot_id() | none.
+coordinator(#follow{coordinator = Coordinator}) -> Coordinator.
+
+%% @doc The highest term heard of.
+-spec term(t()) -> starl_dpp:term_id().
+term(#follow{term = Term}) -> Term.
+
+%% @doc Is this the coordinator that is followed, in its term?
+-spec answers(starl:robot_id(), starl_dpp:term_id(), t()) -> boolean().
+answers(Source, Term, #follow{coordinator = Coordinator, term = Known}) ->
+    {Source, Term} =:= {Coordinator, Known}.
+
+%% -- terms ----------------------------------------------------------------------------------
+
+%% @doc A robot that claims a term, or leads it, asks for this robot's place. A lower term is always
+%% refused; a claim is refused also if the vote is promised to another robot, or another robot
+%% leads. A robot that leads has a quorum's votes and needs no further one.
+-spec recover(starl:robot_id(), {starl_dpp:term_id(), Seq, Leads :: boolean()}, Now, t()) ->
+    {followed | refused, turn()}
+when
+    Seq :: starl_dpp_lease:seq(), Now :: integer().
+recover(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F) ->
+    Own = Term =:= Known orelse Leads orelse starl_dpp_vote:may_claim(Source, Now, Vote),
+    case Term >= Known andalso Own of
+        true ->
+            Heard =
+                case Leads of
+                    true -> leads(Source, Now, F);
+                    false -> F
+                end,
+            {followed, follow(Source, Term, Now, Heard#follow{wanted = Seq})};
+        false ->
+            {refused, {F, [starl_sap:post(Source, dpp_refused, Known)]}}
+    end.
+
+%% @doc A beat comes, with the stamps that prolong drive leases. A beat of the term that is followed
+%% is answered now and then. A beat of another term asks for the robot's place. A robot that has not
+%% told its place does so first.
+-spec beat(starl:robot_id(), {starl_dpp:term_id(), Seq, [Stamp]}, Now, t()) ->
+    {beaten | followed | refused, turn()}
+when
+    Seq :: starl_dpp_lease:seq(),
+    Stamp :: {starl:robot_id(), starl_dpp_lease:stamp()},
+    Now :: integer().
+beat(Source, {Term, Seq, Stamps}, Now, #follow{term = Term, anew = false} = F) ->
+    #follow{self = Self, granted = Old} = F,
+    Granted = granted(proplists:get_value(Self, Stamps, Old), F),
+    {Following, Actions} = follow(
+        Source, Term, Now, leads(Source, Now, F#follow{granted = Granted})
+    ),
+    {Answered, Here} = here(Seq, Now, Following),
+    {beaten, {Answered, Actions ++ Here}};
+beat(Source, {Term, Seq, _Stamps}, Now, F) ->
+    recover(Source, {Term, Seq, true}, Now, F).
+
+granted(Stamp, #follow{granted = Old, void = Void}) when is_integer(Void), Stamp =< Void -> Old;
+granted(Stamp, #follow{granted = Old}) -> max(Old, Stamp).
+
+leads(Source, Now, #follow{vote = Vote} = F) ->
+    F#follow{vote = starl_dpp_vote:leads(Source, Now, Vote)}.
+
+%% A new term is stored before anything is said in it. The own robot's coordinator machine hears of
+%% it, too.
+follow(Source, Term, Now, #follow{self = Self, term = Known} = F) ->
+    Following = F#follow{coordinator = Source, term = Term, anew = false, heard = Now},
+    New = [Action || Term =/= Known, Action <- [{store, Term} | led(Source, Term, Self)]],
+    {Following, New ++ missing(Following)}.
+
+led(Self, _Term, Self) -> [];
+led(_Source, Term, _Self) -> [{cast, dpp_coordinator, {led, Term}}].
+
+here(Seq, Now, #follow{wanted = none, here = Last, here_us = Us, term = Term} = F) when
+    Last =:= none; Now - Last >= Us
+->
+    {Ballot, Voted} = ballot(Seq, Now, F),
+    {Voted, [starl_sap:post(Voted#follow.coordinator, dpp_here, {Term, Ballot})]};
+here(_Seq, _Now, F) ->
+    {F, []}.
+
+%% @doc Has the coordinator been silent for a lease?
+-spec missed(Now :: integer(), t()) -> boolean().
+missed(_Now, #follow{heard = none}) -> true;
+missed(Now, #follow{heard = Heard, short_us = Short}) -> Now - Heard > Short.
+
+%% @doc The own robot's coordinator machine has restarted and forgotten all terms: it claims the
+%% next one if it led the last one, else it is told the last one.
+-spec restarted(t()) -> [starl_machine:action()].
+restarted(#follow{coordinator = Self, self = Self} = F) -> lead(F);
+restarted(#follow{term = Term}) -> [{cast, dpp_coordinator, {led, Term}}].
+
+%% @doc Has the own robot claim the next term, and again later.
+-spec lead(t()) -> [starl_machine:action()].
+lead(#follow{term = {N, _, _}} = F) -> [{cast, dpp_coordinator, {lead, N}} | missing(F)].
+
+%% The own robot claims a term when the coordinator stays silent.
+missing(#follow{coordinator = Coordinator, self = Self, team = Team, vote = Vote}) ->
+    [{{timeout, missing}, starl_dpp_vote:missing_us(Coordinator, Self, {Team, Vote}), missing}].
+
+%% -- reports to the coordinator -------------------------------------------------------------
+
+%% @doc Reports the robot's place and the edges that it knows to be painted, once for each time that
+%% it was asked. The vote goes with the report.
+-spec tell(starl_dpp:request_id(), {starl_dpp:place(), [Edge]}, Now :: integer(), t()) ->
+    turn()
+when
+    Edge :: starl_dpp_graph:edge_id().
+tell(_Id, _Place, _Now, #follow{wanted = none} = F) ->
+    {F, []};
+tell(Id, {Place, Painted}, Now, #follow{wanted = Seq, term = Term} = F) ->
+    {Ballot, #follow{coordinator = Coordinator} = Voted} = ballot(Seq, Now, F),
+    Body = {Term, Id, Place, Painted, Ballot},
+    {Voted#follow{wanted = none}, [starl_sap:post(Coordinator, dpp_state, Body)]}.
+
+ballot(Seq, Now, #follow{vote = Vote0, coordinator = Coordinator} = F) ->
+    {Given, Vote} = starl_dpp_vote:give(Coordinator, Now, Vote0),
+    {{Seq, Now, Given}, F#follow{vote = Vote, here = Now}}.
+
+%% -- lease ----------------------------------------------------------------------------------
+
+%% @doc A coordinator's clock is heard. `lags': the own clock has lost more against it than drift and
+%% jumps explain; then all leases given up to now have ended. Only a beat is remembered: it is not
+%% repeated, so it has not taken long.
+-spec timed(starl:robot_id(), {starl_dpp_lease:seq(), IsBeat :: boolean()}, Now, t()) ->
+    {agrees | lags, t()}
+when
+    Now :: integer().
+timed(Source, {Seq, IsBeat}, Now, #follow{witness = Before, limits = Limits, short_us = Short} = F) ->
+    case starl_dpp_clock_check:hear(Source, Seq, Now, Limits, Before) of
+        {lags, Witness} ->
+            Ended = F#follow{granted = Now - Short, asked = Now - Short, void = Now},
+            {lags, Ended#follow{witness = Witness}};
+        {agrees, Witness} when IsBeat ->
+            {agrees, F#follow{witness = Witness}};
+        {agrees, _NotRemembered} ->
+            {agrees, F}
+    end.
+
+%% @doc A request is made: the drive lease that comes with its answer counts from now.
+-spec asked(Now :: integer(), t()) -> t().
+asked(Now, F) -> F#follow{asked = Now}.
+
+%% @doc Has the answer to the latest request come in no time, though over the air? Then the own
+%% clock stands still, or was set back, and a lease would last too long by it.
+-spec in_no_time(Now :: integer(), t()) -> boolean().
+in_no_time(_Now, #follow{coordinator = Self, self = Self}) -> false;
+in_no_time(Now, #follow{asked = Asked}) -> Now =< Asked.
+
+%% @doc What is left of the lease to drive (us); 0 or less: it has ended.
+-spec lease_us(Now :: integer(), t()) -> integer().
+lease_us(Now, #follow{granted = Granted, asked = Asked, short_us = Short}) ->
+    case max(Granted, Asked) + Short - Now of
+        Us when is_integer(Us) -> Us
+    end.

@@ -1,0 +1,77 @@
+%% What a robot knows of where it stands and drives, and of what is painted.
+-module(starl_dpp_progress_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(PATH, [{{100.0, 0.0}, up}, {{100.0, 200.0}, {down, 7}}]).
+
+moving() -> {moving, {1, 1}, {0.0, 0.0}, ?PATH}.
+
+begun() -> starl_dpp_progress:begins({0.0, 0.0}, starl_dpp_progress:new(10.0)).
+
+%% Stopped, and seen at a point.
+stopped(At, Track) -> starl_dpp_progress:stands(At, starl_dpp_progress:halted(moving(), Track)).
+
+%% Near its path a robot counts as standing on it; that is what it holds from then on.
+nominal_test() ->
+    Nominal = fun starl_dpp_progress:nominal/1,
+    ?assertEqual({50.0, 0.0}, Nominal(stopped({50.0, 9.0}, begun()))),
+    ?assertEqual({50.0, 11.0}, Nominal(stopped({50.0, 11.0}, begun()))),
+    Stands = stopped({50.0, 0.0}, begun()),
+    Again = fun(At) ->
+        Nominal(starl_dpp_progress:stands(At, starl_dpp_progress:halted(asking, Stands)))
+    end,
+    ?assertEqual({50.0, 0.0}, Again({55.0, 0.0})),
+    ?assertEqual({70.0, 5.0}, Again({70.0, 5.0})).
+
+%% The waypoints that it has reached are behind it.
+place_test() ->
+    ?assertEqual({moving, 0, {0.0, 0.0}, ?PATH}, starl_dpp_progress:place(moving(), begun())),
+    One = starl_dpp_progress:reached(1, hd(?PATH), begun()),
+    ?assertEqual({moving, 1, {100.0, 0.0}, tl(?PATH)}, starl_dpp_progress:place(moving(), One)),
+    ?assertEqual({100.0, 3.0}, starl_dpp_progress:at(stopped({100.0, 3.0}, One))),
+    ?assertEqual({50.0, 5.0}, starl_dpp_progress:nominal(stopped({50.0, 5.0}, One))),
+    Two = starl_dpp_progress:reached(2, lists:last(?PATH), One),
+    ?assertEqual({moving, 2, {100.0, 200.0}, []}, starl_dpp_progress:place(moving(), Two)),
+    ?assertEqual({100.0, 200.0}, starl_dpp_progress:nominal(stopped({100.0, 195.0}, Two))),
+    ?assertEqual(300.0, starl_dpp_progress:unreported_mm(Two)),
+    ?assertEqual(+0.0, starl_dpp_progress:unreported_mm(starl_dpp_progress:reported(Two))).
+
+%% What it has painted is fresh until a request that told of it is answered.
+painted_test() ->
+    Two = starl_dpp_progress:reached(2, lists:last(?PATH), begun()),
+    ?assertEqual({[7], [7]}, {starl_dpp_progress:fresh(Two), starl_dpp_progress:painted(Two)}),
+    Learnt = starl_dpp_progress:learn([3, 9], Two),
+    ?assertEqual({[7], [3, 7, 9]}, {
+        starl_dpp_progress:fresh(Learnt), starl_dpp_progress:painted(Learnt)
+    }),
+    Answered = starl_dpp_progress:answered(Learnt),
+    ?assertEqual(
+        {[], [3, 7, 9]}, {starl_dpp_progress:fresh(Answered), starl_dpp_progress:painted(Answered)}
+    ).
+
+%% Another path begins with nothing behind it, and nothing to report.
+begins_test() ->
+    One = starl_dpp_progress:reached(1, hd(?PATH), begun()),
+    Again = starl_dpp_progress:begins({7.0, 7.0}, One),
+    ?assertEqual(
+        {{7.0, 7.0}, +0.0, {moving, 0, {0.0, 0.0}, ?PATH}},
+        {
+            starl_dpp_progress:last(Again),
+            starl_dpp_progress:unreported_mm(Again),
+            starl_dpp_progress:place(moving(), Again)
+        }
+    ).
+
+%% Where it stands is looked at again, and stays what it counts as until then.
+lost_test() ->
+    Stands = stopped({50.0, 9.0}, begun()),
+    Lost = starl_dpp_progress:lost(Stands),
+    ?assertEqual({{50.0, 9.0}, unknown}, {
+        starl_dpp_progress:at(Stands), starl_dpp_progress:at(Lost)
+    }),
+    ?assertEqual(unknown, starl_dpp_progress:at(starl_dpp_progress:halted(standing, Stands))),
+    [
+        ?assertEqual({standing, {50.0, 0.0}}, starl_dpp_progress:place(Where, Track))
+     || Where <- [standing, asking], Track <- [Stands, Lost]
+    ],
+    ?assertError(function_clause, starl_dpp_progress:place(standing, begun())).

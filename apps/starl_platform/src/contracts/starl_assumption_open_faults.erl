@@ -1,0 +1,73 @@
+%% @doc Faults of a live run, of which nobody knows the end while they last: cut links, frozen positions, full
+%% disks. Monitors are told of them in slices, a little ahead of what is judged, so that a fault without an end
+%% excuses as one with an end does ({@link starl_assumption}), and not for ever. A pure module.
+%% ```
+%%     began            now                   ended
+%%       |----slice-------|----slice----|----slice--|..    excused up to 5 s longer
+%% '''
+%% A halt of a robot is none of these: the judge waits for its end.
+-module(starl_assumption_open_faults).
+
+-export([new/0, told/2, windows/2]).
+
+-export_type([t/0, fault/0]).
+
+%% For each fault its robots, until when monitors know of it, and its end.
+-opaque t() :: #{
+    Id :: term() => {[starl_monitor:robot_id()], ToldUs :: integer(), EndUs :: integer() | none}
+}.
+
+%% As in a recording's messages on faults: name, beginning, end, kind, target and parameters.
+-type fault() :: {
+    Id :: term(),
+    FromMs :: integer(),
+    ToMs :: integer() | forever,
+    Kind :: atom(),
+    Target :: term(),
+    map()
+}.
+
+-define(SLICE_US, 5000000).
+
+%% @doc No fault lasts.
+-spec new() -> t().
+new() -> #{}.
+
+%% @doc A fault has begun, or ended.
+-spec told({began | ended, fault()}, t()) -> t().
+told({began, {Id, FromMs, forever, Kind, Target, _}}, Lasting) when
+    Kind =/= pause, is_integer(FromMs)
+->
+    Lasting#{Id => {robots(Target), 1000 * FromMs, none}};
+told({ended, {Id, _, ToMs, _, _, _}}, Lasting) when is_map_key(Id, Lasting), is_integer(ToMs) ->
+    {Robots, Told, none} = maps:get(Id, Lasting),
+    Lasting#{Id => {Robots, Told, max(Told, 1000 * ToMs)}};
+told(_Other, Lasting) ->
+    Lasting.
+
+robots(Robots) when is_list(Robots) -> lists:append([robots(R) || R <- Robots]);
+robots(Link) when is_tuple(Link) -> robots(tuple_to_list(Link));
+robots(Robot) when is_integer(Robot) -> [Robot];
+robots(_Other) -> [].
+
+%% @doc What monitors must know before they judge what happened up to now.
+-spec windows(NowUs :: integer(), t()) -> {[starl_assumption:window()], t()}.
+windows(Now, Lasting) ->
+    maps:fold(
+        fun(Id, Fault, {Windows, Left}) -> due(Now, Id, Fault, Windows, Left) end,
+        {[], #{}},
+        Lasting
+    ).
+
+due(Now, Id, {Robots, Told, none}, Windows, Left) when Told =< Now + ?SLICE_US div 2 ->
+    Until = Now + ?SLICE_US,
+    {windows(Robots, Told, Until) ++ Windows, Left#{Id => {Robots, Until, none}}};
+due(_Now, Id, {_, _, none} = Fault, Windows, Left) ->
+    {Windows, Left#{Id => Fault}};
+%% it may be over before monitors were told
+due(_Now, _Id, {Robots, Told, End}, Windows, Left) when Told < End ->
+    {windows(Robots, Told, End) ++ Windows, Left};
+due(_Now, _Id, _Over, Windows, Left) ->
+    {Windows, Left}.
+
+windows(Robots, From, To) -> [{Robot, From, To, fault} || Robot <- Robots].

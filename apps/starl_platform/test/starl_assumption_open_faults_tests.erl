@@ -1,0 +1,50 @@
+%% Faults of a live run excuse while they last, and hardly longer.
+-module(starl_assumption_open_faults_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-define(L, starl_assumption_open_faults).
+-define(S, 1000000).
+
+fault(Id, From, To, Kind, Target) -> {Id, 1000 * From, ms(To), Kind, Target, #{}}.
+
+ms(forever) -> forever;
+ms(S) -> 1000 * S.
+
+began(Fault, Lasting) -> ?L:told({began, Fault}, Lasting).
+
+%% The windows that monitors were told when they have judged each second.
+told(Lasting, From, To) ->
+    {All, Left} = lists:mapfoldl(
+        fun(S, L) -> ?L:windows(S * ?S, L) end, Lasting, lists:seq(From, To)
+    ),
+    {lists:append(All), Left}.
+
+%% The slices follow each other without a hole, and end less than 5 s after the fault.
+slices_test() ->
+    Begun = began(fault(a, 10, forever, location_frozen, 3), ?L:new()),
+    {Windows, Left} = told(Begun, 10, 60),
+    ?assert(lists:all(fun({R, _, _, What}) -> {R, What} =:= {3, fault} end, Windows)),
+    [{_, From, _, _} | _] = Windows,
+    ?assertEqual(10 * ?S, From),
+    Ends = [To || {_, _, To, _} <- Windows],
+    ?assertEqual(lists:droplast(Ends), [Since || {_, Since, _, _} <- tl(Windows)]),
+    ?assert(lists:last(Ends) > 62 * ?S andalso lists:last(Ends) =< 65 * ?S),
+    Over = ?L:told({ended, fault(a, 10, 60, location_frozen, 3)}, Left),
+    ?assertEqual({[], ?L:new()}, told(Over, 61, 99)).
+
+%% Also what is over before anything was judged; a link is its two robots.
+short_test() ->
+    Begun = began(fault(a, 10, forever, loss, {1, 2}), ?L:new()),
+    Over = ?L:told({ended, fault(a, 10, 11, loss, {1, 2})}, Begun),
+    {Windows, Left} = ?L:windows(12 * ?S, Over),
+    ?assertEqual([{1, 10 * ?S, 11 * ?S, fault}, {2, 10 * ?S, 11 * ?S, fault}], lists:sort(Windows)),
+    ?assertEqual(?L:new(), Left).
+
+%% A halt is waited for, a kill has no length, a schedule's faults are known from the beginning.
+none_test() ->
+    Faults = [
+        fault(a, 10, forever, pause, 1),
+        fault(b, 10, 10, kill_robot, 2),
+        fault(c, 10, 20, loss, {1, 2})
+    ],
+    ?assertEqual(?L:new(), lists:foldl(fun began/2, ?L:new(), Faults)).
