@@ -42,14 +42,43 @@ a_robot_finds_its_place_on_the_lane_test() ->
     Ends = [lists:last(Way) || {Way, _} <- Lane],
     [
         begin
-            ?assertEqual(I, starl_convoy_route:locate(P, Lane)),
+            ?assertEqual(I, starl_convoy_place:locate(P, Lane)),
             Part = starl_geometry:interpolate(P, hd(Way), 0.5),
-            ?assertEqual(I, starl_convoy_route:locate(Part, Lane))
+            ?assertEqual(I, starl_convoy_place:locate(Part, Lane))
         end
      || {I, P, {Way, _}} <- lists:zip3(
             lists:seq(0, length(Ends) - 2), lists:droplast(Ends), tl(Lane)
         )
     ].
+
+a_robot_that_does_not_get_on_looks_where_it_stands_test() ->
+    {ok, Lane} = lane(),
+    {ok, Floor} = starl_floor_file:read("doors", 1000),
+    Middle = fun(I) ->
+        {Way, _} = lists:nth(I + 1, Lane),
+        lists:last(Way)
+    end,
+    Between = starl_geometry:interpolate(Middle(3), Middle(4), 0.6),
+    Next = fun(Refused, Here, Others, Ms) ->
+        starl_convoy_place:next(Refused, #{
+            lane => Lane, floor => Floor, at => 3, here => Here, others => Others, waited_ms => Ms
+        })
+    end,
+    ?assertEqual(stay, Next(occupied, Middle(3), [Middle(4)], 60000)),
+    ?assertEqual({at, 6}, Next(occupied, Middle(6), [], 0)),
+    Column = [Middle(I) || I <- lists:seq(4, length(Lane) - 1)],
+    ?assertEqual(arrived, Next(occupied, Middle(3), Column, 0)),
+    %% one beside it holds it up for long: the one behind drives back, the one ahead lets it
+    {X, Y} = Between,
+    ?assertEqual(stay, Next(occupied, Between, [{X + 150, Y - 295}], 19999)),
+    ?assertMatch(
+        {back, #{token := {section, 3}, way := [_]}},
+        Next(occupied, Between, [{X + 150, Y - 295}], 20000)
+    ),
+    ?assertEqual(leave, Next(occupied, Between, [{X - 150, Y - 295}], 20000)),
+    %% a wall is between it and the lane
+    ?assertEqual(stay, Next(stuck, Middle(3), [], 0)),
+    ?assertMatch({at, _}, Next(stuck, {3000.0, 6000.0}, [], 0)).
 
 what_a_plan_lacks_is_told_test() ->
     ?assertEqual(
@@ -75,7 +104,8 @@ too_many_test() ->
 judged(Events) -> judged(Events, []).
 
 judged(Events, Faults) ->
-    Config = #{robots => [1, 2], faults => Faults},
+    Lane = [{[{600.0 * I, 0.0}], none} || I <- lists:seq(0, 20)],
+    Config = #{robots => [1, 2], lane => Lane, faults => Faults},
     starl_team_runs:judged(Events, {starl_convoy_monitor, Config}).
 
 at(S, Robot, Door) -> {S * 1000000, Robot, app, {at, 7, Door}}.
@@ -91,9 +121,15 @@ nobody_overtakes_test() ->
     Fault = [{1, 0, 1000, fault}],
     ?assertMatch({[], _}, judged([at(1, 2, 3), at(2, 1, 3), stands(3, 1, 0)], Fault)),
     ?assertMatch({[overtaken], _}, judged([at(40, 2, 3), at(41, 1, 3), stands(42, 1, 0)], Fault)),
-    %% who was overtaken in a fault comes through later
-    Later = [at(20, 2, 3), at(60, 1, 3), at(70, 2, 4), at(80, 1, 4), stands(81, 1, 0)],
-    ?assertMatch({[], _}, judged(Later, Fault)).
+    %% who was overtaken in a fault comes through later, and is not to be overtaken again, or to overtake
+    Mixed = [at(20, 2, 3), stands(25, 2, 5000), stands(25, 1, 3000), at(60, 1, 3)],
+    Later = Mixed ++ [at(70, 2, 4), at(80, 1, 4), stands(81, 1, 0)],
+    ?assertMatch({[], _}, judged(Later, Fault)),
+    Again = Mixed ++ [at(70, 1, 4), at(80, 2, 4), stands(81, 1, 0)],
+    ?assertMatch({[overtaken], _}, judged(Again, Fault)),
+    %% who stood beside each other may go on in either order
+    Beside = [stands(25, 2, 3200), stands(25, 1, 3000), at(60, 1, 3), at(61, 2, 3)],
+    ?assertMatch({[], _}, judged(Beside ++ [stands(81, 1, 0)], Fault)).
 
 apart_test() ->
     Near = fun(Mm) ->
@@ -106,6 +142,8 @@ apart_test() ->
 somebody_moves_on_test() ->
     ?assertMatch({[], _}, judged([at(100, 1, none), at(219, 2, none), stands(330, 1, 0)])),
     ?assertMatch({[nobody_moves], _}, judged([at(100, 1, none), stands(221, 1, 0)])),
+    %% who drives to and fro does not move on
+    ?assertMatch({[nobody_moves], _}, judged([at(100, 1, none), at(200, 1, 3), stands(221, 1, 0)])),
     Done = [{S * 1000000, Robot, app, {done, arrived}} || {S, Robot} <- [{2, 1}, {3, 2}]],
     ?assertMatch({[], _}, judged(Done ++ [stands(400, 1, 0)])),
     ?assertMatch({[nobody_moves], _}, judged([hd(Done), stands(400, 1, 0)])),
@@ -186,4 +224,31 @@ a_column_that_is_mixed_up_arrives_test_() ->
             ]
         }),
         ?assertEqual(6, proplists:get_value(there, Figures))
+    end}.
+
+%% Wrong positions have left two robots beside each other between two sections, each in the way of the other.
+two_beside_each_other_get_on_test_() ->
+    {timeout, 120, fun() ->
+        #{report := #{figures := Figures}, violations := []} = starl_team_runs:outcome(#{
+            app => starl_convoy,
+            robots => 5,
+            seed => 8800199,
+            loss => 0.1,
+            clock_drift => 9999,
+            time => 300,
+            random_faults => [
+                network,
+                clock_offset,
+                clock_step,
+                clock_freeze,
+                process,
+                location,
+                actuation,
+                serial,
+                store
+            ],
+            heal => 25,
+            longest_fault => 8
+        }),
+        ?assertEqual(5, proplists:get_value(there, Figures))
     end}.

@@ -1,7 +1,8 @@
 %% @doc A convoy: a column of robots drives through the doors of a building, each of which lets one robot through at a
 %% time. The way is the shortest of the floor plan's roadmap ({@link starl_convoy_route}). A token of mutual exclusion guards each
 %% section of it: a robot acquires the next one, drives there, and releases the one behind it ({@link
-%% starl_sections}). So nobody overtakes, and one is in a door.
+%% starl_sections}). So nobody overtakes, and one is in a door. Who does not get on looks where it stands ({@link
+%% starl_convoy_place}).
 %%
 %% Measures: `gap_mm', the distance from the robot ahead, and `wait_s', the wait for a section. Trace: {@link
 %% event()} (see {@link starl_convoy_monitor}).
@@ -17,21 +18,18 @@
 %% The robot has come to this section; it is the one behind this door.
 -type event() :: {at, Section :: pos_integer(), Door :: pos_integer() | none}.
 
-%% `ahead': the robots before it in the column. `since': when it began to wait for the next section, by its own clock (ms).
+%% `ahead': the robot before it, if any. `held': the token of its section, if it has it. `since': when it began to wait (own clock, ms).
 -type state() :: #{
     lane := starl_convoy_route:t(),
+    floor := starl_floor:t(),
     ahead := [starl:robot_id()],
     at := non_neg_integer(),
-    held := boolean(),
+    held := [term()],
     since := integer()
 }.
 
 -spec options() -> [starl_options:option()].
-options() ->
-    [
-        {section, {integer, 550, 5000}, 600,
-            "the distance of two robots that wait in the column, mm"}
-    ].
+options() -> [{section, {integer, 550, 5000}, 600, "distance of two robots that wait, mm"}].
 
 -spec measures() -> [{atom(), string()}].
 measures() ->
@@ -57,35 +55,30 @@ guarantees() ->
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
 scene(#{robots := Ids, profiles := Profiles, options := #{section := Length}} = Context) ->
     {ok, Floor} = building(Context),
-    case starl_convoy_route:new(Floor, #{profiles => Profiles, section_mm => Length}) of
-        {ok, Lane} -> column(starl_convoy_route:starts(Ids, Lane), Lane, Floor);
-        {error, _} = Error -> Error
+    Config = #{profiles => Profiles, section_mm => Length},
+    case starl_convoy_route:column(Ids, Floor, Config) of
+        {ok, Lane, Poses} ->
+            {ok, #{
+                app => {sequential, starl_convoy, #{lane => Lane, floor => Floor}},
+                blocks => [starl_mutex],
+                floor => Floor,
+                poses => Poses,
+                monitors => [{starl_convoy_monitor, #{robots => lists:sort(Ids), lane => Lane}}],
+                never_crashes => true
+            }};
+        {error, _} = Error ->
+            Error
     end.
 
 building(#{floor := #{doors := []}}) -> starl_floor_file:read("doors", 1000);
 building(#{floor := Floor}) -> {ok, Floor}.
 
-column({ok, Poses}, Lane, Floor) ->
-    {ok, #{
-        app => {sequential, starl_convoy, Lane},
-        blocks => [starl_mutex],
-        floor => Floor,
-        poses => Poses,
-        monitors => [{starl_convoy_monitor, #{robots => lists:sort(maps:keys(Poses))}}],
-        never_crashes => true
-    }};
-column({error, _} = Error, _Lane, _Floor) ->
-    Error.
-
--spec init(starl:robot(), starl_convoy_route:t()) -> state().
-init(Robot, Lane) ->
-    {Ahead, _} = lists:splitwith(fun(R) -> R =/= starl:id(Robot) end, starl:participants(Robot)),
+-spec init(starl:robot(), #{lane := starl_convoy_route:t(), floor := starl_floor:t()}) -> state().
+init(Robot, #{lane := Lane} = Known) ->
+    Ahead = lists:takewhile(fun(R) -> R =/= starl:id(Robot) end, starl:participants(Robot)),
     _ = Ahead =:= [] andalso starl:draw(Robot, starl_convoy_route:drawing(Lane)),
-    located(Robot, #{lane => Lane, ahead => Ahead}).
-
-%% At the beginning, after a restart, and when it does not come where it wants to.
-located(Robot, #{lane := Lane} = State) ->
-    at(starl_convoy_route:locate(starl_sections:position(Robot), Lane), Robot, State).
+    At = starl_convoy_place:locate(starl_sections:position(Robot), Lane),
+    at(At, Robot, Known#{ahead => lists:nthtail(max(0, length(Ahead) - 1), Ahead)}).
 
 at(At, Robot, State) ->
     Held = starl_sections:take(Robot, {section, At}),
@@ -93,68 +86,49 @@ at(At, Robot, State) ->
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, arrived}.
 step(Robot, #{lane := Lane, at := At} = State) when At + 1 >= length(Lane) -> arrived(Robot, State);
-step(Robot, #{lane := Lane, at := At} = State) ->
-    #{way := Way} = Section = starl_convoy_route:section(At + 1, Lane),
+step(Robot, #{lane := Lane, at := At, held := Held} = State) ->
+    #{way := Way, token := Token} = Section = starl_convoy_route:section(At + 1, Lane),
     case starl_sections:enter(Robot, Section, fun() -> begins(Robot, Way, State) end) of
-        occupied ->
-            Here = elsewhere(starl_sections:position(Robot), Robot, State),
-            behind_all(starl:positions(Robot), Robot, Here);
-        stuck ->
-            {continue, beside(starl:floor(Robot), starl_sections:position(Robot), Robot, State)};
         ok ->
             {_, Door} = lists:nth(At + 2, Lane),
             ok = starl:trace(Robot, {at, At + 1, Door}),
-            ok = behind(Robot, State),
-            {continue, State#{at := At + 1, held := true, since := starl:now(Robot)}}
+            ok = starl_sections:leave(Robot, Held),
+            {continue, State#{at := At + 1, held := [Token], since := starl:now(Robot)}};
+        Refused ->
+            refused(starl_convoy_place:next(Refused, seen(Robot, State)), Robot, State)
     end.
 
-arrived(Robot, State) ->
-    ok = behind(Robot, State),
+seen(Robot, #{since := Since} = State) ->
+    (maps:with([lane, floor, at], State))#{
+        here => starl_sections:position(Robot),
+        others => starl_sections:others(Robot),
+        waited_ms => starl:now(Robot) - Since
+    }.
+
+refused(stay, _Robot, State) ->
+    {continue, State};
+refused(arrived, Robot, State) ->
+    arrived(Robot, State);
+refused(Else, Robot, #{held := Held} = State) ->
+    ok = starl_sections:leave(Robot, Held),
+    {continue, elsewhere(Else, Robot, State#{held := [], since := starl:now(Robot)})}.
+
+elsewhere({at, At}, Robot, State) ->
+    at(At, Robot, State);
+elsewhere({back, #{token := Token} = Section}, Robot, State) ->
+    Entered = starl_sections:enter(Robot, Section, fun() -> ok end),
+    State#{held := [Token || Entered =:= ok]};
+elsewhere(leave, _Robot, State) ->
+    State.
+
+arrived(Robot, #{held := Held}) ->
+    ok = starl_sections:leave(Robot, Held),
     {done, arrived}.
-
-%% Its way ends behind those that have come to stay, in whatever order: wrong positions may have mixed up the column.
-behind_all({ok, Poses}, Robot, #{lane := Lane, at := At} = State) ->
-    Others = [{X, Y} || {X, Y, _} <- maps:values(maps:remove(starl:id(Robot), Poses))],
-    case starl_convoy_route:is_full(At + 1, Others, Lane) of
-        true -> arrived(Robot, State);
-        false -> {continue, State}
-    end;
-behind_all({error, _}, _Robot, State) ->
-    {continue, State}.
-
-%% Is it where it takes itself to be? A fault may have misled it.
-elsewhere(Place, Robot, #{lane := Lane, at := At} = State) ->
-    case starl_convoy_route:locate(Place, Lane) of
-        At ->
-            State;
-        Other ->
-            moved(Other, Robot, State)
-    end.
-
-%% It may stand where a wall is between it and the lane: it begins anew with a section that it can reach.
-beside({ok, Floor}, Place, Robot, #{lane := Lane, at := At} = State) ->
-    case starl_convoy_route:reach(Place, Floor, Lane) of
-        At -> State;
-        Other -> moved(Other, Robot, State)
-    end;
-beside({error, _}, Place, Robot, State) ->
-    elsewhere(Place, Robot, State).
-
-moved(At, Robot, State) ->
-    ok = behind(Robot, State),
-    at(At, Robot, State).
-
-behind(Robot, #{at := At, held := true}) -> starl_sections:leave(Robot, {section, At});
-behind(_Robot, #{held := false}) -> ok.
 
 begins(Robot, Way, #{since := Since, ahead := Ahead}) ->
     ok = starl:measure(Robot, wait_s, (starl:now(Robot) - Since) / 1000),
-    Place = starl_sections:position(Robot),
-    _ = [
-        starl:measure(Robot, gap_mm, starl_geometry:distance(Place, {X, Y}))
-     || Other <- lists:nthtail(max(0, length(Ahead) - 1), Ahead),
-        {ok, {X, Y, _}} <- [starl:position(Robot, Other)]
-    ],
+    Gaps = [starl_sections:distance(Robot, Other) || Other <- Ahead],
+    _ = [starl:measure(Robot, gap_mm, Mm) || {ok, Mm} <- Gaps],
     starl:draw(Robot, #{key => section, area => starl_drawing:circle(lists:last(Way), 165)}).
 
 %% @doc How many came through all doors, and when; and how near robots came to each other.
@@ -167,9 +141,7 @@ report(_Scene, #{monitors := #{starl_convoy_monitor := Results}, robots := Robot
             {there, There}, {passes, Passes}, {seconds, LastUs / 1.0e6}, {least_mm, Least}
         ],
         formats => #{
-            seconds => #{
-                decimals => 1, label => "time until the last has come, s", plotted => true
-            },
+            seconds => #{decimals => 1, label => "until the last has come, s", plotted => true},
             least_mm => #{decimals => 1, rounded => down}
         },
         complete => There =:= length(Robots),

@@ -1,10 +1,10 @@
 %% @doc The contract of a convoy: no robot comes through a door before one that was ahead of it, and no two robots come
-%% nearer to each other than 400 mm. Excused is what happens in a fault, or up to half a minute after it: a lease that ran out while a
-%% robot was cut off, or down, leaves it in a section that another may get. Who was overtaken in that time may stay
-%% behind.
+%% nearer to each other than 400 mm. Excused is what happens in a fault, or up to half a minute after it: a lease that
+%% ran out while a robot was cut off, or down, leaves it in a section that another may get. Who is ahead of whom is
+%% seen anew at the end of that time, from where the robots stand on the lane.
 %%
-%% Progress: as long as none has died, somebody comes to a next section within two minutes after the last time and after
-%% all faults, until all are there.
+%% Progress: as long as none has died, somebody comes to a section where it has not been yet (since the last excused
+%% time) within two minutes after the last time and after all faults, until all are there.
 %%
 %% Events of machine `chassis': `motion'; of machine `app': {@link starl_convoy:event()}, `done'; of
 %% machine `robot': `died'; of machine `supervisor': `given_up'.
@@ -15,15 +15,19 @@
 
 -record(state, {
     separation = starl_separation:new(400.0) :: starl_separation:t(),
-    faults :: [starl_assumption:window()],
+    lane :: starl_convoy_route:t(),
+    %% the excused times, and which of their ends are still to come
+    excused :: [{FromUs :: integer(), ToUs :: integer()}],
+    ends :: [integer()],
     healed :: integer() | never,
-    %% the robots that are not there; the place of each in the column
+    %% the robots that are not there; how each moves
     under_way :: [starl:robot_id()],
-    places :: #{starl:robot_id() => pos_integer()},
-    %% the last in the column of those that have come through each door
-    through = #{} :: #{pos_integer() => {Place :: pos_integer(), AtUs :: integer()}},
-    %% those whom a fault has had overtaken
-    mixed = #{} :: #{starl:robot_id() => true},
+    pieces = #{} :: #{starl:robot_id() => starl_trajectory:piece()},
+    %% how far each was on the lane when that was seen last, in sections; of those that have come through each door the
+    %% one that was farthest behind; the last section to which each has come
+    places :: #{starl:robot_id() => number()},
+    through = #{} :: #{pos_integer() => Place :: number()},
+    farthest = #{} :: #{starl:robot_id() => pos_integer()},
     %% when somebody moved on last; `over': no progress is owed
     since = 0 :: integer() | over,
     last = 0 :: integer(),
@@ -32,19 +36,26 @@
 
 -define(AFTER_US, 30000000).
 -define(WITHIN_US, 120000000).
+%% Two robots that are nearer to each other on the lane, in sections, stand beside each other.
+-define(BESIDE, 0.7).
 
-%% @doc `robots': the column, the first one ahead.
+%% @doc `robots': the column, the first one ahead, on this lane.
 -spec init(#{
     robots := [starl:robot_id()],
+    lane := starl_convoy_route:t(),
     faults => [starl_assumption:window()],
     healed_us => integer() | never
 }) -> #state{}.
-init(#{robots := Robots} = Config) ->
+init(#{robots := Robots, lane := Lane} = Config) ->
+    Faults = maps:get(faults, Config, []),
+    Excused = [{From, To + ?AFTER_US} || {_, From, To, _} <- Faults],
     #state{
-        faults = maps:get(faults, Config, []),
+        lane = Lane,
+        excused = Excused,
+        ends = lists:usort([To || {_, To} <- Excused, not is_within(To + 1, Excused)]),
         healed = maps:get(healed_us, Config, 0),
         under_way = Robots,
-        places = maps:from_list([{Robot, K} || {K, Robot} <- lists:enumerate(Robots)])
+        places = maps:from_list([{Robot, -K} || {K, Robot} <- lists:enumerate(Robots)])
     }.
 
 %% @doc All faults, and when they are over.
@@ -62,11 +73,23 @@ vocabulary() -> #{app => [{at, 2}]}.
 
 -spec step(starl_monitor:trace_event(), #state{}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
+step({T, _, _, _} = Event, #state{ends = [End | Ends]} = State) when T > End ->
+    step(Event, seen(T, State#state{ends = Ends}));
 step({T, _, _, _} = Event, State) ->
     case late(T, State) of
         [] -> judge(Event, State);
         [Violation] -> {violation, Violation, State#state{since = over}}
     end.
+
+%% What was excused may have mixed up the column: its order is what it is now.
+seen(T, #state{pieces = Pieces, lane = Lane, places = Places} = State) ->
+    Place = fun(_Robot, Piece) ->
+        {X, Y, _} = starl_trajectory:pose(T, Piece),
+        starl_convoy_place:progress({X, Y}, Lane)
+    end,
+    State#state{
+        places = maps:merge(Places, maps:map(Place, Pieces)), through = #{}, farthest = #{}
+    }.
 
 %% The column stands.
 late(T, #state{since = Since, healed = Healed} = State) when
@@ -79,10 +102,13 @@ late(_T, _State) ->
 
 judge({T, Robot, chassis, {motion, Piece}}, #state{separation = Before} = State) ->
     {Met, Advanced} = starl_separation:advance(T, Before),
-    Next = State#state{separation = starl_separation:motion(Robot, Piece, Advanced)},
+    Next = State#state{
+        separation = starl_separation:motion(Robot, Piece, Advanced),
+        pieces = (State#state.pieces)#{Robot => Piece}
+    },
     told(near(Met, State), Next);
-judge({T, Robot, app, {at, _Section, Door}}, #state{} = State) ->
-    passes(T, Robot, Door, moved(T, State));
+judge({T, Robot, app, {at, Section, Door}}, #state{} = State) ->
+    passes(T, Robot, Door, moved(T, Robot, Section, State));
 judge({_, Robot, app, {done, _}}, #state{under_way = Robots} = State) ->
     case lists:delete(Robot, Robots) of
         [] -> {ok, State#state{under_way = [], since = over}};
@@ -96,27 +122,29 @@ judge({_, _, Machine, {End, _}}, State) when
 judge(_Event, State) ->
     {ok, State}.
 
-moved(T, #state{since = over} = State) -> State#state{last = T};
-moved(T, State) -> State#state{since = T, last = T}.
+%% Who drives to and fro does not move on.
+moved(T, Robot, Section, #state{farthest = Farthest} = State) ->
+    case Farthest of
+        #{Robot := Last} when Last >= Section -> State;
+        #{} -> since(T, State#state{farthest = Farthest#{Robot => Section}, last = T})
+    end.
+
+since(_T, #state{since = over} = State) -> State;
+since(T, State) -> State#state{since = T}.
 
 passes(_T, _Robot, none, State) ->
     {ok, State};
-passes(T, Robot, Door, #state{through = Through, places = Places, passes = N} = State) ->
+passes(T, Robot, Door, #state{places = Places, through = Through, passes = N} = State) ->
     #{Robot := Place} = Places,
-    {Last, Before} = maps:get(Door, Through, {0, T}),
-    Next = State#state{
-        through = Through#{Door => max({Place, T}, {Last, Before})}, passes = N + 1
-    },
-    case Place < Last andalso not is_map_key(Robot, State#state.mixed) of
-        false -> {ok, Next};
-        true -> overtaken(T, Before, Robot, Door, Next)
-    end.
-
-%% The other one has overtaken when it came through. If that is excused, it is ahead from now on.
-overtaken(T, Before, Robot, Door, #state{mixed = Mixed} = State) ->
-    case is_excused(T, State) orelse is_excused(Before, State) of
-        true -> {ok, State#state{mixed = Mixed#{Robot => true}}};
-        false -> {violation, violation(overtaken, T, [Robot], #{door => Door}), State}
+    Behind = maps:get(Door, Through, Place),
+    Next = State#state{passes = N + 1},
+    case is_excused(T, State) of
+        true ->
+            {ok, Next};
+        false when Behind < Place - ?BESIDE ->
+            {violation, violation(overtaken, T, [Robot], #{door => Door}), Next};
+        false ->
+            {ok, Next#state{through = Through#{Door => min(Behind, Place)}}}
     end.
 
 near(Met, State) ->
@@ -125,8 +153,9 @@ near(Met, State) ->
      || {Mm, At, {A, B}} <- Met, not is_excused(At, State)
     ].
 
-is_excused(At, #state{faults = Faults}) ->
-    lists:any(fun({_, From, To, _}) -> From =< At andalso At =< To + ?AFTER_US end, Faults).
+is_excused(At, #state{excused = Excused}) -> is_within(At, Excused).
+
+is_within(At, Times) -> lists:any(fun({From, To}) -> From =< At andalso At =< To end, Times).
 
 told([], State) -> {ok, State};
 told([Violation | _], State) -> {violation, Violation, State}.

@@ -2,7 +2,7 @@
 %% of path planning, straightened, and cut into sections. A pure module; lengths are millimetres.
 -module(starl_convoy_route).
 
--export([new/2, starts/2, section/2, locate/2, reach/3, is_full/3, drawing/1]).
+-export([column/3, new/2, section/2, back/2, drawing/1]).
 
 -export_type([t/0]).
 
@@ -10,21 +10,28 @@
 %% which is its last point, and the door that it leads through.
 -type t() :: [{[starl_geometry:point(), ...], Door :: pos_integer() | none}, ...].
 
-%% The size of the roadmap's meshes; the steps in which a way is measured; who is nearer to the middle of a
-%% section has come there.
+%% The size of the roadmap's meshes; the steps in which a way is measured.
 -define(MESH_MM, 250.0).
 %% More than a body and r(v) from walls.
 -define(MARGIN_MM, 10.0).
 -define(STEP_MM, 10).
--define(THERE_MM, 60).
-%% Who is no farther from the middle of a section stands in it, not between two.
--define(STAYS_MM, 150).
-%% Who stands at a wall has its centre a little farther from it.
--define(BODY_MM, 160.0).
 %% A section is free if nobody is nearer to its middle than this part of its length.
 -define(FREE, 0.75).
 %% It takes three seconds, and longer in faults.
 -define(WITHIN_MS, 30000).
+
+%% @doc The lane, and where the robots of a column begin, the first one ahead: in the middle of a section each, towards
+%% the next one. All stand before the first door at the beginning, and behind the last one at the end, or one line says
+%% that they cannot.
+-spec column([Id], starl_floor:t(), #{profiles := starl_chassis:profiles(), section_mm := number()}) ->
+    {ok, t(), #{Id => starl:pose()}} | {error, unicode:chardata()}
+when
+    Id :: starl:robot_id().
+column(Ids, Floor, Config) ->
+    case new(Floor, Config) of
+        {ok, Lane} -> starts(Ids, Lane);
+        {error, _} = Error -> Error
+    end.
 
 %% @doc The lane for robots with these profiles, with sections of this length, or one line on what the plan lacks.
 -spec new(starl_floor:t(), #{profiles := starl_chassis:profiles(), section_mm := number()}) ->
@@ -137,10 +144,6 @@ sides([_]) -> [].
 
 %% -- the column -----------------------------------------------------------------------------
 
-%% @doc Where the robots of a column begin, the first one ahead: in the middle of a section each, towards the next one.
-%% All stand before the first door at the beginning, and behind the last one at the end, or one line says that they cannot.
--spec starts([Id], t()) -> {ok, #{Id => starl:pose()}} | {error, unicode:chardata()} when
-    Id :: starl:robot_id().
 starts(Ids, Lane) ->
     case most(Lane) of
         Most when length(Ids) > Most ->
@@ -148,7 +151,7 @@ starts(Ids, Lane) ->
             {error, io_lib:format(Why, [Most])};
         _ ->
             Starts = [{Id, start(length(Ids) - K, Lane)} || {K, Id} <- lists:enumerate(Ids)],
-            {ok, maps:from_list(Starts)}
+            {ok, Lane, maps:from_list(Starts)}
     end.
 
 most(Lane) ->
@@ -171,47 +174,14 @@ section(I, Lane) ->
     Mm = starl_geometry:distance(lists:last(Before), lists:last(Way)),
     #{token => {section, I}, way => Way, free_mm => ?FREE * Mm, within_ms => ?WITHIN_MS}.
 
-%% @doc The last section to whose middle a robot on the lane at this place has come.
--spec locate(starl_geometry:point(), t()) -> non_neg_integer().
-locate(Place, Lane) ->
-    Ends = [lists:last(Way) || {Way, _} <- Lane],
-    {_, I} = lists:min([
-        {lists:min([starl_geometry:point_segment(Place, S) || S <- sides([Before | Way])]), I}
-     || {I, Before, {Way, _}} <- lists:zip3(
-            lists:seq(1, length(Lane) - 1), lists:droplast(Ends), tl(Lane)
-        )
-    ]),
-    case starl_geometry:distance(Place, lists:nth(I + 1, Ends)) =< ?THERE_MM of
-        true -> I;
-        false -> I - 1
-    end.
+%% @doc The way back to the middle of a section.
+-spec back(non_neg_integer(), t()) -> starl_sections:section().
+back(0, Lane) -> (section(1, Lane))#{token => {section, 0}, way => [middle(0, Lane)]};
+back(I, Lane) -> (section(I, Lane))#{way => [middle(I, Lane)]}.
 
-%% @doc The section before the nearest one to whose middle a straight line leads past all walls; without any, as {@link
-%% locate/2}. A robot that wrong positions have led astray drives on from there.
--spec reach(starl_geometry:point(), starl_floor:t(), t()) -> non_neg_integer().
-reach(Place, Floor, [_ | Sections] = Lane) ->
-    Walls = starl_walls:new(Floor),
-    Near = lists:sort([
-        {starl_geometry:distance(Place, lists:last(Way)), I, lists:last(Way)}
-     || {I, {Way, _}} <- lists:enumerate(Sections)
-    ]),
-    Free = fun({_, _, Middle}) -> starl_walls:is_free({Place, Middle}, ?BODY_MM, Walls) end,
-    case lists:search(Free, Near) of
-        {value, {Mm, I, _}} when Mm =< ?THERE_MM -> I;
-        {value, {_, I, _}} -> I - 1;
-        false -> locate(Place, Lane)
-    end.
-
-%% @doc Does a robot stand in the middle of each section from this one on to the end?
--spec is_full(Section :: pos_integer(), [starl_geometry:point()], t()) -> boolean().
-is_full(I, Robots, Lane) ->
-    lists:all(
-        fun({Way, _}) ->
-            Middle = lists:last(Way),
-            lists:any(fun(P) -> starl_geometry:distance(P, Middle) =< ?STAYS_MM end, Robots)
-        end,
-        lists:nthtail(I, Lane)
-    ).
+middle(I, Lane) ->
+    {Way, _} = lists:nth(I + 1, Lane),
+    lists:last(Way).
 
 %% @doc The drawing of the lane.
 -spec drawing(t()) -> starl_drawing:shape().

@@ -16,7 +16,7 @@
 %% The robot is in the crossing.
 -type event() :: passes.
 
-%% `held': whether it holds the token of the section where it is. Times by the robot's own clock (ms).
+%% `held': the token of the section where it is, if it holds it. Times by the robot's own clock (ms).
 -type state() :: #{
     road := [starl_geometry:point(), ...],
     begun := integer(),
@@ -24,7 +24,7 @@
     %% since when it waits for the next section
     since := integer(),
     at := non_neg_integer(),
-    held := boolean(),
+    held := [starl_crossing_road:token()],
     passes := non_neg_integer()
 }.
 
@@ -85,31 +85,25 @@ init(Robot, #{road := Road, duration := Seconds}) ->
     }.
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, Passes :: non_neg_integer()}.
-step(Robot, #{road := Road, until := Until, at := At, passes := Passes} = State) ->
+step(Robot, #{road := Road, until := Until, at := At, held := Held} = State) ->
     Next = (At + 1) rem length(Road),
     #{token := Token, way := [Place]} = Section = starl_crossing_road:section(Next, Road),
     Begins = fun() -> begins(Robot, Place, State) end,
     case starl:now(Robot) < Until andalso starl_sections:enter(Robot, Section, Begins) of
         false ->
-            behind(Robot, State),
-            {done, Passes};
+            ok = starl_sections:leave(Robot, Held),
+            {done, maps:get(passes, State)};
         occupied ->
             {continue, State};
         ok ->
-            behind(Robot, State),
-            Here = State#{at := Next, held := true, since := starl:now(Robot)},
+            ok = starl_sections:leave(Robot, Held),
+            Here = State#{at := Next, held := [Token], since := starl:now(Robot)},
             {continue, passed(Token, Robot, Here)}
     end.
 
 begins(Robot, Place, #{since := Since}) ->
     ok = starl:measure(Robot, wait_s, (starl:now(Robot) - Since) / 1000),
     starl:draw(Robot, #{key => section, area => starl_drawing:circle(Place, 350)}).
-
-%% The section behind is free again.
-behind(Robot, #{held := true, at := At, road := Road}) ->
-    starl_sections:leave(Robot, starl_crossing_road:token(At, Road));
-behind(_Robot, #{held := false}) ->
-    ok.
 
 passed(crossing, Robot, #{passes := Passes, begun := Begun} = State) ->
     ok = starl:trace(Robot, passes),

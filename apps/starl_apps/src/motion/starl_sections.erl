@@ -5,7 +5,7 @@
 %% looks. For applications (`starl_crossing', `starl_convoy').
 -module(starl_sections).
 
--export([position/1, take/2, leave/2, enter/3]).
+-export([position/1, distance/2, others/1, take/2, leave/2, enter/3]).
 
 -export_type([section/0]).
 
@@ -32,18 +32,35 @@ position(Robot) ->
             position(Robot)
     end.
 
-%% @doc Acquires the token of the section where the robot is; does it hold it?
--spec take(starl:robot(), Token :: term()) -> boolean().
-take(Robot, Token) ->
-    case starl_mutex:acquire(Robot, Token, ?PATIENCE_MS) of
-        {ok, _Fence} -> true;
-        {error, _} -> false
+%% @doc How far another robot is (mm), as far as that is known.
+-spec distance(starl:robot(), starl:robot_id()) -> {ok, float()} | {error, starl:error()}.
+distance(Robot, Other) ->
+    Here = position(Robot),
+    case starl:position(Robot, Other) of
+        {ok, {X, Y, _}} -> {ok, starl_geometry:distance(Here, {X, Y})};
+        {error, _} = Error -> Error
     end.
 
-%% @doc The section is free again.
--spec leave(starl:robot(), Token :: term()) -> ok.
-leave(Robot, Token) ->
-    _ = starl_mutex:release(Robot, Token),
+%% @doc Where the other robots are; none while that is unknown.
+-spec others(starl:robot()) -> [starl_geometry:point()].
+others(Robot) ->
+    case starl:positions(Robot) of
+        {ok, Poses} -> [{X, Y} || {X, Y, _} <- maps:values(maps:remove(starl:id(Robot), Poses))];
+        {error, _} -> []
+    end.
+
+%% @doc Acquires the token of the section where the robot is: the tokens that it holds then, this one or none.
+-spec take(starl:robot(), Token) -> [Token].
+take(Robot, Token) ->
+    case starl_mutex:acquire(Robot, Token, ?PATIENCE_MS) of
+        {ok, _Fence} -> [Token];
+        {error, _} -> []
+    end.
+
+%% @doc The sections of these tokens are free again.
+-spec leave(starl:robot(), [Token :: term()]) -> ok.
+leave(Robot, Tokens) ->
+    _ = [starl_mutex:release(Robot, Token) || Token <- Tokens],
     ok.
 
 %% @doc Waits for the section for a while. If it is free, calls the function and drives there. `stuck': it has not come there in
@@ -51,9 +68,9 @@ leave(Robot, Token) ->
 -spec enter(starl:robot(), section(), Begins :: fun(() -> term())) -> ok | occupied | stuck.
 enter(Robot, #{token := Token, way := Way, free_mm := Mm} = Section, Begins) ->
     case take(Robot, Token) of
-        false ->
+        [] ->
             occupied;
-        true ->
+        [Token] ->
             case is_free(Robot, lists:last(Way), Mm) of
                 true ->
                     _ = Begins(),
@@ -61,7 +78,7 @@ enter(Robot, #{token := Token, way := Way, free_mm := Mm} = Section, Begins) ->
                         follow(Robot, Way, maps:get(within_ms, Section, infinity)), Robot, Token
                     );
                 false ->
-                    ok = leave(Robot, Token),
+                    ok = leave(Robot, [Token]),
                     ok = starl:sleep(Robot, ?LOOK_MS),
                     occupied
             end
@@ -71,7 +88,7 @@ driven(ok, _Robot, _Token) ->
     ok;
 driven(stuck, Robot, Token) ->
     _ = starl:stop(Robot),
-    ok = leave(Robot, Token),
+    ok = leave(Robot, [Token]),
     stuck.
 
 is_free(Robot, Place, Mm) ->
