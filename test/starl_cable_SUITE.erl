@@ -44,7 +44,7 @@ pulled_while_painting(Config) ->
     Left = pulls(Run, #{1 => ?PULLS, 2 => ?PULLS}, rand:seed_s(exsss, Seed)),
     true = unlink(Waiter),
     {#{violations := Violations}, #{complete := Complete}} = starl_world_run:finish(Run),
-    Lines = [lists:flatten(starl_monitor:format_violation(V)) || V <- Violations],
+    Lines = [lists:flatten(starl_violation:format(V)) || V <- Violations],
     ?assertEqual({[], true}, {Lines, Complete}),
     ?assertEqual(#{1 => 0, 2 => 0}, Left).
 

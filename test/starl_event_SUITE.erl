@@ -294,13 +294,13 @@ rare() ->
         {starl_dpp_participant, {blocked, 1},
             {starl_dpp_participant_SUITE, what_is_in_the_way_is_told, 1}},
         {starl_dpp_coordinator, {closed, 1},
-            {starl_dpp_service_tests, a_closed_way_is_tried_again_test, 0}},
+            {starl_dpp_dispatcher_tests, a_closed_way_is_tried_again_test, 0}},
         {starl_dpp_coordinator, {reopened, 0},
-            {starl_dpp_service_tests, a_closed_way_is_tried_again_test, 0}},
+            {starl_dpp_dispatcher_tests, a_closed_way_is_tried_again_test, 0}},
         {starl_dpp_coordinator, {deadlock_resolved, 1},
-            {starl_dpp_service_tests, deadlock_is_counted_test, 0}},
+            {starl_dpp_dispatcher_tests, deadlock_is_counted_test, 0}},
         {starl_dpp_coordinator, {unreachable, 1},
             {starl_dpp_coordinator_SUITE, unreachable_unknown_robot_ends, 1}},
         {starl_dpp_coordinator, {malformed, 2},
-            {starl_dpp_service_tests, stray_lines_are_traced_test, 0}}
+            {starl_dpp_dispatcher_tests, stray_lines_are_traced_test, 0}}
     ].

@@ -110,7 +110,7 @@ run(Scenario) ->
 %% Violations are shown as the user sees them.
 judged(Variant, #{app := App} = Scenario, {Ending, Outcome, Report}) ->
     #{violations := Violations} = Outcome,
-    ?assertEqual([], [lists:flatten(starl_monitor:format_violation(V)) || V <- Violations]),
+    ?assertEqual([], [lists:flatten(starl_violation:format(V)) || V <- Violations]),
     ?assertEqual(done, Ending),
     ?assert(App =/= starl_painting orelse maps:get(complete, Report)),
     Outcomes = reloaded(Outcome),

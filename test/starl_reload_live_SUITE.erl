@@ -99,7 +99,7 @@ reloaded(Versions, Dir) ->
     done = starl_world_run:await(Run),
     {#{violations := Violations} = Outcome, _} = starl_world_run:finish(Run),
     Told = [{N, O} || {_, 1, app, {reloaded, N, O}} <- starl_sim_ct:trace(Outcome)],
-    {Told, [lists:flatten(starl_monitor:format_violation(V)) || V <- Violations]}.
+    {Told, [lists:flatten(starl_violation:format(V)) || V <- Violations]}.
 
 order(N, Code) ->
     {ok, #{versions := Versions, code := New}} = starl_version:make([Code]),
@@ -149,7 +149,7 @@ run(Seed, Variant, Module, At, Dir) ->
     #{monitors := #{starl_reload_monitor := #{reloads := Reloads}}} = Outcome,
     %% what the report tells agrees with the answer
     true = (Answer =:= error) =:= lists:any(fun starl_reload_monitor:is_back/1, Reloads),
-    Lines = [lists:flatten(starl_monitor:format_violation(V)) || V <- Violations],
+    Lines = [lists:flatten(starl_violation:format(V)) || V <- Violations],
     {Answer, unicode:characters_to_list(Text), Lines, Complete}.
 
 picture() ->

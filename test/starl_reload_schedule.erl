@@ -214,7 +214,7 @@ broken(#{robots := Robots} = Schedule, #{violations := Violations} = Outcome) ->
 %% state cannot go back, and starts anew: the run ends with its crash.
 violated(Violations, Schedule) ->
     case [1 || #{contract := tally, what := crashed} <- Violations, is_silent(tally, Schedule)] of
-        [] -> [starl_monitor:format_violation(V) || V <- Violations];
+        [] -> [starl_violation:format(V) || V <- Violations];
         _ -> []
     end.
 

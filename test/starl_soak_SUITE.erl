@@ -57,7 +57,7 @@ drawn_schedules_are_well_formed(_) ->
 %% renewed it. So that is asked of cases that are always the same.
 planted_bug_is_found_and_shrunk(Config) ->
     {Violation, Drawn} = planted(starl_platform_ct:seed(), Config),
-    ?assertEqual([], needless(starl_monitor:shape(Violation), Drawn)),
+    ?assertEqual([], needless(starl_violation:shape(Violation), Drawn)),
     [
         begin
             %% random loss that matters has become the packets that are lost
@@ -83,7 +83,7 @@ planted(Seed, Config) ->
 %% may violate others as well, before it, too.
 needless(Shape, #{faults := Faults} = Small) ->
     Shapes = fun(Some) ->
-        [starl_monitor:shape(V) || V <- judged(starl_planted, Small#{faults := Some})]
+        [starl_violation:shape(V) || V <- judged(starl_planted, Small#{faults := Some})]
     end,
     ?assert(lists:member(Shape, Shapes(Faults))),
     [Fault || Fault <- Faults, lists:member(Shape, Shapes(lists:delete(Fault, Faults)))].

@@ -156,7 +156,7 @@ robot(Robot, _Status) -> Robot.
 violated(Cluster) ->
     {#{violations := Violations}, _} = starl_cluster:finish(Cluster),
     [
-        lists:flatten(starl_monitor:format_violation(V))
+        lists:flatten(starl_violation:format(V))
      || V <- Violations, not is_of_the_computer(V)
     ].
 

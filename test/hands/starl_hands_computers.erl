@@ -54,7 +54,7 @@ killed(Computer) ->
 judged(Facts) ->
     Leaders = [{R, Leader} || {_, R, election, {elected, _, Leader, _}} <- Facts, R =/= 2],
     Apart = [{apart, Leaders} || length(lists:usort([Leader || {_, Leader} <- Leaders])) > 1],
-    Apart ++ [lists:flatten(starl_monitor:format_violation(V)) || V <- violations(Facts)].
+    Apart ++ [lists:flatten(starl_violation:format(V)) || V <- violations(Facts)].
 
 violations(Facts) ->
     Monitors = [{starl_election_monitor, #{robots => ?ROBOTS, bound_us => 1000000 * ?CALL_MS}}],

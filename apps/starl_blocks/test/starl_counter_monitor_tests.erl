@@ -88,7 +88,7 @@ longer_with_loss_test() ->
     Sap = #{},
     Known = #{healed_us => 0, sap => Sap, loss => 0.2, delay_us => 1000},
     Longer = starl_counter_monitor:context(Known, #{within_us => 10, turn_us => 5}),
-    Reach = starl_sap:reach_us(Sap, 0.2, 1000, 5),
+    Reach = starl_sap_schedule:reach_us(Sap, 0.2, 1000, 5),
     ?assertEqual(#{within_us => 10 + Reach, turn_us => 5, healed_us => 0}, Longer).
 
 %% A fault that is known only when it has happened has its time to heal; without an increment nothing

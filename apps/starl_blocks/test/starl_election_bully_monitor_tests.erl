@@ -226,7 +226,7 @@ calm_elections_test() ->
         starl_election_bully_monitor:context(maps:merge(Known, Changes), Config)
     end,
     #{lossless := {calm, Us}} = Calm = Told(#{}),
-    ?assertEqual(starl_sap:bound_us(#{}), Us),
+    ?assertEqual(starl_sap_schedule:bound_us(#{}), Us),
     Found = fun(At) ->
         New = starl_election_bully_monitor:init(Calm),
         {ok, Entered} = starl_election_bully_monitor:step({At, 1, election, {entered, a}}, New),

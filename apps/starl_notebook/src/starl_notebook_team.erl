@@ -172,7 +172,7 @@ drawn(#team{camera = Camera, title = Title} = Team) ->
 
 status_of(#team{sim = Sim} = Team) ->
     #{running := Running} = starl_sim:status(Sim),
-    Broken = [starl_monitor:format_violation(Violation) || Violation <- starl_sim:violations(Sim)],
+    Broken = [starl_violation:format(Violation) || Violation <- starl_sim:violations(Sim)],
     Crashed = [
         io_lib:format("robot ~b: ~ts", [Robot, starl_crash:format(Cause)])
      || {Robot, #{crashes := Crashes}} <- starl_sim:robots(Sim),

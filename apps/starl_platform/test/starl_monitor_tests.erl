@@ -86,7 +86,7 @@ a_module_runs_once_test() ->
 
 formats_one_line_test() ->
     Line = unicode:characters_to_list(
-        starl_monitor:format_violation((objection(1_500_000, 7))#{robots => [7, 12]})
+        starl_violation:format((objection(1_500_000, 7))#{robots => [7, 12]})
     ),
     ?assertEqual("test broken at 1.500000 s by robots 7, 12: bad event (n 1)", Line).
 
@@ -96,11 +96,11 @@ shape_test() ->
     V = fun(Robots, Details) ->
         #{contract => c, what => w, at_us => 1, robots => Robots, details => Details}
     end,
-    Shape = fun(Robots, Details) -> starl_monitor:shape(V(Robots, Details)) end,
+    Shape = fun(Robots, Details) -> starl_violation:shape(V(Robots, Details)) end,
     Plain = Shape([1], #{name => {token, 1}, last => 3, round => 7}),
     ?assertEqual(Plain, Shape([9], #{name => {token, 2}, last => 30, round => 31.5})),
     Later = (V([2], #{name => {token, 1}, last => 3, round => 7}))#{at_us := 99},
-    ?assertEqual(Plain, starl_monitor:shape(Later)),
+    ?assertEqual(Plain, starl_violation:shape(Later)),
     [
         ?assertNotEqual({Robots, Details, Plain}, {Robots, Details, Shape(Robots, Details)})
      || {Robots, Details} <- [
@@ -127,13 +127,13 @@ shape_test() ->
         Shape([1], #{first => {a, 2}, second => {a, 1}})
     ),
     Other = (V([1], #{name => {token, 1}, last => 3, round => 7}))#{what := other},
-    ?assertNotEqual(Plain, starl_monitor:shape(Other)).
+    ?assertNotEqual(Plain, starl_violation:shape(Other)).
 
 %% Of none, of one and of two robots; without details there are no brackets; numbers of all kinds.
 formats_robots_and_details_test() ->
     Line = fun(Robots, Details) ->
         V = (objection(2_000_000, 7))#{robots := Robots, details := Details},
-        unicode:characters_to_list(starl_monitor:format_violation(V))
+        unicode:characters_to_list(starl_violation:format(V))
     end,
     ?assertEqual("test broken at 2.000000 s by no robot: bad event", Line([], #{})),
     ?assertEqual("test broken at 2.000000 s by robot 7: bad event", Line([7], #{})),
@@ -226,7 +226,7 @@ unknown_event_test() ->
     ?assertEqual(unknown(7, 2, door, {opened, 1}), V),
     ?assertEqual(
         "door broken at 0.000007 s by robot 2: unknown event (event {opened,1})",
-        unicode:characters_to_list(starl_monitor:format_violation(V))
+        unicode:characters_to_list(starl_violation:format(V))
     ).
 
 %% It is told once for each machine and name, before what monitors say of the same event.

@@ -106,7 +106,7 @@ quietly(Fun) ->
 
 %% Violations, into the log of the test case.
 tell(Violations) ->
-    _ = [ct:log("~ts", [starl_monitor:format_violation(V)]) || V <- Violations],
+    _ = [ct:log("~ts", [starl_violation:format(V)]) || V <- Violations],
     ok.
 
 %% The name of the N-th fault of a schedule: no more atoms than the longest schedule has faults.

@@ -233,7 +233,7 @@ fate({Seed, Loss, Duplicate, MaxUs}) ->
         [1000 + Draw(Copy, MaxUs) || Draw(loss, 100) >= Loss, Copy <- Copies]
     end.
 
-bound() -> starl_sap:bound_us(?CONFIG).
+bound() -> starl_sap_schedule:bound_us(?CONFIG).
 
 %% -- one by one -----------------------------------------------------------------------------
 

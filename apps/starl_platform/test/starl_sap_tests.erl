@@ -73,7 +73,7 @@ usual_back_off_test() ->
     Delays = delays(started(), 1),
     ?assertEqual([250000, 375000, 562500, 843750, 1265625, 1898438, 2000000], prefix(7, Delays)),
     ?assertEqual(16, length(Delays)),
-    ?assertEqual(lists:sum(Delays), starl_sap:bound_us(#{})),
+    ?assertEqual(lists:sum(Delays), starl_sap_schedule:bound_us(#{})),
     ?assertEqual([2000000], lists:usort(lists:nthtail(6, Delays))).
 
 prefix(N, List) -> lists:sublist(List, N).
@@ -81,7 +81,7 @@ prefix(N, List) -> lists:sublist(List, N).
 chosen_back_off_test() ->
     Config = #{retransmit_ms => 10, backoff => 2.0, longest_ms => 30, limit => 3},
     ?assertEqual([10000, 20000, 30000, 30000], delays(started(Config), 1)),
-    ?assertEqual(90000, starl_sap:bound_us(Config)),
+    ?assertEqual(90000, starl_sap_schedule:bound_us(Config)),
     ?assertEqual([250000], delays(started(#{limit => 0}), 1)).
 
 %% The first waiting time is as asked for, even if it is the longer one.

@@ -48,7 +48,7 @@ demanded(_Outcome, _Demand) ->
 -spec tell(#{app := module(), atom() => term()}, starl_property:demand(), verdict()) -> ok.
 tell(Scenario, Demand, {broken, Violation}) ->
     {Small, Broken} = shrunk(Scenario, Violation),
-    io:format("~n~ts~n", [starl_monitor:format_violation(Broken)]),
+    io:format("~n~ts~n", [starl_violation:format(Broken)]),
     left(Small, Demand);
 tell(Scenario, Demand, Verdict) ->
     io:format("~n~ts~n", [words(Verdict)]),

@@ -140,7 +140,7 @@ ended(_) -> ?FOREVER_MS.
 %% @doc A broken contract.
 -spec violation(starl_monitor:violation()) -> row().
 violation(#{contract := Contract, at_us := T, robots := Robots} = Violation) ->
-    Text = unicode:characters_to_binary(starl_monitor:format_violation(Violation)),
+    Text = unicode:characters_to_binary(starl_violation:format(Violation)),
     [<<"v">>, T, Contract, Text, Robots].
 
 unjudged(#{monitors := all, from_us := T} = Part) ->

@@ -413,7 +413,7 @@ sender_hangs(Dir) ->
     ok = up(1, Cluster),
     _ = starl_cluster:stop(Cluster),
     {#{violations := Violations}, _} = starl_cluster:finish(Cluster),
-    [lists:flatten(starl_monitor:format_violation(V)) || V <- Violations].
+    [lists:flatten(starl_violation:format(V)) || V <- Violations].
 
 %% What robot 2's store says of its starts, after each thing that is done to it.
 struck(Dir) ->
@@ -546,7 +546,7 @@ set_apart(Dir, {Library, Seconds}) ->
     ok = starl_cluster:stop(Cluster),
     {#{violations := Violations, unjudged := Parts}, _} = starl_cluster:finish(Cluster),
     {
-        [lists:flatten(starl_monitor:format_violation(V)) || V <- Violations],
+        [lists:flatten(starl_violation:format(V)) || V <- Violations],
         lists:usort([Why || #{why := Why} <- Parts])
     }.
 
@@ -619,7 +619,7 @@ played([{_, _, os_pids} | _], _Answers, Cluster) ->
 played([], Answers, Cluster) ->
     _ = starl_cluster:await(Cluster),
     {Outcome, _} = starl_cluster:finish(Cluster),
-    [] = [lists:flatten(starl_monitor:format_violation(V)) || V <- maps:get(violations, Outcome)],
+    [] = [lists:flatten(starl_violation:format(V)) || V <- maps:get(violations, Outcome)],
     answer(Outcome, Answers);
 played([{heard, N, Act} | Script], Answers, Cluster) ->
     ok = heard(N),

@@ -270,7 +270,7 @@ sound(Ending, Run) ->
     Outcome.
 
 violations(#{violations := Violations}) ->
-    [lists:flatten(starl_monitor:format_violation(V)) || V <- Violations].
+    [lists:flatten(starl_violation:format(V)) || V <- Violations].
 
 results(#{robots := Robots}) -> [Result || {_, #{result := Result}} <- Robots].
 

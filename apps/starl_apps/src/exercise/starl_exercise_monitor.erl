@@ -106,7 +106,7 @@ reach(#{sap := Sap, loss := Loss, delay_us := Delay}, #{use := #{exercise := Exe
             never -> never;
             Ms -> 1000 * Ms
         end,
-    starl_sap:reach_us(Sap, 1 - (1 - Loss) * (1 - Loss), 2 * Delay, Again);
+    starl_sap_schedule:reach_us(Sap, 1 - (1 - Loss) * (1 - Loss), 2 * Delay, Again);
 reach(_Known, _Config) ->
     0.
 

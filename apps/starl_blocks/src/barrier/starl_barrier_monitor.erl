@@ -111,7 +111,7 @@ context(#{faults := Faults, slack_us := Slack} = Known, Config) ->
 bound(_Known, #{bound_us := Bound}) ->
     Bound;
 bound(#{sap := Sap, loss := Loss, delay_us := Delay}, #{retry_us := Retry}) ->
-    case starl_sap:reach_us(Sap, Loss, Delay, Retry) of
+    case starl_sap_schedule:reach_us(Sap, Loss, Delay, Retry) of
         never -> infinity;
         Reach -> 2 * (Retry * 101 div 100 + 2 * Reach) + ?MARGIN_US
     end;

@@ -51,7 +51,7 @@ context(#{healed_us := Healed} = Known, Config) ->
 longer(
     #{sap := Sap, loss := Loss, delay_us := Delay}, #{within_us := Within, turn_us := Turn} = Config
 ) ->
-    Config#{within_us := Within + starl_sap:reach_us(Sap, Loss, Delay, Turn)};
+    Config#{within_us := Within + starl_sap_schedule:reach_us(Sap, Loss, Delay, Turn)};
 longer(_Known, Config) ->
     Config.
 

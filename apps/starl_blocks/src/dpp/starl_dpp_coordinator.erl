@@ -1,5 +1,5 @@
 %% @doc The coordinator of distributed path planning (the paper's Subroutine 3). This machine sees
-%% to it that at most one robot leads; {@link starl_dpp_service} serves the robots.
+%% to it that at most one robot leads; {@link starl_dpp_dispatcher} serves the robots.
 %% ```
 %%        a request, or a participant that misses its coordinator
 %%   idle -------------------------------------------> claiming --- no quorum ---> idle
@@ -32,7 +32,7 @@
 
 -export([init/1, handle_event/5, accepts/2]).
 
--export_type([service/0, event/0]).
+-export_type([event/0]).
 
 %% The trace of a coordinator.
 -type event() ::
@@ -40,39 +40,7 @@
     {claims, starl_dpp:term_id()}
     | {leads, starl_dpp:term_id()}
     | {stepped_down, starl_dpp:term_id()}
-    | starl_dpp_service:event().
-
-%% The coordinator's view of its robots, private to the module of its service: `serve' in the
-%% configuration, by default {@link starl_dpp_service}. The exhaustive checker gives a smaller one.
--type service() :: term().
--type turn() :: {service(), [starl_machine:action()]}.
-
-%% Prepares what is the same in all terms; this takes time.
--callback prepare(starl_dpp_settings:t()) -> Blank :: term().
--callback new(Blank :: term(), starl_dpp:term_id()) -> service().
--callback lead(service()) -> turn().
--callback unknown(service()) -> [starl:robot_id()].
--callback knows(starl:robot_id(), service()) -> boolean().
--callback silent(starl:robot_id(), service()) -> boolean().
--callback requested(starl:robot_id(), starl_dpp:request_id(), {At, [Edge]}, service()) ->
-    turn()
-when
-    At :: starl_geometry:point(), Edge :: starl_dpp_graph:edge_id().
--callback reported(starl:robot_id(), starl_dpp:request_id(), {Place, [Edge]}, service()) ->
-    turn()
-when
-    Place :: starl_dpp:place(), Edge :: starl_dpp_graph:edge_id().
--callback passed(starl:robot_id(), starl_dpp:request_id(), N :: pos_integer(), service()) -> turn().
--callback rests(starl:robot_id(), starl_geometry:point(), service()) -> turn().
--callback serve(service()) -> turn().
--callback give_up(service()) -> turn().
--callback answered(starl:robot_id(), ok | lost, service()) -> service().
-%% On a floor with walls: a robot at a point could not go on towards another; what is closed is looked
-%% after.
--callback blocked(At, Towards, service()) -> turn() when
-    At :: starl_geometry:point(), Towards :: starl_geometry:point().
--callback reopen(service()) -> turn().
--optional_callbacks([blocked/3, reopen/1]).
+    | starl_dpp_dispatcher:event().
 
 %% The time after which robots whose place is not known are asked again.
 -define(RECOVER_US, 2000000).
@@ -91,7 +59,7 @@ when
     term = {0, 0, 0} :: starl_dpp:term_id(),
     lease :: starl_dpp_lease:t(),
     witness = starl_dpp_clock_check:new() :: starl_dpp_clock_check:t(),
-    serve = none :: service() | none
+    serve = none :: starl_dpp_service:t() | none
 }).
 
 -type state() :: idle | claiming | leading.
@@ -121,7 +89,7 @@ init(#{robot := Self, participants := Team, incarnation := Life, now := Now} = C
         team = Members,
         config = Given,
         now = Now,
-        service = maps:get(serve, Config, starl_dpp_service),
+        service = maps:get(serve, Config, starl_dpp_dispatcher),
         lease = starl_dpp_lease:new(Members, Given)
     },
     {idle, Data, listen()}.

@@ -5,29 +5,9 @@
 -module(starl_dpp_graph).
 
 -export([new/1, format_error/1]).
--export([
-    targets/1,
-    edges/1,
-    vertices/1,
-    radius/1,
-    point/2,
-    adjacent/2,
-    lines/1, lines/2,
-    segment/2,
-    ends/2,
-    edge_length/2,
-    longest/1,
-    spots/1,
-    ring/1,
-    joints/3,
-    within/3,
-    near/3,
-    part/3,
-    reach/3,
-    clear/2,
-    ahead/3,
-    depth/2
-]).
+-export([targets/1, edges/1, vertices/1, radius/1, point/2, adjacent/2, lines/1, lines/2]).
+-export([segment/2, ends/2, edge_length/2, longest/1, spots/1, ring/1, joints/3, within/3]).
+-export([near/3, part/3, reach/3, clear/2, ahead/3, depth/2]).
 -export_type([t/0, edge_id/0, vertex/0, step/0, near/0, config/0, reason/0]).
 
 -type edge_id() :: pos_integer().

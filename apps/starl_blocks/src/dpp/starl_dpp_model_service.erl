@@ -5,7 +5,7 @@
 %% leads it may act, which shows in the trace: `{acts, Term}', and once all robots are known also
 %% `{assigned, Robot, Id, Segments}'.
 -module(starl_dpp_model_service).
--behaviour(starl_dpp_coordinator).
+-behaviour(starl_dpp_service).
 
 -export([prepare/1, new/2, lead/1, unknown/1, knows/2, silent/2]).
 -export([requested/4, reported/4, passed/4, rests/3, serve/1, give_up/1, answered/3]).

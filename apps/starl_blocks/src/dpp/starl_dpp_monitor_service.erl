@@ -78,7 +78,7 @@ times(#{sap := Sap, loss := Loss, delay_us := Delay, slack_us := Slack} = Known,
     #{robots := Robots, lease_us := Lease, jump_us := Jump, drift_ppm := Ppm} = Config,
     Leases = #{lease_ms => Lease div 1000, jump_ms => Jump div 1000, drift_ppm => Ppm},
     #{faults := Faults, bodies := Bodies} = Known,
-    Reach = starl_sap:reach_us(Sap, Loss, Delay, ?LOOK_US),
+    Reach = starl_sap_schedule:reach_us(Sap, Loss, Delay, ?LOOK_US),
     Missing = starl_dpp_vote:last_claim_us(length(Robots), Lease),
     Whole = Missing + 7 * Lease div 2 + ?RECOVER_US + ?AGAIN_US + ?GIVE_UP_US + 10 * Reach,
     #{

@@ -92,7 +92,7 @@ lossless(
 ) when
     Loss == 0, 2 * Delay * 102 =< 100 * Answer, 2 * Answer =< Bound - ?MARGIN_US
 ->
-    {calm, starl_sap:bound_us(Sap)};
+    {calm, starl_sap_schedule:bound_us(Sap)};
 lossless(_Known, _Config) ->
     false.
 

@@ -89,7 +89,7 @@ context(#{broken := Broken, faults := Faults, slack_us := Slack} = Known, Config
 settle_us(_Known, #{settle_us := Settle}) ->
     Settle;
 settle_us(#{sap := Sap, loss := Loss, delay_us := Delay}, #{again_us := Again}) ->
-    case starl_sap:reach_us(Sap, Loss, Delay, Again) of
+    case starl_sap_schedule:reach_us(Sap, Loss, Delay, Again) of
         never -> infinity;
         Reach -> Again * 101 div 100 + 3 * Reach + ?MARGIN_US
     end;

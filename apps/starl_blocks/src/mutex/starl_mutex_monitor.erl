@@ -110,7 +110,7 @@ idle(
 ->
     #{lag_us := Lag} = Told,
     Messages = 5 + length(maps:get(robots, Told, [])),
-    case starl_sap:reach_us(Sap, Loss, Delay, Retry) of
+    case starl_sap_schedule:reach_us(Sap, Loss, Delay, Retry) of
         Reach when 2 * Reach * 101 >= Lease * 100 ->
             %% an atom is greater than every number
             Told;

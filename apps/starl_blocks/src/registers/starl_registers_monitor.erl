@@ -85,7 +85,7 @@ context(#{healed_us := Healed, slack_us := Slack} = Known, Config) ->
 
 %% The last exchange takes three messages. If SAP may give one up, no number of exchanges is sure.
 longer(#{sap := Sap, loss := Loss, delay_us := Delay}, #{within_us := Within} = Config) ->
-    case starl_sap:reach_us(Sap, Loss, Delay, never) of
+    case starl_sap_schedule:reach_us(Sap, Loss, Delay, never) of
         never -> Config#{healed_us := never};
         Reach -> Config#{within_us := Within + 3 * Reach}
     end;

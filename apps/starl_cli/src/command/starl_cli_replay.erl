@@ -185,7 +185,7 @@ came({ok, {stopped, _}}, _Setup) ->
 came({ok, {_Ending, Outcome}}, #{record := Record} = Setup) ->
     #{violations := Violations, end_us := EndUs, events := Events} = Outcome,
     #{run := #{target := #{name := Name}}} = Setup,
-    Lines = [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
+    Lines = [[starl_violation:format(V), "\n"] || V <- Violations],
     Head = io_lib:format("~ts: ~b events in ~.1f s~n", [Name, Events, EndUs / 1.0e6]),
     Stands = [[starl_sim_watchdog:format_hang(Hang), "\n"] || #{hung := Hang} <- [Outcome]],
     starl_cli_terminal:out([Head, Lines, Stands]),

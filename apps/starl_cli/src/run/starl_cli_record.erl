@@ -77,7 +77,7 @@ results(#{robots := Robots}) ->
 
 violation(#{contract := _, what := _, at_us := _, robots := _} = Violation) ->
     Known = maps:with([contract, what, at_us, robots], Violation),
-    Text = unicode:characters_to_list(starl_monitor:format_violation(Violation)),
+    Text = unicode:characters_to_list(starl_violation:format(Violation)),
     Known#{text => lists:flatten(Text)}.
 
 %% @doc A digest in hexadecimal.

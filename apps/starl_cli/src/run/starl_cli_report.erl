@@ -169,7 +169,7 @@ violation(#{contract := Contract, what := What, at_us := At, robots := Robots} =
         {what, atom_to_binary(What)},
         {at_s, At / 1.0e6},
         {robots, Robots},
-        {text, unicode:characters_to_binary(starl_monitor:format_violation(Violation))}
+        {text, unicode:characters_to_binary(starl_violation:format(Violation))}
     ].
 
 rounded(_Format, Value) when not is_float(Value) ->

@@ -157,7 +157,7 @@ summarize(#{quiet := false}, Report) ->
 violated(_Setup, #{violations := []}) ->
     ok;
 violated(Setup, #{violations := Violations}) ->
-    Lines = [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
+    Lines = [[starl_violation:format(V), "\n"] || V <- Violations],
     starl_cli_terminal:out([Lines, repeated(Setup)]).
 
 %% What is not judged is neither kept nor broken.

@@ -100,7 +100,7 @@ told(File, #{violations := Found, scenario := #{app := App} = Scenario} = Judged
         ["; " || Ended =/= closed],
         cut(Ended),
         "\n",
-        [[starl_monitor:format_violation(V), "\n"] || V <- Violations],
+        [[starl_violation:format(V), "\n"] || V <- Violations],
         not_judged(Judged),
         [by_clocks(Judgement) || Judgement <- Judgements],
         [[starl_unjudged:format(Part), "\n"] || Part <- Unjudged],

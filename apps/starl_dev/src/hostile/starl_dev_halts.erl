@@ -185,7 +185,7 @@ kept([], File) -> file:delete(File);
 kept([_ | _], _File) -> ok.
 
 judged(Violations, File, #{violations := Before} = Found) ->
-    _ = [starl_cli_terminal:out("~ts~n", [starl_monitor:format_violation(V)]) || V <- Violations],
+    _ = [starl_cli_terminal:out("~ts~n", [starl_violation:format(V)]) || V <- Violations],
     _ = [starl_cli_terminal:out("  ~ts~n", [File]) || Violations =/= []],
     Found#{violations := Before ++ [{V, File} || V <- lists:sublist(Violations, 1)]}.
 

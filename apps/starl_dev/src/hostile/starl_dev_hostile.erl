@@ -193,7 +193,7 @@ checks(#{ending := Ending, outcome := Outcome, report := Report, facts := Facts}
     [
         {Ending =:= done, io_lib:format("the run ended: ~ts", [Ending])},
         {maps:get(complete, Report, false), "the picture is not complete"},
-        {Violations =:= [], [starl_monitor:format_violation(V) || V <- Violations]},
+        {Violations =:= [], [starl_violation:format(V) || V <- Violations]},
         {Unheard =:= [], io_lib:format("robots and their results: ~0tp", [results(Unheard)])},
         {Crashed =:= [], io_lib:format("crashed: ~0tp", [Crashed])},
         {maps:get(restarts, Seen) =:= 0, "a node has ended"},

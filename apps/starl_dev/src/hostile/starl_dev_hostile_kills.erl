@@ -46,7 +46,7 @@ killed(Cluster, Dir, #{robots := Robots, kills := Kills, seed := Seed}) ->
     wrong([
         {not Unheard, io_lib:format("robot ~b is not heard any more", [Victim])},
         {Deaf =:= [], io_lib:format("not acknowledged (from, to): ~0tp", [Deaf])},
-        {Violations =:= [], [starl_monitor:format_violation(V) || V <- Violations]}
+        {Violations =:= [], [starl_violation:format(V) || V <- Violations]}
     ]).
 
 wrong(Checks) ->

@@ -146,7 +146,7 @@ tell({violated, Found}, Block, Values, Seconds) ->
     starl_cli_terminal:out([
         unlike(Figures),
         "VIOLATED: ",
-        starl_monitor:format_violation(Violation),
+        starl_violation:format(Violation),
         "\n",
         io_lib:format("A shortest way there, ~b steps:~n~n", [Steps]),
         Chart,

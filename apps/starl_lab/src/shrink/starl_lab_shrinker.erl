@@ -129,7 +129,7 @@ replayed(true, Result, Ms, Interrupted, #{file := File, scenario := Before} = Jo
             {false, 1} -> interrupted
         end,
     Shrunk = [
-        starl_monitor:format_violation(Violation),
+        starl_violation:format(Violation),
         ["shrunk to ", size(Result, Before), io_lib:format(" (~.1f s)", [Ms / 1000])]
     ],
     Where = [
@@ -169,7 +169,7 @@ other(#{violation := Violation, scenario := Scenario} = Met, File, Job) ->
                     " under ",
                     counted(length(Faults), "fault"),
                     ": ",
-                    starl_monitor:format_violation(Violation),
+                    starl_violation:format(Violation),
                     "; ./starl shrink ",
                     starl_cli_quoted:word(starl_cli_out:shown(File)),
                     judging(Job)
@@ -232,7 +232,7 @@ text(#{violation := Violation, scenario := Shrunk} = Result, File, Inputs, Job) 
     Name = starl_cli_quoted:word(starl_cli_out:shown(File)),
     [
         "%% ",
-        starl_monitor:format_violation(Violation),
+        starl_violation:format(Violation),
         ".\n",
         "%% Shrunk to ",
         size(Result, Before),

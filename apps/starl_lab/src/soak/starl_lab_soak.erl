@@ -207,7 +207,7 @@ violated({Block, Seed, Violation, Count}, Target, Scenario, Shrunk) ->
     Replay = lists:flatten(unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario))),
     starl_cli_terminal:out([
         "\n",
-        starl_monitor:format_violation(Violation),
+        starl_violation:format(Violation),
         runs(Count),
         "\n",
         "replay: ",

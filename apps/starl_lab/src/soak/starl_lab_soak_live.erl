@@ -141,7 +141,7 @@ kind(#{contract := Contract, what := What}) -> {Contract, What}.
 told({Part, Seed, Violation, Count}, Values) ->
     [
         "\n",
-        starl_monitor:format_violation(Violation),
+        starl_violation:format(Violation),
         [io_lib:format(" (and so in ~b more runs)", [Count - 1]) || Count > 1],
         io_lib:format("~nrepeat: ./starl soak live --part ~ts --from ~b --seeds 1", [Part, Seed]),
         [io_lib:format(" --robots ~b", [N]) || #{robots := N} <- [Values], is_integer(N)],

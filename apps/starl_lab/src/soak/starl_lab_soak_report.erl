@@ -74,7 +74,7 @@ failing(Blocks, Founds) ->
 
 ways(Block, Founds) ->
     Broken = [
-        {starl_monitor:shape(V), Seed, V}
+        {starl_violation:shape(V), Seed, V}
      || {B, Seed, {ok, [V | _], _, _}} <- Founds, B =:= Block
     ],
     First = lists:ukeysort(1, Broken),

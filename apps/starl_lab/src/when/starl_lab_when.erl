@@ -109,7 +109,7 @@ repeated(#{scenario := Scenario, digest := Known} = Setup) ->
     end.
 
 search(#{violation := Violation, moments := Moments} = Run, #{values := Values} = Setup) ->
-    starl_cli_terminal:out([starl_monitor:format_violation(Violation), "\n"]),
+    starl_cli_terminal:out([starl_violation:format(Violation), "\n"]),
     #{at_us := AtUs} = Violation,
     #{futures := K, moments := N} = Values,
     Settings = settings(Run, Values),

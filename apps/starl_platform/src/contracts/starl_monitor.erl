@@ -21,8 +21,8 @@
 
 -export([new/1, guarded/1, step/2, broken/2, blinded/2, unjudged/1, finish/2, close/2]).
 -export([known/1, informed/2]).
--export([name/1, format_violation/1, shape/1]).
--export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, shape/0, known/0]).
+-export([name/1]).
+-export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, known/0]).
 
 %% A robot's number.
 -type robot_id() :: pos_integer().
@@ -39,9 +39,6 @@
 }.
 %% The state of a monitor, private to its module.
 -type state() :: term().
-%% A violation without its numbers ({@link shape/1}).
--opaque shape() ::
-    {atom(), atom(), none | one | two | many, Details :: [term()], Order :: [term()]}.
 %% Figures that a monitor measured, for the report.
 -type results() :: #{atom() => term()}.
 %% The facts of a run beside its events: the windows in which faults break assumptions, those of
@@ -280,52 +277,6 @@ unjudged(Mistakes, EndTimeUs, Runner) ->
     #runner{unjudged = Unjudged} = lists:foldl(Aside, Runner, Mistakes),
     lists:reverse(Unjudged).
 
-%% @doc One line: contract, when (s), which robots, what.
--spec format_violation(violation()) -> unicode:chardata().
-format_violation(Violation) ->
-    #{contract := Contract, what := What, at_us := At, robots := Robots, details := Details} =
-        Violation,
-    io_lib:format("~ts broken at ~.6f s by ~ts: ~ts~ts", [
-        Contract, At / 1.0e6, format_robots(Robots), words(What), format_details(Details)
-    ]).
-
-%% @doc The shape of a violation: which contract is broken, how, and the structure of its details.
-%% Numbers are left out, and robots beyond two count as many. Of the numbers in the details only
-%% their order is kept: a round that comes again is not a round that was left out. Violations of
-%% different shapes usually have different causes.
--spec shape(violation()) -> shape().
-shape(#{contract := Contract, what := What, robots := Robots, details := Details}) ->
-    {Contract, What, how_many(Robots), outline(Details), order(Details)}.
-
-how_many([]) -> none;
-how_many([_]) -> one;
-how_many([_, _]) -> two;
-how_many([_, _ | _]) -> many.
-
-outline(Map) when is_map(Map) ->
-    lists:usort([{outline(Key), outline(Value)} || {Key, Value} <- maps:to_list(Map)]);
-outline(Tuple) when is_tuple(Tuple) ->
-    list_to_tuple([outline(Part) || Part <- tuple_to_list(Tuple)]);
-outline([Head | Tail]) ->
-    outlines([Head | Tail], []);
-outline(Number) when is_number(Number) -> number;
-outline(Bits) when is_bitstring(Bits) -> bits;
-outline(Other) ->
-    Other.
-
-%% Equal parts of a list are kept once; the list may be improper.
-outlines([Head | Tail], Known) -> outlines(Tail, [outline(Head) | Known]);
-outlines([], Known) -> lists:usort(Known);
-outlines(Tail, Known) -> [outline(Tail) | lists:usort(Known)].
-
-order(Details) ->
-    Numbers = lists:sort([Pair || {_, N} = Pair <- maps:to_list(Details), is_number(N)]),
-    [{A, compared(M, N), B} || {A, M} <- Numbers, {B, N} <- Numbers, A < B].
-
-compared(M, N) when M < N -> less;
-compared(M, N) when M == N -> equal;
-compared(_, _) -> more.
-
 started(Module, State) -> {Module, wanted(interests_of(Module, State)), State}.
 
 wanted(all) -> all;
@@ -439,16 +390,3 @@ answer([First | More], #runner{violations = Violations, room = Room} = Runner) w
     }};
 answer([First | _], Runner) ->
     {violation, First, Runner}.
-
-format_robots([]) -> "no robot";
-format_robots([Robot]) -> io_lib:format("robot ~b", [Robot]);
-format_robots(Robots) -> ["robots ", lists:join(", ", [integer_to_list(R) || R <- Robots])].
-
-words(What) ->
-    string:replace(atom_to_list(What), "_", " ", all).
-
-format_details(Details) when map_size(Details) =:= 0 ->
-    "";
-format_details(Details) ->
-    Shown = [io_lib:format("~ts ~0tp", [K, V]) || {K, V} <- lists:sort(maps:to_list(Details))],
-    [" (", lists:join(", ", Shown), ")"].

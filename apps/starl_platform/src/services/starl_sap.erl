@@ -51,8 +51,7 @@
 -module(starl_sap).
 -behaviour(starl_machine).
 
--export([send/4, send/5, post/3, shout/2, shout/3, datagram/4, listen/2, bound_us/1, tries/1]).
--export([reach_us/4]).
+-export([send/4, send/5, post/3, shout/2, shout/3, datagram/4, listen/2]).
 -export([init/1, handle_event/5]).
 
 -export_type([config/0, event/0, answer/0]).
@@ -104,9 +103,6 @@
     unclaimed => non_neg_integer()
 }.
 
-%% The part of the messages for which a bound in time need not hold.
--define(RARE, 1.0e-9).
-
 -record(sap, {
     self :: starl:robot_id(),
     team :: starl_team:t(),
@@ -152,42 +148,6 @@ datagram(Self, To, Type, Body) -> {transmit, To, starl_packet:shout(Self, Type, 
 -spec listen(starl_packet:type(), starl_machine:name()) -> starl_machine:action().
 listen(Type, Machine) -> {cast, sap, {listen, Type, Machine}}.
 
-%% @doc The longest time from sending a message to the report of its outcome, in microseconds
-%% of the source's clock.
--spec bound_us(config()) -> integer().
-bound_us(Config) -> round(lists:sum(delays(Config))).
-
-%% @doc The time in which a message reaches a robot that lives, where the radio loses this part of the
-%% packets, takes at most `DelayUs', and the sender's machine sends its message again `RetryUs' after
-%% SAP has given it up (`never': it does not). It is longer at most once in 10^9 messages: so many
-%% transmissions N that Loss^N is at most 10^-9; all N - 1 waiting times before the last one, by a
-%% clock that is 1 % slow.
--spec reach_us(config(), Loss :: number(), DelayUs :: non_neg_integer(), RetryUs) ->
-    non_neg_integer() | never
-when
-    RetryUs :: non_neg_integer() | never.
-reach_us(Config, Loss, DelayUs, RetryUs) when is_integer(DelayUs) ->
-    Delays = delays(Config),
-    Before = transmissions(Loss) - 1,
-    case {Before div length(Delays), RetryUs} of
-        {0, _} ->
-            waited(lists:sublist(Delays, Before)) + DelayUs;
-        {_, never} ->
-            never;
-        {GivenUp, _} ->
-            Last = lists:sublist(Delays, Before rem length(Delays)),
-            GivenUp * waited([RetryUs | Delays]) + waited(Last) + DelayUs
-    end.
-
-waited(Delays) -> round(lists:sum(Delays)) * 101 div 100.
-
-transmissions(Loss) when Loss == 0 -> 1;
-transmissions(Loss) when Loss < 1 -> ceil(math:log(?RARE) / math:log(Loss)).
-
-%% @doc The number of transmissions of a message that nobody acknowledges.
--spec tries(config()) -> pos_integer().
-tries(Config) -> length(delays(Config)).
-
 -spec init(starl_machine:config()) -> {ready, #sap{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config) ->
     Window = maps:get(window, Config, 4096),
@@ -198,7 +158,7 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
         incarnation = Incarnation,
         window = Window,
         nonce = nonce(Config),
-        out = starl_sap_out:new(Self, Incarnation, delays(Config), Window),
+        out = starl_sap_out:new(Self, Incarnation, starl_sap_schedule:delays(Config), Window),
         inbox = starl_sap_inbox:new(maps:get(unclaimed, Config, 256))
     },
     Hello = [{transmit, all, starl_packet:hello(Self, Incarnation)} || Incarnation > 1],
@@ -409,23 +369,10 @@ far(Source, Sap) ->
     {Ask, Asked} = ask(Source, Sap),
     {keep_state, Asked, [dropped(number, Source), Ask]}.
 
-%% -- configuration --------------------------------------------------------------------------
+%% -- nonces --------------------------------------------------------------------------------
 
 %% The first nonce, which only a robot that hears the questions can know. Each incarnation has
 %% its own, even with the same random stream: an answer to an earlier incarnation does not count.
 nonce(#{random := Random, incarnation := Incarnation}) ->
     {N, _} = rand:uniform_s(1 bsl 32, Random),
     1 + erlang:phash2({N, Incarnation}, 1 bsl 32).
-
-%% The waiting times after each transmission, in microseconds.
-delays(Config) ->
-    First = maps:get(retransmit_ms, Config, 250) * 1000,
-    Longest = maps:get(longest_ms, Config, 2000) * 1000,
-    Backoff = maps:get(backoff, Config, 1.5),
-    delays(First, Backoff, max(First, Longest), maps:get(limit, Config, 15) + 1).
-
--spec delays(pos_integer(), float(), pos_integer(), non_neg_integer()) -> [pos_integer()].
-delays(_Us, _Backoff, _Longest, 0) ->
-    [];
-delays(Us, Backoff, Longest, N) ->
-    [Us | delays(min(round(Us * Backoff), Longest), Backoff, Longest, N - 1)].

@@ -8,7 +8,7 @@
 %% becomes a list of faults of kind `drop', one per lost packet, for ddmin as well.
 %%
 %% A smaller scenario counts only if it violates the same contract in the same way: the violation
-%% has the same shape ({@link starl_monitor:shape/1}), and a robot of a team is not taken for one
+%% has the same shape ({@link starl_violation:shape/1}), and a robot of a team is not taken for one
 %% that is alone. For each other shape the smallest scenario is reported, too. Each scenario
 %% that counts ends with its own violation, so the violation only moves forward and the runs get
 %% shorter.
@@ -51,7 +51,7 @@
 %% Another violation that a smaller scenario showed: another cause, found on the way.
 -type met() :: #{scenario := starl_sim_scenario:t(), violation := starl_monitor:violation()}.
 
--type shape() :: {alone | team, starl_monitor:shape()}.
+-type shape() :: {alone | team, starl_violation:shape()}.
 
 -type reason() ::
     holds
@@ -184,8 +184,8 @@ found(#{violations := Violations} = Outcome, Smaller, #search{shape = Shape} = S
             {false, told(lists:foldl(fun(V, S) -> met(V, Smaller, S) end, Search, Violations))}
     end.
 
-shape(Violation, #{robots := 1}) -> {alone, starl_monitor:shape(Violation)};
-shape(Violation, #{robots := _}) -> {team, starl_monitor:shape(Violation)}.
+shape(Violation, #{robots := 1}) -> {alone, starl_violation:shape(Violation)};
+shape(Violation, #{robots := _}) -> {team, starl_violation:shape(Violation)}.
 
 %% Keeps the smallest scenario of each other shape.
 met(Violation, Scenario, #search{others = Others} = Search) ->

@@ -163,13 +163,16 @@ problem(Id, closed, #{door := Door}, Floor) ->
 problem(_Id, _Kind, _Params, _Floor) ->
     [].
 
-%% @doc The obstacles that faults put on a floor, if there are any.
--spec obstacles([starl_sim_fault:t()], starl_floor:t()) -> none | starl_obstacles:t().
+%% @doc The obstacles that faults put on a floor, if there are any, as a part of a map.
+-spec obstacles([starl_sim_fault:t()], starl_floor:t()) -> #{obstacles => starl_obstacles:t()}.
 obstacles(Faults, Floor) ->
     Compiled = [starl_sim_fault:compile(F) || F <- Faults, starl_sim_fault:class(F) =:= floor],
     case Compiled of
-        [] -> none;
-        _ -> starl_obstacles:new([obstacle(F, Floor) || F <- Compiled], starl_walls:new(Floor))
+        [] ->
+            #{};
+        _ ->
+            Known = [obstacle(F, Floor) || F <- Compiled],
+            #{obstacles => starl_obstacles:new(Known, starl_walls:new(Floor))}
     end.
 
 obstacle({_, From, To, Kind, _, Params}, Floor) ->

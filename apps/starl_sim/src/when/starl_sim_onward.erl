@@ -344,7 +344,7 @@ format_error({ended, Us}) ->
     io_lib:format("the run has ended by then, at ~.3f s; choose an earlier moment", [Us / 1.0e6]);
 format_error({broken, Violation}) ->
     [
-        starl_monitor:format_violation(Violation),
+        starl_violation:format(Violation),
         ", before the moment; choose an earlier one"
     ];
 format_error({parted, Recorded, Now}) ->

@@ -173,7 +173,7 @@ fault({What, Fault}) ->
     ]}.
 
 verdict({violation, Violation}) ->
-    {[{what, <<"violation">>}, {text, text("~ts", [starl_monitor:format_violation(Violation)])}]};
+    {[{what, <<"violation">>}, {text, text("~ts", [starl_violation:format(Violation)])}]};
 verdict({ended, #{ending := Ending, violations := Violations}}) ->
     Text = text("~ts, violations: ~b", [Ending, length(Violations)]),
     {[{what, <<"ended">>}, {text, Text}]}.

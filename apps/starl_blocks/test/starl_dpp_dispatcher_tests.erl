@@ -1,6 +1,6 @@
 %% How a coordinator serves its robots (README, DPP, progress: requests are answered; a
 %% deadlock is counted when there is one, and only then).
--module(starl_dpp_service_tests).
+-module(starl_dpp_dispatcher_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 -define(R, 220.0).
@@ -11,8 +11,8 @@ report_and_request_in_either_order_test() ->
     {State, {_, Id, At, Painted, _} = Request} = state_and_request(),
     {_, Reported, Place, Told, _} = State,
     S0 = known([1], new([short()], 2)),
-    Report = fun(S) -> starl_dpp_service:reported(2, Reported, {Place, Told}, S) end,
-    Ask = fun(S) -> starl_dpp_service:requested(2, Id, {At, Painted}, S) end,
+    Report = fun(S) -> starl_dpp_dispatcher:reported(2, Reported, {Place, Told}, S) end,
+    Ask = fun(S) -> starl_dpp_dispatcher:requested(2, Id, {At, Painted}, S) end,
     [
         ?assertMatch([{2, Id, {assign, _, _}}], [A || {2, _, _} = A <- answers(Steps, S0)], Request)
      || Steps <- [[Report, Ask], [Ask, Report], [Report, Ask, Report, Ask]]
@@ -22,9 +22,9 @@ report_and_request_in_either_order_test() ->
 %% number, or a first one, is not.
 number_above_the_robots_own_is_told_test() ->
     S0 = known([1], new([short()], 2)),
-    {S, _} = starl_dpp_service:requested(2, {9, 9}, {spot(2), []}, S0),
+    {S, _} = starl_dpp_dispatcher:requested(2, {9, 9}, {spot(2), []}, S0),
     Above = fun(Id) ->
-        {_, Actions} = starl_dpp_service:requested(2, Id, {spot(2), []}, S),
+        {_, Actions} = starl_dpp_dispatcher:requested(2, Id, {spot(2), []}, S),
         [{To, Of, N} || {cast, sap, {send, To, dpp_answer, {_, Of, {above, N}, []}}} <- Actions]
     end,
     [?assertEqual([{2, Id, {9, 9}}], Above(Id)) || Id <- [{1, 2}, {9, 8}, {8, 100}]],
@@ -73,11 +73,11 @@ events(Events, P) ->
 
 %% Who says that it has painted lines that are not in the picture is not believed: that is traced.
 stray_lines_are_traced_test() ->
-    {S, Actions} = starl_dpp_service:reported(
+    {S, Actions} = starl_dpp_dispatcher:reported(
         1, {1, 9}, {{standing, spot(1)}, [4711]}, new([short()], 2)
     ),
     ?assertEqual([{malformed, 1, {edges, [4711]}}], [E || {trace, E} <- Actions]),
-    ?assertNot(starl_dpp_service:knows(1, S)).
+    ?assertNot(starl_dpp_dispatcher:knows(1, S)).
 
 %% The last line is painted: all who wait are told at once, and nobody is sent anywhere.
 completion_is_no_deadlock_test() ->
@@ -89,7 +89,7 @@ completion_is_no_deadlock_test() ->
 completion_while_one_moves_test() ->
     S = painted([short()], 3),
     Way = {moving, 0, spot(1), [{spot(3), up}]},
-    {Moving, _} = starl_dpp_service:reported(1, {1, 9}, {Way, []}, S),
+    {Moving, _} = starl_dpp_dispatcher:reported(1, {1, 9}, {Way, []}, S),
     {Actions, _} = chain(Moving, [asks(3, 2)]),
     ?assertEqual([{2, {1, 2}, complete}, {3, {1, 2}, complete}], lists:sort(sent(Actions))).
 
@@ -99,7 +99,7 @@ painted(Lines, N) ->
     {First, S1} = chain(S0, [asks(1, 1), asks(2, 2)]),
     [{1, {1, 1}, {assign, _, Path}}] = sent(First),
     Edges = [E || {_, {down, E}} <- Path],
-    {S2, _} = starl_dpp_service:reported(1, {1, 2}, {{standing, spot(1)}, Edges}, S1),
+    {S2, _} = starl_dpp_dispatcher:reported(1, {1, 2}, {{standing, spot(1)}, Edges}, S1),
     S2.
 
 %% Robot 2 stands beside the line. The path of robot 1, all around both, closes the line to it, and
@@ -131,20 +131,20 @@ a_closed_way_is_tried_again_test() ->
     {A, B} = short(),
     {ok, Plan} = starl_dpp_plan:new(config([short()], 1)),
     Spot = starl_dpp_plan:spot(1, Plan),
-    Blocked = fun(S) -> starl_dpp_service:blocked(A, B, S) end,
+    Blocked = fun(S) -> starl_dpp_dispatcher:blocked(A, B, S) end,
     Closed = fun(N, S) -> chain(S, [Blocked, asks(1, N, Spot)]) end,
     {_, S0} = chain(new([short()], 1), [stands(1, Spot)]),
     {First, S1} = Closed(1, S0),
     ?assertMatch([[_]], [Segments || {trace, {closed, Segments}} <- First]),
     ?assertEqual([], sent(First)),
     ?assertEqual([20000000], tries(First)),
-    {S2, Again} = starl_dpp_service:reopen(S1),
+    {S2, Again} = starl_dpp_dispatcher:reopen(S1),
     ?assert(lists:member({trace, reopened}, Again)),
     ?assertMatch([{1, _, {assign, _, _}}], sent(Again)),
     {Tried, _} = lists:mapfoldl(
         fun(N, S) ->
             {Actions, Next} = Closed(N, S),
-            {Open, _} = starl_dpp_service:reopen(Next),
+            {Open, _} = starl_dpp_dispatcher:reopen(Next),
             {length(tries(Actions)), Open}
         end,
         S2,
@@ -173,9 +173,9 @@ silent_robot_waits_no_more_test() ->
     {First, S1} = chain(S0, [asks(1, 1), asks(2, 1), asks(3, 1)]),
     [{1, {1, 1}, {assign, _, Path}}] = sent(First),
     Edges = [E || {_, {down, E}} <- Path],
-    {Silent, S2} = chain(S1, [fun(S) -> starl_dpp_service:rests(2, spot(2), S) end]),
+    {Silent, S2} = chain(S1, [fun(S) -> starl_dpp_dispatcher:rests(2, spot(2), S) end]),
     ?assertEqual({[], [2]}, {sent(Silent), [R || {trace, {silent, R}} <- Silent]}),
-    Painted = fun(S) -> starl_dpp_service:requested(1, {1, 2}, {spot(1), Edges}, S) end,
+    Painted = fun(S) -> starl_dpp_dispatcher:requested(1, {1, 2}, {spot(1), Edges}, S) end,
     {Last, S3} = chain(S2, [Painted]),
     ?assertEqual([{1, {1, 2}, complete}, {3, {1, 1}, complete}], lists:sort(sent(Last))),
     ?assertEqual([{2, {1, 2}, complete}], answers([asks(2, 2)], S3)).
@@ -186,9 +186,9 @@ passed_test() ->
     Points = [{{6000.0 + 100.0 * I, 8000.0}, up} || I <- lists:seq(1, 4)],
     Way = {moving, 2, {6000.0, 8000.0}, Points},
     S0 = known([2], new([short()], 2)),
-    {S1, _} = starl_dpp_service:reported(1, {1, 5}, {Way, []}, S0),
+    {S1, _} = starl_dpp_dispatcher:reported(1, {1, 5}, {Way, []}, S0),
     Passed = fun(Id, N, S) ->
-        {Next, Actions} = starl_dpp_service:passed(1, Id, N, S),
+        {Next, Actions} = starl_dpp_dispatcher:passed(1, Id, N, S),
         {[length(Held) || {trace, {reserved, 1, Held}} <- Actions], Next}
     end,
     ?assertEqual({[], S1}, Passed({1, 5}, 2, S1)),
@@ -205,7 +205,7 @@ passed_test() ->
 %% those who wait soon; those who gave up waiting for it are not told so.
 opens_test() ->
     {ok, Plan} = starl_dpp_plan:new(config([short()], 2)),
-    Idle = starl_dpp_service:new(Plan, {1, 1, 1}),
+    Idle = starl_dpp_dispatcher:new(Plan, {1, 1, 1}),
     Held = fun(R) -> {trace, {reserved, R, [{spot(R), spot(R)}]}} end,
     Opened = [
         {trace, {coordinator, {1, 1, 1}}}, Held(1), Held(2), {{timeout, give_up}, cancel}, ?SERVE
@@ -213,12 +213,12 @@ opens_test() ->
     {First, One} = chain(Idle, [stands(1, spot(1))]),
     ?assertEqual({[], {One, []}}, {First, stands_again(1, One)}),
     {[], Both} = chain(One, [stands(2, spot(2))]),
-    ?assertMatch({_, Opened}, starl_dpp_service:lead(Both)),
-    {Leads, []} = starl_dpp_service:lead(One),
+    ?assertMatch({_, Opened}, starl_dpp_dispatcher:lead(Both)),
+    {Leads, []} = starl_dpp_dispatcher:lead(One),
     ?assertMatch({Opened, _}, chain(Leads, [stands(2, spot(2))])).
 
 stands_again(Robot, S) ->
-    starl_dpp_service:reported(Robot, {1, 0}, {{standing, spot(Robot)}, []}, S).
+    starl_dpp_dispatcher:reported(Robot, {1, 0}, {{standing, spot(Robot)}, []}, S).
 
 %% Robots that were seen a little too near to each other are moved apart, as far as the slack goes.
 opens_apart_test() ->
@@ -227,19 +227,19 @@ opens_apart_test() ->
     [{1, [{P, P}]}, {2, [{Q, Q}]}] = [{R, Held} || {trace, {reserved, R, Held}} <- Actions],
     ?assert(starl_geometry:distance(P, Q) >= 440.0),
     {Next, _} = chain(S, [
-        fun(S0) -> starl_dpp_service:reported(1, {1, 1}, {{standing, Near(0.0)}, []}, S0) end
+        fun(S0) -> starl_dpp_dispatcher:reported(1, {1, 1}, {{standing, Near(0.0)}, []}, S0) end
     ]),
     ?assertMatch([{trace, {reserved, 1, [_]}}], Next).
 
 %% Nobody is told anything before it leads, though all is painted.
 told_by_the_leader_only_test() ->
     {ok, Plan} = starl_dpp_plan:new(config([short()], 1)),
-    Idle = starl_dpp_service:new(Plan, {1, 1, 1}),
-    Ask = fun(S) -> starl_dpp_service:requested(1, {1, 1}, {spot(1), [1]}, S) end,
+    Idle = starl_dpp_dispatcher:new(Plan, {1, 1, 1}),
+    Ask = fun(S) -> starl_dpp_dispatcher:requested(1, {1, 1}, {spot(1), [1]}, S) end,
     {Actions, S} = chain(Idle, [Ask]),
     ?assertEqual([?GIVE_UP], Actions),
-    {Led, _} = starl_dpp_service:lead(S),
-    {Told, _} = chain(Led, [fun starl_dpp_service:serve/1]),
+    {Led, _} = starl_dpp_dispatcher:lead(S),
+    {Told, _} = chain(Led, [fun starl_dpp_dispatcher:serve/1]),
     ?assertEqual([{1, {1, 1}, complete}], sent(Told)).
 
 %% While it waits for robots that are not found the time runs once, and is over once.
@@ -248,35 +248,37 @@ gives_up_test() ->
     ?assertEqual([?GIVE_UP], First),
     {Second, S2} = chain(S1, [asks(1, 2)]),
     ?assertEqual([], Second),
-    {Ended, S3} = chain(S2, [fun starl_dpp_service:give_up/1]),
+    {Ended, S3} = chain(S2, [fun starl_dpp_dispatcher:give_up/1]),
     ?assertEqual([{1, {1, 2}, incomplete}], sent(Ended)),
     ?assertEqual([{trace, {unreachable, [1]}}], [A || {trace, _} = A <- Ended]),
     {Again, _} = chain(S3, [asks(1, 3)]),
     ?assertEqual([?GIVE_UP], Again),
     %% who has been told waits no more
-    ?assertMatch({[{trace, {unreachable, [1]}}], _}, chain(S3, [fun starl_dpp_service:give_up/1])).
+    ?assertMatch(
+        {[{trace, {unreachable, [1]}}], _}, chain(S3, [fun starl_dpp_dispatcher:give_up/1])
+    ).
 
 %% Robot 2 is dead on the only line: it waits for that one, from when nobody moves. Work that is
 %% given out ends that.
 dead_on_the_line_test() ->
     On = {6050.0, 6000.0},
-    Dead = fun(S) -> starl_dpp_service:rests(2, On, S) end,
+    Dead = fun(S) -> starl_dpp_dispatcher:rests(2, On, S) end,
     S0 = known([1, 2, 3], new([short()], 3)),
     Way = {moving, 0, spot(3), [{{9000.0, 9000.0}, up}]},
-    Moves = fun(S) -> starl_dpp_service:reported(3, {1, 5}, {Way, []}, S) end,
+    Moves = fun(S) -> starl_dpp_dispatcher:reported(3, {1, 5}, {Way, []}, S) end,
     {Waits, S1} = chain(S0, [Moves, Dead, asks(1, 1)]),
     ?assertEqual({[], [?SERVE]}, {sent(Waits), lists:usort(timers(Waits))}),
     Stops = fun(S) ->
-        starl_dpp_service:reported(3, {1, 6}, {{standing, {9000.0, 9000.0}}, []}, S)
+        starl_dpp_dispatcher:reported(3, {1, 6}, {{standing, {9000.0, 9000.0}}, []}, S)
     end,
     {Stopped, S2} = chain(S1, [Stops]),
     ?assertEqual([?SERVE], timers(Stopped)),
-    {Served, S3} = chain(S2, [fun starl_dpp_service:serve/1]),
+    {Served, S3} = chain(S2, [fun starl_dpp_dispatcher:serve/1]),
     ?assertEqual({[], [?GIVE_UP]}, {sent(Served), timers(Served)}),
-    {Again, _} = chain(S3, [fun starl_dpp_service:serve/1]),
+    {Again, _} = chain(S3, [fun starl_dpp_dispatcher:serve/1]),
     ?assertEqual([], Again),
-    Back = fun(S) -> starl_dpp_service:reported(2, {1, 7}, {{standing, spot(2)}, []}, S) end,
-    {Free, S4} = chain(S3, [Back, fun starl_dpp_service:serve/1]),
+    Back = fun(S) -> starl_dpp_dispatcher:reported(2, {1, 7}, {{standing, spot(2)}, []}, S) end,
+    {Free, S4} = chain(S3, [Back, fun starl_dpp_dispatcher:serve/1]),
     ?assertMatch([{1, {1, 1}, {assign, _, _}}], sent(Free)),
     ?assertEqual([?SERVE, {{timeout, give_up}, cancel}], timers(Free)),
     ?assertMatch([{assigned, 1, {1, 1}, [_ | _]}], [E || {trace, {assigned, _, _, _} = E} <- Free]),
@@ -285,7 +287,7 @@ dead_on_the_line_test() ->
 
 %% Its path is over, and nothing of it is painted; then it stands, and does not ask.
 asks_without(Robot, N) ->
-    fun(S) -> starl_dpp_service:reported(Robot, {1, N}, {{standing, spot(Robot)}, []}, S) end.
+    fun(S) -> starl_dpp_dispatcher:reported(Robot, {1, N}, {{standing, spot(Robot)}, []}, S) end.
 
 timers(Actions) -> [A || A <- Actions, is_tuple(element(1, A))].
 
@@ -293,14 +295,14 @@ timers(Actions) -> [A || A <- Actions, is_tuple(element(1, A))].
 served_while_one_moves_test() ->
     On = {6050.0, 6000.0},
     Way = {moving, 0, spot(3), [{{9000.0, 9000.0}, up}]},
-    Moves = fun(S) -> starl_dpp_service:reported(3, {1, 5}, {Way, []}, S) end,
+    Moves = fun(S) -> starl_dpp_dispatcher:reported(3, {1, 5}, {Way, []}, S) end,
     Stands = fun(N, At) ->
-        fun(S) -> starl_dpp_service:reported(2, {1, N}, {{standing, At}, []}, S) end
+        fun(S) -> starl_dpp_dispatcher:reported(2, {1, N}, {{standing, At}, []}, S) end
     end,
     S0 = known([1, 2, 3], new([short()], 3)),
     {Waits, S1} = chain(S0, [Moves, Stands(1, On), asks(1, 1), Stands(2, spot(2))]),
     ?assertEqual([], sent(Waits)),
-    ?assertMatch([{1, {1, 1}, {assign, _, _}}], answers([fun starl_dpp_service:serve/1], S1)).
+    ?assertMatch([{1, {1, 1}, {assign, _, _}}], answers([fun starl_dpp_dispatcher:serve/1], S1)).
 
 %% Who holds less than before is traced; who waits is served soon after, and else there is no need.
 freed_test() ->
@@ -308,31 +310,33 @@ freed_test() ->
     {Alone, _} = chain(S0, [asks_without(2, 1)]),
     ?assertEqual([{trace, {reserved, 2, [{spot(2), spot(2)}]}}], Alone),
     {[_ | _], S1} = chain(S0, [asks(1, 1), asks(2, 1)]),
-    {Waited, _} = chain(S1, [fun(S) -> starl_dpp_service:passed(1, {1, 1}, 1, S) end]),
+    {Waited, _} = chain(S1, [fun(S) -> starl_dpp_dispatcher:passed(1, {1, 1}, 1, S) end]),
     ?assertMatch([{trace, {reserved, 1, [_ | _]}}, ?SERVE], Waited).
 
 %% All is painted and nobody waits: there is nothing to be waited for.
 nothing_left_test() ->
     S = known([1], new([short()], 1)),
-    Ask = fun(S0) -> starl_dpp_service:requested(1, {1, 1}, {spot(1), [1]}, S0) end,
+    Ask = fun(S0) -> starl_dpp_dispatcher:requested(1, {1, 1}, {spot(1), [1]}, S0) end,
     {Actions, _} = chain(S, [Ask]),
     ?assertEqual({[{1, {1, 1}, complete}], [?SERVE]}, {sent(Actions), timers(Actions)}).
 
 %% -- robots that are silent -------------------------------------------------------------------
 
 rests_test() ->
-    Rests = fun(S) -> starl_dpp_service:rests(1, spot(1), S) end,
+    Rests = fun(S) -> starl_dpp_dispatcher:rests(1, spot(1), S) end,
     S0 = known([1, 2], new([short()], 2)),
     {First, S1} = chain(S0, [Rests]),
     ?assertEqual(
         [{trace, {silent, 1}}, {trace, {reserved, 1, [{spot(1), spot(1)}]}}], First
     ),
-    ?assertEqual({true, false}, {starl_dpp_service:silent(1, S1), starl_dpp_service:silent(2, S1)}),
+    ?assertEqual({true, false}, {
+        starl_dpp_dispatcher:silent(1, S1), starl_dpp_dispatcher:silent(2, S1)
+    }),
     {_, Twice} = chain(S1, [Rests, asks_without(1, 1)]),
-    ?assertNot(starl_dpp_service:silent(1, Twice)),
+    ?assertNot(starl_dpp_dispatcher:silent(1, Twice)),
     %% it had a path: that is no more, and its line is free
     {[_ | _], S2} = chain(S0, [asks(1, 1), Rests]),
-    ?assertEqual({S2, []}, starl_dpp_service:passed(1, {1, 1}, 1, S2)),
+    ?assertEqual({S2, []}, starl_dpp_dispatcher:passed(1, {1, 1}, 1, S2)),
     ?assertMatch([{2, {1, 1}, {assign, _, _}}], answers([asks(2, 1)], S2)).
 
 %% When who moved last rests, all wait: one is sent out of the way.
@@ -340,21 +344,21 @@ rests_settles_test() ->
     S0 = known([1, 2], new([short()], 2)),
     On = {6050.0, 6000.0},
     Way = {moving, 0, spot(2), [{On, up}]},
-    Moves = fun(S) -> starl_dpp_service:reported(2, {1, 5}, {Way, []}, S) end,
+    Moves = fun(S) -> starl_dpp_dispatcher:reported(2, {1, 5}, {Way, []}, S) end,
     {Waits, S1} = chain(S0, [Moves, asks(1, 1)]),
     ?assertEqual({[], []}, {sent(Waits), [T || {_, _, give_up} = T <- timers(Waits)]}),
-    {Actions, _} = chain(S1, [fun(S) -> starl_dpp_service:rests(2, On, S) end]),
+    {Actions, _} = chain(S1, [fun(S) -> starl_dpp_dispatcher:rests(2, On, S) end]),
     ?assertEqual([[1]], resolved(Actions)).
 
 %% What a silent robot said of a path before its leave ended is nothing.
 late_path_test() ->
     S0 = known([1, 2], new([short()], 2)),
-    {S1, _} = starl_dpp_service:rests(1, spot(1), S0),
+    {S1, _} = starl_dpp_dispatcher:rests(1, spot(1), S0),
     Way = {moving, 0, spot(1), [{{9000.0, 9000.0}, up}]},
-    ?assertEqual({S1, []}, starl_dpp_service:reported(1, {1, 5}, {Way, []}, S1)),
+    ?assertEqual({S1, []}, starl_dpp_dispatcher:reported(1, {1, 5}, {Way, []}, S1)),
     ?assertMatch(
         {_, [{trace, {reserved, 1, [_]}}]},
-        starl_dpp_service:reported(1, {1, 5}, {Way, []}, S0)
+        starl_dpp_dispatcher:reported(1, {1, 5}, {Way, []}, S0)
     ).
 
 %% -- what robots say ----------------------------------------------------------------------------
@@ -362,11 +366,11 @@ late_path_test() ->
 %% Of a path that is at its end nothing is held but the place.
 path_at_its_end_test() ->
     At = {9000.0, 9000.0},
-    {S, Actions} = starl_dpp_service:reported(
+    {S, Actions} = starl_dpp_dispatcher:reported(
         1, {1, 5}, {{moving, 3, At, []}, []}, known([1, 2], new([short()], 2))
     ),
     ?assertEqual([{trace, {reserved, 1, [{At, At}]}}], Actions),
-    ?assertEqual({S, []}, starl_dpp_service:passed(1, {1, 5}, 4, S)).
+    ?assertEqual({S, []}, starl_dpp_dispatcher:passed(1, {1, 5}, 4, S)).
 
 %% Lines that are not in the picture, painted or on the path, are traced, and nothing is believed;
 %% an old word is nothing to speak of.
@@ -374,15 +378,15 @@ stray_test() ->
     S = known([1, 2], new([short()], 2)),
     Way = {moving, 0, spot(1), [{{9000.0, 9000.0}, {down, 99}}]},
     Stray = fun(Edges) -> {S, [{trace, {malformed, 1, {edges, Edges}}}]} end,
-    ?assertEqual(Stray([99, 1]), starl_dpp_service:reported(1, {1, 5}, {Way, [1]}, S)),
-    ?assertEqual(Stray([4711]), starl_dpp_service:requested(1, {1, 5}, {spot(1), [4711]}, S)),
-    ?assertEqual({S, []}, starl_dpp_service:requested(1, {1, 0}, {spot(1), [1]}, S)),
-    ?assertEqual({S, []}, starl_dpp_service:reported(1, {1, 0}, {{standing, spot(1)}, [1]}, S)).
+    ?assertEqual(Stray([99, 1]), starl_dpp_dispatcher:reported(1, {1, 5}, {Way, [1]}, S)),
+    ?assertEqual(Stray([4711]), starl_dpp_dispatcher:requested(1, {1, 5}, {spot(1), [4711]}, S)),
+    ?assertEqual({S, []}, starl_dpp_dispatcher:requested(1, {1, 0}, {spot(1), [1]}, S)),
+    ?assertEqual({S, []}, starl_dpp_dispatcher:reported(1, {1, 0}, {{standing, spot(1)}, [1]}, S)).
 
 %% One who asks twice waits once, behind the others.
 asks_twice_test() ->
     {_, S} = chain(new([short()], 3), [asks(1, 1), asks(2, 1), asks(1, 2)]),
-    {Told, _} = chain(S, [fun starl_dpp_service:give_up/1]),
+    {Told, _} = chain(S, [fun starl_dpp_dispatcher:give_up/1]),
     ?assertEqual([{2, {1, 1}, incomplete}, {1, {1, 2}, incomplete}], sent(Told)).
 
 %% -- what is told of the paint ------------------------------------------------------------------
@@ -391,18 +395,18 @@ asks_twice_test() ->
 news_test() ->
     Far = {{6000.0, 9000.0}, {6100.0, 9000.0}},
     S0 = known([1, 2], new([short(), Far], 2)),
-    {S1, _} = starl_dpp_service:reported(2, {1, 5}, {{standing, spot(2)}, [1]}, S0),
+    {S1, _} = starl_dpp_dispatcher:reported(2, {1, 5}, {{standing, spot(2)}, [1]}, S0),
     News = fun(N, S) ->
         {Actions, Next} = chain(S, [asks(1, N)]),
         {hd([New || {call, sap, {send, 1, dpp_answer, {_, _, _, New}}, _} <- Actions]), Next}
     end,
     %% an answer of another term, or none, has told nothing
-    {[1], S2} = News(1, starl_dpp_service:answered(1, ok, S1)),
+    {[1], S2} = News(1, starl_dpp_dispatcher:answered(1, ok, S1)),
     {[1], S3} = News(2, S2),
-    {[1], S4} = News(2, starl_dpp_service:answered(1, lost, S2)),
+    {[1], S4} = News(2, starl_dpp_dispatcher:answered(1, lost, S2)),
     ?assertEqual(S3, S4),
-    {[], S5} = News(3, starl_dpp_service:answered(1, ok, S3)),
-    {S6, _} = starl_dpp_service:reported(1, {1, 4}, {{standing, spot(1)}, [2]}, S5),
+    {[], S5} = News(3, starl_dpp_dispatcher:answered(1, ok, S3)),
+    {S6, _} = starl_dpp_dispatcher:reported(1, {1, 4}, {{standing, spot(1)}, [2]}, S5),
     {[2], _} = News(5, S6).
 
 %% -- helpers --------------------------------------------------------------------------------
@@ -421,7 +425,7 @@ config(Lines, N) ->
 %% A coordinator that leads.
 new(Lines, N) ->
     {ok, Plan} = starl_dpp_plan:new(config(Lines, N)),
-    {S, _} = starl_dpp_service:lead(starl_dpp_service:new(Plan, {1, 1, 1})),
+    {S, _} = starl_dpp_dispatcher:lead(starl_dpp_dispatcher:new(Plan, {1, 1, 1})),
     S.
 
 spot(Robot) ->
@@ -433,16 +437,18 @@ known(Robots, S0) ->
     S.
 
 stands(Robot, At) ->
-    fun(S) -> starl_dpp_service:reported(Robot, {1, 0}, {{standing, At}, []}, S) end.
+    fun(S) -> starl_dpp_dispatcher:reported(Robot, {1, 0}, {{standing, At}, []}, S) end.
 
 %% The robot drives all around a rectangle, but for the last bit.
 around(Robot, {X0, Y0}, {X1, Y1}) ->
     Path = [{{X1, Y0}, up}, {{X1, Y1}, up}, {{X0, Y1}, up}, {{X0, Y0 + 100.0}, up}],
-    fun(S) -> starl_dpp_service:reported(Robot, {1, 5}, {{moving, 0, {X0, Y0}, Path}, []}, S) end.
+    fun(S) ->
+        starl_dpp_dispatcher:reported(Robot, {1, 5}, {{moving, 0, {X0, Y0}, Path}, []}, S)
+    end.
 
 asks(Robot, N) -> asks(Robot, N, spot(Robot)).
 
-asks(Robot, N, At) -> fun(S) -> starl_dpp_service:requested(Robot, {1, N}, {At, []}, S) end.
+asks(Robot, N, At) -> fun(S) -> starl_dpp_dispatcher:requested(Robot, {1, N}, {At, []}, S) end.
 
 chain(S, Steps) ->
     lists:foldl(

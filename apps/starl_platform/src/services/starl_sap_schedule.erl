@@ -1,0 +1,58 @@
+%% @doc The schedule of SAP's retransmissions, and the bounds in time that follow from it. Monitors take them for
+%% the time in which a message arrives or is reported lost. Pure; a part of {@link starl_sap}.
+-module(starl_sap_schedule).
+
+-export([delays/1, bound_us/1, reach_us/4, tries/1]).
+
+%% The part of the messages for which a bound in time need not hold.
+-define(RARE, 1.0e-9).
+
+%% @doc The waiting times after each transmission, in microseconds.
+-spec delays(starl_sap:config()) -> [pos_integer(), ...].
+delays(Config) ->
+    First = maps:get(retransmit_ms, Config, 250) * 1000,
+    Longest = maps:get(longest_ms, Config, 2000) * 1000,
+    Backoff = maps:get(backoff, Config, 1.5),
+    delays(First, Backoff, max(First, Longest), maps:get(limit, Config, 15) + 1).
+
+-spec delays(pos_integer(), float(), pos_integer(), non_neg_integer()) -> [pos_integer()].
+delays(_Us, _Backoff, _Longest, 0) ->
+    [];
+delays(Us, Backoff, Longest, N) ->
+    [Us | delays(min(round(Us * Backoff), Longest), Backoff, Longest, N - 1)].
+
+%% @doc The longest time from sending a message to the report of its outcome, in microseconds
+%% of the source's clock.
+-spec bound_us(starl_sap:config()) -> integer().
+bound_us(Config) -> round(lists:sum(delays(Config))).
+
+%% @doc The time in which a message reaches a robot that lives, where the radio loses this part of the
+%% packets, takes at most `DelayUs', and the sender's machine sends its message again `RetryUs' after
+%% SAP has given it up (`never': it does not). It is longer at most once in 10^9 messages: so many
+%% transmissions N that Loss^N is at most 10^-9; all N - 1 waiting times before the last one, by a
+%% clock that is 1 % slow.
+-spec reach_us(starl_sap:config(), Loss :: number(), DelayUs :: non_neg_integer(), RetryUs) ->
+    non_neg_integer() | never
+when
+    RetryUs :: non_neg_integer() | never.
+reach_us(Config, Loss, DelayUs, RetryUs) when is_integer(DelayUs) ->
+    Delays = delays(Config),
+    Before = transmissions(Loss) - 1,
+    case {Before div length(Delays), RetryUs} of
+        {0, _} ->
+            waited(lists:sublist(Delays, Before)) + DelayUs;
+        {_, never} ->
+            never;
+        {GivenUp, _} ->
+            Last = lists:sublist(Delays, Before rem length(Delays)),
+            GivenUp * waited([RetryUs | Delays]) + waited(Last) + DelayUs
+    end.
+
+waited(Delays) -> round(lists:sum(Delays)) * 101 div 100.
+
+transmissions(Loss) when Loss == 0 -> 1;
+transmissions(Loss) when Loss < 1 -> ceil(math:log(?RARE) / math:log(Loss)).
+
+%% @doc The number of transmissions of a message that nobody acknowledges.
+-spec tries(starl_sap:config()) -> pos_integer().
+tries(Config) -> length(delays(Config)).
