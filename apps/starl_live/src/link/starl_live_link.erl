@@ -432,7 +432,7 @@ handle({acts, Pid, Actions}, #link{beside = Beside} = Link) ->
             {Body0, #link{robot = Robot} = Now} = at_event(Link),
             Body = starl_live_body:input(acts, Body0),
             Idle = Now#link{beside = Beside#{Pid := {idle, Orders}}},
-            Valid = starl_robot:without_calls(starl_driver:restarted(Orders), Actions),
+            Valid = starl_robot_actions:without_calls(starl_driver:restarted(Orders), Actions),
             Answered = Idle#link{long = maps:remove(Pid, Idle#link.long)},
             went(starl_robot:act(Name, Valid, Body, Robot), Answered);
         _ ->

@@ -36,7 +36,7 @@
     new/4, parts/1, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1
 ]).
 -export([run/1, status/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
--export([leave/1, act/4, without_calls/2, stand_still/3, go_on/1, standing/1]).
+-export([leave/1, act/4, stand_still/3, go_on/1, standing/1]).
 -export([lost/3, attach/3, back/3, first/2, then/2, die/2, go_down/1, come_up/2]).
 
 -export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0, standing/0, parts/0]).
@@ -264,7 +264,7 @@ run(#robot{rest = {stands, _}} = Robot) ->
     {stands, Robot};
 run(#robot{rest = {due, {Name, Actions, New, Since}}, local = Local, world = World} = Robot) ->
     #robot{machines = Machines, timers = Timers, driver = #driver{present = Present}} = Robot,
-    Rest = aged(max(0, Present(World) - Since), Actions),
+    Rest = starl_robot_actions:aged(max(0, Present(World) - Since), Actions),
     perform(Rest, Name, New, Local, World, Machines, Timers, Robot#robot{rest = none});
 run(#robot{local = []} = Robot) ->
     {quiet, Robot};
@@ -326,16 +326,6 @@ leave(#robot{busy = {_Name, _Pid}} = Robot) -> run(Robot#robot{busy = none}).
 act(Name, Actions, World, #robot{busy = none, local = Local} = Robot) ->
     #robot{machines = Machines, timers = Timers} = Robot,
     perform(Actions, Name, [], Local, World, Machines, Timers, Robot).
-
-%% @doc The actions of a step without its calls of these machines, which have restarted since the step
-%% began: the caller is about to learn of that, and takes it for the end of its call ({@link
-%% back/3}). A call that reached the new machine all the same would be answered to nobody.
--spec without_calls([starl_machine:name()], [starl_machine:action()]) -> [starl_machine:action()].
-without_calls([], Actions) -> Actions;
-without_calls(Restarted, Actions) -> [A || A <- Actions, not is_call(A, Restarted)].
-
-is_call({call, To, _, _}, Names) -> lists:member(To, Names);
-is_call(_Action, _Names) -> false.
 
 %% @doc In the next step of this machine that has more actions than this the robot stands still, after
 %% so many of them. Facts of a group with a latest moment are not parted from the look at the clock.
@@ -419,50 +409,15 @@ refusal(_Name, _Type) -> [].
 
 %% The robot may be about to stand still in this step.
 stepped(Actions, Name, Local, World, Machines, Timers, #robot{still = {Name, After}} = Robot) ->
-    case count(Actions) > After of
-        true ->
+    case starl_robot_actions:standing_still(After, Actions) of
+        {ok, Cut} ->
             Armed = Robot#robot{still = none},
-            perform(cut(After, Actions), Name, [], Local, World, Machines, Timers, Armed);
-        false ->
+            perform(Cut, Name, [], Local, World, Machines, Timers, Armed);
+        too_few ->
             perform(Actions, Name, [], Local, World, Machines, Timers, Robot)
     end;
 stepped(Actions, Name, Local, World, Machines, Timers, Robot) ->
     perform(Actions, Name, [], Local, World, Machines, Timers, Robot).
-
-count(Actions) -> lists:sum([size_of(Action) || Action <- Actions]).
-
-size_of({until, _Us, Group, _Mark}) when is_list(Group) -> length(Group);
-%% what is kept of calls is no action: a run is the same with it and without
-size_of({trace, {history, _}}) -> 0;
-size_of(_Action) -> 1.
-
-%% The actions with the mark `stand_still' behind this many of them.
-cut(0, Actions) ->
-    [stand_still | Actions];
-cut(After, [{until, Us, Group, Mark} | Rest]) when After =< length(Group) ->
-    [{until, Us, cut_group(After, Group), Mark} | Rest];
-cut(After, [{until, _, Group, _} = Until | Rest]) ->
-    [Until | cut(After - length(Group), Rest)];
-cut(After, [Action | Rest]) ->
-    [Action | cut(After - size_of(Action), Rest)].
-
-%% The facts of a group leave with the look at the clock.
-cut_group(After, Group) ->
-    Facts = lists:takewhile(fun(Action) -> element(1, Action) =:= trace end, Group),
-    {Before, Behind} = lists:split(max(After, length(Facts)), Group),
-    Before ++ [stand_still | Behind].
-
-%% Timers count from the beginning of their step.
-aged(Us, Actions) -> [older(Us, Action) || Action <- Actions].
-
-older(Us, {{timeout, Name}, Time, Content}) ->
-    {{timeout, Name}, max(0, Time - Us), Content};
-older(Us, {state_timeout, Time, Content}) ->
-    {state_timeout, max(0, Time - Us), Content};
-older(Us, {until, Latest, Group, Mark}) when is_list(Group) ->
-    {until, Latest, aged(Us, Group), Mark};
-older(_Us, Action) ->
-    Action.
 
 %% Carries out actions in their order; New holds the resulting local events, newest first.
 perform([], _Name, [], Local, World, Machines, Timers, Robot) ->
@@ -504,7 +459,7 @@ perform([Action | Rest], Name, New, Local, World, Machines, Timers, Robot) ->
             Present = (Robot#robot.driver)#driver.present,
             case Present(World) =< Us of
                 true ->
-                    All = bounded(Us, Mark, Group) ++ Rest,
+                    All = starl_robot_actions:bounded(Us, Mark, Group) ++ Rest,
                     perform(All, Name, New, Local, World, Machines, Timers, Robot);
                 false ->
                     Told = late({Name, info, {late, Mark}}, Local),
@@ -526,15 +481,6 @@ perform([Action | Rest], Name, New, Local, World, Machines, Timers, Robot) ->
                     perform(Rest, Name, Heard, Local, Next, Machines, Timers, Robot)
             end
     end.
-
-%% What leaves the robot keeps its latest moment: the driver looks again.
-bounded(Us, Mark, Group) -> [bound(Us, Mark, Action) || Action <- Group].
-
-bound(Us, Mark, {trace, _} = Action) -> {until, Us, Action, Mark};
-bound(Us, Mark, {transmit, _, _} = Action) -> {until, Us, Action, Mark};
-bound(Us, Mark, {drive, _, _} = Action) -> {until, Us, Action, Mark};
-bound(Us, Mark, Action) when element(1, Action) =:= actuate -> {until, Us, Action, Mark};
-bound(_Us, _Mark, Action) -> Action.
 
 %% A machine learns what was too late before it handles anything else, one thing after the other.
 late(Event, [{_, info, {late, _}} = Earlier | Local]) -> [Earlier | late(Event, Local)];
@@ -613,7 +559,8 @@ void_calls(Back, #robot{local = Local, rest = Rest} = Robot) ->
 void_rest(_Back, none) ->
     none;
 void_rest(Back, {How, {Name, Actions, New, Since}}) ->
-    {How, {Name, without_calls(Back, Actions), without_events(Back, New), Since}}.
+    {How,
+        {Name, starl_robot_actions:without_calls(Back, Actions), without_events(Back, New), Since}}.
 
 without_events(Back, Local) ->
     [Event || Event <- Local, not is_call_event(Event, Back)].
