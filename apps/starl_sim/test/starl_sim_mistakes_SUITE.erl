@@ -11,6 +11,7 @@
     wrong_actions_of_a_machine/1,
     wrong_actions_at_the_start/1,
     an_application_that_is_a_machine/1,
+    an_application_that_kills_itself/1,
     a_step_that_never_blocks/1,
     steps_that_never_block/1,
     a_loop_that_lets_no_time_pass/1,
@@ -27,6 +28,7 @@ all() ->
         wrong_actions_of_a_machine,
         wrong_actions_at_the_start,
         an_application_that_is_a_machine,
+        an_application_that_kills_itself,
         a_step_that_never_blocks,
         steps_that_never_block,
         a_loop_that_lets_no_time_pass,
@@ -202,6 +204,20 @@ an_application_that_is_a_machine(_) ->
         end
      || Mode <- ?MODES
     ].
+
+%% An application that ends its own process without a reason crashes, each time alike, also where two shards
+%% wait for each other.
+an_application_that_kills_itself(_) ->
+    Script = fun(R) ->
+        ok = starl:sleep(R, 500),
+        exit(self(), kill)
+    end,
+    Runs = [
+        played(4, Script, #{mode => Mode, shards => 2})
+     || Mode <- ?MODES, _ <- lists:seq(1, 5)
+    ],
+    ?assertMatch([_], lists:usort([Digest || {#{digest := Digest}, _, _} <- Runs])),
+    ?assertEqual([lists:duplicate(4, given_up)], lists:usort([Results || {_, Results, _} <- Runs])).
 
 %% What a turn gathers is bounded; a long but sensible one is no mistake.
 a_step_that_never_blocks(_) ->

@@ -198,3 +198,18 @@ ended(chassis, Now, Robots) ->
 no_cable(Robots) ->
     {error, _} = ?T:hardware(1, Robots),
     {error, cable}.
+
+%% A computer that holds every second command up for a while is busy: no robot takes its clock for one that
+%% stands still, and gives its path back.
+a_busy_computer_is_no_wrong_clock_test() ->
+    {ok, {_, _, #{world := #{profiles := [Profile]}}}} = starl_world:plan(
+        #{app => starl_world_app, robots => 1, play => #{}}, #{}
+    ),
+    Heard = fun(K) -> 1000000 * K + 150000 * (K rem 2) end,
+    Step = fun(K, Watch) ->
+        Told = {1000000 * K, {290000, 290000}, 290000 + Heard(K)},
+        {Agree, Next} = starl_motion_clock_check:agree(Told, Heard(K), Watch),
+        ?assert(Agree, K),
+        Next
+    end,
+    lists:foldl(Step, starl_motion_clock_check:new(Profile), lists:seq(1, 20)).

@@ -36,6 +36,9 @@
 -define(PATIENCE_MS, 60000).
 %% A robot expects a command to take as long as this at most, whatever the scenario.
 -define(LATENCY_MS, 5).
+%% The same in real time, where a busy computer holds a command up: far less than the time that a clock may
+%% be set by during a lease (`jump_ms' of path planning, 2,000).
+-define(BUSY_MS, 200).
 
 %% @doc The context from which the application makes its scene.
 -spec context(module(), starl_sim_scenario:t()) -> starl_scene:context().
@@ -104,7 +107,7 @@ sap(#{delay := {_, MaxMs}}) -> #{retransmit_ms => max(50, round(2.5 * MaxMs))}.
 make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     #{delay := {MinMs, _}, shards := Shards, faults := Faults} = Scenario,
     Reloads = maps:get(reloads, Options, []),
-    Profiles = profiles(maps:get(profile, Scene, #{}), Scenario),
+    Profiles = heard(profiles(maps:get(profile, Scene, #{}), Scenario), Options),
     Plan = #{
         robots => [{Id, pose(Id, Scene, Context)} || Id <- Ids],
         crew => crew(mode(Scenario, Options), Scene, Profiles, Context),
@@ -129,6 +132,15 @@ make(Scenario, Scene, #{robots := Ids} = Context, Options) ->
     },
     Observed = maps:with([observe, from], Options),
     maps:merge(maps:merge(Plan, Observed), nodes(Scenario, Scene, Options)).
+
+%% A run whose bounds have a slack passes in real time.
+heard(Profiles, #{slack_us := Slack}) when Slack > 0 ->
+    [
+        Profile#{latency_ms => max(?BUSY_MS, maps:get(latency_ms, Profile, ?LATENCY_MS))}
+     || Profile <- Profiles
+    ];
+heard(Profiles, #{}) ->
+    Profiles.
 
 %% @doc The modules of a robot's machines.
 -spec parts(starl_scene:t()) -> #{starl_machine:name() => module()}.
