@@ -233,10 +233,11 @@ drift(Us, Options) -> 2 * Us * maps:get(drift_ppm, Options, ?DRIFT_PPM) div 1000
 
 better(#{outcome := Outcome} = Found, #{parts := Parts, open := Open, times := Times} = Answer) ->
     #{verdict := Verdict, is_open := IsOpen, times := May} = Outcome,
+    %% of a part that is never true nothing is kept: in a large team they are millions
     Next = Answer#{
         parts := Parts + 1,
         open := [Found || IsOpen] ++ Open,
-        times := [May | Times]
+        times := [May || May =/= []] ++ Times
     },
     case rank(Found) > rank(maps:get(best, Answer)) of
         true -> Next#{verdict := Verdict, best := Found};

@@ -3,7 +3,9 @@
 -include_lib("stdlib/include/assert.hrl").
 
 -export([suite/0, all/0]).
--export([a_recording_goes_on/1, without_snapshots_it_is_repeated/1, bad_input/1]).
+-export([
+    a_recording_goes_on/1, it_names_what_decides/1, without_snapshots_it_is_repeated/1, bad_input/1
+]).
 -export([the_example_of_the_page/1, live_robots_that_move_go_on/1]).
 
 -import(starl_cli_vm, [says/3, contains/2, start/1, rest/2]).
@@ -13,6 +15,7 @@ suite() -> [{timetrap, {minutes, 2}}].
 all() ->
     [
         a_recording_goes_on,
+        it_names_what_decides,
         without_snapshots_it_is_repeated,
         bad_input,
         the_example_of_the_page,
@@ -32,6 +35,20 @@ a_recording_goes_on(Config) ->
     ?assertEqual(curve(Out), curve(Same)),
     Other = ["onward", Run, "--out", out(Config, "other"), "--contract", "mutex"],
     contains("none of 6 futures break mutex", says(0, "break another", Other ++ Args)).
+
+%% Before the crash at 0.9 s it is still to be drawn whose machine crashes, and when; with it all is lost, long before
+%% it shows. One moment alone names nothing, and says so.
+it_names_what_decides(Config) ->
+    Fault = {first, 903, 903, kill_machine, {1, sap}, #{}},
+    Run = recorded(Config, "late", late_judge, "planted broken at 2.5", [Fault], [
+        "--snapshots", "0.4"
+    ]),
+    Args = ["--at", "1.5", "--moments", "2", "--runs", "8", "--out", out(Config, "named")],
+    Text = says(3, "it became likely from 0.900000 s to 0.905000 s", ["onward", Run | Args]),
+    contains("0.903000 s  robot 1, sap: crashed", Text),
+    contains("just after it 40 of 40 futures", Text),
+    Alone = ["onward", Run, "--at", "1.5", "--runs", "2", "--out", out(Config, "alone")],
+    contains("one moment names no event", says(3, "2 of 2", Alone)).
 
 without_snapshots_it_is_repeated(Config) ->
     Run = recorded(Config, "bare", ["--record"]),
@@ -115,27 +132,26 @@ live(Config) ->
 %% -- helpers --------------------------------------------------------------------------------
 
 recorded(Config, Name, Flags) ->
+    Crashes = [
+        {first, 900, 900, kill_machine, {1, sap}, #{}},
+        {second, 1570, 1570, kill_machine, {2, sap}, #{}}
+    ],
+    recorded(Config, Name, two_crashes, "planted broken at 1.57", Crashes, Flags).
+
+recorded(Config, Name, App, Broken, Faults, Flags) ->
     [Data, Priv] = [proplists:get_value(Key, Config) || Key <- [data_dir, priv_dir]],
     Beside = filename:dirname(string:trim(Data, trailing, "/")),
     Dir = filename:join(Priv, Name ++ "-source"),
     ok = filelib:ensure_path(Dir),
     %% a source of this name among the tests would be taken for one of them
-    Of = filename:join([Beside, "starl_lab_when_SUITE_data", "two_crashes.erl.in"]),
-    {ok, _} = file:copy(Of, filename:join(Dir, "two_crashes.erl")),
-    File = filename:join(Dir, "two_crashes.term"),
-    Scenario = #{
-        app => "two_crashes.erl",
-        robots => 6,
-        seed => 7,
-        time => 3,
-        faults => [
-            {first, 900, 900, kill_machine, {1, sap}, #{}},
-            {second, 1570, 1570, kill_machine, {2, sap}, #{}}
-        ]
-    },
+    Source = atom_to_list(App) ++ ".erl",
+    [Of] = filelib:wildcard(filename:join([Beside, "starl_lab_*_SUITE_data", Source ++ ".in"])),
+    {ok, _} = file:copy(Of, filename:join(Dir, Source)),
+    File = filename:join(Dir, atom_to_list(App) ++ ".term"),
+    Scenario = #{app => Source, robots => 6, seed => 7, time => 3, faults => Faults},
     ok = file:write_file(File, io_lib:format("~0p.~n", [Scenario])),
     Run = out(Config, Name),
-    _ = says(3, "planted broken at 1.57", ["run", File, "--out", Run | Flags]),
+    _ = says(3, Broken, ["run", File, "--out", Run | Flags]),
     Run.
 
 root() -> hd(string:split(code:which(?MODULE), "/_build/")).

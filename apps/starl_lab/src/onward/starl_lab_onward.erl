@@ -6,15 +6,21 @@
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
 
+%% `take': takes the recording up at these times, ascending.
 -type setup() :: #{
     file := file:filename(),
     recording := starl_lab_onward_recording:t(),
-    %% the robots of a live run that start anew at the last moment
-    anew => [{starl:robot_id(), starl_sim_follow:reason()}],
+    take => fun(([integer()]) -> {ok, [taken()]} | {error, starl_sim_onward:reason()}),
+    is_live => boolean(),
     %% modules of a user's own
     code => [module()],
     out := starl_cli_out:t(),
     values := map()
+}.
+
+%% A moment, and the robots of a live run that start anew at it.
+-type taken() :: {
+    AtUs :: integer(), starl_sim_onward:point(), [{starl:robot_id(), starl_sim_follow:reason()}]
 }.
 
 %% Futures end this part of the time up to the moment after the recording's end, or this long, s.
@@ -40,6 +46,8 @@ about(_Subject) ->
         "break a contract.",
         "A run that was recorded with --snapshots 5 is taken up at its last snapshot before the moment; "
         "without, a simulation is repeated from its beginning, and live robots start anew.",
+        "With --moments 2 or more, futures from more moments follow where the share rises, down to a window of "
+        "the simulator, the shortest delay of a packet; what happened in it is printed.",
         "Written are onward.txt, curve.csv and a plot. The same --salt gives the same curve. Ctrl-C tells what "
         "is known so far."
     ].
@@ -107,32 +115,44 @@ us(Seconds) -> round(1.0e6 * Seconds).
 
 %% -- live runs ------------------------------------------------------------------------------
 
-%% Each moment is read by itself. The last message tells the end of the recording.
+%% The last message tells the end of the recording.
 live(#{file := File, values := #{at := At} = Values} = Setup) ->
     case starl_lab_onward_live:read(File, 0) of
         {ok, #{end_us := End}} when is_number(At), 1.0e6 * At > End ->
             {error, [io_lib:format("--at ~w: the recording ends at ~.3f s", [At, End / 1.0e6])]};
         {ok, #{scenario := #{app := App}} = Read} ->
             case own_code(App, File) of
-                {ok, Code} -> live(times(Read, Values), [], [], Setup#{code => Code});
+                {ok, Code} ->
+                    Options = #{
+                        histories => histories(#{code => Code}), slack_us => starl_world:slack_us()
+                    },
+                    begun(times(Read, Values), Setup#{
+                        code => Code,
+                        is_live => true,
+                        recording => (maps:with([scenario, end_us], Read))#{
+                            not_kept => [], images => []
+                        },
+                        take => fun(Times) -> each_live(Times, File, Options, []) end
+                    });
+                {error, _} = Error ->
+                    Error
+            end;
+        {error, Reason} ->
+            {error, [starl_lab_onward_recording:format_error(Reason)]}
+    end.
+
+%% Each moment is read by itself.
+each_live([], _File, _Options, Taken) ->
+    {ok, lists:reverse(Taken)};
+each_live([Us | Later], File, Options, Taken) ->
+    case starl_lab_onward_live:read(File, Us) of
+        {ok, #{live := Live}} ->
+            case starl_sim_onward:live(Live, Us, Options) of
+                {ok, Point, Anew} -> each_live(Later, File, Options, [{Us, Point, Anew} | Taken]);
                 {error, _} = Error -> Error
             end;
         {error, Reason} ->
-            {error, [starl_lab_onward_live:format_error(Reason)]}
-    end.
-
-live([], Points, Anew, Setup) ->
-    futures(maps:from_list(Points), Setup#{anew => Anew});
-live([Us | Later], Points, _Anew, #{file := File} = Setup) ->
-    {ok, #{live := Live} = Read} = starl_lab_onward_live:read(File, Us),
-    Options = #{histories => histories(Setup), slack_us => starl_world:slack_us()},
-    case starl_sim_onward:live(Live, Us, Options) of
-        {ok, Point, Anew} ->
-            live(Later, [{Us, Point} | Points], Anew, Setup#{
-                recording => (maps:with([scenario, end_us], Read))#{not_kept => [], images => []}
-            });
-        {error, Reason} ->
-            {error, [starl_sim_onward:format_error(Reason)]}
+            {error, {recording, Reason}}
     end.
 
 own_code(App, File) ->
@@ -160,16 +180,15 @@ with_code(#{file := File, recording := #{scenario := #{app := App}}} = Setup) ->
 taken_up(#{recording := Recording, values := Values} = Setup) ->
     #{scenario := #{app := App, scenario := Scenario}, facts := Facts, images := Images} =
         Recording,
-    Times = times(Recording, Values),
     Recorded = #{scenario => Scenario#{app => App}, facts => Facts, images => Images},
-    case starl_sim_onward:moments(Recorded, Times, #{histories => histories(Setup)}) of
-        {ok, Points} ->
-            futures(maps:from_list(Points), Setup);
-        {error, {failed, _} = Reason} ->
-            failed(Reason);
-        {error, Reason} ->
-            {error, [starl_sim_onward:format_error(Reason)]}
-    end.
+    Options = #{histories => histories(Setup)},
+    Take = fun(Times) ->
+        case starl_sim_onward:moments(Recorded, Times, Options) of
+            {ok, Points} -> {ok, [{Us, Point, []} || {Us, Point} <- Points]};
+            {error, _} = Error -> Error
+        end
+    end,
+    begun(times(Recording, Values), Setup#{take => Take, is_live => false}).
 
 times(#{end_us := End}, #{at := At, moments := N, since := Since}) ->
     Last =
@@ -182,40 +201,122 @@ times(#{end_us := End}, #{at := At, moments := N, since := Since}) ->
 
 %% -- futures --------------------------------------------------------------------------------
 
-futures(Points, #{recording := #{end_us := End} = Recording, values := Values} = Setup) ->
+-spec begun([integer(), ...], setup()) -> starl_cli_command:answer().
+begun(Times, #{take := Take} = Setup) ->
+    case Take(Times) of
+        {ok, Taken} -> futures(Taken, Setup);
+        {error, {failed, _} = Reason} -> failed(Reason);
+        {error, Reason} -> {error, [untaken(Reason)]}
+    end.
+
+untaken({recording, Reason}) -> starl_lab_onward_recording:format_error(Reason);
+untaken(Reason) -> starl_sim_onward:format_error(Reason).
+
+futures(Taken, #{recording := #{end_us := End} = Recording, values := Values} = Setup) ->
     #{runs := Runs, contract := Contract} = Values,
     Settings = fun(Us) ->
         (settings(Us, End, Values))#{histories => histories(Setup), slack_us => slack_us(Setup)}
     end,
-    Self = self(),
-    Interrupt = make_ref(),
-    starl_cli_signal:on_interrupt(fun() -> Self ! Interrupt end),
-    Plan = #{
-        future => fun(Us, Salt) -> future(maps:get(Us, Points), Settings(Us), Salt, Contract) end,
-        time_us => fun(Us) -> Us end,
-        salt => maps:get(salt, Values),
-        jobs => maps:get(jobs, Values),
-        interrupt => Interrupt,
-        progress => starl_cli_progress:new(how(Values))
-    },
-    Questions = [{Us, {1, Runs}} || Us <- lists:sort(maps:keys(Points))],
-    try starl_lab_futures:ask(Questions, Plan) of
-        {How, Curve} ->
-            Last = lists:max(maps:keys(Points)),
+    Points = maps:from_list([{Us, Point} || {Us, Point, _} <- Taken]),
+    Plan = plan(Values),
+    Future = fun(Us, Point, Salt) -> future(Point, Settings(Us), Salt, Contract) end,
+    try
+        starl_sim_inevitable:search(#{
+            grid => lists:sort(maps:keys(Points)),
+            futures => Runs,
+            fine => window_us(Recording),
+            ask => fun(Questions) -> asked(Questions, Points, Plan, Future, Setup) end
+        })
+    of
+        #{curve := Curve, complete := IsComplete} = Result ->
+            {Last, _, Anew} = lists:last(lists:keysort(1, Taken)),
+            Untaken = untaken(),
             Report = #{
-                curve => lists:sort(Curve),
-                how => How,
+                curve => Curve,
+                how => how_ended(IsComplete, Untaken),
                 contract => Contract,
                 settings => Settings(Last),
                 recording => maps:without([facts, images], Recording),
                 images => [At || {At, _, _} <- maps:get(images, Recording)],
-                anew => maps:get(anew, Setup, none)
+                anew => anew(Anew, Setup),
+                rise => rise(Result, Untaken, length(Taken), Setup)
             },
             told(Report, Setup)
     catch
         throw:{future, Reason} -> failed(Reason)
     after
         starl_cli_signal:on_interrupt(quit)
+    end.
+
+plan(#{salt := Salt, jobs := Jobs} = Values) ->
+    Self = self(),
+    Interrupt = make_ref(),
+    starl_cli_signal:on_interrupt(fun() -> Self ! Interrupt end),
+    #{
+        time_us => fun(Us) -> Us end,
+        salt => Salt,
+        jobs => Jobs,
+        interrupt => Interrupt,
+        progress => starl_cli_progress:new(how(Values))
+    }.
+
+%% A moment between those that were asked for is taken up when it is needed. If it cannot be, the search
+%% ends with what is known.
+asked(Questions, Known, Plan, Future, #{take := Take}) ->
+    case taken(lists:usort([Us || {Us, _} <- Questions, not is_map_key(Us, Known)]), Take) of
+        {ok, Taken} ->
+            Points = maps:merge(Known, maps:from_list([{Us, Point} || {Us, Point, _} <- Taken])),
+            starl_lab_futures:ask(Questions, Plan#{
+                future => fun(Us, Salt) -> Future(Us, maps:get(Us, Points), Salt) end
+            });
+        {error, Reason} ->
+            self() ! {?MODULE, untaken, Reason},
+            {stopped, []}
+    end.
+
+taken([], _Take) -> {ok, []};
+taken(Times, Take) -> Take(Times).
+
+untaken() ->
+    receive
+        {?MODULE, untaken, Reason} -> {untaken, untaken(Reason)}
+    after 0 -> none
+    end.
+
+how_ended(true, _Untaken) -> done;
+how_ended(false, {untaken, _}) -> done;
+how_ended(false, none) -> stopped.
+
+anew(Anew, #{is_live := true}) -> Anew;
+anew(_None, #{is_live := false}) -> none.
+
+%% A moment is the beginning of a window.
+window_us(#{scenario := #{scenario := #{delay := {Ms, _}}}}) -> max(1, round(1000 * Ms)).
+
+%% What happened where the share rises most, as far as it was halved.
+rise(#{step := none}, _Untaken, Moments, _Setup) ->
+    {none, Moments};
+rise(#{step := {Low, High}}, {untaken, Why}, _Moments, _Setup) ->
+    {untaken, {Low, High}, Why};
+rise(#{step := {Low, High}, complete := true}, none, _Moments, #{take := Take, file := File}) ->
+    case Take([Low, High]) of
+        {ok, [{_, From, Before}, {_, To, After}]} ->
+            Window = {starl_sim_onward:time_us(From), starl_sim_onward:time_us(To)},
+            happened({Low, High}, Window, differ(ids(Before), ids(After)), File);
+        {error, Reason} ->
+            {untaken, {Low, High}, untaken(Reason)}
+    end;
+rise(_Interrupted, _Untaken, Moments, _Setup) ->
+    {none, Moments}.
+
+ids(Anew) -> [Id || {Id, _} <- Anew].
+
+differ(Some, Others) -> lists:usort((Some -- Others) ++ (Others -- Some)).
+
+happened(Step, {From, To} = Window, Anew, File) ->
+    case starl_lab_onward_recording:between(File, From, To) of
+        {ok, All} -> {named, Step, Window, All, Anew};
+        {error, Reason} -> {untaken, Step, starl_lab_onward_recording:format_error(Reason)}
     end.
 
 how(#{quiet := true}) -> quiet;
@@ -238,7 +339,7 @@ settings(Us, End, #{beyond := Beyond, loss_ahead := Loss}) ->
     }.
 
 %% The contracts of a live run allow for a computer that has other work.
-slack_us(#{anew := _}) -> starl_world:slack_us();
+slack_us(#{is_live := true}) -> starl_world:slack_us();
 slack_us(#{}) -> 0.
 
 %% As a recorded run keeps them.

@@ -2,19 +2,13 @@
 %% what has come to it since, its facts and its piece of motion; and the packets that are under way.
 -module(starl_lab_onward_live).
 
--export([read/2, format_error/1]).
+-export([read/2]).
 
--export_type([t/0, reason/0]).
+-export_type([t/0]).
 
 -type t() :: #{
     scenario := starl_trace_message:scenario(), live := starl_sim_onward:live(), end_us := integer()
 }.
-
--type reason() ::
-    {unreadable, starl_trace_reader:reason()}
-    | {no_scenario, file:filename_all()}
-    | {no_motions, file:filename_all()}
-    | {hole, file:filename_all(), AtUs :: integer()}.
 
 -type id() :: starl:robot_id().
 
@@ -49,20 +43,17 @@
 -define(HEARD_US, 500000).
 
 %% @doc Reads a recording of a live run.
--spec read(file:filename_all(), UntilUs :: integer()) -> {ok, t()} | {error, reason()}.
+-spec read(file:filename_all(), UntilUs :: integer()) ->
+    {ok, t()} | {error, starl_lab_onward_recording:reason()}.
 read(File, Until) ->
-    try starl_trace_reader:fold(fun message/2, #read{file = File, until = Until}, File) of
-        {ok, #read{scenario = none}, _Ended} -> {error, {no_scenario, File}};
-        {ok, Read, _Ended} -> {ok, whole(Read)};
-        {error, Reason} -> {error, {unreadable, Reason}}
-    catch
-        throw:{?MODULE, Reason} -> {error, Reason}
-    end.
+    starl_lab_onward_recording:folded(
+        fun message/2, #read{file = File, until = Until}, fun whole/1, File
+    ).
 
 message({scenario, _, #{robots := Robots} = Scenario}, #read{scenario = none, file = File} = Read) ->
     case Scenario of
         #{told_by := _} when not is_map_key(has_motions, Scenario) ->
-            throw({?MODULE, {no_motions, File}});
+            starl_lab_onward_recording:refuse({no_motions, File});
         #{} ->
             Read#read{
                 scenario = Scenario, robots = maps:from_list([{Id, #robot{}} || {Id, _} <- Robots])
@@ -70,7 +61,7 @@ message({scenario, _, #{robots := Robots} = Scenario}, #read{scenario = none, fi
     end;
 message({gap, At, Why}, #read{until = Until, file = File} = Read) when At =< Until ->
     %% what was not judged may be there
-    is_missing(Why) andalso throw({?MODULE, {hole, File, At}}),
+    is_missing(Why) andalso starl_lab_onward_recording:refuse({hole, File, At}),
     Read#read{now = At};
 message({_, At, _}, #read{until = Until} = Read) when At > Until + ?SOON_US ->
     Read#read{now = At};
@@ -145,6 +136,8 @@ came(_Other, _At, _Id, Read) ->
 
 %% -- the moment -----------------------------------------------------------------------------
 
+whole(#read{scenario = none, file = File}) ->
+    starl_lab_onward_recording:refuse({no_scenario, File});
 whole(#read{scenario = Scenario, facts = Reversed, robots = Robots, pieces = Pieces} = Read) ->
     #read{until = Until, now = End} = Read,
     #{app := App, scenario := Values} = Scenario,
@@ -209,16 +202,3 @@ under_way({To, Heard, Packet}, {Packets, Sent}) ->
         _ ->
             {Packets, Sent}
     end.
-
-%% @doc One line on a problem: what is wrong, where, and what to do.
--spec format_error(reason()) -> unicode:chardata().
-format_error({no_motions, File}) ->
-    io_lib:format("~ts: the true motions are missing; merge the world's run.mcap, too", [File]);
-format_error({hole, File, At}) ->
-    io_lib:format("~ts: the recording has a hole at ~.3f s; choose an earlier moment", [
-        File, At / 1.0e6
-    ]);
-format_error({no_scenario, File}) ->
-    io_lib:format("~ts: the recording does not begin with its scenario", [File]);
-format_error({unreadable, Reason}) ->
-    starl_trace_reader:format_error(Reason).

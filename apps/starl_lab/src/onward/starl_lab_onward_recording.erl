@@ -1,10 +1,10 @@
 %% @doc Reads a recording up to a moment, to simulate it onwards: the scenario of its run, its facts, and the
-%% snapshots of its robots.
+%% snapshots of its robots; and what happened in a part of it.
 -module(starl_lab_onward_recording).
 
--export([read/2, format_error/1]).
+-export([read/2, between/3, folded/4, refuse/1, format_error/1]).
 
--export_type([t/0, reason/0]).
+-export_type([t/0, happened/0, reason/0]).
 
 %% `told': how many snapshots of robots there are, and why others were not kept; `end_us': the time of the
 %% last message.
@@ -16,11 +16,17 @@
     end_us := integer()
 }.
 
+%% A fact of a robot's machine, a packet that it sent with its fate, or a fault that begins.
+-type happened() ::
+    {AtUs :: integer(), starl:robot_id(), {starl_machine:name(), term()}}
+    | {AtUs :: integer(), fault, term()}.
+
 -type reason() ::
     {unreadable, starl_trace_reader:reason()}
     | {no_scenario, file:filename_all()}
     | {hole, file:filename_all(), AtUs :: integer()}
-    | {live, file:filename_all()}.
+    | {live, file:filename_all()}
+    | {no_motions, file:filename_all()}.
 
 -record(read, {
     file :: file:filename_all(),
@@ -34,21 +40,54 @@
 
 %% @doc Reads a recording; of what is later than this time only the end is told.
 -spec read(file:filename_all(), UntilUs :: integer()) -> {ok, t()} | {error, reason()}.
-read(File, Until) ->
-    try starl_trace_reader:fold(fun message/2, #read{file = File, until = Until}, File) of
-        {ok, #read{scenario = none}, _Ended} -> {error, {no_scenario, File}};
-        {ok, Read, _Ended} -> {ok, whole(Read)};
-        {error, Reason} -> {error, {unreadable, Reason}}
+read(File, Until) -> folded(fun message/2, #read{file = File, until = Until}, fun whole/1, File).
+
+%% @doc What the messages of a recording come to; either function may {@link refuse/1} it.
+-spec folded(fun((starl_trace_message:t(), Acc) -> Acc), Acc, fun((Acc) -> Whole), File) ->
+    {ok, Whole} | {error, reason()}
+when
+    File :: file:filename_all().
+folded(Message, Begun, Whole, File) ->
+    try
+        case starl_trace_reader:fold(Message, Begun, File) of
+            {ok, Read, _Ended} -> {ok, Whole(Read)};
+            {error, Reason} -> {error, {unreadable, Reason}}
+        end
     catch
-        throw:{?MODULE, Reason} -> {error, Reason}
+        throw:{?MODULE, Why} -> {error, Why}
     end.
+
+%% @doc Ends the reading of a recording.
+-spec refuse(reason()) -> no_return().
+refuse(Reason) -> throw({?MODULE, Reason}).
+
+%% @doc What happened from a time until before another, in its order.
+-spec between(file:filename_all(), FromUs :: integer(), ToUs :: integer()) ->
+    {ok, [happened()]} | {error, reason()}.
+between(File, From, To) ->
+    Happened = fun(Message, Acc) ->
+        case happened(Message) of
+            {At, _, _} = One when At >= From, At < To -> [One | Acc];
+            _ -> Acc
+        end
+    end,
+    folded(Happened, [], fun(All) -> lists:keysort(1, lists:reverse(All)) end, File).
+
+happened({trace, At, {Robot, Machine, Event}}) ->
+    {At, Robot, {Machine, Event}};
+happened({packets, At, {From, To, Brief, Bytes, Fate}}) ->
+    {At, From, {radio, {packet, To, Brief, Bytes, Fate}}};
+happened({faults, At, {began, Fault}}) ->
+    {At, fault, Fault};
+happened(_Other) ->
+    none.
 
 message({scenario, _, #{kind := simulation} = Scenario}, #read{scenario = none} = Read) ->
     Read#read{scenario = Scenario};
 message({scenario, _, #{kind := live}}, #read{scenario = none, file = File}) ->
-    throw({?MODULE, {live, File}});
+    refuse({live, File});
 message({gap, At, _}, #read{until = Until, file = File}) when At =< Until ->
-    throw({?MODULE, {hole, File, At}});
+    refuse({hole, File, At});
 message({_, At, _}, #read{until = Until} = Read) when At > Until ->
     Read#read{now = At};
 message({trace, At, {Robot, Machine, Event}}, #read{facts = Facts} = Read) ->
@@ -61,6 +100,8 @@ message({snapshots, At, {Robot, {error, Reason}}}, #read{not_kept = NotKept} = R
 message({_, At, _}, Read) ->
     Read#read{now = At}.
 
+whole(#read{scenario = none, file = File}) ->
+    refuse({no_scenario, File});
 whole(#read{scenario = Scenario, facts = Facts, images = Images, not_kept = NotKept, now = End}) ->
     #{robots := Robots} = Scenario,
     #{
@@ -102,5 +143,7 @@ format_error({hole, File, At}) ->
     io_lib:format("~ts: the recording has a hole at ~.3f s; choose an earlier moment", [
         File, At / 1.0e6
     ]);
+format_error({no_motions, File}) ->
+    io_lib:format("~ts: the true motions are missing; merge the world's run.mcap, too", [File]);
 format_error({live, File}) ->
     io_lib:format("~ts: a live run cannot be simulated onwards yet", [File]).

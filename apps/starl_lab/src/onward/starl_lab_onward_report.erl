@@ -3,7 +3,7 @@
 
 -export([text/2, csv/1, plot/1]).
 
--export_type([t/0]).
+-export_type([t/0, rise/0]).
 
 %% `images': the times of the snapshots that were found.
 -type t() :: #{
@@ -14,8 +14,22 @@
     recording := map(),
     images := [integer()],
     %% of a live run: the robots that start anew at the last moment
-    anew := [{starl:robot_id(), starl_sim_follow:reason()}] | none
+    anew := [{starl:robot_id(), starl_sim_follow:reason()}] | none,
+    rise := rise()
 }.
+
+%% Where the share rises most: between two moments of one window of the simulator, with what happened in it, and the
+%% robots that start anew at one of the two only; or between moments of which none between them can be taken up;
+%% or nowhere beyond chance, among so many moments.
+-type rise() ::
+    {named, step(), {FromUs :: integer(), ToUs :: integer()},
+        [starl_lab_onward_recording:happened()], [starl:robot_id()]}
+    | {untaken, step(), unicode:chardata()}
+    | {none, Moments :: pos_integer()}.
+
+-type step() :: {LowUs :: integer(), HighUs :: integer()}.
+
+-define(MOST_FACTS, 12).
 
 %% @doc The report for a terminal of this width.
 -spec text(t(), Width :: pos_integer()) -> unicode:chardata().
@@ -29,6 +43,7 @@ text(#{curve := Curve, how := How} = Report, Width) ->
         "\n",
         [wrapped("interrupted: not all futures were run", Width) || How =:= stopped],
         answer(Curve, Report, Width),
+        risen(Report, Width),
         draws(Report, Width)
     ].
 
@@ -88,6 +103,77 @@ answer(Curve, Report, Width) ->
         ]),
         Width
     ).
+
+%% -- where it rises -------------------------------------------------------------------------
+
+risen(#{how := stopped}, _Width) ->
+    "";
+risen(#{rise := {none, Moments}, curve := Curve}, Width) ->
+    case lists:any(fun({_, #{broken := Broken}}) -> Broken > 0 end, Curve) of
+        true when Moments =:= 1 ->
+            wrapped("one moment names no event: --moments 8 looks for the one that decides", Width);
+        true ->
+            wrapped(
+                "the share rises nowhere beyond its intervals: no event is named; --runs makes them smaller",
+                Width
+            );
+        false ->
+            ""
+    end;
+risen(#{rise := {untaken, {Low, High} = Step, Why}} = Report, Width) ->
+    wrapped(
+        [
+            io_lib:format("it became likely between ~.3f s and ~.3f s", [Low / 1.0e6, High / 1.0e6]),
+            shares(Step, Report),
+            "; nothing between them can be taken up: ",
+            Why
+        ],
+        Width
+    );
+risen(#{rise := {named, Step, {From, To}, Happened, Anew}} = Report, Width) ->
+    [
+        wrapped(
+            [
+                io_lib:format("it became likely from ~.6f s to ~.6f s", [From / 1.0e6, To / 1.0e6]),
+                shares(Step, Report),
+                happened(Happened)
+            ],
+            Width
+        ),
+        [line(One, Width) || One <- lists:sublist(Happened, ?MOST_FACTS)],
+        [
+            io_lib:format("    and ~b more~n", [length(Happened) - ?MOST_FACTS])
+         || length(Happened) > ?MOST_FACTS
+        ],
+        [
+            wrapped(
+                io_lib:format(
+                    "robot ~b starts anew at one of the two moments only: it may be that what decides",
+                    [Id]
+                ),
+                Width
+            )
+         || Id <- Anew
+        ]
+    ].
+
+shares({Low, High}, #{curve := Curve}) ->
+    {_, Below} = lists:keyfind(Low, 1, Curve),
+    {_, Above} = lists:keyfind(High, 1, Curve),
+    starl_lab_when_report:rise(Below, Above).
+
+happened([]) -> "; the recording has nothing in between";
+happened(_) -> "; in between, in the recording:".
+
+line({At, fault, Fault}, Width) ->
+    cut(io_lib:format("  ~.6f s  a fault begins: ~0tp", [At / 1.0e6, Fault]), Width);
+line({At, Robot, Fact}, Width) ->
+    Text = io_lib:format("  ~.6f s  robot ~b, ~ts", [
+        At / 1.0e6, Robot, starl_lab_when_report:fact(Fact)
+    ]),
+    cut(Text, Width).
+
+cut(Text, Width) -> [string:slice(Text, 0, Width), "\n"].
 
 number(0) -> "none";
 number(N) -> integer_to_list(N).

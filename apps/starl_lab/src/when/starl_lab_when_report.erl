@@ -2,7 +2,7 @@
 -module(starl_lab_when_report).
 
 -export([new/3, text/2, csv/1, plot/1]).
--export([share_text/1, share_cells/1, share_point/2, besides/1, plotted/3]).
+-export([share_text/1, share_cells/1, share_point/2, besides/1, plotted/3, fact/1, rise/2]).
 
 -export_type([t/0]).
 
@@ -107,13 +107,7 @@ answer(#{step := {Low, High}, curve := Curve}, #{run := #{moments := Moments}} =
     {_, Above} = lists:keyfind(High, 1, Curve),
     [
         wrapped(
-            [
-                became(Above),
-                ": just before it ",
-                futures(Below),
-                " break the contract, just after it ",
-                futures(Above)
-            ],
+            [became(Above), rise(Below, Above)],
             Width
         ),
         event(starl_sim_moments:entry(High, Moments), Report, Width),
@@ -134,6 +128,16 @@ flat(Count, _Digests) ->
         "event decides; --futures makes the intervals smaller",
         [Low, High]
     ).
+
+%% @doc The shares before and after an event.
+-spec rise(starl_sim_inevitable:tally(), starl_sim_inevitable:tally()) -> unicode:chardata().
+rise(Below, Above) ->
+    [
+        ": just before it ",
+        futures(Below),
+        " break the contract, just after it ",
+        futures(Above)
+    ].
 
 %% That all futures do so is all that can be shown.
 became(#{broken := N, futures := N}) ->
@@ -184,7 +188,8 @@ handles(packet) -> "gets a packet";
 handles(timeout) -> "has a timer";
 handles(Type) -> io_lib:format("handles ~0tp", [Type]).
 
-%% Packets to the other robots, with their fate.
+%% @doc What a robot's machine says, or a packet to another robot, with its fate.
+-spec fact({starl_machine:name(), term()}) -> unicode:chardata().
 fact({radio, {packet, To, Brief, _Bytes, {lost, Why}}}) ->
     io_lib:format("sends ~0tp to robot ~b: LOST (~0tp)", [Brief, To, Why]);
 fact({radio, {packet, To, Brief, _Bytes, {arrives, Copies}}}) ->

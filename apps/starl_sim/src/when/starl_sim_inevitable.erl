@@ -31,10 +31,12 @@
 
 -type curve() :: [{starl_sim_moments:moment(), tally()}].
 
-%% `ask' answers with the tallies of these futures, in any order; `stopped': with those it has.
+%% `ask' answers with the tallies of these futures, in any order; `stopped': with those it has. `fine':
+%% moments that are no farther apart are not halved any more (1).
 -type request() :: #{
     grid := [starl_sim_moments:moment(), ...],
     futures := pos_integer(),
+    fine => pos_integer(),
     ask := fun(([question()]) -> {done | stopped, curve()})
 }.
 
@@ -56,6 +58,7 @@
 -record(search, {
     ask :: fun(([question()]) -> {done | stopped, curve()}),
     futures :: pos_integer(),
+    fine :: pos_integer(),
     curve = #{} :: #{starl_sim_moments:moment() => tally()},
     stopped = false :: boolean()
 }).
@@ -76,8 +79,9 @@ grid(N, Last, Moments) ->
 
 %% @doc Searches for the step.
 -spec search(request()) -> result().
-search(#{grid := Grid, futures := K, ask := Ask}) ->
-    Begun = asked(Grid, K, #search{ask = Ask, futures = K}),
+search(#{grid := Grid, futures := K, ask := Ask} = Request) ->
+    Fine = maps:get(fine, Request, 1),
+    Begun = asked(Grid, K, #search{ask = Ask, futures = K, fine = Fine}),
     case steepest(curve(Begun)) of
         none -> result(none, Begun);
         Step -> doubted(Step, Begun)
@@ -94,7 +98,7 @@ doubted({Low, High} = Step, Search) ->
 %% The share rises most between these two moments.
 descend(Step, #search{stopped = true} = Search) ->
     result(Step, Search);
-descend({Low, High} = Step, #search{futures = K} = Search) when High - Low =< 1 ->
+descend({Low, High} = Step, #search{futures = K, fine = Fine} = Search) when High - Low =< Fine ->
     result(Step, asked([Low, High], ?MORE * K, Search));
 descend({Low, High}, Search) ->
     Middle = (Low + High) div 2,
