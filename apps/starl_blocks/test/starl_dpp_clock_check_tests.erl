@@ -33,7 +33,7 @@ own_clock_lags_test() ->
     ?assertEqual([agrees, agrees, lags], heard([{1, 0, 0}, {2, 9 * ?S, 0}, {1, 3 * ?S, 0}])).
 
 %% Both clocks may drift while time shows.
-drift_test() ->
+both_clocks_may_drift_while_time_shows_test() ->
     ?assertEqual([agrees, agrees], heard([{1, 0, 0}, {1, 103 * ?S, 99 * ?S}])),
     ?assertEqual([agrees, lags], heard([{1, 0, 0}, {1, 103 * ?S + 1, 99 * ?S}])).
 

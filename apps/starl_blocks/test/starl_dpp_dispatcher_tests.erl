@@ -182,7 +182,7 @@ silent_robot_waits_no_more_test() ->
 
 %% A waypoint that is passed gives free what lies behind it, counted along the path of this very
 %% request, also by a coordinator that has learnt of the path on its way.
-passed_test() ->
+a_passed_waypoint_gives_free_what_lies_behind_test() ->
     Points = [{{6000.0 + 100.0 * I, 8000.0}, up} || I <- lists:seq(1, 4)],
     Way = {moving, 2, {6000.0, 8000.0}, Points},
     S0 = known([2], new([short()], 2)),
@@ -203,7 +203,7 @@ passed_test() ->
 
 %% Once it leads and all places are known, whichever comes last, it tells what all hold, and serves
 %% those who wait soon; those who gave up waiting for it are not told so.
-opens_test() ->
+service_opens_once_it_leads_and_knows_all_places_test() ->
     {ok, Plan} = starl_dpp_plan:new(config([short()], 2)),
     Idle = starl_dpp_dispatcher:new(Plan, {1, 1, 1}),
     Held = fun(R) -> {trace, {reserved, R, [{spot(R), spot(R)}]}} end,
@@ -305,7 +305,7 @@ served_while_one_moves_test() ->
     ?assertMatch([{1, {1, 1}, {assign, _, _}}], answers([fun starl_dpp_dispatcher:serve/1], S1)).
 
 %% Who holds less than before is traced; who waits is served soon after, and else there is no need.
-freed_test() ->
+freed_space_is_traced_and_serves_who_waits_test() ->
     S0 = known([1, 2], new([short()], 2)),
     {Alone, _} = chain(S0, [asks_without(2, 1)]),
     ?assertEqual([{trace, {reserved, 2, [{spot(2), spot(2)}]}}], Alone),
@@ -322,7 +322,7 @@ nothing_left_test() ->
 
 %% -- robots that are silent -------------------------------------------------------------------
 
-rests_test() ->
+a_silent_robot_rests_where_it_was_seen_test() ->
     Rests = fun(S) -> starl_dpp_dispatcher:rests(1, spot(1), S) end,
     S0 = known([1, 2], new([short()], 2)),
     {First, S1} = chain(S0, [Rests]),
@@ -374,7 +374,7 @@ path_at_its_end_test() ->
 
 %% Lines that are not in the picture, painted or on the path, are traced, and nothing is believed;
 %% an old word is nothing to speak of.
-stray_test() ->
+edges_that_cannot_be_are_traced_and_not_believed_test() ->
     S = known([1, 2], new([short()], 2)),
     Way = {moving, 0, spot(1), [{{9000.0, 9000.0}, {down, 99}}]},
     Stray = fun(Edges) -> {S, [{trace, {malformed, 1, {edges, Edges}}}]} end,
@@ -392,7 +392,7 @@ asks_twice_test() ->
 %% -- what is told of the paint ------------------------------------------------------------------
 
 %% With an answer goes what the robot was not told yet: told is what has arrived.
-news_test() ->
+an_answer_tells_what_the_robot_was_not_told_yet_test() ->
     Far = {{6000.0, 9000.0}, {6100.0, 9000.0}},
     S0 = known([1, 2], new([short(), Far], 2)),
     {S1, _} = starl_dpp_dispatcher:reported(2, {1, 5}, {{standing, spot(2)}, [1]}, S0),

@@ -19,7 +19,7 @@ plan(Places) ->
 graph() -> starl_dpp_plan:graph(plan([{1, {3000.0, 3000.0}}])).
 
 %% The nearest wall counts, whichever it is.
-outermost_test() ->
+nearest_wall_counts_test() ->
     Places = [
         {1, {6000.0, 6000.0}},
         {2, {300.0, 6000.0}},
@@ -48,7 +48,7 @@ in_way_test() ->
     ?assertNot(In([At(500.0, 5000.0)], [])).
 
 %% The free edges that are nearer than two tubes.
-closes_test() ->
+free_edges_nearer_than_two_tubes_are_closed_test() ->
     Plan = plan([{1, {3000.0, 3000.0}}]),
     Graph = starl_dpp_plan:graph(Plan),
     View = starl_dpp_plan:view(1, Plan),
@@ -63,7 +63,7 @@ closes_test() ->
     ?assertEqual([2], lists:usort(lists:append([?Y:closes(V, Taken) || {V, _} <- Closed]))).
 
 %% It parks on the nearest of the spots; who is there already has no way to go.
-park_test() ->
+parks_on_the_nearest_spot_test() ->
     Plan = plan([{1, {3000.0, 3000.0}}, {2, {9000.0, 9000.0}}, {3, {9000.0, 3000.0}}]),
     [{1, Own}, {2, Second}, {3, Third}] = starl_dpp_plan:spots(Plan),
     Graph = starl_dpp_plan:graph(Plan),
@@ -116,7 +116,7 @@ park_out_of_a_yard_test() ->
     ].
 
 %% Aside is a vertex that will do and is nobody's spot; the way leads to it and is clear of others.
-aside_test() ->
+aside_is_nobodys_spot_and_clear_of_others_test() ->
     Plan = plan([{1, {6500.0, 6100.0}}, {2, {6500.0, 7000.0}}]),
     Graph = starl_dpp_plan:graph(Plan),
     View = starl_dpp_plan:view(1, Plan),
@@ -135,7 +135,7 @@ aside_test() ->
 
 %% The way to the nearest free edge, that edge with it, and those that wait and stand in it; each of
 %% these is as bad as a metre to drive. Who does not wait is not driven through.
-wish_test() ->
+wishes_the_nearest_free_edge_with_those_who_stand_in_it_test() ->
     Places = [{1, {5000.0, 6000.0}}, {2, {6000.0, 6100.0}}, {3, {9000.0, 9000.0}}],
     Plan = plan(Places),
     View = starl_dpp_plan:view(1, Plan),

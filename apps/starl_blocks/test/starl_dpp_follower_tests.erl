@@ -33,14 +33,14 @@ told() ->
 %% -- a new life -----------------------------------------------------------------------------
 
 %% What was stored is known again; what cannot be read may have been any term up to now.
-stored_test() ->
+what_was_stored_is_known_again_test() ->
     Knows = fun(Stored) -> {?F:coordinator(new(Stored)), ?F:term(new(Stored))} end,
     ?assertEqual({none, {0, 0, 0}}, Knows(none)),
     ?assertEqual({3, {2, 3, 1}}, Knows({stored, {2, 3, 1}})),
     ?assertEqual({none, {21474836480, 0, 0}}, Knows(damaged)).
 
 %% Who knows of a coordinator waits for it, one robot after the other in the row from it on.
-begins_test() ->
+waits_for_the_coordinator_in_the_order_of_the_row_test() ->
     ?assertEqual([], ?F:begins(new(none))),
     ?assertEqual(
         [[missing(12500000)], [missing(14000000)], [missing(11000000)]],
@@ -52,7 +52,7 @@ nothing_at_first_test() ->
     ?assertEqual([0, -?S], [?F:lease_us(Now, new(none)) || Now <- [0, ?S]]),
     ?assert(?F:missed(0, new(none))).
 
-join_test() ->
+joins_one_coordinator_once_test() ->
     {F, Actions} = ?F:join(2, new(none)),
     ?assertEqual({2, [missing(14000000)]}, {?F:coordinator(F), Actions}),
     ?assertEqual({F, []}, ?F:join(3, F)).
@@ -60,7 +60,7 @@ join_test() ->
 %% -- terms ----------------------------------------------------------------------------------
 
 %% A new term is stored, and the own coordinator hears of it unless it is its own.
-recover_test() ->
+new_term_is_stored_and_told_to_the_own_coordinator_test() ->
     Recover = fun(Source, Term) ->
         {followed, {F, Actions}} = ?F:recover(Source, {Term, 7, false}, ?S, new(none)),
         ?assertEqual({Source, Term}, {?F:coordinator(F), ?F:term(F)}),
@@ -88,7 +88,7 @@ known_term_needs_no_vote_test() ->
 
 %% A lower term is refused, also of one that says that it leads; so is a higher one of a robot that
 %% may not have the vote, unless it leads by others' votes.
-refused_test() ->
+lower_term_is_refused_test() ->
     F = told(),
     Refused = fun(Source, Term, Leads, Now) ->
         case ?F:recover(Source, {Term, 8, Leads}, Now, F) of
@@ -124,7 +124,7 @@ who_leads_test() ->
     ],
     ?assertEqual(followed, Claim(12 * ?S, told())).
 
-answers_test() ->
+only_the_followed_term_is_answered_test() ->
     ?assertEqual(
         [true, false, false],
         [?F:answers(R, T, told()) || {R, T} <- [{2, ?TERM}, {3, ?TERM}, {2, {2, 2, 1}}]]
@@ -133,7 +133,7 @@ answers_test() ->
 %% -- where the robot is ---------------------------------------------------------------------
 
 %% Told once for each question, with the vote.
-tell_test() ->
+place_is_told_once_for_each_question_test() ->
     {followed, {F, _}} = ?F:recover(2, {?TERM, 7, false}, ?S, new(none)),
     Tell = fun(Now, F0) -> ?F:tell({5, 1}, {{standing, {1.0, 2.0}}, [9]}, Now, F0) end,
     {Told, Report} = Tell(3 * ?S, F),
@@ -156,7 +156,7 @@ beat_of_another_term_test() ->
     ?assertMatch({refused, {_, [{cast, sap, {send, 3, dpp_refused, ?TERM}}]}}, Beat({1, 1, 1})).
 
 %% Beats are answered every other second, with the vote; not before the place is told.
-here_test() ->
+every_other_beat_is_answered_with_the_vote_test() ->
     Here = fun(Now, F0) ->
         {beaten, {F, Actions}} = ?F:beat(2, {?TERM, Now + 1, []}, Now, F0),
         ?assertEqual([missing(14000000)], [A || {{timeout, _}, _, _} = A <- Actions]),
@@ -173,11 +173,11 @@ here_test() ->
 
 %% -- its coordinator is missed --------------------------------------------------------------
 
-missed_test() ->
+coordinator_is_missed_after_ten_seconds_test() ->
     {beaten, {F, _}} = ?F:beat(2, {?TERM, 8, []}, 2 * ?S, told()),
     ?assertEqual([false, false, true], [?F:missed(T, F) || T <- [2 * ?S, 12 * ?S, 12 * ?S + 1]]).
 
-lead_test() ->
+own_coordinator_is_asked_to_lead_and_told_its_term_test() ->
     Lead = [{cast, dpp_coordinator, {lead, 1}}, missing(14000000)],
     ?assertEqual(Lead, ?F:lead(told())),
     ?assertEqual([{cast, dpp_coordinator, {led, ?TERM}}], ?F:restarted(told())),
@@ -189,7 +189,7 @@ lead_test() ->
 %% -- lease ----------------------------------------------------------------------------------
 
 %% From the latest of its stamps that has come back, or from its request; none takes a lease back.
-lease_test() ->
+lease_runs_from_the_latest_stamp_and_is_never_taken_back_test() ->
     Beat = fun(Now, Stamps, F0) ->
         {beaten, {F, _}} = ?F:beat(2, {?TERM, Now, Stamps}, Now, F0),
         F

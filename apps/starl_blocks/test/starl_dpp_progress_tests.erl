@@ -12,7 +12,7 @@ begun() -> starl_dpp_progress:begins({0.0, 0.0}, starl_dpp_progress:new(10.0)).
 stopped(At, Track) -> starl_dpp_progress:stands(At, starl_dpp_progress:halted(moving(), Track)).
 
 %% Near its path a robot counts as standing on it; that is what it holds from then on.
-nominal_test() ->
+near_its_path_it_counts_as_on_it_test() ->
     Nominal = fun starl_dpp_progress:nominal/1,
     ?assertEqual({50.0, 0.0}, Nominal(stopped({50.0, 9.0}, begun()))),
     ?assertEqual({50.0, 11.0}, Nominal(stopped({50.0, 11.0}, begun()))),
@@ -24,7 +24,7 @@ nominal_test() ->
     ?assertEqual({70.0, 5.0}, Again({70.0, 5.0})).
 
 %% The waypoints that it has reached are behind it.
-place_test() ->
+waypoints_reached_are_behind_it_test() ->
     ?assertEqual({moving, 0, {0.0, 0.0}, ?PATH}, starl_dpp_progress:place(moving(), begun())),
     One = starl_dpp_progress:reached(1, hd(?PATH), begun()),
     ?assertEqual({moving, 1, {100.0, 0.0}, tl(?PATH)}, starl_dpp_progress:place(moving(), One)),
@@ -37,7 +37,7 @@ place_test() ->
     ?assertEqual(+0.0, starl_dpp_progress:unreported_mm(starl_dpp_progress:reported(Two))).
 
 %% What it has painted is fresh until a request that told of it is answered.
-painted_test() ->
+painted_edges_are_fresh_until_an_answer_test() ->
     Two = starl_dpp_progress:reached(2, lists:last(?PATH), begun()),
     ?assertEqual({[7], [7]}, {starl_dpp_progress:fresh(Two), starl_dpp_progress:painted(Two)}),
     Learnt = starl_dpp_progress:learn([3, 9], Two),
@@ -50,7 +50,7 @@ painted_test() ->
     ).
 
 %% Another path begins with nothing behind it, and nothing to report.
-begins_test() ->
+another_path_begins_with_nothing_behind_it_test() ->
     One = starl_dpp_progress:reached(1, hd(?PATH), begun()),
     Again = starl_dpp_progress:begins({7.0, 7.0}, One),
     ?assertEqual(
@@ -63,7 +63,7 @@ begins_test() ->
     ).
 
 %% Where it stands is looked at again, and stays what it counts as until then.
-lost_test() ->
+lost_place_is_looked_at_again_test() ->
     Stands = stopped({50.0, 9.0}, begun()),
     Lost = starl_dpp_progress:lost(Stands),
     ?assertEqual({{50.0, 9.0}, unknown}, {

@@ -17,7 +17,7 @@ graph() ->
 new() -> starl_dpp_spot_owners:new([3, 5, 7], graph()).
 
 %% The robots get the spots in their order.
-order_test() ->
+robots_get_the_spots_in_their_order_test() ->
     Spots = starl_dpp_graph:spots(graph()),
     ?assertEqual(
         [{3, maps:get(1, Spots)}, {5, maps:get(2, Spots)}, {7, maps:get(3, Spots)}],
@@ -27,7 +27,7 @@ order_test() ->
         starl_dpp_graph:point(maps:get(2, Spots), graph()), starl_dpp_spot_owners:place(5, new())
     ).
 
-exchange_test() ->
+two_robots_exchange_their_spots_test() ->
     Spots = starl_dpp_spot_owners:exchange(3, 7, new()),
     Place = fun(Robot) -> starl_dpp_spot_owners:place(Robot, new()) end,
     ?assertEqual(
@@ -36,7 +36,7 @@ exchange_test() ->
     ).
 
 %% Less than a millimetre away from its own spot, in any direction.
-on_test() ->
+less_than_a_millimetre_away_is_on_its_spot_test() ->
     {X, Y} = starl_dpp_spot_owners:place(5, new()),
     On = fun(P) -> starl_dpp_spot_owners:on(P, 5, new()) end,
     ?assertEqual([true, true, true], [On({X, Y}), On({X + 0.99, Y}), On({X, Y - 0.99})]),

@@ -2,7 +2,7 @@
 -include_lib("eunit/include/eunit.hrl").
 
 %% Messages to robots that are not there, and of types that nobody listens to.
-mail_test() ->
+messages_that_nobody_gets_are_told_test() ->
     Mail = mail([
         {100, 1, sap, {sent, {1, 1, 1}, [7], {app, hello}, 0}},
         {200, 2, sap, {sent, {2, 1, 1}, [7], {app, hello}, 0}},
@@ -35,7 +35,7 @@ mail_test() ->
     ).
 
 %% A robot that is gone listens to nothing; that is told elsewhere.
-gone_test() ->
+robots_that_are_gone_are_not_told_test() ->
     Mail = mail([{500, 2, sap, {delivered, {1, 1, 3}, {app, word}, 0}}]),
     ?assertEqual([], lines(Mail, [{1, running}, {2, died}])),
     ?assertEqual([], lines(Mail, [{2, given_up}])),
@@ -46,7 +46,7 @@ gone_test() ->
 
 %% A post that is dropped tells its sender nothing, and a robot that has ended reads no more: both are
 %% told once, with the lines that send. A full inbox of a robot at work is no news.
-dropped_test() ->
+dropped_posts_are_told_once_test() ->
     Mail = mail(
         [{300000, 1, sap, {overload, {app, word}}} || _ <- [1, 2, 3]] ++
             [
@@ -80,7 +80,7 @@ dropped_test() ->
     ).
 
 %% Tokens that nobody can get any more.
-tokens_test() ->
+tokens_that_nobody_can_get_are_told_test() ->
     Waits = #{
         kept => [#{robot => 3, token => <<"key">>, asked => [1, 2]}],
         circles => [
@@ -119,9 +119,9 @@ forms(Tokens) ->
     {Form, [Dot | Others]} = lists:splitwith(fun(T) -> element(1, T) =/= dot end, Tokens),
     [Form ++ [Dot] | forms(Others)].
 
-nothing_test() -> ?assertEqual([], lines(mail([]), [])).
+nothing_is_told_of_a_run_without_findings_test() -> ?assertEqual([], lines(mail([]), [])).
 
-distances_test() ->
+robots_that_touch_are_told_test() ->
     Near = [stands(1, 1000.0, 1000.0), stands(2, 1000.0, 1100.0)],
     ?assertEqual(
         ["robots 1 and 2 came within 100.0 mm (centres; Creates touch at 330), at 0.000 s"],
@@ -137,7 +137,7 @@ distances_test() ->
     Planned = outcome(mail([]), [], #{starl_dpp_monitor => #{}}),
     ?assertEqual([], texts(starl_cli_findings:make(Planned, ways(Off), []))).
 
-results_test() ->
+results_are_read_again_test() ->
     Outcome = outcome(mail([]), [{1, {done, #{"Å" => 1}}}, {2, running}], #{}),
     Notes = starl_cli_findings:make(Outcome, ways([]), []),
     File = "results-" ++ os:getpid() ++ ".term",

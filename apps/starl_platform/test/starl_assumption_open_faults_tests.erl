@@ -20,7 +20,7 @@ told(Lasting, From, To) ->
     {lists:append(All), Left}.
 
 %% The slices follow each other without a hole, and end less than 5 s after the fault.
-slices_test() ->
+slices_follow_without_a_hole_test() ->
     Begun = began(fault(a, 10, forever, location_frozen, 3), ?L:new()),
     {Windows, Left} = told(Begun, 10, 60),
     ?assert(lists:all(fun({R, _, _, What}) -> {R, What} =:= {3, fault} end, Windows)),
@@ -33,7 +33,7 @@ slices_test() ->
     ?assertEqual({[], ?L:new()}, told(Over, 61, 99)).
 
 %% Also what is over before anything was judged; a link is its two robots.
-short_test() ->
+fault_over_before_judgement_is_told_test() ->
     Begun = began(fault(a, 10, forever, loss, {1, 2}), ?L:new()),
     Over = ?L:told({ended, fault(a, 10, 11, loss, {1, 2})}, Begun),
     {Windows, Left} = ?L:windows(12 * ?S, Over),
@@ -41,7 +41,7 @@ short_test() ->
     ?assertEqual(?L:new(), Left).
 
 %% A halt is waited for, a kill has no length, a schedule's faults are known from the beginning.
-none_test() ->
+halts_kills_and_schedules_are_not_open_test() ->
     Faults = [
         fault(a, 10, forever, pause, 1),
         fault(b, 10, 10, kill_robot, 2),

@@ -6,7 +6,7 @@
 
 %% Answers come late by up to a fifth of a second, the clocks drift by one per cent, either way, and
 %% are apart by an hour.
-sound_test_() ->
+clocks_within_drift_agree_test_() ->
     [
         ?_assertEqual([], broken(fun(T) -> 3600 * ?S + round(T * Rate) end, fun late/1))
      || Rate <- [0.99, 1.0, 1.01]
@@ -16,7 +16,7 @@ late(K) -> erlang:phash2(K, 200000).
 
 %% A clock that is set, back or forward, or stood still for a quarter of a second, while the robot
 %% drives or between two commands: it is noticed with the next answer, and never again.
-wrong_test_() ->
+clock_that_was_set_is_noticed_test_() ->
     After = fun(At, Shift) ->
         fun
             (T) when T > At -> T + Shift;
@@ -37,12 +37,12 @@ while_driving_test() ->
     ?assertEqual([50, 51], broken(Back, fun(_) -> 0 end)).
 
 %% A clock that stands still is noticed by every answer.
-frozen_test() ->
+standing_clock_is_noticed_by_every_answer_test() ->
     Frozen = fun(T) -> min(T, 50 * ?S + 700000) end,
     ?assertEqual(lists:seq(51, 100), broken(Frozen, fun late/1)).
 
 %% Who was paused handles one answer too late.
-paused_test() ->
+paused_robot_handles_one_answer_too_late_test() ->
     Paused = fun
         (50) -> 20 * ?S;
         (K) -> late(K)
@@ -51,7 +51,7 @@ paused_test() ->
 
 %% Commands that are heard late, at random: by as much as the profile bears, the clocks agree; by more
 %% they do not, so a line that is slower than said is found out.
-latency_test_() ->
+commands_later_than_the_profile_bears_are_noticed_test_() ->
     Heard = fun(Ms) -> fun(K) -> K * ?S + erlang:phash2({K, heard}, 1000 * Ms + 1) end end,
     Count = fun(Said, Ms) ->
         length(broken(#{latency_ms => Said}, fun(T) -> T end, fun(_) -> 0 end, Heard(Ms)))

@@ -16,7 +16,7 @@ told(Events) -> lists:foldl(fun starl_packet_fates:told/2, starl_packet_fates:ne
 due(Until, Events) -> element(1, starl_packet_fates:due(Until, told(Events))).
 
 %% In whatever order the two tell.
-fates_test() ->
+fates_are_known_in_whatever_order_they_are_told_test() ->
     Sent = [sent(100, 1, 2, a), sent(100, 1, 3, a), sent(105, 2, 1, b)],
     Came = [came(110, 1, 2, a, ?ARRIVES), came(109, 1, 3, a, {lost, cut})],
     Expected = [
@@ -28,7 +28,7 @@ fates_test() ->
     ?assertEqual(Expected, due(200, Came ++ Sent)).
 
 %% Nothing is told before its time, and nothing twice.
-due_test() ->
+nothing_is_told_before_its_time_nor_twice_test() ->
     Ways = told([sent(100, 1, 2, a), sent(200, 1, 2, b), came(210, 1, 2, b, ?ARRIVES)]),
     {First, Left} = starl_packet_fates:due(150, Ways),
     ?assertEqual([packet(100, 1, 2, {lost, unheard})], First),
@@ -37,7 +37,7 @@ due_test() ->
     ?assertMatch({[], _}, starl_packet_fates:due(infinity, None)).
 
 %% The same content again: the first packet was lost, the second came, and a copy of it.
-again_test() ->
+same_content_again_is_told_apart_test() ->
     Events = [
         sent(100, 1, 2, a),
         sent(500200, 1, 2, a),
@@ -57,7 +57,7 @@ again_test() ->
     ).
 
 %% Its sender was killed before it could tell; a packet that could not be sent.
-strange_test() ->
+packet_of_a_killed_sender_counts_as_sent_test() ->
     Refused = packet(90, 2, 1, {lost, refused}),
     ?assertEqual(
         [Refused, packet(110, 1, 2, ?ARRIVES)],
@@ -65,7 +65,7 @@ strange_test() ->
     ).
 
 %% The clock of robot 2 is behind: what it gets came before it was sent.
-clocks_test() ->
+receiver_with_a_clock_behind_is_understood_test() ->
     Events = [
         Event
      || N <- [1, 2, 3],

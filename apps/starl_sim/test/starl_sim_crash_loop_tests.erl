@@ -17,13 +17,13 @@ no_time_passes_test() ->
     ?assertMatch([{20, _} | _], hopeless([crash(5, Unknown) || _ <- lists:seq(1, 20)])).
 
 %% A step that never lets time pass is tried three times only.
-endless_test() ->
+endless_step_is_tried_three_times_test() ->
     ?assertEqual(
         [{3, hopeless}], hopeless([crash(I, #{endless => true}) || I <- lists:seq(1, 3)])
     ).
 
 %% Whatever differs begins a new row.
-progress_test_() ->
+whatever_differs_begins_a_new_row_test_() ->
     [
         {atom_to_list(Key), ?_assertEqual([], hopeless(row(fun(I) -> #{Key => value(Key, I)} end)))}
      || Key <- [cause, steps, pose, stored]
@@ -36,7 +36,7 @@ broken_row_test() ->
     ?assertEqual([], hopeless(Same ++ [Other | Same])).
 
 %% A robot that is pushed by millimetres has not moved; one that creeps has, in the end.
-moved_test() ->
+pushed_by_millimetres_has_not_moved_test() ->
     Pushed = fun(I) -> #{pose => {1000.0 + I rem 2, 0.0, 0.0}} end,
     ?assertMatch([{20, hopeless} | _], hopeless(row(Pushed))),
     ?assertEqual([], hopeless(row(fun(I) -> #{pose => {10.0 * I, 0.0, 0.0}} end))).

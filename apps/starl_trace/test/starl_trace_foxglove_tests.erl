@@ -11,7 +11,7 @@ updates(Event) ->
     ].
 
 %% Once by field for viewers that choose by it, once by path for those that plot all.
-measures_test() ->
+measures_are_written_by_field_and_by_path_test() ->
     [{measures, Json}] = updates({measure, error_mm, 1.5e-9}),
     ?assertEqual(
         #{
@@ -35,7 +35,7 @@ entity(Shape) ->
     #{<<"frame_id">> := <<"floor">>} = Entity,
     Entity.
 
-drawings_test() ->
+drawings_are_entities_with_a_lifetime_test() ->
     ?assertMatch(
         #{
             <<"id">> := <<"drawing 2 way">>,
@@ -61,7 +61,7 @@ drawings_test() ->
     ).
 
 %% A convex area is filled; of another one the outline is shown.
-areas_test() ->
+convex_areas_are_filled_test() ->
     Filled = fun(Points) ->
         length(maps:get(<<"triangles">>, entity(#{key => a, area => Points})))
     end,

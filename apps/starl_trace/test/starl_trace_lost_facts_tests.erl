@@ -8,7 +8,7 @@ facts(Numbers) -> [fact(N) || N <- Numbers].
 
 recorded(Numbers) -> [{sap, {told, N}} || N <- Numbers].
 
-lost_test() ->
+facts_after_the_recording_are_lost_test() ->
     Facts = facts(lists:seq(1, 300)),
     [
         ?assertEqual(
@@ -19,7 +19,7 @@ lost_test() ->
     ].
 
 %% Events that are alike: those of the latest that fit are recorded.
-alike_test() ->
+latest_of_alike_events_are_recorded_test() ->
     Facts = [{1, 3, sap, tick}, {2, 3, sap, tick}, {3, 3, sap, tock}, {4, 3, sap, tick}],
     ?assertEqual(
         [{4, 3, sap, tick}],
@@ -44,7 +44,7 @@ same_crash_test() ->
     ?assertEqual(Facts, starl_trace_lost_facts:lost(recorded([1, 2]) ++ End, Facts)).
 
 %% The oldest facts are not kept.
-rotated_test() ->
+oldest_facts_are_not_kept_test() ->
     ?assertEqual(
         facts([8, 9]), starl_trace_lost_facts:lost(recorded(lists:seq(1, 7)), facts([6, 7, 8, 9]))
     ).
