@@ -14,10 +14,14 @@
     permutations/1,
     may_be_inert/3,
     told_apart/1,
-    id/2
+    id/2,
+    vocabulary/0
 ]).
 
--export_type([t/0, block/0, options/0, budgets/0, timer_kind/0]).
+-export_type([t/0, block/0, options/0, budgets/0, timer_kind/0, fact/0]).
+
+%% What only a checked robot tells, as machine `robot': it stands still within a step, and goes on with it.
+-type fact() :: stands | goes_on.
 
 %% The name of a model: normally that of the block.
 -type block() :: atom().
@@ -148,6 +152,10 @@ check(_Shipped, _Options) ->
 told_apart(#{given := {Entry, Options}} = Model) ->
     maps:merge(new(Entry, Options#{symmetry => false}), maps:with([leave_out, workers], Model)).
 
+%% @doc The facts that only a checked robot tells, as a monitor lists those of its machines.
+-spec vocabulary() -> starl_event:vocabulary().
+vocabulary() -> #{robot => [{stands, 0}, {goes_on, 0}]}.
+
 %% @doc The number of the robot at a place.
 -spec id(starl_check_term:place(), t()) -> starl:robot_id().
 id(Place, #{ids := Ids}) -> lists:nth(Place, Ids).
@@ -158,7 +166,7 @@ made({Name, _Doc, Make} = Entry, Options) ->
     Model = maps:merge(complete(Given, Common), maps:with([past_us, waits], Options)),
     Crash = maps:get(crash, Options, maps:get(crash, Model)),
     #{monitor := {Monitor, _}} = Model,
-    Known = starl_monitor:known([starl_check_fact, Monitor]),
+    Known = starl_monitor:known([?MODULE, Monitor]),
     Judged = Model#{crash := Crash, known => Known, given => {Entry, Options}},
     with_machine(maps:find(machine, Options), Judged).
 

@@ -341,7 +341,7 @@ step(Name, Robot, #run{steps = Before, cut = {Step, Actions}} = Run) when Step =
 step(_Name, Robot, #run{steps = Before} = Run) ->
     Run#run{robot = stepped(Robot), steps = Before + 1}.
 
--spec told(starl_check_fact:robot(), starl_robot:t()) -> starl_robot:t().
+-spec told(starl_check_model:fact(), starl_robot:t()) -> starl_robot:t().
 told(Event, Robot) ->
     starl_robot:world(starl_check_world:trace(robot, Event, starl_robot:world(Robot)), Robot).
 

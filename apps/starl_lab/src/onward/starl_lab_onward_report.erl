@@ -96,7 +96,7 @@ answer([], _Report, Width) ->
     wrapped("no future has ended", Width);
 answer(Curve, Report, Width) ->
     {Us, #{broken := Broken, futures := N}} = lists:last(Curve),
-    {Low, High} = starl_sim_share:interval({Broken, N}),
+    {Low, High} = starl_sim_proportion:interval({Broken, N}),
     wrapped(
         io_lib:format("from ~.3f s on ~ts of ~b futures break ~ts (~.2f-~.2f)", [
             Us / 1.0e6, number(Broken), N, contract(Report), Low, High

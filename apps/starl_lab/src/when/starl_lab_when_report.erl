@@ -67,10 +67,10 @@ row({Moment, Tally}, #{run := #{moments := Moments}} = Report) ->
 -spec share_text(starl_sim_inevitable:tally()) -> unicode:chardata().
 share_text(Tally) ->
     {Broken, N} = Count = count(Tally),
-    {Low, High} = starl_sim_share:interval(Count),
+    {Low, High} = starl_sim_proportion:interval(Count),
     [
         io_lib:format("~5b of ~-5b ~.2f-~.2f  ", [Broken, N, Low, High]),
-        bar(starl_sim_share:share(Count))
+        bar(starl_sim_proportion:share(Count))
     ].
 
 place(0) -> "start";
@@ -122,7 +122,7 @@ flat({N, N}, _Digests) ->
     "inevitable from the start: whatever is drawn, all futures break the contract, so the cause is "
     "in the scenario or the program";
 flat(Count, _Digests) ->
-    {Low, High} = starl_sim_share:interval(Count),
+    {Low, High} = starl_sim_proportion:interval(Count),
     io_lib:format(
         "the share rises nowhere beyond its intervals (at the start it is ~.2f-~.2f): no single "
         "event decides; --futures makes the intervals smaller",
@@ -147,7 +147,7 @@ became(#{}) ->
 
 futures(Tally) ->
     {Broken, N} = Count = count(Tally),
-    {Low, High} = starl_sim_share:interval(Count),
+    {Low, High} = starl_sim_proportion:interval(Count),
     io_lib:format("~b of ~b futures (~.2f-~.2f)", [Broken, N, Low, High]).
 
 event({AtUs, fault, Fault}, _Report, _Width) ->
@@ -222,7 +222,7 @@ others(_Result, _Report) ->
 
 share(Moment, Curve) ->
     {_, Tally} = lists:keyfind(Moment, 1, Curve),
-    starl_sim_share:share(count(Tally)).
+    starl_sim_proportion:share(count(Tally)).
 
 %% What was drawn anew: the answer depends on it.
 draws(#{run := #{scenario := Scenario}, settings := Settings}, Width) ->
@@ -259,8 +259,8 @@ cells({Moment, Tally}, Moments) ->
 -spec share_cells(starl_sim_inevitable:tally()) -> [unicode:chardata()].
 share_cells(Tally) ->
     #{futures := N, broken := Broken, other := Other, unjudged := Unjudged} = Tally,
-    {Low, High} = starl_sim_share:interval({Broken, N}),
-    Share = starl_sim_share:share({Broken, N}),
+    {Low, High} = starl_sim_proportion:interval({Broken, N}),
+    Share = starl_sim_proportion:share({Broken, N}),
     [integer_to_list(Count) || Count <- [N, Broken, Other, Unjudged]] ++
         [number(X) || X <- [Share, Low, High]].
 
@@ -290,8 +290,8 @@ point({Moment, Tally}, Moments) ->
 -spec share_point(AtUs :: integer(), starl_sim_inevitable:tally()) ->
     {float(), float(), float(), float()}.
 share_point(AtUs, Tally) ->
-    {Low, High} = starl_sim_share:interval(count(Tally)),
-    Share = starl_sim_share:share(count(Tally)),
+    {Low, High} = starl_sim_proportion:interval(count(Tally)),
+    Share = starl_sim_proportion:share(count(Tally)),
     {AtUs / 1.0e6, Share, Low, High}.
 
 %% @doc Writes these files and the plot, if there is one, into a directory.

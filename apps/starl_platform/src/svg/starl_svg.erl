@@ -100,7 +100,7 @@ name(Element) ->
 %%% Internals
 
 layered(Root, Names, Max) ->
-    starl_svg_problem:caught(fun() ->
+    starl_svg_error:caught(fun() ->
         Frame = frame(Root),
         #{
             parts => [
@@ -135,7 +135,7 @@ vocabulary(Max) ->
     }.
 
 drawing(Root, Max) ->
-    starl_svg_problem:caught(fun() ->
+    starl_svg_error:caught(fun() ->
         Frame = frame(Root),
         {Shapes, LeftOut} = starl_svg_walk:drawn(Root, Frame, Max),
         #{

@@ -1,11 +1,37 @@
-%% @doc The messages for {@link starl_svg:problem()}: one line that states the problem, its place and
-%% the remedy. A part of the SVG reader, {@link starl_svg}.
+%% @doc Mistakes of a document ({@link starl_svg:problem()}): the first one ends the reading, and becomes one
+%% line that states the problem, its place and the remedy. A part of the SVG reader, {@link starl_svg}.
 -module(starl_svg_error).
 
--export([format/1, line/2, quote/2]).
+-export([fail/1, fail/2, caught/1, format/1, line/2, quote/2]).
+
+-export_type([local/0]).
+
+%% A mistake in an element.
+-type local() ::
+    starl_svg_shape:problem()
+    | {bad_transform, Text :: binary()}
+    | {bad_reference, Text :: binary()}
+    | use_too_deep.
 
 %% Text quoted from a file is cut to this many characters.
 -define(QUOTED, 40).
+
+%% @doc Ends the reading.
+-spec fail(starl_svg:problem()) -> no_return().
+fail(Problem) -> throw({?MODULE, Problem}).
+
+%% @doc Ends the reading because of a mistake in an element.
+-spec fail(local(), starl_svg_xml:element_()) -> no_return().
+fail(Problem, Element) -> fail(placed(Problem, place(Element))).
+
+%% @doc The result of a function, or the mistake at which it ended.
+-spec caught(fun(() -> Result)) -> {ok, Result} | {error, starl_svg:problem()}.
+caught(Fun) ->
+    try Fun() of
+        Result -> {ok, Result}
+    catch
+        throw:{?MODULE, Problem} -> {error, Problem}
+    end.
 
 %% @doc One line of printable text without a line feed, as UTF-8.
 -spec format(starl_svg:problem()) -> binary().
@@ -25,6 +51,22 @@ line(Format, Arguments) ->
 quote(Text, Max) -> [$", shown(Text, Max), $"].
 
 %%% Internals
+
+%% Where an element stands in the document.
+-spec place(starl_svg_xml:element_()) -> starl_svg:where().
+place(Element) ->
+    {
+        starl_svg_xml:name(Element),
+        starl_svg_xml:attribute(<<"id">>, Element, none),
+        starl_svg_xml:line(Element)
+    }.
+
+placed({bad_number, Name, Text}, Where) -> {bad_number, Where, Name, Text};
+placed({bad_path, Offset, Problem}, Where) -> {bad_path, Where, Offset, Problem};
+placed({bad_transform, Text}, Where) -> {bad_transform, Where, Text};
+placed({bad_reference, Text}, Where) -> {bad_reference, Where, Text};
+placed(use_too_deep, Where) -> {use_too_deep, Where};
+placed(too_many, _Where) -> too_many_shapes.
 
 text(empty) ->
     {"the picture is empty; give an SVG file", []};

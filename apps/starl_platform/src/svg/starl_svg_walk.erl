@@ -118,7 +118,7 @@ viewport({X0, Y0, X1, Y1}) -> {X1 - X0, Y1 - Y0}.
 
 %% Counts an element, then lets `Draw' draw it unless it is not displayed.
 visit(_Element, _Context, #walk{visits = 0}, _Draw) ->
-    starl_svg_problem:fail(too_complex);
+    starl_svg_error:fail(too_complex);
 visit(Element, Context0, #walk{visits = Visits} = Walk0, Draw) ->
     Walk = Walk0#walk{visits = Visits - 1},
     case starl_svg_paint:is_displayed(Element) of
@@ -234,9 +234,9 @@ shape(Element, #context{viewport = Viewport, paint = Paint} = Context, Walk) ->
             Placed = placed(Outlines, Context),
             shown(Placed, Seen, Context, part(Placed, Seen, Context, marked(Element, Walk)));
         {error, too_many} ->
-            starl_svg_problem:fail(too_many_shapes);
+            starl_svg_error:fail(too_many_shapes);
         {error, Problem} ->
-            starl_svg_problem:fail(Problem, Element)
+            starl_svg_error:fail(Problem, Element)
     end.
 
 part([], _Seen, _Context, Walk) ->
@@ -309,7 +309,7 @@ areas(Outlines) ->
 
 add(Outlines, #context{clips = Clips}, #walk{curves = Curves, shapes = Done} = Walk) ->
     Count = lists:sum([length(Outline) || Outline <- Outlines]),
-    Count =< Curves orelse starl_svg_problem:fail(too_many_shapes),
+    Count =< Curves orelse starl_svg_error:fail(too_many_shapes),
     Box = starl_svg_area:merge(starl_svg_area:box(Outlines), Walk#walk.box),
     Shapes = [{line, Outline, Clips} || Outline <- Outlines],
     Walk#walk{curves = Curves - Count, box = Box, shapes = lists:reverse(Shapes, Done)}.
@@ -327,7 +327,7 @@ nested(Element, #context{viewport = Viewport} = Context, Walk) ->
     window(Element, Corner, starl_svg_window:extent(Element, Viewport), Context, Walk).
 
 use(Element, #context{uses = ?MAX_USES}, _Walk) ->
-    starl_svg_problem:fail(use_too_deep, Element);
+    starl_svg_error:fail(use_too_deep, Element);
 use(Element, #context{uses = Uses, viewport = Viewport} = Context0, Walk) ->
     Corner = starl_svg_window:corner(Element, Viewport),
     Matrix = starl_svg_window:moved(Element, Corner, Context0#context.matrix),
@@ -347,7 +347,7 @@ repeat(Name, Target, _Extent, Context, Walk) ->
 target(Element, #walk{ids = Ids}) ->
     case starl_svg_xml:attribute(<<"href">>, Element, <<>>) of
         <<$#, Id/binary>> when is_map_key(Id, Ids) -> maps:get(Id, Ids);
-        Text -> starl_svg_problem:fail({bad_reference, Text}, Element)
+        Text -> starl_svg_error:fail({bad_reference, Text}, Element)
     end.
 
 %% Draws the content of an element into a window.

@@ -23,7 +23,7 @@ view_box(Element) ->
         Text ->
             case starl_svg_number:list(Text) of
                 {ok, [X, Y, W, H]} when W >= ?MIN_EXTENT, H >= ?MIN_EXTENT -> {X, Y, W, H};
-                _ -> starl_svg_problem:fail({bad_number, <<"viewBox">>, Text}, Element)
+                _ -> starl_svg_error:fail({bad_number, <<"viewBox">>, Text}, Element)
             end
     end.
 
@@ -32,7 +32,7 @@ view_box(Element) ->
 number(Element, Name, Whole, Default) ->
     case starl_svg_shape:number(Element, Name, Whole, Default) of
         {ok, Number} -> Number;
-        {error, Problem} -> starl_svg_problem:fail(Problem, Element)
+        {error, Problem} -> starl_svg_error:fail(Problem, Element)
     end.
 
 %% @doc The position of an element.
@@ -144,4 +144,4 @@ multiply(Element, Outer, Inner) ->
 -spec bad_transform(element_()) -> no_return().
 bad_transform(Element) ->
     Text = starl_svg_xml:attribute(<<"transform">>, Element, <<>>),
-    starl_svg_problem:fail({bad_transform, Text}, Element).
+    starl_svg_error:fail({bad_transform, Text}, Element).

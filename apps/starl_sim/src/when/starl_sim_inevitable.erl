@@ -156,7 +156,7 @@ rises(Curve) ->
 pairs([A, B | Rest]) -> [{A, B} | pairs([B | Rest])];
 pairs(_) -> [].
 
-share(Tally) -> starl_sim_share:share(count(Tally)).
+share(Tally) -> starl_sim_proportion:share(count(Tally)).
 
 count(#{broken := Broken, futures := N}) -> {Broken, N}.
 
@@ -174,4 +174,4 @@ result(Step, #search{curve = Curve, stopped = Stopped} = Search) ->
     }.
 
 is_sure({Low, High}, Curve) ->
-    starl_sim_share:are_apart(count(maps:get(Low, Curve)), count(maps:get(High, Curve))).
+    starl_sim_proportion:are_apart(count(maps:get(Low, Curve)), count(maps:get(High, Curve))).

@@ -1,5 +1,5 @@
 %% @doc The share of trials that came out in some way, with its confidence interval.
--module(starl_sim_share).
+-module(starl_sim_proportion).
 
 -export([share/1, interval/1, are_apart/2]).
 

@@ -1,10 +1,10 @@
 %% The share of trials and its interval, against values that were computed elsewhere.
--module(starl_sim_share_tests).
+-module(starl_sim_proportion_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 wilson_test_() ->
     [
-        ?_assertEqual({Low, High}, rounded(starl_sim_share:interval(Count)))
+        ?_assertEqual({Low, High}, rounded(starl_sim_proportion:interval(Count)))
      || {Count, Low, High} <- [
             {{0, 10}, 0.0, 0.278},
             {{0, 20}, 0.0, 0.161},
@@ -19,6 +19,6 @@ wilson_test_() ->
 rounded({Low, High}) -> {round(1000 * Low) / 1000, round(1000 * High) / 1000}.
 
 shares_are_apart_only_beyond_both_intervals_test() ->
-    ?assert(starl_sim_share:are_apart({2, 20}, {18, 20})),
-    ?assertNot(starl_sim_share:are_apart({18, 20}, {2, 20})),
-    ?assertNot(starl_sim_share:are_apart({8, 20}, {12, 20})).
+    ?assert(starl_sim_proportion:are_apart({2, 20}, {18, 20})),
+    ?assertNot(starl_sim_proportion:are_apart({18, 20}, {2, 20})),
+    ?assertNot(starl_sim_proportion:are_apart({8, 20}, {12, 20})).
