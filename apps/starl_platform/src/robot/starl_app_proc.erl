@@ -63,10 +63,10 @@
     steps = 0 :: non_neg_integer(),
     %% words on new code, to be heeded before the next step, in their order
     switches = [] :: [starl_reload:word()],
-    %% the versions of its code, with {@link kept()}
+    %% the versions of its code, with {@link starl_app_code:kept()}
     lineage :: starl_lineage:t(),
     %% the states with which it goes on, if the former code crashes with what new code has left
-    resorts = [] :: [resort()],
+    resorts = [] :: [starl_app_code:resort()],
     %% the application is done
     over = false :: boolean(),
     %% while a step may be taken back: the messages that it has read, newest first; those of a step
@@ -91,17 +91,7 @@
 -type snapshot() :: #{turn := tuple(), at := place(), log := [entry()]}.
 
 %% Before its first step, before this step, or after its end.
--type place() :: init | {step, running()} | over.
-
-%% The way back from a version: that of the code before, the state before the switch, and whether
-%% the new code has converted it. `none' in an application that has started with this version.
--type kept() :: #{md5 := binary(), state := term(), converted := boolean()}.
-
-%% The state before the switch to a version.
--type resort() :: {starl_reload:count(), State :: term()}.
-
-%% What runs: the module, its next state, and the version of the code that has made it.
--type running() :: {module(), State :: term(), Md5 :: binary()}.
+-type place() :: init | {step, starl_app_code:running()} | over.
 
 %% A message that waits in the inbox.
 -type message() :: {From :: starl:robot_id(), starl_packet:type(), Body :: term()}.
@@ -166,7 +156,7 @@ kept_from(false) -> none.
 run(Robot, Module, Args) ->
     guarded(fun() ->
         ok = begun(init),
-        loop(Robot, Module, Module:init(Robot, Args), version(Module))
+        loop(Robot, Module, Module:init(Robot, Args), starl_app_code:version(Module))
     end).
 
 resumed(init, Robot, Args) ->
@@ -528,7 +518,7 @@ switched(Running, #turn{switches = [Word | Words]} = Turn) ->
     _ = put(?TURN, Turn#turn{switches = Words}),
     switched(heeded(Word, Running), turn()).
 
--spec heeded(starl_reload:word(), running()) -> running().
+-spec heeded(starl_reload:word(), starl_app_code:running()) -> starl_app_code:running().
 heeded({take, #{number := N} = Switch}, Running) ->
     #turn{lineage = Lineage} = turn(),
     case starl_lineage:has(N, Lineage) of
@@ -550,11 +540,11 @@ heeded({back, N, Robot}, Running) ->
     end.
 
 taken(#{number := N, module := New} = Switch, {_Module, State, Md5} = Running) ->
-    case carried(New, State, Md5) of
+    case starl_app_code:carried(New, State, Md5) of
         {ok, Next} ->
             Taken = on_trial(Switch, State, Md5, turn()),
             tell([starl_reload:told(N, taken, nobody, Taken)]),
-            {New, Next, version(New)};
+            {New, Next, starl_app_code:version(New)};
         {failed, Cause} ->
             #turn{lineage = Lineage} = turn(),
             tell([starl_reload:told(N, {migration_failed, Cause}, nobody, Lineage)]),
@@ -565,18 +555,15 @@ taken(#{number := N, module := New} = Switch, {_Module, State, Md5} = Running) -
 on_trial(#{module := New} = Switch, State, Md5, Turn) ->
     #turn{now = Now, lineage = Lineage, resorts = Resorts} = Turn,
     {_, Proven} = lists:last([{New, State} | Resorts]),
-    Taken = starl_lineage:take(Switch#{kept => kept(New, Proven, Md5)}, Now, Lineage),
+    Taken = starl_lineage:take(
+        Switch#{kept => starl_app_code:kept(New, Proven, Md5)}, Now, Lineage
+    ),
     _ = put(?TURN, Turn#turn{module = New, lineage = Taken, resorts = []}),
     Taken.
 
--spec kept(module(), State :: term(), Md5 :: binary()) -> kept().
-kept(New, State, Md5) -> #{md5 => Md5, state => State, converted => converts(New)}.
-
-converts(Module) -> erlang:function_exported(Module, code_change, 2).
-
 sent_back(Outcome, Left, Earlier, {_, State, _}) ->
     #turn{module = Module} = Turn = turn(),
-    case way_back(Left, Earlier, State) of
+    case starl_app_code:way_back(Left, Earlier, State) of
         none ->
             tell(starl_reload:left(Outcome, nobody, {Left, Earlier})),
             %% the driver carries it out when the application blocks
@@ -595,10 +582,10 @@ taken_back(Cause, Module, _State, #turn{resorts = [{N, Before} | Resorts]} = Tur
     #turn{lineage = Lineage} = Turn,
     _ = put(?TURN, unread(Turn#turn{resorts = Resorts})),
     tell([starl_reload:told(N, {restored, Cause}, others, Lineage)]),
-    {Module, Before, version(Module)};
+    {Module, Before, starl_app_code:version(Module)};
 taken_back(Cause, _Module, State, #turn{lineage = Lineage} = Turn) ->
     {Left, Earlier} = starl_lineage:back(Lineage),
-    case way_back(Left, Earlier, State) of
+    case starl_app_code:way_back(Left, Earlier, State) of
         none ->
             none;
         {Former, Resorts} ->
@@ -612,30 +599,6 @@ unread(#turn{read = Read, again = Again} = Turn) ->
 
 back_on(Earlier, Resorts, Turn) ->
     Turn#turn{module = starl_lineage:code(Earlier), lineage = Earlier, resorts = Resorts}.
-
-%% The state with which the former code goes on: the one before the last version that has converted
-%% it; and those to try next, if the former code crashes with that. `none': what has started with
-%% code that converts states has none for the former code.
-way_back(Left, Earlier, State) ->
-    Former = starl_lineage:code(Earlier),
-    case lists:foldl(fun before/2, [{now, State}], Left) of
-        [] -> none;
-        [{_, Best} | Resorts] -> {{Former, Best, md5(Left, Former)}, Resorts}
-    end.
-
--spec before(starl_lineage:version(), Best) -> Best when
-    Best :: [{starl_reload:count() | now, State :: term()}].
-before(#{number := N, kept := #{state := Before, converted := Converted}}, States) ->
-    [State || State <- States, not Converted] ++ [{N, Before}];
-before(#{module := Module, kept := none}, States) ->
-    [State || State <- States, not converts(Module)].
-
-%% The version of the former code that has made the state.
-md5(Left, Former) ->
-    case lists:last(Left) of
-        #{kept := #{md5 := Md5}} -> Md5;
-        #{kept := none} -> version(Former)
-    end.
 
 tell(Told) -> perform([{reloaded, One} || One <- Told]).
 
@@ -659,14 +622,12 @@ hear(Word, #turn{switches = Words} = Turn) ->
     _ = put(?TURN, Turn#turn{switches = Words ++ [Word]}),
     ok.
 
-version(Module) -> Module:module_info(md5).
-
 %% A state never meets code that cannot take it over: the application waits with it before the
 %% next step until suitable code is loaded. The code that the state came from is suitable.
 upgrade(Module, State, Old) ->
-    case version(Module) of
+    case starl_app_code:version(Module) of
         Old -> {State, Old};
-        New -> upgrade(carried(Module, State, Old), Module, State, Old, New)
+        New -> upgrade(starl_app_code:carried(Module, State, Old), Module, State, Old, New)
     end.
 
 upgrade({ok, Next}, _Module, _State, _Old, New) ->
@@ -680,21 +641,9 @@ upgrade({failed, Cause}, Module, State, Old, New) ->
 
 await_other_code(Module, Failed) ->
     ok = sleep(?OTHER_CODE_US),
-    case version(Module) of
+    case starl_app_code:version(Module) of
         Failed -> await_other_code(Module, Failed);
         _ -> ok
-    end.
-
-carried(Module, State, Old) ->
-    try
-        {module, Module} = code:ensure_loaded(Module),
-        case erlang:function_exported(Module, code_change, 2) of
-            true -> {ok, Module:code_change(State, Old)};
-            false -> {ok, State}
-        end
-    catch
-        Class:Reason:Stack ->
-            {failed, starl_crash:cause(starl_crash:reason(Class, Reason, Stack))}
     end.
 
 await_new(Types, Us) ->
