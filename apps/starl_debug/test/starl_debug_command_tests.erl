@@ -270,7 +270,7 @@ a_clock_beyond_sigma_test_() ->
         Args = ["debug" | Files] ++ ["--quiet", "--predicate", "two_owners", "--sigma"],
         one_line(2, "the clocks of r1 and r2 differ by 9", Args ++ ["50ms"]),
         says(0, ["NEVER true\n"], Args ++ ["110ms"]),
-        says(0, ["NEVER true\n"], Args ++ ["auto"])
+        says(0, ["NEVER true\n", "the clock of r2, less that of r1: 9"], Args ++ ["auto"])
     end).
 
 what_is_no_recording_test_() ->

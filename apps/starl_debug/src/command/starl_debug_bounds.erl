@@ -1,11 +1,12 @@
 %% @doc The flag `--sigma' of the commands that do not trust the robots' clocks.
 -module(starl_debug_bounds).
 
--export([flag/1, drift/0, read/1, bounds/3, words/1, ms/1]).
+-export([flag/1, drift/0, read/1, bounds/3, words/1, offsets/2, ms/1]).
 
 %% What nothing was said of.
 -define(SIGMA_US, 10000).
 -define(MOST_S, 60).
+-define(MOST_ROBOTS, 8).
 
 %% @doc The flag, with its default in words.
 -spec flag(string()) -> starl_cli_flags:flag().
@@ -72,6 +73,30 @@ within(Sigma, _Possible) ->
 words(Sigma) when is_integer(Sigma) -> ["any two clocks within ", ms(Sigma)];
 words(Bounds) ->
     ["clocks as messages bound them, at worst within ", ms(starl_debug_clocks:widest(Bounds))].
+
+%% @doc What the messages say of each clock, beside that of the first robot, over the whole recording.
+-spec offsets(non_neg_integer() | starl_debug_clocks:bounds(), starl_debug_recording:t()) ->
+    unicode:chardata().
+offsets(Sigma, _Recording) when is_integer(Sigma) ->
+    "";
+offsets(Bounds, #{robots := [First | Others], extent := Extent}) ->
+    [
+        [
+            io_lib:format("the clock of r~b, less that of r~b: ", [R, First]),
+            offset(starl_debug_envelope:offset(First, R, Extent, Bounds)),
+            "\n"
+        ]
+     || R <- lists:sublist(Others, ?MOST_ROBOTS)
+    ] ++
+        [
+            io_lib:format("and ~b robots more\n", [length(Others) - ?MOST_ROBOTS])
+         || length(Others) > ?MOST_ROBOTS
+        ].
+
+offset({Least, Most}) when Most - Least >= 2 * 1000000 * ?MOST_S ->
+    "not bounded by packets of both";
+offset({Least, Most}) ->
+    [ms(Least), " .. ", ms(Most)].
 
 %% @doc Microseconds as milliseconds.
 -spec ms(integer()) -> unicode:chardata().

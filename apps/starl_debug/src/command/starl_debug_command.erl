@@ -171,6 +171,7 @@ drawing(#{quiet := false}) -> auto.
 told(Answer, Formula, Recording, Options, Values) ->
     starl_cli_terminal:out([
         head(Recording, Options),
+        starl_debug_bounds:offsets(maps:get(sigma, Options), Recording),
         doubts(Recording),
         answer(Answer, Recording, Values),
         explained(Answer, Formula, Recording, Options, Values)
