@@ -10,7 +10,7 @@ judge(Events) -> judge(Events, #{}).
 judge(Events, Changes) ->
     Config = maps:merge(
         #{
-            exercise => starl_sap_exercise,
+            exercise => starl_sap_block,
             robots => [1, 2, 3],
             healed_us => 100 * ?S,
             within_us => 20 * ?S,
@@ -41,7 +41,7 @@ call(What, Ms, Since, Outcome, At) ->
 %% How many calls were promised something, when they ended.
 judged_test() ->
     Config = #{
-        exercise => starl_sap_exercise,
+        exercise => starl_sap_block,
         robots => [1, 2, 3],
         healed_us => 100 * ?S,
         within_us => 20 * ?S,
@@ -87,7 +87,7 @@ quiet_core_test() ->
 %% What is told of a call: when it ended, whose it was, since when, and how it came out.
 told_test() ->
     Config = #{
-        exercise => starl_sap_exercise,
+        exercise => starl_sap_block,
         robots => [1, 2, 3],
         healed_us => 100 * ?S,
         within_us => 20 * ?S,
@@ -167,7 +167,7 @@ settling_test() ->
 
 %% Whoever sends first after a restart, its own or the receiver's, may find that out instead, once.
 finds_out_test() ->
-    Kind = #{exercise => starl_sap_exercise},
+    Kind = #{exercise => starl_sap_block},
     Started = fun(T, Robot, N) -> {T, Robot, sap, {started, N}} end,
     Acked = fun(T) -> {T, 1, sap, {outcome, {1, 1, 1}, 2, acknowledged}} end,
     [
@@ -196,7 +196,7 @@ refused(What, T, Outcome) ->
 
 %% A broadcast names those that it did not reach.
 broadcast_finds_out_test() ->
-    Kind = #{exercise => starl_sap_exercise},
+    Kind = #{exercise => starl_sap_block},
     Again = {50, 2, sap, {started, 2}},
     Refused = fun(T, Robots) -> refused(broadcast, T, {error, {lost, Robots}}) end,
     ?assertEqual([], judge([Again | Refused(110, [2])], Kind)),
@@ -376,7 +376,7 @@ registers_test() ->
 %% A halt that is told when it is over is a heal: what is promised from then on counts from its end.
 halted_test() ->
     Config = #{
-        exercise => starl_sap_exercise,
+        exercise => starl_sap_block,
         robots => [1, 2, 3],
         healed_us => 0,
         within_us => 20,
@@ -407,7 +407,7 @@ interests_test() ->
         )
     end,
     Exercises = [
-        starl_sap_exercise, starl_barrier_exercise, starl_mutex_exercise, starl_geocast_exercise
+        starl_sap_block, starl_barrier_exercise, starl_mutex_exercise, starl_geocast_exercise
     ],
     [
         ?assertEqual(

@@ -64,7 +64,7 @@
     events = [] :: [starl_sim_queue:event()],
     %% after this number of events it halts until it is resumed, or turns off into a branch
     stop = none :: pos_integer() | {branch, Events :: non_neg_integer(), Later :: map()} | none,
-    hold = {0, 0} :: starl_sim_lag:t(),
+    hold = {0, 0} :: starl_sim_queue:hold(),
     %% until when it stands still, if it does so in a step of a machine that a fault has named
     still = 0 :: starl_sim_queue:time(),
     crashes = [] :: [{starl_machine:name(), Reason :: term()}],
@@ -77,7 +77,7 @@
     parts := starl_robot:parts(),
     body := map(),
     planned := [starl_sim_queue:event()],
-    hold := starl_sim_lag:t(),
+    hold := starl_sim_queue:hold(),
     still := starl_sim_queue:time(),
     despair := starl_sim_crash_loop:t()
 }.
@@ -472,7 +472,7 @@ wait_turn(Site) -> postpone(settle(Site)).
 
 %% An event that comes while the robot is held up waits, in this window or for a later one.
 postpone(#robot{events = Events, hold = Hold} = Site) ->
-    {Late, Ready} = starl_sim_lag:part(Events, Hold),
+    {Late, Ready} = starl_sim_queue:delayed(Events, Hold),
     settle(body(starl_sim_platform:postpone(Late, body(Site)), Site#robot{events = Ready})).
 
 %% A machine has ended. Virtual time waits until it has been restarted.

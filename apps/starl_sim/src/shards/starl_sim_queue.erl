@@ -2,10 +2,12 @@
 %% each, and a bucket is sorted when its time comes. So adding costs O(1), and taking costs
 %% the sort. The buckets of the next windows form a wheel, later buckets a map.
 -module(starl_sim_queue).
+-include_lib("starl_platform/include/starl_robot_order.hrl").
 
 -export([new/1, add/2, add_all/2, take_window/2, next_time/1, size/1, of_robot/2]).
+-export([delayed/2]).
 
--export_type([t/0, event/0, time/0]).
+-export_type([t/0, event/0, time/0, hold/0]).
 
 %% Virtual time in microseconds.
 -type time() :: non_neg_integer().
@@ -19,6 +21,10 @@
     Seq :: non_neg_integer(),
     Content :: term()
 }.
+
+%% What holds up a robot that is paused, or slow: no event is handled before `UntilUs', nor earlier than `LagUs'
+%% after its arrival.
+-type hold() :: {UntilUs :: time(), LagUs :: non_neg_integer()}.
 
 %% The number of windows in the wheel: most timers, and the legs that robots drive, end within them.
 %% The wheel has rows, since a tuple is copied whenever one of its elements is set.
@@ -182,3 +188,20 @@ smallest(Order) ->
         true -> none;
         false -> gb_sets:smallest(Order)
     end.
+
+%% @doc Splits the events of a robot that is held up into delayed ones, at their new times, and those that are
+%% not delayed. The faults themselves strike on time.
+-spec delayed([event()], hold()) ->
+    {Late :: [event()], Ready :: [event()]}.
+delayed(Events, Hold) ->
+    {Late, Ready} = lists:partition(fun(Event) -> held(Event, Hold) =/= Event end, Events),
+    {[held(Event, Hold) || Event <- Late], Ready}.
+
+held({_, _, ?CLASS_WORLD, _, _, _} = Event, _Hold) ->
+    Event;
+held({Id, Time, Class, Source, Seq, {late, _} = Content}, {Until, _Lag}) ->
+    {Id, max(Time, Until), Class, Source, Seq, Content};
+held({Id, Time, Class, Source, Seq, Content}, {Until, 0}) ->
+    {Id, max(Time, Until), Class, Source, Seq, Content};
+held({Id, Time, Class, Source, Seq, Content}, {Until, Lag}) ->
+    {Id, max(Time + Lag, Until), Class, Source, Seq, {late, Content}}.
