@@ -103,7 +103,7 @@ a_missing_word_is_named_test_() ->
             {2, Text} = said([Command:name()]),
             {required, Placeholder, _} = starl_cli_command:argument(Command),
             Word =
-                case string:lowercase(Placeholder) of
+                case string:trim(string:lowercase(Placeholder), trailing, ".") of
                     "files" -> "files";
                     "action" -> "an action";
                     Other -> "a " ++ Other

@@ -49,5 +49,32 @@ event({Supervisor, What, Reason}) ->
         msg => {report, #{label => {supervisor, What}, report => Report}}
     }.
 
-said(#{msg := {report, Report}, meta := Meta}) when map_size(Meta) =:= 0 -> Report;
+said(#{msg := {report, #{what := _} = Report}}) -> Report;
 said(Other) -> Other.
+
+%% ... which is a line for people, however it ended.
+words_test_() ->
+    Ends = [
+        {store, <<"robot-2: no space left on device">>},
+        outlived,
+        gave_up,
+        {transport, <<"in use">>},
+        {anything, 'else'}
+    ],
+    Events =
+        [event({{pid, starl_live_robot}, child_terminated, {shutdown, End}}) || End <- Ends] ++
+            [
+                event({{pid, starl_robot_sup}, child_terminated, killed}),
+                event({{pid, starl_live_robot}, shutdown, reached_max_restart_intensity})
+            ],
+    Lines = [line(starl_live_log:again(Event, [])) || Event <- Events],
+    [
+        ?_assertEqual([], [Line || Line <- Lines, string:find(Line, "what:") =/= nomatch]),
+        ?_assertEqual(
+            "its store cannot be written: robot-2: no space left on device; it starts anew",
+            hd(Lines)
+        )
+    ].
+
+line(Event) ->
+    lists:flatten(logger_formatter:format(Event, #{single_line => true, template => [msg]})).

@@ -54,9 +54,11 @@ is_subject(Choices, Word) -> lists:member(Word, names(Choices)).
 is_help_wanted(Args) -> lists:member("--help", Args) orelse lists:member("-h", Args).
 
 without_word({required, Placeholder, Known}, Command, _Args) ->
-    {error, [["name ", one(string:lowercase(Placeholder)), " first, ", hint(Known, Command)]]};
+    {error, [["name ", one(word(Placeholder)), " first, ", hint(Known, Command)]]};
 without_word(_Argument, Command, Args) ->
     parsed(Command, none, Args, Args).
+
+word(Placeholder) -> string:trim(string:lowercase(Placeholder), trailing, ".").
 
 one("files") ->
     "files";

@@ -11,12 +11,12 @@ name() -> "new".
 synopsis() -> "begin a project of your own".
 
 -spec argument() -> starl_cli_command:argument().
-argument() -> {required, "NAME", {example, "patrol"}}.
+argument() -> {required, "PROJECT", {example, "patrol"}}.
 
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
-        "Makes the directory NAME with a program for a team of robots, its contract, a scenario, a "
+        "Makes the directory PROJECT with a program for a team of robots, its contract, a scenario, a "
         "test, properties under random faults and a workflow for continuous integration. It depends "
         "on this StarL by one line: on the repository that it was cloned from, at this commit.",
         {lines, "  ./starl new patrol\n  cd patrol\n  rebar3 eunit"}

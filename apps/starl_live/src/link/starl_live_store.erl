@@ -120,9 +120,13 @@ keep(Name, Term, #store{dir = Dir}) ->
         ok ->
             ok;
         {error, Why} ->
-            logger:error(#{what => store_failed, machine => Name, why => Why}),
+            Report = #{what => store_failed, machine => Name, why => Why},
+            logger:error(Report, #{report_cb => fun failed/1}),
             full
     end.
+
+failed(#{machine := Name, why := Why}) ->
+    {"what ~ts wanted to store was not stored: ~ts", [Name, file:format_error(Why)]}.
 
 %% @doc The stored term for a machine that starts now.
 -spec kept(starl_machine:name(), t()) -> starl_machine:stored().

@@ -56,7 +56,24 @@ again(_Event, []) ->
 
 %% The text is no more the supervisor's.
 says(Report, #{meta := Meta} = Event) ->
-    Event#{msg := {report, Report}, meta := maps:remove(report_cb, Meta)}.
+    Event#{msg := {report, Report}, meta := Meta#{report_cb => fun words/1}}.
+
+words(#{what := store_unwritable, why := Why}) ->
+    {"its store cannot be written: ~ts; it starts anew", [Why]};
+words(#{what := robot_starts_anew, why := gave_up}) ->
+    {"it starts anew: its machines have ended too often", []};
+words(#{what := robot_starts_anew, why := outlived}) ->
+    {"it starts anew: its store is older than what others have heard of it", []};
+words(#{what := robot_starts_anew, why := {Line, Why}}) when is_binary(Why) ->
+    {"it starts anew: its ~ts: ~ts", [Line, Why]};
+words(#{what := robot_starts_anew, why := Why}) ->
+    {"it starts anew: ~0tp", [Why]};
+words(#{what := node_ends, why := reached_max_restart_intensity}) ->
+    {"its node ends: it has started anew too often", []};
+words(#{what := node_ends, why := Why}) ->
+    {"its node ends: ~0tp", [Why]};
+words(#{what := machine_ended, machine := Machine, why := Why}) ->
+    {"its machine ~ts has ended: ~0tp", [Machine, Why]}.
 
 starts_anew({store, Why}) -> #{what => store_unwritable, why => Why};
 starts_anew(Why) -> #{what => robot_starts_anew, why => Why}.
