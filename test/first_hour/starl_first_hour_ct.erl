@@ -1,16 +1,36 @@
 %% A terminal for the tests: shell lines that call ./starl from a directory of their own.
 -module(starl_first_hour_ct).
 
--export([sh/2, sh/3, root/0, path/0, contains/2, write/2, repository/1]).
+-export([sh/2, sh/3, until/3, root/0, path/0, contains/2, write/2, repository/1]).
 
 %% Runs a line of sh in a directory; $starl is the script of the checkout. Gives the exit status and
 %% what both outputs said.
 sh(Line, Dir) -> sh(Line, Dir, []).
 
-sh(Line, Dir, Env) ->
+sh(Line, Dir, Env) -> rest(shell(Line, Dir, Env), "").
+
+%% Runs a line of sh until both outputs have said what matches, and reads no more of it then.
+until(Line, Pattern, Dir) ->
+    Port = shell(Line, Dir, []),
+    Answer = matched(Port, Pattern, ""),
+    catch port_close(Port),
+    Answer.
+
+matched(Port, Pattern, Text) ->
+    receive
+        {Port, {data, More}} ->
+            case re:run(Text ++ More, Pattern) of
+                {match, _} -> {ok, Text ++ More};
+                nomatch -> matched(Port, Pattern, Text ++ More)
+            end;
+        {Port, {exit_status, Status}} ->
+            {ended, Status, Text}
+    end.
+
+shell(Line, Dir, Env) ->
     Root = root(),
     ok = filelib:ensure_path(Dir),
-    Port = open_port({spawn_executable, os:find_executable("sh")}, [
+    open_port({spawn_executable, os:find_executable("sh")}, [
         {args, ["-c", Line]},
         {cd, Dir},
         exit_status,
@@ -23,8 +43,7 @@ sh(Line, Dir, Env) ->
             {"PATH", path()}
             | Env
         ]}
-    ]),
-    rest(Port, "").
+    ]).
 
 rest(Port, Text) ->
     receive

@@ -5,7 +5,7 @@
 
 -define(NETWORK, "10.77.0.").
 
--export([allowed/0, up/1, down/1, on/3, sh/2, unplug/2, plug/2]).
+-export([allowed/0, up/1, down/1, on/3, sh/2, until/3, unplug/2, plug/2]).
 -export([deafen/3, hears/3, address/3, set_clock/3]).
 
 %% Why there can be no such computers here; `yes' otherwise.
@@ -81,9 +81,15 @@ on(N, Line, #{tag := Tag, dir := Dir}) ->
     ).
 
 %% Runs a line of sh on the administrator's computer, in the directory; $starl is the script.
-sh(Line, #{tag := Tag, dir := Dir}) ->
+sh(Line, Hosts) -> starl_first_hour_ct:sh(line(Line, Hosts), maps:get(dir, Hosts)).
+
+%% The same, until it has said this.
+until(Line, Pattern, Hosts) ->
+    starl_first_hour_ct:until(line(Line, Hosts), Pattern, maps:get(dir, Hosts)).
+
+line(Line, #{tag := Tag, dir := Dir}) ->
     ok = file:write_file(filename:join(Dir, "line.sh"), Line),
-    starl_first_hour_ct:sh("ip netns exec " ++ Tag ++ "-0 sh ./line.sh", Dir).
+    "ip netns exec " ++ Tag ++ "-0 sh ./line.sh".
 
 %% The clock of a computer is this far ahead of the others' from now on.
 set_clock(N, Seconds, Hosts) ->

@@ -171,28 +171,27 @@ cloned(Config) ->
     ?assertMatch({match, [_]}, re:run(Log, "hears two robots", [global])),
     ok = both_hear(Hosts).
 
-%% A look takes a second or so, on a fast computer half of that; what is looked for takes its seconds on
-%% any. Only what never comes runs out of looks.
--define(LOOKS, 60).
-
 both_hear(Hosts) -> until("(robot [12] .*, hears 1 of 1 others.*\n){2}", Hosts).
 
-until(Pattern, Hosts) -> timed("status", Pattern, Hosts).
-
-until_log(N, Pattern, Hosts) -> timed("logs " ++ integer_to_list(N), Pattern, Hosts).
-
 %% How long it took until it was told, with the looks themselves, each of which is an ssh to each robot.
-timed(Words, Pattern, Hosts) ->
+until(Pattern, Hosts) ->
     Begun = erlang:monotonic_time(millisecond),
-    ok = until(Words, Pattern, ?LOOKS, Hosts),
+    {ok, Said} = starl_fleet_hosts:until(
+        "exec \"$starl\" deploy fleet.term status --watch 1", Pattern, Hosts
+    ),
     Ms = erlang:monotonic_time(millisecond) - Begun,
-    ct:pal("told after ~.1f s: ~ts", [Ms / 1000, Pattern]).
+    ct:pal("told after ~.1f s: ~ts~n~ts", [Ms / 1000, Pattern, Said]).
 
-until(Words, Pattern, Looks, Hosts) ->
-    {_, Said} = deploy(Words, Hosts),
+%% A look takes a second or so, on a fast computer half of that. Only what never comes runs out of looks.
+-define(LOOKS, 60).
+
+until_log(N, Pattern, Hosts) -> until_log(N, Pattern, ?LOOKS, Hosts).
+
+until_log(N, Pattern, Looks, Hosts) ->
+    {_, Said} = deploy("logs " ++ integer_to_list(N), Hosts),
     case re:run(Said, Pattern) of
         {match, _} -> ok;
-        nomatch when Looks > 0 -> until(Words, Pattern, Looks - 1, Hosts);
+        nomatch when Looks > 0 -> until_log(N, Pattern, Looks - 1, Hosts);
         nomatch -> error({never, Pattern, Said})
     end.
 
@@ -201,7 +200,7 @@ reloads(Config) ->
     Hosts = ?config(hosts, Config),
     app(second, Hosts),
     {0, _} = deploy("reload loop --trial 1", Hosts),
-    ok = both_done(Hosts, ?LOOKS).
+    ok = both_done(Hosts).
 
 %% A release whose robots crash: all are back on the one before, and told why.
 goes_back(Config) ->
@@ -255,18 +254,12 @@ over_tls(Config) ->
             app(second, Hosts),
             {0, _} = sh("\"$starl\" keys fleet.term", Hosts),
             {0, _} = deploy("--trial 2", Hosts),
-            ok = both_done(Hosts, ?LOOKS)
+            ok = both_done(Hosts)
     end.
 
-%% An election takes its time, during which the robots are well already.
-both_done(_Hosts, 0) ->
-    never;
-both_done(Hosts, Looks) ->
-    {0, Status} = deploy("status", Hosts),
-    case re:run(Status, "is done: {second,([12])}", [global, {capture, all_but_first, list}]) of
-        {match, [[Leader], [Leader]]} -> ok;
-        _ -> both_done(Hosts, Looks - 1)
-    end.
+%% An election takes its time, during which the robots are well already. Both name one leader.
+both_done(Hosts) ->
+    until("is done: {second,([12])}.*\n.*is done: {second,\\1}", Hosts).
 
 stops(Config) ->
     Hosts = ?config(hosts, Config),

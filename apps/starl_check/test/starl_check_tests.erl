@@ -146,7 +146,7 @@ spread_test_() ->
             {mutex, 2, #{loss => 1, crash => 1}},
             {election, 3, #{late => 1}},
             {barrier, 2, #{timeout => 1}},
-            {sap, 2, #{crash => 1}}
+            {sap, 2, #{dup => 1}}
         ]
     ].
 

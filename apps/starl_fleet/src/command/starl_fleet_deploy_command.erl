@@ -32,7 +32,7 @@ about(_Subject) ->
         "starts it there, and waits until every robot is well. If one is not, all robots go back to the "
         "release before. Nothing on a robot changes before all have been found able to run it.",
         {list, "Afterwards", [
-            {"deploy F status", "how each robot is"},
+            {"deploy F status", "how each robot is; --watch 2 tells it again each 2 s"},
             {"deploy F logs [N]", "the latest lines of the robots' logs, or of robot N"},
             {"deploy F fetch DIR", "the robots' recordings, into DIR/robot-1, DIR/robot-2, ..."},
             {"deploy F stop", "stops the robots until the next deploy"},
@@ -52,7 +52,9 @@ flags(_Subject) ->
                 "ours: the release carries Erlang, for computers like this one; there: the robots have "
                 "their own"},
             {build_there, switch, false, "the robots compile the sources with their own Erlang"},
-            {trial, {integer, 1, 3600}, 5, "a robot must have been well for this long, s"}
+            {trial, {integer, 1, 3600}, 5, "a robot must have been well for this long, s"},
+            {watch, {optional, {integer, 1, 3600}}, none,
+                "status tells again each so many seconds, until Ctrl-C"}
         ]}
     ].
 
@@ -148,16 +150,34 @@ act(stop, #{fleet := Fleet}, _Values) ->
     each(starl_fleet_deploy:ask("stop", numbers(Fleet), Fleet), fun(N, _) ->
         io_lib:format("robot ~b: stopped\n", [N])
     end);
-act(status, #{fleet := #{robots := Robots} = Fleet}, _Values) ->
-    each(starl_fleet_deploy:ask("status", numbers(Fleet), Fleet), fun(N, Said) ->
-        starl_fleet_status:line(N, maps:get(N, Robots), Said)
-    end);
+act(status, #{fleet := Fleet}, #{watch := none}) ->
+    told_status(Fleet);
+act(status, #{fleet := Fleet}, #{watch := Seconds}) ->
+    watch(Fleet, Seconds);
 act({logs, Which}, #{fleet := Fleet}, _Values) ->
     Numbers = [N || N <- numbers(Fleet), Which =:= all orelse Which =:= N],
     Words = "logs " ++ integer_to_list(?LOG_LINES),
     each(starl_fleet_deploy:ask(Words, Numbers, Fleet), fun(N, Said) ->
         [io_lib:format("robot ~b: ~ts\n", [N, Line]) || Line <- string:lexemes(Said, "\n")]
     end).
+
+told_status(#{robots := Robots} = Fleet) ->
+    each(starl_fleet_deploy:ask("status", numbers(Fleet), Fleet), fun(N, Said) ->
+        starl_fleet_status:line(N, maps:get(N, Robots), Said)
+    end).
+
+%% Until Ctrl-C, or until nobody reads it any more.
+watch(Fleet, Seconds) ->
+    Status = told_status(Fleet),
+    starl_cli_terminal:out("\n"),
+    case starl_cli_terminal:lost() of
+        none ->
+            receive
+            after 1000 * Seconds -> watch(Fleet, Seconds)
+            end;
+        _ ->
+            Status
+    end.
 
 fetched(N, []) ->
     io_lib:format("robot ~b: no recording\n", [N]);
