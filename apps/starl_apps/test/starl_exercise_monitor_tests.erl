@@ -39,7 +39,7 @@ call(What, Ms, Since, Outcome, At) ->
     [{Since, 1, app, {call, What, Ms}}, {At, 1, app, {answer, Outcome}}].
 
 %% How many calls were promised something, when they ended.
-judged_test() ->
+calls_that_were_promised_something_are_counted_test() ->
     Config = #{
         exercise => starl_sap_block,
         robots => [1, 2, 3],
@@ -85,7 +85,7 @@ quiet_core_test() ->
     ).
 
 %% What is told of a call: when it ended, whose it was, since when, and how it came out.
-told_test() ->
+a_broken_promise_tells_of_its_call_test() ->
     Config = #{
         exercise => starl_sap_block,
         robots => [1, 2, 3],
@@ -161,7 +161,7 @@ after_the_heal_test() ->
     ?assertEqual([too_late], judge(call(Send, 50, ok, 121))).
 
 %% A robot that has just restarted is not found out at once.
-settling_test() ->
+a_robot_that_has_just_restarted_may_not_be_known_test() ->
     ?assertEqual([], judge(call({send, 2}, 104, {error, restarted}, 105))),
     ?assertEqual([not_as_promised], judge(call({send, 2}, 105, {error, restarted}, 106))).
 
@@ -207,7 +207,7 @@ broadcast_finds_out_test() ->
     ?assertEqual([], judge([Again] ++ Missed ++ Refused(110, [2]), Kind)).
 
 %% A caller that waits no longer than it will may go away empty-handed.
-impatient_test() ->
+a_caller_that_waits_no_longer_may_go_without_test() ->
     Kind = #{exercise => starl_mutex_exercise},
     Acquire = {acquire, a},
     ?assertEqual([], judge(call(Acquire, 8000, 110, {error, timeout}, 118), Kind)),
@@ -236,7 +236,7 @@ never_healed_test() ->
     ?assertEqual([no_answer], judge([{110, 1, app, {call, {elect, x}, 8000}}], Never)).
 
 %% With the application goes its call; an answer that belongs to none means nothing.
-crashed_test() ->
+with_the_application_goes_its_call_test() ->
     Call = {110, 1, app, {call, {send, 2}, none}},
     ?assertEqual([], judge([Call, {111, 1, app, crashed}])),
     ?assertEqual([], judge([Call, {111, 1, robot, {died, killed}}])),
@@ -245,7 +245,7 @@ crashed_test() ->
 
 %% -- what is promised of each -----------------------------------------------------------------
 
-sap_test() ->
+a_message_to_a_robot_alive_is_not_lost_test() ->
     Dead = {50, 3, robot, {died, killed}},
     ?assertEqual([], judge([Dead | call({send, 3}, 110, {error, lost}, 111)])),
     ?assertEqual([not_as_promised], judge([Dead | call({send, 2}, 110, {error, lost}, 111)])),
@@ -254,7 +254,7 @@ sap_test() ->
     ?assertEqual([], judge(call(broadcast, 110, ok, 111))).
 
 %% The home of a token that anybody has asked for must live: who waits for it holds others.
-mutex_test() ->
+the_home_of_a_token_must_live_test() ->
     Home = starl_mutex:home(a, [1, 2, 3]),
     Other = starl_mutex:home(b, [1, 2, 3]),
     ?assertNotEqual(Home, Other),
@@ -276,7 +276,7 @@ mutex_test() ->
 
 %% What was asked for after the heal is not lost any more; of what was asked for before, a part may have
 %% been held, and its lease been at an end, when the rest came.
-release_test() ->
+a_token_asked_for_after_the_heal_is_not_lost_test() ->
     Held = fun(At) -> call({acquire, a}, 9000, At, {ok, 7}, At + 1) end,
     Lost = call({release, a}, 110, {error, lost}, 110),
     ?assertEqual([not_as_promised], mutex(Held(105) ++ Lost)),
@@ -290,7 +290,7 @@ release_test() ->
 mutex(Events) -> judge(Events, #{exercise => starl_mutex_exercise}).
 
 %% All robots that have to take part do, and none has died: then all elect.
-election_test() ->
+all_elect_where_nobody_has_died_test() ->
     Kind = #{exercise => starl_election_exercise},
     E = {final, 1},
     In = fun(Robot, At) -> {At, Robot, app, {call, {elect, E}, 90000}} end,
@@ -318,7 +318,7 @@ election_test() ->
     %% during the work everybody comes and goes
     ?assertEqual([], judge(call({elect, {term, 2}}, 90000, 110, {error, timeout}, 200), Kind)).
 
-bully_test() ->
+the_highest_alive_is_elected_test() ->
     Kind = #{exercise => starl_bully_exercise},
     Elect = fun(Since, Outcome) -> call({elect, x}, 90000, Since, Outcome, Since + 10) end,
     Dead = {50, 3, robot, {died, killed}},
@@ -333,7 +333,7 @@ bully_test() ->
     ?assertEqual([not_as_promised], judge([Early, {91, 2, app, {answer, {ok, 2}}} | Late], Kind)).
 
 %% All have reached the round, and nobody has died.
-barrier_test() ->
+all_pass_what_all_have_reached_test() ->
     Kind = #{exercise => starl_barrier_exercise},
     At = fun(Robot, K, Seconds) -> {Seconds, Robot, barrier, {reached, final, K}} end,
     Late = fun(Reached) ->
@@ -346,7 +346,7 @@ barrier_test() ->
     ?assertEqual([], judge(Late(tl(All)), Kind)),
     ?assertEqual([], judge(Late([{50, 3, robot, {died, killed}} | All]), Kind)).
 
-registers_test() ->
+what_was_put_is_learnt_test() ->
     Kind = #{exercise => starl_registers_exercise},
     Put = [{106, 2, app, {call, {put, {final, 2}}, none}}, {107, 2, app, {answer, ok}}],
     Late = call({learn, {final, 2}}, 90000, 108, {error, timeout}, 199),
@@ -374,7 +374,7 @@ registers_test() ->
     ].
 
 %% A halt that is told when it is over is a heal: what is promised from then on counts from its end.
-halted_test() ->
+a_halt_that_is_over_is_a_heal_test() ->
     Config = #{
         exercise => starl_sap_block,
         robots => [1, 2, 3],
@@ -393,7 +393,7 @@ halted_test() ->
     ?assertEqual(Never, M:broken({1, 100, 130, pause}, M:init(Config#{healed_us := never}))).
 
 %% It is told of each machine once: its own two, and those that the exercise watches.
-interests_test() ->
+each_machine_is_asked_for_once_test() ->
     Interests = fun(Exercise) ->
         starl_exercise_monitor:interests(
             starl_exercise_monitor:init(#{

@@ -62,13 +62,13 @@ increments_lost_test() ->
     ?assertEqual([{increments_lost, 11}], judge(Two, Bound)),
     ?assertEqual([], judge(Two, #{})).
 
-exceeds_test() ->
+a_value_above_the_increments_is_told_test() ->
     ?assertEqual([], judge([count(1, 1, 1), holds(2, 2, 1)])),
     ?assertEqual([{exceeds, 2}], judge([count(1, 1, 1), holds(2, 2, 2)])),
     ?assertEqual([{exceeds, 1}], judge([count(1, 1, 2)])).
 
 %% So long after the last increment, crash or death, and after the heal, those alive agree.
-agreement_test() ->
+those_alive_agree_in_time_test() ->
     Bound = #{within_us => 10},
     One = [count(1, 1, 1), holds(2, 2, 1)],
     ?assertEqual([{no_agreement, 11}], judge(One, Bound)),
@@ -133,7 +133,7 @@ not_counted_details_test() ->
         judge(Thrice ++ [reads(5, 1, 2) | All(2)], Bound) -- [{goes_back, 5}]
     ).
 
-results_test() ->
+results_count_increments_test() ->
     State = starl_counter_monitor:init(#{robots => [1], within_us => 1}),
     {ok, Next} = starl_counter_monitor:step(count(1, 1, 1), State),
     ?assertEqual(
@@ -142,7 +142,7 @@ results_test() ->
     ?assertEqual({1, #{1 => 1}}, starl_counter_monitor:timeless(Next)).
 
 %% A violation says who has which value, in the order of the robots.
-details_test() ->
+a_violation_says_who_has_which_value_test() ->
     State = starl_counter_monitor:init(#{robots => lists:seq(40, 1, -1), within_us => 1}),
     {ok, Next} = starl_counter_monitor:step(count(1, 40, 1), State),
     {{violation, [Violation]}, #{agreed := 0}} = starl_counter_monitor:finish(9, Next),
@@ -184,7 +184,7 @@ begins_at_nothing_test() ->
     ?assertEqual([], judge(One ++ [{2, 1, robot, {died, killed}}, reads(3, 1, 0)])),
     ?assertEqual([], judge(One ++ [{2, 1, robot, up}, reads(3, 1, 1)])).
 
-told_test() ->
+the_monitor_asks_for_the_counters_events_test() ->
     ?assertEqual([counter, robot], starl_counter_monitor:interests()),
     ?assertEqual(
         #{counter => [{incremented, 1}, {holds, 1}, {read, 1}]}, starl_counter_monitor:vocabulary()

@@ -61,7 +61,7 @@ in_full(Events, Lossless, End) ->
         maps:remove(sometimes, Results)
     }.
 
-told_test() ->
+two_leaders_at_one_robot_are_told_test() ->
     Told = fun(Events, Lossless) -> element(1, in_full(Events, Lossless)) end,
     ?assertEqual(
         [{two_leaders_at_one_robot, 3, [1]}],
@@ -99,7 +99,7 @@ told_test() ->
         )
     ).
 
-results_test() ->
+results_count_elections_test() ->
     ?assertEqual(
         {[], #{elections => 0, elected => 0, failed => 0, leaders => []}},
         in_full([], false)
@@ -125,14 +125,14 @@ results_test() ->
     ).
 
 %% Elections come in their order, however many there are.
-leaders_test() ->
+elections_come_in_their_order_test() ->
     Many = lists:seq(1, 40),
     {_, #{leaders := Leaders}} = in_full([{1, 1, {elected, E, 1, known}} || E <- Many], false),
     ?assertEqual([{E, [1]} || E <- Many], Leaders).
 
 %% At the bound it is in time; a robot that is the highest from the beginning on counts, one whose
 %% machine crashed when it began or later does not.
-bounds_test() ->
+a_result_at_the_bound_is_in_time_test() ->
     ?assertMatch({[], _}, in_full([entered(1, 1)], false, 1001)),
     ?assertMatch({[{no_result, 1001, [1]}], _}, in_full([entered(1, 1)], false, 1002)),
     Crash = fun(T) -> judge([{T, 3, crashed}, entered(5, 2), elected(9, 2, 2, highest)], true) end,
@@ -145,7 +145,7 @@ bounds_test() ->
 entered(T, Robot) -> {T, Robot, {entered, e}}.
 elected(T, Robot, Leader, How) -> {T, Robot, {elected, e, Leader, How}}.
 
-kept_test() ->
+an_election_that_keeps_the_contract_test() ->
     ?assertEqual(
         [],
         judge(
@@ -158,6 +158,7 @@ kept_test() ->
             true
         )
     ).
+
 two_leaders_test() ->
     ?assertEqual(
         [two_leaders_at_one_robot],

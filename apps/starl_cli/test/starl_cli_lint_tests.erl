@@ -2,7 +2,7 @@
 -module(starl_cli_lint_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-calls_test() ->
+calls_that_are_not_the_robots_are_found_test() ->
     Calls = [
         {"rand:uniform()", random},
         {"os:system_time()", clock},

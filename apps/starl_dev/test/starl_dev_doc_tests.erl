@@ -5,7 +5,7 @@
 turned(Text) -> starl_dev_doc_pages:for_edoc(string:split(Text, "\n", all)).
 
 %% A comment goes behind the type that it stands before, over all its lines; others stay.
-source_test() ->
+a_comment_goes_behind_its_type_test() ->
     ?assertEqual(
         ["-type a() :: b.", "%% A.", "", "%% F.", "f() -> 1.", ""],
         turned("%% A.\n-type a() :: b.\n\n%% F.\nf() -> 1.\n")
@@ -26,7 +26,7 @@ source_test() ->
     ?assertEqual(string:split(Alone, "\n", all), turned(Alone)),
     ?assertEqual(["-type a() ::", "%% A."], turned("%% A.\n-type a() ::")).
 
-pages_test_() ->
+pages_without_a_problem_are_made_test_() ->
     {setup, fun directory/0, fun(Dir) -> ok = file:del_dir_r(Dir) end, fun(Dir) ->
         Make = fun(Text) -> made(Text, Dir) end,
         [
@@ -41,7 +41,7 @@ pages_test_() ->
     end}.
 
 %% One folder of chunks for each build.
-chunks_test() ->
+each_build_has_its_chunks_test() ->
     Dir = directory(),
     File = filename:join(Dir, "m.erl"),
     Builds = [filename:join(Dir, Build) || Build <- ["default", "dev"]],

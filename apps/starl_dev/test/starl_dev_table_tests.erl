@@ -19,7 +19,7 @@ result(Changes) ->
         Changes
     ).
 
-soundness_test_() ->
+a_row_is_sound_without_a_violation_test_() ->
     [
         ?_assert(starl_dev_table_rows:sound(result(#{}))),
         ?_assert(starl_dev_table_rows:sound(result(#{separation => none}))),
@@ -66,7 +66,7 @@ random_picture(N, Seed) ->
     ?assert(Segments =< max(N, 40) * 1.6).
 
 %% A slice has whole rows, the slices together all of them.
-slices_test_() ->
+a_slice_has_whole_rows_test_() ->
     {timeout, 60, fun() ->
         starl_cli_vm:in_directory(fun(Dir) ->
             Args = [

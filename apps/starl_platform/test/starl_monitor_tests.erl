@@ -92,7 +92,7 @@ formats_one_line_test() ->
 
 %% Violations have one shape whatever their numbers, times and robots are, but not with other words,
 %% with one robot and two, or where of two figures the other one is larger.
-shape_test() ->
+violations_of_one_kind_have_one_shape_test() ->
     V = fun(Robots, Details) ->
         #{contract => c, what => w, at_us => 1, robots => Robots, details => Details}
     end,
@@ -242,7 +242,7 @@ unknown_event_is_told_once_test() ->
     ?assertEqual([unknown(3, 1, sap, shut), objection(4, 1)], Late).
 
 %% What applications trace is theirs, unless a monitor answers for them.
-application_test() ->
+what_applications_trace_is_theirs_test() ->
     M = starl_monitor:new([{starl_sap_monitor, #{bound_us => 10}}]),
     ?assertMatch({ok, _}, starl_monitor:step({1, 1, app, {anything, 1}}, M)).
 

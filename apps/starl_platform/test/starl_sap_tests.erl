@@ -63,7 +63,7 @@ dropped(Why, Robot) -> {trace, {dropped, Why, Robot}}.
 %% -- the start -------------------------------------------------------------------------------
 
 %% Only a restart is told the others.
-hello_test() ->
+only_a_restart_is_told_the_others_test() ->
     ?assertEqual([{trace, {started, 1}}], actions(new())),
     Hello = {transmit, all, starl_packet:hello(1, 2)},
     ?assertEqual([{trace, {started, 2}}, Hello], actions(new(#{incarnation => 2}))).
@@ -122,7 +122,7 @@ meant_for_test() ->
     ?assertEqual(#{2 => 3}, For({broadcast, t, hi}, Sap)),
     ?assertEqual(#{}, For({broadcast, t, hi}, started())).
 
-overload_test() ->
+a_full_window_is_an_overload_test() ->
     Full = after_all([{cast, {send, 2, t, hi}}], started(#{window => 1})),
     Overload = {trace, {overload, t}},
     ?assertEqual([Overload], actions(step(cast, {send, 2, t, hi}, Full))),
@@ -136,7 +136,7 @@ overload_test() ->
     ).
 
 %% Alone there is nobody to send to.
-alone_test() ->
+alone_there_is_nobody_to_send_to_test() ->
     Base = #{
         robot => 1,
         participants => [1],
@@ -170,14 +170,14 @@ own_message_test() ->
     Full = started(#{unclaimed => 0}),
     ?assertEqual([{trace, {overload, t}}], actions(step(cast, {send, 1, t, hi}, Full))).
 
-shout_test() ->
+a_datagram_is_one_packet_test() ->
     Shout = starl_packet:shout(1, t, hi),
     ?assertEqual([{transmit, all, Shout}], actions(step(cast, {shout, t, hi}, started()))),
     ?assertEqual({transmit, 2, Shout}, starl_sap:datagram(1, 2, t, hi)).
 
 %% -- messages that come ----------------------------------------------------------------------
 
-once_test() ->
+a_message_is_delivered_once_test() ->
     {Actions, Sap} = hears(data(7, 1), after_all([listens()], started())),
     ?assertEqual(delivered(7), Actions),
     ?assertEqual([acked(7)], actions(hears(data(7, 1), Sap))),
@@ -204,7 +204,7 @@ usual_unclaimed_test() ->
     ?assertEqual([{trace, {unclaimed_full, 2, t}}], actions(hears(data(257, 257), Next))).
 
 %% Room and listener are told together; what has waited comes then, and with reading.
-room_test() ->
+what_has_waited_comes_with_reading_test() ->
     Sap = after_all([data(1, 1), data(2, 2)], started()),
     {First, Next} = step(cast, {listen, t, door, 1}, Sap),
     Message = {cast, door, {message, 2, t, hi}},
@@ -218,7 +218,7 @@ second_listener_test() ->
     ?assertEqual(delivered(1), actions(hears(data(1, 1), Next))).
 
 %% A message that was meant for an earlier incarnation, or another one, is refused.
-refusal_test() ->
+a_message_for_another_incarnation_is_refused_test() ->
     Sap = after_all([listens()], started()),
     Refusal = {transmit, 2, starl_packet:refusal(1, 1, 1, 7)},
     {Actions, Next} = hears(data(1, 7, 1, #{1 => 2}), Sap),
@@ -258,7 +258,7 @@ far_incarnation_test() ->
     ?assertEqual([dropped(answer, 2)], actions(hears(told(100, Nonce), Told))).
 
 %% Each question has a nonce of its own, and each incarnation, and each robot.
-nonces_test() ->
+each_question_has_a_nonce_of_its_own_test() ->
     Question = fun(Sap) -> step(packet, starl_packet:hello(2, 100), Sap) end,
     {First, Asked} = Question(started()),
     {[], Told} = hears(told(1, asked(First)), Asked),
@@ -292,7 +292,7 @@ wide_gap_test() ->
     ?assertEqual(delivered(8), actions(hears(data(8, 4), Told))).
 
 %% What has a latest moment must not leave after it, the first time or again; it is lost then.
-latest_test() ->
+nothing_leaves_after_its_latest_moment_test() ->
     Shout = {transmit, all, starl_packet:shout(1, t, hi)},
     ?assertEqual(
         [{until, 50, [Shout], shout}], actions(step(cast, {shout, t, hi, 50}, started()))
@@ -321,7 +321,7 @@ latest_test() ->
 
 sends() -> {cast, {send, 2, t, hi}}.
 
-acknowledged_test() ->
+an_acknowledgement_ends_a_message_test() ->
     Sap = after_all([sends()], started()),
     {Actions, Next} = step(packet, starl_packet:ack(2, 1, 1, 1), Sap),
     Outcome = {trace, {outcome, {1, 1, 1}, 2, acknowledged}},
@@ -360,7 +360,7 @@ doubtful_refusal_test() ->
     ?assertEqual([starl_packet:data({1, 1, 2, 2, #{2 => 100}, t, hi})], Packets).
 
 %% Who asks is told the own incarnation, and the lowest numbers under way to it.
-told_test() ->
+who_asks_is_told_the_lowest_numbers_under_way_test() ->
     Sap = after_all([sends(), {cast, {broadcast, t, hi}}, {cast, {send, 3, t, hi}}], started()),
     Acked = after_all([{packet, starl_packet:ack(2, 1, 1, 1)}], Sap),
     Answers = fun(Robot, S) -> actions(step(packet, starl_packet:ask(Robot, 4711, {0, 0}), S)) end,
@@ -434,7 +434,7 @@ tells(Incarnation, Sap) ->
 %% -- who is heard ----------------------------------------------------------------------------
 
 %% Strangers and a second one of the own name are not heard; what is no packet is told so.
-stranger_test() ->
+strangers_are_not_heard_test() ->
     [
         ?assertEqual(
             {[dropped(stranger, Robot)], started()},
@@ -454,7 +454,7 @@ other_events_test() ->
         [{trace, {unknown_event, cast, what}}], actions(step(cast, what, started()))
     ).
 
-overheard_test() ->
+a_datagram_without_a_listener_is_traced_test() ->
     Shout = starl_packet:shout(2, {app, t}, hi),
     ?assertEqual([{trace, {unheard, 2, {app, t}}}], actions(step(packet, Shout, started()))),
     Sap = after_all([{cast, {listen, {app, t}, app}}], started()),

@@ -48,7 +48,7 @@ stop_ends_a_velocity_test() ->
     ?assertEqual(500000, starl_trajectory:start_us(Two#loop.piece)).
 
 %% Without a position it stops, half a second later, and says so.
-blind_test() ->
+without_a_position_it_stops_test() ->
     One = until(500000, velocity({300.0, 0.0}, 60000000, 1, exact())),
     Two = until(1100000, velocity({0.0, 300.0}, 60000000, 2, One#loop{eyes = fun(_) -> lost end})),
     ?assertMatch([{1000000, {error, unknown}}, {0, ok}], Two#loop.replies),
@@ -57,7 +57,7 @@ blind_test() ->
     ?assertMatch([{_, {error, unknown}} | _], Three#loop.replies).
 
 %% A wheel does not obey: the cruise is over, the robot tries to and fro, and drives again later.
-stalled_test() ->
+a_cruise_ends_when_a_wheel_does_not_obey_test() ->
     One = until(500000, velocity({300.0, 0.0}, 60000000, 1, exact())),
     #loop{commands = [{Mark, _} | _]} = One,
     Off = event(info, {stalled, Mark, {300.0, 300.0}}, One#loop{chassis = none}),
@@ -69,7 +69,7 @@ stalled_test() ->
     ).
 
 %% An answer of the chassis that it has no word for changes nothing.
-nonsense_test() ->
+an_unknown_answer_changes_nothing_test() ->
     One = until(500000, velocity({300.0, 0.0}, 60000000, 1, exact())),
     #loop{commands = [{Mark, _} | _], machine = Machine} = One,
     {Actions, Same} = starl_machine:step(
@@ -79,7 +79,7 @@ nonsense_test() ->
     ?assertEqual(Machine, Same).
 
 %% What it traces: a velocity, and what ended it.
-events_test() ->
+a_velocity_and_its_end_are_traced_test() ->
     Start = #{
         robot => 1,
         participants => [1],
@@ -119,7 +119,7 @@ steps(Events, Machine) ->
 
 traced(Actions) -> [Event || {trace, Event} <- Actions].
 
-law_test() ->
+two_wheels_follow_the_law_test() ->
     %% straight on; a small correction takes a quarter of a second
     ?assertEqual([{300.0, 300.0, 1000000}], script({300.0, 0.0}, 0.0, 1000000)),
     [{L, R, 250000}, {300.0, 300.0, 750000}] = script({300.0, 0.0}, 0.1, 1000000),
@@ -146,7 +146,7 @@ law_test() ->
     ?assertEqual([{0.0, 0.0, 1000}], script({0.0, 0.0}, 1.0, 1000)).
 
 %% A velocity beyond the limit is taken at the limit.
-limit_test() ->
+a_velocity_beyond_the_limit_is_taken_at_it_test() ->
     Profile = starl_chassis:profile(starl_chassis_holonomic, #{speed => 500.0}),
     ?assertEqual({300.0, 400.0}, starl_chassis:limited({3000, 4000}, Profile)),
     ?assertEqual({30.0, 40.0}, starl_chassis:limited({30, 40}, Profile)),

@@ -2,7 +2,7 @@
 -module(starl_sim_proportion_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-wilson_test_() ->
+the_interval_is_that_of_wilson_test_() ->
     [
         ?_assertEqual({Low, High}, rounded(starl_sim_proportion:interval(Count)))
      || {Count, Low, High} <- [

@@ -3,13 +3,13 @@
 -module(starl_sim_queue_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-empty_test() ->
+an_empty_queue_has_no_next_time_test() ->
     Q = starl_sim_queue:new(10),
     ?assertEqual({[], Q}, starl_sim_queue:take_window(1000, Q)),
     ?assertEqual({infinity, 0}, {starl_sim_queue:next_time(Q), starl_sim_queue:size(Q)}).
 
 %% A window is taken whole, and not before it is over.
-windows_test() ->
+a_window_is_taken_whole_and_not_before_its_end_test() ->
     Q = add([{25, 1}, {3, 1}, {9, 1}, {10, 1}]),
     ?assertEqual(0, starl_sim_queue:next_time(Q)),
     ?assertEqual({[], Q}, starl_sim_queue:take_window(9, Q)),
@@ -24,7 +24,7 @@ windows_test() ->
     ?assertEqual(0, starl_sim_queue:size(Q3)).
 
 %% Whatever the order in which they were added, and with equal times.
-sorted_test() ->
+events_come_in_order_however_they_were_added_test() ->
     Events = [
         {R, T, C, S, N, x}
      || R <- [1, 2], T <- [5, 7], C <- [0, 1, 2], S <- [1, 2], N <- [1, 2]
@@ -40,7 +40,7 @@ sorted_test() ->
     ].
 
 %% Against a sorted list, with 2000 random events.
-model_test() ->
+the_queue_is_a_sorted_list_test() ->
     Times = [erlang:phash2({model, N}, 5000) || N <- lists:seq(1, 2000)],
     Q = add([{T, 1} || T <- Times]),
     ?assertEqual(2000, starl_sim_queue:size(Q)),

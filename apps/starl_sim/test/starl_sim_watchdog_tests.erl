@@ -68,7 +68,7 @@ inline_machine_test() ->
 
 %% Work is counted, not time: an endless loop is found when it has done much, and what only waits, or gets
 %% no processor, is none, however often it is looked at.
-cause_test_() ->
+an_endless_loop_is_told_from_a_wait_test_() ->
     [
         {atom_to_list(Kind), fun() -> ?assertEqual(Cause, cause(#{kind => Kind, robots => 2})) end}
      || {Kind, Cause} <- [{loops, loop}, {waits, slow}]
