@@ -111,3 +111,15 @@ a_clock_that_was_set_since_the_start_is_told_test() ->
     ?assertEqual(nomatch, string:find(line(#{ahead_us => 20_000}), "clock")),
     Line = line(#{ahead_us => 3_600_000_000}),
     ?assertNotEqual(nomatch, string:find(Line, "clock is 3600.0 s ahead of its computer's")).
+
+%% What would be told once only, or done again and again, is one line.
+only_status_is_watched_test() ->
+    [
+        ?assertMatch(
+            {error, ["--watch: only status" ++ _]},
+            starl_fleet_deploy_command:run(#{
+                subject => {"f.term", Words}, values => #{example => false, watch => 2}
+            })
+        )
+     || Words <- [[], ["stop"], ["logs"]]
+    ].

@@ -127,6 +127,12 @@ run(#{subject := none}) ->
     {error, [
         "name a fleet file first, as in ./starl deploy fleet.term; ./starl deploy --example prints one"
     ]};
+run(#{subject := {_, Words}, values := #{watch := Seconds}}) when
+    Seconds =/= none, Words =/= ["status"]
+->
+    {error, [
+        "--watch: only status is told again and again, as in: deploy fleet.term status --watch 2"
+    ]};
 run(#{subject := {File, Words}, values := Values}) ->
     case fleet(Words, File) of
         {ok, Fleet} -> act(action(Words, Fleet), Fleet, Values);
