@@ -41,6 +41,24 @@ not_owed_test() ->
     ?assertMatch({[], #{owed := 0}}, judged([Died, sent(?AREA)])),
     ?assertMatch({[not_heard], #{owed := 2}}, judged([sent(?AREA)], #{range_mm => none})).
 
+%% Robots that are told wrong positions hear elsewhere: that breaks no contract.
+wrong_positions_test_() ->
+    {timeout, 60, fun() ->
+        [
+            ?assertMatch(
+                #{violations := []},
+                starl_team_runs:outcome(#{
+                    app => starl_swarm,
+                    robots => 12,
+                    range => 4000,
+                    time => 20,
+                    faults => [{f, 2000, 20000, Kind, all, #{mm => 900}}]
+                })
+            )
+         || Kind <- [location_noise, location_bias]
+        ]
+    end}.
+
 runs_test_() ->
     [
         {timeout, 120, fun() ->

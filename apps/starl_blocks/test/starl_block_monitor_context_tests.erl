@@ -11,6 +11,7 @@
     healed_us => 20,
     delay_us => 7,
     loss => 0,
+    positions => [],
     sap => #{},
     slack_us => 100
 }).

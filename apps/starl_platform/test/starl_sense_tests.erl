@@ -80,6 +80,35 @@ the_bumper_tells_the_side_test() ->
     ?assertEqual(none, At({1834.5, 2000.0, 3.0}, [])),
     ?assertEqual(both, At({1000.0, 2000.0, 0.0}, [{2, {1330.0, 2000.0}, 165.0}])).
 
+%% It misses touches, and feels some that are none; a sound one does neither.
+a_noisy_bumper_errs_test() ->
+    {ok, Sound} = starl_sense:profiles(#{}),
+    Said = fun(Pose, Profiles) ->
+        [
+            starl_sense:read(
+                bump,
+                (view(#{pose => Pose}))#{
+                    draw => fun(For) -> erlang:phash2({N, For}, 1000000) / 1.0e6 end
+                },
+                Profiles
+            )
+         || N <- lists:seq(1, 2000)
+        ]
+    end,
+    {Free, Touching} = {{1000.0, 2000.0, 0.0}, {1834.5, 2000.0, 0.0}},
+    ?assertEqual([none], lists:usort(Said(Free, Sound))),
+    ?assertEqual([both], lists:usort(Said(Touching, Sound))),
+    Noisy = starl_sense:noisy(bump, 10, Sound),
+    ?assertEqual([both, left, none, right], lists:usort(Said(Free, Noisy))),
+    ?assertEqual([both, none], lists:usort(Said(Touching, Noisy))),
+    %% half a per cent, ten times
+    Errs = fun(Right, All) -> length([S || S <- All, S =/= Right]) end,
+    [
+        ?assert(N > 70 andalso N < 130, {Right, N})
+     || {Right, Pose} <- [{none, Free}, {both, Touching}],
+        N <- [Errs(Right, Said(Pose, Noisy))]
+    ].
+
 robots_in_sight_have_bearings_test() ->
     Profiles = exact(bearing, #{noise => 0, noise_part => 0, missed => 0}),
     Bodies = [

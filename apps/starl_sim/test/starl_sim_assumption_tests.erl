@@ -73,6 +73,20 @@ positions_test() ->
         broken(location_swap, {3, 1}, #{})
     ).
 
+%% What a contract about places has to know, and no other.
+positions_are_farther_off_test() ->
+    Positions = fun(Kind, Mm) ->
+        starl_sim_assumption:positions([{f, 2, 5, Kind, 3, #{mm => Mm}}])
+    end,
+    [
+        begin
+            ?assertEqual([{3, 2000, 5000, position}], Positions(Kind, 1)),
+            ?assertEqual([], Positions(Kind, 0)),
+            ?assertEqual([], broken(Kind, 3, #{mm => 50}))
+        end
+     || Kind <- [location_noise, location_bias]
+    ].
+
 %% Under all other kinds contracts hold, whatever the parameters that are drawn.
 all_others_test() ->
     Faults = lists:append([

@@ -105,7 +105,9 @@ init(#{robots := Robots} = Config) ->
 %% longest delay of a packet.
 -spec context(starl_monitor:known(), map()) -> map().
 context(Known, Config) ->
-    maps:merge(healed(maps:with([broken, healed_us, delay_us], Known), Known), Config).
+    #{broken := Broken, positions := Positions} = Known,
+    Told = (maps:with([healed_us, delay_us], Known))#{broken => Broken ++ Positions},
+    maps:merge(healed(Told, Known), Config).
 
 %% What is offered once is lost with the packet, so that nothing is owed on a radio that loses some.
 healed(Told, #{loss := Loss}) when Loss > 0 -> Told#{healed_us := never};

@@ -51,6 +51,7 @@
     broken := [starl_assumption:window()],
     faults := [starl_assumption:window()],
     bodies := [starl_assumption:window()],
+    positions := [starl_assumption:window()],
     loss := number(),
     sap := map(),
     healed_us := integer() | never,

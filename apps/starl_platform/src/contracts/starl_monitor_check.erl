@@ -25,6 +25,7 @@
         broken => [],
         faults => [],
         bodies => [],
+        positions => [],
         healed_us => Healed,
         core => #{rest => [], healed_us => Healed},
         delay_us => 1000,

@@ -66,6 +66,8 @@
 %% May the sense say this?
 -callback is_reading(term(), profile()) -> boolean().
 
+-define(LEAST_PART, 0.005).
+
 %% @doc All senses.
 -spec kinds() -> [{kind(), module()}].
 kinds() ->
@@ -125,9 +127,11 @@ noisy(Kind, Times, Profiles) ->
     Larger = maps:map(fun(Key, Value) -> larger(Key, Value, Times) end, Errors),
     Profiles#{Kind := maps:merge(Profile, Larger)}.
 
-%% Parts are missed and invented.
-larger(Key, Part, Times) when Key =:= missed; Key =:= invented -> min(0.9, Part * Times);
-larger(_Key, Error, Times) -> Error * Times.
+%% Parts are missed and invented. What does not err otherwise, as a switch, errs as well.
+larger(Key, Part, Times) when Key =:= missed; Key =:= invented ->
+    min(0.9, max(Part, ?LEAST_PART) * Times);
+larger(_Key, Error, Times) ->
+    Error * Times.
 
 %% @doc A reading of a sense with further errors, those of its profile.
 -spec blurred(kind(), Reading :: term(), draw(), profiles()) -> term().

@@ -3,7 +3,7 @@
 %% must hold under all other faults.
 -module(starl_sim_assumption).
 
--export([broken/2, faults/1, bodies/2, core/3]).
+-export([broken/2, positions/1, faults/1, bodies/2, core/3]).
 
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
@@ -45,6 +45,17 @@ windows({_, From, To, location_swap, {A, B}, _}) ->
     [{A, From, To, position}, {B, From, To, position}];
 windows(_) ->
     [].
+
+%% @doc The windows in which robots are told positions that are farther off than positions usually are, beside those of
+%% {@link broken/2}. They concern only contracts about places: a block that knows no positions has to bear them.
+-spec positions([starl_sim_fault:t()]) -> [starl_assumption:window()].
+positions(Faults) ->
+    [
+        {Robot, 1000 * From, 1000 * To, position}
+     || {_, From, To, Kind, Robot, #{mm := Mm}} <- Faults,
+        Kind =:= location_noise orelse Kind =:= location_bias,
+        Mm > 0
+    ].
 
 %% @doc The windows of the faults that may cost a team time: those of the network, of computers, of
 %% stores, of the floor, and of clocks that do not keep their bound. A timer that runs while its clock is set back is

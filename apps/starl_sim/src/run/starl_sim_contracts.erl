@@ -25,6 +25,7 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, Options) ->
         broken => starl_sim_assumption:broken(Faults, is_exact(Profiles)),
         faults => out_of_range(Scenario) ++ starl_sim_assumption:faults(Faults),
         bodies => starl_sim_assumption:bodies(Faults, is_exact(Profiles)),
+        positions => starl_sim_assumption:positions(Faults),
         healed_us => healed_us(Scenario),
         core => core(Scenario, Ids),
         loss => told_loss(Scenario),
