@@ -74,7 +74,7 @@ pulls(Run, Left, Random) ->
             _ = erlang:send_after(?OFF_MS, self(), {put_back, Robot}),
             pulls(Run, Left, Random);
         {put_back, Robot} ->
-            ok = starl_world_run:cable(Run, Robot, back),
+            ok = starl_world_run:heal(Run, {serial_gone, Robot}),
             pulls(Run, Left, Random);
         {starl_create, _Robot, _Event} ->
             pulls(Run, Left, Random)
@@ -85,7 +85,8 @@ pulled(Robot, Run, Left) ->
         #{Robot := 0} ->
             Left;
         #{Robot := N} ->
-            ok = starl_world_run:cable(Run, Robot, pulled_in_time),
+            Pull = {serial_gone, Robot, #{in_time => true}, lasting},
+            ok = starl_world_run:act(Run, [Pull]),
             Left#{Robot := N - 1}
     end.
 

@@ -3,11 +3,11 @@
 -include_lib("stdlib/include/assert.hrl").
 
 -export([suite/0, all/0]).
--export([in_one_vm/1, on_nodes/1, commands_without_a_cluster/1, mistakes/1]).
+-export([in_one_vm/1, on_nodes/1, commands_without_a_cluster/1, mistakes/1, one_schedule/1]).
 
 suite() -> [{timetrap, {minutes, 5}}].
 
-all() -> [in_one_vm, on_nodes, commands_without_a_cluster, mistakes].
+all() -> [in_one_vm, on_nodes, commands_without_a_cluster, mistakes, one_schedule].
 
 %% It ends as in the simulator, with the same files.
 in_one_vm(Config) ->
@@ -30,12 +30,76 @@ commands_without_a_cluster(Config) ->
     says("no cluster runs; start one first", Text).
 
 mistakes(Config) ->
-    {2, Faults} = sh("$starl run painting --live --random-faults '[all]'", Config),
-    says("faults: a schedule of faults needs the simulator", Faults),
+    {2, Drawn} = sh("$starl run painting --live --random-faults '[all]'", Config),
+    says("--random-faults: drawn faults need the simulator", Drawn),
+    {2, Faults} = sh(
+        "$starl run painting --live --faults '[{a,1,2,clock_step,1,#{ms=>3}},{b,1,2,pause,1,#{}}]'",
+        Config
+    ),
+    says("--faults: fault a: clock_step cannot be played in real time: take the simulator", Faults),
+    says("--faults: fault b: pause needs a node for each robot: take ", Faults),
     {2, Transport} = sh("$starl cluster painting --transport pigeon", Config),
     says("--transport", Transport),
     {2, Unknown} = sh("$starl cluster paintin", Config),
     says("did you mean painting", Unknown).
+
+%% One file of faults in the simulator, in one VM and on nodes: each run ends with a verdict, which that
+%% on its recording is, too; recordings tell of the same faults, none before its time. What was played is
+%% a file again.
+one_schedule(Config) ->
+    Schedule = [
+        {slow, 500, 2500, delay, 1, #{extra_ms => 50}},
+        {apart, 1000, 3000, partition, [1], #{}},
+        {blind, 1000, 3000, location_frozen, 2, #{}},
+        {crash, 2000, 2000, kill_machine, {2, sap}, #{}},
+        {away, 4000, 5000, reboot, 3, #{}}
+    ],
+    {0, _} = sh("rm -rf one && mkdir one", Config),
+    Dir = filename:join(proplists:get_value(priv_dir, Config), "live"),
+    Text = io_lib:format("~0tp.~n", [Schedule]),
+    ok = file:write_file(filename:join([Dir, "one", "faults.term"]), Text),
+    App = " exercise --block counter --robots 3 --work 8 --faults one/",
+    Told = [
+        begin
+            Out = filename:join("one", World),
+            {0, _} = sh(["$starl ", Command, App, "faults.term --quiet --out ", Out], Config),
+            {0, Verdict} = sh(["$starl judge ", Out], Config),
+            says("no contract is broken", Verdict),
+            faults(filename:join([Dir, Out, "run.mcap"]))
+        end
+     || {World, Command} <- [
+            {"simulated", "run --record"},
+            {"live", "run --live --pace 10"},
+            {"nodes", "cluster --speed 5"}
+        ]
+    ],
+    [Simulated, Live, Nodes] = Told,
+    Planned = lists:sort(
+        [{Id, began, From} || {Id, From, _, _, _, _} <- Schedule] ++
+            [{Id, ended, To} || {Id, From, To, _, _, _} <- Schedule, To > From]
+    ),
+    ?assertEqual(Planned, Simulated),
+    [
+        begin
+            ?assertEqual([{Id, Is} || {Id, Is, _} <- Planned], [{Id, Is} || {Id, Is, _} <- Played]),
+            Times = lists:zip(Planned, Played),
+            ?assertEqual([], [Both || {{_, _, Ms}, {_, _, At}} = Both <- Times, At < Ms])
+        end
+     || Played <- [Live, Nodes]
+    ],
+    {0, _} = sh(["$starl run", App, "nodes/faults.term --quiet"], Config).
+
+%% The faults of a recording: which, its beginning or its end, and when, ms.
+faults(File) ->
+    {ok, Told, _} = starl_trace_reader:fold(
+        fun
+            ({faults, At, {Is, Fault}}, Told) -> [{element(1, Fault), Is, At div 1000} | Told];
+            (_, Told) -> Told
+        end,
+        [],
+        File
+    ),
+    lists:sort([Each || {Id, Is, _} = Each <- Told, not (Id =:= crash andalso Is =:= ended)]).
 
 %% -- helpers --------------------------------------------------------------------------------
 

@@ -45,16 +45,16 @@ init_per_suite(Config) -> [{conductor, starl_conductor_ct:start()} | Config].
 end_per_suite(Config) -> starl_conductor_ct:stop(proplists:get_value(conductor, Config)).
 
 %% A robot whose node is killed in the middle of its elections casts no second ballot in any.
-killed_while_electing(Config) -> hold(kill, exercise(election, #{work => 20}), Config).
+killed_while_electing(Config) -> hold(reboot, exercise(election, #{work => 20}), Config).
 
-mutex_store_lost(Config) -> hold(lose_store, exercise(mutex, #{work => 40}), Config).
+mutex_store_lost(Config) -> hold(store_lost, exercise(mutex, #{work => 40}), Config).
 
-barrier_store_lost(Config) -> hold(lose_store, exercise(barrier, #{work => 40}), Config).
+barrier_store_lost(Config) -> hold(store_lost, exercise(barrier, #{work => 40}), Config).
 
 painting_store_lost(Config) ->
-    hold(lose_store, #{app => starl_painting, picture => "lines", robots => 4}, Config).
+    hold(store_lost, #{app => starl_painting, picture => "lines", robots => 4}, Config).
 
-mutex_store_set_back(Config) -> hold(set_back, exercise(mutex, #{work => 40}), Config).
+mutex_store_set_back(Config) -> hold(store_set_back, exercise(mutex, #{work => 40}), Config).
 
 exercise(Block, More) -> More#{app => starl_exercise, block => Block, robots => 4}.
 
@@ -86,9 +86,9 @@ painting_halted(Config) ->
 
 %% -- runs -----------------------------------------------------------------------------------
 
-hold(Act, Scenario, Config) ->
-    Broken = [{Seed, V} || Seed <- seeds(), V <- run(Act, Scenario#{seed => Seed}, Config)],
-    ct:pal("~p, seeds ~w: ~b violations", [Act, seeds(), length(Broken)]),
+hold(Kind, Scenario, Config) ->
+    Broken = [{Seed, V} || Seed <- seeds(), V <- run(Kind, Scenario#{seed => Seed}, Config)],
+    ct:pal("~p, seeds ~w: ~b violations", [Kind, seeds(), length(Broken)]),
     ?assertEqual([], Broken).
 
 stand(Robots, Seconds, Scenario, Config) ->
@@ -108,22 +108,22 @@ stand(Robots, Seconds, Scenario, Config) ->
 
 seeds() -> lists:seq(1, list_to_integer(os:getenv("STARL_LIVE_STORES", "1"))).
 
-run(Act, #{seed := Seed} = Scenario, Config) ->
+run(Kind, #{seed := Seed} = Scenario, Config) ->
     Name = maps:get(block, Scenario, painting),
-    Dir = dir(lists:concat([Act, "-", Name]), Seed, proplists:get_value(priv_dir, Config)),
+    Dir = dir(lists:concat([Kind, "-", Name]), Seed, proplists:get_value(priv_dir, Config)),
     Victim = 1 + (Seed rem 4),
-    Args = [Act, Victim, Scenario, Dir],
+    Args = [Kind, Victim, Scenario, Dir],
     starl_conductor_ct:call(proplists:get_value(conductor, Config), ?MODULE, violations, Args).
 
 dir(Name, Seed, Dir) -> filename:join(Dir, lists:concat([Name, "-", Seed])).
 
 %% Something is done to a robot in the middle of the run.
-violations(Act, Victim, Scenario, Dir) ->
+violations(Kind, Victim, Scenario, Dir) ->
     {ok, Cluster} = starl_cluster:start(
         Scenario, #{dir => Dir, transport => udp, speed => ?SPEED}
     ),
     ok = starl_cluster:until(Cluster, ?STRUCK_US),
-    ok = starl_cluster:Act(Cluster, Victim),
+    ok = starl_cluster:act(Cluster, [{Kind, Victim, #{}, 0}]),
     _ = starl_cluster:await(Cluster),
     violated(Cluster).
 
@@ -140,7 +140,7 @@ halted(Robots, Seconds, Scenario, Dir) ->
 stands(Robot, Seconds, Cluster) ->
     case starl_cluster:status(Cluster) of
         #{ending := none} = Status ->
-            {ok, _} = starl_cluster:pause_at_work(Cluster, robot(Robot, Status), Seconds),
+            {ok, _} = starl_cluster:halt_at_work(Cluster, robot(Robot, Status), Seconds),
             ok;
         #{} ->
             ok

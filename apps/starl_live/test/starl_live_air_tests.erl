@@ -21,6 +21,20 @@ all_or_nothing_test_() ->
         ?_assertEqual([[0]], pass(1, air(#{cut => [1, 3]})))
     ].
 
+%% What disturbs one link disturbs no other.
+disturbed_test_() ->
+    [
+        ?_assertEqual(Delays, pass(1, air(#{disturbed => #{Robot => Disturbances}})))
+     || {Delays, Robot, Disturbances} <- [
+            {[[]], 2, [{lost, 1}]},
+            {[[0]], 3, [{lost, 1}]},
+            {[[0, 0, 0]], 2, [{again, 1, 2}]},
+            {[[9]], 2, [{late, 1, {9, 9}}]},
+            {[[9, 9]], 2, [{again, 1, 1}, {late, 1, {9, 9}}]},
+            {[[0]], 2, [{late, 0, {9, 9}}, {lost, 0}]}
+        ]
+    ].
+
 parts_are_about_right_test() ->
     Passed = pass(10_000, air(#{loss => 0.2, duplicates => 0.5, delay_ms => {1, 3}, seed => 7})),
     Lost = length([lost || [] <- Passed]),

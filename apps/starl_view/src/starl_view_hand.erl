@@ -1,14 +1,23 @@
-%% @doc Makes faults of what hands do at a page. A fault begins at the present time of the run and,
-%% if it lasts, ends after the time given or with the run. What a page says is not trusted: no atom
-%% is made from it, and every value is checked as in a scenario file.
+%% @doc Reads what hands want to do at a page ({@link starl_sim_hand}). In a simulation that is a fault
+%% from the present time of the run on and, if it lasts, ends after the time given or with the run; in
+%% real time it happens now. What a page says is not trusted: no atom is made from it, and every value is
+%% checked as in a scenario file.
 -module(starl_view_hand).
 
--export([faults/3, healed/3, kinds/0]).
+-export([hands/2, faults/3, healed/3, kinds/1]).
 
--export_type([where/0]).
+-export_type([place/0, where/0]).
 
-%% The beginning and the latest end of a fault (ms), the robots, their machines, and the names of
-%% faults that are taken.
+%% The world of the run, its robots and their machines.
+-type place() :: #{
+    world := starl_sim_hand:world(),
+    robots := pos_integer(),
+    machines := [starl_machine:name()],
+    atom() => term()
+}.
+
+%% Of a simulation: the beginning and the latest end of a fault (ms), the robots, their machines, and the
+%% names of faults that are taken.
 -type where() :: #{
     from_ms := non_neg_integer(),
     until_ms := non_neg_integer(),
@@ -18,52 +27,84 @@
 }.
 
 -define(MOST_HANDS, 1000).
+-define(MOST_S, 1.0e6).
 
-%% @doc The kinds of faults that hands can do. A clock cannot be touched: timers that run were set
-%% by it.
--spec kinds() -> [starl_sim_fault:spec()].
-kinds() -> [Spec || {_, Class, _, _, _} = Spec <- starl_sim_fault:kinds(), Class =/= clock].
+%% @doc The kinds of faults that hands can do in a world, as a page is told: name, shape of the target,
+%% parameters with their ranges, text.
+-spec kinds(starl_sim_hand:world()) -> [[term()]].
+kinds(World) ->
+    [
+        [Kind, Shape, [[Key | range(Type)] || {Key, Type, _} <- Specs], list_to_binary(Doc)]
+     || {Kind, _, Shape, Specs, Doc} <- starl_sim_hand:kinds(World)
+    ].
 
-%% @doc The faults of a command: `kind', `target', `seconds' and `params', as in a scenario, in
-%% JSON. The kind `cut' cuts the link between two robots, both ways.
--spec faults(#{binary() => term()}, pos_integer(), where()) ->
-    {ok, [starl_sim_fault:t(), ...]} | {error, unicode:chardata()}.
-faults(_Command, N, _Where) when N > ?MOST_HANDS ->
-    {error, io_lib:format("hands have done ~b things; that is enough", [?MOST_HANDS])};
-faults(#{<<"kind">> := <<"cut">>, <<"target">> := [A, B]} = Command, N, Where) ->
-    Cut = Command#{<<"kind">> := <<"loss">>, <<"params">> => #{<<"part">> => 1.0}},
-    both([faults(Cut#{<<"target">> := Link}, N, Where) || Link <- [[A, B], [B, A]]]);
-faults(#{<<"kind">> := Name} = Command, N, Where) when is_binary(Name) ->
-    case [Spec || Spec <- kinds(), atom_to_binary(element(1, Spec)) =:= Name] of
-        [Spec] -> named(Spec, Command, N, Where);
+range({one_of, Words}) -> [Words];
+range({_, Low, High}) -> [Low, High].
+
+%% @doc What a command wants: `kind', `target', `seconds' and `params', as in a scenario, in JSON. The kind
+%% `cut' cuts the link between two robots, both ways.
+-spec hands(#{binary() => term()}, place()) ->
+    {ok, [starl_sim_hand:t(), ...]} | {error, unicode:chardata()}.
+hands(#{<<"kind">> := <<"cut">>, <<"target">> := [A, B]} = Command, Place) ->
+    Half = Command#{<<"kind">> := <<"loss">>, <<"params">> => #{<<"part">> => 1.0}},
+    case hands(Half, Place) of
+        {ok, [{loss, _, _, Lasts}]} -> {ok, starl_sim_hand:cut(A, B, Lasts)};
+        {error, _} = Error -> Error
+    end;
+hands(#{<<"kind">> := Name} = Command, #{world := World} = Place) when is_binary(Name) ->
+    Kinds = starl_sim_hand:kinds(World),
+    case [Spec || Spec <- Kinds, atom_to_binary(element(1, Spec)) =:= Name] of
+        [Spec] -> named(Spec, Command, Place);
         [] -> {error, ["hands cannot do this: ", short(Name)]}
     end;
-faults(_Command, _N, _Where) ->
+hands(_Command, _Place) ->
     {error, "a fault has a kind"}.
-
-both([{ok, [There]}, {ok, [Back]}]) ->
-    Id = list_to_atom(atom_to_list(element(1, There)) ++ "_back"),
-    {ok, [There, setelement(1, Back, Id)]};
-both([{error, _} = Error | _]) ->
-    Error.
 
 short(Name) -> string:slice(Name, 0, 40).
 
-named({Kind, _, Shape, Specs, _} = Spec, Command, N, Where) ->
+named({Kind, _, Shape, Specs, _}, Command, Place) ->
     Params = maps:get(<<"params">>, Command, #{}),
-    case {target(Shape, maps:get(<<"target">>, Command, none), Where), params(Params, Specs)} of
+    case {target(Shape, maps:get(<<"target">>, Command, none), Place), params(Params, Specs)} of
         {none, _} ->
             {error,
                 io_lib:format("~ts: this target is not possible here, but ~ts", [
-                    Kind, possible(Shape, Where)
+                    Kind, possible(Shape, Place)
                 ])};
         {_, none} ->
             {error, io_lib:format("~ts: these parameters are not possible", [Kind])};
         {{ok, Target}, {ok, Values}} ->
-            #{from_ms := From} = Where,
-            Fault = {id(N, Where), From, until(Spec, Command, Where), Kind, Target, Values},
-            checked(starl_sim_fault:check([Fault]), Fault)
+            Hand = {Kind, Target, Values, lasts(Kind, Command)},
+            checked(starl_sim_fault:check([starl_sim_hand:fault(hand_1, {0, 0}, Hand)]), Hand)
     end.
+
+checked([], Hand) -> {ok, [Hand]};
+checked([Problem | _], _Hand) -> {error, starl_sim_fault:format_problem(Problem)}.
+
+%% What happens at a moment has no end.
+lasts(Kind, _Command) when Kind =:= kill_machine; Kind =:= kill_robot -> 0;
+lasts(_Kind, #{<<"seconds">> := S}) when is_number(S), S >= 0, S < ?MOST_S -> round(1000 * S);
+lasts(_Kind, _Command) -> lasting.
+
+%% @doc The faults of a command in a simulation.
+-spec faults(#{binary() => term()}, pos_integer(), where()) ->
+    {ok, [starl_sim_fault:t(), ...]} | {error, unicode:chardata()}.
+faults(_Command, N, _Where) when N > ?MOST_HANDS ->
+    {error, io_lib:format("hands have done ~b things; that is enough", [?MOST_HANDS])};
+faults(Command, N, #{from_ms := From, until_ms := Until} = Where) ->
+    case hands(Command, Where#{world => simulation}) of
+        {ok, Hands} ->
+            Id = id(N, Where),
+            Ids = lists:sublist([Id, list_to_atom(atom_to_list(Id) ++ "_back")], length(Hands)),
+            End = max(From, Until),
+            {ok, [
+                clipped(starl_sim_hand:fault(Name, {From, End}, Hand), End)
+             || {Name, Hand} <- lists:zip(Ids, Hands)
+            ]};
+        {error, _} = Error ->
+            Error
+    end.
+
+clipped({_, _, To, _, _, _} = Fault, End) -> setelement(3, Fault, min(To, End)).
 
 %% What the field takes, as its title says it.
 possible(robots, #{robots := N}) ->
@@ -81,9 +122,6 @@ possible(two, _Where) ->
 possible(group, #{robots := N}) ->
     io_lib:format("robots from 1 to ~b as 1,2,3", [N]).
 
-checked([], Fault) -> {ok, [Fault]};
-checked([Problem | _], _Fault) -> {error, starl_sim_fault:format_problem(Problem)}.
-
 %% The number of names is limited, so is that of atoms.
 id(N, #{faults := Faults} = Where) ->
     Id = list_to_atom("hand_" ++ integer_to_list(N)),
@@ -91,18 +129,6 @@ id(N, #{faults := Faults} = Where) ->
         true -> id(N + 1, Where);
         false -> Id
     end.
-
-%% What happens at a moment has no end.
-until({Kind, _, _, _, _}, _Command, #{from_ms := From}) when
-    Kind =:= kill_machine; Kind =:= kill_robot
-->
-    From;
-until(_Spec, #{<<"seconds">> := S}, #{from_ms := From, until_ms := Until}) when
-    is_number(S), S >= 0, S < 1.0e6
-->
-    min(From + round(1000 * S), max(From, Until));
-until(_Spec, _Command, #{from_ms := From, until_ms := Until}) ->
-    max(From, Until).
 
 target(floor, _Floor, _Where) ->
     {ok, all};
@@ -169,7 +195,7 @@ healed(Name, NowMs, Faults) ->
         To > NowMs,
         From =< NowMs,
         From < To,
-        lists:keymember(Kind, 1, kinds())
+        lists:keymember(Kind, 1, starl_sim_hand:kinds(simulation))
     ],
     case Lasting of
         [] -> {error, "nothing is there to be healed"};

@@ -1,6 +1,6 @@
 %% @doc Shows a live run: robots in real time, in this VM or on nodes. The page is behind by the
-%% time that facts may take until they are judged. What hands can do here happens at once and is in
-%% no scenario: real time does not come again.
+%% time that facts may take until they are judged. What hands do here happens at once, and is among the
+%% results as a schedule of faults for the simulator: real time does not come again.
 -module(starl_view_live).
 -behaviour(gen_server).
 
@@ -12,18 +12,13 @@
 %% `speed': of the run's time.
 -type config() :: #{hub := pid(), speed := number()}.
 
-%% What can be done, by its name on the page, with the robots that it is done to; and the status of
-%% the run.
+%% The status of the run, the faults that begin now and those that end, and its end; its world.
 -type hands() :: #{
+    world := starl_sim_hand:world(),
     status := fun(() -> #{now_us := integer(), running := non_neg_integer(), atom() => term()}),
-    kill => fun((starl:robot_id()) -> answer()),
-    pause => fun((starl:robot_id(), Seconds :: number()) -> answer()),
-    lose_store => fun((starl:robot_id()) -> answer()),
-    set_back => fun((starl:robot_id()) -> answer()),
-    cut => fun((starl:robot_id(), starl:robot_id()) -> answer()),
-    freeze => fun((starl:robot_id()) -> answer()),
-    heal => fun(() -> answer()),
-    stop => fun(() -> answer())
+    act := fun(([starl_sim_hand:t(), ...]) -> answer()),
+    heal := fun((all | {fault, atom()}) -> answer()),
+    stop := fun(() -> answer())
 }.
 
 -type answer() :: ok | {error, unicode:chardata()}.
@@ -38,6 +33,7 @@
     speed :: number(),
     hands = none :: hands() | none | over,
     robots = 0 :: non_neg_integer(),
+    machines = [] :: [starl_machine:name()],
     facts = none :: starl_observer:facts() | none,
     now = 0 :: integer()
 }).
@@ -87,12 +83,13 @@ handle_cast({ended, #{ending := Ending, end_us := End}}, #live{hub = Hub, now = 
 head(#live{facts = none} = Live) ->
     Live;
 head(#live{facts = #{robots := Robots} = Facts, hub = Hub, hands = Hands} = Live) ->
-    Rows = starl_view_head:rows(Facts, #{kind => live, hands => can(Hands)}),
+    #{machines := Machines} = Facts,
+    Rows = starl_view_head:rows(Facts, #{kind => live, kinds => can(Hands)}),
     ok = starl_view_hub:head(Hub, {Rows, length(Robots)}),
     _ = [ok = starl_view_hub:put(Hub, Row) || Row <- Rows],
-    Live#live{robots = length(Robots)}.
+    Live#live{robots = length(Robots), machines = maps:keys(Machines)}.
 
-can(#{} = Hands) -> lists:sort(maps:keys(maps:remove(status, Hands)));
+can(#{world := World}) -> starl_view_hand:kinds(World);
 can(_) -> [].
 
 -spec handle_info(term(), #live{}) -> {noreply, #live{}}.
@@ -137,59 +134,42 @@ do(_Command, Page, #live{hands = none} = Live) ->
     answered({error, "not yet"}, none, Page, Live);
 do(_Command, Page, #live{hands = over} = Live) ->
     answered({error, "the run is over"}, none, Page, Live);
-do(#{<<"do">> := <<"kill">>, <<"robot">> := Robot}, Page, Live) ->
-    hand(kill, [Robot], Page, Live);
-do(#{<<"do">> := <<"hold">>, <<"robot">> := Robot, <<"seconds">> := Seconds}, Page, Live) when
-    is_number(Seconds)
-->
-    paused(Robot, Seconds, Page, Live);
-do(#{<<"do">> := <<"lose_store">>, <<"robot">> := Robot}, Page, Live) ->
-    hand(lose_store, [Robot], Page, Live);
-do(#{<<"do">> := <<"set_back">>, <<"robot">> := Robot}, Page, Live) ->
-    hand(set_back, [Robot], Page, Live);
-do(#{<<"do">> := <<"freeze">>, <<"robot">> := Robot}, Page, Live) ->
-    hand(freeze, [Robot], Page, Live);
-do(#{<<"do">> := <<"cut">>, <<"robots">> := [A, B]}, Page, Live) when A =/= B ->
-    hand(cut, [A, B], Page, Live);
-do(#{<<"do">> := <<"heal">>}, Page, Live) ->
-    hand(heal, [], Page, Live);
-do(#{<<"do">> := <<"stop">>}, Page, Live) ->
-    hand(stop, [], Page, Live);
+do(#{<<"do">> := <<"fault">>} = Command, Page, #live{hands = #{act := Act} = Hands} = Live) ->
+    #{world := World} = Hands,
+    #live{robots = N, machines = Machines} = Live,
+    case starl_view_hand:hands(Command, #{world => World, robots => N, machines => Machines}) of
+        {ok, Own} -> answered(Act(Own), done(Own), Page, Live);
+        {error, _} = Error -> answered(Error, none, Page, Live)
+    end;
+do(#{<<"do">> := <<"heal">>, <<"id">> := Name}, Page, #live{hands = #{heal := Heal}} = Live) ->
+    answered(Heal(healed(Name)), "healed", Page, Live);
+do(#{<<"do">> := <<"stop">>}, Page, #live{hands = #{stop := Stop}} = Live) ->
+    answered(Stop(), "stop", Page, Live);
 do(_Command, Page, Live) ->
     answered({error, "this cannot be done to a live run"}, none, Page, Live).
 
-hand(What, Robots, Page, #live{hands = Hands} = Live) ->
-    case Hands of
-        #{What := Do} -> hand(What, Robots, fun() -> apply(Do, Robots) end, Page, Live);
-        #{} -> hand(What, Robots, none, Page, Live)
+%% No word of the page becomes an atom.
+healed(<<"all">>) ->
+    all;
+healed(Name) ->
+    try
+        {fault, binary_to_existing_atom(Name)}
+    catch
+        error:badarg -> {fault, none}
     end.
-
-hand(What, Robots, Do, Page, #live{robots = N} = Live) ->
-    case lists:all(fun(R) -> is_integer(R) andalso R >= 1 andalso R =< N end, Robots) of
-        true when Do =/= none -> answered(Do(), {What, Robots}, Page, Live);
-        true -> answered({error, "this cannot be done to this run"}, none, Page, Live);
-        false -> answered({error, "there is no such robot"}, none, Page, Live)
-    end.
-
-%% The length is of the computer, not of the run.
-paused(Robot, Seconds, Page, #live{hands = #{pause := Pause}} = Live) ->
-    hand(pause, [Robot], fun() -> Pause(Robot, Seconds) end, Page, Live);
-paused(_Robot, _Seconds, Page, Live) ->
-    answered({error, "this cannot be done to this run"}, none, Page, Live).
 
 %% The run tells its observers what was done, and so the page.
-answered(ok, {What, Robots}, Page, Live) ->
-    ok = starl_view_hub:say(Page, yes, done(What, Robots)),
+answered(ok, Said, Page, Live) ->
+    ok = starl_view_hub:say(Page, yes, Said),
     Live;
-answered({error, Why}, _What, Page, Live) ->
+answered({error, Why}, _Said, Page, Live) ->
     ok = starl_view_hub:say(Page, no, Why),
     Live.
 
-done(heal, []) ->
-    "healed";
-done(What, Robots) ->
+done([{Kind, _, _, _} | _] = Hands) ->
+    Robots = lists:usort(lists:append([starl_sim_hand:robots(Hand) || Hand <- Hands])),
     [
-        string:replace(atom_to_list(What), "_", " "),
+        string:replace(atom_to_list(Kind), "_", " ", all),
         [io_lib:format(" ~b", [Robot]) || Robot <- Robots]
     ].
 

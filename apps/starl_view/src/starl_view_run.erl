@@ -82,15 +82,12 @@ options(Config) -> maps:get(options, Config, #{}).
 
 head(#{robots := Robots, machines := Machines} = Facts, #{hub := Hub}) ->
     Kinds = [
-        [Kind, Shape, [[Key | range(Type)] || {Key, Type, _} <- Specs], list_to_binary(Doc)]
-     || {Kind, _, Shape, Specs, Doc} <- starl_view_hand:kinds(),
+        Kind
+     || [_, Shape | _] = Kind <- starl_view_hand:kinds(simulation),
         Shape =/= floor orelse is_map_key(floor, Facts)
     ],
     Extra = #{kind => simulation, kinds => Kinds, machines => lists:sort(maps:keys(Machines))},
     starl_view_hub:head(Hub, {starl_view_head:rows(Facts, Extra), length(Robots)}).
-
-range({one_of, Words}) -> [Words];
-range({_, Low, High}) -> [Low, High].
 
 simulation(Scenario, ToldUs, #{hub := Hub} = Config) ->
     Options = options(Config),

@@ -420,14 +420,16 @@ struck(Dir) ->
     _ = process_flag(trap_exit, true),
     Given = #{app => starl_world_app, robots => 2, play => #{}},
     {ok, Cluster} = starl_cluster:start(Given, #{dir => Dir, transport => dist}),
-    Done = fun({Name, Act}, N) ->
-        ok = starl_cluster:Act(Cluster, 2),
+    Done = fun({Name, Kind}, N) ->
+        ok = starl_cluster:act(Cluster, [{Kind, 2, #{}, 0}]),
         ok = restarted(N, Cluster),
         ok = up(2, Cluster),
         {{Name, starts(Dir)}, N + 1}
     end,
     First = {first, starts(Dir)},
-    Acts = [{killed, kill}, {set_back, set_back}, {killed, kill}, {lost, lose_store}],
+    Acts = [
+        {killed, reboot}, {set_back, store_set_back}, {killed, reboot}, {lost, store_lost}
+    ],
     {Starts, _} = lists:mapfoldl(Done, 1, Acts),
     ok = starl_cluster:stop(Cluster),
     _ = starl_cluster:finish(Cluster),
@@ -439,17 +441,17 @@ filled(Dir) ->
     _ = process_flag(trap_exit, true),
     Given = #{app => starl_world_app, robots => 2, play => #{}},
     {ok, Cluster} = starl_cluster:start(Given, #{dir => Dir, transport => dist}),
-    ok = starl_cluster:fill(Cluster, 2),
+    ok = starl_cluster:act(Cluster, [{store_full, 2, #{}, lasting}]),
     Full = writes(2, Dir, Cluster),
     Loaded = loads(2, Cluster),
     Other = writes(1, Dir, Cluster),
-    ok = starl_cluster:heal(Cluster),
+    ok = starl_cluster:heal(Cluster, all),
     Clear = writes(2, Dir, Cluster),
-    ok = starl_cluster:fill(Cluster, 2),
-    ok = starl_cluster:kill(Cluster, 2),
+    ok = starl_cluster:act(Cluster, [{store_full, 2, #{}, lasting}]),
+    ok = starl_cluster:act(Cluster, [{reboot, 2, #{}, 0}]),
     ok = restarted(2, Cluster),
     #{up := Up} = starl_cluster:status(Cluster),
-    ok = starl_cluster:heal(Cluster),
+    ok = starl_cluster:heal(Cluster, all),
     ok = up(2, Cluster),
     _ = starl_cluster:stop(Cluster),
     _ = starl_cluster:finish(Cluster),
@@ -504,7 +506,7 @@ shot(Dir) ->
     Log = fun(Robot, Level, Line) -> Level =:= error andalso (Self ! {told, Robot, Line}) end,
     Given = #{app => starl_world_app, robots => 2, play => #{}},
     {ok, Cluster} = starl_cluster:start(Given, #{dir => Dir, transport => dist, log => Log}),
-    ok = starl_cluster:kill(Cluster, 2),
+    ok = starl_cluster:act(Cluster, [{reboot, 2, #{}, 0}]),
     ok = restarted(1, Cluster),
     ok = up(2, Cluster),
     First = shot("KILL", 1, Cluster),
@@ -538,7 +540,7 @@ set_apart(Dir, {Library, Seconds}) ->
     ok = heard(3),
     true = os:putenv("SHIFTED_S", integer_to_list(Seconds)),
     true = os:putenv("LD_PRELOAD", Library),
-    ok = starl_cluster:kill(Cluster, 2),
+    ok = starl_cluster:act(Cluster, [{reboot, 2, #{}, 0}]),
     ok = restarted(1, Cluster),
     true = os:unsetenv("LD_PRELOAD"),
     ok = up(2, Cluster),
@@ -592,7 +594,7 @@ loading(Does) ->
 
 %% The robot's node is killed until the port is ours.
 listened(Port, Cluster) ->
-    _ = starl_cluster:kill(Cluster, 2),
+    _ = starl_cluster:act(Cluster, [{reboot, 2, #{}, 0}]),
     case gen_tcp:listen(Port, [{reuseaddr, true}]) of
         {ok, Socket} -> Socket;
         {error, eaddrinuse} -> listened(Port, Cluster)
@@ -647,7 +649,7 @@ heard(N) ->
     end.
 
 act({kill, Robot}, Cluster) ->
-    ok = starl_cluster:kill(Cluster, Robot),
+    ok = starl_cluster:act(Cluster, [{reboot, Robot, #{}, 0}]),
     [];
 act({halt, Robot}, Cluster) ->
     #{os_pids := #{Robot := OsPid}} = starl_cluster:status(Cluster),
@@ -659,15 +661,15 @@ act({stands, Robot}, Cluster) ->
     stands(OsPid),
     [];
 act({cut, A, B}, Cluster) ->
-    ok = starl_cluster:cut(Cluster, A, B),
+    ok = starl_cluster:act(Cluster, starl_sim_hand:cut(A, B, lasting)),
     [];
 act({pause, Robot, Seconds}, Cluster) ->
-    ok = starl_cluster:pause(Cluster, Robot, Seconds),
+    ok = starl_cluster:act(Cluster, [{pause, Robot, #{}, round(1000 * Seconds)}]),
     [];
 act({pause_at_work, Robot, Seconds}, Cluster) ->
-    [starl_cluster:pause_at_work(Cluster, Robot, Seconds)];
+    [starl_cluster:halt_at_work(Cluster, Robot, Seconds)];
 act(heal, Cluster) ->
-    ok = starl_cluster:heal(Cluster),
+    ok = starl_cluster:heal(Cluster, all),
     [];
 act({reload, Texts, Step}, Cluster) ->
     Code = changed(Texts, list_to_atom(Step)),

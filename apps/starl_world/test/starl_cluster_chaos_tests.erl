@@ -9,27 +9,21 @@ draw_test_() ->
     [{"seed " ++ integer_to_list(Seed), fun() -> drawn(Seed) end} || Seed <- lists:seq(1, 50)].
 
 drawn(Seed) ->
-    Acts = starl_cluster_chaos:draw(Seed, [1, 2, 3, 4, 5], ?SPAN),
-    ?assertEqual(Acts, starl_cluster_chaos:draw(Seed, [1, 2, 3, 4, 5], ?SPAN)),
-    ?assertEqual(lists:sort(Acts), Acts),
-    ?assertMatch([_, _], [Act || {_, {kill, _}} = Act <- Acts]),
-    ?assertMatch([_], [At || {At, {kill, leader}} <- Acts]),
-    [{_, Seconds}] = [{At, S} || {At, {pause_at_work, _, S}} <- Acts],
-    ?assert(Seconds >= 1 andalso Seconds =< 2),
-    [{Frozen, Robot}] = [{At, R} || {At, {freeze, R}} <- Acts],
-    ?assertEqual([Frozen + 5_000_000], [At || {At, {thaw, R}} <- Acts, R =:= Robot]),
-    [{Full, Filled}] = [{At, R} || {At, {fill, R}} <- Acts],
-    ?assertEqual([Full + 5_000_000], [At || {At, {clear, R}} <- Acts, R =:= Filled]),
-    [{Spoilt, Who}, {Well, Who}] = [{At, R} || {At, {sense, R, all, _}} <- Acts],
-    ?assertEqual([Well], [At || {At, {sense, _, all, well}} <- Acts]),
-    ?assertEqual(Spoilt + 5_000_000, Well),
-    [?assert(lists:member({At + 10_000_000, {mend, A, B}}, Acts)) || {At, {cut, A, B}} <- Acts],
-    ?assert(lists:all(fun begins_in_time/1, Acts)).
-
-begins_in_time({At, {What, _}}) when What =:= kill; What =:= freeze; What =:= fill -> in_time(At);
-begins_in_time({At, {pause_at_work, _, _}}) -> in_time(At);
-begins_in_time({At, {cut, A, B}}) -> A =/= B andalso in_time(At);
-begins_in_time(_) -> true.
+    Hands = starl_cluster_chaos:draw(Seed, [1, 2, 3, 4, 5], ?SPAN),
+    ?assertEqual(Hands, starl_cluster_chaos:draw(Seed, [1, 2, 3, 4, 5], ?SPAN)),
+    ?assertEqual(lists:sort(Hands), Hands),
+    ?assertMatch([_, _], [0 || {_, {reboot, _, _, 0}} <- Hands]),
+    ?assertMatch([leader], [R || {_, {reboot, R, _, _}} <- Hands, R =:= leader]),
+    [Ms] = [Ms || {_, {pause, _, #{at_work := true}, Ms}} <- Hands],
+    ?assert(Ms >= 1000 andalso Ms =< 2000),
+    ?assertMatch([5000], [L || {_, {location_frozen, _, _, L}} <- Hands]),
+    ?assertMatch([5000], [L || {_, {store_full, _, _, L}} <- Hands]),
+    ?assertMatch([5000], [L || {_, {_, _, #{sense := all}, L}} <- Hands]),
+    [
+        ?assert(lists:member({At, {loss, {B, A}, #{part => 1.0}, 10000}}, Hands))
+     || {At, {loss, {A, B}, _, _}} <- Hands
+    ],
+    ?assert(lists:all(fun({At, _}) -> in_time(At) end, Hands)).
 
 in_time(At) -> At >= 5_000_000 andalso At =< 45_000_000.
 
@@ -38,38 +32,42 @@ cables_test() ->
     Acts = starl_cluster_chaos:cables(7, [1, 2, 3], 20),
     ?assertEqual(Acts, starl_cluster_chaos:cables(7, [1, 2, 3], 20)),
     ?assertEqual(Acts, lists:sort(Acts)),
-    {Pulls, Plugs} = lists:partition(fun({_, {What, _}}) -> What =:= unplug_in_time end, Acts),
-    ?assertEqual([{At + 1_000_000, {plug, R}} || {At, {unplug_in_time, R}} <- Pulls], Plugs),
+    Pulls = [{At, R} || {At, {serial_gone, R, #{in_time := true}, 1000}} <- Acts],
+    Times = [At || {At, _} <- Pulls],
     ?assertEqual(20, length(Pulls)),
-    ?assertEqual([1, 2, 3], lists:usort([R || {_, {_, R}} <- Pulls])).
+    [?assert(Next > At + 1_000_000) || {At, Next} <- lists:zip(lists:droplast(Times), tl(Times))],
+    ?assertEqual([1, 2, 3], lists:usort([R || {_, R} <- Pulls])).
 
 %% As many as asked for, one after the other.
 halts_test() ->
     Acts = starl_cluster_chaos:halts(7, [1, 2, 3], 20),
     ?assertEqual(Acts, starl_cluster_chaos:halts(7, [1, 2, 3], 20)),
     ?assertEqual(Acts, lists:sort(Acts)),
-    ?assertEqual(20, length([S || {_, {pause_at_work, _, S}} <- Acts, S >= 1, S =< 2])),
-    ?assertEqual([1, 2, 3], lists:usort([R || {_, {_, R, _}} <- Acts])).
+    Lengths = [Ms || {_, {pause, _, #{at_work := true}, Ms}} <- Acts, Ms >= 1000, Ms =< 2000],
+    ?assertEqual(20, length(Lengths)),
+    ?assertEqual([1, 2, 3], lists:usort([R || {_, {_, R, _, _}} <- Acts])).
 
 stores_test() ->
     Acts = starl_cluster_chaos:stores(7, [1, 2, 3], 20),
     ?assertEqual(Acts, starl_cluster_chaos:stores(7, [1, 2, 3], 20)),
     ?assertEqual(20, length(Acts)),
-    ?assertEqual([lose_store, set_back], lists:usort([What || {_, {What, _}} <- Acts])).
+    ?assertEqual(
+        [store_lost, store_set_back], lists:usort([Kind || {_, {Kind, _, _, _}} <- Acts])
+    ).
 
 %% Each has room again before the next is full.
 full_disks_test() ->
     Acts = starl_cluster_chaos:full_disks(7, [1, 2, 3], 20),
     ?assertEqual(Acts, starl_cluster_chaos:full_disks(7, [1, 2, 3], 20)),
-    ?assertEqual(40, length(Acts)),
-    ?assertEqual([1, 2, 3], lists:usort([R || {_, {fill, R}} <- Acts])),
-    [?assert(lists:member({At + 5_000_000, {clear, R}}, Acts)) || {At, {fill, R}} <- Acts].
+    ?assertEqual(20, length(Acts)),
+    ?assertEqual([1, 2, 3], lists:usort([R || {_, {store_full, R, _, 5000}} <- Acts])),
+    [?assert(At >= 10_000_000) || {At, _} <- Acts].
 
 alone_test() ->
     Acts = starl_cluster_chaos:draw(1, [1], ?SPAN),
-    ?assertEqual([], [Act || {_, {cut, _, _}} = Act <- Acts]).
+    ?assertEqual([], [Act || {_, {loss, _, _, _}} = Act <- Acts]).
 
 leader_test() ->
-    ?assertEqual(none, starl_cluster_chaos:targets({kill, leader}, none)),
-    ?assertEqual({kill, 4}, starl_cluster_chaos:targets({kill, leader}, 4)),
-    ?assertEqual({cut, 1, 2}, starl_cluster_chaos:targets({cut, 1, 2}, 4)).
+    ?assertEqual(none, starl_cluster_chaos:aimed({reboot, leader, #{}, 0}, none)),
+    ?assertEqual({reboot, 4, #{}, 0}, starl_cluster_chaos:aimed({reboot, leader, #{}, 0}, 4)),
+    ?assertEqual({reboot, 2, #{}, 0}, starl_cluster_chaos:aimed({reboot, 2, #{}, 0}, 4)).

@@ -6,17 +6,24 @@ parse_test_() ->
         ?_assertEqual({Words, Expected}, {Words, starl_cluster_command:parse(Words)})
      || {Words, Expected} <- [
             {["status"], {ok, status}},
-            {["kill", "3"], {ok, {act, {kill, 3}}}},
-            {["pause", "3", "2"], {ok, {act, {pause, 3, 2}}}},
-            {["pause", "3", "0.25"], {ok, {act, {pause, 3, 0.25}}}},
-            {["lose-store", "3"], {ok, {act, {lose_store, 3}}}},
-            {["set-back", "3"], {ok, {act, {set_back, 3}}}},
-            {["cut", "1", "2"], {ok, {act, {cut, 1, 2}}}},
-            {["fill", "1"], {ok, {act, {fill, 1}}}},
-            {["unplug", "1"], {ok, {act, {unplug, 1}}}},
-            {["sense", "2", "camera", "frozen"], {ok, {act, {sense, 2, camera, frozen}}}},
-            {["sense", "2", "all", "noisy"], {ok, {act, {sense, 2, all, {noisy, 10}}}}},
-            {["sense", "2", "all", "well"], {ok, {act, {sense, 2, all, well}}}},
+            {["heal"], {ok, {heal, all}}},
+            {["kill", "3"], {ok, {act, [{reboot, 3, #{}, 0}]}}},
+            {["pause", "3", "2"], {ok, {act, [{pause, 3, #{}, 2000}]}}},
+            {["pause", "3", "0.25"], {ok, {act, [{pause, 3, #{}, 250}]}}},
+            {["lose-store", "3"], {ok, {act, [{store_lost, 3, #{}, 0}]}}},
+            {["set-back", "3"], {ok, {act, [{store_set_back, 3, #{}, 0}]}}},
+            {["cut", "1", "2"], {ok, {act, starl_sim_hand:cut(1, 2, lasting)}}},
+            {["fill", "1"], {ok, {act, [{store_full, 1, #{}, lasting}]}}},
+            {["unplug", "1"], {ok, {act, [{serial_gone, 1, #{}, lasting}]}}},
+            {
+                ["sense", "2", "camera", "frozen"],
+                {ok, {act, [{sense_frozen, 2, #{sense => camera}, lasting}]}}
+            },
+            {
+                ["sense", "2", "all", "noisy"],
+                {ok, {act, [{sense_noisy, 2, #{sense => all, times => 10}, lasting}]}}
+            },
+            {["sense", "2", "all", "well"], {ok, {heal, {sense, 2, all}}}},
             {["reload", "lists"], {ok, {reload, lists}}},
             {["reload", "election"], {ok, {reload, starl_election}}},
             {["reload", "/tmp/mine.erl"], {ok, {reload, "/tmp/mine.erl"}}}

@@ -17,6 +17,8 @@
     slow_line_and_rare_pictures/1,
     frozen_positions/1,
     links_cut/1,
+    scheduled/1,
+    refused/1,
     stopped/1,
     store_gone/1
 ]).
@@ -40,6 +42,8 @@ all() ->
         slow_line_and_rare_pictures,
         frozen_positions,
         links_cut,
+        scheduled,
+        refused,
         stopped,
         store_gone
     ].
@@ -126,7 +130,7 @@ killed_again_and_again(Config) ->
 killed(_N, {Run, Random0}) ->
     {Words, Random} = rand:uniform_s(4, Random0),
     ok = spoken(Words - 1),
-    ok = starl_world_run:kill(Run, 2),
+    ok = starl_world_run:act(Run, [{reboot, 2, #{}, 0}]),
     {Run, Random}.
 
 spoken(0) ->
@@ -178,26 +182,33 @@ slow_line_and_rare_pictures(Config) ->
 %% A robot that is shown the same picture again and again finds that out and waits.
 frozen_positions(Config) ->
     Run = paint(#{}, #{}, Config),
-    ok = starl_world_run:freeze(Run, [1]),
+    ok = starl_world_run:act(Run, [{location_frozen, 1, #{}, lasting}]),
     ok = starl_world_run:until(Run, 8_000_000),
-    ok = starl_world_run:freeze(Run, []),
+    ok = starl_world_run:heal(Run, all),
     complete(Run).
 
 %% A cut stays for a robot that starts anew, by hand or by its supervisor, until it is healed.
 links_cut(Config) ->
     Run = play(numbers(60), Config),
     heard(20),
-    ?assertMatch({error, _}, starl_world_run:cut(Run, 1, 3)),
-    ok = starl_world_run:cut(Run, 1, 2),
+    ?assertMatch({error, _}, starl_world_run:act(Run, starl_sim_hand:cut(1, 3, lasting))),
+    ok = starl_world_run:act(Run, starl_sim_hand:cut(1, 2, lasting)),
     deaf(2, none, 300, Run),
     Before = starl_world_run:link(Run, 2),
-    ok = starl_world_run:kill(Run, 2),
+    ok = starl_world_run:act(Run, [{reboot, 2, #{}, 0}]),
     deaf(2, Before, 300, Run),
     Killed = starl_world_run:link(Run, 2),
     exit(Killed, kill),
     deaf(2, Killed, 300, Run),
-    ok = starl_world_run:heal(Run),
-    ?assertEqual([{done, 60}, {done, 60}], results(sound(done, Run))),
+    ok = starl_world_run:heal(Run, all),
+    #{faults := Faults} = Outcome = sound(done, Run),
+    ?assertEqual([{done, 60}, {done, 60}], results(Outcome)),
+    %% what was done is a schedule of the simulator
+    ?assertEqual([], starl_sim_fault:check(Faults)),
+    ?assertEqual(
+        [{hand_1, loss, {1, 2}}, {hand_2, loss, {2, 1}}, {hand_3, reboot, 2}],
+        lists:sort([{Id, Kind, Target} || {Id, _, _, Kind, Target, _} <- Faults])
+    ),
     #{sap := N, app := N} = starts(2, Config),
     ?assert(N > 1 bsl 50).
 
@@ -223,6 +234,49 @@ lost(Link, _Before) ->
         %% it has just been killed
         exit:_ -> 0
     end.
+
+%% Faults of a schedule are told, by their names and at their times, as those by hand are; one that begins
+%% after the end of the run is not.
+scheduled(Config) ->
+    Self = self(),
+    Schedule = [
+        {cut, 200, 1500, partition, [1], #{}},
+        {down, 400, 900, reboot, 2, #{}},
+        {lost, 2000, 2300, store_lost, 2, #{}},
+        {late, 9_000_000, 9_000_001, isolate, 2, #{}}
+    ],
+    Told = fun
+        ({fault, _, What}) ->
+            Self ! What,
+            ok;
+        (_) ->
+            ok
+    end,
+    Play = #{1 => {numbers, 2, 1, 1000, Self}, 2 => {count, 1, 1000, Self}},
+    Scenario = #{app => starl_world_app, robots => 2, play => Play, faults => Schedule},
+    Run = start(Scenario, #{observe => Told}, Config),
+    [
+        receive
+            {Is, {Id, At, _, _, _, _}} when Is =:= began -> ?assert(At >= From);
+            {Is, {Id, _, At, _, _, _}} when Is =:= ended -> ?assert(At >= To)
+        end
+     || Is <- [began, ended], {Id, From, To, _, _, _} <- lists:droplast(Schedule)
+    ],
+    ok = starl_world_run:stop(Run),
+    #{faults := Faults} = sound(stopped, Run),
+    ?assertEqual([cut, down, lost], lists:sort([element(1, Fault) || Fault <- Faults])).
+
+%% Nothing runs with a fault that this world cannot play.
+refused(Config) ->
+    Dir = proplists:get_value(dir, Config),
+    Scenario = #{
+        app => starl_world_app, robots => 2, play => #{}, faults => [{a, 1, 2, pause, 1, #{}}]
+    },
+    {error, Why} = starl_world_run:start(Scenario, #{dir => Dir}),
+    ?assertEqual(
+        "fault a: pause needs a node for each robot: take ./starl cluster",
+        lists:flatten(starl_sim:format_error(Why))
+    ).
 
 stopped(Config) ->
     Run = play(#{1 => wait, 2 => wait}, Config),

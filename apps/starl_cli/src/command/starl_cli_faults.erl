@@ -20,7 +20,9 @@ about(_Subject) ->
             "             {bad, 0, 60000, loss, all, #{part => 0.2}}]"},
         "or, drawn from the seed, random_faults => [network, kill_machine], classes and kinds. "
         "Targets: robots is all or one Robot; robot a Robot; machine {Robot, Machine}; link all, the "
-        "Robot that sends, or {From, To}; group a list of robots; two {A, B}; floor all."
+        "Robot that sends, or {From, To}; group a list of robots; two {A, B}; floor all. Kinds that are "
+        "marked can be played in real time, too: live by ./starl run --live and ./starl cluster, nodes by "
+        "the latter alone."
     ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
@@ -42,9 +44,17 @@ kind({Kind, _Class, Target, Specs, Doc}, Width) ->
         io_lib:format("  ~-18ts ", [Kind]),
         string:trim(Head, trailing),
         "\n      ",
-        starl_cli_terminal:wrap(Doc, 6, Width),
+        starl_cli_terminal:wrap([Doc, real(Kind)], 6, Width),
         "\n"
     ].
+
+%% Where it can be played in real time.
+real(Kind) ->
+    case [lists:keymember(Kind, 1, starl_sim_hand:kinds(World)) || World <- [one_vm, nodes]] of
+        [true, _] -> " [live]";
+        [false, true] -> " [nodes]";
+        [false, false] -> ""
+    end.
 
 type({one_of, Atoms}) -> lists:join("|", [atom_to_list(Atom) || Atom <- Atoms]);
 type({_, Low, High}) -> io_lib:format("~b..~b", [Low, High]).

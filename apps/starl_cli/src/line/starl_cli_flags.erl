@@ -63,13 +63,18 @@ format_problem({stray, Arg}) ->
     ["unexpected argument ", quoted(Arg), "; flags begin with --"];
 format_problem({bad_value, Key, Text, {term, Shape, _} = Type}) ->
     Why =
-        case starl_options:misread(Type, Text) of
+        case misread(in_file(Text), Type, Text) of
             none -> "";
             Where -> [" (", Where, ")"]
         end,
     io_lib:format("~ts: ~ts expected, not ~ts~ts", [flag(Key), Shape, quoted(Text), Why]);
 format_problem({bad_value, Key, Text, Type}) ->
     io_lib:format("~ts: ~ts expected, not ~ts", [flag(Key), type_text(Type), quoted(Text)]).
+
+misread(none, Type, Text) -> starl_options:misread(Type, Text);
+misread({ok, [_]}, _Type, _Text) -> none;
+misread({ok, Terms}, _Type, _Text) -> io_lib:format("a file with ~b terms", [length(Terms)]);
+misread({error, Why}, _Type, _Text) -> file:format_error(Why).
 
 %% @doc The help on flags, wrapped to a width in columns.
 -spec help([flag()], Width :: pos_integer()) -> unicode:chardata().
@@ -183,8 +188,25 @@ parse_value({list, Type}, Text) ->
         true -> error;
         false -> {ok, lists:append([Values || {ok, Values} <- Parts])}
     end;
+parse_value({term, _, Is} = Type, Text) ->
+    case {starl_options:parse(Type, Text), in_file(Text)} of
+        {error, {ok, [Term]}} ->
+            case Is(Term) of
+                true -> {ok, Term};
+                false -> error
+            end;
+        {Parsed, _} ->
+            Parsed
+    end;
 parse_value(Type, Text) ->
     starl_options:parse(Type, Text).
+
+%% A long term, such as a list of faults, may be in a file.
+in_file(Text) ->
+    case filename:extension(Text) of
+        ".term" -> file:consult(Text);
+        _ -> none
+    end.
 
 parse_values(Type, Text) ->
     case starl_options:parse(Type, Text) of

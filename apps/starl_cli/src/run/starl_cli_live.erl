@@ -8,7 +8,7 @@
 
 %% Where the robots run; how packets travel between nodes, and what happens to these.
 -type live() ::
-    here | {nodes, dist | udp, Chaos :: [{AtUs :: integer(), starl_cluster_chaos:act()}]}.
+    here | {nodes, dist | udp, Chaos :: [{AtUs :: integer(), starl_cluster_chaos:hand()}]}.
 
 %% A run: what can be asked of it, wherever its robots are.
 -type handle() :: #{
@@ -17,13 +17,16 @@
     stop := fun(() -> ok),
     finish := fun(() -> {starl_sim_outcome:t(), starl_scene:report()}),
     scenario := starl_sim_scenario:t(),
+    world := starl_sim_hand:world(),
     %% what can be done to it ({@link starl_view_live})
-    atom() => function()
+    act := fun(([starl_sim_hand:t()]) -> ok | {error, unicode:chardata()}),
+    heal := fun((starl_world_faults:heal()) -> ok)
 }.
 
 -define(SHOW_MS, 100).
 %% What a window can do.
--define(HANDS, [status, stop, kill, pause, lose_store, set_back, cut, freeze, heal]).
+-define(HANDS, [world, status, stop, act, heal]).
+-define(NO_CABLE, "only a Create has a cable: add --chassis create or create_1").
 %% The beginning of the name of the directory of the stores; the number of the OS process follows.
 -define(STATE_DIR, "starl-live-").
 
@@ -43,7 +46,7 @@ flags() ->
 -spec run(live(), starl_cli_setup:t(), Values :: #{atom() => term()}) ->
     starl_cli_command:answer().
 run(Live, #{scenario := Scenario} = Setup, Values) ->
-    case refused(Scenario) ++ too_fast(Scenario, Values) ++ no_cable(Scenario, Values) of
+    case refused(Live, Setup, Values) ++ too_fast(Scenario, Values) ++ no_cable(Scenario, Values) of
         [] -> run_with(own(Scenario), Live, Setup, Values);
         Problems -> {error, Problems}
     end.
@@ -68,18 +71,44 @@ run_with({ok, Own}, Live, Checked, Values) ->
         end)
     end).
 
-%% What only the simulator can do.
-refused(#{faults := Faults, random_faults := Random, reloads := Reloads}) ->
-    [
-        "faults: a schedule of faults needs the simulator; live, --loss and --delay disturb the "
-        "radio, and ./starl cluster kill and cut the robots"
-     || Faults =/= [] orelse Random =/= []
-    ] ++
+%% What only the simulator can do; what needs a Create.
+refused(Live, #{target := Target, scenario := Scenario}, Values) ->
+    #{faults := Faults, random_faults := Random, reloads := Reloads} = Scenario,
+    Place = fun(Key) -> [starl_cli_setup:place(Key, Target, Scenario), ": "] end,
+    [[Place(faults), Line] || Line <- starl_sim_hand:refused(world(Live), Faults)] ++
         [
-            "reloads: a reload at a time of the run needs the simulator; live, ./starl cluster "
-            "reload"
+            [Place(faults), io_lib:format("fault ~ts: ~ts", [Id, too_long(Pace)])]
+         || {Id, From, To, pause, _, _} <- Faults,
+            #{pace := Pace} <- [Values],
+            To - From > Pace * starl_cluster:most_halted_ms()
+        ] ++
+        [
+            [Place(faults), io_lib:format("fault ~ts: serial_gone: ~ts", [Id, ?NO_CABLE])]
+         || {Id, _, _, serial_gone, _, _} <- Faults, not has_cable(Scenario)
+        ] ++
+        [
+            [
+                Place(random_faults),
+                "drawn faults need the simulator; live, --faults plays a schedule, and ./starl "
+                "cluster --chaos disturbs the robots"
+            ]
+         || Random =/= []
+        ] ++
+        [
+            [
+                Place(reloads),
+                "a reload at a time of the run needs the simulator; live, ./starl cluster reload"
+            ]
          || Reloads =/= []
         ].
+
+too_long(Pace) ->
+    io_lib:format("pause: a node can be halted for ~b ms of the run at most at this pace", [
+        round(Pace * starl_cluster:most_halted_ms())
+    ]).
+
+world(here) -> one_vm;
+world({nodes, _, _}) -> nodes.
 
 %% An emulated Create knows real time only, and so do programs.
 too_fast(#{chassis := Choice}, #{pace := Pace}) ->
@@ -93,13 +122,12 @@ too_fast(#{chassis := Choice}, #{pace := Pace}) ->
      || Pace /= 1, Own =/= [] orelse starl_world_emulator:all(Choice, here) =/= undefined
     ].
 
-no_cable(#{chassis := Choice}, #{unplug := Times}) ->
-    [
-        "unplug: only a Create has a cable: add --chassis create or create_1"
-     || Times > 0, starl_world_emulator:all(Choice, here) =:= undefined
-    ];
+no_cable(Scenario, #{unplug := Times}) ->
+    ["unplug: " ++ ?NO_CABLE || Times > 0, not has_cable(Scenario)];
 no_cable(_Scenario, _Values) ->
     [].
+
+has_cable(#{chassis := Choice}) -> starl_world_emulator:all(Choice, here) =/= undefined.
 
 prepared(Live, Setup, Values, {Viewed, Attach}) ->
     ok = starl_cli_log:install(),
@@ -175,10 +203,9 @@ start(here, #{scenario := Scenario}, Options) ->
                 status => fun() -> starl_world_run:status(Run) end,
                 stop => fun() -> starl_world_run:stop(Run) end,
                 finish => fun() -> starl_world_run:finish(Run) end,
-                kill => fun(Robot) -> starl_world_run:kill(Run, Robot) end,
-                cut => fun(A, B) -> starl_world_run:cut(Run, A, B) end,
-                freeze => fun(Robot) -> starl_world_run:freeze_too(Run, Robot) end,
-                heal => fun() -> starl_world_run:heal(Run) end,
+                act => fun(Hands) -> starl_world_run:act(Run, Hands) end,
+                heal => fun(What) -> starl_world_run:heal(Run, What) end,
+                world => one_vm,
                 scenario => starl_world_run:scenario(Run)
             }};
         {error, Reason} ->
@@ -192,13 +219,9 @@ start({nodes, _, _}, #{scenario := Scenario}, Options) ->
                 status => fun() -> starl_cluster:status(Cluster) end,
                 stop => fun() -> starl_cluster:stop(Cluster) end,
                 finish => fun() -> starl_cluster:finish(Cluster) end,
-                kill => fun(Robot) -> starl_cluster:kill(Cluster, Robot) end,
-                pause => fun(Robot, Seconds) -> starl_cluster:pause(Cluster, Robot, Seconds) end,
-                lose_store => fun(Robot) -> starl_cluster:lose_store(Cluster, Robot) end,
-                set_back => fun(Robot) -> starl_cluster:set_back(Cluster, Robot) end,
-                cut => fun(A, B) -> starl_cluster:cut(Cluster, A, B) end,
-                freeze => fun(Robot) -> starl_cluster:freeze(Cluster, Robot) end,
-                heal => fun() -> starl_cluster:heal(Cluster) end,
+                act => fun(Hands) -> starl_cluster:act(Cluster, Hands) end,
+                heal => fun(What) -> starl_cluster:heal(Cluster, What) end,
+                world => nodes,
                 scenario => starl_cluster:scenario(Cluster)
             }};
         {error, Reason} ->

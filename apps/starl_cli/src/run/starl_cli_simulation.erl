@@ -15,6 +15,9 @@
     app := starl_scene:report()
 }.
 
+%% The faults that were played in real time.
+-define(FAULTS, "faults.term").
+
 %% @doc Runs the simulation of a checked command line.
 -spec run(starl_cli_setup:t()) -> starl_cli_command:answer().
 run(#{nodes := Nodes, target := Target} = Setup) ->
@@ -104,7 +107,8 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
         texts => [
             {"results.term", starl_cli_findings:results(Notes)},
             {"trajectories.csv", starl_cli_ways:csv(Ways)}
-            | starl_cli_measures:csv(Monitors) ++ starl_cli_measures:svg(Monitors)
+            | played(Setup, Outcome) ++ starl_cli_measures:csv(Monitors) ++
+                starl_cli_measures:svg(Monitors)
         ]
     },
     Written = starl_cli_out:write(Out, fun(Dir) ->
@@ -120,6 +124,27 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
         end,
     ok = uploaded(Written, Setup),
     where(Written, Setup, Seen, lost(maps:get(lost, Outcome), status(Report))).
+
+%% What was played of a schedule and by hand, for the simulator.
+played(Setup, #{faults := [_ | _] = Faults}) ->
+    [
+        {?FAULTS, [
+            "%% The faults of this run in real time, by hand among them. In the simulator:\n%%   ",
+            simulated(?FAULTS, Setup),
+            "\n[\n    ",
+            lists:join(",\n    ", [io_lib:format("~0tp", [Fault]) || Fault <- Faults]),
+            "\n].\n"
+        ]}
+    ];
+played(_Setup, _Outcome) ->
+    [].
+
+simulated(File, #{target := Target, scenario := Scenario}) ->
+    [
+        starl_cli_setup:replay(Target, maps:remove(faults, Scenario)),
+        " --faults ",
+        starl_cli_quoted:word(File)
+    ].
 
 uploaded({ok, Dir}, Setup) -> starl_cli_recording:uploaded(Setup, Dir);
 uploaded({partly, Dir, _Why}, Setup) -> starl_cli_recording:uploaded(Setup, Dir);
@@ -181,6 +206,7 @@ where({ok, Dir}, Setup, Outcome, Status) ->
             [_ | _] -> " (see its run.log)"
         end,
     starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), Crashes, "\n"]),
+    by_hand(Dir, Setup, Outcome),
     look(Dir, judging(Setup), Outcome),
     Status;
 where({partly, Dir, Why}, Setup, Outcome, Status) ->
@@ -190,6 +216,21 @@ where({partly, Dir, Why}, Setup, Outcome, Status) ->
 where({error, Why}, _Setup, _Outcome, _Status) ->
     starl_cli_terminal:complain(["the results could not be written: ", Why]),
     1.
+
+%% A schedule that was played as it was given is nothing new.
+by_hand(Dir, #{scenario := #{faults := Given}} = Setup, #{faults := Played}) ->
+    Ids = [element(1, Fault) || Fault <- Given],
+    _ = [
+        starl_cli_terminal:out([
+            "faults by hand: ",
+            simulated(starl_cli_out:shown(filename:join(Dir, ?FAULTS)), Setup),
+            "\n"
+        ])
+     || [Fault || Fault <- Played, not lists:member(element(1, Fault), Ids)] =/= []
+    ],
+    ok;
+by_hand(_Dir, _Setup, _Outcome) ->
+    ok.
 
 %% The commands that show the robots at the first violation and that shrink the run.
 look(_Dir, _Judging, #{violations := []}) ->

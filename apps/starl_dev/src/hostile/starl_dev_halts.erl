@@ -144,7 +144,7 @@ halts(Block, Cluster, Waiter, Found, Random0, Wanted, Values) ->
         true ->
             {Found, Random};
         false ->
-            Next = counted(starl_cluster:pause_at_work(Cluster, Robot, Length / 1000), Found),
+            Next = counted(starl_cluster:halt_at_work(Cluster, Robot, Length / 1000), Found),
             starl_cli_progress:note(io_lib:format("~s: ~b halts", [Block, maps:get(halts, Next)])),
             halts(Block, Cluster, Waiter, Next, Random, Wanted, Values)
     end.

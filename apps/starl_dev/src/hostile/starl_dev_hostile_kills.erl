@@ -66,7 +66,7 @@ kill(Cluster, Victim, Dir, N, Seed) ->
         true ->
             {Ms, _} = rand:uniform_s(?LIFE_MS, rand:seed_s(exsss, {Seed, N, Victim})),
             ok = pause(Ms),
-            ok = starl_cluster:kill(Cluster, Victim),
+            ok = starl_cluster:act(Cluster, [{reboot, Victim, #{}, 0}]),
             starl_cli_progress:note(io_lib:format("kill ~b", [N])),
             false;
         false ->

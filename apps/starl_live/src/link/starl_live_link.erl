@@ -16,7 +16,15 @@
 -behaviour(gen_server).
 
 -export([
-    start_link/1, inspect/1, figures/1, metrics/1, line/2, reload/3, take_back/3, sense_faults/2
+    start_link/1,
+    inspect/1,
+    figures/1,
+    metrics/1,
+    line/2,
+    reload/3,
+    take_back/3,
+    sense_faults/2,
+    kill/2
 ]).
 -export([processes/1, at_work/1]).
 -export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
@@ -136,6 +144,10 @@ reload(Link, Order, Reporter) -> gen_server:cast(Link, {reload, Order, Reporter}
 %% @doc From now on the robot's senses have these faults, and no others.
 -spec sense_faults(pid(), starl_live_sense_fault:faults()) -> ok.
 sense_faults(Link, Faults) -> gen_server:cast(Link, {sense_faults, Faults}).
+
+%% @doc Ends the process of a machine, as a crash does: its supervisor starts it anew.
+-spec kill(pid(), starl_machine:name()) -> ok.
+kill(Link, Name) -> gen_server:cast(Link, {kill, Name}).
 
 %% @doc The reload of this number has failed on that robot: this one goes back.
 -spec take_back(pid(), starl_reload:count(), Failed :: starl:robot_id()) -> ok.
@@ -311,6 +323,12 @@ handle_cast({take_back, _N, _Failed} = Back, Link) ->
     {noreply, waits(Back, Link)};
 handle_cast({sense_faults, Faults}, #link{senses = Senses} = Link) ->
     {noreply, Link#link{senses = starl_live_sense_fault:set(Faults, Senses)}};
+handle_cast({kill, Name}, Link) ->
+    case starl_robot_machines:process(Name, machines(Link)) of
+        none -> ok;
+        Pid -> true = exit(Pid, kill)
+    end,
+    {noreply, Link};
 handle_cast(_Request, Link) ->
     {noreply, Link}.
 

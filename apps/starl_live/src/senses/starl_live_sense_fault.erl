@@ -7,7 +7,7 @@
 %% '''
 -module(starl_live_sense_fault).
 
--export([new/1, set/2, felt/3, kind/1, params/2, known/0]).
+-export([new/1, set/2, felt/3, of_kind/2, known/0]).
 
 -export_type([t/0, fault/0, faults/0]).
 
@@ -71,19 +71,19 @@ draw(Kind, #senses{robot = Robot, count = N}) ->
 
 %% -- words ----------------------------------------------------------------------------------------
 
-%% @doc The faults by the words of commands.
--spec known() -> [{string(), fault()}].
+%% @doc The kinds of faults in a scenario by the words of commands, with their parameters beside the sense.
+-spec known() -> [{string(), atom(), map()}].
 known() ->
-    [{"gone", gone}, {"frozen", frozen}, {"noisy", {noisy, ?TIMES}}, {"wrong", wrong}].
+    [
+        {"gone", sense_gone, #{}},
+        {"frozen", sense_frozen, #{}},
+        {"noisy", sense_noisy, #{times => ?TIMES}},
+        {"wrong", sense_wrong, #{}}
+    ].
 
-%% @doc The kind of fault in a scenario.
--spec kind(fault()) -> sense_gone | sense_frozen | sense_noisy | sense_wrong.
-kind(gone) -> sense_gone;
-kind(frozen) -> sense_frozen;
-kind({noisy, _}) -> sense_noisy;
-kind(wrong) -> sense_wrong.
-
-%% @doc The parameters of the fault in a scenario.
--spec params(starl_sense:kind() | all, fault()) -> map().
-params(Sense, {noisy, Times}) -> #{sense => Sense, times => Times};
-params(Sense, _Fault) -> #{sense => Sense}.
+%% @doc The fault that is of this kind in a scenario.
+-spec of_kind(sense_gone | sense_frozen | sense_noisy | sense_wrong, map()) -> fault().
+of_kind(sense_gone, _Params) -> gone;
+of_kind(sense_frozen, _Params) -> frozen;
+of_kind(sense_noisy, #{times := Times}) -> {noisy, Times};
+of_kind(sense_wrong, _Params) -> wrong.

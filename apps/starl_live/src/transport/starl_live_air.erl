@@ -1,19 +1,28 @@
 %% @doc A filter of what a robot hears, for tests and for clusters on one computer: loss, delay,
-%% duplicates and cut links on any transport. Its settings can be changed while the robot runs.
-%% Chance comes from a seed.
+%% duplicates and cut links on any transport, and what disturbs single links. Its settings can be changed
+%% while the robot runs. Chance comes from a seed.
 -module(starl_live_air).
 
 -export([new/1, set/2, pass/2, is_cut/2]).
 
--export_type([t/0, settings/0]).
+-export_type([t/0, settings/0, disturbance/0]).
+
+%% What happens to the packets of a robot, in this part of them: they are lost; they are heard so many times
+%% more; they are up to so much later.
+-type disturbance() ::
+    {lost, Part :: number()}
+    | {again, Part :: number(), Times :: pos_integer()}
+    | {late, Part :: number(), {LeastMs :: non_neg_integer(), MostMs :: non_neg_integer()}}.
 
 %% `loss' and `duplicates': probabilities; `delay_ms': lowest and highest, in real time; `cut': the
-%% robots that cannot be heard. Settings that are not given stay as they are.
+%% robots that cannot be heard; `disturbed': what happens on the links from some robots. Settings that are
+%% not given stay as they are.
 -type settings() :: #{
     loss => number(),
     duplicates => number(),
     delay_ms => {Low :: non_neg_integer(), High :: non_neg_integer()},
     cut => [starl:robot_id()],
+    disturbed => #{starl:robot_id() => [disturbance()]},
     seed => integer()
 }.
 
@@ -22,6 +31,7 @@
     duplicates = 0 :: number(),
     delay_ms = {0, 0} :: {non_neg_integer(), non_neg_integer()},
     cut = [] :: [starl:robot_id()],
+    disturbed = #{} :: #{starl:robot_id() => [disturbance()]},
     random :: rand:state()
 }).
 
@@ -41,8 +51,10 @@ set(Settings, Air) ->
 
 text(Problem) -> ["air: ", starl_options:format_problem(Problem)].
 
-options(#air{loss = Loss, duplicates = Duplicates, delay_ms = Delay, cut = Cut}) ->
+options(#air{loss = Loss, duplicates = Duplicates, delay_ms = Delay, cut = Cut} = Air) ->
     [
+        {disturbed, {term, "what disturbs the links from robots", fun is_map/1}, Air#air.disturbed,
+            "what happens on the links from some robots"},
         {loss, {number, 0, 1}, Loss, "part of the packets that are lost"},
         {duplicates, {number, 0, 1}, Duplicates, "part of the packets that are heard twice"},
         {delay_ms, {between, {integer, 0, 60_000}}, Delay, "delay of packets, in ms"},
@@ -52,20 +64,26 @@ options(#air{loss = Loss, duplicates = Duplicates, delay_ms = Delay, cut = Cut})
 
 robots(Robots) -> is_list(Robots) andalso lists:all(fun is_integer/1, Robots).
 
-changed(
-    #{loss := Loss, duplicates := Duplicates, delay_ms := Delay, cut := Cut, seed := Seed}, Air
-) ->
+changed(#{loss := Loss, duplicates := Duplicates, delay_ms := Delay, seed := Seed} = Given, Air) ->
+    #{cut := Cut, disturbed := Disturbed} = Given,
     Random =
         case Seed of
             none -> Air#air.random;
             _ -> rand:seed_s(exsss, Seed)
         end,
-    #air{loss = Loss, duplicates = Duplicates, delay_ms = Delay, cut = Cut, random = Random}.
+    #air{
+        loss = Loss,
+        duplicates = Duplicates,
+        delay_ms = Delay,
+        cut = Cut,
+        disturbed = Disturbed,
+        random = Random
+    }.
 
 %% @doc When a robot's packet is heard, in milliseconds from now: never, once or twice.
 -spec pass(From :: starl:robot_id(), t()) -> {[DelayMs :: non_neg_integer()], t()}.
 pass(_From, #air{loss = Loss, duplicates = Twice, delay_ms = {0, 0}, cut = []} = Air) when
-    Loss == 0, Twice == 0
+    Loss == 0, Twice == 0, map_size(Air#air.disturbed) =:= 0
 ->
     {[0], Air};
 pass(From, #air{loss = Loss, duplicates = Twice, cut = Cut, random = Random0} = Air) ->
@@ -78,9 +96,30 @@ pass(From, #air{loss = Loss, duplicates = Twice, cut = Cut, random = Random0} = 
     Next = Air#air{random = Random4},
     case Lost < Loss orelse lists:member(From, Cut) of
         true -> {[], Next};
-        false when Doubled < Twice -> {[Once, Again], Next};
-        false -> {[Once], Next}
+        false when Doubled < Twice -> disturbed(From, [Once, Again], Next);
+        false -> disturbed(From, [Once], Next)
     end.
+
+disturbed(From, Delays, #air{disturbed = Disturbed, random = Random} = Air) ->
+    {Left, Next} = lists:foldl(
+        fun disturb/2, {Delays, Random}, maps:get(From, Disturbed, [])
+    ),
+    {Left, Air#air{random = Next}}.
+
+disturb(Disturbance, {Delays, Random0}) ->
+    {Drawn, Random} = rand:uniform_s(Random0),
+    case Drawn < element(2, Disturbance) of
+        true -> struck(Disturbance, Delays, Random);
+        false -> {Delays, Random}
+    end.
+
+struck({lost, _Part}, _Delays, Random) ->
+    {[], Random};
+struck({again, _Part, Times}, Delays, Random) ->
+    {Delays ++ lists:append(lists:duplicate(Times, lists:sublist(Delays, 1))), Random};
+struck({late, _Part, {Least, Most}}, Delays, Random0) ->
+    {Part, Random} = rand:uniform_s(Random0),
+    {[Delay + Least + trunc(Part * (Most - Least + 1)) || Delay <- Delays], Random}.
 
 %% @doc Whether a robot cannot be heard at all.
 -spec is_cut(From :: starl:robot_id(), t()) -> boolean().

@@ -9,7 +9,7 @@
 %% the view without a fault (one pose or none), and the poses seen last.
 -type look() :: #{
     robot := starl:robot_id(),
-    faults := [starl_sim_fault:compiled()],
+    faults := [starl_sim_fault:compiled() | tuple()],
     key := term(),
     see := fun((starl:robot_id()) -> [starl:pose()]),
     seen := #{starl:robot_id() => starl:pose()}

@@ -2,7 +2,7 @@
 %% draws are stateless: a hash of the link, the number and the purpose.
 -module(starl_sim_radio).
 
--export([arrivals/3, fate/3, lost/2, delays/2, range/3]).
+-export([arrivals/3, fate/3, lost/2, delays/2, range/3, is_on_link/4]).
 
 -export_type([link/0, arrival/0]).
 
@@ -88,6 +88,8 @@ disturb({_, Source, Dest, _} = Link, Now, #{network := All} = World) ->
         false -> arrive(Faults, Link, World)
     end.
 
+%% @doc Does a fault disturb what this robot sends to that one?
+-spec is_on_link(starl:robot_id(), starl:robot_id(), Fault :: tuple(), starl_team:t()) -> boolean().
 is_on_link(Source, Dest, {_, _, _, Kind, Target, _} = Fault, Team) ->
     case Kind of
         partition -> lists:member(Source, Target) =/= lists:member(Dest, Target);

@@ -47,7 +47,7 @@ function began() {
   $('facts').textContent = `${run.robots.length} robots, seed ${run.seed}, floor ` +
     `${run.world[0] / 1000} × ${run.world[1] / 1000} m` + (run.range ? `, range ${run.range / 1000} m` : '');
   const shown = { simulation: ['pause', 'speed-label', 'step', 'until', 'save', 'fault'],
-    live: [], recording: ['pause', 'speed-label'] }[run.kind];
+    live: ['fault'], recording: ['pause', 'speed-label'] }[run.kind];
   for (const id of ['pause', 'speed-label', 'step', 'until', 'save', 'fault'])
     $(id).classList.toggle('absent', !shown.includes(id));
   $('heal-all').classList.toggle('absent', run.kind === 'recording');

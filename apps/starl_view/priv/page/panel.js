@@ -124,16 +124,19 @@ export class Panel {
     act('Cut link', () => ({ do: 'fault', kind: 'cut', target: [id, Number(other.value)] })).id = 'cut';
   }
   liveHands(id, act) {
-    const can = name => this.team.run.hands.includes(name);
-    if (can('kill')) act('Kill', () => ({ do: 'kill', robot: id }), 'its processes end; it starts anew').id = 'kill';
-    if (can('pause')) act('Pause 3 s', () => ({ do: 'hold', robot: id, seconds: 3 }), 'its computer stands still').id = 'hold';
-    if (can('lose_store')) act('Lose store', () => ({ do: 'lose_store', robot: id }), 'it starts anew without its store').id = 'lose-store';
-    if (can('set_back')) act('Set store back', () => ({ do: 'set_back', robot: id }), 'it starts anew with its store before its last start').id = 'set-back';
-    if (can('freeze')) act('Freeze positions', () => ({ do: 'freeze', robot: id })).id = 'freeze';
-    if (!can('cut') || this.team.run.robots.length < 2) return;
+    const kinds = (this.team.run.kinds || []).map(([kind]) => kind), can = kind => kinds.includes(kind);
+    const button = (name, text, kind, more, title = '') => can(kind) &&
+      (act(text, () => ({ do: 'fault', kind, target: id, ...more }), title).id = name);
+    button('kill', 'Kill', 'reboot', { seconds: 0 }, 'its processes end; it starts anew');
+    button('hold', 'Pause 3 s', 'pause', { seconds: 3 }, 'its computer stands still');
+    button('lose-store', 'Lose store', 'store_lost', { seconds: 0 }, 'it starts anew without its store');
+    button('set-back', 'Set store back', 'store_set_back', { seconds: 0 },
+      'it starts anew with its store before its last start');
+    button('freeze', 'Freeze positions', 'location_frozen', {});
+    if (!can('loss') || this.team.run.robots.length < 2) return;
     const other = this.other(id);
     $('robot-hands').append(other);
-    act('Cut link', () => ({ do: 'cut', robots: [id, Number(other.value)] })).id = 'cut';
+    act('Cut link', () => ({ do: 'fault', kind: 'cut', target: [id, Number(other.value)] })).id = 'cut';
   }
   other(id) {
     return element('input', '', { type: 'number', min: 1, max: this.team.run.robots.length,
@@ -262,7 +265,7 @@ export class Panel {
         `from ${seconds(fault.from)}${fault.to > fault.from ? ` to ${fault.to > 9e11 ? '…' : seconds(fault.to)}` : ''} `);
       item.dataset.key = fault.id;
       item.className = over || fault.from > t ? 'over' : '';
-      if (!over && fault.from <= t && fault.to > fault.from && this.team.run.kind === 'simulation')
+      if (!over && fault.from <= t && fault.to > fault.from && this.team.run.kind !== 'recording')
         item.append(element('button', 'heal', { onclick: () => this.hand({ do: 'heal', id: fault.id }, 'fault') }));
       return item;
     }));

@@ -18,21 +18,13 @@
     status/1,
     place/2,
     reload/2, reload/3,
-    kill/2,
-    lose_store/2,
-    set_back/2,
-    pause/3,
-    pause_at_work/3,
-    cut/3,
-    freeze/2,
-    fill/2,
-    unplug/2,
-    sense/4,
-    heal/1,
+    act/2,
+    halt_at_work/3,
+    heal/2,
     stop/1,
     finish/1
 ]).
--export([scenario/1, format_error/1]).
+-export([scenario/1, most_halted_ms/0, format_error/1]).
 
 -export_type([t/0, options/0, status/0, reason/0]).
 
@@ -68,7 +60,7 @@
     whole_mm => boolean(),
     arena => starl_world_floor:arena(),
     metrics => inet:port_number() | none,
-    chaos => [{AtUs :: integer(), starl_cluster_chaos:act()}],
+    chaos => [{AtUs :: integer(), starl_cluster_chaos:hand()}],
     code => starl_cluster_nodes:code(),
     log => fun((starl:robot_id(), logger:level(), binary()) -> term())
 }.
@@ -91,12 +83,13 @@
 %% @doc Starts the nodes and robots of a scenario.
 -spec start(#{app := module(), atom() => term()}, options()) -> {ok, t()} | {error, reason()}.
 start(Given, Options) ->
-    case starl_world:plan(Given, Options) of
-        {ok, {Scenario, Scene, Plan} = Planned} ->
+    case starl_world:plan(Given, Options#{world => nodes}) of
+        {ok, {Scenario, Scene, Plan} = Planned, Schedule} ->
             Observed = starl_world:observed(Planned, Options),
-            case starl_cluster_server:start_link(Plan, Observed) of
+            case starl_cluster_server:start_link(Plan, Schedule, Observed) of
                 {ok, Server} ->
-                    {ok, #cluster{server = Server, scenario = Scenario, scene = Scene}};
+                    Full = Scenario#{faults := Schedule},
+                    {ok, #cluster{server = Server, scenario = Full, scene = Scene}};
                 {error, {shutdown, Reason}} ->
                     {error, Reason}
             end;
@@ -136,62 +129,31 @@ reload(#cluster{server = Server}, Sources, Options) ->
     | {error, unicode:chardata()}.
 place(#cluster{server = Server}, Robot) -> gen_server:call(Server, {place, Robot}, ?CALL_MS).
 
-%% @doc Kills the node of a robot, by SIGKILL; it is started anew.
--spec kill(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
-kill(Cluster, Robot) -> act({kill, Robot}, Cluster).
+%% @doc Hands do this now. A reboot of no length is a kill of the robot's node, by SIGKILL; it is started
+%% anew. A store that is set back in no time is as it was when the node was started the last time. A pause
+%% halts the node for a time of the computer, at once.
+-spec act(t(), [starl_sim_hand:t()]) -> ok | {error, unicode:chardata()}.
+act(#cluster{server = Server}, Hands) -> gen_server:call(Server, {act, Hands}, ?CALL_MS).
 
-%% @doc The same; its store is gone when it is started anew.
--spec lose_store(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
-lose_store(Cluster, Robot) -> act({lose_store, Robot}, Cluster).
-
-%% @doc The same; its store is then as it was when the node was started the last time.
--spec set_back(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
-set_back(Cluster, Robot) -> act({set_back, Robot}, Cluster).
-
-%% @doc Halts the node of a robot for a time, of the computer: all its processes stand still. Answers at
-%% once.
--spec pause(t(), starl:robot_id(), Seconds :: number()) -> ok | {error, unicode:chardata()}.
-pause(Cluster, Robot, Seconds) -> act({pause, Robot, Seconds}, Cluster).
-
-%% @doc The same, as soon as the node does something, in the middle of it. Answers when the node goes on:
-%% where it was found.
--spec pause_at_work(t(), starl:robot_id(), Seconds :: number()) ->
+%% @doc Halts the node of a robot for a time of the computer, as soon as the node does something, in the
+%% middle of it. Answers when the node goes on: where it was found.
+-spec halt_at_work(t(), starl:robot_id(), Seconds :: number()) ->
     {ok, starl_cluster_halts:found()} | {error, unicode:chardata()}.
-pause_at_work(#cluster{server = Server}, Robot, Seconds) ->
-    gen_server:call(Server, {halted, {pause_at_work, Robot, Seconds}}, infinity).
+halt_at_work(#cluster{server = Server}, Robot, Seconds) ->
+    gen_server:call(Server, {halted, Robot, Seconds}, infinity).
 
-%% @doc Two robots do not hear each other any more.
--spec cut(t(), starl:robot_id(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
-cut(Cluster, A, B) -> act({cut, A, B}, Cluster).
-
-%% @doc A robot gets no new positions any more.
--spec freeze(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
-freeze(Cluster, Robot) -> act({freeze, Robot}, Cluster).
-
-%% @doc Nothing of a robot can be written to its disk any more.
--spec fill(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
-fill(Cluster, Robot) -> act({fill, Robot}, Cluster).
-
-%% @doc Pulls the cable of a robot's Create.
--spec unplug(t(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
-unplug(Cluster, Robot) -> act({unplug, Robot}, Cluster).
-
-%% @doc A sense of a robot, or all of them, has a fault from now on; `well': no more.
--spec sense(
-    t(), starl:robot_id(), starl_sense:kind() | all, starl_live_sense_fault:fault() | well
-) ->
-    ok | {error, unicode:chardata()}.
-sense(Cluster, Robot, Sense, Fault) -> act({sense, Robot, Sense, Fault}, Cluster).
-
-act(Act, #cluster{server = Server}) -> gen_server:call(Server, {act, Act}, ?CALL_MS).
-
-%% @doc Undoes all cuts and freezes, clears the disks, and puts the cables back.
--spec heal(t()) -> ok.
-heal(#cluster{server = Server}) -> gen_server:call(Server, heal, ?CALL_MS).
+%% @doc These faults are over; pauses are with all others.
+-spec heal(t(), starl_world_faults:heal()) -> ok.
+heal(#cluster{server = Server}, What) -> gen_server:call(Server, {heal, What}, ?CALL_MS).
 
 %% @doc Ends the run.
 -spec stop(t()) -> ok.
 stop(#cluster{server = Server}) -> starl_world:stop(gen_server:call(Server, world, infinity)).
+
+%% @doc The longest that a node can be halted, by the computer's clock: less than three quarters of the
+%% time (60 s) after which Erlang's distribution gives up a silent node.
+-spec most_halted_ms() -> pos_integer().
+most_halted_ms() -> starl_cluster_server:most_halted_ms().
 
 %% @doc The checked scenario, with all defaults.
 -spec scenario(t()) -> starl_sim_scenario:t().

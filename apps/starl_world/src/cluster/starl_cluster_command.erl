@@ -7,7 +7,11 @@
 -export_type([t/0]).
 
 -type t() ::
-    status | stop | heal | {reload, starl_version:source()} | {act, starl_cluster_hands:act()}.
+    status
+    | stop
+    | {heal, starl_world_faults:heal()}
+    | {reload, starl_version:source()}
+    | {act, [starl_sim_hand:t()]}.
 
 %% Each command, and the number of words after the first one.
 -define(COMMANDS, [
@@ -34,7 +38,7 @@ words(Word) -> proplists:get_value(Word, ?COMMANDS, none).
 -spec parse([string()]) -> {ok, t()} | {error, unicode:chardata()}.
 parse(["status"]) -> {ok, status};
 parse(["stop"]) -> {ok, stop};
-parse(["heal"]) -> {ok, heal};
+parse(["heal"]) -> {ok, {heal, all}};
 parse(["reload", What]) -> {ok, {reload, source(What)}};
 parse(["pause" | Words]) -> pause(Words);
 parse(["sense" | Words]) -> sense(Words);
@@ -43,20 +47,24 @@ parse([]) -> {error, "a command expected, as cluster status"}.
 
 pause([Robot, Seconds]) ->
     case {string:to_integer(Robot), number(Seconds)} of
-        {{Id, []}, S} when is_integer(Id), is_number(S) -> {ok, {act, {pause, Id, S}}};
-        _ -> pause([])
+        {{Id, []}, S} when is_integer(Id), is_number(S) ->
+            {ok, {act, [{pause, Id, #{}, round(1000 * S)}]}};
+        _ ->
+            pause([])
     end;
 pause(_) ->
     {error, "pause: a robot by its number and seconds, as in pause 3 1.5"}.
 
 sense([Robot, Sense, How]) ->
     Senses = [{atom_to_list(Kind), Kind} || Kind <- [all | [K || {K, _} <- starl_sense:kinds()]]],
-    Faults = [{"well", well} | starl_live_sense_fault:known()],
+    Faults = [{"well", well, #{}} | starl_live_sense_fault:known()],
     case
         {string:to_integer(Robot), lists:keyfind(Sense, 1, Senses), lists:keyfind(How, 1, Faults)}
     of
-        {{Id, []}, {_, Kind}, {_, Fault}} when is_integer(Id) ->
-            {ok, {act, {sense, Id, Kind, Fault}}};
+        {{Id, []}, {_, Of}, {_, well, _}} when is_integer(Id) ->
+            {ok, {heal, {sense, Id, Of}}};
+        {{Id, []}, {_, Of}, {_, Kind, Params}} when is_integer(Id) ->
+            {ok, {act, [{Kind, Id, Params#{sense => Of}, lasting}]}};
         {{Id, []}, false, _} when is_integer(Id) ->
             wrong_sense(["there is no sense ", Sense, "; there are ", words_of(Senses)]);
         {{Id, []}, _, false} when is_integer(Id) ->
@@ -69,7 +77,7 @@ sense(_) ->
 
 wrong_sense(Why) -> {error, ["sense: ", Why]}.
 
-words_of(Known) -> lists:join(", ", [Word || {Word, _} <- Known]).
+words_of(Known) -> lists:join(", ", [element(1, Each) || Each <- Known]).
 
 number(Text) ->
     case {string:to_float(Text), string:to_integer(Text)} of
@@ -78,13 +86,13 @@ number(Text) ->
         _ -> none
     end.
 
-act("kill", [{Robot, []}]) -> {ok, {act, {kill, Robot}}};
-act("lose-store", [{Robot, []}]) -> {ok, {act, {lose_store, Robot}}};
-act("set-back", [{Robot, []}]) -> {ok, {act, {set_back, Robot}}};
-act("freeze", [{Robot, []}]) -> {ok, {act, {freeze, Robot}}};
-act("fill", [{Robot, []}]) -> {ok, {act, {fill, Robot}}};
-act("unplug", [{Robot, []}]) -> {ok, {act, {unplug, Robot}}};
-act("cut", [{A, []}, {B, []}]) when A =/= B -> {ok, {act, {cut, A, B}}};
+act("kill", [{Robot, []}]) -> {ok, {act, [{reboot, Robot, #{}, 0}]}};
+act("lose-store", [{Robot, []}]) -> {ok, {act, [{store_lost, Robot, #{}, 0}]}};
+act("set-back", [{Robot, []}]) -> {ok, {act, [{store_set_back, Robot, #{}, 0}]}};
+act("freeze", [{Robot, []}]) -> {ok, {act, [{location_frozen, Robot, #{}, lasting}]}};
+act("fill", [{Robot, []}]) -> {ok, {act, [{store_full, Robot, #{}, lasting}]}};
+act("unplug", [{Robot, []}]) -> {ok, {act, [{serial_gone, Robot, #{}, lasting}]}};
+act("cut", [{A, []}, {B, []}]) when A =/= B -> {ok, {act, starl_sim_hand:cut(A, B, lasting)}};
 act(Word, _) -> {error, [Word, ": robots by their numbers, as in cut 1 2 or kill 3"]}.
 
 %% A file, an application as users name it, or a module.

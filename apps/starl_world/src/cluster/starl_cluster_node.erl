@@ -3,7 +3,18 @@
 %% it goes on or ends: {@link starl_cluster_calls} makes them.
 -module(starl_cluster_node).
 
--export([ready/4, ahead_us/1, open/4, load/2, set_air/2, set_senses/2, peers/1, close/1, answers/2]).
+-export([
+    ready/4,
+    ahead_us/1,
+    open/4,
+    load/2,
+    set_air/2,
+    set_senses/2,
+    kill/2,
+    peers/1,
+    close/1,
+    answers/2
+]).
 -export([ends_with_robot/0]).
 
 %% How often a node is asked for its time.
@@ -142,6 +153,11 @@ aired(Link, Settings) ->
 -spec set_senses(node(), starl_live_sense_fault:faults()) -> ok.
 set_senses(Node, Faults) ->
     lists:foreach(fun(Link) -> starl_live_link:sense_faults(Link, Faults) end, robot_link(Node)).
+
+%% @doc Ends this machine of the node's robot, as a crash does.
+-spec kill(node(), starl_machine:name()) -> ok.
+kill(Node, Name) ->
+    lists:foreach(fun(Link) -> starl_live_link:kill(Link, Name) end, robot_link(Node)).
 
 %% @doc What the node's robot knows of the others.
 -spec peers(node()) -> [starl_live_peers:peer()].

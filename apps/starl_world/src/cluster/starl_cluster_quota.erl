@@ -10,7 +10,15 @@
 %% StarL tells them apart in the text alone.
 -module(starl_cluster_quota).
 
--export([commands/0, change/2]).
+-export([is_possible/0, commands/0, change/2]).
+
+%% @doc Can a disk be filled on this computer?
+-spec is_possible() -> ok | {error, unicode:chardata()}.
+is_possible() ->
+    case program() of
+        false -> {error, "a disk cannot be filled here: apt install util-linux (prlimit)"};
+        _Program -> ok
+    end.
 
 %% @doc The commands of a shell with which the process of a node begins: its disk is full.
 -spec commands() -> string().
@@ -25,9 +33,8 @@ commands() ->
     ok | {error, unicode:chardata()}.
 change({What, Robot}, OsPids) ->
     case {program(), OsPids} of
-        {false, _} -> {error, "a disk cannot be filled here: apt install util-linux (prlimit)"};
-        {Program, #{Robot := OsPid}} -> limited(What, Robot, OsPid, Program);
-        {_, #{}} -> ok
+        {Program, #{Robot := OsPid}} when is_list(Program) -> limited(What, Robot, OsPid, Program);
+        {_, #{}} -> is_possible()
     end.
 
 program() -> os:find_executable("prlimit").

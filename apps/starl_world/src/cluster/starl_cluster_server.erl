@@ -4,7 +4,7 @@
 -module(starl_cluster_server).
 -behaviour(gen_server).
 
--export([start_link/2]).
+-export([start_link/3, most_halted_ms/0]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
 
 -export_type([reason/0]).
@@ -35,7 +35,9 @@
     watchdogs = starl_cluster_watchdog:new() :: starl_cluster_watchdog:t(),
     %% the robots whose nodes stand still, and nobody has halted them
     hanging = [] :: [starl:robot_id()],
-    hands = starl_cluster_hands:new() :: starl_cluster_hands:t(),
+    clock :: starl_live_clock:t(),
+    speed :: number(),
+    faults :: starl_world_faults:t(),
     halts = starl_cluster_halts:new() :: starl_cluster_halts:t(),
     %% the modules of a robot's machines, and the reloads
     parts :: #{starl_machine:name() => module()},
@@ -56,18 +58,23 @@
 %% Less than three quarters of the time (60 s) after which Erlang's distribution gives up a silent node.
 -define(MOST_HALTED_S, 30).
 
-%% @doc Starts the nodes, the world and the robots of a plan.
--spec start_link(starl_sim_plan:t(), starl_cluster:options()) -> gen_server:start_ret().
-start_link(Plan, Options) ->
-    gen_server:start_link(?MODULE, {Plan, Options}, [{timeout, infinity}]).
+%% @doc The longest that a node can be halted, by the computer's clock.
+-spec most_halted_ms() -> pos_integer().
+most_halted_ms() -> 1000 * ?MOST_HALTED_S.
 
--spec init({starl_sim_plan:t(), starl_cluster:options()}) ->
+%% @doc Starts the nodes, the world and the robots of a plan; plays its schedule of faults.
+-spec start_link(starl_sim_plan:t(), [starl_sim_fault:t()], starl_cluster:options()) ->
+    gen_server:start_ret().
+start_link(Plan, Schedule, Options) ->
+    gen_server:start_link(?MODULE, {Plan, Schedule, Options}, [{timeout, infinity}]).
+
+-spec init({starl_sim_plan:t(), [starl_sim_fault:t()], starl_cluster:options()}) ->
     {ok, #state{}} | {stop, {shutdown, reason()}}.
-init({#{robots := Poses} = Plan, Options}) ->
+init({#{robots := Poses} = Plan, Schedule, Options}) ->
     process_flag(trap_exit, true),
     Code = maps:get(code, Options, []),
     case starl_cluster_nodes:start([Id || {Id, _} <- Poses], Code) of
-        {ok, Nodes} -> readied(Nodes, Code, Plan, Options);
+        {ok, Nodes} -> readied(Nodes, Code, {Plan, Schedule}, Options);
         {error, Reason} -> {stop, {shutdown, {peers, Reason}}}
     end.
 
@@ -95,13 +102,15 @@ readied(Nodes, Code, Plan, Options) ->
             {stop, {shutdown, {robot, Id, Known}}}
     end.
 
-controlled(Nodes, Calls, Plan, Options) ->
+controlled(Nodes, Calls, {Plan, Schedule}, Options) ->
     Self = self(),
     Handler = fun(Words) -> gen_server:call(Self, {control, Words}, infinity) end,
     case starl_cluster_control:start_link(Handler) of
         {ok, Control} ->
-            {Clock, State} = peopled(Plan, Control, Nodes, Options),
-            ok = plan(maps:get(chaos, Options, []), Clock),
+            State = peopled(Plan, Control, Nodes, Options),
+            Chaos = maps:get(chaos, Options, []),
+            ok = lists:foreach(fun({Us, H}) -> at(Us div 1000, {chaos, H}, State) end, Chaos),
+            ok = lists:foreach(fun(F) -> at(element(2, F), {begins, F}, State) end, Schedule),
             all_opened(State#state{calls = Calls});
         {error, Why} ->
             ok = starl_cluster_calls:stop(Calls),
@@ -118,19 +127,26 @@ peopled(#{crew := #{tree := Tree}} = Plan, Control, Nodes, #{transport := Transp
         {Id, starl_world_stage:robot_on_node(Id, self(), Stage)}
      || Id <- starl_cluster_nodes:ids(Nodes)
     ],
-    {Clock, #state{
+    Speed = maps:get(speed, Options, 1),
+    #state{
         world = World,
         control = Control,
+        clock = Clock,
+        speed = Speed,
+        faults = starl_world_faults:new(starl_cluster_nodes:ids(Nodes)),
         nodes = starl_cluster_nodes:specified(Specs, Nodes),
         parts = starl_robot_crew:parts(Tree),
-        reloads = starl_cluster_reload:new(maps:get(speed, Options, 1)),
+        reloads = starl_cluster_reload:new(Speed),
         log = maps:get(log, Options, fun(_, _, _) -> ok end)
-    }}.
+    }.
 
-plan(Chaos, Clock) ->
-    Due = fun(At) -> starl_live_clock:monotonic_ms(At, Clock) end,
-    _ = [erlang:send_after(Due(At), self(), {chaos, Act}, [{abs, true}]) || {At, Act} <- Chaos],
+%% This process gets a message at this time of the run.
+at(Ms, Message, #state{clock = Clock}) ->
+    At = starl_live_clock:monotonic_ms(1000 * Ms, Clock),
+    _ = erlang:send_after(At, self(), Message, [{abs, true}]),
     ok.
+
+now_ms(#state{clock = Clock}) -> starl_live_clock:now_us(Clock) div 1000.
 
 %% A robot that cannot be opened at first will not be later.
 all_opened(#state{nodes = Nodes} = State) ->
@@ -176,20 +192,20 @@ handle_call(status, _From, State) ->
     {reply, status(State), State};
 handle_call(close, From, State) ->
     {noreply, closing(From, all_go_on(State))};
-handle_call(heal, From, State) ->
-    {noreply, healed(From, none, State)};
+handle_call({heal, What}, From, State) ->
+    {noreply, healed(What, From, none, State)};
 handle_call({place, Robot}, _From, #state{nodes = Nodes} = State) ->
     {reply, known([Robot], State, fun() -> {ok, place(Robot, Nodes)} end), State};
-handle_call({halted, Pause}, From, State) ->
-    case act(Pause, State) of
-        {ok, #state{halts = Halts} = Next} ->
-            Waiting = starl_cluster_halts:wait(element(2, Pause), From, Halts),
-            {noreply, Next#state{halts = Waiting}};
-        {{error, _} = Error, _} ->
+handle_call({halted, Robot, Seconds}, From, State) ->
+    Hand = {pause, Robot, #{at_work => true}, round(1000 * Seconds)},
+    case hands([Hand], State) of
+        {ok, _Calls, #state{halts = Halts} = Next} ->
+            {noreply, Next#state{halts = starl_cluster_halts:wait(Robot, From, Halts)}};
+        {{error, _} = Error, _Calls, _} ->
             {reply, Error, State}
     end;
-handle_call({act, Act}, From, State) ->
-    acted(Act, From, none, State).
+handle_call({act, Hands}, From, State) ->
+    acted(Hands, From, none, State).
 
 status(#state{world = World, nodes = Nodes}) ->
     maps:merge(starl_world:status(World), #{
@@ -213,8 +229,13 @@ handle_info({'EXIT', Pid, Reason}, State) ->
 handle_info({starl_peer_ended, Control, Status}, State) ->
     ok = ended(Control, Status, State),
     {noreply, State};
-handle_info({chaos, Act}, State) ->
-    {noreply, chaos(Act, State)};
+handle_info({chaos, Hand}, State) ->
+    {noreply, chaos(Hand, State)};
+handle_info({begins, Fault}, State) ->
+    {noreply, scheduled(Fault, State)};
+handle_info({over, Id}, State) ->
+    {Calls, Next} = over(Id, {[], State}),
+    {noreply, changed(Calls, none, none, Next)};
 handle_info({again, Id}, State) ->
     {noreply, again(Id, State)};
 handle_info({starl_silent, Id, Watchdog, Word}, #state{watchdogs = Watchdogs} = State) ->
@@ -255,49 +276,135 @@ command(status, From, #state{nodes = Nodes} = State) ->
     {noreply, ask({known, From}, Calls, ?ANSWER_MS, State)};
 command(stop, _From, #state{world = World} = State) ->
     {reply, {starl_world:stop(World), "the run ends\n"}, State};
-command(heal, From, State) ->
-    {noreply, healed(From, "healed", State)};
+command({heal, What}, From, State) ->
+    {noreply, healed(What, From, "healed", State)};
 command({reload, Source}, From, State) ->
     reload([Source], #{}, From, State);
-command({act, Act}, From, State) ->
-    acted(Act, From, "done", State).
+command({act, Hands}, From, State) ->
+    acted(Hands, From, "done", State).
 
-acted(Act, From, Text, State) ->
-    case act(Act, State) of
-        {ok, Next} -> {noreply, aired(starl_cluster_hands:links(Act), From, Text, Next)};
-        {{error, _} = Error, Next} -> {reply, Error, Next}
+acted(Hands, From, Text, State) ->
+    case hands(Hands, State) of
+        {ok, Calls, Next} -> {noreply, changed(Calls, From, Text, Next)};
+        {{error, _} = Error, _Calls, _Next} -> {reply, Error, State}
     end.
 
-chaos(Act, #state{world = World} = State) ->
+%% The first that cannot be done is the answer; all are of the same kind, for the same robots.
+hands(Hands, State) ->
+    Named = lists:usort(lists:append([starl_sim_hand:robots(Hand) || Hand <- Hands])),
+    case known(Named, State, fun() -> ok end) of
+        ok -> hands(Hands, [], State);
+        {error, _} = Error -> {Error, [], State}
+    end.
+
+hands([], Calls, State) ->
+    {ok, Calls, State};
+hands([Hand | More], Calls, #state{faults = Faults, speed = Speed} = State) ->
+    {Fault, Named} = starl_world_faults:named(Hand, now_ms(State), Speed, Faults),
+    case can(Fault, State) of
+        ok ->
+            case begins(Fault, State#state{faults = Named}) of
+                {ok, Own, Next} -> hands(More, Own ++ Calls, Next);
+                {{error, _}, _, _} = Error -> Error
+            end;
+        {error, _} = Error ->
+            {Error, Calls, State}
+    end.
+
+chaos(Hand, #state{world = World} = State) ->
     #{leader := Leader} = starl_world:status(World),
-    case starl_cluster_chaos:targets(Act, Leader) of
+    case starl_cluster_chaos:aimed(Hand, Leader) of
         none ->
             State;
         Aimed ->
             logger:notice(#{what => chaos, act => Aimed}),
-            {_, Next} = act(Aimed, State),
-            aired(starl_cluster_hands:links(Aimed), none, none, Next)
+            case hands([Aimed], State) of
+                {ok, Calls, Next} -> changed(Calls, none, none, Next);
+                {{error, _}, _, _} -> State
+            end
     end.
 
-%% An act that succeeds holds from now on. A halt holds for a time of its own.
-act({Pause, Robot, Seconds}, State) when Pause =:= pause; Pause =:= pause_at_work ->
-    case known([Robot], State, fun() -> can_halt(Robot, Seconds, State) end) of
-        {ok, OsPid} -> {ok, halt(Robot, {OsPid, round(1000 * Seconds)}, moment(Pause), State)};
-        {error, _} = Error -> {Error, State}
-    end;
-act(Act, #state{hands = Hands} = State) ->
-    Next = starl_cluster_hands:done(Act, Hands),
-    case known(starl_cluster_hands:robots(Act), State, fun() -> does(Act, Next, State) end) of
-        ok -> {ok, doomed(Act, State#state{hands = Next})};
-        {error, _} = Error -> {Error, State}
+%% A node that is down is not there to be halted, but may well stay down for longer.
+scheduled(Fault, State) ->
+    case {element(4, Fault), can(Fault, State)} of
+        {Kind, {error, Why}} when Kind =:= pause; Kind =:= store_full ->
+            not_played(Fault, Why, State);
+        _ ->
+            played(begins(Fault, State), Fault, State)
     end.
 
-doomed({Kill, Robot}, #state{nodes = Nodes} = State) when
-    Kill =:= kill; Kill =:= lose_store; Kill =:= set_back
-->
-    State#state{nodes = starl_cluster_nodes:doom(Robot, Nodes)};
-doomed(_Act, State) ->
+played({ok, Calls, Next}, _Fault, _State) -> changed(Calls, none, none, Next);
+played({{error, Why}, _, _}, Fault, State) -> not_played(Fault, Why, State).
+
+not_played(Fault, Why, State) ->
+    Line = unicode:characters_to_binary(Why),
+    logger:warning(#{what => fault_not_played, fault => Fault, why => Line}),
     State.
+
+%% Those that lead to nothing where a node is down.
+can({_, From, To, pause, Robot, _}, #state{speed = Speed} = State) ->
+    can_halt(Robot, (To - From) / 1000 / Speed, State);
+can({_, _, _, Kind, Robot, _}, #state{nodes = Nodes}) when
+    Kind =:= reboot; Kind =:= kill_robot; Kind =:= store_lost; Kind =:= store_set_back
+->
+    case starl_cluster_nodes:name(Robot, Nodes) of
+        none -> {error, io_lib:format("the node of robot ~b is down already", [Robot])};
+        _ -> ok
+    end;
+can({_, _, _, store_full, _, _}, _State) ->
+    starl_cluster_quota:is_possible();
+can(_Fault, _State) ->
+    ok.
+
+%% Gives the calls to nodes that have to be told of it, too.
+begins(Fault, #state{faults = Faults} = State) ->
+    {Told, Effects, Next} = starl_world_faults:begins(Fault, now_ms(State), Faults),
+    case told_world(Told, State) of
+        ok -> effects(Effects, {ok, [], State#state{faults = Next}});
+        {error, _} = Error -> {Error, [], State}
+    end.
+
+told_world([], _State) ->
+    ok;
+told_world([Told | More], #state{world = World} = State) ->
+    case starl_world:fault(World, Told) of
+        ok -> told_world(More, State);
+        {error, _} = Error -> Error
+    end.
+
+over(Id, {Calls, #state{faults = Faults} = State}) ->
+    {Told, Effects, Next} = starl_world_faults:over(Id, now_ms(State), Faults),
+    _ = told_world(Told, State),
+    {_, Own, Last} = effects(Effects, {ok, [], State#state{faults = Next}}),
+    {Own ++ Calls, Last}.
+
+effects(Effects, Begun) -> lists:foldl(fun does/2, Begun, Effects).
+
+-spec does(starl_world_faults:effect(), {Answer, Calls, #state{}}) -> {Answer, Calls, #state{}} when
+    Answer :: ok | {error, unicode:chardata()},
+    Calls :: [{starl:robot_id(), tell | {kill, starl_machine:name()}}].
+does({kill, Robot}, {Answer, Calls, #state{nodes = Nodes} = State}) ->
+    %% one that is down has nothing to lose
+    _ = starl_cluster_nodes:kill(Robot, Nodes),
+    {Answer, Calls, State#state{nodes = starl_cluster_nodes:doom(Robot, Nodes)}};
+does({start, Robot}, {Answer, Calls, State}) ->
+    {Answer, Calls, again(Robot, State)};
+does({dead, Robot}, {Answer, Calls, #state{world = World} = State}) ->
+    ok = starl_world:dead(World, Robot),
+    {Answer, Calls, State};
+does({halt, Robot, Ms, Moment, Fault}, {Answer, Calls, #state{speed = Speed} = State}) ->
+    #{Robot := OsPid} = starl_cluster_nodes:os_pids(State#state.nodes),
+    {Answer, Calls, halt(Robot, {OsPid, max(1, round(Ms / Speed))}, {Moment, Fault}, State)};
+does({machine, Robot, Name}, {Answer, Calls, State}) ->
+    {Answer, [{Robot, {kill, Name}} | Calls], State};
+does({tell, Robots}, {Answer, Calls, State}) ->
+    {Answer, [{Robot, tell} || Robot <- Robots] ++ Calls, State};
+does({due, Ms, Id}, {Answer, Calls, State}) ->
+    ok = at(Ms, {over, Id}, State),
+    {Answer, Calls, State};
+does({FillOrClear, Robot}, {Answer, Calls, #state{nodes = Nodes} = State}) ->
+    Filled = starl_cluster_nodes:disk(FillOrClear, Robot, Nodes),
+    {lists:max([Answer, Filled]), Calls, State}.
 
 known(Robots, #state{nodes = Nodes}, Then) ->
     case Robots -- starl_cluster_nodes:ids(Nodes) of
@@ -305,52 +412,17 @@ known(Robots, #state{nodes = Nodes}, Then) ->
         [Robot | _] -> {error, io_lib:format("there is no robot ~b", [Robot])}
     end.
 
-does({kill, Robot}, _Hands, State) ->
-    kill(Robot, kill_robot, State);
-does({lose_store, Robot}, _Hands, State) ->
-    kill(Robot, store_lost, State);
-does({set_back, Robot}, _Hands, State) ->
-    kill(Robot, store_set_back, State);
-does({unplug, Robot}, _Hands, #state{world = World}) ->
-    starl_world:cable(World, Robot, pulled);
-does({unplug_in_time, Robot}, _Hands, #state{world = World}) ->
-    starl_world:cable(World, Robot, pulled_in_time);
-does({plug, Robot}, _Hands, #state{world = World}) ->
-    starl_world:cable(World, Robot, back);
-does({FillOrClear, Robot}, Hands, State) when FillOrClear =:= fill; FillOrClear =:= clear ->
-    #state{world = World, nodes = Nodes} = State,
-    case starl_cluster_nodes:disk(FillOrClear, Robot, Nodes) of
-        ok -> starl_world:fill(World, starl_cluster_hands:full(Hands));
-        {error, _} = Error -> Error
-    end;
-does({sense, _Robot, _Sense, _Fault}, Hands, #state{world = World}) ->
-    starl_world:senses(World, starl_cluster_hands:senses(Hands));
-does({_FreezeOrThaw, _Robot}, Hands, #state{world = World}) ->
-    starl_world:freeze(World, starl_cluster_hands:frozen(Hands));
-does({_CutOrMend, _A, _B}, Hands, #state{world = World}) ->
-    starl_world:cut(World, starl_cluster_hands:cuts(Hands)).
-
-%% What has to become of the store stands in the hands until the node is started anew.
-kill(Robot, Fault, #state{nodes = Nodes, world = World}) ->
-    case starl_cluster_nodes:kill(Robot, Nodes) of
-        ok -> starl_world:struck(World, Fault, Robot);
-        {error, _} = Error -> Error
-    end.
-
 can_halt(_Robot, Seconds, _State) when Seconds * 1000 < 1; Seconds > ?MOST_HALTED_S ->
     {error, io_lib:format("a node can be halted for 0.001 to ~b s", [?MOST_HALTED_S])};
 can_halt(Robot, _Seconds, #state{nodes = Nodes, halts = Halts}) ->
     case {starl_cluster_halts:is_halted(Robot, Halts), starl_cluster_nodes:os_pids(Nodes)} of
         {true, _} -> {error, io_lib:format("the node of robot ~b stands still already", [Robot])};
-        {false, #{Robot := OsPid}} -> {ok, OsPid};
+        {false, #{Robot := _}} -> ok;
         {false, #{}} -> {error, io_lib:format("the node of robot ~b is down", [Robot])}
     end.
 
-moment(pause) -> now;
-moment(pause_at_work) -> at_work.
-
-halt(Robot, For, Moment, #state{world = World, halts = Halts} = State) ->
-    ok = starl_world:halt(World, Robot),
+halt(Robot, For, {Moment, Fault}, #state{world = World, halts = Halts} = State) ->
+    ok = starl_world:halt(World, Robot, Fault),
     State#state{halts = starl_cluster_halts:halt(Robot, For, Moment, Halts)}.
 
 told({halted, Robot, Found}, #state{world = World} = State) ->
@@ -369,31 +441,36 @@ all_go_on(#state{halts = Halts} = State) -> gone_on(starl_cluster_halts:undo_all
 
 gone_on({Told, Halts}, State) -> lists:foldl(fun told/2, State#state{halts = Halts}, Told).
 
-healed(From, Text, Standing) ->
-    #state{world = World, nodes = Nodes, hands = Hands} = State = all_go_on(Standing),
-    None = starl_cluster_hands:healed(Hands),
-    Back = fun(Robot) -> ok = starl_world:cable(World, Robot, back) end,
-    _ = [starl_cluster_nodes:disk(clear, R, Nodes) || R <- starl_cluster_hands:full(Hands)],
-    ok = starl_world:fill(World, []),
-    ok = starl_world:freeze(World, []),
-    ok = starl_world:senses(World, []),
-    ok = lists:foreach(Back, starl_cluster_hands:unplugged(Hands)),
-    ok = starl_world:cut(World, starl_cluster_hands:cuts(None)),
-    aired(starl_cluster_nodes:ids(Nodes), From, Text, State#state{hands = None}).
+healed(What, From, Text, Standing) ->
+    #state{nodes = Nodes, faults = Faults} = State = go_on(What, Standing),
+    {Calls, Healed} = lists:foldl(
+        fun over/2, {[], State}, starl_world_faults:healable(What, Faults)
+    ),
+    All = [{Id, tell} || What =:= all, Id <- starl_cluster_nodes:ids(Nodes)],
+    changed(All ++ Calls, From, Text, Healed).
 
-%% These robots, as far as their nodes are up, hear and sense what they are to now.
-aired(Robots, From, Text, #state{nodes = Nodes, hands = Hands} = State) ->
+go_on(all, State) -> all_go_on(State);
+go_on(_What, State) -> State.
+
+%% These robots, as far as their nodes are up, hear and sense what they are to now, and lose their machines.
+changed(Wanted, From, Text, #state{nodes = Nodes, faults = Faults, speed = Speed} = State) ->
+    Up = maps:from_list(starl_cluster_nodes:up(Nodes)),
     Calls = [
-        {Id, air(Node, starl_cluster_hands:deaf(Id, Hands), starl_cluster_hands:senses(Id, Hands))}
-     || {Id, Node} <- starl_cluster_nodes:up(Nodes), lists:member(Id, Robots)
+        {Id,
+            call(What, Node, {
+                starl_world_faults:air(Id, Speed, Faults), starl_world_faults:senses(Id, Faults)
+            })}
+     || {Id, What} <- lists:usort(Wanted), #{Id := Node} <- [Up]
     ],
     ask({aired, From, Text}, Calls, ?ANSWER_MS, State).
 
-air(Node, Deaf, Senses) ->
+call(tell, Node, {Air, Senses}) ->
     fun() ->
-        ok = starl_cluster_node:set_air(Node, #{cut => Deaf}),
+        ok = starl_cluster_node:set_air(Node, Air),
         starl_cluster_node:set_senses(Node, Senses)
-    end.
+    end;
+call({kill, Name}, Node, _Changes) ->
+    fun() -> starl_cluster_node:kill(Node, Name) end.
 
 %% -- nodes and their code -------------------------------------------------------------------
 
@@ -426,15 +503,15 @@ reopening(Id, #state{nodes = Nodes, reloads = Reloads, calls = Calls} = State) -
     Ready = fun(Node) -> starl_cluster_node:ready(Node, Id, Code, Self) end,
     opening(Id, Ready, State#state{calls = starl_cluster_calls:joined(Id, Calls)}).
 
-opening(Id, Ready, #state{world = World, nodes = Nodes, hands = Hands0} = State) ->
-    #state{reloads = Reloads} = State,
-    {Fate, Hands} = starl_cluster_hands:store(Id, Hands0),
+opening(Id, Ready, #state{world = World, nodes = Nodes, faults = Before} = State) ->
+    #state{reloads = Reloads, speed = Speed} = State,
+    {Fate, Faults} = starl_world_faults:fate(Id, Before),
     Spec = starl_cluster_nodes:spec(Id, Nodes),
-    ok = starl_cluster_store:before_start(Fate, Spec),
+    ok = starl_world_store:before_start(Fate, Spec),
     Codes = starl_cluster_reload:codes(Reloads),
     Node = starl_cluster_nodes:name(Id, Nodes),
-    Air = #{cut => starl_cluster_hands:deaf(Id, Hands)},
-    Senses = starl_cluster_hands:senses(Id, Hands),
+    Air = starl_world_faults:air(Id, Speed, Faults),
+    Senses = starl_world_faults:senses(Id, Faults),
     Open = fun() ->
         case Ready(Node) of
             ok ->
@@ -444,7 +521,7 @@ opening(Id, Ready, #state{world = World, nodes = Nodes, hands = Hands0} = State)
                 Error
         end
     end,
-    ask({opened, Id, Codes}, [{Id, Open}], ?OPEN_MS, State#state{hands = Hands}).
+    ask({opened, Id, Codes}, [{Id, Open}], ?OPEN_MS, State#state{faults = Faults}).
 
 ask(Question, Wanted, LimitMs, #state{calls = Calls} = State) ->
     State#state{calls = starl_cluster_calls:ask(Question, Wanted, LimitMs, Calls)}.
@@ -477,11 +554,13 @@ heard(none, _Answers) ->
 heard(Text, Answers) ->
     {ok, [Text, starl_cluster_command:unheard([Id || {Id, silent} <- maps:to_list(Answers)]), "\n"]}.
 
-opened(Id, Codes, {ok, Links}, #state{reloads = Reloads} = State) ->
+opened(Id, Codes, {ok, Links}, #state{reloads = Reloads, faults = Faults} = State) ->
     case starl_cluster_reload:codes(Reloads) of
         Codes ->
             Rejoined = starl_cluster_reload:rejoined(Id, Links, Reloads),
-            watched(Id, State#state{reloads = Rejoined});
+            {Told, Up} = starl_world_faults:up(Id, now_ms(State), Faults),
+            ok = told_world(Told, State),
+            watched(Id, State#state{reloads = Rejoined, faults = Up});
         _Newer ->
             not_opened(Id, "there is newer code", State)
     end;
@@ -533,10 +612,11 @@ silent(Word, Id, #state{nodes = Nodes, halts = Halts} = State) ->
             watched(Id, State)
     end.
 
-hangs(Id, #state{world = World, hanging = Hanging} = State) ->
-    ok = starl_world:halt(World, Id),
+hangs(Id, #state{world = World, hanging = Hanging, faults = Faults} = State) ->
+    {Fault, Named} = starl_world_faults:unnamed("hang", Faults),
+    ok = starl_world:halt(World, Id, Fault),
     ok = starl_world:halted(World, Id),
-    State#state{hanging = [Id | lists:delete(Id, Hanging)]}.
+    State#state{hanging = [Id | lists:delete(Id, Hanging)], faults = Named}.
 
 hangs_no_more(Id, #state{world = World, hanging = Hanging} = State) ->
     _ = [ok = starl_world:resumed(World, Id) || lists:member(Id, Hanging)],
@@ -589,17 +669,22 @@ later(Id, State) ->
     _ = erlang:send_after(?AGAIN_MS, self(), {again, Id}),
     State.
 
-%% A disk that is full stays so.
-again(Id, #state{nodes = Nodes, hands = Hands} = State) ->
-    Disk =
-        case lists:member(Id, starl_cluster_hands:full(Hands)) of
-            true -> fill;
-            false -> clear
-        end,
-    case starl_cluster_nodes:again(Id, Disk, Nodes) of
-        {ok, Up} ->
-            reopening(Id, State#state{nodes = Up});
-        {error, Reason} ->
-            logger:error(#{what => node_not_started, robot => Id, why => Reason}),
-            later(Id, State)
+%% A fault may keep it down, or has started it already. A disk that is full stays so.
+again(Id, #state{nodes = Nodes, faults = Faults} = State) ->
+    IsDown = starl_world_faults:is_down(Id, now_ms(State), Faults),
+    case IsDown orelse starl_cluster_nodes:name(Id, Nodes) =/= none of
+        true -> State;
+        false -> started(Id, starl_cluster_nodes:again(Id, disk(Id, Faults), Nodes), State)
     end.
+
+disk(Id, Faults) ->
+    case starl_world_faults:is_full(Id, Faults) of
+        true -> fill;
+        false -> clear
+    end.
+
+started(Id, {ok, Up}, State) ->
+    reopening(Id, State#state{nodes = Up});
+started(Id, {error, Reason}, State) ->
+    logger:error(#{what => node_not_started, robot => Id, why => Reason}),
+    later(Id, State).

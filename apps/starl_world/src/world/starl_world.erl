@@ -24,26 +24,17 @@
     await/1,
     status/1,
     until/2,
-    freeze/2,
-    cable/3,
-    freeze_too/2,
-    senses/2,
-    fill/2,
-    cut/2,
-    struck/3,
+    fault/2,
+    dead/2,
     clock/3,
-    halt/2,
+    halt/3,
     halted/2,
     resumed/2,
     stop/1,
     finish/1
 ]).
 
--export_type([config/0, status/0, ending/0, cable/0]).
-
-%% The cable between a robot's computer and its hardware: pulled at once, or before the hardware could
-%% drive on without it; put back.
--type cable() :: pulled | pulled_in_time | back.
+-export_type([config/0, status/0, ending/0]).
 
 %% The world of a run: the plan of its simulation ({@link starl_sim_plan:t()}), its clock, and the
 %% positioning system: its rate (`none': it shows a picture whenever it is asked) and whether it
@@ -75,20 +66,33 @@
 
 %% @doc Plans the run of a scenario that passes `speed' times as fast as real time; `watch': further
 %% monitors, which only look on. This computer has other work, too, so every bound on a duration is
-%% longer by some real time.
+%% longer by some real time. Gives the schedule of faults beside it: monitors are told of each fault when it
+%% begins and when it has ended, as of those by hand.
 -spec plan(#{app := module(), atom() => term()}, #{
-    speed => number(), watch => [{module(), map()}], atom() => term()
+    world := one_vm | nodes, speed => number(), watch => [{module(), map()}], atom() => term()
 }) ->
-    {ok, starl_sim:planned()} | {error, starl_sim:reason()}.
-plan(Given, Options) ->
+    {ok, starl_sim:planned(), [starl_sim_fault:t()]} | {error, starl_sim:reason()}.
+plan(Given, #{world := Where} = Options) ->
     Slack = round(?SLACK_US * maps:get(speed, Options, 1)),
-    Watch = maps:with([watch], Options),
-    case starl_sim:plan(Given#{mode => process}, Watch#{slack_us => Slack}) of
+    Own = (maps:with([watch], Options))#{slack_us => Slack},
+    case starl_sim:plan(Given#{mode => process}, Own) of
         {ok, {_Scenario, #{floor := _}, _Plan}} ->
             {error, {scene, "in real time there are no floor plans yet: run it in virtual time"}};
-        Planned ->
-            Planned
+        {ok, {#{faults := []}, _Scene, _Plan} = Planned} ->
+            {ok, Planned, []};
+        {ok, {#{faults := Faults} = Scenario, _Scene, _Plan}} ->
+            scheduled(starl_sim_hand:refused(Where, Faults), Scenario, Own);
+        {error, _} = Error ->
+            Error
     end.
+
+%% What has to be done so long after the faults has as long in real time.
+scheduled([], #{faults := Faults, heal := Heal} = Scenario, Own) ->
+    Healed = max(Heal, starl_sim_fault:healed_us(Faults) / 1.0e6),
+    {ok, Planned} = starl_sim:plan(Scenario#{faults := [], heal := Healed}, Own),
+    {ok, Planned, Faults};
+scheduled(Refused, _Scenario, _Own) ->
+    {error, {scene, lists:join("; ", Refused)}}.
 
 %% @doc The time by which contracts allow everything with a bound to be late, in a run as fast as real time.
 -spec slack_us() -> pos_integer().
@@ -141,44 +145,25 @@ status(World) -> gen_server:call(World, status).
 -spec until(pid(), Us :: integer()) -> ok.
 until(World, Us) -> gen_server:call(World, {until, Us}, infinity).
 
-%% @doc From now on these robots, and no others, are shown what they were shown last, again and again.
--spec freeze(pid(), [starl:robot_id()]) -> ok.
-freeze(World, Robots) -> gen_server:call(World, {freeze, Robots}).
+%% @doc A fault begins, or ends: the world does what is its part of it, on positions and cables, and tells its
+%% observer and its judge. A cable is none where no hardware is.
+-spec fault(pid(), starl_world_faults:told()) -> ok | {error, unicode:chardata()}.
+fault(World, Told) -> gen_server:call(World, {fault, Told}).
 
-%% @doc Pulls the cable of a robot's hardware, or puts it back.
--spec cable(pid(), starl:robot_id(), cable()) -> ok | {error, unicode:chardata()}.
-cable(World, Robot, Cable) -> gen_server:call(World, {cable, Robot, Cable}).
-
-%% @doc From now on this robot, too, is shown what it was shown last.
--spec freeze_too(pid(), starl:robot_id()) -> ok.
-freeze_too(World, Robot) -> gen_server:call(World, {freeze_too, Robot}).
-
-%% @doc From now on these senses of robots have these faults, and no others: the world only tells its
-%% observer.
--spec senses(pid(), [{starl:robot_id(), starl_sense:kind() | all, starl_live_sense_fault:fault()}]) ->
+%% @doc A robot is dead for good.
+-spec dead(pid(), starl:robot_id()) -> ok.
+dead(World, Robot) ->
+    World ! {starl_ended, Robot, self(), given_up},
     ok.
-senses(World, Faults) -> gen_server:call(World, {senses, Faults}).
-
-%% @doc From now on these links, and no others, are cut: the world only tells its observer.
--spec cut(pid(), [{starl:robot_id(), starl:robot_id()}]) -> ok.
-cut(World, Links) -> gen_server:call(World, {cut, Links}).
-
-%% @doc From now on the disks of these robots, and no others, are full: the world only tells its observer.
--spec fill(pid(), [starl:robot_id()]) -> ok.
-fill(World, Robots) -> gen_server:call(World, {fill, Robots}).
-
-%% @doc Something has been done to a robot by hand at once, a fault of this kind: the world only tells its
-%% observer.
--spec struck(pid(), kill_robot | store_lost | store_set_back, starl:robot_id()) -> ok.
-struck(World, Kind, Robot) -> gen_server:call(World, {struck, Kind, Robot}).
 
 %% @doc The clock of a robot's node is ahead of this VM's, or behind: if by much, nothing is judged from now on.
 -spec clock(pid(), starl:robot_id(), AheadUs :: integer()) -> ok.
 clock(World, Robot, AheadUs) -> gen_server:call(World, {clock, Robot, AheadUs}, infinity).
 
-%% @doc The node of a robot is about to be halted: nothing is judged from now on until it goes on.
--spec halt(pid(), starl:robot_id()) -> ok.
-halt(World, Robot) -> gen_server:call(World, {halt, Robot}).
+%% @doc The node of a robot is about to be halted: nothing is judged from now on until it goes on. The
+%% fault, a pause, is told under this name.
+-spec halt(pid(), starl:robot_id(), Fault :: atom()) -> ok.
+halt(World, Robot, Fault) -> gen_server:call(World, {halt, Robot, Fault}).
 
 %% @doc The node of a robot stands still, since a moment.
 -spec halted(pid(), starl:robot_id()) -> ok.

@@ -1,10 +1,11 @@
 %% @doc The positioning system of the simulated world: the pictures that it shows robots, with the
-%% errors of their sensors, rounded to whole millimetres if wished. A pure module.
+%% errors of their sensors, rounded to whole millimetres if wished, and with the faults of a scenario
+%% (class `location'). A pure module.
 %%
 %% A robot for which the system is frozen gets the last picture again and again, as a new one.
 -module(starl_world_positioning).
 
--export([new/2, rate_hz/1, freeze/2, frozen/1, seen/3, shown/4]).
+-export([new/2, rate_hz/1, fault/2, seen/3, shown/4]).
 
 -export_type([t/0, options/0]).
 
@@ -17,9 +18,9 @@
     rate_hz :: number() | none,
     whole_mm :: boolean(),
     draws = 0 :: non_neg_integer(),
-    %% what each robot was shown last, and the robots that get nothing newer
+    %% what each robot was shown last, and the faults that last
     shown = #{} :: #{starl:robot_id() => #{starl:robot_id() => starl:pose()}},
-    frozen = [] :: [starl:robot_id()]
+    faults = [] :: [starl_world_faults:fault()]
 }).
 
 -opaque t() :: #positioning{}.
@@ -38,13 +39,12 @@ new(#{profiles := Profiles, seed := Seed}, Options) ->
 -spec rate_hz(t()) -> number() | none.
 rate_hz(#positioning{rate_hz = Rate}) -> Rate.
 
-%% @doc From now on these robots, and no others, are shown what they were shown last.
--spec freeze([starl:robot_id()], t()) -> t().
-freeze(Ids, Positioning) -> Positioning#positioning{frozen = Ids}.
-
-%% @doc The robots that get nothing newer.
--spec frozen(t()) -> [starl:robot_id()].
-frozen(#positioning{frozen = Frozen}) -> Frozen.
+%% @doc One of its faults begins or ends.
+-spec fault(starl_world_faults:told(), t()) -> t().
+fault({began, Fault}, #positioning{faults = Faults} = Positioning) ->
+    Positioning#positioning{faults = Faults ++ [Fault]};
+fault({ended, Fault}, #positioning{faults = Faults} = Positioning) ->
+    Positioning#positioning{faults = lists:keydelete(element(1, Fault), 1, Faults)}.
 
 %% @doc A picture of robots at these true poses, each at its time; `By': the robot that looks, 0 if the
 %% system does by itself.
@@ -65,12 +65,29 @@ rounded(true, {X, Y, Heading}) -> {float(round(X)), float(round(Y)), Heading}.
 %% @doc What a robot is shown of a picture.
 -spec shown(starl:robot_id(), [starl_live_positioning:sighting()], NowUs :: integer(), t()) ->
     {[starl_live_positioning:sighting()], t()}.
-shown(Id, Seen, Now, #positioning{shown = Shown, frozen = Frozen} = Positioning) ->
+shown(Id, Seen, _Now, #positioning{shown = Shown, faults = []} = Positioning) ->
     Last = maps:get(Id, Shown, #{}),
-    case lists:member(Id, Frozen) of
-        true ->
-            {[{R, Pose, Now} || {R, _, _} <- Seen, #{R := Pose} <- [Last]], Positioning};
-        false ->
-            Latest = maps:merge(Last, maps:from_list([{R, Pose} || {R, Pose, _} <- Seen])),
-            {Seen, Positioning#positioning{shown = Shown#{Id => Latest}}}
+    Latest = maps:merge(Last, maps:from_list([{R, Pose} || {R, Pose, _} <- Seen])),
+    {Seen, Positioning#positioning{shown = Shown#{Id => Latest}}};
+shown(Id, Seen, Now, Positioning) ->
+    #positioning{shown = Shown, faults = Faults, seed = Seed, draws = N} = Positioning,
+    Look = #{
+        robot => Id,
+        faults => Faults,
+        key => {Seed, Id, N},
+        see => fun(Robot) -> [Pose || {R, Pose, _} <- Seen, R =:= Robot] end,
+        seen => maps:get(Id, Shown, #{})
+    },
+    {Poses, Latest} = starl_sim_positioning:poses([R || {R, _, _} <- Seen], Look),
+    Times = maps:from_list([{R, time(Id, Us, Now, Faults)} || {R, _, Us} <- Seen]),
+    {
+        [{R, Pose, maps:get(R, Times)} || {R, Pose} <- Poses],
+        Positioning#positioning{shown = Shown#{Id => Latest}}
+    }.
+
+time(Id, Us, Now, Faults) ->
+    Frozen = [F || {_, _, _, location_frozen, _, _} = F <- Faults, starl_sim_fault:hits(Id, F)],
+    case Frozen of
+        [] -> Us;
+        [_ | _] -> Now
     end.

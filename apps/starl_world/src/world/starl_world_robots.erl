@@ -1,66 +1,54 @@
-%% @doc The robots of a live run in one VM, and what is done to them by hand, as to the nodes of a
-%% cluster: a robot is killed and starts anew with its store, as after a reboot; links are cut and
-%% healed; positions are frozen. What is cut stays cut for a robot that has started anew.
+%% @doc The robots of a live run in one VM, and the faults that are played with them, by hand or of a
+%% schedule ({@link starl_world_faults}): as the nodes of a cluster a robot is killed and starts anew with
+%% its store, without it or with an old one, as after a reboot; links are cut; senses fail. What lasts
+%% holds for a robot that has started anew, too.
 -module(starl_world_robots).
 -behaviour(gen_server).
 
--export([start_link/2, link/2, kill/2, cut/3, freeze/2, sense/4, heal/1, stop/1]).
+-export([start_link/2, link/2, act/2, heal/2, stop/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
 
 -type specs() :: #{starl:robot_id() => starl_live_robot:spec()}.
 -type answer() :: ok | {error, unicode:chardata()}.
--type request() ::
-    {link, starl:robot_id()}
-    | {kill, starl:robot_id()}
-    | {cut, starl:robot_id(), starl:robot_id()}
-    | {freeze, starl:robot_id()}
-    | {sense, starl:robot_id(), starl_sense:kind() | all, starl_live_sense_fault:fault() | well}
-    | heal.
+
+%% The robots, the clock of the run and its pace, and the schedule of its faults.
+-type run() :: #{
+    world := pid(),
+    clock := starl_live_clock:t(),
+    speed := number(),
+    schedule := [starl_sim_fault:t()]
+}.
 
 -record(robots, {
     world :: pid(),
+    clock :: starl_live_clock:t(),
+    speed :: number(),
     specs :: specs(),
     %% the robots that run
     sups = #{} :: #{starl:robot_id() => pid()},
     %% the monitors of their links
     watched = #{} :: #{reference() => starl:robot_id()},
-    %% who cannot hear whom
-    cuts = [] :: [{starl:robot_id(), starl:robot_id()}],
-    senses = #{} :: #{starl:robot_id() => starl_live_sense_fault:faults()}
+    faults :: starl_world_faults:t()
 }).
 
 %% A robot whose link starts anew is asked for it until it has one.
 -define(AGAIN_MS, 20).
 
 %% @doc Starts these robots in this world.
--spec start_link(pid(), specs()) -> gen_server:start_ret().
-start_link(World, Specs) -> gen_server:start_link(?MODULE, {World, Specs}, []).
+-spec start_link(specs(), run()) -> gen_server:start_ret().
+start_link(Specs, Run) -> gen_server:start_link(?MODULE, {Specs, Run}, []).
 
 %% @doc The link of a robot; `none' while it starts anew.
 -spec link(pid(), starl:robot_id()) -> pid() | none.
 link(Robots, Id) -> gen_server:call(Robots, {link, Id}, infinity).
 
-%% @doc Kills all processes of a robot at once, as the death of its node does, and starts it anew.
--spec kill(pid(), starl:robot_id()) -> answer().
-kill(Robots, Id) -> gen_server:call(Robots, {kill, Id}, infinity).
+%% @doc Hands do this now.
+-spec act(pid(), [starl_sim_hand:t()]) -> answer().
+act(Robots, Hands) -> gen_server:call(Robots, {act, Hands}, infinity).
 
-%% @doc These two robots do not hear each other any more.
--spec cut(pid(), starl:robot_id(), starl:robot_id()) -> answer().
-cut(Robots, A, B) -> gen_server:call(Robots, {cut, A, B}, infinity).
-
-%% @doc From now on this robot, too, gets no new positions.
--spec freeze(pid(), starl:robot_id()) -> answer().
-freeze(Robots, Id) -> gen_server:call(Robots, {freeze, Id}, infinity).
-
-%% @doc A sense of this robot, or all of them, has a fault from now on; `well': no more.
--spec sense(
-    pid(), starl:robot_id(), starl_sense:kind() | all, starl_live_sense_fault:fault() | well
-) -> answer().
-sense(Robots, Id, Sense, Fault) -> gen_server:call(Robots, {sense, Id, Sense, Fault}, infinity).
-
-%% @doc All links, positions and senses are as they were.
--spec heal(pid()) -> ok.
-heal(Robots) -> gen_server:call(Robots, heal, infinity).
+%% @doc These faults are over.
+-spec heal(pid(), starl_world_faults:heal()) -> ok.
+heal(Robots, What) -> gen_server:call(Robots, {heal, What}, infinity).
 
 %% @doc Ends the robots.
 -spec stop(pid()) -> ok.
@@ -68,14 +56,32 @@ stop(Robots) ->
     true = unlink(Robots),
     gen_server:stop(Robots, shutdown, infinity).
 
--spec init({pid(), specs()}) -> {ok, #robots{}} | {stop, term()}.
-init({World, Specs}) ->
+-spec init({specs(), run()}) -> {ok, #robots{}} | {stop, term()}.
+init({Specs, #{world := World, clock := Clock, speed := Speed, schedule := Schedule}}) ->
     _ = process_flag(trap_exit, true),
-    Robots = #robots{world = World, specs = Specs},
-    case start_all(lists:sort(maps:keys(Specs)), Robots) of
-        {ok, Started} -> {ok, Started};
-        {{error, Reason}, _} -> {stop, Reason}
+    Ids = lists:sort(maps:keys(Specs)),
+    Robots = #robots{
+        world = World,
+        clock = Clock,
+        speed = Speed,
+        specs = Specs,
+        faults = starl_world_faults:new(Ids)
+    },
+    case start_all(Ids, Robots) of
+        {ok, Started} ->
+            ok = lists:foreach(fun(F) -> at(element(2, F), {begins, F}, Started) end, Schedule),
+            {ok, Started};
+        {{error, Reason}, _} ->
+            {stop, Reason}
     end.
+
+%% This process gets a message at this time of the run.
+at(Ms, Message, #robots{clock = Clock}) ->
+    At = starl_live_clock:monotonic_ms(1000 * Ms, Clock),
+    _ = erlang:send_after(At, self(), Message, [{abs, true}]),
+    ok.
+
+now_ms(#robots{clock = Clock}) -> starl_live_clock:now_us(Clock) div 1000.
 
 start_all([], Robots) ->
     {ok, Robots};
@@ -85,39 +91,34 @@ start_all([Id | Ids], Robots) ->
         {{error, _}, _} = Error -> Error
     end.
 
-start(Id, #robots{specs = Specs, sups = Sups} = Robots) ->
+start(Id, #robots{specs = Specs, sups = Sups, faults = Faults, world = World} = Robots) ->
     #{Id := Spec} = Specs,
+    {Fate, Fated} = starl_world_faults:fate(Id, Faults),
+    ok = starl_world_store:before_start(Fate, Spec),
     case starl_live_robot:start_link(Spec) of
-        {ok, Sup} -> {ok, watch(Id, Robots#robots{sups = Sups#{Id => Sup}})};
-        {error, _} = Error -> {Error, Robots}
+        {ok, Sup} ->
+            {Told, Up} = starl_world_faults:up(Id, now_ms(Robots), Fated),
+            ok = lists:foreach(fun(Each) -> ok = starl_world:fault(World, Each) end, Told),
+            {ok, watch(Id, Robots#robots{sups = Sups#{Id => Sup}, faults = Up})};
+        {error, _} = Error ->
+            {Error, Robots#robots{faults = Fated}}
     end.
 
--spec handle_call(request(), gen_server:from(), #robots{}) ->
+-spec handle_call(term(), gen_server:from(), #robots{}) ->
     {reply, answer() | pid() | none, #robots{}}.
 handle_call({link, Id}, _From, Robots) ->
     {reply, link_of(Id, Robots), Robots};
-handle_call({kill, Id}, _From, #robots{world = World} = Robots) ->
-    ok = starl_world:struck(World, kill_robot, Id),
-    {Started, Next} = start(Id, killed(Id, Robots)),
-    {reply, answer(Id, Started), Next};
-handle_call({cut, A, B}, _From, #robots{cuts = Cuts} = Robots) ->
-    {reply, ok, cuts(lists:usort([{A, B}, {B, A} | Cuts]), Robots)};
-handle_call({freeze, Id}, _From, #robots{world = World} = Robots) ->
-    {reply, starl_world:freeze_too(World, Id), Robots};
-handle_call({sense, Id, Sense, well}, _From, #robots{senses = Senses} = Robots) ->
-    Left = maps:remove(Sense, maps:get(Id, Senses, #{})),
-    {reply, ok, senses(Senses#{Id => Left}, Robots)};
-handle_call({sense, Id, Sense, Fault}, _From, #robots{senses = Senses} = Robots) ->
-    Own = (maps:get(Id, Senses, #{}))#{Sense => Fault},
-    {reply, ok, senses(Senses#{Id => Own}, Robots)};
-handle_call(heal, _From, #robots{world = World} = Robots) ->
-    ok = starl_world:freeze(World, []),
-    {reply, ok, cuts([], senses(#{}, Robots))}.
-
-answer(_Id, ok) ->
-    ok;
-answer(Id, {error, Reason}) ->
-    {error, io_lib:format("robot ~b does not start again: ~0tP", [Id, Reason, 8])}.
+handle_call({act, Hands}, _From, #robots{specs = Specs} = Robots) ->
+    Named = lists:usort(lists:append([starl_sim_hand:robots(Hand) || Hand <- Hands])),
+    case Named -- maps:keys(Specs) of
+        [] ->
+            {Answers, Next} = lists:mapfoldl(fun hand/2, Robots, Hands),
+            {reply, lists:last(Answers), Next};
+        [Robot | _] ->
+            {reply, {error, io_lib:format("there is no robot ~b", [Robot])}, Robots}
+    end;
+handle_call({heal, What}, _From, #robots{faults = Faults} = Robots) ->
+    {reply, ok, lists:foldl(fun over/2, Robots, starl_world_faults:healable(What, Faults))}.
 
 -spec handle_cast(term(), #robots{}) -> {noreply, #robots{}}.
 handle_cast(_Request, Robots) -> {noreply, Robots}.
@@ -130,6 +131,15 @@ handle_info({'DOWN', Ref, process, _, _}, #robots{watched = Watched} = Robots) w
     {noreply, watch(Id, Robots#robots{watched = Left})};
 handle_info({watch, Id}, Robots) ->
     {noreply, watch(Id, Robots)};
+handle_info({begins, Fault}, Robots) ->
+    {Answer, Next} = begins(Fault, Robots),
+    _ = [
+        logger:warning(#{what => fault_not_played, fault => Fault, why => Why})
+     || {error, Why} <- [Answer]
+    ],
+    {noreply, Next};
+handle_info({over, Id}, Robots) ->
+    {noreply, over(Id, Robots)};
 handle_info({'EXIT', Sup, _Reason}, #robots{sups = Sups} = Robots) ->
     Gone = [Id || {Id, S} <- maps:to_list(Sups), S =:= Sup],
     ok = lists:foreach(fun(Id) -> given_up(Id, Robots) end, Gone),
@@ -153,6 +163,71 @@ given_up(Id, #robots{world = World}) ->
     ok.
 
 given_up(#{robot := Id}) -> {"robot ~b has started anew too often, and is given up", [Id]}.
+
+%% -- faults ---------------------------------------------------------------------------------
+
+hand(Hand, #robots{faults = Faults, speed = Speed} = Robots) ->
+    {Fault, Named} = starl_world_faults:named(Hand, now_ms(Robots), Speed, Faults),
+    begins(Fault, Robots#robots{faults = Named}).
+
+begins(Fault, #robots{faults = Faults} = Robots) ->
+    {Told, Effects, Next} = starl_world_faults:begins(Fault, now_ms(Robots), Faults),
+    case told(Told, Robots) of
+        ok -> effects(Effects, Robots#robots{faults = Next});
+        {error, _} = Error -> {Error, Robots}
+    end.
+
+told([], _Robots) ->
+    ok;
+told([Told | More], #robots{world = World} = Robots) ->
+    case starl_world:fault(World, Told) of
+        ok -> told(More, Robots);
+        {error, _} = Error -> Error
+    end.
+
+over(Id, #robots{faults = Faults} = Robots) ->
+    {Told, Effects, Next} = starl_world_faults:over(Id, now_ms(Robots), Faults),
+    _ = told(Told, Robots),
+    {_, Last} = effects(Effects, Robots#robots{faults = Next}),
+    Last.
+
+%% An error is what is answered.
+effects(Effects, Robots) ->
+    lists:foldl(
+        fun(Effect, {Answer, Before}) ->
+            {Own, Next} = does(Effect, Before),
+            {lists:max([Answer, Own]), Next}
+        end,
+        {ok, Robots},
+        Effects
+    ).
+
+%% Pauses and full disks need nodes.
+-spec does(starl_world_faults:effect(), #robots{}) -> {answer(), #robots{}}.
+does({kill, Id}, Robots) ->
+    does({start, Id}, killed(Id, Robots));
+does({start, Id}, #robots{sups = Sups, faults = Faults} = Robots) ->
+    case is_map_key(Id, Sups) orelse starl_world_faults:is_down(Id, now_ms(Robots), Faults) of
+        true ->
+            {ok, Robots};
+        false ->
+            {Started, Next} = start(Id, Robots),
+            {answer(Id, Started), Next}
+    end;
+does({dead, Id}, #robots{world = World} = Robots) ->
+    {starl_world:dead(World, Id), Robots};
+does({machine, Id, Name}, Robots) ->
+    _ = [starl_live_link:kill(Link, Name) || Link <- [link_of(Id, Robots)], Link =/= none],
+    {ok, Robots};
+does({tell, Ids}, Robots) ->
+    {lists:foreach(fun(Id) -> aired(Id, Robots) end, Ids), Robots};
+does({due, Ms, Id}, Robots) ->
+    {at(Ms, {over, Id}, Robots), Robots}.
+
+answer(_Id, ok) ->
+    ok;
+answer(Id, {error, Reason}) ->
+    {error, io_lib:format("robot ~b does not start again: ~0tP", [Id, Reason, 8])}.
 
 %% -- robots that start and end --------------------------------------------------------------
 
@@ -196,9 +271,9 @@ link_of_sup(Sup) ->
         exit:_ -> none
     end.
 
-%% -- what robots hear -----------------------------------------------------------------------
+%% -- what robots hear and sense -------------------------------------------------------------
 
-%% A link that starts anew hears everybody at first.
+%% A link that starts anew hears everybody at first, and has sound senses.
 watch(Id, #robots{sups = Sups, watched = Watched} = Robots) ->
     case link_of(Id, Robots) of
         none when is_map_key(Id, Sups) ->
@@ -208,39 +283,23 @@ watch(Id, #robots{sups = Sups, watched = Watched} = Robots) ->
             Robots;
         Link ->
             Next = Robots#robots{watched = Watched#{erlang:monitor(process, Link) => Id}},
-            _ = lists:keymember(Id, 1, Robots#robots.cuts) andalso aired(Id, Next),
-            _ = is_map_key(Id, Robots#robots.senses) andalso sensing(Id, Next),
+            ok = aired(Id, Next),
             Next
     end.
 
-senses(Senses, #robots{world = World, specs = Specs} = Robots) ->
-    Next = Robots#robots{senses = Senses},
-    Told = [
-        {Id, Sense, Fault}
-     || {Id, Faults} <- lists:sort(maps:to_list(Senses)), {Sense, Fault} <- maps:to_list(Faults)
-    ],
-    ok = starl_world:senses(World, Told),
-    ok = lists:foreach(fun(Id) -> sensing(Id, Next) end, maps:keys(Specs)),
-    Next.
-
-%% A link that starts anew has sound senses at first.
-sensing(Id, #robots{senses = Senses} = Robots) ->
+aired(Id, #robots{faults = Faults, speed = Speed} = Robots) ->
     case link_of(Id, Robots) of
-        none -> ok;
-        Link -> starl_live_link:sense_faults(Link, maps:get(Id, Senses, #{}))
+        none ->
+            ok;
+        Link ->
+            ok = starl_live_link:sense_faults(Link, starl_world_faults:senses(Id, Faults)),
+            set_air(Link, starl_world_faults:air(Id, Speed, Faults))
     end.
 
-cuts(Cuts, #robots{world = World, specs = Specs} = Robots) ->
-    Next = Robots#robots{cuts = Cuts},
-    ok = starl_world:cut(World, Cuts),
-    ok = lists:foreach(fun(Id) -> aired(Id, Next) end, maps:keys(Specs)),
-    Next.
-
-aired(Id, #robots{cuts = Cuts} = Robots) ->
-    Deaf = [Other || {Robot, Other} <- Cuts, Robot =:= Id],
+set_air(Link, Air) ->
     try
-        Transport = starl_live_link:line(link_of(Id, Robots), transport),
-        ok = starl_live_transport:set_air(Transport, #{cut => Deaf})
+        Transport = starl_live_link:line(Link, transport),
+        ok = starl_live_transport:set_air(Transport, Air)
     catch
         %% it has just ended; the next one is told
         exit:_ -> ok

@@ -23,7 +23,9 @@
     looked_us = 0 :: integer(),
     behind_us = 0 :: non_neg_integer(),
     limit_us :: integer(),
-    hands = starl_world_hands:new() :: starl_world_hands:t(),
+    %% the faults that were told, latest first; the pauses: the fault of each, and since when the robot stands
+    faults = [] :: [starl_world_faults:fault()],
+    pauses = #{} :: #{starl:robot_id() => {Fault :: atom(), SinceMs :: integer() | none}},
     leader = none :: starl:robot_id() | none,
     ending = none :: starl_world:ending() | none,
     callers = [] :: [gen_server:from()]
@@ -70,12 +72,15 @@ handle_call({until, Us}, From, World) ->
     {noreply, World};
 handle_call(status, _From, World) ->
     {reply, status(World), World};
-handle_call({cable, Id, Cable}, _From, World) ->
-    {reply, cable(Id, Cable, World), World};
+handle_call({fault, Told}, _From, World) ->
+    case cable(Told, World) of
+        ok -> {reply, ok, fault(Told, World)};
+        {error, _} = Error -> {reply, Error, World}
+    end;
 handle_call(finish, _From, World) ->
     {reply, outcome(World), World};
-handle_call(Fault, _From, World) ->
-    {reply, ok, by_hand(Fault, World)}.
+handle_call(Told, _From, World) ->
+    {reply, ok, node_told(Told, World)}.
 
 -spec handle_cast(stop, #world{}) -> {noreply, #world{}}.
 handle_cast(stop, World) -> {noreply, ended(stopped, World)}.
@@ -137,11 +142,18 @@ tracked(Id, Chassis, #world{robots = Robots} = World) ->
             {reply, Error, World}
     end.
 
-cable(Id, Cable, #world{robots = Robots} = World) ->
+%% A cable is pulled at once, or before the hardware could drive on without it; and put back.
+cable({Told, {_, _, _, serial_gone, Id, Params}}, #world{robots = Robots} = World) ->
     case starl_world_team:hardware(Id, Robots) of
-        {ok, Hardware} -> say({tell, Hardware, {starl_cable, Cable}}, World);
+        {ok, Hardware} -> say({tell, Hardware, {starl_cable, pulled(Told, Params)}}, World);
         {error, _} = Error -> Error
-    end.
+    end;
+cable(_Told, _World) ->
+    ok.
+
+pulled(ended, _Params) -> back;
+pulled(began, #{in_time := true}) -> pulled_in_time;
+pulled(began, _Params) -> pulled.
 
 %% Hardware tells when something was, by the system's time, and feels what it touches.
 heard(Id, Chassis, {at, SystemUs, What}, #world{clock = Clock} = World) ->
@@ -262,58 +274,59 @@ pictured(Id, Sight, Seen, #world{positioning = Positioning} = World) ->
     Sight ! {starl_seen, Picture},
     World#world{positioning = Next}.
 
-%% -- by hand --------------------------------------------------------------------------------
+%% -- faults ---------------------------------------------------------------------------------
 
-%% Those who watch the run are told of a fault.
-by_hand({freeze, Ids}, #world{positioning = Positioning} = World) ->
-    Next = World#world{positioning = starl_world_positioning:freeze(Ids, Positioning)},
-    tell(fun(Now, Hands) -> starl_world_hands:holds(location_frozen, Ids, Now, Hands) end, Next);
-by_hand({freeze_too, Id}, #world{positioning = Positioning} = World) ->
-    Frozen = starl_world_positioning:frozen(Positioning),
-    by_hand({freeze, lists:usort([Id | Frozen])}, World);
-by_hand({cut, Links}, World) ->
-    tell(fun(Now, Hands) -> starl_world_hands:holds(loss, Links, Now, Hands) end, World);
-by_hand({fill, Ids}, World) ->
-    tell(fun(Now, Hands) -> starl_world_hands:holds(store_full, Ids, Now, Hands) end, World);
-by_hand({senses, Faults}, World) ->
-    tell(fun(Now, Hands) -> senses(Faults, Now, Hands) end, World);
-by_hand({struck, Kind, Id}, World) ->
-    tell(fun(Now, Hands) -> starl_world_hands:struck(Kind, Id, Now, Hands) end, World);
-by_hand({clock, Id, Us}, #world{judge = Judge} = World) ->
+%% The schedule's, and those by hand.
+fault({_, Fault} = Told, #world{positioning = Positioning} = World) ->
+    case starl_sim_fault:class(Fault) of
+        location ->
+            Next = starl_world_positioning:fault(Told, Positioning),
+            tell(Told, World#world{positioning = Next});
+        _ ->
+            tell(Told, World)
+    end.
+
+%% Those who watch the run are told of it as of one in a schedule.
+tell({Is, Fault}, #world{judge = Judge, observer = Observer, faults = Faults} = World) ->
+    Own = setelement(6, Fault, maps:remove(in_time, element(6, Fault))),
+    ok = starl_observer:tell({fault, now_us(World), {Is, Own}}, Observer),
+    World#world{
+        judge = starl_world_judge:faults([{Is, Own}], Judge),
+        faults = [Own | lists:keydelete(element(1, Own), 1, Faults)]
+    }.
+
+node_told({clock, Id, Us}, #world{judge = Judge} = World) ->
     by(starl_world_judge:clock(Id, Us, Judge), World);
-by_hand({halt, Id}, #world{judge = Judge} = World) ->
-    World#world{judge = starl_world_judge:hold(Id, now_us(World), Judge)};
-by_hand({resumed, Id}, #world{judge = Judge} = World) ->
+node_told({halt, Id, Fault}, #world{judge = Judge} = World) ->
+    Held = starl_world_judge:hold(Id, now_us(World), Judge),
+    #world{pauses = Pauses} = Next = stands(World#world{judge = Held}),
+    Next#world{pauses = Pauses#{Id => {Fault, none}}};
+node_told({resumed, Id}, #world{judge = Judge} = World) ->
     goes_on(starl_world_judge:released(Id, now_us(World), Judge), World);
-by_hand({halted, Id}, #world{robots = Robots, judge = Judge} = World) ->
+node_told({halted, Id}, #world{robots = Robots, judge = Judge} = World) ->
     Now = now_us(World),
     {Events, Next} = starl_world_team:halted(Id, unsaid(Id, Robots), Now, Robots),
     Halted = World#world{robots = Next, judge = starl_world_judge:halted(Id, Now, Judge)},
-    halted(told(Events, Halted)).
+    stands(told(Events, Halted)).
 
-halted(#world{judge = Judge} = World) ->
-    Ids = starl_world_judge:standing(Judge),
-    tell(fun(Now, Hands) -> starl_world_hands:holds(pause, Ids, Now, Hands) end, World).
+%% A pause has begun where a robot stands, and ended where it does no more.
+stands(#world{judge = Judge, pauses = Pauses} = World) ->
+    Standing = starl_world_judge:standing(Judge),
+    lists:foldl(
+        fun({Id, Pause}, W) -> paused(Id, Pause, lists:member(Id, Standing), W) end,
+        World,
+        lists:sort(maps:to_list(Pauses))
+    ).
 
-%% Those of each sense, and of all together.
-senses(Faults, Now, Hands0) ->
-    Senses = [all | [Sense || {Sense, _} <- starl_sense:kinds()]],
-    {Told, Hands} = lists:mapfoldl(
-        fun({Sense, Fault}, Hands) ->
-            Ids = [Id || {Id, S, F} <- Faults, {S, F} =:= {Sense, Fault}],
-            Params = starl_live_sense_fault:params(Sense, Fault),
-            starl_world_hands:holds(starl_live_sense_fault:kind(Fault), Params, Ids, Now, Hands)
-        end,
-        Hands0,
-        [{Sense, Fault} || Sense <- Senses, {_, Fault} <- starl_live_sense_fault:known()]
-    ),
-    {lists:append(Told), Hands}.
-
-tell(Done, #world{hands = Hands, judge = Judge, observer = Observer} = World) ->
-    Now = now_us(World),
-    {Told, Next} = Done(Now, Hands),
-    ok = lists:foreach(fun(F) -> starl_observer:tell({fault, Now, F}, Observer) end, Told),
-    World#world{hands = Next, judge = starl_world_judge:faults(Told, Judge)}.
+paused(Id, {Fault, none}, true, #world{pauses = Pauses} = World) ->
+    Ms = now_us(World) div 1000,
+    Since = World#world{pauses = Pauses#{Id := {Fault, Ms}}},
+    tell({began, {Fault, Ms, forever, pause, Id, #{}}}, Since);
+paused(Id, {Fault, Since}, false, #world{pauses = Pauses} = World) when is_integer(Since) ->
+    Over = World#world{pauses = maps:remove(Id, Pauses)},
+    tell({ended, {Fault, Since, now_us(World) div 1000, pause, Id, #{}}}, Over);
+paused(_Id, _Pause, _Stands, World) ->
+    World.
 
 %% -- robots that start and end --------------------------------------------------------------
 
@@ -334,7 +347,7 @@ heard_again(Id, #world{judge = Judge} = World) ->
         false -> World
     end.
 
-goes_on(Judge, World) -> halted(World#world{judge = Judge}).
+goes_on(Judge, World) -> stands(World#world{judge = Judge}).
 
 gone(Pid, #world{robots = Robots} = World) ->
     case starl_world_team:of_link(Pid, Robots) of
@@ -411,5 +424,11 @@ ended(Ending, #world{ending = none, callers = Callers} = World) ->
 ended(_Ending, World) ->
     World.
 
+%% What has not ended ends with the run.
 outcome(#world{judge = Judge, robots = Robots, ending = Ending, observer = Observer} = World) ->
-    starl_world_outcome:close(Ending, now_us(World), {Judge, Robots}, Observer).
+    Now = now_us(World),
+    Outcome = starl_world_outcome:close(Ending, Now, {Judge, Robots}, Observer),
+    Outcome#{faults => lists:keysort(2, [ended_by(Now div 1000, F) || F <- World#world.faults])}.
+
+ended_by(Ms, {Id, From, forever, Kind, Target, Params}) -> {Id, From, Ms, Kind, Target, Params};
+ended_by(_Ms, Fault) -> Fault.

@@ -1,18 +1,18 @@
-%% @doc The store of a robot of a cluster on the disk, as something that can be lost (a card is replaced)
+%% @doc The store of a live robot on the disk, as something that can be lost (a card is replaced)
 %% or set back (an image is put back). The record of its facts lies in the same directory and stays:
 %% it is no part of the robot, but a witness.
 %%
-%% Before each start of a node the store is copied. A store that is set back becomes that copy: the
+%% Before each start of a robot the store is copied. A store that is set back becomes that copy: the
 %% last start, and everything since, has not been. Before the first start there was none: then the
 %% store is lost. (That it was commissioned is told once, and not copied.)
--module(starl_cluster_store).
+-module(starl_world_store).
 
 -export([before_start/2]).
 
 -define(COPY, ".earlier").
 
-%% @doc The node of the robot is about to start, and this has become of its store.
--spec before_start(starl_cluster_hands:fate(), #{dir := file:filename(), atom() => term()}) -> ok.
+%% @doc The robot is about to start, and this has become of its store.
+-spec before_start(starl_world_faults:fate(), #{dir := file:filename(), atom() => term()}) -> ok.
 before_start(kept, #{dir := Dir}) ->
     ok = emptied(Dir ++ ?COPY),
     copied(Dir, Dir ++ ?COPY);

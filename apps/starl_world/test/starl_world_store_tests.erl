@@ -1,5 +1,5 @@
 %% What becomes of a store before its node starts. The record of facts, a witness, always stays.
--module(starl_cluster_store_tests).
+-module(starl_world_store_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 lives_test() ->
@@ -8,7 +8,7 @@ lives_test() ->
     ),
     Spec = #{dir => Dir},
     Live = fun(Fate, Life) ->
-        ok = starl_cluster_store:before_start(Fate, Spec),
+        ok = starl_world_store:before_start(Fate, Spec),
         _ = Life =:= 1 andalso starl_live_store:commission(Dir),
         Found = kept(Dir),
         {ok, Store} = starl_live_store:open(Dir),

@@ -1,0 +1,94 @@
+%% @doc What hands do to a run: faults of a schedule ({@link starl_sim_fault}) that begin now. Pages,
+%% commands, chaos and schedules have no other words for it. A run in real time cannot play every kind:
+%% this module says which.
+%% ```
+%%   {reboot, 3, #{}, 0}                              cluster kill 3
+%%   {location_frozen, 4, #{}, lasting}               cluster freeze 4
+%%   {loss, {1, 2}, #{part => 1.0}, 10000}            half of a cut, for ten seconds
+%% '''
+-module(starl_sim_hand).
+
+-export([kinds/1, refused/2, cut/3, fault/3, robots/1]).
+
+-export_type([t/0, world/0]).
+
+%% A kind with its target and its parameters, and how long it lasts: some milliseconds of the run (of a pause:
+%% of the computer), or until it is healed.
+-type t() :: {
+    starl_sim_fault:kind(), starl_sim_fault:target(), map(), LastsMs :: non_neg_integer() | lasting
+}.
+
+%% Where a run is: in the simulator; in real time with all robots in one VM, or each on a node.
+-type world() :: simulation | one_vm | nodes.
+
+%% What a world in real time can do, wherever the robots are; what it takes a node for.
+-define(REAL, [
+    loss,
+    duplicate,
+    delay,
+    reorder,
+    babble,
+    partition,
+    one_way_partition,
+    isolate,
+    ring,
+    kill_machine,
+    kill_robot,
+    reboot,
+    location_dropout,
+    location_frozen,
+    location_noise,
+    location_bias,
+    location_swap,
+    serial_gone,
+    store_lost,
+    store_set_back,
+    sense_gone,
+    sense_frozen,
+    sense_noisy,
+    sense_wrong
+]).
+-define(OF_NODES, [pause, store_full]).
+
+%% @doc The kinds that hands can do. In the simulator they cannot touch a clock: timers that run were set by
+%% it.
+-spec kinds(world()) -> [starl_sim_fault:spec()].
+kinds(simulation) ->
+    [Spec || {_, Class, _, _, _} = Spec <- starl_sim_fault:kinds(), Class =/= clock];
+kinds(World) ->
+    [Spec || Spec <- starl_sim_fault:kinds(), lists:member(element(1, Spec), played(World))].
+
+played(one_vm) -> ?REAL;
+played(nodes) -> ?REAL ++ ?OF_NODES.
+
+%% @doc A line for each fault of a schedule that a run in real time cannot play: which kind, and what can.
+-spec refused(one_vm | nodes, [starl_sim_fault:t()]) -> [unicode:chardata()].
+refused(World, Faults) ->
+    [
+        io_lib:format("fault ~ts: ~ts ~ts", [Id, Kind, instead(World, Kind)])
+     || {Id, _, _, Kind, _, _} <- Faults, not lists:member(Kind, played(World))
+    ].
+
+instead(one_vm, Kind) ->
+    case lists:member(Kind, ?OF_NODES) of
+        true -> "needs a node for each robot: take ./starl cluster";
+        false -> instead(nodes, Kind)
+    end;
+instead(nodes, _Kind) ->
+    "cannot be played in real time: take the simulator, ./starl run without --live".
+
+%% @doc Two robots do not hear each other.
+-spec cut(starl:robot_id(), starl:robot_id(), LastsMs :: non_neg_integer() | lasting) -> [t()].
+cut(A, B, Lasts) -> [{loss, Link, #{part => 1.0}, Lasts} || Link <- [{A, B}, {B, A}]].
+
+%% @doc The fault of a schedule that a hand does now; one without an end lasts until that time.
+-spec fault(Id :: atom(), {NowMs, UntilMs}, t()) -> starl_sim_fault:t() when
+    NowMs :: non_neg_integer(), UntilMs :: non_neg_integer() | forever.
+fault(Id, {Now, Until}, {Kind, Target, Params, lasting}) ->
+    {Id, Now, Until, Kind, Target, Params};
+fault(Id, {Now, _Until}, {Kind, Target, Params, Ms}) ->
+    {Id, Now, Now + Ms, Kind, Target, Params}.
+
+%% @doc The robots that a hand names.
+-spec robots(t()) -> [starl:robot_id()].
+robots(Hand) -> starl_sim_fault:targets(fault(hand, {0, 0}, Hand)).
