@@ -30,8 +30,10 @@
 -define(THERE_MM, 60).
 %% Who is no farther from the middle of a section stands in it, not between two.
 -define(STAYS_MM, 150).
-%% Who stands at a wall has its centre a little farther from it.
--define(BODY_MM, 160.0).
+%% A body that drives by a wall is farther from it, also if positions are a little off; who stands at one may only get away
+%% from it.
+-define(BODY_MM, 167.0).
+-define(SLACK_MM, 0.2).
 %% So far apart two robots touch at most.
 -define(TOUCH_MM, 340).
 -define(HELD_UP_MS, 20000).
@@ -121,9 +123,10 @@ reach(Place, Floor, [_ | Sections] = Lane) ->
         {starl_geometry:distance(Place, lists:last(Way)), I, lists:last(Way)}
      || {I, {Way, _}} <- lists:enumerate(Sections)
     ]),
-    Free = fun({_, _, Middle}) -> starl_walls:is_free({Place, Middle}, ?BODY_MM, Walls) end,
+    Mm = starl_walls:clearance({Place, Place}, ?BODY_MM, Walls) - ?SLACK_MM,
+    Free = fun({_, _, Middle}) -> starl_walls:is_free({Place, Middle}, Mm, Walls) end,
     case lists:search(Free, Near) of
-        {value, {Mm, I, _}} when Mm =< ?THERE_MM -> I;
+        {value, {Left, I, _}} when Left =< ?THERE_MM -> I;
         {value, {_, I, _}} -> I - 1;
         false -> locate(Place, Lane)
     end.
