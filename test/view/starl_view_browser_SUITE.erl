@@ -706,13 +706,13 @@ lends_live_hands(Browser) ->
     ok = ?B:await(
         "starl.team.robots.get(2).conditions.map(c => c[1]).join().endsWith('down,up')", Browser
     ),
-    ?assert(?B:eval("[...starl.team.faults.values()].some(f => f.kind === 'kill_robot')", Browser)).
+    ?assert(?B:eval("[...starl.team.faults.values()].some(f => f.kind === 'reboot')", Browser)).
 
 %% The robots appear, and go away from where they stood.
 moves(N, Browser) ->
     ok = ?B:await(io_lib:format("Object.keys(starl.poses()).length === ~b", [N]), Browser),
     ok = ?B:await(
-        "starl.team.run.hands.length > 0 && starl.team.run.spots.some(([id, x, y]) => {"
+        "starl.team.run.kinds.length > 0 && starl.team.run.spots.some(([id, x, y]) => {"
         "const p = starl.poses()[id]; return Math.hypot(p[0] - x, p[1] - y) > 100; })",
         Browser
     ).
