@@ -103,8 +103,8 @@ spec(N, Seed, Key, Dir) ->
         clock => starl_live_clock:new(0, 1),
         dir => dir(N, Dir),
         record => true,
-        positioning => {starl_fleet_blind, #{}},
-        chassis => {starl_fleet_still, #{}},
+        positioning => {starl_fleet_no_positioning, #{}},
+        chassis => {starl_fleet_no_chassis, #{}},
         transport =>
             {starl_live_udp, #{
                 fleet => "computers",

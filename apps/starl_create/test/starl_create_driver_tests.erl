@@ -573,7 +573,7 @@ the_pen_after_a_stop_of_the_port_test() ->
     Down = starl_create_bench:actuate({pen, down, none}, ready(#{model => 2})),
     Driver = starl_create_bench:driver(Down),
     {Actions, _} = starl_create_driver:hear({stopped, heartbeat, 0}, 0, Driver),
-    Lowers = starl_create_order:pen(down, #{model => 2, device => x}),
+    Lowers = starl_create_instructions:pen(down, #{model => 2, device => x}),
     ?assertMatch([{port, {send, Lowers}} | _], Actions).
 
 %% -- a measured profile ---------------------------------------------------------------------

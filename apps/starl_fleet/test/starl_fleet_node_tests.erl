@@ -129,7 +129,7 @@ spec_test() ->
     Key = starl_live_key:new(),
     {ok, Spec} = starl_fleet_node:spec(Place, Key, Fleet),
     #{transport := {starl_live_udp, Transport}} = Spec,
-    ?assertMatch(#{robot := 2, dir := "s", chassis := {starl_fleet_still, _}}, Spec),
+    ?assertMatch(#{robot := 2, dir := "s", chassis := {starl_fleet_no_chassis, _}}, Spec),
     ?assertEqual(#{1 => {"a.b", 5001}, 2 => {"c.d", 6000}}, maps:get(peers, Transport)),
     %% another release is another run
     {ok, #{transport := {_, #{run := Other}}}} = starl_fleet_node:spec(
@@ -162,8 +162,8 @@ still_test() ->
     Script = [{velocity, 1.0, 0.0, 1.0}],
     ?assertMatch(
         {[{m, {stalled, _}}], Clock},
-        starl_fleet_still:drive({starl_fleet_node_tests_chassis(), Script}, 0, m, Clock)
+        starl_fleet_no_chassis:drive({starl_fleet_node_tests_chassis(), Script}, 0, m, Clock)
     ),
-    ?assertMatch({[{m, {driven, _}}], Clock}, starl_fleet_still:drive({any, []}, 0, m, Clock)).
+    ?assertMatch({[{m, {driven, _}}], Clock}, starl_fleet_no_chassis:drive({any, []}, 0, m, Clock)).
 
 starl_fleet_node_tests_chassis() -> lists.

@@ -412,7 +412,7 @@ play(Kind, Pictures, Asks) ->
     Start = #{
         kind => Kind,
         source => source(Kind, Config),
-        seen => starl_live_seen:new(Config, 0),
+        seen => starl_live_poses:new(Config, 0),
         machine => machine(),
         timers => #{},
         got => []
@@ -455,7 +455,7 @@ happens(ask, T, S) ->
     event(T, {call, {app, T}}, {pose, 1}, S);
 happens({picture, Picture}, T, #{kind := Kind, source := Source, seen := Seen} = S) ->
     {Sightings, Next} = heard(Kind, datagram(Kind, Picture), T, Source),
-    {Answers, _, Known} = starl_live_seen:show(Sightings, T, Seen),
+    {Answers, _, Known} = starl_live_poses:show(Sightings, T, Seen),
     lists:foldl(
         fun({N, Poses}, Before) ->
             aged(Poses, T),
@@ -492,7 +492,7 @@ event(T, Type, Content, #{machine := M} = S) ->
     lists:foldl(fun(Action, Before) -> act(Action, T, Before) end, S#{machine := Next}, Actions).
 
 act({sense, Robots, N}, T, #{seen := Seen} = S) ->
-    S#{seen := starl_live_seen:ask(N, Robots, T, Seen)};
+    S#{seen := starl_live_poses:ask(N, Robots, T, Seen)};
 act({reply, {app, At}, Answer}, T, #{got := Got} = S) ->
     S#{got := [{At, T, Answer} | Got]};
 act({state_timeout, cancel}, _T, #{timers := Timers} = S) ->

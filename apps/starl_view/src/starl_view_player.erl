@@ -185,7 +185,7 @@ now_ms() -> erlang:monotonic_time(millisecond).
 
 do(Command, From, #player{run = Run} = Player) ->
     Page = starl_view_hub:asker(From, Command),
-    case starl_view_order:read(Command) of
+    case starl_view_request:read(Command) of
         {ok, Order} -> permitted(refused(Order, Run), Order, Page, Player);
         {error, Why} -> refuse(Page, Why, Player)
     end.

@@ -7,7 +7,7 @@
 %%   a page --- look, Robot, At --> the recording --- what the trace has told of the robot --> this page
 %% '''
 %% Meanwhile states of the team are kept, one for each section of a few thousand rows
-%% ({@link starl_view_past}).
+%% ({@link starl_view_playback}).
 -module(starl_view_recording).
 -behaviour(gen_server).
 
@@ -18,7 +18,7 @@
     file :: file:filename_all(),
     hub :: pid(),
     cursor :: starl_trace_reader:cursor(),
-    past = starl_view_past:new() :: starl_view_past:t(),
+    past = starl_view_playback:new() :: starl_view_playback:t(),
     %% the states at the beginnings of sections, the latest first
     sections = [] :: [section()],
     section_rows :: pos_integer(),
@@ -31,7 +31,7 @@
     caller = none :: gen_server:from() | none
 }).
 
--type section() :: {FromUs :: integer(), starl_view_past:t()}.
+-type section() :: {FromUs :: integer(), starl_view_playback:t()}.
 
 %% Of more rows at once the hub would leave out packets.
 -define(FRAME_US, 1000000).
@@ -136,8 +136,8 @@ until(File) ->
 section(T, #recording{sections = []} = Recording) ->
     Recording#recording{sections = [{min(0, T), Recording#recording.past}]};
 section(T, #recording{sections = [{_, Last} | _] = Sections, past = Past} = Recording) ->
-    Rows = starl_view_past:count(Past) - starl_view_past:count(Last),
-    case Rows >= Recording#recording.section_rows andalso T > starl_view_past:now_us(Past) of
+    Rows = starl_view_playback:count(Past) - starl_view_playback:count(Last),
+    case Rows >= Recording#recording.section_rows andalso T > starl_view_playback:now_us(Past) of
         true -> first(T, Recording#recording{sections = [{T, Past} | Sections]});
         false -> Recording
     end.
@@ -151,12 +151,12 @@ first(_T, Recording) ->
     Recording.
 
 told(Message, #recording{past = Past, hub = Hub, first = First} = Recording) ->
-    {Rows, Next} = starl_view_past:add(Message, Past),
+    {Rows, Next} = starl_view_playback:add(Message, Past),
     _ = First =:= open andalso [ok = starl_view_hub:put(Hub, Row) || Row <- Rows],
     due(Recording#recording{past = Next}).
 
 due(#recording{first = open, framed = {Us, Rows}, past = Past} = Recording) ->
-    {Now, Count} = {starl_view_past:now_us(Past), starl_view_past:count(Past)},
+    {Now, Count} = {starl_view_playback:now_us(Past), starl_view_playback:count(Past)},
     case Now >= Us + ?FRAME_US orelse Count >= Rows + ?FRAME_ROWS of
         true -> framed(Now, Recording);
         false -> Recording
@@ -166,13 +166,13 @@ due(Recording) ->
 
 framed(Now, #recording{hub = Hub, past = Past} = Recording) ->
     ok = starl_view_hub:clock(Hub, (clock(Recording))#{now_us => Now}),
-    Recording#recording{framed = {Now, starl_view_past:count(Past)}}.
+    Recording#recording{framed = {Now, starl_view_playback:count(Past)}}.
 
 clock(#recording{ended = none}) ->
     #{speed => 1, paused => true, running => 0, ending => null};
 clock(#recording{ended = Ended, past = Past} = Recording) ->
     Clock = clock(Recording#recording{ended = none}),
-    case {Ended, starl_view_past:ending(Past)} of
+    case {Ended, starl_view_playback:ending(Past)} of
         {{ok, closed}, null} -> Clock#{ending := recorded};
         {{ok, closed}, Ending} -> Clock#{ending := Ending};
         _ -> Clock#{ending := cut_off}
@@ -183,7 +183,7 @@ ended(Ended, #recording{cursor = Cursor, first = First, past = Past, hub = Hub} 
     Known = Recording#recording{ended = Ended},
     Upto =
         case First of
-            open -> starl_view_past:now_us(Past);
+            open -> starl_view_playback:now_us(Past);
             _ -> First
         end,
     _ = [ok = starl_view_hub:put(Hub, Row) || Row <- later(Upto, Known), First =/= open],
@@ -192,7 +192,7 @@ ended(Ended, #recording{cursor = Cursor, first = First, past = Past, hub = Hub} 
 
 %% What is marked on the time line after this part.
 later(Upto, #recording{past = Past}) ->
-    [Row || [_, T | _] = Row <- starl_view_past:said(Past), T >= Upto].
+    [Row || [_, T | _] = Row <- starl_view_playback:said(Past), T >= Upto].
 
 %% -- what pages want ------------------------------------------------------------------------
 
@@ -200,7 +200,7 @@ do(#{<<"do">> := <<"moment">>, <<"at">> := At}, Page, Recording) when is_number(
     case {is_read(At, Recording), process_info(Page, message_queue_len)} of
         {false, _} ->
             #recording{past = Past, begun = Begun} = Recording,
-            Read = (starl_view_past:now_us(Past) - Begun) div 1000000,
+            Read = (starl_view_playback:now_us(Past) - Begun) div 1000000,
             said(io_lib:format("the recording is still being read, ~b s so far", [Read]), Page);
         {true, {_, Unread}} when Unread =< ?MOST_UNREAD ->
             moment(max(0, trunc(At)), Page, Recording);
@@ -238,17 +238,17 @@ part(At, #recording{sections = Latest}) ->
 
 moment(At, Page, #recording{head = Head} = Recording) ->
     {{From, Past}, To} = part(At, Recording),
-    State = [[<<"reset">>] | Head] ++ [[<<"gap">>, From] | starl_view_past:rows(Past)],
+    State = [[<<"reset">>] | Head] ++ [[<<"gap">>, From] | starl_view_playback:rows(Past)],
     {Rows, Reached} = fold(
         fun(Message, {Rows, Before}) ->
-            {New, Next} = starl_view_past:add(Message, Before),
+            {New, Next} = starl_view_playback:add(Message, Before),
             {lists:reverse(New, Rows), Next}
         end,
         {lists:reverse(State), Past},
         {From, To},
         Recording
     ),
-    End = min(To, starl_view_past:now_us(Reached)),
+    End = min(To, starl_view_playback:now_us(Reached)),
     Last = later(End, Recording) ++ [[<<"w">>, End, clock(Recording)]],
     pieces(lists:reverse(Rows, Last), Page).
 
@@ -288,10 +288,10 @@ look(Robot, At, Page, #recording{sections = Sections} = Recording) ->
     Earlier = lists:dropwhile(fun({From, _}) -> From > At end, Sections),
     {From, Past} = lists:last(lists:sublist(Earlier, 2)),
     Reached = fold(
-        fun(Message, Before) -> element(2, starl_view_past:add(Message, Before)) end,
-        starl_view_past:watch(Robot, Past),
+        fun(Message, Before) -> element(2, starl_view_playback:add(Message, Before)) end,
+        starl_view_playback:watch(Robot, Past),
         {From, At + 1},
         Recording
     ),
-    Page ! {tell, [<<"look">>, At, Robot, starl_view_past:look(Robot, At, Reached)]},
+    Page ! {tell, [<<"look">>, At, Robot, starl_view_playback:look(Robot, At, Reached)]},
     ok.

@@ -210,7 +210,7 @@ look(Robot, #run{sim = Sim, config = #{hub := Hub}}) ->
             {Robot, Summary} = lists:keyfind(Robot, 1, starl_sim:robots(Sim)),
             Timers = starl_sim:timers(Sim, Robot),
             Last = starl_view_hub:events(Hub, Robot),
-            {ok, starl_view_words:robot(Summary, Machines, Timers, Last)};
+            {ok, starl_view_text:robot(Summary, Machines, Timers, Last)};
         _ ->
             none
     end.

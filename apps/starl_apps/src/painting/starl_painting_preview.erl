@@ -14,7 +14,7 @@ preview(#{memo := Memo} = Scene) ->
     #{
         lines =>
             work(Memo) ++ starl_painting_walls:left_out(maps:get(lost, Memo)) ++
-                starl_picture_left_out:lines(starl_picture:left_out(Picture)),
+            starl_picture_omissions:lines(starl_picture:left_out(Picture)),
         write => fun(Dir) -> draw(Dir, Scene) end
     }.
 

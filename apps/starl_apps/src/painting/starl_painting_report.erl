@@ -73,7 +73,7 @@ summary(Figures) ->
 %% What a browser shows of the picture and the team does not paint.
 left_out(#{picture := Picture, lost := Lost}) ->
     starl_painting_walls:left_out(Lost) ++
-        starl_picture_left_out:lines(starl_picture:left_out(Picture)).
+        starl_picture_omissions:lines(starl_picture:left_out(Picture)).
 
 driven(#{ink_mm := Ink, driven_mm := Driven, makespan_bound_ratio := Ratio}) ->
     io_lib:format("ink ~ts m of ~ts m driven; ~ts x the least time possible", [

@@ -88,11 +88,11 @@ machine({Name, #{stack := Frames}}, _Width) ->
     Lines = [["    ", frame(Frame), "\n"] || Frame <- Frames],
     [io_lib:format("  ~tp, innermost call first~n", [Name]), Lines];
 machine({Name, #{module := Module, state := State, data := Data}}, Width) ->
-    Fields = starl_view_words:fields(Module),
+    Fields = starl_view_text:fields(Module),
     [
         io_lib:format("  ~tp (~tp)~n", [Name, Module]),
-        ["    state ", starl_view_words:pretty(State, 10, Width, Fields), "\n"],
-        ["    data  ", starl_view_words:pretty(Data, 10, Width, Fields), "\n"]
+        ["    state ", starl_view_text:pretty(State, 10, Width, Fields), "\n"],
+        ["    data  ", starl_view_text:pretty(Data, 10, Width, Fields), "\n"]
     ].
 
 field(Name, Value, Width) ->
@@ -100,4 +100,4 @@ field(Name, Value, Width) ->
 
 %% @doc A term that begins at a column. Later lines are indented to it; a long term is cut off.
 -spec term(term(), Indent :: non_neg_integer(), Width :: pos_integer()) -> unicode:chardata().
-term(Term, Indent, Width) -> starl_view_words:pretty(Term, Indent, Width, #{}).
+term(Term, Indent, Width) -> starl_view_text:pretty(Term, Indent, Width, #{}).

@@ -210,10 +210,10 @@ drive(Device, Options) ->
 %% What the driver writes, without what it hears.
 owner(Device, #{model := Model} = Options, Parent) ->
     {ok, Line} = starl_create_port:start_link(self(), #{}),
-    Line ! {stop_bytes, starl_create_order:resting(Options)},
+    Line ! {stop_bytes, starl_create_instructions:resting(Options)},
     Line ! {open, Device, starl_create_options:baud(Options)},
     Flush = binary:copy(starl_create_command:encode(start, Model), ?FLUSH),
-    Line ! {send, [Flush, starl_create_order:take(Options)]},
+    Line ! {send, [Flush, starl_create_instructions:take(Options)]},
     Steps = [{Bytes, Us} || {_, Bytes, Us} <- steps(Options)],
     Line ! {drive_script, 1, Steps, starl_create_script:rest()},
     receive

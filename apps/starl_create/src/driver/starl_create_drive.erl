@@ -76,7 +76,7 @@ drive(Commands, Mark, #drive{stands = Stands} = Drive) ->
     {Words, Next#drive{leg = Leg}}.
 
 way(#drive{options = Options, jitter_us = Jitter} = Drive) ->
-    case starl_create_order:is_on_robot(Options) of
+    case starl_create_instructions:is_on_robot(Options) of
         true -> {on_robot, starl_create_options:waits(Options), from(Drive)};
         false -> {by_port, Jitter}
     end.
@@ -91,7 +91,7 @@ factors(#drive{options = Options}) -> starl_create_options:drive(Options).
 script(Steps, End, #drive{ref = Ref, options = Options} = Drive) ->
     Next = Drive#drive{ref = Ref + 1, leg = none, stands = false},
     Word =
-        case {starl_create_order:is_on_robot(Options), Steps} of
+        case {starl_create_instructions:is_on_robot(Options), Steps} of
             {false, _} -> {drive_script, Ref + 1, Steps, End};
             {true, [_ | _]} -> {join_script, Ref + 1, Steps, End};
             {true, []} -> {join_script, Ref + 1, rested(Options), End}
@@ -101,15 +101,15 @@ script(Steps, End, #drive{ref = Ref, options = Options} = Drive) ->
 rested(Options) -> starl_create_script:rested(starl_create_options:waits(Options)).
 
 %% @doc Everything comes to rest, with the pen like this.
--spec stop(starl_create_order:position(), t()) -> {[action()], t()}.
+-spec stop(starl_create_instructions:position(), t()) -> {[action()], t()}.
 stop(Pen, #drive{options = Options} = Drive) ->
-    case starl_create_order:is_on_robot(Options) of
+    case starl_create_instructions:is_on_robot(Options) of
         false ->
-            script([], starl_create_order:resting(Pen, Options), Drive);
+            script([], starl_create_instructions:resting(Pen, Options), Drive);
         true ->
             %% its wheels may be told later; a pen that is set meanwhile must not be set back then
             {Words, Next} = script([], starl_create_script:rest(), Drive),
-            {[{port, {send, starl_create_order:pen(Pen, Options)}} | Words], Next}
+            {[{port, {send, starl_create_instructions:pen(Pen, Options)}} | Words], Next}
     end.
 
 %% @doc The script is void: nobody answers it.

@@ -61,7 +61,7 @@
     offset = 0 :: integer(),
     drive :: starl_create_drive:t(),
     %% what it was told last
-    pen = up :: starl_create_order:position(),
+    pen = up :: starl_create_instructions:position(),
     senses = starl_create_senses:new() :: starl_create_senses:t(),
     odometry :: starl_create_odometry:t()
 }).
@@ -152,18 +152,18 @@ forget(#driver{drive = Drive} = Driver) ->
 -spec actuate(Device :: atom(), Value :: term(), {mark, term()} | none, t()) -> {[action()], t()}.
 actuate(pen, Value, Mark, #driver{phase = ready} = Driver) when Value =:= up; Value =:= down ->
     Answer = [{answer, M, {actuated, pen, Value}} || {mark, M} <- [Mark]],
-    Word = {send, starl_create_order:pen(Value, Driver#driver.options)},
+    Word = {send, starl_create_instructions:pen(Value, Driver#driver.options)},
     {[{port, Word} | Answer], Driver#driver{pen = Value}};
 actuate(dock, seek, _Mark, #driver{phase = ready, options = Options} = Driver) ->
-    rested(starl_create_order:seek_dock(Options), Driver);
+    rested(starl_create_instructions:seek_dock(Options), Driver);
 actuate(dock, leave, _Mark, #driver{phase = Phase, options = Options} = Driver) when
     Phase =:= resting; Phase =:= taking
 ->
-    {Begin, Us, End} = starl_create_order:leave_dock(Options),
+    {Begin, Us, End} = starl_create_instructions:leave_dock(Options),
     Leave = {drive_script, ?LEAVE_REF, [{Begin, Us}], End},
     {[{port, Leave}, {timer, step, ?LEAVE_MS}], Driver#driver{phase = leaving, rests = false}};
 actuate(Device, Value, _Mark, #driver{phase = ready, options = Options} = Driver) ->
-    case starl_create_order:signal(Device, Value, Driver#driver.pen, Options) of
+    case starl_create_instructions:signal(Device, Value, Driver#driver.pen, Options) of
         {ok, Bytes} -> {[{port, {send, Bytes}}], Driver};
         none -> {[], Driver}
     end;
@@ -183,7 +183,7 @@ stand(#driver{drive = Drive, pen = Pen} = Driver) ->
 -spec rest(t()) -> {[action()], t()}.
 rest(#driver{phase = ready, options = Options} = Driver) ->
     {Actions, Stopped} = stop(Driver),
-    {More, Rests} = rested(starl_create_order:passive(Options), Stopped),
+    {More, Rests} = rested(starl_create_instructions:passive(Options), Stopped),
     {Actions ++ More, Rests};
 rest(Driver) ->
     {[], Driver#driver{rests = true}}.
@@ -197,7 +197,7 @@ rested(Bytes, Driver) ->
 close(#driver{phase = closed}) ->
     [{port, close}];
 close(#driver{options = Options}) ->
-    [{port, {send, starl_create_order:off(Options)}}, {port, close}].
+    [{port, {send, starl_create_instructions:off(Options)}}, {port, close}].
 
 %% -- messages of the port -------------------------------------------------------------------
 
@@ -233,7 +233,7 @@ heard_at({stopped, Why, _At} = Stopped, Now, #driver{senses = Senses, drive = Dr
             _ -> missed(?HALTED_US, Now, Driver0)
         end,
     {Actions, Next} = drives(starl_create_drive:hear(Stopped, Senses, Drive), Driver),
-    Pen = starl_create_order:pen(Driver#driver.pen, Driver#driver.options),
+    Pen = starl_create_instructions:pen(Driver#driver.pen, Driver#driver.options),
     {[{port, {send, Pen}} || Driver#driver.phase =:= ready] ++ Actions, Next};
 heard_at(OfScript, _Now, #driver{senses = Senses, drive = Drive} = Driver) ->
     drives(starl_create_drive:hear(OfScript, Senses, Drive), Driver).
@@ -325,7 +325,10 @@ greet(#driver{model = Model, greeting = Greeting, odometry = Odometry} = Driver)
         parser = parser(Model)
     },
     {Actions, Next} = greeted(starl_create_greeting:opened(Greeting), Fresh),
-    {[{port, {stop_bytes, starl_create_order:resting(Driver#driver.options)}} | Actions], Next}.
+    {
+        [{port, {stop_bytes, starl_create_instructions:resting(Driver#driver.options)}} | Actions],
+        Next
+    }.
 
 greeted({Actions, Greeting}, Driver) -> told(Actions, Driver#driver{greeting = Greeting}).
 
@@ -383,7 +386,7 @@ low(_Event, _Senses) ->
 
 take(Ms) ->
     fun(#driver{options = Options} = Driver) ->
-        Take = {port, {send, starl_create_order:take(Options)}},
+        Take = {port, {send, starl_create_instructions:take(Options)}},
         {[Take, {timer, step, Ms}], Driver#driver{phase = taking}}
     end.
 
@@ -393,7 +396,7 @@ judged(#driver{phase = Phase, options = Options, offset = Before} = Driver0) ->
     #{mode := Mode} = readings(Driver0),
     Offset = max(0, min(Before, Mode - 1)),
     #driver{senses = Senses, drive = Drive} = Driver = Driver0#driver{offset = Offset},
-    case {starl_create_order:is_taken(Mode - Offset, Options), Phase} of
+    case {starl_create_instructions:is_taken(Mode - Offset, Options), Phase} of
         {true, taking} -> ready(Driver);
         {true, ready} -> drives(starl_create_drive:watch(Senses, Drive), Driver);
         {false, taking} -> {[], Driver};

@@ -19,7 +19,7 @@
     on_robot => boolean(),
     short_waits => boolean(),
     jitter_ms => pos_integer(),
-    pen => starl_create_order:pen(),
+    pen => starl_create_instructions:pen(),
     stops_at_bumps => boolean(),
     distance => number(),
     angle => number(),

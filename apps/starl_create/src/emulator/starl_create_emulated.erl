@@ -34,7 +34,7 @@
     baud => pos_integer(),
     charge_mah => number(),
     body => none | {starl_world, World :: pid(), starl:robot_id()},
-    pen => starl_create_order:pen(),
+    pen => starl_create_instructions:pen(),
     tell => pid()
 }.
 
@@ -54,7 +54,7 @@
     model :: starl_create_packet:model(),
     create :: starl_create_emulator:t(),
     body :: none | {starl_world, pid(), starl:robot_id()},
-    pen :: starl_create_order:pen(),
+    pen :: starl_create_instructions:pen(),
     tell :: pid() | none,
     other = none :: pid() | none,
     %% the process of the line, which may be pulled; is it to be pulled as soon as the wheels stand?
@@ -110,7 +110,7 @@ init(#{model := Model} = Options) ->
                 model = Model,
                 create = starl_create_emulator:new(maps:merge(Options, Moment)),
                 body = Body,
-                pen = maps:get(pen, Options, starl_create_order:usual_pen(Model)),
+                pen = maps:get(pen, Options, starl_create_instructions:usual_pen(Model)),
                 tell = maps:get(tell, Options, none)
             }};
         {error, Why} ->

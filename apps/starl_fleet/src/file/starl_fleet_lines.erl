@@ -12,14 +12,14 @@
 
 %% A chassis of this name, and the module of its driver.
 -define(CHASSIS, [
-    {none, starl_fleet_still},
+    {none, starl_fleet_no_chassis},
     {create, starl_create_chassis},
     {exec, starl_live_exec}
 ]).
 
 %% A positioning system of this name, and the module that reads it.
 -define(SOURCES, [
-    {none, starl_fleet_blind},
+    {none, starl_fleet_no_positioning},
     {broadcast, starl_live_broadcast},
     {vicon, starl_live_vicon},
     {natnet, starl_live_natnet}
@@ -55,7 +55,7 @@ module({module, Module}, _Table, _What) ->
     end;
 %% it is compiled by whoever deploys it
 module([_ | _] = _File, _Table, _What) ->
-    {ok, starl_fleet_still};
+    {ok, starl_fleet_no_chassis};
 module(Name, Table, What) ->
     {Name, Module} = lists:keyfind(Name, 1, Table),
     case code:ensure_loaded(Module) of

@@ -201,7 +201,7 @@ senses([{Kind, {Module, Own}} | Others], #{robot := Robot, clock := Clock, sense
         {error, Reason} -> {stop, Reason}
     end.
 
-with_radio(transport, Config, Spec) -> Config#{tell => starl_live_told:teller(Spec)};
+with_radio(transport, Config, Spec) -> Config#{tell => starl_live_packet_reports:teller(Spec)};
 with_radio(_Line, Config, _Spec) -> Config.
 
 process(transport) -> starl_live_transport;

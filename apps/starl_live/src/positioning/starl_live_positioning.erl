@@ -3,7 +3,7 @@
 %%
 %% A source shows robots at its own pace. A question is answered with the first picture that shows the
 %% robot itself as it was when it asked, or later ({@link starl_location}); other robots are shown as
-%% they were seen last, with their age. What is believed is up to {@link starl_live_seen}: its options
+%% they were seen last, with their age. What is believed is up to {@link starl_live_poses}: its options
 %% are `exact', `speed', `turn', `jump_mm', `jump_rad' and `believe_us'. Since it looks after sources
 %% that are stuck, the location service of a live robot is told that its positioning is `exact'.
 %%
@@ -37,7 +37,7 @@
 
 %% The answer to a question.
 -type located() ::
-    {starl_located, Positioning :: pid(), Tag :: term(), starl_live_seen:picture()}.
+    {starl_located, Positioning :: pid(), Tag :: term(), starl_live_poses:picture()}.
 
 %% Opens the source. The process that calls it gets the messages of sockets.
 -callback open(config()) -> {ok, State :: term()} | {error, unicode:chardata()}.
@@ -56,7 +56,7 @@
     state :: term(),
     link :: pid(),
     clock :: starl_live_clock:t(),
-    seen :: starl_live_seen:t()
+    seen :: starl_live_poses:t()
 }).
 
 %% @doc Opens a source for a robot; answers go to the link.
@@ -77,7 +77,7 @@ init({Module, #{robot := Robot, clock := Clock} = Config, Link}) ->
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
     case opened(Module, Config) of
         {ok, State} ->
-            Seen = starl_live_seen:new(Config, starl_live_clock:now_us(Clock)),
+            Seen = starl_live_poses:new(Config, starl_live_clock:now_us(Clock)),
             {ok, #positioning{
                 module = Module, state = State, link = Link, clock = Clock, seen = Seen
             }};
@@ -86,7 +86,7 @@ init({Module, #{robot := Robot, clock := Clock} = Config, Link}) ->
     end.
 
 opened(Module, Config) ->
-    case starl_live_seen:options(Config) of
+    case starl_live_poses:options(Config) of
         ok -> Module:open(Config);
         {error, _} = Error -> Error
     end.
@@ -97,12 +97,12 @@ handle_call(figures, _From, Positioning) ->
     {reply, counters(Positioning), Positioning}.
 
 counters(#positioning{module = Module, state = State, seen = Seen}) ->
-    maps:merge(Module:figures(State), starl_live_seen:figures(Seen)).
+    maps:merge(Module:figures(State), starl_live_poses:figures(Seen)).
 
 -spec handle_cast({ask, term(), [starl:robot_id()]}, #positioning{}) -> {noreply, #positioning{}}.
 handle_cast({ask, Tag, Robots}, #positioning{clock = Clock, seen = Seen} = Positioning) ->
     Now = starl_live_clock:now_us(Clock),
-    {Events, Asked} = starl_live_seen:silence(Now, starl_live_seen:ask(Tag, Robots, Now, Seen)),
+    {Events, Asked} = starl_live_poses:silence(Now, starl_live_poses:ask(Tag, Robots, Now, Seen)),
     say(Events, Positioning),
     {noreply, wanted(Robots, Positioning#positioning{seen = Asked})}.
 
@@ -128,7 +128,7 @@ terminate(_Reason, #positioning{module = Module, state = State}) -> Module:close
 
 shown(Sightings, #positioning{clock = Clock, link = Link, seen = Seen} = Positioning) ->
     Now = starl_live_clock:now_us(Clock),
-    {Answers, Events, Known} = starl_live_seen:show(Sightings, Now, Seen),
+    {Answers, Events, Known} = starl_live_poses:show(Sightings, Now, Seen),
     lists:foreach(
         fun({Tag, Picture}) -> Link ! {starl_located, self(), Tag, Picture} end, Answers
     ),

@@ -31,7 +31,7 @@
     run := non_neg_integer(),
     air => starl_live_air:settings(),
     clock => starl_live_clock:t(),
-    tell => starl_live_told:teller(),
+    tell => starl_live_packet_reports:teller(),
     atom() => term()
 }.
 
@@ -74,7 +74,7 @@ when
     clock :: starl_live_clock:t() | none,
     air :: starl_live_air:t(),
     delayed = 0 :: non_neg_integer(),
-    told :: starl_live_told:t() | none,
+    told :: starl_live_packet_reports:t() | none,
     figures = #{} :: figures(),
     %% the last line on a packet that cannot be sent, which is not said twice: SAP tries again
     said = <<>> :: binary()
@@ -121,7 +121,7 @@ opened({ok, State}, Module, Air, Link, Config) ->
         link = Link,
         clock = maps:get(clock, Config, none),
         air = Air,
-        told = starl_live_told:new(Config)
+        told = starl_live_packet_reports:new(Config)
     }};
 opened({error, Why}, _Module, _Air, _Link, _Config) ->
     {stop, {shutdown, {transport, unicode:characters_to_binary(Why)}}}.
@@ -160,13 +160,13 @@ handle_cast(
     end.
 
 put_on_air(To, Packet, #transport{module = Module, state = State} = Transport) ->
-    At = starl_live_told:at_us(Transport#transport.told),
+    At = starl_live_packet_reports:at_us(Transport#transport.told),
     case Module:transmit(To, Packet, State) of
         {ok, Next} ->
-            ok = starl_live_told:sent(To, Packet, At, Transport#transport.told),
+            ok = starl_live_packet_reports:sent(To, Packet, At, Transport#transport.told),
             Transport#transport{state = Next};
         {refused, Why, Next} ->
-            ok = starl_live_told:refused(To, Packet, At, Transport#transport.told),
+            ok = starl_live_packet_reports:refused(To, Packet, At, Transport#transport.told),
             Line = unicode:characters_to_binary(Why),
             refused(Line, Transport#transport{state = Next})
     end.
@@ -196,7 +196,9 @@ filter(Packets, Transport) ->
 pass(Packet, {Heard, #transport{air = Air, told = Told} = Transport}) ->
     From = starl_packet:source(Packet),
     {Delays, Next} = starl_live_air:pass(From, Air),
-    ok = starl_live_told:came(From, Packet, Delays, starl_live_air:is_cut(From, Air), Told),
+    ok = starl_live_packet_reports:came(
+        From, Packet, Delays, starl_live_air:is_cut(From, Air), Told
+    ),
     passed(Packet, Delays, {Heard, Transport#transport{air = Next}}).
 
 passed(_Packet, [], {Heard, Transport}) ->

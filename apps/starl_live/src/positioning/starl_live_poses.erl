@@ -16,7 +16,7 @@
 %% than `speed' allows for the time between them (and `jump_mm' more), or turned by more than `turn'
 %% allows (and `jump_rad' more), is refused. If the poses that follow agree with it for `believe_us',
 %% it is believed: somebody has carried the robot, or the earlier pose was the wrong one.
--module(starl_live_seen).
+-module(starl_live_poses).
 
 -export([new/2, options/1, ask/4, show/3, silence/2, figures/1]).
 

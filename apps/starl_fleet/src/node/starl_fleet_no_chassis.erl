@@ -1,6 +1,6 @@
 %% @doc The chassis of a robot that has none: it stands still, and has no other actuators. Each command
 %% to move is answered as by a drive that does not obey.
--module(starl_fleet_still).
+-module(starl_fleet_no_chassis).
 -behaviour(starl_live_chassis).
 
 -export([open/1, drive/4, actuate/4, stop/1, hear/2, close/1]).

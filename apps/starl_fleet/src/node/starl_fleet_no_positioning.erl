@@ -1,6 +1,6 @@
 %% @doc The positioning system of a fleet that has none: it shows nothing, ever. An application that
 %% asks for no position runs; one that does waits.
--module(starl_fleet_blind).
+-module(starl_fleet_no_positioning).
 -behaviour(starl_live_positioning).
 
 -export([open/1, hear/2, figures/1, close/1]).

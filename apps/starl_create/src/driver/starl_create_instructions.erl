@@ -1,6 +1,6 @@
 %% @doc What the driver tells a Create, as bytes: to come under control, to rest, to go off, to set the
 %% pen.
--module(starl_create_order).
+-module(starl_create_instructions).
 
 -export([is_on_robot/1, take/1, is_taken/2, resting/1, resting/2, off/1, pen/2, usual_pen/1]).
 -export([passive/1, seek_dock/1, leave_dock/1, signal/4]).

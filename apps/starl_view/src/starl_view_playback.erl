@@ -1,7 +1,7 @@
 %% @doc A recording that is read: the state of the team at the time that has been reached, and what its
 %% trace has told of each machine last. A pure module. Its size does not grow with the recording, and two
 %% of them at different times share what is the same, so many can be kept.
--module(starl_view_past).
+-module(starl_view_playback).
 
 -export([new/0, add/2, now_us/1, count/1, ending/1, rows/1, said/1, watch/2, look/3]).
 

@@ -1,6 +1,6 @@
 %% @doc Reads what a page wants of a simulation that is played. Nothing is taken on trust: what is no
 %% order becomes a line for the page. Faults are read where the run is known ({@link starl_view_hand}).
--module(starl_view_order).
+-module(starl_view_request).
 
 -export([read/1]).
 

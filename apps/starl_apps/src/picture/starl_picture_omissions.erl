@@ -1,5 +1,5 @@
 %% @doc The lines of text about what a picture has left out ({@link starl_picture:left_out()}).
--module(starl_picture_left_out).
+-module(starl_picture_omissions).
 
 -export([lines/1]).
 

@@ -1,8 +1,8 @@
 %% What is known of a recording at a time, and what its trace has told of a robot until then.
--module(starl_view_past_tests).
+-module(starl_view_playback_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--define(P, starl_view_past).
+-define(P, starl_view_playback).
 
 read(Messages, Past) ->
     lists:foldl(fun(M, P) -> element(2, ?P:add(M, P)) end, Past, Messages).

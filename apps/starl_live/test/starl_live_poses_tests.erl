@@ -1,5 +1,5 @@
 %% What a robot's positioning believes, and which questions it answers.
--module(starl_live_seen_tests).
+-module(starl_live_poses_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 -define(MS, 1000).
@@ -7,36 +7,36 @@
 
 %% The robot itself must be seen as it was when it asked, or later.
 answered_by_a_later_picture_test() ->
-    A = starl_live_seen:ask(q, [1, 2], 100, new()),
-    {[], [], B} = starl_live_seen:show([{1, at(0), 99}, {2, at(9), 50}], 150, A),
-    {[], [], C} = starl_live_seen:show([{2, at(8), 180}], 200, B),
-    {[{q, Picture}], [], D} = starl_live_seen:show([{1, at(1), 190}], 250, C),
+    A = starl_live_poses:ask(q, [1, 2], 100, new()),
+    {[], [], B} = starl_live_poses:show([{1, at(0), 99}, {2, at(9), 50}], 150, A),
+    {[], [], C} = starl_live_poses:show([{2, at(8), 180}], 200, B),
+    {[{q, Picture}], [], D} = starl_live_poses:show([{1, at(1), 190}], 250, C),
     ?assertEqual([{1, at(1), 60}, {2, at(8), 70}], Picture),
-    {[], [], _} = starl_live_seen:show([{1, at(2), 260}], 270, D).
+    {[], [], _} = starl_live_poses:show([{1, at(2), 260}], 270, D).
 
 %% Oldest first, each once, also if it was asked again; the bound holds.
 questions_test() ->
-    Ask = fun(Tag, S) -> starl_live_seen:ask(Tag, [1], 100, S) end,
+    Ask = fun(Tag, S) -> starl_live_poses:ask(Tag, [1], 100, S) end,
     Many = lists:foldl(Ask, new(), lists:seq(1, 1500) ++ lists:seq(1400, 1500)),
-    ?assertEqual(1000, maps:get(open, starl_live_seen:figures(Many))),
-    {Answers, [], _} = starl_live_seen:show([{1, at(0), 100}], 100, Many),
+    ?assertEqual(1000, maps:get(open, starl_live_poses:figures(Many))),
+    {Answers, [], _} = starl_live_poses:show([{1, at(0), 100}], 100, Many),
     ?assertEqual(lists:seq(501, 1500), [Tag || {Tag, _} <- Answers]).
 
 asked_again_counts_from_the_first_time_test() ->
-    A = starl_live_seen:ask(q, [1], 500, starl_live_seen:ask(q, [1], 100, new())),
-    ?assertMatch({[{q, _}], [], _}, starl_live_seen:show([{1, at(0), 100}], 600, A)).
+    A = starl_live_poses:ask(q, [1], 500, starl_live_poses:ask(q, [1], 100, new())),
+    ?assertMatch({[{q, _}], [], _}, starl_live_poses:show([{1, at(0), 100}], 600, A)).
 
 %% What was taken earlier, or at the same time, renews nothing.
 late_test() ->
-    {_, _, A} = starl_live_seen:show([{2, at(1), 1000}], 1000, new()),
-    {_, _, B} = starl_live_seen:show([{2, at(5), 900}, {2, at(5), 1000}], 1100, A),
+    {_, _, A} = starl_live_poses:show([{2, at(1), 1000}], 1000, new()),
+    {_, _, B} = starl_live_poses:show([{2, at(5), 900}, {2, at(5), 1000}], 1100, A),
     ?assertEqual([{2, at(1), 500}], others(1500, B)),
     ?assertEqual(2, figure(late, B)).
 
 %% A pose that repeats itself to the bit is as old as it was, unless the source rounds.
 frozen_test() ->
     Show = fun(S) ->
-        {_, _, Next} = starl_live_seen:show([{2, at(1), 1000}, {2, at(1), 2000}], 2000, S),
+        {_, _, Next} = starl_live_poses:show([{2, at(1), 1000}, {2, at(1), 2000}], 2000, S),
         others(2500, Next)
     end,
     ?assertEqual([{2, at(1), 1500}], Show(new())),
@@ -47,22 +47,22 @@ frozen_test() ->
 stuck_from_the_first_test() ->
     Stuck = lists:foldl(
         fun(Ms, S) ->
-            {[], [], Next} = starl_live_seen:show([{1, at(0), Ms * ?MS}], Ms * ?MS, S),
+            {[], [], Next} = starl_live_poses:show([{1, at(0), Ms * ?MS}], Ms * ?MS, S),
             Next
         end,
-        starl_live_seen:ask(q, [1], 0, unseen(#{speed => 500.0})),
+        starl_live_poses:ask(q, [1], 0, unseen(#{speed => 500.0})),
         [10, 100, 200, 300]
     ),
     ?assertEqual(1, figure(open, Stuck)),
-    {[{q, Picture}], [], _} = starl_live_seen:show([{1, at(1), 400 * ?MS}], 400 * ?MS, Stuck),
+    {[{q, Picture}], [], _} = starl_live_poses:show([{1, at(1), 400 * ?MS}], 400 * ?MS, Stuck),
     ?assertEqual([{1, at(1), 0}], Picture).
 
 %% The source wakes up and shows the robot elsewhere: that is known when it has lasted, and said.
 stuck_from_the_first_and_elsewhere_test() ->
-    Asked = starl_live_seen:ask(q, [1], 0, unseen(#{speed => 500.0})),
+    Asked = starl_live_poses:ask(q, [1], 0, unseen(#{speed => 500.0})),
     {Answers, Events, _} = lists:foldl(
         fun({Ms, X}, {Before, Said, S}) ->
-            {More, New, Next} = starl_live_seen:show([{1, at(X), Ms * ?MS}], Ms * ?MS, S),
+            {More, New, Next} = starl_live_poses:show([{1, at(X), Ms * ?MS}], Ms * ?MS, S),
             {Before ++ More, Said ++ New, Next}
         end,
         {[], [], Asked},
@@ -73,17 +73,17 @@ stuck_from_the_first_and_elsewhere_test() ->
 
 %% A source that rounds may show a robot that stands the same twice.
 first_of_an_exact_source_test() ->
-    Asked = starl_live_seen:ask(q, [1], 0, unseen(#{exact => true})),
-    ?assertMatch({[{q, _}], [], _}, starl_live_seen:show([{1, at(0), 10}], 10, Asked)).
+    Asked = starl_live_poses:ask(q, [1], 0, unseen(#{exact => true})),
+    ?assertMatch({[{q, _}], [], _}, starl_live_poses:show([{1, at(0), 10}], 10, Asked)).
 
 %% A picture from the future is from now, and those that follow are newer.
 future_test() ->
-    {_, _, A} = starl_live_seen:show([{2, at(1), 99 * ?S}], 1000, new()),
-    {_, _, B} = starl_live_seen:show([{2, at(2), 1500}], 1500, A),
+    {_, _, A} = starl_live_poses:show([{2, at(1), 99 * ?S}], 1000, new()),
+    {_, _, B} = starl_live_poses:show([{2, at(2), 1500}], 1500, A),
     ?assertEqual([{2, at(2), 0}], others(1500, B)).
 
 strangers_test() ->
-    {[], [], A} = starl_live_seen:show([{77, at(1), 10}], 10, new()),
+    {[], [], A} = starl_live_poses:show([{77, at(1), 10}], 10, new()),
     ?assertEqual(1, figure(strangers, A)),
     ?assertEqual([], others([77], 20, A)).
 
@@ -136,37 +136,37 @@ unseen_for_long_test() ->
 %% The markers are taken the wrong way round: the heading flips.
 flipped_test() ->
     S0 = new(#{turn => 4.0}),
-    {_, _, S1} = starl_live_seen:show([{2, {0.0, 0.0, 3.1}, 0}], 0, S0),
-    {_, _, S2} = starl_live_seen:show([{2, {0.0, 0.0, -3.1}, 10 * ?MS}], 10 * ?MS, S1),
-    {_, _, S3} = starl_live_seen:show([{2, {0.0, 0.0, 0.05}, 20 * ?MS}], 20 * ?MS, S2),
+    {_, _, S1} = starl_live_poses:show([{2, {0.0, 0.0, 3.1}, 0}], 0, S0),
+    {_, _, S2} = starl_live_poses:show([{2, {0.0, 0.0, -3.1}, 10 * ?MS}], 10 * ?MS, S1),
+    {_, _, S3} = starl_live_poses:show([{2, {0.0, 0.0, 0.05}, 20 * ?MS}], 20 * ?MS, S2),
     ?assertEqual([{2, {0.0, 0.0, -3.1}, 10 * ?MS}], others(20 * ?MS, S3)).
 
 %% -- silence --------------------------------------------------------------------------------
 
 %% Said once when the robot has asked and is not seen for two seconds, and once when it is back.
 silent_test() ->
-    {_, _, A} = starl_live_seen:show([{1, at(0), ?S}], ?S, new()),
-    Asked = starl_live_seen:ask(one, [1], 2 * ?S, A),
-    {[], B} = starl_live_seen:silence(4 * ?S - 1, Asked),
-    {[#{what := position_silent, for_us := 2000000}], C} = starl_live_seen:silence(4 * ?S, B),
-    {[], D} = starl_live_seen:silence(9 * ?S, C),
-    {[], [], E} = starl_live_seen:show([{2, at(0), 9 * ?S}], 9 * ?S, D),
+    {_, _, A} = starl_live_poses:show([{1, at(0), ?S}], ?S, new()),
+    Asked = starl_live_poses:ask(one, [1], 2 * ?S, A),
+    {[], B} = starl_live_poses:silence(4 * ?S - 1, Asked),
+    {[#{what := position_silent, for_us := 2000000}], C} = starl_live_poses:silence(4 * ?S, B),
+    {[], D} = starl_live_poses:silence(9 * ?S, C),
+    {[], [], E} = starl_live_poses:show([{2, at(0), 9 * ?S}], 9 * ?S, D),
     {[{one, _}], [#{what := position_back, for_us := 9000000}], F} =
-        starl_live_seen:show([{1, at(1), 10 * ?S}], 10 * ?S, E),
-    {[], [], _} = starl_live_seen:show([{1, at(2), 11 * ?S}], 11 * ?S, F).
+        starl_live_poses:show([{1, at(1), 10 * ?S}], 10 * ?S, E),
+    {[], [], _} = starl_live_poses:show([{1, at(2), 11 * ?S}], 11 * ?S, F).
 
 %% A source that nobody has asked for long is not silent.
 not_silent_test() ->
-    {_, _, A} = starl_live_seen:show([{1, at(0), ?S}], ?S, new()),
-    ?assertMatch({[], _}, starl_live_seen:silence(9 * ?S, A)),
-    Asked = starl_live_seen:ask(one, [1], 9 * ?S, A),
-    ?assertMatch({[], _}, starl_live_seen:silence(9 * ?S, Asked)).
+    {_, _, A} = starl_live_poses:show([{1, at(0), ?S}], ?S, new()),
+    ?assertMatch({[], _}, starl_live_poses:silence(9 * ?S, A)),
+    Asked = starl_live_poses:ask(one, [1], 9 * ?S, A),
+    ?assertMatch({[], _}, starl_live_poses:silence(9 * ?S, Asked)).
 
 options_test() ->
-    ?assertEqual(ok, starl_live_seen:options(#{speed => 500.0, turn => infinity, exact => true})),
-    {error, Line} = starl_live_seen:options(#{speed => fast}),
+    ?assertEqual(ok, starl_live_poses:options(#{speed => 500.0, turn => infinity, exact => true})),
+    {error, Line} = starl_live_poses:options(#{speed => fast}),
     ?assertEqual("speed must be a speed in mm/s, or infinity, not fast", lists:flatten(Line)),
-    ?assertMatch({error, _}, starl_live_seen:options(#{jump_mm => -1})).
+    ?assertMatch({error, _}, starl_live_poses:options(#{jump_mm => -1})).
 
 %% -- helpers --------------------------------------------------------------------------------
 
@@ -174,7 +174,7 @@ new() -> new(#{}).
 
 %% The robot has just been seen, twice.
 new(Options) ->
-    {[], [], Seen} = starl_live_seen:show(
+    {[], [], Seen} = starl_live_poses:show(
         [{1, at(-2), -2}, {1, at(-1), -1}], 0, unseen(Options)
     ),
     Seen.
@@ -182,7 +182,7 @@ new(Options) ->
 unseen(Options) ->
     Clock = starl_live_clock:new(0, 1),
     Config = #{robot => 1, participants => starl_team:new([1, 2, 3]), clock => Clock},
-    starl_live_seen:new(maps:merge(Config, Options), 0).
+    starl_live_poses:new(maps:merge(Config, Options), 0).
 
 limited() -> new(#{speed => 500.0}).
 
@@ -194,7 +194,7 @@ seen(Places, S) -> element(2, play(Places, S)).
 play(Places, S0) ->
     lists:foldl(
         fun({Ms, X}, {Events, S}) ->
-            {[], More, Next} = starl_live_seen:show([{2, at(X), Ms * ?MS}], Ms * ?MS, S),
+            {[], More, Next} = starl_live_poses:show([{2, at(X), Ms * ?MS}], Ms * ?MS, S),
             {Events ++ More, Next}
         end,
         {[], S0},
@@ -206,9 +206,9 @@ others(Now, S) -> others([2], Now, S).
 %% What the robot would be shown now of others.
 others(Robots, Now, S) ->
     {[{other, Picture}], _, _} =
-        starl_live_seen:show(
-            [{1, at(1), Now}], Now, starl_live_seen:ask(other, [1 | Robots], Now, S)
+        starl_live_poses:show(
+            [{1, at(1), Now}], Now, starl_live_poses:ask(other, [1 | Robots], Now, S)
         ),
     [One || {Robot, _, _} = One <- Picture, Robot =/= 1].
 
-figure(Figure, S) -> maps:get(Figure, starl_live_seen:figures(S), 0).
+figure(Figure, S) -> maps:get(Figure, starl_live_poses:figures(S), 0).

@@ -1,5 +1,5 @@
 %% @doc Words on robots and their machines: states and data, with the names of records' fields.
--module(starl_view_words).
+-module(starl_view_text).
 
 -export([robot/4, machine/2, pretty/4, fields/1]).
 
