@@ -181,6 +181,13 @@ paths_test() ->
     ?assertEqual([], [P || P <- Grouped, length(P) =/= 2]),
     ?assert(length(Grouped) > 3).
 
+%% A worker has not loaded the suite of its first case: the beginnings of suite and group run all the same.
+first_case_of_a_worker_test() ->
+    _ = code:purge(starl_mutate_grouped),
+    _ = code:delete(starl_mutate_grouped),
+    _ = code:purge(starl_mutate_grouped),
+    ?assertEqual(ok, starl_mutate_suite:run(starl_mutate_grouped, [inner, both])).
+
 %% -- blocks -----------------------------------------------------------------------------------
 
 %% Each block has sources, and the tests of a block are found by their names.

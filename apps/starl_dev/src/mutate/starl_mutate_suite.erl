@@ -33,6 +33,8 @@ in_group({Name, Tests}, Suite) ->
 %% @doc Runs a case, which fails with an exception. A skipped case counts as passed.
 -spec run(module(), path()) -> ok.
 run(Suite, Path) ->
+    %% functions of a module that is not loaded are not exported
+    {module, Suite} = code:ensure_loaded(Suite),
     Dir = filename:join(temporary(), "starl-mutate-" ++ os:getpid()),
     ok = filelib:ensure_path(Dir),
     Config = [{priv_dir, Dir}, {data_dir, filename:rootname(code:which(Suite)) ++ "_data"}],
