@@ -205,7 +205,7 @@ a_busy_computer_is_no_wrong_clock_test() ->
     {ok, {_, _, #{world := #{profiles := [Profile]}}}, []} = starl_world:plan(
         #{app => starl_world_app, robots => 1, play => #{}}, #{world => one_vm}
     ),
-    Heard = fun(K) -> 1000000 * K + 150000 * (K rem 2) end,
+    Heard = fun(K) -> 1000000 * K + 400000 * (K rem 2) end,
     Step = fun(K, Watch) ->
         Told = {1000000 * K, {290000, 290000}, 290000 + Heard(K)},
         {Agree, Next} = starl_motion_clock_check:agree(Told, Heard(K), Watch),

@@ -38,7 +38,7 @@
 -define(LATENCY_MS, 5).
 %% The same in real time, where a busy computer holds a command up: far less than the time that a clock may
 %% be set by during a lease (`jump_ms' of path planning, 2,000).
--define(BUSY_MS, 200).
+-define(BUSY_MS, 500).
 
 %% @doc The context from which the application makes its scene.
 -spec context(module(), starl_sim_scenario:t()) -> starl_scene:context().
