@@ -7,8 +7,8 @@
 %% The part of the messages for which a bound in time need not hold.
 -define(RARE, 1.0e-9).
 
-%% @doc The waiting times after each transmission, in microseconds.
--spec delays(starl_sap:config()) -> [pos_integer(), ...].
+%% @doc The waiting times after each transmission, in microseconds: at least one.
+-spec delays(starl_sap:config() | starl_machine:config()) -> [pos_integer()].
 delays(Config) ->
     First = maps:get(retransmit_ms, Config, 250) * 1000,
     Longest = maps:get(longest_ms, Config, 2000) * 1000,
