@@ -10,13 +10,16 @@
 -type setup() :: #{
     file := file:filename(),
     recording := starl_lab_onward_recording:t(),
-    take => fun(([integer()]) -> {ok, [taken()]} | {error, starl_sim_onward:reason()}),
+    take => fun(([integer()]) -> {ok, [taken()]} | {error, untaken()}),
     is_live => boolean(),
     %% modules of a user's own
     code => [module()],
     out := starl_cli_out:t(),
     values := map()
 }.
+
+-type untaken() ::
+    starl_sim_onward:reason() | {recording, starl_lab_onward_recording:reason()}.
 
 %% A moment, and the robots of a live run that start anew at it.
 -type taken() :: {
