@@ -91,6 +91,12 @@ format_test() ->
     Want = "# TYPE starl_queue gauge\nstarl_queue{of_what=\"a\"} 1\nstarl_queue{of_what=\"b\"} 2\n",
     ?assert(lists:prefix(Want, Text)).
 
+%% A token may be any term.
+quotes_test() ->
+    Text = text([{lease_seconds, [{token, <<"door">>}], 1.0}], starl_live_counts:new()),
+    Want = "starl_lease_seconds{token=\"<<\\\"door\\\">>\"} 1.0\n",
+    ?assertNotEqual(nomatch, string:find(Text, Want)).
+
 lines(What) ->
     Counts = lists:foldl(fun counted/2, starl_live_counts:new(), What),
     maps:from_list([

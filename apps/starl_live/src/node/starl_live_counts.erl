@@ -27,13 +27,13 @@
 -opaque t() :: #counts{}.
 
 %% What is held under a lease: a token; what allows the robot to send messages of this type, as votes do.
--type lease() :: {token | type, atom()}.
+-type lease() :: {token, term()} | {type, starl_packet:type()}.
 
 %% A counter: its name, with a label or without.
 -type counter() :: atom() | {atom(), Label :: atom(), Value :: atom()}.
 
 %% A present value from elsewhere.
--type gauge() :: {Name :: atom(), [{Label :: atom(), Value :: atom()}], number()}.
+-type gauge() :: {Name :: atom(), [{Label :: atom(), Value :: term()}], number()}.
 
 %% @doc Nothing is counted yet.
 -spec new() -> t().
@@ -171,7 +171,9 @@ shown([]) ->
 shown(Labels) ->
     ["{", lists:join(",", [[atom_to_list(L), "=\"", text_of(V), "\""] || {L, V} <- Labels]), "}"].
 
-text_of(Value) -> io_lib:format("~tp", [Value]).
+%% Quotes and backslashes of a value have a meaning.
+text_of(Value) ->
+    re:replace(io_lib:format("~0tp", [Value]), "[\"\\\\]", "\\\\&", [global, unicode]).
 
 histogram(#counts{buckets = Buckets, sum_us = Sum, count = Count}) ->
     {Lines, _} = lists:mapfoldl(
