@@ -52,6 +52,30 @@ outcome(Scenario) ->
     {Outcome, _} = starl_sim:finish(Sim),
     Outcome.
 
+%% A robot that touches another leaves it at first, and its arc bends back into it. Whatever the phase of the chords, it is stopped where it
+%% touches again.
+an_arc_that_bends_back_into_the_other_is_stopped_test() ->
+    Profiles = [starl_chassis:profile(starl_chassis_differential, #{})],
+    Still = starl_trajectory:standing(0, {0.0, 0.0}, 0.0),
+    [
+        begin
+            Heading = math:pi() / 2 - Leaves,
+            Arc = starl_trajectory:piece(0, {329.95, 0.0}, Heading, 111.0, 3.0),
+            Sight = starl_sim_sight:new([{1, Still}, {2, Arc}], infinity),
+            World = #{profiles => Profiles, sight => Sight, walls => none},
+            Stopped = [
+                At
+             || {2, At, 0, 1, 0, {touch, _, {robot, 1, _, true}}} <- starl_sim_bodies:meetings(
+                    [2], 0, Sight, World
+                )
+            ],
+            {[At], _} = {Stopped, Leaves},
+            {X, Y} = starl_trajectory:position(At, Arc),
+            ?assert(math:sqrt(X * X + Y * Y) > 329.9)
+        end
+     || I <- lists:seq(1, 100), Leaves <- [I / 500]
+    ].
+
 a_run_begins_only_where_all_have_room_test_() ->
     Of = fun(More) ->
         starl_sim:plan(maps:merge(#{app => starl_bumper, robots => 2}, More), #{})

@@ -138,17 +138,29 @@ meeting({Id, A, Place}, {Other, B}, Now, World) ->
         is_near(Place, A, B, Sum, Now, Until) andalso starl_contact:bodies(A, B, Sum, Now, Until)
     of
         At when is_integer(At) ->
+            {AStops, BStops} = stops(At, A, B),
             [
-                touch(At, Id, A, {Other, B}),
-                touch(At, Other, B, {Id, A})
+                {Id, At, 0, Other, 0, {touch, A, {robot, Other, B, AStops}}},
+                {Other, At, 0, Id, 0, {touch, B, {robot, Id, A, BStops}}}
             ];
         _ ->
             []
     end.
 
-touch(At, Id, Piece, {Other, P}) ->
-    Stops = starl_contact:towards(starl_trajectory:position(At, P), At, Piece),
-    {Id, At, 0, Other, 0, {touch, Piece, {robot, Other, P, Stops}}}.
+%% Which of two that touch drive against the other? Where paths bend, they can touch before either
+%% does: the next chord leads inwards, the velocity not yet. Then those that move stop; otherwise
+%% nobody would, and the pair is looked at again only after a second.
+stops(At, A, B) ->
+    Towards = fun(P, Other) ->
+        starl_contact:towards(starl_trajectory:position(At, Other), At, P)
+    end,
+    case {Towards(A, B), Towards(B, A)} of
+        {false, false} -> {moves(At, A), moves(At, B)};
+        Stops -> Stops
+    end.
+
+%% An atom is larger than any number.
+moves(At, Piece) -> starl_trajectory:rests_from(Piece) > At.
 
 %% @doc The place where a robot is touched.
 -spec place(with(), starl:pose(), starl_sim_queue:time(), world()) -> starl_geometry:point().
