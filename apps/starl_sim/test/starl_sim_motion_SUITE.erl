@@ -13,6 +13,7 @@
     pause_ends_at_the_leg/1,
     frozen_picture_is_not_believed/1,
     stuck_wheel_moves_it_no_further/1,
+    caught_by_an_obstacle_it_stays_near_its_line/1,
     a_run_of_a_worse_robot_breaks_the_contract/1
 ]).
 
@@ -48,6 +49,7 @@ all() ->
         pause_ends_at_the_leg,
         frozen_picture_is_not_believed,
         stuck_wheel_moves_it_no_further,
+        caught_by_an_obstacle_it_stays_near_its_line,
         a_run_of_a_worse_robot_breaks_the_contract
     ].
 
@@ -117,6 +119,46 @@ stuck_wheel_moves_it_no_further(_) ->
     Places = [starl_trajectory:position(element(2, P), P) || P <- Tries],
     Far = lists:max([starl_geometry:distance(A, B) || A <- Places, B <- Places]),
     ?assert(Far < 2.0, Far).
+
+%% An obstacle appears where it stands, at the beginning of its line: it may back off and not drive on, and tries
+%% for half a minute, whatever the chassis. It stays near its line, and drives on when the obstacle has gone.
+caught_by_an_obstacle_it_stays_near_its_line(_) ->
+    [?assertEqual({near, done}, caught(Kind, 30000)) || Kind <- [differential, holonomic]].
+
+caught(Chassis, UntilMs) ->
+    Box = #{x => 2100, y => 500, width => 200, height => 2000},
+    #{ending := Ending} =
+        Outcome = starl_sim_ct:run(#{
+            app => starl_sim_script_app,
+            robots => 1,
+            chassis => Chassis,
+            seed => 1,
+            time => 120,
+            around => #{
+                floor => starl_floor:empty({4000, 3000}), poses => #{1 => {2000.0, 1500.0, 0.0}}
+            },
+            faults => [{box, 500, UntilMs, obstacle, all, Box}],
+            script => fun(Robot) ->
+                ok = starl:sleep(Robot, 1000),
+                along({{2000.0, 1500.0}, {3000.0, 1500.0}}, Robot)
+            end
+        }),
+    Off = lists:max([
+        starl_geometry:point_segment(Point, {{2000.0, 1500.0}, {3000.0, 1500.0}})
+     || {Piece, From, To} <- pieces(Outcome),
+        Point <- starl_trajectory:polyline(Piece, From, To, 0.01)
+    ]),
+    Profile = starl_chassis:profile(
+        case Chassis of
+            differential -> starl_chassis_differential;
+            holonomic -> starl_chassis_holonomic
+        end,
+        #{}
+    ),
+    case Off =< starl_chassis:tracking_radius(Profile) of
+        true -> {near, Ending};
+        false -> {Off, Ending}
+    end.
 
 %% The contract judges what really was: a robot that promises more than this one drives does not keep to
 %% its line, and one that a fault holds up without an excuse has not arrived.

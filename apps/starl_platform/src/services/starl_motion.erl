@@ -28,7 +28,9 @@
 %% A chassis stops when it finds that its drive does not obey, and reports it. The machine then
 %% tries the reverse of the failed command, slowly and for a moment: if the drive still does not
 %% obey, the try takes the robot back to its place, and no try takes it farther off; if the drive
-%% obeys again, the doubt is over.
+%% obeys again, the doubt is over. But a robot that something holds up obeys on its way back, and not
+%% forwards again: each try takes it farther. Where this could take it out of the tracking radius, it looks,
+%% and tries the beginning of its next step instead.
 %%
 %% A robot that drives under a lease must not resume after an unnoticed pause. So each leg of a
 %% drive along a given line begins just after an answer of the chassis, and only while its clock and
@@ -78,6 +80,8 @@
 -define(SEEN_US, 100000).
 %% Something is in the way of a robot that has come up against it so often, and back each time.
 -define(STALLS, 3).
+%% A try takes a robot no farther, whatever its chassis, mm.
+-define(TRY_MM, 2.0).
 
 -type state() ::
     idle | halting | locating | driving | waiting | stalled | trying | steering | cruising.
@@ -116,6 +120,8 @@
     %% seen, and its time
     stands = false :: boolean(),
     seen = none :: {starl:pose(), AtUs :: integer()} | none,
+    %% where its last step was planned: every leg and every try begins with a look that is no older
+    place = unknown :: starl_geometry:point() | unknown,
     %% the robots that it saw with its pose, if its controller looks for them; how long it has waited on the
     %% way to the present goal
     poses = #{} :: #{starl:robot_id() => starl:pose()},
@@ -182,7 +188,10 @@ event(state_timeout, heard_nothing, cruising, Drive) ->
 event(state_timeout, ask, steering, Drive) ->
     blind(Drive);
 event(state_timeout, try_again, stalled, Drive) ->
-    try_again(Drive);
+    case may_back(Drive) of
+        true -> try_again(Drive);
+        false -> locate(Drive, [])
+    end;
 event(state_timeout, heard_nothing, halting, Drive) ->
     stand_still(Drive, []);
 event(state_timeout, heard_nothing, _State, #drive{chassis = Chassis, script = Script} = Drive) ->
@@ -376,6 +385,30 @@ stood(false, Waiting) -> [{reply, From, {error, out_of_time}} || From <- Waiting
 
 try_again(#drive{doubt = {ok, Script}} = Drive) -> command(trying, Script, Drive).
 
+%% Is it sure to stay on its line in a try in any direction? Its place was seen with an error.
+may_back(#drive{solid = false}) ->
+    true;
+may_back(#drive{from = none}) ->
+    true;
+may_back(#drive{start = unknown}) ->
+    true;
+may_back(#drive{place = unknown}) ->
+    false;
+may_back(#drive{place = Place, start = Start, goal = Goal, profile = Profile, chassis = Chassis}) ->
+    #{position_error_mm := Error} = Profile,
+    Off = starl_geometry:point_segment(Place, {Start, Goal}),
+    Off + Error + ?TRY_MM =< Chassis:tracking_radius(Profile).
+
+%% The step leads along the line, or back to it. Its first command is tried, slowly.
+try_on(_Step, #drive{from = From, way = Way, stalls = Stalls} = Drive) when
+    Way =/= to, Stalls >= ?STALLS
+->
+    Over = goal_over(blocked, Drive) ++ [{reply, From, {error, blocked}}],
+    {next_state, idle, Drive#drive{from = none, stalls = 0}, Over};
+try_on({_, [First | _]}, #drive{chassis = Chassis} = Drive) ->
+    {ok, [Back]} = Chassis:undo(Chassis:last([First])),
+    command(trying, element(2, Chassis:undo(Chassis:last([Back]))), Drive).
+
 %% A chassis that was told to stand, and reports that it does not, is told again.
 stalled(unknown, _Drive) ->
     unknown_event;
@@ -402,22 +435,28 @@ look(Drive, Actions) ->
 locate(#drive{asked = N} = Drive, Actions) ->
     {next_state, locating, Drive#drive{asked = N + 1}, Actions ++ ask(Drive)}.
 
-located({X, Y, _} = Pose, #drive{start = unknown} = Drive) ->
-    located(Pose, Drive#drive{start = {X, Y}});
-located(Pose, #drive{known = false, start = Start, goal = Goal} = Drive) ->
-    {next_state, State, Next, Actions} = located(Pose, Drive#drive{known = true}),
+located({X, Y, _} = Pose, Drive) ->
+    step(Pose, Drive#drive{place = {X, Y}}).
+
+step({X, Y, _} = Pose, #drive{start = unknown} = Drive) ->
+    step(Pose, Drive#drive{start = {X, Y}});
+step(Pose, #drive{known = false, start = Start, goal = Goal} = Drive) ->
+    {next_state, State, Next, Actions} = step(Pose, Drive#drive{known = true}),
     {next_state, State, Next, [{trace, {line, {Start, Goal}}} | Actions]};
-located(Pose, #drive{memo = none, chassis = Chassis, way = Way, profile = Profile} = Drive) ->
+step(Pose, #drive{memo = none, chassis = Chassis, way = Way, profile = Profile} = Drive) ->
     #drive{start = Start, goal = Goal} = Drive,
     follow(Chassis:next(Way, Pose, {Start, Goal}, Profile), Drive);
-located(Pose, #drive{memo = {some, Memo}, chassis = Chassis, profile = Profile} = Drive) ->
+step(Pose, #drive{memo = {some, Memo}, chassis = Chassis, profile = Profile} = Drive) ->
     follow(Chassis:resume(Pose, Memo, Profile), Drive).
 
 follow(arrived, #drive{from = From} = Drive) ->
     Over = goal_over(arrived, Drive) ++ [{reply, From, ok}],
     {next_state, idle, Drive#drive{from = none}, Over};
-follow({_, _}, #drive{doubt = Doubt} = Drive) when Doubt =/= none ->
-    try_again(Drive#drive{memo = none});
+follow({_, _} = Step, #drive{doubt = Doubt} = Drive) when Doubt =/= none ->
+    case may_back(Drive) of
+        true -> try_again(Drive#drive{memo = none});
+        false -> try_on(Step, Drive#drive{memo = none})
+    end;
 follow(Step, Drive) ->
     #drive{poses = Poses, self = Self, waited = Waited, profile = Profile} = Drive,
     case starl_controller:leg(Poses, heads_to(Drive), {Self, Waited}, Profile) of
