@@ -116,11 +116,11 @@ acted({there, File} = Step, Cluster) ->
     #{ending := Ending} = starl_cluster:status(Cluster),
     Ending =/= none orelse filelib:wildcard(File) =/= [] orelse acted_later(Step, Cluster);
 acted({kill, Robot}, Cluster) ->
-    ok = starl_cluster:kill(Cluster, Robot);
+    ok = starl_cluster:act(Cluster, [{reboot, Robot, #{}, 0}]);
 acted({cut, A, B}, Cluster) ->
-    ok = starl_cluster:cut(Cluster, A, B);
+    ok = starl_cluster:act(Cluster, starl_sim_hand:cut(A, B, lasting));
 acted(heal, Cluster) ->
-    ok = starl_cluster:heal(Cluster);
+    ok = starl_cluster:heal(Cluster, all);
 acted(stop, Cluster) ->
     ok = starl_cluster:stop(Cluster).
 

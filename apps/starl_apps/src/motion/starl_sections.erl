@@ -33,7 +33,7 @@ position(Robot) ->
     end.
 
 %% @doc How far another robot is (mm), as far as that is known.
--spec distance(starl:robot(), starl:robot_id()) -> {ok, float()} | {error, starl:error()}.
+-spec distance(starl:robot(), starl:robot_id()) -> {ok, float()} | {error, restarted | unknown}.
 distance(Robot, Other) ->
     Here = position(Robot),
     case starl:position(Robot, Other) of

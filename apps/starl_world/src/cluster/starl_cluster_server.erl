@@ -560,7 +560,9 @@ opened(Id, Codes, {ok, Links}, #state{reloads = Reloads, faults = Faults} = Stat
             Rejoined = starl_cluster_reload:rejoined(Id, Links, Reloads),
             {Told, Up} = starl_world_faults:up(Id, now_ms(State), Faults),
             ok = told_world(Told, State),
-            watched(Id, State#state{reloads = Rejoined, faults = Up});
+            Watched = watched(Id, State#state{reloads = Rejoined, faults = Up}),
+            %% A fault may have begun, or ended, since the node was asked to open.
+            changed([{Id, tell}], none, none, Watched);
         _Newer ->
             not_opened(Id, "there is newer code", State)
     end;
