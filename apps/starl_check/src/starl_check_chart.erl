@@ -93,7 +93,9 @@ stroke(Length, dotted) -> lists:duplicate(Length, $.).
 %% -- the steps -----------------------------------------------------------------------------
 
 %% @doc A step of the search in words, as a line of a chart.
--spec described({starl_check_choice:t(), starl_check_part:item() | none, [starl_monitor:trace_event()]}) ->
+-spec described(
+    {starl_check_choice:t(), starl_check_part:item() | none, [starl_monitor:trace_event()]}
+) ->
     step().
 described({{still, Choice, {Step, Actions}}, Item, Traces}) ->
     {Happens, _} = described({Choice, Item, []}),

@@ -135,3 +135,13 @@ hands(Hands, Faults) ->
         Faults,
         Hands
     ).
+
+%% Robots elect within half a second: a fault of the time 0 must not begin after that.
+what_robots_hear_from_the_start_is_so_before_they_begin_test() ->
+    Cut = {cut, 0, 9000, loss, {1, 2}, #{part => 1.0}},
+    Deaf = {deaf, 0, 9000, sense_gone, 1, #{sense => bump}},
+    Later = {later, 1, 9000, loss, {1, 2}, #{part => 1.0}},
+    Down = {down, 0, 9000, reboot, 1, #{}},
+    ?assertEqual(
+        {[Cut, Deaf], [Later, Down]}, starl_world_faults:from_the_start([Cut, Later, Down, Deaf])
+    ).

@@ -27,10 +27,10 @@
 %%
 %% A chassis stops when it finds that its drive does not obey, and reports it. The machine then
 %% tries the reverse of the failed command, slowly and for a moment: if the drive still does not
-%% obey, the try takes the robot back to its place, and no try takes it farther off; if the drive
-%% obeys again, the doubt is over. But a robot that something holds up obeys on its way back, and not
-%% forwards again: each try takes it farther. Where this could take it out of the tracking radius, it looks,
-%% and tries the beginning of its next step instead.
+%% obey, the try takes the robot back to its place; if the drive obeys again, the doubt is over. A robot
+%% that an obstacle holds up obeys on its way back, and not forwards again, so each try takes it a little
+%% farther back. Where one more could take it out of the tracking radius, it looks, and tries the beginning
+%% of its next step instead.
 %%
 %% A robot that drives under a lease must not resume after an unnoticed pause. So each leg of a
 %% drive along a given line begins just after an answer of the chassis, and only while its clock and

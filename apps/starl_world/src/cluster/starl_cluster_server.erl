@@ -110,12 +110,20 @@ controlled(Nodes, Calls, {Plan, Schedule}, Options) ->
             State = peopled(Plan, Control, Nodes, Options),
             Chaos = maps:get(chaos, Options, []),
             ok = lists:foreach(fun({Us, H}) -> at(Us div 1000, {chaos, H}, State) end, Chaos),
-            ok = lists:foreach(fun(F) -> at(element(2, F), {begins, F}, State) end, Schedule),
-            all_opened(State#state{calls = Calls});
+            {AtOnce, InTime} = starl_world_faults:from_the_start(Schedule),
+            ok = lists:foreach(fun(F) -> at(element(2, F), {begins, F}, State) end, InTime),
+            all_opened(lists:foldl(fun at_once/2, State#state{calls = Calls}, AtOnce));
         {error, Why} ->
             ok = starl_cluster_calls:stop(Calls),
             ok = starl_cluster_nodes:stop(Nodes),
             {stop, {shutdown, {control, Why}}}
+    end.
+
+%% Nodes are told of it when they are asked to open.
+at_once(Fault, State) ->
+    case begins(Fault, State) of
+        {ok, _Calls, Begun} -> Begun;
+        {{error, Why}, _, _} -> not_played(Fault, Why, State)
     end.
 
 %% The world, and what its robots start with.

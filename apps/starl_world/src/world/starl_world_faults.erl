@@ -10,7 +10,7 @@
 %% A pause has its own way: only the world knows when a robot stands ({@link starl_world:halt/3}).
 -module(starl_world_faults).
 
--export([new/1, named/4, unnamed/2, begins/3, over/3, up/3, healable/2]).
+-export([new/1, from_the_start/1, named/4, unnamed/2, begins/3, over/3, up/3, healable/2]).
 -export([air/3, senses/2, is_full/2, fate/2, is_down/3]).
 
 -export_type([t/0, fault/0, told/0, effect/0, heal/0, fate/0]).
@@ -70,6 +70,18 @@
 %% @doc No fault has begun.
 -spec new([starl:robot_id()]) -> t().
 new(Robots) -> #faults{team = starl_team:new(Robots)}.
+
+%% @doc Those of a schedule by which robots hear and sense otherwise from the beginning of the run on: they begin
+%% before any robot does, which takes its time on nodes. The others begin in theirs.
+-spec from_the_start([fault()]) -> {AtOnce :: [fault()], InTime :: [fault()]}.
+from_the_start(Schedule) ->
+    lists:partition(
+        fun(Fault) ->
+            element(2, Fault) =< 0 andalso
+                lists:member(starl_sim_fault:class(Fault), [network, sense])
+        end,
+        Schedule
+    ).
 
 %% @doc The fault that a hand does now; a pause by hand is of the computer, and has an end.
 -spec named(starl_sim_hand:t(), NowMs :: integer(), Speed :: number(), t()) -> {fault(), t()}.

@@ -67,9 +67,10 @@ init({Specs, #{world := World, clock := Clock, speed := Speed, schedule := Sched
         specs = Specs,
         faults = starl_world_faults:new(Ids)
     },
-    case start_all(Ids, Robots) of
+    {AtOnce, InTime} = starl_world_faults:from_the_start(Schedule),
+    case start_all(Ids, lists:foldl(fun played/2, Robots, AtOnce)) of
         {ok, Started} ->
-            ok = lists:foreach(fun(F) -> at(element(2, F), {begins, F}, Started) end, Schedule),
+            ok = lists:foreach(fun(F) -> at(element(2, F), {begins, F}, Started) end, InTime),
             {ok, Started};
         {{error, Reason}, _} ->
             {stop, Reason}
@@ -132,12 +133,7 @@ handle_info({'DOWN', Ref, process, _, _}, #robots{watched = Watched} = Robots) w
 handle_info({watch, Id}, Robots) ->
     {noreply, watch(Id, Robots)};
 handle_info({begins, Fault}, Robots) ->
-    {Answer, Next} = begins(Fault, Robots),
-    _ = [
-        logger:warning(#{what => fault_not_played, fault => Fault, why => Why})
-     || {error, Why} <- [Answer]
-    ],
-    {noreply, Next};
+    {noreply, played(Fault, Robots)};
 handle_info({over, Id}, Robots) ->
     {noreply, over(Id, Robots)};
 handle_info({'EXIT', Sup, _Reason}, #robots{sups = Sups} = Robots) ->
@@ -169,6 +165,15 @@ given_up(#{robot := Id}) -> {"robot ~b has started anew too often, and is given 
 hand(Hand, #robots{faults = Faults, speed = Speed} = Robots) ->
     {Fault, Named} = starl_world_faults:named(Hand, now_ms(Robots), Speed, Faults),
     begins(Fault, Robots#robots{faults = Named}).
+
+%% One of the schedule.
+played(Fault, Robots) ->
+    {Answer, Next} = begins(Fault, Robots),
+    _ = [
+        logger:warning(#{what => fault_not_played, fault => Fault, why => Why})
+     || {error, Why} <- [Answer]
+    ],
+    Next.
 
 begins(Fault, #robots{faults = Faults} = Robots) ->
     {Told, Effects, Next} = starl_world_faults:begins(Fault, now_ms(Robots), Faults),
