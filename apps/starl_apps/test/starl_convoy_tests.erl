@@ -242,17 +242,7 @@ who_is_in_the_way_gets_on_test_() ->
                 loss => Loss,
                 clock_drift => 9999,
                 time => 300,
-                random_faults => [
-                    network,
-                    clock_offset,
-                    clock_step,
-                    clock_freeze,
-                    process,
-                    location,
-                    actuation,
-                    serial,
-                    store
-                ],
+                random_faults => starl_team_runs:borne(),
                 heal => 25,
                 longest_fault => Longest
             }),

@@ -140,18 +140,7 @@ runs_test_() ->
                 loss => 0.2,
                 delay => {20, 200},
                 clock_drift => 9999,
-                random_faults =>
-                    [
-                        network,
-                        clock_offset,
-                        clock_step,
-                        clock_freeze,
-                        process,
-                        location,
-                        actuation,
-                        serial,
-                        store
-                    ],
+                random_faults => starl_team_runs:borne(),
                 heal => 25,
                 longest_fault => 25
             }

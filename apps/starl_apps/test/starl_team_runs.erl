@@ -1,7 +1,7 @@
 %% Runs of applications for their tests: the same in all ways of running, without a crash; and traces for monitors.
 -module(starl_team_runs).
 
--export([outcome/1, both_ways/1, judged/2, standing/3, noted/2]).
+-export([outcome/1, both_ways/1, judged/2, standing/3, noted/2, borne/0]).
 
 -include_lib("stdlib/include/assert.hrl").
 
@@ -14,6 +14,20 @@ outcome(Scenario) ->
     _ = starl_sim:run(Sim),
     {Outcome, Report} = starl_sim:finish(Sim),
     Outcome#{report => Report}.
+
+%% The classes and kinds of faults that a team bears whose clocks drift as far as they may.
+borne() ->
+    [
+        network,
+        clock_offset,
+        clock_step,
+        clock_freeze,
+        process,
+        location,
+        actuation,
+        serial,
+        store
+    ].
 
 %% The outcome of a run in which no contract is broken and no application crashes.
 both_ways(Scenario) ->
