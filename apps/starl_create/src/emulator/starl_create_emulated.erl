@@ -12,8 +12,8 @@
 %% Words of the other end, `{serial, Other, Word}': {@link word()}. It hears `{serial, Create, {data,
 %% Bytes}}'. Only the end that has attached last is heard.
 %%
-%% `{starl_cable, Cable}' pulls its cable, or puts it back ({@link starl_world:cable()}); the process of
-%% the line hears `{serial, Create, {cable, pulled | back}}'.
+%% `{starl_cable, pulled | pulled_in_time | back}' pulls its cable, at once or before a Create 2 could drive on
+%% without it, or puts it back; the process of the line hears `{serial, Create, {cable, pulled | back}}'.
 %%
 %% Its body is a robot of a simulated world ({@link starl_world}), or none. Whoever has started it
 %% with `tell' hears `{starl_create, Create, Out}' of what else it does ({@link
