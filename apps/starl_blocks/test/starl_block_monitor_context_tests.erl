@@ -52,7 +52,7 @@ without_bound_test() ->
         maps:merge(Infinity, Faults#{broken => ?BROKEN}), told(starl_mutex_monitor, Infinity)
     ),
     ?assertEqual(Faults#{broken => ?BROKEN}, told(starl_mutex_monitor, #{})),
-    ?assertEqual(#{healed_us => 20}, told(starl_registers_monitor, #{})).
+    ?assertEqual(#{healed_us => 20, broken => ?BROKEN}, told(starl_registers_monitor, #{})).
 
 %% What is known of faults goes to those that ask for it; what the scene says stays.
 faults_test_() ->
@@ -67,7 +67,7 @@ faults_test_() ->
             {starl_geocast_monitor, [broken, healed_us, delay_us]},
             {starl_barrier_monitor, [faults]},
             {starl_mutex_monitor, [broken, faults]},
-            {starl_registers_monitor, [healed_us]}
+            {starl_registers_monitor, [broken, healed_us]}
         ],
         Key <- Known,
         Value <- [maps:get(Key, ?KNOWN)]

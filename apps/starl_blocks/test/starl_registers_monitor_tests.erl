@@ -152,7 +152,7 @@ damaged_test() ->
     ).
 
 registers_results_test() ->
-    None = #{writes => 0, reads => 0, agreements => 0},
+    None = #{writes => 0, reads => 0, agreements => 0, sometimes => #{clocks_apart => 0}},
     ?assertEqual({[], None}, in_full([])),
     Events = [
         put(5, 1, x),
@@ -203,6 +203,44 @@ due_test() ->
     ?assertEqual([], Due(Written ++ [holds(1005, 2, x, s(5, 1))], #{})),
     ?assertEqual([1005], Due(Written ++ [holds(1006, 2, x, s(5, 1))], #{})),
     ?assertEqual([1020], Due(Written ++ [holds(9, 2, x, s(5, 1)), {20, 2, crashed}], #{})).
+
+%% A robot whose clock faults have set too far back is excused of the write that it refuses, and of nothing else.
+clocks_apart_test() ->
+    Freeze = {2, 0, 3000, {clock, -3000}},
+    Refuses = fun(Robot, Stamp) -> {900, Robot, {too_far_ahead, x, Stamp}} end,
+    Written = [put(5, 1, x), holds(5, 1, x, s(5, 1))],
+    Apart = #{apart_us => 2900, broken => [Freeze], healed_us => 3000},
+    Told = fun(Events, More) ->
+        {Found, #{sometimes := #{clocks_apart := N}}} = in_full(
+            Events, 9000, maps:merge(Apart, More)
+        ),
+        {[What || {What, _, _, _} <- Found], N}
+    end,
+    Refused = Written ++ [Refuses(2, s(5, 1))],
+    ?assertEqual({[], 1}, Told(Refused, #{})),
+    %% the clock is near enough, or not the robot's, or the clock that is far ahead is
+    ?assertEqual({[no_agreement], 0}, Told(Refused, #{apart_us => 3000})),
+    ?assertEqual({[no_agreement], 0}, Told(Refused, #{broken => [setelement(1, Freeze, 1)]})),
+    ?assertEqual({[], 1}, Told(Refused, #{broken => [{1, 7, 7, {clock, 3000}}]})),
+    %% one that was set forward has shown later times than it shows now
+    Back = [{1, 7, 7, {clock, 9000}}, {1, 3000, 3000, {clock, -9000}}],
+    ?assertEqual({[], 1}, Told(Refused, #{broken => Back})),
+    %% it has not refused the write, but another, or has lost it since
+    ?assertEqual({[no_agreement], 0}, Told(Written, #{})),
+    ?assertEqual({[no_agreement], 0}, Told(Written ++ [Refuses(2, s(4, 1))], #{})),
+    %% the others must agree, and whoever has no fault
+    Three = #{robots => [1, 2, 3]},
+    ?assertEqual({[no_agreement], 0}, Told(Refused, Three)),
+    ?assertEqual({[], 1}, Told(Refused ++ [holds(900, 3, x, s(5, 1))], Three)),
+    %% what clocks may differ by without any fault counts, too
+    ?assertEqual(
+        {[], 1},
+        Told(Refused, #{apart_us => 3100, clocks => #{offset_us => 51, drift_ppm => 0}})
+    ),
+    ?assertEqual(
+        {[no_agreement], 0},
+        Told(Refused, #{apart_us => 3100, clocks => #{offset_us => 50, drift_ppm => 0}})
+    ).
 
 %% -- the clock ------------------------------------------------------------------------------
 

@@ -13,6 +13,10 @@
 %% its stamps until they are as far: that adds `apart_us' after its start, the greatest difference
 %% of physical clocks (default 0).
 %%
+%% Excused, as `clocks_apart', is a robot that has refused the latest write since its stamp is too far ahead, where faults
+%% (`broken'), and what clocks may differ by without any (`clocks'), can have set the robot's clock back by more than
+%% `apart_us' against another one: the others must agree.
+%%
 %% Events of machine `registers': {@link starl_registers_lww:event()}, `crashed',
 %% `store_damaged'; of machine `robot': `died', `store_set_back'.
 -module(starl_registers_monitor).
@@ -47,13 +51,21 @@
     stamps = #{} :: #{robot_id() => stamp()},
     read = #{} :: #{robot_id() => #{name() => stamp()}},
     holds = #{} :: #{robot_id() => #{name() => stamp()}},
+    %% the last write that a robot has refused, since its stamp was too far ahead
+    refused = #{} :: #{{robot_id(), name()} => stamp()},
+    assumption :: starl_assumption:t(),
+    clocks :: #{offset_us := non_neg_integer(), drift_ppm := number()},
     died = [] :: [robot_id()],
     %% until when all must agree, and the earliest of these times
     due = #{} :: #{name() => integer()},
     first_due = infinity :: integer() | infinity,
     judged = 0 :: non_neg_integer(),
+    %% the robots that were excused, one for each register
+    excused = 0 :: non_neg_integer(),
     reads = 0 :: non_neg_integer()
 }).
+
+-define(MILLION, 1000000).
 
 %% @doc `robots': the team; `owners' as in the configuration of the machines.
 -spec init(#{
@@ -62,6 +74,8 @@
     bound_us => pos_integer(),
     within_us => pos_integer(),
     apart_us => non_neg_integer(),
+    broken => [starl_assumption:window()],
+    clocks => #{offset_us := non_neg_integer(), drift_ppm := number()},
     healed_us => integer() | never
 }) -> #state{}.
 init(#{robots := Robots} = Config) ->
@@ -70,14 +84,18 @@ init(#{robots := Robots} = Config) ->
         owners = maps:get(owners, Config, #{}),
         bound_us = maps:get(within_us, Config, maps:get(bound_us, Config, infinity)),
         healed = maps:get(healed_us, Config, 0),
-        apart_us = maps:get(apart_us, Config, 0)
+        apart_us = maps:get(apart_us, Config, 0),
+        %% the drift of clocks is told apart from what faults do to them
+        assumption = starl_assumption:new(maps:get(broken, Config, []), 0),
+        clocks = maps:get(clocks, Config, #{offset_us => 0, drift_ppm => 0})
     }.
 
-%% @doc The configuration with the end of all faults; faults of clocks and processes widen
-%% `bound_us'.
+%% @doc The configuration with the end of all faults, and those that set clocks apart; faults of clocks and
+%% processes widen `bound_us'.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{healed_us := Healed, slack_us := Slack} = Known, Config) ->
-    Told = longer(Known, maps:merge(#{healed_us => Healed}, Config)),
+    Facts = (maps:with([broken, clocks], Known))#{healed_us => Healed},
+    Told = longer(Known, maps:merge(Facts, Config)),
     case Told of
         #{bound_us := Bound} -> Told#{bound_us := Bound + Slack};
         #{} -> Told
@@ -94,10 +112,11 @@ longer(_Known, Config) ->
 
 %% @doc The window is over: from then on robots have their time to agree.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken({_, _, To, _}, #state{bound_us = Bound, healed = Healed, due = Due} = State) ->
+broken({_, _, To, _} = Window, #state{bound_us = Bound, healed = Healed, due = Due} = State) ->
     %% nothing is due if there is no bound
     Later = maps:map(fun(_, At) -> max(At, To + Bound) end, Due),
-    first_due(State#state{healed = max(Healed, To), due = Later}).
+    Assumption = starl_assumption:broken(Window, State#state.assumption),
+    first_due(State#state{healed = max(Healed, To), due = Later, assumption = Assumption}).
 
 %% @doc The registers' own events and the end of robots.
 -spec interests() -> [atom()].
@@ -116,10 +135,10 @@ vocabulary() ->
 -spec timeless(#state{}) -> term().
 timeless(#state{writes = Writes, stamps = Stamps, read = Read}) -> {Writes, Stamps, Read}.
 
-%% @doc A write that is too large is seldom.
--spec sometimes() -> [{{atom(), atom()}, seldom}].
+%% @doc A write that is too large is seldom, and so are clocks that are too far apart.
+-spec sometimes() -> [{clocks_apart | {atom(), atom()}, seldom}].
 sometimes() ->
-    [{{registers, Tag}, seldom} || Tag <- [refused]].
+    [{clocks_apart, seldom} | [{{registers, Tag}, seldom} || Tag <- [refused]]].
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -133,13 +152,18 @@ step({T, Robot, Machine, Event}, State) ->
     end.
 
 %% @doc Judges the agreements due before `EndTimeUs'. Results: the number of `writes', `reads'
-%% and `agreements' judged.
+%% and `agreements' judged, and the excuses.
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, State) ->
     {Found, End} = agreed(EndTimeUs, State),
-    #state{writes = Writes, reads = Reads, judged = Judged} = End,
-    Results = #{writes => map_size(Writes), reads => Reads, agreements => Judged},
+    #state{writes = Writes, reads = Reads, judged = Judged, excused = Excused} = End,
+    Results = #{
+        writes => map_size(Writes),
+        reads => Reads,
+        agreements => Judged,
+        sometimes => #{clocks_apart => Excused}
+    },
     case Found of
         [] -> {ok, Results};
         [_ | _] -> {{violation, Found}, Results}
@@ -168,6 +192,8 @@ judge({registers, {got, Name, unset}}, T, Robot, #state{read = Read} = State) ->
     {[violation(read_goes_back, T, [Robot], #{name => Name}) || is_map_key(Name, Before)], State};
 judge({registers, {holds, Name, Stamp}}, _T, Robot, #state{holds = Holds} = State) ->
     {[], State#state{holds = note(Robot, Name, Stamp, Holds)}};
+judge({registers, {too_far_ahead, Name, Stamp}}, _T, Robot, #state{refused = Refused} = State) ->
+    {[], State#state{refused = Refused#{{Robot, Name} => Stamp}}};
 judge({registers, crashed}, T, Robot, #state{read = Read, holds = Holds} = State) ->
     Forgotten = State#state{
         read = maps:remove(Robot, Read), holds = maps:remove(Robot, Holds)
@@ -237,18 +263,32 @@ agreed(T, #state{first_due = First} = State) when First >= T ->
     {[], State};
 agreed(T, #state{due = Due, judged = Judged} = State) ->
     Up = lists:sort([{D, Name} || {Name, D} <- maps:to_list(Due), D < T]),
-    Found = lists:append([disagreement(D, Name, State) || {D, Name} <- Up]),
-    Left = maps:without([Name || {_, Name} <- Up], Due),
-    {Found, first_due(State#state{due = Left, judged = Judged + length(Up)})}.
+    {Found, Excused} = lists:unzip([disagreement(D, Name, State) || {D, Name} <- Up]),
+    Next = State#state{
+        due = maps:without([Name || {_, Name} <- Up], Due),
+        judged = Judged + length(Up),
+        excused = State#state.excused + lists:sum(Excused)
+    },
+    {lists:append(Found), first_due(Next)}.
 
-disagreement(T, Name, #state{robots = Robots, died = Died, holds = Holds}) ->
+%% What is found, and how many robots are excused.
+disagreement(T, Name, #state{robots = Robots, died = Died, holds = Holds} = State) ->
     Copies = [{R, maps:get(Name, maps:get(R, Holds, #{}), unset)} || R <- Robots -- Died],
-    case lists:usort([Copy || {_, Copy} <- Copies]) of
-        [_, _ | _] ->
-            [violation(no_agreement, T, [R || {R, _} <- Copies], #{name => Name})];
-        _ ->
-            []
+    %% an atom is less than every stamp
+    Latest = lists:max([unset | [Copy || {_, Copy} <- Copies]]),
+    case [R || {R, Copy} <- Copies, Copy =/= Latest, not is_excused(T, R, Name, Latest, State)] of
+        [_ | _] ->
+            {[violation(no_agreement, T, [R || {R, _} <- Copies], #{name => Name})], 0};
+        [] ->
+            {[], length([R || {R, Copy} <- Copies, Copy =/= Latest])}
     end.
+
+%% The robot's clock can be so far behind that it must not take the latest write.
+is_excused(T, Robot, Name, Latest, #state{refused = Refused, robots = Robots} = State) ->
+    #state{apart_us = Apart, clocks = #{offset_us := Offset, drift_ppm := Ppm}} = State,
+    Differ = 2 * Offset + round(2 * Ppm * T / ?MILLION),
+    maps:get({Robot, Name}, Refused, none) =:= Latest andalso
+        starl_assumption:behind_us(Robot, Robots, T, State#state.assumption) + Differ > Apart.
 
 violation(What, T, Robots, Details) ->
     #{contract => registers, what => What, at_us => T, robots => Robots, details => Details}.

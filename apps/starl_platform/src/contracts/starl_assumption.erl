@@ -17,7 +17,7 @@
 
 -export([new/2, broken/2, is_kept/1, is_kept/3, longest_us/2]).
 -export([clock_later/4, clock_earlier/4, lost_us/4, gained_us/4, handled/4, begun_us/3]).
--export([is_misplaced/4, delayed_us/5, calm_us/3, calm_us/4, leaves_us/3]).
+-export([behind_us/4, is_misplaced/4, delayed_us/5, calm_us/3, calm_us/4, leaves_us/3]).
 
 -export_type([t/0, window/0, broken/0]).
 
@@ -148,6 +148,19 @@ gained_us(Robot, From, Until, Assumption) ->
         ]),
         Assumption
     ).
+
+%% @doc How far the clock of a robot is, at a time of the run, behind the latest time that any of these robots'
+%% clocks has shown until then, if all were right at the beginning of the run.
+-spec behind_us(robot_id(), [robot_id()], AtUs :: us(), t()) -> non_neg_integer().
+behind_us(Robot, Robots, At, Assumption) ->
+    Shown = fun(Id, T) -> T + gained_us(Id, 0, T, Assumption) - lost_us(Id, 0, T, Assumption) end,
+    %% a clock that is set back had shown its latest time just before that
+    Latest = [
+        Shown(Id, T)
+     || Id <- Robots,
+        T <- [At | [Begin - 1 || {Begin, _, {clock, _}} <- of_robot(Id, Assumption), Begin =< At]]
+    ],
+    max(0, lists:max([0 | Latest]) - Shown(Robot, At)).
 
 %% The part of the gain that falls between the two times.
 part(_Us, Begin, End, From, Until) when Begin > Until; End < From -> 0;

@@ -45,7 +45,8 @@
 %% all faults that may cost a team time, and those that may cost a robot's drive time (`fault') or lead
 %% it off its line (`position'); the time at which all faults are over; the
 %% robots beside the core of the team, for which some never are, and that time for the core; the longest delay of a
-%% packet, the part of the packets that is lost, and the configuration of SAP; and the time by which
+%% packet, the part of the packets that is lost, and the configuration of SAP; how far a robot's clock may be off at the
+%% beginning, and how fast it may drift, without any fault; and the time by which
 %% every bound is longer on a computer that has other work, too. Of real robots nothing is known.
 -type known() :: #{
     broken := [starl_assumption:window()],
@@ -57,6 +58,7 @@
     healed_us := integer() | never,
     core := #{rest := [robot_id()], healed_us := integer() | never},
     delay_us := non_neg_integer(),
+    clocks := #{offset_us := non_neg_integer(), drift_ppm := number()},
     slack_us := non_neg_integer()
 }.
 

@@ -18,7 +18,7 @@
     starl_sim:options()
 ) -> [{module(), map()}].
 monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, Options) ->
-    #{faults := Faults, delay := {_, MaxMs}} = Scenario,
+    #{faults := Faults, delay := {_, MaxMs}, clock_offset := Ms, clock_drift := Ppm} = Scenario,
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
     Known = #{
         slack_us => maps:get(slack_us, Options, 0),
@@ -30,6 +30,7 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, Options) ->
         core => core(Scenario, Ids),
         loss => told_loss(Scenario),
         sap => Sap,
+        clocks => #{offset_us => round(1000 * Ms), drift_ppm => Ppm},
         delay_us => round(1000 * MaxMs)
     },
     %% one per cent more for the drift of the sender's clock
