@@ -107,9 +107,11 @@ too_many_test() ->
 
 judged(Events) -> judged(Events, []).
 
-judged(Events, Faults) ->
+judged(Events, Faults) -> judged(Events, [1, 2], Faults).
+
+judged(Events, Robots, Faults) ->
     Lane = [{[{600.0 * I, 0.0}], none} || I <- lists:seq(0, 20)],
-    Config = #{robots => [1, 2], lane => Lane, faults => Faults},
+    Config = #{robots => Robots, lane => Lane, faults => Faults},
     starl_team_runs:judged(Events, {starl_convoy_monitor, Config}).
 
 at(S, Robot, Door) -> {S * 1000000, Robot, app, {at, 7, Door}}.
@@ -142,6 +144,21 @@ apart_test() ->
     ?assertMatch({[], #{least_mm := 401.0}}, judged(Near(401))),
     ?assertMatch({[too_near], _}, judged(Near(399))),
     ?assertMatch({[], _}, judged(Near(399), [{1, 0, 1000, fault}])).
+
+%% Beside the two, the homes of the tokens of the sections between which they stand.
+a_fault_of_another_robot_excuses_nobody_test() ->
+    Team = lists:seq(1, 9),
+    Near = [stands(0, 1, 0), stands(0, 2, 5000), stands(2, 2, 399), stands(4, 2, 5000)],
+    Homes = [starl_mutex:home({section, I}, Team) || I <- [0, 1]],
+    Concerned = fun(Robot) -> lists:member(Robot, [all, 1, 2 | Homes]) end,
+    [
+        ?assertMatch(
+            {Robot, {Found, _}} when (Found =:= []) =:= IsExcused,
+            {Robot, judged(Near, Team, [{Robot, 0, 1000, fault}])}
+        )
+     || Robot <- [all | Team], IsExcused <- [Concerned(Robot)]
+    ],
+    ?assertNot(lists:all(Concerned, Team)).
 
 somebody_moves_on_test() ->
     ?assertMatch({[], _}, judged([at(100, 1, none), at(219, 2, none), stands(330, 1, 0)])),

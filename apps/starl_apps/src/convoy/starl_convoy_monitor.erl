@@ -1,7 +1,8 @@
 %% @doc The contract of a convoy: no robot comes through a door before one that was ahead of it, and no two robots come
 %% nearer to each other than 400 mm. Excused is what happens in a fault, or up to half a minute after it: a lease that
-%% ran out while a robot was cut off, or down, leaves it in a section that another may get. Who is ahead of whom is
-%% seen anew at the end of that time, from where the robots stand on the lane.
+%% ran out while a robot was cut off, or down, leaves it in a section that another may get. Two robots that come too
+%% near to each other are excused by their own faults, those of all, and those of the homes of the tokens there, only.
+%% Who is ahead of whom is seen anew at the end of that time, from where the robots stand on the lane.
 %%
 %% Progress: as long as none has died, somebody comes to a section where it has not been yet (since the last excused
 %% time) within two minutes after the last time and after all faults, until all are there.
@@ -11,13 +12,14 @@
 -module(starl_convoy_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0]).
 
 -record(state, {
     separation = starl_separation:new(400.0) :: starl_separation:t(),
     lane :: starl_convoy_route:t(),
-    %% the excused times, and which of their ends are still to come
-    excused :: [{FromUs :: integer(), ToUs :: integer()}],
+    robots :: [starl:robot_id(), ...],
+    %% the excused times, whose fault each is, and which of their ends are still to come
+    excused :: [excused()],
     ends :: [integer()],
     healed :: integer() | never,
     %% the robots that are not there; how each moves
@@ -34,6 +36,8 @@
     passes = 0 :: non_neg_integer()
 }).
 
+-type excused() :: {starl:robot_id() | all, FromUs :: integer(), ToUs :: integer()}.
+
 -define(AFTER_US, 30000000).
 -define(WITHIN_US, 120000000).
 %% Two robots that are nearer to each other on the lane, in sections, stand beside each other.
@@ -47,22 +51,36 @@
     healed_us => integer() | never
 }) -> #state{}.
 init(#{robots := Robots, lane := Lane} = Config) ->
-    Faults = maps:get(faults, Config, []),
-    Excused = [{From, To + ?AFTER_US} || {_, From, To, _} <- Faults],
+    Excused = [excused(Fault) || Fault <- maps:get(faults, Config, [])],
     #state{
         lane = Lane,
+        robots = Robots,
         excused = Excused,
-        ends = lists:usort([To || {_, To} <- Excused, not is_within(To + 1, Excused)]),
+        ends = ends([To || {_, _, To} <- Excused], Excused),
         healed = maps:get(healed_us, Config, 0),
         under_way = Robots,
         places = maps:from_list([{Robot, -K} || {K, Robot} <- lists:enumerate(Robots)])
     }.
+
+excused({Robot, From, To, _}) -> {Robot, From, To + ?AFTER_US}.
+
+ends(Times, Excused) -> [T || T <- lists:usort(Times), not is_within(T + 1, Excused)].
 
 %% @doc All faults, and when they are over.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{broken := Broken, faults := Faults, bodies := Bodies} = Known, Config) ->
     #{healed_us := Healed} = Known,
     Config#{faults => Broken ++ Faults ++ Bodies, healed_us => Healed}.
+
+%% @doc In real time a fault is known when it happens: what is judged is older.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, _, To, _} = Window, #state{excused = Before, healed = Healed} = State) ->
+    {_, _, End} = New = excused(Window),
+    State#state{
+        excused = [New | Before],
+        ends = ends([End | State#state.ends], [New | Before]),
+        healed = max(Healed, To)
+    }.
 
 -spec interests() -> [atom()].
 interests() -> [chassis, app, robot, supervisor].
@@ -138,7 +156,7 @@ passes(T, Robot, Door, #state{places = Places, through = Through, passes = N} = 
     #{Robot := Place} = Places,
     Behind = maps:get(Door, Through, Place),
     Next = State#state{passes = N + 1},
-    case is_excused(T, State) of
+    case is_within(T, State#state.excused) of
         true ->
             {ok, Next};
         false when Behind < Place - ?BESIDE ->
@@ -150,12 +168,21 @@ passes(T, Robot, Door, #state{places = Places, through = Through, passes = N} = 
 near(Met, State) ->
     [
         violation(too_near, At, [A, B], #{mm => Mm})
-     || {Mm, At, {A, B}} <- Met, not is_excused(At, State)
+     || {Mm, At, {A, B}} <- Met, not is_excused(At, [A, B], State)
     ].
 
-is_excused(At, #state{excused = Excused}) -> is_within(At, Excused).
+is_excused(At, Two, #state{excused = Excused} = State) ->
+    Concerned = [all | Two] ++ lists:append([homes(At, Robot, State) || Robot <- Two]),
+    is_within(At, [Time || {Robot, _, _} = Time <- Excused, lists:member(Robot, Concerned)]).
 
-is_within(At, Times) -> lists:any(fun({From, To}) -> From =< At andalso At =< To end, Times).
+%% A lease also runs out where the token's home does not answer: those of the sections between which the robot is.
+homes(At, Robot, #state{pieces = Pieces, lane = Lane, robots = Robots}) ->
+    #{Robot := Piece} = Pieces,
+    Seen = max(At, starl_trajectory:start_us(Piece)),
+    Place = starl_convoy_place:progress(starl_trajectory:position(Seen, Piece), Lane),
+    [starl_mutex:home({section, I}, Robots) || I <- lists:usort([floor(Place), ceil(Place)])].
+
+is_within(At, Times) -> lists:any(fun({_, From, To}) -> From =< At andalso At =< To end, Times).
 
 told([], State) -> {ok, State};
 told([Violation | _], State) -> {violation, Violation, State}.
