@@ -40,6 +40,22 @@ fault_over_before_judgement_is_told_test() ->
     ?assertEqual([{1, 10 * ?S, 11 * ?S, fault}, {2, 10 * ?S, 11 * ?S, fault}], lists:sort(Windows)),
     ?assertEqual(?L:new(), Left).
 
+%% A fault of all excuses all; places that are told wrong mislead a robot, too.
+what_a_fault_breaks_is_told_test() ->
+    Breaks = fun(Kind, Target) ->
+        {Windows, _} = ?L:windows(12 * ?S, began(fault(a, 10, forever, Kind, Target), ?L:new())),
+        lists:sort([{Robot, What} || {Robot, _, _, What} <- Windows])
+    end,
+    [
+        ?assertEqual([{all, fault}], Breaks(Kind, all))
+     || Kind <- [sense_gone, sense_frozen, sense_noisy, sense_wrong, location_dropout]
+    ],
+    ?assertEqual([{2, fault}], Breaks(sense_wrong, 2)),
+    ?assertEqual([{all, fault}, {all, position}], Breaks(location_bias, all)),
+    ?assertEqual(
+        [{1, fault}, {1, position}, {2, fault}, {2, position}], Breaks(location_swap, {1, 2})
+    ).
+
 %% A halt is waited for, a kill has no length, a schedule's faults are known from the beginning.
 halts_kills_and_schedules_are_not_open_test() ->
     Faults = [

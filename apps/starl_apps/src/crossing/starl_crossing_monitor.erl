@@ -10,7 +10,7 @@
 -module(starl_crossing_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0]).
 
 -record(state, {
     separation = starl_separation:new(500.0) :: starl_separation:t(),
@@ -34,6 +34,11 @@ init(Config) ->
 context(#{broken := Broken, faults := Faults, bodies := Bodies} = Known, Config) ->
     #{healed_us := Healed} = Known,
     Config#{faults => Broken ++ Faults ++ Bodies, healed_us => Healed}.
+
+%% @doc In real time a fault is known when it happens.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, _, To, _} = Window, #state{faults = Faults, healed = Healed} = State) ->
+    State#state{faults = [Window | Faults], healed = max(Healed, To)}.
 
 -spec interests() -> [atom()].
 interests() -> [chassis, app, robot, supervisor].

@@ -6,7 +6,7 @@
 -module(starl_follow_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0]).
 
 -record(state, {
     %% the robots that drive; none when the first is done, since all drive for the same time
@@ -29,6 +29,10 @@ init(#{robots := Robots} = Config) ->
 %% @doc When all faults are over.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{healed_us := Healed}, Config) -> Config#{healed_us => Healed}.
+
+%% @doc In real time a fault is known when it happens.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, _, To, _}, #state{healed = Healed} = State) -> State#state{healed = max(Healed, To)}.
 
 -spec interests() -> [atom()].
 interests() -> [app, robot, supervisor].

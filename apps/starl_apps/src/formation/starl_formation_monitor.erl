@@ -12,7 +12,7 @@
 -module(starl_formation_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0]).
 
 -record(state, {
     robots :: [starl:robot_id()],
@@ -52,6 +52,13 @@ init(#{robots := Robots, tolerance_mm := Mm} = Config) ->
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{bodies := Bodies, healed_us := Healed}, Config) ->
     Config#{bodies => Bodies, healed_us => Healed}.
+
+%% @doc In real time a fault is known when it happens.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, _, To, _} = Window, #state{assumption = Assumption, healed = Healed} = State) ->
+    State#state{
+        assumption = starl_assumption:broken(Window, Assumption), healed = max(Healed, To)
+    }.
 
 -spec interests() -> [atom()].
 interests() -> [chassis, app, barrier, robot, supervisor].

@@ -8,7 +8,7 @@
 -module(starl_search_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0, vocabulary/0]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0]).
 
 -record(state, {
     walls :: starl_walls:t(),
@@ -82,6 +82,10 @@ more(Room, Open) -> maps:update_with(Room, fun(N) -> N + 1 end, 1, Open).
 %% @doc When all faults are over.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{healed_us := Healed}, Config) -> Config#{healed_us => Healed}.
+
+%% @doc In real time a fault is known when it happens.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken({_, _, To, _}, #state{healed = Healed} = State) -> State#state{healed = max(Healed, To)}.
 
 -spec interests() -> [atom()].
 interests() -> [chassis, app, robot, supervisor].

@@ -12,7 +12,7 @@
 -module(starl_swarm_monitor).
 -behaviour(starl_monitor).
 
--export([init/1, context/2, step/2, finish/2, interests/0]).
+-export([init/1, context/2, broken/2, step/2, finish/2, interests/0]).
 
 -type id() :: {starl:robot_id(), pos_integer(), pos_integer()}.
 
@@ -58,6 +58,10 @@ init(#{range_mm := Range, speed := Speed} = Config) ->
 context(#{broken := Broken, faults := Faults, bodies := Bodies} = Known, Config) ->
     Own = [Window || {Who, From, _, _} = Window <- Faults, {Who, From} =/= {all, 0}],
     (maps:merge(maps:with([loss, delay_us], Known), Config))#{faults => Broken ++ Own ++ Bodies}.
+
+%% @doc In real time a fault is known when it happens.
+-spec broken(starl_assumption:window(), #state{}) -> #state{}.
+broken(Window, #state{faults = Faults} = State) -> State#state{faults = [Window | Faults]}.
 
 -spec interests() -> [atom()].
 interests() -> [geocast, chassis, robot].

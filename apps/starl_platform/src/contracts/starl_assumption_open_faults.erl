@@ -12,10 +12,10 @@
 
 -export_type([t/0, fault/0]).
 
-%% For each fault its robots, until when monitors know of it, and its end.
--opaque t() :: #{
-    Id :: term() => {[starl_monitor:robot_id()], ToldUs :: integer(), EndUs :: integer() | none}
-}.
+%% For each fault what it breaks of which robots, until when monitors know of it, and its end.
+-opaque t() :: #{Id :: term() => {[breaks()], ToldUs :: integer(), EndUs :: integer() | none}}.
+
+-type breaks() :: {starl_monitor:robot_id() | all, fault | position}.
 
 %% As in a recording's messages on faults: name, beginning, end, kind, target and parameters.
 -type fault() :: {
@@ -38,17 +38,25 @@ new() -> #{}.
 told({began, {Id, FromMs, forever, Kind, Target, _}}, Lasting) when
     Kind =/= pause, is_integer(FromMs)
 ->
-    Lasting#{Id => {robots(Target), 1000 * FromMs, none}};
+    Breaks = [{Robot, What} || Robot <- robots(Target), What <- [fault | misleads(Kind)]],
+    Lasting#{Id => {Breaks, 1000 * FromMs, none}};
 told({ended, {Id, _, ToMs, _, _, _}}, Lasting) when is_map_key(Id, Lasting), is_integer(ToMs) ->
-    {Robots, Told, none} = maps:get(Id, Lasting),
-    Lasting#{Id => {Robots, Told, max(Told, 1000 * ToMs)}};
+    {Breaks, Told, none} = maps:get(Id, Lasting),
+    Lasting#{Id => {Breaks, Told, max(Told, 1000 * ToMs)}};
 told(_Other, Lasting) ->
     Lasting.
 
 robots(Robots) when is_list(Robots) -> lists:append([robots(R) || R <- Robots]);
 robots(Link) when is_tuple(Link) -> robots(tuple_to_list(Link));
 robots(Robot) when is_integer(Robot) -> [Robot];
+robots(all) -> [all];
 robots(_Other) -> [].
+
+%% Live robots find out a picture that is frozen.
+misleads(location_noise) -> [position];
+misleads(location_bias) -> [position];
+misleads(location_swap) -> [position];
+misleads(_Kind) -> [].
 
 %% @doc What monitors must know before they judge what happened up to now.
 -spec windows(NowUs :: integer(), t()) -> {[starl_assumption:window()], t()}.
@@ -59,15 +67,15 @@ windows(Now, Lasting) ->
         Lasting
     ).
 
-due(Now, Id, {Robots, Told, none}, Windows, Left) when Told =< Now + ?SLICE_US div 2 ->
+due(Now, Id, {Breaks, Told, none}, Windows, Left) when Told =< Now + ?SLICE_US div 2 ->
     Until = Now + ?SLICE_US,
-    {windows(Robots, Told, Until) ++ Windows, Left#{Id => {Robots, Until, none}}};
+    {windows(Breaks, Told, Until) ++ Windows, Left#{Id => {Breaks, Until, none}}};
 due(_Now, Id, {_, _, none} = Fault, Windows, Left) ->
     {Windows, Left#{Id => Fault}};
 %% it may be over before monitors were told
-due(_Now, _Id, {Robots, Told, End}, Windows, Left) when Told < End ->
-    {windows(Robots, Told, End) ++ Windows, Left};
+due(_Now, _Id, {Breaks, Told, End}, Windows, Left) when Told < End ->
+    {windows(Breaks, Told, End) ++ Windows, Left};
 due(_Now, _Id, _Over, Windows, Left) ->
     {Windows, Left}.
 
-windows(Robots, From, To) -> [{Robot, From, To, fault} || Robot <- Robots].
+windows(Breaks, From, To) -> [{Robot, From, To, What} || {Robot, What} <- Breaks].
