@@ -76,6 +76,27 @@ an_arc_that_bends_back_into_the_other_is_stopped_test() ->
      || I <- lists:seq(1, 100), Leaves <- [I / 500]
     ].
 
+%% Also within the window in which it begins, however long that is.
+an_arc_that_bends_back_is_stopped_in_its_window_test() ->
+    Profiles = [starl_chassis:profile(starl_chassis_differential, #{})],
+    Still = starl_trajectory:standing(0, {2000.0, 2000.0}, 0.0),
+    World = #{
+        profiles => Profiles,
+        sight => starl_sim_sight:new([{1, Still}], infinity),
+        walls => starl_walls:new(starl_floor:empty({4000, 4000}))
+    },
+    [
+        begin
+            Heading = math:pi() / 2 - Leaves,
+            Arc = starl_trajectory:piece(0, {2329.95, 2000.0}, Heading, 111.0, 3.0),
+            {Leaves, {At, {touch, Arc, {robot, 1, Still, true}}}} =
+                {Leaves, starl_sim_bodies:contact(2, Arc, 0, 900000, World)},
+            Away = starl_geometry:distance(starl_trajectory:position(At, Arc), {2000.0, 2000.0}),
+            ?assert(Away > 329.9)
+        end
+     || I <- lists:seq(1, 100), Leaves <- [I / 500]
+    ].
+
 a_run_begins_only_where_all_have_room_test_() ->
     Of = fun(More) ->
         starl_sim:plan(maps:merge(#{app => starl_bumper, robots => 2}, More), #{})

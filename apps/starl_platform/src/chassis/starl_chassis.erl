@@ -95,6 +95,8 @@
 %% The try after a command that the drive did not obey: its reverse, slowly and for a
 %% moment. `none': the command was to stand. `unknown': the chassis has no such command.
 -callback undo(told()) -> {ok, commands()} | none | unknown.
+%% How far such a try takes the robot at most, in whatever direction (mm).
+-callback try_mm(profile()) -> float().
 %% r(v): the largest distance of a robot from its straight line while it drives (mm), under any
 %% fault.
 -callback tracking_radius(profile()) -> float().

@@ -5,7 +5,7 @@
 -module(starl_chassis_differential).
 -behaviour(starl_chassis).
 
--export([profile/1, check/1, duration_us/2, next/4, resume/3, last/1, undo/1]).
+-export([profile/1, check/1, duration_us/2, next/4, resume/3, last/1, undo/1, try_mm/1]).
 -export([tracking_radius/1, ends_mm/1, cruise/4, rests_s/1, pace/1]).
 
 -export_type([commands/0]).
@@ -65,6 +65,9 @@ undo({Left, Right}) when ?IS_SPEED(Left), ?IS_SPEED(Right) ->
     {ok, [{-Part * Left, -Part * Right, ?TRY_US}]};
 undo(_) ->
     unknown.
+
+-spec try_mm(starl_chassis:profile()) -> float().
+try_mm(_Profile) -> ?TRY_SPEED * ?TRY_US / 1.0e6.
 
 -spec cruise(starl_chassis:velocity(), starl:pose(), pos_integer(), starl_chassis:profile()) ->
     commands().

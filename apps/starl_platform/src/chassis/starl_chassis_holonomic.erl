@@ -11,7 +11,7 @@
 -module(starl_chassis_holonomic).
 -behaviour(starl_chassis).
 
--export([profile/1, check/1, duration_us/2, next/4, last/1, undo/1]).
+-export([profile/1, check/1, duration_us/2, next/4, last/1, undo/1, try_mm/1]).
 -export([tracking_radius/1, ends_mm/1, cruise/4, rests_s/1, pace/1]).
 
 -export_type([commands/0]).
@@ -65,6 +65,9 @@ undo({Forward, Left}) when ?IS_SPEED(Forward), ?IS_SPEED(Left) ->
     {ok, [{-Part * Forward, -Part * Left, ?TRY_US}]};
 undo(_) ->
     unknown.
+
+-spec try_mm(starl_chassis:profile()) -> float().
+try_mm(_Profile) -> ?TRY_SPEED * ?TRY_US / 1.0e6.
 
 %% It approaches the velocity at its limit of acceleration; the speed leaves room for its error.
 -spec cruise(starl_chassis:velocity(), starl:pose(), pos_integer(), starl_chassis:profile()) ->

@@ -80,8 +80,6 @@
 -define(SEEN_US, 100000).
 %% Something is in the way of a robot that has come up against it so often, and back each time.
 -define(STALLS, 3).
-%% A try takes a robot no farther, whatever its chassis, mm.
--define(TRY_MM, 2.0).
 
 -type state() ::
     idle | halting | locating | driving | waiting | stalled | trying | steering | cruising.
@@ -397,17 +395,26 @@ may_back(#drive{place = unknown}) ->
 may_back(#drive{place = Place, start = Start, goal = Goal, profile = Profile, chassis = Chassis}) ->
     #{position_error_mm := Error} = Profile,
     Off = starl_geometry:point_segment(Place, {Start, Goal}),
-    Off + Error + ?TRY_MM =< Chassis:tracking_radius(Profile).
+    Off + Error + Chassis:try_mm(Profile) =< Chassis:tracking_radius(Profile).
 
-%% The step leads along the line, or back to it. Its first command is tried, slowly.
+%% The step leads along the line, or back to it. Its first command that moves the robot is tried, slowly.
 try_on(_Step, #drive{from = From, way = Way, stalls = Stalls} = Drive) when
     Way =/= to, Stalls >= ?STALLS
 ->
     Over = goal_over(blocked, Drive) ++ [{reply, From, {error, blocked}}],
     {next_state, idle, Drive#drive{from = none, stalls = 0}, Over};
-try_on({_, [First | _]}, #drive{chassis = Chassis} = Drive) ->
-    {ok, [Back]} = Chassis:undo(Chassis:last([First])),
-    command(trying, element(2, Chassis:undo(Chassis:last([Back]))), Drive).
+try_on({_, Commands} = Step, #drive{chassis = Chassis} = Drive) ->
+    Tries = [
+        Try
+     || Command <- Commands,
+        {ok, Back} <- [Chassis:undo(Chassis:last([Command]))],
+        {ok, Try} <- [Chassis:undo(Chassis:last(Back))]
+    ],
+    case Tries of
+        [Try | _] -> command(trying, Try, Drive);
+        %% it is to stand: its next step will tell
+        [] -> leg(Step, Drive)
+    end.
 
 %% A chassis that was told to stand, and reports that it does not, is told again.
 stalled(unknown, _Drive) ->

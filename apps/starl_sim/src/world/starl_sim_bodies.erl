@@ -34,6 +34,8 @@
 }.
 
 -define(HORIZON_US, 1000000).
+%% Who leaves what it touches has this time for it.
+-define(MOMENT_US, 1000).
 
 %% @doc The next touch of a robot on a new piece that begins now, in a window that ends then;
 %% `blocked': the piece begins with it.
@@ -98,11 +100,26 @@ beside(Id, Piece, Now, Until, #{sight := Sight} = World) ->
         Other =/= Id,
         Sum <- [radius(Id, World) + radius(Other, World)],
         is_near(Place, Piece, P, Sum, Now, Until),
-        At <- [starl_contact:bodies(Piece, P, Sum, Now, Until)],
-        is_integer(At),
-        At < Until,
-        starl_contact:towards(starl_trajectory:position(At, P), At, Piece)
+        At <- against(Piece, P, Sum, Now, Until),
+        At < Until
     ].
+
+%% When it drives against the other first. What touches as it begins may leave, and bend back a moment later.
+against(Piece, Other, Sum, Now, Until) ->
+    case starl_contact:bodies(Piece, Other, Sum, Now, Until) of
+        Now ->
+            case starl_contact:towards(starl_trajectory:position(Now, Other), Now, Piece) of
+                true -> [Now];
+                false -> bends_back(Piece, Other, Sum, Now + ?MOMENT_US, Until)
+            end;
+        At ->
+            [At || is_integer(At), {true, _} <- [stops(At, Piece, Other)]]
+    end.
+
+bends_back(_Piece, _Other, _Sum, From, Until) when From >= Until -> [];
+bends_back(Piece, Other, Sum, From, Until) ->
+    At = starl_contact:bodies(Piece, Other, Sum, From, Until),
+    [At || is_integer(At), {true, _} <- [stops(At, Piece, Other)]].
 
 is_near(Place, A, B, Sum, Now, Until) ->
     Reach =
