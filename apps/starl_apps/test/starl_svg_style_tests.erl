@@ -256,7 +256,8 @@ clips_test_() ->
                 "<clipPath id='c'>",
                 Clip,
                 "</clipPath><g clip-path='url(#c)'>",
-                "<path stroke='red' d='M0 50H100'/></g>"
+                "<path stroke='red' d='M0 50H100'/></g>",
+                "<defs><rect id='r' x='10' y='10' width='50' height='80'/></defs>"
             ],
             {ok, Picture} = parse(Body),
             ?assertEqual(
@@ -281,7 +282,60 @@ clips_test_() ->
             },
             {"<path d='M0 0L50 40L100 0V100H0z'/>", [0, 50, 100, 50], 0},
             {"<path d='M0 0H60V40H20V100H0z'/>", [0, 50, 20, 50], 0},
+            %% a shape elsewhere, one that is not displayed, one without an area, a title
+            {"<use href='#r'/>", [10, 50, 60, 50], 0},
+            {"<use href='#r' x='20' transform='translate(5 0)'/>", [35, 50, 85, 50], 0},
+            {
+                "<title>x</title><rect width='100' height='100' display='none'/><rect/>"
+                "<rect x='10' width='50' height='90'/><use href='#none'/>",
+                [10, 50, 60, 50],
+                0
+            },
+            {"<rect width='50' height='90' clip-path='url(#c)'/>", [0, 50, 100, 50], 1},
             {"<text>x</text>", [0, 50, 100, 50], 1}
+        ]
+    ].
+
+%% A window without shapes shows nothing; one that is cut itself shows what both do; those that CSS has beside
+%% elements are counted.
+windows_of_windows_test_() ->
+    Red = "<path stroke='red' d='M0 50H100'/>",
+    Blue = "<path stroke='blue' d='M0 60H100'/>",
+    Below = [0, 60, 100, 60],
+    Rect = "<rect x='10' y='0' width='50' height='100'/>",
+    [
+        ?_test(begin
+            {ok, Picture} = parse([Defs, "<g clip-path='", Clip, "'>", Red, "</g>", Blue]),
+            ?assertEqual(
+                {Clip, Defs, lines(Lines), Unknown},
+                {
+                    Clip,
+                    Defs,
+                    starl_picture:segments(Picture),
+                    maps:get(clips, starl_picture:left_out(Picture))
+                }
+            )
+        end)
+     || {Clip, Defs, Lines, Unknown} <- [
+            {"url(#c)", "<clipPath id='c'/>", [Below], 0},
+            {"url(#c)", "<clipPath id='c'><rect display='none'/></clipPath>", [Below], 0},
+            {
+                "url(#c)",
+                [
+                    "<clipPath id='d'><rect width='30' height='100'/></clipPath>",
+                    ["<clipPath id='c' clip-path='url(#d)'>", Rect, "</clipPath>"]
+                ],
+                [[10, 50, 30, 50], Below],
+                0
+            },
+            {
+                "url(#c)",
+                ["<clipPath id='c' clip-path='url(#c)'>", Rect, "</clipPath>"],
+                [[10, 50, 60, 50], Below],
+                0
+            },
+            {"circle(20px at 50px 50px)", "", [[0, 50, 100, 50], Below], 1},
+            {"url(#none)", "", [[0, 50, 100, 50], Below], 0}
         ]
     ].
 

@@ -4,7 +4,7 @@
 %% {@link starl_svg}.
 -module(starl_svg_clip).
 
--export([rectangle/3, of_path/2, placed/3, box/1, covers/2, cut/2, edges/2]).
+-export([rectangle/3, of_path/3, placed/3, box/1, covers/2, cut/2, edges/2]).
 -export_type([t/0]).
 
 -type point() :: starl_svg_curve:point().
@@ -34,22 +34,26 @@
 rectangle({X, Y}, {W, H}, Matrix) ->
     {convex, moved(Matrix, [{X, Y}, {X + W, Y}, {X + W, Y + H}, {X, Y + H}])}.
 
-%% @doc The window of a `clipPath' element; `none' if it is no such element, `unknown' if it has no
-%% shapes, too many, or what is none.
--spec of_path(starl_svg_xml:element_(), matrix()) -> {ok, t()} | none | unknown.
-of_path(Element, Matrix) ->
+%% @doc The window of a `clipPath' element, which may name shapes elsewhere in the document by `use'; `empty' if
+%% it hides everything, `none' if it is no such element, `unknown' if it has too many shapes, or what is none.
+-spec of_path(starl_svg_xml:element_(), matrix(), #{Id :: binary() => starl_svg_xml:element_()}) ->
+    {ok, t()} | empty | none | unknown.
+of_path(Element, Matrix, Ids) ->
     Units = starl_svg_xml:attribute(<<"clipPathUnits">>, Element, <<"userSpaceOnUse">>),
-    Shapes = starl_svg_xml:children(Element),
-    case {starl_svg_xml:name(Element), Units, Shapes} of
-        {<<"clipPath">>, <<"userSpaceOnUse">>, [_ | _]} when length(Shapes) =< ?MOST_SHAPES ->
+    Shapes = [Child || Child <- starl_svg_xml:children(Element), is_shown(Child)],
+    case {starl_svg_xml:name(Element), Units} of
+        {<<"clipPath">>, <<"userSpaceOnUse">>} when length(Shapes) =< ?MOST_SHAPES ->
             Inner = starl_svg_window:transformed(Element, ?UNITS, Matrix),
             Rule = starl_svg_xml:attribute(<<"clip-rule">>, Element, <<"nonzero">>),
-            of_shapes([of_shape(Shape, Rule, Inner) || Shape <- Shapes]);
-        {<<"clipPath">>, _, _} ->
+            of_shapes(lists:append([of_shape(Shape, Rule, Inner, Ids) || Shape <- Shapes]));
+        {<<"clipPath">>, _} ->
             unknown;
-        {_, _, _} ->
+        {_, _} ->
             none
     end.
+
+is_shown(Child) ->
+    starl_svg_xml:name(Child) =/= <<"title">> andalso starl_svg_paint:is_displayed(Child).
 
 %% @doc The image of a window on the floor; its curves are chords that miss them by at most this tolerance.
 -spec placed(matrix(), Tolerance :: float(), t()) -> t().
@@ -203,6 +207,8 @@ turn({_, Y} = Point, {{_, Y0}, {_, Y1}} = Line) ->
     end.
 
 %% One convex polygon cuts faster than others.
+of_shapes([]) ->
+    empty;
 of_shapes(Shapes) ->
     case {lists:member(unknown, Shapes), Shapes} of
         {true, _} -> unknown;
@@ -210,15 +216,44 @@ of_shapes(Shapes) ->
         {false, _} -> {ok, {shapes, Shapes}}
     end.
 
-of_shape(Shape, Inherited, Matrix0) ->
-    IsShape = lists:member(starl_svg_xml:name(Shape), starl_svg_shape:names()),
+of_shape(Shape, Inherited, Matrix0, Ids) ->
     Matrix = starl_svg_window:transformed(Shape, ?UNITS, Matrix0),
-    case IsShape andalso starl_svg_shape:outlines(Shape, ?UNITS, ?MOST) of
-        {ok, [_ | _] = Outlines} ->
-            Closed = [outline(Matrix, starl_svg_area:closed(Each)) || Each <- Outlines],
-            {rule(starl_svg_xml:attribute(<<"clip-rule">>, Shape, Inherited)), Closed};
+    Rule = starl_svg_xml:attribute(<<"clip-rule">>, Shape, Inherited),
+    IsCut = starl_svg_xml:attribute(<<"clip-path">>, Shape, <<"none">>) =/= <<"none">>,
+    case starl_svg_xml:name(Shape) of
+        _ when IsCut ->
+            [unknown];
+        <<"use">> ->
+            of_use(Shape, Rule, Matrix, Ids);
+        Name ->
+            IsShape = lists:member(Name, starl_svg_shape:names()),
+            case IsShape andalso starl_svg_shape:outlines(Shape, ?UNITS, ?MOST) of
+                {ok, []} ->
+                    [];
+                {ok, Outlines} ->
+                    Closed = [outline(Matrix, starl_svg_area:closed(Each)) || Each <- Outlines],
+                    [{rule(Rule), Closed}];
+                _ ->
+                    [unknown]
+            end
+    end.
+
+%% As Illustrator writes its windows. One that names nothing, or what is not displayed, adds nothing.
+of_use(Use, Rule, Matrix, Ids) ->
+    Corner = starl_svg_window:corner(Use, ?UNITS),
+    case starl_svg_xml:attribute(<<"href">>, Use, <<>>) of
+        <<$#, Id/binary>> when is_map_key(Id, Ids) ->
+            Target = maps:get(Id, Ids),
+            case {is_shown(Target), starl_svg_xml:name(Target)} of
+                {false, _} ->
+                    [];
+                {true, <<"use">>} ->
+                    [unknown];
+                {true, _} ->
+                    of_shape(Target, Rule, starl_svg_window:moved(Use, Corner, Matrix), Ids)
+            end;
         _ ->
-            unknown
+            []
     end.
 
 rule(<<"evenodd">>) -> evenodd;

@@ -135,19 +135,40 @@ visit(Element, Context0, #walk{visits = Visits} = Walk0, Draw) ->
     end.
 
 clipped(Element, #context{clips = Clips, matrix = Matrix} = Context, Walk, Draw) ->
-    case clip(Element, Matrix, Walk#walk.ids) of
-        none -> Draw(Element, Context, Walk);
-        {ok, Clip} -> Draw(Element, Context#context{clips = [Clip | Clips]}, Walk);
+    case clips(Element, Matrix, Walk#walk.ids) of
+        {ok, More} -> Draw(Element, Context#context{clips = More ++ Clips}, Walk);
+        empty -> Walk;
         unknown -> Draw(Element, Context, left_out(clips, Walk))
     end.
 
-clip(Element, Matrix, Ids) ->
+%% The windows of an element. No browser follows one that refers to itself.
+clips(Element, Matrix, Ids) ->
     case {reference(<<"clip-path">>, Element), reference(<<"mask">>, Element)} of
-        {none, none} -> none;
+        {none, none} ->
+            by_function(starl_svg_xml:attribute(<<"clip-path">>, Element, <<>>));
         {none, Mask} when is_map_key(Mask, Ids) -> unknown;
-        {Id, none} when is_map_key(Id, Ids) -> starl_svg_clip:of_path(maps:get(Id, Ids), Matrix);
+        {Id, none} when is_map_key(Id, Ids) ->
+            of_path(maps:get(Id, Ids), Matrix, maps:remove(Id, Ids));
         {Id, _} when is_map_key(Id, Ids) -> unknown;
-        {_, _} -> none
+        {_, _} ->
+            {ok, []}
+    end.
+
+%% A `clipPath' may be cut itself.
+of_path(Path, Matrix, Ids) ->
+    case {starl_svg_clip:of_path(Path, Matrix, Ids), clips(Path, Matrix, Ids)} of
+        {none, _} -> {ok, []};
+        {Own, Around} when Own =:= empty; Around =:= empty -> empty;
+        {{ok, Clip}, {ok, Clips}} -> {ok, [Clip | Clips]};
+        {_, _} -> unknown
+    end.
+
+%% CSS has windows without an element of their own.
+by_function(Text) ->
+    Names = <<"^\\s*(circle|ellipse|inset|polygon|path|rect|shape|xywh)\\(">>,
+    case re:run(Text, Names, [caseless, {capture, none}]) of
+        match -> unknown;
+        nomatch -> {ok, []}
     end.
 
 %% The identifier in `url(#ID)'.
