@@ -18,7 +18,8 @@
     an_answer_stands_at_its_form/1,
     a_large_team_is_reachable/1,
     what_is_not_judged_is_said/1,
-    what_an_application_draws_is_shown/1
+    what_an_application_draws_is_shown/1,
+    a_page_without_its_token_says_so/1
 ]).
 
 -define(B, starl_view_browser).
@@ -39,7 +40,8 @@ all() ->
         an_answer_stands_at_its_form,
         a_large_team_is_reachable,
         what_is_not_judged_is_said,
-        what_an_application_draws_is_shown
+        what_an_application_draws_is_shown,
+        a_page_without_its_token_says_so
     ].
 
 init_per_suite(Config) ->
@@ -380,6 +382,28 @@ an_answer_stands_at_its_form(Config) ->
         ok = ?B:await("document.getElementById('fault-said').textContent === ''", Browser)
     end).
 
+%% Who has typed a part of the address is told what is missing; with the rest the page is there, without being
+%% loaded anew by hand.
+a_page_without_its_token_says_so(Config) ->
+    ?B:borrow(?config(browser, Config), fun(Browser) ->
+        {ok, View} = starl_view:start(#{port => 0, host => "0.0.0.0"}),
+        #{port := Port, fragment := Token} = uri_string:parse(starl_view:address(View)),
+        ok = starl_view_hub:head(starl_view:hub(View), {[[<<"run">>, run(grid(2))]], 2}),
+        try
+            ok = ?B:visit(["http://127.0.0.1:", integer_to_list(Port), "/"], Browser),
+            ok = ?B:await(
+                "document.getElementById('news').textContent.includes('the token behind #')",
+                Browser
+            ),
+            ?B:eval(["location.hash = '", Token, "'"], Browser),
+            ok = ?B:await("window.starl && starl.team.run", Browser),
+            ?assertEqual(<<>>, ?B:eval("document.getElementById('news').textContent", Browser))
+        after
+            ok = ?B:visit("about:blank", Browser),
+            ok = starl_view:stop(View)
+        end
+    end).
+
 %% -- large teams ----------------------------------------------------------------------------
 
 %% 450 robots, 40 of which talk: the chart has 12 columns and the table 200 rows, which is said; all others can
@@ -432,12 +456,23 @@ shown(Team, Config, Do) when is_list(Config) ->
 shown(Team, Browser, Do) ->
     {ok, View} = starl_view:start(#{port => 0}),
     Hub = starl_view:hub(View),
-    Ids = [Id || {Id, _, _} <- Team],
-    Run = #{
+    ok = starl_view_hub:head(Hub, {[[<<"run">>, run(Team)]], length(Team)}),
+    ok = told([motion(Robot, 0) || Robot <- Team], 1000000, Hub),
+    try
+        ok = ?B:open(starl_view:address(View), Browser),
+        ok = ?B:await("starl.state.shown === 1e6 && starl.floor.view", Browser),
+        Do(Browser, Hub)
+    after
+        ok = ?B:visit("about:blank", Browser),
+        ok = starl_view:stop(View)
+    end.
+
+run(Team) ->
+    #{
         app => <<"grid">>,
         seed => 1,
         kind => simulation,
-        robots => Ids,
+        robots => [Id || {Id, _, _} <- Team],
         radius => 165,
         world => floor_of(length(Team)),
         range => null,
@@ -449,17 +484,7 @@ shown(Team, Browser, Do) ->
         waypoints => [],
         tube => null,
         lines => []
-    },
-    ok = starl_view_hub:head(Hub, {[[<<"run">>, Run]], length(Team)}),
-    ok = told([motion(Robot, 0) || Robot <- Team], 1000000, Hub),
-    try
-        ok = ?B:open(starl_view:address(View), Browser),
-        ok = ?B:await("starl.state.shown === 1e6 && starl.floor.view", Browser),
-        Do(Browser, Hub)
-    after
-        ok = ?B:visit("about:blank", Browser),
-        ok = starl_view:stop(View)
-    end.
+    }.
 
 floor_of(N) when N =< 64 -> [12000, 12000];
 floor_of(_) -> [34000, 34000].

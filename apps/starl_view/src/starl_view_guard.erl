@@ -21,15 +21,23 @@
     token := binary() | none
 }.
 
+-define(LETTERS, 12).
+
 %% @doc The guard of a server at an address and a port.
 -spec new(inet:ip_address(), inet:port_number()) -> t().
 new(Ip, Port) ->
     Token =
         case is_near(Ip) of
             true -> none;
-            false -> binary:encode_hex(crypto:strong_rand_bytes(16))
+            false -> secret()
         end,
     #guard{token = Token, port = Port}.
+
+%% Too long to be guessed over a network (60 bits), short enough to be typed on a telephone.
+secret() -> <<<<(letter(Byte))>> || <<Byte>> <= crypto:strong_rand_bytes(?LETTERS)>>.
+
+%% None of them looks like another one.
+letter(Byte) -> binary:at(<<"abcdefghijkmnpqrstuvwxyz23456789">>, Byte rem 32).
 
 %% @doc Can only this computer reach the address?
 -spec is_near(inet:ip_address()) -> boolean().

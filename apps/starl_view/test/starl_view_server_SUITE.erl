@@ -81,12 +81,13 @@ a_token_for_others(_Config) ->
     {ok, View} = starl_view:start(#{port => 0, host => "0.0.0.0"}),
     Address = binary_to_list(starl_view:address(View)),
     #{host := Host, port := Port, fragment := Token} = uri_string:parse(Address),
-    ?assertEqual(32, length(Token)),
+    %% it is typed there
+    ?assertMatch({match, _}, re:run(Token, "^[a-z2-9]{12}$")),
     %% a telephone knows no names of a home
     ?assertEqual(is_on_a_network(), element(1, inet:parse_address(Host)) =:= ok, Host),
     Headers = [{"Origin", "http://127.0.0.1:" ++ integer_to_list(Port)}],
     ?assertMatch({403, _}, ?C:connect(Port, Headers)),
-    ?assertMatch({403, _}, ?C:connect(Port, "/ws?token=" ++ lists:duplicate(32, $0), Headers)),
+    ?assertMatch({403, _}, ?C:connect(Port, "/ws?token=" ++ lists:duplicate(12, $a), Headers)),
     ?assertMatch({101, _}, ?C:connect(Port, "/ws?token=" ++ Token, Headers)),
     starl_view:stop(View).
 

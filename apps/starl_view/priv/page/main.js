@@ -13,6 +13,10 @@ import { seconds } from './time.js';
 const CLICK_PX = 6;
 // The messages that are listed as text.
 const MOST_TALK = 100;
+// Of the line to the server.
+const SAYS = { open: '',
+  closed: 'the server has ended, or cannot be reached; what was told can still be looked at',
+  refused: 'the server does not let this page in: open the whole address that it has printed, with the token behind #' };
 
 const $ = id => document.getElementById(id);
 const team = new Team();
@@ -33,8 +37,7 @@ const send = connect(rows => {
   }
 }, how => {
   state.open = how === 'open';
-  panel.say(state.open ? '' : 'the server has ended, or cannot be reached; what was told can still be looked at',
-    '', true, true);
+  panel.say(SAYS[how], '', true, true);
   if (state.open) team.clear();
 });
 const panel = new Panel(team, floor, state, send, select);
