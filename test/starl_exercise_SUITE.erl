@@ -70,9 +70,9 @@ scenarios_are_sound(_) ->
     Dir = filename:join([root(), "config", "scenarios"]),
     [
         begin
-            {ok, Given} = starl_sim_scenario:read(filename:join(Dir, File)),
+            {ok, Given} = starl_run_scenario:read(filename:join(Dir, File)),
             Options = starl_app:options(starl_exercise),
-            ?assertMatch({File, {ok, #{}}}, {File, starl_sim_scenario:check(Given, Options)})
+            ?assertMatch({File, {ok, #{}}}, {File, starl_run_scenario:check(Given, Options)})
         end
      || File <- ["election_200.term", "barrier_200.term", "tokens_50.term"]
     ].

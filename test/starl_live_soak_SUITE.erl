@@ -62,7 +62,7 @@ a_reload_loses_no_application(_) ->
     [
         begin
             New = starl_reload_code:make(starl_exercise, Variant),
-            At = starl_sim_draw:between({Seed, reload_at}, 1000, 20000),
+            At = starl_run_draw:between({Seed, reload_at}, 1000, 20000),
             {mutex, Seed, Scenario} = run(mutex, Seed),
             Run = {mutex, Seed, (maps:remove(watch, Scenario))#{reloads => [{At, all, New}]}},
             #{violations := Violations} = starl_virtual_run:run(Run),

@@ -44,8 +44,8 @@ drawn_schedules_are_well_formed(_) ->
         #{robots := N, faults := Faults},
         scenario(?BLOCKS),
         starl_platform_ct:safely(fun() ->
-            starl_sim_fault:check(Faults) =:= [] andalso
-                [R || F <- Faults, R <- starl_sim_fault:targets(F), R > N] =:= [] andalso
+            starl_run_fault:check(Faults) =:= [] andalso
+                [R || F <- Faults, R <- starl_run_fault:targets(F), R > N] =:= [] andalso
                 lists:all(fun({_, _, To, _, _, _}) -> To =< ?HEAL_MS end, Faults)
         end)
     ),
@@ -138,7 +138,7 @@ scenario(Blocks) ->
 
 %% The blocks are used on an empty floor.
 faults(Block, N) ->
-    Kinds = [Spec || {_, _, Shape, _, _} = Spec <- starl_sim_fault:kinds(), Shape =/= floor],
+    Kinds = [Spec || {_, _, Shape, _, _} = Spec <- starl_run_fault:kinds(), Shape =/= floor],
     resize(12, list(?LET(Spec, oneof(Kinds), fault(Spec, Block, N)))).
 
 fault({Kind, _, Shape, Params, _}, Block, N) ->
@@ -196,7 +196,7 @@ tell({ok, Lines, _}) -> ct:log("~ts", [lists:join("\n", Lines)]);
 tell({error, _, Why}) -> ct:log("~ts", [Why]).
 
 shrink(App, Given, Config) ->
-    {ok, Scenario} = starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)),
+    {ok, Scenario} = starl_run_scenario:check(Given#{app => App}, starl_app:options(App)),
     starl_lab_shrinker:shrink(#{
         target => target(App),
         scenario => Scenario,

@@ -54,7 +54,7 @@ named(Bug, Seed, Left) ->
         ask => fun(Questions) -> starl_lab_futures:ask(Questions, Plan) end
     }),
     {_, _, What} = Entry = starl_sim_moments:entry(Above, Moments),
-    Robots = [R || is_tuple(What), R <- starl_sim_fault:targets(What)],
+    Robots = [R || is_tuple(What), R <- starl_run_fault:targets(What)],
     {Entry, [E || {_, _, E} <- starl_sim_moments:following(Above, Robots, 3, Moments)]}.
 
 %% What the shrinker sets.

@@ -92,8 +92,8 @@ started(Tag, #{robot := N} = Spec) ->
     Computer.
 
 spec(N, Seed, Key, Dir) ->
-    {ok, {_, _, Plan}} = starl_sim:plan(#{app => starl_hands_app, robots => 3, seed => Seed}, #{}),
-    #{crew := #{tree := Tree}, world := #{profiles := Profiles}} = Plan,
+    {ok, {_, _, Plan}} = starl_run:plan(#{app => starl_hands_app, robots => 3, seed => Seed}, #{}),
+    #{tree := Tree, world := #{profiles := Profiles}} = Plan,
     ok = starl_live_store:commission(dir(N, Dir)),
     #{
         robot => N,

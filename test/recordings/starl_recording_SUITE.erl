@@ -93,10 +93,10 @@ packets_have_their_fates(Config) ->
     {ok, Sim} = starl_sim:start(Scenario, #{
         observe => starl_trace_recorder:observer(Recorder),
         packets => true,
-        watch => [{starl_sim_loss_monitor, #{}}]
+        watch => [{starl_run_loss_monitor, #{}}]
     }),
     _ = starl_sim:run(Sim),
-    {#{monitors := #{starl_sim_loss_monitor := #{lost := Lost}}}, _} = starl_sim:finish(Sim),
+    {#{monitors := #{starl_run_loss_monitor := #{lost := Lost}}}, _} = starl_sim:finish(Sim),
     {ok, _} = starl_trace_recorder:close(Recorder),
     {ok, Packets, closed} = starl_trace_reader:fold(
         fun

@@ -382,7 +382,7 @@ late(Config) ->
     {ok, Recorder} = starl_trace_recorder:start_link(filename:join(Dir, "late.mcap"), live),
     Observer = starl_trace_recorder:observer(Recorder),
     {ok, Planned} = starl_sim:plan(#{app => painting, robots => 1}, #{}),
-    Facts = (starl_sim_plan:facts(Planned, []))#{
+    Facts = (starl_run_plan:facts(Planned, []))#{
         kind := live, epoch_us => 0, begun_us => Begun, told_by => [1]
     },
     Second = fun(S) -> Begun + S * 1000000 end,

@@ -117,7 +117,7 @@ runs_test_() ->
             ?assertMatch(#{figures := [{formations, 4}, {worst_mm, Mm}]} when Mm =< 70, Report),
             Errors = starl_team_runs:noted(error_mm, Outcome),
             ?assert(lists:max(Errors) > 1000 andalso lists:min(Errors) =< 50),
-            #{monitors := #{starl_sim_drawings_monitor := #{drawings := Drawings}}} = Outcome,
+            #{monitors := #{starl_run_drawings_monitor := #{drawings := Drawings}}} = Outcome,
             ?assertEqual(1, length([x || {_, #{key := leader}} <- Drawings]))
         end}
      || More <- [

@@ -47,7 +47,7 @@ seed() ->
 
 outcome(Plan, More) ->
     Dir = filename:dirname(filename:dirname(starl_search_plans:file(maze))),
-    {ok, Given} = starl_sim_scenario:read(
+    {ok, Given} = starl_run_scenario:read(
         filename:join(Dir, "search_" ++ atom_to_list(Plan) ++ ".term")
     ),
     #{floor := Floor} = Given,

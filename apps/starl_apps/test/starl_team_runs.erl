@@ -8,7 +8,7 @@
 outcome(Scenario) ->
     {ok, Sim} = starl_sim:start(Scenario, #{
         watch => [
-            {starl_sim_measures_monitor, #{most => 100000}}, {starl_sim_drawings_monitor, #{}}
+            {starl_run_measures_monitor, #{most => 100000}}, {starl_run_drawings_monitor, #{}}
         ]
     }),
     _ = starl_sim:run(Sim),
@@ -40,7 +40,7 @@ both_ways(Scenario) ->
     Outcome.
 
 %% What the application has noted of a run: the values of a measure.
-noted(Key, #{monitors := #{starl_sim_measures_monitor := #{values := Values}}}) ->
+noted(Key, #{monitors := #{starl_run_measures_monitor := #{values := Values}}}) ->
     [Value || {_, _, K, Value} <- Values, K =:= Key].
 
 %% Which violations a monitor finds in a trace, and its results.

@@ -149,11 +149,11 @@ results_are_read_again_test() ->
     ?assertEqual([{robot, 2}, {ended, <<"running">>}], Two).
 
 mail(Events) ->
-    New = starl_sim_mail_monitor:init(#{robots => 3}),
+    New = starl_run_mail_monitor:init(#{robots => 3}),
     Fed = lists:foldl(
-        fun(Event, State) -> element(2, starl_sim_mail_monitor:step(Event, State)) end, New, Events
+        fun(Event, State) -> element(2, starl_run_mail_monitor:step(Event, State)) end, New, Events
     ),
-    {ok, Mail} = starl_sim_mail_monitor:finish(1000, Fed),
+    {ok, Mail} = starl_run_mail_monitor:finish(1000, Fed),
     Mail.
 
 lines(Mail, Robots) -> texts(starl_cli_findings:make(outcome(Mail, Robots, #{}), ways([]), [])).
@@ -164,7 +164,7 @@ texts(Notes) -> [lists:flatten(Line) || Line <- starl_cli_findings:lines(Notes)]
 
 outcome(Mail, Robots, More) ->
     #{
-        monitors => More#{starl_sim_mail_monitor => Mail},
+        monitors => More#{starl_run_mail_monitor => Mail},
         robots => [{Id, #{result => Result}} || {Id, Result} <- Robots]
     }.
 

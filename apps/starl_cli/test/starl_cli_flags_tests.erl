@@ -8,7 +8,7 @@ flags() ->
         {quiet, switch, false, "says little"},
         {help, switch, false, "help"},
         {sizes, {list, {integer, 1, 99}}, [1], "sizes"}
-        | starl_sim_scenario:options(starl_painting)
+        | starl_run_scenario:options(starl_painting)
     ].
 
 parse(Args) -> starl_cli_flags:parse(Args, flags()).
@@ -124,7 +124,7 @@ an_unknown_flag_takes_its_value_along_test() ->
 defaults_survive_the_command_line_test_() ->
     [
         ?_assertEqual({Key, {ok, Default}}, {Key, starl_options:parse(Type, text(Type, Default))})
-     || {Key, Type, Default, _} <- starl_sim_scenario:options(starl_painting)
+     || {Key, Type, Default, _} <- starl_run_scenario:options(starl_painting)
     ].
 
 text(Type, Value) -> starl_cli_flags:text(Type, Value).

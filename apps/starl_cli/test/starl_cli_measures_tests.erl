@@ -34,7 +34,7 @@ monitors(Seed) ->
     {#{violations := [], monitors := Monitors}, _} = starl_sim:finish(Sim),
     Monitors.
 
-values(Key, #{starl_sim_measures_monitor := #{values := Values}}) ->
+values(Key, #{starl_run_measures_monitor := #{values := Values}}) ->
     [Value || {_, _, K, Value} <- Values, K =:= Key].
 
 %% The bounds are seven standard deviations wide.
@@ -75,7 +75,7 @@ figures_test() ->
     ).
 
 -define(MONITORS(Values), #{
-    starl_sim_measures_monitor => #{values => Values, is_whole => true, until_us => 9}
+    starl_run_measures_monitor => #{values => Values, is_whole => true, until_us => 9}
 }).
 
 medians_test() ->
@@ -126,7 +126,7 @@ bounded_test() ->
         {ok, Next} = starl_monitor:step(Event, M),
         Next
     end,
-    Monitor = starl_monitor:new([{starl_sim_measures_monitor, #{most => 2}}]),
+    Monitor = starl_monitor:new([{starl_run_measures_monitor, #{most => 2}}]),
     Events = [{T, 1, app, {measure, a, T}} || T <- [1000000, 2000000, 3000000]],
     {_, Results} = starl_monitor:finish(9000000, lists:foldl(Step, Monitor, Events)),
     ?assertEqual(
@@ -142,7 +142,7 @@ bounded_test() ->
 %% What a monitor measures is the team's, in the order of time among the robots'.
 monitors_measure_test() ->
     Monitors = #{
-        starl_sim_measures_monitor => #{
+        starl_run_measures_monitor => #{
             values => [{1000000, 1, own, 5}, {3000000, 1, own, 6}],
             until_us => 3000000,
             is_whole => true

@@ -12,7 +12,7 @@ record() ->
         robots => [1, 2],
         details => #{pid => self()}
     },
-    Scenario = (starl_cli_flags:defaults(starl_sim_scenario:options(starl_painting)))#{
+    Scenario = (starl_cli_flags:defaults(starl_run_scenario:options(starl_painting)))#{
         app => starl_painting, faults => [{a, 1, 2, kill_machine, {2, sap}, #{}}]
     },
     starl_cli_record:make(

@@ -187,7 +187,7 @@ beyond_the_end_test_() ->
 %% A record says what has run; other values are not for it.
 a_record_is_run_as_it_was_test() ->
     in_directory(fun(Dir) ->
-        Scenario = (starl_cli_flags:defaults(starl_sim_scenario:options(starl_exercise)))#{
+        Scenario = (starl_cli_flags:defaults(starl_run_scenario:options(starl_exercise)))#{
             app => starl_exercise
         },
         ok = starl_cli_record:write(

@@ -60,7 +60,7 @@ made() ->
             starl_sap_monitor => #{sent => 1},
             starl_crash_monitor =>
                 #{crashes => 1, causes => 1, first_crash => Crash, given_up => []},
-            starl_sim_mail_monitor => #{
+            starl_run_mail_monitor => #{
                 strangers => [Mail#{to => 7}],
                 unheard => [Mail#{robot => 2}],
                 overloads => [Mail#{robot => 1}],

@@ -179,7 +179,7 @@ a_reload_that_was_rolled_back_is_told_test() ->
     Seen = Outcome#{
         monitors := Monitors#{
             starl_reload_monitor => #{reloads => [Reload]},
-            starl_sim_mail_monitor => #{
+            starl_run_mail_monitor => #{
                 strangers => [], unheard => [], overloads => [], refused => []
             }
         }

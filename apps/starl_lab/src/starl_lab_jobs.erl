@@ -226,11 +226,11 @@ prepare(Codes) ->
     ).
 
 %% @doc Runs a scenario to its end, by default with one shard.
--spec simulate(starl_sim_scenario:t()) -> {ok, ran()} | {error, unicode:chardata()}.
+-spec simulate(starl_run_scenario:t()) -> {ok, ran()} | {error, unicode:chardata()}.
 simulate(Scenario) -> simulate(Scenario, #{}).
 
 %% @doc The same with options of the run.
--spec simulate(starl_sim_scenario:t(), starl_sim:options()) ->
+-spec simulate(starl_run_scenario:t(), starl_sim:options()) ->
     {ok, ran()} | {error, unicode:chardata()}.
 simulate(#{app := _} = Scenario, Options) ->
     started(Scenario, Options, fun(Sim) ->
@@ -242,7 +242,7 @@ simulate(#{app := _} = Scenario, Options) ->
 
 %% @doc Starts and ends a simulation without running it, to learn whether it starts and which
 %% figures its report has.
--spec set_up(starl_sim_scenario:t()) -> {ok, ran()} | {error, unicode:chardata()}.
+-spec set_up(starl_run_scenario:t()) -> {ok, ran()} | {error, unicode:chardata()}.
 set_up(Scenario) -> started(Scenario, #{}, fun(_Sim) -> stopped end).
 
 started(Scenario, Own, Run) ->

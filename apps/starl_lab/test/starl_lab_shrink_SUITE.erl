@@ -93,7 +93,7 @@ recorded_run(Config) ->
 
 %% A seed whose drawn faults crash SAP of robot 8.
 drawn_seed(Seed) ->
-    Drawn = starl_sim_fault_draw:draw(#{
+    Drawn = starl_run_fault_draw:draw(#{
         seed => Seed,
         robots => 8,
         machines => [sap, location, motion, app],
@@ -188,7 +188,7 @@ forty() ->
     Drawn = [
         setelement(1, Fault, list_to_atom(lists:concat([element(1, Fault), "_of_", Seed])))
      || Seed <- [1, 2, 3, 4, 5, 6],
-        Fault <- starl_sim_fault_draw:draw(#{
+        Fault <- starl_run_fault_draw:draw(#{
             seed => Seed,
             robots => 10,
             machines => [location, motion, app],

@@ -19,7 +19,7 @@ commands_test_() ->
             Text = says(0, "burst_loss", ["faults"]),
             %% the explanation of a kind is indented farther
             Kinds = [Line || "  " ++ [C | _] = Line <- string:lexemes(Text, "\n"), C =/= $\s],
-            ?assertEqual(length(starl_sim_fault:kinds()), length(Kinds)),
+            ?assertEqual(length(starl_run_fault:kinds()), length(Kinds)),
             contains("range_mm 1..10000000 mm", Text)
         end},
         {"faults --help", fun() -> says(0, "Usage: ./starl faults", ["faults", "--help"]) end},
@@ -155,7 +155,7 @@ replayed() ->
     [
         begin
             #{app := App} = Given = starl_lab_soak:scenario(Block, Robots, Seed),
-            {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
+            {ok, Scenario} = starl_run_scenario:check(Given, starl_app:options(App)),
             {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
             {ok, Target} = starl_cli_target:resolve(Name),
             Replay = unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario)),
@@ -223,7 +223,7 @@ quiet_cores_test() ->
     [
         begin
             Team = lists:seq(1, Robots),
-            {Rest, []} = starl_sim_assumption:core(Faults, Team, 7200000000),
+            {Rest, []} = starl_run_assumption:core(Faults, Team, 7200000000),
             ?assert(Rest =/= [] andalso 2 * length(Rest) < Robots)
         end
      || {Robots, Faults} <- Quiet
@@ -239,4 +239,4 @@ drift_within_its_bound_test() ->
             [starl_lab_soak:scenario(Block, none, Seed)]
     ].
 
-kinds(What) -> [Kind || {Kind, _, _, _, _} <- starl_sim_fault:kinds_of(What)].
+kinds(What) -> [Kind || {Kind, _, _, _, _} <- starl_run_fault:kinds_of(What)].

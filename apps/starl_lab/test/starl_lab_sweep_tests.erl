@@ -7,7 +7,7 @@
 
 -define(PATIENCE_S, 60).
 
-options() -> starl_sim_scenario:options(starl_painting).
+options() -> starl_run_scenario:options(starl_painting).
 
 grid(InFile, Args) ->
     {ok, Flags} = parse(Args),

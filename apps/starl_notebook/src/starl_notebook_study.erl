@@ -43,10 +43,10 @@ ended({Pid, Ref}) ->
     end.
 
 ran(Scenario) ->
-    Watch = [{starl_sim_measures_monitor, #{most => ?MOST}}],
+    Watch = [{starl_run_measures_monitor, #{most => ?MOST}}],
     case starl_sim_trial:run(Scenario, fun(_Sim) -> ok end, Watch) of
         {ok, #{ending := Ending, end_us := EndUs, violations := Violations, monitors := Monitors}} ->
-            #{starl_sim_measures_monitor := #{values := Values}} = Monitors,
+            #{starl_run_measures_monitor := #{values := Values}} = Monitors,
             maps:merge(measured(Values), #{
                 complete => Ending =:= done,
                 seconds => EndUs / 1000000,

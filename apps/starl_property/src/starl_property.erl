@@ -35,7 +35,7 @@
 -type team() :: #{
     app := module(),
     robots => pos_integer() | {Least :: pos_integer(), Greatest :: pos_integer()},
-    random_faults => [all | starl_sim_fault:class() | starl_sim_fault:kind()],
+    random_faults => [all | starl_run_fault:class() | starl_run_fault:kind()],
     most_faults => non_neg_integer(),
     heal => number(),
     longest_fault => number(),
@@ -74,7 +74,7 @@ scenario(Team) ->
 
 %% @doc A generator of lists of faults of these classes and kinds, for a team: its keys `robots',
 %% `most_faults', `heal' and `longest_fault' count. The lists shrink to fewer and simpler faults.
--spec faults([all | starl_sim_fault:class() | starl_sim_fault:kind()], team()) -> generator().
+-spec faults([all | starl_run_fault:class() | starl_run_fault:kind()], team()) -> generator().
 faults(What, Team) -> starl_property_scenario:faults(Team#{random_faults => What}).
 
 %% @doc Does the run of a scenario hold to its contracts? See {@link holds/2}.

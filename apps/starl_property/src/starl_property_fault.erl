@@ -18,7 +18,7 @@
 %% The kinds to draw, the greatest number of faults, the greatest team, its machines, the time by which
 %% faults are over, and the longest fault.
 -type request() :: #{
-    kinds := [starl_sim_fault:spec()],
+    kinds := [starl_run_fault:spec()],
     most := non_neg_integer(),
     robots := pos_integer(),
     machines := [starl_machine:name()],
@@ -29,7 +29,7 @@
 %% The kind; when it begins, and how long it lasts, ms; numbers from which the target follows; and the
 %% parts of the ranges of its parameters.
 -type draft() ::
-    {starl_sim_fault:kind(), non_neg_integer(), non_neg_integer(), {0..1, integer(), integer()}, [
+    {starl_run_fault:kind(), non_neg_integer(), non_neg_integer(), {0..1, integer(), integer()}, [
         non_neg_integer()
     ]}.
 
@@ -65,12 +65,12 @@ draft({Kind, _, _, Params, _}, Request) ->
     ]).
 
 %% @doc The faults of a team of this size that these drafts stand for.
--spec made([draft()], Robots :: pos_integer(), request()) -> [starl_sim_fault:t()].
+-spec made([draft()], Robots :: pos_integer(), request()) -> [starl_run_fault:t()].
 made(Drafts, Robots, Request) ->
     [
         fault(Number, Draft, Spec, Robots, Request)
      || {Number, {Kind, _, _, _, _} = Draft} <- lists:enumerate(Drafts),
-        {_, _, Shape, _, _} = Spec <- [lists:keyfind(Kind, 1, starl_sim_fault:kinds())],
+        {_, _, Shape, _, _} = Spec <- [lists:keyfind(Kind, 1, starl_run_fault:kinds())],
         Shape =/= two orelse Robots > 1
     ].
 

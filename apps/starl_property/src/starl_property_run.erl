@@ -70,7 +70,7 @@ words({failed, {failed, Reason}}) ->
     io_lib:format("the simulation failed: ~0tP", [Reason, 30]).
 
 shrunk(Scenario, Violation) ->
-    {ok, Checked} = starl_sim_scenario:check(Scenario, starl_app:options(maps:get(app, Scenario))),
+    {ok, Checked} = starl_run_scenario:check(Scenario, starl_app:options(maps:get(app, Scenario))),
     Run = fun starl_sim_trial:run/1,
     case starl_sim_shrink:shrink(Checked, #{run => Run, watch => fun watch/1}) of
         {ok, #{scenario := Small, violation := Broken}} ->
@@ -110,7 +110,7 @@ digest(Scenario) ->
 text(App, Scenario) ->
     Values = [
         [atom_to_list(Key), io_lib:format(" => ~0tp", [Value])]
-     || {Key, _, Default, _} <- starl_sim_scenario:options(App),
+     || {Key, _, Default, _} <- starl_run_scenario:options(App),
         {ok, Value} <- [maps:find(Key, Scenario)],
         Value =/= Default orelse lists:member(Key, [robots, seed])
     ],

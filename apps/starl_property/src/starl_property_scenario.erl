@@ -102,15 +102,15 @@ request(Team, Machines) ->
 
 %% A single robot has no other to be confused with.
 kinds(What, Most) ->
-    Unknown = [W || W <- What, starl_sim_fault:kinds_of(W) =:= []],
+    Unknown = [W || W <- What, starl_run_fault:kinds_of(W) =:= []],
     _ = [
-        wrong("~ts", [starl_sim_scenario:format_error({problems, [{no_such_faults, W}]})])
+        wrong("~ts", [starl_run_scenario:format_error({problems, [{no_such_faults, W}]})])
      || W <- Unknown
     ],
     [
         Spec
      || {_, _, Shape, _, _} = Spec <- lists:usort(
-            lists:append([starl_sim_fault:kinds_of(W) || W <- What])
+            lists:append([starl_run_fault:kinds_of(W) || W <- What])
         ),
         Shape =/= two orelse Most > 1
     ].
@@ -129,7 +129,7 @@ machines(#{app := App} = Team) ->
 %% The values of a scenario, fixed, drawn by the user's generators, or varied over their range.
 values(App, Team) ->
     Given = maps:to_list(maps:without([app, robots | ?OWN], Team)),
-    Options = starl_sim_scenario:options(App),
+    Options = starl_run_scenario:options(App),
     [{Key, given(Value)} || {Key, Value} <- lists:sort(Given)] ++
         [{Key, varied(Key, Options)} || Key <- maps:get(vary, Team, [])].
 

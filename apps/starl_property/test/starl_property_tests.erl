@@ -39,8 +39,8 @@ faults_test() ->
                 Faults,
                 starl_property:faults([all], #{app => ?MODULE, robots => Robots, heal => 30}),
                 begin
-                    Problems = starl_sim_fault:check(Faults),
-                    Targets = lists:append([starl_sim_fault:targets(F) || F <- Faults]),
+                    Problems = starl_run_fault:check(Faults),
+                    Targets = lists:append([starl_run_fault:targets(F) || F <- Faults]),
                     Problems =:= [] andalso length(Faults) =< 6 andalso
                         lists:all(fun(R) -> R =< Robots end, Targets) andalso
                         lists:all(fun(F) -> element(3, F) =< 30000 end, Faults)
@@ -62,7 +62,7 @@ all_kinds_test() ->
             {_, _, _, K, _, _} <- Fs
         ]
     end,
-    Kinds = lists:usort([Kind || {Kind, C, _, _, _} <- starl_sim_fault:kinds(), C =/= floor]),
+    Kinds = lists:usort([Kind || {Kind, C, _, _, _} <- starl_run_fault:kinds(), C =/= floor]),
     ?assertEqual(Kinds, lists:usort(Drawn(3))),
     ?assertEqual(Kinds -- [location_swap], lists:usort(Drawn(1))).
 
@@ -85,7 +85,7 @@ scenario_test() ->
             starl_property:scenario(Team),
             Robots >= 2 andalso Robots =< 4 andalso length(Faults) =< 2 andalso
                 lists:member(Speed, [100, 200]) andalso Text =:= "y" andalso
-                element(1, starl_sim_scenario:check(Scenario, options())) =:= ok
+                element(1, starl_run_scenario:check(Scenario, options())) =:= ok
         ),
         100
     ).

@@ -13,9 +13,12 @@
 %%   {ok, Sim} = starl_sim:start(#{app => starl_painting, robots => 100}, #{nodes => 2}).
 %% '''
 -module(starl_sim).
+-behaviour(starl_run).
 
 -export([
+    world/0,
     start/1, start/2,
+    await/1,
     run/1, run/2,
     step/2,
     stop/1,
@@ -29,19 +32,14 @@
 -export([
     run_until_event/3, robots/1, snapshots/1, events/2, timers/2, violations/1, reload/2, reload/3
 ]).
--export([check_app/1, scenario/1, notes/1, robot_pids/2, plan/2, format_error/1]).
+-export([scenario/1, notes/1, robot_pids/2, plan/2, format_error/1]).
 
 -export_type([sim/0, options/0, planned/0, reason/0]).
-
-%% They are of one version.
--define(SIBLINGS, [starl_platform, starl_sim, starl_blocks]).
-
--define(EXAMPLE, "starl_sim:start(#{app => painting, robots => 3})").
 
 -record(sim, {
     sup :: pid(),
     run :: pid(),
-    scenario :: starl_sim_scenario:t(),
+    scenario :: starl_run_scenario:t(),
     scene :: starl_scene:t()
 }).
 
@@ -66,7 +64,7 @@
     snapshots_us => pos_integer(),
     %% the run goes on from there, instead of its beginning
     from => starl_sim_checkpoint:t(),
-    histories => starl_sim_plan:histories(),
+    histories => starl_run_plan:histories(),
     nodes => starl_sim_nodes:nodes(),
     node_timeout_ms => pos_integer(),
     patience_ms => pos_integer(),
@@ -76,24 +74,17 @@
     %% other draws from a moment on, which do change the result
     branch => starl_sim_branch:t(),
     %% those of the scenario, with their versions
-    reloads => [starl_sim_reloads:t()]
+    reloads => [starl_run_reloads:t()]
 }.
 
 %% A simulation that has not begun: its scenario with all defaults and drawn faults, its scene, and
 %% its plan.
--type planned() :: {starl_sim_scenario:t(), starl_scene:t(), starl_sim_plan:t()}.
+-type planned() :: {starl_run_scenario:t(), starl_scene:t(), starl_sim_plan:t()}.
 
 -type reason() ::
-    {scenario, starl_sim_scenario:reason()}
-    | {app | scene, unicode:chardata()}
-    | {no_such_app, module()}
-    | {no_app, Example :: string()}
-    | {fault_target, atom(), starl:robot_id()}
-    | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
+    starl_run:reason()
     | {nodes, starl_sim_nodes:reason()}
-    | {versions, [{atom(), Version :: string()}, ...]}
     | {reload, {no_code, module()} | starl_sim_reload:reason()}
-    | {new_code, unicode:chardata()}
     | starl_sim_run:missed().
 
 %% @doc Starts the simulation of a scenario. The key `app' is the application's module, or its name
@@ -107,7 +98,7 @@ start(Given) -> start(Given, #{}).
 start(Given, Options) ->
     case plan(Given, Options) of
         {ok, Planned} ->
-            Facts = fun() -> starl_sim_plan:facts(Planned, maps:get(watch, Options, [])) end,
+            Facts = fun() -> starl_run_plan:facts(Planned, maps:get(watch, Options, [])) end,
             ok = begun(maps:get(observe, Options, none), Facts),
             launch(Planned);
         {error, _} = Error ->
@@ -117,47 +108,28 @@ start(Given, Options) ->
 begun(none, _Facts) -> ok;
 begun(Observer, Facts) -> starl_observer:tell({begun, Facts()}, Observer).
 
-%% @doc Plans the simulation of a scenario, without starting it: for other drivers of its robots.
+%% @doc Plans the simulation of a scenario, without starting it.
 -spec plan(module() | #{app := module(), atom() => term()}, options()) ->
     {ok, planned()} | {error, reason()}.
-plan(App, Options) when is_atom(App) ->
-    plan(#{app => App}, Options);
-plan(#{app := Name} = Given, Options) when is_atom(Name) ->
-    case {starl_code:versions(?SIBLINGS), module_named(Name)} of
-        {{differ, Versions}, _} -> {error, {versions, Versions}};
-        {same, {ok, App}} -> checked(check_app(App), Given#{app := App}, Options);
-        {same, none} -> {error, {no_such_app, Name}}
-    end;
-plan(_Given, _Options) ->
-    {error, {no_app, ?EXAMPLE}}.
-
-module_named(Name) ->
-    Names = [Name, list_to_atom("starl_" ++ atom_to_list(Name))],
-    case [M || M <- Names, code:ensure_loaded(M) =:= {module, M}] of
-        [Module | _] -> {ok, Module};
-        [] -> none
-    end.
-
-checked(ok, #{app := App} = Given, Options) ->
-    case starl_sim_scenario:check(Given, starl_app:options(App)) of
-        {ok, Scenario} -> starl_sim_setup:make(App, Scenario, Options);
-        {error, Reason} -> {error, {scenario, Reason}}
-    end;
-checked({error, _} = Error, _Given, _Options) ->
-    Error.
-
-%% @doc Can this module run as an application: are its callbacks there, and is its table of options
-%% sound?
--spec check_app(module()) -> ok | {error, {app, unicode:chardata()}}.
-check_app(App) ->
-    case starl_app:check(App, [Key || {Key, _, _, _} <- starl_sim_scenario:options()]) of
-        ok -> ok;
-        {error, Why} -> {error, {app, Why}}
+plan(Given, Options) ->
+    case starl_run:plan(Given, Options) of
+        {ok, {Scenario, Scene, _Plan} = Planned} ->
+            {ok, {Scenario, Scene, starl_sim_plan:make(Planned, Options)}};
+        {error, _} = Error ->
+            Error
     end.
 
 %% @doc Runs to the end: all applications are done, the time is up, or a contract is violated.
 -spec run(sim()) -> starl_sim_run:status().
 run(#sim{run = Run, scenario = #{time := Seconds}}) -> starl_sim_run:run(Run, micros(Seconds)).
+
+%% @doc The robots are in the simulator.
+-spec world() -> simulation.
+world() -> simulation.
+
+%% @doc Runs to the end, and says why it has ended.
+-spec await(sim()) -> starl_run:ending() | none.
+await(Sim) -> maps:get(ending, run(Sim)).
 
 %% @doc Runs to a virtual time in seconds, or to an earlier end.
 -spec run(sim(), Seconds :: number()) -> starl_sim_run:status().
@@ -250,7 +222,7 @@ watch(#sim{run = Run}, Config) -> starl_sim_watchdog:start_link(Run, Config).
 at_work(#sim{run = Run}) -> starl_sim_watchdog:at_work(Run).
 
 %% @doc The checked scenario, with all defaults.
--spec scenario(sim()) -> starl_sim_scenario:t().
+-spec scenario(sim()) -> starl_run_scenario:t().
 scenario(#sim{scenario = Scenario}) -> Scenario.
 
 %% @doc What the application's scene tells before the run begins, a line each.
@@ -283,28 +255,6 @@ close(#sim{sup = Sup}) -> starl_sim_sup:stop(Sup).
 
 %% @doc One line on why a simulation could not be started.
 -spec format_error(reason()) -> unicode:chardata().
-format_error({scenario, Reason}) ->
-    starl_sim_scenario:format_error(Reason);
-format_error({What, Why}) when What =:= app; What =:= scene ->
-    Why;
-format_error({new_code, Why}) ->
-    Why;
-format_error({no_such_app, App}) ->
-    Meant =
-        case starl_code:resembling(App) of
-            [Near | _] -> io_lib:format(" (did you mean ~ts?)", [Near]);
-            [] -> "; is it compiled, and in the path?"
-        end,
-    [io_lib:format("there is no application ~ts", [App]), Meant];
-format_error({versions, Versions}) ->
-    Each = [io_lib:format("~ts is ~ts", [App, Version]) || {App, Version} <- Versions],
-    [
-        "applications of StarL of unlike versions: ",
-        lists:join(", ", Each),
-        "; a project takes all of them from one commit"
-    ];
-format_error({no_app, Example}) ->
-    ["which application? Write ", Example];
 format_error({nodes, Reason}) ->
     starl_sim_nodes:format_error(Reason);
 format_error({lost, Loss}) ->
@@ -317,25 +267,14 @@ format_error({reload, {bad_code, _, _} = Reason}) ->
     starl_code:format_error(Reason);
 format_error({reload, {Node, unreachable}}) ->
     io_lib:format("node ~ts cannot be reached: no code was loaded", [Node]);
-format_error({fault_target, Id, Robot}) ->
-    io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]);
-format_error({fault_machine, Id, Name, Known}) ->
-    Names = lists:join(", ", [atom_to_list(N) || N <- Known]),
-    io_lib:format("fault ~ts: a robot has no machine ~ts; it has ~ts", [Id, Name, Names]);
-format_error({fault_floor, Id}) ->
-    io_lib:format("fault ~ts is one of a floor plan: give a plan with --floor", [Id]);
-format_error({fault_door, Id, Door, 0}) ->
-    io_lib:format("fault ~ts: there is no door ~b, the floor plan has no doors", [Id, Door]);
-format_error({fault_door, Id, Door, Doors}) ->
-    io_lib:format("fault ~ts: there is no door ~b, the floor plan has doors 1 to ~b", [
-        Id, Door, Doors
-    ]);
 format_error({no_robot, Robot}) ->
     io_lib:format("there is no robot ~b", [Robot]);
 format_error({past, Robot, Events}) ->
     io_lib:format("robot ~b has had ~b events already", [Robot, Events]);
 format_error({ended, Robot, Events}) ->
-    io_lib:format("robot ~b has no more than ~b events until the run ends", [Robot, Events]).
+    io_lib:format("robot ~b has no more than ~b events until the run ends", [Robot, Events]);
+format_error(Reason) ->
+    starl_run:format_error(Reason).
 
 %% -- internals ------------------------------------------------------------------------------
 

@@ -8,13 +8,13 @@ late(Events, EndUs) ->
     Config = #{robots => [1, 2], deadline_us => 100},
     Fed = lists:foldl(
         fun(Event, State) ->
-            {ok, Next} = starl_sim_progress_monitor:step(Event, State),
+            {ok, Next} = starl_run_progress_monitor:step(Event, State),
             Next
         end,
-        starl_sim_progress_monitor:init(Config),
+        starl_run_progress_monitor:init(Config),
         Events
     ),
-    case starl_sim_progress_monitor:finish(EndUs, Fed) of
+    case starl_run_progress_monitor:finish(EndUs, Fed) of
         {ok, #{}} -> [];
         {{violation, [#{what := not_finished, robots := Robots}]}, _} -> Robots
     end.

@@ -60,11 +60,11 @@ every_kind_takes_effect(_) ->
             #{digest := Inline} = run(Plain#{faults => Faults, mode => inline, shards => 2}),
             ?assertEqual({Kind, With}, {Kind, Inline})
         end
-     || {Kind, Class, _, _, _} <- starl_sim_fault:kinds()
+     || {Kind, Class, _, _, _} <- starl_run_fault:kinds()
     ].
 
 example(Kind) ->
-    {_, _, Shape, Params, _} = lists:keyfind(Kind, 1, starl_sim_fault:kinds()),
+    {_, _, Shape, Params, _} = lists:keyfind(Kind, 1, starl_run_fault:kinds()),
     Target =
         case Shape of
             robots -> all;
@@ -200,10 +200,10 @@ drawn_faults_are_well_formed(_) ->
     [
         begin
             Faults = drawn(Seed, [all]),
-            ?assertEqual({Seed, []}, {Seed, starl_sim_fault:check(Faults)}),
+            ?assertEqual({Seed, []}, {Seed, starl_run_fault:check(Faults)}),
             ?assertEqual({Seed, []}, {Seed, [F || F <- Faults, element(3, F) > 20000]}),
             ?assertEqual(
-                {Seed, []}, {Seed, [R || F <- Faults, R <- starl_sim_fault:targets(F), R > 5]}
+                {Seed, []}, {Seed, [R || F <- Faults, R <- starl_run_fault:targets(F), R > 5]}
             )
         end
      || Seed <- lists:seq(1, 300)
@@ -212,7 +212,7 @@ drawn_faults_are_well_formed(_) ->
 %% Every class is in now and then and out now and then, and with it all its kinds.
 drawn_by_classes(_) ->
     Draws = [
-        lists:usort([starl_sim_fault:class(F) || F <- drawn(Seed, [all])])
+        lists:usort([starl_run_fault:class(F) || F <- drawn(Seed, [all])])
      || Seed <- lists:seq(1, 300)
     ],
     [
@@ -220,10 +220,10 @@ drawn_by_classes(_) ->
             In = length([in || Classes <- Draws, lists:member(Class, Classes)]),
             ?assert(In > 90 andalso In < 270, {Class, In})
         end
-     || Class <- starl_sim_fault:classes()
+     || Class <- starl_run_fault:classes()
     ],
     Kinds = lists:usort([element(4, F) || Seed <- lists:seq(1, 300), F <- drawn(Seed, [all])]),
-    ?assertEqual(length(starl_sim_fault:kinds()) - 1, length(Kinds)).
+    ?assertEqual(length(starl_run_fault:kinds()) - 1, length(Kinds)).
 
 %% What comes with the setting of a clock comes on top.
 one_draw_does_not_shift_another(_) ->
@@ -231,7 +231,7 @@ one_draw_does_not_shift_another(_) ->
         begin
             All = [F || F <- drawn(Seed, [all]), not is_companion(F)],
             Process = drawn(Seed, [process]),
-            ?assertEqual(Process, [F || F <- All, starl_sim_fault:class(F) =:= process])
+            ?assertEqual(Process, [F || F <- All, starl_run_fault:class(F) =:= process])
         end
      || Seed <- lists:seq(1, 50)
     ].
@@ -285,7 +285,7 @@ settings_that_do_not_come_alone(_) ->
 is_set(Fault) -> element(4, Fault) =:= clock_step andalso not is_companion(Fault).
 
 drawn(Seed, Kinds) ->
-    starl_sim_fault_draw:draw(#{
+    starl_run_fault_draw:draw(#{
         seed => Seed,
         robots => 5,
         machines => [sap, app],

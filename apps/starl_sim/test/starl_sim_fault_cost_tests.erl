@@ -6,15 +6,15 @@
 %% add up.
 the_last_fault_counts_test() ->
     Deadline = fun(Faults) ->
-        {ok, Scenario} = starl_sim_scenario:check(
+        {ok, Scenario} = starl_run_scenario:check(
             #{faults => Faults, heal => 5, converge => 10, time => 1000}, []
         ),
-        Context = starl_sim_plan:context(?MODULE, Scenario),
+        Context = starl_run_plan:context(?MODULE, Scenario),
         Scene = #{app => {sequential, ?MODULE, none}},
-        #{monitors := Monitors, limit_us := Limit} = starl_sim_plan:make(
-            Scenario, Scene, Context, #{}
+        #{monitors := Monitors, limit_us := Limit} = starl_run_plan:make(
+            Scenario, Scene, Context, {[], []}, #{}
         ),
-        {_, #{deadline_us := Us}} = lists:keyfind(starl_sim_progress_monitor, 1, Monitors),
+        {_, #{deadline_us := Us}} = lists:keyfind(starl_run_progress_monitor, 1, Monitors),
         ?assertEqual(Us, Limit),
         Us
     end,
@@ -28,16 +28,16 @@ the_last_fault_counts_test() ->
 a_quiet_core_converges_test() ->
     Mute = fun(Group) -> {mute, 5000, 1000000, one_way_partition, Group, #{}} end,
     Judged = fun(Robots, Faults) ->
-        {ok, Scenario} = starl_sim_scenario:check(
+        {ok, Scenario} = starl_run_scenario:check(
             #{robots => Robots, faults => Faults, heal => 5, converge => 10, time => 1000}, []
         ),
-        Context = starl_sim_plan:context(?MODULE, Scenario),
+        Context = starl_run_plan:context(?MODULE, Scenario),
         Scene = #{
             app => {sequential, ?MODULE, none}, monitors => [{starl_sim_told_monitor, #{}}]
         },
-        #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
+        #{monitors := Monitors} = starl_run_plan:make(Scenario, Scene, Context, {[], []}, #{}),
         {_, #{robots := Core, deadline_us := Us}} =
-            lists:keyfind(starl_sim_progress_monitor, 1, Monitors),
+            lists:keyfind(starl_run_progress_monitor, 1, Monitors),
         {_, #{core := Told}} = lists:keyfind(starl_sim_told_monitor, 1, Monitors),
         {Core, Us, Told}
     end,
@@ -57,8 +57,8 @@ a_quiet_core_converges_test() ->
 monitors_are_told_test() ->
     Faults = [fault(slow, #{lag_ms => 40}), {dead, 9000, 9500, kill_robot, 1, #{}}],
     Told = fun(Changes) ->
-        {ok, Scenario} = starl_sim_scenario:check(maps:merge(#{faults => Faults}, Changes), []),
-        Context = starl_sim_plan:context(?MODULE, Scenario),
+        {ok, Scenario} = starl_run_scenario:check(maps:merge(#{faults => Faults}, Changes), []),
+        Context = starl_run_plan:context(?MODULE, Scenario),
         Scene = #{
             app => {sequential, ?MODULE, none},
             monitors => [
@@ -66,7 +66,7 @@ monitors_are_told_test() ->
                 {starl_sim_order_monitor, #{}}
             ]
         },
-        #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
+        #{monitors := Monitors} = starl_run_plan:make(Scenario, Scene, Context, {[], []}, #{}),
         {_, Config} = lists:keyfind(starl_sim_told_monitor, 1, Monitors),
         Order = starl_sim_order_monitor,
         ?assertEqual({Order, #{}}, lists:keyfind(Order, 1, Monitors)),
@@ -80,13 +80,13 @@ monitors_are_told_test() ->
 
 %% A fault of a moment is over at its beginning, every other one at its end.
 healed_test() ->
-    ?assertEqual(0, starl_sim_fault:healed_us([])),
-    ?assertEqual(5000000, starl_sim_fault:healed_us([fault(pause, #{})])),
+    ?assertEqual(0, starl_run_fault:healed_us([])),
+    ?assertEqual(5000000, starl_run_fault:healed_us([fault(pause, #{})])),
     %% what was sent before that comes later
     Late = {late, 2000, 5000, delay, all, #{extra_ms => 700}},
-    ?assertEqual(5700000, starl_sim_fault:healed_us([Late, fault(pause, #{})])),
+    ?assertEqual(5700000, starl_run_fault:healed_us([Late, fault(pause, #{})])),
     [
-        ?assertEqual({Kind, 2000000}, {Kind, starl_sim_fault:healed_us([fault(Kind, Params)])})
+        ?assertEqual({Kind, 2000000}, {Kind, starl_run_fault:healed_us([fault(Kind, Params)])})
      || {Kind, Params} <- [{kill_machine, #{}}, {kill_robot, #{}}, {clock_step, #{ms => 1}}]
     ].
 
@@ -94,7 +94,7 @@ healed_test() ->
 %% last as long as is asked for, and no longer.
 drawn_test() ->
     Drawn = fun(Seed, Robots, More) ->
-        starl_sim_fault_draw:draw(
+        starl_run_fault_draw:draw(
             maps:merge(More, #{
                 seed => Seed, robots => Robots, machines => [sap], until_ms => 30000, kinds => [all]
             })
@@ -112,7 +112,7 @@ drawn_test() ->
     ?assert(Spans(#{}) =< 10001),
     ?assert(Spans(#{longest_ms => 30000}) > 20000),
     [
-        ?assertEqual([], [R || F <- Drawn(S, 1, #{}), R <- starl_sim_fault:targets(F), R > 1])
+        ?assertEqual([], [R || F <- Drawn(S, 1, #{}), R <- starl_run_fault:targets(F), R > 1])
      || S <- lists:seq(1, 200)
     ].
 
@@ -124,5 +124,5 @@ fault(Kind, Params) ->
             _ -> 1
         end,
     Fault = {Kind, 2000, 5000, Kind, Target, Params},
-    ?assertEqual([], starl_sim_fault:check([Fault])),
+    ?assertEqual([], starl_run_fault:check([Fault])),
     Fault.

@@ -170,7 +170,7 @@ a_run_of_a_worse_robot_breaks_the_contract(_) ->
     Stuck = {s, 3000, 90000, wheel_stuck, 1, #{wheel => left}},
     Held = drive(#{faults => [Stuck]}),
     ?assertEqual([not_arrived], breaks(Held, #{}, [])),
-    ?assertEqual([], breaks(Held, #{}, starl_sim_assumption:bodies([Stuck], false))).
+    ?assertEqual([], breaks(Held, #{}, starl_run_assumption:bodies([Stuck], false))).
 
 breaks(#{monitors := #{starl_sim_order_monitor := #{trace := Trace}}, end_us := End}, Own, Bodies) ->
     Profile = starl_chassis:profile(starl_chassis_differential, Own),

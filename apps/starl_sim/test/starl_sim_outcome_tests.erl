@@ -34,14 +34,14 @@ violations_test() ->
 
 %% The monitors are closed at the end of the run, which is when they say what is missing.
 closed_at_the_end_test() ->
-    Unfinished = {starl_sim_progress_monitor, #{robots => [1], deadline_us => 5}},
+    Unfinished = {starl_run_progress_monitor, #{robots => [1], deadline_us => 5}},
     #{violations := Violations} =
         starl_sim_outcome:new(ending([robot(1, 7)], 1), starl_sim_judge:new([Unfinished])),
     ?assertMatch([#{contract := progress, at_us := 5}], Violations).
 
 %% Where nothing can happen any more, those who wait have waited for ever: they are late at their deadline.
 judged_to_the_limit_when_quiet_test() ->
-    Unfinished = {starl_sim_progress_monitor, #{robots => [1], deadline_us => 9}},
+    Unfinished = {starl_run_progress_monitor, #{robots => [1], deadline_us => 9}},
     Close = fun(Ending) ->
         End = (ending([robot(1, 7)], 1))#{ending := Ending},
         starl_sim_outcome:new(End, starl_sim_judge:new([Unfinished]))

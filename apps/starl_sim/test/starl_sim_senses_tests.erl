@@ -46,9 +46,9 @@ faults_of_senses_test() ->
 no_floor_no_senses_test() ->
     Draw = fun(Floor) ->
         lists:usort([
-            {starl_sim_fault:class(Fault), element(4, Fault) =:= closed}
+            {starl_run_fault:class(Fault), element(4, Fault) =:= closed}
          || Seed <- lists:seq(1, 30),
-            Fault <- starl_sim_fault_draw:draw(#{
+            Fault <- starl_run_fault_draw:draw(#{
                 seed => Seed,
                 robots => 2,
                 machines => [app],
@@ -56,7 +56,7 @@ no_floor_no_senses_test() ->
                 floor => Floor,
                 kinds => [all]
             }),
-            lists:member(starl_sim_fault:class(Fault), [sense, floor])
+            lists:member(starl_run_fault:class(Fault), [sense, floor])
         ])
     end,
     ?assertEqual([], Draw(none)),

@@ -229,7 +229,7 @@ faults_of_nobody_test() ->
     ],
     Stay = [{last, 0, 9, isolate, 4, #{}}, {g, 0, 9, partition, [1, 4, 9], #{}}],
     Run = fun(#{robots := N, faults := Some} = S) ->
-        Targets = [starl_sim_fault:targets(F) || F <- Some],
+        Targets = [starl_run_fault:targets(F) || F <- Some],
         ?assertEqual([], [R || R <- lists:append(Targets), R > N]),
         ?assertNot(lists:member([], Targets)),
         Needed = [last, g] ++ [Id || {Id, _, _, _, _, _} <- Faults, N >= 9],
@@ -401,7 +401,7 @@ request(Run, More) -> maps:merge(#{run => Run, watch => fun on/1}, More).
 on(_Figures) -> {continue, fun on/1}.
 
 scenario(Faults, Robots) ->
-    {ok, Scenario} = starl_sim_scenario:check(
+    {ok, Scenario} = starl_run_scenario:check(
         #{
             app => nobody,
             robots => Robots,

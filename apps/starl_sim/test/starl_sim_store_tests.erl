@@ -49,4 +49,4 @@ keep(Terms, Now, Store) ->
         Terms
     ).
 
-fault(Kind, From, To) -> starl_sim_fault:compile({f, From, To, Kind, 1, #{}}).
+fault(Kind, From, To) -> starl_run_fault:compile({f, From, To, Kind, 1, #{}}).

@@ -82,7 +82,7 @@ start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
 news(Feed, News) -> gen_server:cast(Feed, {news, News}).
 
 %% @doc Tells a fault by hand in a simulation, with its end, or one that ends at another time now.
--spec fault(pid(), {new | known, starl_sim_fault:t()}) -> ok.
+-spec fault(pid(), {new | known, starl_run_fault:t()}) -> ok.
 fault(Feed, {new, {_, FromMs, _, _, _, _} = Fault}) ->
     ok = news(Feed, {fault, 1000 * FromMs, {began, Fault}}),
     fault(Feed, {known, Fault});

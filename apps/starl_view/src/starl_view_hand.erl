@@ -1,4 +1,4 @@
-%% @doc Reads what hands want to do at a page ({@link starl_sim_hand}). In a simulation that is a fault
+%% @doc Reads what hands want to do at a page ({@link starl_run_hand}). In a simulation that is a fault
 %% from the present time of the run on and, if it lasts, ends after the time given or with the run; in
 %% real time it happens now. What a page says is not trusted: no atom is made from it, and every value is
 %% checked as in a scenario file.
@@ -10,7 +10,7 @@
 
 %% The world of the run, its robots and their machines.
 -type place() :: #{
-    world := starl_sim_hand:world(),
+    world := starl_run_hand:world(),
     robots := pos_integer(),
     machines := [starl_machine:name()],
     atom() => term()
@@ -23,7 +23,7 @@
     until_ms := non_neg_integer(),
     robots := pos_integer(),
     machines := [starl_machine:name()],
-    faults := [starl_sim_fault:t()]
+    faults := [starl_run_fault:t()]
 }.
 
 -define(MOST_HANDS, 1000).
@@ -31,11 +31,11 @@
 
 %% @doc The kinds of faults that hands can do in a world, as a page is told: name, shape of the target,
 %% parameters with their ranges, text.
--spec kinds(starl_sim_hand:world()) -> [[term()]].
+-spec kinds(starl_run_hand:world()) -> [[term()]].
 kinds(World) ->
     [
         [Kind, Shape, [[Key | range(Type)] || {Key, Type, _} <- Specs], list_to_binary(Doc)]
-     || {Kind, _, Shape, Specs, Doc} <- starl_sim_hand:kinds(World)
+     || {Kind, _, Shape, Specs, Doc} <- starl_run_hand:kinds(World)
     ].
 
 range({one_of, Words}) -> [Words];
@@ -44,15 +44,15 @@ range({_, Low, High}) -> [Low, High].
 %% @doc What a command wants: `kind', `target', `seconds' and `params', as in a scenario, in JSON. The kind
 %% `cut' cuts the link between two robots, both ways.
 -spec hands(#{binary() => term()}, place()) ->
-    {ok, [starl_sim_hand:t(), ...]} | {error, unicode:chardata()}.
+    {ok, [starl_run_hand:t(), ...]} | {error, unicode:chardata()}.
 hands(#{<<"kind">> := <<"cut">>, <<"target">> := [A, B]} = Command, Place) ->
     Half = Command#{<<"kind">> := <<"loss">>, <<"params">> => #{<<"part">> => 1.0}},
     case hands(Half, Place) of
-        {ok, [{loss, _, _, Lasts}]} -> {ok, starl_sim_hand:cut(A, B, Lasts)};
+        {ok, [{loss, _, _, Lasts}]} -> {ok, starl_run_hand:cut(A, B, Lasts)};
         {error, _} = Error -> Error
     end;
 hands(#{<<"kind">> := Name} = Command, #{world := World} = Place) when is_binary(Name) ->
-    Kinds = starl_sim_hand:kinds(World),
+    Kinds = starl_run_hand:kinds(World),
     case [Spec || Spec <- Kinds, atom_to_binary(element(1, Spec)) =:= Name] of
         [Spec] -> named(Spec, Command, Place);
         [] -> {error, ["hands cannot do this: ", short(Name)]}
@@ -74,11 +74,11 @@ named({Kind, _, Shape, Specs, _}, Command, Place) ->
             {error, io_lib:format("~ts: these parameters are not possible", [Kind])};
         {{ok, Target}, {ok, Values}} ->
             Hand = {Kind, Target, Values, lasts(Kind, Command)},
-            checked(starl_sim_fault:check([starl_sim_hand:fault(hand_1, {0, 0}, Hand)]), Hand)
+            checked(starl_run_fault:check([starl_run_hand:fault(hand_1, {0, 0}, Hand)]), Hand)
     end.
 
 checked([], Hand) -> {ok, [Hand]};
-checked([Problem | _], _Hand) -> {error, starl_sim_fault:format_problem(Problem)}.
+checked([Problem | _], _Hand) -> {error, starl_run_fault:format_problem(Problem)}.
 
 %% What happens at a moment has no end.
 lasts(Kind, _Command) when Kind =:= kill_machine; Kind =:= kill_robot -> 0;
@@ -87,7 +87,7 @@ lasts(_Kind, _Command) -> lasting.
 
 %% @doc The faults of a command in a simulation.
 -spec faults(#{binary() => term()}, pos_integer(), where()) ->
-    {ok, [starl_sim_fault:t(), ...]} | {error, unicode:chardata()}.
+    {ok, [starl_run_fault:t(), ...]} | {error, unicode:chardata()}.
 faults(_Command, N, _Where) when N > ?MOST_HANDS ->
     {error, io_lib:format("hands have done ~b things; that is enough", [?MOST_HANDS])};
 faults(Command, N, #{from_ms := From, until_ms := Until} = Where) ->
@@ -97,7 +97,7 @@ faults(Command, N, #{from_ms := From, until_ms := Until} = Where) ->
             Ids = lists:sublist([Id, list_to_atom(atom_to_list(Id) ++ "_back")], length(Hands)),
             End = max(From, Until),
             {ok, [
-                clipped(starl_sim_hand:fault(Name, {From, End}, Hand), End)
+                clipped(starl_run_hand:fault(Name, {From, End}, Hand), End)
              || {Name, Hand} <- lists:zip(Ids, Hands)
             ]};
         {error, _} = Error ->
@@ -185,8 +185,8 @@ value(_Type, Value) ->
     Value.
 
 %% @doc The faults with this one ended at a time (ms); what is over, or cannot be undone, stays.
--spec healed(Name :: term(), non_neg_integer(), [starl_sim_fault:t()]) ->
-    {ok, [starl_sim_fault:t()]} | {error, unicode:chardata()}.
+-spec healed(Name :: term(), non_neg_integer(), [starl_run_fault:t()]) ->
+    {ok, [starl_run_fault:t()]} | {error, unicode:chardata()}.
 healed(Name, NowMs, Faults) ->
     Lasting = [
         Id
@@ -195,7 +195,7 @@ healed(Name, NowMs, Faults) ->
         To > NowMs,
         From =< NowMs,
         From < To,
-        lists:keymember(Kind, 1, starl_sim_hand:kinds(simulation))
+        lists:keymember(Kind, 1, starl_run_hand:kinds(simulation))
     ],
     case Lasting of
         [] -> {error, "nothing is there to be healed"};

@@ -120,7 +120,7 @@ head(Hub, Head) -> gen_server:call(Hub, {head, Head}).
 put(Hub, Row) -> gen_server:cast(Hub, {put, Row}).
 
 %% @doc Tells a fault by hand to all: a new one, or one that is known and now ends at another time.
--spec fault(pid(), NowUs :: integer(), {new | known, starl_sim_fault:t()}) -> ok.
+-spec fault(pid(), NowUs :: integer(), {new | known, starl_run_fault:t()}) -> ok.
 fault(Hub, Now, Fault) -> gen_server:cast(Hub, {fault, Now, Fault}).
 
 %% @doc Tells the time of the run: everything until now has been told. Returns when all that has

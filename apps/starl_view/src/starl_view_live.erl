@@ -7,21 +7,10 @@
 -export([start_link/1, observer/1, attach/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([config/0, hands/0]).
+-export_type([config/0]).
 
 %% `speed': of the run's time.
 -type config() :: #{hub := pid(), speed := number()}.
-
-%% The status of the run, the faults that begin now and those that end, and its end; its world.
--type hands() :: #{
-    world := starl_sim_hand:world(),
-    status := fun(() -> #{now_us := integer(), running := non_neg_integer(), atom() => term()}),
-    act := fun(([starl_sim_hand:t(), ...]) -> answer()),
-    heal := fun((all | {fault, atom()}) -> answer()),
-    stop := fun(() -> answer())
-}.
-
--type answer() :: ok | {error, unicode:chardata()}.
 
 -define(TICK_MS, 50).
 %% Facts are judged 1.5 s of the run after they happened, looked at every 200 ms.
@@ -31,14 +20,15 @@
 -record(live, {
     hub :: pid(),
     speed :: number(),
-    hands = none :: hands() | none | over,
+    %% its window may be open before it has started
+    run = none :: starl_run:t() | none | over,
     robots = 0 :: non_neg_integer(),
     machines = [] :: [starl_machine:name()],
     facts = none :: starl_observer:facts() | none,
     now = 0 :: integer()
 }).
 
-%% @doc Starts to show a run; its observer comes first, its hands when it has started.
+%% @doc Starts to show a run; its observer comes first, the run when it has started.
 -spec start_link(config()) -> gen_server:start_ret().
 start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
 
@@ -56,8 +46,8 @@ observer(Live) ->
     end.
 
 %% @doc The run has started.
--spec attach(pid(), hands()) -> ok.
-attach(Live, Hands) -> gen_server:call(Live, {attach, Hands}).
+-spec attach(pid(), starl_run:t()) -> ok.
+attach(Live, Run) -> gen_server:call(Live, {attach, Run}).
 
 -spec init(config()) -> {ok, #live{}}.
 init(#{hub := Hub, speed := Speed}) ->
@@ -65,11 +55,12 @@ init(#{hub := Hub, speed := Speed}) ->
     _ = erlang:send_after(?TICK_MS, self(), tick),
     {ok, #live{hub = Hub, speed = Speed}}.
 
--spec handle_call(hub | {attach, hands()}, gen_server:from(), #live{}) -> {reply, term(), #live{}}.
+-spec handle_call(hub | {attach, starl_run:t()}, gen_server:from(), #live{}) ->
+    {reply, term(), #live{}}.
 handle_call(hub, _From, #live{hub = Hub} = Live) ->
     {reply, Hub, Live};
-handle_call({attach, Hands}, _From, Live) ->
-    {reply, ok, head(Live#live{hands = Hands})}.
+handle_call({attach, Run}, _From, Live) ->
+    {reply, ok, head(Live#live{run = Run})}.
 
 -spec handle_cast(starl_observer:news(), #live{}) -> {noreply, #live{}}.
 handle_cast({begun, Facts}, Live) ->
@@ -78,19 +69,20 @@ handle_cast({ended, #{ending := Ending, end_us := End}}, #live{hub = Hub, now = 
     Last = max(Now, End),
     Clock = #{speed => 1, real => 0, paused => true, running => 0, ending => Ending},
     ok = starl_view_hub:clock(Hub, Clock#{now_us => Last}),
-    {noreply, Live#live{hands = over, now = Last}}.
+    {noreply, Live#live{run = over, now = Last}}.
 
 head(#live{facts = none} = Live) ->
     Live;
-head(#live{facts = #{robots := Robots} = Facts, hub = Hub, hands = Hands} = Live) ->
+head(#live{facts = #{robots := Robots} = Facts, hub = Hub, run = Run} = Live) ->
     #{machines := Machines} = Facts,
-    Rows = starl_view_head:rows(Facts, #{kind => live, kinds => can(Hands)}),
+    Rows = starl_view_head:rows(Facts, #{kind => live, kinds => can(Run)}),
     ok = starl_view_hub:head(Hub, {Rows, length(Robots)}),
     _ = [ok = starl_view_hub:put(Hub, Row) || Row <- Rows],
     Live#live{robots = length(Robots), machines = maps:keys(Machines)}.
 
-can(#{world := World}) -> starl_view_hand:kinds(World);
-can(_) -> [].
+can(none) -> [];
+can(over) -> [];
+can(Run) -> starl_view_hand:kinds(starl_run:world(Run)).
 
 -spec handle_info(term(), #live{}) -> {noreply, #live{}}.
 handle_info(tick, Live) ->
@@ -101,15 +93,15 @@ handle_info({starl_view, Page, Command}, Live) ->
 handle_info(_, Live) ->
     {noreply, Live}.
 
-tick(#live{hands = #{status := Status}} = Live) ->
-    try Status() of
+tick(#live{run = Run} = Live) when Run =:= none; Run =:= over ->
+    Live;
+tick(#live{run = Run} = Live) ->
+    try starl_run:status(Run) of
         Known -> told(Known, Live)
     catch
         %% it has just ended, and says so itself
         exit:_ -> Live
-    end;
-tick(Live) ->
-    Live.
+    end.
 
 told(#{now_us := Now, running := Running} = Known, #live{hub = Hub, speed = Speed} = Live) ->
     #live{now = Before} = Live,
@@ -130,21 +122,21 @@ told(#{now_us := Now, running := Running} = Known, #live{hub = Hub, speed = Spee
 
 do(#{<<"do">> := <<"look">>} = Command, Page, Live) ->
     look(Command, Page, Live);
-do(_Command, Page, #live{hands = none} = Live) ->
+do(_Command, Page, #live{run = none} = Live) ->
     answered({error, "not yet"}, none, Page, Live);
-do(_Command, Page, #live{hands = over} = Live) ->
+do(_Command, Page, #live{run = over} = Live) ->
     answered({error, "the run is over"}, none, Page, Live);
-do(#{<<"do">> := <<"fault">>} = Command, Page, #live{hands = #{act := Act} = Hands} = Live) ->
-    #{world := World} = Hands,
+do(#{<<"do">> := <<"fault">>} = Command, Page, #live{run = Run} = Live) ->
     #live{robots = N, machines = Machines} = Live,
+    World = starl_run:world(Run),
     case starl_view_hand:hands(Command, #{world => World, robots => N, machines => Machines}) of
-        {ok, Own} -> answered(Act(Own), done(Own), Page, Live);
+        {ok, Own} -> answered(starl_run:act(Run, Own), done(Own), Page, Live);
         {error, _} = Error -> answered(Error, none, Page, Live)
     end;
-do(#{<<"do">> := <<"heal">>, <<"id">> := Name}, Page, #live{hands = #{heal := Heal}} = Live) ->
-    answered(Heal(healed(Name)), "healed", Page, Live);
-do(#{<<"do">> := <<"stop">>}, Page, #live{hands = #{stop := Stop}} = Live) ->
-    answered(Stop(), "stop", Page, Live);
+do(#{<<"do">> := <<"heal">>, <<"id">> := Name}, Page, #live{run = Run} = Live) ->
+    answered(starl_run:heal(Run, healed(Name)), "healed", Page, Live);
+do(#{<<"do">> := <<"stop">>}, Page, #live{run = Run} = Live) ->
+    answered(starl_run:stop(Run), "stop", Page, Live);
 do(_Command, Page, Live) ->
     answered({error, "this cannot be done to a live run"}, none, Page, Live).
 
@@ -167,7 +159,7 @@ answered({error, Why}, _Said, Page, Live) ->
     Live.
 
 done([{Kind, _, _, _} | _] = Hands) ->
-    Robots = lists:usort(lists:append([starl_sim_hand:robots(Hand) || Hand <- Hands])),
+    Robots = lists:usort(lists:append([starl_run_hand:robots(Hand) || Hand <- Hands])),
     [
         string:replace(atom_to_list(Kind), "_", " ", all),
         [io_lib:format(" ~b", [Robot]) || Robot <- Robots]

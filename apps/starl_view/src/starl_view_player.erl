@@ -23,7 +23,7 @@
 %% `commands' are done at the beginning, as if a page had sent them.
 -type config() :: #{
     hub := pid(),
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     options => starl_sim:options(),
     speed => starl_view_pace:speed(),
     until_us => non_neg_integer(),
@@ -34,7 +34,7 @@
     commands => [#{binary() => term()}],
     started => fun((starl_sim:sim()) -> fun(() -> term())),
     save => fun(
-        (Name :: binary(), starl_sim_scenario:t()) ->
+        (Name :: binary(), starl_run_scenario:t()) ->
             {ok, unicode:chardata()}
             | {error, unicode:chardata()}
     )
@@ -44,7 +44,7 @@
 %% faults by hand. `hands': was anything done by hand? `again': has an end of it been told before?
 -type ran() :: #{
     sim := starl_sim:sim(),
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     ending := starl_sim_run:ending() | none,
     hands := boolean(),
     again := boolean()
@@ -53,7 +53,7 @@
 %% The same with the last answer of `over'.
 -type played() :: #{
     sim := starl_sim:sim(),
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     ending := starl_sim_run:ending() | none,
     hands := boolean(),
     again := boolean(),
@@ -67,10 +67,10 @@
     run :: starl_view_run:t(),
     pace :: starl_view_pace:t(),
     linger :: boolean(),
-    save :: fun((binary(), starl_sim_scenario:t()) -> {ok | error, unicode:chardata()}),
+    save :: fun((binary(), starl_run_scenario:t()) -> {ok | error, unicode:chardata()}),
     over :: fun((ran()) -> term()),
     %% the scenario whose end has been told, with the answer
-    told = none :: none | {starl_sim_scenario:t(), Answer :: term()},
+    told = none :: none | {starl_run_scenario:t(), Answer :: term()},
     %% the number of faults by hand; has anything been changed, such as by healing?
     hands = 0 :: non_neg_integer(),
     changed = false :: boolean(),

@@ -123,7 +123,7 @@ fate({arrives, [{AtUs, intact} | _]}) -> {<<"arrives">>, AtUs};
 fate({arrives, [{AtUs, corrupt} | _]}) -> {<<"corrupt">>, AtUs}.
 
 %% @doc A fault of the schedule, or by hand, told at a time.
--spec fault(integer(), starl_sim_fault:t() | tuple()) -> row().
+-spec fault(integer(), starl_run_fault:t() | tuple()) -> row().
 fault(T, {Id, From, To, Kind, Target, Params}) ->
     [<<"f">>, T, Id, From, ended(To), Kind, text(Target, ?LENGTH), text(Params, ?LENGTH)] ++
         on_floor(Kind, Params).

@@ -14,7 +14,7 @@
 %% `recorded': the run is on record, so it can neither go back nor be changed.
 -type config() :: #{
     hub := pid(),
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     options => starl_sim:options(),
     until_us => non_neg_integer(),
     recorded => boolean(),
@@ -25,7 +25,7 @@
 %% The run at its end: not finished yet, so that its outcome can be asked for.
 -type result() :: #{
     sim := starl_sim:sim(),
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     ending := starl_sim_run:ending() | none
 }.
 
@@ -35,7 +35,7 @@
 
 -record(run, {
     config :: config(),
-    scenario :: starl_sim_scenario:t(),
+    scenario :: starl_run_scenario:t(),
     facts :: starl_observer:facts(),
     sim :: starl_sim:sim(),
     ended :: fun(() -> term()),
@@ -61,7 +61,7 @@ start(#{scenario := Given} = Config) ->
     end.
 
 planned({#{time := Seconds} = Scenario, _, #{window_us := Window}} = Planned, Config) ->
-    Facts = starl_sim_plan:facts(Planned, maps:get(watch, options(Config), [])),
+    Facts = starl_run_plan:facts(Planned, maps:get(watch, options(Config), [])),
     ok = head(Facts, Config),
     case simulation(Scenario, 0, Config) of
         {ok, Sim, Ended} ->
@@ -139,7 +139,7 @@ judge(#run{sim = Sim, config = #{hub := Hub}} = Run) ->
     Run#run{judged = true}.
 
 %% @doc Begins anew with other faults and goes to the present.
--spec changed([starl_sim_fault:t()], t()) -> t().
+-spec changed([starl_run_fault:t()], t()) -> t().
 changed(Faults, #run{scenario = Scenario} = Run) ->
     anew(Scenario#{faults := Faults}, present(Run), Run).
 
@@ -236,7 +236,7 @@ is_recorded(#run{config = Config}) -> maps:get(recorded, Config, false).
 ending(#run{ending = Ending}) -> Ending.
 
 %% @doc The scenario, with the faults by hand.
--spec scenario(t()) -> starl_sim_scenario:t().
+-spec scenario(t()) -> starl_run_scenario:t().
 scenario(#run{scenario = Scenario}) -> Scenario.
 
 %% @doc The run at its end.

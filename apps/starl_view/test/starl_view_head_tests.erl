@@ -8,7 +8,7 @@ contracts_test() ->
     Monitors = [
         {starl_sap_monitor, #{}},
         {starl_crash_monitor, #{}},
-        {starl_sim_progress_monitor, #{}},
+        {starl_run_progress_monitor, #{}},
         {starl_exercise_monitor, #{}},
         {starl_election_bully_monitor, #{}},
         {flock_monitor, #{}}

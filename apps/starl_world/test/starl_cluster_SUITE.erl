@@ -661,7 +661,7 @@ act({stands, Robot}, Cluster) ->
     stands(OsPid),
     [];
 act({cut, A, B}, Cluster) ->
-    ok = starl_cluster:act(Cluster, starl_sim_hand:cut(A, B, lasting)),
+    ok = starl_cluster:act(Cluster, starl_run_hand:cut(A, B, lasting)),
     [];
 act({pause, Robot, Seconds}, Cluster) ->
     ok = starl_cluster:act(Cluster, [{pause, Robot, #{}, round(1000 * Seconds)}]),

@@ -191,8 +191,8 @@ frozen_positions(Config) ->
 links_cut(Config) ->
     Run = play(numbers(60), Config),
     heard(20),
-    ?assertMatch({error, _}, starl_world_run:act(Run, starl_sim_hand:cut(1, 3, lasting))),
-    ok = starl_world_run:act(Run, starl_sim_hand:cut(1, 2, lasting)),
+    ?assertMatch({error, _}, starl_world_run:act(Run, starl_run_hand:cut(1, 3, lasting))),
+    ok = starl_world_run:act(Run, starl_run_hand:cut(1, 2, lasting)),
     deaf(2, none, 300, Run),
     Before = starl_world_run:link(Run, 2),
     ok = starl_world_run:act(Run, [{reboot, 2, #{}, 0}]),
@@ -204,7 +204,7 @@ links_cut(Config) ->
     #{faults := Faults} = Outcome = sound(done, Run),
     ?assertEqual([{done, 60}, {done, 60}], results(Outcome)),
     %% what was done is a schedule of the simulator
-    ?assertEqual([], starl_sim_fault:check(Faults)),
+    ?assertEqual([], starl_run_fault:check(Faults)),
     ?assertEqual(
         [{hand_1, loss, {1, 2}}, {hand_2, loss, {2, 1}}, {hand_3, reboot, 2}],
         lists:sort([{Id, Kind, Target} || {Id, _, _, Kind, Target, _} <- Faults])

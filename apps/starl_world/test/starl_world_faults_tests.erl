@@ -17,7 +17,7 @@ a_fault_with_an_end_test() ->
 
 %% A hand's fault gets a name; of a cut both halves end with a heal.
 cut_test() ->
-    Cut = hands(starl_sim_hand:cut(1, 2, lasting), faults()),
+    Cut = hands(starl_run_hand:cut(1, 2, lasting), faults()),
     ?assertMatch(#{cut := [2]}, ?F:air(1, 1, Cut)),
     ?assertMatch(#{cut := [1]}, ?F:air(2, 1, Cut)),
     ?assertMatch(#{cut := []}, ?F:air(3, 1, Cut)),

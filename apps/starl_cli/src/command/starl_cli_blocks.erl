@@ -35,8 +35,8 @@ about(_Subject) ->
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
     Names =
-        [all | starl_sim_fault:classes()] ++
-            [Kind || {Kind, _, _, _, _} <- starl_sim_fault:kinds()],
+        [all | starl_run_fault:classes()] ++
+            [Kind || {Kind, _, _, _, _} <- starl_run_fault:kinds()],
     [
         {"Flags", [
             {compose, string, none, "an application: what it may rely on"},
@@ -55,7 +55,7 @@ subject(File, Args) ->
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := none, values := #{compose := Word, faults := What}}) when Word =/= none ->
-    Kinds = lists:usort([Kind || W <- What, {Kind, _, _, _, _} <- starl_sim_fault:kinds_of(W)]),
+    Kinds = lists:usort([Kind || W <- What, {Kind, _, _, _, _} <- starl_run_fault:kinds_of(W)]),
     case starl_cli_target:resolve(Word) of
         {ok, Target} ->
             composed(starl_cli_compose:told(Target, Kinds, starl_cli_terminal:columns()));

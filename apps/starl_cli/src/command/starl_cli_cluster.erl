@@ -62,7 +62,7 @@ flags(#{app := App, name := Name}) ->
     [Group || {_, [_ | _]} = Group <- Own] ++
         [
             {"Flags of the cluster", own()},
-            {"Flags of every simulation", lists:keydelete(speed, 1, starl_sim_scenario:options())},
+            {"Flags of every simulation", lists:keydelete(speed, 1, starl_run_scenario:options())},
             {"Other flags", other()}
         ].
 

@@ -251,7 +251,7 @@ values(_Key, boolean) ->
 values(block, {term, _, _}) ->
     {words, texts([Name || {Name, _} <- starl_block_catalogue:known()])};
 values(random_faults, _) ->
-    {words, texts([all | starl_sim_fault:classes()] ++ kinds())};
+    {words, texts([all | starl_run_fault:classes()] ++ kinds())};
 values(faults, _) ->
     {words, texts(kinds())};
 values(chassis, _) ->
@@ -268,7 +268,7 @@ values(_Key, file) ->
 values(_Key, _Type) ->
     any.
 
-kinds() -> [element(1, Spec) || Spec <- starl_sim_fault:kinds()].
+kinds() -> [element(1, Spec) || Spec <- starl_run_fault:kinds()].
 
 pictures() ->
     Files = filelib:wildcard("*.svg", filename:join(code:priv_dir(starl_apps), "pictures")),

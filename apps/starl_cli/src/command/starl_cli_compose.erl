@@ -1,11 +1,11 @@
 %% @doc What an application may rely on: the guarantees of its blocks, composed ({@link
-%% starl_guarantee}), under some kinds of faults ({@link starl_sim_condition}).
+%% starl_guarantee}), under some kinds of faults ({@link starl_run_condition}).
 -module(starl_cli_compose).
 
 -export([told/3]).
 
 %% @doc The text for an application, a width and the kinds of faults that may happen; or the problems.
--spec told(starl_cli_target:t(), [starl_sim_fault:kind()], pos_integer()) ->
+-spec told(starl_cli_target:t(), [starl_run_fault:kind()], pos_integer()) ->
     {ok, unicode:chardata()} | {error, [unicode:chardata(), ...]}.
 told(#{app := App}, Kinds, Width) ->
     case parts(App) of
@@ -42,7 +42,7 @@ text(App, Parts, Kinds, Width) ->
     Broken = [
         Condition
      || {Condition, _} <- starl_guarantee:conditions(),
-        starl_sim_condition:breakers(Condition, Kinds) =/= []
+        starl_run_condition:breakers(Condition, Kinds) =/= []
     ],
     Composed = starl_guarantee:composed(Parts, Broken),
     [
@@ -97,11 +97,11 @@ why({open, Needs}, _Assumed, Kinds, Width) ->
     line("      ", ["needs ", lists:join("; ", Broken)], Width).
 
 by({any, Conditions}, Kinds) ->
-    breakers(lists:append([starl_sim_condition:breakers(One, Kinds) || One <- Conditions]));
+    breakers(lists:append([starl_run_condition:breakers(One, Kinds) || One <- Conditions]));
 by({_Block, _Guarantee}, _Kinds) ->
     "";
 by(Condition, Kinds) ->
-    breakers(starl_sim_condition:breakers(Condition, Kinds)).
+    breakers(starl_run_condition:breakers(Condition, Kinds)).
 
 breakers(Kinds) -> [" (", listed(Kinds), ")"].
 

@@ -28,12 +28,12 @@ about(_Subject) ->
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(_Call) ->
     Width = starl_cli_terminal:columns(),
-    Classes = [class(Class, Width) || Class <- starl_sim_fault:classes()],
+    Classes = [class(Class, Width) || Class <- starl_run_fault:classes()],
     starl_cli_terminal:out(lists:join("\n", Classes)),
     0.
 
 class(Class, Width) ->
-    [atom_to_list(Class), ":\n" | [kind(Spec, Width) || Spec <- starl_sim_fault:kinds_of(Class)]].
+    [atom_to_list(Class), ":\n" | [kind(Spec, Width) || Spec <- starl_run_fault:kinds_of(Class)]].
 
 %% The kind with its target and parameters, and what it does, which may need lines of its own.
 kind({Kind, _Class, Target, Specs, Doc}, Width) ->
@@ -50,7 +50,7 @@ kind({Kind, _Class, Target, Specs, Doc}, Width) ->
 
 %% Where it can be played in real time.
 real(Kind) ->
-    case [lists:keymember(Kind, 1, starl_sim_hand:kinds(World)) || World <- [one_vm, nodes]] of
+    case [lists:keymember(Kind, 1, starl_run_hand:kinds(World)) || World <- [one_vm, nodes]] of
         [true, _] -> " [live]";
         [false, true] -> " [nodes]";
         [false, false] -> ""

@@ -27,7 +27,7 @@ about(_Subject) ->
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
-    Scale = lists:keyfind(floor_scale, 1, starl_sim_scenario:options()),
+    Scale = lists:keyfind(floor_scale, 1, starl_run_scenario:options()),
     [
         {"Flags", [
             Scale, {out, string, none, "directory for the drawing (the next free out/floor-N)"}

@@ -33,7 +33,7 @@ flags(_Subject) ->
         {Title, [Option || Option <- Options, is_of_picture(Option)]}
      || {Title, Options} <- [
             {"Flags of " ?APP, application()},
-            {"Flags of every simulation", starl_sim_scenario:options()}
+            {"Flags of every simulation", starl_run_scenario:options()}
         ]
     ],
     Of ++ [{"Other flags", own_flags()}].
@@ -64,13 +64,13 @@ run(#{subject := Target, values := Values} = Call) ->
     end.
 
 preview(#{app := App}, Scenario) ->
-    case starl_sim_floor:read(Scenario) of
-        {ok, Floor} -> preview(App, Floor, starl_sim_floor:given(Floor, Scenario));
+    case starl_run_floor:read(Scenario) of
+        {ok, Floor} -> preview(App, Floor, starl_run_floor:given(Floor, Scenario));
         {error, _} = Error -> Error
     end.
 
 preview(App, Floor, Scenario) ->
-    case starl_scene:make(App, starl_sim_plan:context(App, Floor, Scenario)) of
+    case starl_scene:make(App, starl_run_plan:context(App, Floor, Scenario)) of
         {ok, Scene} -> {ok, starl_scene:preview(App, Scene)};
         {error, _} = Error -> Error
     end.

@@ -44,10 +44,10 @@ flags(Target) -> [{"Flags", own_flags()}, {hidden, run_flags(Target)}].
 
 %% A recorded run keeps its values. The flags that remain do not change the run.
 run_flags(#{app := App, record := _}) ->
-    Options = starl_sim_scenario:options(App),
+    Options = starl_run_scenario:options(App),
     [Flag || {Key, _, _, _} = Flag <- Options, Key =:= mode orelse Key =:= shards];
 run_flags(#{app := App}) ->
-    starl_sim_scenario:options(App).
+    starl_run_scenario:options(App).
 
 own_flags() ->
     [

@@ -39,7 +39,7 @@ flags(#{app := App, name := Name}) ->
 
 flags_of_all() ->
     [
-        {"Flags of every simulation", starl_sim_scenario:options()},
+        {"Flags of every simulation", starl_run_scenario:options()},
         {"Other flags",
             starl_cli_setup:own_flags() ++
                 [live(), starl_cli_setup:judge_histories() | starl_cli_live:flags()] ++

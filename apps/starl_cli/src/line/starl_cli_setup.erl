@@ -10,7 +10,7 @@
 %% A checked command line: the target, all its values, and the directory for the results.
 -type t() :: #{
     target := starl_cli_target:t(),
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     out := starl_cli_out:t(),
     inputs := starl_cli_inputs:t(),
     nodes := starl_cli_nodes:plan(),
@@ -24,7 +24,7 @@
     %% the period in which the robots' states are recorded
     snapshots_us => pos_integer(),
     %% they are judged, too
-    histories => starl_sim_plan:histories(),
+    histories => starl_run_plan:histories(),
     %% who sends the recordings meanwhile, and where to
     upload => {pid(), starl_storage_rclone:path()}
 }.
@@ -62,7 +62,7 @@ judge_histories() ->
 
 %% @doc The option of a simulation for that flag, by the models of all blocks and of the target's own ones.
 -spec histories(starl_cli_target:t(), #{atom() => term()}) ->
-    #{histories => starl_sim_plan:histories()}.
+    #{histories => starl_run_plan:histories()}.
 histories(Target, #{judge_histories := true}) ->
     Own = [Module || {Module, _, _} <- maps:get(code, Target, [])],
     #{histories => {judged, starl_block_catalogue:histories(Own)}};
@@ -77,10 +77,10 @@ given(#{subject := #{given := InFile}, given := Given}, Own) ->
 
 %% @doc Checks the values for a target; gives the problems and the scenario.
 -spec scenario(starl_cli_target:t(), #{atom() => term()}) ->
-    {[unicode:chardata()], starl_sim_scenario:t()}.
+    {[unicode:chardata()], starl_run_scenario:t()}.
 scenario(#{app := App} = Target, Given) ->
-    Uncompiled = starl_cli_source:of_options(starl_sim_scenario:options(App), Given),
-    case starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)) of
+    Uncompiled = starl_cli_source:of_options(starl_run_scenario:options(App), Given),
+    case starl_run_scenario:check(Given#{app => App}, starl_app:options(App)) of
         _ when Uncompiled =/= [] ->
             {Uncompiled, #{}};
         {ok, Scenario} ->
@@ -96,7 +96,7 @@ problem({no_such_faults, _} = P, Target, Given) -> problem(random_faults, P, Tar
 problem(P, #{file := File}, _Given) -> [File, ": ", starl_options:format_problem(P)].
 
 problem(Key, P, Target, Given) ->
-    [place(Key, Target, Given), ": ", starl_sim_scenario:format_problem(P)].
+    [place(Key, Target, Given), ": ", starl_run_scenario:format_problem(P)].
 
 %% @doc The place of a value: its flag, or its key in a scenario file.
 -spec place(Key :: atom(), starl_cli_target:t(), #{atom() => term()}) -> unicode:chardata().
@@ -140,13 +140,13 @@ out_file(File, _Usual, Overwrite) ->
     end.
 
 %% @doc The command line that replays a run exactly.
--spec replay(starl_cli_target:t(), starl_sim_scenario:t()) -> unicode:chardata().
+-spec replay(starl_cli_target:t(), starl_run_scenario:t()) -> unicode:chardata().
 replay(Target, Scenario) -> command_line("run", Target, Scenario).
 
 %% @doc The command line of a command that takes a target and its values.
--spec command_line(string(), starl_cli_target:t(), starl_sim_scenario:t()) -> unicode:chardata().
+-spec command_line(string(), starl_cli_target:t(), starl_run_scenario:t()) -> unicode:chardata().
 command_line(Command, #{app := App, replay := Word}, Scenario) ->
-    Options = starl_sim_scenario:options(App),
+    Options = starl_run_scenario:options(App),
     Defaults = maps:without([seed, robots], starl_cli_flags:defaults(Options)),
     Chosen = maps:filter(
         fun(Key, Value) -> maps:find(Key, Defaults) =/= {ok, Value} end, maps:remove(app, Scenario)

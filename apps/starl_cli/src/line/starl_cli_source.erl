@@ -227,7 +227,7 @@ target(File, Module, Codes) ->
     },
     case {runs(Module), starl_block:is_block(Module), starl_block:can(exercise, Module)} of
         {true, _, _} ->
-            sound_target(starl_sim:check_app(Module), Target);
+            sound_target(starl_run:check_app(Module), Target);
         {false, true, true} ->
             {ok, Target#{app := starl_exercise, given := #{block => Module}}};
         {false, true, false} ->
@@ -246,7 +246,7 @@ no_application(File) ->
     ].
 
 sound_target(ok, Target) -> {ok, Target};
-sound_target({error, Reason}, _Target) -> {error, [starl_sim:format_error(Reason)]}.
+sound_target({error, Reason}, _Target) -> {error, [starl_run:format_error(Reason)]}.
 
 %% @doc Is this loaded module an application? One callback is enough to mean one.
 -spec runs(module()) -> boolean().

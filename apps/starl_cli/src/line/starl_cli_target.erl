@@ -226,11 +226,11 @@ unknown(Word) ->
 %% -- scenario files -------------------------------------------------------------------------
 
 scenario(File) ->
-    case starl_sim_scenario:read(File) of
+    case starl_run_scenario:read(File) of
         {ok, #{digest := _}} -> recorded(File, starl_cli_record:read(File));
         {ok, #{app := App} = Given} -> with_app(name_of(App), File, maps:remove(app, Given));
         {ok, _} -> {error, [[File, ": the key app is missing; write #{app => painting, ...}"]]};
-        {error, Reason} -> {error, [starl_sim_scenario:format_error(Reason)]}
+        {error, Reason} -> {error, [starl_run_scenario:format_error(Reason)]}
     end.
 
 recorded(File, {ok, #{app := App, scenario := Scenario} = Record}) ->

@@ -31,11 +31,11 @@
 }).
 
 %% @doc Starts a simulation and applies a function to it. Meanwhile Ctrl-C ends the run.
--spec with(starl_sim_scenario:t(), fun((starl_sim:sim()) -> Result)) -> answer(Result).
+-spec with(starl_run_scenario:t(), fun((starl_sim:sim()) -> Result)) -> answer(Result).
 with(Scenario, Do) -> with(Scenario, #{}, Do).
 
 %% @doc The same with options of the simulation.
--spec with(starl_sim_scenario:t(), starl_sim:options(), fun((starl_sim:sim()) -> Result)) ->
+-spec with(starl_run_scenario:t(), starl_sim:options(), fun((starl_sim:sim()) -> Result)) ->
     answer(Result).
 with(Scenario, Options, Do) ->
     ok = starl_cli_log:install(),
@@ -85,7 +85,7 @@ run(Sim, UntilUs, Setup) ->
 
 drive(Sim, UntilUs, #{scenario := Scenario, target := #{name := Name}, quiet := Quiet}) ->
     #{app := App, time := Seconds} = Scenario,
-    Usual = starl_cli_flags:defaults(starl_sim_scenario:options(App)),
+    Usual = starl_cli_flags:defaults(starl_run_scenario:options(App)),
     #drive{
         sim = Sim,
         until_us = UntilUs,

@@ -78,7 +78,7 @@ own_scenario(#{target := Target, scenario := Scenario, inputs := Inputs}) ->
 
 %% All keys, in the order of the tables.
 text(#{app := App, name := Name}, Word, Scenario) ->
-    Keys = [Key || {Key, _, _, _} <- starl_sim_scenario:options(App)],
+    Keys = [Key || {Key, _, _, _} <- starl_run_scenario:options(App)],
     Lines = [io_lib:format("    ~tp => ~0tp", [Key, maps:get(Key, Scenario)]) || Key <- Keys],
     AppLine = io_lib:format("    app => ~0tp", [Word]),
     [

@@ -9,10 +9,10 @@
 
 -record(notes, {
     reloads :: [starl_reload_monitor:reload()],
-    strangers :: [starl_sim_mail_monitor:stranger()],
-    unheard :: [starl_sim_mail_monitor:unheard()],
-    overloads :: [starl_sim_mail_monitor:overload()],
-    refused :: [starl_sim_mail_monitor:refused()],
+    strangers :: [starl_run_mail_monitor:stranger()],
+    unheard :: [starl_run_mail_monitor:unheard()],
+    overloads :: [starl_run_mail_monitor:overload()],
+    refused :: [starl_run_mail_monitor:refused()],
     kept :: [starl_mutex_waits:kept()],
     circles :: [starl_mutex_waits:circle()],
     %% the application's own modules, for the lines that send
@@ -35,26 +35,26 @@
 -define(DEPTH, 30).
 
 %% @doc The monitors that look on.
--spec watch(starl_sim_scenario:t()) -> [{module(), map()}].
+-spec watch(starl_run_scenario:t()) -> [{module(), map()}].
 watch(#{robots := Team, reloads := Reloads}) ->
     [
         starl_cli_ways:watch(),
         starl_cli_measures:watch(),
-        {starl_sim_drawings_monitor, #{}},
-        {starl_sim_mail_monitor, #{robots => Team}},
+        {starl_run_drawings_monitor, #{}},
+        {starl_run_mail_monitor, #{robots => Team}},
         {starl_mutex_waits, #{}}
     ] ++
         [{starl_reload_monitor, #{}} || Reloads =/= []].
 
 %% @doc The same for a live run, whose code may be reloaded at any time.
--spec watch_live(starl_sim_scenario:t()) -> [{module(), map()}].
+-spec watch_live(starl_run_scenario:t()) -> [{module(), map()}].
 watch_live(Scenario) -> watch(Scenario) ++ [{starl_reload_monitor, #{}}].
 
 %% @doc The notes on a run of an application with these modules. Path planning has a contract of
 %% distances, and its report tells them.
 -spec make(starl_sim_run:outcome(), starl_cli_ways:t(), [beam()]) -> t().
 make(#{monitors := Monitors, robots := Robots}, Ways, Beams) ->
-    #{starl_sim_mail_monitor := #{strangers := Strangers, unheard := Unheard} = Mail} = Monitors,
+    #{starl_run_mail_monitor := #{strangers := Strangers, unheard := Unheard} = Mail} = Monitors,
     Gone = [Id || {Id, #{result := Result}} <- Robots, Result =:= died orelse Result =:= given_up],
     #{kept := Kept, circles := Circles} =
         maps:get(starl_mutex_waits, Monitors, #{kept => [], circles => []}),

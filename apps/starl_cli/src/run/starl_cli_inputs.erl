@@ -20,11 +20,11 @@
 -define(DIR, "inputs").
 
 %% @doc Reads the files that a scenario of this target names.
--spec read(starl_cli_target:t(), starl_sim_scenario:t()) -> t().
+-spec read(starl_cli_target:t(), starl_run_scenario:t()) -> t().
 read(Target, Scenario) -> read(?DIR, Target, Scenario).
 
 %% @doc The same, to be kept in another directory than `inputs'.
--spec read(Dir :: file:filename(), starl_cli_target:t(), starl_sim_scenario:t()) -> t().
+-spec read(Dir :: file:filename(), starl_cli_target:t(), starl_run_scenario:t()) -> t().
 read(Dir, #{replay := Word, name := Name} = Target, Scenario) ->
     Sources = sources(maps:get(code, Target, [])),
     Root = root(Sources),
@@ -54,11 +54,11 @@ files(#{files := Files}) -> Files.
 app(#{app := App}) -> App.
 
 %% @doc A scenario with the files as they are named in the directory of the run.
--spec local(t(), starl_sim_scenario:t()) -> starl_sim_scenario:t().
+-spec local(t(), starl_run_scenario:t()) -> starl_run_scenario:t().
 local(#{values := Values}, Scenario) -> maps:merge(Scenario, Values).
 
 %% @doc A scenario whose files are found from any directory.
--spec absolute(starl_cli_target:t(), starl_sim_scenario:t()) -> starl_sim_scenario:t().
+-spec absolute(starl_cli_target:t(), starl_run_scenario:t()) -> starl_run_scenario:t().
 absolute(Target, Scenario) ->
     Files = [{Key, filename:absname(File)} || {Key, File} <- options(Target, Scenario)],
     maps:merge(Scenario, maps:from_list(Files)).
@@ -67,7 +67,7 @@ absolute(Target, Scenario) ->
 %% slash may also be a name, such as that of a picture that ships.
 -spec resolved(module(), file:filename(), #{atom() => term()}) -> #{atom() => term()}.
 resolved(App, Scenario, Given) ->
-    Keys = [Key || {Key, Type, _, _} <- starl_sim_scenario:options(App), is_file(Type)],
+    Keys = [Key || {Key, Type, _, _} <- starl_run_scenario:options(App), is_file(Type)],
     Resolve = fun(_Key, Value) -> beside(Scenario, Value) end,
     maps:merge(Given, maps:map(Resolve, maps:with(Keys, Given))).
 
@@ -106,7 +106,7 @@ sources_beside(File) ->
 options(#{app := App}, Scenario) ->
     [
         {Key, File}
-     || {Key, Type, _, _} <- starl_sim_scenario:options(App),
+     || {Key, Type, _, _} <- starl_run_scenario:options(App),
         is_file(Type),
         File <- [maps:get(Key, Scenario, none)],
         io_lib:char_list(File),

@@ -10,22 +10,7 @@
 -type live() ::
     here | {nodes, dist | udp, Chaos :: [{AtUs :: integer(), starl_cluster_chaos:hand()}]}.
 
-%% A run: what can be asked of it, wherever its robots are.
--type handle() :: #{
-    await := fun(() -> starl_world:ending()),
-    status := fun(() -> #{now_us := integer(), running := non_neg_integer(), atom() => term()}),
-    stop := fun(() -> ok),
-    finish := fun(() -> {starl_sim_outcome:t(), starl_scene:report()}),
-    scenario := starl_sim_scenario:t(),
-    world := starl_sim_hand:world(),
-    %% what can be done to it ({@link starl_view_live})
-    act := fun(([starl_sim_hand:t()]) -> ok | {error, unicode:chardata()}),
-    heal := fun((starl_world_faults:heal()) -> ok)
-}.
-
 -define(SHOW_MS, 100).
-%% What a window can do.
--define(HANDS, [world, status, stop, act, heal]).
 -define(NO_CABLE, "only a Create has a cable: add --chassis create or create_1").
 %% The beginning of the name of the directory of the stores; the number of the OS process follows.
 -define(STATE_DIR, "starl-live-").
@@ -53,7 +38,7 @@ run(Live, #{scenario := Scenario} = Setup, Values) ->
 
 own(#{chassis := Choice} = Scenario) ->
     starl_world_drivers:resolve(
-        Choice, starl_sim_plan:profiles(Scenario), fun starl_cli_source:driver/1
+        Choice, starl_run_plan:profiles(Scenario), fun starl_cli_source:driver/1
     ).
 
 run_with({error, _} = Error, _Live, _Setup, _Values) ->
@@ -75,7 +60,7 @@ run_with({ok, Own}, Live, Checked, Values) ->
 refused(Live, #{target := Target, scenario := Scenario}, Values) ->
     #{faults := Faults, random_faults := Random, reloads := Reloads} = Scenario,
     Place = fun(Key) -> [starl_cli_setup:place(Key, Target, Scenario), ": "] end,
-    [[Place(faults), Line] || Line <- starl_sim_hand:refused(world(Live), Faults)] ++
+    [[Place(faults), Line] || Line <- starl_run_hand:refused((kind(Live)):world(), Faults)] ++
         [
             [Place(faults), io_lib:format("fault ~ts: ~ts", [Id, too_long(Pace)])]
          || {Id, From, To, pause, _, _} <- Faults,
@@ -107,8 +92,8 @@ too_long(Pace) ->
         round(Pace * starl_cluster:most_halted_ms())
     ]).
 
-world(here) -> one_vm;
-world({nodes, _, _}) -> nodes.
+kind(here) -> starl_world_run;
+kind({nodes, _, _}) -> starl_cluster.
 
 %% An emulated Create knows real time only, and so do programs.
 too_fast(#{chassis := Choice}, #{pace := Pace}) ->
@@ -136,7 +121,8 @@ prepared(Live, Setup, Values, {Viewed, Attach}) ->
     try
         Own = options(Dir, Live, Setup, Values),
         Options = Viewed(starl_cli_recording:options(Setup, recorded(Live, Setup, Own))),
-        started(start(Live, Setup, Options), Live, Setup, Attach)
+        #{scenario := Scenario} = Setup,
+        started(starl_run:start(kind(Live), Scenario, Options), Live, Setup, Attach)
     of
         Answer -> Answer
     after
@@ -194,50 +180,17 @@ chassis(#{chassis := Choice}, Own, Place) ->
         Lines -> #{chassis => Lines}
     end.
 
--spec start(live(), starl_cli_setup:t(), map()) -> {ok, handle()} | {error, unicode:chardata()}.
-start(here, #{scenario := Scenario}, Options) ->
-    case starl_world_run:start(Scenario, Options) of
-        {ok, Run} ->
-            {ok, #{
-                await => fun() -> starl_world_run:await(Run) end,
-                status => fun() -> starl_world_run:status(Run) end,
-                stop => fun() -> starl_world_run:stop(Run) end,
-                finish => fun() -> starl_world_run:finish(Run) end,
-                act => fun(Hands) -> starl_world_run:act(Run, Hands) end,
-                heal => fun(What) -> starl_world_run:heal(Run, What) end,
-                world => one_vm,
-                scenario => starl_world_run:scenario(Run)
-            }};
-        {error, Reason} ->
-            {error, starl_sim:format_error(Reason)}
-    end;
-start({nodes, _, _}, #{scenario := Scenario}, Options) ->
-    case starl_cluster:start(Scenario, Options) of
-        {ok, Cluster} ->
-            {ok, #{
-                await => fun() -> starl_cluster:await(Cluster) end,
-                status => fun() -> starl_cluster:status(Cluster) end,
-                stop => fun() -> starl_cluster:stop(Cluster) end,
-                finish => fun() -> starl_cluster:finish(Cluster) end,
-                act => fun(Hands) -> starl_cluster:act(Cluster, Hands) end,
-                heal => fun(What) -> starl_cluster:heal(Cluster, What) end,
-                world => nodes,
-                scenario => starl_cluster:scenario(Cluster)
-            }};
-        {error, Reason} ->
-            {error, starl_cluster:format_error(Reason)}
-    end.
-
 started({error, Why}, _Live, _Setup, _Attach) ->
     {error, [Why]};
-started({ok, #{stop := Stop, scenario := Scenario} = Handle}, Live, Setup, Attach) ->
-    ok = Attach(maps:with(?HANDS, Handle)),
-    starl_cli_signal:on_interrupt(fun() -> spawn(Stop) end),
+started({ok, Run}, Live, Setup, Attach) ->
+    ok = Attach(Run),
+    starl_cli_signal:on_interrupt(fun() -> spawn(fun() -> starl_run:stop(Run) end) end),
     Begun = erlang:monotonic_time(millisecond),
-    Ending = watched(Handle, Live, Setup),
+    Ending = watched(Run, Live, Setup),
     starl_cli_progress:erase(),
     WallMs = erlang:monotonic_time(millisecond) - Begun,
-    {Outcome, App} = (maps:get(finish, Handle))(),
+    Scenario = starl_run:scenario(Run),
+    {Outcome, App} = starl_run:finish(Run),
     starl_cli_signal:on_interrupt(fun() -> ok end),
     starl_cli_simulation:tell(Setup#{live => true}, #{
         scenario => Scenario, ending => Ending, wall_ms => WallMs, outcome => Outcome, app => App
@@ -245,33 +198,33 @@ started({ok, #{stop := Stop, scenario := Scenario} = Handle}, Live, Setup, Attac
 
 %% -- progress -------------------------------------------------------------------------------
 
-watched(#{await := Await} = Handle, Live, #{quiet := Quiet, target := #{name := Name}}) ->
+watched(Run, Live, #{quiet := Quiet, target := #{name := Name}}) ->
     Caller = self(),
-    Waiter = spawn_link(fun() -> Caller ! {ended, self(), Await()} end),
+    Waiter = spawn_link(fun() -> Caller ! {ended, self(), starl_run:await(Run)} end),
     Progress = starl_cli_progress:new(
         case Quiet of
             true -> quiet;
             false -> auto
         end
     ),
-    watch(Waiter, Handle, {Name, where(Live)}, Progress).
+    watch(Waiter, Run, {Name, where(Live)}, Progress).
 
 where(here) -> "live";
 where({nodes, dist, _}) -> "live on nodes";
 where({nodes, udp, _}) -> "live on nodes, by UDP".
 
-watch(Waiter, #{status := Status} = Handle, {Name, Where} = Label, Progress) ->
+watch(Waiter, Run, {Name, Where} = Label, Progress) ->
     receive
         {ended, Waiter, Ending} -> Ending;
         {'EXIT', Waiter, Reason} -> exit(Reason)
     after ?SHOW_MS ->
         Words = fun() ->
-            #{now_us := Now, running := Running} = Status(),
+            #{now_us := Now, running := Running} = starl_run:status(Run),
             [
                 io_lib:format("~ts ~.1f s", [Name, Now / 1.0e6]),
                 Where,
                 io_lib:format("~b at work", [Running])
             ]
         end,
-        watch(Waiter, Handle, Label, starl_cli_progress:show(Progress, unknown, Words))
+        watch(Waiter, Run, Label, starl_cli_progress:show(Progress, unknown, Words))
     end.

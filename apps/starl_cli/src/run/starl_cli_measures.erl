@@ -10,7 +10,7 @@
 
 %% `team': a monitor's.
 -type value() ::
-    starl_sim_measures_monitor:value()
+    starl_run_measures_monitor:value()
     | {AtUs :: integer(), team, Key :: atom(), Value :: number()}.
 
 %% The number of values that are kept.
@@ -18,14 +18,14 @@
 
 %% @doc The monitor that collects the values.
 -spec watch() -> {module(), map()}.
-watch() -> {starl_sim_measures_monitor, #{most => ?MOST}}.
+watch() -> {starl_run_measures_monitor, #{most => ?MOST}}.
 
 %% In the order of time.
 -spec values(#{module() => map()}) -> [value()].
 values(Monitors) ->
     Robots = [
         V
-     || #{values := Values} <- [maps:get(starl_sim_measures_monitor, Monitors, #{})], V <- Values
+     || #{values := Values} <- [maps:get(starl_run_measures_monitor, Monitors, #{})], V <- Values
     ],
     Team = [
         {T, team, Key, Value}
@@ -66,7 +66,7 @@ median(Sorted) ->
     N = length(Sorted),
     (lists:nth((N + 1) div 2, Sorted) + lists:nth(N div 2 + 1, Sorted)) / 2.
 
-cut(#{starl_sim_measures_monitor := #{is_whole := false, until_us := Until}}) ->
+cut(#{starl_run_measures_monitor := #{is_whole := false, until_us := Until}}) ->
     [{measures_kept_until_s, Until / 1.0e6}];
 cut(#{}) ->
     [].

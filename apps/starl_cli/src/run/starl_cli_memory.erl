@@ -19,21 +19,21 @@
 -define(PROCESSES, 10).
 
 %% @doc One line if a run of this scenario needs more memory, or more processes, than there are.
--spec check(starl_sim_scenario:t()) -> [unicode:chardata()].
+-spec check(starl_run_scenario:t()) -> [unicode:chardata()].
 check(Scenario) -> check(Scenario, #{jobs => 1, nodes => true}).
 
 %% @doc The same for other commands than a run.
--spec check(starl_sim_scenario:t(), use()) -> [unicode:chardata()].
+-spec check(starl_run_scenario:t(), use()) -> [unicode:chardata()].
 check(Scenario, Use) -> check(Scenario, Use, available()).
 
 %% @doc The same for the largest of several scenarios.
--spec largest([starl_sim_scenario:t(), ...], use()) -> [unicode:chardata()].
+-spec largest([starl_run_scenario:t(), ...], use()) -> [unicode:chardata()].
 largest(Scenarios, Use) ->
     {_, Largest} = lists:max([{needed(Scenario), Scenario} || Scenario <- Scenarios]),
     check(Largest, Use).
 
 %% @doc The same for a given memory in bytes.
--spec check(starl_sim_scenario:t(), use(), Available :: non_neg_integer() | unknown) ->
+-spec check(starl_run_scenario:t(), use(), Available :: non_neg_integer() | unknown) ->
     [unicode:chardata()].
 check(#{robots := Robots} = Scenario, #{jobs := Jobs} = Use, Available) ->
     Mode = mode(Scenario),
@@ -69,7 +69,7 @@ ways_out(Mode, Scenario, #{jobs := Jobs, nodes := Nodes}, Available) ->
 up_to(Robots) -> io_lib:format("up to ~b robots", [Robots]).
 
 %% @doc The memory that a run of this scenario needs, in bytes.
--spec needed(starl_sim_scenario:t()) -> pos_integer().
+-spec needed(starl_run_scenario:t()) -> pos_integer().
 needed(#{robots := Robots} = Scenario) when is_integer(Robots) ->
     ?BARE + Robots * each(mode(Scenario)).
 

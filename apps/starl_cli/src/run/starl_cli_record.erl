@@ -35,7 +35,7 @@
 }.
 
 -type reason() ::
-    {unreadable, starl_sim_scenario:reason()}
+    {unreadable, starl_run_scenario:reason()}
     | {no_record, file:filename()}
     | {missing, file:filename(), [Key :: atom(), ...]}
     | {unsound, file:filename(), [Key :: atom(), ...]}
@@ -50,7 +50,7 @@
 
 %% @doc Makes the record of a run from the application (as in a scenario file), the scenario that
 %% has run, the end of the run and the results, and the code.
--spec make(App, starl_sim_scenario:t(), {starl_sim_run:ending(), Outcome}, starl_build:code()) ->
+-spec make(App, starl_run_scenario:t(), {starl_sim_run:ending(), Outcome}, starl_build:code()) ->
     t()
 when
     App :: atom() | file:filename_all(),
@@ -126,7 +126,7 @@ write(Path, Record) ->
 -spec read(file:filename()) -> {ok, t()} | {error, reason()}.
 read(Path) ->
     File = file_of(Path),
-    case starl_sim_scenario:read(File) of
+    case starl_run_scenario:read(File) of
         {ok, #{digest := _} = Map} -> checked(File, Map);
         {ok, _} -> {error, {no_record, File}};
         {error, {file, File, enoent}} when File =/= Path -> {error, {no_record, Path}};
@@ -170,7 +170,7 @@ is_text(Text) -> Text =/= "" andalso io_lib:printable_unicode_list(Text).
 %% @doc One line that states the problem, its place and the remedy.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({unreadable, Reason}) ->
-    starl_sim_scenario:format_error(Reason);
+    starl_run_scenario:format_error(Reason);
 format_error({no_record, Path}) ->
     [Path, ": no run is recorded here; a run's directory holds it as " ?NAME];
 format_error({missing, File, Keys}) ->

@@ -11,7 +11,7 @@
 %% that which has run, where the report is of one run alone.
 -type input() :: #{
     name := string(),
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     ending := starl_sim_run:ending(),
     wall_s := float(),
     outcome := starl_sim_run:outcome(),
@@ -39,10 +39,10 @@
 
 %% Monitors that judge nothing.
 -define(LOOKING_ON, [
-    starl_sim_ways_monitor,
-    starl_sim_mail_monitor,
-    starl_sim_measures_monitor,
-    starl_sim_drawings_monitor,
+    starl_run_ways_monitor,
+    starl_run_mail_monitor,
+    starl_run_measures_monitor,
+    starl_run_drawings_monitor,
     starl_cli_first_crash,
     starl_reload_monitor,
     starl_mutex_waits

@@ -8,7 +8,7 @@
 
 %% A finished simulation.
 -type ran() :: #{
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     ending := starl_sim_run:ending(),
     wall_ms := integer(),
     outcome := starl_sim_run:outcome(),
@@ -56,7 +56,7 @@ to_the_end(Sim, #{scenario := #{time := Seconds}} = Setup) ->
     Ran.
 
 %% @doc What has become of a simulation that has come to its end; it is not closed.
--spec conclude(starl_sim:sim(), starl_sim_scenario:t(), starl_cli_drive:ending(), integer()) ->
+-spec conclude(starl_sim:sim(), starl_run_scenario:t(), starl_cli_drive:ending(), integer()) ->
     ran().
 conclude(Sim, Scenario, Ending, WallMs) ->
     {Outcome, App} = starl_sim:conclude(Sim),
@@ -159,12 +159,12 @@ with_recording({error, _} = Error, _Setup, _Dir) ->
     Error.
 
 %% The floor plan is that of the scenario, or else of the application.
-ways(#{monitors := #{starl_sim_ways_monitor := Ways}}, #{floor := #{size := Size} = Floor}, _) ->
+ways(#{monitors := #{starl_run_ways_monitor := Ways}}, #{floor := #{size := Size} = Floor}, _) ->
     starl_cli_ways:on(Floor, starl_cli_ways:new(Ways, Size));
-ways(#{monitors := #{starl_sim_ways_monitor := Ways}}, _Report, #{world := World}) ->
+ways(#{monitors := #{starl_run_ways_monitor := Ways}}, _Report, #{world := World}) ->
     starl_cli_ways:new(Ways, World).
 
-drawings(#{monitors := #{starl_sim_drawings_monitor := #{drawings := Drawings}}}) -> Drawings.
+drawings(#{monitors := #{starl_run_drawings_monitor := #{drawings := Drawings}}}) -> Drawings.
 
 %% Reports lost nodes; passes on the status.
 lost(Losses, Status) ->

@@ -14,7 +14,7 @@
 -type ended() ::
     {ok, #{
         sim := starl_sim:sim(),
-        scenario := starl_sim_scenario:t(),
+        scenario := starl_run_scenario:t(),
         ending := starl_cli_drive:ending(),
         hands := boolean(),
         again := boolean(),
@@ -178,11 +178,11 @@ watched(Sim) ->
     fun() -> starl_sim_watchdog:stop(Watch) end.
 
 %% @doc Runs robots in real time in a window, if that is wanted. The function gets a function for the
-%% options of the run, and another one to be called with the run's hands when it has started.
+%% options of the run, and another one to be called with the run when it has started.
 -spec live(Values :: #{atom() => term()}, Run) -> starl_cli_command:answer() when
     Run :: fun((Options, Attach) -> starl_cli_command:answer()),
     Options :: fun((map()) -> map()),
-    Attach :: fun((starl_view_live:hands()) -> ok).
+    Attach :: fun((starl_run:t()) -> ok).
 live(#{view := true, pace := Pace} = Values, Run) ->
     case open(Values) of
         {ok, View} ->
@@ -194,12 +194,12 @@ live(#{view := true, pace := Pace} = Values, Run) ->
             Error
     end;
 live(_Values, Run) ->
-    Run(fun(Options) -> Options end, fun(_Hands) -> ok end).
+    Run(fun(Options) -> Options end, fun(_Run) -> ok end).
 
 seen(Hub, Pace, Run) ->
     {ok, Live} = starl_view_live:start_link(#{hub => Hub, speed => Pace}),
-    Answer = Run(fun(Options) -> observed(Live, Options) end, fun(Hands) ->
-        starl_view_live:attach(Live, Hands)
+    Answer = Run(fun(Options) -> observed(Live, Options) end, fun(Started) ->
+        starl_view_live:attach(Live, Started)
     end),
     ok = linger(Hub),
     true = unlink(Live),
@@ -231,7 +231,7 @@ observed(Live, Options) ->
 
 %% @doc Writes a scenario with the faults by hand as NAME.term, beside the command; never over
 %% another file.
--spec save(Name :: binary(), starl_sim_scenario:t(), starl_cli_setup:t()) ->
+-spec save(Name :: binary(), starl_run_scenario:t(), starl_cli_setup:t()) ->
     {ok, unicode:chardata()} | {error, unicode:chardata()}.
 save(Name, Scenario, Setup) ->
     File = <<Name/binary, ".term">>,

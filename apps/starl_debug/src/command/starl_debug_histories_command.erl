@@ -138,7 +138,7 @@ with_clocks(Verdict, _Wide) ->
 
 %% When faults of the scenario made clocks go wrong, or applications stand still within a step.
 broken(#{scenario := #{faults := Faults}, kind := simulation}) ->
-    Windows = starl_sim_assumption:broken(Faults, false),
+    Windows = starl_run_assumption:broken(Faults, false),
     #{
         clocks => [{From, To} || {_, From, To, {clock, _}} <- Windows],
         stills => [{Robot, From, To} || {Robot, From, To, caller} <- Windows]

@@ -23,6 +23,7 @@
     starl_registers,
     starl_geocast,
     starl_dpp,
+    starl_run,
     starl_sim,
     starl_property,
     starl_monitor,

@@ -197,7 +197,8 @@ monitors() ->
             "apps/starl_platform/src/contracts/starl_{monitor,separation,assumption}.erl",
             "apps/starl_platform/src/contracts/starl_sap_monitor_{alarms,sources}.erl",
             "apps/starl_platform/src/services/starl_sap_numbers.erl",
-            "apps/starl_sim/src/*/starl_sim_{assumption,judge}.erl"
+            "apps/starl_sim/src/*/starl_sim_judge.erl",
+            "apps/starl_run/src/*/starl_run_assumption.erl"
         ],
         unit => [
             "starl_*_monitor_*",
@@ -206,7 +207,7 @@ monitors() ->
             "starl_assumption_*",
             "starl_sap_*",
             "starl_sim_judge_*",
-            "starl_sim_assumption_*",
+            "starl_run_assumption_*",
             "starl_sim_outcome_*"
         ],
         suite => [

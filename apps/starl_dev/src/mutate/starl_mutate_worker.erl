@@ -158,7 +158,7 @@ passes({unit, Module}) ->
     eunit:test(Module, [no_tty]) =:= ok;
 passes({soak, Block, Robots, Seed}) ->
     #{app := App} = Given = starl_lab_soak:scenario(Block, Robots, Seed),
-    {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
+    {ok, Scenario} = starl_run_scenario:check(Given, starl_app:options(App)),
     case starl_sim_trial:run(Scenario) of
         {ok, #{violations := []}} -> true;
         {ok, #{violations := [Violation | _]}} -> maps:with([contract, what], Violation);

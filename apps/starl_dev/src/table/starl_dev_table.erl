@@ -10,7 +10,7 @@
 
 -type cell() :: starl_dev_table_rows:cell().
 -type result() :: starl_dev_table_rows:result().
--type job() :: {cell(), starl_sim_scenario:t()}.
+-type job() :: {cell(), starl_run_scenario:t()}.
 
 -record(table, {
     rows :: [cell()],
@@ -210,7 +210,7 @@ finished_rows(#table{rows = []} = Table) ->
 
 complaint(Result, Scenario) ->
     {ok, Target} = starl_cli_target:resolve("painting"),
-    {ok, Full} = starl_sim_scenario:check(Scenario, starl_app:options(starl_painting)),
+    {ok, Full} = starl_run_scenario:check(Scenario, starl_app:options(starl_painting)),
     [starl_dev_table_rows:wrong(Result), ": ", starl_cli_setup:replay(Target, Full)].
 
 %% -- the end --------------------------------------------------------------------------------

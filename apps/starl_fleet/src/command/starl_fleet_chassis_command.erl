@@ -46,7 +46,7 @@ run(#{subject := {check, Text}}) ->
         {error, _} = Error -> Error
     end.
 
-driver(Name) -> starl_world_drivers:driver(Name, fun starl_cli_source:driver/1).
+driver(Name) -> starl_live_own:driver(Name, fun starl_cli_source:driver/1).
 
 told(Found) ->
     starl_cli_terminal:out([[starl_live_chassis_check:line(F), "\n"] || F <- Found]),

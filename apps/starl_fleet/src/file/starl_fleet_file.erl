@@ -148,11 +148,11 @@ is_all(_) ->
 %% @doc Reads a fleet file; its values are not checked yet.
 -spec read(file:filename()) -> {ok, #{atom() => term()}} | {error, [unicode:chardata(), ...]}.
 read(File) ->
-    case starl_sim_scenario:read(File) of
+    case starl_run_scenario:read(File) of
         {ok, Given} -> {ok, Given};
         {error, {shape, _}} -> {error, [[File, ": a fleet file holds one map; ", how()]]};
         {error, {file, _, enoent}} -> {error, [[File, ": no such file; ", how()]]};
-        {error, Reason} -> {error, [starl_sim_scenario:format_error(Reason)]}
+        {error, Reason} -> {error, [starl_run_scenario:format_error(Reason)]}
     end.
 
 how() -> "an example: ./starl deploy --example > fleet.term".
@@ -245,7 +245,7 @@ app_options(App) ->
     Mine = [Key || {Key, _, _, _} <- Own],
     [
         Option
-     || {Key, _, _, _} = Option <- starl_sim_scenario:options(),
+     || {Key, _, _, _} = Option <- starl_run_scenario:options(),
         lists:member(Key, ?SCENARIO),
         not lists:member(Key, Mine)
     ] ++ Own.
@@ -261,7 +261,7 @@ app_values(Given, App, File) ->
     end.
 
 option({unknown_key, Key, []} = Problem) ->
-    Simulated = [K || {K, _, _, _} <- starl_sim_scenario:options()],
+    Simulated = [K || {K, _, _, _} <- starl_run_scenario:options()],
     case lists:member(Key, Simulated) of
         true -> io_lib:format("~ts: only the simulator has this", [Key]);
         false -> starl_options:format_problem(Problem)

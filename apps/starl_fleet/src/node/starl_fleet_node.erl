@@ -77,9 +77,9 @@ made({error, _} = Error, _Fleet) -> Error.
 -spec spec(starl_fleet_place:t(), starl_live_key:t(), starl_fleet_file:t()) ->
     {ok, starl_live_robot:spec()} | {error, [unicode:chardata(), ...]}.
 spec(Place, Key, Fleet) ->
-    case starl_sim:plan(starl_fleet_file:scenario(Fleet), #{}) of
+    case starl_run:plan(starl_fleet_file:scenario(Fleet), #{}) of
         {ok, Planned} -> {ok, recorded(Place, Planned, Fleet, robot(Place, Key, Planned, Fleet))};
-        {error, Reason} -> {error, [starl_sim:format_error(Reason)]}
+        {error, Reason} -> {error, [starl_run:format_error(Reason)]}
     end.
 
 %% The robot is recorded in its state's directory.
@@ -88,7 +88,7 @@ recorded(_Place, _Planned, #{record_mb := 0}, Spec) ->
 recorded(#{state := State} = Place, Planned, #{record_mb := Most} = Fleet, Spec) ->
     #{clock := Clock} = Spec,
     #{snapshots := Seconds} = Fleet,
-    Facts = starl_world:live(starl_sim_plan:facts(Planned, []), Clock),
+    Facts = starl_live_clock:dated(starl_run_plan:facts(Planned, []), Clock),
     Own = #{
         dir => filename:join(State, ?RECORDINGS),
         facts => Facts#{run => starl_fleet_place:run(Place)},
@@ -102,7 +102,7 @@ period_us(none) -> none;
 period_us(Seconds) -> round(1.0e6 * Seconds).
 
 robot(#{robot := Robot, state := State} = Place, Key, {_Scenario, _Scene, Plan}, Fleet) ->
-    #{crew := #{tree := Tree}, world := #{profiles := Profiles, seed := Seed}} = Plan,
+    #{tree := Tree, world := #{profiles := Profiles, seed := Seed}} = Plan,
     #{name := Name} = Fleet,
     #{
         robot => Robot,

@@ -5,7 +5,7 @@
 
 -export([answer/1, changed/2]).
 
--define(LAYERS, ["starl_blocks", "starl_sim", "starl_live", "starl_world", "starl_fleet"]).
+-define(LAYERS, ["starl_blocks", "starl_run", "starl_live", "starl_fleet"]).
 -define(TRIES, 50).
 -define(PAUSE_MS, 100).
 

@@ -68,11 +68,11 @@ text({Mode, Shards, Schedulers}) ->
 schedulers({_, _, Schedulers}) -> Schedulers.
 
 %% @doc The scenario, changed to run in this way.
--spec apply_to(starl_sim_scenario:t(), t()) -> starl_sim_scenario:t().
+-spec apply_to(starl_run_scenario:t(), t()) -> starl_run_scenario:t().
 apply_to(Scenario, {Mode, Shards, _}) -> Scenario#{mode => Mode, shards => Shards}.
 
 %% @doc Runs a scenario in these ways, one after the other. It is called in a VM of its own.
--spec digests({starl_sim_scenario:t(), [t()]}) -> [outcome()].
+-spec digests({starl_run_scenario:t(), [t()]}) -> [outcome()].
 digests({Scenario, Ways}) -> [outcome(apply_to(Scenario, Way)) || Way <- Ways].
 
 outcome(Scenario) ->
@@ -88,7 +88,7 @@ outcome(Scenario) ->
     }.
 
 %% @doc Runs a scenario and gives what one robot traced. It is called in a VM of its own.
--spec traced({starl_sim_scenario:t(), starl:robot_id()}) -> [starl_sim_trace_monitor:traced()].
+-spec traced({starl_run_scenario:t(), starl:robot_id()}) -> [starl_sim_trace_monitor:traced()].
 traced({Scenario, Robot}) ->
     #{monitors := #{starl_sim_trace_monitor := #{recorded := Traced}}} =
         run(Scenario, #{record => Robot}),

@@ -28,7 +28,7 @@ about(_Subject) ->
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) -> [{"Flags", own_flags()}];
-flags(#{app := App}) -> [{"Flags", own_flags() ++ starl_sim_scenario:options(App)}].
+flags(#{app := App}) -> [{"Flags", own_flags() ++ starl_run_scenario:options(App)}].
 
 own_flags() ->
     [

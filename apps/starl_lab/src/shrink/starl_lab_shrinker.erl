@@ -10,13 +10,13 @@
 %% seconds.
 -type job() :: #{
     target := starl_cli_target:t(),
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     file := file:filename(),
     digest := binary() | any,
     seconds := number() | none,
     quiet := boolean(),
     %% whether histories are judged
-    options => #{histories => starl_sim_plan:histories()}
+    options => #{histories => starl_run_plan:histories()}
 }.
 
 -type answer() ::
@@ -181,9 +181,9 @@ other(#{violation := Violation, scenario := Scenario} = Met, File, Job) ->
 
 %% Reads and runs the file as `./starl run' does.
 replay(File, #{app := App}, #{digest := Digest}, Job) ->
-    {ok, Read} = starl_sim_scenario:read(File),
+    {ok, Read} = starl_run_scenario:read(File),
     Given = starl_cli_inputs:resolved(App, File, maps:remove(app, Read)),
-    {ok, Scenario} = starl_sim_scenario:check(Given#{app => App}, starl_app:options(App)),
+    {ok, Scenario} = starl_run_scenario:check(Given#{app => App}, starl_app:options(App)),
     case starl_lab_jobs:simulate(Scenario, options(Job)) of
         {ok, #{outcome := #{digest := Digest}}} -> true;
         _ -> false
@@ -208,7 +208,7 @@ size(#{scenario := #{time := Time}, figures := Figures}, #{time := TimeBefore}) 
 seconds(Time) -> io_lib:format("~.2f", [float(Time)]).
 
 %% @doc The default file for the result.
--spec file(starl_cli_target:t(), starl_sim_scenario:t()) -> file:filename_all().
+-spec file(starl_cli_target:t(), starl_run_scenario:t()) -> file:filename_all().
 file(#{name := Name}, Scenario) ->
     Seed = maps:get(seed, Scenario, 0),
     Base = lists:concat([Name, "-", Seed, "-shrunk.term"]),
@@ -221,7 +221,7 @@ file(#{name := Name}, Scenario) ->
 text(#{violation := Violation, scenario := Shrunk} = Result, File, Inputs, Job) ->
     #{target := #{app := App}, scenario := Before} = Job,
     Scenario = starl_cli_inputs:local(Inputs, Shrunk),
-    Options = starl_sim_scenario:options(App),
+    Options = starl_run_scenario:options(App),
     Usual = maps:without([robots, seed, time, faults], starl_cli_flags:defaults(Options)),
     Lines = [
         line(Key, Value)

@@ -13,7 +13,7 @@
 -export_type([run/0, found/0]).
 
 %% One run: its block, seed and scenario.
--type run() :: {Block :: atom(), Seed :: non_neg_integer(), starl_sim_scenario:t()}.
+-type run() :: {Block :: atom(), Seed :: non_neg_integer(), starl_run_scenario:t()}.
 
 %% The result of a run: its violations, its wall time, and what has happened in it.
 -type found() ::
@@ -148,7 +148,7 @@ plan(Blocks, #{seeds := Count, from := From, robots := Robots} = Values) ->
     }.
 
 checked(#{app := App} = Given) ->
-    {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
+    {ok, Scenario} = starl_run_scenario:check(Given, starl_app:options(App)),
     Scenario.
 
 soak(#{runs := Runs, jobs := Jobs} = Plan, Own) ->

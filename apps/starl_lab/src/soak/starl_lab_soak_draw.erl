@@ -73,7 +73,7 @@ scenario(Name, Robots, Seed) ->
 
 %% In some runs there are walls, doors that close, and boxes that are put down, so that ways are blocked.
 on_a_floor(Seed, #{random_faults := Faults} = Scenario) ->
-    case starl_sim_draw:uniform({Seed, dpp, floor}) < ?WALLS of
+    case starl_run_draw:uniform({Seed, dpp, floor}) < ?WALLS of
         true ->
             Scenario#{floor => "two_rooms", random_faults := Faults ++ [floor]};
         false ->
@@ -138,13 +138,13 @@ block(Block, Robots, Seed) ->
 %% or are slow.
 quiet(N, Block, Seed) when N >= ?LEAST_CORE + 1 ->
     Key = fun(Of) -> {Seed, Block, quiet, Of} end,
-    case starl_sim_draw:uniform(Key(share)) < ?QUIET of
+    case starl_run_draw:uniform(Key(share)) < ?QUIET of
         false ->
             [];
         true ->
             Most = min(length(?SLOW), (N - 1) div 2),
-            First = starl_sim_draw:between(Key(first), 1, N),
-            Count = starl_sim_draw:between(Key(count), 1, Most),
+            First = starl_run_draw:between(Key(first), 1, N),
+            Count = starl_run_draw:between(Key(count), 1, Most),
             Rest = lists:sort([1 + (First + I) rem N || I <- lists:seq(1, Count)]),
             endless(one_of([deaf, mute, slow], Key(kind)), Rest, lists:seq(1, N) -- Rest)
     end;
@@ -172,12 +172,12 @@ bodies(_Block, _Seed) ->
     #{}.
 
 ending(Seed) ->
-    case starl_sim_draw:between({Seed, dpp, ending}, 1, ?DPP_TO_THE_END) of
+    case starl_run_draw:between({Seed, dpp, ending}, 1, ?DPP_TO_THE_END) of
         1 -> #{converge => ?DPP_CONVERGE_S, time => ?TIME_S};
         _ -> #{time => ?DPP_TIME_S}
     end.
 
-robots(none, Block, Seed) -> starl_sim_draw:between({Seed, Block, robots}, 1, ?MOST_ROBOTS);
+robots(none, Block, Seed) -> starl_run_draw:between({Seed, Block, robots}, 1, ?MOST_ROBOTS);
 robots(Robots, _Block, _Seed) -> Robots.
 
 %% In most runs a third of the time, in some the whole time.
@@ -186,7 +186,7 @@ longest(Heal, Block, Seed) -> one_of([Heal div 3, Heal div 3, Heal], {Seed, Bloc
 %% In half of the runs the radio is sound without faults, so that all that was lost has a cause; in the
 %% others it loses, repeats and delays packets all the time.
 radio(Block, Seed) ->
-    case starl_sim_draw:uniform({Seed, Block, radio}) < ?SOUND of
+    case starl_run_draw:uniform({Seed, Block, radio}) < ?SOUND of
         true ->
             #{};
         false ->
@@ -204,14 +204,14 @@ clocks(dpp, Seed) ->
         true ->
             %% Clocks are not set here, so no margin is needed for that.
             #{
-                lease => starl_sim_draw:between({Seed, dpp, lease}, 5000, 8000),
+                lease => starl_run_draw:between({Seed, dpp, lease}, 5000, 8000),
                 jump => 50,
                 clock_drift => ?NEARLY_PPM,
                 random_faults => [network, process | ?DPP_BEARS]
             };
         false ->
             #{
-                lease => starl_sim_draw:between({Seed, dpp, lease}, 7000, 12000),
+                lease => starl_run_draw:between({Seed, dpp, lease}, 7000, 12000),
                 command_latency => one_of(?LATENCIES, {Seed, dpp, latency}),
                 random_faults => [network, clock, process | ?DPP_BEARS]
             }
@@ -237,14 +237,14 @@ clocks(Block, Seed) ->
             #{random_faults => [all]}
     end.
 
-is_steady(Block, Seed) -> starl_sim_draw:uniform({Seed, Block, steady}) < ?STEADY.
+is_steady(Block, Seed) -> starl_run_draw:uniform({Seed, Block, steady}) < ?STEADY.
 
 %% The values that the block draws for its exercise; those of a user's block are given in `with'.
 figures(Name, Seed) ->
     {ok, Block} = starl_block_catalogue:find(Name),
     Draw = fun
         (Key, Values) when is_list(Values) -> one_of(Values, {Seed, Key});
-        (Key, {Low, High}) -> starl_sim_draw:between({Seed, Key}, Low, High)
+        (Key, {Low, High}) -> starl_run_draw:between({Seed, Key}, Low, High)
     end,
     Drawn = starl_block_exercise:draw(Block:exercise(), Draw),
     Known = [Key || {Key, _, _, _} <- starl_app:options(starl_exercise)],
@@ -253,4 +253,4 @@ figures(Name, Seed) ->
         Own -> (maps:with(Known, Drawn))#{with => Own}
     end.
 
-one_of(List, Key) -> lists:nth(starl_sim_draw:between(Key, 1, length(List)), List).
+one_of(List, Key) -> lists:nth(starl_run_draw:between(Key, 1, length(List)), List).

@@ -77,7 +77,7 @@ run(#{seeds := Count, from := From, part := Part, jobs := Jobs} = Values) ->
 -spec scenario(starl_virtual_run:part(), Robots :: pos_integer() | none, Seed :: integer()) ->
     #{atom() => term()}.
 scenario(Part, none, Seed) ->
-    Drawn = starl_sim_draw:between({Seed, Part, live_robots}, 1, 4),
+    Drawn = starl_run_draw:between({Seed, Part, live_robots}, 1, 4),
     scenario(Part, element(Drawn, {1, 2, 3, 5}), Seed);
 scenario(Part, Robots, Seed) ->
     case lists:member(Part, starl_virtual_run:blocks()) of

@@ -74,7 +74,7 @@
 -spec add(Seed :: integer(), #{atom() => term()}) -> #{atom() => term()}.
 add(Seed, #{robots := Robots, block := Block} = Scenario) ->
     Key = {Seed, Block, reloads},
-    case starl_sim_draw:between(Key, -2, 3) of
+    case starl_run_draw:between(Key, -2, 3) of
         N when N > 0 ->
             Drawn = drawn(N, Key, Robots),
             Scenario#{
@@ -86,7 +86,7 @@ add(Seed, #{robots := Robots, block := Block} = Scenario) ->
     end.
 
 drawn(N, Key, Robots) ->
-    First = starl_sim_draw:between({Key, at}, 1000, ?LATEST_MS),
+    First = starl_run_draw:between({Key, at}, 1000, ?LATEST_MS),
     Distances = [distance({Key, K, distance}) || K <- lists:seq(2, N)],
     Times = lists:foldl(fun(Ms, [At | _] = Ats) -> [At + Ms | Ats] end, [First], Distances),
     [
@@ -96,11 +96,11 @@ drawn(N, Key, Robots) ->
     ].
 
 %% Often within one step.
-distance(Key) -> one_of([0, starl_sim_draw:between(Key, 0, ?DISTANCE_MS)], {Key, which}).
+distance(Key) -> one_of([0, starl_run_draw:between(Key, 0, ?DISTANCE_MS)], {Key, which}).
 
 some(Key, Robots) ->
-    case starl_sim_draw:between({Key, robots}, 1, 3) of
-        1 -> [starl_sim_draw:between({Key, robot}, 1, Robots)];
+    case starl_run_draw:between({Key, robots}, 1, 3) of
+        1 -> [starl_run_draw:between({Key, robot}, 1, Robots)];
         _ -> lists:seq(1, Robots)
     end.
 
@@ -113,7 +113,7 @@ trial(Version, _Key) when
 trial(_Version, Key) ->
     one_of(?TRIALS_MS, Key).
 
-one_of(List, Key) -> lists:nth(starl_sim_draw:between(Key, 1, length(List)), List).
+one_of(List, Key) -> lists:nth(starl_run_draw:between(Key, 1, length(List)), List).
 
 entry({At, Robots, Version, Trial}) -> {At, Robots, code(Version), #{trial_ms => Trial}}.
 

@@ -29,12 +29,12 @@ about(_Subject) ->
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(none) -> flags_for(starl_sim_scenario:options());
+flags(none) -> flags_for(starl_run_scenario:options());
 flags(Target) -> flags_for(options(Target)).
 
 flags_for(Options) -> [{"Flags", starl_lab_sweep_grid:flags(Options) ++ own_flags()}].
 
-options(#{app := App}) -> starl_sim_scenario:options(App).
+options(#{app := App}) -> starl_run_scenario:options(App).
 
 own_flags() ->
     [

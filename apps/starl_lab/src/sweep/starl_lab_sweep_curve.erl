@@ -33,7 +33,7 @@
 measures(#{app := App}) -> starl_app:measures(App).
 
 %% @doc The curve of a measure in a run that ended then.
--spec of_run(atom(), [starl_sim_measures_monitor:value()], EndUs :: integer()) -> t().
+-spec of_run(atom(), [starl_run_measures_monitor:value()], EndUs :: integer()) -> t().
 of_run(Measure, Values, EndUs) ->
     Step = step(?STEP_MS, EndUs div 1000),
     Own = [{At, Robot, Value} || {At, Robot, Key, Value} <- Values, Key =:= Measure],

@@ -89,6 +89,6 @@ swept(#grid{swept = Swept, settings = Settings}) ->
 fixed(#grid{settings = Settings}) -> [Setting || {_, _, [_]} = Setting <- Settings].
 
 %% @doc The settings as texts, with the values of a checked scenario.
--spec cells(t(), starl_sim_scenario:t()) -> [string()].
+-spec cells(t(), starl_run_scenario:t()) -> [string()].
 cells(#grid{settings = Settings}, Scenario) ->
     [starl_cli_flags:text(Type, maps:get(Key, Scenario)) || {Key, Type, _} <- Settings].

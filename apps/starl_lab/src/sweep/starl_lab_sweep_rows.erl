@@ -67,7 +67,7 @@ over_time(Measure) -> atom_to_list(Measure) ++ "_over_time".
 settings(#columns{key = Key}) -> lists:droplast(Key).
 
 %% @doc The cells that identify a run.
--spec key(App :: string(), starl_lab_sweep_grid:t(), starl_sim_scenario:t(), Seed) -> key() when
+-spec key(App :: string(), starl_lab_sweep_grid:t(), starl_run_scenario:t(), Seed) -> key() when
     Seed :: non_neg_integer().
 key(App, Grid, Scenario, Seed) ->
     [App | starl_lab_sweep_grid:cells(Grid, Scenario)] ++ [integer_to_list(Seed)].

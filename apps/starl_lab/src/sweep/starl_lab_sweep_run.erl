@@ -13,7 +13,7 @@
     args := [string()],
     target := starl_cli_target:t(),
     grid := starl_lab_sweep_grid:t(),
-    points := [{starl_lab_sweep_grid:point(), starl_sim_scenario:t()}, ...],
+    points := [{starl_lab_sweep_grid:point(), starl_run_scenario:t()}, ...],
     %% what is to be done: runs, of which file and slice; or the whole from what others have run
     work :=
         {make, starl_lab_slice:t()}
@@ -27,7 +27,7 @@
 }.
 
 %% A run to make, with the name of its application.
--type job() :: {starl_lab_sweep_rows:key(), App :: string(), starl_sim_scenario:t()}.
+-type job() :: {starl_lab_sweep_rows:key(), App :: string(), starl_run_scenario:t()}.
 
 -define(WIDTH, 80).
 
@@ -37,7 +37,7 @@
     device :: file:io_device()
 }).
 
--type run() :: {starl_lab_sweep_rows:key(), starl_sim_scenario:t()}.
+-type run() :: {starl_lab_sweep_rows:key(), starl_run_scenario:t()}.
 
 %% The file of the rows, those that it has, and the length of its complete lines.
 -type known() :: {file:filename(), starl_lab_sweep_rows:rows(), Bytes :: non_neg_integer()}.
@@ -290,7 +290,7 @@ written({error, Why}, _Status) ->
 %% -- in a VM of its own ---------------------------------------------------------------------
 
 %% @private The report of a simulation that was only started.
--spec probe({N :: pos_integer(), {App :: string(), starl_sim_scenario:t()}}) ->
+-spec probe({N :: pos_integer(), {App :: string(), starl_run_scenario:t()}}) ->
     {ok, starl_cli_report:t(), #{atom() => string()}} | {error, unicode:chardata()}.
 probe({_N, {Name, Scenario}}) -> report(Name, Scenario, starl_lab_jobs:set_up(Scenario)).
 
@@ -304,7 +304,7 @@ report(_Name, _Scenario, {error, Why}) ->
 report(Name, Scenario, {ok, Ran}) ->
     {ok, starl_cli_report:make(Ran#{name => Name, scenario => Scenario}), curves(Scenario, Ran)}.
 
-curves(Scenario, #{outcome := #{monitors := #{starl_sim_measures_monitor := Seen}}}) ->
+curves(Scenario, #{outcome := #{monitors := #{starl_run_measures_monitor := Seen}}}) ->
     #{values := Values, until_us := Until} = Seen,
     maps:from_list([
         {

@@ -9,7 +9,7 @@
 
 -type setup() :: #{
     target := starl_cli_target:t(),
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     out := starl_cli_out:t(),
     digest := binary() | any,
     values := map()
@@ -43,7 +43,7 @@ about(_Subject) ->
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) -> [{"Flags", own_flags()}];
-flags(#{app := App}) -> [{"Flags", own_flags()}, {hidden, starl_sim_scenario:options(App)}].
+flags(#{app := App}) -> [{"Flags", own_flags()}, {hidden, starl_run_scenario:options(App)}].
 
 own_flags() ->
     [

@@ -170,7 +170,7 @@ event({_, _, #{content := Content}} = Entry, #{facts := Facts}, Width) ->
 followers(Moment, Moments, Width) ->
     case starl_sim_moments:entry(Moment, Moments) of
         {_, fault, Fault} ->
-            Robots = starl_sim_fault:targets(Fault),
+            Robots = starl_run_fault:targets(Fault),
             Next = starl_sim_moments:following(Moment, Robots, ?FOLLOWERS, Moments),
             ["  and then:\n" | [cut(line(Entry), Width) || Entry <- Next]];
         _ ->

@@ -1,13 +1,53 @@
-%% @doc A chassis or a source of positions of the user's own: is this module one, and does it take these
-%% options? The module has been compiled and loaded.
+%% @doc A chassis or a source of positions of the user's own: what drives it, a module or a program; is this
+%% module one, and does it take these options? The module has been compiled and loaded.
 %%
 %% It exports the callbacks of its behaviour ({@link starl_live_chassis}, {@link
 %% starl_live_positioning}) and, if it takes options, their table, `options/0' ({@link starl_options}).
 -module(starl_live_own).
 
--export([check/3]).
+-export([check/3, driver/2]).
+
+-export_type([code/0, compile/0]).
+
+-type code() :: {module(), Source :: file:filename(), Beam :: binary()}.
+
+%% Compiles the source of a driver.
+-type compile() :: fun(
+    (file:filename()) -> {ok, module(), [code()]} | {error, [unicode:chardata(), ...]}
+).
 
 -type behaviour() :: starl_live_chassis | starl_live_positioning.
+
+%% @doc The driver of a chassis of the user's own.
+-spec driver(starl_chassis_choice:name(), compile()) ->
+    {ok, starl_live_link:line(), [code()]} | {error, [unicode:chardata(), ...]}.
+driver(Name, Compile) ->
+    case starl_chassis_choice:own(Name) of
+        {exec, Command} -> {ok, {starl_live_exec, #{exec => absolute(Command)}}, []};
+        {file, File, Options} -> compiled(Compile(File), Options)
+    end.
+
+%% The nodes of a cluster may have another working directory.
+absolute(Command) ->
+    case starl_live_program:words(Command) of
+        [Name | Args] ->
+            Path =
+                case lists:member($/, Name) of
+                    true -> filename:absname(Name);
+                    false -> Name
+                end,
+            lists:append(lists:join(" ", [Path | Args]));
+        [] ->
+            ""
+    end.
+
+compiled({ok, Module, Code}, Options) ->
+    case check(Module, starl_live_chassis, Options) of
+        {ok, Values} -> {ok, {Module, Values}, Code};
+        {error, Why} -> {error, [Why]}
+    end;
+compiled({error, _} = Error, _Options) ->
+    Error.
 
 %% @doc The options, completed with their defaults; or one line on the first problem, with its place.
 -spec check(module(), behaviour(), Given :: #{atom() => term()}) ->

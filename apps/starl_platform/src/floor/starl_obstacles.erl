@@ -40,7 +40,7 @@ box({X, Y, W, H}) ->
     [A, B, C, D] = starl_floor:box(X, Y, X + W, Y + H),
     [{A, B}, {B, C}, {C, D}, {D, A}].
 
-%% @doc The sides of what a fault of a floor puts in the way ({@link starl_sim_fault}, class `floor').
+%% @doc The sides of what a fault of a floor puts in the way ({@link starl_run_fault}, class `floor').
 -spec of_fault(Kind :: atom(), Params :: #{atom() => term()}, starl_floor:t()) ->
     [starl_geometry:segment()].
 of_fault(closed, #{door := Door}, Floor) ->

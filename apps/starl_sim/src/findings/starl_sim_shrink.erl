@@ -20,7 +20,7 @@
 
 %% `run' judges a scenario; `digest' is that of the run to be shrunk, if it is known.
 -type request() :: #{
-    run := fun((starl_sim_scenario:t()) -> starl_sim_trial:verdict()),
+    run := fun((starl_run_scenario:t()) -> starl_sim_trial:verdict()),
     watch := watch(),
     digest => binary() | any
 }.
@@ -40,7 +40,7 @@
 
 %% The smallest scenario found, its violation, and whether the search was completed.
 -type result() :: #{
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     violation := starl_monitor:violation(),
     digest := binary(),
     figures := figures(),
@@ -49,7 +49,7 @@
 }.
 
 %% Another violation that a smaller scenario showed: another cause, found on the way.
--type met() :: #{scenario := starl_sim_scenario:t(), violation := starl_monitor:violation()}.
+-type met() :: #{scenario := starl_run_scenario:t(), violation := starl_monitor:violation()}.
 
 -type shape() :: {alone | team, starl_violation:shape()}.
 
@@ -59,10 +59,10 @@
     | {trial, starl_sim_trial:reason()}.
 
 -record(search, {
-    run :: fun((starl_sim_scenario:t()) -> starl_sim_trial:verdict()),
+    run :: fun((starl_run_scenario:t()) -> starl_sim_trial:verdict()),
     watch :: watch(),
     %% the smallest so far, with the outcome of its run
-    best :: starl_sim_scenario:t(),
+    best :: starl_run_scenario:t(),
     outcome :: starl_sim_trial:outcome(),
     violation :: starl_monitor:violation(),
     shape :: shape(),
@@ -95,7 +95,7 @@
 ]).
 
 %% @doc The smallest scenario found whose run has the violation of this scenario's run.
--spec shrink(starl_sim_scenario:t(), request()) -> {ok, result()} | {error, reason()}.
+-spec shrink(starl_run_scenario:t(), request()) -> {ok, result()} | {error, reason()}.
 shrink(Scenario, #{run := Run} = Request) ->
     case {Run(Scenario), maps:get(digest, Request, any)} of
         {{error, Reason}, _} ->
@@ -273,7 +273,7 @@ with_robots(N, #search{best = #{faults := Faults} = Best}) ->
 within(N, {Id, From, To, Kind, Group, Params}) when is_list(Group) ->
     [{Id, From, To, Kind, Some, Params} || Some <- [[R || R <- Group, R =< N]], Some =/= []];
 within(N, Fault) ->
-    [Fault || lists:all(fun(R) -> R =< N end, starl_sim_fault:targets(Fault))].
+    [Fault || lists:all(fun(R) -> R =< N end, starl_run_fault:targets(Fault))].
 
 plain(#search{best = #{delay := {Min, Max}, converge := Converge}} = Search) ->
     Other = [{delay, {Max, Max}} || Min < Max] ++ [{converge, none} || Converge =/= none],

@@ -13,7 +13,7 @@
 -define(BILLION, 1000000000).
 
 %% @doc A clock with an offset, a drift, and its own faults.
--spec new(OffsetUs :: integer(), DriftPpb :: integer(), [starl_sim_fault:compiled()]) -> t().
+-spec new(OffsetUs :: integer(), DriftPpb :: integer(), [starl_run_fault:compiled()]) -> t().
 new(Offset, Drift, Faults) ->
     Times = lists:usort(lists:append([[From, To] || {_, From, To, _, _, _} <- Faults])),
     lists:foldl(
@@ -22,7 +22,7 @@ new(Offset, Drift, Faults) ->
 
 change(Time, Drift, Faults, Clock) ->
     Jump = lists:sum([jump(Time, Fault) || Fault <- Faults]),
-    Rates = [rate(Fault) || Fault <- starl_sim_fault:holding(Time, Faults)],
+    Rates = [rate(Fault) || Fault <- starl_run_fault:holding(Time, Faults)],
     Rate =
         case lists:member(stopped, Rates) of
             true -> -?BILLION;

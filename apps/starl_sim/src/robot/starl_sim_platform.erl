@@ -52,12 +52,12 @@
     obstacles => starl_obstacles:t(),
     %% what the senses see on the floor, and their measures
     senses => starl_sim_senses:t(),
-    network := [starl_sim_fault:compiled()],
-    clocks := [starl_sim_fault:compiled()],
-    location := [starl_sim_fault:compiled()],
-    sense => [starl_sim_fault:compiled()],
-    actuation := [starl_sim_fault:compiled()],
-    store := [starl_sim_fault:compiled()],
+    network := [starl_run_fault:compiled()],
+    clocks := [starl_run_fault:compiled()],
+    location := [starl_run_fault:compiled()],
+    sense => [starl_run_fault:compiled()],
+    actuation := [starl_run_fault:compiled()],
+    store := [starl_run_fault:compiled()],
     record => #{starl:robot_id() => starl_sim_ledger:range()},
     packets => boolean(),
     %% the machines of whose calls histories are kept
@@ -65,7 +65,7 @@
     %% a snapshot of each robot is told this often
     snapshots_us => pos_integer(),
     %% the reloads by number, and the modules of a robot's machines
-    reloads => #{pos_integer() => starl_sim_reloads:t()},
+    reloads => #{pos_integer() => starl_run_reloads:t()},
     parts => #{starl_machine:name() => module()}
 }.
 
@@ -118,11 +118,11 @@ range(Id, World) -> maps:get(Id, maps:get(record, World, #{}), none).
 %% Clocks do not change with a branch.
 clock(Id, #{clock := {OffsetUs, DriftPpb}} = World) ->
     Seed = team_seed(World),
-    Offset = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
-    Drift = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
+    Offset = round(starl_run_draw:signed({Seed, Id, offset}) * OffsetUs),
+    Drift = round(starl_run_draw:signed({Seed, Id, drift}) * DriftPpb),
     starl_sim_clock:new(Offset, Drift, hitting(Id, clocks, World)).
 
-hitting(Id, Class, World) -> [F || F <- maps:get(Class, World), starl_sim_fault:hits(Id, F)].
+hitting(Id, Class, World) -> [F || F <- maps:get(Class, World), starl_run_fault:hits(Id, F)].
 
 team_seed(#{seed := Seed} = World) -> maps:get(team_seed, World, Seed).
 
@@ -274,7 +274,7 @@ present(Body) -> clock(Body).
 -spec moment(t()) -> starl_robot_machines:moment().
 moment(#body{id = Id, now = Now, world = #{seed := Seed}, chain = Chain} = Body) ->
     Key = {Seed, Id, life, Now, starl_sim_chain:events(Chain)},
-    {clock(Body) div 1000, starl_sim_draw:between(Key, 0, starl_robot_machines:lots() - 1)}.
+    {clock(Body) div 1000, starl_run_draw:between(Key, 0, starl_robot_machines:lots() - 1)}.
 
 %% @doc The piece of motion that the robot is in.
 -spec piece(t()) -> starl_trajectory:piece().
@@ -432,7 +432,7 @@ reloaded(Told, Name, #body{id = Id} = Body) ->
 tell_all(N, #body{id = Id, world = #{reloads := Reloads} = World} = Body) ->
     #{N := #{robots := Robots}} = Reloads,
     #{delay_us := {Window, _}} = World,
-    Due = Body#body.now + starl_sim_reloads:news_us(Window),
+    Due = Body#body.now + starl_run_reloads:news_us(Window),
     lists:foldl(fun(Robot, B) -> told(Robot, Due, {reload_failed, N, Id}, B) end, Body, Robots).
 
 told(Robot, Due, News, #body{id = Id, seq = Seq, later = Later} = Body) ->

@@ -18,7 +18,7 @@
 -type written() :: all | [starl_machine:name()].
 
 -record(store, {
-    faults :: [starl_sim_fault:compiled()],
+    faults :: [starl_run_fault:compiled()],
     kept = #{} :: kept(),
     written = all :: written(),
     images = #{} :: #{Fault :: atom() => image()},
@@ -28,7 +28,7 @@
 -opaque t() :: #store{}.
 
 %% @doc The empty store of a robot that has never run, with the faults that strike it.
--spec new([starl_sim_fault:compiled()]) -> t().
+-spec new([starl_run_fault:compiled()]) -> t().
 new(Faults) -> #store{faults = Faults}.
 
 %% @doc Keeps a term for a machine in place of its earlier term; `full': nothing is written.
@@ -70,7 +70,7 @@ set_back(Fault, #store{images = Images} = Store) ->
 outdate(Store) -> Store#store{kept = #{}, written = []}.
 
 %% @doc The same store, which these faults strike.
--spec with_faults([starl_sim_fault:compiled()], t()) -> t().
+-spec with_faults([starl_run_fault:compiled()], t()) -> t().
 with_faults(Faults, Store) -> Store#store{faults = Faults}.
 
 %% @doc The code of its machines.
@@ -82,4 +82,4 @@ codes(#store{codes = Codes}) -> Codes.
 codes(Codes, Store) -> Store#store{codes = Codes}.
 
 suffers(Kind, Now, #store{faults = Faults}) ->
-    lists:keymember(Kind, 4, starl_sim_fault:holding(Now, Faults)).
+    lists:keymember(Kind, 4, starl_run_fault:holding(Now, Faults)).

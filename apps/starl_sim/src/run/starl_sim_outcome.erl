@@ -28,7 +28,7 @@
     lost := [starl_sim_nodes:loss()],
     hung => starl_sim_window:hang(),
     %% of a run in real time: the faults that were played, by hand among them
-    faults => [starl_sim_fault:t()]
+    faults => [starl_run_fault:t()]
 }.
 
 -type robot() :: {starl:robot_id(), starl_sim_robot:summary()}.

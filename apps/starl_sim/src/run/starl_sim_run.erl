@@ -28,9 +28,9 @@
 
 -export_type([status/0, outcome/0, ending/0, missed/0, progress/0]).
 
--type ending() :: starl_sim_outcome:ending().
+-type ending() :: starl_run:ending().
 
--type outcome() :: starl_sim_outcome:t().
+-type outcome() :: starl_run:outcome().
 
 %% The progress of a run: windows judged, shards that rest, and the shards that it waits for.
 -type progress() :: {Judged :: non_neg_integer(), Resting :: non_neg_integer(), Late :: [pid()]}.

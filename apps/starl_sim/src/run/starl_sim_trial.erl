@@ -9,14 +9,14 @@
 %% The outcome of a run. `scenario' includes the drawn faults, `lost' lists the packets that the
 %% radio has lost.
 -type outcome() :: #{
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     digest := binary(),
     ending := starl_sim_run:ending() | none,
     end_us := starl_sim_queue:time(),
     events := non_neg_integer(),
     violations := [starl_monitor:violation()],
     monitors := #{module() => starl_monitor:results()},
-    lost := [starl_sim_loss_monitor:lost()]
+    lost := [starl_run_loss_monitor:lost()]
 }.
 
 %% The scenario cannot be run; the simulation itself failed; no contract is broken, but a part of the
@@ -71,7 +71,7 @@ apart(Play) ->
     end.
 
 play(Scenario, Started, Watch, Options) ->
-    Watched = Options#{watch => [{starl_sim_loss_monitor, #{}} | Watch]},
+    Watched = Options#{watch => [{starl_run_loss_monitor, #{}} | Watch]},
     case starl_sim:start(Scenario#{mode => inline, shards => 1}, Watched) of
         {ok, Sim} ->
             _ = Started(Sim),
@@ -95,7 +95,7 @@ whole(Sim) ->
 
 outcome(_Given, _Ran, {#{violations := [], unjudged := [_ | _] = Parts}, _}) ->
     {error, {unjudged, Parts}};
-outcome(Given, Ran, {#{monitors := #{starl_sim_loss_monitor := #{lost := Lost}}} = Outcome, _}) ->
+outcome(Given, Ran, {#{monitors := #{starl_run_loss_monitor := #{lost := Lost}}} = Outcome, _}) ->
     Known = maps:with([digest, ending, end_us, events, violations, monitors], Outcome),
     %% the mode of the run is no part of the scenario
     As = maps:with([mode, shards], Given),

@@ -1,6 +1,6 @@
 %% @doc A branch of a run: up to a moment it is that run, from then on its random draws are others.
 %%
-%% All draws of the world are hashes of the seed and their place ({@link starl_sim_draw}). So each
+%% All draws of the world are hashes of the seed and their place ({@link starl_run_draw}). So each
 %% robot gets another seed just after its last event before the moment, and the robots' clocks,
 %% machines, packets under way and motions stay what they are. An ordinary run has no branch, and no
 %% part of it asks for one at an event.
@@ -20,7 +20,7 @@
     counts := #{starl:robot_id() => non_neg_integer()},
     salt := integer() | none,
     loss := number(),
-    faults := [starl_sim_fault:t()]
+    faults := [starl_run_fault:t()]
 }.
 
 %% In a world: the counts, and the values of the world from the moment on.
@@ -41,8 +41,8 @@ plant(#{counts := Counts, salt := Salt, loss := Loss, faults := Faults}, World) 
     World#{
         loss := float(Loss),
         network := [
-            starl_sim_fault:compile(F)
-         || F <- Faults, starl_sim_fault:class(F) =:= network
+            starl_run_fault:compile(F)
+         || F <- Faults, starl_run_fault:class(F) =:= network
         ],
         branch => {Counts, Later}
     }.

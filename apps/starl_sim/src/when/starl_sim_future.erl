@@ -16,7 +16,7 @@
 
 %% A run with a violation: the scenario with its drawn faults, and all its moments.
 -type run() :: #{
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     digest := binary(),
     events := non_neg_integer(),
     violation := starl_monitor:violation(),
@@ -30,7 +30,7 @@
 
 %% One future, ready to be run.
 -type job() :: #{
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     branch := starl_sim_branch:t(),
     contract := atom(),
     chains := #{starl:robot_id() => {pos_integer(), non_neg_integer()}}
@@ -53,7 +53,7 @@
 -define(ALL, {1, 1 bsl 40}).
 
 %% @doc Runs a scenario twice, with the same digest, and keeps its events.
--spec repeat(starl_sim_scenario:t()) -> {ok, run()} | {error, reason()}.
+-spec repeat(starl_run_scenario:t()) -> {ok, run()} | {error, reason()}.
 repeat(Scenario) ->
     case starl_sim_trial:run(Scenario) of
         {error, Reason} -> {error, {trial, Reason}};
@@ -128,7 +128,7 @@ ahead({_, _, _, drop, _, _} = Fault, _Begun, _Span, _Salt, _Team) ->
 ahead(Fault, Begun, Span, Salt, Team) ->
     case lists:member(Fault, Begun) of
         true -> Fault;
-        false -> starl_sim_fault_draw:again(Fault, Span, {Salt, ahead}, Team)
+        false -> starl_run_fault_draw:again(Fault, Span, {Salt, ahead}, Team)
     end.
 
 %% @doc Runs a future in the calling process, which a failing simulation takes along. Checks that it

@@ -13,20 +13,20 @@
 
 %% What happened: a fault began, or a robot had an event.
 -type entry() ::
-    {starl_sim_queue:time(), fault, starl_sim_fault:t()}
+    {starl_sim_queue:time(), fault, starl_run_fault:t()}
     | {starl_sim_queue:time(), starl:robot_id(), starl_sim_ledger:event()}.
 
 %% What lies before a moment: for each robot with events the number of the last one and its digest
 %% chain then, and the faults that have begun.
 -type past() :: #{
     robots := #{starl:robot_id() => {N :: pos_integer(), Chain :: non_neg_integer()}},
-    faults := [starl_sim_fault:t()]
+    faults := [starl_run_fault:t()]
 }.
 
 -opaque t() :: tuple().
 
 %% @doc The moments of a run with these events and faults.
--spec new(#{starl:robot_id() => [starl_sim_ledger:event()]}, [starl_sim_fault:t()]) -> t().
+-spec new(#{starl:robot_id() => [starl_sim_ledger:event()]}, [starl_run_fault:t()]) -> t().
 new(Events, Faults) ->
     Begun = [
         {{1000 * From, 0, N}, {1000 * From, fault, Fault}}

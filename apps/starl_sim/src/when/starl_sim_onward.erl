@@ -13,7 +13,7 @@
 %% What is known of a run: its facts, in the order of their times, and images of all its robots, the
 %% earliest first.
 -type recorded() :: #{
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     facts := [starl_monitor:trace_event()],
     images := [image()]
 }.
@@ -22,7 +22,7 @@
 %% why it cannot be; its piece of motion; the packets that are under way, with the times at which they
 %% arrive.
 -type live() :: #{
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     facts := [starl_monitor:trace_event()],
     robots := #{
         starl:robot_id() => {ok, starl_sim_follow:past()} | {error, starl_sim_follow:reason()}
@@ -42,7 +42,7 @@
 
 %% A moment from which a run can go on.
 -opaque point() :: #{
-    scenario := starl_sim_scenario:t(),
+    scenario := starl_run_scenario:t(),
     image := image(),
     %% what the monitors with these configurations have judged by then; the facts, if others may judge
     judged := {[{module(), map()}], starl_monitor:t()},
@@ -57,7 +57,7 @@
     until_ms := pos_integer(),
     %% the time by which a computer may have prolonged anything
     slack_us => non_neg_integer(),
-    histories => starl_sim_plan:histories()
+    histories => starl_run_plan:histories()
 }.
 
 %% The contracts that a future breaks; none, as far as it is judged (`unjudged': not to its end).
@@ -334,7 +334,7 @@ chosen(Loss, _Before) -> Loss.
 ahead(true, Fault, _Span, _Salt, _Team) ->
     Fault;
 ahead(false, Fault, Span, Salt, Team) ->
-    starl_sim_fault_draw:again(Fault, Span, {Salt, ahead}, Team).
+    starl_run_fault_draw:again(Fault, Span, {Salt, ahead}, Team).
 
 %% @doc One line on why there are no futures.
 -spec format_error(reason()) -> unicode:chardata().

@@ -31,7 +31,7 @@
 -callback move(drive(), Faults, Now, Old, starl_chassis:profile()) ->
     {IsOff :: boolean(), same | starl_trajectory:piece()}
 when
-    Faults :: [starl_sim_fault:compiled()],
+    Faults :: [starl_run_fault:compiled()],
     Now :: starl_sim_queue:time(),
     Old :: starl_trajectory:piece().
 %% The duration of a script until the robot stands, if it is known beforehand.

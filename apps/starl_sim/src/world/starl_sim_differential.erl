@@ -29,7 +29,7 @@ command({Left, Right, Us}, _Profile) -> {{limit(Left), limit(Right)}, Us}.
 limit(Speed) -> max(-?MAX_WHEEL, min(?MAX_WHEEL, Speed)).
 
 %% @doc The actual speeds of the wheels at a command under these faults.
--spec failing(speeds(), [starl_sim_fault:compiled()]) -> speeds().
+-spec failing(speeds(), [starl_run_fault:compiled()]) -> speeds().
 failing(Command, Faults) -> lists:foldl(fun wheel/2, Command, Faults).
 
 wheel({_, _, _, wheel_stuck, _, #{wheel := left}}, {_, Right}) ->
@@ -52,7 +52,7 @@ is_off({Left0, Right0}, {Left, Right}) ->
 
 %% @doc The part of the wheels' turning that reaches the floor under these faults. The chassis,
 %% which counts the turns, does not notice slip.
--spec slipping(speeds(), [starl_sim_fault:compiled()]) -> speeds().
+-spec slipping(speeds(), [starl_run_fault:compiled()]) -> speeds().
 slipping(Turning, Faults) -> lists:foldl(fun slip/2, Turning, Faults).
 
 slip({_, _, _, slip, _, #{factor := F}}, {Left, Right}) -> {F * Left, F * Right};
@@ -66,8 +66,8 @@ errors({Left, Right}, _Key, _Profile) when Left + Right == 0 ->
     {0.0, 1.0};
 errors(_, {Seed, Id, N}, #{heading_error := Turn, distance_error := Part}) ->
     {
-        0.75 * Turn * starl_sim_draw:signed({Seed, Id, N, skew}),
-        1.0 + Part * starl_sim_draw:signed({Seed, Id, N, slip})
+        0.75 * Turn * starl_run_draw:signed({Seed, Id, N, skew}),
+        1.0 + Part * starl_run_draw:signed({Seed, Id, N, slip})
     }.
 
 %% @doc The robot's next motion, and whether the chassis notices that its wheels do not obey.
@@ -75,7 +75,7 @@ errors(_, {Seed, Id, N}, #{heading_error := Turn, distance_error := Part}) ->
 -spec move(starl_sim_chassis:drive(), Faults, Now, Old, starl_chassis:profile()) ->
     {IsOff :: boolean(), same | starl_trajectory:piece()}
 when
-    Faults :: [starl_sim_fault:compiled()],
+    Faults :: [starl_run_fault:compiled()],
     Now :: starl_sim_queue:time(),
     Old :: starl_trajectory:piece().
 move({Command, Errors, When}, Faults, Now, Old, #{axle_mm := Axle}) ->

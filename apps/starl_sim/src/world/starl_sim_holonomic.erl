@@ -35,15 +35,15 @@ limit({X, Y} = Velocity, Most) ->
     starl_sim_chassis:errors().
 errors(_Command, {Seed, Id, N}, #{heading_error := Turn, distance_error := Part}) ->
     {
-        0.75 * Turn * starl_sim_draw:signed({Seed, Id, N, skew}),
-        1.0 + Part * starl_sim_draw:signed({Seed, Id, N, slip})
+        0.75 * Turn * starl_run_draw:signed({Seed, Id, N, skew}),
+        1.0 + Part * starl_run_draw:signed({Seed, Id, N, slip})
     }.
 
 %% @doc The approach to a new velocity; `same' if the body approaches it already.
 -spec move(starl_sim_chassis:drive(), Faults, Now, Old, starl_chassis:profile()) ->
     {IsOff :: boolean(), same | starl_trajectory:piece()}
 when
-    Faults :: [starl_sim_fault:compiled()],
+    Faults :: [starl_run_fault:compiled()],
     Now :: starl_sim_queue:time(),
     Old :: starl_trajectory:piece().
 move({Command, Errors, _When}, Faults, Now, Old, Profile) ->

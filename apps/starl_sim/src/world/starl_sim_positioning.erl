@@ -9,7 +9,7 @@
 %% the view without a fault (one pose or none), and the poses seen last.
 -type look() :: #{
     robot := starl:robot_id(),
-    faults := [starl_sim_fault:compiled() | tuple()],
+    faults := [starl_run_fault:compiled() | tuple()],
     key := term(),
     see := fun((starl:robot_id()) -> [starl:pose()]),
     seen := #{starl:robot_id() => starl:pose()}
@@ -19,7 +19,7 @@
 -spec poses([starl:robot_id()], look()) ->
     {[{starl:robot_id(), starl:pose()}], #{starl:robot_id() => starl:pose()}}.
 poses(Robots, #{robot := Self, faults := All, seen := Seen} = Look) ->
-    Own = [F || F <- All, kind(F) =/= location_swap, starl_sim_fault:hits(Self, F)],
+    Own = [F || F <- All, kind(F) =/= location_swap, starl_run_fault:hits(Self, F)],
     Kinds = [kind(F) || F <- Own],
     case {lists:member(location_dropout, Kinds), lists:member(location_frozen, Kinds)} of
         {true, _} ->
@@ -48,11 +48,11 @@ blurred(Robot, Pose, Faults, #{key := Key}) ->
     lists:foldl(fun(Fault, P) -> shift(Fault, {Key, Robot}, P) end, Pose, Faults).
 
 shift({Id, _, _, location_noise, _, #{mm := Mm}}, Key, {X, Y, Heading}) ->
-    Radius = Mm * starl_sim_draw:uniform({Key, Id, radius}),
-    Angle = 2 * math:pi() * starl_sim_draw:uniform({Key, Id, angle}),
+    Radius = Mm * starl_run_draw:uniform({Key, Id, radius}),
+    Angle = 2 * math:pi() * starl_run_draw:uniform({Key, Id, angle}),
     {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle), Heading};
 shift({Id, _, _, location_bias, _, #{mm := Mm}}, _Key, {X, Y, Heading}) ->
-    Angle = 2 * math:pi() * starl_sim_draw:uniform({Id, bias}),
+    Angle = 2 * math:pi() * starl_run_draw:uniform({Id, bias}),
     {X + Mm * math:cos(Angle), Y + Mm * math:sin(Angle), Heading};
 shift(_, _Key, Pose) ->
     Pose.
@@ -62,7 +62,7 @@ shift(_, _Key, Pose) ->
 -spec blur(starl:pose(), Key, starl_chassis:profile()) -> starl:pose() when
     Key :: {Seed :: integer(), Self :: starl:robot_id(), starl:robot_id(), non_neg_integer()}.
 blur({X, Y, Heading}, Key, #{position_error_mm := Error, heading_error := HeadingError}) ->
-    Radius = Error * starl_sim_draw:uniform({Key, radius}),
-    Angle = 2 * math:pi() * starl_sim_draw:uniform({Key, angle}),
-    Turn = 0.25 * HeadingError * starl_sim_draw:signed({Key, heading}),
+    Radius = Error * starl_run_draw:uniform({Key, radius}),
+    Angle = 2 * math:pi() * starl_run_draw:uniform({Key, angle}),
+    Turn = 0.25 * HeadingError * starl_run_draw:signed({Key, heading}),
     {X + Radius * math:cos(Angle), Y + Radius * math:sin(Angle), Heading + Turn}.

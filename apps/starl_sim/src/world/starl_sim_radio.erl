@@ -32,7 +32,7 @@ fate({_, Source, Dest, _} = Link, Now, #{network := All, team := Team} = World) 
         lost ->
             Ids = [
                 element(1, F)
-             || F <- starl_sim_fault:holding(Now, All),
+             || F <- starl_run_fault:holding(Now, All),
                 is_on_link(Source, Dest, F, Team),
                 swallows(F, Link, Now)
             ],
@@ -46,21 +46,21 @@ why(true, _Faults) -> chance.
 
 %% @doc Is the packet lost without a fault?
 -spec lost(link(), #{loss := number(), _ => _}) -> boolean().
-lost(Link, #{loss := Loss}) -> Loss > 0.0 andalso starl_sim_draw:uniform({Link, loss}) < Loss.
+lost(Link, #{loss := Loss}) -> Loss > 0.0 andalso starl_run_draw:uniform({Link, loss}) < Loss.
 
 %% @doc The delays, in microseconds, of the one or two copies that arrive without a fault.
 -spec delays(link(), starl_sim_platform:world()) -> [pos_integer(), ...].
 delays(Link, #{duplicate := Duplicate} = World) ->
-    case Duplicate > 0.0 andalso starl_sim_draw:uniform({Link, duplicate}) < Duplicate of
+    case Duplicate > 0.0 andalso starl_run_draw:uniform({Link, duplicate}) < Duplicate of
         true -> [delay({Link, delay}, World), delay({Link, again}, World)];
         false -> [delay({Link, delay}, World)]
     end.
 
 %% Whole milliseconds if both bounds are, as in the workloads of the paper and of our benchmarks.
 delay(Key, #{delay_us := {Min, Max}}) when Min rem 1000 =:= 0, Max rem 1000 =:= 0 ->
-    1000 * starl_sim_draw:between(Key, Min div 1000, Max div 1000);
+    1000 * starl_run_draw:between(Key, Min div 1000, Max div 1000);
 delay(Key, #{delay_us := {Min, Max}}) ->
-    starl_sim_draw:between(Key, Min, Max).
+    starl_run_draw:between(Key, Min, Max).
 
 %% @doc The range of a robot's radio now, in millimetres.
 -spec range(starl:robot_id(), Now :: starl_sim_queue:time(), starl_sim_platform:world()) ->
@@ -70,8 +70,8 @@ range(_, _, #{range_mm := Range, network := []}) ->
 range(Robot, Now, #{range_mm := Range, network := Faults}) ->
     Shorter = [
         float(Mm)
-     || {_, _, _, range, _, #{range_mm := Mm}} = F <- starl_sim_fault:holding(Now, Faults),
-        starl_sim_fault:hits(Robot, F)
+     || {_, _, _, range, _, #{range_mm := Mm}} = F <- starl_run_fault:holding(Now, Faults),
+        starl_run_fault:hits(Robot, F)
     ],
     %% a number is less than the atom infinity
     lists:min([Range | Shorter]).
@@ -81,7 +81,7 @@ range(Robot, Now, #{range_mm := Range, network := Faults}) ->
 disturb({_, Source, Dest, _} = Link, Now, #{network := All} = World) ->
     Faults = [
         F
-     || F <- starl_sim_fault:holding(Now, All), is_on_link(Source, Dest, F, maps:get(team, World))
+     || F <- starl_run_fault:holding(Now, All), is_on_link(Source, Dest, F, maps:get(team, World))
     ],
     case lists:any(fun(Fault) -> swallows(Fault, Link, Now) end, Faults) of
         true -> lost;
@@ -95,7 +95,7 @@ is_on_link(Source, Dest, {_, _, _, Kind, Target, _} = Fault, Team) ->
         partition -> lists:member(Source, Target) =/= lists:member(Dest, Target);
         one_way_partition -> lists:member(Source, Target) andalso not lists:member(Dest, Target);
         isolate -> Source =:= Target orelse Dest =:= Target;
-        ring -> starl_sim_fault:hits(Source, Fault) andalso not are_neighbours(Source, Dest, Team);
+        ring -> starl_run_fault:hits(Source, Fault) andalso not are_neighbours(Source, Dest, Team);
         range -> false;
         _ -> is_hit(Source, Dest, Target)
     end.
@@ -109,11 +109,11 @@ are_neighbours(A, B, Team) -> starl_team:next(A, Team) =:= B orelse starl_team:n
 
 %% Does this fault lose the packet?
 swallows({Id, _, _, loss, _, #{part := Part}}, Link, _Now) ->
-    starl_sim_draw:uniform({Link, Id}) < Part;
+    starl_run_draw:uniform({Link, Id}) < Part;
 swallows({Id, From, _, burst_loss, _, #{part := Part, burst_ms := Ms}}, Link, Now) ->
     {Seed, Source, Dest, _} = Link,
     Burst = (Now - From) div (1000 * Ms),
-    starl_sim_draw:uniform({Seed, Source, Dest, Id, Burst}) < Part;
+    starl_run_draw:uniform({Seed, Source, Dest, Id, Burst}) < Part;
 swallows({_, _, _, drop, _, #{packet := N}}, {_, _, _, Number}, _Now) ->
     Number =:= N orelse Number =:= {all, N};
 swallows({_, _, _, Kind, _, _}, _Link, _Now) ->
@@ -129,7 +129,7 @@ arrive(Faults, Link, World) ->
 
 %% The keys for the delays of further copies.
 copies({Id, _, _, duplicate, _, #{part := Part}}, Link) ->
-    [{Link, Id, again} || starl_sim_draw:uniform({Link, Id}) < Part];
+    [{Link, Id, again} || starl_run_draw:uniform({Link, Id}) < Part];
 copies({Id, _, _, babble, _, #{copies := Copies}}, Link) ->
     [{Link, Id, N} || N <- lists:seq(2, Copies)];
 copies(_, _) ->
@@ -138,8 +138,8 @@ copies(_, _) ->
 extra({_, _, _, delay, _, #{extra_ms := Ms}}, _Link, _N) ->
     1000 * Ms;
 extra({Id, _, _, reorder, _, #{part := Part, extra_ms := Ms}}, Link, N) ->
-    case starl_sim_draw:uniform({Link, Id, N}) < Part of
-        true -> 1000 * starl_sim_draw:between({Link, Id, N, extra}, 1, Ms);
+    case starl_run_draw:uniform({Link, Id, N}) < Part of
+        true -> 1000 * starl_run_draw:between({Link, Id, N, extra}, 1, Ms);
         false -> 0
     end;
 extra(_, _, _) ->
@@ -149,7 +149,7 @@ state(Faults, Link, N) ->
     Hits = [
         Id
      || {Id, _, _, corrupt, _, #{part := Part}} <- Faults,
-        starl_sim_draw:uniform({Link, Id, N}) < Part
+        starl_run_draw:uniform({Link, Id, N}) < Part
     ],
     case Hits of
         [] -> intact;

@@ -40,7 +40,7 @@ feel(Kind, Senses, World, #{robot := Id, now_us := Now, felt := Before} = Self) 
     All = maps:get(sense, World, []),
     Faults = [
         F
-     || F <- starl_sim_fault:holding(Now, All), starl_sim_fault:hits(Id, F), is_of(Kind, F)
+     || F <- starl_run_fault:holding(Now, All), starl_run_fault:hits(Id, F), is_of(Kind, F)
     ],
     Kinds = [What || {_, _, _, What, _, _} <- Faults],
     case {lists:member(sense_gone, Kinds), lists:member(sense_frozen, Kinds), Before} of
@@ -73,7 +73,7 @@ reading(Kind, false, Faults, #{profiles := Profiles, things := Things}, World, S
     },
     starl_sense:read(Kind, View, Noisy).
 
-draw(Key) -> fun(Purpose) -> starl_sim_draw:uniform({Key, Purpose}) end.
+draw(Key) -> fun(Purpose) -> starl_run_draw:uniform({Key, Purpose}) end.
 
 bodies(#{sight := Sight, profiles := Profiles}, #{robot := Self, window_us := From}) ->
     [

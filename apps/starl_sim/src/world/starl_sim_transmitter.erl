@@ -89,7 +89,7 @@ is_screened({_, _, Dest, _} = Link, {_, Now, From, _} = Sender, #{wall_loss := L
         {ok, Theirs} ->
             Way = {position(Sender), starl_trajectory:position(From, Theirs)},
             Walls = starl_walls:crossed(Way, starl_sim_bodies:walls(Now, World)),
-            starl_sim_draw:uniform({Link, walls}) >= math:pow(1.0 - Loss, Walls);
+            starl_run_draw:uniform({Link, walls}) >= math:pow(1.0 - Loss, Walls);
         unknown ->
             false
     end;
@@ -120,8 +120,8 @@ squares(Places) ->
 
 %% At most three deviations; by Box and Muller.
 normal(Key) ->
-    U = 1.0 - starl_sim_draw:uniform({Key, 1}),
-    N = math:sqrt(-2 * math:log(U)) * math:cos(2 * math:pi() * starl_sim_draw:uniform({Key, 2})),
+    U = 1.0 - starl_run_draw:uniform({Key, 1}),
+    N = math:sqrt(-2 * math:log(U)) * math:cos(2 * math:pi() * starl_run_draw:uniform({Key, 2})),
     max(-3.0, min(3.0, N)).
 
 number(all, N) -> {all, N};

@@ -20,8 +20,8 @@
 -type world() :: #{
     seed := integer(),
     profiles := starl_chassis:profiles(),
-    location := [starl_sim_fault:compiled()],
-    actuation := [starl_sim_fault:compiled()],
+    location := [starl_run_fault:compiled()],
+    actuation := [starl_run_fault:compiled()],
     latency_us => {Min :: non_neg_integer(), Max :: non_neg_integer()},
     atom() => term()
 }.
@@ -136,7 +136,7 @@ drive(_Script, _Owner, _Now, _Vehicle) ->
 under_way({Least, Most}, Script, Owner, Now, #vehicle{id = Id, draws = N, line = Line} = Vehicle) ->
     #vehicle{world = #{seed := Seed}} = Vehicle,
     {Stops, Before} = Line,
-    Us = Least + round((Most - Least) * starl_sim_draw:uniform({Seed, Id, N, latency})),
+    Us = Least + round((Most - Least) * starl_run_draw:uniform({Seed, Id, N, latency})),
     Arrives = max(Before, Now + Us),
     Sent = Vehicle#vehicle{draws = N + 1, line = {Stops, Arrives}},
     {same, [{Arrives - Now, {hears, Stops, Script, Owner}}], Sent}.
@@ -156,7 +156,7 @@ swallows(Whom, {Id, _, _, Kind, _, #{part := Part}}, Key) when
     Kind =:= command_lost, Whom =:= drive;
     Kind =:= actuator_lost, Whom =:= device
 ->
-    starl_sim_draw:uniform({Key, Id}) < Part;
+    starl_run_draw:uniform({Key, Id}) < Part;
 swallows(_Whom, {_, _, _, serial_gone, _, _}, _Key) ->
     true;
 swallows(_Whom, _, _Key) ->
@@ -185,7 +185,7 @@ word(Us, Name, Word, Now, #vehicle{id = Id, run = Run, draws = N, world = World}
 
 lag(Faults, Key) when is_list(Faults) -> lists:sum([lag(Fault, Key) || Fault <- Faults]);
 lag({Id, _, _, serial_split, _, #{lag_ms := Ms}}, Key) ->
-    round(1000 * Ms * starl_sim_draw:uniform({Key, Id}));
+    round(1000 * Ms * starl_run_draw:uniform({Key, Id}));
 lag(_, _Key) ->
     0.
 
@@ -257,7 +257,7 @@ bump(Now, #vehicle{piece = Piece, owner = Owner, command = Command} = Vehicle) -
 held(_Now, #vehicle{world = #{actuation := []}}) ->
     [];
 held(Now, #vehicle{id = Id, world = #{actuation := All}}) ->
-    [F || F <- starl_sim_fault:holding(Now, All), starl_sim_fault:hits(Id, F)].
+    [F || F <- starl_run_fault:holding(Now, All), starl_run_fault:hits(Id, F)].
 
 move(When, Faults, Now, #vehicle{kind = Kind, command = Command, piece = Old} = Vehicle) ->
     #vehicle{errors = Errors, profile = Profile} = Vehicle,
@@ -337,7 +337,7 @@ sense(Robots, When, #vehicle{draws = N, world = #{location := []}} = Vehicle) ->
 sense(Robots, {Now, _} = When, #vehicle{id = Id, draws = N, world = World} = Vehicle) ->
     {Poses, Seen} = starl_sim_positioning:poses(Robots, #{
         robot => Id,
-        faults => starl_sim_fault:holding(Now, maps:get(location, World)),
+        faults => starl_run_fault:holding(Now, maps:get(location, World)),
         key => {maps:get(seed, World), Id, N},
         see => fun(Robot) -> see(Robot, When, Vehicle) end,
         seen => Vehicle#vehicle.seen

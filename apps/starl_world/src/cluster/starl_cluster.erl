@@ -10,8 +10,10 @@
 %% '''
 %% This module starts and asks the cluster; its process is {@link starl_cluster_server}.
 -module(starl_cluster).
+-behaviour(starl_run).
 
 -export([
+    world/0,
     start/2,
     await/1,
     until/2,
@@ -30,7 +32,7 @@
 
 -record(cluster, {
     server :: pid(),
-    scenario :: starl_sim_scenario:t(),
+    scenario :: starl_run_scenario:t(),
     scene :: starl_scene:t()
 }).
 
@@ -76,7 +78,7 @@
 }.
 
 -type reason() ::
-    starl_sim:reason() | starl_cluster_server:reason().
+    starl_run:reason() | starl_cluster_server:reason().
 
 -define(CALL_MS, 60000).
 
@@ -96,6 +98,10 @@ start(Given, Options) ->
         {error, _} = Error ->
             Error
     end.
+
+%% @doc Each robot has a node.
+-spec world() -> nodes.
+world() -> nodes.
 
 %% @doc Waits for the end of the run.
 -spec await(t()) -> starl_world:ending().
@@ -132,7 +138,7 @@ place(#cluster{server = Server}, Robot) -> gen_server:call(Server, {place, Robot
 %% @doc Hands do this now. A reboot of no length is a kill of the robot's node, by SIGKILL; it is started
 %% anew. A store that is set back in no time is as it was when the node was started the last time. A pause
 %% halts the node for a time of the computer, at once.
--spec act(t(), [starl_sim_hand:t()]) -> ok | {error, unicode:chardata()}.
+-spec act(t(), [starl_run_hand:t()]) -> ok | {error, unicode:chardata()}.
 act(#cluster{server = Server}, Hands) -> gen_server:call(Server, {act, Hands}, ?CALL_MS).
 
 %% @doc Halts the node of a robot for a time of the computer, as soon as the node does something, in the
@@ -143,7 +149,7 @@ halt_at_work(#cluster{server = Server}, Robot, Seconds) ->
     gen_server:call(Server, {halted, Robot, Seconds}, infinity).
 
 %% @doc These faults are over; pauses are with all others.
--spec heal(t(), starl_world_faults:heal()) -> ok.
+-spec heal(t(), starl_run_hand:heal()) -> ok.
 heal(#cluster{server = Server}, What) -> gen_server:call(Server, {heal, What}, ?CALL_MS).
 
 %% @doc Ends the run.
@@ -156,11 +162,11 @@ stop(#cluster{server = Server}) -> starl_world:stop(gen_server:call(Server, worl
 most_halted_ms() -> starl_cluster_server:most_halted_ms().
 
 %% @doc The checked scenario, with all defaults.
--spec scenario(t()) -> starl_sim_scenario:t().
+-spec scenario(t()) -> starl_run_scenario:t().
 scenario(#cluster{scenario = Scenario}) -> Scenario.
 
 %% @doc Ends the nodes and the world; returns the outcome and the application's report.
--spec finish(t()) -> {starl_sim_outcome:t(), starl_scene:report()}.
+-spec finish(t()) -> {starl_run:outcome(), starl_scene:report()}.
 finish(#cluster{server = Server, scenario = #{app := App}, scene = Scene}) ->
     Outcome = starl_world:finish(gen_server:call(Server, world, infinity)),
     ok = gen_server:call(Server, close, infinity),
@@ -172,4 +178,4 @@ finish(#cluster{server = Server, scenario = #{app := App}, scene = Scene}) ->
 format_error({control, Why}) -> ["the cluster's socket for commands: ", Why];
 format_error({peers, Reason}) -> starl_sim_peers:format_error(Reason);
 format_error({robot, Robot, Why}) -> io_lib:format("robot ~b does not start: ~ts", [Robot, Why]);
-format_error(Reason) -> starl_sim:format_error(Reason).
+format_error(Reason) -> starl_run:format_error(Reason).

@@ -9,11 +9,11 @@
 
 -export_type([hand/0]).
 
-%% What hands do ({@link starl_sim_hand:t()}); the target may be the leader of that moment. A pause may be
+%% What hands do ({@link starl_run_hand:t()}); the target may be the leader of that moment. A pause may be
 %% in the middle of work, and a cable pulled in time, before hardware could drive on without it.
 -type hand() ::
-    starl_sim_hand:t()
-    | {starl_sim_fault:kind(), leader, map(), non_neg_integer()}.
+    starl_run_hand:t()
+    | {starl_run_fault:kind(), leader, map(), non_neg_integer()}.
 
 -define(CUT_MS, 10000).
 -define(FREEZE_MS, 5000).
@@ -45,7 +45,7 @@ draw(Seed, Robots, {From, To}) ->
     {{_, Kind, Params}, _} = one_of(starl_live_sense_fault:known(), Random8),
     lists:sort(
         [{T5, Halt}, {T1, {reboot, leader, #{}, 0}}, {T2, {reboot, A, #{}, 0}}] ++
-            [{T3, Half} || B =/= C, Half <- starl_sim_hand:cut(B, C, ?CUT_MS)] ++
+            [{T3, Half} || B =/= C, Half <- starl_run_hand:cut(B, C, ?CUT_MS)] ++
             [{T4, {location_frozen, D, #{}, ?FREEZE_MS}}, {T6, full(F)}] ++
             [{T7, {Kind, G, Params#{sense => all}, ?SENSE_MS}}]
     ).
@@ -114,7 +114,7 @@ one_of(Robots, Random) ->
     {lists:nth(N, Robots), Next}.
 
 %% @doc The same with the present leader's number; `none' if nobody leads.
--spec aimed(hand(), Leader :: starl:robot_id() | none) -> starl_sim_hand:t() | none.
+-spec aimed(hand(), Leader :: starl:robot_id() | none) -> starl_run_hand:t() | none.
 aimed({_, leader, _, _}, none) -> none;
 aimed({Kind, leader, Params, Lasts}, Leader) -> {Kind, Leader, Params, Lasts};
 aimed(Hand, _Leader) -> Hand.

@@ -9,9 +9,9 @@
 -type t() ::
     status
     | stop
-    | {heal, starl_world_faults:heal()}
+    | {heal, starl_run_hand:heal()}
     | {reload, starl_version:source()}
-    | {act, [starl_sim_hand:t()]}.
+    | {act, [starl_run_hand:t()]}.
 
 %% Each command, and the number of words after the first one.
 -define(COMMANDS, [
@@ -92,7 +92,7 @@ act("set-back", [{Robot, []}]) -> {ok, {act, [{store_set_back, Robot, #{}, 0}]}}
 act("freeze", [{Robot, []}]) -> {ok, {act, [{location_frozen, Robot, #{}, lasting}]}};
 act("fill", [{Robot, []}]) -> {ok, {act, [{store_full, Robot, #{}, lasting}]}};
 act("unplug", [{Robot, []}]) -> {ok, {act, [{serial_gone, Robot, #{}, lasting}]}};
-act("cut", [{A, []}, {B, []}]) when A =/= B -> {ok, {act, starl_sim_hand:cut(A, B, lasting)}};
+act("cut", [{A, []}, {B, []}]) when A =/= B -> {ok, {act, starl_run_hand:cut(A, B, lasting)}};
 act(Word, _) -> {error, [Word, ": robots by their numbers, as in cut 1 2 or kill 3"]}.
 
 %% A file, an application as users name it, or a module.

@@ -63,12 +63,12 @@
 most_halted_ms() -> 1000 * ?MOST_HALTED_S.
 
 %% @doc Starts the nodes, the world and the robots of a plan; plays its schedule of faults.
--spec start_link(starl_sim_plan:t(), [starl_sim_fault:t()], starl_cluster:options()) ->
+-spec start_link(starl_run_plan:t(), [starl_run_fault:t()], starl_cluster:options()) ->
     gen_server:start_ret().
 start_link(Plan, Schedule, Options) ->
     gen_server:start_link(?MODULE, {Plan, Schedule, Options}, [{timeout, infinity}]).
 
--spec init({starl_sim_plan:t(), [starl_sim_fault:t()], starl_cluster:options()}) ->
+-spec init({starl_run_plan:t(), [starl_run_fault:t()], starl_cluster:options()}) ->
     {ok, #state{}} | {stop, {shutdown, reason()}}.
 init({#{robots := Poses} = Plan, Schedule, Options}) ->
     process_flag(trap_exit, true),
@@ -127,7 +127,7 @@ at_once(Fault, State) ->
     end.
 
 %% The world, and what its robots start with.
-peopled(#{crew := #{tree := Tree}} = Plan, Control, Nodes, #{transport := Transport} = Options) ->
+peopled(#{tree := Tree} = Plan, Control, Nodes, #{transport := Transport} = Options) ->
     Names = starl_cluster_nodes:names(Nodes),
     #{world := World, clock := Clock} =
         Stage = starl_world_stage:open(Plan, {Transport, Names}, Options),
@@ -299,7 +299,7 @@ acted(Hands, From, Text, State) ->
 
 %% The first that cannot be done is the answer; all are of the same kind, for the same robots.
 hands(Hands, State) ->
-    Named = lists:usort(lists:append([starl_sim_hand:robots(Hand) || Hand <- Hands])),
+    Named = lists:usort(lists:append([starl_run_hand:robots(Hand) || Hand <- Hands])),
     case known(Named, State, fun() -> ok end) of
         ok -> hands(Hands, [], State);
         {error, _} = Error -> {Error, [], State}

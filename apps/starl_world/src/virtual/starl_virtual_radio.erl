@@ -82,29 +82,29 @@ run(Seed) ->
     }.
 
 events(Seed) ->
-    flood(starl_sim_draw:between({Seed, flood}, 1, 10), Seed) ++ uses(Seed).
+    flood(starl_run_draw:between({Seed, flood}, 1, 10), Seed) ++ uses(Seed).
 
 flood(1, Seed) ->
     {First, Last} = ?WORST_US,
     [
-        {starl_sim_draw:between({Seed, N, at}, First, Last - 1), {send, N}}
+        {starl_run_draw:between({Seed, N, at}, First, Last - 1), {send, N}}
      || N <- lists:seq(?PACKETS + 1, ?PACKETS + ?FLOOD)
     ];
 flood(_, _Seed) ->
     [].
 
 uses(Seed) ->
-    [{starl_sim_draw:between({Seed, N, at}, 0, ?LAST_US), {send, N}} || N <- lists:seq(1, ?PACKETS)] ++
+    [{starl_run_draw:between({Seed, N, at}, 0, ?LAST_US), {send, N}} || N <- lists:seq(1, ?PACKETS)] ++
         [
-            {starl_sim_draw:between({Seed, N, again}, 0, ?LAST_US), {send, N}}
+            {starl_run_draw:between({Seed, N, again}, 0, ?LAST_US), {send, N}}
          || N <- lists:seq(1, ?PACKETS), N rem 5 =:= 0
         ] ++
         [{At, {restart, R}} || R <- ?ROBOTS, At <- restarts(R, Seed)].
 
 restarts(Robot, Seed) ->
     [
-        starl_sim_draw:between({Seed, Robot, restart}, 0, ?CALM_US)
-     || starl_sim_draw:uniform({Seed, Robot, restarts}) < 0.3
+        starl_run_draw:between({Seed, Robot, restart}, 0, ?CALM_US)
+     || starl_run_draw:uniform({Seed, Robot, restarts}) < 0.3
     ].
 
 planned({At, Event}, Radio) -> plan(At, Event, Radio).
@@ -127,7 +127,7 @@ play(#radio{queue = Queue} = Radio) ->
 
 %% -- the ends -------------------------------------------------------------------------------
 
-offset(Robot, Seed) -> round(starl_sim_draw:signed({Seed, Robot, offset}) * ?OFFSET_US).
+offset(Robot, Seed) -> round(starl_run_draw:signed({Seed, Robot, offset}) * ?OFFSET_US).
 
 open(Robot, Life, #radio{seed = Seed, ends = Ends} = Radio) ->
     shown(Robot, Radio),
@@ -173,10 +173,10 @@ shown(Robot, #radio{seed = Seed, clocks = Clocks, now = Now}) ->
 
 %% In one run of five the clock of one robot is wrong, and then the VM does not follow it.
 ahead(Robot, Now, Seed) ->
-    case starl_sim_draw:between({Seed, wrong}, 1, 5 * length(?ROBOTS)) of
+    case starl_run_draw:between({Seed, wrong}, 1, 5 * length(?ROBOTS)) of
         Robot ->
             {Least, Most} = ?AHEAD_S,
-            Us = 1000000 * starl_sim_draw:between({Seed, ahead}, Least, Most),
+            Us = 1000000 * starl_run_draw:between({Seed, ahead}, Least, Most),
             {Us, Us * (1 - min(1, Now div ?SET_RIGHT_US))};
         _ ->
             {0, 0}
@@ -197,11 +197,11 @@ send(N, #radio{sent = Sent, now = Now, ends = Ends} = Radio) ->
 
 packet(N, #radio{sent = Sent}) when is_map_key(N, Sent) -> maps:get(N, Sent);
 packet(N, #radio{seed = Seed}) ->
-    From = starl_sim_draw:between({Seed, N, from}, 1, length(?ROBOTS)),
+    From = starl_run_draw:between({Seed, N, from}, 1, length(?ROBOTS)),
     Others = lists:delete(From, ?ROBOTS),
-    To = lists:nth(starl_sim_draw:between({Seed, N, to}, 1, 3), [Others | [[R] || R <- Others]]),
+    To = lists:nth(starl_run_draw:between({Seed, N, to}, 1, 3), [Others | [[R] || R <- Others]]),
     Most =
-        case starl_sim_draw:between({Seed, N, class}, 1, 4) of
+        case starl_run_draw:between({Seed, N, class}, 1, 4) of
             _ when N > ?PACKETS -> 60000;
             1 -> 1300;
             2 -> 20000;
@@ -209,7 +209,7 @@ packet(N, #radio{seed = Seed}) ->
             4 -> 100
         end,
     Least = max(0, 60000 * (min(N, ?PACKETS + 1) - ?PACKETS)),
-    Size = starl_sim_draw:between({Seed, N, size}, min(Least, Most), Most),
+    Size = starl_run_draw:between({Seed, N, size}, min(Least, Most), Most),
     Body = {N, binary:copy(<<N:16>>, Size div 2)},
     #sent{from = From, to = To, packet = starl_packet:shout(From, {app, note}, Body)}.
 
@@ -255,7 +255,7 @@ on_air(From, To, Bytes, #radio{n = N, seed = Seed, now = Now} = Radio) ->
     ).
 
 arrivals(To, Bytes, Key, Now) when Now >= ?CALM_US ->
-    [{To, Now + starl_sim_draw:between({Key, delay}, 1000, 20000), Bytes}];
+    [{To, Now + starl_run_draw:between({Key, delay}, 1000, 20000), Bytes}];
 arrivals(To, Bytes, Key, Now) ->
     {First, Last} = ?WORST_US,
     Loss =
@@ -264,29 +264,29 @@ arrivals(To, Bytes, Key, Now) ->
             true -> 0.1
         end,
     Copies =
-        case starl_sim_draw:uniform({Key, twice}) of
+        case starl_run_draw:uniform({Key, twice}) of
             Twice when Twice < 0.15 -> [1, 2];
             _ -> [1]
         end,
     [
         {
             To,
-            Now + starl_sim_draw:between({Key, Copy, delay}, 1000, 500000),
+            Now + starl_run_draw:between({Key, Copy, delay}, 1000, 500000),
             state({Key, Copy}, Bytes)
         }
-     || Copy <- Copies, starl_sim_draw:uniform({Key, Copy, lost}) >= Loss
+     || Copy <- Copies, starl_run_draw:uniform({Key, Copy, lost}) >= Loss
     ].
 
 state(Key, Bytes) ->
-    case starl_sim_draw:uniform({Key, state}) of
+    case starl_run_draw:uniform({Key, state}) of
         Drawn when Drawn < 0.1 -> damaged(Key, Bytes);
         _ -> Bytes
     end.
 
 %% A bit is wrong, the end is missing, or something is behind it.
 damaged(Key, Bytes) ->
-    Bit = starl_sim_draw:between({Key, bit}, 0, 8 * byte_size(Bytes) - 1),
-    case starl_sim_draw:between({Key, how}, 1, 6) of
+    Bit = starl_run_draw:between({Key, bit}, 0, 8 * byte_size(Bytes) - 1),
+    case starl_run_draw:between({Key, how}, 1, 6) of
         1 ->
             binary:part(Bytes, 0, Bit div 8);
         2 ->
@@ -297,9 +297,9 @@ damaged(Key, Bytes) ->
     end.
 
 attacks(From, Bytes, Key, Radio) ->
-    Robot = starl_sim_draw:between({Key, victim}, 1, length(?ROBOTS)),
-    At = Radio#radio.now + starl_sim_draw:between({Key, attack}, 1, ?PLAYED_US),
-    case starl_sim_draw:uniform({Key, attacks}) of
+    Robot = starl_run_draw:between({Key, victim}, 1, length(?ROBOTS)),
+    At = Radio#radio.now + starl_run_draw:between({Key, attack}, 1, ?PLAYED_US),
+    case starl_run_draw:uniform({Key, attacks}) of
         Drawn when Drawn < 0.1 -> [{Robot, At, Bytes}];
         Drawn when Drawn < 0.12 -> [{Robot, At, damaged({Key, attack}, Bytes)}];
         Drawn when Drawn < 0.13 -> [{Robot, At, foreign(From, Robot, Radio)}];
@@ -314,7 +314,7 @@ foreign(From, To, #radio{now = Now} = Radio) ->
 
 %% One that a robot with damaged memory has sealed: what is in it is no packet of its.
 malformed(From, To, At, Key, Radio) ->
-    Content = starl_sim_draw:between({Key, content}, 1, 12),
+    Content = starl_run_draw:between({Key, content}, 1, 12),
     sealed(1, From, To, malformed(Content, From), At, Radio).
 
 malformed(1, _From) -> <<>>;

@@ -52,7 +52,7 @@ lives(#run{life = Life} = Run) -> lives(cut(live(Run#run{life = Life + 1}))).
 %% What the life has tried before the power cut is in the dictionary: the cut is thrown.
 live(#run{seed = Seed, life = Life} = Run) ->
     ok = starl_virtual_disk:cut_after(
-        ?DISK, starl_sim_draw:between({Seed, Life, cut}, 1, ?OPERATIONS), any
+        ?DISK, starl_run_draw:between({Seed, Life, cut}, 1, ?OPERATIONS), any
     ),
     _ = put(?MODULE, Run),
     try
@@ -72,7 +72,7 @@ cut(Run) ->
 
 troubled(#run{seed = Seed, life = Life} = Run) ->
     Trouble =
-        case starl_sim_draw:between({Seed, Life, trouble}, 1, 6) of
+        case starl_run_draw:between({Seed, Life, trouble}, 1, 6) of
             1 -> full;
             2 -> {fails, 0.3};
             _ -> none
@@ -87,7 +87,7 @@ born(Run) ->
 
 %% One copy of the numbers may be damaged; otherwise the disk is healthy while the robot starts.
 counted(Store, #run{seed = Seed, life = Life, starts = Before} = Run) ->
-    Copy = lists:nth(starl_sim_draw:between({Seed, Life, copy}, 1, 4), ["a", "b", "no", "no"]),
+    Copy = lists:nth(starl_run_draw:between({Seed, Life, copy}, 1, 4), ["a", "b", "no", "no"]),
     ok = starl_virtual_disk:suffer(?DISK, {damaged, "starts-" ++ Copy}),
     Known = maps:get(sap, starl_live_store:starts(Store), 0),
     ok = starl_virtual_disk:suffer(?DISK, none),
@@ -105,7 +105,7 @@ found(_Store, #run{violations = [_ | _]} = Run) ->
 found(Store, Run) ->
     #run{seed = Seed, life = Life} = Run,
     Damage =
-        case starl_sim_draw:between({Seed, Life, damage}, 1, 6) of
+        case starl_run_draw:between({Seed, Life, damage}, 1, 6) of
             1 -> {damaged, ".kept"};
             _ -> none
         end,
@@ -134,8 +134,8 @@ found(Name, Damage, Store, #run{terms = Terms, chain = Chain} = Run) ->
 keeps(_Store, #run{violations = [_ | _]} = Run) ->
     Run;
 keeps(Store, #run{seed = Seed, n = N} = Run) ->
-    Name = lists:nth(starl_sim_draw:between({Seed, N, name}, 1, length(?MACHINES)), ?MACHINES),
-    Size = starl_sim_draw:between({Seed, N, size}, 0, ?BYTES),
+    Name = lists:nth(starl_run_draw:between({Seed, N, name}, 1, length(?MACHINES)), ?MACHINES),
+    Size = starl_run_draw:between({Seed, N, size}, 0, ?BYTES),
     Term = {N, binary:copy(<<N>>, Size)},
     Trying = noted(tries(Name, {stored, Term}, Run#run{n = N + 1})),
     keeps(Store, noted(kept(starl_live_store:keep(Name, Term, Store), Name, Term, Trying))).

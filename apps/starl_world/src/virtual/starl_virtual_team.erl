@@ -86,9 +86,9 @@
     | {message, starl:robot_id(), Life :: pos_integer(), starl_virtual_robot:actor(), term()}.
 
 %% @doc The kinds of faults that are carried out.
--spec kinds() -> [starl_sim_fault:kind()].
+-spec kinds() -> [starl_run_fault:kind()].
 kinds() ->
-    Network = [Kind || {Kind, _, _, _, _} <- starl_sim_fault:kinds_of(network), Kind =/= range],
+    Network = [Kind || {Kind, _, _, _, _} <- starl_run_fault:kinds_of(network), Kind =/= range],
     Network ++
         [
             clock_drift,
@@ -109,7 +109,7 @@ kinds() ->
 run(Given) ->
     _ = process_flag(trap_exit, true),
     Scenario = (maps:remove(watch, Given))#{mode => process},
-    {ok, {#{faults := Faults}, _Scene, Plan}} = starl_sim:plan(Scenario, maps:with([watch], Given)),
+    {ok, {#{faults := Faults}, _Scene, Plan}} = starl_run:plan(Scenario, maps:with([watch], Given)),
     Team = ended(play(begun(Faults, Plan))),
     #{
         violations => lists:reverse(Team#team.violations),
@@ -128,7 +128,7 @@ begun(Faults, #{robots := Poses, world := World, monitors := Monitors, limit_us 
         monitors = starl_monitor:new([excused(Monitor, World) || Monitor <- Monitors]),
         limit_us = Limit
     },
-    Strikes = lists:append([starl_sim_fault:strikes(Fault) || Fault <- Faults]),
+    Strikes = lists:append([starl_run_fault:strikes(Fault) || Fault <- Faults]),
     Events =
         [{0, {boot, Id}} || Id <- Ids] ++
             [{At, {strike, Id, Strike}} || {Id, At, Strike} <- Strikes] ++
@@ -160,15 +160,15 @@ reloads(World) ->
         Id <- Ids
     ].
 
-robot(Id, Peers, #{world := World, crew := #{tree := Tree}}) ->
+robot(Id, Peers, #{world := World, tree := Tree}) ->
     #{seed := Seed, clock := {OffsetUs, DriftPpb}, clocks := Clocks, profiles := Profiles} = World,
     Disk = "disk-" ++ integer_to_list(Id),
     ok = starl_virtual_disk:new(Disk, {Seed, Id, disk}),
     Dir = {starl_virtual_disk, filename:join(Disk, "robot")},
     ok = starl_live_store:commission(Dir),
-    Offset = round(starl_sim_draw:signed({Seed, Id, offset}) * OffsetUs),
-    Drift = round(starl_sim_draw:signed({Seed, Id, drift}) * DriftPpb),
-    Hitting = bearable([Fault || Fault <- Clocks, starl_sim_fault:hits(Id, Fault)]),
+    Offset = round(starl_run_draw:signed({Seed, Id, offset}) * OffsetUs),
+    Drift = round(starl_run_draw:signed({Seed, Id, drift}) * DriftPpb),
+    Hitting = bearable([Fault || Fault <- Clocks, starl_run_fault:hits(Id, Fault)]),
     Radio = #{
         peers => Peers,
         fleet => "virtual",
@@ -349,7 +349,7 @@ message(At, Event, #robot{lag_us = Lag}, Team) -> plan(At + Lag, Event, Team).
 
 %% A draw of the robot, from its seed and their number.
 draw(Most, #robot{id = Id, draws = N} = Robot, #team{world = #{seed := Seed}}) ->
-    {starl_sim_draw:between({Seed, Id, draw, N}, 1, Most), Robot#robot{draws = N + 1}}.
+    {starl_run_draw:between({Seed, Id, draw, N}, 1, Most), Robot#robot{draws = N + 1}}.
 
 judged([], Team) ->
     Team;
@@ -384,8 +384,8 @@ sent(To, Bytes, #robot{id = Id, sent = Sent} = Robot, #team{world = World, now =
 state(intact, Bytes, _Key) ->
     Bytes;
 state(corrupt, Bytes, Key) ->
-    Bit = starl_sim_draw:between({Key, bit}, 0, 8 * byte_size(Bytes) - 1),
-    case starl_sim_draw:between({Key, how}, 1, 4) of
+    Bit = starl_run_draw:between({Key, bit}, 0, 8 * byte_size(Bytes) - 1),
+    case starl_run_draw:between({Key, how}, 1, 4) of
         1 ->
             binary:part(Bytes, 0, Bit div 8);
         _ ->
@@ -395,10 +395,10 @@ state(corrupt, Bytes, Key) ->
 
 %% An attacker has recorded the datagram, and sends it to some robot.
 played(Link, Bytes, #team{now = Now, robots = Robots}) ->
-    case starl_sim_draw:uniform({Link, played}) < ?PLAYED of
+    case starl_run_draw:uniform({Link, played}) < ?PLAYED of
         true ->
-            At = Now + starl_sim_draw:between({Link, played_at}, 1, ?PLAYED_US),
-            [{starl_sim_draw:between({Link, played_to}, 1, map_size(Robots)), At, Bytes}];
+            At = Now + starl_run_draw:between({Link, played_at}, 1, ?PLAYED_US),
+            [{starl_run_draw:between({Link, played_to}, 1, map_size(Robots)), At, Bytes}];
         false ->
             []
     end.

@@ -16,7 +16,6 @@
     plan/2,
     slack_us/0,
     observed/2,
-    live/2,
     start_link/1,
     embody/2,
     inhabit/2,
@@ -36,12 +35,12 @@
 
 -export_type([config/0, status/0, ending/0]).
 
-%% The world of a run: the plan of its simulation ({@link starl_sim_plan:t()}), its clock, and the
+%% The world of a run: the plan of its simulation ({@link starl_run_plan:t()}), its clock, and the
 %% positioning system: its rate (`none': it shows a picture whenever it is asked) and whether it
 %% rounds to whole millimetres; walls. An observer of the run comes with the facts that he is told
 %% first.
 -type config() :: #{
-    plan := starl_sim_plan:t(),
+    plan := starl_run_plan:t(),
     clock := starl_live_clock:t(),
     arena => starl_world_floor:arena(),
     rate_hz => number() | none,
@@ -71,25 +70,25 @@
 -spec plan(#{app := module(), atom() => term()}, #{
     world := one_vm | nodes, speed => number(), watch => [{module(), map()}], atom() => term()
 }) ->
-    {ok, starl_sim:planned(), [starl_sim_fault:t()]} | {error, starl_sim:reason()}.
+    {ok, starl_run:planned(), [starl_run_fault:t()]} | {error, starl_run:reason()}.
 plan(Given, #{world := Where} = Options) ->
     Slack = round(?SLACK_US * maps:get(speed, Options, 1)),
     Own = (maps:with([watch], Options))#{slack_us => Slack},
-    case starl_sim:plan(Given#{mode => process}, Own) of
+    case starl_run:plan(Given#{mode => process}, Own) of
         {ok, {_Scenario, #{floor := _}, _Plan}} ->
             {error, {scene, "in real time there are no floor plans yet: run it in virtual time"}};
         {ok, {#{faults := []}, _Scene, _Plan} = Planned} ->
             {ok, Planned, []};
         {ok, {#{faults := Faults} = Scenario, _Scene, _Plan}} ->
-            scheduled(starl_sim_hand:refused(Where, Faults), Scenario, Own);
+            scheduled(starl_run_hand:refused(Where, Faults), Scenario, Own);
         {error, _} = Error ->
             Error
     end.
 
 %% What has to be done so long after the faults has as long in real time.
 scheduled([], #{faults := Faults, heal := Heal} = Scenario, Own) ->
-    Healed = max(Heal, starl_sim_fault:healed_us(Faults) / 1.0e6),
-    {ok, Planned} = starl_sim:plan(Scenario#{faults := [], heal := Healed}, Own),
+    Healed = max(Heal, starl_run_fault:healed_us(Faults) / 1.0e6),
+    {ok, Planned} = starl_run:plan(Scenario#{faults := [], heal := Healed}, Own),
     {ok, Planned, Faults};
 scheduled(Refused, _Scenario, _Own) ->
     {error, {scene, lists:join("; ", Refused)}}.
@@ -99,20 +98,16 @@ scheduled(Refused, _Scenario, _Own) ->
 slack_us() -> ?SLACK_US.
 
 %% @doc The options of a run with what its observer and the recorders of its robots are told first.
--spec observed(starl_sim:planned(), Options) -> Options when Options :: map().
+-spec observed(starl_run:planned(), Options) -> Options when Options :: map().
 observed(Planned, Options) when is_map_key(observe, Options); is_map_key(recorder, Options) ->
-    Options#{facts => starl_sim_plan:facts(Planned, maps:get(watch, Options, []))};
+    Options#{facts => starl_run_plan:facts(Planned, maps:get(watch, Options, []))};
 observed(_Planned, Options) ->
     Options.
-
-%% @doc These facts in a run of this clock.
--spec live(starl_observer:facts(), starl_live_clock:t()) -> starl_observer:facts().
-live(Facts, Clock) -> Facts#{kind := live, epoch_us => starl_live_clock:epoch_us(Clock)}.
 
 %% @doc Starts the world of a run.
 -spec start_link(config()) -> gen_server:start_ret().
 start_link(#{facts := Facts, clock := Clock} = Config) ->
-    starl_world_server:start_link(Config#{facts := live(Facts, Clock)});
+    starl_world_server:start_link(Config#{facts := starl_live_clock:dated(Facts, Clock)});
 start_link(Config) ->
     starl_world_server:start_link(Config).
 
@@ -178,5 +173,5 @@ resumed(World, Robot) -> gen_server:call(World, {resumed, Robot}).
 stop(World) -> gen_server:cast(World, stop).
 
 %% @doc Closes the monitors and returns the outcome, as of a simulation.
--spec finish(pid()) -> starl_sim_outcome:t().
+-spec finish(pid()) -> starl_run:outcome().
 finish(World) -> gen_server:call(World, finish, infinity).

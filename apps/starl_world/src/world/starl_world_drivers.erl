@@ -2,25 +2,18 @@
 %% are compiled and checked, programs are started once and asked for their hello, before anything runs.
 -module(starl_world_drivers).
 
--export([resolve/3, driver/2, lines/3]).
+-export([resolve/3, lines/3]).
 
--export_type([t/0, code/0, compile/0]).
-
--type code() :: {module(), Source :: file:filename(), Beam :: binary()}.
-
-%% Compiles the source of a driver.
--type compile() :: fun(
-    (file:filename()) -> {ok, module(), [code()]} | {error, [unicode:chardata(), ...]}
-).
+-export_type([t/0]).
 
 %% The drivers by their names, and the modules that were compiled for them.
 -type t() :: #{
     drivers := #{starl_chassis_choice:name() => starl_live_link:line()},
-    code := [code()]
+    code := [starl_live_own:code()]
 }.
 
 %% @doc The user's own chassis of a choice, with the profiles that the robots will have.
--spec resolve(starl_chassis_choice:t(), starl_chassis:profiles(), compile()) ->
+-spec resolve(starl_chassis_choice:t(), starl_chassis:profiles(), starl_live_own:compile()) ->
     {ok, t()} | {error, [unicode:chardata(), ...]}.
 resolve(Choice, Profiles, Compile) ->
     Names = lists:zip(starl_chassis_choice:in_turn(Choice), Profiles),
@@ -37,41 +30,10 @@ resolve(Choice, Profiles, Compile) ->
     end.
 
 resolved(Name, Profile, Compile) ->
-    case driver(Name, Compile) of
+    case starl_live_own:driver(Name, Compile) of
         {ok, {starl_live_exec, _} = Driver, Code} -> tried(Driver, Code, Profile);
         Answer -> Answer
     end.
-
-%% @doc The driver of a chassis of the user's own.
--spec driver(starl_chassis_choice:name(), compile()) ->
-    {ok, starl_live_link:line(), [code()]} | {error, [unicode:chardata(), ...]}.
-driver(Name, Compile) ->
-    case starl_chassis_choice:own(Name) of
-        {exec, Command} -> {ok, {starl_live_exec, #{exec => absolute(Command)}}, []};
-        {file, File, Options} -> compiled(Compile(File), Options)
-    end.
-
-%% The nodes of a cluster may have another working directory.
-absolute(Command) ->
-    case starl_live_program:words(Command) of
-        [Name | Args] ->
-            Path =
-                case lists:member($/, Name) of
-                    true -> filename:absname(Name);
-                    false -> Name
-                end,
-            lists:append(lists:join(" ", [Path | Args]));
-        [] ->
-            ""
-    end.
-
-compiled({ok, Module, Code}, Options) ->
-    case starl_live_own:check(Module, starl_live_chassis, Options) of
-        {ok, Values} -> {ok, {Module, Values}, Code};
-        {error, Why} -> {error, [Why]}
-    end;
-compiled({error, _} = Error, _Options) ->
-    Error.
 
 %% Is it there, and can it do what the robots are to do?
 tried({Module, Own} = Driver, Code, Profile) ->

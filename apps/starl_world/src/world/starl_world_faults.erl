@@ -1,5 +1,5 @@
 %% @doc The faults of a run in real time: those of its schedule, and those by hand ({@link
-%% starl_sim_hand}). It knows which last, what each robot hears and senses by them, and what is to be done
+%% starl_run_hand}). It knows which last, what each robot hears and senses by them, and what is to be done
 %% when one begins or ends. Who runs the robots does it, in this VM ({@link starl_world_robots}) or on
 %% nodes ({@link starl_cluster_server}), and tells the world. A pure module.
 %% ```
@@ -13,7 +13,7 @@
 -export([new/1, from_the_start/1, named/4, unnamed/2, begins/3, over/3, up/3, healable/2]).
 -export([air/3, senses/2, is_full/2, fate/2, is_down/3]).
 
--export_type([t/0, fault/0, told/0, effect/0, heal/0, fate/0]).
+-export_type([t/0, fault/0, told/0, effect/0, fate/0]).
 
 %% A fault as of a scenario; while it lasts, nobody need know its end.
 -type fault() ::
@@ -21,8 +21,8 @@
         Id :: atom(),
         FromMs :: integer(),
         ToMs :: integer() | forever,
-        starl_sim_fault:kind(),
-        starl_sim_fault:target(),
+        starl_run_fault:kind(),
+        starl_run_fault:target(),
         map()
     }.
 
@@ -39,14 +39,6 @@
     | {machine, starl:robot_id(), starl_machine:name()}
     | {tell, [starl:robot_id()]}
     | {due, AtMs :: integer(), Id :: atom()}.
-
-%% What is healed: everything, a fault by its name, those of a kind with this target, those of a robot's
-%% sense.
--type heal() ::
-    all
-    | {fault, atom()}
-    | {starl_sim_fault:kind(), starl_sim_fault:target()}
-    | {sense, starl:robot_id(), starl_sense:kind() | all}.
 
 %% What becomes of a robot's store before the robot starts.
 -type fate() :: kept | lost | set_back.
@@ -78,13 +70,13 @@ from_the_start(Schedule) ->
     lists:partition(
         fun(Fault) ->
             element(2, Fault) =< 0 andalso
-                lists:member(starl_sim_fault:class(Fault), [network, sense])
+                lists:member(starl_run_fault:class(Fault), [network, sense])
         end,
         Schedule
     ).
 
 %% @doc The fault that a hand does now; a pause by hand is of the computer, and has an end.
--spec named(starl_sim_hand:t(), NowMs :: integer(), Speed :: number(), t()) -> {fault(), t()}.
+-spec named(starl_run_hand:t(), NowMs :: integer(), Speed :: number(), t()) -> {fault(), t()}.
 named({pause, Target, Params, lasting}, Now, Speed, Faults) ->
     named({pause, Target, Params, ?PAUSE_MS}, Now, Speed, Faults);
 named({pause, Target, Params, Ms}, Now, Speed, Faults) ->
@@ -92,7 +84,7 @@ named({pause, Target, Params, Ms}, Now, Speed, Faults) ->
     {{Id, Now, Now + round(Speed * Ms), pause, Target, Params}, Next};
 named(Hand, Now, _Speed, Faults) ->
     {Id, Next} = unnamed("hand", Faults),
-    {starl_sim_hand:fault(Id, {Now, forever}, Hand), Next}.
+    {starl_run_hand:fault(Id, {Now, forever}, Hand), Next}.
 
 %% @doc A name for a fault that has none.
 -spec unnamed(Prefix :: string(), t()) -> {atom(), t()}.
@@ -149,7 +141,7 @@ fated(Robot, set_back, #faults{fates = Fates} = Faults) ->
 does({_, _, _, store_full, Robot, _}, _Faults) ->
     [{fill, Robot}];
 does(Fault, Faults) ->
-    changes(starl_sim_fault:class(Fault), Fault, Faults).
+    changes(starl_run_fault:class(Fault), Fault, Faults).
 
 changes(network, Fault, #faults{team = Team}) ->
     Ids = starl_team:members(Team),
@@ -207,7 +199,7 @@ up(Robot, Now, #faults{lasting = Lasting, starts = Starts} = Faults) ->
     }.
 
 %% @doc The names of the faults that can be healed. A restart is no such.
--spec healable(heal(), t()) -> [atom()].
+-spec healable(starl_run_hand:heal(), t()) -> [atom()].
 healable(What, #faults{lasting = Lasting}) ->
     [
         element(1, Fault)
@@ -225,7 +217,7 @@ is_healed(_Other, _Fault) -> false.
 %% @doc The air of a robot in a run that passes so many times as fast as real time.
 -spec air(starl:robot_id(), Speed :: number(), t()) -> starl_live_air:settings().
 air(Robot, Speed, #faults{team = Team, lasting = Lasting}) ->
-    Network = [Fault || Fault <- Lasting, starl_sim_fault:class(Fault) =:= network],
+    Network = [Fault || Fault <- Lasting, starl_run_fault:class(Fault) =:= network],
     Links = [
         {Other, [
             D
@@ -259,7 +251,7 @@ senses(Robot, #faults{lasting = Lasting}) ->
     maps:from_list([
         {Sense, starl_live_sense_fault:of_kind(Kind, Params)}
      || {_, _, _, Kind, _, #{sense := Sense} = Params} = Fault <- Lasting,
-        starl_sim_fault:hits(Robot, Fault)
+        starl_run_fault:hits(Robot, Fault)
     ]).
 
 %% @doc Is the disk of a robot full?

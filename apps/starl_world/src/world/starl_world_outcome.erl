@@ -5,7 +5,7 @@
 
 %% @doc The outcome of a run that ends now: its monitors are closed, and its observer is told.
 -spec close(Ending, NowUs, {starl_world_judge:t(), starl_world_team:t()}, starl_observer:t()) ->
-    starl_sim_outcome:t()
+    starl_run:outcome()
 when
     Ending :: starl_world:ending() | none, NowUs :: integer().
 close(Ending, Now, {Judge, Robots}, Observer) ->

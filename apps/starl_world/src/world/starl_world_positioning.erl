@@ -86,7 +86,7 @@ shown(Id, Seen, Now, Positioning) ->
     }.
 
 time(Id, Us, Now, Faults) ->
-    Frozen = [F || {_, _, _, location_frozen, _, _} = F <- Faults, starl_sim_fault:hits(Id, F)],
+    Frozen = [F || {_, _, _, location_frozen, _, _} = F <- Faults, starl_run_fault:hits(Id, F)],
     case Frozen of
         [] -> Us;
         [_ | _] -> Now

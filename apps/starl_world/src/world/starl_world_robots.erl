@@ -16,7 +16,7 @@
     world := pid(),
     clock := starl_live_clock:t(),
     speed := number(),
-    schedule := [starl_sim_fault:t()]
+    schedule := [starl_run_fault:t()]
 }.
 
 -record(robots, {
@@ -43,11 +43,11 @@ start_link(Specs, Run) -> gen_server:start_link(?MODULE, {Specs, Run}, []).
 link(Robots, Id) -> gen_server:call(Robots, {link, Id}, infinity).
 
 %% @doc Hands do this now.
--spec act(pid(), [starl_sim_hand:t()]) -> answer().
+-spec act(pid(), [starl_run_hand:t()]) -> answer().
 act(Robots, Hands) -> gen_server:call(Robots, {act, Hands}, infinity).
 
 %% @doc These faults are over.
--spec heal(pid(), starl_world_faults:heal()) -> ok.
+-spec heal(pid(), starl_run_hand:heal()) -> ok.
 heal(Robots, What) -> gen_server:call(Robots, {heal, What}, infinity).
 
 %% @doc Ends the robots.
@@ -110,7 +110,7 @@ start(Id, #robots{specs = Specs, sups = Sups, faults = Faults, world = World} = 
 handle_call({link, Id}, _From, Robots) ->
     {reply, link_of(Id, Robots), Robots};
 handle_call({act, Hands}, _From, #robots{specs = Specs} = Robots) ->
-    Named = lists:usort(lists:append([starl_sim_hand:robots(Hand) || Hand <- Hands])),
+    Named = lists:usort(lists:append([starl_run_hand:robots(Hand) || Hand <- Hands])),
     case Named -- maps:keys(Specs) of
         [] ->
             {Answers, Next} = lists:mapfoldl(fun hand/2, Robots, Hands),

@@ -1,8 +1,11 @@
 %% @doc A live run in one VM: the robots of a scenario in real time, in a simulated world.
 -module(starl_world_run).
+-behaviour(starl_run).
 
 -export([
+    world/0,
     start/2,
+    format_error/1,
     await/1,
     stop/1,
     status/1,
@@ -19,7 +22,7 @@
 -record(run, {
     world :: pid(),
     robots :: pid(),
-    scenario :: starl_sim_scenario:t(),
+    scenario :: starl_run_scenario:t(),
     scene :: starl_scene:t()
 }).
 
@@ -46,7 +49,7 @@
 
 %% @doc Starts the robots of a scenario.
 -spec start(#{app := module(), atom() => term()}, options()) ->
-    {ok, t()} | {error, starl_sim:reason()}.
+    {ok, t()} | {error, starl_run:reason()}.
 start(Given, Options) ->
     case starl_world:plan(Given, Options#{world => one_vm}) of
         {ok, Planned, Schedule} ->
@@ -72,6 +75,14 @@ started({Scenario, Scene, #{robots := Poses} = Plan}, Schedule, Options) ->
         scene = Scene
     }.
 
+%% @doc All robots are in this VM.
+-spec world() -> one_vm.
+world() -> one_vm.
+
+%% @doc One line on why a run could not be started.
+-spec format_error(starl_run:reason()) -> unicode:chardata().
+format_error(Reason) -> starl_run:format_error(Reason).
+
 %% @doc Waits for the end of the run.
 -spec await(t()) -> starl_world:ending().
 await(#run{world = World}) -> starl_world:await(World).
@@ -85,7 +96,7 @@ stop(#run{world = World}) -> starl_world:stop(World).
 status(#run{world = World}) -> starl_world:status(World).
 
 %% @doc The checked scenario, with all defaults.
--spec scenario(t()) -> starl_sim_scenario:t().
+-spec scenario(t()) -> starl_run_scenario:t().
 scenario(#run{scenario = Scenario}) -> Scenario.
 
 %% @doc Waits until this time of the run.
@@ -97,15 +108,15 @@ until(#run{world = World}, Us) -> starl_world:until(World, Us).
 link(#run{robots = Robots}, Id) -> starl_world_robots:link(Robots, Id).
 
 %% @doc Hands do this now.
--spec act(t(), [starl_sim_hand:t()]) -> ok | {error, unicode:chardata()}.
+-spec act(t(), [starl_run_hand:t()]) -> ok | {error, unicode:chardata()}.
 act(#run{robots = Robots}, Hands) -> starl_world_robots:act(Robots, Hands).
 
 %% @doc These faults are over.
--spec heal(t(), starl_world_faults:heal()) -> ok.
+-spec heal(t(), starl_run_hand:heal()) -> ok.
 heal(#run{robots = Robots}, What) -> starl_world_robots:heal(Robots, What).
 
 %% @doc Ends the robots and the world; returns the outcome and the application's report.
--spec finish(t()) -> {starl_sim_outcome:t(), starl_scene:report()}.
+-spec finish(t()) -> {starl_run:outcome(), starl_scene:report()}.
 finish(#run{world = World, robots = Robots, scenario = #{app := App}, scene = Scene}) ->
     Outcome = starl_world:finish(World),
     ok = starl_world_robots:stop(Robots),

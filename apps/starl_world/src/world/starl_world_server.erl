@@ -278,7 +278,7 @@ pictured(Id, Sight, Seen, #world{positioning = Positioning} = World) ->
 
 %% The schedule's, and those by hand.
 fault({_, Fault} = Told, #world{positioning = Positioning} = World) ->
-    case starl_sim_fault:class(Fault) of
+    case starl_run_fault:class(Fault) of
         location ->
             Next = starl_world_positioning:fault(Told, Positioning),
             tell(Told, World#world{positioning = Next});

@@ -8,7 +8,7 @@
 
 %% `transport': the line of each robot.
 -type t() :: #{
-    plan := starl_sim_plan:t(),
+    plan := starl_run_plan:t(),
     clock := starl_live_clock:t(),
     world := pid(),
     transport := fun((starl:robot_id()) -> starl_live_link:line()),
@@ -17,7 +17,7 @@
 
 %% @doc Starts the clock and the world of a run; the world is linked to the calling process. `Nodes': the
 %% robots' nodes, if they have some.
--spec open(starl_sim_plan:t(), {starl_world_transport:name(), Nodes}, Options) -> t() when
+-spec open(starl_run_plan:t(), {starl_world_transport:name(), Nodes}, Options) -> t() when
     Nodes :: #{starl:robot_id() => node()},
     Options :: #{dir := file:filename(), atom() => term()}.
 open(#{robots := Poses, world := Sim} = Plan, {Name, Nodes}, Options) ->
@@ -39,7 +39,7 @@ open(#{robots := Poses, world := Sim} = Plan, {Name, Nodes}, Options) ->
 %% robot says so when it opens its store.
 -spec robot(starl:robot_id(), t()) -> starl_live_robot:spec().
 robot(Id, #{plan := Plan, clock := Clock, world := World, transport := Line, options := Options}) ->
-    #{crew := #{tree := Tree}, world := #{profiles := Profiles, seed := Seed}} = Plan,
+    #{tree := Tree, world := #{profiles := Profiles, seed := Seed}} = Plan,
     #{dir := Dir} = Options,
     Own = filename:join(Dir, "robot-" ++ integer_to_list(Id)),
     _ = starl_live_store:commission(Own),
@@ -67,6 +67,6 @@ robot_on_node(Id, Reporter, #{clock := Clock, options := Options} = Stage) ->
     maps:merge(robot(Id, Stage), maps:merge(Own, recorder(Clock, Options))).
 
 recorder(Clock, #{recorder := {Module, Own}, facts := Facts}) ->
-    #{recorder => {Module, Own#{facts => starl_world:live(Facts, Clock)}}};
+    #{recorder => {Module, Own#{facts => starl_live_clock:dated(Facts, Clock)}}};
 recorder(_Clock, #{}) ->
     #{}.

@@ -1,4 +1,4 @@
-%% @doc What hands do to a run: faults of a schedule ({@link starl_sim_fault}) that begin now. Pages,
+%% @doc What hands do to a run: faults of a schedule ({@link starl_run_fault}) that begin now. Pages,
 %% commands, chaos and schedules have no other words for it. A run in real time cannot play every kind:
 %% this module says which.
 %% ```
@@ -6,20 +6,28 @@
 %%   {location_frozen, 4, #{}, lasting}               cluster freeze 4
 %%   {loss, {1, 2}, #{part => 1.0}, 10000}            half of a cut, for ten seconds
 %% '''
--module(starl_sim_hand).
+-module(starl_run_hand).
 
 -export([kinds/1, refused/2, cut/3, fault/3, robots/1]).
 
--export_type([t/0, world/0]).
+-export_type([t/0, world/0, heal/0]).
 
 %% A kind with its target and its parameters, and how long it lasts: some milliseconds of the run (of a pause:
 %% of the computer), or until it is healed.
 -type t() :: {
-    starl_sim_fault:kind(), starl_sim_fault:target(), map(), LastsMs :: non_neg_integer() | lasting
+    starl_run_fault:kind(), starl_run_fault:target(), map(), LastsMs :: non_neg_integer() | lasting
 }.
 
 %% Where a run is: in the simulator; in real time with all robots in one VM, or each on a node.
 -type world() :: simulation | one_vm | nodes.
+
+%% What is healed: everything, a fault by its name, those of a kind with this target, those of a robot's
+%% sense.
+-type heal() ::
+    all
+    | {fault, atom()}
+    | {starl_run_fault:kind(), starl_run_fault:target()}
+    | {sense, starl:robot_id(), starl_sense:kind() | all}.
 
 %% What a world in real time can do, wherever the robots are; what it takes a node for.
 -define(REAL, [
@@ -52,17 +60,17 @@
 
 %% @doc The kinds that hands can do. In the simulator they cannot touch a clock: timers that run were set by
 %% it.
--spec kinds(world()) -> [starl_sim_fault:spec()].
+-spec kinds(world()) -> [starl_run_fault:spec()].
 kinds(simulation) ->
-    [Spec || {_, Class, _, _, _} = Spec <- starl_sim_fault:kinds(), Class =/= clock];
+    [Spec || {_, Class, _, _, _} = Spec <- starl_run_fault:kinds(), Class =/= clock];
 kinds(World) ->
-    [Spec || Spec <- starl_sim_fault:kinds(), lists:member(element(1, Spec), played(World))].
+    [Spec || Spec <- starl_run_fault:kinds(), lists:member(element(1, Spec), played(World))].
 
 played(one_vm) -> ?REAL;
 played(nodes) -> ?REAL ++ ?OF_NODES.
 
 %% @doc A line for each fault of a schedule that a run in real time cannot play: which kind, and what can.
--spec refused(one_vm | nodes, [starl_sim_fault:t()]) -> [unicode:chardata()].
+-spec refused(one_vm | nodes, [starl_run_fault:t()]) -> [unicode:chardata()].
 refused(World, Faults) ->
     [
         io_lib:format("fault ~ts: ~ts ~ts", [Id, Kind, instead(World, Kind)])
@@ -82,7 +90,7 @@ instead(nodes, _Kind) ->
 cut(A, B, Lasts) -> [{loss, Link, #{part => 1.0}, Lasts} || Link <- [{A, B}, {B, A}]].
 
 %% @doc The fault of a schedule that a hand does now; one without an end lasts until that time.
--spec fault(Id :: atom(), {NowMs, UntilMs}, t()) -> starl_sim_fault:t() when
+-spec fault(Id :: atom(), {NowMs, UntilMs}, t()) -> starl_run_fault:t() when
     NowMs :: non_neg_integer(), UntilMs :: non_neg_integer() | forever.
 fault(Id, {Now, Until}, {Kind, Target, Params, lasting}) ->
     {Id, Now, Until, Kind, Target, Params};
@@ -91,4 +99,4 @@ fault(Id, {Now, _Until}, {Kind, Target, Params, Ms}) ->
 
 %% @doc The robots that a hand names.
 -spec robots(t()) -> [starl:robot_id()].
-robots(Hand) -> starl_sim_fault:targets(fault(hand, {0, 0}, Hand)).
+robots(Hand) -> starl_run_fault:targets(fault(hand, {0, 0}, Hand)).

@@ -1,11 +1,11 @@
 %% @doc The conditions that faults break ({@link starl_guarantee}): what a team in which such a fault may
 %% happen can rely on no more, as long as it lasts.
--module(starl_sim_condition).
+-module(starl_run_condition).
 
 -export([broken/1, breakers/2]).
 
 %% @doc The conditions that a kind of fault may break, whatever its parameters.
--spec broken(starl_sim_fault:kind()) -> [starl_guarantee:condition()].
+-spec broken(starl_run_fault:kind()) -> [starl_guarantee:condition()].
 broken(loss) -> [no_loss];
 broken(burst_loss) -> [no_loss];
 broken(drop) -> [no_loss];
@@ -55,5 +55,5 @@ broken(closed) -> [ways];
 broken(obstacle) -> [ways].
 
 %% @doc Those of the kinds that break a condition.
--spec breakers(starl_guarantee:condition(), [starl_sim_fault:kind()]) -> [starl_sim_fault:kind()].
+-spec breakers(starl_guarantee:condition(), [starl_run_fault:kind()]) -> [starl_run_fault:kind()].
 breakers(Condition, Kinds) -> [Kind || Kind <- Kinds, lists:member(Condition, broken(Kind))].

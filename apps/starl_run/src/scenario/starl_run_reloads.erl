@@ -5,7 +5,7 @@
 %%
 %% A robot on which a reload fails tells the others, who go back then, too. This news travels on a
 %% channel of its own, in a tenth of a second: it is the operator's, not the robots' radio.
--module(starl_sim_reloads).
+-module(starl_run_reloads).
 
 -export([are_entries/1, make/2, world/2, strikes/1, news_us/1]).
 
@@ -22,7 +22,7 @@
 
 %% A reload, as the robots know it.
 -type t() :: #{
-    at_us := starl_sim_queue:time(), robots := [starl:robot_id()], order := starl_reload:order()
+    at_us := non_neg_integer(), robots := [starl:robot_id()], order := starl_reload:order()
 }.
 
 -define(TRIAL_MS, 5000).
@@ -55,7 +55,7 @@ is_source(_) -> false.
 
 %% @doc The reloads of a scenario, in the order of their time, and the code of all versions, which
 %% is loaded here. `Parts' has the modules of a robot's machines.
--spec make(starl_sim_scenario:t(), #{starl_machine:name() => module()}) ->
+-spec make(starl_run_scenario:t(), #{starl_machine:name() => module()}) ->
     {ok, [t()], [starl_version:code()]} | {error, unicode:chardata()}.
 make(#{reloads := []}, _Parts) ->
     {ok, [], []};
@@ -121,7 +121,7 @@ world(Reloads, Parts) ->
     #{reloads => maps:from_list(ByNumber), parts => Parts}.
 
 %% @doc The events of the robots.
--spec strikes([t()]) -> [{starl:robot_id(), starl_sim_queue:time(), {reload, pos_integer()}}].
+-spec strikes([t()]) -> [{starl:robot_id(), non_neg_integer(), {reload, pos_integer()}}].
 strikes(Reloads) ->
     [
         {Robot, At, {reload, N}}

@@ -1,6 +1,6 @@
 %% @doc Keeps what applications have drawn last (`starl:draw/2'), for the picture of a run; it judges
 %% nothing. Beyond a number of drawings it keeps no more.
--module(starl_sim_drawings_monitor).
+-module(starl_run_drawings_monitor).
 -behaviour(starl_monitor).
 
 -export([init/1, step/2, finish/2, interests/0]).

@@ -1,20 +1,20 @@
 %% Scenarios: unknown keys and bad values are all reported at once, with their place.
--module(starl_sim_scenario_tests).
+-module(starl_run_scenario_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 defaults_are_valid_test() ->
-    {ok, Default} = starl_sim_scenario:check(#{}, []),
-    ?assertMatch({ok, Default}, starl_sim_scenario:check(Default, [])).
+    {ok, Default} = starl_run_scenario:check(#{}, []),
+    ?assertMatch({ok, Default}, starl_run_scenario:check(Default, [])).
 
 keeps_the_application_test() ->
     ?assertMatch(
         {ok, #{app := some, robots := 4, own := 7}},
-        starl_sim_scenario:check(#{app => some, own => 7}, [{own, {integer, 0, 9}, 1, ""}])
+        starl_run_scenario:check(#{app => some, own => 7}, [{own, {integer, 0, 9}, 1, ""}])
     ).
 
 all_problems_at_once_test() ->
     Given = #{robots => 0, loss => 2, deley => {1, 2}, seed => -1},
-    {error, {problems, Problems} = Reason} = starl_sim_scenario:check(Given, []),
+    {error, {problems, Problems} = Reason} = starl_run_scenario:check(Given, []),
     ?assertEqual(4, length(Problems)),
     Line = text(Reason),
     [
@@ -24,7 +24,7 @@ all_problems_at_once_test() ->
     ?assertEqual(nomatch, string:find(Line, "\n")).
 
 faults_test_() ->
-    Check = fun(Faults) -> element(1, starl_sim_scenario:check(#{faults => Faults}, [])) end,
+    Check = fun(Faults) -> element(1, starl_run_scenario:check(#{faults => Faults}, [])) end,
     [
         ?_assertEqual({F, Expected}, {F, Check(F)})
      || {F, Expected} <- [
@@ -46,13 +46,13 @@ faults_test_() ->
 %% A scenario file may hold anything: also this is an error, not a crash.
 improper_list_of_faults_test() ->
     ?assertMatch(
-        {error, _}, starl_sim_scenario:check(#{faults => [{a, 0, 0, kill_robot, 1, #{}} | b]}, [])
+        {error, _}, starl_run_scenario:check(#{faults => [{a, 0, 0, kill_robot, 1, #{}} | b]}, [])
     ).
 
 files_test_() ->
     {setup,
         fun() ->
-            Dir = filename:join(["_build", "starl_sim_scenario_tests"]),
+            Dir = filename:join(["_build", "starl_run_scenario_tests"]),
             ok = filelib:ensure_dir(filename:join(Dir, "x")),
             Dir
         end,
@@ -60,7 +60,7 @@ files_test_() ->
             Read = fun(Name, Text) ->
                 File = filename:join(Dir, Name),
                 ok = file:write_file(File, Text),
-                starl_sim_scenario:read(File)
+                starl_run_scenario:read(File)
             end,
             [
                 ?_assertEqual(
@@ -72,7 +72,7 @@ files_test_() ->
                 ?_assertMatch({error, {syntax, _, 2, _}}, Read("broken", "#{a => 1,\n b => }.")),
                 ?_assertMatch({error, {syntax, _, _, _}}, Read("open", "#{a => 1")),
                 ?_assertMatch(
-                    {error, {file, _, enoent}}, starl_sim_scenario:read(filename:join(Dir, "no"))
+                    {error, {file, _, enoent}}, starl_run_scenario:read(filename:join(Dir, "no"))
                 ),
                 ?_assertMatch({error, _}, Read("binary", <<0, 255, 254, 1>>)),
                 ?_assert(
@@ -86,4 +86,4 @@ files_test_() ->
             ]
         end}.
 
-text(Reason) -> lists:flatten(io_lib:format("~ts", [starl_sim_scenario:format_error(Reason)])).
+text(Reason) -> lists:flatten(io_lib:format("~ts", [starl_run_scenario:format_error(Reason)])).

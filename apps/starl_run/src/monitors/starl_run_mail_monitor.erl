@@ -2,7 +2,7 @@
 %% of a type to which the receiver's application does not listen by the end of the run, those that
 %% were not sent since too many were under way, and those to a robot that has ended and whose inbox is
 %% full. It judges nothing: a program may send what nobody wants, but that is rarely meant.
--module(starl_sim_mail_monitor).
+-module(starl_run_mail_monitor).
 -behaviour(starl_monitor).
 
 -export([init/1, step/2, finish/2, interests/0]).
@@ -14,7 +14,7 @@
     from := starl:robot_id(),
     to := starl:robot_id(),
     type := atom(),
-    at_us := starl_sim_queue:time(),
+    at_us := non_neg_integer(),
     count := pos_integer()
 }.
 
@@ -24,7 +24,7 @@
     robot := starl:robot_id(),
     type := atom(),
     from := starl:robot_id(),
-    at_us := starl_sim_queue:time(),
+    at_us := non_neg_integer(),
     count := pos_integer()
 }.
 
@@ -32,7 +32,7 @@
 -type overload() :: #{
     robot := starl:robot_id(),
     type := atom(),
-    at_us := starl_sim_queue:time(),
+    at_us := non_neg_integer(),
     count := pos_integer()
 }.
 
@@ -50,7 +50,7 @@
     refused = #{} :: #{{starl:robot_id(), atom()} => {starl:robot_id(), first()}}
 }).
 
--type first() :: {AtUs :: starl_sim_queue:time(), Count :: pos_integer()}.
+-type first() :: {AtUs :: non_neg_integer(), Count :: pos_integer()}.
 
 %% @doc `robots': the number of robots in the team.
 -spec init(#{robots := pos_integer()}) -> #state{}.

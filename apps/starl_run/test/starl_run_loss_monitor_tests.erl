@@ -1,11 +1,11 @@
 %% Which packets were lost, in the order of time, and nothing else.
--module(starl_sim_loss_monitor_tests).
+-module(starl_run_loss_monitor_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 run(Events) ->
-    M0 = starl_monitor:new([{starl_sim_loss_monitor, #{}}]),
+    M0 = starl_monitor:new([{starl_run_loss_monitor, #{}}]),
     {ok, M} = starl_monitor:step(Events, M0),
-    {[], #{starl_sim_loss_monitor := Results}} = starl_monitor:finish(100, M),
+    {[], #{starl_run_loss_monitor := Results}} = starl_monitor:finish(100, M),
     Results.
 
 lost_test() ->

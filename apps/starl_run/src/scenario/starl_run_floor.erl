@@ -1,8 +1,10 @@
 %% @doc The floor of a run: its plan, from the scenario or from the application's scene, and the
 %% places where the robots stand at the beginning.
--module(starl_sim_floor).
+-module(starl_run_floor).
 
 -export([read/1, given/2, stand/3, faults/2, obstacles/2]).
+
+-export_type([problem_of_fault/0]).
 
 %% The sizes of floors that a scenario may have (mm).
 -define(LEAST_MM, 1000).
@@ -17,7 +19,7 @@
     | {fault_door, Id :: atom(), Door :: pos_integer(), Doors :: non_neg_integer()}.
 
 %% @doc The floor plan that a scenario names.
--spec read(starl_sim_scenario:t()) -> {ok, starl_floor:t() | none} | problem().
+-spec read(starl_run_scenario:t()) -> {ok, starl_floor:t() | none} | problem().
 read(#{floor := none}) ->
     {ok, none};
 read(#{floor := Name, floor_scale := Scale}) ->
@@ -32,13 +34,13 @@ read(#{floor := Name, floor_scale := Scale}) ->
     end.
 
 %% @doc The scenario on this floor: the plan's size is the size of the floor.
--spec given(starl_floor:t() | none, starl_sim_scenario:t()) -> starl_sim_scenario:t().
+-spec given(starl_floor:t() | none, starl_run_scenario:t()) -> starl_run_scenario:t().
 given(none, Scenario) -> Scenario;
 given(#{size := Size}, Scenario) -> Scenario#{world := Size}.
 
 %% @doc The scene with the start poses of all robots that it does not place itself. On a floor plan
 %% all must have room.
--spec stand(starl_sim_scenario:t(), starl_scene:t(), starl_scene:context()) ->
+-spec stand(starl_run_scenario:t(), starl_scene:t(), starl_scene:context()) ->
     {ok, starl_scene:t()} | problem().
 stand(#{start := none}, Scene, _Context) when
     not is_map_key(floor, Scene), is_map_key(poses, Scene)
@@ -144,12 +146,12 @@ number(Word) ->
     end.
 
 %% @doc What is wrong with the faults of a floor: it has no plan, or not this door.
--spec faults([starl_sim_fault:t()], starl_scene:t()) -> [problem_of_fault()].
+-spec faults([starl_run_fault:t()], starl_scene:t()) -> [problem_of_fault()].
 faults(Faults, Scene) ->
     [
         Problem
      || {Id, _, _, Kind, _, Params} = Fault <- Faults,
-        starl_sim_fault:class(Fault) =:= floor,
+        starl_run_fault:class(Fault) =:= floor,
         Problem <- problem(Id, Kind, Params, maps:get(floor, Scene, none))
     ].
 
@@ -164,9 +166,9 @@ problem(_Id, _Kind, _Params, _Floor) ->
     [].
 
 %% @doc The obstacles that faults put on a floor, if there are any, as a part of a map.
--spec obstacles([starl_sim_fault:t()], starl_floor:t()) -> #{obstacles => starl_obstacles:t()}.
+-spec obstacles([starl_run_fault:t()], starl_floor:t()) -> #{obstacles => starl_obstacles:t()}.
 obstacles(Faults, Floor) ->
-    Compiled = [starl_sim_fault:compile(F) || F <- Faults, starl_sim_fault:class(F) =:= floor],
+    Compiled = [starl_run_fault:compile(F) || F <- Faults, starl_run_fault:class(F) =:= floor],
     case Compiled of
         [] ->
             #{};

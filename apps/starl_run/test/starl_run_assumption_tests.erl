@@ -1,14 +1,14 @@
 %% Which faults break an assumption, of whom, when and by how much: held against what the
 %% simulator's clocks, holds and positions make of the same faults.
--module(starl_sim_assumption_tests).
+-module(starl_run_assumption_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 broken(Kind, Target, Params) -> broken(Kind, Target, Params, 5).
 
 broken(Kind, Target, Params, To) ->
     Fault = {f, 2, To, Kind, Target, Params},
-    ?assertEqual([], starl_sim_fault:check([Fault])),
-    starl_sim_assumption:broken([Fault], true).
+    ?assertEqual([], starl_run_fault:check([Fault])),
+    starl_run_assumption:broken([Fault], true).
 
 clocks_test() ->
     ?assertEqual([{3, 2000, 2000, {clock, -7000}}], broken(clock_step, 3, #{ms => -7})),
@@ -39,9 +39,9 @@ gain_test() ->
     [
         begin
             Fault = {f, 2, 5, Kind, 3, Params},
-            Clock = starl_sim_clock:new(0, 0, [starl_sim_fault:compile(Fault)]),
+            Clock = starl_sim_clock:new(0, 0, [starl_run_fault:compile(Fault)]),
             Gained = fun(Until) ->
-                Broken = starl_sim_assumption:broken([Fault], true),
+                Broken = starl_run_assumption:broken([Fault], true),
                 lists:sum([Us || {3, _, To, {clock, Us}} <- Broken, To =< Until])
             end,
             [
@@ -67,7 +67,7 @@ positions_test() ->
     ?assertEqual([{all, 2000, 5000, position}], broken(location_frozen, all, #{})),
     ?assertEqual([{3, 2000, 5000, position}], broken(location_frozen, 3, #{})),
     %% but for a system that is not exact: that it stands still is found out
-    ?assertEqual([], starl_sim_assumption:broken([{f, 2, 5, location_frozen, all, #{}}], false)),
+    ?assertEqual([], starl_run_assumption:broken([{f, 2, 5, location_frozen, all, #{}}], false)),
     ?assertEqual(
         [{3, 2000, 5000, position}, {1, 2000, 5000, position}],
         broken(location_swap, {3, 1}, #{})
@@ -76,7 +76,7 @@ positions_test() ->
 %% What a contract about places has to know, and no other.
 positions_are_farther_off_test() ->
     Positions = fun(Kind, Mm) ->
-        starl_sim_assumption:positions([{f, 2, 5, Kind, 3, #{mm => Mm}}])
+        starl_run_assumption:positions([{f, 2, 5, Kind, 3, #{mm => Mm}}])
     end,
     [
         begin
@@ -90,7 +90,7 @@ positions_are_farther_off_test() ->
 %% Under all other kinds contracts hold, whatever the parameters that are drawn.
 all_others_test() ->
     Faults = lists:append([
-        starl_sim_fault_draw:draw(#{
+        starl_run_fault_draw:draw(#{
             seed => Seed, robots => 5, machines => [sap], until_ms => 10000, kinds => [all]
         })
      || Seed <- lists:seq(1, 50)
@@ -104,7 +104,7 @@ all_others_test() ->
             lists:usort([
                 Kind
              || {_, _, _, Kind, _, _} = F <- Faults,
-                starl_sim_assumption:broken([F], IsExact) =/= []
+                starl_run_assumption:broken([F], IsExact) =/= []
             ])
         )
      || {IsExact, Kinds} <- [{false, Breaking}, {true, [location_frozen | Breaking]}]
@@ -128,11 +128,11 @@ told(Positions) ->
     Given = Positions#{
         app => starl_sim_script_app, robots => 3, faults => Faults, random_faults => []
     },
-    {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(starl_sim_script_app)),
-    Context = starl_sim_plan:context(starl_sim_script_app, Scenario),
+    {ok, Scenario} = starl_run_scenario:check(Given, starl_app:options(starl_sim_script_app)),
+    Context = starl_run_plan:context(starl_sim_script_app, Scenario),
     Scene = #{
         app => {sequential, starl_sim_script_app, #{}},
         monitors => [{starl_sim_told_monitor, #{}}, {starl_sim_order_monitor, #{}}]
     },
-    #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
+    #{monitors := Monitors} = starl_run_plan:make(Scenario, Scene, Context, {[], []}, #{}),
     Monitors.

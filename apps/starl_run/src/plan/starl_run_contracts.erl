@@ -1,6 +1,6 @@
 %% @doc The contracts of a run: its monitors, what they know of it beside its events, and the time at which it
 %% must have converged.
--module(starl_sim_contracts).
+-module(starl_run_contracts).
 
 -export([monitors/5, models/2, limit_us/1]).
 
@@ -11,21 +11,21 @@
 %% the longest delay of a packet then, and the time by which this computer may prolong anything. The contract
 %% of progress comes last: other contracts describe a failure better.
 -spec monitors(
-    starl_sim_scenario:t(),
+    starl_run_scenario:t(),
     starl_scene:t(),
     starl_chassis:profiles(),
     starl_scene:context(),
-    starl_sim:options()
+    starl_run_plan:options()
 ) -> [{module(), map()}].
 monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, Options) ->
     #{faults := Faults, delay := {_, MaxMs}, clock_offset := Ms, clock_drift := Ppm} = Scenario,
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
     Known = #{
         slack_us => maps:get(slack_us, Options, 0),
-        broken => starl_sim_assumption:broken(Faults, is_exact(Profiles)),
-        faults => out_of_range(Scenario) ++ starl_sim_assumption:faults(Faults),
-        bodies => starl_sim_assumption:bodies(Faults, is_exact(Profiles)),
-        positions => starl_sim_assumption:positions(Faults),
+        broken => starl_run_assumption:broken(Faults, is_exact(Profiles)),
+        faults => out_of_range(Scenario) ++ starl_run_assumption:faults(Faults),
+        bodies => starl_run_assumption:bodies(Faults, is_exact(Profiles)),
+        positions => starl_run_assumption:positions(Faults),
         healed_us => healed_us(Scenario),
         core => core(Scenario, Ids),
         loss => told_loss(Scenario),
@@ -48,7 +48,7 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, Options) ->
     starl_monitor:informed(with_history(Contracts, models(Scene, Options), Options), Known).
 
 %% @doc The models by which the histories of this run are judged.
--spec models(starl_scene:t(), starl_sim:options()) -> [{module(), map()}].
+-spec models(starl_scene:t(), starl_run_plan:options()) -> [{module(), map()}].
 models(Scene, #{histories := {_, Models}}) ->
     starl_history:models(Models, maps:get(monitors, Scene, []));
 models(_Scene, _Options) ->
@@ -63,7 +63,7 @@ with_history(Contracts, _Models, _Options) ->
 %% A robot knows the motion of another as of the beginning of the window.
 contact(#{delay := {MinMs, _}, faults := Faults}, #{floor := Floor} = Scene, Profiles) ->
     [
-        {starl_contact_monitor, (starl_sim_floor:obstacles(Faults, Floor))#{
+        {starl_contact_monitor, (starl_run_floor:obstacles(Faults, Floor))#{
             walls => starl_walls:new(Floor),
             profiles => Profiles,
             unaware_us => round(MinMs * 1000),
@@ -91,7 +91,7 @@ told_loss(#{loss := Loss}) ->
 
 %% With a limited range, or walls that take packets, faults never end. With random loss they do: bounds allow for it.
 healed_us(#{range := none, wall_loss := Loss, faults := Faults}) when Loss == 0 ->
-    starl_sim_fault:healed_us(Faults);
+    starl_run_fault:healed_us(Faults);
 healed_us(_Scenario) ->
     never.
 
@@ -100,25 +100,25 @@ progress(#{converge := none}, _Ids) ->
 progress(Scenario, Ids) ->
     #{rest := Rest} = core(Scenario, Ids),
     [
-        {starl_sim_progress_monitor, #{
+        {starl_run_progress_monitor, #{
             robots => Ids -- Rest, deadline_us => deadline_us(Scenario)
         }}
     ].
 
 %% Faults that last until the end of the run leave a core that heals.
 core(#{faults := Faults, time := Time} = Scenario, Ids) ->
-    {Rest, Ending} = starl_sim_assumption:core(Faults, Ids, micros(Time)),
+    {Rest, Ending} = starl_run_assumption:core(Faults, Ids, micros(Time)),
     #{rest => Rest, healed_us => healed_us(Scenario#{faults := Ending})}.
 
 %% Counted from the end of the last fault, and of what it makes late.
 deadline_us(#{heal := Heal, converge := Converge, robots := N, time := Time} = Scenario) ->
     #{faults := All} = Scenario,
-    {_Rest, Faults} = starl_sim_assumption:core(All, lists:seq(1, N), micros(Time)),
-    Windows = starl_sim_assumption:faults(Faults) ++ starl_sim_assumption:bodies(Faults, false),
+    {_Rest, Faults} = starl_run_assumption:core(All, lists:seq(1, N), micros(Time)),
+    Windows = starl_run_assumption:faults(Faults) ++ starl_run_assumption:bodies(Faults, false),
     lists:max([micros(Heal) | [To || {_, _, To, _} <- Windows]]) + micros(Converge).
 
 %% @doc The time at which the run ends: one that has to converge ends at that deadline.
--spec limit_us(starl_sim_scenario:t()) -> starl_sim_queue:time().
+-spec limit_us(starl_run_scenario:t()) -> non_neg_integer().
 limit_us(#{converge := none, time := Time}) -> micros(Time);
 limit_us(#{time := Time} = Scenario) -> min(micros(Time), deadline_us(Scenario)).
 

@@ -4,7 +4,7 @@
 %% and a fault holds from FromMs on and before ToMs. The table {@link kinds/0} defines each
 %% kind completely: its class, its possible targets, and its parameters. Momentary faults
 %% (a crash, a step of a clock) happen at FromMs.
--module(starl_sim_fault).
+-module(starl_run_fault).
 
 -export([kinds/0, classes/0, kinds_of/1, check/1, targets/1, format_problem/1]).
 -export([compile/1, strikes/1, holding/2, hits/2, healed_us/1]).
@@ -95,8 +95,8 @@
 %% A fault with its times in microseconds.
 -type compiled() :: {
     Id :: atom(),
-    FromUs :: starl_sim_queue:time(),
-    ToUs :: starl_sim_queue:time(),
+    FromUs :: non_neg_integer(),
+    ToUs :: non_neg_integer(),
     kind(),
     target(),
     #{atom() => term()}
@@ -333,7 +333,7 @@ class({_, _, _, Kind, _, _}) ->
     Class.
 
 %% @doc The effects on robots when a fault begins or ends: which robot, when (us), and the effect.
--spec strikes(t()) -> [{starl:robot_id(), starl_sim_queue:time(), Strike :: term()}].
+-spec strikes(t()) -> [{starl:robot_id(), non_neg_integer(), Strike :: term()}].
 strikes({Id, From, To, Kind, Target, Params}) ->
     Begin = 1000 * From,
     End = 1000 * To,
@@ -365,7 +365,7 @@ strikes({Id, From, To, Kind, Target, Params}) ->
     end.
 
 %% @doc The faults that hold at a time.
--spec holding(starl_sim_queue:time(), [compiled()]) -> [compiled()].
+-spec holding(non_neg_integer(), [compiled()]) -> [compiled()].
 holding(Now, Faults) -> [F || {_, From, To, _, _, _} = F <- Faults, From =< Now, Now < To].
 
 %% @doc Is this robot a target of the fault?
@@ -378,7 +378,7 @@ hits(_, _) -> false.
 
 %% @doc The time from which on no fault acts any more, in microseconds: the last delayed packets
 %% have arrived. A dead robot stays dead.
--spec healed_us([t()]) -> starl_sim_queue:time().
+-spec healed_us([t()]) -> non_neg_integer().
 healed_us(Faults) -> round(1000 * lists:max([0 | [end_ms(Fault) || Fault <- Faults]])).
 
 end_ms({_, From, _, Kind, _, _}) when

@@ -4,7 +4,7 @@
 %% An application that crashes has to finish again; only a dead robot need not.
 %%
 %% Events of machine `app': `done', `crashed'; of machine `robot': `died'.
--module(starl_sim_progress_monitor).
+-module(starl_run_progress_monitor).
 -behaviour(starl_monitor).
 
 -export([init/1, step/2, finish/2, interests/0]).

@@ -1,5 +1,5 @@
 %% The contract of bounded convergence: who has finished, who need not, and when it is judged.
--module(starl_sim_progress_monitor_tests).
+-module(starl_run_progress_monitor_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 -define(DEADLINE, 1000).
@@ -9,7 +9,7 @@ judge(Events) -> judge(Events, ?DEADLINE).
 
 judge(Events, End) ->
     Config = #{robots => [1, 2, 3], deadline_us => ?DEADLINE},
-    M0 = starl_monitor:new([{starl_sim_progress_monitor, Config}]),
+    M0 = starl_monitor:new([{starl_run_progress_monitor, Config}]),
     M = lists:foldl(
         fun(Event, Monitor) ->
             {ok, Next} = starl_monitor:step(Event, Monitor),
@@ -18,7 +18,7 @@ judge(Events, End) ->
         M0,
         Events
     ),
-    {Late, #{starl_sim_progress_monitor := #{unfinished := Count}}} = starl_monitor:finish(End, M),
+    {Late, #{starl_run_progress_monitor := #{unfinished := Count}}} = starl_monitor:finish(End, M),
     {
         [
             {What, At, Robots}
@@ -69,7 +69,7 @@ before_the_deadline_test() ->
 %% What is told names the deadline; at the deadline it is judged. Whose robot died is not waited for
 %% any more, whatever its application did then.
 told_test() ->
-    M = starl_monitor:new([{starl_sim_progress_monitor, #{robots => [2], deadline_us => 50}}]),
+    M = starl_monitor:new([{starl_run_progress_monitor, #{robots => [2], deadline_us => 50}}]),
     ?assertMatch({[#{details := #{deadline_us := 50}}], _}, starl_monitor:finish(50, M)),
     Died = {10, 2, robot, {died, killed}},
     ?assertEqual({[], 0}, judge([done(1), done(3), Died, {11, 2, app, crashed}])),

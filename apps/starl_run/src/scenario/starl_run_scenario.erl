@@ -1,7 +1,7 @@
 %% @doc Scenarios: all values that, with the code, determine a run. A scenario is a map of Erlang
 %% terms; a scenario file in `config/scenarios/' holds one, and every key is also a flag of the
 %% command line (`delay' is `--delay 5..50').
--module(starl_sim_scenario).
+-module(starl_run_scenario).
 
 -export([options/0, options/1, check/2, read/1, format_error/1, format_problem/1]).
 
@@ -12,7 +12,7 @@
 
 -type problem() ::
     starl_options:problem()
-    | {fault, starl_sim_fault:problem()}
+    | {fault, starl_run_fault:problem()}
     | {no_such_faults, term()}
     | {no_controller, unicode:chardata()}.
 
@@ -75,7 +75,7 @@ options() ->
             [], "further faults of these kinds are drawn from the seed"},
         {reloads,
             {term, "a list of {AtMs, all | Robot | Robots, Module | File}",
-                fun starl_sim_reloads:are_entries/1},
+                fun starl_run_reloads:are_entries/1},
             [], "new code for some robots or all, at these virtual times"},
         {heal, {number, 0.001, 1.0e6}, 60, "drawn faults are over by this virtual time, s"},
         {longest_fault, {optional, {number, 0.001, 1.0e6}}, none,
@@ -109,13 +109,13 @@ controller(_) ->
     none.
 
 %% What is no list is a problem of its type; the tail of a list may be anything.
-unknown([W | What]) -> [W || starl_sim_fault:kinds_of(W) =:= []] ++ unknown_tail(What);
+unknown([W | What]) -> [W || starl_run_fault:kinds_of(W) =:= []] ++ unknown_tail(What);
 unknown(_) -> [].
 
 unknown_tail(What) when is_list(What) -> unknown(What);
 unknown_tail(What) -> [What].
 
-fault_problems(Faults) when is_list(Faults) -> starl_sim_fault:check(Faults);
+fault_problems(Faults) when is_list(Faults) -> starl_run_fault:check(Faults);
 fault_problems(_) -> [].
 
 %% @doc Reads a scenario file; its terms are not checked yet.
@@ -149,13 +149,13 @@ format_problem({no_such_faults, What}) ->
 format_problem({no_controller, Why}) ->
     Why;
 format_problem({fault, Problem}) ->
-    starl_sim_fault:format_problem(Problem);
+    starl_run_fault:format_problem(Problem);
 format_problem(Problem) ->
     starl_options:format_problem(Problem).
 
 near(What) ->
-    Classes = starl_sim_fault:classes(),
-    Known = [all | Classes] ++ [element(1, Spec) || Spec <- starl_sim_fault:kinds()],
+    Classes = starl_run_fault:classes(),
+    Known = [all | Classes] ++ [element(1, Spec) || Spec <- starl_run_fault:kinds()],
     case starl_options:suggestion(What, Known) of
         [Near | _] -> io_lib:format(" (did you mean ~ts?)", [Near]);
         [] -> ["; classes: ", lists:join(", ", [atom_to_list(Class) || Class <- [all | Classes]])]

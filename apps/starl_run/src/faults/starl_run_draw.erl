@@ -1,5 +1,5 @@
 %% @doc Stateless random draws: a hash of the seed and the purpose of the draw.
--module(starl_sim_draw).
+-module(starl_run_draw).
 
 -export([uniform/1, signed/1, between/3]).
 

@@ -1,5 +1,5 @@
 %% Reloads of a scenario that cannot be.
--module(starl_sim_reloads_tests).
+-module(starl_run_reloads_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 %% The list may have any order: a reload is named by its time.
@@ -9,7 +9,7 @@ the_wrong_one_of_several_is_named_test_() ->
 the_wrong_one_of_several_is_named() ->
     Parts = #{app => starl_sim_script_app},
     Refused = fun(Reloads) ->
-        {error, Why} = starl_sim_reloads:make(#{reloads => Reloads, robots => 2}, Parts),
+        {error, Why} = starl_run_reloads:make(#{reloads => Reloads, robots => 2}, Parts),
         lists:flatten(Why)
     end,
     Given = [{9000, all, lists}, {1000, 7, lists}, {3000, 8, lists}],

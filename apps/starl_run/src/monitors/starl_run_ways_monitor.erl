@@ -1,6 +1,6 @@
 %% @doc Records the ways of all robots, as pieces of motion; it judges nothing. Beyond a number of
 %% pieces it records no more, and its result tells until when it did.
--module(starl_sim_ways_monitor).
+-module(starl_run_ways_monitor).
 -behaviour(starl_monitor).
 
 -export([init/1, step/2, finish/2, interests/0]).
@@ -10,7 +10,7 @@
 %% The pieces of each robot's way, in the order of time, and the time until which they are known.
 -type ways() :: #{
     pieces := [{starl:robot_id(), starl_trajectory:piece()}],
-    until_us := starl_sim_queue:time(),
+    until_us := non_neg_integer(),
     is_whole := boolean()
 }.
 
@@ -18,7 +18,7 @@
     pieces = [] :: [{starl:robot_id(), starl_trajectory:piece()}],
     room :: non_neg_integer(),
     %% the time of the first piece without room
-    full = no :: starl_sim_queue:time() | no
+    full = no :: non_neg_integer() | no
 }).
 
 %% @doc `most': the number of pieces that are recorded.

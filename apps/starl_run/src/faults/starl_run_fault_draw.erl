@@ -7,7 +7,7 @@
 %% A clock that is set rarely comes alone: when a network comes back, it sets the clocks of others
 %% too, and a computer that was halted gets its clock set. So a drawn setting may bring another
 %% robot's with it, the other way, or a pause of its robot within the time of a lease.
--module(starl_sim_fault_draw).
+-module(starl_run_fault_draw).
 
 -export([draw/1, again/4]).
 
@@ -23,7 +23,7 @@
     until_ms := pos_integer(),
     longest_ms => pos_integer(),
     floor => {Doors :: non_neg_integer(), Size :: {float(), float()}} | none,
-    kinds := [all | starl_sim_fault:class() | starl_sim_fault:kind()]
+    kinds := [all | starl_run_fault:class() | starl_run_fault:kind()]
 }.
 
 %% The probability that a class takes part, and a kind of such a class; the most faults of a kind.
@@ -36,9 +36,9 @@
 -define(HALTED_WITHIN_MS, 5000).
 
 %% @doc The faults of a run; all end before the given time, except permanent ones.
--spec draw(request()) -> [starl_sim_fault:t()].
+-spec draw(request()) -> [starl_run_fault:t()].
 draw(#{seed := Seed, kinds := What} = Request) ->
-    Specs = lists:usort(lists:append([starl_sim_fault:kinds_of(W) || W <- What])),
+    Specs = lists:usort(lists:append([starl_run_fault:kinds_of(W) || W <- What])),
     lists:append([
         faults(Spec, Request)
      || {Kind, Class, _, _, _} = Spec <- Specs,
@@ -51,16 +51,16 @@ draw(#{seed := Seed, kinds := What} = Request) ->
 
 %% @doc The same fault at another time and, unless it strikes all, elsewhere: it begins at any of the
 %% `WithinMs' milliseconds after a time, and lasts as long. Its parameters stay.
--spec again(starl_sim_fault:t(), {AfterMs, WithinMs}, Key :: term(), Team) ->
-    starl_sim_fault:t()
+-spec again(starl_run_fault:t(), {AfterMs, WithinMs}, Key :: term(), Team) ->
+    starl_run_fault:t()
 when
     AfterMs :: non_neg_integer(),
     WithinMs :: pos_integer(),
     Team :: #{robots := pos_integer(), seed := integer()}.
 again({Id, From, To, Kind, Target, Params}, {AfterMs, WithinMs}, Key0, Team) ->
     Key = {Key0, Id},
-    At = AfterMs + starl_sim_draw:between({Key, from}, 1, WithinMs),
-    {_, _, Shape, _, _} = lists:keyfind(Kind, 1, starl_sim_fault:kinds()),
+    At = AfterMs + starl_run_draw:between({Key, from}, 1, WithinMs),
+    {_, _, Shape, _, _} = lists:keyfind(Kind, 1, starl_run_fault:kinds()),
     {Id, At, At + To - From, Kind, elsewhere(Shape, Target, Key, Team), Params}.
 
 elsewhere(_Shape, all, _Key, _Team) -> all;
@@ -85,7 +85,7 @@ is_possible(_Spec, _Request) ->
     true.
 
 faults({Kind, _, _, _, _} = Spec, #{seed := Seed} = Request) ->
-    Count = starl_sim_draw:between({Seed, Kind, count}, 1, ?MOST),
+    Count = starl_run_draw:between({Seed, Kind, count}, 1, ?MOST),
     Faults = [fault(Spec, {Seed, Kind, N}, N, Request) || N <- lists:seq(1, Count)],
     Faults ++ lists:append([companions(Fault, Request) || Fault <- Faults]).
 
@@ -105,20 +105,20 @@ companions(_Fault, _Request) ->
     [].
 
 set_apart(Id, From, Robot, Ms, Key, #{robots := N, until_ms := UntilMs}) ->
-    At = min(UntilMs - 1, From + starl_sim_draw:between({Key, from}, 0, ?SET_TOGETHER_MS)),
-    Other = 1 + (Robot - 1 + starl_sim_draw:between({Key, other}, 1, N - 1)) rem N,
+    At = min(UntilMs - 1, From + starl_run_draw:between({Key, from}, 0, ?SET_TOGETHER_MS)),
+    Other = 1 + (Robot - 1 + starl_run_draw:between({Key, other}, 1, N - 1)) rem N,
     {label(Id, apart), At, At, clock_step, Other, #{ms => opposite(Ms, Key)}}.
 
 %% The other way, by as much as the kind is drawn.
 opposite(Ms, Key) ->
-    {_, _, _, [{ms, _, {_, Most}}], _} = lists:keyfind(clock_step, 1, starl_sim_fault:kinds()),
-    case starl_sim_draw:between({Key, ms}, 1, Most) of
+    {_, _, _, [{ms, _, {_, Most}}], _} = lists:keyfind(clock_step, 1, starl_run_fault:kinds()),
+    case starl_run_draw:between({Key, ms}, 1, Most) of
         Other when Ms > 0 -> -Other;
         Other -> Other
     end.
 
 halted(Id, Set, Robot, Key, #{until_ms := UntilMs} = Request) ->
-    Apart = starl_sim_draw:between({Key, from}, -?HALTED_WITHIN_MS, ?HALTED_WITHIN_MS),
+    Apart = starl_run_draw:between({Key, from}, -?HALTED_WITHIN_MS, ?HALTED_WITHIN_MS),
     From = max(0, min(UntilMs - 1, Set + Apart)),
     {label(Id, halted), From, end_of(From, Key, Request), pause, Robot, #{}}.
 
@@ -127,7 +127,7 @@ label(Id, What) -> list_to_atom(lists:concat([Id, "_", What])).
 
 fault({Kind, _, Shape, Params, _}, Key, N, Request) ->
     #{until_ms := UntilMs} = Request,
-    From = starl_sim_draw:between({Key, from}, 0, UntilMs - 1),
+    From = starl_run_draw:between({Key, from}, 0, UntilMs - 1),
     To = end_of(From, Key, Request),
     %% a bounded number of atoms: the number of kinds times ?MOST
     Id = list_to_atom(lists:concat([Kind, "_", N])),
@@ -149,7 +149,7 @@ end_of(From, Key, #{until_ms := UntilMs} = Request) ->
     Span = round(Longest * math:pow(uniform({Key, span}), 2)),
     min(UntilMs, From + 1 + Span).
 
-value({integer, _, _}, {Low, High}, Key) -> starl_sim_draw:between(Key, Low, High);
+value({integer, _, _}, {Low, High}, Key) -> starl_run_draw:between(Key, Low, High);
 value({number, _, _}, {Low, High}, Key) -> Low + (High - Low) * uniform(Key);
 value({one_of, Atoms}, _, Key) -> pick(Atoms, Key).
 
@@ -165,29 +165,29 @@ target(robot, Key, Request) ->
 target(machine, Key, #{machines := Names} = Request) ->
     {robot(Key, Request), pick(Names, {Key, machine})};
 target(link, Key, Request) ->
-    case starl_sim_draw:between({Key, link}, 1, 3) of
+    case starl_run_draw:between({Key, link}, 1, 3) of
         1 -> all;
         2 -> robot(Key, Request);
         3 -> {robot(Key, Request), robot({Key, dest}, Request)}
     end;
 target(group, Key, #{robots := N} = Request) ->
     %% halves of a team would hide a failure that a single robot shows when it is cut off
-    Size = starl_sim_draw:between({Key, size}, 1, max(1, N - 1)),
+    Size = starl_run_draw:between({Key, size}, 1, max(1, N - 1)),
     First = robot(Key, Request),
     Others = lists:sort([{uniform({Key, member, R}), R} || R <- lists:seq(1, N), R =/= First]),
     lists:sort([First | [R || {_, R} <- lists:sublist(Others, Size - 1)]]);
 target(two, Key, #{robots := N} = Request) ->
     A = robot(Key, Request),
-    {A, 1 + (A - 1 + starl_sim_draw:between({Key, other}, 1, N - 1)) rem N}.
+    {A, 1 + (A - 1 + starl_run_draw:between({Key, other}, 1, N - 1)) rem N}.
 
 %% Half of all faults of one robot hit the same robot: several faults of one robot show more
 %% than one fault on each of many.
 robot(Key, #{robots := N, seed := Seed}) ->
     case uniform({Key, victim}) < 0.5 of
-        true -> starl_sim_draw:between({Seed, victim}, 1, N);
-        false -> starl_sim_draw:between({Key, robot}, 1, N)
+        true -> starl_run_draw:between({Seed, victim}, 1, N);
+        false -> starl_run_draw:between({Key, robot}, 1, N)
     end.
 
-pick(List, Key) -> lists:nth(starl_sim_draw:between(Key, 1, length(List)), List).
+pick(List, Key) -> lists:nth(starl_run_draw:between(Key, 1, length(List)), List).
 
-uniform(Key) -> starl_sim_draw:uniform(Key).
+uniform(Key) -> starl_run_draw:uniform(Key).

@@ -1,5 +1,5 @@
 %% The bounds that monitors get.
--module(starl_sim_fault_tests).
+-module(starl_run_fault_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 %% No fault of a schedule widens a bound of the whole run: monitors excuse what it explains.
@@ -16,7 +16,7 @@ bounds_test() ->
 bounds(Faults) ->
     App = starl_sim_script_app,
     Given = #{app => App, robots => 3, faults => Faults, random_faults => []},
-    {ok, Scenario} = starl_sim_scenario:check(Given, starl_app:options(App)),
+    {ok, Scenario} = starl_run_scenario:check(Given, starl_app:options(App)),
     Scene = #{
         app => {sequential, App, #{}},
         monitors => [
@@ -24,14 +24,14 @@ bounds(Faults) ->
             {starl_sim_order_monitor, #{bound_us => 7}}
         ]
     },
-    Context = starl_sim_plan:context(App, Scenario),
-    #{monitors := Monitors} = starl_sim_plan:make(Scenario, Scene, Context, #{}),
+    Context = starl_run_plan:context(App, Scenario),
+    #{monitors := Monitors} = starl_run_plan:make(Scenario, Scene, Context, {[], []}, #{}),
     maps:from_list([{M, Us} || {M, #{bound_us := Us}} <- Monitors, is_integer(Us)]).
 
 %% The name of a fault is an atom, and that is said first.
 a_number_is_no_name_test() ->
-    [Problem] = starl_sim_fault:check([{1, 15000, 16000, reboot, 3, #{}}]),
+    [Problem] = starl_run_fault:check([{1, 15000, 16000, reboot, 3, #{}}]),
     ?assertEqual(
         "fault 1 of the list: its name is an atom, as in a1, not 1",
-        lists:flatten(starl_sim_fault:format_problem(Problem))
+        lists:flatten(starl_run_fault:format_problem(Problem))
     ).

@@ -1,7 +1,7 @@
 %% @doc Lists the windows in which a run's faults break an assumption of contracts about clocks,
 %% promptness or positions ({@link starl_assumption}), for the monitors that ask for it. Contracts
 %% must hold under all other faults.
--module(starl_sim_assumption).
+-module(starl_run_assumption).
 
 -export([broken/2, positions/1, faults/1, bodies/2, core/3]).
 
@@ -15,10 +15,10 @@
 %% @doc The windows in which these faults break an assumption. A positioning system that is not
 %% exact is found out when it freezes (`starl_location'), so only an exact one breaks an assumption
 %% then.
--spec broken([starl_sim_fault:t()], IsExact :: boolean()) -> [starl_assumption:window()].
+-spec broken([starl_run_fault:t()], IsExact :: boolean()) -> [starl_assumption:window()].
 broken(Faults, IsExact) ->
     lists:append([
-        windows(starl_sim_fault:compile(Fault))
+        windows(starl_run_fault:compile(Fault))
      || {_, _, _, Kind, _, _} = Fault <- Faults, IsExact orelse Kind =/= location_frozen
     ]).
 
@@ -48,7 +48,7 @@ windows(_) ->
 
 %% @doc The windows in which robots are told positions that are farther off than positions usually are, beside those of
 %% {@link broken/2}. They concern only contracts about places: a block that knows no positions has to bear them.
--spec positions([starl_sim_fault:t()]) -> [starl_assumption:window()].
+-spec positions([starl_run_fault:t()]) -> [starl_assumption:window()].
 positions(Faults) ->
     [
         {Robot, 1000 * From, 1000 * To, position}
@@ -61,21 +61,21 @@ positions(Faults) ->
 %% stores, of the floor, and of clocks that do not keep their bound. A timer that runs while its clock is set back is
 %% late by that, what is under way in a slow radio comes later, and a computer that is slow has a
 %% queue.
--spec faults([starl_sim_fault:t()]) -> [starl_assumption:window()].
+-spec faults([starl_run_fault:t()]) -> [starl_assumption:window()].
 faults(Faults) ->
     lists:append([
         [{Robot, From, To + rest(Kind, To - From, Params), fault} || Robot <- struck(Fault)]
      || {_, _, _, Kind, _, _} = Fault <- Faults,
-        lists:member(starl_sim_fault:class(Fault), [network, clock, process, store, floor]),
-        {_, From, To, _, _, Params} <- [starl_sim_fault:compile(Fault)],
+        lists:member(starl_run_fault:class(Fault), [network, clock, process, store, floor]),
+        {_, From, To, _, _, Params} <- [starl_run_fault:compile(Fault)],
         Kind =/= clock_drift orelse abs(maps:get(ppm, Params)) > ?DRIFT_PPM
     ]).
 
 %% @doc The core of a team, a majority for which all faults have an end, though some last until the end
 %% of the run: the robots beside it (the smaller part, where a fault separates two), and the faults that
 %% have an end. Without a majority there is no core.
--spec core([starl_sim_fault:t()], [starl:robot_id()], EndUs :: integer()) ->
-    {Rest :: [starl:robot_id()], [starl_sim_fault:t()]}.
+-spec core([starl_run_fault:t()], [starl:robot_id()], EndUs :: integer()) ->
+    {Rest :: [starl:robot_id()], [starl_run_fault:t()]}.
 core(Faults, Team, EndUs) ->
     {Endless, Ending} = lists:partition(
         fun({_, _, To, Kind, _, _}) -> Kind =/= kill_robot andalso 1000 * To >= EndUs end, Faults
@@ -94,7 +94,7 @@ beside({_, _, _, Kind, Group, _}, Team) when
         false -> Team -- Group
     end;
 beside(Fault, Team) ->
-    case starl_sim_fault:targets(Fault) of
+    case starl_run_fault:targets(Fault) of
         [] -> Team;
         Robots -> Robots
     end.
@@ -102,7 +102,7 @@ beside(Fault, Team) ->
 %% @doc The windows of the faults that may cost a robot's drive time, or lead it off its line: positions
 %% that are wrong by more than their bound (a picture that freezes is found out unless positions are
 %% exact), and wheels that slip by more than half. Of a computer that stands still it is told apart.
--spec bodies([starl_sim_fault:t()], IsExact :: boolean()) -> [starl_assumption:window()].
+-spec bodies([starl_run_fault:t()], IsExact :: boolean()) -> [starl_assumption:window()].
 bodies(Faults, IsExact) ->
     lists:append([
         [
@@ -110,9 +110,9 @@ bodies(Faults, IsExact) ->
          || Robot <- struck(Fault)
         ]
      || {_, _, _, Kind, _, _} = Fault <- Faults,
-        not lists:member(starl_sim_fault:class(Fault), [network, floor]),
+        not lists:member(starl_run_fault:class(Fault), [network, floor]),
         not lists:member(Kind, [actuator_lost, actuator_stuck]),
-        {_, From, To, _, _, Params} <- [starl_sim_fault:compile(Fault)],
+        {_, From, To, _, _, Params} <- [starl_run_fault:compile(Fault)],
         Kind =/= clock_drift orelse abs(maps:get(ppm, Params)) > ?DRIFT_PPM
     ]).
 
@@ -144,7 +144,7 @@ struck({_, _, _, Kind, _, _}) when
 ->
     [all];
 struck(Fault) ->
-    case starl_sim_fault:targets(Fault) of
+    case starl_run_fault:targets(Fault) of
         [] -> [all];
         Robots -> lists:usort(Robots)
     end.

@@ -1,6 +1,6 @@
 %% @doc Records which packets the radio has lost, and when; it judges nothing. Its result `lost'
 %% lists them in the order of time.
--module(starl_sim_loss_monitor).
+-module(starl_run_loss_monitor).
 -behaviour(starl_monitor).
 
 -export([init/1, step/2, finish/2, interests/0]).
@@ -10,7 +10,7 @@
 %% A packet lost at a time (us): its source and destination, and its number as in
 %% {@link starl_sim_radio:link()}.
 -type lost() :: {
-    starl_sim_queue:time(),
+    non_neg_integer(),
     Source :: starl:robot_id(),
     Dest :: starl:robot_id(),
     Number :: pos_integer() | {all, pos_integer()}

@@ -1,15 +1,15 @@
--module(starl_sim_condition_tests).
+-module(starl_run_condition_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-kinds() -> [Kind || {Kind, _, _, _, _} <- starl_sim_fault:kinds()].
+kinds() -> [Kind || {Kind, _, _, _, _} <- starl_run_fault:kinds()].
 
 each_kind_names_known_conditions_test() ->
     Known = [Condition || {Condition, _} <- starl_guarantee:conditions()],
-    [?assertEqual([], starl_sim_condition:broken(Kind) -- Known) || Kind <- kinds()].
+    [?assertEqual([], starl_run_condition:broken(Kind) -- Known) || Kind <- kinds()].
 
 each_condition_is_broken_by_some_kind_test() ->
     [
-        ?assertNotEqual([], starl_sim_condition:breakers(Condition, kinds()))
+        ?assertNotEqual([], starl_run_condition:breakers(Condition, kinds()))
      || {Condition, _} <- starl_guarantee:conditions()
     ].
 
@@ -22,11 +22,11 @@ what_monitors_excuse_is_a_broken_condition_test_() ->
             Excused = lists:usort([
                 matter(Broken)
              || Fault <- faults(Kind),
-                {_, _, _, Broken} <- starl_sim_assumption:broken([Fault], true)
+                {_, _, _, Broken} <- starl_run_assumption:broken([Fault], true)
             ]),
             Named = lists:usort([
                 Matter
-             || Condition <- starl_sim_condition:broken(Kind), Matter <- matters(Condition)
+             || Condition <- starl_run_condition:broken(Kind), Matter <- matters(Condition)
             ]),
             ?assertEqual(Excused, Named)
         end}
@@ -47,7 +47,7 @@ matters(_) -> [].
 
 %% Faults of a kind with large parameters.
 faults(Kind) ->
-    {_, _, Shape, Params, _} = lists:keyfind(Kind, 1, starl_sim_fault:kinds()),
+    {_, _, Shape, Params, _} = lists:keyfind(Kind, 1, starl_run_fault:kinds()),
     Values = maps:from_list([{Key, large(Key, Type)} || {Key, Type, _} <- Params]),
     [{f, 1000, 9000, Kind, target(Shape), Values}].
 

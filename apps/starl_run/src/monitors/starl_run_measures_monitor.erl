@@ -1,6 +1,6 @@
 %% @doc Collects what applications measure (`starl:measure/3'); it judges nothing. Beyond a number of
 %% values it keeps no more, and its result tells until when it did.
--module(starl_sim_measures_monitor).
+-module(starl_run_measures_monitor).
 -behaviour(starl_monitor).
 
 -export([init/1, step/2, finish/2, interests/0]).
@@ -12,7 +12,7 @@
 %% In the order of time. `until_us': until when the values are whole.
 -type measures() :: #{
     values := [value()],
-    until_us := starl_sim_queue:time(),
+    until_us := non_neg_integer(),
     is_whole := boolean()
 }.
 
@@ -20,7 +20,7 @@
     values = [] :: [value()],
     room :: non_neg_integer(),
     %% the time of the first value without room
-    full = no :: starl_sim_queue:time() | no
+    full = no :: non_neg_integer() | no
 }).
 
 %% @doc `most': the number of values that are kept.

@@ -1,0 +1,212 @@
+%% @doc A run, wherever it takes place: in the simulator (`starl_sim'), with live robots in one VM
+%% (`starl_world_run'), or with a node for each robot (`starl_cluster'). Its scenario is checked and planned here,
+%% and it comes to an outcome of one shape.
+%% ```
+%%   {ok, Run} = starl_run:start(starl_cluster, #{app => painting, robots => 3}, #{dir => "state"}),
+%%   ok = starl_run:act(Run, [{isolate, 2, #{}, 5000}]),
+%%   done = starl_run:await(Run),
+%%   {Outcome, Report} = starl_run:finish(Run).
+%% '''
+-module(starl_run).
+
+-export([start/3, world/1, scenario/1, status/1, act/2, heal/2, await/1, stop/1, finish/1]).
+-export([plan/2, check_app/1, format_error/1]).
+
+-export_type([t/0, status/0, planned/0, reason/0, outcome/0, ending/0]).
+
+%% A run of one of the modules with this behaviour.
+-opaque t() :: {module(), Run :: term()}.
+
+%% The present time and the number of robots at work. Each kind of run tells more.
+-type status() :: #{
+    now_us := integer(),
+    running := non_neg_integer(),
+    ending := ending() | none,
+    atom() => term()
+}.
+
+%% They are of one version.
+-define(SIBLINGS, [starl_platform, starl_run, starl_blocks]).
+
+-define(EXAMPLE, "starl_sim:start(#{app => painting, robots => 3})").
+
+%% A run that has not begun: its scenario with all defaults and drawn faults, its scene, and
+%% its plan.
+-type planned() :: {starl_run_scenario:t(), starl_scene:t(), starl_run_plan:t()}.
+
+%% Why a scenario cannot be run.
+-type reason() ::
+    {scenario, starl_run_scenario:reason()}
+    | {app | scene, unicode:chardata()}
+    | {no_such_app, module()}
+    | {no_app, Example :: string()}
+    | {fault_target, atom(), starl:robot_id()}
+    | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
+    | starl_run_floor:problem_of_fault()
+    | {versions, [{atom(), Version :: string()}, ...]}
+    | {new_code, unicode:chardata()}.
+
+%% Why a run ended: all applications finished, its time was up, a contract was violated, it was
+%% stopped from outside, nothing could happen any more, a node was lost, or a robot did not end its step.
+-type ending() :: done | time | violation | stopped | quiet | lost | hung.
+
+%% The outcome. The robots of lost nodes are missing in it. Live runs have no digest; that of a simulation is
+%% empty if nodes were lost, or a robot did not end its step. More keys: {@link starl_sim_outcome}.
+-type outcome() :: #{
+    ending := ending() | none,
+    end_us := non_neg_integer(),
+    %% the time until which contracts are judged
+    judged_us := non_neg_integer(),
+    violations := [starl_monitor:violation()],
+    %% the parts of the run of which there is no verdict
+    unjudged := [starl_unjudged:t()],
+    monitors := #{module() => map()},
+    robots := [{starl:robot_id(), map()}],
+    digest := binary(),
+    events := non_neg_integer(),
+    packets := non_neg_integer(),
+    lost := [term()],
+    hung => term(),
+    %% of a run in real time: the faults that were played, by hand among them
+    faults => [starl_run_fault:t()]
+}.
+
+%% Where its robots are.
+-callback world() -> starl_run_hand:world().
+%% Starts it, linked to the calling process.
+-callback start(Given :: #{app := module(), atom() => term()}, Options :: map()) ->
+    {ok, Run :: term()} | {error, Reason :: term()}.
+%% One line on why it could not be started.
+-callback format_error(Reason :: term()) -> unicode:chardata().
+%% The checked scenario, with all defaults.
+-callback scenario(Run :: term()) -> starl_run_scenario:t().
+-callback status(Run :: term()) -> status().
+%% Runs to the end.
+-callback await(Run :: term()) -> ending().
+%% Ends it; any process may.
+-callback stop(Run :: term()) -> ok.
+%% The outcome of a run that has come to its end, and the application's report. Nothing of the run is left.
+-callback finish(Run :: term()) -> {outcome(), starl_scene:report()}.
+%% Hands do this now. A simulation goes on in virtual time, for which no hand is quick enough: there a fault
+%% is one of its scenario.
+-callback act(Run :: term(), [starl_run_hand:t()]) -> ok | {error, unicode:chardata()}.
+%% These faults are over.
+-callback heal(Run :: term(), starl_run_hand:heal()) -> ok.
+
+-optional_callbacks([act/2, heal/2]).
+
+%% @doc Starts a run of this kind, linked to the calling process.
+-spec start(module(), #{app := module(), atom() => term()}, Options :: map()) ->
+    {ok, t()} | {error, unicode:chardata()}.
+start(Kind, Given, Options) ->
+    case Kind:start(Given, Options) of
+        {ok, Run} -> {ok, {Kind, Run}};
+        {error, Reason} -> {error, Kind:format_error(Reason)}
+    end.
+
+%% @doc Where the robots of a run are.
+-spec world(t()) -> starl_run_hand:world().
+world({Kind, _Run}) -> Kind:world().
+
+%% @doc The checked scenario of a run, with all defaults.
+-spec scenario(t()) -> starl_run_scenario:t().
+scenario({Kind, Run}) -> Kind:scenario(Run).
+
+%% @doc The present time, and the number of robots at work.
+-spec status(t()) -> status().
+status({Kind, Run}) -> Kind:status(Run).
+
+%% @doc Hands do this now, in a run in real time.
+-spec act(t(), [starl_run_hand:t()]) -> ok | {error, unicode:chardata()}.
+act({Kind, Run}, Hands) -> Kind:act(Run, Hands).
+
+%% @doc These faults are over.
+-spec heal(t(), starl_run_hand:heal()) -> ok.
+heal({Kind, Run}, What) -> Kind:heal(Run, What).
+
+%% @doc Runs to the end.
+-spec await(t()) -> ending().
+await({Kind, Run}) -> Kind:await(Run).
+
+%% @doc Ends a run; any process may.
+-spec stop(t()) -> ok.
+stop({Kind, Run}) -> Kind:stop(Run).
+
+%% @doc The outcome of a run that has come to its end, and the application's report. Nothing of the run is left.
+-spec finish(t()) -> {outcome(), starl_scene:report()}.
+finish({Kind, Run}) -> Kind:finish(Run).
+
+%% @doc Plans the run of a scenario, without starting it. The key `app' is the application's module, or its name
+%% without `starl_'. An application alone runs with the defaults.
+-spec plan(module() | #{app := module(), atom() => term()}, starl_run_plan:options()) ->
+    {ok, planned()} | {error, reason()}.
+plan(App, Options) when is_atom(App) ->
+    plan(#{app => App}, Options);
+plan(#{app := Name} = Given, Options) when is_atom(Name) ->
+    case {starl_code:versions(?SIBLINGS), module_named(Name)} of
+        {{differ, Versions}, _} -> {error, {versions, Versions}};
+        {same, {ok, App}} -> checked(check_app(App), Given#{app := App}, Options);
+        {same, none} -> {error, {no_such_app, Name}}
+    end;
+plan(_Given, _Options) ->
+    {error, {no_app, ?EXAMPLE}}.
+
+module_named(Name) ->
+    Names = [Name, list_to_atom("starl_" ++ atom_to_list(Name))],
+    case [M || M <- Names, code:ensure_loaded(M) =:= {module, M}] of
+        [Module | _] -> {ok, Module};
+        [] -> none
+    end.
+
+checked(ok, #{app := App} = Given, Options) ->
+    case starl_run_scenario:check(Given, starl_app:options(App)) of
+        {ok, Scenario} -> starl_run_setup:make(App, Scenario, Options);
+        {error, Reason} -> {error, {scenario, Reason}}
+    end;
+checked({error, _} = Error, _Given, _Options) ->
+    Error.
+
+%% @doc Can this module run as an application: are its callbacks there, and is its table of options
+%% sound?
+-spec check_app(module()) -> ok | {error, {app, unicode:chardata()}}.
+check_app(App) ->
+    case starl_app:check(App, [Key || {Key, _, _, _} <- starl_run_scenario:options()]) of
+        ok -> ok;
+        {error, Why} -> {error, {app, Why}}
+    end.
+
+%% @doc One line on why a scenario cannot be run.
+-spec format_error(reason()) -> unicode:chardata().
+format_error({scenario, Reason}) ->
+    starl_run_scenario:format_error(Reason);
+format_error({What, Why}) when What =:= app; What =:= scene; What =:= new_code ->
+    Why;
+format_error({no_such_app, App}) ->
+    Meant =
+        case starl_code:resembling(App) of
+            [Near | _] -> io_lib:format(" (did you mean ~ts?)", [Near]);
+            [] -> "; is it compiled, and in the path?"
+        end,
+    [io_lib:format("there is no application ~ts", [App]), Meant];
+format_error({versions, Versions}) ->
+    Each = [io_lib:format("~ts is ~ts", [App, Version]) || {App, Version} <- Versions],
+    [
+        "applications of StarL of unlike versions: ",
+        lists:join(", ", Each),
+        "; a project takes all of them from one commit"
+    ];
+format_error({no_app, Example}) ->
+    ["which application? Write ", Example];
+format_error({fault_target, Id, Robot}) ->
+    io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]);
+format_error({fault_machine, Id, Name, Known}) ->
+    Names = lists:join(", ", [atom_to_list(N) || N <- Known]),
+    io_lib:format("fault ~ts: a robot has no machine ~ts; it has ~ts", [Id, Name, Names]);
+format_error({fault_floor, Id}) ->
+    io_lib:format("fault ~ts is one of a floor plan: give a plan with --floor", [Id]);
+format_error({fault_door, Id, Door, 0}) ->
+    io_lib:format("fault ~ts: there is no door ~b, the floor plan has no doors", [Id, Door]);
+format_error({fault_door, Id, Door, Doors}) ->
+    io_lib:format("fault ~ts: there is no door ~b, the floor plan has doors 1 to ~b", [
+        Id, Door, Doors
+    ]).
