@@ -153,7 +153,7 @@ unjudged(T, Contracts, Text) ->
 
 %% @doc The word by which the violations of a monitor, given by its name, name its contract.
 -spec contract(Monitor :: string()) -> binary().
-contract("sim_progress") -> <<"progress">>;
+contract("run_progress") -> <<"progress">>;
 contract("exercise") -> <<"calls">>;
 contract("election_bully") -> <<"election">>;
 contract(Name) -> <<_/binary>> = unicode:characters_to_binary(Name).

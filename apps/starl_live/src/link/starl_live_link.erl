@@ -485,9 +485,7 @@ went({ask, Pid, Order, Robot}, #link{beside = Beside} = Link) ->
             Left = Flushed#link{beside = Beside#{Pid => {at_work, []}}},
             went(starl_robot:leave(Left#link.robot), Left);
         _ ->
-            Flushed = flushed(Robot, Link),
-            Pid ! Order,
-            Flushed
+            ask(Pid, Order, starl_live_body:flush(starl_robot:world(Robot)), Robot, Link)
     end;
 went({crashed, Name, Reason, Robot}, Link) ->
     Flushed = flushed(Robot, Link),
@@ -496,6 +494,14 @@ went({crashed, Name, Reason, Robot}, Link) ->
         {ok, Next} -> go_on(Next);
         {gave_up, _} -> exit({shutdown, gave_up})
     end.
+
+%% The machine of this order, too: what it was late with before comes first.
+ask(Pid, Order, {[], Body}, Robot, Link) ->
+    Pid ! Order,
+    Link#link{robot = starl_robot:world(Body, Robot)};
+ask(_Pid, Order, {[_ | _] = Late, Body}, Robot, Link) ->
+    Waits = starl_robot:put_off(Order, starl_robot:world(late(Late, Body), Robot)),
+    went(starl_robot:run(starl_robot:first(Late, Waits)), Link).
 
 %% A machine learns that something of its step was late before it handles anything else.
 flushed(Robot, Link) ->

@@ -36,7 +36,7 @@
     new/4, parts/1, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1
 ]).
 -export([run/1, status/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
--export([leave/1, act/4, stand_still/3, go_on/1, standing/1]).
+-export([put_off/2, leave/1, act/4, stand_still/3, go_on/1, standing/1]).
 -export([lost/3, attach/3, back/3, first/2, then/2, die/2, go_down/1, come_up/2]).
 
 -export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0, standing/0, parts/0]).
@@ -313,6 +313,16 @@ answered(Pid, Actions, #robot{busy = {Name, Pid}, world = World, machines = Mach
     stepped(Actions, Name, Local, World, Machines, Timers, Robot);
 answered(_Pid, _Actions, #robot{}) ->
     ignored.
+
+%% @doc The process that is about to be asked is not asked yet: what the order says is the next local event again.
+-spec put_off(starl_driver:order(), t()) -> t().
+put_off(Order, #robot{busy = {Name, _Pid}, local = Local} = Robot) ->
+    Event =
+        case Order of
+            {starl_step, Type, Content, _Meta} -> {Name, Type, Content};
+            {starl_boot, _Base} -> {Name, boot, none}
+        end,
+    Robot#robot{busy = none, local = [Event | Local]}.
 
 %% @doc Leaves the process at work alone, and goes on without it. Its answer comes with {@link act/4}
 %% when the robot is quiet. Until then the driver must keep further orders to this process back. Only
