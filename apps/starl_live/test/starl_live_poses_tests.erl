@@ -162,6 +162,37 @@ not_silent_test() ->
     Asked = starl_live_poses:ask(one, [1], 9 * ?S, A),
     ?assertMatch({[], _}, starl_live_poses:silence(9 * ?S, Asked)).
 
+%% -- robots that are put down -----------------------------------------------------------------
+
+%% A robot that stands badly is not told where it is, and why is said once; when it stands well, it is told. What
+%% comes near to it later is no matter of that.
+who_is_put_down_badly_is_not_told_where_it_is_test() ->
+    Rule = #{radii => #{1 => 165.0, 2 => 165.0}, apart_mm => 340, error_mm => 1.0},
+    Show = fun(Us, Other, S) ->
+        starl_live_poses:show([{1, at(Us / 100), Us}, {2, at(Other), Us}], Us, S)
+    end,
+    A = starl_live_poses:ask(q, [1], 0, unseen(#{placing => Rule})),
+    ?assertEqual([1, 2, 3], starl_live_poses:wanted([1], A)),
+    {[], [], B} = Show(100, 300, A),
+    {[], [#{what := badly_placed, why := Why}], C} = Show(200, 300, B),
+    ?assertEqual(
+        <<"robot 1 stands 298 mm from robot 2, at (2, 0) mm, and does not drive: put them down at least 340 mm apart">>,
+        Why
+    ),
+    {[], [], D} = Show(300, 200, C),
+    ?assertEqual([1, 2, 3], starl_live_poses:wanted([1], D)),
+    {[{q, [{1, _, _}]}], [#{what := well_placed}], E} = Show(400, 400, D),
+    ?assertEqual([1], starl_live_poses:wanted([1], E)),
+    ?assertMatch({[{r, _}], [], _}, Show(600, 100, starl_live_poses:ask(r, [1], 500, E))).
+
+%% Where a robot that has not been seen for long stood says nothing.
+who_is_not_seen_is_not_in_the_way_test() ->
+    Rule = #{radii => #{1 => 165.0, 2 => 165.0}, apart_mm => 340, error_mm => 1.0},
+    A = starl_live_poses:ask(q, [1], 0, unseen(#{placing => Rule})),
+    {[], [], B} = starl_live_poses:show([{1, at(0), 100}, {2, at(9), 100}], 100, A),
+    Later = 3 * ?S,
+    ?assertMatch({[{q, _}], [], _}, starl_live_poses:show([{1, at(1), Later}], Later, B)).
+
 options_test() ->
     ?assertEqual(ok, starl_live_poses:options(#{speed => 500.0, turn => infinity, exact => true})),
     {error, Line} = starl_live_poses:options(#{speed => fast}),

@@ -185,6 +185,36 @@ teams_start_where_there_is_room_test() ->
         {error, _}, starl_floor_placement:places(grid, lists:seq(1, 100), 165.0, 7, Small)
     ).
 
+%% On a real floor people put robots down.
+who_is_put_down_badly_is_told_what_to_do_test_() ->
+    {ok, Floor} = starl_floor_text:parse(drawing()),
+    Rule = #{
+        radii => maps:from_keys([1, 2, 3], 100.0),
+        apart_mm => 340,
+        error_mm => 1.0,
+        walls => starl_walls:new(Floor)
+    },
+    Stands = fun(Poses, Own) -> starl_floor_placement:stands(1, Poses, maps:merge(Rule, Own)) end,
+    Alone = #{1 => {500.0, 625.0, 0.0}},
+    Beside = fun(Mm) -> Alone#{2 => {500.0, 625.0 + Mm, 0.0}, 3 => {500.0, 625.0 - 339, 0.0}} end,
+    [
+        ?_assertEqual(ok, Stands(Alone, #{})),
+        ?_assertEqual(ok, Stands(Beside(338), #{})),
+        ?_assertEqual(ok, Stands(Beside(210), #{apart_mm => 0})),
+        ?_assertMatch({error, {beside, 2}, _}, Stands(Beside(337.9), #{})),
+        ?_assertMatch({error, {beside, 2}, _}, Stands(Beside(197), #{apart_mm => 0})),
+        ?_assertMatch({error, off_floor, _}, Stands(#{1 => {-5.0, 0.0, 0.0}}, #{})),
+        ?_assertMatch({error, in_wall, _}, Stands(#{1 => {300.0, 625.0, 0.0}}, #{})),
+        ?_test(begin
+            {error, in_wall, Line} = Stands(#{1 => {100.0, 100.0, 0.0}}, #{}),
+            ?assertEqual(
+                "robot 1 stands in a wall, at (100, 100) mm, and does not drive: put it down on the floor, at "
+                "least 100 mm from every wall",
+                lists:flatten(Line)
+            )
+        end)
+    ].
+
 who_has_no_room_is_named_test_() ->
     {ok, Floor} = starl_floor_text:parse(drawing()),
     Walls = starl_walls:new(Floor),

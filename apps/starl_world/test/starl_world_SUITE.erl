@@ -16,6 +16,7 @@
     picture/1,
     slow_line_and_rare_pictures/1,
     frozen_positions/1,
+    badly_placed/1,
     links_cut/1,
     scheduled/1,
     refused/1,
@@ -41,6 +42,7 @@ all() ->
         picture,
         slow_line_and_rare_pictures,
         frozen_positions,
+        badly_placed,
         links_cut,
         scheduled,
         refused,
@@ -186,6 +188,29 @@ frozen_positions(Config) ->
     ok = starl_world_run:until(Run, 8_000_000),
     ok = starl_world_run:heal(Run, all),
     complete(Run).
+
+%% Two robots that stand nearer to each other than their scene wants are named, and do not drive; the third one does.
+badly_placed(Config) ->
+    Places = #{1 => {1000.0, 1000.0}, 2 => {1000.0, 1300.0}, 3 => {4000.0, 1000.0}},
+    Scenario = #{app => starl_world_placed_app, robots => 3, test => self(), places => Places},
+    _ = starl_live_log_ct:lines(fun() ->
+        Run = start(Scenario, #{}, Config),
+        receive
+            {logged, <<"robot 1 stands ", _/binary>>} -> ok
+        end,
+        receive
+            {logged, <<"robot 2 stands ", _/binary>>} -> ok
+        end,
+        receive
+            {arrived, 3} -> ok
+        end,
+        ok = starl_world_run:stop(Run),
+        #{robots := Robots} = Outcome = sound(stopped, Run),
+        ?assertEqual([running, running, {done, arrived}], results(Outcome)),
+        [{X1, Y1}, {X2, Y2}, _] = [{X, Y} || {_, #{pose := {X, Y, _}}} <- Robots],
+        ?assertEqual([maps:get(1, Places), maps:get(2, Places)], [{X1, Y1}, {X2, Y2}])
+    end),
+    ok.
 
 %% A cut stays for a robot that starts anew, by hand or by its supervisor, until it is healed.
 links_cut(Config) ->

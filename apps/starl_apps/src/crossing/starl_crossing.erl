@@ -61,6 +61,7 @@ scene(#{robots := Ids, world := World, options := Options}) ->
                 app => {sequential, starl_crossing, Options#{road => Road}},
                 blocks => [starl_mutex],
                 poses => maps:from_list(starl_crossing_road:starts(Ids, Road)),
+                apart_mm => 500,
                 monitors => [{starl_crossing_monitor, #{}}],
                 never_crashes => true
             }};

@@ -130,6 +130,7 @@ place(Picture, #{poses := Poses} = Parked, Radius, Tracking, Context) ->
                     {starl_dpp, maps:merge(Plan, Leases)}
                 ],
                 poses => Poses,
+                apart_mm => maps:get(safety_distance, Options),
                 monitors => monitors(Picture, Tracking, Context),
                 memo => (maps:get(memo, Parked))#{
                     picture => Picture,

@@ -110,6 +110,7 @@ built(#{size := World} = Floor, Ways, Reached, Rooms, Ball, Radius, Tracking, Co
         never_bumps => true,
         floor => Floor,
         poses => maps:from_list(lists:zip(Ids, starl_dpp_floor:places(Ways))),
+        apart_mm => maps:get(safety_distance, Options),
         things => [
             #{at => At, colour => orange, radius_mm => ?BALL_MM}
          || At <- [Ball], At =/= none

@@ -101,7 +101,8 @@ recorded(#{state := State} = Place, Planned, #{record_mb := Most} = Fleet, Spec)
 period_us(none) -> none;
 period_us(Seconds) -> round(1.0e6 * Seconds).
 
-robot(#{robot := Robot, state := State} = Place, Key, {_Scenario, _Scene, Plan}, Fleet) ->
+robot(#{robot := Robot, state := State} = Place, Key, {_, _, Plan} = Planned, Fleet) ->
+    {Source, Own} = starl_fleet_lines:positioning(Robot, Fleet),
     #{tree := Tree, world := #{profiles := Profiles, seed := Seed}} = Plan,
     #{name := Name} = Fleet,
     #{
@@ -113,7 +114,7 @@ robot(#{robot := Robot, state := State} = Place, Key, {_Scenario, _Scene, Plan},
         clock => starl_live_clock:new(0, 1),
         dir => State,
         transport => starl_fleet_lines:transport(starl_fleet_place:run(Place), Key, Fleet),
-        positioning => starl_fleet_lines:positioning(Robot, Fleet),
+        positioning => {Source, Own#{placing => starl_run_floor:placing(Planned)}},
         chassis => starl_fleet_lines:chassis(Robot, Fleet),
         senses => starl_fleet_lines:senses(Robot, Fleet),
         sink => self()

@@ -16,9 +16,13 @@
 %% than `speed' allows for the time between them (and `jump_mm' more), or turned by more than `turn'
 %% allows (and `jump_rad' more), is refused. If the poses that follow agree with it for `believe_us',
 %% it is believed: somebody has carried the robot, or the earlier pose was the wrong one.
+%%
+%% <em>Placing.</em> People put robots down. With a rule for that (`placing', {@link
+%% starl_floor_placement:stands/3}) no question is answered before a picture has shown that the robot stands well
+%% among all others, so it drives nowhere; what is wrong is said once.
 -module(starl_live_poses).
 
--export([new/2, options/1, ask/4, show/3, silence/2, figures/1]).
+-export([new/2, options/1, ask/4, wanted/2, show/3, silence/2, figures/1]).
 
 -export_type([t/0, picture/0, event/0]).
 
@@ -34,7 +38,9 @@
         to := starl:pose(),
         refused_us := non_neg_integer()
     }
-    | #{what := position_silent | position_back, for_us := non_neg_integer()}.
+    | #{what := position_silent | position_back, for_us := non_neg_integer()}
+    | #{what := badly_placed, why := binary()}
+    | #{what := well_placed}.
 
 %% The questions that may be open; beyond that the oldest is forgotten.
 -define(OPEN, 1000).
@@ -52,6 +58,9 @@
     %% since when the robot itself has not been seen; has that been said?
     since_us :: integer(),
     silent = false :: boolean(),
+    %% how the robot is to be put down, until it has been seen to stand so; what was said of that last
+    placing :: starl_floor_placement:rule() | none,
+    misplaced = none :: starl_floor_placement:problem() | none,
     figures = #{} :: #{atom() => pos_integer()}
 }).
 
@@ -87,6 +96,7 @@ new(#{robot := Self, participants := Participants} = Config, Now) ->
             maps:get(jump_rad, Config, 0.5),
             maps:get(believe_us, Config, 1000000)
         },
+        placing = maps:get(placing, Config, none),
         since_us = Now
     }.
 
@@ -124,6 +134,11 @@ ask(Tag, Robots, Now, #seen{asked = Asked} = Seen) ->
         false -> Seen#seen{asked = lists:sublist([{Tag, Robots, Now} | Asked], ?OPEN)}
     end.
 
+%% @doc The robots that the source is asked for. Who has just been put down looks at all.
+-spec wanted([starl:robot_id()], t()) -> [starl:robot_id()].
+wanted(Robots, #seen{placing = none}) -> Robots;
+wanted(_Robots, #seen{participants = Participants}) -> starl_team:members(Participants).
+
 %% @doc The robot has asked: is there something to say about a source that does not show it? Nobody
 %% misses a picture while no question is open; some sources show nothing unless they are asked.
 -spec silence(NowUs :: integer(), t()) -> {[event()], t()}.
@@ -150,8 +165,9 @@ show(Sightings, Now, Seen) ->
         fun(Sighting, Before) -> see(Sighting, Now, Before) end, {[], Seen}, Sightings
     ),
     {Back, Known} = back(Now, Seen, Latest),
-    {Answers, Answered} = answer(Now, Known),
-    {Answers, lists:reverse(Jumps) ++ Back, Answered}.
+    {Placed, Stands} = placed(Now, Known),
+    {Answers, Answered} = answer(Now, Stands),
+    {Answers, lists:reverse(Jumps) ++ Back ++ Placed, Answered}.
 
 %% The robot itself is seen again.
 back(Now, Before, #seen{self = Self, since_us = Since, silent = Silent} = Seen) ->
@@ -159,6 +175,26 @@ back(Now, Before, #seen{self = Self, since_us = Since, silent = Silent} = Seen) 
         {Same, Same} -> {[], Seen};
         _ when Silent -> {[#{what => position_back, for_us => Now - Since}], here(Now, Seen)};
         _ -> {[], here(Now, Seen)}
+    end.
+
+%% Does the robot stand well among those that have been seen lately?
+placed(_Now, #seen{placing = none} = Seen) ->
+    {[], Seen};
+placed(Now, #seen{self = Self, robots = Robots, placing = Rule, misplaced = Before} = Seen) ->
+    Poses = maps:from_list([
+        {Id, Pose}
+     || {Id, {{Pose, Taken}, _}} <- maps:to_list(Robots), Now - Taken < ?SILENT_US
+    ]),
+    case is_map_key(Self, Poses) andalso starl_floor_placement:stands(Self, Poses, Rule) of
+        false ->
+            {[], Seen};
+        ok ->
+            {[#{what => well_placed} || Before =/= none], Seen#seen{placing = none}};
+        {error, Before, _} ->
+            {[], Seen};
+        {error, Problem, Line} ->
+            Event = #{what => badly_placed, why => unicode:characters_to_binary(Line)},
+            {[Event], Seen#seen{misplaced = Problem}}
     end.
 
 here(Now, Seen) -> Seen#seen{since_us = Now, silent = false}.
@@ -171,6 +207,8 @@ taken(Robot, #seen{robots = Robots}) ->
         #{} -> none
     end.
 
+answer(_Now, #seen{placing = #{}} = Seen) ->
+    {[], Seen};
 answer(Now, #seen{self = Self, asked = Asked} = Seen) ->
     case taken(Self, Seen) of
         none ->

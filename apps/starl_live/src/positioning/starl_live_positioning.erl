@@ -4,11 +4,12 @@
 %% A source shows robots at its own pace. A question is answered with the first picture that shows the
 %% robot itself as it was when it asked, or later ({@link starl_location}); other robots are shown as
 %% they were seen last, with their age. What is believed is up to {@link starl_live_poses}: its options
-%% are `exact', `speed', `turn', `jump_mm', `jump_rad' and `believe_us'. Since it looks after sources
+%% are `exact', `speed', `turn', `jump_mm', `jump_rad', `believe_us' and `placing'. Since it looks after sources
 %% that are stuck, the location service of a live robot is told that its positioning is `exact'.
 %%
 %% A source that is silent answers nothing: the location service asks again. That the robot has not
-%% been seen for two seconds is said once in the log, with the counters, which tell why.
+%% been seen for two seconds is said once in the log, with the counters, which tell why. Nor does a robot know
+%% where it is before it stands well (`placing'): why it does not is a line of the log.
 %% ```
 %%     link -- ask(Positioning, Tag, Robots) --> positioning <-- datagrams of the source
 %%     link <-- {starl_located, Positioning, Tag, [{Robot, Pose, AgeUs}]} -- positioning
@@ -104,7 +105,8 @@ handle_cast({ask, Tag, Robots}, #positioning{clock = Clock, seen = Seen} = Posit
     Now = starl_live_clock:now_us(Clock),
     {Events, Asked} = starl_live_poses:silence(Now, starl_live_poses:ask(Tag, Robots, Now, Seen)),
     say(Events, Positioning),
-    {noreply, wanted(Robots, Positioning#positioning{seen = Asked})}.
+    Wanted = starl_live_poses:wanted(Robots, Asked),
+    {noreply, wanted(Wanted, Positioning#positioning{seen = Asked})}.
 
 wanted(Robots, #positioning{module = Module, state = State} = Positioning) ->
     case erlang:function_exported(Module, ask, 2) of
@@ -135,7 +137,14 @@ shown(Sightings, #positioning{clock = Clock, link = Link, seen = Seen} = Positio
     say(Events, Positioning),
     Positioning#positioning{seen = Known}.
 
-say(Events, Positioning) ->
-    lists:foreach(
-        fun(Event) -> logger:warning(Event#{figures => counters(Positioning)}) end, Events
-    ).
+say(Events, Positioning) -> lists:foreach(fun(Event) -> say_one(Event, Positioning) end, Events).
+
+say_one(#{what := badly_placed} = Event, _Positioning) ->
+    logger:error(Event, #{report_cb => fun words/1});
+say_one(#{what := well_placed} = Event, _Positioning) ->
+    logger:notice(Event, #{report_cb => fun words/1});
+say_one(Event, Positioning) ->
+    logger:warning(Event#{figures => counters(Positioning)}).
+
+words(#{what := badly_placed, why := Line}) -> {"~ts", [Line]};
+words(#{what := well_placed}) -> {"it stands well now, and may drive", []}.

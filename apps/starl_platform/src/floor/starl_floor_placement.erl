@@ -1,15 +1,27 @@
 %% @doc Where the robots of a team stand at the beginning: on a floor plan, out of its walls, and
-%% not on each other.
+%% not on each other. People put real robots down as they like: {@link stands/3} looks at one.
 -module(starl_floor_placement).
 
--export([places/5, row/2, check/3]).
+-export([places/5, row/2, check/3, stands/3]).
 
--export_type([how/0]).
+-export_type([how/0, rule/0, problem/0]).
 
 %% In rows; in one row; on a circle; anywhere, drawn from the seed.
 -type how() :: grid | line | circle | random.
 
 -type poses() :: #{starl:robot_id() => starl:pose()}.
+
+%% How robots are to be put down: the radius of each body, the least distance of two robots if they need
+%% more than not to touch, by how much a place may be told wrong (mm), and the walls, where there are some.
+-type rule() :: #{
+    radii := #{starl:robot_id() => float()},
+    apart_mm := number(),
+    error_mm := number(),
+    walls => starl_walls:t()
+}.
+
+%% Where a robot must not stand.
+-type problem() :: off_floor | in_wall | {beside, starl:robot_id()}.
 
 %% Between two bodies, and between a body and a wall (mm).
 -define(GAP_MM, 20.0).
@@ -132,19 +144,10 @@ drawn(N, R, Tries, Random0, Walls, Poses) ->
 ) ->
     ok | {error, unicode:chardata()}.
 check(Robots, Radius, Walls) ->
-    #{size := {W, H}} = starl_walls:floor(Walls),
     Problems = [
-        Problem
+        {Id, {X, Y}, words(Problem)}
      || {Id, {X, Y, _}} <- Robots,
-        Problem <- [
-            case
-                {X < 0 orelse Y < 0 orelse X > W orelse Y > H, starl_walls:is_solid({X, Y}, Walls)}
-            of
-                {true, _} -> {Id, {X, Y}, "off the floor"};
-                {_, true} -> {Id, {X, Y}, "in a wall"};
-                _ -> room(Id, {X, Y}, Radius(Id), Walls)
-            end
-        ],
+        Problem <- [on_floor({X, Y}, Radius(Id), Walls)],
         Problem =/= ok
     ],
     case Problems ++ pairs(Robots, Radius) of
@@ -157,11 +160,17 @@ check(Robots, Radius, Walls) ->
                 ])}
     end.
 
-room(Id, Point, R, Walls) ->
-    case starl_walls:clearance({Point, Point}, R, Walls) < R of
-        true -> {Id, Point, "in a wall"};
-        false -> ok
+on_floor({X, Y} = Point, R, Walls) ->
+    #{size := {W, H}} = starl_walls:floor(Walls),
+    IsOff = X < 0 orelse Y < 0 orelse X > W orelse Y > H,
+    case IsOff orelse starl_walls:is_free({Point, Point}, R, Walls) of
+        true when IsOff -> off_floor;
+        true -> ok;
+        false -> in_wall
     end.
+
+words(off_floor) -> "off the floor";
+words(in_wall) -> "in a wall".
 
 pairs([], _Radius) ->
     [];
@@ -171,3 +180,41 @@ pairs([{Id, {X, Y, _}} | Others], Radius) ->
      || {Other, {OX, OY, _}} <- Others,
         starl_geometry:distance({X, Y}, {OX, OY}) < Radius(Id) + Radius(Other)
     ] ++ pairs(Others, Radius).
+
+%% @doc Does this robot stand well among those whose places are known? Otherwise what is wrong, and one line that says
+%% what to do.
+-spec stands(starl:robot_id(), poses(), rule()) -> ok | {error, problem(), unicode:chardata()}.
+stands(Id, Poses, #{radii := Radii} = Rule) ->
+    #{Id := {X, Y, _}} = Poses,
+    case {walled(Id, {X, Y}, Rule), nearest(Id, {X, Y}, Poses, Rule)} of
+        {ok, none} ->
+            ok;
+        {ok, {Mm, Other, Least}} ->
+            Line =
+                "robot ~b stands ~b mm from robot ~b, at (~b, ~b) mm, and does not drive: put them down "
+                "at least ~b mm apart",
+            Values = [Id, round(Mm), Other, round(X), round(Y), ceil(Least)],
+            {error, {beside, Other}, io_lib:format(Line, Values)};
+        {Problem, _} ->
+            Line =
+                "robot ~b stands ~ts, at (~b, ~b) mm, and does not drive: put it down on the floor, at "
+                "least ~b mm from every wall",
+            Values = [Id, words(Problem), round(X), round(Y), ceil(maps:get(Id, Radii))],
+            {error, Problem, io_lib:format(Line, Values)}
+    end.
+
+walled(Id, Point, #{walls := Walls, radii := #{} = Radii, error_mm := Error}) ->
+    on_floor(Point, max(0.0, maps:get(Id, Radii) - Error), Walls);
+walled(_Id, _Point, _Rule) ->
+    ok.
+
+%% The nearest of those that are too near, how far away it is, and how far it must be.
+nearest(Id, Point, Poses, #{radii := Radii, apart_mm := Apart, error_mm := Error}) ->
+    Near = [
+        {Mm, Other, Least}
+     || {Other, {X, Y, _}} <- maps:to_list(maps:remove(Id, Poses)),
+        Mm <- [starl_geometry:distance(Point, {X, Y})],
+        Least <- [max(Apart, maps:get(Id, Radii) + maps:get(Other, Radii))],
+        Mm + 2 * Error < Least
+    ],
+    lists:min([none || Near =:= []] ++ Near).

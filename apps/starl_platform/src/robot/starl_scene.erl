@@ -34,6 +34,8 @@
     %% the application's own floor plan, if the scenario names none
     floor => starl_floor:t(),
     poses => #{starl:robot_id() => starl:pose()},
+    %% the least distance of two robots at the beginning (mm), if they need more than not to touch
+    apart_mm => number(),
     %% what senses see on the floor, and other measures and errors of senses than the usual ones
     things => [starl_sense:thing()],
     senses => #{starl_sense:kind() => starl_sense:profile()},

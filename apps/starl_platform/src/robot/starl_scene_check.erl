@@ -25,7 +25,7 @@ no_answer(Other) ->
     io_lib:format("{ok, #{app => ...}} or {error, \"Why\"} expected, not ~0tP", [Other, 12]).
 
 keys() ->
-    [app, blocks, waypoints, floor, poses, things, senses, monitors, profile, sap] ++
+    [app, blocks, waypoints, floor, poses, apart_mm, things, senses, monitors, profile, sap] ++
         [never_crashes, never_bumps, notes, sap_machine, motion_machine, memo].
 
 values([]) ->
@@ -49,6 +49,8 @@ value(waypoints, Points) ->
     is_map_of(fun is_atom/1, fun is_point/1, Points, "#{Name => {X, Y}}");
 value(poses, Poses) ->
     is_map_of(fun is_robot/1, fun is_pose/1, Poses, "#{Robot => {X, Y, Heading}}");
+value(apart_mm, Mm) ->
+    (is_number(Mm) andalso Mm >= 0) orelse "a distance in mm";
 value(monitors, Monitors) ->
     monitors(Monitors);
 value(profile, Profile) ->

@@ -36,7 +36,9 @@
     reloads := [starl_run_reloads:t()],
     code := [starl_version:code()],
     limit_us := non_neg_integer(),
-    monitors := [{module(), map()}]
+    monitors := [{module(), map()}],
+    %% of a run in real time
+    placing => starl_floor_placement:rule()
 }.
 
 -define(INTENSITY, 1000).

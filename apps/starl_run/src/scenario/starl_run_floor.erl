@@ -2,7 +2,7 @@
 %% places where the robots stand at the beginning.
 -module(starl_run_floor).
 
--export([read/1, given/2, stand/3, faults/2, obstacles/2]).
+-export([read/1, given/2, stand/3, placing/1, faults/2, obstacles/2]).
 
 -export_type([problem_of_fault/0]).
 
@@ -81,6 +81,22 @@ checked(Poses, Scene, #{profiles := Profiles} = Context) ->
     of
         ok -> {ok, Scene};
         {error, _} = Error -> Error
+    end.
+
+%% @doc How the robots of a planned run are to be put down, where people do that. A floor of the usual size need
+%% not be the one that they have.
+-spec placing(starl_run:planned()) -> starl_floor_placement:rule().
+placing({Scenario, Scene, #{robots := Robots, world := #{profiles := Profiles}}}) ->
+    Radius = fun(Id) -> starl_chassis:radius_mm(starl_chassis:of_robot(Id, Profiles)) end,
+    Rule = #{
+        radii => maps:from_list([{Id, Radius(Id)} || {Id, _} <- Robots]),
+        apart_mm => maps:get(apart_mm, Scene, 0),
+        error_mm => lists:max([Mm || #{position_error_mm := Mm} <- Profiles])
+    },
+    case {Scene, Scenario} of
+        {#{floor := _}, _} -> Rule#{walls => walls(Scene, Scenario)};
+        {_, #{world := ?USUAL}} -> Rule;
+        _ -> Rule#{walls => walls(Scene, Scenario)}
     end.
 
 walls(#{floor := Floor}, _Context) -> starl_walls:new(Floor);

@@ -78,18 +78,22 @@ plan(Given, #{world := Where} = Options) ->
         {ok, {_Scenario, #{floor := _}, _Plan}} ->
             {error, {scene, "in real time there are no floor plans yet: run it in virtual time"}};
         {ok, {#{faults := []}, _Scene, _Plan} = Planned} ->
-            {ok, Planned, []};
+            {ok, placed(Planned), []};
         {ok, {#{faults := Faults} = Scenario, _Scene, _Plan}} ->
             scheduled(starl_run_hand:refused(Where, Faults), Scenario, Own);
         {error, _} = Error ->
             Error
     end.
 
+%% Live robots look whether they stand well.
+placed({Scenario, Scene, Plan} = Planned) ->
+    {Scenario, Scene, Plan#{placing => starl_run_floor:placing(Planned)}}.
+
 %% What has to be done so long after the faults has as long in real time.
 scheduled([], #{faults := Faults, heal := Heal} = Scenario, Own) ->
     Healed = max(Heal, starl_run_fault:healed_us(Faults) / 1.0e6),
     {ok, Planned} = starl_run:plan(Scenario#{faults := [], heal := Healed}, Own),
-    {ok, Planned, Faults};
+    {ok, placed(Planned), Faults};
 scheduled(Refused, _Scenario, _Own) ->
     {error, {scene, lists:join("; ", Refused)}}.
 

@@ -51,7 +51,7 @@ robot(Id, #{plan := Plan, clock := Clock, world := World, transport := Line, opt
         clock => Clock,
         dir => Own,
         transport => Line(Id),
-        positioning => {starl_world_sight, #{world => World}},
+        positioning => {starl_world_sight, (maps:with([placing], Plan))#{world => World}},
         chassis => starl_world_chassis:line(Id, World, Options),
         sink => World,
         packets => maps:get(packets, Options, false),
