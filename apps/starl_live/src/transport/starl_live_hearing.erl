@@ -1,8 +1,8 @@
 %% @doc What a robot knows of the others ({@link starl_live_peers}), in words: a line of news, and what is
-%% wrong with a robot in our ears. A pure module.
+%% wrong with a robot in our ears.
 -module(starl_live_hearing).
 
--export([complaint/1, format_news/1]).
+-export([complaint/1, format_news/1, log/1]).
 
 %% @doc What is wrong with a robot in our ears, as the rest of a sentence about us; `none': nothing.
 -spec complaint(starl_live_peers:peer()) -> unicode:chardata() | none.
@@ -76,3 +76,16 @@ format_news({once, Robot}) ->
 format_news({unnamed, Robot, Host, Why}) ->
     Line = "robot ~b: the name ~tp is not found: ~ts; it is looked up again",
     io_lib:format(Line, [Robot, Host, inet:format_error(Why)]).
+
+%% @doc Writes news into the log.
+-spec log([starl_live_peers:news()]) -> ok.
+log(News) -> lists:foreach(fun log_one/1, News).
+
+log_one(News) ->
+    logger:log(level(News), #{
+        what => element(1, News), why => unicode:characters_to_binary(format_news(News))
+    }).
+
+level({What, _, _}) when What =:= back; What =:= moved -> notice;
+level({once, _}) -> notice;
+level(_News) -> warning.

@@ -49,10 +49,6 @@
 
 -type lookup() :: fun((inet:hostname()) -> {ok, inet:ip_address()} | {error, inet:posix()}).
 
-%% Messages of the socket to the process before it must ask for more: hostile traffic fills the
-%% socket's buffer, not the process's mailbox.
--define(ACTIVE, 100).
--define(BUFFER, 1_000_000).
 %% 8 Mbit/s, and a burst of some milliseconds of a usual wireless network.
 -define(RATE, 1000).
 -define(BURST, 16_000).
@@ -71,11 +67,8 @@
 
 -record(udp, {
     clock :: starl_live_clock:t(),
-    sockets :: module(),
-    socket :: gen_udp:socket(),
-    group :: gen_udp:socket() | none,
-    %% the address of a packet for all; `each': those of all robots
-    all :: each | starl_live_peers:address(),
+    sockets :: starl_live_udp_sockets:t(),
+    all :: starl_live_udp_sockets:all(),
     peers :: starl_live_peers:t(),
     lookup :: lookup(),
     %% robots whose names are being looked up
@@ -98,47 +91,11 @@
 %% -- opening --------------------------------------------------------------------------------
 
 -spec open(config()) -> {ok, #udp{}} | {error, unicode:chardata()}.
-open(#{robot := Robot, participants := Team, peers := Places} = Config) ->
-    steps(
-        [
-            fun(Opened) -> places([Robot | starl_team:others(Robot, Team)], Places, Opened) end,
-            fun(Opened) -> sealed(with_life(Config), Opened) end,
-            fun(Opened) -> socket(Robot, sockets(Config), Opened) end,
-            fun(Opened) -> group(Config, Opened) end,
-            fun(Opened) -> {ok, call_all(udp(Config, Opened))} end
-        ],
-        #{}
-    ).
-
-steps([], Opened) ->
-    {ok, Opened};
-steps([Step | Steps], Opened) ->
-    case Step(Opened) of
-        {ok, Next} -> steps(Steps, Next);
+open(#{robot := Robot, participants := Team, peers := Peers} = Config) ->
+    case starl_live_udp_sockets:places([Robot | starl_team:others(Robot, Team)], Peers) of
+        {ok, Places} -> with_seal(with_life(Config), Places);
         {error, _} = Error -> Error
     end.
-
-places(Robots, Places, Opened) ->
-    Given = [{Robot, maps:get(Robot, Places, none)} || Robot <- Robots],
-    case [Robot || {Robot, Place} <- Given, not is_place(Place)] of
-        [] ->
-            {ok, Opened#{places => maps:from_list(Given)}};
-        [Robot | _] ->
-            Line = "peers: robot ~b: an address and a port expected, {\"192.168.1.11\", 5001}",
-            {error, io_lib:format(Line, [Robot])}
-    end.
-
-is_place({_Host, Port}) -> is_integer(Port) andalso Port > 0 andalso Port < 65_536;
-is_place(_) -> false.
-
-%% A number that is written as a text needs no server of names.
-numeric({Host, Port} = Place) when is_list(Host) ->
-    case inet:parse_strict_address(Host) of
-        {ok, Ip} -> {Ip, Port};
-        {error, _} -> Place
-    end;
-numeric(Place) ->
-    Place.
 
 %% Lives begin in the order of their times.
 with_life(#{life := _} = Config) ->
@@ -151,89 +108,30 @@ with_life(Config) ->
 
 random(Config) -> maps:get(random, Config, fun() -> rand:seed_s(exsss) end).
 
-sealed(Config, Opened) ->
+with_seal(Config, Places) ->
     case starl_live_seal:new(Config, now_ms(clock(Config))) of
-        {ok, Seal} -> {ok, Opened#{seal => Seal, life => maps:get(life, Config)}};
+        {ok, Seal} -> opened(Config, Places, Seal);
+        {error, _} = Error -> Error
+    end.
+
+opened(#{robot := Robot} = Config, Places, Seal) ->
+    Module = maps:get(sockets, Config, gen_udp),
+    case starl_live_udp_sockets:open(maps:get(Robot, Places), Module, Config) of
+        {ok, Sockets, All} -> {ok, call_all(udp(Config, Places, Seal, {Sockets, All}))};
         {error, _} = Error -> Error
     end.
 
 %% Without a clock: that of this computer.
 clock(Config) -> maps:get(clock, Config, starl_live_clock:new(0, 1)).
 
-sockets(Config) -> maps:get(sockets, Config, gen_udp).
-
-socket(Robot, Sockets, #{places := Places} = Opened) ->
-    {Host, Port} = numeric(maps:get(Robot, Places)),
-    case Sockets:open(Port, options([family(Host), {broadcast, true}])) of
-        {ok, Socket} -> {ok, Opened#{socket => Socket}};
-        {error, Why} -> {error, io_lib:format("port ~b: ~ts", [Port, inet:format_error(Why)])}
-    end.
-
-family(Address) when tuple_size(Address) =:= 8 -> inet6;
-family(_) -> inet.
-
-options(Options) -> [binary, {active, ?ACTIVE}, {recbuf, ?BUFFER} | Options].
-
-%% Packets for all come to a port of their own. The robots of one computer share it.
-group(#{all := {multicast, {A, _, _, _} = Address, _}}, #{socket := Socket}) when
-    A < 224; A > 239
-->
-    gen_udp:close(Socket),
-    Line = "multicast ~ts: an address from 224.0.0.0 to 239.255.255.255 expected",
-    {error, io_lib:format(Line, [inet:ntoa(Address)])};
-group(#{all := {Way, Address, Port}} = Config, #{socket := Socket} = Opened) ->
-    Interface = maps:get(interface, Config, {0, 0, 0, 0}),
-    case joined_group(Way, Address, Port, Interface, Socket) of
-        {ok, Group} ->
-            {ok, Opened#{group => Group, all => {Address, Port}}};
-        {error, Why} ->
-            gen_udp:close(Socket),
-            Line = "~ts ~ts, port ~b: ~ts",
-            {error, io_lib:format(Line, [Way, inet:ntoa(Address), Port, inet:format_error(Why)])}
-    end;
-group(_Config, Opened) ->
-    {ok, Opened#{group => none, all => each}}.
-
-joined_group(Way, Address, Port, Interface, Socket) ->
-    case gen_udp:open(Port, options([{reuseaddr, true}])) of
-        {ok, Group} -> set(Group, Socket, Way, Address, Interface);
-        {error, _} = Error -> Error
-    end.
-
-set(Group, Socket, Way, Address, Interface) ->
-    Set = [
-        inet:setopts(Group, membership(Way, Address, Interface)),
-        inet:setopts(Socket, outgoing(Way, Interface))
-    ],
-    case [Error || {error, _} = Error <- Set] of
-        [] ->
-            {ok, Group};
-        [Error | _] ->
-            gen_udp:close(Group),
-            Error
-    end.
-
-membership(multicast, Address, Interface) -> [{add_membership, {Address, Interface}}];
-membership(broadcast, _Address, _Interface) -> [].
-
-outgoing(multicast, Interface) -> [{multicast_if, Interface}, {multicast_loop, true}];
-outgoing(broadcast, _Interface) -> [].
-
-udp(
-    #{robot := Robot} = Config,
-    #{socket := Socket, group := Group, all := All, seal := Seal, life := Life} = Opened
-) ->
-    #{places := Places} = Opened,
-    Others = maps:map(fun(_, Place) -> numeric(Place) end, maps:remove(Robot, Places)),
+udp(#{robot := Robot, life := Life} = Config, Places, Seal, {Sockets, All}) ->
     Rate = maps:get(rate, Config, ?RATE),
     Clock = clock(Config),
     #udp{
         clock = Clock,
-        sockets = sockets(Config),
-        socket = Socket,
-        group = Group,
+        sockets = Sockets,
         all = All,
-        peers = starl_live_peers:new(Others, now_ms(Clock)),
+        peers = starl_live_peers:new(maps:remove(Robot, Places), now_ms(Clock)),
         lookup = maps:get(lookup, Config, fun(Host) -> inet:getaddr(Host, inet) end),
         beat_ms = maps:get(beat_ms, Config, ?BEAT_MS),
         seal = Seal,
@@ -311,14 +209,14 @@ flush(Udp) ->
 timer(infinity, _Clock) -> none;
 timer(Wait, Clock) -> starl_live_clock:start_timer(Wait, flush, [], Clock).
 
-send({{Address, Port}, Bytes}, #udp{sockets = Sockets, socket = Socket} = Udp) ->
-    case Sockets:send(Socket, Address, Port, Bytes) of
+send({Address, Bytes}, #udp{sockets = Sockets} = Udp) ->
+    case starl_live_udp_sockets:send(Address, Bytes, Sockets) of
         ok ->
             count(datagrams, Udp);
         %% No way to that robot now: the packet is lost.
         {error, Why} ->
             #udp{peers = Peers, clock = Clock} = Udp,
-            Known = starl_live_peers:unsent({Address, Port}, Why, now_ms(Clock), Peers),
+            Known = starl_live_peers:unsent(Address, Why, now_ms(Clock), Peers),
             count(send_error, Udp#udp{peers = Known})
     end.
 
@@ -329,7 +227,7 @@ call_all(#udp{beat_ms = infinity} = Udp) ->
     Udp;
 call_all(#udp{beat_ms = Ms, peers = Peers, clock = Clock} = Udp) ->
     {News, Known} = starl_live_peers:look(now_ms(Clock), Peers),
-    ok = tell(News),
+    ok = starl_live_hearing:log(News),
     Asked = looked_up(Udp#udp{peers = Known}),
     Calls = [{Address, beat(Robot, Asked)} || {Robot, Address} <- starl_live_peers:calls(Known)],
     Next = put_on_air(Calls, Asked),
@@ -374,20 +272,8 @@ look_up({Robot, Host}, Now, #udp{asked = Asked, lookup = Lookup, peers = Peers} 
 
 named(Robot, Found, #udp{peers = Peers} = Udp) ->
     {News, Known} = starl_live_peers:named(Robot, Found, Peers),
-    ok = tell(News),
+    ok = starl_live_hearing:log(News),
     Udp#udp{peers = Known}.
-
-tell(News) -> lists:foreach(fun tell_one/1, News).
-
-tell_one(News) ->
-    logger:log(level(News), #{
-        what => element(1, News),
-        why => unicode:characters_to_binary(starl_live_hearing:format_news(News))
-    }).
-
-level({What, _, _}) when What =:= back; What =:= moved -> notice;
-level({once, _}) -> notice;
-level(_News) -> warning.
 
 %% -- hearing --------------------------------------------------------------------------------
 
@@ -399,7 +285,7 @@ hear({udp, _Socket, Ip, Port, Datagram}, #udp{seal = Seal, clock = Clock} = Udp)
         {error, Why, Claimed} -> {[], refused(Claimed, Why, {Ip, Port}, Udp)}
     end;
 hear({udp_passive, Socket}, Udp) ->
-    ok = inet:setopts(Socket, [{active, ?ACTIVE}]),
+    ok = starl_live_udp_sockets:more(Socket),
     {[], Udp};
 hear({timeout, Timer, flush}, #udp{flush = Timer} = Udp) ->
     {[], flush(Udp#udp{flush = none})};
@@ -422,14 +308,14 @@ hear(_Message, _Udp) ->
 opened(#{from := From, to := To} = Said, Address, Now, Payload, #udp{peers = Peers} = Udp) ->
     case starl_live_peers:heard(Said, Address, Now, Peers) of
         {heard, News, Known} ->
-            ok = tell(News),
+            ok = starl_live_hearing:log(News),
             IsNew = starl_live_peers:life(From, Peers) =/= starl_live_peers:life(From, Known),
             taken(Said, Payload, Address, IsNew, called(From, To, Udp#udp{peers = Known}));
         {late, News, Known} ->
-            ok = tell(News),
+            ok = starl_live_hearing:log(News),
             late(Said, Payload, Address, Udp#udp{peers = Known});
         {Why, News, Known} ->
-            ok = tell(News),
+            ok = starl_live_hearing:log(News),
             {[], refused(From, Why, Address, Udp#udp{peers = Known})}
     end.
 
@@ -491,7 +377,7 @@ reason(Why) -> Why.
 
 noted(From, Why, Address, #udp{peers = Peers, clock = Clock} = Udp) ->
     {News, Known} = starl_live_peers:refused(From, Why, Address, now_ms(Clock), Peers),
-    ok = tell(News),
+    ok = starl_live_hearing:log(News),
     Udp#udp{peers = Known}.
 
 count(What, #udp{figures = Figures} = Udp) ->
@@ -511,6 +397,4 @@ figures(#udp{figures = Figures}) -> Figures.
 peers(#udp{peers = Peers, clock = Clock}) -> starl_live_peers:all(now_ms(Clock), Peers).
 
 -spec close(#udp{}) -> ok.
-close(#udp{sockets = Sockets, socket = Socket, group = Group}) ->
-    _ = [ok = Sockets:close(Group) || Group =/= none],
-    Sockets:close(Socket).
+close(#udp{sockets = Sockets}) -> starl_live_udp_sockets:close(Sockets).
