@@ -33,12 +33,7 @@
 -type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
 
--type key() :: {name(), robot_id()}.
-
-%% The damage since a round was reached: another robot may have forgotten its count of this one; or
-%% had so when the round was reached, and need not know of it before it is passed; or this one's
-%% store is damaged, and the other may have forgotten, too; or all stores are damaged.
--type doubt() :: forgotten | untold | damaged | damaged_and_forgotten | lost.
+-type key() :: starl_barrier_monitor_memory:key().
 
 %% A round that not all have passed: when the last robot reached it, and when which robots
 %% passed it.
@@ -56,12 +51,8 @@
     reached = #{} :: #{key() => non_neg_integer()},
     at = #{} :: #{key() => non_neg_integer()},
     passed = #{} :: #{key() => non_neg_integer()},
-    %% what has happened since the last round was reached
-    doubts = #{} :: #{key() => doubt()},
-    %% the robots whose stores were damaged, or set back, since they have passed a round
-    unsound = #{} :: #{key() => damaged | set_back},
-    %% who may know nothing of its last rounds, since its machine has crashed meanwhile
-    ignorant = #{} :: #{key() => #{robot_id() => forgotten | untold}},
+    %% what of it may be forgotten
+    memory = starl_barrier_monitor_memory:new() :: starl_barrier_monitor_memory:t(),
     rounds = #{} :: #{{name(), K :: pos_integer()} => #round{}},
     %% whose call has ended since it reached its last round of the name
     excused = [] :: [key()],
@@ -138,8 +129,8 @@ sometimes() -> [{damaged_store, owed}, {store_set_back, owed}].
 %% @doc The rounds that each robot has reached and passed; without `bound_us' and `delta_us' nothing
 %% else is judged. The checker damages no store, so the others' forgetting makes no difference.
 -spec timeless(#state{}) -> term().
-timeless(#state{reached = Reached, at = At, passed = Passed, doubts = Doubts}) ->
-    {Reached, At, Passed, maps:filter(fun(_Key, Doubt) -> is_damage(Doubt) end, Doubts)}.
+timeless(#state{reached = Reached, at = At, passed = Passed, memory = Memory}) ->
+    {Reached, At, Passed, starl_barrier_monitor_memory:damages(Memory)}.
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -184,13 +175,14 @@ judge({barrier, {recalled, Name, At, Passed}}, T, Robot, State) ->
 judge({barrier, {failed, Name, K, _Reason}}, T, Robot, #state{failed = Failed} = State) ->
     {too_late(T, Robot, Name, K, State), excuse([{Name, Robot}], State#state{failed = Failed + 1})};
 judge({barrier, crashed}, T, Robot, State) ->
-    {[], fault(T, Robot, excuse(keys(Robot, State), forgets(Robot, State)))};
-judge({barrier, store_damaged}, _T, Robot, State) ->
-    {[], damage(damaged, Robot, State#state{damaged = State#state.damaged + 1})};
-judge({robot, store_set_back}, _T, Robot, State) ->
-    %% it gives a round back as reached and not passed, if nobody knows of a later life
-    Back = damage(set_back, Robot, State#state{set_back = State#state.set_back + 1}),
-    {[], doubt(fun(R) -> R =:= Robot end, fun forgotten/1, Back)};
+    Forgets = remembers(fun starl_barrier_monitor_memory:crashed/3, Robot, State),
+    {[], fault(T, Robot, excuse(keys(Robot, State), Forgets))};
+judge({barrier, store_damaged}, _T, Robot, #state{damaged = Count} = State) ->
+    Damaged = remembers(fun starl_barrier_monitor_memory:damaged/3, Robot, State),
+    {[], Damaged#state{damaged = Count + 1}};
+judge({robot, store_set_back}, _T, Robot, #state{set_back = Count} = State) ->
+    Back = remembers(fun starl_barrier_monitor_memory:set_back/3, Robot, State),
+    {[], Back#state{set_back = Count + 1}};
 judge({robot, {died, _Reason}}, _T, Robot, State) ->
     {[], excuse(keys(Robot, State), State#state{is_whole = false})};
 judge({_Machine, _Other}, _T, _Robot, State) ->
@@ -205,7 +197,7 @@ recalled(T, Robot, Name, {K, Passed}, State) ->
     Left =
         Passed =:= maps:get(Key, State#state.at, 0) andalso
             Passed =/= maps:get(Key, State#state.passed, 0) andalso
-            not is_map_key(Key, State#state.unsound),
+            not starl_barrier_monitor_memory:is_unsound(Key, State#state.memory),
     case {Reached, Left} of
         %% whoever called has been told of the crash, and need not pass
         {true, _} ->
@@ -228,95 +220,18 @@ excuse_no_more(Key, #state{excused = Excused} = State) ->
 fault(T, Robot, #state{faults = Faults} = State) ->
     State#state{faults = starl_assumption:broken({Robot, T, T, fault}, Faults)}.
 
-%% A machine that crashed has forgotten the others' counts.
-forgets(Robot, #state{ignorant = Ignorant, reached = Reached} = State) ->
-    Others = [Key || {_, R} = Key <- maps:keys(Reached), R =/= Robot],
-    Forgot = [{K, (maps:get(K, Ignorant, #{}))#{Robot => forgotten}} || K <- Others],
-    Next = State#state{ignorant = maps:merge(Ignorant, maps:from_list(Forgot))},
-    doubt(fun(R) -> R =/= Robot end, fun forgotten/1, Next).
-
-%% They learn as a doubt is removed ({@link reached_with/1}, {@link passed_with/1}).
-learn(Key, Change, #state{ignorant = Ignorant} = State) ->
-    Left = maps:filtermap(
-        fun(_Robot, Doubt) ->
-            case Change(Doubt) of
-                none -> false;
-                Still -> {true, Still}
-            end
-        end,
-        maps:get(Key, Ignorant, #{})
-    ),
-    State#state{ignorant = Ignorant#{Key => Left}}.
-
-%% A robot that was set back, of which no other one knows anything more, is where its store says; but who
-%% has passed a round has stored that all have reached it.
-doubts({Name, Robot} = Key, #state{robots = Robots, doubts = Doubts, unsound = Unsound} = State) ->
-    Doubt = maps:get(Key, Doubts, none),
-    IsAlone = maps:get(Key, Unsound, none) =:= set_back andalso not is_known(Key, State),
-    case IsAlone andalso Doubt =/= lost of
-        true -> {from, lists:max([0 | [passed(Name, R, State) || R <- Robots, R =/= Robot]])};
-        false -> Doubt
-    end.
-
-passed(Name, Robot, #state{passed = Passed}) -> maps:get({Name, Robot}, Passed, 0).
-
-is_known({_, Robot} = Key, #state{robots = Robots, ignorant = Ignorant}) ->
-    lists:any(
-        fun(R) -> R =/= Robot andalso not is_map_key(R, maps:get(Key, Ignorant, #{})) end, Robots
-    ).
-
-forgotten(Doubt) when Doubt =:= none; Doubt =:= forgotten; Doubt =:= untold -> forgotten;
-forgotten(lost) -> lost;
-forgotten(_Damaged) -> damaged_and_forgotten.
-
-damage(How, Robot, State) ->
-    Damaged = doubt(fun(R) -> R =:= Robot end, fun damaged/1, State),
-    Keys = maps:keys(State#state.reached),
-    Own = maps:from_keys([K || {_, R} = K <- Keys, R =:= Robot], How),
-    Unsound = maps:merge_with(fun worse/3, State#state.unsound, Own),
-    Doubts = Damaged#state.doubts,
-    Sound = [Key || Key <- Keys, not is_map_key(Key, Unsound)],
-    Lost = [Key || {Name, _} = Key <- maps:keys(Unsound), not lists:keymember(Name, 1, Sound)],
-    Damaged#state{doubts = maps:merge(Doubts, maps:from_keys(Lost, lost)), unsound = Unsound}.
-
-worse(_Key, damaged, How) -> How;
-worse(_Key, set_back, _How) -> set_back.
-
-damaged(none) -> damaged;
-damaged(Doubt) when Doubt =:= forgotten; Doubt =:= untold -> damaged_and_forgotten;
-damaged(Damaged) -> Damaged.
-
-is_damage(Doubt) -> not lists:member(Doubt, [none, forgotten, untold]).
-
-%% A robot that has forgotten the last round need not have heard of the one that is reached now.
-reached_with(none) -> none;
-reached_with(damaged) -> none;
-reached_with(_Forgotten) -> untold.
-
-%% A robot passes a round when all others have heard that it has reached it.
-passed_with(untold) -> none;
-passed_with(Doubt) -> Doubt.
-
-change(Key, Change, Doubts) ->
-    case Change(maps:get(Key, Doubts, none)) of
-        none -> maps:remove(Key, Doubts);
-        Doubt -> Doubts#{Key => Doubt}
-    end.
-
-doubt(Concerns, Grow, #state{reached = Reached, doubts = Doubts} = State) ->
-    Concerned = [Key || {_, Robot} = Key <- maps:keys(Reached), Concerns(Robot)],
-    Grown = maps:from_list([{Key, Grow(maps:get(Key, Doubts, none))} || Key <- Concerned]),
-    State#state{doubts = maps:merge(Doubts, Grown)}.
+%% Something has happened to a robot, and to what is known of the rounds reached.
+remembers(Happens, Robot, #state{memory = Memory, reached = Reached} = State) ->
+    State#state{memory = Happens(Robot, maps:keys(Reached), Memory)}.
 
 reach(T, Robot, Name, K, #state{reached = Reached, passed = Passed} = State) ->
     Key = {Name, Robot},
-    Known = learn(Key, fun reached_with/1, State),
-    Next = (excuse_no_more(Key, Known))#state{
+    Next = (excuse_no_more(Key, State))#state{
         reached = Reached#{Key => max(K, maps:get(Key, Reached, 0))},
         at = (State#state.at)#{Key => K},
         %% a round that was skipped counts as passed, one that comes again does not
         passed = Passed#{Key => K - 1},
-        doubts = change(Key, fun reached_with/1, State#state.doubts),
+        memory = starl_barrier_monitor_memory:reached(Key, State#state.memory),
         rounds = begun_again(Name, K, K < maps:get(Key, State#state.at, 0), State#state.rounds)
     },
     Round = round_of(Name, K, Next),
@@ -344,12 +259,10 @@ is_complete(Name, K, #state{robots = Robots, at = At}) ->
 pass(T, Robot, Name, K, #state{passed = Passed, passes = Passes, robots = Robots} = State) ->
     #round{passed = N, first_us = First} = Round = round_of(Name, K, State),
     Key = {Name, Robot},
-    Known = learn(Key, fun passed_with/1, State),
-    Next = (excuse_no_more(Key, Known))#state{
+    Next = (excuse_no_more(Key, State))#state{
         passed = Passed#{Key => K},
         passes = Passes + 1,
-        unsound = maps:remove(Key, State#state.unsound),
-        doubts = change(Key, fun passed_with/1, State#state.doubts)
+        memory = starl_barrier_monitor_memory:passed(Key, State#state.memory)
     },
     case {N + 1 =:= length(Robots), First} of
         {true, none} ->
@@ -389,27 +302,28 @@ out_of_order(T, Robot, Name, K, #state{passed = Passed, at = At} = State) ->
     Key = {Name, Robot},
     Last = maps:get(Key, Passed, 0),
     Reached = maps:get(Key, State#state.reached, 0),
-    %% the store of a robot that was set back may say that it has reached the round, and not passed it
-    Again = K =< Reached andalso may_be_next(doubts(Key, State), K, Last, Reached),
     [
         violation(passed_out_of_order, T, [Robot], #{name => Name, round => K, last => Last})
-     || not Again, K =< Last orelse K =/= maps:get(Key, At, 0)
+     || K =< Last orelse K =/= maps:get(Key, At, 0),
+        %% the store of a robot that was set back may say that it has reached the round, and not passed it
+        K > Reached orelse not may_be_next(K, Last, Reached, Key, State)
     ].
 
 skipped(T, Robot, Name, K, #state{passed = Passed, reached = Reached} = State) ->
     Key = {Name, Robot},
     Last = maps:get(Key, Passed, 0),
-    Doubt = doubts(Key, State),
     [
         violation(reached_out_of_order, T, [Robot], #{name => Name, round => K, passed => Last})
-     || K =/= Last + 1, not may_be_next(Doubt, K, Last, maps:get(Key, Reached, 0))
+     || K =/= Last + 1, not may_be_next(K, Last, maps:get(Key, Reached, 0), Key, State)
     ].
 
-may_be_next(lost, K, _Last, Reached) -> K =< Reached + 1;
-may_be_next({from, First}, K, _Last, Reached) -> K >= First andalso K =< Reached + 1;
-may_be_next(damaged_and_forgotten, K, Last, Reached) -> K >= Last andalso K =< Reached + 1;
-may_be_next(damaged, K, Last, Reached) -> K > Last andalso K =< Reached + 1;
-may_be_next(_Sound, _K, _Last, _Reached) -> false.
+%% With what may be forgotten.
+may_be_next(
+    K, Last, Reached, {Name, Robot} = Key, #state{robots = Robots, passed = Passed} = State
+) ->
+    Others = [{R, maps:get({Name, R}, Passed, 0)} || R <- Robots, R =/= Robot],
+    Doubt = starl_barrier_monitor_memory:doubt(Key, Others, State#state.memory),
+    starl_barrier_monitor_memory:may_be_next(Doubt, K, Last, Reached).
 
 late(T, Robot, Name, K, #state{delta_us = Delta, excused = Excused} = State) ->
     case round_of(Name, K, State) of
