@@ -18,59 +18,26 @@
 %%
 %% Events: of machine `sap', {@link starl_sap:event()} (a recording may give an outcome as `{lost,
 %% Reason}', too); of machine `app', `read' and `crashed'; of machine `robot', `died' and `down'
-%% (until it starts anew).
-%%
-%% Memory: one entry per outstanding message. An undelivered message whose outcomes are
-%% all known stays outstanding for another `late_us'; then only its sequence number is kept, in
-%% interval sets per (receiver, source, incarnation), and a later delivery is accepted
-%% without a check of its content. Delivered messages leave nothing but an interval of sent
-%% sequence numbers per incarnation; a second delivery of one of those counts as a duplicate, even
-%% if the receiver was no addressee.
+%% (until it starts anew). What is kept of messages: {@link starl_sap_monitor_sources}.
 -module(starl_sap_monitor).
 -behaviour(starl_monitor).
 
--export([
-    init/1,
-    context/2,
-    broken/2,
-    step/2,
-    finish/2,
-    interests/0,
-    vocabulary/0,
-    sometimes/0,
-    timeless/1
-]).
+-export([init/1, context/2, broken/2, step/2, finish/2]).
+-export([interests/0, vocabulary/0, sometimes/0, timeless/1]).
 
 -record(state, {
-    bound_us :: pos_integer(),
-    steps :: pos_integer(),
-    assumption :: starl_assumption:t(),
-    late_us :: non_neg_integer(),
-    %% The next time at which the head of an alarm queue is due.
+    deadlines :: starl_sap_monitor_deadlines:t(),
+    %% The next time at which something is due.
     due = infinity :: integer() | infinity,
     sources = starl_sap_monitor_sources:new() :: starl_sap_monitor_sources:t(),
     %% The incarnation that each source has announced.
     running = #{} :: #{starl_monitor:robot_id() => term()},
-    %% The numbers of messages that were lost, not delivered, and then forgotten.
-    forgotten = #{} :: #{
-        {Receiver :: starl_monitor:robot_id(), starl_monitor:robot_id(), Incarnation :: term()} =>
-            starl_sap_numbers:t()
-    },
-    overdue = starl_sap_monitor_alarms:new() :: starl_sap_monitor_alarms:t(),
-    %% messages past the bound whose sources have an excuse: until when, and the bound's end; ordered
-    excused = [] :: [{UntilUs :: integer(), DueUs :: integer(), starl_sap_monitor_sources:id()}],
-    stale = starl_sap_monitor_alarms:new() :: starl_sap_monitor_alarms:t(),
-    unread = #{} :: #{starl_monitor:robot_id() => starl_sap_monitor_unread:t()},
+    unread = starl_sap_monitor_unread:new() :: starl_sap_monitor_unread:t(),
     room :: non_neg_integer(),
     is_alone :: boolean(),
     counts = {0, 0, 0, 0} :: {integer(), integer(), integer(), integer()}
 }).
 
--define(LATE_US, 60_000_000).
-%% One step for each of the 16 transmissions, and one for the report.
--define(STEPS, 17).
-%% Clocks are within 1 % of real time.
--define(DRIFT_PPM, 10_000).
 %% The largest number of unread messages that an application and its SAP keep.
 -define(ROOM, 1256).
 
@@ -86,12 +53,9 @@
     robots => [starl_monitor:robot_id()],
     room => non_neg_integer()
 }) -> #state{}.
-init(#{bound_us := Bound} = Config) ->
+init(Config) ->
     #state{
-        bound_us = Bound,
-        steps = maps:get(steps, Config, ?STEPS),
-        assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM),
-        late_us = maps:get(late_us, Config, ?LATE_US),
+        deadlines = starl_sap_monitor_deadlines:new(Config),
         room = maps:get(room, Config, ?ROOM),
         is_alone = length(maps:get(robots, Config, [])) < 2
     }.
@@ -104,8 +68,8 @@ context(#{broken := Broken, slack_us := Slack}, #{bound_us := Bound} = Config) -
 
 %% @doc The window excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken(Window, #state{assumption = Assumption} = State) ->
-    State#state{assumption = starl_assumption:broken(Window, Assumption)}.
+broken(Window, #state{deadlines = Deadlines} = State) ->
+    State#state{deadlines = starl_sap_monitor_deadlines:broken(Window, Deadlines)}.
 
 %% @doc The events of the SAP, of the application, and of the end of robots.
 -spec interests() -> [atom()].
@@ -134,8 +98,8 @@ vocabulary() ->
 
 %% @doc The outstanding messages, and the numbers of all others.
 -spec timeless(#state{}) -> term().
-timeless(#state{sources = Sources, running = Running} = State) ->
-    {Sources, Running, State#state.forgotten, State#state.unread}.
+timeless(#state{sources = Sources, running = Running, unread = Unread}) ->
+    {Sources, Running, Unread}.
 
 %% @doc Messages that nobody has room for, or listens to, are seldom where applications read.
 -spec sometimes() -> [{{atom(), atom()}, seldom}].
@@ -224,24 +188,17 @@ kind(restarted) -> lost;
 kind({lost, _Reason}) -> lost.
 
 sent(T, {Source, _, _} = Id, Dests, Type, Hash, #state{sources = Sources} = State) ->
-    case starl_sap_monitor_sources:add(Id, message(T, Dests, Type, Hash), Sources) of
+    Message = starl_sap_monitor_message:new(Type, Hash, T, Dests),
+    case starl_sap_monitor_sources:add(Id, Message, Sources) of
         {ok, Known} -> {ok, open(T, Id, Dests, Known, State)};
         used -> broken(message_id_used_twice, T, [Source], #{message => Id}, State)
     end.
 
-message(_T, [], _Type, _Hash) -> none;
-message(T, Dests, Type, Hash) -> starl_sap_monitor_message:new(Type, Hash, T, Dests).
-
 open(_T, _Id, [], Sources, State) ->
     State#state{sources = Sources};
-open(T, Id, Dests, Sources, #state{overdue = Overdue, bound_us = Bound} = State) ->
-    Due = T + Bound,
-    State#state{
-        sources = Sources,
-        overdue = starl_sap_monitor_alarms:push(Due, Id, Sources, Overdue),
-        due = min(Due, State#state.due),
-        counts = count(1, length(Dests), State)
-    }.
+open(T, Id, Dests, Sources, #state{deadlines = Before} = State) ->
+    Deadlines = starl_sap_monitor_deadlines:sent(T, Id, Sources, Before),
+    (timed(Deadlines, State))#state{sources = Sources, counts = count(1, length(Dests), State)}.
 
 delivered(T, Robot, Id, Type, Hash, Message, State) ->
     case starl_sap_monitor_message:compare(Type, Hash, Message) of
@@ -263,21 +220,13 @@ delivered(T, Robot, Id, Message, State) ->
     end.
 
 %% The message is not outstanding: it was never sent, is closed, or was lost long ago.
-delivered_late(T, Robot, {Source, Incarnation, Seq} = Id, State) ->
-    #state{sources = Sources, forgotten = Forgotten} = State,
-    Key = {Robot, Source, Incarnation},
-    case starl_sap_numbers:remove(Seq, maps:get(Key, Forgotten, starl_sap_numbers:new())) of
-        absent ->
+delivered_late(T, Robot, Id, #state{sources = Sources} = State) ->
+    case starl_sap_monitor_sources:delivered_late(Robot, Id, Sources) of
+        unexpected ->
             Was = starl_sap_monitor_sources:was_sent(Id, Sources),
             broken(unexpected(Was), T, [Robot], #{message => Id, closed => Was}, State);
         Left ->
-            {ok, counted(2, State#state{forgotten = put_left(Key, Left, Forgotten)})}
-    end.
-
-put_left(Key, Left, Forgotten) ->
-    case starl_sap_numbers:is_empty(Left) of
-        true -> maps:remove(Key, Forgotten);
-        false -> Forgotten#{Key := Left}
+            {ok, counted(2, State#state{sources = Left})}
     end.
 
 unexpected(true) -> duplicate_delivery;
@@ -288,9 +237,8 @@ outcome(T, {Source, _, _} = Id, Dest, Kind, #state{sources = Sources} = State) -
         none ->
             stray(closed(Id, State), T, Id, [Source, Dest], State);
         Message ->
-            outcome(
-                T, Id, Message, starl_sap_monitor_message:progress(Dest, Message), Dest, Kind, State
-            )
+            Progress = starl_sap_monitor_message:progress(Dest, Message),
+            outcome(T, Id, Message, Progress, Dest, Kind, State)
     end.
 
 outcome(T, Id, Message, delivered, Dest, Kind, State) ->
@@ -309,13 +257,8 @@ outcome(T, {Source, _, _} = Id, _Message, _Known, Dest, _Kind, State) ->
 failed(_Id, _Dest, acknowledged, State) ->
     State;
 failed(Id, Dest, Outcome, #state{sources = Sources} = State) ->
-    case starl_sap_monitor_sources:find(Id, Sources) of
-        none ->
-            State;
-        Message ->
-            Failed = starl_sap_monitor_message:failed(Dest, why(Outcome), Message),
-            State#state{sources = starl_sap_monitor_sources:put(Id, Failed, Sources)}
-    end.
+    Fails = fun(Message) -> starl_sap_monitor_message:failed(Dest, why(Outcome), Message) end,
+    State#state{sources = starl_sap_monitor_sources:change(Id, Fails, Sources)}.
 
 why(restarted) -> restarted;
 why(_Lost) -> lost.
@@ -386,34 +329,26 @@ answered(T, Robot, Id, Answer, Message, State) ->
 %%% The application
 
 %% The application must read what is delivered to it. A machine need not.
-handed_on(T, Robot, {Source, _, _}, {app, _} = Type, Hash, {ok, State}) ->
-    Unread = starl_sap_monitor_unread:delivered(Type, Source, Hash, unread(Robot, State)),
-    Handed = put_unread(Robot, Unread, State),
-    case starl_sap_monitor_unread:count(Unread) > State#state.room of
+handed_on(T, Robot, {Source, _, _}, {app, _} = Type, Hash, {ok, #state{unread = All} = State}) ->
+    {Count, Unread} = starl_sap_monitor_unread:delivered(Robot, Type, Source, Hash, All),
+    Handed = State#state{unread = Unread},
+    case Count > State#state.room of
         true -> broken(more_than_it_can_keep, T, [Robot], #{type => Type}, Handed);
         false -> {ok, Handed}
     end;
 handed_on(_T, _Robot, _Id, _Type, _Hash, Judged) ->
     Judged.
 
-read(T, Robot, Source, Type, Hash, State) ->
+read(T, Robot, Source, Type, Hash, #state{unread = Unread} = State) ->
     Details = #{type => Type, source => Source},
-    case starl_sap_monitor_unread:read(Type, Source, Hash, unread(Robot, State)) of
-        {ok, Left} -> {ok, put_unread(Robot, Left, State)};
+    case starl_sap_monitor_unread:read(Robot, Type, Source, Hash, Unread) of
+        {ok, Left} -> {ok, State#state{unread = Left}};
         skipped -> broken(acknowledged_but_not_readable, T, [Robot], Details, State);
         not_delivered -> broken(read_but_not_delivered, T, [Robot], Details, State)
     end.
 
-unsure(Robot, #state{unread = All} = State) ->
-    case All of
-        #{Robot := Unread} -> put_unread(Robot, starl_sap_monitor_unread:crashed(Unread), State);
-        #{} -> State
-    end.
-
-unread(Robot, #state{unread = Unread}) -> maps:get(Robot, Unread, starl_sap_monitor_unread:new()).
-
-put_unread(Robot, Left, #state{unread = Unread} = State) ->
-    State#state{unread = Unread#{Robot => Left}}.
+unsure(Robot, #state{unread = Unread} = State) ->
+    State#state{unread = starl_sap_monitor_unread:crashed(Robot, Unread)}.
 
 %%% Messages
 
@@ -428,17 +363,13 @@ settle(T, Id, Message, #state{sources = Sources} = State) ->
         open ->
             State#state{sources = starl_sap_monitor_sources:put(Id, Message, Sources)};
         lost ->
-            remember(T, Id, State#state{
-                sources = starl_sap_monitor_sources:put(Id, Message, Sources)
-            })
+            Known = starl_sap_monitor_sources:put(Id, Message, Sources),
+            Deadlines = starl_sap_monitor_deadlines:lost(T, Id, Known, State#state.deadlines),
+            timed(Deadlines, State#state{sources = Known})
     end.
 
-remember(T, Id, #state{late_us = Late, sources = Sources} = State) ->
-    Due = T + Late,
-    State#state{
-        stale = starl_sap_monitor_alarms:push(Due, Id, Sources, State#state.stale),
-        due = min(Due, State#state.due)
-    }.
+timed(Deadlines, State) ->
+    State#state{deadlines = Deadlines, due = starl_sap_monitor_deadlines:due(Deadlines)}.
 
 %% The robot's SAP is gone: outcomes that it has not reported stay open for ever.
 abandon(T, Robot, Incarnation, #state{sources = Sources} = State) ->
@@ -458,85 +389,10 @@ give_up(T, Id, #state{sources = Sources} = State) ->
 
 %%% Time
 
-%% Raises every alarm that is due before `T' (an alarm due exactly at `T' is still in time).
-pass(T, State) ->
-    {Overdue, Current} = pass_overdue(T, State, []),
-    Forgetful = pass_stale(T, Current),
-    #state{overdue = Outcomes, excused = Excused, stale = Stale} = Forgetful,
-    Due = lists:min([
-        first_until(Excused)
-        | [starl_sap_monitor_alarms:due(Alarms) || Alarms <- [Outcomes, Stale]]
-    ]),
-    {Overdue, Forgetful#state{due = Due}}.
-
-first_until([{Until, _, _} | _]) -> Until;
-first_until([]) -> infinity.
-
-%% An excuse is looked at again when it ends: a further window may have come to light meanwhile.
-pass_overdue(T, #state{overdue = Overdue, excused = Excused} = State, Found) ->
-    case {Excused, starl_sap_monitor_alarms:pop(T, Overdue)} of
-        {[{Until, Due, Id} | Left], _} when Until < T ->
-            pass_alarm(T, Due, Id, State#state{excused = Left}, Found);
-        {_, {{Due, Id}, Queue}} ->
-            pass_alarm(T, Due, Id, State#state{overdue = Queue}, Found);
-        {_, {none, Queue}} ->
-            {lists:sort(fun earlier/2, Found), State#state{overdue = Queue}}
-    end.
-
-earlier(#{at_us := A}, #{at_us := B}) -> A =< B.
-
-pass_alarm(T, Due, {Source, _, _} = Id, #state{sources = Sources} = State, Found) ->
-    #state{bound_us = Bound, steps = Steps, assumption = Assumption} = State,
-    case late(Due, Id, Sources) of
-        [] ->
-            pass_overdue(T, State, Found);
-        [Late] ->
-            case starl_assumption:delayed_us(Source, Due - Bound, Due, Steps, Assumption) of
-                Until when Until < T ->
-                    pass_overdue(T, State, [Late#{at_us := Until} | Found]);
-                Until ->
-                    More = lists:merge([{Until, Due, Id}], State#state.excused),
-                    pass_overdue(T, State#state{excused = More}, Found)
-            end
-    end.
-
-late(Due, {Source, _, _} = Id, Sources) ->
-    case starl_sap_monitor_sources:find(Id, Sources) of
-        none ->
-            [];
-        Message ->
-            Dests = starl_sap_monitor_message:open(Message),
-            overdue(Due, Source, Dests, #{message => Id}, starl_sap_monitor_message:due(Message))
-    end.
-
-overdue(Due, Source, [_ | _] = Dests, What, _Answer) ->
-    [violation(outcome_overdue, Due, [Source | Dests], What)];
-overdue(Due, Source, [], What, {answer, _}) ->
-    [violation(answer_overdue, Due, [Source], What)];
-overdue(_Due, _Source, [], _What, not_called) ->
-    [].
-
-pass_stale(T, #state{stale = Stale} = State) ->
-    case starl_sap_monitor_alarms:pop(T, Stale) of
-        {none, Queue} -> State#state{stale = Queue};
-        {{_Due, Id}, Queue} -> pass_stale(T, forget(Id, State#state{stale = Queue}))
-    end.
-
-forget(Id, #state{sources = Sources, forgotten = Forgotten} = State) ->
-    case starl_sap_monitor_sources:find(Id, Sources) of
-        none ->
-            State;
-        Message ->
-            Lost = starl_sap_monitor_message:lost(Message),
-            State#state{
-                sources = starl_sap_monitor_sources:close(Id, Sources),
-                forgotten = lists:foldl(fun(To, Acc) -> keep(Id, To, Acc) end, Forgotten, Lost)
-            }
-    end.
-
-keep({Source, Incarnation, Seq}, Dest, Forgotten) ->
-    Key = {Dest, Source, Incarnation},
-    case starl_sap_numbers:add(Seq, maps:get(Key, Forgotten, starl_sap_numbers:new())) of
-        member -> Forgotten;
-        More -> Forgotten#{Key => More}
-    end.
+pass(T, #state{sources = Sources, deadlines = Before} = State) ->
+    {Overdue, Stale, Deadlines} = starl_sap_monitor_deadlines:pass(T, Sources, Before),
+    Left = lists:foldl(fun starl_sap_monitor_sources:forget/2, Sources, Stale),
+    {
+        [violation(What, At, Robots, Details) || {What, At, Robots, Details} <- Overdue],
+        (timed(Deadlines, State))#state{sources = Left}
+    }.

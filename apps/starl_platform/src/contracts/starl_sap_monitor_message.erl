@@ -24,9 +24,10 @@
     call()
 }.
 
-%% @doc A message that has just been sent.
+%% @doc A message that has just been sent; `none': it has no destination.
 -spec new(Type :: term(), Hash :: integer(), SentUs :: integer(), [starl_monitor:robot_id()]) ->
-    t().
+    t() | none.
+new(_Type, _Hash, _T, []) -> none;
 new(Type, Hash, T, Dests) -> {Type, Hash, T, [{Dest, waiting} || Dest <- Dests], none}.
 
 %% @doc Are these the type and the content that were sent?
