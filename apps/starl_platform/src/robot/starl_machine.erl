@@ -2,7 +2,7 @@
 %%
 %% A machine is a callback module with gen_statem's vocabulary and no side effects: time,
 %% identity and randomness come in through its configuration and {@link meta()}, and everything
-%% that leaves is an {@link action()}. The same code is interpreted by
+%% that leaves is an {@link action()}. The same code ({@link starl_machine_runner}) is interpreted by
 %% {@link starl_machine_proc} (a process in a robot's supervision tree), inline in a simulator,
 %% and by the exhaustive checker.
 %%
@@ -152,27 +152,17 @@ when
 -callback has_history() -> boolean().
 -optional_callbacks([accepts/2, code_change/3, has_history/0]).
 
--record(machine, {
-    %% the callback, looked up once; a fun of this kind calls the latest version of its module;
-    %% a faulty callback may return any term
-    handle :: fun((event_type(), term(), State :: term(), Data :: term(), meta()) -> term()),
-    %% likewise, for a machine that checks messages before it takes them
-    accepts = all :: all | fun((starl_packet:type(), Body :: term()) -> boolean()),
-    state :: term(),
-    data :: term()
-}).
-
 %% A machine that runs reloaded code, or did. `before', for some time after the way back from code
 %% that has no `code_change/3': the machine with the state that it had before, unless it has started
 %% with that code.
 -record(reloaded, {
-    machine :: #machine{},
+    machine :: starl_machine_runner:t(),
     lineage :: starl_lineage:t(),
-    before = none :: {#machine{} | unknown, UntilUs :: integer()} | none
+    before = none :: {starl_machine_runner:t() | unknown, UntilUs :: integer()} | none
 }).
 
 %% A machine with its present state.
--opaque t() :: #machine{} | #reloaded{}.
+-opaque t() :: starl_machine_runner:t() | #reloaded{}.
 
 %% A machine as data.
 -type snapshot() :: {module(), State :: term(), Data :: term()}.
@@ -184,76 +174,23 @@ new(_First, Config, #{code := Lineage} = Base) ->
     {Actions, Machine} = new(starl_lineage:code(Lineage), Config, maps:remove(code, Base)),
     {Actions, reloaded(Machine, Lineage, none)};
 new(Module, Config, Base) ->
-    case Module:init(maps:merge(Config, Base)) of
-        {State, Data, Actions} ->
-            Machine = #machine{
-                handle = fun Module:handle_event/5,
-                accepts = accepts(Module),
-                state = State,
-                data = Data
-            },
-            {checked(Actions), Machine};
-        Other ->
-            bad_return(Module, init, Other)
-    end.
-
-accepts(Module) ->
-    case erlang:function_exported(Module, accepts, 2) of
-        true -> fun Module:accepts/2;
-        false -> all
-    end.
+    starl_machine_runner:new(Module, Config, Base).
 
 %% @doc Handles one event; returns the actions in the order in which they are to take place.
 -spec step(event_type(), Content :: term(), meta(), t()) -> {[action()], t()}.
-step(cast, {message, From, Type, Body} = Message, Meta, #machine{accepts = Accepts} = Machine) when
-    Accepts =/= all
-->
-    case Accepts(Type, Body) of
-        true -> handle(cast, Message, Meta, Machine);
-        false -> {[{trace, {malformed, From, Type, Body}}], Machine}
-    end;
-step(code, Word, Meta, Machine) ->
-    switch(Word, Meta, Machine);
-step(Type, Content, Meta, #machine{} = Machine) ->
-    handle(Type, Content, Meta, Machine);
+step(code, Word, Meta, Running) ->
+    switch(Word, Meta, Running);
 step(Type, Content, Meta, #reloaded{machine = Machine} = Reloaded) ->
-    try step(Type, Content, Meta, Machine) of
+    try starl_machine_runner:step(Type, Content, Meta, Machine) of
         {[{trace, {unknown_event, Type, Content}}] = Actions, Machine} ->
             unknown(Type, Content, Meta, Actions, Reloaded);
         {Actions, Next} ->
             {Actions, went_on(Meta, Reloaded#reloaded{machine = Next})}
     catch
         Class:Reason:Stack -> failed(Class, Reason, Stack, {Type, Content, Meta}, Reloaded)
-    end.
-
-handle(Type, Content, Meta, #machine{handle = Handle, state = State, data = Data} = Machine) ->
-    case Handle(Type, Content, State, Data, Meta) of
-        {keep_state, NewData, Actions} ->
-            {checked(Actions), Machine#machine{data = NewData}};
-        {keep_state_and_data, Actions} ->
-            {checked(Actions), Machine};
-        {keep_state, NewData} ->
-            {[], Machine#machine{data = NewData}};
-        keep_state_and_data ->
-            {[], Machine};
-        {next_state, NewState, NewData, Actions} ->
-            moved(NewState, NewData, checked(Actions), Machine);
-        {next_state, NewState, NewData} ->
-            moved(NewState, NewData, [], Machine);
-        unknown_event when Type =:= info, element(1, Content) =:= given_up -> {[], Machine};
-        unknown_event ->
-            {[{trace, {unknown_event, Type, Content}}], Machine};
-        Other ->
-            bad_return(module(Machine), handle_event, Other)
-    end.
-
-%% The platform trusts the actions that it carries out: a mistake must be found here.
-checked(Actions) ->
-    ok = starl_action:check(Actions),
-    Actions.
-
--spec bad_return(module(), init | handle_event, term()) -> no_return().
-bad_return(Module, Function, Other) -> error({bad_return, {Module, Function}, Other}).
+    end;
+step(Type, Content, Meta, Machine) ->
+    starl_machine_runner:step(Type, Content, Meta, Machine).
 
 %% -- new code -------------------------------------------------------------------------------
 
@@ -276,7 +213,7 @@ switch({back, N, Robot}, #{now := Now}, Running) ->
     end.
 
 with_lineage(#reloaded{machine = Machine, lineage = Lineage}) -> {Machine, Lineage};
-with_lineage(#machine{} = Machine) -> {Machine, starl_lineage:new(module(Machine))}.
+with_lineage(Machine) -> {Machine, starl_lineage:new(module(Machine))}.
 
 reloaded(Machine, Lineage, Before) ->
     case starl_lineage:is_first(Lineage) andalso Before =:= none of
@@ -292,7 +229,7 @@ left(Outcome, Left, Earlier) ->
 %% No code without a way back.
 taken(#{number := N, module := New} = Switch, Now, Machine, Lineage, Running) ->
     try
-        Next = moved_over(New, Machine),
+        Next = starl_machine_runner:moved_over(New, Machine),
         Taken = starl_lineage:take(Switch#{kept => kept(New, Machine)}, Now, Lineage),
         {Left, Earlier} = starl_lineage:back(Taken),
         _ = moved_back(Now, Left, Earlier, Next),
@@ -303,23 +240,12 @@ taken(#{number := N, module := New} = Switch, Now, Machine, Lineage, Running) ->
             {told(N, {migration_failed, Cause}, Lineage), Running}
     end.
 
-converts(Module) -> erlang:function_exported(Module, code_change, 3).
-
 %% What code without `code_change/3' leaves may be of no use to the former code.
 kept(Module, Machine) ->
-    case converts(Module) of
+    case starl_machine_runner:converts(Module) of
         true -> none;
         false -> Machine
     end.
-
-moved_over(New, #machine{state = State0, data = Data0} = Machine) ->
-    {module, New} = code:ensure_loaded(New),
-    {ok, State, Data} =
-        case converts(New) of
-            true -> New:code_change(version(module(Machine)), State0, Data0);
-            false -> {ok, State0, Data0}
-        end,
-    of_module(New, State, Data, Machine).
 
 %% Each version converts the state for the one before.
 moved_back(Now, Left, Earlier, Machine) ->
@@ -332,35 +258,17 @@ moved_back(Now, Left, Earlier, Machine) ->
             reloaded(Back, Earlier, {Before, Until})
     end.
 
-without({#{kept := #machine{} = Kept}, Former}, {Machine, _Before}) ->
-    {moved_down(Former, Machine), Kept};
-without({#{module := Module}, Former}, {Machine, Before0}) ->
+without({#{module := Module, kept := none}, Former}, {Machine, Before0}) ->
     Before =
-        case {converts(Module), Before0} of
-            {true, #machine{}} -> moved_down(Former, Before0);
-            {true, _} -> Before0;
-            {false, _} -> unknown
+        case {starl_machine_runner:converts(Module), Before0} of
+            {false, _} -> unknown;
+            {true, none} -> none;
+            {true, unknown} -> unknown;
+            {true, _} -> starl_machine_runner:moved_down(Former, Before0)
         end,
-    {moved_down(Former, Machine), Before}.
-
-moved_down(Former, #machine{state = State0, data = Data0} = Machine) ->
-    New = module(Machine),
-    {ok, State, Data} =
-        case converts(New) of
-            true -> New:code_change({down, version(Former)}, State0, Data0);
-            false -> {ok, State0, Data0}
-        end,
-    of_module(Former, State, Data, Machine).
-
-of_module(Module, State, Data, Machine) ->
-    Machine#machine{
-        handle = fun Module:handle_event/5,
-        accepts = accepts(Module),
-        state = State,
-        data = Data
-    }.
-
-version(Module) -> Module:module_info(md5).
+    {starl_machine_runner:moved_down(Former, Machine), Before};
+without({#{kept := Kept}, Former}, {Machine, _Before}) ->
+    {starl_machine_runner:moved_down(Former, Machine), Kept}.
 
 %% An event that crashed has done nothing: the former code handles it. If even the way back crashes,
 %% the machine does.
@@ -403,7 +311,7 @@ asked(Type, Content, #{now := Now} = Meta, Actions, Reloaded) ->
             {Actions, Reloaded}
     end.
 
-before(#reloaded{before = {#machine{} = Before, _}}) -> Before;
+before(#reloaded{before = {Before, _}}) when Before =/= unknown -> Before;
 before(_) -> none.
 
 %% News of other machines may be unknown to any state.
@@ -439,37 +347,24 @@ went_on(_Meta, Reloaded) ->
 
 %% @doc The callback module.
 -spec module(t()) -> module().
-module(#reloaded{machine = Machine}) ->
-    module(Machine);
-module(#machine{handle = Handle}) ->
-    {module, Module} = erlang:fun_info(Handle, module),
-    Module.
+module(#reloaded{machine = Machine}) -> module(Machine);
+module(Machine) -> starl_machine_runner:module(Machine).
 
 %% @doc The present state, for inspection.
 -spec state(t()) -> term().
 state(#reloaded{machine = Machine}) -> state(Machine);
-state(#machine{state = State}) -> State.
+state(Machine) -> starl_machine_runner:state(Machine).
 
 %% @doc The present data, for inspection.
 -spec data(t()) -> term().
 data(#reloaded{machine = Machine}) -> data(Machine);
-data(#machine{data = Data}) -> Data.
+data(Machine) -> starl_machine_runner:data(Machine).
 
 %% @doc The machine as data; the versions of reloaded code are more than that.
 -spec snapshot(t()) -> {ok, snapshot()} | {error, reloaded_code}.
-snapshot(#machine{state = State, data = Data} = Machine) -> {ok, {module(Machine), State, Data}};
-snapshot(#reloaded{}) -> {error, reloaded_code}.
+snapshot(#reloaded{}) -> {error, reloaded_code};
+snapshot(Machine) -> {ok, {module(Machine), state(Machine), data(Machine)}}.
 
 %% @doc The machine of such data.
 -spec restore(snapshot()) -> t().
-restore({Module, State, Data}) ->
-    {module, Module} = code:ensure_loaded(Module),
-    #machine{
-        handle = fun Module:handle_event/5, accepts = accepts(Module), state = State, data = Data
-    }.
-
-%% As in gen_statem, a state time-out does not outlive its state.
-moved(State, Data, Actions, #machine{state = State} = Machine) ->
-    {Actions, Machine#machine{data = Data}};
-moved(State, Data, Actions, Machine) ->
-    {[{state_timeout, cancel} | Actions], Machine#machine{state = State, data = Data}}.
+restore({Module, State, Data}) -> starl_machine_runner:restore(Module, State, Data).
