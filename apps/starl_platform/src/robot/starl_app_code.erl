@@ -1,10 +1,12 @@
-%% @doc Versions of an application's code, and its state under each: what new code makes of the state of the former
-%% one, and with which state the former code goes on when the new one is left. A part of {@link starl_app_proc}.
+%% @doc The code of a sequential application: its versions, the words on new code that it has to heed, what new code
+%% makes of the state of the former one, and with which state the former code goes on when the new one is left. A
+%% part of {@link starl_app_turn}.
 -module(starl_app_code).
 
--export([version/1, carried/3, kept/3, way_back/3]).
+-export([new/1, module/1, hear/3, words/1, heed/4, may_crash/2, stepped/1, taken_back/4]).
+-export([version/1, carried/3]).
 
--export_type([kept/0, resort/0, running/0]).
+-export_type([t/0, running/0]).
 
 %% What runs: the module, its next state, and the version of the code that has made it.
 -type running() :: {module(), State :: term(), Md5 :: binary()}.
@@ -15,6 +17,132 @@
 
 %% The state before the switch to a version.
 -type resort() :: {starl_reload:count(), State :: term()}.
+
+-record(code, {
+    module :: module(),
+    %% its versions, with {@link kept()}
+    lineage :: starl_lineage:t(),
+    %% words on new code, to be heeded before the next step, in their order
+    words = [] :: [starl_reload:word()],
+    %% the states with which it goes on, if the former code crashes with what new code has left
+    resorts = [] :: [resort()]
+}).
+
+-opaque t() :: #code{}.
+
+-type told() :: [starl_reload:told()].
+
+%% @doc The code of an application that starts.
+-spec new(starl_lineage:t()) -> t().
+new(Lineage) -> #code{module = starl_lineage:code(Lineage), lineage = Lineage}.
+
+%% @doc The module that runs.
+-spec module(t()) -> module().
+module(#code{module = Module}) -> Module.
+
+%% -- words ----------------------------------------------------------------------------------
+
+%% @doc A word on new code has come: too late, if the application is over. Code that was not taken yet need
+%% not be taken back.
+-spec hear(starl_reload:word(), IsOver :: boolean(), t()) -> {told(), t()}.
+hear({take, #{number := N}}, true, #code{lineage = Lineage} = Code) ->
+    {[starl_reload:told(N, done, nobody, Lineage)], Code};
+hear({back, _, _}, true, Code) ->
+    {[], Code};
+hear({back, N, Robot} = Word, false, #code{words = Words, lineage = Lineage} = Code) ->
+    case [S || {take, #{number := M} = S} <- Words, M =:= N] of
+        [Switch | _] ->
+            Told = [starl_reload:told(N, {back, Robot}, nobody, Lineage)],
+            {Told, Code#code{words = lists:delete({take, Switch}, Words)}};
+        [] ->
+            {[], Code#code{words = Words ++ [Word]}}
+    end;
+hear(Word, false, #code{words = Words} = Code) ->
+    {[], Code#code{words = Words ++ [Word]}}.
+
+%% @doc The words that have come since the last step.
+-spec words(t()) -> {[starl_reload:word()], t()}.
+words(#code{words = []} = Code) -> {[], Code};
+words(#code{words = Words} = Code) -> {Words, Code#code{words = []}}.
+
+%% @doc Heeds a word before the next step. Without a way back the application crashes, once that is told.
+-spec heed(starl_reload:word(), running(), NowUs :: integer(), t()) ->
+    {ok, told(), running(), t()} | {no_way_back, told()}.
+heed({take, #{number := N} = Switch}, Running, Now, #code{lineage = Lineage} = Code) ->
+    case starl_lineage:has(N, Lineage) of
+        %% it has started with this code
+        true -> {ok, [], Running, Code};
+        false -> taken(Switch, Running, Now, Code)
+    end;
+heed({back, N, Robot}, {_, State, _} = Running, _Now, #code{lineage = Lineage} = Code) ->
+    case starl_lineage:leave(N, Lineage) of
+        {left, Left, Earlier} ->
+            sent_back({back, Robot}, Left, Earlier, State, Code);
+        {skipped, Skipped} ->
+            Told = [starl_reload:told(N, {back, Robot}, nobody, Skipped)],
+            {ok, Told, Running, Code#code{lineage = Skipped}};
+        unknown ->
+            {ok, [], Running, Code}
+    end.
+
+taken(#{number := N, module := New} = Switch, {_Module, State, Md5} = Running, Now, Code) ->
+    case carried(New, State, Md5) of
+        {ok, Next} ->
+            #code{lineage = Lineage} = Taken = on_trial(Switch, State, Md5, Now, Code),
+            Told = [starl_reload:told(N, taken, nobody, Lineage)],
+            {ok, Told, {New, Next, version(New)}, Taken};
+        {failed, Cause} ->
+            #code{lineage = Lineage} = Code,
+            Told = [starl_reload:told(N, {migration_failed, Cause}, nobody, Lineage)],
+            {ok, Told, Running, Code}
+    end.
+
+%% A state that no step of the former code has taken yet is not kept.
+on_trial(#{module := New} = Switch, State, Md5, Now, #code{lineage = Lineage} = Code) ->
+    {_, Proven} = lists:last([{New, State} | Code#code.resorts]),
+    Taken = starl_lineage:take(Switch#{kept => kept(New, Proven, Md5)}, Now, Lineage),
+    Code#code{module = New, lineage = Taken, resorts = []}.
+
+sent_back(Outcome, Left, Earlier, State, Code) ->
+    Told = starl_reload:left(Outcome, nobody, {Left, Earlier}),
+    case way_back(Left, Earlier, State) of
+        none -> {no_way_back, Told};
+        {Former, Resorts} -> {ok, Told, Former, back_on(Earlier, Resorts, Code)}
+    end.
+
+back_on(Earlier, Resorts, Code) ->
+    Code#code{module = starl_lineage:code(Earlier), lineage = Earlier, resorts = Resorts}.
+
+%% -- trials ---------------------------------------------------------------------------------
+
+%% @doc A step of new code on trial may crash, and so may the first step after the way back.
+-spec may_crash(NowUs :: integer(), t()) -> boolean().
+may_crash(_Now, #code{resorts = [_ | _]}) -> true;
+may_crash(Now, #code{lineage = Lineage}) -> starl_lineage:is_on_trial(Now, Lineage).
+
+%% @doc A step has ended well.
+-spec stepped(t()) -> t().
+stepped(#code{resorts = []} = Code) -> Code;
+stepped(Code) -> Code#code{resorts = []}.
+
+%% @doc A step that may crash has crashed. What it has done stands, as after any crash; the other machines
+%% learn of one. `none': it is the application that crashes, and starts anew.
+-spec taken_back(starl_crash:cause(), module(), State :: term(), t()) ->
+    {told(), running(), t()} | none.
+taken_back(Cause, Module, _State, #code{resorts = [{N, Before} | Resorts]} = Code) ->
+    Told = [starl_reload:told(N, {restored, Cause}, others, Code#code.lineage)],
+    {Told, {Module, Before, version(Module)}, Code#code{resorts = Resorts}};
+taken_back(Cause, _Module, State, #code{lineage = Lineage} = Code) ->
+    {Left, Earlier} = starl_lineage:back(Lineage),
+    case way_back(Left, Earlier, State) of
+        none ->
+            none;
+        {Former, Resorts} ->
+            Told = starl_reload:left({crashed, Cause}, others, {Left, Earlier}),
+            {Told, Former, back_on(Earlier, Resorts, Code)}
+    end.
+
+%% -- states ---------------------------------------------------------------------------------
 
 %% @doc The version of the code that is loaded.
 -spec version(module()) -> binary().
@@ -35,13 +163,13 @@ carried(Module, State, Old) ->
             {failed, starl_crash:cause(starl_crash:reason(Class, Reason, Stack))}
     end.
 
-%% @doc What is kept of the state before the switch to this module.
+%% What is kept of the state before the switch to this module.
 -spec kept(module(), State :: term(), Md5 :: binary()) -> kept().
 kept(New, State, Md5) -> #{md5 => Md5, state => State, converted => converts(New)}.
 
 converts(Module) -> erlang:function_exported(Module, code_change, 2).
 
-%% @doc The state with which the former code goes on: the one before the last version that has converted
+%% The state with which the former code goes on: the one before the last version that has converted
 %% it; and those to try next, if the former code crashes with that. `none': what has started with
 %% code that converts states has none for the former code.
 -spec way_back([starl_lineage:version()], starl_lineage:t(), State :: term()) ->

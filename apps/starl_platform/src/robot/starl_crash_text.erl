@@ -106,7 +106,8 @@ calculation(Module, Function, Args) ->
 
 %% A function of a block is the innermost of the stack that is not the robot's own interface.
 callers_block(Stack) ->
-    Modules = [M || {M, _, _, _} <- Stack, M =/= starl_app_proc, M =/= starl],
+    Runtime = [starl_app_proc, starl_app_turn, starl_app_call, starl],
+    Modules = [M || {M, _, _, _} <- Stack, not lists:member(M, Runtime)],
     case [M || M <- lists:sublist(Modules, 1), starl_block:is_block(M)] of
         [Block] -> {ok, Block};
         [] -> none

@@ -31,7 +31,7 @@
 -opaque t() :: #tree{}.
 
 %% What an application waits for, and its calls.
--type waiting() :: {starl_app_proc:waits(), [starl_crash:frame()]} | none.
+-type waiting() :: {starl_app_call:waits(), [starl_crash:frame()]} | none.
 
 %% Starts a robot's tree; returns its supervisors.
 -type start() :: fun(() -> {pid(), [{starl_robot_sup:part(), pid()}]}).
@@ -331,4 +331,5 @@ sequential({current_stacktrace, Frames}) ->
 sequential(undefined) ->
     waiting.
 
-is_runtime(Module) -> lists:member(Module, [starl_app_proc, proc_lib]).
+is_runtime(Module) ->
+    lists:member(Module, [starl_app_proc, starl_app_turn, starl_app_call, proc_lib]).

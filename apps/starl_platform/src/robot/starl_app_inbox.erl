@@ -1,0 +1,138 @@
+%% @doc The messages that wait for a sequential application until it reads them, and what it listens to. A
+%% pure part of {@link starl_app_turn}.
+%%
+%% SAP never hands over more messages than there is room for: it is told the room with the first type that
+%% the application listens to, and later the number of messages read. Other senders, such as geocast, are
+%% not held back: a message without room is dropped.
+-module(starl_app_inbox).
+
+-export([new/0, listen/2, subscribed/2, restarted/2, listens/2]).
+-export([put/2, take/3, read/3, step/1, taken_back/1]).
+
+-export_type([t/0, message/0]).
+
+-type message() :: {From :: starl:robot_id(), starl_packet:type(), Body :: term()}.
+
+-define(LIMIT, 1000).
+%% SAP is told of read messages in batches of this size, or one by one when room is scarce.
+-define(READ_AT_ONCE, 100).
+
+-record(inbox, {
+    %% in their order
+    waiting = [] :: [message()],
+    %% subscriptions, repeated to a machine that has restarted
+    listening = [] :: [{starl_machine:name(), Word :: term()}],
+    %% whether SAP knows the room; the number of messages read that SAP has not been told of
+    room_told = false :: boolean(),
+    unsaid = 0 :: non_neg_integer(),
+    %% while a step may be taken back: the messages that it has read, newest first; those of a step
+    %% that was taken back
+    read = [] :: [message()],
+    again = [] :: [message()]
+}).
+
+-opaque t() :: #inbox{}.
+
+%% @doc No message yet.
+-spec new() -> t().
+new() -> #inbox{}.
+
+%% @doc The application listens to a type of message of SAP: the word to SAP, which has to know the room, if it
+%% does not yet.
+-spec listen(starl_packet:type(), t()) -> {Word :: tuple(), t()}.
+listen(Type, #inbox{room_told = true} = Inbox) ->
+    {{listen, Type, app}, Inbox};
+listen(Type, #inbox{waiting = Waiting} = Inbox) ->
+    Room = max(0, ?LIMIT - length(Waiting)),
+    {{listen, Type, app, Room}, Inbox#inbox{room_told = true, unsaid = 0}}.
+
+%% @doc The subscriptions among these actions have been made.
+-spec subscribed([starl_machine:action()], t()) -> t().
+subscribed(Actions, #inbox{listening = Before} = Inbox) ->
+    case lists:foldl(fun listening/2, Before, Actions) of
+        Before -> Inbox;
+        Listening -> Inbox#inbox{listening = Listening}
+    end.
+
+listening({cast, sap, {listen, Type, app, _Room}}, Known) ->
+    lists:umerge([{sap, {listen, Type, app}}], Known);
+listening({cast, Machine, {listen, _, _} = Word}, Known) ->
+    lists:umerge([{Machine, Word}], Known);
+listening({cast, Machine, {subscribe, _, _} = Word}, Known) ->
+    lists:umerge([{Machine, Word}], Known);
+listening(_, Known) ->
+    Known.
+
+%% @doc A machine has restarted, and has lost its listeners: the subscriptions to it. SAP knows of no room,
+%% either.
+-spec restarted(starl_machine:name(), t()) -> {[Word :: term()], t()}.
+restarted(Machine, #inbox{listening = Listening, room_told = Told} = Inbox) ->
+    Words = [Word || {M, Word} <- Listening, M =:= Machine],
+    {Words, Inbox#inbox{room_told = Told andalso Machine =/= sap}}.
+
+%% @doc Does the application listen to this type of message of SAP?
+-spec listens(starl_packet:type(), t()) -> boolean().
+listens(Type, #inbox{listening = Listening}) ->
+    lists:member({sap, {listen, Type, app}}, Listening).
+
+%% @doc A message has come that the application does not wait for.
+-spec put(message(), t()) -> {ok, t()} | full.
+put({_From, {app, _}, _Body} = Message, Inbox) ->
+    {ok, behind(Message, Inbox)};
+put(Message, #inbox{waiting = Waiting} = Inbox) ->
+    case length(Waiting) < ?LIMIT of
+        true -> {ok, behind(Message, Inbox)};
+        false -> full
+    end.
+
+behind(Message, #inbox{waiting = Waiting} = Inbox) -> Inbox#inbox{waiting = Waiting ++ [Message]}.
+
+%% @doc Reads the first message of these types, first those that a step has read that was taken back.
+-spec take([starl_packet:type()], MayCrash :: boolean(), t()) ->
+    {message(), [starl_machine:action()], t()} | none.
+take(Types, MayCrash, #inbox{waiting = Waiting, again = Again} = Inbox) ->
+    case {first(Types, Again), first(Types, Waiting)} of
+        {{Message, Left}, _} ->
+            {Message, [], noted(Message, MayCrash, Inbox#inbox{again = Left})};
+        {none, {Message, Left}} ->
+            {Actions, Next} = read(Message, MayCrash, Inbox#inbox{waiting = Left}),
+            {Message, Actions, Next};
+        {none, none} ->
+            none
+    end.
+
+first(_Types, []) ->
+    none;
+first(Types, Messages) ->
+    case lists:splitwith(fun({_, Type, _}) -> not lists:member(Type, Types) end, Messages) of
+        {Before, [Message | After]} -> {Message, Before ++ After};
+        {_, []} -> none
+    end.
+
+%% @doc The application reads a message: one of SAP is traced, for the monitor, and its room given back.
+-spec read(message(), MayCrash :: boolean(), t()) -> {[starl_machine:action()], t()}.
+read({From, {app, _} = Type, Body} = Message, MayCrash, Inbox) ->
+    #inbox{waiting = Waiting, unsaid = Unsaid} = Inbox,
+    Said = said(Unsaid + 1, ?LIMIT - length(Waiting)),
+    Credit = [{cast, sap, {read, app, Said}} || Said > 0],
+    {
+        [{trace, {read, From, Type, erlang:phash2(Body)}} | Credit],
+        noted(Message, MayCrash, Inbox#inbox{unsaid = Unsaid + 1 - Said})
+    };
+read(Message, MayCrash, Inbox) ->
+    {[], noted(Message, MayCrash, Inbox)}.
+
+said(Unsaid, Free) when Unsaid >= ?READ_AT_ONCE; Free - Unsaid < ?READ_AT_ONCE -> Unsaid;
+said(_Unsaid, _Free) -> 0.
+
+noted(Message, true, #inbox{read = Read} = Inbox) -> Inbox#inbox{read = [Message | Read]};
+noted(_Message, false, Inbox) -> Inbox.
+
+%% @doc A step begins that may be taken back.
+-spec step(t()) -> t().
+step(Inbox) -> Inbox#inbox{read = []}.
+
+%% @doc The step was taken back: what it has read will be read again.
+-spec taken_back(t()) -> t().
+taken_back(#inbox{read = Read, again = Again} = Inbox) ->
+    Inbox#inbox{read = [], again = lists:reverse(Read, Again)}.

@@ -1,0 +1,400 @@
+%% @doc The turn of a sequential application: the clock, and the actions that it has not yet handed back to
+%% its driver. A call that blocks ({@link starl_app_call}) hands them back and waits for its event. Other
+%% events that arrive meanwhile are kept ({@link starl_app_inbox}), or traced.
+%%
+%% The turn lives in the process dictionary, under one key: the application's own functions lie between the
+%% calls on the stack, so no state can be threaded through them. {@link starl_app_proc} takes the steps.
+-module(starl_app_turn).
+
+-export([perform/1, store/1, stored/0, now/0, present/0, random/0, listen/1, application/0]).
+-export([wait/1, new_tag/1, take/1, read/1, history/2, given_up/0]).
+-export([start/4, restore/3, waits/1]).
+-export([begun/1, step/0, count/1, stepped/0, steps/0, take_back/3, code/0, code/2, over/0]).
+
+-define(TURN, starl_turn).
+%% Where its step began, if snapshots are taken.
+-define(BEGUN, starl_begun).
+%% The largest number of actions and steps in one moment of the robot's clock.
+-define(MOMENT_LIMIT, 100000).
+
+-record(turn, {
+    robot :: pos_integer(),
+    driver :: pid(),
+    now :: integer(),
+    clock = none :: fun(() -> integer()) | none,
+    actions = [] :: [starl_machine:action()],
+    %% the number of actions and steps since the clock last changed
+    count = 0 :: non_neg_integer(),
+    inbox = starl_app_inbox:new() :: starl_app_inbox:t(),
+    random :: rand:state(),
+    stored :: starl_machine:stored(),
+    %% of a call; an answer to a call of an earlier incarnation is not accepted
+    tag :: {Incarnation :: pos_integer(), non_neg_integer()},
+    %% machines that are not started again
+    given_up = [] :: [starl_machine:name()],
+    %% the last thing waited for
+    waits = nothing :: starl_app_call:waits(),
+    %% completed steps
+    steps = 0 :: non_neg_integer(),
+    code :: starl_app_code:t(),
+    %% the application is done
+    over = false :: boolean(),
+    %% the machines of whose calls a history is kept
+    histories = [] :: [starl_machine:name()],
+    %% what has come since the step began, if snapshots are taken
+    log = none :: starl_app_log:t() | none,
+    %% what is still to come again, until the application is where the snapshot was taken
+    replay = none :: {From :: pid(), reference(), [starl_app_log:entry()]} | none
+}).
+
+%% @doc The first turn of an application, by the boot of its driver.
+-spec start(starl:robot_id(), module(), pid(), Boot :: map()) -> ok.
+start(Id, Module, Driver, Boot) ->
+    #{now := Now, random := Random, incarnation := Incarnation, stored := Stored} = Boot,
+    _ = put(?TURN, #turn{
+        robot = Id,
+        driver = Driver,
+        now = Now,
+        clock = maps:get(clock, Boot, none),
+        random = Random,
+        stored = Stored,
+        tag = {Incarnation, 0},
+        code = starl_app_code:new(maps:get(code, Boot, starl_lineage:new(Module))),
+        histories = maps:get(histories, Boot, []),
+        log = kept_from(maps:get(snapshots, Boot, false))
+    }),
+    ok.
+
+kept_from(true) -> starl_app_log:new();
+kept_from(false) -> none.
+
+%% @doc The turn of a snapshot, with what is still to come again; who is told when all has come.
+-spec restore({starl:robot_id(), Driver}, {From, reference()}, starl_app_log:snapshot()) ->
+    starl_app_log:place()
+when
+    Driver :: pid(), From :: pid().
+restore({Id, Driver}, {From, Ref}, #{turn := #turn{} = Turn, at := At, log := Log}) ->
+    _ = put(?TURN, Turn#turn{robot = Id, driver = Driver, replay = {From, Ref, Log}}),
+    At.
+
+%% @doc The application that runs in this process; `none': it is no process of an application.
+-spec application() -> module() | none.
+application() ->
+    case get(?TURN) of
+        #turn{code = Code} -> starl_app_code:module(Code);
+        undefined -> none
+    end.
+
+%% @doc What the application of a process with this dictionary waits for.
+-spec waits([{term(), term()}]) -> starl_app_call:waits().
+waits(Dictionary) ->
+    case lists:keyfind(?TURN, 1, Dictionary) of
+        {?TURN, #turn{waits = Waits}} -> Waits;
+        _ -> nothing
+    end.
+
+%% -- the steps ------------------------------------------------------------------------------
+
+%% @doc A step begins here, before the first, or after the last: a snapshot takes it anew.
+-spec begun(starl_app_log:place()) -> ok.
+begun(Where) ->
+    case turn() of
+        #turn{log = none} ->
+            ok;
+        Turn ->
+            Begun = Turn#turn{log = starl_app_log:new()},
+            _ = put(?BEGUN, {Where, Begun#turn{clock = none, replay = none}}),
+            _ = put(?TURN, Begun),
+            ok
+    end.
+
+taken() ->
+    #turn{log = Log} = get(?TURN),
+    case Log =/= none andalso starl_app_log:entries(Log) of
+        {ok, Entries} ->
+            {Where, Turn} = get(?BEGUN),
+            {ok, #{turn => setelement(#turn.driver, Turn, none), at => Where, log => Entries}};
+        _ ->
+            {error, long_step}
+    end.
+
+logged(_Entry, #turn{log = none} = Turn) -> Turn;
+logged(Entry, #turn{log = Log} = Turn) -> Turn#turn{log = starl_app_log:add(Entry, Log)}.
+
+%% @doc The code of the application.
+-spec code() -> starl_app_code:t().
+code() -> (turn())#turn.code.
+
+%% @doc The application goes on with its code in this state, and tells how it has heeded words on it.
+-spec code(starl_app_code:t(), [starl_reload:told()]) -> ok.
+code(Code, Told) ->
+    _ = put(?TURN, (turn())#turn{code = Code}),
+    perform([{reloaded, One} || One <- Told]).
+
+%% @doc A step begins. May it crash? Then it may be taken back.
+-spec step() -> MayCrash :: boolean().
+step() ->
+    #turn{inbox = Inbox} = Turn = turn(),
+    MayCrash = may_crash(Turn),
+    _ = MayCrash andalso put(?TURN, Turn#turn{inbox = starl_app_inbox:step(Inbox)}),
+    MayCrash.
+
+may_crash(#turn{now = Now, code = Code}) -> starl_app_code:may_crash(Now, Code).
+
+%% @doc A step has ended well.
+-spec stepped() -> ok.
+stepped() ->
+    #turn{steps = Steps, code = Code} = Turn = turn(),
+    _ = put(?TURN, Turn#turn{steps = Steps + 1, code = starl_app_code:stepped(Code)}),
+    ok.
+
+%% @doc The number of completed steps.
+-spec steps() -> non_neg_integer().
+steps() -> (turn())#turn.steps.
+
+%% @doc A step has crashed: it is taken back as far as it can be ({@link starl_app_code:taken_back/4}), if it
+%% may crash (else `false'). What it has read will be read again.
+-spec take_back(starl_crash:cause(), module(), State :: term()) ->
+    starl_app_code:running() | none | false.
+take_back(Cause, Module, State) ->
+    #turn{code = Code, inbox = Inbox} = Turn = turn(),
+    case may_crash(Turn) andalso starl_app_code:taken_back(Cause, Module, State, Code) of
+        {Told, Former, Next} ->
+            Unread = starl_app_inbox:taken_back(Inbox),
+            _ = put(?TURN, Turn#turn{count = 0, inbox = Unread}),
+            ok = code(Next, Told),
+            Former;
+        Not ->
+            Not
+    end.
+
+%% @doc The application takes no step any more.
+-spec over() -> no_return().
+over() ->
+    ok = begun(over),
+    #turn{code = Code} = Turn = turn(),
+    {Words, Left} = starl_app_code:words(Code),
+    _ = put(?TURN, Turn#turn{code = Left, over = true}),
+    lists:foreach(fun(Word) -> hear(Word, turn()) end, Words),
+    wait(fun(_, _) -> skip end).
+
+hear(Word, #turn{over = IsOver, code = Code} = Turn) ->
+    {Told, Next} = starl_app_code:hear(Word, IsOver, Code),
+    _ = put(?TURN, Turn),
+    code(Next, Told).
+
+%% -- calls that do not block ----------------------------------------------------------------
+
+%% @doc Adds actions to the turn; they take place when the application next blocks. A malformed
+%% action crashes the application ({@link starl_action}), and so do too many actions without time
+%% passing: in one turn, or in turn after turn of a loop that polls.
+-spec perform([starl_machine:action()]) -> ok.
+perform(New) ->
+    ok = starl_action:check(New),
+    #turn{actions = Actions, inbox = Inbox} = Turn = counted(length(New), turn()),
+    _ = put(?TURN, Turn#turn{
+        actions = lists:reverse(New, Actions), inbox = starl_app_inbox:subscribed(New, Inbox)
+    }),
+    ok.
+
+%% @doc Keeps a term over crashes and reboots, in place of the term kept before.
+-spec store(term()) -> ok.
+store(Term) ->
+    ok = perform([{store, Term}]),
+    _ = put(?TURN, (turn())#turn{stored = {stored, Term}}),
+    ok.
+
+%% @doc The term that was kept last, in this incarnation or an earlier one.
+-spec stored() -> starl_machine:stored().
+stored() -> (turn())#turn.stored.
+
+turn() ->
+    case get(?TURN) of
+        #turn{} = Turn -> Turn;
+        undefined -> error({not_in_an_application, self()})
+    end.
+
+%% @doc Counts actions and steps. The actions of a turn stay in memory until the application blocks; in
+%% virtual time, a loop that lets no time pass holds up the whole team.
+-spec count(non_neg_integer()) -> ok.
+count(N) ->
+    _ = put(?TURN, counted(N, turn())),
+    ok.
+
+counted(N, #turn{count = Count} = Turn) when Count + N =< ?MOMENT_LIMIT ->
+    Turn#turn{count = Count + N};
+counted(_N, #turn{code = Code}) ->
+    Application = starl_app_code:module(Code),
+    error({step_never_blocks, #{application => Application, actions_and_steps => ?MOMENT_LIMIT}}).
+
+%% @doc Listens to a type of message of SAP.
+-spec listen(starl_packet:type()) -> ok.
+listen(Type) ->
+    #turn{inbox = Inbox} = Turn = turn(),
+    {Word, Next} = starl_app_inbox:listen(Type, Inbox),
+    _ = put(?TURN, Turn#turn{inbox = Next}),
+    %% tells messages that wait for their listener from those that wait in vain
+    perform([{trace, {listens, Type}}, {cast, sap, Word}]).
+
+%% @doc The robot's own clock, in microseconds, at the beginning of this turn.
+-spec now() -> integer().
+now() -> (turn())#turn.now.
+
+%% @doc The time that the robot's own clock shows now. In virtual time a turn takes none.
+-spec present() -> integer().
+present() ->
+    case turn() of
+        #turn{replay = {From, Ref, [{clock, Us} = Entry | Log]}} = Turn ->
+            _ = put(?TURN, logged(Entry, Turn#turn{replay = {From, Ref, Log}})),
+            Us;
+        #turn{clock = none, now = Now} ->
+            Now;
+        #turn{clock = Clock, now = Now} = Turn ->
+            Us = max(Now, Clock()),
+            _ = put(?TURN, logged({clock, Us}, Turn)),
+            Us
+    end.
+
+%% @doc A number in `0.0 =< X < 1.0' from the application's own random stream.
+-spec random() -> float().
+random() ->
+    #turn{random = Random} = Turn = turn(),
+    {X, Next} = rand:uniform_s(Random),
+    _ = put(?TURN, Turn#turn{random = Next}),
+    X.
+
+%% @doc Keeps what the caller of a machine sees, beside what the application does: it is none of its
+%% actions, which are counted.
+-spec history(starl_machine:name(), Event :: term()) -> ok.
+history(Name, Event) ->
+    #turn{histories = Names, actions = Actions} = Turn = turn(),
+    case lists:member(Name, Names) of
+        true ->
+            _ = put(?TURN, Turn#turn{actions = [{trace, {history, Event}} | Actions]}),
+            ok;
+        false ->
+            ok
+    end.
+
+%% @doc The machines that are not started again.
+-spec given_up() -> [starl_machine:name()].
+given_up() -> (turn())#turn.given_up.
+
+%% @doc Reads the first message of these types that has come already.
+-spec take([starl_packet:type()]) -> {ok, starl_app_inbox:message()} | none.
+take(Types) ->
+    #turn{inbox = Inbox} = Turn = turn(),
+    case starl_app_inbox:take(Types, may_crash(Turn), Inbox) of
+        {Message, Actions, Left} ->
+            ok = has_read(Actions, Left, Turn),
+            {ok, Message};
+        none ->
+            none
+    end.
+
+%% @doc Reads a message that has just come.
+-spec read(starl_app_inbox:message()) -> ok.
+read(Message) ->
+    #turn{inbox = Inbox} = Turn = turn(),
+    {Actions, Next} = starl_app_inbox:read(Message, may_crash(Turn), Inbox),
+    has_read(Actions, Next, Turn).
+
+has_read(Actions, Inbox, Turn) ->
+    _ = put(?TURN, Turn#turn{inbox = Inbox}),
+    perform(Actions).
+
+%% @doc The tag of the next call, which waits for this.
+-spec new_tag(starl_app_call:waits()) -> {Incarnation :: pos_integer(), pos_integer()}.
+new_tag(Waits) ->
+    #turn{tag = {Life, N}} = Turn = turn(),
+    _ = put(?TURN, Turn#turn{tag = {Life, N + 1}, waits = Waits}),
+    {Life, N + 1}.
+
+%% -- waiting --------------------------------------------------------------------------------
+
+%% @doc Hands the gathered actions back and takes events until Match accepts one. What a snapshot knows to be
+%% done is not done again.
+-spec wait(fun((starl_machine:event_type(), term()) -> skip | term())) -> term().
+wait(Match) ->
+    case get(?TURN) of
+        #turn{replay = none, robot = Id, driver = Driver, actions = Actions} = Turn ->
+            _ = starl_driver:done(Driver, Id, lists:reverse(Actions)),
+            awaited(Match, Turn);
+        #turn{replay = {From, Ref, []}} = Turn ->
+            From ! {Ref, restored},
+            _ = put(?TURN, Turn#turn{replay = none, actions = []}),
+            awaited(Match, Turn#turn{replay = none});
+        #turn{replay = {From, Ref, [{event, Type, Content, Now} | Log]}} = Turn ->
+            came(Type, Content, Now, Match, Turn#turn{replay = {From, Ref, Log}});
+        #turn{replay = {_, _, [{clock, _} | _]}} ->
+            exit(another_way)
+    end.
+
+awaited(Match, Turn) ->
+    receive
+        {starl_step, Type, Content, #{now := Now}} ->
+            came(Type, Content, Now, Match, Turn);
+        {starl_snapshot, From, Ref} ->
+            From ! {Ref, taken()},
+            awaited(Match, Turn)
+    end.
+
+came(code, Word, Now, Match, Turn) ->
+    ok = hear(Word, handed_back(Now, logged({event, code, Word, Now}, Turn))),
+    wait(Match);
+came(Type0, Content0, Now, Match, Turn) ->
+    _ = put(?TURN, handed_back(Now, logged({event, Type0, Content0, Now}, Turn))),
+    {Type, Content} = sensed(Type0, Content0, Turn),
+    heed(Type, Content),
+    case Match(Type, Content) of
+        skip ->
+            keep(Type, Content),
+            wait(Match);
+        Answer ->
+            Answer
+    end.
+
+%% The next turn begins.
+handed_back(Now, #turn{now = Now} = Turn) -> Turn#turn{actions = []};
+handed_back(Now, Turn) -> Turn#turn{actions = [], count = 0, now = Now}.
+
+%% What the body feels is a message of the robot itself, if the application listens to it.
+sensed(info, {sensed, Sense} = Sensed, #turn{robot = Id, inbox = Inbox}) ->
+    case starl_app_inbox:listens({app, sense}, Inbox) of
+        true -> {cast, {message, Id, sense, Sense}};
+        false -> {info, Sensed}
+    end;
+sensed(Type, Content, _Turn) ->
+    {Type, Content}.
+
+%% A restarted machine has lost its listeners: the application listens again.
+heed(info, {restarted, Machine}) ->
+    #turn{inbox = Inbox} = Turn = get(?TURN),
+    {Words, Next} = starl_app_inbox:restarted(Machine, Inbox),
+    _ = put(?TURN, Turn#turn{inbox = Next}),
+    lists:foreach(fun(Word) -> listens_again(Machine, Word) end, Words);
+heed(info, {given_up, Machine}) ->
+    #turn{given_up = GivenUp} = Turn = get(?TURN),
+    _ = put(?TURN, Turn#turn{given_up = [Machine | GivenUp]}),
+    ok;
+heed(_, _) ->
+    ok.
+
+listens_again(sap, {listen, Type, app}) -> listen(Type);
+listens_again(Machine, Word) -> perform([{cast, Machine, Word}]).
+
+%% Keeps or traces an event for which the application does not wait.
+keep(cast, {message, From, Type, Body}) ->
+    #turn{inbox = Inbox} = Turn = get(?TURN),
+    case starl_app_inbox:put({From, Type, Body}, Inbox) of
+        {ok, Next} -> put(?TURN, Turn#turn{inbox = Next});
+        full -> perform([{trace, {inbox_full, From, Type}}])
+    end;
+keep({timeout, _}, call) ->
+    ok;
+keep({reply, _}, _) ->
+    ok;
+keep(info, {Word, _}) when Word =:= restarted; Word =:= given_up; Word =:= sensed ->
+    ok;
+keep(Type, Content) ->
+    perform([{trace, {unknown_event, Type, Content}}]).
