@@ -2,7 +2,8 @@
 %% machines handle it again, at the times of their clocks then, and so does its application. What they do
 %% is compared with the recorded facts, and not done again.
 %%
-%% The chassis is simulated meanwhile, and put where the recording has it at the moment.
+%% The chassis is simulated meanwhile ({@link starl_sim_follow_chassis}), and put where the recording has it at
+%% the moment.
 -module(starl_sim_follow).
 -behaviour(starl_robot).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
@@ -45,13 +46,10 @@
     id :: starl:robot_id(),
     now :: integer(),
     inputs :: [{integer(), term()}],
-    world :: starl_sim_platform:world(),
     marks :: non_neg_integer(),
     dues :: #{starl_robot_timers:mark() => tuple()},
     store :: starl_sim_store:t(),
-    vehicle :: starl_sim_vehicle:t(),
-    %% what the chassis has still to do or to say, by its time
-    beats = [] :: [{integer(), tuple()}],
+    chassis :: starl_sim_follow_chassis:t(),
     result :: running | given_up | {done, term()},
     %% newest first
     traces = [] :: [starl_monitor:trace_event()]
@@ -105,22 +103,24 @@ start(Id, #{crew := #{tree := Tree}}) ->
 
 world(Id, #{snapshot := Snapshot, inputs := Inputs, piece := Piece}, #{world := World}) ->
     #{at_us := At, marks := Marks, dues := Dues, stored := Stored, result := Result} = Snapshot,
-    Vehicle = starl_sim_vehicle:at(Piece, starl_sim_vehicle:new(Id, {0.0, 0.0, 0.0}, World)),
     Begun = #world{
         id = Id,
         now = At,
         inputs = Inputs,
-        world = World,
         marks = Marks,
         dues = Dues,
         store = kept(Stored),
-        vehicle = Vehicle,
+        chassis = starl_sim_follow_chassis:new(Id, Piece, World),
         result = Result
     },
     case Snapshot of
         #{script := none} -> Begun;
-        #{script := {Us, Script, Owner}} -> beats(At, drive(Script, Owner, Begun#world{now = Us}))
+        #{script := {Us, Script, Owner}} -> driven(At, drive(Script, Owner, Begun#world{now = Us}))
     end.
+
+%% The chassis has done what it had to do by then.
+driven(Until, #world{chassis = Chassis} = World) ->
+    World#world{chassis = starl_sim_follow_chassis:until(Until, Chassis)}.
 
 kept(Stored) ->
     Keep = fun(Name, Term, Store) ->
@@ -139,7 +139,7 @@ come(App, Robot) ->
         [] ->
             {App, Robot};
         [{At, Input} | Left] ->
-            came(Input, App, beats(At, World#world{now = At, inputs = Left}), Robot)
+            came(Input, App, driven(At, World#world{now = At, inputs = Left}), Robot)
     end.
 
 came({event, Name, Type, Content}, App, World, Robot) ->
@@ -186,20 +186,12 @@ done(Robot) ->
     after ?PATIENCE_MS -> throw({?MODULE, {failed, no_answer}})
     end.
 
-%% The chassis has said so: what it would say here is not said again.
-answered(Name, {Word, Mark, _}, #world{beats = Beats} = World) when
+answered(Name, {Word, Mark, _}, #world{now = Now, chassis = Chassis} = World) when
     Word =:= driven; Word =:= stalled
 ->
-    Said = World#world{beats = [B || B <- Beats, not says(Name, Mark, B)]},
-    stalled(Word, Said);
+    World#world{chassis = starl_sim_follow_chassis:answered(Word, {Name, Mark}, Now, Chassis)};
 answered(_Name, _Content, World) ->
     World.
-
-says(Name, Mark, {_, {says, _, Name, {_, Mark, _}}}) -> true;
-says(_Name, _Mark, _Beat) -> false.
-
-stalled(driven, World) -> World;
-stalled(stalled, World) -> stop(World).
 
 %% -- the moment -----------------------------------------------------------------------------
 
@@ -240,17 +232,18 @@ rested({idle, [Order | Orders]}, Robot) ->
 snapshot(Machines, Robot, #{piece := Piece}, #{at_us := At}) ->
     #{timers := Running} = Parts = starl_robot:parts(Robot),
     #world{id = Id, marks = Marks, dues = Dues, store = Store, result = Result} =
-        World = beats(At, starl_robot:world(Robot)),
-    #world{beats = Beats, vehicle = Vehicle} = World,
+        World = driven(At, starl_robot:world(Robot)),
+    #world{chassis = Chassis} = World,
+    Pending = starl_sim_follow_chassis:pending(Chassis),
     Timers = [timer(Id, At, Timer, maps:get(Mark, Dues)) || {_, _, Mark} = Timer <- Running],
     Said = [
-        {Id, max(Due, At), class(Content), Id, Marks + N, Content}
-     || {N, {Due, Content}} <- lists:enumerate(Beats), Due > At - ?LAG_US
+        {Id, max(Due, At), Class, Id, Marks + N, Content}
+     || {N, {Due, Class, Content}} <- lists:enumerate(Pending), Due > At - ?LAG_US
     ],
     data(Machines, Parts, Timers ++ Said, #{
         now => At,
-        seq => Marks + length(Beats) + 1,
-        vehicle => starl_sim_vehicle:snapshot(starl_sim_vehicle:at(Piece, Vehicle)),
+        seq => Marks + length(Pending) + 1,
+        vehicle => starl_sim_follow_chassis:snapshot(Piece, Chassis),
         store => Store,
         result => Result
     }).
@@ -275,10 +268,6 @@ data(Machines, Parts, Planned, Body) ->
 timer(Id, At, {Name, Timer, Mark}, {Due, _, _, Content}) ->
     {Id, max(Due, At), ?CLASS_TIMER, Id, Mark, {timer, Name, Timer, Content}}.
 
-class({says, _, _, _}) -> ?CLASS_TIMER;
-class({_Name, info, _}) -> ?CLASS_TIMER;
-class(_Beat) -> ?CLASS_WORLD.
-
 %% @doc A robot that starts anew at the moment, where the recording has it, as after a lost store.
 -spec anew(starl:robot_id(), starl_trajectory:piece(), setting()) ->
     {ok, starl_sim_robot:snapshot(), [starl_monitor:trace_event()]} | {error, reason()}.
@@ -296,7 +285,7 @@ begun(Id, Piece, #{at_us := At, world := World, crew := #{inline := Inline}} = S
     _ = starl_robot_tree:down(Tree),
     Standing = starl_trajectory:pose(At, Piece),
     Stands = starl_trajectory:standing(At, point(Standing), element(3, Standing)),
-    Vehicle = starl_sim_vehicle:at(Stands, starl_sim_vehicle:new(Id, {0.0, 0.0, 0.0}, World)),
+    Chassis = starl_sim_follow_chassis:new(Id, Stands, World),
     Names = starl_robot_machines:names(Machines),
     Facts =
         [{chassis, {motion, Stands}}, {robot, down}] ++
@@ -305,7 +294,7 @@ begun(Id, Piece, #{at_us := At, world := World, crew := #{inline := Inline}} = S
         data(Kept, starl_robot:parts(Robot), [{Id, At, ?CLASS_WORLD, 0, 0, wake}], #{
             now => At,
             seq => 1,
-            vehicle => starl_sim_vehicle:snapshot(Vehicle),
+            vehicle => starl_sim_follow_chassis:snapshot(Stands, Chassis),
             store => starl_sim_store:outdate(starl_sim_store:new([])),
             result => running
         }), [{At, Id, Machine, Fact} || {Machine, Fact} <- Facts]}.
@@ -336,29 +325,6 @@ format_reason({failed, Reason}) ->
     io_lib:format("it fails: ~0tP", [Reason, 12]);
 format_reason(Reason) ->
     starl_snapshot:format_reason(Reason).
-
-%% -- the chassis ----------------------------------------------------------------------------
-
-%% What it has done by then.
-beats(Until, #world{beats = Beats, vehicle = Vehicle} = World) ->
-    case [B || {Due, Content} = B <- Beats, Due =< Until, class(Content) =:= ?CLASS_WORLD] of
-        [] ->
-            World;
-        [{Due, Content} = First | _] ->
-            Left = World#world{beats = lists:delete(First, Beats)},
-            beats(Until, moved(Due, starl_sim_vehicle:beat(Content, Due, Vehicle), Left))
-    end.
-
-moved(Now, {_Change, Plans, Vehicle}, #world{beats = Beats} = World) ->
-    New = [{Now + Us, Content} || {Us, Content} <- Plans],
-    World#world{vehicle = Vehicle, beats = lists:keymerge(1, Beats, lists:keysort(1, New))}.
-
-drive(Script, Owner, #world{now = Now, vehicle = Vehicle} = World) ->
-    case starl_sim_vehicle:drive(Script, Owner, Now, Vehicle) of
-        not_understood -> World;
-        {lost, Deaf} -> World#world{vehicle = Deaf};
-        Change -> moved(Now, Change, World)
-    end.
 
 %% -- the robot's driver ---------------------------------------------------------------------
 
@@ -418,11 +384,12 @@ perform({What, _}, _Name, _World) when What =:= outlived; What =:= reloaded ->
 perform(_SentOrAsked, _Name, World) ->
     {[], World}.
 
-%% The answer has been recorded.
-actuate(What, Owner, #world{now = Now, vehicle = Vehicle} = World) ->
-    {_, _Plans, Next} = starl_sim_vehicle:actuate(What, Owner, Now, Vehicle),
-    World#world{vehicle = Next}.
+drive(Script, Owner, #world{now = Now, chassis = Chassis} = World) ->
+    World#world{chassis = starl_sim_follow_chassis:drive(Script, Owner, Now, Chassis)}.
+
+actuate(What, Owner, #world{now = Now, chassis = Chassis} = World) ->
+    World#world{chassis = starl_sim_follow_chassis:actuate(What, Owner, Now, Chassis)}.
 
 -spec stop(#world{}) -> #world{}.
-stop(#world{now = Now, vehicle = Vehicle} = World) ->
-    moved(Now, starl_sim_vehicle:stop(Now, Vehicle), World).
+stop(#world{now = Now, chassis = Chassis} = World) ->
+    World#world{chassis = starl_sim_follow_chassis:stop(Now, Chassis)}.
