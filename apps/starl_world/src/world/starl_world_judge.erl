@@ -31,6 +31,7 @@
     resumed/3,
     standing/1,
     is_awaited/2,
+    look/3,
     judge/2,
     judge/3,
     violations/1,
@@ -50,6 +51,9 @@
     pending = [] :: [{integer(), non_neg_integer(), starl_monitor:trace_event()}],
     n = 0 :: non_neg_integer(),
     seen = 0 :: integer(),
+    %% when the judge has looked last, and how long he was kept from it
+    looked_us = 0 :: integer(),
+    behind_us = 0 :: non_neg_integer(),
     late = 0 :: non_neg_integer(),
     %% the robots for which the judge waits; the halts that are over, from when to when
     held = #{} :: #{starl:robot_id() => hold()},
@@ -176,6 +180,15 @@ is_awaited(Robot, #judge{held = Held}) ->
         #{Robot := {_, _, Released}} -> Released =/= none;
         #{} -> false
     end.
+
+%% @doc Looks at the events that are old enough by now, as in each of these periods. A computer that
+%% stood still goes on with all processes at once: what others have told comes a moment after the judge
+%% could look.
+-spec look(NowUs :: integer(), PeriodUs :: pos_integer(), t()) -> {ok | violation, t()}.
+look(Now, Period, #judge{looked_us = Looked, behind_us = Before} = Judge) ->
+    Passed = Now - Looked,
+    Behind = max(0, max(Passed - 2 * Period, Before - Passed)),
+    judge(Now, Behind, Judge#judge{looked_us = Now, behind_us = Behind}).
 
 %% @doc Judges the events that are old enough by now.
 -spec judge(NowUs :: integer(), t()) -> {ok | violation, t()}.

@@ -19,13 +19,8 @@
     is_felt = false :: boolean(),
     judge :: starl_world_judge:t(),
     observer :: starl_observer:t(),
-    %% when the judge has looked last, and how long he was kept from it
-    looked_us = 0 :: integer(),
-    behind_us = 0 :: non_neg_integer(),
     limit_us :: integer(),
-    %% the faults that were told, latest first; the pauses: the fault of each, and since when the robot stands
-    faults = [] :: [starl_world_faults:fault()],
-    pauses = #{} :: #{starl:robot_id() => {Fault :: atom(), SinceMs :: integer() | none}},
+    faults = starl_world_fault_log:new() :: starl_world_fault_log:t(),
     leader = none :: starl:robot_id() | none,
     ending = none :: starl_world:ending() | none,
     callers = [] :: [gen_server:from()]
@@ -286,21 +281,17 @@ fault({_, Fault} = Told, #world{positioning = Positioning} = World) ->
             tell(Told, World)
     end.
 
-%% Those who watch the run are told of it as of one in a schedule.
-tell({Is, Fault}, #world{judge = Judge, observer = Observer, faults = Faults} = World) ->
-    Own = setelement(6, Fault, maps:remove(in_time, element(6, Fault))),
-    ok = starl_observer:tell({fault, now_us(World), {Is, Own}}, Observer),
-    World#world{
-        judge = starl_world_judge:faults([{Is, Own}], Judge),
-        faults = [Own | lists:keydelete(element(1, Own), 1, Faults)]
-    }.
+tell(Told, #world{judge = Judge, observer = Observer, faults = Faults} = World) ->
+    {Own, Log} = starl_world_fault_log:told(Told, Faults),
+    ok = starl_observer:tell({fault, now_us(World), Own}, Observer),
+    World#world{judge = starl_world_judge:faults([Own], Judge), faults = Log}.
 
 node_told({clock, Id, Us}, #world{judge = Judge} = World) ->
     by(starl_world_judge:clock(Id, Us, Judge), World);
 node_told({halt, Id, Fault}, #world{judge = Judge} = World) ->
     Held = starl_world_judge:hold(Id, now_us(World), Judge),
-    #world{pauses = Pauses} = Next = stands(World#world{judge = Held}),
-    Next#world{pauses = Pauses#{Id => {Fault, none}}};
+    #world{faults = Faults} = Next = stands(World#world{judge = Held}),
+    Next#world{faults = starl_world_fault_log:halt(Id, Fault, Faults)};
 node_told({resumed, Id}, #world{judge = Judge} = World) ->
     goes_on(starl_world_judge:released(Id, now_us(World), Judge), World);
 node_told({halted, Id}, #world{robots = Robots, judge = Judge} = World) ->
@@ -310,23 +301,10 @@ node_told({halted, Id}, #world{robots = Robots, judge = Judge} = World) ->
     stands(told(Events, Halted)).
 
 %% A pause has begun where a robot stands, and ended where it does no more.
-stands(#world{judge = Judge, pauses = Pauses} = World) ->
+stands(#world{judge = Judge, faults = Faults} = World) ->
     Standing = starl_world_judge:standing(Judge),
-    lists:foldl(
-        fun({Id, Pause}, W) -> paused(Id, Pause, lists:member(Id, Standing), W) end,
-        World,
-        lists:sort(maps:to_list(Pauses))
-    ).
-
-paused(Id, {Fault, none}, true, #world{pauses = Pauses} = World) ->
-    Ms = now_us(World) div 1000,
-    Since = World#world{pauses = Pauses#{Id := {Fault, Ms}}},
-    tell({began, {Fault, Ms, forever, pause, Id, #{}}}, Since);
-paused(Id, {Fault, Since}, false, #world{pauses = Pauses} = World) when is_integer(Since) ->
-    Over = World#world{pauses = maps:remove(Id, Pauses)},
-    tell({ended, {Fault, Since, now_us(World) div 1000, pause, Id, #{}}}, Over);
-paused(_Id, _Pause, _Stands, World) ->
-    World.
+    {Told, Log} = starl_world_fault_log:stands(Standing, now_us(World) div 1000, Faults),
+    lists:foldl(fun tell/2, World#world{faults = Log}, Told).
 
 %% -- robots that start and end --------------------------------------------------------------
 
@@ -393,21 +371,13 @@ judge(World) ->
     judged(World).
 
 judged(#world{ending = Ending} = World) when Ending =/= none -> World;
-judged(#world{judge = Judge, limit_us = Limit} = World0) ->
-    Now = now_us(World0),
-    #world{behind_us = Behind} = World = looked(Now, World0),
-    case starl_world_judge:judge(Now, Behind, Judge) of
+judged(#world{judge = Judge, limit_us = Limit} = World) ->
+    Now = now_us(World),
+    case starl_world_judge:look(Now, 1000 * ?JUDGE_MS, Judge) of
         {violation, Next} -> ended(violation, by(Next, World));
         {ok, Next} when Now >= Limit -> ended(time, by(Next, World));
         {ok, Next} -> goes_on(Next, by(Next, World))
     end.
-
-%% A computer that stood still goes on with all processes at once: what others have told the world
-%% comes a moment after the judge could look.
-looked(Now, #world{looked_us = Looked, behind_us = Behind} = World) ->
-    Passed = Now - Looked,
-    Kept = max(0, Passed - 2 * 1000 * ?JUDGE_MS),
-    World#world{looked_us = Now, behind_us = max(Kept, max(0, Behind - Passed))}.
 
 %% What is not judged any more is logged.
 by(Judge, #world{judge = Before} = World) ->
@@ -424,11 +394,7 @@ ended(Ending, #world{ending = none, callers = Callers} = World) ->
 ended(_Ending, World) ->
     World.
 
-%% What has not ended ends with the run.
 outcome(#world{judge = Judge, robots = Robots, ending = Ending, observer = Observer} = World) ->
     Now = now_us(World),
     Outcome = starl_world_outcome:close(Ending, Now, {Judge, Robots}, Observer),
-    Outcome#{faults => lists:keysort(2, [ended_by(Now div 1000, F) || F <- World#world.faults])}.
-
-ended_by(Ms, {Id, From, forever, Kind, Target, Params}) -> {Id, From, Ms, Kind, Target, Params};
-ended_by(_Ms, Fault) -> Fault.
+    Outcome#{faults => starl_world_fault_log:faults(Now div 1000, World#world.faults)}.
