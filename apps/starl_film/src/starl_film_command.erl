@@ -142,20 +142,15 @@ gather({run, Target}, #{values := Values}) ->
 filmed(#{scenario := #{time := Seconds} = Scenario} = Run, Record, #{file := File}) ->
     {ok, Camera} = starl_film_camera:start_link(),
     Options = #{observe => starl_film_camera:observer(Camera)},
-    Ran = starl_cli_drive:with(Scenario, Options, fun(Sim) ->
-        Until = min(maps:get(end_us, Record, round(Seconds * 1.0e6)), round(Seconds * 1.0e6)),
-        _ = starl_cli_drive:run(Sim, Until, Run),
-        starl_sim:finish(Sim)
-    end),
+    Until = min(maps:get(end_us, Record, round(Seconds * 1.0e6)), round(Seconds * 1.0e6)),
+    Ran = starl_cli_drive:again(Scenario, Options, Until, Run),
     Cast = starl_film_camera:stop(Camera),
     case Ran of
-        {ok, {#{digest := Digest}, _}} ->
+        {ok, {_Ending, #{digest := Digest}}} ->
             ok = same(starl_cli_record:hex(Digest), Record, File),
             {ok, Cast, File};
-        {error, Reason} ->
-            {error, [starl_sim:format_error(Reason)]};
-        {failed, Reason} ->
-            starl_cli_simulation:failed(Reason, Run)
+        Failed ->
+            starl_cli_simulation:failed(Failed, Run)
     end.
 
 same(Digest, #{digest := Digest}, _File) ->

@@ -172,12 +172,7 @@ again(#{run := #{scenario := #{time := Seconds} = Scenario} = Run, record := Rec
             #{ending := stopped, end_us := EndUs} -> EndUs;
             #{} -> round(Seconds * 1.0e6)
         end,
-    Ran = starl_cli_drive:with(Scenario, maps:with([histories], Run), fun(Sim) ->
-        {Ending, _} = starl_cli_drive:run(Sim, UntilUs, Run),
-        {Outcome, _} = starl_sim:finish(Sim),
-        {Ending, Outcome}
-    end),
-    came(Ran, Setup).
+    came(starl_cli_drive:again(Scenario, maps:with([histories], Run), UntilUs, Run), Setup).
 
 came({ok, {stopped, _}}, _Setup) ->
     starl_cli_terminal:out("interrupted: not compared\n"),
@@ -191,10 +186,7 @@ came({ok, {_Ending, Outcome}}, #{record := Record} = Setup) ->
     starl_cli_terminal:out([Head, Lines, Stands]),
     compare(Outcome, Record, Setup);
 came(Failed, #{run := Run}) ->
-    failed(Failed, Run).
-
-failed({error, Reason}, _Run) -> {error, [starl_sim:format_error(Reason)]};
-failed({failed, Reason}, Run) -> starl_cli_simulation:failed(Reason, Run).
+    starl_cli_simulation:failed(Failed, Run).
 
 %% Wall time has ended a run that hung, so its digest says nothing.
 compare(#{hung := _}, #{ending := hung}, _Setup) ->
@@ -294,7 +286,7 @@ viewed(Failed, Setup) ->
 look(#{run := #{scenario := Scenario} = Run} = Setup) ->
     case starl_cli_drive:with(Scenario, fun(Sim) -> stopped(go(Sim, Setup), Sim, Setup) end) of
         {ok, Answer} -> Answer;
-        Failed -> failed(Failed, Run)
+        Failed -> starl_cli_simulation:failed(Failed, Run)
     end.
 
 go(Sim, #{stop := {event, Robot, N}}) ->

@@ -2,7 +2,7 @@
 %% length of the pieces does not change the run.
 -module(starl_cli_drive).
 
--export([with/2, with/3, run/3, watching/0]).
+-export([with/2, with/3, run/3, again/4, watching/0]).
 
 -export_type([answer/1, ending/0]).
 
@@ -82,6 +82,18 @@ run(Sim, UntilUs, Setup) ->
     Ending = drive_on(Drive),
     starl_cli_progress:erase(),
     {Ending, wall_ms(Drive)}.
+
+%% @doc Runs a simulation anew, up to a virtual time or an earlier end, and finishes it.
+-spec again(starl_run_scenario:t(), starl_sim:options(), UntilUs, starl_cli_setup:t()) ->
+    answer({ending(), starl_sim_run:outcome()})
+when
+    UntilUs :: non_neg_integer().
+again(Scenario, Options, UntilUs, Setup) ->
+    with(Scenario, Options, fun(Sim) ->
+        {Ending, _} = run(Sim, UntilUs, Setup),
+        {Outcome, _Report} = starl_sim:finish(Sim),
+        {Ending, Outcome}
+    end).
 
 drive(Sim, UntilUs, #{scenario := Scenario, target := #{name := Name}, quiet := Quiet}) ->
     #{app := App, time := Seconds} = Scenario,

@@ -5,7 +5,7 @@
 -module(starl_cli_recording).
 
 -export([flags/0, wanted/2, recorded/4, options/2, nodes/2, kept/2, uploaded/2, shown/1, found/2]).
--export([packed/1, not_packed/2]).
+-export([into/3, packed/1, not_packed/2]).
 
 -export_type([t/0]).
 
@@ -46,12 +46,24 @@ recorded(none, _Values, Setup, Run) ->
 recorded(Kind, Values, #{out := Out} = Setup, Run) ->
     File = starl_cli_out:beside(Out, ".mcap"),
     _ = filelib:ensure_dir(File),
+    Answer = with_recorder(File, Kind, fun(Recorder) ->
+        Recording = often(Values, Setup#{recording => {Recorder, File}}),
+        sending(Values, File, Recording, Run)
+    end),
+    _ = file:del_dir(robots(File)),
+    Answer.
+
+%% @doc Runs something whose observer records it in this file.
+-spec into(file:filename(), simulation | live, fun((starl_observer:t()) -> Answer)) ->
+    Answer | {error, [unicode:chardata(), ...]}.
+into(File, Kind, Run) ->
+    with_recorder(File, Kind, fun(Recorder) -> Run(starl_trace_recorder:observer(Recorder)) end).
+
+with_recorder(File, Kind, Run) ->
     case starl_trace_recorder:start_link(File, Kind) of
         {ok, Recorder} ->
-            Recording = often(Values, Setup#{recording => {Recorder, File}}),
-            Answer = sending(Values, File, Recording, Run),
+            Answer = Run(Recorder),
             ok = gone(Recorder),
-            _ = file:del_dir(robots(File)),
             Answer;
         {error, Reason} ->
             {error, [starl_trace_recorder:format_error(Reason)]}

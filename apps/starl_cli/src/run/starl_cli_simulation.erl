@@ -37,7 +37,7 @@ run(Options, #{scenario := Scenario} = Setup) ->
 answer({ok, Ran}, Setup) -> tell(Setup, Ran);
 answer({error, {nodes, {lost, Loss}}}, _Setup) -> lost([Loss], 4);
 answer({error, Reason}, Setup) -> {error, [[at(Reason, Setup), starl_sim:format_error(Reason)]]};
-answer({failed, Reason}, Setup) -> failed(Reason, Setup).
+answer({failed, _} = Failed, Setup) -> failed(Failed, Setup).
 
 %% The place of a mistake that only shows in the scene: a fault's robot or machine.
 at(Reason, #{target := Target, scenario := Scenario}) when
@@ -259,9 +259,12 @@ finished(false, _IsComplete) -> 5;
 finished(true, true) -> 0;
 finished(true, false) -> 4.
 
-%% @doc Reports that the simulation itself failed; the log has the details.
--spec failed(Reason :: term(), starl_cli_setup:t()) -> starl_cli_terminal:status().
-failed(Reason, #{out := Out} = Setup) ->
+%% @doc Tells why a simulation could not start, or that it failed itself; the log has the details.
+-spec failed({error, starl_sim:reason()} | {failed, Reason :: term()}, starl_cli_setup:t()) ->
+    starl_cli_command:answer().
+failed({error, Reason}, _Setup) ->
+    {error, [starl_sim:format_error(Reason)]};
+failed({failed, Reason}, #{out := Out} = Setup) ->
     starl_cli_signal:on_interrupt(quit),
     Fill = fun(Dir) ->
         with_recording(starl_cli_files:write_failure(Dir, Setup, Reason), Setup, Dir)

@@ -136,9 +136,10 @@ with_clocks(#{outcome := {broken, _, _, _}}, Wide) ->
 with_clocks(Verdict, _Wide) ->
     Verdict.
 
-%% When faults of the scenario made clocks go wrong, or applications stand still within a step.
-broken(#{scenario := #{faults := Faults}, kind := simulation}) ->
-    Windows = starl_run_assumption:broken(Faults, false),
+%% When faults made clocks go wrong, or applications stand still within a step, as the run has told its
+%% contracts.
+broken(#{kind := simulation, monitors := Monitors}) ->
+    Windows = lists:usort([W || {_, #{broken := Told}} <- Monitors, W <- Told]),
     #{
         clocks => [{From, To} || {_, From, To, {clock, _}} <- Windows],
         stills => [{Robot, From, To} || {Robot, From, To, caller} <- Windows]

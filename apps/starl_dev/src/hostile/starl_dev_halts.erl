@@ -86,19 +86,25 @@ runs(_Block, #{halts := Halts} = Found, _Random, #{halts := Wanted}) when Halts 
     Found;
 runs(Block, #{runs := Runs} = Found, Random, #{out := Dir} = Values) ->
     File = filename:join(Dir, io_lib:format("~s-~b.mcap", [Block, Runs + 1])),
-    case starl_trace_recorder:start_link(File, live) of
-        {ok, Recorder} -> recorded(Block, Found, Random, {Recorder, File}, Values);
-        {error, Reason} -> {error, [starl_trace_recorder:format_error(Reason)]}
+    Recorded = starl_cli_recording:into(File, live, fun(Observer) ->
+        recorded(Block, Found, Random, Observer, Values)
+    end),
+    case Recorded of
+        {ok, Violations, Halted, Next} ->
+            ok = kept(Violations, File),
+            runs(Block, judged(Violations, File, Halted), Next, Values);
+        {error, _} = Error ->
+            Error
     end.
 
-recorded(Block, Found, Random, {Recorder, File}, #{out := Dir} = Values) ->
+recorded(Block, Found, Random, Observer, #{out := Dir} = Values) ->
     Stores = filename:join(Dir, "stores"),
     _ = file:del_dir_r(Stores),
     Options = #{
         dir => Stores,
         transport => udp,
         speed => maps:get(speed, Values),
-        observe => starl_trace_recorder:observer(Recorder),
+        observe => Observer,
         log => fun starl_cli_log:node/3
     },
     case starl_cluster:start(scenario(Block, Found, Values), Options) of
@@ -107,10 +113,8 @@ recorded(Block, Found, Random, {Recorder, File}, #{out := Dir} = Values) ->
             starl_cli_signal:on_interrupt(fun interrupted/0),
             {Halted, Next} = halted(Block, Cluster, ended(Cluster), Found, Random, Values),
             {#{violations := Violations}, _} = starl_cluster:finish(Cluster),
-            _ = starl_trace_recorder:close(Recorder),
-            ok = kept(Violations, File),
             _ = file:del_dir_r(Stores),
-            runs(Block, judged(Violations, File, Halted), Next, Values);
+            {ok, Violations, Halted, Next};
         {error, Reason} ->
             {error, [starl_cluster:format_error(Reason)]}
     end.
@@ -181,8 +185,11 @@ robot(Block, Cluster, Random0) ->
         false -> {N, Random}
     end.
 
-kept([], File) -> file:delete(File);
-kept([_ | _], _File) -> ok.
+kept([], File) ->
+    _ = file:delete(File),
+    ok;
+kept([_ | _], _File) ->
+    ok.
 
 judged(Violations, File, #{violations := Before} = Found) ->
     _ = [starl_cli_terminal:out("~ts~n", [starl_violation:format(V)]) || V <- Violations],

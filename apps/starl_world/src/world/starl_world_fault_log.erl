@@ -52,7 +52,7 @@ paused(_Robot, _Pause, _Stands, _Now, Log) ->
     {[], Log}.
 
 %% @doc All of them, by their beginnings, at the end of the run: what has not ended ends with it.
--spec faults(NowMs :: integer(), t()) -> [starl_sim_fault:t()].
+-spec faults(NowMs :: integer(), t()) -> [starl_run_fault:t()].
 faults(Now, #log{faults = Faults}) -> lists:keysort(2, [ended_by(Now, F) || F <- Faults]).
 
 ended_by(Now, {Id, From, forever, Kind, Target, Params}) -> {Id, From, Now, Kind, Target, Params};
