@@ -78,7 +78,7 @@
 }.
 
 -type reason() ::
-    starl_run:reason() | starl_cluster_server:reason().
+    starl_run:reason() | starl_cluster_start:reason().
 
 -define(CALL_MS, 60000).
 
@@ -159,7 +159,7 @@ stop(#cluster{server = Server}) -> starl_world:stop(gen_server:call(Server, worl
 %% @doc The longest that a node can be halted, by the computer's clock: less than three quarters of the
 %% time (60 s) after which Erlang's distribution gives up a silent node.
 -spec most_halted_ms() -> pos_integer().
-most_halted_ms() -> starl_cluster_server:most_halted_ms().
+most_halted_ms() -> starl_cluster_faults:most_halted_ms().
 
 %% @doc The checked scenario, with all defaults.
 -spec scenario(t()) -> starl_run_scenario:t().

@@ -8,7 +8,7 @@
 %% A node that stands still gets its calls when it goes on, in their order.
 -module(starl_cluster_calls).
 
--export([new/0, joined/2, lost/2, stop/1, ask/4, hear/2, await/1]).
+-export([new/0, joined/2, lost/2, stop/1, ask/4, hear/2, await/1, result/2]).
 
 -export_type([t/1, call/0, answers/0, ended/1]).
 
@@ -134,6 +134,16 @@ await(Calls) ->
         end,
     {More, Last} = await(Next),
     {Ended ++ More, Last}.
+
+%% @doc What the node of a robot has answered; a call that has something to say against it answers in this
+%% way, too.
+-spec result(starl:robot_id(), answers()) -> Answer :: term() | {error, unicode:chardata()} | down.
+result(Robot, Answers) ->
+    case Answers of
+        #{Robot := {ok, Answer}} -> Answer;
+        #{Robot := silent} -> {error, "its node does not answer"};
+        #{Robot := down} -> down
+    end.
 
 answered(Ref, Robot, Answer, #calls{questions = Questions} = Calls) ->
     #{Ref := #question{answers = Answers, waiting = Waiting} = Question} = Questions,

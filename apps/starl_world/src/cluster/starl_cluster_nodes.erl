@@ -7,7 +7,7 @@
 
 -export([start/2, names/1, specified/2, again/3, disk/3, lost/2, drop/2, stop/1]).
 -export([ids/1, up/1, name/2, spec/2, code/1, of_control/2, restarts/1, os_pids/1, kill/2]).
--export([control/2, doom/2, is_doomed/2]).
+-export([doom/2, known_end/3, ended/3, place/2]).
 
 -export_type([t/0, code/0]).
 
@@ -30,6 +30,9 @@
 }).
 
 -opaque t() :: #nodes{}.
+
+%% The time within which the end of a node's process is known after its connection has gone.
+-define(END_MS, 2000).
 
 %% @doc Starts a node for each robot; the code that the nodes get. Their disks have room.
 -spec start([starl:robot_id()], code()) -> {ok, t()} | {error, starl_sim_peers:reason()}.
@@ -129,12 +132,16 @@ of_control(Pid, Nodes) ->
         [] -> none
     end.
 
-%% @doc The process that holds the node of a robot.
--spec control(starl:robot_id(), t()) -> pid() | none.
-control(Id, Nodes) ->
-    case lists:keyfind(Id, 1, peers(Nodes)) of
-        {Id, Peer} -> starl_sim_peers:control(Peer);
-        false -> none
+%% @doc Where a robot is: its node, and its end of the transport.
+-spec place(starl:robot_id(), t()) ->
+    {ok, #{node := node() | none, transport := starl_live_link:line()}}
+    | {error, unicode:chardata()}.
+place(Id, #nodes{nodes = All} = Nodes) ->
+    case All of
+        #{Id := #node{spec = #{transport := Line}}} ->
+            {ok, #{node => name(Id, Nodes), transport => Line}};
+        #{} ->
+            {error, io_lib:format("there is no robot ~b", [Id])}
     end.
 
 %% @doc The node of a robot is to end: nobody need be told by what.
@@ -142,9 +149,35 @@ control(Id, Nodes) ->
 doom(Id, #nodes{nodes = All} = Nodes) ->
     put_node(Id, (maps:get(Id, All))#node{doomed = true}, Nodes).
 
-%% @doc Is the node of a robot to end?
--spec is_doomed(starl:robot_id(), t()) -> boolean().
-is_doomed(Id, #nodes{nodes = All}) -> (maps:get(Id, All))#node.doomed.
+%% @doc Why a robot could not be opened, in words. Its node may have ended just now: then this process is
+%% about to be told.
+-spec known_end(starl:robot_id(), Why :: ended | unicode:chardata(), t()) -> unicode:chardata().
+known_end(Id, ended, Nodes) ->
+    Control = proplists:get_value(Id, [{R, starl_sim_peers:control(P)} || {R, P} <- peers(Nodes)]),
+    receive
+        {starl_peer_ended, Control, Status} -> line(Status)
+    after ?END_MS -> "its node has ended"
+    end;
+known_end(_Id, Why, _Nodes) ->
+    Why.
+
+line(Status) -> ["its node ", starl_sim_peers:format_end(Status)].
+
+%% @doc What is to be told of a node whose process has ended in this way. A signal is an error, unless it came
+%% from here.
+-spec ended(Control :: pid(), Status :: non_neg_integer(), t()) ->
+    [{starl:robot_id(), logger:level(), unicode:chardata()}].
+ended(Control, Status, #nodes{nodes = All} = Nodes) ->
+    case of_control(Control, Nodes) of
+        {ok, Id} ->
+            #{Id := #node{doomed = IsDoomed}} = All,
+            [{Id, level(Status, IsDoomed), line(Status)}];
+        none ->
+            []
+    end.
+
+level(Status, false) when Status > 128 -> error;
+level(_Status, _IsDoomed) -> notice.
 
 %% @doc How often each node was started anew.
 -spec restarts(t()) -> #{starl:robot_id() => non_neg_integer()}.

@@ -1,5 +1,5 @@
 %% @doc The robots of a live run in one VM, and the faults that are played with them, by hand or of a
-%% schedule ({@link starl_world_faults}): as the nodes of a cluster a robot is killed and starts anew with
+%% schedule ({@link starl_world_play}): as the nodes of a cluster a robot is killed and starts anew with
 %% its store, without it or with an old one, as after a reboot; links are cut; senses fail. What lasts
 %% holds for a robot that has started anew, too.
 -module(starl_world_robots).
@@ -20,15 +20,12 @@
 }.
 
 -record(robots, {
-    world :: pid(),
-    clock :: starl_live_clock:t(),
-    speed :: number(),
     specs :: specs(),
     %% the robots that run
     sups = #{} :: #{starl:robot_id() => pid()},
     %% the monitors of their links
     watched = #{} :: #{reference() => starl:robot_id()},
-    faults :: starl_world_faults:t()
+    play :: starl_world_play:t()
 }).
 
 %% A robot whose link starts anew is asked for it until it has one.
@@ -57,32 +54,16 @@ stop(Robots) ->
     gen_server:stop(Robots, shutdown, infinity).
 
 -spec init({specs(), run()}) -> {ok, #robots{}} | {stop, term()}.
-init({Specs, #{world := World, clock := Clock, speed := Speed, schedule := Schedule}}) ->
+init({Specs, #{schedule := Schedule} = Run}) ->
     _ = process_flag(trap_exit, true),
     Ids = lists:sort(maps:keys(Specs)),
-    Robots = #robots{
-        world = World,
-        clock = Clock,
-        speed = Speed,
-        specs = Specs,
-        faults = starl_world_faults:new(Ids)
-    },
-    {AtOnce, InTime} = starl_world_faults:from_the_start(Schedule),
-    case start_all(Ids, lists:foldl(fun played/2, Robots, AtOnce)) of
-        {ok, Started} ->
-            ok = lists:foreach(fun(F) -> at(element(2, F), {begins, F}, Started) end, InTime),
-            {ok, Started};
-        {{error, Reason}, _} ->
-            {stop, Reason}
+    Play = starl_world_play:new(Ids, Run),
+    AtOnce = starl_world_play:planned(Schedule, Play),
+    Robots = lists:foldl(fun played/2, #robots{specs = Specs, play = Play}, AtOnce),
+    case start_all(Ids, Robots) of
+        {ok, _} = Started -> Started;
+        {{error, Reason}, _} -> {stop, Reason}
     end.
-
-%% This process gets a message at this time of the run.
-at(Ms, Message, #robots{clock = Clock}) ->
-    At = starl_live_clock:monotonic_ms(1000 * Ms, Clock),
-    _ = erlang:send_after(At, self(), Message, [{abs, true}]),
-    ok.
-
-now_ms(#robots{clock = Clock}) -> starl_live_clock:now_us(Clock) div 1000.
 
 start_all([], Robots) ->
     {ok, Robots};
@@ -92,17 +73,16 @@ start_all([Id | Ids], Robots) ->
         {{error, _}, _} = Error -> Error
     end.
 
-start(Id, #robots{specs = Specs, sups = Sups, faults = Faults, world = World} = Robots) ->
+start(Id, #robots{specs = Specs, sups = Sups, play = Play} = Robots) ->
     #{Id := Spec} = Specs,
-    {Fate, Fated} = starl_world_faults:fate(Id, Faults),
+    {Fate, Fated} = starl_world_play:fate(Id, Play),
     ok = starl_world_store:before_start(Fate, Spec),
     case starl_live_robot:start_link(Spec) of
         {ok, Sup} ->
-            {Told, Up} = starl_world_faults:up(Id, now_ms(Robots), Fated),
-            ok = lists:foreach(fun(Each) -> ok = starl_world:fault(World, Each) end, Told),
-            {ok, watch(Id, Robots#robots{sups = Sups#{Id => Sup}, faults = Up})};
+            Up = starl_world_play:up(Id, Fated),
+            {ok, watch(Id, Robots#robots{sups = Sups#{Id => Sup}, play = Up})};
         {error, _} = Error ->
-            {Error, Robots#robots{faults = Fated}}
+            {Error, Robots#robots{play = Fated}}
     end.
 
 -spec handle_call(term(), gen_server:from(), #robots{}) ->
@@ -118,8 +98,8 @@ handle_call({act, Hands}, _From, #robots{specs = Specs} = Robots) ->
         [Robot | _] ->
             {reply, {error, io_lib:format("there is no robot ~b", [Robot])}, Robots}
     end;
-handle_call({heal, What}, _From, #robots{faults = Faults} = Robots) ->
-    {reply, ok, lists:foldl(fun over/2, Robots, starl_world_faults:healable(What, Faults))}.
+handle_call({heal, What}, _From, #robots{play = Play} = Robots) ->
+    {reply, ok, lists:foldl(fun over/2, Robots, starl_world_play:healable(What, Play))}.
 
 -spec handle_cast(term(), #robots{}) -> {noreply, #robots{}}.
 handle_cast(_Request, Robots) -> {noreply, Robots}.
@@ -152,19 +132,18 @@ shut_down(Sup) ->
     starl_sim_stop:shutdown(Sup, infinity).
 
 %% It has started anew too often; the others go on.
-given_up(Id, #robots{world = World}) ->
+given_up(Id, #robots{play = Play}) ->
     Report = #{what => robot_given_up, robot => Id},
     logger:error(Report, #{robot => Id, report_cb => fun given_up/1}),
-    World ! {starl_ended, Id, self(), given_up},
-    ok.
+    starl_world:dead(starl_world_play:world(Play), Id).
 
 given_up(#{robot := Id}) -> {"robot ~b has started anew too often, and is given up", [Id]}.
 
 %% -- faults ---------------------------------------------------------------------------------
 
-hand(Hand, #robots{faults = Faults, speed = Speed} = Robots) ->
-    {Fault, Named} = starl_world_faults:named(Hand, now_ms(Robots), Speed, Faults),
-    begins(Fault, Robots#robots{faults = Named}).
+hand(Hand, #robots{play = Play} = Robots) ->
+    {Fault, Named} = starl_world_play:hand(Hand, Play),
+    begins(Fault, Robots#robots{play = Named}).
 
 %% One of the schedule.
 played(Fault, Robots) ->
@@ -175,25 +154,15 @@ played(Fault, Robots) ->
     ],
     Next.
 
-begins(Fault, #robots{faults = Faults} = Robots) ->
-    {Told, Effects, Next} = starl_world_faults:begins(Fault, now_ms(Robots), Faults),
-    case told(Told, Robots) of
-        ok -> effects(Effects, Robots#robots{faults = Next});
+begins(Fault, #robots{play = Play} = Robots) ->
+    case starl_world_play:begins(Fault, Play) of
+        {ok, Effects, Next} -> effects(Effects, Robots#robots{play = Next});
         {error, _} = Error -> {Error, Robots}
     end.
 
-told([], _Robots) ->
-    ok;
-told([Told | More], #robots{world = World} = Robots) ->
-    case starl_world:fault(World, Told) of
-        ok -> told(More, Robots);
-        {error, _} = Error -> Error
-    end.
-
-over(Id, #robots{faults = Faults} = Robots) ->
-    {Told, Effects, Next} = starl_world_faults:over(Id, now_ms(Robots), Faults),
-    _ = told(Told, Robots),
-    {_, Last} = effects(Effects, Robots#robots{faults = Next}),
+over(Id, #robots{play = Play} = Robots) ->
+    {Effects, Next} = starl_world_play:over(Id, Play),
+    {_, Last} = effects(Effects, Robots#robots{play = Next}),
     Last.
 
 %% An error is what is answered.
@@ -208,26 +177,24 @@ effects(Effects, Robots) ->
     ).
 
 %% Pauses and full disks need nodes.
--spec does(starl_world_faults:effect(), #robots{}) -> {answer(), #robots{}}.
+-spec does(starl_world_play:effect(), #robots{}) -> {answer(), #robots{}}.
 does({kill, Id}, Robots) ->
     does({start, Id}, killed(Id, Robots));
-does({start, Id}, #robots{sups = Sups, faults = Faults} = Robots) ->
-    case is_map_key(Id, Sups) orelse starl_world_faults:is_down(Id, now_ms(Robots), Faults) of
+does({start, Id}, #robots{sups = Sups, play = Play} = Robots) ->
+    case is_map_key(Id, Sups) orelse starl_world_play:is_down(Id, Play) of
         true ->
             {ok, Robots};
         false ->
             {Started, Next} = start(Id, Robots),
             {answer(Id, Started), Next}
     end;
-does({dead, Id}, #robots{world = World} = Robots) ->
-    {starl_world:dead(World, Id), Robots};
+does({dead, Id}, #robots{play = Play} = Robots) ->
+    {starl_world:dead(starl_world_play:world(Play), Id), Robots};
 does({machine, Id, Name}, Robots) ->
     _ = [starl_live_link:kill(Link, Name) || Link <- [link_of(Id, Robots)], Link =/= none],
     {ok, Robots};
 does({tell, Ids}, Robots) ->
-    {lists:foreach(fun(Id) -> aired(Id, Robots) end, Ids), Robots};
-does({due, Ms, Id}, Robots) ->
-    {at(Ms, {over, Id}, Robots), Robots}.
+    {lists:foreach(fun(Id) -> aired(Id, Robots) end, Ids), Robots}.
 
 answer(_Id, ok) ->
     ok;
@@ -292,13 +259,13 @@ watch(Id, #robots{sups = Sups, watched = Watched} = Robots) ->
             Next
     end.
 
-aired(Id, #robots{faults = Faults, speed = Speed} = Robots) ->
+aired(Id, #robots{play = Play} = Robots) ->
     case link_of(Id, Robots) of
         none ->
             ok;
         Link ->
-            ok = starl_live_link:sense_faults(Link, starl_world_faults:senses(Id, Faults)),
-            set_air(Link, starl_world_faults:air(Id, Speed, Faults))
+            ok = starl_live_link:sense_faults(Link, starl_world_play:senses(Id, Play)),
+            set_air(Link, starl_world_play:air(Id, Play))
     end.
 
 set_air(Link, Air) ->

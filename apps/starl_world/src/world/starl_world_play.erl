@@ -1,0 +1,144 @@
+%% @doc The play of a run's faults in real time: the clock that says when, the world that is told of each,
+%% and those that last ({@link starl_world_faults}). Who runs the robots, in this VM ({@link
+%% starl_world_robots}) or on nodes ({@link starl_cluster_faults}), has one, and carries out the effects
+%% that it gives. The process that has it gets these messages in their time:
+%% ```
+%%     {begins, Fault}    the time of a fault of the schedule --> begins/2
+%%     {over, Id}         the time of a fault is over         --> over/2
+%% '''
+-module(starl_world_play).
+
+-export([new/2, planned/2, at/3, begins/2, hand/2, unnamed/2, over/2, up/2, fate/2]).
+-export([air/2, senses/2, is_down/2, is_full/2, healable/2, real_ms/2, world/1]).
+
+-export_type([t/0, run/0, effect/0]).
+
+%% The world, the clock of the run, and its pace.
+-type run() :: #{
+    world := pid(), clock := starl_live_clock:t(), speed := number(), atom() => term()
+}.
+
+-record(play, {
+    world :: pid(),
+    clock :: starl_live_clock:t(),
+    speed :: number(),
+    faults :: starl_world_faults:t()
+}).
+
+-opaque t() :: #play{}.
+
+%% An effect of {@link starl_world_faults:effect()} that is left to who runs the robots.
+-type effect() ::
+    {kill | start | dead | fill | clear, starl:robot_id()}
+    | {halt, starl:robot_id(), Ms :: non_neg_integer(), now | at_work, Id :: atom()}
+    | {machine, starl:robot_id(), starl_machine:name()}
+    | {tell, [starl:robot_id()]}.
+
+%% @doc No fault has begun.
+-spec new([starl:robot_id()], run()) -> t().
+new(Robots, #{world := World, clock := Clock, speed := Speed}) ->
+    #play{
+        world = World, clock = Clock, speed = Speed, faults = starl_world_faults:new(Robots)
+    }.
+
+%% @doc The faults of a schedule that begin before any robot does. The others come as messages, in their time.
+-spec planned([starl_run_fault:t()], t()) -> AtOnce :: [starl_run_fault:t()].
+planned(Schedule, Play) ->
+    {AtOnce, InTime} = starl_world_faults:from_the_start(Schedule),
+    ok = lists:foreach(fun(Fault) -> at(element(2, Fault), {begins, Fault}, Play) end, InTime),
+    AtOnce.
+
+%% @doc This process gets a message at this time of the run.
+-spec at(Ms :: integer(), Message :: term(), t()) -> ok.
+at(Ms, Message, #play{clock = Clock}) ->
+    At = starl_live_clock:monotonic_ms(1000 * Ms, Clock),
+    _ = erlang:send_after(At, self(), Message, [{abs, true}]),
+    ok.
+
+now_ms(#play{clock = Clock}) -> starl_live_clock:now_us(Clock) div 1000.
+
+%% @doc A fault begins now: the world is told, and may not have it.
+-spec begins(starl_run_fault:t(), t()) -> {ok, [effect()], t()} | {error, unicode:chardata()}.
+begins(Fault, #play{faults = Faults} = Play) ->
+    {Told, Effects, Next} = starl_world_faults:begins(Fault, now_ms(Play), Faults),
+    case told(Told, Play) of
+        ok -> {ok, left(Effects, Play), Play#play{faults = Next}};
+        {error, _} = Error -> Error
+    end.
+
+told([], _Play) ->
+    ok;
+told([Told | More], #play{world = World} = Play) ->
+    case starl_world:fault(World, Told) of
+        ok -> told(More, Play);
+        {error, _} = Error -> Error
+    end.
+
+%% The end of a fault is a message to this process; the rest is for others to do.
+left(Effects, Play) ->
+    ok = lists:foreach(fun({due, Ms, Id}) -> at(Ms, {over, Id}, Play) end, [
+        Due
+     || {due, _, _} = Due <- Effects
+    ]),
+    [Effect || Effect <- Effects, element(1, Effect) =/= due].
+
+%% @doc The fault that a hand does now.
+-spec hand(starl_run_hand:t(), t()) -> {starl_run_fault:t(), t()}.
+hand(Hand, #play{speed = Speed, faults = Faults} = Play) ->
+    {Fault, Named} = starl_world_faults:named(Hand, now_ms(Play), Speed, Faults),
+    {Fault, Play#play{faults = Named}}.
+
+%% @doc A name for a fault that has none.
+-spec unnamed(Prefix :: string(), t()) -> {atom(), t()}.
+unnamed(Prefix, #play{faults = Faults} = Play) ->
+    {Id, Named} = starl_world_faults:unnamed(Prefix, Faults),
+    {Id, Play#play{faults = Named}}.
+
+%% @doc The time of a fault is over, or it is healed.
+-spec over(Id :: atom(), t()) -> {[effect()], t()}.
+over(Id, #play{faults = Faults} = Play) ->
+    {Told, Effects, Next} = starl_world_faults:over(Id, now_ms(Play), Faults),
+    _ = told(Told, Play),
+    {left(Effects, Play), Play#play{faults = Next}}.
+
+%% @doc A robot is up: what had sent it down has ended.
+-spec up(starl:robot_id(), t()) -> t().
+up(Robot, #play{faults = Faults} = Play) ->
+    {Told, Up} = starl_world_faults:up(Robot, now_ms(Play), Faults),
+    ok = told(Told, Play),
+    Play#play{faults = Up}.
+
+%% @doc What becomes of the store of a robot that starts now.
+-spec fate(starl:robot_id(), t()) -> {starl_world_faults:fate(), t()}.
+fate(Robot, #play{faults = Faults} = Play) ->
+    {Fate, Fated} = starl_world_faults:fate(Robot, Faults),
+    {Fate, Play#play{faults = Fated}}.
+
+%% @doc The air of a robot.
+-spec air(starl:robot_id(), t()) -> starl_live_air:settings().
+air(Robot, #play{speed = Speed, faults = Faults}) -> starl_world_faults:air(Robot, Speed, Faults).
+
+%% @doc The faults of a robot's senses.
+-spec senses(starl:robot_id(), t()) -> starl_live_sense_fault:faults().
+senses(Robot, #play{faults = Faults}) -> starl_world_faults:senses(Robot, Faults).
+
+%% @doc Must a robot not start now?
+-spec is_down(starl:robot_id(), t()) -> boolean().
+is_down(Robot, #play{faults = Faults} = Play) ->
+    starl_world_faults:is_down(Robot, now_ms(Play), Faults).
+
+%% @doc Is the disk of a robot full?
+-spec is_full(starl:robot_id(), t()) -> boolean().
+is_full(Robot, #play{faults = Faults}) -> starl_world_faults:is_full(Robot, Faults).
+
+%% @doc The names of the faults that can be healed.
+-spec healable(starl_run_hand:heal(), t()) -> [atom()].
+healable(What, #play{faults = Faults}) -> starl_world_faults:healable(What, Faults).
+
+%% @doc A time of the run by the computer's clock.
+-spec real_ms(Ms :: number(), t()) -> float().
+real_ms(Ms, #play{speed = Speed}) -> Ms / Speed.
+
+%% @doc The world of the run.
+-spec world(t()) -> pid().
+world(#play{world = World}) -> World.
