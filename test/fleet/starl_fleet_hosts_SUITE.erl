@@ -13,6 +13,7 @@
     wrong_port/1,
     another_address/1,
     cloned/1,
+    reload_goes_back/1,
     reloads/1,
     goes_back/1,
     rolls_back/1,
@@ -34,6 +35,7 @@ all() ->
         wrong_port,
         another_address,
         cloned,
+        reload_goes_back,
         reloads,
         goes_back,
         rolls_back,
@@ -195,6 +197,17 @@ until_log(N, Pattern, Looks, Hosts) ->
         nomatch -> error({never, Pattern, Said})
     end.
 
+%% New code that crashes on trial: the robots are back at once, on the release before, and it is told why.
+reload_goes_back(Config) ->
+    Hosts = ?config(hosts, Config),
+    Before = releases(Hosts),
+    app(crashing, Hosts),
+    {1, Said} = deploy("reload loop --trial 2", Hosts),
+    told("robot [12], app .loop.: rolled back: the new code crashed: planted at loop:step/2", Said),
+    contains("the robots run release", Said),
+    ?assertEqual(Before, releases(Hosts)),
+    ok = until("(robot [12] .*: loop runs, .*, hears 1 of 1 others.*\n){2}", Hosts).
+
 %% New code of the application, while the robots run: they go on with their leader.
 reloads(Config) ->
     Hosts = ?config(hosts, Config),
@@ -345,6 +358,7 @@ app(Way, #{dir := Dir}) ->
         case Way of
             first -> {"ok", "ok = starl:sleep(Robot, 200), {continue, Led}"};
             second -> {"ok", "_ = starl:id(Robot), {done, {second, Leader}}"};
+            crashing -> {"ok", "_ = starl:id(Robot), error(planted)"};
             planted -> {"error(planted)", "_ = starl:id(Robot), {continue, Led}"}
         end,
     ok = file:write_file(filename:join(Dir, "loop.erl"), [

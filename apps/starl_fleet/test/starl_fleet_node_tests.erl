@@ -75,6 +75,15 @@ health_test_() ->
             {{ill, "its link does not answer"}, {ok, status(#{link => silent})}},
             {{ill, "release 0-b still runs"}, {ok, status(#{release => "0-b"})}},
             {{ill, "its node does not answer"}, none},
+            {{healthy, 7}, {ok, status(#{reload => #{waiting => [], failed => none}})}},
+            {
+                {dead, "the new code"},
+                {ok, status(#{reload => #{waiting => [], failed => "the new code"}})}
+            },
+            {
+                {waits, "it is still in a step, and takes the new code after it"},
+                {ok, status(#{reload => #{waiting => [app], failed => none}})}
+            },
             {{healthy, 7}, {ok, status(#{peers => [peer(2, #{}), peer(3, #{})]})}},
             {
                 {ill,
@@ -119,6 +128,34 @@ status(More) ->
         started => 7
     },
     maps:merge(Well, More).
+
+%% What has changed, what runs in versions already, and what calls them.
+reloaded_modules_test() ->
+    Own = [
+        compiled("upper", "f() -> middle:f()."),
+        compiled("middle", "f() -> lower:f()."),
+        compiled("lower", "f() -> ok."),
+        compiled("other", "f() -> lists:seq(1, 2).")
+    ],
+    Names = fun(Changed, Known) ->
+        [M || {M, _, _} <- starl_fleet_reload:sources(Changed, Known, Own)]
+    end,
+    ?assertEqual([upper, middle, lower], Names([lower], [])),
+    ?assertEqual([upper], Names([upper], [])),
+    ?assertEqual([upper, other], Names([other], [upper])),
+    ?assertEqual([], Names([], [])).
+
+compiled(Name, Code) ->
+    Forms = [
+        begin
+            {ok, Tokens, _} = erl_scan:string(Text),
+            {ok, Form} = erl_parse:parse_form(Tokens),
+            Form
+        end
+     || Text <- ["-module(" ++ Name ++ ").", "-export([f/0]).", Code]
+    ],
+    {ok, Module, Beam} = compile:forms(Forms, [debug_info]),
+    {Module, Name ++ ".erl", Beam}.
 
 %% A robot comes from its fleet file alone.
 spec_test() ->

@@ -12,7 +12,10 @@
 %%   :starl_notebook.go(team, 60)          # a minute in real time, in the background
 %% '''
 %% A module that compiles with `@compile {:autoload, false}' is not loaded where it is defined, but by
-%% {@link team/2} and {@link reload/2}, so that no robot ends in the middle of a step.
+%% {@link team/2} and {@link reload/2}, so that no robot ends in the middle of a step. A program that was
+%% defined anew is on trial ({@link starl_sim:reload/2}). A module that the program calls by its name as a
+%% value, `group.next(...)', takes the place of its former definition at once: a version beside it would have
+%% another name, and nobody would call it.
 %%
 %% The picture of a team is an output of the cell that has made the team, and of each that asks
 %% {@link show/1}. Where there is no notebook, nothing is shown.
@@ -70,16 +73,21 @@ go(Team, Seconds, Speed) -> starl_notebook_team:go(Team, Seconds, Speed).
 -spec rest(pid()) -> starl_notebook_team:status().
 rest(Team) -> starl_notebook_team:rest(Team).
 
-%% @doc Gives a team new code: each robot uses it from its next step on. `waits' names robots in the
-%% middle of a step of the version before last; the code is loaded when they have ended it.
--spec reload(defined(), pid()) -> ok | {waits, [starl:robot_id()]}.
+%% @doc Gives a team new code: each robot uses it from its next step on, and all go back to the former one if
+%% it fails on one of them within five seconds; {@link status/1} says so.
+-spec reload(defined(), pid()) -> ok.
 reload(Defined, Team) ->
-    case starl_notebook_team:reload(Team, code_of(Defined)) of
-        {error, Reason} -> error({starl_notebook, text(starl_sim:format_error(Reason))});
-        Answer -> Answer
+    case {starl_notebook_team:reload(Team, code_of(Defined)), Defined} of
+        {ok, _} ->
+            ok;
+        {{error, {reload, {no_part, _}}}, {module, Module, _, _}} ->
+            Module = loaded(Defined),
+            ok;
+        {{error, Reason}, _} ->
+            error({starl_notebook, text(starl_sim:format_error(Reason))})
     end.
 
-code_of({module, Module, Beam, _}) -> {Module, Beam};
+code_of({module, Module, Beam, _}) -> {Module, atom_to_list(Module), Beam};
 code_of(Module) -> Module.
 
 %% @doc Shows a team in the cell that asks for it.

@@ -53,8 +53,7 @@ go(Team, Seconds, Speed) when Seconds > 0, Speed > 0 ->
 rest(Team) -> gen_server:call(Team, rest, infinity).
 
 %% @doc Gives new code: a module's as it is to be found, or this.
--spec reload(pid(), module() | {module(), Beam :: binary()}) ->
-    ok | {waits, [starl:robot_id()]} | {error, starl_sim:reason()}.
+-spec reload(pid(), starl_version:source()) -> ok | {error, starl_sim:reason()}.
 reload(Team, Code) -> gen_server:call(Team, {reload, Code}, infinity).
 
 %% @doc Shows the team in a cell, from now on.
@@ -100,10 +99,8 @@ handle_call({go, Seconds, Speed}, _From, Team) ->
     {reply, ok, Team#team{going = {now_us(Team) + round(Seconds * 1000000), Speed}}};
 handle_call(rest, _From, Team) ->
     {reply, status_of(Team), Team#team{going = no}};
-handle_call({reload, {_Module, Beam}}, _From, #team{sim = Sim} = Team) ->
-    {reply, starl_sim:reload(Sim, "a cell of a notebook", Beam), Team};
-handle_call({reload, Module}, _From, #team{sim = Sim} = Team) ->
-    {reply, starl_sim:reload(Sim, Module), Team};
+handle_call({reload, Code}, _From, #team{sim = Sim} = Team) ->
+    {reply, starl_sim:reload(Sim, Code), Team};
 handle_call({show, Cell}, _From, #team{cells = Cells, ref = Ref} = Team) ->
     ok = starl_notebook_output:frame(Ref, drawn(Team), Cell),
     {reply, ok, Team#team{cells = lists:usort([Cell | Cells])}};
@@ -179,8 +176,12 @@ status_of(#team{sim = Sim} = Team) ->
         {app, Reason} <- Crashes,
         {_, _} = Cause <- [starl_crash:cause(Reason)]
     ],
+    Back = [
+        starl_reload_monitor:format(Reload)
+     || Reload <- starl_sim:reloads(Sim), starl_reload_monitor:is_back(Reload)
+    ],
     #{
         time_s => now_us(Team) / 1000000,
         running => Running,
-        problems => [unicode:characters_to_binary(Line) || Line <- Broken ++ Crashed]
+        problems => [unicode:characters_to_binary(Line) || Line <- Broken ++ Crashed ++ Back]
     }.

@@ -88,6 +88,45 @@ no_notebook_shows_nothing_test() ->
     {ok, #{digest := Same}} = starl_sim_trial:run(#{app => ?MODULE, robots => 1}),
     ?assertEqual(string:lowercase(binary:encode_hex(Same)), Digest).
 
+%% A program that is defined anew, and crashes on robot 2: all go on with the former one, and the line says why.
+%% A module that is no program of the robots is loaded as it is.
+a_mistaken_program_is_taken_back_test() ->
+    Team = starl_notebook:team(
+        defined("step(R, N) -> ok = starl:sleep(R, 100), {continue, N + 1}."), #{
+            robots => 2
+        }
+    ),
+    #{problems := []} = starl_notebook:drive(Team, 1),
+    ok = starl_notebook:reload(
+        defined("step(R, N) -> ok = starl:sleep(R, 100), 1 = starl:id(R), {continue, N}."), Team
+    ),
+    #{problems := [Line], running := 2} = starl_notebook:drive(Team, 1),
+    ?assertMatch(<<"reload 1 (app): ", _/binary>>, Line),
+    ?assertNotEqual(
+        nomatch, string:find(Line, "ROLLED BACK on robots 1, 2; first on robot 2 (app)")
+    ),
+    ok = starl_notebook:reload(module(starl_notebook_helper, "f() -> ok."), Team),
+    ?assertEqual(ok, starl_notebook_helper:f()),
+    _ = starl_notebook:finish(Team).
+
+defined(Step) -> module(starl_notebook_defined, "init(_, _) -> 0.\n" ++ Step).
+
+%% As a cell of Elixir answers.
+module(Name, Code) ->
+    Text =
+        "-module(" ++ atom_to_list(Name) ++ ").\n-compile([export_all, nowarn_export_all]).\n" ++
+            Code,
+    Forms = [
+        begin
+            {ok, Tokens, _} = erl_scan:string(Form),
+            {ok, Parsed} = erl_parse:parse_form(Tokens),
+            Parsed
+        end
+     || Form <- string:split(Text, "\n", all)
+    ],
+    {ok, Name, Beam} = compile:forms(Forms, [debug_info]),
+    {module, Name, Beam, none}.
+
 a_mistaken_scenario_is_one_line_test() ->
     ?assertError(
         {starl_notebook, <<"robots: ", _/binary>>}, starl_notebook:team(?MODULE, #{robots => 0})

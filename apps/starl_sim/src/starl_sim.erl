@@ -30,7 +30,14 @@
 ]).
 -export([watch/2, at_work/1]).
 -export([
-    run_until_event/3, robots/1, snapshots/1, events/2, timers/2, violations/1, reload/2, reload/3
+    run_until_event/3,
+    robots/1,
+    snapshots/1,
+    events/2,
+    timers/2,
+    violations/1,
+    reload/2, reload/3,
+    reloads/1
 ]).
 -export([scenario/1, notes/1, robot_pids/2, plan/2, format_error/1]).
 
@@ -84,7 +91,7 @@
 -type reason() ::
     starl_run:reason()
     | {nodes, starl_sim_nodes:reason()}
-    | {reload, {no_code, module()} | starl_sim_reload:reason()}
+    | {reload, starl_reload:reason() | {node(), unreachable}}
     | starl_sim_run:missed().
 
 %% @doc Starts the simulation of a scenario. The key `app' is the application's module, or its name
@@ -187,31 +194,27 @@ timers(#sim{run = Run}, Robot) -> starl_sim_run:timers(Run, Robot).
 -spec violations(sim()) -> [starl_monitor:violation()] | {error, running}.
 violations(#sim{run = Run}) -> starl_sim_run:violations(Run).
 
-%% @doc Loads a module anew, from the place of its code; each application uses it from its next
-%% step on. No application is ever killed, even if steps block and this is called again and again.
-%% `waits' lists the robots in the middle of a step of the version before last. The code is loaded
-%% as soon as they have ended that step and the run goes on; of several waiting versions, the last.
--spec reload(sim(), module()) -> ok | {waits, [starl:robot_id()]} | {error, reason()}.
-reload(Sim, Module) ->
-    case code:get_object_code(Module) of
-        {Module, Beam, File} -> reload(Sim, File, Beam);
-        error -> {error, {reload, {no_code, Module}}}
-    end.
+%% @doc All robots get new code, as by a reload of the scenario ({@link starl_reload}): a module from the place
+%% of its code, a source file, or compiled code. Each machine goes on with it at its next step, on trial for
+%% five seconds of virtual time; {@link reloads/1} and the log say what has become of it. If it fails on one
+%% robot, all go back.
+-spec reload(sim(), starl_run_reloads:source()) -> ok | {error, reason()}.
+reload(Sim, Source) -> reload(Sim, Source, #{}).
 
-%% @doc Loads code that was compiled in memory, as {@link reload/2} does.
--spec reload(sim(), file:filename(), Beam :: binary()) ->
-    ok | {waits, [starl:robot_id()]} | {error, reason()}.
-reload(#sim{run = Run}, File, Beam) ->
-    case starl_sim_run:reload(Run, {module_of(Beam), File, Beam}) of
+%% @doc The same with another trial time.
+-spec reload(sim(), starl_run_reloads:source(), #{trial_ms => non_neg_integer()}) ->
+    ok | {error, reason()}.
+reload(#sim{run = Run}, Source, Options) ->
+    TrialMs = maps:get(trial_ms, Options, starl_reload:trial_ms()),
+    case starl_sim_run:reload(Run, starl_run_reloads:sources(Source), TrialMs) of
         {error, Reason} -> {error, {reload, Reason}};
-        Answer -> Answer
+        ok -> ok
     end.
 
-module_of(Beam) ->
-    case beam_lib:info(Beam) of
-        [_ | _] = Info -> proplists:get_value(module, Info);
-        {error, beam_lib, _} -> none
-    end.
+%% @doc What has become of the reloads so far, those of the scenario among them: {@link
+%% starl_reload_monitor:format/1} says it in a line each.
+-spec reloads(sim()) -> [starl_reload_monitor:reload()].
+reloads(#sim{run = Run}) -> starl_sim_run:reloads(Run).
 
 %% @doc Watches for a run that stands still in real time ({@link starl_sim_watchdog}).
 -spec watch(sim(), starl_sim_watchdog:config()) -> pid().
@@ -261,12 +264,10 @@ format_error({lost, Loss}) ->
     starl_sim_nodes:format_loss(Loss);
 format_error({hung, Hang}) ->
     starl_sim_watchdog:format_hang(Hang);
-format_error({reload, {no_code, Module}}) ->
-    io_lib:format("there is no code of ~ts to be loaded; is it compiled and in the path?", [Module]);
-format_error({reload, {bad_code, _, _} = Reason}) ->
-    starl_code:format_error(Reason);
 format_error({reload, {Node, unreachable}}) ->
-    io_lib:format("node ~ts cannot be reached: no code was loaded", [Node]);
+    io_lib:format("node ~ts cannot be reached: nothing was reloaded", [Node]);
+format_error({reload, Reason}) ->
+    lists:join("; ", starl_reload:format_error(Reason));
 format_error({no_robot, Robot}) ->
     io_lib:format("there is no robot ~b", [Robot]);
 format_error({past, Robot, Events}) ->

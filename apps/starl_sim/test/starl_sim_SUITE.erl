@@ -26,7 +26,9 @@
     hot_reload_carries_the_state/1,
     hot_reload_without_code_change/1,
     reloads_in_one_step_kill_nobody/1,
-    waiting_code_is_loaded_after_the_step/1,
+    code_is_taken_after_the_step/1,
+    code_comes_while_it_runs/1,
+    a_crash_on_trial_takes_all_back/1,
     failed_code_change_keeps_the_state/1,
     bad_code_is_refused/1,
     errors_of_start/1,
@@ -66,7 +68,9 @@ all() ->
         hot_reload_carries_the_state,
         hot_reload_without_code_change,
         reloads_in_one_step_kill_nobody,
-        waiting_code_is_loaded_after_the_step,
+        code_is_taken_after_the_step,
+        code_comes_while_it_runs,
+        a_crash_on_trial_takes_all_back,
         failed_code_change_keeps_the_state,
         bad_code_is_refused,
         errors_of_start,
@@ -389,7 +393,7 @@ unreachable_robot_is_lost(_) ->
 
 %% -- hot reload -----------------------------------------------------------------------------
 
-%% Newly loaded code takes effect at the next step; code_change/2 carries the state over.
+%% Code that the VM itself has loaded anew takes effect at the next step; code_change/2 carries the state over.
 hot_reload_carries_the_state(_) ->
     reload("code_change(N, Old) when is_binary(Old) -> {n, N + 1000}.", "{n, N}", fun(Results) ->
         ?assertEqual([{done, {new, 1005}}, {done, {new, 1005}}], Results)
@@ -424,66 +428,77 @@ reloads_in_one_step_kill_nobody(_) ->
     ),
     {ok, Sim} = starl_sim:start(#{app => starl_sim_reloaded, robots => 2}),
     #{ending := none} = starl_sim:run(Sim, 5),
-    Answers = [
-        starl_sim:reload(
-            Sim,
-            "starl_sim_reloaded.erl",
-            compiled(
-                lists:concat([
-                    "init(_, _) -> error(started_anew).\n"
-                    "             code_change(Ks, _) -> [v",
-                    V,
-                    " | Ks].\n"
-                    "             step(_, Ks) -> {done, {",
-                    V,
-                    ", Ks}}."
-                ])
-            )
-        )
-     || V <- lists:seq(2, 6)
+    [
+        ok = starl_sim:reload(Sim, code(carries(V) ++ "step(_, Ks) -> {done, {" ++ V ++ ", Ks}}."))
+     || V <- ["2", "3", "4", "5", "6"]
     ],
-    ?assertEqual([ok | lists:duplicate(4, {waits, [1, 2]})], Answers),
     #{ending := done} = starl_sim:run(Sim),
-    {#{robots := Robots}, _} = starl_sim:finish(Sim),
-    %% the second version is the one that was there when the step ended
-    ?assertEqual(
-        [{done, {2, [v2, 1]}}, {done, {2, [v2, 1]}}],
-        [Result || {_, #{result := Result}} <- Robots]
-    ).
+    Done = {done, {6, [v6, v5, v4, v3, v2, 1]}},
+    ?assertEqual([Done, Done], results(Sim)).
 
-%% What waits takes effect when the steps that were in the way have ended.
-waiting_code_is_loaded_after_the_step(_) ->
+carries(V) ->
+    "init(_, _) -> error(started_anew).\n code_change(Ks, _) -> [v" ++ V ++ " | Ks].\n".
+
+results(Sim) ->
+    {#{robots := Robots}, _} = starl_sim:finish(Sim),
+    [Result || {_, #{result := Result}} <- Robots].
+
+%% Versions that come during a step are taken one after the other at its end, and the run tells of each.
+code_is_taken_after_the_step(_) ->
     Long =
         "step(R, Ks) when length(Ks) < 5 -> ok = starl:sleep(R, 10000), {continue, [1 | Ks]};\n"
         "            step(_, Ks) -> {done, Ks}.",
     load("init(_, _) -> []. " ++ Long),
     {ok, Sim} = starl_sim:start(#{app => starl_sim_reloaded, robots => 2}),
     #{ending := none} = starl_sim:run(Sim, 5),
-    Carry = fun(V) ->
-        Code = lists:concat([
-            "init(_, _) -> error(started_anew).\n"
-            "                              code_change(Ks, _) -> [v",
-            V,
-            " | Ks]. ",
-            Long
-        ]),
-        starl_sim:reload(Sim, "starl_sim_reloaded.erl", compiled(Code))
-    end,
-    ?assertEqual([ok, {waits, [1, 2]}, {waits, [1, 2]}], [Carry(V) || V <- [2, 3, 4]]),
-    %% resting or running, it waits
+    [ok = starl_sim:reload(Sim, code(carries(V) ++ Long)) || V <- ["2", "3", "4"]],
     #{ending := none} = starl_sim:run(Sim, 8),
-    #{ending := none} = starl_sim:run(Sim, 15),
-    #{ending := none} = starl_sim:run(Sim, 16),
+    ?assertEqual([], starl_sim:reloads(Sim)),
     #{ending := done} = starl_sim:run(Sim),
-    {#{robots := Robots}, _} = starl_sim:finish(Sim),
-    %% one step in the first version, one in the second, the rest in the last
-    ?assertEqual(
-        [{done, [1, v4, 1, v2, 1]}, {done, [1, v4, 1, v2, 1]}],
-        [Result || {_, #{result := Result}} <- Robots]
-    ).
+    ?assertMatch(
+        [
+            #{number := 1, machines := [app], taken := [1, 2], back := [], why := none},
+            #{number := 2, taken := [1, 2], back := []},
+            #{number := 3, taken := [1, 2], back := []}
+        ],
+        starl_sim:reloads(Sim)
+    ),
+    Done = {done, [1, v4, v3, v2, 1]},
+    ?assertEqual([Done, Done], results(Sim)).
 
-%% Code that cannot take over the state does not get it: the application waits with it, keeps what
-%% it is sent, and goes on when other code comes, the code before among others.
+%% The run goes on until the new code is there: the robots of each shard take it.
+code_comes_while_it_runs(_) ->
+    load("init(_, _) -> 0. step(R, N) -> ok = starl:sleep(R, 1), {continue, N + 1}."),
+    {ok, Sim} = starl_sim:start(#{
+        app => starl_sim_reloaded, robots => 4, shards => 2, time => 36000
+    }),
+    {Runs, Ref} = spawn_monitor(fun() -> exit(starl_sim:run(Sim)) end),
+    ok = starl_sim:reload(Sim, code("init(_, _) -> error(anew). step(_, _) -> {done, new}.")),
+    receive
+        {'DOWN', Ref, process, Runs, Status} -> ?assertMatch(#{ending := done}, Status)
+    end,
+    ?assertMatch([#{number := 1, taken := [1, 2, 3, 4], back := []}], starl_sim:reloads(Sim)),
+    ?assertEqual(lists:duplicate(4, {done, new}), results(Sim)).
+
+%% Robot 2 crashes in the new code: all go on with the former one, and it is told where and why.
+a_crash_on_trial_takes_all_back(_) ->
+    load("init(_, _) -> 0. " ++ counting()),
+    {ok, Sim} = starl_sim:start(#{app => starl_sim_reloaded, robots => 2}),
+    #{ending := none} = starl_sim:run(Sim, 2.5),
+    Crashing = "step(R, N) -> ok = starl:sleep(R, 1000), 1 = starl:id(R), {continue, N + 100}.",
+    ok = starl_sim:reload(Sim, code("init(_, _) -> error(started_anew). " ++ Crashing)),
+    #{ending := done} = starl_sim:run(Sim),
+    ?assertMatch(
+        [#{back := [1, 2], why := {_, 2, app, {crashed, {"no match of" ++ _, [_ | _]}}}}],
+        starl_sim:reloads(Sim)
+    ),
+    [{done, {old, _}}, {done, {old, 10}}] = results(Sim).
+
+counting() ->
+    "step(R, N) when N < 10 -> ok = starl:sleep(R, 1000), {continue, N + 1}; step(_, N) -> {done, {old, N}}.".
+
+%% Code that cannot take over the state does not get it: the application goes on with the former code and
+%% keeps what it is sent; it takes other code that comes.
 failed_code_change_keeps_the_state(_) ->
     First =
         "init(R, _) -> starl:listen(R, a), starl:post(R, 1, a, kept), 0.\n"
@@ -496,7 +511,7 @@ failed_code_change_keeps_the_state(_) ->
     Bad =
         "init(_, _) -> error(started_anew).\n"
         "           code_change(N, _) when is_list(N) -> N.\n"
-        "           step(_, _) -> error(stepped_with_a_state_of_other_code).",
+        "           step(_, _) -> error(of_no_use).",
     [
         begin
             load(First),
@@ -505,22 +520,17 @@ failed_code_change_keeps_the_state(_) ->
                 #{watch => [{starl_sim_order_monitor, #{}}]}
             ),
             #{ending := none} = starl_sim:run(Sim, 1.5),
-            ok = starl_sim:reload(Sim, "starl_sim_reloaded.erl", compiled(Bad)),
-            #{ending := none, running := 1} = starl_sim:run(Sim, 20),
-            %% the rest of the robot goes on
-            ?assertMatch(#{sap := _, motion := _}, starl_sim:inspect(Sim, 1)),
-            ok = starl_sim:reload(Sim, "starl_sim_reloaded.erl", compiled(Next)),
-            #{ending := Ending} = starl_sim:run(Sim, 30),
+            [ok = starl_sim:reload(Sim, code(Code)) || Code <- [Bad | Next]],
+            #{ending := done} = starl_sim:run(Sim),
+            [#{back := [1], why := {_, 1, app, {migration_failed, Why}}} | _] =
+                starl_sim:reloads(Sim),
+            ?assertMatch({"no clause of " ++ _, [_ | _]}, Why),
             {#{robots := [{1, #{result := Result}}]} = Outcome, _} = starl_sim:finish(Sim),
-            ?assertEqual({done, {done, Expected}}, {Ending, Result}),
+            ?assertEqual({done, Expected}, Result),
             Trace = starl_sim_ct:trace(Outcome),
-            ?assertEqual([], [E || {_, _, supervisor, _} = E <- Trace]),
-            ?assertMatch(
-                [{_, 1, app, {code_change_failed, {"no clause of " ++ _, [_ | _]}}}],
-                [E || {_, _, _, {code_change_failed, _}} = E <- Trace]
-            )
+            ?assertEqual([], [E || {_, _, supervisor, _} = E <- Trace])
         end
-     || {Next, Expected} <- [{First, {3, {ok, 1, kept}}}, {Better, {better, 2, {ok, 1, kept}}}]
+     || {Next, Expected} <- [{[], {3, {ok, 1, kept}}}, {[Better], {better, 2, {ok, 1, kept}}}]
     ].
 
 bad_code_is_refused(_) ->
@@ -528,15 +538,17 @@ bad_code_is_refused(_) ->
     {ok, Sim} = starl_sim:start(#{app => starl_sim_reloaded, robots => 1}),
     [
         begin
-            {error, Reason} = Refused,
+            {error, Reason} = starl_sim:reload(Sim, Source),
             ?assertMatch(
                 [_ | _], lists:flatten(io_lib:format("~ts", [starl_sim:format_error(Reason)]))
             )
         end
-     || Refused <- [starl_sim:reload(Sim, "x.erl", <<"no beam">>), starl_sim:reload(Sim, no_such)]
+     || Source <- [{starl_sim_reloaded, "x.erl", <<"no beam">>}, no_such, "no_such.erl", lists]
     ],
     #{ending := done} = starl_sim:run(Sim),
     {#{robots := [{1, #{result := {done, fine}}}]}, _} = starl_sim:finish(Sim).
+
+code(Code) -> {starl_sim_reloaded, "starl_sim_reloaded.erl", compiled(Code)}.
 
 load(Code) ->
     Beam = compiled(Code),
@@ -555,7 +567,7 @@ compiled(Code) ->
         end
      || F <- forms(Tokens, [])
     ],
-    {ok, starl_sim_reloaded, Binary} = compile:forms(Forms),
+    {ok, starl_sim_reloaded, Binary} = compile:forms(Forms, [debug_info]),
     Binary.
 
 forms([], []) -> [];

@@ -23,7 +23,7 @@ other(false, N, Robot, Said) ->
 
 known(N, Robot, #{release := Release, app := App, started := At, link := Link} = Status) ->
     #{result := Result, crashes := Crashes} = Status,
-    Line = "robot ~b (~ts): ~ts ~ts, release ~ts, for ~ts~ts~ts~ts~ts~ts\n",
+    Line = "robot ~b (~ts): ~ts ~ts, release ~ts, for ~ts~ts~ts~ts~ts~ts~ts\n",
     Who = starl_fleet_steps:target(Robot),
     io_lib:format(Line, [
         N,
@@ -34,6 +34,7 @@ known(N, Robot, #{release := Release, app := App, started := At, link := Link} =
         since(At),
         silent(Link),
         crashes(Crashes, Status),
+        reload(maps:get(reload, Status, none)),
         clock(maps:get(ahead_us, Status, 0)),
         peers(maps:get(peers, Status, [])),
         chassis(maps:get(chassis, Status, #{}))
@@ -47,6 +48,11 @@ unknown(N, Robot, Said) ->
 doing(running) -> "runs";
 doing(given_up) -> "has given up";
 doing({done, Result}) -> ["is done: ", Result].
+
+%% The latest one, as long as it is not well on this robot.
+reload(#{failed := Why}) when Why =/= none -> [", the reload has failed: ", Why];
+reload(#{waiting := [_ | _]}) -> ", still in a step, takes the new code after it";
+reload(_Well) -> "".
 
 silent(answers) -> "";
 silent(silent) -> ", its link does not answer".

@@ -78,7 +78,7 @@ title(check) -> "check the release there: the VM starts, the fleet file is sound
 title(commission) -> "the robots have never run (only if none of them has a store)";
 title(may_reload) -> "can the new code be loaded?";
 title(switch) -> "switch to the release, and start; on a failure: bin/robot undo";
-title(reload) -> "load the new code; on a failure: bin/robot reload back";
+title(reload) -> "take the new code, on trial; on a failure: bin/robot reload back";
 title(health) -> "wait until the robot is well and hears all others";
 title(tidy) -> "remove older releases".
 
@@ -110,7 +110,7 @@ stages(Fleet, #{way := Way} = Plan, Manifest, Options) ->
         })
     of
         {ok, State} -> turned(each(After, State), Way, State);
-        {error, Lines} -> {error, Lines ++ ["no robot has changed its release"]}
+        {error, _Failed, Lines} -> {error, Lines ++ ["no robot has changed its release"]}
     end.
 
 is_turn(Stage) -> Stage =:= switch orelse Stage =:= reload.
@@ -127,15 +127,15 @@ turned({ok, #{plan := #{release := Release}, fleet := #{robots := Robots}}}, _Wa
     Line = "release ~ts runs on ~b robot~ts",
     Plural = [$s || map_size(Robots) > 1],
     {ok, [io_lib:format(Line, [filename:basename(Release), map_size(Robots), Plural])]};
-turned({error, Lines}, Way, State) ->
-    {error, Lines ++ back(Way, State)}.
+turned({error, Failed, Lines}, Way, State) ->
+    {error, Lines ++ back(back_words(Way, Failed), State)}.
 
 each([], State) ->
     {ok, State};
 each([Stage | Stages], State) ->
     case stage(Stage, State) of
         {ok, Next} -> each(Stages, Next);
-        {error, _} = Error -> Error
+        {error, _, _} = Error -> Error
     end.
 
 %% A team that has run begins nothing anew: a robot without a store has lost it.
@@ -154,8 +154,10 @@ stage({Name, Steps}, #{options := #{say := Say}, tar := Tar} = State) ->
         [other_way(Name, Step, Tar, State) || Step <- Steps], ?STAGE_MS
     ),
     case failures(Name, Results, State) of
-        [] -> looked(Name, Results, State#{looked_s => {Begun, os:system_time(second)}});
-        Lines -> {error, Lines}
+        [] ->
+            looked(Name, Results, State#{looked_s => {Begun, os:system_time(second)}});
+        Lines ->
+            {error, hd([N || {N, {Status, _}} <- Results, Status =/= 0]), Lines}
     end.
 
 %% Where there is no rsync.
@@ -186,20 +188,27 @@ looked(look, Results, #{fleet := #{robots := Robots}, ours := Ours} = State) ->
                 stores := [N || {N, #{store := true}} <- Facts]
             }};
         Lines ->
-            {error, Lines}
+            {error, hd(lists:sort(maps:keys(Robots))), Lines}
     end;
+looked(health, Results, #{fleet := #{robots := Robots}, options := #{say := Say}} = State) ->
+    Notes = [{N, string:trim(Said)} || {N, {0, Said}} <- Results],
+    ok = lists:foreach(Say, [
+        starl_fleet_failure:named(N, maps:get(N, Robots), Note)
+     || {N, Note} <- Notes, Note =/= "healthy"
+    ]),
+    {ok, State};
 looked(_Name, _Results, State) ->
     {ok, State}.
 
 %% -- back -----------------------------------------------------------------------------------
 
-back(Way, #{fleet := Fleet, plan := Plan, options := #{say := Say}}) ->
+back(Words, #{fleet := Fleet, plan := Plan, options := #{say := Say}}) ->
     ok = Say("back to the release before"),
-    {Failures, Summary} = went_back(starl_fleet_steps:back(back_words(Way), Fleet, Plan), Fleet),
+    {Failures, Summary} = went_back(starl_fleet_steps:back(Words, Fleet, Plan), Fleet),
     Failures ++ [Summary].
 
-back_words(restart) -> "undo";
-back_words(reload) -> "reload back".
+back_words(restart, _Failed) -> "undo";
+back_words(reload, Failed) -> "reload back " ++ integer_to_list(Failed).
 
 summary(Said) ->
     case lists:usort([string:trim(Text) || Text <- Said]) of

@@ -2,7 +2,7 @@
 %% to do. A pure module.
 -module(starl_fleet_failure).
 
--export([line/4, look/4, clock/4, facts/1, lost_store/2]).
+-export([line/4, named/3, look/4, clock/4, facts/1, lost_store/2]).
 
 -export_type([facts/0]).
 
@@ -23,6 +23,8 @@
 }) -> unicode:chardata().
 line(Stage, N, Robot, {Status, Said}) -> named(N, Robot, why(Stage, Status, Said, Robot)).
 
+%% @doc A line on a robot.
+-spec named(starl:robot_id(), starl_fleet_file:robot(), unicode:chardata()) -> unicode:chardata().
 named(N, Robot, Why) ->
     io_lib:format("robot ~b (~ts): ~ts", [N, starl_fleet_steps:target(Robot), Why]).
 

@@ -77,8 +77,8 @@ command(may_reload, N, Robot, Fleet, Plan) ->
     robot(N, Robot, Fleet, Plan, "reload check");
 command(switch, N, Robot, Fleet, Plan) ->
     robot(N, Robot, Fleet, Plan, "switch");
-command(reload, N, Robot, Fleet, Plan) ->
-    robot(N, Robot, Fleet, Plan, "reload switch");
+command(reload, N, Robot, Fleet, #{trial_s := Trial} = Plan) ->
+    robot(N, Robot, Fleet, Plan, "reload switch " ++ integer_to_list(1000 * Trial));
 command(health, N, Robot, Fleet, #{trial_s := Trial} = Plan) ->
     Words = io_lib:format("health ~b ~b", [?HEALTH_S, Trial]),
     robot(N, Robot, Fleet, Plan, lists:flatten(Words));

@@ -6,6 +6,8 @@
 -type answer() :: {0..255, unicode:chardata()}.
 
 -define(ANSWER_MS, 10_000).
+%% New versions are compiled there.
+-define(RELOAD_MS, 120_000).
 -define(PAUSE_MS, 250).
 
 %% @doc Answers the words of the command line.
@@ -28,17 +30,22 @@ answer(["health", Seconds, TrialS], #{state := State, version := Version}) ->
     TrialMs = 1000 * list_to_integer(TrialS),
     watched(#{state => State, version => Version, until => Until, trial_ms => TrialMs}, none);
 answer(Question, #{state := State}) ->
-    case starl_fleet_control:ask(State, Question, ?ANSWER_MS) of
+    case starl_fleet_control:ask(State, Question, limit_ms(Question)) of
         {ok, {error, Why}} -> {1, [Why, "\n"]};
         {ok, Answer} -> {0, starl_fleet_term:write(Answer)};
         none -> {3, ["the robot's node does not answer", why(State), "\n"]}
     end.
 
-%% The node must be healthy, and the same, for the whole trial.
+limit_ms(["reload" | _]) -> ?RELOAD_MS;
+limit_ms(_) -> ?ANSWER_MS.
+
+%% The node must be healthy, and the same, for the whole trial. A step may take longer than anybody waits.
 watched(#{state := State, until := Until} = Watch, Since) ->
     Now = erlang:monotonic_time(millisecond),
     case health(starl_fleet_control:ask(State, ["status"], ?ANSWER_MS), Watch) of
         {ill, Why} when Now > Until -> {1, [Why, why(State), "\n"]};
+        {waits, Why} when Now > Until -> {0, [Why, "\n"]};
+        {waits, _} -> again(Watch, none);
         {dead, Why} -> {1, [Why, "\n"]};
         {ill, _} -> again(Watch, none);
         {healthy, Start} -> lasting(Start, Since, Now, Watch)
@@ -58,14 +65,24 @@ again(Watch, Since) ->
     after ?PAUSE_MS -> watched(Watch, Since)
     end.
 
-%% @doc Whether a robot of this release is well, by its answer. `dead': waiting does not help.
+%% @doc Whether a robot of this release is well, by its answer. `dead': waiting does not help; `waits': it
+%% has not taken new code yet.
 -spec health({ok, term()} | none, #{version := string(), _ => _}) ->
-    {healthy, Start :: term()} | {ill | dead, Why :: unicode:chardata()}.
+    {healthy, Start :: term()} | {ill | dead | waits, Why :: unicode:chardata()}.
+health({ok, #{release := Version, reload := #{failed := Why}}}, #{version := Version}) when
+    Why =/= none
+->
+    {dead, Why};
 health({ok, #{release := Version, link := answers, crashes := 0} = Status}, #{version := Version}) ->
     case {Status, complaints(maps:get(peers, Status, []))} of
-        {#{result := given_up}, _} -> {dead, "its application has given up"};
-        {#{started := Started}, []} -> {healthy, Started};
-        {#{}, Complaints} -> {ill, ["it ", lists:join("; it ", Complaints)]}
+        {#{result := given_up}, _} ->
+            {dead, "its application has given up"};
+        {#{reload := #{waiting := [_ | _]}}, []} ->
+            {waits, "it is still in a step, and takes the new code after it"};
+        {#{started := Started}, []} ->
+            {healthy, Started};
+        {#{}, Complaints} ->
+            {ill, ["it ", lists:join("; it ", Complaints)]}
     end;
 health({ok, #{release := Version, crashes := N, crash := Crash}}, #{version := Version}) when
     N > 0

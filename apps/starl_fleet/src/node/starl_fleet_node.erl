@@ -3,13 +3,14 @@
 -module(starl_fleet_node).
 -behaviour(gen_server).
 
--export([start_link/1, status/0, runs/1, answers/1, spec/3, prepare/1]).
+-export([start_link/1, status/0, code/0, runs/1, takes/2, leaves/2, answers/1, spec/3, prepare/1]).
 -export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([status/0]).
 
 %% `started': seconds since 1970; `result': of the application; `crashes': of machines and of the
 %% application since the node started, with the latest in words; `chassis': how the body is, if it tells;
+%% `reload': of the latest one, the machines that have not taken it yet, and what has failed;
 %% `peers': what it knows of the other robots; `ahead_us': how far the time of the VM, which nobody can
 %% set, is ahead of the computer's clock.
 -type status() :: #{
@@ -23,6 +24,7 @@
     crashes := non_neg_integer(),
     crash := string() | none,
     ahead_us := integer(),
+    reload => #{waiting := [starl_machine:name()], failed := string() | none},
     figures => map(),
     peers => [starl_live_peers:peer()],
     chassis => map()
@@ -34,8 +36,23 @@
     started :: integer(),
     result = running :: running | given_up | {done, term()},
     crashes = 0 :: non_neg_integer(),
-    crash = none :: none | {starl_machine:name(), starl_crash:cause()}
+    crash = none :: none | {starl_machine:name(), starl_crash:cause()},
+    %% the modules of the robot's machines; the number of reloads, the modules that run in versions, and the
+    %% orders that have not failed, the newest first
+    parts = #{} :: #{starl_machine:name() => module()},
+    count = 0 :: non_neg_integer(),
+    versions = [] :: [module()],
+    orders = [] :: [starl_reload:order()],
+    reload = none :: reload() | none
 }).
+
+%% The latest reload: from which release it came.
+-type reload() :: #{
+    number := starl_reload:count(),
+    before := starl_fleet_place:t(),
+    waiting := [starl_machine:name()],
+    failed := string() | none
+}.
 
 %% Its reason of not starting, for bin/robot.
 -define(WHY, "why").
@@ -50,9 +67,28 @@ start_link(Place) -> gen_server:start_link({local, ?MODULE}, ?MODULE, Place, [])
 -spec status() -> status().
 status() -> gen_server:call(?MODULE, status, infinity).
 
+%% @doc What a reload must know: its number, the modules of the robot's machines, and those that run in
+%% versions already.
+-spec code() ->
+    #{
+        number := starl_reload:count(),
+        parts := #{starl_machine:name() => module()},
+        versions := [module()]
+    }.
+code() -> gen_server:call(?MODULE, code, infinity).
+
 %% @doc The code of the robot is that of this release from now on.
 -spec runs(Release :: file:filename()) -> ok.
 runs(Release) -> gen_server:call(?MODULE, {runs, Release}, infinity).
+
+%% @doc The robot takes new versions, which are loaded: those of this release.
+-spec takes(starl_reload:order(), Release :: file:filename()) -> ok | {error, string()}.
+takes(Order, Release) -> gen_server:call(?MODULE, {takes, Order, Release}, infinity).
+
+%% @doc The latest reload has failed on that robot: this one goes back to this release. It cannot if it has
+%% not come through the reload, since its node has started anew.
+-spec leaves(Release :: file:filename(), Failed :: starl:robot_id()) -> ok | {error, string()}.
+leaves(Release, Failed) -> gen_server:call(?MODULE, {leaves, Release, Failed}, infinity).
 
 %% @doc Whether the robot's link answers within this time.
 -spec answers(TimeoutMs :: pos_integer()) -> boolean().
@@ -130,9 +166,9 @@ init(Place) ->
 handle_continue(open, #node{place = #{state := State} = Place} = Node) ->
     ok = filelib:ensure_path(State),
     case prepare(Place) of
-        {ok, #{app := App} = Fleet, Spec} ->
-            Distributed = distribute(Place, Fleet),
-            {noreply, opened(Distributed, Spec, maps:get(metrics, Fleet), Node#node{app = App})};
+        {ok, #{app := App} = Fleet, #{tree := Tree} = Spec} ->
+            Known = Node#node{app = App, parts = starl_robot_crew:parts(Tree)},
+            {noreply, opened(distribute(Place, Fleet), Spec, maps:get(metrics, Fleet), Known)};
         {error, Lines} ->
             {noreply, refused(lists:join("; ", Lines), Node)}
     end.
@@ -164,14 +200,29 @@ refused(Why, #node{place = #{state := State}} = Node) ->
 distribute(_Place, #{transport := udp}) -> ok;
 distribute(#{robot := Robot, keys := Keys}, Fleet) -> starl_fleet_net:start(Robot, Keys, Fleet).
 
--spec handle_call(status | {runs, file:filename()}, gen_server:from(), #node{}) ->
-    {reply, status() | ok, #node{}}.
-handle_call({runs, Release}, _From, #node{place = Place} = Node) ->
-    Version = filename:basename(Release),
-    logger:notice(#{what => code_reloaded, release => Version}),
-    Moved = Place#{release := Release, version := Version},
-    {reply, ok, Node#node{place = Moved, crashes = 0, crash = none}};
-handle_call(status, _From, #node{place = Place, started = Started, app = App} = Node) ->
+-spec handle_call(term(), gen_server:from(), #node{}) ->
+    {reply, status() | map() | ok | {error, string()}, #node{}}.
+handle_call(code, _From, #node{count = Count, parts = Parts, versions = Versions} = Node) ->
+    {reply, #{number => Count + 1, parts => Parts, versions => Versions}, Node};
+handle_call({runs, Release}, _From, Node) ->
+    {reply, ok, moved(Release, Node#node{reload = none})};
+handle_call({takes, Order, Release}, _From, Node) ->
+    case robot_link() of
+        none -> {reply, {error, "its link does not answer"}, Node};
+        Link -> {reply, ok, taking(Order, Release, Link, Node)}
+    end;
+handle_call({leaves, Release, Failed}, _From, #node{reload = Reload} = Node) ->
+    case {Reload, robot_link()} of
+        {#{number := N, before := #{release := Release}}, Link} when Link =/= none ->
+            ok = starl_live_link:take_back(Link, N, Failed),
+            {reply, ok, moved(Release, without(N, Node#node{reload = none}))};
+        _ ->
+            {reply, {error, "it does not come from this release by a reload"}, Node}
+    end;
+handle_call(status, _From, Node) ->
+    {reply, status_of(Node), Node}.
+
+status_of(#node{place = Place, started = Started, app = App} = Node) ->
     Figures = starl_live_sup:figures(?ANSWER_MS),
     Status = #{
         robot => maps:get(robot, Place),
@@ -185,7 +236,40 @@ handle_call(status, _From, #node{place = Place, started = Started, app = App} = 
         crash => crash(Node#node.crash),
         ahead_us => starl_live_clock:ahead_us(starl_live_clock:new(0, 1))
     },
-    {reply, maps:merge(Status, more(Figures)), Node}.
+    Reload = [{reload, maps:with([waiting, failed], R)} || #{} = R <- [Node#node.reload]],
+    maps:merge(Status, maps:merge(maps:from_list(Reload), more(Figures))).
+
+moved(Release, #node{place = Place} = Node) ->
+    Version = filename:basename(Release),
+    logger:notice(#{what => code_reloaded, release => Version}),
+    Moved = Place#{release := Release, version := Version},
+    Node#node{place = Moved, crashes = 0, crash = none}.
+
+taking(#{number := N, versions := New} = Order, Release, Link, #node{parts = Parts} = Node) ->
+    #node{place = Before, versions = Versions, orders = Orders} = Node,
+    ok = starl_live_link:reload(Link, Order, self()),
+    moved(Release, Node#node{
+        count = N,
+        versions = lists:usort(maps:keys(New) ++ Versions),
+        orders = [Order | Orders],
+        reload = #{
+            number => N,
+            before => Before,
+            waiting => [Name || {Name, M} <- maps:to_list(Parts), is_map_key(M, New)],
+            failed => none
+        }
+    }).
+
+without(N, #node{orders = Orders} = Node) ->
+    Node#node{orders = [Order || #{number := M} = Order <- Orders, M =/= N]}.
+
+robot_link() ->
+    try starl_live_robot:link(starl_live_sup:robot()) of
+        Link when is_pid(Link) -> Link;
+        _ -> none
+    catch
+        exit:_ -> none
+    end.
 
 %% What its lines tell, only where the link has just answered.
 more(silent) ->
@@ -220,16 +304,35 @@ crash({Name, Cause}) ->
 -spec handle_cast(term(), #node{}) -> {noreply, #node{}}.
 handle_cast(_Request, Node) -> {noreply, Node}.
 
--spec handle_info(starl_live_link:told(), #node{}) -> {noreply, #node{}}.
+-spec handle_info(starl_live_link:told() | {starl_reloaded, _, _, _}, #node{}) ->
+    {noreply, #node{}}.
 handle_info({starl_traced, _Id, _Link, {_Batch, _Looked, Events}}, Node) ->
     {noreply, lists:foldl(fun noted/2, Node, Events)};
 handle_info({starl_ended, _Id, _Link, Result}, Node) ->
     logger:notice(#{what => application_ended, result => shown(Result)}),
     {noreply, Node#node{result = Result}};
-handle_info({starl_started, _Id, _Link, _Names}, Node) ->
+handle_info({starl_started, _Id, Link, _Names}, #node{orders = Orders} = Node) ->
+    %% a robot that has started anew in this node has its first code
+    _ = [starl_live_link:reload(Link, Order, self()) || Order <- lists:sublist(Orders, 1)],
     {noreply, Node#node{result = running}};
+handle_info({starl_reloaded, Id, Name, #{number := N} = Told}, #node{reload = Reload} = Node) ->
+    case Reload of
+        #{number := N} -> {noreply, heeded(Id, Name, Told, Node)};
+        _ -> {noreply, Node}
+    end;
 handle_info(_Message, Node) ->
     {noreply, Node}.
+
+heeded(Id, Name, #{number := N, outcome := Outcome, module := Module}, Node) ->
+    #node{reload = #{waiting := Waiting, failed := Before} = Reload} = Node,
+    Left = Reload#{waiting := lists:delete(Name, Waiting)},
+    case Before =:= none andalso starl_reload:is_failure(Outcome) of
+        true ->
+            Line = unicode:characters_to_list(starl_reload:format(Id, Name, Module, Outcome)),
+            without(N, Node#node{reload = Left#{failed := Line}});
+        false ->
+            Node#node{reload = Left}
+    end.
 
 noted({_Us, _Robot, supervisor, {crashed, Name, Cause}}, #node{crashes = N} = Node) ->
     Node#node{crashes = N + 1, crash = {Name, Cause}};

@@ -1,45 +1,58 @@
-%% @doc Changes the code of a running robot to that of another release: only modules of the
-%% application and what it brought along, never those of StarL. The application uses the new code
-%% from its next step on.
+%% @doc The reload of a running robot to the code of another release, in the way of all reloads ({@link
+%% starl_reload}): new versions of the application's own modules, and of what it brought along, lie beside the
+%% former ones, and are on trial. StarL's modules change with a deployment only. The robots of a fleet hear of
+%% each other's failures by whoever has ordered the reload, over ssh.
 -module(starl_fleet_reload).
 
--export([answer/1, changed/2]).
+-export([answer/1, changed/2, sources/3]).
 
--define(LAYERS, ["starl_blocks", "starl_run", "starl_live", "starl_fleet"]).
--define(TRIES, 50).
--define(PAUSE_MS, 100).
+-define(LAYERS, ["starl_blocks", "starl_run", "starl_live", "starl_trace", "starl_fleet"]).
 
-%% @doc Answers `bin/robot': `check RELEASE' looks whether its code can be loaded, `switch RELEASE' loads it.
+%% @doc Answers `bin/robot': `check RELEASE' makes the versions, `switch RELEASE TRIAL_MS' has the robot take
+%% them, `back RELEASE ROBOT' has it leave them for this release, since they have failed on that robot.
 -spec answer([string()]) -> ok | {error, string()}.
 answer(["check", Release]) ->
-    case own(changed(Release, modules())) of
-        {ok, Files} -> first_error([check(File) || File <- Files]);
+    case order(Release, starl_reload:trial_ms()) of
+        {error, _} = Error -> Error;
+        _ -> ok
+    end;
+answer(["switch", Release, TrialMs]) ->
+    case order(Release, list_to_integer(TrialMs)) of
+        {ok, Order, Code} -> taken(starl_version:load(Code), Order, Release);
+        same -> starl_fleet_node:runs(Release);
         {error, _} = Error -> Error
     end;
-answer(["switch", Release]) ->
-    case own(changed(Release, modules())) of
-        {ok, Files} ->
-            Loaded = first_error([load(File, ?TRIES) || File <- Files]),
-            ok = loaded(Loaded, Release),
-            Loaded;
-        {error, _} = Error ->
+answer(["back", Release, Failed]) ->
+    starl_fleet_node:leaves(Release, list_to_integer(Failed)).
+
+taken(ok, Order, Release) -> starl_fleet_node:takes(Order, Release);
+taken({error, Why}, _Order, _Release) -> {error, flat(Why)}.
+
+order(Release, TrialMs) ->
+    #{number := N, parts := Parts, versions := Known} = starl_fleet_node:code(),
+    case {own(changed(Release, loaded())), Known} of
+        {{ok, []}, []} ->
+            same;
+        {{ok, Files}, _} ->
+            Sources = sources([module(File) || File <- Files], Known, own_code(Release)),
+            ordered(starl_reload:order(N, Sources, Parts, TrialMs));
+        {{error, _} = Error, _} ->
             Error
     end.
 
-loaded(ok, Release) -> starl_fleet_node:runs(Release);
-loaded({error, _}, _Release) -> ok.
+ordered({ok, _, _} = Order) -> Order;
+ordered({error, Reason}) -> {error, flat(lists:join("; ", starl_reload:format_error(Reason)))}.
 
-modules() ->
+flat(Text) -> lists:flatten(unicode:characters_to_list(Text)).
+
+loaded() ->
     maps:from_list([{M, M:module_info(md5)} || {M, File} <- code:all_loaded(), is_list(File)]).
 
 %% @doc The files of a release whose code is another than that which is loaded.
 -spec changed(Release :: file:filename(), #{module() => Md5 :: binary()}) -> [file:filename()].
-changed(Release, Loaded) ->
-    [
-        File
-     || File <- filelib:wildcard(filename:join([Release, "lib", "*", "ebin", "*.beam"])),
-        is_changed(File, Loaded)
-    ].
+changed(Release, Loaded) -> [File || File <- beams(Release), is_changed(File, Loaded)].
+
+beams(Release) -> filelib:wildcard(filename:join([Release, "lib", "*", "ebin", "*.beam"])).
 
 is_changed(File, Loaded) ->
     {ok, {Module, Md5}} = beam_lib:md5(File),
@@ -70,20 +83,8 @@ of_application(File) ->
             false
     end.
 
-check(File) -> said(starl_code:check(module(File), File, beam(File))).
-
-%% Code of the version before last may still be in the middle of a step.
-load(File, Tries) ->
-    case starl_code:load(module(File), File, beam(File)) of
-        waits when Tries > 0 ->
-            receive
-            after ?PAUSE_MS -> load(File, Tries - 1)
-            end;
-        waits ->
-            {error, "a step of the application is still in the code before the last; try later"};
-        Answer ->
-            said(Answer)
-    end.
+own_code(Release) ->
+    [{module(File), File, beam(File)} || File <- beams(Release), of_application(File)].
 
 module(File) -> list_to_atom(filename:basename(File, ".beam")).
 
@@ -91,11 +92,27 @@ beam(File) ->
     {ok, Beam} = file:read_file(File),
     Beam.
 
-said(ok) -> ok;
-said({error, Reason}) -> {error, lists:flatten(starl_code:format_error(Reason))}.
+%% @doc The modules of which new versions are made: what has changed since the node started, what it runs in
+%% versions already, and what calls one of these, since a version is called by versions alone.
+-spec sources(Changed :: [module()], Known :: [module()], Own :: [starl_version:code()]) ->
+    [starl_version:code()].
+sources(Changed, Known, Own) ->
+    Calls = [{Module, called(Beam)} || {Module, _, Beam} <- Own],
+    Wanted = with_callers(lists:usort(Changed ++ Known), Calls),
+    [Code || {Module, _, _} = Code <- Own, lists:member(Module, Wanted)].
 
-first_error(Answers) ->
-    case [Error || {error, _} = Error <- Answers] of
-        [] -> ok;
-        [Error | _] -> Error
+called(Beam) ->
+    {ok, {_, [{imports, Imports}]}} = beam_lib:chunks(Beam, [imports]),
+    lists:usort([Module || {Module, _, _} <- Imports]).
+
+with_callers(Wanted, Calls) ->
+    More = [
+        Module
+     || {Module, Called} <- Calls,
+        not lists:member(Module, Wanted),
+        Called -- Wanted =/= Called
+    ],
+    case More of
+        [] -> Wanted;
+        _ -> with_callers(Wanted ++ More, Calls)
     end.

@@ -1,6 +1,14 @@
 %% @doc New code for running robots: what a robot's driver tells its machines and its sequential
 %% application, and what they answer.
 %%
+%% There is one way, in every world: in a simulation, a cluster, a notebook, a fleet of real robots. An
+%% operator makes an {@link order/4}, and has its code loaded; the robots' drivers get the order, and tell.
+%% ```
+%%     sources -- order/4 --> new versions, loaded beside the former ones
+%%        order -- take/3 --> a word for each machine -- at its next step --> taken, on trial
+%%                                       crashed, or failed elsewhere -- back/3 --> back
+%% '''
+%%
 %% A reload has a number and new versions of modules ({@link starl_version}). The driver hands each
 %% machine that runs one of these modules the event `code' with {@link word()}; the application heeds
 %% it at its next step. The state is carried over: by `code_change/2' of a {@link starl_app}, by
@@ -13,10 +21,11 @@
 %% is converted back, version by version; an application's is the state before the switch.
 -module(starl_reload).
 
+-export([order/4, trial_ms/0, format_error/1]).
 -export([take/3, back/3, heard/3, started/3, fallen/4, code/2, passed/2, without/2]).
 -export([told/4, left/3, is_failure/1, format/4, reason/1]).
 
--export_type([count/0, switch/0, word/0, outcome/0, told/0, order/0, codes/0]).
+-export_type([count/0, switch/0, word/0, outcome/0, told/0, order/0, codes/0, reason/0]).
 
 %% Reloads are counted from 1.
 -type count() :: pos_integer().
@@ -58,9 +67,51 @@
     trial_us := non_neg_integer()
 }.
 
+%% No machine of the robots, nor their application, is among these modules; what is wrong with the code.
+-type reason() :: {no_part, [module()]} | {code, [unicode:chardata(), ...]}.
+
 %% The code of a robot's machines that is not their first: the versions that they have come through,
 %% and the words that they have not heeded yet, the oldest first.
 -type codes() :: #{starl_machine:name() => {starl_lineage:t(), Awaited :: [word()]}}.
+
+-define(TRIAL_MS, 5000).
+
+%% -- for an operator ------------------------------------------------------------------------
+
+%% @doc A reload of robots with these machines: the order to their drivers, and the code of the new versions,
+%% which is to be loaded wherever they run ({@link starl_version:load/1}).
+-spec order(
+    count(),
+    [starl_version:source()],
+    Parts :: #{starl_machine:name() => module()},
+    TrialMs :: non_neg_integer()
+) ->
+    {ok, order(), [starl_version:code()]} | {error, reason()}.
+order(N, Sources, Parts, TrialMs) ->
+    case starl_version:make(Sources) of
+        {ok, #{versions := Versions, code := Code}} ->
+            case [M || M <- maps:values(Parts), is_map_key(M, Versions)] of
+                [_ | _] ->
+                    Order = #{number => N, versions => Versions, trial_us => 1000 * TrialMs},
+                    {ok, Order, Code};
+                [] ->
+                    {error, {no_part, lists:sort(maps:keys(Versions))}}
+            end;
+        {error, Lines} ->
+            {error, {code, Lines}}
+    end.
+
+%% @doc Why there is no order, in lines.
+-spec format_error(reason()) -> [unicode:chardata(), ...].
+format_error({no_part, Modules}) ->
+    Names = lists:join(", ", [atom_to_list(M) || M <- Modules]),
+    [[Names, ": neither the application nor a machine of the robots; reload it together with one"]];
+format_error({code, Lines}) ->
+    Lines.
+
+%% @doc The trial time, unless another one is given.
+-spec trial_ms() -> pos_integer().
+trial_ms() -> ?TRIAL_MS.
 
 %% -- for a driver ---------------------------------------------------------------------------
 

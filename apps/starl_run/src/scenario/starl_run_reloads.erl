@@ -7,9 +7,9 @@
 %% channel of its own, in a tenth of a second: it is the operator's, not the robots' radio.
 -module(starl_run_reloads).
 
--export([are_entries/1, make/2, world/2, strikes/1, news_us/1]).
+-export([are_entries/1, make/2, sources/1, world/2, strikes/1, news_us/1]).
 
--export_type([given/0, t/0]).
+-export_type([given/0, source/0, t/0]).
 
 %% An entry of the scenario: when, who, what; and for how long the new code is on trial (5 s).
 -type given() ::
@@ -25,7 +25,6 @@
     at_us := non_neg_integer(), robots := [starl:robot_id()], order := starl_reload:order()
 }.
 
--define(TRIAL_MS, 5000).
 -define(NEWS_US, 100000).
 
 %% @doc Are these entries of a scenario?
@@ -60,7 +59,7 @@ is_source(_) -> false.
 make(#{reloads := []}, _Parts) ->
     {ok, [], []};
 make(#{reloads := Given, robots := Team}, Parts) ->
-    made(lists:keysort(1, Given), 1, Team, maps:values(Parts), [], []).
+    made(lists:keysort(1, Given), 1, Team, Parts, [], []).
 
 made([], _N, _Team, _Parts, Made, Code) ->
     {ok, lists:reverse(Made), lists:usort(Code)};
@@ -73,13 +72,12 @@ made([Entry | Entries], N, Team, Parts, Made, Code) ->
     end.
 
 reload({AtMs, Robots, Source}, N, Team, Parts) ->
-    reload({AtMs, Robots, Source, #{trial_ms => ?TRIAL_MS}}, N, Team, Parts);
+    reload({AtMs, Robots, Source, #{trial_ms => starl_reload:trial_ms()}}, N, Team, Parts);
 reload({AtMs, Robots, Source, #{trial_ms := Ms}}, N, Team, Parts) ->
-    case {[R || R <- chosen(Robots, Team), R > Team], versions(Source, Parts)} of
+    case {[R || R <- chosen(Robots, Team), R > Team], order(N, Source, Parts, Ms)} of
         {[R | _], _} ->
             {error, io_lib:format("there is no robot ~b", [R])};
-        {[], {ok, Versions, Code}} ->
-            Order = #{number => N, versions => Versions, trial_us => 1000 * Ms},
+        {[], {ok, Order, Code}} ->
             At = 1000 * AtMs,
             {ok, #{at_us => At, robots => chosen(Robots, Team), order => Order}, Code};
         {[], {error, _} = Error} ->
@@ -90,32 +88,25 @@ chosen(all, Team) -> lists:seq(1, Team);
 chosen(Robots, _Team) when is_list(Robots) -> lists:usort(Robots);
 chosen(Robot, _Team) -> [Robot].
 
-versions(Source, Parts) ->
-    case starl_version:make(sources(Source)) of
-        {ok, #{versions := Versions, code := Code}} ->
-            case [M || M <- maps:keys(Versions), lists:member(M, Parts)] of
-                [_ | _] -> loaded(starl_version:load(Code), Versions, Code);
-                [] -> {error, nobody(maps:keys(Versions))}
-            end;
-        {error, [Problem | _]} ->
-            {error, Problem}
+order(N, Source, Parts, TrialMs) ->
+    case starl_reload:order(N, sources(Source), Parts, TrialMs) of
+        {ok, Order, Code} -> loaded(starl_version:load(Code), Order, Code);
+        {error, Reason} -> {error, hd(starl_reload:format_error(Reason))}
     end.
 
+%% @doc The sources of a reload.
+-spec sources(source()) -> [starl_version:source()].
 sources([C | _] = File) when is_integer(C) -> [File];
 sources([_ | _] = Sources) -> Sources;
 sources(Source) -> [Source].
 
-loaded(ok, Versions, Code) -> {ok, Versions, Code};
-loaded({error, _} = Error, _Versions, _Code) -> Error.
-
-nobody(Modules) ->
-    Names = lists:join(", ", [atom_to_list(M) || M <- Modules]),
-    [Names, ": neither the application nor a machine of the robots; reload it together with one"].
+loaded(ok, Order, Code) -> {ok, Order, Code};
+loaded({error, _} = Error, _Order, _Code) -> Error.
 
 %% @doc What the robots know of the reloads.
 -spec world([t()], #{starl_machine:name() => module()}) -> map().
-world([], _Parts) ->
-    #{};
+world([], Parts) ->
+    #{parts => Parts};
 world(Reloads, Parts) ->
     ByNumber = [{N, R} || #{order := #{number := N}} = R <- Reloads],
     #{reloads => maps:from_list(ByNumber), parts => Parts}.

@@ -64,7 +64,7 @@
     histories => [starl_machine:name()],
     %% a snapshot of each robot is told this often
     snapshots_us => pos_integer(),
-    %% the reloads by number, and the modules of a robot's machines
+    %% the reloads by number, if there are any, and the modules of a robot's machines
     reloads => #{pos_integer() => starl_run_reloads:t()},
     parts => #{starl_machine:name() => module()}
 }.
@@ -383,8 +383,13 @@ set_back_store(Fault, #body{store = Store} = Body) ->
 
 %% -- new code -------------------------------------------------------------------------------
 
-%% @doc A reload begins: the words for the robot's machines, which start with this code from now on.
--spec reload(pos_integer(), t()) -> {[{starl_machine:name(), starl_reload:word()}], t()}.
+%% @doc A reload begins, one of the scenario by its number, or another: the words for the robot's machines,
+%% which start with this code from now on.
+-spec reload(starl_reload:count() | starl_run_reloads:t(), t()) ->
+    {[{starl_machine:name(), starl_reload:word()}], t()}.
+reload(#{order := #{number := N}} = Reload, #body{world = World} = Body) ->
+    Reloads = maps:get(reloads, World, #{}),
+    reload(N, Body#body{world = World#{reloads => Reloads#{N => Reload}}});
 reload(N, #body{world = #{reloads := Reloads, parts := Parts}} = Body) ->
     #{N := #{order := Order}} = Reloads,
     {Words, Codes} = starl_reload:take(Order, Parts, codes(Body)),

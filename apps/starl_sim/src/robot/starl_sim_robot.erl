@@ -414,8 +414,8 @@ strike({stand_still, Name, After, Until}, #robot{robot = Robot} = Site) ->
     Site#robot{robot = starl_robot:stand_still(Name, After, Robot), still = Until};
 strike(go_on, #robot{robot = Robot} = Site) ->
     Site#robot{robot = starl_robot:go_on(Robot)};
-strike({reload, N}, Site) ->
-    {Words, Body} = starl_sim_platform:reload(N, body(Site)),
+strike({reload, Reload}, Site) ->
+    {Words, Body} = starl_sim_platform:reload(Reload, body(Site)),
     heeded(Words, body(Body, Site));
 strike({reload_failed, N, Failed}, Site) ->
     {Words, Body} = starl_sim_platform:take_back(N, Failed, body(Site)),

@@ -1,99 +1,85 @@
-%% @doc Loads new code into a running simulation, on all its nodes at once. Code that cannot be
-%% loaded yet, since a robot is in the middle of a step of the version before last ({@link
-%% starl_code}), waits here; of one module, the newest version waits. It is tried again as the run
-%% goes on.
+%% @doc Reloads that somebody orders while a simulation is there, beside those of its scenario ({@link
+%% starl_run_reloads}), and what the robots tell of both. Their code is loaded on all nodes before any robot
+%% gets the order. A pure module, but for that.
 -module(starl_sim_reload).
 
--export([new/1, load/4, retry/1, is_waiting/1]).
+-export([new/1, order/4, note/2, told/1]).
 
--export_type([t/0, answer/0, reason/0]).
+-export_type([t/0]).
 
 -record(reload, {
     nodes :: [node()],
-    waiting = #{} :: #{module() => {file:filename(), Beam :: binary()}}
+    parts :: #{starl_machine:name() => module()},
+    robots :: [starl:robot_id()],
+    count :: non_neg_integer(),
+    %% what was told of reloads, of the latest window first
+    told = [] :: [starl_monitor:trace_event()]
 }).
 
 -opaque t() :: #reload{}.
 
--type reason() :: starl_code:reason() | {node(), unreachable}.
-
-%% The code is loaded, or waits for these robots to end their steps.
--type answer() :: ok | {waits, [starl:robot_id()]} | {error, reason()}.
-
 -define(NODE_MS, 30000).
 
-%% @doc No code waits for these nodes.
--spec new([node()]) -> t().
-new(Nodes) -> #reload{nodes = lists:usort(Nodes)}.
-
-%% @doc Loads new code, or keeps it waiting.
--spec load(module(), file:filename(), Beam :: binary(), t()) -> {answer(), t()}.
-load(Module, File, Beam, #reload{nodes = Nodes, waiting = Waiting} = Reload) ->
-    Errors = [E || Node <- Nodes, {error, _} = E <- [on(Node, check, [Module, File, Beam])]],
-    case Errors of
-        [Error | _] ->
-            {Error, Reload};
-        [] ->
-            case try_all(Module, File, Beam, Nodes) of
-                ok ->
-                    {ok, Reload#reload{waiting = maps:remove(Module, Waiting)}};
-                waits ->
-                    Robots = lists:usort([R || N <- Nodes, R <- users(N, Module)]),
-                    ok = tell(#{what => code_waits, module => Module, steps_of_robots => Robots}),
-                    {{waits, Robots}, Reload#reload{waiting = Waiting#{Module => {File, Beam}}}};
-                {error, _} = Error ->
-                    {Error, Reload}
-            end
-    end.
-
-%% @doc Tries again to load the waiting code.
--spec retry(t()) -> t().
-retry(#reload{waiting = Waiting, nodes = Nodes} = Reload) ->
-    Reload#reload{
-        waiting = maps:filter(
-            fun(Module, {File, Beam}) -> still_waits(Module, File, Beam, Nodes) end, Waiting
-        )
+%% @doc Of a run with this plan nothing has been told yet.
+-spec new(starl_sim_plan:t()) -> t().
+new(#{sites := Sites, world := World, robots := Poses}) ->
+    #reload{
+        nodes = lists:usort([Node || #{node := Node} <- Sites]),
+        parts = maps:get(parts, World, #{}),
+        robots = [Id || {Id, _} <- Poses],
+        count = map_size(maps:get(reloads, World, #{}))
     }.
 
-still_waits(Module, File, Beam, Nodes) ->
-    case try_all(Module, File, Beam, Nodes) of
-        waits ->
-            true;
-        Answer ->
-            ok = tell(#{what => code_that_waited, module => Module, outcome => Answer}),
-            false
+%% @doc A reload of all robots at this time.
+-spec order([starl_version:source()], TrialMs, AtUs, t()) ->
+    {ok, starl_run_reloads:t(), t()} | {error, starl_reload:reason() | {node(), unreachable}}
+when
+    TrialMs :: non_neg_integer(), AtUs :: starl_sim_queue:time().
+order(Sources, TrialMs, At, #reload{parts = Parts, robots = Robots, count = Count} = Reload) ->
+    case starl_reload:order(Count + 1, Sources, Parts, TrialMs) of
+        {ok, Order, Code} ->
+            Made = #{at_us => At, robots => Robots, order => Order},
+            loaded(load(Code, Reload#reload.nodes), Made, Reload#reload{count = Count + 1});
+        {error, _} = Error ->
+            Error
     end.
 
-%% @doc Does any code wait?
--spec is_waiting(t()) -> boolean().
-is_waiting(#reload{waiting = Waiting}) -> Waiting =/= #{}.
+loaded(ok, Made, Reload) -> {ok, Made, Reload};
+loaded({error, _} = Error, _Made, _Reload) -> Error.
 
-%% The code is loaded on no node before it can be loaded on all.
-try_all(Module, File, Beam, Nodes) ->
-    case lists:all(fun(Node) -> on(Node, is_free, [Module]) =:= true end, Nodes) of
-        true -> first_trouble([on(Node, load, [Module, File, Beam]) || Node <- Nodes]);
-        false -> waits
+load(_Code, []) ->
+    ok;
+load(Code, [Node | Nodes]) ->
+    case on(Node, Code) of
+        ok -> load(Code, Nodes);
+        {error, _} = Error -> Error
     end.
 
-first_trouble(Answers) ->
-    case [Answer || Answer <- Answers, Answer =/= ok] of
-        [] -> ok;
-        [Trouble | _] -> Trouble
-    end.
-
-users(Node, Module) ->
-    case on(Node, users, [Module]) of
-        Robots when is_list(Robots) -> Robots;
-        {error, _} -> []
-    end.
-
-on(Node, Function, Args) when Node =:= node() ->
-    apply(starl_code, Function, Args);
-on(Node, Function, Args) ->
-    try
-        erpc:call(Node, starl_code, Function, Args, ?NODE_MS)
+on(Node, Code) ->
+    try erpc:call(Node, starl_version, load, [Code], ?NODE_MS) of
+        ok -> ok;
+        {error, Why} -> {error, {code, [Why]}}
     catch
         error:{erpc, _} -> {error, {Node, unreachable}}
     end.
 
-tell(Event) -> logger:notice(Event, #{domain => [starl, sim]}).
+%% @doc A window was reported.
+-spec note([starl_monitor:trace_event()], t()) -> t().
+note(_Trace, #reload{count = 0} = Reload) ->
+    Reload;
+note(Trace, #reload{told = Told} = Reload) ->
+    Reload#reload{told = [Event || {_, _, _, {reloaded, _, _}} = Event <- Trace] ++ Told}.
+
+%% @doc What has become of the reloads.
+-spec told(t()) -> [starl_reload_monitor:reload()].
+told(#reload{told = Told}) ->
+    Monitor = lists:foldl(
+        fun(Event, State) ->
+            {ok, Next} = starl_reload_monitor:step(Event, State),
+            Next
+        end,
+        starl_reload_monitor:init(#{}),
+        lists:keysort(1, Told)
+    ),
+    {ok, #{reloads := Reloads}} = starl_reload_monitor:finish(0, Monitor),
+    Reloads.

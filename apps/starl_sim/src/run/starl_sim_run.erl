@@ -22,7 +22,8 @@
     violations/1,
     snapshots/1,
     finish/1,
-    reload/2
+    reload/3,
+    reloads/1
 ]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
@@ -66,7 +67,6 @@
     running :: non_neg_integer(),
     ending = none :: ending() | none,
     stop = false :: boolean(),
-    %% new code that waits
     reload :: starl_sim_reload:t(),
     lost = [] :: [starl_sim_nodes:loss()],
     hung = none :: starl_sim_window:hang() | none
@@ -134,10 +134,14 @@ violations(Run) -> gen_server:call(Run, violations, infinity).
     | {error, running}.
 snapshots(Run) -> gen_server:call(Run, snapshots, infinity).
 
-%% @doc Loads new code of a module, at once or as soon as no robot is in the middle of a step of the
-%% version before last; may be asked while it runs.
--spec reload(pid(), {module(), file:filename(), Beam :: binary()}) -> starl_sim_reload:answer().
-reload(Run, Code) -> gen_server:call(Run, {reload, Code}, infinity).
+%% @doc All robots get new code now; may be asked while it runs.
+-spec reload(pid(), [starl_version:source()], TrialMs :: non_neg_integer()) ->
+    ok | {error, starl_reload:reason() | {node(), unreachable}}.
+reload(Run, Sources, TrialMs) -> gen_server:call(Run, {reload, Sources, TrialMs}, infinity).
+
+%% @doc What has become of the reloads so far.
+-spec reloads(pid()) -> [starl_reload_monitor:reload()].
+reloads(Run) -> gen_server:call(Run, reloads, infinity).
 
 %% @doc Closes the monitors and returns the outcome; the run cannot go on afterwards.
 -spec finish(pid()) -> outcome().
@@ -164,7 +168,7 @@ set_out(#{window_us := WindowUs, robots := Robots, limit_us := LimitUs} = Plan) 
         approved = starl_sim_judge:judged(Judge),
         observer = Observer,
         running = length(Robots),
-        reload = starl_sim_reload:new([Node || #{node := Node} <- maps:get(sites, Plan)])
+        reload = starl_sim_reload:new(Plan)
     }.
 
 begun(#{from := From, monitors := Monitors}, Observer) ->
@@ -181,9 +185,16 @@ handle_call({run, _Until}, _From, Run) ->
     {reply, status_of(Run), Run};
 handle_call(status, _From, Run) ->
     {reply, status_of(Run), Run};
-handle_call({reload, {Module, File, Beam}}, _From, #run{reload = Reload} = Run) ->
-    {Answer, Next} = starl_sim_reload:load(Module, File, Beam, Reload),
-    {reply, Answer, Run#run{reload = Next}};
+handle_call({reload, Sources, TrialMs}, _From, #run{reload = Reload, now = Now} = Run) ->
+    case starl_sim_reload:order(Sources, TrialMs, Now, Reload) of
+        {ok, Ordered, Next} ->
+            ok = starl_sim_shards:reload(Ordered, Run#run.shards),
+            {reply, ok, Run#run{reload = Next}};
+        {error, _} = Error ->
+            {reply, Error, Run}
+    end;
+handle_call(reloads, _From, #run{reload = Reload} = Run) ->
+    {reply, starl_sim_reload:told(Reload), Run};
 handle_call(_Question, _From, #run{caller = Caller} = Run) when Caller =/= none ->
     {reply, {error, running}, Run};
 handle_call({run_to, _Goal}, _From, #run{lost = [Loss | _]} = Run) ->
@@ -235,13 +246,15 @@ handle_info(_LastWords, #run{hung = {_, _}} = Run) ->
     {noreply, Run};
 handle_info({hung, Since, Hang}, Run) ->
     {noreply, give_up(Since, Hang, Run)};
-handle_info({window_done, Shard, N, Trace}, #run{judge = Judge, shards = Shards} = Run) ->
+handle_info({window_done, Shard, N, Trace}, Run) ->
+    #run{judge = Judge, shards = Shards, reload = Reload} = Run,
+    Noted = Run#run{reload = starl_sim_reload:note(Trace, Reload)},
     case starl_sim_judge:told(Shard, N, Trace, starl_sim_shards:count(Shards), Judge) of
         {ok, Next} ->
-            {noreply, approve(renew(Run#run{judge = Next}))};
+            {noreply, approve(Noted#run{judge = Next})};
         {violation, Next} ->
             ok = starl_sim_shards:halt(Shards),
-            {noreply, Run#run{judge = Next}}
+            {noreply, Noted#run{judge = Next}}
     end;
 handle_info({resting, _Shard, Now, Reason, Running}, #run{resting = Resting} = Run) ->
     %% in an unfinished window, only some shards know which applications have ended
@@ -264,8 +277,7 @@ handle_info({'DOWN', _, process, Shard, Reason}, #run{shards = Shards} = Run) ->
     end.
 
 %% Rounded up to whole windows, so that the place of a pause does not change the run.
-go(Until, Goal, From, #run{window_us = Width, limit_us = Limit, shards = Shards} = Run0) ->
-    Run = renew(Run0),
+go(Until, Goal, From, #run{window_us = Width, limit_us = Limit, shards = Shards} = Run) ->
     Whole = (min(Until, Limit) + Width - 1) div Width * Width,
     ok = starl_sim_shards:run(Whole, Goal, Shards),
     Run#run{caller = From, goal = Goal, resting = 0, running = 0}.
@@ -273,13 +285,6 @@ go(Until, Goal, From, #run{window_us = Width, limit_us = Limit, shards = Shards}
 ask(What, Id, #run{shards = Shards}) -> starl_sim_shards:ask(What, Id, Shards).
 
 %% -- judging --------------------------------------------------------------------------------
-
-%% Tries waiting code again: steps have ended meanwhile.
-renew(#run{reload = Reload} = Run) ->
-    case starl_sim_reload:is_waiting(Reload) of
-        true -> Run#run{reload = starl_sim_reload:retry(Reload)};
-        false -> Run
-    end.
 
 %% After a violation no further window is approved.
 approve(#run{judge = Judge, approved = Approved, stop = Stop} = Run) ->

@@ -27,6 +27,7 @@
 %% of an old timer.
 -type message() ::
     {approve, N :: pos_integer()}
+    | {reload, starl_run_reloads:t()}
     | halt
     | abandon
     | starl_sim_mail:mail()
@@ -166,6 +167,8 @@ hear({down, Pid, Reason}, Steps) ->
     down(Pid, Reason, Steps);
 hear({approve, N}, Steps) ->
     Steps#steps{approved = N};
+hear({reload, Reload}, #steps{now = Now} = Steps) ->
+    reload(Reload, Now, Steps);
 hear({mail, _Peer, _N, _Content} = Early, #steps{mail = Mail} = Steps) ->
     Steps#steps{mail = starl_sim_mail:keep(Early, Mail)};
 hear(halt, Steps) ->
@@ -253,9 +256,18 @@ rest(Reason, Now, #steps{run = Run, running = Running} = Steps) ->
 %% Handles processes that went down while their robots had nothing to do.
 look_up(Steps) ->
     receive
-        {down, Pid, Reason} -> look_up(down(Pid, Reason, Steps))
+        {down, Pid, Reason} -> look_up(down(Pid, Reason, Steps));
+        {reload, Reload} -> look_up(reload(Reload, after_next(Steps), Steps))
     after 0 -> Steps
     end.
+
+%% The shards have agreed on the next window: nothing new comes into it.
+after_next(#steps{next = Next, window_us = Width}) -> Next - Next rem Width + Width.
+
+%% An order from outside is no strike of the schedule.
+reload(#{robots := Robots} = Reload, At, #steps{queue = Queue, mail = Mail} = Steps) ->
+    Events = [{Id, At, 0, 0, 0, {reload, Reload}} || Id <- Robots, starl_sim_mail:is_own(Id, Mail)],
+    Steps#steps{queue = starl_sim_queue:add_all(Events, Queue)}.
 
 down(Pid, Reason, #steps{now = Now} = Steps) ->
     case starl_sim_window:crashed(Pid, Reason, Now) of

@@ -25,7 +25,7 @@
 -module(starl_sim_shard).
 -behaviour(gen_server).
 
--export([start_link/1, launch/2, run/3, approve/2, halt/1, abandon/1, inspect/3]).
+-export([start_link/1, launch/2, run/3, approve/2, reload/2, halt/1, abandon/1, inspect/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([load/0, crew/0, question/0, answer/0]).
@@ -104,6 +104,12 @@ run(Shard, Until, Stop) -> gen_server:cast(Shard, {run, Until, Stop}).
 -spec approve(pid(), N :: pos_integer()) -> ok.
 approve(Shard, N) ->
     Shard ! {approve, N},
+    ok.
+
+%% @doc Its robots get new code: at the time at which it rests, or in the second window from now.
+-spec reload(pid(), starl_run_reloads:t()) -> ok.
+reload(Shard, Reload) ->
+    Shard ! {reload, Reload},
     ok.
 
 %% @doc Lets the shards rest as far ahead of the last approval as they may go.

@@ -3,7 +3,7 @@
 -module(starl_sim_shards).
 
 -export([start/1, count/1, team/1, is_one/2, missing/2]).
--export([run/3, approve/2, halt/1, ask/3, summaries/2, snapshots/1, lose/2, give_up/1]).
+-export([run/3, approve/2, reload/2, halt/1, ask/3, summaries/2, snapshots/1, lose/2, give_up/1]).
 
 -export_type([t/0]).
 
@@ -67,6 +67,11 @@ run(Until, Stop, #shards{pids = Pids}) ->
 -spec approve(N :: pos_integer(), t()) -> ok.
 approve(N, #shards{pids = Pids}) ->
     lists:foreach(fun(Shard) -> ok = starl_sim_shard:approve(Shard, N) end, Pids).
+
+%% @doc The robots get new code.
+-spec reload(starl_run_reloads:t(), t()) -> ok.
+reload(Reload, #shards{pids = Pids}) ->
+    lists:foreach(fun(Shard) -> ok = starl_sim_shard:reload(Shard, Reload) end, Pids).
 
 %% @doc Lets all shards rest as far ahead as they may go.
 -spec halt(t()) -> ok.

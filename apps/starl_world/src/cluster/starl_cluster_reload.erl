@@ -56,7 +56,6 @@
 
 -opaque t() :: #reloads{}.
 
--define(TRIAL_MS, 5000).
 %% The time after which the caller is told that some steps last long.
 -define(PATIENCE_MS, 30000).
 
@@ -80,32 +79,22 @@ when
 start(Sources, Options, Parts, From, #reloads{rollouts = Rollouts, loading = none} = Reloads) ->
     case [N || {N, #rollout{told = false}} <- maps:to_list(Rollouts)] of
         [_ | _] -> another();
-        [] -> made(starl_version:make(Sources), Options, Parts, From, Reloads)
+        [] -> made(ordered(Sources, Options, Parts, Reloads), Parts, From, Reloads)
     end;
 start(_Sources, _Options, _Parts, _From, _Reloads) ->
     another().
 
 another() -> {error, "another reload is on trial; try again when it has ended"}.
 
-made({ok, #{versions := Versions, code := Code}}, Options, Parts, From, Reloads) ->
-    case [M || M <- maps:values(Parts), is_map_key(M, Versions)] of
-        [] ->
-            {error, nobody(maps:keys(Versions))};
-        _ ->
-            Order = #{
-                number => Reloads#reloads.count + 1,
-                versions => Versions,
-                trial_us => 1000 * maps:get(trial_ms, Options, ?TRIAL_MS)
-            },
-            Loading = #loading{order = Order, code = Code, parts = Parts, from = From},
-            {ok, Code, Reloads#reloads{loading = Loading}}
-    end;
-made({error, Lines}, _Options, _Parts, _From, _Reloads) ->
-    {error, lists:join("\n", Lines)}.
+ordered(Sources, Options, Parts, #reloads{count = Count}) ->
+    TrialMs = maps:get(trial_ms, Options, starl_reload:trial_ms()),
+    starl_reload:order(Count + 1, Sources, Parts, TrialMs).
 
-nobody(Modules) ->
-    Names = lists:join(", ", [atom_to_list(M) || M <- Modules]),
-    [Names, ": neither the application nor a machine of the robots; reload it together with one"].
+made({ok, Order, Code}, Parts, From, Reloads) ->
+    Loading = #loading{order = Order, code = Code, parts = Parts, from = From},
+    {ok, Code, Reloads#reloads{loading = Loading}};
+made({error, Reason}, _Parts, _From, _Reloads) ->
+    {error, lists:join("\n", starl_reload:format_error(Reason))}.
 
 %% @doc The nodes have loaded the code, as {@link starl_cluster_node:load/2} answers, or not: phase two if
 %% all have. A node that has ended starts with the present code.
