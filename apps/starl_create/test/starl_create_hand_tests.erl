@@ -27,7 +27,14 @@ keys_test_() ->
         ]
     ].
 
-judged(Odometry) -> element(1, starl_create_calibration:judge(distance, 1000, Odometry)).
+judged(Odometry) -> judged(Odometry, 0).
+
+judged(Odometry, Late) -> element(1, judge(Odometry, Late)).
+
+%% 1000 mm at 200 mm/s.
+judge(Odometry, Late) ->
+    Drive = #{odometry => Odometry, driven => 1000 + 0.2 * Late / 1000, late_us => Late},
+    starl_create_calibration:judge(distance, 1000, Drive).
 
 judge_test() ->
     ?assertEqual(ok, judged(1000.0)),
@@ -35,7 +42,62 @@ judge_test() ->
     ?assertEqual(ok, judged(981.0)),
     ?assertEqual(problem, judged(1050.0)),
     ?assertEqual(problem, judged(950.0)),
-    ?assertEqual(problem, judged(0)).
+    ?assertEqual(problem, judged(0)),
+    %% no wheel is worn where a busy computer has driven farther
+    ?assertEqual(ok, judged(1050.0, 250000)),
+    {ok, distance, Text} = judge(1050.0, 250000),
+    ?assertEqual(
+        <<"1000 mm commanded (this computer was 250 ms late, so 1050.0 driven), 1050.0 by its odometry: +0.0 %">>,
+        iolist_to_binary(Text)
+    ),
+    ?assertEqual(problem, judged(1000.0, 250000)).
+
+%% Its wheels are blocked, or nobody answers: there is nothing to reckon with.
+a_robot_that_does_not_move_has_no_factors_test() ->
+    Port = spawn_link(fun standing/0),
+    Port ! {to, self()},
+    Plan = #{drive_mm => 1000, drive_mm_s => 500, turn_deg => 0, turn_mm_s => 100},
+    ?assertMatch(
+        {[{problem, distance, _}], Factors} when Factors =:= #{},
+        starl_create_calibration:run(Port, 1, Plan)
+    ).
+
+standing() ->
+    receive
+        {to, Asker} -> standing(Asker)
+    end.
+
+standing(Asker) ->
+    receive
+        {send, <<142, _>>} ->
+            Asker ! {data, <<0:16>>};
+        {drive_script, Mark, [{_, Us}], _} ->
+            Asker ! {sent, Mark, 0},
+            Asker ! {ended, Mark, Us}
+    end,
+    standing(Asker).
+
+%% How much too long a drive was is told; and whether the line or the computer has ended it.
+a_drive_tells_what_held_it_up_test() ->
+    Drive = fun(Answer) ->
+        Self = self(),
+        Port = spawn_link(fun() ->
+            receive
+                {drive_script, Mark, [{<<"go">>, 5000000}], <<"stop">>} ->
+                    [Self ! Word || Word <- Answer(Mark)]
+            end
+        end),
+        starl_create_probe:drive(Port, <<"go">>, 5000000, <<"stop">>)
+    end,
+    ?assertEqual({ok, 0}, Drive(fun(M) -> [{sent, M, 100}, {ended, M, 5000100}] end)),
+    ?assertEqual({ok, 250000}, Drive(fun(M) -> [{sent, M, 100}, {ended, M, 5250100}] end)),
+    ?assertEqual(
+        {interrupted, line}, Drive(fun(M) -> [{sent, M, 100}, {closed, unplugged}] end)
+    ),
+    ?assertEqual(
+        {interrupted, computer}, Drive(fun(M) -> [{sent, M, 1}, {stopped, heartbeat, 9}] end)
+    ),
+    ?assertEqual({interrupted, computer}, Drive(fun(_) -> [{closed, {program, 137}}] end)).
 
 %% The stop bytes stop the wheels whatever half command came before.
 stop_after_half_a_command_test() ->

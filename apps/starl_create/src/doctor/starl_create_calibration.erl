@@ -1,13 +1,13 @@
 %% @doc Calibrates a Create: it drives straight and turns on the spot, and its odometry is held
 %% against what it was commanded, or against what a tape measure says.
 %%
-%% What differs by more than the tolerance is measured again, and the lesser difference counts:
-%% a computer that was busy for a moment looks like a longer way.
+%% What differs by more than the tolerance is measured again, and the lesser difference counts. A busy computer
+%% drives for longer than it should: the port program tells by how much, and that is the way that counts.
 -module(starl_create_calibration).
 
 -export([run/3, stop/0, judge/3, profile/2]).
 
--export_type([plan/0]).
+-export_type([plan/0, drive/0]).
 
 %% Lengths and speeds. `measured_mm', `measured_deg': what a person has measured.
 -type plan() :: #{
@@ -19,7 +19,15 @@
     measured_deg => number() | none
 }.
 
+%% A drive that is over: the length that it had by its time, which is longer than commanded if the computer was
+%% late, and what the robot's odometry says of it; mm or degrees.
+-type drive() :: #{
+    driven := number(), late_us := non_neg_integer(), odometry := number()
+}.
+
 -define(TOLERANCE, 0.02).
+%% The lateness that is not worth a word.
+-define(FINE_US, 5000).
 -define(SETTLE_MS, 300).
 
 %% @doc Stops the wheels, also if the robot waits for the rest of half a command.
@@ -40,37 +48,51 @@ run(Probe, Model, #{drive_mm := Mm, turn_deg := Degrees} = Plan) ->
     }.
 
 result(What, Length, Probe, Model, Plan) ->
-    case measure(What, Probe, Model, Plan) of
-        interrupted ->
-            {{problem, What, "the drive was interrupted; is the cable firm? Try again"}, []};
+    case measure(What, Length, Probe, Model, Plan) of
+        {interrupted, Why} ->
+            {{problem, What, "the drive was interrupted" ++ cause(Why)}, []};
         First ->
             Best = again(judge(What, Length, First), What, Length, Probe, Model, Plan, First),
-            {judge(What, Length, Best), factors(What, Length, Best, Plan)}
+            {judge(What, Length, Best), factors(What, Best, Plan)}
     end.
+
+cause(line) ->
+    "; is the cable firm? Try again";
+cause(computer) ->
+    ": this computer, or the port program on it, stood still; give it less other work and try again".
 
 again({ok, _, _}, _What, _Length, _Probe, _Model, _Plan, First) ->
     First;
 again({problem, _, _}, What, Length, Probe, Model, Plan, First) ->
-    case measure(What, Probe, Model, Plan) of
-        interrupted -> First;
-        Second -> nearer(Length, First, Second)
+    case measure(What, Length, Probe, Model, Plan) of
+        {interrupted, _} -> First;
+        Second -> nearer(First, Second)
     end.
 
-nearer(Length, A, B) when abs(A - Length) =< abs(B - Length) -> A;
-nearer(_Length, _A, B) -> B.
+nearer(A, B) ->
+    case off(A) =< off(B) of
+        true -> A;
+        false -> B
+    end.
+
+off(#{driven := Driven, odometry := Odometry}) -> abs(Odometry - Driven).
 
 %% @doc Is the odometry as commanded?
--spec judge(distance | angle, Commanded :: number(), Odometry :: number()) ->
+-spec judge(distance | angle, Commanded :: pos_integer(), drive()) ->
     starl_create_doctor:finding().
-judge(What, Commanded, Odometry) ->
-    Off = 100 * (Odometry / Commanded - 1),
-    Text = io_lib:format("~b ~ts commanded, ~.1f by its odometry: ~ts~.1f %", [
-        Commanded, unit(What), float(Odometry), sign(Off), abs(Off)
+judge(What, Commanded, #{driven := Driven, odometry := Odometry} = Drive) ->
+    Off = 100 * (Odometry / Driven - 1),
+    Text = io_lib:format("~b ~ts commanded~ts, ~.1f by its odometry: ~ts~.1f %", [
+        Commanded, unit(What), late(Drive), float(Odometry), sign(Off), abs(Off)
     ]),
     case abs(Off) > 100 * ?TOLERANCE of
         true -> {problem, What, [Text, remedy(What)]};
         false -> {ok, What, Text}
     end.
+
+late(#{late_us := Late}) when Late < ?FINE_US -> "";
+late(#{late_us := Late, driven := Driven}) ->
+    io_lib:format(" (this computer was ~b ms late, so ~.1f driven)", [Late div 1000, Driven]).
 
 sign(Off) when Off < 0 -> "-";
 sign(_) -> "+".
@@ -83,29 +105,35 @@ remedy(distance) ->
 remedy(angle) ->
     "; measure its turn and say --measured-deg; look for a dragging caster or carpet".
 
-%% What a person has measured counts for more than what was commanded.
-factors(What, Length, Odometry, Plan) ->
-    True = measured(What, Plan, Length),
-    [{What, True / Odometry}, {by_command(What), True / Length}].
+%% What a person has measured counts for more than what was commanded. A robot that has not moved has none.
+factors(_What, #{odometry := Odometry}, _Plan) when Odometry == 0 ->
+    [];
+factors(What, #{driven := Driven, odometry := Odometry}, Plan) ->
+    True = measured(What, Plan, Driven),
+    [{What, True / Odometry}, {by_command(What), True / Driven}].
 
 by_command(distance) -> drive;
 by_command(angle) -> turn.
 
 measured(distance, #{measured_mm := Mm}, _) when is_number(Mm) -> Mm;
 measured(angle, #{measured_deg := Degrees}, _) when is_number(Degrees) -> Degrees;
-measured(_, _, Length) -> Length.
+measured(_, _, Driven) -> Driven.
 
 %% Odometry before and after, at rest.
-measure(What, Probe, Model, Plan) ->
+measure(What, Length, Probe, Model, Plan) ->
     _ = odometry(What, Probe, Model),
     Before = odometry(What, Probe, Model),
     {Go, Us} = go(What, Model, Plan),
     case starl_create_probe:drive(Probe, Go, Us, stop()) of
-        ok ->
+        {ok, Late} ->
             _ = starl_create_probe:listen(Probe, ?SETTLE_MS),
-            way(What, Before, odometry(What, Probe, Model));
-        interrupted ->
-            interrupted
+            #{
+                driven => Length * (Us + Late) / Us,
+                late_us => Late,
+                odometry => way(What, Before, odometry(What, Probe, Model))
+            };
+        {interrupted, _} = Interrupted ->
+            Interrupted
     end.
 
 go(distance, _Model, #{drive_mm := Mm, drive_mm_s := Speed}) ->

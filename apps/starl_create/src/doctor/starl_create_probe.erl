@@ -203,17 +203,26 @@ heard(Stream, #{frames := Frames, bytes := N} = Heard, {_, Deadline} = Until) ->
     after left(Deadline) -> Heard
     end.
 
-%% @doc Has a script of one step carried out: bytes, a time, bytes that end it. `interrupted': the
-%% cable was pulled, or the like.
--spec drive(t(), iodata(), Us :: pos_integer(), iodata()) -> ok | interrupted.
+%% @doc Has a script of one step carried out: bytes, a time, bytes that end it. It may last longer than it should on
+%% a busy computer, which may interrupt it, too, if it stands still; so may a cable that was pulled.
+-spec drive(t(), iodata(), Us :: pos_integer(), iodata()) ->
+    {ok, LateUs :: non_neg_integer()} | {interrupted, computer | line}.
 drive(Port, Go, Us, Stop) ->
     Mark = erlang:unique_integer([positive]),
     Port ! {drive_script, Mark, [{Go, Us}], Stop},
+    marked(sent, Mark, Us div 1000 + ?LATE_MS, fun(Begun) ->
+        marked(ended, Mark, Us div 1000 + ?LATE_MS, fun(Ended) ->
+            {ok, max(0, Ended - Begun - Us)}
+        end)
+    end).
+
+marked(Word, Mark, Ms, Then) ->
     receive
-        {ended, Mark, _} -> ok;
-        {closed, _} -> interrupted;
-        {stopped, _, _} -> interrupted
-    after Us div 1000 + ?LATE_MS -> interrupted
+        {Word, Mark, At} -> Then(At);
+        {closed, unplugged} -> {interrupted, line};
+        {closed, _} -> {interrupted, computer};
+        {stopped, _, _} -> {interrupted, computer}
+    after Ms -> {interrupted, computer}
     end.
 
 %% @doc Begins a script and does not wait for its end.
