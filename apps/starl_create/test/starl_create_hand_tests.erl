@@ -50,7 +50,16 @@ judge_test() ->
         <<"1000 mm commanded (this computer was 250 ms late, so 1050.0 driven), 1050.0 by its odometry: +0.0 %">>,
         iolist_to_binary(Text)
     ),
-    ?assertEqual(problem, judged(1000.0, 250000)).
+    ?assertEqual(problem, judged(1000.0, 250000)),
+    {ok, distance, Even} = judge(999.9, 0),
+    ?assertEqual(
+        <<"1000 mm commanded, 999.9 by its odometry: +0.0 %">>, iolist_to_binary(Even)
+    ).
+
+%% Whatever follows it.
+a_mistyped_action_is_told_test() ->
+    {ok, Subject, []} = starl_create_console:subject("dctor", ["/dev/ttyUSB0"]),
+    ?assertMatch({error, [_]}, starl_create_console:run(#{subject => Subject})).
 
 %% Its wheels are blocked, or nobody answers: there is nothing to reckon with.
 a_robot_that_does_not_move_has_no_factors_test() ->

@@ -264,7 +264,7 @@ pair(Type, [A], {between, _}) ->
 pair(_, _, _) ->
     error.
 
-text(X) when is_integer(X) -> integer_to_list(X);
+text(X) when X == trunc(X) -> integer_to_list(trunc(X));
 text(X) -> lists:flatten(io_lib:format("~p", [X])).
 
 %% The edit distance of two texts (Levenshtein): the number of letters to insert, delete or change,

@@ -138,6 +138,12 @@ parsed_values_are_valid_test() ->
 what_the_text_says_is_valid_test() ->
     ?assertMatch({ok, _}, starl_options:check(#{delay => 20}, ?OPTIONS)).
 
+a_bound_is_written_without_an_exponent_test() ->
+    ?assertEqual(
+        "a number from 0.5 to 1000000000, or none",
+        lists:flatten(starl_options:type_text({optional, {number, 0.5, 1.0e9}}))
+    ).
+
 suggestion_test() ->
     Keys = [robots, loss, delay, duplicate],
     ?assertEqual([robots], starl_options:suggestion(robot, Keys)),

@@ -83,7 +83,7 @@ off(#{driven := Driven, odometry := Odometry}) -> abs(Odometry - Driven).
 judge(What, Commanded, #{driven := Driven, odometry := Odometry} = Drive) ->
     Off = 100 * (Odometry / Driven - 1),
     Text = io_lib:format("~b ~ts commanded~ts, ~.1f by its odometry: ~ts~.1f %", [
-        Commanded, unit(What), late(Drive), float(Odometry), sign(Off), abs(Off)
+        Commanded, unit(What), late(Drive), float(Odometry), sign(round(10 * Off)), abs(Off)
     ]),
     case abs(Off) > 100 * ?TOLERANCE of
         true -> {problem, What, [Text, remedy(What)]};
