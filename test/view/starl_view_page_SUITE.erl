@@ -194,6 +194,12 @@ news_keep_focus_and_selection(Config) ->
     shown(grid(3), Config, fun(Browser, Hub) ->
         ?B:eval("starl.select(2)", Browser),
         ok = look(<<"first">>, Hub, Browser),
+        %% a long word is broken at the panel's edge
+        ?assert(
+            ?B:eval(
+                "(a => a.scrollWidth <= a.clientWidth)(document.querySelector('aside'))", Browser
+            )
+        ),
         ?B:eval(
             "var summary = document.querySelector('#machines summary'); summary.focus();"
             "summary.parentNode.open = true; var text = document.querySelector('#machines .timers li');"
@@ -245,7 +251,7 @@ look(State, Hub, Browser) ->
             },
             Seen = #{
                 events => 1,
-                result => <<"running">>,
+                result => binary:copy(<<"0.335">>, 40),
                 crashes => [],
                 machines => [Machine],
                 last => []

@@ -119,7 +119,8 @@ subject("emulate", Args) -> {ok, {emulate, none}, Args};
 subject("bench", Args) -> {ok, {bench, none}, Args};
 subject("doctor", Args) -> with_device(doctor, Args);
 subject("drive", Args) -> with_device(drive, Args);
-subject(Other, _Args) -> {ok, {unknown, Other}, []}.
+subject(Other, [[C | _] | Args]) when C =/= $- -> {ok, {unknown, Other}, Args};
+subject(Other, Args) -> {ok, {unknown, Other}, Args}.
 
 with_device(Action, [[C | _] = Device | Args]) when C =/= $- -> {ok, {Action, Device}, Args};
 with_device(Action, Args) -> {ok, {Action, none}, Args}.
