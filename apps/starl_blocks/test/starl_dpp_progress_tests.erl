@@ -44,7 +44,7 @@ painted_edges_are_fresh_until_an_answer_test() ->
     ?assertEqual({[7], [3, 7, 9]}, {
         starl_dpp_progress:fresh(Learnt), starl_dpp_progress:painted(Learnt)
     }),
-    Answered = starl_dpp_progress:answered(Learnt),
+    Answered = starl_dpp_progress:answered([], Learnt),
     ?assertEqual(
         {[], [3, 7, 9]}, {starl_dpp_progress:fresh(Answered), starl_dpp_progress:painted(Answered)}
     ).

@@ -1,5 +1,11 @@
 %% @doc The messages between coordinators and participants of path planning, as they come over the
 %% radio.
+%%
+%% To the coordinator: `dpp_request {Term, Id, At, Painted, Stamp}', with one more element, the end of the
+%% line, if something was in the way of the robot's last drive; `dpp_passed {Term, Id, N}', `dpp_state {Term,
+%% Id, Place, Painted, Ballot}', `dpp_here {Term, Ballot}', with Ballot = {Seq, Stamp, Vote}, and `dpp_refused
+%% Term'. From it: `dpp_answer {Term, Id, Answer, News}', `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term,
+%% Seq, Stamps}'.
 -module(starl_dpp_message).
 
 -export([accepts/2]).

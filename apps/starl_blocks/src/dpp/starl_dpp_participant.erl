@@ -20,13 +20,7 @@
 %% claims a term.
 %%
 %% Calls: `{join, Coordinator}', `coordinator', `request', `wait', `{face, Id, N}', `{drive, Id, N}' (see
-%% {@link starl_dpp}). Messages to the coordinator: `dpp_request {Term, Id, At, Painted, Stamp}', with one
-%% more element, the end of the line, if something was in the way of its last drive;
-%% `dpp_passed {Term, Id, N}', `dpp_state {Term, Id, Place, Painted, Ballot}', `dpp_here {Term,
-%% Ballot}', with Ballot = {Seq, Stamp, Vote}, and `dpp_refused Term'; from it: `dpp_answer {Term,
-%% Id, Answer, News}', `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}'.
-%%
-%% Trace: {@link event()}.
+%% {@link starl_dpp}). Messages: {@link starl_dpp_message}. Trace: {@link event()}.
 -module(starl_dpp_participant).
 -behaviour(starl_machine).
 
@@ -53,8 +47,6 @@
 -define(LOOK_US, 500000).
 %% The time without a message of any coordinator after which a request fails with `no_answer'.
 -define(PATIENCE_US, 120000000).
-%% The distance that the robot drives before it reports that the space behind it is free.
--define(REPORT_MM, 400.0).
 
 -record(part, {
     self :: starl:robot_id(),
@@ -66,8 +58,6 @@
     %% the caller of the application's request, and of its drive
     from = none :: starl_machine:from() | none,
     drive = none :: {starl_machine:from(), face | drive, N :: pos_integer()} | none,
-    %% the end of the line on which something was in its way, until that is told
-    blocked = none :: starl_geometry:point() | none,
     track :: starl_dpp_progress:t(),
     follow :: starl_dpp_follower:t()
 }).
@@ -122,9 +112,7 @@ event({timeout, patience}, _, asking, #part{from = From} = Part) ->
     ]};
 event({timeout, missing}, _, _Where, #part{follow = Follow} = Part) ->
     {keep_state, Part, starl_dpp_follower:lead(Follow)};
-event({timeout, _}, _, _Where, _Part) ->
-    keep_state_and_data;
-event({reply, _}, _, _Where, _Part) ->
+event({Late, _}, _, _Where, _Part) when Late =:= timeout; Late =:= reply ->
     keep_state_and_data;
 event({call, From}, {join, Coordinator}, _Where, #part{follow = Follow} = Part) ->
     {Joined, Actions} = starl_dpp_follower:join(Coordinator, Follow),
@@ -208,18 +196,14 @@ ask(#part{track = Track, now = Now, follow = Follow} = Part) ->
     case starl_dpp_progress:at(Track) of
         unknown ->
             {keep_state, Part, halt_and_look(Part)};
-        At ->
+        _At ->
             #part{n = N} = Next = next(Part#part{follow = starl_dpp_follower:asked(Now, Follow)}),
-            Request = {term(Next), id(Next), At, starl_dpp_progress:fresh(Track), Now},
-            Body = with_blocked(Request, Next),
+            Body = starl_dpp_progress:request(term(Next), id(Next), Now, Track),
             {keep_state, Next, [
                 starl_sap:send(coordinator(Next), dpp_request, Body, {sent, N}),
                 {{timeout, again}, ?AGAIN_US, request}
             ]}
     end.
-
-with_blocked(Request, #part{blocked = none}) -> Request;
-with_blocked(Request, #part{blocked = Towards}) -> erlang:append_element(Request, Towards).
 
 id(#part{series = Series, n = N}) -> {Series, N}.
 
@@ -246,9 +230,7 @@ answer(Source, Term, Id, {Answer, News}, Where, #part{follow = Follow} = Part) -
     end.
 
 answered(News, #part{track = Track} = Part) ->
-    Part#part{
-        track = starl_dpp_progress:answered(starl_dpp_progress:learn(News, Track)), blocked = none
-    }.
+    Part#part{track = starl_dpp_progress:answered(News, Track)}.
 
 stop_asking() -> [{{timeout, T}, cancel} || T <- [again, patience]].
 
@@ -264,13 +246,12 @@ assigned({moving, Id, From, Path} = Moving, #part{track = Track, from = Caller} 
             {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]};
         Us when Us > 0 ->
             Begun = Part#part{from = none, track = starl_dpp_progress:begins(From, Track)},
-            {next_state, Moving, Begun,
-                stop_asking() ++
-                    [
-                        {{timeout, leave}, Us, leave},
-                        {trace, {answered, assign}},
-                        {reply, Caller, {ok, {Id, From, Path}}}
-                    ]};
+            Granted = [
+                {{timeout, leave}, Us, leave},
+                {trace, {answered, assign}},
+                {reply, Caller, {ok, {Id, From, Path}}}
+            ],
+            {next_state, Moving, Begun, stop_asking() ++ Granted};
         _Ended ->
             ask(Part)
     end.
@@ -303,14 +284,12 @@ drive({From, _, _}, _Id, _Where, _Part) ->
 go_on({moving, Id, _, Path}, #part{drive = {_From, What, N}, track = Track}) ->
     {Point, _} = lists:nth(N, Path),
     Line = {starl_dpp_progress:last(Track), Point},
-    Way =
-        case What of
-            face -> face;
-            drive -> go_along
-        end,
-    [{call, motion, {Way, Line}, {driven, What, Id, N}}];
+    [{call, motion, {way(What), Line}, {driven, What, Id, N}}];
 go_on(_Where, _Part) ->
     [].
+
+way(face) -> face;
+way(drive) -> go_along.
 
 driven(ok, {face, N}, Id, {moving, Id, _, _}, #part{drive = {From, face, N}} = Part) ->
     {keep_state, Part#part{drive = none}, [{reply, From, ok}]};
@@ -322,7 +301,8 @@ driven(
     {error, blocked}, {drive, N}, Id, {moving, Id, _, Path}, #part{drive = {From, drive, N}} = Part
 ) ->
     {Towards, _} = lists:nth(N, Path),
-    {keep_state, Part#part{drive = none, blocked = Towards}, [
+    Track = starl_dpp_progress:blocked(Towards, Part#part.track),
+    {keep_state, Part#part{drive = none, track = Track}, [
         {trace, {blocked, Towards}}, {reply, From, {error, void}}
     ]};
 driven(
@@ -340,7 +320,7 @@ distrust(_Outcome) -> [].
 
 %% The paper's Clear: reported now and then. Painted edges are reported with the next request.
 report(Id, N, #part{track = Track} = Part) ->
-    case starl_dpp_progress:unreported_mm(Track) >= ?REPORT_MM of
+    case starl_dpp_progress:is_report_due(Track) of
         true ->
             Report = starl_sap:post(coordinator(Part), dpp_passed, {term(Part), Id, N}),
             {Part#part{track = starl_dpp_progress:reported(Track)}, [Report]};
@@ -411,12 +391,10 @@ tell_place(asking, #part{track = Track} = Part) ->
             {keep_state, Told, Report ++ [{{timeout, again}, 1000, request}]}
     end.
 
-tell(Where, #part{follow = Follow, track = Track, now = Now} = Part) ->
-    Id =
-        case Where of
-            {moving, Of, _, _} -> Of;
-            _ -> id(Part)
-        end,
+tell({moving, Id, _, _} = Moving, Part) -> tell(Id, Moving, Part);
+tell(Where, Part) -> tell(id(Part), Where, Part).
+
+tell(Id, Where, #part{follow = Follow, track = Track, now = Now} = Part) ->
     Place = {starl_dpp_progress:place(Where, Track), starl_dpp_progress:painted(Track)},
     {Told, Report} = starl_dpp_follower:tell(Id, Place, Now, Follow),
     {Part#part{follow = Told}, Report}.

@@ -3,8 +3,8 @@
 -module(starl_dpp_progress).
 
 -export([new/1, lost/1, halted/2, stands/2, at/1, nominal/1]).
--export([begins/2, reached/3, last/1, unreported_mm/1, reported/1, place/2]).
--export([painted/1, learn/2, fresh/1, answered/1]).
+-export([begins/2, reached/3, blocked/2, last/1, is_report_due/1, reported/1, place/2]).
+-export([unreported_mm/1, painted/1, fresh/1, learn/2, request/4, answered/2]).
 -export_type([t/0, where/0]).
 
 -type point() :: starl_geometry:point().
@@ -12,6 +12,9 @@
 %% On its way on a path, or not.
 -type where() ::
     standing | asking | {moving, starl_dpp:request_id(), From :: point(), starl_dpp_plan:path()}.
+
+%% The distance that the robot drives before it reports that the space behind it is free.
+-define(REPORT_MM, 400.0).
 
 -record(track, {
     %% the distance from its path within which the robot counts as on it
@@ -26,6 +29,8 @@
     passed = 0 :: non_neg_integer(),
     last = {0.0, 0.0} :: point(),
     unreported_mm = 0.0 :: float(),
+    %% the end of the line on which something was in its way, until that is told
+    blocked = none :: point() | none,
     %% own painted edges that no answered request has reported yet, and all other edges that are
     %% known to be painted
     fresh = [] :: [edge_id()],
@@ -87,9 +92,17 @@ paint({down, Edge}, #track{fresh = Fresh} = Track) ->
 -spec last(t()) -> point().
 last(#track{last = Last}) -> Last.
 
+%% @doc Something was in its way on the line to this point.
+-spec blocked(point(), t()) -> t().
+blocked(Towards, Track) -> Track#track{blocked = Towards}.
+
 %% @doc The distance that it has driven since the last report to the coordinator.
 -spec unreported_mm(t()) -> float().
 unreported_mm(#track{unreported_mm = Mm}) -> Mm.
+
+%% @doc Has it driven so far since the last report to the coordinator that it is to report again?
+-spec is_report_due(t()) -> boolean().
+is_report_due(#track{unreported_mm = Mm}) -> Mm >= ?REPORT_MM.
 
 %% @doc The coordinator gets a report.
 -spec reported(t()) -> t().
@@ -118,6 +131,16 @@ learn(Edges, #track{painted = Painted} = Track) ->
 -spec fresh(t()) -> [edge_id()].
 fresh(#track{fresh = Fresh}) -> Fresh.
 
-%% @doc A request was answered.
--spec answered(t()) -> t().
-answered(#track{fresh = Fresh} = Track) -> learn(Fresh, Track#track{fresh = []}).
+%% @doc The request of a robot that stands at a known place: with its own painted edges that no answered
+%% request has reported, and what was in its way ({@link starl_dpp_message}).
+-spec request(starl_dpp:term_id(), starl_dpp:request_id(), Stamp :: integer(), t()) -> tuple().
+request(Term, Id, Stamp, #track{at = At, fresh = Fresh, blocked = none}) ->
+    {Term, Id, At, Fresh, Stamp};
+request(Term, Id, Stamp, #track{at = At, fresh = Fresh, blocked = Towards}) ->
+    {Term, Id, At, Fresh, Stamp, Towards}.
+
+%% @doc A request was answered; these edges, sorted, are painted, too.
+-spec answered([edge_id()], t()) -> t().
+answered(News, Track) ->
+    #track{fresh = Fresh} = Known = learn(News, Track),
+    learn(Fresh, Known#track{fresh = [], blocked = none}).
