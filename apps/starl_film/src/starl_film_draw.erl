@@ -118,8 +118,6 @@ target(Lines, Page) ->
 %% @doc A robot at the origin, which looks to the right; and its number, which does not turn.
 -spec body(starl:robot_id(), page()) -> {Body :: iodata(), Number :: iodata()}.
 body(Id, #{dot := Dot}) ->
-    Digits = integer_to_list(Id),
-    Size = ?RADIUS_MM * 2.4 / (1 + length(Digits)),
     Colour = colour(Id),
     {
         [
@@ -137,16 +135,20 @@ body(Id, #{dot := Dot}) ->
             number(3.5 * Dot),
             "\"/>"
         ],
-        [
-            "<text text-anchor=\"middle\" y=\"",
-            number(0.36 * Size),
-            "\" font-size=\"",
-            number(Size),
-            "\">",
-            Digits,
-            "</text>"
-        ]
+        digits(integer_to_list(Id))
     }.
+
+digits(Digits) ->
+    Size = ?RADIUS_MM * 2.4 / (1 + length(Digits)),
+    [
+        "<text text-anchor=\"middle\" y=\"",
+        number(0.36 * Size),
+        "\" font-size=\"",
+        number(Size),
+        "\">",
+        Digits,
+        "</text>"
+    ].
 
 %% @doc A place of the floor on the page, in whole millimetres.
 -spec place({number(), number()}, page()) -> {integer(), integer()}.

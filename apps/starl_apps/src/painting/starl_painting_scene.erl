@@ -72,18 +72,17 @@ among_walls(
         lines => [],
         near => starl_dpp_floor:near(Floor)
     },
-    case starl_painting_picture:read({Mm, Mm, W - Mm, H - Mm}, Options) of
-        {ok, Picture} ->
-            case starl_painting_walls:fit(Picture, Floor, Config) of
-                {ok, Ways, Reached, Lost} ->
-                    Parked = among(Ways, Floor, Lost, Context),
-                    place(Reached, Parked, Radius, Tracking, Context#{world := Size});
-                {error, _} = Error ->
-                    Error
-            end;
+    Read = starl_painting_picture:read({Mm, Mm, W - Mm, H - Mm}, Options),
+    case fitted(Read, Floor, Config) of
+        {ok, Ways, Reached, Lost} ->
+            Parked = among(Ways, Floor, Lost, Context),
+            place(Reached, Parked, Radius, Tracking, Context#{world := Size});
         {error, _} = Error ->
             Error
     end.
+
+fitted({ok, Picture}, Floor, Config) -> starl_painting_walls:fit(Picture, Floor, Config);
+fitted({error, _} = Error, _Floor, _Config) -> Error.
 
 among(Ways, Floor, Lost, #{robots := Ids}) ->
     #{

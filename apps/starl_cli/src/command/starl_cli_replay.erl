@@ -111,15 +111,7 @@ setup(#{subject := #{name := Name} = Target, values := Values} = Call) ->
     case Unsound ++ Unwritable ++ Unknown ++ Others of
         [] ->
             {ok, #{
-                run => (starl_cli_setup:histories(Target, Values))#{
-                    target => Target,
-                    scenario => Scenario,
-                    out => Out,
-                    inputs => starl_cli_inputs:read(Target, Scenario),
-                    nodes => none,
-                    quiet => maps:get(quiet, Values),
-                    print_scenario => false
-                },
+                run => run_of(Target, Scenario, Out, Values),
                 stop => Stop,
                 inspect => Inspect,
                 record => maps:get(record, Target, none)
@@ -127,6 +119,17 @@ setup(#{subject := #{name := Name} = Target, values := Values} = Call) ->
         Problems ->
             {error, Problems}
     end.
+
+run_of(Target, Scenario, Out, Values) ->
+    (starl_cli_setup:histories(Target, Values))#{
+        target => Target,
+        scenario => Scenario,
+        out => Out,
+        inputs => starl_cli_inputs:read(Target, Scenario),
+        nodes => none,
+        quiet => maps:get(quiet, Values),
+        print_scenario => false
+    }.
 
 too_large([], Scenario) -> starl_cli_memory:check(Scenario, #{jobs => 1, nodes => false});
 too_large(_Unsound, _Scenario) -> [].
@@ -212,25 +215,20 @@ compare(Digest, Results, #{digest := Digest} = Record, Setup) ->
             starl_cli_terminal:out(["same digest ", Digest, "\n"]),
             0;
         Others ->
-            starl_cli_terminal:out([
-                "NOT THE SAME: the events are, with digest ",
+            not_the_same([
+                "the events are, with digest ",
                 Digest,
                 "; other results have ",
-                starl_cli_phrase:robots(Others),
-                "\n",
+                [starl_cli_phrase:robots(Others), "\n"],
                 outside(Setup)
-            ]),
-            3
+            ])
     end;
 compare(Digest, _Results, #{digest := Recorded, events := Events}, Setup) ->
-    starl_cli_terminal:out([
-        "NOT THE SAME: digest ",
-        Digest,
-        ", recorded was ",
-        Recorded,
-        io_lib:format(" (~b events)~n", [Events]),
-        outside(Setup)
-    ]),
+    Line = io_lib:format("digest ~ts, recorded was ~ts (~b events)~n", [Digest, Recorded, Events]),
+    not_the_same([Line, outside(Setup)]).
+
+not_the_same(Why) ->
+    starl_cli_terminal:out(["NOT THE SAME: ", Why]),
     3.
 
 outside(#{run := #{target := #{file := File} = Target}, record := Record}) ->

@@ -72,18 +72,8 @@ line({no_frames_at, Baud}) ->
         " baud: set its baud rate (a Create 1 has 57600, a Create 2 115200; 19200 if it "
         "was started that way), or take its battery out and put it back"
     ];
-line({asleep, Baud, none}) ->
-    [
-        no_answer(Baud),
-        ": switch it on (it may be asleep), or look at its cable and baud rate"
-    ];
 line({asleep, Baud, Line}) ->
-    [
-        no_answer(Baud),
-        ", and ",
-        atom_to_list(Line),
-        " does not wake it: switch it on, or look at its cable, the wire to BRC, and its baud rate"
-    ];
+    [no_answer(Baud), wakes_by(Line)];
 line({other_sensors, Model}) ->
     [
         "a robot answers, but does not know the sensors of a Create ",
@@ -121,6 +111,15 @@ line(ordinary_priority) ->
     "user have it (LimitRTPRIO=1 in a systemd unit, or 'USER - rtprio 1' in /etc/security/limits.conf)";
 line(under_control) ->
     "the robot is under control again".
+
+wakes_by(none) ->
+    ": switch it on (it may be asleep), or look at its cable and baud rate";
+wakes_by(Line) ->
+    [
+        ", and ",
+        atom_to_list(Line),
+        " does not wake it: switch it on, or look at its cable, the wire to BRC, and its baud rate"
+    ].
 
 no_answer(Baud) -> ["the robot does not answer at ", integer_to_list(Baud), " baud"].
 

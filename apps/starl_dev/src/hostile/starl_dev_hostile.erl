@@ -97,11 +97,8 @@ painted(Dir, Left, Round, #{robots := Robots, picture := Name, speed := Speed, s
             {error, [starl_cluster:format_error(Reason)]}
     end.
 
-attacked(Cluster, Victim, Dir, Left, Seed) ->
-    #{robots := Robots} = starl_cluster:scenario(Cluster),
-    {ok, #{node := Node, transport := {_, Line}}} = starl_cluster:place(Cluster, Victim),
-    #{peers := #{Victim := {_, Port}}} = Line,
-    Packets = starl_dev_hostile_packets:new(#{
+packets(Victim, Robots, Node, Line, Seed) ->
+    starl_dev_hostile_packets:new(#{
         line => Line,
         robot => Victim,
         participants => lists:seq(1, Robots),
@@ -110,7 +107,13 @@ attacked(Cluster, Victim, Dir, Left, Seed) ->
             starl_dev_hostile_packets:outsiders() ++ starl_dev_hostile_packets:insiders() ++
             [absurd, shaped],
         seed => Seed
-    }),
+    }).
+
+attacked(Cluster, Victim, Dir, Left, Seed) ->
+    #{robots := Robots} = starl_cluster:scenario(Cluster),
+    {ok, #{node := Node, transport := {_, Line}}} = starl_cluster:place(Cluster, Victim),
+    #{peers := #{Victim := {_, Port}}} = Line,
+    Packets = packets(Victim, Robots, Node, Line, Seed),
     Begun = erlang:monotonic_time(millisecond),
     Flood = starl_dev_hostile_flood:start(#{node => Node, port => Port, packets => Packets}, Left),
     starl_cli_signal:on_interrupt(fun() -> spawn(fun() -> starl_cluster:stop(Cluster) end) end),

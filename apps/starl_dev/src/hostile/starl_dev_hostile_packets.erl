@@ -162,63 +162,73 @@ datagram(Other, Packets, Random) when
 ->
     Bytes = packet(element(1, Packets#packets.speakers), 1),
     {sealed(Other, robot(Packets), Bytes, Packets), Random};
-%% -- with the right key ---------------------------------------------------------------------
-datagram(absurd_time, #packets{seals = Seals} = Packets, Random0) ->
+datagram(Kind, Packets, Random) ->
+    with_key(Kind, Packets, Random).
+
+%% With the right key, and a wrong sender, receiver or time.
+with_key(absurd_time, #packets{seals = Seals} = Packets, Random0) ->
     {Speaker, Random1} = speaker(Packets, Random0),
     {Far, Random} = rand:uniform_s(1 bsl 60, Random1),
     Then = erlang:system_time(millisecond) + 100_000_000 + Far,
     Payload = [0, packet(Speaker, 1)],
     #{Speaker := Seal} = Seals,
     {iolist_to_binary(starl_live_seal:seal(robot(Packets), Payload, Then, Seal)), Random};
-datagram(stranger, #packets{config = #{participants := Team} = Config}, Random0) ->
+with_key(stranger, #packets{config = #{participants := Team} = Config}, Random0) ->
     {N, Random} = rand:uniform_s(1 bsl 31, Random0),
     Stranger = lists:max(Team) + N,
     {with(seal(Stranger, #{}, Config), all, [0, packet(Stranger, 1)]), Random};
-datagram(for_others, #packets{config = #{participants := Team}} = Packets, Random0) ->
+with_key(for_others, #packets{config = #{participants := Team}} = Packets, Random0) ->
     {Speaker, Random1} = speaker(Packets, Random0),
     {N, Random} = rand:uniform_s(1 bsl 31, Random1),
     {sealed(Speaker, lists:max(Team) + N, packet(Speaker, 1), Packets), Random};
-datagram(impostor, Packets, Random0) ->
+with_key(impostor, Packets, Random0) ->
     {Speaker, Random} = speaker(Packets, Random0),
     {payload(Speaker, [0, packet(robot(Packets), 1)], Packets), Random};
-datagram(payload, Packets, Random0) ->
+with_key(payload, Packets, Random0) ->
     {Size, Random1} = rand:uniform_s(1000, Random0),
     {<<Kind, Noise/binary>>, Random} = rand:bytes_s(Size, Random1),
     {payload([Kind bor 2, Noise], Packets), Random};
-%% External terms at random: tags that are known, then noise.
-datagram(terms, Packets, Random0) ->
+with_key(Kind, Packets, Random) ->
+    contents(Kind, Packets, Random).
+
+%% From a robot of the team, which holds no packet.
+contents(terms, Packets, Random0) ->
+    %% external terms at random: tags that are known, then noise
     Tags =
         {70, 77, 80, 97, 98, 100, 103, 104, 105, 106, 107, 108, 109, 110, 111, 116, 118, 119, 131},
     {Tag, Random1} = one_of(Tags, Random0),
     {Size, Random2} = rand:uniform_s(200, Random1),
     {Noise, Random} = rand:bytes_s(Size, Random2),
     {payload([0, 1, 131, Tag, Noise], Packets), Random};
-datagram(bomb, #packets{bomb = Bomb} = Packets, Random) ->
+contents(bomb, #packets{bomb = Bomb} = Packets, Random) ->
     {payload([0, 1, Bomb], Packets), Random};
-datagram(nested_bomb, #packets{bomb = <<131, Inner/binary>>} = Packets, Random) ->
+contents(nested_bomb, #packets{bomb = <<131, Inner/binary>>} = Packets, Random) ->
     {payload([0, 1, 131, 104, 1, Inner], Packets), Random};
-datagram(atoms, Packets, Random0) ->
+contents(atoms, Packets, Random0) ->
     {Noise, Random} = rand:bytes_s(20, Random0),
     Name = binary:encode_hex(Noise),
     {payload([0, 1, around([119, byte_size(Name), Name], Packets)], Packets), Random};
-datagram(pids, Packets, Random) ->
+contents(pids, Packets, Random) ->
     <<131, Pid/binary>> = term_to_binary(self()),
     {payload([0, 1, around(Pid, Packets)], Packets), Random};
-datagram(malformed, Packets, Random0) ->
+contents(malformed, Packets, Random0) ->
     {N, Random} = rand:uniform_s(1 bsl 62, Random0),
     Term = starl_dev_hostile_absurd:malformed(first(Packets), N),
     {payload([0, 1, term_to_binary(Term, [{minor_version, 2}])], Packets), Random};
-datagram(fragments, Packets, Random0) ->
+contents(fragments, Packets, Random0) ->
     {Fields, Random1} = rand:bytes_s(10, Random0),
     {Size, Random2} = rand:uniform_s(1123, Random1),
     {Noise, Random} = rand:bytes_s(Size, Random2),
     {payload([1, Fields, Noise], Packets), Random};
-%% -- that the transport takes ---------------------------------------------------------------
-datagram(absurd, Packets, Random0) ->
+contents(Kind, Packets, Random) ->
+    taken(Kind, Packets, Random).
+
+%% That the transport takes.
+taken(absurd, Packets, Random0) ->
     {Speaker, Random1} = speaker(Packets, Random0),
     {Packet, Random} = starl_dev_hostile_absurd:packet(Speaker, robot(Packets), Random1),
     {sealed(Speaker, robot(Packets), encoded(Packet), Packets), Random};
-datagram(shaped, Packets, Random0) ->
+taken(shaped, Packets, Random0) ->
     {Speaker, Random1} = speaker(Packets, Random0),
     {Packet, Random} = starl_dev_hostile_absurd:shaped(Speaker, Random1),
     {sealed(Speaker, robot(Packets), encoded(Packet), Packets), Random}.

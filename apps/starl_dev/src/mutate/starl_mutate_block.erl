@@ -63,130 +63,172 @@ both(One, Other) ->
 -spec blocks() -> #{name() => block()}.
 blocks() ->
     #{
-        sap => #{
-            sources => [
-                "apps/starl_platform/src/services/starl_{sap,packet}*.erl",
-                "apps/starl_platform/src/contracts/starl_sap_*.erl"
-            ],
-            unit => ["starl_sap_*", "starl_packet_*"],
-            suite => ["starl_sap_SUITE"],
-            soak => [sap],
-            check => [{sap, 2, #{crash => 1}}, {sap, 2, #{dup => 1}}, {sap, 2, #{loss => 1}}]
-        },
-        election => #{
-            sources => [
-                "apps/starl_blocks/src/election/starl_election.erl",
-                "apps/starl_blocks/src/election/starl_election_{ballots,monitor}*.erl"
-            ],
-            unit => ["starl_election_*"],
-            suite => ["starl_election_SUITE"],
-            soak => [election],
-            check => [{election, 2, #{loss => 1, crash => 1}}, {election, 3, #{late => 1}}]
-        },
-        bully => #{
-            sources => [
-                "apps/starl_blocks/src/election/starl_election.erl",
-                "apps/starl_blocks/src/election/starl_election_bully*.erl"
-            ],
-            unit => ["starl_election_*"],
-            suite => ["starl_election_SUITE"],
-            soak => [bully],
-            check => [{bully, 2, #{loss => 1, crash => 1, sap => 1}}, {bully, 3, #{loss => 1}}]
-        },
-        mutex => #{
-            sources => ["apps/starl_blocks/src/mutex/*.erl"],
-            unit => ["starl_mutex_*"],
-            suite => ["starl_mutex_SUITE"],
-            soak => [mutex],
-            check => [{mutex, 2, #{loss => 1}}, {mutex, 2, #{crash => 1}}, {mutex, 3, #{}}]
-        },
-        barrier => #{
-            sources => ["apps/starl_blocks/src/barrier/*.erl"],
-            unit => ["starl_barrier_*"],
-            suite => ["starl_barrier_SUITE"],
-            soak => [barrier],
-            check => [
-                {barrier, 2, #{loss => 1}},
-                {barrier, 2, #{timeout => 1}},
-                {barrier, 2, #{sap => 1}},
-                {barrier, 2, #{crash => 1}}
-            ]
-        },
-        geocast => #{
-            sources => ["apps/starl_blocks/src/geocast/*.erl"],
-            unit => ["starl_geocast_*"],
-            suite => ["starl_geocast_SUITE"],
-            soak => [geocast],
-            check => [{geocast, 2, #{late => 1}}, {geocast, 2, #{crash => 1}}]
-        },
-        registers => #{
-            sources => ["apps/starl_blocks/src/registers/*.erl"],
-            unit => ["starl_registers_*", "starl_hlc_*"],
-            suite => ["starl_registers_SUITE"],
-            soak => [registers],
-            check => [{registers, 2, #{}}, {registers, 2, #{crash => 1}}]
-        },
-        counter => #{
-            sources => ["apps/starl_blocks/src/counter/*.erl"],
-            unit => ["starl_counter_{monitor,gossip,block}_*"],
-            suite => [],
-            soak => [counter],
-            check => [{counter, 2, #{}}, {counter, 2, #{loss => 1, crash => 1}}]
-        },
-        dpp => #{
-            sources => ["apps/starl_blocks/src/dpp/*.erl"],
-            unit => ["starl_dpp_*", "starl_planar_*", "starl_roadmap_*"],
-            suite => ["starl_dpp_*_SUITE"],
-            soak => [dpp],
-            check => [{terms, 3, #{}}, {terms, 3, #{death => 1}}]
-        },
-        motion => #{
-            sources => [
-                "apps/starl_platform/src/chassis/*.erl",
-                "apps/starl_platform/src/services/starl_{motion,actuator}*.erl",
-                "apps/starl_platform/src/contracts/starl_motion_monitor.erl"
-            ],
-            unit => [
-                "starl_{motion,velocity,trajectory,actuator,chassis,differential,holonomic}_*"
-            ],
-            suite => ["starl_{motion,ramp,holonomic}_SUITE"],
-            soak => [],
-            check => []
-        },
-        link => #{
-            sources => ["apps/starl_live/src/link/*.erl"],
-            unit => ["starl_live_{link,chassis,clock,store,record}_*", "starl_virtual_*"],
-            suite => ["starl_live_soak_SUITE"],
-            soak => [],
-            check => []
-        },
-        transports => #{
-            sources => ["apps/starl_live/src/transport/*.erl"],
-            unit => [
-                "starl_live_{air,codec,dist,figures,fragment,frame,key,pace,replay,seal,told}_*"
-            ],
-            suite => ["starl_live_{transport,udp}_SUITE"],
-            soak => [],
-            check => []
-        },
-        reload => #{
-            sources => ["apps/starl_platform/src/reload/*.erl"],
-            unit => ["starl_{reload,lineage,version}_*"],
-            suite => [],
-            soak => [],
-            check => []
-        },
-        trace => #{
-            sources => [
-                "apps/starl_trace/src/recording/*.erl",
-                "apps/starl_trace/src/mcap/*.erl",
-                "apps/starl_trace/src/stream/*.erl"
-            ],
-            unit => ["starl_{trace,mcap}_*"],
-            suite => ["starl_trace_SUITE"],
-            soak => [],
-            check => []
-        }
+        sap => sap(),
+        election => election(),
+        bully => bully(),
+        mutex => mutex(),
+        barrier => barrier(),
+        geocast => geocast(),
+        registers => registers(),
+        counter => counter(),
+        dpp => dpp(),
+        motion => motion(),
+        link => link(),
+        transports => transports(),
+        reload => reload(),
+        trace => trace()
+    }.
+
+sap() ->
+    #{
+        sources => [
+            "apps/starl_platform/src/services/starl_{sap,packet}*.erl",
+            "apps/starl_platform/src/contracts/starl_sap_*.erl"
+        ],
+        unit => ["starl_sap_*", "starl_packet_*"],
+        suite => ["starl_sap_SUITE"],
+        soak => [sap],
+        check => [{sap, 2, #{crash => 1}}, {sap, 2, #{dup => 1}}, {sap, 2, #{loss => 1}}]
+    }.
+
+election() ->
+    #{
+        sources => [
+            "apps/starl_blocks/src/election/starl_election.erl",
+            "apps/starl_blocks/src/election/starl_election_{ballots,monitor}*.erl"
+        ],
+        unit => ["starl_election_*"],
+        suite => ["starl_election_SUITE"],
+        soak => [election],
+        check => [{election, 2, #{loss => 1, crash => 1}}, {election, 3, #{late => 1}}]
+    }.
+
+bully() ->
+    #{
+        sources => [
+            "apps/starl_blocks/src/election/starl_election.erl",
+            "apps/starl_blocks/src/election/starl_election_bully*.erl"
+        ],
+        unit => ["starl_election_*"],
+        suite => ["starl_election_SUITE"],
+        soak => [bully],
+        check => [{bully, 2, #{loss => 1, crash => 1, sap => 1}}, {bully, 3, #{loss => 1}}]
+    }.
+
+mutex() ->
+    #{
+        sources => ["apps/starl_blocks/src/mutex/*.erl"],
+        unit => ["starl_mutex_*"],
+        suite => ["starl_mutex_SUITE"],
+        soak => [mutex],
+        check => [{mutex, 2, #{loss => 1}}, {mutex, 2, #{crash => 1}}, {mutex, 3, #{}}]
+    }.
+
+barrier() ->
+    #{
+        sources => ["apps/starl_blocks/src/barrier/*.erl"],
+        unit => ["starl_barrier_*"],
+        suite => ["starl_barrier_SUITE"],
+        soak => [barrier],
+        check => [
+            {barrier, 2, #{loss => 1}},
+            {barrier, 2, #{timeout => 1}},
+            {barrier, 2, #{sap => 1}},
+            {barrier, 2, #{crash => 1}}
+        ]
+    }.
+
+geocast() ->
+    #{
+        sources => ["apps/starl_blocks/src/geocast/*.erl"],
+        unit => ["starl_geocast_*"],
+        suite => ["starl_geocast_SUITE"],
+        soak => [geocast],
+        check => [{geocast, 2, #{late => 1}}, {geocast, 2, #{crash => 1}}]
+    }.
+
+registers() ->
+    #{
+        sources => ["apps/starl_blocks/src/registers/*.erl"],
+        unit => ["starl_registers_*", "starl_hlc_*"],
+        suite => ["starl_registers_SUITE"],
+        soak => [registers],
+        check => [{registers, 2, #{}}, {registers, 2, #{crash => 1}}]
+    }.
+
+counter() ->
+    #{
+        sources => ["apps/starl_blocks/src/counter/*.erl"],
+        unit => ["starl_counter_{monitor,gossip,block}_*"],
+        suite => [],
+        soak => [counter],
+        check => [{counter, 2, #{}}, {counter, 2, #{loss => 1, crash => 1}}]
+    }.
+
+dpp() ->
+    #{
+        sources => ["apps/starl_blocks/src/dpp/*.erl"],
+        unit => ["starl_dpp_*", "starl_planar_*", "starl_roadmap_*"],
+        suite => ["starl_dpp_*_SUITE"],
+        soak => [dpp],
+        check => [{terms, 3, #{}}, {terms, 3, #{death => 1}}]
+    }.
+
+motion() ->
+    #{
+        sources => [
+            "apps/starl_platform/src/chassis/*.erl",
+            "apps/starl_platform/src/services/starl_{motion,actuator}*.erl",
+            "apps/starl_platform/src/contracts/starl_motion_monitor.erl"
+        ],
+        unit => [
+            "starl_{motion,velocity,trajectory,actuator,chassis,differential,holonomic}_*"
+        ],
+        suite => ["starl_{motion,ramp,holonomic}_SUITE"],
+        soak => [],
+        check => []
+    }.
+
+link() ->
+    #{
+        sources => ["apps/starl_live/src/link/*.erl"],
+        unit => ["starl_live_{link,chassis,clock,store,record}_*", "starl_virtual_*"],
+        suite => ["starl_live_soak_SUITE"],
+        soak => [],
+        check => []
+    }.
+
+transports() ->
+    #{
+        sources => ["apps/starl_live/src/transport/*.erl"],
+        unit => [
+            "starl_live_{air,codec,dist,figures,fragment,frame,key,pace,replay,seal,told}_*"
+        ],
+        suite => ["starl_live_{transport,udp}_SUITE"],
+        soak => [],
+        check => []
+    }.
+
+reload() ->
+    #{
+        sources => ["apps/starl_platform/src/reload/*.erl"],
+        unit => ["starl_{reload,lineage,version}_*"],
+        suite => [],
+        soak => [],
+        check => []
+    }.
+
+trace() ->
+    #{
+        sources => [
+            "apps/starl_trace/src/recording/*.erl",
+            "apps/starl_trace/src/mcap/*.erl",
+            "apps/starl_trace/src/stream/*.erl"
+        ],
+        unit => ["starl_{trace,mcap}_*"],
+        suite => ["starl_trace_SUITE"],
+        soak => [],
+        check => []
     }.
 
 -spec monitors() -> block().

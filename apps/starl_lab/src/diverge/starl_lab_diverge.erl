@@ -245,18 +245,17 @@ beside(
             ])
     end.
 
+%% What a robot traces if it is run this way, in a VM of its own.
+traced(Robot, Scenario, Way, Codes) ->
+    Vm = starl_lab_jobs:vm(starl_lab_execution:schedulers(Way), Codes),
+    Full = starl_lab_execution:apply_to(Scenario, Way),
+    Traced = peer:call(Vm, starl_lab_execution, traced, [{Full, Robot}], infinity),
+    peer:stop(Vm),
+    Traced.
+
 traces(Robot, Scenario, {A, B}, #{target := Target}) ->
     Codes = maps:get(code, Target, []),
-    [First, Second] = [
-        begin
-            Vm = starl_lab_jobs:vm(starl_lab_execution:schedulers(Way), Codes),
-            Full = starl_lab_execution:apply_to(Scenario, Way),
-            Traced = peer:call(Vm, starl_lab_execution, traced, [{Full, Robot}], infinity),
-            peer:stop(Vm),
-            Traced
-        end
-     || Way <- [A, B]
-    ],
+    [First, Second] = [traced(Robot, Scenario, Way, Codes) || Way <- [A, B]],
     [
         io_lib:format("the events are equal; what robot ~b traces is not~n", [Robot]),
         case parted(First, Second) of

@@ -38,16 +38,8 @@
 shrink(#{scenario := Scenario, digest := Digest, seconds := Seconds, quiet := Quiet} = Job) ->
     Begin = now_ms(),
     Stop = atomics:new(1, []),
-    Watch = #watch{
-        stop = Stop,
-        progress = starl_cli_progress:new(
-            case Quiet of
-                true -> quiet;
-                false -> auto
-            end
-        ),
-        deadline = deadline(Seconds, Begin)
-    },
+    Progress = starl_cli_progress:new(shown(Quiet)),
+    Watch = #watch{stop = Stop, progress = Progress, deadline = deadline(Seconds, Begin)},
     Answer = starl_sim_shrink:shrink(Scenario, #{
         run => fun(S) ->
             starl_sim_trial:run(S, fun(Sim) -> stoppable(Sim, Stop) end, [], options(Job))
@@ -63,6 +55,9 @@ shrink(#{scenario := Scenario, digest := Digest, seconds := Seconds, quiet := Qu
         {error, _} when Interrupted =:= 1 -> {error, interrupted, "interrupted, nothing is shrunk"};
         {error, Reason} -> {error, blame(Reason), starl_sim_shrink:format_error(Reason)}
     end.
+
+shown(true) -> quiet;
+shown(false) -> auto.
 
 options(Job) -> maps:get(options, Job, #{}).
 
@@ -214,6 +209,16 @@ file(#{name := Name}, Scenario) ->
     Base = lists:concat([Name, "-", Seed, "-shrunk.term"]),
     starl_cli_out:usual(Base).
 
+%% The values of options that differ from the defaults.
+unusual(Options, Scenario) ->
+    Usual = maps:without([robots, seed, time, faults], starl_cli_flags:defaults(Options)),
+    [
+        line(Key, Value)
+     || {Key, _, _, _} <- Options,
+        Value <- [maps:get(Key, Scenario)],
+        maps:find(Key, Usual) =/= {ok, Value}
+    ].
+
 %% The text of the scenario file: a comment on the violation, then the values that differ from
 %% the defaults.
 -spec text(starl_sim_shrink:result(), file:filename(), starl_cli_inputs:t(), job()) ->
@@ -221,14 +226,7 @@ file(#{name := Name}, Scenario) ->
 text(#{violation := Violation, scenario := Shrunk} = Result, File, Inputs, Job) ->
     #{target := #{app := App}, scenario := Before} = Job,
     Scenario = starl_cli_inputs:local(Inputs, Shrunk),
-    Options = starl_run_scenario:options(App),
-    Usual = maps:without([robots, seed, time, faults], starl_cli_flags:defaults(Options)),
-    Lines = [
-        line(Key, Value)
-     || {Key, _, _, _} <- Options,
-        Value <- [maps:get(Key, Scenario)],
-        maps:find(Key, Usual) =/= {ok, Value}
-    ],
+    Lines = unusual(starl_run_scenario:options(App), Scenario),
     Name = starl_cli_quoted:word(starl_cli_out:shown(File)),
     [
         "%% ",

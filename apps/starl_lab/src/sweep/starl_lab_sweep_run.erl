@@ -68,18 +68,21 @@ join(#{work := {join, Dirs, _Code}} = Sweep, Columns, Figures, Rows) ->
         Missing -> lacking(Missing, Runs, starl_lab_sweep_study:parts(Dirs), Sweep)
     end.
 
-%% Which slices lack runs, and how they are made.
-lacking(Missing, Runs, Parts, #{args := Args, dir := Dir, work := {join, Dirs, _Code}}) ->
-    Command = ["sweep" | starl_lab_sweep_study:plain(Args)] ++ ["--out", starl_cli_out:shown(Dir)],
-    IsMissing = maps:from_keys(Missing, true),
-    Lacking = [
+%% The slices that lack runs, each with their number, and that of all its runs.
+slices(Missing, Runs, Parts) ->
+    [
         {Slice, Count, length(Part)}
      || K <- lists:seq(1, Parts),
         Slice <- [{K, Parts}],
         Part <- [starl_lab_slice:part(Slice, Runs)],
-        Count <- [length([Key || {Key, _} <- Part, is_map_key(Key, IsMissing)])],
+        Count <- [length([Key || {Key, _} <- Part, is_map_key(Key, Missing)])],
         Count > 0
-    ],
+    ].
+
+%% Which slices lack runs, and how they are made.
+lacking(Missing, Runs, Parts, #{args := Args, dir := Dir, work := {join, Dirs, _Code}}) ->
+    Command = ["sweep" | starl_lab_sweep_study:plain(Args)] ++ ["--out", starl_cli_out:shown(Dir)],
+    Lacking = slices(maps:from_keys(Missing, true), Runs, Parts),
     starl_cli_terminal:out([
         io_lib:format("~b of ~b runs are missing\n", [length(Missing), length(Runs)]),
         [
@@ -197,8 +200,20 @@ points(Columns, Rows, #{points := Points, grid := Grid, target := #{name := Name
     ].
 
 %% The measures over time, as a table and as a plot; nothing where nothing was measured.
-curves(Columns, Rows, #{points := Points, grid := Grid, target := #{name := Name}}) ->
-    Curves = [
+curves(Columns, Rows, Job) ->
+    Settings = starl_lab_sweep_rows:settings(Columns),
+    case measured(Columns, Rows, Job) of
+        [] ->
+            [];
+        Curves ->
+            [
+                {"curves.csv", starl_lab_sweep_curve:csv(Settings, Curves)},
+                {"curves.svg", starl_lab_sweep_curve:svg(Curves)}
+            ]
+    end.
+
+measured(Columns, Rows, #{points := Points, grid := Grid, target := #{name := Name}}) ->
+    [
         {Cells, starl_lab_sweep_plot:point_name(Grid, Point), Measure, Text, Moments}
      || {Point, Scenario} <- Points,
         Keys <- [
@@ -213,15 +228,6 @@ curves(Columns, Rows, #{points := Points, grid := Grid, target := #{name := Name
             starl_lab_sweep_summary:curve(Columns, Measure, [maps:get(Key, Rows) || Key <- Keys])
         ],
         Moments =/= []
-    ],
-    Settings = starl_lab_sweep_rows:settings(Columns),
-    [
-        File
-     || Curves =/= [],
-        File <- [
-            {"curves.csv", starl_lab_sweep_curve:csv(Settings, Curves)},
-            {"curves.svg", starl_lab_sweep_curve:svg(Curves)}
-        ]
     ].
 
 %% The files are made in another directory and moved. The rows, until now in the order in which the

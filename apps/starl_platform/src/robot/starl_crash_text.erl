@@ -50,43 +50,46 @@ text({unknown_event, Type, Content}, _Stack) ->
     ["it does not know an event that the former code knows: ", term({Type, Content})];
 text({bad_action, Action, Expected}, _Stack) ->
     io_lib:format("~ts is no action; expected: ~ts", [term(Action), Expected]);
-text({exit, Reason}, _Stack) ->
+text(Reason, Stack) ->
+    of_erlang(Reason, Stack).
+
+of_erlang({exit, Reason}, _Stack) ->
     ["exit with ", term(Reason)];
-text({nocatch, Value}, _Stack) ->
+of_erlang({nocatch, Value}, _Stack) ->
     ["thrown and not caught: ", term(Value)];
-text(undef, [{Module, Function, Args, _} | _]) ->
+of_erlang(undef, [{Module, Function, Args, _} | _]) ->
     undefined(Module, Function, arity(Args));
-text(function_clause, [{Module, Function, Args, _} | _]) when is_list(Args) ->
+of_erlang(function_clause, [{Module, Function, Args, _} | _]) when is_list(Args) ->
     io_lib:format("no clause of ~tp:~tp/~b takes (~ts)", [
         Module, Function, length(Args), lists:join(", ", [argument(Arg) || Arg <- Args])
     ]);
-text({badmatch, Value}, _Stack) ->
+of_erlang({badmatch, Value}, _Stack) ->
     ["no match of the value ", term(Value)];
-text({case_clause, Value}, _Stack) ->
+of_erlang({case_clause, Value}, _Stack) ->
     ["no clause of a case takes ", term(Value)];
-text(if_clause, _Stack) ->
+of_erlang(if_clause, _Stack) ->
     "no branch of an if is true";
-text({try_clause, Value}, _Stack) ->
+of_erlang({try_clause, Value}, _Stack) ->
     ["no clause of a try takes ", term(Value)];
-text({badkey, Key}, _Stack) ->
+of_erlang({badkey, Key}, _Stack) ->
     ["the map has no key ", term(Key)];
-text({badmap, Value}, _Stack) ->
+of_erlang({badmap, Value}, _Stack) ->
     ["this is no map: ", term(Value)];
-text({badrecord, Value}, _Stack) ->
+of_erlang({badrecord, Value}, _Stack) ->
     ["this is not the expected record: ", term(Value)];
-text({badfun, Value}, _Stack) ->
+of_erlang({badfun, Value}, _Stack) ->
     ["this is no function: ", term(Value)];
-text({badarity, {_Fun, Args}}, _Stack) ->
+of_erlang({badarity, {_Fun, Args}}, _Stack) ->
     io_lib:format("a function is called with ~b arguments, which it does not take", [length(Args)]);
-text(badarith, [{Module, Function, Args, _} | _]) when is_list(Args) ->
+of_erlang(badarith, [{Module, Function, Args, _} | _]) when is_list(Args) ->
     calculation(Module, Function, Args);
-text(badarith, _Stack) ->
+of_erlang(badarith, _Stack) ->
     "no calculation with these values: is each of them a number?";
-text(badarg, [{Module, Function, Args, _} | _]) when is_list(Args) ->
+of_erlang(badarg, [{Module, Function, Args, _} | _]) when is_list(Args) ->
     io_lib:format("bad argument: ~tp:~tp(~ts)", [
         Module, Function, lists:join(", ", [argument(Arg) || Arg <- Args])
     ]);
-text(Reason, _Stack) ->
+of_erlang(Reason, _Stack) ->
     term(Reason).
 
 returned(step, Value) ->

@@ -466,17 +466,7 @@ perform([Action | Rest], Name, New, Local, World, Machines, Timers, Robot) ->
             Done = done(Result, World, Robot),
             perform(Rest, Name, New, Local, Done, Machines, Timers, Robot);
         {until, Us, Group, Mark} when is_list(Group) ->
-            Present = (Robot#robot.driver)#driver.present,
-            case Present(World) =< Us of
-                true ->
-                    All = starl_robot_actions:bounded(Us, Mark, Group) ++ Rest,
-                    perform(All, Name, New, Local, World, Machines, Timers, Robot);
-                false ->
-                    Told = late({Name, info, {late, Mark}}, Local),
-                    Trace = (Robot#robot.driver)#driver.trace,
-                    Noted = Trace(Name, late, World),
-                    perform(Rest, Name, New, Told, Noted, Machines, Timers, Robot)
-            end;
+            until(Us, Group, Mark, Rest, Name, New, Local, World, Machines, Timers, Robot);
         stand_still ->
             Present = (Robot#robot.driver)#driver.present,
             Stands = Robot#robot{rest = {stands, {Name, Rest, New, Present(World)}}},
@@ -490,6 +480,20 @@ perform([Action | Rest], Name, New, Local, World, Machines, Timers, Robot) ->
                     Heard = lists:reverse(Told, New),
                     perform(Rest, Name, Heard, Local, Next, Machines, Timers, Robot)
             end
+    end.
+
+%% What has a latest moment leaves only before it.
+until(Us, Group, Mark, Rest, Name, New, Local, World, Machines, Timers, Robot) ->
+    Present = (Robot#robot.driver)#driver.present,
+    case Present(World) =< Us of
+        true ->
+            All = starl_robot_actions:bounded(Us, Mark, Group) ++ Rest,
+            perform(All, Name, New, Local, World, Machines, Timers, Robot);
+        false ->
+            Told = late({Name, info, {late, Mark}}, Local),
+            Trace = (Robot#robot.driver)#driver.trace,
+            Noted = Trace(Name, late, World),
+            perform(Rest, Name, New, Told, Noted, Machines, Timers, Robot)
     end.
 
 %% A machine learns what was too late before it handles anything else, one thing after the other.

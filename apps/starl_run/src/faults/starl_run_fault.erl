@@ -114,6 +114,19 @@
 %% @doc All kinds of faults.
 -spec kinds() -> [spec()].
 kinds() ->
+    lists:append([
+        of_network(),
+        of_clocks(),
+        of_processes(),
+        of_positions(),
+        of_actuators(),
+        of_serial_lines(),
+        of_stores(),
+        of_senses(),
+        of_floor()
+    ]).
+
+of_network() ->
     [
         {loss, network, link, [part(0.05, 0.9)], "this part of the packets is lost"},
         {burst_loss, network, link, [part(0.1, 0.6), ms(burst_ms, 20, 500)],
@@ -133,12 +146,20 @@ kinds() ->
         {isolate, network, robot, [], "the robot hears nothing and is not heard"},
         {ring, network, robots, [], "robots hear only their neighbours in the ring of the team"},
         {range, network, robots, [{range_mm, {number, 1, 10000000}, {1500, 8000}}],
-            "the radio reaches no farther"},
+            "the radio reaches no farther"}
+    ].
+
+of_clocks() ->
+    [
         {clock_offset, clock, robot, [shift(2000)], "the clock is off, and comes right again"},
         {clock_drift, clock, robot, [{ppm, {number, -100000, 100000}, {-500, 500}}],
             "the clock drifts by this much more"},
         {clock_step, clock, robot, [shift(2000)], "the clock is set forward or back"},
-        {clock_freeze, clock, robot, [], "the clock stands still, and goes on from there"},
+        {clock_freeze, clock, robot, [], "the clock stands still, and goes on from there"}
+    ].
+
+of_processes() ->
+    [
         {kill_machine, process, machine, [], "a machine crashes; it is restarted"},
         {kill_robot, process, robot, [], "the robot dies for good"},
         {reboot, process, robot, [], "the robot goes down and starts anew, with its store"},
@@ -146,14 +167,22 @@ kinds() ->
         {stand_still, process, machine, [{actions, {integer, 0, 1000}, {0, 6}}],
             "the robot's computer stands still in the machine's next step that has more actions, "
             "after so many of them; events wait"},
-        {slow, process, robot, [ms(lag_ms, 5, 200)], "every event is handled lag_ms late"},
+        {slow, process, robot, [ms(lag_ms, 5, 200)], "every event is handled lag_ms late"}
+    ].
+
+of_positions() ->
+    [
         {location_dropout, location, robots, [], "the positioning system sees no robot for them"},
         {location_frozen, location, robots, [], "the positioning system shows old positions"},
         {location_noise, location, robots, [mm(1, 50)],
             "the positioning system errs by up to this much more"},
         {location_bias, location, robots, [mm(1, 50)],
             "the positioning system shifts all robots by this much"},
-        {location_swap, location, two, [], "the positioning system swaps two robots"},
+        {location_swap, location, two, [], "the positioning system swaps two robots"}
+    ].
+
+of_actuators() ->
+    [
         {wheel_stuck, actuation, robot, [{wheel, {one_of, [left, right]}, {0, 1}}],
             "a wheel does not turn (holonomic: left, the drive forwards; right, sideways)"},
         {wheel_slow, actuation, robot,
@@ -165,22 +194,38 @@ kinds() ->
             "both wheels slip, or wind: the robot drives only this part of the way"},
         {actuator_lost, actuation, robot, [part(0.05, 0.9)],
             "this part of the commands to other actuators, such as the pen, is not heard"},
-        {actuator_stuck, actuation, robot, [], "other actuators, such as the pen, do not move"},
+        {actuator_stuck, actuation, robot, [], "other actuators, such as the pen, do not move"}
+    ].
+
+of_serial_lines() ->
+    [
         {serial_garbage, serial, robot, [part(0.05, 0.5)],
             "this part of the frames to and from the chassis is garbage and dropped"},
         {serial_split, serial, robot, [ms(lag_ms, 5, 200)],
             "the chassis' answers come in pieces, up to lag_ms late"},
-        {serial_gone, serial, robot, [], "the chassis' port vanishes, and comes back"},
+        {serial_gone, serial, robot, [], "the chassis' port vanishes, and comes back"}
+    ].
+
+of_stores() ->
+    [
         {store_full, store, robot, [], "nothing can be stored: a machine that tries crashes"},
         {store_damaged, store, robot, [], "machines that start find their stored terms damaged"},
         {store_lost, store, robot, [], "the robot goes down and starts anew, with an empty store"},
         {store_set_back, store, robot, [],
-            "the robot reboots, and in the end once more, with its store as it was at first"},
+            "the robot reboots, and in the end once more, with its store as it was at first"}
+    ].
+
+of_senses() ->
+    [
         {sense_gone, sense, robots, [sense()], "the sense does not answer"},
         {sense_frozen, sense, robots, [sense()], "the sense says what it said last"},
         {sense_noisy, sense, robots, [sense(), {times, {number, 1, 1000}, {2, 20}}],
             "the sense errs so many times as much"},
-        {sense_wrong, sense, robots, [sense()], "the sense says anything"},
+        {sense_wrong, sense, robots, [sense()], "the sense says anything"}
+    ].
+
+of_floor() ->
+    [
         {closed, floor, floor, [{door, {integer, 1, 100000}, {1, 8}}],
             "the door of this number on the floor plan is closed"},
         {obstacle, floor, floor,

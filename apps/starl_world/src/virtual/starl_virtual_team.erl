@@ -405,6 +405,8 @@ played(Link, Bytes, #team{now = Now, robots = Robots}) ->
 
 %% -- faults ---------------------------------------------------------------------------------
 
+struck(_Strike, #robot{condition = dead}, Team) ->
+    Team;
 struck({kill_machine, _Name}, #robot{condition = up, program = Program} = Robot, Team) ->
     done(runs(fun() -> starl_virtual_robot:kill_app(Program) end, Robot, Team), Robot, Team);
 struck({pause, Until}, #robot{hold_us = Before} = Robot, Team) ->
@@ -433,23 +435,15 @@ struck(try_start, #robot{condition = down, disk = Disk} = Robot, Team) ->
     {N, Drawn} = draw(?OPERATIONS, Robot, Team),
     ok = starl_virtual_disk:cut_after(Disk, N, between),
     comes_up(Drawn, kept(Drawn, Team));
-struck(lose_store, #robot{condition = Condition, disk = Disk} = Robot, Team) when
-    Condition =/= dead
-->
+struck(lose_store, #robot{disk = Disk} = Robot, Team) ->
     Down = without_power(Robot, Team),
     ok = starl_virtual_disk:erase(Disk),
     Down;
-struck({save_store, Image}, #robot{condition = Condition, disk = Disk} = Robot, Team) when
-    Condition =/= dead
-->
+struck({save_store, Image}, #robot{disk = Disk} = Robot, Team) ->
     Down = without_power(Robot, Team),
     ok = starl_virtual_disk:save(Image, Disk),
     Down;
-struck(
-    {set_back_store, Image}, #robot{id = Id, condition = Condition, disk = Disk} = Robot, Team
-) when
-    Condition =/= dead
-->
+struck({set_back_store, Image}, #robot{id = Id, disk = Disk} = Robot, Team) ->
     #team{now = Now} = Down = without_power(Robot, Team),
     case starl_virtual_disk:set_back(Image, Disk) of
         ok -> judged([{Now, Id, robot, store_set_back}], Down);
@@ -461,7 +455,7 @@ struck({reload, N}, #robot{codes = Before} = Robot, #team{world = World} = Team)
     told({reload, Order, self()}, Robot#robot{codes = Codes}, Team);
 struck({take_back, N, Failed}, #robot{codes = Before} = Robot, Team) ->
     told({take_back, N, Failed}, Robot#robot{codes = starl_reload:without(N, Before)}, Team);
-struck(kill_robot, #robot{id = Id, condition = Condition} = Robot, Team) when Condition =/= dead ->
+struck(kill_robot, #robot{id = Id} = Robot, Team) ->
     #team{now = Now} = Down = goes_down(killed, Robot, Team),
     Dead = kept((robot(Id, Down))#robot{condition = dead}, Down),
     judged([{Now, Id, robot, {died, killed}}], Dead);
