@@ -109,8 +109,10 @@ kinds() ->
 run(Given) ->
     _ = process_flag(trap_exit, true),
     Scenario = (maps:remove(watch, Given))#{mode => process},
-    {ok, {#{faults := Faults}, _Scene, Plan}} = starl_run:plan(Scenario, maps:with([watch], Given)),
-    Team = ended(play(begun(Faults, Plan))),
+    {ok, {#{faults := Faults}, Scene, Plan}} = starl_run:plan(Scenario, maps:with([watch], Given)),
+    #{world := World, reloads := Reloads} = Plan,
+    Told = starl_run_reloads:world(Reloads, starl_run_plan:parts(Scene)),
+    Team = ended(play(begun(Faults, Plan#{world := maps:merge(World, Told)}))),
     #{
         violations => lists:reverse(Team#team.violations),
         events => Team#team.events,
