@@ -101,7 +101,7 @@ report(Changes) ->
         wall_s => 0.5,
         outcome => #{
             robots => [],
-            end_us => 12500000,
+            end_us => round(1.0e6 * maps:get(virtual_s, Changes, 12.5)),
             violations => maps:get(violations, Changes, []),
             unjudged => maps:get(unjudged, Changes, []),
             digest => <<1, 2>>,
@@ -263,13 +263,17 @@ only_whole_runs_are_measured_test() ->
 
 %% -- the plot -------------------------------------------------------------------------------
 
-plot(Args, Figures) ->
+plot(Args, Figures) -> plot(Args, Figures, 12.5).
+
+%% The first point has runs of another length.
+plot(Args, Figures, FirstS) ->
     Grid = grid(#{}, Args),
-    Rows = [row(["painting", "2", "1"], #{})],
-    Points = [
-        {Point, starl_lab_sweep_summary:summarize(columns(), [], Rows)}
-     || Point <- starl_lab_sweep_grid:points(Grid)
-    ],
+    Summary = fun(S) ->
+        Rows = [row(["painting", "2", "1"], #{virtual_s => S})],
+        starl_lab_sweep_summary:summarize(columns(), [], Rows)
+    end,
+    [First | Others] = starl_lab_sweep_grid:points(Grid),
+    Points = [{First, Summary(FirstS)} | [{Point, Summary(12.5)} || Point <- Others]],
     {ok, X} = starl_lab_sweep_plot:axis(Grid),
     Names =
         case Figures of
@@ -324,8 +328,14 @@ script_test() ->
 
 %% All runs last as long: unasked, a panel that says nothing else is left out beside others.
 same_time_in_all_runs_is_not_plotted_test() ->
-    #{panels := Panels} = plot(["--robots", "2..4"], none),
-    ?assertMatch([#{y := "paths of a robot"}], Panels).
+    Shown = fun(FirstS) ->
+        #{panels := Panels} = plot(["--robots", "2..4"], none, FirstS),
+        [Y || #{y := Y} <- Panels]
+    end,
+    ?assertEqual(["paths of a robot"], Shown(12.5)),
+    %% a step of the application more or less
+    ?assertEqual(["paths of a robot"], Shown(12.6)),
+    ?assertEqual(["completion time, s", "paths of a robot"], Shown(13.0)).
 
 %% gnuplot draws nothing at all where one curve has no point.
 figures_that_no_run_has_are_left_out_test() ->

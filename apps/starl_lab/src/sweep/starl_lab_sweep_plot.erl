@@ -21,6 +21,8 @@
 -define(LEGEND_LINE, 18).
 %% The largest number of explicit tics; more would not fit.
 -define(MOST_TICS, 16).
+%% The part of a value by which another one is seen to differ.
+-define(SEEN, 0.01).
 %% The horizontal offset between curves, a fraction of the axis, which keeps error bars apart.
 -define(BESIDE, 0.006).
 
@@ -85,8 +87,9 @@ telling(Panels) ->
     end.
 
 varies(#{curves := Curves}) ->
-    Values = [[Median, Min, Max] || {_, Points} <- Curves, {_, Median, Min, Max} <- Points],
-    length(lists:usort(lists:append(Values))) > 1.
+    Values = lists:append([[Min, Max] || {_, Points} <- Curves, {_, _, Min, Max} <- Points]),
+    {Least, Most} = {lists:min(Values), lists:max(Values)},
+    Most - Least > ?SEEN * max(abs(Least), abs(Most)).
 
 curves(Names, Figure, Named) ->
     Curves = [{Name, curve(Name, Figure, Named)} || Name <- Names],
