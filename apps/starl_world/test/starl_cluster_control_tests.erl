@@ -27,4 +27,19 @@ answers_test() ->
         starl_cluster_control:close()
     end.
 
+%% A user without a home gets a line, not a cluster that never begins.
+no_place_for_the_socket_test() ->
+    Before = os:getenv("XDG_CACHE_HOME"),
+    true = os:putenv("XDG_CACHE_HOME", "/dev/null/cache"),
+    try
+        {error, Why} = starl_cluster_control:start_link(fun(_) -> {ok, ""} end),
+        ?assertNotEqual(nomatch, string:find(Why, "/dev/null/cache")),
+        ?assertNotEqual(nomatch, string:find(Why, "set XDG_CACHE_HOME"))
+    after
+        case Before of
+            false -> os:unsetenv("XDG_CACHE_HOME");
+            _ -> os:putenv("XDG_CACHE_HOME", Before)
+        end
+    end.
+
 asked(Words, Ms) -> starl_cluster_control:ask(Words, list_to_integer(os:getpid()), Ms).

@@ -25,15 +25,32 @@ start_link(Handler) ->
 
 listen(Caller, Handler) ->
     File = file(os:getpid()),
-    _ = file:delete(File),
-    ok = filelib:ensure_dir(File),
-    _ = file:change_mode(filename:dirname(File), 8#700),
-    case gen_tcp:listen(0, [{ifaddr, {local, File}}, {active, false}, {packet, line}, binary]) of
+    case opened(File) of
         {ok, Socket} ->
             Caller ! {self(), ok},
             serve(Socket, Handler);
+        {error, Why} ->
+            Caller ! {self(), {error, Why}}
+    end.
+
+%% A user without a home, as that of a service, may have no directory for it.
+opened(File) ->
+    _ = file:delete(File),
+    case filelib:ensure_dir(File) of
+        ok ->
+            _ = file:change_mode(filename:dirname(File), 8#700),
+            Options = [{ifaddr, {local, File}}, {active, false}, {packet, line}, binary],
+            case gen_tcp:listen(0, Options) of
+                {ok, Socket} -> {ok, Socket};
+                {error, Posix} -> {error, [File, ": ", inet:format_error(Posix)]}
+            end;
         {error, Posix} ->
-            Caller ! {self(), {error, [File, ": ", inet:format_error(Posix)]}}
+            {error, [
+                dir(),
+                " cannot be made: ",
+                file:format_error(Posix),
+                "; set XDG_CACHE_HOME to a directory of yours"
+            ]}
     end.
 
 dir() -> filename:join(filename:basedir(user_cache, "starl"), "clusters").
