@@ -2,6 +2,8 @@
 -module(starl_create_driver_tests).
 -include_lib("eunit/include/eunit.hrl").
 
+-export([start_link/2, log/2]).
+
 -define(S, 1000000).
 
 new(Options) -> starl_create_bench:new(Options).
@@ -241,6 +243,42 @@ a_port_program_without_real_time_is_told_test() ->
         starl_create_bench:driver(Bench)
     ),
     ?assert(is_integer(Charge)).
+
+%% A log has words of the driver, not a term. This module is the port and the handler.
+a_line_in_the_log_is_plain_test() ->
+    Level = maps:get(level, logger:get_primary_config()),
+    ok = logger:add_handler(?MODULE, ?MODULE, #{config => self()}),
+    ok = logger:set_primary_config(level, notice),
+    try
+        {ok, Chassis} = starl_create_chassis:open(#{
+            robot => 1,
+            clock => starl_live_clock:new(0, 1),
+            create => #{model => 2, device => "none"},
+            port => {?MODULE, #{}}
+        }),
+        {[], _} = starl_create_chassis:hear({priority, raised}, Chassis),
+        receive
+            {logged, #{what := create}, Text} ->
+                ?assertMatch("its Create: the port program runs without" ++ _, Text)
+        end
+    after
+        ok = logger:set_primary_config(level, Level),
+        ok = logger:remove_handler(?MODULE)
+    end.
+
+start_link(_Owner, _Options) ->
+    {ok,
+        spawn_link(fun() ->
+            receive
+                never -> ok
+            end
+        end)}.
+
+log(#{msg := {report, Report}} = Event, #{config := Test}) ->
+    Text = logger_formatter:format(Event, #{template => [msg], single_line => true}),
+    Test ! {logged, Report, unicode:characters_to_list(Text)};
+log(_Event, _Config) ->
+    ok.
 
 %% At a cliff a robot in mode Safe stops by itself; it is under control again when it was put back.
 a_cliff_ends_control_test() ->

@@ -155,5 +155,9 @@ act({event, Event}, #chassis{robot = Robot, events = Events} = Chassis) ->
     logger:info(#{what => create_event, event => Event}),
     {[{sensed, Event} || is_tuple(Event)], Chassis};
 act({say, Level, Line}, Chassis) ->
-    logger:log(Level, #{what => create, why => unicode:characters_to_binary(Line)}),
+    Why = unicode:characters_to_binary(Line),
+    logger:log(Level, #{what => create, why => Why}, #{report_cb => fun words/1}),
     {[], Chassis}.
+
+%% In a log, where the robot's number stands before it.
+words(#{why := Why}) -> {"its Create: ~ts", [Why]}.
