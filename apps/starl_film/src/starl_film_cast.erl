@@ -135,39 +135,38 @@ scene(#cast{pieces = Pieces, poses = Poses}) when map_size(Pieces) + map_size(Po
 scene(#cast{facts = Facts, until = Until} = Cast) ->
     #{app := App, scenario := Scenario, monitors := Monitors} = Facts,
     Begun = maps:get(begun_us, Facts, 0),
-    Ways = maps:merge(
-        maps:map(fun(_, Known) -> lists:reverse(Known) end, Cast#cast.poses),
-        maps:map(fun(_, Known) -> way(lists:reverse(Known), Until) end, Cast#cast.pieces)
-    ),
+    Ways = ways(Cast),
+    Faults = maps:values(Cast#cast.faults),
     Plan = plan(Facts),
     {ok, #{
         app => App,
         floor => floor_of(Scenario),
         plan => Plan,
-        obstacles => [
-            {Sides, span(Begun, Span)}
-         || {Sides, Span} <- obstacles(Plan, maps:values(Cast#cast.faults), Until)
-        ],
+        obstacles => since_begun(Begun, obstacles(Plan, Faults, Until)),
         lines => lines(Monitors),
         actors => [
             since(Begun, actor(Id, Way, Cast))
          || {Id, Way} <- lists:sort(maps:to_list(Ways))
         ],
-        cuts => [
-            {Mark, span(Begun, Span)}
-         || {Mark, Span} <- starl_film_partitions:cuts(
-                maps:values(Cast#cast.faults), maps:keys(Ways), Until
-            )
-        ],
-        drawings => [
-            {max(0, From - Begun), To - Begun, Robot, Drawing}
-         || {From, To, Robot, Drawing} <- starl_drawing:shown(
-                lists:reverse(Cast#cast.drawings), Until
-            )
-        ],
+        cuts => since_begun(Begun, starl_film_partitions:cuts(Faults, maps:keys(Ways), Until)),
+        drawings => drawings(Begun, Cast),
         curves => starl_film_curves:curves(Begun, Cast#cast.curves),
         end_us => Until - Begun
     }}.
+
+ways(#cast{poses = Poses, pieces = Pieces, until = Until}) ->
+    maps:merge(
+        maps:map(fun(_, Known) -> lists:reverse(Known) end, Poses),
+        maps:map(fun(_, Known) -> way(lists:reverse(Known), Until) end, Pieces)
+    ).
+
+since_begun(Begun, Shown) -> [{What, span(Begun, Span)} || {What, Span} <- Shown].
+
+drawings(Begun, #cast{drawings = Drawings, until = Until}) ->
+    [
+        {max(0, From - Begun), To - Begun, Robot, Drawing}
+     || {From, To, Robot, Drawing} <- starl_drawing:shown(lists:reverse(Drawings), Until)
+    ].
 
 %% A film begins with the recording. That of a robot on its own counts from 1970.
 since(Begun, #{way := Way, ink := Ink, down := Down} = Actor) ->

@@ -175,8 +175,7 @@ judge({barrier, {recalled, Name, At, Passed}}, T, Robot, State) ->
 judge({barrier, {failed, Name, K, _Reason}}, T, Robot, #state{failed = Failed} = State) ->
     {too_late(T, Robot, Name, K, State), excuse([{Name, Robot}], State#state{failed = Failed + 1})};
 judge({barrier, crashed}, T, Robot, State) ->
-    Forgets = remembers(fun starl_barrier_monitor_memory:crashed/3, Robot, State),
-    {[], fault(T, Robot, excuse(keys(Robot, State), Forgets))};
+    {[], crashed(T, Robot, State)};
 judge({barrier, store_damaged}, _T, Robot, #state{damaged = Count} = State) ->
     Damaged = remembers(fun starl_barrier_monitor_memory:damaged/3, Robot, State),
     {[], Damaged#state{damaged = Count + 1}};
@@ -187,6 +186,10 @@ judge({robot, {died, _Reason}}, _T, Robot, State) ->
     {[], excuse(keys(Robot, State), State#state{is_whole = false})};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
+
+crashed(T, Robot, State) ->
+    Forgets = remembers(fun starl_barrier_monitor_memory:crashed/3, Robot, State),
+    fault(T, Robot, excuse(keys(Robot, State), Forgets)).
 
 %% What a machine has stored and not told, since its life has ended in that step, counts from now. One
 %% of two stores in a step is told. But a round that counts as passed since the store was damaged, or set

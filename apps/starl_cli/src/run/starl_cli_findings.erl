@@ -68,18 +68,16 @@ make(#{monitors := Monitors, robots := Robots}, Ways, Beams) ->
         kept = Kept,
         circles = Circles,
         beams = Beams,
-        ways =
-            case is_map_key(starl_dpp_monitor, Monitors) of
-                true -> none;
-                false -> {starl_cli_ways:least(Ways), starl_cli_ways:off_floor(Ways)}
-            end,
-        cut =
-            case starl_cli_ways:is_whole(Ways) of
-                true -> none;
-                false -> starl_cli_ways:until_us(Ways)
-            end,
+        ways = ways(is_map_key(starl_dpp_monitor, Monitors), Ways),
+        cut = cut(starl_cli_ways:is_whole(Ways), Ways),
         results = [{Id, Result} || {Id, #{result := Result}} <- Robots]
     }.
+
+ways(true, _Ways) -> none;
+ways(false, Ways) -> {starl_cli_ways:least(Ways), starl_cli_ways:off_floor(Ways)}.
+
+cut(true, _Ways) -> none;
+cut(false, Ways) -> starl_cli_ways:until_us(Ways).
 
 %% -- figures --------------------------------------------------------------------------------
 

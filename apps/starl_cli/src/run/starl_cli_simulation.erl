@@ -77,7 +77,6 @@ ending(Ending, _Outcome) -> Ending.
 %% @doc Tells of a run: prints a summary and writes the files; gives the exit status.
 -spec tell(starl_cli_setup:t(), ran()) -> starl_cli_terminal:status().
 tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = Setup, Ran) ->
-    #{inputs := Inputs} = Setup,
     #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
     Ways = starl_cli_ways:with(drawings(Outcome), ways(Outcome, App, Scenario)),
     Notes = starl_cli_findings:make(Outcome, Ways, starl_cli_target:beams(Target)),
@@ -92,38 +91,35 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
         code => Code,
         notes => Notes
     }),
-    %% This scenario includes the faults that were drawn.
-    #{scenario := Effective} = Ran,
-    Record = starl_cli_record:make(
-        starl_cli_inputs:app(Inputs),
-        starl_cli_inputs:local(Inputs, Effective),
-        {Ending, Outcome},
-        Code
-    ),
-    #{monitors := Monitors} = Outcome,
+    Record = record(Ran, Code, Setup),
     Draw = fun(Dir) -> starl_cli_ways:draw(Dir, Name, Ways) end,
-    Own = #{
-        write => maps:get(write, App, Draw),
-        texts => [
-            {"results.term", starl_cli_findings:results(Notes)},
-            {"trajectories.csv", starl_cli_ways:csv(Ways)}
-            | played(Setup, Outcome) ++ starl_cli_measures:csv(Monitors) ++
-                starl_cli_measures:svg(Monitors)
-        ]
-    },
+    Texts = [
+        {"results.term", starl_cli_findings:results(Notes)},
+        {"trajectories.csv", starl_cli_ways:csv(Ways)}
+        | played(Setup, Outcome)
+    ],
+    Own = #{write => maps:get(write, App, Draw), texts => Texts ++ measures(Outcome)},
     Written = starl_cli_out:write(Out, fun(Dir) ->
         with_recording(starl_cli_files:write(Dir, Setup, {Report, Record}, Own), Setup, Dir)
     end),
     _ = summarize(Setup, Report),
     violated(Setup, Outcome),
     unjudged(Outcome),
-    Seen =
-        case Setup of
-            #{live := true} -> Outcome#{violations := []};
-            #{} -> Outcome
-        end,
     ok = uploaded(Written, Setup),
-    where(Written, Setup, Seen, lost(maps:get(lost, Outcome), status(Report))).
+    Status = lost(maps:get(lost, Outcome), status(Report)),
+    where(Written, Setup, repeatable(Setup, Outcome), Status).
+
+%% What a run in real time has violated need not come again.
+repeatable(#{live := true}, Outcome) -> Outcome#{violations := []};
+repeatable(#{}, Outcome) -> Outcome.
+
+%% The scenario of a run that has ended includes the faults that were drawn.
+record(#{scenario := Effective, ending := Ending, outcome := Outcome}, Code, #{inputs := Inputs}) ->
+    Scenario = starl_cli_inputs:local(Inputs, Effective),
+    starl_cli_record:make(starl_cli_inputs:app(Inputs), Scenario, {Ending, Outcome}, Code).
+
+measures(#{monitors := Monitors}) ->
+    starl_cli_measures:csv(Monitors) ++ starl_cli_measures:svg(Monitors).
 
 %% What was played of a schedule and by hand, for the simulator.
 played(Setup, #{faults := [_ | _] = Faults}) ->

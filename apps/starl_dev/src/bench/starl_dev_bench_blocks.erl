@@ -36,9 +36,8 @@ benchmarks() ->
 
 formula(Name, #{formula := Formula}) -> io_lib:format("  ~ts: ~ts~n", [Name, Formula]).
 
-measure(Block, Said, N, #{loss := Loss, seed := Seed}) ->
-    #{workload := Workload, operations := Counted, packets := Theoretical} = Said,
-    Common = #{
+common(Block, N, Loss, Seed) ->
+    #{
         app => starl_exercise,
         block => Block,
         robots => N,
@@ -48,9 +47,12 @@ measure(Block, Said, N, #{loss := Loss, seed := Seed}) ->
         mode => inline,
         patience => ?PATIENCE_MS,
         pause => 1
-    },
+    }.
+
+measure(Block, Said, N, #{loss := Loss, seed := Seed}) ->
+    #{workload := Workload, operations := Counted, packets := Theoretical} = Said,
     #{ending := Ending, outcome := Outcome, figures := Told} =
-        starl_dev_bench_run:simulate(maps:merge(Common, Workload)),
+        starl_dev_bench_run:simulate(maps:merge(common(Block, N, Loss, Seed), Workload)),
     #{packets := Packets, violations := Broken} = Outcome,
     Operations = proplists:get_value(Counted, Told),
     Theory = Theoretical(N),

@@ -98,27 +98,28 @@ signed(Dir, N, Address, Key, Pem) ->
     ]),
     Subject = "/CN=robot " ++ integer_to_list(N),
     Asked = openssl(["req -new -key", q(Key), "-subj", q(Subject), "-out", q(Request)]),
-    Made = next(Asked, fun() ->
-        [Ca, CaKey] = [q(filename:join(Dir, F)) || F <- ["ca.pem", "ca.key"]],
-        openssl([
-            "x509 -req -in",
-            q(Request),
-            "-CA",
-            Ca,
-            "-CAkey",
-            CaKey,
-            "-set_serial",
-            integer_to_list(serial()),
-            "-days",
-            ?DAYS,
-            "-extfile",
-            q(Extensions),
-            "-out",
-            q(Pem)
-        ])
-    end),
+    Made = next(Asked, fun() -> certified(Dir, Request, Extensions, Pem) end),
     _ = [file:delete(File) || File <- [Request, Extensions]],
     Made.
+
+certified(Dir, Request, Extensions, Pem) ->
+    [Ca, CaKey] = [q(filename:join(Dir, F)) || F <- ["ca.pem", "ca.key"]],
+    openssl([
+        "x509 -req -in",
+        q(Request),
+        "-CA",
+        Ca,
+        "-CAkey",
+        CaKey,
+        "-set_serial",
+        integer_to_list(serial()),
+        "-days",
+        ?DAYS,
+        "-extfile",
+        q(Extensions),
+        "-out",
+        q(Pem)
+    ]).
 
 serial() -> binary:decode_unsigned(crypto:strong_rand_bytes(15)).
 

@@ -167,7 +167,6 @@
 new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink := Sink} = Config) ->
     #{transport := Transport, positioning := Positioning, chassis := Chassis} = Config,
     #{record := Record, parts := Parts, team_seed := Seed} = Config,
-    Now = starl_live_clock:now_us(Clock),
     #body{
         id = Id,
         participants = Team,
@@ -188,7 +187,7 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, sink :=
         tell = maps:get(tell, Config, step),
         histories = histories(Config),
         kept = asked(maps:get(snapshots_us, Config, none)),
-        now = Now
+        now = starl_live_clock:now_us(Clock)
     }.
 
 asked(none) -> no;

@@ -190,23 +190,14 @@ restore(#{id := Id, driver := Driver, world := World, machines := Machines, part
         still = Still,
         rest = Rest
     };
-restore(#{id := Id, driver := Driver, world := World} = Parts) ->
-    #{condition := Condition, machines := Machines, timers := Timers} = Parts,
-    {Rest, Local} =
-        case maps:get(standing, Parts, none) of
-            none -> {none, []};
-            {Left, Due} -> {{stands, Left}, Due}
-        end,
-    #robot{
-        rest = Rest,
-        local = Local,
-        id = Id,
-        driver = driver(Driver),
-        condition = Condition,
-        world = World,
-        machines = Machines,
-        timers = Timers
-    }.
+restore(#{condition := Condition, machines := Machines, timers := Timers} = Parts) ->
+    #{id := Id, driver := Driver, world := World} = Parts,
+    Robot = #robot{id = Id, driver = driver(Driver), world = World, machines = Machines},
+    Quiet = Robot#robot{condition = Condition, timers = Timers},
+    case maps:get(standing, Parts, none) of
+        none -> Quiet;
+        {Left, Due} -> Quiet#robot{rest = {stands, Left}, local = Due}
+    end.
 
 driver(Module) ->
     #driver{

@@ -149,12 +149,7 @@ record({chunk, _, _, Size, Crc, Compression, Packed} = Chunk, Recovery) ->
         {ok, Records, Index} when map_size(Index) =:= 0 ->
             lists:foldl(fun record/2, Recovery, channels(Records));
         {ok, Records, Index} ->
-            Times = [Time || Entries <- maps:values(Index), {Time, _} <- Entries],
-            Closed = closed(lists:min(Times), Recovery),
-            Last = Closed#recovery{last = lists:max(Times)},
-            #recovery{writer = Writer} = Counted = counted(Index, Last),
-            Known = Counted#recovery{writer = starl_mcap_writer:known(Records, Writer)},
-            #recovery{pack = Pack} = Known,
+            #recovery{pack = Pack} = Known = taken(Records, Index, Recovery),
             put_chunks(starl_mcap_pack:add({Size, Crc, Compression, Packed, Index}, Pack), Known);
         {error, {packed, _, unknown} = Reason} when Recovery#recovery.chunks =:= 0 ->
             throw({?MODULE, {damaged, Recovery#recovery.file, 0, Reason}});
@@ -178,6 +173,14 @@ record({message, Channel, _, Time, _, Data}, #recovery{messages = N} = Recovery)
     put_bytes(starl_mcap_writer:flush(Put), Empty#recovery{messages = N + 1, last = Time});
 record(_Other, Recovery) ->
     Recovery.
+
+%% The messages and channels of a whole chunk.
+taken(Records, Index, Recovery) ->
+    Times = [Time || Entries <- maps:values(Index), {Time, _} <- Entries],
+    Closed = closed(lists:min(Times), Recovery),
+    Last = Closed#recovery{last = lists:max(Times)},
+    #recovery{writer = Writer} = Counted = counted(Index, Last),
+    Counted#recovery{writer = starl_mcap_writer:known(Records, Writer)}.
 
 whole(Chunk) ->
     case starl_mcap_chunk:contents(Chunk) of
