@@ -222,36 +222,47 @@ recording(All, Limits) ->
     How = how(Files),
     Robots = robots(Files),
     Extents = maps:from_list([{R, extent(R, Files)} || R <- Robots]),
-    States = maps:from_list([
-        {R, starl_debug_state:new(R, events(R, Files), maps:get(R, Extents), How)}
-     || R <- Robots
-    ]),
-    Tracks = [
-        {R, Track}
-     || R <- Robots, Track <- [track(R, Files, maps:get(R, Extents), Limits)], Track =/= none
-    ],
-    #{
+    Tracks = tracks(Extents, Files, Limits),
+    (told_by(states(Extents, How, Files)))#{
         how => How,
         app => maps:get(app, Facts),
         monitors => maps:get(monitors, Facts, []),
         robots => Robots,
         begun => lists:min([First || #file{first = First} <- Files]),
         extent => common(maps:values(Extents), Files),
-        states => States,
         tracks => maps:from_list([{R, Track} || {R, {Track, _}} <- Tracks]),
         packets => packets(Files),
+        missing => [R || {R, _} <- maps:get(robots, Facts)] -- Robots,
+        too_fast => [{R, N} || {R, {_, N}} <- Tracks, N > 0],
+        holes => holes(Files),
+        left_out => LeftOut
+    }.
+
+states(Extents, How, Files) ->
+    maps:map(
+        fun(R, Extent) -> starl_debug_state:new(R, events(R, Files), Extent, How) end, Extents
+    ).
+
+%% What the states of robots tell.
+told_by(States) ->
+    #{
+        states => States,
         tokens => lists:usort(
             lists:append([starl_debug_state:tokens(S) || S <- maps:values(States)])
         ),
         geocasts => lists:append([
             starl_debug_state:geocasts(R, S)
          || {R, S} <- lists:sort(maps:to_list(States))
-        ]),
-        missing => [R || {R, _} <- maps:get(robots, Facts)] -- Robots,
-        too_fast => [{R, N} || {R, {_, N}} <- Tracks, N > 0],
-        holes => holes(Files),
-        left_out => LeftOut
+        ])
     }.
+
+tracks(Extents, Files, Limits) ->
+    [
+        {R, Track}
+     || {R, Extent} <- lists:sort(maps:to_list(Extents)),
+        Track <- [track(R, Files, Extent, Limits)],
+        Track =/= none
+    ].
 
 %% Behind a gap the earliest packet with a number need not be the first of its kind; nor if two
 %% lives of a robot have sent the same.

@@ -103,10 +103,8 @@ parked(#{spots := Spots}, World) ->
     }.
 
 place(Picture, #{poses := Poses} = Parked, Radius, Tracking, Context) ->
-    #{robots := Ids, world := World, seed := Seed, profiles := Profiles} = Context,
-    #{options := Options} = Context,
+    #{robots := Ids, world := World, seed := Seed, options := Options} = Context,
     Lines = starl_picture:segments(Picture),
-    Speed = lists:max([Speed || #{speed := Speed} <- Profiles]),
     Plan = (maps:get(plan, Parked))#{
         segments => Lines,
         world => floats(World),
@@ -131,19 +129,23 @@ place(Picture, #{poses := Poses} = Parked, Radius, Tracking, Context) ->
                 poses => Poses,
                 apart_mm => maps:get(safety_distance, Options),
                 monitors => monitors(Picture, Tracking, Context),
-                memo => (maps:get(memo, Parked))#{
-                    picture => Picture,
-                    world => World,
-                    robots => length(Ids),
-                    speed => Speed,
-                    edges => maps:get(total, starl_dpp_plan:counts(Empty)),
-                    lines_mm => lines_mm(Empty),
-                    safety_distance => maps:get(safety_distance, Options)
-                }
+                memo => maps:merge(maps:get(memo, Parked), memo(Picture, Empty, Context))
             }};
         {error, Reason} ->
             {error, starl_dpp_plan:format_error(Reason)}
     end.
+
+%% What the report needs of the scene.
+memo(Picture, Empty, #{robots := Ids, world := World, profiles := Profiles, options := Options}) ->
+    #{
+        picture => Picture,
+        world => World,
+        robots => length(Ids),
+        speed => lists:max([Speed || #{speed := Speed} <- Profiles]),
+        edges => maps:get(total, starl_dpp_plan:counts(Empty)),
+        lines_mm => lines_mm(Empty),
+        safety_distance => maps:get(safety_distance, Options)
+    }.
 
 %% Overlapping lines are painted once.
 lines_mm(Plan) ->

@@ -45,6 +45,11 @@
 %% The time after which robots whose place is not known are asked again.
 -define(RECOVER_US, 2000000).
 
+%% The platform's part of its configuration.
+-define(PLATFORMS, [
+    robot, participants, incarnation, life, name, random, team_seed, now, stored
+]).
+
 -record(coordinator, {
     self :: starl:robot_id(),
     incarnation :: pos_integer(),
@@ -66,22 +71,7 @@
 
 -spec init(starl_machine:config()) -> {idle, #coordinator{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Life, now := Now} = Config) ->
-    Given = maps:without(
-        [
-            robot,
-            participants,
-            incarnation,
-            counted,
-            life,
-            name,
-            random,
-            team_seed,
-            now,
-            stored,
-            serve
-        ],
-        Config
-    ),
+    Given = maps:without(?PLATFORMS ++ [counted, serve], Config),
     Members = starl_team:members(Team),
     Data = #coordinator{
         self = Self,

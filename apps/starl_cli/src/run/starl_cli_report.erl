@@ -105,16 +105,19 @@ waiting(#{robots := Robots} = Outcome) ->
 place_of(none) -> none;
 place_of(Text) -> unicode:characters_to_binary(Text).
 
-fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App} = Input) ->
-    #{outcome := Outcome, wall_s := Wall, ending := Ending} = Input,
-    #{end_us := EndUs, monitors := Monitors, violations := Violations} = Outcome,
-    Formats = maps:get(formats, App, #{}),
-    Measures = starl_cli_measures:figures(maps:get(app, Scenario, none), Monitors),
-    Own = [
+%% The application's figures, and what it has measured beside them.
+own(Figures, Measures, Formats) ->
+    [
         {Key, rounded(maps:get(Key, Formats, #{}), Value)}
      || {Key, Value} <-
             Figures ++ [M || {K, _} = M <- Measures, not is_map_key(K, maps:from_list(Figures))]
-    ],
+    ].
+
+fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App} = Input) ->
+    #{outcome := Outcome, wall_s := Wall, ending := Ending} = Input,
+    #{end_us := EndUs, monitors := Monitors, violations := Violations} = Outcome,
+    Measures = starl_cli_measures:figures(maps:get(app, Scenario, none), Monitors),
+    Own = own(Figures, Measures, maps:get(formats, App, #{})),
     [
         {app, unicode:characters_to_binary(Name)},
         {seed, maps:get(seed, Scenario)},

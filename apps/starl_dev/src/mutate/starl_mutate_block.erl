@@ -202,7 +202,7 @@ transports() ->
     #{
         sources => ["apps/starl_live/src/transport/*.erl"],
         unit => [
-            "starl_live_{air,codec,dist,figures,fragment,frame,key,pace,replay,seal,told}_*"
+            "starl_live_{air,codec,dist,figures,fragment,frame,key,pace,peers,replay,seal}_*"
         ],
         suite => ["starl_live_{transport,udp}_SUITE"],
         soak => [],

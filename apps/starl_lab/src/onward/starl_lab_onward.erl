@@ -215,14 +215,6 @@ begun(Times, #{take := Take} = Setup) ->
 untaken({recording, Reason}) -> starl_lab_onward_recording:format_error(Reason);
 untaken(Reason) -> starl_sim_onward:format_error(Reason).
 
-report_of(Recording, Contract, Settings) ->
-    #{
-        contract => Contract,
-        settings => Settings,
-        recording => maps:without([facts, images], Recording),
-        images => [At || {At, _, _} <- maps:get(images, Recording)]
-    }.
-
 futures(Taken, #{recording := #{end_us := End} = Recording, values := Values} = Setup) ->
     #{runs := Runs, contract := Contract} = Values,
     Settings = fun(Us) ->
@@ -242,16 +234,17 @@ futures(Taken, #{recording := #{end_us := End} = Recording, values := Values} = 
         #{curve := Curve, complete := IsComplete} = Result ->
             {Last, _, Anew} = lists:last(lists:keysort(1, Taken)),
             Untaken = untaken(),
-            Told = report_of(Recording, Contract, Settings(Last)),
-            told(
-                Told#{
-                    curve => Curve,
-                    how => how_ended(IsComplete, Untaken),
-                    anew => anew(Anew, Setup),
-                    rise => rise(Result, Untaken, length(Taken), Setup)
-                },
-                Setup
-            )
+            Report = #{
+                curve => Curve,
+                how => how_ended(IsComplete, Untaken),
+                contract => Contract,
+                settings => Settings(Last),
+                recording => maps:without([facts, images], Recording),
+                images => [At || {At, _, _} <- maps:get(images, Recording)],
+                anew => anew(Anew, Setup),
+                rise => rise(Result, Untaken, length(Taken), Setup)
+            },
+            told(Report, Setup)
     catch
         throw:{future, Reason} -> failed(Reason)
     after

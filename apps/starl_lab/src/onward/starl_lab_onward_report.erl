@@ -130,7 +130,10 @@ risen(#{rise := {untaken, {Low, High} = Step, Why}} = Report, Width) ->
         ],
         Width
     );
-risen(#{rise := {named, Step, {From, To}, Happened, Anew}} = Report, Width) ->
+risen(#{rise := {named, _, _, _, _}} = Report, Width) ->
+    named(Report, Width).
+
+named(#{rise := {named, Step, {From, To}, Happened, Anew}} = Report, Width) ->
     [
         wrapped(
             [

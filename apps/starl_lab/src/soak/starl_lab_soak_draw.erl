@@ -200,22 +200,7 @@ radio(Block, Seed) ->
 %% Either clocks near the bound of their drift, without faults that change their drift (path
 %% planning: without any faults of clocks), or good clocks with all faults of clocks.
 clocks(dpp, Seed) ->
-    case is_steady(dpp, Seed) of
-        true ->
-            %% Clocks are not set here, so no margin is needed for that.
-            #{
-                lease => starl_run_draw:between({Seed, dpp, lease}, 5000, 8000),
-                jump => 50,
-                clock_drift => ?NEARLY_PPM,
-                random_faults => [network, process | ?DPP_BEARS]
-            };
-        false ->
-            #{
-                lease => starl_run_draw:between({Seed, dpp, lease}, 7000, 12000),
-                command_latency => one_of(?LATENCIES, {Seed, dpp, latency}),
-                random_faults => [network, clock, process | ?DPP_BEARS]
-            }
-    end;
+    clocks_of_dpp(is_steady(dpp, Seed), Seed);
 clocks(Block, Seed) ->
     case is_steady(Block, Seed) of
         true ->
@@ -236,6 +221,21 @@ clocks(Block, Seed) ->
         false ->
             #{random_faults => [all]}
     end.
+
+clocks_of_dpp(true, Seed) ->
+    %% clocks are not set here, so no margin is needed for that
+    #{
+        lease => starl_run_draw:between({Seed, dpp, lease}, 5000, 8000),
+        jump => 50,
+        clock_drift => ?NEARLY_PPM,
+        random_faults => [network, process | ?DPP_BEARS]
+    };
+clocks_of_dpp(false, Seed) ->
+    #{
+        lease => starl_run_draw:between({Seed, dpp, lease}, 7000, 12000),
+        command_latency => one_of(?LATENCIES, {Seed, dpp, latency}),
+        random_faults => [network, clock, process | ?DPP_BEARS]
+    }.
 
 is_steady(Block, Seed) -> starl_run_draw:uniform({Seed, Block, steady}) < ?STEADY.
 

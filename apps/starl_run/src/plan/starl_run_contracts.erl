@@ -18,20 +18,9 @@
     starl_run_plan:options()
 ) -> [{module(), map()}].
 monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, Options) ->
-    #{faults := Faults, delay := {_, MaxMs}, clock_offset := Ms, clock_drift := Ppm} = Scenario,
     Sap = maps:merge(Sap0, maps:get(sap, Scene, #{})),
-    Known = #{
-        slack_us => maps:get(slack_us, Options, 0),
-        broken => starl_run_assumption:broken(Faults, is_exact(Profiles)),
-        faults => out_of_range(Scenario) ++ starl_run_assumption:faults(Faults),
-        bodies => starl_run_assumption:bodies(Faults, is_exact(Profiles)),
-        positions => starl_run_assumption:positions(Faults),
-        healed_us => healed_us(Scenario),
-        core => core(Scenario, Ids),
-        loss => told_loss(Scenario),
-        sap => Sap,
-        clocks => #{offset_us => round(1000 * Ms), drift_ppm => Ppm},
-        delay_us => round(1000 * MaxMs)
+    Known = (known(Scenario, Ids, is_exact(Profiles)))#{
+        slack_us => maps:get(slack_us, Options, 0), sap => Sap
     },
     %% one per cent more for the drift of the sender's clock
     Bound = starl_sap_schedule:bound_us(Sap) * 101 div 100 + 1000000,
@@ -46,6 +35,21 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, Options) ->
         Own ++ contact(Scenario, Scene, Profiles) ++ maps:get(monitors, Scene, []) ++
             progress(Scenario, Ids),
     starl_monitor:informed(with_history(Contracts, models(Scene, Options), Options), Known).
+
+%% What contracts know of a run before it begins.
+known(Scenario, Ids, IsExact) ->
+    #{faults := Faults, delay := {_, MaxMs}, clock_offset := Ms, clock_drift := Ppm} = Scenario,
+    #{
+        broken => starl_run_assumption:broken(Faults, IsExact),
+        faults => out_of_range(Scenario) ++ starl_run_assumption:faults(Faults),
+        bodies => starl_run_assumption:bodies(Faults, IsExact),
+        positions => starl_run_assumption:positions(Faults),
+        healed_us => healed_us(Scenario),
+        core => core(Scenario, Ids),
+        loss => told_loss(Scenario),
+        clocks => #{offset_us => round(1000 * Ms), drift_ppm => Ppm},
+        delay_us => round(1000 * MaxMs)
+    }.
 
 %% @doc The models by which the histories of this run are judged.
 -spec models(starl_scene:t(), starl_run_plan:options()) -> [{module(), map()}].

@@ -151,36 +151,38 @@ line(_At, _Robot, _Points, Scene) ->
 update(Entities) -> {[{deletions, []}, {entities, Entities}]}.
 
 body(At, Robot) ->
-    Size = {[{x, m(?BODY_MM)}, {y, m(?BODY_MM)}, {z, m(?TALL_MM)}]},
-    Cylinder =
-        {[
-            {pose, pose({0.0, 0.0, 0.0}, ?TALL_MM / 2)},
-            {size, Size},
-            {bottom_scale, 1},
-            {top_scale, 1},
-            {color, colour(Robot, 0.8)}
-        ]},
-    Nose =
-        {[
-            {pose, pose({0.0, 0.0, 0.0}, ?TALL_MM)},
-            {shaft_length, 0.15},
-            {shaft_diameter, 0.03},
-            {head_length, 0.06},
-            {head_diameter, 0.07},
-            {color, colour(Robot, 1.0)}
-        ]},
-    Number =
-        {[
-            {pose, pose({0.0, 0.0, 0.0}, 3 * ?TALL_MM)},
-            {billboard, true},
-            {font_size, 0.2},
-            {scale_invariant, false},
-            {color, {[{r, 1}, {g, 1}, {b, 1}, {a, 1}]}},
-            {text, integer_to_binary(Robot)}
-        ]},
     entity(At, frame(Robot), frame(Robot), true, 0, [
-        {arrows, [Nose]}, {cylinders, [Cylinder]}, {texts, [Number]}
+        {arrows, [nose(Robot)]}, {cylinders, [cylinder(Robot)]}, {texts, [number(Robot)]}
     ]).
+
+cylinder(Robot) ->
+    {[
+        {pose, pose({0.0, 0.0, 0.0}, ?TALL_MM / 2)},
+        {size, {[{x, m(?BODY_MM)}, {y, m(?BODY_MM)}, {z, m(?TALL_MM)}]}},
+        {bottom_scale, 1},
+        {top_scale, 1},
+        {color, colour(Robot, 0.8)}
+    ]}.
+
+nose(Robot) ->
+    {[
+        {pose, pose({0.0, 0.0, 0.0}, ?TALL_MM)},
+        {shaft_length, 0.15},
+        {shaft_diameter, 0.03},
+        {head_length, 0.06},
+        {head_diameter, 0.07},
+        {color, colour(Robot, 1.0)}
+    ]}.
+
+number(Robot) ->
+    {[
+        {pose, pose({0.0, 0.0, 0.0}, 3 * ?TALL_MM)},
+        {billboard, true},
+        {font_size, 0.2},
+        {scale_invariant, false},
+        {color, {[{r, 1}, {g, 1}, {b, 1}, {a, 1}]}},
+        {text, integer_to_binary(Robot)}
+    ]}.
 
 ink(At, Robot, N, Points) ->
     Line =
