@@ -157,50 +157,10 @@ init(#{robot := Self, profiles := Profiles, incarnation := Incarnation, now := N
 handle_event(Type, Content, State, Drive, #{now := Now}) ->
     event(Type, Content, State, Drive#drive{now = Now}).
 
-event(info, {driven, N, _}, steering, #drive{command = N, cruises = Cruises} = Drive) ->
-    {keep_state, Drive#drive{stands = true, cruises = false}, [over(time) || Cruises]};
-event(info, {driven, N, _} = Driven, cruising, #drive{command = N} = Drive) ->
-    ended(time, Driven, Drive);
-event(info, {stalled, N, _} = Stalled, State, #drive{command = N} = Drive) when
-    State =:= cruising; State =:= steering
-->
-    ended(stalled, Stalled, Drive);
-event(info, {driven, N, HeardUs}, State, #drive{command = N} = Drive) when is_integer(HeardUs) ->
-    driven(HeardUs, State, Drive);
-event(info, {stalled, N, Told}, State, #drive{command = N, chassis = Chassis} = Drive) when
-    State =:= driving; State =:= trying
-->
-    stalled(Chassis:undo(Told), Drive);
-event(info, {restarted, location}, locating, Drive) ->
-    locate(Drive, []);
-event(info, {restarted, location}, steering, Drive) ->
-    sight(Drive);
-event(info, {restarted, _}, _State, _Drive) ->
-    keep_state_and_data;
-event(info, {driven, _, Us}, _State, _Drive) when is_integer(Us) ->
-    keep_state_and_data;
-event(info, {stalled, _, Told}, _State, #drive{chassis = Chassis}) ->
-    known(Chassis:undo(Told));
-event(state_timeout, heard_nothing, cruising, Drive) ->
-    ended(no_answer, heard_nothing, Drive);
-event(state_timeout, ask, steering, Drive) ->
-    blind(Drive);
-event(state_timeout, try_again, stalled, Drive) ->
-    case may_back(Drive) of
-        true -> try_again(Drive);
-        false -> locate(Drive, [])
-    end;
-event(state_timeout, heard_nothing, halting, Drive) ->
-    stand_still(Drive, []);
-event(state_timeout, heard_nothing, _State, #drive{chassis = Chassis, script = Script} = Drive) ->
-    %% the lost answer may have been that the drive does not obey
-    stand_still(Drive#drive{doubt = Chassis:undo(Chassis:last(Script))}, []);
-event(state_timeout, ask, locating, #drive{way = to} = Drive) ->
-    locate(Drive, []);
-event(state_timeout, ask, locating, Drive) ->
-    stand_still(Drive, []);
-event(state_timeout, go_on, waiting, Drive) ->
-    stand_still(Drive, []);
+event(info, Word, State, Drive) ->
+    informed(Word, State, Drive);
+event(state_timeout, Word, State, Drive) ->
+    timed_out(Word, State, Drive);
 event({reply, N}, {ok, #{} = Poses}, State, #drive{asked = N, self = Self} = Drive) ->
     Own =
         case Poses of
@@ -234,6 +194,57 @@ event({call, From}, stop, _State, #drive{waiting = Waiting} = Drive) ->
 event(cast, stop, _State, Drive) ->
     stand_still(Drive#drive{from = none}, stopped(Drive));
 event(_, _, _, _) ->
+    unknown_event.
+
+%% Words of the chassis, and of machines that have restarted.
+informed({driven, N, _}, steering, #drive{command = N, cruises = Cruises} = Drive) ->
+    {keep_state, Drive#drive{stands = true, cruises = false}, [over(time) || Cruises]};
+informed({driven, N, _} = Driven, cruising, #drive{command = N} = Drive) ->
+    ended(time, Driven, Drive);
+informed({stalled, N, _} = Stalled, State, #drive{command = N} = Drive) when
+    State =:= cruising; State =:= steering
+->
+    ended(stalled, Stalled, Drive);
+informed({driven, N, HeardUs}, State, #drive{command = N} = Drive) when is_integer(HeardUs) ->
+    driven(HeardUs, State, Drive);
+informed({stalled, N, Told}, State, #drive{command = N, chassis = Chassis} = Drive) when
+    State =:= driving; State =:= trying
+->
+    stalled(Chassis:undo(Told), Drive);
+informed({restarted, location}, locating, Drive) ->
+    locate(Drive, []);
+informed({restarted, location}, steering, Drive) ->
+    sight(Drive);
+informed({restarted, _}, _State, _Drive) ->
+    keep_state_and_data;
+informed({driven, _, Us}, _State, _Drive) when is_integer(Us) ->
+    keep_state_and_data;
+informed({stalled, _, Told}, _State, #drive{chassis = Chassis}) ->
+    known(Chassis:undo(Told));
+informed(_, _, _) ->
+    unknown_event.
+
+timed_out(heard_nothing, cruising, Drive) ->
+    ended(no_answer, heard_nothing, Drive);
+timed_out(ask, steering, Drive) ->
+    blind(Drive);
+timed_out(try_again, stalled, Drive) ->
+    case may_back(Drive) of
+        true -> try_again(Drive);
+        false -> locate(Drive, [])
+    end;
+timed_out(heard_nothing, halting, Drive) ->
+    stand_still(Drive, []);
+timed_out(heard_nothing, _State, #drive{chassis = Chassis, script = Script} = Drive) ->
+    %% the lost answer may have been that the drive does not obey
+    stand_still(Drive#drive{doubt = Chassis:undo(Chassis:last(Script))}, []);
+timed_out(ask, locating, #drive{way = to} = Drive) ->
+    locate(Drive, []);
+timed_out(ask, locating, Drive) ->
+    stand_still(Drive, []);
+timed_out(go_on, waiting, Drive) ->
+    stand_still(Drive, []);
+timed_out(_, _, _) ->
     unknown_event.
 
 to(From, {Start, Goal}, Way, Drive) ->
