@@ -10,6 +10,8 @@ robot_test_() ->
             {"a store that cannot be written is one line", fun unwritable/1},
             {"a store that is read-only is one line", fun read_only/1},
             {"back to the release before, and forward again", fun rolled_back/1},
+            {"new code that has failed is left, by a restart where the node does not know it",
+                fun reload_undone/1},
             {"a node that a signal ends", fun signalled/1},
             {"a log that has grown", fun rotated/1},
             {"a clock that is set soon is waited for", fun set_clock/1},
@@ -55,6 +57,38 @@ rolled_back(Place) ->
     ?assertEqual(
         {1, "there is no release before this one\n"}, robot("one", "rollback", Place)
     ).
+
+%% The node knows of the reload, or has started anew since: then it starts with the release before.
+reload_undone(#{dir := Dir} = Place) ->
+    Asked = filename:join(Dir, "asked"),
+    Answer = fun(Status) ->
+        erlang_is(
+            "case $* in *starl_fleet_ask*) echo \"$*\" | sed s/.*-extra// >>" ++ Asked ++ "; exit " ++
+                Status ++
+                " ;; esac\necho started >>" ++ Asked ++ "; exec sleep 600\n",
+            Dir
+        )
+    end,
+    ok = Answer("0"),
+    ?assertEqual({0, ""}, robot("two", "reload switch 5000", Place)),
+    ?assertEqual({"two", "one"}, {link("current", Place), link("previous", Place)}),
+    ?assertEqual({0, "one\n"}, robot("two", "reload back 1", Place)),
+    ?assertEqual({"one", none}, {link("current", Place), link("previous", Place)}),
+    Releases = filename:join(maps:get(base, Place), "releases"),
+    ?assertEqual(
+        " reload switch " ++ Releases ++ "/two 5000\n reload back " ++ Releases ++ "/one 1\n",
+        text(Asked)
+    ),
+    ?assertEqual({0, ""}, robot("two", "reload back 1", Place)),
+    {0, ""} = robot("two", "reload switch 5000", Place),
+    ok = Answer("1"),
+    ?assertEqual({0, "one\n"}, robot("two", "reload back 1", Place)),
+    ?assertEqual({"one", none}, {link("current", Place), link("previous", Place)}),
+    ?assert(filelib:is_regular(state("daemon", Place))).
+
+text(File) ->
+    {ok, Text} = file:read_file(File),
+    binary_to_list(Text).
 
 %% The node kills itself when it starts.
 signalled(#{dir := Dir} = Place) ->
