@@ -1,6 +1,18 @@
 %% A robot's node: its word to systemd, its health in the eyes of a deployment, its robot.
 -module(starl_fleet_node_tests).
+-behaviour(starl_app).
 -include_lib("eunit/include/eunit.hrl").
+
+-export([init/2, step/2]).
+
+%% The application of a robot: each step says which version of this module runs.
+init(_Robot, _Options) -> 0.
+
+step(Robot, N) ->
+    {module, Module} = erlang:fun_info(fun ?MODULE:step/2, module),
+    starl_fleet_node_test ! {runs, Module, self()},
+    ok = starl:sleep(Robot, 20),
+    {continue, N + 1}.
 
 %% READY=1 comes once, when the robot answers; the watchdog is fed for each answer, and for nothing else.
 watchdog_test() ->
@@ -156,6 +168,55 @@ compiled(Name, Code) ->
     ],
     {ok, Module, Beam} = compile:forms(Forms, [debug_info]),
     {Module, Name ++ ".erl", Beam}.
+
+%% A robot whose link starts anew within its node goes on with the new code, and can still be taken back.
+reload_outlives_the_link_test_() -> {timeout, 30, fun reload_outlives_the_link/0}.
+
+reload_outlives_the_link() ->
+    true = register(starl_fleet_node_test, self()),
+    {ok, _} = application:ensure_all_started(starl_live),
+    Dir = "/tmp/starl-node-" ++ os:getpid(),
+    Place = #{robot => 1, release => Dir, version => "0-a", keys => Dir, state => Dir ++ "/state"},
+    Robots = #{1 => #{host => "127.0.0.1", port => free_port()}},
+    Fleet = #{name => "lab", app => ?MODULE, robots => Robots, record_mb => 0},
+    ok = filelib:ensure_path(Dir),
+    ok = file:write_file(Dir ++ "/fleet.term", io_lib:format("~tp.~n", [Fleet])),
+    ok = file:write_file(Dir ++ "/fleet.key", lists:duplicate(64, $a)),
+    ok = file:change_mode(Dir ++ "/fleet.key", 8#600),
+    {ok, Node} = starl_fleet_node:start_link(Place),
+    Old = runs(fun(Module, _) -> Module =:= ?MODULE end),
+    #{number := 1, parts := Parts} = starl_fleet_node:code(),
+    {ok, Order, Code} = starl_reload:order(1, [?MODULE], Parts, 0),
+    ok = starl_version:load(Code),
+    ok = starl_fleet_node:takes(Order, Dir ++ "/two"),
+    Old = runs(fun(Module, _) -> Module =/= ?MODULE end),
+    true = exit(starl_live_robot:link(starl_live_sup:robot()), kill),
+    _ = runs(fun(Module, App) -> App =/= Old andalso Module =/= ?MODULE end),
+    ?assertMatch({error, _}, starl_fleet_node:leaves(Dir ++ "/another", 1)),
+    ok = starl_fleet_node:leaves(Dir, 1),
+    _ = runs(fun(Module, App) -> App =/= Old andalso Module =:= ?MODULE end),
+    ?assertMatch(#{number := 2, versions := [?MODULE]}, starl_fleet_node:code()),
+    true = unlink(Node),
+    true = exit(Node, kill),
+    ok = application:stop(starl_live),
+    true = unregister(starl_fleet_node_test),
+    ok = file:del_dir_r(Dir).
+
+free_port() ->
+    {ok, Socket} = gen_udp:open(0),
+    {ok, Port} = inet:port(Socket),
+    ok = gen_udp:close(Socket),
+    Port.
+
+%% The application's process, as soon as this is so.
+runs(Wanted) ->
+    receive
+        {runs, Module, App} ->
+            case Wanted(Module, App) of
+                true -> App;
+                false -> runs(Wanted)
+            end
+    end.
 
 %% A robot comes from its fleet file alone.
 spec_test() ->
