@@ -21,4 +21,34 @@ a_line_names_its_robot_test() ->
     ?assertNotEqual(nomatch, string:find(Lines, "warning: robot 3: ")),
     ?assertNotEqual(nomatch, string:find(Lines, "no cable")).
 
+%% Who stands where it must not is named at once, on the terminal: nobody waits for it in vain.
+who_stands_badly_is_said_at_once_test() ->
+    Table = ets:new(log, [set, public]),
+    Line = <<"robot 1 stands 250 mm from robot 2">>,
+    Event = #{
+        level => error, msg => {report, #{what => badly_placed, why => Line}}, meta => #{time => 0}
+    },
+    {Pid, Ref} = spawn_monitor(fun() ->
+        receive
+            go -> starl_cli_log:log(Event, #{config => Table})
+        end
+    end),
+    {module, _} = code:ensure_loaded(starl_cli_progress),
+    1 = erlang:trace(Pid, true, [call]),
+    1 = erlang:trace_pattern({starl_cli_progress, note, 1}, true, []),
+    Pid ! go,
+    receive
+        {'DOWN', Ref, _, _, normal} -> ok
+    end,
+    Delivered = erlang:trace_delivered(Pid),
+    receive
+        {trace_delivered, Pid, Delivered} -> ok
+    end,
+    _ = erlang:trace_pattern({starl_cli_progress, note, 1}, false, []),
+    receive
+        {trace, Pid, call, {starl_cli_progress, note, [Said]}} -> ?assertEqual(Line, Said)
+    after 0 -> error(not_said)
+    end,
+    ?assertNotEqual(<<>>, written(Table)).
+
 written(Table) -> iolist_to_binary([Line || {_, _, Line, _} <- ets:tab2list(Table)]).

@@ -67,6 +67,8 @@ show(#{msg := {report, #{what := long_step, reason := Why}}, meta := #{robot := 
     starl_cli_progress:note(io_lib:format("robot ~b ~ts", [Robot, Why]));
 show(#{msg := {report, #{what := chassis_failed, why := Why}}, meta := #{robot := Robot}}) ->
     starl_cli_progress:note(io_lib:format("robot ~b: ~ts; the robot starts anew", [Robot, Why]));
+show(#{msg := {report, #{what := badly_placed, why := Line}}}) ->
+    starl_cli_progress:note(Line);
 show(#{msg := {report, #{what := robot_given_up, robot := Robot}}}) ->
     Line = "robot ~b has started anew too often, and is given up",
     starl_cli_progress:note(io_lib:format(Line, [Robot]));
