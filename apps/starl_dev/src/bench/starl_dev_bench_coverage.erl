@@ -47,16 +47,9 @@ row(N, Seconds, Runs) ->
     Looks = N * ?PER_S * Seconds,
     Seen = proplists:get_value(seen, Told),
     Hex = string:lowercase(binary:encode_hex(Digest)),
-    starl_cli_terminal:out("~6b ~7.2f ~7.2f ~9.2f ~9b ~11.1f ~9.1f ~ts\n", [
-        N,
-        Wall,
-        Cpu,
-        Seconds / Wall,
-        trunc(Looks / Wall),
-        1.0e6 * Cpu / Looks,
-        Seen,
-        binary:part(Hex, 0, 6)
-    ]),
+    Rates = [Seconds / Wall, trunc(Looks / Wall), 1.0e6 * Cpu / Looks],
+    Shown = [N, Wall, Cpu] ++ Rates ++ [Seen, binary:part(Hex, 0, 6)],
+    starl_cli_terminal:out("~6b ~7.2f ~7.2f ~9.2f ~9b ~11.1f ~9.1f ~ts\n", Shown),
     [
         {robots, N},
         {start_s, maps:get(start_s, Run)},

@@ -87,18 +87,12 @@ submitted({error, Why}, _Study, _Dir) ->
 scripts(#{words := Words, parts := N, jobs := Jobs, starl := Starl, cwd := Cwd}, Dir) ->
     Name = filename:basename(Dir),
     Head = fun(What, Log, More) ->
-        [
-            "#!/bin/sh\n",
-            [
-                ["#SBATCH --", Option, $=, Value, $\n]
-             || {Option, Value} <- [
-                    {"job-name", starl_cli_quoted:word(Name ++ What)},
-                    {"chdir", starl_cli_quoted:word(Cwd)},
-                    {"output", starl_cli_quoted:word(filename:join(Dir, Log))}
-                    | More
-                ]
-            ]
-        ]
+        head([
+            {"job-name", starl_cli_quoted:word(Name ++ What)},
+            {"chdir", starl_cli_quoted:word(Cwd)},
+            {"output", starl_cli_quoted:word(filename:join(Dir, Log))}
+            | More
+        ])
     end,
     Line = fun(List) -> ["exec ", lists:join($\s, List), $\n] end,
     Quoted = fun(List) -> [starl_cli_quoted:word(Word) || Word <- List] end,
@@ -116,6 +110,9 @@ scripts(#{words := Words, parts := N, jobs := Jobs, starl := Starl, cwd := Cwd},
         ]},
         {?JOIN, [Head("-join", "join.log", []), Line(Quoted([Starl, "join", Dir]))]}
     ].
+
+head(Options) ->
+    ["#!/bin/sh\n", [["#SBATCH --", Option, $=, Value, $\n] || {Option, Value} <- Options]].
 
 %% The numbers of the jobs.
 submit(Dir) ->

@@ -102,15 +102,14 @@ checked(#{subject := Target, given := Given, values := Values, args := Args}, Wo
     {Unwritable, _} = starl_cli_setup:out(Dir, Name),
     case Unsound ++ Unwritable ++ too_large(Unsound, Checked, Grid, Values) of
         [] ->
-            probed(#{
+            Points = [{P, Scenario} || {P, {[], Scenario}} <- Checked],
+            probed((maps:with([jobs, plot], Values))#{
                 work => Work,
                 args => Args,
                 target => Target,
                 grid => Grid,
                 dir => Dir,
-                points => [{P, Scenario} || {P, {[], Scenario}} <- Checked],
-                jobs => maps:get(jobs, Values),
-                plot => maps:get(plot, Values)
+                points => Points
             });
         Problems ->
             {error, Problems}

@@ -135,10 +135,8 @@ written(Sources0, Part) ->
     Sources = [shared(HasWorld, Source) || Source <- Sources0],
     {Head, Writer} = starl_trace_writer:new(),
     Begin = begin_us(Sources),
-    {Lacking, Until} = starl_trace_robot:lacking([
-        {File, Facts}
-     || #source{kind = robot, facts = Facts, file = File} <- Sources
-    ]),
+    Robots = [{File, Facts} || #source{kind = robot, facts = Facts, file = File} <- Sources],
+    {Lacking, Until} = starl_trace_robot:lacking(Robots),
     Holes = maps:map(fun(_File, To) -> {hole, To} end, Until),
     Merge = put_bytes({Head, Writer}, #merge{
         part = Part,
@@ -147,19 +145,22 @@ written(Sources0, Part) ->
         holes = maps:merge(open_ends(Sources), maps:remove(none, Holes))
     }),
     First = [{gap, Begin, Why} || #{none := Why} <- [Holes]],
-    {Ready, Begun} = filled(
-        Sources, put_messages([{scenario, Begin, facts(Sources)} | First], Merge)
-    ),
-    #merge{until = End, part = Whole} = Merged = finished(all(Ready, Begun)),
-    #{
-        messages => Merged#merge.messages,
-        bytes => starl_mcap_part:written(Whole),
+    Headed = put_messages([{scenario, Begin, facts(Sources)} | First], Merge),
+    {Ready, Begun} = filled(Sources, Headed),
+    #merge{cut_off = CutOff} = Merged = finished(all(Ready, Begun)),
+    (sums(Merged))#{
         begun_us => Begin,
-        until_us => End,
-        cut_off => lists:reverse(Merged#merge.cut_off) -- continued(Sources),
+        cut_off => lists:reverse(CutOff) -- continued(Sources),
         missing => missing(Sources),
-        lacking => Lacking,
-        clocks => starl_packet_fates:early(Merged#merge.ways)
+        lacking => Lacking
+    }.
+
+sums(#merge{messages = Messages, part = Part, until = End, ways = Ways}) ->
+    #{
+        messages => Messages,
+        bytes => starl_mcap_part:written(Part),
+        until_us => End,
+        clocks => starl_packet_fates:early(Ways)
     }.
 
 shared(HasWorld, #source{kind = Kind, messages = Messages} = Source) ->
