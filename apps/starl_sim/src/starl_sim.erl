@@ -135,8 +135,12 @@ run(#sim{run = Run, scenario = #{time := Seconds}}) -> starl_sim_run:run(Run, mi
 world() -> simulation.
 
 %% @doc Runs to the end, and says why it has ended.
--spec await(sim()) -> starl_run:ending() | none.
-await(Sim) -> maps:get(ending, run(Sim)).
+-spec await(sim()) -> starl_run:ending().
+await(Sim) ->
+    case run(Sim) of
+        #{ending := none} -> time;
+        #{ending := Ending} -> Ending
+    end.
 
 %% @doc Runs to a virtual time in seconds, or to an earlier end.
 -spec run(sim(), Seconds :: number()) -> starl_sim_run:status().
