@@ -33,7 +33,7 @@ new(Ip, Port) ->
         end,
     #guard{token = Token, port = Port}.
 
-%% Too long to be guessed over a network (60 bits), short enough to be typed on a telephone.
+%% It is too long to be guessed over a network (60 bits), and short enough to be typed on a telephone.
 secret() -> <<<<(letter(Byte))>> || <<Byte>> <= crypto:strong_rand_bytes(?LETTERS)>>.
 
 %% None of them looks like another one.

@@ -1,8 +1,8 @@
 %% @doc Calibrates a Create: it drives straight and turns on the spot, and its odometry is held
 %% against what it was commanded, or against what a tape measure says.
 %%
-%% What differs by more than the tolerance is measured again, and the lesser difference counts. A busy computer
-%% drives for longer than it should: the port program tells by how much, and that is the way that counts.
+%% What differs by more than the tolerance is measured again, and the lesser difference counts. A busy
+%% computer drives for longer than it should: the port program tells by how much, and that way counts.
 -module(starl_create_calibration).
 
 -export([run/3, stop/0, judge/3, profile/2]).
@@ -19,8 +19,8 @@
     measured_deg => number() | none
 }.
 
-%% A drive that is over: the length that it had by its time, which is longer than commanded if the computer was
-%% late, and what the robot's odometry says of it; mm or degrees.
+%% A drive that is over: the length that it had by its time, which is longer than commanded if the computer
+%% was late, and what the robot's odometry says of it; mm or degrees.
 -type drive() :: #{
     driven := number(), late_us := non_neg_integer(), odometry := number()
 }.
@@ -59,7 +59,7 @@ result(What, Length, Probe, Model, Plan) ->
 cause(line) ->
     "; is the cable firm? Try again";
 cause(computer) ->
-    ": this computer, or the port program on it, stood still; give it less other work and try again".
+    ": this computer, or its port program, stood still; give it less other work and try again".
 
 again({ok, _, _}, _What, _Length, _Probe, _Model, _Plan, First) ->
     First;

@@ -203,8 +203,8 @@ heard(Stream, #{frames := Frames, bytes := N} = Heard, {_, Deadline} = Until) ->
     after left(Deadline) -> Heard
     end.
 
-%% @doc Has a script of one step carried out: bytes, a time, bytes that end it. It may last longer than it should on
-%% a busy computer, which may interrupt it, too, if it stands still; so may a cable that was pulled.
+%% @doc Has a script of one step carried out: bytes, a time, bytes that end it. On a busy computer it may last
+%% longer than it should. A computer that stands still interrupts it, as a cable does that was pulled.
 -spec drive(t(), iodata(), Us :: pos_integer(), iodata()) ->
     {ok, LateUs :: non_neg_integer()} | {interrupted, computer | line}.
 drive(Port, Go, Us, Stop) ->

@@ -34,8 +34,9 @@
 rectangle({X, Y}, {W, H}, Matrix) ->
     {convex, moved(Matrix, [{X, Y}, {X + W, Y}, {X + W, Y + H}, {X, Y + H}])}.
 
-%% @doc The window of a `clipPath' element, which may name shapes elsewhere in the document by `use'; `empty' if
-%% it hides everything, `none' if it is no such element, `unknown' if it has too many shapes, or what is none.
+%% @doc The window of a `clipPath' element, which may name shapes elsewhere in the document by `use';
+%% `empty' if it hides everything, `none' if it is no such element, `unknown' if it has too many shapes, or
+%% what is none.
 -spec of_path(starl_svg_xml:element_(), matrix(), #{Id :: binary() => starl_svg_xml:element_()}) ->
     {ok, t()} | empty | none | unknown.
 of_path(Element, Matrix, Ids) ->

@@ -16,7 +16,8 @@ const MOST_TALK = 100;
 // Of the line to the server.
 const SAYS = { open: '',
   closed: 'the server has ended, or cannot be reached; what was told can still be looked at',
-  refused: 'the server does not let this page in: open the whole address that it has printed, with the token behind #' };
+  refused: 'the server does not let this page in: open the whole address that it has printed, ' +
+    'with the token behind #' };
 
 const $ = id => document.getElementById(id);
 const team = new Team();
