@@ -100,15 +100,28 @@ is_free(Robot, Place, Mm) ->
             false
     end.
 
+%% Who has been led past a point of the way, round a corner even, may reach the next one all the same.
 follow(Robot, [Place | Way], Ms) ->
+    case reached(Robot, Place, Ms) of
+        stuck when Way =:= [] -> stuck;
+        _OkOrStuck -> follow(Robot, Way, Ms)
+    end;
+follow(_Robot, [], _Ms) ->
+    ok.
+
+%% Who is refused at once, by a wall between itself and the place, may be so for ever.
+reached(_Robot, _Place, Ms) when Ms =< 0 ->
+    stuck;
+reached(Robot, Place, Ms) ->
     case starl:call(Robot, motion, {go_to, Place}, Ms) of
         {ok, ok} ->
-            follow(Robot, Way, Ms);
+            ok;
         {error, timeout} ->
             stuck;
         _StoppedOrRestarted ->
             ok = starl:sleep(Robot, ?LOOK_MS),
-            follow(Robot, [Place | Way], Ms)
-    end;
-follow(_Robot, [], _Ms) ->
-    ok.
+            reached(Robot, Place, less(Ms))
+    end.
+
+less(infinity) -> infinity;
+less(Ms) -> Ms - ?LOOK_MS.
