@@ -21,6 +21,20 @@ a_line_names_its_robot_test() ->
     ?assertNotEqual(nomatch, string:find(Lines, "warning: robot 3: ")),
     ?assertNotEqual(nomatch, string:find(Lines, "no cable")).
 
+%% So does a line of a robot's node, once.
+a_line_of_a_node_names_its_robot_once_test() ->
+    ok = logger:add_handler(starl_cli_log, starl_cli_log, #{
+        config => ets:new(log, [set, public])
+    }),
+    ok = starl_cli_log:node(2, warning, <<"no cable">>),
+    ok = starl_cli_log:node(1, warning, <<"robot 1 stands 250 mm from robot 2">>),
+    Lines = starl_cli_log:lines(),
+    ok = logger:remove_handler(starl_cli_log),
+    ?assertEqual(
+        [<<"robot 2: no cable\n">>, <<"robot 1 stands 250 mm from robot 2\n">>],
+        [unicode:characters_to_binary(Line) || Line <- Lines]
+    ).
+
 %% Who stands where it must not is named at once, on the terminal: nobody waits for it in vain.
 who_stands_badly_is_said_at_once_test() ->
     Table = ets:new(log, [set, public]),

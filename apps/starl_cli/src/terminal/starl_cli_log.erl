@@ -37,7 +37,7 @@ lines() ->
 %% time.
 -spec node(starl:robot_id(), logger:level(), binary()) -> ok.
 node(Robot, Level, Line) ->
-    Prefixed = io_lib:format("robot ~b: ~ts", [Robot, Line]),
+    Prefixed = named(Robot, Line),
     IsError = logger:compare_levels(Level, error) =/= lt,
     case logger:get_handler_config(?MODULE) of
         {ok, #{config := Table}} ->
@@ -48,6 +48,14 @@ node(Robot, Level, Line) ->
         {error, _} ->
             _ = IsError andalso starl_cli_progress:note(Prefixed),
             ok
+    end.
+
+%% A line that begins with the robot needs no other name.
+named(Robot, Line) ->
+    Name = io_lib:format("robot ~b", [Robot]),
+    case string:prefix(Line, [Name, " "]) of
+        nomatch -> [Name, ": ", Line];
+        _ -> Line
     end.
 
 first(Error, Table) ->
