@@ -38,7 +38,7 @@ modules() ->
             {ok, Modules} = application:get_key(App, modules),
             Modules
         end
-     || App <- [starl_platform, starl_sim, starl_blocks, starl_apps]
+     || App <- [starl_platform, starl_run, starl_sim, starl_blocks, starl_apps]
     ]).
 
 %% The machines of a block's runs: where their events are typed, and what the modules that trace

@@ -85,11 +85,11 @@ change(File, From, To) ->
 
 %% What is in the path, the scenario that is started, and the line.
 in_a_shell() ->
-    All = [starl_platform, starl_blocks, starl_sim],
+    All = [starl_platform, starl_blocks, starl_run, starl_sim],
     [
         {"a version that does not fit", [old, own | All], "#{app => mine}",
-            "applications of StarL of unlike versions: starl_platform is 0.1.0, starl_sim is 0.1.0,"
-            " starl_blocks is 0.0.9; a project takes all of them from one commit"},
+            "applications of StarL of unlike versions: starl_platform is 0.1.0, starl_run is 0.1.0,"
+            " starl_sim is 0.1.0, starl_blocks is 0.0.9; a project takes all of them from one commit"},
         {"an application that is not in the path", All, "#{app => mine}",
             "there is no application mine; is it compiled, and in the path?"},
         {"an application of StarL that is not in the path", All, "#{app => painting}",

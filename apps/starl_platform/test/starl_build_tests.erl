@@ -37,7 +37,7 @@ each_change_is_other_code_test() ->
 code_of_starl_is_its_applications_test() ->
     Beams = [
         Beam
-     || App <- [starl_platform, starl_blocks, starl_sim, starl_apps],
+     || App <- [starl_platform, starl_blocks, starl_run, starl_sim, starl_apps],
         File <- filelib:wildcard(filename:join(code:lib_dir(App, ebin), "*.beam")),
         {ok, Beam} <- [file:read_file(File)]
     ],

@@ -26,7 +26,7 @@
 }.
 
 %% They are of one version.
--define(SIBLINGS, [starl_platform, starl_run, starl_blocks]).
+-define(SIBLINGS, [starl_platform, starl_run, starl_sim, starl_blocks]).
 
 -define(EXAMPLE, "starl_sim:start(#{app => painting, robots => 3})").
 

@@ -21,7 +21,7 @@
 -define(DIGITS, 12).
 
 %% The applications whose code decides a run; a project may have fewer of them.
--define(APPS, [starl_platform, starl_blocks, starl_sim, starl_apps]).
+-define(APPS, [starl_platform, starl_blocks, starl_run, starl_sim, starl_apps]).
 
 %% The parts of a compiled module that say what it does. The others hold the names of directories, lines
 %% and what debuggers need.

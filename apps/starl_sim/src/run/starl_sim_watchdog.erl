@@ -177,7 +177,7 @@ answers(Shards) ->
 answer(Ref, Shard, Deadline) ->
     receive
         {at_work, Ref, Shard, AtWork} -> {robots, AtWork}
-    after max(0, Deadline - now_ms()) -> {inline, own(starl_machine, Shard)}
+    after max(0, Deadline - now_ms()) -> {inline, own(starl_machine_runner, Shard)}
     end.
 
 named(_Before, {inline, []}) ->
