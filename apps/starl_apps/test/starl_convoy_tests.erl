@@ -148,8 +148,8 @@ apart_test() ->
 %% Beside the two, the homes of the tokens of the sections between which they stand.
 a_fault_of_another_robot_excuses_nobody_test() ->
     Team = lists:seq(1, 9),
-    Near = [stands(0, 1, 0), stands(0, 2, 5000), stands(2, 2, 399), stands(4, 2, 5000)],
-    Homes = [starl_mutex:home({section, I}, Team) || I <- [0, 1]],
+    Near = [stands(0, 1, 1500), stands(0, 2, 6500), stands(2, 2, 1899), stands(4, 2, 6500)],
+    Homes = [starl_mutex:home({section, I}, Team) || I <- [2, 3, 4]],
     Concerned = fun(Robot) -> lists:member(Robot, [all, 1, 2 | Homes]) end,
     [
         ?assertMatch(
@@ -158,6 +158,7 @@ a_fault_of_another_robot_excuses_nobody_test() ->
         )
      || Robot <- [all | Team], IsExcused <- [Concerned(Robot)]
     ],
+    ?assertNotEqual([], Homes -- [1, 2]),
     ?assertNot(lists:all(Concerned, Team)).
 
 somebody_moves_on_test() ->

@@ -223,8 +223,10 @@ clocks_apart_test() ->
     ?assertEqual({[no_agreement], 0}, Told(Refused, #{broken => [setelement(1, Freeze, 1)]})),
     ?assertEqual({[], 1}, Told(Refused, #{broken => [{1, 7, 7, {clock, 3000}}]})),
     %% one that was set forward has shown later times than it shows now
-    Back = [{1, 7, 7, {clock, 9000}}, {1, 3000, 3000, {clock, -9000}}],
+    Back = [{1, 7, 7, {clock, 4500}}, {1, 3000, 3000, {clock, -4500}}],
     ?assertEqual({[], 1}, Told(Refused, #{broken => Back})),
+    %% an older copy of it, from a third robot, may come after it
+    ?assertEqual({[], 1}, Told(Refused ++ [Refuses(2, s(4, 1))], #{})),
     %% it has not refused the write, but another, or has lost it since
     ?assertEqual({[no_agreement], 0}, Told(Written, #{})),
     ?assertEqual({[no_agreement], 0}, Told(Written ++ [Refuses(2, s(4, 1))], #{})),

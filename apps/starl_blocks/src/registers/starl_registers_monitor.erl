@@ -193,7 +193,8 @@ judge({registers, {got, Name, unset}}, T, Robot, #state{read = Read} = State) ->
 judge({registers, {holds, Name, Stamp}}, _T, Robot, #state{holds = Holds} = State) ->
     {[], State#state{holds = note(Robot, Name, Stamp, Holds)}};
 judge({registers, {too_far_ahead, Name, Stamp}}, _T, Robot, #state{refused = Refused} = State) ->
-    {[], State#state{refused = Refused#{{Robot, Name} => Stamp}}};
+    Key = {Robot, Name},
+    {[], State#state{refused = Refused#{Key => max(Stamp, maps:get(Key, Refused, Stamp))}}};
 judge({registers, crashed}, T, Robot, #state{read = Read, holds = Holds} = State) ->
     Forgotten = State#state{
         read = maps:remove(Robot, Read), holds = maps:remove(Robot, Holds)

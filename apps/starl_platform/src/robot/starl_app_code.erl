@@ -3,7 +3,7 @@
 %% part of {@link starl_app_turn}.
 -module(starl_app_code).
 
--export([new/1, module/1, hear/3, words/1, heed/4, may_crash/2, stepped/1, taken_back/4]).
+-export([new/1, module/1, hear/3, word/1, heed/4, heeded/2, may_crash/2, stepped/1, taken_back/4]).
 -export([version/1, carried/3]).
 
 -export_type([t/0, running/0]).
@@ -60,10 +60,14 @@ hear({back, N, Robot} = Word, false, #code{words = Words, lineage = Lineage} = C
 hear(Word, false, #code{words = Words} = Code) ->
     {[], Code#code{words = Words ++ [Word]}}.
 
-%% @doc The words that have come since the last step.
--spec words(t()) -> {[starl_reload:word()], t()}.
-words(#code{words = []} = Code) -> {[], Code};
-words(#code{words = Words} = Code) -> {Words, Code#code{words = []}}.
+%% @doc The first word that has come since the last step.
+-spec word(t()) -> {starl_reload:word(), t()} | none.
+word(#code{words = []}) -> none;
+word(#code{words = [Word | Words]} = Code) -> {Word, Code#code{words = Words}}.
+
+%% @doc A word was heeded, and others may have come meanwhile: `code_change/2' may block.
+-spec heeded(Heeded :: t(), Present :: t()) -> t().
+heeded(Heeded, #code{words = Words}) -> Heeded#code{words = Words}.
 
 %% @doc Heeds a word before the next step. Without a way back the application crashes, once that is told.
 -spec heed(starl_reload:word(), running(), NowUs :: integer(), t()) ->

@@ -181,19 +181,19 @@ step_of(Module) ->
 
 %% Heeds the words on new code that have come since the last step.
 switched(Running) ->
-    case starl_app_code:words(starl_app_turn:code()) of
-        {[], _} ->
+    case starl_app_code:word(starl_app_turn:code()) of
+        none ->
             Running;
-        {Words, Code} ->
+        {Word, Code} ->
             ok = starl_app_turn:code(Code, []),
-            lists:foldl(fun heeded/2, Running, Words)
+            switched(heeded(Word, Running))
     end.
 
 heeded(Word, {Module, _State, _Md5} = Running) ->
     Code = starl_app_turn:code(),
     case starl_app_code:heed(Word, Running, starl_app_turn:now(), Code) of
         {ok, Told, Next, Heeded} ->
-            ok = starl_app_turn:code(Heeded, Told),
+            ok = starl_app_turn:code(starl_app_code:heeded(Heeded, starl_app_turn:code()), Told),
             Next;
         {no_way_back, Told} ->
             ok = starl_app_turn:code(Code, Told),

@@ -172,11 +172,18 @@ take_back(Cause, Module, State) ->
 -spec over() -> no_return().
 over() ->
     ok = begun(over),
-    #turn{code = Code} = Turn = turn(),
-    {Words, Left} = starl_app_code:words(Code),
-    _ = put(?TURN, Turn#turn{code = Left, over = true}),
-    lists:foreach(fun(Word) -> hear(Word, turn()) end, Words),
+    _ = put(?TURN, (turn())#turn{over = true}),
+    hear_all(turn()),
     wait(fun(_, _) -> skip end).
+
+hear_all(#turn{code = Code} = Turn) ->
+    case starl_app_code:word(Code) of
+        none ->
+            ok;
+        {Word, Left} ->
+            ok = hear(Word, Turn#turn{code = Left}),
+            hear_all(turn())
+    end.
 
 hear(Word, #turn{over = IsOver, code = Code} = Turn) ->
     {Told, Next} = starl_app_code:hear(Word, IsOver, Code),

@@ -116,7 +116,13 @@ is_interpreter(_) ->
 
 is_runtime(Module) ->
     lists:member(Module, [
-        starl_app_proc, starl_app_turn, starl_app_call, starl_machine_proc, gen_statem, proc_lib
+        starl_app_proc,
+        starl_app_turn,
+        starl_app_call,
+        starl_app_code,
+        starl_machine_proc,
+        gen_statem,
+        proc_lib
     ]).
 
 plain({Module, Function, Args, Location}) when is_list(Args) ->
