@@ -10,7 +10,7 @@
 %% -- versions of a machine and of an application -------------------------------------------------------
 
 %% Loads a version. It says which one it is and what it has counted. `crash' crashes it if it is `bad';
-%% `odd' carries no state over.
+%% `odd' carries no state over, `slow' takes its time for it.
 version(N, Kind) ->
     Name = module(N),
     Crash = "error(bug)",
@@ -40,6 +40,7 @@ one(bad, Crash, _Survive) -> Crash;
 one(_Kind, _Crash, Survive) -> Survive.
 
 converted(odd, _Same) -> "error(odd_state)";
+converted(slow, Same) -> "ok = starl:sleep(starl:robot(1, [1]), 5), " ++ Same;
 converted(_Kind, Same) -> Same.
 
 %% The text of each form, up to its full stop.
@@ -141,6 +142,10 @@ machine_stays_with_newer_code_test() ->
 
 %% Runs an application of these versions through these words and steps, and collects what it does in each.
 application(Words, Kinds) ->
+    Pid = started(Kinds),
+    stepped(Words, done(), Pid).
+
+started(Kinds) ->
     [_ | _] = [version(N, Kind) || {N, Kind} <- lists:enumerate(0, Kinds)],
     {ok, Pid} = starl_app_proc:start_link(#{
         robot => 1, handle => starl:robot(1, [1]), module => ?FIRST, args => 0, driver => self()
@@ -150,7 +155,7 @@ application(Words, Kinds) ->
     end,
     Random = rand:seed_s(exsss, 1),
     Pid ! {starl_boot, #{now => 0, random => Random, incarnation => 1, stored => none}},
-    stepped(Words, done(), Pid).
+    Pid.
 
 stepped([], Actions, Pid) ->
     true = unlink(Pid),
@@ -158,11 +163,15 @@ stepped([], Actions, Pid) ->
     [Actions];
 stepped([{Now, Words} | Later], Actions, Pid) ->
     Heard = [event(Now, code, Word, Pid) || Word <- Words],
-    {value, {Timer, _, call}} = lists:search(fun is_timer/1, Actions),
-    case event(Now, Timer, call, Pid) of
+    case event(Now, timer(Actions), call, Pid) of
         {crashed, _} = Crashed -> [Actions | Heard] ++ [Crashed];
         Next -> [Actions | Heard] ++ stepped(Later, Next, Pid)
     end.
+
+%% What the application sleeps by.
+timer(Actions) ->
+    {value, {Timer, _, call}} = lists:search(fun is_timer/1, Actions),
+    Timer.
 
 is_timer(Action) -> is_tuple(Action) andalso is_tuple(element(1, Action)).
 
@@ -208,6 +217,29 @@ application_goes_back_to_what_has_passed_test() ->
 
 application_keeps_its_code_if_its_state_cannot_be_carried_over_test() ->
     ?assertEqual({{0, 1}, [{1, migration_failed, ?FIRST}]}, ends([{1, [take(1)]}], [sound, odd])).
+
+%% The cause of that is in the code of the user, and so are all frames of its stack.
+a_failed_conversion_names_the_users_code_only_test() ->
+    Said = starl_platform_ct:quietly(fun() -> application([{1, [take(1)]}], [sound, odd]) end),
+    [Cause] = [C || {reloaded, #{outcome := {migration_failed, C}}} <- lists:append(Said)],
+    Converting = module(1),
+    ?assertMatch({"odd_state", [{Converting, code_change, 2, _, _}]}, Cause).
+
+%% What comes while `code_change/2' waits is heeded after it: a reload that has failed on another robot in that
+%% time is taken back.
+a_word_waits_until_the_state_is_carried_over_test() ->
+    {Said, Last} = starl_platform_ct:quietly(fun() ->
+        Pid = started([sound, slow]),
+        Begun = done(),
+        _ = event(1, code, take(1), Pid),
+        Converts = event(1, timer(Begun), call, Pid),
+        Heard = event(2, code, {back, 1, 7}, Pid),
+        Goes = event(3, timer(Converts), call, Pid),
+        true = unlink(Pid),
+        exit(Pid, kill),
+        {lists:append([Converts, Heard, Goes]), lists:last(traces(Goes))}
+    end),
+    ?assertEqual({[{1, taken, module(1)}, {1, {back, 7}, ?FIRST}], {0, 1}}, {outcomes(Said), Last}).
 
 application_stays_with_newer_code_test() ->
     Ends = fun(N) ->
