@@ -170,9 +170,65 @@ compiled(Name, Code) ->
     {Module, Name ++ ".erl", Beam}.
 
 %% A robot whose link starts anew within its node goes on with the new code, and can still be taken back.
-reload_outlives_the_link_test_() -> {timeout, 30, fun reload_outlives_the_link/0}.
+reload_outlives_the_link_test_() ->
+    {timeout, 30, fun() -> with_node(fun reload_outlives_the_link/2) end}.
 
-reload_outlives_the_link() ->
+reload_outlives_the_link(Dir, _Node) ->
+    Old = runs(fun(Module, _) -> Module =:= ?MODULE end),
+    ok = takes(1, Dir ++ "/two"),
+    Old = runs(fun(Module, _) -> Module =/= ?MODULE end),
+    true = exit(starl_live_robot:link(starl_live_sup:robot()), kill),
+    _ = runs(fun(Module, App) -> App =/= Old andalso Module =/= ?MODULE end),
+    ?assertMatch({error, _}, starl_fleet_node:leaves(Dir ++ "/another", 1)),
+    ok = starl_fleet_node:leaves(Dir, 1),
+    _ = runs(fun(Module, App) -> App =/= Old andalso Module =:= ?MODULE end),
+    ?assertMatch(#{number := 2, versions := [?MODULE]}, starl_fleet_node:code()).
+
+%% What a node tells of a reload: who has not taken it yet, what has failed first, and nothing once it has left it.
+%% Words on another reload change nothing.
+a_node_tells_how_its_reload_goes_test_() ->
+    {timeout, 30, fun() -> with_node(fun a_node_tells_how_its_reload_goes/2) end}.
+
+a_node_tells_how_its_reload_goes(Dir, Node) ->
+    Old = runs(fun(Module, _) -> Module =:= ?MODULE end),
+    Tells = fun(N, Outcome) ->
+        Node ! {starl_reloaded, 1, app, #{number => N, outcome => Outcome, module => ?MODULE}}
+    end,
+    %% an application in the middle of a step
+    true = erlang:suspend_process(Old),
+    ok = takes(1, Dir ++ "/two"),
+    Tells(2, {crashed, {"other", []}}),
+    ?assertMatch(
+        #{release := "two", reload := #{waiting := [app], failed := none}},
+        starl_fleet_node:status()
+    ),
+    true = erlang:resume_process(Old),
+    ok = none_waits(Old),
+    Tells(1, {crashed, {"first", []}}),
+    Tells(1, {crashed, {"second", []}}),
+    #{reload := #{waiting := [], failed := Why}} = starl_fleet_node:status(),
+    ?assertMatch("robot 1, app (starl_fleet_node_tests): rolled back: " ++ _, Why),
+    ?assertEqual([false, true], [is_list(string:find(Why, W)) || W <- ["second", "first"]]),
+    %% what has failed is not given to a robot that starts anew
+    true = exit(starl_live_robot:link(starl_live_sup:robot()), kill),
+    New = runs(fun(_, App) -> App =/= Old end),
+    #{reload := _} = starl_fleet_node:status(),
+    ?assertEqual([?MODULE, ?MODULE], [next(New), next(New)]),
+    ok = starl_fleet_node:leaves(Dir, 2),
+    Status = #{release := Release} = starl_fleet_node:status(),
+    ?assertEqual({filename:basename(Dir), false}, {Release, is_map_key(reload, Status)}),
+    ?assertMatch({error, _}, starl_fleet_node:leaves(Dir, 2)).
+
+%% The application has taken the new code, and its node knows of it.
+none_waits(App) ->
+    _ = next(App),
+    case starl_fleet_node:status() of
+        #{reload := #{waiting := [], failed := none}} -> ok;
+        #{reload := #{waiting := [app]}} -> none_waits(App)
+    end.
+
+%% The node of a robot with the application of these tests.
+with_node(Test) ->
     true = register(starl_fleet_node_test, self()),
     {ok, _} = application:ensure_all_started(starl_live),
     Dir = "/tmp/starl-node-" ++ os:getpid(),
@@ -184,29 +240,31 @@ reload_outlives_the_link() ->
     ok = file:write_file(Dir ++ "/fleet.key", lists:duplicate(64, $a)),
     ok = file:change_mode(Dir ++ "/fleet.key", 8#600),
     {ok, Node} = starl_fleet_node:start_link(Place),
-    Old = runs(fun(Module, _) -> Module =:= ?MODULE end),
-    #{number := 1, parts := Parts} = starl_fleet_node:code(),
-    {ok, Order, Code} = starl_reload:order(1, [?MODULE], Parts, 0),
-    ok = starl_version:load(Code),
-    ok = starl_fleet_node:takes(Order, Dir ++ "/two"),
-    Old = runs(fun(Module, _) -> Module =/= ?MODULE end),
-    true = exit(starl_live_robot:link(starl_live_sup:robot()), kill),
-    _ = runs(fun(Module, App) -> App =/= Old andalso Module =/= ?MODULE end),
-    ?assertMatch({error, _}, starl_fleet_node:leaves(Dir ++ "/another", 1)),
-    ok = starl_fleet_node:leaves(Dir, 1),
-    _ = runs(fun(Module, App) -> App =/= Old andalso Module =:= ?MODULE end),
-    ?assertMatch(#{number := 2, versions := [?MODULE]}, starl_fleet_node:code()),
+    Test(Dir, Node),
     true = unlink(Node),
     true = exit(Node, kill),
     ok = application:stop(starl_live),
     true = unregister(starl_fleet_node_test),
     ok = file:del_dir_r(Dir).
 
+%% The robot takes new versions, of that release.
+takes(N, Release) ->
+    #{number := N, parts := Parts} = starl_fleet_node:code(),
+    {ok, Order, Code} = starl_reload:order(N, [?MODULE], Parts, 0),
+    ok = starl_version:load(Code),
+    starl_fleet_node:takes(Order, Release).
+
 free_port() ->
     {ok, Socket} = gen_udp:open(0),
     {ok, Port} = inet:port(Socket),
     ok = gen_udp:close(Socket),
     Port.
+
+%% The module that this process runs at its next step.
+next(App) ->
+    receive
+        {runs, Module, App} -> Module
+    end.
 
 %% The application's process, as soon as this is so.
 runs(Wanted) ->

@@ -106,6 +106,18 @@ whom_it_does_not_hear_is_told_and_why_test() ->
         ]
     ].
 
+%% A reload is told of as long as it is not well on the robot.
+a_reload_is_told_until_it_is_well_test_() ->
+    [
+        ?_assertNotEqual(nomatch, string:find(line(#{reload => Reload}), " s" ++ Words ++ "\n"))
+     || {Reload, Words} <- [
+            {#{waiting => [app], failed => none}, ", still in a step, takes the new code after it"},
+            {#{waiting => [app], failed => "it crashed"}, ", the reload has failed: it crashed"},
+            {#{waiting => [], failed => "it crashed"}, ", the reload has failed: it crashed"},
+            {#{waiting => [], failed => none}, ""}
+        ]
+    ].
+
 %% Only a restart helps against a clock of the VM that was wrong at its start.
 a_clock_that_was_set_since_the_start_is_told_test() ->
     ?assertEqual(nomatch, string:find(line(#{ahead_us => 20_000}), "clock")),

@@ -25,6 +25,17 @@ reload_test() ->
         [Stage || {Stage, _} <- starl_fleet_steps:deploy(fleet(), plan(reload), [])]
     ).
 
+%% A robot takes its trial time in milliseconds where it reloads, and in seconds where its health is asked for.
+the_trial_time_is_told_in_the_unit_of_each_command_test() ->
+    Words = fun(Stage) ->
+        {_, [{1, Line} | _]} = lists:keyfind(
+            Stage, 1, starl_fleet_steps:deploy(fleet(), plan(reload), [])
+        ),
+        [_, Said] = string:split(Line, "/bin/robot "),
+        Said
+    end,
+    ?assertEqual({"reload switch 5000'", "health 60 5'"}, {Words(reload), Words(health)}).
+
 build_there_test() ->
     Stages = [
         S

@@ -105,9 +105,26 @@ a_reason_is_told_again_after_a_while_test() ->
     ?assertMatch({[_], _}, refused(seal, 1_200_000, Twice)).
 
 %% A network doubles datagrams; each sender to a group hears its own.
-usual_reasons_are_counted_only_test() ->
-    {[], Peers} = refused(replay, 1000, peers()),
-    ?assertMatch(#{refused := #{replay := #{count := 1}}, why := none}, robot(2, 1000, Peers)).
+usual_reasons_are_counted_only_test_() ->
+    [
+        ?_test(begin
+            {[], Peers} = refused(Reason, 1000, peers()),
+            ?assertMatch(
+                #{refused := #{Reason := #{count := 1}}, why := none}, robot(2, 1000, Peers)
+            )
+        end)
+     || Reason <- [address, replay, former, clone, unproved]
+    ].
+
+%% Whatever time a datagram tells, what is said of it has a bound.
+an_absurd_time_is_cut_to_centuries_test() ->
+    Ahead = fun(Ms) ->
+        {[_], Peers} = refused({clock, Ms}, 1000, peers()),
+        #{refused := #{clock := #{ahead_ms := Told}}} = robot(2, 1000, Peers),
+        Told
+    end,
+    Most = 10_000_000_000_000,
+    ?assertEqual([Most, Most, -Most], [Ahead(Ms) || Ms <- [Most, Most + 1, -(1 bsl 63)]]).
 
 the_latest_reason_says_why_a_robot_is_not_heard_test() ->
     {_, Early} = refused(seal, 3000, peers()),

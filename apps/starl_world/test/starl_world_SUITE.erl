@@ -190,16 +190,20 @@ frozen_positions(Config) ->
     complete(Run).
 
 %% Two robots that stand nearer to each other than their scene wants are named, and do not drive; the third one does.
+%% Their bodies are far from touching.
 badly_placed(Config) ->
-    Places = #{1 => {1000.0, 1000.0}, 2 => {1000.0, 1300.0}, 3 => {4000.0, 1000.0}},
-    Scenario = #{app => starl_world_placed_app, robots => 3, test => self(), places => Places},
+    Places = #{1 => {1000.0, 1000.0}, 2 => {1000.0, 1400.0}, 3 => {4000.0, 1000.0}},
+    Own = #{test => self(), places => Places, apart => 600},
+    Scenario = Own#{app => starl_world_placed_app, robots => 3},
     _ = starl_live_log_ct:lines(fun() ->
         Run = start(Scenario, #{}, Config),
         receive
-            {logged, <<"robot 1 stands ", _/binary>>} -> ok
+            {logged, <<"robot 1 stands ", _/binary>>} -> ok;
+            {arrived, 1} -> ct:fail(it_drives)
         end,
         receive
-            {logged, <<"robot 2 stands ", _/binary>>} -> ok
+            {logged, <<"robot 2 stands ", _/binary>>} -> ok;
+            {arrived, 2} -> ct:fail(it_drives)
         end,
         receive
             {arrived, 3} -> ok

@@ -59,6 +59,31 @@ behind_test() ->
     {ok, Next} = starl_world_judge:judge(70, told([[{40, 2, a, late}]], Waits)),
     ?assertEqual([{5, x}, {9, y}, {40, late}, {41, one}], seen(Next)).
 
+%% A judge whose look comes late by more than a period was kept from his work; he waits longer for as long as that
+%% was, and all the less with each look that follows, until he has had the time again.
+a_look_that_comes_late_waits_longer_for_a_while_test() ->
+    Looks = fun(Times, Facts) ->
+        Told = told([[{At, 1, a, At} || At <- Facts]], observed(10)),
+        {_, Passed} = lists:foldl(
+            fun(Now, {Judge, Seen}) ->
+                {ok, Next} = starl_world_judge:look(Now, 5, Judge),
+                {Next, Seen ++ [{Now, judged()}]}
+            end,
+            {Told, []},
+            Times
+        ),
+        Passed
+    end,
+    ?assertEqual(
+        [{5, []}, {10, [0]}, {20, [1, 10]}, {25, [11, 15]}],
+        Looks([5, 10, 20, 25], [0, 1, 10, 11, 15, 16])
+    ),
+    %% at 60 he is 40 behind, then 35, 20, 10, and not any more
+    ?assertEqual(
+        [{10, []}, {60, [10]}, {65, [11, 20]}, {80, [21, 50]}, {90, [51, 70]}, {100, [71, 90]}],
+        Looks([10, 60, 65, 80, 90, 100], [10, 11, 20, 21, 50, 51, 70, 71, 90, 91])
+    ).
+
 %% Packets that come before they are sent, and facts of times to come, tell of clocks that are apart.
 clocks_test() ->
     Hash = 7,

@@ -9,14 +9,15 @@
 options() ->
     [
         {test, {optional, {term, "a process", fun is_pid/1}}, none, "the test"},
-        {places, {term, "a map", fun is_map/1}, #{}, "where each robot stands"}
+        {places, {term, "a map", fun is_map/1}, #{}, "where each robot stands"},
+        {apart, {integer, 0, 10000}, 0, "how far apart they have to stand, mm"}
     ].
 
-scene(#{options := #{test := Test, places := Places}}) ->
+scene(#{options := #{test := Test, places := Places, apart := Apart}}) ->
     {ok, #{
         app => {sequential, ?MODULE, Test},
         poses => maps:map(fun(_, {X, Y}) -> {X, Y, 0.0} end, Places),
-        apart_mm => 340
+        apart_mm => Apart
     }}.
 
 init(_Robot, Test) -> Test.
