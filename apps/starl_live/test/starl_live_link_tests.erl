@@ -41,13 +41,15 @@ handle_event(info, {felt, _, _} = Felt, up, Test, _Meta) ->
 handle_event(info, {late, _} = Late, up, Test, _Meta) ->
     Test ! Late,
     keep_state_and_data;
-handle_event({timeout, wake}, _, up, _Test, _Meta) ->
+handle_event({timeout, _}, _, up, _Test, _Meta) ->
     keep_state_and_data;
 handle_event(info, _, up, _Test, _Meta) ->
     keep_state_and_data.
 
 done({wake, Us}) ->
-    [{{timeout, wake}, Us, wake}];
+    done({wake, wake, Us});
+done({wake, Name, Us}) ->
+    [{{timeout, Name}, Us, wake}];
 done({drive, Mark}) ->
     [{drive, ?SCRIPT, Mark}];
 done({feel, Kind, Tag}) ->
@@ -72,8 +74,8 @@ monotonic_time(Unit, {Times, _Test}) -> in(Unit, atomics:get(Times, 2)).
 in(Unit, Us) -> erlang:convert_time_unit(Us, microsecond, Unit).
 
 %% The computer stands still here for as long as the test says.
-start_timer(Ms, _Message, [{abs, true}], {Times, Test}) ->
-    Test ! {timer, Ms},
+start_timer(Ms, Message, [{abs, true}], {Times, Test}) ->
+    Test ! {timer, Ms, Message},
     ok = atomics:add(Times, 1, atomics:exchange(Times, 3, 0)),
     make_ref().
 
@@ -92,9 +94,9 @@ set(SystemUs, MonotonicUs, Times) ->
 
 %% Calls the test with the link of a robot whose machines have all started, and with the clock's times.
 with_link(Pace, Test) ->
-    starl_platform_ct:quietly(fun() -> linked(Pace, Test) end).
+    starl_platform_ct:quietly(fun() -> linked(Pace, none, Test) end).
 
-linked(Pace, Test) ->
+linked(Pace, Sink, Test) ->
     process_flag(trap_exit, true),
     Dir = filename:join("/tmp", "starl-live-link-" ++ os:getpid()),
     _ = file:del_dir_r(Dir),
@@ -114,7 +116,7 @@ linked(Pace, Test) ->
         transport => self(),
         positioning => self(),
         chassis => self(),
-        sink => none
+        sink => Sink
     }),
     receive
         {'$gen_cast', {actuate, light, on, none}} -> ok
@@ -283,7 +285,7 @@ timers_are_rounded_up_test() ->
             ok = set(0, Monotonic, Times),
             0 = took({wake, Us}, Link),
             receive
-                {timer, Ms} ->
+                {timer, Ms, _} ->
                     ?assertEqual({Us, (Monotonic + ceil(Us / Pace) + 999) div 1000}, {Us, Ms})
             end,
             ok
@@ -291,6 +293,40 @@ timers_are_rounded_up_test() ->
     end,
     [Rings(1, Us, 250) || Us <- [1, 750, 751, 1500, 1750]],
     [Rings(2, Us, 3000) || Us <- [1, 2000, 2002, 3999]].
+
+%% A timer that comes more than 0.2 s late tells of the computer, before it is handled: one fact of all that was due
+%% in that time.
+a_computer_that_is_late_is_told_of_test() ->
+    starl_platform_ct:quietly(fun() ->
+        linked(1, self(), fun(Link, Times) ->
+            Rings = fun(Us, At) ->
+                First = timer({wake, Us}, Link),
+                Second = timer({wake, again, Us}, Link),
+                ok = set(At, 0, Times),
+                _ = [Link ! {timeout, make_ref(), Timer} || Timer <- [First, Second]],
+                At = took(sync, Link),
+                facts()
+            end,
+            ?assertEqual([], Rings(10_000, 210_000)),
+            ?assertEqual([{late, 220_000, 420_001}], Rings(10_000, 420_001)),
+            ?assertEqual([], Rings(10_000, 630_001)),
+            ?assertEqual([{late, 640_001, 1_630_001}], Rings(10_000, 1_630_001)),
+            ok
+        end)
+    end).
+
+timer(Packet, Link) ->
+    _ = took(Packet, Link),
+    receive
+        {timer, _, Timer} -> Timer
+    end.
+
+facts() ->
+    receive
+        {starl_traced, 1, _Link, {_, _, Facts}} ->
+            [Late || {_, 1, robot, {late, _, _} = Late} <- Facts] ++ facts()
+    after 0 -> []
+    end.
 
 %% -- a machine that hangs ----------------------------------------------------------------------------
 

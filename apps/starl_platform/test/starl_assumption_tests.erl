@@ -28,6 +28,19 @@ told_later_test() ->
     Windows = [{1, 5, 9, pause}, {1, 2, 2, {clock, -3}}, {all, 4, 6, position}],
     ?assertEqual(?A:new(Windows, 7), lists:foldl(fun ?A:broken/2, ?A:new([], 7), Windows)).
 
+%% A pause of which two have told, in part, is no longer for that: what both tell of counts once.
+pauses_that_meet_are_one_test() ->
+    Told = lists:foldl(fun ?A:broken/2, ?A:new([], 7), [
+        {1, 5, 9, pause}, {1, 20, 25, pause}, {2, 8, 12, pause}, {1, 2, 4, still}, {1, 8, 12, pause}
+    ]),
+    Windows = [{1, 5, 12, pause}, {1, 20, 25, pause}, {2, 8, 12, pause}, {1, 2, 4, still}],
+    ?assertEqual(?A:new(Windows, 7), Told).
+
+%% Live robots tell themselves when their computers were late.
+late_computers_test() ->
+    Facts = [{9, 1, robot, {late, 4, 9}}, {9, 1, robot, up}, {9, 2, app, {late, 4, 9}}],
+    ?assertEqual([{1, 4, 9, pause}], ?A:told(Facts)).
+
 %% Each robot's own, and those of all.
 robots_test() ->
     Mixed = ?A:new(

@@ -51,6 +51,14 @@ undone_test() ->
     ),
     ?assertMatch([#{why := {stood_still, 9, 20}}], Parts).
 
+%% That a computer was late is known as soon as it is heard, before what it explains is judged.
+a_late_computer_test() ->
+    Late = {9, 1, robot, {late, 4, 9}},
+    Judge = told([[{6, 2, a, x}], [{3, 1, a, y}, Late]], new(10)),
+    {ok, Next} = starl_world_judge:judge(19, Judge),
+    {[], #{?MODULE := #{seen := Seen}}, []} = starl_world_judge:close(30, Next),
+    ?assertEqual([{4, 1, 9, pause}, {3, 1, a, y}, {6, 2, a, x}, Late], Seen).
+
 %% A judge who was kept from his work waits longer for the facts.
 behind_test() ->
     {ok, Judge} = starl_world_judge:judge(30, told([[{5, 1, a, x}, {9, 1, a, y}]], new(10))),

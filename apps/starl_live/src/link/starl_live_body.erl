@@ -592,13 +592,13 @@ noted(Fact, #body{traces = Traces} = Body) -> at_once(Body#body{traces = [Fact |
 at_once(#body{tell = at_once} = Body) -> tell(Body);
 at_once(#body{tell = step} = Body) -> Body.
 
-%% @doc Plans a timer's event: the link gets `{timeout, _, {starl_timer, Name, Timer, Mark,
+%% @doc Plans a timer's event: the link gets `{timeout, _, {starl_timer, Name, Timer, Mark, DueUs,
 %% Content}}'. The time is rounded up to a millisecond.
 -spec plan(starl_machine:name(), starl_robot_timers:timer(), non_neg_integer(), term(), t()) ->
     {starl_robot_timers:mark(), t()}.
 plan(Name, Timer, Us, Content, #body{now = Now, clock = Clock, marks = Mark} = Body) ->
     Due = starl_live_clock:monotonic_ms(Now + Us, Clock),
-    Message = {starl_timer, Name, Timer, Mark, Content},
+    Message = {starl_timer, Name, Timer, Mark, Now + Us, Content},
     At = max(Due, starl_live_clock:monotonic_time(millisecond, Clock)),
     _ = starl_live_clock:start_timer(At, Message, [{abs, true}], Clock),
     {Mark, due(Mark, {Now + Us, Name, Timer, Content}, Body#body{marks = Mark + 1})}.

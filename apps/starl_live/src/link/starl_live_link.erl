@@ -85,12 +85,15 @@
 %% After this many watches in one step, an application is told of.
 -define(LONG_STEP, 3).
 -define(MOST_WAITING, 10000).
+%% A timer that comes so long after it was due breaks the assumption of contracts on computers, which have 250 ms.
+-define(LATE_US, 200000).
 
 %% An event that waits for its turn.
 -type event() ::
     {event, starl_robot:local()}
     | {timer, starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark(), term()}
     | {acts, pid(), [starl_machine:action()]}
+    | {late, DueUs :: integer(), AtUs :: integer()}
     | {reload, starl_reload:order(), pid()}
     | {take_back, starl_reload:count(), starl:robot_id()}.
 
@@ -112,6 +115,8 @@
     %% the period of snapshots, and is one due?
     snapshots = none :: pos_integer() | none,
     is_due = false :: boolean(),
+    %% when timers were late last
+    late_us = 0 :: integer(),
     watched = none :: non_neg_integer() | none
 }).
 
@@ -345,8 +350,8 @@ handle_info({starl_done, _, Pid, Actions}, #link{robot = Robot} = Link) ->
 handle_info({timeout, _, snapshot}, Link) ->
     ok = due_later(Link),
     {noreply, work(Link#link{is_due = true})};
-handle_info({timeout, _, {starl_timer, Name, Timer, Mark, Content}}, Link) ->
-    {noreply, waits({timer, Name, Timer, Mark, Content}, Link)};
+handle_info({timeout, _, {starl_timer, Name, Timer, Mark, Due, Content}}, Link) ->
+    {noreply, waits({timer, Name, Timer, Mark, Content}, late_by(Due, Link))};
 handle_info({starl_attach, _, Name, _} = Attach, #link{robot = Robot} = Link) ->
     %% the end of its predecessor is on its way
     case starl_robot_machines:process(Name, starl_robot:machines(Robot)) of
@@ -389,6 +394,16 @@ heard(Events, Link) ->
 
 all_wait(Events, Link) ->
     lists:foldl(fun(Event, L) -> waits({event, Event}, L) end, Link, Events).
+
+%% A timer that comes much too late tells of its computer. One fact tells of all that were due in that time.
+late_by(Due, #link{clock = Clock, late_us = Before, waiting = Waiting} = Link) ->
+    Now = starl_live_clock:now_us(Clock),
+    case max(Due, Before) of
+        Since when Now - Since > ?LATE_US ->
+            Link#link{late_us = Now, waiting = queue:in({late, Since, Now}, Waiting)};
+        _InTime ->
+            Link
+    end.
 
 waits(Event, #link{waiting = Waiting} = Link) ->
     work(Link#link{waiting = queue:in(Event, Waiting)}).
@@ -444,6 +459,13 @@ handle({timer, Name, Timer, Mark, Content}, #link{robot = Robot} = Link) ->
         stale ->
             work(Link)
     end;
+handle({late, Since, At}, Link) ->
+    Why = io_lib:format("its computer was late by more than ~b ms", [?LATE_US div 1000]),
+    Report = #{what => late, machine => robot, reason => unicode:characters_to_binary(Why)},
+    logger:warning(Report, #{report_cb => fun report/1}),
+    {Body, #link{robot = Robot} = Now} = at_event(Link),
+    Told = starl_live_body:trace(robot, {late, Since, At}, Body),
+    work(Now#link{robot = starl_robot:world(Told, Robot)});
 handle({acts, Pid, Actions}, #link{beside = Beside} = Link) ->
     case {Beside, starl_robot_machines:name_of(Pid, machines(Link))} of
         {#{Pid := {_, Orders}}, {ok, Name}} ->
@@ -599,7 +621,7 @@ log(What, Name, Text) ->
     logger:error(Report, #{report_cb => fun report/1}).
 
 report(#{what := crashed, machine := Name, reason := Why}) -> {"~tp crashed: ~ts", [Name, Why]};
-report(#{what := long_step, reason := Why}) -> {"~ts", [Why]}.
+report(#{what := _, reason := Why}) -> {"~ts", [Why]}.
 
 %% Applications may take their time; of one that takes very long the log has one line, with its place.
 long_steps(#link{beside = Beside, long = Long} = Link) ->

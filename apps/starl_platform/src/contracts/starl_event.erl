@@ -19,8 +19,14 @@
 
 %% Machine `robot': `down' and `up' apply to the robot with all of its machines, which start anew; a
 %% robot that has `died' does not come back; `store_set_back': a fault has put the store of an earlier life
-%% in the place of the robot's.
--type robot() :: down | up | {died, gave_up | killed} | store_set_back.
+%% in the place of the robot's. `late': a timer of a live robot was due at the first of
+%% these times, and came at the second: its computer stood still so long, or had too much else to do.
+-type robot() ::
+    down
+    | up
+    | {died, gave_up | killed}
+    | store_set_back
+    | {late, FromUs :: integer(), ToUs :: integer()}.
 
 %% Machine `supervisor': a machine has crashed by itself; a machine has crashed too often and is not
 %% started again.
@@ -102,7 +108,7 @@
 -spec platform() -> vocabulary().
 platform() ->
     #{
-        robot => [{down, 0}, {up, 0}, {died, 1}, {store_set_back, 0}],
+        robot => [{down, 0}, {up, 0}, {died, 1}, {store_set_back, 0}, {late, 2}],
         supervisor => [{crashed, 2}, {given_up, 1}],
         chassis => [{motion, 1}, {actuated, 2}, {not_understood, 1}, {sensed, 1}],
         radio => [{lost, 2}],

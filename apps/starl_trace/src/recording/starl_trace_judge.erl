@@ -48,6 +48,8 @@
     waiting = [] :: [[starl_monitor:trace_event()]],
     %% what hands do to it, as long as it lasts
     lasting = starl_assumption_open_faults:new() :: starl_assumption_open_faults:t(),
+    %% the windows in which computers were late, of which the monitors do not know yet
+    late = [] :: [starl_assumption:window()],
     events = 0 :: non_neg_integer(),
     missing = 0 :: non_neg_integer()
 }).
@@ -62,18 +64,23 @@ file(File) ->
 
 try_all(Cursor, Judge) ->
     try
-        all(Cursor, Judge)
+        all(Cursor, [], Judge)
     catch
         throw:{?MODULE, Reason} -> {error, Reason}
     after
         starl_trace_reader:stop(Cursor)
     end.
 
-all(Cursor, Judge) ->
+%% Messages are judged when the next ones are there: what those tell of late computers may explain them.
+all(Cursor, Before, #judge{late = Late} = Judge) ->
     case starl_trace_reader:next(Cursor) of
-        {ok, Messages, Next} -> all(Next, messages(Messages, Judge));
-        {ended, Ended} -> judged(Ended, Judge);
-        {error, _} = Error -> Error
+        {ok, Messages, Next} ->
+            Known = Judge#judge{late = Late ++ starl_assumption:told(facts(Messages))},
+            all(Next, Messages, messages(Before, Known));
+        {ended, Ended} ->
+            judged(Ended, messages(Before, Judge));
+        {error, _} = Error ->
+            Error
     end.
 
 judged(closed, #judge{scenario = none, file = File}) ->
@@ -114,7 +121,9 @@ messages(Messages, Judge) ->
 
 piece(Messages, Judge0) ->
     Judge = lists:foldl(fun message/2, Judge0, Messages),
-    judge([{At, R, M, E} || {trace, At, {R, M, E}} <- Messages], Judge).
+    judge(facts(Messages), Judge).
+
+facts(Messages) -> [{At, R, M, E} || {trace, At, {R, M, E}} <- Messages].
 
 gap({gap, _, Missing}, #judge{missing = Before} = Judge) when is_integer(Missing) ->
     hole({missing, Missing}, Judge#judge{missing = Before + Missing});
@@ -191,12 +200,11 @@ step(Trace, #judge{events = Events, until = Until} = Judge1) ->
             }
     end.
 
-%% What is judged now may rest on faults that still last.
-lasting(Now, #judge{lasting = Before, monitors = Monitors} = Judge) ->
+%% What is judged now may rest on faults that still last, and on late computers.
+lasting(Now, #judge{lasting = Before, late = Late, monitors = Monitors} = Judge) ->
     {Windows, Lasting} = starl_assumption_open_faults:windows(Now, Before),
-    Judge#judge{
-        lasting = Lasting, monitors = lists:foldl(fun starl_monitor:broken/2, Monitors, Windows)
-    }.
+    Told = lists:foldl(fun starl_monitor:broken/2, Monitors, Late ++ Windows),
+    Judge#judge{lasting = Lasting, late = [], monitors = Told}.
 
 %% A file names modules that are to be called: only monitors are, with data and no functions.
 check({Module, Config}, File) when is_atom(Module), is_map(Config) ->

@@ -103,9 +103,13 @@ undone([First | _] = Events, Now, #judge{pending = Pending} = Judge) ->
         false -> stood_still(element(1, First), Now, Next)
     end.
 
-%% @doc Facts have arrived, in the order of their time for each robot.
+%% @doc Facts have arrived, in the order of their time for each robot. That a computer was late is known before
+%% what it explains is judged.
 -spec told([starl_monitor:trace_event()], t()) -> t().
-told(Events, Judge) -> lists:foldl(fun arrived/2, Judge, Events).
+told(Events, #judge{monitors = Monitors} = Judge) ->
+    Late = starl_assumption:told(Events),
+    Known = Judge#judge{monitors = lists:foldl(fun starl_monitor:broken/2, Monitors, Late)},
+    lists:foldl(fun arrived/2, Known, Events).
 
 arrived(Event, #judge{pending = Pending, n = N} = Judge) ->
     Judge#judge{pending = [{element(1, Event), N, Event} | Pending], n = N + 1}.
