@@ -54,6 +54,18 @@ outcome(Results, Violations) ->
 result(done) -> {done, complete};
 result(Other) -> Other.
 
+%% A run in real time says which computers were late, for that excuses their robots.
+late_computers_are_told_test() ->
+    Late = fun(Which) ->
+        Report = report(#{outcome => (outcome([done, done], []))#{late_computers => Which}}),
+        starl_cli_report:figure(late_computers, Report)
+    end,
+    ?assertEqual(null, Late([])),
+    ?assertEqual(
+        [<<"robot 1: once, by 0.3 s at most">>, <<"robot 7: 12 times, by 1.2 s at most">>],
+        Late([{1, 1, 250_001}, {7, 12, 1_234_000}])
+    ).
+
 %% What an application says of a run in which so much was painted, a robot alone or not.
 painting(Covered) -> painting(Covered, 399.99996).
 

@@ -55,6 +55,9 @@ undone_test() ->
 a_late_computer_test() ->
     Late = {9, 1, robot, {late, 4, 9}},
     Judge = told([[{6, 2, a, x}], [{3, 1, a, y}, Late]], new(10)),
+    ?assertEqual([{1, 1, 5}], starl_world_judge:late_computers(Judge)),
+    More = told([[{19, 2, robot, {late, 3, 9}}, {20, 1, robot, {late, 12, 20}}]], Judge),
+    ?assertEqual([{1, 2, 8}, {2, 1, 6}], starl_world_judge:late_computers(More)),
     {ok, Next} = starl_world_judge:judge(19, Judge),
     {[], #{?MODULE := #{seen := Seen}}, []} = starl_world_judge:close(30, Next),
     ?assertEqual([{4, 1, 9, pause}, {3, 1, a, y}, {6, 2, a, x}, Late], Seen).

@@ -132,7 +132,7 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
             {digest, hex(maps:get(digest, Outcome))},
             {contracts, contracts(Monitors)},
             {violations, [violation(V) || V <- Violations]}
-        ] ++ not_judged(Outcome) ++
+        ] ++ not_judged(Outcome) ++ late_computers(Outcome) ++
         [
             {ending, atom_to_binary(Ending)}
         ] ++ hung(Outcome) ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})) ++
@@ -165,6 +165,17 @@ not_judged(#{unjudged := []}) ->
     [];
 not_judged(#{unjudged := Parts}) ->
     [{not_judged, [unicode:characters_to_binary(starl_unjudged:format(P)) || P <- Parts]}].
+
+%% Only for runs in real time in which computers were late.
+late_computers(#{late_computers := [_ | _] = Late}) ->
+    Line = "robot ~b: ~ts, by ~.1f s at most",
+    Texts = [io_lib:format(Line, [Id, times(N), Us / 1.0e6]) || {Id, N, Us} <- Late],
+    [{late_computers, [unicode:characters_to_binary(Text) || Text <- Texts]}];
+late_computers(#{}) ->
+    [].
+
+times(1) -> "once";
+times(N) -> io_lib:format("~b times", [N]).
 
 violation(#{contract := Contract, what := What, at_us := At, robots := Robots} = Violation) ->
     [

@@ -39,9 +39,8 @@ about(_Subject) ->
         "asks for tokens for 1 to 2 s, a team of five that paints for 3.5 to 6 s, longer than the "
         "lease of the robot that leads. A run that is over is followed by another one. The run's "
         "own monitors judge; the recording of a run with a violation stays in the directory.",
-        "On a computer with much other work a robot is late without a halt: `held too long' by a "
-        "robot that was not halted tells of that, not of a halt. --speed 1 allows it four times the "
-        "time."
+        "On a computer with much other work a robot is late without a halt; it says so, and is "
+        "excused as a robot that is halted. --speed 1 allows it four times the time."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].

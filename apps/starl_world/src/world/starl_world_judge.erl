@@ -36,6 +36,7 @@
     judge/3,
     violations/1,
     late/1,
+    late_computers/1,
     stood_still/3,
     unjudged/1,
     close/2
@@ -55,6 +56,8 @@
     looked_us = 0 :: integer(),
     behind_us = 0 :: non_neg_integer(),
     late = 0 :: non_neg_integer(),
+    %% how often the robots' computers were late, and by how much at most
+    computers = #{} :: #{starl:robot_id() => {pos_integer(), Us :: pos_integer()}},
     %% the robots for which the judge waits; the halts that are over, from when to when
     held = #{} :: #{starl:robot_id() => hold()},
     halts = [] :: [{integer(), integer()}],
@@ -106,10 +109,18 @@ undone([First | _] = Events, Now, #judge{pending = Pending} = Judge) ->
 %% @doc Facts have arrived, in the order of their time for each robot. That a computer was late is known before
 %% what it explains is judged.
 -spec told([starl_monitor:trace_event()], t()) -> t().
-told(Events, #judge{monitors = Monitors} = Judge) ->
-    Late = starl_assumption:told(Events),
-    Known = Judge#judge{monitors = lists:foldl(fun starl_monitor:broken/2, Monitors, Late)},
-    lists:foldl(fun arrived/2, Known, Events).
+told(Events, Judge) ->
+    lists:foldl(
+        fun arrived/2, lists:foldl(fun late/2, Judge, starl_assumption:told(Events)), Events
+    ).
+
+late({Robot, From, To, _} = Window, #judge{monitors = Monitors, computers = Before} = Judge) ->
+    Us = To - From,
+    More = fun({N, Longest}) -> {N + 1, max(Us, Longest)} end,
+    Judge#judge{
+        monitors = starl_monitor:broken(Window, Monitors),
+        computers = maps:update_with(Robot, More, {1, Us}, Before)
+    }.
 
 arrived(Event, #judge{pending = Pending, n = N} = Judge) ->
     Judge#judge{pending = [{element(1, Event), N, Event} | Pending], n = N + 1}.
@@ -290,6 +301,11 @@ violations(#judge{violations = Violations}) -> Violations.
 %% @doc The number of events that came after their time had been judged.
 -spec late(t()) -> non_neg_integer().
 late(#judge{late = Late}) -> Late.
+
+%% @doc The robots whose computers were late, as they tell: how often, and by how much at most.
+-spec late_computers(t()) -> [{starl:robot_id(), pos_integer(), Us :: pos_integer()}].
+late_computers(#judge{computers = Computers}) ->
+    [{Robot, N, Us} || {Robot, {N, Us}} <- lists:sort(maps:to_list(Computers))].
 
 %% @doc Judges everything that has arrived, and closes the monitors: all violations, and each
 %% monitor's results, and what is not judged.

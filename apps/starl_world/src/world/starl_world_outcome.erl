@@ -18,7 +18,8 @@ close(Ending, Now, {Judge, Robots}, Observer) ->
         digest => <<>>
     },
     ok = starl_observer:tell({ended, Told}, Observer),
-    outcome(Ending, Now, {Violations, Results, Unjudged}, Robots).
+    Outcome = outcome(Ending, Now, {Violations, Results, Unjudged}, Robots),
+    Outcome#{late_computers => starl_world_judge:late_computers(Judge)}.
 
 outcome(Ending, Now, {Violations, Results, Unjudged}, Robots) ->
     Summaries = [
