@@ -103,6 +103,18 @@ too_many_test() ->
         lists:flatten(starl_sim:format_error(Why))
     ).
 
+%% Nobody drives before the robots stand as far apart as is promised from then on.
+robots_begin_as_far_apart_as_is_promised_test() ->
+    {ok, Floor} = starl_floor_file:read("doors", 1000),
+    {ok, Scene} = starl_convoy:scene(#{
+        robots => [1, 2],
+        profiles => [starl_chassis:profile(starl_chassis_differential, #{})],
+        floor => Floor,
+        world => {10000, 10000},
+        options => #{section => 600}
+    }),
+    ?assertMatch(#{apart_mm := 400}, Scene).
+
 %% -- the contract ---------------------------------------------------------------------------
 
 judged(Events) -> judged(Events, []).

@@ -63,6 +63,8 @@ scene(#{robots := Ids, profiles := Profiles, options := #{section := Length}} = 
                 blocks => [starl_mutex],
                 floor => Floor,
                 poses => Poses,
+                %% as its contract says
+                apart_mm => 400,
                 monitors => [{starl_convoy_monitor, #{robots => lists:sort(Ids), lane => Lane}}],
                 never_crashes => true
             }};

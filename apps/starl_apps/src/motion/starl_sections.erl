@@ -102,7 +102,7 @@ is_free(Robot, Place, Mm) ->
 
 %% Who has been led past a point of the way, round a corner even, may reach the next one all the same.
 follow(Robot, [Place | Way], Ms) ->
-    case reached(Robot, Place, Ms) of
+    case reached(Robot, Place, deadline(Robot, Ms)) of
         stuck when Way =:= [] -> stuck;
         _OkOrStuck -> follow(Robot, Way, Ms)
     end;
@@ -110,18 +110,24 @@ follow(_Robot, [], _Ms) ->
     ok.
 
 %% Who is refused at once, by a wall between itself and the place, may be so for ever.
-reached(_Robot, _Place, Ms) when Ms =< 0 ->
-    stuck;
-reached(Robot, Place, Ms) ->
-    case starl:call(Robot, motion, {go_to, Place}, Ms) of
-        {ok, ok} ->
-            ok;
-        {error, timeout} ->
+reached(Robot, Place, Deadline) ->
+    case left(Robot, Deadline) of
+        Ms when is_integer(Ms), Ms =< 0 ->
             stuck;
-        _StoppedOrRestarted ->
-            ok = starl:sleep(Robot, ?LOOK_MS),
-            reached(Robot, Place, less(Ms))
+        Ms ->
+            case starl:call(Robot, motion, {go_to, Place}, Ms) of
+                {ok, ok} ->
+                    ok;
+                {error, timeout} ->
+                    stuck;
+                _StoppedOrRestarted ->
+                    ok = starl:sleep(Robot, ?LOOK_MS),
+                    reached(Robot, Place, Deadline)
+            end
     end.
 
-less(infinity) -> infinity;
-less(Ms) -> Ms - ?LOOK_MS.
+deadline(_Robot, infinity) -> infinity;
+deadline(Robot, Ms) -> starl:now(Robot) + Ms.
+
+left(_Robot, infinity) -> infinity;
+left(Robot, Deadline) -> Deadline - starl:now(Robot).
