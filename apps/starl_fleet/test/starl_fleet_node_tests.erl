@@ -169,6 +169,32 @@ compiled(Name, Code) ->
     {ok, Module, Beam} = compile:forms(Forms, [debug_info]),
     {Module, Name ++ ".erl", Beam}.
 
+%% A release for Creates: StarL's own services and drivers change with a deployment only, the applications that ship
+%% by a reload, too.
+only_applications_are_reloaded_test() ->
+    Release = "/tmp/starl-layers-" ++ os:getpid(),
+    [
+        begin
+            Link = filename:join([Release, "lib", atom_to_list(Layer) ++ "-0.1.0"]),
+            ok = filelib:ensure_dir(Link),
+            ok = file:make_symlink(code:lib_dir(Layer), Link)
+        end
+     || Layer <- [
+            starl_platform,
+            starl_blocks,
+            starl_run,
+            starl_live,
+            starl_trace,
+            starl_create,
+            starl_fleet,
+            starl_apps
+        ]
+    ],
+    Changed = starl_fleet_reload:changed(Release, #{}),
+    ok = file:del_dir_r(Release),
+    Apps = [filename:basename(filename:dirname(filename:dirname(File))) || File <- Changed],
+    ?assertEqual(["starl_apps-0.1.0"], lists:usort(Apps)).
+
 %% A robot whose link starts anew within its node goes on with the new code, and can still be taken back.
 reload_outlives_the_link_test_() ->
     {timeout, 30, fun() -> with_node(fun reload_outlives_the_link/2) end}.

@@ -6,7 +6,9 @@
 
 -export([answer/1, changed/2, sources/3]).
 
--define(LAYERS, ["starl_blocks", "starl_run", "starl_live", "starl_trace", "starl_fleet"]).
+-define(LAYERS, [
+    "starl_blocks", "starl_run", "starl_live", "starl_trace", "starl_create", "starl_fleet"
+]).
 
 %% @doc Answers `bin/robot': `check RELEASE' makes the versions, `switch RELEASE TRIAL_MS' has the robot take
 %% them, `back RELEASE ROBOT' has it leave them for this release, since they have failed on that robot.
