@@ -68,28 +68,21 @@ world(#faults{play = Play}) -> starl_world_play:world(Play).
 
 %% @doc Hands do this now. The first that cannot be done is the answer; all are of the same kind, for the
 %% same robots.
--spec act([starl_run_hand:t()], starl_cluster_nodes:t(), t()) ->
-    {ok, [want()], t()} | {error, unicode:chardata()}.
-act(Hands, Nodes, Faults) ->
-    Named = lists:usort(lists:append([starl_run_hand:robots(Hand) || Hand <- Hands])),
-    case Named -- starl_cluster_nodes:ids(Nodes) of
-        [] -> acted(Hands, [], Nodes, Faults);
-        [Robot | _] -> {error, io_lib:format("there is no robot ~b", [Robot])}
-    end.
+-spec act([starl_run_hand:t()], starl_cluster_nodes:t(), t()) -> doing().
+act(Hands, Nodes, #faults{play = Play} = Faults) ->
+    acted(Hands, Nodes, {starl_world_play:check(Hands, Play), [], Faults}).
 
-acted([], Wants, _Nodes, Faults) ->
-    {ok, Wants, Faults};
-acted([Hand | More], Wants, Nodes, #faults{play = Play} = Faults) ->
+acted([Hand | More], Nodes, {ok, Wants, #faults{play = Play} = Faults}) ->
     {Fault, Named} = starl_world_play:hand(Hand, Play),
-    case attempted(Fault, Nodes, Faults#faults{play = Named}) of
-        {ok, Own, Begun} -> acted(More, Wants ++ Own, Nodes, Begun);
-        {error, _} = Error -> Error
-    end.
+    {Answer, Own, Next} = attempted(Fault, Nodes, Faults#faults{play = Named}),
+    acted(More, Nodes, {Answer, Wants ++ Own, Next});
+acted(_DoneOrRefused, _Nodes, Doing) ->
+    Doing.
 
 attempted(Fault, Nodes, Faults) ->
     case can(Fault, Nodes, Faults) of
         ok -> begun(Fault, Nodes, Faults);
-        {error, _} = Error -> Error
+        {error, _} = Error -> {Error, [], Faults}
     end.
 
 %% @doc Halts the node of a robot for a time of the computer, in the middle of its work; the caller waits
@@ -102,7 +95,7 @@ halt_at_work(Robot, Seconds, From, Nodes, Faults) ->
     case act([{pause, Robot, #{at_work => true}, round(1000 * Seconds)}], Nodes, Faults) of
         {ok, [], #faults{halts = Halts} = Next} ->
             {ok, Next#faults{halts = starl_cluster_halts:wait(Robot, From, Halts)}};
-        {error, _} = Error ->
+        {{error, _} = Error, [], _Faults} ->
             Error
     end.
 
@@ -130,42 +123,38 @@ chaos(Hand, Nodes, Faults) ->
 
 chaos_at(Aimed, Nodes, Faults) ->
     logger:notice(#{what => chaos, act => Aimed}),
-    case act([Aimed], Nodes, Faults) of
-        {ok, Wants, Next} -> {Wants, Next};
-        {error, _} -> {[], Faults}
-    end.
+    {_, Wants, Next} = act([Aimed], Nodes, Faults),
+    {Wants, Next}.
 
 %% A node that is down is not there to be halted, but may well stay down for longer.
 begins(Fault, Nodes, Faults) ->
     case {element(4, Fault), can(Fault, Nodes, Faults)} of
         {Kind, {error, Why}} when Kind =:= pause; Kind =:= store_full ->
-            ok = not_played(Fault, Why),
+            ok = starl_world_play:not_played(Fault, Why),
             {[], Faults};
         _ ->
             played(Fault, Nodes, Faults)
     end.
 
 played(Fault, Nodes, Faults) ->
-    case begun(Fault, Nodes, Faults) of
-        {ok, Wants, Next} ->
-            {Wants, Next};
-        {error, Why} ->
-            ok = not_played(Fault, Why),
-            {[], Faults}
-    end.
-
-not_played(Fault, Why) ->
-    Line = unicode:characters_to_binary(Why),
-    logger:warning(#{what => fault_not_played, fault => Fault, why => Line}).
+    {Answer, Wants, Next} = begun(Fault, Nodes, Faults),
+    _ = [starl_world_play:not_played(Fault, Why) || {error, Why} <- [Answer]],
+    {Wants, Next}.
 
 begun(Fault, Nodes, #faults{play = Play} = Faults) ->
     case starl_world_play:begins(Fault, Play) of
-        {ok, Effects, Next} -> answer(effects(Effects, Nodes, Faults#faults{play = Next}));
-        {error, _} = Error -> Error
+        {ok, Effects, Next} ->
+            completed(Fault, Nodes, effects(Effects, Nodes, Faults#faults{play = Next}));
+        {error, _} = Error ->
+            {Error, [], Faults}
     end.
 
-answer({ok, _Wants, _Faults} = Done) -> Done;
-answer({{error, _} = Error, _Wants, _Faults}) -> Error.
+%% A fault that could not be done is over: the world was told that it has begun.
+completed(_Fault, _Nodes, {ok, _, _} = Done) ->
+    Done;
+completed(Fault, Nodes, {{error, _} = Error, Wants, Faults}) ->
+    {Own, Over} = over(element(1, Fault), Nodes, Faults),
+    {Error, Wants ++ Own, Over}.
 
 over(Id, Nodes, #faults{play = Play} = Faults) ->
     {Effects, Next} = starl_world_play:over(Id, Play),

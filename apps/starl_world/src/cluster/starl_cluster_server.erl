@@ -182,7 +182,7 @@ command({act, Hands}, From, State) ->
 acted(Hands, From, Text, #state{nodes = Nodes, faults = Faults} = State) ->
     case starl_cluster_faults:act(Hands, Nodes, Faults) of
         {ok, Wants, Next} -> {noreply, wanted(Wants, From, Text, State#state{faults = Next})};
-        {error, _} = Error -> {reply, Error, State}
+        {{error, _} = Error, Wants, Next} -> {reply, Error, faulted({Wants, Next}, State)}
     end.
 
 healed(What, From, Text, #state{nodes = Nodes, faults = Faults} = State) ->

@@ -8,8 +8,8 @@
 %% '''
 -module(starl_world_play).
 
--export([new/2, planned/2, at/3, begins/2, hand/2, unnamed/2, over/2, up/2, fate/2]).
--export([air/2, senses/2, is_down/2, is_full/2, healable/2, real_ms/2, world/1]).
+-export([new/2, planned/2, at/3, begins/2, not_played/2, hand/2, unnamed/2, over/2, up/2, fate/2]).
+-export([check/2, air/2, senses/2, is_down/2, is_full/2, healable/2, real_ms/2, world/1]).
 
 -export_type([t/0, run/0, effect/0]).
 
@@ -19,6 +19,7 @@
 }.
 
 -record(play, {
+    robots :: [starl:robot_id()],
     world :: pid(),
     clock :: starl_live_clock:t(),
     speed :: number(),
@@ -38,7 +39,11 @@
 -spec new([starl:robot_id()], run()) -> t().
 new(Robots, #{world := World, clock := Clock, speed := Speed}) ->
     #play{
-        world = World, clock = Clock, speed = Speed, faults = starl_world_faults:new(Robots)
+        robots = Robots,
+        world = World,
+        clock = Clock,
+        speed = Speed,
+        faults = starl_world_faults:new(Robots)
     }.
 
 %% @doc The faults of a schedule that begin before any robot does. The others come as messages, in their time.
@@ -81,6 +86,21 @@ left(Effects, Play) ->
      || {due, _, _} = Due <- Effects
     ]),
     [Effect || Effect <- Effects, element(1, Effect) =/= due].
+
+%% @doc A fault of the schedule cannot begin: a line of the log says so.
+-spec not_played(starl_run_fault:t(), Why :: unicode:chardata()) -> ok.
+not_played(Fault, Why) ->
+    Line = unicode:characters_to_binary(Why),
+    logger:warning(#{what => fault_not_played, fault => Fault, why => Line}).
+
+%% @doc Are there all the robots that hands name?
+-spec check([starl_run_hand:t()], t()) -> ok | {error, unicode:chardata()}.
+check(Hands, #play{robots = Robots}) ->
+    Named = lists:usort(lists:append([starl_run_hand:robots(Hand) || Hand <- Hands])),
+    case Named -- Robots of
+        [] -> ok;
+        [Robot | _] -> {error, io_lib:format("there is no robot ~b", [Robot])}
+    end.
 
 %% @doc The fault that a hand does now.
 -spec hand(starl_run_hand:t(), t()) -> {starl_run_fault:t(), t()}.

@@ -89,14 +89,13 @@ start(Id, #robots{specs = Specs, sups = Sups, play = Play} = Robots) ->
     {reply, answer() | pid() | none, #robots{}}.
 handle_call({link, Id}, _From, Robots) ->
     {reply, link_of(Id, Robots), Robots};
-handle_call({act, Hands}, _From, #robots{specs = Specs} = Robots) ->
-    Named = lists:usort(lists:append([starl_run_hand:robots(Hand) || Hand <- Hands])),
-    case Named -- maps:keys(Specs) of
-        [] ->
+handle_call({act, Hands}, _From, #robots{play = Play} = Robots) ->
+    case starl_world_play:check(Hands, Play) of
+        ok ->
             {Answers, Next} = lists:mapfoldl(fun hand/2, Robots, Hands),
             {reply, lists:last(Answers), Next};
-        [Robot | _] ->
-            {reply, {error, io_lib:format("there is no robot ~b", [Robot])}, Robots}
+        {error, _} = Error ->
+            {reply, Error, Robots}
     end;
 handle_call({heal, What}, _From, #robots{play = Play} = Robots) ->
     {reply, ok, lists:foldl(fun over/2, Robots, starl_world_play:healable(What, Play))}.
@@ -148,10 +147,7 @@ hand(Hand, #robots{play = Play} = Robots) ->
 %% One of the schedule.
 played(Fault, Robots) ->
     {Answer, Next} = begins(Fault, Robots),
-    _ = [
-        logger:warning(#{what => fault_not_played, fault => Fault, why => Why})
-     || {error, Why} <- [Answer]
-    ],
+    _ = [starl_world_play:not_played(Fault, Why) || {error, Why} <- [Answer]],
     Next.
 
 begins(Fault, #robots{play = Play} = Robots) ->
