@@ -2,7 +2,7 @@
 -module(starl_dpp_progress_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--define(PATH, [{{100.0, 0.0}, up}, {{100.0, 200.0}, {down, 7}}]).
+-define(PATH, [{{100.0, 0.0}, up}, {{100.0, 300.0}, {down, 7}}]).
 
 moving() -> {moving, {1, 1}, {0.0, 0.0}, ?PATH}.
 
@@ -11,14 +11,23 @@ begun() -> starl_dpp_progress:begins({0.0, 0.0}, starl_dpp_progress:new(10.0)).
 %% Stopped, and seen at a point.
 stopped(At, Track) -> starl_dpp_progress:stands(At, starl_dpp_progress:halted(moving(), Track)).
 
+%% Where it counts as standing.
+nominal(Track) ->
+    {standing, At} = starl_dpp_progress:place(standing, Track),
+    At.
+
+%% Its own painted edges that it has to tell, and all that it knows of.
+painted(Track) ->
+    Request = starl_dpp_progress:request({1, 1}, {1, 1}, 0, Track),
+    {element(4, Request), starl_dpp_progress:painted(Track)}.
+
 %% Near its path a robot counts as standing on it; that is what it holds from then on.
 near_its_path_it_counts_as_on_it_test() ->
-    Nominal = fun starl_dpp_progress:nominal/1,
-    ?assertEqual({50.0, 0.0}, Nominal(stopped({50.0, 9.0}, begun()))),
-    ?assertEqual({50.0, 11.0}, Nominal(stopped({50.0, 11.0}, begun()))),
+    ?assertEqual({50.0, 0.0}, nominal(stopped({50.0, 9.0}, begun()))),
+    ?assertEqual({50.0, 11.0}, nominal(stopped({50.0, 11.0}, begun()))),
     Stands = stopped({50.0, 0.0}, begun()),
     Again = fun(At) ->
-        Nominal(starl_dpp_progress:stands(At, starl_dpp_progress:halted(asking, Stands)))
+        nominal(starl_dpp_progress:stands(At, starl_dpp_progress:halted(asking, Stands)))
     end,
     ?assertEqual({50.0, 0.0}, Again({55.0, 0.0})),
     ?assertEqual({70.0, 5.0}, Again({70.0, 5.0})).
@@ -29,37 +38,35 @@ waypoints_reached_are_behind_it_test() ->
     One = starl_dpp_progress:reached(1, hd(?PATH), begun()),
     ?assertEqual({moving, 1, {100.0, 0.0}, tl(?PATH)}, starl_dpp_progress:place(moving(), One)),
     ?assertEqual({100.0, 3.0}, starl_dpp_progress:at(stopped({100.0, 3.0}, One))),
-    ?assertEqual({50.0, 5.0}, starl_dpp_progress:nominal(stopped({50.0, 5.0}, One))),
+    ?assertEqual({50.0, 5.0}, nominal(stopped({50.0, 5.0}, One))),
     Two = starl_dpp_progress:reached(2, lists:last(?PATH), One),
-    ?assertEqual({moving, 2, {100.0, 200.0}, []}, starl_dpp_progress:place(moving(), Two)),
-    ?assertEqual({100.0, 200.0}, starl_dpp_progress:nominal(stopped({100.0, 195.0}, Two))),
-    ?assertEqual(300.0, starl_dpp_progress:unreported_mm(Two)),
-    ?assertEqual(+0.0, starl_dpp_progress:unreported_mm(starl_dpp_progress:reported(Two))).
+    ?assertEqual({moving, 2, {100.0, 300.0}, []}, starl_dpp_progress:place(moving(), Two)),
+    ?assertEqual({100.0, 300.0}, nominal(stopped({100.0, 295.0}, Two))).
+
+%% The space behind it is free after 400 mm.
+it_reports_what_it_has_driven_test() ->
+    One = starl_dpp_progress:reached(1, hd(?PATH), begun()),
+    Two = starl_dpp_progress:reached(2, lists:last(?PATH), One),
+    ?assertNot(starl_dpp_progress:is_report_due(One)),
+    ?assert(starl_dpp_progress:is_report_due(Two)),
+    ?assertNot(starl_dpp_progress:is_report_due(starl_dpp_progress:reported(Two))),
+    ?assertNot(starl_dpp_progress:is_report_due(starl_dpp_progress:begins({7.0, 7.0}, Two))).
 
 %% What it has painted is fresh until a request that told of it is answered.
 painted_edges_are_fresh_until_an_answer_test() ->
     Two = starl_dpp_progress:reached(2, lists:last(?PATH), begun()),
-    ?assertEqual({[7], [7]}, {starl_dpp_progress:fresh(Two), starl_dpp_progress:painted(Two)}),
-    Learnt = starl_dpp_progress:learn([3, 9], Two),
-    ?assertEqual({[7], [3, 7, 9]}, {
-        starl_dpp_progress:fresh(Learnt), starl_dpp_progress:painted(Learnt)
-    }),
-    Answered = starl_dpp_progress:answered([], Learnt),
-    ?assertEqual(
-        {[], [3, 7, 9]}, {starl_dpp_progress:fresh(Answered), starl_dpp_progress:painted(Answered)}
-    ).
+    ?assertEqual({[7], [7]}, painted(Two)),
+    Answered = starl_dpp_progress:answered([3, 9], Two),
+    ?assertEqual({[], [3, 7, 9]}, painted(Answered)),
+    ?assertEqual({[], [3, 7, 9]}, painted(starl_dpp_progress:answered([], Answered))).
 
-%% Another path begins with nothing behind it, and nothing to report.
+%% Another path begins with nothing behind it.
 another_path_begins_with_nothing_behind_it_test() ->
     One = starl_dpp_progress:reached(1, hd(?PATH), begun()),
     Again = starl_dpp_progress:begins({7.0, 7.0}, One),
     ?assertEqual(
-        {{7.0, 7.0}, +0.0, {moving, 0, {0.0, 0.0}, ?PATH}},
-        {
-            starl_dpp_progress:last(Again),
-            starl_dpp_progress:unreported_mm(Again),
-            starl_dpp_progress:place(moving(), Again)
-        }
+        {{7.0, 7.0}, {moving, 0, {0.0, 0.0}, ?PATH}},
+        {starl_dpp_progress:last(Again), starl_dpp_progress:place(moving(), Again)}
     ).
 
 %% Where it stands is looked at again, and stays what it counts as until then.

@@ -77,11 +77,9 @@
     patience_ms => pos_integer(),
     slack_us => non_neg_integer(),
     auto => process | inline,
-    code => [{module(), file:filename(), Beam :: binary()}],
+    code => [starl_version:code()],
     %% other draws from a moment on, which do change the result
-    branch => starl_sim_branch:t(),
-    %% those of the scenario, with their versions
-    reloads => [starl_run_reloads:t()]
+    branch => starl_sim_branch:t()
 }.
 
 %% A simulation that has not begun: its scenario with all defaults and drawn faults, its scene, and

@@ -2,9 +2,9 @@
 %% report for a new coordinator comes from here. Pure.
 -module(starl_dpp_progress).
 
--export([new/1, lost/1, halted/2, stands/2, at/1, nominal/1]).
+-export([new/1, lost/1, halted/2, stands/2, at/1]).
 -export([begins/2, reached/3, blocked/2, last/1, is_report_due/1, reported/1, place/2]).
--export([unreported_mm/1, painted/1, fresh/1, learn/2, request/4, answered/2]).
+-export([painted/1, request/4, answered/2]).
 -export_type([t/0, where/0]).
 
 -type point() :: starl_geometry:point().
@@ -68,10 +68,6 @@ stands(At, #track{line = Line, slack = Slack} = Track) ->
 -spec at(t()) -> point() | unknown.
 at(#track{at = At}) -> At.
 
-%% @doc The point of its reservation on which it counts as standing.
--spec nominal(t()) -> point() | unknown.
-nominal(#track{nominal = Nominal}) -> Nominal.
-
 %% @doc It begins a path at this point.
 -spec begins(point(), t()) -> t().
 begins(From, Track) -> Track#track{passed = 0, last = From, unreported_mm = 0.0}.
@@ -96,10 +92,6 @@ last(#track{last = Last}) -> Last.
 -spec blocked(point(), t()) -> t().
 blocked(Towards, Track) -> Track#track{blocked = Towards}.
 
-%% @doc The distance that it has driven since the last report to the coordinator.
--spec unreported_mm(t()) -> float().
-unreported_mm(#track{unreported_mm = Mm}) -> Mm.
-
 %% @doc Has it driven so far since the last report to the coordinator that it is to report again?
 -spec is_report_due(t()) -> boolean().
 is_report_due(#track{unreported_mm = Mm}) -> Mm >= ?REPORT_MM.
@@ -120,17 +112,6 @@ place(_Where, #track{nominal = Nominal}) when Nominal =/= unknown -> {standing, 
 -spec painted(t()) -> [edge_id()].
 painted(#track{painted = Painted, fresh = Fresh}) -> lists:umerge(Fresh, Painted).
 
-%% @doc These edges, sorted, are painted, too.
--spec learn([edge_id()], t()) -> t().
-learn([], Track) ->
-    Track;
-learn(Edges, #track{painted = Painted} = Track) ->
-    Track#track{painted = lists:umerge(Edges, Painted)}.
-
-%% @doc The own painted edges that no answered request has reported.
--spec fresh(t()) -> [edge_id()].
-fresh(#track{fresh = Fresh}) -> Fresh.
-
 %% @doc The request of a robot that stands at a known place: with its own painted edges that no answered
 %% request has reported, and what was in its way ({@link starl_dpp_message}).
 -spec request(starl_dpp:term_id(), starl_dpp:request_id(), Stamp :: integer(), t()) -> tuple().
@@ -144,3 +125,8 @@ request(Term, Id, Stamp, #track{at = At, fresh = Fresh, blocked = Towards}) ->
 answered(News, Track) ->
     #track{fresh = Fresh} = Known = learn(News, Track),
     learn(Fresh, Known#track{fresh = [], blocked = none}).
+
+learn([], Track) ->
+    Track;
+learn(Edges, #track{painted = Painted} = Track) ->
+    Track#track{painted = lists:umerge(Edges, Painted)}.

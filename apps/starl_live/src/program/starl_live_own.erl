@@ -7,20 +7,18 @@
 
 -export([check/3, driver/2]).
 
--export_type([code/0, compile/0]).
-
--type code() :: {module(), Source :: file:filename(), Beam :: binary()}.
+-export_type([compile/0]).
 
 %% Compiles the source of a driver.
 -type compile() :: fun(
-    (file:filename()) -> {ok, module(), [code()]} | {error, [unicode:chardata(), ...]}
+    (file:filename()) -> {ok, module(), [starl_version:code()]} | {error, [unicode:chardata(), ...]}
 ).
 
 -type behaviour() :: starl_live_chassis | starl_live_positioning.
 
 %% @doc The driver of a chassis of the user's own.
 -spec driver(starl_chassis_choice:name(), compile()) ->
-    {ok, starl_live_link:line(), [code()]} | {error, [unicode:chardata(), ...]}.
+    {ok, starl_live_link:line(), [starl_version:code()]} | {error, [unicode:chardata(), ...]}.
 driver(Name, Compile) ->
     case starl_chassis_choice:own(Name) of
         {exec, Command} -> {ok, {starl_live_exec, #{exec => absolute(Command)}}, []};

@@ -17,7 +17,7 @@
 
 -export([new/2, broken/2, told/1, is_kept/1, is_kept/3, longest_us/2]).
 -export([clock_later/4, clock_earlier/4, lost_us/4, gained_us/4, handled/4, begun_us/3]).
--export([behind_us/4, is_misplaced/4, delayed_us/5, calm_us/3, calm_us/4, leaves_us/3]).
+-export([behind_us/4, misleads/1, is_misplaced/4, delayed_us/5, calm_us/3, calm_us/4, leaves_us/3]).
 
 -export_type([t/0, window/0, broken/0]).
 
@@ -280,6 +280,10 @@ leaves_us(Robot, At, Assumption) ->
             At =< End
         ]
     ]).
+
+%% @doc Is a robot told wrong positions by a fault of this kind? It finds out a picture that is frozen.
+-spec misleads(Kind :: atom()) -> boolean().
+misleads(Kind) -> lists:member(Kind, [location_noise, location_bias, location_swap]).
 
 %% @doc May the robot have received a wrong position between two times?
 -spec is_misplaced(robot_id(), FromUs :: us(), UntilUs :: us(), t()) -> boolean().

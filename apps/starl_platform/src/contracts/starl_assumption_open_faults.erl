@@ -38,7 +38,8 @@ new() -> #{}.
 told({began, {Id, FromMs, forever, Kind, Target, _}}, Lasting) when
     Kind =/= pause, is_integer(FromMs)
 ->
-    Breaks = [{Robot, What} || Robot <- robots(Target), What <- [fault | misleads(Kind)]],
+    Position = [position || starl_assumption:misleads(Kind)],
+    Breaks = [{Robot, What} || Robot <- robots(Target), What <- [fault | Position]],
     Lasting#{Id => {Breaks, 1000 * FromMs, none}};
 told({ended, {Id, _, ToMs, _, _, _}}, Lasting) when is_map_key(Id, Lasting), is_integer(ToMs) ->
     {Breaks, Told, none} = maps:get(Id, Lasting),
@@ -51,12 +52,6 @@ robots(Link) when is_tuple(Link) -> robots(tuple_to_list(Link));
 robots(Robot) when is_integer(Robot) -> [Robot];
 robots(all) -> [all];
 robots(_Other) -> [].
-
-%% Live robots find out a picture that is frozen.
-misleads(location_noise) -> [position];
-misleads(location_bias) -> [position];
-misleads(location_swap) -> [position];
-misleads(_Kind) -> [].
 
 %% @doc What monitors must know before they judge what happened up to now.
 -spec windows(NowUs :: integer(), t()) -> {[starl_assumption:window()], t()}.

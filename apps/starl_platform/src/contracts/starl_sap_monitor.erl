@@ -27,8 +27,6 @@
 
 -record(state, {
     deadlines :: starl_sap_monitor_deadlines:t(),
-    %% The next time at which something is due.
-    due = infinity :: integer() | infinity,
     sources = starl_sap_monitor_sources:new() :: starl_sap_monitor_sources:t(),
     %% The incarnation that each source has announced.
     running = #{} :: #{starl_monitor:robot_id() => term()},
@@ -109,10 +107,14 @@ sometimes() ->
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
-step({T, _, _, _} = Event, #state{due = Due} = State) when T =< Due ->
+step({T, _, _, _} = Event, #state{deadlines = Deadlines} = State) ->
     %% Integers sort before the atom infinity.
-    judge(Event, State);
-step({T, _, _, _} = Event, State) ->
+    case T =< starl_sap_monitor_deadlines:due(Deadlines) of
+        true -> judge(Event, State);
+        false -> judge_late(Event, State)
+    end.
+
+judge_late({T, _, _, _} = Event, State) ->
     case pass(T, State) of
         {[], Current} -> judge(Event, Current);
         {[First | _], Current} -> first(First, judge(Event, Current))
@@ -198,7 +200,9 @@ open(_T, _Id, [], Sources, State) ->
     State#state{sources = Sources};
 open(T, Id, Dests, Sources, #state{deadlines = Before} = State) ->
     Deadlines = starl_sap_monitor_deadlines:sent(T, Id, Sources, Before),
-    (timed(Deadlines, State))#state{sources = Sources, counts = count(1, length(Dests), State)}.
+    State#state{
+        sources = Sources, deadlines = Deadlines, counts = count(1, length(Dests), State)
+    }.
 
 delivered(T, Robot, Id, Type, Hash, Message, State) ->
     case starl_sap_monitor_message:compare(Type, Hash, Message) of
@@ -365,11 +369,8 @@ settle(T, Id, Message, #state{sources = Sources} = State) ->
         lost ->
             Known = starl_sap_monitor_sources:put(Id, Message, Sources),
             Deadlines = starl_sap_monitor_deadlines:lost(T, Id, Known, State#state.deadlines),
-            timed(Deadlines, State#state{sources = Known})
+            State#state{sources = Known, deadlines = Deadlines}
     end.
-
-timed(Deadlines, State) ->
-    State#state{deadlines = Deadlines, due = starl_sap_monitor_deadlines:due(Deadlines)}.
 
 %% The robot's SAP is gone: outcomes that it has not reported stay open for ever.
 abandon(T, Robot, Incarnation, #state{sources = Sources} = State) ->
@@ -394,5 +395,5 @@ pass(T, #state{sources = Sources, deadlines = Before} = State) ->
     Left = lists:foldl(fun starl_sap_monitor_sources:forget/2, Sources, Stale),
     {
         [violation(What, At, Robots, Details) || {What, At, Robots, Details} <- Overdue],
-        (timed(Deadlines, State))#state{sources = Left}
+        State#state{sources = Left, deadlines = Deadlines}
     }.

@@ -119,16 +119,15 @@ bodies(Faults, IsExact) ->
 costs(location_frozen, _Params, true) ->
     position;
 costs(slip, #{factor := Factor}, _IsExact) when Factor < ?SLIP -> position;
-costs(Kind, _Params, _IsExact) when
-    Kind =:= location_noise; Kind =:= location_bias; Kind =:= location_swap
-->
-    position;
 costs(stand_still, _Params, _IsExact) ->
     still;
 costs(pause, _Params, _IsExact) ->
     pause;
-costs(_Kind, _Params, _IsExact) ->
-    fault.
+costs(Kind, _Params, _IsExact) ->
+    case starl_assumption:misleads(Kind) of
+        true -> position;
+        false -> fault
+    end.
 
 rest(_Kind, _Us, #{extra_ms := Ms}) -> 1000 * Ms;
 rest(_Kind, _Us, #{lag_ms := Ms}) -> 1000 * Ms;

@@ -12,11 +12,13 @@
 -type histories() :: {kept | judged | alone, [module()]}.
 
 %% Options of a run: further monitors, which only look on; whether histories of the calls are kept, and judged; the
-%% time by which everything with a bound may be late (in real time, where a computer has other work, too).
+%% time by which everything with a bound may be late (in real time, where a computer has other work, too); modules that
+%% were compiled in memory, to be loaded wherever robots run. Each kind of run has further ones.
 -type options() :: #{
     watch => [{module(), map()}],
     histories => histories(),
     slack_us => non_neg_integer(),
+    code => [starl_version:code()],
     atom() => term()
 }.
 

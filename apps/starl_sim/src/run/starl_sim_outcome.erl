@@ -4,16 +4,12 @@
 
 -export([new/2]).
 
--export_type([t/0, ending/0]).
-
-%% Why a run ended: all applications finished, its time was up, a contract was violated, it was
-%% stopped from outside, nothing could happen any more, a node was lost, or a robot did not end its step.
--type ending() :: done | time | violation | stopped | quiet | lost | hung.
+-export_type([t/0]).
 
 %% The outcome. The robots of lost nodes are missing in it. The digest is empty then, and if a robot
 %% did not end its step, which `hung' names.
 -type t() :: #{
-    ending := ending() | none,
+    ending := starl_run:ending() | none,
     end_us := starl_sim_queue:time(),
     %% the time until which contracts are judged
     judged_us := starl_sim_queue:time(),
@@ -26,9 +22,7 @@
     events := non_neg_integer(),
     packets := non_neg_integer(),
     lost := [starl_sim_nodes:loss()],
-    hung => starl_sim_window:hang(),
-    %% of a run in real time: the faults that were played, by hand among them
-    faults => [starl_run_fault:t()]
+    hung => starl_sim_window:hang()
 }.
 
 -type robot() :: {starl:robot_id(), starl_sim_robot:summary()}.
@@ -38,7 +32,7 @@
 %% who should have got on until then has not.
 -spec new(End, starl_sim_judge:t()) -> t() when
     End :: #{
-        ending := ending() | none,
+        ending := starl_run:ending() | none,
         end_us := starl_sim_queue:time(),
         limit_us := starl_sim_queue:time(),
         robots := [robot()],

@@ -9,7 +9,7 @@
 %% The drivers by their names, and the modules that were compiled for them.
 -type t() :: #{
     drivers := #{starl_chassis_choice:name() => starl_live_link:line()},
-    code := [starl_live_own:code()]
+    code := [starl_version:code()]
 }.
 
 %% @doc The user's own chassis of a choice, with the profiles that the robots will have.
