@@ -207,6 +207,38 @@ a_value_is_within_its_bounds_test() ->
         counter(Two ++ [{1, 5, 6, value, 2}, {1, 7, 8, value, 0}], [{6, 1, counter, crashed}])
     ).
 
+%% Each answer has its own bound: the increments that were made until then, wherever, and in whatever order the
+%% calls are told.
+a_value_is_bounded_by_what_was_made_until_then_test() ->
+    Reads = fun(At, Value) -> {2, At, At + 1, value, Value} end,
+    [
+        begin
+            Made = [{1, 10 * N, 10 * N + 1, increment, N} || N <- lists:seq(1, Most)],
+            [
+                ?assertEqual(
+                    {Most, At, Value, [{value, Verdict}]},
+                    {Most, At, Value, counter([Reads(At, Value) | Made])}
+                )
+             || Until <- lists:seq(0, Most),
+                At <- [10 * Until + 2],
+                {Value, Verdict} <- [{Until, kept}, {Until + 1, {broken, max(At + 1, 0)}}]
+            ]
+        end
+     || Most <- lists:seq(0, 7)
+    ].
+
+%% An increment counts from its call on, not only from its answer, and at its robot at once.
+an_increment_counts_from_its_call_on_test() ->
+    Long = {1, 0, 20, increment, 1},
+    ?assertEqual([{value, kept}], counter([Long, {2, 5, 6, value, 1}])),
+    ?assertEqual(
+        [{value, kept}], counter([{1, 0, unknown, increment, unknown}, {2, 5, 6, value, 1}])
+    ),
+    ?assertEqual([{value, {broken, 20}}], counter([{1, 0, 20, increment, 0}])),
+    ?assertEqual([{value, kept}], counter([Long, {2, 5, 6, increment, 1}, {2, 7, 8, value, 1}])),
+    ?assertEqual([{value, kept}], counter([{1, 0, 1, value, 0}])),
+    ?assertEqual([], counter([])).
+
 %% -- histories ------------------------------------------------------------------------------
 
 a_call_that_ends_with_a_restart_is_unknown_test() ->

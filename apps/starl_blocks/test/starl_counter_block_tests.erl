@@ -17,6 +17,7 @@ declared_test() ->
         starl_counter:monitors(#{gossip_ms => 200}, #{robots => [1, 2, 3]})
     ),
     ?assertEqual(starl_counter_exercise, starl_counter:exercise()),
+    ?assert(starl_counter_gossip:has_history()),
     [
         ?assertError(function_clause, starl_counter:within_ms(Ms, Robots))
      || {Ms, Robots} <- [{200.0, 3}, {200, 3.0}]
@@ -49,11 +50,30 @@ exercise_test() ->
 
 %% In the end each of three robots counts twice, and waits until all have to agree, and a fiftieth more:
 %% with a second more between two messages 6 s longer.
-agrees_in_the_end_test() ->
+agrees_in_the_end_test_() -> {timeout, 60, fun agrees_in_the_end/0}.
+
+agrees_in_the_end() ->
     {ok, #{end_us := Second}} = finally(1000),
     {ok, #{end_us := Two, violations := [], monitors := Monitors}} = finally(2000),
-    ?assertMatch(#{agreed := 1}, maps:get(starl_counter_monitor, Monitors)),
+    ?assertMatch(#{agreed := 1, increments := 6}, maps:get(starl_counter_monitor, Monitors)),
     ?assert(abs(Two - Second - 6120000) =< 20000, {Second, Two}).
+
+%% Every turn reads, and one of three counts.
+one_of_three_turns_counts_test_() -> {timeout, 60, fun one_of_three_turns_counts/0}.
+
+one_of_three_turns_counts() ->
+    Turns = 300,
+    Script = fun(Robot) ->
+        [starl_counter_exercise:work(Robot, Turn, #{}) || Turn <- lists:seq(1, Turns)]
+    end,
+    Trace = starl_blocks_script_app:trace(
+        starl_blocks_script_app:play(Script, #{blocks => [starl_counter]}, #{robots => 1, seed => 1})
+    ),
+    Asked = [What || {_, 1, app, {call, What, none}} <- Trace],
+    Counts = length([increment || increment <- Asked]),
+    ?assertEqual(Turns, length(Asked) - Counts),
+    %% one of two or of four would be 25 away at least
+    ?assert(abs(Counts - Turns div 3) < 20, Counts).
 
 finally(GossipMs) ->
     starl_sim_trial:run(#{

@@ -60,7 +60,16 @@ increments_lost_test() ->
     %% nobody has heard anything of anybody
     Two = [count(1, 1, 1), count(1, 2, 1), holds(2, 3, 1)],
     ?assertEqual([{increments_lost, 11}], judge(Two, Bound)),
-    ?assertEqual([], judge(Two, #{})).
+    ?assertEqual([], judge(Two, #{})),
+    %% one alone knew what another had counted that has died, and has crashed since
+    Heir = [count(1, 3, 1), holds(2, 1, 1), {3, 3, robot, {died, killed}}],
+    ?assertEqual([], judge(Heir ++ [{4, 1, counter, crashed}], Bound)),
+    %% what a robot still has counts, though one that had heard of all has crashed
+    Sum = [count(1, 2, 1), count(2, 1, 1), holds(3, 3, 2)],
+    ?assertEqual(
+        [{increments_lost, 15}],
+        judge(Sum ++ [{4, 4, robot, {died, killed}}, {5, 3, counter, crashed} | All(6, 1)], Bound)
+    ).
 
 a_value_above_the_increments_is_told_test() ->
     ?assertEqual([], judge([count(1, 1, 1), holds(2, 2, 1)])),
@@ -72,6 +81,8 @@ those_alive_agree_in_time_test() ->
     Bound = #{within_us => 10},
     One = [count(1, 1, 1), holds(2, 2, 1)],
     ?assertEqual([{no_agreement, 11}], judge(One, Bound)),
+    ?assertEqual([{no_agreement, 10}], judge([count(0, 1, 1)], Bound)),
+    ?assertEqual([], judge([{5, Robot, robot, {died, killed}} || Robot <- [1, 2, 3]], Bound)),
     ?assertEqual([], judge(One)),
     ?assertEqual([], judge(One ++ [holds(11, 3, 1)], Bound)),
     ?assertEqual([{no_agreement, 11}], judge(One ++ [holds(12, 3, 1)], Bound)),
@@ -106,7 +117,8 @@ broken_later_test() ->
             Start,
             Events
         ),
-        {Verdict, _} = starl_counter_monitor:finish(End, Last),
+        {Verdict, #{agreed := Agreed}} = starl_counter_monitor:finish(End, Last),
+        ?assertEqual(0, Agreed),
         Verdict
     end,
     One = count(1, 1, 1),

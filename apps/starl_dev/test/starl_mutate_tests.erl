@@ -138,7 +138,7 @@ unsound_test_() ->
     end}.
 
 %% A mutant that runs for ever, or eats memory, is caught; and the module is as before.
-endless_test_() ->
+mutants_in_a_vm_test_() ->
     {timeout, 60, fun() ->
         Vm = starl_lab_jobs:vm(1, []),
         Attempt = fun(Body) ->
@@ -159,6 +159,13 @@ endless_test_() ->
         end,
         ?assertEqual({caught, ?TESTS, timeout}, Attempt("count(L) -> count(L)")),
         ?assertMatch({caught, ?TESTS, {failed, _}}, Attempt("count(_) -> exit(kill)")),
+        %% it stands where the module stood, so it is as much StarL's own
+        ?assertEqual(
+            survived,
+            Attempt(
+                "count(L) -> \".beam\" = filename:extension(code:which(starl_mutate_fixture)), length(L)"
+            )
+        ),
         ?assertEqual([0, 1], [peer:call(Vm, starl_mutate_fixture, count, [L]) || L <- [[], [a]]]),
         true = unlink(Vm),
         peer:stop(Vm)

@@ -352,3 +352,113 @@ failures_test() ->
     Others = [taken, done, {back, 7}, {restored, why}],
     ?assertEqual([true, true, true], [?R:is_failure(O) || O <- Failures]),
     ?assertEqual([false, false, false, false], [?R:is_failure(O) || O <- Others]).
+
+%% A machine that starts heeds every word in its order. What has failed elsewhere meanwhile is not taken, what
+%% it has and is not its present code is never gone back to, and what it has not is none of its business. A
+%% failure is told once.
+a_machine_that_starts_heeds_all_words_test() ->
+    Told = fun(Takes, Words) ->
+        {Told, _} = ?R:started(a, 2 * ?TRIAL_US, #{a => {lineage(Takes), Words}}),
+        [{N, kind(O), M} || #{number := N, outcome := O, module := M, tell := nobody} <- Told]
+    end,
+    Two = [{1, 0}, {2, ?TRIAL_US}],
+    [
+        ?assertEqual({Takes, Words, Expected}, {Takes, Words, Told(Takes, Words)})
+     || {Takes, Words, Expected} <- [
+            {[], [take(1), take(2)], [{1, taken, module(1)}, {2, taken, module(2)}]},
+            {[], [take(1), {back, 2, 7}], [{1, taken, module(1)}]},
+            {[], [take(1), take(2), {back, 1, 7}], [{1, {back, 7}, ?FIRST}, {2, taken, module(2)}]},
+            {[{1, 0}], [take(2), {back, 1, 7}], [{2, taken, module(2)}, {1, {back, 7}, module(2)}]},
+            {Two, [{back, 1, 7}, {back, 2, 8}], [{1, {back, 7}, module(2)}, {2, {back, 8}, ?FIRST}]},
+            {Two, [take(3), {back, 9, 7}], [{3, taken, module(3)}]},
+            {Two, [{back, 9, 7}], []}
+        ]
+    ].
+
+%% What a machine has told is not waited for any more: that it has taken the code, the order alone; that it is
+%% back, both words. Other words and other machines go on waiting.
+what_is_told_is_waited_for_no_more_test() ->
+    Words = [take(1), {back, 1, 7}, take(2), {back, 2, 7}],
+    Codes = #{a => {lineage([]), Words}, b => {lineage([]), Words}},
+    Left = fun(Outcome) ->
+        #{a := {_, Left}, b := {_, Words}} = ?R:heard(a, told(1, Outcome, lineage([])), Codes),
+        Left
+    end,
+    ?assertEqual(tl(Words), Left(taken)),
+    [?assertEqual(lists:nthtail(2, Words), Left(O)) || O <- [{back, 7}, {crashed, why}, done]],
+    ?assertEqual(Codes, ?R:heard(a, maps:remove(lineage, told(1, taken, lineage([]))), Codes)).
+
+%% Nobody who starts later hears of a reload that has failed, neither as new code nor as a way back.
+a_failed_reload_is_gone_test() ->
+    Without = fun(N, Takes, Words) -> ?R:without(N, #{a => {lineage(Takes), Words}}) end,
+    Two = [{1, 0}, {2, ?TRIAL_US}],
+    #{a := {First, Words}} = Without(1, [{1, 0}], [{back, 1, 7}, take(1), take(2), {back, 2, 7}]),
+    ?assertEqual({?FIRST, [take(2), {back, 2, 7}]}, {starl_lineage:code(First), Words}),
+    %% it stays with the code of 2, and goes back beyond 1
+    #{a := {Second, []}} = Skipped = Without(1, Two, []),
+    ?assertEqual(module(2), starl_lineage:code(Second)),
+    #{a := {Beyond, []}} = ?R:without(2, Skipped),
+    ?assertEqual(?FIRST, starl_lineage:code(Beyond)),
+    ?assertEqual(#{a => {lineage(Two), []}}, Without(3, Two, [])).
+
+%% In the order of their names, also of more machines than a small map has.
+machines_get_their_words_in_order_test() ->
+    Names = [list_to_atom("m" ++ integer_to_list(N)) || N <- lists:seq(10, 60)],
+    {Words, Codes} = ?R:take(order(1), maps:from_keys(Names, ?FIRST), #{}),
+    ?assertEqual([{Name, take(1)} || Name <- Names], Words),
+    {Back, _} = ?R:back(1, 7, Codes),
+    ?assertEqual([{Name, {back, 1, 7}} || Name <- Names], Back).
+
+a_machine_without_new_code_starts_with_its_first_test() -> ?assertEqual(#{}, ?R:code(a, #{})).
+
+%% -- an operator ---------------------------------------------------------------------------------------
+
+an_order_names_the_new_versions_test() ->
+    {ok, Order, [{Version, _, _}]} = ?R:order(3, [starl_lineage], #{a => starl_lineage, b => b}, 2),
+    ?assertEqual(
+        #{number => 3, versions => #{starl_lineage => Version}, trial_us => 2000}, Order
+    ),
+    ?assertEqual(starl_lineage, starl_version:original(Version)),
+    ?assertEqual(5000, ?R:trial_ms()).
+
+there_is_no_order_for_code_of_no_machine_test() ->
+    Said = fun(Sources, Parts) ->
+        {error, Reason} = ?R:order(1, Sources, Parts, 0),
+        [lists:flatten(Line) || Line <- ?R:format_error(Reason)]
+    end,
+    ?assertEqual(
+        [
+            "starl_lineage, starl_version: neither the application nor a machine of the robots; reload it "
+            "together with one"
+        ],
+        Said([starl_version, starl_lineage], #{a => ?FIRST})
+    ),
+    ?assertEqual(
+        ["there is no code of nowhere in the path"], Said([nowhere], #{a => nowhere})
+    ).
+
+%% The code is named as the user knows it.
+an_outcome_is_one_line_test() ->
+    Cause = {"planted", []},
+    [
+        ?assertEqual(
+            "robot 4, app (my_app): " ++ Text,
+            lists:flatten(?R:format(4, app, 'my_app@1f0c22ab', Outcome))
+        )
+     || {Outcome, Text} <- [
+            {taken, "runs the new code"},
+            {done, "is done, and takes no new code"},
+            {
+                {migration_failed, Cause},
+                "rolled back: the state could not be carried over: planted"
+            },
+            {{crashed, Cause}, "rolled back: the new code crashed: planted"},
+            {{back, 7}, "rolled back, since the reload failed on robot 7"},
+            {{unproven, 2}, "rolled back together with reload 2, which came within its trial time"},
+            {
+                {restored, Cause},
+                "the former code crashed with the state that the new code had left, and goes on with the "
+                "state before the switch: planted"
+            }
+        ]
+    ].

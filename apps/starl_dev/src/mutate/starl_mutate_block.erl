@@ -48,6 +48,9 @@
 %% The sizes of the soaked teams, in turn: most violations appear in small teams.
 -define(TEAMS, [2, 3, 5, 10]).
 
+%% The tests of what every block may declare: its guarantees, its history, its monitors.
+-define(DECLARED, ["starl_block_*", "starl_cli_compose_*"]).
+
 %% @doc All blocks, `monitors' and `all'.
 -spec names() -> [name(), ...].
 names() -> maps:keys(blocks()) ++ [monitors, all].
@@ -273,7 +276,7 @@ sources(Name, Root) ->
 -spec units(name(), [module()], Seeds :: non_neg_integer()) -> [unit()].
 units(Name, Tests, Seeds) ->
     #{unit := Units, suite := Suites, soak := Soaked, check := Checked} = block(Name),
-    [{unit, Test} || Test <- matching(Units, "_tests", Tests)] ++
+    [{unit, Test} || Test <- matching(?DECLARED ++ Units, "_tests", Tests)] ++
         [{soak, Block, robots(Seed), Seed} || Seed <- lists:seq(1, Seeds), Block <- Soaked] ++
         [{check, Block, Robots, Faults} || {Block, Robots, Faults} <- Checked] ++
         [

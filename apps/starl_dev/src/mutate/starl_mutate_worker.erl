@@ -67,8 +67,11 @@ called(Function) ->
 -spec attempt(job()) -> verdict().
 attempt(#{module := Module, code := Code, units := Units}) ->
     ok = set_up(),
+    %% as StarL's own: other monitors are checked before each run
+    {module, Module} = code:ensure_loaded(Module),
+    File = code:which(Module),
     _ = code:purge(Module),
-    {module, Module} = code:load_binary(Module, atom_to_list(Module), Code),
+    {module, Module} = code:load_binary(Module, File, Code),
     Verdict = first(Units),
     _ = code:purge(Module),
     {module, Module} = code:load_file(Module),

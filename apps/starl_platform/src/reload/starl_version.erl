@@ -118,7 +118,7 @@ rename({attribute, At, module, Module}, Names) ->
     {attribute, At, module, maps:get(Module, Names)};
 rename({remote, At, Module, Function}, Names) ->
     {remote, At, target(Module, Names), rename(Function, Names)};
-rename({'fun', At, {function, Module, Function, Arity}}, Names) when is_tuple(Module) ->
+rename({'fun', At, {function, Module, Function, Arity}}, Names) ->
     {'fun', At, {function, target(Module, Names), rename(Function, Names), rename(Arity, Names)}};
 rename(Form, Names) when is_tuple(Form) ->
     list_to_tuple([rename(Part, Names) || Part <- tuple_to_list(Form)]);
