@@ -5,8 +5,10 @@
 
 -define(BROKEN, [{1, 5, 9, pause}]).
 -define(FAULTS, [{1, 5, 9, pause}, {2, 3, 4, fault}]).
+-define(CLOCKS, #{offset_us => 3, drift_ppm => 2}).
 -define(KNOWN, #{
     broken => ?BROKEN,
+    clocks => ?CLOCKS,
     faults => ?FAULTS,
     healed_us => 20,
     delay_us => 7,
@@ -52,7 +54,9 @@ without_bound_test() ->
         maps:merge(Infinity, Faults#{broken => ?BROKEN}), told(starl_mutex_monitor, Infinity)
     ),
     ?assertEqual(Faults#{broken => ?BROKEN}, told(starl_mutex_monitor, #{})),
-    ?assertEqual(#{healed_us => 20, broken => ?BROKEN}, told(starl_registers_monitor, #{})).
+    ?assertEqual(
+        #{healed_us => 20, broken => ?BROKEN, clocks => ?CLOCKS}, told(starl_registers_monitor, #{})
+    ).
 
 %% What is known of faults goes to those that ask for it; what the scene says stays.
 faults_test_() ->
@@ -67,7 +71,7 @@ faults_test_() ->
             {starl_geocast_monitor, [broken, healed_us, delay_us]},
             {starl_barrier_monitor, [faults]},
             {starl_mutex_monitor, [broken, faults]},
-            {starl_registers_monitor, [broken, healed_us]}
+            {starl_registers_monitor, [broken, clocks, healed_us]}
         ],
         Key <- Known,
         Value <- [maps:get(Key, ?KNOWN)]
@@ -92,7 +96,7 @@ told_later_test_() ->
             {starl_election_bully_monitor, #{robots => [1, 2], bound_us => 50}},
             {starl_geocast_monitor, #{robots => [1, 2]}},
             {starl_mutex_monitor, #{bound_us => 50}},
-            {starl_registers_monitor, #{robots => [1, 2], within_us => 50}},
+            {starl_registers_monitor, #{robots => [1, 2], within_us => 50, clocks => ?CLOCKS}},
             {starl_sap_monitor, #{bound_us => 50}}
         ]
     ].

@@ -60,6 +60,19 @@ painted_edges_are_fresh_until_an_answer_test() ->
     ?assertEqual({[], [3, 7, 9]}, painted(Answered)),
     ?assertEqual({[], [3, 7, 9]}, painted(starl_dpp_progress:answered([], Answered))).
 
+%% What was in its way is told with its requests until one is answered, wherever it stands meanwhile.
+what_was_in_its_way_is_told_until_an_answer_test() ->
+    Request = fun(Track) -> starl_dpp_progress:request(term, {1, 2}, 9, Track) end,
+    Stands = stopped({50.0, 0.0}, begun()),
+    ?assertEqual({term, {1, 2}, {50.0, 0.0}, [], 9}, Request(Stands)),
+    Blocked = starl_dpp_progress:blocked({100.0, 0.0}, Stands),
+    ?assertEqual({term, {1, 2}, {50.0, 0.0}, [], 9, {100.0, 0.0}}, Request(Blocked)),
+    Again = stopped({40.0, 0.0}, starl_dpp_progress:begins({50.0, 0.0}, Blocked)),
+    ?assertEqual({term, {1, 2}, {40.0, 0.0}, [], 9, {100.0, 0.0}}, Request(Again)),
+    ?assertEqual(
+        {term, {1, 2}, {40.0, 0.0}, [], 9}, Request(starl_dpp_progress:answered([], Again))
+    ).
+
 %% Another path begins with nothing behind it.
 another_path_begins_with_nothing_behind_it_test() ->
     One = starl_dpp_progress:reached(1, hd(?PATH), begun()),

@@ -234,15 +234,45 @@ clocks_apart_test() ->
     Three = #{robots => [1, 2, 3]},
     ?assertEqual({[no_agreement], 0}, Told(Refused, Three)),
     ?assertEqual({[], 1}, Told(Refused ++ [holds(900, 3, x, s(5, 1))], Three)),
-    %% what clocks may differ by without any fault counts, too
-    ?assertEqual(
-        {[], 1},
-        Told(Refused, #{apart_us => 3100, clocks => #{offset_us => 51, drift_ppm => 0}})
-    ),
-    ?assertEqual(
-        {[no_agreement], 0},
-        Told(Refused, #{apart_us => 3100, clocks => #{offset_us => 50, drift_ppm => 0}})
-    ).
+    %% what clocks may differ by without any fault counts, too: both are off, and both have drifted for 4 ms
+    [
+        ?assertEqual(
+            Expected,
+            Told(Refused, #{apart_us => 3100, clocks => #{offset_us => Us, drift_ppm => Ppm}})
+        )
+     || {Expected, Us, Ppm} <- [
+            {{[], 1}, 51, 0},
+            {{[no_agreement], 0}, 50, 0},
+            {{[], 1}, 0, 12630},
+            {{[no_agreement], 0}, 0, 12500},
+            {{[], 1}, 50, 125}
+        ]
+    ].
+
+%% What a live run tells of a fault when it is over excuses as what was known from the beginning does, and robots have
+%% their time from then on.
+a_window_that_is_told_when_it_is_over_excuses_too_test() ->
+    Told = fun(Windows, Events) ->
+        Config = #{robots => [1, 2], bound_us => 1000, apart_us => 2900},
+        Begun = starl_monitor:new([{starl_registers_monitor, Config}]),
+        Step = fun({T, Robot, What}, M) ->
+            {ok, Next} = starl_monitor:step({T, Robot, registers, What}, M),
+            Next
+        end,
+        Seen = lists:foldl(Step, Begun, [put(5, 1, x), holds(5, 1, x, s(5, 1))]),
+        Broken = lists:foldl(fun starl_monitor:broken/2, Seen, Windows),
+        {Found, #{starl_registers_monitor := #{sometimes := #{clocks_apart := N}}}} =
+            starl_monitor:finish(9000, lists:foldl(Step, Broken, Events)),
+        {[{What, At} || #{what := What, at_us := At} <- Found], N}
+    end,
+    Refused = [{900, 2, {too_far_ahead, x, s(5, 1)}}],
+    Freeze = {2, 0, 3000, {clock, -3000}},
+    ?assertEqual({[{no_agreement, 1005}], 0}, Told([], Refused)),
+    ?assertEqual({[], 1}, Told([Freeze], Refused)),
+    %% of a fault that sets no clock apart they have the time
+    Other = {2, 0, 3000, fault},
+    ?assertEqual({[{no_agreement, 4000}], 0}, Told([Other], Refused)),
+    ?assertEqual({[], 0}, Told([Other], [holds(4000, 2, x, s(5, 1))])).
 
 %% -- the clock ------------------------------------------------------------------------------
 

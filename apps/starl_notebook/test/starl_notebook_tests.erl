@@ -105,6 +105,11 @@ a_mistaken_program_is_taken_back_test() ->
     ?assertNotEqual(
         nomatch, string:find(Line, "ROLLED BACK on robots 1, 2; first on robot 2 (app)")
     ),
+    %% a sound one is no problem
+    ok = starl_notebook:reload(
+        defined("step(R, N) -> ok = starl:sleep(R, 10), {continue, N}."), Team
+    ),
+    ?assertMatch(#{problems := [Line], running := 2}, starl_notebook:drive(Team, 1)),
     ok = starl_notebook:reload(module(starl_notebook_helper, "f() -> ok."), Team),
     ?assertEqual(ok, starl_notebook_helper:f()),
     _ = starl_notebook:finish(Team).

@@ -51,7 +51,10 @@ what_a_fault_breaks_is_told_test() ->
      || Kind <- [sense_gone, sense_frozen, sense_noisy, sense_wrong, location_dropout]
     ],
     ?assertEqual([{2, fault}], Breaks(sense_wrong, 2)),
-    ?assertEqual([{all, fault}, {all, position}], Breaks(location_bias, all)),
+    [
+        ?assertEqual([{all, fault}, {all, position}], Breaks(Kind, all))
+     || Kind <- [location_bias, location_noise]
+    ],
     ?assertEqual(
         [{1, fault}, {1, position}, {2, fault}, {2, position}], Breaks(location_swap, {1, 2})
     ).

@@ -197,6 +197,10 @@ who_is_put_down_badly_is_told_what_to_do_test_() ->
     Stands = fun(Poses, Own) -> starl_floor_placement:stands(1, Poses, maps:merge(Rule, Own)) end,
     Alone = #{1 => {500.0, 625.0, 0.0}},
     Beside = fun(Mm) -> Alone#{2 => {500.0, 625.0 + Mm, 0.0}, 3 => {500.0, 625.0 - 339, 0.0}} end,
+    Between = fun(Mm, Other) ->
+        Alone#{2 => {500.0, 625.0 + Mm, 0.0}, 3 => {500.0, 625.0 - Other, 0.0}}
+    end,
+    FromWall = fun(Mm) -> #{1 => {250.0 + Mm, 625.0, 0.0}} end,
     [
         ?_assertEqual(ok, Stands(Alone, #{})),
         ?_assertEqual(ok, Stands(Beside(338), #{})),
@@ -205,6 +209,14 @@ who_is_put_down_badly_is_told_what_to_do_test_() ->
         ?_assertMatch({error, {beside, 2}, _}, Stands(Beside(197), #{apart_mm => 0})),
         ?_assertMatch({error, off_floor, _}, Stands(#{1 => {-5.0, 0.0, 0.0}}, #{})),
         ?_assertMatch({error, in_wall, _}, Stands(#{1 => {300.0, 625.0, 0.0}}, #{})),
+        %% of two that are too near it is told of the nearer one
+        ?_assertMatch({error, {beside, 2}, _}, Stands(Between(250, 251), #{})),
+        ?_assertMatch({error, {beside, 3}, _}, Stands(Between(251, 250), #{})),
+        %% it may seem as much nearer to a wall as its place may be told wrong, but not to be in one
+        ?_assertMatch(ok, Stands(FromWall(99.1), #{})),
+        ?_assertMatch({error, in_wall, _}, Stands(FromWall(98.9), #{})),
+        ?_assertMatch(ok, Stands(FromWall(1), #{error_mm => 200})),
+        ?_assertMatch({error, in_wall, _}, Stands(FromWall(-1), #{error_mm => 200})),
         ?_test(begin
             {error, in_wall, Line} = Stands(#{1 => {100.0, 100.0, 0.0}}, #{}),
             ?assertEqual(

@@ -1,5 +1,5 @@
-%% Motion up against something, on a chassis that is none of those that ship: it waits a moment before each leg, and its
-%% tries are three times as long. Otherwise it is one with two wheels.
+%% Motion up against something, on a chassis that is none of those that ship: it waits a moment before each leg, and only
+%% waits where it stands behind its line; its tries are three times as long. Otherwise it is one with two wheels.
 -module(starl_motion_chassis_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -14,6 +14,7 @@
 profile(Overrides) -> ?OTHER:profile(Overrides).
 check(Commands) -> ?OTHER:check(Commands).
 duration_us(Commands, Profile) -> ?OTHER:duration_us(Commands, Profile).
+next(_Way, {X, _, _}, _Line, _Profile) when X < 0 -> {drive, [?WAITS]};
 next(Way, Pose, Line, Profile) -> waits(?OTHER:next(Way, Pose, Line, Profile)).
 resume(Pose, Memo, Profile) -> waits(?OTHER:resume(Pose, Memo, Profile)).
 last(Commands) -> ?OTHER:last(Commands).
@@ -45,6 +46,13 @@ a_step_may_begin_with_a_wait_test() ->
     ?assertMatch(
         [{drive, {?MODULE, [{Left, Right, 60000}]}, _} | _] when Left =/= 0.0; Right =/= 0.0, Tries
     ).
+
+%% What does not move it is no try: it does that, and its next step will tell.
+a_step_that_stands_is_no_try_test() ->
+    Y = tracking_radius(own()) - 1.0,
+    {[{call, location, _, Tag} | _], Machine} = stalled(Y),
+    {[{drive, Waits, _}], Driving} = step({reply, Tag}, {ok, {-1.0, Y, 0.0}}, Machine),
+    ?assertEqual({{?MODULE, [?WAITS]}, driving}, {Waits, starl_machine:state(Driving)}).
 
 own() -> starl_chassis:profile(?MODULE, #{position_error_mm => 1.0}).
 

@@ -63,17 +63,38 @@ an_arc_that_bends_back_into_the_other_is_stopped_test() ->
             Arc = starl_trajectory:piece(0, {329.95, 0.0}, Heading, 111.0, 3.0),
             Sight = starl_sim_sight:new([{1, Still}, {2, Arc}], infinity),
             World = #{profiles => Profiles, sight => Sight, walls => none},
-            Stopped = [
-                At
-             || {2, At, 0, 1, 0, {touch, _, {robot, 1, _, true}}} <- starl_sim_bodies:meetings(
-                    [2], 0, Sight, World
-                )
-            ],
+            Touches = starl_sim_bodies:meetings([2], 0, Sight, World),
+            Stopped = [At || {2, At, 0, 1, 0, {touch, _, {robot, 1, _, true}}} <- Touches],
             {[At], _} = {Stopped, Leaves},
+            %% the other one stands already
+            [{1, At, 0, 2, 0, {touch, _, {robot, 2, _, false}}}] = lists:keydelete(2, 1, Touches),
             {X, Y} = starl_trajectory:position(At, Arc),
             ?assert(math:sqrt(X * X + Y * Y) > 329.9)
         end
      || I <- lists:seq(1, 100), Leaves <- [I / 500]
+    ].
+
+%% Of two that touch, who drives against the other stops; who is run into goes on.
+who_drives_against_the_other_is_stopped_test_() ->
+    Profiles = [starl_chassis:profile(starl_chassis_differential, #{})],
+    Stops = fun(First, Second) ->
+        Pieces = [
+            {Id, starl_trajectory:piece(0, {X, 0.0}, Heading, Speed, 0.0)}
+         || {Id, {X, Heading, Speed}} <- [{1, First}, {2, Second}]
+        ],
+        Sight = starl_sim_sight:new(Pieces, infinity),
+        World = #{profiles => Profiles, sight => Sight, walls => none},
+        [{1, At, 0, 2, 0, {touch, _, One}}, {2, At, 0, 1, 0, {touch, _, Two}}] =
+            starl_sim_bodies:meetings([1, 2], 0, Sight, World),
+        {element(4, One), element(4, Two)}
+    end,
+    Ahead = {400.0, 0.0, 100.0},
+    Behind = {0.0, 0.0, 300.0},
+    [
+        ?_assertEqual({false, true}, Stops(Ahead, Behind)),
+        ?_assertEqual({true, false}, Stops(Behind, Ahead)),
+        ?_assertEqual({true, true}, Stops(Behind, {400.0, math:pi(), 100.0})),
+        ?_assertEqual({true, false}, Stops(Behind, {400.0, 0.0, 0.0}))
     ].
 
 %% Also within the window in which it begins, however long that is.

@@ -29,6 +29,7 @@
     code_is_taken_after_the_step/1,
     code_comes_while_it_runs/1,
     a_crash_on_trial_takes_all_back/1,
+    a_crash_takes_an_earlier_reload_back_that_was_on_trial/1,
     failed_code_change_keeps_the_state/1,
     bad_code_is_refused/1,
     errors_of_start/1,
@@ -71,6 +72,7 @@ all() ->
         code_is_taken_after_the_step,
         code_comes_while_it_runs,
         a_crash_on_trial_takes_all_back,
+        a_crash_takes_an_earlier_reload_back_that_was_on_trial,
         failed_code_change_keeps_the_state,
         bad_code_is_refused,
         errors_of_start,
@@ -493,6 +495,29 @@ a_crash_on_trial_takes_all_back(_) ->
         starl_sim:reloads(Sim)
     ),
     [{done, {old, _}}, {done, {old, 10}}] = results(Sim).
+
+%% Robot 2 crashes in code that came within the trial of other code: both are taken back, on all robots.
+a_crash_takes_an_earlier_reload_back_that_was_on_trial(_) ->
+    load("init(_, _) -> 0. " ++ counting()),
+    {ok, Sim} = starl_sim:start(#{app => starl_sim_reloaded, robots => 2}),
+    #{ending := none} = starl_sim:run(Sim, 2.5),
+    [
+        begin
+            Step = "step(R, N) -> ok = starl:sleep(R, 1000), " ++ Own ++ ", {continue, N}.",
+            ok = starl_sim:reload(Sim, code("init(_, _) -> error(started_anew). " ++ Step)),
+            #{ending := none} = starl_sim:run(Sim, Until)
+        end
+     || {Own, Until} <- [{"ok", 4.7}, {"1 = starl:id(R)", 5}]
+    ],
+    #{ending := done} = starl_sim:run(Sim),
+    ?assertMatch(
+        [
+            #{number := 1, back := [1, 2], why := {_, 2, app, {unproven, 2}}},
+            #{number := 2, back := [1, 2], why := {_, 2, app, {crashed, _}}}
+        ],
+        starl_sim:reloads(Sim)
+    ),
+    [{done, {old, _}}, {done, {old, _}}] = results(Sim).
 
 counting() ->
     "step(R, N) when N < 10 -> ok = starl:sleep(R, 1000), {continue, N + 1}; step(_, N) -> {done, {old, N}}.".
