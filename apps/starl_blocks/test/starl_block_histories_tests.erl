@@ -236,6 +236,7 @@ an_increment_counts_from_its_call_on_test() ->
     ),
     ?assertEqual([{value, {broken, 20}}], counter([{1, 0, 20, increment, 0}])),
     ?assertEqual([{value, kept}], counter([Long, {2, 5, 6, increment, 1}, {2, 7, 8, value, 1}])),
+    ?assertEqual([{value, kept}], counter([{2, 4, 5, value, 1}, {1, 5, 6, increment, 1}])),
     ?assertEqual([{value, kept}], counter([{1, 0, 1, value, 0}])),
     ?assertEqual([], counter([])).
 

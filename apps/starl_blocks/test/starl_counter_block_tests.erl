@@ -18,6 +18,11 @@ declared_test() ->
     ),
     ?assertEqual(starl_counter_exercise, starl_counter:exercise()),
     ?assert(starl_counter_gossip:has_history()),
+    %% only that all agree rests on anything
+    ?assertEqual(
+        [{grows, []}, {counts, []}, {agree, [delivery]}],
+        [{Name, Needs} || {Name, _, _, Needs} <- starl_counter:guarantees()]
+    ),
     [
         ?assertError(function_clause, starl_counter:within_ms(Ms, Robots))
      || {Ms, Robots} <- [{200.0, 3}, {200, 3.0}]
@@ -62,7 +67,7 @@ agrees_in_the_end() ->
 one_of_three_turns_counts_test_() -> {timeout, 60, fun one_of_three_turns_counts/0}.
 
 one_of_three_turns_counts() ->
-    Turns = 300,
+    Turns = 600,
     Script = fun(Robot) ->
         [starl_counter_exercise:work(Robot, Turn, #{}) || Turn <- lists:seq(1, Turns)]
     end,
@@ -72,8 +77,8 @@ one_of_three_turns_counts() ->
     Asked = [What || {_, 1, app, {call, What, none}} <- Trace],
     Counts = length([increment || increment <- Asked]),
     ?assertEqual(Turns, length(Asked) - Counts),
-    %% one of two or of four would be 25 away at least
-    ?assert(abs(Counts - Turns div 3) < 20, Counts).
+    %% one of two or of four would be 50 away at least
+    ?assert(abs(Counts - Turns div 3) < 30, Counts).
 
 finally(GossipMs) ->
     starl_sim_trial:run(#{

@@ -69,7 +69,48 @@ convex_areas_are_filled_test() ->
     ?assertEqual(1, Filled([{0, 4}, {4, 4}, {4, 0}, {0, 0}])),
     ?assertEqual(0, Filled([{0, 0}, {4, 0}, {1, 1}, {0, 4}])),
     ?assertEqual(0, Filled([{0, 0}])),
+    %% also of less than a millimetre, and either way round
+    Small = [{0, 0}, {0.5, 0}, {0.5, 0.5}, {0, 0.5}],
+    Hollow = [{0, 0}, {0.9, 0}, {0.3, 0.3}, {0, 0.9}],
+    [?assertEqual(1, Filled(Area)) || Area <- [Small, lists:reverse(Small)]],
+    [?assertEqual(0, Filled(Area)) || Area <- [Hollow, lists:reverse(Hollow)]],
     ?assertEqual(1, Filled(starl_drawing:circle({0, 0}, 100))).
+
+%% The shapes of drawings in metres, a little above the floor, and in the colours of their names.
+drawings_have_sizes_and_colours_test() ->
+    Point = #{<<"x">> => 1.0, <<"y">> => 2.0, <<"z">> => 0.005},
+    #{<<"spheres">> := [Sphere]} = entity(#{key => p, points => [{1000, 2000}], colour => red}),
+    ?assertEqual(
+        #{<<"x">> => 0.06, <<"y">> => 0.06, <<"z">> => 0.06}, maps:get(<<"size">>, Sphere)
+    ),
+    Pose = #{
+        <<"position">> => Point,
+        <<"orientation">> => #{<<"x">> => 0, <<"y">> => 0, <<"z">> => 0, <<"w">> => 1}
+    },
+    ?assertEqual(Pose, maps:get(<<"pose">>, Sphere)),
+    #{<<"r">> := R, <<"g">> := G, <<"b">> := B, <<"a">> := 1.0} = maps:get(<<"color">>, Sphere),
+    ?assertEqual([16#d6, 16#27, 16#28], [round(255 * Part) || Part <- [R, G, B]]),
+    #{<<"texts">> := [Text]} = entity(#{key => t, text => "a", at => {1000, 2000}}),
+    ?assertMatch(
+        #{
+            <<"pose">> := Pose,
+            <<"font_size">> := 0.25,
+            <<"billboard">> := true,
+            <<"scale_invariant">> := false,
+            <<"text">> := <<"a">>
+        },
+        Text
+    ),
+    Square = [{0, 0}, {1000, 0}, {1000, 1000}, {0, 1000}],
+    #{<<"lines">> := [Outline], <<"triangles">> := [#{<<"points">> := Fan, <<"color">> := Fill}]} =
+        entity(#{key => a, area => Square}),
+    ?assertMatch(
+        #{<<"type">> := 1, <<"thickness">> := 0.025, <<"scale_invariant">> := false}, Outline
+    ),
+    ?assertMatch(#{<<"a">> := 0.25}, Fill),
+    Corners = fun(Points) -> [{round(X), round(Y)} || #{<<"x">> := X, <<"y">> := Y} <- Points] end,
+    ?assertEqual([{0, 0}, {1, 0}, {1, 1}, {0, 0}, {1, 1}, {0, 1}], Corners(Fan)),
+    ?assertEqual([{0, 0}, {1, 0}, {1, 1}, {0, 1}], Corners(maps:get(<<"points">>, Outline))).
 
 %% What is taken away goes by its name.
 taken_away_test() ->
@@ -77,7 +118,8 @@ taken_away_test() ->
     ?assertMatch(
         [
             {drawings, #{
-                <<"deletions">> := [#{<<"id">> := <<"drawing 2 way">>}], <<"entities">> := []
+                <<"deletions">> := [#{<<"id">> := <<"drawing 2 way">>, <<"type">> := 0}],
+                <<"entities">> := []
             }}
         ],
         updates({draw, Nothing})

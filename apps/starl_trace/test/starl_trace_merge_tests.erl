@@ -109,3 +109,30 @@ a_clock_that_was_set_back_test() ->
     after
         file:del_dir_r(Dir)
     end.
+
+%% Without the world all is from the robots, but for their scenarios and figures; with it the motions, the ends
+%% of robots, faults and verdicts are the world's, and the rest is theirs.
+each_part_has_its_share_test() ->
+    Chassis = {trace, 2, {1, chassis, stopped}},
+    Down = {trace, 3, {1, robot, down}},
+    Fell = {trace, 3, {1, sap, crashed}},
+    Other = {trace, 4, {2, sap, crashed}},
+    Up = {trace, 5, {1, robot, up}},
+    Crashed = {trace, 6, {1, sap, crashed}},
+    Poses = {poses, 7, #{full => true, robots => []}},
+    Faults = {faults, 8, {began, {f1, 0}}},
+    Verdict = {verdicts, 9, {violation, x}},
+    Log = {log, 9, {info, 1, "a"}},
+    Gap = {gap, 9, 3},
+    All =
+        [{scenario, 0, #{}}, {metrics, 1, #{}}, Chassis, Down, Fell, Other, Up, Crashed] ++
+            [Poses, Faults, Verdict, Log, Gap],
+    Share = fun(Kind, HasWorld) ->
+        {Taken, _} = starl_trace_merge_selection:take(
+            All, starl_trace_merge_selection:new(Kind, HasWorld)
+        ),
+        Taken
+    end,
+    ?assertEqual(lists:nthtail(2, All), Share(robot, false)),
+    ?assertEqual([Chassis, Down, Fell, Poses, Faults, Verdict, Gap], Share(world, true)),
+    ?assertEqual([Other, Up, Crashed, Log, Gap], Share(robot, true)).

@@ -61,6 +61,93 @@ the_latest_are_kept_test_() ->
         ok = file:del_dir_r(Dir)
     end}.
 
+%% Recordings are in the order of their numbers; a name that is not a robot's own comes first, by its beginning.
+files_have_an_order_test() ->
+    Order = fun(File, Facts) -> starl_trace_robot:order(File, Facts#{told_by => [3]}) end,
+    [
+        ?assertEqual({File, {N, 7}}, {File, Order(File, #{begun_us => 7})})
+     || {File, N} <- [
+            {"a/robot-3.mcap", 1},
+            {"robot-3.2.mcap", 2},
+            {"robot-3.17.mcap", 17},
+            {"robot-3.x.mcap", 0},
+            {"robot-3.2.old", 0},
+            {"robot-31.mcap", 0},
+            {"robot-4.mcap", 0},
+            {"mine.mcap", 0}
+        ]
+    ],
+    ?assertEqual({1, 0}, Order("robot-3.mcap", #{})).
+
+%% The next file of the robot has what one that was cut off has not; a next one of another robot, or one that
+%% begins with a start, has not.
+the_next_file_continues_test() ->
+    File = fun(Name, Robot, WasUp) -> {Name, #{told_by => [Robot], was_up => WasUp}} end,
+    ?assertEqual(
+        ["robot-1.mcap", "robot-1.3.mcap"],
+        starl_trace_robot:continued([
+            File("robot-1.4.mcap", 1, true),
+            File("robot-2.mcap", 2, true),
+            File("robot-1.mcap", 1, true),
+            File("robot-1.2.mcap", 1, true),
+            {"robot-1.3.mcap", #{told_by => [1]}}
+        ])
+    ).
+
+%% What lacks is named by its name; before a first file of another name, by the robot.
+what_lacks_is_named_test() ->
+    Lacking = fun(Files) ->
+        starl_trace_robot:lacking([
+            {Name, #{told_by => [R], begun_us => Begun, was_up => WasUp}}
+         || {Name, R, Begun, WasUp} <- Files
+        ])
+    end,
+    ?assertEqual(
+        {[], #{}}, Lacking([{"robot-1.mcap", 1, 5, false}, {"robot-1.2.mcap", 1, 6, true}])
+    ),
+    ?assertEqual(
+        {
+            ["robot-1.mcap", "robot-1.3.mcap", "robot-1.4.mcap", "robot-2.mcap"],
+            #{none => 9, "robot-1.2.mcap" => 7}
+        },
+        Lacking([
+            {"robot-1.5.mcap", 1, 7, false},
+            {"robot-2.2.mcap", 2, 9, true},
+            {"robot-1.2.mcap", 1, 6, false}
+        ])
+    ),
+    ?assertEqual({[1], #{none => 6}}, Lacking([{"mine.mcap", 1, 6, true}])),
+    ?assertEqual({[], #{}}, Lacking([{"mine.mcap", 1, 6, false}, {"robot-1.mcap", 1, 7, true}])).
+
+%% The former recording is gone on with only if it is of the same run, by each fact that tells runs apart.
+a_former_recording_of_another_run_is_none_test() ->
+    Dir = dir(),
+    #{facts := Facts} = Config = (config(Dir, []))#{most_bytes := none},
+    {ok, Recorder} = starl_trace_robot:start_link(Config#{facts := Facts#{run => 1}}),
+    ok = told([event(1)], starl_trace_robot:observer(Recorder)),
+    ok = gen_server:call(Recorder, caught_up),
+    Recorder ! flush,
+    ok = killed(Recorder),
+    [Former] = starl_trace_robot:files(1, Dir),
+    WasUp = fun(Changed) ->
+        {ok, Next} = starl_trace_robot:start_link(Config#{
+            facts := maps:merge(Facts#{run => 1}, Changed)
+        }),
+        {ok, #{file := File}} = starl_trace_recorder:close(Next),
+        {ok, #{scenario := Scenario}} = starl_trace_reader:tail(File),
+        ok = file:delete(File),
+        maps:get(was_up, Scenario, false)
+    end,
+    ?assert(WasUp(#{})),
+    [
+        ?assertEqual({Key, false}, {Key, WasUp(#{Key => Other})})
+     || {Key, Other} <- [
+            {app, x}, {kind, simulation}, {scenario, #{a => b}}, {epoch_us, 1}, {run, 2}
+        ]
+    ],
+    ?assertMatch({ok, _}, file:read_file_info(Former)),
+    ok = file:del_dir_r(Dir).
+
 %% More than a file is to hold.
 told(Events, Observer) ->
     starl_observer:tell({judged, Events, []}, Observer).

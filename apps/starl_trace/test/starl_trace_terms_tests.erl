@@ -13,6 +13,44 @@ new_atoms_test() ->
     {ok, {Atom, #{1 := 2}}} = decoded(text(Bytes)),
     ?assertEqual(Name, atom_to_binary(Atom)).
 
+%% An atom behind a term of whatever kind is found, and those within it.
+atoms_behind_every_kind_of_term_test() ->
+    X = 1,
+    Kinds =
+        [atom, 1, 255, 256, -1, 1.5, 1 bsl 70, -(1 bsl 70), 1 bsl 2100, [], "text", <<>>, <<"b">>] ++
+            [<<1:3>>, {}, {1, 2}, list_to_tuple(lists:seq(1, 300)), [1 | 2], [a, 1.0], #{}] ++
+            [#{a => 1, 2 => b}, self(), make_ref(), hd(erlang:ports()), fun lists:max/1] ++
+            [fun() -> X end, fun(Y) -> {X, Y} end],
+    %% and of kinds that other releases write: the names of Latin-1, processes and references of old
+    Node = <<119, 1, "n">>,
+    Old = [
+        <<100, 2:16, "ab">>,
+        <<118, 2:16, "ab">>,
+        <<115, 1, 16#e4>>,
+        <<105, 1:32, 97, 1>>,
+        <<103, Node/binary, 0:72>>,
+        <<88, Node/binary, 0:96>>,
+        <<89, Node/binary, 0:64>>,
+        <<120, Node/binary, 0:96>>,
+        <<114, 2:16, Node/binary, 0:72>>,
+        <<90, 2:16, Node/binary, 0:96>>
+    ],
+    [
+        begin
+            Name = fresh_name(),
+            Behind = <<131, 104, 2, Bytes/binary, 119, (byte_size(Name)), Name/binary>>,
+            ?assertEqual({Bytes, ok}, {Bytes, starl_trace_atoms:make(Behind, 10000)}),
+            ?assertEqual(Name, atom_to_binary(binary_to_existing_atom(Name))),
+            ?assertEqual(
+                {Bytes, {error, not_terms}},
+                {Bytes, starl_trace_atoms:make(<<Behind/binary, 1>>, 10000)}
+            )
+        end
+     || Bytes <-
+            [binary:part(B, 1, byte_size(B) - 1) || B <- lists:map(fun term_to_binary/1, Kinds)] ++
+                Old
+    ].
+
 %% Beyond the bound none is made.
 too_many_atoms_test() ->
     Names = [<<(fresh_name())/binary, (integer_to_binary(N))/binary>> || N <- lists:seq(1, 10001)],
