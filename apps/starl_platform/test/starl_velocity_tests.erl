@@ -143,7 +143,18 @@ two_wheels_follow_the_law_test() ->
         ?assertEqual(Us, lists:sum([U || {_, _, U} <- script({300.0, 0.0}, A, Us)]))
      || Us <- [1, 1000, 250000, 250001, 3000000], A <- [0.0, 0.05, -0.7, 1.6, 3.1]
     ],
-    ?assertEqual([{0.0, 0.0, 1000}], script({0.0, 0.0}, 1.0, 1000)).
+    ?assertEqual([{0.0, 0.0, 1000}], script({0.0, 0.0}, 1.0, 1000)),
+    %% a turn that takes the whole time is the whole script; a whole second's turn takes one
+    ?assertMatch([{_, _, 1000}], script({300.0, 0.0}, 0.05, 1000)),
+    ?assertMatch([{_, _, 250000}], script({300.0, 0.0}, 0.05, 250000)),
+    ?assertMatch([{_, _, 250000}, {300.0, 300.0, 1}], script({300.0, 0.0}, 0.05, 250001)),
+    ?assertMatch([{_, _, 1000000}, {_, _, 7}], script({300.0, 0.0}, 3.0, 1000007)),
+    %% a thousandth of a rad is worth a turn; slow is not none, down to a thousandth of a mm/s
+    ?assertMatch([{_, _, 250000}, _], script({300.0, 0.0}, 1.0e-3, 1000000)),
+    ?assertEqual([{300.0, 300.0, 1000000}], script({300.0, 0.0}, 0.9e-3, 1000000)),
+    ?assertEqual([{0.5, 0.5, 1000}], script({0.5, 0.0}, 0.0, 1000)),
+    ?assertMatch([{V, V, 1000}] when V > 0.0, script({1.0e-3, 0.0}, 0.0, 1000)),
+    ?assertEqual([{0.0, 0.0, 1000}], script({0.9e-3, 0.0}, 0.0, 1000)).
 
 %% A velocity beyond the limit is taken at the limit.
 a_velocity_beyond_the_limit_is_taken_at_it_test() ->

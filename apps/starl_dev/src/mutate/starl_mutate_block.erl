@@ -27,13 +27,16 @@
     | monitors
     | all.
 
-%% A test that may catch a mutant: an EUnit module, a run of `soak', a small search of the checker,
-%% a test case of Common Test.
+%% A test that may catch a mutant: an EUnit module, a run of `soak' or of `soak live', a small search of the
+%% checker, a test case of Common Test.
 -type unit() ::
     {unit, module()}
     | {soak, Block :: atom(), Robots :: pos_integer(), Seed :: non_neg_integer()}
+    | {soak, live(), Seed :: non_neg_integer()}
     | {check, starl_check_model:block(), Robots :: pos_integer(), starl_check_model:budgets()}
     | {suite, module(), starl_mutate_suite:path()}.
+
+-type live() :: {live, starl_virtual_run:part()}.
 
 -type layer() :: unit | soak | check | suite.
 
@@ -41,7 +44,7 @@
     sources := [string()],
     unit := [string()],
     suite := [string()],
-    soak := [atom()],
+    soak := [atom() | live()],
     check := [{starl_check_model:block(), pos_integer(), starl_check_model:budgets()}]
 }.
 
@@ -185,19 +188,24 @@ motion() ->
             "apps/starl_platform/src/contracts/starl_motion_monitor.erl"
         ],
         unit => [
-            "starl_{motion,velocity,trajectory,actuator,chassis,differential,holonomic}_*"
+            "starl_{motion,velocity,trajectory,actuator,chassis,differential,holonomic}_*",
+            "starl_{action,block,contact,controller,machine,robot}_*",
+            "starl_sim_{chassis,crash,vehicle,velocity,watchdog}_*"
         ],
-        suite => ["starl_{motion,ramp,holonomic}_SUITE"],
-        soak => [],
+        suite => ["starl_{motion,ramp,holonomic,sim_motion,sim_holonomic}_SUITE"],
+        soak => [motion],
         check => []
     }.
 
 link() ->
     #{
         sources => ["apps/starl_live/src/link/*.erl"],
-        unit => ["starl_live_{link,chassis,clock,store,record}_*", "starl_virtual_*"],
-        suite => ["starl_live_soak_SUITE"],
-        soak => [],
+        unit => [
+            "starl_live_{link,body,chassis,clock,disk,exec,log,own,record,store}_*",
+            "starl_{fleet_node,virtual,world_store}_*"
+        ],
+        suite => [],
+        soak => [{live, Part} || Part <- [store, sap, mutex, registers]],
         check => []
     }.
 
@@ -205,10 +213,12 @@ transports() ->
     #{
         sources => ["apps/starl_live/src/transport/*.erl"],
         unit => [
-            "starl_live_{air,codec,dist,figures,fragment,frame,key,pace,peers,replay,seal}_*"
+            "starl_live_{air,codec,dist,figures,fragment,frame,hearing,key,local,pace,packet}_*",
+            "starl_live_{peers,refusals,replay,seal,transport,udp}_*",
+            "starl_{fleet_node,world_transport}_*"
         ],
         suite => ["starl_live_{transport,udp}_SUITE"],
-        soak => [],
+        soak => [{live, radio}],
         check => []
     }.
 
@@ -260,7 +270,10 @@ monitors() ->
             "starl_exercise_SUITE",
             "starl_planted_SUITE"
         ],
-        soak => maps:fold(fun(_, #{soak := Soaked}, All) -> Soaked ++ All end, [], blocks()),
+        soak => [
+            Block
+         || #{soak := Soaked} <- maps:values(blocks()), Block <- Soaked, is_atom(Block)
+        ],
         check => lists:append([Checked || #{check := Checked} <- maps:values(blocks())])
     }.
 
@@ -277,12 +290,15 @@ sources(Name, Root) ->
 units(Name, Tests, Seeds) ->
     #{unit := Units, suite := Suites, soak := Soaked, check := Checked} = block(Name),
     [{unit, Test} || Test <- matching(?DECLARED ++ Units, "_tests", Tests)] ++
-        [{soak, Block, robots(Seed), Seed} || Seed <- lists:seq(1, Seeds), Block <- Soaked] ++
+        [soaked(Block, Seed) || Seed <- lists:seq(1, Seeds), Block <- Soaked] ++
         [{check, Block, Robots, Faults} || {Block, Robots, Faults} <- Checked] ++
         [
             {suite, Suite, Path}
          || Suite <- matching(Suites, "_SUITE", Tests), Path <- starl_mutate_suite:paths(Suite)
         ].
+
+soaked({live, _} = Live, Seed) -> {soak, Live, Seed};
+soaked(Block, Seed) -> {soak, Block, robots(Seed), Seed}.
 
 robots(Seed) -> lists:nth(1 + Seed rem length(?TEAMS), ?TEAMS).
 

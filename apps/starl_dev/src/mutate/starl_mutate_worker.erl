@@ -167,6 +167,12 @@ passes({soak, Block, Robots, Seed}) ->
         {ok, #{violations := [Violation | _]}} -> maps:with([contract, what], Violation);
         {error, Reason} -> Reason
     end;
+passes({soak, {live, Part}, Seed}) ->
+    Run = {Part, Seed, starl_lab_soak_live:scenario(Part, none, Seed)},
+    case starl_virtual_run:run(Run) of
+        #{violations := []} -> true;
+        #{violations := [Violation | _]} -> maps:with([contract, what], Violation)
+    end;
 passes({check, Block, Robots, Faults}) ->
     Options = #{robots => Robots, faults => Faults, workers => 1},
     case starl_check:run(Block, Options, {fun enough/2, none}) of

@@ -190,8 +190,7 @@ check(_) ->
     {error, expected()}.
 
 is_chassis(Chassis) ->
-    erlang:function_exported(Chassis, check, 1) orelse
-        (code:ensure_loaded(Chassis) =:= {module, Chassis} andalso
-            erlang:function_exported(Chassis, check, 1)).
+    code:ensure_loaded(Chassis) =:= {module, Chassis} andalso
+        erlang:function_exported(Chassis, check, 1).
 
 expected() -> "{Chassis, Commands}: a module of the behaviour starl_chassis, and its commands".

@@ -216,7 +216,7 @@ aim(Here, Distance, Speed, {Start, Goal}, #{leg_s := LegS, near_mm := Near} = Pr
     Along = starl_geometry:distance(Start, starl_geometry:closest_point(Here, {Start, Goal})),
     Last = Speed * LegS,
     Ahead = Along + min(ToChange, max(Last, min(longer(Profile) * Last, ToChange - 0.9 * Last))),
-    case Length =< 0.0 orelse Ahead >= Length of
+    case Ahead >= Length of
         true -> Goal;
         false -> starl_geometry:interpolate(Start, Goal, Ahead / Length)
     end.

@@ -31,7 +31,7 @@ script({VX, VY}, {_, _, Heading}, Us, Profile) ->
 turned(Angle, Speed, Us, _Profile) when abs(Angle) < ?SMALLEST -> [{Speed, Speed, Us}];
 turned(Angle, Speed, Us, #{turn_rate := Most} = Profile) ->
     Seconds = max(?TURN_S, abs(Angle) / Most),
-    Turn = max(1, round(Seconds * 1.0e6)),
+    Turn = round(Seconds * 1.0e6),
     Arc = arc(Angle / Seconds, Speed * max(0.0, math:cos(Angle)), Profile),
     case Us - Turn of
         Left when Left > 0 -> [with(Arc, Turn), {Speed, Speed, Left}];

@@ -118,7 +118,7 @@ nudge(Mm, {_, _, Heading}, {Start, Goal}, #{speed := Speed} = Profile) ->
 
 %% A robot near the end of a line, and near the line, drives parallel to it: steering
 %% back to the line within a short way would end at a slant.
-leg({Along, Past, Across}, Distance, {X, Y, _} = Pose, {Start, Goal} = Line, Profile) ->
+leg({Along, Past, Across}, Distance, {X, Y, _} = Pose, {Start, Goal}, Profile) ->
     Left = window(Profile) / 4 - Past,
     Length = Along - Past,
     Last = last_mm(Profile),
@@ -135,14 +135,8 @@ leg({Along, Past, Across}, Distance, {X, Y, _} = Pose, {Start, Goal} = Line, Pro
             Longest = starl_differential_course:longest_mm(Profile),
             Ahead = min(Longest, max(Length - On - Last, 0.0)),
             Aim = starl_geometry:interpolate(Start, Goal, (On + Ahead) / Length),
-            far(Pose, Aim, Distance, Line, Profile)
-    end.
-
-%% For a robot far off the line, only the end of the line may be left.
-far({X, Y, _} = Pose, Aim, Distance, {_, Goal}, Profile) ->
-    case starl_geometry:distance({X, Y}, Aim) > last_mm(Profile) / 2 of
-        true -> starl_differential_course:towards(Pose, Aim, Distance, Profile);
-        false -> starl_differential_course:towards(Pose, Goal, Distance, Profile)
+            %% as far away as half a last leg at least, as the goal is farther away than one and a half
+            starl_differential_course:towards(Pose, Aim, Distance, Profile)
     end.
 
 last_mm(Profile) -> min(?LAST_MM, starl_differential_course:last_mm(Profile) / ?LAST_MOST).

@@ -114,11 +114,11 @@ pace(#{speed := Speed, goal_mm := Goal, position_error_mm := Position} = Profile
         again_us => leg_us(Goal + 2 * Position, min(Speed, ?SLOW), Profile)
     }.
 
-%% The longest time of a leg of this length: it is driven at its speed, less the error, or so short
-%% that the robot brakes as soon as it is fast enough.
+%% The longest time of a leg of this length: it is driven at its speed, less the error. One that is so short
+%% that the robot brakes as soon as it is fast enough takes less: twice the square root of Mm / Acceleration.
 leg_us(Mm, Fastest, #{acceleration := Acceleration, distance_error := Part}) ->
     Speed = Fastest / (1 + Part),
-    ceil(1.0e6 * max(Mm / Speed + Speed / Acceleration, 2 * math:sqrt(Mm / Acceleration))).
+    ceil(1.0e6 * (Mm / Speed + Speed / Acceleration)).
 
 length_mm(#{speed := Speed, leg_s := LegS}) -> Speed * LegS.
 
