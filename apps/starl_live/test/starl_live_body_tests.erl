@@ -31,7 +31,8 @@ send_after(_Ms, _Message, _Time) -> make_ref().
 %% directory of its own.
 with_body(Given, Test) ->
     starl_platform_ct:quietly(fun() ->
-        Dir = filename:join("/tmp", "starl-live-body-" ++ os:getpid()),
+        forget(),
+        Dir = dir(),
         _ = file:del_dir_r(Dir),
         Time = atomics:new(1, [{signed, true}]),
         Clock = starl_live_clock:on({?MODULE, Time}, starl_live_clock:new(0, 1)),
@@ -69,11 +70,19 @@ forget() ->
     after 0 -> ok
     end.
 
-%% What the test has been sent.
+%% What the body has sent to the test; tests before this one may have left other messages.
 sent() ->
     receive
-        {'$gen_cast', Cast} -> [Cast | sent()];
-        Message -> [Message | sent()]
+        {'$gen_cast', Cast} ->
+            [Cast | sent()];
+        Message when
+            element(1, Message) =:= starl_traced;
+            element(1, Message) =:= starl_ended;
+            element(1, Message) =:= starl_reloaded;
+            element(1, Message) =:= observed;
+            element(1, Message) =:= timer
+        ->
+            [Message | sent()]
     after 0 -> []
     end.
 
@@ -439,9 +448,9 @@ timers_test() ->
         {2, _} = starl_live_body:plan(sap, resend, 1000, late, Two),
         ?assertEqual(
             [
-                {timer, 2, {starl_timer, app, wake, 0, hello}},
-                {timer, 2, {starl_timer, app, wake, 1, again}},
-                {timer, 9, {starl_timer, sap, resend, 2, late}}
+                {timer, 2, {starl_timer, app, wake, 0, 1500, hello}},
+                {timer, 2, {starl_timer, app, wake, 1, 2000, again}},
+                {timer, 9, {starl_timer, sap, resend, 2, 1000, late}}
             ],
             sent()
         ),

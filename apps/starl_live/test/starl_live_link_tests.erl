@@ -41,7 +41,8 @@ handle_event(info, {felt, _, _} = Felt, up, Test, _Meta) ->
 handle_event(info, {late, _} = Late, up, Test, _Meta) ->
     Test ! Late,
     keep_state_and_data;
-handle_event({timeout, _}, _, up, _Test, _Meta) ->
+handle_event({timeout, _}, Content, up, Test, _Meta) ->
+    Test ! {wakes, Content},
     keep_state_and_data;
 handle_event(info, _, up, _Test, _Meta) ->
     keep_state_and_data.
@@ -74,12 +75,17 @@ monotonic_time(Unit, {Times, _Test}) -> in(Unit, atomics:get(Times, 2)).
 in(Unit, Us) -> erlang:convert_time_unit(Us, microsecond, Unit).
 
 %% The computer stands still here for as long as the test says.
+start_timer(Ms, snapshot, [{abs, true}], {_Times, Test}) ->
+    Test ! {snapshot_at, Ms},
+    make_ref();
 start_timer(Ms, Message, [{abs, true}], {Times, Test}) ->
     Test ! {timer, Ms, Message},
     ok = atomics:add(Times, 1, atomics:exchange(Times, 3, 0)),
     make_ref().
 
-send_after(_Ms, watch, {_Times, _Test}) -> make_ref().
+send_after(Ms, watch, {_Times, Test}) ->
+    Test ! {watch_in, Ms},
+    make_ref().
 
 clock(SystemUs, MonotonicUs, Pace) ->
     Times = atomics:new(3, [{signed, true}]),
@@ -94,21 +100,20 @@ set(SystemUs, MonotonicUs, Times) ->
 
 %% Calls the test with the link of a robot whose machines have all started, and with the clock's times.
 with_link(Pace, Test) ->
-    starl_platform_ct:quietly(fun() -> linked(Pace, none, Test) end).
+    with_link(Pace, #{}, Test).
 
-linked(Pace, Sink, Test) ->
+%% ... of a robot with these keys in the place of the usual ones.
+with_link(Pace, Given, Test) ->
+    starl_platform_ct:quietly(fun() -> linked(Pace, Given, Test) end).
+
+linked(Pace, Given, Test) ->
     process_flag(trap_exit, true),
     Dir = filename:join("/tmp", "starl-live-link-" ++ os:getpid()),
     _ = file:del_dir_r(Dir),
     {Times, Clock} = clock(0, 0, Pace),
-    {ok, Robot} = starl_live_robot:start_link(#{
+    Usual = #{
         robot => 1,
-        tree => #{
-            participants => starl_team:new([1, 2]),
-            services => [{sap, ?MODULE, #{test => self()}}],
-            blocks => [],
-            app => {machine, ?MODULE, #{test => self()}}
-        },
+        tree => tree(self()),
         team_seed => 1,
         profile => #{},
         clock => Clock,
@@ -116,8 +121,9 @@ linked(Pace, Sink, Test) ->
         transport => self(),
         positioning => self(),
         chassis => self(),
-        sink => Sink
-    }),
+        sink => none
+    },
+    {ok, Robot} = starl_live_robot:start_link(maps:merge(Usual, Given)),
     receive
         {'$gen_cast', {actuate, light, on, none}} -> ok
     end,
@@ -131,6 +137,14 @@ linked(Pace, Sink, Test) ->
         _ = file:del_dir_r(Dir),
         forget()
     end.
+
+tree(Test) ->
+    #{
+        participants => starl_team:new([1, 2]),
+        services => [{sap, ?MODULE, #{test => Test}}],
+        blocks => [],
+        app => {machine, ?MODULE, #{test => Test}}
+    }.
 
 forget() ->
     receive
@@ -163,6 +177,7 @@ handled() ->
 next() ->
     receive
         {starts, app, _, _} -> next();
+        {watch_in, _} -> next();
         Message -> Message
     end.
 
@@ -298,7 +313,7 @@ timers_are_rounded_up_test() ->
 %% in that time.
 a_computer_that_is_late_is_told_of_test() ->
     starl_platform_ct:quietly(fun() ->
-        linked(1, self(), fun(Link, Times) ->
+        linked(1, #{sink => self()}, fun(Link, Times) ->
             Rings = fun(Us, At) ->
                 First = timer({wake, Us}, Link),
                 Second = timer({wake, again, Us}, Link),
@@ -456,5 +471,229 @@ resting_machine_is_left_alone_test() ->
         _ = [Link ! watch || _ <- lists:seq(1, 3)],
         ?assertEqual(0, took(here, Link)),
         ?assert(is_process_alive(Sap)),
+        ok
+    end).
+
+%% It looks every five seconds.
+it_watches_every_five_seconds_test() ->
+    with_link(1, fun(Link, _Times) ->
+        Watch = fun() ->
+            receive
+                {watch_in, Ms} -> Ms
+            end
+        end,
+        ?assertEqual(5000, Watch()),
+        Link ! watch,
+        ?assertEqual(5000, Watch()),
+        ok
+    end).
+
+%% A machine that is killed by hand starts anew; of one that is not there nothing becomes.
+kill_test() ->
+    with_link(1, fun(Link, _Times) ->
+        {Sap, First} = sap(),
+        Monitor = monitor(process, Sap),
+        ok = starl_live_link:kill(Link, nobody),
+        ok = starl_live_link:kill(Link, sap),
+        receive
+            {'DOWN', Monitor, process, Sap, Why} -> ?assertEqual(killed, Why)
+        end,
+        ?assertMatch({_, N} when N =:= First + 1, sap()),
+        ?assertEqual(0, took(again, Link)),
+        ok
+    end).
+
+%% What is no word to it changes nothing.
+unknown_messages_are_left_alone_test() ->
+    with_link(1, fun(Link, _Times) ->
+        ok = gen_server:cast(Link, hello),
+        Link ! hello,
+        Link ! {starl_heard, Link, [not_of_its_radio]},
+        Link ! {starl_done, x, self(), []},
+        Link ! {'DOWN', make_ref(), process, self(), x},
+        Link ! {timeout, make_ref(), {starl_timer, sap, {timeout, wake}, 99, 0, wake}},
+        ?assertEqual(0, took(here, Link)),
+        ?assertEqual([], [What || {wakes, _} = What <- heard()]),
+        ok
+    end).
+
+heard() ->
+    receive
+        Message -> [Message | heard()]
+    after 0 -> []
+    end.
+
+%% A timer's event comes once, with the mark that it was planned with.
+a_timer_rings_once_test() ->
+    with_link(1, fun(Link, _Times) ->
+        Ring = {timeout, make_ref(), timer({wake, 10}, Link)},
+        Link ! Ring,
+        receive
+            {wakes, wake} -> ok
+        end,
+        Link ! Ring,
+        ?assertEqual(0, took(here, Link)),
+        ?assertEqual([], [What || {wakes, _} = What <- heard()]),
+        ok
+    end).
+
+%% -- what it tells -----------------------------------------------------------------------------------
+
+%% Who asks learns of its machines, their starts and its queues, its counters and its lines.
+it_answers_who_asks_test() ->
+    with_link(1, fun(Link, _Times) ->
+        ?assertMatch(#{sap := _, app := _}, starl_live_link:inspect(Link)),
+        ?assertEqual(2, map_size(starl_live_link:inspect(Link))),
+        #{events := Before} = starl_live_link:figures(Link),
+        ?assert(Before >= 2),
+        0 = took(here, Link),
+        ?assertEqual(#{events => Before + 1, packets => 0}, starl_live_link:figures(Link)),
+        [
+            ?assertEqual(self(), starl_live_link:line(Link, L))
+         || L <- [transport, positioning, chassis]
+        ],
+        {Gauges, _Counts} = starl_live_link:metrics(Link),
+        ?assertEqual(
+            [
+                {queue_application, [], 0},
+                {queue_events, [], 0},
+                {step_seconds, [], 0}
+            ],
+            lists:sort([Gauge || {Name, _, _} = Gauge <- Gauges, Name =/= starts])
+        ),
+        {_, Incarnation} = sap(),
+        ?assertMatch([Incarnation], [N || {starts, [{machine, sap}], N} <- Gauges]),
+        ok
+    end).
+
+%% The orders of an application that is at work wait for it.
+orders_wait_for_the_application_test() ->
+    with_link(1, fun(Link, _Times) ->
+        App = app_hangs(Link),
+        [Link ! {starl_located, self(), {app, N}, []} || N <- [1, 2]],
+        0 = took(here, Link),
+        {Gauges, _} = starl_live_link:metrics(Link),
+        ?assertMatch([2], [N || {queue_application, [], N} <- Gauges]),
+        ?assertEqual([], [N || {located, N, _, _} <- heard()]),
+        App ! go_on,
+        Next = fun() ->
+            receive
+                {located, N, [], _} -> N
+            end
+        end,
+        ?assertEqual([1, 2], [Next(), Next()]),
+        ok
+    end).
+
+%% The sink learns that it starts, with its machines, and then all facts, of which a record is kept if it is asked
+%% for. A robot that has run before comes up.
+the_sink_learns_of_its_starts_test() ->
+    with_link(1, #{sink => self(), record => true}, fun(Link, _Times) ->
+        receive
+            {starl_started, 1, Link, {Names, File}} ->
+                ?assertEqual([app, sap], lists:sort(Names)),
+                ?assert(starl_live_record:is_record(filename:basename(File)))
+        end,
+        receive
+            {starl_traced, 1, Link, {1, _, Facts}} ->
+                ?assertEqual([up], [What || {_, 1, robot, What} <- Facts])
+        end,
+        ok
+    end).
+
+%% Without a file the sink learns of none; a robot that was commissioned has never run, and comes up when it starts
+%% anew.
+a_first_life_does_not_come_up_test() ->
+    ok = starl_live_store:commission(dir()),
+    with_link(1, #{sink => self(), dir => dir()}, fun(Link, _Times) ->
+        receive
+            {starl_started, 1, Link, {_, File}} -> ?assertEqual(none, File)
+        end,
+        exit(Link, kill),
+        Again =
+            receive
+                {starl_started, 1, Next, _} -> Next
+            end,
+        receive
+            {starl_traced, 1, Again, {1, _, Facts}} ->
+                ?assertEqual([up], [What || {_, 1, robot, What} <- Facts])
+        end,
+        Firsts = [Fact || {starl_traced, 1, L, {_, _, Some}} <- heard(), L =:= Link, Fact <- Some],
+        ?assertEqual([], [What || {_, 1, robot, What} <- Firsts]),
+        ok
+    end),
+    file:del_dir_r(dir()).
+
+dir() -> filename:join("/tmp", "starl-live-link-first-" ++ os:getpid()).
+
+%% A store that cannot be opened ends it, with a line.
+without_a_store_it_does_not_start_test() ->
+    process_flag(trap_exit, true),
+    starl_platform_ct:quietly(fun() ->
+        File = dir() ++ "-file",
+        ok = file:write_file(File, "no directory"),
+        {error, {shutdown, {store, Line}}} = starl_live_link:start_link(#{robot => 1, dir => File}),
+        ?assertNotEqual(nomatch, string:find(Line, File)),
+        ok = file:delete(File)
+    end),
+    process_flag(trap_exit, false).
+
+%% -- snapshots ---------------------------------------------------------------------------------------
+
+%% They are due at whole multiples of their period of the run's clock. A robot whose application computes tells
+%% none; once it has told one, each event that comes is told.
+snapshots_are_told_at_their_times_test() ->
+    %% a process is no data, its name is
+    true = register(?MODULE, self()),
+    Given = #{sink => self(), snapshots_us => 300_000, tree => tree(?MODULE)},
+    with_link(1, Given, fun(Link, Times) ->
+        Due = fun() ->
+            receive
+                {snapshot_at, Ms} -> Ms
+            end
+        end,
+        Told = fun() ->
+            Link ! {timeout, make_ref(), snapshot},
+            told_snapshot()
+        end,
+        ?assertEqual(300, Due()),
+        ok = set(650_000, 10_000, Times),
+        ?assertMatch({ok, _}, Told()),
+        %% 250 ms later, by the computer's monotonic time
+        ?assertEqual(260, Due()),
+        650_000 = took(here, Link),
+        ?assertEqual([{event, sap, packet, here}, now], inputs(Link)),
+        App = app_hangs(Link),
+        ?assertEqual({error, at_work}, Told()),
+        App ! go_on,
+        650_000 = took(again, Link),
+        ?assertNot(lists:member({event, sap, packet, again}, inputs(Link))),
+        ok
+    end),
+    true = unregister(?MODULE).
+
+told_snapshot() ->
+    receive
+        {starl_traced, 1, _, {_, _, Facts}} ->
+            case [Told || {_, 1, snapshot, {How, _} = Told} <- Facts, How =/= input] of
+                [Told] -> Told;
+                [] -> told_snapshot()
+            end
+    end.
+
+%% The inputs that it has told so far.
+inputs(Link) ->
+    _ = starl_live_link:metrics(Link),
+    [
+        Input
+     || {starl_traced, 1, _, {_, _, Facts}} <- heard(),
+        {_, 1, snapshot, {input, {_, Input}}} <- Facts
+    ].
+
+%% A robot whose snapshots nobody wants tells none.
+no_snapshots_test() ->
+    with_link(1, fun(Link, _Times) ->
+        0 = took(here, Link),
+        ?assertEqual([], [Ms || {snapshot_at, Ms} <- heard()]),
         ok
     end).
