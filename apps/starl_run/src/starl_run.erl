@@ -25,10 +25,12 @@
     atom() => term()
 }.
 
-%% They are of one version.
--define(SIBLINGS, [starl_platform, starl_run, starl_sim, starl_blocks]).
+%% They know each other's messages, and are of one version.
+-define(SIBLINGS, [
+    starl_platform, starl_run, starl_sim, starl_blocks, starl_live, starl_world
+]).
 
--define(EXAMPLE, "starl_sim:start(#{app => painting, robots => 3})").
+-define(EXAMPLE, "#{app => painting, robots => 3}").
 
 %% A run that has not begun: its scenario with all defaults and drawn faults, its scene, and
 %% its plan.
@@ -39,7 +41,7 @@
     {scenario, starl_run_scenario:reason()}
     | {app | scene, unicode:chardata()}
     | {no_such_app, module()}
-    | {no_app, Example :: string()}
+    | no_app
     | {fault_target, atom(), starl:robot_id()}
     | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
     | starl_run_floor:problem_of_fault()
@@ -51,7 +53,8 @@
 -type ending() :: done | time | violation | stopped | quiet | lost | hung.
 
 %% The outcome. The robots of lost nodes are missing in it. Live runs have no digest; that of a simulation is
-%% empty if nodes were lost, or a robot did not end its step. More keys: {@link starl_sim_outcome}.
+%% empty if nodes were lost, or a robot did not end its step. `starl_sim_outcome' makes
+%% that of a simulation.
 -type outcome() :: #{
     ending := ending() | none,
     end_us := non_neg_integer(),
@@ -151,7 +154,7 @@ plan(#{app := Name} = Given, Options) when is_atom(Name) ->
         {same, none} -> {error, {no_such_app, Name}}
     end;
 plan(_Given, _Options) ->
-    {error, {no_app, ?EXAMPLE}}.
+    {error, no_app}.
 
 module_named(Name) ->
     Names = [Name, list_to_atom("starl_" ++ atom_to_list(Name))],
@@ -197,8 +200,8 @@ format_error({versions, Versions}) ->
         lists:join(", ", Each),
         "; a project takes all of them from one commit"
     ];
-format_error({no_app, Example}) ->
-    ["which application? Write ", Example];
+format_error(no_app) ->
+    ["which application? A scenario names it: ", ?EXAMPLE];
 format_error({fault_target, Id, Robot}) ->
     io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]);
 format_error({fault_machine, Id, Name, Known}) ->

@@ -15,3 +15,23 @@ runs_to_its_end_test() ->
 a_mistake_is_a_line_test() ->
     {error, Why} = starl_run:start(starl_sim, #{app => starl_sim_script_app, robots => none}, #{}),
     ?assertNotEqual(nomatch, string:find(lists:flatten(Why), "robots")).
+
+%% Whatever makes a run is of one version: they know each other's messages. The live ones, too.
+unlike_versions_are_told_test_() ->
+    [fun() -> unlike_version_is_told(App) end || App <- [starl_live, starl_world]].
+
+unlike_version_is_told(App) ->
+    _ = application:unload(App),
+    ok = application:load({application, App, [{vsn, "0.0.9"}]}),
+    Planned = starl_run:plan(starl_sim_script_app, #{}),
+    ok = application:unload(App),
+    ?assertMatch({error, {versions, _}}, Planned),
+    {error, {versions, Versions}} = Planned,
+    ?assertEqual("0.0.9", proplists:get_value(App, Versions)).
+
+a_scenario_without_an_application_is_told_test() ->
+    {error, Why} = starl_run:plan(#{robots => 3}, #{}),
+    ?assertEqual(
+        "which application? A scenario names it: #{app => painting, robots => 3}",
+        lists:flatten(starl_run:format_error(Why))
+    ).
