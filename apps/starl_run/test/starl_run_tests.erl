@@ -35,3 +35,14 @@ a_scenario_without_an_application_is_told_test() ->
         "which application? A scenario names it: #{app => painting, robots => 3}",
         lists:flatten(starl_run:format_error(Why))
     ).
+
+%% Nobody has measured it: people put robots down on the floor that they have.
+a_floor_of_the_usual_size_has_no_walls_test() ->
+    HasWalls = fun(World) ->
+        Given = #{app => starl_sim_script_app, world => World},
+        {ok, Planned} = starl_run:plan(Given, #{}),
+        is_map_key(walls, starl_run_floor:placing(Planned))
+    end,
+    ?assertNot(HasWalls({12000, 12000})),
+    ?assertNot(HasWalls({12.0e3, 12.0e3})),
+    ?assert(HasWalls({12000, 11999})).

@@ -63,19 +63,23 @@ family(_) -> inet.
 options(Options) -> [binary, {active, ?ACTIVE}, {recbuf, ?BUFFER} | Options].
 
 %% Packets for all come to a port of their own. The robots of one computer share it.
-with_group(#sockets{socket = Socket}, #{all := {multicast, {A, _, _, _} = Address, _}}) when
+with_group(#sockets{module = Module, socket = Socket}, #{
+    all := {multicast, {A, _, _, _} = Address, _}
+}) when
     A < 224; A > 239
 ->
-    gen_udp:close(Socket),
+    ok = Module:close(Socket),
     Line = "multicast ~ts: an address from 224.0.0.0 to 239.255.255.255 expected",
     {error, io_lib:format(Line, [inet:ntoa(Address)])};
-with_group(#sockets{socket = Socket} = Sockets, #{all := {Way, Address, Port}} = Config) ->
+with_group(
+    #sockets{module = Module, socket = Socket} = Sockets, #{all := {Way, Address, Port}} = Config
+) ->
     Interface = maps:get(interface, Config, {0, 0, 0, 0}),
     case joined_group(Way, Address, Port, Interface, Socket) of
         {ok, Group} ->
             {ok, Sockets#sockets{group = Group}, {Address, Port}};
         {error, Why} ->
-            gen_udp:close(Socket),
+            ok = Module:close(Socket),
             Line = "~ts ~ts, port ~b: ~ts",
             {error, io_lib:format(Line, [Way, inet:ntoa(Address), Port, inet:format_error(Why)])}
     end;

@@ -203,7 +203,7 @@ stands(Id, Poses, #{radii := Radii} = Rule) ->
             {error, Problem, io_lib:format(Line, Values)}
     end.
 
-walled(Id, Point, #{walls := Walls, radii := #{} = Radii, error_mm := Error}) ->
+walled(Id, Point, #{walls := Walls, radii := Radii, error_mm := Error}) ->
     on_floor(Point, max(0.0, maps:get(Id, Radii) - Error), Walls);
 walled(_Id, _Point, _Rule) ->
     ok.

@@ -8,7 +8,7 @@
 -module(starl_code).
 
 -export([load/3, format_error/1]).
--export([line/3, is_library/1, resembling/1, exports/3, versions/1]).
+-export([line/3, is_library/1, is_runtime/1, resembling/1, exports/3, versions/1]).
 
 -export_type([reason/0]).
 
@@ -80,6 +80,19 @@ is_below(Dir, File) -> lists:prefix(Dir ++ "/", File).
 
 %% The folder of this application among those of the others.
 own_dir() -> filename:dirname(filename:dirname(code:which(?MODULE))).
+
+%% @doc Does this module run machines or applications? Its frames in their stacks say nothing to those who wrote them.
+-spec is_runtime(module()) -> boolean().
+is_runtime(Module) ->
+    lists:member(Module, [
+        starl_app_proc,
+        starl_app_turn,
+        starl_app_call,
+        starl_app_code,
+        starl_machine_proc,
+        gen_statem,
+        proc_lib
+    ]).
 
 %% @doc The modules of StarL whose name a mistyped one may have meant, best first.
 -spec resembling(module()) -> [module()].

@@ -105,25 +105,14 @@ text(Reason, Stack) ->
 %% those of the runtime.
 own(Stack) ->
     Above = lists:takewhile(fun(Frame) -> not is_interpreter(Frame) end, Stack),
-    [plain(Frame) || Frame <- Above, not is_runtime(element(1, Frame))].
+    [plain(Frame) || Frame <- Above, not starl_code:is_runtime(element(1, Frame))].
 
-is_interpreter({Module, Function, _, _}) when
-    Module =:= starl_machine_runner; Module =:= starl_machine
-->
+is_interpreter({starl_machine_runner, Function, _, _}) ->
     lists:member(Function, [new, step, handle, moved_over, moved_down]);
+is_interpreter({starl_machine, Function, _, _}) ->
+    lists:member(Function, [new, step]);
 is_interpreter(_) ->
     false.
-
-is_runtime(Module) ->
-    lists:member(Module, [
-        starl_app_proc,
-        starl_app_turn,
-        starl_app_call,
-        starl_app_code,
-        starl_machine_proc,
-        gen_statem,
-        proc_lib
-    ]).
 
 plain({Module, Function, Args, Location}) when is_list(Args) ->
     plain({Module, Function, length(Args), Location});

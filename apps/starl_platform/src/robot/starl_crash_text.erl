@@ -109,8 +109,7 @@ calculation(Module, Function, Args) ->
 
 %% A function of a block is the innermost of the stack that is not the robot's own interface.
 callers_block(Stack) ->
-    Runtime = [starl_app_proc, starl_app_turn, starl_app_call, starl],
-    Modules = [M || {M, _, _, _} <- Stack, not lists:member(M, Runtime)],
+    Modules = [M || {M, _, _, _} <- Stack, M =/= starl, not starl_code:is_runtime(M)],
     case [M || M <- lists:sublist(Modules, 1), starl_block:is_block(M)] of
         [Block] -> {ok, Block};
         [] -> none

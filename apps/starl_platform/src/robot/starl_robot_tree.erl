@@ -327,9 +327,7 @@ seen(Machine) ->
 sequential({current_stacktrace, [{starl_app_proc, init, _, _} | _]}) ->
     waiting;
 sequential({current_stacktrace, Frames}) ->
-    #{state => sequential, stack => [F || {M, _, _, _} = F <- Frames, not is_runtime(M)]};
+    Own = [Frame || {M, _, _, _} = Frame <- Frames, not starl_code:is_runtime(M)],
+    #{state => sequential, stack => Own};
 sequential(undefined) ->
     waiting.
-
-is_runtime(Module) ->
-    lists:member(Module, [starl_app_proc, starl_app_turn, starl_app_call, proc_lib]).

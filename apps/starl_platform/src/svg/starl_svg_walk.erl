@@ -164,6 +164,8 @@ of_path(Path, Matrix, Ids) ->
     end.
 
 %% CSS has windows without an element of their own.
+by_function(<<>>) ->
+    {ok, []};
 by_function(Text) ->
     Names = <<"^\\s*(circle|ellipse|inset|polygon|path|rect|shape|xywh)\\(">>,
     case re:run(Text, Names, [caseless, {capture, none}]) of

@@ -68,7 +68,7 @@ stand(#{start := Start} = Scenario, Scene, Context) ->
 
 %% Have all robots room in rows two metres apart? On a floor of the usual size they stand so in any case, as they
 %% always did.
-has_rows(#{world := ?USUAL}, _Context) ->
+has_rows(#{world := World}, _Context) when World == ?USUAL ->
     true;
 has_rows(#{world := {Width, Height}}, #{robots := Ids}) ->
     {_, Y, _} = starl_floor_placement:row(lists:max(Ids), Width),
@@ -95,7 +95,7 @@ placing({Scenario, Scene, #{robots := Robots, world := #{profiles := Profiles}}}
     },
     case {Scene, Scenario} of
         {#{floor := _}, _} -> Rule#{walls => walls(Scene, Scenario)};
-        {_, #{world := ?USUAL}} -> Rule;
+        {_, #{world := World}} when World == ?USUAL -> Rule;
         _ -> Rule#{walls => walls(Scene, Scenario)}
     end.
 
