@@ -7,7 +7,7 @@ loss(From, To) -> {hand_1, From, To, loss, {1, 2}, #{part => 1.0}}.
 pause(Fault, Robot, From, To) -> {Fault, From, To, pause, Robot, #{}}.
 
 told(Told, Log) ->
-    {Told, Next} = starl_world_fault_log:told(Told, Log),
+    {Told, Next} = starl_world_fault_log:entry(Told, Log),
     Next.
 
 %% These robots stand at that time: what is told of it.
@@ -19,7 +19,7 @@ new() -> starl_world_fault_log:new().
 a_fault_is_told_as_one_of_a_schedule_test() ->
     {Id, From, To, Kind, Target, Params} = loss(900, forever),
     Given = {Id, From, To, Kind, Target, Params#{in_time => true}},
-    {Told, Log} = starl_world_fault_log:told({began, Given}, new()),
+    {Told, Log} = starl_world_fault_log:entry({began, Given}, new()),
     ?assertEqual({began, loss(900, forever)}, Told),
     ?assertEqual([loss(900, 5000)], starl_world_fault_log:faults(5000, Log)).
 

@@ -124,7 +124,7 @@ recorded(_Place, _Planned, #{record_mb := 0}, Spec) ->
 recorded(#{state := State} = Place, Planned, #{record_mb := Most} = Fleet, Spec) ->
     #{clock := Clock} = Spec,
     #{snapshots := Seconds} = Fleet,
-    Facts = starl_live_clock:dated(starl_run_plan:facts(Planned, []), Clock),
+    Facts = starl_live_clock:live_facts(starl_run_plan:facts(Planned, []), Clock),
     Own = #{
         dir => filename:join(State, ?RECORDINGS),
         facts => Facts#{run => starl_fleet_place:run(Place)},

@@ -12,7 +12,7 @@
 
 -export([new/2, on/2, epoch_us/1, now_us/1, monotonic_ms/2, at_us/2]).
 -export([system_time/2, time_of_day/2, monotonic_time/2, start_timer/4, send_after/3]).
--export([ahead_us/1, dated/2]).
+-export([ahead_us/1, live_facts/2]).
 
 -export_type([t/0]).
 
@@ -35,8 +35,8 @@
 new(EpochUs, Pace) when Pace > 0 -> {EpochUs, float(Pace), computer}.
 
 %% @doc The facts of a run, as one in real time by this clock.
--spec dated(starl_observer:facts(), t()) -> starl_observer:facts().
-dated(Facts, Clock) -> Facts#{kind := live, epoch_us => epoch_us(Clock)}.
+-spec live_facts(starl_observer:facts(), t()) -> starl_observer:facts().
+live_facts(Facts, Clock) -> Facts#{kind := live, epoch_us => epoch_us(Clock)}.
 
 %% @doc The same clock on a simulated computer.
 -spec on({module(), Handle :: term()}, t()) -> t().

@@ -1,7 +1,7 @@
-%% @doc A chassis or a source of positions of the user's own: what drives it, a module or a program; is this
-%% module one, and does it take these options? The module has been compiled and loaded.
+%% @doc Checks the driver that a user has written for a chassis or for a source of positions: a module, which
+%% has been compiled and loaded, or a program.
 %%
-%% It exports the callbacks of its behaviour ({@link starl_live_chassis}, {@link
+%% A module exports the callbacks of its behaviour ({@link starl_live_chassis}, {@link
 %% starl_live_positioning}) and, if it takes options, their table, `options/0' ({@link starl_options}).
 -module(starl_live_own).
 

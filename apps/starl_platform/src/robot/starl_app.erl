@@ -1,11 +1,12 @@
 %% @doc The behaviour of a sequential application, which reads like the paper's pseudo-code.
 %%
-%% `step/2' is the body of "repeat … until done". It may block in `starl:send', `starl:await',
-%% `starl:go_to', `starl:sleep' and in the calls of the building blocks. The runtime calls it
-%% through its fully qualified name, so newly loaded code takes effect at the next step; an
-%% optional `code_change/2' (old state, old module version) converts the state. If that fails,
-%% the application waits with its old state before the next step until other code is loaded that can
-%% convert the state; the old code can, too. The rest of the robot goes on. Earlier effects of the
+%% `step/2' is the body of "repeat … until done". It may block in `starl:send', `starl:await', `starl:go_to',
+%% `starl:sleep' and in the calls of the building blocks. New code takes effect between two steps; an optional
+%% `code_change/2' (old state, old module version) converts the state. A reload ({@link starl_reload}) is on
+%% trial: if the state cannot be converted, or the new code crashes soon, the application goes on with its
+%% former code. Code that is loaded in the place of the former one ({@link starl_code:load/3}) has no way
+%% back: if it cannot convert the state, the application waits with it before the next step until other code
+%% is loaded that can; the old code can, too. The rest of the robot goes on. Earlier effects of the
 %% application, and messages that arrive meanwhile, are kept.
 %%
 %% An application may also list its building blocks and its options; with its blocks it gets their

@@ -1,6 +1,7 @@
-%% @doc The code of a sequential application: its versions, the words on new code that it has to heed, what new code
-%% makes of the state of the former one, and with which state the former code goes on when the new one is left. A
-%% part of {@link starl_app_turn}.
+%% @doc The code of a sequential application. It owns the versions of the code, the words on new code that
+%% wait for the next step, and the states with which the former code may go on; it converts the state from one
+%% version to another. It neither takes steps nor acts: what is to be told it returns. A part of
+%% {@link starl_app_turn}.
 -module(starl_app_code).
 
 -export([new/1, module/1, hear/3, word/1, heed/4, heeded/2, may_crash/2, stepped/1, taken_back/4]).

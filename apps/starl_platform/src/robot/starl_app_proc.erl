@@ -83,7 +83,7 @@ waiting(Pid) ->
 %% @doc The application in this process as data, while the process is at rest. It is told with its boot
 %% whether snapshots are taken.
 -spec snapshot(pid()) ->
-    {ok, starl_app_log:snapshot() | waiting} | {error, starl_snapshot:reason()}.
+    {ok, starl_app_replay:snapshot() | waiting} | {error, starl_snapshot:reason()}.
 snapshot(Pid) ->
     Ref = erlang:monitor(process, Pid, [{alias, reply_demonitor}]),
     Pid ! {starl_snapshot, Ref, Ref},
@@ -94,7 +94,7 @@ snapshot(Pid) ->
 
 %% @doc Lets an application that has started, and waits for its boot, go on from a snapshot. Returns when
 %% it waits where it waited then.
--spec restore(pid(), starl_app_log:snapshot()) -> ok | {error, Reason :: term()}.
+-spec restore(pid(), starl_app_replay:snapshot()) -> ok | {error, Reason :: term()}.
 restore(Pid, Snapshot) ->
     Ref = erlang:monitor(process, Pid),
     Pid ! {starl_restore, self(), Ref, Snapshot},

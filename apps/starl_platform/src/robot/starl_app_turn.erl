@@ -1,6 +1,7 @@
-%% @doc The turn of a sequential application: the clock, and the actions that it has not yet handed back to
-%% its driver. A call that blocks ({@link starl_app_call}) hands them back and waits for its event. Other
-%% events that arrive meanwhile are kept ({@link starl_app_inbox}), or traced.
+%% @doc The turn of a sequential application. It owns the clock, the random numbers and the actions that the
+%% application has not yet handed back to its driver. A call that blocks ({@link starl_app_call}) hands them
+%% back and waits for its event. Parts of it own the rest: what arrives meanwhile ({@link starl_app_inbox}),
+%% the code ({@link starl_app_code}), and what a snapshot has to play again ({@link starl_app_replay}).
 %%
 %% The turn lives in the process dictionary, under one key: the application's own functions lie between the
 %% calls on the stack, so no state can be threaded through them. {@link starl_app_proc} takes the steps.
@@ -42,9 +43,9 @@
     %% the machines of whose calls a history is kept
     histories = [] :: [starl_machine:name()],
     %% what has come since the step began, if snapshots are taken
-    log = none :: starl_app_log:t() | none,
+    log = none :: starl_app_replay:t() | none,
     %% what is still to come again, until the application is where the snapshot was taken
-    replay = none :: {From :: pid(), reference(), [starl_app_log:entry()]} | none
+    replay = none :: {From :: pid(), reference(), [starl_app_replay:entry()]} | none
 }).
 
 %% @doc The first turn of an application, by the boot of its driver.
@@ -65,12 +66,12 @@ start(Id, Module, Driver, Boot) ->
     }),
     ok.
 
-kept_from(true) -> starl_app_log:new();
+kept_from(true) -> starl_app_replay:new();
 kept_from(false) -> none.
 
 %% @doc The turn of a snapshot, with what is still to come again; who is told when all has come.
--spec restore({starl:robot_id(), Driver}, {From, reference()}, starl_app_log:snapshot()) ->
-    starl_app_log:place()
+-spec restore({starl:robot_id(), Driver}, {From, reference()}, starl_app_replay:snapshot()) ->
+    starl_app_replay:place()
 when
     Driver :: pid(), From :: pid().
 restore({Id, Driver}, {From, Ref}, #{turn := #turn{} = Turn, at := At, log := Log}) ->
@@ -96,13 +97,13 @@ waits(Dictionary) ->
 %% -- the steps ------------------------------------------------------------------------------
 
 %% @doc A step begins here, before the first, or after the last: a snapshot takes it anew.
--spec begun(starl_app_log:place()) -> ok.
+-spec begun(starl_app_replay:place()) -> ok.
 begun(Where) ->
     case turn() of
         #turn{log = none} ->
             ok;
         Turn ->
-            Begun = Turn#turn{log = starl_app_log:new()},
+            Begun = Turn#turn{log = starl_app_replay:new()},
             _ = put(?BEGUN, {Where, Begun#turn{clock = none, replay = none}}),
             _ = put(?TURN, Begun),
             ok
@@ -110,7 +111,7 @@ begun(Where) ->
 
 taken() ->
     #turn{log = Log} = get(?TURN),
-    case Log =/= none andalso starl_app_log:entries(Log) of
+    case Log =/= none andalso starl_app_replay:entries(Log) of
         {ok, Entries} ->
             {Where, Turn} = get(?BEGUN),
             {ok, #{turn => setelement(#turn.driver, Turn, none), at => Where, log => Entries}};
@@ -119,7 +120,7 @@ taken() ->
     end.
 
 logged(_Entry, #turn{log = none} = Turn) -> Turn;
-logged(Entry, #turn{log = Log} = Turn) -> Turn#turn{log = starl_app_log:add(Entry, Log)}.
+logged(Entry, #turn{log = Log} = Turn) -> Turn#turn{log = starl_app_replay:add(Entry, Log)}.
 
 %% @doc The code of the application.
 -spec code() -> starl_app_code:t().

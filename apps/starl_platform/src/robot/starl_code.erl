@@ -81,7 +81,8 @@ is_below(Dir, File) -> lists:prefix(Dir ++ "/", File).
 %% The folder of this application among those of the others.
 own_dir() -> filename:dirname(filename:dirname(code:which(?MODULE))).
 
-%% @doc Does this module run machines or applications? Its frames in their stacks say nothing to those who wrote them.
+%% @doc Does this module run machines or applications? Its frames in their stacks say nothing to those who
+%% wrote them.
 -spec is_runtime(module()) -> boolean().
 is_runtime(Module) ->
     lists:member(Module, [

@@ -7,8 +7,8 @@
 
 -export_type([lost/0]).
 
-%% A packet lost at a time (us): its source and destination, and its number among those on this link, or among those to
-%% all.
+%% A packet lost at a time (us): its source and destination, and its number among those on this link, or among
+%% those to all.
 -type lost() :: {
     non_neg_integer(),
     Source :: starl:robot_id(),

@@ -154,8 +154,8 @@ parts(Scene) ->
         motion => maps:get(motion_machine, Scene, starl_motion)
     }.
 
-%% @doc The facts of a planned run, for its observer, as of a simulation: a clock makes those of a live run of them
-%% (`starl_live_clock'). Monitors that only look on are not among them.
+%% @doc The facts of a planned run, for its observer, as of a simulation: a clock makes those of a live run of
+%% them (`starl_live_clock'). Monitors that only look on are not among them.
 -spec facts({starl_run_scenario:t(), starl_scene:t(), Plan}, Watching :: [{module(), map()}]) ->
     starl_observer:facts()
 when

@@ -3,7 +3,7 @@
 %% gets the order. A pure module, but for that.
 -module(starl_sim_reload).
 
--export([new/1, order/4, note/2, told/1]).
+-export([new/1, order/4, note/2, reloads/1]).
 
 -export_type([t/0]).
 
@@ -71,8 +71,8 @@ note(Trace, #reload{told = Told} = Reload) ->
     Reload#reload{told = [Event || {_, _, _, {reloaded, _, _}} = Event <- Trace] ++ Told}.
 
 %% @doc What has become of the reloads.
--spec told(t()) -> [starl_reload_monitor:reload()].
-told(#reload{told = Told}) ->
+-spec reloads(t()) -> [starl_reload_monitor:reload()].
+reloads(#reload{told = Told}) ->
     Monitor = lists:foldl(
         fun(Event, State) ->
             {ok, Next} = starl_reload_monitor:step(Event, State),

@@ -194,7 +194,7 @@ handle_call({reload, Sources, TrialMs}, _From, #run{reload = Reload, now = Now} 
             {reply, Error, Run}
     end;
 handle_call(reloads, _From, #run{reload = Reload} = Run) ->
-    {reply, starl_sim_reload:told(Reload), Run};
+    {reply, starl_sim_reload:reloads(Reload), Run};
 handle_call(_Question, _From, #run{caller = Caller} = Run) when Caller =/= none ->
     {reply, {error, running}, Run};
 handle_call({run_to, _Goal}, _From, #run{lost = [Loss | _]} = Run) ->

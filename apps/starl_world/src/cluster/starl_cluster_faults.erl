@@ -1,4 +1,4 @@
-%% @doc The faults of a cluster: those of its schedule, of chaos and of hands ({@link starl_world_play}),
+%% @doc The faults of a cluster: those of its schedule, of chaos and of hands ({@link starl_world_injection}),
 %% nodes that are halted ({@link starl_cluster_halts}), and nodes that stand still by themselves. The world
 %% is told of each. What takes an answer of a node, or a new one, it leaves to the cluster as wants.
 -module(starl_cluster_faults).
@@ -17,7 +17,7 @@
     | {machine, starl:robot_id(), starl_machine:name()}.
 
 -record(faults, {
-    play :: starl_world_play:t(),
+    injection :: starl_world_injection:t(),
     halts = starl_cluster_halts:new() :: starl_cluster_halts:t(),
     %% the robots whose nodes stand still, and nobody has halted them
     hanging = [] :: [starl:robot_id()]
@@ -36,20 +36,22 @@
 most_halted_ms() -> 1000 * ?MOST_HALTED_S.
 
 %% @doc No fault has begun.
--spec new([starl:robot_id()], starl_world_play:run()) -> t().
-new(Robots, Run) -> #faults{play = starl_world_play:new(Robots, Run)}.
+-spec new([starl:robot_id()], starl_world_injection:run()) -> t().
+new(Robots, Run) -> #faults{injection = starl_world_injection:new(Robots, Run)}.
 
-%% @doc The faults of a schedule, and what chaos does, come as messages in their time, `{chaos, Hand}' and as of
-%% {@link starl_world_play}. What holds from the beginning on begins here: nodes hear of it with their robot.
+%% @doc The faults of a schedule, and what chaos does, come as messages in their time, `{chaos, Hand}' and as
+%% of {@link starl_world_injection}. What holds from the beginning on begins here: nodes hear of it with their
+%% robot.
 -spec planned(
     [starl_run_fault:t()],
     [{AtUs :: integer(), starl_run_hand:t()}],
     starl_cluster_nodes:t(),
     t()
 ) -> t().
-planned(Schedule, Chaos, Nodes, #faults{play = Play} = Faults) ->
+planned(Schedule, Chaos, Nodes, #faults{injection = Injection} = Faults) ->
     ok = lists:foreach(
-        fun({Us, Hand}) -> starl_world_play:at(Us div 1000, {chaos, Hand}, Play) end, Chaos
+        fun({Us, Hand}) -> starl_world_injection:at(Us div 1000, {chaos, Hand}, Injection) end,
+        Chaos
     ),
     lists:foldl(
         fun(Fault, Before) ->
@@ -57,24 +59,24 @@ planned(Schedule, Chaos, Nodes, #faults{play = Play} = Faults) ->
             Begun
         end,
         Faults,
-        starl_world_play:planned(Schedule, Play)
+        starl_world_injection:planned(Schedule, Injection)
     ).
 
 %% @doc The world of the run.
 -spec world(t()) -> pid().
-world(#faults{play = Play}) -> starl_world_play:world(Play).
+world(#faults{injection = Injection}) -> starl_world_injection:world(Injection).
 
 %% -- hands, chaos and the schedule ----------------------------------------------------------
 
 %% @doc Hands do this now. The first that cannot be done is the answer; all are of the same kind, for the
 %% same robots.
 -spec act([starl_run_hand:t()], starl_cluster_nodes:t(), t()) -> doing().
-act(Hands, Nodes, #faults{play = Play} = Faults) ->
-    acted(Hands, Nodes, {starl_world_play:check(Hands, Play), [], Faults}).
+act(Hands, Nodes, #faults{injection = Injection} = Faults) ->
+    acted(Hands, Nodes, {starl_world_injection:check(Hands, Injection), [], Faults}).
 
-acted([Hand | More], Nodes, {ok, Wants, #faults{play = Play} = Faults}) ->
-    {Fault, Named} = starl_world_play:hand(Hand, Play),
-    {Answer, Own, Next} = attempted(Fault, Nodes, Faults#faults{play = Named}),
+acted([Hand | More], Nodes, {ok, Wants, #faults{injection = Injection} = Faults}) ->
+    {Fault, Named} = starl_world_injection:hand(Hand, Injection),
+    {Answer, Own, Next} = attempted(Fault, Nodes, Faults#faults{injection = Named}),
     acted(More, Nodes, {Answer, Wants ++ Own, Next});
 acted(_DoneOrRefused, _Nodes, Doing) ->
     Doing.
@@ -130,7 +132,7 @@ chaos_at(Aimed, Nodes, Faults) ->
 begins(Fault, Nodes, Faults) ->
     case {element(4, Fault), can(Fault, Nodes, Faults)} of
         {Kind, {error, Why}} when Kind =:= pause; Kind =:= store_full ->
-            ok = starl_world_play:not_played(Fault, Why),
+            ok = starl_world_injection:not_played(Fault, Why),
             {[], Faults};
         _ ->
             played(Fault, Nodes, Faults)
@@ -138,13 +140,13 @@ begins(Fault, Nodes, Faults) ->
 
 played(Fault, Nodes, Faults) ->
     {Answer, Wants, Next} = begun(Fault, Nodes, Faults),
-    _ = [starl_world_play:not_played(Fault, Why) || {error, Why} <- [Answer]],
+    _ = [starl_world_injection:not_played(Fault, Why) || {error, Why} <- [Answer]],
     {Wants, Next}.
 
-begun(Fault, Nodes, #faults{play = Play} = Faults) ->
-    case starl_world_play:begins(Fault, Play) of
+begun(Fault, Nodes, #faults{injection = Injection} = Faults) ->
+    case starl_world_injection:begins(Fault, Injection) of
         {ok, Effects, Next} ->
-            completed(Fault, Nodes, effects(Effects, Nodes, Faults#faults{play = Next}));
+            completed(Fault, Nodes, effects(Effects, Nodes, Faults#faults{injection = Next}));
         {error, _} = Error ->
             {Error, [], Faults}
     end.
@@ -156,9 +158,9 @@ completed(Fault, Nodes, {{error, _} = Error, Wants, Faults}) ->
     {Own, Over} = over(element(1, Fault), Nodes, Faults),
     {Error, Wants ++ Own, Over}.
 
-over(Id, Nodes, #faults{play = Play} = Faults) ->
-    {Effects, Next} = starl_world_play:over(Id, Play),
-    {_, Wants, Last} = effects(Effects, Nodes, Faults#faults{play = Next}),
+over(Id, Nodes, #faults{injection = Injection} = Faults) ->
+    {Effects, Next} = starl_world_injection:over(Id, Injection),
+    {_, Wants, Last} = effects(Effects, Nodes, Faults#faults{injection = Next}),
     {Wants, Last}.
 
 %% @doc These faults are over now.
@@ -170,20 +172,20 @@ heal(all, Nodes, Faults) ->
 heal(What, Nodes, Faults) ->
     healed(What, Nodes, Faults).
 
-healed(What, Nodes, #faults{play = Play} = Faults) ->
+healed(What, Nodes, #faults{injection = Injection} = Faults) ->
     lists:foldl(
         fun(Id, {Wants, Before}) ->
             {Own, Next} = over(Id, Nodes, Before),
             {Wants ++ Own, Next}
         end,
         {[], Faults},
-        starl_world_play:healable(What, Play)
+        starl_world_injection:healable(What, Injection)
     ).
 
 %% -- what leads to nothing ------------------------------------------------------------------
 
-can({_, From, To, pause, Robot, _}, Nodes, #faults{play = Play} = Faults) ->
-    can_halt(Robot, starl_world_play:real_ms(To - From, Play), Nodes, Faults);
+can({_, From, To, pause, Robot, _}, Nodes, #faults{injection = Injection} = Faults) ->
+    can_halt(Robot, starl_world_injection:real_ms(To - From, Injection), Nodes, Faults);
 can({_, _, _, Kind, Robot, _}, Nodes, _Faults) when
     Kind =:= reboot; Kind =:= kill_robot; Kind =:= store_lost; Kind =:= store_set_back
 ->
@@ -210,7 +212,7 @@ can_halt(Robot, _Ms, Nodes, #faults{halts = Halts}) ->
 effects(Effects, Nodes, Faults) ->
     lists:foldl(fun(Effect, Doing) -> does(Effect, Nodes, Doing) end, {ok, [], Faults}, Effects).
 
--spec does(starl_world_play:effect(), starl_cluster_nodes:t(), doing()) -> doing().
+-spec does(starl_world_injection:effect(), starl_cluster_nodes:t(), doing()) -> doing().
 does({halt, Robot, Ms, Moment, Fault}, Nodes, {Answer, Wants, Faults}) ->
     #{Robot := OsPid} = starl_cluster_nodes:os_pids(Nodes),
     {Answer, Wants, halt(Robot, OsPid, Ms, {Moment, Fault}, Faults)};
@@ -223,9 +225,9 @@ does(Want, _Nodes, {Answer, Wants, Faults}) ->
 
 %% -- nodes that stand still -----------------------------------------------------------------
 
-halt(Robot, OsPid, Ms, {Moment, Fault}, #faults{play = Play, halts = Halts} = Faults) ->
+halt(Robot, OsPid, Ms, {Moment, Fault}, #faults{injection = Injection, halts = Halts} = Faults) ->
     ok = starl_world:halt(world(Faults), Robot, Fault),
-    For = {OsPid, max(1, round(starl_world_play:real_ms(Ms, Play)))},
+    For = {OsPid, max(1, round(starl_world_injection:real_ms(Ms, Injection)))},
     Faults#faults{halts = starl_cluster_halts:halt(Robot, For, Moment, Halts)}.
 
 told(All, Faults) -> {lists:append([told_one(Told, world(Faults)) || Told <- All]), Faults}.
@@ -263,11 +265,11 @@ silent(Word, Robot, #faults{halts = Halts} = Faults) ->
             {[{watch, Robot}], Faults}
     end.
 
-hangs(Robot, #faults{play = Play, hanging = Hanging} = Faults) ->
-    {Fault, Named} = starl_world_play:unnamed("hang", Play),
+hangs(Robot, #faults{injection = Injection, hanging = Hanging} = Faults) ->
+    {Fault, Named} = starl_world_injection:unnamed("hang", Injection),
     ok = starl_world:halt(world(Faults), Robot, Fault),
     ok = starl_world:halted(world(Faults), Robot),
-    Faults#faults{hanging = [Robot | lists:delete(Robot, Hanging)], play = Named}.
+    Faults#faults{hanging = [Robot | lists:delete(Robot, Hanging)], injection = Named}.
 
 hangs_no_more(Robot, #faults{hanging = Hanging} = Faults) ->
     _ = [ok = starl_world:resumed(world(Faults), Robot) || lists:member(Robot, Hanging)],
@@ -290,23 +292,25 @@ stop(#faults{halts = Halts}) ->
 
 %% @doc A robot starts, with what is left of its store.
 -spec starts(starl:robot_id(), starl_live_robot:spec(), t()) -> t().
-starts(Robot, Spec, #faults{play = Play} = Faults) ->
-    {Fate, Fated} = starl_world_play:fate(Robot, Play),
+starts(Robot, Spec, #faults{injection = Injection} = Faults) ->
+    {Fate, Fated} = starl_world_injection:fate(Robot, Injection),
     ok = starl_world_store:before_start(Fate, Spec),
-    Faults#faults{play = Fated}.
+    Faults#faults{injection = Fated}.
 
 %% @doc A robot is up: what had sent it down has ended.
 -spec up(starl:robot_id(), t()) -> t().
-up(Robot, #faults{play = Play} = Faults) -> Faults#faults{play = starl_world_play:up(Robot, Play)}.
+up(Robot, #faults{injection = Injection} = Faults) ->
+    Faults#faults{injection = starl_world_injection:up(Robot, Injection)}.
 
 %% @doc May a robot start now? A fault may keep it down.
 -spec may_start(starl:robot_id(), t()) -> boolean().
-may_start(Robot, #faults{play = Play}) -> not starl_world_play:is_down(Robot, Play).
+may_start(Robot, #faults{injection = Injection}) ->
+    not starl_world_injection:is_down(Robot, Injection).
 
 %% @doc The disk with which the node of a robot starts: one that is full stays so.
 -spec disk(starl:robot_id(), t()) -> fill | clear.
-disk(Robot, #faults{play = Play}) ->
-    case starl_world_play:is_full(Robot, Play) of
+disk(Robot, #faults{injection = Injection}) ->
+    case starl_world_injection:is_full(Robot, Injection) of
         true -> fill;
         false -> clear
     end.
@@ -314,5 +318,5 @@ disk(Robot, #faults{play = Play}) ->
 %% @doc What a robot hears and senses now.
 -spec changes(starl:robot_id(), t()) ->
     {starl_live_air:settings(), starl_live_sense_fault:faults()}.
-changes(Robot, #faults{play = Play}) ->
-    {starl_world_play:air(Robot, Play), starl_world_play:senses(Robot, Play)}.
+changes(Robot, #faults{injection = Injection}) ->
+    {starl_world_injection:air(Robot, Injection), starl_world_injection:senses(Robot, Injection)}.

@@ -111,7 +111,7 @@ observed(_Planned, Options) ->
 %% @doc Starts the world of a run.
 -spec start_link(config()) -> gen_server:start_ret().
 start_link(#{facts := Facts, clock := Clock} = Config) ->
-    starl_world_server:start_link(Config#{facts := starl_live_clock:dated(Facts, Clock)});
+    starl_world_server:start_link(Config#{facts := starl_live_clock:live_facts(Facts, Clock)});
 start_link(Config) ->
     starl_world_server:start_link(Config).
 

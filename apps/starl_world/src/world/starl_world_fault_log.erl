@@ -2,7 +2,7 @@
 %% pauses of robots whose nodes are halted, which begin where a robot stands. A pure module.
 -module(starl_world_fault_log).
 
--export([new/0, told/2, halt/3, stands/3, faults/2]).
+-export([new/0, entry/2, halt/3, stands/3, faults/2]).
 
 -export_type([t/0]).
 
@@ -19,9 +19,9 @@
 -spec new() -> t().
 new() -> #log{}.
 
-%% @doc A fault begins, or ends: as its watchers are told of it, as of one in a schedule.
--spec told(starl_world_faults:told(), t()) -> {starl_world_faults:told(), t()}.
-told({Is, Fault}, #log{faults = Faults} = Log) ->
+%% @doc The entry of a fault that begins, or ends: its watchers are told of it as of one in a schedule.
+-spec entry(starl_world_faults:told(), t()) -> {starl_world_faults:told(), t()}.
+entry({Is, Fault}, #log{faults = Faults} = Log) ->
     Own = setelement(6, Fault, maps:remove(in_time, element(6, Fault))),
     {{Is, Own}, Log#log{faults = [Own | lists:keydelete(element(1, Own), 1, Faults)]}}.
 

@@ -1,7 +1,7 @@
-%% @doc The faults of a run in real time: those of its schedule, and those by hand ({@link
-%% starl_run_hand}). It knows which last, what each robot hears and senses by them, and what is to be done
-%% when one begins or ends. {@link starl_world_play} tells the world; who runs the robots does the rest, in this
-%% VM ({@link starl_world_robots}) or on nodes ({@link starl_cluster_faults}). A pure module.
+%% @doc The faults of a run in real time: those of its schedule, and those by hand ({@link starl_run_hand}).
+%% It knows which last, what each robot hears and senses by them, and what is to be done when one begins or
+%% ends. {@link starl_world_injection} tells the world; who runs the robots does the rest, in this VM
+%% ({@link starl_world_robots}) or on nodes ({@link starl_cluster_faults}). A pure module.
 %% ```
 %%     begins -- effects --> lasts -- over, its time or a heal -- effects --> ended
 %%     reboot, lost store:   the robot is down until then, and the fault has ended when it is up again

@@ -1,5 +1,5 @@
 %% @doc The robots of a live run in one VM, and the faults that are played with them, by hand or of a
-%% schedule ({@link starl_world_play}): as the nodes of a cluster a robot is killed and starts anew with
+%% schedule ({@link starl_world_injection}): as the nodes of a cluster a robot is killed and starts anew with
 %% its store, without it or with an old one, as after a reboot; links are cut; senses fail. What lasts
 %% holds for a robot that has started anew, too.
 -module(starl_world_robots).
@@ -25,7 +25,7 @@
     sups = #{} :: #{starl:robot_id() => pid()},
     %% the monitors of their links
     watched = #{} :: #{reference() => starl:robot_id()},
-    play :: starl_world_play:t()
+    injection :: starl_world_injection:t()
 }).
 
 %% A robot whose link starts anew is asked for it until it has one.
@@ -57,9 +57,9 @@ stop(Robots) ->
 init({Specs, #{schedule := Schedule} = Run}) ->
     _ = process_flag(trap_exit, true),
     Ids = lists:sort(maps:keys(Specs)),
-    Play = starl_world_play:new(Ids, Run),
-    AtOnce = starl_world_play:planned(Schedule, Play),
-    Robots = lists:foldl(fun played/2, #robots{specs = Specs, play = Play}, AtOnce),
+    Injection = starl_world_injection:new(Ids, Run),
+    AtOnce = starl_world_injection:planned(Schedule, Injection),
+    Robots = lists:foldl(fun played/2, #robots{specs = Specs, injection = Injection}, AtOnce),
     case start_all(Ids, Robots) of
         {ok, _} = Started -> Started;
         {{error, Reason}, _} -> {stop, Reason}
@@ -73,32 +73,32 @@ start_all([Id | Ids], Robots) ->
         {{error, _}, _} = Error -> Error
     end.
 
-start(Id, #robots{specs = Specs, sups = Sups, play = Play} = Robots) ->
+start(Id, #robots{specs = Specs, sups = Sups, injection = Injection} = Robots) ->
     #{Id := Spec} = Specs,
-    {Fate, Fated} = starl_world_play:fate(Id, Play),
+    {Fate, Fated} = starl_world_injection:fate(Id, Injection),
     ok = starl_world_store:before_start(Fate, Spec),
     case starl_live_robot:start_link(Spec) of
         {ok, Sup} ->
-            Up = starl_world_play:up(Id, Fated),
-            {ok, watch(Id, Robots#robots{sups = Sups#{Id => Sup}, play = Up})};
+            Up = starl_world_injection:up(Id, Fated),
+            {ok, watch(Id, Robots#robots{sups = Sups#{Id => Sup}, injection = Up})};
         {error, _} = Error ->
-            {Error, Robots#robots{play = Fated}}
+            {Error, Robots#robots{injection = Fated}}
     end.
 
 -spec handle_call(term(), gen_server:from(), #robots{}) ->
     {reply, answer() | pid() | none, #robots{}}.
 handle_call({link, Id}, _From, Robots) ->
     {reply, link_of(Id, Robots), Robots};
-handle_call({act, Hands}, _From, #robots{play = Play} = Robots) ->
-    case starl_world_play:check(Hands, Play) of
+handle_call({act, Hands}, _From, #robots{injection = Injection} = Robots) ->
+    case starl_world_injection:check(Hands, Injection) of
         ok ->
             {Answers, Next} = lists:mapfoldl(fun hand/2, Robots, Hands),
             {reply, lists:last(Answers), Next};
         {error, _} = Error ->
             {reply, Error, Robots}
     end;
-handle_call({heal, What}, _From, #robots{play = Play} = Robots) ->
-    {reply, ok, lists:foldl(fun over/2, Robots, starl_world_play:healable(What, Play))}.
+handle_call({heal, What}, _From, #robots{injection = Injection} = Robots) ->
+    {reply, ok, lists:foldl(fun over/2, Robots, starl_world_injection:healable(What, Injection))}.
 
 -spec handle_cast(term(), #robots{}) -> {noreply, #robots{}}.
 handle_cast(_Request, Robots) -> {noreply, Robots}.
@@ -131,34 +131,34 @@ shut_down(Sup) ->
     starl_sim_stop:shutdown(Sup, infinity).
 
 %% It has started anew too often; the others go on.
-given_up(Id, #robots{play = Play}) ->
+given_up(Id, #robots{injection = Injection}) ->
     Report = #{what => robot_given_up, robot => Id},
     logger:error(Report, #{robot => Id, report_cb => fun given_up/1}),
-    starl_world:dead(starl_world_play:world(Play), Id).
+    starl_world:dead(starl_world_injection:world(Injection), Id).
 
 given_up(#{robot := Id}) -> {"robot ~b has started anew too often, and is given up", [Id]}.
 
 %% -- faults ---------------------------------------------------------------------------------
 
-hand(Hand, #robots{play = Play} = Robots) ->
-    {Fault, Named} = starl_world_play:hand(Hand, Play),
-    begins(Fault, Robots#robots{play = Named}).
+hand(Hand, #robots{injection = Injection} = Robots) ->
+    {Fault, Named} = starl_world_injection:hand(Hand, Injection),
+    begins(Fault, Robots#robots{injection = Named}).
 
 %% One of the schedule.
 played(Fault, Robots) ->
     {Answer, Next} = begins(Fault, Robots),
-    _ = [starl_world_play:not_played(Fault, Why) || {error, Why} <- [Answer]],
+    _ = [starl_world_injection:not_played(Fault, Why) || {error, Why} <- [Answer]],
     Next.
 
-begins(Fault, #robots{play = Play} = Robots) ->
-    case starl_world_play:begins(Fault, Play) of
-        {ok, Effects, Next} -> effects(Effects, Robots#robots{play = Next});
+begins(Fault, #robots{injection = Injection} = Robots) ->
+    case starl_world_injection:begins(Fault, Injection) of
+        {ok, Effects, Next} -> effects(Effects, Robots#robots{injection = Next});
         {error, _} = Error -> {Error, Robots}
     end.
 
-over(Id, #robots{play = Play} = Robots) ->
-    {Effects, Next} = starl_world_play:over(Id, Play),
-    {_, Last} = effects(Effects, Robots#robots{play = Next}),
+over(Id, #robots{injection = Injection} = Robots) ->
+    {Effects, Next} = starl_world_injection:over(Id, Injection),
+    {_, Last} = effects(Effects, Robots#robots{injection = Next}),
     Last.
 
 %% An error is what is answered.
@@ -173,19 +173,19 @@ effects(Effects, Robots) ->
     ).
 
 %% Pauses and full disks need nodes.
--spec does(starl_world_play:effect(), #robots{}) -> {answer(), #robots{}}.
+-spec does(starl_world_injection:effect(), #robots{}) -> {answer(), #robots{}}.
 does({kill, Id}, Robots) ->
     does({start, Id}, killed(Id, Robots));
-does({start, Id}, #robots{sups = Sups, play = Play} = Robots) ->
-    case is_map_key(Id, Sups) orelse starl_world_play:is_down(Id, Play) of
+does({start, Id}, #robots{sups = Sups, injection = Injection} = Robots) ->
+    case is_map_key(Id, Sups) orelse starl_world_injection:is_down(Id, Injection) of
         true ->
             {ok, Robots};
         false ->
             {Started, Next} = start(Id, Robots),
             {answer(Id, Started), Next}
     end;
-does({dead, Id}, #robots{play = Play} = Robots) ->
-    {starl_world:dead(starl_world_play:world(Play), Id), Robots};
+does({dead, Id}, #robots{injection = Injection} = Robots) ->
+    {starl_world:dead(starl_world_injection:world(Injection), Id), Robots};
 does({machine, Id, Name}, Robots) ->
     _ = [starl_live_link:kill(Link, Name) || Link <- [link_of(Id, Robots)], Link =/= none],
     {ok, Robots};
@@ -255,13 +255,13 @@ watch(Id, #robots{sups = Sups, watched = Watched} = Robots) ->
             Next
     end.
 
-aired(Id, #robots{play = Play} = Robots) ->
+aired(Id, #robots{injection = Injection} = Robots) ->
     case link_of(Id, Robots) of
         none ->
             ok;
         Link ->
-            ok = starl_live_link:sense_faults(Link, starl_world_play:senses(Id, Play)),
-            set_air(Link, starl_world_play:air(Id, Play))
+            ok = starl_live_link:sense_faults(Link, starl_world_injection:senses(Id, Injection)),
+            set_air(Link, starl_world_injection:air(Id, Injection))
     end.
 
 set_air(Link, Air) ->

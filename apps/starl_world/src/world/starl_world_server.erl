@@ -282,7 +282,7 @@ fault({_, Fault} = Told, #world{positioning = Positioning} = World) ->
     end.
 
 tell(Told, #world{judge = Judge, observer = Observer, faults = Faults} = World) ->
-    {Own, Log} = starl_world_fault_log:told(Told, Faults),
+    {Own, Log} = starl_world_fault_log:entry(Told, Faults),
     ok = starl_observer:tell({fault, now_us(World), Own}, Observer),
     World#world{judge = starl_world_judge:faults([Own], Judge), faults = Log}.
 

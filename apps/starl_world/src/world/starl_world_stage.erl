@@ -67,6 +67,6 @@ robot_on_node(Id, Reporter, #{clock := Clock, options := Options} = Stage) ->
     maps:merge(robot(Id, Stage), maps:merge(Own, recorder(Clock, Options))).
 
 recorder(Clock, #{recorder := {Module, Own}, facts := Facts}) ->
-    #{recorder => {Module, Own#{facts => starl_live_clock:dated(Facts, Clock)}}};
+    #{recorder => {Module, Own#{facts => starl_live_clock:live_facts(Facts, Clock)}}};
 recorder(_Clock, #{}) ->
     #{}.

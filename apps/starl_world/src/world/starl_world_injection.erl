@@ -1,12 +1,12 @@
-%% @doc The play of a run's faults in real time: the clock that says when, the world that is told of each,
-%% and those that last ({@link starl_world_faults}). Who runs the robots, in this VM ({@link
-%% starl_world_robots}) or on nodes ({@link starl_cluster_faults}), has one, and carries out the effects
-%% that it gives. The process that has it gets these messages in their time:
+%% @doc The injection of a run's faults in real time: the clock that says when, the world that is told of
+%% each, and those that last ({@link starl_world_faults}). Who runs the robots, in this VM
+%% ({@link starl_world_robots}) or on nodes ({@link starl_cluster_faults}), has one, and carries out the
+%% effects that it gives. The process that has it gets these messages in their time:
 %% ```
 %%     {begins, Fault}    the time of a fault of the schedule --> begins/2
 %%     {over, Id}         the time of a fault is over         --> over/2
 %% '''
--module(starl_world_play).
+-module(starl_world_injection).
 
 -export([new/2, planned/2, at/3, begins/2, not_played/2, hand/2, unnamed/2, over/2, up/2, fate/2]).
 -export([check/2, air/2, senses/2, is_down/2, is_full/2, healable/2, real_ms/2, world/1]).
@@ -18,7 +18,7 @@
     world := pid(), clock := starl_live_clock:t(), speed := number(), atom() => term()
 }.
 
--record(play, {
+-record(injection, {
     robots :: [starl:robot_id()],
     world :: pid(),
     clock :: starl_live_clock:t(),
@@ -26,7 +26,7 @@
     faults :: starl_world_faults:t()
 }).
 
--opaque t() :: #play{}.
+-opaque t() :: #injection{}.
 
 %% An effect of {@link starl_world_faults:effect()} that is left to who runs the robots.
 -type effect() ::
@@ -38,7 +38,7 @@
 %% @doc No fault has begun.
 -spec new([starl:robot_id()], run()) -> t().
 new(Robots, #{world := World, clock := Clock, speed := Speed}) ->
-    #play{
+    #injection{
         robots = Robots,
         world = World,
         clock = Clock,
@@ -48,40 +48,40 @@ new(Robots, #{world := World, clock := Clock, speed := Speed}) ->
 
 %% @doc The faults of a schedule that begin before any robot does. The others come as messages, in their time.
 -spec planned([starl_run_fault:t()], t()) -> AtOnce :: [starl_run_fault:t()].
-planned(Schedule, Play) ->
+planned(Schedule, Injection) ->
     {AtOnce, InTime} = starl_world_faults:from_the_start(Schedule),
-    ok = lists:foreach(fun(Fault) -> at(element(2, Fault), {begins, Fault}, Play) end, InTime),
+    ok = lists:foreach(fun(Fault) -> at(element(2, Fault), {begins, Fault}, Injection) end, InTime),
     AtOnce.
 
 %% @doc This process gets a message at this time of the run.
 -spec at(Ms :: integer(), Message :: term(), t()) -> ok.
-at(Ms, Message, #play{clock = Clock}) ->
+at(Ms, Message, #injection{clock = Clock}) ->
     At = starl_live_clock:monotonic_ms(1000 * Ms, Clock),
     _ = erlang:send_after(At, self(), Message, [{abs, true}]),
     ok.
 
-now_ms(#play{clock = Clock}) -> starl_live_clock:now_us(Clock) div 1000.
+now_ms(#injection{clock = Clock}) -> starl_live_clock:now_us(Clock) div 1000.
 
 %% @doc A fault begins now: the world is told, and may not have it.
 -spec begins(starl_run_fault:t(), t()) -> {ok, [effect()], t()} | {error, unicode:chardata()}.
-begins(Fault, #play{faults = Faults} = Play) ->
-    {Told, Effects, Next} = starl_world_faults:begins(Fault, now_ms(Play), Faults),
-    case told(Told, Play) of
-        ok -> {ok, left(Effects, Play), Play#play{faults = Next}};
+begins(Fault, #injection{faults = Faults} = Injection) ->
+    {Told, Effects, Next} = starl_world_faults:begins(Fault, now_ms(Injection), Faults),
+    case told(Told, Injection) of
+        ok -> {ok, left(Effects, Injection), Injection#injection{faults = Next}};
         {error, _} = Error -> Error
     end.
 
 told([], _Play) ->
     ok;
-told([Told | More], #play{world = World} = Play) ->
+told([Told | More], #injection{world = World} = Injection) ->
     case starl_world:fault(World, Told) of
-        ok -> told(More, Play);
+        ok -> told(More, Injection);
         {error, _} = Error -> Error
     end.
 
 %% The end of a fault is a message to this process; the rest is for others to do.
-left(Effects, Play) ->
-    ok = lists:foreach(fun({due, Ms, Id}) -> at(Ms, {over, Id}, Play) end, [
+left(Effects, Injection) ->
+    ok = lists:foreach(fun({due, Ms, Id}) -> at(Ms, {over, Id}, Injection) end, [
         Due
      || {due, _, _} = Due <- Effects
     ]),
@@ -95,7 +95,7 @@ not_played(Fault, Why) ->
 
 %% @doc Are there all the robots that hands name?
 -spec check([starl_run_hand:t()], t()) -> ok | {error, unicode:chardata()}.
-check(Hands, #play{robots = Robots}) ->
+check(Hands, #injection{robots = Robots}) ->
     Named = lists:usort(lists:append([starl_run_hand:robots(Hand) || Hand <- Hands])),
     case Named -- Robots of
         [] -> ok;
@@ -104,61 +104,62 @@ check(Hands, #play{robots = Robots}) ->
 
 %% @doc The fault that a hand does now.
 -spec hand(starl_run_hand:t(), t()) -> {starl_run_fault:t(), t()}.
-hand(Hand, #play{speed = Speed, faults = Faults} = Play) ->
-    {Fault, Named} = starl_world_faults:named(Hand, now_ms(Play), Speed, Faults),
-    {Fault, Play#play{faults = Named}}.
+hand(Hand, #injection{speed = Speed, faults = Faults} = Injection) ->
+    {Fault, Named} = starl_world_faults:named(Hand, now_ms(Injection), Speed, Faults),
+    {Fault, Injection#injection{faults = Named}}.
 
 %% @doc A name for a fault that has none.
 -spec unnamed(Prefix :: string(), t()) -> {atom(), t()}.
-unnamed(Prefix, #play{faults = Faults} = Play) ->
+unnamed(Prefix, #injection{faults = Faults} = Injection) ->
     {Id, Named} = starl_world_faults:unnamed(Prefix, Faults),
-    {Id, Play#play{faults = Named}}.
+    {Id, Injection#injection{faults = Named}}.
 
 %% @doc The time of a fault is over, or it is healed.
 -spec over(Id :: atom(), t()) -> {[effect()], t()}.
-over(Id, #play{faults = Faults} = Play) ->
-    {Told, Effects, Next} = starl_world_faults:over(Id, now_ms(Play), Faults),
-    _ = told(Told, Play),
-    {left(Effects, Play), Play#play{faults = Next}}.
+over(Id, #injection{faults = Faults} = Injection) ->
+    {Told, Effects, Next} = starl_world_faults:over(Id, now_ms(Injection), Faults),
+    _ = told(Told, Injection),
+    {left(Effects, Injection), Injection#injection{faults = Next}}.
 
 %% @doc A robot is up: what had sent it down has ended.
 -spec up(starl:robot_id(), t()) -> t().
-up(Robot, #play{faults = Faults} = Play) ->
-    {Told, Up} = starl_world_faults:up(Robot, now_ms(Play), Faults),
-    ok = told(Told, Play),
-    Play#play{faults = Up}.
+up(Robot, #injection{faults = Faults} = Injection) ->
+    {Told, Up} = starl_world_faults:up(Robot, now_ms(Injection), Faults),
+    ok = told(Told, Injection),
+    Injection#injection{faults = Up}.
 
 %% @doc What becomes of the store of a robot that starts now.
 -spec fate(starl:robot_id(), t()) -> {starl_world_faults:fate(), t()}.
-fate(Robot, #play{faults = Faults} = Play) ->
+fate(Robot, #injection{faults = Faults} = Injection) ->
     {Fate, Fated} = starl_world_faults:fate(Robot, Faults),
-    {Fate, Play#play{faults = Fated}}.
+    {Fate, Injection#injection{faults = Fated}}.
 
 %% @doc The air of a robot.
 -spec air(starl:robot_id(), t()) -> starl_live_air:settings().
-air(Robot, #play{speed = Speed, faults = Faults}) -> starl_world_faults:air(Robot, Speed, Faults).
+air(Robot, #injection{speed = Speed, faults = Faults}) ->
+    starl_world_faults:air(Robot, Speed, Faults).
 
 %% @doc The faults of a robot's senses.
 -spec senses(starl:robot_id(), t()) -> starl_live_sense_fault:faults().
-senses(Robot, #play{faults = Faults}) -> starl_world_faults:senses(Robot, Faults).
+senses(Robot, #injection{faults = Faults}) -> starl_world_faults:senses(Robot, Faults).
 
 %% @doc Must a robot not start now?
 -spec is_down(starl:robot_id(), t()) -> boolean().
-is_down(Robot, #play{faults = Faults} = Play) ->
-    starl_world_faults:is_down(Robot, now_ms(Play), Faults).
+is_down(Robot, #injection{faults = Faults} = Injection) ->
+    starl_world_faults:is_down(Robot, now_ms(Injection), Faults).
 
 %% @doc Is the disk of a robot full?
 -spec is_full(starl:robot_id(), t()) -> boolean().
-is_full(Robot, #play{faults = Faults}) -> starl_world_faults:is_full(Robot, Faults).
+is_full(Robot, #injection{faults = Faults}) -> starl_world_faults:is_full(Robot, Faults).
 
 %% @doc The names of the faults that can be healed.
 -spec healable(starl_run_hand:heal(), t()) -> [atom()].
-healable(What, #play{faults = Faults}) -> starl_world_faults:healable(What, Faults).
+healable(What, #injection{faults = Faults}) -> starl_world_faults:healable(What, Faults).
 
 %% @doc A time of the run by the computer's clock.
 -spec real_ms(Ms :: number(), t()) -> float().
-real_ms(Ms, #play{speed = Speed}) -> Ms / Speed.
+real_ms(Ms, #injection{speed = Speed}) -> Ms / Speed.
 
 %% @doc The world of the run.
 -spec world(t()) -> pid().
-world(#play{world = World}) -> World.
+world(#injection{world = World}) -> World.

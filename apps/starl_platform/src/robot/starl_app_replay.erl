@@ -1,7 +1,7 @@
-%% @doc What has come to a sequential application since its step began, and the application as data: as its
-%% step began, with all that has come since. A stack is no data: the step is taken anew, with the same
-%% events, and what it does until then is not done again. Pure; a part of {@link starl_app_turn}.
--module(starl_app_log).
+%% @doc The replay of a sequential application's step: what has come to it since the step began, and the
+%% application as data, as it was then. A stack is no data: the step is taken anew, with the same events, and
+%% what it does until then is not done again. Pure; a part of {@link starl_app_turn}.
+-module(starl_app_replay).
 
 -export([new/0, add/2, entries/1]).
 
