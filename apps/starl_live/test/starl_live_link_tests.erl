@@ -309,8 +309,8 @@ timers_are_rounded_up_test() ->
     [Rings(1, Us, 250) || Us <- [1, 750, 751, 1500, 1750]],
     [Rings(2, Us, 3000) || Us <- [1, 2000, 2002, 3999]].
 
-%% A timer that comes more than 0.2 s late tells of the computer, before it is handled: one fact of all that was due
-%% in that time.
+%% A timer that is not handled more than 0.2 s after it was due tells of the computer, before anything else is
+%% handled: one fact of all that was due in that time.
 a_computer_that_is_late_is_told_of_test() ->
     starl_platform_ct:quietly(fun() ->
         linked(1, #{sink => self()}, fun(Link, Times) ->
@@ -326,6 +326,16 @@ a_computer_that_is_late_is_told_of_test() ->
             ?assertEqual([{late, 220_000, 420_001}], Rings(10_000, 420_001)),
             ?assertEqual([], Rings(10_000, 630_001)),
             ?assertEqual([{late, 640_001, 1_630_001}], Rings(10_000, 1_630_001)),
+            %% what comes before it is handled late, too; a timer that does not run any more is not late
+            Waits = timer({wake, 10_000}, Link),
+            ok = set(1_840_002, 0, Times),
+            1_840_002 = took(before_it, Link),
+            ?assertEqual([{late, 1_640_001, 1_840_002}], facts()),
+            Again = timer({wake, 500_000}, Link),
+            ok = set(2_240_002, 0, Times),
+            _ = [Link ! {timeout, make_ref(), Timer} || Timer <- [Waits, Again]],
+            2_240_002 = took(sync, Link),
+            ?assertEqual([], facts()),
             ok
         end)
     end).

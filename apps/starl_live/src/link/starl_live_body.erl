@@ -27,7 +27,17 @@
     tell_start/2
 ]).
 -export([
-    handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2, perform/3, stop/1
+    handles/4,
+    clock/1,
+    present/1,
+    base/3,
+    trace/3,
+    plan/5,
+    due_us/2,
+    store/3,
+    ended/2,
+    perform/3,
+    stop/1
 ]).
 -export([reload/3, take_back/3, fallen/3, gone/3]).
 -export([is_kept/1, input/2, snapshot/2]).
@@ -110,8 +120,9 @@
     histories = [] :: [starl_machine:name()],
     %% are snapshots told, and has the first one been? then all that comes to the robot is told, too
     kept = no :: no | asked | begun,
-    %% if so: the timers by their marks, and the last script of the chassis
+    %% the timers by their marks
     dues = #{} :: #{starl_robot_timers:mark() => due()},
+    %% the last script of the chassis, if snapshots are told
     script = none ::
         {AtUs :: integer(), starl_chassis:script(), {starl_machine:name(), term()}} | none
 }).
@@ -592,19 +603,24 @@ noted(Fact, #body{traces = Traces} = Body) -> at_once(Body#body{traces = [Fact |
 at_once(#body{tell = at_once} = Body) -> tell(Body);
 at_once(#body{tell = step} = Body) -> Body.
 
-%% @doc Plans a timer's event: the link gets `{timeout, _, {starl_timer, Name, Timer, Mark, DueUs,
+%% @doc Plans a timer's event: the link gets `{timeout, _, {starl_timer, Name, Timer, Mark,
 %% Content}}'. The time is rounded up to a millisecond.
 -spec plan(starl_machine:name(), starl_robot_timers:timer(), non_neg_integer(), term(), t()) ->
     {starl_robot_timers:mark(), t()}.
-plan(Name, Timer, Us, Content, #body{now = Now, clock = Clock, marks = Mark} = Body) ->
+plan(Name, Timer, Us, Content, #body{now = Now, clock = Clock, marks = Mark, dues = Dues} = Body) ->
     Due = starl_live_clock:monotonic_ms(Now + Us, Clock),
-    Message = {starl_timer, Name, Timer, Mark, Now + Us, Content},
+    Message = {starl_timer, Name, Timer, Mark, Content},
     At = max(Due, starl_live_clock:monotonic_time(millisecond, Clock)),
     _ = starl_live_clock:start_timer(At, Message, [{abs, true}], Clock),
-    {Mark, due(Mark, {Now + Us, Name, Timer, Content}, Body#body{marks = Mark + 1})}.
+    {Mark, Body#body{marks = Mark + 1, dues = Dues#{Mark => {Now + Us, Name, Timer, Content}}}}.
 
-due(_Mark, _Due, #body{kept = no} = Body) -> Body;
-due(Mark, Due, #body{dues = Dues} = Body) -> Body#body{dues = Dues#{Mark => Due}}.
+%% @doc When the first of these timers, which run, was due; the present time, if none is. All others are
+%% forgotten.
+-spec due_us([starl_robot_timers:mark()], t()) -> {DueUs :: integer(), t()}.
+due_us(Running, #body{dues = Dues, now = Now} = Body) ->
+    Left = maps:with(Running, Dues),
+    First = maps:fold(fun(_Mark, {Due, _, _, _}, Us) -> min(Due, Us) end, Now, Left),
+    {First, Body#body{dues = Left}}.
 
 %% @doc Makes a term durable.
 -spec store(starl_machine:name(), term(), t()) -> {ok, t()} | full.

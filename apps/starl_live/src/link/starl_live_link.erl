@@ -85,7 +85,7 @@
 %% After this many watches in one step, an application is told of.
 -define(LONG_STEP, 3).
 -define(MOST_WAITING, 10000).
-%% A timer that comes so long after it was due breaks the assumption of contracts on computers, which have 250 ms.
+%% A timer that is not handled so long after it was due breaks the assumption of contracts, which is 250 ms.
 -define(LATE_US, 200000).
 
 %% An event that waits for its turn.
@@ -93,7 +93,6 @@
     {event, starl_robot:local()}
     | {timer, starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark(), term()}
     | {acts, pid(), [starl_machine:action()]}
-    | {late, DueUs :: integer(), AtUs :: integer()}
     | {reload, starl_reload:order(), pid()}
     | {take_back, starl_reload:count(), starl:robot_id()}.
 
@@ -350,8 +349,8 @@ handle_info({starl_done, _, Pid, Actions}, #link{robot = Robot} = Link) ->
 handle_info({timeout, _, snapshot}, Link) ->
     ok = due_later(Link),
     {noreply, work(Link#link{is_due = true})};
-handle_info({timeout, _, {starl_timer, Name, Timer, Mark, Due, Content}}, Link) ->
-    {noreply, waits({timer, Name, Timer, Mark, Content}, late_by(Due, Link))};
+handle_info({timeout, _, {starl_timer, Name, Timer, Mark, Content}}, Link) ->
+    {noreply, waits({timer, Name, Timer, Mark, Content}, Link)};
 handle_info({starl_attach, _, Name, _} = Attach, #link{robot = Robot} = Link) ->
     %% the end of its predecessor is on its way
     case starl_robot_machines:process(Name, starl_robot:machines(Robot)) of
@@ -394,16 +393,6 @@ heard(Events, Link) ->
 
 all_wait(Events, Link) ->
     lists:foldl(fun(Event, L) -> waits({event, Event}, L) end, Link, Events).
-
-%% A timer that comes much too late tells of its computer. One fact tells of all that were due in that time.
-late_by(Due, #link{clock = Clock, late_us = Before, waiting = Waiting} = Link) ->
-    Now = starl_live_clock:now_us(Clock),
-    case max(Due, Before) of
-        Since when Now - Since > ?LATE_US ->
-            Link#link{late_us = Now, waiting = queue:in({late, Since, Now}, Waiting)};
-        _InTime ->
-            Link
-    end.
 
 waits(Event, #link{waiting = Waiting} = Link) ->
     work(Link#link{waiting = queue:in(Event, Waiting)}).
@@ -459,13 +448,6 @@ handle({timer, Name, Timer, Mark, Content}, #link{robot = Robot} = Link) ->
         stale ->
             work(Link)
     end;
-handle({late, Since, At}, Link) ->
-    Why = io_lib:format("its computer was late by more than ~b ms", [?LATE_US div 1000]),
-    Report = #{what => late, machine => robot, reason => unicode:characters_to_binary(Why)},
-    logger:warning(Report, #{report_cb => fun report/1}),
-    {Body, #link{robot = Robot} = Now} = at_event(Link),
-    Told = starl_live_body:trace(robot, {late, Since, At}, Body),
-    work(Now#link{robot = starl_robot:world(Told, Robot)});
 handle({acts, Pid, Actions}, #link{beside = Beside} = Link) ->
     case {Beside, starl_robot_machines:name_of(Pid, machines(Link))} of
         {#{Pid := {_, Orders}}, {ok, Name}} ->
@@ -489,8 +471,27 @@ heeded(Words, Body, #link{robot = Robot} = Link) ->
     Local = [{Name, code, Word} || {Name, Word} <- There],
     went(starl_robot:run(starl_robot:then(Local, starl_robot:world(Told, Robot))), Link).
 
-at_event(#link{robot = Robot, turns = Turns} = Link) ->
-    {starl_live_body:at(event, starl_robot:world(Robot)), Link#link{turns = Turns + 1}}.
+%% A timer that should have been handled long ago tells of the computer. One fact tells of all that were due in
+%% that time.
+at_event(#link{robot = Robot, turns = Turns, late_us = Before} = Link) ->
+    Marks = starl_robot_timers:marks(starl_robot:timers(Robot)),
+    Present = starl_live_body:at(event, starl_robot:world(Robot)),
+    {Due, Body} = starl_live_body:due_us(Marks, Present),
+    timely(max(Due, Before), Body, Link#link{turns = Turns + 1}).
+
+timely(Since, Body, Link) ->
+    case starl_live_body:now_us(Body) of
+        Now when Now - Since > ?LATE_US ->
+            ok = tell_late(),
+            {starl_live_body:trace(robot, {late, Since, Now}, Body), Link#link{late_us = Now}};
+        _Now ->
+            {Body, Link}
+    end.
+
+tell_late() ->
+    Why = io_lib:format("its computer was late by more than ~b ms", [?LATE_US div 1000]),
+    Report = #{what => late, machine => robot, reason => unicode:characters_to_binary(Why)},
+    logger:warning(Report, #{report_cb => fun report/1}).
 
 %% The result of an event, with all that followed from it.
 went({quiet, Robot}, Link) ->

@@ -20,7 +20,7 @@
 %% Machine `robot': `down' and `up' apply to the robot with all of its machines, which start anew; a
 %% robot that has `died' does not come back; `store_set_back': a fault has put the store of an earlier life
 %% in the place of the robot's. `late': a timer of a live robot was due at the first of
-%% these times, and came at the second: its computer stood still so long, or had too much else to do.
+%% these times, and was handled at the second: its computer stood still so long, or had too much else to do.
 -type robot() ::
     down
     | up

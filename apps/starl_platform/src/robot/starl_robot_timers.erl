@@ -3,7 +3,7 @@
 %% started anew meanwhile, is recognized by its mark, and dropped.
 -module(starl_robot_timers).
 
--export([new/0, start/4, cancel/3, expire/4, runs/4, forget/2, to_list/1, from_list/1]).
+-export([new/0, start/4, cancel/3, expire/4, runs/4, forget/2, marks/1, to_list/1, from_list/1]).
 -export([event_type/1]).
 
 -export_type([t/0, timer/0, mark/0]).
@@ -58,6 +58,10 @@ runs(Machine, Timer, Mark, Timers) ->
 %% @doc Forgets the timers of a machine that crashed.
 -spec forget(starl_machine:name(), t()) -> t().
 forget(Machine, Timers) -> maps:remove(Machine, Timers).
+
+%% @doc The marks of all running timers.
+-spec marks(t()) -> [mark()].
+marks(Timers) -> [Mark || Own <- maps:values(Timers), Mark <- maps:values(Own)].
 
 %% @doc All running timers, in the order of their names.
 -spec to_list(t()) -> [{starl_machine:name(), timer(), mark()}].
