@@ -60,6 +60,21 @@ the_seed_of_the_team_stays_test_() ->
         ?assertNotEqual(Before, After)
     end}.
 
+%% What robots are about to do when a run begins is how it begins, and no draw of a future: else the first
+%% start of a robot's application would be what decides.
+the_first_start_is_no_draw_test_() ->
+    {timeout, 60, fun() ->
+        Branch = #{counts => #{}, salt => 1, loss => 0.1, faults => []},
+        {ok, {_, _, #{world := World}}} = starl_sim:plan(?SCENARIO, #{branch => Branch}),
+        Body = starl_sim_platform:new(2, {0.0, 0.0, 0.0}, World),
+        {0, Later} = starl_sim_branch:of_robot(2, World),
+        #{random := Before} = starl_sim_platform:base(app, 1, Body),
+        Turned = starl_sim_platform:turn_off(Later, Body),
+        ?assertMatch(#{random := Before}, starl_sim_platform:base(app, 1, Turned)),
+        #{random := Again} = starl_sim_platform:base(app, 2, Turned),
+        ?assertNotEqual(Before, Again)
+    end}.
+
 %% Faults that have begun stay, others begin at another time after the moment.
 faults_ahead_are_drawn_anew_test() ->
     Faults = [

@@ -25,6 +25,35 @@ a_share_that_falls_in_between_test() ->
     ?assertEqual({619, 620}, Step),
     ?assertMatch([{Low, High}] when Low < 100 andalso High >= 100, Others).
 
+%% In its first futures the share seems to rise most where it does not; that ends no search.
+a_rise_by_chance_hides_no_other_test() ->
+    Broken = fun
+        (M, K) when M >= 900, K =< 20 -> K =< 18;
+        (M, K) when M >= 900 -> K =< 62;
+        (M, K) when M >= 333 -> K rem 5 < 3;
+        (_, K) -> K rem 20 < 7
+    end,
+    Ask = fun(Questions) ->
+        {done, [
+            {M, tally_by(From, To, fun(K) -> Broken(M, K) end)}
+         || {M, {From, To}} <- Questions
+        ]}
+    end,
+    #{step := Step, complete := true, curve := Curve} = search_by(Ask),
+    ?assertEqual({332, 333}, Step),
+    ?assertMatch(#{futures := 100, broken := 60}, tally(900, Curve)).
+
+%% The share rises at one event and falls soon afterwards: the rise between the moments of the grid is
+%% lower than that at the event.
+a_rise_that_is_lost_soon_test() ->
+    Share = fun
+        (M) when M < 540 -> 15;
+        (M) when M < 550 -> 90;
+        (_) -> 60
+    end,
+    #{step := Step, complete := true} = search_by(fun(Q) -> answers(Q, Share) end),
+    ?assertEqual({539, 540}, Step).
+
 %% What is the same everywhere has no step, however often it breaks.
 no_step_test() ->
     [
@@ -88,10 +117,12 @@ answers(Questions, Share) ->
     {done, [{M, tally(From, To, Share(M))} || {M, {From, To}} <- Questions]}.
 
 %% The K-th future breaks the contract or not, the same at each moment with the same share.
-tally(From, To, Percent) ->
+tally(From, To, Percent) -> tally_by(From, To, fun(K) -> 37 * K rem 100 < Percent end).
+
+tally_by(From, To, Breaks) ->
     #{
         futures => To - From + 1,
-        broken => length([K || K <- lists:seq(From, To), 37 * K rem 100 < Percent]),
+        broken => length([K || K <- lists:seq(From, To), Breaks(K)]),
         other => 0,
         unjudged => 0,
         digests => [<<>>]

@@ -5,9 +5,19 @@
 %% step.
 -module(starl_lab_futures).
 
--export([ask/2]).
+-export([step/3, ask/2]).
 
--export_type([plan/0]).
+-export_type([search/0, plan/0]).
+
+%% Moments of the grid, futures of each; the rest as of a {@link plan()}.
+-type search() :: #{
+    moments := pos_integer(),
+    futures := pos_integer(),
+    salt := integer(),
+    jobs := pos_integer(),
+    interrupt := reference(),
+    progress := starl_cli_progress:t()
+}.
 
 %% The future of a moment and a salt, to be played in a process of its own; the time of a moment; the number
 %% from which the salts follow; the number of processes; the message that ends all; and the progress line.
@@ -33,6 +43,25 @@
     curve = #{} :: #{starl_sim_moments:moment() => starl_sim_inevitable:tally()},
     progress :: starl_cli_progress:t()
 }).
+
+%% @doc Searches for the step of the share of a run's futures ({@link starl_sim_inevitable}).
+%% A future that fails ends the search: `throw({future, Reason})'.
+-spec step(starl_sim_future:run(), starl_sim_future:settings(), search()) ->
+    starl_sim_inevitable:result().
+step(#{violation := #{at_us := AtUs}, moments := Moments} = Run, Settings, Search) ->
+    #{moments := N, futures := K} = Search,
+    Plan = (maps:with([salt, jobs, interrupt, progress], Search))#{
+        future => fun(Moment, Own) ->
+            Job = starl_sim_future:plan(Run, Moment, Own, Settings),
+            fun() -> starl_sim_future:play(Job) end
+        end,
+        time_us => fun(Moment) -> starl_sim_moments:time_us(Moment, Moments) end
+    },
+    starl_sim_inevitable:search(#{
+        grid => starl_sim_inevitable:grid(N, starl_sim_moments:at(AtUs, Moments), Moments),
+        futures => K,
+        ask => fun(Questions) -> ask(Questions, Plan) end
+    }).
 
 %% @doc Runs the futures that are asked for. `stopped': the interruption came before all were done.
 %% A future that fails ends the search: `throw({future, Reason})'.

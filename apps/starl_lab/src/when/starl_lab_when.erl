@@ -15,10 +15,6 @@
     values := map()
 }.
 
-%% A future ends this part of its time after the violation of the run, or this long, s.
--define(BEYOND, 0.25).
--define(LEAST_BEYOND_S, 0.1).
-
 -spec name() -> string().
 name() -> "when".
 
@@ -108,20 +104,16 @@ repeated(#{scenario := Scenario, digest := Known} = Setup) ->
             {error, [starl_sim_future:format_error(Reason)]}
     end.
 
-search(#{violation := Violation, moments := Moments} = Run, #{values := Values} = Setup) ->
+search(#{violation := Violation} = Run, #{values := Values} = Setup) ->
     starl_cli_terminal:out([starl_violation:format(Violation), "\n"]),
-    #{at_us := AtUs} = Violation,
-    #{futures := K, moments := N} = Values,
-    Settings = settings(Run, Values),
-    Plan = plan(Run, Settings, Values),
-    Last = starl_sim_moments:at(AtUs, Moments),
-    try
-        starl_sim_inevitable:search(#{
-            grid => starl_sim_inevitable:grid(N, Last, Moments),
-            futures => K,
-            ask => fun(Questions) -> starl_lab_futures:ask(Questions, Plan) end
-        })
-    of
+    Settings = settings(starl_sim_future:settings(Run), Run, Values),
+    Self = self(),
+    Interrupt = make_ref(),
+    starl_cli_signal:on_interrupt(fun() -> Self ! Interrupt end),
+    Search = (maps:with([moments, futures, salt, jobs], Values))#{
+        interrupt => Interrupt, progress => starl_cli_progress:new(how(Values))
+    },
+    try starl_lab_futures:step(Run, Settings, Search) of
         Result -> told(Result, Run, Settings, Setup)
     catch
         throw:{future, Reason} -> failed(Reason)
@@ -129,40 +121,14 @@ search(#{violation := Violation, moments := Moments} = Run, #{values := Values} 
         starl_cli_signal:on_interrupt(quit)
     end.
 
-plan(#{moments := Moments} = Run, Settings, #{salt := Salt, jobs := Jobs, quiet := Quiet}) ->
-    Self = self(),
-    Interrupt = make_ref(),
-    starl_cli_signal:on_interrupt(fun() -> Self ! Interrupt end),
-    How =
-        case Quiet of
-            true -> quiet;
-            false -> auto
-        end,
-    #{
-        future => fun(Moment, Own) ->
-            Job = starl_sim_future:plan(Run, Moment, Own, Settings),
-            fun() -> starl_sim_future:play(Job) end
-        end,
-        time_us => fun(Moment) -> starl_sim_moments:time_us(Moment, Moments) end,
-        salt => Salt,
-        jobs => Jobs,
-        interrupt => Interrupt,
-        progress => starl_cli_progress:new(How)
-    }.
+how(#{quiet := true}) -> quiet;
+how(#{quiet := false}) -> auto.
 
-settings(#{violation := #{at_us := AtUs}, loss := Loss}, Values) ->
-    At = AtUs / 1.0e6,
-    Beyond =
-        case Values of
-            #{beyond := none} -> max(?LEAST_BEYOND_S, ?BEYOND * At);
-            #{beyond := Seconds} -> Seconds
-        end,
-    Ahead =
-        case Values of
-            #{loss_ahead := none} -> Loss;
-            #{loss_ahead := Given} -> Given
-        end,
-    #{loss => Ahead, until_s => At + Beyond}.
+settings(Settings, #{violation := #{at_us := AtUs}}, #{beyond := Beyond, loss_ahead := Loss}) ->
+    Given =
+        [{until_s, AtUs / 1.0e6 + Beyond} || is_number(Beyond)] ++
+            [{loss, Loss} || is_number(Loss)],
+    maps:merge(Settings, maps:from_list(Given)).
 
 failed(Reason) ->
     starl_cli_progress:erase(),
@@ -187,15 +153,17 @@ told(Result, Run, Settings, #{target := Target, scenario := Scenario, out := Out
     written(Written, status(Result)).
 
 %% The command that shows the robot just after the event, or all when the fault begins.
-look(#{step := {_, Above}, complete := true}, #{moments := Moments}, Target, Scenario) ->
-    Until =
-        case starl_sim_moments:entry(Above, Moments) of
-            {AtUs, fault, _} -> io_lib:format(" --until ~.6f", [AtUs / 1.0e6]);
-            {_, Robot, #{n := N}} -> io_lib:format(" --until ~b:~b --inspect ~b", [Robot, N, Robot])
-        end,
-    ["look: ", starl_cli_setup:command_line("replay", Target, Scenario), Until, "\n"];
-look(_Result, _Run, _Target, _Scenario) ->
-    "".
+look(Result, #{moments := Moments} = Run, Target, Scenario) ->
+    case starl_lab_when_report:named(Result, Run) of
+        {_, Moment} ->
+            Replay = starl_cli_setup:command_line("replay", Target, Scenario),
+            ["look: ", Replay, until(starl_sim_moments:entry(Moment, Moments)), "\n"];
+        none ->
+            ""
+    end.
+
+until({AtUs, fault, _}) -> io_lib:format(" --until ~.6f", [AtUs / 1.0e6]);
+until({_, Robot, #{n := N}}) -> io_lib:format(" --until ~b:~b --inspect ~b", [Robot, N, Robot]).
 
 status(#{complete := false}) -> 130;
 status(#{step := none}) -> 4;

@@ -1,12 +1,12 @@
 %% @doc The answer of `./starl when' as text, as a table of comma-separated values, and as a plot.
 -module(starl_lab_when_report).
 
--export([new/3, text/2, csv/1, plot/1]).
+-export([new/3, named/2, event/1, sentence/1, text/2, csv/1, plot/1]).
 -export([share_text/1, share_cells/1, share_point/2, besides/1, plotted/3, fact/1, rise/2]).
 
 -export_type([t/0]).
 
-%% `facts': what the robot of the event did at that moment.
+%% `facts': what the robot of the named event did at that moment.
 -opaque t() :: #{
     result := starl_sim_inevitable:result(),
     run := starl_sim_future:run(),
@@ -22,24 +22,63 @@
 %% The depth to which terms are printed in one line.
 -define(DEPTH, 20).
 
-%% @doc The report of a search; looks up in the run what the robot of the step's event did.
+%% @doc The report of a search; looks up in the run what the robot of the named event did.
 -spec new(starl_sim_inevitable:result(), starl_sim_future:run(), starl_sim_future:settings()) ->
     t().
 new(Result, Run, Settings) ->
     #{result => Result, run => Run, settings => Settings, facts => facts(Result, Run)}.
 
-facts(#{step := {_, Above}, complete := true}, #{moments := Moments} = Run) ->
-    case starl_sim_moments:entry(Above, Moments) of
-        {_, fault, _} ->
-            [];
-        {AtUs, Robot, _} ->
+facts(Result, #{moments := Moments} = Run) ->
+    case entry(named(Result, Run), Moments) of
+        {AtUs, Robot, #{n := _}} ->
             case starl_sim_future:facts(Run, {AtUs, Robot}) of
                 {ok, Facts} -> Facts;
                 {error, _} -> []
-            end
-    end;
-facts(_Result, _Run) ->
-    [].
+            end;
+        _ ->
+            []
+    end.
+
+entry(none, _Moments) -> none;
+entry({_, Moment}, Moments) -> starl_sim_moments:entry(Moment, Moments).
+
+%% @doc The moment just after the event that the answer names: the one at the step; where all futures break the
+%% contract from the start on, that at which the run does.
+-spec named(starl_sim_inevitable:result(), starl_sim_future:run()) ->
+    {step | violation, starl_sim_moments:moment()} | none.
+named(#{complete := false}, _Run) ->
+    none;
+named(#{step := {_, Above}}, _Run) ->
+    {step, Above};
+named(#{step := none, curve := Curve}, #{violation := Violation, moments := Moments}) ->
+    #{at_us := AtUs, robots := Robots, contract := Contract} = Violation,
+    Always = lists:all(fun({_, #{futures := N, broken := Broken}}) -> N =:= Broken end, Curve),
+    case Always andalso starl_sim_moments:events_at(AtUs, Robots, Moments) of
+        [_ | _] = Events -> {violation, broken_by(Contract, Events)};
+        _ -> none
+    end.
+
+%% Of the events of one time the last one of the machine that the contract is about, if there is one.
+broken_by(Contract, Events) ->
+    Own = [Moment || {Moment, {_, _, #{machine := Machine}}} <- Events, Machine =:= Contract],
+    lists:last([Moment || {Moment, _} <- Events, Own =:= []] ++ Own).
+
+%% @doc The event that the answer names, with what its robot traced and sent then.
+-spec event(t()) -> {starl_sim_moments:entry(), [{starl_machine:name(), term()}]} | none.
+event(#{result := Result, run := #{moments := Moments} = Run, facts := Facts}) ->
+    case entry(named(Result, Run), Moments) of
+        none -> none;
+        Entry -> {Entry, Facts}
+    end.
+
+%% @doc An event in a line.
+-spec sentence(starl_sim_moments:entry()) -> unicode:chardata().
+sentence({AtUs, fault, Fault}) ->
+    io_lib:format("~.6f s  a fault begins: ~0tp", [AtUs / 1.0e6, Fault]);
+sentence({AtUs, Robot, #{n := N, machine := Machine, type := Type}}) ->
+    io_lib:format("~.6f s  robot ~b, event ~b: ~ts ~ts", [
+        AtUs / 1.0e6, Robot, N, Machine, handles(Type)
+    ]).
 
 %% @doc The report for a terminal of this width.
 -spec text(t(), Width :: pos_integer()) -> unicode:chardata().
@@ -100,8 +139,14 @@ answer(#{complete := false, step := {Low, High}}, #{run := #{moments := Moments}
         starl_sim_moments:time_us(M, Moments) / 1.0e6
      || M <- [Low, High]
     ]);
-answer(#{step := none, curve := [{_, First} | _] = Curve}, _Report, Width) ->
-    wrapped(flat(count(First), lists:usort([D || {_, #{digests := Ds}} <- Curve, D <- Ds])), Width);
+answer(#{step := none, curve := [{_, First} | _] = Curve} = Result, Report, Width) ->
+    #{run := #{moments := Moments} = Run} = Report,
+    {_, Last} = lists:last(Curve),
+    Digests = lists:usort([D || {_, #{digests := Ds}} <- Curve, D <- Ds]),
+    [
+        wrapped(flat(count(First), count(Last), Digests), Width),
+        shows(entry(named(Result, Run), Moments), Report, Width)
+    ];
 answer(#{step := {Low, High}, curve := Curve}, #{run := #{moments := Moments}} = Report, Width) ->
     {_, Below} = lists:keyfind(Low, 1, Curve),
     {_, Above} = lists:keyfind(High, 1, Curve),
@@ -111,23 +156,39 @@ answer(#{step := {Low, High}, curve := Curve}, #{run := #{moments := Moments}} =
             Width
         ),
         event(starl_sim_moments:entry(High, Moments), Report, Width),
-        followers(High, Moments, Width)
+        followers(High, Report, Width)
     ].
 
-flat({0, _}, _Digests) ->
+%% With no event to blame, the one at which the contract is broken leads to the fault in the program.
+shows(none, _Report, _Width) -> "";
+shows(Entry, Report, Width) -> ["the run breaks it at\n", event(Entry, Report, Width)].
+
+flat({0, _}, {0, _}, _Digests) ->
     "the share rises nowhere: no future breaks the contract before the run does";
-flat({_, _}, [_]) ->
+flat(_First, _Last, [_]) ->
     "from the scenario: no draw changes anything, all futures are the run itself";
-flat({N, N}, _Digests) ->
+flat({N, N}, _Last, _Digests) ->
     "inevitable from the start: whatever is drawn, all futures break the contract, so the cause is "
     "in the scenario or the program";
-flat(Count, _Digests) ->
-    {Low, High} = starl_sim_proportion:interval(Count),
-    io_lib:format(
-        "the share rises nowhere beyond its intervals (at the start it is ~.2f-~.2f): no single "
-        "event decides; --futures makes the intervals smaller",
-        [Low, High]
-    ).
+flat(First, Last, _Digests) ->
+    Shares = [
+        element(I, starl_sim_proportion:interval(Count))
+     || Count <- [First, Last], I <- [1, 2]
+    ],
+    case starl_sim_proportion:are_apart(First, Last) of
+        true ->
+            io_lib:format(
+                "the share rises little by little, from ~.2f-~.2f at the start to ~.2f-~.2f: no "
+                "single event decides",
+                Shares
+            );
+        false ->
+            io_lib:format(
+                "the share rises nowhere beyond its intervals (at the start it is ~.2f-~.2f): no single "
+                "event decides; --futures makes the intervals smaller",
+                lists:sublist(Shares, 2)
+            )
+    end.
 
 %% @doc The shares before and after an event.
 -spec rise(starl_sim_inevitable:tally(), starl_sim_inevitable:tally()) -> unicode:chardata().
@@ -150,8 +211,8 @@ futures(Tally) ->
     {Low, High} = starl_sim_proportion:interval(Count),
     io_lib:format("~b of ~b futures (~.2f-~.2f)", [Broken, N, Low, High]).
 
-event({AtUs, fault, Fault}, _Report, _Width) ->
-    io_lib:format("  ~.6f s  a fault begins: ~0tp~n", [AtUs / 1.0e6, Fault]);
+event({_, fault, _} = Entry, _Report, _Width) ->
+    line(Entry);
 event({_, _, #{content := Content}} = Entry, #{facts := Facts}, Width) ->
     [
         line(Entry),
@@ -166,21 +227,32 @@ event({_, _, #{content := Content}} = Entry, #{facts := Facts}, Width) ->
         ]
     ].
 
-%% A fault shows in what its robots do next.
-followers(Moment, Moments, Width) ->
-    case starl_sim_moments:entry(Moment, Moments) of
-        {_, fault, Fault} ->
-            Robots = starl_run_fault:targets(Fault),
-            Next = starl_sim_moments:following(Moment, Robots, ?FOLLOWERS, Moments),
-            ["  and then:\n" | [cut(line(Entry), Width) || Entry <- Next]];
-        _ ->
-            ""
-    end.
+%% A fault shows in what its robots do next, a packet in what its receiver does.
+followers(Moment, #{run := #{moments := Moments}} = Report, Width) ->
+    Next =
+        case starl_sim_moments:entry(Moment, Moments) of
+            {_, fault, Fault} ->
+                Robots = starl_run_fault:targets(Fault),
+                starl_sim_moments:following(Moment, Robots, ?FOLLOWERS, Moments);
+            _ ->
+                lists:sublist(received(Report), ?FOLLOWERS)
+        end,
+    [
+        ["  and then:\n" | [[cut(["  ", sentence(Entry)], Width), "\n"] || Entry <- Next]]
+     || Next =/= []
+    ].
 
-line({AtUs, Robot, #{n := N, machine := Machine, type := Type}}) ->
-    io_lib:format("  ~.6f s  robot ~b, event ~b: ~ts ~ts~n", [
-        AtUs / 1.0e6, Robot, N, Machine, handles(Type)
-    ]).
+received(#{facts := Facts, run := #{moments := Moments}}) ->
+    Times = lists:usort([
+        {AtUs, To}
+     || {radio, {packet, To, _, _, {arrives, Copies}}} <- Facts, {AtUs, _} <- Copies
+    ]),
+    [
+        Entry
+     || {AtUs, To} <- Times, {_, Entry} <- starl_sim_moments:events_at(AtUs, [To], Moments)
+    ].
+
+line(Entry) -> ["  ", sentence(Entry), "\n"].
 
 handles(boot) -> "boots";
 handles({call, {From, _}}) -> io_lib:format("is called by ~0tp", [From]);

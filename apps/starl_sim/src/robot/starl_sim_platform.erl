@@ -234,8 +234,10 @@ base(Name, Incarnation, #body{id = Id, world = World} = Body) ->
     }.
 
 %% A restart begins another stream: a robot that has started anew does not know how far it had got.
-stream(Name, 1, #body{id = Id, world = #{seed := Seed}}) ->
-    erlang:phash2({Seed, Id, Name}, 1 bsl 32);
+%% The first one is the same in all branches of a run: what its applications are about to do is how
+%% a run begins, as the places of its robots, and no event of it.
+stream(Name, 1, #body{id = Id, world = World}) ->
+    erlang:phash2({team_seed(World), Id, Name}, 1 bsl 32);
 stream(Name, Incarnation, #body{id = Id, world = #{seed := Seed}}) ->
     erlang:phash2({Seed, Id, Name, Incarnation}, 1 bsl 32).
 

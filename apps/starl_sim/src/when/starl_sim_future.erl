@@ -4,13 +4,13 @@
 %% Drawn anew from the moment on: the loss, duplication, damage and delay of packets; the errors of
 %% drives and positions; what faults lose or delay; and when and where those faults strike that have
 %% not begun. Faults that drop single packets become random loss, as much as the run had. Not drawn
-%% anew: the random numbers of machines and applications that run, which are part of their states;
-%% clocks and their drift; the places at the start.
+%% anew: the random numbers of machines and applications until they restart, which are part of their
+%% states; clocks and their drift; the places at the start.
 %%
 %% Everything follows from the salt: the same salt gives the same future.
 -module(starl_sim_future).
 
--export([repeat/1, plan/4, play/1, facts/2, format_error/1]).
+-export([repeat/1, settings/1, plan/4, play/1, facts/2, format_error/1]).
 
 -export_type([run/0, settings/0, job/0, verdict/0, reason/0, parted/0]).
 
@@ -48,6 +48,9 @@
 %% A future that is not the run up to its moment.
 -type parted() :: {parted, starl:robot_id(), Event :: pos_integer()}.
 
+%% A future ends this part of its time after the violation of the run, or this long, s.
+-define(BEYOND, 0.25).
+-define(LEAST_BEYOND_S, 0.1).
 %% All events of a run are kept in memory.
 -define(MOST_EVENTS, 1000000).
 -define(ALL, {1, 1 bsl 40}).
@@ -96,6 +99,13 @@ started(Scenario, Options) ->
 loss(#{loss := Loss, faults := Faults}, Packets) ->
     Drops = length([Id || {Id, _, _, drop, _, _} <- Faults]),
     max(float(Loss), min(1.0, Drops / max(1, Packets))).
+
+%% @doc The settings of a run's futures where nobody has chosen others: they lose as many packets as
+%% the run, and end some time after its violation.
+-spec settings(run()) -> settings().
+settings(#{violation := #{at_us := AtUs}, loss := Loss}) ->
+    At = AtUs / 1.0e6,
+    #{loss => Loss, until_s => At + max(?LEAST_BEYOND_S, ?BEYOND * At)}.
 
 %% @doc Plans the future of this salt from a moment of a run.
 -spec plan(run(), starl_sim_moments:moment(), Salt :: integer(), settings()) -> job().

@@ -1,15 +1,16 @@
 %% @doc Finds the step of a share over the moments of a run: when did a violation become inevitable?
 %%
-%% First futures are run from a grid of moments. Then the search halves inside the largest rise of
-%% the share, until two moments are left with one event between them. The share need not grow all
-%% the time, since luck lowers it: so the grid comes first, and other rises are told.
+%% First futures are run from a grid of moments. Then the search halves the largest rise of the share
+%% between neighbours, wherever it is now, until it has one event between its two moments. The share
+%% need not grow all the time, since luck lowers it: so the grid comes first, and other rises are told.
 %%
 %% It knows futures only as a function from questions to counts, and draws nothing. The K-th future
 %% of each moment has the same salt, so what no event has changed between two moments comes out
 %% alike.
 %%
-%% Where the share rises by less than 0.6 over the whole step, each moment gets five times the
-%% futures: a moment is then put on the wrong side of a rise from 0.25 to 0.5 once in 10,000 times.
+%% Before a rise of less than 0.6 is halved, both its moments get five times the futures: in few of
+%% them a rise may be chance, and hide the true one; then another one is larger. A moment is put on
+%% the wrong side of a rise from 0.25 to 0.5 once in 10,000 times.
 -module(starl_sim_inevitable).
 
 -export([search/1, grid/3]).
@@ -41,7 +42,7 @@
 }.
 
 %% The curve, ascending; the step, between two neighbours if the search was completed, `none' if no
-%% rise is beyond its intervals; the other rises that are, largest first.
+%% rise between neighbours is beyond its intervals; the other rises that are, largest first.
 -type result() :: #{
     curve := curve(),
     step := step() | none,
@@ -81,38 +82,28 @@ grid(N, Last, Moments) ->
 -spec search(request()) -> result().
 search(#{grid := Grid, futures := K, ask := Ask} = Request) ->
     Fine = maps:get(fine, Request, 1),
-    Begun = asked(Grid, K, #search{ask = Ask, futures = K, fine = Fine}),
-    case steepest(curve(Begun)) of
-        none -> result(none, Begun);
-        Step -> doubted(Step, Begun)
+    climb(asked(Grid, K, #search{ask = Ask, futures = K, fine = Fine})).
+
+climb(#search{stopped = true} = Search) ->
+    result(steepest(Search), Search);
+climb(#search{fine = Fine} = Search) ->
+    case steepest(Search) of
+        none ->
+            result(none, Search);
+        {Low, High} = Step ->
+            K = enough(Step, Search),
+            case [M || M <- [Low, High], known(M, Search#search.curve) < K] of
+                [_ | _] = Few -> climb(asked(Few, K, Search));
+                [] when High - Low =< Fine -> result(Step, Search);
+                [] -> climb(asked([(Low + High) div 2], K, Search))
+            end
     end.
 
-%% A low rise may be chance: more futures tell.
-doubted({Low, High} = Step, Search) ->
-    #search{curve = Curve} = Sure = asked([Low, High], futures(Low, High, Search), Search),
-    case is_sure(Step, Curve) of
-        true -> descend(Step, Sure);
-        false -> result(none, Sure)
-    end.
-
-%% The share rises most between these two moments.
-descend(Step, #search{stopped = true} = Search) ->
-    result(Step, Search);
-descend({Low, High} = Step, #search{futures = K, fine = Fine} = Search) when High - Low =< Fine ->
-    result(Step, asked([Low, High], ?MORE * K, Search));
-descend({Low, High}, Search) ->
-    Middle = (Low + High) div 2,
-    Known = asked([Middle], futures(Low, High, Search), Search),
-    Inside = [{M, T} || {M, T} <- curve(Known), M >= Low, M =< High],
-    case steepest(Inside) of
-        none -> result({Low, High}, Known);
-        Step -> descend(Step, Known)
-    end.
-
-futures(Low, High, #search{futures = K, curve = Curve}) ->
+%% The futures that the moments of a rise need.
+enough({Low, High}, #search{futures = K, fine = Fine, curve = Curve}) ->
     case share(maps:get(High, Curve)) - share(maps:get(Low, Curve)) >= ?HIGH of
-        true -> K;
-        false -> ?MORE * K
+        true when High - Low > Fine -> K;
+        _ -> ?MORE * K
     end.
 
 %% Each of these moments has this many futures then.
@@ -142,11 +133,26 @@ sum(#{digests := A} = Before, #{digests := B} = Tally) ->
 
 curve(#search{curve = Curve}) -> lists:keysort(1, maps:to_list(Curve)).
 
-%% The neighbours in a curve between which the share rises most, the earliest of equal ones.
-steepest(Curve) ->
-    case rises(Curve) of
-        [{_, Step} | _] -> Step;
+%% The neighbours between which the share rises most, the earliest of equal ones, if more futures
+%% of the same shares can put them apart.
+steepest(#search{futures = K} = Search) ->
+    Known = curve(Search),
+    Likely = [
+        Step
+     || {_, {Low, High} = Step} <- rises(Known),
+        starl_sim_proportion:are_apart(
+            scaled(Low, ?MORE * K, Search), scaled(High, ?MORE * K, Search)
+        )
+    ],
+    case Likely of
+        [Step | _] -> Step;
         [] -> none
+    end.
+
+scaled(Moment, Most, #search{curve = Curve}) ->
+    case count(maps:get(Moment, Curve)) of
+        {Broken, N} when N < Most -> {round(Broken * Most / N), Most};
+        Count -> Count
     end.
 
 rises(Curve) ->

@@ -5,7 +5,7 @@
 %% Faults that drop single packets begin at no moment: they stand for random loss.
 -module(starl_sim_moments).
 
--export([new/2, last/1, at/2, entry/2, time_us/2, before/2, following/4]).
+-export([new/2, last/1, at/2, events_at/3, entry/2, time_us/2, before/2, following/4]).
 
 -export_type([t/0, moment/0, entry/0, past/0]).
 
@@ -54,6 +54,23 @@ at(Us, Low, High, Moments) ->
     case time_us(Middle, Moments) =< Us of
         true -> at(Us, Middle, High, Moments);
         false -> at(Us, Low, Middle - 1, Moments)
+    end.
+
+%% @doc The events of these robots at this very time, each with the moment just after it.
+-spec events_at(starl_sim_queue:time(), [starl:robot_id()], t()) -> [{moment(), entry()}].
+events_at(Us, Robots, Moments) -> events_at(at(Us, Moments), Us, Robots, Moments, []).
+
+events_at(0, _Us, _Robots, _Moments, Events) ->
+    Events;
+events_at(Moment, Us, Robots, Moments, Events) ->
+    case element(Moment, Moments) of
+        {Us, Robot, #{n := _}} = Entry ->
+            Own = [{Moment, Entry} || lists:member(Robot, Robots)],
+            events_at(Moment - 1, Us, Robots, Moments, Own ++ Events);
+        {Us, fault, _} ->
+            events_at(Moment - 1, Us, Robots, Moments, Events);
+        {_Earlier, _, _} ->
+            Events
     end.
 
 %% @doc What happened just before a moment; `start' at the first one.
