@@ -4,7 +4,7 @@
 -module(starl_planted).
 -behaviour(starl_scene).
 
--export([bugs/0, scenario/2, sound/1]).
+-export([bugs/0, wrong/1, scenario/2, sound/1]).
 -export([options/0, scene/1, report/2]).
 
 %% Name, block, pitfall.
@@ -246,6 +246,51 @@ cut_off() -> #{faults => [{cut, 20000, 60000, partition, [2], #{}}]}.
 
 %% Nothing goes wrong, and every line has to be painted.
 complete() -> #{speed => 500, time => 3600, judge => #{complete => true}}.
+
+%% What a bug makes wrong, for ./starl planted --when: the classes of faults that it does not bear, the starts
+%% after the first, or what its block does. It follows from the pitfall, not from any run.
+wrong(Bug) ->
+    {Bug, Block, _} = lists:keyfind(Bug, 1, bugs()),
+    case lists:member(Bug, restarts()) of
+        true ->
+            [{fault, process}, {fault, store}, restart];
+        false ->
+            [{fault, network} || lists:member(Bug, losses())] ++ [{block, machine(Block)}]
+    end.
+
+%% Bugs of a machine that starts anew.
+restarts() ->
+    [
+        sap_restarts,
+        bully_fickle,
+        mutex_forgetful_home,
+        barrier_forgetful,
+        barrier_hasty,
+        barrier_careless,
+        geocast_restart,
+        registers_restart,
+        counter_reborn
+    ].
+
+%% Bugs that show when packets are lost, late or come twice.
+losses() ->
+    [
+        sap_forgets,
+        sap_claims,
+        sap_tireless,
+        election_incomplete,
+        election_late,
+        barrier_recreated,
+        barrier_alone,
+        geocast_forgets,
+        registers_last_heard,
+        registers_no_exchange,
+        dpp_overstaying
+    ].
+
+machine(bully) -> election;
+machine(dpp) -> dpp_coordinator;
+machine(Block) -> Block.
 
 %% The run of a bug with a seed, and the same without the bug.
 scenario(Bug, Seed) ->

@@ -5,13 +5,20 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([every_bug_is_found/1, at_least_one_per_block/1, nothing_is_found_in_the_sound/1]).
+-export([what_decides_is_named/1]).
 
 %% As many as ./starl planted tries; nearly all are found within ten.
 -define(SEEDS, 1000).
 
 suite() -> [{timetrap, {minutes, 10}}].
 
-all() -> [every_bug_is_found, at_least_one_per_block, nothing_is_found_in_the_sound].
+all() ->
+    [
+        every_bug_is_found,
+        at_least_one_per_block,
+        nothing_is_found_in_the_sound,
+        what_decides_is_named
+    ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 
@@ -53,3 +60,14 @@ nothing_is_found_in_the_sound(_) ->
      || Bug <- [sap_forgets, election_incomplete, bully_early, mutex_forgetful_home],
         Seed <- lists:seq(1, 5)
     ].
+
+%% The restart that the broken barrier does not bear. And a mutex that grants what is held, whatever is
+%% drawn: no start of an application is blamed, the run is said to break by itself, and where.
+what_decides_is_named(_) ->
+    {asked, _, [{Restart, true, {Before, 1.0}}], true, _} = asked(barrier_forgetful),
+    ?assertMatch({match, _}, re:run(Restart, "a fault begins: {reboot")),
+    ?assert(Before < 0.5),
+    {asked, _, [{Grant, true, {1.0, 1.0}}], true, _} = asked(mutex_impatient_home),
+    ?assertMatch({match, _}, re:run(Grant, "mutex .*: inevitable from the start")).
+
+asked(Bug) -> starl_dev_planted_when:asked({Bug, ?SEEDS, 1}).
