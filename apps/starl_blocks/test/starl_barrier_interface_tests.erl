@@ -69,3 +69,111 @@ blocks_test() ->
     ?assertEqual([{barrier, starl_barrier_rounds, #{}}], starl_barrier:machines(#{})),
     Options = #{retry_ms => 7},
     ?assertEqual([{barrier, starl_barrier_rounds, Options}], starl_barrier:machines(Options)).
+
+declared_test() ->
+    ?assertMatch([{retry_ms, {integer, 1, 1000000000}, 3000, _}], starl_barrier:options()),
+    ?assertEqual(
+        [{starl_barrier_monitor, #{robots => [1, 2], retry_us => 7000}}],
+        starl_barrier:monitors(#{retry_ms => 7}, #{robots => [1, 2]})
+    ),
+    ?assertEqual(
+        [{together, []}, {once, [store]}, {passed, [alive, {sap, delivered}]}],
+        [{Name, Needs} || {Name, _, _, Needs} <- starl_barrier:guarantees()]
+    ),
+    #{workload := #{turns := 5}, operations := rounds, packets := Packets} = starl_barrier:benchmark(),
+    ?assertEqual([1, 25], [Packets(N) || N <- [1, 5]]).
+
+%% -- the exercise -------------------------------------------------------------------------------
+
+exercise_test() ->
+    ?assertMatch([{retry, {integer, 10, 1000000}, 3000, _}], starl_barrier_exercise:flags()),
+    Use = #{retry => 200},
+    ?assertEqual(#{retry_ms => 200}, starl_barrier_exercise:block_options(Use)),
+    ?assertEqual(20400, starl_barrier_exercise:within_ms(Use)),
+    ?assertEqual(200, starl_barrier_exercise:again_ms(Use)),
+    ?assertEqual(
+        #{retry => [500, 1000, 3000]}, starl_barrier_exercise:draw(fun(retry, All) -> All end)
+    ),
+    ?assertEqual([barrier], starl_barrier_exercise:watches()).
+
+%% A round is promised to be passed once all have reached it or a later one, and none has died.
+a_round_is_promised_when_all_have_reached_it_test() ->
+    Team = #{robots => [1, 2], died => [], healed_us => 0, within_us => 100, reach_us => 0},
+    Call = #{what => {sync, gate}, robot => 1, since_us => 5, patience_ms => 9},
+    Reached = fun(Events) ->
+        lists:foldl(
+            fun starl_barrier_exercise:noted/2, starl_barrier_exercise:seen([1, 2]), Events
+        )
+    end,
+    At = fun(T, Robot, Name, K) -> {T, Robot, barrier, {reached, Name, K}} end,
+    Due = fun(Events) ->
+        case starl_barrier_exercise:promise(Call, Team, Reached(Events)) of
+            none -> none;
+            {Us, Is} -> {Us, Is(ok), Is({error, timeout})}
+        end
+    end,
+    ?assertEqual({130, true, false}, Due([At(10, 1, gate, 1), At(30, 2, gate, 1)])),
+    ?assertEqual({130, true, false}, Due([At(10, 1, gate, 1), At(30, 2, gate, 2)])),
+    ?assertEqual(
+        {150, true, false},
+        Due([At(10, 1, gate, 1), At(20, 2, gate, 1), At(30, 1, gate, 2), At(50, 2, gate, 2)])
+    ),
+    [
+        ?assertEqual({Events, none}, {Events, Due(Events)})
+     || Events <- [
+            [],
+            [At(10, 1, gate, 1)],
+            [At(10, 2, gate, 1)],
+            [At(10, 1, gate, 2), At(30, 2, gate, 1)],
+            [At(10, 1, gate, 1), At(30, 2, other, 1)],
+            [At(10, 1, gate, 1), {30, 2, barrier, {passed, gate, 1}}]
+        ]
+    ],
+    ?assertEqual(none, starl_barrier_exercise:promise(Call#{what := other}, Team, #{})).
+
+%% -- the model ----------------------------------------------------------------------------------
+
+model_test() ->
+    [{barrier, _, Model}] = starl_barrier:models(),
+    #{script := Script, inert := Inert} = Made = Model(#{robots => [4, 5], rounds => 2}),
+    ?assertMatch(
+        #{
+            blocks := [{barrier, starl_barrier_rounds, #{}}],
+            crash := [barrier, app],
+            monitor := {starl_barrier_monitor, #{robots := [4, 5]}}
+        },
+        Made
+    ),
+    ?assertEqual([{talk, starl_barrier_model, {gate, 2}} || _ <- [1, 2]], Script(4)),
+    ?assertEqual(
+        [true, false, true, false],
+        [
+            Inert(barrier, {reached, n, 1, 1, false}),
+            Inert(barrier, {reached, n, 1, 1, true}),
+            Inert(barrier, {told, n, 1, 1}),
+            Inert(other, {told, n, 1, 1})
+        ]
+    ).
+
+%% It asks which round is next and passes it, up to the last; a new machine is told which one it was, and a
+%% call that has failed is made again.
+the_talk_of_a_round_test() ->
+    Gate = {gate, 2},
+    ?assertEqual({barrier, {round, gate}, round}, starl_barrier_model:first(Gate)),
+    Turn = {2, 1},
+    Answered = fun(Mark, Answer) -> starl_barrier_model:answered(Mark, Answer, Gate) end,
+    ?assertEqual(
+        {call, {barrier, {sync, gate, Turn, 30000000}, {sync, Turn}}}, Answered(round, Turn)
+    ),
+    ?assertEqual(over, Answered(round, {3, 2})),
+    ?assertEqual(over, Answered({sync, Turn}, ok)),
+    ?assertEqual(again, Answered({sync, Turn}, {error, timeout})),
+    ?assertEqual(again, Answered({resume, Turn}, ok)),
+    ?assertEqual(again, starl_barrier_model:restarted(round, Gate)),
+    [
+        ?assertEqual(
+            {call, {barrier, {resume, gate, Turn}, {resume, Turn}}},
+            starl_barrier_model:restarted({Mark, Turn}, Gate)
+        )
+     || Mark <- [sync, resume]
+    ].

@@ -33,3 +33,42 @@ block_test() ->
         [{election, starl_election_bully, #{rounds => 7}}],
         starl_bully:machines(#{rounds => 7, patience_ms => 9})
     ).
+
+declared_test() ->
+    ?assertMatch([{patience_ms, {integer, 1, 1000000000}, 600000, _}], starl_election:options()),
+    %% a call may last a second longer than its patience
+    ?assertEqual(
+        [
+            {starl_election_monitor, #{
+                robots => [1, 2], bound_us => 1007000, again_us => 3000000, complete => true
+            }}
+        ],
+        starl_election:monitors(#{patience_ms => 7}, #{robots => [1, 2]})
+    ),
+    ?assertEqual(
+        [{agree, []}, {ends, [clock_rate, prompt]}, {elected, [no_loss, alive, {sap, delivered}]}],
+        [{Name, Needs} || {Name, _, _, Needs} <- starl_election:guarantees()]
+    ),
+    ?assert(starl_election_ballots:has_history()),
+    #{workload := #{turns := 1}, operations := elections, packets := Packets} =
+        starl_election:benchmark(),
+    ?assertEqual([2, 50], [Packets(N) || N <- [1, 5]]).
+
+%% The model: all elect once, with one ballot, so the robot's number decides and the last one is no other's
+%% like; machines and applications crash; who has a leader keeps it.
+model_test() ->
+    [{election, _, Model}] = starl_election:models(),
+    #{script := Script, inert := Inert} = Made = Model(#{robots => [4, 5, 6]}),
+    ?assertMatch(
+        #{
+            blocks := [{election, starl_election_ballots, #{ballots := 1}}],
+            crash := [election, app],
+            monitor := {starl_election_monitor, #{robots := [4, 5, 6], bound_us := 1}},
+            fixed := [3]
+        },
+        Made
+    ),
+    ?assertEqual([{call, election, {elect, first, 30000000}}], Script(4)),
+    ?assertEqual(
+        [true, false, false], [Inert(leader, {e, 1}), Inert(ballot, {e, 1}), Inert(leader, x)]
+    ).

@@ -43,7 +43,10 @@ id_test() ->
             before := Moved(Before), mutant := Mutant#{form := Moved(Form)}
         })
     ),
-    ?assertEqual([], starl_mutate_sample:only(All, "starl_mutate_fixture:larger/2-00000000")).
+    Gone = "starl_mutate_fixture:larger/2-00000000",
+    ?assertEqual([], starl_mutate_sample:only(All, Gone)),
+    %% nothing is said of other modules
+    ?assertEqual([Gone], starl_mutate_sample:stale(All, [Id, Gone, "lists:map/2-00000000"])).
 
 %% What does not compile, or compiles to the same, is drawn but not counted.
 compiled_test() ->

@@ -198,3 +198,88 @@ facts() ->
         begun_us => ?LATE_US,
         told_by => [1]
     }.
+
+%% -- where robots are -----------------------------------------------------------------------------
+
+piece(At, X, V) -> {piece, At, X, 0.0, 0.0, V, 0.0}.
+
+moves(At, Robot, Piece, Poses) ->
+    starl_trace_poses:event({At, Robot, chassis, {motion, Piece}}, Poses).
+
+sampled(Until, Poses) ->
+    {Samples, Next} = starl_trace_poses:sample(Until, Poses),
+    {
+        [
+            {At, Full, [{R, X} || {R, {X, _, _}, _, _} <- Robots]}
+         || {poses, At, #{full := Full, robots := Robots}} <- Samples
+        ],
+        Next
+    }.
+
+%% Twenty times a second those that have changed, and once all; nothing of who stands still, but where it has
+%% come to rest.
+samples_of_motion_test() ->
+    Both = moves(
+        0, 1, piece(0, 0.0, 100.0), moves(0, 2, piece(0, 7.0, 0.0), starl_trace_poses:new())
+    ),
+    {First, Next} = sampled(150001, Both),
+    ?assertEqual(
+        [
+            {0, true, [{1, 0.0}, {2, 7.0}]},
+            {50000, false, [{1, 5.0}]},
+            {100000, false, [{1, 10.0}]},
+            {150000, false, [{1, 15.0}]}
+        ],
+        First
+    ),
+    ?assertEqual(200000, starl_trace_poses:due_us(Next)),
+    ?assertEqual({[], Next}, sampled(200000, Next)),
+    Stops = moves(220000, 1, piece(220000, 22.0, 0.0), Next),
+    {Last, Rests} = sampled(3000001, Stops),
+    ?assertEqual(
+        [{200000, false, [{1, 20.0}]}, {250000, false, [{1, 22.0}]}] ++
+            [{1000000 * S, true, [{1, 22.0}, {2, 7.0}]} || S <- [1, 2, 3]],
+        Last
+    ),
+    ?assertEqual(4000000, starl_trace_poses:due_us(Rests)),
+    %% who begins to move is shown at the next regular time
+    Again = moves(3210000, 2, piece(3210000, 7.0, 10.0), Rests),
+    ?assertEqual(3250000, starl_trace_poses:due_us(Again)).
+
+%% A piece counts from its beginning, though it is known before; a new one replaces those that begin later.
+a_piece_counts_from_its_beginning_test() ->
+    Known = moves(
+        0, 1, piece(100000, 50.0, 0.0), moves(0, 1, piece(0, 0.0, 0.0), starl_trace_poses:new())
+    ),
+    At = fun(Us, Poses) ->
+        {poses, Us, #{full := true, robots := [{1, {X, _, _}, _, _}]}} = starl_trace_poses:full(
+            Us, Poses
+        ),
+        X
+    end,
+    ?assertEqual([0.0, 0.0, 50.0], [At(Us, Known) || Us <- [0, 99999, 100000]]),
+    Other = moves(0, 1, piece(100000, 9.0, 0.0), Known),
+    ?assertEqual([0.0, 9.0], [At(Us, Other) || Us <- [99999, 100000]]),
+    Sooner = moves(0, 1, piece(50000, 3.0, 0.0), Known),
+    ?assertEqual([0.0, 3.0, 3.0], [At(Us, Sooner) || Us <- [49999, 50000, 100000]]),
+    {_, Later} = starl_trace_poses:sample(200000, Known),
+    ?assertEqual(50.0, At(200000, Later)).
+
+%% The pen is part of a place; other events are not.
+pens_are_shown_test() ->
+    Poses = moves(0, 1, piece(0, 0.0, 0.0), starl_trace_poses:new()),
+    Pen = fun(State) ->
+        {poses, 0, #{robots := [{1, _, Shown, _}]}} = starl_trace_poses:full(
+            0, starl_trace_poses:event({0, 1, chassis, {actuated, pen, State}}, Poses)
+        ),
+        Shown
+    end,
+    ?assertEqual([up, down, none], [Pen(State) || State <- [up, down, broken]]),
+    Restored = starl_trace_poses:restore(130000, [
+        {1, [piece(0, 4.0, 0.0)], down}, {2, [piece(0, 5.0, 0.0)], none}
+    ]),
+    ?assertEqual(100000, starl_trace_poses:due_us(Restored)),
+    ?assertMatch(
+        {poses, 130000, #{robots := [{1, {4.0, _, _}, down, _}, {2, {5.0, _, _}, none, _}]}},
+        starl_trace_poses:full(130000, Restored)
+    ).

@@ -77,7 +77,12 @@ with_tests({ok, Dir, Tests}, Block, Values) ->
         {[], []} ->
             {error, ["no sources here; run it in a checkout"]};
         {Sources, []} ->
-            drawn(wanted(starl_mutate_sample:all(Sources), Values), Block, Tests, Values);
+            All = starl_mutate_sample:all(Sources),
+            _ = [
+                starl_cli_terminal:out("named equivalent, but no mutant any more: ~s~n", [Id])
+             || Id <- starl_mutate_sample:stale(All, lists:sort(maps:keys(reviewed())))
+            ],
+            drawn(wanted(All, Values), Block, Tests, Values);
         {_, Problems} ->
             {error, Problems}
     end.

@@ -5,7 +5,7 @@
 %% names and must be reviewed again.
 -module(starl_mutate_sample).
 
--export([all/1, draw/3, only/2, id/1]).
+-export([all/1, draw/3, only/2, stale/2, id/1]).
 
 -export_type([candidate/0, drawn/0]).
 
@@ -71,6 +71,18 @@ less(Most) -> Most - 1.
 %% @doc The mutants with this name; normally one.
 -spec only([candidate()], string()) -> [candidate()].
 only(Candidates, Id) -> [Candidate || Candidate <- Candidates, id(Candidate) =:= Id].
+
+%% @doc Those of these names that no mutant has any more, though their module is among the sources.
+-spec stale([candidate()], Names :: [string()]) -> [string()].
+stale(Candidates, Names) ->
+    Known = maps:from_keys([id(Candidate) || Candidate <- Candidates], []),
+    Modules = maps:from_keys([atom_to_list(M) || #{source := #{module := M}} <- Candidates], []),
+    [
+        Name
+     || Name <- Names,
+        is_map_key(hd(string:split(Name, ":")), Modules),
+        not is_map_key(Name, Known)
+    ].
 
 %% @doc The name of a mutant.
 -spec id(candidate()) -> string().

@@ -102,9 +102,9 @@ is_shown(Id, Pose, #poses{shown = Shown}) ->
         #{} -> false
     end.
 
-%% Nothing changes before the next event once all robots stand still.
-skip(#poses{next = Next, pieces = Pieces} = Poses) ->
-    case lists:all(fun([P | _]) -> is_at_rest(Next, P) end, maps:values(Pieces)) of
+%% Nothing changes before the next event once all robots stood still in the last sample.
+skip(#poses{next = Next, period_us = Period, pieces = Pieces} = Poses) ->
+    case lists:all(fun([P | _]) -> is_at_rest(Next - Period, P) end, maps:values(Pieces)) of
         true -> Poses#poses{next = up(Next, ?FULL_US)};
         false -> Poses
     end.
