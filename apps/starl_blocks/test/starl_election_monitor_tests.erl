@@ -311,4 +311,71 @@ settles_what_is_told_again_test() ->
     ?assertEqual([not_settled], Judge(Failed)),
     ?assertEqual([], Judge([{2, 2, crashed} | Failed])),
     ?assertEqual([], Judge(Failed ++ [{6, 2, crashed}])),
-    ?assertEqual([not_settled, not_settled, not_settled], Judge([{2, 2, crashed}])).
+    ?assertEqual([not_settled, not_settled, not_settled], Judge([{2, 2, crashed}])),
+    %% one who has given up is enough
+    ?assertEqual([], Judge([hd(Failed), {6, 2, crashed}])),
+    %% what is not told again stays so when another machine crashes, which has told nothing
+    Anew = [entered(1, 1), ballot(1, 1, 10), {2, 1, crashed}, entered(3, 1), ballot(3, 1, 10)],
+    Last = [entered(5, 3), ballot(5, 3, 30), entered(6, 2), ballot(6, 2, 20)],
+    ?assertEqual([], judge(Anew ++ [{4, 2, crashed} | Last], 40, #{settle_us => 10})).
+
+%% Who enters again after the last ballot need not have come to an end by then.
+settles_only_who_was_electing_test() ->
+    Events = [
+        entered(1, 1),
+        ballot(1, 1, 10),
+        entered(2, 2),
+        ballot(2, 2, 20),
+        {3, 1, {failed, e1, timeout}},
+        entered(4, 3),
+        ballot(4, 3, 30),
+        elected(4, 3, 3),
+        entered(5, 1),
+        announced(9, 2, 3)
+    ],
+    ?assertEqual([], judge(Events, 40, #{settle_us => 10})).
+
+%% A result that is overdue is told once.
+overdue_once_test() ->
+    Events = [entered(1, 1), ballot(2 + ?BOUND, 1, 7), ballot(3 + ?BOUND, 2, 7)],
+    ?assertEqual([no_result], judge(Events, 9000)).
+
+%% Those of an earlier election are told in their order, though a later one is not due yet: it has met a fault.
+order_before_one_that_is_not_due_test() ->
+    Of = fun(E, T) ->
+        lists:append([[{T, R, {entered, E}}, {T, R, {ballot, E, R}}] || R <- [1, 2, 3]])
+    end,
+    Config = #{
+        robots => [1, 2, 3],
+        bound_us => ?BOUND,
+        settle_us => 10,
+        faults => [{2, 16, 30, fault}]
+    },
+    {[], M} = lists:foldl(
+        fun step/2,
+        {[], starl_monitor:new([{starl_election_monitor, Config}])},
+        [trace(Event) || Event <- Of(e1, 5) ++ Of(e2, 12)]
+    ),
+    {Late, _} = starl_monitor:finish(35, M),
+    ?assertEqual([[1], [2], [3]], [Robots || #{robots := Robots} <- Late]).
+
+%% In a run it follows from the radio: it asks again, by its own clock, is heard and answered; a busy computer
+%% makes everything longer.
+the_bounds_of_a_run_test() ->
+    Known = #{
+        broken => [], faults => [], slack_us => 5, sap => #{}, loss => 0.2, delay_us => 1000
+    },
+    Config = #{bound_us => 100, again_us => 3000000},
+    Reach = starl_sap_schedule:reach_us(#{}, 0.2, 1000, 3000000),
+    ?assertMatch(
+        {105, 4030005},
+        begin
+            #{bound_us := Bound, settle_us := Settle} = starl_election_monitor:context(
+                Known, Config
+            ),
+            {Bound, Settle - 3 * Reach}
+        end
+    ),
+    ?assertMatch(
+        #{settle_us := 12}, starl_election_monitor:context(Known, Config#{settle_us => 7})
+    ).
