@@ -448,9 +448,9 @@ timers_test() ->
         {2, _} = starl_live_body:plan(sap, resend, 1000, late, Two),
         ?assertEqual(
             [
-                {timer, 2, {starl_timer, app, wake, 0, 1500, hello}},
-                {timer, 2, {starl_timer, app, wake, 1, 2000, again}},
-                {timer, 9, {starl_timer, sap, resend, 2, 1000, late}}
+                {timer, 2, {starl_timer, app, wake, 0, hello}},
+                {timer, 2, {starl_timer, app, wake, 1, again}},
+                {timer, 9, {starl_timer, sap, resend, 2, late}}
             ],
             sent()
         ),
