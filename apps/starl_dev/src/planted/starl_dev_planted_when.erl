@@ -25,7 +25,7 @@
 -define(MOMENTS, 8).
 
 %% @doc Asks of these bugs, and prints the table.
--spec table(Bugs, [starl_cli_target:code()], Values :: map()) -> starl_cli_command:answer() when
+-spec table(Bugs, [starl_cli_target:code()], Values :: map()) -> 0 | 4 | 130 when
     Bugs :: [{atom(), atom(), string()}].
 table(Bugs, Codes, #{seeds := Seeds, 'when' := Salts, jobs := Most}) ->
     Jobs = [{Bug, Seeds, Salts} || {Bug, _, _} <- Bugs],
@@ -152,8 +152,8 @@ share(Moment, Curve) ->
     {_, #{broken := Broken, futures := N}} = lists:keyfind(Moment, 1, Curve),
     starl_sim_proportion:share({Broken, N}).
 
-%% Whether an event is of a kind: a fault of a class; a start of a machine after the first; an event in which a
-%% block has a part.
+%% Whether an event is of a kind: a fault of a class; a start of a machine after the first; an event in which
+%% a block has a part.
 is_of({fault, Class}, {_, fault, Fault}, _Facts) ->
     starl_run_fault:class(Fault) =:= Class;
 is_of(restart, {AtUs, _, #{type := boot}}, _Facts) ->

@@ -42,8 +42,8 @@ facts(Result, #{moments := Moments} = Run) ->
 entry(none, _Moments) -> none;
 entry({_, Moment}, Moments) -> starl_sim_moments:entry(Moment, Moments).
 
-%% @doc The moment just after the event that the answer names: the one at the step; where all futures break the
-%% contract from the start on, that at which the run does.
+%% @doc The moment just after the event that the answer names: the one at the step; where all futures
+%% break the contract from the start on, that at which the run does.
 -spec named(starl_sim_inevitable:result(), starl_sim_future:run()) ->
     {step | violation, starl_sim_moments:moment()} | none.
 named(#{complete := false}, _Run) ->
