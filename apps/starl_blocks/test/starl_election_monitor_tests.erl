@@ -335,6 +335,12 @@ settles_only_who_was_electing_test() ->
     ],
     ?assertEqual([], judge(Events, 40, #{settle_us => 10})).
 
+%% It enters, is told by its timer, and reports: a slow computer may be late at each of the three.
+a_slow_computer_is_late_at_three_steps_test() ->
+    Slow = #{broken => [{1, 0, 5000, {slow, 100}}]},
+    ?assertEqual([], judge([entered(1, 1)], 301 + ?BOUND, Slow)),
+    ?assertEqual([no_result], judge([entered(1, 1)], 302 + ?BOUND, Slow)).
+
 %% A result that is overdue is told once.
 overdue_once_test() ->
     Events = [entered(1, 1), ballot(2 + ?BOUND, 1, 7), ballot(3 + ?BOUND, 2, 7)],

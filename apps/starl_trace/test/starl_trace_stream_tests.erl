@@ -283,3 +283,40 @@ pens_are_shown_test() ->
         {poses, 130000, #{robots := [{1, {4.0, _, _}, down, _}, {2, {5.0, _, _}, none, _}]}},
         starl_trace_poses:full(130000, Restored)
     ).
+
+%% -- subscribers ----------------------------------------------------------------------------------
+
+%% A hub gives what is told to those who have credit, passes over what it does not know, and forgets who has gone.
+a_hub_has_subscribers_test() ->
+    {ok, Hub} = starl_trace_hub:start_link(live),
+    Observer = starl_trace_hub:observer(Hub),
+    Hub ! nothing_that_it_knows,
+    ok = starl_trace_hub:more(Hub, 5),
+    ok = starl_trace_hub:subscribe(Hub, 1),
+    ok = starl_observer:tell({begun, (facts())#{begun_us := 7}}, Observer),
+    receive
+        {starl_trace, Hub, First} -> ?assertMatch([{scenario, 7, _}], First)
+    end,
+    %% without credit messages wait, and come together
+    [ok = starl_observer:tell({logged, At, 1, info, "a"}, Observer) || At <- [8, 9]],
+    Observer = starl_trace_hub:observer(Hub),
+    ?assertEqual(none, delivered(Hub)),
+    ok = starl_trace_hub:more(Hub, 1),
+    Observer = starl_trace_hub:observer(Hub),
+    ?assertEqual([8, 9], [At || {log, At, _} <- delivered(Hub)]),
+    ok = starl_trace_hub:more(Hub, 1),
+    ok = starl_trace_hub:unsubscribe(Hub),
+    ok = starl_trace_hub:unsubscribe(Hub),
+    ok = starl_observer:tell({logged, 10, 1, info, "a"}, Observer),
+    Observer = starl_trace_hub:observer(Hub),
+    ?assertEqual(none, delivered(Hub)),
+    %% a new one begins with the state
+    ok = starl_trace_hub:subscribe(Hub, 1),
+    ?assertMatch([{scenario, 7, _}, {poses, 10, #{full := true}}], delivered(Hub)),
+    ok = starl_trace_hub:stop(Hub).
+
+delivered(Hub) ->
+    receive
+        {starl_trace, Hub, Messages} -> Messages
+    after 0 -> none
+    end.
