@@ -143,7 +143,7 @@ machine_stays_with_newer_code_test() ->
 %% Runs an application of these versions through these words and steps, and collects what it does in each.
 application(Words, Kinds) ->
     Pid = started(Kinds),
-    stepped(Words, done(), Pid).
+    stepped(Words, done(Pid), Pid).
 
 started(Kinds) ->
     [_ | _] = [version(N, Kind) || {N, Kind} <- lists:enumerate(0, Kinds)],
@@ -177,12 +177,13 @@ is_timer(Action) -> is_tuple(Action) andalso is_tuple(element(1, Action)).
 
 event(Now, Type, Content, Pid) ->
     Pid ! {starl_step, Type, Content, #{now => Now, robot => 1}},
-    done().
+    done(Pid).
 
-done() ->
+%% Of this application: what tests before have left is none of it.
+done(Pid) ->
     receive
-        {starl_done, 1, _Pid, Actions} -> Actions;
-        {'EXIT', _Pid, Reason} -> {crashed, Reason}
+        {starl_done, 1, Pid, Actions} -> Actions;
+        {'EXIT', Pid, Reason} -> {crashed, Reason}
     end.
 
 traces(Actions) -> [Event || {trace, Event} <- Actions].
@@ -230,7 +231,7 @@ a_failed_conversion_names_the_users_code_only_test() ->
 a_word_waits_until_the_state_is_carried_over_test() ->
     {Said, Last} = starl_platform_ct:quietly(fun() ->
         Pid = started([sound, slow]),
-        Begun = done(),
+        Begun = done(Pid),
         _ = event(1, code, take(1), Pid),
         Converts = event(1, timer(Begun), call, Pid),
         Heard = event(2, code, {back, 1, 7}, Pid),
