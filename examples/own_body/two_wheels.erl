@@ -1,6 +1,6 @@
 %% A robot with two wheels behind UDP: a chassis of one's own in one file. The robot hears the speeds of its
 %% wheels, "LEFT RIGHT MS" (mm/s, and how long), stands when that time is over, and answers each line, and each
-%% empty one, with where it is: "X Y HEADING".
+%% empty one, with where it is and how long it still drives: "X Y HEADING MS".
 %%
 %%     ./starl chassis check examples/own_body/two_wheels.erl
 -module(two_wheels).
@@ -18,17 +18,25 @@ open(#{clock := Clock, port := Port} = Config) ->
     {ok, Socket} = gen_udp:open(0, [binary, {ip, {127, 0, 0, 1}}, {active, true}]),
     {ok, look(#{socket => Socket, port => robot(Port, At), clock => Clock, job => none})}.
 
-%% One leg at a time: the robot's own time ends it, ours begins the next.
+%% One leg at a time. The robot's own time ends it: when it should be over, the robot is asked whether it is.
 drive({starl_chassis_differential, Legs}, _Until, Mark, #{clock := Clock} = Bot) ->
-    leg(Legs, Bot#{job := {Mark, starl_live_clock:now_us(Clock), make_ref()}});
+    leg(Legs, Bot#{job := {Mark, starl_live_clock:now_us(Clock), none}});
 drive({_Other, Commands}, _Until, Mark, Bot) ->
     {[{Mark, {not_understood, Commands}}], Bot}.
 
-leg([{Left, Right, Us} | Legs], #{job := {_, _, Ref}} = Bot) ->
-    _ = erlang:send_after(ceil(Us / 1000), self(), {leg, Ref, Legs}),
-    {[], say("~w ~w ~w", [Left, Right, Us / 1000], Bot)};
+leg([{Left, Right, Us} | Legs], Bot) ->
+    {[], say("~w ~w ~w", [Left, Right, Us / 1000], later(Us / 1000, Legs, Bot))};
 leg([], #{job := {Mark, Heard, _}} = Bot) ->
     {[{Mark, {driven, Heard}}], stop(Bot)}.
+
+later(Ms, Legs, #{job := {Mark, Heard, _}} = Bot) ->
+    Ref = make_ref(),
+    _ = erlang:send_after(ceil(Ms), self(), {over, Ref, Legs}),
+    Bot#{job := {Mark, Heard, Ref}}.
+
+drives(Ms, #{job := {_, _, {asked, Legs}}} = Bot) when Ms > 0 -> {[], later(Ms, Legs, Bot)};
+drives(_Ms, #{job := {_, _, {asked, Legs}}} = Bot) -> leg(Legs, Bot);
+drives(_Ms, Bot) -> {[], Bot}.
 
 actuate(_Device, _Value, _Mark, Bot) -> {[], Bot}.
 
@@ -37,11 +45,12 @@ stop(Bot) -> say("0 0 0", [], Bot#{job := none}).
 look(Bot) -> say("", [], Bot).
 
 hear({udp, Socket, _, _, Text}, #{socket := Socket, clock := Clock} = Bot) ->
-    [X, Y, Heading] = [binary_to_float(Number) || Number <- binary:split(Text, <<" ">>, [global])],
-    {[{posed, starl_live_clock:now_us(Clock), {X, Y, Heading}}], Bot};
-hear({leg, Ref, Legs}, #{job := {_, _, Ref}} = Bot) ->
-    leg(Legs, Bot);
-hear({leg, _, _}, Bot) ->
+    [X, Y, Heading, Ms] = [binary_to_float(N) || N <- binary:split(Text, <<" ">>, [global])],
+    {Answers, Next} = drives(Ms, Bot),
+    {[{posed, starl_live_clock:now_us(Clock), {X, Y, Heading}} | Answers], Next};
+hear({over, Ref, Legs}, #{job := {Mark, Heard, Ref}} = Bot) ->
+    {[], look(Bot#{job := {Mark, Heard, {asked, Legs}}})};
+hear({over, _, _}, Bot) ->
     {[], Bot};
 hear(_Message, _Bot) ->
     unknown.

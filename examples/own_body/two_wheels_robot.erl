@@ -1,4 +1,4 @@
-%% The robot of two_wheels.erl, emulated: it hears wheel speeds by UDP, and answers with its pose.
+%% The robot of two_wheels.erl, emulated: it hears wheel speeds by UDP, and answers with its pose, and how long it drives.
 -module(two_wheels_robot).
 
 -export([start/1]).
@@ -25,9 +25,8 @@ roll(Socket, Pose, {Left, Right, From, Until} = Moves) ->
         {udp, Socket, Ip, Port, Text} ->
             Now = now_us(),
             Here = moved(Pose, Left, Right, max(0, min(Now, Until) - From)),
-            ok = gen_udp:send(
-                Socket, Ip, Port, io_lib:format("~.6f ~.6f ~.9f", tuple_to_list(Here))
-            ),
+            Values = tuple_to_list(Here) ++ [max(0, Until - Now) / 1000],
+            ok = gen_udp:send(Socket, Ip, Port, io_lib:format("~.6f ~.6f ~.9f ~.3f", Values)),
             case string:lexemes(Text, " ") of
                 [] ->
                     roll(Socket, Here, {Left, Right, min(Now, Until), Until});

@@ -34,6 +34,7 @@ init_per_testcase(_Case, Config) ->
 
 end_per_testcase(_Case, _Config) -> ok.
 
+%% Also where the robot at the other end of its datagrams hears each of them late.
 the_examples_keep_the_contract(Config) ->
     [
         begin
@@ -41,7 +42,7 @@ the_examples_keep_the_contract(Config) ->
             ?assertEqual(nomatch, string:find(Text, "broken")),
             says("ok      leg ", Text)
         end
-     || Chassis <- ["exec:./my_robot.py", "two_wheels.erl"]
+     || Chassis <- ["exec:./my_robot.py", "late/two_wheels.erl"]
     ].
 
 %% One that drives on, answers at once, and does not end with its input.
@@ -158,11 +159,22 @@ sh(Line, Config) ->
         ]
     ],
     [starl_first_hour_ct:write(filename:join(Dir, Name), Text) || {Name, Text} <- files()],
+    ok = late(Dir),
     [
         ok = file:change_mode(filename:join(Dir, Name), 8#755)
      || Name <- ["my_robot.py", "struck.py", "drives_on.py"]
     ],
     starl_first_hour_ct:sh(lists:flatten(Line), Dir).
+
+%% The example whose robot hears each datagram 80 ms late.
+late(Dir) ->
+    [Driver, Robot] = ["two_wheels.erl", "two_wheels_robot.erl"],
+    ok = filelib:ensure_path(filename:join(Dir, "late")),
+    {ok, _} = file:copy(filename:join(Dir, Driver), filename:join([Dir, "late", Driver])),
+    {ok, Text} = file:read_file(filename:join(Dir, Robot)),
+    [Before, After] = string:split(Text, "Now = now_us(),"),
+    Heard = "Now = receive after 80 -> now_us() end,",
+    file:write_file(filename:join([Dir, "late", Robot]), [Before, Heard, After]).
 
 says(Part, Text) -> starl_first_hour_ct:contains(lists:flatten(Part), Text).
 
