@@ -87,16 +87,25 @@ read(File, After) -> lists:append([Events || {_, _, Events} <- batches(File, Aft
 %% @doc The batches after this one, as far as they were written.
 -spec batches(file:filename(), After :: non_neg_integer()) -> [batch()].
 batches(File, After) ->
-    [Batch || Each <- [File ++ ?BEFORE, File], {N, _, _} = Batch <- batches(Each), N > After].
+    newer(lists:reverse(written(File ++ ?BEFORE) ++ written(File)), After, []).
 
-batches(File) ->
+%% From the last one on: there may be many.
+newer([Bytes | Before], After, Newer) ->
+    case binary_to_term(Bytes) of
+        {N, _, _} = Batch when N > After -> newer(Before, After, [Batch | Newer]);
+        _ -> Newer
+    end;
+newer([], _After, Newer) ->
+    Newer.
+
+written(File) ->
     case file:read_file(File) of
         {ok, Bytes} -> split(Bytes);
         {error, _} -> []
     end.
 
 %% The last batch may be cut off.
-split(<<Size:32, Bytes:Size/binary, Rest/binary>>) -> [binary_to_term(Bytes) | split(Rest)];
+split(<<Size:32, Bytes:Size/binary, Rest/binary>>) -> [Bytes | split(Rest)];
 split(_) -> [].
 
 %% @doc The records of all starts of a robot that are in its directory, in their order.

@@ -34,6 +34,7 @@
     look/3,
     judge/2,
     judge/3,
+    accuse/1,
     violations/1,
     late/1,
     late_computers/1,
@@ -63,7 +64,9 @@
     halts = [] :: [{integer(), integer()}],
     lasting = starl_assumption_open_faults:new() :: starl_assumption_open_faults:t(),
     ways = starl_packet_fates:new() :: starl_packet_fates:t(),
-    violations = [] :: [starl_monitor:violation()]
+    violations = [] :: [starl_monitor:violation()],
+    %% what the observer is to be told of the latest violation
+    untold = none :: {[starl_monitor:trace_event()], starl_monitor:violation()} | none
 }).
 
 -opaque t() :: #judge{}.
@@ -198,7 +201,8 @@ is_awaited(Robot, #judge{held = Held}) ->
 
 %% @doc Looks at the events that are old enough by now, as in each of these periods. A computer that
 %% stood still goes on with all processes at once: what others have told comes a moment after the judge
-%% could look.
+%% could look. A violation counts when it is {@link accuse/1. said}; until then the judge before the look may look anew,
+%% with facts that he has missed.
 -spec look(NowUs :: integer(), PeriodUs :: pos_integer(), t()) -> {ok | violation, t()}.
 look(Now, Period, #judge{looked_us = Looked, behind_us = Before} = Judge) ->
     Passed = Now - Looked,
@@ -285,9 +289,19 @@ watch(Trace, Packets, #judge{monitors = Monitors, violations = Violations} = Jud
             ok = tell(Told, [], Judge),
             {ok, Seen#judge{monitors = Next}};
         {violation, Violation, Next} ->
-            ok = tell(Told, [Violation], Judge),
-            {violation, Seen#judge{monitors = Next, violations = Violations ++ [Violation]}}
+            Found = Violations ++ [Violation],
+            {violation, Seen#judge{
+                monitors = Next, violations = Found, untold = {Told, Violation}
+            }}
     end.
+
+%% @doc The violation that was found last is told to the observer.
+-spec accuse(t()) -> t().
+accuse(#judge{untold = none} = Judge) ->
+    Judge;
+accuse(#judge{untold = {Told, Violation}} = Judge) ->
+    ok = tell(Told, [Violation], Judge),
+    Judge#judge{untold = none}.
 
 tell([], [], _Judge) ->
     ok;
@@ -314,8 +328,7 @@ late_computers(#judge{computers = Computers}) ->
 close(Now, #judge{held = Held} = Open) ->
     Over = fun(Robot, Judge) -> resumed(Robot, Now, Judge) end,
     Judge = lists:foldl(Over, lasting(Now, Open), lists:sort(maps:keys(Held))),
-    {_, #judge{monitors = Monitors, violations = Violations, seen = Seen}} = upto(
-        infinity, Now, Judge
-    ),
+    {_, Judged} = upto(infinity, Now, Judge),
+    #judge{monitors = Monitors, violations = Violations, seen = Seen} = accuse(Judged),
     {Late, Results, Unjudged} = starl_monitor:close(max(Now, Seen), Monitors),
     {Violations ++ Late, Results, Unjudged}.

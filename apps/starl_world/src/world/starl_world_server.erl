@@ -337,7 +337,7 @@ down(Id, #world{robots = Robots} = World) ->
     Down = starl_world_team:down(Id, unsaid(Id, Robots), now_us(World), Robots),
     yielded(Down, heard_again(Id, World)).
 
-%% What a node that is halted or killed has done, and has not told yet.
+%% What a node that is halted, killed or busy has done, and has not told yet.
 unsaid(Id, Robots) ->
     [
         Batch
@@ -371,13 +371,46 @@ judge(World) ->
     judged(World).
 
 judged(#world{ending = Ending} = World) when Ending =/= none -> World;
-judged(#world{judge = Judge, limit_us = Limit} = World) ->
+judged(World) ->
     Now = now_us(World),
-    case starl_world_judge:look(Now, 1000 * ?JUDGE_MS, Judge) of
-        {violation, Next} -> ended(violation, by(Next, World));
-        {ok, Next} when Now >= Limit -> ended(time, by(Next, World));
-        {ok, Next} -> goes_on(Next, by(Next, World))
+    case verdict(Now, World) of
+        {violation, Next} -> doubted(Now, Next, World);
+        {ok, Next} -> sound(Now, Next, World)
     end.
+
+verdict(Now, #world{judge = Judge}) -> starl_world_judge:look(Now, 1000 * ?JUDGE_MS, Judge).
+
+sound(Now, Judge, #world{limit_us = Limit} = World) when Now >= Limit ->
+    ended(time, by(Judge, World));
+sound(_Now, Judge, World) ->
+    goes_on(Judge, by(Judge, World)).
+
+%% A fact may be under way from a node that hangs, or waits for its processor, while what follows from it has come.
+%% Nobody is accused before it is looked for where it was written.
+doubted(Now, Judge, World) ->
+    case recalled(infinity, World) of
+        {[], _} ->
+            accused(Judge, World);
+        {[_ | _], Known} ->
+            case verdict(Now, Known) of
+                {violation, Next} -> accused(Next, Known);
+                {ok, Next} -> sound(Now, Next, Known)
+            end
+    end.
+
+accused(Judge, World) -> ended(violation, by(starl_world_judge:accuse(Judge), World)).
+
+%% The facts up to this time that robots have written and not told. At the end they go on: of two facts up to now both are
+%% written, if the second follows from the first.
+-spec recalled(integer() | infinity, #world{}) -> {[starl_monitor:trace_event()], #world{}}.
+recalled(Until, #world{robots = Robots} = World) ->
+    {Written, Next} = lists:mapfoldl(
+        fun(Id, Before) -> starl_world_team:recalled(Id, unsaid(Id, Before), Before) end,
+        Robots,
+        starl_world_team:up(Robots)
+    ),
+    Events = [Event || Event <- lists:append(Written), element(1, Event) =< Until],
+    {Events, told(Events, World#world{robots = Next})}.
 
 %% What is not judged any more is logged.
 by(Judge, #world{judge = Before} = World) ->
@@ -394,7 +427,9 @@ ended(Ending, #world{ending = none, callers = Callers} = World) ->
 ended(_Ending, World) ->
     World.
 
-outcome(#world{judge = Judge, robots = Robots, ending = Ending, observer = Observer} = World) ->
+outcome(World) ->
     Now = now_us(World),
+    {_, #world{judge = Judge, robots = Robots} = Known} = recalled(Now, World),
+    #world{ending = Ending, observer = Observer} = Known,
     Outcome = starl_world_outcome:close(Ending, Now, {Judge, Robots}, Observer),
     Outcome#{faults => starl_world_fault_log:faults(Now div 1000, World#world.faults)}.

@@ -13,7 +13,7 @@
 
 -export([new/2, embodied/4, tracked/3, untracked/2, hardware/2, free/2, watches/3, watching/1]).
 -export([heard/5, advance/3, touched/4, on_floor/2, poses/4]).
--export([started/4, halted/4, traced/4, result/3, record/2, down/4, of_link/2]).
+-export([started/4, halted/4, traced/4, recalled/3, result/3, record/2, down/4, of_link/2]).
 -export([ids/1, up/1, running/1, summaries/2]).
 
 -export_type([t/0, yield/0, word/0, result/0]).
@@ -305,6 +305,13 @@ traced(Id, Link, Batch, Robots) ->
         #{} ->
             {[], Robots}
     end.
+
+%% @doc A robot has written these batches to its record, which need not have come: the facts that are new.
+-spec recalled(id(), [starl_live_record:batch()], t()) -> {[starl_monitor:trace_event()], t()}.
+recalled(Id, Batches, Robots) ->
+    #{Id := Robot} = Robots,
+    {Events, Told} = told(Batches, Robot),
+    {Events, Robots#{Id := Told}}.
 
 told(Batches, Robot) -> lists:foldl(fun told_one/2, {[], Robot}, Batches).
 
