@@ -105,7 +105,10 @@ it_ends_with_its_link_test() ->
 self_of_nobody() -> spawn(fun() -> ok end).
 
 %% What is wrong is a text: when it opens, and later in one line of the log.
-a_driver_that_fails_says_why_test() ->
+%% In a process of its own: the exit of who could not start is no matter of other tests.
+a_driver_that_fails_says_why_test_() -> {spawn, fun a_driver_that_fails_says_why/0}.
+
+a_driver_that_fails_says_why() ->
     process_flag(trap_exit, true),
     ?assertEqual(
         {error, {shutdown, {chassis, <<"no such line">>}}},
