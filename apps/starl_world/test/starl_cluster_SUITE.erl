@@ -224,7 +224,7 @@ reloads(Config) ->
     Outcome =
         {_, Answers} = run(
             dist,
-            150,
+            400,
             [
                 {heard, 3, {reload, ["code_change(S, _) -> S."], "step"}},
                 {heard, 6, {reload, ["step(_, _) -> error(planted)."], "former"}},
@@ -234,7 +234,7 @@ reloads(Config) ->
             ],
             Config
         ),
-    ?assertEqual([{done, 150}, {done, 150}], results(element(1, Outcome))),
+    ?assertEqual([{done, 400}, {done, 400}], results(element(1, Outcome))),
     Texts = [lists:flatten(io_lib:format("~ts", [Text])) || {_, Text} <- Answers],
     ?assertMatch([_, _, _, _, _], Texts),
     [
