@@ -140,7 +140,11 @@ a_choice_behind_flags_test() ->
     ?assertMatch(#{robots := 2, depth := 3, quiet := false}, Values).
 
 %% A command or an application that nobody lists would be there for nobody.
-all_that_there_are_are_offered_test() ->
+all_that_there_are_are_offered_test_() ->
+    %% it reads all code, on a busy computer from the disk
+    {timeout, 60, fun all_that_there_are_are_offered/0}.
+
+all_that_there_are_are_offered() ->
     Apps = [Module || {_, Module} <- starl_cli_target:apps()],
     ?assertEqual([], implementing(starl_cli_command) -- commands()),
     ?assertEqual([], implementing(starl_app) -- Apps).
