@@ -1,0 +1,401 @@
+%% The transport by UDP, without a network: its sockets are this module, which hands datagrams to the test, and its
+%% clock shows what the test sets.
+-module(starl_live_udp_tests).
+-include_lib("eunit/include/eunit.hrl").
+-behaviour(starl_live_clock).
+
+%% The sockets.
+-export([open/2, send/4, close/1]).
+-export([system_time/2, time_of_day/2, monotonic_time/2, start_timer/4, send_after/3]).
+
+-define(START, 1_700_000_000_000_000).
+
+%% -- sockets and clock -------------------------------------------------------------------------------
+
+open(7, _Options) -> {error, eaddrinuse};
+open(Port, [binary, {active, 100}, {recbuf, _}, inet, {broadcast, true}]) -> {ok, Port}.
+
+%% Nobody can be reached at port 9.
+send(_Socket, _Ip, 9, _Bytes) ->
+    {error, enetunreach};
+send(Socket, Ip, Port, Bytes) ->
+    self() ! {datagram, Socket, {Ip, Port}, iolist_to_binary(Bytes)},
+    ok.
+
+close(Socket) ->
+    self() ! {closed, Socket},
+    ok.
+
+system_time(Unit, Time) -> erlang:convert_time_unit(atomics:get(Time, 1), microsecond, Unit).
+time_of_day(Unit, Time) -> system_time(Unit, Time).
+monotonic_time(Unit, Time) -> system_time(Unit, Time).
+
+start_timer(Ms, What, [], _Time) ->
+    self() ! {timer, What, Ms},
+    What.
+
+send_after(Ms, Message, _Time) ->
+    self() ! {held, Ms, Message},
+    make_ref().
+
+%% -- robots ------------------------------------------------------------------------------------------
+
+%% The end of a robot of three on port 5000 and its number, and the time that they share.
+robot(Robot, Given) -> robot(Robot, Given, now_set()).
+
+robot(Robot, Given, Time) ->
+    {ok, Udp} = starl_live_udp:open(maps:merge(config(Robot, Time), Given)),
+    Udp.
+
+config(Robot, Time) ->
+    #{
+        robot => Robot,
+        participants => starl_team:new([1, 2, 3]),
+        fleet => "tests",
+        run => 1,
+        key => fun() -> <<7:256>> end,
+        peers => places(),
+        life => Robot,
+        spread_ms => 0,
+        beat_ms => infinity,
+        clock => starl_live_clock:on({?MODULE, Time}, starl_live_clock:new(0, 1)),
+        sockets => ?MODULE,
+        random => fun() -> rand:seed_s(exsss, Robot) end
+    }.
+
+now_set() ->
+    forget(),
+    Time = atomics:new(1, [{signed, true}]),
+    ok = atomics:put(Time, 1, ?START),
+    Time.
+
+forget() ->
+    receive
+        _ -> forget()
+    after 0 -> ok
+    end.
+
+after_ms(Ms, Time) -> atomics:add(Time, 1, 1000 * Ms).
+
+%% What has gone on the air: to whom.
+datagrams() ->
+    receive
+        {datagram, Socket, To, Bytes} -> [{Socket, To, Bytes} | datagrams()]
+    after 0 -> []
+    end.
+
+addresses() -> [To || {_, To, _} <- datagrams()].
+
+address(Robot) -> {{10, 0, 0, Robot}, 5000 + Robot}.
+
+%% A robot hears what another one has sent to it.
+hears(From, Udp) ->
+    lists:foldl(
+        fun({_, _, Bytes}, {Packets, U}) ->
+            {Ip, Port} = address(From),
+            {Some, Next} = starl_live_udp:hear({udp, socket, Ip, Port, Bytes}, U),
+            {Packets ++ Some, Next}
+        end,
+        {[], Udp},
+        datagrams()
+    ).
+
+packet() -> starl_packet:shout(1, hello, here).
+
+large() -> starl_packet:shout(1, hello, binary:copy(<<"large">>, 1000)).
+
+transmits(To, Packet, Udp) ->
+    {ok, Next} = starl_live_udp:transmit(To, Packet, Udp),
+    Next.
+
+%% -- packets -----------------------------------------------------------------------------------------
+
+%% A packet for one goes to its place, one for all to each of the others in turn, or once to the group.
+packets_go_to_their_robots_test() ->
+    One = transmits(2, packet(), robot(1, #{})),
+    ?assertMatch([{5001, {{10, 0, 0, 2}, 5002}, _}], datagrams()),
+    All = transmits(all, packet(), One),
+    ?assertEqual([address(2), address(3)], addresses()),
+    Unknown = transmits(7, packet(), All),
+    ?assertEqual([], addresses()),
+    ?assertEqual(
+        #{sent => 2, datagrams => 3, unknown_peer => 1}, starl_live_udp:figures(Unknown)
+    ),
+    ok = starl_live_udp:close(Unknown),
+    receive
+        {closed, 5001} -> ok
+    end.
+
+%% Large ones go in fragments, and come whole; those who are not meant count them.
+packets_come_as_they_were_sent_test() ->
+    Time = now_set(),
+    Two = robot(2, #{}, Time),
+    _ = transmits(2, large(), transmits(2, packet(), robot(1, #{}, Time))),
+    {Packets, Heard} = hears(1, Two),
+    ?assertEqual([packet(), large()], Packets),
+    ?assertEqual(#{}, starl_live_udp:figures(Heard)),
+    _ = transmits(2, packet(), robot(1, #{}, Time)),
+    {[], Three} = hears(1, robot(3, #{}, Time)),
+    ?assertEqual(#{address => 1}, starl_live_udp:figures(Three)).
+
+%% What cannot travel is refused with a line.
+what_cannot_travel_is_refused_test() ->
+    Udp = robot(1, #{}),
+    {refused, Line, Udp} = starl_live_udp:transmit(2, starl_packet:shout(1, hello, self()), Udp),
+    ?assertNotEqual(nomatch, string:find(Line, "cannot be sent")),
+    ?assertEqual([], datagrams()).
+
+%% Where there is no way, that is counted, and is why a robot is silent.
+what_is_not_sent_is_counted_test() ->
+    starl_platform_ct:quietly(fun() ->
+        Places = (places())#{2 => {{10, 0, 0, 2}, 9}},
+        Udp = transmits(all, packet(), robot(1, #{peers => Places})),
+        ?assertEqual([address(3)], addresses()),
+        ?assertEqual(
+            #{sent => 1, datagrams => 1, send_error => 1}, starl_live_udp:figures(Udp)
+        ),
+        ?assertMatch(
+            [#{robot := 2, why := {unsent, enetunreach}}, #{robot := 3, why := none}],
+            starl_live_udp:peers(Udp)
+        )
+    end).
+
+places() -> maps:from_list([{N, address(N)} || N <- [1, 2, 3]]).
+
+%% A burst of 16,000 bytes leaves at once, the rest at 1000 bytes a millisecond.
+bytes_leave_at_a_pace_test() ->
+    Time = now_set(),
+    Udp = lists:foldl(
+        fun(_, U) -> transmits(2, large(), U) end, robot(1, #{}, Time), lists:seq(1, 10)
+    ),
+    First = length(datagrams()),
+    ?assert(First > 10 andalso First < 16),
+    receive
+        {timer, flush, Ms} -> ?assert(Ms >= 1 andalso Ms =< 2)
+    end,
+    {[], Still} = starl_live_udp:hear({timeout, another, flush}, Udp) =:= unknown andalso {[], Udp},
+    after_ms(100, Time),
+    {[], Later} = starl_live_udp:hear({timeout, flush, flush}, Still),
+    Second = length(datagrams()),
+    ?assert(Second > 10),
+    ?assertEqual(First + Second, maps:get(datagrams, starl_live_udp:figures(Later))).
+
+%% Beyond a megabyte that waits packets are lost.
+a_full_queue_loses_packets_test() ->
+    Udp = lists:foldl(
+        fun(_, U) -> transmits(2, large(), U) end, robot(1, #{}), lists:seq(1, 250)
+    ),
+    ?assertMatch(#{sent := 250, queue_full := N} when N > 1, starl_live_udp:figures(Udp)).
+
+%% -- answers to all ----------------------------------------------------------------------------------
+
+%% What goes to the source of a packet for all just after it waits for a short time, at most that of the
+%% configuration; what goes to others, or later, does not.
+answers_are_spread_test() ->
+    Time = now_set(),
+    Spread = robot(2, #{spread_ms => 30}, Time),
+    _ = transmits(all, packet(), robot(1, #{}, Time)),
+    {[_ | _], Called} = hears(1, Spread),
+    Held = transmits(1, packet(), Called),
+    ?assertEqual([], datagrams()),
+    Datagrams =
+        receive
+            {held, Ms, {starl_live_udp, held, _} = Message} when Ms >= 0, Ms =< 30 -> Message
+        end,
+    Other = transmits(3, packet(), Held),
+    ?assertEqual([address(3)], addresses()),
+    {[], Sent} = starl_live_udp:hear(Datagrams, Other),
+    ?assertEqual([address(1)], addresses()),
+    after_ms(30, Time),
+    _ = transmits(1, packet(), Sent),
+    ?assertEqual([], datagrams()),
+    after_ms(1, Time),
+    _ = transmits(1, packet(), Sent),
+    ?assertEqual([address(1)], addresses()),
+    %% a packet for one calls for no spread answer
+    _ = transmits(2, packet(), robot(1, #{}, Time)),
+    {[_], Told} = hears(1, Spread),
+    _ = transmits(1, packet(), Told),
+    ?assertEqual([address(1)], addresses()).
+
+%% -- beats -------------------------------------------------------------------------------------------
+
+%% Each second each of the others is called; a beat that names our life proves what its sender says from then on.
+beats_prove_test() ->
+    Time = now_set(),
+    One = robot(1, #{beat_ms => 1000}, Time),
+    ?assertEqual([address(2), address(3)], addresses()),
+    receive
+        {timer, beat, 1000} -> ok
+    end,
+    Two = robot(2, #{beat_ms => 1000}, Time),
+    Beats = datagrams(),
+    %% before a beat nothing is taken
+    _ = transmits(2, packet(), One),
+    {[], Unproved} = hears(1, Two),
+    ?assertMatch(#{unproved := 1}, starl_live_udp:figures(Unproved)),
+    %% two's beat is answered at once, since it is the first of its life, with a beat that names that
+    [self() ! {datagram, S, To, B} || {S, To, B} <- Beats, To =:= address(1)],
+    {[], Heard} = hears(2, One),
+    [{_, To, Answer}] = datagrams(),
+    ?assertEqual(address(2), To),
+    {Ip, Port} = address(1),
+    {[], Proved} = starl_live_udp:hear({udp, socket, Ip, Port, Answer}, Unproved),
+    _ = datagrams(),
+    after_ms(1, Time),
+    _ = transmits(2, packet(), Heard),
+    ?assertMatch({[_], _}, hears(1, Proved)),
+    %% and one has the round trip
+    ?assertMatch(
+        [#{robot := 1, round_trip_us := 0, life := 1, ahead_ms := 0}, #{robot := 3, life := none}],
+        starl_live_udp:peers(Proved)
+    ),
+    %% the next beat comes with its timer
+    after_ms(1000, Time),
+    {[], _} = starl_live_udp:hear({timeout, beat, beat}, Heard),
+    ?assertEqual([address(2), address(3)], addresses()).
+
+%% A beat that names our life already needs no answer.
+beats_are_answered_once_test() ->
+    Time = now_set(),
+    One = robot(1, #{beat_ms => 1000}, Time),
+    _ = datagrams(),
+    Two = robot(2, #{beat_ms => 1000}, Time),
+    Pass = fun(From, To, Udp) ->
+        All = datagrams(),
+        [self() ! {datagram, S, A, B} || {S, A, B} <- All, A =:= address(To)],
+        {[], Next} = hears(From, Udp),
+        Next
+    end,
+    One1 = Pass(2, 1, One),
+    Two1 = Pass(1, 2, Two),
+    One2 = Pass(2, 1, One1),
+    ?assertEqual([], datagrams()),
+    after_ms(1000, Time),
+    {[], _} = starl_live_udp:hear({timeout, beat, beat}, Two1),
+    _ = Pass(2, 1, One2),
+    ?assertEqual([], datagrams()).
+
+%% -- names -------------------------------------------------------------------------------------------
+
+%% A name is looked up beside the transport, once at a time, and then the robot is called there.
+names_are_looked_up_test() ->
+    starl_platform_ct:quietly(fun() ->
+        Time = now_set(),
+        Test = self(),
+        Lookup = fun(Host) ->
+            Test ! {looks_up, self(), Host},
+            receive
+                Found -> Found
+            end
+        end,
+        Places = (places())#{2 => {"robot-2.lab", 5002}, 3 => {"10.0.0.3", 5003}},
+        Udp = robot(1, #{beat_ms => 1000, peers => Places, lookup => Lookup}, Time),
+        ?assertEqual([address(3)], addresses()),
+        Process =
+            receive
+                {looks_up, Pid, "robot-2.lab"} -> Pid
+            end,
+        after_ms(6000, Time),
+        {[], Again} = starl_live_udp:hear({timeout, beat, beat}, Udp),
+        Process ! {ok, {10, 0, 0, 2}},
+        Told = fun() ->
+            receive
+                {starl_live_udp, named, 2, _} = Message -> Message
+            end
+        end,
+        {[], Named} = starl_live_udp:hear(Told(), Again),
+        {[], Done} =
+            receive
+                {'DOWN', _, process, Process, _} = Down -> starl_live_udp:hear(Down, Named)
+            end,
+        ?assertEqual(unknown, starl_live_udp:hear({'DOWN', make_ref(), process, self(), x}, Done)),
+        _ = datagrams(),
+        after_ms(1000, Time),
+        {[], _} = starl_live_udp:hear({timeout, beat, beat}, Done),
+        ?assertEqual([address(2), address(3)], addresses()),
+        ?assertEqual([], [Host || {looks_up, _, Host} <- messages()])
+    end).
+
+messages() ->
+    receive
+        Message -> [Message | messages()]
+    after 0 -> []
+    end.
+
+%% -- what is not taken -------------------------------------------------------------------------------
+
+%% By its reason; of an unknown atom or another packet, too.
+what_is_refused_is_counted_test() ->
+    starl_platform_ct:quietly(fun() ->
+        Time = now_set(),
+        Two = robot(2, #{}, Time),
+        Seal = seal(1, Time),
+        Hears = fun(Payload) ->
+            Now = atomics:get(Time, 1) div 1000,
+            Bytes = iolist_to_binary(starl_live_seal:seal(2, Payload, Now, Seal)),
+            {[], Udp} = starl_live_udp:hear({udp, socket, {10, 0, 0, 1}, 5001, Bytes}, Two),
+            starl_live_udp:figures(Udp)
+        end,
+        ?assertEqual(#{version => 1}, Hears(<<0, 99>>)),
+        ?assertEqual(#{fragment => 1}, Hears(<<9, 99>>)),
+        Sender = term_to_binary(starl_packet:shout(3, hello, here), [{minor_version, 2}]),
+        ?assertEqual(#{sender => 1}, Hears(<<0, 1, Sender/binary>>)),
+        {[], Udp} = starl_live_udp:hear({udp, socket, {10, 0, 0, 1}, 5001, <<"x">>}, Two),
+        ?assertEqual(#{length => 1}, starl_live_udp:figures(Udp)),
+        {[], Error} = starl_live_udp:hear({udp_error, socket, econnrefused}, Two),
+        ?assertEqual(#{socket_error => 1}, starl_live_udp:figures(Error)),
+        %% its clock is an hour behind
+        Old = iolist_to_binary(
+            starl_live_seal:seal(2, <<0, 99>>, ?START div 1000 - 3_600_000, Seal)
+        ),
+        {[], Late} = starl_live_udp:hear({udp, socket, {10, 0, 0, 1}, 5001, Old}, Two),
+        ?assertEqual(#{clock => 1}, starl_live_udp:figures(Late)),
+        ?assertMatch(
+            [#{refused := #{clock := #{count := 1}}}, _], starl_live_udp:peers(Late)
+        ),
+        ?assertEqual(unknown, starl_live_udp:hear(hello, Two))
+    end).
+
+seal(Robot, Time) ->
+    {ok, Seal} = starl_live_seal:new(config(Robot, Time), 0),
+    Seal.
+
+%% -- opening -----------------------------------------------------------------------------------------
+
+%% One line on what is wrong with a configuration.
+mistakes_are_one_line_test() ->
+    Line = fun(Given) ->
+        {error, Why} = starl_live_udp:open(maps:merge(config(1, now_set()), Given)),
+        lists:flatten(Why)
+    end,
+    ?assertEqual(
+        "peers: robot 3: an address and a port expected, {\"192.168.1.11\", 5001}",
+        Line(#{peers => maps:remove(3, places())})
+    ),
+    ?assertEqual(
+        "port 7: address already in use", Line(#{peers => (places())#{1 => {{0, 0, 0, 0}, 7}}})
+    ),
+    ?assertMatch(
+        "robot 4294967296: numbers" ++ _,
+        Line(#{
+            robot => 1 bsl 32,
+            participants => starl_team:new([1, 1 bsl 32]),
+            peers => (places())#{1 bsl 32 => address(1)}
+        })
+    ).
+
+%% Without one that is given, a life is the time of day and a lot: later ones are larger.
+lives_are_ordered_test() ->
+    Time = now_set(),
+    Life = fun() ->
+        Udp = starl_live_udp:open(maps:remove(life, config(1, Time))),
+        _ = transmits(2, packet(), element(2, Udp)),
+        {[_], Heard} = hears(1, robot(2, #{}, Time)),
+        [#{life := Life} | _] = starl_live_udp:peers(Heard),
+        Life
+    end,
+    First = Life(),
+    ?assertEqual(?START div 1000, First bsr 16),
+    after_ms(1, Time),
+    ?assert(Life() > First).
