@@ -138,3 +138,48 @@ a_packet_of_its_sender_test() ->
     ?assertEqual({error, sender}, starl_live_codec:decode(2, Bytes)),
     Hello = term_to_binary({starl, 1, hello, 1, -1}, [{minor_version, 2}]),
     ?assertEqual({error, packet}, starl_live_codec:decode(1, <<1, Hello/binary>>)).
+
+%% Of what cannot travel the sender learns what it is.
+what_cannot_travel_is_named_test_() ->
+    {ok, Port} = gen_udp:open(0),
+    ok = gen_udp:close(Port),
+    [
+        ?_assertEqual({error, {holds, What}}, starl_live_codec:encode(packet([Term])))
+     || {What, Term} <- [
+            {pid, self()},
+            {port, Port},
+            {reference, make_ref()},
+            {function, fun() -> Port end},
+            {function, fun lists:map/2},
+            {bitstring, <<1:3>>},
+            {huge_integer, 1 bsl 4000}
+        ]
+    ].
+
+%% Containers of each kind may be nested as deep as a payload, and no deeper; what is no container is not too deep.
+each_kind_of_container_counts_test_() ->
+    Nested = fun(Wrap, N) ->
+        starl_live_codec:encode(packet(lists:foldl(fun(_, T) -> Wrap(T) end, x, lists:seq(1, N))))
+    end,
+    Deepest = starl_payload:deepest(packet) - 1,
+    [
+        begin
+            Right = Nested(Wrap, Deepest),
+            Wrong = Nested(Wrap, Deepest + 1),
+            [?_assertMatch({ok, _}, Right), ?_assertEqual({error, too_deep}, Wrong)]
+        end
+     || Wrap <- [
+            fun(T) -> [T] end,
+            fun(T) -> {T} end,
+            fun(T) -> #{k => T} end,
+            fun(T) -> list_to_tuple([T | lists:duplicate(255, 0)]) end
+        ]
+    ] ++
+        [
+            ?_assertEqual(
+                {error, {holds, pid}},
+                starl_live_codec:encode(
+                    packet(lists:foldl(fun(_, T) -> {T} end, self(), lists:seq(1, Deepest)))
+                )
+            )
+        ].

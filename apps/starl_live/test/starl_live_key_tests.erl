@@ -44,11 +44,11 @@ kept(File) ->
     said("stands there already", File, Line),
     ?assertEqual({ok, Before}, file:read_file(File)).
 
-missing(File) -> refused("no such file", File).
+missing(File) -> refused("no such file; the fleet's key is made by: ./starl keys", File).
 
 no_folder(File) ->
     {error, Line} = starl_live_key:generate(filename:join(File, "key")),
-    said("no such file or directory", File, Line).
+    said("/key: no such file or directory", File, Line).
 
 open_to_others(File) ->
     ok = starl_live_key:generate(File),

@@ -151,6 +151,25 @@ what_cannot_be_sent_is_why_test() ->
         complaint(robot(2, 2000, Peers))
     ).
 
+%% A trouble of long ago is why no more.
+an_old_trouble_is_none_test() ->
+    Peers = starl_live_peers:unsent(?HOME, enetunreach, 1000, peers()),
+    ?assertMatch(#{why := {unsent, enetunreach}}, robot(2, 10_999, Peers)),
+    ?assertMatch(#{why := none}, robot(2, 11_000, Peers)).
+
+%% A datagram says whose it is, wherever it comes from.
+a_refusal_is_that_of_the_robot_that_it_names_test() ->
+    {[{refused, 2, seal}], Peers} = starl_live_peers:refused(2, seal, ?AWAY, 1000, peers()),
+    ?assertMatch(#{refused := #{seal := #{count := 1}}}, robot(2, 1000, Peers)).
+
+%% A robot that restarts at once is heard at once, in its new life, in which it has sent no beat yet.
+a_quick_restart_is_heard_test() ->
+    Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
+    Beaten = starl_live_peers:beaten(2, -5000, {0, none}, 500, Heard),
+    {heard, [], Restarted} = speaks(2001, 8, ?HOME, Beaten),
+    ?assertMatch(#{life := 8}, robot(2, 2001, Restarted)),
+    ?assertEqual({600, 0, none}, starl_live_peers:beat(2, 600, Restarted)).
+
 %% -- beats ----------------------------------------------------------------------------------
 
 %% Ours left at 100 us, was held for 40 us there, and its echo came at 1000 us, by our clock.

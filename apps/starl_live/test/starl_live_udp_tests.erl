@@ -6,6 +6,8 @@
 
 %% The sockets.
 -export([open/2, send/4, close/1]).
+%% Handles the transport's reports.
+-export([log/2]).
 -export([system_time/2, time_of_day/2, monotonic_time/2, start_timer/4, send_after/3]).
 
 -define(START, 1_700_000_000_000_000).
@@ -111,7 +113,11 @@ transmits(To, Packet, Udp) ->
 %% -- packets -----------------------------------------------------------------------------------------
 
 %% A packet for one goes to its place, one for all to each of the others in turn, or once to the group.
-packets_go_to_their_robots_test() ->
+packets_go_to_their_robots_test_() ->
+    %% the first test may have to load libcrypto
+    {timeout, 60, fun packets_go_to_their_robots/0}.
+
+packets_go_to_their_robots() ->
     One = transmits(2, packet(), robot(1, #{})),
     ?assertMatch([{5001, {{10, 0, 0, 2}, 5002}, _}], datagrams()),
     All = transmits(all, packet(), One),
@@ -217,6 +223,46 @@ answers_are_spread_test() ->
     {[_], Told} = hears(1, Spread),
     _ = transmits(1, packet(), Told),
     ?assertEqual([address(1)], addresses()).
+
+%% Without a spread they go at once; the shortest spread is one millisecond.
+answers_need_not_be_spread_test() ->
+    Answers = fun(Spread) ->
+        Time = now_set(),
+        Two = robot(2, #{spread_ms => Spread}, Time),
+        _ = transmits(all, packet(), robot(1, #{}, Time)),
+        {[_ | _], Called} = hears(1, Two),
+        _ = transmits(1, packet(), Called),
+        addresses()
+    end,
+    ?assertEqual([address(1)], Answers(0)),
+    ?assertEqual([], Answers(1)).
+
+%% Unless it is said otherwise there is a beat each second, and what is refused is in the log.
+beats_and_refusals_as_usual_test() ->
+    Time = now_set(),
+    {ok, Udp} = starl_live_udp:open(maps:remove(beat_ms, config(1, Time))),
+    receive
+        {timer, beat, Ms} -> ?assertEqual(1000, Ms)
+    end,
+    #{level := Level} = logger:get_primary_config(),
+    ok = logger:set_primary_config(level, warning),
+    ok = logger:add_handler(?MODULE, ?MODULE, #{config => #{test => self()}}),
+    Bytes = iolist_to_binary(
+        starl_live_seal:seal(1, <<0, 99>>, 0, seal(2, Time))
+    ),
+    {[], _} = starl_live_udp:hear({udp, socket, {10, 0, 0, 2}, 5002, Bytes}, Udp),
+    ok = logger:remove_handler(?MODULE),
+    ok = logger:set_primary_config(level, Level),
+    receive
+        {logged, Line} ->
+            ?assertMatch(<<"datagrams of robot 2 are refused: its clock", _/binary>>, Line)
+    after 0 -> error(not_logged)
+    end.
+
+log(#{msg := {report, #{what := refused, why := Why}}}, #{config := #{test := Test}}) ->
+    Test ! {logged, Why};
+log(_Event, _Handler) ->
+    ok.
 
 %% -- beats -------------------------------------------------------------------------------------------
 

@@ -133,10 +133,11 @@ walk(<<Tag, _/binary>>, Count, _Open, _Deeper) when Count > 0 ->
 walk(_Bytes, _Count, _Open, _Deeper) ->
     {error, {holds, other}}.
 
-tag(Tag) when Tag =:= 88; Tag =:= 103 -> pid;
-tag(Tag) when Tag =:= 89; Tag =:= 102; Tag =:= 120 -> port;
-tag(Tag) when Tag =:= 90; Tag =:= 101; Tag =:= 114 -> reference;
-tag(Tag) when Tag =:= 112; Tag =:= 113; Tag =:= 117 -> function;
+%% Those that OTP writes: only a sender learns what its packet holds.
+tag(88) -> pid;
+tag(Tag) when Tag =:= 89; Tag =:= 120 -> port;
+tag(90) -> reference;
+tag(Tag) when Tag =:= 112; Tag =:= 113 -> function;
 tag(77) -> bitstring;
 tag(111) -> huge_integer;
 tag(_) -> other.
