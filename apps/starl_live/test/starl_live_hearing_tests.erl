@@ -111,3 +111,12 @@ log(#{level := Level, msg := {report, #{what := What, why := Why}}}, #{config :=
     Test ! {logged, {Level, What, Why}};
 log(_Event, _Handler) ->
     ok.
+
+%% Modules of tests share a process: those after this one find nothing of it.
+nothing_is_left_test() -> forget().
+
+forget() ->
+    receive
+        _ -> forget()
+    after 0 -> ok
+    end.

@@ -646,7 +646,8 @@ without_a_store_it_does_not_start_test() ->
         ?assertNotEqual(nomatch, string:find(Line, File)),
         ok = file:delete(File)
     end),
-    process_flag(trap_exit, false).
+    process_flag(trap_exit, false),
+    forget().
 
 %% -- snapshots ---------------------------------------------------------------------------------------
 

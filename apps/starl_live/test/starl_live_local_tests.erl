@@ -77,3 +77,12 @@ heard() ->
         {heard, _, _} = Message -> [Message | heard()]
     after 0 -> []
     end.
+
+%% Modules of tests share a process: those after this one find nothing of it.
+nothing_is_left_test() -> forget().
+
+forget() ->
+    receive
+        _ -> forget()
+    after 0 -> ok
+    end.

@@ -170,3 +170,12 @@ a_socket_that_is_of_no_use_is_closed_test() ->
         after 0 -> open
         end
     ).
+
+%% Modules of tests share a process: those after this one find nothing of it.
+nothing_is_left_test() -> forget().
+
+forget() ->
+    receive
+        _ -> forget()
+    after 0 -> ok
+    end.

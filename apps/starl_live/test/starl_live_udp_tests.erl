@@ -445,3 +445,6 @@ lives_are_ordered_test() ->
     ?assertEqual(?START div 1000, First bsr 16),
     after_ms(1, Time),
     ?assert(Life() > First).
+
+%% Modules of tests share a process: those after this one find nothing of it.
+nothing_is_left_test() -> forget().
