@@ -273,6 +273,7 @@ is_known(Machine, Name, Names) ->
 %% These come in no run of the first of soak: a test of the machine makes them.
 rare() ->
     [
+        {robot, {late, 2}, {starl_live_link_tests, a_computer_that_is_late_is_told_of_test, 0}},
         {supervisor, {crashed, 2}, {starl_sim_crash_tests, machine_crashed_test, 0}},
         {supervisor, {given_up, 1}, {starl_sim_crash_tests, block_given_up_test, 0}},
         {chassis, {not_understood, 1}, {starl_sim_holonomic_SUITE, another_chassis_script, 1}},

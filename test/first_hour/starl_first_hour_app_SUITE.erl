@@ -253,7 +253,7 @@ a_mistake_at_the_prompt_ends_nothing(_) ->
     {0, Text} = starl_first_hour_ct:sh("\"" ++ Starl ++ "\" shell <input", Here),
     contains("no match of right hand side value 2", Text),
     contains("6000000", Text),
-    contains("{error,{no_app,\"starl_sim:start(#{app => painting, robots => 3})\"}}", Text).
+    contains("{error,{no_app,\"#{app => painting, robots => 3}\"}}", Text).
 
 run(Lines, Args) ->
     ok = file:write_file("my_app.erl", Lines),

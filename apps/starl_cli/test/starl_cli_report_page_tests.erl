@@ -81,6 +81,7 @@ made() ->
             {2, #{result => running, waits => {time, [{my_app, step, 2, "my_app.erl", 7}]}}}
         ],
         digest => <<1>>,
+        late_computers => [{2, 1, 300000}],
         hung => {60000, [{2, app, [{my_app, step, 2, "my_app.erl", 7}]}]},
         events => 5,
         packets => 2

@@ -41,7 +41,8 @@
     {scenario, starl_run_scenario:reason()}
     | {app | scene, unicode:chardata()}
     | {no_such_app, module()}
-    | no_app
+    %% at a prompt it is all that one sees
+    | {no_app, Example :: string()}
     | {fault_target, atom(), starl:robot_id()}
     | {fault_machine, atom(), starl_machine:name(), Known :: [starl_machine:name()]}
     | starl_run_floor:problem_of_fault()
@@ -154,7 +155,7 @@ plan(#{app := Name} = Given, Options) when is_atom(Name) ->
         {same, none} -> {error, {no_such_app, Name}}
     end;
 plan(_Given, _Options) ->
-    {error, no_app}.
+    {error, {no_app, ?EXAMPLE}}.
 
 module_named(Name) ->
     Names = [Name, list_to_atom("starl_" ++ atom_to_list(Name))],
@@ -200,8 +201,8 @@ format_error({versions, Versions}) ->
         lists:join(", ", Each),
         "; a project takes all of them from one commit"
     ];
-format_error(no_app) ->
-    ["which application? A scenario names it: ", ?EXAMPLE];
+format_error({no_app, Example}) ->
+    ["which application? A scenario names it: ", Example];
 format_error({fault_target, Id, Robot}) ->
     io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]);
 format_error({fault_machine, Id, Name, Known}) ->
