@@ -39,7 +39,7 @@ pauses_that_meet_are_one_test() ->
 %% Live robots tell themselves when their computers were late.
 late_computers_test() ->
     Facts = [{9, 1, robot, {late, 4, 9}}, {9, 1, robot, up}, {9, 2, app, {late, 4, 9}}],
-    ?assertEqual([{1, 4, 9, pause}], ?A:told(Facts)).
+    ?assertEqual([{1, 4, 9, pause}], ?A:late(Facts)).
 
 %% Each robot's own, and those of all.
 robots_test() ->

@@ -23,7 +23,6 @@ all() ->
         a_missing_file_accuses_nobody,
         reading_begins_at_any_time,
         a_halt_is_excused,
-        a_late_computer_is_excused,
         other_files_are_told,
         only_files_are_replaced,
         a_full_disk_ends_the_recording_only,
@@ -546,24 +545,6 @@ a_halt_is_excused(Config) ->
      || {At, What} <- [{4100, []}, {4101, [outcome_overdue]}]
     ],
     ?assertEqual([], Found([Began, Judged([Sent]), Judged([Outcome(4100)])])).
-
-%% So is what a computer that was late explains, though another robot's fact comes before it tells of that.
-a_late_computer_is_excused(Config) ->
-    File = file(Config, "late"),
-    Found = fun(Us) ->
-        Facts = [
-            {900_000, 1, sap, {sent, {1, 1, 1}, [2], note, 0}},
-            {999_000, 2, sap, {sent, {2, 1, 1}, [1], note, 0}},
-            {999_000, 2, sap, {outcome, {2, 1, 1}, 1, lost}},
-            {1_200_000, 1, robot, {late, 900_500, 1_200_000}},
-            {Us, 1, sap, {outcome, {1, 1, 1}, 2, lost}}
-        ],
-        ok = starl_trace_ct:recorded(File, heard([{judged, [Fact], []} || Fact <- Facts])),
-        {ok, #{violations := Violations}} = starl_trace_judge:file(File),
-        [What || #{what := What} <- Violations]
-    end,
-    ?assertEqual([], Found(1_200_500)),
-    ?assertEqual([outcome_overdue], Found(1_200_501)).
 
 heard(News) -> heard(News, #{}).
 

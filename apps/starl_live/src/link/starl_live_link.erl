@@ -477,18 +477,18 @@ at_event(#link{robot = Robot, turns = Turns, late_us = Before} = Link) ->
     Marks = starl_robot_timers:marks(starl_robot:timers(Robot)),
     Present = starl_live_body:at(event, starl_robot:world(Robot)),
     {Due, Body} = starl_live_body:due_us(Marks, Present),
-    timely(max(Due, Before), Body, Link#link{turns = Turns + 1}).
+    computer_late(max(Due, Before), Body, Link#link{turns = Turns + 1}).
 
-timely(Since, Body, Link) ->
+computer_late(Since, Body, Link) ->
     case starl_live_body:now_us(Body) of
         Now when Now - Since > ?LATE_US ->
-            ok = tell_late(),
+            ok = warn_late(),
             {starl_live_body:trace(robot, {late, Since, Now}, Body), Link#link{late_us = Now}};
         _Now ->
             {Body, Link}
     end.
 
-tell_late() ->
+warn_late() ->
     Why = io_lib:format("its computer was late by more than ~b ms", [?LATE_US div 1000]),
     Report = #{what => late, machine => robot, reason => unicode:characters_to_binary(Why)},
     logger:warning(Report, #{report_cb => fun report/1}).

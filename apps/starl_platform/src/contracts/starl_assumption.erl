@@ -6,7 +6,7 @@
 %% handles an event later than a bound after it is due; positions are about right. A fault injector
 %% knows when an assumption is broken and says so as data ({@link window()}); a cluster knows it of
 %% its own faults, when they are over ({@link broken/2}); and a live robot tells when its computer was late
-%% ({@link told/1}). Nothing else is known of real robots, and nothing is excused. A monitor asks how far a broken assumption reaches:
+%% ({@link late/1}). Nothing else is known of real robots, and nothing is excused. A monitor asks how far a broken assumption reaches:
 %% ```
 %%   true time       S            T0   clock set back by 2     E          E + 2
 %%                   |-------------|-----------v---------------|-----------|
@@ -15,7 +15,7 @@
 %% All answers are generous bounds: no window explains an event beyond them.
 -module(starl_assumption).
 
--export([new/2, broken/2, told/1, is_kept/1, is_kept/3, longest_us/2]).
+-export([new/2, broken/2, late/1, is_kept/1, is_kept/3, longest_us/2]).
 -export([clock_later/4, clock_earlier/4, lost_us/4, gained_us/4, handled/4, begun_us/3]).
 -export([behind_us/4, misleads/1, is_misplaced/4, delayed_us/5, calm_us/3, calm_us/4, leaves_us/3]).
 
@@ -77,10 +77,10 @@ united({From, To, pause}, Own) ->
 united(Window, Own) ->
     [Window | Own].
 
-%% @doc The windows of which live robots tell themselves: their timers were late. To a contract their
-%% computers stood still so long.
--spec told([starl_monitor:trace_event()]) -> [window()].
-told(Facts) ->
+%% @doc The windows in which the computers of live robots were late, as these tell. To a contract they stood
+%% still so long.
+-spec late([starl_monitor:trace_event()]) -> [window()].
+late(Facts) ->
     [{Robot, From, To, pause} || {_, Robot, robot, {late, From, To}} <- Facts].
 
 %% @doc Do all robots keep it at all times, as far as is known?

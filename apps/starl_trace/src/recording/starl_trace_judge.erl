@@ -71,17 +71,21 @@ try_all(Cursor, Judge) ->
         starl_trace_reader:stop(Cursor)
     end.
 
-%% Messages are judged when the next ones are there: what those tell of late computers may explain them.
-all(Cursor, Before, #judge{late = Late} = Judge) ->
+%% Messages are judged when those of the next two seconds are there: what these tell of late computers may explain
+%% them. The judge of a live run waits as long.
+all(Cursor, Read, #judge{late = Late} = Judge) ->
     case starl_trace_reader:next(Cursor) of
         {ok, Messages, Next} ->
-            Known = Judge#judge{late = Late ++ starl_assumption:told(facts(Messages))},
-            all(Next, Messages, messages(Before, Known));
+            Known = Judge#judge{late = Late ++ starl_assumption:late(facts(Messages))},
+            ahead(Next, Read ++ [Messages], Known);
         {ended, Ended} ->
-            judged(Ended, messages(Before, Judge));
+            judged(Ended, lists:foldl(fun messages/2, Judge, Read));
         {error, _} = Error ->
             Error
     end.
+
+ahead(Cursor, [First, _, _] = Read, Judge) -> all(Cursor, tl(Read), messages(First, Judge));
+ahead(Cursor, Read, Judge) -> all(Cursor, Read, Judge).
 
 judged(closed, #judge{scenario = none, file = File}) ->
     {error, {no_scenario, File}};

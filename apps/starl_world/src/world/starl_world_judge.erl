@@ -114,10 +114,14 @@ undone([First | _] = Events, Now, #judge{pending = Pending} = Judge) ->
 -spec told([starl_monitor:trace_event()], t()) -> t().
 told(Events, Judge) ->
     lists:foldl(
-        fun arrived/2, lists:foldl(fun late/2, Judge, starl_assumption:told(Events)), Events
+        fun arrived/2,
+        lists:foldl(fun computer_late/2, Judge, starl_assumption:late(Events)),
+        Events
     ).
 
-late({Robot, From, To, _} = Window, #judge{monitors = Monitors, computers = Before} = Judge) ->
+computer_late(
+    {Robot, From, To, _} = Window, #judge{monitors = Monitors, computers = Before} = Judge
+) ->
     Us = To - From,
     More = fun({N, Longest}) -> {N + 1, max(Us, Longest)} end,
     Judge#judge{

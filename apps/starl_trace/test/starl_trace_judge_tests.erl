@@ -1,0 +1,58 @@
+%% What the judge of a recording knows before it judges. A monitor, too: it accuses a robot of `touched', unless it knows
+%% of a pause of robot 1 at that time.
+-module(starl_trace_judge_tests).
+-include_lib("eunit/include/eunit.hrl").
+-behaviour(starl_monitor).
+
+-export([init/1, step/2, broken/2, finish/2]).
+
+init(#{}) -> [].
+
+step({T, Robot, app, touched}, Pauses) ->
+    case [From || {From, To} <- Pauses, From =< T, T =< To] of
+        [] -> {violation, violation(T, Robot), Pauses};
+        _ -> {ok, Pauses}
+    end;
+step(_Event, Pauses) ->
+    {ok, Pauses}.
+
+violation(T, Robot) ->
+    #{contract => test, what => touched, at_us => T, robots => [Robot], details => #{}}.
+
+broken({1, From, To, pause}, Pauses) -> [{From, To} | Pauses].
+
+finish(_End, _Pauses) -> {ok, #{}}.
+
+%% What a computer that was late explains is excused, though another robot's fact comes before it tells of that: by as
+%% much as the judge of a live run waits, in whatever second of the recording.
+a_late_computer_is_excused_test() ->
+    File = filename:join("/tmp", "starl-trace-judge-" ++ os:getpid() ++ ".mcap"),
+    Found = fun(T, From, Told) ->
+        Facts = [
+            {500_000, 1, app, begins},
+            {T, 2, app, touched},
+            {Told, 1, robot, {late, From, Told}},
+            {5_000_000, 1, app, ends}
+        ],
+        ok = starl_trace_ct:recorded(File, news([{judged, [Fact], []} || Fact <- Facts])),
+        {ok, #{violations := Violations}} = starl_trace_judge:file(File),
+        [At || #{at_us := At} <- Violations]
+    end,
+    Told = [
+        {T, T + Later}
+     || T <- [700_000, 1_000_000, 1_999_999], Later <- [1, 600_000, 1_500_000]
+    ],
+    try
+        [?assertEqual({T, []}, {T, Found(T, T, L)}) || {T, L} <- Told],
+        [?assertEqual([T], Found(T, T + 1, L)) || {T, L} <- Told]
+    after
+        file:delete(File)
+    end.
+
+news(News) ->
+    Facts = (starl_trace_ct:facts())#{kind := live, monitors := [{?MODULE, #{}}]},
+    {Messages, Stream} = lists:mapfoldl(
+        fun starl_trace_stream:news/2, starl_trace_stream:new(), [{begun, Facts} | News]
+    ),
+    {Last, _} = starl_trace_stream:close(Stream),
+    lists:append(Messages) ++ Last.
