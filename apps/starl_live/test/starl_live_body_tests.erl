@@ -31,7 +31,7 @@ send_after(_Ms, _Message, _Time) -> make_ref().
 %% directory of its own.
 with_body(Given, Test) ->
     starl_platform_ct:quietly(fun() ->
-        forget(),
+        starl_platform_ct:forget(),
         Dir = dir(),
         _ = file:del_dir_r(Dir),
         Time = atomics:new(1, [{signed, true}]),
@@ -60,15 +60,9 @@ with_body(Given, Test) ->
             ok = Test(Body, fun(Us) -> atomics:put(Time, 1, Us) end)
         after
             _ = file:del_dir_r(Dir),
-            forget()
+            starl_platform_ct:forget()
         end
     end).
-
-forget() ->
-    receive
-        _ -> forget()
-    after 0 -> ok
-    end.
 
 %% What the body has sent to the test; tests before this one may have left other messages.
 sent() ->

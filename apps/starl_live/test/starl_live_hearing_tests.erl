@@ -113,10 +113,4 @@ log(_Event, _Handler) ->
     ok.
 
 %% Modules of tests share a process: those after this one find nothing of it.
-nothing_is_left_test() -> forget().
-
-forget() ->
-    receive
-        _ -> forget()
-    after 0 -> ok
-    end.
+nothing_is_left_test() -> starl_platform_ct:forget().

@@ -135,7 +135,7 @@ linked(Pace, Given, Test) ->
             {'EXIT', Robot, _} -> ok
         end,
         _ = file:del_dir_r(Dir),
-        forget()
+        starl_platform_ct:forget()
     end.
 
 tree(Test) ->
@@ -145,12 +145,6 @@ tree(Test) ->
         blocks => [],
         app => {machine, ?MODULE, #{test => Test}}
     }.
-
-forget() ->
-    receive
-        _ -> forget()
-    after 0 -> ok
-    end.
 
 hears(Packet, Link) -> Link ! {starl_heard, self(), [Packet]}.
 
@@ -647,7 +641,7 @@ without_a_store_it_does_not_start_test() ->
         ok = file:delete(File)
     end),
     process_flag(trap_exit, false),
-    forget().
+    starl_platform_ct:forget().
 
 %% -- snapshots ---------------------------------------------------------------------------------------
 

@@ -48,7 +48,7 @@ clock() -> starl_live_clock:on({?MODULE, 1000}, starl_live_clock:new(0, 1)).
 with_transport(Given, Test) -> with_transport(?MODULE, Given, Test).
 
 with_transport(Module, Given, Test) ->
-    forget(),
+    starl_platform_ct:forget(),
     {ok, Transport} = starl_live_transport:start_link(Module, config(Given), self()),
     try
         ok = Test(Transport)
@@ -56,7 +56,7 @@ with_transport(Module, Given, Test) ->
         unlink(Transport),
         gen_server:stop(Transport)
     end,
-    forget().
+    starl_platform_ct:forget().
 
 config(Given) ->
     maps:merge(
@@ -70,12 +70,6 @@ config(Given) ->
         },
         Given
     ).
-
-forget() ->
-    receive
-        _ -> forget()
-    after 0 -> ok
-    end.
 
 packet(From) -> starl_packet:shout(From, hello, here).
 
@@ -193,7 +187,7 @@ it_closes_its_end_test() ->
     ?assertEqual(<<"no port">>, Fails(#{fails => ["no ", "port"]})),
     ?assertMatch(<<"air: loss: ", _/binary>>, Fails(#{air => #{loss => 2}})),
     process_flag(trap_exit, false),
-    forget().
+    starl_platform_ct:forget().
 
 %% A report of a crash shows no state, which holds the key.
 its_state_is_hidden_test() ->
@@ -269,7 +263,7 @@ who_is_told_of_packets_test() ->
     ?assertEqual(none, Teller(#{sink => none})),
     ?assertEqual(none, Teller(#{sink => self()})),
     ?assertEqual(none, Teller(#{sink => none, packets => true})),
-    forget(),
+    starl_platform_ct:forget(),
     Told = fun(Spec) ->
         ok = (Teller(Spec))([event]),
         flushed()

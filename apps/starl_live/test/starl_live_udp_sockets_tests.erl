@@ -172,10 +172,4 @@ a_socket_that_is_of_no_use_is_closed_test() ->
     ).
 
 %% Modules of tests share a process: those after this one find nothing of it.
-nothing_is_left_test() -> forget().
-
-forget() ->
-    receive
-        _ -> forget()
-    after 0 -> ok
-    end.
+nothing_is_left_test() -> starl_platform_ct:forget().

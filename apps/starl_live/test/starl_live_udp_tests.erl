@@ -66,16 +66,10 @@ config(Robot, Time) ->
     }.
 
 now_set() ->
-    forget(),
+    starl_platform_ct:forget(),
     Time = atomics:new(1, [{signed, true}]),
     ok = atomics:put(Time, 1, ?START),
     Time.
-
-forget() ->
-    receive
-        _ -> forget()
-    after 0 -> ok
-    end.
 
 after_ms(Ms, Time) -> atomics:add(Time, 1, 1000 * Ms).
 
@@ -447,4 +441,4 @@ lives_are_ordered_test() ->
     ?assert(Life() > First).
 
 %% Modules of tests share a process: those after this one find nothing of it.
-nothing_is_left_test() -> forget().
+nothing_is_left_test() -> starl_platform_ct:forget().

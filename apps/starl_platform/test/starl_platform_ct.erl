@@ -7,7 +7,7 @@
 -include_lib("proper/include/proper.hrl").
 
 -export([property/2, safely/1, seed/0, within/2, work/1]).
--export([without_log/1, with_log/1, quietly/1, tell/1, fault_id/2]).
+-export([without_log/1, with_log/1, quietly/1, forget/0, tell/1, fault_id/2]).
 
 %% Checks a property in so many cases; fails the test case with the seed and the shrunk case.
 property(Prop, Cases) ->
@@ -102,6 +102,13 @@ quietly(Fun) ->
         Fun()
     after
         with_log(Config)
+    end.
+
+%% Modules of EUnit share a process: those that come later find no message of this one.
+forget() ->
+    receive
+        _ -> forget()
+    after 0 -> ok
     end.
 
 %% Violations, into the log of the test case.
