@@ -12,11 +12,11 @@ defmodule StarlFilm.MixProject do
   end
 
   def application do
-    Keyword.take(@props, [:applications, :optional_applications, :description, :env, :mod, :registered])
+    Keyword.take(@props, [:applications, :description, :env, :mod, :registered])
   end
 
   defp deps do
-    for app <- @props[:applications] -- @props[:optional_applications],
+    for app <- @props[:applications],
         File.dir?(Path.join(__DIR__, "../#{app}")),
         do: {app, path: "../#{app}"}
   end

@@ -35,7 +35,7 @@ end_per_suite(_Config) -> ok.
 
 dir(Name, Config) -> filename:join([proplists:get_value(priv_dir, Config), Name]).
 
-%% The other mistakes are in starl_cli_run_tests; these two only show when the scene is made.
+%% The other mistakes are in starl_lab_run_tests; these two only show when the scene is made.
 mistakes_in_faults_are_told_with_their_place(Config) ->
     Dir = dir("faults", Config),
     write(

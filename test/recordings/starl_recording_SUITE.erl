@@ -237,7 +237,7 @@ no_stranger_runs_code(Config) ->
      || Monitor <- [
             {file, #{}},
             {no_such_monitor_anywhere, #{}},
-            {starl_cli_first_crash, #{tell => fun os:cmd/1}},
+            {starl_lab_first_crash, #{tell => fun os:cmd/1}},
             {starl_sap_monitor, #{robots => [self()]}},
             {starl_sap_monitor, not_a_map}
         ]

@@ -2,7 +2,7 @@
 -module(starl_dev_out_file_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--define(ASKED(File, Overwrite), starl_cli_setup:out_file(File, Usual, Overwrite)).
+-define(ASKED(File, Overwrite), starl_cli_out:file(File, Usual, Overwrite)).
 
 a_file_is_kept_test() ->
     starl_cli_vm:in_directory(fun(Dir) ->

@@ -249,7 +249,7 @@ started(Scenario, Own, Run) ->
     _ = process_flag(trap_exit, true),
     Begin = erlang:monotonic_time(microsecond),
     try
-        Options = Own#{auto => inline, watch => [starl_cli_measures:watch()]},
+        Options = Own#{auto => inline, watch => [starl_lab_measures:watch()]},
         case starl_sim:start(one_shard(Scenario), Options) of
             {ok, Sim} -> {ok, finish(Sim, Run(Sim), Begin)};
             {error, Reason} -> {error, starl_sim:format_error(Reason)}

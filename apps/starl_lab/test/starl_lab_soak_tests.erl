@@ -93,7 +93,7 @@ live_test_() ->
 too_large_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         Args = ["soak", "mutex", "--robots", "10000", "--seeds", "256", "--jobs", "256"],
-        case starl_cli_memory:available() of
+        case starl_lab_memory:available() of
             Bytes when Bytes < 190_000_000_000 -> says(2, "in each of 256 runs at once", Args);
             _ -> ok
         end
@@ -158,10 +158,10 @@ replayed() ->
             {ok, Scenario} = starl_run_scenario:check(Given, starl_app:options(App)),
             {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
             {ok, Target} = starl_cli_target:resolve(Name),
-            Replay = unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario)),
+            Replay = unicode:characters_to_list(starl_cli_target:replay(Target, Scenario)),
             ["./starl", "run" | Args] = words(lists:flatten(Replay)),
-            {ok, Call} = starl_cli_dispatch:read(starl_cli_run, Args),
-            {ok, #{scenario := Again}} = starl_cli_setup:check(Call),
+            {ok, Call} = starl_cli_dispatch:read(starl_lab_run, Args),
+            {ok, #{scenario := Again}} = starl_lab_setup:check(Call),
             ?assertEqual({Block, Seed, Scenario}, {Block, Seed, Again})
         end
      || Block <- starl_lab_soak:targets(), {Robots, Seed} <- [{6, 1}, {none, 2}, {none, 3}]

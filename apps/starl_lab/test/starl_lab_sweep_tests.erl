@@ -94,7 +94,7 @@ flags_win_over_a_file_test() ->
 
 %% A report with these changes to its figures and its violations.
 report(Changes) ->
-    starl_cli_report:make(#{
+    starl_lab_report:make(#{
         name => "painting",
         scenario => #{robots => 2, seed => 7},
         ending => done,

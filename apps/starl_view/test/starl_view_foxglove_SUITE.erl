@@ -233,7 +233,7 @@ controls_time(Config) ->
     Hub = ?config(hub, Config),
     Test = self(),
     Player = spawn_link(fun() ->
-        {ok, #{sim := Sim}} = starl_view_player:play(#{
+        {ok, #{sim := Sim}} = starl_lab_player:play(#{
             hub => Hub, scenario => #{app => painting, robots => 2, time => 60}, paused => true
         }),
         ok = starl_sim:close(Sim),
@@ -272,7 +272,7 @@ controls_time(Config) ->
     %% bytes that are no request
     ok = bytes(<<3, 7, 0:32, 2, 0:64, 0:32>>, Socket),
     #{<<"op">> := <<"status">>, <<"level">> := 2} = status_of(Socket),
-    ok = starl_view_player:stop(Player),
+    ok = starl_lab_player:stop(Player),
     receive
         {over, Player} -> ok
     end,

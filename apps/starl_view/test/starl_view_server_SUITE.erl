@@ -212,7 +212,7 @@ a_hundred_pages_and_a_run(Config) ->
     Deaf = [page(Config) || _ <- lists:seq(1, 50)],
     Readers = [reader(Config) || _ <- lists:seq(1, 50)],
     {ok, #{sim := Sim}} =
-        starl_view_player:play(#{hub => Hub, scenario => Scenario, speed => max}),
+        starl_lab_player:play(#{hub => Hub, scenario => Scenario, speed => max}),
     ?assertEqual(100, starl_view_hub:pages(Hub)),
     {#{digest := Digest}, _} = starl_sim:finish(Sim),
     Kept = lists:min([collected() - Before || _ <- lists:seq(1, 20)]),

@@ -71,7 +71,9 @@
 
 %% @doc All commands under their titles, which applications may share.
 -spec all() -> [{Title :: string(), [module(), ...]}].
-all() -> lists:foldl(fun under/2, [], starl_catalogue:listed(starl_commands)).
+all() ->
+    Groups = lists:foldl(fun under/2, [], starl_catalogue:listed(starl_commands)),
+    [Group || {_, [_ | _]} = Group <- Groups].
 
 under({Title, Commands}, Groups) ->
     case lists:keyfind(Title, 1, Groups) of

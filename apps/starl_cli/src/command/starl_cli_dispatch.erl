@@ -123,7 +123,7 @@ parsed(Command, Subject, Rest, Args) ->
 
 %% Problems of a scenario file are reported together with the others.
 in_file(#{app := _, given := Given} = Target) ->
-    {Problems, _} = starl_cli_setup:scenario(Target, Given),
+    {Problems, _} = starl_cli_target:scenario(Target, Given),
     Problems;
 in_file(_Subject) ->
     [].

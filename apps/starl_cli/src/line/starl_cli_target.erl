@@ -4,7 +4,7 @@
 %% its `run.term'.
 -module(starl_cli_target).
 
--export([beams/1]).
+-export([beams/1, given/2, scenario/2, place/3, replay/2, command_line/3]).
 -export([apps/0, purposes/0, scenarios/0, resolve/1, subject/2, seeded/2, looks_like_one/1, root/0]).
 
 -export_type([t/0, code/0]).
@@ -147,6 +147,62 @@ app(Args) ->
         {Before, ["--app=" ++ App | After]} -> {App, Before ++ After};
         {_, _} -> none
     end.
+
+%% -- its values -----------------------------------------------------------------------------
+
+%% @doc The values of a simulation that a command line sets, for a command with flags of its own.
+%% Flags override the values of a scenario file.
+-spec given(starl_cli_command:call(), Own :: [starl_cli_flags:flag()]) -> #{atom() => term()}.
+given(#{subject := #{given := InFile}, given := Given}, Own) ->
+    maps:merge(InFile, maps:without([Key || {Key, _, _, _} <- Own], Given)).
+
+%% @doc Checks the values for a target; gives the problems and the scenario.
+-spec scenario(t(), #{atom() => term()}) ->
+    {[unicode:chardata()], starl_run_scenario:t()}.
+scenario(#{app := App} = Target, Given) ->
+    Uncompiled = starl_cli_source:of_options(starl_run_scenario:options(App), Given),
+    case starl_run_scenario:check(Given#{app => App}, starl_app:options(App)) of
+        _ when Uncompiled =/= [] ->
+            {Uncompiled, #{}};
+        {ok, Scenario} ->
+            {[], Scenario};
+        {error, {problems, Problems}} ->
+            {[problem(P, Target, Given) || P <- Problems], #{}}
+    end.
+
+%% Problems of lists of faults do not name the key themselves.
+problem({fault, _} = P, Target, Given) -> problem(faults, P, Target, Given);
+problem({no_controller, _} = P, Target, Given) -> problem(controller, P, Target, Given);
+problem({no_such_faults, _} = P, Target, Given) -> problem(random_faults, P, Target, Given);
+problem(P, #{file := File}, _Given) -> [File, ": ", starl_options:format_problem(P)].
+
+problem(Key, P, Target, Given) ->
+    [place(Key, Target, Given), ": ", starl_run_scenario:format_problem(P)].
+
+%% @doc The place of a value: its flag, or its key in a scenario file.
+-spec place(Key :: atom(), t(), #{atom() => term()}) -> unicode:chardata().
+place(Key, #{file := File, given := InFile}, Given) ->
+    case {maps:get(Key, Given), InFile} of
+        {Value, #{Key := Value}} -> [File, ": ", atom_to_list(Key)];
+        {_, _} -> starl_cli_flags:flag(Key)
+    end.
+
+%% @doc The command line that replays a run exactly.
+-spec replay(t(), starl_run_scenario:t()) -> unicode:chardata().
+replay(Target, Scenario) -> command_line("run", Target, Scenario).
+
+%% @doc The command line of a command that takes a target and its values.
+-spec command_line(string(), t(), starl_run_scenario:t()) -> unicode:chardata().
+command_line(Command, #{app := App, replay := Word}, Scenario) ->
+    Options = starl_run_scenario:options(App),
+    Defaults = maps:without([seed, robots], starl_cli_flags:defaults(Options)),
+    Chosen = maps:filter(
+        fun(Key, Value) -> maps:find(Key, Defaults) =/= {ok, Value} end, maps:remove(app, Scenario)
+    ),
+    Arguments = starl_cli_flags:arguments(Options, Chosen),
+    lists:join(" ", ["./starl", Command, starl_cli_quoted:word(Word) | Arguments]).
+
+%% -- words ----------------------------------------------------------------------------------
 
 %% The examples of the checkout go by their files from everywhere.
 kind(Given) ->

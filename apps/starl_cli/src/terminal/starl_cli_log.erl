@@ -2,8 +2,8 @@
 %% `run.log'. Crashes from the same cause are one line, with their number.
 -module(starl_cli_log).
 
--export([install/0, lines/0, node/3]).
--export([log/2]).
+-export([install/0, filter/0, lines/0, node/3]).
+-export([log/2, of_robots/2]).
 
 %% Further lines are dropped.
 -define(MOST_LINES, 1000).
@@ -19,8 +19,18 @@ install() ->
     _ = logger:remove_handler(default),
     _ = logger:remove_handler(?MODULE),
     Table = ets:new(?MODULE, [set, public]),
-    Config = #{config => Table, filter_default => log, filters => [starl_sim_log:filter()]},
+    Config = #{config => Table, filter_default => log, filters => [filter()]},
     ok = logger:add_handler(?MODULE, ?MODULE, Config).
+
+%% @doc A filter for a handler of the logger (`logger:add_handler_filter/3'). A robot's crash and its end are
+%% one line each; OTP's own reports say the same again in dozens, one for each process of the robot.
+-spec filter() -> {logger:filter_id(), {fun(), []}}.
+filter() -> {?MODULE, {fun ?MODULE:of_robots/2, []}}.
+
+%% @private
+-spec of_robots(logger:log_event(), []) -> stop | ignore.
+of_robots(#{meta := #{domain := [otp | _], robot := _}}, []) -> stop;
+of_robots(_Event, []) -> ignore.
 
 %% @doc The logged lines, in order.
 -spec lines() -> [unicode:chardata()].
@@ -106,7 +116,11 @@ key(#{msg := {report, #{what := What, machine := Machine, reason := Why}}}) ->
 key(_Event) ->
     erlang:unique_integer().
 
-text(#{msg := {report, #{what := _, machine := _, at_us := _} = Event}}) ->
-    [starl_sim_log:text(Event), "\n"];
+%% A robot's crash or end says itself at what time of the run it was.
+text(#{
+    msg := {report, #{what := _, machine := _, at_us := _} = Event}, meta := #{report_cb := Text}
+}) ->
+    {Format, Arguments} = Text(Event),
+    [io_lib:format(Format, Arguments), "\n"];
 text(Event) ->
     logger_formatter:format(Event, ?FORMAT).

@@ -71,7 +71,7 @@ statuses() ->
 subject(Word, Args) ->
     {Words, Others} = lists:splitwith(fun(Arg) -> not lists:prefix("-", Arg) end, Args),
     Found = [
-        starl_cli_recording:found(W, "./starl run TARGET --record makes one")
+        starl_cli_out:recording(W, "./starl run TARGET --record makes one")
      || W <- [Word | Words]
     ],
     case lists:append([Problems || {error, Problems} <- Found]) of

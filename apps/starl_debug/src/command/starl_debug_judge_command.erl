@@ -42,7 +42,7 @@ statuses() ->
 -spec subject(string(), [string()]) ->
     {ok, file:filename(), [string()]} | {error, [unicode:chardata(), ...]}.
 subject(Word, Args) ->
-    case starl_cli_recording:found(Word, "./starl run TARGET --record makes one") of
+    case starl_cli_out:recording(Word, "./starl run TARGET --record makes one") of
         {ok, File} -> {ok, File, Args};
         {error, _} = Error -> Error
     end.

@@ -32,7 +32,7 @@ flags(_Subject) ->
     [
         {"Flags", [
             {out, file, none, "the file for the result (merged.mcap)"},
-            starl_cli_setup:overwrite_file()
+            starl_cli_out:overwrite_file()
         ]}
     ].
 
@@ -45,7 +45,7 @@ subject(File, Args) ->
 run(#{subject := [_]}) ->
     {error, ["merge takes two recordings or more"]};
 run(#{subject := Files, values := #{out := Given, overwrite := Overwrite}}) ->
-    {Taken, Out} = starl_cli_setup:out_file(Given, "merged.mcap", Overwrite),
+    {Taken, Out} = starl_cli_out:file(Given, "merged.mcap", Overwrite),
     Own = [[Out, ": this is one of the files to merge"] || lists:member(Out, Files)],
     case Taken ++ Own of
         [] -> told(starl_trace_merge:files(Files, Out), Files, Out);
@@ -55,7 +55,10 @@ run(#{subject := Files, values := #{out := Given, overwrite := Overwrite}}) ->
 told({ok, #{messages := Messages, cut_off := CutOff} = Merged}, Files, Out) ->
     #{begun_us := Begun, until_us := Until, missing := Missing, clocks := Clocks} = Merged,
     #{lacking := Lacking} = Merged,
-    ok = starl_cli_recording:packed(Out),
+    case starl_mcap_recover:pack(Out, starl_trace_writer:patch()) of
+        ok -> ok;
+        {error, Why} -> starl_cli_terminal:warn([Out, ": not packed: ", Why])
+    end,
     starl_cli_terminal:out([
         io_lib:format("~ts: ~b messages, ~.1f s\n", [Out, Messages, (Until - Begun) / 1.0e6]),
         [[File, ": is cut off; its end is missing\n"] || File <- CutOff],

@@ -43,7 +43,7 @@ flags(Kind) -> [{title(Kind), flags_of(Kind)}, own_flags()].
 own_flags() ->
     {"all", [
         {out, string, none, "a JSON file for the figures; without it out/bench.json, or the next"},
-        starl_cli_setup:overwrite_file()
+        starl_cli_out:overwrite_file()
     ]}.
 
 title(Kind) -> [atom_to_list(Kind), ": ", element(3, lists:keyfind(Kind, 1, ?BENCHMARKS))].
@@ -67,7 +67,7 @@ flags_of(Kind) -> (module(Kind)):flags().
 %% The file is checked before the measurements; an older file stays until they are done.
 checked(Kinds, #{out := Out, overwrite := Overwrite} = Given) ->
     Usual = starl_cli_out:usual("bench.json"),
-    {There, Absolute} = starl_cli_setup:out_file(Out, Usual, Overwrite),
+    {There, Absolute} = starl_cli_out:file(Out, Usual, Overwrite),
     File = starl_cli_out:shown(Absolute),
     Options = Given#{out := File},
     Problems = There ++ lists:append([problems(Kind, Options) || Kind <- Kinds]),

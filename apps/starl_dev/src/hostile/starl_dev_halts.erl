@@ -85,7 +85,7 @@ runs(_Block, #{halts := Halts} = Found, _Random, #{halts := Wanted}) when Halts 
     Found;
 runs(Block, #{runs := Runs} = Found, Random, #{out := Dir} = Values) ->
     File = filename:join(Dir, io_lib:format("~s-~b.mcap", [Block, Runs + 1])),
-    Recorded = starl_cli_recording:into(File, live, fun(Observer) ->
+    Recorded = starl_lab_recording:into(File, live, fun(Observer) ->
         recorded(Block, Found, Random, Observer, Values)
     end),
     case Recorded of

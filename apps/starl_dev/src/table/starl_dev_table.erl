@@ -54,7 +54,7 @@ flags(_Subject) ->
             starl_lab_slice:flag(),
             starl_lab_jobs:at_once(),
             {out, string, none, "a CSV file with a line for each run"},
-            starl_cli_setup:overwrite_file()
+            starl_cli_out:overwrite_file()
         ]}
     ].
 
@@ -85,7 +85,7 @@ begun(#{random := N, random_seed := Seed, pictures := Named} = Options) ->
     #{out := Out, overwrite := Overwrite} = Options,
     There = [
         Line
-     || Out =/= none, Line <- element(1, starl_cli_setup:out_file(Out, Out, Overwrite))
+     || Out =/= none, Line <- element(1, starl_cli_out:file(Out, Out, Overwrite))
     ],
     Problems = There ++ lists:append([problems(P, Options) || P <- Pictures]),
     case {Problems, csv(Problems, Out)} of
@@ -211,7 +211,7 @@ finished_rows(#table{rows = []} = Table) ->
 complaint(Result, Scenario) ->
     {ok, Target} = starl_cli_target:resolve("painting"),
     {ok, Full} = starl_run_scenario:check(Scenario, starl_app:options(starl_painting)),
-    [starl_dev_table_rows:wrong(Result), ": ", starl_cli_setup:replay(Target, Full)].
+    [starl_dev_table_rows:wrong(Result), ": ", starl_cli_target:replay(Target, Full)].
 
 %% -- the end --------------------------------------------------------------------------------
 

@@ -66,8 +66,8 @@ subject(Word, Args) -> starl_cli_target:subject(Word, Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := Target, values := Values} = Call) ->
-    {Unsound, Scenario} = starl_cli_setup:scenario(
-        Target, starl_cli_setup:given(Call, own_flags())
+    {Unsound, Scenario} = starl_cli_target:scenario(
+        Target, starl_cli_target:given(Call, own_flags())
     ),
     {Unknown, Ways} = ways(starl_lab_execution:parse(maps:get(ways, Values))),
     case Unsound ++ Unknown of
@@ -316,7 +316,7 @@ found({differ, #{robot := Robot, n := N} = Difference}, {A, B}, Scenario, #{targ
     #{at_us := AtUs, first := First, second := Second, before := Before} = Difference,
     {Mode, Shards, _} = A,
     Run = Scenario#{mode => Mode, shards => Shards},
-    Command = starl_cli_setup:command_line("replay", Target, Run),
+    Command = starl_cli_target:command_line("replay", Target, Run),
     [
         io_lib:format("the first difference is event ~b of robot ~b, at ~.6f s~n", [
             N, Robot, AtUs / 1.0e6
@@ -345,9 +345,9 @@ event(#{n := N, at_us := AtUs, machine := Machine, type := Type, content := Cont
     [
         io_lib:format("  ~b  ~.6f s  ~tp~n", [N, AtUs / 1.0e6, Machine]),
         "    type    ",
-        starl_cli_inspect:term(Type, 12, Width),
+        starl_lab_inspect:term(Type, 12, Width),
         "\n",
         "    content ",
-        starl_cli_inspect:term(Content, 12, Width),
+        starl_lab_inspect:term(Content, 12, Width),
         "\n"
     ].

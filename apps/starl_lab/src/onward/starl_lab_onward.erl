@@ -88,14 +88,14 @@ statuses() ->
 -spec subject(string(), [string()]) ->
     {ok, file:filename(), [string()]} | {error, [unicode:chardata(), ...]}.
 subject(Word, Args) ->
-    case starl_cli_recording:found(Word, "./starl run TARGET --snapshots 5 makes one") of
+    case starl_cli_out:recording(Word, "./starl run TARGET --snapshots 5 makes one") of
         {ok, File} -> {ok, File, Args};
         {error, _} = Error -> Error
     end.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := File, values := #{out := Into, at := At} = Values}) ->
-    {Unwritable, Out} = starl_cli_setup:out(Into, "onward"),
+    {Unwritable, Out} = starl_cli_out:directory(Into, "onward"),
     case {Unwritable, starl_lab_onward_recording:read(File, until_us(Values))} of
         {[], {ok, #{end_us := End}}} when is_number(At), 1.0e6 * At > End ->
             {error, [io_lib:format("--at ~w: the recording ends at ~.3f s", [At, End / 1.0e6])]};

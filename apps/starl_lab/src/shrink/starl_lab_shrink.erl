@@ -33,11 +33,11 @@ flags(#{app := App}) -> [{"Flags", own_flags() ++ starl_run_scenario:options(App
 own_flags() ->
     [
         {out, string, none, "the file for the result, FILE.term; without it one under out/"},
-        starl_cli_setup:overwrite_file(),
+        starl_cli_out:overwrite_file(),
         {seconds, {optional, {number, 0.001, 1.0e6}}, none,
             "time limit, s; then the smallest run so far is the result"},
         {quiet, switch, false, "no progress line"},
-        starl_cli_setup:judge_histories()
+        starl_lab_setup:judge_histories()
     ].
 
 -spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
@@ -70,8 +70,8 @@ source(Word) ->
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := Target, values := Values} = Call) ->
-    {Unsound, Scenario} = starl_cli_setup:scenario(
-        Target, starl_cli_setup:given(Call, own_flags())
+    {Unsound, Scenario} = starl_cli_target:scenario(
+        Target, starl_cli_target:given(Call, own_flags())
     ),
     {Unwritable, File} = out(Values, Target, Scenario),
     case Unsound ++ Unwritable of
@@ -81,7 +81,7 @@ run(#{subject := Target, values := Values} = Call) ->
                 scenario => Scenario,
                 file => File,
                 digest => digest(Call, own_flags()),
-                options => starl_cli_setup:histories(Target, Values)
+                options => starl_lab_setup:histories(Target, Values)
             });
         Problems ->
             {error, Problems}
@@ -98,10 +98,10 @@ digest(_Call, _Own) ->
     any.
 
 out(#{out := none, overwrite := Overwrite}, Target, Scenario) ->
-    starl_cli_setup:out_file(none, starl_lab_shrinker:file(Target, Scenario), Overwrite);
+    starl_cli_out:file(none, starl_lab_shrinker:file(Target, Scenario), Overwrite);
 out(#{out := File, overwrite := Overwrite}, _Target, _Scenario) ->
     case {filename:extension(File), filelib:is_dir(File)} of
-        {".term", false} -> starl_cli_setup:out_file(File, File, Overwrite);
+        {".term", false} -> starl_cli_out:file(File, File, Overwrite);
         {_, true} -> {[["--out: ", File, " is a directory; name a file as in small.term"]], none};
         {_, false} -> {[["--out: ", File, ": name a file that ends in .term"]], none}
     end.

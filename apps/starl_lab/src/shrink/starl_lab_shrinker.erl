@@ -111,7 +111,7 @@ inputs(File) -> filename:basename(File, ".term") ++ "-inputs".
 
 write(File, Files) ->
     case filelib:ensure_dir(File) of
-        ok -> starl_cli_files:put_all(filename:dirname(File), Files);
+        ok -> starl_lab_files:put_all(filename:dirname(File), Files);
         {error, Posix} -> {error, [File, ": ", file:format_error(Posix)]}
     end.
 

@@ -154,7 +154,7 @@ checked(#{app := App} = Given) ->
 soak(#{runs := Runs, jobs := Jobs} = Plan, Own) ->
     Use = #{jobs => min(Jobs, length(Runs)), nodes => false},
     Inline = [Scenario#{mode := inline} || {_, _, Scenario} <- Runs],
-    case starl_cli_memory:largest(Inline, Use) of
+    case starl_lab_memory:largest(Inline, Use) of
         [] -> soaked(Plan, Own);
         Problems -> {error, Problems}
     end.
@@ -204,7 +204,7 @@ status(done, Owed, Founds) ->
 
 %% Reports the first run with a kind of violation: its commands and a small scenario.
 violated({Block, Seed, Violation, Count}, Target, Scenario, Shrunk) ->
-    Replay = lists:flatten(unicode:characters_to_list(starl_cli_setup:replay(Target, Scenario))),
+    Replay = lists:flatten(unicode:characters_to_list(starl_cli_target:replay(Target, Scenario))),
     starl_cli_terminal:out([
         "\n",
         starl_violation:format(Violation),
@@ -220,7 +220,7 @@ violated({Block, Seed, Violation, Count}, Target, Scenario, Shrunk) ->
     ok.
 
 judged(Violation, Target) ->
-    starl_cli_setup:histories(Target, #{judge_histories => is_history(Violation)}).
+    starl_lab_setup:histories(Target, #{judge_histories => is_history(Violation)}).
 
 is_history(#{contract := Contract}) -> Contract =:= history.
 

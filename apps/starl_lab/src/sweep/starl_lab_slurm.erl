@@ -58,7 +58,7 @@ wanted(#{slurm := Parts}) ->
     0 | {error, [unicode:chardata(), ...]}.
 begin_jobs(How, Study, Dir) ->
     _ = filelib:ensure_path(Dir),
-    case {starl_cli_files:put_all(Dir, scripts(Study, Dir)), How} of
+    case {starl_lab_files:put_all(Dir, scripts(Study, Dir)), How} of
         {{error, Why}, _} -> {error, [Why]};
         {ok, write} -> told(Dir);
         {ok, submit} -> submitted(submit(Dir), Study, Dir)

@@ -94,12 +94,12 @@ checked(#{subject := Target, given := Given, values := Values, args := Args}, Wo
     Own = [Key || {Key, _, _, _} <- own_flags()],
     Grid = starl_lab_sweep_grid:new(options(Target), InFile, maps:without(Own, Given), Args),
     Checked = [
-        {P, starl_cli_setup:scenario(Target, maps:merge(InFile, P))}
+        {P, starl_cli_target:scenario(Target, maps:merge(InFile, P))}
      || P <- starl_lab_sweep_grid:points(Grid)
     ],
     Unsound = lists:uniq([unicode:characters_to_list(L) || {_, {Ls, _}} <- Checked, L <- Ls]),
     Dir = directory(maps:get(out, Values), Name),
-    {Unwritable, _} = starl_cli_setup:out(Dir, Name),
+    {Unwritable, _} = starl_cli_out:directory(Dir, Name),
     case Unsound ++ Unwritable ++ too_large(Unsound, Checked, Grid, Values) of
         [] ->
             Points = [{P, Scenario} || {P, {[], Scenario}} <- Checked],
@@ -119,7 +119,7 @@ checked(#{subject := Target, given := Given, values := Values, args := Args}, Wo
 too_large([], Checked, Grid, #{jobs := Jobs}) ->
     Runs = length(Checked) * length(starl_lab_sweep_grid:seeds(Grid)),
     Use = #{jobs => min(Jobs, Runs), nodes => false},
-    starl_cli_memory:largest([Scenario || {_, {_, Scenario}} <- Checked], Use);
+    starl_lab_memory:largest([Scenario || {_, {_, Scenario}} <- Checked], Use);
 too_large(_Unsound, _Checked, _Grid, _Values) ->
     [].
 
@@ -149,7 +149,7 @@ sound(Answers, Sweep) ->
             [{_, Scenario} | _] = maps:get(points, Sweep),
             Measures = [Key || {Key, _} <- starl_lab_sweep_curve:measures(Scenario)],
             Columns = starl_lab_sweep_rows:columns(maps:get(grid, Sweep), Report, Measures),
-            with_columns(Columns, starl_cli_report:formats(Report), Sweep);
+            with_columns(Columns, starl_lab_report:formats(Report), Sweep);
         Problems ->
             {error, Problems}
     end.

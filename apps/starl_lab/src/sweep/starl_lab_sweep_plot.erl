@@ -253,7 +253,7 @@ quoted(Text) -> ["'", string:replace(Text, "'", "''", all), "'"].
 -spec put(file:filename(), Files, plot()) -> ok | {error, unicode:chardata()} when
     Files :: [{file:filename(), unicode:chardata()}].
 put(Dir, Files, Plot) ->
-    case starl_cli_files:put_all(Dir, Files ++ [{"plot.gp", script(Plot)}]) of
+    case starl_lab_files:put_all(Dir, Files ++ [{"plot.gp", script(Plot)}]) of
         ok -> said(draw(Dir));
         {error, _} = Error -> Error
     end.

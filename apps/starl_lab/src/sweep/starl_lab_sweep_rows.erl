@@ -37,7 +37,7 @@
 %% @doc The columns for a grid and for an application with the figures of a report. The wall time is
 %% none of them: it alone differs between equal runs, so a sweep in slices would differ from the same
 %% sweep in one piece.
--spec columns(starl_lab_sweep_grid:t(), starl_cli_report:t(), Measures :: [atom()]) -> columns().
+-spec columns(starl_lab_sweep_grid:t(), starl_lab_report:t(), Measures :: [atom()]) -> columns().
 columns(Grid, Report, Measures) ->
     Settings = [Key || {Key, _, _} <- starl_lab_sweep_grid:settings(Grid)],
     Known = [app, seed, contracts, waiting, wall_s | Settings],
@@ -45,7 +45,7 @@ columns(Grid, Report, Measures) ->
         key = [atom_to_list(Key) || Key <- [app | Settings] ++ [seed]],
         figures = [
             {Key, kind(Value)}
-         || {Key, Value} <- starl_cli_report:figures(Report), not lists:member(Key, Known)
+         || {Key, Value} <- starl_lab_report:figures(Report), not lists:member(Key, Known)
         ],
         measures = Measures
     }.
@@ -73,18 +73,18 @@ key(App, Grid, Scenario, Seed) ->
     [App | starl_lab_sweep_grid:cells(Grid, Scenario)] ++ [integer_to_list(Seed)].
 
 %% @doc A run as a row, with the curves of its measures as texts.
--spec row(columns(), key(), {ok, starl_cli_report:t(), #{atom() => string()}} | failed) -> row().
+-spec row(columns(), key(), {ok, starl_lab_report:t(), #{atom() => string()}} | failed) -> row().
 row(#columns{figures = Figures, measures = Measures}, Key, failed) ->
     Key ++ ["failed" | ["" || _ <- Figures ++ Measures]];
 row(#columns{figures = Figures, measures = Measures}, Key, {ok, Report, Curves}) ->
-    Cells = [cell(starl_cli_report:figure(Figure, Report)) || {Figure, _} <- Figures],
+    Cells = [cell(starl_lab_report:figure(Figure, Report)) || {Figure, _} <- Figures],
     Key ++ [atom_to_list(judged(Report)) | Cells] ++ [maps:get(M, Curves, "") || M <- Measures].
 
 judged(Report) ->
-    case {starl_cli_report:figure(violations, Report), starl_cli_report:judged(Report)} of
+    case {starl_lab_report:figure(violations, Report), starl_lab_report:judged(Report)} of
         {[_ | _], _} -> violation;
         {[], false} -> unjudged;
-        {[], true} -> completed(starl_cli_report:complete(Report))
+        {[], true} -> completed(starl_lab_report:complete(Report))
     end.
 
 completed(true) -> complete;

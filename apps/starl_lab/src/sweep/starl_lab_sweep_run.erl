@@ -242,7 +242,7 @@ write(Tables, Points, Columns, Figures, #{dir := Dir, grid := Grid, target := #{
                 starl_lab_sweep_plot:put(New, Files, Plot);
             {none, Why} ->
                 starl_cli_terminal:warn(["no plot: ", Why]),
-                starl_cli_files:put_all(New, Files)
+                starl_lab_files:put_all(New, Files)
         end
     end).
 
@@ -258,7 +258,7 @@ with_points(Plot) -> {ok, Plot}.
 told(Judged, Target) ->
     lists:foreach(
         fun({How, Scenario}) ->
-            Replay = starl_cli_setup:replay(Target, Scenario),
+            Replay = starl_cli_target:replay(Target, Scenario),
             starl_cli_terminal:out([words(How), "; replay: ", Replay, "\n"])
         end,
         [Run || {How, _} = Run <- Judged, lists:member(How, [violation, unjudged, failed])]
@@ -297,18 +297,18 @@ written({error, Why}, _Status) ->
 
 %% @private The report of a simulation that was only started.
 -spec probe({N :: pos_integer(), {App :: string(), starl_run_scenario:t()}}) ->
-    {ok, starl_cli_report:t(), #{atom() => string()}} | {error, unicode:chardata()}.
+    {ok, starl_lab_report:t(), #{atom() => string()}} | {error, unicode:chardata()}.
 probe({_N, {Name, Scenario}}) -> report(Name, Scenario, starl_lab_jobs:set_up(Scenario)).
 
 %% @private The report of a run, and its measures over time.
 -spec one(job()) ->
-    {ok, starl_cli_report:t(), #{atom() => string()}} | {error, unicode:chardata()}.
+    {ok, starl_lab_report:t(), #{atom() => string()}} | {error, unicode:chardata()}.
 one({_Key, Name, Scenario}) -> report(Name, Scenario, starl_lab_jobs:simulate(Scenario)).
 
 report(_Name, _Scenario, {error, Why}) ->
     {error, Why};
 report(Name, Scenario, {ok, Ran}) ->
-    {ok, starl_cli_report:make(Ran#{name => Name, scenario => Scenario}), curves(Scenario, Ran)}.
+    {ok, starl_lab_report:make(Ran#{name => Name, scenario => Scenario}), curves(Scenario, Ran)}.
 
 curves(Scenario, #{outcome := #{monitors := #{starl_run_measures_monitor := Seen}}}) ->
     #{values := Values, until_us := Until} = Seen,

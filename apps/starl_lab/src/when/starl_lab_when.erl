@@ -73,10 +73,10 @@ subject(Word, Args) -> starl_lab_shrink:subject(Word, Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := #{name := Name} = Target, values := Values} = Call) ->
-    {Unsound, Scenario} = starl_cli_setup:scenario(
-        Target, starl_cli_setup:given(Call, own_flags())
+    {Unsound, Scenario} = starl_cli_target:scenario(
+        Target, starl_cli_target:given(Call, own_flags())
     ),
-    {Unwritable, Out} = starl_cli_setup:out(maps:get(out, Values), Name ++ "-when"),
+    {Unwritable, Out} = starl_cli_out:directory(maps:get(out, Values), Name ++ "-when"),
     case Unsound ++ Unwritable of
         [] ->
             ok = starl_cli_log:install(),
@@ -156,7 +156,7 @@ told(Result, Run, Settings, #{target := Target, scenario := Scenario, out := Out
 look(Result, #{moments := Moments} = Run, Target, Scenario) ->
     case starl_lab_when_report:named(Result, Run) of
         {_, Moment} ->
-            Replay = starl_cli_setup:command_line("replay", Target, Scenario),
+            Replay = starl_cli_target:command_line("replay", Target, Scenario),
             ["look: ", Replay, until(starl_sim_moments:entry(Moment, Moments)), "\n"];
         none ->
             ""

@@ -216,7 +216,7 @@ event({_, fault, _} = Entry, _Report, _Width) ->
 event({_, _, #{content := Content}} = Entry, #{facts := Facts}, Width) ->
     [
         line(Entry),
-        [["    ", starl_cli_inspect:term(Content, 4, Width), "\n"] || Content =/= none],
+        [["    ", starl_lab_inspect:term(Content, 4, Width), "\n"] || Content =/= none],
         [
             [cut(["    ", fact(Fact)], Width), "\n"]
          || Fact <- lists:sublist(Facts, ?MOST_FACTS)
@@ -372,6 +372,6 @@ share_point(AtUs, Tally) ->
 when
     Files :: [{file:filename(), unicode:chardata()}].
 plotted(none, Files, Dir) ->
-    starl_cli_files:put_all(Dir, Files);
+    starl_lab_files:put_all(Dir, Files);
 plotted({ok, Plot}, Files, Dir) ->
     starl_lab_sweep_plot:put(Dir, Files, Plot).

@@ -3,7 +3,7 @@
 %%   {env, [
 %%       {starl_blocks, [{counter, starl_counter}]},
 %%       {starl_apps, [{starl_painting, "A team paints a picture together."}]},
-%%       {starl_commands, [{"Run and look", [starl_cli_run]}]}
+%%       {starl_commands, [{"Run and look", [starl_lab_run]}]}
 %%   ]}
 %% '''
 %% These are building blocks with their names ({@link starl_block_catalogue}), programs for teams

@@ -1,9 +1,8 @@
 %% @doc What the simulator logs of its robots: one event for each crash and each end of a robot, with
-%% a text of one line. OTP's own reports on the processes of robots say the same again in
-%% dozens of lines, one for each process of a robot that is killed; a filter stops them.
+%% a text of one line.
 -module(starl_sim_log).
 
--export([tell/1, text/1, filter/0, of_robots/2]).
+-export([tell/1]).
 
 -export_type([event/0]).
 
@@ -29,20 +28,10 @@ level(_) -> error.
 
 report(Event) -> {"~ts", [text(Event)]}.
 
-%% @doc The text of an event, in one line.
--spec text(event()) -> unicode:chardata().
+%% The text of an event, in one line.
 text(#{what := What, robot := Robot, machine := Machine, at_us := AtUs, reason := Why}) ->
     io_lib:format("robot ~b, ~.6f s: ~ts: ~ts", [Robot, AtUs / 1.0e6, words(What, Machine), Why]).
 
 words(killed, _Robot) -> "killed";
 words(crashed, Machine) -> io_lib:format("~tp crashed", [Machine]);
 words(given_up, Machine) -> io_lib:format("~tp is given up and not started again", [Machine]).
-
-%% @doc A filter for a handler of the logger, see `logger:add_handler_filter/3'.
--spec filter() -> {logger:filter_id(), {fun(), []}}.
-filter() -> {?MODULE, {fun ?MODULE:of_robots/2, []}}.
-
-%% @private
--spec of_robots(logger:log_event(), []) -> stop | ignore.
-of_robots(#{meta := #{domain := [otp | _], robot := _}}, []) -> stop;
-of_robots(_Event, []) -> ignore.

@@ -6,7 +6,7 @@
 %% What is lost can be said in the file itself: a <em>patch</em> knows how.
 -module(starl_mcap_recover).
 
--export([file/2, file/3, file/4, format_error/1]).
+-export([file/2, file/3, file/4, pack/2, not_packed/1, format_error/1]).
 
 -export_type([recovered/0, reason/0, patch/0]).
 
@@ -85,6 +85,21 @@ file(File, Out, How, Patch) ->
         {error, _} = Error ->
             Error
     end.
+
+%% @doc Packs the chunks of a file, if Zstandard is at hand. Else it stays as it is, and the text says why.
+-spec pack(file:filename_all(), patch() | none) -> ok | {error, unicode:chardata()}.
+pack(File, Patch) ->
+    case file(File, File, packed, Patch) of
+        {ok, Recovered} -> not_packed(Recovered);
+        %% nothing was recorded
+        {error, {nothing, _}} -> ok;
+        {error, Reason} -> {error, format_error(Reason)}
+    end.
+
+%% @doc Says why chunks could not be packed, if that is so.
+-spec not_packed(recovered()) -> ok | {error, unicode:chardata()}.
+not_packed(#{not_packed := none}) -> ok;
+not_packed(#{not_packed := Why}) -> {error, starl_mcap_zstd:format_error(Why)}.
 
 try_all(Reader, Recovery0) ->
     First = starl_mcap_reader:first(Reader),

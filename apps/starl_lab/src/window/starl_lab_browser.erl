@@ -1,0 +1,50 @@
+%% @doc Shows a page in the user's browser, where the computer has a display: by the program that the desktop
+%% has for that. Whatever it says or does is its own matter.
+-module(starl_lab_browser).
+
+-export([open/1, program/2]).
+
+%% What the environment says, and where a program is.
+-type env() :: fun((Name :: string()) -> string() | false).
+-type find() :: fun((Program :: string()) -> file:filename() | false).
+
+%% @doc Opens an address, if there is a display and a program to do so.
+-spec open(Url :: binary()) -> ok.
+open(Url) ->
+    case program(fun os:getenv/1, {os:type(), fun os:find_executable/1}) of
+        {ok, Program} ->
+            _ = spawn(fun() -> launch(Program, Url) end),
+            ok;
+        none ->
+            ok
+    end.
+
+%% @doc The program that opens addresses: of macOS, of a Linux in Windows, of a desktop with a display. A login
+%% from elsewhere has none.
+-spec program(env(), {OsType :: {atom(), atom()}, find()}) -> {ok, file:filename()} | none.
+program(Env, {{unix, darwin}, Find}) ->
+    found([Find("open") || Env("SSH_CONNECTION") =:= false]);
+program(Env, {{unix, _}, Find}) ->
+    found([Find(Name) || {Name, Sign} <- signs(), is_set(Env(Sign))]);
+program(_Env, _Other) ->
+    none.
+
+signs() ->
+    [{"wslview", "WSL_DISTRO_NAME"}, {"xdg-open", "WAYLAND_DISPLAY"}, {"xdg-open", "DISPLAY"}].
+
+is_set(Value) -> Value =/= false andalso Value =/= "".
+
+found(Programs) ->
+    case [Program || Program <- Programs, Program =/= false] of
+        [Program | _] -> {ok, Program};
+        [] -> none
+    end.
+
+%% It outlives this program, and writes nothing among its lines.
+launch(Program, Url) ->
+    Port = open_port({spawn_executable, "/bin/sh"}, [
+        {args, ["-c", "\"$0\" \"$1\" </dev/null >/dev/null 2>&1 &", Program, Url]}, exit_status
+    ]),
+    receive
+        {Port, {exit_status, _}} -> ok
+    end.
