@@ -139,6 +139,18 @@ older_counts_test() ->
         {7, 6, 3}, ?G:counts(element(2, ?G:reach({7, 3}, ?APP, [2], ?G:recall({4, 3, 3}, true))))
     ).
 
+%% A store that is confirmed, or that the application has gone on from, is no outdated one any more.
+kept_until_it_is_sure_test() ->
+    Old = ?G:learn(2, 7, 6, 5, ?G:recall({4, 3, 2}, false)),
+    ?assert(?G:is_outdated(Old)),
+    ?assertNot(?G:is_outdated(?G:assure([], [2, 3], Old))),
+    ?assertNot(?G:is_outdated(?G:resume({7, 5}, Old))),
+    Same = ?G:assure([], [2, 3], ?G:recall({4, 3, 2}, false)),
+    ?assertNot(?G:is_outdated(?G:learn(2, 7, 6, 5, Same))),
+    ?assertEqual({{7, 3}, {6, 6, 3}}, counted(?G:resume({7, 3}, ?G:recall({4, 3, 3}, true)))).
+
+counted(Gate) -> {?G:turn(Gate), ?G:counts(Gate)}.
+
 %% What a waiting application knows of all is told to another robot whose store is damaged; what the
 %% others know counts as well.
 resumed_knows_of_all_test() ->

@@ -57,13 +57,17 @@ restarted_test() ->
     ?assertEqual({error, restarted}, Answer),
     ?assertEqual([Resume, Resume], lists:nthtail(2, Asked)).
 
-%% The mistake in a call is told with the function that was called.
+%% The mistake in a call is told with the function that was called, before anything is asked.
 mistake_test() ->
     Robot = starl:robot(1, [1, 2]),
-    ?assertError(
-        {bad_argument, #{function := {starl_barrier, sync, 3}, argument := 'Ms', given := 0}},
-        starl_barrier:sync(Robot, gate, 0)
-    ).
+    [
+        ?assertError(
+            {bad_argument, #{function := {starl_barrier, Function, 3}, argument := Argument}},
+            starl_barrier:Function(Robot, Name, Ms)
+        )
+     || Function <- [round, sync],
+        {Argument, Name, Ms} <- [{'Ms', gate, 0}, {'Name', self(), 7}]
+    ].
 
 blocks_test() ->
     ?assertEqual([{barrier, starl_barrier_rounds, #{}}], starl_barrier:machines(#{})),

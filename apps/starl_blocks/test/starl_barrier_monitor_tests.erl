@@ -182,7 +182,10 @@ recalled_without_a_caller_test() ->
     ?assertMatch([{not_passed, _, [2], _}], told(Recalled, 99, #{bound_us => 10})),
     ?assertEqual([], told(Recalled ++ [{4, 2, passed, 1}], 99, #{bound_us => 10})),
     Again = Recalled ++ [{4, 2, passed, 1}, {5, 1, reached, 1}],
-    ?assertMatch([{not_passed, _, [1], _}], told(Again, 99, #{bound_us => 10})).
+    ?assertMatch([{not_passed, _, [1], _}], told(Again, 99, #{bound_us => 10})),
+    %% excused twice, it is excused no more all the same
+    Twice = [{1, 1, reached, 1}, {2, 1, crashed}, {2, 1, crashed} | Again],
+    ?assertMatch([{not_passed, _, [1], _}], told(Twice, 99, #{bound_us => 10})).
 
 %% A store that was set back may hold the round as reached only: it is passed once more. A store that
 %% is damaged does not.
@@ -428,3 +431,79 @@ no_bound_test() ->
     Half = all_reach() ++ [{5, 1, passed, 1}],
     ?assertMatch({[], #{rounds := 0, passed := 1}}, run(Half, 1000000000, #{})),
     ?assertMatch({[not_passed], _}, run(Half, 1000000000, #{bound_us => 5})).
+
+%% The bound of a run whose monitor knows when a waiting robot asks again: until it asks, and until the one that it
+%% asks has asked, by clocks that are 1 % slow, a message and an answer each; with the time of the robots' own
+%% steps and of the run's faults.
+bound_of_a_run_test() ->
+    Known = #{faults => [], slack_us => 7, sap => #{}, loss => 0.2, delay_us => 1000},
+    Config = #{robots => [1, 2], retry_us => 3000000},
+    Bound = fun(Changes) ->
+        starl_barrier_monitor:context(maps:merge(Known, Changes), Config)
+    end,
+    Reach = starl_sap_schedule:reach_us(#{}, 0.2, 1000, 3000000),
+    #{bound_us := Us} = Bound(#{}),
+    ?assertEqual(2 * 3030000 + 4 * Reach + 1000007, Us),
+    Without = starl_barrier_monitor:context(Known, #{robots => [1, 2]}),
+    ?assertNot(is_map_key(bound_us, Without)),
+    %% what a scene says stays, with the slack
+    ?assertMatch(#{bound_us := 17}, starl_barrier_monitor:context(Known, Config#{bound_us => 10})),
+    Faults = [{2, 5, 6, fault}],
+    ?assertMatch(#{faults := Faults}, Bound(#{faults => Faults})).
+
+%% What a run owes, and how often it has happened: stores damaged and set back.
+sometimes_test() ->
+    ?assertEqual(
+        [{damaged_store, owed}, {store_set_back, owed}],
+        lists:sort(starl_barrier_monitor:sometimes())
+    ),
+    Count = fun(Events) ->
+        {[], #{sometimes := Times}} = run(all_reach() ++ Events, 9, #{}),
+        Times
+    end,
+    ?assertEqual(#{damaged_store => 0, store_set_back => 0}, Count([])),
+    ?assertEqual(#{damaged_store => 1, store_set_back => 0}, Count([{3, 1, damaged}])),
+    ?assertEqual(#{damaged_store => 0, store_set_back => 1}, Count([{3, 1, set_back}])),
+    Twice = [{T, R, What} || {T, R} <- [{3, 1}, {4, 2}], What <- [damaged, set_back]],
+    ?assertEqual(#{damaged_store => 2, store_set_back => 2}, Count(Twice)).
+
+%% A robot that passes, or fails, after the bound is told as the one who did; one that was excused is not. The
+%% bound itself is in time.
+passes_too_late_test() ->
+    Bound = #{bound_us => 10},
+    Of = #{name => b, round => 1},
+    Pass = fun(T) -> all_reach() ++ [{T, 2, passed, 1}] end,
+    ?assertMatch([{not_passed, 12, [2], Of} | _], told(Pass(13), 13, Bound)),
+    ?assertEqual([], told(Pass(12) ++ [{12, 1, passed, 1}], 12, Bound)),
+    Excused = all_reach() ++ [{3, 2, crashed}, {30, 2, passed, 1}],
+    ?assertEqual([], [R || {not_passed, _, [2], _} = R <- told(Excused, 30, Bound)]).
+
+%% Who reaches a round again, since all stores are damaged, makes that round and the later ones of this barrier
+%% incomplete, not the earlier ones and not those of another barrier.
+begun_again_counts_anew_test() ->
+    Bound = #{bound_us => 10},
+    Both = fun(T, Event, K) -> [{T, R, Event, K} || R <- [1, 2]] end,
+    Two = Both(1, reached, 1) ++ Both(2, passed, 1) ++ Both(3, reached, 2),
+    Damaged = [{4, R, damaged} || R <- [1, 2]],
+    Other = [{3, R, barrier, {reached, other, 3}} || R <- [1, 2]],
+    Again = Two ++ Damaged ++ [{5, 1, reached, 1}],
+    ?assertMatch([{not_passed, 15, [1], #{round := 1}}], told(Again, 99, Bound)),
+    Judge = fun(Events) ->
+        M = lists:foldl(
+            fun(E, Before) ->
+                case starl_barrier_monitor:step(E, Before) of
+                    {ok, Next} -> Next;
+                    {violation, _, Next} -> Next
+                end
+            end,
+            starl_barrier_monitor:init(Bound#{robots => [1, 2]}),
+            Events
+        ),
+        starl_barrier_monitor:finish(99, M)
+    end,
+    {{violation, Found}, _} = Judge(
+        [trace(E) || E <- Two] ++ Other ++ [trace(E) || E <- Damaged ++ [{5, 1, reached, 1}]]
+    ),
+    ?assertEqual(
+        [{b, 1}, {other, 3}], [{Name, K} || #{details := #{name := Name, round := K}} <- Found]
+    ).

@@ -84,6 +84,41 @@ passes_when_it_is_known_test() ->
     {Passed, _} = event(cast, {message, 3, barrier, {reached, gate, 1, 1, false}}, B4),
     ?assertMatch([{store, _}, {trace, {passed, gate, 1}} | _], Passed).
 
+%% A new life tells what is stored, in the order of the names, however many those are; what its store says of
+%% nobody it does not answer.
+tells_what_is_stored_test() ->
+    Names = lists:seq(1, 40),
+    Many = {stored, {complete, maps:from_list([{Name, {Name, Name - 1, 0}} || Name <- Names])}},
+    {Told, Barrier} = starting(Many),
+    ?assertEqual(
+        [{Name, Name, Name - 1} || Name <- Names],
+        [{Name, At, Passed} || {trace, {recalled, Name, At, Passed}} <- Told]
+    ),
+    {[{cast, sap, {send, 2, barrier, {told, 9, _, Facts}}}], _} =
+        event(cast, {message, 2, barrier, {who, 9}}, Barrier),
+    ?assertEqual(Names, [Name || {Name, _, _, _} <- Facts]).
+
+%% One store that is older than what the others know is told, though another name's is not.
+outdated_store_is_told_test() ->
+    {_, B0} = starting({stored, {complete, #{a => {1, 1, 0}, b => {1, 1, 0}}}}, #{life => {0, 2}}),
+    Facts = fun(At) -> [{a, 1, 1, 1}, {b, 1, At, 1}] end,
+    Actions = fun(At) ->
+        {[], B1} = told(2, true, Facts(At), B0),
+        element(1, told(3, true, Facts(At), B1))
+    end,
+    ?assertEqual([], [T || {trace, T} <- Actions(1)]),
+    ?assertEqual([store_damaged], [T || {trace, T} <- Actions(2)]).
+
+%% A message that it does not know is told to the machine.
+unknown_message_test() ->
+    Meta = #{now => 0, robot => 1},
+    ?assertEqual(
+        unknown_event,
+        starl_barrier_rounds:handle_event(
+            cast, {message, 2, barrier, nonsense}, ready, start(none), Meta
+        )
+    ).
+
 told(From, Sure, Facts, Barrier) ->
     event(cast, {message, From, barrier, {told, 2, Sure, Facts}}, Barrier).
 
@@ -95,8 +130,12 @@ passed(Barrier) ->
 
 stored(Actions) -> {stored, hd([Term || {store, Term} <- Actions])}.
 
-start(Stored) ->
-    {ready, Barrier, _} = starl_barrier_rounds:init(#{
+start(Stored) -> element(2, starting(Stored)).
+
+starting(Stored) -> starting(Stored, #{}).
+
+starting(Stored, More) ->
+    {ready, Barrier, Actions} = starl_barrier_rounds:init(More#{
         robot => 1,
         participants => starl_team:new([1, 2, 3]),
         name => barrier,
@@ -105,7 +144,7 @@ start(Stored) ->
         random => rand:seed_s(exsss, 1),
         now => 0
     }),
-    Barrier.
+    {Actions, Barrier}.
 
 call(Request, Barrier) -> event({call, ?APP}, Request, Barrier).
 
