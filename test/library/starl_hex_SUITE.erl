@@ -7,9 +7,7 @@
 -compile([export_all, nowarn_export_all]).
 
 %% What the application `starl' stands for.
--define(LIBRARY, [
-    starl, starl_platform, starl_blocks, starl_run, starl_sim, starl_check, starl_property
-]).
+-define(LIBRARY, [starl, starl_platform, starl_blocks, starl_run, starl_sim, starl_check]).
 
 suite() -> [{timetrap, {minutes, 5}}].
 
