@@ -2,7 +2,7 @@
 %% that fire when the checker chooses, and a store that is never full. It collects the robot's
 %% messages and traced events.
 -module(starl_check_world).
--behaviour(starl_robot).
+-behaviour(starl_driver).
 -behaviour(starl_platform).
 
 -export([new/3, sent/1, put_under_way/2, traces/1, stored/1]).

@@ -3,7 +3,7 @@
 -module(starl_robot_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--behaviour(starl_robot).
+-behaviour(starl_driver).
 -behaviour(starl_platform).
 -behaviour(starl_machine).
 

@@ -7,7 +7,7 @@
 %% machine gets an event, before any other that waits. Facts bear the time of this look, too, since the
 %% robot may stand still before anybody has them.
 -module(starl_live_body).
--behaviour(starl_robot).
+-behaviour(starl_driver).
 -behaviour(starl_platform).
 
 -export([

@@ -1,6 +1,30 @@
-%% @doc The messages between a robot's driver (a simulator's shard, the link of a real robot) and
-%% the processes of its machines ({@link starl_machine_proc}, {@link starl_app_proc}). A process
-%% only carries out orders, and is at rest when it has answered:
+%% @doc The driver of a robot: a simulator's shard, the checker, the link of a real robot. It adds time,
+%% a store, a trace, and the world ({@link starl_platform}) to a {@link starl_robot}, with a state of its own,
+%% through the callbacks of this behaviour.
+%%
+%% Rules for a driver:
+%% <ul>
+%% <li>The driver hands in an event of the world or of a timer when the robot is quiet, one at a
+%%   time, ordered by time, then class (`starl_robot_order.hrl'). Local events come before.</li>
+%% <li>A planned timer is never taken back: when its event comes, {@link starl_robot:expire/4} says whether
+%%   the timer still runs; the event of a cancelled or replaced timer is dropped there.</li>
+%% <li>While a process is at work the driver hands in nothing else. The actions and trace events of
+%%   the process have the time at which its event began, not the time of its answer. Actions with a
+%%   latest moment (`until') take place only if the driver's `present' time allows it.</li>
+%% <li>A simulator can let the robot stand still in mid-step ({@link starl_robot:stand_still/3}): the turn ends
+%%   there (`stands'), the driver hands in nothing before {@link starl_robot:go_on/1}, and the rest of the step
+%%   takes place at the time of that call.</li>
+%% <li>An answer counts only if it comes from the process at work: see {@link starl_robot:answered/3}.</li>
+%% <li>A process may attach before the end of its predecessor is known. It has to wait until that
+%%   end has been handled ({@link starl_robot_machines:attach/3} returns `early').</li>
+%% <li>A full store crashes the machine that stores: the driver ends its process, if it has one,
+%%   and no later action of the machine takes place.</li>
+%% <li>When the robot goes down or dies, or its services are given up, the chassis stops
+%%   (`stop'), and only events of the chassis itself reach the robot.</li>
+%% </ul>
+%%
+%% Here are also its messages with the processes of the robot's machines ({@link starl_machine_proc}, {@link
+%% starl_app_proc}). A process only carries out orders, and is at rest when it has answered:
 %% ```
 %%   process                                   driver
 %%      | -- {starl_attach, Robot, Name, Pid} -->|   once, when the process has started
@@ -13,9 +37,12 @@
 %% successor's. A driver has one open order with a process at a time.
 -module(starl_driver).
 
--export([attach/3, done/3, boot/1, step/3, later/2, restarted/1]).
+-export([attach/3, done/3, boot/1, step/3, event/2, later/2, restarted/1]).
 
--export_type([attach/0, order/0, done/0]).
+-export_type([world/0, attach/0, order/0, done/0]).
+
+%% The driver's own state.
+-type world() :: term().
 
 %% A process has started as the machine of this name.
 -type attach() :: {starl_attach, starl:robot_id(), starl_machine:name(), pid()}.
@@ -27,6 +54,31 @@
 
 %% The answer to an order.
 -type done() :: {starl_done, starl:robot_id(), pid(), [starl_machine:action()]}.
+
+%% Notes that a machine is about to handle a local event, or to boot. The driver itself notes
+%% an event that it hands in.
+-callback handles(starl_machine:name(), starl_machine:event_type() | boot, Content, World) ->
+    World
+when
+    Content :: term(), World :: world().
+%% The time of the robot's own clock at which the present step began, in microseconds.
+-callback clock(world()) -> integer().
+%% The time that the robot's own clock shows now, in mid-step.
+-callback present(world()) -> integer().
+%% The start configuration of a machine, but for `life', which the robot adds.
+-callback base(starl_machine:name(), Incarnation :: pos_integer(), world()) ->
+    starl_machine:config().
+%% Records a fact.
+-callback trace(starl_machine:name(), Event :: term(), World) -> World when World :: world().
+%% Plans a timer's event after this time by the robot's clock; returns the mark of the event.
+-callback plan(starl_machine:name(), starl_robot_timers:timer(), Us, Content, World) ->
+    {starl_robot_timers:mark(), World}
+when
+    Us :: non_neg_integer(), Content :: term(), World :: world().
+%% Makes a term durable for a machine in place of its earlier term; `full': nothing is stored.
+-callback store(starl_machine:name(), term(), World) -> {ok, World} | full when World :: world().
+%% The application has ended.
+-callback ended(starl_robot:ended(), World) -> World when World :: world().
 
 %% @doc A process tells its driver that it has started.
 -spec attach(pid(), starl:robot_id(), starl_machine:name()) -> attach().
@@ -43,6 +95,11 @@ boot(Base) -> {starl_boot, Base}.
 %% @doc The order to handle an event.
 -spec step(starl_machine:event_type(), Content :: term(), starl_machine:meta()) -> order().
 step(Type, Content, Meta) -> {starl_step, Type, Content, Meta}.
+
+%% @doc The local event of this machine that the order was made of.
+-spec event(starl_machine:name(), order()) -> starl_robot_loop:local().
+event(Name, {starl_boot, _Base}) -> {Name, boot, none};
+event(Name, {starl_step, Type, Content, _Meta}) -> {Name, Type, Content}.
 
 %% @doc The same order, handed over at a later time of the robot's clock.
 -spec later(NowUs :: integer(), order()) -> order().

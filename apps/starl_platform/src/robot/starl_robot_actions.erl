@@ -3,7 +3,7 @@
 %% {@link starl_robot}.
 -module(starl_robot_actions).
 
--export([standing_still/2, aged/2, bounded/3, without_calls/2]).
+-export([standing_still/2, aged/2, bounded/3, without_calls/2, without_call_events/2]).
 
 -type action() ::
     starl_machine:action() | stand_still | {until, Us :: integer(), [action()], Mark :: term()}.
@@ -72,3 +72,11 @@ without_calls(Restarted, Actions) -> [A || A <- Actions, not is_call(A, Restarte
 
 is_call({call, To, _, _}, Names) -> lists:member(To, Names);
 is_call(_Action, _Names) -> false.
+
+%% @doc Local events without calls of these machines, likewise.
+-spec without_call_events([starl_machine:name()], [starl_robot_loop:local()]) ->
+    [starl_robot_loop:local()].
+without_call_events(Restarted, Events) -> [E || E <- Events, not is_call_event(E, Restarted)].
+
+is_call_event({To, {call, _From}, _Request}, Names) -> lists:member(To, Names);
+is_call_event(_Event, _Names) -> false.

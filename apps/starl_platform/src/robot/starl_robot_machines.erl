@@ -12,7 +12,18 @@
 %% clock have been set back, the lot makes it another one than theirs.
 -module(starl_robot_machines).
 
--export([new/1, restore/3, resume/3, names/1, has/2, incarnation/2, life/2, starts/1, starts/2]).
+-export([
+    new/1,
+    restore/3,
+    resume/3,
+    names/1,
+    boots/1,
+    news/3,
+    has/2,
+    incarnation/2,
+    life/2,
+    starts/1, starts/2
+]).
 -export([boot/3, step/5, attach/3, lose/2, restart/3, update/3, down/1, up/2]).
 -export([lots/0]).
 -export([snapshot/2, restore_from/3]).
@@ -87,6 +98,28 @@ restore(Inline, Now, Starts) -> #machines{inline = Inline, now = Now, starts = S
 %% @doc The present machines, in the order in which they boot.
 -spec names(t()) -> [starl_machine:name()].
 names(#machines{now = Now}) -> starl_robot_order:boot(maps:keys(Now)).
+
+%% @doc The local events by which they boot.
+-spec boots(t()) -> [starl_robot_loop:local()].
+boots(Machines) -> [{Name, boot, none} || Name <- names(Machines)].
+
+%% @doc The local events after restarts: these machines, which have come back, boot; the others are
+%% told, also of these that were given up. Without its application the robot stops: no other machine knows its
+%% next goal.
+-spec news(Back :: [starl_machine:name()], GivenUp :: [starl_machine:name()], t()) ->
+    [starl_robot_loop:local()].
+news(Back, GivenUp, Machines) ->
+    All = names(Machines),
+    Ends = [End || Name <- GivenUp, End <- farewell(Name, All)],
+    Ends ++ restarts(starl_robot_order:boot(Back), All).
+
+farewell(Name, Others) ->
+    Stop = [{motion, cast, stop} || Name =:= app, lists:member(motion, Others)],
+    Stop ++ [{To, info, {given_up, Name}} || To <- Others].
+
+restarts(Back, All) ->
+    [{Name, boot, none} || Name <- Back] ++
+        [{To, info, {restarted, Name}} || Name <- Back, To <- All, To =/= Name].
 
 %% @doc Is there a machine of this name?
 -spec has(starl_machine:name(), t()) -> boolean().

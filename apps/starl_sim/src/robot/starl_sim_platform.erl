@@ -9,7 +9,7 @@
 %% change less often ({@link starl_sim_vehicle}, {@link starl_sim_chain}) have records of their own.
 -module(starl_sim_platform).
 -behaviour(starl_platform).
--behaviour(starl_robot).
+-behaviour(starl_driver).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
 -export([new/3, open/3, come/3, rest/2, at/2, soon/1, planned/1, yield/1]).

@@ -5,7 +5,7 @@
 %% The chassis is simulated meanwhile ({@link starl_sim_follow_chassis}), and put where the recording has it at
 %% the moment.
 -module(starl_sim_follow).
--behaviour(starl_robot).
+-behaviour(starl_driver).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
 -export([robot/3, anew/3, format_reason/1]).
