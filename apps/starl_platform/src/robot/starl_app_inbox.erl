@@ -6,7 +6,7 @@
 %% not held back: a message without room is dropped.
 -module(starl_app_inbox).
 
--export([new/0, listen/2, subscribed/2, restarted/2, listens/2]).
+-export([new/0, listen/2, subscribed/2, restarted/2, sensed/4]).
 -export([put/2, take/3, read/3, step/1, taken_back/1]).
 
 -export_type([t/0, message/0]).
@@ -70,10 +70,17 @@ restarted(Machine, #inbox{listening = Listening, room_told = Told} = Inbox) ->
     Words = [Word || {M, Word} <- Listening, M =:= Machine],
     {Words, Inbox#inbox{room_told = Told andalso Machine =/= sap}}.
 
-%% @doc Does the application listen to this type of message of SAP?
--spec listens(starl_packet:type(), t()) -> boolean().
-listens(Type, #inbox{listening = Listening}) ->
-    lists:member({sap, {listen, Type, app}}, Listening).
+%% @doc What has come to this robot's application: what the body feels is a message of the robot itself, if the
+%% application listens to it.
+-spec sensed(Type, Content :: term(), starl:robot_id(), t()) -> {Type, Content :: term()} when
+    Type :: starl_machine:event_type().
+sensed(info, {sensed, Sense} = Sensed, Id, #inbox{listening = Listening}) ->
+    case lists:member({sap, {listen, {app, sense}, app}}, Listening) of
+        true -> {cast, {message, Id, sense, Sense}};
+        false -> {info, Sensed}
+    end;
+sensed(Type, Content, _Id, _Inbox) ->
+    {Type, Content}.
 
 %% @doc A message has come that the application does not wait for.
 -spec put(message(), t()) -> {ok, t()} | full.

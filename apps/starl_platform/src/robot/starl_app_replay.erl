@@ -3,7 +3,7 @@
 %% what it does until then is not done again. Pure; a part of {@link starl_app_turn}.
 -module(starl_app_replay).
 
--export([new/0, add/2, entries/1]).
+-export([new/1, add/2, entries/1]).
 
 -export_type([t/0, entry/0, place/0, snapshot/0]).
 
@@ -24,9 +24,10 @@
 %% The events of a step that are kept for a snapshot.
 -define(MOST_EVENTS, 5000).
 
-%% @doc A step begins.
--spec new() -> t().
-new() -> {0, []}.
+%% @doc A step begins; is there to be a snapshot?
+-spec new(boolean()) -> t() | none.
+new(true) -> {0, []};
+new(false) -> none.
 
 %% @doc Something comes. What is too much is not kept.
 -spec add(entry(), t()) -> t().

@@ -62,12 +62,9 @@ start(Id, Module, Driver, Boot) ->
         tag = {Incarnation, 0},
         code = starl_app_code:new(maps:get(code, Boot, starl_lineage:new(Module))),
         histories = maps:get(histories, Boot, []),
-        log = kept_from(maps:get(snapshots, Boot, false))
+        log = starl_app_replay:new(maps:get(snapshots, Boot, false))
     }),
     ok.
-
-kept_from(true) -> starl_app_replay:new();
-kept_from(false) -> none.
 
 %% @doc The turn of a snapshot, with what is still to come again; who is told when all has come.
 -spec restore({starl:robot_id(), Driver}, {From, reference()}, starl_app_replay:snapshot()) ->
@@ -103,7 +100,7 @@ begun(Where) ->
         #turn{log = none} ->
             ok;
         Turn ->
-            Begun = Turn#turn{log = starl_app_replay:new()},
+            Begun = Turn#turn{log = starl_app_replay:new(true)},
             _ = put(?BEGUN, {Where, Begun#turn{clock = none, replay = none}}),
             _ = put(?TURN, Begun),
             ok
@@ -352,7 +349,8 @@ came(code, Word, Now, Match, Turn) ->
     wait(Match);
 came(Type0, Content0, Now, Match, Turn) ->
     _ = put(?TURN, handed_back(Now, logged({event, Type0, Content0, Now}, Turn))),
-    {Type, Content} = sensed(Type0, Content0, Turn),
+    #turn{robot = Id, inbox = Inbox} = Turn,
+    {Type, Content} = starl_app_inbox:sensed(Type0, Content0, Id, Inbox),
     heed(Type, Content),
     case Match(Type, Content) of
         skip ->
@@ -365,15 +363,6 @@ came(Type0, Content0, Now, Match, Turn) ->
 %% The next turn begins.
 handed_back(Now, #turn{now = Now} = Turn) -> Turn#turn{actions = []};
 handed_back(Now, Turn) -> Turn#turn{actions = [], count = 0, now = Now}.
-
-%% What the body feels is a message of the robot itself, if the application listens to it.
-sensed(info, {sensed, Sense} = Sensed, #turn{robot = Id, inbox = Inbox}) ->
-    case starl_app_inbox:listens({app, sense}, Inbox) of
-        true -> {cast, {message, Id, sense, Sense}};
-        false -> {info, Sensed}
-    end;
-sensed(Type, Content, _Turn) ->
-    {Type, Content}.
 
 %% A restarted machine has lost its listeners: the application listens again.
 heed(info, {restarted, Machine}) ->
