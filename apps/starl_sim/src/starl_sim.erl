@@ -170,7 +170,7 @@ status(#sim{run = Run}) -> starl_sim_run:status(Run).
 inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
 
 %% @doc A summary of every robot. Only while the run rests.
--spec robots(sim()) -> [{starl:robot_id(), starl_sim_robot:summary()}] | {error, running}.
+-spec robots(sim()) -> [{starl:robot_id(), starl_sim_summary:t()}] | {error, running}.
 robots(#sim{run = Run}) -> starl_sim_run:robots(Run).
 
 %% @doc All robots as data, from which another run can go on ({@link starl_sim_checkpoint}). Only while the run
@@ -189,7 +189,7 @@ events(#sim{run = Run}, Robot) -> starl_sim_run:events(Run, Robot).
 
 %% @doc The timers of a robot that run, by machine and name. Only while the run rests.
 -spec timers(sim(), starl:robot_id()) ->
-    [starl_sim_robot:timer()] | unknown | {error, running}.
+    [starl_sim_timers:timer()] | unknown | {error, running}.
 timers(#sim{run = Run}, Robot) -> starl_sim_run:timers(Run, Robot).
 
 %% @doc All violations, with those that would be found if the run ended here. Only while it rests.

@@ -34,8 +34,12 @@ outdated_test() ->
 
 %% An image has the terms and the numbers of its time, whatever came after it.
 set_back_test() ->
-    Image = starl_sim_store:save(f, #{a => 1}, keep([{a, 1}], 0, starl_sim_store:new([]))),
-    {Starts, Back} = starl_sim_store:set_back(f, keep([{a, 2}, {b, 1}], 9, Image)),
+    First = keep([{a, 1}], 0, starl_sim_store:new([])),
+    {#{a := 1}, [], Image} = starl_sim_store:strike({save_store, f}, #{a => 1}, First),
+    Later = keep([{a, 2}, {b, 1}], 9, Image),
+    {Starts, [store_set_back], Back} = starl_sim_store:strike(
+        {set_back_store, f}, #{a => 2}, Later
+    ),
     ?assertEqual(#{a => 1}, Starts),
     ?assertEqual([{stored, 1}, none], [starl_sim_store:kept(N, 9, Back) || N <- [a, b]]).
 

@@ -5,7 +5,7 @@
 -export([overview/3, robot/4, term/3]).
 
 -type machines() :: #{starl_machine:name() => starl_robot_tree:seen()}.
--type robot() :: {starl:robot_id(), starl_sim_robot:summary(), machines()}.
+-type robot() :: {starl:robot_id(), starl_sim_summary:t(), machines()}.
 
 %% @doc All robots at a virtual time: the time of the last event, the number of events, the pose
 %% (m, degrees), the activity of the application, and the states of the machines.
@@ -70,7 +70,7 @@ state(#{state := State}) ->
 
 %% @doc All details of a robot: its application's result, its crashes, and every machine's state and
 %% data.
--spec robot(starl:robot_id(), starl_sim_robot:summary(), machines(), Width :: pos_integer()) ->
+-spec robot(starl:robot_id(), starl_sim_summary:t(), machines(), Width :: pos_integer()) ->
     unicode:chardata().
 robot(Id, #{result := Result, crashes := Crashes}, Machines, Width) ->
     [

@@ -14,9 +14,9 @@
 
 %% @doc A robot of a simulation as texts for the page, with its timers and its last events.
 -spec robot(
-    starl_sim_robot:summary(),
+    starl_sim_summary:t(),
     #{starl_machine:name() => starl_robot_tree:seen()},
-    [starl_sim_robot:timer()],
+    [starl_sim_timers:timer()],
     [{integer(), starl_machine:name(), Event :: term()}]
 ) -> #{atom() => starl_json:value()}.
 robot(#{result := Result, events := Events, crashes := Crashes}, Machines, Timers, Last) ->

@@ -3,7 +3,7 @@
 %% ({@link starl_sim_ledger}); it sees only the few events that it has asked for.
 -module(starl_sim_chain).
 
--export([new/1, new/2, add/5, value/1, events/1, ledger/1]).
+-export([new/1, new/2, counted/2, add/5, value/1, events/1, ledger/1]).
 
 -export_type([t/0]).
 
@@ -31,6 +31,15 @@ new(Range) ->
 new(Range, {Value, Events}) ->
     {Mark, Ledger} = starl_sim_ledger:new(Range, Events),
     #chain{value = Value, events = Events, mark = Mark, ledger = Ledger}.
+
+%% @doc What counts of a local event. Of an answer of the positioning system or a sense only what is seen
+%% or felt counts: the tag and the ages are the driver's own. The names of versions depend on the
+%% compiler's release.
+-spec counted(starl_machine:event_type(), term()) -> term().
+counted(info, {located, _Tag, Seen}) -> {located, [{Robot, Pose} || {Robot, Pose, _Age} <- Seen]};
+counted(info, {felt, _Tag, Felt}) -> {felt, Felt};
+counted(code, {take, #{number := N}}) -> {take, N};
+counted(_Type, Content) -> Content.
 
 %% @doc The chain with one more event, of this time (us).
 -spec add(

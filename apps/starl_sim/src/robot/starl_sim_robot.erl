@@ -18,28 +18,13 @@
 -export([snapshot/2, restore/4]).
 -export([at_work/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1, timers/2]).
 
--export_type([t/0, summary/0, window/0, timer/0, work/0, snapshot/0]).
+-export_type([t/0, work/0, snapshot/0]).
 
 %% The number of a robot's crashes that are remembered.
 -define(REMEMBERED, 10).
 
-%% A summary of a robot: the time of its last work (us), its digest chain with checkpoints, the
-%% numbers of its events and packets, its application's result, its latest crashes, newest
-%% first, and what its application waits for while it runs.
--type summary() :: #{
-    at_us := starl_sim_queue:time(),
-    chain := non_neg_integer(),
-    checkpoints := [starl_sim_ledger:checkpoint()],
-    events := non_neg_integer(),
-    packets := non_neg_integer(),
-    result := running | died | given_up | {done, term()},
-    pose := starl:pose(),
-    crashes := [{starl_machine:name(), Reason :: term()}],
-    waits := starl_robot_tree:waiting()
-}.
-
-%% A machine at work, with its process; how many events its robot has had, which tells a machine that
-%% does not answer from a loop that calls it; and the process of the robot's application.
+%% A machine at work, with its process and that of the robot's application. By the number of the robot's
+%% events a machine that does not answer is told from a loop that calls it.
 -type work() :: #{
     robot := starl:robot_id(),
     machine := starl_machine:name(),
@@ -47,13 +32,6 @@
     events := non_neg_integer(),
     application := pid() | none
 }.
-
-%% The beginning and the end of a window.
--type window() :: {From :: starl_sim_queue:time(), Until :: starl_sim_queue:time()}.
-
-%% A timer that runs, and when it is due.
--type timer() ::
-    {starl_machine:name(), starl_robot_timers:timer(), Due :: starl_sim_queue:time() | unknown}.
 
 -record(robot, {
     id :: starl:robot_id(),
@@ -92,7 +70,7 @@ new(Id, Body, Machines, Tree) ->
     #robot{id = Id, robot = Robot, tree = Tree}.
 
 %% @doc Opens a window with these events of the robot, sorted, and begins with the first.
--spec open([starl_sim_queue:event()], window(), t()) -> {busy | idle | held, t()}.
+-spec open([starl_sim_queue:event()], starl_sim_queue:window(), t()) -> {busy | idle | held, t()}.
 open([{_, Time, _, _, _, _} | _] = Planned, Window, #robot{robot = Robot, hold = Hold} = Site) ->
     {Status, World} = starl_robot:status(Robot),
     Opened = starl_sim_platform:open(Time, Window, World),
@@ -116,8 +94,7 @@ faults_of(Events) -> [Event || {_, _, ?CLASS_WORLD, _, _, _} = Event <- Events].
 -spec at(starl_sim_queue:time(), t()) -> t().
 at(Now, Site) -> body(starl_sim_platform:rest(Now, body(Site)), Site).
 
-%% @doc A process has answered with its machine's actions; if it is the one at work, the robot goes
-%% on.
+%% @doc A process has answered with its machine's actions; if it is the one at work, the robot goes on.
 -spec answered(pid(), [starl_machine:action()], t()) -> {busy | idle | held, t()} | ignored.
 answered(Pid, Actions, #robot{robot = Robot, events = Events} = Site) ->
     case starl_robot:answered(Pid, Actions, Robot) of
@@ -127,11 +104,11 @@ answered(Pid, Actions, #robot{robot = Robot, events = Events} = Site) ->
 
 %% @doc One of its processes has ended. If that was the one at work, the robot can go on.
 -spec down(pid(), Reason :: term(), go_on | rest, t()) -> {busy | idle | held, t()}.
-down(Pid, Reason, Then, #robot{robot = Robot} = Site) ->
+down(Pid, Reason, Then, #robot{robot = Robot, tree = Tree} = Site) ->
     Crashed =
         case starl_robot_machines:name_of(Pid, starl_robot:machines(Robot)) of
             {ok, Name} -> crashed(Name, Reason, settle(Site));
-            none -> died(gave_up, Site)
+            none -> computer(starl_sim_computer:give_up({Robot, Tree}), Site)
         end,
     case starl_robot:busy(Crashed#robot.robot) of
         none when Then =:= go_on -> proceed(Crashed);
@@ -194,7 +171,7 @@ is_strike(_Event) -> false.
     {starl:robot_id(), snapshot()},
     starl_robot_tree:start() | none,
     starl_robot_machines:inline(),
-    starl_sim_platform:world()
+    starl_sim_world:t()
 ) -> {ok, t(), [starl_sim_queue:event()]} | {error, Reason :: term()}.
 restore({Id, #{machines := Kept, parts := Parts, body := Body} = Snapshot}, Start, Inline, World) ->
     case starl_robot_tree:restore(Id, Start, Inline, Kept) of
@@ -240,40 +217,17 @@ owns(Pid, #robot{robot = Robot, tree = Tree}) ->
     starl_robot_tree:owns(Pid, starl_robot:machines(Robot), Tree).
 
 %% @doc Its application's result.
--spec result(t()) -> running | died | given_up | {done, term()}.
-result(#robot{robot = Robot}) ->
-    case starl_robot:condition(Robot) of
-        dead -> died;
-        _ -> starl_sim_platform:result(starl_robot:world(Robot))
-    end.
+-spec result(t()) -> starl_sim_summary:result().
+result(#robot{robot = Robot}) -> starl_sim_summary:result(Robot).
 
 %% @doc The piece of motion that it is in.
 -spec piece(t()) -> starl_trajectory:piece().
 piece(Site) -> starl_sim_platform:piece(body(Site)).
 
 %% @doc A summary of the robot at a time.
--spec summary(starl_sim_queue:time(), t()) -> summary().
-summary(Time, #robot{crashes = Crashes} = Site) ->
-    Body = body(Site),
-    Chain = starl_sim_platform:chain(Body),
-    At = starl_sim_platform:now(Body),
-    #{
-        at_us => At,
-        chain => starl_sim_chain:value(Chain),
-        checkpoints => starl_sim_ledger:checkpoints(starl_sim_chain:ledger(Chain)),
-        events => starl_sim_chain:events(Chain),
-        packets => starl_sim_platform:packets(Body),
-        result => result(Site),
-        %% while another robot is held, this one may be at a later time
-        pose => starl_trajectory:pose(max(At, Time), starl_sim_platform:piece(Body)),
-        crashes => Crashes,
-        waits => waits(result(Site), Site)
-    }.
-
-waits(running, #robot{robot = Robot}) ->
-    starl_robot_tree:waiting(starl_robot:machines(Robot));
-waits(_Ended, _Site) ->
-    none.
+-spec summary(starl_sim_queue:time(), t()) -> starl_sim_summary:t().
+summary(Time, #robot{robot = Robot, crashes = Crashes}) ->
+    starl_sim_summary:of_robot(Time, Crashes, Robot).
 
 %% @doc Its recorded events.
 -spec recorded(t()) -> [starl_sim_ledger:event()].
@@ -286,18 +240,10 @@ machines(#robot{robot = Robot}) -> starl_robot_tree:inspect(starl_robot:machines
 
 %% @doc The timers that run, by machine and name, with the times at which they are due; `Later' are the
 %% robot's events of later windows.
--spec timers(Later :: [starl_sim_queue:event()], t()) -> [timer()].
+-spec timers(Later :: [starl_sim_queue:event()], t()) -> [starl_sim_timers:timer()].
 timers(Later, #robot{robot = Robot, events = Events} = Site) ->
     Planned = Later ++ Events ++ starl_sim_platform:pending(body(Site)),
-    Due = maps:from_list([{Seq, T} || {_, T, _, _, Seq, Content} <- Planned, is_timer(Content)]),
-    [
-        {Name, Timer, maps:get(Mark, Due, unknown)}
-     || {Name, Timer, Mark} <- starl_robot_timers:to_list(starl_robot:timers(Robot))
-    ].
-
-is_timer({timer, _, _, _}) -> true;
-is_timer({late, Content}) -> is_timer(Content);
-is_timer(_) -> false.
+    starl_sim_timers:due(Planned, starl_robot:timers(Robot)).
 
 %% -- events ---------------------------------------------------------------------------------
 
@@ -307,7 +253,7 @@ proceed(#robot{robot = Robot, events = Events, stop = none} = Site) ->
 proceed(#robot{robot = Robot, events = Events, stop = {branch, N, Later}} = Site) ->
     case count(Site) < N of
         true -> went(starl_robot:run(Robot), Events, Site);
-        false -> proceed(halt_after(none, turn_off(Later, Site)))
+        false -> proceed(halt_after(none, in_branch(Later, Site)))
     end;
 proceed(#robot{robot = Robot, events = Events, stop = N} = Site) ->
     case count(Site) of
@@ -315,7 +261,7 @@ proceed(#robot{robot = Robot, events = Events, stop = N} = Site) ->
         _ -> went(starl_robot:run(Robot), Events, Site)
     end.
 
-turn_off(Later, Site) -> body(starl_sim_platform:turn_off(Later, body(Site)), Site).
+in_branch(Later, Site) -> body(starl_sim_platform:turn_off(Later, body(Site)), Site).
 
 %% The result of an event, with all that followed from it.
 went({quiet, Robot}, Events, Site) ->
@@ -381,10 +327,8 @@ plan(Body, Events) -> lists:merge(lists:sort(starl_sim_platform:soon(Body)), Eve
 settle(#robot{events = Events} = Site) ->
     Body = body(Site),
     case starl_sim_platform:soon(Body) of
-        [] ->
-            Site;
-        _ ->
-            body(starl_sim_platform:planned(Body), Site#robot{events = plan(Body, Events)})
+        [] -> Site;
+        _ -> body(starl_sim_platform:planned(Body), Site#robot{events = plan(Body, Events)})
     end.
 
 %% -- faults and crashes ---------------------------------------------------------------------
@@ -392,17 +336,17 @@ settle(#robot{events = Events} = Site) ->
 strike(wake, Site) ->
     Site;
 strike(turn_wheels, Site) ->
-    wait_turn(body(starl_sim_platform:turn_wheels(body(Site)), Site));
+    rides(turn_wheels, Site);
 strike({go_on, _} = Beat, Site) ->
-    wait_turn(body(starl_sim_platform:beat(Beat, body(Site)), Site));
+    rides(Beat, Site);
 strike({watch, _, _} = Beat, Site) ->
-    wait_turn(body(starl_sim_platform:beat(Beat, body(Site)), Site));
+    rides(Beat, Site);
 strike({hears, _, _, _} = Beat, Site) ->
-    wait_turn(body(starl_sim_platform:beat(Beat, body(Site)), Site));
+    rides(Beat, Site);
 strike({touch, _, _} = Touch, Site) ->
-    wait_turn(body(starl_sim_platform:touch(Touch, body(Site)), Site));
+    rides(Touch, Site);
 strike({look, _} = Look, Site) ->
-    wait_turn(body(starl_sim_platform:touch(Look, body(Site)), Site));
+    rides(Look, Site);
 strike({kill_machine, Name}, #robot{robot = Robot} = Site) ->
     case starl_robot_tree:kill(Name, starl_robot:machines(Robot)) of
         {ok, Reason} -> crashed(Name, Reason, Site);
@@ -414,130 +358,43 @@ strike({stand_still, Name, After, Until}, #robot{robot = Robot} = Site) ->
     Site#robot{robot = starl_robot:stand_still(Name, After, Robot), still = Until};
 strike(go_on, #robot{robot = Robot} = Site) ->
     Site#robot{robot = starl_robot:go_on(Robot)};
-strike({reload, Reload}, Site) ->
-    {Words, Body} = starl_sim_platform:reload(Reload, body(Site)),
-    heeded(Words, body(Body, Site));
-strike({reload_failed, N, Failed}, Site) ->
-    {Words, Body} = starl_sim_platform:take_back(N, Failed, body(Site)),
-    heeded(Words, body(Body, Site));
 strike({lag, Lag}, #robot{hold = {Until, _}} = Site) ->
     postpone(Site#robot{hold = {Until, Lag}});
-strike(Fault, #robot{robot = Robot} = Site) ->
-    strike(Fault, starl_robot:condition(Robot), Site).
+%% The whole robot starts anew, as one that has lived so often.
+strike({outlived, N}, #robot{robot = Robot} = Site) ->
+    case starl_robot:condition(Robot) of
+        up -> lists:foldl(fun strike/2, Site, [go_down, {outdate, N}, come_up]);
+        _ -> Site
+    end;
+strike(Fault, #robot{robot = Robot, tree = Tree} = Site) ->
+    computer(starl_sim_computer:strike(Fault, {Robot, Tree}), Site).
 
-%% Its machines get words on new code; a robot that is down starts with it.
-heeded(Words, #robot{robot = Robot} = Site) ->
-    Machines = starl_robot:machines(Robot),
-    Local = [{Name, code, Word} || {Name, Word} <- Words, starl_robot_machines:has(Name, Machines)],
-    Site#robot{robot = starl_robot:then(Local, Robot)}.
+%% Events that wait for a robot that is up are lost with it.
+computer({Robot, Tree}, #robot{robot = Before, events = Events} = Site) ->
+    Left =
+        case {starl_robot:condition(Before), starl_robot:condition(Robot)} of
+            {up, down} -> faults_of(Events);
+            {Alive, dead} when Alive =/= dead -> [];
+            _ -> Events
+        end,
+    Site#robot{robot = Robot, tree = Tree, events = Left}.
 
-%% Faults of the whole robot.
-strike(kill_robot, Condition, Site) when Condition =/= dead ->
-    died(killed, Site);
-strike(go_down, up, #robot{robot = Robot, tree = Tree, events = Events} = Site) ->
-    Down = starl_robot:go_down(Robot),
-    Site#robot{robot = Down, tree = starl_robot_tree:down(Tree), events = faults_of(Events)};
-strike(lose_store, down, #robot{robot = Robot} = Site) ->
-    Lost = starl_robot_machines:starts(#{}, starl_robot:machines(Robot)),
-    body(starl_sim_platform:outdate_store(body(Site)), Site#robot{
-        robot = starl_robot:machines(Lost, Robot)
-    });
-strike({outlived, N}, up, Site) ->
-    #robot{robot = Robot} = Down = strike(go_down, Site),
-    Machines = starl_robot:machines(Robot),
-    Beyond = maps:map(fun(_, Start) -> max(N, Start) end, starl_robot_machines:starts(Machines)),
-    Counted = Down#robot{
-        robot = starl_robot:machines(starl_robot_machines:starts(Beyond, Machines), Robot)
-    },
-    strike(come_up, body(starl_sim_platform:outdate_store(body(Counted)), Counted));
-strike({save_store, Fault}, down, #robot{robot = Robot} = Site) ->
-    Starts = starl_robot_machines:starts(starl_robot:machines(Robot)),
-    body(starl_sim_platform:save_store(Fault, Starts, body(Site)), Site);
-strike({set_back_store, Fault}, down, #robot{robot = Robot} = Site) ->
-    {Starts, Body} = starl_sim_platform:set_back_store(Fault, body(Site)),
-    Earlier = starl_robot_machines:starts(Starts, starl_robot:machines(Robot)),
-    body(Body, Site#robot{robot = starl_robot:machines(Earlier, Robot)});
-strike(come_up, down, #robot{robot = Robot, tree = Tree} = Site) ->
-    Moment = starl_sim_platform:moment(body(Site)),
-    Waiting = starl_robot_machines:up(Moment, starl_robot:machines(Robot)),
-    {Launched, Machines} = starl_robot_tree:launch(Tree, Waiting),
-    Site#robot{robot = starl_robot:come_up(Machines, Robot), tree = Launched};
-strike(_, _Condition, Site) ->
-    Site.
-
-%% An answer of the chassis in this window joins the other events; it may have to wait for the
-%% robot.
-wait_turn(#robot{hold = {0, 0}} = Site) -> settle(Site);
-wait_turn(Site) -> postpone(settle(Site)).
+%% An answer of the chassis in this window joins the other events; it may have to wait for the robot.
+rides(Step, Before) ->
+    Site = settle(body(starl_sim_platform:ride(Step, body(Before)), Before)),
+    case Site of
+        #robot{hold = {0, 0}} -> Site;
+        #robot{} -> postpone(Site)
+    end.
 
 %% An event that comes while the robot is held up waits, in this window or for a later one.
 postpone(#robot{events = Events, hold = Hold} = Site) ->
     {Late, Ready} = starl_sim_queue:delayed(Events, Hold),
     settle(body(starl_sim_platform:postpone(Late, body(Site)), Site#robot{events = Ready})).
 
-%% A machine has ended. Virtual time waits until it has been restarted.
-crashed(Name, Reason, #robot{robot = Robot, tree = Tree, crashes = Crashes} = Site) ->
-    {Hope, Despair} = hope(Name, starl_crash:cause(Reason), Reason, Site),
-    Remembered = Site#robot{
-        crashes = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED), despair = Despair
-    },
-    Fallen = starl_sim_platform:fallen(Name, starl_crash:cause(Reason), starl_robot:world(Robot)),
-    Bare = starl_robot:lost(Name, Reason, starl_robot:world(Fallen, Robot)),
-    Restarted = starl_robot_tree:restart(Name, starl_robot:machines(Bare), Tree),
-    case starl_robot_tree:give_up(Hope, Name, Restarted, Tree) of
-        {ok, #{back := Back, given_up := GivenUp, lost := Lost}, Machines} ->
-            _ = tell(lists:member(Name, GivenUp), Name, Reason, Site),
-            Left = lists:foldr(fun({N, R}, B) -> starl_robot:lost(N, R, B) end, Bare, Lost),
-            With = starl_robot:machines(Machines, Left),
-            Remembered#robot{robot = starl_robot:back(Back, GivenUp, With)};
-        gave_up ->
-            _ = tell(true, Name, Reason, Site),
-            died(gave_up, Remembered#robot{robot = Bare})
-    end.
-
-%% Is it worthwhile to restart this machine? Only an application may be hopeless.
-hope(app, {_, _} = Cause, Reason, #robot{despair = Despair} = Site) ->
-    Body = body(Site),
-    Now = starl_sim_platform:now(Body),
-    Crash = #{
-        cause => Cause,
-        endless => starl_crash:is_endless(Reason),
-        steps => starl_crash:steps(Reason),
-        at_us => Now,
-        pose => starl_trajectory:pose(Now, starl_sim_platform:piece(Body)),
-        stored => starl_sim_platform:stored(app, Body)
-    },
-    starl_sim_crash_loop:crashed(Crash, Despair);
-hope(_Name, _Cause, _Reason, #robot{despair = Despair}) ->
-    {goes_on, Despair}.
-
-%% The log has one line for each crash that no fault caused, in every mode.
-tell(IsGivenUp, Name, Reason, Site) ->
-    case starl_crash:cause(Reason) of
-        none ->
-            IsGivenUp andalso told(given_up, Name, "it was killed too often", Site);
-        Cause ->
-            told(crashed, Name, starl_crash:format(Cause), Site),
-            IsGivenUp andalso told(given_up, Name, "it crashed again and again", Site)
-    end.
-
-told(What, Name, Why, #robot{id = Id} = Site) ->
-    starl_sim_log:tell(#{
-        what => What,
-        robot => Id,
-        machine => Name,
-        at_us => starl_sim_platform:now(body(Site)),
-        reason => unicode:characters_to_binary(Why)
-    }).
-
-died(killed, Site) ->
-    told(killed, robot, "by a fault", Site),
-    gone(killed, Site);
-died(gave_up, Site) ->
-    gone(gave_up, Site).
-
-gone(Reason, #robot{tree = Tree} = Site) ->
-    #robot{robot = Robot} = Left = body(starl_sim_platform:planned(body(Site)), Site),
-    Left#robot{
-        robot = starl_robot:die(Reason, Robot), tree = starl_robot_tree:down(Tree), events = []
-    }.
+%% A machine has ended.
+crashed(Name, Reason, #robot{robot = Robot, tree = Tree} = Site) ->
+    #robot{crashes = Crashes, despair = Before} = Site,
+    {Despair, Computer} = starl_sim_computer:crashed(Name, Reason, Before, {Robot, Tree}),
+    Remembered = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED),
+    computer(Computer, Site#robot{crashes = Remembered, despair = Despair}).

@@ -8,9 +8,12 @@
 -module(starl_sim_store).
 
 -export([new/1, keep/4, kept/3, codes/1, codes/2]).
--export([save/3, set_back/2, outdate/1, with_faults/2]).
+-export([strike/3, outdate/1, with_faults/2]).
 
--export_type([t/0]).
+-export_type([t/0, strike/0]).
+
+%% It is lost, or known to be an old one; an image of it is taken, for a fault of this name; it is set back to it.
+-type strike() :: lose_store | outdate | {save_store | set_back_store, Fault :: atom()}.
 
 -type image() :: {starl_robot_machines:starts(), kept(), written()}.
 -type kept() :: #{starl_machine:name() => term()}.
@@ -54,16 +57,20 @@ kept(Name, Now, #store{kept = Kept, written = Written} = Store) ->
         {#{}, _} -> none
     end.
 
-%% @doc Takes an image of the store, with the numbers of starts, for a fault of this name.
--spec save(Fault :: atom(), starl_robot_machines:starts(), t()) -> t().
-save(Fault, Starts, #store{kept = Kept, written = Written, images = Images} = Store) ->
-    Store#store{images = Images#{Fault => {Starts, Kept, Written}}}.
-
-%% @doc The store as it was when that image was taken, and the numbers of starts then.
--spec set_back(Fault :: atom(), t()) -> {starl_robot_machines:starts(), t()}.
-set_back(Fault, #store{images = Images} = Store) ->
+%% @doc The store of machines that have started so often is struck: the numbers of starts from now on, and what
+%% is to be told.
+-spec strike(strike(), starl_robot_machines:starts(), t()) ->
+    {starl_robot_machines:starts(), Facts :: [store_set_back], t()}.
+strike(lose_store, _Starts, Store) ->
+    {#{}, [], outdate(Store)};
+strike(outdate, Starts, Store) ->
+    {Starts, [], outdate(Store)};
+strike({save_store, Fault}, Starts, #store{kept = Kept, written = Written} = Store) ->
+    #store{images = Images} = Store,
+    {Starts, [], Store#store{images = Images#{Fault => {Starts, Kept, Written}}}};
+strike({set_back_store, Fault}, _Starts, #store{images = Images} = Store) ->
     #{Fault := {Starts, Kept, Written}} = Images,
-    {Starts, Store#store{kept = Kept, written = Written}}.
+    {Starts, [store_set_back], Store#store{kept = Kept, written = Written}}.
 
 %% @doc The store is known to be lost or set back.
 -spec outdate(t()) -> t().

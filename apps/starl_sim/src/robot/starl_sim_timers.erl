@@ -11,9 +11,13 @@
 %% events of timers that do not run any more: each event keeps its time and its sequence number.
 -module(starl_sim_timers).
 
--export([new/0, start/2, come/4, waiting/1]).
+-export([new/0, start/2, come/4, waiting/1, due/2]).
 
--export_type([t/0]).
+-export_type([t/0, timer/0]).
+
+%% A timer that runs, and when it is due.
+-type timer() ::
+    {starl_machine:name(), starl_robot_timers:timer(), Due :: starl_sim_queue:time() | unknown}.
 
 %% The event of a timer of this name that lies in the queue, by its sequence number; and the event that
 %% waits behind it.
@@ -93,3 +97,16 @@ waiting(Timers) ->
         {_, _, Event} <- maps:values(Own),
         Event =/= none
     ].
+
+%% @doc The timers that run, by machine and name, with the times at which they are due by these planned events.
+-spec due([starl_sim_queue:event()], Running :: starl_robot_timers:t()) -> [timer()].
+due(Planned, Running) ->
+    Due = maps:from_list([{Seq, At} || {_, At, _, _, Seq, Content} <- Planned, is_timer(Content)]),
+    [
+        {Name, Timer, maps:get(Mark, Due, unknown)}
+     || {Name, Timer, Mark} <- starl_robot_timers:to_list(Running)
+    ].
+
+is_timer({timer, _, _, _}) -> true;
+is_timer({late, Content}) -> is_timer(Content);
+is_timer(_) -> false.

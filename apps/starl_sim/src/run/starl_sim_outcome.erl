@@ -25,7 +25,7 @@
     hung => starl_sim_window:hang()
 }.
 
--type robot() :: {starl:robot_id(), starl_sim_robot:summary()}.
+-type robot() :: {starl:robot_id(), starl_sim_summary:t()}.
 
 %% @doc The outcome of a run that ends now, from the summaries of its known robots, ascending. Where
 %% nothing could happen any more (`quiet') the time passes all the same, until the limit of the run:

@@ -11,7 +11,7 @@
 -type t() :: #{
     robots := [{starl:robot_id(), starl:pose()}],
     crew := starl_sim_shard:crew(),
-    world := starl_sim_platform:world(),
+    world := starl_sim_world:t(),
     window_us := pos_integer(),
     patience_ms := pos_integer(),
     shards := pos_integer(),

@@ -109,7 +109,7 @@ status(Run) -> gen_server:call(Run, status, infinity).
 inspect(Run, Robot) -> gen_server:call(Run, {inspect, Robot}, infinity).
 
 %% @doc The summaries of all robots, while the run rests.
--spec robots(pid()) -> [{starl:robot_id(), starl_sim_robot:summary()}] | {error, running}.
+-spec robots(pid()) -> [{starl:robot_id(), starl_sim_summary:t()}] | {error, running}.
 robots(Run) -> gen_server:call(Run, robots, infinity).
 
 %% @doc The recorded events of a robot so far, while the run rests.
@@ -119,7 +119,7 @@ events(Run, Robot) -> gen_server:call(Run, {events, Robot}, infinity).
 
 %% @doc The timers of a robot that run, by machine and name, while the run rests.
 -spec timers(pid(), starl:robot_id()) ->
-    [starl_sim_robot:timer()] | unknown | {error, running}.
+    [starl_sim_timers:timer()] | unknown | {error, running}.
 timers(Run, Robot) -> gen_server:call(Run, {timers, Robot}, infinity).
 
 %% @doc All violations, with those that would be found if the run ended here, while it rests.

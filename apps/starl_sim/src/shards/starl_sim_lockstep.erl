@@ -43,7 +43,7 @@
 -type open() ::
     none
     | #{
-        window := starl_sim_robot:window(),
+        window := starl_sim_queue:window(),
         robot := starl:robot_id(),
         ids := [starl:robot_id()],
         at := starl_sim_queue:time(),
@@ -74,7 +74,7 @@
     open = none :: open(),
     abandoned = false :: boolean(),
     %% the world, if bodies are solid; the robots with new pieces of motion, until all shards' are known
-    solid = none :: starl_sim_platform:world() | none,
+    solid = none :: starl_sim_world:t() | none,
     %% snapshots of the robots are told this often, for the last time in this period; those that the
     %% present window begins with
     snapshots = none :: {Every :: pos_integer(), Last :: non_neg_integer()} | none,
@@ -121,7 +121,7 @@ snapshots(#steps{queue = Queue, open = none}) ->
     ].
 
 %% @doc Bodies are solid, if the world has walls.
--spec solid(starl_sim_platform:world(), t()) -> t().
+-spec solid(starl_sim_world:t(), t()) -> t().
 solid(World, Steps) -> told_often(World, walled(World, Steps)).
 
 walled(#{walls := _} = World, Steps) -> Steps#steps{solid = World};

@@ -7,7 +7,10 @@
 -export([new/1, add/2, add_all/2, take_window/2, next_time/1, size/1, of_robot/2]).
 -export([delayed/2]).
 
--export_type([t/0, event/0, time/0, hold/0]).
+-export_type([t/0, event/0, time/0, hold/0, window/0]).
+
+%% The beginning and the end of a window.
+-type window() :: {From :: time(), Until :: time()}.
 
 %% Virtual time in microseconds.
 -type time() :: non_neg_integer().

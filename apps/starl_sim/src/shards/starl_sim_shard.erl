@@ -62,16 +62,16 @@
     | {robot | timers | count | events, starl:robot_id()}.
 
 -type answer() ::
-    [{starl:robot_id(), starl_sim_robot:summary()}]
+    [{starl:robot_id(), starl_sim_summary:t()}]
     | [{starl:robot_id(), {ok, starl_sim_robot:snapshot()} | {error, starl_snapshot:reason()}}]
     | #{starl_machine:name() => starl_robot_tree:seen()}
-    | [starl_sim_robot:timer()]
+    | [starl_sim_timers:timer()]
     | [starl_sim_ledger:event()]
     | non_neg_integer()
     | unknown.
 
 -record(shard, {
-    world :: starl_sim_platform:world(),
+    world :: starl_sim_world:t(),
     robots_sup :: pid(),
     steps :: starl_sim_lockstep:t()
 }).
@@ -79,7 +79,7 @@
 %% @doc Starts an empty shard, with room for about `robots' robots.
 -spec start_link(#{
     run := pid(),
-    world := starl_sim_platform:world(),
+    world := starl_sim_world:t(),
     window_us := pos_integer(),
     patience_ms := pos_integer(),
     robots_sup := pid(),

@@ -86,7 +86,7 @@ ask(What, Id, #shards{owners = Owners} = Shards) ->
     end.
 
 %% @doc The summaries of all robots at a time, ascending.
--spec summaries(starl_sim_queue:time(), t()) -> [{starl:robot_id(), starl_sim_robot:summary()}].
+-spec summaries(starl_sim_queue:time(), t()) -> [{starl:robot_id(), starl_sim_summary:t()}].
 summaries(Now, #shards{pids = Pids} = Shards) ->
     Told = [asked(Shard, {summary, Now}, [], Shards) || Shard <- Pids],
     lists:keysort(1, lists:append(Told)).

@@ -45,7 +45,7 @@ robot(Id) -> get(Id).
 
 %% @doc From now on a window is given up when it takes this wall time (ms). One timer serves
 %% many windows: a timer in each receive would cost as much as the event.
--spec be_patient(starl_sim_robot:window(), Ms :: pos_integer()) -> ok.
+-spec be_patient(starl_sim_queue:window(), Ms :: pos_integer()) -> ok.
 be_patient(Window, Ms) -> look_later({Window, now_ms(), Ms}).
 
 look_later({_Window, _SinceMs, Ms} = Patience) ->
@@ -61,7 +61,7 @@ patient() ->
 
 %% @doc Runs a window with these events, which are ordered by robot, then in each robot's order;
 %% returns the robots that were at work, in descending order, or who did not end a step.
--spec run(starl_sim_robot:window(), [starl_sim_queue:event()]) ->
+-spec run(starl_sim_queue:window(), [starl_sim_queue:event()]) ->
     [starl:robot_id()] | {hung, hang()}.
 run(Window, Events) ->
     {Ids, Active} = begin_robots(agenda(Window, Events), Window, [], 0),
@@ -89,7 +89,7 @@ halt_after(Id, N) ->
     ok.
 
 %% @doc Goes on with a window in which one robot was held.
--spec resume(starl_sim_robot:window(), starl:robot_id()) -> ok | {hung, hang()}.
+-spec resume(starl_sim_queue:window(), starl:robot_id()) -> ok | {hung, hang()}.
 resume(Window, Id) -> collect(keep(Id, starl_sim_robot:resume(get(Id))), Window).
 
 %% @doc A process has gone down between two windows. Returns its robot, if it is one of these; the

@@ -27,7 +27,7 @@
 -type planted() :: {#{starl:robot_id() => non_neg_integer()}, Later :: map()}.
 
 %% @doc The world of a run that branches: it begins with the radio of the run before.
--spec plant(t() | none, starl_sim_platform:world()) -> starl_sim_platform:world().
+-spec plant(t() | none, starl_sim_world:t()) -> starl_sim_world:t().
 plant(none, World) ->
     World;
 plant(#{counts := Counts, salt := Salt, loss := Loss, faults := Faults}, World) ->
@@ -51,7 +51,7 @@ salted(Seed, none) -> Seed;
 salted(Seed, Salt) -> erlang:phash2({Seed, Salt}, 1 bsl 32).
 
 %% @doc When a robot turns off, and what changes in its world then.
--spec of_robot(starl:robot_id(), starl_sim_platform:world()) ->
+-spec of_robot(starl:robot_id(), starl_sim_world:t()) ->
     {Events :: non_neg_integer(), Later :: map()} | none.
 of_robot(Robot, #{branch := {Counts, Later}}) -> {maps:get(Robot, Counts, 0), Later};
 of_robot(_Robot, #{}) -> none.

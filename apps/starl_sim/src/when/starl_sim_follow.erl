@@ -27,7 +27,7 @@
 %% What the robots of a plan have in common, and the moment.
 -type setting() :: #{
     at_us := starl_sim_queue:time(),
-    world := starl_sim_platform:world(),
+    world := starl_sim_world:t(),
     crew := starl_sim_shard:crew()
 }.
 

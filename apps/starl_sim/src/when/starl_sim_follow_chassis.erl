@@ -17,7 +17,7 @@
 -opaque t() :: #chassis{}.
 
 %% @doc A chassis in this piece of motion, with nothing to do.
--spec new(starl:robot_id(), starl_trajectory:piece(), starl_sim_platform:world()) -> t().
+-spec new(starl:robot_id(), starl_trajectory:piece(), starl_sim_world:t()) -> t().
 new(Id, Piece, World) ->
     Vehicle = starl_sim_vehicle:new(Id, {0.0, 0.0, 0.0}, World),
     #chassis{vehicle = starl_sim_vehicle:at(Piece, Vehicle)}.

@@ -15,7 +15,7 @@
 -type arrival() :: {DelayUs :: pos_integer(), intact | corrupt}.
 
 %% @doc The copies that arrive of a packet sent now.
--spec arrivals(link(), Now :: starl_sim_queue:time(), starl_sim_platform:world()) ->
+-spec arrivals(link(), Now :: starl_sim_queue:time(), starl_sim_world:t()) ->
     [arrival()] | lost.
 arrivals(Link, Now, #{network := Faults} = World) ->
     case lost(Link, World) of
@@ -25,7 +25,7 @@ arrivals(Link, Now, #{network := Faults} = World) ->
     end.
 
 %% @doc The same for an observer: the times of the arrivals, or why the packet is lost.
--spec fate(link(), Now :: starl_sim_queue:time(), starl_sim_platform:world()) ->
+-spec fate(link(), Now :: starl_sim_queue:time(), starl_sim_world:t()) ->
     starl_observer:fate().
 fate({_, Source, Dest, _} = Link, Now, #{network := All, team := Team} = World) ->
     case arrivals(Link, Now, World) of
@@ -49,7 +49,7 @@ why(true, _Faults) -> chance.
 lost(Link, #{loss := Loss}) -> Loss > 0.0 andalso starl_run_draw:uniform({Link, loss}) < Loss.
 
 %% @doc The delays, in microseconds, of the one or two copies that arrive without a fault.
--spec delays(link(), starl_sim_platform:world()) -> [pos_integer(), ...].
+-spec delays(link(), starl_sim_world:t()) -> [pos_integer(), ...].
 delays(Link, #{duplicate := Duplicate} = World) ->
     case Duplicate > 0.0 andalso starl_run_draw:uniform({Link, duplicate}) < Duplicate of
         true -> [delay({Link, delay}, World), delay({Link, again}, World)];
@@ -63,7 +63,7 @@ delay(Key, #{delay_us := {Min, Max}}) ->
     starl_run_draw:between(Key, Min, Max).
 
 %% @doc The range of a robot's radio now, in millimetres.
--spec range(starl:robot_id(), Now :: starl_sim_queue:time(), starl_sim_platform:world()) ->
+-spec range(starl:robot_id(), Now :: starl_sim_queue:time(), starl_sim_world:t()) ->
     float() | infinity.
 range(_, _, #{range_mm := Range, network := []}) ->
     Range;

@@ -37,7 +37,7 @@ new() -> #{}.
 %% @doc Sends a packet: plans the arrivals of its copies, each under a sequence number of its own,
 %% and traces each loss.
 -spec send(
-    starl:robot_id() | all, starl_packet:t(), sender(), starl_sim_platform:world(), outgoing(), t()
+    starl:robot_id() | all, starl_packet:t(), sender(), starl_sim_world:t(), outgoing(), t()
 ) -> {outgoing(), t()}.
 send(To, Packet, Sender, World, Outgoing, Links) ->
     N =

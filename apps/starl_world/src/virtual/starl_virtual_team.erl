@@ -65,7 +65,7 @@
 }).
 
 -record(team, {
-    world :: starl_sim_platform:world(),
+    world :: starl_sim_world:t(),
     poses :: [{starl:robot_id(), starl:pose()}],
     robots :: #{starl:robot_id() => #robot{}},
     monitors :: starl_monitor:t(),

@@ -26,7 +26,7 @@
 -opaque t() :: #positioning{}.
 
 %% @doc The positioning system of a simulation's world.
--spec new(starl_sim_platform:world(), options()) -> t().
+-spec new(starl_sim_world:t(), options()) -> t().
 new(#{profiles := Profiles, seed := Seed}, Options) ->
     #positioning{
         profiles = Profiles,

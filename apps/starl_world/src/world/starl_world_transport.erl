@@ -24,7 +24,7 @@
 %% @doc A transport for these robots, with the radio of a scenario. Its time passes this much faster
 %% than real time, so the delays of packets are shorter. `air': other air than the scenario's.
 -spec new(name(), [starl:robot_id()], #{
-    sim := starl_sim_platform:world(), speed := number(), air => starl_live_air:settings()
+    sim := starl_sim_world:t(), speed := number(), air => starl_live_air:settings()
 }) -> t().
 new(Name, Robots, #{sim := Sim, speed := Speed} = Options) ->
     #{loss := Loss, duplicate := Duplicate, delay_us := {Least, Most}} = Sim,
