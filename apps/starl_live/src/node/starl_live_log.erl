@@ -4,7 +4,7 @@
 %% any more, as on a full disk, its supervisors say it in many words: the reason is one line.
 -module(starl_live_log).
 
--export([install/2, log/2, again/2]).
+-export([install/2, of_machine/4, log/2, again/2]).
 
 -export_type([line/0]).
 
@@ -25,6 +25,17 @@ install(Robot, Sink) ->
         filter_default => log,
         filters => [{?MODULE, {fun ?MODULE:again/2, []}}]
     }).
+
+%% @doc Logs something of a machine, with its words for handlers that show these.
+-spec of_machine(error | warning, What :: atom(), starl_machine:name() | robot, Why) -> ok when
+    Why :: unicode:chardata().
+of_machine(Level, What, Name, Text) ->
+    Why = unicode:characters_to_binary(Text),
+    Report = #{what => What, machine => Name, reason => Why},
+    logger:log(Level, Report, #{report_cb => fun report/1}).
+
+report(#{what := crashed, machine := Name, reason := Why}) -> {"~tp crashed: ~ts", [Name, Why]};
+report(#{what := _, reason := Why}) -> {"~ts", [Why]}.
 
 %% @private Stops what the link says, too. Who ends a process from outside does not crash it: that is
 %% told by its supervisor alone, and becomes one line.
