@@ -38,7 +38,7 @@ init_per_suite(Config) -> starl_platform_ct:without_log(Config).
 end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 planted_bugs_are_found_by_histories_alone(_) ->
-    Found = [{Bug, starl_dev_planted:caught({Bug, ?SEEDS, histories})} || Bug <- ?BUGS],
+    Found = [{Bug, starl_dev_planted_seed:caught({Bug, ?SEEDS, histories})} || Bug <- ?BUGS],
     ct:pal("~p", [Found]),
     ?assertEqual([], [Bug || {Bug, Other} <- Found, element(1, Other) =/= caught]),
     ?assertEqual(

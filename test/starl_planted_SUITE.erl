@@ -26,7 +26,7 @@ end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 
 every_bug_is_found(_) ->
     Bugs = [Bug || {Bug, _, _} <- starl_planted:bugs()],
-    Found = [{Bug, starl_dev_planted:caught({Bug, ?SEEDS})} || Bug <- Bugs],
+    Found = [{Bug, starl_dev_planted_seed:caught({Bug, ?SEEDS})} || Bug <- Bugs],
     ct:pal("~p", [Found]),
     ?assertEqual([], [Bug || {Bug, Other} <- Found, element(1, Other) =/= caught]),
     [

@@ -160,28 +160,21 @@ outcome(Unit) ->
 passes({unit, Module}) ->
     eunit:test(Module, [no_tty]) =:= ok;
 passes({soak, Block, Robots, Seed}) ->
-    #{app := App} = Given = starl_lab_soak:scenario(Block, Robots, Seed),
-    {ok, Scenario} = starl_run_scenario:check(Given, starl_app:options(App)),
-    case starl_sim_trial:run(Scenario) of
-        {ok, #{violations := []}} -> true;
-        {ok, #{violations := [Violation | _]}} -> maps:with([contract, what], Violation);
+    case starl_lab_soak:violations(Block, Robots, Seed) of
+        {ok, Violations} -> kept(Violations);
         {error, Reason} -> Reason
     end;
 passes({soak, {live, Part}, Seed}) ->
-    Run = {Part, Seed, starl_lab_soak_live:scenario(Part, none, Seed)},
-    case starl_virtual_run:run(Run) of
-        #{violations := []} -> true;
-        #{violations := [Violation | _]} -> maps:with([contract, what], Violation)
-    end;
+    kept(starl_lab_soak_live:violations(Part, Seed));
 passes({check, Block, Robots, Faults}) ->
     Options = #{robots => Robots, faults => Faults, workers => 1},
-    case starl_check:run(Block, Options, {fun enough/2, none}) of
+    case starl_lab_check:search(Block, Options, ?STATES) of
         {holds, _, _} -> true;
-        {violated, #{violation := Violation}} -> maps:with([contract, what], Violation);
+        {violated, #{violation := Violation}} -> kept([Violation]);
         {mistaken, _, Line} -> {mistaken, Line}
     end;
 passes({suite, Suite, Path}) ->
     starl_mutate_suite:run(Suite, Path) =:= ok.
 
-enough(#{states := States}, State) when States > ?STATES -> {stop, State};
-enough(_Figures, State) -> {continue, State}.
+kept([]) -> true;
+kept([Violation | _]) -> maps:with([contract, what], Violation).

@@ -6,16 +6,6 @@
 
 -export([name/0, synopsis/0, about/1, flags/1, statuses/0, run/1]).
 -export([sources/0, compiled/1]).
-%% Called in the VMs of the jobs.
--export([caught/1]).
-
--export_type([answer/0]).
-
--type answer() ::
-    {caught, Seed :: pos_integer(), starl_monitor:violation(), Seconds :: float()}
-    | {not_caught, Seeds :: pos_integer(), Seconds :: float()}
-    | {failed, term()}.
-
 %% Columns of the table; the pitfall of a bug has a line of its own.
 -define(BUG, 24).
 -define(FOUND, 38).
@@ -97,8 +87,7 @@ code(File, Module, Beam) ->
 loaded({error, _} = Error, _Values) ->
     Error;
 loaded({ok, Codes}, #{bug := Wanted} = Values) ->
-    Catalogue = catalogue(),
-    Bugs = Catalogue:bugs(),
+    Bugs = starl_dev_planted_seed:bugs(),
     Names = [atom_to_list(Bug) || {Bug, _, _} <- Bugs],
     case [Name || Wanted =/= none, Name <- Wanted, not lists:member(Name, Names)] of
         [] ->
@@ -118,10 +107,6 @@ loaded({ok, Codes}, #{bug := Wanted} = Values) ->
 meant([Near | _]) -> [" (did you mean ", Near, "?)"];
 meant([]) -> "; without --bug the table has all".
 
-%% The test module with the catalogue of all bugs: `bugs/0', `scenario/2' and `sound/1'. It exists
-%% only after the tests have been compiled.
-catalogue() -> list_to_existing_atom("starl_planted").
-
 %% -- the search -----------------------------------------------------------------------------
 
 chosen(Bugs, Codes, #{'when' := none} = Values) -> search(Bugs, Codes, Values);
@@ -133,7 +118,7 @@ search(Bugs, Codes, #{seeds := Seeds, jobs := Most} = Values) ->
     {How, Answers} = starl_lab_jobs:run(
         Jobs,
         #{
-            work => {?MODULE, caught},
+            work => {starl_dev_planted_seed, caught},
             at_once => Most,
             what => "bugs",
             each => fun noted/3,
@@ -179,41 +164,5 @@ table_row([Bug, Pitfall, Found, Seed, Seconds]) ->
         ["\n    ", starl_cli_terminal:wrap(Pitfall, 4, ?WIDTH), "\n"]
     ].
 
-%% @private The first seed whose run violates a contract with the bug but not without it.
--spec caught({Bug, Seeds} | {Bug, Seeds, monitors | histories}) -> answer() when
-    Bug :: atom(), Seeds :: pos_integer().
-caught({Bug, Seeds}) -> caught({Bug, Seeds, monitors});
-caught({Bug, Seeds, By}) -> caught(Bug, 1, Seeds, By, erlang:monotonic_time(millisecond)).
-
-caught(_Bug, Seed, Seeds, _By, Begin) when Seed > Seeds ->
-    {not_caught, Seeds, since(Begin)};
-caught(Bug, Seed, Seeds, By, Begin) ->
-    Catalogue = catalogue(),
-    Scenario = Catalogue:scenario(Bug, Seed),
-    case judged(Scenario, By) of
-        {ok, #{violations := []}} ->
-            caught(Bug, Seed + 1, Seeds, By, Begin);
-        {ok, #{violations := [First | _]}} ->
-            proven(Scenario, First, {Bug, Seed, Seeds, By, Begin});
-        {error, Reason} ->
-            {failed, Reason}
-    end.
-
-proven(Scenario, Violation, {Bug, Seed, Seeds, By, Begin}) ->
-    Catalogue = catalogue(),
-    case judged(Catalogue:sound(Scenario), By) of
-        {ok, #{violations := []}} -> {caught, Seed, Violation, since(Begin)};
-        {ok, _} -> caught(Bug, Seed + 1, Seeds, By, Begin);
-        {error, Reason} -> {failed, Reason}
-    end.
-
 judges(true) -> histories;
 judges(false) -> monitors.
-
-judged(Scenario, monitors) ->
-    starl_sim_trial:run(Scenario);
-judged(Scenario, histories) ->
-    Alone = #{histories => {alone, starl_block_catalogue:histories()}},
-    starl_sim_trial:run(Scenario, fun(_Sim) -> ok end, [], Alone).
-
-since(Begin) -> (erlang:monotonic_time(millisecond) - Begin) / 1000.

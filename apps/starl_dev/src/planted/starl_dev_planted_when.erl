@@ -95,7 +95,7 @@ range(Shares) ->
 %% @private The answers for a bug.
 -spec asked({Bug :: atom(), Seeds :: pos_integer(), Salts :: pos_integer()}) -> answer().
 asked({Bug, Seeds, Salts}) ->
-    case starl_dev_planted:caught({Bug, Seeds}) of
+    case starl_dev_planted_seed:caught({Bug, Seeds}) of
         {caught, Seed, _Violation, _Seconds} -> small(Bug, Seed, Salts);
         Other -> Other
     end.
@@ -136,7 +136,7 @@ named(#{curve := Curve, step := Step} = Result, Run, Wrong) ->
                 starl_lab_when_report:sentence(Entry), shown(Step)
             ]),
             Ends = {element(1, hd(Curve)), element(1, lists:last(Curve))},
-            {Text, lists:any(fun(W) -> is_of(W, Entry, Facts) end, Wrong),
+            {Text, lists:any(fun(W) -> starl_lab_when_report:is_of(W, Entry, Facts) end, Wrong),
                 shares(ends(Step, Ends), Curve)}
     end.
 
@@ -151,18 +151,3 @@ shares({Low, High}, Curve) -> {share(Low, Curve), share(High, Curve)}.
 share(Moment, Curve) ->
     {_, #{broken := Broken, futures := N}} = lists:keyfind(Moment, 1, Curve),
     starl_sim_proportion:share({Broken, N}).
-
-%% Whether an event is of a kind: a fault of a class; a start of a machine after the first; an event in which
-%% a block has a part.
-is_of({fault, Class}, {_, fault, Fault}, _Facts) ->
-    starl_run_fault:class(Fault) =:= Class;
-is_of(restart, {AtUs, _, #{type := boot}}, _Facts) ->
-    AtUs > 0;
-is_of({block, Block}, {_, _, #{machine := Machine}}, Facts) ->
-    Machine =:= Block orelse lists:any(fun(Fact) -> tells_of(Block, Fact) end, Facts);
-is_of(_Kind, _Entry, _Facts) ->
-    false.
-
-tells_of(Block, {Block, _}) -> true;
-tells_of(Block, {radio, {packet, _, {data, Block, _}, _, _}}) -> true;
-tells_of(_Block, _Fact) -> false.

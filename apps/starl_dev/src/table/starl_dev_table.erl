@@ -210,7 +210,7 @@ finished_rows(#table{rows = []} = Table) ->
 
 complaint(Result, Scenario) ->
     {ok, Target} = starl_cli_target:resolve("painting"),
-    {ok, Full} = starl_run_scenario:check(Scenario, starl_app:options(starl_painting)),
+    {[], Full} = starl_cli_target:scenario(Target, Scenario),
     [starl_dev_table_rows:wrong(Result), ": ", starl_cli_target:replay(Target, Full)].
 
 %% -- the end --------------------------------------------------------------------------------

@@ -8,21 +8,27 @@
 -export([init/2, step/2]).
 -export([options/0, scene/1, preview/1, report/2]).
 
+%% What is painted with; its scene names the program of each robot.
+-define(PAINTING, starl_painting).
 %% The calls before a robot is given up.
 -define(CALLS, 5).
 
--type state() ::
-    {paint, Painting :: term()} | {call, Left :: non_neg_integer(), complete | incomplete}.
+%% The program that paints, and its argument.
+-type program() :: {module(), Argument :: term()}.
 
--spec init(starl:robot(), none) -> {paint, Painting :: term()}.
-init(Robot, none) ->
+-type state() ::
+    {paint, module(), Painting :: term()}
+    | {call, Left :: non_neg_integer(), complete | incomplete}.
+
+-spec init(starl:robot(), program()) -> state().
+init(Robot, {Program, Argument}) ->
     starl:listen(Robot, present),
-    {paint, starl_painting:init(Robot, none)}.
+    {paint, Program, Program:init(Robot, Argument)}.
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, term()}.
-step(Robot, {paint, Painting}) ->
-    case starl_painting:step(Robot, Painting) of
-        {continue, Next} -> {continue, {paint, Next}};
+step(Robot, {paint, Program, Painting}) ->
+    case Program:step(Robot, Painting) of
+        {continue, Next} -> {continue, {paint, Program, Next}};
         {done, Result} -> {continue, {call, ?CALLS, Result}}
     end;
 step(Robot, {call, Left, Result}) ->
@@ -33,17 +39,19 @@ step(Robot, {call, Left, Result}) ->
     end.
 
 -spec options() -> [starl_options:option()].
-options() -> starl_painting:options().
+options() -> starl_app:options(?PAINTING).
 
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
 scene(Context) ->
-    case starl_painting:scene(Context) of
-        {ok, Scene} -> {ok, Scene#{app := {sequential, ?MODULE, none}}};
-        {error, _} = Error -> Error
+    case starl_scene:make(?PAINTING, Context) of
+        {ok, #{app := {sequential, Program, Argument}} = Scene} ->
+            {ok, Scene#{app := {sequential, ?MODULE, {Program, Argument}}}};
+        {error, _} = Error ->
+            Error
     end.
 
 -spec preview(starl_scene:t()) -> starl_scene:preview().
-preview(Scene) -> starl_painting:preview(Scene).
+preview(Scene) -> starl_scene:preview(?PAINTING, Scene).
 
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
-report(Scene, Outcome) -> starl_painting:report(Scene, Outcome).
+report(Scene, Outcome) -> starl_scene:report(?PAINTING, Scene, Outcome).

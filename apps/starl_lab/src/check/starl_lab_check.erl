@@ -4,6 +4,7 @@
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, words/1, subject/2, run/1]).
+-export([search/3]).
 
 -define(DEPTH, {optional, {integer, 1, 1000000}}).
 
@@ -75,6 +76,20 @@ run(#{subject := Wanted, values := #{faults := Text} = Values}) ->
         {ok, Faults} -> each(models(Wanted), Values#{faults := Faults}, 0);
         {error, Reason} -> {error, [["--faults: ", starl_check:format_error(Reason)]]}
     end.
+
+%% @doc Goes through what can happen until so many states are known.
+-spec search(Model, starl_check:options(), MostStates :: pos_integer()) ->
+    starl_check:outcome()
+when
+    Model :: atom() | starl_block:model_entry().
+search(Model, Options, MostStates) ->
+    Enough = fun(#{states := States}, none) ->
+        case States > MostStates of
+            true -> {stop, none};
+            false -> {continue, none}
+        end
+    end,
+    starl_check:run(Model, Options, {Enough, none}).
 
 models(all) -> starl_block_catalogue:models();
 models({own, Block}) -> Block:models();

@@ -6,7 +6,7 @@
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
--export([scenario/3, targets/0]).
+-export([scenario/3, violations/3, targets/0]).
 %% Called in the VMs of the jobs.
 -export([one/1]).
 
@@ -43,6 +43,15 @@ targets() -> starl_block_catalogue:able(exercise) ++ [dpp].
 -spec scenario(atom(), Robots :: pos_integer() | none, Seed :: non_neg_integer()) ->
     #{atom() => term()}.
 scenario(Block, Robots, Seed) -> starl_lab_soak_draw:scenario(Block, Robots, Seed).
+
+%% @doc Runs a block once, and judges it by its monitors.
+-spec violations(atom(), Robots :: pos_integer() | none, Seed :: non_neg_integer()) ->
+    {ok, [starl_monitor:violation()]} | {error, starl_sim_trial:reason()}.
+violations(Block, Robots, Seed) ->
+    case starl_sim_trial:run(checked(scenario(Block, Robots, Seed))) of
+        {ok, #{violations := Violations}} -> {ok, Violations};
+        {error, _} = Error -> Error
+    end.
 
 -spec name() -> string().
 name() -> "soak".

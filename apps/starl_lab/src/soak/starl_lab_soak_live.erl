@@ -2,7 +2,7 @@
 %% starl_virtual_run}) with many seeds, on one VM per core, and reports as a soak of blocks does.
 -module(starl_lab_soak_live).
 
--export([about/0, flags/0, run/1, scenario/3]).
+-export([about/0, flags/0, run/1, scenario/3, violations/2]).
 %% Called in the VMs of the jobs.
 -export([one/1]).
 
@@ -156,6 +156,12 @@ status(done, Founds) ->
         {[_ | _], []} -> 1;
         {[], []} -> 0
     end.
+
+%% @doc Runs a part once, with robots of a number that is drawn.
+-spec violations(starl_virtual_run:part(), Seed :: integer()) -> [starl_monitor:violation()].
+violations(Part, Seed) ->
+    #{violations := Violations} = starl_virtual_run:run({Part, Seed, scenario(Part, none, Seed)}),
+    Violations.
 
 %% @private One run, in the VM of its job, and the lines of the live half that it ran.
 -spec one({starl_virtual_run:part(), pos_integer() | none, Seed :: integer(), Cover :: boolean()}) ->

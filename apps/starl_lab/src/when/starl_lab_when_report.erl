@@ -1,7 +1,7 @@
 %% @doc The answer of `./starl when' as text, as a table of comma-separated values, and as a plot.
 -module(starl_lab_when_report).
 
--export([new/3, named/2, event/1, sentence/1, text/2, csv/1, plot/1]).
+-export([new/3, named/2, event/1, is_of/3, sentence/1, text/2, csv/1, plot/1]).
 -export([share_text/1, share_cells/1, share_point/2, besides/1, plotted/3, fact/1, rise/2]).
 
 -export_type([t/0]).
@@ -70,6 +70,23 @@ event(#{result := Result, run := #{moments := Moments} = Run, facts := Facts}) -
         none -> none;
         Entry -> {Entry, Facts}
     end.
+
+%% @doc Whether an event is of a kind: a fault of a class; a start of a machine after the first; an event in which
+%% a block has a part.
+-spec is_of(Kind, starl_sim_moments:entry(), [{starl_machine:name(), term()}]) -> boolean() when
+    Kind :: {fault, Class :: atom()} | restart | {block, Block :: atom()}.
+is_of({fault, Class}, {_, fault, Fault}, _Facts) ->
+    starl_run_fault:class(Fault) =:= Class;
+is_of(restart, {AtUs, _, #{type := boot}}, _Facts) ->
+    AtUs > 0;
+is_of({block, Block}, {_, _, #{machine := Machine}}, Facts) ->
+    Machine =:= Block orelse lists:any(fun(Fact) -> tells_of(Block, Fact) end, Facts);
+is_of(_Kind, _Entry, _Facts) ->
+    false.
+
+tells_of(Block, {Block, _}) -> true;
+tells_of(Block, {radio, {packet, _, {data, Block, _}, _, _}}) -> true;
+tells_of(_Block, _Fact) -> false.
 
 %% @doc An event in a line.
 -spec sentence(starl_sim_moments:entry()) -> unicode:chardata().

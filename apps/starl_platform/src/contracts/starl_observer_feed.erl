@@ -3,7 +3,7 @@
 %%
 %% The process receives `{starl_news, Feed, News}' and answers each with {@link done/2}. News that
 %% were left out are `{missed, Events}'. Several processes may tell one observer.
--module(starl_trace_feed).
+-module(starl_observer_feed).
 
 -export([observer/3, done/2]).
 
