@@ -18,13 +18,16 @@ elect_test() ->
         play(fun(R) -> starl_election:elect(R, chief, 5) end, [{answer, {ok, 2}}])
     ).
 
-%% The mistake in a call is told with the function that was called.
+%% The mistake in a call is told with the function that was called, before anything is asked.
 mistake_test() ->
     Robot = starl:robot(1, [1, 2]),
-    ?assertError(
-        {bad_argument, #{function := {starl_election, elect, 3}, argument := 'Ms', given := 0}},
-        starl_election:elect(Robot, chief, 0)
-    ).
+    [
+        ?assertError(
+            {bad_argument, #{function := {starl_election, elect, 3}, argument := Argument}},
+            starl_election:elect(Robot, Election, Ms)
+        )
+     || {Argument, Election, Ms} <- [{'Ms', chief, 0}, {'Election', self(), 7}]
+    ].
 
 block_test() ->
     ?assertEqual([{election, starl_election_ballots, #{}}], starl_election:machines(#{})),

@@ -319,6 +319,29 @@ settles_what_is_told_again_test() ->
     Last = [entered(5, 3), ballot(5, 3, 30), entered(6, 2), ballot(6, 2, 20)],
     ?assertEqual([], judge(Anew ++ [{4, 2, crashed} | Last], 40, #{settle_us => 10})).
 
+%% Of a robot that was away, and has entered again, an election that begins later waits, though another one that
+%% began while it was away does not. One that has elected tells the result to whoever asks.
+settles_after_it_is_back_test() ->
+    Judge = fun(Events) -> judge(Events, 40, #{settle_us => 10}) end,
+    Back = [{1, 2, crashed}, {3, 2, {entered, e0}}],
+    Gives = fun(T) ->
+        [entered(T, 1), ballot(T, 1, 10), entered(T, 3), ballot(T, 3, 30)] ++
+            [{5, 1, {failed, e1, timeout}}, entered(7, 2), ballot(7, 2, 20)]
+    end,
+    ?assertEqual([not_settled, not_settled], Judge(Back ++ Gives(4))),
+    ?assertEqual([], Judge([hd(Back)] ++ Gives(2))),
+    ?assertEqual([], Judge(Back ++ Gives(3))),
+    Elected = [elected(5, 1, 1), {6, 2, crashed}],
+    Cast = [entered(1, 1), ballot(1, 1, 10), entered(1, 3), ballot(1, 3, 30)],
+    ?assertEqual(
+        [not_settled, not_settled], Judge(Cast ++ Elected ++ [entered(7, 2), ballot(7, 2, 20)])
+    ).
+
+%% A ballot that is lost after the last one was cast excuses those that wait for it.
+forgotten_after_the_last_ballot_test() ->
+    ?assertEqual([], judge(ballots() ++ [{5, 1, crashed}], 40, #{settle_us => 10})),
+    ?assertMatch([_ | _], judge(ballots(), 40, #{settle_us => 10})).
+
 %% Who enters again after the last ballot need not have come to an end by then.
 settles_only_who_was_electing_test() ->
     Events = [
@@ -333,7 +356,10 @@ settles_only_who_was_electing_test() ->
         entered(5, 1),
         announced(9, 2, 3)
     ],
-    ?assertEqual([], judge(Events, 40, #{settle_us => 10})).
+    ?assertEqual([], judge(Events, 40, #{settle_us => 10})),
+    %% nor who has elected and enters again
+    Again = ballots() ++ [elected(4, R, 3) || R <- [1, 2, 3]] ++ [entered(5, 1)],
+    ?assertEqual([], judge(Again, 40, #{settle_us => 10})).
 
 %% It enters, is told by its timer, and reports: a slow computer may be late at each of the three.
 a_slow_computer_is_late_at_three_steps_test() ->
@@ -344,7 +370,10 @@ a_slow_computer_is_late_at_three_steps_test() ->
 %% A result that is overdue is told once.
 overdue_once_test() ->
     Events = [entered(1, 1), ballot(2 + ?BOUND, 1, 7), ballot(3 + ?BOUND, 2, 7)],
-    ?assertEqual([no_result], judge(Events, 9000)).
+    ?assertEqual([no_result], judge(Events, 9000)),
+    %% also if another one is due later
+    Two = [entered(1, 1), entered(500, 2), ballot(2 + ?BOUND, 1, 7), ballot(3 + ?BOUND, 2, 7)],
+    ?assertEqual([no_result, no_result], judge(Two, 9000)).
 
 %% Those of an earlier election are told in their order, though a later one is not due yet: it has met a fault.
 order_before_one_that_is_not_due_test() ->

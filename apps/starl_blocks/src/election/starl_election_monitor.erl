@@ -319,7 +319,7 @@ unsettled(T, #state{settling = Settling, settle_us = Settle} = State, Found) ->
         {value, {Since, Election, Robot}} when Since + Settle < T ->
             Left = State#state{settling = queue:drop(Settling)},
             Due = starl_assumption:calm_us(Since, Settle, State#state.faults),
-            case is_unsettled(Election, Robot, State) of
+            case is_unsettled(Since, Election, Robot, State) of
                 true when Due < T ->
                     Late = violation(not_settled, Due, [Robot], #{election => Election}),
                     unsettled(T, conclude(Election, Robot, Left), [Late | Found]);
@@ -333,8 +333,12 @@ unsettled(T, #state{settling = Settling, settle_us = Settle} = State, Found) ->
             {lists:reverse(Found), State}
     end.
 
-is_unsettled(Election, Robot, #state{open = Open, forgotten = Forgotten}) ->
-    is_map_key({Election, Robot}, Open) andalso not is_map_key(Election, Forgotten).
+%% Has it been electing since the last ballot? Who has entered again since need not have come to an end.
+is_unsettled(Since, Election, Robot, #state{open = Open, forgotten = Forgotten}) ->
+    case Open of
+        #{{Election, Robot} := {Entered, _}} -> Entered =< Since;
+        #{} -> false
+    end andalso not is_map_key(Election, Forgotten).
 
 %% The robots overdue before `T'; a result at exactly the deadline is in time.
 overdue(T, #state{first_due = First} = State) when T =< First ->
