@@ -8,23 +8,23 @@
 road_test_() ->
     [
         fun() ->
-            [First | Others] = Road = starl_crossing_road:sections(Floor),
+            [First | Others] = Road = starl_crossing:sections(Floor),
             N = length(Road),
             Steps = [starl_geometry:distance(P, Q) || {P, Q} <- lists:zip(Road, Others ++ [First])],
             ?assert(lists:max(Steps) < 1.15 * lists:min(Steps)),
             Crossing = [
                 P
-             || {I, P} <- lists:enumerate(0, Road), starl_crossing_road:token(I, Road) =:= crossing
+             || {I, P} <- lists:enumerate(0, Road), starl_crossing:token(I, Road) =:= crossing
             ],
             ?assertMatch([_, _], Crossing),
             ?assert(starl_geometry:distance(hd(Crossing), lists:last(Crossing)) < 10),
             Sections = lists:droplast(Crossing) ++ (Road -- Crossing),
             Apart = [starl_geometry:distance(P, Q) || P <- Sections, Q <- Sections, P =/= Q],
             ?assert(lists:min(Apart) > 0.85 * lists:min(Steps)),
-            Tokens = lists:usort([starl_crossing_road:token(I, Road) || I <- lists:seq(0, N - 1)]),
+            Tokens = lists:usort([starl_crossing:token(I, Road) || I <- lists:seq(0, N - 1)]),
             ?assertEqual(N - 1, length(Tokens)),
             [
-                ?assertEqual(I, starl_crossing_road:nearest(P, Road))
+                ?assertEqual(I, starl_crossing:nearest(P, Road))
              || {I, P} <- lists:enumerate(0, Road), I rem (N div 2) =/= 0
             ]
         end
@@ -32,18 +32,18 @@ road_test_() ->
     ].
 
 robots_begin_in_sections_of_their_own_test() ->
-    Road = starl_crossing_road:sections(?FLOOR),
+    Road = starl_crossing:sections(?FLOOR),
     [
         begin
-            Starts = starl_crossing_road:starts(lists:seq(1, N), Road),
+            Starts = starl_crossing:starts(lists:seq(1, N), Road),
             Tokens = [
-                starl_crossing_road:token(starl_crossing_road:nearest({X, Y}, Road), Road)
+                starl_crossing:token(starl_crossing:nearest({X, Y}, Road), Road)
              || {_, {X, Y, _}} <- Starts
             ],
             ?assertEqual(N, length(lists:usort(Tokens))),
             ?assertNot(lists:member(crossing, Tokens))
         end
-     || N <- lists:seq(1, starl_crossing_road:most(Road))
+     || N <- lists:seq(1, starl_crossing:most(Road))
     ].
 
 %% -- the contract ---------------------------------------------------------------------------

@@ -39,7 +39,7 @@ a_column_closes_up_test() ->
         [
             Id
          || {_, Id} <- lists:sort([
-                {starl_follow_course:rank(I, Leader, [1, 2, 3, 4, 5]), I}
+                {starl_follow:rank(I, Leader, [1, 2, 3, 4, 5]), I}
              || I <- Ids
             ])
         ]
@@ -47,7 +47,7 @@ a_column_closes_up_test() ->
     ?assertEqual([4, 3, 2, 1], Column(5)),
     ?assertEqual([3, 2, 1, 5], Column(4)),
     ?assertEqual([2, 1, 5, 4], Column(3)),
-    ?assertEqual(1, starl_follow_course:rank(3, 4, [1, 2, 3, 4, 5])).
+    ?assertEqual(1, starl_follow:rank(3, 4, [1, 2, 3, 4, 5])).
 
 follow(More) ->
     Scenario = maps:merge(#{app => starl_follow, time => 200}, More),

@@ -10,7 +10,7 @@ form(Shapes) -> #{shapes => Shapes, spacing => 900}.
 places_test_() ->
     [
         fun() ->
-            Places = starl_formation_places:places(Round, N, ?FLOOR, form(both)),
+            Places = starl_formation:places(Round, N, ?FLOOR, form(both)),
             ?assertEqual(N, length(Places)),
             [
                 ?assert(X > 400 andalso X < 11600 andalso Y > 400 andalso Y < 11600)
@@ -23,7 +23,7 @@ places_test_() ->
     ].
 
 circle_and_line_in_turn_test() ->
-    Of = fun(Round) -> starl_formation_places:places(Round, 8, ?FLOOR, form(both)) end,
+    Of = fun(Round) -> starl_formation:places(Round, 8, ?FLOOR, form(both)) end,
     Radii = fun(Places) -> [round(starl_geometry:distance(P, {6000, 6000})) || P <- Places] end,
     ?assertMatch([_], lists:usort(Radii(Of(1)))),
     Line = Of(2),
@@ -34,9 +34,9 @@ circle_and_line_in_turn_test() ->
 way_round_test_() ->
     [
         fun() ->
-            Places = starl_formation_places:places(Round, 8, ?FLOOR, form(both)),
+            Places = starl_formation:places(Round, 8, ?FLOOR, form(both)),
             Place = lists:nth(N, Places),
-            Way = starl_formation_places:way_round({6300, 5800}, Place, {Places, 800}, ?FLOOR),
+            Way = starl_formation:way_round({6300, 5800}, Place, {Places, 800}, ?FLOOR),
             ?assertEqual(Place, lists:last(Way)),
             [
                 ?assert(starl_geometry:point_segment(P, Side) > 600)
@@ -49,9 +49,9 @@ way_round_test_() ->
 %% By their direction from the middle; one that nobody sees has a place, too.
 order_test() ->
     Poses = #{1 => {5.0, 0.0, 0.0}, 2 => {-5.0, 1.0, 0.0}, 3 => {0.0, -5.0, 0.0}},
-    ?assertEqual([3, 1, 2], starl_formation_places:order([1, 2, 3], Poses)),
-    ?assertEqual([1, 2, 3, 4], lists:sort(starl_formation_places:order([1, 2, 3, 4], Poses))),
-    ?assertEqual([1, 2], starl_formation_places:order([1, 2], #{})).
+    ?assertEqual([3, 1, 2], starl_formation:by_direction([1, 2, 3], Poses)),
+    ?assertEqual([1, 2, 3, 4], lists:sort(starl_formation:by_direction([1, 2, 3, 4], Poses))),
+    ?assertEqual([1, 2], starl_formation:by_direction([1, 2], #{})).
 
 %% -- the contract ---------------------------------------------------------------------------
 

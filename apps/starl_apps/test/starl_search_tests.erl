@@ -24,7 +24,7 @@ floor() ->
     }).
 
 lines_keep_away_from_walls_test() ->
-    Rooms = starl_search_lines:lines(floor(), #{spacing => 1500, wall_mm => 181.0}),
+    Rooms = starl_search_scene:lines(floor(), #{spacing => 1500, wall_mm => 181.0}),
     Walls = starl_walls:new(floor()),
     ?assertEqual([{closet, 1}, {east, 2}, {west, 2}], [{Name, length(L)} || {Name, L} <- Rooms]),
     [

@@ -9,6 +9,7 @@
 
 -export([init/2, step/2]).
 -export([options/0, blocks/0, monitors/1, guarantees/0, measures/0, report/2]).
+-export([rank/3]).
 
 %% `goals': a leader's corners. `goal': the corner to which the leader drives. `trails': where the present one
 %% was, the latest first, to where the robot was when it began to follow it.
@@ -25,6 +26,9 @@
 -define(FASTEST, 350).
 %% From where a robot avoids another (mm).
 -define(SHY_MM, 700).
+
+%% A corner of the course is passed at this distance (mm).
+-define(NEAR_MM, 200).
 
 -spec options() -> [starl_options:option()].
 options() ->
@@ -86,7 +90,7 @@ lead(Robot, #{team := Team, goals := [Goal | _] = Goals} = State) ->
             ok = starl_leadership:beat(Robot, {{X, Y}, Goal}, Team),
             ok = starl_leadership:draw(Robot, {X + 250, Y + 250}, Team),
             _ = drive(Robot, Goal, ?SPEED, State),
-            State#{goals := starl_follow_course:passed({X, Y}, Goals)};
+            State#{goals := passed({X, Y}, Goals)};
         {error, _} ->
             State
     end.
@@ -99,11 +103,11 @@ behind(Robot, At, #{team := Team, gap := Gap, trails := Trails} = State) ->
         {ok, {X, Y, _}} ->
             Trail = [At | maps:get(Leader, Trails, [{X, Y}])],
             Back =
-                Gap * starl_follow_course:rank(starl:id(Robot), Id, starl:participants(Robot)),
-            {Place, Kept} = starl_follow_course:back(Trail, Back),
+                Gap * rank(starl:id(Robot), Id, starl:participants(Robot)),
+            {Place, Kept} = along(Trail, Back),
             ok = starl:measure(Robot, error_mm, starl_geometry:distance({X, Y}, Place)),
             ok = starl:draw(Robot, #{key => way, line => [{X, Y}, Place], seconds => 1}),
-            {Aim, _} = starl_follow_course:back(Trail, Back - in_a_second(Trail)),
+            {Aim, _} = along(Trail, Back - in_a_second(Trail)),
             _ = drive(Robot, Aim, ?FASTEST, State),
             State#{trails := #{Leader => Kept}};
         {error, _} ->
@@ -123,10 +127,10 @@ drive(Robot, Goal, Speed, #{gap := Gap}) ->
 course(Robot, State) ->
     case {starl:floor(Robot), starl:position(Robot)} of
         {{ok, #{size := Size}}, {ok, {X, Y, _}}} ->
-            Corners = starl_follow_course:corners(Size),
+            Corners = corners(Size),
             Shape = #{key => course, line => Corners ++ [hd(Corners)], colour => grey},
             ok = starl:draw(Robot, Shape),
-            starl_follow_course:from(maps:get(goal, State, {X, Y}), Corners);
+            nearest_first(maps:get(goal, State, {X, Y}), Corners);
         _ ->
             ok = starl:sleep(Robot, starl_leadership:beat_ms()),
             course(Robot, State)
@@ -143,3 +147,51 @@ report(_Scene, #{monitors := #{starl_follow_monitor := #{leaders := N, longest_u
         formats => #{leaderless_s => #{decimals => 1, label => Label, plotted => true}},
         done => io_lib:format("leaders: ~b, at most ~.1f s without one", [N, Us / 1.0e6])
     }.
+
+%% -- the course -------------------------------------------------------------------------------
+
+%% The course of a leader, and the trail that it leaves for its followers; lengths are millimetres.
+
+%% The corners of the course on a floor of this size.
+-spec corners({WidthMm :: number(), HeightMm :: number()}) -> [starl_geometry:point(), ...].
+corners({W, H}) ->
+    [{0.2 * W, 0.2 * H}, {0.8 * W, 0.2 * H}, {0.8 * W, 0.8 * H}, {0.2 * W, 0.8 * H}].
+
+%% The corners, that which is nearest to a point first.
+-spec nearest_first(starl_geometry:point(), Corners) -> Corners when
+    Corners :: [starl_geometry:point(), ...].
+nearest_first(Point, Corners) ->
+    {_, First} = lists:min([{starl_geometry:distance(Point, C), C} || C <- Corners]),
+    {Before, After} = lists:splitwith(fun(C) -> C =/= First end, Corners),
+    After ++ Before.
+
+%% The corners from now on, the next one first, of a leader that is here.
+-spec passed(starl_geometry:point(), Corners) -> Corners when
+    Corners :: [starl_geometry:point(), ...].
+passed(Point, [Corner | Corners]) ->
+    case starl_geometry:distance(Point, Corner) < ?NEAR_MM of
+        true -> Corners ++ [Corner];
+        false -> [Corner | Corners]
+    end.
+
+%% @doc The place of a robot in the column, 1 behind the leader: the highest number comes first, who would lead next;
+%% last those above the leader, whom it takes the place of, since they have died and may be back.
+-spec rank(starl:robot_id(), Leader :: starl:robot_id(), [starl:robot_id(), ...]) -> pos_integer().
+rank(Id, Leader, Ids) when Id < Leader -> 1 + length([R || R <- Ids, R > Id, R < Leader]);
+rank(Id, Leader, Ids) -> 1 + length([R || R <- Ids, R < Leader orelse R > Id]).
+
+%% The point of a trail at this distance from its beginning, or its end if it is shorter; and the trail up
+%% to there.
+-spec along(Trail, Mm :: number()) -> {starl_geometry:point(), Trail} when
+    Trail :: [starl_geometry:point(), ...].
+along(Trail, Mm) -> along(Trail, Mm, []).
+
+along([Last], _Mm, Before) ->
+    {Last, lists:reverse(Before, [Last])};
+along([A, B | Trail], Mm, Before) ->
+    case starl_geometry:distance(A, B) of
+        D when D >= Mm, D > 0 ->
+            {starl_geometry:interpolate(A, B, Mm / D), lists:reverse(Before, [A, B])};
+        D ->
+            along([B | Trail], Mm - D, [A | Before])
+    end.

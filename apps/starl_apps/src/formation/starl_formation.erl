@@ -10,8 +10,9 @@
 
 -export([init/2, step/2]).
 -export([options/0, blocks/0, monitors/1, guarantees/0, measures/0, report/2]).
+-export([by_direction/2, places/4, way_round/4]).
 
--export_type([event/0]).
+-export_type([event/0, form/0]).
 
 %% The robot stands in its place of this round; it knows that all do.
 -type event() ::
@@ -34,6 +35,16 @@
 %% A formation stands so long; the patience of a wait for the others (ms).
 -define(HOLD_MS, 2000).
 -define(PATIENCE_MS, 10000).
+
+-type form() :: #{shapes := circle | line | both, spacing := number(), atom() => term()}.
+
+%% A formation is turned by this against the one before (rad).
+-define(TURN, (math:pi() / 6)).
+%% What stays free at the edge of the floor, and beside a way round.
+-define(EDGE_MM, 500).
+-define(SIDE_MM, 200).
+%% The corners of a way round are at most so far apart, seen from the middle (rad).
+-define(CORNER, (math:pi() / 4)).
 
 -spec options() -> [starl_options:option()].
 options() ->
@@ -79,7 +90,7 @@ step(Robot, #{next := round, rounds := Rounds, order := Order} = State) ->
         {{ok, Round}, _} when Round > Rounds ->
             {done, Rounds};
         {{ok, Round}, {ok, #{size := Size}}} ->
-            Places = starl_formation_places:places(Round, length(Order), Size, State),
+            Places = places(Round, length(Order), Size, State),
             Next = State#{places => Places, size => Size},
             {continue, Next#{next := {drive, Round, place(Robot, Places, Order)}}};
         _ ->
@@ -112,7 +123,7 @@ order(Robot) ->
         {ok, Poses} ->
             Text = io_lib:format("robot ~b leads", [starl:id(Robot)]),
             ok = starl:draw(Robot, #{key => leader, text => Text, at => {200, 200}}),
-            {ok, starl_formation_places:order(starl:participants(Robot), Poses)};
+            {ok, by_direction(starl:participants(Robot), Poses)};
         {error, _} ->
             unknown
     end.
@@ -131,7 +142,7 @@ driving(Place, #{spacing := Spacing, tolerance := Mm, places := Places, size := 
         shy_mm => Shy,
         pace_ms => ?PACE_MS,
         measure => error_mm,
-        round => fun(At) -> starl_formation_places:way_round(At, Place, {Places, Shy}, Size) end
+        round => fun(At) -> way_round(At, Place, {Places, Shy}, Size) end
     }.
 
 %% -- the report -----------------------------------------------------------------------------
@@ -146,3 +157,77 @@ report(_Scene, #{monitors := #{starl_formation_monitor := #{formed := Formed, wo
         },
         done => io_lib:format("~b formations", [Formed])
     }.
+
+%% -- the places -------------------------------------------------------------------------------
+
+%% The places of a formation: in a circle or in a line round the middle of the floor, each formation turned
+%% a little further than the one before. A pure module; lengths are millimetres.
+
+%% @doc The robots in the order of their direction from the middle of all: on the way to places in that order
+%% they seldom meet.
+-spec by_direction([starl:robot_id(), ...], #{starl:robot_id() => starl:pose()}) ->
+    [starl:robot_id(), ...].
+by_direction(Ids, Poses) ->
+    Known = maps:values(Poses),
+    N = max(1, length(Known)),
+    {CX, CY} = {lists:sum([X || {X, _, _} <- Known]) / N, lists:sum([Y || {_, Y, _} <- Known]) / N},
+    Direction = fun(Id) ->
+        {X, Y, _} = maps:get(Id, Poses, {CX, CY, 0.0}),
+        math:atan2(Y - CY, X - CX)
+    end,
+    [Id || {_, Id} <- lists:sort([{Direction(Id), Id} || Id <- Ids])].
+
+%% @doc The places of a round, in the order of the robots.
+-spec places(Round :: pos_integer(), N :: pos_integer(), Floor :: {number(), number()}, form()) ->
+    [starl_geometry:point(), ...].
+places(Round, N, {W, H}, #{spacing := Spacing} = Form) ->
+    Room = min(W, H) / 2 - ?EDGE_MM,
+    Turn = Round * ?TURN,
+    Angles = [Turn + (2 * I + 1 - N) * math:pi() / N || I <- lists:seq(0, N - 1)],
+    Polar =
+        case shape(Round, Form) of
+            circle ->
+                Radius = min(Room, Spacing * N / (2 * math:pi())),
+                [{Radius, Angle} || Angle <- Angles];
+            line ->
+                Half = min(Room, Spacing * (N - 1) / 2),
+                [{Half * Part, Turn} || Part <- ranks([math:cos(A - Turn) || A <- Angles])]
+        end,
+    [{W / 2 + R * math:cos(Angle), H / 2 + R * math:sin(Angle)} || {R, Angle} <- Polar].
+
+shape(Round, #{shapes := both}) when Round rem 2 =:= 1 -> circle;
+shape(_Round, #{shapes := both}) -> line;
+shape(_Round, #{shapes := Shape}) -> Shape.
+
+%% From -1 to 1, evenly, in the order of these numbers.
+ranks([_]) ->
+    [0.0];
+ranks(Numbers) ->
+    N = length(Numbers),
+    Sorted = [I || {_, I} <- lists:sort(lists:zip(Numbers, lists:seq(1, N)))],
+    Parts = lists:zip(Sorted, [(2 * K - N - 1) / (N - 1) || K <- lists:seq(1, N)]),
+    [Part || {_, Part} <- lists:sort(Parts)].
+
+%% @doc The way from a point to a place outside of all places, at this distance from them if the floor allows it: out, round the
+%% shorter side, and in.
+-spec way_round(
+    From :: starl_geometry:point(),
+    Place :: starl_geometry:point(),
+    {[starl_geometry:point(), ...], Mm :: number()},
+    Floor :: {number(), number()}
+) -> [starl_geometry:point(), ...].
+way_round({X, Y}, {PX, PY} = Place, {Places, Mm}, {W, H}) ->
+    Middle = {W / 2, H / 2},
+    Radius = Mm + lists:max([starl_geometry:distance(P, Middle) || P <- Places]),
+    Begin = math:atan2(Y - H / 2, X - W / 2),
+    Turn = starl_geometry:angle_diff(math:atan2(PY - H / 2, PX - W / 2), Begin),
+    N = max(1, ceil(abs(Turn) / ?CORNER)),
+    Corner = fun(I) ->
+        Angle = Begin + Turn * I / N,
+        {
+            within(W / 2 + Radius * math:cos(Angle), W), within(H / 2 + Radius * math:sin(Angle), H)
+        }
+    end,
+    [Corner(I) || I <- lists:seq(0, N)] ++ [Place].
+
+within(X, Size) -> max(?SIDE_MM, min(Size - ?SIDE_MM, X)).

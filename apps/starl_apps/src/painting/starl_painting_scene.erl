@@ -15,8 +15,7 @@
 -spec options() -> [starl_options:option()].
 options() ->
     [
-        {picture, file, "house",
-            "an SVG file, or one that ships: " ++ starl_painting_picture:names()},
+        {picture, file, "house", "an SVG file, or one that ships: " ++ names()},
         {tolerance, {number, 0.1, 1000}, 2,
             "the largest distance of the lines from the picture's curves, mm"},
         {segments, {integer, 1, 100000}, 5000, "the most line segments that a picture may have"},
@@ -49,7 +48,7 @@ on_the_floor(#{robots := Ids, world := World, profiles := Profiles, options := O
     Radius = maps:get(safety_distance, Options) / 2 + Tracking,
     case starl_roadmap:layout(floats(World), length(Ids), Radius) of
         {ok, Layout} ->
-            case starl_painting_picture:read(maps:get(area, Layout), Options) of
+            case read_picture(maps:get(area, Layout), Options) of
                 {ok, Picture} -> place(Picture, parked(Layout, World), Radius, Tracking, Context);
                 {error, _} = Error -> Error
             end;
@@ -72,7 +71,7 @@ among_walls(
         lines => [],
         near => starl_dpp_floor:near(Floor)
     },
-    Read = starl_painting_picture:read({Mm, Mm, W - Mm, H - Mm}, Options),
+    Read = read_picture({Mm, Mm, W - Mm, H - Mm}, Options),
     case fitted(Read, Floor, Config) of
         {ok, Ways, Reached, Lost} ->
             Parked = among(Ways, Floor, Lost, Context),
@@ -179,3 +178,63 @@ facing({X, Y}, {Width, Height}) ->
     {X, Y, starl_geometry:heading({X, Y}, {Width / 2, Height / 2})}.
 
 floats({Width, Height}) -> {float(Width), float(Height)}.
+
+%% -- the picture ------------------------------------------------------------------------------
+
+%% Reads the picture, to fill the area, with the tolerance and the limit of the options.
+-spec read_picture(Area, #{atom() => term()}) ->
+    {ok, starl_picture:t()} | {error, unicode:chardata()}
+when
+    Area :: {number(), number(), number(), number()}.
+read_picture(Area, #{picture := Name, tolerance := Tolerance, segments := Max}) ->
+    Options = #{area => Area, tolerance_mm => float(Tolerance), max_segments => Max},
+    case starl_picture:read(picture_file(Name), Options) of
+        {ok, _} = Ok -> Ok;
+        {error, Reason} -> {error, [starl_picture:format_error(Reason), remedy(Reason, Name)]}
+    end.
+
+%% The pictures that ship: name and title.
+-spec shipped() -> [{Name :: string(), Title :: string()}].
+shipped() ->
+    Files = filelib:wildcard(filename:join(pictures(), "*.svg")),
+    [{filename:basename(File, ".svg"), title(File)} || File <- lists:sort(Files)].
+
+%% The names of the pictures that ship, each with its title unless that is the name.
+-spec names() -> string().
+names() -> lists:append(lists:join(", ", [described(Each) || Each <- shipped()])).
+
+%% A shipped picture is named without its folder and ending. A file of that name has priority; a
+%% directory of that name, such as the results of an earlier run, does not hide the picture.
+picture_file(Name) ->
+    Shipped = filename:join(pictures(), Name ++ ".svg"),
+    IsShipped =
+        is_word(Name) andalso filelib:is_regular(Shipped) andalso not filelib:is_regular(Name),
+    case IsShipped of
+        true -> Shipped;
+        false -> Name
+    end.
+
+is_word(Name) -> filename:extension(Name) =:= "" andalso filename:basename(Name) =:= Name.
+
+pictures() -> filename:join(code:priv_dir(starl_apps), "pictures").
+
+title(File) ->
+    {ok, Bytes} = file:read_file(File),
+    {match, [Title]} = re:run(Bytes, "<title>([^<]*)</title>", [{capture, [1], list}]),
+    Title.
+
+described({Name, Title}) ->
+    case string:lowercase(Title) of
+        Name -> Name;
+        _ -> Name ++ " (" ++ Title ++ ")"
+    end.
+
+%% A word without a file may be meant for a picture that ships.
+remedy({cannot_read, _, missing}, Name) ->
+    Shipped = [Each || {Each, _} <- shipped()],
+    case is_word(Name) andalso starl_options:similar(Name, Shipped) of
+        [Near | _] -> [" (did you mean ", Near, "?)"];
+        _ -> ["; give an SVG file, or one of ", lists:join(", ", Shipped)]
+    end;
+remedy(_Reason, _Name) ->
+    [].

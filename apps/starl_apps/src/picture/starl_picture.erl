@@ -107,7 +107,11 @@ left_out(#picture{left_out = LeftOut}) -> LeftOut.
 
 %% @doc One line of text that states the problem, its place and the remedy.
 -spec format_error(reason()) -> binary().
-format_error(Reason) -> starl_picture_error:format(Reason).
+format_error(Reason) ->
+    case error_text(Reason) of
+        {svg, Problem} -> starl_svg_error:format(Problem);
+        {Format, Arguments} -> starl_svg_error:line(Format, Arguments)
+    end.
 
 %%% Files and options
 
@@ -322,3 +326,41 @@ unique([{P, Q} = Segment | Rest], Seen, Done) ->
         true -> unique(Rest, Seen, Done);
         false -> unique(Rest, Seen#{Key => []}, [Segment | Done])
     end.
+
+%% -- errors -----------------------------------------------------------------------------------
+
+%% One line that states the problem, its place and the remedy.
+error_text({cannot_read, File, Why}) ->
+    {"cannot read ~ts: ~ts", [starl_svg_error:quote(File, 200), file_text(Why)]};
+error_text({no_lines, #{texts := Texts, unseen := 0}}) when Texts > 0 ->
+    {
+        "the picture draws no lines, only text; convert the text to paths "
+        "(in Inkscape: Path, Object to Path)",
+        []
+    };
+error_text({no_lines, #{unseen := Unseen}}) when Unseen > 0 ->
+    {
+        "the picture draws no lines: ~ts; give them a stroke",
+        [unseen(Unseen)]
+    };
+error_text({no_lines, #{images := Images}}) when Images > 0 ->
+    {"the picture draws no lines, only an image; trace the image to paths first", []};
+error_text({no_lines, _LeftOut}) ->
+    {"the picture draws no lines; it needs a visible line, path or other shape", []};
+error_text({too_many_segments, Max}) ->
+    {
+        "the picture has more than ~b line segments; simplify it, or allow a larger --tolerance or "
+        "more --segments",
+        [Max]
+    };
+error_text(Problem) ->
+    {svg, Problem}.
+
+unseen(1) -> "its only shape has neither stroke nor fill that is visible";
+unseen(N) -> io_lib:format("its ~b shapes have neither stroke nor fill that is visible", [N]).
+
+file_text(missing) -> "there is no such file";
+file_text(directory) -> "it is a directory; give an SVG file";
+file_text(no_permission) -> "no permission; make the file readable";
+file_text(too_big) -> "it is larger than 20 MB; simplify the drawing";
+file_text(Posix) -> file:format_error(Posix).

@@ -263,9 +263,8 @@ hindrance(Agree, #drive{solid = Solid, goal = Goal}) ->
         _ -> none
     end.
 
-given_up(Why, #drive{from = From, goal = Goal} = Drive) ->
-    Over = goal_over(Why, Drive) ++ [{reply, From, {error, Why}}],
-    {Over, Drive#drive{from = none, goal = starl_motion_goal:moves(Goal)}}.
+given_up(Why, #drive{from = From} = Drive) ->
+    {goal_over(Why, Drive) ++ [{reply, From, {error, Why}}], Drive#drive{from = none}}.
 
 rest(Agree, #drive{waiting = Waiting} = Drive, Actions) ->
     {next_state, idle, Drive#drive{waiting = []}, Actions ++ stood(Agree, Waiting)}.

@@ -66,7 +66,7 @@ next(Pose, Chassis, Profile, #goal{way = Way, start = Start, point = Point}) ->
 -spec stalled(t()) -> t().
 stalled(#goal{stalls = N} = Goal) -> Goal#goal{stalls = N + 1}.
 
-%% @doc Its drive has obeyed, or the count begins anew.
+%% @doc Its drive has obeyed.
 -spec moves(t()) -> t().
 moves(Goal) -> Goal#goal{stalls = 0}.
 
