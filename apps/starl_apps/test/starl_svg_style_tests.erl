@@ -153,7 +153,7 @@ left_out_test_() ->
     [
         ?_test(begin
             {ok, Picture} = parse([Body, "<path d='M1 1H5' stroke='red'/>"]),
-            Lines = starl_picture_omissions:lines(starl_picture:left_out(Picture)),
+            Lines = starl_painting:omissions(starl_picture:left_out(Picture)),
             ?assertEqual({Body, Expected}, {Body, [lists:flatten(Line) || Line <- Lines]})
         end)
      || {Expected, Body} <- [

@@ -185,7 +185,7 @@ model_test() ->
         monitor := {?M, _},
         horizon_us := Horizon,
         past_us := Past
-    } = starl_dpp_model:new(#{robots => [4, 5, 9], terms => 2}),
+    } = starl_dpp:model(#{robots => [4, 5, 9], terms => 2}),
     ?assertEqual({{1010000, 1010000, 990000}, [1, 2, 3]}, {Rates, Fixed}),
     ?assertEqual([{start, dpp, {join, 9}, {join, 4}}], Script(4)),
     Claims = fun(N) -> Beyond({0, 1, dpp_coordinator, {claims, {N, 1, 1}}}) end,
@@ -200,7 +200,7 @@ model_test() ->
 %% What may happen in a search: all that the two machines wait for, and crashes of both; a robot
 %% that stands, and acts, in the place of each. Lengths are such that neighbours are a metre apart.
 happenings_test() ->
-    Model = starl_dpp_model:new(#{robots => [1, 2], terms => 2}),
+    Model = starl_dpp:model(#{robots => [1, 2], terms => 2}),
     ?assertEqual(
         #{
             timed => [again, beat, claim, leave, look, missing, recover],

@@ -250,7 +250,7 @@ go_to(#robot{} = Robot, Point) ->
 %%
 %% A faster velocity than the robot can drive is taken at the robot's own limit. A holonomic robot
 %% takes the velocity up as it is; a robot with two wheels turns towards it while it drives
-%% ({@link starl_differential_steering}). Nothing keeps two robots apart here: that is up to the program.
+%% ({@link starl_chassis_differential:cruise/4}). Nothing keeps two robots apart here: that is up to the program.
 %%
 %% `stalled': a drive does not obey, and the robot stands; `unknown': there is no position, and it
 %% stops; `stopped': another command came first. A {@link go_to/2} ends a velocity, and the other

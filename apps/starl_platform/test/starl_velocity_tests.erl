@@ -169,7 +169,7 @@ a_velocity_beyond_the_limit_is_taken_at_it_test() ->
 
 script(Velocity, Heading, Us) ->
     Profile = starl_chassis:profile(starl_chassis_differential, #{}),
-    starl_differential_steering:script(Velocity, {0.0, 0.0, Heading}, Us, Profile).
+    starl_chassis_differential:cruise(Velocity, {0.0, 0.0, Heading}, Us, Profile).
 
 exact() -> new(fun(_) -> 0.0 end, starl_chassis:profile(starl_chassis_differential, #{})).
 

@@ -12,7 +12,7 @@
 -behaviour(starl_app).
 -behaviour(starl_scene).
 
--export([guarantees/0]).
+-export([guarantees/0, omissions/1]).
 -export([init/2, step/2]).
 -export([options/0, scene/1, preview/1, report/2]).
 
@@ -151,7 +151,7 @@ preview(#{memo := Memo} = Scene) ->
     #{
         lines =>
             work(Memo) ++ starl_painting_walls:left_out(maps:get(lost, Memo)) ++
-            starl_picture_omissions:lines(starl_picture:left_out(Picture)),
+            omissions(starl_picture:left_out(Picture)),
         write => fun(Dir) -> draw_preview(Dir, Scene) end
     }.
 
@@ -270,7 +270,7 @@ summary(Figures) ->
 %% What a browser shows of the picture and the team does not paint.
 left_out(#{picture := Picture, lost := Lost}) ->
     starl_painting_walls:left_out(Lost) ++
-        starl_picture_omissions:lines(starl_picture:left_out(Picture)).
+        omissions(starl_picture:left_out(Picture)).
 
 driven(#{ink_mm := Ink, driven_mm := Driven, makespan_bound_ratio := Ratio}) ->
     io_lib:format("ink ~ts m of ~ts m driven; ~ts x the least time possible", [
@@ -301,3 +301,32 @@ draw_picture(Dir, #{picture := Picture, world := World} = Memo, #{ink := Ink}, #
         title => starl_picture:title(Picture)
     },
     write(Dir, "painting", Drawing).
+
+%% -- omissions --------------------------------------------------------------------------------
+
+%% One line for each kind that is left out, with the remedy.
+-spec omissions(starl_picture:left_out()) -> [unicode:chardata()].
+omissions(LeftOut) ->
+    [line(What, maps:get(What, LeftOut)) || What <- kinds(), maps:get(What, LeftOut) > 0].
+
+kinds() -> [texts, images, markers, clips, backgrounds].
+
+line(texts, 1) ->
+    "1 text left out; convert it to a path";
+line(texts, N) ->
+    io_lib:format("~b texts left out; convert them to paths", [N]);
+line(images, 1) ->
+    "1 image left out; trace it";
+line(images, N) ->
+    io_lib:format("~b images left out; trace them", [N]);
+line(markers, 1) ->
+    "the markers of 1 line (arrow heads) left out; convert them to paths";
+line(markers, N) ->
+    io_lib:format("the markers of ~b lines (arrow heads) left out; convert them to paths", [N]);
+line(clips, 1) ->
+    "1 clipping path is too complex, what it hides is painted; cut the lines";
+line(clips, N) ->
+    Format = "~b clipping paths are too complex, what they hide is painted; cut the lines",
+    io_lib:format(Format, [N]);
+line(backgrounds, _) ->
+    "the page background is not painted".

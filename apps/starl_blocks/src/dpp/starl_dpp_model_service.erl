@@ -1,5 +1,5 @@
 %% @doc A small service of the coordinator ({@link starl_dpp_coordinator}) for the exhaustive
-%% checker ({@link starl_dpp_model}), in the place of the planner: the check is about which robot
+%% checker ({@link starl_dpp}), in the place of the planner: the check is about which robot
 %% leads and may assign, not about paths. Robots are known or not, as to the planner. A robot that
 %% asks for a path is told that there is nothing to do. At every moment at which the coordinator
 %% leads it may act, which shows in the trace: `{acts, Term}', and once all robots are known also

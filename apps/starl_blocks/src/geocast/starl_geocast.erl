@@ -28,6 +28,13 @@
 
 -define(SEND, {?MODULE, send, 5}).
 
+%% A message's lifetime, and a part of it that is told from the next.
+-define(CAST_US, 400000).
+-define(TICK_US, 50000).
+%% Parts of a hundred: the ratio is the default bound on drift, 10000 ppm.
+-define(SLOW, 99).
+-define(FAST, 101).
+
 %% @doc Sends a message to all robots inside an area, this one included, and does not wait for
 %% them. `full': too many geocasts are alive. A term that is no area, or an option that is none,
 %% is the caller's mistake.
@@ -131,7 +138,7 @@ exercise() -> starl_geocast_exercise.
 -spec models() -> [starl_block:model_entry()].
 models() ->
     Doc = "a message to an area and its lifetime, with drifting clocks",
-    [{geocast, Doc, fun starl_geocast_model:new/1}].
+    [{geocast, Doc, fun model/1}].
 
 %% A geocast is offered after 0, 50, 150, 350, 750, 1550, … ms, a hundredth of its lifetime left for
 %% the drift of clocks: nine times in five seconds.
@@ -143,3 +150,45 @@ benchmark() ->
         packets => fun(N) -> 9 * N + N end,
         formula => "9 N offers, N - 1 questions, an answer"
     }.
+
+%% -- the model --------------------------------------------------------------------------------
+
+%% The model of geocast for the exhaustive checker: one message to an area that all robots are
+%% in, its lifetime, and its window. The source's clock is the true one; the second robot's clock is
+%% slow, so it holds the message for longest; the others are fast.
+
+%% The model for a team.
+-spec model(starl_block:team()) -> starl_block:model().
+model(#{robots := Ids}) ->
+    Config = #{
+        jitter_ms => 0,
+        gather_ms => 0,
+        check_ms => ?CAST_US div 2000,
+        listeners => #{note => app}
+    },
+    #{
+        blocks => [{geocast, starl_geocast_flood, Config}],
+        stands => [location],
+        script => fun script/1,
+        crash => [geocast],
+        monitor => {starl_geocast_model_monitor, #{robots => Ids, lifetime_us => ?CAST_US}},
+        timed => [offer, give, ask, over, forget, check, window],
+        rates => list_to_tuple([rate(Place) || Place <- places(Ids)]),
+        grain => 2,
+        horizon_us => 2 * ?CAST_US,
+        past_us => 2 * ?CAST_US,
+        fixed => places(Ids)
+    }.
+
+places(Ids) -> lists:seq(1, length(Ids)).
+
+%% All robots are inside.
+script(1) ->
+    Area = {circle, {0.0, 0.0}, 1.0e6},
+    [{'try', geocast, {send, Area, note, hello, ?CAST_US, 8}}, {window, ?CAST_US}];
+script(_) ->
+    [].
+
+rate(1) -> ?TICK_US;
+rate(2) -> ?TICK_US * ?SLOW div 100;
+rate(_) -> ?TICK_US * ?FAST div 100.

@@ -40,6 +40,15 @@
 
 -define(PATIENCE_MS, 30000).
 
+%% µs that a clock gains in a tick; the ratio of the slowest to the fastest is the default bound
+%% on drift, 10000 ppm.
+-define(SLOW, 99).
+-define(FAST, 101).
+-define(TOKEN, door).
+-define(LEASE_US, 8000000).
+%% A patience so long that the checker decides when a call fails.
+-define(PATIENCE_US, 30000000).
+
 %% @doc Acquires a token or a set of tokens, with half a minute's patience.
 -spec acquire(starl:robot(), token() | [token()]) ->
     {ok, fence() | [{token(), fence()}]} | {error, timeout | restarted | late}.
@@ -177,7 +186,7 @@ history() -> starl_mutex_history.
 
 -spec models() -> [starl_block:model_entry()].
 models() ->
-    New = fun(Team) -> starl_mutex_model:new(machines(#{}), Team) end,
+    New = fun(Team) -> model(machines(#{}), Team) end,
     [{mutex, "mutual exclusion, with leases and drifting clocks", New}].
 
 -spec benchmark() -> starl_block:benchmark().
@@ -188,3 +197,46 @@ benchmark() ->
         packets => fun(N) -> N + 8 end,
         formula => "N + 8"
     }.
+
+%% -- the model --------------------------------------------------------------------------------
+
+%% The model of mutual exclusion for the exhaustive checker: one token, and all robots but its
+%% home want it once. The times are the block's defaults: only their proportions matter.
+%%
+%% The home's clock is fast, all others are slow: so a holder's lease lasts longest and the home's
+%% shortest, and only these two are compared. The home's own application wants nothing: its calls
+%% of its own machine need no message.
+
+%% The model for a team with these machines.
+-spec model([starl_robot_sup:machine()], starl_block:team()) -> starl_block:model().
+model(Machines, #{robots := Ids}) ->
+    Home = erlang:phash2(?TOKEN, length(Ids)) + 1,
+    Slow = erlang:make_tuple(length(Ids), ?SLOW),
+    #{
+        blocks => Machines,
+        script => fun(Place) -> script(Place, Home) end,
+        crash => [mutex, app],
+        monitor => {starl_mutex_model_monitor, #{}},
+        timed => [lease, home],
+        rates => setelement(Home, Slow, ?FAST),
+        grain => ?LEASE_US div (2 * ?SLOW) + 1,
+        %% at most a lease is added to the time that a message carries before it is compared with
+        %% the present. A machine keeps ends of leases, which are compared as they are: one that
+        %% is over is over, however long
+        horizon_us => ?LEASE_US,
+        %% a machine that starts anew waits as the home that it is, which only one robot is
+        waits => [Home],
+        fixed => [Home],
+        inert => fun is_inert/2
+    }.
+
+script(Home, Home) ->
+    [];
+script(_Place, _Home) ->
+    [
+        {call, mutex, {acquire, ?TOKEN, ?PATIENCE_US}}, {'try', mutex, {release, ?TOKEN}}
+    ].
+
+%% The fence of the owner known only grows.
+is_inert(mutex, {owner, _, _}) -> true;
+is_inert(_Type, _Body) -> false.

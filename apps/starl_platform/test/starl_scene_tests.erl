@@ -1,5 +1,5 @@
 %% What is told of a scene that an application has made.
--module(starl_scene_check_tests).
+-module(starl_scene_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 %% A sequential application, a machine and a monitor.
@@ -12,7 +12,7 @@ handle_event(_, _, _, _, _) -> s.
 finish(_, _) -> s.
 
 told(Scene) ->
-    case starl_scene_check:check(Scene) of
+    case starl_scene:check(Scene) of
         ok -> ok;
         {error, Line} -> unicode:characters_to_list(Line)
     end.
