@@ -284,6 +284,71 @@ an_owner_learns_of_it_once_test() ->
         ok
     end).
 
+%% Facts of two orders are late in their order, and before what was to be sent.
+owners_learn_of_it_in_the_order_of_the_step_test() ->
+    with_body(#{}, fun(Body, Set) ->
+        ok = Set(100),
+        Late = [
+            {until, 1, {actuate, pen, down}, c},
+            {until, 1, {trace, {said, 1}}, a},
+            {until, 100, {trace, {said, 2}}, in_time},
+            {until, 1, {trace, {said, 3}}, b}
+        ],
+        ?assertMatch(
+            {
+                [{starl_traced, 1, _, {1, 100, [{0, 1, app, {said, 2}}]}}],
+                [{app, info, {late, a}}, {app, info, {late, b}}, {app, info, {late, c}}],
+                _
+            },
+            does(Late, Body)
+        ),
+        ok
+    end).
+
+%% The log has a warning of each thing that was late, whether it was known at its step or when it was to leave.
+what_is_late_is_logged_test() ->
+    with_body(#{}, fun(Body, Set) ->
+        ok = Set(100),
+        Logged = fun(Do) ->
+            [{Level, Report} || {Level, Report, _} <- starl_live_log_ct:reports(Do)]
+        end,
+        Late = {warning, #{what => late, machine => app}},
+        ?assertEqual(
+            [Late, Late],
+            Logged(fun() ->
+                does([{until, 1, {trace, x}, a}, {until, 1, {actuate, pen, down}, b}], Body)
+            end)
+        ),
+        ?assertEqual([Late], Logged(fun() -> starl_live_body:trace(app, late, Body) end)),
+        ?assertEqual([], Logged(fun() -> starl_live_body:trace(app, {said, 1}, Body) end)),
+        ?assertEqual([], Logged(fun() -> does([{until, 100, {trace, x}, a}], Body) end)),
+        ok
+    end).
+
+%% Facts are counted when they are traced, whenever they leave.
+facts_are_counted_test() ->
+    with_body(#{}, fun(Body, _) ->
+        Traced = lists:foldl(
+            fun({Name, Fact}, B) -> starl_live_body:trace(Name, Fact, B) end,
+            Body,
+            [{app, crashed}, {app, crashed}, {mutex, late}]
+        ),
+        {[], Sent} = starl_live_body:perform(
+            {until, 9, {trace, {leased, token, 1, 8000}}, a}, app, Traced
+        ),
+        Counts = starl_live_body:counts(Sent),
+        Text = iolist_to_binary(starl_live_counts:text([], Counts)),
+        [
+            ?assertMatch({match, _}, re:run(Text, Line))
+         || Line <- [
+                "\nstarl_restarts_total{machine=\"app\"} 2\n",
+                "\nstarl_late_total{machine=\"mutex\"} 1\n"
+            ]
+        ],
+        ?assertMatch([{lease_seconds, [{token, token}], _}], starl_live_counts:leases(0, Counts)),
+        ok
+    end).
+
 %% The end of a lease is known from the last moment of a shout.
 a_lease_ends_at_its_latest_moment_test() ->
     with_body(#{}, fun(Body, _) ->
@@ -320,7 +385,10 @@ an_outlived_robot_marks_its_store_and_ends_test() ->
         {ok, Store} = starl_live_store:open(dir()),
         ok = starl_live_store:started(#{sap => 3}, Store),
         {[], Outlived} = starl_live_body:perform({outlived, 9}, sap, Body),
-        ?assertExit({shutdown, outlived}, starl_live_body:flush(Outlived)),
+        [{Level, Report, _}] = starl_live_log_ct:reports(fun() ->
+            ?assertExit({shutdown, outlived}, starl_live_body:flush(Outlived))
+        end),
+        ?assertEqual({error, #{what => store_outdated, incarnation => 9}}, {Level, Report}),
         {ok, Later} = starl_live_store:open(dir()),
         ?assertEqual(#{sap => 9}, starl_live_store:starts(Later)),
         ok = file:del_dir_r(dir()),
@@ -534,6 +602,40 @@ a_reload_is_told_to_who_asked_test() ->
         ?assertEqual(Asked, starl_live_body:gone(mutex, Back, Asked)),
         {BackWords, _} = starl_live_body:take_back(1, 2, Asked),
         ?assertEqual([{app, Back}, {mutex, Back}], BackWords),
+        ok
+    end).
+
+%% What a machine runs now is what it starts with, and that is logged. A word that it has heeded is not given to its
+%% successor again.
+what_a_machine_tells_of_a_reload_is_known_test() ->
+    with_body(#{}, fun(Body, _) ->
+        Switch = #{number => 1, module => lists, trial_us => 1000},
+        {_, Asked} = starl_live_body:reload(?ORDER#{versions => #{?MODULE => lists}}, self(), Body),
+        Lineage = starl_lineage:take(Switch#{kept => none}, 0, starl_lineage:new(?MODULE)),
+        Told = starl_reload:told(1, taken, nobody, Lineage),
+        Code = fun(B) ->
+            #{code := Runs} = starl_live_body:base(app, 1, B),
+            starl_lineage:code(Runs)
+        end,
+        Self = self(),
+        Reports = starl_live_log_ct:reports(fun() ->
+            {[], Next} = starl_live_body:perform({reloaded, Told}, app, Asked),
+            Self ! {heeds, Next}
+        end),
+        Heeds =
+            receive
+                {heeds, Next} -> Next
+            end,
+        ?assertMatch(
+            [
+                {notice,
+                    #{what := reload, outcome := <<"robot 1, app (lists): runs the new code">>}, _}
+            ],
+            Reports
+        ),
+        ?assertEqual([?MODULE, lists], [Code(Asked), Code(Heeds)]),
+        {[], _} = starl_live_body:flush(starl_live_body:handles(app, boot, x, Heeds)),
+        ?assertEqual([taken], [How || {starl_reloaded, 1, app, #{outcome := How}} <- sent()]),
         ok
     end).
 

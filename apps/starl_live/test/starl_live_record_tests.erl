@@ -1,5 +1,9 @@
 -module(starl_live_record_tests).
 -include_lib("eunit/include/eunit.hrl").
+-include_lib("kernel/include/file.hrl").
+
+%% a device whose disk is full
+-export([write/2, position/2, truncate/1]).
 
 %% The batches after the last one that has come; a batch that was cut off is left out.
 record_test() ->
@@ -25,6 +29,106 @@ record_test() ->
     ok = file:del_dir_r(Dir),
     ?assertEqual([], starl_live_record:read(File, 0)),
     ?assertMatch({error, _}, starl_live_record:open(Dir)).
+
+%% Why there is no record, with the name that it was to have: of a start whose number no file name can bear.
+a_record_that_does_not_open_says_why_test() ->
+    with_dir(fun(Dir) ->
+        Longest = "facts-" ++ lists:duplicate(249, $9),
+        ok = file:write_file(filename:join(Dir, Longest), ""),
+        {error, Line} = starl_live_record:open(Dir),
+        Next = filename:join(Dir, "facts-1" ++ lists:duplicate(249, $0)),
+        ?assertEqual(Next ++ ": file name too long", lists:flatten(Line))
+    end).
+
+%% Starts are counted from 1. Its former facts and other files of the robot are no records of starts.
+records_are_numbered_from_one_test() ->
+    with_dir(fun(Dir) ->
+        Files = [<<"facts-">>, <<"facts-x">>, <<"facts-7.before">>, <<"starts-8">>],
+        [ok = file:write_file(filename:join(Dir, File), "") || File <- Files],
+        {ok, One} = starl_live_record:open(Dir),
+        {ok, Two} = starl_live_record:open(Dir),
+        Records = [filename:join(Dir, Name) || Name <- ["facts-1", "facts-2"]],
+        ?assertEqual(Records, [starl_live_record:file(Record) || Record <- [One, Two]]),
+        ?assertEqual(Records, starl_live_record:starts(Dir)),
+        ?assert(starl_live_record:is_record("facts-1")),
+        ?assertNot(starl_live_record:is_record("starts-1"))
+    end).
+
+%% A file takes 16 MiB, and the batch that reaches them. Each batch has its length in four bytes before it; one
+%% without facts is not written.
+a_file_turns_at_its_size_test() ->
+    with_dir(fun(Dir) ->
+        {ok, New} = starl_live_record:open(Dir),
+        File = starl_live_record:file(New),
+        Sizes = fun() -> [filelib:file_size(F) || F <- [File ++ ".before", File]] end,
+        Most = 16 * 1024 * 1024,
+        Just = starl_live_record:write(batch(1, Most - 1 - 4), New),
+        ?assertEqual([0, Most - 1], Sizes()),
+        ?assertEqual(Just, starl_live_record:write({2, 2, []}, Just)),
+        Full = starl_live_record:write(batch(3, 60), Just),
+        ?assertEqual([0, Most + 63], Sizes()),
+        ?assertEqual(Full, starl_live_record:write({4, 4, []}, Full)),
+        Turned = starl_live_record:write(batch(5, Most - 4), Full),
+        ?assertEqual([Most + 63, Most], Sizes()),
+        _ = starl_live_record:write(batch(6, 80), Turned),
+        ?assertEqual([Most, 84], Sizes()),
+        ?assertEqual([5, 6], [N || {N, _, _} <- starl_live_record:batches(File, 0)])
+    end).
+
+%% A batch of this many bytes.
+batch(N, Bytes) ->
+    Bare = byte_size(term_to_binary({N, N, [<<>>]})),
+    {N, N, [binary:copy(<<0>>, Bytes - Bare)]}.
+
+%% A disk that takes nothing costs the batches, not the robot: what it has taken of one is cut off, behind all
+%% that were written before.
+a_disk_that_takes_nothing_costs_batches_test() ->
+    with_dir(fun(Dir) ->
+        {ok, New} = starl_live_record:open(Dir),
+        One = starl_live_record:write(batch(1, 60), New),
+        %% the device is this module
+        Full = setelement(3, One, #file_descriptor{module = ?MODULE, data = self()}),
+        ?assertEqual(Full, starl_live_record:write(batch(2, 60), Full)),
+        ?assertEqual([{wrote, 64}, {stands, 64}, cut], [told(), told(), told()])
+    end).
+
+write(#file_descriptor{data = Test}, Bytes) ->
+    Test ! {disk, {wrote, iolist_size(Bytes)}},
+    {error, enospc}.
+
+position(#file_descriptor{data = Test}, At) ->
+    Test ! {disk, {stands, At}},
+    {ok, At}.
+
+truncate(#file_descriptor{data = Test}) ->
+    Test ! {disk, cut},
+    ok.
+
+told() ->
+    receive
+        {disk, Told} -> Told
+    end.
+
+%% A directory that is gone costs the batches, too.
+a_lost_directory_costs_batches_test() ->
+    with_dir(fun(Dir) ->
+        {ok, New} = starl_live_record:open(Dir),
+        %% it holds as much as it may
+        Full = setelement(4, New, 16 * 1024 * 1024),
+        ok = file:del_dir_r(Dir),
+        Lost = starl_live_record:write(batch(2, 60), Full),
+        ?assertEqual([], starl_live_record:batches(starl_live_record:file(Lost), 0)),
+        _ = starl_live_record:write(batch(3, 60), Lost)
+    end).
+
+with_dir(Test) ->
+    Dir = filename:join(os:getenv("TMPDIR", "/tmp"), "starl-records-" ++ os:getpid()),
+    ok = filelib:ensure_path(Dir),
+    try
+        Test(Dir)
+    after
+        file:del_dir_r(Dir)
+    end.
 
 %% Of a long start the latest facts are kept; the facts of the last start are wanted.
 bounded_test() ->

@@ -19,7 +19,13 @@ store_test_() ->
             {"a store that was lost stays outdated, term by term", fun outdated_by_term/1},
             {"a store that is older than the robot's last life", fun set_back/1},
             {"a power cut while terms are removed", fun half_emptied/1},
-            {"names of any kind", fun names/1}
+            {"names of any kind", fun names/1},
+            {"a store that was lost is said, and why nothing is stored", fun said/1},
+            {"a disk that takes no new file", fun no_new_file/1},
+            {"a commission or a loss that cannot be written", fun no_mark/1},
+            {"a mark that nobody can read", fun unreadable_mark/1},
+            {"a mark that cannot be removed", fun fixed_mark/1},
+            {"terms that cannot be removed", fun fixed_terms/1}
         ]
     ]}.
 
@@ -152,6 +158,91 @@ half_emptied(Dir) ->
     ok = file:delete(filename:join(Dir, "a.kept")),
     Later = open(Dir),
     ?assertEqual([damaged, damaged], [starl_live_store:kept(Name, Later) || Name <- [a, b]]).
+
+%% Each with the directory, or the machine and the reason.
+said(Dir) ->
+    [{error, Lost, _}] = starl_live_log_ct:reports(fun() -> open(Dir) end),
+    ?assertEqual(#{what => store_lost, dir => Dir}, Lost),
+    ?assertEqual([], starl_live_log_ct:reports(fun() -> open(Dir) end)),
+    ok = file:make_dir(filename:join(Dir, "barrier.kept.new")),
+    Store = open(Dir),
+    [{error, Full, _} = Report] = starl_live_log_ct:reports(fun() ->
+        starl_live_store:keep(barrier, 1, Store)
+    end),
+    ?assertEqual(#{what => store_failed, machine => barrier, why => eisdir}, Full),
+    ?assertEqual(
+        "what barrier wanted to store was not stored: illegal operation on a directory",
+        starl_live_log_ct:words(Report)
+    ).
+
+%% The old term counts, and the old numbers; what was begun of the new one is no file of the store.
+no_new_file(Dir) ->
+    Store = new(Dir),
+    ok = starl_live_store:keep(a, old, Store),
+    [ok = file:make_dir(filename:join(Dir, F ++ ".new")) || F <- ["a.kept", "starts-b"]],
+    ?assertEqual(full, quietly(fun() -> starl_live_store:keep(a, new, Store) end)),
+    ?assertEqual({stored, old}, starl_live_store:kept(a, Store)),
+    {error, Line} = starl_live_store:started(#{sap => 2}, Store),
+    ?assertEqual(Dir ++ ": illegal operation on a directory", lists:flatten(Line)),
+    %% a term that cannot have its name, since a directory has it
+    ok = file:make_dir(filename:join(Dir, "b.kept")),
+    ?assertEqual(full, quietly(fun() -> starl_live_store:keep(b, 1, Store) end)),
+    ?assertEqual(damaged, starl_live_store:kept(b, Store)).
+
+no_mark(Dir) ->
+    Why = Dir ++ ": illegal operation on a directory",
+    ok = file:make_dir(filename:join(Dir, "commissioned.new")),
+    {error, Commission} = starl_live_store:commission(Dir),
+    ?assertEqual(Why, lists:flatten(Commission)),
+    ok = file:make_dir(filename:join(Dir, "outdating.new")),
+    {error, Lost} = quietly(fun() -> starl_live_store:open(Dir) end),
+    ?assertEqual(Why, lists:flatten(Lost)),
+    {error, Outdated} = starl_live_store:outdate(7, run_in(Dir)),
+    ?assertEqual(Why, lists:flatten(Outdated)),
+    {error, Nowhere} = starl_live_store:commission(filename:join([Dir, "starts-a", "below"])),
+    ?assertEqual(
+        filename:join([Dir, "starts-a", "below"]) ++ ": not a directory",
+        lists:flatten(Nowhere)
+    ).
+
+%% A store in this directory, whose mark of a first life cannot be written.
+run_in(Dir) ->
+    ok = file:del_dir(filename:join(Dir, "commissioned.new")),
+    new(Dir).
+
+%% The store is outdated all the same, and nobody knows by how much.
+unreadable_mark(Dir) ->
+    Store = new(Dir),
+    ok = starl_live_store:started(#{sap => 7}, Store),
+    ok = file:write_file(filename:join(Dir, "outdated"), "rubbish"),
+    Later = open(Dir),
+    ?assertEqual(later, starl_live_store:life(Later)),
+    ?assertEqual(damaged, starl_live_store:kept(barrier, Later)),
+    ?assertEqual(#{sap => 7}, starl_live_store:starts(Later)).
+
+%% The robot must not come up as in its first life again.
+fixed_mark(Dir) ->
+    ok = starl_live_store:commission(Dir),
+    Store = open(Dir),
+    Mark = filename:join(Dir, "commissioned"),
+    ok = file:delete(Mark),
+    ok = file:make_dir(Mark),
+    ?assertMatch({error, _}, starl_live_store:started(#{sap => 1}, Store)),
+    ok = file:del_dir(Mark),
+    ?assertEqual(ok, starl_live_store:started(#{sap => 1}, Store)).
+
+%% The mark keeps its name as long as one of them is there.
+fixed_terms(Dir) ->
+    Store = new(Dir),
+    ok = starl_live_store:outdate(7, Store),
+    [ok = file:make_dir(filename:join(Dir, F)) || F <- ["a.kept", "c.kept"]],
+    ok = file:write_file(filename:join(Dir, "b.kept"), "term"),
+    {error, Line} = starl_live_store:open(Dir),
+    ?assertNotEqual(nomatch, string:prefix(lists:flatten(Line), Dir ++ ": ")),
+    ?assert(filelib:is_file(filename:join(Dir, "outdating"))),
+    [ok = file:del_dir(filename:join(Dir, F)) || F <- ["a.kept", "c.kept"]],
+    ?assertEqual(#{sap => 7}, starl_live_store:starts(open(Dir))),
+    ?assertEqual([], filelib:wildcard("*.kept", Dir)).
 
 quietly(Fun) ->
     #{level := Level} = logger:get_primary_config(),
