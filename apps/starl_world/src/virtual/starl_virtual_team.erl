@@ -32,21 +32,11 @@
 -define(AGAIN_US, 100000).
 %% The news of a reload that has failed takes this time.
 -define(NEWS_US, 100000).
-%% The part of the datagrams that the attacker sends again, and after what time at most.
--define(PLAYED, 0.02).
--define(PLAYED_US, 40000000).
 %% The most operations of the disk before the power goes.
 -define(OPERATIONS, 12).
-%% A clock stands still for this time at most, in all: datagrams are fresh for 15 s.
--define(FROZEN_US, 6000000).
--define(EPOCH_US, 1700000000000000).
-
 -record(robot, {
     id :: starl:robot_id(),
-    clock :: starl_sim_clock:t(),
-    shown :: starl_virtual_clock:t(),
-    disk :: starl_virtual_disk:name(),
-    config :: starl_virtual_robot:config(),
+    computer :: starl_virtual_computer:t(),
     program = none :: starl_virtual_robot:t() | none,
     condition = down :: up | down | dead,
     booted_us = none :: integer() | none,
@@ -55,10 +45,6 @@
     hold_us = 0 :: integer(),
     lag_us = 0 :: non_neg_integer(),
     result = running :: running | given_up | {done, term()},
-    %% the code that its machines start with, as the operator knows it
-    codes = #{} :: starl_reload:codes(),
-    %% when it has told how a machine has heeded a reload
-    heeded = #{} :: #{{starl_machine:name(), starl_reload:count()} => integer()},
     %% the numbers of datagrams to each robot, of answers
     sent = #{} :: #{starl:robot_id() => pos_integer()},
     draws = 0 :: non_neg_integer()
@@ -89,20 +75,8 @@
 -spec kinds() -> [starl_run_fault:kind()].
 kinds() ->
     Network = [Kind || {Kind, _, _, _, _} <- starl_run_fault:kinds_of(network), Kind =/= range],
-    Network ++
-        [
-            clock_drift,
-            clock_freeze,
-            kill_machine,
-            kill_robot,
-            reboot,
-            pause,
-            slow,
-            store_full,
-            store_damaged,
-            store_lost,
-            store_set_back
-        ].
+    Computer = [clock_drift, clock_freeze, kill_machine, kill_robot, reboot, pause, slow],
+    Network ++ Computer ++ [store_full, store_damaged, store_lost, store_set_back].
 
 %% @doc Runs a scenario to its end, or to the first violation. `watch' in it: more monitors.
 -spec run(#{app := module(), atom() => term()}) -> starl_virtual_run:result().
@@ -126,7 +100,10 @@ begun(Faults, #{robots := Poses, world := World, monitors := Monitors, limit_us 
     Team = #team{
         world = World,
         poses = Poses,
-        robots = maps:from_list([{Id, robot(Id, Peers, Plan)} || Id <- Ids]),
+        robots = maps:from_list([
+            {Id, #robot{id = Id, computer = starl_virtual_computer:new(Id, Peers, Plan)}}
+         || Id <- Ids
+        ]),
         monitors = starl_monitor:new([excused(Monitor, World) || Monitor <- Monitors]),
         limit_us = Limit
     },
@@ -161,51 +138,6 @@ reloads(World) ->
         ),
         Id <- Ids
     ].
-
-robot(Id, Peers, #{world := World, tree := Tree}) ->
-    #{seed := Seed, clock := {OffsetUs, DriftPpb}, clocks := Clocks, profiles := Profiles} = World,
-    Disk = "disk-" ++ integer_to_list(Id),
-    ok = starl_virtual_disk:new(Disk, {Seed, Id, disk}),
-    Dir = {starl_virtual_disk, filename:join(Disk, "robot")},
-    ok = starl_live_store:commission(Dir),
-    Offset = round(starl_run_draw:signed({Seed, Id, offset}) * OffsetUs),
-    Drift = round(starl_run_draw:signed({Seed, Id, drift}) * DriftPpb),
-    Hitting = bearable([Fault || Fault <- Clocks, starl_run_fault:hits(Id, Fault)]),
-    Radio = #{
-        peers => Peers,
-        fleet => "virtual",
-        run => 1,
-        key => fun() -> <<Seed:256>> end,
-        %% nothing rests on beats; the radio's own runs have them
-        beat_ms => infinity,
-        sockets => starl_virtual_socket
-    },
-    #robot{
-        id = Id,
-        clock = starl_sim_clock:new(Offset, Drift, Hitting),
-        shown = starl_virtual_clock:new(0),
-        disk = Disk,
-        config = #{
-            robot => Id,
-            tree => Tree,
-            profile => starl_chassis:of_robot(Id, Profiles),
-            team_seed => Seed,
-            dir => Dir,
-            radio => {starl_live_udp, Radio}
-        }
-    }.
-
-%% A clock that is further off than the seal bears ends all talk with its robot, as it should.
-bearable(Faults) -> bearable(Faults, ?FROZEN_US).
-
-bearable([], _Left) ->
-    [];
-bearable([{_, From, To, clock_freeze, _, _} | Faults], Left) when To - From > Left ->
-    bearable(Faults, Left);
-bearable([{_, From, To, clock_freeze, _, _} = Fault | Faults], Left) ->
-    [Fault | bearable(Faults, Left - (To - From))];
-bearable([Fault | Faults], Left) ->
-    [Fault | bearable(Faults, Left)].
 
 %% -- the queue ------------------------------------------------------------------------------
 
@@ -246,7 +178,7 @@ found(Violations, #team{violations = Before} = Team) ->
 happens({strike, Id, Strike}, Team) ->
     struck(Strike, robot(Id, Team), Team);
 happens({disk, Id, Trouble}, Team) ->
-    ok = starl_virtual_disk:suffer((robot(Id, Team))#robot.disk, Trouble),
+    ok = starl_virtual_computer:suffer(Trouble, (robot(Id, Team))#robot.computer),
     Team;
 happens({boot, Id}, Team) ->
     comes_up(robot(Id, Team), Team);
@@ -280,8 +212,8 @@ delivered({message, _, _, Actor, Message}, Robot, #team{events = Events} = Team)
         Team#team{events = Events + 1}
     ).
 
-runs(Step, #robot{clock = Clock, shown = Shown}, #team{now = Now}) ->
-    ok = starl_virtual_clock:set(starl_sim_clock:local(Now, Clock), Shown),
+runs(Step, #robot{computer = Computer}, #team{now = Now}) ->
+    ok = starl_virtual_computer:shows(Now, Computer),
     Step().
 
 done({up, Effects, Program}, Robot, Team) ->
@@ -299,10 +231,7 @@ carried_out(Effects, Team, #robot{id = Id}) ->
     lists:foldl(fun(Effect, T) -> carry_out(Effect, robot(Id, T), T) end, Team, Effects).
 
 carry_out({timer, Actor, DueUs, Message}, #robot{id = Id, life = Life} = Robot, Team) ->
-    #robot{clock = Clock} = Robot,
-    #team{now = Now} = Team,
-    Left = max(0, DueUs - starl_sim_clock:local(Now, Clock)),
-    Due = starl_sim_clock:due(Now, Left, Clock),
+    Due = starl_virtual_computer:due_us(DueUs, Team#team.now, Robot#robot.computer),
     message(Due, {message, Id, Life, Actor, Message}, Robot, Team);
 carry_out({sent, To, Bytes}, Robot, Team) ->
     sent(To, Bytes, Robot, Team);
@@ -326,19 +255,14 @@ carry_out({started, Names}, Robot, Team) ->
     kept(Robot#robot{names = Names}, Team);
 carry_out({ended, Result}, Robot, Team) ->
     kept(Robot#robot{result = Result}, Team);
-carry_out({reloaded, Name, #{number := N, outcome := Outcome}}, Robot, Team) ->
-    Known = kept(heeded(Outcome, Name, N, Robot, Team), Team),
+carry_out({reloaded, Name, #{number := N, outcome := Outcome}}, Robot, #team{now = Now} = Team) ->
+    #robot{computer = Before} = Robot,
+    Computer = starl_virtual_computer:heeded(Outcome, Name, N, Now, Before),
+    Known = kept(Robot#robot{computer = Computer}, Team),
     case starl_reload:is_failure(Outcome) of
         true -> failed(N, Robot#robot.id, Known);
         false -> Known
     end.
-
-heeded(taken, Name, N, #robot{heeded = Heeded} = Robot, #team{now = Now}) ->
-    Robot#robot{heeded = Heeded#{{Name, N} => Now}};
-heeded(done, _Name, _N, Robot, _Team) ->
-    Robot;
-heeded(_Back, _Name, N, #robot{codes = Codes} = Robot, _Team) ->
-    Robot#robot{codes = starl_reload:without(N, Codes)}.
 
 %% The operator has all robots of the reload go back.
 failed(N, Failed, #team{world = #{reloads := Reloads}, now = Now} = Team) ->
@@ -366,44 +290,15 @@ judged(Facts, #team{monitors = Monitors, chain = Chain} = Team) ->
 
 %% -- the radio ------------------------------------------------------------------------------
 
-sent(To, Bytes, #robot{id = Id, sent = Sent} = Robot, #team{world = World, now = Now} = Team) ->
-    #{seed := Seed} = World,
+sent(To, Bytes, #robot{id = Id, sent = Sent} = Robot, Team) ->
+    #team{world = World, robots = Robots, now = Now} = Team,
     N = maps:get(To, Sent, 0) + 1,
-    Link = {Seed, Id, To, N},
     Counted = kept(Robot#robot{sent = Sent#{To => N}}, Team),
-    Heard =
-        case starl_sim_radio:arrivals(Link, Now, World) of
-            lost -> [];
-            Arrivals -> Arrivals
-        end,
-    All = [{To, Now + Us, state(State, Bytes, {Link, Us})} || {Us, State} <- Heard],
     lists:foldl(
         fun({R, At, Datagram}, T) -> plan(At, {datagram, R, Id, Datagram}, T) end,
         Counted,
-        All ++ played(Link, Bytes, Counted)
+        starl_virtual_air:arrivals({Id, To, N}, Bytes, map_size(Robots), Now, World)
     ).
-
-state(intact, Bytes, _Key) ->
-    Bytes;
-state(corrupt, Bytes, Key) ->
-    Bit = starl_run_draw:between({Key, bit}, 0, 8 * byte_size(Bytes) - 1),
-    case starl_run_draw:between({Key, how}, 1, 4) of
-        1 ->
-            binary:part(Bytes, 0, Bit div 8);
-        _ ->
-            <<Before:Bit, B:1, After/bits>> = Bytes,
-            <<Before:Bit, (1 - B):1, After/bits>>
-    end.
-
-%% An attacker has recorded the datagram, and sends it to some robot.
-played(Link, Bytes, #team{now = Now, robots = Robots}) ->
-    case starl_run_draw:uniform({Link, played}) < ?PLAYED of
-        true ->
-            At = Now + starl_run_draw:between({Link, played_at}, 1, ?PLAYED_US),
-            [{starl_run_draw:between({Link, played_to}, 1, map_size(Robots)), At, Bytes}];
-        false ->
-            []
-    end.
 
 %% -- faults ---------------------------------------------------------------------------------
 
@@ -415,54 +310,58 @@ struck({pause, Until}, #robot{hold_us = Before} = Robot, Team) ->
     kept(Robot#robot{hold_us = max(Before, Until)}, Team);
 struck({lag, Us}, Robot, Team) ->
     kept(Robot#robot{lag_us = Us}, Team);
-struck(go_down, #robot{condition = up, disk = Disk} = Robot, Team) ->
+struck(go_down, #robot{condition = up} = Robot, Team) ->
     {How, Drawn} = draw(3, Robot, Team),
-    case How of
-        1 ->
-            goes_down(killed, Drawn, kept(Drawn, Team));
-        2 ->
-            without_power(Drawn, kept(Drawn, Team));
-        3 ->
-            {N, Next} = draw(?OPERATIONS, Drawn, Team),
-            ok = starl_virtual_disk:cut_after(Disk, N, between),
-            kept(Next, Team)
-    end;
-struck(come_up, #robot{condition = up} = Robot, Team) ->
-    #robot{id = Id} = Robot,
+    falls(How, Drawn, kept(Drawn, Team));
+struck(come_up, #robot{condition = up, id = Id} = Robot, Team) ->
     Down = without_power(Robot, Team),
     comes_up(robot(Id, Down), Down);
 struck(come_up, Robot, Team) ->
     comes_up(Robot, Team);
-struck(try_start, #robot{condition = down, disk = Disk} = Robot, Team) ->
-    {N, Drawn} = draw(?OPERATIONS, Robot, Team),
-    ok = starl_virtual_disk:cut_after(Disk, N, between),
+struck(try_start, #robot{condition = down} = Robot, Team) ->
+    Drawn = power_goes_soon(Robot, Team),
     comes_up(Drawn, kept(Drawn, Team));
-struck(lose_store, #robot{disk = Disk} = Robot, Team) ->
-    Down = without_power(Robot, Team),
-    ok = starl_virtual_disk:erase(Disk),
-    Down;
-struck({save_store, Image}, #robot{disk = Disk} = Robot, Team) ->
-    Down = without_power(Robot, Team),
-    ok = starl_virtual_disk:save(Image, Disk),
-    Down;
-struck({set_back_store, Image}, #robot{id = Id, disk = Disk} = Robot, Team) ->
-    #team{now = Now} = Down = without_power(Robot, Team),
-    case starl_virtual_disk:set_back(Image, Disk) of
-        ok -> judged([{Now, Id, robot, store_set_back}], Down);
-        none -> Down
-    end;
-struck({reload, N}, #robot{codes = Before} = Robot, #team{world = World} = Team) ->
-    #{reloads := #{N := #{order := Order}}, parts := Parts} = World,
-    {_Words, Codes} = starl_reload:take(Order, Parts, Before),
-    told({reload, Order, self()}, Robot#robot{codes = Codes}, Team);
-struck({take_back, N, Failed}, #robot{codes = Before} = Robot, Team) ->
-    told({take_back, N, Failed}, Robot#robot{codes = starl_reload:without(N, Before)}, Team);
+struck({reload, N}, #robot{computer = Before} = Robot, #team{world = World} = Team) ->
+    {Order, Computer} = starl_virtual_computer:reload(N, World, Before),
+    told({reload, Order, self()}, Robot#robot{computer = Computer}, Team);
+struck({take_back, N, Failed}, #robot{computer = Before} = Robot, Team) ->
+    Computer = starl_virtual_computer:take_back(N, Before),
+    told({take_back, N, Failed}, Robot#robot{computer = Computer}, Team);
 struck(kill_robot, #robot{id = Id} = Robot, Team) ->
     #team{now = Now} = Down = goes_down(killed, Robot, Team),
     Dead = kept((robot(Id, Down))#robot{condition = dead}, Down),
     judged([{Now, Id, robot, {died, killed}}], Dead);
+struck(lose_store, Robot, Team) ->
+    store_struck(lose_store, Robot, without_power(Robot, Team));
+struck({Kind, _Image} = Strike, Robot, Team) when Kind =:= save_store; Kind =:= set_back_store ->
+    store_struck(Strike, Robot, without_power(Robot, Team));
 struck(_Strike, _Robot, Team) ->
     Team.
+
+%% The program is killed, the power goes, or it goes at one of the next operations of the disk.
+falls(1, Robot, Team) -> goes_down(killed, Robot, Team);
+falls(2, Robot, Team) -> without_power(Robot, Team);
+falls(3, Robot, Team) -> kept(power_goes_soon(Robot, Team), Team).
+
+power_goes_soon(#robot{computer = Computer} = Robot, Team) ->
+    {N, Drawn} = draw(?OPERATIONS, Robot, Team),
+    ok = starl_virtual_computer:cut_after(N, Computer),
+    Drawn.
+
+%% There is another disk in the robot, which has no power.
+store_struck(Strike, #robot{id = Id, computer = Computer}, #team{now = Now} = Team) ->
+    Disk = starl_virtual_computer:disk(Computer),
+    case Strike of
+        lose_store ->
+            ok = starl_virtual_disk:erase(Disk),
+            Team;
+        {save_store, Image} ->
+            ok = starl_virtual_disk:save(Image, Disk),
+            Team;
+        {set_back_store, Image} ->
+            Back = starl_virtual_disk:set_back(Image, Disk),
+            judged([{Now, Id, robot, store_set_back} || Back =:= ok], Team)
+    end.
 
 %% The operator tells a robot that is up; one that is down starts with what it is to run.
 told(Word, #robot{id = Id, life = Life, condition = up} = Robot, Team) ->
@@ -471,32 +370,18 @@ told(Word, #robot{id = Id, life = Life, condition = up} = Robot, Team) ->
 told(_Word, Robot, Team) ->
     kept(Robot, Team).
 
-%% A robot that starts before its machine has passed its trial is on trial from its start on.
-codes(#robot{codes = Codes, heeded = Heeded}, #{reloads := Reloads}, Now) ->
-    Passed = [
-        N
-     || {{_Name, N}, At} <- lists:sort(maps:to_list(Heeded)),
-        Now > At + maps:get(trial_us, maps:get(order, maps:get(N, Reloads)))
-    ],
-    lists:foldl(fun starl_reload:passed/2, Codes, lists:sort(Passed));
-codes(_Robot, _World, _Now) ->
-    #{}.
-
 goes_down(_Why, #robot{condition = Condition}, Team) when Condition =/= up ->
     Team;
 goes_down(Why, #robot{id = Id, program = Program, names = Names} = Robot, Team) ->
     _ = starl_virtual_robot:halt(Program),
-    ok = power(Why, Robot),
+    ok = starl_virtual_computer:power(Why, Robot#robot.computer),
     #team{now = Now} = Team,
     Crashed = [{Now, Id, Name, crashed} || Name <- Names],
     Facts = [{Now, Id, robot, down} || Names =/= []] ++ Crashed,
     judged(Facts, kept(Robot#robot{condition = down, names = []}, Team)).
 
-without_power(#robot{disk = Disk} = Robot, Team) ->
-    goes_down({starl_power_cut, Disk}, Robot, Team).
-
-power({starl_power_cut, _}, #robot{disk = Disk}) -> starl_virtual_disk:cut_power(Disk);
-power(_Killed, #robot{disk = Disk}) -> starl_virtual_disk:keep_power(Disk).
+without_power(#robot{computer = Computer} = Robot, Team) ->
+    goes_down({starl_power_cut, starl_virtual_computer:disk(Computer)}, Robot, Team).
 
 %% A program takes a while to start: two lives do not begin in one millisecond.
 comes_up(#robot{id = Id, condition = down, booted_us = Last}, #team{now = Now} = Team) when
@@ -504,21 +389,8 @@ comes_up(#robot{id = Id, condition = down, booted_us = Last}, #team{now = Now} =
 ->
     plan(Last + ?AGAIN_US, {boot, Id}, Team);
 comes_up(#robot{condition = down, life = Before} = Robot, #team{world = World, now = Now} = Team) ->
-    #{seed := Seed} = World,
-    #robot{id = Id, config = #{radio := {Module, Radio}} = Config, shown = Shown} = Robot,
     Life = Before + 1,
-    Clock = starl_live_clock:on(
-        {starl_virtual_clock, Shown}, starl_live_clock:new(?EPOCH_US, 1)
-    ),
-    Random = fun(Stream) ->
-        rand:seed_s(exsss, erlang:phash2({Seed, Id, Life, Stream}, 4294967296))
-    end,
-    Own = Config#{
-        codes => codes(Robot, World, Now),
-        random => fun(Name, Incarnation) -> Random({Name, Incarnation}) end,
-        radio := {Module, Radio#{random => fun() -> Random(radio) end}}
-    },
-    Up = Robot#robot{life = Life, booted_us = Now},
-    done(runs(fun() -> starl_virtual_robot:boot(Own, Clock) end, Up, Team), Up, Team);
+    Started = starl_virtual_computer:start(Life, Now, World, Robot#robot.computer),
+    done(Started, Robot#robot{life = Life, booted_us = Now}, Team);
 comes_up(_Robot, Team) ->
     Team.
