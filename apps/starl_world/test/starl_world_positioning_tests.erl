@@ -40,6 +40,34 @@ rounded_test() ->
     ?assert(is_float(X) andalso is_float(Y)),
     ?assertEqual({X, Y}, {float(round(X)), float(round(Y))}).
 
+%% -- looks that wait for hardware -------------------------------------------------------------------
+
+nobody_is_waited_for_without_hardware_test() ->
+    ?assertEqual(taken, ?M:begun(look([1, 2]), 0, [], system(#{}))).
+
+the_last_answer_takes_the_picture_of_the_look_test() ->
+    {Words, Asked} = ?M:begun(look([1, 2, 3]), 700, [{2, self()}, {3, self()}], system(#{})),
+    [{_, N}, {_, N}] = Words,
+    {waits, One} = ?M:settled(3, N, Asked),
+    %% twice is no other one
+    {waits, Same} = ?M:settled(3, N, One),
+    ?assertMatch({taken, {{1, _}, [1, 2, 3]}, 700, _}, ?M:settled(2, N, Same)),
+    {taken, _, _, Done} = ?M:settled(2, N, Same),
+    ?assertMatch({waits, _}, ?M:settled(2, N, Done)).
+
+looks_do_not_mix_test() ->
+    {[{_, A}], First} = ?M:begun(look([2]), 1, [{2, self()}], system(#{})),
+    {[{_, B}], Both} = ?M:begun(look([2, 3]), 2, [{2, self()}], First),
+    {taken, {_, [2, 3]}, 2, Left} = ?M:settled(2, B, Both),
+    ?assertMatch({taken, {_, [2]}, 1, _}, ?M:settled(2, A, Left)).
+
+looks_that_nobody_answers_are_forgotten_test() ->
+    {[{_, A}], First} = ?M:begun(look([2]), 0, [{2, self()}], system(#{})),
+    {_, Later} = ?M:begun(look([3]), 1000001, [{3, self()}], First),
+    ?assertMatch({waits, _}, ?M:settled(2, A, Later)).
+
+look(Ids) -> {{1, self()}, Ids}.
+
 shown(Id, Poses, Now, System) ->
     {Seen, Drawn} = ?M:seen(0, [{R, Pose, Now} || {R, Pose} <- Poses], System),
     ?M:shown(Id, Seen, Now, Drawn).

@@ -121,7 +121,7 @@ embody(World, Robot) -> gen_server:call(World, {embody, Robot}).
 
 %% @doc The calling process is the hardware of this robot from now on: it drives the body, which goes
 %% on when the robot's link ends. Asked `{starl_settle, World, N}' it tells all that it has done until
-%% then, and afterwards `{starl_settled, Robot, N}' ({@link starl_world_looks}).
+%% then, and afterwards `{starl_settled, Robot, N}' ({@link starl_world_positioning}).
 -spec inhabit(pid(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
 inhabit(World, Robot) -> gen_server:call(World, {inhabit, Robot}).
 

@@ -3,14 +3,27 @@
 %% (class `location'). A pure module.
 %%
 %% A robot for which the system is frozen gets the last picture again and again, as a new one.
+%%
+%% <em>Looks that wait for hardware.</em> What hardware did is heard late on a busy
+%% computer, so a picture taken at once would show a body where it is not any more, as of now. So
+%% hardware is asked first to tell everything up to the moment of the look, and the picture is of that
+%% moment:
+%% ```
+%%     robot -- look --> world -- {starl_settle, World, N} --> hardware
+%%     robot <- picture - world <-- {starl_settled, Robot, N} -- hardware     after all that it has told
+%% '''
+%% Hardware that has ended does not answer, and a look that is not answered is forgotten.
 -module(starl_world_positioning).
 
--export([new/2, rate_hz/1, fault/2, seen/3, shown/4]).
+-export([new/2, rate_hz/1, fault/2, begun/4, settled/3, picture/5, seen/3, shown/4]).
 
--export_type([t/0, options/0]).
+-export_type([t/0, options/0, look/0]).
 
 %% `rate_hz': the pictures a second (`none': one whenever a robot asks).
 -type options() :: #{rate_hz => number() | none, whole_mm => boolean(), atom() => term()}.
+
+%% Who looks, and at whom.
+-type look() :: {By :: {starl:robot_id(), Sight :: pid()} | all, [starl:robot_id()]}.
 
 -record(positioning, {
     profiles :: starl_chassis:profiles(),
@@ -20,10 +33,16 @@
     draws = 0 :: non_neg_integer(),
     %% what each robot was shown last, and the faults that last
     shown = #{} :: #{starl:robot_id() => #{starl:robot_id() => starl:pose()}},
-    faults = [] :: [starl_world_faults:fault()]
+    faults = [] :: [starl_world_faults:fault()],
+    %% the number of the next look that waits, and those that wait
+    next = 1 :: pos_integer(),
+    waiting = #{} :: #{pos_integer() => {look(), AtUs :: integer(), [starl:robot_id(), ...]}}
 }).
 
 -opaque t() :: #positioning{}.
+
+%% A picture that is older is of no use to a robot.
+-define(FORGOTTEN_US, 1000000).
 
 %% @doc The positioning system of a simulation's world.
 -spec new(starl_sim_world:t(), options()) -> t().
@@ -39,12 +58,64 @@ new(#{profiles := Profiles, seed := Seed}, Options) ->
 -spec rate_hz(t()) -> number() | none.
 rate_hz(#positioning{rate_hz = Rate}) -> Rate.
 
-%% @doc One of its faults begins or ends.
+%% @doc A fault begins or ends, which may be one of its.
 -spec fault(starl_world_faults:told(), t()) -> t().
-fault({began, Fault}, #positioning{faults = Faults} = Positioning) ->
-    Positioning#positioning{faults = Faults ++ [Fault]};
-fault({ended, Fault}, #positioning{faults = Faults} = Positioning) ->
-    Positioning#positioning{faults = lists:keydelete(element(1, Fault), 1, Faults)}.
+fault({Is, Fault}, #positioning{faults = Faults} = Positioning) ->
+    case {starl_run_fault:class(Fault), Is} of
+        {location, began} ->
+            Positioning#positioning{faults = Faults ++ [Fault]};
+        {location, ended} ->
+            Positioning#positioning{faults = lists:keydelete(element(1, Fault), 1, Faults)};
+        _ ->
+            Positioning
+    end.
+
+%% @doc Somebody looks now, at bodies with this hardware among others. Is the picture taken at once
+%% (`taken'), or which words are to be sent to the hardware first?
+-spec begun(look(), NowUs :: integer(), [{starl:robot_id(), Hardware :: pid()}], t()) ->
+    taken | {[{pid(), N :: pos_integer()}, ...], t()}.
+begun(_Look, _Now, [], _Positioning) ->
+    taken;
+begun(Look, Now, Hardware, #positioning{next = N, waiting = Waiting} = Positioning) ->
+    Young = maps:filter(fun(_, {_, At, _}) -> Now - At =< ?FORGOTTEN_US end, Waiting),
+    {[{Pid, N} || {_, Pid} <- Hardware], Positioning#positioning{
+        next = N + 1, waiting = Young#{N => {Look, Now, [Id || {Id, _} <- Hardware]}}
+    }}.
+
+%% @doc The hardware of a robot has told everything up to the N-th look: the look and its time, if it was
+%% the last one that was waited for.
+-spec settled(starl:robot_id(), N :: pos_integer(), t()) ->
+    {taken, look(), AtUs :: integer(), t()} | {waits, t()}.
+settled(Id, N, #positioning{waiting = Waiting} = Positioning) ->
+    case Waiting of
+        #{N := {Look, At, [Id]}} ->
+            {taken, Look, At, Positioning#positioning{waiting = maps:remove(N, Waiting)}};
+        #{N := {Look, At, Ids}} ->
+            {waits, Positioning#positioning{
+                waiting = Waiting#{N := {Look, At, lists:delete(Id, Ids)}}
+            }};
+        #{} ->
+            {waits, Positioning}
+    end.
+
+%% @doc The picture of a look as of a time: what each sight that looks is shown.
+-spec picture(look(), AtUs :: integer(), NowUs :: integer(), starl_world_team:t(), t()) ->
+    {[{Sight :: pid(), [starl_live_positioning:sighting()]}], t()}.
+picture({By, Ids}, At, Now, Robots, Positioning) ->
+    {Id, Watching} =
+        case By of
+            all -> {0, starl_world_team:watching(Robots)};
+            {Robot, _Sight} -> {Robot, [By]}
+        end,
+    {Seen, Taken} = seen(Id, starl_world_team:poses(Ids, At, Now, Robots), Positioning),
+    lists:mapfoldl(
+        fun({R, Sight}, Before) ->
+            {Picture, Next} = shown(R, Seen, Now, Before),
+            {{Sight, Picture}, Next}
+        end,
+        Taken,
+        Watching
+    ).
 
 %% @doc A picture of robots at these true poses, each at its time; `By': the robot that looks, 0 if the
 %% system does by itself.

@@ -13,15 +13,11 @@
     clock :: starl_live_clock:t(),
     robots :: starl_world_team:t(),
     positioning :: starl_world_positioning:t(),
-    looks = starl_world_looks:new() :: starl_world_looks:t(),
     %% what hardware touches; is it looked at?
     floor :: starl_world_floor:t(),
     is_felt = false :: boolean(),
-    judge :: starl_world_judge:t(),
-    observer :: starl_observer:t(),
+    court :: starl_world_court:t(),
     limit_us :: integer(),
-    faults = starl_world_fault_log:new() :: starl_world_fault_log:t(),
-    leader = none :: starl:robot_id() | none,
     ending = none :: starl_world:ending() | none,
     callers = [] :: [gen_server:from()]
 }).
@@ -39,14 +35,12 @@ init(#{plan := Plan, clock := Clock} = Config) ->
     {Traces, Robots} = starl_world_team:new(Poses, Sim),
     Observer = maps:get(observe, Config, none),
     _ = [ok = starl_observer:tell({begun, Facts}, Observer) || #{facts := Facts} <- [Config]],
-    Judge = starl_world_judge:new(Monitors, starl_world_judge:horizon_us(), Observer),
     {ok, #world{
         clock = Clock,
         robots = Robots,
         positioning = Positioning,
         floor = starl_world_floor:new(maps:with([arena], Config)),
-        judge = starl_world_judge:told(Traces, Judge),
-        observer = Observer,
+        court = starl_world_court:told(Traces, starl_world_court:new(Monitors, Observer)),
         limit_us = Limit
     }}.
 
@@ -111,10 +105,10 @@ reached(From, World) ->
     gen_server:reply(From, ok),
     World.
 
-status(#world{robots = Robots, leader = Leader, ending = Ending} = World) ->
+status(#world{robots = Robots, court = Court, ending = Ending} = World) ->
     #{
         now_us => now_us(World),
-        leader => Leader,
+        leader => starl_world_court:leader(Court),
         running => length(starl_world_team:running(Robots)),
         up => starl_world_team:up(Robots),
         ending => Ending
@@ -160,13 +154,8 @@ heard(Id, Chassis, {told, Then, What}, World) ->
 heard(Id, Chassis, What, World) ->
     heard_at(Id, Chassis, {now, What}, fun(_At, Next) -> Next end, World).
 
-%% What is heard so late cannot be judged at its time.
-late(Then, #world{judge = Judge} = World) ->
-    Now = now_us(World),
-    case Then < Now - starl_world_judge:horizon_us() of
-        true -> by(starl_world_judge:stood_still(Then, Now, Judge), World);
-        false -> World
-    end.
+late(Then, #world{court = Court} = World) ->
+    World#world{court = starl_world_court:late(Then, now_us(World), Court)}.
 
 heard_at(Id, Chassis, Told, Then, #world{robots = Robots} = World) ->
     case starl_world_team:heard(Id, Chassis, Told, now_us(World), Robots) of
@@ -183,8 +172,8 @@ yielded({Traces, Words, Robots}, World) ->
     ok = lists:foreach(fun(Word) -> say(Word, Next) end, Others),
     told(Traces, Next).
 
-undo({undo, Events}, #world{judge = Judge} = World) ->
-    by(starl_world_judge:undone(Events, now_us(World), Judge), World).
+undo({undo, Events}, #world{court = Court} = World) ->
+    World#world{court = starl_world_court:undone(Events, now_us(World), Court)}.
 
 %% A wake-up that comes when there is nothing to do any more does no harm.
 say({tell, Pid, Message}, _World) ->
@@ -235,76 +224,50 @@ show(#world{positioning = Positioning, robots = Robots} = World) ->
     ok = at(now_us(World) + round(1.0e6 / Rate), show, World),
     look({all, starl_world_team:ids(Robots)}, World).
 
-look({_, Ids} = Look, #world{looks = Looks, robots = Robots} = World) ->
+look({_, Ids} = Look, #world{positioning = Positioning, robots = Robots} = World) ->
     Now = now_us(World),
-    case starl_world_looks:begun(Look, Now, starl_world_team:free(Ids, Robots), Looks) of
+    case
+        starl_world_positioning:begun(Look, Now, starl_world_team:free(Ids, Robots), Positioning)
+    of
         taken ->
             picture(Look, Now, World);
         {Words, Next} ->
             _ = [Hardware ! {starl_settle, self(), N} || {Hardware, N} <- Words],
-            World#world{looks = Next}
+            World#world{positioning = Next}
     end.
 
-settled(Id, N, #world{looks = Looks} = World) ->
-    case starl_world_looks:settled(Id, N, Looks) of
-        {taken, Look, At, Next} -> picture(Look, At, World#world{looks = Next});
-        {waits, Next} -> World#world{looks = Next}
+settled(Id, N, #world{positioning = Positioning} = World) ->
+    case starl_world_positioning:settled(Id, N, Positioning) of
+        {taken, Look, At, Next} -> picture(Look, At, World#world{positioning = Next});
+        {waits, Next} -> World#world{positioning = Next}
     end.
 
-picture({{Id, Sight}, Ids}, At, World) ->
-    {Seen, Next} = seen(Id, Ids, At, World),
-    pictured(Id, Sight, Seen, Next);
-picture({all, Ids}, At, #world{robots = Robots} = World) ->
-    {Seen, Next} = seen(0, Ids, At, World),
-    Watching = starl_world_team:watching(Robots),
-    lists:foldl(fun({Id, Sight}, W) -> pictured(Id, Sight, Seen, W) end, Next, Watching).
-
-seen(By, Ids, At, #world{positioning = Positioning, robots = Robots} = World) ->
-    Poses = starl_world_team:poses(Ids, At, now_us(World), Robots),
-    {Seen, Next} = starl_world_positioning:seen(By, Poses, Positioning),
-    {Seen, World#world{positioning = Next}}.
-
-pictured(Id, Sight, Seen, #world{positioning = Positioning} = World) ->
-    {Picture, Next} = starl_world_positioning:shown(Id, Seen, now_us(World), Positioning),
-    Sight ! {starl_seen, Picture},
+picture(Look, At, #world{positioning = Positioning, robots = Robots} = World) ->
+    Now = now_us(World),
+    {Pictures, Next} = starl_world_positioning:picture(Look, At, Now, Robots, Positioning),
+    _ = [Sight ! {starl_seen, Picture} || {Sight, Picture} <- Pictures],
     World#world{positioning = Next}.
 
 %% -- faults ---------------------------------------------------------------------------------
 
 %% The schedule's, and those by hand.
-fault({_, Fault} = Told, #world{positioning = Positioning} = World) ->
-    case starl_run_fault:class(Fault) of
-        location ->
-            Next = starl_world_positioning:fault(Told, Positioning),
-            tell(Told, World#world{positioning = Next});
-        _ ->
-            tell(Told, World)
-    end.
+fault(Told, #world{positioning = Positioning, court = Court} = World) ->
+    World#world{
+        positioning = starl_world_positioning:fault(Told, Positioning),
+        court = starl_world_court:fault(Told, now_us(World), Court)
+    }.
 
-tell(Told, #world{judge = Judge, observer = Observer, faults = Faults} = World) ->
-    {Own, Log} = starl_world_fault_log:entry(Told, Faults),
-    ok = starl_observer:tell({fault, now_us(World), Own}, Observer),
-    World#world{judge = starl_world_judge:faults([Own], Judge), faults = Log}.
-
-node_told({clock, Id, Us}, #world{judge = Judge} = World) ->
-    by(starl_world_judge:clock(Id, Us, Judge), World);
-node_told({halt, Id, Fault}, #world{judge = Judge} = World) ->
-    Held = starl_world_judge:hold(Id, now_us(World), Judge),
-    #world{faults = Faults} = Next = stands(World#world{judge = Held}),
-    Next#world{faults = starl_world_fault_log:halt(Id, Fault, Faults)};
-node_told({resumed, Id}, #world{judge = Judge} = World) ->
-    goes_on(starl_world_judge:released(Id, now_us(World), Judge), World);
-node_told({halted, Id}, #world{robots = Robots, judge = Judge} = World) ->
+node_told({clock, Id, Us}, #world{court = Court} = World) ->
+    World#world{court = starl_world_court:clock(Id, Us, Court)};
+node_told({halt, Id, Fault}, #world{court = Court} = World) ->
+    World#world{court = starl_world_court:halt(Id, Fault, now_us(World), Court)};
+node_told({resumed, Id}, #world{court = Court} = World) ->
+    World#world{court = starl_world_court:released(Id, now_us(World), Court)};
+node_told({halted, Id}, #world{robots = Robots} = World) ->
     Now = now_us(World),
     {Events, Next} = starl_world_team:halted(Id, unsaid(Id, Robots), Now, Robots),
-    Halted = World#world{robots = Next, judge = starl_world_judge:halted(Id, Now, Judge)},
-    stands(told(Events, Halted)).
-
-%% A pause has begun where a robot stands, and ended where it does no more.
-stands(#world{judge = Judge, faults = Faults} = World) ->
-    Standing = starl_world_judge:standing(Judge),
-    {Told, Log} = starl_world_fault_log:stands(Standing, now_us(World) div 1000, Faults),
-    lists:foldl(fun tell/2, World#world{faults = Log}, Told).
+    #world{court = Court} = Known = told(Events, World#world{robots = Next}),
+    Known#world{court = starl_world_court:halted(Id, Now, Court)}.
 
 %% -- robots that start and end --------------------------------------------------------------
 
@@ -318,14 +281,8 @@ traced(Id, Link, Batch, #world{robots = Robots} = World) ->
     {New, Next} = starl_world_team:traced(Id, Link, Batch, Robots),
     told(New, heard_again(Id, World#world{robots = Next})).
 
-%% A node that goes on may have to wait for its processor.
-heard_again(Id, #world{judge = Judge} = World) ->
-    case starl_world_judge:is_awaited(Id, Judge) of
-        true -> goes_on(starl_world_judge:resumed(Id, now_us(World), Judge), World);
-        false -> World
-    end.
-
-goes_on(Judge, World) -> stands(World#world{judge = Judge}).
+heard_again(Id, #world{court = Court} = World) ->
+    World#world{court = starl_world_court:heard(Id, now_us(World), Court)}.
 
 gone(Pid, #world{robots = Robots} = World) ->
     case starl_world_team:of_link(Pid, Robots) of
@@ -354,17 +311,11 @@ result(Id, Result, #world{robots = Robots} = World) ->
 
 %% -- judging --------------------------------------------------------------------------------
 
-told(Events, #world{judge = Judge, leader = Leader} = World) ->
-    World#world{
-        judge = starl_world_judge:told(Events, Judge),
-        leader = lists:foldl(fun leads/2, Leader, Events)
-    }.
+told(Events, #world{court = Court} = World) ->
+    World#world{court = starl_world_court:told(Events, Court)}.
 
-leads({_Us, Robot, _Machine, {leads, _Term}}, _Leader) -> Robot;
-leads(_Event, Leader) -> Leader.
-
-radioed(Events, #world{judge = Judge} = World) ->
-    World#world{judge = starl_world_judge:heard(Events, Judge)}.
+radioed(Events, #world{court = Court} = World) ->
+    World#world{court = starl_world_court:radioed(Events, Court)}.
 
 judge(World) ->
     _ = erlang:send_after(?JUDGE_MS, self(), judge),
@@ -378,12 +329,12 @@ judged(World) ->
         {ok, Next} -> sound(Now, Next, World)
     end.
 
-verdict(Now, #world{judge = Judge}) -> starl_world_judge:look(Now, 1000 * ?JUDGE_MS, Judge).
+verdict(Now, #world{court = Court}) -> starl_world_court:look(Now, 1000 * ?JUDGE_MS, Court).
 
-sound(Now, Judge, #world{limit_us = Limit} = World) when Now >= Limit ->
-    ended(time, by(Judge, World));
-sound(_Now, Judge, World) ->
-    goes_on(Judge, by(Judge, World)).
+sound(Now, Judge, #world{limit_us = Limit, court = Court} = World) when Now >= Limit ->
+    ended(time, World#world{court = starl_world_court:close(Judge, Court)});
+sound(Now, Judge, #world{court = Court} = World) ->
+    World#world{court = starl_world_court:accept(Judge, Now, Court)}.
 
 %% A fact may be under way from a node that hangs, or waits for its processor, while what follows from it has come.
 %% Nobody is accused before it is looked for where it was written.
@@ -398,7 +349,8 @@ doubted(Now, Judge, World) ->
             end
     end.
 
-accused(Judge, World) -> ended(violation, by(starl_world_judge:accuse(Judge), World)).
+accused(Judge, #world{court = Court} = World) ->
+    ended(violation, World#world{court = starl_world_court:accuse(Judge, Court)}).
 
 %% The facts up to this time that robots have written and not told. At the end they go on: of two facts up to now both are
 %% written, if the second follows from the first.
@@ -412,15 +364,6 @@ recalled(Until, #world{robots = Robots} = World) ->
     Events = [Event || Event <- lists:append(Written), element(1, Event) =< Until],
     {Events, told(Events, World#world{robots = Next})}.
 
-%% What is not judged any more is logged.
-by(Judge, #world{judge = Before} = World) ->
-    Known = starl_world_judge:unjudged(Before),
-    _ = [
-        logger:warning(#{what => not_judged, why => unicode:characters_to_binary(Line)})
-     || Part <- starl_world_judge:unjudged(Judge) -- Known, Line <- [starl_unjudged:format(Part)]
-    ],
-    World#world{judge = Judge}.
-
 ended(Ending, #world{ending = none, callers = Callers} = World) ->
     lists:foreach(fun(From) -> gen_server:reply(From, Ending) end, Callers),
     World#world{ending = Ending, callers = []};
@@ -429,7 +372,5 @@ ended(_Ending, World) ->
 
 outcome(World) ->
     Now = now_us(World),
-    {_, #world{judge = Judge, robots = Robots} = Known} = recalled(Now, World),
-    #world{ending = Ending, observer = Observer} = Known,
-    Outcome = starl_world_outcome:close(Ending, Now, {Judge, Robots}, Observer),
-    Outcome#{faults => starl_world_fault_log:faults(Now div 1000, World#world.faults)}.
+    {_, #world{court = Court, robots = Robots, ending = Ending}} = recalled(Now, World),
+    starl_world_court:outcome(Ending, Now, Robots, Court).
