@@ -1,9 +1,11 @@
 %% @doc What is wrong with a Create or its line, and what to do about it, in one line each.
+%% A driver remembers what it has said: it says it once, until things are well again.
 -module(starl_create_advice).
 
--export([line/1, is_news/2, on_busy/2]).
+-export([line/1, is_news/2]).
+-export([new/0, late/3, say/3, well/1]).
 
--export_type([t/0]).
+-export_type([t/0, memory/0]).
 
 -type t() ::
     {gone, Reason :: term()}
@@ -23,6 +25,46 @@
     | {busy, LateUs :: pos_integer(), t()}
     | under_control.
 
+-record(memory, {
+    %% what was said last, and not taken back
+    said = none :: t() | none,
+    %% the latest that a timer of the driver's own, or a sign of life, came too late, and when
+    missed = none :: {Us :: pos_integer(), AtUs :: integer()} | none
+}).
+
+-opaque memory() :: #memory{}.
+
+%% The lateness that is none; the time for which a computer that was late is taken for busy.
+-define(LATE_US, 50000).
+-define(BUSY_US, 10000000).
+
+%% @doc Nothing was said.
+-spec new() -> memory().
+new() -> #memory{}.
+
+%% @doc This computer is so late now.
+-spec late(Us :: integer(), NowUs :: integer(), memory()) -> memory().
+late(Us, Now, #memory{missed = Before} = Memory) when Us >= ?LATE_US ->
+    case Before of
+        {Worse, At} when Worse > Us, Now - At < ?BUSY_US -> Memory;
+        _ -> Memory#memory{missed = {Us, Now}}
+    end;
+late(_Us, _Now, Memory) ->
+    Memory.
+
+%% @doc The line to be said now, if it is news.
+-spec say(t(), NowUs :: integer(), memory()) -> {[unicode:chardata()], memory()}.
+say(Given, Now, #memory{said = Before, missed = Missed} = Memory) ->
+    Advice = on_busy(Given, Now, Missed),
+    case is_news(Advice, Before) of
+        false -> {[], Memory};
+        true -> {[line(Advice)], Memory#memory{said = Advice}}
+    end.
+
+%% @doc Things are well again; were they not?
+-spec well(memory()) -> {boolean(), memory()}.
+well(#memory{said = Said} = Memory) -> {Said =/= none, Memory#memory{said = none}}.
+
 %% @doc Has this not been said, by what was said last? A second advice about the same is no news before
 %% things are well again, unless it has become twice as bad.
 -spec is_news(t(), Before :: t() | none) -> boolean().
@@ -30,14 +72,15 @@ is_news({late, Us}, {late, Before}) -> Us >= 2 * Before;
 is_news(_Advice, none) -> true;
 is_news(Advice, Before) -> topic(Advice) =/= topic(Before).
 
-%% @doc An advice by a computer that has been late itself by this time. What it has missed may look like
-%% another baud rate, a robot that is asleep, or a pressed button: that it is busy comes first.
--spec on_busy(t(), LateUs :: pos_integer()) -> t().
-on_busy(Advice, LateUs) ->
+%% What a computer that was late has missed may look like another baud rate, a robot that is asleep, or a pressed
+%% button: that it is busy comes first.
+on_busy(Advice, Now, {Us, At}) when Now - At < ?BUSY_US ->
     case is_by_time(Advice) of
-        true -> {busy, LateUs, Advice};
+        true -> {busy, Us, Advice};
         false -> Advice
-    end.
+    end;
+on_busy(Advice, _Now, _Missed) ->
+    Advice.
 
 is_by_time({stopped_by_itself, Why}) -> Why =:= none;
 is_by_time(silent) -> true;
@@ -74,28 +117,39 @@ line({no_frames_at, Baud}) ->
     ];
 line({asleep, Baud, Line}) ->
     [no_answer(Baud), wakes_by(Line)];
-line({other_sensors, Model}) ->
+line(Advice) ->
+    of_robot(Advice).
+
+%% What the robot is, and how it is.
+of_robot({other_sensors, Model}) ->
     [
         "a robot answers, but does not know the sensors of a Create ",
         integer_to_list(Model),
         ": set its model to ",
         integer_to_list(3 - Model)
     ];
-line(is_create_2) ->
+of_robot(is_create_2) ->
     "the robot is a Create 2: set its model to 2";
-line(silent) ->
+of_robot(silent) ->
     "the robot has fallen silent: greeting it anew";
-line({late, Us}) ->
+of_robot({no_control, Why}) ->
+    ["the robot does not come under control: ", remedy(Why)];
+of_robot({stopped_by_itself, Why}) ->
+    ["the robot has stopped by itself: ", cause(Why)];
+of_robot({low_battery, Percent}) ->
+    io_lib:format("the robot's battery is low (~p %): charge it", [Percent]);
+of_robot(under_control) ->
+    "the robot is under control again";
+of_robot(Advice) ->
+    of_computer(Advice).
+
+of_computer({late, Us}) ->
     io_lib:format(
         "a leg lasted ~b ms too long: the computer is too busy to drive a robot well, which is "
         "driven more slowly now",
         [Us div 1000]
     );
-line({no_control, Why}) ->
-    ["the robot does not come under control: ", remedy(Why)];
-line({stopped_by_itself, Why}) ->
-    ["the robot has stopped by itself: ", cause(Why)];
-line({busy, Us, Advice}) ->
+of_computer({busy, Us, Advice}) ->
     [
         io_lib:format(
             "this computer is too busy: what the driver waits for came ~b ms late; give it less other "
@@ -104,13 +158,9 @@ line({busy, Us, Advice}) ->
         ),
         line(Advice)
     ];
-line({low_battery, Percent}) ->
-    io_lib:format("the robot's battery is low (~p %): charge it", [Percent]);
-line(ordinary_priority) ->
+of_computer(ordinary_priority) ->
     "the port program runs without real-time priority: on a busy computer it cuts legs short; let this "
-    "user have it (LimitRTPRIO=1 in a systemd unit, or 'USER - rtprio 1' in /etc/security/limits.conf)";
-line(under_control) ->
-    "the robot is under control again".
+    "user have it (LimitRTPRIO=1 in a systemd unit, or 'USER - rtprio 1' in /etc/security/limits.conf)".
 
 wakes_by(none) ->
     ": switch it on (it may be asleep), or look at its cable and baud rate";

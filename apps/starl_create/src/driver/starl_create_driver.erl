@@ -48,10 +48,7 @@
     %% it is to rest as soon as it is there
     rests = false :: boolean(),
     greeting :: starl_create_greeting:t(),
-    %% what was said last, and not taken back
-    said = none :: starl_create_advice:t() | none,
-    %% the latest that a timer of its own, or a sign of life, came too late, and when
-    missed = none :: {Us :: pos_integer(), AtUs :: integer()} | none,
+    said = starl_create_advice:new() :: starl_create_advice:memory(),
     now = 0 :: integer(),
     priority = unknown :: starl_create_port:priority() | unknown,
     parser :: starl_create_stream:t(),
@@ -74,9 +71,6 @@
 -define(SILENCE_MS, 150).
 -define(DOUBT_MS, 100).
 -define(ODOMETRY_MS, 200).
-%% The lateness that is none; the time for which a computer that was late is taken for busy.
--define(LATE_US, 50000).
--define(BUSY_US, 10000000).
 %% A robot that leaves its dock is taken afterwards.
 -define(LEAVE_MS, 4000).
 -define(LEAVE_REF, 0).
@@ -225,26 +219,21 @@ heard_at({error, Reason}, _Now, Driver) ->
     said(warning, {line_error, Reason}, Driver);
 heard_at({timeout, Timer}, _Now, Driver) ->
     due(Timer, Driver);
-%% The stop bytes have raised the pen, too.
-heard_at({stopped, Why, _At} = Stopped, Now, #driver{senses = Senses, drive = Drive} = Driver0) ->
-    Driver =
-        case Why of
-            guardian -> Driver0;
-            _ -> missed(?HALTED_US, Now, Driver0)
-        end,
-    {Actions, Next} = drives(starl_create_drive:hear(Stopped, Senses, Drive), Driver),
-    Pen = starl_create_instructions:pen(Driver#driver.pen, Driver#driver.options),
-    {[{port, {send, Pen}} || Driver#driver.phase =:= ready] ++ Actions, Next};
+heard_at({stopped, guardian, _At} = Stopped, _Now, Driver) ->
+    halted(Stopped, Driver);
+heard_at({stopped, _Why, _At} = Stopped, Now, Driver) ->
+    halted(Stopped, missed(?HALTED_US, Now, Driver));
 heard_at(OfScript, _Now, #driver{senses = Senses, drive = Drive} = Driver) ->
     drives(starl_create_drive:hear(OfScript, Senses, Drive), Driver).
 
-missed(Us, Now, #driver{missed = Before} = Driver) when Us >= ?LATE_US ->
-    case Before of
-        {Worse, At} when Worse > Us, Now - At < ?BUSY_US -> Driver;
-        _ -> Driver#driver{missed = {Us, Now}}
-    end;
-missed(_Us, _Now, Driver) ->
-    Driver.
+%% The stop bytes have raised the pen, too.
+halted(Stopped, #driver{senses = Senses, drive = Drive} = Driver) ->
+    {Actions, Next} = drives(starl_create_drive:hear(Stopped, Senses, Drive), Driver),
+    Pen = starl_create_instructions:pen(Driver#driver.pen, Driver#driver.options),
+    {[{port, {send, Pen}} || Driver#driver.phase =:= ready] ++ Actions, Next}.
+
+missed(Us, Now, #driver{said = Said} = Driver) ->
+    Driver#driver{said = starl_create_advice:late(Us, Now, Said)}.
 
 %% The actions of the driver's parts.
 told(Actions, Driver) -> in_turn([tell(Action) || Action <- Actions], Driver).
@@ -263,17 +252,9 @@ timer(Name, Ms) -> do({timer, Name, Ms}).
 %% It is said once, until things are well again.
 say(Level, Advice) -> fun(Driver) -> said(Level, Advice, Driver) end.
 
-said(Level, Given, #driver{said = Before} = Driver) ->
-    Advice = advice(Given, Driver),
-    case starl_create_advice:is_news(Advice, Before) of
-        false -> {[], Driver};
-        true -> {[{say, Level, starl_create_advice:line(Advice)}], Driver#driver{said = Advice}}
-    end.
-
-advice(Advice, #driver{missed = {Us, At}, now = Now}) when Now - At < ?BUSY_US ->
-    starl_create_advice:on_busy(Advice, Us);
-advice(Advice, _Driver) ->
-    Advice.
+said(Level, Advice, #driver{said = Before, now = Now} = Driver) ->
+    {Lines, Said} = starl_create_advice:say(Advice, Now, Before),
+    {[{say, Level, Line} || Line <- Lines], Driver#driver{said = Said}}.
 
 %% It has no control any more.
 lose(Next) ->
@@ -283,17 +264,8 @@ lose(Next) ->
 
 %% -- time-outs ------------------------------------------------------------------------------
 
-due(step, #driver{phase = greeting} = Driver) ->
-    greeted(starl_create_greeting:due(Driver#driver.greeting), Driver);
-due(step, #driver{phase = closed, greeting = Greeting} = Driver) ->
-    {[{port, starl_create_greeting:opening(Greeting)}], Driver};
-due(step, #driver{phase = taking, senses = Senses} = Driver) ->
-    Advice = {no_control, starl_create_senses:unsafe(Senses)},
-    in_turn([say(warning, Advice), take(?LATER_MS)], Driver);
-due(step, #driver{phase = leaving} = Driver) ->
-    (take(?MODE_MS))(Driver);
 due(step, Driver) ->
-    {[], Driver};
+    step_due(Driver);
 %% If the computer itself stood still, the frames are there in a moment.
 due(silence, #driver{is_silent = false} = Driver) ->
     {[{timer, silence, ?DOUBT_MS}], Driver#driver{is_silent = true}};
@@ -314,6 +286,18 @@ due(odometry, #driver{model = 1, phase = Phase, odometry = Odometry} = Driver) w
 due(odometry, Driver) ->
     {[], Driver}.
 
+step_due(#driver{phase = greeting} = Driver) ->
+    greeted(starl_create_greeting:due(Driver#driver.greeting), Driver);
+step_due(#driver{phase = closed, greeting = Greeting} = Driver) ->
+    {[{port, starl_create_greeting:opening(Greeting)}], Driver};
+step_due(#driver{phase = taking, senses = Senses} = Driver) ->
+    Advice = {no_control, starl_create_senses:unsafe(Senses)},
+    in_turn([say(warning, Advice), take(?LATER_MS)], Driver);
+step_due(#driver{phase = leaving} = Driver) ->
+    (take(?MODE_MS))(Driver);
+step_due(Driver) ->
+    {[], Driver}.
+
 %% -- greeting -------------------------------------------------------------------------------
 
 greet(#driver{model = Model, greeting = Greeting, odometry = Odometry} = Driver) ->
@@ -325,10 +309,8 @@ greet(#driver{model = Model, greeting = Greeting, odometry = Odometry} = Driver)
         parser = parser(Model)
     },
     {Actions, Next} = greeted(starl_create_greeting:opened(Greeting), Fresh),
-    {
-        [{port, {stop_bytes, starl_create_instructions:resting(Driver#driver.options)}} | Actions],
-        Next
-    }.
+    Resting = starl_create_instructions:resting(Driver#driver.options),
+    {[{port, {stop_bytes, Resting}} | Actions], Next}.
 
 greeted({Actions, Greeting}, Driver) -> told(Actions, Driver#driver{greeting = Greeting}).
 
@@ -406,11 +388,11 @@ judged(#driver{phase = Phase, options = Options, offset = Before} = Driver0) ->
 
 %% A battery that is low by now is told; a change is told later.
 ready(#driver{said = Said, senses = Senses} = Driver) ->
-    Word = [do({say, notice, starl_create_advice:line(under_control)}) || Said =/= none],
+    {WasTold, Well} = starl_create_advice:well(Said),
+    Word = [do({say, notice, starl_create_advice:line(under_control)}) || WasTold],
     Low = [told_event(Low) || {battery, low} = Low <- starl_create_senses:state(Senses)],
-    in_turn(
-        Word ++ [fun stand/1, do({event, ready}) | Low], Driver#driver{phase = ready, said = none}
-    ).
+    Steps = Word ++ [fun stand/1, do({event, ready}) | Low],
+    in_turn(Steps, Driver#driver{phase = ready, said = Well}).
 
 %% It has left the mode by itself.
 left(#driver{senses = Senses} = Driver) ->
