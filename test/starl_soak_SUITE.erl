@@ -112,7 +112,7 @@ scenario(Blocks) ->
             ?LET(
                 {Seed, Loss, Duplicate, Delay, Range, Faults},
                 {
-                    oneof(lists:seq(1, 100000)),
+                    noshrink(integer(1, 100000)),
                     oneof([0.0, 0.0, 0.2]),
                     oneof([0.0, 0.2]),
                     oneof([{5, 20}, {2, 100}]),

@@ -124,7 +124,7 @@ lossless() ->
 
 map(Pairs) -> ?LET(Drawn, Pairs, maps:from_list(Drawn)).
 
-seed() -> oneof(lists:seq(1, 100000)).
+seed() -> noshrink(integer(1, 100000)).
 
 moment() -> oneof([10, 130, 620, 2500]).
 

@@ -168,7 +168,7 @@ map(Pairs) -> ?LET(Drawn, Pairs, maps:from_list(Drawn)).
 
 moment() -> oneof([10, 400, 1200, 3000]).
 
-seed() -> oneof(lists:seq(1, 100000)).
+seed() -> noshrink(integer(1, 100000)).
 
 area() ->
     oneof(

@@ -68,7 +68,7 @@ registers() ->
         range(2, 5),
         map([
             {robots, N},
-            {seed, oneof(lists:seq(1, 100000))},
+            {seed, noshrink(integer(1, 100000))},
             {loss, oneof([0.0, 0.2, 0.4])},
             {duplicate, oneof([0.0, 0.3])},
             {delay, oneof([{5, 20}, {2, 100}])},

@@ -71,7 +71,7 @@ all() ->
 stays_near_the_line_and_arrives(_) ->
     Prop = ?FORALL(
         {Seed, Goal, Profile},
-        {oneof(lists:seq(1, 10000)), goal(), profile()},
+        {noshrink(integer(1, 10000)), goal(), profile()},
         starl_platform_ct:safely(fun() -> arrives(uniform(Seed), Goal, Profile) end)
     ),
     starl_platform_ct:property(Prop, 400).
@@ -80,7 +80,7 @@ stays_near_the_line_and_arrives(_) ->
 stays_near_the_lines_of_a_path(_) ->
     Prop = ?FORALL(
         {Seed, Goals, Profile},
-        {oneof(lists:seq(1, 10000)), vector(4, goal()), profile()},
+        {noshrink(integer(1, 10000)), vector(4, goal()), profile()},
         starl_platform_ct:safely(fun() ->
             Lines = lists:zip([{0.0, 0.0} | lists:droplast(Goals)], Goals),
             near_all(Lines, new(uniform(Seed), Profile))
@@ -111,7 +111,7 @@ near_all([], _Loop) ->
 draws_lines_from_end_to_end(_) ->
     Prop = ?FORALL(
         {Seed, Lines, Profile},
-        {oneof(lists:seq(1, 10000)), vector(6, stroke()), profile()},
+        {noshrink(integer(1, 10000)), vector(6, stroke()), profile()},
         starl_platform_ct:safely(fun() -> drawn(Lines, new(uniform(Seed), Profile)) end)
     ),
     starl_platform_ct:property(Prop, 200),

@@ -147,7 +147,7 @@ look(R) ->
 same_digest_under_any_faults(_) ->
     Prop = ?FORALL(
         {Seed, Loss},
-        {oneof(lists:seq(1, 100000)), oneof([0.0, 0.2])},
+        {noshrink(integer(1, 100000)), oneof([0.0, 0.2])},
         starl_platform_ct:safely(fun() ->
             Scenario = busy(#{
                 seed => Seed, loss => Loss, random_faults => [all], heal => 9, robots => 4
@@ -167,7 +167,7 @@ same_digest_under_any_faults(_) ->
 converges_after_the_heal(_) ->
     Prop = ?FORALL(
         Seed,
-        oneof(lists:seq(1, 100000)),
+        noshrink(integer(1, 100000)),
         starl_platform_ct:safely(fun() ->
             #{ending := Ending, violations := Broken} = run(
                 busy(#{

@@ -61,7 +61,7 @@ end_per_suite(Config) -> starl_platform_ct:with_log(Config).
 stays_near_its_lines(_) ->
     Prop = ?FORALL(
         {Seed, Kinds},
-        {oneof(lists:seq(1, 1000000)), non_empty(list(oneof(?KINDS)))},
+        {noshrink(integer(1, 1000000)), non_empty(list(oneof(?KINDS)))},
         starl_platform_ct:safely(fun() -> near_and_there(Seed, lists:usort(Kinds)) end)
     ),
     starl_platform_ct:property(Prop, 150).
