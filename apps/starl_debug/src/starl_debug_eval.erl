@@ -112,20 +112,8 @@ own({delivered, _} = What, R, _Extent, #{states := States}) ->
     starl_debug_state:times(What, maps:get(R, States));
 own({since, At}, _R, {From, To}, _Facts) ->
     starl_debug_set:exactly(starl_debug_set:new([{max(From, At), To}]));
-own({'not', {'not', A}}, R, Extent, Facts) ->
-    own(A, R, Extent, Facts);
-own({'not', {'and', Parts}}, R, Extent, Facts) ->
-    own({'or', [{'not', Part} || Part <- Parts]}, R, Extent, Facts);
-own({'not', {'or', Parts}}, R, Extent, Facts) ->
-    own({'and', [{'not', Part} || Part <- Parts]}, R, Extent, Facts);
-own({'not', {held, Us, A}}, R, Extent, Facts) ->
-    own({once, Us, {'not', A}}, R, Extent, Facts);
-own({'not', {once, Us, A}}, R, Extent, Facts) ->
-    own({held, Us, {'not', A}}, R, Extent, Facts);
-own({'not', {ago, Us, A}}, R, Extent, Facts) ->
-    own({ago, Us, {'not', A}}, R, Extent, Facts);
 own({'not', A}, R, Extent, Facts) ->
-    starl_debug_set:negate(own(A, R, Extent, Facts), domain(A, R, Extent, Facts));
+    own_not(A, R, Extent, Facts);
 own({'and', Parts}, R, Extent, Facts) ->
     {Mays, Musts} = lists:unzip([own(Part, R, Extent, Facts) || Part <- Parts]),
     {starl_debug_set:intersect(Mays), starl_debug_set:intersect(Musts)};
@@ -144,6 +132,22 @@ own(Spatial, R, Extent, #{tracks := Tracks}) ->
         #{R := Track} -> along(Track, depth(Spatial), Extent);
         #{} -> starl_debug_set:nothing()
     end.
+
+%% A negation is taken inwards, to where times are known.
+own_not({'not', A}, R, Extent, Facts) ->
+    own(A, R, Extent, Facts);
+own_not({'and', Parts}, R, Extent, Facts) ->
+    own({'or', [{'not', Part} || Part <- Parts]}, R, Extent, Facts);
+own_not({'or', Parts}, R, Extent, Facts) ->
+    own({'and', [{'not', Part} || Part <- Parts]}, R, Extent, Facts);
+own_not({held, Us, A}, R, Extent, Facts) ->
+    own({once, Us, {'not', A}}, R, Extent, Facts);
+own_not({once, Us, A}, R, Extent, Facts) ->
+    own({held, Us, {'not', A}}, R, Extent, Facts);
+own_not({ago, Us, A}, R, Extent, Facts) ->
+    own({ago, Us, {'not', A}}, R, Extent, Facts);
+own_not(A, R, Extent, Facts) ->
+    starl_debug_set:negate(own(A, R, Extent, Facts), domain(A, R, Extent, Facts)).
 
 %% Where a place is asked for, that is known from the first sample to the last.
 domain(A, R, Extent, #{tracks := Tracks}) ->

@@ -135,23 +135,12 @@ timed({_, At, _}, #file{first = First, last = Last} = File) ->
 later(none, At) -> At;
 later(Last, At) -> max(Last, At).
 
-message({scenario, _, Facts}, #file{facts = none, first = First} = File, Limits) ->
-    Begun = maps:get(begun_us, Facts, First),
-    case Limits of
-        #{until := Until} -> File#file{facts = Facts, first = Begun, until = Begun + Until};
-        #{} -> File#file{facts = Facts, first = Begun}
-    end;
+message({scenario, _, Facts}, #file{facts = none} = File, Limits) ->
+    begun(File, Facts, Limits);
 message(_Message, #file{facts = none, name = Name}, _Limits) ->
     throw({?MODULE, {no_scenario, Name}});
-message({trace, At, {Robot, Machine, Event}}, #file{events = Events} = File, _Limits) ->
-    case lists:member(Machine, ?NO_MACHINES) of
-        true ->
-            File;
-        false ->
-            Own = maps:get(Robot, Events, #{}),
-            Before = maps:get(Machine, Own, []),
-            File#file{events = Events#{Robot => Own#{Machine => [{At, Event} | Before]}}}
-    end;
+message({trace, At, {Robot, Machine, Event}}, File, _Limits) ->
+    traced(lists:member(Machine, ?NO_MACHINES), {Robot, Machine}, {At, Event}, File);
 message({poses, At, #{robots := Poses}}, #file{seen = Seen, facts = Facts} = File, _Limits) ->
     case is_told(Facts) of
         true -> File#file{seen = lists:foldl(fun(P, S) -> seen(At, P, S) end, Seen, Poses)};
@@ -172,6 +161,20 @@ message({gap, At, Why}, #file{gaps = Gaps} = File, _Limits) ->
     File#file{gaps = [{At, Why} | Gaps]};
 message(_Other, File, _Limits) ->
     File.
+
+traced(true, _NoMachine, _Event, File) ->
+    File;
+traced(false, {Robot, Machine}, Event, #file{events = Events} = File) ->
+    Own = maps:get(Robot, Events, #{}),
+    Before = maps:get(Machine, Own, []),
+    File#file{events = Events#{Robot => Own#{Machine => [Event | Before]}}}.
+
+begun(#file{first = First} = File, Facts, Limits) ->
+    Begun = maps:get(begun_us, Facts, First),
+    case Limits of
+        #{until := Until} -> File#file{facts = Facts, first = Begun, until = Begun + Until};
+        #{} -> File#file{facts = Facts, first = Begun}
+    end.
 
 seen(At, {Robot, {X, Y, _}, _, _}, Seen) ->
     Seen#{Robot => [{At, {X, Y}} | maps:get(Robot, Seen, [])]};

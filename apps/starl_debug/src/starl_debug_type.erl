@@ -43,6 +43,10 @@
 -type reason() :: starl_debug_parser:reason().
 -type env() :: #{name() => robot | token}.
 
+-define(IS_COMPARISON(C),
+    (C =:= '<' orelse C =:= '<=' orelse C =:= '>' orelse C =:= '>=' orelse C =:= '=' orelse
+        C =:= '!=')
+).
 -define(MODES, [<<"moving">>, <<"waiting">>, <<"idle">>, <<"down">>]).
 -define(FUNCTIONS, [
     <<"dist">>,
@@ -96,14 +100,7 @@ formula({name, <<"false">>}, _At, _Env) ->
     false;
 formula({name, Name}, At, Env) ->
     called(Name, [], At, Env);
-formula({Comparison, Left, Right}, At, Env) when
-    Comparison =:= '<';
-    Comparison =:= '<=';
-    Comparison =:= '>';
-    Comparison =:= '>=';
-    Comparison =:= '=';
-    Comparison =:= '!='
-->
+formula({Comparison, Left, Right}, At, Env) when ?IS_COMPARISON(Comparison) ->
     compared(Comparison, operand(Left, At, Env), operand(Right, At, Env), At);
 formula(_Other, At, _Env) ->
     fail(At, "something that is true or false is expected, such as dist(r1.pos, r2.pos) < 400 mm").
@@ -203,24 +200,10 @@ kind({place, _}) -> "a place".
 
 operand({at, Column, Expr}, _At, Env) ->
     operand(Expr, Column, Env);
-operand({number, Number, none}, _At, _Env) ->
-    {constant, none, Number};
 operand({number, Number, Unit}, At, _Env) ->
-    case {?LENGTHS, ?DURATIONS} of
-        {#{Unit := Mm}, _} -> {constant, length, Number * Mm};
-        {_, #{Unit := Us}} -> {constant, duration, round(Number * Us)};
-        _ -> fail(At, ["no unit is called ", Unit, "; there are mm, cm, m, us, ms, s, min"])
-    end;
-operand({field, Name, <<"pos">>}, At, Env) ->
-    {place, {pos, named(Name, At, Env)}};
-operand({field, Name, <<"x">>}, At, Env) ->
-    {length, {x, named(Name, At, Env)}};
-operand({field, Name, <<"y">>}, At, Env) ->
-    {length, {y, named(Name, At, Env)}};
-operand({field, Name, <<"mode">>}, At, Env) ->
-    {mode, named(Name, At, Env)};
-operand({field, _Name, Field}, At, _Env) ->
-    fail(At, ["a robot has no ", Field, "; it has pos, x, y and mode"]);
+    constant(Number, Unit, At);
+operand({field, Name, Field}, At, Env) ->
+    field(Field, Name, At, Env);
 operand({call, <<"dist">>, [A, B]}, At, Env) ->
     {length, {dist, place(A, At, Env), place(B, At, Env)}};
 operand({call, <<"point">>, [X, Y]}, At, Env) ->
@@ -238,6 +221,21 @@ operand({text, Text}, _At, _Env) ->
     {word, Text};
 operand(_Other, At, _Env) ->
     fail(At, "a value is expected, such as dist(r1.pos, r2.pos) or r1.mode").
+
+constant(Number, none, _At) ->
+    {constant, none, Number};
+constant(Number, Unit, At) ->
+    case {?LENGTHS, ?DURATIONS} of
+        {#{Unit := Mm}, _} -> {constant, length, Number * Mm};
+        {_, #{Unit := Us}} -> {constant, duration, round(Number * Us)};
+        _ -> fail(At, ["no unit is called ", Unit, "; there are mm, cm, m, us, ms, s, min"])
+    end.
+
+field(<<"pos">>, Name, At, Env) -> {place, {pos, named(Name, At, Env)}};
+field(<<"x">>, Name, At, Env) -> {length, {x, named(Name, At, Env)}};
+field(<<"y">>, Name, At, Env) -> {length, {y, named(Name, At, Env)}};
+field(<<"mode">>, Name, At, Env) -> {mode, named(Name, At, Env)};
+field(Field, _, At, _) -> fail(At, ["a robot has no ", Field, "; it has pos, x, y and mode"]).
 
 place({at, Column, Expr}, _At, Env) ->
     place(Expr, Column, Env);

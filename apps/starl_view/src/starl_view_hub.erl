@@ -57,6 +57,13 @@
 %% The number of rows about messages in a frame, of a team in which everybody talks.
 -define(MOST_TALK, 400).
 
+%% What an observer is told, and the pages with it.
+-define(IS_NEWS(News),
+    (element(1, News) =:= begun orelse element(1, News) =:= judged orelse
+        element(1, News) =:= ended orelse element(1, News) =:= fault orelse
+        element(1, News) =:= unjudged)
+).
+
 -record(hub, {
     frames :: starl_view_frames:t(),
     head = [] :: iodata(),
@@ -198,18 +205,12 @@ init(Config) ->
     }}.
 
 -spec handle_call(term(), gen_server:from(), #hub{}) -> {reply, term(), #hub{}}.
-handle_call({clock, #{now_us := Now} = Clock}, _From, #hub{clock = {N, _}} = Hub) ->
-    Row = starl_json:encode([<<"t">>, Now, maps:remove(now_us, Clock)]),
-    Timed = framed(Hub#hub{now = Now, clock = {N + 1, Row}}),
-    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:clock(Feed, Clock) end, Hub),
-    {reply, ok, serve(Timed)};
+handle_call({clock, Clock}, _From, Hub) ->
+    {reply, ok, timed(Clock, Hub)};
 handle_call({tap, Feed}, _From, Hub) ->
     {reply, ok, Hub#hub{tap = Feed}};
-handle_call({head, {Rows, Robots}}, _From, #hub{head = Before, pages = Pages} = Hub) ->
-    Kept = max(3, min(?EVENTS, ?MOST_EVENTS div Robots)),
-    %% a page may be there before the run is
-    Early = [Row || Before =:= [], map_size(Pages) > 0, Row <- Rows],
-    {reply, ok, rows(Early, Hub#hub{head = json(Rows), kept_events = Kept})};
+handle_call({head, {Rows, Robots}}, _From, Hub) ->
+    {reply, ok, headed(Rows, Robots, Hub)};
 handle_call(reset, _From, #hub{frames = Frames} = Hub) ->
     {reply, ok, Hub#hub{
         frames = starl_view_frames:clear(Frames),
@@ -231,9 +232,24 @@ handle_call(flush, _From, Hub) ->
 handle_call({events, Robot}, _From, #hub{events = Events} = Hub) ->
     {_, Last} = maps:get(Robot, Events, {0, []}),
     {reply, Last, Hub};
-handle_call(join, _From, #hub{pages = Pages} = Hub) when map_size(Pages) >= ?MOST_PAGES ->
+handle_call(join, {Page, _}, Hub) ->
+    joined(Page, Hub).
+
+timed(#{now_us := Now} = Clock, #hub{clock = {N, _}} = Hub) ->
+    Row = starl_json:encode([<<"t">>, Now, maps:remove(now_us, Clock)]),
+    Timed = framed(Hub#hub{now = Now, clock = {N + 1, Row}}),
+    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:clock(Feed, Clock) end, Hub),
+    serve(Timed).
+
+headed(Rows, Robots, #hub{head = Before, pages = Pages} = Hub) ->
+    Kept = max(3, min(?EVENTS, ?MOST_EVENTS div Robots)),
+    %% a page may be there before the run is
+    Early = [Row || Before =:= [], map_size(Pages) > 0, Row <- Rows],
+    rows(Early, Hub#hub{head = json(Rows), kept_events = Kept}).
+
+joined(_Page, #hub{pages = Pages} = Hub) when map_size(Pages) >= ?MOST_PAGES ->
     {reply, full, Hub};
-handle_call(join, {Page, _}, #hub{pages = Pages, head = Head} = Hub) ->
+joined(Page, #hub{pages = Pages, head = Head} = Hub) ->
     Joined = Hub#hub{pages = Pages#{Page => erlang:monitor(process, Page)}},
     {reply, {ok, Head, {0, 0}}, greeted(1, Joined)}.
 
@@ -268,26 +284,25 @@ handle_info({'DOWN', _, process, Page, _}, #hub{pages = Pages, waiting = Waiting
         waiting = maps:remove(Page, Waiting),
         left = erlang:monotonic_time(millisecond)
     }};
-handle_info({judged, Events, Violations} = News, Hub) ->
-    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
-    Told = lists:foldl(fun traced/2, Hub, Events),
-    {noreply, rows([starl_view_row:violation(V) || V <- Violations], Told)};
-handle_info({begun, _} = News, Hub) ->
-    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
-    {noreply, Hub};
-handle_info({ended, #{end_us := End} = Ending} = News, Hub) ->
-    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
-    {noreply, told({verdicts, End, {ended, Ending}}, Hub)};
-handle_info({fault, At, What} = News, Hub) ->
-    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
-    {noreply, told({faults, At, What}, Hub)};
-handle_info({unjudged, At, Why} = News, Hub) ->
-    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
-    {noreply, told({gap, At, Why}, Hub)};
 handle_info({starl_trace, _, Messages}, Hub) ->
     {noreply, lists:foldl(fun told/2, Hub, Messages)};
+handle_info(News, Hub) when ?IS_NEWS(News) ->
+    ok = tapped(fun(Feed) -> starl_view_foxglove_feed:news(Feed, News) end, Hub),
+    {noreply, news(News, Hub)};
 handle_info(_, Hub) ->
     {noreply, Hub}.
+
+news({begun, _}, Hub) ->
+    Hub;
+news({judged, Events, Violations}, Hub) ->
+    Told = lists:foldl(fun traced/2, Hub, Events),
+    rows([starl_view_row:violation(V) || V <- Violations], Told);
+news({ended, #{end_us := End} = Ending}, Hub) ->
+    told({verdicts, End, {ended, Ending}}, Hub);
+news({fault, At, What}, Hub) ->
+    told({faults, At, What}, Hub);
+news({unjudged, At, Why}, Hub) ->
+    told({gap, At, Why}, Hub).
 
 tapped(_Tell, #hub{tap = none}) -> ok;
 tapped(Tell, #hub{tap = Feed}) -> Tell(Feed).

@@ -238,26 +238,23 @@ entries(Source, Named, Dir) ->
     {match, [First]} = re:run(Text, "</ul>(.*?)(?:\n\n|<)", [
         unicode, dotall, {capture, all_but_first, list}
     ]),
-    Functions =
-        case
-            re:run(Text, "<h3 class=\"function\"><a name=\"([^\"]*)-([0-9]+)\"", [
-                global, {capture, all_but_first, list}
-            ])
-        of
-            {match, Found} -> Found;
+    [[Name, File, First, Rank] | functions(Name, File, Text, Rank)].
+
+functions(Name, File, Text, Rank) ->
+    Anchor = "<h3 class=\"function\"><a name=\"([^\"]*)-([0-9]+)\"",
+    Found =
+        case re:run(Text, Anchor, [global, {capture, all_but_first, list}]) of
+            {match, All} -> All;
             nomatch -> []
         end,
     [
-        [Name, File, First, Rank]
-        | [
-            [
-                lists:append([Name, ":", F, "/", Arity]),
-                lists:append([File, "#", F, "-", Arity]),
-                "",
-                Rank
-            ]
-         || [F, Arity] <- Functions
+        [
+            lists:append([Name, ":", F, "/", Arity]),
+            lists:append([File, "#", F, "-", Arity]),
+            "",
+            Rank
         ]
+     || [F, Arity] <- Found
     ].
 
 %% -- pages ----------------------------------------------------------------------------------

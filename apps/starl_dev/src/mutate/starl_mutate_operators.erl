@@ -26,6 +26,20 @@
 -type context() :: body | guard | pattern.
 -type change() :: {operator(), erl_anno:anno(), New :: term()}.
 
+%% The places of the parts of a node of this kind and size, where they are not all after the line.
+-define(PLACES, #{
+    {call, 4} => [4],
+    {record, 4} => [4],
+    {record, 5} => [3, 5],
+    {record_field, 4} => [4],
+    {record_field, 5} => [3],
+    {op, 4} => [4],
+    {op, 5} => [4, 5]
+}).
+-define(LEAVES, [
+    bin, 'fun', remote, record_index, string, char, atom, var, integer, float
+]).
+
 %% @doc All operators, with a description of each.
 -spec operators() -> [{operator(), string()}].
 operators() ->
@@ -99,41 +113,22 @@ parts({Generate, _, _, _}, _) when
     Generate =:= b_generate_strict
 ->
     [{3, pattern}, {4, body}];
-parts({call, _, _, _}, Context) ->
-    [{4, Context}];
 parts({'fun', _, {clauses, _}}, _) ->
     [{3, body}];
 parts({clauses, _}, _) ->
     [{2, body}];
 parts({named_fun, _, _, _}, _) ->
     [{4, body}];
-parts({record, _, _Name, _}, Context) ->
-    [{4, Context}];
-parts({record, _, _Record, _Name, _}, Context) ->
-    [{3, Context}, {5, Context}];
-parts({record_field, _, _Name, _}, Context) ->
-    [{4, Context}];
-parts({record_field, _, _Record, _Name, _}, Context) ->
-    [{3, Context}];
-parts({op, _, _, _}, Context) ->
-    [{4, Context}];
-parts({op, _, _, _, _}, Context) ->
-    [{4, Context}, {5, Context}];
-parts(Node, _) when
-    element(1, Node) =:= bin;
-    element(1, Node) =:= 'fun';
-    element(1, Node) =:= remote;
-    element(1, Node) =:= record_index;
-    element(1, Node) =:= string;
-    element(1, Node) =:= char;
-    element(1, Node) =:= atom;
-    element(1, Node) =:= var;
-    element(1, Node) =:= integer;
-    element(1, Node) =:= float
-->
-    [];
 parts(Node, Context) ->
-    [{Place, Context} || Place <- lists:seq(3, tuple_size(Node))].
+    [{Place, Context} || Place <- places(Node)].
+
+places(Node) when is_map_key({element(1, Node), tuple_size(Node)}, ?PLACES) ->
+    map_get({element(1, Node), tuple_size(Node)}, ?PLACES);
+places(Node) ->
+    case lists:member(element(1, Node), ?LEAVES) of
+        true -> [];
+        false -> lists:seq(3, tuple_size(Node))
+    end.
 
 %% -- at one place ---------------------------------------------------------------------------
 
@@ -142,53 +137,65 @@ own({integer, A, N}, _) ->
     [{constant, A, {integer, A, N + 1}}] ++ [{constant, A, {integer, A, N - 1}} || N > 0];
 own(_Node, pattern) ->
     [];
-own({float, A, X}, _) ->
+own(Node, _) ->
+    datum(Node) ++ operation(Node) ++ branch(Node).
+
+%% A value that is written down or built.
+datum({float, A, X}) ->
     [{constant, A, {float, A, X + 1.0}}];
-own({atom, A, Truth}, _) when is_boolean(Truth) ->
+datum({atom, A, Truth}) when is_boolean(Truth) ->
     [{negate, A, {atom, A, not Truth}}];
-own({op, A, 'not', Operand}, _) ->
-    [{negate, A, Operand}];
-own({op, A, Op, Left, Right}, _) ->
-    operator(Op, A, Left, Right);
-own({cons, A, _Head, Tail}, _) ->
+datum({cons, A, _Head, Tail}) ->
     [{element, A, Tail}];
-own({map, A, Map, Fields}, _) ->
+datum({map, A, Map, Fields}) ->
     [{field, At, updated({map, A, Map}, Map, Left)} || {At, Left} <- all_but_one(Fields)];
-own({record, A, Record, Name, Fields}, _) ->
+datum({record, A, Record, Name, Fields}) ->
     [{field, At, updated({record, A, Record, Name}, Record, L)} || {At, L} <- all_but_one(Fields)];
-own({call, A, {remote, At, {atom, _, Module} = M, {atom, F, Function}}, Args}, _) ->
+datum(_Node) ->
+    [].
+
+%% An operator, or a call.
+operation({op, A, 'not', Operand}) ->
+    [{negate, A, Operand}];
+operation({op, A, Op, Left, Right}) ->
+    operator(Op, A, Left, Right);
+operation({call, A, {remote, At, {atom, _, Module} = M, {atom, F, Function}}, Args}) ->
     [
         {call, A, New}
      || New <- called({Module, Function, Args}, fun(Name) ->
             {call, A, {remote, At, M, {atom, F, Name}}, Args}
         end)
     ];
-own({call, A, {atom, F, Function}, [_, _] = Args}, _) when Function =:= max; Function =:= min ->
+operation({call, A, {atom, F, Function}, [_, _] = Args}) when Function =:= max; Function =:= min ->
     [{call, A, {call, A, {atom, F, opposite(Function)}, Args}}];
-own({'case', A, Of, Clauses}, _) ->
+operation(_Node) ->
+    [].
+
+%% What has clauses, a guard or a body.
+branch({'case', A, Of, Clauses}) ->
     [{negate, A, {'case', A, negated(Of), Clauses}} || truth(Clauses), negatable(Of)] ++
         fewer(Clauses, fun(Left) -> {'case', A, Of, Left} end);
-own({'if', A, Clauses}, _) ->
+branch({'if', A, Clauses}) ->
     fewer(Clauses, fun(Left) -> {'if', A, Left} end);
-own({'receive', A, Clauses}, _) ->
+branch({'receive', A, Clauses}) ->
     fewer(Clauses, fun(Left) -> {'receive', A, Left} end);
-own({'receive', A, Clauses, After, Body}, _) ->
+branch({'receive', A, Clauses, After, Body}) ->
     fewer(Clauses, fun(Left) -> {'receive', A, Left, After, Body} end);
-own({'fun', A, {clauses, Clauses}}, _) ->
+branch({'fun', A, {clauses, Clauses}}) ->
     fewer(Clauses, fun(Left) -> {'fun', A, {clauses, Left}} end);
-own({named_fun, A, Name, Clauses}, _) ->
+branch({named_fun, A, Name, Clauses}) ->
     fewer(Clauses, fun(Left) -> {named_fun, A, Name, Left} end);
-own({Comprehension, A, Template, Qualifiers}, _) when Comprehension =:= lc; Comprehension =:= bc ->
+branch({Comprehension, A, Template, Qualifiers}) when Comprehension =:= lc; Comprehension =:= bc ->
     [
         {guard, element(2, Filter), {Comprehension, A, Template, without(N, Qualifiers)}}
      || {N, Filter} <- numbered(Qualifiers), not generator(Filter)
     ];
-own({block, A, Body}, _) ->
+branch({block, A, Body}) ->
     [{action, At, {block, A, Left}} || {At, Left} <- bodies(Body)];
-own({clause, A, Patterns, Guard, Body}, _) ->
+branch({clause, A, Patterns, Guard, Body}) ->
     [{guard, At, {clause, A, Patterns, Left, Body}} || {At, Left} <- guards(Guard)] ++
         [{action, At, {clause, A, Patterns, Guard, Left}} || {At, Left} <- bodies(Body)];
-own(_Node, _) ->
+branch(_Node) ->
     [].
 
 operator(Op, A, Left, Right) ->
@@ -237,40 +244,34 @@ opposite(max) -> min;
 opposite(min) -> max.
 
 %% Replaces a library call by the collection that it should have changed.
-called({maps, put, [_, _, Map]}, _) ->
-    [Map];
-called({maps, remove, [_, Map]}, _) ->
-    [Map];
-called({maps, without, [_, Map]}, _) ->
-    [Map];
-called({maps, merge, [Map, More]}, _) ->
-    [Map, More];
-called({maps, filter, [_, Map]}, _) ->
-    [Map];
-called({lists, delete, [_, List]}, _) ->
-    [List];
-called({lists, keydelete, [_, _, List]}, _) ->
-    [List];
-called({lists, keystore, [_, _, List, _]}, _) ->
-    [List];
-called({lists, filter, [_, List]}, _) ->
-    [List];
-called({lists, Sorted, [List]}, _) when Sorted =:= sort; Sorted =:= usort; Sorted =:= reverse ->
-    [List];
-called({lists, all, [_, _]}, Renamed) ->
-    [Renamed(any)];
-called({lists, any, [_, _]}, Renamed) ->
-    [Renamed(all)];
-called({lists, max, [_]}, Renamed) ->
-    [Renamed(min)];
-called({lists, min, [_]}, Renamed) ->
-    [Renamed(max)];
-called({Sets, add_element, [_, Set]}, _) when Sets =:= sets; Sets =:= ordsets -> [Set];
-called({Sets, del_element, [_, Set]}, _) when Sets =:= sets; Sets =:= ordsets -> [Set];
-called({Sets, union, [Set, More]}, _) when Sets =:= sets; Sets =:= ordsets -> [Set, More];
-called({Sets, subtract, [Set, _]}, _) when Sets =:= sets; Sets =:= ordsets -> [Set];
-called(_, _) ->
-    [].
+called({lists, all, [_, _]}, Renamed) -> [Renamed(any)];
+called({lists, any, [_, _]}, Renamed) -> [Renamed(all)];
+called({lists, max, [_]}, Renamed) -> [Renamed(min)];
+called({lists, min, [_]}, Renamed) -> [Renamed(max)];
+called({maps, Function, Args}, _) -> map(Function, Args);
+called({lists, Function, Args}, _) -> list(Function, Args);
+called({Sets, Function, Args}, _) when Sets =:= sets; Sets =:= ordsets -> set(Function, Args);
+called(_, _) -> [].
+
+map(put, [_, _, Map]) -> [Map];
+map(remove, [_, Map]) -> [Map];
+map(without, [_, Map]) -> [Map];
+map(merge, [Map, More]) -> [Map, More];
+map(filter, [_, Map]) -> [Map];
+map(_, _) -> [].
+
+list(delete, [_, List]) -> [List];
+list(keydelete, [_, _, List]) -> [List];
+list(keystore, [_, _, List, _]) -> [List];
+list(filter, [_, List]) -> [List];
+list(Sorted, [List]) when Sorted =:= sort; Sorted =:= usort; Sorted =:= reverse -> [List];
+list(_, _) -> [].
+
+set(add_element, [_, Set]) -> [Set];
+set(del_element, [_, Set]) -> [Set];
+set(union, [Set, More]) -> [Set, More];
+set(subtract, [Set, _]) -> [Set];
+set(_, _) -> [].
 
 %% -- clauses, guards, bodies ------------------------------------------------------------------
 

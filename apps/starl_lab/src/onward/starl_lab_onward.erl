@@ -231,25 +231,27 @@ futures(Taken, #{recording := #{end_us := End} = Recording, values := Values} = 
             ask => fun(Questions) -> asked(Questions, Points, Plan, Future, Setup) end
         })
     of
-        #{curve := Curve, complete := IsComplete} = Result ->
-            {Last, _, Anew} = lists:last(lists:keysort(1, Taken)),
-            Untaken = untaken(),
-            Report = #{
-                curve => Curve,
-                how => how_ended(IsComplete, Untaken),
-                contract => Contract,
-                settings => Settings(Last),
-                recording => maps:without([facts, images], Recording),
-                images => [At || {At, _, _} <- maps:get(images, Recording)],
-                anew => anew(Anew, Setup),
-                rise => rise(Result, Untaken, length(Taken), Setup)
-            },
-            told(Report, Setup)
+        Result -> told(report(Result, Taken, Settings, Setup), Setup)
     catch
         throw:{future, Reason} -> failed(Reason)
     after
         starl_cli_signal:on_interrupt(quit)
     end.
+
+report(#{curve := Curve, complete := IsComplete} = Result, Taken, Settings, Setup) ->
+    #{recording := #{images := Images} = Recording, values := #{contract := Contract}} = Setup,
+    {Last, _, Anew} = lists:last(lists:keysort(1, Taken)),
+    Untaken = untaken(),
+    #{
+        curve => Curve,
+        how => how_ended(IsComplete, Untaken),
+        contract => Contract,
+        settings => Settings(Last),
+        recording => maps:without([facts, images], Recording),
+        images => [At || {At, _, _} <- Images],
+        anew => anew(Anew, Setup),
+        rise => rise(Result, Untaken, length(Taken), Setup)
+    }.
 
 plan(#{salt := Salt, jobs := Jobs} = Values) ->
     Self = self(),

@@ -51,14 +51,9 @@ read(File, Until) ->
     ).
 
 message({scenario, _, #{robots := Robots} = Scenario}, #read{scenario = none, file = File} = Read) ->
-    case Scenario of
-        #{told_by := _} when not is_map_key(has_motions, Scenario) ->
-            starl_lab_onward_recording:refuse({no_motions, File});
-        #{} ->
-            Read#read{
-                scenario = Scenario, robots = maps:from_list([{Id, #robot{}} || {Id, _} <- Robots])
-            }
-    end;
+    is_map_key(told_by, Scenario) andalso not is_map_key(has_motions, Scenario) andalso
+        starl_lab_onward_recording:refuse({no_motions, File}),
+    Read#read{scenario = Scenario, robots = maps:from_list([{Id, #robot{}} || {Id, _} <- Robots])};
 message({gap, At, Why}, #read{until = Until, file = File} = Read) when At =< Until ->
     %% what was not judged may be there
     is_missing(Why) andalso starl_lab_onward_recording:refuse({hole, File, At}),
@@ -76,17 +71,17 @@ message({trace, At, {Id, robot, What} = Fact}, #read{until = Until} = Read) when
     fact(At, Fact, turned(What, Id, Read));
 message({trace, At, Fact}, Read) ->
     fact(At, Fact, Read);
-message(
-    {packets, At, {From, To, Brief, Bytes, {arrives, Copies}}}, #read{until = Until} = Read
-) when
-    At =< Until
-->
-    #read{sent = Sent} = Read,
-    Times = [Us || {Us, intact} <- Copies, Us > Until - ?HEARD_US],
-    Key = {From, To, Brief, Bytes},
-    Read#read{now = At, sent = Sent#{Key => Times ++ maps:get(Key, Sent, [])}};
+message({packets, At, Packet}, #read{until = Until} = Read) when At =< Until ->
+    packet(Packet, Read#read{now = At});
 message({_, At, _}, Read) ->
     Read#read{now = At}.
+
+packet({From, To, Brief, Bytes, {arrives, Copies}}, #read{until = Until, sent = Sent} = Read) ->
+    Times = [Us || {Us, intact} <- Copies, Us > Until - ?HEARD_US],
+    Key = {From, To, Brief, Bytes},
+    Read#read{sent = Sent#{Key => Times ++ maps:get(Key, Sent, [])}};
+packet(_Lost, Read) ->
+    Read.
 
 is_missing(N) when is_integer(N) -> true;
 is_missing({hole, _}) -> true;

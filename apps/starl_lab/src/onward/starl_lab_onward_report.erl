@@ -53,36 +53,22 @@ contract(#{contract := Name}) -> Name.
 taken_up(#{anew := []}, Width) ->
     wrapped("all robots are taken up as they were", Width);
 taken_up(#{anew := [_ | _] = Anew}, Width) ->
-    [
-        wrapped(
-            io_lib:format("robot ~b starts anew at the last moment, as after a lost store: ~ts", [
-                Id, starl_sim_follow:format_reason(Why)
-            ]),
-            Width
-        )
-     || {Id, Why} <- Anew
-    ];
+    [wrapped(starts_anew(Id, Why), Width) || {Id, Why} <- Anew];
 taken_up(#{images := [], recording := #{not_kept := []}}, Width) ->
     wrapped("the recording has no snapshots: the run was repeated from its beginning", Width);
 taken_up(#{images := [], recording := #{not_kept := [{Id, Reason} | _]}}, Width) ->
-    wrapped(
-        [
-            io_lib:format("no snapshot has all robots (robot ~b: ", [Id]),
-            starl_snapshot:format_reason(Reason),
-            "): the run was repeated from its beginning"
-        ],
-        Width
-    );
+    Line = "no snapshot has all robots (robot ~b: ~ts): the run was repeated from its beginning",
+    wrapped(io_lib:format(Line, [Id, starl_snapshot:format_reason(Reason)]), Width);
 taken_up(#{images := Images, curve := [{First, _} | _]}, Width) ->
     At = lists:max([0 | [Us || Us <- Images, Us =< First]]),
-    wrapped(
-        io_lib:format("taken up at ~.3f s; from there to the moments it is the recording", [
-            At / 1.0e6
-        ]),
-        Width
-    );
+    Line = "taken up at ~.3f s; from there to the moments it is the recording",
+    wrapped(io_lib:format(Line, [At / 1.0e6]), Width);
 taken_up(#{curve := []}, _Width) ->
     "".
+
+starts_anew(Id, Why) ->
+    Line = "robot ~b starts anew at the last moment, as after a lost store: ~ts",
+    io_lib:format(Line, [Id, starl_sim_follow:format_reason(Why)]).
 
 row({Us, Tally}) ->
     [
@@ -148,17 +134,12 @@ named(#{rise := {named, Step, {From, To}, Happened, Anew}} = Report, Width) ->
             io_lib:format("    and ~b more~n", [length(Happened) - ?MOST_FACTS])
          || length(Happened) > ?MOST_FACTS
         ],
-        [
-            wrapped(
-                io_lib:format(
-                    "robot ~b starts anew at one of the two moments only: it may be that what decides",
-                    [Id]
-                ),
-                Width
-            )
-         || Id <- Anew
-        ]
+        [wrapped(starts_anew_once(Id), Width) || Id <- Anew]
     ].
+
+starts_anew_once(Id) ->
+    Line = "robot ~b starts anew at one of the two moments only: it may be that what decides",
+    io_lib:format(Line, [Id]).
 
 shares({Low, High}, #{curve := Curve}) ->
     {_, Below} = lists:keyfind(Low, 1, Curve),

@@ -179,31 +179,18 @@ format_error({unreadable, File}) ->
 format_error({unwritable, File, Posix}) ->
     [File, ": ", file:format_error(Posix)];
 format_error({code, File, Other, Code}) ->
-    [
-        File,
-        ": its runs are of other code, ",
-        Other,
-        ", this is ",
-        Code,
-        "; name another directory with --out, or remove this file"
-    ];
+    Line =
+        "~ts: its runs are of other code, ~ts, this is ~ts; name another directory with --out, or remove this file",
+    io_lib:format(Line, [File, Other, Code]);
 format_error({codes, Others, Most}) ->
     [
         lists:join(", ", [[File, " is of other code, ", Code] || {File, Code} <- Others]),
-        "; the other slices are of ",
-        Most,
-        ": remove it and run its slice again with that"
+        ["; the other slices are of ", Most, ": remove it and run its slice again with that"]
     ];
 format_error({other, Dir, First}) ->
     [Dir, ": this is of another sweep than ", First, "; join them apart"];
 format_error({version, File, Version}) ->
-    [
-        File,
-        ": its runs are of StarL ",
-        Version,
-        ", this is ",
-        version(),
-        "; join them with that one"
-    ];
+    Line = "~ts: its runs are of StarL ~ts, this is ~ts; join them with that one",
+    io_lib:format(Line, [File, Version, version()]);
 format_error(Reason) ->
     starl_lab_sweep_rows:format_error(Reason).

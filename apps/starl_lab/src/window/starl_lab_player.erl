@@ -230,45 +230,65 @@ order({go, Speed}, Page, #player{pace = Pace} = Player) ->
     order(go, Page, Player#player{pace = starl_lab_player_pace:speed(Speed, Pace)});
 order({speed, Speed}, _Page, #player{pace = Pace} = Player) ->
     anchored(Player#player{pace = starl_lab_player_pace:speed(Speed, Pace)});
-order({until, Us, GoesOn}, Page, #player{run = Run, pace = Pace} = Player) ->
-    case Us < starl_lab_player_run:now(Run) of
-        true when GoesOn ->
-            order(go, Page, Player#player{run = starl_lab_player_run:back(Us, Run)});
-        true -> anchored((rest(Player))#player{run = starl_lab_player_run:back(Us, Run)});
-        false -> Player#player{pace = starl_lab_player_pace:goal(Us, GoesOn, Pace)}
-    end;
+order({until, Us, GoesOn}, Page, Player) ->
+    until(Us, GoesOn, Page, Player);
 order({step, none}, _Page, #player{run = Run} = Player) ->
     goal(starl_lab_player_run:now(Run) + starl_lab_player_run:window(Run), Player);
 order({step, Robot}, Page, #player{run = Run} = Player) ->
     case starl_lab_player_run:events(Robot, Run) of
-        {ok, N} -> order({step_to, Robot, N + 1}, Page, Player);
+        {ok, N} -> step_to(Robot, N + 1, Page, Player);
         none -> refuse(Page, "there is no such robot", rest(Player))
     end;
-order({step_to, Robot, N}, Page, #player{run = Run} = Player) ->
+order({step_to, Robot, N}, Page, Player) ->
+    step_to(Robot, N, Page, Player);
+order({fault, Command}, Page, Player) ->
+    fault(Command, Page, Player);
+order({heal, Id}, Page, Player) ->
+    heal(Id, Page, Player);
+order({save, Name}, Page, Player) ->
+    save(Name, Page, Player);
+order({look, Robot}, Page, Player) ->
+    look(Robot, Page, Player).
+
+until(Us, GoesOn, Page, #player{run = Run, pace = Pace} = Player) ->
+    case Us < starl_lab_player_run:now(Run) of
+        true when GoesOn ->
+            order(go, Page, Player#player{run = starl_lab_player_run:back(Us, Run)});
+        true ->
+            anchored((rest(Player))#player{run = starl_lab_player_run:back(Us, Run)});
+        false ->
+            Player#player{pace = starl_lab_player_pace:goal(Us, GoesOn, Pace)}
+    end.
+
+step_to(Robot, N, Page, #player{run = Run} = Player) ->
     case starl_lab_player_run:step(Robot, N, Run) of
         {ok, Stepped} -> (rest(Player))#player{run = Stepped};
         {error, Why, Ran} -> refuse(Page, Why, (rest(Player))#player{run = Ran})
-    end;
-order({fault, Command}, Page, #player{run = Run, hands = N} = Player) ->
+    end.
+
+fault(Command, Page, #player{run = Run, hands = N} = Player) ->
     case starl_lab_window_hand:faults(Command, N + 1, starl_lab_player_run:place(Run)) of
         {ok, New} ->
             #{faults := Faults} = starl_lab_player_run:scenario(Run),
             changed(Faults ++ New, Player#player{hands = N + length(New)});
         {error, Why} ->
             refuse(Page, Why, Player)
-    end;
-order({heal, Id}, Page, #player{run = Run} = Player) ->
+    end.
+
+heal(Id, Page, #player{run = Run} = Player) ->
     #{from_ms := Now, faults := Faults} = starl_lab_player_run:place(Run),
     case starl_lab_window_hand:healed(Id, Now, Faults) of
         {ok, Healed} -> changed(Healed, Player);
         {error, Why} -> refuse(Page, Why, Player)
-    end;
-order({save, Name}, Page, #player{run = Run, save = Save} = Player) ->
+    end.
+
+save(Name, Page, #player{run = Run, save = Save} = Player) ->
     case Save(Name, starl_lab_player_run:scenario(Run)) of
         {ok, What} -> answer(Page, yes, What, Player);
         {error, Why} -> refuse(Page, Why, Player)
-    end;
-order({look, Robot}, Page, #player{run = Run} = Player) ->
+    end.
+
+look(Robot, Page, #player{run = Run} = Player) ->
     case starl_lab_player_run:look(Robot, Run) of
         {ok, Seen} ->
             ok = starl_view_hub:tell(Page, [<<"look">>, starl_lab_player_run:now(Run), Robot, Seen]),

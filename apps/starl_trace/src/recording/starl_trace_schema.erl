@@ -58,50 +58,52 @@ id(drawings) -> 12.
 all() ->
     [
         {terms, "/starl", "starl.Messages", object([{terms, base64()}])},
-        {scenario, "/scenario", "starl.Scenario",
-            object([
-                {kind, string()},
-                {application, string()},
-                {robots, integer()},
-                {seed, integer()},
-                {values, list(object([{key, string()}, {value, string()}]))}
-            ])},
+        {scenario, "/scenario", "starl.Scenario", scenario()},
         {tf, "/tf", "foxglove.FrameTransforms", object([{transforms, list(transform())}])},
         {scene, "/scene", "foxglove.SceneUpdate", scene()},
-        {log, "/log", "foxglove.Log",
-            object([
-                {timestamp, timestamp()},
-                {level, integer()},
-                {message, string()},
-                {name, string()},
-                {file, string()},
-                {line, integer()}
-            ])},
-        {trace, "/trace", "starl.Trace",
-            object([
-                {robot, integer()},
-                {machine, string()},
-                {event, string()},
-                {details, string()}
-            ])},
-        {packets, "/packets", "starl.Packets",
-            object([{since, timestamp()}, {lost, integer()}, {packets, list(string())}])},
-        {faults, "/faults", "starl.Fault",
-            object([{what, string()}, {fault, string()}, {kind, string()}, {target, string()}])},
+        {log, "/log", "foxglove.Log", log()},
+        {trace, "/trace", "starl.Trace", trace()},
+        {packets, "/packets", "starl.Packets", packets()},
+        {faults, "/faults", "starl.Fault", fault()},
         {verdicts, "/verdicts", "starl.Verdict", object([{what, string()}, {text, string()}])},
-        {metrics, "/metrics", "starl.Metrics",
-            object([
-                {events, integer()},
-                {packets, integer()},
-                {lost, integer()},
-                {violations, integer()}
-            ])},
-        {measures, "/measures", "starl.Measures",
-            object([
-                {robot, integer()}, {key, string()}, {value, number()}, {series, object([])}
-            ])},
+        {metrics, "/metrics", "starl.Metrics", metrics()},
+        {measures, "/measures", "starl.Measures", measure()},
         {drawings, "/drawings", "foxglove.SceneUpdate", scene()}
     ].
+
+scenario() ->
+    object([
+        {kind, string()},
+        {application, string()},
+        {robots, integer()},
+        {seed, integer()},
+        {values, list(object([{key, string()}, {value, string()}]))}
+    ]).
+
+log() ->
+    object([
+        {timestamp, timestamp()},
+        {level, integer()},
+        {message, string()},
+        {name, string()},
+        {file, string()},
+        {line, integer()}
+    ]).
+
+trace() ->
+    object([{robot, integer()}, {machine, string()}, {event, string()}, {details, string()}]).
+
+packets() -> object([{since, timestamp()}, {lost, integer()}, {packets, list(string())}]).
+
+fault() -> object([{what, string()}, {fault, string()}, {kind, string()}, {target, string()}]).
+
+metrics() ->
+    object([
+        {events, integer()}, {packets, integer()}, {lost, integer()}, {violations, integer()}
+    ]).
+
+measure() ->
+    object([{robot, integer()}, {key, string()}, {value, number()}, {series, object([])}]).
 
 scene() -> object([{deletions, list(deletion())}, {entities, list(entity())}]).
 

@@ -38,24 +38,10 @@ new(Period) -> #stream{poses = starl_trace_poses:new(Period)}.
 
 %% @doc The messages of these news.
 -spec news(starl_observer:news(), t()) -> {[starl_trace_message:t()], t()}.
-news({begun, #{scenario := Scenario} = Facts}, Stream) ->
-    Now = maps:get(begun_us, Facts, 0),
-    Message = {scenario, Now, Facts#{versions => versions()}},
-    Faults = lists:append([times(Fault) || Fault <- maps:get(faults, Scenario, [])]),
-    {[Message], Stream#stream{
-        facts = Message,
-        faults = lists:keysort(2, Faults),
-        count_at = Now div ?SECOND_US * ?SECOND_US + ?SECOND_US,
-        now = Now,
-        up = maps:get(was_up, Facts, false)
-    }};
-news({judged, Trace, Violations}, #stream{counts = Counts} = Stream) ->
-    #{events := Events, violations := Broken} = Counts,
-    Counted = Counts#{
-        events := Events + length(Trace), violations := Broken + length(Violations)
-    },
-    {Messages, #stream{now = Now} = Next} = events(Trace, [], Stream#stream{counts = Counted}),
-    {Messages ++ [{verdicts, Now, {violation, V}} || V <- Violations], Next};
+news({begun, Facts}, Stream) ->
+    begun(Facts, Stream);
+news({judged, Trace, Violations}, Stream) ->
+    judged(Trace, Violations, Stream);
 news({fault, At, What}, #stream{faults = Faults, due = Due, now = Now} = Stream) ->
     From = max(At, Now),
     Left = [F || F <- Faults, not is_end_of(What, F)],
@@ -78,6 +64,26 @@ news({unjudged, At, Why}, Stream) ->
     told(gap, At, Why, Stream);
 news({logged, At, Robot, Level, Line}, Stream) ->
     told(log, At, {Level, Robot, Line}, Stream).
+
+begun(#{scenario := Scenario} = Facts, Stream) ->
+    Now = maps:get(begun_us, Facts, 0),
+    Message = {scenario, Now, Facts#{versions => versions()}},
+    Faults = lists:append([times(Fault) || Fault <- maps:get(faults, Scenario, [])]),
+    {[Message], Stream#stream{
+        facts = Message,
+        faults = lists:keysort(2, Faults),
+        count_at = Now div ?SECOND_US * ?SECOND_US + ?SECOND_US,
+        now = Now,
+        up = maps:get(was_up, Facts, false)
+    }}.
+
+judged(Trace, Violations, #stream{counts = Counts} = Stream) ->
+    #{events := Events, violations := Broken} = Counts,
+    Counted = Counts#{
+        events := Events + length(Trace), violations := Broken + length(Violations)
+    },
+    {Messages, #stream{now = Now} = Next} = events(Trace, [], Stream#stream{counts = Counted}),
+    {Messages ++ [{verdicts, Now, {violation, V}} || V <- Violations], Next}.
 
 %% Several processes of a robot tell, and may overtake each other a little.
 told(Topic, At0, Term, #stream{now = Now} = Stream) ->
