@@ -54,12 +54,8 @@ sets({at_least, K, Parts}, When, Facts) ->
 sets({How, Us, A}, {{From, To} = Range, Windows}, Facts) when
     How =:= held; How =:= once; How =:= ago
 ->
-    {May, Must} = sets(A, {{From - Us, To}, Windows}, Facts),
     Slack = Us * ?RATE_PPM div 1000000,
-    {
-        starl_debug_set:intersect(lasting(How, Us, -Slack, May), [Range]),
-        starl_debug_set:intersect(lasting(How, Us, Slack, Must), [Range])
-    };
+    lasting_within(Range, How, Us, Slack, sets(A, {{From - Us, To}, Windows}, Facts));
 sets({Comparison, R, Q, Mm}, When, Facts) ->
     apart(Comparison, R, Q, Mm, When, Facts).
 
@@ -121,17 +117,19 @@ own({'or', Parts}, R, Extent, Facts) ->
     {Mays, Musts} = lists:unzip([own(Part, R, Extent, Facts) || Part <- Parts]),
     {starl_debug_set:union(Mays), starl_debug_set:union(Musts)};
 own({How, Us, A}, R, Extent, Facts) when How =:= held; How =:= once; How =:= ago ->
-    {May, Must} = own(A, R, Extent, Facts),
     Slack = Us * ?RATE_PPM div 2000000,
-    {
-        starl_debug_set:intersect(lasting(How, Us, -Slack, May), [Extent]),
-        starl_debug_set:intersect(lasting(How, Us, Slack, Must), [Extent])
-    };
+    lasting_within(Extent, How, Us, Slack, own(A, R, Extent, Facts));
 own(Spatial, R, Extent, #{tracks := Tracks}) ->
     case Tracks of
         #{R := Track} -> along(Track, depth(Spatial), Extent);
         #{} -> starl_debug_set:nothing()
     end.
+
+lasting_within(Range, How, Us, Slack, {May, Must}) ->
+    {
+        starl_debug_set:intersect(lasting(How, Us, -Slack, May), [Range]),
+        starl_debug_set:intersect(lasting(How, Us, Slack, Must), [Range])
+    }.
 
 %% A negation is taken inwards, to where times are known.
 own_not({'not', A}, R, Extent, Facts) ->

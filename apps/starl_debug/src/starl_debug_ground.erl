@@ -48,8 +48,7 @@
 -spec formula(starl_debug_type:formula(), known()) -> t().
 formula(Formula, Known) -> ground(Formula, #{}, Known).
 
-ground(Bool, _Env, _Known) when is_boolean(Bool) ->
-    Bool;
+ground(Bool, _Env, _Known) when is_boolean(Bool) -> Bool;
 ground({Operator, A, B}, Env, Known) when Operator =:= 'and'; Operator =:= 'or' ->
     joined(Operator, [ground(A, Env, Known), ground(B, Env, Known)]);
 ground({'not', A}, Env, Known) ->

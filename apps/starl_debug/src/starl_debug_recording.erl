@@ -146,9 +146,7 @@ message({poses, At, #{robots := Poses}}, #file{seen = Seen, facts = Facts} = Fil
         true -> File#file{seen = lists:foldl(fun(P, S) -> seen(At, P, S) end, Seen, Poses)};
         false -> File
     end;
-message(
-    {packets, At, {From, To, _, _, {arrives, Copies}}}, #file{facts = Facts} = File, _Limits
-) when
+message({packets, At, {From, To, _, _, {arrives, Copies}}}, #file{facts = Facts} = File, _) when
     not is_map_key(told_by, Facts)
 ->
     Came = lists:min([T || {T, _} <- Copies]),

@@ -52,22 +52,14 @@ of_message({faults, T, {_BeganOrEnded, Fault}}) ->
 of_message(_) ->
     [].
 
-of_event(chassis, {motion, Piece}, T, Robot) ->
-    [[<<"m">>, T, Robot | piece(Piece)]];
-of_event(chassis, {actuated, Device, Value}, T, Robot) ->
-    [[<<"a">>, T, Robot, text(Device, ?LENGTH), text(Value, ?LENGTH)]];
-of_event(chassis, {sensed, Sense}, T, Robot) ->
-    [[<<"x">>, T, Robot, chassis, text(Sense, ?LENGTH)]];
+of_event(chassis, Event, T, Robot) ->
+    of_chassis(Event, T, Robot);
 of_event(app, {draw, #{kind := _} = Drawing}, T, Robot) ->
     [drawing(Drawing, T, Robot)];
 of_event(app, {measure, Key, Value}, T, Robot) when is_atom(Key), is_number(Value) ->
     [[<<"n">>, T, Robot, text(Key, ?LENGTH), Value]];
-of_event(sap, {sent, Id, To, Type, _}, T, Robot) ->
-    [[<<"s">>, T, Robot, id(Id), To, type(Type)]];
-of_event(sap, {delivered, Id, Type, _}, T, Robot) ->
-    [[<<"d">>, T, Robot, id(Id), type(Type)]];
-of_event(sap, {outcome, Id, At, Outcome}, T, Robot) ->
-    [[<<"o">>, T, Robot, id(Id), At, Outcome]];
+of_event(sap, Event, T, Robot) ->
+    of_message(Event, T, Robot);
 of_event(radio, {packet, To, What, Bytes, Fate}, T, Robot) ->
     [packet(T, Robot, To, What, Bytes, Fate)];
 of_event(robot, {died, _Reason}, T, Robot) ->
@@ -81,6 +73,28 @@ of_event(_Coordinator, {reserved, Of, Lines}, T, _Robot) when is_integer(Of), is
 of_event(_Coordinator, {assigned, Of, _Request, Lines}, T, _) when is_integer(Of), is_list(Lines) ->
     held(T, Of, Lines);
 of_event(_Machine, _Event, _T, _Robot) ->
+    [].
+
+of_chassis({motion, Piece}, T, Robot) ->
+    [[<<"m">>, T, Robot | piece(Piece)]];
+of_chassis({actuated, Device, Value}, T, Robot) ->
+    [[<<"a">>, T, Robot, text(Device, ?LENGTH), text(Value, ?LENGTH)]];
+of_chassis({sensed, Sense}, T, Robot) ->
+    [[<<"x">>, T, Robot, chassis, text(Sense, ?LENGTH)]];
+of_chassis(crashed, T, Robot) ->
+    [[<<"x">>, T, Robot, chassis, crashed]];
+of_chassis(_Event, _T, _Robot) ->
+    [].
+
+of_message({sent, Id, To, Type, _}, T, Robot) ->
+    [[<<"s">>, T, Robot, id(Id), To, type(Type)]];
+of_message({delivered, Id, Type, _}, T, Robot) ->
+    [[<<"d">>, T, Robot, id(Id), type(Type)]];
+of_message({outcome, Id, At, Outcome}, T, Robot) ->
+    [[<<"o">>, T, Robot, id(Id), At, Outcome]];
+of_message(crashed, T, Robot) ->
+    [[<<"x">>, T, Robot, sap, crashed]];
+of_message(_Event, _T, _Robot) ->
     [].
 
 drawing(#{key := Key, kind := Kind, points := Points, text := Text} = Drawing, T, Robot) ->

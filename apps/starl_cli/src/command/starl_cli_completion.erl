@@ -238,12 +238,7 @@ values(Command, Key, Type) ->
 
 values(_Key, switch) ->
     switch;
-values(Key, {list, Type}) ->
-    values(Key, Type);
-values(Key, {first, Type}) ->
-    values(Key, Type);
-values(Key, {optional, Type}) ->
-    values(Key, Type);
+values(Key, {Of, Type}) when Of =:= list; Of =:= first; Of =:= optional -> values(Key, Type);
 values(_Key, {one_of, Atoms}) ->
     {words, texts(Atoms)};
 values(_Key, boolean) ->
@@ -261,9 +256,7 @@ values(floor, _) ->
     {files, starl_floor_file:shipped()};
 values(start, _) ->
     {files, ["grid", "line", "circle", "random"]};
-values(out, _) ->
-    {files, []};
-values(_Key, file) ->
+values(Key, Type) when Key =:= out; Type =:= file ->
     {files, []};
 values(_Key, _Type) ->
     any.

@@ -10,6 +10,21 @@
 
 -type call() :: {file:filename(), Line :: pos_integer(), mfa()}.
 
+%% Functions of rand that keep a state of their own, or make one of nothing.
+-define(STATELESS, [
+    {uniform, 0},
+    {uniform, 1},
+    {uniform_real, 0},
+    {normal, 0},
+    {normal, 2},
+    {bytes, 1},
+    {seed, 1},
+    {seed_s, 1}
+]).
+-define(CLOCKS, [
+    now, system_time, monotonic_time, timestamp, date, time, localtime, universaltime
+]).
+
 %% @doc These calls, in the order of the source. A module without its source in the beam has none.
 -spec calls(Beam :: binary() | file:filename()) -> [call()].
 calls(Beam) ->
@@ -90,9 +105,7 @@ words(environment) ->
 
 %% Functions that take a state, such as rand:uniform_s/1, are as good as the state that they take.
 kind({rand, F, A}) ->
-    Stateless = [{uniform, 0}, {uniform, 1}, {uniform_real, 0}, {normal, 0}, {normal, 2}],
-    Others = [{bytes, 1}, {seed, 1}, {seed_s, 1}],
-    case lists:member({F, A}, Stateless ++ Others) of
+    case lists:member({F, A}, ?STATELESS) of
         true -> random;
         false -> own
     end;
@@ -103,21 +116,16 @@ kind({os, F, _}) when F =:= system_time; F =:= timestamp; F =:= perf_counter -> 
 kind({calendar, F, 0}) when F =:= local_time; F =:= universal_time -> clock;
 kind({erlang, self, 0}) ->
     process;
-kind({ets, _, _}) ->
-    shared;
-kind({persistent_term, _, _}) ->
+kind({Tables, _, _}) when Tables =:= ets; Tables =:= persistent_term ->
     shared;
 kind({application, F, _}) when F =:= get_env; F =:= get_all_env; F =:= set_env; F =:= unset_env ->
     environment;
-kind({os, F, _}) when F =:= getenv; F =:= putenv; F =:= unsetenv; F =:= env ->
-    environment;
-kind({erlang, F, A}) ->
-    Clocks = [now, system_time, monotonic_time, timestamp, date, time, localtime, universaltime],
-    case {lists:member(F, Clocks) andalso A =< 1, F} of
-        {true, _} -> clock;
-        {false, unique_integer} -> unique;
-        {false, make_ref} -> unique;
-        {false, _} -> own
+kind({os, F, _}) when F =:= getenv; F =:= putenv; F =:= unsetenv; F =:= env -> environment;
+kind({erlang, F, _}) when F =:= unique_integer; F =:= make_ref -> unique;
+kind({erlang, F, A}) when A =< 1 ->
+    case lists:member(F, ?CLOCKS) of
+        true -> clock;
+        false -> own
     end;
 kind(_) ->
     own.

@@ -144,28 +144,18 @@ told(#{victim := Victim, ms := Ms, flood := Flood, outcome := #{end_us := Us}} =
     {NewAtoms, NewBytes, Modules} = growth(Before, Later),
     starl_cli_terminal:out(
         "robot ~b: ~b hostile datagrams in ~.1f s (~.1f s of the run), ~b refused, ~b packets heard\n"
-        "  sent: ~ts\n  refused: ~ts\n  absurd packets dropped by its machines: ~b\n"
+        "  sent: ~ts\n  refused: ~ts\n  absurd packets dropped by its machines: ~b\n",
+        [Victim, total(Sent), Ms / 1000, Us / 1.0e6] ++
+            [total(refusals(Figures)), maps:get(heard, Figures, 0)] ++
+            [listed(Sent), listed(refusals(Figures))] ++
+            [length([x || {_, _, _, {dropped, _, _}} <- own(Seen)])]
+    ),
+    Loaded = lists:join(" ", [atom_to_list(Module) || Module <- Modules]),
+    starl_cli_terminal:out(
         "  atoms ~b, ~b new (loaded meanwhile: ~ts); memory ~.1f MB, ~.1f more\n"
         "  messages of the team: ~b sent, ~b acknowledged, ~b lost\n",
-        [
-            Victim,
-            total(Sent),
-            Ms / 1000,
-            Us / 1.0e6,
-            total(refusals(Figures)),
-            maps:get(heard, Figures, 0),
-            listed(Sent),
-            listed(refusals(Figures)),
-            length([x || {_, _, _, {dropped, _, _}} <- own(Seen)]),
-            Atoms,
-            NewAtoms,
-            lists:join(" ", [atom_to_list(Module) || Module <- Modules]),
-            Bytes / 1.0e6,
-            NewBytes / 1.0e6,
-            maps:get(sent, Sap),
-            maps:get(acknowledged, Sap),
-            maps:get(lost, Sap)
-        ]
+        [Atoms, NewAtoms, Loaded, Bytes / 1.0e6, NewBytes / 1.0e6] ++
+            [maps:get(Key, Sap) || Key <- [sent, acknowledged, lost]]
     ).
 
 total(Counts) -> lists:sum(maps:values(Counts)).

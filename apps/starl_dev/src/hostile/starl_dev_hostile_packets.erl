@@ -42,6 +42,10 @@
 
 -opaque t() :: #packets{}.
 
+%% Tags of external terms.
+-define(TAGS,
+    {70, 77, 80, 97, 98, 100, 103, 104, 105, 106, 107, 108, 109, 110, 111, 116, 118, 119, 131}
+).
 -define(POOL, 50).
 %% The type of the genuine datagrams: nobody listens to it.
 -define(MARK, {app, ?MODULE}).
@@ -136,25 +140,11 @@ one_of(Tuple, Random0) ->
 datagram(noise, _Packets, Random0) ->
     {Size, Random} = rand:uniform_s(1500, Random0),
     rand:bytes_s(Size, Random);
-datagram(framed, Packets, Random0) ->
-    {Known, Random1} = known(Packets, Random0),
-    {Keep, Random2} = rand:uniform_s(60, Random1),
-    {Noise, Random} = rand:bytes_s(byte_size(Known) - Keep, Random2),
-    {<<(binary:part(Known, 0, Keep))/binary, Noise/binary>>, Random};
-datagram(truncated, Packets, Random0) ->
-    {Known, Random1} = known(Packets, Random0),
-    {Size, Random} = rand:uniform_s(byte_size(Known), Random1),
-    {binary:part(Known, 0, Size - 1), Random};
-datagram(flipped, Packets, Random0) ->
-    {Known, Random1} = known(Packets, Random0),
-    {Bit, Random} = rand:uniform_s(bit_size(Known), Random1),
-    Before = Bit - 1,
-    <<Start:Before/bits, One:1, End/bits>> = Known,
-    {<<Start/bits, (1 - One):1, End/bits>>, Random};
-datagram(lengthened, Packets, Random0) ->
-    {Known, Random1} = known(Packets, Random0),
-    {Noise, Random} = rand:bytes_s(9, Random1),
-    {<<Known/binary, Noise/binary>>, Random};
+datagram(Changed, Packets, Random0) when
+    Changed =:= framed; Changed =:= truncated; Changed =:= flipped; Changed =:= lengthened
+->
+    {Known, Random} = known(Packets, Random0),
+    changed(Changed, Known, Random);
 datagram(replayed, Packets, Random) ->
     known(Packets, Random);
 datagram(Other, Packets, Random) when
@@ -164,6 +154,23 @@ datagram(Other, Packets, Random) when
     {sealed(Other, robot(Packets), Bytes, Packets), Random};
 datagram(Kind, Packets, Random) ->
     with_key(Kind, Packets, Random).
+
+%% A genuine datagram, changed.
+changed(framed, Known, Random0) ->
+    {Keep, Random1} = rand:uniform_s(60, Random0),
+    {Noise, Random} = rand:bytes_s(byte_size(Known) - Keep, Random1),
+    {<<(binary:part(Known, 0, Keep))/binary, Noise/binary>>, Random};
+changed(truncated, Known, Random0) ->
+    {Size, Random} = rand:uniform_s(byte_size(Known), Random0),
+    {binary:part(Known, 0, Size - 1), Random};
+changed(flipped, Known, Random0) ->
+    {Bit, Random} = rand:uniform_s(bit_size(Known), Random0),
+    Before = Bit - 1,
+    <<Start:Before/bits, One:1, End/bits>> = Known,
+    {<<Start/bits, (1 - One):1, End/bits>>, Random};
+changed(lengthened, Known, Random0) ->
+    {Noise, Random} = rand:bytes_s(9, Random0),
+    {<<Known/binary, Noise/binary>>, Random}.
 
 %% With the right key, and a wrong sender, receiver or time.
 with_key(absurd_time, #packets{seals = Seals} = Packets, Random0) ->
@@ -194,9 +201,7 @@ with_key(Kind, Packets, Random) ->
 %% From a robot of the team, which holds no packet.
 contents(terms, Packets, Random0) ->
     %% external terms at random: tags that are known, then noise
-    Tags =
-        {70, 77, 80, 97, 98, 100, 103, 104, 105, 106, 107, 108, 109, 110, 111, 116, 118, 119, 131},
-    {Tag, Random1} = one_of(Tags, Random0),
+    {Tag, Random1} = one_of(?TAGS, Random0),
     {Size, Random2} = rand:uniform_s(200, Random1),
     {Noise, Random} = rand:bytes_s(Size, Random2),
     {payload([0, 1, 131, Tag, Noise], Packets), Random};
@@ -215,13 +220,16 @@ contents(malformed, Packets, Random0) ->
     {N, Random} = rand:uniform_s(1 bsl 62, Random0),
     Term = starl_dev_hostile_absurd:malformed(first(Packets), N),
     {payload([0, 1, term_to_binary(Term, [{minor_version, 2}])], Packets), Random};
-contents(fragments, Packets, Random0) ->
+contents(fragments, Packets, Random) ->
+    fragments(Packets, Random);
+contents(Kind, Packets, Random) ->
+    taken(Kind, Packets, Random).
+
+fragments(Packets, Random0) ->
     {Fields, Random1} = rand:bytes_s(10, Random0),
     {Size, Random2} = rand:uniform_s(1123, Random1),
     {Noise, Random} = rand:bytes_s(Size, Random2),
-    {payload([1, Fields, Noise], Packets), Random};
-contents(Kind, Packets, Random) ->
-    taken(Kind, Packets, Random).
+    {payload([1, Fields, Noise], Packets), Random}.
 
 %% That the transport takes.
 taken(absurd, Packets, Random0) ->

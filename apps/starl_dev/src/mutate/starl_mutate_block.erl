@@ -248,14 +248,7 @@ trace() ->
 -spec monitors() -> block().
 monitors() ->
     #{
-        sources => [
-            "apps/*/src/**/starl_*_monitor.erl",
-            "apps/starl_platform/src/contracts/starl_{monitor,separation,assumption}.erl",
-            "apps/starl_platform/src/contracts/starl_sap_monitor_{alarms,sources}.erl",
-            "apps/starl_platform/src/services/starl_sap_numbers.erl",
-            "apps/starl_sim/src/*/starl_sim_judge.erl",
-            "apps/starl_run/src/*/starl_run_assumption.erl"
-        ],
+        sources => monitor_sources(),
         unit => [
             "starl_*_monitor_*",
             "starl_monitor_*",
@@ -277,6 +270,16 @@ monitors() ->
         ],
         check => lists:append([Checked || #{check := Checked} <- maps:values(blocks())])
     }.
+
+monitor_sources() ->
+    [
+        "apps/*/src/**/starl_*_monitor.erl",
+        "apps/starl_platform/src/contracts/starl_{monitor,separation,assumption}.erl",
+        "apps/starl_platform/src/contracts/starl_sap_monitor_{alarms,sources}.erl",
+        "apps/starl_platform/src/services/starl_sap_numbers.erl",
+        "apps/starl_sim/src/*/starl_sim_judge.erl",
+        "apps/starl_run/src/*/starl_run_assumption.erl"
+    ].
 
 %% @doc The sources of a block, below the root of a checkout.
 -spec sources(name(), file:filename()) -> [file:filename()].

@@ -160,23 +160,15 @@ tell({violated, Found}, Block, Values, Seconds) ->
     #{violation := Violation, steps := Steps, chart := Chart, figures := Figures} = Found,
     starl_cli_terminal:out([
         unlike(Figures),
-        "VIOLATED: ",
-        starl_violation:format(Violation),
-        "\n",
+        ["VIOLATED: ", starl_violation:format(Violation), "\n"],
         io_lib:format("A shortest way there, ~b steps:~n~n", [Steps]),
-        Chart,
-        "\n",
-        covered(Figures, Block, Values, Seconds),
-        "\n"
+        [Chart, "\n", covered(Figures, Block, Values, Seconds), "\n"]
     ]),
     3;
 tell({holds, Ending, Figures}, Block, Values, Seconds) ->
     starl_cli_terminal:out([
         unlike(Figures),
-        verdict(Ending, Block),
-        "\n",
-        covered(Figures, Block, Values, Seconds),
-        "\n",
+        [verdict(Ending, Block), "\n", covered(Figures, Block, Values, Seconds), "\n"],
         [[What, "\n"] || What <- left(Ending, Figures, Values)]
     ]),
     status(Ending);

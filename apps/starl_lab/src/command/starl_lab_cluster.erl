@@ -23,34 +23,35 @@ about(none) ->
         "Runs the robots of TARGET (as of ./starl run) in real time: an Erlang node, a process of "
         "the operating system, for each, in a simulated world. A node that ends or hangs is started "
         "anew, and its robot rejoins.",
-        {list, "While it runs, from another terminal", [
-            {"cluster status", "the time, the robots, their nodes"},
-            {"cluster kill N", "kills the node of robot N; it is started anew"},
-            {"cluster pause N SECONDS",
-                "the node of robot N stands still for a time, then goes on"},
-            {"cluster lose-store N",
-                "kills the node of robot N; it is started anew without its store"},
-            {"cluster set-back N",
-                "kills the node of robot N; it is started anew with its store as it was before its "
-                "last start"},
-            {"cluster cut N M", "robots N and M do not hear each other"},
-            {"cluster freeze N", "robot N gets no new positions"},
-            {"cluster fill N",
-                "the disk of robot N is full: its store and recording cannot be written"},
-            {"cluster unplug N", "the cable of robot N's Create is pulled"},
-            {"cluster sense N SENSE HOW",
-                "a sense of robot N, or all, is gone, frozen, noisy, wrong, or well again"},
-            {"cluster heal",
-                "undoes all cuts, freezes, pauses and faults of senses, clears the disks, puts all cables back"},
-            {"cluster reload CODE",
-                "new code for all robots: an application, FILE.erl or a module; what fails within 5 s "
-                "is rolled back everywhere"},
-            {"cluster stop", "ends the run"}
-        ]},
+        {list, "While it runs, from another terminal", meanwhile()},
         "./starl cluster TARGET --help lists the flags of TARGET."
     ];
 about(_Subject) ->
     [].
+
+meanwhile() ->
+    [
+        {"cluster status", "the time, the robots, their nodes"},
+        {"cluster kill N", "kills the node of robot N; it is started anew"},
+        {"cluster pause N SECONDS", "the node of robot N stands still for a time, then goes on"},
+        {"cluster lose-store N", "kills the node of robot N; it is started anew without its store"},
+        {"cluster set-back N",
+            "kills the node of robot N; it is started anew with its store as it was before its "
+            "last start"},
+        {"cluster cut N M", "robots N and M do not hear each other"},
+        {"cluster freeze N", "robot N gets no new positions"},
+        {"cluster fill N",
+            "the disk of robot N is full: its store and recording cannot be written"},
+        {"cluster unplug N", "the cable of robot N's Create is pulled"},
+        {"cluster sense N SENSE HOW",
+            "a sense of robot N, or all, is gone, frozen, noisy, wrong, or well again"},
+        {"cluster heal",
+            "undoes all cuts, freezes, pauses and faults of senses, clears the disks, puts all cables back"},
+        {"cluster reload CODE",
+            "new code for all robots: an application, FILE.erl or a module; what fails within 5 s "
+            "is rolled back everywhere"},
+        {"cluster stop", "ends the run"}
+    ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) ->
@@ -72,7 +73,15 @@ own() ->
             "dist: Erlang distribution; udp: sealed datagrams, as between real robots"},
         {speed, {number, 0.01, 100}, 1, "how many times as fast as real time"},
         {metrics, {optional, {integer, 1, 65000}}, none,
-            "robot N serves http://127.0.0.1:PORT/metrics for Prometheus, PORT being this plus N"},
+            "robot N serves http://127.0.0.1:PORT/metrics for Prometheus, PORT being this plus N"}
+        | disturbances() ++ [runs()] ++ lists:keydelete(pace, 1, starl_lab_live:flags()) ++
+            lists:keydelete(record, 1, starl_lab_recording:flags()) ++ starl_lab_window:flags()
+    ].
+
+runs() -> {runs, {integer, 1, 1000}, 1, "runs, one after the other, each with the next seed"}.
+
+disturbances() ->
+    [
         {chaos, switch, false,
             "kills two nodes, the leader's among them, halts one, cuts a link, freezes the positions "
             "of a robot, fills the disk of one and takes or spoils the senses of one for a while, at "
@@ -87,10 +96,7 @@ own() ->
             "kills a node, which is started anew without its store, or with an old one, so many "
             "times, every 10 s of the run"},
         {full_disks, {integer, 0, 1000}, 0,
-            "fills the disk of a robot for 5 s of the run, so many times, every 10 s"},
-        {runs, {integer, 1, 1000}, 1, "runs, one after the other, each with the next seed"}
-        | lists:keydelete(pace, 1, starl_lab_live:flags()) ++
-            lists:keydelete(record, 1, starl_lab_recording:flags()) ++ starl_lab_window:flags()
+            "fills the disk of a robot for 5 s of the run, so many times, every 10 s"}
     ].
 
 other() ->

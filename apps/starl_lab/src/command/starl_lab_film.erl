@@ -121,19 +121,9 @@ gather({recording, File}, _Call) ->
         {error, Reason} ->
             {error, [starl_trace_reader:format_error(Reason)]}
     end;
-gather({run, Target}, #{values := Values}) ->
-    Call = #{
-        subject => Target,
-        given => #{},
-        args => [],
-        values => #{
-            until => none,
-            inspect => none,
-            out => none,
-            overwrite => false,
-            quiet => maps:get(quiet, Values)
-        }
-    },
+gather({run, Target}, #{values := #{quiet := Quiet}}) ->
+    Values = #{until => none, inspect => none, out => none, overwrite => false, quiet => Quiet},
+    Call = #{subject => Target, given => #{}, args => [], values => Values},
     case starl_lab_replay:setup(Call) of
         {ok, #{run := Run, record := Record}} -> filmed(Run, Record, Target);
         {error, _} = Error -> Error
@@ -176,21 +166,12 @@ written([], _Scene, _Values) ->
     0;
 written([File | Files], Scene, #{light := Light, once := Once, quiet := Quiet} = Values) ->
     Seconds = seconds(Scene, Values),
-    Progress = starl_cli_progress:new(
-        case Quiet of
-            true -> quiet;
-            false -> auto
-        end
-    ),
     Options = #{
         light => Light,
         once => Once,
         seconds => Seconds,
         title => title(Scene, Seconds),
-        progress => fun(Part) ->
-            _ = starl_cli_progress:show(Progress, Part, fun() -> ["film"] end),
-            ok
-        end
+        progress => progress(Quiet)
     },
     Written = starl_film:write(Scene, File, Options),
     starl_cli_progress:erase(),
@@ -200,6 +181,15 @@ written([File | Files], Scene, #{light := Light, once := Once, quiet := Quiet} =
             written(Files, Scene, Values);
         {error, Reason} ->
             {error, [starl_film:format_error(Reason)]}
+    end.
+
+progress(true) ->
+    fun(_Part) -> ok end;
+progress(false) ->
+    Progress = starl_cli_progress:new(auto),
+    fun(Part) ->
+        _ = starl_cli_progress:show(Progress, Part, fun() -> ["film"] end),
+        ok
     end.
 
 seconds(#{end_us := End}, #{speed := Speed}) when Speed =/= none -> max(0.5, End / 1.0e6 / Speed);

@@ -107,15 +107,10 @@ risen(#{rise := {none, Moments}, curve := Curve}, Width) ->
             ""
     end;
 risen(#{rise := {untaken, {Low, High} = Step, Why}} = Report, Width) ->
-    wrapped(
-        [
-            io_lib:format("it became likely between ~.3f s and ~.3f s", [Low / 1.0e6, High / 1.0e6]),
-            shares(Step, Report),
-            "; nothing between them can be taken up: ",
-            Why
-        ],
-        Width
-    );
+    Line =
+        "it became likely between ~.3f s and ~.3f s~ts; nothing between them can be taken up: ~ts",
+    Said = io_lib:format(Line, [Low / 1.0e6, High / 1.0e6, shares(Step, Report), Why]),
+    wrapped(Said, Width);
 risen(#{rise := {named, _, _, _, _}} = Report, Width) ->
     named(Report, Width).
 

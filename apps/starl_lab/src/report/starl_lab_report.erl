@@ -115,7 +115,7 @@ own(Figures, Measures, Formats) ->
 
 fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App} = Input) ->
     #{outcome := Outcome, wall_s := Wall, ending := Ending} = Input,
-    #{end_us := EndUs, monitors := Monitors, violations := Violations} = Outcome,
+    #{end_us := EndUs, monitors := Monitors} = Outcome,
     Measures = starl_lab_measures:figures(maps:get(app, Scenario, none), Monitors),
     Own = own(Figures, Measures, maps:get(formats, App, #{})),
     [
@@ -125,14 +125,7 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
         {virtual_s, rounded(#{decimals => 6}, EndUs / 1.0e6)},
         {wall_s, rounded(#{}, Wall)}
     ] ++ [{code, list_to_binary(Code)} || #{code := Code} <- [Input]] ++ Own ++
-        [
-            {messages, maps:get(sent, maps:get(starl_sap_monitor, Monitors))},
-            {packets, maps:get(packets, Outcome)},
-            {events, maps:get(events, Outcome)},
-            {digest, hex(maps:get(digest, Outcome))},
-            {contracts, contracts(Monitors)},
-            {violations, [violation(V) || V <- Violations]}
-        ] ++ not_judged(Outcome) ++ late_computers(Outcome) ++
+        happened(Outcome) ++ not_judged(Outcome) ++ late_computers(Outcome) ++
         [
             {ending, atom_to_binary(Ending)}
         ] ++ hung(Outcome) ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})) ++
@@ -141,6 +134,16 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
             {waiting, [unicode:characters_to_binary(W) || W <- Waiting]}
          || Waiting <- [waiting(Outcome)], Waiting =/= []
         ].
+
+happened(#{monitors := Monitors, violations := Violations} = Outcome) ->
+    [
+        {messages, maps:get(sent, maps:get(starl_sap_monitor, Monitors))},
+        {packets, maps:get(packets, Outcome)},
+        {events, maps:get(events, Outcome)},
+        {digest, hex(maps:get(digest, Outcome))},
+        {contracts, contracts(Monitors)},
+        {violations, [violation(V) || V <- Violations]}
+    ].
 
 %% The contracts by which the run was judged.
 contracts(Monitors) ->

@@ -10,6 +10,13 @@
 -type live() ::
     here | {nodes, dist | udp, Chaos :: [{AtUs :: integer(), starl_cluster_chaos:hand()}]}.
 
+-define(NO_DRAWN_FAULTS,
+    "drawn faults need the simulator; live, --faults plays a schedule, and ./starl cluster --chaos "
+    "disturbs the robots"
+).
+-define(NO_RELOADS,
+    "a reload at a time of the run needs the simulator; live, ./starl cluster reload"
+).
 -define(SHOW_MS, 100).
 -define(NO_CABLE, "only a Create has a cable: add --chassis create or create_1").
 %% The beginning of the name of the directory of the stores; the number of the OS process follows.
@@ -71,21 +78,8 @@ refused(Live, #{target := Target, scenario := Scenario}, Values) ->
             [Place(faults), io_lib:format("fault ~ts: serial_gone: ~ts", [Id, ?NO_CABLE])]
          || {Id, _, _, serial_gone, _, _} <- Faults, not has_cable(Scenario)
         ] ++
-        [
-            [
-                Place(random_faults),
-                "drawn faults need the simulator; live, --faults plays a schedule, and ./starl "
-                "cluster --chaos disturbs the robots"
-            ]
-         || Random =/= []
-        ] ++
-        [
-            [
-                Place(reloads),
-                "a reload at a time of the run needs the simulator; live, ./starl cluster reload"
-            ]
-         || Reloads =/= []
-        ].
+        [[Place(random_faults), ?NO_DRAWN_FAULTS] || Random =/= []] ++
+        [[Place(reloads), ?NO_RELOADS] || Reloads =/= []].
 
 too_long(Pace) ->
     io_lib:format("pause: a node can be halted for ~b ms of the run at most at this pace", [

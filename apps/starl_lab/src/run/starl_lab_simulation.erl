@@ -91,23 +91,30 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
         code => Code,
         notes => Notes
     }),
+    Own = own(Ran, Ways, Notes, Setup),
     Record = record(Ran, Code, Setup),
+    Written = starl_cli_out:write(Out, fun(Dir) ->
+        with_recording(starl_lab_files:write(Dir, Setup, {Report, Record}, Own), Setup, Dir)
+    end),
+    said(Setup, Report, Outcome),
+    ok = uploaded(Written, Setup),
+    Status = lost(maps:get(lost, Outcome), status(Report)),
+    where(Written, Setup, repeatable(Setup, Outcome), Status).
+
+said(Setup, Report, Outcome) ->
+    _ = summarize(Setup, Report),
+    violated(Setup, Outcome),
+    unjudged(Outcome).
+
+%% The files beside report and record.
+own(#{app := App, outcome := Outcome}, Ways, Notes, #{target := #{name := Name}} = Setup) ->
     Draw = fun(Dir) -> starl_lab_ways:draw(Dir, Name, Ways) end,
     Texts = [
         {"results.term", starl_lab_findings:results(Notes)},
         {"trajectories.csv", starl_lab_ways:csv(Ways)}
         | played(Setup, Outcome)
     ],
-    Own = #{write => maps:get(write, App, Draw), texts => Texts ++ measures(Outcome)},
-    Written = starl_cli_out:write(Out, fun(Dir) ->
-        with_recording(starl_lab_files:write(Dir, Setup, {Report, Record}, Own), Setup, Dir)
-    end),
-    _ = summarize(Setup, Report),
-    violated(Setup, Outcome),
-    unjudged(Outcome),
-    ok = uploaded(Written, Setup),
-    Status = lost(maps:get(lost, Outcome), status(Report)),
-    where(Written, Setup, repeatable(Setup, Outcome), Status).
+    #{write => maps:get(write, App, Draw), texts => Texts ++ measures(Outcome)}.
 
 %% What a run in real time has violated need not come again.
 repeatable(#{live := true}, Outcome) -> Outcome#{violations := []};

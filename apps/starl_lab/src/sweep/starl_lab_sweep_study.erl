@@ -183,10 +183,9 @@ format_error({code, File, Other, Code}) ->
         "~ts: its runs are of other code, ~ts, this is ~ts; name another directory with --out, or remove this file",
     io_lib:format(Line, [File, Other, Code]);
 format_error({codes, Others, Most}) ->
-    [
-        lists:join(", ", [[File, " is of other code, ", Code] || {File, Code} <- Others]),
-        ["; the other slices are of ", Most, ": remove it and run its slice again with that"]
-    ];
+    Line = "~ts; the other slices are of ~ts: remove it and run its slice again with that",
+    Named = lists:join(", ", [[File, " is of other code, ", Code] || {File, Code} <- Others]),
+    io_lib:format(Line, [Named, Most]);
 format_error({other, Dir, First}) ->
     [Dir, ": this is of another sweep than ", First, "; join them apart"];
 format_error({version, File, Version}) ->

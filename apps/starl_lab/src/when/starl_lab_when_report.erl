@@ -168,10 +168,7 @@ answer(#{step := {Low, High}, curve := Curve}, #{run := #{moments := Moments}} =
     {_, Below} = lists:keyfind(Low, 1, Curve),
     {_, Above} = lists:keyfind(High, 1, Curve),
     [
-        wrapped(
-            [became(Above), rise(Below, Above)],
-            Width
-        ),
+        wrapped([became(Above), rise(Below, Above)], Width),
         event(starl_sim_moments:entry(High, Moments), Report, Width),
         followers(High, Report, Width)
     ].

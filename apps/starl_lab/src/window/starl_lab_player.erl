@@ -232,13 +232,8 @@ order({speed, Speed}, _Page, #player{pace = Pace} = Player) ->
     anchored(Player#player{pace = starl_lab_player_pace:speed(Speed, Pace)});
 order({until, Us, GoesOn}, Page, Player) ->
     until(Us, GoesOn, Page, Player);
-order({step, none}, _Page, #player{run = Run} = Player) ->
-    goal(starl_lab_player_run:now(Run) + starl_lab_player_run:window(Run), Player);
-order({step, Robot}, Page, #player{run = Run} = Player) ->
-    case starl_lab_player_run:events(Robot, Run) of
-        {ok, N} -> step_to(Robot, N + 1, Page, Player);
-        none -> refuse(Page, "there is no such robot", rest(Player))
-    end;
+order({step, Robot}, Page, Player) ->
+    step(Robot, Page, Player);
 order({step_to, Robot, N}, Page, Player) ->
     step_to(Robot, N, Page, Player);
 order({fault, Command}, Page, Player) ->
@@ -258,6 +253,14 @@ until(Us, GoesOn, Page, #player{run = Run, pace = Pace} = Player) ->
             anchored((rest(Player))#player{run = starl_lab_player_run:back(Us, Run)});
         false ->
             Player#player{pace = starl_lab_player_pace:goal(Us, GoesOn, Pace)}
+    end.
+
+step(none, _Page, #player{run = Run} = Player) ->
+    goal(starl_lab_player_run:now(Run) + starl_lab_player_run:window(Run), Player);
+step(Robot, Page, #player{run = Run} = Player) ->
+    case starl_lab_player_run:events(Robot, Run) of
+        {ok, N} -> step_to(Robot, N + 1, Page, Player);
+        none -> refuse(Page, "there is no such robot", rest(Player))
     end.
 
 step_to(Robot, N, Page, #player{run = Run} = Player) ->

@@ -159,20 +159,8 @@ done(WasClosed, Position, #recovery{reader = Reader} = Recovery) ->
 lost(true, _Bytes) -> 0;
 lost(false, Bytes) -> Bytes.
 
-record({chunk, _, _, Size, Crc, Compression, Packed} = Chunk, Recovery) ->
-    case whole(Chunk) of
-        {ok, Records, Index} when map_size(Index) =:= 0 ->
-            lists:foldl(fun record/2, Recovery, channels(Records));
-        {ok, Records, Index} ->
-            #recovery{pack = Pack} = Known = taken(Records, Index, Recovery),
-            put_chunks(starl_mcap_pack:add({Size, Crc, Compression, Packed, Index}, Pack), Known);
-        {error, {packed, _, unknown} = Reason} when Recovery#recovery.chunks =:= 0 ->
-            throw({?MODULE, {damaged, Recovery#recovery.file, 0, Reason}});
-        {error, {packed, _, Why} = Reason} when Why =/= unknown ->
-            throw({?MODULE, {damaged, Recovery#recovery.file, 0, Reason}});
-        {error, _} ->
-            damaged(Recovery)
-    end;
+record({chunk, _, _, _, _, _, _} = Chunk, Recovery) ->
+    chunk(whole(Chunk), Chunk, Recovery);
 record(Record, Recovery) when
     element(1, Record) =:= schema;
     element(1, Record) =:= channel;
@@ -188,6 +176,18 @@ record({message, Channel, _, Time, _, Data}, #recovery{messages = N} = Recovery)
     put_bytes(starl_mcap_writer:flush(Put), Empty#recovery{messages = N + 1, last = Time});
 record(_Other, Recovery) ->
     Recovery.
+
+chunk({ok, Records, Index}, _Chunk, Recovery) when map_size(Index) =:= 0 ->
+    lists:foldl(fun record/2, Recovery, channels(Records));
+chunk({ok, Records, Index}, {chunk, _, _, Size, Crc, Compression, Packed}, Recovery) ->
+    #recovery{pack = Pack} = Known = taken(Records, Index, Recovery),
+    put_chunks(starl_mcap_pack:add({Size, Crc, Compression, Packed, Index}, Pack), Known);
+chunk({error, {packed, _, Why} = Reason}, _Chunk, #recovery{chunks = N, file = File}) when
+    Why =/= unknown; N =:= 0
+->
+    throw({?MODULE, {damaged, File, 0, Reason}});
+chunk({error, _}, _Chunk, Recovery) ->
+    damaged(Recovery).
 
 %% The messages and channels of a whole chunk.
 taken(Records, Index, Recovery) ->

@@ -57,14 +57,8 @@ updates({scenario, At, #{robots := Robots} = Facts}) ->
     Bodies = starl_trace_scene:bodies(At, [Id || {Id, _} <- Robots]),
     Plan = [{scene, At, starl_trace_scene:plan(At, Floor)} || #{floor := Floor} <- [Facts]],
     [{scenario, At, scenario(Facts)} | Plan] ++ [{scene, At, Bodies}];
-updates({trace, _, {_, sap, _}}) ->
-    [];
-updates({trace, At, {Robot, app, {measure, Key, Value}}}) when is_atom(Key), is_number(Value) ->
-    [{measures, At, measure(Robot, Key, Value)}];
-updates({trace, At, {Robot, app, {draw, #{key := _} = Drawing}}}) ->
-    [{drawings, At, starl_trace_drawing:update(At, Robot, Drawing)}];
 updates({trace, At, {Robot, Machine, Event}}) ->
-    [{trace, At, event(Robot, Machine, Event)}];
+    traced(At, Robot, Machine, Event);
 updates({faults, At, Fault}) ->
     [{faults, At, fault(Fault)}];
 updates({verdicts, At, Verdict}) ->
@@ -84,6 +78,15 @@ updates({snapshots, _, _}) ->
 updates({metrics, At, Counts}) ->
     Keys = [events, packets, lost, violations],
     [{metrics, At, {[{Key, maps:get(Key, Counts)} || Key <- Keys]}}].
+
+traced(_At, _Robot, sap, _Event) ->
+    [];
+traced(At, Robot, app, {measure, Key, Value}) when is_atom(Key), is_number(Value) ->
+    [{measures, At, measure(Robot, Key, Value)}];
+traced(At, Robot, app, {draw, #{key := _} = Drawing}) ->
+    [{drawings, At, starl_trace_drawing:update(At, Robot, Drawing)}];
+traced(At, Robot, Machine, Event) ->
+    [{trace, At, event(Robot, Machine, Event)}].
 
 %% Frames of the robots that have changed since the last ones.
 frames(At, Robots, #shown{frames = Frames, frames_at = Due, period_us = Period} = Shown) ->

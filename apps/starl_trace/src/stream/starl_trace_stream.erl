@@ -53,17 +53,20 @@ news({ended, #{end_us := End} = Ending}, #stream{now = Now} = Stream) ->
     {Due ++ [{verdicts, max(End, Now), {ended, Ending}}], Next};
 news({started, _At, Robot, Names}, Stream) ->
     {down(Robot, Names, Stream), Stream#stream{up = Names}};
-news({seen, At, Robot, Pose}, #stream{seen_at = Last} = Stream) when
-    Last =:= none; At >= Last + ?SEEN_US
-->
-    Place = #{full => false, robots => [{Robot, Pose, none, unknown}]},
-    told(poses, At, Place, Stream#stream{seen_at = At});
-news({seen, _At, _Robot, _Pose}, Stream) ->
-    {[], Stream};
+news({seen, At, Robot, Pose}, Stream) ->
+    seen(At, Robot, Pose, Stream);
 news({unjudged, At, Why}, Stream) ->
     told(gap, At, Why, Stream);
 news({logged, At, Robot, Level, Line}, Stream) ->
     told(log, At, {Level, Robot, Line}, Stream).
+
+seen(At, Robot, Pose, #stream{seen_at = Last} = Stream) when
+    Last =:= none; At >= Last + ?SEEN_US
+->
+    Place = #{full => false, robots => [{Robot, Pose, none, unknown}]},
+    told(poses, At, Place, Stream#stream{seen_at = At});
+seen(_At, _Robot, _Pose, Stream) ->
+    {[], Stream}.
 
 begun(#{scenario := Scenario} = Facts, Stream) ->
     Now = maps:get(begun_us, Facts, 0),
