@@ -157,14 +157,8 @@ happen({packet, Packet}, Run) ->
     run([{sap, packet, Packet}], Run);
 happen(go_on, #run{robot = Robot} = Run) ->
     run(Run#run{robot = stepped(starl_robot:go_on(told(goes_on, Robot)))});
-happen({crash, sap}, #run{robot = Robot, sap = Sap} = Run) when Sap =/= real ->
-    Bare = starl_robot:lost(sap, killed, Robot),
-    Names = starl_robot_machines:names(starl_robot:machines(Bare)),
-    run([{Name, info, {restarted, sap}} || Name <- Names], new_service(Run#run{robot = Bare}));
-happen({crash, Name}, #run{robot = Robot} = Run) ->
-    Bare = starl_robot:lost(Name, killed, Robot),
-    {ok, Machines} = starl_robot_machines:restart(Name, infinity, starl_robot:machines(Bare)),
-    run(Run#run{robot = starl_robot:back([Name], [], starl_robot:machines(Machines, Bare))});
+happen({crash, Name}, Run) ->
+    crash(Name, Run);
 happen(down, #run{robot = Robot} = Run) ->
     new_service(Run#run{robot = starl_robot:go_down(Robot)});
 happen(die, #run{robot = Robot} = Run) ->
@@ -172,6 +166,15 @@ happen(die, #run{robot = Robot} = Run) ->
 happen(up, #run{robot = Robot} = Run) ->
     Machines = starl_robot_machines:up(first, starl_robot:machines(Robot)),
     run(Run#run{robot = starl_robot:come_up(Machines, Robot)}).
+
+crash(sap, #run{robot = Robot, sap = Sap} = Run) when Sap =/= real ->
+    Bare = starl_robot:lost(sap, killed, Robot),
+    Names = starl_robot_machines:names(starl_robot:machines(Bare)),
+    run([{Name, info, {restarted, sap}} || Name <- Names], new_service(Run#run{robot = Bare}));
+crash(Name, #run{robot = Robot} = Run) ->
+    Bare = starl_robot:lost(Name, killed, Robot),
+    {ok, Machines} = starl_robot_machines:restart(Name, infinity, starl_robot:machines(Bare)),
+    run(Run#run{robot = starl_robot:back([Name], [], starl_robot:machines(Machines, Bare))}).
 
 new_service(#run{sap = real} = Run) -> Run;
 new_service(Run) -> Run#run{sap = starl_check_sap:new()}.

@@ -103,27 +103,26 @@ parse({between, Type}, Text) ->
 parse({size, Type}, Text) ->
     pair(Type, string:split(Text, "x"), {size, Type});
 parse({one_of, Atoms}, Text) ->
-    case [Atom || Atom <- Atoms, atom_to_list(Atom) =:= Text] of
-        [Atom] -> {ok, Atom};
-        [] -> error
-    end;
+    one_of(Atoms, Text);
 parse({optional, _}, "none") ->
     {ok, none};
 parse({optional, Type}, Text) ->
     parse(Type, Text);
 parse(Type, Text) when Type =:= string; Type =:= file ->
     valid_or_error(Type, Text);
-parse(boolean, "true") ->
-    {ok, true};
-parse(boolean, "false") ->
-    {ok, false};
-parse(boolean, _) ->
-    error;
+parse(boolean, Text) ->
+    one_of([true, false], Text);
 parse({term, _, _} = Type, Text) ->
     case term(Text) of
         {ok, Term} -> valid_or_error(Type, Term);
         %% such as the name of a file, if the option takes a binary
         {error, _} -> valid_or_error(Type, unicode:characters_to_binary(Text))
+    end.
+
+one_of(Atoms, Text) ->
+    case [Atom || Atom <- Atoms, atom_to_list(Atom) =:= Text] of
+        [Atom] -> {ok, Atom};
+        [] -> error
     end.
 
 term(Text) ->

@@ -85,7 +85,24 @@ init(_Robot, Options) -> Options#{next => order}.
 step(Robot, #{next := order} = State) ->
     Order = starl_decision:await(Robot, {formation, order}, fun() -> order(Robot) end),
     {continue, State#{next := round, order => Order}};
-step(Robot, #{next := round, rounds := Rounds, order := Order} = State) ->
+step(Robot, #{next := round} = State) ->
+    next_round(Robot, State);
+step(Robot, #{next := {drive, Round, Place}} = State) ->
+    ok = starl_approach:arrive(Robot, Place, driving(Place, State)),
+    ok = starl:trace(Robot, {in_place, Round, Place}),
+    {continue, State#{next := {wait, Round, Place}}};
+step(Robot, #{next := {wait, Round, Place}} = State) ->
+    _ = starl:stop(Robot),
+    case starl_barrier:sync(Robot, formation, ?PATIENCE_MS) of
+        ok ->
+            ok = starl:trace(Robot, {formed, Round}),
+            ok = starl:sleep(Robot, ?HOLD_MS),
+            {continue, State#{next := round}};
+        {error, _} ->
+            {continue, back_to_place(Robot, Round, Place, State)}
+    end.
+
+next_round(Robot, #{rounds := Rounds, order := Order} = State) ->
     case {starl_barrier:round(Robot, formation), starl:floor(Robot)} of
         {{ok, Round}, _} when Round > Rounds ->
             {done, Rounds};
@@ -95,24 +112,13 @@ step(Robot, #{next := round, rounds := Rounds, order := Order} = State) ->
             {continue, Next#{next := {drive, Round, place(Robot, Places, Order)}}};
         _ ->
             {continue, State}
-    end;
-step(Robot, #{next := {drive, Round, Place}} = State) ->
-    ok = starl_approach:arrive(Robot, Place, driving(Place, State)),
-    ok = starl:trace(Robot, {in_place, Round, Place}),
-    {continue, State#{next := {wait, Round, Place}}};
-step(Robot, #{next := {wait, Round, Place}, tolerance := Tolerance} = State) ->
-    _ = starl:stop(Robot),
-    case starl_barrier:sync(Robot, formation, ?PATIENCE_MS) of
-        ok ->
-            ok = starl:trace(Robot, {formed, Round}),
-            ok = starl:sleep(Robot, ?HOLD_MS),
-            {continue, State#{next := round}};
-        {error, _} ->
-            %% a robot that is a little off only measures a little otherwise
-            case is_away(starl:position(Robot), Place, 2 * Tolerance) of
-                true -> {continue, State#{next := {drive, Round, Place}}};
-                false -> {continue, State}
-            end
+    end.
+
+%% A robot that is a little off only measures a little otherwise.
+back_to_place(Robot, Round, Place, #{tolerance := Tolerance} = State) ->
+    case is_away(starl:position(Robot), Place, 2 * Tolerance) of
+        true -> State#{next := {drive, Round, Place}};
+        false -> State
     end.
 
 is_away({ok, {X, Y, _}}, Place, Mm) -> starl_geometry:distance(Place, {X, Y}) > Mm;

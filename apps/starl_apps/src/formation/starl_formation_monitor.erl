@@ -113,6 +113,11 @@ judge({_, Robot, Machine, Damage}, #state{places = Places, unsound = Unsound} = 
         places = maps:remove(Robot, Places), unsound = Unsound#{Robot => true}, since = over
     }};
 judge({T, Robot, app, {formed, Round}}, #state{formed = Formed} = State) when Round > Formed ->
+    formed(T, Robot, Round, State);
+judge(_Event, State) ->
+    {ok, State}.
+
+formed(T, Robot, Round, State) ->
     Errors = [{Id, error(Id, Round, T, State)} || Id <- State#state.robots],
     Known = [Mm || {_, Mm} <- Errors, is_float(Mm)],
     Sound = maps:without([Id || {Id, Mm} <- Errors, is_float(Mm)], State#state.unsound),
@@ -125,9 +130,7 @@ judge({T, Robot, app, {formed, Round}}, #state{formed = Formed} = State) when Ro
     case [{Id, Mm} || {Id, Mm} <- Errors, is_away(Id, Mm, T, State)] of
         [] -> {ok, Next};
         [{Id, Mm} | _] -> {violation, violation(T, [Robot, Id], Round, Mm), Next}
-    end;
-judge(_Event, State) ->
-    {ok, State}.
+    end.
 
 again(_T, #state{since = over}) -> over;
 again(T, _State) -> T.

@@ -102,17 +102,8 @@ parked(#{spots := Spots}, World) ->
     }.
 
 place(Picture, #{poses := Poses} = Parked, Radius, Tracking, Context) ->
-    #{robots := Ids, world := World, seed := Seed, options := Options} = Context,
-    Lines = starl_picture:segments(Picture),
-    Plan = (maps:get(plan, Parked))#{
-        segments => Lines,
-        world => floats(World),
-        tube_radius => Radius,
-        slack => Tracking,
-        horizon => float(maps:get(horizon, Options)),
-        choice => maps:get(choice, Options),
-        seed => Seed
-    },
+    #{robots := Ids, options := Options} = Context,
+    Plan = plan(Picture, Parked, Radius, Tracking, Context),
     Leases = #{lease_ms => maps:get(lease, Options), jump_ms => maps:get(jump, Options)},
     case starl_dpp_plan:new(Plan#{robots => Ids}) of
         {ok, Empty} ->
@@ -133,6 +124,17 @@ place(Picture, #{poses := Poses} = Parked, Radius, Tracking, Context) ->
         {error, Reason} ->
             {error, starl_dpp_plan:format_error(Reason)}
     end.
+
+plan(Picture, Parked, Radius, Tracking, #{world := World, seed := Seed, options := Options}) ->
+    (maps:get(plan, Parked))#{
+        segments => starl_picture:segments(Picture),
+        world => floats(World),
+        tube_radius => Radius,
+        slack => Tracking,
+        horizon => float(maps:get(horizon, Options)),
+        choice => maps:get(choice, Options),
+        seed => Seed
+    }.
 
 %% What the report needs of the scene.
 memo(Picture, Empty, #{robots := Ids, world := World, profiles := Profiles, options := Options}) ->

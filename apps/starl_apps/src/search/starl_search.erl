@@ -68,16 +68,16 @@ step(Robot, wait) ->
         {error, _} -> requested(starl_dpp:wait_path(Robot, ?WAIT_MS), Robot)
     end;
 step(Robot, search) ->
-    case {starl_registers:get(Robot, found), starl:sense(Robot, camera)} of
-        {{ok, At}, _} ->
-            {done, {found, At}};
-        {_, {error, _}} ->
-            %% who does not see leaves the work to others
-            ok = starl:sleep(Robot, 1000),
-            {continue, search};
-        {_, {ok, _}} ->
-            requested(starl_dpp:request_path(Robot, ?WAIT_MS), Robot)
-    end.
+    search(starl_registers:get(Robot, found), starl:sense(Robot, camera), Robot).
+
+search({ok, At}, _Camera, _Robot) ->
+    {done, {found, At}};
+search(_Found, {error, _}, Robot) ->
+    %% who does not see leaves the work to others
+    ok = starl:sleep(Robot, 1000),
+    {continue, search};
+search(_Found, {ok, _}, Robot) ->
+    requested(starl_dpp:request_path(Robot, ?WAIT_MS), Robot).
 
 join(Robot, Leader) ->
     _ = starl_dpp:join(Robot, Leader),

@@ -96,10 +96,37 @@ ball(_Floor, Rooms, #{seed := Seed}) ->
             {ok, starl_geometry:interpolate(A, B, erlang:phash2({Seed, part}, 1001) / 1000)}
     end.
 
-built(#{size := World} = Floor, Ways, Reached, Rooms, Ball, Radius, Tracking, Context) ->
-    #{robots := Ids, seed := Seed, options := Options} = Context,
-    #{camera_range := Range, camera_field := Degrees} = Options,
-    Plan = #{
+built(Floor, Ways, Reached, Rooms, Ball, Radius, Tracking, Context) ->
+    #{robots := Ids, options := Options} = Context,
+    {Open, Closed} = lists:partition(
+        fun({_, Lines}) -> lists:any(fun(Line) -> lists:member(Line, Reached) end, Lines) end, Rooms
+    ),
+    Unreached = [Name || {Name, _} <- Closed],
+    Plan = plan(Floor, Ways, Reached, Radius, Tracking, Context),
+    #{
+        notes => closed(#{closed => Unreached}),
+        app => {sequential, starl_search, Reached},
+        never_crashes => true,
+        never_bumps => true,
+        floor => Floor,
+        poses => maps:from_list(lists:zip(Ids, starl_dpp_floor:places(Ways))),
+        apart_mm => maps:get(safety_distance, Options),
+        things => things(Ball),
+        senses => #{camera => camera(Options)},
+        blocks => [
+            {starl_election, #{patience_ms => ?PATIENCE_MS}}, starl_registers, {starl_dpp, Plan}
+        ],
+        monitors => [{starl_search_monitor, contract(Floor, Reached, Ball, Context)}],
+        memo => #{
+            floor => Floor,
+            lines => Reached,
+            open => [Name || {Name, _} <- Open],
+            closed => Unreached
+        }
+    }.
+
+plan(#{size := World}, Ways, Reached, Radius, Tracking, #{seed := Seed, options := Options}) ->
+    #{
         segments => Reached,
         world => World,
         tube_radius => Radius,
@@ -110,46 +137,23 @@ built(#{size := World} = Floor, Ways, Reached, Rooms, Ball, Radius, Tracking, Co
         seed => Seed,
         lease_ms => maps:get(lease, Options),
         jump_ms => maps:get(jump, Options)
-    },
-    {Open, Closed} = lists:partition(
-        fun({_, Lines}) -> lists:any(fun(Line) -> lists:member(Line, Reached) end, Lines) end, Rooms
-    ),
-    Told = closed(#{closed => [Name || {Name, _} <- Closed]}),
-    #{
-        notes => Told,
-        app => {sequential, starl_search, Reached},
-        never_crashes => true,
-        never_bumps => true,
-        floor => Floor,
-        poses => maps:from_list(lists:zip(Ids, starl_dpp_floor:places(Ways))),
-        apart_mm => maps:get(safety_distance, Options),
-        things => [
-            #{at => At, colour => orange, radius_mm => ?BALL_MM}
-         || At <- [Ball], At =/= none
-        ],
-        senses => #{
-            camera => #{field => Degrees * math:pi() / 180, most_mm => Range, ball_mm => ?BALL_MM}
-        },
-        blocks => [
-            {starl_election, #{patience_ms => ?PATIENCE_MS}}, starl_registers, {starl_dpp, Plan}
-        ],
-        monitors => [
-            {starl_search_monitor, #{
-                floor => Floor,
-                lines => Reached,
-                ball => Ball,
-                range_mm => float(Range),
-                robots => Ids,
-                within_us => 1000 * (?DONE_MS + starl_registers:within_ms(length(Ids)))
-            }}
-        ],
-        memo => #{
-            floor => Floor,
-            lines => Reached,
-            open => [Name || {Name, _} <- Open],
-            closed => [Name || {Name, _} <- Closed]
-        }
     }.
+
+contract(Floor, Reached, Ball, #{robots := Ids, options := #{camera_range := Range}}) ->
+    #{
+        floor => Floor,
+        lines => Reached,
+        ball => Ball,
+        range_mm => float(Range),
+        robots => Ids,
+        within_us => 1000 * (?DONE_MS + starl_registers:within_ms(length(Ids)))
+    }.
+
+things(none) -> [];
+things(Ball) -> [#{at => Ball, colour => orange, radius_mm => ?BALL_MM}].
+
+camera(#{camera_range := Range, camera_field := Degrees}) ->
+    #{field => Degrees * math:pi() / 180, most_mm => Range, ball_mm => ?BALL_MM}.
 
 %% -- before and after a run -----------------------------------------------------------------
 

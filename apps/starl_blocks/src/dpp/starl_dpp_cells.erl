@@ -139,7 +139,15 @@ meshed(#map{cells = Cells, side = Side} = Map) ->
         #{},
         Numbered
     ),
-    Edges = [
+    Map#map{
+        cells = maps:from_list([{Cell, V} || {V, Part} <- Numbered, Cell <- Part]),
+        count = length(Parts),
+        points = Points,
+        edges = touching(Buckets, Points, Map)
+    }.
+
+touching(Buckets, Points, Map) ->
+    [
         {V, W}
      || {{I, J}, Vs} <- lists:sort(maps:to_list(Buckets)),
         {DI, DJ} <- [{0, 0}, {1, 0}, {-1, 1}, {0, 1}, {1, 1}],
@@ -147,13 +155,7 @@ meshed(#map{cells = Cells, side = Side} = Map) ->
         W <- maps:get({I + DI, J + DJ}, Buckets, []),
         {DI, DJ} =/= {0, 0} orelse V < W,
         is_free({maps:get(V, Points), maps:get(W, Points)}, Map)
-    ],
-    Map#map{
-        cells = maps:from_list([{Cell, V} || {V, Part} <- Numbered, Cell <- Part]),
-        count = length(Parts),
-        points = Points,
-        edges = Edges
-    }.
+    ].
 
 floordiv(I, Side) -> I div Side.
 

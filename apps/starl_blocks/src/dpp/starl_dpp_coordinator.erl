@@ -136,46 +136,12 @@ stop_timers() -> [{{timeout, T}, cancel} || T <- [serve, give_up, beat, recover,
 
 event(cast, {message, Robot, Type, Body}, State, Data) ->
     message(Type, Body, Robot, State, Data);
-event({timeout, beat}, _, leading, Data) ->
-    keep(beat(Data));
-event({timeout, recover}, _, State, Data) when State =/= idle ->
-    keep(ask_unknown(State, Data));
-event({timeout, serve}, _, leading, #coordinator{service = Service, serve = Serve} = Data) ->
-    keep(served(Service:serve(Serve), Data));
-event({timeout, give_up}, _, leading, #coordinator{service = Service, serve = Serve} = Data) ->
-    keep(served(Service:give_up(Serve), Data));
-event({timeout, reopen}, _, leading, #coordinator{service = Service, serve = Serve} = Data) ->
-    keep(served(Service:reopen(Serve), Data));
-event({timeout, claim}, _, claiming, Data) ->
-    {next_state, idle, Data, stop_timers()};
-event({timeout, _}, _, _State, _Data) ->
-    keep_state_and_data;
-event({reply, {rest, Term, Robot}}, {ok, {X, Y, _}}, leading, #coordinator{term = Term} = Data) ->
-    keep(rests(Robot, {X, Y}, Data));
-event({reply, {answered, Term, Robot}}, Outcome, leading, #coordinator{term = Term} = Data) ->
-    #coordinator{service = Service, serve = Serve} = Data,
-    Arrived =
-        case Outcome of
-            ok -> ok;
-            {error, _} -> lost
-        end,
-    {keep_state, Data#coordinator{serve = Service:answered(Robot, Arrived, Serve)}, []};
-event({reply, _}, _, _State, _Data) ->
-    keep_state_and_data;
-event(cast, {lead, N}, State, #coordinator{n = Known} = Data) ->
-    case State =:= idle orelse N > Known of
-        true -> claim(N, Data);
-        false -> keep_state_and_data
-    end;
-event(cast, {led, Term}, State, #coordinator{term = Own} = Data) when Term > Own ->
-    Ended = [{trace, {stepped_down, Own}} || State =:= leading],
-    {next_state, idle, higher(Term, Data), Ended ++ stop_timers()};
-event(cast, {led, _Term}, _State, _Data) ->
-    keep_state_and_data;
-event(cast, out_of_time, idle, _Data) ->
-    keep_state_and_data;
-event(cast, out_of_time, _State, #coordinator{n = N} = Data) ->
-    claim(N, Data);
+event({timeout, Timer}, _, State, Data) ->
+    timed_out(Timer, State, Data);
+event({reply, Tag}, Answer, State, Data) ->
+    replied(Tag, Answer, State, Data);
+event(cast, Word, State, Data) ->
+    follower(Word, State, Data);
 %% What it has promised in the meantime is known to nobody: it begins a new term.
 event(info, {late, said}, leading, #coordinator{n = N} = Data) ->
     claim(N, Data);
@@ -186,6 +152,52 @@ event(info, {restarted, sap}, _State, Data) ->
 event(info, {restarted, _}, _State, _Data) ->
     keep_state_and_data;
 event(_, _, _, _) ->
+    unknown_event.
+
+timed_out(beat, leading, Data) ->
+    keep(beat(Data));
+timed_out(recover, State, Data) when State =/= idle ->
+    keep(ask_unknown(State, Data));
+timed_out(serve, leading, #coordinator{service = Service, serve = Serve} = Data) ->
+    keep(served(Service:serve(Serve), Data));
+timed_out(give_up, leading, #coordinator{service = Service, serve = Serve} = Data) ->
+    keep(served(Service:give_up(Serve), Data));
+timed_out(reopen, leading, #coordinator{service = Service, serve = Serve} = Data) ->
+    keep(served(Service:reopen(Serve), Data));
+timed_out(claim, claiming, Data) ->
+    {next_state, idle, Data, stop_timers()};
+timed_out(_Timer, _State, _Data) ->
+    keep_state_and_data.
+
+replied({rest, Term, Robot}, {ok, {X, Y, _}}, leading, #coordinator{term = Term} = Data) ->
+    keep(rests(Robot, {X, Y}, Data));
+replied({answered, Term, Robot}, Outcome, leading, #coordinator{term = Term} = Data) ->
+    #coordinator{service = Service, serve = Serve} = Data,
+    Arrived =
+        case Outcome of
+            ok -> ok;
+            {error, _} -> lost
+        end,
+    {keep_state, Data#coordinator{serve = Service:answered(Robot, Arrived, Serve)}, []};
+replied(_Tag, _Answer, _State, _Data) ->
+    keep_state_and_data.
+
+%% Words of the robot's own follower.
+follower({lead, N}, State, #coordinator{n = Known} = Data) ->
+    case State =:= idle orelse N > Known of
+        true -> claim(N, Data);
+        false -> keep_state_and_data
+    end;
+follower({led, Term}, State, #coordinator{term = Own} = Data) when Term > Own ->
+    Ended = [{trace, {stepped_down, Own}} || State =:= leading],
+    {next_state, idle, higher(Term, Data), Ended ++ stop_timers()};
+follower({led, _Term}, _State, _Data) ->
+    keep_state_and_data;
+follower(out_of_time, idle, _Data) ->
+    keep_state_and_data;
+follower(out_of_time, _State, #coordinator{n = N} = Data) ->
+    claim(N, Data);
+follower(_Word, _State, _Data) ->
     unknown_event.
 
 %% @private What comes over the radio.

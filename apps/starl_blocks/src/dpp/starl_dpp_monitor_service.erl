@@ -138,22 +138,8 @@ happened(T, Robot, {dpp, {answered, _End}}, S) ->
 %% the coordinator does not know yet that it is not on its way any more
 happened(T, Robot, {dpp, crashed}, S) ->
     {none, changed(T, answered(Robot, S))};
-happened(T, _Robot, {dpp_coordinator, {coordinator, _Term}}, S) ->
-    {none, due(S#service{open_us = T, silent = []})};
-happened(_T, _Robot, {dpp_coordinator, {silent, Silent}}, #service{silent = Known} = S) ->
-    {none, due(S#service{silent = lists:usort([Silent | Known])})};
-happened(_T, _Robot, {dpp_coordinator, {closed, [_ | _]}}, S) ->
-    {none, S#service{closed = true}};
-happened(_T, _Robot, {dpp_coordinator, {unreachable, [_ | _]}}, #service{closed = false} = S) ->
-    #service{silent = Silent, died = Died, down = Down, open_us = Open} = S,
-    case Open =/= none andalso Silent ++ Died ++ Down of
-        [] -> {given_up, S};
-        _ -> {none, S}
-    end;
-happened(_T, _Robot, {dpp_coordinator, Event}, S) when
-    Event =:= crashed; element(1, Event) =:= claims; element(1, Event) =:= stepped_down
-->
-    {none, due(S#service{open_us = none})};
+happened(T, _Robot, {dpp_coordinator, Event}, S) ->
+    coordinates(T, Event, S);
 happened(T, Robot, {robot, down}, #service{down = Down} = S) ->
     {none, changed(T, answered(Robot, S#service{down = lists:usort([Robot | Down])}))};
 happened(T, Robot, {robot, up}, #service{down = Down} = S) ->
@@ -164,6 +150,26 @@ happened(T, Robot, {robot, {died, _Reason}}, #service{died = Died, moves = Moves
     }),
     {none, changed(T, Dead)};
 happened(_T, _Robot, _Event, S) ->
+    {none, S}.
+
+%% What a coordinator tells.
+coordinates(T, {coordinator, _Term}, S) ->
+    {none, due(S#service{open_us = T, silent = []})};
+coordinates(_T, {silent, Silent}, #service{silent = Known} = S) ->
+    {none, due(S#service{silent = lists:usort([Silent | Known])})};
+coordinates(_T, {closed, [_ | _]}, S) ->
+    {none, S#service{closed = true}};
+coordinates(_T, {unreachable, [_ | _]}, #service{closed = false} = S) ->
+    #service{silent = Silent, died = Died, down = Down, open_us = Open} = S,
+    case Open =/= none andalso Silent ++ Died ++ Down of
+        [] -> {given_up, S};
+        _ -> {none, S}
+    end;
+coordinates(_T, Event, S) when
+    Event =:= crashed; element(1, Event) =:= claims; element(1, Event) =:= stepped_down
+->
+    {none, due(S#service{open_us = none})};
+coordinates(_T, _Event, S) ->
     {none, S}.
 
 asks(Robot, #service{asks = Asks, moves = Moves} = S) ->

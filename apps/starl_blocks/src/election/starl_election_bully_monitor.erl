@@ -166,19 +166,8 @@ finish(EndTimeUs, State) ->
 judge({election, {entered, Election}}, T, Robot, #state{open = Open} = State0) ->
     State = begin_election(Election, T, State0),
     {[], State#state{open = Open#{{Election, Robot} => {T, deadline(T, Robot, State)}}}};
-judge({election, {elected, Election, Leader, How}}, T, Robot, State0) ->
-    State = begin_election(Election, T, State0),
-    Term = {Election, Robot, maps:get(Robot, State#state.lives, 1)},
-    Broken =
-        two_leaders(Term, Leader, T, State) ++ unfit(Election, Leader, How, T, Robot, State) ++
-            lossless(Election, Leader, T, Robot, State),
-    Judged = length([x || is_lossless(Election, T, State)]),
-    {Broken, State#state{
-        lossless_results = State#state.lossless_results + Judged,
-        reported = maps:merge(#{Term => Leader}, State#state.reported),
-        leaders = maps:merge(#{Election => Leader}, State#state.leaders),
-        open = maps:remove({Election, Robot}, State#state.open)
-    }};
+judge({election, {elected, Election, Leader, How}}, T, Robot, State) ->
+    elected(Election, Leader, How, T, Robot, begin_election(Election, T, State));
 judge({election, {failed, Election, _Reason}}, T, Robot, #state{failed = Failed} = State) ->
     Broken = [
         violation(failed_without_loss, T, [Robot], Election)
@@ -198,6 +187,19 @@ judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
     {[], absent(Robot, State#state{died = Died#{Robot => T}})};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
+
+elected(Election, Leader, How, T, Robot, State) ->
+    Term = {Election, Robot, maps:get(Robot, State#state.lives, 1)},
+    Broken =
+        two_leaders(Term, Leader, T, State) ++ unfit(Election, Leader, How, T, Robot, State) ++
+            lossless(Election, Leader, T, Robot, State),
+    Judged = length([x || is_lossless(Election, T, State)]),
+    {Broken, State#state{
+        lossless_results = State#state.lossless_results + Judged,
+        reported = maps:merge(#{Term => Leader}, State#state.reported),
+        leaders = maps:merge(#{Election => Leader}, State#state.leaders),
+        open = maps:remove({Election, Robot}, State#state.open)
+    }}.
 
 begin_election(Election, T, #state{began = Began} = State) ->
     State#state{began = maps:merge(#{Election => T}, Began)}.

@@ -159,14 +159,7 @@ judge({election, {ballot, Election, Ballot}}, T, Robot, State) ->
     Kept = keep(Election, {maps:merge(#{Robot => Ballot}, Ballots), Elected}, State),
     {Broken, settle(T, Election, not is_map_key(Robot, Ballots), Kept)};
 judge({election, {elected, Election, Leader, How}}, T, Robot, State) ->
-    {Ballots, Elected} = Record = record_of(Election, State),
-    Broken =
-        stranger(T, Robot, Election, State) ++
-            disagreement(T, Robot, Election, Leader, Elected) ++
-            unfit(T, Robot, Election, Leader, Ballots) ++
-            incomplete(How, T, Robot, Election, Record, State),
-    Known = {Ballots, maps:merge(#{Robot => Leader}, Elected)},
-    {Broken, keep(Election, Known, conclude(Election, Robot, State))};
+    elected(Election, Leader, How, T, Robot, State);
 judge({election, {failed, Election, _Reason}}, T, Robot, #state{failed = Failed} = State) ->
     Given = given_up(T, Election, Robot, State),
     {[], conclude(Election, Robot, Given#state{failed = Failed + 1})};
@@ -177,6 +170,16 @@ judge({robot, {died, _Reason}}, T, Robot, State) ->
     {[], absent(T, Robot, State)};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
+
+elected(Election, Leader, How, T, Robot, State) ->
+    {Ballots, Elected} = Record = record_of(Election, State),
+    Broken =
+        stranger(T, Robot, Election, State) ++
+            disagreement(T, Robot, Election, Leader, Elected) ++
+            unfit(T, Robot, Election, Leader, Ballots) ++
+            incomplete(How, T, Robot, Election, Record, State),
+    Known = {Ballots, maps:merge(#{Robot => Leader}, Elected)},
+    {Broken, keep(Election, Known, conclude(Election, Robot, State))}.
 
 %% The others need not have heard its ballot, if a fault came in between.
 given_up(T, Election, Robot, #state{open = Open, faults = Faults, forgotten = Of} = State) ->

@@ -120,24 +120,10 @@ defaults() ->
 ) -> starl_machine:result().
 handle_event(cast, {message, From, geocast, Message}, ready, Flood, #{now := Now}) ->
     message(Message, From, Now, Flood);
-handle_event({timeout, {offer, Id}}, _, ready, Flood, #{now := Now}) ->
-    offer(Id, Now, Flood);
-handle_event({timeout, {give, Id}}, _, ready, Flood, #{now := Now}) ->
-    give(Id, Now, Flood);
-handle_event({timeout, {ask, Id}}, _, ready, Flood, #{now := Now}) ->
-    ask_again(Id, Now, Flood);
+handle_event({timeout, Timer}, _, ready, Flood, #{now := Now}) ->
+    timed_out(Timer, Now, Flood);
 handle_event({reply, {where, N}}, Answer, ready, Flood, #{now := Now}) ->
     located(N, Answer, Now, Flood);
-handle_event({timeout, check}, _, ready, #flood{store = Store} = Flood, #{now := Now}) ->
-    {Actions, Next} = starl_geocast_delivery:check_again(Now, Store, Flood#flood.delivery),
-    {keep_state, Flood#flood{delivery = Next}, Actions};
-handle_event({timeout, {over, Id}}, _, ready, #flood{store = Store} = Flood, _Meta) ->
-    Cancel = [{{timeout, {Timer, Id}}, cancel} || Timer <- [offer, give, ask]],
-    Wanted = maps:remove(Id, Flood#flood.wanted),
-    Over = starl_geocast_store:over(Id, Store),
-    {keep_state, Flood#flood{store = Over, wanted = Wanted}, Cancel};
-handle_event({timeout, {forget, Id}}, _, ready, #flood{store = Store} = Flood, _Meta) ->
-    {keep_state, Flood#flood{store = starl_geocast_store:forget(Id, Store)}};
 handle_event({call, From}, {send, Area, Type, Body, Lifetime, Hops}, ready, Flood, Meta) ->
     send(From, {Area, Type, Body, Lifetime, Hops}, maps:get(now, Meta), Flood);
 handle_event(cast, {listen, Type, Machine}, ready, Flood, #{now := Now}) ->
@@ -150,6 +136,25 @@ handle_event(info, {restarted, sap}, ready, _Flood, _Meta) ->
 handle_event(info, {restarted, _}, ready, _Flood, _Meta) ->
     keep_state_and_data;
 handle_event(_, _, _, _, _) ->
+    unknown_event.
+
+timed_out({offer, Id}, Now, Flood) ->
+    offer(Id, Now, Flood);
+timed_out({give, Id}, Now, Flood) ->
+    give(Id, Now, Flood);
+timed_out({ask, Id}, Now, Flood) ->
+    ask_again(Id, Now, Flood);
+timed_out(check, Now, #flood{store = Store} = Flood) ->
+    {Actions, Next} = starl_geocast_delivery:check_again(Now, Store, Flood#flood.delivery),
+    {keep_state, Flood#flood{delivery = Next}, Actions};
+timed_out({over, Id}, _Now, #flood{store = Store} = Flood) ->
+    Cancel = [{{timeout, {Timer, Id}}, cancel} || Timer <- [offer, give, ask]],
+    Wanted = maps:remove(Id, Flood#flood.wanted),
+    Over = starl_geocast_store:over(Id, Store),
+    {keep_state, Flood#flood{store = Over, wanted = Wanted}, Cancel};
+timed_out({forget, Id}, _Now, #flood{store = Store} = Flood) ->
+    {keep_state, Flood#flood{store = starl_geocast_store:forget(Id, Store)}};
+timed_out(_Timer, _Now, _Flood) ->
     unknown_event.
 
 %% @private What comes over the radio.

@@ -168,25 +168,9 @@ judge({chassis, {motion, Piece}}, _T, Robot, #state{paths = Paths} = State) ->
     Path = [Piece | maps:get(Robot, Paths, [])],
     {[], State#state{paths = Paths#{Robot => needed(Path, earliest(State))}}};
 judge({geocast, {sent, Id, Area, Lifetime, Hash}}, T, Robot, State) ->
-    #state{messages = Messages, open = Open} = State,
-    Message = #message{
-        area = Area,
-        hash = Hash,
-        from_us = T,
-        to_us = T + Lifetime,
-        way = starl_geocast_provenance:new(Robot, T)
-    },
-    {[], State#state{
-        messages = Messages#{Id => Message}, open = gb_sets:add({T + Lifetime, Id, T}, Open)
-    }};
-judge({geocast, {held, Id, From}}, T, Robot, #state{messages = Messages} = State) ->
-    case starl_assumption:is_kept(State#state.assumption) orelse Messages of
-        #{Id := #message{way = Way} = Message} ->
-            Held = Message#message{way = starl_geocast_provenance:held(T, Robot, From, Way)},
-            {[], State#state{messages = Messages#{Id := Held}}};
-        _NobodyAsks ->
-            {[], State}
-    end;
+    {[], sent(Id, Area, Lifetime, Hash, T, Robot, State)};
+judge({geocast, {held, Id, From}}, T, Robot, State) ->
+    {[], held(Id, From, T, Robot, State)};
 judge({geocast, {delivered, Id, Hash}}, T, Robot, #state{messages = Messages} = State) ->
     case Messages of
         #{Id := #message{} = Message} -> delivered(Id, Message, Hash, T, Robot, State);
@@ -200,6 +184,27 @@ judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
     {[], State#state{died = Died#{Robot => T}}};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
+
+sent(Id, Area, Lifetime, Hash, T, Robot, #state{messages = Messages, open = Open} = State) ->
+    Message = #message{
+        area = Area,
+        hash = Hash,
+        from_us = T,
+        to_us = T + Lifetime,
+        way = starl_geocast_provenance:new(Robot, T)
+    },
+    State#state{
+        messages = Messages#{Id => Message}, open = gb_sets:add({T + Lifetime, Id, T}, Open)
+    }.
+
+held(Id, From, T, Robot, #state{messages = Messages} = State) ->
+    case starl_assumption:is_kept(State#state.assumption) orelse Messages of
+        #{Id := #message{way = Way} = Message} ->
+            Held = Message#message{way = starl_geocast_provenance:held(T, Robot, From, Way)},
+            State#state{messages = Messages#{Id := Held}};
+        _NobodyAsks ->
+            State
+    end.
 
 delivered(Id, #message{got = Got, from_us = From} = Message, Hash, T, Robot, State) ->
     Broken =

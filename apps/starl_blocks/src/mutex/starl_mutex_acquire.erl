@@ -217,18 +217,8 @@ anew(Id, Job, Tokens, Robot) ->
         | {answer, job_id()}
         | {released, token(), starl_mutex:fence()}
         | {release, starl_machine:from()}.
-late({hold, Token, Fence}, Robot0) ->
-    Robot = starl_mutex_state:void(Token, Fence, Robot0),
-    case starl_mutex_state:entry(Token, Robot) of
-        #{lock := {Id, Fence}, queue := Queue} ->
-            %% it waits for this one, no more for the one after it
-            Job = starl_mutex_state:job(Id, Robot),
-            Gone = starl_mutex_state:forget_entry(Token, failed(Job, Robot)),
-            Kept = starl_mutex_state:keep_job(Id, starl_mutex_job:misses(Token, Job), Gone),
-            starl_mutex_robot:orphan(Token, Queue, act({{timeout, {anew, Id}}, 0, anew}, Kept));
-        _ ->
-            Robot
-    end;
+late({hold, Token, Fence}, Robot) ->
+    missed(Token, Fence, starl_mutex_state:void(Token, Fence, Robot));
 late(leased, Robot) ->
     Robot;
 late({answer, Id}, Robot) ->
@@ -243,3 +233,15 @@ late({released, Token, Fence}, Robot) ->
     end;
 late({release, From}, Robot) ->
     act({reply, From, {error, lost}}, Robot).
+
+missed(Token, Fence, Robot) ->
+    case starl_mutex_state:entry(Token, Robot) of
+        #{lock := {Id, Fence}, queue := Queue} ->
+            %% it waits for this one, no more for the one after it
+            Job = starl_mutex_state:job(Id, Robot),
+            Gone = starl_mutex_state:forget_entry(Token, failed(Job, Robot)),
+            Kept = starl_mutex_state:keep_job(Id, starl_mutex_job:misses(Token, Job), Gone),
+            starl_mutex_robot:orphan(Token, Queue, act({{timeout, {anew, Id}}, 0, anew}, Kept));
+        _ ->
+            Robot
+    end.

@@ -47,16 +47,7 @@ step({T, Robot, mutex, {acquired, Token, Fence}} = Event, State) ->
 step({_, Robot, mutex, {How, Token, Fence}} = Event, State) when
     How =:= released; How =:= lease_lost
 ->
-    #state{held = Held, over = Over, stood = Stood} = State,
-    Hold = {Robot, Token, Fence},
-    case is_map_key(Hold, Over) of
-        true ->
-            {ok, State#state{over = maps:remove(Hold, Over)}};
-        false ->
-            judged(Event, State#state{
-                held = maps:remove(Hold, Held), stood = maps:remove(Hold, Stood)
-            })
-    end;
+    let_go({Robot, Token, Fence}, Event, State);
 step({_, Robot, mutex, crashed} = Event, State) ->
     #state{held = Held, over = Over, stood = Stood} = State,
     judged(Event, State#state{
@@ -64,6 +55,16 @@ step({_, Robot, mutex, crashed} = Event, State) ->
     });
 step(Event, State) ->
     judged(Event, State).
+
+let_go(Hold, Event, #state{held = Held, over = Over, stood = Stood} = State) ->
+    case is_map_key(Hold, Over) of
+        true ->
+            {ok, State#state{over = maps:remove(Hold, Over)}};
+        false ->
+            judged(Event, State#state{
+                held = maps:remove(Hold, Held), stood = maps:remove(Hold, Stood)
+            })
+    end.
 
 without(Robot, Holds) -> maps:filter(fun({Whose, _, _}, _) -> Whose =/= Robot end, Holds).
 

@@ -193,28 +193,8 @@ verdict(Violations) -> {violation, Violations}.
 
 %%% Events: each gives the violations it shows
 
-judge({mutex, {requested, Token}}, T, Robot, State) ->
-    {[], request(T, Robot, Token, State)};
-judge({mutex, {granted, Token, Fence, To}}, T, Home, #state{holds = Holds} = State) ->
-    kept(starl_mutex_holds:granted(T, Home, Token, Fence, To, Holds), State);
-judge({mutex, {leased, Token, Fence, Left}}, T, Robot, #state{holds = Holds} = State) ->
-    {[], State#state{holds = starl_mutex_holds:leased(T, Robot, Token, Fence, Left, Holds)}};
-judge({mutex, {acquired, Token, Fence}}, T, Robot, #state{holds = Holds} = State) ->
-    Held = starl_mutex_holds:acquired(T, Robot, Token, Fence, Holds),
-    kept(Held, wait(T, Robot, Token, State));
-judge({mutex, {answered, Fences}}, T, Robot, #state{holds = Holds} = State) ->
-    {starl_mutex_holds:answered(T, Robot, Fences, Holds), State};
-judge({mutex, {released, Token, Fence}}, T, Robot, #state{holds = Holds} = State) ->
-    kept(starl_mutex_holds:ended(released, T, Robot, Token, Fence, Holds), State);
-judge({mutex, {lease_lost, Token, Fence}}, T, Robot, #state{holds = Holds} = State) ->
-    Ended = starl_mutex_holds:ended(lost, T, Robot, Token, Fence, Holds),
-    kept(Ended, State#state{lost = State#state.lost + 1});
-judge({mutex, {failed, Token, Reason}}, T, Robot, #state{failed = Failed} = State) ->
-    {Since, Closed} = close(Token, Robot, State#state{failed = Failed + 1}),
-    {refused(T, Robot, Token, Reason, Since, State), Closed};
-judge({mutex, crashed}, T, Robot, #state{faults = Faults} = State) ->
-    Fault = {Robot, T, T, fault},
-    {[], forget(T, Robot, State#state{faults = starl_assumption:broken(Fault, Faults)})};
+judge({mutex, Event}, T, Robot, State) ->
+    token(Event, T, Robot, State);
 judge({robot, store_set_back}, _T, Robot, #state{holds = Holds} = State) ->
     {[], State#state{holds = starl_mutex_holds:set_back(Robot, Holds)}};
 judge({robot, {died, _Reason}}, T, Robot, #state{faults = Faults, died = Died} = State) ->
@@ -226,6 +206,31 @@ judge({robot, {died, _Reason}}, T, Robot, #state{faults = Faults, died = Died} =
         })
     };
 judge({_Machine, _Other}, _T, _Robot, State) ->
+    {[], State}.
+
+token({requested, Token}, T, Robot, State) ->
+    {[], request(T, Robot, Token, State)};
+token({granted, Token, Fence, To}, T, Home, #state{holds = Holds} = State) ->
+    kept(starl_mutex_holds:granted(T, Home, Token, Fence, To, Holds), State);
+token({leased, Token, Fence, Left}, T, Robot, #state{holds = Holds} = State) ->
+    {[], State#state{holds = starl_mutex_holds:leased(T, Robot, Token, Fence, Left, Holds)}};
+token({acquired, Token, Fence}, T, Robot, #state{holds = Holds} = State) ->
+    Held = starl_mutex_holds:acquired(T, Robot, Token, Fence, Holds),
+    kept(Held, wait(T, Robot, Token, State));
+token({answered, Fences}, T, Robot, #state{holds = Holds} = State) ->
+    {starl_mutex_holds:answered(T, Robot, Fences, Holds), State};
+token({released, Token, Fence}, T, Robot, #state{holds = Holds} = State) ->
+    kept(starl_mutex_holds:ended(released, T, Robot, Token, Fence, Holds), State);
+token({lease_lost, Token, Fence}, T, Robot, #state{holds = Holds} = State) ->
+    Ended = starl_mutex_holds:ended(lost, T, Robot, Token, Fence, Holds),
+    kept(Ended, State#state{lost = State#state.lost + 1});
+token({failed, Token, Reason}, T, Robot, #state{failed = Failed} = State) ->
+    {Since, Closed} = close(Token, Robot, State#state{failed = Failed + 1}),
+    {refused(T, Robot, Token, Reason, Since, State), Closed};
+token(crashed, T, Robot, #state{faults = Faults} = State) ->
+    Fault = {Robot, T, T, fault},
+    {[], forget(T, Robot, State#state{faults = starl_assumption:broken(Fault, Faults)})};
+token(_Event, _T, _Robot, State) ->
     {[], State}.
 
 kept({Broken, Holds}, State) -> {Broken, State#state{holds = Holds}}.

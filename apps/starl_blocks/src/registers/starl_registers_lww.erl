@@ -259,7 +259,14 @@ message({sync, Hash}, Source, _Now, Lww) ->
     {Lww, [post(Source, Digest) || hash(Own) =/= Hash, Digest <- digests(parts(Own), none)]};
 message({digest, Theirs}, Source, Now, Lww) ->
     message({digest, Theirs, none, none}, Source, Now, Lww);
-message({digest, Theirs, After, Last}, Source, _Now, #lww{entries = Entries} = Lww) ->
+message({digest, Theirs, After, Last}, Source, _Now, Lww) ->
+    {Lww, differences(Theirs, {After, Last}, Source, Lww)};
+message({want, Names}, Source, _Now, #lww{entries = Entries} = Lww) ->
+    Wanted = [{Name, V, S} || Name <- Names, #{Name := {V, S}} <- [Entries]],
+    {Lww, [post(Source, Body) || Body <- told(parts(Wanted))]}.
+
+%% What another robot does not know of the names in this range, and the names of which it knows more.
+differences(Theirs, {After, Last}, Source, #lww{entries = Entries}) ->
     Known = maps:from_list(Theirs),
     Later = [
         {Name, V, S}
@@ -271,12 +278,8 @@ message({digest, Theirs, After, Last}, Source, _Now, #lww{entries = Entries} = L
     Want = [Name || {Name, Stamp} <- Theirs, is_later(Name, Stamp, Entries)],
     %% a robot that knows nothing waits for an answer, even an empty one
     Told = Later =/= [] orelse Theirs =:= [],
-    {Lww,
-        [post(Source, Body) || Told, Body <- told(parts(Later))] ++
-            [post(Source, {want, Part}) || Want =/= [], Part <- parts(Want)]};
-message({want, Names}, Source, _Now, #lww{entries = Entries} = Lww) ->
-    Wanted = [{Name, V, S} || Name <- Names, #{Name := {V, S}} <- [Entries]],
-    {Lww, [post(Source, Body) || Body <- told(parts(Wanted))]}.
+    [post(Source, Body) || Told, Body <- told(parts(Later))] ++
+        [post(Source, {want, Part}) || Want =/= [], Part <- parts(Want)].
 
 %% Parts do not end a recovery: another may be under way.
 told([Entries]) -> [{entries, Entries}];

@@ -171,44 +171,46 @@ finish(EndTimeUs, State) ->
 
 %% -- events ---------------------------------------------------------------------------------
 
-judge({registers, {put, Name, Hash, Stamp}}, T, Robot, State) ->
-    #state{writes = Writes, stamps = Stamps} = State,
-    Broken = stamp_back(Name, Stamp, T, Robot, Stamps) ++ not_owner(Name, T, Robot, State),
-    {Broken,
-        postpone(
-            T,
-            State#state{
-                writes = maps:merge(#{{Name, Stamp} => Hash}, Writes),
-                stamps = Stamps#{Robot => Stamp}
-            },
-            [Name]
-        )};
-judge({registers, {got, Name, Hash, Stamp}}, T, Robot, #state{reads = Reads} = State) ->
-    Broken = unwritten(Name, Hash, Stamp, T, Robot, State) ++ back(Name, Stamp, T, Robot, State),
-    Read = note(Robot, Name, Stamp, State#state.read),
-    {Broken, State#state{reads = Reads + 1, read = Read}};
-judge({registers, {got, Name, unset}}, T, Robot, #state{read = Read} = State) ->
-    Before = maps:get(Robot, Read, #{}),
-    {[violation(read_goes_back, T, [Robot], #{name => Name}) || is_map_key(Name, Before)], State};
-judge({registers, {holds, Name, Stamp}}, _T, Robot, #state{holds = Holds} = State) ->
-    {[], State#state{holds = note(Robot, Name, Stamp, Holds)}};
-judge({registers, {too_far_ahead, Name, Stamp}}, _T, Robot, #state{refused = Refused} = State) ->
-    Key = {Robot, Name},
-    {[], State#state{refused = Refused#{Key => max(Stamp, maps:get(Key, Refused, Stamp))}}};
-judge({registers, crashed}, T, Robot, #state{read = Read, holds = Holds} = State) ->
-    Forgotten = State#state{
-        read = maps:remove(Robot, Read), holds = maps:remove(Robot, Holds)
-    },
-    {[], postpone(T, Forgotten, written(State))};
-judge({registers, store_damaged}, T, Robot, #state{stamps = Stamps, apart_us = Apart} = State) ->
-    Admitted = T + Apart,
-    {[], State#state{stamps = maps:remove(Robot, Stamps), admitted = Admitted}};
+judge({registers, Event}, T, Robot, State) ->
+    registers(Event, T, Robot, State);
 judge({robot, store_set_back}, T, Robot, State) ->
-    judge({registers, store_damaged}, T, Robot, State);
+    registers(store_damaged, T, Robot, State);
 judge({robot, {died, _Reason}}, T, Robot, #state{died = Died} = State) ->
     {[], postpone(T, State#state{died = [Robot | Died]}, written(State))};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
+
+registers({put, Name, Hash, Stamp}, T, Robot, State) ->
+    wrote(Name, Hash, Stamp, T, Robot, State);
+registers({got, Name, Hash, Stamp}, T, Robot, #state{reads = Reads} = State) ->
+    Broken = unwritten(Name, Hash, Stamp, T, Robot, State) ++ back(Name, Stamp, T, Robot, State),
+    Read = note(Robot, Name, Stamp, State#state.read),
+    {Broken, State#state{reads = Reads + 1, read = Read}};
+registers({got, Name, unset}, T, Robot, #state{read = Read} = State) ->
+    Before = maps:get(Robot, Read, #{}),
+    {[violation(read_goes_back, T, [Robot], #{name => Name}) || is_map_key(Name, Before)], State};
+registers({holds, Name, Stamp}, _T, Robot, #state{holds = Holds} = State) ->
+    {[], State#state{holds = note(Robot, Name, Stamp, Holds)}};
+registers({too_far_ahead, Name, Stamp}, _T, Robot, #state{refused = Refused} = State) ->
+    Key = {Robot, Name},
+    {[], State#state{refused = Refused#{Key => max(Stamp, maps:get(Key, Refused, Stamp))}}};
+registers(crashed, T, Robot, #state{read = Read, holds = Holds} = State) ->
+    Forgotten = State#state{
+        read = maps:remove(Robot, Read), holds = maps:remove(Robot, Holds)
+    },
+    {[], postpone(T, Forgotten, written(State))};
+registers(store_damaged, T, Robot, #state{stamps = Stamps, apart_us = Apart} = State) ->
+    Admitted = T + Apart,
+    {[], State#state{stamps = maps:remove(Robot, Stamps), admitted = Admitted}};
+registers(_Event, _T, _Robot, State) ->
+    {[], State}.
+
+wrote(Name, Hash, Stamp, T, Robot, #state{writes = Writes, stamps = Stamps} = State) ->
+    Broken = stamp_back(Name, Stamp, T, Robot, Stamps) ++ not_owner(Name, T, Robot, State),
+    Written = State#state{
+        writes = maps:merge(#{{Name, Stamp} => Hash}, Writes), stamps = Stamps#{Robot => Stamp}
+    },
+    {Broken, postpone(T, Written, [Name])}.
 
 written(#state{writes = Writes}) -> [Name || {Name, _} <- maps:keys(Writes)].
 

@@ -126,21 +126,28 @@ pass(T, #goals{drives = Drives, assumption = Assumption} = Goals) ->
     {[{robot_id(), off_line, map()}], t()}
 when
     Event :: {Machine :: atom(), term()}.
+happened(T, Robot, {motion, Event}, Goals) ->
+    drives(T, Robot, Event, Goals);
 happened(T, Robot, {chassis, {motion, Piece}}, Goals) ->
     {Found, Drive, Next} = follow(T, Robot, Goals),
     Since = max(T, starl_trajectory:start_us(Piece)),
     {Found, put_drive(Robot, Drive#drive{piece = Piece, judged_us = Since}, Next)};
-happened(T, Robot, {motion, {goal, _Way, To}}, #goals{goals = N} = Goals) ->
-    Drive = drive(Robot, Goals),
-    Goal = goal(T, Robot, To, Drive, Goals),
-    #goals{due = Due} =
-        Given = put_drive(Robot, Drive#drive{goal = Goal}, Goals#goals{goals = N + 1}),
-    {[], Given#goals{due = min(Due, maps:get(due_us, Goal))}};
 happened(T, Robot, {chassis, {sensed, {bump, _Side}}}, Goals) ->
     %% something is in its way: it need not arrive; and while its wheels turned on it was set apart
     {Found, Drive, Next} = follow(T, Robot, Goals),
     {Found, over(Robot, put_drive(Robot, Drive#drive{line = none, bumped_us = T}, Next))};
-happened(T, Robot, {motion, {line, Line}}, Goals) ->
+happened(_T, Robot, {robot, down}, Goals) ->
+    {[], over(Robot, Goals)};
+happened(T, Robot, {robot, {died, _Reason}}, Goals) ->
+    {Found, _Drive, #goals{drives = Drives} = Next} = follow(T, Robot, Goals),
+    {Found, Next#goals{drives = maps:remove(Robot, Drives)}};
+happened(_T, _Robot, _Event, Goals) ->
+    {[], Goals}.
+
+%% What its motion tells.
+drives(T, Robot, {goal, _Way, To}, Goals) ->
+    {[], sets_out(T, Robot, To, Goals)};
+drives(T, Robot, {line, Line}, Goals) ->
     {Found, Drive, Next} = follow(T, Robot, Goals),
     Held = [
         {Line, T}
@@ -149,25 +156,25 @@ happened(T, Robot, {motion, {line, Line}}, Goals) ->
         starl_geometry:point_segment(Place, Line) =< radius_mm(Robot, Goals)
     ],
     {Found, put_drive(Robot, Drive#drive{line = hd(Held ++ [none])}, Next)};
-happened(T, Robot, {motion, {velocity, _, _}}, Goals) ->
+drives(T, Robot, {velocity, _, _}, Goals) ->
     {Found, Drive, Next} = follow(T, Robot, Goals),
     {Found, put_drive(Robot, Drive#drive{line = none}, Next)};
-happened(T, Robot, {motion, {goal_over, arrived}}, #goals{arrived = N} = Goals) ->
+drives(T, Robot, {goal_over, arrived}, #goals{arrived = N} = Goals) ->
     Held = Goals#goals.held_up + length([x || is_late(T, drive(Robot, Goals))]),
     {[], over(Robot, Goals#goals{arrived = N + 1, held_up = Held})};
-happened(_T, Robot, {motion, {goal_over, _Why}}, Goals) ->
+drives(_T, Robot, {goal_over, _Why}, Goals) ->
     {[], over(Robot, Goals)};
-happened(_T, Robot, {motion, Event}, Goals) when
-    Event =:= crashed; Event =:= {velocity_over, restarted}
-->
+drives(_T, Robot, Event, Goals) when Event =:= crashed; Event =:= {velocity_over, restarted} ->
     {[], over(Robot, Goals)};
-happened(_T, Robot, {robot, down}, Goals) ->
-    {[], over(Robot, Goals)};
-happened(T, Robot, {robot, {died, _Reason}}, Goals) ->
-    {Found, _Drive, #goals{drives = Drives} = Next} = follow(T, Robot, Goals),
-    {Found, Next#goals{drives = maps:remove(Robot, Drives)}};
-happened(_T, _Robot, _Event, Goals) ->
+drives(_T, _Robot, _Event, Goals) ->
     {[], Goals}.
+
+sets_out(T, Robot, To, #goals{goals = N} = Goals) ->
+    Drive = drive(Robot, Goals),
+    Goal = goal(T, Robot, To, Drive, Goals),
+    #goals{due = Due} =
+        Given = put_drive(Robot, Drive#drive{goal = Goal}, Goals#goals{goals = N + 1}),
+    Given#goals{due = min(Due, maps:get(due_us, Goal))}.
 
 %% @doc The latest time at which a command of a step at this time leaves the robot's computer.
 -spec leaves_us(robot_id(), TimeUs :: integer(), t()) -> integer().

@@ -114,23 +114,22 @@ statement("outline", Words, N, #plan{walls = Walls} = Plan) ->
 statement("door", Words, N, #plan{doors = Doors} = Plan) ->
     [A, B] = points(numbers(4, "door", Words, N)),
     Plan#plan{doors = [{A, B} | Doors]};
-statement(Kind, [Name, "=", [Letter]], N, #plan{letters = Letters} = Plan) when
-    Kind =:= "room"; Kind =:= "place"
-->
+statement(Kind, Words, N, Plan) when (Kind =:= "room" orelse Kind =:= "place"), Words =/= [] ->
+    name_given(Kind, Words, N, Plan);
+statement(Word, _Words, N, _Plan) ->
+    Known = "name, scale, size, wall, line, outline, door, room, place, drawing",
+    fail(N, "a line begins with one of ~ts, not with ~ts", [Known, Word]).
+
+name_given(Kind, [Name, "=", [Letter]], N, #plan{letters = Letters} = Plan) ->
     lists:member(Letter, "#+. ") andalso
         fail(N, "the character ~tc cannot stand for a name", [Letter]),
     is_map_key(Letter, Letters) andalso fail(N, "the letter ~tc has a name already", [Letter]),
     named(Plan#plan{letters = Letters#{Letter => {list_to_existing_atom(Kind), name(Name, N)}}}, N);
-statement("room", [Name | Words], N, #plan{rooms = Rooms} = Plan) ->
+name_given("room", [Name | Words], N, #plan{rooms = Rooms} = Plan) ->
     named(Plan#plan{rooms = Rooms#{name(Name, N) => polygon("room", Words, N)}}, N);
-statement("place", [Name | Words], N, #plan{places = Places} = Plan) ->
+name_given("place", [Name | Words], N, #plan{places = Places} = Plan) ->
     [Place] = points(numbers(2, "place", Words, N)),
-    named(Plan#plan{places = Places#{name(Name, N) => Place}}, N);
-statement(Word, _Words, N, _Plan) ->
-    Known = [
-        "name", "scale", "size", "wall", "line", "outline", "door", "room", "place", "drawing"
-    ],
-    fail(N, "a line begins with one of ~ts, not with ~ts", [lists:join(", ", Known), Word]).
+    named(Plan#plan{places = Places#{name(Name, N) => Place}}, N).
 
 named(#plan{rooms = Rooms, places = Places, letters = Letters} = Plan, N) ->
     map_size(Rooms) + map_size(Places) + map_size(Letters) =< ?MOST_NAMES orelse

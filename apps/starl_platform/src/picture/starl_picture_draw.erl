@@ -222,13 +222,18 @@ polyline([Point], Page) ->
 polyline(Points, Page) ->
     ["<polyline points=\"", lists:join($\s, [place(Point, Page) || Point <- Points]), "\"/>\n"].
 
-robot({Id, {X, Y} = Point, Heading}, #page{dot = Dot} = Page) ->
+robot({Id, Point, Heading}, Page) ->
     R = ?ROBOT_RADIUS_MM,
-    Tip = {X + 1.45 * R * math:cos(Heading), Y + 1.45 * R * math:sin(Heading)},
-    Rim = {X + R * math:cos(Heading), Y + R * math:sin(Heading)},
-    [CX, CY] = [number(N) || N <- centre(Point, Page)],
     Digits = integer_to_list(Id),
     Size = R * 1.9 / (1 + length(Digits)),
+    [
+        body(Id, Point, R, Page),
+        direction(Id, Point, Heading, R, Page),
+        text(label_point(Point, Size, Page), Size, "middle", "#202020", Digits)
+    ].
+
+body(Id, Point, R, #page{dot = Dot} = Page) ->
+    [CX, CY] = [number(N) || N <- centre(Point, Page)],
     [
         "<circle cx=\"",
         CX,
@@ -240,7 +245,13 @@ robot({Id, {X, Y} = Point, Heading}, #page{dot = Dot} = Page) ->
         colour(Id),
         "\" stroke-width=\"",
         number(2 * Dot),
-        "\"/>\n",
+        "\"/>\n"
+    ].
+
+direction(Id, {X, Y}, Heading, R, #page{dot = Dot} = Page) ->
+    Tip = {X + 1.45 * R * math:cos(Heading), Y + 1.45 * R * math:sin(Heading)},
+    Rim = {X + R * math:cos(Heading), Y + R * math:sin(Heading)},
+    [
         "<path fill=\"none\" stroke=\"",
         colour(Id),
         "\" stroke-width=\"",
@@ -249,8 +260,7 @@ robot({Id, {X, Y} = Point, Heading}, #page{dot = Dot} = Page) ->
         place(Rim, Page),
         $L,
         place(Tip, Page),
-        "\"/>\n",
-        text(label_point(Point, Size, Page), Size, "middle", "#202020", Digits)
+        "\"/>\n"
     ].
 
 centre({X, Y}, #page{height = H}) -> [X, H - Y].

@@ -53,34 +53,25 @@ check([{transmit, To, _} | Rest]) when ?IS_ROBOT(To) -> check(Rest);
 check([{reply, {To, _}, _} | Rest]) when is_atom(To) -> check(Rest);
 check([{call, To, Word, _} | Rest]) when is_atom(To), is_tuple(Word) -> asked(To, Word, Rest);
 check([{call, To, _, _} | Rest]) when is_atom(To) -> check(Rest);
-check([{sense, {near, Mm}, _Tag} | Rest]) when is_number(Mm), Mm >= 0 ->
+check([Action | Rest]) ->
+    of_robot(Action),
     check(Rest);
-check([{sense, Robots, _Tag} = Action | Rest]) ->
-    right(are_robots(Robots), Action),
-    check(Rest);
-check([{feel, Kind, _Tag} = Action | Rest]) ->
-    right(starl_sense:is_kind(Kind), Action),
-    check(Rest);
-check([{drive, Script, _} = Action | Rest]) ->
-    driven(starl_chassis:check(Script), Action),
-    check(Rest);
-check([{actuate, Device, _} | Rest]) when is_atom(Device) -> check(Rest);
-check([{actuate, Device, _, _} | Rest]) when is_atom(Device) -> check(Rest);
-check([{store, Term} | Rest]) ->
-    payload(store, kept, Term),
-    check(Rest);
-check([{done, _} | Rest]) ->
-    check(Rest);
-check([{outlived, N} | Rest]) when is_integer(N) -> check(Rest);
-check([{reloaded, #{}} | Rest]) ->
-    check(Rest);
-check([{until, Us, Actions, _Mark} | Rest]) when is_integer(Us), is_list(Actions) ->
-    check(Actions),
-    check(Rest);
-check([Action | _]) ->
-    wrong(Action);
 check(Other) ->
     error({bad_action, Other, "a list of actions (starl_machine:action())"}).
+
+%% Of its senses, its body, its store, its program and its clock.
+of_robot({sense, {near, Mm}, _Tag}) when is_number(Mm), Mm >= 0 -> ok;
+of_robot({sense, Robots, _Tag} = Action) -> right(are_robots(Robots), Action);
+of_robot({feel, Kind, _Tag} = Action) -> right(starl_sense:is_kind(Kind), Action);
+of_robot({drive, Script, _} = Action) -> driven(starl_chassis:check(Script), Action);
+of_robot({actuate, Device, _}) when is_atom(Device) -> ok;
+of_robot({actuate, Device, _, _}) when is_atom(Device) -> ok;
+of_robot({store, Term}) -> payload(store, kept, Term);
+of_robot({done, _}) -> ok;
+of_robot({outlived, N}) when is_integer(N) -> ok;
+of_robot({reloaded, #{}}) -> ok;
+of_robot({until, Us, Actions, _Mark}) when is_integer(Us), is_list(Actions) -> check(Actions);
+of_robot(Action) -> wrong(Action).
 
 asked(To, Word, Rest) ->
     case is_request(To, Word) of

@@ -116,33 +116,22 @@ length_of(Items) ->
 
 longest_ms() -> starl_action:longest_us() div 1000.
 
-expected(ms) ->
-    "milliseconds: a whole number from 0";
-expected(positive_ms) ->
-    "milliseconds: a whole number from 1";
-expected(ms_or_infinity) ->
-    "milliseconds: a whole number from 1, or infinity";
-expected(number) ->
-    "a whole number from 1";
-expected(robot) ->
-    "a robot: a whole number from 1";
-expected(name) ->
-    "an atom";
 expected(sense) ->
     lists:flatten(io_lib:format("one of ~0tp", [[K || {K, _} <- starl_sense:kinds()]]));
-expected(key) ->
-    "an atom of small letters, digits and _";
-expected(value) ->
-    "a number within 1.0e15";
-expected(deviation) ->
-    "a number from 0 to 1.0e15";
-expected(list) ->
-    "a list";
-expected(items) ->
-    "a list that is not empty";
-expected(distance) ->
-    "a distance: a number from 0, mm";
-expected(velocity) ->
-    "a velocity {VX, VY}: two numbers, mm/s, within 1.0e9";
-expected(point) ->
-    "a point {X, Y}: two numbers, mm, within 1.0e9".
+expected(Kind) ->
+    maps:get(Kind, #{
+        ms => "milliseconds: a whole number from 0",
+        positive_ms => "milliseconds: a whole number from 1",
+        ms_or_infinity => "milliseconds: a whole number from 1, or infinity",
+        number => "a whole number from 1",
+        robot => "a robot: a whole number from 1",
+        name => "an atom",
+        key => "an atom of small letters, digits and _",
+        value => "a number within 1.0e15",
+        deviation => "a number from 0 to 1.0e15",
+        list => "a list",
+        items => "a list that is not empty",
+        distance => "a distance: a number from 0, mm",
+        velocity => "a velocity {VX, VY}: two numbers, mm/s, within 1.0e9",
+        point => "a point {X, Y}: two numbers, mm, within 1.0e9"
+    }).

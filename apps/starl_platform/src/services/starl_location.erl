@@ -102,8 +102,8 @@ init(#{robot := Self, participants := Participants, incarnation := Incarnation} 
 -spec handle_event(
     starl_machine:event_type(), term(), ready, #location{}, starl_machine:meta()
 ) -> starl_machine:result().
-handle_event({call, From}, {pose, _} = Question, ready, Location, #{now := Now}) ->
-    ask(From, Question, Now, Location);
+handle_event({call, From}, Question, ready, Location, #{now := Now}) ->
+    asked(Question, From, Now, Location);
 handle_event(info, {located, N, Seen}, ready, #location{asked = Asked} = Location, #{now := Now}) ->
     case lists:keytake(N, 1, Asked) of
         {value, Question, Rest} -> located(Seen, Question, Rest, Now, Location);
@@ -113,23 +113,6 @@ handle_event(state_timeout, again, ready, #location{asked = Asked} = Location, _
     {keep_state_and_data, [sense(Question, Location) || Question <- Asked] ++ [patience()]};
 handle_event({timeout, moment}, again, ready, #location{asked = Asked} = Location, _Meta) ->
     {keep_state_and_data, [sense(Question, Location) || Question <- Asked]};
-handle_event({call, From}, poses, ready, Location, #{now := Now}) ->
-    ask(From, poses, Now, Location);
-handle_event({call, From}, {near, _} = Question, ready, Location, #{now := Now}) ->
-    ask(From, Question, Now, Location);
-handle_event({call, From}, {waypoint, Name}, ready, #location{waypoints = Waypoints}, _Meta) ->
-    Answer =
-        case Waypoints of
-            #{Name := Point} -> {ok, Point};
-            #{} -> {error, unknown}
-        end,
-    {keep_state_and_data, [{reply, From, Answer}]};
-handle_event({call, From}, waypoints, ready, #location{waypoints = Waypoints}, _Meta) ->
-    {keep_state_and_data, [{reply, From, {ok, Waypoints}}]};
-handle_event({call, From}, {put_waypoint, Name, Point}, ready, #location{} = Location, _Meta) ->
-    put_waypoint(From, Name, Point, Location);
-handle_event({call, From}, {sense, Kind}, ready, _Location, _Meta) ->
-    {keep_state_and_data, [{feel, Kind, {asked, From}}]};
 handle_event(info, {felt, {asked, From}, Felt}, ready, _Location, _Meta) ->
     {keep_state_and_data, [{reply, From, felt(Felt)}]};
 handle_event(cast, {subscribe, Kind, Us}, ready, #location{watched = Watched} = Location, _Meta) ->
@@ -140,13 +123,35 @@ handle_event({timeout, {watch, Kind}}, look, ready, #location{watched = Watched}
     {keep_state_and_data, [{feel, Kind, {watched, Kind}}, {{timeout, {watch, Kind}}, Us, look}]};
 handle_event(info, {felt, {watched, Kind}, Felt}, ready, #location{} = Location, _Meta) ->
     told(Kind, Felt, Location);
-handle_event({call, From}, floor, ready, #location{floor = unknown}, _Meta) ->
-    {keep_state_and_data, [{reply, From, {error, unknown}}]};
-handle_event({call, From}, floor, ready, #location{floor = Floor}, _Meta) ->
-    {keep_state_and_data, [{reply, From, {ok, Floor}}]};
 handle_event(info, {restarted, _}, ready, _Location, _Meta) ->
     keep_state_and_data;
 handle_event(_, _, _, _, _) ->
+    unknown_event.
+
+asked({pose, _} = Question, From, Now, Location) ->
+    ask(From, Question, Now, Location);
+asked(poses, From, Now, Location) ->
+    ask(From, poses, Now, Location);
+asked({near, _} = Question, From, Now, Location) ->
+    ask(From, Question, Now, Location);
+asked({waypoint, Name}, From, _Now, #location{waypoints = Waypoints}) ->
+    Answer =
+        case Waypoints of
+            #{Name := Point} -> {ok, Point};
+            #{} -> {error, unknown}
+        end,
+    {keep_state_and_data, [{reply, From, Answer}]};
+asked(waypoints, From, _Now, #location{waypoints = Waypoints}) ->
+    {keep_state_and_data, [{reply, From, {ok, Waypoints}}]};
+asked({put_waypoint, Name, Point}, From, _Now, Location) ->
+    put_waypoint(From, Name, Point, Location);
+asked({sense, Kind}, From, _Now, _Location) ->
+    {keep_state_and_data, [{feel, Kind, {asked, From}}]};
+asked(floor, From, _Now, #location{floor = unknown}) ->
+    {keep_state_and_data, [{reply, From, {error, unknown}}]};
+asked(floor, From, _Now, #location{floor = Floor}) ->
+    {keep_state_and_data, [{reply, From, {ok, Floor}}]};
+asked(_Question, _From, _Now, _Location) ->
     unknown_event.
 
 %% -- waypoints ------------------------------------------------------------------------------

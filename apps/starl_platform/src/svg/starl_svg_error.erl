@@ -92,28 +92,32 @@ text({too_deep, Line}) ->
     {"line ~b: elements are nested more than 200 deep; ungroup the drawing", [Line]};
 text(too_complex) ->
     {"the picture takes too much memory or work to read; simplify the drawing", []};
-text({bad_number, Where, Attribute, Text}) ->
+text(too_many_shapes) ->
+    {"the picture has too many shapes; simplify the drawing", []};
+text(Problem) ->
+    element_text(Problem).
+
+%% An element is wrong, at this place.
+element_text({bad_number, Where, Attribute, Text}) ->
     {"~ts: ~ts in attribute ~ts is not what SVG allows there; correct it", [
         where(Where), quote(Text), Attribute
     ]};
-text({bad_path, Where, Offset, Problem}) ->
+element_text({bad_path, Where, Offset, Problem}) ->
     {"~ts: the path data is wrong at character ~b: ~ts; correct it", [
         where(Where), Offset + 1, path_text(Problem)
     ]};
-text({bad_transform, Where, Text}) ->
+element_text({bad_transform, Where, Text}) ->
     {
         "~ts: cannot use the transform ~ts; it must be a list of matrix, translate, scale, rotate, "
         "skewX and skewY of moderate size",
         [where(Where), quote(Text)]
     };
-text({bad_reference, Where, Text}) ->
+element_text({bad_reference, Where, Text}) ->
     {"~ts: the reference ~ts does not lead to an element of this file; remove or embed it", [
         where(Where), quote(Text)
     ]};
-text({use_too_deep, Where}) ->
-    {"~ts: <use> elements refer to each other without end; remove the loop", [where(Where)]};
-text(too_many_shapes) ->
-    {"the picture has too many shapes; simplify the drawing", []}.
+element_text({use_too_deep, Where}) ->
+    {"~ts: <use> elements refer to each other without end; remove the loop", [where(Where)]}.
 
 kind_text(png) -> "it is a PNG image; trace it to SVG first";
 kind_text(jpeg) -> "it is a JPEG image; trace it to SVG first";

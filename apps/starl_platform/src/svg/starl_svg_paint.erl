@@ -106,40 +106,55 @@ set(Wide, {Name, Text}, Field, Paint) ->
         _ -> Paint
     end.
 
-value(Name, Text) when Name =:= <<"fill">>; Name =:= <<"stroke">> ->
+value(Name, Text) ->
+    case kinds() of
+        #{Name := Kind} -> of_kind(Kind, Text);
+        #{} -> of_kind(length, Text)
+    end.
+
+kinds() ->
+    #{
+        <<"fill">> => paint,
+        <<"stroke">> => paint,
+        <<"color">> => colour,
+        <<"visibility">> => visibility,
+        <<"transform">> => transform,
+        <<"stroke-width">> => width,
+        <<"opacity">> => part,
+        <<"fill-opacity">> => part,
+        <<"stroke-opacity">> => part,
+        <<"display">> => text,
+        <<"fill-rule">> => text,
+        <<"clip-path">> => text,
+        <<"clip-rule">> => text,
+        <<"mask">> => text,
+        <<"overflow">> => text,
+        <<"transform-origin">> => text,
+        <<"marker-start">> => text,
+        <<"marker-mid">> => text,
+        <<"marker-end">> => text
+    }.
+
+of_kind(paint, Text) ->
     starl_svg_colour:paint(Text);
-value(<<"color">>, Text) ->
+of_kind(colour, Text) ->
     case starl_svg_colour:paint(Text) of
         {ok, Colour} when Colour =/= none, Colour =/= current -> {ok, Colour};
         _ -> error
     end;
-value(<<"visibility">>, Text) ->
+of_kind(visibility, Text) ->
     keyword(lowercase(Text), ?VISIBILITIES);
-value(<<"display">>, Text) ->
-    {ok, Text};
-value(<<"transform">>, Text) ->
+of_kind(transform, Text) ->
     ok_or_error(starl_svg_transform:parse(Text));
-value(<<"stroke-width">>, Text) ->
+of_kind(width, Text) ->
     not_negative(starl_svg_number:length(Text, 100.0));
-value(Name, Text) when
-    Name =:= <<"opacity">>; Name =:= <<"fill-opacity">>; Name =:= <<"stroke-opacity">>
-->
+of_kind(part, Text) ->
     ok_or_error(starl_svg_number:length(Text, 1.0));
-value(Name, Text) when
-    Name =:= <<"fill-rule">>;
-    Name =:= <<"clip-path">>;
-    Name =:= <<"clip-rule">>;
-    Name =:= <<"mask">>;
-    Name =:= <<"overflow">>;
-    Name =:= <<"transform-origin">>;
-    Name =:= <<"marker-start">>;
-    Name =:= <<"marker-mid">>;
-    Name =:= <<"marker-end">>
-->
+of_kind(text, Text) ->
     {ok, Text};
-value(_Length, <<"auto">>) ->
+of_kind(length, <<"auto">>) ->
     {ok, <<"auto">>};
-value(_Length, Text) ->
+of_kind(length, Text) ->
     ok_or_error(starl_svg_number:length(Text, 100.0)).
 
 keyword(Word, Words) ->

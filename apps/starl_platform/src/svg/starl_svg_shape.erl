@@ -71,11 +71,7 @@ shape(<<"polygon">>, E, _View, Max) ->
         [First | _] = Points -> chain(Points ++ [First])
     end;
 shape(<<"rect">>, E, View, _Max) ->
-    Corner = {coordinate(E, <<"x">>, x, View), coordinate(E, <<"y">>, y, View)},
-    Size = {positive(E, <<"width">>, x, View, 0.0), positive(E, <<"height">>, y, View, 0.0)},
-    RX = positive(E, <<"rx">>, x, View, none),
-    RY = positive(E, <<"ry">>, y, View, none),
-    rect(Corner, Size, radii(RX, RY, Size));
+    rect(E, View);
 shape(<<"circle">>, E, View, _Max) ->
     R = positive(E, <<"r">>, diagonal, View, 0.0),
     ellipse(E, View, {R, R});
@@ -89,6 +85,13 @@ shape(<<"path">>, E, _View, Max) ->
         {error, too_many} -> fail(too_many);
         {error, {Offset, Problem}} -> fail({bad_path, Offset, Problem})
     end.
+
+rect(E, View) ->
+    Corner = {coordinate(E, <<"x">>, x, View), coordinate(E, <<"y">>, y, View)},
+    Size = {positive(E, <<"width">>, x, View, 0.0), positive(E, <<"height">>, y, View, 0.0)},
+    RX = positive(E, <<"rx">>, x, View, none),
+    RY = positive(E, <<"ry">>, y, View, none),
+    rect(Corner, Size, radii(RX, RY, Size)).
 
 rect(_Corner, {W, H}, _Radii) when W == 0.0; H == 0.0 ->
     [];
