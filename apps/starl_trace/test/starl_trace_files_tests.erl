@@ -97,6 +97,59 @@ motions_are_repeated_each_ten_seconds_test() ->
         ok = starl_trace_chunks:close(Chunks)
     end).
 
+%% What a recovered recording says of a hole is in the times of a run, us; the file's are ns.
+a_hole_has_the_times_of_the_run_test() ->
+    #{hole := Hole, channel := Id, channels := Channels} = starl_trace_writer:patch(),
+    Said = fun(From, To) -> starl_trace_terms:decode(iolist_to_binary(Hole(From, To))) end,
+    ?assertEqual({ok, [{gap, 5, {hole, 9}}]}, Said(5000, 9000)),
+    ?assertEqual({ok, [{gap, 5, no_end}]}, Said(5000, the_end)),
+    ?assert(lists:keymember(Id, 2, [C || {channel, _, _, _, _, _} = C <- Channels])).
+
+%% A recording of ours begins with its scenario; a file without is none, wherever it is opened.
+without_a_scenario_it_is_none_test() ->
+    in_file([said(400000), said(2000000)], fun(File) ->
+        No = {error, {no_recording, File}},
+        ?assertEqual(No, starl_trace_reader:start(File, 0)),
+        ?assertEqual(No, starl_trace_reader:tail(File))
+    end),
+    ?assertMatch({error, {file, "/nowhere", enoent}}, starl_trace_reader:tail("/nowhere")).
+
+%% From a time on, the robots are where the last account and the motions since say; an account of that very time
+%% counts.
+from_a_time_on_test() ->
+    Piece = fun(At, X) -> {piece, At, X, 0.0, 0.0, 0.0, 0.0} end,
+    Motion = fun(At, X) -> trace(At, 1, chassis, {motion, Piece(At, X)}) end,
+    Messages =
+        [scenario(#{}), Motion(100000, 7.0)] ++ [said(N * 1000000) || N <- lists:seq(1, 12)] ++
+            [Motion(12500000, 9.0), said(13000000)],
+    in_file(Messages, fun(File) ->
+        [
+            begin
+                {ok, Cursor} = starl_trace_reader:start(File, From),
+                {ok, [{scenario, _, _}, Place | Later], _} = starl_trace_reader:next(Cursor),
+                ?assertMatch({poses, From, #{full := true, robots := [_]}}, Place),
+                #{robots := [Robot]} = element(3, Place),
+                ?assertEqual({From, X}, {From, element(1, element(2, Robot))}),
+                ?assertEqual([], [At || {trace, At, _} <- Later, At < From])
+            end
+         || {From, X} <- [{5000000, 7.0}, {10000000, 7.0}, {12600000, 9.0}]
+        ]
+    end).
+
+%% What a file lacks of a list of schemas and channels: each has its own numbers.
+missing_channels_test() ->
+    Schema = {schema, 1, "a", "jsonschema", <<>>},
+    Channel = {channel, 1, 2, "/a", "json", []},
+    {_, Writer} = starl_mcap_writer:new("x", [Schema]),
+    ?assertEqual([Channel], starl_mcap_writer:missing([Schema, Channel], Writer)),
+    ?assertEqual([], starl_mcap_writer:missing([{schema, 1, "b", "x", <<>>}], Writer)),
+    ?assertEqual(
+        [{channel, 2, 1, "/b", "json", []}],
+        starl_mcap_writer:missing(
+            [{channel, 2, 1, "/b", "json", []}], starl_mcap_writer:known([Channel], Writer)
+        )
+    ).
+
 chunks(Chunks) ->
     case starl_trace_chunks:chunk(Chunks) of
         {ok, Messages, Next} -> [Messages | chunks(Next)];

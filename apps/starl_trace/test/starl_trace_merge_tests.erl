@@ -78,6 +78,32 @@ one_end_with_all_violations_test() ->
      || Order <- Orders
     ].
 
+%% Recordings of other scenarios, applications, kinds or beginnings are of another run.
+of_another_run_test() ->
+    Dir = filename:join("/tmp", "starl-merge-other-" ++ os:getpid()),
+    ok = filelib:ensure_path(Dir),
+    try
+        Told = fun(Name, Robot, More) ->
+            [{scenario, At, Facts} | Messages] = robot(Robot, [], ended(2000, [])),
+            File = filename:join(Dir, Name),
+            ok = starl_trace_ct:recorded(File, [{scenario, At, maps:merge(Facts, More)} | Messages]),
+            File
+        end,
+        First = Told("1.mcap", 1, #{}),
+        [
+            ?assertEqual(
+                {error, {other_run, First, Other, Key}},
+                starl_trace_merge:files([First, Other], filename:join(Dir, "out.mcap"))
+            )
+         || {Key, Value} <- [
+                {app, other}, {scenario, #{seed => 2}}, {epoch_us, 5}, {run, 6}
+            ],
+            Other <- [Told("2.mcap", 2, #{Key => Value})]
+        ]
+    after
+        file:del_dir_r(Dir)
+    end.
+
 %% Between two starts of a robot its clock was set back: its lives follow each other all the same, and none
 %% is missing. Another robot tells meanwhile.
 a_clock_that_was_set_back_test() ->

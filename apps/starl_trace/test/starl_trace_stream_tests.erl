@@ -315,6 +315,29 @@ a_hub_has_subscribers_test() ->
     ?assertMatch([{scenario, 7, _}, {poses, 10, #{full := true}}], delivered(Hub)),
     ok = starl_trace_hub:stop(Hub).
 
+%% Who lets messages wait for too long misses them, is told how many, and gets the state instead.
+what_is_missed_is_told_test() ->
+    {ok, Hub} = starl_trace_hub:start_link(live),
+    Observer = starl_trace_hub:observer(Hub),
+    ok = starl_trace_hub:subscribe(Hub, 1),
+    ok = starl_observer:tell({begun, (facts())#{begun_us := 7}}, Observer),
+    Observer = starl_trace_hub:observer(Hub),
+    ?assertMatch([{scenario, 7, _}], delivered(Hub)),
+    %% more than the hub keeps
+    Most = 20001,
+    [
+        ok = starl_observer:tell({logged, At, 1, info, "a"}, Observer)
+     || At <- lists:seq(8, 7 + Most)
+    ],
+    ok = starl_trace_hub:more(Hub, 2),
+    Observer = starl_trace_hub:observer(Hub),
+    [{gap, Now, Missed}, {scenario, 7, _} | _] = delivered(Hub),
+    ?assertEqual({7 + Most, Most}, {Now, Missed}),
+    ok = starl_observer:tell({logged, 8 + Most, 1, info, "a"}, Observer),
+    Observer = starl_trace_hub:observer(Hub),
+    ?assertMatch([{log, _, _}], delivered(Hub)),
+    ok = starl_trace_hub:stop(Hub).
+
 delivered(Hub) ->
     receive
         {starl_trace, Hub, Messages} -> Messages

@@ -59,6 +59,20 @@ too_many_atoms_test() ->
     ?assertEqual({error, too_many_atoms}, decoded(text(Bytes))),
     ?assertError(badarg, binary_to_existing_atom(hd(Names))).
 
+%% The room for atoms is one for all recordings: what one has taken another cannot take.
+room_for_atoms_is_taken_once_test() ->
+    Make = fun(Name, Most) ->
+        starl_trace_atoms:make(<<131, 119, (byte_size(Name)), Name/binary>>, Most)
+    end,
+    [A, B, C] = [<<(fresh_name())/binary, N>> || N <- "abc"],
+    ok = Make(A, 1000000000),
+    Taken = counters:get(persistent_term:get(starl_trace_atoms), 1),
+    ?assertEqual({error, too_many_atoms}, Make(B, Taken)),
+    ?assertEqual(ok, Make(B, Taken + 1)),
+    %% an atom that exists takes none
+    ?assertEqual(ok, Make(A, Taken + 1)),
+    ?assertEqual({error, too_many_atoms}, Make(C, Taken + 1)).
+
 %% A text that unpacks to more than it says, or says that it is huge.
 bombs_test() ->
     <<_, _:32, _/binary>> = Packed = zlib:compress(binary:copy(<<97>>, 1000000)),
@@ -72,6 +86,7 @@ strangers_test() ->
             <<>>,
             <<"{}">>,
             <<"{\"terms\":\"">>,
+            <<"{\"terms\":\"x">>,
             <<"{\"terms\":\"\"}">>,
             <<"{\"terms\":\"????\"}">>,
             text(<<131, 104, 200>>),
