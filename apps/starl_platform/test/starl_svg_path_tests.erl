@@ -113,6 +113,6 @@ same(A, B) ->
 
 outlines(Text) ->
     {ok, Commands} = parse(Text),
-    starl_svg_pen:outlines(Commands).
+    starl_svg_shape:drawn(Commands).
 
 parse(Text) -> starl_svg_path:parse(Text, 1000).

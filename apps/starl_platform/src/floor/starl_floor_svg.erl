@@ -16,7 +16,7 @@
 -export([parse/2]).
 
 -type point() :: starl_geometry:point().
--type outline() :: starl_svg_pen:outline().
+-type outline() :: starl_svg_shape:outline().
 
 -define(LAYERS, ["walls", "rooms", "doors", "places"]).
 -define(MOST_CURVES, 50000).

@@ -5,8 +5,8 @@
 %% {@link starl_svg_xml} parse it; {@link starl_svg_cascade} resolves its styles, with
 %% {@link starl_svg_css} and {@link starl_svg_selector}; {@link starl_svg_walk} draws it, with
 %% {@link starl_svg_paint} and {@link starl_svg_colour} for what can be seen,
-%% {@link starl_svg_window}, {@link starl_svg_transform} and {@link starl_svg_clip} for where, {@link starl_svg_shape},
-%% {@link starl_svg_path} and {@link starl_svg_pen} for the outlines of {@link starl_svg_curve};
+%% {@link starl_svg_window}, {@link starl_svg_transform} and {@link starl_svg_clip} for where, {@link starl_svg_path}
+%% and {@link starl_svg_shape} for the outlines of {@link starl_svg_curve};
 %% {@link starl_svg_area} tells what an outline encloses, {@link starl_svg_number} reads numbers.
 -module(starl_svg).
 

@@ -4,7 +4,7 @@
 
 -export([encloses/1, closed/1, covers/2, box/1, merge/2, overlap/2]).
 
--type outline() :: starl_svg_pen:outline().
+-type outline() :: starl_svg_shape:outline().
 -type bounds() :: starl_svg_curve:bounds().
 
 %% The share of the frame by which a page background may be smaller.

@@ -17,7 +17,7 @@
 %% window, each by its closed outlines; the same by their sides.
 -opaque t() ::
     {convex, [point(), ...]}
-    | {shapes, [{rule(), [starl_svg_pen:outline()]}, ...]}
+    | {shapes, [{rule(), [starl_svg_shape:outline()]}, ...]}
     | {area, [{rule(), [segment()]}, ...]}.
 
 %% Numbers of curves that a shape of a clipping path may have, and of its shapes.

@@ -14,8 +14,8 @@
 %% An outline and the windows through which it is seen; or the edges that the windows give to an
 %% area of these outlines.
 -type shape() ::
-    {line, starl_svg_pen:outline(), [starl_svg_clip:t()]}
-    | {edges, [starl_svg_pen:outline(), ...], [starl_svg_clip:t(), ...]}.
+    {line, starl_svg_shape:outline(), [starl_svg_clip:t()]}
+    | {edges, [starl_svg_shape:outline(), ...], [starl_svg_clip:t(), ...]}.
 %% Numbers of texts, images, markers, clipping paths that are no shapes (and masks), and
 %% page backgrounds; and of shapes without anything to see.
 -type left_out() :: #{
@@ -31,7 +31,7 @@
 %% whether its inside is painted, and the width of its line, 0.0 without one.
 -type part() :: #{
     elements := [element_(), ...],
-    outlines := [starl_svg_pen:outline(), ...],
+    outlines := [starl_svg_shape:outline(), ...],
     is_filled := boolean(),
     line := float()
 }.

@@ -1,5 +1,5 @@
 %% The next step of two wheels along a given line, here from (0, 0) to (1000, 0): exact at both ends.
--module(starl_differential_stroke_tests).
+-module(starl_chassis_differential_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 -define(ROUTE, {{0.0, 0.0}, {1000.0, 0.0}}).
@@ -21,9 +21,9 @@ profile() ->
         position_error_mm => 2.0
     }).
 
-along(Pose) -> starl_differential_stroke:along(Pose, ?ROUTE, profile()).
+along(Pose) -> starl_chassis_differential:next(along, Pose, ?ROUTE, profile()).
 
-face(Pose) -> starl_differential_stroke:face(Pose, ?ROUTE, profile()).
+face(Pose) -> starl_chassis_differential:next(face, Pose, ?ROUTE, profile()).
 
 straight(Speed, Us) -> {drive, [{Speed, Speed, Us}]}.
 
@@ -68,8 +68,11 @@ slow_robots_end_with_shorter_legs_test_() ->
         ?_assertEqual(
             {X, straight(30.0, Us)},
             {X,
-                starl_differential_stroke:along(
-                    {X, 0.0, 0.0}, ?ROUTE, (profile())#{speed := 30.0}
+                starl_chassis_differential:next(
+                    along,
+                    {X, 0.0, 0.0},
+                    ?ROUTE,
+                    (profile())#{speed := 30.0}
                 )}
         )
      || {X, Us} <- [{965.0, 500000}, {975.0, 850000}]
@@ -92,7 +95,7 @@ it_turns_at_the_end_if_it_looks_aside_test_() ->
         [
             ?_assertEqual(
                 straight(Slow, Us),
-                starl_differential_stroke:along({998.0, 0.0, 0.0}, ?ROUTE, (profile())#{
+                starl_chassis_differential:next(along, {998.0, 0.0, 0.0}, ?ROUTE, (profile())#{
                     speed := Speed
                 })
             )
@@ -101,7 +104,7 @@ it_turns_at_the_end_if_it_looks_aside_test_() ->
         [
             ?_assertEqual(
                 straight(-100.0, 25000),
-                starl_differential_stroke:along({998.0, 0.0, 3.0}, ?ROUTE, (profile())#{
+                starl_chassis_differential:next(along, {998.0, 0.0, 3.0}, ?ROUTE, (profile())#{
                     speed := 500.0
                 })
             )
@@ -160,21 +163,30 @@ the_beginning_is_faced_test_() ->
 a_slanting_line_test() ->
     Line = {{100.0, 100.0}, {700.0, 900.0}},
     Heading = math:atan2(800.0, 600.0),
-    {drive, [{100.0, 100.0, Us}]} = starl_differential_stroke:along(
-        {670.0, 860.0, Heading}, Line, profile()
+    {drive, [{100.0, 100.0, Us}]} = starl_chassis_differential:next(
+        along,
+        {670.0, 860.0, Heading},
+        Line,
+        profile()
     ),
     ?assertEqual(505, round(Us / 1000)),
-    ?assertEqual(arrived, starl_differential_stroke:along({701.1, 901.5, 0.0}, Line, profile())),
-    ?assertMatch({drive, _}, starl_differential_stroke:along({701.3, 901.7, 0.0}, Line, profile())),
-    ?assertEqual(arrived, starl_differential_stroke:face({98.8, 98.4, Heading}, Line, profile())),
+    ?assertEqual(
+        arrived, starl_chassis_differential:next(along, {701.1, 901.5, 0.0}, Line, profile())
+    ),
     ?assertMatch(
-        {drive, _}, starl_differential_stroke:face({98.7, 98.3, Heading}, Line, profile())
+        {drive, _}, starl_chassis_differential:next(along, {701.3, 901.7, 0.0}, Line, profile())
+    ),
+    ?assertEqual(
+        arrived, starl_chassis_differential:next(face, {98.8, 98.4, Heading}, Line, profile())
+    ),
+    ?assertMatch(
+        {drive, _}, starl_chassis_differential:next(face, {98.7, 98.3, Heading}, Line, profile())
     ).
 
 %% Nor is a millimetre too short to have a direction.
 a_short_line_test() ->
     Face = fun(End) ->
-        starl_differential_stroke:face({0.0, 0.0, 1.0}, {{0.0, 0.0}, {End, 0.0}}, profile())
+        starl_chassis_differential:next(face, {0.0, 0.0, 1.0}, {{0.0, 0.0}, {End, 0.0}}, profile())
     end,
     ?assertEqual(turn(-100.0, 1000000), Face(1.0)),
     ?assertEqual(turn(-100.0, 1000000), Face(1.0e-6)),
@@ -183,10 +195,10 @@ a_short_line_test() ->
 %% A line without a length has no direction: where it begins is faced, and its end is a goal.
 a_line_without_a_length_test() ->
     Line = {{0.0, 0.0}, {0.0, 0.0}},
-    ?assertEqual(arrived, starl_differential_stroke:face({50.0, 0.0, 0.0}, Line, profile())),
+    ?assertEqual(arrived, starl_chassis_differential:next(face, {50.0, 0.0, 0.0}, Line, profile())),
     ?assertEqual(
         straight(100.0, 500000),
-        starl_differential_stroke:along({-50.0, 0.0, 0.0}, Line, profile())
+        starl_chassis_differential:next(along, {-50.0, 0.0, 0.0}, Line, profile())
     ).
 
 %% A leg is a turn from r(v) off the line, and 1.1 times the longest drive; a correction is the goal's distance,
@@ -201,15 +213,15 @@ its_pace_test() ->
             turn_us => 6283186,
             again_us => 730000
         },
-        starl_differential_stroke:pace(profile())
+        starl_chassis_differential:pace(profile())
     ),
     ?assertMatch(
         #{again_us := 365000},
-        starl_differential_stroke:pace((profile())#{
+        starl_chassis_differential:pace((profile())#{
             near_speed := 500.0, speed := 500.0, near_turn_rate := 1.0
         })
     ),
     ?assertMatch(
         #{again_us := 770000},
-        starl_differential_stroke:pace((profile())#{position_error_mm := 3.0})
+        starl_chassis_differential:pace((profile())#{position_error_mm := 3.0})
     ).

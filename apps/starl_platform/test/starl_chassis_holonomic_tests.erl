@@ -1,5 +1,5 @@
 %% The next step of a robot that drives in any direction, here on the line from (0, 0) to (1000, 0).
--module(starl_holonomic_course_tests).
+-module(starl_chassis_holonomic_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 -define(ROUTE, {{0.0, 0.0}, {1000.0, 0.0}}).
@@ -7,7 +7,7 @@
 %% A last leg is 100 mm long, the goal is reached at 39.5 mm; commands are of 80 mm/s, as the distance may err by
 %% a quarter, or less: a robot that has to brake after a short way does not get faster.
 profile() ->
-    starl_holonomic_course:profile(#{
+    starl_chassis_holonomic:profile(#{
         speed => 100.0,
         acceleration => 100.0,
         leg_s => 1.0,
@@ -19,7 +19,7 @@ profile() ->
 %% The length of the next step, mm, and its direction on the floor, degrees.
 next(Way, {X, Y}) ->
     Heading = 0.5,
-    case starl_holonomic_course:next(Way, {X, Y, Heading}, ?ROUTE, profile()) of
+    case starl_chassis_holonomic:next(Way, {X, Y, Heading}, ?ROUTE, profile()) of
         arrived ->
             arrived;
         {drive, [{Forward, Left, Us}]} ->
@@ -35,23 +35,23 @@ the_bounds_follow_from_the_profile_test() ->
     ?assertMatch(#{goal_mm := 39.5}, Profile),
     %% g + s + A t^2 / 2 + t V / 2 + 0.4
     Stall = 100 * 0.015 * 0.015 / 2 + 0.015 * 100 / 2 + 0.4,
-    ?assertEqual(39.5 + 2.0 + Stall, starl_holonomic_course:tracking_radius(Profile)),
-    ?assertEqual(4.0, starl_holonomic_course:ends_mm(Profile)),
+    ?assertEqual(39.5 + 2.0 + Stall, starl_chassis_holonomic:tracking_radius(Profile)),
+    ?assertEqual(4.0, starl_chassis_holonomic:ends_mm(Profile)),
     %% a leg of 220 mm at 80 mm/s, a correction of 43.5 mm, each with what the braking takes
     ?assertEqual(
         #{advance_mm => 61.0, leg_us => 3550001, turn_us => 0, again_us => 1343750},
-        starl_holonomic_course:pace(Profile)
+        starl_chassis_holonomic:pace(Profile)
     ),
-    ?assertMatch(#{advance_mm := +0.0}, starl_holonomic_course:pace(Profile#{goal_mm := 39.0})),
+    ?assertMatch(#{advance_mm := +0.0}, starl_chassis_holonomic:pace(Profile#{goal_mm := 39.0})),
     Blurred = Profile#{goal_mm := 41.5, position_error_mm := 3.0},
     ?assertMatch(
-        #{advance_mm := 59.0, again_us := 1393750}, starl_holonomic_course:pace(Blurred)
+        #{advance_mm := 59.0, again_us := 1393750}, starl_chassis_holonomic:pace(Blurred)
     ),
-    ?assertMatch(#{acceleration := 2000.0}, starl_holonomic_course:profile(#{})),
+    ?assertMatch(#{acceleration := 2000.0}, starl_chassis_holonomic:profile(#{})),
     %% a correction is no faster than 100 mm/s
     ?assertMatch(
         #{again_us := 703750},
-        starl_holonomic_course:pace(Profile#{speed := 500.0, acceleration := 500.0})
+        starl_chassis_holonomic:pace(Profile#{speed := 500.0, acceleration := 500.0})
     ).
 
 %% Two last legs at most; of the rest a last leg is driven in one, and of more nine tenths of one are left.
@@ -120,7 +120,7 @@ slow_robots_end_with_shorter_legs_test_() ->
             {X, Mm},
             begin
                 Pose = {X, 0.0, 0.0},
-                {drive, [{V, _, Us}]} = starl_holonomic_course:next(along, Pose, ?ROUTE, Slow),
+                {drive, [{V, _, Us}]} = starl_chassis_holonomic:next(along, Pose, ?ROUTE, Slow),
                 {X, round(10 * V * Us / 1.0e6) / 10}
             end
         )
@@ -131,7 +131,7 @@ slow_robots_end_with_shorter_legs_test_() ->
 legs_are_no_longer_than_the_bound_allows_test() ->
     Leg = fun(Given) ->
         Profile = maps:merge(profile(), Given),
-        {drive, [{80.0, _, Us}]} = starl_holonomic_course:next(
+        {drive, [{80.0, _, Us}]} = starl_chassis_holonomic:next(
             to, {0.0, 0.0, 0.0}, ?ROUTE, Profile
         ),
         round(80 * Us / 1.0e6)
@@ -164,7 +164,7 @@ the_beginning_is_faced_test_() ->
 %% The rest is driven slowly, however fast and however long.
 the_rest_is_slow_test() ->
     Fast = (profile())#{speed := 1000.0, acceleration := 1.0e6},
-    {drive, [{Forward, _, Us}]} = starl_holonomic_course:next(
+    {drive, [{Forward, _, Us}]} = starl_chassis_holonomic:next(
         along, {960.5, 0.0, 0.0}, ?ROUTE, Fast
     ),
     ?assertEqual({80.0, 500000}, {Forward, Us}).
@@ -172,7 +172,7 @@ the_rest_is_slow_test() ->
 %% On a line of any direction, in the robot's own axes.
 a_slanting_line_test() ->
     Line = {{100.0, 100.0}, {700.0, 900.0}},
-    Next = fun(Way, Pose) -> starl_holonomic_course:next(Way, Pose, Line, profile()) end,
+    Next = fun(Way, Pose) -> starl_chassis_holonomic:next(Way, Pose, Line, profile()) end,
     {drive, [{Forward, Left, 2500000}]} = Next(to, {100.0, 100.0, 0.0}),
     ?assertEqual({48, 64}, {round(Forward), round(Left)}),
     {drive, [{Rest, Aside, _}]} = Next(along, {694.0, 892.0, 0.0}),
@@ -185,7 +185,7 @@ a_slanting_line_test() ->
 %% A line without a length has no direction: where it begins is faced, and its end is a goal.
 a_line_without_a_length_test() ->
     Next = fun(Way) ->
-        starl_holonomic_course:next(Way, {-50.0, 0.0, 0.0}, {{0.0, 0.0}, {0.0, 0.0}}, profile())
+        starl_chassis_holonomic:next(Way, {-50.0, 0.0, 0.0}, {{0.0, 0.0}, {0.0, 0.0}}, profile())
     end,
     ?assertEqual(arrived, Next(face)),
     ?assertMatch({drive, [{_, +0.0, 707107}]}, Next(to)),
@@ -194,7 +194,7 @@ a_line_without_a_length_test() ->
 %% Nor is a millimetre too short to have one.
 a_short_line_test() ->
     Face = fun(End) ->
-        starl_holonomic_course:next(face, {-10.0, 0.0, 0.0}, {{0.0, 0.0}, {End, 0.0}}, profile())
+        starl_chassis_holonomic:next(face, {-10.0, 0.0, 0.0}, {{0.0, 0.0}, {End, 0.0}}, profile())
     end,
     ?assertMatch({drive, [_]}, Face(1.0)),
     ?assertMatch({drive, [_]}, Face(1.0e-6)),
@@ -202,14 +202,14 @@ a_short_line_test() ->
 
 %% A slow drive takes as long as it has to.
 a_slow_drive_test() ->
-    {drive, [{Forward, _, Us}]} = starl_holonomic_course:next(
+    {drive, [{Forward, _, Us}]} = starl_chassis_holonomic:next(
         to, {900.0, 0.0, 0.0}, ?ROUTE, (profile())#{speed := 1.0}
     ),
     ?assertEqual({0.8, 2500000}, {Forward, Us}).
 
 %% It drives for a microsecond at least.
 the_shortest_way_test() ->
-    Still = starl_holonomic_course:next(
+    Still = starl_chassis_holonomic:next(
         to, {1000.0, 0.0, 0.0}, ?ROUTE, (profile())#{goal_mm := -1.0}
     ),
     ?assertMatch({drive, [{+0.0, +0.0, 1}]}, Still).
