@@ -194,71 +194,78 @@ caller_mistakes_test_() ->
 errors_test_() ->
     [
         ?_test(check_error(Reason, Words, Document))
-     || {Reason, Words, Document} <- [
-            {empty, ["empty"], ""},
-            {empty, ["empty"], " \n"},
-            {{not_xml, unknown}, ["not an SVG"], "hello"},
-            {{not_xml, png}, ["PNG"], [16#89, "PNG\r\n"]},
-            {{wrong_root, "html"}, ["\"html\"", "<svg>"], "<html/>"},
-            {{wrong_root, "svg"}, ["<svg>"], "<svg xmlns='urn:other'/>"},
-            {no_lines(#{}), ["no lines"], svg("<g/>")},
-            {no_lines(#{}), ["no lines"], svg("<path d='M1 1'/>")},
-            {no_lines(#{texts => 1}), ["convert the text to paths"], svg("<text>StarL</text>")},
-            {no_lines(#{images => 1}), ["trace"], svg("<image width='9' height='9'/>")},
-            {
-                no_lines(#{unseen => 1}),
-                ["only shape", "stroke"],
-                svg("<path d='M1 1h9v9' stroke='none' fill='none'/>")
-            },
-            {{truncated, 3}, ["line 3", "ends"], "<svg>\n<g>\n<path d='M1 1"},
-            {{truncated, 2}, ["line 2", "ends"], "<svg>\n<g>"},
-            {
-                {bad_path, {<<"path">>, <<"p">>, 2}, 5, expected_number},
-                ["line 2", "<path id=\"p\">", "character 6"],
-                "<svg>\n<path id='p' d='M1 1L'/></svg>"
-            },
-            {
-                {bad_number, {<<"circle">>, none, 1}, <<"r">>, <<"five">>},
-                ["<circle>", "\"five\"", " r "],
-                svg("<circle r='five'/>")
-            },
-            {
-                {bad_number, {<<"circle">>, none, 1}, <<"r">>, <<"-5">>},
-                ["<circle>", "\"-5\""],
-                svg("<circle r='-5'/>")
-            },
-            {
-                {bad_number, {<<"polyline">>, none, 1}, <<"points">>, <<"1 2 3">>},
-                ["points"],
-                svg("<polyline points='1 2 3'/>")
-            },
-            {
-                {bad_number, {<<"svg">>, none, 1}, <<"viewBox">>, <<"0 0 0 5">>},
-                ["viewBox"],
-                "<svg viewBox='0 0 0 5'/>"
-            },
-            {
-                {bad_transform, {<<"g">>, none, 1}, <<"spin(3)">>},
-                ["<g>", "\"spin(3)\"", "rotate"],
-                svg("<g transform='spin(3)'/>")
-            },
-            {
-                {bad_reference, {<<"use">>, none, 1}, <<"#a">>},
-                ["<use>", "\"#a\""],
-                svg("<use href='#a'/>")
-            },
-            {
-                {bad_reference, {<<"use">>, none, 1}, <<"/etc/passwd#a">>},
-                ["<use>"],
-                svg("<use href='/etc/passwd#a'/>")
-            },
-            {
-                {use_too_deep, {<<"use">>, none, 1}},
-                ["without end"],
-                svg("<g id='a'><use href='#a'/></g>")
-            },
-            {{too_deep, 1}, ["nested"], svg(lists:duplicate(300, "<g>"))}
-        ]
+     || {Reason, Words, Document} <- of_documents() ++ of_elements()
+    ].
+
+of_documents() ->
+    [
+        {empty, ["empty"], ""},
+        {empty, ["empty"], " \n"},
+        {{not_xml, unknown}, ["not an SVG"], "hello"},
+        {{not_xml, png}, ["PNG"], [16#89, "PNG\r\n"]},
+        {{wrong_root, "html"}, ["\"html\"", "<svg>"], "<html/>"},
+        {{wrong_root, "svg"}, ["<svg>"], "<svg xmlns='urn:other'/>"},
+        {no_lines(#{}), ["no lines"], svg("<g/>")},
+        {no_lines(#{}), ["no lines"], svg("<path d='M1 1'/>")},
+        {no_lines(#{texts => 1}), ["convert the text to paths"], svg("<text>StarL</text>")},
+        {no_lines(#{images => 1}), ["trace"], svg("<image width='9' height='9'/>")},
+        {
+            no_lines(#{unseen => 1}),
+            ["only shape", "stroke"],
+            svg("<path d='M1 1h9v9' stroke='none' fill='none'/>")
+        },
+        {{truncated, 3}, ["line 3", "ends"], "<svg>\n<g>\n<path d='M1 1"},
+        {{truncated, 2}, ["line 2", "ends"], "<svg>\n<g>"},
+        {{too_deep, 1}, ["nested"], svg(lists:duplicate(300, "<g>"))}
+    ].
+
+of_elements() ->
+    [
+        {
+            {bad_path, {<<"path">>, <<"p">>, 2}, 5, expected_number},
+            ["line 2", "<path id=\"p\">", "character 6"],
+            "<svg>\n<path id='p' d='M1 1L'/></svg>"
+        },
+        {
+            {bad_number, {<<"circle">>, none, 1}, <<"r">>, <<"five">>},
+            ["<circle>", "\"five\"", " r "],
+            svg("<circle r='five'/>")
+        },
+        {
+            {bad_number, {<<"circle">>, none, 1}, <<"r">>, <<"-5">>},
+            ["<circle>", "\"-5\""],
+            svg("<circle r='-5'/>")
+        },
+        {
+            {bad_number, {<<"polyline">>, none, 1}, <<"points">>, <<"1 2 3">>},
+            ["points"],
+            svg("<polyline points='1 2 3'/>")
+        },
+        {
+            {bad_number, {<<"svg">>, none, 1}, <<"viewBox">>, <<"0 0 0 5">>},
+            ["viewBox"],
+            "<svg viewBox='0 0 0 5'/>"
+        },
+        {
+            {bad_transform, {<<"g">>, none, 1}, <<"spin(3)">>},
+            ["<g>", "\"spin(3)\"", "rotate"],
+            svg("<g transform='spin(3)'/>")
+        },
+        {
+            {bad_reference, {<<"use">>, none, 1}, <<"#a">>},
+            ["<use>", "\"#a\""],
+            svg("<use href='#a'/>")
+        },
+        {
+            {bad_reference, {<<"use">>, none, 1}, <<"/etc/passwd#a">>},
+            ["<use>"],
+            svg("<use href='/etc/passwd#a'/>")
+        },
+        {
+            {use_too_deep, {<<"use">>, none, 1}},
+            ["without end"],
+            svg("<g id='a'><use href='#a'/></g>")
+        }
     ].
 
 malformed_test_() ->

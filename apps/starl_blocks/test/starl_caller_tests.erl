@@ -5,7 +5,9 @@
 
 -define(R, (starl:robot(1, [1, 2]))).
 
-mistakes() ->
+mistakes() -> of_robots() ++ of_blocks().
+
+of_robots() ->
     [
         {'Ms', 0.5, fun(X) -> starl:sleep(?R, X) end},
         {'Key', "error", fun(X) -> starl:measure(?R, X, 1) end},
@@ -46,7 +48,11 @@ mistakes() ->
         {'Device', "pen", fun(X) -> starl:actuate(?R, X, down) end},
         {'Name', "sap", fun(X) -> starl:call(?R, X, x, infinity) end},
         {'Ms', 0, fun(X) -> starl:call(?R, sap, x, X) end},
-        {'Ms', 0.5, fun(X) -> starl:call(?R, sap, x, X) end},
+        {'Ms', 0.5, fun(X) -> starl:call(?R, sap, x, X) end}
+    ].
+
+of_blocks() ->
+    [
         {'Ms', 0, fun(X) -> starl_election:elect(?R, a, X) end},
         {'Ms', infinity, fun(X) -> starl_election:elect(?R, a, X) end},
         {'Ms', -1, fun(X) -> starl_mutex:acquire(?R, a, X) end},

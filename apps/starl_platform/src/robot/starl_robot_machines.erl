@@ -28,6 +28,7 @@
 -export([lots/0]).
 -export([snapshot/2, restore_from/3]).
 -export([process/2, name_of/2, processes/1, inline/1, to_map/1]).
+-export([part/1]).
 
 -export_type([t/0, inline/0, answer/0, machine/0, starts/0, life/0, moment/0, snapshot/0]).
 
@@ -83,6 +84,9 @@
 
 -opaque t() :: #machines{}.
 
+%% The services, without which a robot cannot work, in their order.
+-define(SERVICES, [sap, location, motion]).
+
 %% @doc The machines of a robot that starts for the first time; processes attach later.
 -spec new(inline()) -> t().
 new(Inline) -> up(first, #machines{inline = Inline}).
@@ -97,7 +101,7 @@ restore(Inline, Now, Starts) -> #machines{inline = Inline, now = Now, starts = S
 
 %% @doc The present machines, in the order in which they boot.
 -spec names(t()) -> [starl_machine:name()].
-names(#machines{now = Now}) -> starl_robot_order:boot(maps:keys(Now)).
+names(#machines{now = Now}) -> boot_order(maps:keys(Now)).
 
 %% @doc The local events by which they boot.
 -spec boots(t()) -> [starl_robot_loop:local()].
@@ -111,7 +115,7 @@ boots(Machines) -> [{Name, boot, none} || Name <- names(Machines)].
 news(Back, GivenUp, Machines) ->
     All = names(Machines),
     Ends = [End || Name <- GivenUp, End <- farewell(Name, All)],
-    Ends ++ restarts(starl_robot_order:boot(Back), All).
+    Ends ++ restarts(boot_order(Back), All).
 
 farewell(Name, Others) ->
     Stop = [{motion, cast, stop} || Name =:= app, lists:member(motion, Others)],
@@ -195,7 +199,7 @@ lose(Name, #machines{now = Now} = Machines) -> Machines#machines{now = maps:remo
 -spec restart(starl_machine:name(), Bears :: non_neg_integer() | infinity, t()) ->
     {ok, t()} | given_up | gave_up.
 restart(Name, Bears, #machines{now = Now, restarts = Restarts} = Machines) ->
-    Part = starl_robot_order:part(Name),
+    Part = part(Name),
     case {maps:get(Part, Restarts, 0), Part} of
         {N, _} when N < Bears ->
             Counted = Restarts#{Part => N + 1},
@@ -320,3 +324,22 @@ inline(#machines{inline = Inline}) -> Inline.
 %% @doc All machines in their present state.
 -spec to_map(t()) -> #{starl_machine:name() => machine()}.
 to_map(#machines{now = Now}) -> Now.
+
+%% -- the order --------------------------------------------------------------------------------
+
+%% Machines in the order in which they boot and hear of a crash: the services first, the application last,
+%% the blocks by their names between them.
+-spec boot_order([starl_machine:name()]) -> [starl_machine:name()].
+boot_order(Names) ->
+    First = [Name || Name <- ?SERVICES, lists:member(Name, Names)],
+    Last = [app || lists:member(app, Names)],
+    First ++ lists:sort(Names -- (First ++ Last)) ++ Last.
+
+%% @doc The part of the robot to which a machine's restarts count ({@link starl_robot_sup}): the
+%% services form one part, each other machine its own.
+-spec part(starl_machine:name()) -> starl_robot_sup:part().
+part(Name) ->
+    case lists:member(Name, ?SERVICES) of
+        true -> services;
+        false -> Name
+    end.

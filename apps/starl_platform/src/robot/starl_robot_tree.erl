@@ -177,7 +177,7 @@ came(Name, Pid, Missing, #{back := Back} = So, Machines, Tree) ->
 
 %% The supervisors that restart these machines, or give them up.
 guards(Missing, #tree{parts = Parts}) ->
-    Named = [starl_robot_order:part(Name) || Name <- Missing],
+    Named = [starl_robot_machines:part(Name) || Name <- Missing],
     maps:from_list([{maps:get(Part, Parts), Part} || Part <- Named]).
 
 %% @doc Gives up a machine that has just been restarted, if that is hopeless.
@@ -198,8 +198,8 @@ give_up(_Hope, _Name, Restarted, _Tree) ->
 end_part(_Name, none, _Tree) ->
     ok;
 end_part(Name, Pid, #tree{sup = Sup, parts = Parts}) ->
-    _ = supervisor:terminate_child(Sup, starl_robot_order:part(Name)),
-    await_ends([Pid, maps:get(starl_robot_order:part(Name), Parts)]).
+    _ = supervisor:terminate_child(Sup, starl_robot_machines:part(Name)),
+    await_ends([Pid, maps:get(starl_robot_machines:part(Name), Parts)]).
 
 await_ends(Pids) ->
     lists:foreach(
