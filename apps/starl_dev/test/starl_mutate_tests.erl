@@ -170,6 +170,16 @@ mutants_in_a_vm_test_() ->
             )
         ),
         ?assertEqual([0, 1], [peer:call(Vm, starl_mutate_fixture, count, [L]) || L <- [[], [a]]]),
+        %% what a test that fails has left behind would end the tests of other mutants
+        ?assertMatch(
+            {caught, ?TESTS, {failed, _}},
+            Attempt(
+                "count(L) -> ok = logger:add_handler(starl_left, starl_live_log, #{}),"
+                "true = register(starl_left, spawn(timer, sleep, [infinity])), L"
+            )
+        ),
+        ?assertEqual(undefined, peer:call(Vm, erlang, whereis, [starl_left])),
+        ?assertNot(lists:member(starl_left, peer:call(Vm, logger, get_handler_ids, []))),
         true = unlink(Vm),
         peer:stop(Vm)
     end}.

@@ -108,16 +108,18 @@ ends(Pid) ->
         {'EXIT', Pid, Why} -> Why
     end.
 
-%% The application has started, and is at rest.
+%% The application has started, and is at rest. Here and below: a robot that has ended is waited for in vain.
 lit() ->
     receive
-        {'$gen_cast', {actuate, light, on, none}} -> ok
+        {'$gen_cast', {actuate, light, on, none}} -> ok;
+        {'EXIT', Pid, Why} when Why =/= normal -> error({has_ended, Pid, Why})
     end.
 
 %% The next start of a machine: its process and number.
 boots(Name) ->
     receive
-        {boots, Name, Pid, N, _} -> {Pid, N}
+        {boots, Name, Pid, N, _} -> {Pid, N};
+        {'EXIT', Robot, Why} when Why =/= normal -> error({has_ended, Robot, Why})
     end.
 
 %% Its machine is told this by the positioning system, which is the test.
@@ -130,13 +132,15 @@ does(Name, Actions, Link) -> tells(Name, {do, Actions}, Link).
 hangs(Name, Link) ->
     ok = tells(Name, hang, Link),
     receive
-        {hangs, Name, Pid} -> Pid
+        {hangs, Name, Pid} -> Pid;
+        {'EXIT', Robot, Why} when Why =/= normal -> error({has_ended, Robot, Why})
     end.
 
 %% What the machine takes next.
 next(Name) ->
     receive
-        {took, Name, Type, Content} -> {Type, Content}
+        {took, Name, Type, Content} -> {Type, Content};
+        {'EXIT', Robot, Why} when Why =/= normal -> error({has_ended, Robot, Why})
     end.
 
 %% What this process has heard so far of the link, of this kind.

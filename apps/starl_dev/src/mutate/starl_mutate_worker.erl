@@ -98,7 +98,7 @@ set_up() ->
 
 -spec limited(starl_mutate_block:unit(), limits()) -> outcome().
 limited(Unit, {MostCpu, MostWall}) ->
-    Before = processes(),
+    Before = {processes(), logger:get_handler_ids()},
     Sink = sink(),
     {Pid, Ref} = spawn_monitor(fun() ->
         true = group_leader(Sink, self()),
@@ -108,7 +108,7 @@ limited(Unit, {MostCpu, MostWall}) ->
     Wall = erlang:monotonic_time(millisecond),
     Outcome = watch(Pid, Ref, {Cpu + MostCpu, Wall + MostWall}),
     true = unlink(Sink),
-    _ = [exit(Left, kill) || Left <- processes() -- Before, stray(Left)],
+    ok = tidied(Before),
     Outcome.
 
 watch(Pid, Ref, {Cpu, Wall} = Ends) ->
@@ -127,8 +127,26 @@ watch(Pid, Ref, {Cpu, Wall} = Ends) ->
         end
     end.
 
-%% OTP's own servers are registered; processes left behind by a test are not.
-stray(Pid) -> erlang:process_info(Pid, registered_name) =:= [].
+%% The names of processes and handlers that a test has left behind, since it failed or was ended, would be in the
+%% way of the tests of other mutants.
+tidied({Processes, Handlers}) ->
+    _ = [ok = logger:remove_handler(Id) || Id <- logger:get_handler_ids() -- Handlers],
+    lists:foreach(fun ended/1, [Left || Left <- processes() -- Processes, is_stray(Left)]).
+
+ended(Pid) ->
+    Monitor = monitor(process, Pid),
+    true = exit(Pid, kill),
+    receive
+        {'DOWN', Monitor, process, Pid, _} -> ok
+    end.
+
+%% OTP's own servers are registered, under other names than StarL's.
+is_stray(Pid) ->
+    case erlang:process_info(Pid, registered_name) of
+        [] -> true;
+        {registered_name, Name} -> lists:prefix("starl_", atom_to_list(Name));
+        undefined -> false
+    end.
 
 %% @doc A group leader that discards all output; linked to the caller.
 -spec sink() -> pid().
