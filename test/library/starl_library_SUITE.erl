@@ -91,7 +91,7 @@ as_a_dependency_it_only_computes(Config) ->
 origin(Name, Clone, Config) ->
     {ok, Cwd} = file:get_cwd(),
     ok = file:set_cwd(?config(priv_dir, Config)),
-    {ok, _} = starl_new:make(Name, app, Clone),
+    {ok, _} = starl_dev_new:make(Name, app, Clone),
     ok = file:set_cwd(Cwd),
     {ok, Terms} = file:consult(filename:join(at(Name, Config), "rebar.config")),
     [{starl, {git, Url, _}}] = proplists:get_value(deps, Terms),
@@ -281,7 +281,7 @@ python_reads_results(Config) ->
 project(Name, Kind, Config) ->
     {ok, Cwd} = file:get_cwd(),
     ok = file:set_cwd(?config(priv_dir, Config)),
-    Made = starl_new:make(Name, Kind, ?config(repository, Config)),
+    Made = starl_dev_new:make(Name, Kind, ?config(repository, Config)),
     ok = file:set_cwd(Cwd),
     {ok, [_ | _]} = Made,
     Dir = at(Name, Config),

@@ -48,7 +48,7 @@ flags(_Subject) ->
 -spec subject(string(), [string()]) ->
     {ok, {own, module()}, [string()]} | {error, [unicode:chardata(), ...]}.
 subject(File, Args) ->
-    case starl_cli_block:own(File, list) of
+    case starl_cli_source:block(File, list) of
         {ok, Block, _} -> {ok, {own, Block}, Args};
         {error, _} = Error -> Error
     end.

@@ -57,7 +57,7 @@ command(Command, Word, Subject) ->
     ].
 
 usage(Command, none) -> [Command:name(), placeholder(starl_cli_command:argument(Command))];
-usage(Command, Word) -> [Command:name(), " ", starl_cli_quoted:word(Word)].
+usage(Command, Word) -> [Command:name(), " ", starl_cli_terminal:quoted(Word)].
 
 placeholder(none) -> "";
 placeholder({required, Placeholder, _}) -> [" ", Placeholder];

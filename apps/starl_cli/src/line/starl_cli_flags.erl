@@ -102,7 +102,7 @@ text({number, _, _}, Value) -> lists:flatten(io_lib:format("~p", [Value])).
 -spec arguments([flag()], #{atom() => term()}) -> [string()].
 arguments(Flags, Values) ->
     lists:append([
-        [flag(Key), starl_cli_quoted:word(text(Type, maps:get(Key, Values)))]
+        [flag(Key), starl_cli_terminal:quoted(text(Type, maps:get(Key, Values)))]
      || {Key, Type, _, _} <- Flags, is_map_key(Key, Values)
     ]).
 

@@ -2,7 +2,7 @@
 %% together with the files beside it whose modules it names, directly or indirectly.
 -module(starl_cli_source).
 
--export([load/1, load_directory/1, in_directory/1, modules/1, driver/1, of_options/2]).
+-export([load/1, load_directory/1, in_directory/1, modules/1, block/2, driver/1, of_options/2]).
 -export([is_name/1, runs/1, no_application/1]).
 
 %% @doc Compiles and loads a source file: an application, or a building block to be exercised.
@@ -66,6 +66,32 @@ is_behaviour({attribute, _, Word, Name}) when Word =:= behaviour; Word =:= behav
     lists:member(Name, [starl_app, starl_scene]);
 is_behaviour(_Form) ->
     false.
+
+%% @doc Compiles and loads the source of a building block, which must have this capability (`list': no
+%% capability needed).
+-spec block(file:filename(), starl_block:capability() | list) ->
+    {ok, module(), [starl_cli_target:code(), ...]} | {error, [unicode:chardata(), ...]}.
+block(File, What) ->
+    case modules(File) of
+        {ok, Module, Codes} -> able(File, Module, Codes, What);
+        {error, _} = Error -> Error
+    end.
+
+able(File, Module, Codes, What) ->
+    case {starl_block:is_block(Module), What =:= list orelse starl_block:can(What, Module)} of
+        {true, true} ->
+            {ok, Module, Codes};
+        {true, false} ->
+            {error, [
+                [File, ": this block does not say how: it exports no ", callback(What), "/0"]
+            ]};
+        {false, _} ->
+            {error, [[File, ": this is no building block: a block has the behaviour starl_block"]]}
+    end.
+
+callback(exercise) -> "exercise";
+callback(check) -> "models";
+callback(bench) -> "benchmark".
 
 %% @doc Compiles and loads a source file and those that it needs; gives its module.
 -spec modules(file:filename()) ->

@@ -200,7 +200,7 @@ command_line(Command, #{app := App, replay := Word}, Scenario) ->
         fun(Key, Value) -> maps:find(Key, Defaults) =/= {ok, Value} end, maps:remove(app, Scenario)
     ),
     Arguments = starl_cli_flags:arguments(Options, Chosen),
-    lists:join(" ", ["./starl", Command, starl_cli_quoted:word(Word) | Arguments]).
+    lists:join(" ", ["./starl", Command, starl_cli_terminal:quoted(Word) | Arguments]).
 
 %% -- words ----------------------------------------------------------------------------------
 

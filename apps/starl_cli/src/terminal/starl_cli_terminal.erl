@@ -3,7 +3,7 @@
 -module(starl_cli_terminal).
 
 -export([bad_input/1, out/1, out/2, help/1, raw/1, complain/1, warn/1, draw/1, lost/0]).
--export([columns/0, window/0, watched/0, wrap/3]).
+-export([columns/0, window/0, watched/0, wrap/3, quoted/1]).
 
 -export_type([status/0]).
 
@@ -127,12 +127,14 @@ as_called(Text, Word) ->
         ?HERE ->
             Text;
         _ ->
-            re:replace(Text, "(?<![^\\s(\"`'])\\./starl(?![^\\s])", quoted(Word), [global, unicode])
+            re:replace(Text, "(?<![^\\s(\"`'])\\./starl(?![^\\s])", in_replacement(Word), [
+                global, unicode
+            ])
     end.
 
 %% A word for a shell; in the replacement `&' and the backslash have a meaning.
-quoted(Word) ->
-    re:replace(starl_cli_quoted:word(Word), "[&\\\\]", "\\\\&", [global, unicode, {return, list}]).
+in_replacement(Word) ->
+    re:replace(quoted(Word), "[&\\\\]", "\\\\&", [global, unicode, {return, list}]).
 
 one_line(Text) ->
     Flat = unicode:characters_to_list(Text),
@@ -211,3 +213,17 @@ lines([Word | Words], Room, Line) ->
     end.
 
 finished(Line) -> lists:flatten(lists:join(" ", lists:reverse(Line))).
+
+%% @doc A text as one word of a command line that a user is told to type, quoted where a shell would not
+%% take it as it is.
+-spec quoted(string()) -> string().
+quoted("") ->
+    "''";
+quoted(Text) ->
+    case lists:all(fun is_plain/1, Text) of
+        true -> Text;
+        false -> "'" ++ lists:append(string:replace(Text, "'", "'\\''", all)) ++ "'"
+    end.
+
+is_plain(C) when C >= $a, C =< $z; C >= $A, C =< $Z; C >= $0, C =< $9 -> true;
+is_plain(C) -> lists:member(C, "-_./,:=+@%").

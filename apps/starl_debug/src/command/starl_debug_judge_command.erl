@@ -4,6 +4,17 @@
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
 
+-type word() :: kept | broken | depends.
+
+%% The contract, what of it, the word, and the violations that the monitors had found.
+-type judgement() :: #{
+    contract := atom(),
+    what := atom(),
+    word := word(),
+    violations := [starl_monitor:violation()],
+    answer := starl_debug_check:answer()
+}.
+
 -spec name() -> string().
 name() -> "judge".
 
@@ -87,7 +98,7 @@ by_clocks(File, #{violations := Violations}, {Sigma, Drift}) ->
 
 judgements({ok, Bounds}, Recording, Violations, Drift) ->
     Options = #{sigma => Bounds, drift_ppm => round(Drift)},
-    {ok, starl_debug_contracts:judge(Recording, Violations, Options)};
+    {ok, by_moments(Recording, Violations, Options)};
 judgements({error, Line}, _Recording, _Violations, _Drift) ->
     {error, Line}.
 
@@ -161,3 +172,49 @@ status([], [], []) -> 0;
 status([], [], _Depends) -> 6;
 status([], _Unjudged, _Depends) -> 5;
 status(_Violations, _Unjudged, _Depends) -> 3.
+
+%% -- without trust in the clocks ------------------------------------------------------------
+
+%% The contracts that speak of several robots at one moment. The monitors of a run take the times of a
+%% recording as they are. What they find is broken only if it is so for all clocks that are possible; what
+%% they do not find may have happened for others. What is certain and was not found by them is explained
+%% by a fault, since they excuse only that.
+-spec by_moments(
+    starl_debug_recording:t(), [starl_monitor:violation()], starl_debug_check:options()
+) -> [judgement()].
+by_moments(#{monitors := Monitors} = Recording, Violations, Options) ->
+    [
+        at_a_moment(Contract, What, Text, Recording, Violations, Options)
+     || {Module, Config} <- Monitors, {Contract, What, Text} <- of_one_moment(Module, Config)
+    ].
+
+%% Which predicate breaks a contract, and how its monitor calls that. By their names: the debugger
+%% does not rest on the blocks.
+of_one_moment(starl_mutex_monitor, _Config) ->
+    [{mutex, two_holders, "two_owners"}];
+of_one_moment(starl_dpp_monitor, #{r_s := Mm}) ->
+    [
+        {dpp, two_coordinators, "two_coordinators"},
+        {dpp, too_close, io_lib:format("too_near(~.3f mm)", [Mm * 1.0])}
+    ];
+of_one_moment(_Module, _Config) ->
+    [].
+
+at_a_moment(Contract, What, Text, Recording, Violations, Options) ->
+    {ok, Predicate} = starl_debug:predicate(Text),
+    {ok, Formula} = starl_debug:formula(Predicate, Recording),
+    #{verdict := Verdict} =
+        Answer = starl_debug_check:run(Formula, Recording, Options, fun(_Done) -> continue end),
+    Found = [V || #{contract := C, what := W} = V <- Violations, C =:= Contract, W =:= What],
+    #{
+        contract => Contract,
+        what => What,
+        word => judgement(Verdict, Found),
+        violations => Found,
+        answer => Answer
+    }.
+
+judgement(never, []) -> kept;
+judgement(possibly, _) -> depends;
+judgement(certainly, []) -> kept;
+judgement(_Verdict, [_ | _]) -> broken.

@@ -65,7 +65,7 @@ words(_Flag) -> [].
 -spec subject(string(), [string()]) ->
     {ok, {own, module()}, [string()]} | {error, [unicode:chardata(), ...]}.
 subject(File, Args) ->
-    case starl_cli_block:own(File, check) of
+    case starl_cli_source:block(File, check) of
         {ok, Block, _} -> {ok, {own, Block}, Args};
         {error, _} = Error -> Error
     end.

@@ -51,7 +51,7 @@ wait(Name, Cookie) ->
             starl_cli_terminal:out(
                 "node ~ts waits for runs; Ctrl-C ends it. Where the run is started, type\n"
                 "  ./starl run painting --nodes ~ts --cookie ~ts\n",
-                [Name, Name, starl_cli_quoted:word(atom_to_list(Cookie))]
+                [Name, Name, starl_cli_terminal:quoted(atom_to_list(Cookie))]
             ),
             receive
             after infinity -> 0

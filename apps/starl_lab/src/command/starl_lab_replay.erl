@@ -235,7 +235,7 @@ outside(#{run := #{target := #{file := File} = Target}, record := Record}) ->
     [
         code(maps:get(code, Record, none), starl_build:code(starl_cli_target:beams(Target))),
         "  ./starl diverge ",
-        starl_cli_quoted:word(File),
+        starl_cli_terminal:quoted(File),
         "\n"
     ].
 

@@ -34,7 +34,9 @@ flags(_Subject) ->
     {ok, file:filename(), [string()]} | {error, [unicode:chardata(), ...]}.
 subject(Word, Args) ->
     Again = [
-        "./starl replay ", starl_cli_quoted:word(Word), " --view does the run again, and shows it"
+        "./starl replay ",
+        starl_cli_terminal:quoted(Word),
+        " --view does the run again, and shows it"
     ],
     case starl_cli_out:recording(Word, Again) of
         {ok, File} -> {ok, File, Args};

@@ -146,7 +146,7 @@ simulated(File, #{target := Target, scenario := Scenario}) ->
     [
         starl_cli_target:replay(Target, maps:remove(faults, Scenario)),
         " --faults ",
-        starl_cli_quoted:word(File)
+        starl_cli_terminal:quoted(File)
     ].
 
 uploaded({ok, Dir}, Setup) -> starl_lab_recording:uploaded(Setup, Dir);
@@ -239,7 +239,7 @@ by_hand(_Dir, _Setup, _Outcome) ->
 look(_Dir, _Judging, #{violations := []}) ->
     ok;
 look(Dir, Judging, #{violations := [#{at_us := AtUs, robots := Robots} | _]}) ->
-    Shell = starl_cli_quoted:word(starl_cli_out:shown(Dir)),
+    Shell = starl_cli_terminal:quoted(starl_cli_out:shown(Dir)),
     Ids = lists:join(",", [integer_to_list(Id) || Id <- Robots]),
     Inspect = [[" --inspect ", Ids] || Ids =/= []],
     %% One microsecond later, so that all events of that time have happened.

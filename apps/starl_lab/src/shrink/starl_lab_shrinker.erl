@@ -129,7 +129,7 @@ replayed(true, Result, Ms, Interrupted, #{file := File, scenario := Before} = Jo
     ],
     Where = [
         ["result: ", starl_cli_out:shown(File)],
-        ["replay: ./starl run ", starl_cli_quoted:word(starl_cli_out:shown(File)), judging(Job)]
+        ["replay: ./starl run ", starl_cli_terminal:quoted(starl_cli_out:shown(File)), judging(Job)]
     ],
     {ok, Shrunk ++ others(Result, Job) ++ Where, How};
 replayed(false, _Result, _Ms, _Interrupted, #{file := File}) ->
@@ -166,7 +166,7 @@ other(#{violation := Violation, scenario := Scenario} = Met, File, Job) ->
                     ": ",
                     starl_violation:format(Violation),
                     "; ./starl shrink ",
-                    starl_cli_quoted:word(starl_cli_out:shown(File)),
+                    starl_cli_terminal:quoted(starl_cli_out:shown(File)),
                     judging(Job)
                 ]
             ];
@@ -227,7 +227,7 @@ text(#{violation := Violation, scenario := Shrunk} = Result, File, Inputs, Job) 
     #{target := #{app := App}, scenario := Before} = Job,
     Scenario = starl_cli_inputs:local(Inputs, Shrunk),
     Lines = unusual(starl_run_scenario:options(App), Scenario),
-    Name = starl_cli_quoted:word(starl_cli_out:shown(File)),
+    Name = starl_cli_terminal:quoted(starl_cli_out:shown(File)),
     [
         "%% ",
         starl_violation:format(Violation),

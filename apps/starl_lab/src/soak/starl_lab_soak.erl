@@ -141,7 +141,7 @@ sliced(Slice, #{subject := Subject, values := Values}) ->
 -spec subject(string(), [string()]) ->
     {ok, own(), [string()]} | {error, [unicode:chardata(), ...]}.
 subject(File, Args) ->
-    case starl_cli_block:own(File, exercise) of
+    case starl_cli_source:block(File, exercise) of
         {ok, Block, Codes} -> {ok, {own, Block, File, Codes}, Args};
         {error, _} = Error -> Error
     end.

@@ -65,7 +65,10 @@ begin_jobs(How, Study, Dir) ->
     end.
 
 told(Dir) ->
-    [Slice, Join] = [starl_cli_quoted:word(filename:join(Dir, Name)) || Name <- [?SLICE, ?JOIN]],
+    [Slice, Join] = [
+        starl_cli_terminal:quoted(filename:join(Dir, Name))
+     || Name <- [?SLICE, ?JOIN]
+    ],
     starl_cli_terminal:out(
         "submit the slices, and behind them the join, with:\n"
         "  job=$(sbatch --parsable ~ts)\n"
@@ -88,14 +91,14 @@ scripts(#{words := Words, parts := N, jobs := Jobs, starl := Starl, cwd := Cwd},
     Name = filename:basename(Dir),
     Head = fun(What, Log, More) ->
         head([
-            {"job-name", starl_cli_quoted:word(Name ++ What)},
-            {"chdir", starl_cli_quoted:word(Cwd)},
-            {"output", starl_cli_quoted:word(filename:join(Dir, Log))}
+            {"job-name", starl_cli_terminal:quoted(Name ++ What)},
+            {"chdir", starl_cli_terminal:quoted(Cwd)},
+            {"output", starl_cli_terminal:quoted(filename:join(Dir, Log))}
             | More
         ])
     end,
     Line = fun(List) -> ["exec ", lists:join($\s, List), $\n] end,
-    Quoted = fun(List) -> [starl_cli_quoted:word(Word) || Word <- List] end,
+    Quoted = fun(List) -> [starl_cli_terminal:quoted(Word) || Word <- List] end,
     Array = io_lib:format("1-~b", [N]),
     [
         {?SLICE, [

@@ -96,7 +96,11 @@ lacking(Missing, Runs, Parts, #{args := Args, dir := Dir, work := {join, Dirs, _
          || {Slice, Count, All} <- Lacking
         ],
         [
-            ["or submit them: ", lists:join(" ", [starl_cli_quoted:word(W) || W <- Words]), "\n"]
+            [
+                "or submit them: ",
+                lists:join(" ", [starl_cli_terminal:quoted(W) || W <- Words]),
+                "\n"
+            ]
          || {ok, Words} <- [starl_lab_slurm:again(hd(Dirs), [K || {{K, _}, _, _} <- Lacking])]
         ]
     ]),
@@ -159,11 +163,11 @@ ended(done, Runs, #made{rows = Rows, columns = Columns}, _Figures, Sweep) ->
     starl_cli_terminal:out(["slice ", starl_lab_slice:text(Slice), ": "]),
     told(Judged, Target),
     starl_cli_terminal:out("kept in ~ts\nwhen all slices are there: ./starl join ~ts\n", [
-        starl_cli_out:shown(File), starl_cli_quoted:word(starl_cli_out:shown(Dir))
+        starl_cli_out:shown(File), starl_cli_terminal:quoted(starl_cli_out:shown(Dir))
     ]),
     verdict([How || {How, _} <- Judged]).
 
-command(Words) -> lists:join(" ", ["./starl" | [starl_cli_quoted:word(Word) || Word <- Words]]).
+command(Words) -> lists:join(" ", ["./starl" | [starl_cli_terminal:quoted(Word) || Word <- Words]]).
 
 judged(Runs, Columns, Rows) ->
     [
