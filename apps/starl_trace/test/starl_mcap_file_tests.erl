@@ -245,7 +245,7 @@ what_is_lost_is_said_test() ->
                     {message, Channel, _, Time, _, Data} <- Records
                 ]
             end),
-            {maps:with([chunks, damaged, was_closed, lost_bytes], Answer), Told}
+            {maps:with([chunks, messages, damaged, was_closed, lost_bytes], Answer), Told}
         end)
     end,
     Broken = fun(N) ->
@@ -257,6 +257,7 @@ what_is_lost_is_said_test() ->
     Figures = fun(Whole, Damaged, WasClosed, Lost) ->
         #{
             chunks => Whole,
+            messages => Whole,
             damaged => Damaged,
             was_closed => WasClosed,
             lost_bytes => Lost
@@ -274,8 +275,21 @@ what_is_lost_is_said_test() ->
         Recovered(Broken(3))
     ),
     Left = lists:nth(3, Places) + 3,
-    {#{was_closed := false, lost_bytes := Lost, chunks := 2}, Told} = Recovered(
+    {#{was_closed := false, lost_bytes := Lost, chunks := 2, messages := 2}, Told} = Recovered(
         binary:part(Bytes, 0, Left)
     ),
     ?assert(Lost > 0),
     ?assertEqual([Message(1), Message(2), {2, 200, <<"200-the_end">>}], Told).
+
+%% A file in which nothing was recorded is packed as it is; one that is no recording is told in a line.
+what_cannot_be_packed_test() ->
+    {Head, Writer} = starl_mcap_writer:new("test", channels()),
+    Empty = iolist_to_binary([Head, starl_mcap_writer:finish(Writer)]),
+    in_file(Empty, fun(File) ->
+        ?assertEqual(ok, starl_mcap_recover:pack(File, none)),
+        ?assertEqual({ok, Empty}, file:read_file(File))
+    end),
+    in_file(<<"none at all">>, fun(File) ->
+        {error, Line} = starl_mcap_recover:pack(File, none),
+        ?assertMatch({match, _}, re:run(unicode:characters_to_binary(Line), "no MCAP file"))
+    end).

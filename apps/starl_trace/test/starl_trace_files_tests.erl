@@ -167,6 +167,82 @@ a_next_file_that_cannot_be_test() ->
         ?assertMatch({ok, #{ended := closed}}, starl_trace_info:file(File))
     end).
 
+%% A run that begins again is recorded from its beginning; a full file is closed, and the next one has the
+%% scenario, too.
+a_run_that_begins_again_test() ->
+    in_file([], fun(File) ->
+        {ok, Recorder} = starl_trace_recorder:start_link(File, simulation, #{}),
+        Observer = starl_trace_recorder:observer(Recorder),
+        Run = fun(Says) ->
+            ok = starl_observer:tell({begun, starl_trace_ct:facts()}, Observer),
+            ok = starl_observer:tell(
+                {judged, [{At, 1, note, {said, At}} || At <- Says], []}, Observer
+            )
+        end,
+        ok = Run([1000, 2000, 7000000]),
+        ok = Run([3000]),
+        {ok, #{bytes := Bytes, until_us := Until}} = starl_trace_recorder:close(Recorder),
+        ?assertEqual({filelib:file_size(File), 3000}, {Bytes, Until}),
+        {ok, Says, closed} = starl_trace_reader:fold(fun says/2, [], File),
+        ?assertEqual([3000], Says)
+    end).
+
+files_follow_each_other_test() ->
+    in_file([], fun(File) ->
+        Names = [File ++ "." ++ integer_to_list(N) || N <- lists:seq(2, 50)],
+        Left = counters:new(1, []),
+        Next = fun() ->
+            ok = counters:add(Left, 1, 1),
+            lists:nth(counters:get(Left, 1), Names)
+        end,
+        Options = #{file_bytes => 60000, next => Next},
+        {ok, Recorder} = starl_trace_recorder:start_link(File, simulation, Options),
+        Observer = starl_trace_recorder:observer(Recorder),
+        ok = starl_observer:tell({begun, starl_trace_ct:facts()}, Observer),
+        Times = [N * 1000000 || N <- lists:seq(1, 60)],
+        [
+            ok = starl_observer:tell(
+                {judged, [{At, 1, note, {said, At}}, {At, 1, note, crypto:strong_rand_bytes(3000)}],
+                    []},
+                Observer
+            )
+         || At <- Times
+        ],
+        {ok, #{file := Last}} = starl_trace_recorder:close(Recorder),
+        Files = [File | lists:sublist(Names, counters:get(Left, 1))],
+        try
+            ?assertEqual(Last, lists:last(Files)),
+            ?assert(length(Files) > 2),
+            [?assert(filelib:file_size(F) >= 60000) || F <- lists:droplast(Files)],
+            [?assert(filelib:file_size(F) < 90000) || F <- Files],
+            [
+                begin
+                    {ok, Cursor} = starl_trace_reader:start(F),
+                    ?assertMatch({ok, [{scenario, _, _} | _], _}, starl_trace_reader:next(Cursor))
+                end
+             || F <- Files
+            ],
+            ?assertEqual(
+                Times,
+                lists:append([
+                    lists:reverse(Says)
+                 || F <- Files, {ok, Says, closed} <- [starl_trace_reader:fold(fun says/2, [], F)]
+                ])
+            )
+        after
+            [file:delete(F) || F <- Files]
+        end
+    end).
+
+says({trace, _, {_, note, {said, At}}}, Says) -> [At | Says];
+says(_, Says) -> Says.
+
+%% A hole before the scenario is none of a recording.
+a_hole_before_the_scenario_test() ->
+    in_file([{gap, 0, 5}, said(400000)], fun(File) ->
+        ?assertEqual({error, {no_scenario, File}}, starl_trace_judge:file(File))
+    end).
+
 problems_are_lines_test() ->
     [
         ?assertEqual(Line, lists:flatten(starl_mcap_reader:format_error(Reason)))

@@ -74,7 +74,10 @@ convex_areas_are_filled_test() ->
     Hollow = [{0, 0}, {0.9, 0}, {0.3, 0.3}, {0, 0.9}],
     [?assertEqual(1, Filled(Area)) || Area <- [Small, lists:reverse(Small)]],
     [?assertEqual(0, Filled(Area)) || Area <- [Hollow, lists:reverse(Hollow)]],
-    ?assertEqual(1, Filled(starl_drawing:circle({0, 0}, 100))).
+    ?assertEqual(1, Filled(starl_drawing:circle({0, 0}, 100))),
+    %% a corner may lie on a side
+    OnASide = [{0, 0}, {2, 0}, {4, 0}, {4, 4}, {0, 4}],
+    [?assertEqual(1, Filled(Area)) || Area <- [OnASide, lists:reverse(OnASide)]].
 
 %% The shapes of drawings in metres, a little above the floor, and in the colours of their names.
 drawings_have_sizes_and_colours_test() ->
@@ -348,6 +351,12 @@ a_floor_plan_stands_on_the_floor_test() ->
         )
      || Lines <- [Walls, Doors]
     ],
+    [?assertEqual(pose(0.0, 0.0, 0.0), maps:get(<<"pose">>, Lines)) || Lines <- [Walls, Doors]],
+    [
+        ?assertEqual([], maps:get(Key, Lines))
+     || Lines <- [Walls, Doors], Key <- [<<"colors">>, <<"indices">>]
+    ],
+    ?assertEqual(stays(), maps:get(<<"lifetime">>, Plan)),
     ?assertEqual(colour(0.5, 0.5, 0.5, 1), maps:get(<<"color">>, Walls)),
     ?assertEqual(colour(0.75, 0.55, 0.25, 1), maps:get(<<"color">>, Doors)),
     ?assertEqual(
@@ -391,6 +400,23 @@ a_pen_leaves_a_line_test() ->
     ?assertMatch([{_, [_, {0.03, _}, {0.075, _}, _]}], Pieces([300000, 750000])),
     ?assertEqual([], lines([pen(0, down), pen(1000000, up)])),
     ?assertEqual([], lines(tl(inked()))),
+    %% it stays, as wide as a pen, in the colour of its robot
+    [#{<<"lifetime">> := Life, <<"frame_id">> := Frame, <<"lines">> := [Line]}] = [
+        Entity
+     || #{<<"id">> := <<"ink 0">>} = Entity <- entities(inked())
+    ],
+    ?assertEqual({stays(), <<"floor">>}, {Life, Frame}),
+    ?assertEqual(
+        #{
+            <<"type">> => 0,
+            <<"pose">> => pose(0.0, 0.0, 0.0),
+            <<"thickness">> => 0.02,
+            <<"scale_invariant">> => false,
+            <<"colors">> => [],
+            <<"indices">> => []
+        },
+        maps:without([<<"points">>, <<"color">>], Line)
+    ),
     %% each line has a number of its own
     ?assertEqual(
         [<<"ink 0">>, <<"ink 1">>],
@@ -407,6 +433,9 @@ a_long_line_comes_in_parts_test() ->
     ),
     ?assertEqual([100, 100, 53], [length(Points) || {_, Points} <- Parts]),
     ?assertEqual([0.0, 9.9, 19.8], [X || {_, [{X, _} | _]} <- Parts]).
+
+%% The lifetime of what is shown until it is taken away.
+stays() -> #{<<"sec">> => 0, <<"nsec">> => 0}.
 
 chassis(At, Event) -> {trace, At, {1, chassis, Event}}.
 

@@ -78,6 +78,63 @@ one_end_with_all_violations_test() ->
      || Order <- Orders
     ].
 
+%% What is said of a merge: from when to when, which files were cut off, in the order in which they end, and
+%% whose recordings are missing. The merged file has the facts of the run.
+what_is_said_of_a_merge_test() ->
+    Dir = filename:join("/tmp", "starl-merge-said-" ++ os:getpid()),
+    ok = filelib:ensure_path(Dir),
+    try
+        Cut = fun(Robot, Begun, Until) ->
+            Say = [{At, Robot, note, {said, At}} || At <- lists:seq(1000000, Until, 500000)],
+            [{scenario, _, Facts} | Messages] = robot(Robot, Say, ended(9000, [])),
+            File = filename:join(Dir, "robot-" ++ integer_to_list(Robot) ++ ".mcap"),
+            {Head, Writer0} = starl_trace_writer:new(),
+            Told = [M || {Topic, _, _} = M <- Messages, Topic =/= verdicts],
+            {Bytes, _} = starl_trace_writer:messages(
+                [{scenario, Begun, Facts#{begun_us => Begun, was_up => true}} | Told], Writer0
+            ),
+            ok = file:write_file(File, [Head, Bytes]),
+            File
+        end,
+        Out = filename:join(Dir, "out.mcap"),
+        [First, Second] = Files = [Cut(1, 500, 6000000), Cut(2, 400, 4000000)],
+        {ok, Said} = starl_trace_merge:files(Files, Out),
+        #{begun_us := Begun, until_us := Until, cut_off := CutOff, bytes := Bytes} = Said,
+        ?assertEqual({400, [Second, First]}, {Begun, CutOff}),
+        ?assert(Until >= 4000000),
+        ?assertEqual(filelib:file_size(Out), Bytes),
+        ?assertMatch(#{missing := [3], clocks := []}, Said),
+        {ok, [{scenario, 400, Facts} | _] = Read, _} = starl_trace_reader:fold(
+            fun(M, All) -> All ++ [M] end, [], Out
+        ),
+        ?assertMatch(#{told_by := [1, 2], has_motions := false, begun_us := 400}, Facts),
+        ?assertNot(is_map_key(was_up, Facts)),
+        Says = [At || {trace, At, {_, note, _}} <- Read],
+        ?assertEqual(lists:sort(Says), Says),
+        Times = [At || {_, At, _} <- Read],
+        ?assertEqual(Until, lists:max(Times))
+    after
+        file:del_dir_r(Dir)
+    end.
+
+%% Files that cannot be merged are named.
+no_recordings_test() ->
+    Dir = filename:join("/tmp", "starl-merge-none-" ++ os:getpid()),
+    ok = filelib:ensure_path(Dir),
+    try
+        Merge = fun(File) -> starl_trace_merge:files([File], filename:join(Dir, "out.mcap")) end,
+        None = filename:join(Dir, "none.mcap"),
+        ok = starl_trace_ct:recorded(None, [{trace, 5, {1, note, {said, 1}}}]),
+        ?assertEqual({error, {no_scenario, None}}, Merge(None)),
+        {ok, <<Head:200/binary, _/binary>>} = file:read_file(None),
+        Short = filename:join(Dir, "short.mcap"),
+        ok = file:write_file(Short, Head),
+        ?assertEqual({error, {too_short, Short}}, Merge(Short)),
+        ?assertMatch({error, {file, "/nowhere", enoent}}, Merge("/nowhere"))
+    after
+        file:del_dir_r(Dir)
+    end.
+
 %% Recordings of other scenarios, applications, kinds or beginnings are of another run.
 of_another_run_test() ->
     Dir = filename:join("/tmp", "starl-merge-other-" ++ os:getpid()),

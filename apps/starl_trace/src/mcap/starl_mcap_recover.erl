@@ -230,8 +230,11 @@ closed(_To, Recovery) ->
 %% What the first chunk has lost.
 repeated(Record, #recovery{messages = 0, patch = #{repeated := Repeated} = Patch} = Recovery) ->
     case Repeated(Record) of
-        {ok, Data} -> said(0, Data, Patch, with_channels(Patch, Recovery));
-        none -> Recovery
+        {ok, Data} ->
+            Said = said(0, Data, Patch, with_channels(Patch, Recovery)),
+            Said#recovery{messages = 1};
+        none ->
+            Recovery
     end;
 repeated(_Record, Recovery) ->
     Recovery.
@@ -244,9 +247,9 @@ with_channels(#{channels := Channels}, #recovery{writer = Writer} = Recovery) ->
     lists:foldl(Put, Recovery, Missing).
 
 said(Time, Data, #{channel := Channel}, Recovery) ->
-    #recovery{writer = Writer, messages = N} = Empty = put_waiting(Recovery),
+    #recovery{writer = Writer} = Empty = put_waiting(Recovery),
     Put = starl_mcap_writer:message(Channel, Time, Data, Writer),
-    put_bytes(starl_mcap_writer:flush(Put), Empty#recovery{messages = N + 1}).
+    put_bytes(starl_mcap_writer:flush(Put), Empty).
 
 channels(Records) ->
     [R || R <- Records, element(1, R) =:= schema orelse element(1, R) =:= channel].
