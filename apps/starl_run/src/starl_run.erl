@@ -203,16 +203,20 @@ format_error({versions, Versions}) ->
     ];
 format_error({no_app, Example}) ->
     ["which application? A scenario names it: ", Example];
-format_error({fault_target, Id, Robot}) ->
+format_error(Fault) ->
+    format_fault(Fault).
+
+%% A fault for which the run has no place.
+format_fault({fault_target, Id, Robot}) ->
     io_lib:format("fault ~ts: there is no robot ~b", [Id, Robot]);
-format_error({fault_machine, Id, Name, Known}) ->
+format_fault({fault_machine, Id, Name, Known}) ->
     Names = lists:join(", ", [atom_to_list(N) || N <- Known]),
     io_lib:format("fault ~ts: a robot has no machine ~ts; it has ~ts", [Id, Name, Names]);
-format_error({fault_floor, Id}) ->
+format_fault({fault_floor, Id}) ->
     io_lib:format("fault ~ts is one of a floor plan: give a plan with --floor", [Id]);
-format_error({fault_door, Id, Door, 0}) ->
+format_fault({fault_door, Id, Door, 0}) ->
     io_lib:format("fault ~ts: there is no door ~b, the floor plan has no doors", [Id, Door]);
-format_error({fault_door, Id, Door, Doors}) ->
+format_fault({fault_door, Id, Door, Doors}) ->
     io_lib:format("fault ~ts: there is no door ~b, the floor plan has doors 1 to ~b", [
         Id, Door, Doors
     ]).

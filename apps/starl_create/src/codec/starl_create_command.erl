@@ -222,7 +222,10 @@ by_opcode(Op, Model) ->
         false -> none
     end.
 
-rows(1) ->
+rows(1) -> create_1() ++ common();
+rows(2) -> create_2() ++ common().
+
+create_1() ->
     [
         {136, demo, [{i8, -1, 9}]},
         {144, pwm_motors, [{u8, 0, 128}, {u8, 0, 128}, {u8, 0, 128}]},
@@ -235,9 +238,9 @@ rows(1) ->
         {156, wait_distance, [{i16, -32768, 32767}]},
         {157, wait_angle, [{i16, -32768, 32767}]},
         {158, wait_event, [{i8, -22, 22}]}
-        | common()
-    ];
-rows(2) ->
+    ].
+
+create_2() ->
     [
         {7, reset, []},
         {133, power, []},
@@ -251,7 +254,6 @@ rows(2) ->
         {167, schedule, [schedule]},
         {168, day_time, [{u8, 0, 6}, {u8, 0, 23}, {u8, 0, 59}]},
         {173, stop, []}
-        | common()
     ].
 
 common() ->

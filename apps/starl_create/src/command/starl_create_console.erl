@@ -23,13 +23,30 @@ argument() -> {required, "ACTION", {example, "emulate"}}.
 
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(none) ->
+    about_actions();
+about({emulate, _}) ->
+    about_emulate();
+about({doctor, _}) ->
+    about_doctor();
+about({drive, _}) ->
+    [
+        "Drives the robot behind DEVICE by keys. It stops when no key is held.",
+        {list, "Keys", starl_create_by_hand:keys()}
+    ];
+about({bench, _}) ->
+    about_bench();
+about(_Other) ->
+    [].
+
+about_actions() ->
     [
         "Works with an iRobot Create, of 2006 (model 1) or 2014 (model 2), at a serial line such as "
         "/dev/ttyUSB0.",
         {list, "Actions", ?ACTIONS},
         "./starl create ACTION --help lists the flags of each; the page is doc/create.md."
-    ];
-about({emulate, _}) ->
+    ].
+
+about_emulate() ->
     [
         "Emulates a Create, byte for byte, on a pty, and prints the name of the device; other programs "
         "open it like a real one, at the right baud rate. One robot without walls turns its wheels freely. "
@@ -39,72 +56,64 @@ about({emulate, _}) ->
             {atom_to_list(Key), Doc}
          || {Key, _, _, Doc} <- starl_create_quirks:options()
         ]}
-    ];
-about({doctor, _}) ->
+    ].
+
+about_doctor() ->
     [
         "Finds out whether the robot behind DEVICE answers, its baud rate, model, mode, battery and the "
         "quality of its stream, and says what to do about what is wrong. It does not move the robot, "
         "except with --calibrate: it then drives 1 m straight and turns 360 degrees to the left, so "
         "give it room. --profile writes what was found to a file."
-    ];
-about({drive, _}) ->
-    [
-        "Drives the robot behind DEVICE by keys. It stops when no key is held.",
-        {list, "Keys", starl_create_by_hand:keys()}
-    ];
-about({bench, _}) ->
+    ].
+
+about_bench() ->
     [
         "Measures, with an emulated Create behind a pty, the time from just before a kill, or a pull of "
         "its cable, until its body stands: the median and the longest of several. A Create 1 is driven "
         "twice: by the waits of the document, and by short ones, if it has them (see doctor). none: no "
         "bound, it still drives. stands: it has come to rest by itself before."
-    ];
-about(_Other) ->
-    [].
+    ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags({emulate, _}) ->
+flags({emulate, _}) -> [{"Flags", emulate_flags()}];
+flags({doctor, _}) -> [{"Flags", doctor_flags()}];
+flags({drive, _}) -> [{"Flags", drive_flags()}];
+flags({bench, _}) -> [{"Flags", [{times, {integer, 1, 1000}, 10, "measurements of each"}]}];
+flags(_Other) -> [].
+
+emulate_flags() ->
     [
-        {"Flags", [
-            model(),
-            {link, {optional, string}, none,
-                "a link to the device, which is put there and taken away; of several: %d is the number"},
-            {robots, {integer, 1, 100}, 1, "the number of robots, each with its device"},
-            {arena, {optional, {size, {number, 500, 100000}}}, none, "walls around this floor, mm"},
-            {quirk, {list, string}, [], "names, or NAME=VALUE, divided by commas"},
-            {charge, {number, 0, 100}, 90, "charge of its battery, %"},
-            {show, switch, false, "prints what it does: its mode, its wheels, its lights"},
-            baud()
-        ]}
-    ];
-flags({doctor, _}) ->
+        model(),
+        {link, {optional, string}, none,
+            "a link to the device, which is put there and taken away; of several: %d is the number"},
+        {robots, {integer, 1, 100}, 1, "the number of robots, each with its device"},
+        {arena, {optional, {size, {number, 500, 100000}}}, none, "walls around this floor, mm"},
+        {quirk, {list, string}, [], "names, or NAME=VALUE, divided by commas"},
+        {charge, {number, 0, 100}, 90, "charge of its battery, %"},
+        {show, switch, false, "prints what it does: its mode, its wheels, its lights"},
+        baud()
+    ].
+
+doctor_flags() ->
     [
-        {"Flags", [
-            model(),
-            baud(),
-            {firmware, switch, false, "starts a Create 2 anew, which tells its release"},
-            {calibrate, switch, false, "drives 1 m and turns 360 degrees"},
-            {drive_mm, {integer, 0, 10000}, 1000, "the way to drive"},
-            {turn_deg, {integer, 0, 3600}, 360, "the angle to turn"},
-            {measured_mm, {optional, {number, 1, 20000}}, none, "the way, as you have measured it"},
-            {measured_deg, {optional, {number, 1, 7200}}, none,
-                "the turn, as you have measured it"},
-            {profile, {optional, string}, none, "writes the profile of the robot to this file"}
-        ]}
-    ];
-flags({drive, _}) ->
+        model(),
+        baud(),
+        {firmware, switch, false, "starts a Create 2 anew, which tells its release"},
+        {calibrate, switch, false, "drives 1 m and turns 360 degrees"},
+        {drive_mm, {integer, 0, 10000}, 1000, "the way to drive"},
+        {turn_deg, {integer, 0, 3600}, 360, "the angle to turn"},
+        {measured_mm, {optional, {number, 1, 20000}}, none, "the way, as you have measured it"},
+        {measured_deg, {optional, {number, 1, 7200}}, none, "the turn, as you have measured it"},
+        {profile, {optional, string}, none, "writes the profile of the robot to this file"}
+    ].
+
+drive_flags() ->
     [
-        {"Flags", [
-            model(),
-            baud(),
-            {speed, {integer, 10, 500}, 150, "mm/s"},
-            {hold_ms, {integer, 50, 5000}, 600, "how long one key moves it"}
-        ]}
-    ];
-flags({bench, _}) ->
-    [{"Flags", [{times, {integer, 1, 1000}, 10, "measurements of each"}]}];
-flags(_Other) ->
-    [].
+        model(),
+        baud(),
+        {speed, {integer, 10, 500}, 150, "mm/s"},
+        {hold_ms, {integer, 50, 5000}, 600, "how long one key moves it"}
+    ].
 
 model() -> {model, {integer, 1, 2}, 2, "1: Create of 2006; 2: Create 2 or Roomba 600"}.
 

@@ -110,9 +110,19 @@ options(create_1_short) -> #{device => bench, model => 1, short_waits => true}.
 %% -- what happens -----------------------------------------------------------------------------
 
 measured(put_back, Place, Device, Options) ->
+    put_back(Place, Device, Options);
+measured(Row, {Room, _}, Device, Options) when Row =:= vm; Row =:= vm_halted ->
+    vm_ends(Row, Room, Device, Options);
+measured(Row, {Room, OnPty} = Place, Device, Options) ->
     {Owner, Line} = driver(Place, Device, Options),
     Program = program(Line),
-    {Room, OnPty} = Place,
+    Us = timed(Room, deed(Row, OnPty, Owner, Line), patience(Row)),
+    ok = over(Owner, Program),
+    Us.
+
+put_back({Room, OnPty} = Place, Device, Options) ->
+    {Owner, Line} = driver(Place, Device, Options),
+    Program = program(Line),
     ok = starl_create_on_pty:pull(OnPty),
     receive
         {told, {closed, _}} -> ok
@@ -124,9 +134,9 @@ measured(put_back, Place, Device, Options) ->
             _ -> stood_before
         end,
     ok = over(Owner, Program),
-    Us;
-measured(Row, Place, Device, Options) when Row =:= vm; Row =:= vm_halted ->
-    {Room, _} = Place,
+    Us.
+
+vm_ends(Row, Room, Device, Options) ->
     Paths = lists:append([
         ["-pa", Dir]
      || Dir <- code:get_path(), string:find(Dir, "starl") =/= nomatch
@@ -137,12 +147,6 @@ measured(Row, Place, Device, Options) when Row =:= vm; Row =:= vm_halted ->
     Pid = peer:call(Peer, os, getpid, []),
     Us = timed(Room, fun() -> kill(signal(Row), Pid) end),
     _ = [kill("KILL", Pid) || Row =:= vm_halted],
-    Us;
-measured(Row, {Room, OnPty} = Place, Device, Options) ->
-    {Owner, Line} = driver(Place, Device, Options),
-    Program = program(Line),
-    Us = timed(Room, deed(Row, OnPty, Owner, Line), patience(Row)),
-    ok = over(Owner, Program),
     Us.
 
 %% No program waits for a cable that never comes back.

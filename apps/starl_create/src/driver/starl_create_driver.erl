@@ -65,6 +65,7 @@
 
 -opaque t() :: #driver{}.
 
+%% A line that could not be opened is tried again.
 -define(REOPEN_MS, 1000).
 -define(MODE_MS, 300).
 -define(LATER_MS, 1000).
@@ -212,7 +213,6 @@ heard_at({data, Bytes}, _Now, #driver{parser = Parser} = Driver) ->
 heard_at({closed, Reason}, _Now, #driver{greeting = Greeting} = Driver) ->
     Anew = Driver#driver{greeting = starl_create_greeting:anew(Greeting)},
     in_turn([say(warning, {gone, Reason}), lose(closed)], Anew);
-%% A line that could not be opened is tried again.
 heard_at({error, Reason}, _Now, #driver{phase = closed} = Driver) ->
     in_turn([say(warning, {no_line, Reason}), timer(step, ?REOPEN_MS)], Driver);
 heard_at({error, Reason}, _Now, Driver) ->

@@ -64,33 +64,10 @@ plugged(#pipe{create = Create, baud = Baud, stop = Stop} = Pipe) ->
 handle_cast(_Request, Pipe) -> {noreply, Pipe}.
 
 -spec handle_info(term(), #pipe{}) -> {noreply, #pipe{}} | {stop, term(), #pipe{}}.
-handle_info({open, _Create, _Baud}, #pipe{is_plugged = false} = Pipe) ->
-    ok = tell({error, {enoent, "the cable is not plugged in"}}, Pipe),
-    {noreply, Pipe};
-handle_info({open, Create, Baud}, Pipe) ->
-    Open = Pipe#pipe{create = Create, baud = Baud},
-    ok = serial({attach, Baud}, Open),
-    ok = tell({opened, Create}, Open),
-    {noreply, Open};
-handle_info({send, Bytes}, Pipe) ->
-    ok = serial({data, Bytes}, Pipe),
-    {noreply, Pipe};
-handle_info({drive_script, Ref, Steps, Stop}, Pipe) ->
-    {noreply, script(now_us(), {Ref, Steps, Stop}, Pipe)};
-handle_info({join_script, Ref, Steps, Stop}, #pipe{script = none} = Pipe) ->
-    {noreply, script(now_us(), {Ref, Steps, Stop}, Pipe)};
-handle_info({join_script, Ref, Steps, Stop}, #pipe{due = Due} = Pipe) ->
-    {noreply, script(Due, {Ref, Steps, Stop}, Pipe)};
 handle_info(step, Pipe) ->
     {noreply, steps(now_us(), Pipe)};
 handle_info({serial, Create, What}, #pipe{create = Create} = Pipe) ->
     {noreply, heard(What, Pipe)};
-handle_info({stop_bytes, Bytes}, Pipe) ->
-    {noreply, Pipe#pipe{stop = Bytes}};
-handle_info({pulse, _Line, Ms, _Times}, Pipe) ->
-    ok = serial({brc, low}, Pipe),
-    _ = erlang:send_after(Ms, self(), {brc, high}),
-    {noreply, Pipe};
 handle_info({brc, high}, Pipe) ->
     ok = serial({brc, high}, Pipe),
     {noreply, Pipe};
@@ -100,8 +77,35 @@ handle_info({'DOWN', _, process, Owner, _}, #pipe{owner = Owner} = Pipe) ->
     {stop, normal, Pipe};
 handle_info({'EXIT', Owner, _}, #pipe{owner = Owner} = Pipe) ->
     {stop, normal, Pipe};
-handle_info(_Message, Pipe) ->
-    {noreply, Pipe}.
+handle_info(Command, Pipe) ->
+    {noreply, obey(Command, Pipe)}.
+
+%% The commands of the driver ({@link starl_create_word:command()}); there may be other messages.
+obey({open, _Create, _Baud}, #pipe{is_plugged = false} = Pipe) ->
+    ok = tell({error, {enoent, "the cable is not plugged in"}}, Pipe),
+    Pipe;
+obey({open, Create, Baud}, Pipe) ->
+    Open = Pipe#pipe{create = Create, baud = Baud},
+    ok = serial({attach, Baud}, Open),
+    ok = tell({opened, Create}, Open),
+    Open;
+obey({send, Bytes}, Pipe) ->
+    ok = serial({data, Bytes}, Pipe),
+    Pipe;
+obey({drive_script, Ref, Steps, Stop}, Pipe) ->
+    script(now_us(), {Ref, Steps, Stop}, Pipe);
+obey({join_script, Ref, Steps, Stop}, #pipe{script = none} = Pipe) ->
+    script(now_us(), {Ref, Steps, Stop}, Pipe);
+obey({join_script, Ref, Steps, Stop}, #pipe{due = Due} = Pipe) ->
+    script(Due, {Ref, Steps, Stop}, Pipe);
+obey({stop_bytes, Bytes}, Pipe) ->
+    Pipe#pipe{stop = Bytes};
+obey({pulse, _Line, Ms, _Times}, Pipe) ->
+    ok = serial({brc, low}, Pipe),
+    _ = erlang:send_after(Ms, self(), {brc, high}),
+    Pipe;
+obey(_Message, Pipe) ->
+    Pipe.
 
 %% What the robot's end of the line says.
 heard(sync, Pipe) ->

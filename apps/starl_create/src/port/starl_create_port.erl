@@ -204,18 +204,22 @@ encoded({join_script, Mark, Steps, Stop}, Line) ->
     {script($J, Mark, Steps, Stop), Line};
 encoded({stop_bytes, Bytes}, Line) ->
     {iolist_to_binary([$Z, Bytes]), Line};
-encoded({pulse, Which, LowMs, Times}, Line) ->
-    {<<$L, (control_line(Which)), LowMs:16, Times>>, Line};
-encoded({break}, Line) ->
-    {<<$B, ?BREAK_MS:16>>, Line};
-encoded({break, Ms}, Line) ->
-    {<<$B, Ms:16>>, Line};
-encoded({speed, Baud}, Line) ->
-    {<<$S, Baud:32>>, Line#line{baud = Baud}};
-encoded({speed, Baud, Baud}, Line) ->
-    encoded({speed, Baud}, Line);
 encoded(Close, Line) when Close =:= close; Close =:= {close}; Close =:= {disconnect} ->
-    {<<$C>>, Line}.
+    {<<$C>>, Line};
+encoded(Control, Line) ->
+    control(Control, Line).
+
+%% The line itself.
+control({pulse, Which, LowMs, Times}, Line) ->
+    {<<$L, (control_line(Which)), LowMs:16, Times>>, Line};
+control({break}, Line) ->
+    {<<$B, ?BREAK_MS:16>>, Line};
+control({break, Ms}, Line) ->
+    {<<$B, Ms:16>>, Line};
+control({speed, Baud}, Line) ->
+    {<<$S, Baud:32>>, Line#line{baud = Baud}};
+control({speed, Baud, Baud}, Line) ->
+    control({speed, Baud}, Line).
 
 opened(#line{device = Device, baud = Baud, heartbeat_ms = Ms} = Line) ->
     {<<$O, Baud:32, Ms:32, (unicode:characters_to_binary(Device))/binary>>, Line}.
@@ -279,25 +283,23 @@ format_error({unguarded, Device, Detail, _}) ->
         decapital(Detail),
         "), so nothing would stop the wheels; end other processes, or raise the user's limit of them"
     ];
-format_error({no_device, Device, Detail, _}) ->
-    [Device, ": ", decapital(Detail), "; plug the adapter in; ", candidates()];
-format_error({permission, Device, _, _}) ->
-    [
-        Device,
-        ": this user may not open it; join its group (sudo usermod -aG dialout $USER), log in again"
-    ];
-format_error({busy, Device, Holder, _}) ->
-    [Device, ": in use by ", Holder, "; end that first"];
-format_error({not_serial, Device, _, _}) ->
-    [Device, ": not a serial line; ", candidates()];
-format_error({speed, Device, _, Baud}) ->
-    [Device, ": its driver does not do ", integer_to_list(Baud), " baud; try another adapter"];
-format_error({io, Device, Detail, _}) ->
-    [Device, ": ", Detail];
-format_error({closed, Device, _, _}) ->
-    [Device, ": not open; send {open, Device, Baud} first"];
-format_error({bad_message, Device, Detail, _}) ->
-    [Device, ": ", Detail].
+format_error({Reason, Device, Detail, Baud}) ->
+    [Device, ": ", why(Reason, Detail, Baud)].
+
+why(no_device, Detail, _Baud) ->
+    [decapital(Detail), "; plug the adapter in; ", candidates()];
+why(permission, _Detail, _Baud) ->
+    "this user may not open it; join its group (sudo usermod -aG dialout $USER), log in again";
+why(busy, Holder, _Baud) ->
+    ["in use by ", Holder, "; end that first"];
+why(not_serial, _Detail, _Baud) ->
+    ["not a serial line; ", candidates()];
+why(speed, _Detail, Baud) ->
+    ["its driver does not do ", integer_to_list(Baud), " baud; try another adapter"];
+why(closed, _Detail, _Baud) ->
+    "not open; send {open, Device, Baud} first";
+why(Reason, Detail, _Baud) when Reason =:= io; Reason =:= bad_message ->
+    Detail.
 
 decapital(Text) -> string:lowercase(Text).
 

@@ -148,10 +148,7 @@ act(reload, Fleet, Values) ->
 act(rollback, #{fleet := Fleet}, _Values) ->
     told(starl_fleet_deploy:rollback(Fleet));
 act({fetch, Dir}, #{fleet := Fleet}, _Values) ->
-    case filelib:ensure_path(Dir) of
-        ok -> each(starl_fleet_deploy:fetch(Dir, Fleet), fun fetched/2);
-        {error, Why} -> {error, [[Dir, ": ", file:format_error(Why)]]}
-    end;
+    fetch(Dir, Fleet);
 act(stop, #{fleet := Fleet}, _Values) ->
     each(starl_fleet_deploy:ask("stop", numbers(Fleet), Fleet), fun(N, _) ->
         io_lib:format("robot ~b: stopped\n", [N])
@@ -166,6 +163,12 @@ act({logs, Which}, #{fleet := Fleet}, _Values) ->
     each(starl_fleet_deploy:ask(Words, Numbers, Fleet), fun(N, Said) ->
         [io_lib:format("robot ~b: ~ts\n", [N, Line]) || Line <- string:lexemes(Said, "\n")]
     end).
+
+fetch(Dir, Fleet) ->
+    case filelib:ensure_path(Dir) of
+        ok -> each(starl_fleet_deploy:fetch(Dir, Fleet), fun fetched/2);
+        {error, Why} -> {error, [[Dir, ": ", file:format_error(Why)]]}
+    end.
 
 told_status(#{robots := Robots} = Fleet) ->
     each(starl_fleet_deploy:ask("status", numbers(Fleet), Fleet), fun(N, Said) ->

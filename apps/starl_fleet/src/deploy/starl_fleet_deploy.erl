@@ -176,11 +176,8 @@ failures(Name, Results, #{fleet := #{robots := Robots}}) ->
 looked(look, Results, #{fleet := #{robots := Robots}, ours := Ours} = State) ->
     #{looked_s := Looked, options := #{say := Say}} = State,
     Facts = [{N, starl_fleet_failure:facts(Said)} || {N, {0, Said}} <- Results],
-    Clocks = [
-        Line
-     || {N, F} <- Facts, Line <- starl_fleet_failure:clock(N, maps:get(N, Robots), F, Looked)
-    ],
-    ok = lists:foreach(Say, Clocks),
+    Clock = fun(N, F) -> starl_fleet_failure:clock(N, maps:get(N, Robots), F, Looked) end,
+    ok = lists:foreach(Say, [Line || {N, F} <- Facts, Line <- Clock(N, F)]),
     case [L || {N, F} <- Facts, L <- starl_fleet_failure:look(N, maps:get(N, Robots), F, Ours)] of
         [] ->
             {ok, State#{

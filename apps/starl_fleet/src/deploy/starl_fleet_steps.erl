@@ -67,23 +67,26 @@ command(keys, N, Robot, Fleet, #{keys := Keys}) ->
     Files = [quoted(filename:join(Keys, File)) || File <- key_files(N, Fleet)],
     To = target(Robot) ++ ":" ++ base(N, Fleet) ++ "/keys/",
     words(["rsync -a -e", quoted(shell(Robot))] ++ Files ++ [To]);
-command(build, N, Robot, Fleet, Plan) ->
-    robot(N, Robot, Fleet, Plan, "build");
-command(check, N, Robot, Fleet, Plan) ->
-    robot(N, Robot, Fleet, Plan, "check");
 command(commission, N, Robot, Fleet, _Plan) ->
     ssh(Robot, "touch " ++ base(N, Fleet) ++ "/state/commissioned");
-command(may_reload, N, Robot, Fleet, Plan) ->
-    robot(N, Robot, Fleet, Plan, "reload check");
-command(switch, N, Robot, Fleet, Plan) ->
-    robot(N, Robot, Fleet, Plan, "switch");
-command(reload, N, Robot, Fleet, #{trial_s := Trial} = Plan) ->
-    robot(N, Robot, Fleet, Plan, "reload switch " ++ integer_to_list(1000 * Trial));
-command(health, N, Robot, Fleet, #{trial_s := Trial} = Plan) ->
-    Words = io_lib:format("health ~b ~b", [?HEALTH_S, Trial]),
-    robot(N, Robot, Fleet, Plan, lists:flatten(Words));
-command(tidy, N, Robot, Fleet, Plan) ->
-    robot(N, Robot, Fleet, Plan, "tidy").
+command(Stage, N, Robot, Fleet, Plan) ->
+    robot(N, Robot, Fleet, Plan, action(Stage, Plan)).
+
+%% What the release on a robot is told.
+action(may_reload, _Plan) ->
+    "reload check";
+action(reload, #{trial_s := Trial}) ->
+    "reload switch " ++ integer_to_list(1000 * Trial);
+action(health, #{trial_s := Trial}) ->
+    lists:flatten(io_lib:format("health ~b ~b", [?HEALTH_S, Trial]));
+action(build, _Plan) ->
+    "build";
+action(check, _Plan) ->
+    "check";
+action(switch, _Plan) ->
+    "switch";
+action(tidy, _Plan) ->
+    "tidy".
 
 %% @doc One stage, for each of these robots: after a failure, or a wish of the user's.
 -spec one(Words :: string(), [starl:robot_id()], starl_fleet_file:t()) -> [step()].

@@ -209,7 +209,10 @@ handle({timer, Name, Timer, Mark, Content}, #turns{robot = Robot} = Turns) ->
         stale ->
             work(Turns)
     end;
-handle({acts, Pid, Actions}, #turns{beside = Beside} = Turns) ->
+handle({acts, Pid, Actions}, Turns) ->
+    acted(Pid, Actions, Turns).
+
+acted(Pid, Actions, #turns{beside = Beside} = Turns) ->
     case {Beside, starl_robot_machines:name_of(Pid, machines(Turns))} of
         {#{Pid := {_, Orders}}, {ok, Name}} ->
             {Body0, #turns{robot = Robot} = Now} = at_event(Turns),

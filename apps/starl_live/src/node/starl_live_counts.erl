@@ -41,27 +41,6 @@ new() -> #counts{}.
 
 %% @doc Counts a fact.
 -spec traced(starl_monitor:trace_event(), t()) -> t().
-traced({Us, _, sap, {sent, {_, _, Seq}, To, _, _}}, #counts{open = Open} = Counts) ->
-    Sent = count(messages_sent, length(To), Counts),
-    case map_size(Open) < ?MOST_OPEN of
-        true -> Sent#counts{open = Open#{Seq => {Us, 0}}};
-        false -> Sent
-    end;
-traced({Us, _, sap, {outcome, {_, _, Seq}, _, How}}, #counts{open = Open} = Counts) ->
-    Told = count({messages_ended, outcome, How}, 1, Counts#counts{open = maps:remove(Seq, Open)}),
-    case {How, Open} of
-        {acknowledged, #{Seq := {Sent, _}}} -> observed(Us - Sent, Told);
-        _ -> Told
-    end;
-traced({_, _, sap, {delivered, _, _, _}}, Counts) ->
-    count(messages_delivered, 1, Counts);
-traced({_, _, sap, {overload, _}}, Counts) ->
-    count(messages_refused, 1, Counts);
-traced({_, _, sap, {dropped, Why, _}}, Counts) ->
-    count({packets_dropped, reason, Why}, 1, Counts);
-traced({_, _, sap, {started, _}}, Counts) ->
-    %% messages of an earlier life have no outcome any more
-    Counts#counts{open = #{}};
 traced({Us, _, _, {leased, Token, _Fence, LeftUs}}, Counts) ->
     leased({token, Token}, Us + LeftUs, Counts);
 traced({_, _, _, {How, Token, _Fence}}, Counts) when How =:= released; How =:= lease_lost ->
@@ -71,7 +50,33 @@ traced({_, _, Machine, crashed}, Counts) ->
     count({restarts, machine, Machine}, 1, Counts);
 traced({_, _, Machine, late}, Counts) ->
     count({late, machine, Machine}, 1, Counts);
+traced({Us, _, sap, Event}, Counts) ->
+    messages(Us, Event, Counts);
 traced(_Fact, Counts) ->
+    Counts.
+
+messages(Us, {sent, {_, _, Seq}, To, _, _}, #counts{open = Open} = Counts) ->
+    Sent = count(messages_sent, length(To), Counts),
+    case map_size(Open) < ?MOST_OPEN of
+        true -> Sent#counts{open = Open#{Seq => {Us, 0}}};
+        false -> Sent
+    end;
+messages(Us, {outcome, {_, _, Seq}, _, How}, #counts{open = Open} = Counts) ->
+    Told = count({messages_ended, outcome, How}, 1, Counts#counts{open = maps:remove(Seq, Open)}),
+    case {How, Open} of
+        {acknowledged, #{Seq := {Sent, _}}} -> observed(Us - Sent, Told);
+        _ -> Told
+    end;
+messages(_Us, {delivered, _, _, _}, Counts) ->
+    count(messages_delivered, 1, Counts);
+messages(_Us, {overload, _}, Counts) ->
+    count(messages_refused, 1, Counts);
+messages(_Us, {dropped, Why, _}, Counts) ->
+    count({packets_dropped, reason, Why}, 1, Counts);
+messages(_Us, {started, _}, Counts) ->
+    %% messages of an earlier life have no outcome any more
+    Counts#counts{open = #{}};
+messages(_Us, _Event, Counts) ->
     Counts.
 
 %% @doc Counts a packet that the robot sends.

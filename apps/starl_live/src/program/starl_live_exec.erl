@@ -295,14 +295,9 @@ printable(_) -> $?.
 word({pose, Pose, At}, #exec{} = Exec) ->
     {Us, Timed} = said(At, Exec),
     posed(Us, Pose, Timed);
-word({ack, Id, At}, #exec{open = Open} = Exec) ->
-    {Us, #exec{} = Timed} = said(At, Exec),
-    case Open of
-        #{Id := {drive, Mark, Commands, none}} ->
-            {[], Timed#exec{open = Open#{Id := {drive, Mark, Commands, Us}}}};
-        #{} ->
-            {[], Timed}
-    end;
+word({ack, Id, At}, Exec) ->
+    {Us, Timed} = said(At, Exec),
+    {[], begun(Id, Us, Timed)};
 word({sense, Sense}, Exec) ->
     {[{sensed, Sense}], Exec};
 word({log, Text}, Exec) ->
@@ -320,6 +315,14 @@ word({hello, _}, Exec) ->
     nonsense("a second hello", <<>>, Exec);
 word(_PongOrUnknown, Exec) ->
     {[], Exec}.
+
+begun(Id, Us, #exec{open = Open} = Exec) ->
+    case Open of
+        #{Id := {drive, Mark, Commands, none}} ->
+            Exec#exec{open = Open#{Id := {drive, Mark, Commands, Us}}};
+        #{} ->
+            Exec
+    end.
 
 said(At, #exec{clock = Clock, shift = Shift} = Exec) ->
     {Us, Known} = starl_live_program_clock:said(At, starl_live_clock:now_us(Clock), Shift),

@@ -115,22 +115,27 @@ walk(<<?SMALL_BIG, Size, _Sign, _:Size/binary, Rest/binary>>, Count, Open, Deepe
     walk(Rest, Count - 1, Open, Deeper);
 walk(<<?ATOM, Size:16, _:Size/binary, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
     walk(Rest, Count - 1, Open, Deeper);
-walk(<<?SMALL_TUPLE, Inner, Rest/binary>>, Count, Open, Deeper) when Count > 0, Deeper > 0 ->
+walk(Bytes, Count, Open, Deeper) when Count > 0 ->
+    descend(Bytes, Count, Open, Deeper);
+walk(_Bytes, _Count, _Open, _Deeper) ->
+    {error, {holds, other}}.
+
+%% Into a term that holds others.
+descend(<<?SMALL_TUPLE, Inner, Rest/binary>>, Count, Open, Deeper) when Deeper > 0 ->
     walk(Rest, Inner, [Count - 1 | Open], Deeper - 1);
-walk(<<?LIST, Inner:32, Rest/binary>>, Count, Open, Deeper) when Count > 0, Deeper > 0 ->
+descend(<<?LIST, Inner:32, Rest/binary>>, Count, Open, Deeper) when Deeper > 0 ->
     walk(Rest, Inner + 1, [Count - 1 | Open], Deeper - 1);
-walk(<<?MAP, Inner:32, Rest/binary>>, Count, Open, Deeper) when Count > 0, Deeper > 0 ->
+descend(<<?MAP, Inner:32, Rest/binary>>, Count, Open, Deeper) when Deeper > 0 ->
     walk(Rest, 2 * Inner, [Count - 1 | Open], Deeper - 1);
-walk(<<?LARGE_TUPLE, Inner:32, Rest/binary>>, Count, Open, Deeper) when Count > 0, Deeper > 0 ->
+descend(<<?LARGE_TUPLE, Inner:32, Rest/binary>>, Count, Open, Deeper) when Deeper > 0 ->
     walk(Rest, Inner, [Count - 1 | Open], Deeper - 1);
-walk(<<Tag, _/binary>>, Count, _Open, 0) when
-    Count > 0, Tag =:= ?SMALL_TUPLE orelse Tag =:= ?LIST orelse Tag =:= ?MAP;
-    Count > 0, Tag =:= ?LARGE_TUPLE
+descend(<<Tag, _/binary>>, _Count, _Open, 0) when
+    Tag =:= ?SMALL_TUPLE; Tag =:= ?LIST; Tag =:= ?MAP; Tag =:= ?LARGE_TUPLE
 ->
     {error, too_deep};
-walk(<<Tag, _/binary>>, Count, _Open, _Deeper) when Count > 0 ->
+descend(<<Tag, _/binary>>, _Count, _Open, _Deeper) ->
     {error, {holds, tag(Tag)}};
-walk(_Bytes, _Count, _Open, _Deeper) ->
+descend(<<>>, _Count, _Open, _Deeper) ->
     {error, {holds, other}}.
 
 %% Those that OTP writes: only a sender learns what its packet holds.

@@ -36,24 +36,21 @@ explained({unsent, Why}) ->
     ["nothing can be sent to it: ", inet:format_error(Why)];
 explained({unnamed, Why}) ->
     ["its name is not found: ", inet:format_error(Why)];
-explained(seal) ->
-    "its datagrams are sealed with another key";
-explained(fleet) ->
-    "its datagrams are another fleet's";
-explained(run) ->
-    "its datagrams are of another run; does it run the same release?";
-explained(version) ->
-    "its datagrams have another format; does it run another StarL?";
 explained(stranger) ->
     "it is no robot of the team";
-explained(length) ->
-    "its datagrams have a wrong length";
 explained(not_connected) ->
     "its node is not connected";
 explained(clone) ->
     "another robot of its number is heard";
 explained(Reason) ->
-    ["its packets are malformed (", atom_to_list(Reason), ")"].
+    of_datagrams(Reason).
+
+of_datagrams(seal) -> "its datagrams are sealed with another key";
+of_datagrams(fleet) -> "its datagrams are another fleet's";
+of_datagrams(run) -> "its datagrams are of another run; does it run the same release?";
+of_datagrams(version) -> "its datagrams have another format; does it run another StarL?";
+of_datagrams(length) -> "its datagrams have a wrong length";
+of_datagrams(Reason) -> ["its packets are malformed (", atom_to_list(Reason), ")"].
 
 %% @doc One line of news.
 -spec format_news(starl_live_peers:news()) -> unicode:chardata().

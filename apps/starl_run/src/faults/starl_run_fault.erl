@@ -142,12 +142,7 @@ format_problem({shape, N, Fault}) ->
         ]
     );
 format_problem({unknown_kind, Id, Kind}) ->
-    Known = [K || {K, _, _, _, _} <- kinds()],
-    Near = [
-        io_lib:format(" (did you mean ~ts?)", [K])
-     || K <- lists:sublist(starl_options:suggestion(Kind, Known), 1)
-    ],
-    io_lib:format("fault ~ts: there is no kind ~ts~ts", [Id, Kind, near(Near)]);
+    io_lib:format("fault ~ts: there is no kind ~ts~ts", [Id, Kind, near(Kind)]);
 format_problem({span, Id}) ->
     io_lib:format("fault ~ts: FromMs and ToMs are whole numbers from 0 on, in this order", [Id]);
 format_problem({target, Id, Kind, Shape, Target}) ->
@@ -160,8 +155,11 @@ format_problem({missing_param, Id, Kind, Key}) ->
 format_problem({same_id, Id}) ->
     io_lib:format("fault ~ts: another one has this name", [Id]).
 
-near([]) -> "; ./starl faults lists the kinds";
-near(Near) -> Near.
+near(Kind) ->
+    case starl_options:suggestion(Kind, [Known || {Known, _, _, _, _} <- kinds()]) of
+        [] -> "; ./starl faults lists the kinds";
+        [Near | _] -> io_lib:format(" (did you mean ~ts?)", [Near])
+    end.
 
 shape(floor) -> "all";
 shape(robots) -> "all or one Robot";
@@ -197,15 +195,11 @@ strikes({Id, From, To, Kind, Target, Params}) ->
         store_lost ->
             [{Target, Begin, go_down}, {Target, Begin, lose_store}, {Target, End, come_up}];
         store_set_back ->
-            %% a whole life of the robot that its store knows nothing of
-            [{Target, Begin, Strike} || Strike <- [go_down, {save_store, Id}, come_up]] ++
-                [{Target, End, Strike} || Strike <- [go_down, {set_back_store, Id}, come_up]];
+            set_back(Id, Target, Begin, End);
         pause ->
             [{Target, Begin, {pause, End}}];
         stand_still ->
-            {Robot, Name} = Target,
-            #{actions := After} = Params,
-            [{Robot, Begin, {stand_still, Name, After, End}}, {Robot, End, go_on}];
+            stand_still(Target, Begin, End, Params);
         slow ->
             [{Target, Begin, {lag, 1000 * maps:get(lag_ms, Params)}}, {Target, End, {lag, 0}}];
         _ when Kind =:= wheel_stuck; Kind =:= wheel_slow; Kind =:= slip ->
@@ -213,6 +207,14 @@ strikes({Id, From, To, Kind, Target, Params}) ->
         _ ->
             []
     end.
+
+%% A whole life of the robot that its store knows nothing of.
+set_back(Id, Robot, Begin, End) ->
+    [{Robot, Begin, Strike} || Strike <- [go_down, {save_store, Id}, come_up]] ++
+        [{Robot, End, Strike} || Strike <- [go_down, {set_back_store, Id}, come_up]].
+
+stand_still({Robot, Name}, Begin, End, #{actions := After}) ->
+    [{Robot, Begin, {stand_still, Name, After, End}}, {Robot, End, go_on}].
 
 %% @doc The faults that hold at a time.
 -spec holding(non_neg_integer(), [compiled()]) -> [compiled()].

@@ -170,15 +170,18 @@ target(link, Key, Request) ->
         2 -> robot(Key, Request);
         3 -> {robot(Key, Request), robot({Key, dest}, Request)}
     end;
-target(group, Key, #{robots := N} = Request) ->
-    %% halves of a team would hide a failure that a single robot shows when it is cut off
-    Size = starl_run_draw:between({Key, size}, 1, max(1, N - 1)),
-    First = robot(Key, Request),
-    Others = lists:sort([{uniform({Key, member, R}), R} || R <- lists:seq(1, N), R =/= First]),
-    lists:sort([First | [R || {_, R} <- lists:sublist(Others, Size - 1)]]);
+target(group, Key, Request) ->
+    group(Key, Request);
 target(two, Key, #{robots := N} = Request) ->
     A = robot(Key, Request),
     {A, 1 + (A - 1 + starl_run_draw:between({Key, other}, 1, N - 1)) rem N}.
+
+%% Halves of a team would hide a failure that a single robot shows when it is cut off.
+group(Key, #{robots := N} = Request) ->
+    Size = starl_run_draw:between({Key, size}, 1, max(1, N - 1)),
+    First = robot(Key, Request),
+    Others = lists:sort([{uniform({Key, member, R}), R} || R <- lists:seq(1, N), R =/= First]),
+    lists:sort([First | [R || {_, R} <- lists:sublist(Others, Size - 1)]]).
 
 %% Half of all faults of one robot hit the same robot: several faults of one robot show more
 %% than one fault on each of many.

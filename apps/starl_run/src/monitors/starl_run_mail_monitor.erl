@@ -67,14 +67,7 @@ step({T, From, sap, {sent, _Id, [To], {app, Type}, _Hash}}, #state{team = Team} 
     Key = {From, To, Type},
     {ok, State#state{strangers = Strangers#{Key => once_more(T, maps:find(Key, Strangers))}}};
 step({T, Robot, sap, {delivered, {From, _, _}, {app, Type}, _Hash}}, State) ->
-    #state{listening = Listening} = State,
-    case is_map_key({Robot, Type}, Listening) of
-        true ->
-            {ok, State};
-        false ->
-            Waiting = once_more({Robot, Type}, From, T, State#state.waiting),
-            {ok, State#state{waiting = Waiting}}
-    end;
+    {ok, delivered(T, {Robot, Type}, From, State)};
 step({T, Robot, sap, {overload, {app, Type}}}, #state{overloads = Overloads} = State) ->
     Key = {Robot, Type},
     {ok, State#state{overloads = Overloads#{Key => once_more(T, maps:find(Key, Overloads))}}};
@@ -91,6 +84,12 @@ step({_T, Robot, app, {listens, {app, Type}}}, #state{} = State) ->
     {ok, State#state{listening = Listening#{Key => true}, waiting = maps:remove(Key, Waiting)}};
 step(_, State) ->
     {ok, State}.
+
+delivered(T, Key, From, #state{listening = Listening, waiting = Waiting} = State) ->
+    case is_map_key(Key, Listening) of
+        true -> State;
+        false -> State#state{waiting = once_more(Key, From, T, Waiting)}
+    end.
 
 once_more(Key, From, T, Known) ->
     case Known of

@@ -24,7 +24,10 @@
 
 %% @doc The table of the keys that every scenario has.
 -spec options() -> [starl_options:option()].
-options() ->
+options() -> place() ++ radio() ++ motion() ++ running() ++ trouble().
+
+%% The team and its place.
+place() ->
     [
         {robots, {integer, 1, 100000}, 4, "number of robots"},
         {seed, {integer, 0, 1 bsl 32}, 1, "the number from which every random draw follows"},
@@ -36,7 +39,11 @@ options() ->
             "width of a cell of a MovingAI map (1000), or of a unit of an SVG drawing (1), mm"},
         {start, {optional, file}, none,
             "where the robots stand at the beginning: grid, line, circle, random, or a file with a line "
-            "X Y DEGREES, or the name of a place, for each; none: the application says it"},
+            "X Y DEGREES, or the name of a place, for each; none: the application says it"}
+    ].
+
+radio() ->
+    [
         {loss, {number, 0, 1}, 0.0, "fraction of the packets that the radio loses"},
         {duplicate, {number, 0, 1}, 0.0, "fraction of the packets that arrive twice"},
         {delay, {between, {number, 1, 60000}}, {5, 20}, "delay of a packet, ms"},
@@ -44,7 +51,12 @@ options() ->
         {wall_loss, {number, 0, 1}, 0.0,
             "fraction of the packets that each wall in their way takes, on a floor plan"},
         {shadowing, {number, 0, 20}, 0.0,
-            "how unevenly a radio of limited range reaches, dB: its range is shorter for some pairs and places"},
+            "how unevenly a radio of limited range reaches, dB: its range is shorter for some pairs and places"}
+    ].
+
+%% The clocks of robots, how they drive, and how well they know where they are.
+motion() ->
+    [
         {clock_offset, {number, 0, 1.0e9}, 1000,
             "the largest error of a robot's clock at the start, ms"},
         {clock_drift, {number, 0, 10000}, 50, "the largest drift of a robot's clock, ppm"},
@@ -59,14 +71,23 @@ options() ->
             "the largest error of the distance in each leg, as a fraction"},
         {position_error, {number, 0, 50}, 1.0, "the largest error of the positioning system, mm"},
         {command_latency, {between, {number, 0, 500}}, {0, 0},
-            "delay of a drive command on its way to the chassis, ms"},
+            "delay of a drive command on its way to the chassis, ms"}
+    ].
+
+running() ->
+    [
         {time, {number, 0, 1.0e6}, 7200, "the run ends at this virtual time, s"},
         {mode, {one_of, [auto, process, inline]}, auto,
             "process: each machine of a robot is an Erlang process; inline: none is; auto: "
             "inline; from Erlang, processes for teams of up to 300 robots"},
         {shards, {optional, {integer, 1, 256}}, none,
             "number of parts that are simulated at the same time; none: chosen by the number of "
-            "robots and cores"},
+            "robots and cores"}
+    ].
+
+%% Faults and reloads, and what is to come of them.
+trouble() ->
+    [
         {faults, {term, "a list of {Id, FromMs, ToMs, Kind, Target, Params}", fun is_list/1}, [],
             "faults of the run; ./starl faults lists the kinds"},
         {random_faults,

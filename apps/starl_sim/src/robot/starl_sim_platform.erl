@@ -253,15 +253,15 @@ perform({until, _Us, {trace, Event}, _Mark}, Name, Body) ->
     %% it leaves with the look of its group
     {[], trace(Name, Event, Body)};
 perform({until, Us, Action, Mark}, Name, Body) ->
-    case present(Body) =< Us of
-        true -> perform(Action, Name, Body);
-        false -> {[{Name, info, {late, Mark}}], Body}
-    end;
+    perform(present(Body) =< Us, Action, Mark, Name, Body);
 perform({outlived, N}, _Name, Body) ->
     {[], outlived(N, Body)};
 perform({reloaded, #{tell := Tell} = Told}, Name, #body{world = World} = Body) ->
     Others = starl_sim_codes:to_tell(Tell, Name, World),
     {[{To, info, {restarted, Name}} || To <- Others], reloaded(Told, Name, Body)}.
+
+perform(true, Action, _Mark, Name, Body) -> perform(Action, Name, Body);
+perform(false, _Action, Mark, Name, Body) -> {[{Name, info, {late, Mark}}], Body}.
 
 %% @doc Keeps a term of a machine over crashes and reboots.
 -spec store(starl_machine:name(), term(), t()) -> {ok, t()} | full.

@@ -106,7 +106,7 @@ status(Run) -> gen_server:call(Run, status, infinity).
 %% @doc The machines of one robot, while the run rests.
 -spec inspect(pid(), starl:robot_id()) ->
     #{starl_machine:name() => starl_robot_tree:seen()} | unknown | {error, running}.
-inspect(Run, Robot) -> gen_server:call(Run, {inspect, Robot}, infinity).
+inspect(Run, Robot) -> gen_server:call(Run, {ask, robot, Robot}, infinity).
 
 %% @doc The summaries of all robots, while the run rests.
 -spec robots(pid()) -> [{starl:robot_id(), starl_sim_summary:t()}] | {error, running}.
@@ -115,12 +115,12 @@ robots(Run) -> gen_server:call(Run, robots, infinity).
 %% @doc The recorded events of a robot so far, while the run rests.
 -spec events(pid(), starl:robot_id()) ->
     [starl_sim_ledger:event()] | unknown | {error, running}.
-events(Run, Robot) -> gen_server:call(Run, {events, Robot}, infinity).
+events(Run, Robot) -> gen_server:call(Run, {ask, events, Robot}, infinity).
 
 %% @doc The timers of a robot that run, by machine and name, while the run rests.
 -spec timers(pid(), starl:robot_id()) ->
     [starl_sim_timers:timer()] | unknown | {error, running}.
-timers(Run, Robot) -> gen_server:call(Run, {timers, Robot}, infinity).
+timers(Run, Robot) -> gen_server:call(Run, {ask, timers, Robot}, infinity).
 
 %% @doc All violations, with those that would be found if the run ended here, while it rests.
 -spec violations(pid()) -> [starl_monitor:violation()] | {error, running}.
@@ -181,9 +181,7 @@ begun(#{monitors := Monitors}, Observer) ->
     {reply, term(), #run{}} | {noreply, #run{}}.
 handle_call({run, Until}, From, #run{caller = none, ending = none} = Run) ->
     {noreply, go(Until, none, From, Run)};
-handle_call({run, _Until}, _From, Run) ->
-    {reply, status_of(Run), Run};
-handle_call(status, _From, Run) ->
+handle_call(Asked, _From, Run) when Asked =:= status; element(1, Asked) =:= run ->
     {reply, status_of(Run), Run};
 handle_call({reload, Sources, TrialMs}, _From, #run{reload = Reload, now = Now} = Run) ->
     case starl_sim_reload:order(Sources, TrialMs, Now, Reload) of
@@ -197,33 +195,35 @@ handle_call(reloads, _From, #run{reload = Reload} = Run) ->
     {reply, starl_sim_reload:reloads(Reload), Run};
 handle_call(_Question, _From, #run{caller = Caller} = Run) when Caller =/= none ->
     {reply, {error, running}, Run};
-handle_call({run_to, _Goal}, _From, #run{lost = [Loss | _]} = Run) ->
+handle_call({run_to, Goal}, From, Run) ->
+    run_to(Goal, From, Run);
+handle_call(Question, _From, Run) ->
+    {reply, answer(Question, Run), Run}.
+
+run_to(_Goal, _From, #run{lost = [Loss | _]} = Run) ->
     {reply, {error, {lost, Loss}}, Run};
-handle_call({run_to, _Goal}, _From, #run{hung = {_, _} = Hang} = Run) ->
+run_to(_Goal, _From, #run{hung = {_, _} = Hang} = Run) ->
     {reply, {error, {hung, Hang}}, Run};
-handle_call({run_to, {Id, N} = Goal}, From, #run{limit_us = Limit, ending = Ending} = Run) ->
+run_to({Id, N} = Goal, From, #run{limit_us = Limit, ending = Ending} = Run) ->
     case ask(count, Id, Run) of
         unknown -> {reply, {error, {no_robot, Id}}, Run};
         N -> {reply, {ok, status_of(Run)}, Run};
         Count when Count > N -> {reply, {error, {past, Id, Count}}, Run};
         _ when Ending =:= none -> {noreply, go(Limit, Goal, From, Run)};
         Count -> {reply, {error, {ended, Id, Count}}, Run}
-    end;
-handle_call({inspect, Id}, _From, Run) ->
-    {reply, ask(robot, Id, Run), Run};
-handle_call({timers, Id}, _From, Run) ->
-    {reply, ask(timers, Id, Run), Run};
-handle_call({events, Id}, _From, Run) ->
-    {reply, ask(events, Id, Run), Run};
-handle_call(violations, _From, #run{judge = Judge, now = Now} = Run) ->
+    end.
+
+answer({ask, What, Id}, Run) ->
+    ask(What, Id, Run);
+answer(violations, #run{judge = Judge, now = Now}) ->
     {Violations, _Results, _Unjudged} = starl_sim_judge:close(Now, Judge),
-    {reply, Violations, Run};
-handle_call(snapshots, _From, #run{judge = Judge, shards = Shards} = Run) ->
-    {reply, {starl_sim_judge:judged(Judge), starl_sim_shards:snapshots(Shards)}, Run};
-handle_call(robots, _From, Run) ->
-    {reply, summaries(Run), Run};
-handle_call(finish, _From, Run) ->
-    {reply, conclude(Run), Run}.
+    Violations;
+answer(snapshots, #run{judge = Judge, shards = Shards}) ->
+    {starl_sim_judge:judged(Judge), starl_sim_shards:snapshots(Shards)};
+answer(robots, Run) ->
+    summaries(Run);
+answer(finish, Run) ->
+    conclude(Run).
 
 -spec handle_cast(stop, #run{}) -> {noreply, #run{}}.
 handle_cast(stop, #run{caller = none, ending = none} = Run) ->
@@ -247,23 +247,9 @@ handle_info(_LastWords, #run{hung = {_, _}} = Run) ->
 handle_info({hung, Since, Hang}, Run) ->
     {noreply, give_up(Since, Hang, Run)};
 handle_info({window_done, Shard, N, Trace}, Run) ->
-    #run{judge = Judge, shards = Shards, reload = Reload} = Run,
-    Noted = Run#run{reload = starl_sim_reload:note(Trace, Reload)},
-    case starl_sim_judge:told(Shard, N, Trace, starl_sim_shards:count(Shards), Judge) of
-        {ok, Next} ->
-            {noreply, approve(Noted#run{judge = Next})};
-        {violation, Next} ->
-            ok = starl_sim_shards:halt(Shards),
-            {noreply, Noted#run{judge = Next}}
-    end;
-handle_info({resting, _Shard, Now, Reason, Running}, #run{resting = Resting} = Run) ->
-    %% in an unfinished window, only some shards know which applications have ended
-    Most = max(Running, Run#run.running),
-    Next = Run#run{resting = Resting + 1, now = Now, running = Most},
-    case Resting + 1 =:= starl_sim_shards:count(Run#run.shards) of
-        true -> {noreply, rest(Reason, Next)};
-        false -> {noreply, Next}
-    end;
+    {noreply, window_done(Shard, N, Trace, Run)};
+handle_info({resting, _Shard, Now, Reason, Running}, Run) ->
+    {noreply, resting(Now, Reason, Running, Run)};
 handle_info({'DOWN', _, process, Shard, Reason}, Run) when
     node(Shard) =/= node(), Reason =:= noconnection orelse Reason =:= killed;
     node(Shard) =/= node(), Reason =:= shutdown
@@ -271,9 +257,27 @@ handle_info({'DOWN', _, process, Shard, Reason}, Run) when
     %% its node goes down or its site ends: the process that watches nodes reports why
     {noreply, Run};
 handle_info({'DOWN', _, process, Shard, Reason}, #run{shards = Shards} = Run) ->
-    case starl_sim_shards:is_one(Shard, Shards) of
-        true -> {stop, {shard_failed, Reason}, Run};
-        false -> {noreply, Run}
+    ended(starl_sim_shards:is_one(Shard, Shards), Reason, Run).
+
+ended(true, Reason, Run) -> {stop, {shard_failed, Reason}, Run};
+ended(false, _Reason, Run) -> {noreply, Run}.
+
+window_done(Shard, N, Trace, #run{judge = Judge, shards = Shards, reload = Reload} = Run) ->
+    Noted = Run#run{reload = starl_sim_reload:note(Trace, Reload)},
+    case starl_sim_judge:told(Shard, N, Trace, starl_sim_shards:count(Shards), Judge) of
+        {ok, Next} ->
+            approve(Noted#run{judge = Next});
+        {violation, Next} ->
+            ok = starl_sim_shards:halt(Shards),
+            Noted#run{judge = Next}
+    end.
+
+%% In an unfinished window, only some shards know which applications have ended.
+resting(Now, Reason, Running, #run{resting = Resting} = Run) ->
+    Next = Run#run{resting = Resting + 1, now = Now, running = max(Running, Run#run.running)},
+    case Resting + 1 =:= starl_sim_shards:count(Run#run.shards) of
+        true -> rest(Reason, Next);
+        false -> Next
     end.
 
 %% Rounded up to whole windows, so that the place of a pause does not change the run.
@@ -304,11 +308,10 @@ rest(Reason, #run{caller = From, goal = Goal} = Run) ->
     Rested.
 
 ending(until, #run{now = Now, limit_us = Limit} = Run) when Now >= Limit -> judged(time, Run);
-ending(Pause, #run{stop = Stop}) when Pause =:= until; Pause =:= held ->
-    case Stop of
-        true -> stopped;
-        false -> none
-    end;
+ending(Pause, #run{stop = true}) when Pause =:= until; Pause =:= held ->
+    stopped;
+ending(Pause, #run{stop = false}) when Pause =:= until; Pause =:= held ->
+    none;
 ending(Reason, Run) ->
     judged(Reason, Run).
 

@@ -147,20 +147,19 @@ format_error({silent, Node}) ->
     io_lib:format("node ~ts is connected but does not answer; restart it or leave it out", [Node]);
 format_error({no_code, Node}) ->
     io_lib:format("node ~ts has no StarL code; start it with ./starl node", [Node]);
-format_error({other_code, Node, Modules, Otp, Otp}) ->
-    io_lib:format(
-        "node ~ts has other code than this one: ~ts; bring both to the same version and build, "
-        "then start the node anew",
-        [Node, names(Modules)]
-    );
 format_error({other_code, Node, Modules, Here, There}) ->
-    io_lib:format(
-        "node ~ts has other code than this one: ~ts; it was built by OTP ~ts there and ~ts here: "
-        "install one release of OTP on both",
-        [Node, names(Modules), There, Here]
-    );
+    [
+        io_lib:format("node ~ts has other code than this one: ~ts; ", [Node, names(Modules)]),
+        same_code(Here, There)
+    ];
 format_error({peers, Reason}) ->
     starl_sim_peers:format_error(Reason).
+
+same_code(Otp, Otp) ->
+    "bring both to the same version and build, then start the node anew";
+same_code(Here, There) ->
+    Text = "it was built by OTP ~ts there and ~ts here: install one release of OTP on both",
+    io_lib:format(Text, [There, Here]).
 
 names(Modules) ->
     {Shown, More} = lists:split(min(?MOST_NAMES, length(Modules)), Modules),

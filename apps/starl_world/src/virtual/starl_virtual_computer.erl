@@ -2,7 +2,8 @@
 %% given it. It starts the robot's program, which is another one in each of its lives.
 -module(starl_virtual_computer).
 
--export([new/3, shows/2, due_us/3, start/4, suffer/2, power/2, cut_after/2, disk/1]).
+-export([new/3, shows/2, due_us/3, start/4]).
+-export([suffer/2, power/2, cut_after/2, disk/1, strike_store/2]).
 -export([reload/3, take_back/2, heeded/5]).
 
 -export_type([t/0]).
@@ -131,6 +132,19 @@ cut_after(N, #computer{disk = Disk}) -> starl_virtual_disk:cut_after(Disk, N, be
 -spec power(Why :: term(), t()) -> ok.
 power({starl_power_cut, _}, #computer{disk = Disk}) -> starl_virtual_disk:cut_power(Disk);
 power(_Killed, #computer{disk = Disk}) -> starl_virtual_disk:keep_power(Disk).
+
+%% @doc There is an empty disk in the place of its own; or it is kept as an image; or there is that image in its
+%% place, if there is one. It has no power. What is to be told.
+-spec strike_store(lose_store | {save_store | set_back_store, Image :: term()}, t()) ->
+    [store_set_back].
+strike_store(lose_store, #computer{disk = Disk}) ->
+    ok = starl_virtual_disk:erase(Disk),
+    [];
+strike_store({save_store, Image}, #computer{disk = Disk}) ->
+    ok = starl_virtual_disk:save(Image, Disk),
+    [];
+strike_store({set_back_store, Image}, #computer{disk = Disk}) ->
+    [store_set_back || starl_virtual_disk:set_back(Image, Disk) =:= ok].
 
 %% -- its code -------------------------------------------------------------------------------
 

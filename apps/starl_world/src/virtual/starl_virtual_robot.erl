@@ -202,20 +202,19 @@ sent({starl_ended, _, _, Result}, _) ->
     {effect, {ended, Result}};
 sent({starl_reloaded, _, Name, Told}, _) ->
     {effect, {reloaded, Name, Told}};
-sent({'$gen_cast', {ask, Tag, Robots}}, link) ->
-    {effect, {asked, Tag, Robots}};
-sent({'$gen_cast', Cast}, link) when element(1, Cast) =:= transmit ->
-    {inner, {transport, {'$gen_cast', Cast}}};
-%% the chassis stands, and feels nothing
-sent({'$gen_cast', {feel, _Kind, Mark}}, link) ->
-    {inner, {link, {starl_felt, self(), Mark, unknown}}};
-sent({'$gen_cast', _}, link) ->
-    none;
+sent({'$gen_cast', Cast}, link) ->
+    cast(Cast);
 %% a supervisor's or a process's end that has been handled
 sent({'EXIT', _, _}, _) ->
     none;
 sent(Message, _) ->
     {inner, {link, Message}}.
+
+%% What the link tells its lines. The chassis stands, and feels nothing.
+cast({ask, Tag, Robots}) -> {effect, {asked, Tag, Robots}};
+cast({feel, _Kind, Mark}) -> {inner, {link, {starl_felt, self(), Mark, unknown}}};
+cast(Cast) when element(1, Cast) =:= transmit -> {inner, {transport, {'$gen_cast', Cast}}};
+cast(_Cast) -> none.
 
 %% -- its processes --------------------------------------------------------------------------
 

@@ -237,12 +237,7 @@ carry_out({sent, To, Bytes}, Robot, Team) ->
     sent(To, Bytes, Robot, Team);
 carry_out({answer, Message}, #robot{id = Id, life = Life} = Robot, #team{now = Now} = Team) ->
     {Once, Before} = draw(20, Robot, Team),
-    Most =
-        case Once of
-            1 -> ?COMPUTES_US;
-            _ -> ?ANSWER_US
-        end,
-    {Us, Drawn} = draw(Most, Before, Team),
+    {Us, Drawn} = draw(longest_us(Once), Before, Team),
     message(Now + Us, {message, Id, Life, link, Message}, Drawn, kept(Drawn, Team));
 carry_out({asked, Tag, Ids}, #robot{id = Id, life = Life} = Robot, #team{now = Now} = Team) ->
     {Us, Drawn} = draw(?SIGHT_US, Robot, Team),
@@ -255,12 +250,18 @@ carry_out({started, Names}, Robot, Team) ->
     kept(Robot#robot{names = Names}, Team);
 carry_out({ended, Result}, Robot, Team) ->
     kept(Robot#robot{result = Result}, Team);
-carry_out({reloaded, Name, #{number := N, outcome := Outcome}}, Robot, #team{now = Now} = Team) ->
-    #robot{computer = Before} = Robot,
+carry_out({reloaded, Name, Told}, Robot, Team) ->
+    heeded(Name, Told, Robot, Team).
+
+longest_us(1) -> ?COMPUTES_US;
+longest_us(_) -> ?ANSWER_US.
+
+heeded(Name, #{number := N, outcome := Outcome}, Robot, #team{now = Now} = Team) ->
+    #robot{id = Id, computer = Before} = Robot,
     Computer = starl_virtual_computer:heeded(Outcome, Name, N, Now, Before),
     Known = kept(Robot#robot{computer = Computer}, Team),
     case starl_reload:is_failure(Outcome) of
-        true -> failed(N, Robot#robot.id, Known);
+        true -> failed(N, Id, Known);
         false -> Known
     end.
 
@@ -310,32 +311,38 @@ struck({pause, Until}, #robot{hold_us = Before} = Robot, Team) ->
     kept(Robot#robot{hold_us = max(Before, Until)}, Team);
 struck({lag, Us}, Robot, Team) ->
     kept(Robot#robot{lag_us = Us}, Team);
-struck(go_down, #robot{condition = up} = Robot, Team) ->
-    {How, Drawn} = draw(3, Robot, Team),
-    falls(How, Drawn, kept(Drawn, Team));
-struck(come_up, #robot{condition = up, id = Id} = Robot, Team) ->
-    Down = without_power(Robot, Team),
-    comes_up(robot(Id, Down), Down);
-struck(come_up, Robot, Team) ->
-    comes_up(Robot, Team);
-struck(try_start, #robot{condition = down} = Robot, Team) ->
-    Drawn = power_goes_soon(Robot, Team),
-    comes_up(Drawn, kept(Drawn, Team));
 struck({reload, N}, #robot{computer = Before} = Robot, #team{world = World} = Team) ->
     {Order, Computer} = starl_virtual_computer:reload(N, World, Before),
     told({reload, Order, self()}, Robot#robot{computer = Computer}, Team);
 struck({take_back, N, Failed}, #robot{computer = Before} = Robot, Team) ->
     Computer = starl_virtual_computer:take_back(N, Before),
     told({take_back, N, Failed}, Robot#robot{computer = Computer}, Team);
-struck(kill_robot, #robot{id = Id} = Robot, Team) ->
+struck(Strike, Robot, Team) ->
+    power_struck(Strike, Robot, Team).
+
+%% Faults by which the power goes, or comes back.
+power_struck(go_down, #robot{condition = up} = Robot, Team) ->
+    {How, Drawn} = draw(3, Robot, Team),
+    falls(How, Drawn, kept(Drawn, Team));
+power_struck(come_up, #robot{condition = up, id = Id} = Robot, Team) ->
+    Down = without_power(Robot, Team),
+    comes_up(robot(Id, Down), Down);
+power_struck(come_up, Robot, Team) ->
+    comes_up(Robot, Team);
+power_struck(try_start, #robot{condition = down} = Robot, Team) ->
+    Drawn = power_goes_soon(Robot, Team),
+    comes_up(Drawn, kept(Drawn, Team));
+power_struck(kill_robot, #robot{id = Id} = Robot, Team) ->
     #team{now = Now} = Down = goes_down(killed, Robot, Team),
     Dead = kept((robot(Id, Down))#robot{condition = dead}, Down),
     judged([{Now, Id, robot, {died, killed}}], Dead);
-struck(lose_store, Robot, Team) ->
+power_struck(lose_store, Robot, Team) ->
     store_struck(lose_store, Robot, without_power(Robot, Team));
-struck({Kind, _Image} = Strike, Robot, Team) when Kind =:= save_store; Kind =:= set_back_store ->
+power_struck({Kind, _Image} = Strike, Robot, Team) when
+    Kind =:= save_store; Kind =:= set_back_store
+->
     store_struck(Strike, Robot, without_power(Robot, Team));
-struck(_Strike, _Robot, Team) ->
+power_struck(_Strike, _Robot, Team) ->
     Team.
 
 %% The program is killed, the power goes, or it goes at one of the next operations of the disk.
@@ -350,18 +357,8 @@ power_goes_soon(#robot{computer = Computer} = Robot, Team) ->
 
 %% There is another disk in the robot, which has no power.
 store_struck(Strike, #robot{id = Id, computer = Computer}, #team{now = Now} = Team) ->
-    Disk = starl_virtual_computer:disk(Computer),
-    case Strike of
-        lose_store ->
-            ok = starl_virtual_disk:erase(Disk),
-            Team;
-        {save_store, Image} ->
-            ok = starl_virtual_disk:save(Image, Disk),
-            Team;
-        {set_back_store, Image} ->
-            Back = starl_virtual_disk:set_back(Image, Disk),
-            judged([{Now, Id, robot, store_set_back} || Back =:= ok], Team)
-    end.
+    Facts = starl_virtual_computer:strike_store(Strike, Computer),
+    judged([{Now, Id, robot, Fact} || Fact <- Facts], Team).
 
 %% The operator tells a robot that is up; one that is down starts with what it is to run.
 told(Word, #robot{id = Id, life = Life, condition = up} = Robot, Team) ->
