@@ -59,6 +59,47 @@ settings_change_nothing_else_test() ->
     {ok, Same} = starl_live_air:set(#{cut => []}, Healed),
     ?assertEqual(pass(100, Later), pass(100, Same)).
 
+%% A packet is lost or doubled if what is drawn for it is less than the part, not if it is just that.
+parts_are_bounds_test() ->
+    {Lost, Next} = rand:uniform_s(rand:seed_s(exsss, 3)),
+    {Doubled, _} = rand:uniform_s(Next),
+    More = 1.0e-9,
+    ?assertEqual([[0]], pass(1, air(#{seed => 3, loss => Lost}))),
+    ?assertEqual([[]], pass(1, air(#{seed => 3, loss => Lost + More}))),
+    ?assertEqual([[0]], pass(1, air(#{seed => 3, duplicates => Doubled}))),
+    ?assertEqual([[0, 0]], pass(1, air(#{seed => 3, duplicates => Doubled + More}))).
+
+%% The largest and the least values are none too large or small.
+bounds_of_settings_test_() ->
+    Most = 1 bsl 58,
+    [
+        ?_assertMatch({{ok, _}, _}, {starl_live_air:new(Given), Given})
+     || Given <- [#{seed => Most}, #{seed => -Most}, #{delay_ms => 60_000}, #{delay_ms => {0, 0}}]
+    ] ++
+        [
+            ?_assertMatch({{error, _}, _}, {starl_live_air:new(Given), Given})
+         || Given <- [
+                #{seed => Most + 1},
+                #{seed => -Most - 1},
+                #{delay_ms => 60_001},
+                #{delay_ms => -1},
+                #{loss => -0.1},
+                #{duplicates => 1.1},
+                #{disturbed => []},
+                #{cut => [x]}
+            ]
+        ].
+
+%% A delay lies between the least and the most, and both come.
+delays_lie_between_bounds_test() ->
+    ?assertEqual(
+        [3, 4], lists:usort(lists:append(pass(100, air(#{delay_ms => {3, 4}, seed => 1}))))
+    ),
+    Late = #{2 => [{late, 1, {3, 4}}]},
+    ?assertEqual(
+        [3, 4], lists:usort(lists:append(pass(100, air(#{disturbed => Late, seed => 1}))))
+    ).
+
 mistakes_are_said_test_() ->
     [
         ?_assertEqual(Line, line(Settings))

@@ -34,6 +34,154 @@ attempts() ->
     {monitors, Monitors} = process_info(self(), monitors),
     [Pid || {process, Pid} <- Monitors].
 
+%% Each second a connection is made to each node of another robot that has none; its own node needs none, whatever
+%% the configuration calls it. With no former transport there is nothing to wait for.
+connections_are_looked_after_each_second_test() ->
+    Config = #{
+        robot => 5,
+        participants => [5, 6, 7],
+        fleet => "tests",
+        run => 1,
+        peers => #{5 => 'own@nowhere.invalid', 6 => 'nobody@nowhere.invalid', 7 => node()}
+    },
+    Self = self(),
+    Opened = fun() ->
+        {ok, Dist} = starl_live_dist:open(Config),
+        Dist
+    end,
+    Second = {erlang, send_after, [1000, Self, {starl_live_dist, connect}]},
+    {Dist, Calls} = calls(Opened),
+    ?assertEqual([Second], Calls),
+    [Attempt] = attempts(),
+    %% while it is made no other is begun
+    {{[], Still}, [Second]} = calls(fun() ->
+        starl_live_dist:hear({starl_live_dist, connect}, Dist)
+    end),
+    ?assertEqual([Attempt], attempts()),
+    true = exit(Attempt, kill),
+    {[], Ended} =
+        receive
+            {'DOWN', _, process, Attempt, _} = Down -> starl_live_dist:hear(Down, Still)
+        end,
+    {[], _} = starl_live_dist:hear({starl_live_dist, connect}, Ended),
+    ?assertMatch([Next] when Next =/= Attempt, attempts()),
+    _ = [exit(Next, kill) || Next <- attempts()],
+    true = unregister(starl_robot_5),
+    starl_platform_ct:forget().
+
+%% What a function answers, and its calls of what takes time.
+calls(Fun) ->
+    Tracer = spawn_link(fun() -> collects([]) end),
+    _ = [
+        erlang:trace_pattern({erlang, Name, Arity}, true, [])
+     || {Name, Arity} <- [{send_after, 3}, {demonitor, 2}]
+    ],
+    1 = erlang:trace(self(), true, [call, {tracer, Tracer}]),
+    Answer = Fun(),
+    1 = erlang:trace(self(), false, [call]),
+    Delivered = erlang:trace_delivered(self()),
+    receive
+        {trace_delivered, _, Delivered} -> ok
+    end,
+    Tracer ! {calls, self()},
+    receive
+        {calls, Calls} -> {Answer, Calls}
+    end.
+
+collects(Calls) ->
+    receive
+        {trace, _Pid, call, Call} ->
+            collects([Call | Calls]);
+        {calls, Test} ->
+            Test ! {calls, lists:reverse(Calls)},
+            ok
+    end.
+
+%% A robot of this node hears what one of this node sends, and knows when; of a robot without a node, and of what is
+%% no packet, nothing comes.
+robots_of_a_node_hear_each_other_test() ->
+    Config = fun(Robot) ->
+        #{
+            robot => Robot,
+            participants => [8, 9],
+            fleet => "tests",
+            run => 1,
+            peers => #{8 => node(), 9 => node()}
+        }
+    end,
+    Test = self(),
+    Process = spawn_link(fun() ->
+        {ok, Dist} = starl_live_dist:open(Config(9)),
+        Test ! {opened, Dist},
+        passes_on(Test)
+    end),
+    Nine =
+        receive
+            {opened, Dist} -> Dist
+        end,
+    {ok, Eight} = starl_live_dist:open(Config(8)),
+    Packet = starl_packet:shout(8, hello, here),
+    {ok, Sent} = starl_live_dist:transmit(all, Packet, Eight),
+    ?assertEqual(#{sent => 1}, starl_live_dist:figures(Sent)),
+    {ok, Again} = starl_live_dist:transmit(9, Packet, Sent),
+    ?assertEqual(#{sent => 2}, starl_live_dist:figures(Again)),
+    {refused, _Line, Again} = starl_live_dist:transmit(9, starl_packet:shout(8, a, self()), Again),
+    {ok, Unknown} = starl_live_dist:transmit(7, Packet, Again),
+    ?assertEqual(#{sent => 3, unknown_peer => 1}, starl_live_dist:figures(Unknown)),
+    Never = #{
+        robot => 8,
+        is_silent => false,
+        heard_ms => 0,
+        address => none,
+        life => none,
+        refused => #{},
+        why => none
+    },
+    ?assertEqual([Never], starl_live_dist:peers(Nine)),
+    Heard = lists:foldl(
+        fun(_, Before) ->
+            {[Packet], After} =
+                receive
+                    Frame when element(1, Frame) =:= starl_frame ->
+                        starl_live_dist:hear(Frame, Before)
+                end,
+            After
+        end,
+        Nine,
+        [1, 2]
+    ),
+    ?assertMatch(
+        [#{robot := 8, heard_ms := Ms, why := none}] when Ms >= 0, starl_live_dist:peers(Heard)
+    ),
+    ?assertEqual(unknown, starl_live_dist:hear(hello, Heard)),
+    ?assertEqual(ok, starl_live_dist:close(Heard)),
+    Process ! ends,
+    true = unregister(starl_robot_8),
+    starl_platform_ct:forget().
+
+passes_on(Test) ->
+    receive
+        ends ->
+            ok;
+        Message ->
+            Test ! Message,
+            passes_on(Test)
+    end.
+
+%% A node that cannot be reached is why a robot is silent. Without the node of each other robot there is no transport.
+a_robot_of_another_node_is_silent_test() ->
+    Config = #{robot => 4, participants => [3, 4], fleet => "tests", run => 1},
+    {ok, Dist} = starl_live_dist:open(Config#{peers => #{3 => 'nobody@nowhere.invalid'}}),
+    ?assertMatch(
+        [#{robot := 3, is_silent := true, heard_ms := never, why := not_connected}],
+        starl_live_dist:peers(Dist)
+    ),
+    {error, Line} = starl_live_dist:open(Config#{peers => #{4 => node()}}),
+    ?assertEqual("peers: no node of robot 3", lists:flatten(Line)),
+    _ = [exit(Pid, kill) || Pid <- attempts()],
+    true = unregister(starl_robot_4),
+    starl_platform_ct:forget().
+
 %% The former transport of a robot that starts anew ends a moment after its link; another robot with its
 %% number does not end.
 name_of_the_former_test() ->

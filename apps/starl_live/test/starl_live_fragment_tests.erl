@@ -75,6 +75,25 @@ as_many_as_the_largest_has_test() ->
     Largest = binary:copy(<<1>>, 65_537),
     ?assertEqual(58, length(starl_live_fragment:split(1142, Largest))).
 
+%% The largest message is a byte larger than the largest packet: here that byte needs a fragment of its own.
+the_last_byte_of_the_largest_counts_test() ->
+    Length = 771,
+    65_537 = 85 * Length + 2,
+    Fragments = starl_live_fragment:new(Length + 11),
+    Joins = fun(Count, N) ->
+        {How, _} = without(
+            starl_live_fragment:join(1, <<1, 1:64, Count, N, 0:(8 * Length)>>, 0, Fragments)
+        ),
+        How
+    end,
+    ?assertEqual([more, more, error, error], [
+        Joins(Count, N)
+     || Count <- [86, 87], N <- [0, Count - 1]
+    ]).
+
+without({more, Fragments}) -> {more, Fragments};
+without({error, fragment, Fragments}) -> {error, Fragments}.
+
 fragments_of_different_messages_do_not_mix_test() ->
     [A | _] = split(message(150)),
     [_, <<1, _:8/binary, Rest/binary>>] = split(binary:copy(<<9>>, 150)),

@@ -37,6 +37,12 @@ generated(File) ->
     ?assertEqual(binary_to_list(Text), lists:flatten(Hex)),
     ?assertEqual(nomatch, string:find(io_lib:format("~p", [Key]), string:trim(Text))).
 
+%% A key in memory is as long, and another one each time.
+new_test() ->
+    [One, Other] = [(starl_live_key:new())() || _ <- [1, 2]],
+    ?assertEqual([32, 32], [byte_size(Key) || Key <- [One, Other]]),
+    ?assertNotEqual(One, Other).
+
 kept(File) ->
     ok = starl_live_key:generate(File),
     {ok, Before} = file:read_file(File),

@@ -74,6 +74,19 @@ after_a_halt_all_have_their_time_anew_test() ->
     {[], Halted} = looks(60_000, 64_000, Before),
     ?assertMatch({[_ | _], _}, looks(65_000, 65_000, Halted)).
 
+%% It has stood still if it has not looked for three seconds.
+a_halt_is_three_seconds_test() ->
+    Last = fun(Before) ->
+        {[], Looked} = lists:foldl(
+            fun(At, {[], P}) -> starl_live_peers:look(At, P) end, {[], peers()}, [
+                2000, 4000, 6000, Before
+            ]
+        ),
+        {News, _} = starl_live_peers:look(10_000, Looked),
+        length(News)
+    end,
+    ?assertEqual([0, 2, 2], [Last(Before) || Before <- [7000, 7001, 7500]]).
+
 %% -- refusals -------------------------------------------------------------------------------
 
 refused(Reason, Now, Peers) -> starl_live_peers:refused(2, Reason, ?HOME, Now, Peers).
@@ -132,6 +145,8 @@ the_latest_reason_says_why_a_robot_is_not_heard_test() ->
     ?assertEqual(
         "has not heard robot 2: its clock is 3600.0 s behind ours", complaint(robot(2, 5000, Peers))
     ),
+    ?assertMatch(#{why := {clock, -3_600_000}}, robot(2, 13_999, Peers)),
+    ?assertMatch(#{why := none}, robot(2, 14_000, Peers)),
     ?assertEqual("has not heard robot 2", complaint(robot(2, 15_000, Peers))).
 
 %% A datagram of another format says no robot's number: its address does.
@@ -297,6 +312,41 @@ clone(First, Second) ->
         #{life := Elder, address := There, twin := {Younger, Here}}, robot(2, 10_500, Peers)
     ),
     ?assertNotEqual(nomatch, string:find(complaint(robot(2, 10_500, Peers)), "two robots")).
+
+%% As soon as the elder of two is heard the younger is known as its twin.
+the_elder_is_heard_with_news_test() ->
+    Both = [
+        Speaks
+     || At <- lists:seq(1000, 10_000, 1000), Speaks <- [{At, 8, ?HOME}, {At + 500, 7, ?AWAY}]
+    ],
+    {heard, At, News, _} = until_heard(7, Both, peers()),
+    ?assertEqual({4500, [{twice, 2, {7, ?AWAY}, {8, ?HOME}}]}, {At, News}).
+
+until_heard(Life, [{At, Speaker, Address} | Later], Before) ->
+    case speaks(At, Speaker, Address, Before) of
+        {heard, News, Peers} when Speaker =:= Life -> {heard, At, News, Peers};
+        {_, _, Peers} -> until_heard(Life, Later, Peers)
+    end.
+
+%% A younger one whose clock is behind is no restart: it is told as a twin when both have spoken for three seconds.
+a_younger_one_that_is_behind_is_a_clone_test() ->
+    Elder = speaks_on([1000, 15_000], 7, ?HOME, peers()),
+    Speaks = fun({At, Life, Address, Behind}, {Verdicts, News, Before}) ->
+        {Verdict, Told, After} = speaks(At - Behind, At, Life, Address, Before),
+        {Verdicts ++ [Verdict], News ++ Told, After}
+    end,
+    {Verdicts, News, Peers} = lists:foldl(Speaks, {[], [], Elder}, [
+        {16_000, 8, ?AWAY, 5000},
+        {16_500, 7, ?HOME, 0},
+        {18_999, 8, ?AWAY, 5000},
+        {19_000, 8, ?AWAY, 5000},
+        {19_100, 7, ?HOME, 0},
+        {19_200, 8, ?THIRD, 5000}
+    ]),
+    ?assertEqual([former, heard, former, clone, heard, clone], Verdicts),
+    ?assertEqual([{twice, 2, {7, ?HOME}, {8, ?AWAY}}], News),
+    %% it has moved since
+    ?assertMatch(#{life := 7, address := ?HOME, twin := {8, ?THIRD}}, robot(2, 19_200, Peers)).
 
 %% When the first is switched off the second is heard, and that is told.
 the_second_is_heard_when_the_first_is_gone_test() ->

@@ -8,6 +8,16 @@ remembered_for_the_time_test() ->
     ?assertNot(starl_live_replay:has(3, Later)),
     ?assertNot(starl_live_replay:has(1, starl_live_replay:add(3, 26, 26, Later))).
 
+%% Nothing is remembered for longer than twice the time, from the beginning on.
+forgotten_after_twice_the_time_test() ->
+    Add = fun({Id, At}, Replay) -> starl_live_replay:add(Id, At, At, Replay) end,
+    Replay = lists:foldl(Add, starl_live_replay:new(10, 0), [{1, 9}, {2, 10}, {3, 19}]),
+    ?assertEqual([true, true, true], [starl_live_replay:has(Id, Replay) || Id <- [1, 2, 3]]),
+    Later = Add({4, 20}, Replay),
+    ?assertEqual(
+        [false, true, true, true], [starl_live_replay:has(Id, Later) || Id <- [1, 2, 3, 4]]
+    ).
+
 %% What is forgotten early is refused for its age.
 memory_is_bounded_test() ->
     %% a hundred thousand in each millisecond

@@ -55,6 +55,28 @@ as_documented_test() ->
     {Sealed, Tag} = crypto:crypto_one_time_aead(aes_256_gcm, Key, Nonce, "text", Header, 16, true),
     ?assertEqual({1, 2, <<"text">>}, open(<<Header/binary, Sealed/binary, Tag/binary>>, seal(2))).
 
+%% A robot without a life has life 0; what is said of a sender.
+what_a_datagram_says_test() ->
+    Said = fun(Seal) ->
+        {ok, Header, <<"text">>, _} = starl_live_seal:open(sealed(2, Seal), {?NOW + 7, 1}, seal(2)),
+        Header
+    end,
+    Header = #{from => 1, to => 2, life => 0, sent_ms => ?NOW},
+    ?assertEqual(Header, Said(seal(1))),
+    ?assertEqual(Header#{life => 9}, Said(seal(1, #{life => 9}))).
+
+%% A flood makes room by forgetting: what was sent as early as what is forgotten is refused by its time.
+what_may_be_forgotten_is_refused_test() ->
+    Flood = fun(N, Replay) -> starl_live_replay:add(N, ?NOW, 1, Replay) end,
+    Full = lists:foldl(Flood, starl_live_replay:new(30_000, 0), lists:seq(1, 200_001)),
+    %% its memory is its last field
+    Seal = seal(2),
+    Flooded = setelement(tuple_size(Seal), Seal, Full),
+    Sealed = fun(At) -> iolist_to_binary(starl_live_seal:seal(2, "text", At, seal(1))) end,
+    Open = fun(At) -> starl_live_seal:open(Sealed(At), {?NOW + 5, 2}, Flooded) end,
+    ?assertEqual({error, {clock, -5}, 1}, Open(?NOW)),
+    ?assertMatch({ok, #{}, _, _}, Open(?NOW + 1)).
+
 %% Every bit counts.
 flipped_bits_are_refused_test() ->
     Datagram = sealed(2, seal(1)),

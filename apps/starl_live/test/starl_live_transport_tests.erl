@@ -178,6 +178,13 @@ it_closes_its_end_test() ->
     receive
         {'EXIT', Transport, Why} -> ?assertEqual(shutdown, Why)
     end,
+    %% what it is linked to is not who has started it
+    {ok, Other} = starl_live_transport:start_link(?MODULE, config(#{}), self()),
+    Other ! {'EXIT', spawn(fun() -> ok end), gone},
+    ?assertEqual(closed, next()),
+    receive
+        {'EXIT', Other, Gone} -> ?assertEqual(gone, Gone)
+    end,
     Fails = fun(Given) ->
         {error, {shutdown, {transport, Line}}} = starl_live_transport:start_link(
             ?MODULE, config(Given), self()

@@ -96,7 +96,9 @@ hears(From, Udp) ->
         datagrams()
     ).
 
-packet() -> starl_packet:shout(1, hello, here).
+packet() -> packet(1).
+
+packet(From) -> starl_packet:shout(From, hello, here).
 
 large() -> starl_packet:shout(1, hello, binary:copy(<<"large">>, 1000)).
 
@@ -218,6 +220,32 @@ answers_are_spread_test() ->
     _ = transmits(1, packet(), Told),
     ?assertEqual([address(1)], addresses()).
 
+%% How long they wait is drawn anew for each, from nothing to the spread. No more than a thousand wait.
+answers_wait_as_drawn_test() ->
+    Time = now_set(),
+    _ = transmits(all, packet(), robot(1, #{}, Time)),
+    {[_ | _], Called} = hears(1, robot(2, #{spread_ms => 30}, Time)),
+    Waits = fun() ->
+        receive
+            {held, Ms, _} -> Ms
+        end
+    end,
+    {Waited, Held} = lists:mapfoldl(
+        fun(_, Udp) ->
+            Next = transmits(1, packet(), Udp),
+            {Waits(), Next}
+        end,
+        Called,
+        lists:seq(1, 1000)
+    ),
+    {Drawn, _} = lists:mapfoldl(
+        fun(_, Random) -> rand:uniform_s(31, Random) end, rand:seed_s(exsss, 2), lists:seq(1, 1000)
+    ),
+    ?assertEqual([N - 1 || N <- Drawn], Waited),
+    ?assertEqual([], datagrams()),
+    _ = transmits(1, packet(), Held),
+    ?assertEqual([address(1)], addresses()).
+
 %% Without a spread they go at once; the shortest spread is one millisecond.
 answers_need_not_be_spread_test() ->
     Answers = fun(Spread) ->
@@ -294,6 +322,53 @@ beats_prove_test() ->
     after_ms(1000, Time),
     {[], _} = starl_live_udp:hear({timeout, beat, beat}, Heard),
     ?assertEqual([address(2), address(3)], addresses()).
+
+%% What a beat says: our time, the other's last time or 0, how long that was held here or that there is none, and
+%% the life that is known of the other one.
+what_a_beat_says_test() ->
+    Time = now_set(),
+    One = robot(1, #{beat_ms => 1000}, Time),
+    ?assertEqual({?START, 0, 16#FFFFFFFF, 0}, beat_to(2, 1, Time)),
+    _ = robot(2, #{beat_ms => 1000}, Time),
+    {[], Heard} = hears(2, One),
+    ?assertEqual({?START, ?START, 0, 2}, beat_to(2, 1, Time)),
+    after_ms(1000, Time),
+    {[], Later} = starl_live_udp:hear({timeout, beat, beat}, Heard),
+    ?assertEqual({?START + 1_000_000, ?START, 1_000_000, 2}, beat_to(2, 1, Time)),
+    %% it is heard no more for longer than a beat can say
+    after_ms(4_294_966, Time),
+    {[], Long} = starl_live_udp:hear({timeout, beat, beat}, Later),
+    ?assertMatch({_, ?START, 16#FFFFFFFE, 2}, beat_to(2, 1, Time)),
+    ok = starl_live_udp:close(Long).
+
+%% The last beat on the air from a robot to another one, and no other datagram.
+beat_to(To, From, Time) ->
+    Datagrams = [Bytes || {_, Address, Bytes} <- datagrams(), Address =:= address(To)],
+    Now = atomics:get(Time, 1) div 1000,
+    {ok, #{from := From}, Payload, _} = starl_live_seal:open(
+        lists:last(Datagrams), {Now, Now}, seal(To, Time)
+    ),
+    <<2, Ours:64/signed, Theirs:64/signed, Held:32, Life:64>> = Payload,
+    {Ours, Theirs, Held, Life}.
+
+%% The first beat of another life may name ours: that proves, and is answered all the same, since its sender has no
+%% proof of ours yet.
+a_first_beat_that_names_our_life_test() ->
+    Time = now_set(),
+    One = robot(1, #{beat_ms => 1000}, Time),
+    ToTwo = [D || {_, To, _} = D <- datagrams(), To =:= address(2)],
+    Two = robot(2, #{beat_ms => 1000}, Time),
+    _ = datagrams(),
+    _ = [self() ! {datagram, S, To, Bytes} || {S, To, Bytes} <- ToTwo],
+    {[], Answered} = hears(1, Two),
+    [{Socket, Home, Answer}] = datagrams(),
+    ?assertEqual(address(1), Home),
+    self() ! {datagram, Socket, Home, Answer},
+    {[], Proved} = hears(2, One),
+    ?assertEqual([address(2)], addresses()),
+    _ = transmits(1, packet(2), Answered),
+    {Packets, _} = hears(2, Proved),
+    ?assertEqual([packet(2)], Packets).
 
 %% A beat that names our life already needs no answer.
 beats_are_answered_once_test() ->
@@ -436,7 +511,8 @@ lives_are_ordered_test() ->
         Life
     end,
     First = Life(),
-    ?assertEqual(?START div 1000, First bsr 16),
+    {Lot, _} = rand:uniform_s(1 bsl 16, rand:seed_s(exsss, 1)),
+    ?assertEqual({?START div 1000, Lot - 1}, {First bsr 16, First band 16#FFFF}),
     after_ms(1, Time),
     ?assert(Life() > First).
 

@@ -97,28 +97,28 @@ walk(<<Bytes/binary>>, 0, [Count | Open], Deeper) ->
     walk(Bytes, Count, Open, Deeper + 1);
 walk(<<>>, 0, [], _Deeper) ->
     ok;
-walk(<<?SMALL_INTEGER, _, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+walk(<<_/binary>>, 0, [], _Deeper) ->
+    {error, {holds, other}};
+walk(<<?SMALL_INTEGER, _, Rest/binary>>, Count, Open, Deeper) ->
     walk(Rest, Count - 1, Open, Deeper);
-walk(<<?INTEGER, _:32, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+walk(<<?INTEGER, _:32, Rest/binary>>, Count, Open, Deeper) ->
     walk(Rest, Count - 1, Open, Deeper);
-walk(<<?FLOAT, _:64, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+walk(<<?FLOAT, _:64, Rest/binary>>, Count, Open, Deeper) ->
     walk(Rest, Count - 1, Open, Deeper);
-walk(<<?SMALL_ATOM, Size, _:Size/binary, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+walk(<<?SMALL_ATOM, Size, _:Size/binary, Rest/binary>>, Count, Open, Deeper) ->
     walk(Rest, Count - 1, Open, Deeper);
-walk(<<?NIL, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+walk(<<?NIL, Rest/binary>>, Count, Open, Deeper) ->
     walk(Rest, Count - 1, Open, Deeper);
-walk(<<?STRING, Size:16, _:Size/binary, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+walk(<<?STRING, Size:16, _:Size/binary, Rest/binary>>, Count, Open, Deeper) ->
     walk(Rest, Count - 1, Open, Deeper);
-walk(<<?BINARY, Size:32, _:Size/binary, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+walk(<<?BINARY, Size:32, _:Size/binary, Rest/binary>>, Count, Open, Deeper) ->
     walk(Rest, Count - 1, Open, Deeper);
-walk(<<?SMALL_BIG, Size, _Sign, _:Size/binary, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+walk(<<?SMALL_BIG, Size, _Sign, _:Size/binary, Rest/binary>>, Count, Open, Deeper) ->
     walk(Rest, Count - 1, Open, Deeper);
-walk(<<?ATOM, Size:16, _:Size/binary, Rest/binary>>, Count, Open, Deeper) when Count > 0 ->
+walk(<<?ATOM, Size:16, _:Size/binary, Rest/binary>>, Count, Open, Deeper) ->
     walk(Rest, Count - 1, Open, Deeper);
-walk(Bytes, Count, Open, Deeper) when Count > 0 ->
-    descend(Bytes, Count, Open, Deeper);
-walk(_Bytes, _Count, _Open, _Deeper) ->
-    {error, {holds, other}}.
+walk(Bytes, Count, Open, Deeper) ->
+    descend(Bytes, Count, Open, Deeper).
 
 %% Into a term that holds others.
 descend(<<?SMALL_TUPLE, Inner, Rest/binary>>, Count, Open, Deeper) when Deeper > 0 ->

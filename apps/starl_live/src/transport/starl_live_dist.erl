@@ -68,8 +68,8 @@ transmit(To, Packet, #dist{ends = Ends} = Dist) ->
         {ok, Frame, Robots, Next} ->
             Send = fun(Robot, Before) -> send(Frame, Robot, Before) end,
             {ok, lists:foldl(Send, Dist#dist{ends = Next}, Robots)};
-        {refused, Why, Next} ->
-            {refused, Why, Dist#dist{ends = Next}}
+        {refused, Why} ->
+            {refused, Why, Dist}
     end.
 
 send(Frame, Robot, #dist{peers = Peers} = Dist) ->

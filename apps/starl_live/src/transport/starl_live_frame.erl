@@ -38,14 +38,14 @@ air(#ends{air = Air}) -> Air.
 %% @doc The frame of a packet, and the robots that get it; or one line on a packet that cannot be
 %% sent.
 -spec write(starl:robot_id() | all, starl_packet:t(), t()) ->
-    {ok, frame(), [starl:robot_id()], t()} | {refused, unicode:chardata(), t()}.
+    {ok, frame(), [starl:robot_id()], t()} | {refused, unicode:chardata()}.
 write(To, Packet, #ends{air = Air, robot = Robot} = Ends) ->
     case starl_live_codec:encode(Packet) of
         {ok, Bytes} ->
             Frame = {starl_frame, Air, Robot, To, Bytes},
             {ok, Frame, robots(To, Ends), count(sent, Ends)};
         {error, Why} ->
-            {refused, starl_live_codec:format_error(Packet, Why), Ends}
+            {refused, starl_live_codec:format_error(Packet, Why)}
     end.
 
 robots(all, #ends{robot = Robot, team = Team}) -> starl_team:others(Robot, Team);

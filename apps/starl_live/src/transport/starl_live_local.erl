@@ -27,8 +27,8 @@ transmit(To, Packet, #local{ends = Ends} = Local) ->
             Air = starl_live_frame:air(Ends),
             lists:foreach(fun(Robot) -> send(Frame, {Air, Robot}) end, Robots),
             {ok, Local#local{ends = Next}};
-        {refused, Why, Next} ->
-            {refused, Why, Local#local{ends = Next}}
+        {refused, Why} ->
+            {refused, Why, Local}
     end.
 
 %% The group may still hold a robot's process that has just ended; the latest comes first.

@@ -249,7 +249,7 @@ lives(Robot, _Address, #peer{other = Before}, #peer{other = #other{is_twin = tru
     #peer{life = Life, address = Address} = Peer,
     [
         {twice, Robot, {Life, Address}, {Other#other.life, Other#other.address}}
-     || not is_twin(Before)
+     || #other{is_twin = false} <- [Before]
     ];
 lives(Robot, _Address, #peer{other = Other}, _After) when Other#other.is_twin ->
     [{once, Robot}];
@@ -257,9 +257,6 @@ lives(Robot, Address, Before, #peer{address = Address}) ->
     [{moved, Robot, Address} || Was <- [address(Before)], Was =/= none, Was =/= Address];
 lives(_Robot, _Address, _Before, _After) ->
     [].
-
-is_twin(#other{is_twin = IsTwin}) -> IsTwin;
-is_twin(none) -> false.
 
 %% @doc A datagram of this robot was refused.
 -spec refused(starl:robot_id(), starl_live_refusals:reason(), NowMs :: integer(), t()) ->
