@@ -181,6 +181,101 @@ chunks_with_and_without_an_index_test() ->
         ?assertEqual({[One], {damaged, Second}}, starl_mcap_reader:chunks(Reader))
     end).
 
+%% Wherever a file is cut, the chunks before are its chunks, and are recovered with all their messages; it is closed
+%% when the end of its data is there.
+every_cut_test() ->
+    Bytes = bytes(),
+    {Chunks, DataEnd} = read(Bytes, fun(Reader) ->
+        Records = records(Reader),
+        [DataEnd] = [P || {P, _, {data_end, _}} <- Records],
+        {[{P + N, {S, E, P}} || {P, N, {chunk, S, E, _, _, _, _}} <- Records], DataEnd}
+    end),
+    Messages = [3, 1],
+    [
+        in_file(binary:part(Bytes, 0, Left), fun(File) ->
+            Whole = [Chunk || {End, Chunk} <- Chunks, End =< Left],
+            Is = fun(Size) ->
+                case Size >= DataEnd + 9 of
+                    true -> closed;
+                    false -> cut_off
+                end
+            end,
+            {ok, Reader} = starl_mcap_reader:open(File),
+            ?assertEqual({Left, {Whole, Is(Left)}}, {Left, starl_mcap_reader:chunks(Reader)}),
+            ok = starl_mcap_reader:close(Reader),
+            Count = length(Whole),
+            Sum = lists:sum(lists:sublist(Messages, Count)),
+            case starl_mcap_recover:file(File, File ++ ".out", as_is) of
+                {ok, Recovered} ->
+                    ?assertMatch(#{chunks := Count, messages := Sum, damaged := 0}, Recovered),
+                    {ok, Out} = starl_mcap_reader:open(File ++ ".out"),
+                    ?assertMatch({[_ | _], closed}, starl_mcap_reader:chunks(Out)),
+                    ok = starl_mcap_reader:close(Out);
+                {error, Reason} ->
+                    ?assertEqual({0, {nothing, File}}, {Count, Reason})
+            end,
+            file:delete(File ++ ".out")
+        end)
+     || Left <- lists:seq(8, byte_size(Bytes))
+    ].
+
+%% Whatever byte is bad, the chunks in which it is not are recovered.
+every_bad_byte_test() ->
+    {Head, W0} = starl_mcap_writer:new("test", channels()),
+    {Parts, W} = lists:mapfoldl(
+        fun(N, Writer) ->
+            starl_mcap_writer:flush(starl_mcap_writer:message(1, 100 * N, <<"data", N>>, Writer))
+        end,
+        W0,
+        [1, 2, 3]
+    ),
+    Bytes = iolist_to_binary([Head, Parts, starl_mcap_writer:finish(W)]),
+    Ranges = read(Bytes, fun(Reader) ->
+        [{P, P + N} || {P, N, {chunk, _, _, _, _, _, _}} <- records(Reader)]
+    end),
+    Recovered = fun(Damaged) ->
+        in_file(Damaged, fun(File) ->
+            {ok, Figures} = starl_mcap_recover:file(File, File, as_is),
+            {ok, Whole} = file:read_file(File),
+            Told = read(Whole, fun(Reader) ->
+                [
+                    Data
+                 || {_, _, {chunk, _, _, _, _, _, _} = C} <- records(Reader),
+                    {ok, Records} <- [starl_mcap_chunk:records(C)],
+                    {message, 1, _, _, _, Data} <- Records
+                ]
+            end),
+            {maps:with([damaged, messages, chunks], Figures), Told}
+        end)
+    end,
+    Bad = fun(At, In) ->
+        <<Before:At/binary, Byte, After/binary>> = In,
+        <<Before/binary, (Byte bxor 255), After/binary>>
+    end,
+    [
+        begin
+            {#{damaged := Damaged, messages := N}, Told} = Recovered(Bad(At, Bytes)),
+            Others = [
+                <<"data", K>>
+             || {K, {From, To}} <- lists:enumerate(Ranges), At < From orelse At >= To
+            ],
+            ?assertEqual({At, []}, {At, Others -- Told}),
+            ?assertEqual({At, lists:sort(Told)}, {At, Told}),
+            ?assertEqual({At, length(Told)}, {At, N}),
+            ?assertEqual({At, 3}, {At, N + Damaged})
+        end
+     || At <- lists:seq(element(1, hd(Ranges)), byte_size(Bytes) - 1)
+    ],
+    %% two of them, and all
+    [At1, At2, At3] = [At || {At, _} <- binary:matches(Bytes, <<"data">>)],
+    ?assertEqual(
+        {#{damaged => 2, messages => 1, chunks => 1}, [<<"data", 3>>]},
+        Recovered(Bad(At1, Bad(At2, Bytes)))
+    ),
+    in_file(Bad(At1, Bad(At2, Bad(At3, Bytes))), fun(File) ->
+        ?assertEqual({error, {nothing, File}}, starl_mcap_recover:file(File, File, as_is))
+    end).
+
 %% A record that hides a chunk of the index is damaged, and so is another one in the place of a chunk.
 a_hidden_chunk_is_damage_test() ->
     Bytes = bytes(),

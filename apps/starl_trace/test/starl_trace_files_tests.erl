@@ -67,6 +67,22 @@ the_figures_of_a_file_test() ->
     end),
     ?assertMatch({error, {file, "/nowhere", enoent}}, starl_trace_info:file("/nowhere")).
 
+%% A damaged chunk is told with its place, and the others count.
+a_damaged_chunk_is_told_test() ->
+    in_file([scenario(#{}), said(400000), said(2000000)], fun(File) ->
+        {ok, Bytes} = file:read_file(File),
+        {ok, Reader} = starl_mcap_reader:open(File),
+        {[_, {_, _, Place}], closed} = starl_mcap_reader:chunks(Reader),
+        ok = starl_mcap_reader:close(Reader),
+        At = Place + 60,
+        <<Before:At/binary, Byte, After/binary>> = Bytes,
+        ok = file:write_file(File, <<Before/binary, (Byte bxor 1), After/binary>>),
+        ?assertMatch(
+            {ok, #{ended := {damaged, Place}, chunks := 2}}, starl_trace_info:file(File)
+        ),
+        ?assertMatch({ok, _, {damaged, _}}, starl_trace_reader:fold(fun(_, N) -> N end, 0, File))
+    end).
+
 the_first_message_may_be_late_test() ->
     in_file([{scenario, 7000000, starl_trace_ct:facts()}, said(8000000)], fun(File) ->
         ?assertMatch({ok, #{from_us := 7000000, to_us := 8000000}}, starl_trace_info:file(File))
@@ -101,8 +117,10 @@ motions_are_repeated_each_ten_seconds_test() ->
 a_hole_has_the_times_of_the_run_test() ->
     #{hole := Hole, channel := Id, channels := Channels} = starl_trace_writer:patch(),
     Said = fun(From, To) -> starl_trace_terms:decode(iolist_to_binary(Hole(From, To))) end,
-    ?assertEqual({ok, [{gap, 5, {hole, 9}}]}, Said(5000, 9000)),
+    ?assertEqual({ok, [{gap, 5000000, {hole, 9000000}}]}, Said(5000000000, 9000000000)),
     ?assertEqual({ok, [{gap, 5, no_end}]}, Said(5000, the_end)),
+    #{repeated := Repeated} = starl_trace_writer:patch(),
+    ?assertEqual(none, Repeated({attachment, 0, 0, <<"other">>, <<"json">>, <<"{}">>})),
     ?assert(lists:keymember(Id, 2, [C || {channel, _, _, _, _, _} = C <- Channels])).
 
 %% A recording of ours begins with its scenario; a file without is none, wherever it is opened.
@@ -236,6 +254,16 @@ files_follow_each_other_test() ->
 
 says({trace, _, {_, note, {said, At}}}, Says) -> [At | Says];
 says(_, Says) -> Says.
+
+%% A reserve that cannot be made is no reserve, and none of it is left.
+a_reserve_that_cannot_be_test() ->
+    in_file([], fun(File) ->
+        Options = #{reserve => {"/nowhere/reserve", 10}},
+        ?assertEqual(
+            {error, {"/nowhere/reserve", enoent}},
+            starl_trace_recorder:start_link(File, simulation, Options)
+        )
+    end).
 
 %% A hole before the scenario is none of a recording.
 a_hole_before_the_scenario_test() ->

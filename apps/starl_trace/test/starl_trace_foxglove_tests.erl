@@ -75,6 +75,12 @@ convex_areas_are_filled_test() ->
     [?assertEqual(1, Filled(Area)) || Area <- [Small, lists:reverse(Small)]],
     [?assertEqual(0, Filled(Area)) || Area <- [Hollow, lists:reverse(Hollow)]],
     ?assertEqual(1, Filled(starl_drawing:circle({0, 0}, 100))),
+    %% whichever corner comes first
+    Turned = fun(Points) ->
+        [lists:nthtail(N, Points) ++ lists:sublist(Points, N) || N <- lists:seq(0, 3)]
+    end,
+    [?assertEqual(0, Filled(Area)) || Area <- Turned(Hollow)],
+    [?assertEqual(1, Filled(Area)) || Area <- Turned(Small)],
     %% a corner may lie on a side
     OnASide = [{0, 0}, {2, 0}, {4, 0}, {4, 4}, {0, 4}],
     [?assertEqual(1, Filled(Area)) || Area <- [OnASide, lists:reverse(OnASide)]].

@@ -10,7 +10,8 @@ init(#{}) -> [].
 
 step({T, Robot, app, touched}, Pauses) ->
     case [From || {From, To} <- Pauses, From =< T, T =< To] of
-        [] -> {violation, violation(T, Robot), Pauses};
+        %% once told, it is known
+        [] -> {violation, violation(T, Robot), [{T, T + 100} | Pauses]};
         _ -> {ok, Pauses}
     end;
 step(_Event, Pauses) ->
@@ -45,6 +46,19 @@ a_late_computer_is_excused_test() ->
     try
         [?assertEqual({T, []}, {T, Found(T, T, L)}) || {T, L} <- Told],
         [?assertEqual([T], Found(T, T + 1, L)) || {T, L} <- Told]
+    after
+        file:delete(File)
+    end.
+
+%% A monitor goes on from what it knew when it accused somebody.
+a_monitor_goes_on_test() ->
+    File = filename:join("/tmp", "starl-trace-judge-on-" ++ os:getpid() ++ ".mcap"),
+    Touched = [{judged, [{T, 2, app, touched}], []} || T <- [700_000, 700_100, 700_101]],
+    ok = starl_trace_ct:recorded(File, news(Touched)),
+    try
+        {ok, #{violations := Violations, events := Events}} = starl_trace_judge:file(File),
+        ?assertEqual([700_000, 700_101], [At || #{at_us := At} <- Violations]),
+        ?assertEqual(3, Events)
     after
         file:delete(File)
     end.

@@ -104,6 +104,7 @@ what_is_said_of_a_merge_test() ->
         ?assert(Until >= 4000000),
         ?assertEqual(filelib:file_size(Out), Bytes),
         ?assertMatch(#{missing := [3], clocks := []}, Said),
+        ?assert(maps:get(messages, Said) >= 11 + 7),
         {ok, [{scenario, 400, Facts} | _] = Read, _} = starl_trace_reader:fold(
             fun(M, All) -> All ++ [M] end, [], Out
         ),

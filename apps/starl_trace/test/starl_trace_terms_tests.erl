@@ -73,6 +73,13 @@ room_for_atoms_is_taken_once_test() ->
     ?assertEqual(ok, Make(A, Taken + 1)),
     ?assertEqual({error, too_many_atoms}, Make(C, Taken + 1)).
 
+%% A large term is packed, and read again.
+large_terms_test() ->
+    Large = binary:copy(<<"large">>, 1000000),
+    Text = iolist_to_binary(starl_trace_terms:encode(Large)),
+    ?assert(byte_size(Text) < 100000),
+    ?assertEqual({ok, Large}, starl_trace_terms:decode(Text)).
+
 %% A text that unpacks to more than it says, or says that it is huge.
 bombs_test() ->
     <<_, _:32, _/binary>> = Packed = zlib:compress(binary:copy(<<97>>, 1000000)),
