@@ -70,7 +70,7 @@
     %% its observer is told a snapshot of each robot this often
     snapshots_us => pos_integer(),
     %% the run goes on from there, instead of its beginning
-    from => starl_sim_checkpoint:t(),
+    from => starl_sim_shards:checkpoint(),
     histories => starl_run_plan:histories(),
     nodes => starl_sim_nodes:nodes(),
     node_timeout_ms => pos_integer(),
@@ -173,7 +173,7 @@ inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
 -spec robots(sim()) -> [{starl:robot_id(), starl_sim_summary:t()}] | {error, running}.
 robots(#sim{run = Run}) -> starl_sim_run:robots(Run).
 
-%% @doc All robots as data, from which another run can go on ({@link starl_sim_checkpoint}). Only while the run
+%% @doc All robots as data, from which another run can go on ({@link starl_sim_shards}). Only while the run
 %% rests. `Windows' have been run so far.
 -spec snapshots(sim()) ->
     {Windows :: non_neg_integer(), [

@@ -59,6 +59,7 @@
 %% The lateness of its own waits by which a computer is busy.
 -define(BUSY_MS, 30).
 -define(LOW, 20).
+-define(BANNER_MS, 6000).
 
 %% @doc Examines; gives what it has found, in order, and the profile of the robot if it answers.
 -spec examine(Device :: string(), options()) -> {[finding()], map() | none}.
@@ -258,7 +259,7 @@ said_quality(Frames, Noise, GapMs) ->
     end.
 
 firmware(#exam{model = 2, probe = Probe, options = #{firmware := true}} = Exam) ->
-    found({ok, firmware, starl_create_release:read(Probe)}, Exam);
+    found({ok, firmware, release(Probe)}, Exam);
 firmware(Exam) ->
     Exam.
 
@@ -323,3 +324,26 @@ calibrated(
     end;
 calibrated(Exam, Profile) ->
     done(Exam, Profile).
+
+%% A Create 2 that is started anew prints its release among the first bytes.
+release(Probe) ->
+    _ = starl_create_probe:listen(Probe, 30),
+    ok = starl_create_probe:send(Probe, <<7>>),
+    Banner = banner(Probe, <<>>, ?BANNER_MS div 100),
+    ok = starl_create_probe:send(Probe, <<128>>),
+    release_of(Banner).
+
+banner(_Probe, Bytes, 0) ->
+    Bytes;
+banner(Probe, Bytes, N) ->
+    Now = <<Bytes/binary, (starl_create_probe:listen(Probe, 100))/binary>>,
+    case re:run(Now, "release-[^\r\n]*\r?\n", [{capture, none}]) of
+        match -> Now;
+        nomatch -> banner(Probe, Now, N - 1)
+    end.
+
+release_of(Banner) ->
+    case re:run(Banner, "release-([-.a-z0-9]*)", [{capture, all_but_first, binary}]) of
+        {match, [Release]} when is_binary(Release) -> Release;
+        nomatch -> "it does not tell its release after a reset"
+    end.

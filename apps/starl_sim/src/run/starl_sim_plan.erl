@@ -19,7 +19,7 @@
     limit_us := starl_sim_queue:time(),
     monitors := [{module(), map()}],
     observe => starl_observer:t(),
-    from => starl_sim_checkpoint:t(),
+    from => starl_sim_shards:checkpoint(),
     nodes => starl_sim_nodes:options(),
     sites => [starl_sim_site:t(), ...]
 }.

@@ -51,7 +51,7 @@
     owners := #{starl:robot_id() => pid()},
     sight := [{starl:robot_id(), starl_trajectory:piece()}],
     running := non_neg_integer(),
-    from => starl_sim_checkpoint:t()
+    from => starl_sim_shards:checkpoint()
 }.
 
 %% A question about robots: a summary of all at a time; all of them as data; one robot's machines, its timers, its number

@@ -5,7 +5,19 @@
 -export([start/1, count/1, team/1, is_one/2, missing/2]).
 -export([run/3, approve/2, reload/2, halt/1, ask/3, summaries/2, snapshots/1, lose/2, give_up/1]).
 
--export_type([t/0]).
+-export_type([t/0, checkpoint/0]).
+
+%% Where a run goes on that does not begin at time 0: its robots as data, all at one moment between two
+%% windows, and what its monitors have judged by then.
+%% `windows': their number up to then, at least one. `past': monitors, ready to go on, from those of the plan.
+%% `seed': the seed of all draws from now on, if it is not the scenario's.
+-type checkpoint() :: #{
+    at_us := starl_sim_queue:time(),
+    windows := pos_integer(),
+    robots := #{starl:robot_id() => starl_sim_robot:snapshot()},
+    past := fun(([{module(), map()}]) -> starl_monitor:t()),
+    seed => non_neg_integer()
+}.
 
 -record(shards, {
     pids :: [pid()],
@@ -157,8 +169,23 @@ from(#{at_us := At} = From, #{faults := Faults} = Load) ->
     Load#{
         from => From,
         faults := [Fault || Fault <- Faults, element(2, Fault) >= At],
-        sight := starl_sim_checkpoint:pieces(From),
-        running := starl_sim_checkpoint:running(From)
+        sight := pieces(From),
+        running := running(From)
     }.
+
+%% The robots' pieces of motion then.
+pieces(#{robots := Robots}) ->
+    [
+        {Id, starl_sim_platform:piece_of(Body)}
+     || {Id, #{body := Body}} <- lists:sort(maps:to_list(Robots))
+    ].
+
+%% The number of robots whose application has not ended then.
+running(#{robots := Robots}) ->
+    length([
+        on
+     || #{body := #{result := running}, parts := #{condition := Up}} <- maps:values(Robots),
+        Up =/= dead
+    ]).
 
 standing({X, Y, Heading}) -> starl_trajectory:standing(0, {X, Y}, Heading).

@@ -1,9 +1,13 @@
 %% @doc Opens and closes the sites of a simulation over several nodes ({@link starl_sim_site}):
-%% nodes are started or connected, each is checked to run the same code as this one ({@link
-%% starl_sim_code}), and a site is opened on it; in the end all are closed.
+%% nodes are started or connected, each is checked to run the same code as this one, and a site is opened on it; in the end all are closed.
+%%
+%% A run over several nodes has the digest of a run in one VM only if every module that takes part is the same
+%% on all nodes. A module is identified by the MD5 of its code, which the compiler stores in it. OTP's own
+%% modules are not compared: nodes may run different releases, as long as they run the same build of StarL.
 -module(starl_sim_sites).
 
 -export([start/1, open/2, close/1, format_error/1]).
+-export([digests/1]).
 
 -export_type([reason/0]).
 
@@ -50,8 +54,8 @@ start(Other) ->
     {ok, [starl_sim_site:t()]} | {error, reason()}.
 open(Names, #{modules := Seeds, code := Code, timeout_ms := Ms}) ->
     InMemory = [Module || {Module, _, _} <- Code],
-    Modules = starl_sim_code:modules([starl_sim | Seeds]) -- InMemory,
-    Ours = starl_sim_code:digests(Modules),
+    Modules = modules([starl_sim | Seeds]) -- InMemory,
+    Ours = digests(Modules),
     CheckMs = max(?LEAST_CHECK_MS, Ms),
     sites_on(Names, #{modules => Modules, digests => Ours, code => Code, ms => CheckMs}, []).
 
@@ -74,9 +78,9 @@ site_on(Node, Wanted) ->
 
 checked(Node, #{modules := Modules, digests := Ours, ms := Ms} = Wanted) ->
     try
-        case answer(Node, starl_sim_code, digests, [Modules], Ms) of
+        case answer(Node, ?MODULE, digests, [Modules], Ms) of
             Ours -> {ok, site(Node, Wanted)};
-            Theirs -> {error, other_code(Node, starl_sim_code:differing(Ours, Theirs), Ms)}
+            Theirs -> {error, other_code(Node, differing(Ours, Theirs), Ms)}
         end
     catch
         error:{exception, undef, _} -> {error, {no_code, Node}};
@@ -128,6 +132,64 @@ closed([Ref | Refs] = Waiting, Timer) ->
         {'DOWN', Ref, process, _, _} -> closed(Refs, Timer);
         {timeout, Timer, close} -> lists:foreach(fun erlang:demonitor/1, Waiting)
     end.
+
+%% -- code -----------------------------------------------------------------------------------
+
+%% All modules that take part, given some of them: the modules of their applications, and of
+%% the applications that these need, without OTP's.
+modules(Seeds) ->
+    Apps = lists:usort([App || Module <- Seeds, App <- application_of(Module)]),
+    Found = [M || App <- closure(Apps, []), M <- modules_of(App)],
+    lists:usort(Seeds ++ Found).
+
+%% @doc The digests of modules on this node.
+-spec digests([module()]) -> [{module(), MD5 :: binary() | missing}].
+digests(Modules) -> [{Module, digest(Module)} || Module <- Modules].
+
+differing(Ours, Theirs) -> [Module || {Module, _} <- Ours -- Theirs].
+
+digest(Module) ->
+    case code:ensure_loaded(Module) of
+        {module, Module} -> Module:module_info(md5);
+        {error, _} -> missing
+    end.
+
+%% The application in whose folder a module lies; a user's own application, or a module
+%% that was compiled in memory, lies in none.
+application_of(Module) ->
+    case code:which(Module) of
+        File when is_list(File), File =/= "" ->
+            Files = filelib:wildcard(filename:join(filename:dirname(File), "*.app")),
+            %% the folder of code that runs here: a bounded number of atoms, one per application
+            [list_to_atom(filename:basename(App, ".app")) || App <- Files];
+        _ ->
+            []
+    end.
+
+closure([], Seen) ->
+    Seen;
+closure([App | Apps], Seen) ->
+    case lists:member(App, Seen) orelse is_of_otp(App) of
+        true -> closure(Apps, Seen);
+        false -> closure(key(App, applications) ++ Apps, [App | Seen])
+    end.
+
+is_of_otp(App) ->
+    case code:lib_dir(App) of
+        {error, bad_name} -> true;
+        Dir -> lists:prefix(code:lib_dir(), Dir)
+    end.
+
+modules_of(App) -> key(App, modules).
+
+key(App, Key) ->
+    _ = application:load(App),
+    case application:get_key(App, Key) of
+        {ok, Value} -> Value;
+        undefined -> []
+    end.
+
+%% -- problems -------------------------------------------------------------------------------
 
 %% @doc One line on why the nodes cannot be used, and what to do.
 -spec format_error(reason()) -> unicode:chardata().

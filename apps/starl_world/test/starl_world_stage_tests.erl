@@ -1,12 +1,12 @@
--module(starl_world_transport_tests).
+-module(starl_world_stage_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 %% Each robot has a port of its own, and none that computers give to anybody who asks for one.
 ports_test() ->
     Sim = #{loss => 0.0, duplicate => 0.0, delay_us => {0, 0}, seed => 1},
     Robots = lists:seq(1, 200),
-    Transport = starl_world_transport:new(udp, Robots, #{sim => Sim, speed => 1}),
-    {starl_live_udp, #{peers := Peers}} = starl_world_transport:line(1, #{}, Transport),
+    Transport = starl_world_stage:transport(udp, Robots, #{sim => Sim, speed => 1}),
+    {starl_live_udp, #{peers := Peers}} = starl_world_stage:line(1, #{}, Transport),
     Ports = [Port || {_, Port} <- maps:values(Peers)],
     ?assertEqual(Robots, lists:sort(maps:keys(Peers))),
     ?assertEqual(200, length(lists:usort(Ports))),
