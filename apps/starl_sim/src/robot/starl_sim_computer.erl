@@ -113,14 +113,28 @@ tell(IsGivenUp, Name, Cause, Robot) ->
     ok.
 
 told(What, Name, Why, Robot) ->
-    Body = starl_robot:world(Robot),
-    starl_sim_log:tell(#{
+    Id = starl_robot:id(Robot),
+    Event = #{
         what => What,
-        robot => starl_robot:id(Robot),
+        robot => Id,
         machine => Name,
-        at_us => starl_sim_platform:now(Body),
+        at_us => starl_sim_platform:now(starl_robot:world(Robot)),
         reason => unicode:characters_to_binary(Why)
+    },
+    logger:log(level(What), Event, #{
+        domain => [starl, robot], robot => Id, machine => Name, report_cb => fun report/1
     }).
+
+level(killed) -> notice;
+level(_) -> error.
+
+report(#{what := What, robot := Robot, machine := Machine, at_us := AtUs, reason := Why}) ->
+    Seconds = AtUs / 1.0e6,
+    {"robot ~b, ~.6f s: ~ts: ~ts", [Robot, Seconds, words(What, Machine), Why]}.
+
+words(killed, _Robot) -> "killed";
+words(crashed, Machine) -> io_lib:format("~tp crashed", [Machine]);
+words(given_up, Machine) -> io_lib:format("~tp is given up and not started again", [Machine]).
 
 gone(Reason, {Robot, Tree}) ->
     Body = starl_sim_platform:planned(starl_robot:world(Robot)),

@@ -1,5 +1,6 @@
-%% @doc The court of a live run: its judge ({@link starl_world_judge}), the log of the faults that its watchers were
-%% told of ({@link starl_world_fault_log}), and its observer. What is not judged any more is logged. At the end
+%% @doc The court of a live run: its judge ({@link starl_world_judge}), the faults that its watchers were told of,
+%% and its observer. The faults are those of the schedule and by hand, and the pauses of robots whose nodes are
+%% halted, which begin where a robot stands. What is not judged any more is logged. At the end
 %% there is an outcome, as of a simulation, with the counters of the robots that still run.
 -module(starl_world_court).
 
@@ -12,7 +13,10 @@
 -record(court, {
     judge :: starl_world_judge:t(),
     observer :: starl_observer:t(),
-    faults = starl_world_fault_log:new() :: starl_world_fault_log:t(),
+    %% latest first
+    faults = [] :: [starl_world_faults:fault()],
+    %% the fault of each pause, and since when the robot stands
+    pauses = #{} :: #{starl:robot_id() => {Fault :: atom(), SinceMs :: integer() | none}},
     leader = none :: starl:robot_id() | none
 }).
 
@@ -65,18 +69,22 @@ clock(Id, Us, #court{judge = Judge} = Court) -> by(starl_world_judge:clock(Id, U
 
 %% -- faults ---------------------------------------------------------------------------------
 
-%% @doc A fault of the schedule, or one by hand, begins or ends.
+%% @doc A fault of the schedule, or one by hand, begins or ends: its watchers are told of it as of one in a
+%% schedule.
 -spec fault(starl_world_faults:told(), NowUs :: integer(), t()) -> t().
-fault(Told, Now, #court{judge = Judge, observer = Observer, faults = Faults} = Court) ->
-    {Own, Log} = starl_world_fault_log:entry(Told, Faults),
-    ok = starl_observer:tell({fault, Now, Own}, Observer),
-    Court#court{judge = starl_world_judge:faults([Own], Judge), faults = Log}.
+fault({Is, Fault}, Now, #court{judge = Judge, observer = Observer, faults = Faults} = Court) ->
+    Own = setelement(6, Fault, maps:remove(in_time, element(6, Fault))),
+    ok = starl_observer:tell({fault, Now, {Is, Own}}, Observer),
+    Court#court{
+        judge = starl_world_judge:faults([{Is, Own}], Judge),
+        faults = [Own | lists:keydelete(element(1, Own), 1, Faults)]
+    }.
 
 %% @doc The node of a robot is about to be halted, by the fault of this name.
 -spec halt(starl:robot_id(), Fault :: atom(), NowUs :: integer(), t()) -> t().
 halt(Id, Fault, Now, #court{judge = Judge} = Court) ->
     Held = stands(Now, Court#court{judge = starl_world_judge:hold(Id, Now, Judge)}),
-    Held#court{faults = starl_world_fault_log:halt(Id, Fault, Held#court.faults)}.
+    Held#court{pauses = (Held#court.pauses)#{Id => {Fault, none}}}.
 
 %% @doc The robot stands.
 -spec halted(starl:robot_id(), NowUs :: integer(), t()) -> t().
@@ -97,10 +105,24 @@ heard(Id, Now, #court{judge = Judge} = Court) ->
     end.
 
 %% A pause has begun where a robot stands, and ended where it does no more.
-stands(Now, #court{judge = Judge, faults = Faults} = Court) ->
+stands(Now, #court{judge = Judge, pauses = Pauses} = Court) ->
     Standing = starl_world_judge:standing(Judge),
-    {Told, Log} = starl_world_fault_log:stands(Standing, Now div 1000, Faults),
-    lists:foldl(fun(One, C) -> fault(One, Now, C) end, Court#court{faults = Log}, Told).
+    lists:foldl(
+        fun({Robot, Pause}, C) ->
+            paused(Robot, Pause, lists:member(Robot, Standing), Now, C)
+        end,
+        Court,
+        lists:sort(maps:to_list(Pauses))
+    ).
+
+paused(Robot, {Fault, none}, true, Now, #court{pauses = Pauses} = Court) ->
+    Begun = Court#court{pauses = Pauses#{Robot := {Fault, Now div 1000}}},
+    fault({began, {Fault, Now div 1000, forever, pause, Robot, #{}}}, Now, Begun);
+paused(Robot, {Fault, Since}, false, Now, #court{pauses = Pauses} = Court) when is_integer(Since) ->
+    Over = Court#court{pauses = maps:remove(Robot, Pauses)},
+    fault({ended, {Fault, Since, Now div 1000, pause, Robot, #{}}}, Now, Over);
+paused(_Robot, _Pause, _Stands, _Now, Court) ->
+    Court.
 
 %% -- verdicts -------------------------------------------------------------------------------
 
@@ -146,8 +168,12 @@ outcome(Ending, Now, Robots, #court{judge = Judge, observer = Observer, faults =
     Outcome = closed(Ending, Now, {Violations, Results, Unjudged}, Robots),
     Outcome#{
         late_computers => starl_world_judge:late_computers(Judge),
-        faults => starl_world_fault_log:faults(Now div 1000, Faults)
+        faults => lists:keysort(2, [ended_by(Now div 1000, Fault) || Fault <- Faults])
     }.
+
+%% What has not ended ends with the run.
+ended_by(Now, {Id, From, forever, Kind, Target, Params}) -> {Id, From, Now, Kind, Target, Params};
+ended_by(_Now, Fault) -> Fault.
 
 closed(Ending, Now, {Violations, Results, Unjudged}, Robots) ->
     Summaries = [
