@@ -609,37 +609,47 @@ strange() ->
         iolist_to_binary([Head, starl_mcap_record:encode({chunk, 0, 0, 1 bsl 60, 0, "", "x"}), End])
     ].
 
-a_full_disk_ends_the_recording_only(_Config) ->
-    {ok, Recorder} = starl_trace_recorder:start_link("/dev/full", simulation),
+a_full_disk_ends_the_recording_only(Config) ->
+    Full = full_disk(Config),
+    {ok, Recorder} = starl_trace_recorder:start_link(Full, simulation),
     Observer = starl_trace_recorder:observer(Recorder),
     ok = Observer({begun, starl_trace_ct:facts()}),
     ok = Observer({judged, starl_trace_ct:events(5000, 10000), []}),
     {error, Reason} = starl_trace_recorder:close(Recorder),
-    ?assertEqual({"/dev/full", enospc}, Reason),
+    ?assertEqual({Full, enospc}, Reason),
     Line = unicode:characters_to_list(starl_trace_recorder:format_error(Reason)),
-    ?assertEqual("/dev/full: the recording could not be written: no space left on device", Line).
+    ?assertEqual(Full ++ ": the recording could not be written: no space left on device", Line).
+
+%% A file on a disk that is full. It is a link, since a recorder with a mistake may delete what it is given,
+%% and root would delete the device itself.
+full_disk(Config) ->
+    Link = filename:join(proplists:get_value(priv_dir, Config), "full"),
+    _ = file:make_symlink("/dev/full", Link),
+    Link.
 
 %% What a recording has held free goes to the robot's store then; that may be at once.
 a_full_disk_frees_the_reserve(Config) ->
+    Full = full_disk(Config),
     Reserve = filename:join(proplists:get_value(priv_dir, Config), "reserve"),
     Options = #{reserve => {Reserve, 100000}},
-    {ok, Recorder} = starl_trace_recorder:start_link("/dev/full", live, Options),
+    {ok, Recorder} = starl_trace_recorder:start_link(Full, live, Options),
     Observer = starl_trace_recorder:observer(Recorder),
     ok = Observer({begun, starl_trace_ct:facts()}),
     ok = Observer({judged, starl_trace_ct:events(5000, 10000), []}),
-    {error, {"/dev/full", enospc}} = starl_trace_recorder:close(Recorder),
+    {error, {Full, enospc}} = starl_trace_recorder:close(Recorder),
     ?assertNot(filelib:is_file(Reserve)).
 
 %% A good recording keeps its reserve; without room for one there is no recording.
 a_reserve_comes_first(Config) ->
+    Full = full_disk(Config),
     Dir = proplists:get_value(priv_dir, Config),
     {Reserve, File} = {filename:join(Dir, "reserve"), filename:join(Dir, "run.mcap")},
     {ok, Recorder} = starl_trace_recorder:start_link(File, live, #{reserve => {Reserve, 1000}}),
     {ok, _} = starl_trace_recorder:close(Recorder),
     ?assertEqual(1000, filelib:file_size(Reserve)),
     ?assertEqual(
-        {error, {"/dev/full", enospc}},
-        starl_trace_recorder:start_link(File, live, #{reserve => {"/dev/full", 1000}})
+        {error, {Full, enospc}},
+        starl_trace_recorder:start_link(File, live, #{reserve => {Full, 1000}})
     ).
 
 %% -- subscribers ----------------------------------------------------------------------------
