@@ -664,6 +664,13 @@ a_crash_on_trial_is_told_test() ->
             [Outcome || {starl_reloaded, 1, app, #{outcome := Outcome}} <- sent()]
         end,
         ?assertEqual([{crashed, Cause}], Fallen(app, Cause)),
+        %% it is taken once
+        {[], _} = starl_live_body:flush(starl_live_body:handles(app, boot, x, Booted)),
+        ?assertEqual([], [How || {starl_reloaded, _, _, #{outcome := How}} <- sent()]),
+        %% unless it has failed elsewhere before
+        {_, Back} = starl_live_body:take_back(1, 2, Asked),
+        {[], _} = starl_live_body:flush(starl_live_body:handles(app, boot, x, Back)),
+        ?assertEqual([{back, 2}], [How || {starl_reloaded, _, _, #{outcome := How}} <- sent()]),
         ?assertEqual([], Fallen(sap, Cause)),
         ?assertEqual([], Fallen(app, none)),
         ok

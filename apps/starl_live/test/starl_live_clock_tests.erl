@@ -44,6 +44,10 @@ time_counts_from_the_epoch_at_the_pace_test_() ->
         ]
     ].
 
+%% Time passes.
+no_pace_is_not_positive_test() ->
+    [?assertError(function_clause, starl_live_clock:new(0, Pace)) || Pace <- [0, -1, 0.0]].
+
 now_is_the_computers_system_time_test() ->
     ?assertEqual(300, starl_live_clock:now_us(clock({1000, 5, 6}, 700, 1))),
     ?assertEqual(750, starl_live_clock:now_us(clock({1000, 5, 6}, 700, 2.5))),

@@ -94,6 +94,50 @@ an_application_that_ends_at_work_starts_anew_test() ->
         ok
     end).
 
+%% What it has answered before its end does not take place when the robot is quiet again.
+an_answer_of_who_has_ended_is_void_test() ->
+    with_robot(#{sink => self()}, fun(Link, _Time) ->
+        App = hangs(app, Link),
+        Sap = hangs(sap, Link),
+        App ! {go_on, [{trace, in_vain}]},
+        ok = counts({queue_events, [], 1}, Link),
+        ok = starl_live_link:kill(Link, app),
+        ok = counts({starts, [{machine, app}], 2}, Link),
+        Sap ! {go_on, []},
+        _ = restarted(app, 2, Link),
+        ok = tells(sap, news, Link),
+        ?assertEqual({info, {located, news, []}}, next_but(restarted, sap)),
+        ?assertEqual([], [What || {_, 1, app, in_vain = What} <- facts(Link)]),
+        ok
+    end).
+
+%% The link has come so far: it is asked until it tells so.
+counts(Gauge, Link) ->
+    {Gauges, _} = starl_live_link:metrics(Link),
+    case lists:member(Gauge, Gauges) of
+        true -> ok;
+        false -> counts(Gauge, Link)
+    end.
+
+%% A simulation that holds the link's state learns of its processes, and which of them are at work.
+who_is_at_work_test() ->
+    with_robot(#{}, fun(Link, _Time) ->
+        At = fun() ->
+            State = sys:get_state(Link),
+            {starl_live_link:at_work(State), lists:sort(starl_live_link:processes(State))}
+        end,
+        {[], [_, _]} = At(),
+        Sap = hangs(sap, Link),
+        ?assertMatch({[Sap], [_, _]}, At()),
+        Sap ! {go_on, []},
+        App = hangs(app, Link),
+        ?assertEqual({[App], lists:sort([App, Sap])}, At()),
+        _ = hangs(sap, Link),
+        ?assertEqual({[Sap, App], lists:sort([App, Sap])}, At()),
+        _ = [Pid ! {go_on, []} || Pid <- [Sap, App]],
+        ok
+    end).
+
 %% An application that crashes again and again is given up: the robot goes on without it, and its sink learns of it.
 an_application_is_given_up_test() ->
     with_robot(#{sink => self(), tree => tree(#{intensity => 1})}, fun(Link, _Time) ->
@@ -317,6 +361,16 @@ a_snapshot_waits_for_who_is_at_work_test() ->
             [{sap, gone_on}, {snapshot, {ok, _}}, {snapshot, {input, {0, {event, sap, _, _}}}} | _],
             [{Name, What} || {_, 1, Name, What} <- facts(Link)]
         ),
+        ok
+    end).
+
+%% A machine that keeps what is no data cannot be told.
+what_is_no_data_has_no_snapshot_test() ->
+    Services = [{sap, starl_live_robot_ct, #{keeps => self()}}],
+    Given = #{sink => self(), snapshots_us => 1_000_000, tree => tree(#{services => Services})},
+    with_robot(Given, fun(Link, _Time) ->
+        Link ! {timeout, make_ref(), snapshot},
+        ?assertMatch([{error, _}], [Told || {_, 1, snapshot, Told} <- facts(Link)]),
         ok
     end).
 

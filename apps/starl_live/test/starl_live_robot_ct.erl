@@ -6,7 +6,18 @@
 -include_lib("eunit/include/eunit.hrl").
 
 -export([
-    with_robot/2, with_dir/1, dir/0, spec/2, boots/1, lit/0, tells/3, does/3, hangs/2, next/1, heard/1, ends/1
+    with_robot/2,
+    with_dir/1,
+    dir/0,
+    spec/2,
+    boots/1,
+    lit/0,
+    tells/3,
+    does/3,
+    hangs/2,
+    next/1,
+    heard/1,
+    ends/1
 ]).
 -export([init/1, handle_event/5]).
 -export([system_time/2, time_of_day/2, monotonic_time/2, start_timer/4, send_after/3]).
@@ -15,18 +26,18 @@
 
 init(#{name := Name, incarnation := N} = Config) ->
     ?MODULE ! {boots, Name, self(), N, Config},
-    {up, Name, [{actuate, light, on} || Name =:= app]}.
+    {up, {Name, maps:get(keeps, Config, none)}, [{actuate, light, on} || Name =:= app]}.
 
-handle_event(info, {located, {do, Actions}, _Seen}, up, _Name, _Meta) ->
+handle_event(info, {located, {do, Actions}, _Seen}, up, _Data, _Meta) ->
     {keep_state_and_data, Actions};
-handle_event(info, {located, hang, _Seen}, up, Name, _Meta) ->
+handle_event(info, {located, hang, _Seen}, up, {Name, _}, _Meta) ->
     ?MODULE ! {hangs, Name, self()},
     receive
         {go_on, Actions} -> {keep_state_and_data, Actions}
     end;
-handle_event(info, {located, crash, _Seen}, up, _Name, _Meta) ->
+handle_event(info, {located, crash, _Seen}, up, _Data, _Meta) ->
     error(planted);
-handle_event(Type, Content, up, Name, _Meta) ->
+handle_event(Type, Content, up, {Name, _}, _Meta) ->
     ?MODULE ! {took, Name, Type, Content},
     keep_state_and_data.
 

@@ -1,6 +1,10 @@
 %% The store of a live robot, on a real file system.
 -module(starl_live_store_tests).
 -include_lib("eunit/include/eunit.hrl").
+-behaviour(starl_live_disk).
+
+-export([ensure_path/1, list/2, is_file/1, read_file/1]).
+-export([open/2, write/2, sync/1, close/1, rename/2, delete/1]).
 
 store_test_() ->
     {foreach, fun dir/0, fun file:del_dir_r/1, [
@@ -158,6 +162,65 @@ half_emptied(Dir) ->
     ok = file:delete(filename:join(Dir, "a.kept")),
     Later = open(Dir),
     ?assertEqual([damaged, damaged], [starl_live_store:kept(Name, Later) || Name <- [a, b]]).
+
+%% On a disk that fails at one of them: what was begun of a term is deleted, and what was done is not undone.
+each_operation_may_fail_test_() ->
+    Write = [open, write, sync, close],
+    All = Write ++ [rename, open_dir, sync_dir, close_dir],
+    [
+        ?_assertEqual({Fails, Kept, Operations}, keeps(Fails))
+     || {Fails, Kept, Operations} <- [
+            {none, ok, All},
+            {open, full, [open]},
+            {write, full, [open, write, delete]},
+            {sync, full, [open, write, sync, delete]},
+            {close, full, [open, write, sync, close, delete]},
+            {rename, full, Write ++ [rename]},
+            {open_dir, full, Write ++ [rename, open_dir]},
+            {sync_dir, full, Write ++ [rename, open_dir, sync_dir]},
+            {close_dir, full, All}
+        ]
+    ].
+
+keeps(Fails) ->
+    Store = quietly(fun() -> open({?MODULE, "dir"}) end),
+    _ = operations(),
+    _ = put(?MODULE, Fails),
+    Kept = quietly(fun() -> starl_live_store:keep(a, term, Store) end),
+    _ = erase(?MODULE),
+    {Fails, Kept, operations()}.
+
+operations() ->
+    receive
+        {?MODULE, Operation} -> [Operation | operations()]
+    after 0 -> []
+    end.
+
+%% This module is a disk, too, with the file of a first life.
+ensure_path("dir") -> ok.
+list("dir", _Suffix) -> [].
+is_file(Path) -> Path =:= "dir/commissioned".
+read_file("dir/" ++ _) -> {error, enoent}.
+open("dir", Modes) -> opened(does(open_dir, lists:member(directory, Modes)), dir);
+open("dir/a.kept.new", Modes) -> opened(does(open, lists:member(write, Modes)), file).
+
+opened(ok, Device) -> {ok, Device};
+opened({error, _} = Error, _Device) -> Error.
+
+does(Operation, true) ->
+    self() ! {?MODULE, Operation},
+    case get(?MODULE) of
+        Operation -> {error, eio};
+        _ -> ok
+    end.
+
+write(file, _Bytes) -> does(write, true).
+sync(file) -> does(sync, true);
+sync(dir) -> does(sync_dir, true).
+close(file) -> does(close, true);
+close(dir) -> does(close_dir, true).
+rename("dir/a.kept.new", "dir/a.kept") -> does(rename, true).
+delete("dir/a.kept.new") -> does(delete, true).
 
 %% Each with the directory, or the machine and the reason.
 said(Dir) ->
