@@ -231,6 +231,26 @@ facts_are_recorded_test() ->
     end),
     ok = file:del_dir_r(Dir).
 
+%% The record is the one that has grown by what was written.
+a_record_turns_test() ->
+    Dir = filename:join("/tmp", "starl-live-body-turns-" ++ os:getpid()),
+    ok = filelib:ensure_path(Dir),
+    {ok, Record} = starl_live_record:open(Dir),
+    %% a byte less than it may have
+    Grown = setelement(4, Record, 16 * 1024 * 1024 - 1),
+    with_body(#{sink => none, record => Grown}, fun(Body, _) ->
+        Tells = fun(Fact, B) ->
+            {[], Next} = starl_live_body:flush(starl_live_body:trace(app, Fact, B)),
+            Next
+        end,
+        _ = Tells(second, Tells(first, Body)),
+        File = starl_live_record:file(Record),
+        ?assertEqual([true, true], [filelib:is_file(F) || F <- [File, File ++ ".before"]]),
+        ?assertEqual([{0, 1, app, second}], starl_live_record:read(File, 1)),
+        ok
+    end),
+    ok = file:del_dir_r(Dir).
+
 %% -- what is late ------------------------------------------------------------------------------------
 
 %% What has a latest moment leaves by then or not at all; then its machine learns of it, once, in the order of the

@@ -46,6 +46,22 @@ late_test() ->
     logger:set_primary_config(level, notice),
     ?assertEqual([stops, closed], [flushed(), flushed()]).
 
+%% Its log bears its robot, and the script that was late its moment.
+a_late_script_is_logged_test() ->
+    Reports = starl_live_log_ct:reports(fun() ->
+        Chassis = started(?MODULE, #{}),
+        ok = starl_live_chassis:drive(Chassis, ?SCRIPT, -1, late),
+        stop_of(Chassis)
+    end),
+    ?assertMatch(
+        [
+            {warning, #{what := late_command, until_us := -1}, #{
+                domain := [starl, robot], robot := 1
+            }}
+        ],
+        Reports
+    ).
+
 %% What the body feels goes to the link; how it is, to who asks; that there is nothing more to do, to it.
 sense_test() ->
     Clock = starl_live_clock:new(erlang:system_time(microsecond), 1),

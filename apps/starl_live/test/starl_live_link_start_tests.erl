@@ -94,6 +94,16 @@ lines_open_in_their_order_test() ->
         ?assertEqual(lists:sort(?LINES), lists:sort([Closes() || _ <- ?LINES]))
     end).
 
+%% The record is open before them.
+lines_open_with_a_record_test() ->
+    with_dir(fun(Dir) ->
+        {_Time, Spec} = spec(Dir, (drivers(#{}))#{record => true}),
+        {Sup, {ok, Link}} = alone(Spec),
+        ?assertEqual(?LINES, [Kind || {Kind, _} <- [opened(), opened(), opened()]]),
+        ?assertEqual(1, length(starl_live_record:starts(Dir))),
+        _ = [ends(Pid) || Pid <- [Link, Sup]]
+    end).
+
 %% One that does not open is the last.
 a_line_that_does_not_open_ends_it_test_() ->
     [
@@ -273,6 +283,28 @@ its_reports_bear_its_robot_test() ->
         ?assertMatch(#{domain := [starl, robot], robot := 1, pid := Link}, Meta),
         ok
     end).
+
+%% The observer of the node learns of the start, and whoever asks for counters what is left of leases.
+its_start_and_its_leases_are_told_test() ->
+    with_robot(#{observe => fun observe/1}, fun(Link, _Time) ->
+        ?assertEqual(
+            [{started, 0, 1, [sap, app]}],
+            [Started || {observed, {started, _, _, _} = Started} <- heard(observed)]
+        ),
+        ok = starl_live_robot_ct:does(sap, [{trace, {leased, token, 1, 8_000_000}}], Link),
+        ok = starl_live_robot_ct:tells(sap, next, Link),
+        _ = starl_live_robot_ct:next(sap),
+        {Gauges, _Counts} = starl_live_link:metrics(Link),
+        ?assertEqual([8.0], [Seconds || {lease_seconds, [{token, token}], Seconds} <- Gauges]),
+        ok
+    end).
+
+%% A robot may start anew five times in a minute, with all its machines.
+a_robot_may_fail_five_times_a_minute_test() ->
+    {ok, {Flags, [Link]}} = starl_live_robot:init(#{robot => 1}),
+    ?assertEqual(#{strategy => rest_for_one, intensity => 5, period => 60}, Flags),
+    Spec = #{robot => 1, robot_sup => self()},
+    ?assertEqual(#{id => link, start => {starl_live_link, start_link, [Spec]}}, Link).
 
 %% The link of a robot that its supervisor is about to start anew, or has given up, is none.
 a_robot_may_have_no_link_test_() ->

@@ -24,6 +24,7 @@ store_test_() ->
             {"a store that is older than the robot's last life", fun set_back/1},
             {"a power cut while terms are removed", fun half_emptied/1},
             {"names of any kind", fun names/1},
+            {"a commissioned directory with terms", fun not_new/1},
             {"a store that was lost is said, and why nothing is stored", fun said/1},
             {"a disk that takes no new file", fun no_new_file/1},
             {"a commission or a loss that cannot be written", fun no_mark/1},
@@ -221,6 +222,15 @@ close(file) -> does(close, true);
 close(dir) -> does(close_dir, true).
 rename("dir/a.kept.new", "dir/a.kept") -> does(rename, true).
 delete("dir/a.kept.new") -> does(delete, true).
+
+%% Of a robot that has never run there are none: these are of another life, and are not believed.
+not_new(Dir) ->
+    ok = starl_live_store:keep(barrier, old, new(Dir)),
+    [ok = file:delete(filename:join(Dir, F)) || F <- ["starts-a", "starts-b"]],
+    ok = starl_live_store:commission(Dir),
+    Store = quietly(fun() -> open(Dir) end),
+    ?assertEqual(none, starl_live_store:kept(barrier, Store)),
+    ?assertEqual([], filelib:wildcard("*.kept", Dir)).
 
 %% Each with the directory, or the machine and the reason.
 said(Dir) ->

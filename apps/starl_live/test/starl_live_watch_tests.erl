@@ -86,6 +86,7 @@ a_long_step_is_logged_once_test() ->
     receive
         {'DOWN', Monitor, process, Pid, _} -> ok
     end,
-    {_, [Gone]} = Watches(3, starl_live_watch:new()),
+    {Gone3, [Gone]} = Watches(3, starl_live_watch:new()),
+    ?assertEqual(5000, starl_live_watch:longest_s(Looks(998, Gone3))),
     ?assertEqual("in one step for 10 s", starl_live_log_ct:words(Gone)),
     ?assertEqual(5000, starl_live_watch:period_ms()).

@@ -201,7 +201,7 @@ link() ->
     #{
         sources => ["apps/starl_live/src/link/*.erl"],
         unit => [
-            "starl_live_{link,body,chassis,clock,disk,record,store,watch}_*",
+            "starl_live_{link,body,chassis,clock,disk,record,store,timers,watch}_*",
             "starl_live_{exec,log,own}_*",
             "starl_{fleet_node,virtual,world_store}_*"
         ],
