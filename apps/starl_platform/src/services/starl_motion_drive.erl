@@ -60,8 +60,10 @@
 
 -opaque t() :: #drive{}.
 
+-type next() :: {next_state, state(), t(), [starl_machine:action()]}.
+
 %% @doc The drive of a motion that boots: it stops the robot.
--spec begun(starl_machine:config()) -> starl_machine:result().
+-spec begun(starl_machine:config()) -> next().
 begun(#{robot := Self, profiles := Profiles, incarnation := Incarnation, now := Now} = Config) ->
     Profile = starl_chassis:of_robot(Self, Profiles),
     stand_still(#drive{
@@ -178,7 +180,7 @@ passes(#drive{cruises = Cruises} = Drive) ->
     {keep_state, Drive#drive{stands = true, cruises = false}, [over(time) || Cruises]}.
 
 %% @doc A cruise ends, for this reason. It is handled as at the end of a leg.
--spec cruise_over(time | stalled | no_answer, Answer, t()) -> starl_machine:result() when
+-spec cruise_over(time | stalled | no_answer, Answer, t()) -> next() | unknown_event when
     Answer :: {driven | stalled, term()} | heard_nothing.
 cruise_over(Why, Answer, #drive{cruises = Cruises, from = From} = Drive) ->
     Waits = [{reply, From, {error, stalled}} || From =/= none],

@@ -42,7 +42,7 @@ is_line(#goal{way = Way}) -> Way =/= to.
 
 %% @doc The point that it is to drive to.
 -spec heads_to(t()) -> starl_geometry:point().
-heads_to(#goal{way = face, start = Start}) -> Start;
+heads_to(#goal{way = face, start = {_, _} = Start}) -> Start;
 heads_to(#goal{point = Point}) -> Point.
 
 %% @doc It knows where it stands, and so its line, which is told once.
