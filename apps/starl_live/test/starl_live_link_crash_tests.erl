@@ -11,7 +11,9 @@
 
 %% Whatever ends a machine, it starts anew, and the others learn of it. A crash by itself has a cause, which is told
 %% and logged; an end from outside has none.
-a_machine_starts_anew_test() ->
+a_machine_starts_anew_test_() -> {timeout, 60, fun a_machine_starts_anew/0}.
+
+a_machine_starts_anew() ->
     [
         with_robot(#{sink => self()}, fun(Link, _Time) ->
             Reports = starl_live_log_ct:reports(fun() ->
@@ -139,7 +141,9 @@ who_is_at_work_test() ->
     end).
 
 %% An application that crashes again and again is given up: the robot goes on without it, and its sink learns of it.
-an_application_is_given_up_test() ->
+an_application_is_given_up_test_() -> {timeout, 60, fun an_application_is_given_up/0}.
+
+an_application_is_given_up() ->
     with_robot(#{sink => self(), tree => tree(#{intensity => 1})}, fun(Link, _Time) ->
         ok = tells(app, crash, Link),
         _ = restarted(app, 2, Link),
@@ -173,7 +177,9 @@ tree(Given) ->
 
 %% It ends with its services, when they crash too often or their supervisors end, and when a start cannot be
 %% counted; what was known until then has left.
-it_ends_with_its_services_test() ->
+it_ends_with_its_services_test_() -> {timeout, 60, fun it_ends_with_its_services/0}.
+
+it_ends_with_its_services() ->
     [
         with_robot(#{sink => self(), tree => tree(#{intensity => 1})}, fun(Link, _Time) ->
             Monitor = monitor(process, Link),
@@ -301,7 +307,9 @@ a_late_computer_is_logged_test() ->
 %% -- what comes to a robot of which snapshots are kept -------------------------------------------------
 
 %% All that a simulation has to repeat, or cannot.
-inputs_are_told_test() ->
+inputs_are_told_test_() -> {timeout, 60, fun inputs_are_told/0}.
+
+inputs_are_told() ->
     with_robot(#{sink => self(), snapshots_us => 1_000_000}, fun(Link, _Time) ->
         Link ! {timeout, make_ref(), snapshot},
         ?assertMatch([_], [ok || {_, 1, snapshot, {ok, _}} <- facts(Link)]),

@@ -62,8 +62,10 @@ fails(Given) ->
 
 %% -- lines ---------------------------------------------------------------------------------------------
 
-%% In their order, each with its own configuration and what all have to know; each is the process of its kind.
-lines_open_in_their_order_test() ->
+%% (The first test loads code, on a busy machine for seconds.) In their order, each with its own configuration and what all have to know; each is the process of its kind.
+lines_open_in_their_order_test_() -> {timeout, 60, fun lines_open_in_their_order/0}.
+
+lines_open_in_their_order() ->
     Given = (drivers(#{chassis => #{port => 7}}))#{profile => #{radius_mm => 170}},
     with_dir(fun(Dir) ->
         {_Time, #{clock := Clock} = Spec} = spec(Dir, Given),
@@ -95,7 +97,9 @@ lines_open_in_their_order_test() ->
     end).
 
 %% The record is open before them.
-lines_open_with_a_record_test() ->
+lines_open_with_a_record_test_() -> {timeout, 60, fun lines_open_with_a_record/0}.
+
+lines_open_with_a_record() ->
     with_dir(fun(Dir) ->
         {_Time, Spec} = spec(Dir, (drivers(#{}))#{record => true}),
         {Sup, {ok, Link}} = alone(Spec),
@@ -107,10 +111,11 @@ lines_open_with_a_record_test() ->
 %% One that does not open is the last.
 a_line_that_does_not_open_ends_it_test_() ->
     [
-        ?_assertEqual(
-            {{shutdown, {Line, <<"no such line">>}}, Opened},
-            fails(drivers(#{Line => #{fails => ["no such ", "line"]}}))
-        )
+        {timeout, 60,
+            ?_assertEqual(
+                {{shutdown, {Line, <<"no such line">>}}, Opened},
+                fails(drivers(#{Line => #{fails => ["no such ", "line"]}}))
+            )}
      || {Line, Opened} <- [
             {transport, [transport]},
             {positioning, [transport, positioning]},
@@ -119,7 +124,10 @@ a_line_that_does_not_open_ends_it_test_() ->
     ].
 
 %% The radio tells of its packets who wants to know: the sink if it asks for packets, and the observer.
-the_radio_tells_of_packets_who_asks_test() ->
+the_radio_tells_of_packets_who_asks_test_() ->
+    {timeout, 60, fun the_radio_tells_of_packets_who_asks/0}.
+
+the_radio_tells_of_packets_who_asks() ->
     Sunk = {starl_radio, 1, []},
     Observed = {observed, {judged, [], []}},
     [

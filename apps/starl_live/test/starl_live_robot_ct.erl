@@ -87,8 +87,16 @@ with_dir(Test) ->
         starl_platform_ct:forget()
     end.
 
-%% The directory of the robot.
-dir() -> filename:join(os:getenv("TMPDIR", "/tmp"), "starl-live-robot-" ++ os:getpid()).
+%% The directory of the robot: in memory where there is such a file system, since a store syncs each file, and a
+%% busy disk takes long for that.
+dir() ->
+    Memory = "/dev/shm",
+    Root =
+        case filelib:is_dir(Memory) of
+            true -> Memory;
+            false -> os:getenv("TMPDIR", "/tmp")
+        end,
+    filename:join(Root, "starl-live-robot-" ++ os:getpid()).
 
 %% A robot with these keys in the place of the usual ones, and its time.
 spec(Dir, Given) ->

@@ -66,7 +66,9 @@ what_a_datagram_says_test() ->
     ?assertEqual(Header#{life => 9}, Said(seal(1, #{life => 9}))).
 
 %% A flood makes room by forgetting: what was sent as early as what is forgotten is refused by its time.
-what_may_be_forgotten_is_refused_test() ->
+what_may_be_forgotten_is_refused_test_() -> {timeout, 60, fun what_may_be_forgotten_is_refused/0}.
+
+what_may_be_forgotten_is_refused() ->
     Flood = fun(N, Replay) -> starl_live_replay:add(N, ?NOW, 1, Replay) end,
     Full = lists:foldl(Flood, starl_live_replay:new(30_000, 0), lists:seq(1, 200_001)),
     %% its memory is its last field

@@ -221,7 +221,9 @@ answers_are_spread_test() ->
     ?assertEqual([address(1)], addresses()).
 
 %% How long they wait is drawn anew for each, from nothing to the spread. No more than a thousand wait.
-answers_wait_as_drawn_test() ->
+answers_wait_as_drawn_test_() -> {timeout, 60, fun answers_wait_as_drawn/0}.
+
+answers_wait_as_drawn() ->
     Time = now_set(),
     _ = transmits(all, packet(), robot(1, #{}, Time)),
     {[_ | _], Called} = hears(1, robot(2, #{spread_ms => 30}, Time)),
