@@ -34,8 +34,8 @@ attempts() ->
     {monitors, Monitors} = process_info(self(), monitors),
     [Pid || {process, Pid} <- Monitors].
 
-%% Each second a connection is made to each node of another robot that has none; its own node needs none, whatever
-%% the configuration calls it. With no former transport there is nothing to wait for.
+%% Each second a connection is made to each node of another robot that has none; its own node needs none,
+%% whatever the configuration calls it. With no former transport there is nothing to wait for.
 connections_are_looked_after_each_second_test() ->
     Config = #{
         robot => 5,
@@ -97,8 +97,8 @@ collects(Calls) ->
             ok
     end.
 
-%% A robot of this node hears what one of this node sends, and knows when; of a robot without a node, and of what is
-%% no packet, nothing comes.
+%% A robot of this node hears what one of this node sends, and knows when; of a robot without a node, and of
+%% what is no packet, nothing comes.
 robots_of_a_node_hear_each_other_test() ->
     Config = fun(Robot) ->
         #{
@@ -168,7 +168,8 @@ passes_on(Test) ->
             passes_on(Test)
     end.
 
-%% A node that cannot be reached is why a robot is silent. Without the node of each other robot there is no transport.
+%% A node that cannot be reached is why a robot is silent. Without the node of each other robot there is no
+%% transport.
 a_robot_of_another_node_is_silent_test() ->
     Config = #{robot => 4, participants => [3, 4], fleet => "tests", run => 1},
     {ok, Dist} = starl_live_dist:open(Config#{peers => #{3 => 'nobody@nowhere.invalid'}}),

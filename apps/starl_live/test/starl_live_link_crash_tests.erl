@@ -1,5 +1,5 @@
-%% What the link of a live robot makes of the ends of its machines, of what was late, and of new code: who starts
-%% anew, what is told and logged, and when the link ends.
+%% What the link of a live robot makes of the ends of its machines, of what was late, and of new code: who
+%% starts anew, what is told and logged, and when the link ends.
 -module(starl_live_link_crash_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -9,8 +9,8 @@
 
 %% -- a machine that ends -------------------------------------------------------------------------------
 
-%% Whatever ends a machine, it starts anew, and the others learn of it. A crash by itself has a cause, which is told
-%% and logged; an end from outside has none.
+%% Whatever ends a machine, it starts anew, and the others learn of it. A crash by itself has a cause, which
+%% is told and logged; an end from outside has none.
 a_machine_starts_anew_test_() -> {timeout, 60, fun a_machine_starts_anew/0}.
 
 a_machine_starts_anew() ->
@@ -140,7 +140,8 @@ who_is_at_work_test() ->
         ok
     end).
 
-%% An application that crashes again and again is given up: the robot goes on without it, and its sink learns of it.
+%% An application that crashes again and again is given up: the robot goes on without it, and its sink learns
+%% of it.
 an_application_is_given_up_test_() -> {timeout, 60, fun an_application_is_given_up/0}.
 
 an_application_is_given_up() ->
@@ -235,8 +236,8 @@ uncounted(_Link, End) ->
 
 %% -- a successor that comes first ----------------------------------------------------------------------
 
-%% The end of its predecessor is handled before it boots. Here the test is the first successor, whose end makes room
-%% for that of the supervisor.
+%% The end of its predecessor is handled before it boots. Here the test is the first successor, whose end
+%% makes room for that of the supervisor.
 a_successor_waits_for_the_end_of_its_predecessor_test() ->
     with_robot(#{}, fun(Link, _Time) ->
         Sap = hangs(sap, Link),
@@ -265,8 +266,8 @@ booted() ->
 
 %% -- what is late --------------------------------------------------------------------------------------
 
-%% The radio tells that a packet was late: its machine learns of it at once, or when the robot is quiet, before all
-%% that waits.
+%% The radio tells that a packet was late: its machine learns of it at once, or when the robot is quiet,
+%% before all that waits.
 a_late_packet_is_told_to_its_machine_test() ->
     with_robot(#{}, fun(Link, _Time) ->
         Link ! {starl_late, {sap, mark}},

@@ -1,5 +1,6 @@
-%% How the link of a live robot starts: its store, its record, its lines and senses in their order, each with what
-%% it has to know; and what becomes of it when one of them does not open. This module is the driver of all lines.
+%% How the link of a live robot starts: its store, its record, its lines and senses in their order, each with
+%% what it has to know; and what becomes of it when one of them does not open. This module is the driver of
+%% all lines.
 -module(starl_live_link_start_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -62,7 +63,8 @@ fails(Given) ->
 
 %% -- lines ---------------------------------------------------------------------------------------------
 
-%% (The first test loads code, on a busy machine for seconds.) In their order, each with its own configuration and what all have to know; each is the process of its kind.
+%% In their order, each with its own configuration and what all have to know; each is the process of its kind.
+%% The first test loads the code, on a busy machine for seconds.
 lines_open_in_their_order_test_() -> {timeout, 60, fun lines_open_in_their_order/0}.
 
 lines_open_in_their_order() ->

@@ -328,7 +328,8 @@ until_heard(Life, [{At, Speaker, Address} | Later], Before) ->
         {_, _, Peers} -> until_heard(Life, Later, Peers)
     end.
 
-%% A younger one whose clock is behind is no restart: it is told as a twin when both have spoken for three seconds.
+%% A younger one whose clock is behind is no restart: it is told as a twin when both have spoken for three
+%% seconds.
 a_younger_one_that_is_behind_is_a_clone_test() ->
     Elder = speaks_on([1000, 15_000], 7, ?HOME, peers()),
     Speaks = fun({At, Life, Address, Behind}, {Verdicts, News, Before}) ->

@@ -54,8 +54,8 @@ records_are_numbered_from_one_test() ->
         ?assertNot(starl_live_record:is_record("starts-1"))
     end).
 
-%% A file takes 16 MiB, and the batch that reaches them. Each batch has its length in four bytes before it; one
-%% without facts is not written.
+%% A file takes 16 MiB, and the batch that reaches them. Each batch has its length in four bytes before it;
+%% one without facts is not written.
 a_file_turns_at_its_size_test_() -> {timeout, 60, fun a_file_turns_at_its_size/0}.
 
 a_file_turns_at_its_size() ->

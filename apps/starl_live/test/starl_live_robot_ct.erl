@@ -1,5 +1,5 @@
-%% A live robot for tests: its machines are this module, and do what they are told; its lines are the test, if no
-%% others are given; its clock shows what the test sets.
+%% A live robot for tests: its machines are this module, and do what they are told; its lines are the test, if
+%% no others are given; its clock shows what the test sets.
 -module(starl_live_robot_ct).
 -behaviour(starl_machine).
 -behaviour(starl_live_clock).
@@ -55,8 +55,8 @@ send_after(_Ms, _Message, _Time) -> make_ref().
 
 %% -- the robot --------------------------------------------------------------------------------------------
 
-%% Calls a test with the link of robot 1 of a team of two, which has never run, when all its machines have started,
-%% and with its time (us), an atomic.
+%% Calls a test with the link of robot 1 of a team of two, which has never run, when all its machines have
+%% started, and with its time (us), an atomic.
 with_robot(Given, Test) ->
     with_dir(fun(Dir) ->
         ok = starl_live_store:commission(Dir),
@@ -87,8 +87,8 @@ with_dir(Test) ->
         starl_platform_ct:forget()
     end.
 
-%% The directory of the robot: in memory where there is such a file system, since a store syncs each file, and a
-%% busy disk takes long for that.
+%% The directory of the robot: in memory where there is such a file system, since a store syncs each file, and
+%% a busy disk takes long for that.
 dir() ->
     Memory = "/dev/shm",
     Root =

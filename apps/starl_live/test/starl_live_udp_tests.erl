@@ -1,5 +1,5 @@
-%% The transport by UDP, without a network: its sockets are this module, which hands datagrams to the test, and its
-%% clock shows what the test sets.
+%% The transport by UDP, without a network: its sockets are this module, which hands datagrams to the test,
+%% and its clock shows what the test sets.
 -module(starl_live_udp_tests).
 -include_lib("eunit/include/eunit.hrl").
 -behaviour(starl_live_clock).
@@ -290,7 +290,8 @@ log(_Event, _Handler) ->
 
 %% -- beats -------------------------------------------------------------------------------------------
 
-%% Each second each of the others is called; a beat that names our life proves what its sender says from then on.
+%% Each second each of the others is called; a beat that names our life proves what its sender says from then
+%% on.
 beats_prove_test() ->
     Time = now_set(),
     One = robot(1, #{beat_ms => 1000}, Time),
@@ -325,8 +326,8 @@ beats_prove_test() ->
     {[], _} = starl_live_udp:hear({timeout, beat, beat}, Heard),
     ?assertEqual([address(2), address(3)], addresses()).
 
-%% What a beat says: our time, the other's last time or 0, how long that was held here or that there is none, and
-%% the life that is known of the other one.
+%% What a beat says: our time, the other's last time or 0, how long that was held here or that there is none,
+%% and the life that is known of the other one.
 what_a_beat_says_test() ->
     Time = now_set(),
     One = robot(1, #{beat_ms => 1000}, Time),
@@ -353,8 +354,8 @@ beat_to(To, From, Time) ->
     <<2, Ours:64/signed, Theirs:64/signed, Held:32, Life:64>> = Payload,
     {Ours, Theirs, Held, Life}.
 
-%% The first beat of another life may name ours: that proves, and is answered all the same, since its sender has no
-%% proof of ours yet.
+%% The first beat of another life may name ours: that proves, and is answered all the same, since its sender
+%% has no proof of ours yet.
 a_first_beat_that_names_our_life_test() ->
     Time = now_set(),
     One = robot(1, #{beat_ms => 1000}, Time),

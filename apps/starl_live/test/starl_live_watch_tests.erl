@@ -17,8 +17,8 @@ watched(Looks) ->
         {dos, Dos} -> {Dos, [{Level, Report} || {Level, Report, _} <- Reports]}
     end.
 
-%% A machine that is at work in one turn from one watch to the next is killed, and that is logged; then it has its time
-%% anew.
+%% A machine that is at work in one turn from one watch to the next is killed, and that is logged; then it has
+%% its time anew.
 a_machine_that_hangs_is_killed_test_() ->
     Killed = {error, #{what => no_answer, machine => sap}},
     [
@@ -32,8 +32,8 @@ a_machine_that_hangs_is_killed_test_() ->
         ]
     ].
 
-%% One line of a step that takes 10 s, that is three watches, with its machine; the gauge counts on. A process that
-%% has answered has its time anew.
+%% One line of a step that takes 10 s, that is three watches, with its machine; the gauge counts on. A process
+%% that has answered has its time anew.
 a_long_step_is_logged_once_test() ->
     Pid = spawn_link(fun() ->
         receive

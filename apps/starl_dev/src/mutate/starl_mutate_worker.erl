@@ -127,8 +127,8 @@ watch(Pid, Ref, {Cpu, Wall} = Ends) ->
         end
     end.
 
-%% The names of processes and handlers that a test has left behind, since it failed or was ended, would be in the
-%% way of the tests of other mutants.
+%% The names of processes and handlers that a test has left behind, since it failed or was ended, would be in
+%% the way of the tests of other mutants.
 tidied({Processes, Handlers}) ->
     _ = [ok = logger:remove_handler(Id) || Id <- logger:get_handler_ids() -- Handlers],
     lists:foreach(fun ended/1, [Left || Left <- processes() -- Processes, is_stray(Left)]).
