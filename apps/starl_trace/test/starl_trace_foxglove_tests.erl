@@ -595,22 +595,10 @@ packets_are_lines_test() ->
         Lines([Packet(a, {lost, radio}), Packet(b, {lost, radio})])
     ).
 
-%% What a log, a gap, a fault and a verdict say.
+%% What a log, a gap and a state that is not kept say.
 lines_for_people_test() ->
     [
-        ?assertEqual(
-            [{Level, Name, Text, 1}],
-            [
-                {L, N, T, Sec}
-             || #{
-                    <<"level">> := L,
-                    <<"name">> := N,
-                    <<"message">> := T,
-                    <<"line">> := 0,
-                    <<"timestamp">> := #{<<"sec">> := Sec}
-                } <- texts(log, Message)
-            ]
-        )
+        ?assertEqual([{Level, Name, Text, 1}], lines(texts(log, Message)))
      || {Message, Level, Name, Text} <- [
             {{log, 1000000, {info, 3, "a"}}, 2, <<"robot 3">>, <<"a">>},
             {{log, 1000000, {warning, 3, "a"}}, 3, <<"robot 3">>, <<"a">>},
@@ -630,7 +618,22 @@ lines_for_people_test() ->
             }
         ]
     ],
-    ?assertEqual([], shown([{snapshots, 0, {3, {kept, <<>>}}}])),
+    ?assertEqual([], shown([{snapshots, 0, {3, {kept, <<>>}}}])).
+
+lines(Logged) ->
+    [
+        {Level, Name, Text, Sec}
+     || #{
+            <<"level">> := Level,
+            <<"name">> := Name,
+            <<"message">> := Text,
+            <<"line">> := 0,
+            <<"timestamp">> := #{<<"sec">> := Sec}
+        } <- Logged
+    ].
+
+%% What a fault, a verdict, the counts and a scenario say.
+words_for_people_test() ->
     ?assertEqual(
         [
             #{

@@ -194,13 +194,12 @@ taken_up(#{recording := Recording, values := Values} = Setup) ->
     begun(times(Recording, Values), Setup#{take => Take, is_live => false}).
 
 times(#{end_us := End}, #{at := At, moments := N, since := Since}) ->
-    Last =
-        case At of
-            none -> End;
-            _ -> us(At)
-        end,
+    Last = last_us(At, End),
     First = min(us(Since), Last),
     lists:usort([First + (Last - First) * I div N || I <- lists:seq(1, N)]).
+
+last_us(none, End) -> End;
+last_us(At, _End) -> us(At).
 
 %% -- futures --------------------------------------------------------------------------------
 
@@ -216,17 +215,16 @@ untaken({recording, Reason}) -> starl_lab_onward_recording:format_error(Reason);
 untaken(Reason) -> starl_sim_onward:format_error(Reason).
 
 futures(Taken, #{recording := #{end_us := End} = Recording, values := Values} = Setup) ->
-    #{runs := Runs, contract := Contract} = Values,
-    Settings = fun(Us) ->
-        (settings(Us, End, Values))#{histories => histories(Setup), slack_us => slack_us(Setup)}
-    end,
+    Same = #{histories => histories(Setup), slack_us => slack_us(Setup)},
+    Settings = fun(Us) -> maps:merge(settings(Us, End, Values), Same) end,
     Points = maps:from_list([{Us, Point} || {Us, Point, _} <- Taken]),
     Plan = plan(Values),
+    Contract = maps:get(contract, Values),
     Future = fun(Us, Point, Salt) -> future(Point, Settings(Us), Salt, Contract) end,
     try
         starl_sim_inevitable:search(#{
             grid => lists:sort(maps:keys(Points)),
-            futures => Runs,
+            futures => maps:get(runs, Values),
             fine => window_us(Recording),
             ask => fun(Questions) -> asked(Questions, Points, Plan, Future, Setup) end
         })
