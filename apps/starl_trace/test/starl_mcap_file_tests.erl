@@ -323,6 +323,32 @@ what_is_lost_is_said_test() ->
     {Attached, Last} = starl_mcap_writer:other({attachment, 0, 0, "first", "m", "again"}, W),
     Bytes = iolist_to_binary([Head, Chunks, Attached, starl_mcap_writer:finish(Last)]),
     Places = [At || {At, _} <- binary:matches(Bytes, <<"abcdefgh">>)],
+    Broken = fun(N) ->
+        At = lists:nth(N, Places),
+        <<Before:At/binary, _, After/binary>> = Bytes,
+        <<Before/binary, "?", After/binary>>
+    end,
+    Message = fun(N) -> {1, 100 * N, <<"abcdefgh">>} end,
+    ?assertEqual(
+        {lost_chunks(3, 0), [Message(N) || N <- [1, 2, 3]]}, patched(Bytes)
+    ),
+    ?assertEqual(
+        {lost_chunks(2, 1), [Message(1), {2, 100, <<"100-300">>}, Message(3)]},
+        patched(Broken(2))
+    ),
+    ?assertEqual(
+        {lost_chunks(2, 1), [Message(1), Message(2), {2, 200, <<"200-the_end">>}]},
+        patched(Broken(3))
+    ),
+    Left = lists:nth(3, Places) + 3,
+    {#{was_closed := false, lost_bytes := Lost, chunks := 2, messages := 2}, Told} = patched(
+        binary:part(Bytes, 0, Left)
+    ),
+    ?assert(Lost > 0),
+    ?assertEqual([Message(1), Message(2), {2, 200, <<"200-the_end">>}], Told).
+
+%% What comes of a file by a patch: the figures, and the messages with their channels and times.
+patched(Damaged) ->
     Patch = #{
         channels => channels(),
         channel => 2,
@@ -332,53 +358,24 @@ what_is_lost_is_said_test() ->
             (_) -> none
         end
     },
-    Recovered = fun(Damaged) ->
-        in_file(Damaged, fun(File) ->
-            {ok, Answer} = starl_mcap_recover:file(File, File, as_is, Patch),
-            {ok, Whole} = file:read_file(File),
-            Told = read(Whole, fun(Reader) ->
-                [
-                    {Channel, Time, Data}
-                 || {_, _, {chunk, _, _, _, _, _, _} = C} <- records(Reader),
-                    {ok, Records} <- [starl_mcap_chunk:records(C)],
-                    {message, Channel, _, Time, _, Data} <- Records
-                ]
-            end),
-            {maps:with([chunks, messages, damaged, was_closed, lost_bytes], Answer), Told}
-        end)
-    end,
-    Broken = fun(N) ->
-        At = lists:nth(N, Places),
-        <<Before:At/binary, _, After/binary>> = Bytes,
-        <<Before/binary, "?", After/binary>>
-    end,
-    Message = fun(N) -> {1, 100 * N, <<"abcdefgh">>} end,
-    Figures = fun(Whole, Damaged, WasClosed, Lost) ->
-        #{
-            chunks => Whole,
-            messages => Whole,
-            damaged => Damaged,
-            was_closed => WasClosed,
-            lost_bytes => Lost
-        }
-    end,
-    ?assertEqual(
-        {Figures(3, 0, true, 0), [Message(N) || N <- [1, 2, 3]]}, Recovered(Bytes)
-    ),
-    ?assertEqual(
-        {Figures(2, 1, true, 0), [Message(1), {2, 100, <<"100-300">>}, Message(3)]},
-        Recovered(Broken(2))
-    ),
-    ?assertEqual(
-        {Figures(2, 1, true, 0), [Message(1), Message(2), {2, 200, <<"200-the_end">>}]},
-        Recovered(Broken(3))
-    ),
-    Left = lists:nth(3, Places) + 3,
-    {#{was_closed := false, lost_bytes := Lost, chunks := 2, messages := 2}, Told} = Recovered(
-        binary:part(Bytes, 0, Left)
-    ),
-    ?assert(Lost > 0),
-    ?assertEqual([Message(1), Message(2), {2, 200, <<"200-the_end">>}], Told).
+    in_file(Damaged, fun(File) ->
+        {ok, Answer} = starl_mcap_recover:file(File, File, as_is, Patch),
+        {ok, Whole} = file:read_file(File),
+        Told = read(Whole, fun(Reader) ->
+            [
+                {Channel, Time, Data}
+             || {_, _, {chunk, _, _, _, _, _, _} = C} <- records(Reader),
+                {ok, Records} <- [starl_mcap_chunk:records(C)],
+                {message, Channel, _, Time, _, Data} <- Records
+            ]
+        end),
+        {maps:with([chunks, messages, damaged, was_closed, lost_bytes], Answer), Told}
+    end).
+
+lost_chunks(Whole, Damaged) ->
+    #{
+        chunks => Whole, messages => Whole, damaged => Damaged, was_closed => true, lost_bytes => 0
+    }.
 
 %% A file in which nothing was recorded is packed as it is; one that is no recording is told in a line.
 what_cannot_be_packed_test() ->

@@ -598,7 +598,7 @@ packets_are_lines_test() ->
 %% What a log, a gap and a state that is not kept say.
 lines_for_people_test() ->
     [
-        ?assertEqual([{Level, Name, Text, 1}], lines(texts(log, Message)))
+        ?assertEqual([{Level, Name, Text, 1}], logged(texts(log, Message)))
      || {Message, Level, Name, Text} <- [
             {{log, 1000000, {info, 3, "a"}}, 2, <<"robot 3">>, <<"a">>},
             {{log, 1000000, {warning, 3, "a"}}, 3, <<"robot 3">>, <<"a">>},
@@ -620,7 +620,7 @@ lines_for_people_test() ->
     ],
     ?assertEqual([], shown([{snapshots, 0, {3, {kept, <<>>}}}])).
 
-lines(Logged) ->
+logged(Logged) ->
     [
         {Level, Name, Text, Sec}
      || #{
