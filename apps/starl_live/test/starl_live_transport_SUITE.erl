@@ -177,15 +177,19 @@ run(plain_data, Team) ->
      || Body <- starl_live_packets:plain()
     ],
     ok;
+run(Case, Team) ->
+    refused(Case, Team).
+
 %% -- what does not arrive -----------------------------------------------------------------
-run(odd_refused, Team) ->
+
+refused(odd_refused, Team) ->
     Odd = starl_live_packets:odd(),
     Script = [{1, To, news(1, Body)} || {Body, _} <- Odd, To <- [2, all]],
     ?assertEqual([{1, []}, {2, []}, {3, []}], exchange(Script, Team)),
     ?assertMatch(#{refused := N} when N =:= 2 * length(Odd), figures(1, Team)),
     ok;
 %% SAP sends again and again what cannot be sent.
-run(refused_line_said_once, Team) ->
+refused(refused_line_said_once, Team) ->
     Node = node(starl_live_team_ct:pid(1, Team)),
     Lines = erpc:call(Node, starl_live_log_ct, lines, [
         starl_live_team_ct:pid(1, Team), [news(1, B) || B <- [{self()}, {self()}, make_ref()]]
@@ -195,7 +199,7 @@ run(refused_line_said_once, Team) ->
     ),
     ok;
 %% Robots outside the team, of another run and of another fleet; the team is heard as before.
-run(strangers, Team) ->
+refused(strangers, Team) ->
     Others = [
         {stranger, renamed(Team)},
         {run, #{run => 2}},
@@ -205,17 +209,21 @@ run(strangers, Team) ->
     ?assertEqual([{1, []}, {2, []}], exchange([], Before)),
     ok;
 %% A packet in another robot's name.
-run(impostor, Team) ->
+refused(impostor, Team) ->
     Heard = exchange([{1, 2, news(3, lie)}, {1, all, news(3, lie)}, {1, 2, news(1, truth)}], Team),
     ?assertEqual([{1, []}, {2, [news(1, truth)]}, {3, []}], Heard),
     ?assertMatch(#{sender := 2}, figures(2, Team)),
     ?assertMatch(#{sender := 1}, figures(3, Team)),
     ok;
-run(not_for_us, Team) ->
+refused(not_for_us, Team) ->
     ?assertEqual([{1, []}, {2, []}, {3, []}], exchange([{1, 9, news(1, x)}], Team)),
     ok;
+refused(Case, Team) ->
+    come_and_go(Case, Team).
+
 %% -- robots that go and come ----------------------------------------------------------------
-run(reboot, Team) ->
+
+come_and_go(reboot, Team) ->
     Without = drop(2, Team),
     ?assertEqual(
         [{1, []}, {3, [news(1, x)]}], exchange([{1, 2, news(1, x)}, {1, 3, news(1, x)}], Without)
@@ -230,13 +238,17 @@ run(reboot, Team) ->
     _ = drop(2, Again),
     ok;
 %% Nobody hears: the sender goes on.
-run(gone, Team) ->
+come_and_go(gone, Team) ->
     Alone = drop(3, drop(2, Team)),
     ?assertEqual([{1, []}], exchange([{1, To, news(1, x)} || To <- [2, 3, all]], Alone)),
     ?assertMatch(#{}, figures(1, Alone)),
     ok;
+come_and_go(Case, Team) ->
+    air(Case, Team).
+
 %% -- the air ----------------------------------------------------------------------------------
-run(lossy_air, Team) ->
+
+air(lossy_air, Team) ->
     Packet = news(1, x),
     ok = set_air(2, #{cut => [1]}, Team),
     transmit(1, all, Packet, Team),
@@ -252,7 +264,7 @@ run(lossy_air, Team) ->
     ?assertMatch([{1, []}, {2, [Packet]}, {3, []}], exchange([{1, 2, Packet}], Team)),
     ?assertMatch({error, _}, set_air(2, #{los => 1}, Team)),
     ok;
-run(delayed_air, Team) ->
+air(delayed_air, Team) ->
     ok = set_air(2, #{delay_ms => {1, 30}, seed => 4}, Team),
     Packets = [news(1, N) || N <- lists:seq(1, 30)],
     [transmit(1, 2, Packet, Team) || Packet <- Packets],
@@ -260,8 +272,12 @@ run(delayed_air, Team) ->
     ?assertEqual(Packets, lists:sort(Heard)),
     ?assertNotEqual(Packets, Heard),
     ok;
+air(Case, Team) ->
+    configured(Case, Team).
+
 %% -- configuration --------------------------------------------------------------------------
-run(mistakes, #{kind := Kind} = Team) ->
+
+configured(mistakes, #{kind := Kind} = Team) ->
     Peers = maps:get(peers, starl_live_team_ct:config(1, Team), #{}),
     Kind =/= dist orelse ?assertEqual("robot 1 runs on this node already", refusal(#{}, Team)),
     Without = drop(1, Team),
@@ -270,7 +286,7 @@ run(mistakes, #{kind := Kind} = Team) ->
      || {Mistake, Line} <- mistakes_of(local, Peers) ++ mistakes_of(Kind, Peers)
     ],
     ok;
-run(secrets_hidden, Team) ->
+configured(secrets_hidden, Team) ->
     Pid = starl_live_team_ct:pid(1, Team),
     Shown = lists:flatten(io_lib:format("~p ~w", [sys:get_status(Pid), sys:get_status(Pid)])),
     ?assertEqual(nomatch, string:find(Shown, "seal")),

@@ -72,8 +72,8 @@ is_news({late, Us}, {late, Before}) -> Us >= 2 * Before;
 is_news(_Advice, none) -> true;
 is_news(Advice, Before) -> topic(Advice) =/= topic(Before).
 
-%% What a computer that was late has missed may look like another baud rate, a robot that is asleep, or a pressed
-%% button: that it is busy comes first.
+%% What a computer that was late has missed may look like another baud rate, a robot that is asleep, or a
+%% pressed button: that it is busy comes first.
 on_busy(Advice, Now, {Us, At}) when Now - At < ?BUSY_US ->
     case is_by_time(Advice) of
         true -> {busy, Us, Advice};

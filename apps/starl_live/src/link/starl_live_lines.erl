@@ -1,6 +1,6 @@
-%% @doc The lines of a live robot, to its radio, its positioning system, its chassis and its senses: what a step
-%% of its machines sends along them, and the events that their messages are. Each line is a process that
-%% the link has started, or its stand-in.
+%% @doc The lines of a live robot, to its radio, its positioning system, its chassis and its senses: what a
+%% step of its machines sends along them, and the events that their messages are. Each line is a process
+%% that the link has started, or its stand-in.
 -module(starl_live_lines).
 
 -export([new/1, process/2, hear/2, send/2, send_until/4]).

@@ -1,6 +1,6 @@
-%% @doc The snapshots of a live robot, if somebody wants them: the robot as data, and from the first snapshot on
-%% all that comes to it, so that a simulation can go on from there. Both are told as facts of machine
-%% `snapshot'.
+%% @doc The snapshots of a live robot, if somebody wants them: the robot as data, and from the first
+%% snapshot on all that comes to it, so that a simulation can go on from there. Both are told as facts of
+%% machine `snapshot'.
 -module(starl_live_snapshots).
 
 -export([new/1, are_told/1, drives/4, script/1, input/3, taken/2, encoded/1]).

@@ -1,5 +1,5 @@
-%% @doc The witnesses of a live robot, who are told the facts of its steps, batch by batch: the sink of its run
-%% ({@link starl_live_link:told()}), the record on its own disk ({@link starl_live_record}), and the
+%% @doc The witnesses of a live robot, who are told the facts of its steps, batch by batch: the sink of its
+%% run ({@link starl_live_link:told()}), the record on its own disk ({@link starl_live_record}), and the
 %% observer of its node.
 -module(starl_live_witnesses).
 

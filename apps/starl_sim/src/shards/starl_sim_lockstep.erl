@@ -218,18 +218,19 @@ advance(_Until, #steps{next = infinity} = Steps) ->
     rest(quiet, Steps);
 advance(Until, #steps{next = Next} = Steps) when Next >= Until ->
     rest(until, Steps#steps{now = max(Until, Steps#steps.now)});
-advance(_Until, #steps{windows = N, approved = Approved, halt = true} = Steps) when
-    N >= Approved + ?AHEAD
-->
-    rest_halted(Steps);
 advance(Until, #steps{windows = N, approved = Approved} = Steps) when N >= Approved + ?AHEAD ->
+    await_approval(Until, Steps);
+advance(Until, Steps) ->
+    advance(Until, run_window(look_up(Steps))).
+
+await_approval(_Until, #steps{halt = true} = Steps) ->
+    rest_halted(Steps);
+await_approval(Until, Steps) ->
     receive
         {approve, More} -> advance(Until, Steps#steps{approved = More});
         halt -> rest_halted(Steps);
         abandon -> rest(halted, Steps#steps{abandoned = true})
-    end;
-advance(Until, Steps) ->
-    advance(Until, run_window(look_up(Steps))).
+    end.
 
 %% All shards plan all touches, and each keeps those of its robots.
 meet(#steps{moved = Moved, now = Now, solid = World} = Steps) ->
