@@ -20,7 +20,7 @@
     {paint, module(), Painting :: term()}
     | {call, Left :: non_neg_integer(), complete | incomplete}.
 
--spec init(starl:robot(), program()) -> state().
+-spec init(starl:robot(), program()) -> {paint, module(), Painting :: term()}.
 init(Robot, {Program, Argument}) ->
     starl:listen(Robot, present),
     {paint, Program, Program:init(Robot, Argument)}.
