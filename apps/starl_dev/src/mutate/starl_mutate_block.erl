@@ -239,8 +239,8 @@ trace() ->
             "apps/starl_trace/src/mcap/*.erl",
             "apps/starl_trace/src/stream/*.erl"
         ],
-        unit => ["starl_{trace,mcap}_*"],
-        suite => ["starl_trace_SUITE"],
+        unit => ["starl_{trace,mcap,storage}_*"],
+        suite => ["starl_{trace,recording}_SUITE"],
         soak => [],
         check => []
     }.

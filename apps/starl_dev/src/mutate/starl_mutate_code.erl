@@ -70,7 +70,7 @@ tests(Root) ->
     ok = filelib:ensure_path(Dir),
     Files = lists:append([
         filelib:wildcard(filename:join(Root, Pattern))
-     || Pattern <- ["apps/*/test/*.erl", "test/*.erl"]
+     || Pattern <- ["apps/*/test/*.erl", "test/*.erl", "test/*/*.erl"]
     ]),
     case lists:append([problems(File, Dir) || File <- Files, is_old(File, Dir)]) of
         [] -> {ok, Dir, [list_to_atom(filename:basename(File, ".erl")) || File <- Files]};
