@@ -377,6 +377,12 @@ lost_chunks(Whole, Damaged) ->
         chunks => Whole, messages => Whole, damaged => Damaged, was_closed => true, lost_bytes => 0
     }.
 
+%% Why chunks stay as they are is a line.
+not_packed_test() ->
+    ?assertEqual(ok, starl_mcap_recover:not_packed(#{not_packed => none})),
+    {error, Line} = starl_mcap_recover:not_packed(#{not_packed => missing}),
+    ?assertMatch({match, _}, re:run(Line, "install the program zstd")).
+
 %% A file in which nothing was recorded is packed as it is; one that is no recording is told in a line.
 what_cannot_be_packed_test() ->
     {Head, Writer} = starl_mcap_writer:new("test", channels()),

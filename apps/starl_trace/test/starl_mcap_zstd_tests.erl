@@ -48,7 +48,7 @@ with_program(Tests) ->
 
 programs_test_() ->
     {foreach, fun() -> os:getenv("PATH") end, fun(Path) -> os:putenv("PATH", Path) end, [
-        fun missing/0, fun dies/0, fun fails/0, fun does_something_else/0, fun hangs/0
+        fun missing/0, fun dies/0, fun fails/0, fun status/0, fun does_something_else/0, fun hangs/0
     ]}.
 
 missing() ->
@@ -66,6 +66,19 @@ fails() ->
     pretend("exit 1"),
     ?assertEqual({error, died}, starl_mcap_zstd:compress(text(1000))),
     ?assertEqual({error, damaged}, starl_mcap_zstd:decompress(text(1000000), 1)).
+
+%% 126 and 127 are the shell's: it could not start the program.
+status() ->
+    [
+        begin
+            pretend("exit " ++ integer_to_list(Status)),
+            ?assertEqual(
+                {Status, {error, Why}},
+                {Status, starl_mcap_zstd:decompress(text(1000000), 1)}
+            )
+        end
+     || {Status, Why} <- [{125, damaged}, {126, died}, {127, died}]
+    ].
 
 does_something_else() ->
     pretend("echo hello"),

@@ -67,6 +67,46 @@ the_figures_of_a_file_test() ->
     end),
     ?assertMatch({error, {file, "/nowhere", enoent}}, starl_trace_info:file("/nowhere")).
 
+%% What is damaged between chunks costs no message of a file with an index: here a record that claims to reach into
+%% the next chunk.
+damage_between_chunks_test() ->
+    in_file([scenario(#{}), said(400000), said(2000000)], fun(File) ->
+        {ok, Bytes} = file:read_file(File),
+        {ok, Reader} = starl_mcap_reader:open(File),
+        {[{_, _, First}, {_, _, Second}], closed} = starl_mcap_reader:chunks(Reader),
+        {ok, _, Between} = starl_mcap_reader:next(First, Reader),
+        ok = starl_mcap_reader:close(Reader),
+        ?assert(Between < Second),
+        <<Before:Between/binary, Opcode, _:8/binary, After/binary>> = Bytes,
+        Into = Second - Between + 5,
+        ok = file:write_file(File, <<Before/binary, Opcode, Into:64/little, After/binary>>),
+        ?assertEqual(
+            {ok, [2000000, 400000], closed}, starl_trace_reader:fold(fun says/2, [], File)
+        )
+    end).
+
+%% A text of the recording's topic that is none of its terms is told with the file.
+strange_texts_test() ->
+    [
+        in_file([], fun(File) ->
+            #{channels := Channels, channel := Id} = starl_trace_writer:patch(),
+            {Head, New} = starl_mcap_writer:new("x", Channels),
+            {Bytes, Writer} = starl_mcap_writer:flush(starl_mcap_writer:message(Id, 5, Text, New)),
+            ok = file:write_file(File, [Head, Bytes, starl_mcap_writer:finish(Writer)]),
+            Error = {error, {terms, File, not_terms}},
+            ?assertEqual(Error, starl_trace_reader:fold(fun says/2, [], File)),
+            ?assertEqual(Error, starl_trace_merge:files([File], File ++ ".out"))
+        end)
+     || Text <- [
+            <<"nonsense">>,
+            iolist_to_binary(starl_trace_terms:encode(no_list)),
+            iolist_to_binary(starl_trace_terms:encode([{no, message}]))
+        ]
+    ],
+    ?assertMatch(
+        {error, {file, "/nowhere", enoent}}, starl_trace_reader:fold(fun says/2, [], "/nowhere")
+    ).
+
 %% A damaged chunk is told with its place, and the others count.
 a_damaged_chunk_is_told_test() ->
     in_file([scenario(#{}), said(400000), said(2000000)], fun(File) ->

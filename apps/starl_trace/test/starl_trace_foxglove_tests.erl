@@ -423,6 +423,7 @@ a_pen_leaves_a_line_test() ->
         },
         maps:without([<<"points">>, <<"color">>], Line)
     ),
+    ?assertMatch(#{<<"color">> := #{<<"a">> := 1.0}}, Line),
     %% each line has a number of its own
     ?assertEqual(
         [<<"ink 0">>, <<"ink 1">>],

@@ -20,7 +20,8 @@ step(_Event, Pauses) ->
 violation(T, Robot) ->
     #{contract => test, what => touched, at_us => T, robots => [Robot], details => #{}}.
 
-broken({1, From, To, pause}, Pauses) -> [{From, To} | Pauses].
+broken({1, From, To, Why}, Pauses) when Why =:= pause; Why =:= fault -> [{From, To} | Pauses];
+broken({_, _, _, _}, Pauses) -> Pauses.
 
 finish(_End, _Pauses) -> {ok, #{}}.
 
@@ -46,6 +47,28 @@ a_late_computer_is_excused_test() ->
     try
         [?assertEqual({T, []}, {T, Found(T, T, L)}) || {T, L} <- Told],
         [?assertEqual([T], Found(T, T + 1, L)) || {T, L} <- Told]
+    after
+        file:delete(File)
+    end.
+
+%% A fault whose end nobody knows yet excuses as long as it lasts, from its beginning on; monitors are told of it
+%% before they judge.
+a_lasting_fault_is_excused_test() ->
+    File = filename:join("/tmp", "starl-trace-judge-lasts-" ++ os:getpid() ++ ".mcap"),
+    Fault = {f, 1000, forever, reach, 1, #{}},
+    Touched = fun(T) -> {judged, [{T, 2, app, touched}], []} end,
+    ok = starl_trace_ct:recorded(
+        File,
+        news(
+            [Touched(900_000), {fault, 1_000_000, {began, Fault}}] ++
+                [Touched(T * 1_000_000) || T <- [2, 9, 16, 23]] ++
+                [{fault, 24_000_000, {ended, setelement(3, Fault, 24000)}}] ++
+                [Touched(T * 1_000_000) || T <- [40, 41]]
+        )
+    ),
+    try
+        {ok, #{violations := Violations}} = starl_trace_judge:file(File),
+        ?assertEqual([900_000, 40_000_000, 41_000_000], [At || #{at_us := At} <- Violations])
     after
         file:delete(File)
     end.

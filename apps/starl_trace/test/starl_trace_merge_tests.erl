@@ -118,6 +118,43 @@ what_is_said_of_a_merge_test() ->
         file:del_dir_r(Dir)
     end.
 
+%% A file that was cut off lacks nothing if the robot's next file begins with what was lost.
+cut_off_and_continued_test() ->
+    Dir = filename:join("/tmp", "starl-merge-continued-" ++ os:getpid()),
+    ok = filelib:ensure_path(Dir),
+    try
+        Part = fun(Name, Facts1, Says, IsClosed) ->
+            Say = [{At, 1, note, {said, At}} || At <- Says],
+            [{scenario, _, Facts} | Messages] = robot(1, Say, ended(9000, [])),
+            Begun = maps:get(begun_us, Facts1),
+            {Head, Writer0} = starl_trace_writer:new(),
+            Told = [M || {Topic, _, _} = M <- Messages, Topic =/= verdicts],
+            {Bytes, Writer} = starl_trace_writer:messages(
+                [{scenario, Begun, maps:merge(Facts, Facts1)} | Told], Writer0
+            ),
+            End = [starl_trace_writer:finish(Writer) || IsClosed],
+            File = filename:join(Dir, Name),
+            ok = file:write_file(File, [Head, Bytes, End]),
+            File
+        end,
+        First = Part("robot-1.mcap", #{begun_us => 0}, [1000000, 2000000, 3000000], false),
+        Next = fun(WasUp) ->
+            More = #{begun_us => 3000000, was_up => WasUp},
+            Part("robot-1.2.mcap", More, [4000000, 5000000], true)
+        end,
+        Out = filename:join(Dir, "out.mcap"),
+        Gaps = fun(Files) ->
+            {ok, #{cut_off := CutOff}} = starl_trace_merge:files(Files, Out),
+            {ok, Read, closed} = starl_trace_reader:fold(fun(M, All) -> [M | All] end, [], Out),
+            {CutOff, [Why || {gap, _, Why} <- Read]}
+        end,
+        ?assertEqual({[], []}, Gaps([First, Next(true)])),
+        ?assertEqual({[First], [no_end]}, Gaps([First, Next(false)])),
+        ?assertEqual({[First], [no_end]}, Gaps([First]))
+    after
+        file:del_dir_r(Dir)
+    end.
+
 %% Files that cannot be merged are named.
 no_recordings_test() ->
     Dir = filename:join("/tmp", "starl-merge-none-" ++ os:getpid()),
