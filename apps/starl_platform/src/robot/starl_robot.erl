@@ -195,8 +195,9 @@ status(#robot{world = World}) -> {off, World}.
 %% must be at the event's time.
 -spec event(starl_machine:name(), starl_machine:event_type(), Content :: term(), world(), t()) ->
     turn().
-event(Name, Type, Content, World, #robot{timers = Timers} = Robot) ->
-    fire(Name, Type, Content, World, Timers, Robot).
+event(Name, Type, Content, World, #robot{local = Local, loop = Loop} = Robot) ->
+    #robot{machines = Machines, timers = Timers} = Robot,
+    turn(starl_robot_loop:step(Name, Type, Content, Local, World, Machines, Timers, Loop), Robot).
 
 %% @doc The event of a timer has come, with this mark. If the timer still runs, returns the kind of
 %% event and the timers that are left, for {@link fire/6}.
@@ -270,25 +271,23 @@ standing(#robot{}) -> none.
 next(#robot{local = []}) -> none;
 next(#robot{local = [Event | Local]} = Robot) -> {Event, Robot#robot{local = Local}}.
 
-turn({Outcome, Local, World, Machines, Timers, Loop}, Robot) ->
-    Left = Robot#robot{
-        local = Local,
+turn({Outcome, Local, World, Machines, Timers, Loop}, #robot{condition = Condition, rest = Rest}) ->
+    Left = #robot{
+        loop = Loop,
+        condition = Condition,
         world = World,
         machines = Machines,
         timers = Timers,
-        loop = Loop,
-        busy = at_work(Outcome)
+        local = Local,
+        rest = Rest
     },
     case Outcome of
         quiet -> {quiet, Left};
         paused -> {paused, Left};
         {stands, _Rest} -> {stands, Left#robot{rest = Outcome}};
-        {ask, _Name, Pid, Order} -> {ask, Pid, Order, Left};
+        {ask, Name, Pid, Order} -> {ask, Pid, Order, Left#robot{busy = {Name, Pid}}};
         {crashed, Name, Reason} -> {crashed, Name, Reason, Left}
     end.
-
-at_work({ask, Name, Pid, _Order}) -> {Name, Pid};
-at_work(_Outcome) -> none.
 
 %% -- crashes --------------------------------------------------------------------------------
 

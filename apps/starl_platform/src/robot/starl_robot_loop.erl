@@ -10,6 +10,9 @@
 
 -export_type([t/0, local/0, rest/0, still/0, outcome/0, turn/0]).
 
+%% Actions are what most of a run's time goes to.
+-compile({inline, [effect/8, outward/9]}).
+
 %% A local event: a machine handles an event, or boots.
 -type local() ::
     {starl_machine:name(), starl_machine:event_type(), Content :: term()}
