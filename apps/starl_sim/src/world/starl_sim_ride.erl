@@ -40,7 +40,7 @@ drive(Script, Owner, Vehicle, {_, Now, _, _} = Place) ->
 
 %% @doc A machine sets another actuator.
 -spec actuate({Device :: atom(), Value :: term()}, Owner, starl_sim_vehicle:t(), place()) ->
-    effect()
+    {same, [starl_sim_vehicle:plan()], Facts :: [{actuated, atom(), term()}], starl_sim_vehicle:t()}
 when
     Owner :: {starl_machine:name(), Mark :: term()} | none.
 actuate({Device, Value} = What, Owner, Vehicle, {_, Now, _, _}) ->
