@@ -416,7 +416,7 @@ an_outlived_robot_marks_its_store_and_ends_test() ->
         ok
     end).
 
-dir() -> filename:join("/tmp", "starl-live-body-" ++ os:getpid()).
+dir() -> starl_live_robot_ct:dir() ++ "-body".
 
 %% -- what is heard -----------------------------------------------------------------------------------
 

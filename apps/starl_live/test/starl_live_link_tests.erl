@@ -108,7 +108,7 @@ with_link(Pace, Given, Test) ->
 
 linked(Pace, Given, Test) ->
     process_flag(trap_exit, true),
-    Dir = filename:join("/tmp", "starl-live-link-" ++ os:getpid()),
+    Dir = starl_live_robot_ct:dir() ++ "-link",
     _ = file:del_dir_r(Dir),
     {Times, Clock} = clock(0, 0, Pace),
     Usual = #{
@@ -628,7 +628,7 @@ a_first_life_does_not_come_up_test() ->
     end),
     file:del_dir_r(dir()).
 
-dir() -> filename:join("/tmp", "starl-live-link-first-" ++ os:getpid()).
+dir() -> starl_live_robot_ct:dir() ++ "-first".
 
 %% A store that cannot be opened ends it, with a line.
 without_a_store_it_does_not_start_test() ->
