@@ -35,14 +35,8 @@ bool write_all(int fd, const uint8_t *bytes, size_t length, uint64_t limit_us)
     return length == 0;
 }
 
-/* Signals to the port program's group or terminal are not for the guardian. */
-static void be_apart(void)
+void let_go_of_streams(void)
 {
-    setsid();
-    signal(SIGINT, SIG_IGN);
-    signal(SIGTERM, SIG_IGN);
-    signal(SIGHUP, SIG_IGN);
-    signal(SIGPIPE, SIG_IGN);
     int null = open("/dev/null", O_RDWR);
     for (int fd = 0; fd <= 2; fd++)
         if (null >= 0)
@@ -51,6 +45,17 @@ static void be_apart(void)
             close(fd);
     if (null > 2)
         close(null);
+}
+
+/* Signals to the port program's group or terminal are not for the guardian. */
+static void be_apart(void)
+{
+    setsid();
+    signal(SIGINT, SIG_IGN);
+    signal(SIGTERM, SIG_IGN);
+    signal(SIGHUP, SIG_IGN);
+    signal(SIGPIPE, SIG_IGN);
+    let_go_of_streams();
 }
 
 /* What it knows of the line. */

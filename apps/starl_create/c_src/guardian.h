@@ -53,6 +53,9 @@ void guardian_bury(struct guardian *guard);
 /* A process by this name, from its first moment. */
 pid_t fork_named(const char *name);
 
+/* Standard input, output and errors lead nowhere from now on. */
+void let_go_of_streams(void);
+
 /* Writes all bytes, for at most this time. */
 bool write_all(int fd, const uint8_t *bytes, size_t length, uint64_t limit_us);
 

@@ -169,8 +169,8 @@ static void stop_when_back(struct port *port)
 {
     struct failure why = {.word = ""};
     uint64_t until = clock_us() + STAYS_US;
-    close(STDIN_FILENO);
-    close(STDOUT_FILENO);
+    /* whoever reads what a command of Erlang's prints waits for no robot */
+    let_go_of_streams();
     while (!is_ended && clock_us() < until && strcmp(why.word, "busy") != 0) {
         if (device_open(&port->device, port->device.path, port->device.baud, &why)) {
             device_stop(&port->device, port->stop, port->stop_length, STOP_LIMIT_US);

@@ -309,7 +309,8 @@ mid_pulse(End) ->
     end,
     ?assertEqual(?STOPS, heard(Pty, ?STOPS_SIZE)).
 
-%% Nobody is left but the program: it stops the robot whose cable is put back, and ends.
+%% Nobody is left but the program: it stops the robot whose cable is put back, and ends. Meanwhile it holds no
+%% stream of Erlang's open, for which the reader of a command's output would wait.
 ended_while_out(_) ->
     Self = self(),
     #{pty := Pty} = Line = pty(),
@@ -326,8 +327,20 @@ ended_while_out(_) ->
     after ?AFTER_MS -> error(late)
     end,
     exit(Owner, kill),
+    lets_go(Program),
     stops_when(Pty, fun() -> starl_create_pty:put_back(Pty) end),
     gone(Program).
+
+%% Its streams lead nowhere in a moment.
+lets_go(Pid) ->
+    Links = [file:read_link("/proc/" ++ Pid ++ "/fd/" ++ Fd) || Fd <- ["0", "1", "2"]],
+    case lists:usort(Links) of
+        [{ok, "/dev/null"}] ->
+            ok;
+        _ ->
+            erlang:yield(),
+            lets_go(Pid)
+    end.
 
 %% The next program may open the line.
 free_after_a_kill(_) ->
