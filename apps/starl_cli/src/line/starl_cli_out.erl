@@ -3,7 +3,13 @@
 %% when all are complete.
 -module(starl_cli_out).
 
--export([directory/2, directory/3, file/3, overwrite/0, overwrite_file/0, recording/1, recording/2]).
+-export([
+    directory/2, directory/3,
+    file/3,
+    overwrite/0,
+    overwrite_file/0,
+    recording/1, recording/2, recording/3
+]).
 -export([plan/2, beside/2, write/2, again/1, sure/2, shown/1, usual/1, free/1, holds_a_run/1]).
 
 -export_type([t/0]).
@@ -265,4 +271,15 @@ recording(Path, Instead) ->
     case filelib:is_dir(Path) andalso not filelib:is_regular(File) of
         true -> {error, [[Path, " holds no recording; ", Instead]]};
         false -> {ok, File}
+    end.
+
+%% @doc The same as the subject of a command, with the arguments that follow.
+-spec recording(file:filename(), Instead :: unicode:chardata(), Args) ->
+    {ok, file:filename(), Args} | {error, [unicode:chardata(), ...]}
+when
+    Args :: [string()].
+recording(Path, Instead, Args) ->
+    case recording(Path, Instead) of
+        {ok, File} -> {ok, File, Args};
+        {error, _} = Error -> Error
     end.

@@ -38,10 +38,7 @@ subject(Word, Args) ->
         starl_cli_terminal:quoted(Word),
         " --view does the run again, and shows it"
     ],
-    case starl_cli_out:recording(Word, Again) of
-        {ok, File} -> {ok, File, Args};
-        {error, _} = Error -> Error
-    end.
+    starl_cli_out:recording(Word, Again, Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := File, values := Values}) ->

@@ -88,10 +88,7 @@ statuses() ->
 -spec subject(string(), [string()]) ->
     {ok, file:filename(), [string()]} | {error, [unicode:chardata(), ...]}.
 subject(Word, Args) ->
-    case starl_cli_out:recording(Word, "./starl run TARGET --snapshots 5 makes one") of
-        {ok, File} -> {ok, File, Args};
-        {error, _} = Error -> Error
-    end.
+    starl_cli_out:recording(Word, "./starl run TARGET --snapshots 5 makes one", Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := File, values := #{out := Into, at := At} = Values}) ->
