@@ -167,6 +167,18 @@ what_cannot_travel_is_named_test_() ->
         ]
     ].
 
+%% A line says which packet it is: a message or a datagram with its type, or one of the transport's own.
+what_cannot_be_sent_is_named_test_() ->
+    Says = fun(Packet) ->
+        lists:flatten(starl_live_codec:format_error(Packet, {holds, pid}))
+    end,
+    Message = starl_packet:data({1, 2, 3, 4, #{2 => 1}, {app, news}, self()}),
+    [
+        ?_assertMatch("a message {app,news} cannot be sent: " ++ _, Says(Message)),
+        ?_assertMatch("a datagram {app,news} cannot be sent: " ++ _, Says(packet(self()))),
+        ?_assertMatch("a packet cannot be sent: " ++ _, Says(other))
+    ].
+
 %% Containers of each kind may be nested as deep as a payload, and no deeper; what is no container is not too deep.
 each_kind_of_container_counts_test_() ->
     Nested = fun(Wrap, N) ->

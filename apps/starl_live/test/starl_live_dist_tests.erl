@@ -25,8 +25,10 @@ attempts_test() ->
     [exit(Next, kill) || Next <- attempts()],
     true = unregister(starl_robot_1).
 
-shout(Dist) ->
-    {ok, Next} = starl_live_dist:transmit(2, starl_packet:shout(1, dpp, x), Dist),
+shout(Dist) -> shout(1, 2, Dist).
+
+shout(From, To, Dist) ->
+    {ok, Next} = starl_live_dist:transmit(To, starl_packet:shout(From, dpp, x), Dist),
     Next.
 
 %% The processes that make a connection.
@@ -74,7 +76,7 @@ calls(Fun) ->
     Tracer = spawn_link(fun() -> collects([]) end),
     _ = [
         erlang:trace_pattern({erlang, Name, Arity}, true, [])
-     || {Name, Arity} <- [{send_after, 3}, {demonitor, 2}]
+     || {Name, Arity} <- [{send_after, 3}, {demonitor, 2}, {send, 3}]
     ],
     1 = erlang:trace(self(), true, [call, {tracer, Tracer}]),
     Answer = Fun(),
@@ -184,6 +186,62 @@ a_robot_of_another_node_is_silent_test() ->
     ?assertEqual("peers: no node of robot 3", lists:flatten(Line)),
     _ = [exit(Pid, kill) || Pid <- attempts()],
     true = unregister(starl_robot_4),
+    starl_platform_ct:forget().
+
+%% A send waits neither for a connection nor for one that is busy.
+a_send_never_waits_test() ->
+    {ok, Dist} = starl_live_dist:open(#{
+        robot => 3,
+        participants => [3, 4],
+        fleet => "tests",
+        run => 1,
+        peers => #{4 => 'nobody@nowhere.invalid'}
+    }),
+    {_, Calls} = calls(fun() -> shout(3, 4, Dist) end),
+    ?assertMatch(
+        [{erlang, send, [{starl_robot_4, 'nobody@nowhere.invalid'}, _, [noconnect, nosuspend]]}],
+        [Call || {erlang, send, _} = Call <- Calls]
+    ),
+    _ = [exit(Pid, kill) || Pid <- attempts()],
+    true = unregister(starl_robot_3),
+    starl_platform_ct:forget().
+
+%% A robot that was heard is known to have been, though its node is cut off since.
+when_a_robot_was_heard_is_known_test() ->
+    {ok, Dist} = starl_live_dist:open(#{
+        robot => 3,
+        participants => [3, 4, 5],
+        fleet => "tests",
+        run => 1,
+        peers => #{4 => 'nobody@nowhere.invalid', 5 => 'nobody@nowhere.invalid'}
+    }),
+    Heard = lists:foldl(
+        fun(Robot, Before) ->
+            Ends = starl_live_frame:new(#{
+                robot => Robot, participants => [3, 4, 5], fleet => "tests", run => 1
+            }),
+            Packet = starl_packet:shout(Robot, dpp, x),
+            {ok, Frame, [3], _} = starl_live_frame:write(3, Packet, Ends),
+            {[Packet], After} = starl_live_dist:hear(Frame, Before),
+            %% what is heard of one is nothing that is heard of the other
+            ?assertMatch(
+                Ago when length(Ago) =:= Robot - 3,
+                [Ms || #{heard_ms := Ms} <- starl_live_dist:peers(After), is_integer(Ms)]
+            ),
+            After
+        end,
+        Dist,
+        [4, 5]
+    ),
+    ?assertMatch(
+        [
+            #{robot := 4, is_silent := true, heard_ms := Four, why := not_connected},
+            #{robot := 5, is_silent := true, heard_ms := Five, why := not_connected}
+        ] when Four >= Five andalso Five >= 0,
+        starl_live_dist:peers(Heard)
+    ),
+    _ = [exit(Pid, kill) || Pid <- attempts()],
+    true = unregister(starl_robot_3),
     starl_platform_ct:forget().
 
 %% The former transport of a robot that starts anew ends a moment after its link; another robot with its

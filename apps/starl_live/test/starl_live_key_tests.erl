@@ -61,7 +61,7 @@ open_to_others(File) ->
     [
         begin
             ok = file:change_mode(File, Mode),
-            refused("others may read this key; say: chmod 600", File)
+            refused("others may read this key; say: chmod 600 " ++ File, File)
         end
      || Mode <- [8#604, 8#640, 8#620]
     ].

@@ -65,7 +65,27 @@ a_robot_that_was_never_heard_is_told_of_test() ->
         [{At, line(N)} || {At, N} <- News]
     ),
     {heard, [Back], _} = speaks(12_000, 7, ?HOME, Silent),
-    ?assertEqual("robot 2 is heard", line(Back)).
+    ?assertEqual("robot 2 is heard", line(Back)),
+    %% one whose place is not known is not called
+    ?assertEqual([{2, ?HOME}], starl_live_peers:calls(Silent)).
+
+%% Ten seconds for who was never heard, five for who was.
+silence_begins_when_its_time_is_over_test() ->
+    Looks = fun(Times, Before) ->
+        {News, _} = lists:foldl(
+            fun(Now, {Told, Peers}) ->
+                {More, Next} = starl_live_peers:look(Now, Peers),
+                {Told ++ [{Now, Robot} || {silent, Robot, _} <- More], Next}
+            end,
+            {[], Before},
+            Times
+        ),
+        News
+    end,
+    Never = [2500, 5000, 7500, 9_999, 10_000],
+    ?assertEqual([{10_000, 2}, {10_000, 3}], Looks(Never, peers())),
+    Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
+    ?assertEqual([{7000, 2}], Looks([2500, 5000, 6_999, 7000], Heard)).
 
 %% A computer that has stood still accuses nobody.
 after_a_halt_all_have_their_time_anew_test() ->
@@ -116,6 +136,12 @@ a_reason_is_told_again_after_a_while_test() ->
     {[_], Once} = refused(seal, 1000, peers()),
     {[], Twice} = refused(seal, 600_000, Once),
     ?assertMatch({[_], _}, refused(seal, 1_200_000, Twice)).
+
+%% What comes back from a group to its sender is nobody's.
+own_datagrams_are_not_told_test() ->
+    Peers = peers(),
+    ?assertEqual({[], Peers}, starl_live_peers:refused(1, own, ?AWAY, 1000, Peers)),
+    ?assertEqual({[], Peers}, starl_live_peers:refused(1, own, ?HOME, 1000, Peers)).
 
 %% A network doubles datagrams; each sender to a group hears its own.
 usual_reasons_are_counted_only_test_() ->
@@ -172,6 +198,11 @@ an_old_trouble_is_none_test() ->
     ?assertMatch(#{why := {unsent, enetunreach}}, robot(2, 10_999, Peers)),
     ?assertMatch(#{why := none}, robot(2, 11_000, Peers)).
 
+%% Nor is one of before the robot was heard again.
+a_robot_that_is_heard_has_no_trouble_test() ->
+    Peers = starl_live_peers:unsent(?HOME, enetunreach, 1000, peers()),
+    ?assertMatch(#{why := none}, robot(2, 2000, speaks_on([2000], 7, ?HOME, Peers))).
+
 %% A datagram says whose it is, wherever it comes from.
 a_refusal_is_that_of_the_robot_that_it_names_test() ->
     {[{refused, 2, seal}], Peers} = starl_live_peers:refused(2, seal, ?AWAY, 1000, peers()),
@@ -185,6 +216,13 @@ a_quick_restart_is_heard_test() ->
     ?assertMatch(#{life := 8}, robot(2, 2001, Restarted)),
     ?assertEqual({600, 0, none}, starl_live_peers:beat(2, 600, Restarted)).
 
+%% A new life may begin within the millisecond in which the former one spoke last; what that has sent until then
+%% is late.
+a_restart_within_a_millisecond_is_heard_test() ->
+    Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
+    {heard, [], Restarted} = speaks(2000, 2001, 8, ?HOME, Heard),
+    ?assertMatch({late, [], _}, speaks(2000, 2002, 7, ?HOME, Restarted)).
+
 %% -- beats ----------------------------------------------------------------------------------
 
 %% Ours left at 100 us, was held for 40 us there, and its echo came at 1000 us, by our clock.
@@ -194,37 +232,63 @@ an_echo_tells_the_round_trip_test() ->
     First = starl_live_peers:beaten(2, -5000, {0, none}, 500, Heard),
     ?assertEqual({600, -5000, 100}, starl_live_peers:beat(2, 600, First)),
     Second = starl_live_peers:beaten(2, -4000, {100, 40}, 1000, First),
-    ?assertMatch(#{round_trip_us := 860, ahead_ms := 0}, robot(2, 1, Second)).
+    ?assertMatch(#{round_trip_us := 860, ahead_ms := 0}, robot(2, 1, Second)),
+    ?assertEqual({1100, -4000, 100}, starl_live_peers:beat(2, 1100, Second)),
+    %% of a new life it is not known yet
+    {heard, [], Restarted} = speaks(2, 8, ?HOME, Second),
+    ?assertNot(is_map_key(round_trip_us, robot(2, 2, Restarted))).
+
+%% Of a robot that was never heard there are no figures.
+what_is_not_known_is_not_told_test() ->
+    Keys = [address, heard_ms, is_silent, life, refused, robot, why],
+    ?assertEqual(Keys, maps:keys(robot(2, 1000, peers()))).
 
 %% -- addresses ------------------------------------------------------------------------------
 
 a_robot_is_where_its_newest_datagram_comes_from_test() ->
     Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
-    {heard, [], Soon} = speaks(3000, 7, ?AWAY, Heard),
+    {heard, [], Soon} = speaks(3999, 7, ?AWAY, Heard),
     ?assertEqual(?HOME, starl_live_peers:address(2, Soon)),
     {heard, [News], Moved} = speaks(4000, 7, ?AWAY, Soon),
     ?assertEqual("robot 2 is at 10.0.0.99 port 5001 now", line(News)),
     ?assertEqual(?AWAY, starl_live_peers:address(2, Moved)),
-    ?assertEqual([?AWAY], starl_live_peers:addresses(Moved)).
+    ?assertEqual([?AWAY], starl_live_peers:addresses(Moved)),
+    %% where it was it is no more, unless it is silent here for two seconds and speaks anew there
+    {heard, [], Still} = speaks(5000, 7, ?HOME, Moved),
+    {heard, [], Old} = speaks(3000, 6500, 7, ?HOME, Still),
+    ?assertMatch({heard, [{moved, 2, ?HOME}], _}, speaks(6500, 7, ?HOME, Old)),
+    {heard, [{moved, 2, ?AWAY}], There} = speaks(4000, 7, ?AWAY, Heard),
+    ?assertMatch({heard, [], _}, speaks(3000, 6500, 7, ?HOME, There)).
+
+%% A robot whose name was not known yet has moved from nowhere when it is first heard.
+a_robot_that_is_first_heard_has_not_moved_test() ->
+    Said = #{from => 3, to => 1, life => 7, sent_ms => ?DAY},
+    {heard, [], Peers} = starl_live_peers:heard(Said, ?THIRD, {?DAY, 1000}, peers()),
+    ?assertEqual(?THIRD, starl_live_peers:address(3, Peers)).
 
 %% A datagram that was held back on its way says where the robot was.
 an_old_datagram_moves_nobody_test() ->
     Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
     {heard, [], Peers} = speaks(1500, 9000, 7, ?AWAY, Heard),
-    ?assertEqual(?HOME, starl_live_peers:address(2, Peers)).
+    ?assertEqual(?HOME, starl_live_peers:address(2, Peers)),
+    %% nor one of the same time as the newest, nor as old a one as another has come before from elsewhere
+    ?assertMatch({heard, [], _}, speaks(2000, 9000, 7, ?AWAY, Heard)),
+    {heard, [], Soon} = speaks(3000, 7, ?AWAY, Heard),
+    ?assertMatch({heard, [], _}, speaks(2500, 9000, 7, ?THIRD, Soon)).
 
 %% Its clock and ours were an hour ahead, and were set right: its times go back.
 a_robot_moves_after_clocks_were_set_back_test() ->
     Hour = 3_600_000,
     {heard, [], Ahead} = speaks(Hour, 1000, 7, ?HOME, peers()),
-    Soon = speaks_on(lists:seq(2000, 20_000, 1000), 7, ?AWAY, Ahead),
+    Soon = speaks_on(lists:seq(2000, 20_000, 1000) ++ [20_999], 7, ?AWAY, Ahead),
     {heard, [{moved, 2, ?AWAY}], Back} = speaks(21_000, 7, ?AWAY, Soon),
     ?assertEqual(?AWAY, starl_live_peers:address(2, Back)).
 
 a_robot_restarts_after_clocks_were_set_back_test() ->
     Hour = 3_600_000,
     {heard, [], Ahead} = speaks(Hour, 1000, 7, ?HOME, peers()),
-    {late, [], Late} = speaks(2000, 6, ?HOME, Ahead),
+    {late, [], Early} = speaks(2000, 6, ?HOME, Ahead),
+    {late, [], Late} = speaks(20_999, 6, ?HOME, Early),
     {heard, [], Back} = speaks(21_000, 6, ?HOME, Late),
     ?assertMatch(#{life := 6}, robot(2, 21_000, Back)).
 
@@ -241,7 +305,7 @@ while_its_address_speaks_a_robot_has_not_moved_test() ->
 names_are_looked_up_while_a_robot_is_silent_test() ->
     ?assertEqual([{3, "robot-3.lab"}], starl_live_peers:unnamed(0, peers())),
     Asked = starl_live_peers:asked(3, 0, peers()),
-    ?assertEqual([], starl_live_peers:unnamed(1000, Asked)),
+    ?assertEqual([], starl_live_peers:unnamed(4999, Asked)),
     {[News], Missing} = starl_live_peers:named(3, {error, nxdomain}, Asked),
     ?assertEqual(
         "robot 3: the name \"robot-3.lab\" is not found: non-existing domain; it is looked up again",
@@ -253,10 +317,27 @@ names_are_looked_up_while_a_robot_is_silent_test() ->
     ),
     ?assertEqual([], starl_live_peers:calls(Missing) -- [{2, ?HOME}]),
     ?assertMatch([{3, _}], starl_live_peers:unnamed(5000, Missing)),
+    Later = starl_live_peers:asked(3, 7000, Missing),
+    ?assertEqual([], starl_live_peers:unnamed(11_999, Later)),
+    ?assertMatch([{3, _}], starl_live_peers:unnamed(12_000, Later)),
     {[], Again} = starl_live_peers:named(3, {error, nxdomain}, Missing),
     {[], Found} = starl_live_peers:named(3, {ok, {10, 0, 0, 3}}, Again),
     ?assertEqual(?THIRD, starl_live_peers:address(3, Found)),
-    ?assertEqual([{2, ?HOME}, {3, ?THIRD}], starl_live_peers:calls(Found)).
+    ?assertEqual([{2, ?HOME}, {3, ?THIRD}], starl_live_peers:calls(Found)),
+    ?assertMatch(#{why := none}, robot(3, 1000, Found)),
+    %% it is found; again when it is silent, but no robot without a name
+    ?assertEqual([], starl_live_peers:unnamed(20_000, Found)),
+    {_, Silent} = looks(1000, 20_000, Found),
+    ?assertMatch([{3, _}], starl_live_peers:unnamed(20_000, Silent)).
+
+%% However large the team is, its robots come in their order.
+robots_come_in_order_test() ->
+    Team = lists:seq(1, 40),
+    Places = maps:from_list([{Robot, {{10, 0, 1, Robot}, 5000}} || Robot <- Team]),
+    Peers = starl_live_peers:new(Places, 0),
+    ?assertEqual([{{10, 0, 1, R}, 5000} || R <- Team], starl_live_peers:addresses(Peers)),
+    ?assertEqual(Team, [R || {R, _} <- starl_live_peers:calls(Peers)]),
+    ?assertEqual(Team, [R || #{robot := R} <- starl_live_peers:all(0, Peers)]).
 
 %% Where it was, and where its name leads now.
 a_silent_robot_is_called_at_both_places_test() ->
@@ -283,8 +364,19 @@ a_restart_is_one_robot_test() ->
 a_restart_with_a_clock_that_was_set_back_is_heard_test() ->
     Heard = speaks_on([1000, 20_000], 7, ?HOME, peers()),
     {former, [], First} = speaks(11_000, 21_000, 6, ?HOME, Heard),
-    {heard, [], Second} = speaks(13_500, 23_500, 6, ?HOME, First),
-    ?assertMatch(#{life := 6}, robot(2, 23_500, Second)).
+    {former, [], Still} = speaks(12_999, 22_999, 6, ?HOME, First),
+    {heard, [], Second} = speaks(13_000, 23_000, 6, ?HOME, Still),
+    ?assertMatch(#{life := 6}, robot(2, 23_000, Second)),
+    %% and where it is is told by its own times, not by those of the life before
+    {heard, [{moved, 2, ?AWAY}], _} = speaks(15_000, 25_000, 6, ?AWAY, Second).
+
+%% The present life has been silent for some seconds, and the former one speaks again: at once it is where it
+%% speaks from.
+a_former_life_that_is_heard_again_is_where_it_speaks_from_test() ->
+    Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
+    {heard, [{moved, 2, ?AWAY}], Restarted} = speaks(5000, 8, ?AWAY, Heard),
+    {heard, [{moved, 2, ?THIRD}], Back} = speaks(9000, 7, ?THIRD, Restarted),
+    ?assertEqual(?THIRD, starl_live_peers:address(2, Back)).
 
 %% One disk, two computers: both go on speaking, and the one that has started first is heard.
 clones(Since, To, First, Second, Peers) ->
@@ -319,8 +411,20 @@ the_elder_is_heard_with_news_test() ->
         Speaks
      || At <- lists:seq(1000, 10_000, 1000), Speaks <- [{At, 8, ?HOME}, {At + 500, 7, ?AWAY}]
     ],
-    {heard, At, News, _} = until_heard(7, Both, peers()),
-    ?assertEqual({4500, [{twice, 2, {7, ?AWAY}, {8, ?HOME}}]}, {At, News}).
+    {heard, At, News, Peers} = until_heard(7, Both, peers()),
+    ?assertEqual({4500, [{twice, 2, {7, ?AWAY}, {8, ?HOME}}]}, {At, News}),
+    %% and is refused from then on
+    Alone = speaks_on([5500, 6500], 7, ?AWAY, Peers),
+    ?assertMatch({clone, [], _}, speaks(7000, 8, ?HOME, Alone)).
+
+%% What comes late from the other life is a sign of it all the same: three seconds after it both are known.
+what_is_late_tells_of_another_robot_test() ->
+    Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
+    {heard, [{moved, 2, ?AWAY}], Younger} = speaks(5000, 8, ?AWAY, Heard),
+    {late, [], Late} = speaks(4000, 5100, 7, ?HOME, Younger),
+    Both = speaks_on([6000, 7000, 8000], 8, ?AWAY, Late),
+    ?assertMatch({former, [], _}, speaks(8099, 7, ?HOME, Both)),
+    ?assertMatch({heard, [{twice, 2, {7, ?HOME}, {8, ?AWAY}}], _}, speaks(8100, 7, ?HOME, Both)).
 
 until_heard(Life, [{At, Speaker, Address} | Later], Before) ->
     case speaks(At, Speaker, Address, Before) of
@@ -369,7 +473,10 @@ a_clone_that_is_gone_is_told_test() ->
     Alone = speaks_on(lists:seq(11_000, 25_000, 1000), 7, ?HOME, Both),
     {News, Once} = looks(11_000, 25_000, Alone),
     ?assertMatch([{21_000, {once, 2}}], [N || {_, {once, _}} = N <- News]),
-    ?assertNot(is_map_key(twin, robot(2, 25_000, Once))).
+    ?assertNot(is_map_key(twin, robot(2, 25_000, Once))),
+    %% ten seconds after it was heard last, at 10,500
+    {[], Still} = starl_live_peers:look(20_499, Alone),
+    ?assertMatch({[{once, 2}], _}, starl_live_peers:look(20_500, Still)).
 
 %% -- proof ----------------------------------------------------------------------------------
 

@@ -185,6 +185,16 @@ it_closes_its_end_test() ->
     receive
         {'EXIT', Other, Gone} -> ?assertEqual(gone, Gone)
     end,
+    %% a link that crashes takes nothing with it that is not closed
+    Test = self(),
+    {Link, Monitor} = spawn_monitor(fun() ->
+        {ok, _} = starl_live_transport:start_link(?MODULE, config(#{test => Test}), self()),
+        exit(crashed)
+    end),
+    receive
+        {'DOWN', Monitor, process, Link, Crashed} -> ?assertEqual(crashed, Crashed)
+    end,
+    ?assertEqual(closed, next()),
     Fails = fun(Given) ->
         {error, {shutdown, {transport, Line}}} = starl_live_transport:start_link(
             ?MODULE, config(Given), self()

@@ -248,6 +248,41 @@ answers_wait_as_drawn() ->
     _ = transmits(1, packet(), Held),
     ?assertEqual([address(1)], addresses()).
 
+%% However short the spread is, what is sent within twenty milliseconds is an answer.
+an_answer_is_what_comes_within_twenty_milliseconds_test() ->
+    Answers = fun(Ms) ->
+        Time = now_set(),
+        _ = transmits(all, packet(), robot(1, #{}, Time)),
+        {[_ | _], Called} = hears(1, robot(2, #{spread_ms => 5}, Time)),
+        after_ms(Ms, Time),
+        _ = transmits(1, packet(), Called),
+        addresses()
+    end,
+    ?assertEqual([], Answers(20)),
+    ?assertEqual([address(1)], Answers(21)).
+
+%% Unless it is said otherwise answers are spread over half a millisecond for each robot, 25 at most.
+the_spread_is_that_of_the_team_test_() ->
+    Longest = fun(Robots) ->
+        Time = now_set(),
+        Team = #{
+            participants => starl_team:new(lists:seq(1, Robots)),
+            peers => maps:from_list([{N, address(N)} || N <- lists:seq(1, Robots)])
+        },
+        _ = transmits(2, packet(), robot(1, Team, Time)),
+        _ = datagrams(),
+        {ok, Two} = starl_live_udp:open(
+            maps:merge(maps:remove(spread_ms, config(2, Time)), Team)
+        ),
+        _ = transmits(all, packet(), robot(1, #{}, Time)),
+        {[_ | _], Called} = hears(1, Two),
+        _ = lists:foldl(
+            fun(_, Udp) -> transmits(1, packet(), Udp) end, Called, lists:seq(1, 500)
+        ),
+        lists:max([Ms || {held, Ms, _} <- messages()])
+    end,
+    [?_assertEqual(Ms, Longest(Robots)) || {Robots, Ms} <- [{20, 10}, {51, 25}, {90, 25}]].
+
 %% Without a spread they go at once; the shortest spread is one millisecond.
 answers_need_not_be_spread_test() ->
     Answers = fun(Spread) ->
@@ -283,12 +318,38 @@ beats_and_refusals_as_usual_test() ->
     after 0 -> error(not_logged)
     end.
 
-log(#{msg := {report, #{what := refused, why := Why}}}, #{config := #{test := Test}}) ->
+log(#{msg := {report, #{why := Why}}}, #{config := #{test := Test}}) ->
     Test ! {logged, Why};
 log(_Event, _Handler) ->
     ok.
 
 %% -- beats -------------------------------------------------------------------------------------------
+
+%% A robot that falls silent is in the log.
+a_silent_robot_is_in_the_log_test() ->
+    Time = now_set(),
+    One = robot(1, #{beat_ms => 2500}, Time),
+    #{level := Level} = logger:get_primary_config(),
+    ok = logger:set_primary_config(level, notice),
+    ok = logger:add_handler(?MODULE, ?MODULE, #{config => #{test => self()}}),
+    _ = lists:foldl(
+        fun(_, Udp) ->
+            after_ms(2500, Time),
+            {[], Next} = starl_live_udp:hear({timeout, beat, beat}, Udp),
+            Next
+        end,
+        One,
+        lists:seq(1, 4)
+    ),
+    ok = logger:remove_handler(?MODULE),
+    ok = logger:set_primary_config(level, Level),
+    ?assertMatch(
+        [
+            <<"the robot has not heard robot 2", _/binary>>,
+            <<"the robot has not heard robot 3", _/binary>>
+        ],
+        [Why || {logged, Why} <- messages()]
+    ).
 
 %% Each second each of the others is called; a beat that names our life proves what its sender says from then
 %% on.
@@ -478,6 +539,29 @@ what_is_refused_is_counted_test() ->
 seal(Robot, Time) ->
     {ok, Seal} = starl_live_seal:new(config(Robot, Time), 0),
     Seal.
+
+%% Of a message whose parts are not those of its digest nothing is left.
+a_forged_message_leaves_nothing_test() ->
+    starl_platform_ct:quietly(fun() ->
+        Time = now_set(),
+        Seal = seal(1, Time),
+        Hears = fun(Payload, Before) ->
+            Now = atomics:get(Time, 1) div 1000,
+            Bytes = iolist_to_binary(starl_live_seal:seal(2, Payload, Now, Seal)),
+            starl_live_udp:hear({udp, socket, {10, 0, 0, 1}, 5001, Bytes}, Before)
+        end,
+        Message = <<1, (term_to_binary(packet(), [{minor_version, 2}]))/binary, 0:9000>>,
+        [First, Second] = [
+            iolist_to_binary(Payload)
+         || Payload <- starl_live_fragment:split(starl_live_seal:room(), Message)
+        ],
+        {[], Begun} = Hears(First, robot(2, #{}, Time)),
+        <<Header:11/binary, Last:8, Rest/binary>> = Second,
+        {[], Forged} = Hears(<<Header/binary, (Last bxor 1), Rest/binary>>, Begun),
+        ?assertEqual(#{digest => 1}, starl_live_udp:figures(Forged)),
+        {[], Still} = Hears(Second, Forged),
+        ?assertEqual(#{digest => 1}, starl_live_udp:figures(Still))
+    end).
 
 %% -- opening -----------------------------------------------------------------------------------------
 

@@ -203,9 +203,7 @@ lived_too(Said, #other{address = Address}, Now, #peer{heard_ms = Last} = Peer) w
     Now - Last >= ?BOTH_MS
 ->
     {heard, begun(Said, Address, Peer)};
-lived_too(Said, #other{first_ms = First} = Other, Now, #peer{heard_ms = Last} = Peer) when
-    Now - First >= ?BOTH_MS, Last > First
-->
+lived_too(Said, #other{first_ms = First} = Other, Now, Peer) when Now - First >= ?BOTH_MS ->
     twins(Said, Other, Peer);
 lived_too(_Said, Other, _Now, Peer) ->
     {former, Peer#peer{other = Other}}.
