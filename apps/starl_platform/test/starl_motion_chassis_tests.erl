@@ -4,13 +4,14 @@
 -include_lib("eunit/include/eunit.hrl").
 
 -behaviour(starl_chassis).
--export([profile/1, check/1, duration_us/2, next/4, resume/3, last/1, undo/1, try_mm/1]).
--export([tracking_radius/1, ends_mm/1, cruise/4, rests_s/1, pace/1]).
+-export([simulation/0, profile/1, check/1, duration_us/2, next/4, resume/3, last/1, undo/1]).
+-export([try_mm/1, tracking_radius/1, ends_mm/1, cruise/4, rests_s/1, pace/1]).
 
 -define(OTHER, starl_chassis_differential).
 -define(ROUTE, {{0.0, 0.0}, {1000.0, 0.0}}).
 -define(WAITS, {0.0, 0.0, 10000}).
 
+simulation() -> ?OTHER:simulation().
 profile(Overrides) -> ?OTHER:profile(Overrides).
 check(Commands) -> ?OTHER:check(Commands).
 duration_us(Commands, Profile) -> ?OTHER:duration_us(Commands, Profile).

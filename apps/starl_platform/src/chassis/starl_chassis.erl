@@ -15,7 +15,7 @@
 %% with a memo for the step after the next look.
 -module(starl_chassis).
 
--export([profile/2, of_robot/2, kind/1, radius_mm/1]).
+-export([profile/2, of_robot/2, kind/1, simulation/1, radius_mm/1]).
 -export([tracking_radius/1, ends_mm/1, widest/1, limited/2, rests_s/1, arrives_us/3, latency_us/1]).
 -export([check/1]).
 
@@ -73,6 +73,9 @@
 -type step() :: {drive, commands()} | {{look, memo()}, commands()}.
 -type memo() :: term().
 
+%% The module of a simulator that turns its commands into motion (`starl_sim_chassis'). It is only named
+%% here: a robot does without a simulator.
+-callback simulation() -> module().
 %% A whole profile: the chassis' defaults, overridden by the given keys.
 -callback profile(map()) -> map().
 %% Are these commands of this chassis? If not, the expected form.
@@ -129,6 +132,10 @@ of_robot(Robot, Profiles) -> lists:nth(1 + (Robot - 1) rem length(Profiles), Pro
 %% @doc The chassis of a profile.
 -spec kind(profile()) -> module().
 kind(#{chassis := Chassis}) -> Chassis.
+
+%% @doc The module that simulates the chassis of a profile.
+-spec simulation(profile()) -> module().
+simulation(#{chassis := Chassis}) -> Chassis:simulation().
 
 %% @doc The radius of its round body.
 -spec radius_mm(profile()) -> float().

@@ -4,8 +4,8 @@
 -module(starl_chassis_differential).
 -behaviour(starl_chassis).
 
--export([profile/1, check/1, duration_us/2, next/4, resume/3, last/1, undo/1, try_mm/1]).
--export([tracking_radius/1, ends_mm/1, cruise/4, rests_s/1, pace/1]).
+-export([simulation/0, profile/1, check/1, duration_us/2, next/4, resume/3, last/1, undo/1]).
+-export([try_mm/1, tracking_radius/1, ends_mm/1, cruise/4, rests_s/1, pace/1]).
 
 -export_type([commands/0]).
 
@@ -38,6 +38,9 @@
 -define(STRAIGHT, 0.1).
 %% The way of a robot that is a little off its line is longer than along the line by this at most.
 -define(FAR_OFF, 1.1).
+
+-spec simulation() -> module().
+simulation() -> starl_sim_differential.
 
 -spec profile(map()) -> starl_differential_course:profile().
 profile(Overrides) -> starl_differential_course:profile(Overrides).

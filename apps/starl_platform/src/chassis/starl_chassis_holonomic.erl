@@ -9,7 +9,7 @@
 -module(starl_chassis_holonomic).
 -behaviour(starl_chassis).
 
--export([profile/1, check/1, duration_us/2, next/4, last/1, undo/1, try_mm/1]).
+-export([simulation/0, profile/1, check/1, duration_us/2, next/4, last/1, undo/1, try_mm/1]).
 -export([tracking_radius/1, ends_mm/1, cruise/4, rests_s/1, pace/1]).
 
 -export_type([commands/0, profile/0]).
@@ -50,6 +50,9 @@
 -define(TRIES_MM, 0.4).
 %% The way of a robot that is a little off its line is longer than along the line by this at most.
 -define(FAR_OFF, 1.1).
+
+-spec simulation() -> module().
+simulation() -> starl_sim_holonomic.
 
 -spec check(term()) -> ok | {error, string()}.
 check([]) ->

@@ -1,10 +1,8 @@
 %% @doc The behaviour of a simulated chassis: it turns the commands of a script into motion, for one
-%% kind of chassis ({@link starl_chassis}), with the errors of a real one and under faults of
+%% kind of chassis ({@link starl_chassis}, which names it), with the errors of a real one and under faults of
 %% actuation. {@link starl_sim_vehicle} handles scripts, their numbers, answers and clocks for all
 %% kinds.
 -module(starl_sim_chassis).
-
--export([of_kind/1]).
 
 -export_type([command/0, errors/0, drive/0, key/0]).
 
@@ -38,8 +36,3 @@ when
 -callback lasts_us(starl_chassis:commands()) -> Us :: non_neg_integer() | unknown.
 %% The time until a robot in this piece of motion stands, once it is told to stand.
 -callback stops_us(starl_sim_queue:time(), starl_trajectory:piece()) -> Us :: non_neg_integer().
-
-%% @doc The module that simulates a chassis.
--spec of_kind(Chassis :: module()) -> module().
-of_kind(starl_chassis_differential) -> starl_sim_differential;
-of_kind(starl_chassis_holonomic) -> starl_sim_holonomic.

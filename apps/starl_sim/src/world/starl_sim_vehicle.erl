@@ -86,7 +86,7 @@
 -spec new(starl:robot_id(), starl:pose(), world()) -> t().
 new(Id, {X, Y, Heading}, #{profiles := Profiles} = World) ->
     Profile = starl_chassis:of_robot(Id, Profiles),
-    Kind = starl_sim_chassis:of_kind(starl_chassis:kind(Profile)),
+    Kind = starl_chassis:simulation(Profile),
     #vehicle{
         id = Id,
         world = World,
