@@ -48,6 +48,41 @@ restarted_test() ->
     {[{actuate, pen, down, M}, _], _} = set(down, ?FROM, fresh(2)),
     ?assertNotEqual(N, M).
 
+%% However often they are repeated, the numbers of its commands are those of no other life.
+repeated_commands_keep_the_numbers_of_their_life_test() ->
+    {[{actuate, pen, down, First}, _], A} = set(down, ?FROM, fresh(2)),
+    {Numbers, _} = lists:mapfoldl(
+        fun(_, Told) ->
+            {[{actuate, pen, down, N}, _], Next} = step(?AGAIN, again, Told),
+            {N, Next}
+        end,
+        A,
+        lists:seq(1, 3)
+    ),
+    ?assertEqual([2, 2, 2, 2], [N bsr 32 || N <- [First | Numbers]]).
+
+%% A caller whose actuator has crashed does not know what became of its call, and is told so.
+a_restart_is_an_answer_test() ->
+    Set = fun(Answer) ->
+        {Outcome, _} = starl_platform_ct:application(
+            fun(Robot) -> starl_actuator:set(Robot, pen, down) end,
+            fun(actuator, {set, pen, down}) -> Answer end,
+            1
+        ),
+        Outcome
+    end,
+    ?assertEqual(
+        [ok, {error, replaced}, {error, restarted}],
+        [Set(Answer) || Answer <- [{reply, ok}, {reply, {error, replaced}}, restarted]]
+    ).
+
+%% What is shown rests on nothing; that a call returns, on a device that moves.
+what_each_guarantee_rests_on_test() ->
+    ?assertEqual(
+        [{shown, []}, {set, [devices]}],
+        [{Name, Needs} || {Name, _, _, Needs} <- starl_actuator:guarantees()]
+    ).
+
 unknown_event_test() ->
     ?assertEqual(unknown_event, starl_actuator:handle_event(cast, hello, ready, fresh(), meta())).
 

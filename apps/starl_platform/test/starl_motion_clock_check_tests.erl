@@ -60,6 +60,16 @@ commands_later_than_the_profile_bears_are_noticed_test_() ->
         [?_assert(Count(5, Ms) > 0) || Ms <- [50, 100]] ++
         [?_assertEqual(0, length(broken(#{}, fun(T) -> T end, fun(_) -> 0 end, Heard(5))))].
 
+%% Between two commands a second apart the drift of the clocks explains 20 ms, and the latency 5 ms more.
+a_latency_of_5_ms_is_borne_unless_another_is_said_test() ->
+    {true, Watch} = starl_motion_clock_check:agree(
+        {0, {0, 0}, 0}, 0, starl_motion_clock_check:new(#{})
+    ),
+    Agree = fun(Later) ->
+        element(1, starl_motion_clock_check:agree({?S + Later, {0, 0}, ?S + Later}, ?S, Watch))
+    end,
+    ?assertEqual([true, false, true, false], [Agree(Us) || Us <- [25000, 25001, -25000, -25001]]).
+
 %% A pause longer than the latency and the drift explain is noticed all the same.
 pause_with_latency_test() ->
     After = fun

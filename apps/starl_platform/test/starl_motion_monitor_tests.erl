@@ -15,6 +15,25 @@ turns_on_the_spot_test() ->
     Turns = {0, 1, chassis, {motion, starl_trajectory:piece(0, {0.0, 0.0}, 0.0, 0.0, 1.0)}},
     ?assertEqual([{drives_beyond_its_time, 1005000}], judge([velocity(0), Turns])).
 
+%% At the end of its time itself it may drive still, and whoever stands then stands in time.
+at_the_end_of_its_time_it_may_drive_test() ->
+    Drives = [velocity(0), drives(0)],
+    ?assertEqual([], judge(Drives, differential(), #{}, 1005000)),
+    ?assertEqual(
+        [{drives_beyond_its_time, 1005000}], judge(Drives, differential(), #{}, 1005001)
+    ),
+    %% another robot's time is over before: all are looked at
+    Other = [setelement(2, velocity(-1), 2), setelement(2, stands(0), 2)],
+    ?assertEqual([], judge(Other ++ Drives ++ [stands(1005000)])).
+
+%% An event may show two violations: that of another robot's time, and its own.
+two_robots_are_late_test() ->
+    Late = [{T, 2, M, E} || {T, 1, M, E} <- [velocity(500000), drives(500000)]],
+    Over = {1400000, 2, motion, {velocity_over, time}},
+    ?assertEqual(
+        [{drives_beyond_its_time, 1005000}], judge([velocity(0), drives(0)] ++ Late ++ [Over])
+    ).
+
 time_is_over_test() ->
     Over = {500000, 1, motion, {velocity_over, time}},
     ?assertEqual(
@@ -135,6 +154,9 @@ arrives_test() ->
     ?assertEqual(
         [{not_arrived, Within}], late([Goal], #{bodies => [{1, 2 * Within, 3 * Within, fault}]})
     ),
+    %% once
+    Later = [stands(Within + N) || N <- [1, 2]],
+    ?assertEqual([{not_arrived, Within}], late([Goal | Later])),
     %% it may have been anywhere
     ?assertEqual([], late([Goal], #{bodies => [{1, 0, 9, position}]})).
 
@@ -146,6 +168,28 @@ a_pause_by_hand_excuses_test() ->
     Paused = starl_monitor:broken({1, 0, 7000000, pause}, Told),
     ?assertMatch({[], _}, starl_monitor:finish(7000000 + Within, Paused)),
     ?assertMatch({[#{what := not_arrived}], _}, starl_monitor:finish(7000001 + Within, Paused)).
+
+%% A fault of another robot that is known then excuses no arrival that is late.
+a_fault_of_another_robot_excuses_nothing_test() ->
+    Within = starl_chassis:arrives_us(3000.0, 65000, differential()) + 1500000,
+    New = starl_monitor:new([{starl_motion_monitor, #{profiles => [differential()]}}]),
+    {ok, Told} = starl_monitor:step(drive([{0.0, 0.0}]), New),
+    Known = starl_monitor:broken({2, 0, 9, pause}, Told),
+    Arrives = fun(At) -> starl_monitor:step({At, 1, motion, {goal_over, arrived}}, Known) end,
+    ?assertMatch({ok, _}, Arrives(Within)),
+    ?assertMatch({violation, #{what := not_arrived}, _}, Arrives(Within + 1)).
+
+%% A soak is owed each event of motion, as the platform knows them, and what is counted beside them.
+it_owes_each_event_of_motion_and_counts_what_else_it_owes_test() ->
+    #{motion := Events, actuator := OfEveryMachine} = starl_event:platform(),
+    ?assertEqual(#{motion => Events -- OfEveryMachine}, starl_motion_monitor:vocabulary()),
+    {ok, #{sometimes := Counted}} = starl_motion_monitor:finish(
+        0, starl_motion_monitor:init(#{profiles => [differential()]})
+    ),
+    ?assertEqual(
+        lists:sort(maps:keys(Counted)),
+        lists:sort([Name || {Name, _} <- starl_motion_monitor:sometimes()])
+    ).
 
 %% Where the bounds of its errors tell nothing, no time is told.
 unbound_test() ->

@@ -288,6 +288,14 @@ another_velocity_test() ->
     ?assertEqual([], traced(step(info, {driven, (m(Over))#m.command, 0}, m(Over)))),
     ?assertEqual([{?OTHER, ok}], replies(seen({0.0, 0.0, 0.0}, m(Over)))).
 
+%% A velocity ends a drive to a goal, once: what ends the velocity ends no goal.
+a_velocity_has_no_goal_test() ->
+    Steers = calls({velocity, {300.0, 0.0}, ?S}, leg({go_to, {3000.0, 0.0}})),
+    ?assertEqual([{goal_over, command}], traced(Steers)),
+    Again = step({call, ?OTHER}, {velocity, {100.0, 0.0}, ?S}, m(Steers)),
+    ?assertEqual({[{?FROM, {error, stopped}}], []}, {replies(Again), traced(Again)}),
+    ?assertEqual([], traced(step(cast, stop, m(Steers)))).
+
 %% Without a pose it stops.
 blind_test() ->
     First = m(calls({velocity, {300.0, 0.0}, ?S}, idle())),

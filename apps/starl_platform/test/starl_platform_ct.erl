@@ -8,6 +8,7 @@
 
 -export([property/2, safely/1, seed/0, within/2, work/1]).
 -export([without_log/1, with_log/1, quietly/1, forget/0, tell/1, fault_id/2]).
+-export([application/3, init/2, step/2]).
 
 %% Checks a property in so many cases; fails the test case with the seed and the shrunk case.
 property(Prop, Cases) ->
@@ -109,6 +110,48 @@ forget() ->
     receive
         _ -> forget()
     after 0 -> ok
+    end.
+
+%% What a function of a robot answers in an application, and its actions until then. `Answer' is a function of
+%% the machine and the request of each call: what the machine replies, or that it was restarted. Times are
+%% over at once.
+application(Fun, Answer, Seed) ->
+    Spec = #{robot => 1, handle => starl:robot(1, [1]), module => ?MODULE, args => Fun},
+    {ok, Pid} = starl_app_proc:start_link(Spec#{driver => self()}),
+    receive
+        {starl_attach, 1, app, Pid} -> ok
+    end,
+    Random = rand:seed_s(exsss, Seed),
+    Pid ! {starl_boot, #{now => 0, random => Random, incarnation => 1, stored => none}},
+    played(Pid, [], Answer).
+
+init(_Robot, Fun) -> Fun.
+
+step(Robot, Fun) -> {done, Fun(Robot)}.
+
+played(Pid, Before, Answer) ->
+    Actions =
+        receive
+            {starl_done, 1, Pid, Some} -> Some
+        end,
+    case awaited(lists:last(Actions), Answer) of
+        {done, Result} ->
+            true = unlink(Pid),
+            true = exit(Pid, kill),
+            {Result, Before ++ lists:droplast(Actions)};
+        {Type, Content} ->
+            Pid ! {starl_step, Type, Content, #{now => 0, robot => 1}},
+            played(Pid, Before ++ Actions, Answer)
+    end.
+
+awaited({done, Result}, _Answer) ->
+    {done, Result};
+awaited({{timeout, Tag}, _Us, call}, _Answer) ->
+    {{timeout, Tag}, call};
+awaited({call, Machine, Request, Tag}, Answer) ->
+    case Answer(Machine, Request) of
+        {reply, Reply} -> {{reply, Tag}, Reply};
+        restarted -> {info, {restarted, Machine}}
     end.
 
 %% Violations, into the log of the test case.

@@ -34,7 +34,7 @@
     %% the velocity that it is given, and until when; does an earlier one still hold?
     wish = {{0.0, 0.0}, 0} :: {starl_geometry:point(), UntilUs :: integer()},
     cruises = false :: boolean(),
-    %% the chassis' memo for the step after a look
+    %% the chassis' memo for the step after a look; none while its drive is in doubt
     memo = none :: {some, starl_chassis:memo()} | none,
     %% numbers of the last command and of the last look
     command = 0 :: non_neg_integer(),
@@ -377,8 +377,8 @@ follow(arrived, #drive{from = From} = Drive) ->
     {next_state, idle, Drive#drive{from = none}, Over};
 follow({_, _} = Step, #drive{doubt = Doubt} = Drive) when Doubt =/= none ->
     case may_back(Drive) of
-        true -> try_now(Drive#drive{memo = none});
-        false -> try_on(Step, Drive#drive{memo = none})
+        true -> try_now(Drive);
+        false -> try_on(Step, Drive)
     end;
 follow(Step, Drive) ->
     #drive{poses = Poses, self = Self, goal = Goal, profile = Profile} = Drive,
