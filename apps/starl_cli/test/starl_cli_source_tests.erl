@@ -33,6 +33,21 @@ library_test() ->
         )
     end).
 
+%% Whoever has warnings count as errors is told them.
+a_warning_that_counts_as_an_error_is_said_test() ->
+    starl_cli_vm:in_directory(fun(Dir) ->
+        File = filename:join(Dir, "strict_app.erl"),
+        ok = file:write_file(
+            File,
+            "-module(strict_app).\n-compile(warnings_as_errors).\n-export([step/2]).\n"
+            "step(_, s) ->\n    X = 1,\n    {done, s}.\n"
+        ),
+        {error, [Line]} = starl_cli_source:load(File),
+        ?assertEqual(
+            File ++ ":5: variable 'X' is unused", unicode:characters_to_list(Line)
+        )
+    end).
+
 %% A text would be a token for each character. Lists of numbers are lists of tokens.
 a_text_is_no_token_test() ->
     starl_cli_vm:in_directory(fun(Dir) ->

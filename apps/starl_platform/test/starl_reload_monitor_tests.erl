@@ -50,6 +50,14 @@ a_large_team_is_not_listed_test() ->
     [Reload] = watched([{R, app, 1, taken} || R <- lists:seq(1, 9)]),
     ?assertEqual("reload 1 (app): taken by robots 1, 2, 3, 4, 5 and 4 more", text(Reload)).
 
+%% A robot counts once, however many of its machines take the code or go back.
+a_robot_of_several_machines_counts_once_test() ->
+    Taken = [{R, Name, 1, taken} || Name <- [app, sap], R <- [2, 1]],
+    [All] = watched(Taken),
+    ?assertEqual("reload 1 (app, sap): taken by robots 1, 2", text(All)),
+    [Back] = watched(Taken ++ [{2, app, 1, ?CRASHED}, {2, sap, 1, {back, 2}}]),
+    ?assertMatch(#{taken := [1, 2], back := [2]}, Back).
+
 %% A fact each second.
 watched(Told) ->
     Facts = [

@@ -343,6 +343,8 @@ who_starts_later_test() ->
     #{code := Failed} = ?R:code(a, ?R:without(1, Codes)),
     ?assertEqual(?FIRST, starl_lineage:code(Failed)),
     ?assertEqual({[], ?R:without(1, Codes)}, ?R:started(a, 0, ?R:without(1, Codes))),
+    %% what passes elsewhere changes nothing for who has not been told to take it
+    ?assertEqual(Codes, ?R:passed(2, Codes)),
     {_, Both} = ?R:take(order(2), parts(), ?R:passed(1, Codes)),
     #{code := Later} = ?R:code(a, ?R:without(2, Both)),
     ?assertEqual(module(1), starl_lineage:code(Later)).
@@ -369,6 +371,10 @@ a_machine_that_starts_heeds_all_words_test() ->
             {[], [take(1), take(2)], [{1, taken, module(1)}, {2, taken, module(2)}]},
             {[], [take(1), {back, 2, 7}], [{1, taken, module(1)}]},
             {[], [take(1), take(2), {back, 1, 7}], [{1, {back, 7}, ?FIRST}, {2, taken, module(2)}]},
+            {[], [take(1), take(2), {back, 2, 7}], [
+                {1, taken, module(1)}, {2, {back, 7}, module(1)}
+            ]},
+            {[], [take(1), {back, 1, 7}, {back, 1, 8}], [{1, {back, 7}, ?FIRST}]},
             {[{1, 0}], [take(2), {back, 1, 7}], [{2, taken, module(2)}, {1, {back, 7}, module(2)}]},
             {Two, [{back, 1, 7}, {back, 2, 8}], [{1, {back, 7}, module(2)}, {2, {back, 8}, ?FIRST}]},
             {Two, [take(3), {back, 9, 7}], [{3, taken, module(3)}]},
@@ -437,6 +443,18 @@ there_is_no_order_for_code_of_no_machine_test() ->
     ?assertEqual(
         ["there is no code of nowhere in the path"], Said([nowhere], #{a => nowhere})
     ).
+
+%% The names that are no part are sorted, also of more modules than a small map has.
+modules_of_no_machine_are_named_in_order_test() ->
+    Names = [list_to_atom("reload_tests_part_" ++ integer_to_list(N)) || N <- lists:seq(10, 42)],
+    Codes = [
+        begin
+            {ok, Name, Beam} = compile:forms([{attribute, 1, module, Name}], [debug_info]),
+            {Name, "part.erl", Beam}
+        end
+     || Name <- lists:reverse(Names)
+    ],
+    ?assertEqual({error, {no_part, Names}}, ?R:order(1, Codes, #{a => ?FIRST}, 0)).
 
 %% The code is named as the user knows it.
 an_outcome_is_one_line_test() ->

@@ -116,6 +116,20 @@ what_is_wrong_with_a_source_is_said_test() ->
         ?assertEqual([Unbound ++ ":4: variable 'X' is unbound"], Said([Unbound]))
     end).
 
+%% A warning that the source takes for an error is said, be it found in the source or in its new version.
+a_warning_that_counts_as_an_error_is_said_test() ->
+    in_directory(fun(Dir) ->
+        File = source(Dir, vt_strict, "-compile(warnings_as_errors).\nf() ->\n X = 1."),
+        {ok, _, Beam} = compile:file(File, [binary, debug_info, nowarn_unused_vars]),
+        [
+            begin
+                {error, Found} = made([?V, Source]),
+                ?assertEqual([File ++ ":5: variable 'X' is unused"], lines(Found))
+            end
+         || Source <- [File, {vt_strict, File, Beam}]
+        ]
+    end).
+
 findings_are_lines_test() ->
     ?assertEqual(
         ["a.erl:3: x", "a.erl:4: y", "b.erl: z"],

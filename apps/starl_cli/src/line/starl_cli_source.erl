@@ -168,8 +168,8 @@ sound(File, Kind, {ok, Module, Beam, Warnings}) ->
                 ])
             ]}
     end;
-sound(_File, _Kind, {error, Errors, _Warnings}) ->
-    {error, starl_version:format_found(first_causes(Errors))}.
+sound(_File, _Kind, {error, Errors, Warnings}) ->
+    {error, starl_version:format_found(first_causes(Errors), Warnings)}.
 
 %% May a source take this name? It has precedence over what was once compiled from it.
 is_free(Module, File) ->

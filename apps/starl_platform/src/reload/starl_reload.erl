@@ -186,8 +186,7 @@ heeded([{take, #{number := N} = Switch} | Words], Now, Lineage, Told) ->
             Taken = taken(Switch, Now, Lineage),
             heeded(Words, Now, Taken, Told ++ [told(N, taken, nobody, Taken)]);
         [Robot | _] ->
-            Left = [W || W <- Words, not is_of(N, W)],
-            heeded(Left, Now, Lineage, Told ++ [told(N, {back, Robot}, nobody, Lineage)])
+            heeded(Words, Now, Lineage, Told ++ [told(N, {back, Robot}, nobody, Lineage)])
     end;
 heeded([{back, N, Robot} | Words], Now, Lineage, Told) ->
     case starl_lineage:leave(N, Lineage) of

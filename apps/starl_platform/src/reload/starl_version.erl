@@ -9,7 +9,7 @@
 %% code, `?MODULE:f()' the new one.
 -module(starl_version).
 
--export([make/1, load/1, original/1, format_found/1]).
+-export([make/1, load/1, original/1, format_found/1, format_found/2]).
 
 -export_type([source/0, code/0, t/0]).
 
@@ -55,6 +55,12 @@ original(Module) ->
 -spec format_found([{file:filename(), [erl_lint:error_info()]}]) -> [unicode:chardata()].
 format_found(Found) -> [line(File, Info) || {File, Infos} <- Found, Info <- Infos].
 
+%% @doc What has ended a compilation, in such lines: errors, or warnings that the source takes for errors.
+-spec format_found(Errors :: Found, Warnings :: Found) -> [unicode:chardata()] when
+    Found :: [{file:filename(), [erl_lint:error_info()]}].
+format_found([], Warnings) -> format_found(Warnings);
+format_found(Errors, _Warnings) -> format_found(Errors).
+
 line(File, {none, Module, What}) ->
     [File, ": ", Module:format_error(What)];
 line(File, {{Line, _Column}, Module, What}) ->
@@ -80,7 +86,7 @@ read(File) ->
     end.
 
 compiled(File, {ok, Module, Beam, _Warnings}) -> forms(Module, File, Beam);
-compiled(_File, {error, Errors, _Warnings}) -> {error, format_found(Errors)}.
+compiled(_File, {error, Errors, Warnings}) -> {error, format_found(Errors, Warnings)}.
 
 forms(Module, File, Beam) ->
     case beam_lib:chunks(Beam, [abstract_code]) of
@@ -106,7 +112,7 @@ name(Module, Hash) -> list_to_atom(lists:flatten(io_lib:format("~ts@~8.16.0b", [
 code(Name, File, Forms, Names) ->
     case compile:forms(rename(Forms, Names), [binary, return | source(Forms)]) of
         {ok, Name, Beam, _Warnings} -> {Name, File, Beam};
-        {error, Errors, _Warnings} -> {error, format_found(Errors)}
+        {error, Errors, Warnings} -> {error, format_found(Errors, Warnings)}
     end.
 
 %% Places in the source are told of the new module, too.
