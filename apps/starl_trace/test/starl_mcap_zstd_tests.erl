@@ -48,7 +48,13 @@ with_program(Tests) ->
 
 programs_test_() ->
     {foreach, fun() -> os:getenv("PATH") end, fun(Path) -> os:putenv("PATH", Path) end, [
-        fun missing/0, fun dies/0, fun fails/0, fun status/0, fun does_something_else/0, fun hangs/0
+        fun missing/0,
+        fun dies/0,
+        fun fails/0,
+        fun status/0,
+        fun does_something_else/0,
+        fun hangs/0,
+        fun says_too_much/0
     ]}.
 
 missing() ->
@@ -97,6 +103,17 @@ hangs() ->
     receive
         {Reader, {exit_status, 0}} -> ok
     end.
+
+%% It is killed at once. Its port ends meanwhile, before the answer or behind it: that is not what is told.
+says_too_much() ->
+    Dir = pretend("echo more than ten bytes; sleep 1000"),
+    Program = filename:join(Dir, "zstd"),
+    [
+        ?assertEqual(
+            {error, damaged}, starl_mcap_zstd:piped([Program], text(1000000), 10, 10000)
+        )
+     || _ <- lists:seq(1, 12)
+    ].
 
 %% A directory with a program zstd of these lines is the path.
 pretend(Lines) ->

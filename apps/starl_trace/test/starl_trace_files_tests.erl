@@ -214,6 +214,44 @@ chunks(Chunks) ->
         {ended, closed} -> []
     end.
 
+%% Who begins a recording holds no file, but its recorder; who has read the end of one holds none.
+files_are_held_by_their_recorder_only_test() ->
+    in_file([], fun(File) ->
+        {ok, Recorder} = starl_trace_recorder:start_link(File, simulation),
+        ?assertEqual(1, held(File)),
+        ok = starl_observer:tell(
+            {begun, starl_trace_ct:facts()}, starl_trace_recorder:observer(Recorder)
+        ),
+        {ok, _} = starl_trace_recorder:close(Recorder),
+        {ok, #{ended := closed}} = starl_trace_reader:tail(File),
+        ?assertEqual(0, held(File))
+    end).
+
+%% How often this VM has a file open.
+held(File) ->
+    {ok, Names} = file:list_dir("/proc/self/fd"),
+    length([N || N <- Names, file:read_link("/proc/self/fd/" ++ N) =:= {ok, File}]).
+
+%% In a live run 200,000 events may wait for the recorder; what comes then is left out.
+a_live_run_leaves_out_what_the_recorder_has_no_room_for_test() ->
+    in_file([], fun(File) ->
+        {ok, Recorder} = starl_trace_recorder:start_link(File, live),
+        Observer = starl_trace_recorder:observer(Recorder),
+        ok = sys:suspend(Recorder),
+        Tell = fun(N) ->
+            ok = Observer({judged, lists:duplicate(N, {0, 1, note, said}), []}),
+            {messages, Waiting} = process_info(Recorder, messages),
+            lists:sum([length(Events) || {starl_news, _, {judged, Events, _}} <- Waiting])
+        end,
+        ?assertEqual([200000, 200001, 200001], [Tell(N) || N <- [200000, 1, 1]]),
+        true = unlink(Recorder),
+        Monitor = erlang:monitor(process, Recorder),
+        true = exit(Recorder, kill),
+        receive
+            {'DOWN', Monitor, process, _, _} -> ok
+        end
+    end).
+
 %% The recording goes on in the next file; where that cannot be, it ends with a line.
 a_next_file_that_cannot_be_test() ->
     in_file([], fun(File) ->

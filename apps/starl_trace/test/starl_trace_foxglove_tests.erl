@@ -121,6 +121,14 @@ drawings_have_sizes_and_colours_test() ->
     ?assertEqual([{0, 0}, {1, 0}, {1, 1}, {0, 0}, {1, 1}, {0, 1}], Corners(Fan)),
     ?assertEqual([{0, 0}, {1, 0}, {1, 1}, {0, 1}], Corners(maps:get(<<"points">>, Outline))).
 
+%% Places of drawings are rounded to the millimetre.
+places_are_told_to_the_millimetre_test() ->
+    #{<<"lines">> := [#{<<"points">> := Points}]} =
+        entity(#{key => way, line => [{1000.4, 2000.6}, {0, -0.4}]}),
+    ?assertEqual(
+        [{1.0, 2.001}, {0.0, 0.0}], [{X, Y + 0.0} || #{<<"x">> := X, <<"y">> := Y} <- Points]
+    ).
+
 %% What is taken away goes by its name.
 taken_away_test() ->
     {ok, Nothing} = starl_drawing:new(#{key => way, line => []}),

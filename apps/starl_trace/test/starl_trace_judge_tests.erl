@@ -73,6 +73,27 @@ a_lasting_fault_is_excused_test() ->
         file:delete(File)
     end.
 
+%% What happens while a robot is halted waits until it is over, which excuses it, and is judged once.
+what_waits_for_the_end_of_a_halt_is_judged_once_test() ->
+    File = filename:join("/tmp", "starl-trace-judge-halt-" ++ os:getpid() ++ ".mcap"),
+    Halt = {f, 1000, forever, pause, 1, #{}},
+    Touched = fun(Second) -> {judged, [{Second * 1_000_000, 2, app, touched}], []} end,
+    ok = starl_trace_ct:recorded(
+        File,
+        news(
+            [{fault, 1_000_000, {began, Halt}}, Touched(2), Touched(3)] ++
+                [{fault, 4_000_000, {ended, setelement(3, Halt, 4000)}}] ++
+                [Touched(Second) || Second <- [5, 6, 7]]
+        )
+    ),
+    try
+        {ok, #{violations := Violations, events := Events}} = starl_trace_judge:file(File),
+        ?assertEqual([5_000_000, 6_000_000, 7_000_000], [At || #{at_us := At} <- Violations]),
+        ?assertEqual(5, Events)
+    after
+        file:delete(File)
+    end.
+
 %% A monitor goes on from what it knew when it accused somebody.
 a_monitor_goes_on_test() ->
     File = filename:join("/tmp", "starl-trace-judge-on-" ++ os:getpid() ++ ".mcap"),

@@ -61,6 +61,18 @@ the_latest_are_kept_test_() ->
         ok = file:del_dir_r(Dir)
     end}.
 
+%% A robot's recording says whose it is, and when it begins.
+a_recording_says_whose_it_is_test() ->
+    Dir = dir(),
+    Config = (config(Dir, []))#{most_bytes := none, robot := 7, now := fun() -> 5000 end},
+    {ok, Recorder} = starl_trace_robot:start_link(Config),
+    {ok, #{file := File}} = starl_trace_recorder:close(Recorder),
+    ?assertEqual("robot-7.mcap", filename:basename(File)),
+    ?assertMatch(
+        {ok, #{scenario := #{told_by := [7], begun_us := 5000}}}, starl_trace_reader:tail(File)
+    ),
+    ok = file:del_dir_r(Dir).
+
 %% Recordings are in the order of their numbers; a name that is not a robot's own comes first, by its beginning.
 files_have_an_order_test() ->
     Order = fun(File, Facts) -> starl_trace_robot:order(File, Facts#{told_by => [3]}) end,

@@ -284,6 +284,14 @@ pens_are_shown_test() ->
         starl_trace_poses:full(130000, Restored)
     ).
 
+%% Also late in a run the next sample is that of the last regular time.
+samples_go_on_at_the_last_regular_time_test() ->
+    Due = fun(At) -> starl_trace_poses:due_us(starl_trace_poses:restore(At, [])) end,
+    ?assertEqual([0, 50000], [Due(At) || At <- [49999, 50000]]),
+    ?assertEqual(
+        [2_999_950_000, 3_000_000_000], [Due(At) || At <- [2_999_999_999, 3_000_000_000]]
+    ).
+
 %% -- subscribers ----------------------------------------------------------------------------------
 
 %% A hub gives what is told to those who have credit, passes over what it does not know, and forgets who has gone.

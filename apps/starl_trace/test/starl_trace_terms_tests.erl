@@ -86,6 +86,13 @@ bombs_test() ->
     ?assertEqual({error, too_large}, decoded(text([<<131, 80, 100:32>>, Packed]))),
     ?assertEqual({error, too_large}, decoded(text([<<131, 80, 16#ffffffff:32>>, Packed]))).
 
+%% The bound is on what a text says of itself, before anything is unpacked.
+a_term_may_have_32_megabytes_test() ->
+    <<131, Bytes/binary>> = term_to_binary(small),
+    Says = fun(Size) -> decoded(text([<<131, 80, Size:32>>, zlib:compress(Bytes)])) end,
+    ?assertEqual({ok, small}, Says(32 * 1024 * 1024)),
+    ?assertEqual({error, too_large}, Says(32 * 1024 * 1024 + 1)).
+
 strangers_test() ->
     [
         ?assertMatch({error, not_terms}, decoded(Text))

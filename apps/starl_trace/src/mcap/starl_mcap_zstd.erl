@@ -78,6 +78,7 @@ worked({program, Path}, _Function, Args, Bytes, Most) ->
 piped(Command, Bytes, Most, Patience) ->
     Caller = self(),
     {Worker, Monitor} = spawn_monitor(fun() ->
+        %% the port of a program that is killed ends while its answer is made
         process_flag(trap_exit, true),
         Caller ! {piped, self(), opened(Command, Bytes, Most, Patience)}
     end),

@@ -70,7 +70,7 @@ message(_Message, #reading{hole = true} = Reading) ->
     Reading;
 message({scenario, _, Facts}, #reading{facts = none, models = Models} = Reading) ->
     Of = starl_history:models(Models, maps:get(monitors, Facts)),
-    Machines = lists:usort([Model:machine() || {Model, _} <- Of]),
+    Machines = [Model:machine() || {Model, _} <- Of],
     Reading#reading{facts = Facts, history = starl_history:new(Machines)};
 message({gap, _, _}, #reading{facts = Facts} = Reading) when Facts =/= none ->
     Reading#reading{hole = true};

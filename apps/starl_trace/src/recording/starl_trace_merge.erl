@@ -177,7 +177,7 @@ begin_us(Sources) ->
 
 %% The facts of the world, or those of the first robot.
 facts([#source{facts = First} | _] = Sources) ->
-    Facts = maps:without([was_up, begun_us], First),
+    Facts = maps:remove(was_up, First),
     Facts#{
         told_by => robots(Sources), has_motions => has_world(Sources), begun_us => begin_us(Sources)
     }.
