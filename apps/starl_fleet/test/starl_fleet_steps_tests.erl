@@ -69,6 +69,19 @@ by_tar_test() ->
         starl_fleet_steps:copy_by_tar(keys, 1, State)
     ).
 
+%% Certificates and a VM with distribution are for that transport alone: another one needs the fleet's key.
+only_distribution_has_certificates_test() ->
+    Needs = fun(Transport) ->
+        Fleet = (fleet())#{transport := Transport},
+        {
+            starl_fleet_steps:copy_by_tar(keys, 1, {Fleet, plan(restart)}),
+            iolist_to_binary(starl_fleet_net:vm_args(Fleet))
+        }
+    end,
+    {Copied, <<>>} = Needs(a_new_one),
+    ?assertNotEqual(nomatch, string:find(Copied, " -C /w/keys fleet.key |")),
+    [?assertEqual({Copied, <<>>}, Needs(T)) || T <- starl_fleet_lines:transports() -- [dist]].
+
 %% Words reach the shell as they are.
 quoted_test() ->
     Words = ["plain", "it's", "$(reboot)", "a b", "\"", "\\"],

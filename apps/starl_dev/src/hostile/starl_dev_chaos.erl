@@ -50,12 +50,13 @@ about(_Subject) ->
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
+    Transports = [Name || {Name, _} <- starl_world_stage:transports()],
     [
         {"Flags", [
             {runs, {integer, 1, 10000}, 20, "runs"},
             {target, string, "painting", "what the team does, as of ./starl cluster"},
             {robots, {integer, 1, 50}, 5, "robots of the team"},
-            {transport, {one_of, [dist, udp]}, udp, "how packets travel"},
+            {transport, {one_of, Transports}, udp, "how packets travel"},
             {speed, {number, 0.1, 20}, 2, "how many times as fast as real time"},
             {seed, {integer, 0, 1 bsl 32}, 1, "of the first run; each has the next"},
             {out, string, "chaos", "the directory of the runs' directories"}

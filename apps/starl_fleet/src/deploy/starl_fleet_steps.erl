@@ -171,11 +171,11 @@ room(Base, #{service := Service}) ->
 robot(N, Robot, Fleet, #{release := Release}, Words) ->
     ssh(Robot, release(N, Fleet, Release) ++ "/bin/robot " ++ Words).
 
-key_files(_N, #{transport := udp}) ->
-    ["fleet.key"];
 key_files(N, #{transport := dist}) ->
     Own = "robot-" ++ integer_to_list(N),
-    ["fleet.key", "ca.pem", "tls.config", Own ++ "/robot.key", Own ++ "/robot.pem"].
+    ["fleet.key", "ca.pem", "tls.config", Own ++ "/robot.key", Own ++ "/robot.pem"];
+key_files(_N, #{}) ->
+    ["fleet.key"].
 
 release(N, Fleet, Release) -> base(N, Fleet) ++ "/releases/" ++ filename:basename(Release).
 

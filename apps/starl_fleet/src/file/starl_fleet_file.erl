@@ -17,7 +17,7 @@
     app := module(),
     options := #{atom() => term()},
     robots := #{starl:robot_id() => robot()},
-    transport := udp | dist,
+    transport := starl_fleet_lines:transport(),
     all := each | {multicast | broadcast, inet:ip4_address(), inet:port_number()},
     positioning := {starl_fleet_lines:name(), map()},
     keys := file:filename(),
@@ -71,7 +71,7 @@ options() ->
         {options, {term, "a map of the application's options", fun is_map/1}, #{},
             "values of the scenario, as flags of ./starl run"},
         {robots, {term, "a map, number => robot", fun is_map/1}, required, "the robots, from 1 on"},
-        {transport, {one_of, [udp, dist]}, udp,
+        {transport, {one_of, starl_fleet_lines:transports()}, udp,
             "sealed datagrams, or Erlang distribution over TLS"},
         {all, {term, "each, or {multicast | broadcast, {239,1,2,3}, Port}", fun is_all/1}, each,
             "the way of a packet for all robots (udp only)"},
@@ -334,9 +334,7 @@ same_places(#{robots := Robots}) ->
     ].
 
 %% Without a port mapper, a node is found at the one port of all nodes.
-by_distribution(#{transport := udp}) ->
-    [];
-by_distribution(#{robots := Robots}) ->
+by_distribution(#{transport := dist, robots := Robots}) ->
     Ports = lists:usort([Port || #{port := Port} <- maps:values(Robots)]),
     [
         "transport dist: all robots hear at the same port, each at an address of its own"
@@ -346,4 +344,6 @@ by_distribution(#{robots := Robots}) ->
             [place(Number), "address: transport dist needs a name with a dot or an IPv4 address"]
          || {Number, #{address := Address}} <- lists:sort(maps:to_list(Robots)),
             not lists:member($., Address)
-        ].
+        ];
+by_distribution(#{}) ->
+    [].

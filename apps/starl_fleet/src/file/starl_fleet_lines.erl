@@ -3,12 +3,15 @@
 -module(starl_fleet_lines).
 
 -export([chassis/0, driver/1, drivers/1, sources/0, source/1]).
--export([chassis/2, positioning/2, senses/2, transport/3, node_name/2]).
+-export([transports/0, chassis/2, positioning/2, senses/2, transport/3, node_name/2]).
 
--export_type([name/0]).
+-export_type([name/0, transport/0]).
 
 %% One of a table; a file of the user's own, or its module once it is compiled.
 -type name() :: atom() | file:filename() | {module, module()}.
+
+%% How packets travel between the robots.
+-type transport() :: udp | dist.
 
 %% A chassis of this name, and the module of its driver.
 -define(CHASSIS, [
@@ -88,6 +91,10 @@ senses(Robot, #{robots := Robots}) ->
         #{Robot := #{camera := #{} = Own}} -> #{camera => {starl_live_camera, Own}};
         #{} -> #{}
     end.
+
+%% @doc The names of the transports.
+-spec transports() -> [transport(), ...].
+transports() -> [udp, dist].
 
 %% @doc A robot's line to the others. Robots of different runs do not hear each other.
 -spec transport(Run :: non_neg_integer(), starl_live_key:t(), starl_fleet_file:t()) ->

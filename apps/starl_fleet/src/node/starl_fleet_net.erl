@@ -22,15 +22,15 @@ cookie(Key) ->
 
 %% @doc The flags of the VM, for transport `dist'. Paths are relative to the robot's directory.
 -spec vm_args(starl_fleet_file:t()) -> unicode:chardata().
-vm_args(#{transport := udp}) ->
-    "";
 vm_args(#{transport := dist, robots := #{1 := #{port := Port}}}) ->
     [
         "-proto_dist inet_tls\n-ssl_dist_optfile keys/tls.config\n-start_epmd false\n"
         "-kernel prevent_overlapping_partitions false\n-erl_epmd_port ",
         integer_to_list(Port),
         "\n"
-    ].
+    ];
+vm_args(#{}) ->
+    "".
 
 %% @doc The file of TLS' options. Each end must show a certificate that the fleet's own authority has
 %% signed, and nobody in its stead.

@@ -197,8 +197,10 @@ refused(Why, #node{place = #{state := State}} = Node) ->
     ok = init:stop(1),
     Node.
 
-distribute(_Place, #{transport := udp}) -> ok;
-distribute(#{robot := Robot, keys := Keys}, Fleet) -> starl_fleet_net:start(Robot, Keys, Fleet).
+distribute(#{robot := Robot, keys := Keys}, #{transport := dist} = Fleet) ->
+    starl_fleet_net:start(Robot, Keys, Fleet);
+distribute(_Place, #{}) ->
+    ok.
 
 -spec handle_call(term(), gen_server:from(), #node{}) ->
     {reply, status() | map() | ok | {error, string()}, #node{}}.

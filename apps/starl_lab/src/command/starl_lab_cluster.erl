@@ -69,14 +69,19 @@ flags(#{app := App, name := Name}) ->
 
 own() ->
     [
-        {transport, {one_of, [dist, udp]}, dist,
-            "dist: Erlang distribution; udp: sealed datagrams, as between real robots"},
+        transport(),
         {speed, {number, 0.01, 100}, 1, "how many times as fast as real time"},
         {metrics, {optional, {integer, 1, 65000}}, none,
             "robot N serves http://127.0.0.1:PORT/metrics for Prometheus, PORT being this plus N"}
         | disturbances() ++ [runs()] ++ lists:keydelete(pace, 1, starl_lab_live:flags()) ++
             lists:keydelete(record, 1, starl_lab_recording:flags()) ++ starl_lab_window:flags()
     ].
+
+transport() ->
+    Transports = starl_world_stage:transports(),
+    Texts = [atom_to_list(Name) ++ ": " ++ Text || {Name, Text} <- Transports],
+    {transport, {one_of, [Name || {Name, _} <- Transports]}, dist,
+        lists:append(lists:join("; ", Texts))}.
 
 runs() -> {runs, {integer, 1, 1000}, 1, "runs, one after the other, each with the next seed"}.
 

@@ -8,7 +8,8 @@
 
 %% Where the robots run; how packets travel between nodes, and what happens to these.
 -type live() ::
-    here | {nodes, dist | udp, Chaos :: [{AtUs :: integer(), starl_cluster_chaos:hand()}]}.
+    here
+    | {nodes, starl_world_stage:name(), Chaos :: [{AtUs :: integer(), starl_cluster_chaos:hand()}]}.
 
 -define(NO_DRAWN_FAULTS,
     "drawn faults need the simulator; live, --faults plays a schedule, and ./starl cluster --chaos "
@@ -205,7 +206,7 @@ watched(Run, Live, #{quiet := Quiet, target := #{name := Name}}) ->
 
 where(here) -> "live";
 where({nodes, dist, _}) -> "live on nodes";
-where({nodes, udp, _}) -> "live on nodes, by UDP".
+where({nodes, Name, _}) -> "live on nodes, by " ++ string:uppercase(atom_to_list(Name)).
 
 watch(Waiter, Run, {Name, Where} = Label, Progress) ->
     receive

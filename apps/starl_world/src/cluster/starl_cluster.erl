@@ -49,7 +49,7 @@
 %% nodes' logs.
 -type options() :: #{
     dir := file:filename(),
-    transport := dist | udp,
+    transport := starl_world_stage:name(),
     speed => number(),
     air => starl_live_air:settings(),
     watch => [{module(), map()}],

@@ -3,7 +3,7 @@
 -module(starl_world_stage).
 
 -export([open/3, robot/2, robot_on_node/3]).
--export([transport/3, line/3]).
+-export([transports/0, transport/3, line/3]).
 
 -export_type([t/0, name/0, transport/0]).
 
@@ -89,6 +89,11 @@ recorder(_Clock, #{}) ->
     #{}.
 
 %% -- the line between robots ----------------------------------------------------------------
+
+%% @doc The transports between nodes, and how packets travel by them.
+-spec transports() -> [{name(), Text :: string()}, ...].
+transports() ->
+    [{dist, "Erlang distribution"}, {udp, "sealed datagrams, as between real robots"}].
 
 %% @doc A transport for these robots, with the radio of a scenario. Its time passes this much faster
 %% than real time, so the delays of packets are shorter. `air': other air than the scenario's.
