@@ -41,10 +41,12 @@ attempts() ->
 connections_are_looked_after_each_second_test() ->
     Config = #{
         robot => 5,
-        participants => [5, 6, 7],
+        participants => [5, 6, 7, 8],
         fleet => "tests",
         run => 1,
-        peers => #{5 => 'own@nowhere.invalid', 6 => 'nobody@nowhere.invalid', 7 => node()}
+        peers => #{
+            5 => 'own@nowhere.invalid', 6 => 'nobody@nowhere.invalid', 7 => node(), 8 => node()
+        }
     },
     Self = self(),
     Opened = fun() ->
@@ -240,7 +242,25 @@ when_a_robot_was_heard_is_known_test() ->
         ] when Four >= Five andalso Five >= 0,
         starl_live_dist:peers(Heard)
     ),
+    %% what is refused is counted
+    Other = {starl_frame, {<<"others">>, 1}, 4, all, <<>>},
+    {[], Refused} = starl_live_dist:hear(Other, Heard),
+    ?assertEqual(#{fleet => 1}, starl_live_dist:figures(Refused)),
     _ = [exit(Pid, kill) || Pid <- attempts()],
+    true = unregister(starl_robot_3),
+    starl_platform_ct:forget().
+
+%% However many there are, robots come in their order.
+robots_come_in_order_test() ->
+    Team = lists:seq(3, 50),
+    {ok, Dist} = starl_live_dist:open(#{
+        robot => 3,
+        participants => Team,
+        fleet => "tests",
+        run => 1,
+        peers => maps:from_list([{Robot, node()} || Robot <- Team])
+    }),
+    ?assertEqual(tl(Team), [Robot || #{robot := Robot} <- starl_live_dist:peers(Dist)]),
     true = unregister(starl_robot_3),
     starl_platform_ct:forget().
 

@@ -13,7 +13,9 @@ files_test_() ->
             {"read by others", fun open_to_others/1},
             {"too short", fun too_short/1},
             {"empty", fun empty/1},
+            {"too long", fun too_long/1},
             {"no digits", fun no_digits/1},
+            {"beyond a file", fun beyond_a_file/1},
             {"a folder", fun a_folder/1}
         ]
     ]}.
@@ -61,14 +63,25 @@ open_to_others(File) ->
     [
         begin
             ok = file:change_mode(File, Mode),
-            refused("others may read this key; say: chmod 600 " ++ File, File)
+            {error, Line} = starl_live_key:load(File),
+            ?assertEqual(
+                File ++ ": others may read this key; say: chmod 600 " ++ File,
+                lists:flatten(Line)
+            )
         end
-     || Mode <- [8#604, 8#640, 8#620]
+     || Mode <- [8#604, 8#602, 8#601, 8#640, 8#620, 8#610]
     ].
 
 too_short(File) -> written("abc\n", "3 characters, not the 64 hexadecimal digits", File).
 
 empty(File) -> written("", "0 characters", File).
+
+%% However long a file is, no more than 1000 bytes of it are read.
+too_long(File) -> written(lists:duplicate(2000, $7), ": 1000 characters", File).
+
+beyond_a_file(File) ->
+    ok = starl_live_key:generate(File),
+    refused("not a directory", filename:join(File, "key")).
 
 no_digits(File) -> written(lists:duplicate(64, $x), "not hexadecimal digits only", File).
 

@@ -31,7 +31,15 @@ places_test_() ->
     ] ++
         [
             ?_assertMatch({Place, {error, _}}, {Place, Places(Place)})
-         || Place <- [{?LOCAL, 0}, {?LOCAL, 65536}, {?LOCAL, -1}, {?LOCAL, "7"}, ?LOCAL, none]
+         || Place <- [
+                {?LOCAL, 0},
+                {?LOCAL, 65536},
+                {?LOCAL, -1},
+                {?LOCAL, "7"},
+                {?LOCAL, 7.5},
+                ?LOCAL,
+                none
+            ]
         ] ++
         [
             ?_assertEqual(

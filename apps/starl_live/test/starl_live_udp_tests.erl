@@ -15,7 +15,7 @@
 %% -- sockets and clock -------------------------------------------------------------------------------
 
 open(7, _Options) -> {error, eaddrinuse};
-open(Port, [binary, {active, 100}, {recbuf, _}, inet, {broadcast, true}]) -> {ok, Port}.
+open(Port, [binary, {active, 100}, {recbuf, 1_000_000}, inet, {broadcast, true}]) -> {ok, Port}.
 
 %% Nobody can be reached at port 9.
 send(_Socket, _Ip, 9, _Bytes) ->
@@ -182,6 +182,39 @@ bytes_leave_at_a_pace_test() ->
     ?assert(Second > 10),
     ?assertEqual(First + Second, maps:get(datagrams, starl_live_udp:figures(Later))).
 
+%% Exactly 16,000 bytes are a burst, and 1000 bytes are a millisecond.
+the_burst_and_the_pace_are_exact_test() ->
+    Empty = size_of(0),
+    %% how many datagrams of these sizes leave at once, and when the next one may
+    Leaves = fun(Sizes) ->
+        lists:foldl(
+            fun(Size, Udp) -> transmits(2, sized(Size - Empty), Udp) end, robot(1, #{}), Sizes
+        ),
+        Sent = length(datagrams()),
+        {Sent, [Ms || {timer, flush, Ms} <- messages()]}
+    end,
+    Before = lists:duplicate(15, 1000),
+    ?assertEqual({17, []}, Leaves(Before ++ [1000, 500])),
+    ?assertEqual({16, [1]}, Leaves(Before ++ [1001, 500])),
+    ?assertEqual({17, [1]}, Leaves(Before ++ [999, 1001, 500])),
+    ?assertEqual({17, [2]}, Leaves(Before ++ [999, 1002, 500])).
+
+%% A packet of so many bytes more than one without any.
+sized(Bytes) -> starl_packet:shout(1, hello, binary:copy(<<7>>, Bytes)).
+
+size_of(Bytes) ->
+    _ = transmits(2, sized(Bytes), robot(1, #{})),
+    [{_, _, Datagram}] = datagrams(),
+    byte_size(Datagram).
+
+%% A socket that has fallen silent is asked for more.
+a_silent_socket_is_asked_for_more_test() ->
+    {ok, Socket} = gen_udp:open(0, [{active, false}]),
+    Udp = robot(1, #{}),
+    ?assertEqual({[], Udp}, starl_live_udp:hear({udp_passive, Socket}, Udp)),
+    ?assertEqual({ok, [{active, 100}]}, inet:getopts(Socket, [active])),
+    ok = gen_udp:close(Socket).
+
 %% Beyond a megabyte that waits packets are lost.
 a_full_queue_loses_packets_test() ->
     Udp = lists:foldl(
@@ -246,6 +279,12 @@ answers_wait_as_drawn() ->
     ?assertEqual([N - 1 || N <- Drawn], Waited),
     ?assertEqual([], datagrams()),
     _ = transmits(1, packet(), Held),
+    ?assertEqual([address(1)], addresses()),
+    %% one that has waited makes room for one
+    {[], Room} = starl_live_udp:hear({starl_live_udp, held, []}, Held),
+    Full = transmits(1, packet(), Room),
+    ?assertEqual([], datagrams()),
+    _ = transmits(1, packet(), Full),
     ?assertEqual([address(1)], addresses()).
 
 %% However short the spread is, what is sent within twenty milliseconds is an answer.
@@ -303,19 +342,31 @@ beats_and_refusals_as_usual_test() ->
     receive
         {timer, beat, Ms} -> ?assertEqual(1000, Ms)
     end,
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, warning),
-    ok = logger:add_handler(?MODULE, ?MODULE, #{config => #{test => self()}}),
     Bytes = iolist_to_binary(
         starl_live_seal:seal(1, <<0, 99>>, 0, seal(2, Time))
     ),
-    {[], _} = starl_live_udp:hear({udp, socket, {10, 0, 0, 2}, 5002, Bytes}, Udp),
-    ok = logger:remove_handler(?MODULE),
-    ok = logger:set_primary_config(level, Level),
+    {_, Lines} = logged(fun() ->
+        starl_live_udp:hear({udp, socket, {10, 0, 0, 2}, 5002, Bytes}, Udp)
+    end),
+    ?assertMatch([<<"datagrams of robot 2 are refused: its clock", _/binary>>], Lines).
+
+%% What a function answers, and the lines that it has logged.
+logged(Fun) ->
+    #{level := Level} = logger:get_primary_config(),
+    ok = logger:set_primary_config(level, notice),
+    ok = logger:add_handler(?MODULE, ?MODULE, #{config => #{test => self()}}),
+    try
+        Answer = Fun(),
+        {Answer, lines()}
+    after
+        ok = logger:remove_handler(?MODULE),
+        ok = logger:set_primary_config(level, Level)
+    end.
+
+lines() ->
     receive
-        {logged, Line} ->
-            ?assertMatch(<<"datagrams of robot 2 are refused: its clock", _/binary>>, Line)
-    after 0 -> error(not_logged)
+        {logged, Line} -> [Line | lines()]
+    after 0 -> []
     end.
 
 log(#{msg := {report, #{why := Why}}}, #{config := #{test := Test}}) ->
@@ -329,26 +380,18 @@ log(_Event, _Handler) ->
 a_silent_robot_is_in_the_log_test() ->
     Time = now_set(),
     One = robot(1, #{beat_ms => 2500}, Time),
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, notice),
-    ok = logger:add_handler(?MODULE, ?MODULE, #{config => #{test => self()}}),
-    _ = lists:foldl(
-        fun(_, Udp) ->
-            after_ms(2500, Time),
-            {[], Next} = starl_live_udp:hear({timeout, beat, beat}, Udp),
-            Next
-        end,
-        One,
-        lists:seq(1, 4)
-    ),
-    ok = logger:remove_handler(?MODULE),
-    ok = logger:set_primary_config(level, Level),
+    Beats = fun(_, Udp) ->
+        after_ms(2500, Time),
+        {[], Next} = starl_live_udp:hear({timeout, beat, beat}, Udp),
+        Next
+    end,
+    {_, Lines} = logged(fun() -> lists:foldl(Beats, One, lists:seq(1, 4)) end),
     ?assertMatch(
         [
             <<"the robot has not heard robot 2", _/binary>>,
             <<"the robot has not heard robot 3", _/binary>>
         ],
-        [Why || {logged, Why} <- messages()]
+        Lines
     ).
 
 %% Each second each of the others is called; a beat that names our life proves what its sender says from then
@@ -414,6 +457,21 @@ beat_to(To, From, Time) ->
     ),
     <<2, Ours:64/signed, Theirs:64/signed, Held:32, Life:64>> = Payload,
     {Ours, Theirs, Held, Life}.
+
+%% A beat of who has heard none of ours tells no round trip; the longest time of holding does.
+a_round_trip_is_that_of_an_echo_test() ->
+    Time = now_set(),
+    Two = robot(2, #{beat_ms => 1000}, Time),
+    Trip = fun(Held) ->
+        Payload = <<2, 0:64, (?START - 5):64, Held:32, 2:64>>,
+        Bytes = iolist_to_binary(
+            starl_live_seal:seal(2, Payload, ?START div 1000, seal(1, Time))
+        ),
+        {[], Heard} = starl_live_udp:hear({udp, socket, {10, 0, 0, 1}, 5001, Bytes}, Two),
+        [#{robot := 1} = Peer | _] = starl_live_udp:peers(Heard),
+        maps:get(round_trip_us, Peer, none)
+    end,
+    ?assertEqual([none, 0, 2], [Trip(Held) || Held <- [16#FFFFFFFF, 16#FFFFFFFE, 3]]).
 
 %% The first beat of another life may name ours: that proves, and is answered all the same, since its sender
 %% has no proof of ours yet.
@@ -496,6 +554,54 @@ names_are_looked_up_test() ->
         ?assertEqual([], [Host || {looks_up, _, Host} <- messages()])
     end).
 
+%% Who has no address yet gets nothing. What does not lead anywhere is in the log, and is looked up again, five
+%% seconds after it was last.
+a_name_that_is_not_found_test() ->
+    Time = now_set(),
+    Test = self(),
+    Lookup = fun(Host) ->
+        Test ! {looks_up, Host},
+        {error, nxdomain}
+    end,
+    Places = (places())#{2 => {"robot-2.lab", 5002}},
+    {Asked, Lines} = logged(fun() ->
+        Udp = robot(1, #{beat_ms => 1000, peers => Places, lookup => Lookup}, Time),
+        _ = datagrams(),
+        Told = transmits(2, packet(), Udp),
+        ?assertEqual([], datagrams()),
+        ?assertEqual(#{sent => 1, datagrams => 1}, starl_live_udp:figures(Told)),
+        lists:foldl(
+            fun(Second, {Before, Times}) ->
+                after_ms(1000, Time),
+                {[], Heard} = starl_live_udp:hear({timeout, beat, beat}, Before),
+                case Second rem 5 of
+                    0 -> {looked_up(Heard), Times ++ [Second]};
+                    _ -> {Heard, Times}
+                end
+            end,
+            {looked_up(Told), []},
+            lists:seq(1, 11)
+        )
+    end),
+    ?assertMatch({_, [5, 10]}, Asked),
+    ?assertEqual([], [Host || {looks_up, Host} <- messages()]),
+    ?assertMatch([<<"robot 2: the name \"robot-2.lab\" is not found", _/binary>> | _], Lines).
+
+%% After a lookup has come to its end.
+looked_up(Udp) ->
+    receive
+        {looks_up, "robot-2.lab"} -> ok
+    end,
+    {[], Named} =
+        receive
+            {starl_live_udp, named, 2, _} = Told -> starl_live_udp:hear(Told, Udp)
+        end,
+    {[], Done} =
+        receive
+            {'DOWN', _, process, _, normal} = Down -> starl_live_udp:hear(Down, Named)
+        end,
+    Done.
+
 messages() ->
     receive
         Message -> [Message | messages()]
@@ -518,6 +624,8 @@ what_is_refused_is_counted_test() ->
         end,
         ?assertEqual(#{version => 1}, Hears(<<0, 99>>)),
         ?assertEqual(#{fragment => 1}, Hears(<<9, 99>>)),
+        %% a beat that is cut
+        ?assertEqual(#{fragment => 1}, Hears(<<2, 0:216>>)),
         Sender = term_to_binary(starl_packet:shout(3, hello, here), [{minor_version, 2}]),
         ?assertEqual(#{sender => 1}, Hears(<<0, 1, Sender/binary>>)),
         {[], Udp} = starl_live_udp:hear({udp, socket, {10, 0, 0, 1}, 5001, <<"x">>}, Two),
@@ -550,7 +658,7 @@ a_forged_message_leaves_nothing_test() ->
             Bytes = iolist_to_binary(starl_live_seal:seal(2, Payload, Now, Seal)),
             starl_live_udp:hear({udp, socket, {10, 0, 0, 1}, 5001, Bytes}, Before)
         end,
-        Message = <<1, (term_to_binary(packet(), [{minor_version, 2}]))/binary, 0:9000>>,
+        {ok, Message} = starl_live_codec:encode(sized(1500)),
         [First, Second] = [
             iolist_to_binary(Payload)
          || Payload <- starl_live_fragment:split(starl_live_seal:room(), Message)
@@ -560,7 +668,18 @@ a_forged_message_leaves_nothing_test() ->
         {[], Forged} = Hears(<<Header/binary, (Last bxor 1), Rest/binary>>, Begun),
         ?assertEqual(#{digest => 1}, starl_live_udp:figures(Forged)),
         {[], Still} = Hears(Second, Forged),
-        ?assertEqual(#{digest => 1}, starl_live_udp:figures(Still))
+        ?assertEqual(#{digest => 1}, starl_live_udp:figures(Still)),
+        %% nor of one that is whole; and what was heard is not heard again
+        {[_], Whole} = Hears(First, Still),
+        {[], Again} = Hears(First, Whole),
+        ?assertEqual(#{digest => 1}, starl_live_udp:figures(Again)),
+        Bytes = iolist_to_binary(
+            starl_live_seal:seal(2, Second, atomics:get(Time, 1) div 1000, Seal)
+        ),
+        Datagram = {udp, socket, {10, 0, 0, 1}, 5001, Bytes},
+        {[_], Heard} = starl_live_udp:hear(Datagram, Again),
+        {[], Replayed} = starl_live_udp:hear(Datagram, Heard),
+        ?assertEqual(#{digest => 1, replay => 1}, starl_live_udp:figures(Replayed))
     end).
 
 %% -- opening -----------------------------------------------------------------------------------------
@@ -590,18 +709,68 @@ mistakes_are_one_line_test() ->
 %% Without one that is given, a life is the time of day and a lot: later ones are larger.
 lives_are_ordered_test() ->
     Time = now_set(),
-    Life = fun() ->
-        Udp = starl_live_udp:open(maps:remove(life, config(1, Time))),
+    Life = fun(Seed) ->
+        Random = #{random => fun() -> rand:seed_s(exsss, Seed) end},
+        Udp = starl_live_udp:open(maps:merge(maps:remove(life, config(1, Time)), Random)),
         _ = transmits(2, packet(), element(2, Udp)),
         {[_], Heard} = hears(1, robot(2, #{}, Time)),
         [#{life := Life} | _] = starl_live_udp:peers(Heard),
         Life
     end,
-    First = Life(),
-    {Lot, _} = rand:uniform_s(1 bsl 16, rand:seed_s(exsss, 1)),
-    ?assertEqual({?START div 1000, Lot - 1}, {First bsr 16, First band 16#FFFF}),
+    Lot = fun(Seed) ->
+        {Lot, _} = rand:uniform_s(1 bsl 16, rand:seed_s(exsss, Seed)),
+        Lot - 1
+    end,
+    Lives = [Life(Seed) || Seed <- lists:seq(1, 8)],
+    ?assertEqual([Lot(Seed) || Seed <- lists:seq(1, 8)], [L band 16#FFFF || L <- Lives]),
+    ?assertEqual([?START div 1000], lists:usort([L bsr 16 || L <- Lives])),
     after_ms(1, Time),
-    ?assert(Life() > First).
+    ?assert(Life(1) > lists:max(Lives)).
+
+%% Two lives of a robot: what the former one has sent before the later began comes still, if it is no beat. When
+%% both go on, they are two robots, and that is in the log.
+what_a_former_life_says_test() ->
+    Time = now_set(),
+    Former = robot(1, #{}, Time),
+    Later = robot(1, #{life => 5}, Time),
+    Says = fun(Udp) ->
+        _ = transmits(2, packet(), Udp),
+        datagrams()
+    end,
+    Hears = fun(Datagrams, Udp) ->
+        [self() ! {datagram, S, To, Bytes} || {S, To, Bytes} <- Datagrams],
+        hears(1, Udp)
+    end,
+    Under = Says(Former),
+    Beat = beat_of(1, Time),
+    {[_], Heard} = Hears(Says(Former), robot(2, #{}, Time)),
+    after_ms(1, Time),
+    {[_], Restarted} = Hears(Says(Later), Heard),
+    {Packets, Late} = Hears(Under, Restarted),
+    ?assertEqual([packet()], Packets),
+    {[], Beaten} = starl_live_udp:hear({udp, socket, {10, 0, 0, 1}, 5001, Beat}, Late),
+    ?assertEqual(#{}, starl_live_udp:figures(Beaten)),
+    Both = fun(_, {Before, Refused}) ->
+        after_ms(1000, Time),
+        {_, One} = Hears(Says(Former), Before),
+        {_, Two} = Hears(Says(Later), One),
+        {Two, Refused ++ [maps:without([sent], starl_live_udp:figures(Two))]}
+    end,
+    {{Twins, Figures}, Lines} = logged(fun() ->
+        lists:foldl(Both, {Beaten, []}, lists:seq(1, 5))
+    end),
+    ?assertMatch([#{former := 1} | _], Figures),
+    ?assertMatch(#{clone := _}, lists:last(Figures)),
+    ?assertMatch(
+        [#{robot := 1, life := 1, twin := {5, _}}, _], starl_live_udp:peers(Twins)
+    ),
+    ?assertMatch([_ | _], [Line || Line <- Lines, string:find(Line, "two robots") =/= nomatch]).
+
+%% The first beat of a life of a robot for robot 2, as it is on the air.
+beat_of(Robot, Time) ->
+    _ = robot(Robot, #{beat_ms => 1000}, Time),
+    [Beat | _] = [Bytes || {_, To, Bytes} <- datagrams(), To =:= address(2)],
+    Beat.
 
 %% Modules of tests share a process: those after this one find nothing of it.
 nothing_is_left_test() -> starl_platform_ct:forget().

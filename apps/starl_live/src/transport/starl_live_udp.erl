@@ -290,7 +290,7 @@ hear({udp_passive, Socket}, Udp) ->
 hear({timeout, Timer, flush}, #udp{flush = Timer} = Udp) ->
     {[], flush(Udp#udp{flush = none})};
 hear({timeout, Timer, beat}, #udp{beat = Timer} = Udp) ->
-    {[], call_all(Udp#udp{beat = none})};
+    {[], call_all(Udp)};
 hear({?MODULE, named, Robot, Found}, Udp) ->
     {[], named(Robot, Found, Udp)};
 hear({'DOWN', Monitor, process, _Pid, _Why}, #udp{asked = Asked} = Udp) when
@@ -306,17 +306,17 @@ hear(_Message, _Udp) ->
     unknown.
 
 opened(#{from := From, to := To} = Said, Address, Now, Payload, #udp{peers = Peers} = Udp) ->
-    case starl_live_peers:heard(Said, Address, Now, Peers) of
-        {heard, News, Known} ->
-            ok = starl_live_hearing:log(News),
+    {Verdict, News, Known} = starl_live_peers:heard(Said, Address, Now, Peers),
+    ok = starl_live_hearing:log(News),
+    Hearing = Udp#udp{peers = Known},
+    case Verdict of
+        heard ->
             IsNew = starl_live_peers:life(From, Peers) =/= starl_live_peers:life(From, Known),
-            taken(Said, Payload, Address, IsNew, called(From, To, Udp#udp{peers = Known}));
-        {late, News, Known} ->
-            ok = starl_live_hearing:log(News),
-            late(Said, Payload, Address, Udp#udp{peers = Known});
-        {Why, News, Known} ->
-            ok = starl_live_hearing:log(News),
-            {[], refused(From, Why, Address, Udp#udp{peers = Known})}
+            taken(Said, Payload, Address, IsNew, called(From, To, Hearing));
+        late ->
+            late(Said, Payload, Address, Hearing);
+        Why ->
+            {[], refused(From, Why, Address, Hearing)}
     end.
 
 %% A beat of a former life tells nothing.
