@@ -28,6 +28,7 @@ a_frame_of_others_is_refused_test_() ->
         {stranger, Frame(4, ends(1))},
         {stranger, Frame(2, ends(1))},
         {stranger, setelement(3, Frame(1, ends(1)), none)},
+        {stranger, setelement(3, Frame(1, ends(1)), 1.5)},
         {sender, setelement(3, Frame(1, ends(1)), 3)}
     ],
     [
@@ -46,5 +47,7 @@ what_is_no_frame_is_unknown_test() ->
 ends(Robot) -> ends(Robot, #{}).
 
 ends(Robot, Given) ->
-    Usual = #{robot => Robot, participants => [1, 2, 3], fleet => "tests", run => 1},
+    Usual = #{
+        robot => Robot, participants => starl_team:new([1, 2, 3]), fleet => "tests", run => 1
+    },
     starl_live_frame:new(maps:merge(Usual, Given)).

@@ -1,110 +1,27 @@
-%% The transport by UDP, without a network: its sockets are this module, which hands datagrams to the test,
-%% and its clock shows what the test sets.
+%% The transport by UDP, without a network: packets, their pace, answers to a packet for all, and what is refused.
 -module(starl_live_udp_tests).
 -include_lib("eunit/include/eunit.hrl").
--behaviour(starl_live_clock).
 
-%% The sockets.
--export([open/2, send/4, close/1]).
-%% Handles the transport's reports.
--export([log/2]).
--export([system_time/2, time_of_day/2, monotonic_time/2, start_timer/4, send_after/3]).
+-import(starl_live_udp_fake, [
+    robot/2, robot/3,
+    config/2,
+    places/0,
+    now_set/0,
+    after_ms/2,
+    seal/2,
+    datagrams/0,
+    addresses/0,
+    address/1,
+    hears/2,
+    transmits/3,
+    messages/0,
+    packet/0,
+    sized/1,
+    large/0
+]).
 
+%% As the clock shows at first.
 -define(START, 1_700_000_000_000_000).
-
-%% -- sockets and clock -------------------------------------------------------------------------------
-
-open(7, _Options) -> {error, eaddrinuse};
-open(Port, [binary, {active, 100}, {recbuf, 1_000_000}, inet, {broadcast, true}]) -> {ok, Port}.
-
-%% Nobody can be reached at port 9.
-send(_Socket, _Ip, 9, _Bytes) ->
-    {error, enetunreach};
-send(Socket, Ip, Port, Bytes) ->
-    self() ! {datagram, Socket, {Ip, Port}, iolist_to_binary(Bytes)},
-    ok.
-
-close(Socket) ->
-    self() ! {closed, Socket},
-    ok.
-
-system_time(Unit, Time) -> erlang:convert_time_unit(atomics:get(Time, 1), microsecond, Unit).
-time_of_day(Unit, Time) -> system_time(Unit, Time).
-monotonic_time(Unit, Time) -> system_time(Unit, Time).
-
-start_timer(Ms, What, [], _Time) ->
-    self() ! {timer, What, Ms},
-    What.
-
-send_after(Ms, Message, _Time) ->
-    self() ! {held, Ms, Message},
-    make_ref().
-
-%% -- robots ------------------------------------------------------------------------------------------
-
-%% The end of a robot of three on port 5000 and its number, and the time that they share.
-robot(Robot, Given) -> robot(Robot, Given, now_set()).
-
-robot(Robot, Given, Time) ->
-    {ok, Udp} = starl_live_udp:open(maps:merge(config(Robot, Time), Given)),
-    Udp.
-
-config(Robot, Time) ->
-    #{
-        robot => Robot,
-        participants => starl_team:new([1, 2, 3]),
-        fleet => "tests",
-        run => 1,
-        key => fun() -> <<7:256>> end,
-        peers => places(),
-        life => Robot,
-        spread_ms => 0,
-        beat_ms => infinity,
-        clock => starl_live_clock:on({?MODULE, Time}, starl_live_clock:new(0, 1)),
-        sockets => ?MODULE,
-        random => fun() -> rand:seed_s(exsss, Robot) end
-    }.
-
-now_set() ->
-    starl_platform_ct:forget(),
-    Time = atomics:new(1, [{signed, true}]),
-    ok = atomics:put(Time, 1, ?START),
-    Time.
-
-after_ms(Ms, Time) -> atomics:add(Time, 1, 1000 * Ms).
-
-%% What has gone on the air: to whom.
-datagrams() ->
-    receive
-        {datagram, Socket, To, Bytes} -> [{Socket, To, Bytes} | datagrams()]
-    after 0 -> []
-    end.
-
-addresses() -> [To || {_, To, _} <- datagrams()].
-
-address(Robot) -> {{10, 0, 0, Robot}, 5000 + Robot}.
-
-%% A robot hears what another one has sent to it.
-hears(From, Udp) ->
-    lists:foldl(
-        fun({_, _, Bytes}, {Packets, U}) ->
-            {Ip, Port} = address(From),
-            {Some, Next} = starl_live_udp:hear({udp, socket, Ip, Port, Bytes}, U),
-            {Packets ++ Some, Next}
-        end,
-        {[], Udp},
-        datagrams()
-    ).
-
-packet() -> packet(1).
-
-packet(From) -> starl_packet:shout(From, hello, here).
-
-large() -> starl_packet:shout(1, hello, binary:copy(<<"large">>, 1000)).
-
-transmits(To, Packet, Udp) ->
-    {ok, Next} = starl_live_udp:transmit(To, Packet, Udp),
-    Next.
 
 %% -- packets -----------------------------------------------------------------------------------------
 
@@ -162,8 +79,6 @@ what_is_not_sent_is_counted_test() ->
         )
     end).
 
-places() -> maps:from_list([{N, address(N)} || N <- [1, 2, 3]]).
-
 %% A burst of 16,000 bytes leaves at once, the rest at 1000 bytes a millisecond.
 bytes_leave_at_a_pace_test() ->
     Time = now_set(),
@@ -198,9 +113,6 @@ the_burst_and_the_pace_are_exact_test() ->
     ?assertEqual({16, [1]}, Leaves(Before ++ [1001, 500])),
     ?assertEqual({17, [1]}, Leaves(Before ++ [999, 1001, 500])),
     ?assertEqual({17, [2]}, Leaves(Before ++ [999, 1002, 500])).
-
-%% A packet of so many bytes more than one without any.
-sized(Bytes) -> starl_packet:shout(1, hello, binary:copy(<<7>>, Bytes)).
 
 size_of(Bytes) ->
     _ = transmits(2, sized(Bytes), robot(1, #{})),
@@ -335,279 +247,6 @@ answers_need_not_be_spread_test() ->
     ?assertEqual([address(1)], Answers(0)),
     ?assertEqual([], Answers(1)).
 
-%% Unless it is said otherwise there is a beat each second, and what is refused is in the log.
-beats_and_refusals_as_usual_test() ->
-    Time = now_set(),
-    {ok, Udp} = starl_live_udp:open(maps:remove(beat_ms, config(1, Time))),
-    receive
-        {timer, beat, Ms} -> ?assertEqual(1000, Ms)
-    end,
-    Bytes = iolist_to_binary(
-        starl_live_seal:seal(1, <<0, 99>>, 0, seal(2, Time))
-    ),
-    {_, Lines} = logged(fun() ->
-        starl_live_udp:hear({udp, socket, {10, 0, 0, 2}, 5002, Bytes}, Udp)
-    end),
-    ?assertMatch([<<"datagrams of robot 2 are refused: its clock", _/binary>>], Lines).
-
-%% What a function answers, and the lines that it has logged.
-logged(Fun) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, notice),
-    ok = logger:add_handler(?MODULE, ?MODULE, #{config => #{test => self()}}),
-    try
-        Answer = Fun(),
-        {Answer, lines()}
-    after
-        ok = logger:remove_handler(?MODULE),
-        ok = logger:set_primary_config(level, Level)
-    end.
-
-lines() ->
-    receive
-        {logged, Line} -> [Line | lines()]
-    after 0 -> []
-    end.
-
-log(#{msg := {report, #{why := Why}}}, #{config := #{test := Test}}) ->
-    Test ! {logged, Why};
-log(_Event, _Handler) ->
-    ok.
-
-%% -- beats -------------------------------------------------------------------------------------------
-
-%% A robot that falls silent is in the log.
-a_silent_robot_is_in_the_log_test() ->
-    Time = now_set(),
-    One = robot(1, #{beat_ms => 2500}, Time),
-    Beats = fun(_, Udp) ->
-        after_ms(2500, Time),
-        {[], Next} = starl_live_udp:hear({timeout, beat, beat}, Udp),
-        Next
-    end,
-    {_, Lines} = logged(fun() -> lists:foldl(Beats, One, lists:seq(1, 4)) end),
-    ?assertMatch(
-        [
-            <<"the robot has not heard robot 2", _/binary>>,
-            <<"the robot has not heard robot 3", _/binary>>
-        ],
-        Lines
-    ).
-
-%% Each second each of the others is called; a beat that names our life proves what its sender says from then
-%% on.
-beats_prove_test() ->
-    Time = now_set(),
-    One = robot(1, #{beat_ms => 1000}, Time),
-    ?assertEqual([address(2), address(3)], addresses()),
-    receive
-        {timer, beat, 1000} -> ok
-    end,
-    Two = robot(2, #{beat_ms => 1000}, Time),
-    Beats = datagrams(),
-    %% before a beat nothing is taken
-    _ = transmits(2, packet(), One),
-    {[], Unproved} = hears(1, Two),
-    ?assertMatch(#{unproved := 1}, starl_live_udp:figures(Unproved)),
-    %% two's beat is answered at once, since it is the first of its life, with a beat that names that
-    [self() ! {datagram, S, To, B} || {S, To, B} <- Beats, To =:= address(1)],
-    {[], Heard} = hears(2, One),
-    [{_, To, Answer}] = datagrams(),
-    ?assertEqual(address(2), To),
-    {Ip, Port} = address(1),
-    {[], Proved} = starl_live_udp:hear({udp, socket, Ip, Port, Answer}, Unproved),
-    _ = datagrams(),
-    after_ms(1, Time),
-    _ = transmits(2, packet(), Heard),
-    ?assertMatch({[_], _}, hears(1, Proved)),
-    %% and one has the round trip
-    ?assertMatch(
-        [#{robot := 1, round_trip_us := 0, life := 1, ahead_ms := 0}, #{robot := 3, life := none}],
-        starl_live_udp:peers(Proved)
-    ),
-    %% the next beat comes with its timer
-    after_ms(1000, Time),
-    {[], _} = starl_live_udp:hear({timeout, beat, beat}, Heard),
-    ?assertEqual([address(2), address(3)], addresses()).
-
-%% What a beat says: our time, the other's last time or 0, how long that was held here or that there is none,
-%% and the life that is known of the other one.
-what_a_beat_says_test() ->
-    Time = now_set(),
-    One = robot(1, #{beat_ms => 1000}, Time),
-    ?assertEqual({?START, 0, 16#FFFFFFFF, 0}, beat_to(2, 1, Time)),
-    _ = robot(2, #{beat_ms => 1000}, Time),
-    {[], Heard} = hears(2, One),
-    ?assertEqual({?START, ?START, 0, 2}, beat_to(2, 1, Time)),
-    after_ms(1000, Time),
-    {[], Later} = starl_live_udp:hear({timeout, beat, beat}, Heard),
-    ?assertEqual({?START + 1_000_000, ?START, 1_000_000, 2}, beat_to(2, 1, Time)),
-    %% it is heard no more for longer than a beat can say
-    after_ms(4_294_966, Time),
-    {[], Long} = starl_live_udp:hear({timeout, beat, beat}, Later),
-    ?assertMatch({_, ?START, 16#FFFFFFFE, 2}, beat_to(2, 1, Time)),
-    ok = starl_live_udp:close(Long).
-
-%% The last beat on the air from a robot to another one, and no other datagram.
-beat_to(To, From, Time) ->
-    Datagrams = [Bytes || {_, Address, Bytes} <- datagrams(), Address =:= address(To)],
-    Now = atomics:get(Time, 1) div 1000,
-    {ok, #{from := From}, Payload, _} = starl_live_seal:open(
-        lists:last(Datagrams), {Now, Now}, seal(To, Time)
-    ),
-    <<2, Ours:64/signed, Theirs:64/signed, Held:32, Life:64>> = Payload,
-    {Ours, Theirs, Held, Life}.
-
-%% A beat of who has heard none of ours tells no round trip; the longest time of holding does.
-a_round_trip_is_that_of_an_echo_test() ->
-    Time = now_set(),
-    Two = robot(2, #{beat_ms => 1000}, Time),
-    Trip = fun(Held) ->
-        Payload = <<2, 0:64, (?START - 5):64, Held:32, 2:64>>,
-        Bytes = iolist_to_binary(
-            starl_live_seal:seal(2, Payload, ?START div 1000, seal(1, Time))
-        ),
-        {[], Heard} = starl_live_udp:hear({udp, socket, {10, 0, 0, 1}, 5001, Bytes}, Two),
-        [#{robot := 1} = Peer | _] = starl_live_udp:peers(Heard),
-        maps:get(round_trip_us, Peer, none)
-    end,
-    ?assertEqual([none, 0, 2], [Trip(Held) || Held <- [16#FFFFFFFF, 16#FFFFFFFE, 3]]).
-
-%% The first beat of another life may name ours: that proves, and is answered all the same, since its sender
-%% has no proof of ours yet.
-a_first_beat_that_names_our_life_test() ->
-    Time = now_set(),
-    One = robot(1, #{beat_ms => 1000}, Time),
-    ToTwo = [D || {_, To, _} = D <- datagrams(), To =:= address(2)],
-    Two = robot(2, #{beat_ms => 1000}, Time),
-    _ = datagrams(),
-    _ = [self() ! {datagram, S, To, Bytes} || {S, To, Bytes} <- ToTwo],
-    {[], Answered} = hears(1, Two),
-    [{Socket, Home, Answer}] = datagrams(),
-    ?assertEqual(address(1), Home),
-    self() ! {datagram, Socket, Home, Answer},
-    {[], Proved} = hears(2, One),
-    ?assertEqual([address(2)], addresses()),
-    _ = transmits(1, packet(2), Answered),
-    {Packets, _} = hears(2, Proved),
-    ?assertEqual([packet(2)], Packets).
-
-%% A beat that names our life already needs no answer.
-beats_are_answered_once_test() ->
-    Time = now_set(),
-    One = robot(1, #{beat_ms => 1000}, Time),
-    _ = datagrams(),
-    Two = robot(2, #{beat_ms => 1000}, Time),
-    Pass = fun(From, To, Udp) ->
-        All = datagrams(),
-        [self() ! {datagram, S, A, B} || {S, A, B} <- All, A =:= address(To)],
-        {[], Next} = hears(From, Udp),
-        Next
-    end,
-    One1 = Pass(2, 1, One),
-    Two1 = Pass(1, 2, Two),
-    One2 = Pass(2, 1, One1),
-    ?assertEqual([], datagrams()),
-    after_ms(1000, Time),
-    {[], _} = starl_live_udp:hear({timeout, beat, beat}, Two1),
-    _ = Pass(2, 1, One2),
-    ?assertEqual([], datagrams()).
-
-%% -- names -------------------------------------------------------------------------------------------
-
-%% A name is looked up beside the transport, once at a time, and then the robot is called there.
-names_are_looked_up_test() ->
-    starl_platform_ct:quietly(fun() ->
-        Time = now_set(),
-        Test = self(),
-        Lookup = fun(Host) ->
-            Test ! {looks_up, self(), Host},
-            receive
-                Found -> Found
-            end
-        end,
-        Places = (places())#{2 => {"robot-2.lab", 5002}, 3 => {"10.0.0.3", 5003}},
-        Udp = robot(1, #{beat_ms => 1000, peers => Places, lookup => Lookup}, Time),
-        ?assertEqual([address(3)], addresses()),
-        Process =
-            receive
-                {looks_up, Pid, "robot-2.lab"} -> Pid
-            end,
-        after_ms(6000, Time),
-        {[], Again} = starl_live_udp:hear({timeout, beat, beat}, Udp),
-        Process ! {ok, {10, 0, 0, 2}},
-        Told = fun() ->
-            receive
-                {starl_live_udp, named, 2, _} = Message -> Message
-            end
-        end,
-        {[], Named} = starl_live_udp:hear(Told(), Again),
-        {[], Done} =
-            receive
-                {'DOWN', _, process, Process, _} = Down -> starl_live_udp:hear(Down, Named)
-            end,
-        ?assertEqual(unknown, starl_live_udp:hear({'DOWN', make_ref(), process, self(), x}, Done)),
-        _ = datagrams(),
-        after_ms(1000, Time),
-        {[], _} = starl_live_udp:hear({timeout, beat, beat}, Done),
-        ?assertEqual([address(2), address(3)], addresses()),
-        ?assertEqual([], [Host || {looks_up, _, Host} <- messages()])
-    end).
-
-%% Who has no address yet gets nothing. What does not lead anywhere is in the log, and is looked up again, five
-%% seconds after it was last.
-a_name_that_is_not_found_test() ->
-    Time = now_set(),
-    Test = self(),
-    Lookup = fun(Host) ->
-        Test ! {looks_up, Host},
-        {error, nxdomain}
-    end,
-    Places = (places())#{2 => {"robot-2.lab", 5002}},
-    {Asked, Lines} = logged(fun() ->
-        Udp = robot(1, #{beat_ms => 1000, peers => Places, lookup => Lookup}, Time),
-        _ = datagrams(),
-        Told = transmits(2, packet(), Udp),
-        ?assertEqual([], datagrams()),
-        ?assertEqual(#{sent => 1, datagrams => 1}, starl_live_udp:figures(Told)),
-        lists:foldl(
-            fun(Second, {Before, Times}) ->
-                after_ms(1000, Time),
-                {[], Heard} = starl_live_udp:hear({timeout, beat, beat}, Before),
-                case Second rem 5 of
-                    0 -> {looked_up(Heard), Times ++ [Second]};
-                    _ -> {Heard, Times}
-                end
-            end,
-            {looked_up(Told), []},
-            lists:seq(1, 11)
-        )
-    end),
-    ?assertMatch({_, [5, 10]}, Asked),
-    ?assertEqual([], [Host || {looks_up, Host} <- messages()]),
-    ?assertMatch([<<"robot 2: the name \"robot-2.lab\" is not found", _/binary>> | _], Lines).
-
-%% After a lookup has come to its end.
-looked_up(Udp) ->
-    receive
-        {looks_up, "robot-2.lab"} -> ok
-    end,
-    {[], Named} =
-        receive
-            {starl_live_udp, named, 2, _} = Told -> starl_live_udp:hear(Told, Udp)
-        end,
-    {[], Done} =
-        receive
-            {'DOWN', _, process, _, normal} = Down -> starl_live_udp:hear(Down, Named)
-        end,
-    Done.
-
-messages() ->
-    receive
-        Message -> [Message | messages()]
-    after 0 -> []
-    end.
-
 %% -- what is not taken -------------------------------------------------------------------------------
 
 %% By its reason; of an unknown atom or another packet, too.
@@ -643,10 +282,6 @@ what_is_refused_is_counted_test() ->
         ),
         ?assertEqual(unknown, starl_live_udp:hear(hello, Two))
     end).
-
-seal(Robot, Time) ->
-    {ok, Seal} = starl_live_seal:new(config(Robot, Time), 0),
-    Seal.
 
 %% Of a message whose parts are not those of its digest nothing is left.
 a_forged_message_leaves_nothing_test() ->
@@ -726,51 +361,6 @@ lives_are_ordered_test() ->
     ?assertEqual([?START div 1000], lists:usort([L bsr 16 || L <- Lives])),
     after_ms(1, Time),
     ?assert(Life(1) > lists:max(Lives)).
-
-%% Two lives of a robot: what the former one has sent before the later began comes still, if it is no beat. When
-%% both go on, they are two robots, and that is in the log.
-what_a_former_life_says_test() ->
-    Time = now_set(),
-    Former = robot(1, #{}, Time),
-    Later = robot(1, #{life => 5}, Time),
-    Says = fun(Udp) ->
-        _ = transmits(2, packet(), Udp),
-        datagrams()
-    end,
-    Hears = fun(Datagrams, Udp) ->
-        [self() ! {datagram, S, To, Bytes} || {S, To, Bytes} <- Datagrams],
-        hears(1, Udp)
-    end,
-    Under = Says(Former),
-    Beat = beat_of(1, Time),
-    {[_], Heard} = Hears(Says(Former), robot(2, #{}, Time)),
-    after_ms(1, Time),
-    {[_], Restarted} = Hears(Says(Later), Heard),
-    {Packets, Late} = Hears(Under, Restarted),
-    ?assertEqual([packet()], Packets),
-    {[], Beaten} = starl_live_udp:hear({udp, socket, {10, 0, 0, 1}, 5001, Beat}, Late),
-    ?assertEqual(#{}, starl_live_udp:figures(Beaten)),
-    Both = fun(_, {Before, Refused}) ->
-        after_ms(1000, Time),
-        {_, One} = Hears(Says(Former), Before),
-        {_, Two} = Hears(Says(Later), One),
-        {Two, Refused ++ [maps:without([sent], starl_live_udp:figures(Two))]}
-    end,
-    {{Twins, Figures}, Lines} = logged(fun() ->
-        lists:foldl(Both, {Beaten, []}, lists:seq(1, 5))
-    end),
-    ?assertMatch([#{former := 1} | _], Figures),
-    ?assertMatch(#{clone := _}, lists:last(Figures)),
-    ?assertMatch(
-        [#{robot := 1, life := 1, twin := {5, _}}, _], starl_live_udp:peers(Twins)
-    ),
-    ?assertMatch([_ | _], [Line || Line <- Lines, string:find(Line, "two robots") =/= nomatch]).
-
-%% The first beat of a life of a robot for robot 2, as it is on the air.
-beat_of(Robot, Time) ->
-    _ = robot(Robot, #{beat_ms => 1000}, Time),
-    [Beat | _] = [Bytes || {_, To, Bytes} <- datagrams(), To =:= address(2)],
-    Beat.
 
 %% Modules of tests share a process: those after this one find nothing of it.
 nothing_is_left_test() -> starl_platform_ct:forget().
