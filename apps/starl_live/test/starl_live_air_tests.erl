@@ -33,7 +33,28 @@ disturbed_test_() ->
             {[[9, 9]], 2, [{again, 1, 1}, {late, 1, {9, 9}}]},
             {[[0]], 2, [{late, 0, {9, 9}}, {lost, 0}]}
         ]
-    ].
+    ] ++
+        [
+            %% one that comes twice already comes once more for each time
+            ?_assertEqual(
+                [[0, 0, 0, 0]],
+                pass(1, air(#{duplicates => 1, disturbed => #{2 => [{again, 1, 2}]}}))
+            )
+        ].
+
+%% What is drawn for a disturbance is drawn anew for the next one.
+disturbances_are_drawn_anew_test() ->
+    Air = air(#{seed => 3, disturbed => #{2 => [{lost, 0}]}}),
+    {_, Disturbed} = starl_live_air:pass(2, Air),
+    {_, Other} = starl_live_air:pass(3, Air),
+    ?assertNotEqual(Other, Disturbed).
+
+%% Clear air draws nothing; air that was never given a seed has seed 0.
+clear_air_leaves_chance_alone_test() ->
+    Clear = air(#{seed => 3}),
+    ?assertEqual({[0], Clear}, starl_live_air:pass(2, Clear)),
+    Lossy = #{loss => 0.5, delay_ms => {0, 9}},
+    ?assertEqual(pass(20, air(Lossy#{seed => 0})), pass(20, air(Lossy))).
 
 parts_are_about_right_test() ->
     Passed = pass(10_000, air(#{loss => 0.2, duplicates => 0.5, delay_ms => {1, 3}, seed => 7})),
@@ -67,7 +88,13 @@ parts_are_bounds_test() ->
     ?assertEqual([[0]], pass(1, air(#{seed => 3, loss => Lost}))),
     ?assertEqual([[]], pass(1, air(#{seed => 3, loss => Lost + More}))),
     ?assertEqual([[0]], pass(1, air(#{seed => 3, duplicates => Doubled}))),
-    ?assertEqual([[0, 0]], pass(1, air(#{seed => 3, duplicates => Doubled + More}))).
+    ?assertEqual([[0, 0]], pass(1, air(#{seed => 3, duplicates => Doubled + More}))),
+    %% a disturbance is drawn after the packet's own four
+    Skip = fun(_, Random) -> element(2, rand:uniform_s(Random)) end,
+    {Fifth, _} = rand:uniform_s(lists:foldl(Skip, rand:seed_s(exsss, 3), lists:seq(1, 4))),
+    Disturbed = fun(Part) -> air(#{seed => 3, disturbed => #{2 => [{lost, Part}]}}) end,
+    ?assertEqual([[0]], pass(1, Disturbed(Fifth))),
+    ?assertEqual([[]], pass(1, Disturbed(Fifth + More))).
 
 %% The largest and the least values are none too large or small.
 bounds_of_settings_test_() ->

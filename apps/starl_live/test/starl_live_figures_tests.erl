@@ -17,4 +17,6 @@ unknown_atoms_are_said_once_test() ->
     ?assertMatch([<<"a packet of robot 3 bears an atom that is unknown here", _/binary>>], Lines),
     receive
         {figures, Figures} -> ?assertEqual(#{term => 1, unknown_atom => 2}, Figures)
-    end.
+    end,
+    %% at once, not with the second
+    ?assertMatch([_], starl_live_log_ct:lines(fun() -> Refuse(unknown_atom, #{}) end)).

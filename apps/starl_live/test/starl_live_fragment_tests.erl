@@ -77,8 +77,8 @@ as_many_as_the_largest_has_test() ->
 
 %% The largest message is a byte larger than the largest packet: here that byte needs a fragment of its own.
 the_last_byte_of_the_largest_counts_test() ->
-    Length = 771,
-    65_537 = 85 * Length + 2,
+    Length = 1024,
+    65_537 = 64 * Length + 1,
     Fragments = starl_live_fragment:new(Length + 11),
     Joins = fun(Count, N) ->
         {How, _} = without(
@@ -88,7 +88,7 @@ the_last_byte_of_the_largest_counts_test() ->
     end,
     ?assertEqual([more, more, error, error], [
         Joins(Count, N)
-     || Count <- [86, 87], N <- [0, Count - 1]
+     || Count <- [65, 66], N <- [0, Count - 1]
     ]).
 
 without({more, Fragments}) -> {more, Fragments};
@@ -137,4 +137,41 @@ unfinished_messages_are_forgotten_test() ->
     {more, Later} = starl_live_fragment:join(1, Other, 10_001, Some),
     ?assertMatch({more, _}, starl_live_fragment:join(1, Second, 10_001, Later)),
     {more, Sooner} = starl_live_fragment:join(1, Other, 10_000, Some),
-    ?assertMatch({whole, _, _}, starl_live_fragment:join(1, Second, 10_000, Sooner)).
+    ?assertMatch({whole, _, _}, starl_live_fragment:join(1, Second, 10_000, Sooner)),
+    %% each fragment gives its message ten seconds anew, whatever the time
+    [A, B, C] = split(message(250)),
+    Joins = fun({Payload, Now}, Before) ->
+        {more, Next} = starl_live_fragment:join(1, Payload, Now, Before),
+        Next
+    end,
+    Waits = lists:foldl(Joins, new(), [{A, 20_000}, {B, 29_000}, {Other, 39_000}]),
+    ?assertMatch({whole, _, _}, starl_live_fragment:join(1, C, 39_000, Waits)).
+
+%% Eight of a robot, and 64 of all: for one more the oldest is dropped.
+the_oldest_is_dropped_for_one_more_test_() ->
+    Parts = fun(N) -> split(<<N:16, (message(150))/binary>>) end,
+    Begun = fun(Robots) ->
+        lists:foldl(
+            fun({Robot, N}, Before) ->
+                {more, Next} = starl_live_fragment:join(Robot, hd(Parts(N)), N, Before),
+                Next
+            end,
+            new(),
+            Robots
+        )
+    end,
+    Ends = fun({Robot, N}, Fragments) ->
+        element(1, starl_live_fragment:join(Robot, lists:last(Parts(N)), 100, Fragments))
+    end,
+    Own = [{1, N} || N <- lists:seq(1, 9)],
+    All = [{N, N} || N <- lists:seq(1, 65)],
+    [
+        ?_assertEqual(
+            {Expected, First, Most},
+            {Ends(lists:nth(First, Robots), Begun(lists:sublist(Robots, Most))), First, Most}
+        )
+     || {Robots, Full} <- [{Own, 8}, {All, 64}],
+        {Expected, First, Most} <- [
+            {whole, 1, Full}, {more, 1, Full + 1}, {whole, 2, Full + 1}, {whole, Full + 1, Full + 1}
+        ]
+    ].

@@ -39,6 +39,14 @@ opened(Pid) ->
         {opened, Pid} -> Pid
     end.
 
+%% What is not of its run is counted.
+what_is_refused_is_counted_test() ->
+    {ok, Local} = starl_live_local:open(config(1, 1)),
+    Frame = {starl_frame, {<<"local tests">>, 2}, 2, all, <<>>},
+    {[], Refused} = starl_live_local:hear(Frame, Local),
+    ?assertEqual(#{run => 1}, starl_live_local:figures(Refused)),
+    ok = starl_live_local:close(Refused).
+
 %% A packet for one comes to that one, for all to all others of the same run; what cannot travel is refused.
 packets_come_to_robots_of_the_run_test() ->
     [Two, Three, Other] = [opened(robot(R, Run)) || {R, Run} <- [{2, 1}, {3, 1}, {2, 2}]],

@@ -123,19 +123,17 @@ a_new_reason_is_told_once_with_its_figures_test() ->
     ),
     ?assertMatch(
         #{
-            refused := #{
-                clock := #{count := 2, ago_ms := 2000, ahead_ms := 61_000},
-                seal := #{count := 1, ago_ms := 1000}
-            }
-        },
-        robot(2, 4000, Thrice)
+            clock := #{count := 2, ago_ms := 2000, ahead_ms := 61_000},
+            seal := Seal
+        } when Seal =:= #{count => 1, ago_ms => 1000},
+        maps:get(refused, robot(2, 4000, Thrice))
     ).
 
 %% What comes again after a long time is new.
 a_reason_is_told_again_after_a_while_test() ->
     {[_], Once} = refused(seal, 1000, peers()),
-    {[], Twice} = refused(seal, 600_000, Once),
-    ?assertMatch({[_], _}, refused(seal, 1_200_000, Twice)).
+    {[], Twice} = refused(seal, 600_999, Once),
+    ?assertMatch({[_], _}, refused(seal, 1_200_999, Twice)).
 
 %% What comes back from a group to its sender is nobody's.
 own_datagrams_are_not_told_test() ->

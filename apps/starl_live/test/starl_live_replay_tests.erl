@@ -18,6 +18,32 @@ forgotten_after_twice_the_time_test() ->
         [false, true, true, true], [starl_live_replay:has(Id, Later) || Id <- [1, 2, 3, 4]]
     ).
 
+%% What is forgotten in its time is too old by then: nothing is refused for it.
+nothing_is_floored_in_time_test() ->
+    Add = fun({Id, At}, Replay) -> starl_live_replay:add(Id, At, At, Replay) end,
+    Replay = lists:foldl(Add, starl_live_replay:new(10, 0), [{1, 5}, {2, 10}, {3, 20}, {4, 31}]),
+    ?assertNot(starl_live_replay:may_have(5, 20, Replay)),
+    ?assertNot(starl_live_replay:may_have(10, 31, Replay)).
+
+%% The floor is the latest time of what is forgotten, of one generation alone, be it one packet.
+the_floor_is_that_of_what_is_forgotten_test() ->
+    Fill = fun(From, Sent, Now, Replay) ->
+        lists:foldl(
+            fun(N, R) -> starl_live_replay:add(N, Sent, Now, R) end,
+            Replay,
+            lists:seq(From + 1, From + 100_000)
+        )
+    end,
+    First = starl_live_replay:add(1, 100, 5, starl_live_replay:new(10, 0)),
+    Second = Fill(1, 50, 10, First),
+    ?assertNot(starl_live_replay:may_have(0, 11, Second)),
+    Third = Fill(100_001, 60, 11, Second),
+    ?assert(starl_live_replay:may_have(100, 12, Third)),
+    Fourth = starl_live_replay:add(200_002, 70, 12, Third),
+    ?assertEqual(
+        [true, false], [starl_live_replay:may_have(Sent, 13, Fourth) || Sent <- [50, 51]]
+    ).
+
 %% What is forgotten early is refused for its age.
 memory_is_bounded_test() ->
     %% a hundred thousand in each millisecond

@@ -101,7 +101,10 @@ truncated_and_lengthened_are_refused_test() ->
      || Length <- lists:seq(0, Size - 1)
     ],
     ?assertEqual(seal, open(<<Datagram/binary, 0>>, seal(2))),
-    ?assertEqual(length, open(<<Datagram/binary, 0:(8 * (1201 - Size))>>, seal(2))).
+    ?assertEqual(length, open(<<Datagram/binary, 0:(8 * (1201 - Size))>>, seal(2))),
+    %% one that holds nothing, though its seal is whole
+    Empty = iolist_to_binary(starl_live_seal:seal(2, "", ?NOW, seal(1))),
+    ?assertEqual(length, open(Empty, seal(2))).
 
 the_longest_fits_test() ->
     Bytes = binary:copy(<<1>>, starl_live_seal:room()),
@@ -195,4 +198,6 @@ absurd_packets_mute_nobody_test() ->
 
 large_robot_numbers_are_refused_test() ->
     {error, Line} = starl_live_seal:new(config(1, #{participants => [1, 1 bsl 32]}), ?NOW),
-    ?assertEqual("robot 4294967296: numbers up to 4294967295 only", lists:flatten(Line)).
+    ?assertEqual("robot 4294967296: numbers up to 4294967295 only", lists:flatten(Line)),
+    ?assertMatch({error, _}, starl_live_seal:new(config(1 bsl 32, #{}), ?NOW)),
+    ?assertMatch({ok, _}, starl_live_seal:new(config((1 bsl 32) - 1, #{}), ?NOW)).

@@ -16,7 +16,7 @@ open(#{fails := Why}) -> {error, Why};
 open(#{test := Test}) -> {ok, {Test, 0}}.
 
 transmit(_To, no_packet, {Test, N}) ->
-    {refused, "no packet", {Test, N}};
+    {refused, "no packet", {Test, N + 1000}};
 transmit(_To, {no_packet, Which}, {Test, N}) ->
     {refused, ["no packet ", Which], {Test, N}};
 transmit(To, Packet, {Test, N}) ->
@@ -120,7 +120,7 @@ a_refusal_is_said_once_test() ->
     with_transport(#{}, fun(Transport) ->
         Transmits = fun(Packet) -> ok = starl_live_transport:transmit(Transport, 2, Packet) end,
         [Transmits(P) || P <- [no_packet, no_packet, {no_packet, "b"}, no_packet]],
-        ?assertMatch(#{refused := 4}, starl_live_transport:figures(Transport)),
+        ?assertEqual(#{refused => 4, way => 3000}, starl_live_transport:figures(Transport)),
         Lines = [<<"no packet">>, <<"no packet b">>, <<"no packet">>],
         ?assertEqual([{logged, Line} || Line <- Lines], [next() || _ <- Lines]),
         ok
@@ -128,7 +128,13 @@ a_refusal_is_said_once_test() ->
     ok = logger:remove_handler(?MODULE),
     ok = logger:set_primary_config(level, Level).
 
-log(#{msg := {report, #{what := packet_refused, why := Why}}}, #{config := #{test := Test}}) ->
+log(
+    #{
+        msg := {report, #{what := packet_refused, why := Why}},
+        meta := #{domain := [starl, robot], robot := 1}
+    },
+    #{config := #{test := Test}}
+) ->
     Test ! {logged, Why};
 log(_Event, _Handler) ->
     ok.
@@ -152,6 +158,16 @@ what_it_hears_goes_through_the_air_test() ->
         ?assertEqual(
             #{way => 400, air_lost => 3, heard => 4}, starl_live_transport:figures(Transport)
         ),
+        ok
+    end).
+
+%% What one packet meets is not what all others meet.
+chance_goes_on_test() ->
+    with_transport(#{air => #{loss => 0.5, seed => 1}}, fun(Transport) ->
+        _ = [Transport ! {air, [packet(2)]} || _ <- lists:seq(1, 100)],
+        #{air_lost := Lost, heard := Heard} = starl_live_transport:figures(Transport),
+        ?assertEqual(100, Lost + Heard),
+        _ = flushed(),
         ok
     end).
 
@@ -268,6 +284,25 @@ flushed() ->
         Message -> [Message | flushed()]
     after 0 -> []
     end.
+
+%% A packet that is heard more than once is told with its times in their order.
+what_comes_is_told_in_the_order_of_its_times_test() ->
+    Test = self(),
+    Tell = fun(Events) ->
+        Test ! {told, Events},
+        ok
+    end,
+    starl_platform_ct:forget(),
+    Told = starl_live_packet_reports:new(config(#{tell => Tell})),
+    ok = starl_live_packet_reports:came(2, packet(2), [5, 0, 1], false, Told),
+    {told, [{1000, 1, radio, Came}]} = next(),
+    ?assertEqual(
+        {arrives, [{1000, intact}, {2000, intact}, {6000, intact}]},
+        element(tuple_size(Came), Came)
+    ),
+    %% and nobody is told who does not want it
+    ?assertEqual(none, starl_live_packet_reports:new(config(#{tell => none}))),
+    ?assertEqual(none, starl_live_packet_reports:new(config(#{}))).
 
 %% The sink is told if it asked for packets, the observer always; without either nobody is.
 who_is_told_of_packets_test() ->

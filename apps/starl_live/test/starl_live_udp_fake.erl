@@ -8,8 +8,6 @@
 -export([packet/0, packet/1, sized/1, large/0]).
 %% The sockets.
 -export([open/2, send/4, close/1]).
-%% Handles the transport's reports.
--export([log/2]).
 -export([system_time/2, time_of_day/2, monotonic_time/2, start_timer/4, send_after/3]).
 
 -define(START, 1_700_000_000_000_000).
@@ -125,24 +123,8 @@ messages() ->
 
 %% What a function answers, and the lines that it has logged.
 logged(Fun) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, notice),
-    ok = logger:add_handler(?MODULE, ?MODULE, #{config => #{test => self()}}),
-    try
-        Answer = Fun(),
-        {Answer, lines()}
-    after
-        ok = logger:remove_handler(?MODULE),
-        ok = logger:set_primary_config(level, Level)
-    end.
-
-lines() ->
+    Self = self(),
+    Reports = starl_live_log_ct:reports(fun() -> Self ! {answer, Fun()} end),
     receive
-        {logged, Line} -> [Line | lines()]
-    after 0 -> []
+        {answer, Answer} -> {Answer, [Why || {_Level, #{why := Why}, _Meta} <- Reports]}
     end.
-
-log(#{msg := {report, #{why := Why}}}, #{config := #{test := Test}}) ->
-    Test ! {logged, Why};
-log(_Event, _Handler) ->
-    ok.

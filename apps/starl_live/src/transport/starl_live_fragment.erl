@@ -85,7 +85,7 @@ join(From, <<?PART, Digest:8/binary, Count, N, Part/binary>>, Now, Fragments) ->
 join(_From, _Payload, _Now, Fragments) ->
     {error, fragment, Fragments}.
 
-possible(Count, N, Size, Length) when Count > 1, N < Count - 1 ->
+possible(Count, N, Size, Length) when N < Count - 1 ->
     Size =:= Length andalso Count =< count(?LARGEST, Length);
 possible(Count, N, Size, Length) when Count > 1, N =:= Count - 1 ->
     Size > 0 andalso Size =< Length andalso Count =< count(?LARGEST, Length);

@@ -44,7 +44,7 @@ take(Now, #pace{rate = Rate, burst = Burst, tokens = Tokens, at_us = At} = Pace)
 taken(Items, #pace{waiting = 0} = Pace) ->
     {lists:reverse(Items), infinity, Pace};
 taken(Items, #pace{tokens = Tokens, rate = Rate} = Pace) when Tokens < 0 ->
-    {lists:reverse(Items), max(1, ceil(-Tokens / Rate)), Pace};
+    {lists:reverse(Items), ceil(-Tokens / Rate), Pace};
 taken(Items, #pace{tokens = Tokens, queue = Queue, waiting = Waiting} = Pace) ->
     {{value, {Item, Bytes}}, Rest} = queue:out(Queue),
     taken([Item | Items], Pace#pace{

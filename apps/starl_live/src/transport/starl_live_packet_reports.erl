@@ -82,7 +82,7 @@ came(From, Packet, Delays, IsCut, #told{clock = Clock} = Told) ->
     tell([{came, From, Brief, Bytes, Hash, Fate}], at_us(Told), Told).
 
 after_ms(Ms, Clock) ->
-    starl_live_clock:at_us(erlang:system_time(microsecond) + 1000 * Ms, Clock).
+    starl_live_clock:at_us(starl_live_clock:system_time(microsecond, Clock) + 1000 * Ms, Clock).
 
 tell(Events, At, #told{robot = Robot, tell = Tell}) ->
     Tell([{At, Robot, radio, Event} || Event <- Events]).
