@@ -142,7 +142,19 @@ too_long_or_of_another_version_test() ->
     ?assertEqual({error, term}, decode(Long)),
     {ok, <<1, Bytes/binary>>} = starl_live_codec:encode(packet(1)),
     ?assertEqual({error, version}, starl_live_codec:decode(1, <<2, Bytes/binary>>)),
-    ?assertEqual({error, version}, starl_live_codec:decode(1, <<>>)).
+    ?assertEqual({error, version}, starl_live_codec:decode(1, <<>>)),
+    ?assertEqual({error, term}, starl_live_codec:decode(1, <<1>>)),
+    ?assertEqual({error, term}, starl_live_codec:decode(1, <<1, 130, 97, 1>>)).
+
+%% The largest packet travels, one of a byte more does not.
+the_largest_packet_travels_test() ->
+    Sized = fun(Size) -> packet(binary:copy(<<7>>, Size)) end,
+    Most =
+        starl_payload:most_bytes(packet) -
+            byte_size(term_to_binary(Sized(0), [{minor_version, 2}])),
+    {ok, Bytes} = starl_live_codec:encode(Sized(Most)),
+    ?assertEqual({ok, Sized(Most)}, starl_live_codec:decode(1, Bytes)),
+    ?assertEqual({error, too_large}, starl_live_codec:encode(Sized(Most + 1))).
 
 a_packet_of_its_sender_test() ->
     {ok, Bytes} = starl_live_codec:encode(packet(1)),
@@ -159,6 +171,8 @@ what_cannot_travel_is_named_test_() ->
      || {What, Term} <- [
             {pid, self()},
             {port, Port},
+            %% one of another computer that has opened very many
+            {port, binary_to_term(<<131, 120, 119, 3, "a@b", (1 bsl 40):64, 1:32>>)},
             {reference, make_ref()},
             {function, fun() -> Port end},
             {function, fun lists:map/2},
