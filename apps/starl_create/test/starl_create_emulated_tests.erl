@@ -3,7 +3,33 @@
 -module(starl_create_emulated_tests).
 -include_lib("eunit/include/eunit.hrl").
 
+-behaviour(starl_world_emulator).
+-export([lines/2]).
+
 -define(AFTER_MS, 10000).
+
+%% The emulator of another device.
+lines(holonomic, here) -> fun(_Robot, _World) -> {?MODULE, #{}} end;
+lines(_Name, _Place) -> undefined.
+
+%% Devices of several emulators take part in one run, whichever emulator is listed first.
+each_robot_has_the_device_of_its_own_chassis_test_() ->
+    [
+        fun() ->
+            Self = self(),
+            World = spawn_link(fun() -> world(Self) end),
+            Choice = [create, holonomic, differential],
+            Lines = starl_world_emulator:all(Choice, here, Emulators),
+            Devices = [Device || Robot <- [1, 2, 3], {Device, _} <- [Lines(Robot, World)]],
+            World ! stop,
+            ?assertEqual([starl_create_chassis, ?MODULE, starl_world_chassis], Devices)
+        end
+     || Emulators <- [[?MODULE, starl_create], [starl_create, ?MODULE]]
+    ].
+
+nobody_has_a_device_test() ->
+    ?assertEqual(undefined, starl_world_emulator:all(mixed, here, [starl_create])),
+    ?assertEqual(undefined, starl_world_emulator:all([create, holonomic], here, [])).
 
 %% The test is both the other end of the line and, through a process, the world of the body.
 started() ->
