@@ -25,7 +25,8 @@
 option() ->
     {chassis,
         {term,
-            "differential, holonomic, create, create_1, mixed, exec:PROGRAM, FILE.erl, or a list",
+            lists:append([atom_to_list(Name) ++ ", " || Name <- names()]) ++
+                "exec:PROGRAM, FILE.erl, or a list",
             fun is_choice/1},
         differential,
         "two wheels (differential; create and create_1: with the measures of an iRobot Create, in "

@@ -383,8 +383,8 @@ unknown(What, Key, Keys) ->
 
 %% The keys of every chassis.
 profile_keys() ->
-    Chassis = [starl_chassis_differential, starl_chassis_holonomic],
-    Keys = lists:append([maps:keys(Module:profile(#{})) || Module <- Chassis]),
-    lists:usort([chassis, latency_ms, radius_mm | Keys]).
+    Profiles = [starl_chassis_choice:profiles(Name, #{}) || Name <- starl_chassis_choice:names()],
+    Keys = [Key || Profile <- lists:append(Profiles), Key <- maps:keys(Profile)],
+    lists:usort([latency_ms, radius_mm | Keys]).
 
 sap_keys() -> [retransmit_ms, backoff, longest_ms, limit, window, unclaimed].
