@@ -1,6 +1,6 @@
 %% @doc What hands do to a run: faults of a schedule ({@link starl_run_fault}) that begin now. Pages,
 %% commands, chaos and schedules have no other words for it. A run in real time cannot play every kind:
-%% this module says which.
+%% the table of the kinds says which.
 %% ```
 %%   {reboot, 3, #{}, 0}                              cluster kill 3
 %%   {location_frozen, 4, #{}, lasting}               cluster freeze 4
@@ -29,56 +29,31 @@
     | {starl_run_fault:kind(), starl_run_fault:target()}
     | {sense, starl:robot_id(), starl_sense:kind() | all}.
 
-%% What a world in real time can do, wherever the robots are; what it takes a node for.
--define(REAL, [
-    loss,
-    duplicate,
-    delay,
-    reorder,
-    babble,
-    partition,
-    one_way_partition,
-    isolate,
-    ring,
-    kill_machine,
-    kill_robot,
-    reboot,
-    location_dropout,
-    location_frozen,
-    location_noise,
-    location_bias,
-    location_swap,
-    serial_gone,
-    store_lost,
-    store_set_back,
-    sense_gone,
-    sense_frozen,
-    sense_noisy,
-    sense_wrong
-]).
--define(OF_NODES, [pause, store_full]).
-
 %% @doc The kinds that hands can do. In the simulator they cannot touch a clock: timers that run were set by
 %% it.
 -spec kinds(world()) -> [starl_run_fault:spec()].
 kinds(simulation) ->
     [Spec || {_, Class, _, _, _} = Spec <- starl_run_fault:kinds(), Class =/= clock];
 kinds(World) ->
-    [Spec || Spec <- starl_run_fault:kinds(), lists:member(element(1, Spec), played(World))].
+    [Spec || Spec <- starl_run_fault:kinds(), is_played(element(1, Spec), World)].
 
-played(one_vm) -> ?REAL;
-played(nodes) -> ?REAL ++ ?OF_NODES.
+is_played(Kind, World) ->
+    case starl_run_fault_kinds:played(Kind) of
+        live -> true;
+        nodes -> World =:= nodes;
+        simulated -> false
+    end.
 
 %% @doc A line for each fault of a schedule that a run in real time cannot play: which kind, and what can.
 -spec refused(one_vm | nodes, [starl_run_fault:t()]) -> [unicode:chardata()].
 refused(World, Faults) ->
     [
         io_lib:format("fault ~ts: ~ts ~ts", [Id, Kind, instead(World, Kind)])
-     || {Id, _, _, Kind, _, _} <- Faults, not lists:member(Kind, played(World))
+     || {Id, _, _, Kind, _, _} <- Faults, not is_played(Kind, World)
     ].
 
 instead(one_vm, Kind) ->
-    case lists:member(Kind, ?OF_NODES) of
+    case is_played(Kind, nodes) of
         true -> "needs a node for each robot: take ./starl cluster";
         false -> instead(nodes, Kind)
     end;
