@@ -224,13 +224,18 @@ rename("dir/a.kept.new", "dir/a.kept") -> does(rename, true).
 delete("dir/a.kept.new") -> does(delete, true).
 
 %% Of a robot that has never run there are none: these are of another life, and are not believed.
+%% It is no first life: whoever has terms has run, and they may be anybody's.
 not_new(Dir) ->
     ok = starl_live_store:keep(barrier, old, new(Dir)),
     [ok = file:delete(filename:join(Dir, F)) || F <- ["starts-a", "starts-b"]],
     ok = starl_live_store:commission(Dir),
     Store = quietly(fun() -> open(Dir) end),
-    ?assertEqual(none, starl_live_store:kept(barrier, Store)),
-    ?assertEqual([], filelib:wildcard("*.kept", Dir)).
+    ?assertEqual(later, starl_live_store:life(Store)),
+    ?assertEqual(damaged, starl_live_store:kept(barrier, Store)),
+    ?assertEqual([], filelib:wildcard("*.kept", Dir)),
+    ?assertEqual({later, damaged}, {
+        starl_live_store:life(open(Dir)), starl_live_store:kept(barrier, open(Dir))
+    }).
 
 %% Each with the directory, or the machine and the reason.
 said(Dir) ->

@@ -7,7 +7,8 @@
 %%
 %% <em>The first life.</em> Whoever begins a team commissions the store of each robot. Only a robot
 %% that finds that mark and nothing else has never run. A robot that finds nothing at all has lost
-%% its store: it may have kept any term. The mark goes with the first start.
+%% its store: it may have kept any term. So has one that finds terms but no starts. The mark goes with the first
+%% start.
 %%
 %% <em>An outdated store.</em> A store that was lost, or that the robot's peers know to be an earlier
 %% one than its last, is marked as such: each term counts as damaged until its machine has written a
@@ -60,7 +61,7 @@ open(Dir) ->
 opened(Dir) ->
     case {life(copies(Dir), Dir), read(starl_live_disk:place(Dir, ?OUTDATED))} of
         {lost, none} -> lost(Dir);
-        {first, _} -> {ok, #store{dir = Dir, life = first, outdated = false, outlived = 0}};
+        {first, none} -> {ok, #store{dir = Dir, life = first, outdated = false, outlived = 0}};
         {_, none} -> {ok, #store{dir = Dir, life = later, outdated = false, outlived = 0}};
         {_, {ok, N}} -> {ok, #store{dir = Dir, life = later, outdated = true, outlived = N}};
         {_, damaged} -> {ok, #store{dir = Dir, life = later, outdated = true, outlived = 0}}
