@@ -4,22 +4,9 @@
 
 -define(ROUTE, {{0.0, 0.0}, {1000.0, 0.0}}).
 
-%% A last leg of any drive is 100 mm long; a goal is reached at 12.5 mm; a place at an end of the line is right
-%% from 1 mm within to 2 mm beyond, and it aims at 0.5 mm beyond.
-profile() ->
-    starl_differential_course:profile(#{
-        speed => 100.0,
-        near_speed => 50.0,
-        turn_rate => 1.0,
-        near_turn_rate => 0.5,
-        leg_s => 1.0,
-        axle_mm => 200.0,
-        turn_from => 0.01,
-        look_from => 0.1,
-        heading_error => 0.02,
-        distance_error => 0.05,
-        position_error_mm => 2.0
-    }).
+%% A goal is reached at 12.5 mm; a place at an end of the line is right from 1 mm within to 2 mm beyond, and it aims
+%% at 0.5 mm beyond.
+profile() -> starl_platform_ct:two_wheels().
 
 along(Pose) -> starl_chassis_differential:next(along, Pose, ?ROUTE, profile()).
 

@@ -45,22 +45,9 @@ long_leg(Heading) ->
 
 %% -- the next step, of a robot with round measures on the line from (0, 0) to (1000, 0) -----------------
 
-%% A last leg is 100 mm long, the goal is reached at 12.5 mm; another leg may take the robot as far off as
-%% that and the stall's 0.75 mm, at 0.08 mm for each mm.
-round_profile() ->
-    starl_differential_course:profile(#{
-        speed => 100.0,
-        near_speed => 50.0,
-        turn_rate => 1.0,
-        near_turn_rate => 0.5,
-        leg_s => 1.0,
-        axle_mm => 200.0,
-        turn_from => 0.01,
-        look_from => 0.1,
-        heading_error => 0.02,
-        distance_error => 0.05,
-        position_error_mm => 2.0
-    }).
+%% The goal is reached at 12.5 mm; a leg that is not the last may take the robot as far off as that and the stall's
+%% 0.75 mm, at 0.08 mm for each mm.
+round_profile() -> starl_platform_ct:two_wheels().
 
 next(Pose, Profile) ->
     starl_differential_course:next(Pose, {{0.0, 0.0}, {1000.0, 0.0}}, Profile).

@@ -8,7 +8,7 @@
 
 -export([property/2, safely/1, seed/0, within/2, work/1]).
 -export([without_log/1, with_log/1, quietly/1, forget/0, tell/1, fault_id/2]).
--export([application/3, init/2, step/2]).
+-export([application/3, init/2, step/2, two_wheels/0]).
 
 %% Checks a property in so many cases; fails the test case with the seed and the shrunk case.
 property(Prop, Cases) ->
@@ -161,3 +161,19 @@ tell(Violations) ->
 
 %% The name of the N-th fault of a schedule: no more atoms than the longest schedule has faults.
 fault_id(Prefix, N) -> list_to_atom(lists:concat([Prefix, N])).
+
+%% The profile of a chassis with two wheels, in round numbers: a last leg is 100 mm long.
+two_wheels() ->
+    starl_differential_course:profile(#{
+        speed => 100.0,
+        near_speed => 50.0,
+        turn_rate => 1.0,
+        near_turn_rate => 0.5,
+        leg_s => 1.0,
+        axle_mm => 200.0,
+        turn_from => 0.01,
+        look_from => 0.1,
+        heading_error => 0.02,
+        distance_error => 0.05,
+        position_error_mm => 2.0
+    }).
