@@ -5,10 +5,17 @@ defmodule StarlNotebook.MixProject do
   {:ok, [{:application, _, props}]} =
     :file.consult(String.to_charlist(Path.join(__DIR__, "src/starl_notebook.app.src")))
 
-  @props props
+  # The modules lie in starl_lab, whose commands need libraries from Hex: mix compiles their folder alone.
+  @props Keyword.update!(props, :applications, &(&1 -- [:starl_lab]))
 
   def project do
-    [app: :starl_notebook, version: to_string(@props[:vsn]), language: :erlang, deps: deps()]
+    [
+      app: :starl_notebook,
+      version: to_string(@props[:vsn]),
+      language: :erlang,
+      erlc_paths: ["../starl_lab/src/notebook"],
+      deps: deps()
+    ]
   end
 
   def application do

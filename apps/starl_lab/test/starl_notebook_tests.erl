@@ -176,3 +176,23 @@ a_study_has_a_row_for_each_combination_test() ->
         ?assertEqual(3, length(string:split(Svg, "<polyline", all))),
         ?assertEqual(3, length(string:split(Svg, "<polygon", all)))
     end).
+
+%% mix compiles the folder of the notebooks without the rest of its application.
+mix_has_all_that_the_modules_call_test() ->
+    _ = application:load(starl_notebook),
+    _ = application:load(starl_lab),
+    {ok, Needed} = application:get_key(starl_notebook, applications),
+    {ok, Modules} = application:get_key(starl_lab, modules),
+    Own = [M || M <- Modules, lists:prefix("starl_notebook", atom_to_list(M))],
+    ?assert(lists:member(starl_notebook, Own)),
+    Known = lists:append([[erlang | Own] | [modules(A) || A <- Needed, A =/= starl_lab]]),
+    ?assertEqual([], [{M, Called} || M <- Own, Called <- called(M) -- Known]).
+
+modules(App) ->
+    _ = application:load(App),
+    {ok, Modules} = application:get_key(App, modules),
+    Modules.
+
+called(Module) ->
+    {ok, {Module, [{imports, Calls}]}} = beam_lib:chunks(code:which(Module), [imports]),
+    lists:usort([Called || {Called, _, _} <- Calls]).
