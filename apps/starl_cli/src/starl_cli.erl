@@ -2,7 +2,10 @@
 %% internal errors.
 -module(starl_cli).
 
--export([main/1, command/1]).
+-export([main/1, command/1, brief/1]).
+
+%% The longest line on an internal error, but for its file.
+-define(BRIEF, 150).
 
 %% @doc Runs a command and ends the VM with its exit status.
 -spec main([string()]) -> no_return().
@@ -49,9 +52,19 @@ internal_error(Text) ->
             {error, _} -> ""
         end,
     starl_cli_progress:erase(),
-    First = hd(string:split(unicode:characters_to_list(Text), "\n")),
-    starl_cli_terminal:complain(["internal error: ", First, Where]),
+    starl_cli_terminal:complain(["internal error: ", brief(Text), Where]),
     1.
+
+%% @doc The text of an exception in one line: what went wrong, and in which function. The rest of a long line
+%% is left out.
+-spec brief(unicode:chardata()) -> string().
+brief(Text) ->
+    Lines = string:split(unicode:characters_to_list(Text), "\n", all),
+    Words = lists:append([string:lexemes(Line, " ") || Line <- lists:sublist(Lines, 2)]),
+    case lists:append(lists:join(" ", Words)) of
+        Line when length(Line) =< ?BRIEF -> Line;
+        Line -> lists:sublist(Line, ?BRIEF) ++ " ..."
+    end.
 
 temporary() ->
     case os:getenv("TMPDIR") of

@@ -179,3 +179,27 @@ no_recording_test_() ->
         end}
      || Name <- ["judge", "info", "view"]
     ].
+
+%% One line on an internal error names the function, also where the exception has the arguments in its text.
+an_internal_error_names_its_function_test() ->
+    Brief = fun(Fun) ->
+        try Fun() of
+            _ -> none
+        catch
+            Class:Reason:Stack ->
+                starl_cli:brief(erl_error:format_exception(Class, Reason, Stack))
+        end
+    end,
+    Long = maps:from_list([{N, lists:seq(1, 9)} || N <- lists:seq(1, 9)]),
+    [
+        ?assertNotEqual({Line, nomatch}, {Line, string:find(Line, Part)})
+     || {Line, Part} <- [
+            {Brief(fun() -> lists:nth(Long, [1]) end), "in function lists:nth/2"},
+            {Brief(fun() -> lists:nth(1, Long) end), "matching lists:nth(1,"},
+            {
+                Brief(fun() -> starl_cli_no_such:name() end),
+                "undefined function starl_cli_no_such:name/0"
+            }
+        ]
+    ],
+    ?assertEqual("exception exit: normal", starl_cli:brief("exception exit: normal")).

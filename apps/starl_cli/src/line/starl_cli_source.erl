@@ -257,7 +257,7 @@ target(File, Module, Codes) ->
         {false, true, true} ->
             {ok, Target#{app := starl_exercise, given := #{block => Module}}};
         {false, true, false} ->
-            {error, [[File, ": this block says not how it is exercised (exercise/0)"]]};
+            {error, [[File, ": this block does not say how: it exports no exercise/0"]]};
         {false, false, _} ->
             {error, [no_application(File)]}
     end.
