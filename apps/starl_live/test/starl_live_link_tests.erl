@@ -1,186 +1,24 @@
-%% The link of a live robot: what it takes of its lines, by which clock its machines live, and when it
-%% kills one. Here its lines are the test, its clock shows what the test sets, and its machines are this
-%% module.
+%% The link of a live robot: what it takes of its lines, by which clock its machines live, and what it tells.
 -module(starl_live_link_tests).
 -include_lib("eunit/include/eunit.hrl").
--behaviour(starl_machine).
--behaviour(starl_live_clock).
 
--export([init/1, handle_event/5]).
--export([log/2]).
--export([system_time/2, time_of_day/2, monotonic_time/2, start_timer/4, send_after/3]).
+-import(starl_live_link_ct, [
+    with_link/2, with_link/3,
+    set/3,
+    hears/2,
+    took/2,
+    hung/1,
+    app_hangs/1,
+    handled/0,
+    next/0,
+    sap/0,
+    heard/0
+]).
 
 -define(MOST_WAITING, 10000).
 -define(SCRIPT, {starl_chassis_holonomic, [{100.0, 0.0, 1000}]}).
 
-%% -- the machine -----------------------------------------------------------------------------------
-
-init(#{test := Test, name := Name, incarnation := N}) ->
-    Test ! {starts, Name, self(), N},
-    {up, Test, [{actuate, light, on} || Name =:= app]}.
-
-%% It does what a packet asks for, and tells the test by its clock.
-handle_event(packet, hang, up, Test, _Meta) ->
-    Test ! {hangs, self()},
-    receive
-        go_on -> {keep_state, Test, []}
-    end;
-handle_event(packet, Packet, up, Test, #{now := Now}) ->
-    Test ! {took, Packet, Now},
-    {keep_state, Test, done(Packet)};
-handle_event(info, {located, hang, _Seen}, up, Test, Meta) ->
-    handle_event(packet, hang, up, Test, Meta);
-handle_event(info, {located, crash, _Seen}, up, _Test, _Meta) ->
-    error(planted);
-handle_event(info, {located, Tag, Seen}, up, Test, #{now := Now}) ->
-    Test ! {located, Tag, Seen, Now},
-    {keep_state, Test, []};
-handle_event(info, {felt, _, _} = Felt, up, Test, _Meta) ->
-    Test ! Felt,
-    keep_state_and_data;
-handle_event(info, {late, _} = Late, up, Test, _Meta) ->
-    Test ! Late,
-    keep_state_and_data;
-handle_event({timeout, _}, Content, up, Test, _Meta) ->
-    Test ! {wakes, Content},
-    keep_state_and_data;
-handle_event(info, _, up, _Test, _Meta) ->
-    keep_state_and_data.
-
-done({wake, Us}) ->
-    done({wake, wake, Us});
-done({wake, Name, Us}) ->
-    [{{timeout, Name}, Us, wake}];
-done({drive, Mark}) ->
-    [{drive, ?SCRIPT, Mark}];
-done({feel, Kind, Tag}) ->
-    [{feel, Kind, Tag}];
-done({say, Mark, Until, Us}) ->
-    [{until, Until, [{trace, {said, Mark}}], Mark}, {{timeout, wake}, Us, wake}];
-done({say, First, Then, Until, Us}) ->
-    done({say, First, Until, Us}) ++ [{until, Until, [{trace, {said, Then}}], Then}];
-done({drive, Mark, Until}) ->
-    [{until, Until, [{drive, ?SCRIPT, Mark}], Mark}];
-done(_Packet) ->
-    [].
-
-%% -- the clock: system time and monotonic time, which the test sets -----------------------------------
-
-system_time(Unit, {Times, _Test}) -> in(Unit, atomics:get(Times, 1)).
-
-time_of_day(Unit, Computer) -> system_time(Unit, Computer).
-
-monotonic_time(Unit, {Times, _Test}) -> in(Unit, atomics:get(Times, 2)).
-
-in(Unit, Us) -> erlang:convert_time_unit(Us, microsecond, Unit).
-
-%% The computer stands still here for as long as the test says.
-start_timer(Ms, snapshot, [{abs, true}], {_Times, Test}) ->
-    Test ! {snapshot_at, Ms},
-    make_ref();
-start_timer(Ms, Message, [{abs, true}], {Times, Test}) ->
-    Test ! {timer, Ms, Message},
-    ok = atomics:add(Times, 1, atomics:exchange(Times, 3, 0)),
-    make_ref().
-
-send_after(Ms, watch, {_Times, Test}) ->
-    Test ! {watch_in, Ms},
-    make_ref().
-
-clock(SystemUs, MonotonicUs, Pace) ->
-    Times = atomics:new(3, [{signed, true}]),
-    ok = set(SystemUs, MonotonicUs, Times),
-    {Times, starl_live_clock:on({?MODULE, {Times, self()}}, starl_live_clock:new(0, Pace))}.
-
-set(SystemUs, MonotonicUs, Times) ->
-    ok = atomics:put(Times, 1, SystemUs),
-    atomics:put(Times, 2, MonotonicUs).
-
-%% -- the robot ---------------------------------------------------------------------------------------
-
-%% Calls the test with the link of a robot whose machines have all started, and with the clock's times.
-with_link(Pace, Test) ->
-    with_link(Pace, #{}, Test).
-
-%% ... of a robot with these keys in the place of the usual ones.
-with_link(Pace, Given, Test) ->
-    starl_platform_ct:quietly(fun() -> linked(Pace, Given, Test) end).
-
-linked(Pace, Given, Test) ->
-    process_flag(trap_exit, true),
-    Dir = starl_live_robot_ct:dir() ++ "-link",
-    _ = file:del_dir_r(Dir),
-    {Times, Clock} = clock(0, 0, Pace),
-    Usual = #{
-        robot => 1,
-        tree => tree(self()),
-        team_seed => 1,
-        profile => #{},
-        clock => Clock,
-        dir => Dir,
-        transport => self(),
-        positioning => self(),
-        chassis => self(),
-        sink => none
-    },
-    {ok, Robot} = starl_live_robot:start_link(maps:merge(Usual, Given)),
-    receive
-        {'$gen_cast', {actuate, light, on, none}} -> ok
-    end,
-    try
-        ok = Test(starl_live_robot:link(Robot), Times)
-    after
-        exit(Robot, shutdown),
-        receive
-            {'EXIT', Robot, _} -> ok
-        end,
-        _ = file:del_dir_r(Dir),
-        starl_platform_ct:forget()
-    end.
-
-tree(Test) ->
-    #{
-        participants => starl_team:new([1, 2]),
-        services => [{sap, ?MODULE, #{test => Test}}],
-        blocks => [],
-        app => {machine, ?MODULE, #{test => Test}}
-    }.
-
-hears(Packet, Link) -> Link ! {starl_heard, self(), [Packet]}.
-
-%% A packet, and the time at which it was taken.
-took(Packet, Link) ->
-    _ = hears(Packet, Link),
-    receive
-        {took, Packet, Now} -> Now
-    end.
-
-hung(Link) ->
-    _ = hears(hang, Link),
-    receive
-        {hangs, _} -> ok
-    end.
-
-%% What the machine has handled next.
-handled() ->
-    receive
-        {took, _, _} = Took -> Took;
-        {late, _} = Late -> Late
-    end.
-
-next() ->
-    receive
-        {starts, app, _, _} -> next();
-        {watch_in, _} -> next();
-        Message -> Message
-    end.
-
-sap() ->
-    receive
-        {starts, sap, Pid, N} -> {Pid, N}
-    end.
-
-%% -- its lines ---------------------------------------------------------------------------------------
+%% -- its lines --------------------------------------------------------------------------------------
 
 %% While a machine is at work so many packets wait, and no more; what is no packet waits all the same.
 flood_is_bounded_test() ->
@@ -274,7 +112,21 @@ late_is_told_in_order_test() ->
         ok
     end).
 
-%% -- its clock ---------------------------------------------------------------------------------------
+%% What is no word to it changes nothing.
+unknown_messages_are_left_alone_test() ->
+    with_link(1, fun(Link, _Times) ->
+        ok = gen_server:cast(Link, hello),
+        Link ! hello,
+        Link ! {starl_heard, Link, [not_of_its_radio]},
+        Link ! {starl_done, x, self(), []},
+        Link ! {'DOWN', make_ref(), process, self(), x},
+        Link ! {timeout, make_ref(), {starl_timer, sap, {timeout, wake}, 99, 0, wake}},
+        ?assertEqual(0, took(here, Link)),
+        ?assertEqual([], [What || {wakes, _} = What <- heard()]),
+        ok
+    end).
+
+%% -- its clock --------------------------------------------------------------------------------------
 
 %% The time of the robot's machines does not go back when its computer's does.
 time_does_not_go_back_test() ->
@@ -303,35 +155,47 @@ timers_are_rounded_up_test() ->
     [Rings(1, Us, 250) || Us <- [1, 750, 751, 1500, 1750]],
     [Rings(2, Us, 3000) || Us <- [1, 2000, 2002, 3999]].
 
+%% A timer's event comes once, with the mark that it was planned with.
+a_timer_rings_once_test() ->
+    with_link(1, fun(Link, _Times) ->
+        Ring = {timeout, make_ref(), timer({wake, 10}, Link)},
+        Link ! Ring,
+        receive
+            {wakes, wake} -> ok
+        end,
+        Link ! Ring,
+        ?assertEqual(0, took(here, Link)),
+        ?assertEqual([], [What || {wakes, _} = What <- heard()]),
+        ok
+    end).
+
 %% A timer that is not handled more than 0.2 s after it was due tells of the computer, before anything else is
 %% handled: one fact of all that was due in that time.
 a_computer_that_is_late_is_told_of_test() ->
-    starl_platform_ct:quietly(fun() ->
-        linked(1, #{sink => self()}, fun(Link, Times) ->
-            Rings = fun(Us, At) ->
-                First = timer({wake, Us}, Link),
-                Second = timer({wake, again, Us}, Link),
-                ok = set(At, 0, Times),
-                _ = [Link ! {timeout, make_ref(), Timer} || Timer <- [First, Second]],
-                At = took(sync, Link),
-                facts()
-            end,
-            ?assertEqual([], Rings(10_000, 210_000)),
-            ?assertEqual([{late, 220_000, 420_001}], Rings(10_000, 420_001)),
-            ?assertEqual([], Rings(10_000, 630_001)),
-            ?assertEqual([{late, 640_001, 1_630_001}], Rings(10_000, 1_630_001)),
-            %% what comes before it is handled late, too; a timer that does not run any more is not late
-            Waits = timer({wake, 10_000}, Link),
-            ok = set(1_840_002, 0, Times),
-            1_840_002 = took(before_it, Link),
-            ?assertEqual([{late, 1_640_001, 1_840_002}], facts()),
-            Again = timer({wake, 500_000}, Link),
-            ok = set(2_240_002, 0, Times),
-            _ = [Link ! {timeout, make_ref(), Timer} || Timer <- [Waits, Again]],
-            2_240_002 = took(sync, Link),
-            ?assertEqual([], facts()),
-            ok
-        end)
+    with_link(1, #{sink => self()}, fun(Link, Times) ->
+        Rings = fun(Us, At) ->
+            First = timer({wake, Us}, Link),
+            Second = timer({wake, again, Us}, Link),
+            ok = set(At, 0, Times),
+            _ = [Link ! {timeout, make_ref(), Timer} || Timer <- [First, Second]],
+            At = took(sync, Link),
+            facts()
+        end,
+        ?assertEqual([], Rings(10_000, 210_000)),
+        ?assertEqual([{late, 220_000, 420_001}], Rings(10_000, 420_001)),
+        ?assertEqual([], Rings(10_000, 630_001)),
+        ?assertEqual([{late, 640_001, 1_630_001}], Rings(10_000, 1_630_001)),
+        %% what comes before it is handled late, too; a timer that does not run any more is not late
+        Waits = timer({wake, 10_000}, Link),
+        ok = set(1_840_002, 0, Times),
+        1_840_002 = took(before_it, Link),
+        ?assertEqual([{late, 1_640_001, 1_840_002}], facts()),
+        Again = timer({wake, 500_000}, Link),
+        ok = set(2_240_002, 0, Times),
+        _ = [Link ! {timeout, make_ref(), Timer} || Timer <- [Waits, Again]],
+        2_240_002 = took(sync, Link),
+        ?assertEqual([], facts()),
+        ok
     end).
 
 timer(Packet, Link) ->
@@ -347,201 +211,7 @@ facts() ->
     after 0 -> []
     end.
 
-%% -- a machine that hangs ----------------------------------------------------------------------------
-
-%% One that has not answered from one watch to the next is killed, and starts anew. One that has answered
-%% meanwhile has its time anew, though it is at work again.
-hung_machine_is_killed_test() ->
-    with_link(1, fun(Link, _Times) ->
-        {Sap, First} = sap(),
-        Monitor = monitor(process, Sap),
-        ok = hung(Link),
-        Link ! watch,
-        Sap ! go_on,
-        ok = hung(Link),
-        Link ! watch,
-        _ = starl_live_link:metrics(Link),
-        ?assert(is_process_alive(Sap)),
-        Link ! watch,
-        receive
-            {'DOWN', Monitor, process, Sap, Why} -> ?assertEqual(killed, Why)
-        end,
-        ?assertMatch({_, N} when N =:= First + 1, sap()),
-        ?assertEqual(0, took(again, Link)),
-        ok
-    end).
-
-%% An application may take its time, but of one step that takes very long the log has one line, with its
-%% place; a step after that has its time anew.
-long_step_is_told_once_test() ->
-    with_link(1, fun(Link, _Times) ->
-        Watches = fun(N) ->
-            logged(fun() ->
-                _ = [Link ! watch || _ <- lists:seq(1, N)],
-                starl_live_link:metrics(Link)
-            end)
-        end,
-        Seconds = fun() ->
-            {Gauges, _} = starl_live_link:metrics(Link),
-            [N] = [N || {step_seconds, [], N} <- Gauges],
-            N
-        end,
-        App = app_hangs(Link),
-        ?assertEqual(0, Seconds()),
-        ?assertEqual([], Watches(2)),
-        ?assertEqual(5, Seconds()),
-        [Line] = Watches(8),
-        ?assertEqual(45, Seconds()),
-        ?assertMatch(
-            {match, _},
-            re:run(
-                Line,
-                "^in one step for 10 s at starl_live_link_tests.erl:[0-9]+; an endless loop\\?$"
-            )
-        ),
-        App ! go_on,
-        App = app_hangs(Link),
-        ?assertEqual([], Watches(2)),
-        ?assertMatch([_], Watches(1)),
-        ?assert(is_process_alive(App)),
-        App ! go_on,
-        ok
-    end).
-
-%% A node's log has one line for a crash, and none of OTP's reports of the same.
-crash_is_told_once_test() ->
-    with_link(1, fun(Link, _Times) ->
-        receive
-            {starts, app, _, _} -> ok
-        end,
-        Handler = #{
-            config => #{robot => 1, sink => self()},
-            formatter => {logger_formatter, #{single_line => true, template => [msg]}},
-            filter_default => log,
-            filters => [{again, {fun starl_live_log:again/2, []}}]
-        },
-        while_logging(starl_live_log, Handler, fun() ->
-            Link ! {starl_located, self(), {app, crash}, []},
-            receive
-                {starts, app, _, _} -> starl_live_link:metrics(Link)
-            end
-        end),
-        [Line] = node_lines(),
-        ?assertMatch({match, _}, re:run(Line, "^app crashed: planted at starl_live_link_tests:")),
-        ok
-    end).
-
-node_lines() ->
-    receive
-        {starl_log, 1, error, Line} -> [Line | node_lines()]
-    after 0 -> []
-    end.
-
-app_hangs(Link) ->
-    Link ! {starl_located, self(), {app, hang}, []},
-    receive
-        {hangs, Pid} -> Pid
-    end.
-
-%% The errors that are logged meanwhile, in words.
-logged(Fun) ->
-    while_logging(?MODULE, #{config => #{test => self()}}, Fun),
-    lines().
-
-while_logging(Module, Handler, Fun) ->
-    #{level := Level} = logger:get_primary_config(),
-    ok = logger:set_primary_config(level, error),
-    ok = logger:add_handler(?MODULE, Module, Handler),
-    _ = Fun(),
-    ok = logger:remove_handler(?MODULE),
-    ok = logger:set_primary_config(level, Level).
-
-lines() ->
-    receive
-        {logged, Line} -> [Line | lines()]
-    after 0 -> []
-    end.
-
-log(#{msg := {report, Report}, meta := #{report_cb := Words}}, #{config := #{test := Test}}) ->
-    {Format, Terms} = Words(Report),
-    Test ! {logged, unicode:characters_to_binary(io_lib:format(Format, Terms))};
-log(_Event, _Config) ->
-    ok.
-
-%% One that is at rest is left alone, however often it is looked at.
-resting_machine_is_left_alone_test() ->
-    with_link(1, fun(Link, _Times) ->
-        {Sap, _} = sap(),
-        _ = [Link ! watch || _ <- lists:seq(1, 3)],
-        ?assertEqual(0, took(here, Link)),
-        ?assert(is_process_alive(Sap)),
-        ok
-    end).
-
-%% It looks every five seconds.
-it_watches_every_five_seconds_test() ->
-    with_link(1, fun(Link, _Times) ->
-        Watch = fun() ->
-            receive
-                {watch_in, Ms} -> Ms
-            end
-        end,
-        ?assertEqual(5000, Watch()),
-        Link ! watch,
-        ?assertEqual(5000, Watch()),
-        ok
-    end).
-
-%% A machine that is killed by hand starts anew; of one that is not there nothing becomes.
-kill_test() ->
-    with_link(1, fun(Link, _Times) ->
-        {Sap, First} = sap(),
-        Monitor = monitor(process, Sap),
-        ok = starl_live_link:kill(Link, nobody),
-        ok = starl_live_link:kill(Link, sap),
-        receive
-            {'DOWN', Monitor, process, Sap, Why} -> ?assertEqual(killed, Why)
-        end,
-        ?assertMatch({_, N} when N =:= First + 1, sap()),
-        ?assertEqual(0, took(again, Link)),
-        ok
-    end).
-
-%% What is no word to it changes nothing.
-unknown_messages_are_left_alone_test() ->
-    with_link(1, fun(Link, _Times) ->
-        ok = gen_server:cast(Link, hello),
-        Link ! hello,
-        Link ! {starl_heard, Link, [not_of_its_radio]},
-        Link ! {starl_done, x, self(), []},
-        Link ! {'DOWN', make_ref(), process, self(), x},
-        Link ! {timeout, make_ref(), {starl_timer, sap, {timeout, wake}, 99, 0, wake}},
-        ?assertEqual(0, took(here, Link)),
-        ?assertEqual([], [What || {wakes, _} = What <- heard()]),
-        ok
-    end).
-
-heard() ->
-    receive
-        Message -> [Message | heard()]
-    after 0 -> []
-    end.
-
-%% A timer's event comes once, with the mark that it was planned with.
-a_timer_rings_once_test() ->
-    with_link(1, fun(Link, _Times) ->
-        Ring = {timeout, make_ref(), timer({wake, 10}, Link)},
-        Link ! Ring,
-        receive
-            {wakes, wake} -> ok
-        end,
-        Link ! Ring,
-        ?assertEqual(0, took(here, Link)),
-        ?assertEqual([], [What || {wakes, _} = What <- heard()]),
-        ok
-    end).
-
-%% -- what it tells -----------------------------------------------------------------------------------
+%% -- what it tells ----------------------------------------------------------------------------------
 
 %% Who asks learns of its machines, their starts and its queues, its counters and its lines.
 it_answers_who_asks_test() ->
@@ -628,8 +298,6 @@ a_first_life_does_not_come_up_test() ->
     end),
     file:del_dir_r(dir()).
 
-dir() -> starl_live_robot_ct:dir() ++ "-first".
-
 %% A store that cannot be opened ends it, with a line.
 without_a_store_it_does_not_start_test() ->
     process_flag(trap_exit, true),
@@ -643,62 +311,4 @@ without_a_store_it_does_not_start_test() ->
     process_flag(trap_exit, false),
     starl_platform_ct:forget().
 
-%% -- snapshots ---------------------------------------------------------------------------------------
-
-%% They are due at whole multiples of their period of the run's clock. A robot whose application computes tells
-%% none; once it has told one, each event that comes is told.
-snapshots_are_told_at_their_times_test() ->
-    %% a process is no data, its name is
-    true = register(?MODULE, self()),
-    Given = #{sink => self(), snapshots_us => 300_000, tree => tree(?MODULE)},
-    with_link(1, Given, fun(Link, Times) ->
-        Due = fun() ->
-            receive
-                {snapshot_at, Ms} -> Ms
-            end
-        end,
-        Told = fun() ->
-            Link ! {timeout, make_ref(), snapshot},
-            told_snapshot()
-        end,
-        ?assertEqual(300, Due()),
-        ok = set(650_000, 10_000, Times),
-        ?assertMatch({ok, _}, Told()),
-        %% 250 ms later, by the computer's monotonic time
-        ?assertEqual(260, Due()),
-        650_000 = took(here, Link),
-        ?assertEqual([{event, sap, packet, here}, now], inputs(Link)),
-        App = app_hangs(Link),
-        ?assertEqual({error, at_work}, Told()),
-        App ! go_on,
-        650_000 = took(again, Link),
-        ?assertNot(lists:member({event, sap, packet, again}, inputs(Link))),
-        ok
-    end),
-    true = unregister(?MODULE).
-
-told_snapshot() ->
-    receive
-        {starl_traced, 1, _, {_, _, Facts}} ->
-            case [Told || {_, 1, snapshot, {How, _} = Told} <- Facts, How =/= input] of
-                [Told] -> Told;
-                [] -> told_snapshot()
-            end
-    end.
-
-%% The inputs that it has told so far.
-inputs(Link) ->
-    _ = starl_live_link:metrics(Link),
-    [
-        Input
-     || {starl_traced, 1, _, {_, _, Facts}} <- heard(),
-        {_, 1, snapshot, {input, {_, Input}}} <- Facts
-    ].
-
-%% A robot whose snapshots nobody wants tells none.
-no_snapshots_test() ->
-    with_link(1, fun(Link, _Times) ->
-        0 = took(here, Link),
-        ?assertEqual([], [Ms || {snapshot_at, Ms} <- heard()]),
-        ok
-    end).
+dir() -> starl_live_robot_ct:dir() ++ "-first".
