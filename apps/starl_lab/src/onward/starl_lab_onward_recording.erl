@@ -43,10 +43,8 @@
 read(File, Until) -> folded(fun message/2, #read{file = File, until = Until}, fun whole/1, File).
 
 %% @doc What the messages of a recording come to; either function may {@link refuse/1} it.
--spec folded(fun((starl_trace_message:t(), Acc) -> Acc), Acc, fun((Acc) -> Whole), File) ->
-    {ok, Whole} | {error, reason()}
-when
-    File :: file:filename_all().
+-spec folded(Message, Acc, Whole, file:filename_all()) -> {ok, Read} | {error, reason()} when
+    Message :: fun((starl_trace_message:t(), Acc) -> Acc), Whole :: fun((Acc) -> Read).
 folded(Message, Begun, Whole, File) ->
     try
         case starl_trace_reader:fold(Message, Begun, File) of
