@@ -5,7 +5,7 @@ defmodule StarlNotebook.MixProject do
   {:ok, [{:application, _, props}]} =
     :file.consult(String.to_charlist(Path.join(__DIR__, "src/starl_notebook.app.src")))
 
-  # The modules lie in starl_lab, whose commands need libraries from Hex: mix compiles their folder alone.
+  # The modules lie in starl_lab, whose commands need libraries from Hex: mix compiles their folders alone.
   @props Keyword.update!(props, :applications, &(&1 -- [:starl_lab]))
 
   def project do
@@ -13,7 +13,7 @@ defmodule StarlNotebook.MixProject do
       app: :starl_notebook,
       version: to_string(@props[:vsn]),
       language: :erlang,
-      erlc_paths: ["../starl_lab/src/notebook"],
+      erlc_paths: ["../starl_lab/src/notebook", "../starl_lab/src/film"],
       deps: deps()
     ]
   end

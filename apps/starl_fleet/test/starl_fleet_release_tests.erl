@@ -18,10 +18,10 @@ release() ->
     ],
     ?assertMatch([_ | _], [P || P <- Files, lists:suffix("/bin/beam.smp", P)]),
     ?assertMatch([_ | _], [P || P <- Files, lists:prefix("lib/starl_blocks-", P)]),
-    %% what a robot can do without stays away: the command line, and with it the window
+    %% what a robot can do without stays away: the command line, and with it the lab and its window
     ?assertEqual([], [
         P
-     || P <- Files, App <- ["cli", "view", "cowboy"], string:find(P, App ++ "-") =/= nomatch
+     || P <- Files, App <- ["cli", "lab", "cowboy"], string:find(P, App ++ "-") =/= nomatch
     ]),
     %% the log has what the robot's processes say, whose domain OTP's default handler does not know
     {_, {text, Text}} = lists:keyfind("sys.config", 1, Manifest),

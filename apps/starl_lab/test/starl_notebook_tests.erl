@@ -177,14 +177,19 @@ a_study_has_a_row_for_each_combination_test() ->
         ?assertEqual(3, length(string:split(Svg, "<polygon", all)))
     end).
 
-%% mix compiles the folder of the notebooks without the rest of its application.
+%% mix compiles the folders of the notebooks and of films without the rest of their application.
 mix_has_all_that_the_modules_call_test() ->
     _ = application:load(starl_notebook),
     _ = application:load(starl_lab),
     {ok, Needed} = application:get_key(starl_notebook, applications),
     {ok, Modules} = application:get_key(starl_lab, modules),
-    Own = [M || M <- Modules, lists:prefix("starl_notebook", atom_to_list(M))],
-    ?assert(lists:member(starl_notebook, Own)),
+    Own = [
+        M
+     || M <- Modules,
+        Folder <- ["starl_notebook", "starl_film"],
+        lists:prefix(Folder, atom_to_list(M))
+    ],
+    ?assertEqual([], [starl_notebook, starl_film] -- Own),
     Known = lists:append([[erlang | Own] | [modules(A) || A <- Needed, A =/= starl_lab]]),
     ?assertEqual([], [{M, Called} || M <- Own, Called <- called(M) -- Known]).
 

@@ -13,7 +13,7 @@
 %% @doc The files of the page.
 -spec files() -> files().
 files() ->
-    Dir = filename:join(code:priv_dir(starl_view), "page"),
+    Dir = filename:join(code:priv_dir(starl_lab), "page"),
     {ok, Names} = file:list_dir(Dir),
     Files = maps:from_list([file(Name, Dir) || Name <- Names]),
     #{<<"/index.html">> := Index} = Files,

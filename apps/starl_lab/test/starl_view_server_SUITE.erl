@@ -55,7 +55,7 @@ files(Config) ->
     [?assertMatch({200, _}, ?C:get(Port, "/" ++ Name, [])) || [Name] <- Named],
     [
         ?assertMatch({404, _}, ?C:get(Port, Path, []))
-     || Path <- ["/..%2f..%2febin/starl_view.app", "/../starl_view.app", "/none", "/%00"]
+     || Path <- ["/..%2f..%2febin/starl_lab.app", "/../starl_lab.app", "/none", "/%00"]
     ].
 
 %% A site's script can neither reach the server by a name that it has made to point here, nor open a
