@@ -81,14 +81,18 @@ under({Title, Commands}, Groups) ->
         false -> Groups ++ [{Title, Commands}]
     end.
 
-%% @doc Finds a command by its name; otherwise gives similar names.
+%% @doc Finds a command by its name; otherwise gives similar names. Modules that bear the name are asked first:
+%% each that is asked is loaded.
 -spec find(string()) -> {ok, module()} | {error, Near :: [string()]}.
 find(Name) ->
-    Named = [{Module:name(), Module} || {_, Modules} <- all(), Module <- Modules],
-    case lists:keyfind(Name, 1, Named) of
-        {_, Module} -> {ok, Module};
-        false -> {error, starl_cli_flags:nearest(Name, [Known || {Known, _} <- Named])}
+    Modules = [Module || {_, Some} <- all(), Module <- Some],
+    {Likely, Others} = lists:partition(fun(Module) -> bears(Name, Module) end, Modules),
+    case lists:search(fun(Module) -> Module:name() =:= Name end, Likely ++ Others) of
+        {value, Module} -> {ok, Module};
+        false -> {error, starl_cli_flags:nearest(Name, [Module:name() || Module <- Modules])}
     end.
+
+bears(Name, Module) -> string:find(atom_to_list(Module), Name) =/= nomatch.
 
 %% -- optional callbacks ---------------------------------------------------------------------
 
