@@ -252,6 +252,12 @@ names_are_taken_in_turn_test() ->
     ?assertEqual(
         [differential, holonomic, create, create_1, mixed], starl_chassis_choice:names()
     ),
+    %% each is in the words of the option
+    {chassis, {term, Words, _}, differential, _} = starl_chassis_choice:option(),
+    [
+        ?assertNotEqual({nomatch, Name}, {string:find(Words, atom_to_list(Name) ++ ", "), Name})
+     || Name <- starl_chassis_choice:names()
+    ],
     ?assertEqual([differential, holonomic], starl_chassis_choice:in_turn(mixed)),
     ?assertEqual(["exec:a"], starl_chassis_choice:in_turn("exec:a")),
     ?assertEqual([create], starl_chassis_choice:in_turn(create)),

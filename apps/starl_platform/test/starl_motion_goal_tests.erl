@@ -40,6 +40,15 @@ a_try_stays_on_the_line_test() ->
     Keeps = fun(Place, Goal) -> starl_motion_goal:keeps(Place, Chassis, Profile, Goal) end,
     ?assert(Keeps({100.0, Room - 1.0}, goal(along, ?ROUTE))),
     ?assertNot(Keeps({100.0, Room + 1.0}, goal(along, ?ROUTE))),
+    %% in round numbers: 2 mm of error and a try of 2 mm leave 11.25 mm of 15.25
+    Round = starl_platform_ct:two_wheels(),
+    ?assertEqual(
+        [true, false],
+        [
+            starl_motion_goal:keeps({100.0, Mm}, Chassis, Round, goal(along, ?ROUTE))
+         || Mm <- [11.25, 11.26]
+        ]
+    ),
     ?assertNot(Keeps(unknown, goal(along, ?ROUTE))),
     ?assert(Keeps(unknown, goal(to, {unknown, {9.0, 9.0}}))).
 

@@ -101,6 +101,11 @@ near_its_line_test() ->
         [{off_line, 2000000}], judge(drive([{0.0, 0.0}, {1000.0, Mm + 0.1}, {3000.0, 0.0}]))
     ).
 
+%% What it has driven since its last event counts, too.
+near_its_line_until_the_end_test() ->
+    Drives = lists:droplast(drive([{0.0, 0.0}, {1000.0, 100.0}])),
+    ?assertMatch([{off_line, 2999999}], judge(Drives, differential(), #{}, 2999999)).
+
 %% So it is when its program has crashed meanwhile.
 near_its_line_without_a_program_test() ->
     [Stands, Goal, Line | Moves] = drive([{0.0, 0.0}, {1000.0, 50.0}]),

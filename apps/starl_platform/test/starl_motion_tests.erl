@@ -302,6 +302,8 @@ blind_test() ->
     Unknown = step({reply, 1}, {error, unknown}, First),
     ?assertEqual([{?FROM, {error, unknown}}], replies(Unknown)),
     ?assertEqual({[[]], []}, {drives(Unknown), traced(Unknown)}),
+    %% and rests as soon as it stands: the velocity has its answer
+    ?assertEqual([], acts(step(info, {driven, (m(Unknown))#m.command, 0}, m(Unknown)))),
     Stalled = step(info, {stalled, First#m.command, {0.0, 0.0}}, First),
     ?assertEqual({[[]], []}, {drives(Stalled), traced(Stalled)}),
     ?assertEqual([{?FROM, {error, unknown}}], replies(step(state_timeout, ask, First))),

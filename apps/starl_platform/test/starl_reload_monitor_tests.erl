@@ -58,6 +58,19 @@ a_robot_of_several_machines_counts_once_test() ->
     [Back] = watched(Taken ++ [{2, app, 1, ?CRASHED}, {2, sap, 1, {back, 2}}]),
     ?assertMatch(#{taken := [1, 2], back := [2]}, Back).
 
+%% However many there are, they come in their order, and the time of a failure is exact.
+reloads_come_in_order_test() ->
+    All = watched([{1, app, N, taken} || N <- lists:seq(40, 1, -1)]),
+    ?assertEqual(lists:seq(1, 40), [N || #{number := N} <- All]).
+
+a_late_failure_has_its_time_test() ->
+    Begun = starl_reload_monitor:init(#{}),
+    {ok, Told} = starl_reload_monitor:step(
+        {5_000_000_000, 1, app, {reloaded, 1, ?CRASHED}}, Begun
+    ),
+    {ok, #{reloads := [Reload]}} = starl_reload_monitor:finish(9, Told),
+    ?assertNotEqual(nomatch, string:find(text(Reload), "at 5000.000 s")).
+
 %% A fact each second.
 watched(Told) ->
     Facts = [

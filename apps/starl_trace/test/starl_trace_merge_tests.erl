@@ -69,11 +69,13 @@ one_end_with_all_violations_test() ->
     Orders = [Ends, lists:reverse(Ends), [lists:nth(N, Ends) || N <- [2, 1, 3]]],
     [
         merged([robot(R, [], Ending) || {R, Ending} <- lists:enumerate(Order)], fun(Messages) ->
-            [#{end_us := End, violations := Violations}] = [
-                E
-             || {verdicts, _, {ended, E}} <- Messages
+            [{At, #{end_us := End, violations := Violations}}] = [
+                {At, E}
+             || {verdicts, At, {ended, E}} <- Messages
             ],
-            ?assertEqual({3000, [a, b, c, d]}, {End, [W || #{what := W} <- Violations]})
+            ?assertEqual(
+                {3000, 3000, [a, b, c, d]}, {At, End, [W || #{what := W} <- Violations]}
+            )
         end)
      || Order <- Orders
     ].

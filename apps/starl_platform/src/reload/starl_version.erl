@@ -110,7 +110,7 @@ renamed(Read) ->
 name(Module, Hash) -> list_to_atom(lists:flatten(io_lib:format("~ts@~8.16.0b", [Module, Hash]))).
 
 code(Name, File, Forms, Names) ->
-    case compile:forms(rename(Forms, Names), [binary, return | source(Forms)]) of
+    case compile:forms(rename(Forms, Names), [return | source(Forms)]) of
         {ok, Name, Beam, _Warnings} -> {Name, File, Beam};
         {error, Errors, Warnings} -> {error, format_found(Errors, Warnings)}
     end.
