@@ -97,6 +97,7 @@ static void wait_for(int socket, struct watch *watch)
     while (ready < 0 && errno == EINTR);
     if (ready != 0)
         return;
+    say(socket, 'w');
     stop_wheels(watch);
     say(socket, 'x');
     poll(&at, 1, -1);
@@ -212,14 +213,16 @@ void guardian_beat(struct guardian *guard, uint64_t now_us)
     guard->beat_us = now_us + BEAT_US;
 }
 
-bool guardian_heard(struct guardian *guard, uint64_t now_us)
+enum guardian_word guardian_heard(struct guardian *guard, uint64_t now_us)
 {
     char words[64];
     ssize_t got = recv(guard->socket, words, sizeof words, MSG_DONTWAIT);
     if (got <= 0)
-        return false;
+        return GUARDIAN_WELL;
     guard->heard_us = now_us;
-    return memchr(words, 'x', (size_t)got) != NULL;
+    if (memchr(words, 'x', (size_t)got) != NULL)
+        return GUARDIAN_HAS_STOPPED;
+    return memchr(words, 'w', (size_t)got) != NULL ? GUARDIAN_STOPS : GUARDIAN_WELL;
 }
 
 bool guardian_is_halted(const struct guardian *guard, uint64_t now_us)

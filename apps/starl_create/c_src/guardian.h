@@ -6,7 +6,8 @@
  *                     S baud:32          the speed of the line
  *                     (empty)            dismissed: it ends, and writes nothing
  *   from it           h                  to each sign of life
- *                     x                  it heard none for HALTED_US, and has stopped the wheels
+ *                     w                  it heard none for HALTED_US, and stops the wheels now
+ *                     x                  it has stopped them
  */
 #ifndef STARL_GUARDIAN_H
 #define STARL_GUARDIAN_H
@@ -33,6 +34,9 @@ struct guardian {
     uint64_t heard_us; /* its last one, or when it was not owed any */
 };
 
+/* What it has said. */
+enum guardian_word { GUARDIAN_WELL, GUARDIAN_STOPS, GUARDIAN_HAS_STOPPED };
+
 bool guardian_start(struct guardian *guard, const struct device *dev, const uint8_t *stop,
                     size_t length);
 /* The bytes with which it stops the wheels. */
@@ -41,8 +45,7 @@ void guardian_teach(struct guardian *guard, const uint8_t *stop, size_t length);
 void guardian_speed(struct guardian *guard, unsigned baud);
 /* Gives a sign of life if one is due. */
 void guardian_beat(struct guardian *guard, uint64_t now_us);
-/* What it has said. True: it has stopped the wheels. */
-bool guardian_heard(struct guardian *guard, uint64_t now_us);
+enum guardian_word guardian_heard(struct guardian *guard, uint64_t now_us);
 /* Has it owed a sign of life for too long? */
 bool guardian_is_halted(const struct guardian *guard, uint64_t now_us);
 /* Sends it away; it writes nothing. */

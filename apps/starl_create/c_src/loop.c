@@ -74,9 +74,18 @@ static void messages(struct port *port)
 static void guard_died(struct port *port)
 {
     guardian_bury(&port->guard);
+    port->is_stale = false;
     port_stop(port, "guardian");
     if (!guardian_start(&port->guard, &port->device, port->stop, port->stop_length))
         port_lost(port, "unguarded");
+}
+
+/* It stops the wheels, since this program was halted. Until it has, nothing is driven: what came before
+ * its stop bytes would be undone by them, what comes among them would be taken for them. */
+static void is_being_stopped(struct port *port)
+{
+    port->script.is_running = false;
+    port->is_stale = true;
 }
 
 /* It has stopped the wheels, since this program was halted. What Erlang has sent meanwhile is too old
@@ -97,10 +106,15 @@ static void was_halted(struct port *port)
 /* Asked whatever the last poll has said: this program may have been halted since then. */
 static void ask_guard(struct port *port, short events)
 {
-    if (events & (POLLERR | POLLHUP))
+    if (events & (POLLERR | POLLHUP)) {
         guard_died(port);
-    else if (guardian_heard(&port->guard, clock_us()))
-        was_halted(port);
+        return;
+    }
+    switch (guardian_heard(&port->guard, clock_us())) {
+    case GUARDIAN_HAS_STOPPED: was_halted(port); break;
+    case GUARDIAN_STOPS: is_being_stopped(port); break;
+    case GUARDIAN_WELL: break;
+    }
 }
 
 /* What the reader passes on; it ends with the line. */

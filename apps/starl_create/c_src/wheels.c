@@ -25,6 +25,7 @@ static void say_opened(struct port *port)
 /* A line that nobody guards, or nobody reads, is not opened. */
 static bool accompany(struct port *port)
 {
+    port->is_stale = false;
     if (!guardian_start(&port->guard, &port->device, port->stop, port->stop_length))
         return false;
     if (reader_start(&port->reader, port->device.fd))
