@@ -79,10 +79,16 @@ guardian_killed(_) ->
     Program = os_pid(Port),
     First = guardian(Program),
     stops_when(Pty, fun() -> kill("KILL", First) end),
+    ok = stopped(guardian),
+    another_watches(Program, Port, Pty).
+
+stopped(Why) ->
     receive
-        {stopped, guardian, _} -> ok
+        {stopped, Why, _} -> ok
     after ?AFTER_MS -> error(late)
-    end,
+    end.
+
+another_watches(Program, Port, Pty) ->
     Port ! {send, ?GO},
     _ = heard(Pty, 5),
     stops_when(Pty, fun() -> kill("KILL", Program) end).
@@ -97,10 +103,7 @@ program_halted(_) ->
     {messages, _} = process_info(Port, messages),
     _ = sys_free(Port),
     kill("CONT", Program),
-    receive
-        {stopped, halted, _} -> ok
-    after ?AFTER_MS -> error(late)
-    end,
+    ok = stopped(halted),
     Port ! {send, <<9>>},
     ?assertEqual(<<?STOPS/binary, 9>>, heard(Pty, ?STOPS_SIZE + 1)),
     go(Port),
@@ -119,14 +122,9 @@ guardian_halted(_) ->
     Program = os_pid(Port),
     First = guardian(Program),
     stops_when(Pty, fun() -> kill("STOP", First) end),
-    receive
-        {stopped, guardian, _} -> ok
-    after ?AFTER_MS -> error(late)
-    end,
+    ok = stopped(guardian),
     gone(First),
-    Port ! {send, ?GO},
-    _ = heard(Pty, 5),
-    stops_when(Pty, fun() -> kill("KILL", Program) end).
+    another_watches(Program, Port, Pty).
 
 %% The rest of a command that had begun is not taken from what stops the wheels: a robot of either
 %% generation stands at the end.

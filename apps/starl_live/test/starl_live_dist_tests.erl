@@ -3,13 +3,7 @@
 -include_lib("eunit/include/eunit.hrl").
 
 attempts_test() ->
-    {ok, Dist} = starl_live_dist:open(#{
-        robot => 1,
-        participants => [1, 2],
-        fleet => "tests",
-        run => 1,
-        peers => #{2 => 'nobody@nowhere.invalid'}
-    }),
+    Dist = opened(1, #{2 => 'nobody@nowhere.invalid'}),
     First = shout(Dist),
     [Attempt] = attempts(),
     Second = shout(First),
@@ -22,8 +16,23 @@ attempts_test() ->
     Third = shout(Ended),
     ?assertMatch([Next] when Next =/= Attempt, attempts()),
     ?assertMatch(#{not_connected := 3}, starl_live_dist:figures(Third)),
-    [exit(Next, kill) || Next <- attempts()],
-    true = unregister(starl_robot_1).
+    gone(1).
+
+%% The end of a robot whose team are those that have a node, and itself.
+opened(Robot, Nodes) ->
+    {ok, Dist} = starl_live_dist:open(config(Robot, Nodes)),
+    Dist.
+
+config(Robot, Nodes) -> (common(Robot, [Robot | maps:keys(Nodes)]))#{peers => Nodes}.
+
+common(Robot, Team) ->
+    #{robot => Robot, participants => lists:usort(Team), fleet => "tests", run => 1}.
+
+%% The end of a robot of these tests is gone, with what it has begun.
+gone(Robot) ->
+    _ = [exit(Pid, kill) || Pid <- attempts()],
+    true = unregister(list_to_existing_atom("starl_robot_" ++ integer_to_list(Robot))),
+    starl_platform_ct:forget().
 
 shout(Dist) -> shout(1, 2, Dist).
 
@@ -39,22 +48,12 @@ attempts() ->
 %% Each second a connection is made to each node of another robot that has none; its own node needs none,
 %% whatever the configuration calls it. With no former transport there is nothing to wait for.
 connections_are_looked_after_each_second_test() ->
-    Config = #{
-        robot => 5,
-        participants => [5, 6, 7, 8],
-        fleet => "tests",
-        run => 1,
-        peers => #{
-            5 => 'own@nowhere.invalid', 6 => 'nobody@nowhere.invalid', 7 => node(), 8 => node()
-        }
+    Nodes = #{
+        5 => 'own@nowhere.invalid', 6 => 'nobody@nowhere.invalid', 7 => node(), 8 => node()
     },
     Self = self(),
-    Opened = fun() ->
-        {ok, Dist} = starl_live_dist:open(Config),
-        Dist
-    end,
     Second = {erlang, send_after, [1000, Self, {starl_live_dist, connect}]},
-    {Dist, Calls} = calls(Opened),
+    {Dist, Calls} = calls(fun() -> opened(5, Nodes) end),
     ?assertEqual([Second], Calls),
     [Attempt] = attempts(),
     %% while it is made no other is begun
@@ -69,9 +68,7 @@ connections_are_looked_after_each_second_test() ->
         end,
     {[], _} = starl_live_dist:hear({starl_live_dist, connect}, Ended),
     ?assertMatch([Next] when Next =/= Attempt, attempts()),
-    _ = [exit(Next, kill) || Next <- attempts()],
-    true = unregister(starl_robot_5),
-    starl_platform_ct:forget().
+    gone(5).
 
 %% What a function answers, and its calls of what takes time.
 calls(Fun) ->
@@ -107,26 +104,9 @@ collects(Calls) ->
 %% A robot of this node hears what one of this node sends, and knows when; of a robot without a node, and of
 %% what is no packet, nothing comes.
 robots_of_a_node_hear_each_other_test() ->
-    Config = fun(Robot) ->
-        #{
-            robot => Robot,
-            participants => [8, 9],
-            fleet => "tests",
-            run => 1,
-            peers => #{8 => node(), 9 => node()}
-        }
-    end,
-    Test = self(),
-    Process = spawn_link(fun() ->
-        {ok, Dist} = starl_live_dist:open(Config(9)),
-        Test ! {opened, Dist},
-        passes_on(Test)
-    end),
-    Nine =
-        receive
-            {opened, Dist} -> Dist
-        end,
-    {ok, Eight} = starl_live_dist:open(Config(8)),
+    Nodes = #{8 => node(), 9 => node()},
+    {Process, Nine} = opened_beside(9, Nodes),
+    Eight = opened(8, Nodes),
     Packet = starl_packet:shout(8, hello, here),
     {ok, Sent} = starl_live_dist:transmit(all, Packet, Eight),
     ?assertEqual(#{sent => 1}, starl_live_dist:figures(Sent)),
@@ -145,26 +125,33 @@ robots_of_a_node_hear_each_other_test() ->
         why => none
     },
     ?assertEqual([Never], starl_live_dist:peers(Nine)),
-    Heard = lists:foldl(
-        fun(_, Before) ->
-            {[Packet], After} =
-                receive
-                    Frame when element(1, Frame) =:= starl_frame ->
-                        starl_live_dist:hear(Frame, Before)
-                end,
-            After
-        end,
-        Nine,
-        [1, 2]
-    ),
+    Heard = hears(Packet, hears(Packet, Nine)),
     ?assertMatch(
         [#{robot := 8, heard_ms := Ms, why := none}] when Ms >= 0, starl_live_dist:peers(Heard)
     ),
     ?assertEqual(unknown, starl_live_dist:hear(hello, Heard)),
     ?assertEqual(ok, starl_live_dist:close(Heard)),
     Process ! ends,
-    true = unregister(starl_robot_8),
-    starl_platform_ct:forget().
+    gone(8).
+
+%% The end of a robot in a process of its own, which passes on to the test what comes.
+opened_beside(Robot, Nodes) ->
+    Test = self(),
+    Process = spawn_link(fun() ->
+        Test ! {opened, opened(Robot, Nodes)},
+        passes_on(Test)
+    end),
+    receive
+        {opened, Dist} -> {Process, Dist}
+    end.
+
+%% The next frame that comes bears this packet.
+hears(Packet, Before) ->
+    receive
+        Frame when element(1, Frame) =:= starl_frame ->
+            {[Packet], After} = starl_live_dist:hear(Frame, Before),
+            After
+    end.
 
 passes_on(Test) ->
     receive
@@ -178,50 +165,32 @@ passes_on(Test) ->
 %% A node that cannot be reached is why a robot is silent. Without the node of each other robot there is no
 %% transport.
 a_robot_of_another_node_is_silent_test() ->
-    Config = #{robot => 4, participants => [3, 4], fleet => "tests", run => 1},
-    {ok, Dist} = starl_live_dist:open(Config#{peers => #{3 => 'nobody@nowhere.invalid'}}),
+    Dist = opened(4, #{3 => 'nobody@nowhere.invalid'}),
     ?assertMatch(
         [#{robot := 3, is_silent := true, heard_ms := never, why := not_connected}],
         starl_live_dist:peers(Dist)
     ),
-    {error, Line} = starl_live_dist:open(Config#{peers => #{4 => node()}}),
+    Without = (common(4, [3, 4]))#{peers => #{4 => node()}},
+    {error, Line} = starl_live_dist:open(Without),
     ?assertEqual("peers: no node of robot 3", lists:flatten(Line)),
-    _ = [exit(Pid, kill) || Pid <- attempts()],
-    true = unregister(starl_robot_4),
-    starl_platform_ct:forget().
+    gone(4).
 
 %% A send waits neither for a connection nor for one that is busy.
 a_send_never_waits_test() ->
-    {ok, Dist} = starl_live_dist:open(#{
-        robot => 3,
-        participants => [3, 4],
-        fleet => "tests",
-        run => 1,
-        peers => #{4 => 'nobody@nowhere.invalid'}
-    }),
+    Dist = opened(3, #{4 => 'nobody@nowhere.invalid'}),
     {_, Calls} = calls(fun() -> shout(3, 4, Dist) end),
     ?assertMatch(
         [{erlang, send, [{starl_robot_4, 'nobody@nowhere.invalid'}, _, [noconnect, nosuspend]]}],
         [Call || {erlang, send, _} = Call <- Calls]
     ),
-    _ = [exit(Pid, kill) || Pid <- attempts()],
-    true = unregister(starl_robot_3),
-    starl_platform_ct:forget().
+    gone(3).
 
 %% A robot that was heard is known to have been, though its node is cut off since.
 when_a_robot_was_heard_is_known_test() ->
-    {ok, Dist} = starl_live_dist:open(#{
-        robot => 3,
-        participants => [3, 4, 5],
-        fleet => "tests",
-        run => 1,
-        peers => #{4 => 'nobody@nowhere.invalid', 5 => 'nobody@nowhere.invalid'}
-    }),
+    Dist = opened(3, #{4 => 'nobody@nowhere.invalid', 5 => 'nobody@nowhere.invalid'}),
     Heard = lists:foldl(
         fun(Robot, Before) ->
-            Ends = starl_live_frame:new(#{
-                robot => Robot, participants => [3, 4, 5], fleet => "tests", run => 1
-            }),
+            Ends = starl_live_frame:new(common(Robot, [3, 4, 5])),
             Packet = starl_packet:shout(Robot, dpp, x),
             {ok, Frame, [3], _} = starl_live_frame:write(3, Packet, Ends),
             {[Packet], After} = starl_live_dist:hear(Frame, Before),
@@ -246,28 +215,19 @@ when_a_robot_was_heard_is_known_test() ->
     Other = {starl_frame, {<<"others">>, 1}, 4, all, <<>>},
     {[], Refused} = starl_live_dist:hear(Other, Heard),
     ?assertEqual(#{fleet => 1}, starl_live_dist:figures(Refused)),
-    _ = [exit(Pid, kill) || Pid <- attempts()],
-    true = unregister(starl_robot_3),
-    starl_platform_ct:forget().
+    gone(3).
 
 %% However many there are, robots come in their order.
 robots_come_in_order_test() ->
     Team = lists:seq(3, 50),
-    {ok, Dist} = starl_live_dist:open(#{
-        robot => 3,
-        participants => Team,
-        fleet => "tests",
-        run => 1,
-        peers => maps:from_list([{Robot, node()} || Robot <- Team])
-    }),
+    Dist = opened(3, maps:from_list([{Robot, node()} || Robot <- Team])),
     ?assertEqual(tl(Team), [Robot || #{robot := Robot} <- starl_live_dist:peers(Dist)]),
-    true = unregister(starl_robot_3),
-    starl_platform_ct:forget().
+    gone(3).
 
 %% The former transport of a robot that starts anew ends a moment after its link; another robot with its
 %% number does not end.
 name_of_the_former_test() ->
-    Config = #{robot => 7, participants => [7], fleet => "tests", run => 1, peers => #{}},
+    Config = config(7, #{}),
     Former = holds(starl_robot_7),
     Test = self(),
     {New, Monitor} = spawn_monitor(fun() ->

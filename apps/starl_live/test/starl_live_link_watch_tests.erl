@@ -21,13 +21,17 @@ hung_machine_is_killed_test() ->
         _ = starl_live_link:metrics(Link),
         ?assert(is_process_alive(Sap)),
         Link ! watch,
-        receive
-            {'DOWN', Monitor, process, Sap, Why} -> ?assertEqual(killed, Why)
-        end,
-        ?assertMatch({_, N} when N =:= First + 1, sap()),
-        ?assertEqual(0, took(again, Link)),
-        ok
+        killed_and_anew(Sap, Monitor, First, Link)
     end).
+
+%% The machine was killed, and its next life has begun and steps.
+killed_and_anew(Sap, Monitor, First, Link) ->
+    receive
+        {'DOWN', Monitor, process, Sap, Why} -> ?assertEqual(killed, Why)
+    end,
+    ?assertMatch({_, N} when N =:= First + 1, sap()),
+    ?assertEqual(0, took(again, Link)),
+    ok.
 
 %% One that is at rest is left alone, however often it is looked at.
 resting_machine_is_left_alone_test() ->
@@ -60,12 +64,7 @@ kill_test() ->
         Monitor = monitor(process, Sap),
         ok = starl_live_link:kill(Link, nobody),
         ok = starl_live_link:kill(Link, sap),
-        receive
-            {'DOWN', Monitor, process, Sap, Why} -> ?assertEqual(killed, Why)
-        end,
-        ?assertMatch({_, N} when N =:= First + 1, sap()),
-        ?assertEqual(0, took(again, Link)),
-        ok
+        killed_and_anew(Sap, Monitor, First, Link)
     end).
 
 %% An application may take its time, but of one step that takes very long the log has one line, with its
