@@ -177,13 +177,13 @@ a_robot_of_another_node_is_silent_test() ->
 
 %% A send waits neither for a connection nor for one that is busy.
 a_send_never_waits_test() ->
-    Dist = opened(3, #{4 => 'nobody@nowhere.invalid'}),
-    {_, Calls} = calls(fun() -> shout(3, 4, Dist) end),
+    Dist = opened(10, #{4 => 'nobody@nowhere.invalid'}),
+    {_, Calls} = calls(fun() -> shout(10, 4, Dist) end),
     ?assertMatch(
         [{erlang, send, [{starl_robot_4, 'nobody@nowhere.invalid'}, _, [noconnect, nosuspend]]}],
         [Call || {erlang, send, _} = Call <- Calls]
     ),
-    gone(3).
+    gone(10).
 
 %% A robot that was heard is known to have been, though its node is cut off since.
 when_a_robot_was_heard_is_known_test() ->
@@ -219,10 +219,10 @@ when_a_robot_was_heard_is_known_test() ->
 
 %% However many there are, robots come in their order.
 robots_come_in_order_test() ->
-    Team = lists:seq(3, 50),
-    Dist = opened(3, maps:from_list([{Robot, node()} || Robot <- Team])),
+    Team = lists:seq(12, 60),
+    Dist = opened(12, maps:from_list([{Robot, node()} || Robot <- Team])),
     ?assertEqual(tl(Team), [Robot || #{robot := Robot} <- starl_live_dist:peers(Dist)]),
-    gone(3).
+    gone(12).
 
 %% The former transport of a robot that starts anew ends a moment after its link; another robot with its
 %% number does not end.
