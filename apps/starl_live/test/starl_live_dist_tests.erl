@@ -1,8 +1,13 @@
-%% Connections that a packet asks for: one attempt at a time to a node, and a new one after it.
+%% The transport by Erlang distribution, without other nodes: what robots of one node hear, and how nodes that nobody
+%% reaches are tried.
 -module(starl_live_dist_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-attempts_test() ->
+%% Each test has a process of its own, with which the names of its robots and its monitors go.
+
+one_attempt_at_a_time_test_() -> {spawn, fun one_attempt_at_a_time/0}.
+
+one_attempt_at_a_time() ->
     Dist = opened(1, #{2 => 'nobody@nowhere.invalid'}),
     First = shout(Dist),
     [Attempt] = attempts(),
@@ -15,8 +20,7 @@ attempts_test() ->
         end,
     Third = shout(Ended),
     ?assertMatch([Next] when Next =/= Attempt, attempts()),
-    ?assertMatch(#{not_connected := 3}, starl_live_dist:figures(Third)),
-    gone(1).
+    ?assertMatch(#{not_connected := 3}, starl_live_dist:figures(Third)).
 
 %% The end of a robot whose team are those that have a node, and itself.
 opened(Robot, Nodes) ->
@@ -27,12 +31,6 @@ config(Robot, Nodes) -> (common(Robot, [Robot | maps:keys(Nodes)]))#{peers => No
 
 common(Robot, Team) ->
     #{robot => Robot, participants => lists:usort(Team), fleet => "tests", run => 1}.
-
-%% The end of a robot of these tests is gone, with what it has begun.
-gone(Robot) ->
-    _ = [exit(Pid, kill) || Pid <- attempts()],
-    true = unregister(list_to_existing_atom("starl_robot_" ++ integer_to_list(Robot))),
-    starl_platform_ct:forget().
 
 shout(Dist) -> shout(1, 2, Dist).
 
@@ -47,7 +45,10 @@ attempts() ->
 
 %% Each second a connection is made to each node of another robot that has none; its own node needs none,
 %% whatever the configuration calls it. With no former transport there is nothing to wait for.
-connections_are_looked_after_each_second_test() ->
+connections_are_looked_after_each_second_test_() ->
+    {spawn, fun connections_are_looked_after_each_second/0}.
+
+connections_are_looked_after_each_second() ->
     Nodes = #{
         5 => 'own@nowhere.invalid', 6 => 'nobody@nowhere.invalid', 7 => node(), 8 => node()
     },
@@ -67,8 +68,7 @@ connections_are_looked_after_each_second_test() ->
             {'DOWN', _, process, Attempt, _} = Down -> starl_live_dist:hear(Down, Still)
         end,
     {[], _} = starl_live_dist:hear({starl_live_dist, connect}, Ended),
-    ?assertMatch([Next] when Next =/= Attempt, attempts()),
-    gone(5).
+    ?assertMatch([Next] when Next =/= Attempt, attempts()).
 
 %% What a function answers, and its calls of what takes time.
 calls(Fun) ->
@@ -103,7 +103,9 @@ collects(Calls) ->
 
 %% A robot of this node hears what one of this node sends, and knows when; of a robot without a node, and of
 %% what is no packet, nothing comes.
-robots_of_a_node_hear_each_other_test() ->
+robots_of_a_node_hear_each_other_test_() -> {spawn, fun robots_of_a_node_hear_each_other/0}.
+
+robots_of_a_node_hear_each_other() ->
     Nodes = #{8 => node(), 9 => node()},
     {Process, Nine} = opened_beside(9, Nodes),
     Eight = opened(8, Nodes),
@@ -131,8 +133,7 @@ robots_of_a_node_hear_each_other_test() ->
     ),
     ?assertEqual(unknown, starl_live_dist:hear(hello, Heard)),
     ?assertEqual(ok, starl_live_dist:close(Heard)),
-    Process ! ends,
-    gone(8).
+    Process ! ends.
 
 %% The end of a robot in a process of its own, which passes on to the test what comes.
 opened_beside(Robot, Nodes) ->
@@ -164,7 +165,9 @@ passes_on(Test) ->
 
 %% A node that cannot be reached is why a robot is silent. Without the node of each other robot there is no
 %% transport.
-a_robot_of_another_node_is_silent_test() ->
+a_robot_of_another_node_is_silent_test_() -> {spawn, fun a_robot_of_another_node_is_silent/0}.
+
+a_robot_of_another_node_is_silent() ->
     Dist = opened(4, #{3 => 'nobody@nowhere.invalid'}),
     ?assertMatch(
         [#{robot := 3, is_silent := true, heard_ms := never, why := not_connected}],
@@ -172,21 +175,23 @@ a_robot_of_another_node_is_silent_test() ->
     ),
     Without = (common(4, [3, 4]))#{peers => #{4 => node()}},
     {error, Line} = starl_live_dist:open(Without),
-    ?assertEqual("peers: no node of robot 3", lists:flatten(Line)),
-    gone(4).
+    ?assertEqual("peers: no node of robot 3", lists:flatten(Line)).
 
 %% A send waits neither for a connection nor for one that is busy.
-a_send_never_waits_test() ->
+a_send_never_waits_test_() -> {spawn, fun a_send_never_waits/0}.
+
+a_send_never_waits() ->
     Dist = opened(10, #{4 => 'nobody@nowhere.invalid'}),
     {_, Calls} = calls(fun() -> shout(10, 4, Dist) end),
     ?assertMatch(
         [{erlang, send, [{starl_robot_4, 'nobody@nowhere.invalid'}, _, [noconnect, nosuspend]]}],
         [Call || {erlang, send, _} = Call <- Calls]
-    ),
-    gone(10).
+    ).
 
 %% A robot that was heard is known to have been, though its node is cut off since.
-when_a_robot_was_heard_is_known_test() ->
+when_a_robot_was_heard_is_known_test_() -> {spawn, fun when_a_robot_was_heard_is_known/0}.
+
+when_a_robot_was_heard_is_known() ->
     Dist = opened(3, #{4 => 'nobody@nowhere.invalid', 5 => 'nobody@nowhere.invalid'}),
     Heard = lists:foldl(
         fun(Robot, Before) ->
@@ -214,19 +219,21 @@ when_a_robot_was_heard_is_known_test() ->
     %% what is refused is counted
     Other = {starl_frame, {<<"others">>, 1}, 4, all, <<>>},
     {[], Refused} = starl_live_dist:hear(Other, Heard),
-    ?assertEqual(#{fleet => 1}, starl_live_dist:figures(Refused)),
-    gone(3).
+    ?assertEqual(#{fleet => 1}, starl_live_dist:figures(Refused)).
 
 %% However many there are, robots come in their order.
-robots_come_in_order_test() ->
+robots_come_in_order_test_() -> {spawn, fun robots_come_in_order/0}.
+
+robots_come_in_order() ->
     Team = lists:seq(12, 60),
     Dist = opened(12, maps:from_list([{Robot, node()} || Robot <- Team])),
-    ?assertEqual(tl(Team), [Robot || #{robot := Robot} <- starl_live_dist:peers(Dist)]),
-    gone(12).
+    ?assertEqual(tl(Team), [Robot || #{robot := Robot} <- starl_live_dist:peers(Dist)]).
 
 %% The former transport of a robot that starts anew ends a moment after its link; another robot with its
 %% number does not end.
-name_of_the_former_test() ->
+name_of_the_former_test_() -> {spawn, fun name_of_the_former/0}.
+
+name_of_the_former() ->
     Config = config(7, #{}),
     Former = holds(starl_robot_7),
     Test = self(),
