@@ -97,7 +97,7 @@ told_later_test_() ->
             {starl_geocast_monitor, #{robots => [1, 2]}},
             {starl_mutex_monitor, #{bound_us => 50}},
             {starl_registers_monitor, #{robots => [1, 2], within_us => 50, clocks => ?CLOCKS}},
-            {starl_sap_monitor, #{bound_us => 50}}
+            {starl_sap_monitor, #{bound_us => 50, unlucky => 0.0, whole_us => 40}}
         ]
     ].
 
@@ -138,7 +138,7 @@ agreement_due_later_test() ->
 %% And nothing else.
 nothing_else_test() ->
     Keys = fun(Monitor) -> lists:sort(maps:keys(told(Monitor, #{bound_us => 1}))) end,
-    ?assertEqual([bound_us, broken, delay_us, healed_us], Keys(starl_geocast_monitor)),
+    ?assertEqual([bound_us, broken, delay_us, healed_us, loss], Keys(starl_geocast_monitor)),
     ?assertEqual([bound_us, broken], Keys(starl_dpp_monitor)),
     ?assertEqual([bound_us, healed_us], Keys(starl_counter_monitor)).
 

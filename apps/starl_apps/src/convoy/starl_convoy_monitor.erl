@@ -195,7 +195,10 @@ violation(What, At, Robots, Details) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => term()}}.
 finish(EndUs, #state{separation = Separation, passes = Passes, last = Last} = State) ->
     {Met, Least} = starl_separation:finish(EndUs, Separation),
-    Results = #{passes => Passes, last_us => Last, least_mm => least(Least)},
+    Results = starl_unjudged:with(
+        starl_unjudged:unhealed("somebody moves on", State#state.healed, EndUs),
+        #{passes => Passes, last_us => Last, least_mm => least(Least)}
+    ),
     case near(Met, State) ++ late(EndUs, State) of
         [] -> {ok, Results};
         Violations -> {{violation, Violations}, Results}

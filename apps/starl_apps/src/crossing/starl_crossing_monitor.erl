@@ -105,7 +105,10 @@ judged(Met, #state{faults = Faults}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => term()}}.
 finish(EndUs, #state{separation = Separation, passes = Passes} = State) ->
     {Met, Least} = starl_separation:finish(EndUs, Separation),
-    Results = #{passes => Passes, least_mm => least(Least)},
+    Results = starl_unjudged:with(
+        starl_unjudged:unhealed("the crossing is passed again and again", State#state.healed, EndUs),
+        #{passes => Passes, least_mm => least(Least)}
+    ),
     case judged(Met, State) ++ late(EndUs, State) of
         [] -> {ok, Results};
         Violations -> {{violation, Violations}, Results}

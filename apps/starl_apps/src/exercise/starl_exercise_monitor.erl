@@ -34,6 +34,8 @@
     bound :: us(),
     assumption :: starl_assumption:t(),
     reach :: us(),
+    %% the part of the packets that is lost, where nothing is promised for it
+    lossy :: number() | none,
     use :: starl_block_exercise:use() | none,
     open = #{} :: #{robot_id() => starl_promise:call()},
     died = [] :: [robot_id()],
@@ -54,6 +56,9 @@
 -define(ORDINARY_US, 100000).
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
+%% The faults that can hold up a call of a block: what happens to wheels, chassis and senses cannot.
+-define(CLASSES, [network, clock, process, store, location]).
+-define(CLAUSE, "calls end as the block promises").
 
 %% @doc The fields are described above; the default of `healed_us' is `never'.
 -spec init(#{
@@ -66,6 +71,7 @@
     bound_us := us(),
     broken => [starl_assumption:window()],
     reach_us => us(),
+    lossy => number(),
     use => starl_block_exercise:use()
 }) -> #state{}.
 init(#{exercise := Exercise, robots := Robots} = Config) ->
@@ -79,6 +85,7 @@ init(#{exercise := Exercise, robots := Robots} = Config) ->
         margin = Margin,
         bound = Bound,
         reach = maps:get(reach_us, Config, 0),
+        lossy = maps:get(lossy, Config, none),
         use = maps:get(use, Config, none),
         assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM),
         seen = starl_block_exercise:seen(Exercise, Robots),
@@ -92,12 +99,18 @@ init(#{exercise := Exercise, robots := Robots} = Config) ->
 %% SAP may give a message up for good, nothing is promised.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{slack_us := Slack} = Known, #{bound_us := Bound} = Config) ->
-    Core = maps:merge(maps:with([healed_us, broken], Known), maps:get(core, Known, #{})),
-    Told = maps:merge(Core, Config#{bound_us := Bound + Slack}),
+    Told = maps:merge(core(Known), Config#{bound_us := Bound + Slack}),
     case reach(Known, Config) of
-        never -> Told#{healed_us => never};
+        never -> Told#{healed_us => never, lossy => maps:get(loss, Known, 0)};
         Reach -> longer(Reach, Told)
     end.
+
+core(#{core := #{rest := Rest}} = Known) ->
+    (maps:with([broken], Known))#{
+        rest => Rest, healed_us => starl_monitor:core_healed_us(?CLASSES, Known)
+    };
+core(Known) ->
+    (maps:with([broken], Known))#{healed_us => starl_monitor:healed_us(?CLASSES, Known)}.
 
 %% A message has arrived, for its sender, when its acknowledgement has.
 reach(#{sap := Sap, loss := Loss, delay_us := Delay}, #{use := #{exercise := Exercise} = Use}) ->
@@ -164,10 +177,14 @@ told([Violation], State) -> {violation, Violation, State}.
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(End, #state{open = Open, judged = Judged} = State) ->
     Late = lists:append([overdue(End, Call, State) || {_, Call} <- lists:sort(maps:to_list(Open))]),
+    Results = starl_unjudged:with(unjudged(End, State), #{judged => Judged}),
     case Late of
-        [] -> {ok, #{judged => Judged}};
-        [_ | _] -> {{violation, Late}, #{judged => Judged}}
+        [] -> {ok, Results};
+        [_ | _] -> {{violation, Late}, Results}
     end.
+
+unjudged(_End, #state{lossy = Loss}) when is_number(Loss) -> starl_unjudged:lossy(?CLAUSE, Loss);
+unjudged(End, #state{healed = Healed}) -> starl_unjudged:unhealed(?CLAUSE, Healed, End).
 
 noted(_Event, #state{noted = none} = State) -> State;
 noted(Event, #state{noted = Noted, seen = Seen} = State) -> State#state{seen = Noted(Event, Seen)}.

@@ -26,9 +26,11 @@
 init(#{robots := Robots} = Config) ->
     #state{left = Robots, healed = maps:get(healed_us, Config, 0)}.
 
-%% @doc When all faults are over.
+%% @doc When all faults are over that can keep robots from agreeing on a leader.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{healed_us := Healed}, Config) -> Config#{healed_us => Healed}.
+context(Known, Config) ->
+    Classes = [network, clock, process, store],
+    Config#{healed_us => starl_monitor:healed_us(Classes, Known)}.
 
 %% @doc In real time a fault is known when it happens.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
@@ -110,7 +112,10 @@ violation(What, T, Robots, Details) ->
 finish(EndUs, State) ->
     {Late, Last} = late(EndUs, State),
     #state{leaders = Leaders, longest = Longest} = lead(EndUs, Last),
-    Results = #{leaders => map_size(Leaders), longest_us => Longest},
+    Results = starl_unjudged:with(
+        starl_unjudged:unhealed("one of the robots leads", Last#state.healed, EndUs),
+        #{leaders => map_size(Leaders), longest_us => Longest}
+    ),
     case Late of
         [] -> {ok, Results};
         _ -> {{violation, Late}, Results}

@@ -164,7 +164,10 @@ violation(T, Robots, Round, Mm) ->
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => term()}}.
 finish(EndUs, #state{formed = Formed, worst = Worst} = State) ->
-    Results = #{formed => Formed, worst_mm => Worst},
+    Results = starl_unjudged:with(
+        starl_unjudged:unhealed("the next formation is formed", State#state.healed, EndUs),
+        #{formed => Formed, worst_mm => Worst}
+    ),
     case late(EndUs, State) of
         none -> {ok, Results};
         Violation -> {{violation, [Violation]}, Results}

@@ -146,7 +146,7 @@ step({T, Robot, Machine, Event}, State) ->
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, #state{deltas = {Count, Sum, Longest}} = State) ->
-    Results = #{
+    Results = starl_unjudged:with(unjudged(EndTimeUs, State), #{
         rounds => Count,
         passed => State#state.passes,
         failed => State#state.failed,
@@ -155,11 +155,15 @@ finish(EndTimeUs, #state{deltas = {Count, Sum, Longest}} = State) ->
         sometimes => #{
             damaged_store => State#state.damaged, store_set_back => State#state.set_back
         }
-    },
+    }),
     case overdue(EndTimeUs, State) of
         [] -> {ok, Results};
         Late -> {{violation, Late}, Results}
     end.
+
+unjudged(_EndUs, #state{bound_us = infinity}) -> [];
+unjudged(EndUs, #state{bound_us = Bound, faults = Faults}) ->
+    starl_unjudged:excused("all pass", Bound, EndUs, Faults).
 
 judge({barrier, {reached, Name, K}}, T, Robot, State) ->
     {skipped(T, Robot, Name, K, State), reach(T, Robot, Name, K, State)};

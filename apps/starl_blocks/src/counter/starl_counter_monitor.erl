@@ -4,8 +4,8 @@
 %% exceeds the number of increments that were made. An increment counts at once where it is made.
 %%
 %% Progress: at most `within_us' (default: none) after the last increment and the last crash or
-%% death of a robot, and after `healed_us' (default 0; when the last fault is over, see
-%% {@link context/2}), all robots alive have the same value. No increment since that crash or death
+%% death of a robot, and after `healed_us' (default 0; when the last fault of radio, clocks, computers and stores is
+%% over, see {@link context/2}), all robots alive have the same value. No increment since that crash or death
 %% is lost, nor one that was known elsewhere at the time: the value is at least what any of them had at
 %% some time, with what it and the others have counted since in their present lives.
 %%
@@ -42,9 +42,13 @@ init(#{robots := Robots} = Config) ->
         values = maps:from_keys(Robots, 0)
     }.
 
-%% @doc The configuration with the end of all faults.
+%% Faults that can hold up what a robot tells the others.
+-define(CLASSES, [network, clock, process, store]).
+
+%% @doc The configuration with the end of the faults that can hold it up.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{healed_us := Healed} = Known, Config) ->
+context(Known, Config) ->
+    Healed = starl_monitor:healed_us(?CLASSES, Known),
     longer(Known, maps:merge(#{healed_us => Healed}, Config)).
 
 %% The last message that all wait for may be given up by SAP, and is sent again in the next turn.
@@ -93,7 +97,13 @@ step({T, Robot, Machine, Event}, State) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndUs, State) ->
     {Late, #state{made = Made, judged = Judged}} = agreement(EndUs, State),
-    {verdict(Late), #{increments => Made, agreed => Judged}}.
+    Results = #{increments => Made, agreed => Judged},
+    {verdict(Late), starl_unjudged:with(unjudged(EndUs, State), Results)}.
+
+unjudged(_EndUs, #state{within = infinity}) ->
+    [];
+unjudged(EndUs, #state{healed = Healed}) ->
+    starl_unjudged:unhealed("all robots agree", Healed, EndUs).
 
 verdict([]) -> ok;
 verdict(Violations) -> {violation, Violations}.

@@ -202,7 +202,8 @@ finish(EndTimeUs, #state{separation = Separation, waiting = Waiting, r_s = Limit
     {Unanswered, _} = starl_dpp_monitor_service:pass(EndTimeUs, State#state.service),
     Late = [encounter(Meeting, Limit) || Meeting <- Met] ++ unanswered(Unanswered),
     Verdict = verdict(Waiting ++ Late),
-    {Verdict, maps:merge(results(Least), Counts)}.
+    Off = starl_dpp_monitor_service:unjudged(EndTimeUs, State#state.service),
+    {Verdict, starl_unjudged:with(Off, maps:merge(results(Least), Counts))}.
 
 verdict([]) -> ok;
 verdict(Violations) -> {violation, Violations}.

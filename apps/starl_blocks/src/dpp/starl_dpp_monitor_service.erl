@@ -14,21 +14,23 @@
 %% found its way closed.
 -module(starl_dpp_monitor_service).
 
--export([times/2, new/1, broken/2, happened/4, pass/2, died/1]).
+-export([times/2, new/1, broken/2, happened/4, pass/2, died/1, unjudged/2]).
 
 -export_type([t/0, times/0]).
 
 -type robot_id() :: starl_monitor:robot_id().
 -type us() :: integer().
 
-%% The windows of all faults; the time for an answer, that after which a request is repeated, and that for
-%% everything together. Where the answers to the beats of a lease may all be lost, or come too late, nothing is sure
-%% (`infinity').
+%% The windows of all faults; the time for an answer of a coordinator that leads all the time, that after which a
+%% request is repeated, and that for everything together. Where the answers to the beats of a lease may all be lost, a
+%% coordinator may lose its lease again and again: no time for everything is sure (`infinity'). Where they may come too
+%% late no coordinator need ever lead. `unjudged' tells what is not judged.
 -type times() :: #{
     faults := [starl_assumption:window()],
     answer_us := us() | infinity,
     again_us := us(),
-    whole_us := us()
+    whole_us := us() | infinity,
+    unjudged => [starl_unjudged:clause()]
 }.
 
 -record(service, {
@@ -66,6 +68,7 @@
 %% A lease is so much longer than a message and its answer take.
 -define(LONG_LEASE, 10).
 -define(DRIFT_PPM, 10000).
+-define(CLAUSE, "a free line that can be reached is assigned").
 
 %% @doc The times of a run, from its radio and the leases. Everything together: the coordinator is missed by
 %% the last robot of the team; promises to others end, and the claim is won; a silent robot's lease ends;
@@ -77,32 +80,42 @@
 times(#{sap := Sap, loss := Loss, delay_us := Delay, slack_us := Slack} = Known, Config) ->
     #{robots := Robots, lease_us := Lease, jump_us := Jump, drift_ppm := Ppm} = Config,
     Leases = #{lease_ms => Lease div 1000, jump_ms => Jump div 1000, drift_ppm => Ppm},
-    #{faults := Faults, bodies := Bodies} = Known,
+    #{faults := Faults} = Known,
     Reach = starl_sap_schedule:reach_us(Sap, Loss, Delay, ?LOOK_US),
     Missing = starl_dpp_vote:last_claim_us(length(Robots), Lease),
     Whole = Missing + 7 * Lease div 2 + ?RECOVER_US + ?AGAIN_US + ?GIVE_UP_US + 10 * Reach,
-    #{
-        faults => Faults ++ Bodies,
-        answer_us =>
-            case is_sure(Loss, Delay, Leases) of
-                true -> 2 * ?LOOK_US + ?SERVE_US + 2 * Reach + ?MARGIN_US + Slack;
-                false -> infinity
-            end,
-        again_us => ?AGAIN_US,
-        whole_us => (Whole + ?MARGIN_US) * 101 div 100 + Slack
-    }.
+    Answer = 2 * ?LOOK_US + ?SERVE_US + 2 * Reach + ?MARGIN_US + Slack,
+    InTime = (Whole + ?MARGIN_US) * 101 div 100 + Slack,
+    Times = #{
+        faults => Faults ++ maps:get(places, Known, maps:get(bodies, Known)),
+        again_us => ?AGAIN_US
+    },
+    case lease(Loss, Delay, Leases) of
+        late ->
+            Why = [{?CLAUSE, "packets take too long for a lease"}],
+            Times#{answer_us => infinity, whole_us => infinity, unjudged => Why};
+        lost ->
+            Why = starl_unjudged:lossy(?CLAUSE ++ " after a fail-over", Loss),
+            Times#{answer_us => Answer, whole_us => infinity, unjudged => Why};
+        sure ->
+            Times#{answer_us => Answer, whole_us => InTime}
+    end.
 
-%% Of the beats of a lease every other one is answered.
-is_sure(Loss, Delay, Leases) ->
+%% Of the beats of a lease every other one is answered. May the answers come too late, or all be lost?
+lease(Loss, Delay, Leases) ->
     Short = starl_dpp_lease:short_us(Leases),
     Answers = Short div (2 * starl_dpp_lease:beat_us(Leases)),
-    Lost = 1 - (1 - Loss) * (1 - Loss),
-    math:pow(Lost, Answers) =< ?RARE andalso ?LONG_LEASE * 2 * Delay =< Short.
+    Lost = math:pow(1 - (1 - Loss) * (1 - Loss), Answers),
+    case ?LONG_LEASE * 2 * Delay =< Short of
+        false -> late;
+        true when Lost > ?RARE -> lost;
+        true -> sure
+    end.
 
 %% @doc Without times nothing is judged but that no line is given up.
 -spec new(#{robots := [robot_id()], service => times(), _ => _}) -> t().
 new(#{robots := Robots} = Config) ->
-    None = #{faults => [], answer_us => infinity, again_us => 0, whole_us => 0},
+    None = #{faults => [], answer_us => infinity, again_us => 0, whole_us => infinity},
     #{faults := Faults} = Times = maps:get(service, Config, None),
     #service{
         robots = Robots, times = Times, faults = starl_assumption:new(Faults, ?DRIFT_PPM)
@@ -112,6 +125,13 @@ new(#{robots := Robots} = Config) ->
 -spec broken(starl_assumption:window(), t()) -> t().
 broken(Window, #service{faults = Faults} = S) ->
     due(S#service{faults = starl_assumption:broken(Window, Faults)}).
+
+%% @doc What is not judged in a run that ends at this time.
+-spec unjudged(EndUs :: us(), t()) -> [starl_unjudged:clause()].
+unjudged(_End, #service{times = #{unjudged := Unjudged}}) -> Unjudged;
+unjudged(_End, #service{times = #{answer_us := infinity}}) -> [];
+unjudged(End, #service{times = #{answer_us := Answer, again_us := Again}, faults = Faults}) ->
+    starl_unjudged:excused(?CLAUSE, Again + Answer, End, Faults).
 
 %% @doc The robots that have died.
 -spec died(t()) -> [robot_id()].
@@ -198,8 +218,16 @@ due_us(#service{robots = Robots, died = Died} = S) ->
 due_us(Open, [], #service{changed_us = Changed, times = Times, faults = Faults}) when
     is_integer(Open)
 ->
-    #{answer_us := Answer, again_us := Again} = Times,
-    starl_assumption:calm_us(max(Open, Changed) - Again, Again + Answer, Faults);
+    #{answer_us := Answer, again_us := Again, whole_us := Whole} = Times,
+    %% a robot that has lost its coordinator for a while, unlike the others, asks again, too
+    Since =
+        case Whole of
+            infinity -> max(Open, Changed);
+            _Sure -> max(Open, Changed) - Again
+        end,
+    starl_assumption:calm_us(Since, Again + Answer, Faults);
+due_us(_Open, _Silent, #service{times = #{whole_us := infinity}}) ->
+    infinity;
 due_us(_Open, _Silent, #service{changed_us = Changed, times = Times, faults = Faults}) ->
     #{whole_us := Whole} = Times,
     starl_assumption:calm_us(Changed, Whole, Faults).

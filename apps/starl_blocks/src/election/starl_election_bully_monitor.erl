@@ -28,6 +28,8 @@
 
 %% A robot's patience is one timer of its own; it enters, is told by the timer, and reports.
 -define(STEPS, 3).
+%% The clause of progress.
+-define(HIGHEST, "all elect the highest robot alive").
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
 %% By so much the bound is longer than the patience.
@@ -47,6 +49,7 @@
     died = #{} :: #{robot_id() => integer()},
     open = #{} :: #{{election(), robot_id()} => {EnteredUs :: integer(), DeadlineUs :: integer()}},
     assumption :: starl_assumption:t(),
+    unjudged :: [starl_unjudged:clause()],
     failed = 0 :: non_neg_integer(),
     %% the results that were judged as lossless
     lossless_results = 0 :: non_neg_integer()
@@ -60,13 +63,15 @@
     answer_us => pos_integer(),
     broken => [starl_assumption:window()],
     faults => [starl_assumption:window()],
-    lossless => lossless()
+    lossless => lossless(),
+    unjudged => [starl_unjudged:clause()]
 }) -> #state{}.
 init(#{robots := Robots, bound_us := Bound} = Config) ->
     #state{
         robots = Robots,
         bound_us = Bound,
         lossless = maps:get(lossless, Config, false),
+        unjudged = maps:get(unjudged, Config, []),
         faults = starl_assumption:new(maps:get(faults, Config, []), ?DRIFT_PPM),
         assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM)
     }.
@@ -77,14 +82,23 @@ init(#{robots := Robots, bound_us := Bound} = Config) ->
 %% and its announcement. The network of a live run may lose anything.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{broken := Broken, slack_us := Slack} = Known, #{bound_us := Bound} = Config) ->
+    Lossless = maps:get(lossless, Config, lossless(Known, Config)),
     maps:merge(
         #{
             broken => Broken,
-            lossless => lossless(Known, Config),
-            faults => maps:get(faults, Known, [])
+            lossless => Lossless,
+            faults => maps:get(faults, Known, []),
+            unjudged => [U || Lossless =:= false, is_map_key(answer_us, Config), U <- lossy(Known)]
         },
         Config#{bound_us := Bound + Slack}
     ).
+
+lossy(#{slack_us := Slack}) when Slack > 0 ->
+    [{?HIGHEST, "a network in real time may lose any packet"}];
+lossy(#{loss := Loss}) when Loss > 0 ->
+    starl_unjudged:lossy(?HIGHEST, Loss);
+lossy(_Known) ->
+    [{?HIGHEST, "answers take longer than a robot waits for them"}].
 
 lossless(
     #{loss := Loss, delay_us := Delay, sap := Sap, slack_us := 0},
@@ -146,7 +160,7 @@ step({T, Robot, Machine, Event}, State) ->
 finish(EndTimeUs, State) ->
     {Overdue, #state{began = Began, reported = Reported, failed = Failed}} =
         overdue(EndTimeUs, State),
-    Results = #{
+    Results = starl_unjudged:with(State#state.unjudged, #{
         elections => map_size(Began),
         elected => map_size(Reported),
         failed => Failed,
@@ -155,7 +169,7 @@ finish(EndTimeUs, State) ->
             {E, lists:usort([L || {{Of, _, _}, L} <- maps:to_list(Reported), Of =:= E])}
          || E <- lists:sort(maps:keys(Began))
         ]
-    },
+    }),
     case Overdue of
         [] -> {ok, Results};
         [_ | _] -> {{violation, Overdue}, Results}

@@ -138,13 +138,18 @@ step({T, Robot, Machine, Event}, State) ->
 finish(EndTimeUs, State) ->
     {Overdue, #state{elections = Elections, failed = Failed}} = pass(EndTimeUs, State),
     Held = lists:sort(maps:to_list(Elections)),
-    Results = #{
+    Results = starl_unjudged:with(off(EndTimeUs, State), #{
         elections => length(Held),
         elected => lists:sum([map_size(Elected) || {_, {_, Elected}} <- Held]),
         failed => Failed,
         leaders => [{E, lists:usort(maps:values(Elected))} || {E, {_, Elected}} <- Held]
-    },
+    }),
     {verdict(Overdue), Results}.
+
+off(_EndUs, #state{settle_us = infinity}) ->
+    [];
+off(EndUs, #state{settle_us = Settle, faults = Faults}) ->
+    starl_unjudged:excused("all elect the same", Settle, EndUs, Faults).
 
 verdict([]) -> ok;
 verdict(Violations) -> {violation, Violations}.

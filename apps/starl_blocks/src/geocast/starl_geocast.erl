@@ -103,13 +103,15 @@ options() ->
 machines(Options) -> [{geocast, starl_geocast_flood, maps:remove(all_listen, Options)}].
 
 -spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
-monitors(#{position_error_mm := Error, drift_ppm := Ppm, all_listen := All}, Context) ->
+monitors(#{position_error_mm := Error, drift_ppm := Ppm, all_listen := All} = Options, Context) ->
+    #{first_ms := First, longest_ms := Longest} = Options,
     [
         {starl_geocast_monitor, #{
             robots => maps:get(robots, Context),
             progress => All,
             margin_mm => 2.0 * Error,
-            drift_ppm => Ppm
+            drift_ppm => Ppm,
+            offers_us => {1000 * First, 1000 * max(First, Longest)}
         }}
     ].
 

@@ -9,7 +9,7 @@
 %% "Probabilistic clock synchronization", 1989, uses the round trip alike).
 -module(starl_geocast_lifetime).
 
--export([deadline/3, left/3, is_sent_after/5, memory_us/2, least_us/3]).
+-export([deadline/3, left/3, is_sent_after/5, memory_us/2, least_us/3, offers/3, missed/2]).
 
 -define(MILLION, 1000000).
 
@@ -55,6 +55,24 @@ memory_us(Lifetime, Ppm) -> Lifetime * (?MILLION + Ppm) div ?MILLION + 1.
 -spec least_us(DelayUs :: us(), GatherUs :: us(), ppm()) -> us().
 least_us(Delay, Gather, Ppm) ->
     (5 * Delay + 2 * Gather) * ?MILLION div (?MILLION - 4 * Ppm) + 1.
+
+%% @doc The number of times at least that a holder offers a message in so long, by the first wait and the longest one:
+%% at once, and again after waits of which each is twice as long as the one before. The last offer leaves time to ask
+%% and to answer, if no packet takes longer than `DelayUs'.
+-spec offers(Us :: us(), DelayUs :: us(), {FirstUs :: us(), LongestUs :: us()}) ->
+    non_neg_integer().
+offers(Us, Delay, {First, Longest}) -> offers_from(0, First, Longest, Us - 4 * Delay).
+
+offers_from(At, _Wait, _Longest, Us) when At > Us -> 0;
+offers_from(At, Wait, Longest, Us) ->
+    1 + offers_from(At + Wait, min(2 * Wait, Longest), Longest, Us).
+
+%% @doc The probability that a robot which hears the holder does not get the message by so many offers: an offer, the
+%% question and the answer are a packet each, of which the radio loses this part. That a robot asks more than once for
+%% one offer is left out.
+-spec missed(Loss :: number(), Offers :: non_neg_integer()) -> float().
+missed(_Loss, 0) -> 1.0;
+missed(Loss, Offers) -> math:pow(1 - math:pow(1 - Loss, 3), Offers).
 
 %% The time that surely shows on a clock while `Us' passes; also the true time that surely passes
 %% while `Us' shows.

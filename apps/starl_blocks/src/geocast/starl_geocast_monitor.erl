@@ -18,16 +18,21 @@
 %%                  the longest that an answer may take. One that is late and excused has to be
 %%                  inside then
 %% '''
-%% Progress, with `progress' (default false), of messages that are sent at `healed_us' or later
+%% Progress: a robot that is inside gets each message; with `progress' (default false), it has it delivered, too. Of
+%% messages that are sent at `healed_us' or later
 %% (default 0; when the last fault is over, see {@link context/2}) and live
 %% long enough for packets that take `delay_us' (default 0; likewise, the longest delay; {@link
 %% starl_geocast_lifetime:least_us/3}): a robot that is inside, at least `margin_mm' from the border
-%% (default 4: twice the error of a position), during the whole window has it delivered, unless it
+%% (default 4: twice the error of a position), during the whole window gets it, unless it
 %% or the source died, or its or the source's geocast machine began anew, in the window or up to
 %% `grace_us' (default 1 s) before, or any robot's assumption was broken in the window. If the
 %% robot's clock has lost time since its machine began, the machine counts as begun that much later:
 %% until the clock shows again what it showed at the beginning, no message is surely a later one.
 %% The places of robots are known in continuous time, from the pieces of their motion.
+%%
+%% On a radio that loses packets chance may keep a message from a robot that hears its source, the more seldom the more
+%% often the source offers it. The probabilities of the messages in a row that a robot misses are multiplied: a row that
+%% is rarer than 10^-9 breaks the contract.
 %%
 %% Events of machine `geocast': {@link starl_geocast_flood:event()}, `crashed'; of machine
 %% `chassis': `motion'; of machine `robot': `up', `died'.
@@ -44,6 +49,10 @@
 %% The time that the giver of a message waits for others that ask for it.
 -define(GATHER_US, 3000).
 -define(DRIFT_PPM, 10000).
+%% The first wait before an offer is repeated, and the longest one.
+-define(OFFERS_US, {50000, 1000000}).
+%% Faults that can keep a message from a robot.
+-define(CLASSES, [network, clock, process, store, location]).
 
 %% A message, with the robots that got it and the times, latest first.
 -record(message, {
@@ -52,6 +61,8 @@
     from_us :: integer(),
     to_us :: integer(),
     way :: starl_geocast_provenance:t(),
+    %% the robots that have it, from somebody else, and those that had no room for it
+    held = #{} :: #{robot_id() => held | full},
     got = #{} :: #{robot_id() => [integer(), ...]}
 }).
 
@@ -62,6 +73,11 @@
     margin_mm :: float(),
     grace_us :: non_neg_integer(),
     least_us :: non_neg_integer(),
+    loss :: number(),
+    delay_us :: non_neg_integer(),
+    offers_us :: {FirstUs :: pos_integer(), LongestUs :: pos_integer()},
+    %% the probability of the messages in a row that a robot has missed
+    rows = #{} :: #{robot_id() => float()},
     assumption :: starl_assumption:t(),
     messages = #{} :: #{id() => #message{}},
     %% the ends of the windows that are still open, and their beginnings
@@ -83,6 +99,8 @@
     progress => boolean(),
     healed_us => integer() | never,
     delay_us => non_neg_integer(),
+    loss => number(),
+    offers_us => {pos_integer(), pos_integer()},
     margin_mm => float(),
     grace_us => non_neg_integer(),
     drift_ppm => non_neg_integer(),
@@ -98,6 +116,9 @@ init(#{robots := Robots} = Config) ->
         margin_mm = maps:get(margin_mm, Config, 4.0),
         grace_us = maps:get(grace_us, Config, 1000000),
         least_us = starl_geocast_lifetime:least_us(Delay, ?GATHER_US, Ppm),
+        loss = maps:get(loss, Config, 0),
+        delay_us = Delay,
+        offers_us = maps:get(offers_us, Config, ?OFFERS_US),
         assumption = starl_assumption:new(maps:get(broken, Config, []), Ppm)
     }.
 
@@ -106,12 +127,10 @@ init(#{robots := Robots} = Config) ->
 -spec context(starl_monitor:known(), map()) -> map().
 context(Known, Config) ->
     #{broken := Broken, positions := Positions} = Known,
-    Told = (maps:with([healed_us, delay_us], Known))#{broken => Broken ++ Positions},
-    maps:merge(healed(Told, Known), Config).
-
-%% What is offered once is lost with the packet, so that nothing is owed on a radio that loses some.
-healed(Told, #{loss := Loss}) when Loss > 0 -> Told#{healed_us := never};
-healed(Told, _Known) -> Told.
+    Told = (maps:with([loss, delay_us], Known))#{
+        broken => Broken ++ Positions, healed_us => starl_monitor:healed_us(?CLASSES, Known)
+    },
+    maps:merge(Told, Config).
 
 %% @doc What a robot should have received in the window is not judged.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
@@ -151,12 +170,14 @@ step({T, Robot, Machine, Event}, State) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, State) ->
     {Found, #state{messages = Messages} = End} = close_until(EndTimeUs, State, []),
-    Results = #{
+    Healed = End#state.healed,
+    Off = starl_unjudged:unhealed("delivered to every robot that is inside", Healed, EndTimeUs),
+    Results = starl_unjudged:with(Off, #{
         sent => map_size(Messages),
         delivered => lists:sum([map_size(Got) || #message{got = Got} <- maps:values(Messages)]),
         owed => End#state.owed,
         latency_us => End#state.latency_us
-    },
+    }),
     case Found of
         [] -> {ok, Results};
         [_ | _] -> {{violation, Found}, Results}
@@ -171,6 +192,14 @@ judge({geocast, {sent, Id, Area, Lifetime, Hash}}, T, Robot, State) ->
     {[], sent(Id, Area, Lifetime, Hash, T, Robot, State)};
 judge({geocast, {held, Id, From}}, T, Robot, State) ->
     {[], held(Id, From, T, Robot, State)};
+judge({geocast, {full, Id}}, _T, Robot, #state{messages = Messages} = State) ->
+    case Messages of
+        #{Id := #message{held = Held} = Message} ->
+            Noted = Message#message{held = maps:merge(#{Robot => full}, Held)},
+            {[], State#state{messages = Messages#{Id := Noted}}};
+        #{} ->
+            {[], State}
+    end;
 judge({geocast, {delivered, Id, Hash}}, T, Robot, #state{messages = Messages} = State) ->
     case Messages of
         #{Id := #message{} = Message} -> delivered(Id, Message, Hash, T, Robot, State);
@@ -198,12 +227,19 @@ sent(Id, Area, Lifetime, Hash, T, Robot, #state{messages = Messages, open = Open
     }.
 
 held(Id, From, T, Robot, #state{messages = Messages} = State) ->
-    case starl_assumption:is_kept(State#state.assumption) orelse Messages of
-        #{Id := #message{way = Way} = Message} ->
-            Held = Message#message{way = starl_geocast_provenance:held(T, Robot, From, Way)},
-            State#state{messages = Messages#{Id := Held}};
-        _NobodyAsks ->
+    case Messages of
+        #{Id := #message{held = Held} = Message} ->
+            Noted = way(From, T, Robot, Message#message{held = Held#{Robot => held}}, State),
+            State#state{messages = Messages#{Id := Noted}};
+        #{} ->
             State
+    end.
+
+%% As long as clocks keep the assumptions nobody asks for the way of a message.
+way(From, T, Robot, #message{way = Way} = Message, #state{assumption = Assumption}) ->
+    case starl_assumption:is_kept(Assumption) of
+        true -> Message;
+        false -> Message#message{way = starl_geocast_provenance:held(T, Robot, From, Way)}
     end.
 
 delivered(Id, #message{got = Got, from_us = From} = Message, Hash, T, Robot, State) ->
@@ -264,35 +300,58 @@ close_until(T, #state{open = Open} = State, Found) ->
 
 close(Id, #state{robots = Robots, messages = Messages} = State0) ->
     Message = maps:get(Id, Messages),
-    {Broken, Owed} = lists:foldl(
-        fun(Robot, {Found, N}) ->
-            {New, Due} = hold_against(Id, Message, Robot, State0),
-            {Found ++ New, N + Due}
+    {Broken, State} = lists:foldl(
+        fun(Robot, {Found, Before}) ->
+            {New, After} = hold_against(Id, Message, Robot, Before),
+            {Found ++ New, After}
         end,
-        {[], 0},
+        {[], State0},
         lists:usort(Robots ++ maps:keys(Message#message.got))
     ),
-    State = State0#state{owed = State0#state.owed + Owed},
     Earliest = earliest(State),
     Paths = maps:map(fun(_, Path) -> needed(Path, Earliest) end, State#state.paths),
     {Broken, State#state{paths = Paths}}.
 
 hold_against(Id, #message{got = Got} = Message, Robot, State) ->
     Spans = spans(Message, path(Robot, State)),
-    Owed = is_owed(Id, Message, Robot, Spans, State),
-    Broken =
-        case Got of
-            #{Robot := Times} ->
-                elsewhere(Id, Message, Times, Robot, Spans, State);
-            #{} ->
-                [violation(not_delivered, Message#message.to_us, Robot, Id, #{}) || Owed]
-        end,
-    {Broken, count(Owed)}.
+    IsOwed = is_owed(Id, Message, Robot, Spans, State),
+    Owed = State#state{owed = State#state.owed + count(IsOwed)},
+    case Got of
+        #{Robot := Times} ->
+            {elsewhere(Id, Message, Times, Robot, Spans, State), got(Robot, Owed)};
+        #{} when IsOwed ->
+            missed(Id, Message, Robot, Owed);
+        #{} ->
+            {[], State}
+    end.
+
+got(Robot, #state{rows = Rows} = State) -> State#state{rows = maps:remove(Robot, Rows)}.
+
+%% A robot that holds a message may have no listener for it, and what it holds chance has not taken. The source has
+%% its own message at once.
+missed({Source, _, _} = Id, #message{held = Held} = Message, Robot, State) ->
+    case maps:merge(#{Source => held}, Held) of
+        #{Robot := held} when State#state.progress ->
+            {[violation(not_delivered, Message#message.to_us, Robot, Id, #{})], got(Robot, State)};
+        #{Robot := _} ->
+            {[], got(Robot, State)};
+        #{} ->
+            unlucky(Id, Message, Robot, State)
+    end.
+
+unlucky(Id, #message{from_us = From, to_us = To}, Robot, #state{rows = Rows, loss = Loss} = State) ->
+    Live = (To - From) * 49 div 50,
+    Offers = starl_geocast_lifetime:offers(Live, State#state.delay_us, State#state.offers_us),
+    Row = starl_geocast_lifetime:missed(Loss, Offers) * maps:get(Robot, Rows, 1.0),
+    case Loss == 0 orelse starl_sap_schedule:is_rare(Row) of
+        true -> {[violation(not_delivered, To, Robot, Id, #{})], got(Robot, State)};
+        false -> {[], State#state{rows = Rows#{Robot => Row}}}
+    end.
 
 is_owed(Id, #message{from_us = From, to_us = To} = Message, Robot, Spans, State) ->
     #state{assumption = Assumption} = State,
     %% an atom is more than every number
-    State#state.progress andalso From >= State#state.healed andalso
+    From >= State#state.healed andalso
         To - From >= State#state.least_us andalso inside(Message, Spans, State) andalso
         able(Robot, Message, State) andalso able(element(1, Id), Message, State) andalso
         is_later(Robot, From, State) andalso starl_assumption:is_kept(From, To, Assumption).

@@ -93,7 +93,8 @@ init(#{robots := Robots} = Config) ->
 %% @doc The configuration with the end of all faults, and those that set clocks apart; faults of clocks and
 %% processes widen `bound_us'.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{healed_us := Healed, slack_us := Slack} = Known, Config) ->
+context(#{slack_us := Slack} = Known, Config) ->
+    Healed = starl_monitor:healed_us([network, clock, process, store], Known),
     Facts = (maps:with([broken, clocks], Known))#{healed_us => Healed},
     Told = longer(Known, maps:merge(Facts, Config)),
     case Told of
@@ -101,12 +102,10 @@ context(#{healed_us := Healed, slack_us := Slack} = Known, Config) ->
         #{} -> Told
     end.
 
-%% The last exchange takes three messages. If SAP may give one up, no number of exchanges is sure.
+%% The last exchange takes three messages. If SAP gives one of them up, the robots exchange all once more.
 longer(#{sap := Sap, loss := Loss, delay_us := Delay}, #{within_us := Within} = Config) ->
-    case starl_sap_schedule:reach_us(Sap, Loss, Delay, never) of
-        never -> Config#{healed_us := never};
-        Reach -> Config#{within_us := Within + 3 * Reach}
-    end;
+    Reach = starl_sap_schedule:reach_us(Sap, Loss, Delay, Within),
+    Config#{within_us := Within + 3 * Reach};
 longer(_Known, Config) ->
     Config.
 
@@ -158,16 +157,21 @@ step({T, Robot, Machine, Event}, State) ->
 finish(EndTimeUs, State) ->
     {Found, End} = agreed(EndTimeUs, State),
     #state{writes = Writes, reads = Reads, judged = Judged, excused = Excused} = End,
-    Results = #{
+    Results = starl_unjudged:with(unjudged(EndTimeUs, State), #{
         writes => map_size(Writes),
         reads => Reads,
         agreements => Judged,
         sometimes => #{clocks_apart => Excused}
-    },
+    }),
     case Found of
         [] -> {ok, Results};
         [_ | _] -> {{violation, Found}, Results}
     end.
+
+unjudged(_EndUs, #state{bound_us = infinity}) ->
+    [];
+unjudged(EndUs, #state{healed = Healed}) ->
+    starl_unjudged:unhealed("all robots agree", Healed, EndUs).
 
 %% -- events ---------------------------------------------------------------------------------
 

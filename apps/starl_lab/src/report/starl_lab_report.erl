@@ -51,6 +51,7 @@
 -define(LISTS, [
     violations,
     not_judged,
+    clauses_not_judged,
     results,
     reloads,
     off_floor,
@@ -125,7 +126,7 @@ fields(#{name := Name, scenario := Scenario, app := #{figures := Figures} = App}
         {virtual_s, rounded(#{decimals => 6}, EndUs / 1.0e6)},
         {wall_s, rounded(#{}, Wall)}
     ] ++ [{code, list_to_binary(Code)} || #{code := Code} <- [Input]] ++ Own ++
-        happened(Outcome) ++ not_judged(Outcome) ++ late_computers(Outcome) ++
+        happened(Outcome) ++ not_judged(Outcome) ++ clauses(Outcome) ++ late_computers(Outcome) ++
         [
             {ending, atom_to_binary(Ending)}
         ] ++ hung(Outcome) ++ crashes(maps:get(starl_crash_monitor, Monitors, #{})) ++
@@ -168,6 +169,13 @@ not_judged(#{unjudged := []}) ->
     [];
 not_judged(#{unjudged := Parts}) ->
     [{not_judged, [unicode:characters_to_binary(starl_unjudged:format(P)) || P <- Parts]}].
+
+%% Only for runs in which a monitor could not judge one of its clauses.
+clauses(#{monitors := Monitors}) ->
+    case starl_unjudged:clauses(Monitors) of
+        [] -> [];
+        Lines -> [{clauses_not_judged, [unicode:characters_to_binary(Line) || Line <- Lines]}]
+    end.
 
 %% Only for runs in real time in which computers were late.
 late_computers(#{late_computers := [_ | _] = Late}) ->
@@ -250,7 +258,10 @@ text(#report{fields = Fields, notes = Notes}) ->
         [io_lib:format("~-22ts ~ts\n", [Key, plain(Value)]) || {Key, Value} <- Shown],
         io_lib:format("~-22ts ~b\n", [violations, length(Violations)]),
         [["  ", proplists:get_value(text, V), "\n"] || V <- Violations],
-        [[Part, "\n"] || Part <- proplists:get_value(not_judged, Fields, [])],
+        [
+            [Part, "\n"]
+         || Key <- [not_judged, clauses_not_judged], Part <- proplists:get_value(Key, Fields, [])
+        ],
         [["note: ", Note, "\n"] || Note <- Notes]
     ].
 

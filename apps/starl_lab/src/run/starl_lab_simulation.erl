@@ -189,8 +189,10 @@ violated(Setup, #{violations := Violations}) ->
     starl_cli_terminal:out([Lines, repeated(Setup)]).
 
 %% What is not judged is neither kept nor broken.
-unjudged(#{unjudged := Parts}) ->
-    starl_cli_terminal:out([[starl_unjudged:format(Part), "\n"] || Part <- Parts]).
+unjudged(#{unjudged := Parts, monitors := Monitors}) ->
+    Clauses = starl_unjudged:clauses(Monitors),
+    Lines = [starl_unjudged:format(Part) || Part <- Parts] ++ Clauses,
+    starl_cli_terminal:out([[Line, "\n"] || Line <- Lines]).
 
 %% Real time does not come again.
 repeated(#{live := true}) ->

@@ -15,7 +15,7 @@
 %% All answers are generous bounds: no window explains an event beyond them.
 -module(starl_assumption).
 
--export([new/2, broken/2, late/1, is_kept/1, is_kept/3, longest_us/2]).
+-export([new/2, broken/2, late/1, is_kept/1, is_kept/3, is_kept/4, longest_us/2]).
 -export([clock_later/4, clock_earlier/4, lost_us/4, gained_us/4, handled/4, begun_us/3]).
 -export([behind_us/4, misleads/1, is_misplaced/4, delayed_us/5, calm_us/3, calm_us/4, leaves_us/3]).
 
@@ -93,6 +93,16 @@ is_kept(From, Until, #assumption{windows = Windows}) ->
     lists:all(
         fun({Begin, End, _}) -> End < From orelse Until < Begin end,
         lists:append(maps:values(Windows))
+    ).
+
+%% @doc Do these robots keep it between two times?
+-spec is_kept([robot_id()], FromUs :: us(), UntilUs :: us(), t()) -> boolean().
+is_kept(_Robots, _From, _Until, #assumption{windows = Windows}) when map_size(Windows) =:= 0 ->
+    true;
+is_kept(Robots, From, Until, #assumption{windows = Windows}) ->
+    lists:all(
+        fun({Begin, End, _}) -> End < From orelse Until < Begin end,
+        lists:append(maps:values(maps:with([all | Robots], Windows)))
     ).
 
 %% @doc The latest time at which a robot's clock shows what it should show at `DueUs', counted from

@@ -20,9 +20,9 @@
 -module(starl_monitor).
 
 -export([new/1, guarded/1, step/2, broken/2, blinded/2, unjudged/1, finish/2, close/2]).
--export([known/1, informed/2]).
+-export([known/1, informed/2, healed_us/2, core_healed_us/2]).
 -export([name/1]).
--export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, known/0]).
+-export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, known/0, ends/0, fault_class/0]).
 
 %% A robot's number.
 -type robot_id() :: pos_integer().
@@ -43,24 +43,32 @@
 -type results() :: #{atom() => term()}.
 %% The facts of a run beside its events: the windows in which faults break assumptions, those of
 %% all faults that may cost a team time, and those that may cost a robot's drive time (`fault') or lead
-%% it off its line (`position'); the time at which all faults are over; the
+%% it off its line (`position'), and those that keep a robot from knowing its place (`places'); the time at which all
+%% faults are over, and those of each class (`ends'), for {@link healed_us/2}; the
 %% robots beside the core of the team, for which some never are, and that time for the core; the longest delay of a
-%% packet, the part of the packets that is lost, and the configuration of SAP; how far a robot's clock may be off at the
+%% packet, the part of the packets that is lost (both with what faults do to the radio that is no excuse), and the configuration of SAP; how far a robot's clock may be off at the
 %% beginning, and how fast it may drift, without any fault; and the time by which
 %% every bound is longer on a computer that has other work, too. Of real robots nothing is known.
 -type known() :: #{
     broken := [starl_assumption:window()],
     faults := [starl_assumption:window()],
     bodies := [starl_assumption:window()],
+    places => [starl_assumption:window()],
     positions := [starl_assumption:window()],
     loss := number(),
     sap := map(),
     healed_us := integer() | never,
-    core := #{rest := [robot_id()], healed_us := integer() | never},
+    ends => ends(),
+    core := #{rest := [robot_id()], healed_us := integer() | never, ends => ends()},
     delay_us := non_neg_integer(),
     clocks := #{offset_us := non_neg_integer(), drift_ppm := number()},
     slack_us := non_neg_integer()
 }.
+
+%% A class of faults, such as `network', `clock', `process', `store', `location', `actuation', `serial', `sense', `floor'.
+-type fault_class() :: atom().
+%% When the last fault of each class is over; a class without a fault is missing.
+-type ends() :: #{fault_class() => integer() | never}.
 
 -callback init(Config :: map()) -> state().
 -callback step(trace_event(), state()) -> {ok, state()} | {violation, violation(), state()}.
@@ -162,6 +170,19 @@ informed(Monitors, Known) ->
         end
      || {Module, Config} <- Monitors
     ].
+
+%% @doc The time at which all faults of these classes are over: a contract names the classes that can hold up what it
+%% speaks of. A slow wheel holds up no message.
+-spec healed_us([fault_class()], known()) -> integer() | never.
+healed_us(Classes, Known) -> latest(Classes, Known).
+
+%% @doc The same for the core of the team.
+-spec core_healed_us([fault_class()], known()) -> integer() | never.
+core_healed_us(Classes, #{core := Core}) -> latest(Classes, Core).
+
+%% An atom, `never', is greater than every number.
+latest(Classes, #{ends := Ends}) -> lists:max([0 | maps:values(maps:with(Classes, Ends))]);
+latest(_Classes, #{healed_us := Healed}) -> Healed.
 
 %% @doc A monitor's name, as in reports: `mutex' of the module `starl_mutex_monitor'.
 -spec name(module()) -> string().

@@ -9,6 +9,8 @@
 %% time: an outcome may take longer by what the source's own clock, pauses and slowness explain while
 %% the message is under way ({@link starl_assumption:delayed_us/5}), and by nothing else.
 %%
+%% Delivered, where packets get through: see {@link starl_sap_monitor_delivery}.
+%%
 %% Answers: a caller is told the outcome of its message at all destinations, also within
 %% `bound_us': `ok' if all have acknowledged, else the destinations at which it was lost.
 %%
@@ -27,6 +29,7 @@
 
 -record(state, {
     deadlines :: starl_sap_monitor_deadlines:t(),
+    delivery :: starl_sap_monitor_delivery:t(),
     sources = starl_sap_monitor_sources:new() :: starl_sap_monitor_sources:t(),
     %% The incarnation that each source has announced.
     running = #{} :: #{starl_monitor:robot_id() => term()},
@@ -54,20 +57,47 @@
 init(Config) ->
     #state{
         deadlines = starl_sap_monitor_deadlines:new(Config),
+        delivery = starl_sap_monitor_delivery:new(Config),
         room = maps:get(room, Config, ?ROOM),
         is_alone = length(maps:get(robots, Config, [])) < 2
     }.
 
-%% @doc The configuration with the windows of broken assumptions; the bound is longer on a computer
-%% that has other work, too.
+%% @doc The configuration with the windows of broken assumptions and of faults, and with the luck of messages; the
+%% bound is longer on a computer that has other work, too.
 -spec context(starl_monitor:known(), map()) -> map().
-context(#{broken := Broken, slack_us := Slack}, #{bound_us := Bound} = Config) ->
-    maps:merge(#{broken => Broken}, Config#{bound_us := Bound + Slack}).
+context(#{broken := Broken, slack_us := Slack} = Known, #{bound_us := Bound} = Config) ->
+    maps:merge(
+        maps:merge(#{broken => Broken}, luck(Known)), Config#{bound_us := Bound + Slack}
+    ).
+
+%% The network of a run in real time may lose anything. Of the time of all transmissions a clock that is 1 % fast
+%% leaves a little less.
+luck(#{slack_us := Slack}) when Slack > 0 ->
+    off("a network in real time may lose any packet");
+luck(#{loss := Loss, sap := Sap, faults := Faults} = Known) ->
+    case starl_monitor:healed_us([network], Known) of
+        never ->
+            off("range, walls or shadows may take any packet");
+        _Us ->
+            Unanswered = 1 - (1 - Loss) * (1 - Loss),
+            #{
+                unlucky => math:pow(Unanswered, starl_sap_schedule:tries(Sap)),
+                whole_us => starl_sap_schedule:bound_us(Sap) * 98 div 100,
+                faults => Faults
+            }
+    end;
+luck(_Known) ->
+    #{}.
+
+off(Why) -> #{unlucky => {off, [{"delivered, where packets get through", Why}]}}.
 
 %% @doc The window excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken(Window, #state{deadlines = Deadlines} = State) ->
-    State#state{deadlines = starl_sap_monitor_deadlines:broken(Window, Deadlines)}.
+broken(Window, #state{deadlines = Deadlines, delivery = Delivery} = State) ->
+    State#state{
+        deadlines = starl_sap_monitor_deadlines:broken(Window, Deadlines),
+        delivery = starl_sap_monitor_delivery:broken(Window, Delivery)
+    }.
 
 %% @doc The events of the SAP, of the application, and of the end of robots.
 -spec interests() -> [atom()].
@@ -127,13 +157,14 @@ judge_late({T, _, _, _} = Event, State) ->
 finish(EndTimeUs, State) ->
     {Overdue, #state{sources = Sources, counts = Counts}} = pass(EndTimeUs, State),
     {Sent, Delivered, Acknowledged, Lost} = Counts,
-    Results = #{
+    Off = starl_sap_monitor_delivery:unjudged(EndTimeUs, State#state.delivery),
+    Results = starl_unjudged:with(Off, #{
         sent => Sent,
         delivered => Delivered,
         acknowledged => Acknowledged,
         lost => Lost,
         outstanding => starl_sap_monitor_sources:outstanding(Sources)
-    },
+    }),
     {verdict(Overdue), Results}.
 
 verdict([]) -> ok;
@@ -160,7 +191,7 @@ judge({T, Robot, sap, {delivered, Id, Type, Hash}}, State) ->
     end;
 judge({T, Robot, sap, {outcome, {Source, _, _} = Id, Dest, Outcome}}, State) ->
     case Source =:= Robot of
-        true -> outcome(T, Id, Dest, kind(Outcome), failed(Id, Dest, Outcome, State));
+        true -> in_vain(T, Id, Dest, Outcome, State);
         false -> broken(foreign_source, T, [Robot, Source], #{message => Id}, State)
     end;
 judge({T, Robot, sap, {called, Id, How}}, State) ->
@@ -171,18 +202,52 @@ judge({T, Robot, sap, {listener_refused, Type, Machine, Holder}}, State) ->
     Details = #{type => Type, listener => Machine, held_by => Holder},
     broken(two_listeners, T, [Robot], Details, State);
 judge({T, Robot, sap, {started, Incarnation}}, #state{running = Running} = State) ->
-    Started = State#state{running = Running#{Robot => Incarnation}},
+    Started = State#state{
+        running = Running#{Robot => Incarnation},
+        delivery = starl_sap_monitor_delivery:begins(T, Robot, State#state.delivery)
+    },
     {ok, abandon(T, Robot, Incarnation, unsure(Robot, Started))};
 judge({T, Robot, app, {read, Source, Type, Hash}}, State) ->
     read(T, Robot, Source, Type, Hash, State);
 judge({_T, Robot, app, crashed}, State) ->
     {ok, unsure(Robot, State)};
+judge({T, Robot, sap, {Refuses, Source, _Type}}, #state{delivery = Delivery} = State) when
+    Refuses =:= full; Refuses =:= unclaimed_full
+->
+    {ok, State#state{delivery = starl_sap_monitor_delivery:refuses(T, Robot, Source, Delivery)}};
 judge({T, Robot, robot, {died, _Reason}}, State) ->
-    {ok, abandon(T, Robot, none, State)};
+    {ok, abandon(T, Robot, none, gone(Robot, State))};
 judge({T, Robot, robot, down}, State) ->
-    {ok, abandon(T, Robot, none, unsure(Robot, State))};
+    {ok, abandon(T, Robot, none, unsure(Robot, gone(Robot, State)))};
 judge({_T, _Robot, _Machine, _Other}, State) ->
     {ok, State}.
+
+gone(Robot, #state{delivery = Delivery} = State) ->
+    State#state{delivery = starl_sap_monitor_delivery:goes(Robot, Delivery)}.
+
+%% The outcome itself is judged first: what is broken there is told before.
+in_vain(T, {Source, _, _} = Id, Dest, Outcome, State) ->
+    {Luck, Delivery} = luck(T, Id, Dest, Outcome, State),
+    Next = State#state{delivery = Delivery},
+    case outcome(T, Id, Dest, kind(Outcome), failed(Id, Dest, Outcome, Next)) of
+        {ok, Judged} when Luck =:= in_vain ->
+            broken(lost_in_vain, T, [Source, Dest], #{message => Id}, Judged);
+        Judged ->
+            Judged
+    end.
+
+luck(_T, {Source, _, _}, Dest, acknowledged, #state{delivery = Delivery}) ->
+    {ok, starl_sap_monitor_delivery:acknowledged(Source, Dest, Delivery)};
+luck(T, {Source, _, _} = Id, Dest, lost, #state{delivery = Delivery, sources = Sources}) ->
+    case starl_sap_monitor_sources:find(Id, Sources) of
+        none ->
+            {ok, Delivery};
+        Message ->
+            SentUs = starl_sap_monitor_message:sent_us(Message),
+            starl_sap_monitor_delivery:lost(T, SentUs, Source, Dest, Delivery)
+    end;
+luck(_T, _Id, _Dest, _Other, #state{delivery = Delivery}) ->
+    {ok, Delivery}.
 
 kind(acknowledged) -> acknowledged;
 kind(lost) -> lost;

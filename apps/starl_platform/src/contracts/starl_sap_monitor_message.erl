@@ -2,7 +2,7 @@
 %% destination. Pure; a part of {@link starl_sap_monitor}.
 -module(starl_sap_monitor_message).
 
--export([new/4, compare/3, progress/2, put_progress/3, phase/1, give_up/1, open/1, lost/1]).
+-export([new/4, compare/3, progress/2, put_progress/3, phase/1, give_up/1, open/1, lost/1, sent_us/1]).
 -export([called/2, failed/3, due/1, answered/1]).
 
 -export_type([t/0, progress/0, how/0]).
@@ -77,6 +77,10 @@ open({_, _, _, Dests, _}) -> [Dest || {Dest, P} <- Dests, P =:= waiting orelse P
 %% @doc The destinations where it was reported lost and has not been delivered so far.
 -spec lost(t()) -> [starl_monitor:robot_id()].
 lost({_, _, _, Dests, _}) -> [Dest || {Dest, lost} <- Dests].
+
+%% @doc When it was sent (us).
+-spec sent_us(t()) -> integer().
+sent_us({_, _, SentUs, _, _}) -> SentUs.
 
 %% @doc A caller waits for the answer.
 -spec called(how(), t()) -> t().

@@ -3,8 +3,9 @@
 -module(starl_unjudged).
 
 -export([mistake/3, since/3, is_why/1, format/1, format_why/1]).
+-export([unhealed/3, excused/4, lossy/2, with/2, clauses/1, format_clause/2]).
 
--export_type([t/0, why/0]).
+-export_type([t/0, why/0, clause/0]).
 
 %% Monitors by the names of reports.
 -type t() :: #{
@@ -25,6 +26,56 @@
     | no_end
     | {stood_still, FromUs :: integer(), ToUs :: integer()}
     | {clocks, starl:robot_id(), starl:robot_id(), Us :: integer()}.
+
+%% A clause of a contract that a monitor cannot judge in this run, and why not. It stands in the monitor's results
+%% under `unjudged'. The run has a verdict all the same: the other clauses.
+-type clause() :: {Clause :: unicode:chardata(), Why :: unicode:chardata()}.
+
+%% @doc The clause is not judged if the faults that can hold it up last until the end of the run.
+-spec unhealed(Clause :: unicode:chardata(), HealedUs :: integer() | never, EndUs :: integer()) ->
+    [clause()].
+unhealed(Clause, never, _EndUs) ->
+    [{Clause, "range, walls or shadows may take any packet"}];
+unhealed(Clause, HealedUs, EndUs) ->
+    [{Clause, "a fault lasts until the end"} || HealedUs >= EndUs, HealedUs > 0].
+
+%% @doc The clause, whose bound begins anew after each of these faults, is not judged if they leave no time that is
+%% as long as the bound.
+-spec excused(
+    Clause :: unicode:chardata(),
+    BoundUs :: non_neg_integer(),
+    EndUs :: integer(),
+    Faults :: starl_assumption:t()
+) -> [clause()].
+excused(Clause, BoundUs, EndUs, Faults) ->
+    case starl_assumption:calm_us(0, BoundUs, Faults) of
+        Due when Due > EndUs, Due > BoundUs -> [{Clause, "faults leave no time for it"}];
+        _Due -> []
+    end.
+
+%% @doc The clause is not judged, since the radio loses too many packets.
+-spec lossy(Clause :: unicode:chardata(), Loss :: number()) -> [clause()].
+lossy(Clause, Loss) ->
+    [{Clause, io_lib:format("the radio loses ~s %", [percent(100.0 * Loss)])}].
+
+percent(Part) -> float_to_list(Part, [{decimals, 1}, compact]).
+
+%% @doc A monitor's results, with the clauses that it has not judged, if there are any.
+-spec with([clause()], starl_monitor:results()) -> starl_monitor:results().
+with([], Results) -> Results;
+with(Clauses, Results) -> Results#{unjudged => Clauses}.
+
+%% @doc The clauses that the monitors of a run have not judged, by the monitors' results, a line each.
+-spec clauses(#{module() => starl_monitor:results()}) -> [unicode:chardata()].
+clauses(Results) ->
+    [
+        format_clause(starl_monitor:name(Module), Clause)
+     || {Module, #{unjudged := Clauses}} <- lists:sort(maps:to_list(Results)), Clause <- Clauses
+    ].
+
+%% @doc One line on a clause that a monitor has not judged.
+-spec format_clause(Monitor :: string(), clause()) -> unicode:chardata().
+format_clause(Monitor, {Clause, Why}) -> ["not judged: ", Monitor, ", ", Clause, ": ", Why].
 
 %% @doc A monitor has made a mistake: from this time on it does not judge.
 -spec mistake(Monitor :: string(), AtUs :: integer(), Line :: unicode:chardata()) -> t().

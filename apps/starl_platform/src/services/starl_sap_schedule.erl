@@ -2,7 +2,7 @@
 %% the time in which a message arrives or is reported lost. Pure; a part of {@link starl_sap}.
 -module(starl_sap_schedule).
 
--export([delays/1, bound_us/1, reach_us/4, tries/1]).
+-export([delays/1, bound_us/1, reach_us/4, tries/1, missed/4, rounds/1, is_rare/1]).
 
 %% The part of the messages for which a bound in time need not hold.
 -define(RARE, 1.0e-9).
@@ -52,6 +52,29 @@ waited(Delays) -> round(lists:sum(Delays)) * 101 div 100.
 
 transmissions(Loss) when Loss == 0 -> 1;
 transmissions(Loss) when Loss < 1 -> ceil(math:log(?RARE) / math:log(Loss)).
+
+%% @doc The part of the messages that do not reach a robot that lives within this time: all transmissions that leave
+%% early enough, by a clock that is 1 % slow, are lost.
+-spec missed(
+    starl_sap:config(), Loss :: number(), DelayUs :: non_neg_integer(), WithinUs :: integer()
+) -> float().
+missed(Config, Loss, DelayUs, WithinUs) ->
+    math:pow(Loss, in_time(delays(Config), 0, WithinUs - DelayUs)).
+
+in_time(_Delays, Waited, Us) when Waited * 101 div 100 > Us -> 0;
+in_time([], _Waited, _Us) -> 0;
+in_time([Delay | Delays], Waited, Us) -> 1 + in_time(Delays, Waited + Delay, Us).
+
+%% @doc The number of tries, each of which fails with this probability whatever becomes of the others, after which
+%% all have failed at most once in 10^9 cases; `never' if each may fail.
+-spec rounds(Failure :: float()) -> pos_integer() | never.
+rounds(Failure) when Failure >= 1 -> never;
+rounds(Failure) when Failure =< ?RARE -> 1;
+rounds(Failure) -> ceil(math:log(?RARE) / math:log(Failure)).
+
+%% @doc Is this probability so small that no bound need allow for it?
+-spec is_rare(float()) -> boolean().
+is_rare(Probability) -> Probability =< ?RARE.
 
 %% @doc The number of transmissions of a message that nobody acknowledges.
 -spec tries(starl_sap:config()) -> pos_integer().

@@ -3,12 +3,18 @@
 %% must hold under all other faults.
 -module(starl_run_assumption).
 
--export([broken/2, positions/1, faults/1, bodies/2, core/3]).
+-export([broken/2, positions/1, faults/1, places/1, bodies/2, core/3, radio/2, ends/1]).
 
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
 %% Wheels slip by no more than half.
 -define(SLIP, 0.5).
+%% A loss or a delay of the radio that bounds allow for, however long it lasts; and one that they allow for where
+%% it lasts for most of the run.
+-define(LITTLE_LOSS, 0.02).
+-define(LITTLE_MS, 5).
+-define(SOME_LOSS, 0.5).
+-define(SOME_MS, 200).
 %% Robots look after a way that was closed again and again, and drive there meanwhile.
 -define(REOPENED_US, 60000000).
 
@@ -70,6 +76,57 @@ faults(Faults) ->
         {_, From, To, _, _, Params} <- [starl_run_fault:compile(Fault)],
         Kind =/= clock_drift orelse abs(maps:get(ppm, Params)) > ?DRIFT_PPM
     ]).
+
+%% @doc The windows of the faults that keep a robot from knowing its place, or from moving as its program says: of
+%% the positioning system and of the line to the chassis. Wheels that turn slowly are none: the robot arrives later.
+-spec places([starl_run_fault:t()]) -> [starl_assumption:window()].
+places(Faults) ->
+    [
+        {Robot, From, To, fault}
+     || Fault <- Faults,
+        lists:member(starl_run_fault:class(Fault), [location, serial]),
+        {_, From, To, _, _, _} <- [starl_run_fault:compile(Fault)],
+        Robot <- struck(Fault)
+    ].
+
+%% @doc Splits off the faults that change the radio only a little, or only a little for most of the run: by a small
+%% delay, by the loss of a small part of the packets, or by copies. They are no excuse. Bounds allow for them instead:
+%% the part of the packets that they lose, and the time by which they delay one (us), on the link that they strike
+%% most, are taken for every link.
+-spec radio([starl_run_fault:t()], EndUs :: non_neg_integer()) ->
+    {Lost :: float(), ExtraUs :: non_neg_integer(), Others :: [starl_run_fault:t()]}.
+radio(Faults, EndUs) ->
+    {Mild, Others} = lists:partition(fun(Fault) -> is_mild(Fault, EndUs div 1000) end, Faults),
+    Arrive = lists:foldl(fun(Fault, Part) -> Part * (1 - lost(Fault)) end, 1.0, Mild),
+    {1.0 - Arrive, 1000 * lists:sum([extra_ms(Fault) || Fault <- Mild]), Others}.
+
+is_mild({_, _, _, Kind, _, _}, _EndMs) when Kind =:= duplicate; Kind =:= babble ->
+    true;
+is_mild({_, From, To, Kind, _, #{part := Part}}, EndMs) when Kind =:= loss; Kind =:= corrupt ->
+    Part =< ?LITTLE_LOSS orelse (Part =< ?SOME_LOSS andalso lasts(From, To, EndMs));
+is_mild({_, From, To, Kind, _, #{extra_ms := Ms}}, EndMs) when Kind =:= delay; Kind =:= reorder ->
+    Ms =< ?LITTLE_MS orelse (Ms =< ?SOME_MS andalso lasts(From, To, EndMs));
+is_mild(_Fault, _EndMs) ->
+    false.
+
+lasts(From, To, EndMs) -> 2 * (To - From) >= EndMs.
+
+lost({_, _, _, Kind, _, #{part := Part}}) when Kind =:= loss; Kind =:= corrupt -> Part;
+lost(_Fault) -> 0.
+
+extra_ms({_, _, _, _, _, #{extra_ms := Ms}}) -> Ms;
+extra_ms(_Fault) -> 0.
+
+%% @doc When the last fault of each class is over (us). A clock that drifts by less than its bound is no fault.
+-spec ends([starl_run_fault:t()]) -> #{starl_run_fault:class() => non_neg_integer()}.
+ends(Faults) ->
+    Of = maps:groups_from_list(
+        fun starl_run_fault:class/1, [Fault || Fault <- Faults, not is_small_drift(Fault)]
+    ),
+    maps:map(fun(_Class, Same) -> starl_run_fault:healed_us(Same) end, Of).
+
+is_small_drift({_, _, _, clock_drift, _, #{ppm := Ppm}}) -> abs(Ppm) =< ?DRIFT_PPM;
+is_small_drift(_Fault) -> false.
 
 %% @doc The core of a team, a majority for which all faults have an end, though some last until the end
 %% of the run: the robots beside it (the smaller part, where a fault separates two), and the faults that

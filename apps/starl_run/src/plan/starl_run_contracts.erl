@@ -36,20 +36,31 @@ monitors(Scenario, Scene, Profiles, #{sap := Sap0, robots := Ids}, Options) ->
             progress(Scenario, Ids),
     starl_monitor:informed(with_history(Contracts, models(Scene, Options), Options), Known).
 
-%% What contracts know of a run before it begins.
-known(Scenario, Ids, IsExact) ->
-    #{faults := Faults, delay := {_, MaxMs}, clock_offset := Ms, clock_drift := Ppm} = Scenario,
+%% What contracts know of a run before it begins. What a fault does to the radio that a bound can allow for is a part
+%% of the radio, and no excuse.
+known(#{delay := {_, MaxMs}, clock_offset := Ms, clock_drift := Ppm} = Given, Ids, IsExact) ->
+    {Lost, ExtraUs, #{faults := Faults} = Scenario} = radio(Given),
     #{
         broken => starl_run_assumption:broken(Faults, IsExact),
         faults => out_of_range(Scenario) ++ starl_run_assumption:faults(Faults),
         bodies => starl_run_assumption:bodies(Faults, IsExact),
+        places => starl_run_assumption:places(Faults),
         positions => starl_run_assumption:positions(Faults),
         healed_us => healed_us(Scenario),
+        ends => ends(Scenario),
         core => core(Scenario, Ids),
-        loss => told_loss(Scenario),
+        loss => either(told_loss(Scenario), Lost),
         clocks => #{offset_us => round(1000 * Ms), drift_ppm => Ppm},
-        delay_us => round(1000 * MaxMs)
+        delay_us => round(1000 * MaxMs) + ExtraUs
     }.
+
+%% The part of the packets and the time that faults of the radio cost, and the scenario without these.
+radio(#{faults := All, time := Time} = Scenario) ->
+    {Lost, ExtraUs, Faults} = starl_run_assumption:radio(All, micros(Time)),
+    {Lost, ExtraUs, Scenario#{faults := Faults}}.
+
+either(Loss, Lost) when Lost == 0 -> Loss;
+either(Loss, Lost) -> 1 - (1 - Loss) * (1 - Lost).
 
 %% @doc The models by which the histories of this run are judged.
 -spec models(starl_scene:t(), starl_run_plan:options()) -> [{module(), map()}].
@@ -99,10 +110,19 @@ healed_us(#{range := none, wall_loss := Loss, faults := Faults}) when Loss == 0 
 healed_us(_Scenario) ->
     never.
 
+%% The same for each class of faults.
+ends(#{faults := Faults} = Scenario) ->
+    Ends = starl_run_assumption:ends(Faults),
+    case healed_us(Scenario#{faults := []}) of
+        never -> Ends#{network => never};
+        _Heals -> Ends
+    end.
+
 progress(#{converge := none}, _Ids) ->
     [];
 progress(Scenario, Ids) ->
-    #{rest := Rest} = core(Scenario, Ids),
+    {_Lost, _ExtraUs, Others} = radio(Scenario),
+    #{rest := Rest} = core(Others, Ids),
     [
         {starl_run_progress_monitor, #{
             robots => Ids -- Rest, deadline_us => deadline_us(Scenario)
@@ -112,11 +132,12 @@ progress(Scenario, Ids) ->
 %% Faults that last until the end of the run leave a core that heals.
 core(#{faults := Faults, time := Time} = Scenario, Ids) ->
     {Rest, Ending} = starl_run_assumption:core(Faults, Ids, micros(Time)),
-    #{rest => Rest, healed_us => healed_us(Scenario#{faults := Ending})}.
+    Healing = Scenario#{faults := Ending},
+    #{rest => Rest, healed_us => healed_us(Healing), ends => ends(Healing)}.
 
 %% Counted from the end of the last fault, and of what it makes late.
 deadline_us(#{heal := Heal, converge := Converge, robots := N, time := Time} = Scenario) ->
-    #{faults := All} = Scenario,
+    {_Lost, _ExtraUs, #{faults := All}} = radio(Scenario),
     {_Rest, Faults} = starl_run_assumption:core(All, lists:seq(1, N), micros(Time)),
     Windows = starl_run_assumption:faults(Faults) ++ starl_run_assumption:bodies(Faults, false),
     lists:max([micros(Heal) | [To || {_, _, To, _} <- Windows]]) + micros(Converge).

@@ -1,0 +1,116 @@
+%% @doc Judges that a message is delivered where packets get through, for {@link starl_sap_monitor}: chance alone
+%% does not lose all transmissions of message after message between the same two robots.
+%%
+%% A message that its source reports lost after its last transmission was unlucky with the probability that a packet or
+%% its acknowledgement is lost each time. The probabilities of the losses in a row between two robots are multiplied; an
+%% acknowledged message begins a new row. A row that is rarer than 10^-9 breaks the contract.
+%%
+%% A loss does not count if a fault met one of the two robots while the message was under way, if one of them was down or
+%% began anew, or if the receiver had no room for a message of the source. Pure.
+-module(starl_sap_monitor_delivery).
+
+-export([new/1, broken/2, begins/3, goes/2, refuses/4, acknowledged/3, lost/5, unjudged/2]).
+
+-export_type([t/0]).
+
+-type robot_id() :: starl_monitor:robot_id().
+
+-record(delivery, {
+    %% the probability that all transmissions of one message are lost, or why nothing is judged
+    unlucky :: float() | {off, [starl_unjudged:clause()]},
+    %% the time that all transmissions take
+    whole_us :: non_neg_integer(),
+    faults :: starl_assumption:t(),
+    down = #{} :: #{robot_id() => true},
+    began = #{} :: #{robot_id() => integer()},
+    refused = #{} :: #{{Source :: robot_id(), Dest :: robot_id()} => integer()},
+    rows = #{} :: #{{Source :: robot_id(), Dest :: robot_id()} => float()}
+}).
+
+-opaque t() :: #delivery{}.
+
+-define(CLAUSE, "delivered, where packets get through").
+-define(DRIFT_PPM, 10000).
+%% A robot that begins anew asks the others for their numbers first.
+-define(SETTLED_US, 5000000).
+
+%% @doc `unlucky': see above; without it nothing is judged. `whole_us': the time of all transmissions. `faults': the
+%% windows of all faults.
+-spec new(#{
+    unlucky => float() | {off, [starl_unjudged:clause()]},
+    whole_us => non_neg_integer(),
+    faults => [starl_assumption:window()],
+    _ => _
+}) -> t().
+new(Config) ->
+    #delivery{
+        unlucky = maps:get(unlucky, Config, {off, []}),
+        whole_us = maps:get(whole_us, Config, 0),
+        faults = starl_assumption:new(maps:get(faults, Config, []), ?DRIFT_PPM)
+    }.
+
+%% @doc The window excuses what it meets.
+-spec broken(starl_assumption:window(), t()) -> t().
+broken(Window, #delivery{faults = Faults} = D) ->
+    D#delivery{faults = starl_assumption:broken(Window, Faults)}.
+
+%% @doc The robot's SAP begins, or begins anew.
+-spec begins(Us :: integer(), robot_id(), t()) -> t().
+begins(T, Robot, #delivery{down = Down, began = Began} = D) ->
+    D#delivery{down = maps:remove(Robot, Down), began = Began#{Robot => T}}.
+
+%% @doc The robot is down, or dead.
+-spec goes(robot_id(), t()) -> t().
+goes(Robot, #delivery{down = Down} = D) -> D#delivery{down = Down#{Robot => true}}.
+
+%% @doc The receiver did not take a packet of the source.
+-spec refuses(Us :: integer(), Dest :: robot_id(), Source :: robot_id(), t()) -> t().
+refuses(T, Dest, Source, #delivery{refused = Refused} = D) ->
+    D#delivery{refused = Refused#{{Source, Dest} => T}}.
+
+%% @doc A message was acknowledged.
+-spec acknowledged(Source :: robot_id(), Dest :: robot_id(), t()) -> t().
+acknowledged(_Source, _Dest, #delivery{rows = Rows} = D) when map_size(Rows) =:= 0 -> D;
+acknowledged(Source, Dest, #delivery{rows = Rows} = D) ->
+    D#delivery{rows = maps:remove({Source, Dest}, Rows)}.
+
+%% @doc A message that was sent at `SentUs' was reported lost. `in_vain': no chance explains it any more; each row is
+%% reported once.
+-spec lost(Us :: integer(), SentUs :: integer(), Source :: robot_id(), Dest :: robot_id(), t()) ->
+    {ok | in_vain, t()}.
+lost(T, SentUs, Source, Dest, #delivery{unlucky = Unlucky, rows = Rows} = D) when
+    is_float(Unlucky)
+->
+    case counts(T, SentUs, Source, Dest, D) of
+        true ->
+            Row = Unlucky * maps:get({Source, Dest}, Rows, 1.0),
+            case starl_sap_schedule:is_rare(Row) of
+                true -> {in_vain, D#delivery{rows = maps:remove({Source, Dest}, Rows)}};
+                false -> {ok, D#delivery{rows = Rows#{{Source, Dest} => Row}}}
+            end;
+        false ->
+            {ok, D}
+    end;
+lost(_T, _SentUs, _Source, _Dest, D) ->
+    {ok, D}.
+
+counts(T, SentUs, Source, Dest, #delivery{whole_us = Whole, faults = Faults} = D) ->
+    T - SentUs >= Whole andalso
+        is_up(SentUs, Source, D) andalso
+        is_up(SentUs, Dest, D) andalso
+        maps:get({Source, Dest}, D#delivery.refused, SentUs - 1) < SentUs andalso
+        starl_assumption:is_kept([Source, Dest], SentUs - ?SETTLED_US, T, Faults).
+
+is_up(SentUs, Robot, #delivery{down = Down, began = Began}) ->
+    not is_map_key(Robot, Down) andalso
+        case Began of
+            #{Robot := At} -> At + ?SETTLED_US < SentUs;
+            #{} -> true
+        end.
+
+%% @doc Is the clause not judged in this run, and why not?
+-spec unjudged(EndUs :: integer(), t()) -> [starl_unjudged:clause()].
+unjudged(_EndUs, #delivery{unlucky = {off, Why}}) ->
+    Why;
+unjudged(EndUs, #delivery{whole_us = Whole, faults = Faults}) ->
+    starl_unjudged:excused(?CLAUSE, Whole, EndUs, Faults).
