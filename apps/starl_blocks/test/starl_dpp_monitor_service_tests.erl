@@ -66,7 +66,8 @@ given_up_test() ->
     ?assertEqual([], GivesUp([{5, 2, robot, {died, killed}}])),
     ?assertEqual([], GivesUp([{5, 1, dpp_coordinator, {claims, {2, 1, 1}}}])).
 
-%% The time of a run: an answer over a radio that is sound; none where the beats of a lease may be lost.
+%% The time of a run: an answer of a coordinator that leads all the time, on any radio; the time for everything only
+%% where a coordinator surely keeps its lease. Slow wheels prolong nothing, a place that is not known does.
 times_test() ->
     Known = #{
         sap => #{}, loss => 0, delay_us => 20000, slack_us => 0, faults => [], bodies => []
@@ -76,11 +77,33 @@ times_test() ->
     ?assertMatch(#{answer_us := 2240000}, Times(#{})),
     #{whole_us := Whole} = Times(#{}),
     ?assert(Whole > 100 * ?S andalso Whole < 200 * ?S),
-    ?assertMatch(#{answer_us := infinity}, Times(#{loss => 0.2})),
-    ?assertMatch(#{answer_us := infinity}, Times(#{delay_us => 1000000})),
+    #{answer_us := Lossy} = Times(#{loss => 0.2}),
+    ?assert(Lossy > 20 * ?S andalso Lossy < 60 * ?S),
+    ?assertMatch(
+        #{
+            whole_us := infinity,
+            unjudged := [{"a free line that can be reached is assigned" ++ _, _}]
+        },
+        Times(#{loss => 0.2})
+    ),
+    ?assertMatch(#{answer_us := infinity, unjudged := [_]}, Times(#{delay_us => 1000000})),
     ?assertMatch(#{answer_us := 3240000}, Times(#{slack_us => ?S})),
     Fault = {1, 2, 3, fault},
-    ?assertMatch(#{faults := [Fault, Fault]}, Times(#{faults => [Fault], bodies => [Fault]})).
+    ?assertMatch(
+        #{faults := [Fault]},
+        Times(#{faults => [Fault], bodies => [{1, 4, 5, fault}], places => []})
+    ),
+    ?assertMatch(#{faults := [Fault, Fault]}, Times(#{faults => [Fault], places => [Fault]})).
+
+%% A coordinator that leads all the time answers, though the radio loses packets; after another has claimed nothing is
+%% sure any more.
+lossy_test() ->
+    Lossy = ?TIMES#{whole_us := infinity},
+    ?assertEqual([{unanswered, 44, [1]}], judge([?OPEN, asks(1, 1)], Lossy)),
+    ?assertEqual(
+        [], judge([?OPEN, asks(1, 1), {30, 2, dpp_coordinator, {claims, {2, 2, 1}}}], Lossy)
+    ),
+    ?assertEqual([], judge([?OPEN, asks(1, 1), {2, 1, dpp_coordinator, {silent, 3}}], Lossy)).
 
 %% A fault that is known only when it has happened.
 told_later_test() ->

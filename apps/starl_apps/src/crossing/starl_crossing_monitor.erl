@@ -106,7 +106,9 @@ judged(Met, #state{faults = Faults}) ->
 finish(EndUs, #state{separation = Separation, passes = Passes} = State) ->
     {Met, Least} = starl_separation:finish(EndUs, Separation),
     Results = starl_unjudged:with(
-        starl_unjudged:unhealed("the crossing is passed again and again", State#state.healed, EndUs),
+        starl_unjudged:unhealed(
+            "the crossing is passed again and again", State#state.healed, EndUs
+        ),
         #{passes => Passes, least_mm => least(Least)}
     ),
     case judged(Met, State) ++ late(EndUs, State) of

@@ -161,7 +161,8 @@ finish(EndTimeUs, #state{deltas = {Count, Sum, Longest}} = State) ->
         Late -> {{violation, Late}, Results}
     end.
 
-unjudged(_EndUs, #state{bound_us = infinity}) -> [];
+unjudged(_EndUs, #state{bound_us = infinity}) ->
+    [];
 unjudged(EndUs, #state{bound_us = Bound, faults = Faults}) ->
     starl_unjudged:excused("all pass", Bound, EndUs, Faults).
 

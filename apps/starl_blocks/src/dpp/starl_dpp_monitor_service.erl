@@ -128,8 +128,10 @@ broken(Window, #service{faults = Faults} = S) ->
 
 %% @doc What is not judged in a run that ends at this time.
 -spec unjudged(EndUs :: us(), t()) -> [starl_unjudged:clause()].
-unjudged(_End, #service{times = #{unjudged := Unjudged}}) -> Unjudged;
-unjudged(_End, #service{times = #{answer_us := infinity}}) -> [];
+unjudged(_End, #service{times = #{unjudged := Unjudged}}) ->
+    Unjudged;
+unjudged(_End, #service{times = #{answer_us := infinity}}) ->
+    [];
 unjudged(End, #service{times = #{answer_us := Answer, again_us := Again}, faults = Faults}) ->
     starl_unjudged:excused(?CLAUSE, Again + Answer, End, Faults).
 

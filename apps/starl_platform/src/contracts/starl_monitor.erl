@@ -22,7 +22,9 @@
 -export([new/1, guarded/1, step/2, broken/2, blinded/2, unjudged/1, finish/2, close/2]).
 -export([known/1, informed/2, healed_us/2, core_healed_us/2]).
 -export([name/1]).
--export_type([t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, known/0, ends/0, fault_class/0]).
+-export_type([
+    t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, known/0, ends/0, fault_class/0
+]).
 
 %% A robot's number.
 -type robot_id() :: pos_integer().

@@ -2,7 +2,9 @@
 %% destination. Pure; a part of {@link starl_sap_monitor}.
 -module(starl_sap_monitor_message).
 
--export([new/4, compare/3, progress/2, put_progress/3, phase/1, give_up/1, open/1, lost/1, sent_us/1]).
+-export([
+    new/4, compare/3, progress/2, put_progress/3, phase/1, give_up/1, open/1, lost/1, sent_us/1
+]).
 -export([called/2, failed/3, due/1, answered/1]).
 
 -export_type([t/0, progress/0, how/0]).
