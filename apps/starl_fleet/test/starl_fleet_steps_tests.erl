@@ -43,15 +43,18 @@ build_there_test() ->
     ],
     ?assertEqual([keys, build, check], lists:sublist(Stages, 4, 3)).
 
+%% A robot names its recordings; each comes with the length that it has said.
 fetch_test() ->
-    [{1, Command}, {2, _}] = starl_fleet_steps:fetch("out/of all", fleet()),
+    [{1, Asked}, {2, _}] = starl_fleet_steps:recorded(fleet()),
     ?assertEqual(
-        "mkdir -p 'out/of all/robot-1' && ssh -o BatchMode=yes -o ConnectTimeout=10 -n "
-        "starl@robot1.lab 'cd starl/lab/robot-1/state/recordings 2>/dev/null && tar -cf - *.mcap "
-        "2>/dev/null || tar -cf - -T /dev/null' >'out/of all/robot-1/fetched.tar' && "
-        "tar -xf 'out/of all/robot-1/fetched.tar' -C 'out/of all/robot-1'; "
-        "status=$?; rm -f 'out/of all/robot-1/fetched.tar'; exit $status",
-        Command
+        "ssh -o BatchMode=yes -o ConnectTimeout=10 -n starl@robot1.lab "
+        "'cd starl/lab/robot-1/state/recordings 2>/dev/null && wc -c -- *.mcap 2>/dev/null || true'",
+        Asked
+    ),
+    ?assertEqual(
+        "ssh -o BatchMode=yes -o ConnectTimeout=10 -n starl@robot1.lab "
+        "'head -c 7 -- starl/lab/robot-1/state/recordings/a.mcap' | head -c 7 >'of all/a.mcap'",
+        starl_fleet_steps:copied(1, fleet(), "of all", [{"a.mcap", 7}])
     ).
 
 by_tar_test() ->

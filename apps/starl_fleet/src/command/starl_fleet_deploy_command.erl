@@ -166,7 +166,7 @@ act({logs, Which}, #{fleet := Fleet}, _Values) ->
 
 fetch(Dir, Fleet) ->
     case filelib:ensure_path(Dir) of
-        ok -> each(starl_fleet_deploy:fetch(Dir, Fleet), fun fetched/2);
+        ok -> fetched(starl_fleet_fetch:fetch(Dir, Fleet));
         {error, Why} -> {error, [[Dir, ": ", file:format_error(Why)]]}
     end.
 
@@ -187,6 +187,18 @@ watch(Fleet, Seconds) ->
         _ ->
             Status
     end.
+
+%% What is passed over is said, too.
+fetched(Answers) ->
+    Note = fun(N, Text) -> starl_cli_terminal:warn(io_lib:format("robot ~b: ~ts", [N, Text])) end,
+    lists:foreach(fun({N, Text}) -> ok = Note(N, Text) end, [
+        {N, Text}
+     || {N, {ok, _Files, Notes}} <- Answers, Text <- Notes
+    ]),
+    each([{N, files(Answer)} || {N, Answer} <- Answers], fun fetched/2).
+
+files({ok, Files, _Notes}) -> {ok, Files};
+files({error, _} = Error) -> Error.
 
 fetched(N, []) ->
     io_lib:format("robot ~b: no recording\n", [N]);

@@ -7,7 +7,7 @@
 %% '''
 -module(starl_fleet_deploy).
 
--export([release/2, plan/3, dry_run/2, run/3, rollback/1, ask/3, fetch/2]).
+-export([release/2, plan/3, dry_run/2, run/3, rollback/1, ask/3]).
 
 -export_type([options/0, made/0, report/0]).
 
@@ -244,23 +244,6 @@ ask(Words, Numbers, #{robots := Robots} = Fleet) ->
             starl_fleet_steps:one(Words, Numbers, Fleet), ?QUESTION_MS
         )
     ].
-
-%% @doc Copies the recordings of all robots into directories of their own below this one; the files there,
-%% or one line.
--spec fetch(file:filename(), starl_fleet_file:t()) ->
-    [{starl:robot_id(), {ok, [file:filename()]} | {error, unicode:chardata()}}].
-fetch(Dir, #{robots := Robots} = Fleet) ->
-    [
-        {N,
-            fetched(
-                filename:join(Dir, starl_fleet_steps:recordings(N)),
-                asked(N, maps:get(N, Robots), Result)
-            )}
-     || {N, Result} <- starl_fleet_shell:run(starl_fleet_steps:fetch(Dir, Fleet), ?STAGE_MS)
-    ].
-
-fetched(Own, {ok, _Said}) -> {ok, [filename:join(Own, F) || F <- filelib:wildcard("*.mcap", Own)]};
-fetched(_Own, {error, _} = Error) -> Error.
 
 asked(_N, _Robot, {0, Said}) -> {ok, Said};
 asked(N, Robot, Result) -> {error, starl_fleet_failure:line(robot, N, Robot, Result)}.

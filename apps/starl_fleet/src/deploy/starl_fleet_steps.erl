@@ -4,7 +4,7 @@
 -module(starl_fleet_steps).
 
 -export([
-    deploy/3, one/3, copy_by_tar/3, back/3, fetch/2, recordings/1, target/1, base/2, ssh/2, quoted/1
+    deploy/3, one/3, copy_by_tar/3, back/3, recorded/1, copied/4, recordings/1, target/1, base/2, ssh/2, quoted/1
 ]).
 
 -export_type([plan/0, stage/0, step/0]).
@@ -101,29 +101,28 @@ one(Words, Numbers, #{robots := Robots} = Fleet) ->
 back(Words, #{robots := Robots} = Fleet, Plan) ->
     [{N, robot(N, R, Fleet, Plan, Words)} || {N, R} <- lists:sort(maps:to_list(Robots))].
 
-%% @doc Copies what the robots have recorded into this directory. A robot that runs goes on writing: its last
-%% file comes as far as it is written. Where there is nothing, an empty archive comes.
--spec fetch(file:filename(), starl_fleet_file:t()) -> [step()].
-fetch(Dir, #{robots := Robots} = Fleet) ->
+%% @doc Asks each robot for the sizes and the names of its recordings. Where there are none, nothing comes.
+-spec recorded(starl_fleet_file:t()) -> [step()].
+recorded(#{robots := Robots} = Fleet) ->
     [
-        {N, fetched(filename:join(Dir, recordings(N)), N, R, Fleet)}
+        {N, ssh(R, "cd " ++ recordings_there(N, Fleet) ++ " 2>/dev/null && wc -c -- *.mcap 2>/dev/null || true")}
      || {N, R} <- lists:sort(maps:to_list(Robots))
     ].
 
-%% By a file, since of two programs with a pipe sh tells how the second has ended.
-fetched(To, N, Robot, Fleet) ->
-    There = base(N, Fleet) ++ "/state/recordings",
-    Archive = quoted(To ++ "/fetched.tar"),
-    Line =
-        "cd " ++ There ++
-            " 2>/dev/null && tar -cf - *.mcap 2>/dev/null || tar -cf - -T /dev/null",
-    words([
-        "mkdir -p " ++ quoted(To) ++ " &&",
-        ssh(Robot, Line),
-        ">" ++ Archive,
-        "&& tar -xf " ++ Archive ++ " -C " ++ quoted(To) ++ ";",
-        "status=$?; rm -f " ++ Archive ++ "; exit $status"
-    ]).
+%% @doc Copies these recordings of a robot into a directory, each of the length that the robot has said, and no more.
+-spec copied(starl:robot_id(), starl_fleet_file:t(), file:filename(), [
+    {Name :: string(), Bytes :: non_neg_integer()}, ...
+]) -> string().
+copied(N, #{robots := Robots} = Fleet, To, Files) ->
+    Robot = maps:get(N, Robots),
+    lists:flatten(lists:join(" && ", [copied(N, Robot, Fleet, To, File) || File <- Files])).
+
+copied(N, Robot, Fleet, To, {Name, Bytes}) ->
+    Head = "head -c " ++ integer_to_list(Bytes),
+    There = Head ++ " -- " ++ recordings_there(N, Fleet) ++ "/" ++ quoted(Name),
+    words([ssh(Robot, There), "|", Head, ">" ++ quoted(filename:join(To, Name))]).
+
+recordings_there(N, Fleet) -> base(N, Fleet) ++ "/state/recordings".
 
 %% @doc The name of the directory of a robot's recordings, as `./starl merge' takes it.
 -spec recordings(starl:robot_id()) -> string().
