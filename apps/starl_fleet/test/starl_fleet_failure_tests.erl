@@ -59,7 +59,21 @@ facts_test() ->
         "Warning: Permanently added 'r2' (ED25519) to the list.\r\n"
         "machine aarch64\nrsync no\notp none\nfree 1000\nrelease none\nstore kept\ntime 1700000000\n",
     ?assertEqual(facts(#{}), starl_fleet_failure:facts(Said)),
-    ?assertEqual(unknown, starl_fleet_failure:facts("C:\\>")).
+    ?assertEqual(unknown, starl_fleet_failure:facts("C:\\>")),
+    %% a number that is none, or endless, or missing
+    [
+        ?assertEqual(
+            {Bad, unknown},
+            {Bad, starl_fleet_failure:facts(re:replace(Said, Good, Bad, [{return, list}]))}
+        )
+     || {Good, Bad} <- [
+            {"free [0-9]+", "free abc"},
+            {"free [0-9]+", "free -1"},
+            {"free [0-9]+", "free " ++ lists:duplicate(1000, $9)},
+            {"time [0-9]+", "time 12x"},
+            {"machine", "engine"}
+        ]
+    ].
 
 facts(More) ->
     Facts = #{

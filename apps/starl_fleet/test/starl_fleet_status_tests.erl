@@ -124,6 +124,45 @@ a_clock_that_was_set_since_the_start_is_told_test() ->
     Line = line(#{ahead_us => 3_600_000_000}),
     ?assertNotEqual(nomatch, string:find(Line, "clock is 3600.0 s ahead of its computer's")).
 
+%% A robot that answers anything is one line, and no other robot's line is lost by it.
+a_robot_that_answers_anything_is_one_line_test_() ->
+    Well = #{
+        release => "1", app => a, started => 0, link => answers, result => running, crashes => 0
+    },
+    [
+        {Name, ?_assertNotEqual(nomatch, string:find(said(Text), "says nothing that we know"))}
+     || {Name, Text} <-
+            [{"release only", "#{release => x}.\n"}, {"a list", "[1].\n"}, {"a number", "7.\n"}] ++
+                [
+                    {
+                        lists:flatten(io_lib:format("~0p", [More])),
+                        starl_fleet_term:write(maps:merge(Well, More))
+                    }
+                 || More <- [
+                        #{release => 1},
+                        #{release => [1 | 2]},
+                        #{app => {}},
+                        #{started => "now"},
+                        #{started => 1 bsl 100},
+                        #{link => down},
+                        #{result => {done, {}}},
+                        #{crashes => 3},
+                        #{crashes => 1, crash => [a]},
+                        #{reload => #{failed => {}, waiting => []}},
+                        #{reload => #{failed => none, waiting => [1 | 2]}},
+                        #{ahead_us => 1.0e300},
+                        #{peers => #{}},
+                        #{peers => [peer(2, #{heard_ms => soon})]},
+                        #{peers => [peer(2, #{why => "because"})]},
+                        #{peers => [peer(2, #{twin => {1, {{1, 2, 3}, 4}}})]},
+                        #{peers => [peer(2, #{refused => #{seal => 1}})]},
+                        #{chassis => []},
+                        #{chassis => #{senses => [bump | 1]}},
+                        #{chassis => #{senses => [{bump, {}}]}}
+                    ]
+                ]
+    ].
+
 %% What would be told once only, or done again and again, is one line.
 only_status_is_watched_test() ->
     [

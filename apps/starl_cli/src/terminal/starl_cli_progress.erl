@@ -36,7 +36,7 @@ show(#progress{drawn_ms = Drawn, count = Count} = Progress, Part, Words) ->
     case now_ms() of
         Now when Now - Drawn >= ?PERIOD_MS ->
             Line = line(Part, Count, Words(), starl_cli_terminal:window() - 1),
-            starl_cli_terminal:draw(["\r\e[K", Line]),
+            starl_cli_terminal:draw(Line),
             Progress#progress{drawn_ms = Now, count = Count + 1};
         _ ->
             Progress
@@ -46,7 +46,7 @@ show(#progress{drawn_ms = Drawn, count = Count} = Progress, Part, Words) ->
 -spec erase() -> ok.
 erase() ->
     case starl_cli_terminal:watched() of
-        true -> starl_cli_terminal:draw("\r\e[K");
+        true -> starl_cli_terminal:draw("");
         false -> ok
     end.
 
@@ -62,7 +62,7 @@ say(Words) ->
     case starl_cli_terminal:watched() of
         true ->
             Line = line(unknown, 0, Words, starl_cli_terminal:window() - 1),
-            starl_cli_terminal:draw(["\r\e[K", Line]);
+            starl_cli_terminal:draw(Line);
         false ->
             ok
     end.

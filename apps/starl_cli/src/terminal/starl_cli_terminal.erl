@@ -1,8 +1,12 @@
 %% @doc The terminal of the command line: its width, a test whether the output goes to a terminal,
 %% and output that survives a closed pipe (`./starl ... | head').
+%%
+%% What is printed may come from robots, recordings, files and names. So control characters, which would move the
+%% cursor, colour or retitle the terminal, or turn the text around, are replaced here, for all of it.
 -module(starl_cli_terminal).
 
 -export([bad_input/1, out/1, out/2, help/1, raw/1, complain/1, warn/1, draw/1, lost/0]).
+-export([printable/1]).
 -export([columns/0, window/0, watched/0, wrap/3, quoted/1]).
 
 -export_type([status/0]).
@@ -25,6 +29,7 @@ bad_input(Problems) ->
 %% Prose is never wrapped wider than this.
 -define(WIDEST, 100).
 -define(NARROWEST, 20).
+-define(REPLACED, 16#FFFD).
 
 %% @doc Prints to standard output. A closed pipe is not an error.
 -spec out(unicode:chardata()) -> ok.
@@ -59,9 +64,30 @@ complain(Problem) -> write(standard_error, ["starl: ", one_line(Problem), "\n"])
 -spec warn(unicode:chardata()) -> ok.
 warn(Text) -> write(standard_error, [Text, "\n"]).
 
-%% @doc Writes raw text to standard error, for the progress line.
+%% @doc Writes a line over the last one on standard error: the progress line.
 -spec draw(unicode:chardata()) -> ok.
-draw(Text) -> write(standard_error, Text).
+draw(Text) -> put_text(standard_error, ["\r\e[K", as_called(printable(Text))]).
+
+%% @doc The text without control characters, but for ends of lines and tabulators: a replacement character stands for
+%% each, and for each byte that is no text.
+-spec printable(unicode:chardata()) -> string().
+printable(Text) -> [shown(C) || C <- characters(Text)].
+
+characters(Text) ->
+    case unicode:characters_to_list(Text) of
+        Characters when is_list(Characters) -> Characters;
+        {_, Good, Rest} -> Good ++ [?REPLACED | characters(after_one(iolist_to_binary([Rest])))]
+    end.
+
+after_one(<<_, Rest/binary>>) -> Rest;
+after_one(<<>>) -> <<>>.
+
+shown(C) when C =:= $\n; C =:= $\t -> C;
+shown(C) when C < 16#20; C >= 16#7F, C < 16#A0 -> ?REPLACED;
+%% marks of the direction of a text, and separators of lines
+shown(C) when C >= 16#202A, C =< 16#202E; C >= 16#2066, C =< 16#2069 -> ?REPLACED;
+shown(C) when C =:= 16#2028; C =:= 16#2029; C =:= 16#FEFF -> ?REPLACED;
+shown(C) -> C.
 
 %% @doc Whether standard output could not be written, and why: `epipe' if nobody reads it any more.
 -spec lost() -> none | file:posix() | badarg | terminated | system_limit.
@@ -107,7 +133,7 @@ why_lost({error, _}) ->
     epipe.
 
 %% A device whose reader has gone answers with an error.
-write(Device, Text) -> put_text(Device, as_called(Text)).
+write(Device, Text) -> put_text(Device, as_called(printable(Text))).
 
 put_text(Device, Text) ->
     try

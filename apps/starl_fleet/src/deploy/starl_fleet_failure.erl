@@ -113,20 +113,38 @@ lines(Said) ->
 -spec facts(string()) -> facts() | unknown.
 facts(Said) ->
     Words = [string:lexemes(Line, " ") || Line <- lines(Said)],
-    case [maps:from_list([{Key, Value} || [Key, Value] <- Words])] of
-        [#{"machine" := M, "rsync" := R, "otp" := Otp, "free" := Free} = Facts] ->
-            #{"release" := Release, "store" := Store, "time" := Time} = Facts,
+    Facts = maps:from_list([{Key, Value} || [Key, Value] <- Words]),
+    case {Facts, number_of("free", Facts), number_of("time", Facts)} of
+        {
+            #{
+                "machine" := M,
+                "rsync" := R,
+                "otp" := Otp,
+                "release" := Release,
+                "store" := Store
+            },
+            Free,
+            Time
+        } when is_integer(Free), is_integer(Time) ->
             #{
                 machine => M,
                 rsync => R =:= "yes",
                 otp => Otp,
-                free_kb => list_to_integer(Free),
+                free_kb => Free,
                 release => Release,
                 store => Store =:= "kept",
-                time_s => list_to_integer(Time)
+                time_s => Time
             };
         _ ->
             unknown
+    end.
+
+%% A number of at most fifteen digits.
+number_of(Key, Facts) ->
+    Text = maps:get(Key, Facts, ""),
+    case re:run(Text, "^[0-9]{1,15}$", [{capture, none}, dollar_endonly]) of
+        match -> list_to_integer(Text);
+        nomatch -> none
     end.
 
 %% @doc By how much a computer's clock differs from ours at least, if it is off: it was read between these

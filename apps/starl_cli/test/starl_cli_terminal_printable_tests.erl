@@ -1,0 +1,22 @@
+%% What comes from elsewhere does nothing to a terminal.
+-module(starl_cli_terminal_printable_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+control_characters_are_replaced_test_() ->
+    [
+        ?_assertEqual(Shown, starl_cli_terminal:printable(Text))
+     || {Text, Shown} <- [
+            {"a\tb\n\x{e9}", "a\tb\n\x{e9}"},
+            {["a", <<"\x{e9}"/utf8>>], "a\x{e9}"},
+            {"\e]0;title\x{7}", "\x{fffd}]0;title\x{fffd}"},
+            {"done\rcomplete", "done\x{fffd}complete"},
+            {"\x{9b}31m", "\x{fffd}31m"},
+            {"\x{202e}txt", "\x{fffd}txt"},
+            {"\x{7f}", "\x{fffd}"}
+        ]
+    ].
+
+%% Bytes that are no text are replaced, and the text after them is kept.
+bytes_that_are_no_text_test() ->
+    ?assertEqual("a\x{fffd}b", starl_cli_terminal:printable(<<"a", 255, "b">>)),
+    ?assertEqual("x\x{fffd}", starl_cli_terminal:printable(["x", <<16#c3>>])).
