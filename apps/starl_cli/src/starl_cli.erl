@@ -44,11 +44,10 @@ erl_error(Class, Reason, Stack) ->
     io_lib:format("~ts~n~tp~n", [erl_error:format_exception(Class, Reason, Stack), Reason]).
 
 internal_error(Text) ->
-    File = filename:join(temporary(), "starl-" ++ os:getpid() ++ ".log"),
     Log = [starl_cli_log:lines(), Text],
     Where =
-        case file:write_file(File, unicode:characters_to_binary(Log)) of
-            ok -> ["; see ", File];
+        case kept(unicode:characters_to_binary(Log)) of
+            {ok, File} -> ["; see ", File];
             {error, _} -> ""
         end,
     starl_cli_progress:erase(),
@@ -66,10 +65,17 @@ brief(Text) ->
         Line -> lists:sublist(Line, ?BRIEF) ++ " ..."
     end.
 
-temporary() ->
-    case os:getenv("TMPDIR") of
-        false -> "/tmp";
-        Dir -> Dir
+%% In a directory of its own, which stays.
+kept(Log) ->
+    case starl_private_dir:new("error") of
+        {ok, Dir} ->
+            File = filename:join(Dir, "starl.log"),
+            case file:write_file(File, Log) of
+                ok -> {ok, File};
+                {error, _} = Error -> Error
+            end;
+        {error, _} = Error ->
+            Error
     end.
 
 %% @doc Runs a command; gives the exit status.

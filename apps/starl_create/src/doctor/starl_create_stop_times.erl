@@ -66,10 +66,8 @@ robots() ->
 %% @doc One measurement.
 -spec measure(row(), robot()) -> {ok, standing()} | {error, unicode:chardata()}.
 measure(Row, Robot) ->
-    Link = filename:join(
-        temporary(),
-        "starl-" ++ os:getpid() ++ "-" ++ integer_to_list(erlang:unique_integer([positive]))
-    ),
+    {ok, Dir} = starl_private_dir:new("pty"),
+    Link = filename:join(Dir, "robot"),
     #{model := Model} = options(Robot),
     Wanted = #{model => Model, robots => 1, arena => {100000, 500}, link => Link},
     Trapped = process_flag(trap_exit, true),
@@ -84,6 +82,7 @@ measure(Row, Robot) ->
                 {error, starl_create_on_ptys:format_error(Reason)}
         end,
     _ = process_flag(trap_exit, Trapped),
+    ok = starl_private_dir:remove(Dir),
     ok = forget(),
     Result.
 
@@ -94,8 +93,6 @@ forget() ->
         {moves, _, _, _} -> forget()
     after 0 -> ok
     end.
-
-temporary() -> os:getenv("TMPDIR", "/tmp").
 
 ended(Pid) ->
     true = exit(Pid, shutdown),

@@ -81,11 +81,11 @@ play(Transport, Given) ->
 scenario(Given) -> Given#{app => starl_live_pair}.
 
 with_dir(Do) ->
-    Dir = filename:join(os:getenv("TMPDIR", "/tmp"), "starl-bench-" ++ os:getpid()),
+    {ok, Dir} = starl_private_dir:new("bench"),
     try
         Do(Dir)
     after
-        file:del_dir_r(Dir)
+        starl_private_dir:remove(Dir)
     end.
 
 start_up(Nodes) ->

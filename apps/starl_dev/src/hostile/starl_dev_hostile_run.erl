@@ -8,12 +8,12 @@
 %% @doc Does something with a directory that is gone afterwards.
 -spec with_dir(fun((file:filename()) -> Result)) -> Result.
 with_dir(Do) ->
-    Dir = filename:join(os:getenv("TMPDIR", "/tmp"), "starl-hostile-" ++ os:getpid()),
-    _ = file:del_dir_r(Dir),
+    ok = starl_private_dir:clean("hostile"),
+    {ok, Dir} = starl_private_dir:new("hostile"),
     try
         Do(Dir)
     after
-        file:del_dir_r(Dir)
+        starl_private_dir:remove(Dir)
     end.
 
 %% @doc The facts of these robots, of all their lives.

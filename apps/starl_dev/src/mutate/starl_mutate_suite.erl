@@ -35,12 +35,15 @@ in_group({Name, Tests}, Suite) ->
 run(Suite, Path) ->
     %% functions of a module that is not loaded are not exported
     {module, Suite} = code:ensure_loaded(Suite),
-    Dir = filename:join(temporary(), "starl-mutate-" ++ os:getpid()),
-    ok = filelib:ensure_path(Dir),
+    {ok, Dir} = starl_private_dir:new("mutate"),
     Config = [{priv_dir, Dir}, {data_dir, filename:rootname(code:which(Suite)) ++ "_data"}],
-    within({init_per_suite, end_per_suite}, [], {Suite, Path, Config}, fun(Inner) ->
-        in_groups(Suite, Path, Inner)
-    end).
+    try
+        within({init_per_suite, end_per_suite}, [], {Suite, Path, Config}, fun(Inner) ->
+            in_groups(Suite, Path, Inner)
+        end)
+    after
+        starl_private_dir:remove(Dir)
+    end.
 
 -spec in_groups(module(), path(), config()) -> ok.
 in_groups(Suite, [Case], Config) ->
@@ -71,10 +74,4 @@ optional(Suite, Function, Arity, Args, Otherwise) ->
     case erlang:function_exported(Suite, Function, Arity) of
         true -> apply(Suite, Function, Args);
         false -> Otherwise
-    end.
-
-temporary() ->
-    case os:getenv("TMPDIR") of
-        false -> "/tmp";
-        Dir -> Dir
     end.

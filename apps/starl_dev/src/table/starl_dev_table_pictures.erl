@@ -18,8 +18,7 @@
 write(0, _Seed) ->
     {none, []};
 write(N, Seed) ->
-    Dir = filename:join(temporary(), "starl-random-" ++ os:getpid()),
-    ok = filelib:ensure_path(Dir),
+    {ok, Dir} = starl_private_dir:new("random"),
     {Dir, [write_one(K, N, Seed, Dir) || K <- lists:seq(1, N)]}.
 
 write_one(K, N, Seed, Dir) ->
@@ -35,13 +34,7 @@ segments(K, N) -> round(5 * math:pow(?MOST_SEGMENTS / 5, (K - 1) / (N - 1))).
 %% @doc Removes the directory.
 -spec remove(file:filename() | none) -> ok.
 remove(none) -> ok;
-remove(Dir) -> ok = file:del_dir_r(Dir).
-
-temporary() ->
-    case os:getenv("TMPDIR") of
-        false -> "/tmp";
-        Dir -> Dir
-    end.
+remove(Dir) -> starl_private_dir:remove(Dir).
 
 %% @doc A picture of at most `Segments' segments.
 -spec svg(Segments :: pos_integer(), Seed :: integer()) -> iolist().

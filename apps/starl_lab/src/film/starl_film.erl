@@ -89,18 +89,9 @@ saved(File, Bytes) ->
 
 %% -- video ----------------------------------------------------------------------------------
 
-%% Frames are pictures in a directory beside the file, which goes away in the end.
+%% Frames are pictures in a directory of the user's own, which goes away in the end.
 video(Kind, Scene, File, Options) ->
-    Dir = File ++ ".frames",
-    _ = file:del_dir_r(Dir),
-    case filelib:ensure_path(Dir) of
-        ok ->
-            Made = frames(Kind, Scene, Dir, File, Options),
-            _ = file:del_dir_r(Dir),
-            Made;
-        {error, Posix} ->
-            {error, {file, Dir, Posix}}
-    end.
+    starl_private_dir:with("frames", fun(Dir) -> frames(Kind, Scene, Dir, File, Options) end).
 
 frames(Kind, #{end_us := End} = Scene, Dir, File, #{seconds := Seconds, title := Title} = Options) ->
     Rate = rate(Kind),

@@ -21,7 +21,7 @@
 -define(SHOW_MS, 100).
 -define(NO_CABLE, "only a Create has a cable: add --chassis create or create_1").
 %% The beginning of the name of the directory of the stores; the number of the OS process follows.
--define(STATE_DIR, "starl-live-").
+-define(STATE_DIR, "live").
 
 %% @doc The flags of every live run, beside those of its scenario.
 -spec flags() -> [starl_cli_flags:flag()].
@@ -112,7 +112,14 @@ has_cable(#{chassis := Choice}) -> starl_world_emulator:all(Choice, here) =/= un
 prepared(Live, Setup, Values, {Viewed, Attach}) ->
     ok = starl_cli_log:install(),
     _ = process_flag(trap_exit, true),
-    Dir = state_dir(),
+    %% the stores of the robots live as long as the run
+    ok = starl_private_dir:clean(?STATE_DIR),
+    case starl_private_dir:new(?STATE_DIR) of
+        {ok, Dir} -> in_dir(Dir, Live, Setup, Values, {Viewed, Attach});
+        {error, Reason} -> {error, [starl_private_dir:format_error(Reason)]}
+    end.
+
+in_dir(Dir, Live, Setup, Values, {Viewed, Attach}) ->
     try
         Own = options(Dir, Live, Setup, Values),
         Options = Viewed(starl_lab_recording:options(Setup, recorded(Live, Setup, Own))),
@@ -121,21 +128,11 @@ prepared(Live, Setup, Values, {Viewed, Attach}) ->
     of
         Answer -> Answer
     after
-        file:del_dir_r(Dir)
+        starl_private_dir:remove(Dir)
     end.
 
 recorded(here, _Setup, Options) -> Options;
 recorded({nodes, _, _}, Setup, Options) -> starl_lab_recording:nodes(Setup, Options).
-
-%% The stores of the robots live as long as the run. What a killed run has left goes now.
-state_dir() ->
-    Prefix = filename:join(os:getenv("TMPDIR", "/tmp"), ?STATE_DIR),
-    _ = [file:del_dir_r(Dir) || Dir <- filelib:wildcard(Prefix ++ "*"), abandoned(Dir)],
-    Prefix ++ os:getpid().
-
-abandoned(Dir) ->
-    ?STATE_DIR ++ Pid = filename:basename(Dir),
-    filelib:is_dir("/proc/self") andalso not filelib:is_dir("/proc/" ++ Pid).
 
 options(Dir, Live, #{target := Target, scenario := Scenario, own := Own}, Values) ->
     #{pace := Pace, position_rate := Rate, whole_mm := Whole, walls := Walls} = Values,

@@ -294,15 +294,9 @@ tried(Step, Left, Pause) ->
             Answer
     end.
 
--spec in_temporary(fun((file:filename()) -> Result)) -> Result.
+-spec in_temporary(fun((file:filename()) -> Result)) -> Result | {error, reason()}.
 in_temporary(Use) ->
-    Name = lists:concat(["starl-", os:getpid(), "-", erlang:unique_integer([positive]), ".piece"]),
-    File = filename:join(os:getenv("TMPDIR", "/tmp"), Name),
-    try
-        Use(File)
-    after
-        file:delete(File)
-    end.
+    starl_private_dir:with("piece", fun(Dir) -> Use(filename:join(Dir, "piece")) end).
 
 hash(Bytes) -> hex(crypto:hash(sha256, Bytes)).
 
