@@ -6,7 +6,7 @@
 -module(starl_cli_terminal).
 
 -export([bad_input/1, out/1, out/2, help/1, raw/1, complain/1, warn/1, draw/1, lost/0]).
--export([printable/1]).
+-export([printable/1, flat/1]).
 -export([columns/0, window/0, watched/0, wrap/3, quoted/1]).
 
 -export_type([status/0]).
@@ -72,6 +72,14 @@ draw(Text) -> put_text(standard_error, ["\r\e[K", as_called(printable(Text))]).
 %% each, and for each byte that is no text.
 -spec printable(unicode:chardata()) -> string().
 printable(Text) -> [shown(C) || C <- characters(Text)].
+
+%% @doc The text in one line, for a line of another program's language: names and options may hold anything, and
+%% behind the end of a line many languages begin a command.
+-spec flat(unicode:chardata()) -> string().
+flat(Text) -> [in_line(C) || C <- printable(Text)].
+
+in_line(C) when C =:= $\n; C =:= $\t; C =:= ?REPLACED -> $\s;
+in_line(C) -> C.
 
 characters(Text) ->
     case unicode:characters_to_list(Text) of

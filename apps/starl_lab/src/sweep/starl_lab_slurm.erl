@@ -114,8 +114,15 @@ scripts(#{words := Words, parts := N, jobs := Jobs, starl := Starl, cwd := Cwd},
         {?JOIN, [Head("-join", "join.log", []), Line(Quoted([Starl, "join", Dir]))]}
     ].
 
+%% A name may hold the end of a line, behind which sh would take a command.
 head(Options) ->
-    ["#!/bin/sh\n", [["#SBATCH --", Option, $=, Value, $\n] || {Option, Value} <- Options]].
+    [
+        "#!/bin/sh\n",
+        [
+            ["#SBATCH --", Option, $=, starl_cli_terminal:flat(Value), $\n]
+         || {Option, Value} <- Options
+        ]
+    ].
 
 %% The numbers of the jobs.
 submit(Dir) ->

@@ -244,7 +244,7 @@ one_curve(P, C, {Name, _}, Curves, Width) ->
         ]
     ).
 
-quoted(Text) -> ["'", string:replace(Text, "'", "''", all), "'"].
+quoted(Text) -> ["'", string:replace(starl_cli_terminal:flat(Text), "'", "''", all), "'"].
 
 %% -- gnuplot --------------------------------------------------------------------------------
 
