@@ -13,6 +13,7 @@
     | cut_off
     | checksum
     | {size, Said :: non_neg_integer()}
+    | {too_many, Records :: pos_integer()}
     | {packed, Compression :: binary(), unknown | starl_mcap_zstd:reason()}.
 
 %% The messages of a chunk by channel: their times, and their places among the records.

@@ -240,7 +240,8 @@ format_error({damaged, File, Position, Reason}) ->
 damage({bad_record, Opcode}) -> io_lib:format("a record of kind ~b has a wrong content", [Opcode]);
 damage(cut_off) -> "a record does not end within its chunk";
 damage(checksum) -> "the checksum of a chunk is wrong; ./starl recover takes what is whole";
-damage({size, _}) -> "a chunk has not the size that it says".
+damage({size, _}) -> "a chunk has not the size that it says";
+damage({too_many, Most}) -> io_lib:format("a chunk has more than ~b records", [Most]).
 
 packed(Name, unknown) -> ["it is packed with ", Name, ", which cannot be read here"];
 packed(_Zstd, Reason) -> starl_mcap_zstd:format_error(Reason).

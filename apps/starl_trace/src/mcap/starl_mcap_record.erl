@@ -47,6 +47,10 @@
 
 -define(MAGIC, <<16#89, "MCAP0\r\n">>).
 
+%% A second of a thousand robots has some hundred thousand records. More of them, which may be empty and take little room
+%% in a packed chunk, are not read at once.
+-define(MOST_RECORDS, 1000000).
+
 %% @doc The bytes at the beginning and the end of a file.
 -spec magic() -> binary().
 magic() -> ?MAGIC.
@@ -74,14 +78,17 @@ decode(_CutOff) ->
     more.
 
 %% @doc All records of these bytes.
--spec decode_all(binary()) -> {ok, [t()]} | {error, cut_off | {bad_record, opcode()}}.
-decode_all(Bytes) -> decode_all(Bytes, []).
+-spec decode_all(binary()) ->
+    {ok, [t()]} | {error, cut_off | {bad_record, opcode()} | {too_many, pos_integer()}}.
+decode_all(Bytes) -> decode_all(Bytes, ?MOST_RECORDS, []).
 
-decode_all(<<>>, Records) ->
+decode_all(<<>>, _Room, Records) ->
     {ok, lists:reverse(Records)};
-decode_all(Bytes, Records) ->
+decode_all(_Bytes, 0, _Records) ->
+    {error, {too_many, ?MOST_RECORDS}};
+decode_all(Bytes, Room, Records) ->
     case decode(Bytes) of
-        {ok, Record, Rest} -> decode_all(Rest, [Record | Records]);
+        {ok, Record, Rest} -> decode_all(Rest, Room - 1, [Record | Records]);
         more -> {error, cut_off};
         {error, _} = Error -> Error
     end.

@@ -31,6 +31,10 @@
     | {no_scenario, file:filename()}
     | {damaged, string()}.
 
+%% A file is read in parts of this size.
+-define(PART, 1048576).
+%% A piece is read at once.
+-define(MOST_PIECE, 67108864).
 -define(PIECE_BYTES, 1048576).
 -define(TRIES, 5).
 -define(PAUSE_MS, 200).
@@ -165,7 +169,9 @@ list(Remote) ->
             Error
     end.
 
-%% What somebody else has put there, or what is being sent, is none.
+%% What somebody else has put there, or what is being sent, is none. A run becomes the name of a directory.
+entry([[$. | _], _File]) ->
+    [];
 entry([Run, File]) ->
     case
         re:run(Run ++ "/" ++ File, "^[\\w.@-]+/([\\w@-][\\w.@ -]*)-[0-9a-f]{16}$", [
@@ -190,14 +196,10 @@ download(#{list := List}, Remote, File, Options) ->
                 tried(fun() -> starl_storage_rclone:get(Remote, List, Temporary) end, Options)
             ),
             {Hash, Pieces} = must(read_list(file:read_file(Temporary), List)),
-            case file:read_file(File) of
-                {ok, Bytes} ->
-                    case hash(Bytes) of
-                        Hash -> {ok, is_there};
-                        _ -> {error, {file, File, eexist}}
-                    end;
-                {error, _} ->
-                    joined(Pieces, Hash, Remote, File, Options)
+            case hash_of(File) of
+                {ok, Hash} -> {ok, is_there};
+                {ok, _Other} -> {error, {file, File, eexist}};
+                {error, _} -> joined(Pieces, Hash, Remote, File, Options)
             end
         end)
     end).
@@ -205,11 +207,17 @@ download(#{list := List}, Remote, File, Options) ->
 joined(Pieces, Hash, Remote, File, Options) ->
     Dir = File ++ ".pieces",
     ok = must(named_error(filelib:ensure_path(Dir), Dir)),
-    Whole = [fetched(Piece, Dir, Remote, Options) || Piece <- Pieces],
-    case hash(Whole) of
+    Part = filename:join(Dir, "whole"),
+    _ = file:delete(Part),
+    Device = must(named_error(file:open(Part, [write, exclusive, raw, binary]), Part)),
+    Whole =
+        try
+            appended(Pieces, Device, {Part, Dir, Remote, Options}, crypto:hash_init(sha256))
+        after
+            file:close(Device)
+        end,
+    case Whole of
         Hash ->
-            Part = filename:join(Dir, "whole"),
-            ok = must(file_written(Part, Whole)),
             ok = must(named_error(file:rename(Part, File), File)),
             _ = file:del_dir_r(Dir),
             {ok, fetched};
@@ -217,25 +225,37 @@ joined(Pieces, Hash, Remote, File, Options) ->
             {error, {damaged, File}}
     end.
 
+%% One piece after the other: a recording may be larger than the memory.
+appended([], _Device, _Where, Whole) ->
+    hex(crypto:hash_final(Whole));
+appended([Piece | Pieces], Device, {Part, Dir, Remote, Options} = Where, Whole) ->
+    Bytes = fetched(Piece, Dir, Remote, Options),
+    ok = must(named_error(file:write(Device, Bytes), Part)),
+    appended(Pieces, Device, Where, crypto:hash_update(Whole, Bytes)).
+
 fetched({Hash, Size}, Dir, Remote, Options) ->
     File = filename:join(Dir, Hash),
     case file:read_file(File) of
         {ok, Bytes} when byte_size(Bytes) =:= Size ->
             case hash(Bytes) of
                 Hash -> Bytes;
-                _ -> fetch(Hash, File, Remote, Options)
+                _ -> fetch({Hash, Size}, File, Remote, Options)
             end;
         _ ->
-            fetch(Hash, File, Remote, Options)
+            fetch({Hash, Size}, File, Remote, Options)
     end.
 
-fetch(Hash, File, Remote, Options) ->
+%% A piece that is larger than the list says is not read.
+fetch({Hash, Size}, File, Remote, Options) ->
     Name = "pieces/" ++ Hash,
     ok = must(tried(fun() -> starl_storage_rclone:get(Remote, Name, File) end, Options)),
-    Bytes = must(named_error(file:read_file(File), File)),
+    Bytes = [must(named_error(file:read_file(File), File)) || filelib:file_size(File) =:= Size],
     case hash(Bytes) of
-        Hash -> Bytes;
-        _ -> throw({?MODULE, {error, {damaged, Name}}})
+        Hash ->
+            hd(Bytes);
+        _ ->
+            _ = file:delete(File),
+            throw({?MODULE, {error, {damaged, Name}}})
     end.
 
 %% -- the list ---------------------------------------------------------------------------------
@@ -253,15 +273,18 @@ read_list({ok, Text}, List) ->
                 re:run(L, "^piece ([0-9a-f]{64}) ([0-9]{1,12})$", [{capture, [1, 2], list}])
              || L <- Lines
             ],
-            case lists:member(nomatch, Read) of
-                false -> {ok, {Hash, [{H, list_to_integer(Size)} || {match, [H, Size]} <- Read]}};
-                true -> {error, {damaged, List}}
+            Pieces = [{H, list_to_integer(Size)} || {match, [H, Size]} <- Read],
+            case length(Pieces) =:= length(Read) andalso lists:all(fun is_piece/1, Pieces) of
+                true -> {ok, {Hash, Pieces}};
+                false -> {error, {damaged, List}}
             end;
         _ ->
             {error, {damaged, List}}
     end;
 read_list({error, _}, List) ->
     {error, {damaged, List}}.
+
+is_piece({_Hash, Size}) -> Size =< ?MOST_PIECE.
 
 %% -- steps ------------------------------------------------------------------------------------
 
@@ -292,6 +315,26 @@ tried(Step, Left, Pause) ->
             tried(Step, Left - 1, 2 * Pause);
         Answer ->
             Answer
+    end.
+
+%% The hash of a file, which is read in parts.
+hash_of(File) ->
+    case file:open(File, [read, raw, binary]) of
+        {ok, Device} ->
+            try
+                hash_on(Device, crypto:hash_init(sha256))
+            after
+                file:close(Device)
+            end;
+        {error, _} = Error ->
+            Error
+    end.
+
+hash_on(Device, Whole) ->
+    case file:read(Device, ?PART) of
+        {ok, Bytes} -> hash_on(Device, crypto:hash_update(Whole, Bytes));
+        eof -> {ok, hex(crypto:hash_final(Whole))};
+        {error, _} = Error -> Error
     end.
 
 -spec in_temporary(fun((file:filename()) -> Result)) -> Result | {error, reason()}.
