@@ -6,9 +6,16 @@
 
 -type subject() :: starl_cli_command:subject().
 
-%% @doc Runs a command with its arguments; gives the exit status.
+%% @doc Runs a command with its arguments; gives the exit status. Every command takes `--trust' ({@link
+%% starl_cli_made_here}).
 -spec run(module(), [string()]) -> starl_cli_terminal:status().
 run(Command, Args) ->
+    case lists:member("--trust", Args) of
+        true -> starl_cli_made_here:trusting(fun() -> run_one(Command, Args -- ["--trust"]) end);
+        false -> run_one(Command, Args)
+    end.
+
+run_one(Command, Args) ->
     case read(Command, Args) of
         {ok, Call} -> answered(Command:run(Call), Command);
         {help, Word, Subject} -> show(starl_cli_usage:command(Command, Word, Subject));

@@ -45,9 +45,9 @@ read(Dir, #{replay := Word, name := Name} = Target, Scenario) ->
 
 contents(Named) -> [{Name, Bytes} || {Name, File} <- Named, {ok, Bytes} <- [file:read_file(File)]].
 
-%% @doc The files with their names in the directory of the run.
+%% @doc The files with their names in the directory of the run, and a list that says that this user has put them there.
 -spec files(t()) -> [{Name :: file:filename(), binary()}].
-files(#{files := Files}) -> Files.
+files(#{files := Files}) -> Files ++ starl_cli_made_here:stamp(Files).
 
 %% @doc The application as it is named in the directory of the run.
 -spec app(t()) -> atom() | file:filename().
@@ -84,21 +84,32 @@ joined(Path, Value) ->
         false -> Value
     end.
 
-%% @doc The source of a module that is kept beside a file of a run.
--spec source(module(), file:filename()) -> {ok, file:filename()} | none.
+%% @doc The source of a module that is kept beside a file of a run, if this user has put it there.
+-spec source(module(), file:filename()) ->
+    {ok, file:filename()} | none | {error, unicode:chardata()}.
 source(Module, File) ->
     Dir = filename:join(filename:dirname(File), ?DIR),
     Name = atom_to_list(Module) ++ ".erl",
     case [Path || Path <- filelib:wildcard("**/*.erl", Dir), filename:basename(Path) =:= Name] of
-        [Path | _] -> {ok, filename:join(Dir, Path)};
+        [Path | _] -> own(filename:join(Dir, Path));
         [] -> none
     end.
 
-%% @doc The sources that are kept beside a file of a run.
--spec sources_beside(file:filename()) -> [file:filename()].
+own(Source) ->
+    case starl_cli_made_here:check(Source) of
+        ok -> {ok, Source};
+        {error, _} = Error -> Error
+    end.
+
+%% @doc The sources that are kept beside a file of a run, if this user has put them there.
+-spec sources_beside(file:filename()) -> {ok, [file:filename()]} | {error, unicode:chardata()}.
 sources_beside(File) ->
     Dir = filename:join(filename:dirname(File), ?DIR),
-    [filename:join(Dir, Path) || Path <- filelib:wildcard("**/*.erl", Dir)].
+    Sources = [filename:join(Dir, Path) || Path <- filelib:wildcard("**/*.erl", Dir)],
+    case [Why || Source <- Sources, {error, Why} <- [own(Source)]] of
+        [] -> {ok, Sources};
+        [Why | _] -> {error, Why}
+    end.
 
 %% -- options --------------------------------------------------------------------------------
 

@@ -289,13 +289,39 @@ scenario(File) ->
         {error, Reason} -> {error, [starl_run_scenario:format_error(Reason)]}
     end.
 
+%% A record comes with the results of a run, and these from anywhere.
 recorded(File, {ok, #{app := App, scenario := Scenario} = Record}) ->
-    case with_app(name_of(App), File, Scenario) of
-        {ok, Target} -> {ok, Target#{record => Record}};
-        {error, _} = Error -> Error
+    case foreign(File, [App, Scenario]) of
+        [] ->
+            case with_app(name_of(App), File, Scenario) of
+                {ok, Target} -> {ok, Target#{record => Record}};
+                {error, _} = Error -> Error
+            end;
+        [_ | _] = Lines ->
+            {error, Lines}
     end;
 recorded(_File, {error, Reason}) ->
     {error, [starl_cli_record:format_error(Reason)]}.
+
+%% The sources that a record names and nobody here has put there.
+foreign(File, Term) ->
+    [
+        Line
+     || Source <- lists:usort(named_sources(Term)),
+        {error, Line} <- [starl_cli_made_here:check(beside(File, Source))]
+    ].
+
+named_sources(Map) when is_map(Map) ->
+    named_sources(maps:to_list(Map));
+named_sources(Tuple) when is_tuple(Tuple) ->
+    named_sources(tuple_to_list(Tuple));
+named_sources([_ | _] = List) ->
+    case io_lib:printable_unicode_list(List) of
+        true -> [List || filename:extension(List) =:= ".erl"];
+        false -> lists:append([named_sources(One) || One <- List, not is_integer(One)])
+    end;
+named_sources(_Other) ->
+    [].
 
 with_app(none, File, _Given) ->
     {error, [[File, ": app is the name of an application, or the file of one as \"my_app.erl\""]]};

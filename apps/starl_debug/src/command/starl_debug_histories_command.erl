@@ -79,10 +79,15 @@ by_clocks(Sigma, File, #{drift := Drift} = Values) ->
     end.
 
 judged(File, Sigma, Values) ->
-    case own(starl_cli_inputs:sources_beside(File), []) of
-        {ok, Own} -> judged(File, Sigma, Values, starl_block_catalogue:histories(Own));
-        {error, _} = Error -> Error
+    case starl_cli_inputs:sources_beside(File) of
+        {ok, Sources} -> with_own(own(Sources, []), File, Sigma, Values);
+        {error, Line} -> {error, [Line]}
     end.
+
+with_own({ok, Own}, File, Sigma, Values) ->
+    judged(File, Sigma, Values, starl_block_catalogue:histories(Own));
+with_own({error, _} = Error, _File, _Sigma, _Values) ->
+    Error.
 
 %% Blocks of the user's own, as the run has kept their sources.
 own([], Modules) ->

@@ -73,6 +73,7 @@ judged({ok, Judged}, {File, Clocks}, _Loaded) ->
 judged({error, {no_monitor, _, Module} = Reason}, {File, _} = Wanted, Loaded) ->
     case lists:member(Module, Loaded) orelse starl_cli_inputs:source(Module, File) of
         {ok, Source} -> loaded(starl_cli_source:modules(Source), Module, Wanted, Loaded);
+        {error, Line} -> {error, [Line]};
         _ -> {error, [starl_trace_judge:format_error(Reason)]}
     end;
 judged({error, Reason}, _Wanted, _Loaded) ->

@@ -162,6 +162,8 @@ own_code(App, File) ->
                 {ok, _, Code} -> {ok, [Module || {Module, _, _} <- Code]};
                 {error, _} = Error -> Error
             end;
+        {error, Line} ->
+            {error, [Line]};
         none ->
             {ok, []}
     end.
