@@ -22,6 +22,14 @@ get(Port, Path, Headers) ->
     Body = body(Socket, <<>>),
     {Status, Body}.
 
+%% With the token of the page's address, or without one.
+asked({Port, Token}, Path, Headers) ->
+    Mark =
+        case lists:member($?, Path) of
+            true -> "&";
+            false -> "?"
+        end,
+    asked(Port, Path ++ Mark ++ "token=" ++ Token, Headers);
 asked(Port, Path, Headers) ->
     {ok, Socket} = gen_tcp:connect({127, 0, 0, 1}, Port, [binary, {active, false}, {recbuf, 4096}]),
     Own = [

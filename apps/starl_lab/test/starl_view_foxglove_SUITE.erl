@@ -29,8 +29,10 @@ all() ->
 
 init_per_testcase(_Case, Config) ->
     {ok, View} = starl_view:start(#{port => 0, most_waiting => 100000}),
-    #{port := Port} = uri_string:parse(binary_to_list(starl_view:address(View))),
-    [{view, View}, {port, Port}, {hub, starl_view:hub(View)} | Config].
+    #{port := Port, fragment := Token} = uri_string:parse(
+        binary_to_list(starl_view:address(View))
+    ),
+    [{view, View}, {port, {Port, Token}}, {hub, starl_view:hub(View)} | Config].
 
 end_per_testcase(_Case, Config) -> starl_view:stop(?config(view, Config)).
 
@@ -343,7 +345,8 @@ the_official_client(Config) ->
 
 official(Node, Dir, Config) ->
     Script = filename:join(?config(data_dir, Config), "client.mjs"),
-    Url = "ws://127.0.0.1:" ++ integer_to_list(?config(port, Config)),
+    {At, Token} = ?config(port, Config),
+    Url = "ws://127.0.0.1:" ++ integer_to_list(At) ++ "/?token=" ++ Token,
     Port = open_port({spawn_executable, Node}, [
         {args, [Script, Url, Dir]}, {line, 10000000}, binary, exit_status
     ]),

@@ -5,6 +5,7 @@
 
 -export([all/0, init_per_testcase/2, end_per_testcase/2]).
 -export([files/1, only_its_own_page/1, a_token_for_others/1, a_page_gets_the_run/1]).
+-export([a_token_for_neighbours/1]).
 -export([the_first_page/1]).
 -export([
     a_page_before_the_run/1,
@@ -17,6 +18,7 @@
 -export([log/2]).
 
 -define(C, starl_view_client).
+-define(FOXGLOVE, "foxglove.websocket.v1").
 %% A third of a MB each, with the run itself.
 -define(MOST_FOR_100_PAGES, 32 * 1024 * 1024).
 
@@ -25,6 +27,7 @@ all() ->
         files,
         only_its_own_page,
         a_token_for_others,
+        a_token_for_neighbours,
         the_first_page,
         a_page_gets_the_run,
         a_page_before_the_run,
@@ -38,8 +41,10 @@ all() ->
 
 init_per_testcase(_Case, Config) ->
     {ok, View} = starl_view:start(#{port => 0, most_bytes => 200000}),
-    {ok, #{port := Port}} = {ok, uri_string:parse(binary_to_list(starl_view:address(View)))},
-    [{view, View}, {port, Port}, {hub, starl_view:hub(View)} | Config].
+    #{port := Port, fragment := Token} = uri_string:parse(
+        binary_to_list(starl_view:address(View))
+    ),
+    [{view, View}, {port, Port}, {door, {Port, Token}}, {hub, starl_view:hub(View)} | Config].
 
 end_per_testcase(_Case, Config) -> starl_view:stop(?config(view, Config)).
 
@@ -61,7 +66,7 @@ files(Config) ->
 %% A site's script can neither reach the server by a name that it has made to point here, nor open a
 %% WebSocket from its own page.
 only_its_own_page(Config) ->
-    Port = ?config(port, Config),
+    {Port, _} = Door = ?config(door, Config),
     Here = integer_to_list(Port),
     Host = fun(Name) -> {"Host", Name ++ ":" ++ Here} end,
     Origin = fun(Name) -> {"Origin", "http://" ++ Name ++ ":" ++ Here} end,
@@ -73,9 +78,20 @@ only_its_own_page(Config) ->
         [Host("localhost"), Origin("127.0.0.1")],
         [{"Origin", "null"}]
     ],
-    [?assertMatch({403, _}, ?C:connect(Port, Headers)) || Headers <- Refused],
-    ?assertMatch({101, _}, ?C:connect(Port, [Origin("127.0.0.1")])),
-    ?assertMatch({101, _}, ?C:connect(Port, [Host("localhost"), Origin("localhost")])).
+    [?assertMatch({403, _}, ?C:connect(Door, Headers)) || Headers <- Refused],
+    ?assertMatch({101, _}, ?C:connect(Door, [Origin("127.0.0.1")])),
+    ?assertMatch({101, _}, ?C:connect(Door, [Host("localhost"), Origin("localhost")])).
+
+%% Another user of this computer knows the port, and not the address.
+a_token_for_neighbours(Config) ->
+    {Port, Token} = ?config(door, Config),
+    ?assertMatch({match, _}, re:run(Token, "^[a-z2-9]{26}$")),
+    Headers = [{"Origin", "http://127.0.0.1:" ++ integer_to_list(Port)}],
+    ?assertMatch({403, _}, ?C:connect(Port, Headers)),
+    Wrong = {Port, lists:duplicate(26, $a)},
+    ?assertMatch({403, _}, ?C:connect(Wrong, Headers)),
+    ?assertMatch({403, _}, ?C:connect(Wrong, "/", [{"Sec-WebSocket-Protocol", ?FOXGLOVE}])),
+    ?assertMatch({403, _}, ?C:connect(Port, "/", [{"Sec-WebSocket-Protocol", ?FOXGLOVE}])).
 
 a_token_for_others(_Config) ->
     {ok, View} = starl_view:start(#{port => 0, host => "0.0.0.0"}),
@@ -279,8 +295,8 @@ log(Event, #{config := Test}) -> Test ! {logged, Event}.
 %% -- helpers --------------------------------------------------------------------------------
 
 page(Config) ->
-    Port = ?config(port, Config),
-    {101, Socket} = ?C:connect(Port, [{"Origin", "http://127.0.0.1:" ++ integer_to_list(Port)}]),
+    {Port, _} = Door = ?config(door, Config),
+    {101, Socket} = ?C:connect(Door, [{"Origin", "http://127.0.0.1:" ++ integer_to_list(Port)}]),
     Socket.
 
 tell(N, Config) -> tell_many(N, N, Config).

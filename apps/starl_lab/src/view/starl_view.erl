@@ -68,7 +68,7 @@ listen(ok, Ip, Host, Options) ->
     case cowboy:start_clear(Name, Transport, #{}) of
         {ok, _} ->
             Actual = ranch:get_port(Name),
-            Guard = starl_view_guard:new(Ip, Actual),
+            Guard = starl_view_guard:new(Ip),
             ok = ranch:set_protocol_options(Name, protocol(Hub, Feed, Guard)),
             {ok, #view{
                 name = Name, hub = Hub, feed = Feed, address = address(Host, Actual, Guard)
@@ -101,12 +101,8 @@ address(Host, Port, Guard) ->
             true -> ["[", Shown, "]"];
             false -> Shown
         end,
-    Token =
-        case starl_view_guard:token(Guard) of
-            none -> "";
-            Secret -> ["#", Secret]
-        end,
-    unicode:characters_to_binary(io_lib:format("http://~ts:~b/~ts", [Bracketed, Port, Token])).
+    Token = starl_view_guard:token(Guard),
+    unicode:characters_to_binary(io_lib:format("http://~ts:~b/#~ts", [Bracketed, Port, Token])).
 
 %% The address from which this computer would send to another network: other computers, and telephones, which
 %% know no names of a home, reach it there. Nothing is sent. Without a network, its name.

@@ -1,14 +1,16 @@
 %% @doc Who may look through the window, and lend a hand. A page of another site must not reach it
 %% through the user's browser, neither by a name of its own for this computer (DNS rebinding) nor
 %% directly: a request must name this computer, and a WebSocket must come from a page of this
-%% server. A server that other computers can reach wants a token, too, which its address carries.
+%% server. Other users of this computer, and other computers, must not reach it either: each request for a WebSocket
+%% carries a token, which the printed address has behind its #. Where only this computer can reach the server the token
+%% has 130 bits; elsewhere it is short enough to be typed on a telephone (60 bits), and wrong ones are answered slowly.
 -module(starl_view_guard).
 
--export([new/2, is_near/1, asked/1, named/2, admitted/2, viewer/2, token/1]).
+-export([new/1, is_near/1, asked/1, named/2, admitted/2, viewer/2, token/1]).
 
 -export_type([t/0, asked/0]).
 
--record(guard, {token :: binary() | none, port :: inet:port_number()}).
+-record(guard, {token :: binary(), is_near :: boolean()}).
 
 -opaque t() :: #guard{}.
 
@@ -21,20 +23,22 @@
     token := binary() | none
 }.
 
--define(LETTERS, 12).
+%% Letters of a token that is clicked, and of one that is typed.
+-define(CLICKED, 26).
+-define(TYPED, 12).
+%% After a wrong token.
+-define(WRONG_MS, 500).
 
-%% @doc The guard of a server at an address and a port.
--spec new(inet:ip_address(), inet:port_number()) -> t().
-new(Ip, Port) ->
-    Token =
-        case is_near(Ip) of
-            true -> none;
-            false -> secret()
-        end,
-    #guard{token = Token, port = Port}.
+%% @doc The guard of a server at an address.
+-spec new(inet:ip_address()) -> t().
+new(Ip) ->
+    IsNear = is_near(Ip),
+    #guard{token = secret(letters(IsNear)), is_near = IsNear}.
 
-%% It is too long to be guessed over a network (60 bits), and short enough to be typed on a telephone.
-secret() -> <<<<(letter(Byte))>> || <<Byte>> <= crypto:strong_rand_bytes(?LETTERS)>>.
+letters(true) -> ?CLICKED;
+letters(false) -> ?TYPED.
+
+secret(Letters) -> <<<<(letter(Byte))>> || <<Byte>> <= crypto:strong_rand_bytes(Letters)>>.
 
 %% None of them looks like another one.
 letter(Byte) -> binary:at(<<"abcdefghijkmnpqrstuvwxyz23456789">>, Byte rem 32).
@@ -45,15 +49,15 @@ is_near({127, _, _, _}) -> true;
 is_near({0, 0, 0, 0, 0, 0, 0, 1}) -> true;
 is_near(_) -> false.
 
-%% @doc The token that the address of the page carries, if one is wanted.
--spec token(t()) -> binary() | none.
+%% @doc The token that the address of the page carries.
+-spec token(t()) -> binary().
 token(#guard{token = Token}) -> Token.
 
-%% @doc Does a request name this computer? With a token any name will do: who knows the token was
-%% given it.
+%% @doc Does a request name this computer? A server that others can reach has names that nobody here knows.
 -spec named(Host :: binary(), t()) -> boolean().
-named(_Host, #guard{token = Token}) when Token =/= none -> true;
-named(Host, #guard{}) ->
+named(_Host, #guard{is_near = false}) ->
+    true;
+named(Host, #guard{is_near = true}) ->
     lists:member(Host, [<<"localhost">>, <<"127.0.0.1">>, <<"[::1]">>, <<"::1">>]).
 
 %% @doc Who asks.
@@ -89,10 +93,14 @@ is_viewers(Origin) ->
         _ -> false
     end.
 
-has_token(_Given, #guard{token = none}) ->
-    true;
 has_token(none, #guard{}) ->
     false;
 has_token(Given, #guard{token = Token}) ->
     %% of equal length, so the time of the comparison tells nothing
-    crypto:hash(sha256, Given) =:= crypto:hash(sha256, Token).
+    crypto:hash_equals(crypto:hash(sha256, Given), crypto:hash(sha256, Token)) orelse wrong().
+
+%% Each connection is a process of its own, and there are few of them at a time.
+wrong() ->
+    receive
+    after ?WRONG_MS -> false
+    end.

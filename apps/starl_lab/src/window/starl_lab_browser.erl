@@ -4,20 +4,44 @@
 
 -export([open/1, program/2]).
 
+-define(PAGE, "page").
+
 %% What the environment says, and where a program is.
 -type env() :: fun((Name :: string()) -> string() | false).
 -type find() :: fun((Program :: string()) -> file:filename() | false).
 
-%% @doc Opens an address, if there is a display and a program to do so.
+%% @doc Opens an address, if there is a display and a program to do so. Every user of the computer can read the
+%% arguments of programs, and the address has a token: so the program gets a page of the user's own that leads there.
 -spec open(Url :: binary()) -> ok.
 open(Url) ->
+    ok = starl_private_dir:clean(?PAGE),
     case program(fun os:getenv/1, {os:type(), fun os:find_executable/1}) of
-        {ok, Program} ->
-            _ = spawn(fun() -> launch(Program, Url) end),
-            ok;
-        none ->
-            ok
+        {ok, Program} -> led(Program, Url, starl_private_dir:new(?PAGE));
+        none -> ok
     end.
+
+led(Program, Url, {ok, Dir}) ->
+    File = filename:join(Dir, "view.html"),
+    case file:write_file(File, page(Url)) of
+        ok ->
+            _ = spawn(fun() -> launch(Program, File) end),
+            ok;
+        {error, _} ->
+            ok
+    end;
+led(_Program, _Url, {error, _}) ->
+    ok.
+
+%% An address has no character that HTML would take for its own but &, which it may have.
+page(Url) ->
+    [
+        "<!doctype html><meta charset=\"utf-8\"><title>StarL</title>"
+        "<meta http-equiv=\"refresh\" content=\"0;url=",
+        Url,
+        "\"><a href=\"",
+        Url,
+        "\">StarL</a>\n"
+    ].
 
 %% @doc The program that opens addresses: of macOS, of a Linux in Windows, of a desktop with a display. A login
 %% from elsewhere has none.
