@@ -7,21 +7,27 @@
 -define(PATIENCE_S, 120).
 
 plan_test() ->
+    with_cookie("c\n", 8#600, fun plan/1).
+
+plan(File) ->
     ?assertEqual({[], none}, starl_lab_nodes:plan(#{})),
     ?assertMatch({[], #{nodes := 2, timeout_ms := 30000}}, starl_lab_nodes:plan(#{nodes => "2"})),
     ?assertMatch(
         {[], #{nodes := ['a@h1', 'b@h2'], cookie := c, timeout_ms := 500}},
-        starl_lab_nodes:plan(#{nodes => "a@h1,b@h2", cookie => "c", node_timeout => 0.5})
+        starl_lab_nodes:plan(#{nodes => "a@h1,b@h2", cookie_file => File, node_timeout => 0.5})
     ),
     ?assertMatch(
         {[], #{nodes := ['a@10.0.0.1'], name := 'me@10.0.0.2'}},
         starl_lab_nodes:plan(#{
-            nodes => "a@10.0.0.1", cookie => "c", node_name => "me@10.0.0.2"
+            nodes => "a@10.0.0.1", cookie_file => File, node_name => "me@10.0.0.2"
         })
     ).
 
 %% Each is one line, which names the flag.
 bad_flags_test() ->
+    with_cookie("c", 8#600, fun bad_flags/1).
+
+bad_flags(File) ->
     [
         ?assertMatch({Values, {[_], _}, 0}, {Values, Told, string:str(line(Told), Flag) - 1})
      || {Flag, Values} <- [
@@ -29,19 +35,50 @@ bad_flags_test() ->
             {"--nodes", #{nodes => "65"}},
             {"--nodes", #{nodes => "two"}},
             {"--nodes", #{nodes => "2x"}},
-            {"--nodes", #{nodes => "a@h,b", cookie => "c"}},
-            {"--nodes", #{nodes => "a@h,", cookie => "c"}},
-            {"--nodes", #{nodes => "a@@h", cookie => "c"}},
-            {"--nodes", #{nodes => "a b@h", cookie => "c"}},
-            {"--nodes", #{nodes => "a@h,b@h.c", cookie => "c"}},
-            {"--node-name", #{nodes => "a@h", cookie => "c", node_name => "x"}},
-            {"--cookie", #{nodes => "a@h"}},
-            {"--cookie", #{nodes => "a@h", cookie => lists:duplicate(256, $c)}},
-            {"--cookie", #{nodes => "2", cookie => "c"}},
+            {"--nodes", #{nodes => "a@h,b", cookie_file => File}},
+            {"--nodes", #{nodes => "a@h,", cookie_file => File}},
+            {"--nodes", #{nodes => "a@@h", cookie_file => File}},
+            {"--nodes", #{nodes => "a b@h", cookie_file => File}},
+            {"--nodes", #{nodes => "a@h,b@h.c", cookie_file => File}},
+            {"--node-name", #{nodes => "a@h", cookie_file => File, node_name => "x"}},
+            {"--nodes", #{nodes => "a@h", cookie_file => File ++ ".none"}},
+            {"--cookie-file", #{nodes => "2", cookie_file => File}},
             {"--node-timeout", #{node_timeout => 3}}
         ],
         Told <- [starl_lab_nodes:plan(Values)]
     ].
+
+%% The secret of the nodes is one that others cannot read, and that is whole.
+a_secret_is_a_secret_test() ->
+    Bad = fun(Text, Mode, Why) ->
+        with_cookie(Text, Mode, fun(File) ->
+            {error, Line} = starl_lab_cookie:read(File),
+            ?assertNotEqual(nomatch, string:find(lists:flatten(Line), Why))
+        end)
+    end,
+    Bad("c", 8#644, "chmod 600"),
+    Bad("c", 8#660, "chmod 600"),
+    Bad("", 8#600, "letters and digits"),
+    Bad("a b", 8#600, "letters and digits"),
+    Bad(lists:duplicate(256, $c), 8#600, "letters and digits").
+
+%% A node makes one that nobody can guess, and takes it again.
+a_secret_is_made_once_test() ->
+    with_cookie("", 8#600, fun(File) ->
+        Own = File ++ ".own",
+        {ok, Cookie} = starl_lab_cookie:made(Own),
+        ?assertEqual(32, length(atom_to_list(Cookie))),
+        ?assertEqual({ok, Cookie}, starl_lab_cookie:made(Own)),
+        ?assertEqual({ok, Cookie}, starl_lab_cookie:read(Own))
+    end).
+
+with_cookie(Text, Mode, Test) ->
+    in_directory(fun(Dir) ->
+        File = filename:join(Dir, "cookie"),
+        ok = file:write_file(File, Text),
+        ok = file:change_mode(File, Mode),
+        Test(File)
+    end).
 
 line({[Line | _], _}) -> lists:flatten(unicode:characters_to_list(Line)).
 
@@ -51,8 +88,10 @@ commands_test_() ->
             says(2, "starl: run: --nodes: ", ["run", "painting", "--nodes", "x"])
         end},
         {"nobody there", fun() ->
-            Args = ["run", "painting", "--nodes", "nobody@127.0.0.1", "--cookie", "c"],
-            says(2, "starl: run: node nobody@127.0.0.1 cannot be reached", Args)
+            with_cookie("c", 8#600, fun(File) ->
+                Args = ["run", "painting", "--nodes", "nobody@127.0.0.1", "--cookie-file", File],
+                says(2, "starl: run: node nobody@127.0.0.1 cannot be reached", Args)
+            end)
         end},
         {"help", fun() -> says(0, "Usage: ./starl node", ["node", "--help"]) end},
         {"bad name", fun() -> says(2, "starl: node: \"a@b@c\"", ["node", "--name", "a@b@c"]) end}
@@ -69,17 +108,23 @@ a_node_that_waits_test_() ->
             [App, One, Two] = [filename:join(Dir, Name) || Name <- ["mine.erl", "one", "two"]],
             ok = file:write_file(App, source()),
             Name = "waits_" ++ os:getpid() ++ "@127.0.0.1",
-            Node = start(["node", "--name", Name]),
-            Text = until("--cookie ", Node, ""),
-            [_, Rest] = string:split(Text, "--cookie "),
-            Cookie = string:trim(Rest),
+            Secret = filename:join(Dir, "cookie"),
+            Node = start(["node", "--name", Name, "--cookie-file", Secret]),
+            Said = until("--nodes ", Node, ""),
+            {ok, Cookie} = file:read_file(Secret),
+            ?assertEqual(nomatch, string:find(Said, string:trim(binary_to_list(Cookie)))),
+            Other = filename:join(Dir, "other"),
+            ok = file:write_file(Other, "other"),
+            ok = file:change_mode(Other, 8#600),
             Run = ["run", App, "--robots", "3", "--quiet", "--out"],
             says(0, "result: ", Run ++ [One]),
-            says(0, "result: ", Run ++ [Two, "--nodes", Name, "--cookie", Cookie]),
+            says(0, "result: ", Run ++ [Two, "--nodes", Name, "--cookie-file", Secret]),
             ?assertEqual(digest(One), digest(Two)),
-            says(2, "cannot be reached", ["run", App, "--nodes", Name, "--cookie", "other"]),
+            says(2, "cannot be reached", ["run", App, "--nodes", Name, "--cookie-file", Other]),
             %% one line, without the reports of OTP
-            Taken = says(2, "starl: node: this machine cannot be node", ["node", "--name", Name]),
+            Taken = says(2, "starl: node: this machine cannot be node", [
+                "node", "--name", Name, "--cookie-file", Secret
+            ]),
             ?assertMatch([_], string:lexemes(Taken, "\n")),
             interrupt(Node),
             ?assertMatch({130, _}, rest(Node, ""))
@@ -105,11 +150,11 @@ a_node_that_is_lost_test_() ->
             [App, Out] = [filename:join(Dir, File) || File <- ["endless.erl", "out"]],
             ok = file:write_file(App, endless()),
             Name = "lost_" ++ os:getpid() ++ "@127.0.0.1",
-            Node = start(["node", "--name", Name, "--cookie", "c"]),
-            _ = until("--cookie ", Node, ""),
-            Run = start([
-                "run", App, "--time", "1000000", "--nodes", Name, "--cookie", "c", "--out", Out
-            ]),
+            Secret = filename:join(Dir, "cookie"),
+            Node = start(["node", "--name", Name, "--cookie-file", Secret]),
+            _ = until("--nodes ", Node, ""),
+            Nodes = ["--nodes", Name, "--cookie-file", Secret],
+            Run = start(["run", App, "--time", "1000000", "--out", Out | Nodes]),
             Begun = until("under way", Run, ""),
             {os_pid, OsPid} = erlang:port_info(Node, os_pid),
             "" = os:cmd("kill -KILL " ++ integer_to_list(OsPid)),

@@ -25,8 +25,7 @@ flags(_Subject) ->
     [
         {"Flags", [
             {name, string, "starl", "the node's name, NAME or NAME@HOST as the others reach it"},
-            {cookie, string, none,
-                "the secret that lets other nodes run anything here; without it a random one"}
+            starl_lab_cookie:flag()
         ]}
     ].
 
@@ -34,24 +33,21 @@ flags(_Subject) ->
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{values := Values}) -> serve(Values).
 
-serve(#{name := Text, cookie := Given}) ->
-    Problems = starl_lab_nodes:cookie_problems(#{cookie => cookie_text(Given)}),
-    case {starl_sim_net:full_name(Text), Problems} of
+serve(#{name := Text, cookie_file := File}) ->
+    case {starl_sim_net:full_name(Text), starl_lab_cookie:made(File)} of
         {{error, Reason}, _} -> {error, [starl_sim_net:format_error(Reason)]};
-        {{ok, _}, [_ | _]} -> {error, Problems};
-        {{ok, Name}, []} -> wait(Name, list_to_atom(cookie_text(Given)))
+        {{ok, _}, {error, Line}} -> {error, [Line]};
+        {{ok, Name}, {ok, Cookie}} -> wait(Name, Cookie)
     end.
-
-cookie_text(none) -> atom_to_list(starl_sim_net:random_cookie());
-cookie_text(Given) -> Given.
 
 wait(Name, Cookie) ->
     case starl_sim_net:start(#{name => Name, cookie => Cookie}) of
         ok ->
             starl_cli_terminal:out(
-                "node ~ts waits for runs; Ctrl-C ends it. Where the run is started, type\n"
-                "  ./starl run painting --nodes ~ts --cookie ~ts\n",
-                [Name, Name, starl_cli_terminal:quoted(atom_to_list(Cookie))]
+                "node ~ts waits for runs; Ctrl-C ends it. Where the run is started, with the same secret "
+                "(~~/.config/starl/cookie, --cookie-file), type\n"
+                "  ./starl run painting --nodes ~ts\n",
+                [Name, Name]
             ),
             receive
             after infinity -> 0

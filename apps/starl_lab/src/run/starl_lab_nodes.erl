@@ -1,7 +1,7 @@
 %% @doc Reads and checks the flags of `./starl run' that spread a run over several nodes.
 -module(starl_lab_nodes).
 
--export([flags/0, plan/1, options/2, cookie_problems/1]).
+-export([flags/0, plan/1, options/2]).
 
 -export_type([plan/0]).
 
@@ -17,7 +17,6 @@
     }.
 
 -define(MOST_PEERS, 64).
--define(LONGEST_COOKIE, 255).
 
 %% @doc The flags for a run over several nodes.
 -spec flags() -> [starl_cli_flags:flag()].
@@ -28,7 +27,7 @@ flags() ->
             "(./starl node) that do, as in a@host1,b@host2; the digest is the same"},
         {node_timeout, {number, 0.1, 86400}, 30,
             "the longest wait for a node, s of real time; then the node counts as lost"},
-        {cookie, string, none, "the cookie with which the waiting nodes were started"},
+        starl_lab_cookie:flag(),
         {node_name, string, none,
             "this machine's node for the run, as the other nodes can reach it, as in me@10.0.0.5"}
     ].
@@ -44,7 +43,7 @@ plan(#{nodes := Text} = Values) ->
         _ -> named(string:split(Text, ",", all), Values, Plan)
     end;
 plan(Values) ->
-    Given = [Key || Key <- [node_timeout, cookie, node_name], is_map_key(Key, Values)],
+    Given = [Key || Key <- [node_timeout, cookie_file, node_name], is_map_key(Key, Values)],
     {[[starl_cli_flags:flag(Key), " goes with --nodes only"] || Key <- Given], none}.
 
 bad(Text) ->
@@ -54,16 +53,17 @@ bad(Text) ->
     ).
 
 needless(Values, Plan) ->
-    Given = [Key || Key <- [cookie, node_name], is_map_key(Key, Values)],
+    Given = [Key || Key <- [cookie_file, node_name], is_map_key(Key, Values)],
     {[[starl_cli_flags:flag(K), " goes with nodes that run already only"] || K <- Given], Plan}.
 
 named(Texts, Values, Plan) ->
     Names = [name(Text) || Text <- Texts],
-    Bad = [["--nodes: ", Line] || {error, Line} <- Names] ++ cookie_problems(Values),
-    case {Bad, [Node || {ok, Node} <- Names]} of
-        {[], Nodes} ->
-            with_own_name(Nodes, Values, Plan#{nodes := Nodes, cookie := cookie(Values)});
-        {_, _} ->
+    Cookie = starl_lab_cookie:read(maps:get(cookie_file, Values, none)),
+    Bad = [["--nodes: ", Line] || {error, Line} <- Names ++ [Cookie]],
+    case {Bad, [Node || {ok, Node} <- Names], Cookie} of
+        {[], Nodes, {ok, Secret}} ->
+            with_own_name(Nodes, Values, Plan#{nodes := Nodes, cookie := Secret});
+        {_, _, _} ->
             {Bad, none}
     end.
 
@@ -73,17 +73,6 @@ name(Text) ->
         {nomatch, _} -> {error, starl_sim_net:format_error({bad_name, Text})};
         {_, {error, Reason}} -> {error, starl_sim_net:format_error(Reason)}
     end.
-
-%% @doc The problems of the cookie, if one is given.
--spec cookie_problems(#{atom() => term()}) -> [unicode:chardata()].
-cookie_problems(#{cookie := Text}) when length(Text) =< ?LONGEST_COOKIE ->
-    [];
-cookie_problems(#{cookie := _}) ->
-    [io_lib:format("--cookie: at most ~b characters", [?LONGEST_COOKIE])];
-cookie_problems(#{}) ->
-    ["--cookie is needed for nodes that run already: the one that ./starl node has printed there"].
-
-cookie(#{cookie := Text}) -> list_to_atom(Text).
 
 %% Nodes with long names (host.domain, or an address) cannot connect to nodes with short names.
 with_own_name(Nodes, Values, Plan) ->

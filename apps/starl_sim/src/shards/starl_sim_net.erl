@@ -119,7 +119,7 @@ answers(Tries) ->
     end.
 
 distribute(#{name := Name} = Wish) ->
-    ok = listen_on(maps:get(loopback, Wish, false)),
+    ok = listen_on(maps:get(loopback, Wish, false), host(Name)),
     case quietly(fun() -> net_kernel:start([Name, domain(Name)]) end) of
         {ok, _} -> set_cookie(Wish);
         {error, _} -> {error, {no_distribution, Name}}
@@ -135,8 +135,16 @@ quietly(Start) ->
         ok = logger:set_primary_config(level, Level)
     end.
 
-listen_on(true) -> application:set_env(kernel, inet_dist_use_interface, {127, 0, 0, 1});
-listen_on(false) -> ok.
+host(Name) -> lists:last(string:split(atom_to_list(Name), "@")).
+
+%% A node that is named by an address is reached at that address alone.
+listen_on(IsLoopback, Host) when IsLoopback; Host =:= "localhost" ->
+    application:set_env(kernel, inet_dist_use_interface, {127, 0, 0, 1});
+listen_on(false, Host) ->
+    case inet:parse_ipv4strict_address(Host) of
+        {ok, Ip} -> application:set_env(kernel, inet_dist_use_interface, Ip);
+        {error, einval} -> ok
+    end.
 
 %% The host of a long name, behind the @, contains a dot.
 domain(Name) ->
