@@ -99,7 +99,13 @@ together_test() ->
 
 %% Nothing in the file may become more than a word of a command.
 words_test() ->
-    Bad = [#{host => "-v"}, #{host => "a;b"}, #{host => "a", user => "a b"}],
+    Bad = [
+        #{host => "-v"},
+        #{host => "a;b"},
+        #{host => "a\n"},
+        #{host => "a", user => "a b"},
+        #{host => "a", user => "b\n"}
+    ],
     [?assertMatch([_], lines(fleet(#{robots => #{1 => R}}), starl_exercise)) || R <- Bad],
     ?assertMatch([_], lines(fleet(#{home => "a $(b)"}), starl_exercise)).
 

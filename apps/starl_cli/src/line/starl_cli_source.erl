@@ -240,7 +240,8 @@ is_plain(Atom) -> is_name(atom_to_list(Atom)).
 
 %% @doc Can this be the name of a module?
 -spec is_name(string()) -> boolean().
-is_name(Word) -> re:run(Word, "^[a-z][a-zA-Z0-9_]{0,99}$", [{capture, none}]) =:= match.
+is_name(Word) ->
+    re:run(Word, "^[a-z][a-zA-Z0-9_]{0,99}$", [{capture, none}, dollar_endonly]) =:= match.
 
 target(File, Module, Codes) ->
     Target = #{

@@ -81,7 +81,7 @@ first(_Erlang) -> "rebar3 eunit".
 %% Can a project have this name? It is one of an Erlang module that does not exist yet.
 -spec check_name(string()) -> ok | {error, unicode:chardata()}.
 check_name(Name) ->
-    case re:run(Name, "^[a-z][a-z0-9_]{0,39}$", [{capture, none}]) of
+    case re:run(Name, "^[a-z][a-z0-9_]{0,39}$", [{capture, none}, dollar_endonly]) of
         nomatch ->
             {error, [
                 Name,

@@ -4,7 +4,17 @@
 -module(starl_fleet_steps).
 
 -export([
-    deploy/3, one/3, copy_by_tar/3, back/3, recorded/1, copied/4, recordings/1, target/1, base/2, ssh/2, quoted/1
+    deploy/3,
+    one/3,
+    copy_by_tar/3,
+    back/3,
+    recorded/1,
+    copied/4,
+    recordings/1,
+    target/1,
+    base/2,
+    ssh/2,
+    quoted/1
 ]).
 
 -export_type([plan/0, stage/0, step/0]).
@@ -105,7 +115,12 @@ back(Words, #{robots := Robots} = Fleet, Plan) ->
 -spec recorded(starl_fleet_file:t()) -> [step()].
 recorded(#{robots := Robots} = Fleet) ->
     [
-        {N, ssh(R, "cd " ++ recordings_there(N, Fleet) ++ " 2>/dev/null && wc -c -- *.mcap 2>/dev/null || true")}
+        {N,
+            ssh(
+                R,
+                "cd " ++ recordings_there(N, Fleet) ++
+                    " 2>/dev/null && wc -c -- *.mcap 2>/dev/null || true"
+            )}
      || {N, R} <- lists:sort(maps:to_list(Robots))
     ].
 
@@ -204,7 +219,7 @@ words(Words) -> lists:flatten(lists:join($\s, Words)).
 %% @doc A word for sh.
 -spec quoted(string()) -> string().
 quoted(Word) when is_list(Word) ->
-    case re:run(Word, "^[A-Za-z0-9_./:=@%+,-]+$", [{capture, none}]) of
+    case re:run(Word, "^[A-Za-z0-9_./:=@%+,-]+$", [{capture, none}, dollar_endonly]) of
         match -> Word;
         nomatch -> "'" ++ lists:flatten(string:replace(Word, "'", "'\\''", all)) ++ "'"
     end.

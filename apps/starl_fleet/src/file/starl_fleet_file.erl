@@ -127,7 +127,9 @@ is_own(File) -> is_text(File) andalso filename:extension(File) =:= ".erl".
 path() -> {term, "a path without blanks", matches(?PATH)}.
 
 matches(Pattern) ->
-    fun(Text) -> is_text(Text) andalso re:run(Text, Pattern, [{capture, none}]) =:= match end.
+    fun(Text) ->
+        is_text(Text) andalso re:run(Text, Pattern, [{capture, none}, dollar_endonly]) =:= match
+    end.
 
 is_text(Text) -> io_lib:printable_unicode_list(Text) andalso Text =/= "".
 

@@ -3,7 +3,7 @@
 -module(starl_fleet_lines).
 
 -export([chassis/0, driver/1, drivers/1, sources/0, source/1]).
--export([transports/0, chassis/2, positioning/2, senses/2, transport/3, node_name/2]).
+-export([transports/0, chassis/2, positioning/3, senses/2, transport/3, node_name/2]).
 
 -export_type([name/0, transport/0]).
 
@@ -77,11 +77,17 @@ chassis(Robot, #{robots := Robots}) ->
     {ok, Module} = driver(Name),
     {Module, Own}.
 
-%% @doc A robot's line to the positioning system.
--spec positioning(starl:robot_id(), starl_fleet_file:t()) -> starl_live_link:line().
-positioning(_Robot, #{positioning := {Name, Own}}) ->
+%% @doc A robot's line to the positioning system. Whoever could send it positions would move it: a broadcast is sealed
+%% with the fleet's key, unless the fleet file says `key => none'.
+-spec positioning(starl:robot_id(), starl_live_key:t(), starl_fleet_file:t()) ->
+    starl_live_link:line().
+positioning(_Robot, Key, #{positioning := {Name, Own}}) ->
     {ok, Module} = source(Name),
-    {Module, Own}.
+    {Module, sealed(Module, Key, Own)}.
+
+sealed(starl_live_broadcast, _Key, #{key := none} = Own) -> maps:remove(key, Own);
+sealed(starl_live_broadcast, Key, Own) -> maps:merge(#{key => Key}, Own);
+sealed(_Module, _Key, Own) -> Own.
 
 %% @doc A robot's senses that are not its chassis'.
 -spec senses(starl:robot_id(), starl_fleet_file:t()) ->

@@ -138,7 +138,7 @@ period_us(none) -> none;
 period_us(Seconds) -> round(1.0e6 * Seconds).
 
 robot(#{robot := Robot, state := State} = Place, Key, {_, _, Plan} = Planned, Fleet) ->
-    {Source, Own} = starl_fleet_lines:positioning(Robot, Fleet),
+    {Source, Own} = starl_fleet_lines:positioning(Robot, Key, Fleet),
     #{tree := Tree, world := #{profiles := Profiles, seed := Seed}} = Plan,
     #{name := Name} = Fleet,
     #{

@@ -7,6 +7,8 @@
 
 -type problem() :: starl_floor_text:problem().
 
+-define(MOST_PIXELS, 100000000).
+-define(MOST_BYTES, 6 * ?MOST_PIXELS).
 -define(NEEDED, ["image", "resolution", "origin", "occupied_thresh", "free_thresh", "negate"]).
 
 %% @doc The floor plan of a YAML file in this directory.
@@ -53,9 +55,11 @@ negate({_, Text}) when Text =:= "1"; Text =:= "true" -> true;
 negate({N, _}) -> {bad, N}.
 
 image(File, N, Numbers, Negate) ->
-    case {filename:extension(File), file:read_file(File)} of
+    case {filename:extension(File), small(File)} of
         {".png", _} ->
             {error, {N, "PNG cannot be read; convert it: ffmpeg -i map.png map.pgm"}};
+        {_, large} ->
+            {error, {N, [File, ": this is larger than any image that is read"]}};
         {_, {error, Posix}} ->
             {error, {N, [File, ": ", file:format_error(Posix)]}};
         {_, {ok, Bytes}} ->
@@ -63,6 +67,13 @@ image(File, N, Numbers, Negate) ->
                 {ok, Image} -> {ok, plan(Image, maps:from_list(Numbers), Negate)};
                 {error, What} -> {error, {N, [File, ": ", What]}}
             end
+    end.
+
+%% No more is read than an image of the most pixels may have, each as a number with a blank.
+small(File) ->
+    case filelib:file_size(File) > ?MOST_BYTES of
+        true -> large;
+        false -> file:read_file(File)
     end.
 
 %% A pixel is free if its darkness is less than the threshold.
@@ -89,7 +100,7 @@ pgm(_) -> {error, "this is no PGM image"}.
 
 header(Bytes, Raster) ->
     case numbers(Bytes, 3, []) of
-        {[W, H, Max], Rest} when W > 0, H > 0, Max > 0, Max < 65536, W * H =< 100000000 ->
+        {[W, H, Max], Rest} when W > 0, H > 0, Max > 0, Max < 65536, W * H =< ?MOST_PIXELS ->
             Raster(W, H, Max, Rest);
         _ ->
             {error, "the header of the PGM image is not sound"}

@@ -145,7 +145,7 @@ name(Text, N) ->
 %% @doc The name of a room or place, of bounded length; who asks bounds their number.
 -spec name(string()) -> {ok, atom()} | {error, unicode:chardata()}.
 name(Text) ->
-    case re:run(Text, "^[\\pL\\d][\\pL\\d_-]{0,39}$", [unicode, {capture, none}]) of
+    case re:run(Text, "^[\\pL\\d][\\pL\\d_-]{0,39}$", [unicode, {capture, none}, dollar_endonly]) of
         match -> {ok, list_to_atom(Text)};
         nomatch -> {error, ["a name has letters, digits, _ or -, at most 40; not ", Text]}
     end.

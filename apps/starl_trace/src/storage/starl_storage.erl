@@ -175,7 +175,7 @@ entry([[$. | _], _File]) ->
 entry([Run, File]) ->
     case
         re:run(Run ++ "/" ++ File, "^[\\w.@-]+/([\\w@-][\\w.@ -]*)-[0-9a-f]{16}$", [
-            {capture, [1], list}, unicode
+            {capture, [1], list}, unicode, dollar_endonly
         ])
     of
         {match, [Name]} -> [#{run => Run, name => Name, list => "runs/" ++ Run ++ "/" ++ File}];
@@ -270,7 +270,9 @@ read_list({ok, Text}, List) ->
     case string:lexemes(unicode:characters_to_list(Text), "\n") of
         [?HEAD, "file " ++ _, "hash " ++ Hash | Lines] ->
             Read = [
-                re:run(L, "^piece ([0-9a-f]{64}) ([0-9]{1,12})$", [{capture, [1, 2], list}])
+                re:run(L, "^piece ([0-9a-f]{64}) ([0-9]{1,12})$", [
+                    {capture, [1, 2], list}, dollar_endonly
+                ])
              || L <- Lines
             ],
             Pieces = [{H, list_to_integer(Size)} || {match, [H, Size]} <- Read],
