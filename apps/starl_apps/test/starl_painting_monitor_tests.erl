@@ -197,13 +197,47 @@ stroke_that_ends_beside_test() ->
         ]
     ].
 
-%% What is shorter than half a millimetre is no line.
+%% Every line counts, however short.
 shortest_line_test() ->
     Unpainted = fun(Mm) ->
         {_, #{unpainted_mm := Left}} = run([{{0.0, 0.0}, {Mm, 0.0}}], [], ?S, #{ends_mm => 0.0}),
         Left
     end,
-    ?assertEqual([0.0, 0.5], [Unpainted(0.499), Unpainted(0.5)]).
+    ?assertEqual([0.01, 0.499, 0.5], [Unpainted(Mm) || Mm <- [0.01, 0.499, 0.5]]).
+
+%% A robot with its pen down that sets out to paint another line has a dot of ink where it stands. It
+%% need not move if the line ends within 2 mm of it.
+a_short_line_is_painted_where_the_robot_stands_test() ->
+    Corner = fun(Mm) -> [{{0.0, 0.0}, {1000.0, 0.0}}, {{1000.0, 0.0}, {1000.0, Mm}}] end,
+    {Events, End} = paint([{0.0, 0.0}, {1000.0, 0.0}]),
+    Drawing = [Event || {T, _, _, _} = Event <- Events, T < End],
+    Then = fun(Mm, Pen) ->
+        [_, Short] = Corner(Mm),
+        Stands = [
+            motion(End, 1, stand(End, 1000.0, 0.0)),
+            pen(End + 1, 1, Pen),
+            stroke(End + 2, 1, Short),
+            pen(End + 3, 1, up)
+        ],
+        {Found, _} = run(Corner(Mm), Drawing ++ Stands, End + ?S),
+        [{What, Details} || #{what := What, details := Details} <- Found]
+    end,
+    [?assertEqual({Mm, []}, {Mm, Then(Mm, down)}) || Mm <- [0.01, 0.3, 0.6, 1.9, 2.0]],
+    %% the rest of a longer one is missing, and without ink all of it
+    ?assertMatch([{unfinished, #{unpainted_mm := Mm}}] when Mm > 2.99, Then(3.0, down)),
+    ?assertMatch([{unfinished, #{unpainted_mm := Mm}}] when Mm > 0.59, Then(0.6, up)).
+
+%% A line so short that its ends are one point of the plan has no stroke of its own: it is painted
+%% with the line that it lies on.
+a_tiny_line_is_painted_with_its_neighbour_test() ->
+    {Events, End} = paint([{0.0, 0.0}, {1000.0, 0.0}]),
+    With = fun(Tiny) -> run([Tiny | line()], Events, End) end,
+    [
+        ?assertMatch({[], #{coverage := 1.0}}, With({{X, 0.0}, {X + 0.02, 0.03}}))
+     || X <- [0.0, 400.0, 999.99]
+    ],
+    ?assertMatch({[#{what := unfinished}], _}, With({{500.0, 0.6}, {500.02, 0.6}})),
+    ?assertMatch({[#{what := unfinished}], _}, With({{500.0, 0.0}, {500.0, 0.6}})).
 
 no_lines_are_all_painted_test() ->
     ?assertMatch({[], #{coverage := 1.0}}, run([], [], ?S)).

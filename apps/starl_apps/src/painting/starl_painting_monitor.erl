@@ -12,7 +12,8 @@
 %% together. So a robot announces the line that it sets out to paint, `{stroke, Segment}'. Its ink
 %% up to the next announcement counts for the lines of the picture on which this segment lies, and
 %% for no others. The tolerance applies across the line only. Along the line everything must be
-%% inked except `ends_mm' at each end; where two strokes meet, each may lack as much.
+%% inked except `ends_mm' at each end; where two strokes meet, each may lack as much. A robot that
+%% announces a line and has its pen down has a dot of ink on it where it stands.
 %%
 %% A robot that reports the picture as complete, `{done, complete}', must be right.
 %%
@@ -68,7 +69,8 @@
 -define(CHORD_MM, 0.01).
 %% Two points at most this far apart are one; a larger jump starts a new polyline (mm).
 -define(JUMP_MM, 1.0e-3).
-%% A stroke lies on a line if it is at most this far from it (mm); shorter lines are ignored.
+%% A stroke lies on a line if it is at most this far from it (mm). A line that is shorter may have no
+%% stroke of its own, as its ends may be one point of the plan: it lies on a stroke in the same way.
 -define(ON_MM, 0.5).
 
 %% @doc `lines': the picture; `ink_radius_mm' plus `tolerance_mm': the largest distance of ink from
@@ -168,8 +170,6 @@ results(#state{lines = Lines, tracks = Tracks} = State) ->
 fraction(_Part, Total) when Total == 0 -> 1.0;
 fraction(Part, Total) -> max(0.0, Part / Total).
 
-unpainted(_N, Length, _State) when Length < ?ON_MM ->
-    0.0;
 unpainted(N, Length, #state{ends_mm = Ends} = State) ->
     Gaps = starl_painting_monitor_parts:gaps(Length, Ends, parts(N, State)),
     lists:sum([0.0 | [To - From || {From, To} <- Gaps]]).
@@ -192,7 +192,8 @@ change(T, Robot, Change, #state{tracks = Tracks} = State) ->
     {Found, #state{tracks = Judged} = Next} = drive(T, Robot, Track, State),
     Since = max(T, Track#track.since),
     Changed = Change((maps:get(Robot, Judged, Track))#track{since = Since}),
-    answer(Found, dot(T, Robot, Changed, Next)).
+    Begins = Changed#track.stroke =/= Track#track.stroke,
+    answer(Found, dot(T, Robot, Begins, Changed, Next)).
 
 answer([], {[], State}) -> {ok, State};
 answer(Found, {More, State}) -> {violation, hd(Found ++ More), State}.
@@ -224,16 +225,18 @@ moment(N, Share, Since, Step, Piece) ->
     [From, To] = [Since + round(Chord * Step) || Chord <- [N, N + 1]],
     starl_trajectory:passing(Share, Piece, From, To).
 
-%% A pen that is lowered, or is down when a motion starts, makes a dot.
-dot(T, Robot, #track{pen = down, drawing = []} = Track, State) when
-    Track#track.piece =/= none
+%% A pen that is lowered, or is down when a motion or another stroke starts, makes a dot.
+dot(T, Robot, Begins, #track{pen = down, drawing = Drawing} = Track, State) when
+    Track#track.piece =/= none, Drawing =:= [] orelse Begins
 ->
     Point = starl_trajectory:position(T, Track#track.piece),
     {Strays, Inked} = ink({Point, Point}, Track#track.stroke, reach(Robot, State), State),
-    Fresh = Track#track{drawing = [Point], strayed = false},
-    report([{T, Stray} || Stray <- Strays], Robot, Fresh, Inked);
-dot(_T, Robot, Track, State) ->
+    report([{T, Stray} || Stray <- Strays], Robot, dotted(Point, Track), Inked);
+dot(_T, Robot, _Begins, Track, State) ->
     {[], store(Robot, Track, State)}.
+
+dotted(Point, #track{drawing = []} = Track) -> Track#track{drawing = [Point], strayed = false};
+dotted(_Point, Track) -> Track.
 
 report([{At, {_Share, Point}} | _], Robot, #track{strayed = false} = Track, State) ->
     Distance = lists:min([
@@ -282,10 +285,13 @@ lines_under({P, Q}, #state{grid = Grid, lines = Lines}) ->
         N
      || N <- starl_grid:near({P, Q}, ?ON_MM, Grid),
         Line <- [map_get(N, Lines)],
-        starl_geometry:length(Line) >= ?ON_MM,
-        starl_geometry:point_segment(P, Line) =< ?ON_MM,
-        starl_geometry:point_segment(Q, Line) =< ?ON_MM
+        lies_on({P, Q}, Line) orelse
+            (starl_geometry:length(Line) < ?ON_MM andalso lies_on(Line, {P, Q}))
     ].
+
+lies_on({P, Q}, Line) ->
+    starl_geometry:point_segment(P, Line) =< ?ON_MM andalso
+        starl_geometry:point_segment(Q, Line) =< ?ON_MM.
 
 %% Enters a straight piece of ink that is to paint these lines. Returns the place where it leaves
 %% the lines of the picture: the fraction of its length at which the stray part begins, and a point
