@@ -13,6 +13,21 @@ zero_length_dropped_test() ->
     #{edges := E} = graph([{{1.0, 1.0}, {1.0, 1.0}}]),
     ?assertEqual([], E).
 
+%% A line whose ends are one point stays where nothing else is painted: a dot.
+a_tiny_line_alone_stays_test() ->
+    Tiny = fun(Mm) -> {{1.0, 1.0}, {1.0 + Mm, 1.0}} end,
+    Kept = fun(Lines) ->
+        #{vertices := V, edges := E} = graph(Lines),
+        [{lists:nth(A, V), lists:nth(B, V)} || {A, B} <- E]
+    end,
+    [?assertEqual([Tiny(Mm)], Kept([Tiny(Mm)])) || Mm <- [0.001, 0.01, 0.05, 0.06]],
+    ?assertEqual([Tiny(0.02)], Kept([Tiny(0.02), Tiny(0.02), Tiny(0.01)])),
+    ?assertEqual([Tiny(0.02)], Kept([{{1.0, 1.0}, {1.0, 1.0}}, Tiny(0.02)])),
+    %% at the end of another line it is that line's
+    Long = {{1.0, 1.0}, {9.0, 1.0}},
+    ?assertEqual([Long], Kept([Tiny(0.02), Long])),
+    ?assertEqual([Long], Kept([Long, Tiny(0.02)])).
+
 cross_becomes_vertex_test() ->
     ?assertEqual({5, 4}, counts([{{0.0, 0.0}, {10.0, 10.0}}, {{0.0, 10.0}, {10.0, 0.0}}])).
 

@@ -3,7 +3,8 @@
 %%
 %% Points closer than the tolerance become one vertex. Every crossing, every end that lies on
 %% another line and so both ends of every collinear overlap become vertices; duplicate edges are
-%% merged and edges of no length dropped. Joining points moves lines by up to the tolerance, which
+%% merged and edges of no length dropped; a line so short that its ends become one vertex stays only if
+%% no other edge begins there. Joining points moves lines by up to the tolerance, which
 %% may bring new touches about, so the cutting is repeated until nothing changes. At last long
 %% edges are divided into equal parts. Vertices and edges are numbered from 1 in the order of the
 %% given lines, so the same drawing always gives the same numbers. Lengths are millimetres.
@@ -40,8 +41,11 @@ planarise(Segments, Options) ->
     {Lines, Weld1} = lists:mapfoldl(fun weld_segment/2, Weld0, Segments),
     Most = most(maps:get(most, Options, infinity), Weld1),
     case cut_all(unique(Lines), Weld1#weld{most = Most}, ?MAX_PASSES) of
-        too_many -> too_many;
-        {Edges, Weld2} -> divide(Edges, Weld2, maps:get(max_length, Options, infinity))
+        too_many ->
+            too_many;
+        {Edges, Weld2} ->
+            {All, Weld} = dots(lists:zip(Lines, Segments), Edges, Weld2),
+            divide(All, Weld, maps:get(max_length, Options, infinity))
     end.
 
 %% Each new vertex is where two lines cross, so two edges at least end there: there are at least as
@@ -188,6 +192,24 @@ along({AX, AY}, {BX, BY}, {X, Y}) -> (X - AX) * (BX - AX) + (Y - AY) * (BY - AY)
 
 chain([A, B | Rest]) -> [{A, B} | chain([B | Rest])];
 chain([_]) -> [].
+
+%%% Dots
+
+%% The first line at each vertex that has no edge, though its ends are one vertex.
+dots(Drawn, Edges, Weld) ->
+    Used = maps:from_list([{V, true} || {A, B} <- Edges, V <- [A, B]]),
+    {Dots, _, Last} = lists:foldl(fun dot/2, {[], Used, Weld}, Drawn),
+    {Edges ++ lists:reverse(Dots), Last}.
+
+dot({{V, V}, {P, Q}}, {Dots, Used, #weld{count = N, points = Points} = Weld}) when
+    P =/= Q, not is_map_key(V, Used)
+->
+    Place = map_get(V, Points),
+    {_, End} = max({starl_geometry:distance(Place, P), P}, {starl_geometry:distance(Place, Q), Q}),
+    Next = Weld#weld{count = N + 1, points = Points#{N + 1 => End}},
+    {[{V, N + 1} | Dots], Used#{V => true}, Next};
+dot(_Line, Acc) ->
+    Acc.
 
 %%% Dividing
 
