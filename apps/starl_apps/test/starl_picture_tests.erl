@@ -133,6 +133,36 @@ not_drawn_test_() ->
         ]
     ].
 
+%% What a browser shows as a dot is a line of a tenth of a millimetre; without round or square ends a
+%% line of no length shows nothing.
+dots_test_() ->
+    Dot = [{{50.0, 950.0}, {50.1, 950.0}}],
+    Line = [{{0.0, 1000.0}, {1000.0, 1000.0}}],
+    [
+        ?_assertEqual(
+            {Body, Expected ++ Line}, {Body, segments(svg(Body ++ "<path d='M0 0H100'/>"))}
+        )
+     || {Body, Expected} <- [
+            {"<path stroke-linecap='round' d='M5 5h0'/>", Dot},
+            {"<g style='stroke-linecap: square'><path d='M5 5z'/></g>", Dot},
+            {"<line stroke-linecap='round' x1='5' y1='5' x2='5' y2='5'/>", Dot},
+            {"<path stroke-linecap='butt' d='M5 5h0'/>", []},
+            {"<path stroke-linecap='wide' d='M5 5h0'/>", []},
+            {"<path d='M5 5h0'/>", []}
+        ]
+    ].
+
+%% A loop of one curve is not left out, however small, though it ends where it began.
+small_loops_test_() ->
+    [
+        ?_assertMatch({Body, [_ | _]}, {Body, segments(svg(Body))})
+     || Body <- [
+            "<path d='M5 5c.2.2.2-.2 0 0M0 0'/>",
+            "<path d='M5 5c.01.01.01-.01 0 0'/>",
+            "<path d='M5 5q.2.2 0 0'/>"
+        ]
+    ].
+
 %% Many steps, each too short to keep, still make a line.
 tiny_steps_test() ->
     Steps = lists:flatten(lists:duplicate(20000, "h.0005")),

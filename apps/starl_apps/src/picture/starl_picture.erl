@@ -56,6 +56,8 @@
 %% The share of the tolerance for rounding and the removal of tiny segments.
 -define(SLACK_MM, 0.012).
 -define(SHORTEST_MM, 0.01).
+%% The length of a line without length that is seen.
+-define(DOT_MM, 0.1).
 %% Duplicates are dropped late, so a drawing may have this multiple of the curves that it may keep.
 -define(DUPLICATES, 4).
 
@@ -288,6 +290,7 @@ flattened([{First, _} | _] = Curves) ->
     Points = [P || {Curve, N} <- Curves, P <- starl_svg_curve:flatten(Curve, N)],
     chain(rounded(starl_svg_curve:start(First)), Points).
 
+seen_of({line, [{line, P, P}], Clips}, []) -> clipped(Clips, dot(rounded(P)));
 seen_of({line, _, Clips}, Chain) -> clipped(Clips, Chain);
 seen_of({edges, _, Clips}, Boundary) -> long_enough(starl_svg_clip:edges(Clips, Boundary)).
 
@@ -300,6 +303,8 @@ chain(From, [Point | Points]) ->
         true -> chain(From, Points);
         false -> [{From, To} | chain(To, Points)]
     end.
+
+dot({X, Y}) -> [{{X, Y}, rounded({X + ?DOT_MM, Y})}].
 
 clipped([], Chain) ->
     Chain;

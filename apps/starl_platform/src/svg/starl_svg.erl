@@ -62,7 +62,7 @@
     ["transform", "transform-origin", "viewBox", "preserveAspectRatio", "overflow"],
     ["clip-path", "clipPathUnits", "clip-rule", "mask", "marker-start", "marker-mid", "marker-end"],
     ["display", "visibility", "opacity", "fill", "stroke", "color"],
-    ["fill-opacity", "fill-rule", "stroke-opacity", "stroke-width"],
+    ["fill-opacity", "fill-rule", "stroke-opacity", "stroke-width", "stroke-linecap"],
     ["x", "y", "width", "height", "x1", "y1", "x2", "y2", "cx", "cy", "r", "rx", "ry"],
     ["points", "d"]
 ]).

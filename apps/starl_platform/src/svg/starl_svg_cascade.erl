@@ -27,6 +27,7 @@
     <<"fill-rule">>,
     <<"stroke-opacity">>,
     <<"stroke-width">>,
+    <<"stroke-linecap">>,
     <<"display">>,
     <<"visibility">>,
     <<"transform">>,

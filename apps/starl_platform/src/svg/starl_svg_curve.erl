@@ -123,9 +123,9 @@ merge_bounds({A0, B0, A1, B1}, {C0, D0, C1, D1}) ->
 steps({line, _, _}, _Tolerance) ->
     1;
 steps({quad, P0, P1, P2}, Tolerance) ->
-    square_steps(bend(P0, P1, P2) / 4.0, Tolerance);
+    loop_steps(P0, P2, square_steps(bend(P0, P1, P2) / 4.0, Tolerance));
 steps({cubic, P0, P1, P2, P3}, Tolerance) ->
-    square_steps(max(bend(P0, P1, P2), bend(P1, P2, P3)) * 0.75, Tolerance);
+    loop_steps(P0, P3, square_steps(max(bend(P0, P1, P2), bend(P1, P2, P3)) * 0.75, Tolerance));
 steps({arc, _, _, _, U, V, _, Sweep}, Tolerance) ->
     %% No chord spans more than a quarter turn: a small circle should not become a line.
     Ratio = min(1.0, Tolerance / max(longest(U, V), 1.0e-300)),
@@ -209,6 +209,10 @@ on_sweep(T, Angle, Sweep) ->
 bend({X0, Y0}, {X1, Y1}, {X2, Y2}) ->
     {DX, DY} = {X0 - 2.0 * X1 + X2, Y0 - 2.0 * Y1 + Y2},
     math:sqrt(DX * DX + DY * DY).
+
+%% One chord from a point to itself would leave the curve out.
+loop_steps(From, To, 1) when From =:= To -> 2;
+loop_steps(_From, _To, N) -> N.
 
 square_steps(Bend, Tolerance) -> max(1, ceil(math:sqrt(Bend / Tolerance) - 1.0e-9)).
 

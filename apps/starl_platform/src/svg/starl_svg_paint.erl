@@ -3,7 +3,8 @@
 %% {@link starl_svg}.
 -module(starl_svg_paint).
 
--export([initial/0, inherit/2, is_displayed/1, is_visible/1, stroke_width/1, seen/2, is_valid/2]).
+-export([initial/0, inherit/2, is_displayed/1, is_visible/1, stroke_width/1, has_dots/1]).
+-export([seen/2, is_valid/2]).
 -export_type([t/0, seen/0]).
 
 -record(paint, {
@@ -13,6 +14,8 @@
     fill_opacity = 1.0 :: float(),
     stroke_opacity = 1.0 :: float(),
     stroke_width = 1.0 :: float(),
+    %% Do the ends of a line reach beyond it?
+    capped = false :: boolean(),
     visible = true :: boolean(),
     %% No group around the element is wholly transparent.
     opaque = true :: boolean()
@@ -32,8 +35,10 @@
     <<"fill-opacity">>,
     <<"stroke-opacity">>,
     <<"stroke-width">>,
+    <<"stroke-linecap">>,
     <<"visibility">>
 ]).
+-define(CAPS, [<<"round">>, <<"square">>]).
 -define(VISIBILITIES, [<<"visible">>, <<"hidden">>, <<"collapse">>]).
 
 %% @doc What the root element inherits.
@@ -50,6 +55,7 @@ inherit(Element, #paint{opaque = Opaque} = Parent) ->
         {<<"fill-opacity">>, #paint.fill_opacity},
         {<<"stroke-opacity">>, #paint.stroke_opacity},
         {<<"stroke-width">>, #paint.stroke_width},
+        {<<"stroke-linecap">>, #paint.capped},
         {<<"visibility">>, #paint.visible}
     ],
     Paint = lists:foldl(fun(Each, Acc) -> property(Each, Element, Acc) end, Parent, Inherited),
@@ -67,6 +73,10 @@ is_visible(#paint{visible = Visible, opaque = Opaque}) -> Visible andalso Opaque
 %% @doc The width of a line in user units.
 -spec stroke_width(t()) -> float().
 stroke_width(#paint{stroke_width = Width}) -> Width.
+
+%% @doc Whether a line without length is seen as a dot.
+-spec has_dots(t()) -> boolean().
+has_dots(#paint{capped = Capped}) -> Capped.
 
 %% @doc What can be seen of a shape. `IsServer' tells whether a gradient or pattern exists.
 -spec seen(t(), IsServer :: fun((Id :: binary()) -> boolean())) -> seen().
@@ -120,6 +130,7 @@ kinds() ->
         <<"visibility">> => visibility,
         <<"transform">> => transform,
         <<"stroke-width">> => width,
+        <<"stroke-linecap">> => cap,
         <<"opacity">> => part,
         <<"fill-opacity">> => part,
         <<"stroke-opacity">> => part,
@@ -143,7 +154,9 @@ of_kind(colour, Text) ->
         _ -> error
     end;
 of_kind(visibility, Text) ->
-    keyword(lowercase(Text), ?VISIBILITIES);
+    keyword(lowercase(Text), ?VISIBILITIES, [<<"visible">>]);
+of_kind(cap, Text) ->
+    keyword(lowercase(Text), [<<"butt">> | ?CAPS], ?CAPS);
 of_kind(transform, Text) ->
     ok_or_error(starl_svg_transform:parse(Text));
 of_kind(width, Text) ->
@@ -157,9 +170,9 @@ of_kind(length, <<"auto">>) ->
 of_kind(length, Text) ->
     ok_or_error(starl_svg_number:length(Text, 100.0)).
 
-keyword(Word, Words) ->
+keyword(Word, Words, Those) ->
     case lists:member(Word, Words) of
-        true -> {ok, Word =:= <<"visible">>};
+        true -> {ok, lists:member(Word, Those)};
         false -> error
     end.
 

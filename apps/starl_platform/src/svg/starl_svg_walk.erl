@@ -4,7 +4,8 @@
 %%
 %% Drawn are shapes outside of `defs', `symbol', `clipPath', `mask', `marker' and `pattern', and
 %% those that a `use' repeats. Of a stroke its middle counts, of a fill without a stroke its
-%% boundary, and the edge that a window cuts. Left out is a page background: a filled rectangle without a stroke that covers the
+%% boundary, and the edge that a window cuts. A line without length counts if its ends are round or
+%% square: a dot. Left out is a page background: a filled rectangle without a stroke that covers the
 %% frame; and a fill in the page's colour with nothing beneath.
 -module(starl_svg_walk).
 
@@ -330,12 +331,22 @@ filled(Outlines, Fill, Context, #walk{page = Page, box = Box} = Walk) ->
 areas(Outlines) ->
     [starl_svg_area:closed(Each) || Each <- Outlines, starl_svg_area:encloses(Each)].
 
-add(Outlines, #context{clips = Clips}, #walk{curves = Curves, shapes = Done} = Walk) ->
+add(Outlines, #context{paint = Paint} = Context, Walk) ->
+    HasDots = starl_svg_paint:has_dots(Paint),
+    with_length([Each || Each <- Outlines, HasDots orelse not is_dot(Each)], Context, Walk).
+
+with_length([], _Context, Walk) ->
+    Walk;
+with_length(Outlines, #context{clips = Clips}, #walk{curves = Curves, shapes = Done} = Walk) ->
     Count = lists:sum([length(Outline) || Outline <- Outlines]),
     Count =< Curves orelse starl_svg_error:fail(too_many_shapes),
     Box = starl_svg_area:merge(starl_svg_area:box(Outlines), Walk#walk.box),
     Shapes = [{line, Outline, Clips} || Outline <- Outlines],
     Walk#walk{curves = Curves - Count, box = Box, shapes = lists:reverse(Shapes, Done)}.
+
+is_dot(Outline) ->
+    {X0, Y0, X1, Y1} = starl_svg_area:box([Outline]),
+    X0 == X1 andalso Y0 == Y1.
 
 %% A window that cuts a fill is an edge of what is seen of it.
 cut_out(Areas, #context{clips = [_ | _] = Clips}, #walk{shapes = Done} = Walk) when Areas =/= [] ->
