@@ -23,6 +23,9 @@
     snowflake/1,
     hatch/1,
     short_lines/1,
+    lines_of_any_length/1,
+    tiny_pictures/1,
+    a_short_line_between_long_ones/1,
     close_lines/1,
     stipple/1,
     overlapping_lines/1,
@@ -70,7 +73,16 @@ all() ->
 groups() ->
     [
         {shipped, [], ?SHIPPED},
-        {fine, [], [short_lines, close_lines, stipple, overlapping_lines, too_complex]},
+        {fine, [], [
+            short_lines,
+            lines_of_any_length,
+            tiny_pictures,
+            a_short_line_between_long_ones,
+            close_lines,
+            stipple,
+            overlapping_lines,
+            too_complex
+        ]},
         {pen, [], [pen_fails, pen_never_moves_again]},
         {crashes, [], [
             killed_actuator,
@@ -133,6 +145,39 @@ short_lines(Config) ->
         inked(dashes(10, 6.0), 600.0, #{robots => N, seed => Seed, loss => Loss}, Config)
      || {N, Seed, Loss} <- [{1, 1, 0.0}, {4, 2, 0.2}, {16, 3, 0.0}]
     ].
+
+%% Lines of 0.01 to 10 mm: alone, between long ones, in chains.
+lines_of_any_length(_) ->
+    [
+        complete(Given#{
+            picture => "short_lines:" ++ integer_to_list(N), robots => Robots, seed => N
+        })
+     || {N, Robots} <- [{1, 2}, {2, 3}, {3, 4}, {4, 6}],
+        Given <- [#{}, #{chassis => holonomic}, #{loss => 0.2, chassis => mixed}]
+    ].
+
+%% The picture is complete when there is ink on all of it, though it is as small as a dot.
+tiny_pictures(Config) ->
+    {X, Y} = Middle = {4000.0, 4000.0},
+    Line = fun(Mm) -> {Middle, {X + Mm, Y}} end,
+    Around = fun(I) ->
+        {X + 2.0 * math:cos(I * math:pi() / 32), Y + 2.0 * math:sin(I * math:pi() / 32)}
+    end,
+    Rows = [{{X + 0.7 * I, Y}, {X + 0.7 * (I + 1), Y}} || I <- lists:seq(0, 99)],
+    Pictures =
+        [[Line(Mm)] || Mm <- [0.01, 0.04, 0.1, 0.5, 1.5, 330.0, 400.0]] ++
+            [[Line(0.5), Line(0.5)], [Line(0.5), {{X, Y + 0.3}, {X + 0.5, Y + 0.3}}]] ++
+            [Rows, [{Around(I), Around(I + 1)} || I <- lists:seq(0, 63)]],
+    [complete(#{picture => drawn(P, N, Config), robots => N}) || P <- Pictures, N <- [1, 2, 3]].
+
+%% A line of 0.6 mm whose end is where the robot stands already.
+a_short_line_between_long_ones(Config) ->
+    File = filename:join(proplists:get_value(priv_dir, Config), "corner.svg"),
+    ok = file:write_file(File, [
+        "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 2000 1200'>"
+        "<path fill='none' stroke='black' d='M0,0 L1000,0 l0.072,0.096 L2000,1200 L0,1200'/></svg>"
+    ]),
+    [complete(#{picture => File, robots => 2, seed => Seed}) || Seed <- lists:seq(1, 12)].
 
 %% 21 lines, 7 mm apart: nearer to each other than the robots are exact.
 close_lines(Config) ->

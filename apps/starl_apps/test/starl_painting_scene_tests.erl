@@ -16,6 +16,8 @@ names_test_() ->
         {"what ships", ?_test(says("snowflake, text", scene("nothing")))},
         {"no folder of them", ?_test(says("there is no such file", scene("../pictures/house")))},
         {"too much", ?_test(says("allow a larger --tolerance", scene("house", #{segments => 99})))},
+        {"short lines", ?_test(sampled())},
+        {"no number", ?_test(says("there is no such file", scene("short_lines:x")))},
         {"the tolerance", ?_test(tolerated())}
     ]}.
 
@@ -43,6 +45,19 @@ tolerated() ->
         scene("curve", #{tolerance => 50}),
     #{monitors := [{_, #{lines := All, tolerance_mm := 2.0}}]} = Fine,
     ?assert(length(Lines) * 3 < length(All)).
+
+%% Some lines are shorter than what the plan welds together, some longer than the ends that may lack.
+sampled() ->
+    {ok, #{monitors := [{_, #{lines := Lines}}]} = First} = scene("short_lines:7"),
+    Lengths = [starl_geometry:length(Line) || Line <- Lines],
+    In = fun(Low, High) -> length([Mm || Mm <- Lengths, Mm >= Low, Mm < High]) end,
+    [
+        ?assert(In(Low, High) > 3)
+     || {Low, High} <- [{0.0, 0.05}, {0.05, 0.5}, {0.5, 4.0}, {4.0, 13.0}]
+    ],
+    ?assertEqual({ok, First}, scene("short_lines:7")),
+    {ok, #{monitors := [{_, #{lines := Others}}]}} = scene("short_lines:8"),
+    ?assertNotEqual(Lines, Others).
 
 scene(Picture) -> scene(Picture, #{}).
 

@@ -15,7 +15,9 @@
 -spec options() -> [starl_options:option()].
 options() ->
     [
-        {picture, file, "house", "an SVG file, or one that ships: " ++ names()},
+        {picture, file, "house",
+            "an SVG file, one that ships: " ++ names() ++
+                ", or short_lines:N, a random one of short lines"},
         {tolerance, {number, 0.1, 1000}, 2,
             "the largest distance of the lines from the picture's curves, mm"},
         {segments, {integer, 1, 100000}, 5000, "the most line segments that a picture may have"},
@@ -190,9 +192,15 @@ when
     Area :: {number(), number(), number(), number()}.
 read_picture(Area, #{picture := Name, tolerance := Tolerance, segments := Max}) ->
     Options = #{area => Area, tolerance_mm => float(Tolerance), max_segments => Max},
-    case starl_picture:read(picture_file(Name), Options) of
+    case picture(Name, Options) of
         {ok, _} = Ok -> Ok;
         {error, Reason} -> {error, [starl_picture:format_error(Reason), remedy(Reason, Name)]}
+    end.
+
+picture(Name, Options) ->
+    case starl_picture_sample:named(Name) of
+        {ok, N} -> starl_picture:parse(starl_picture_sample:svg(N), Options);
+        error -> starl_picture:read(picture_file(Name), Options)
     end.
 
 %% The pictures that ship: name and title.

@@ -42,6 +42,8 @@
 -define(LATENCIES, [{0, 0}, {0, 8}, {0, 20}, {10, 50}]).
 %% The part of the runs of path planning on a floor with walls.
 -define(WALLS, 0.25).
+%% The part of its runs that paint short lines.
+-define(SHORT_LINES, 0.25).
 %% The faults of positions, bodies and stores that path planning tolerates. It assumes positions
 %% within their stated error, and noise, bias and exchanged robots exceed that.
 -define(DPP_BEARS, [location_dropout, location_frozen, actuation, serial, store]).
@@ -58,7 +60,7 @@ scenario(dpp, Robots, Seed) ->
             app => starl_painting,
             robots => robots(Robots, dpp, Seed),
             seed => Seed,
-            picture => "house",
+            picture => picture(Seed),
             choice => one_of(["ink", "ink", "nearest"], {Seed, dpp, choice}),
             heal => ?DPP_HEAL_S,
             longest_fault => longest(?DPP_HEAL_S, dpp, Seed),
@@ -69,6 +71,13 @@ scenario(Name, Robots, Seed) ->
     case starl_block_catalogue:find(Name) of
         {ok, _} -> block(Name, Robots, Seed);
         error -> application(Name, module(Name), Robots, Seed)
+    end.
+
+%% In some runs a picture of lines of 0.01 to 10 mm.
+picture(Seed) ->
+    case starl_run_draw:uniform({Seed, dpp, picture}) < ?SHORT_LINES of
+        true -> lists:concat(["short_lines:", Seed]);
+        false -> "house"
     end.
 
 %% In some runs there are walls, doors that close, and boxes that are put down, so that ways are blocked.
