@@ -148,7 +148,7 @@ time_over_is_told_test() ->
         app => painting(0.5), ending => time, outcome => outcome([running, done], [])
     }),
     shows(
-        "NOT COMPLETE, 50.00 % of the lines painted (the time was up; one robot was still",
+        "NOT COMPLETE, 50.00 % of the lines painted (the time was up; robot 1 still at work)",
         headline(Report)
     ).
 
@@ -252,6 +252,31 @@ the_application_has_the_word_test() ->
     ?assertEqual("  and more", text(lists:nth(2, starl_lab_report:summary(Report)))),
     ?assert(starl_lab_report:complete(report(#{app => App#{complete := true}, ending => time}))),
     ?assertNot(starl_lab_report:complete(report(#{app => App#{complete := true}, ending => lost}))).
+
+%% The work is complete by the application's figures, but some robots wait until the time is up: the
+%% run is not, and a line says who waits.
+complete_with_robots_that_wait_test() ->
+    Ended = fun(Ending, Results) ->
+        Outcome = outcome(Results, []),
+        report(#{app => painting(1.0), ending => Ending, outcome => Outcome})
+    end,
+    Late = Ended(time, [done, running, running]),
+    ?assertNot(starl_lab_report:complete(Late)),
+    shows(
+        "NOT ENDED, 100 % of the lines painted (the time was up; robots 2, 3 still at work)",
+        headline(Late)
+    ),
+    Quiet = Ended(quiet, [running, done]),
+    ?assertNot(starl_lab_report:complete(Quiet)),
+    shows(
+        "NOT ENDED, 100 % of the lines painted (nothing happens any more; robot 1 still",
+        headline(Quiet)
+    ),
+    %% all that live have ended
+    [
+        ?assert(starl_lab_report:complete(Ended(Ending, Results)))
+     || {Ending, Results} <- [{done, [done, died]}, {time, [done, done]}, {done, [done]}]
+    ].
 
 %% A run in which a step did not end is never complete, and says where.
 a_step_that_does_not_end_test() ->

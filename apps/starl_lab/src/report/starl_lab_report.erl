@@ -228,13 +228,13 @@ ending(#report{ending = Ending}) -> Ending.
 -spec formats(t()) -> #{atom() => starl_scene:format()}.
 formats(#report{app = App}) -> maps:get(formats, App, #{}).
 
-%% @doc Whether the work is complete: by the application's word, or else if every application has
-%% ended.
+%% @doc Whether the work is complete: all applications of robots that live have ended, and the application's
+%% figures say so. If it has no word in this, none died or was given up either.
 -spec complete(t()) -> boolean().
 complete(#report{ending = Ending}) when Ending =:= lost; Ending =:= hung ->
     false;
-complete(#report{app = #{complete := Complete}}) ->
-    Complete;
+complete(#report{app = #{complete := Complete}, running = Running}) ->
+    Complete andalso Running =:= [];
 complete(#report{ending = Ending, died = Died, given_up = GivenUp}) ->
     Ending =:= done andalso Died ++ GivenUp =:= [].
 
@@ -299,8 +299,12 @@ verdict(Report) ->
 
 ended(_Ending, true, Report) ->
     ["complete", share(", ", Report), rolled_back(Report)];
-ended(Ending, false, Report) ->
-    ["NOT COMPLETE", share(", ", Report), " (", why(Ending, Report), ")"].
+ended(Ending, false, #report{app = App} = Report) ->
+    [unfinished(Ending, App), share(", ", Report), " (", why(Ending, Report), ")"].
+
+%% Robots may still wait when all is done that there was to do.
+unfinished(Ending, #{complete := true}) when Ending =:= time; Ending =:= quiet -> "NOT ENDED";
+unfinished(_Ending, _App) -> "NOT COMPLETE".
 
 to_the_end(Report) ->
     case judged(Report) of
@@ -339,8 +343,7 @@ why(_, #report{died = Died} = Report) ->
     [starl_lab_phrase:robots(Died), " died", still("; ", Report)].
 
 still(_, #report{running = []}) -> "";
-still(Before, #report{running = [_]}) -> [Before, "one robot was still at work"];
-still(Before, #report{running = Ids}) -> [Before, integer_to_list(length(Ids)), " still at work"].
+still(Before, #report{running = Ids}) -> [Before, starl_lab_phrase:robots(Ids), " still at work"].
 
 details(#report{app = App} = Report) ->
     Own = [["  ", Line] || Line <- maps:get(summary, App, [])],

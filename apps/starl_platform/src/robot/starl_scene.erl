@@ -66,7 +66,8 @@
 }.
 
 %% The report of a run. The figures stand in the order of the report. `complete': is the work
-%% complete? Without this key it is when every robot's application has ended. `done' is a short
+%% complete? A run is complete when it is, and every application of a robot that lives has ended;
+%% without this key, when every robot's application has ended. `done' is a short
 %% phrase on how much is done, `summary' holds further lines for the terminal; `write' puts further
 %% files into a directory and returns their names.
 -type report() :: #{
