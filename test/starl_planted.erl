@@ -50,7 +50,9 @@ election() ->
             #{random_faults => [], delay => {20, 30}, judge => #{settle_us => 35000}},
             "drops ballots that come before it takes part itself"},
         {election_late, election, starl_election_bug, #{bug => late}, #{},
-            "counts a late ballot of an earlier election"}
+            "counts a late ballot of an earlier election"},
+        {election_ignores, election, starl_election_bug, #{bug => ignores}, link_gone(),
+            "does not elect who is announced"}
     ].
 
 bully() ->
@@ -177,6 +179,13 @@ dpp() ->
 
 %% Robots may die; nothing else goes wrong, so that the highest must be elected.
 lossless() -> #{random_faults => [kill_robot], judge => #{lossless => true}}.
+
+%% One robot never hears one other.
+link_gone() ->
+    #{
+        random_faults => [],
+        faults => [{gone, 0, 3600000, loss, {1, 2}, #{part => 1.0}}]
+    }.
 
 %% Nothing is lost: an acknowledgement is there after 40 ms, the first retransmission due after 50.
 prompt() -> #{random_faults => [], delay => {5, 20}, judge => #{bound_us => 45000}}.

@@ -49,7 +49,12 @@ declared_test() ->
         starl_election:monitors(#{patience_ms => 7}, #{robots => [1, 2]})
     ),
     ?assertEqual(
-        [{agree, []}, {ends, [clock_rate, prompt]}, {elected, [no_loss, alive, {sap, delivered}]}],
+        [
+            {agree, []},
+            {announced, [prompt]},
+            {ends, [clock_rate, prompt]},
+            {elected, [no_loss, alive, {sap, delivered}]}
+        ],
         [{Name, Needs} || {Name, _, _, Needs} <- starl_election:guarantees()]
     ),
     ?assert(starl_election_ballots:has_history()),

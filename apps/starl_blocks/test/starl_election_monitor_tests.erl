@@ -24,6 +24,7 @@ step(Event, {Found, M0}) ->
         {violation, Violation, M} -> {Found ++ [Violation], M}
     end.
 
+trace({T, Robot, sap, Event}) -> {T, Robot, sap, Event};
 trace({T, Robot, died}) -> {T, Robot, robot, {died, killed}};
 trace({T, Robot, Event}) -> {T, Robot, election, Event}.
 
@@ -414,3 +415,52 @@ the_bounds_of_a_run_test() ->
     ?assertMatch(
         #{settle_us := 12}, starl_election_monitor:context(Known, Config#{settle_us => 7})
     ).
+
+%% An announcement elects (Proposition 1(b)): who is electing when it is delivered elects at once, whatever
+%% has become of the ballots.
+an_announcement_elects_test() ->
+    Told = fun(T, Robot, Leader) ->
+        {T, Robot, sap, {delivered, {1, 1, 1}, leader, erlang:phash2({e1, Leader})}}
+    end,
+    Ignored = fun(Events) ->
+        [
+            What
+         || What <- judge(ballots() ++ [elected(9, 1, 3) | Events], 900, #{step_us => 100}),
+            What =:= announcement_ignored
+        ]
+    end,
+    ?assertEqual(
+        [], Ignored([Told(10, 2, 3), announced(10, 2, 3), Told(10, 3, 3)] ++ [elected(110, 3, 3)])
+    ),
+    ?assertEqual([], Ignored([])),
+    ?assertEqual([announcement_ignored], Ignored([Told(10, 2, 3), elected(11, 3, 3)])),
+    ?assertEqual([announcement_ignored], Ignored([Told(10, 2, 3), elected(111, 2, 3)])),
+    ?assertEqual(
+        [announcement_ignored], Ignored([Told(10, 2, 3), {111, 2, {failed, e1, timeout}}])
+    ),
+    %% of another leader, election or message nothing follows
+    Others = [
+        {10, 2, sap, {delivered, {1, 1, 2}, Type, Hash}}
+     || {Type, Hash} <- [
+            {leader, erlang:phash2({e2, 3})},
+            {leader, erlang:phash2({e1, 2})},
+            {note, erlang:phash2({e1, 3})}
+        ]
+    ],
+    ?assertEqual([], Ignored(Others)),
+    %% what a machine did not take in its life; a new life has its own turn
+    [
+        ?assertEqual({Gone, []}, {Gone, Ignored([Told(10, 2, 3), Gone, entered(20, 2)])})
+     || Gone <- [{11, 2, crashed}, {11, 2, died}, {11, 2, sap, crashed}]
+    ],
+    ?assertEqual([], Ignored([Told(10, 2, 3), {11, 2, {failed, e1, timeout}}, entered(20, 2)])).
+
+%% It may be later by what the robot's own pause explains.
+an_announcement_elects_after_a_pause_test() ->
+    Told = {10, 2, sap, {delivered, {1, 1, 1}, leader, erlang:phash2({e1, 3})}},
+    Ignored = fun(At) ->
+        Events = ballots() ++ [elected(9, 1, 3), Told, elected(At, 2, 3), elected(At, 3, 3)],
+        judge(Events, 900, #{step_us => 100, broken => [{2, 50, 250, pause}]})
+    end,
+    ?assertEqual([], Ignored(310)),
+    ?assertEqual([announcement_ignored], Ignored(311)).

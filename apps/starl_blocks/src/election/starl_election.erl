@@ -77,6 +77,10 @@ monitors(#{patience_ms := Ms}, #{robots := Robots}) ->
 guarantees() ->
     [
         {agree, safety, "two robots that elect in one election elect the same leader", []},
+        {announced, safety, "an announcement elects: who is electing elects the leader it is told",
+            [
+                prompt
+            ]},
         {ends, safety, "a robot elects or fails in bounded time", [clock_rate, prompt]},
         {elected, progress, "nothing lost: all elect the same", [no_loss, alive, {sap, delivered}]}
     ].

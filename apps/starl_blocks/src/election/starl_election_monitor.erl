@@ -7,6 +7,10 @@
 %% starl_assumption:delayed_us/5}). With `complete' (default false) an election by `all_ballots' also needs a ballot of
 %% every robot named in the configuration.
 %%
+%% An announcement elects: a robot that is electing when the announcement of a leader is delivered to it
+%% has elected within `step_us' (default 1 s), or later by what its own pauses and slowness explain,
+%% whatever happens to ballots and to the other links.
+%%
 %% Progress: with `settle_us' (default infinity; in a run it follows from `again_us', the time after which
 %% a robot asks again, and from the radio, see {@link context/2}) every robot that is electing when the
 %% last ballot is cast has elected by that time after it, and after the last fault that the team meets
@@ -15,8 +19,8 @@
 %% has crashed, or it has failed after a fault, as it need not tell the ballot again: also not to a robot
 %% that has lost what it kept of it in a crash, or was away after one.
 %%
-%% Events of machine `election': {@link starl_election_ballots:event()}, `crashed'; of machine
-%% `robot': `died'. Entering again, after a restart, starts the bound afresh.
+%% Events of machine `election': {@link starl_election_ballots:event()}, `crashed'; of machine `sap':
+%% `delivered', `crashed'; of machine `robot': `died'. Entering again, after a restart, starts the bound afresh.
 -module(starl_election_monitor).
 -behaviour(starl_monitor).
 
@@ -39,6 +43,7 @@
     bound_us :: pos_integer(),
     complete :: boolean(),
     settle_us :: pos_integer() | infinity,
+    step_us :: pos_integer(),
     elections = #{} :: #{election() => tally()},
     %% The robots that are still electing, and their deadlines.
     open = #{} :: #{{election(), robot_id()} => {EnteredUs :: integer(), DeadlineUs :: integer()}},
@@ -51,6 +56,9 @@
     away = #{} :: #{robot_id() => {CrashUs :: integer(), BackUs :: integer() | infinity}},
     %% The robots that were electing when the last ballot was cast, and that time.
     settling = queue:new() :: queue:queue({SinceUs :: integer(), election(), robot_id()}),
+    %% By the hash of its announcement, what has been decided; and who was told of it while it was electing.
+    decided = #{} :: #{non_neg_integer() => {election(), robot_id()}},
+    told = [] :: [{AtUs :: integer(), robot_id(), election(), Leader :: robot_id()}],
     failed = 0 :: non_neg_integer()
 }).
 
@@ -62,7 +70,8 @@
     broken => [starl_assumption:window()],
     faults => [starl_assumption:window()],
     complete => boolean(),
-    settle_us => pos_integer() | infinity
+    settle_us => pos_integer() | infinity,
+    step_us => pos_integer()
 }) -> #state{}.
 init(#{robots := Robots, bound_us := Bound} = Config) ->
     #state{
@@ -71,7 +80,8 @@ init(#{robots := Robots, bound_us := Bound} = Config) ->
         assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM),
         faults = starl_assumption:new(maps:get(faults, Config, []), ?DRIFT_PPM),
         complete = maps:get(complete, Config, false),
-        settle_us = maps:get(settle_us, Config, infinity)
+        settle_us = maps:get(settle_us, Config, infinity),
+        step_us = maps:get(step_us, Config, ?MARGIN_US)
     }.
 
 %% @doc The configuration with the windows of broken assumptions and of all faults; the bounds are longer
@@ -80,7 +90,10 @@ init(#{robots := Robots, bound_us := Bound} = Config) ->
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{broken := Broken, faults := Faults, slack_us := Slack} = Known, Config) ->
     #{bound_us := Bound} = Config,
-    Told = maps:merge(#{broken => Broken, faults => Faults}, Config#{bound_us := Bound + Slack}),
+    Longer = Config#{
+        bound_us := Bound + Slack, step_us => maps:get(step_us, Config, ?MARGIN_US) + Slack
+    },
+    Told = maps:merge(#{broken => Broken, faults => Faults}, Longer),
     case settle_us(Known, Config) of
         Settle when is_integer(Settle) -> Told#{settle_us => Settle + Slack};
         _ -> Told
@@ -108,9 +121,9 @@ broken(Window, #state{assumption = Assumption, faults = Faults, open = Open} = S
         open = maps:map(fun({_, Robot}, {T, _}) -> {T, deadline(T, Robot, Told)} end, Open)
     }.
 
-%% @doc The elections' own events and the end of robots.
+%% @doc The elections' own events, what is delivered, and the end of robots.
 -spec interests() -> [atom()].
-interests() -> [election, robot].
+interests() -> [election, sap, robot].
 
 %% @doc {@link starl_election_ballots:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
@@ -170,9 +183,18 @@ judge({election, {failed, Election, _Reason}}, T, Robot, #state{failed = Failed}
     {[], conclude(Election, Robot, Given#state{failed = Failed + 1})};
 %% Its caller is told that the machine has restarted, and may take part anew.
 judge({election, crashed}, T, Robot, State) ->
-    {[], absent(T, Robot, State)};
+    {[], absent(T, Robot, untold(Robot, State))};
 judge({robot, {died, _Reason}}, T, Robot, State) ->
-    {[], absent(T, Robot, State)};
+    {[], absent(T, Robot, untold(Robot, State))};
+judge({sap, {delivered, _Id, leader, Hash}}, T, Robot, #state{decided = Decided} = State) when
+    is_map_key(Hash, Decided)
+->
+    {[], told(T, Robot, map_get(Hash, Decided), State)};
+%% What it has delivered may have waited for a listener, and is lost.
+judge({Machine, Gone}, _T, Robot, State) when
+    Machine =:= sap, Gone =:= crashed; Machine =:= robot, Gone =:= down
+->
+    {[], untold(Robot, State)};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
 
@@ -184,7 +206,8 @@ elected(Election, Leader, How, T, Robot, State) ->
             unfit(T, Robot, Election, Leader, Ballots) ++
             incomplete(How, T, Robot, Election, Record, State),
     Known = {Ballots, maps:merge(#{Robot => Leader}, Elected)},
-    {Broken, keep(Election, Known, conclude(Election, Robot, State))}.
+    Concluded = conclude(Election, Robot, decided(Election, Leader, State)),
+    {Broken, keep(Election, Known, Concluded)}.
 
 %% The others need not have heard its ballot, if a fault came in between.
 given_up(T, Election, Robot, #state{open = Open, faults = Faults, forgotten = Of} = State) ->
@@ -243,6 +266,19 @@ deadline(T, Robot, #state{bound_us = Bound, assumption = Assumption}) ->
 
 conclude(Election, Robot, #state{open = Open} = State) ->
     State#state{open = maps:remove({Election, Robot}, Open)}.
+
+%% A message of this body announces it.
+decided(Election, Leader, #state{decided = Decided} = State) ->
+    State#state{decided = Decided#{erlang:phash2({Election, Leader}) => {Election, Leader}}}.
+
+told(T, Robot, {Election, Leader}, #state{open = Open, told = Told} = State) ->
+    case Open of
+        #{{Election, Robot} := _} -> State#state{told = Told ++ [{T, Robot, Election, Leader}]};
+        #{} -> State
+    end.
+
+untold(Robot, #state{told = Told} = State) ->
+    State#state{told = [One || {_, Who, _, _} = One <- Told, Who =/= Robot]}.
 
 %% With the last ballot the robots that are electing must come to an end.
 settle(T, Election, true, #state{settle_us = Settle, robots = Robots} = State) when
@@ -319,8 +355,33 @@ incomplete(_How, _T, _Robot, _Election, _Record, _State) ->
 %% Deadlines by the last ballot are named before those by the general bound.
 pass(T, State) ->
     {Unsettled, Passed} = unsettled(T, State, []),
-    {Late, Current} = overdue(T, Passed),
-    {Unsettled ++ Late, Current}.
+    {Ignored, Attentive} = ignored(T, Passed),
+    {Late, Current} = overdue(T, Attentive),
+    {Unsettled ++ Ignored ++ Late, Current}.
+
+%% Those that have not elected, though they were told long before `T' whom.
+ignored(_T, #state{told = []} = State) ->
+    {[], State};
+ignored(T, #state{told = Told} = State) ->
+    Waiting = [
+        {told_by(At, Robot, State), Robot, Election, Leader, One}
+     || {At, Robot, Election, Leader} = One <- Told, is_waiting(At, Election, Robot, State)
+    ],
+    Late = [
+        violation(announcement_ignored, Due, [Robot], #{election => Election, leader => Leader})
+     || {Due, Robot, Election, Leader, _} <- lists:sort(Waiting), Due < T
+    ],
+    {Late, State#state{told = [One || {Due, _, _, _, One} <- Waiting, Due >= T]}}.
+
+told_by(At, Robot, #state{step_us = Step, assumption = Assumption}) ->
+    starl_assumption:delayed_us(Robot, At, At + Step, ?STEPS, Assumption).
+
+%% Is it electing since then? Who has entered again since has its own turn.
+is_waiting(At, Election, Robot, #state{open = Open}) ->
+    case Open of
+        #{{Election, Robot} := {Entered, _}} -> Entered =< At;
+        #{} -> false
+    end.
 
 unsettled(T, #state{settling = Settling, settle_us = Settle} = State, Found) ->
     case queue:peek(Settling) of
@@ -342,11 +403,8 @@ unsettled(T, #state{settling = Settling, settle_us = Settle} = State, Found) ->
     end.
 
 %% Has it been electing since the last ballot? Who has entered again since need not have come to an end.
-is_unsettled(Since, Election, Robot, #state{open = Open, forgotten = Forgotten}) ->
-    case Open of
-        #{{Election, Robot} := {Entered, _}} -> Entered =< Since;
-        #{} -> false
-    end andalso not is_map_key(Election, Forgotten).
+is_unsettled(Since, Election, Robot, #state{forgotten = Forgotten} = State) ->
+    is_waiting(Since, Election, Robot, State) andalso not is_map_key(Election, Forgotten).
 
 %% The robots overdue before `T'; a result at exactly the deadline is in time.
 overdue(T, #state{first_due = First} = State) when T =< First ->
