@@ -80,7 +80,9 @@ mutex() ->
         {mutex_queueless, mutex, starl_mutex_planted, #{variant => queueless}, queued(),
             "loses the queue of requesters at a hand-over"},
         {mutex_unreleased, mutex, starl_mutex_planted, #{variant => unreleased}, healed(),
-            "keeps the tokens of an application that has crashed"}
+            "keeps the tokens of an application that has crashed"},
+        {mutex_misnames, mutex, starl_mutex_planted, #{variant => misnames}, #{},
+            "announces another token than the one that it owns"}
     ].
 
 barrier() ->

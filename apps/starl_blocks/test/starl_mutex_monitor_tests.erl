@@ -32,6 +32,7 @@ run(Events, End, Config) ->
     {Late, #{starl_mutex_monitor := Results}} = starl_monitor:finish(End, Fed),
     {[What || #{contract := mutex, what := What} <- Met ++ Late], Results}.
 
+trace({T, Robot, sap, Event}) -> {T, Robot, sap, Event};
 trace({T, Robot, died}) -> {T, Robot, robot, {died, killed}};
 trace({T, Robot, Event}) -> {T, Robot, mutex, Event}.
 
@@ -619,3 +620,58 @@ vocabulary_test() ->
         },
         maps:map(fun(_, Events) -> lists:sort(Events) end, starl_mutex_monitor:vocabulary())
     ).
+
+%% -- owners (Proposition 2(c)) ------------------------------------------------------------------
+
+announces(T, Robot, Token, N) ->
+    {T, Robot, sap, {sent, {Robot, 1, T}, [], mutex, erlang:phash2({owner, Token, fence(N)})}}.
+
+owners(Events) ->
+    owners(Events, []).
+
+owners(Events, Broken) ->
+    Config = #{robots => [1, 2, 9], announce_us => 100, broken => Broken, lag_us => 10000},
+    Names = [owner_not_announced, false_owner],
+    [What || What <- judge(Events, 900, Config), lists:member(What, Names)].
+
+%% Who holds a token has announced it, just before or soon after.
+an_owner_is_announced_test() ->
+    ?assertEqual([], owners([got(1, 1, 5), announces(101, 1, a, 5)])),
+    ?assertEqual([], owners([granted(1, 1, 5), announces(2, 1, a, 5), acquired(3, 1, fence(5))])),
+    ?assertEqual([owner_not_announced], owners(got(1, 1, 5))),
+    ?assertEqual([owner_not_announced], owners([got(1, 1, 5), announces(102, 1, a, 5)])),
+    ?assertEqual([owner_not_announced], owners([got(1, 1, 5), announces(2, 1, b, 5)])),
+    %% once for a hand-over, anew for the next one
+    Again = [got(1, 1, 5), announces(1, 1, a, 5), let_go(2, 1, 5), acquired(3, 1, fence(5, 1))],
+    ?assertEqual([], owners(Again)),
+    Back = [{4, 1, {released, a, fence(5, 1)}}, got(5, 1, 6)],
+    ?assertEqual([owner_not_announced], owners(Again ++ Back)),
+    ?assertEqual([], owners(Again ++ Back ++ [announces(6, 1, a, 6)])).
+
+%% Nobody announces what another robot owns.
+nobody_announces_another_owner_test() ->
+    Held = [got(1, 1, 5), announces(2, 1, a, 5)],
+    ?assertEqual([false_owner], owners(Held ++ [announces(3, 2, a, 5)])),
+    ?assertEqual([], owners(Held ++ [announces(3, 2, a, 4)])).
+
+%% Of a machine whose SAP has no room, or restarts, or that crashes itself, nothing is asked; of others it is.
+an_owner_that_cannot_be_announced_test() ->
+    [
+        ?assertEqual(
+            {Why, Expected}, {Why, owners([granted(1, 1, 5), Why, acquired(6, 1, fence(5))])}
+        )
+     || {Why, Expected} <- [
+            {{2, 1, sap, {overload, mutex}}, []},
+            {{2, 1, sap, crashed}, []},
+            {{2, 1, sap, {started, 2}}, []},
+            {{2, 1, crashed}, []},
+            {{2, 2, sap, crashed}, [owner_not_announced]},
+            {{2, 1, sap, {overload, note}}, [owner_not_announced]}
+        ]
+    ].
+
+%% It may be later by what the robot's own pause explains.
+an_owner_is_announced_after_a_pause_test() ->
+    Owners = fun(At) -> owners([got(1, 1, 5), announces(At, 1, a, 5)], [{1, 50, 250, pause}]) end,
+    ?assertEqual([], Owners(301)),
+    ?assertEqual([owner_not_announced], Owners(302)).

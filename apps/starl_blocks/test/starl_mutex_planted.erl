@@ -61,6 +61,13 @@ handle_event(Type, Content, ready, {untimely, I, Data}, Meta) ->
 %% unreleased: the tokens of an application that has crashed are kept.
 handle_event(info, {restarted, app}, ready, {unreleased, _, _}, _Meta) ->
     keep_state_and_data;
+%% misnames: an owner announces another token than the one that it has.
+handle_event(Type, Content, ready, {misnames, I, Data}, Meta) ->
+    {Next, Actions} = run(Type, Content, Data, Meta),
+    {keep_state, {misnames, I, Next}, [misnamed(Action) || Action <- Actions]};
+%% unheeding: what others announce is not taken.
+handle_event(cast, {message, _, mutex, {owner, _, _}}, ready, {unheeding, _, _}, _Meta) ->
+    keep_state_and_data;
 %% circles: a request is sent after the other robot that was last heard to own the token, however
 %% old that is, and to the home only if there is none.
 handle_event(Type, Content, ready, {circles, Owners, Data}, Meta) ->
@@ -76,6 +83,11 @@ run(Type, Content, Data, Meta) ->
         {keep_state, Next, Actions} -> {Next, Actions};
         unknown_event -> {Data, [{trace, {unknown_event, Type, Content}}]}
     end.
+
+misnamed({cast, sap, {broadcast, mutex, {owner, Token, Fence}}}) ->
+    {cast, sap, {broadcast, mutex, {owner, {another, Token}, Fence}}};
+misnamed(Action) ->
+    Action.
 
 heard(cast, {message, From, mutex, {owner, Token, _}}, Owners) -> Owners#{Token => From};
 heard(_Type, _Content, Owners) -> Owners.

@@ -16,12 +16,15 @@
 %% starl_assumption:calm_us/3}). It is not judged once the token's home has died. The holds themselves
 %% are as long as applications hold.
 %%
+%% Owners are known: who holds a token has announced itself to all others, and nobody else does, within
+%% `announce_us' (default: none; in a run 1 s) ({@link starl_mutex_monitor_owners}).
+%%
 %% Besides, a request is granted within `bound_us' (default: none) of it and of the last fault that it
 %% meets, as far as it was made at `from_us' or later (default 0); with `granted' (default false) a request that fails is a
 %% violation as well. A robot's death or the crash of its mutex machine ends its requests.
 %%
-%% Events of machine `mutex': {@link starl_mutex_tokens:event()}, `crashed'; of machine `robot':
-%% `died'.
+%% Events of machine `mutex': {@link starl_mutex_tokens:event()}, `crashed'; of machine `sap': `sent',
+%% `overload', `started', `crashed'; of machine `robot': `died'.
 -module(starl_mutex_monitor).
 -behaviour(starl_monitor).
 
@@ -35,6 +38,7 @@
     from_us :: integer(),
     granted :: boolean(),
     holds :: starl_mutex_holds:t(),
+    owners :: starl_mutex_monitor_owners:t(),
     %% requests not granted yet, of each robot's several ones the oldest first
     open = #{} :: #{{token(), robot_id()} => [RequestedUs :: integer()]},
     %% the bounds in their order; those that `open' does not confirm are void
@@ -72,6 +76,7 @@
     lease_us => pos_integer(),
     drift_ppm => non_neg_integer(),
     lag_us => non_neg_integer(),
+    announce_us => pos_integer(),
     broken => [starl_assumption:window()],
     unjudged => [starl_unjudged:clause()]
 }) -> #state{}.
@@ -84,6 +89,7 @@ init(Config) ->
         faults = starl_assumption:new(maps:get(faults, Config, []), ?DRIFT_PPM),
         robots = maps:get(robots, Config, []),
         unjudged = maps:get(unjudged, Config, []),
+        owners = starl_mutex_monitor_owners:new(Config),
         holds = starl_mutex_holds:new(
             maps:with([lease_us, drift_ppm, lag_us, broken], Config)
         )
@@ -99,14 +105,22 @@ init(Config) ->
 %% many times that all claims are too late at most once in 10^9 cases.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{broken := Broken, faults := Faults, slack_us := Slack} = Known, Config) ->
-    Told = idle(Known, maps:merge(#{broken => Broken, faults => Faults}, Config)),
+    Told = idle(Known, announces(maps:merge(#{broken => Broken, faults => Faults}, Config))),
     maps:map(
         fun
-            (Key, Us) when is_integer(Us), Key =:= bound_us orelse Key =:= idle_us -> Us + Slack;
-            (_Key, Value) -> Value
+            (Key, Us) when
+                is_integer(Us), Key =:= bound_us orelse Key =:= idle_us orelse Key =:= announce_us
+            ->
+                Us + Slack;
+            (_Key, Value) ->
+                Value
         end,
         Told
     ).
+
+%% A robot alone has nobody to tell.
+announces(#{robots := [_, _ | _]} = Told) -> maps:merge(#{announce_us => ?MARGIN_US}, Told);
+announces(Told) -> Told.
 
 idle(
     #{sap := Sap, loss := Loss, delay_us := Delay}, #{retry_us := Retry, lease_us := Lease} = Told
@@ -133,15 +147,16 @@ unjudged(Loss, _Delay, _InTime) ->
 
 %% @doc Leases that run into the window may be noticed later; it excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken(Window, #state{holds = Holds, faults = Faults} = State) ->
+broken(Window, #state{holds = Holds, faults = Faults, owners = Owners} = State) ->
     State#state{
+        owners = starl_mutex_monitor_owners:broken(Window, Owners),
         holds = starl_mutex_holds:broken(Window, Holds),
         faults = starl_assumption:broken(Window, Faults)
     }.
 
-%% @doc The mutex machines' own events and the end of robots.
+%% @doc The mutex machines' own events, what is sent, and the end of robots.
 -spec interests() -> [atom()].
-interests() -> [mutex, robot].
+interests() -> [mutex, sap, robot].
 
 %% @doc {@link starl_mutex_tokens:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
@@ -171,9 +186,10 @@ timeless(#state{holds = Holds}) -> starl_mutex_holds:timeless(Holds).
 step({T, Robot, Machine, Event}, State) ->
     {Overdue, Current} = pass(T, State, []),
     {Idle, Busy} = lie_idle(T, Current),
-    {Broken, Judged} = judge({Machine, Event}, T, Robot, Busy),
+    {Unknown, Announced} = owners({Machine, Event}, T, Robot, Busy),
+    {Broken, Judged} = judge({Machine, Event}, T, Robot, Announced),
     Next = noted(Event, T, Judged),
-    case Overdue ++ Idle ++ Broken of
+    case Overdue ++ Idle ++ Unknown ++ Broken of
         [] -> {ok, Next};
         [First | _] -> {violation, First, Next}
     end.
@@ -185,7 +201,8 @@ step({T, Robot, Machine, Event}, State) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, State) ->
     {Overdue, Passed} = pass(EndTimeUs, State, []),
-    {Idle, #state{waits = {Count, Sum, Longest}} = End} = lie_idle(EndTimeUs, Passed),
+    {Idle, Busy} = lie_idle(EndTimeUs, Passed),
+    {Unannounced, #state{waits = {Count, Sum, Longest}} = End} = unannounced(EndTimeUs, Busy),
     Mean = Sum / max(1, Count),
     Results = starl_unjudged:with(off(EndTimeUs, End), #{
         tokens => starl_mutex_holds:tokens(End#state.holds),
@@ -196,7 +213,8 @@ finish(EndTimeUs, State) ->
         mean_wait_us => Mean,
         unfairness => Longest / max(1.0, Mean)
     }),
-    {verdict(Overdue ++ Idle ++ starl_mutex_holds:finish(EndTimeUs, End#state.holds)), Results}.
+    Ended = starl_mutex_holds:finish(EndTimeUs, End#state.holds),
+    {verdict(Overdue ++ Idle ++ Unannounced ++ Ended), Results}.
 
 verdict([]) -> ok;
 verdict(Violations) -> {violation, Violations}.
@@ -354,6 +372,27 @@ has_home(_Token, #state{robots = []}) ->
     false;
 has_home(Token, #state{robots = Robots, died = Died}) ->
     not lists:member(starl_mutex:home(Token, Robots), Died).
+
+%%% The owners of tokens
+
+owners(Event, T, Robot, State) ->
+    {Late, #state{owners = Owners} = Current} = unannounced(T, State),
+    {False, Next} = starl_mutex_monitor_owners:event(Event, T, Robot, Owners),
+    Lies = [
+        violation(false_owner, T, [By], #{token => Token, owner => Owner, fence => Fence})
+     || {false_owner, By, {Token, Owner, Fence}} <- False
+    ],
+    {Late ++ Lies, Current#state{owners = Next}}.
+
+unannounced(T, #state{owners = Owners} = State) ->
+    {Late, Left} = starl_mutex_monitor_owners:overdue(T, Owners),
+    {
+        [
+            violation(owner_not_announced, Due, [Robot], #{token => Token, fence => Fence})
+         || {Due, {Token, Robot, Fence}} <- Late
+        ],
+        State#state{owners = Left}
+    }.
 
 %%% The clauses of progress
 
