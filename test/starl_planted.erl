@@ -82,7 +82,9 @@ mutex() ->
         {mutex_unreleased, mutex, starl_mutex_planted, #{variant => unreleased}, healed(),
             "keeps the tokens of an application that has crashed"},
         {mutex_misnames, mutex, starl_mutex_planted, #{variant => misnames}, #{},
-            "announces another token than the one that it owns"}
+            "announces another token than the one that it owns"},
+        {mutex_unheeding, mutex, starl_mutex_planted, #{variant => unheeding}, healed(),
+            "does not heed what owners announce"}
     ].
 
 barrier() ->

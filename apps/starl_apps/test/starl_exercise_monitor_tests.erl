@@ -287,6 +287,36 @@ a_token_asked_for_after_the_heal_is_not_lost_test() ->
     ?assertEqual([not_as_promised], mutex(Slow(101) ++ Part)),
     ?assertEqual([], mutex(Held(105) ++ call({release, a}, 110, ok, 110))).
 
+%% All know the owner that has announced itself last, once the announcement has arrived (the paper's
+%% Proposition 2(c)).
+the_owner_of_a_token_is_known_test() ->
+    Fence = 5 bsl 8,
+    Home = starl_mutex:home(a, [1, 2, 3]),
+    Granted = fun(At, N) -> {At, Home, mutex, {granted, a, N bsl 8, 2}} end,
+    Announced = fun(At, N) ->
+        {At, 2, sap, {sent, {2, 1, N}, [1, 3], mutex, erlang:phash2({owner, a, N bsl 8})}}
+    end,
+    Asks = fun(Events, Outcome) ->
+        mutex([Granted(105, 5), Announced(106, 5)] ++ Events ++ call({owner, a}, 130, Outcome, 130))
+    end,
+    ?assertEqual([], Asks([], {ok, 2})),
+    [?assertEqual([not_as_promised], Asks([], {ok, Other})) || Other <- [none, 1, 3]],
+    %% not while another announcement is due or under way, nor if its owner has died
+    [
+        ?assertEqual({Event, []}, {Event, Asks([Event], {ok, 3})})
+     || Event <- [
+            Granted(107, 6),
+            {107, 2, mutex, {handed_over, a, 6 bsl 8, 3}},
+            {107, 2, robot, {died, killed}}
+        ]
+    ],
+    ?assertEqual([], Asks([Granted(107, 6), Announced(130, 6)], {ok, 3})),
+    ?assertEqual([not_as_promised], Asks([Granted(107, 6), Announced(108, 6)], {ok, 3})),
+    ?assertEqual([not_as_promised], Asks([{107, 2, mutex, {handed_over, a, Fence, 3}}], {ok, 3})),
+    %% what was announced before the heal may have been lost
+    Before = [Granted(98, 5), Announced(99, 5)] ++ call({owner, a}, 130, {ok, none}, 130),
+    ?assertEqual([], mutex(Before)).
+
 mutex(Events) -> judge(Events, #{exercise => starl_mutex_exercise}).
 
 %% All robots that have to take part do, and none has died: then all elect.

@@ -170,6 +170,9 @@ guarantees() ->
     [
         {exclusion, safety, "no two robots hold one token at once", [clock_rate, clock_set, prompt]},
         {fences, safety, "no fencing number is given twice, whatever clocks do", []},
+        {owned, progress, "all know the owner that has announced itself last, and who holds has", [
+            alive, prompt, {sap, delivered}
+        ]},
         {granted, progress, "holders release: every request is granted", [
             alive, clock_rate, clock_set, prompt, {sap, delivered}
         ]}

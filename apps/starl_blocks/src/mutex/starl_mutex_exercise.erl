@@ -1,14 +1,16 @@
 %% @doc The exercise of mutual exclusion: each robot holds now one token, now two, for some time.
 %%
 %% It promises that a token is granted, and that tokens asked for after the heal are not lost;
-%% unless the home of any token has died: robots that wait for that token keep their others.
+%% unless the home of any token has died: robots that wait for that token keep their others. It promises,
+%% too, that all know who has announced itself last as the owner of a token, unless that is under way since.
 -module(starl_mutex_exercise).
 -behaviour(starl_block_exercise).
 
 -export([flags/0, block_options/1, within_ms/1, again_ms/1, draw/1, work/3, final/3]).
--export([seen/1, noted/2, promise/3]).
+-export([watches/0, seen/1, noted/2, promise/3]).
 
 -type robot_id() :: starl_monitor:robot_id().
+-type fence() :: starl_mutex:fence().
 
 -record(seen, {
     robots :: [robot_id()],
@@ -16,11 +18,20 @@
     %% them all
     held = #{} :: #{robot_id() => integer()},
     %% the homes of the tokens that any robot has asked for
-    homes = #{} :: #{robot_id() => true}
+    homes = #{} :: #{robot_id() => true},
+    %% the hand-overs that homes have confirmed, by the hash of their announcement; the newest hand-over of
+    %% each token, and since when that is announced
+    confirmed = #{} :: #{Hash :: non_neg_integer() => {starl_mutex:token(), robot_id(), fence()}},
+    newest = #{} :: #{
+        starl_mutex:token() => {fence(), under_way | {robot_id(), SinceUs :: integer()}}
+    }
 }).
 
 %% All robots may be in front, each with its longest holds, and a lease has to end first.
 -define(WITHIN_MS, 20000).
+%% At the end a robot waits before it asks for owners; an announcement takes one message, and some steps.
+-define(REST_MS, 10000).
+-define(ANNOUNCED_US, 1000000).
 
 -spec flags() -> [starl_options:option()].
 flags() ->
@@ -58,11 +69,18 @@ work(Robot, _Turn, #{patience := Patience, tokens := Count, hold := Hold}) ->
         end,
     hold(Robot, Tokens, Patience, pick(Robot, Hold)).
 
-%% One by one, the next time all at once.
+%% One by one, the next time all at once. Then all should know whose they are.
 -spec final(starl:robot(), pos_integer(), starl_block_exercise:use()) -> term().
 final(Robot, N, #{tokens := Count, last_patience := Patience}) ->
     Tokens = [{token, T} || T <- lists:seq(1, Count)],
-    [hold(Robot, Some, Patience, 50) || Some <- in_turn(N, Tokens)].
+    Held = [hold(Robot, Some, Patience, 50) || Some <- in_turn(N, Tokens)],
+    ok = starl:sleep(Robot, ?REST_MS),
+    _ = [owner(Robot, Token) || Token <- Tokens],
+    Held.
+
+owner(Robot, Token) ->
+    Owner = fun() -> starl_mutex:owner(Robot, Token) end,
+    starl_block_exercise:call(Robot, {owner, Token}, Owner).
 
 in_turn(N, Tokens) when N rem 2 =:= 1 -> Tokens;
 in_turn(_N, Tokens) -> [Tokens].
@@ -80,6 +98,10 @@ hold(Robot, Tokens, Patience, Ms) ->
 
 pick(Robot, N) -> starl_block_exercise:pick(Robot, N).
 
+%% @doc Hand-overs, and what announces them.
+-spec watches() -> [starl_machine:name()].
+watches() -> [mutex, sap].
+
 -spec seen([robot_id()]) -> #seen{}.
 seen(Robots) -> #seen{robots = Robots}.
 
@@ -90,14 +112,51 @@ noted({_, _, app, {call, {acquire, Tokens}, _}}, #seen{homes = Homes, robots = R
 noted({_, Robot, app, {answered, #{what := {acquire, _}} = Call, {ok, _}}}, Seen) ->
     #{since_us := Since} = Call,
     Seen#seen{held = (Seen#seen.held)#{Robot => Since}};
+noted({_, _, mutex, {granted, Token, Fence, To}}, #seen{confirmed = Confirmed} = Seen) ->
+    Base = starl_mutex_home:hand_over(Fence),
+    Hash = erlang:phash2({owner, Token, Base}),
+    moved(Token, Base, Seen#seen{confirmed = Confirmed#{Hash => {Token, To, Base}}});
+noted({_, _, mutex, {handed_over, Token, Fence, _To}}, Seen) ->
+    moved(Token, starl_mutex_home:hand_over(Fence), Seen);
+noted({T, Robot, sap, {sent, _, _, mutex, Hash}}, #seen{confirmed = Confirmed} = Seen) ->
+    #seen{newest = Newest} = Seen,
+    case Confirmed of
+        #{Hash := {Token, Robot, Base}} when map_get(Token, Newest) =:= {Base, under_way} ->
+            Seen#seen{newest = Newest#{Token := {Base, {Robot, T}}}};
+        #{} ->
+            Seen
+    end;
 noted(_Event, Seen) ->
     Seen.
 
+moved(Token, Base, #seen{newest = Newest} = Seen) ->
+    case Newest of
+        #{Token := {Known, _}} when Known >= Base -> Seen;
+        #{} -> Seen#seen{newest = Newest#{Token => {Base, under_way}}}
+    end.
+
 -spec promise(starl_promise:call(), starl_promise:team(), #seen{}) -> starl_promise:t().
+promise(#{what := {owner, Token}} = Call, Team, Seen) ->
+    owned(Token, Call, Team, Seen);
 promise(Call, Team, #seen{homes = Homes} = Seen) ->
     case starl_promise:has_died(maps:keys(Homes), Team) orelse is_slow(Call, Team) of
         true -> none;
         false -> with_homes(Call, Team, Seen)
+    end.
+
+%% It has been announced since the heal, and the announcement has arrived.
+owned(Token, #{since_us := Now} = Call, #{healed_us := Healed} = Team, #seen{newest = Newest}) ->
+    Reach = maps:get(reach_us, Team, 0),
+    case Newest of
+        #{Token := {_, {Owner, Since}}} when
+            Since >= Healed, is_integer(Reach), Since + Reach + ?ANNOUNCED_US =< Now
+        ->
+            case starl_promise:has_died([Owner], Team) of
+                true -> none;
+                false -> starl_promise:soon(Call, fun(Is) -> Is =:= {ok, Owner} end, Team)
+            end;
+        #{} ->
+            none
     end.
 
 %% A claim and its answer must come within a lease, by a clock that is 1 % fast; a hold is renewed at its
