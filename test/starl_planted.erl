@@ -99,7 +99,9 @@ barrier() ->
             "does not store that it has passed a round"},
         {barrier_careless, barrier, starl_barrier_planted, #{variant => careless},
             #{robots => 3, random_faults => [process, store]},
-            "takes a damaged store for one that was never used"}
+            "takes a damaged store for one that was never used"},
+        {barrier_doubting, barrier, starl_barrier_planted, #{variant => doubting}, #{robots => 4},
+            "asks again, though the others have acknowledged"}
     ].
 
 geocast() ->

@@ -23,6 +23,7 @@ run(Events, End, Extra) ->
     {Late, #{starl_barrier_monitor := Results}} = starl_monitor:finish(End, Fed),
     {[What || #{contract := barrier, what := What} <- Met ++ Late], Results}.
 
+trace({T, R, sap, Event}) -> {T, R, sap, Event};
 trace({T, R, died}) -> {T, R, robot, {died, killed}};
 trace({T, R, set_back}) -> {T, R, robot, store_set_back};
 trace({T, R, crashed}) -> {T, R, barrier, crashed};
@@ -366,6 +367,47 @@ late_pass_test() ->
     ?assertEqual([], judge(Between, 20, #{delta_us => 10})),
     %% a crash before it has reached the round explains nothing
     ?assertEqual([late_pass], judge([{0, 2, crashed} | Late], 20, #{delta_us => 10})).
+
+%% With a fault since the first has reached the round the last passes within the general bound.
+late_pass_after_a_fault_test() ->
+    Passes = fun(At) -> all_reach() ++ [{5, 1, passed, 1}, {At, 2, passed, 1}] end,
+    Late = fun(At, Fault) ->
+        judge(Passes(At), At, #{delta_us => 10, bound_us => 20, faults => [Fault]})
+    end,
+    Quiet = {2, 0, 0, fault},
+    ?assertEqual([[], [late_pass]], [Late(At, Quiet) || At <- [15, 16]]),
+    During = {2, 1, 8, fault},
+    ?assertEqual([], Late(28, During)),
+    ?assertEqual([not_passed], Late(29, During)),
+    %% what a robot has not sent is like a fault
+    [
+        ?assertEqual(
+            [],
+            judge(all_reach() ++ [Lost | Passes(16) -- all_reach()], 16, #{
+                delta_us => 10, bound_us => 20
+            })
+        )
+     || Lost <- [{4, 2, sap, crashed}, {4, 2, sap, {overload, barrier}}]
+    ],
+    %% a robot that has died acknowledges nothing
+    Dead = all_reach() ++ [{4, 3, died} | Passes(16) -- all_reach()],
+    ?assertEqual([], judge(Dead, 16, #{delta_us => 10})).
+
+%% The δ of a run (Proposition 3): a message and its acknowledgement, as often as it takes; where SAP may give
+%% up before, the general bound.
+delta_of_a_run_test() ->
+    Delta = fun(Loss, Sap) ->
+        #{delta_us := Us, bound_us := Bound} = starl_barrier_monitor:context(
+            #{faults => [], slack_us => 7, sap => Sap, loss => Loss, delay_us => 20000},
+            #{robots => [1, 2], retry_us => 3000000}
+        ),
+        {Us, Bound}
+    end,
+    ?assertMatch({50007, _}, Delta(0.0, #{})),
+    Twice = starl_sap_schedule:reach_us(#{}, 0.19, 40000, never),
+    ?assertMatch({U, B} when U =:= Twice + 10007 andalso U < B, Delta(0.1, #{})),
+    {Longest, General} = Delta(0.1, #{limit => 0}),
+    ?assertEqual(General, Longest).
 
 not_passed_test() ->
     Bound = #{bound_us => 10},

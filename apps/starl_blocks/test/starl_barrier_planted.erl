@@ -46,6 +46,9 @@ handle_event({timeout, {again, Name}} = T, C, ready, {alone, Seen, Data}, #{robo
         lists:delete(Me, [1, 2, 3, 4])
     ),
     pass(alone, Seen, ?REAL:handle_event(T, C, ready, Forged, Meta), Forged);
+%% doubting: takes nobody's acknowledgement for a sign that its announcement is known, and asks after a while.
+handle_event({reply, {announced, _, _}}, _Outcome, ready, {doubting, _, _}, _Meta) ->
+    keep_state_and_data;
 %% hasty: stores what it has reached, and not that it has passed it.
 handle_event(Type, Content, ready, {hasty, Seen, Data}, Meta) ->
     pass(hasty, Seen, hastened(?REAL:handle_event(Type, Content, ready, Data, Meta)), Data);

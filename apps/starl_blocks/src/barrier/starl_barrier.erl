@@ -104,7 +104,9 @@ guarantees() ->
             "each robot passes every round once, over reboots too, if stores keep what they took", [
                 store
             ]},
-        {passed, progress, "all pass", [alive, {sap, delivered}]}
+        {passed, progress, "all pass, within δ of each other: a message and its acknowledgement", [
+            alive, {sap, delivered}
+        ]}
     ].
 
 -spec contract() -> string().

@@ -17,13 +17,15 @@
 %% of the last participant's reaching it, of the last fault that the team meets meanwhile, and of the
 %% last crash of a barrier machine ({@link starl_assumption:calm_us/3}); if not all reach it, it need
 %% not pass. In a run, the bound follows from `retry_us', the radio and SAP ({@link context/2}).
-%% `delta_us' (default: none) bounds the time between the first and the last robot's passing. A robot
+%% δ, the time between the first and the last robot's passing, is at most `delta_us' (default: none; in a run
+%% it follows from the radio and SAP: a message and its acknowledgement); where the team has met a fault since
+%% the first robot reached the round, at most `bound_us' after it. A robot
 %% whose call has ended, because it failed or its machine crashed, need not pass before it has reached
 %% or passed a round again. If a robot has died, which the others may not have heard of in time, no
 %% robot need pass.
 %%
 %% Events of machine `barrier': {@link starl_barrier_rounds:event()}, `crashed', `store_damaged';
-%% of machine `robot': `died', `store_set_back'.
+%% of machine `sap': `overload', `crashed'; of machine `robot': `died', `store_set_back'.
 -module(starl_barrier_monitor).
 -behaviour(starl_monitor).
 
@@ -35,9 +37,10 @@
 
 -type key() :: starl_barrier_monitor_memory:key().
 
-%% A round that not all have passed: when the last robot reached it, and when which robots
+%% A round that not all have passed: when the first and the last robot reached it, and when which robots
 %% passed it.
 -record(round, {
+    begun_us = none :: integer() | none,
     complete_us = none :: integer() | none,
     first_us = none :: integer() | none,
     passed = 0 :: non_neg_integer()
@@ -71,6 +74,7 @@
 -define(DRIFT_PPM, 10000).
 %% The time of the robots' own steps.
 -define(MARGIN_US, 1000000).
+-define(STEPS_US, 10000).
 
 %% @doc `robots': the participants; `faults': the windows of all faults; the other keys: see above.
 -spec init(#{
@@ -95,9 +99,24 @@ init(#{robots := Robots} = Config) ->
 context(#{faults := Faults, slack_us := Slack} = Known, Config) ->
     Told = maps:merge(#{faults => Faults}, Config),
     case bound(Known, Told) of
-        Bound when is_integer(Bound) -> Told#{bound_us => Bound + Slack};
-        _ -> Told
+        Bound when is_integer(Bound) ->
+            Delta = delta(Known, Bound, Told),
+            Told#{bound_us => Bound + Slack, delta_us => Delta + Slack};
+        _ ->
+            Told
     end.
+
+%% When the first robot passes, all have sent that they have reached the round. Where SAP may give that up, a
+%% robot has to ask again.
+delta(_Known, _Bound, #{delta_us := Delta}) ->
+    Delta;
+delta(#{sap := Sap, loss := Loss, delay_us := Delay}, Bound, _Told) ->
+    case starl_sap_schedule:reach_us(Sap, 1 - (1 - Loss) * (1 - Loss), 2 * Delay, never) of
+        never -> Bound;
+        Reach -> min(Bound, Reach + ?STEPS_US)
+    end;
+delta(_Known, Bound, _Told) ->
+    Bound.
 
 bound(_Known, #{bound_us := Bound}) ->
     Bound;
@@ -114,9 +133,9 @@ bound(_Known, _Config) ->
 broken(Window, #state{faults = Faults} = State) ->
     State#state{faults = starl_assumption:broken(Window, Faults)}.
 
-%% @doc The barrier machines' own events and the end of robots.
+%% @doc The barrier machines' own events, what is not sent, and the end of robots.
 -spec interests() -> [atom()].
-interests() -> [barrier, robot].
+interests() -> [barrier, sap, robot].
 
 %% @doc {@link starl_barrier_rounds:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
@@ -181,6 +200,8 @@ judge({barrier, {failed, Name, K, _Reason}}, T, Robot, #state{failed = Failed} =
     {too_late(T, Robot, Name, K, State), excuse([{Name, Robot}], State#state{failed = Failed + 1})};
 judge({barrier, crashed}, T, Robot, State) ->
     {[], crashed(T, Robot, State)};
+judge({sap, Lost}, T, Robot, State) when Lost =:= crashed; Lost =:= {overload, barrier} ->
+    {[], fault(T, Robot, State)};
 judge({barrier, store_damaged}, _T, Robot, #state{damaged = Count} = State) ->
     Damaged = remembers(fun starl_barrier_monitor_memory:damaged/3, Robot, State),
     {[], Damaged#state{damaged = Count + 1}};
@@ -242,11 +263,14 @@ reach(T, Robot, Name, K, #state{reached = Reached, passed = Passed} = State) ->
         memory = starl_barrier_monitor_memory:reached(Key, State#state.memory),
         rounds = begun_again(Name, K, K < maps:get(Key, State#state.at, 0), State#state.rounds)
     },
-    Round = round_of(Name, K, Next),
+    Round = begun(T, round_of(Name, K, Next)),
     case Round#round.complete_us =:= none andalso is_complete(Name, K, Next) of
         true -> put_round(Name, K, Round#round{complete_us = T}, Next);
         false -> put_round(Name, K, Round, Next)
     end.
+
+begun(T, #round{begun_us = none} = Round) -> Round#round{begun_us = T};
+begun(_T, Round) -> Round.
 
 %% A robot that reaches a round again, because stores were damaged, completes none of the later ones
 %% before it reaches them, too.
@@ -335,13 +359,28 @@ may_be_next(
 
 late(T, Robot, Name, K, #state{delta_us = Delta, excused = Excused} = State) ->
     case round_of(Name, K, State) of
-        #round{first_us = First} when is_integer(First), T - First > Delta ->
+        #round{first_us = First} = Round when is_integer(First), T - First > Delta ->
             [
                 violation(late_pass, T, [Robot], #{name => Name, round => K, after_us => T - First})
-             || not lists:member({Name, Robot}, Excused)
+             || not lists:member({Name, Robot}, Excused), last_us(T, Round, State) < T
             ];
         #round{} ->
             []
+    end.
+
+%% The latest time at which the last robot passes. What was sent during a fault may be under way after it. An
+%% atom is greater than every number.
+last_us(_T, _Round, #state{is_whole = false}) ->
+    infinity;
+last_us(T, #round{begun_us = Begun, first_us = First}, #state{faults = Faults} = State) ->
+    #state{delta_us = Delta, bound_us = Bound} = State,
+    case Begun =/= none andalso starl_assumption:is_kept(Begun, T, Faults) of
+        true ->
+            First + Delta;
+        false when is_integer(Bound) ->
+            max(First + Delta, starl_assumption:calm_us(First, Bound, Faults));
+        false ->
+            infinity
     end.
 
 %% Judged when a robot passes or fails, and at the end: the rounds that all have reached long ago and not all
