@@ -1,7 +1,8 @@
 %% Painting with a bug planted in the participants of path planning, to show that the monitors find
 %% it. `overstaying': they drive on when their lease has ended. `fickle': they vote for whoever
 %% asks, whatever they have promised, and tell no coordinator of another's term. `one_clock': a
-%% coordinator counts votes as if only one clock could be set. `deaf_pen' is the actuator's. Other bugs
+%% coordinator counts votes as if only one clock could be set. `farsighted': it plans three horizons ahead.
+%% `deaf_pen' is the actuator's. Other bugs
 %% are the coordinator's, in modules of their own.
 -module(starl_dpp_planted).
 -behaviour(starl_scene).
@@ -41,6 +42,10 @@ planted("deaf_pen", Block) ->
 planted("one_clock", {dpp_coordinator, Module, #{lease_ms := Ms, jump_ms := Jump} = Config}) ->
     {dpp_coordinator, Module, Config#{lease_ms := Ms + Jump}};
 planted("one_clock", Block) ->
+    Block;
+planted("farsighted", {dpp_coordinator, Module, #{horizon := Mm} = Config}) ->
+    {dpp_coordinator, Module, Config#{horizon := 3 * Mm}};
+planted("farsighted", Block) ->
     Block;
 planted(Bug, {dpp, starl_dpp_participant, Config}) ->
     {dpp, ?MODULE, Config#{bug => Bug}};

@@ -166,6 +166,8 @@ dpp() ->
             "does not check the way from the robot to the graph"},
         {dpp_short_edges, dpp, starl_mutant_planted, "short_edges", (complete())#{horizon => 1000},
             "never assigns an edge that is longer than H"},
+        {dpp_farsighted, dpp, starl_dpp_planted, "farsighted", (complete())#{horizon => 1000},
+            "gives a robot more lines than the horizon at a time"},
         {dpp_freed, dpp, starl_coordinator_planted, "freed", #{loss => 0.3, sap => #{limit => 2}},
             "gives free what a lost assignment has reserved"},
         {dpp_hoarding, dpp, starl_mutant_planted, "hoarding", complete(),

@@ -565,3 +565,34 @@ one_at_a_time_test() ->
     {ok, M5} = Step({5, 1, location, {seen, 2}}, M4),
     ?assertMatch({ok, _}, starl_dpp_monitor:finish(9, M5)),
     ?assertMatch({{violation, [#{robots := [2, 3]}]}, _}, starl_dpp_monitor:finish(9, M3)).
+
+%% Of one path a robot draws no more than the horizon and the line on which it ends (ComputePath's bound).
+no_path_is_longer_than_the_horizon_test() ->
+    Line = fun(N) -> {{500.0 * N, 0.0}, {500.0 * (N + 1), 0.0}} end,
+    Draws = fun(Lines) -> [{T, 1, app, {stroke, Line(N)}} || {T, N} <- lists:enumerate(Lines)] end,
+    Path = {0, 1, dpp, {answered, assign}},
+    Beyond = fun(Events) ->
+        M0 = starl_monitor:new([
+            {starl_dpp_monitor, #{tube_radius => ?TUBE, r_s => ?R_S, path_mm => 1500.0}}
+        ]),
+        {Met, _} = lists:foldl(fun step/2, {[], M0}, Events),
+        [{What, T} || #{what := What, at_us := T} <- Met]
+    end,
+    ?assertEqual([], Beyond([Path | Draws([1, 2, 3])])),
+    ?assertEqual([{beyond_horizon, 4}], Beyond([Path | Draws([1, 2, 3, 4])])),
+    %% the same line again, by an application that begins anew, is the same ink
+    ?assertEqual([], Beyond([Path | Draws([1, 2, 3, 1, 2, 3])])),
+    ?assertEqual(
+        [],
+        Beyond(
+            [Path] ++ Draws([1, 2, 3]) ++
+                [{4, 1, dpp, {answered, assign}}, {5, 1, app, {stroke, Line(4)}}]
+        )
+    ),
+    ?assertEqual(
+        [{beyond_horizon, 5}],
+        Beyond(
+            [Path] ++ Draws([1, 2, 3]) ++
+                [{4, 2, dpp, {answered, assign}}, {5, 1, app, {stroke, Line(4)}}]
+        )
+    ).

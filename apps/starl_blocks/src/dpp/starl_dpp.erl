@@ -166,16 +166,19 @@ machines(Options) ->
         {dpp_coordinator, starl_dpp_coordinator, Options}
     ].
 
-%% `r_s': the least distance of two robots that keep within the slack of their paths.
+%% `r_s': the least distance of two robots that keep within the slack of their paths. `path_mm': a path goes on
+%% while its lines are shorter than the horizon.
 -spec monitors(starl_block:options(), starl_block:context()) -> [{module(), map()}].
 monitors(#{tube_radius := Radius, slack := Slack} = Options, Context) ->
     #{robots := Robots, profiles := Profiles} = Context,
     #{lease_ms := Lease, jump_ms := Jump, drift_ppm := Ppm} = Options,
+    #{horizon := Horizon, edge_length := Edge} = Options,
     [
         {starl_dpp_monitor, #{
             tube_radius => Radius,
             tracking_mm => tracking(Robots, Profiles),
             r_s => 2 * (Radius - Slack),
+            path_mm => Horizon + Edge,
             robots => Robots,
             lease_us => 1000 * Lease,
             jump_us => 1000 * Jump,
@@ -203,6 +206,8 @@ guarantees() ->
             [
                 clock_rate, clock_jump, positions, {motion, line}, {motion, stops}
             ]},
+        {path, safety,
+            "a path's lines are no longer than the horizon and the line on which it ends", []},
         {leader, safety, "two coordinators never assign at one time", [clock_rate, clock_jump]},
         {assigned, progress, "a free line that can be reached safely is assigned", [
             {sap, delivered}, {motion, arrives}

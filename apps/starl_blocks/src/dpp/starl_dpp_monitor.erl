@@ -10,12 +10,16 @@
 %% Lease: a robot begins no motion outside of its reservation, nor without one, so it does not drive on
 %% when its space has become free; it may come to rest there.
 %%
+%% Horizon (the paper's ComputePath bounds the path; here H bounds its lines): of one path a robot draws no more
+%% than `path_mm', the horizon and the line on which it ends.
+%%
 %% Progress: requests are answered, and no line is given up without a reason ({@link
 %% starl_dpp_monitor_service}).
 %%
 %% Events of machine `dpp_coordinator': {@link starl_dpp_coordinator:event()} (a later `coordinator'
 %% starts with an empty view, filled before anything is assigned; `assigned' and `reserved' tell the
 %% robot's whole reservation afterwards); of machine `dpp': {@link starl_dpp_participant:event()}; of
+%% machine `app': `{stroke, Segment}', the line that the robot sets out to draw; of
 %% machine `chassis': `motion'; of machine `robot': `died'
 %% (the robot stays where it is, and keeps its reservation), `down', `up'.
 %%
@@ -65,6 +69,9 @@
     overlaps = false :: boolean(),
     separation :: starl_separation:t(),
     service :: starl_dpp_monitor_service:t(),
+    path_mm :: float() | infinity,
+    %% the lines that each robot has drawn of its path
+    drawn = #{} :: #{robot_id() => [starl_geometry:segment()]},
     assignments = 0 :: non_neg_integer(),
     deadlocks = 0 :: non_neg_integer(),
     %% what deluded coordinators have said
@@ -75,6 +82,8 @@
 
 %% Rounding in the planner's own comparison (mm).
 -define(SLACK_MM, 1.0e-6).
+%% The same for the lines of a path: they are added up (mm).
+-define(SUM_MM, 0.01).
 %% The greatest error of the place at which a standing robot is seen (mm).
 -define(SEEN_MM, 1.0).
 -define(LEASE_US, 10000000).
@@ -84,7 +93,8 @@
 %% @doc `tube_radius': the radius of a reach tube (mm); `r_s': the least distance of two robots
 %% (mm); `tracking_mm': r(v) of single robots, where it is less than tubes have room for;
 %% `slice_us': the time that is judged at once (default one second). `lease_us', `jump_us' and
-%% `drift_ppm' are those of the machines (by default 10 s, 2 s, 10000); `robots': the team;
+%% `drift_ppm' are those of the machines (by default 10 s, 2 s, 10000); `path_mm': the most of the lines
+%% of one path (by default any); `robots': the team;
 %% `broken': the times at which clocks were not as assumed (by default never); `service': the times of
 %% {@link starl_dpp_monitor_service}.
 -spec init(#{
@@ -96,6 +106,7 @@
     lease_us => pos_integer(),
     jump_us => non_neg_integer(),
     drift_ppm => non_neg_integer(),
+    path_mm => float() | infinity,
     broken => [starl_assumption:window()],
     service => starl_dpp_monitor_service:times()
 }) -> #state{}.
@@ -110,6 +121,7 @@ init(#{tube_radius := Radius, r_s := Limit} = Config) ->
         robots = maps:get(robots, Config, []),
         lease_us = starl_assumption:longest_us(maps:get(lease_us, Config, ?LEASE_US), Ppm),
         jump_us = maps:get(jump_us, Config, ?JUMP_US),
+        path_mm = maps:get(path_mm, Config, infinity),
         assumption = starl_assumption:new(maps:get(broken, Config, []), Ppm),
         service = starl_dpp_monitor_service:new(
             maps:merge(#{robots => []}, Config)
@@ -133,9 +145,9 @@ broken(Window, #state{assumption = Assumption, service = Service} = State) ->
         service = starl_dpp_monitor_service:broken(Window, Service)
     }.
 
-%% @doc Requests, plans, motions and the end of robots.
+%% @doc Requests, plans, lines that are drawn, motions and the end of robots.
 -spec interests() -> [atom()].
-interests() -> [dpp, dpp_coordinator, chassis, robot].
+interests() -> [dpp, dpp_coordinator, app, chassis, robot].
 
 %% @doc {@link starl_dpp_coordinator:event()}, {@link starl_dpp_participant:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
@@ -234,6 +246,12 @@ judge({chassis, {motion, Piece}}, T, Robot, #state{separation = Separation} = St
     {without_lease(T, Robot, Piece, State), State#state{
         separation = starl_separation:motion(Robot, Piece, Separation)
     }};
+judge({dpp, {answered, assign}}, _T, Robot, #state{drawn = Drawn} = State) ->
+    {[], State#state{drawn = Drawn#{Robot => []}}};
+judge({app, {stroke, {{_, _}, {_, _}} = Line}}, T, Robot, #state{path_mm = Most} = State) when
+    is_float(Most)
+->
+    draws(T, Robot, Line, State);
 judge({robot, {died, _Reason}}, T, Robot, #state{separation = Separation} = State) ->
     Stopped = State#state{separation = starl_separation:stop(Robot, T, Separation)},
     {[], ended_with(Robot, Stopped)};
@@ -333,6 +351,19 @@ without_lease(T, Robot, Piece, #state{reservations = Reservations} = State) ->
         {_Rests, _} ->
             []
     end.
+
+%% An application that begins anew may draw a line of its path again.
+draws(T, Robot, Line, #state{drawn = Drawn, path_mm = Most} = State) ->
+    Before = maps:get(Robot, Drawn, []),
+    Lines = [Line | lists:delete(Line, Before)],
+    Mm = lists:sum([starl_geometry:length(Each) || Each <- Lines]),
+    {
+        [
+            violation(beyond_horizon, T, [Robot], #{lines_mm => Mm, limit_mm => Most})
+         || Mm > Most + ?SUM_MM, length(Lines) > length(Before)
+        ],
+        State#state{drawn = Drawn#{Robot => Lines}}
+    }.
 
 %% The robot need be on one segment only.
 off_mm(Point, Segments) ->
