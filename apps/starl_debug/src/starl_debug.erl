@@ -26,9 +26,8 @@ predicate(Text) ->
 -spec formula(starl_debug_type:formula(), starl_debug_recording:t()) ->
     {ok, starl_debug_ground:t()} | {error, {no_robots, [starl:robot_id(), ...]}}.
 formula(Predicate, #{robots := Robots} = Recording) ->
-    Formula = starl_debug_ground:formula(
-        Predicate, maps:with([robots, tokens, geocasts], Recording)
-    ),
+    Known = maps:with([robots, tokens, elections, geocasts], Recording),
+    Formula = starl_debug_ground:formula(Predicate, Known),
     case starl_debug_ground:robots(Formula) -- Robots of
         [] -> {ok, Formula};
         Missing -> {error, {no_robots, Missing}}

@@ -106,8 +106,10 @@ own({state, What}, R, _Extent, #{states := States}) ->
     starl_debug_state:times(What, maps:get(R, States));
 own({delivered, _} = What, R, _Extent, #{states := States}) ->
     starl_debug_state:times(What, maps:get(R, States));
-own({since, At}, _R, {From, To}, _Facts) ->
-    starl_debug_set:exactly(starl_debug_set:new([{max(From, At), To}]));
+own(serves, R, _Extent, #{states := States}) ->
+    starl_debug_state:times(serves, maps:get(R, States));
+own({between, A, B}, _R, {From, To}, _Facts) ->
+    starl_debug_set:exactly(starl_debug_set:new([{max(From, A), min(To, B)}]));
 own({'not', A}, R, Extent, Facts) ->
     own_not(A, R, Extent, Facts);
 own({'and', Parts}, R, Extent, Facts) ->

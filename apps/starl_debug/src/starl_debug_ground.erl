@@ -12,15 +12,15 @@
 -type us() :: pos_integer().
 
 %% What is true of one robot by its own clock; `near', `left' and `below': its distance from a point
-%% and its coordinates are smaller than that (mm); `since': it is this time or later.
+%% and its coordinates are smaller than that (mm); `between': it is one of these times.
 -type local() ::
     boolean()
     | {state, starl_debug_type:state()}
     | {near, starl_geometry:point(), number()}
     | {left | below, number()}
     | {inside, starl_debug_type:area()}
-    | {since, AtUs :: integer()}
-    | {delivered, Id :: term()}
+    | {between, FromUs :: integer(), ToUs :: integer()}
+    | starl_debug_state:geocast()
     | {'not', local()}
     | {'and' | 'or', [local()]}
     | {held | once | ago, us(), local()}.
@@ -36,13 +36,17 @@
     | {at_least, pos_integer(), [t()]}
     | {held | once | ago, us(), t()}.
 
-%% What a recording knows: its robots, the tokens that were held, and messages to areas: their
-%% sources and the times by the sources' clocks.
+%% What a recording knows: its robots, the tokens that were held, the elections that were decided,
+%% and the messages to areas.
 -type known() :: #{
     robots := [starl:robot_id()],
     tokens := [starl_debug_parser:name()],
-    geocasts := [{Id :: term(), starl:robot_id(), AtUs :: integer(), starl_debug_type:area()}]
+    elections := [starl_debug_parser:name()],
+    geocasts := [starl_debug_state:cast()]
 }.
+
+%% A violation by a single moment could not be certain: clocks are never known to the microsecond.
+-define(AROUND_US, 100000).
 
 %% @doc The predicate for these robots.
 -spec formula(starl_debug_type:formula(), known()) -> t().
@@ -67,11 +71,18 @@ ground({within, Us, A, After}, Env, Known) ->
         lasting(once, Us, ground(A, Env, Known))
     ]);
 ground({state, R, State}, Env, _Known) ->
-    {local, bound(R, Env), {state, token(State, Env)}};
+    {local, bound(R, Env), {state, thing(State, Env)}};
 ground({inside, R, Area}, Env, _Known) ->
     {local, bound(R, Env), {inside, Area}};
 ground({undelivered, Us}, _Env, #{robots := Robots, geocasts := Casts}) ->
-    joined('or', [undelivered(Us, Cast, R) || Cast <- Casts, R <- Robots]);
+    joined('or', [
+        undelivered(Us, Cast, R)
+     || #{source := Source, lifetime := Lifetime} = Cast <- Casts,
+        Lifetime >= Us,
+        R <- Robots,
+        %% the source need not have its own message
+        R =/= Source
+    ]);
 ground({Comparison, Quantity, Mm}, Env, _Known) when Comparison =:= '<'; Comparison =:= '>' ->
     measured(Comparison, Quantity, Mm, Env).
 
@@ -82,13 +93,15 @@ bindings([{robot, Name} | Variables], Env, #{robots := Robots} = Known) ->
     Taken = [R || R <- maps:values(Env), is_integer(R)],
     [E || R <- Robots -- Taken, E <- bindings(Variables, Env#{Name => R}, Known)];
 bindings([{token, Name} | Variables], Env, #{tokens := Tokens} = Known) ->
-    [E || T <- Tokens, E <- bindings(Variables, Env#{Name => {token, T}}, Known)].
+    [E || T <- Tokens, E <- bindings(Variables, Env#{Name => {token, T}}, Known)];
+bindings([{election, Name} | Variables], Env, #{elections := Elections} = Known) ->
+    [E || T <- Elections, E <- bindings(Variables, Env#{Name => {election, T}}, Known)].
 
 bound({var, Name}, Env) -> maps:get(Name, Env);
 bound(R, _Env) -> R.
 
-token({owner, {var, Name}}, Env) -> {owner, maps:get(Name, Env)};
-token(State, _Env) -> State.
+thing({What, {var, Name}}, Env) -> {What, maps:get(Name, Env)};
+thing(State, _Env) -> State.
 
 measured(Comparison, {x, R}, Mm, Env) ->
     sided(Comparison, bound(R, Env), {left, Mm});
@@ -112,12 +125,15 @@ sided('>', R, Local) -> {local, R, {'not', Local}}.
 compare('<', A, B) -> A < B;
 compare('>', A, B) -> A > B.
 
-%% The source need not have its own message.
-undelivered(_Us, {_, R, _, _}, R) ->
-    false;
-undelivered(Us, {Id, Source, At, Area}, R) ->
-    Here = {held, Us, {'and', [{inside, Area}, {'not', {delivered, Id}}, {state, up}]}},
-    joined('and', [{local, R, Here}, {local, Source, {since, At + Us}}]).
+%% From the sending on the robot was inside for that time, the message lived, and neither the robot
+%% nor the source began anew. A robot that comes later is owed nothing.
+undelivered(Us, #{id := Id, source := Source, at := At, area := Area}, R) ->
+    Here = {'and', [{inside, Area}, {'not', {delivered, Id}}, serves]},
+    Then = {between, At + Us, At + Us + ?AROUND_US},
+    joined('and', [
+        {local, R, {held, Us + ?AROUND_US, Here}},
+        {local, Source, {'and', [Then, {held, Us, serves}]}}
+    ]).
 
 %% -- operators ------------------------------------------------------------------------------
 

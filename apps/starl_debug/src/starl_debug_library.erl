@@ -23,13 +23,13 @@ known() ->
             "two robots hold one token (mutual exclusion is broken)"},
         {<<"two_coordinators">>, none, "exists a, b: coordinator(a) and coordinator(b)",
             "two coordinators of path planning lead at one time"},
-        {<<"two_leaders">>, none, "exists a, b: leader(a) and leader(b)",
-            "two robots take themselves for the leader"},
+        {<<"two_leaders">>, none, "exists a, b, election e: leader(a, e) and leader(b, e)",
+            "one election has made two robots the leader"},
         {<<"deadlock">>, duration,
             "(forall r: r.mode = waiting or r.mode = down) for D and exists r: r.mode = waiting",
             "for that time all robots that are up wait for a token or a path"},
         {<<"late_geocast">>, duration, "undelivered(D)",
-            "a robot has been in the area for that time since a message was sent, and has it not"}
+            "a robot is in the area from a message's sending on for that time, and has it not"}
     ].
 
 %% @doc The meaning of a name with these arguments.

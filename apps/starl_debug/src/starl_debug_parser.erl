@@ -3,6 +3,7 @@
 %%   dist(r1.pos, r2.pos) < 400 mm
 %%   owner(r1, lock) and owner(r2, lock)
 %%   exists a, b, token t: owner(a, t) and owner(b, t)
+%%   exists a, b, election e: leader(a, e) and leader(b, e)
 %%   count(r: r.mode = moving) > 3
 %%   (forall r: r.mode = waiting) for 2 s
 %%   not (r2.mode = moving within 5 s after r1.mode = idle)
@@ -21,8 +22,8 @@
 
 -type comparison() :: '<' | '<=' | '>' | '>=' | '=' | '!='.
 
-%% It stands for a robot, or for a token.
--type variable() :: name() | {token, name()}.
+%% It stands for a robot, for a token, or for an election.
+-type variable() :: name() | {token | election, name()}.
 
 %% What is written at a column; a quantifier; a number with its unit; a field of a robot; a call.
 -type expr() ::
@@ -144,6 +145,7 @@ variables(Tokens) ->
     end.
 
 variable([{name, _, <<"token">>}, {name, _, Name} | Rest]) -> {{token, Name}, Rest};
+variable([{name, _, <<"election">>}, {name, _, Name} | Rest]) -> {{election, Name}, Rest};
 variable([{name, _, Name} | Rest]) -> {Name, Rest};
 variable([Token | _]) -> fail(Token, "a name for a robot is expected").
 

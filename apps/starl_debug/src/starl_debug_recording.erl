@@ -5,7 +5,7 @@
 %% may have several. Beside these the world's file is left out: its clock is none of theirs.
 -module(starl_debug_recording).
 
--export([read/2, format_error/1]).
+-export([read/2, known/2, format_error/1]).
 
 -export_type([t/0, reason/0, packet/0, limits/0]).
 
@@ -24,7 +24,8 @@
     tracks := #{starl:robot_id() => starl_debug_track:t()},
     packets := [packet()],
     tokens := [starl_debug_parser:name()],
-    geocasts := [{term(), starl:robot_id(), integer(), starl_debug_type:area()}],
+    elections := [starl_debug_parser:name()],
+    geocasts := [starl_debug_state:cast()],
     missing := [starl:robot_id()],
     too_fast := [{starl:robot_id(), pos_integer()}],
     holes := [starl_debug_hole:t()],
@@ -78,6 +79,7 @@
 -define(SPEED, 500).
 -define(ERROR_MM, 1.0).
 -define(POSE_AGE_MS, 100).
+-define(MARGIN_MM, 4.0).
 %% The events of these machines count; of others only the last is asked for.
 -define(NO_MACHINES, [sap, radio, supervisor]).
 
@@ -224,10 +226,11 @@ recording(All, Limits) ->
     Robots = robots(Files),
     Extents = maps:from_list([{R, extent(R, Files)} || R <- Robots]),
     Tracks = tracks(Extents, Files, Limits),
-    (told_by(states(Extents, How, Files)))#{
+    Monitors = maps:get(monitors, Facts, []),
+    (known(states(Extents, How, Files), Monitors))#{
         how => How,
         app => maps:get(app, Facts),
-        monitors => maps:get(monitors, Facts, []),
+        monitors => Monitors,
         robots => Robots,
         begun => lists:min([First || #file{first = First} <- Files]),
         extent => common(maps:values(Extents), Files),
@@ -244,18 +247,20 @@ states(Extents, How, Files) ->
         fun(R, Extent) -> starl_debug_state:new(R, events(R, Files), Extent, How) end, Extents
     ).
 
-%% What the states of robots tell.
-told_by(States) ->
+%% @doc What the states of robots say of the team, for {@link starl_debug_ground}.
+-spec known(#{starl:robot_id() => starl_debug_state:t()}, [{module(), map()}]) -> map().
+known(States, Monitors) ->
+    Own = lists:sort(maps:to_list(States)),
+    Margin = margin(proplists:get_value(starl_geocast_monitor, Monitors, #{})),
     #{
         states => States,
-        tokens => lists:usort(
-            lists:append([starl_debug_state:tokens(S) || S <- maps:values(States)])
-        ),
-        geocasts => lists:append([
-            starl_debug_state:geocasts(R, S)
-         || {R, S} <- lists:sort(maps:to_list(States))
-        ])
+        tokens => lists:usort([T || {_, S} <- Own, T <- starl_debug_state:tokens(S)]),
+        elections => lists:usort([E || {_, S} <- Own, E <- starl_debug_state:elections(S)]),
+        geocasts => [C || {R, S} <- Own, C <- starl_debug_state:geocasts(R, S, Margin)]
     }.
+
+%% As the run's monitor has it: the debugger does not rest on the blocks.
+margin(Config) -> maps:get(margin_mm, Config, ?MARGIN_MM).
 
 tracks(Extents, Files, Limits) ->
     [

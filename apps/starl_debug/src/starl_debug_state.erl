@@ -3,12 +3,28 @@
 %% something open.
 -module(starl_debug_state).
 
--export([new/4, times/2, tokens/1, geocasts/2, extent/1]).
+-export([new/4, times/2, tokens/1, elections/1, geocasts/3, extent/1]).
 
--export_type([t/0, events/0]).
+-export_type([t/0, events/0, geocast/0, cast/0]).
 
 %% The events of a robot by machine, in the order of their times.
 -type events() :: #{starl_machine:name() => [{AtUs :: integer(), Event :: term()}]}.
+
+%% The robot has a message to an area; it serves geocasts: its machine is there, and did not begin
+%% anew less than a second ago.
+-type geocast() :: {delivered, Id :: term()} | serves.
+
+%% A message to an area, sent at that time of its source's clock.
+-type cast() :: #{
+    id := term(),
+    source := starl:robot_id(),
+    at := integer(),
+    area := starl_debug_type:area(),
+    lifetime := pos_integer()
+}.
+
+%% What a robot needs after its start until its program listens.
+-define(GRACE_US, 1000000).
 
 -record(state, {
     robot :: starl:robot_id(),
@@ -37,7 +53,7 @@ new(Robot, Events, Extent, How) ->
 extent(#state{extent = Extent}) -> Extent.
 
 %% @doc The times at which something is true of the robot.
--spec times(starl_debug_type:state() | {delivered, term()}, t()) -> starl_debug_set:three().
+-spec times(starl_debug_type:state() | geocast(), t()) -> starl_debug_set:three().
 times(What, #state{extent = Extent, unknown = Unknown} = State) ->
     Known = starl_debug_set:intersect(true(What, State), [Extent]),
     {
@@ -60,8 +76,10 @@ true({owner, any}, State) ->
     starl_debug_set:union(maps:values(holds(State)));
 true({owner, {token, Name}}, State) ->
     maps:get(Name, holds(State), []);
-true(leader, #state{robot = Robot, extent = Extent} = State) ->
-    spans(machine(election, State), fun(Event) -> leads(Event, Robot) end, Extent);
+true({leader, any}, #state{robot = Robot, extent = Extent} = State) ->
+    spans(machine(election, State), fun(Event) -> any(leads(Event, Robot)) end, Extent);
+true({leader, {election, Name}}, State) ->
+    maps:get(Name, led(State), []);
 true(coordinator, #state{extent = Extent} = State) ->
     spans(machine(dpp_coordinator, State), fun coordinates/1, Extent);
 true({last, Machine, Name}, #state{extent = Extent} = State) ->
@@ -71,7 +89,11 @@ true({delivered, Id}, #state{extent = Extent} = State) ->
         ({delivered, Known, _}) -> on(Known =:= Id);
         (_) -> same
     end,
-    spans(maps:get(geocast, State#state.events, []), Is, Extent).
+    spans(maps:get(geocast, State#state.events, []), Is, Extent);
+true(serves, #state{extent = Extent, events = Events} = State) ->
+    Crashed = [{At, At} || {At, crashed} <- maps:get(geocast, Events, [])],
+    Gone = starl_debug_set:union(down(State), starl_debug_set:new(Crashed)),
+    starl_debug_set:complement(starl_debug_set:dilate(Gone, -?GRACE_US, 0), [Extent]).
 
 down(#state{events = Events, extent = Extent}) ->
     spans(maps:get(robot, Events, []), fun life/1, Extent).
@@ -81,10 +103,17 @@ life({died, _}) -> on;
 life(up) -> off;
 life(_) -> same.
 
-leads({elected, _, Leader, _}, Robot) -> on(Leader =:= Robot);
-leads({entered, _}, _Robot) -> off;
+%% The elections that made the robot the leader, each until it enters it anew.
+led(#state{robot = Robot, extent = Extent} = State) ->
+    held_by(machine(election, State), fun(Event) -> leads(Event, Robot) end, Extent).
+
+leads({elected, Election, Leader, _}, Robot) -> {on(Leader =:= Robot), Election};
+leads({entered, Election}, _Robot) -> {off, Election};
 leads(gone, _Robot) -> off;
 leads(_, _Robot) -> same.
+
+any({How, _Election}) -> How;
+any(How) -> How.
 
 coordinates({leads, _}) -> on;
 coordinates({stepped_down, _}) -> off;
@@ -161,14 +190,23 @@ hold(_) -> same.
 -spec tokens(t()) -> [starl_debug_parser:name()].
 tokens(State) -> maps:keys(holds(State)).
 
-%% @doc The messages to areas that this robot has sent.
--spec geocasts(starl:robot_id(), t()) ->
-    [{term(), starl:robot_id(), integer(), starl_debug_type:area()}].
-geocasts(Robot, #state{events = Events}) ->
+%% @doc The names of the elections that made the robot the leader.
+-spec elections(t()) -> [starl_debug_parser:name()].
+elections(State) -> maps:keys(led(State)).
+
+%% @doc The messages to areas that this robot has sent. A robot is owed them if it is so far inside
+%% (mm).
+-spec geocasts(starl:robot_id(), t(), MarginMm :: number()) -> [cast()].
+geocasts(Robot, #state{events = Events}, Margin) ->
     [
-        {Id, Robot, At, Area}
-     || {At, {sent, Id, Area, _, _}} <- maps:get(geocast, Events, []), element(1, Area) =/= polygon
+        #{id => Id, source => Robot, at => At, area => Smaller, lifetime => Lifetime}
+     || {At, {sent, Id, Area, Lifetime, _}} <- maps:get(geocast, Events, []),
+        Smaller <- smaller(Area, Margin)
     ].
+
+smaller({circle, P, Mm}, Margin) -> [{circle, P, Mm - Margin}];
+smaller({rectangle, {X0, Y0, X1, Y1}}, D) -> [{rectangle, {X0 + D, Y0 + D, X1 - D, Y1 - D}}];
+smaller({polygon, _}, _Margin) -> [].
 
 %% -- spans ----------------------------------------------------------------------------------
 

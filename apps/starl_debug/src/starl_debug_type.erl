@@ -5,18 +5,19 @@
 
 -export([check/1, modes/0]).
 
--export_type([formula/0, robot/0, token/0, quantity/0, state/0, area/0, reason/0]).
+-export_type([formula/0, robot/0, thing/0, quantity/0, state/0, area/0, reason/0]).
 
 -type name() :: starl_debug_parser:name().
 -type robot() :: starl:robot_id() | {var, name()}.
-%% A token as it is written; `any' of them.
--type token() :: any | {token, name()} | {var, name()}.
+%% A token or an election as it is written; `any' of them.
+-type thing() :: any | {token | election, name()} | {var, name()}.
 
-%% The state of a robot by its own trace; `last': the name of the last event of a machine.
+%% The state of a robot by its own trace; `leader' by any election: by the last one that it has
+%% entered; `last': the name of the last event of a machine.
 -type state() ::
     {mode, name()}
-    | {owner, token()}
-    | leader
+    | {owner, thing()}
+    | {leader, thing()}
     | coordinator
     | up
     | {last, Machine :: name(), Event :: name()}.
@@ -30,18 +31,21 @@
     boolean()
     | {'and' | 'or', formula(), formula()}
     | {'not', formula()}
-    | {exists | forall, [{robot | token, name()}], formula()}
+    | {exists | forall, [{kind(), name()}], formula()}
     | {count, name(), formula(), starl_debug_parser:comparison(), integer()}
     | {for, Us :: pos_integer(), formula()}
     | {within, Us :: pos_integer(), formula(), After :: formula()}
     | {'<' | '>', quantity(), Mm :: number()}
     | {state, robot(), state()}
     | {inside, robot(), area()}
-    %% a message to an area has not reached a robot that was inside for this time
+    %% a message to an area has not reached a robot that was inside from its sending on for this time
     | {undelivered, Us :: pos_integer()}.
 
+%% What a variable stands for.
+-type kind() :: robot | token | election.
+
 -type reason() :: starl_debug_parser:reason().
--type env() :: #{name() => robot | token}.
+-type env() :: #{name() => kind()}.
 
 -define(IS_COMPARISON(C),
     (C =:= '<' orelse C =:= '<=' orelse C =:= '>' orelse C =:= '>=' orelse C =:= '=' orelse
@@ -105,7 +109,7 @@ formula({Comparison, Left, Right}, At, Env) when ?IS_COMPARISON(Comparison) ->
 formula(_Other, At, _Env) ->
     fail(At, "something that is true or false is expected, such as dist(r1.pos, r2.pos) < 400 mm").
 
-variable({token, Name}, At) -> {token, free(Name, At)};
+variable({Kind, Name}, At) -> {Kind, free(Name, At)};
 variable(Name, At) -> {robot, free(Name, At)}.
 
 free(Name, At) ->
@@ -125,11 +129,13 @@ bind(Bound, At, Env) ->
     ).
 
 called(<<"owner">>, [R, Token], At, Env) ->
-    {state, robot(R, At, Env), {owner, token(Token, At, Env)}};
+    {state, robot(R, At, Env), {owner, thing(token, Token, At, Env)}};
 called(<<"owner">>, [R], At, Env) ->
     {state, robot(R, At, Env), {owner, any}};
+called(<<"leader">>, [R, Election], At, Env) ->
+    {state, robot(R, At, Env), {leader, thing(election, Election, At, Env)}};
 called(<<"leader">>, [R], At, Env) ->
-    {state, robot(R, At, Env), leader};
+    {state, robot(R, At, Env), {leader, any}};
 called(<<"coordinator">>, [R], At, Env) ->
     {state, robot(R, At, Env), coordinator};
 called(<<"up">>, [R], At, Env) ->
@@ -281,27 +287,31 @@ named(Name, At, Env) ->
     case {Env, robot_number(Name)} of
         {#{Name := robot}, _} ->
             {var, Name};
-        {#{Name := token}, _} ->
-            fail(At, [Name, " is a token, not a robot"]);
+        {#{Name := Kind}, _} ->
+            fail(At, [Name, " is ", a(Kind), ", not a robot"]);
         {_, none} ->
             fail(At, ["no robot is called ", Name, "; robots are r1, r2, ... or quantified"]);
         {_, N} ->
             N
     end.
 
-token({at, Column, Expr}, _At, Env) ->
-    token(Expr, Column, Env);
-token({text, Text}, _At, _Env) ->
-    {token, Text};
-token({name, Name}, At, Env) ->
+thing(Kind, {at, Column, Expr}, _At, Env) ->
+    thing(Kind, Expr, Column, Env);
+thing(Kind, {text, Text}, _At, _Env) ->
+    {Kind, Text};
+thing(Kind, {name, Name}, At, Env) ->
     case Env of
-        #{Name := token} -> {var, Name};
-        #{Name := robot} -> fail(At, [Name, " is a robot, not a token"]);
-        #{} -> {token, Name}
+        #{Name := Kind} -> {var, Name};
+        #{Name := Other} -> fail(At, [Name, " is ", a(Other), ", not ", a(Kind)]);
+        #{} -> {Kind, Name}
     end;
-token({number, N, none}, _At, _Env) when is_integer(N) -> {token, integer_to_binary(N)};
-token(_Other, At, _Env) ->
-    fail(At, "the name of a token is expected; others than words in quotes").
+thing(Kind, {number, N, none}, _At, _Env) when is_integer(N) -> {Kind, integer_to_binary(N)};
+thing(Kind, _Other, At, _Env) ->
+    fail(At, ["the name of ", a(Kind), " is expected; others than words in quotes"]).
+
+a(robot) -> "a robot";
+a(token) -> "a token";
+a(election) -> "an election".
 
 word({at, Column, Expr}, _At) -> word(Expr, Column);
 word({name, Name}, _At) -> Name;

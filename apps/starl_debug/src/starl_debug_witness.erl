@@ -37,7 +37,7 @@ row(R, At, Offset, #{states := States, tracks := Tracks, tokens := Tokens}) ->
 
 what(Tokens) ->
     [{Mode, {mode, Mode}} || Mode <- starl_debug_type:modes()] ++
-        [{<<"leader">>, leader}, {<<"coordinator">>, coordinator}] ++
+        [{<<"leader">>, {leader, any}}, {<<"coordinator">>, coordinator}] ++
         [{<<"holds ", Token/binary>>, {owner, {token, Token}}} || Token <- Tokens].
 
 place(_Clock, none) -> none;

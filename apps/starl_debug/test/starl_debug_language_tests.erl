@@ -59,12 +59,12 @@ problems_have_their_column_test_() ->
 
 different_variables_are_different_robots_test() ->
     Formula = starl_debug_ground:formula(typed("too_near(1 m)"), #{
-        robots => [1, 2, 3], tokens => [], geocasts => []
+        robots => [1, 2, 3], tokens => [], elections => [], geocasts => []
     }),
     ?assertEqual({'or', [{'<', 1, 2, 1000}, {'<', 1, 3, 1000}, {'<', 2, 3, 1000}]}, Formula).
 
 a_count_of_all_is_all_test() ->
-    Known = #{robots => [1, 2, 3], tokens => [], geocasts => []},
+    Known = #{robots => [1, 2, 3], tokens => [], elections => [], geocasts => []},
     Ground = fun(Text) -> starl_debug_ground:formula(typed(Text), Known) end,
     ?assertEqual(Ground("forall r: up(r)"), Ground("count(r: up(r)) >= 3")),
     ?assertEqual(Ground("exists r: not up(r)"), Ground("not count(r: up(r)) = 3")),

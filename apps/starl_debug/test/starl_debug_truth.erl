@@ -37,6 +37,7 @@ recording(Extent, States, Tracks) ->
         tracks => Tracks,
         packets => [],
         tokens => [<<"t">>],
+        elections => [],
         geocasts => [],
         missing => [],
         too_fast => [],
