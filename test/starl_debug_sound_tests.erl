@@ -36,7 +36,7 @@ predicates(#{monitors := Monitors}) ->
     Far = [io_lib:format("too_near(~.3f mm)", [1.0 * Mm]) || {_, #{r_s := Mm}} <- Monitors],
     Lasting = [
         io_lib:format("~s(~b s)", [Name, S])
-     || {Name, duration, _, _} <- starl_debug_library:known(), S <- [1, 2, 4, 10]
+     || {Name, duration, _, _} <- starl_debug_library:known(), S <- [2, 4, 10]
     ],
     Far ++ Lasting ++ [Name || {Name, none, _, _} <- starl_debug_library:known()].
 

@@ -70,7 +70,8 @@
 run(Formula, Recording, Options, Look) ->
     #{states := States, tracks := Tracks} = Recording,
     Groups = groups(Formula),
-    Facts = #{states => States, tracks => Tracks, locals => #{}},
+    Ppm = maps:get(drift_ppm, Options, ?DRIFT_PPM),
+    Facts = #{states => States, tracks => Tracks, drift_ppm => Ppm, locals => #{}},
     {From, Until} = range(Recording, Options),
     Check = #check{
         facts = Facts#{locals := locals(Groups, Facts)},
@@ -185,19 +186,25 @@ cut(To, #check{facts = #{locals := Locals}} = Check) ->
     Take = fun(Set) -> lists:takewhile(fun({A, _}) -> A =< After end, Set) end,
     maps:map(fun(_, {May, Must}) -> {Take(May), Take(Must)} end, Locals).
 
-margin(Groups, Check) ->
-    widest(Check) + lists:max([0 | [starl_debug_ground:look_back_us(G) || G <- Groups]]).
+margin(Groups, #check{facts = Facts} = Check) ->
+    widest(Check) + lists:max([0 | [look_back_us(G, Facts) || G <- Groups]]).
 
-widest(#check{options = #{sigma := Sigma} = Options}) ->
-    starl_debug_clocks:widest(Sigma) + 2 * ?SLICE_US + drift(0, Options).
+widest(#check{options = #{sigma := Sigma}}) ->
+    starl_debug_clocks:widest(Sigma) + 2 * ?SLICE_US.
+
+%% As far back as the truth in a slice depends on.
+look_back_us(Formula, Facts) ->
+    Us = starl_debug_ground:look_back_us(Formula),
+    Us + starl_debug_eval:slack_us(Us, Facts).
 
 group(Formula, {From, To} = Slice, #check{options = Options, facts = Facts} = Check) ->
     #{sigma := Sigma} = Options,
     Robots = starl_debug_ground:robots(Formula),
-    Windows = starl_debug_clocks:windows(Robots, Slice, Sigma),
+    LookBack = look_back_us(Formula, Facts),
+    Windows = starl_debug_clocks:windows(Robots, {From - LookBack, To}, Sigma),
     Width = lists:max([0 | [Hi - Lo || {Lo, Hi} <- maps:values(Windows)]]),
     Limits = #{
-        drift => drift(To - From + starl_debug_ground:look_back_us(Formula), Options),
+        drift => drift(To - From + LookBack, Facts),
         fine => max(?FINEST_US, Width div ?PARTS),
         looks => looks(Robots)
     },
@@ -229,7 +236,7 @@ looks(Robots) when length(Robots) =< 2 -> ?LOOKS_PAIR;
 looks(_Robots) -> ?LOOKS_TEAM.
 
 %% Two clocks run apart twice as fast as one from the true time.
-drift(Us, Options) -> 2 * Us * maps:get(drift_ppm, Options, ?DRIFT_PPM) div 1000000 + 1.
+drift(Us, Facts) -> 2 * starl_debug_eval:slack_us(Us, Facts) + 1.
 
 better(#{outcome := Outcome} = Found, #{parts := Parts, open := Open, times := Times} = Answer) ->
     #{verdict := Verdict, is_open := IsOpen, times := May} = Outcome,

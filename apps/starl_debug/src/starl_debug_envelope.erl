@@ -16,6 +16,9 @@
 -record(envelope, {
     slice_us :: pos_integer(),
     from :: integer(),
+    count :: pos_integer(),
+    %% by how much two clocks run apart in a slice at most (us)
+    fade_us :: pos_integer(),
     robots :: [starl:robot_id()],
     %% by slice: how far the second clock is ahead of the first at most (us)
     ahead :: #{integer() => #{{starl:robot_id(), starl:robot_id()} => integer()}}
@@ -41,11 +44,17 @@ from_packets(#{packets := Packets, robots := Robots, extent := {From, To}}, Drif
     ),
     Count = (To - From) div ?SLICE_US + 1,
     Rate = 2.0 * Drift / (1.0e6 - Drift),
+    Fade = ceil(Rate * ?SLICE_US) + 1,
     Curves = maps:map(
-        fun(_Link, Stamps) -> curve(lists:sort(Stamps), From, Count, Rate) end, Links
+        fun(_Link, Stamps) -> curve(lists:sort(Stamps), From, Count, Fade) end, Links
     ),
     slices(0, Count, Curves, Robots, #envelope{
-        slice_us = ?SLICE_US, from = From, robots = Robots, ahead = #{}
+        slice_us = ?SLICE_US,
+        from = From,
+        count = Count,
+        fade_us = Fade,
+        robots = Robots,
+        ahead = #{}
     }).
 
 %% Of what came only one packet is known to be it: the earliest that was sent with that number,
@@ -68,7 +77,7 @@ met(Packets) ->
         ].
 
 %% How far the receiver is ahead at most, for each slice: the least of r − s, faded.
-curve(Stamps, From, Count, Rate) ->
+curve(Stamps, From, Count, Fade) ->
     Best = lists:foldl(
         fun({S, R}, Acc) ->
             Slice = max(0, min(Count - 1, (S - From) div ?SLICE_US)),
@@ -77,7 +86,6 @@ curve(Stamps, From, Count, Rate) ->
         #{},
         Stamps
     ),
-    Fade = ceil(Rate * ?SLICE_US) + 1,
     Forward = swept(lists:seq(0, Count - 1), Best, Fade, none),
     Backward = swept(lists:seq(Count - 1, 0, -1), Best, Fade, none),
     maps:merge_with(
@@ -136,19 +144,24 @@ inconsistent(Slice, Robots, Closed) ->
         [lists:join(", ", [integer_to_list(R) || R <- Robots]), -Us / 1000, Slice]
     ).
 
-%% @doc How far the second robot's clock is ahead of the first one's in a slice of time.
+%% @doc How far the second robot's clock is ahead of the first one's in a slice of time. Before and
+%% behind the recording the bounds of its ends fade.
 -spec offset(starl:robot_id(), starl:robot_id(), starl_debug_set:interval(), t()) ->
     {LeastUs :: integer(), MostUs :: integer()}.
 offset(R, R, _Slice, _Envelope) ->
     {0, 0};
-offset(R, Q, {From, To}, #envelope{from = First, ahead = Ahead, slice_us = Length}) ->
-    Slices = [
-        maps:get(N, Ahead, #{})
-     || N <- lists:seq((From - First) div Length, (To - First) div Length)
-    ],
+offset(R, Q, {From, To}, #envelope{from = First, ahead = Ahead} = Envelope) ->
+    #envelope{slice_us = Length, count = Count, fade_us = Fade} = Envelope,
+    Begin = within((From - First) div Length, Count),
+    End = within((To - First) div Length, Count),
+    Outside = max(0, First - From) + max(0, To - (First + Count * Length)),
+    Faded = Fade * ((Outside + Length - 1) div Length),
+    Slices = [maps:get(N, Ahead) || N <- lists:seq(Begin, End)],
     Most = lists:max([maps:get({R, Q}, Known, ?MOST_US) || Known <- Slices]),
     Least = lists:min([-maps:get({Q, R}, Known, ?MOST_US) || Known <- Slices]),
-    {Least, Most}.
+    {Least - Faded, Most + Faded}.
+
+within(N, Count) -> max(0, min(Count - 1, N)).
 
 %% @doc The greatest difference of two clocks that the messages leave open (us).
 -spec widest(t()) -> non_neg_integer().

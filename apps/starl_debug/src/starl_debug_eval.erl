@@ -8,13 +8,14 @@
 %% decided; a piece that stays open is tried at one of its moments.
 -module(starl_debug_eval).
 
--export([sets/3, local/3]).
+-export([sets/3, local/3, slack_us/2]).
 
 -export_type([facts/0, windows/0, locals/0]).
 
-%% The robots: what they were and where. `locals': what was computed already, by the robot's own
-%% clock.
+%% The robots: what they were and where; by how much the rate of a clock is off at most. `locals':
+%% what was computed already, by the robot's own clock.
 -type facts() :: #{
+    drift_ppm := non_neg_integer(),
     states := #{starl:robot_id() => starl_debug_state:t()},
     tracks := #{starl:robot_id() => starl_debug_track:t()},
     locals := locals()
@@ -28,8 +29,7 @@
 
 %% Pieces of time that are not halved any more (us).
 -define(FINE_US, 5000).
-%% Two clocks run apart by this at most while a duration is measured (parts per million).
--define(RATE_PPM, 200).
+-define(MILLION, 1000000).
 
 %% @doc The times within a range at which a predicate may and must be true.
 -spec sets(starl_debug_ground:t(), {starl_debug_set:interval(), windows()}, facts()) ->
@@ -54,8 +54,9 @@ sets({at_least, K, Parts}, When, Facts) ->
 sets({How, Us, A}, {{From, To} = Range, Windows}, Facts) when
     How =:= held; How =:= once; How =:= ago
 ->
-    Slack = Us * ?RATE_PPM div 1000000,
-    lasting_within(Range, How, Us, Slack, sets(A, {{From - Us, To}, Windows}, Facts));
+    %% the time line is a clock, or runs like one
+    Slack = slack_us(Us, Facts),
+    lasting_within(Range, How, Us, Slack, sets(A, {{From - Us - Slack, To}, Windows}, Facts));
 sets({Comparison, R, Q, Mm}, When, Facts) ->
     apart(Comparison, R, Q, Mm, When, Facts).
 
@@ -90,6 +91,10 @@ lasting(ago, Us, Slack, Set) when Slack >= 0 ->
 lasting(ago, Us, Slack, Set) ->
     starl_debug_set:dilate(Set, -Us + Slack, -Us - Slack).
 
+%% @doc By how much a clock is off at most when it has measured a duration (us).
+-spec slack_us(Us :: non_neg_integer(), facts()) -> non_neg_integer().
+slack_us(Us, #{drift_ppm := Ppm}) -> (Us * Ppm + ?MILLION - 1) div ?MILLION.
+
 %% -- by one clock ---------------------------------------------------------------------------
 
 %% @doc The times of its own clock at which something is true of a robot.
@@ -119,8 +124,7 @@ own({'or', Parts}, R, Extent, Facts) ->
     {Mays, Musts} = lists:unzip([own(Part, R, Extent, Facts) || Part <- Parts]),
     {starl_debug_set:union(Mays), starl_debug_set:union(Musts)};
 own({How, Us, A}, R, Extent, Facts) when How =:= held; How =:= once; How =:= ago ->
-    Slack = Us * ?RATE_PPM div 2000000,
-    lasting_within(Extent, How, Us, Slack, own(A, R, Extent, Facts));
+    lasting_within(Extent, How, Us, slack_us(Us, Facts), own(A, R, Extent, Facts));
 own(Spatial, R, Extent, #{tracks := Tracks}) ->
     case Tracks of
         #{R := Track} -> along(Track, depth(Spatial), Extent);

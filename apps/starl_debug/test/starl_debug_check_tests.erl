@@ -93,9 +93,15 @@ messages_bound_the_clocks_test() ->
     ]),
     Recording = (recording(?TWO))#{packets := Packets},
     {ok, Bounds} = starl_debug_envelope:from_packets(Recording, 10),
-    {Least, Most} = starl_debug_envelope:offset(1, 2, {2000000, 2999999}, Bounds),
-    ?assert(Least =< 100000 andalso Least >= 94000),
-    ?assert(Most >= 100000 andalso Most =< 106000).
+    [
+        begin
+            {Least, Most} = starl_debug_envelope:offset(1, 2, Slice, Bounds),
+            ?assert(Least =< 100000 andalso Least >= 94000),
+            ?assert(Most >= 100000 andalso Most =< 106000)
+        end
+     || %% what is looked at may begin before the recording and end behind it
+        Slice <- [{2000000, 2999999}, {-5000000, 999999}, {9500000, ?END + 1200000}]
+    ].
 
 messages_that_contradict_are_told_test() ->
     Recording = (recording(?TWO))#{

@@ -12,6 +12,7 @@ decided(Second, Solver) ->
     Facts = #{
         states => #{},
         tracks => #{},
+        drift_ppm => 100,
         locals => maps:from_list([{Part(R), {S, S}} || {R, S} <- maps:to_list(Sets)])
     },
     Limits = #{drift => 10, fine => 100, looks => 1},

@@ -143,7 +143,7 @@ options(Sigma, #{begun := Begun}, Values) ->
     ],
     Solver = [{solver, starl_debug_z3:solver(File)} || {ok, File} <- [starl_debug_z3:find()]],
     maps:merge(
-        #{sigma => Sigma, drift_ppm => round(maps:get(drift, Values))},
+        #{sigma => Sigma, drift_ppm => ceil(maps:get(drift, Values))},
         maps:from_list(Times ++ Solver)
     ).
 

@@ -95,7 +95,7 @@ by_clocks(File, #{violations := Violations}, {Sigma, Drift}) ->
     end.
 
 judgements({ok, Bounds}, Recording, Violations, Drift) ->
-    Options = #{sigma => Bounds, drift_ppm => round(Drift)},
+    Options = #{sigma => Bounds, drift_ppm => ceil(Drift)},
     {ok, by_moments(Recording, Violations, Options)};
 judgements({error, Line}, _Recording, _Violations, _Drift) ->
     {error, Line}.
