@@ -67,3 +67,26 @@ halts_kills_and_schedules_are_not_open_test() ->
         fault(c, 10, 20, loss, {1, 2})
     ],
     ?assertEqual(?L:new(), lists:foldl(fun began/2, ?L:new(), Faults)).
+
+%% A robot that is down is a fault until it is up; one that is down twice is two.
+a_robot_that_is_down_is_a_fault_test() ->
+    Down = ?L:traced([{10 * ?S, 3, robot, down}, {10 * ?S, 3, sap, crashed}], ?L:new()),
+    {Windows, Left} = told(Down, 10, 40),
+    ?assert(lists:all(fun({R, _, _, What}) -> {R, What} =:= {3, fault} end, Windows)),
+    ?assertMatch([{_, 10 * ?S, _, _} | _], Windows),
+    Up = ?L:traced([{41 * ?S, 2, robot, up}], Left),
+    ?assertNotEqual({[], ?L:new()}, ?L:windows(45 * ?S, Up)),
+    ?assertEqual({[], ?L:new()}, ?L:windows(45 * ?S, ?L:traced([{41 * ?S, 3, robot, up}], Up))),
+    Twice = [{T * ?S, 1, robot, What} || {T, What} <- [{1, down}, {3, up}, {5, down}, {6, up}]],
+    {Both, None} = ?L:windows(7 * ?S, ?L:traced(Twice, ?L:new())),
+    ?assertEqual([{1, ?S, 3 * ?S, fault}, {1, 5 * ?S, 6 * ?S, fault}], lists:sort(Both)),
+    ?assertEqual(?L:new(), None).
+
+%% A robot whose computer is switched on later than the others' is one until its first event.
+a_robot_that_comes_later_is_a_fault_until_then_test() ->
+    Absent = ?L:absent([1, 2], ?S, ?L:new()),
+    Came = ?L:traced([{?S, 1, app, begins}, {2 * ?S, 1, app, goes_on}], Absent),
+    {Windows, Left} = ?L:windows(2 * ?S, Came),
+    ?assertEqual([{2, ?S, 7 * ?S, fault}], Windows),
+    Late = ?L:traced([{9 * ?S, 2, app, begins}], Left),
+    ?assertEqual({[{2, 7 * ?S, 9 * ?S, fault}], ?L:new()}, ?L:windows(9 * ?S, Late)).

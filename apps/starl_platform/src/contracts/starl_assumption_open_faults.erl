@@ -6,9 +6,13 @@
 %%       |----slice-------|----slice----|----slice--|..    excused up to 5 s longer
 %% '''
 %% A halt of a robot is none of these: the judge waits for its end.
+%%
+%% A robot that is down is a fault, too, whatever the cause: from its `down' to its `up' ({@link traced/2}); and one
+%% that comes later than the others, until its first event ({@link absent/3}). So a recording of real robots, which
+%% has no schedule of faults, excuses what a computer without power explains.
 -module(starl_assumption_open_faults).
 
--export([new/0, told/2, windows/2]).
+-export([new/0, absent/3, told/2, traced/2, windows/2]).
 
 -export_type([t/0, fault/0]).
 
@@ -45,6 +49,36 @@ told({ended, {Id, _, ToMs, _, _, _}}, Lasting) when is_map_key(Id, Lasting), is_
     {Breaks, Told, none} = maps:get(Id, Lasting),
     Lasting#{Id => {Breaks, Told, max(Told, 1000 * ToMs)}};
 told(_Other, Lasting) ->
+    Lasting.
+
+%% @doc These robots tell what they do, but have not told anything yet.
+-spec absent([starl_monitor:robot_id()], SinceUs :: integer(), t()) -> t().
+absent(Robots, Since, Lasting) ->
+    Absent = maps:from_list([{{absent, R}, {[{R, fault}], Since, none}} || R <- Robots]),
+    maps:merge(Lasting, Absent).
+
+%% @doc Takes into account the robots that go down and come up, as their trace says.
+-spec traced([starl_monitor:trace_event()], t()) -> t().
+traced(Events, Lasting) -> lists:foldl(fun down_or_up/2, Lasting, Events).
+
+down_or_up({At, Robot, _, _} = Event, Lasting) when is_map_key({absent, Robot}, Lasting) ->
+    Id = {absent, Robot},
+    {Breaks, Told, none} = maps:get(Id, Lasting),
+    Came = {came, Robot, At},
+    down_or_up(Event, (maps:remove(Id, Lasting))#{Came => {Breaks, Told, max(Told, At)}});
+down_or_up({At, Robot, robot, down}, Lasting) ->
+    Lasting#{{down, Robot, At} => {[{Robot, fault}], At, none}};
+down_or_up({At, Robot, robot, up}, Lasting) ->
+    maps:map(
+        fun
+            ({down, Of, _}, {Breaks, Told, none}) when Of =:= Robot ->
+                {Breaks, Told, max(Told, At)};
+            (_Id, Fault) ->
+                Fault
+        end,
+        Lasting
+    );
+down_or_up(_Other, Lasting) ->
     Lasting.
 
 robots(Robots) when is_list(Robots) -> lists:append([robots(R) || R <- Robots]);

@@ -159,12 +159,14 @@ judge(Trace, Judge) ->
 waited_for(#judge{waiting = Waiting} = Judge) ->
     lists:foldl(fun step/2, Judge#judge{waiting = []}, lists:reverse(Waiting)).
 
-message({scenario, _, Scenario}, #judge{scenario = none, file = File} = Judge) ->
+message({scenario, At, Scenario}, #judge{scenario = none, file = File} = Judge) ->
     #{monitors := Monitors} = Scenario,
+    Robots = maps:get(told_by, Scenario, []),
     lists:foreach(fun(Monitor) -> check(Monitor, File) end, Monitors),
     Needs = [{Monitor, needs(interests(Monitor), Scenario)} || Monitor <- Monitors],
     Judge#judge{
         scenario = Scenario,
+        lasting = starl_assumption_open_faults:absent(Robots, At, Judge#judge.lasting),
         monitors = starl_monitor:guarded([Monitor || {Monitor, nothing} <- Needs]),
         not_judged = [{Module, What} || {{Module, _}, What} <- Needs, What =/= nothing]
     };
@@ -193,7 +195,8 @@ step(_Trace, #judge{monitors = none, file = File}) ->
     throw({?MODULE, {no_scenario, File}});
 step(Trace, #judge{events = Events, until = Until} = Judge1) ->
     {Last, _, _, _} = lists:last(Trace),
-    #judge{monitors = Monitors} = Judge0 = lasting(Last, Judge1),
+    Lasting = starl_assumption_open_faults:traced(Trace, Judge1#judge.lasting),
+    #judge{monitors = Monitors} = Judge0 = lasting(Last, Judge1#judge{lasting = Lasting}),
     Judge = Judge0#judge{events = Events + length(Trace), until = max(Last, Until)},
     case starl_monitor:step(Trace, Monitors) of
         {ok, Next} ->
