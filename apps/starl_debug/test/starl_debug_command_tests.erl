@@ -244,6 +244,30 @@ a_robot_without_a_recording_test_() ->
         ])
     end).
 
+%% Nor is a contract over the team kept as far as anybody knows, if robots are missing.
+a_team_is_not_judged_by_some_of_its_robots_test_() ->
+    in_directory(fun(Dir) ->
+        [One, Two] = [
+            write(Dir, lists:concat(["robot-", R, ".mcap"]), of_team([1, 2, 3], own(R, [])))
+         || R <- [1, 2]
+        ],
+        Alone = says(
+            5,
+            [
+                "not judged: mutex: the recordings of robots 2, 3 are missing; merge them, too\n",
+                "NOT JUDGED FOR THE TEAM; in what each robot shows alone no contract is broken\n"
+            ],
+            ["judge", One]
+        ),
+        ?assertEqual(nomatch, string:find(Alone, "\nno contract is broken")),
+        Merged = filename:join(Dir, "merged.mcap"),
+        says(0, ["the recording of robot 3 is missing"], ["merge", One, Two, "--out", Merged]),
+        Line = "not judged: mutex: the recording of robot 3 is missing; merge it, too\n",
+        says(5, [Line], ["judge", Merged]),
+        ByClocks = says(5, [Line], ["judge", Merged, "--sigma", "5ms"]),
+        ?assertEqual(nomatch, string:find(ByClocks, "kept"))
+    end).
+
 %% The same time told twice: a copy under another name.
 overlapping_recordings_test_() ->
     in_directory(fun(Dir) ->

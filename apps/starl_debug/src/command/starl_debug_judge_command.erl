@@ -46,7 +46,9 @@ statuses() ->
     [
         {0, "no contract is broken"},
         {3, "a contract is broken"},
-        {5, "a part of the run is not judged, and in the rest no contract is broken"},
+        {5,
+            "a part of the run is not judged, or what needs robots whose recordings are missing; in the rest "
+            "no contract is broken"},
         {6, "none is broken for sure; with --sigma one depends on the clocks"}
     ].
 
@@ -84,11 +86,15 @@ loaded({ok, _, _}, Module, {File, _} = Wanted, Loaded) ->
 loaded({error, _} = Error, _Module, _Wanted, _Loaded) ->
     Error.
 
-by_clocks(File, #{violations := Violations}, {Sigma, Drift}) ->
+by_clocks(File, #{violations := Violations, not_judged := NotJudged}, {Sigma, Drift}) ->
     case starl_debug_recording:read([File], #{}) of
-        {ok, Recording} ->
+        {ok, #{monitors := Monitors} = Recording} ->
+            OfTeam = [M || {M, robots} <- NotJudged],
+            Judged = Recording#{
+                monitors := [One || {M, _} = One <- Monitors, not lists:member(M, OfTeam)]
+            },
             judgements(
-                starl_debug_bounds:bounds(Sigma, Recording, Drift), Recording, Violations, Drift
+                starl_debug_bounds:bounds(Sigma, Recording, Drift), Judged, Violations, Drift
             );
         {error, Reason} ->
             {error, starl_debug_recording:format_error(Reason)}
@@ -113,10 +119,11 @@ told(File, #{violations := Found, scenario := #{app := App} = Scenario} = Judged
         not_judged(Judged),
         [by_clocks(Judgement) || Judgement <- Judgements],
         [[starl_unjudged:format(Part), "\n"] || Part <- Unjudged],
-        verdict(Violations, Unjudged),
+        verdict(Violations, Unjudged, lacks_robots(Judged)),
         same(Judged)
     ]),
-    status(Violations, Unjudged, [J || #{word := depends} = J <- Judgements]).
+    IsPart = Unjudged =/= [] orelse lacks_robots(Judged),
+    status(Violations, IsPart, [J || #{word := depends} = J <- Judgements]).
 
 by_clocks(#{contract := Contract, what := What, word := Word, violations := Found, answer := Answer}) ->
     io_lib:format("~ts, ~ts: ~ts\n", [Contract, What, word(Word, Found, Answer)]).
@@ -138,24 +145,42 @@ cut(closed) -> "";
 cut(cut_off) -> "the file is cut off after that";
 cut({damaged, At}) -> io_lib:format("the file is damaged after that, at byte ~b", [At]).
 
-not_judged(#{not_judged := NotJudged}) ->
+lacks_robots(#{not_judged := NotJudged}) -> lists:keymember(robots, 2, NotJudged).
+
+not_judged(#{not_judged := NotJudged, scenario := Scenario}) ->
     [
         ["not judged: ", lists:join(", ", Names), ": ", Why, "\n"]
      || {Needs, Why} <- [
             {motions, "they need the true motions, which the world's run.mcap has; merge it, too"},
-            {robots, "they need the recordings of all robots of the run"}
+            {robots, missing(Scenario)}
         ],
         Names <- [[starl_monitor:name(Module) || {Module, N} <- NotJudged, N =:= Needs]],
         Names =/= []
     ].
 
-verdict([], []) ->
+missing(#{told_by := By, robots := Robots}) ->
+    case [integer_to_list(Id) || {Id, _} <- Robots] -- [integer_to_list(Id) || Id <- By] of
+        [Robot] ->
+            ["the recording of robot ", Robot, " is missing; merge it, too"];
+        Missing ->
+            [
+                "the recordings of robots ",
+                lists:join(", ", Missing),
+                " are missing; merge them, too"
+            ]
+    end;
+missing(_AllAreThere) ->
+    "".
+
+verdict([], [], false) ->
     "no contract is broken\n";
-verdict([], _Unjudged) ->
+verdict([], [], true) ->
+    "NOT JUDGED FOR THE TEAM; in what each robot shows alone no contract is broken\n";
+verdict([], _Unjudged, _LacksRobots) ->
     "NOT JUDGED TO THE END; until there no contract is broken\n";
-verdict([_], _Unjudged) ->
+verdict([_], _Unjudged, _LacksRobots) ->
     "a contract is broken\n";
-verdict(Violations, _Unjudged) ->
+verdict(Violations, _Unjudged, _LacksRobots) ->
     io_lib:format("contracts are broken ~b times\n", [length(Violations)]).
 
 same(#{found := unknown}) ->
@@ -166,10 +191,10 @@ same(#{found := Found, violations := Violations}) ->
         false -> io_lib:format("the run itself had found ~b violations\n", [length(Found)])
     end.
 
-status([], [], []) -> 0;
-status([], [], _Depends) -> 6;
-status([], _Unjudged, _Depends) -> 5;
-status(_Violations, _Unjudged, _Depends) -> 3.
+status([], false, []) -> 0;
+status([], false, _Depends) -> 6;
+status([], true, _Depends) -> 5;
+status(_Violations, _IsPart, _Depends) -> 3.
 
 %% -- without trust in the clocks ------------------------------------------------------------
 
