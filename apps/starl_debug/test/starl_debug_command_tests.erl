@@ -278,6 +278,34 @@ overlapping_recordings_test_() ->
         one_line(2, "robot-1.mcap: given twice", ["debug", One, One, Two | ?OWNERS])
     end).
 
+%% Merged they would accuse the robot of all that it did twice.
+a_recording_is_merged_once_test_() ->
+    in_directory(fun(Dir) ->
+        {Of1, _} = packets(0),
+        One = write(Dir, "robot-1.mcap", own(1, Of1 ++ holds([hd(?BOTH)]))),
+        Two = write(Dir, "robot-2.mcap", own(2, [])),
+        ok = filelib:ensure_path(filename:join(Dir, "copies")),
+        Merge = fun(Files) -> ["merge" | Files] ++ ["--out", filename:join(Dir, "merged.mcap")] end,
+        Duplicate = fun(File) -> lists:concat(["duplicate of robot 1: ", One, ", ", File, ";"]) end,
+        one_line(2, Duplicate(One), Merge([One, One, Two])),
+        [
+            begin
+                {ok, _} = file:copy(One, Copy),
+                one_line(2, Duplicate(Copy), Merge([One, Two, Copy]))
+            end
+         || Name <- ["copy.mcap", "copies/robot-1.mcap", "robot-1.2.mcap"],
+            Copy <- [filename:join(Dir, Name)]
+        ],
+        %% of a robot that had two recorders
+        Other = [{log, At, {info, 1, "other"}} || At <- lists:seq(100, ?END div 2, 250000)],
+        Beside = write(Dir, "beside.mcap", recording(#{told_by => [1], begun_us => 100}, Other)),
+        one_line(2, Duplicate(Beside), Merge([One, Beside, Two])),
+        %% and a merged one beside its parts
+        Whole = filename:join(Dir, "whole.mcap"),
+        says(0, [], ["merge", One, Two, "--out", Whole]),
+        one_line(2, "duplicate of robot 1: ", Merge([Whole, One]))
+    end).
+
 a_recording_of_another_run_test_() ->
     in_directory(fun(Dir) ->
         One = write(Dir, "robot-1.mcap", own(1, [])),

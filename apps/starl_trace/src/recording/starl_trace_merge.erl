@@ -36,6 +36,7 @@
     | {no_scenario, file:filename_all()}
     | {too_short, file:filename_all()}
     | {two_worlds, file:filename_all(), file:filename_all()}
+    | {duplicate, starl:robot_id(), file:filename_all(), file:filename_all()}
     | {other_run, file:filename_all(), file:filename_all(), Key :: atom()}.
 
 -record(source, {
@@ -127,7 +128,40 @@ checked([#source{file = First, facts = Facts} | Others] = Sources) ->
     ],
     case [File || #source{kind = world, file = File} <- Sources] of
         [A, B | _] -> throw({?MODULE, {two_worlds, A, B}});
-        _ -> ok
+        _ -> once(Sources)
+    end.
+
+%% Each time of a robot is told once.
+once([]) ->
+    ok;
+once([#source{file = File} = Source | Others]) ->
+    _ = [
+        throw({?MODULE, {duplicate, Robot, File, Other#source.file}})
+     || #source{facts = Facts} = Other <- Others,
+        Robot <- lists:sublist(shares(Source#source.facts, Facts), 1),
+        is_same_beginning(Source, Other) orelse is_same_time(Source, Other)
+    ],
+    once(Others).
+
+shares(#{told_by := By}, #{told_by := Others}) -> [R || R <- By, lists:member(R, Others)];
+shares(_OneOfThem, _IsTheWorld) -> [].
+
+is_same_beginning(#source{messages = [_ | _] = Messages} = A, #source{messages = Messages} = B) ->
+    maps:get(begun_us, A#source.facts, 0) =:= maps:get(begun_us, B#source.facts, 0);
+is_same_beginning(_, _) ->
+    false.
+
+%% By their numbers two files follow each other, even if the clock was set back between them.
+is_same_time(#source{file = A, facts = FactsA}, #source{file = B, facts = FactsB}) ->
+    {NumberA, BegunA} = starl_trace_robot:order(A, FactsA),
+    {NumberB, BegunB} = starl_trace_robot:order(B, FactsB),
+    IsNumbered = NumberA > 0 andalso NumberB > 0 andalso NumberA =/= NumberB,
+    not IsNumbered andalso BegunA < end_us(B) andalso BegunB < end_us(A).
+
+end_us(File) ->
+    case starl_trace_reader:tail(File) of
+        {ok, #{until_us := Until}} -> Until;
+        {error, Reason} -> throw({?MODULE, Reason})
     end.
 
 written(Sources0, Part) ->
@@ -345,6 +379,9 @@ format_error({too_short, File}) ->
 format_error({two_worlds, First, File}) ->
     Line = "~ts: like ~ts the recording of a whole run; merge takes those of its robots",
     io_lib:format(Line, [File, First]);
+format_error({duplicate, Robot, First, File}) ->
+    Line = "duplicate of robot ~b: ~ts, ~ts; both tell of it at the same time, give one of them",
+    io_lib:format(Line, [Robot, First, File]);
 format_error({other_run, First, File, Key}) ->
     Line = "~ts: not of the run of ~ts (another ~ts); merge takes the robots of one run",
     io_lib:format(Line, [File, First, Key]);
