@@ -278,6 +278,24 @@ complete_with_robots_that_wait_test() ->
      || {Ending, Results} <- [{done, [done, died]}, {time, [done, done]}, {done, [done]}]
     ].
 
+%% What robots have done after the time up to which a run is judged is not known: it may well be complete.
+a_run_that_is_not_judged_to_the_end_is_not_called_short_test() ->
+    Part = starl_unjudged:since(3, ["painting"], {stood_still, 1, 3}),
+    Shown = fun(Results, Ending) ->
+        Outcome = (outcome(Results, []))#{unjudged := [Part]},
+        headline(report(#{outcome => Outcome, app => painting(0.2), ending => Ending}))
+    end,
+    Ended = Shown([done, done], done),
+    shows(
+        "ended, 20.00 % of the lines painted as far as it is judged, NOT JUDGED TO THE END", Ended
+    ),
+    ?assertEqual(nomatch, string:find(Ended, "could do")),
+    ?assertEqual(nomatch, string:find(Ended, "NOT COMPLETE")),
+    shows(
+        "NOT COMPLETE, 20.00 % of the lines painted (the time was up", Shown([done, running], time)
+    ),
+    shows("NOT COMPLETE, 20.00 % of the lines painted (robot 1 died", Shown([died, done], done)).
+
 %% A run in which a step did not end is never complete, and says where.
 a_step_that_does_not_end_test() ->
     Work = [{2, app, [{my_app, step, 2, "my_app.erl", 7}]}],

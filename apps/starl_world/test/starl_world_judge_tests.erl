@@ -24,32 +24,96 @@ order_test() ->
     ?assertEqual([{3, z}, {5, x}, {5, w}, {9, y}], seen(Late)),
     ?assertEqual(0, starl_world_judge:late(Late)).
 
-%% A fact that comes too late is counted; nothing that builds on it is judged any more, and that is said.
-late_test() ->
-    {ok, Judge} = starl_world_judge:judge(30, told([[{5, 1, a, x}, {9, 1, a, y}]], new(10))),
-    {ok, Next} = starl_world_judge:judge(40, told([[{4, 2, a, late}, {20, 2, a, z}]], Judge)),
+%% A fact that comes too late is counted, and judged at its time; what follows is judged to the end.
+a_late_fact_is_judged_at_its_time_test() ->
+    First = told([[{5, 1, a, x}, {9, 1, a, y}]], new(10)),
+    {ok, Judge} = starl_world_judge:judge(16, First),
+    {ok, More} = starl_world_judge:judge(30, Judge),
+    {ok, Next} = starl_world_judge:judge(40, told([[{7, 2, a, late}, {20, 2, a, z}]], More)),
     ?assertEqual(1, starl_world_judge:late(Next)),
-    Bad = told([[{41, 1, a, bad}]], Next),
-    {ok, After} = starl_world_judge:judge(60, Bad),
-    {[], Results, [Part]} = starl_world_judge:close(60, After),
-    %% what was measured until then is kept
-    ?assertEqual(#{?MODULE => #{ended => 9, seen => [{5, 1, a, x}, {9, 1, a, y}]}}, Results),
+    ?assertEqual([{5, x}, {7, late}, {9, y}, {20, z}], seen(Next)),
+    {ok, Again} = starl_world_judge:judge(41, told([[{5, 3, a, later}]], Next)),
+    ?assertEqual([{5, x}, {5, later}, {7, late}, {9, y}, {20, z}], seen(Again)),
+    {violation, After} = starl_world_judge:judge(60, told([[{41, 1, a, bad}]], Again)),
+    ?assertMatch({[#{at_us := 41}], _, []}, starl_world_judge:close(60, After)).
+
+%% Broken assumptions are known before the facts are judged anew. The observer is told of each fact once, and that
+%% they are not in order.
+facts_are_judged_anew_with_what_is_known_by_then_test() ->
+    {ok, Judge} = starl_world_judge:judge(30, told([[{5, 1, a, x}, {9, 1, a, y}]], observed(10))),
+    ?assertEqual([x, y], judged()),
+    Known = told([[{6, 2, a, late}, {9, 2, robot, {late, 3, 9}}]], Judge),
+    {ok, Next} = starl_world_judge:judge(40, Known),
+    ?assertEqual([{unjudged, 9, {stood_still, 6, 40}}], [N || {unjudged, _, _} = N <- news()]),
+    Seen = [{3, 2, 9, pause}, {5, 1, a, x}, {6, 2, a, late}, {9, 1, a, y}],
+    {[], #{?MODULE := #{seen := All}}, []} = starl_world_judge:close(40, Next),
+    ?assertEqual(Seen, lists:sublist(All, 4)).
+
+%% A violation that was found without the late fact is none, if it does not come again.
+a_fact_that_is_taken_back_has_broken_nothing_test() ->
+    Facts = [{5, 1, a, x}, {9, 1, a, bad}, {12, 1, a, y}],
+    {violation, Broken} = starl_world_judge:judge(22, told([Facts], new(10))),
+    Undone = starl_world_judge:undone([{9, 1, a, bad}], 22, Broken),
+    ?assertEqual([], starl_world_judge:violations(Undone)),
+    {ok, Sound} = starl_world_judge:judge(23, Undone),
+    ?assertEqual([{5, x}, {12, y}], seen(Sound)).
+
+%% The monitors go back for a minute. For a fact that is older nothing that builds on it is judged any more, and that
+%% is said.
+a_fact_of_long_ago_blinds_test() ->
+    Minute = 60000000,
+    Facts = [{5, 1, a, x}, {9, 1, a, y}, {Minute + 6, 1, a, z}, {Minute + 10, 1, a, w}],
+    Last = lists:foldl(
+        fun({At, _, _, _} = Fact, J) ->
+            {ok, Next} = starl_world_judge:judge(At + 10, told([[Fact]], J)),
+            Next
+        end,
+        new(10),
+        Facts
+    ),
+    Judged = fun(Late) ->
+        {ok, Next} = starl_world_judge:judge(Minute + 40, told([[{Late, 2, a, late}]], Last)),
+        {ok, After} = starl_world_judge:judge(
+            Minute + 60, told([[{Minute + 41, 1, a, u}]], Next)
+        ),
+        {[], #{?MODULE := #{seen := Seen}}, Parts} = starl_world_judge:close(Minute + 60, After),
+        {[Event || {_, _, _, Event} <- Seen], Parts}
+    end,
+    ?assertEqual({[x, y, late, z, w, u], []}, Judged(9)),
     ?assertMatch(
-        #{monitors := ["world_judge_tests"], from_us := 9, why := {stood_still, 4, 40}}, Part
+        {[x, y, z, w], [
+            #{monitors := ["world_judge_tests"], from_us := _, why := {stood_still, 4, _}}
+        ]},
+        Judged(4)
     ).
 
-%% What is undone in time is not judged; what is undone after it has been judged, nobody can take back.
+%% Nothing is judged before all robots that are up have sent their facts up to then, however long that takes.
+a_robot_that_does_not_answer_is_waited_for_test() ->
+    Up = starl_world_judge:up(2, 1, starl_world_judge:up(1, 0, observed(10))),
+    Facts = told([[{5, 1, a, x}, {9, 1, a, y}, {30, 1, a, z}]], Up),
+    One = starl_world_judge:complete(1, 100, 101, starl_world_judge:complete(2, 7, 8, Facts)),
+    {ok, Waits} = starl_world_judge:judge(105, One),
+    ?assertEqual([x], judged()),
+    %% its last fact before it stood still
+    Heard = starl_world_judge:complete(2, 20, 110, told([[{8, 2, a, late}]], Waits)),
+    {ok, Early} = starl_world_judge:judge(119, starl_world_judge:complete(2, 105, 110, Heard)),
+    ?assertEqual([], judged()),
+    {ok, Next} = starl_world_judge:judge(120, Early),
+    ?assertEqual([late, y, z], judged()),
+    ?assertEqual(0, starl_world_judge:late(Next)),
+    %% one that is down is waited for no more
+    {ok, _} = starl_world_judge:judge(
+        200, starl_world_judge:down(2, told([[{110, 1, a, w}, {90, 1, a, u}]], Next))
+    ),
+    ?assertEqual([u], judged()).
+
+%% What is undone in time is not judged.
 undone_test() ->
     Facts = [{5, 1, a, x}, {9, 1, a, bad}, {12, 1, a, y}],
     {ok, Judge} = starl_world_judge:judge(18, told([Facts], new(10))),
     Undone = starl_world_judge:undone([{9, 1, a, bad}], 18, Judge),
     {ok, Sound} = starl_world_judge:judge(30, Undone),
-    ?assertEqual([{5, x}, {12, y}], seen(Sound)),
-    {violation, Broken} = starl_world_judge:judge(19, Judge),
-    {[_], _, Parts} = starl_world_judge:close(
-        20, starl_world_judge:undone([{9, 1, a, bad}], 20, Broken)
-    ),
-    ?assertMatch([#{why := {stood_still, 9, 20}}], Parts).
+    ?assertEqual([{5, x}, {12, y}], seen(Sound)).
 
 %% That a computer was late is known as soon as it is heard, before what it explains is judged.
 a_late_computer_test() ->
@@ -246,6 +310,12 @@ observed(Horizon) ->
         Self ! News,
         ok
     end).
+
+news() ->
+    receive
+        News -> [News | news()]
+    after 0 -> []
+    end.
 
 judged() ->
     receive

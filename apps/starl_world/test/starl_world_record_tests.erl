@@ -65,12 +65,59 @@ record() ->
 started(World, Robot, File) ->
     Link = spawn_link(fun Answers() ->
         receive
-            {'$gen_call', From, figures} -> gen_server:reply(From, #{events => 0, packets => 0})
+            {'$gen_cast', {mark, From, Mark}} -> From ! {starl_marked, Robot, self(), Mark};
+            {'$gen_call', From, figures} -> gen_server:reply(From, #{events => 0, packets => 0});
+            {stand, Caller} -> stands(Caller);
+            {tell, Batch} -> World ! {starl_traced, Robot, self(), Batch}
         end,
         Answers()
     end),
     World ! {starl_started, Robot, Link, {[], File}},
     Link.
+
+stands(Caller) ->
+    Caller ! {stands, self()},
+    receive
+        go_on -> ok
+    end.
+
+%% A node stands still, and nobody has halted it. Its last fact comes seconds afterwards, and is judged at its time;
+%% what comes later is judged to the end.
+a_node_that_stood_still_costs_no_verdict_test_() ->
+    [
+        {Name, {timeout, 60, fun() -> ?assertEqual({Found, []}, after_standing(Facts)) end}}
+     || {Name, Facts, Found} <- [
+            {"its fact explains another", [sent], []},
+            {"a later mistake is found", [sent, alien], [delivered_but_not_sent]}
+        ]
+    ].
+
+%% The violations, and what is not judged, of a run that passes ten times as fast as real time.
+after_standing(Facts) ->
+    {ok, {_, _, Plan}} = starl_run:plan(
+        #{app => starl_world_app, robots => 2, play => #{}, mode => process},
+        #{slack_us => starl_world:slack_us()}
+    ),
+    Clock = starl_live_clock:new(erlang:system_time(microsecond), 10),
+    {ok, World} = starl_world:start_link(#{plan => Plan, clock => Clock}),
+    [First, Second] = [started(World, Robot, none) || Robot <- [1, 2]],
+    ok = starl_world:until(World, 1_000_000),
+    First ! {stand, self()},
+    receive
+        {stands, First} -> ok
+    end,
+    Now = starl_live_clock:now_us(Clock),
+    Second ! {tell, {1, Now, [{Now + 1, 2, sap, {delivered, ?ID, note, 9}}]}},
+    ok = starl_world:until(World, Now + 8_000_000),
+    First ! {tell, {1, Now, [{Now, 1, sap, {sent, ?ID, [2], note, 9}}]}},
+    First ! go_on,
+    Later = Now + 9_000_000,
+    ok = starl_world:until(World, Later),
+    Alien = {delivered, {1, 1, 8}, note, 9},
+    Second ! {tell, {2, Later, [{Later, 2, sap, Alien} || alien <- Facts]}},
+    ok = starl_world:until(World, Later + 8_000_000),
+    #{violations := Found, unjudged := Parts} = starl_world:finish(World),
+    {[What || #{what := What} <- Found], Parts}.
 
 told() ->
     receive

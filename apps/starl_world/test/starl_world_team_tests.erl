@@ -117,9 +117,9 @@ heard_late_test() ->
     {[401000], [601000], Later} = Heard(401000, 1200000, stop, Advanced),
     ?assertEqual(50, way(2000000, Later)),
     ?assertMatch({_, [], _}, Heard(701000, 1200000, stop, Advanced)),
-    %% longer ago than the judge waits
-    Horizon = starl_world_judge:horizon_us(),
-    {At, _} = ?T:heard(1, self(), {{at, 201000}, stop}, 401000 + Horizon, Advanced),
+    %% longer ago than the judge can go back
+    Back = starl_world_judge:back_us(),
+    {At, _} = ?T:heard(1, self(), {{at, 201000}, stop}, 401000 + Back, Advanced),
     ?assertEqual(401000, At).
 
 %% The picture of hardware is of the moment up to which it has told everything, or when it told something

@@ -300,11 +300,18 @@ verdict(Report) ->
 ended(_Ending, true, Report) ->
     ["complete", share(", ", Report), rolled_back(Report)];
 ended(Ending, false, #report{app = App} = Report) ->
-    [unfinished(Ending, App), share(", ", Report), " (", why(Ending, Report), ")"].
+    case judged(Report) orelse is_short(Ending, Report) of
+        true -> [unfinished(Ending, App), share(", ", Report), " (", why(Ending, Report), ")"];
+        false -> ["ended", share(", ", Report), " as far as it is judged"]
+    end.
 
 %% Robots may still wait when all is done that there was to do.
 unfinished(Ending, #{complete := true}) when Ending =:= time; Ending =:= quiet -> "NOT ENDED";
 unfinished(_Ending, _App) -> "NOT COMPLETE".
+
+%% All robots have ended their work: what they have done since it was judged last is not known.
+is_short(done, #report{died = [], given_up = [], running = []}) -> false;
+is_short(_Ending, _Report) -> true.
 
 to_the_end(Report) ->
     case judged(Report) of

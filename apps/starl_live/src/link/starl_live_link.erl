@@ -22,7 +22,8 @@
     reload/3,
     take_back/3,
     sense_faults/2,
-    kill/2
+    kill/2,
+    mark/2
 ]).
 -export([processes/1, at_work/1]).
 -export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
@@ -119,6 +120,11 @@ sense_faults(Link, Faults) -> gen_server:cast(Link, {sense_faults, Faults}).
 -spec kill(pid(), starl_machine:name()) -> ok.
 kill(Link, Name) -> gen_server:cast(Link, {kill, Name}).
 
+%% @doc This process is sent `{starl_marked, Robot, Link, Mark}' behind all facts of what the robot has done until
+%% now.
+-spec mark(pid(), Mark :: term()) -> ok.
+mark(Link, Mark) -> gen_server:cast(Link, {mark, self(), Mark}).
+
 %% @doc The reload of this number has failed on that robot: this one goes back.
 -spec take_back(pid(), starl_reload:count(), Failed :: starl:robot_id()) -> ok.
 take_back(Link, N, Failed) -> gen_server:cast(Link, {take_back, N, Failed}).
@@ -189,6 +195,8 @@ handle_cast({reload, _Order, _Reporter} = Reload, #link{turns = Turns} = Link) -
     next(starl_live_turns:waits(Reload, Turns), Link);
 handle_cast({take_back, _N, _Failed} = Back, #link{turns = Turns} = Link) ->
     next(starl_live_turns:waits(Back, Turns), Link);
+handle_cast({mark, _From, _Mark} = Mark, #link{turns = Turns} = Link) ->
+    next(starl_live_turns:waits(Mark, Turns), Link);
 handle_cast({sense_faults, Faults}, #link{turns = Turns} = Link) ->
     next(starl_live_turns:sense_faults(Faults, Turns), Link);
 handle_cast({kill, Name}, #link{turns = Turns} = Link) ->

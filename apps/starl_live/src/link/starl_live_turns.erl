@@ -23,7 +23,8 @@
     | {timer, starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark(), term()}
     | {acts, pid(), [starl_machine:action()]}
     | {reload, starl_reload:order(), pid()}
-    | {take_back, starl_reload:count(), starl:robot_id()}.
+    | {take_back, starl_reload:count(), starl:robot_id()}
+    | {mark, pid(), term()}.
 
 -record(turns, {
     robot :: starl_robot:t(),
@@ -209,6 +210,9 @@ handle({timer, Name, Timer, Mark, Content}, #turns{robot = Robot} = Turns) ->
         stale ->
             work(Turns)
     end;
+handle({mark, From, Mark}, #turns{robot = Robot} = Turns) ->
+    From ! {starl_marked, starl_robot:id(Robot), self(), Mark},
+    work(Turns);
 handle({acts, Pid, Actions}, Turns) ->
     acted(Pid, Actions, Turns).
 

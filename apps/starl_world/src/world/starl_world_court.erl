@@ -5,6 +5,7 @@
 -module(starl_world_court).
 
 -export([new/2, told/2, leader/1, radioed/2, undone/3, late/3, clock/3]).
+-export([up/3, down/2, complete/4]).
 -export([fault/3, halt/4, halted/3, released/3, heard/3]).
 -export([look/3, accept/3, accuse/2, close/2, outcome/4]).
 
@@ -58,7 +59,7 @@ undone(Events, Now, #court{judge = Judge} = Court) ->
 %% @doc Something is heard now that has happened then: so late it cannot be judged at its time.
 -spec late(ThenUs :: integer(), NowUs :: integer(), t()) -> t().
 late(Then, Now, #court{judge = Judge} = Court) ->
-    case Then < Now - starl_world_judge:horizon_us() of
+    case Then < Now - starl_world_judge:back_us() of
         true -> by(starl_world_judge:stood_still(Then, Now, Judge), Court);
         false -> Court
     end.
@@ -66,6 +67,21 @@ late(Then, Now, #court{judge = Judge} = Court) ->
 %% @doc The clock of a robot's computer is so far ahead, or behind.
 -spec clock(starl:robot_id(), AheadUs :: integer(), t()) -> t().
 clock(Id, Us, #court{judge = Judge} = Court) -> by(starl_world_judge:clock(Id, Us, Judge), Court).
+
+%% @doc A robot is up: its facts are waited for.
+-spec up(starl:robot_id(), NowUs :: integer(), t()) -> t().
+up(Id, Now, #court{judge = Judge} = Court) ->
+    Court#court{judge = starl_world_judge:up(Id, Now, Judge)}.
+
+%% @doc A robot is down: all its facts have come.
+-spec down(starl:robot_id(), t()) -> t().
+down(Id, #court{judge = Judge} = Court) ->
+    Court#court{judge = starl_world_judge:down(Id, Judge)}.
+
+%% @doc A robot that was asked then answers now: all its facts up to then have come.
+-spec complete(starl:robot_id(), ThenUs :: integer(), NowUs :: integer(), t()) -> t().
+complete(Id, Then, Now, #court{judge = Judge} = Court) ->
+    Court#court{judge = starl_world_judge:complete(Id, Then, Now, Judge)}.
 
 %% -- faults ---------------------------------------------------------------------------------
 

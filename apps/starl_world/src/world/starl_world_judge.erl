@@ -1,11 +1,17 @@
 %% @doc Judges a live run: puts the facts of all robots in the order of their time and feeds them to
 %% the monitors. A pure module.
 %%
-%% Facts arrive late and out of order. An event is judged when it is older than the horizon. If one
-%% arrives later still, the computer stood still, and what follows is not judged: neither it nor what builds
-%% on it. Nor is it where the clocks of two robots' computers are apart, as they say when they are asked, and as
-%% packets tell that came before they were sent, and facts of times that are still to come. Packets are not judged;
-%% an observer is told of each, when its sender and its receiver have had time to tell what they know.
+%% Facts arrive late and out of order. An event is judged when it is older than the horizon, and when
+%% every robot that is up has sent all its facts up to then ({@link complete/4}): for a robot that stands
+%% still the judge waits, whoever halted it. A robot whose node is halted for too long is killed, and then it
+%% is down.
+%%
+%% A fact may still come after its time was judged, for instance from hardware. Then the monitors go back to
+%% their states before it, and judge the facts since then anew, in order. They cannot go back further than
+%% a minute; then nothing that follows is judged. Nor is it where the clocks of two robots' computers are
+%% apart, as they say when they are asked, and as packets tell that came before they were sent, and facts of
+%% times that are still to come. Packets are not judged; an observer is told of each, when its sender and its
+%% receiver have had time to tell what they know.
 %%
 %% A robot that is halted tells nothing, and its facts come afterwards, also those of the last moment
 %% before: nothing that was not old enough when a halt began is judged until the horizon after its end. Then its monitors have been told of it
@@ -20,8 +26,12 @@
 -export([
     new/2, new/3,
     horizon_us/0,
+    back_us/0,
     told/2,
     undone/3,
+    up/3,
+    down/2,
+    complete/4,
     heard/2,
     faults/2,
     clock/3,
@@ -49,10 +59,16 @@
     monitors :: starl_monitor:t(),
     observer = none :: starl_observer:t(),
     horizon_us :: non_neg_integer(),
-    %% events that are not old enough, with their numbers of arrival
-    pending = [] :: [{integer(), non_neg_integer(), starl_monitor:trace_event()}],
+    %% events that are to be judged
+    pending = [] :: [entry()],
     n = 0 :: non_neg_integer(),
     seen = 0 :: integer(),
+    %% what was judged in the last minute, latest first
+    judged = [] :: [piece()],
+    %% the time of the last event of which the observer was told
+    told_us = 0 :: integer(),
+    %% the robots that are up, with the times up to which all their facts have come
+    complete = #{} :: #{starl:robot_id() => integer()},
     %% when the judge has looked last, and how long he was kept from it
     looked_us = 0 :: integer(),
     behind_us = 0 :: non_neg_integer(),
@@ -76,8 +92,22 @@
     integer(), StandsUs :: integer() | none, ReleasedUs :: integer() | none
 }.
 
+%% An event with its number of arrival, and whether the observer was told of it.
+-type entry() :: {
+    AtUs :: integer(), non_neg_integer(), starl_monitor:trace_event(), IsTold :: boolean()
+}.
+
+%% A step of the monitors: from when on, their states and the violations before it, and the events; or a
+%% broken assumption of which they were told.
+-type piece() ::
+    {judged, SeenUs :: integer(), starl_monitor:t(), [starl_monitor:violation()], [entry()]}
+    | {broken, starl_assumption:window()}.
+
 %% The time that the judge of a run waits for facts, by the clock of the computer.
 -define(HORIZON_US, 1500000).
+%% How far the monitors can go back, and how old a fact may be for that when it comes.
+-define(KEPT_US, 60000000).
+-define(BACK_US, 30000000).
 
 %% Packets that came so long before they were sent, on average, and facts from so far ahead: clocks are
 %% apart.
@@ -99,14 +129,58 @@ new(Monitors, Horizon, Observer) ->
 -spec horizon_us() -> pos_integer().
 horizon_us() -> ?HORIZON_US.
 
-%% @doc Facts that were told are none. Those that are judged already cannot be taken back.
+%% @doc The age up to which a fact can be judged at its time.
+-spec back_us() -> pos_integer().
+back_us() -> ?BACK_US.
+
+%% @doc Facts that were told are none. If they are judged already, what followed is judged anew.
 -spec undone([starl_monitor:trace_event(), ...], NowUs :: integer(), t()) -> t().
-undone([First | _] = Events, Now, #judge{pending = Pending} = Judge) ->
-    {Undone, Left} = lists:partition(fun({_, _, E}) -> lists:member(E, Events) end, Pending),
+undone([First | _] = Events, Now, Judge) ->
+    case without(Events, Judge) of
+        {ok, Next} ->
+            Next;
+        {error, Next} ->
+            Then = element(1, First),
+            {_, Back} = back(Then - 1, {stood_still, Then, Now}, Next),
+            {_, Left} = without(Events, Back),
+            Left
+    end.
+
+%% Are these all of the events?
+without(Events, #judge{pending = Pending} = Judge) ->
+    {Undone, Left} = lists:partition(fun({_, _, E, _}) -> lists:member(E, Events) end, Pending),
     Next = Judge#judge{pending = Left},
     case length(Undone) >= length(Events) of
-        true -> Next;
-        false -> stood_still(element(1, First), Now, Next)
+        true -> {ok, Next};
+        false -> {error, Next}
+    end.
+
+%% @doc A robot is up from now on: its facts are waited for.
+-spec up(starl:robot_id(), NowUs :: integer(), t()) -> t().
+up(Robot, Now, #judge{complete = Complete} = Judge) ->
+    Judge#judge{complete = Complete#{Robot => Now}}.
+
+%% @doc A robot is down: all its facts have come.
+-spec down(starl:robot_id(), t()) -> t().
+down(Robot, #judge{complete = Complete} = Judge) ->
+    Judge#judge{complete = maps:remove(Robot, Complete)}.
+
+%% @doc A robot that is up was asked then, and answers now: all its facts up to then have come. If that took
+%% longer than the judge waits for facts, the robot stood still, and he waits as after a halt: what explains
+%% its silence may come a moment later.
+-spec complete(starl:robot_id(), ThenUs :: integer(), NowUs :: integer(), t()) -> t().
+complete(Robot, Then, Now, #judge{complete = Complete, horizon_us = Horizon} = Judge) ->
+    case Complete of
+        #{Robot := Before} when Now - Then > Horizon ->
+            #judge{halts = Halts} = Judge,
+            Judge#judge{
+                complete = Complete#{Robot := Then},
+                halts = [{Before, Now} | lists:delete({Before, Now}, Halts)]
+            };
+        #{Robot := _} ->
+            Judge#judge{complete = Complete#{Robot := Then}};
+        #{} ->
+            Judge
     end.
 
 %% @doc Facts have arrived, in the order of their time for each robot. That a computer was late is known before
@@ -119,18 +193,18 @@ told(Events, Judge) ->
         Events
     ).
 
-computer_late(
-    {Robot, From, To, _} = Window, #judge{monitors = Monitors, computers = Before} = Judge
-) ->
+computer_late({Robot, From, To, _} = Window, #judge{computers = Before} = Judge) ->
     Us = To - From,
     More = fun({N, Longest}) -> {N + 1, max(Us, Longest)} end,
+    broken(Window, Judge#judge{computers = maps:update_with(Robot, More, {1, Us}, Before)}).
+
+broken(Window, #judge{monitors = Monitors, judged = Judged} = Judge) ->
     Judge#judge{
-        monitors = starl_monitor:broken(Window, Monitors),
-        computers = maps:update_with(Robot, More, {1, Us}, Before)
+        monitors = starl_monitor:broken(Window, Monitors), judged = [{broken, Window} | Judged]
     }.
 
 arrived(Event, #judge{pending = Pending, n = N} = Judge) ->
-    Judge#judge{pending = [{element(1, Event), N, Event} | Pending], n = N + 1}.
+    Judge#judge{pending = [{element(1, Event), N, Event, false} | Pending], n = N + 1}.
 
 %% @doc The radio of a robot has told of packets.
 -spec heard([starl_monitor:trace_event()], t()) -> t().
@@ -187,8 +261,8 @@ resumed(Robot, Now, #judge{held = Held, halts = Halts} = Judge) ->
 
 excused(_Robot, none, _Now, Judge) ->
     Judge;
-excused(Robot, From, To, #judge{monitors = Monitors} = Judge) ->
-    Judge#judge{monitors = starl_monitor:broken({Robot, From, To, pause}, Monitors)}.
+excused(Robot, From, To, Judge) ->
+    broken({Robot, From, To, pause}, Judge).
 
 %% @doc The robots that stand still.
 -spec standing(t()) -> [starl:robot_id()].
@@ -223,17 +297,16 @@ judge(Now, Judge) -> judge(Now, 0, Judge).
 judge(Now, Behind, Begun) ->
     #judge{horizon_us = Least} = Open = lasting(Now, Begun),
     Horizon = Least + Behind,
-    #judge{held = Held, halts = Halts} = Judge = unheard(Now - Least, Open),
+    #judge{held = Held, halts = Halts, complete = Complete} = Judge = unheard(Now - Least, Open),
     Recent = [Halt || {_, To} = Halt <- Halts, To > Now - Horizon],
     Since = [element(1, Halt) || Halt <- maps:values(Held) ++ Recent],
-    upto(lists:min([Now | Since]) - Horizon, Now, apart(Now, Judge#judge{halts = Recent})).
+    Time = lists:min([lists:min([Now | Since]) - Horizon | maps:values(Complete)]),
+    upto(Time, Now, apart(Now, Judge#judge{halts = Recent})).
 
 %% What is judged now may rest on faults that still last.
-lasting(Now, #judge{lasting = Before, monitors = Monitors} = Judge) ->
+lasting(Now, #judge{lasting = Before} = Judge) ->
     {Windows, Lasting} = starl_assumption_open_faults:windows(Now, Before),
-    Judge#judge{
-        lasting = Lasting, monitors = lists:foldl(fun starl_monitor:broken/2, Monitors, Windows)
-    }.
+    lists:foldl(fun broken/2, Judge#judge{lasting = Lasting}, Windows).
 
 %% The robots that were released by this time are not waited for any longer.
 unheard(Time, #judge{horizon_us = Horizon, held = Held} = Judge) ->
@@ -246,19 +319,20 @@ unheard(Time, #judge{horizon_us = Horizon, held = Held} = Judge) ->
 %% Clocks that run apart.
 apart(Now, #judge{pending = Pending, ways = Ways} = Judge) ->
     Early = [{clocks, A, B, Us} || {{A, B}, Us} <- starl_packet_fates:early(Ways), Us >= ?APART_US],
-    Ahead = [{clocks, R, R, T - Now} || {T, _, {_, R, _, _}} <- Pending, T >= Now + ?AHEAD_US],
+    Ahead = [{clocks, R, R, T - Now} || {T, _, {_, R, _, _}, _} <- Pending, T >= Now + ?AHEAD_US],
     case Early ++ Ahead of
         [] -> Judge;
         [Why | _] -> blinded(Why, Judge)
     end.
 
-blinded(Why, #judge{monitors = Monitors, observer = Observer, seen = Seen} = Judge) ->
+blinded(Why, #judge{monitors = Monitors} = Judge) ->
     Next = starl_monitor:blinded(Why, Monitors),
-    _ = [
-        ok = starl_observer:tell({unjudged, Seen, Why}, Observer)
-     || starl_monitor:unjudged(Next) =/= starl_monitor:unjudged(Monitors)
-    ],
-    Judge#judge{monitors = Next}.
+    _ = starl_monitor:unjudged(Next) =/= starl_monitor:unjudged(Monitors) andalso gap(Why, Judge),
+    Judge#judge{monitors = Next, judged = []}.
+
+%% What the observer is told from now on is not in order with what he was told before.
+gap(Why, #judge{observer = Observer, seen = Seen}) ->
+    starl_observer:tell({unjudged, Seen, Why}, Observer).
 
 %% @doc What was heard now had happened at another time, longer ago than the judge waits.
 -spec stood_still(ThenUs :: integer(), NowUs :: integer(), t()) -> t().
@@ -268,26 +342,64 @@ stood_still(Then, Now, Judge) -> blinded({stood_still, Then, Now}, Judge).
 -spec unjudged(t()) -> [starl_unjudged:t()].
 unjudged(#judge{monitors = Monitors}) -> starl_monitor:unjudged(Monitors).
 
-upto(Time, Now, #judge{pending = Pending, seen = Seen, late = Late0} = Judge0) ->
-    {Old, Young} = lists:partition(fun({At, _, _}) -> At =< Time end, Pending),
-    Sorted = [Event || {_, _, Event} <- lists:sort(Old)],
-    {Late, InTime} = lists:splitwith(fun(Event) -> element(1, Event) < Seen end, Sorted),
-    Trace = [setelement(1, Event, Seen) || Event <- Late] ++ InTime,
-    Judge = lateness(Late, Now, Judge0),
-    {Packets, Ways} = starl_packet_fates:due(Time, Judge#judge.ways),
-    Known = Judge#judge{pending = Young, late = Late0 + length(Late), ways = Ways},
-    watch(Trace, Packets, Known).
+%% Facts that come after their time has been judged take the monitors back.
+upto(Time, Now, #judge{pending = Pending, seen = Seen, late = Before} = Judge) ->
+    {Old, Young} = lists:partition(fun({At, _, _, _}) -> At =< Time end, Pending),
+    case lists:sort(Old) of
+        [{First, _, _, _} | _] = Sorted when First < Seen ->
+            Late = length(lists:takewhile(fun({At, _, _, _}) -> At < Seen end, Sorted)),
+            Known = Judge#judge{late = Before + Late},
+            case back(First, {stood_still, First, Now}, Known) of
+                {back, Again} -> upto(Time, Now, Again);
+                {blind, Blind} -> judged(Time, [after_(Seen, E) || E <- Sorted], Young, Blind)
+            end;
+        Sorted ->
+            judged(Time, Sorted, Young, Judge)
+    end.
 
-%% Facts that come after their time has been judged.
-lateness([], _Now, Judge) -> Judge;
-lateness([First | _], Now, Judge) -> blinded({stood_still, element(1, First), Now}, Judge).
+after_(Seen, {At, N, Event, IsTold}) ->
+    Then = max(Seen, At),
+    {Then, N, setelement(1, Event, Then), IsTold}.
+
+%% The monitors have judged nothing after this time: what they had, is to be judged again. If they cannot go back so
+%% far, they are blind.
+back(Time, Why, #judge{judged = Judged} = Judge) ->
+    IsLater = fun
+        ({judged, Seen, _, _, _}) -> Seen > Time;
+        ({broken, _}) -> true
+    end,
+    case lists:splitwith(IsLater, Judged) of
+        {Later, [First | Earlier]} ->
+            ok = gap(Why, Judge),
+            {back, again(First, Later, Judge#judge{judged = Earlier})};
+        {_, []} ->
+            {blind, blinded(Why, Judge)}
+    end.
+
+%% What was known of broken assumptions, is known before.
+again({judged, Seen, Monitors, Violations, Entries}, Later, #judge{pending = Pending} = Judge) ->
+    Others = [E || {judged, _, _, _, Es} <- Later, E <- Es],
+    Windows = [Window || {broken, Window} <- lists:reverse(Later)],
+    Before = Judge#judge{
+        monitors = Monitors,
+        violations = Violations,
+        untold = none,
+        seen = Seen,
+        pending = Entries ++ Others ++ Pending
+    },
+    lists:foldl(fun broken/2, Before, Windows).
+
+judged(Time, Entries, Young, Judge) ->
+    {Packets, Ways} = starl_packet_fates:due(Time, Judge#judge.ways),
+    watch(Entries, Packets, Judge#judge{pending = Young, ways = Ways}).
 
 watch([], Packets, Judge) ->
     ok = tell(Packets, [], Judge),
     {ok, Judge};
-watch(Trace, Packets, #judge{monitors = Monitors, violations = Violations} = Judge) ->
-    Told = lists:keymerge(1, Trace, Packets),
-    Seen = Judge#judge{seen = element(1, lists:last(Trace))},
+watch(Entries, Packets, #judge{monitors = Monitors, violations = Violations} = Judge) ->
+    Trace = [Event || {_, _, Event, _} <- Entries],
+    {Told, Known} = untold(Entries, Packets, kept(Entries, Judge)),
+    Seen = Known#judge{seen = element(1, lists:last(Trace))},
     case starl_monitor:step([E || E <- Trace, starl_observer:is_judged(E)], Monitors) of
         {ok, Next} ->
             ok = tell(Told, [], Judge),
@@ -298,6 +410,23 @@ watch(Trace, Packets, #judge{monitors = Monitors, violations = Violations} = Jud
                 monitors = Next, violations = Found, untold = {Told, Violation}
             }}
     end.
+
+%% What the observer has not been told, not before what he has been told.
+untold(Entries, Packets, #judge{told_us = Before} = Judge) ->
+    New = [setelement(1, Event, max(Before, At)) || {At, _, Event, false} <- Entries],
+    Last = lists:max([Before | [element(1, Event) || Event <- New]]),
+    {lists:keymerge(1, New, Packets), Judge#judge{told_us = Last}}.
+
+%% The monitors can go back to before these events, for a while.
+kept(Entries, #judge{judged = Judged, seen = Seen} = Judge) ->
+    #judge{monitors = Monitors, violations = Violations} = Judge,
+    IsRecent = fun
+        ({judged, Then, _, _, _}) -> Then >= Seen - ?KEPT_US;
+        ({broken, _}) -> true
+    end,
+    Told = [setelement(4, Entry, true) || Entry <- Entries],
+    Piece = {judged, Seen, Monitors, Violations, Told},
+    Judge#judge{judged = [Piece | lists:takewhile(IsRecent, Judged)]}.
 
 %% @doc The violation that was found last is told to the observer.
 -spec accuse(t()) -> t().

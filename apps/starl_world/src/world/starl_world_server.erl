@@ -87,6 +87,7 @@ hear(show, World) -> show(World);
 hear({starl_started, Id, Link, What}, World) -> started(Id, Link, What, World);
 hear({starl_traced, Id, Link, Batch}, World) -> traced(Id, Link, Batch, World);
 hear({starl_radio, _Id, Events}, World) -> radioed(Events, World);
+hear({starl_marked, Id, Link, Us}, World) -> marked(Id, Link, Us, World);
 hear({starl_ended, Id, _Link, Result}, World) -> result(Id, Result, World);
 hear({'DOWN', _, process, Pid, _Reason}, World) -> gone(Pid, World);
 hear({reached, From}, World) -> reached(From, World);
@@ -275,7 +276,11 @@ node_told({halted, Id}, #world{robots = Robots} = World) ->
 started(Id, Link, What, World0) ->
     #world{robots = Robots} = World = down(Id, World0),
     _ = erlang:monitor(process, Link),
-    World#world{robots = starl_world_team:started(Id, Link, What, Robots)}.
+    #world{court = Court} = World,
+    World#world{
+        robots = starl_world_team:started(Id, Link, What, Robots),
+        court = starl_world_court:up(Id, now_us(World), Court)
+    }.
 
 traced(Id, Link, Batch, #world{robots = Robots} = World) ->
     {New, Next} = starl_world_team:traced(Id, Link, Batch, Robots),
@@ -292,7 +297,8 @@ gone(Pid, #world{robots = Robots} = World) ->
 
 down(Id, #world{robots = Robots} = World) ->
     Down = starl_world_team:down(Id, unsaid(Id, Robots), now_us(World), Robots),
-    yielded(Down, heard_again(Id, World)).
+    #world{court = Court} = Next = yielded(Down, heard_again(Id, World)),
+    Next#world{court = starl_world_court:down(Id, Court)}.
 
 %% What a node that is halted, killed or busy has done, and has not told yet.
 unsaid(Id, Robots) ->
@@ -319,7 +325,19 @@ radioed(Events, #world{court = Court} = World) ->
 
 judge(World) ->
     _ = erlang:send_after(?JUDGE_MS, self(), judge),
-    judged(World).
+    #world{robots = Robots} = Next = judged(World),
+    Now = now_us(Next),
+    ok = lists:foreach(
+        fun(Link) -> starl_live_link:mark(Link, Now) end, starl_world_team:links(Robots)
+    ),
+    Next.
+
+%% A robot has sent all its facts up to a time.
+marked(Id, Link, Us, #world{robots = Robots, court = Court} = World) ->
+    case starl_world_team:of_link(Link, Robots) of
+        {ok, Id} -> World#world{court = starl_world_court:complete(Id, Us, now_us(World), Court)};
+        _ -> World
+    end.
 
 judged(#world{ending = Ending} = World) when Ending =/= none -> World;
 judged(World) ->

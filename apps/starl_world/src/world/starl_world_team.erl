@@ -14,7 +14,7 @@
 -export([new/2, embodied/4, tracked/3, untracked/2, hardware/2, free/2, watches/3, watching/1]).
 -export([heard/5, advance/3, touched/4, on_floor/2, poses/4]).
 -export([started/4, halted/4, traced/4, recalled/3, result/3, record/2, down/4, of_link/2]).
--export([ids/1, up/1, running/1, summaries/2]).
+-export([ids/1, up/1, links/1, running/1, summaries/2]).
 
 -export_type([t/0, yield/0, word/0, result/0]).
 
@@ -157,7 +157,7 @@ watching(Robots) -> [{Id, S} || {Id, #robot{sight = S}} <- maps:to_list(Robots),
 %% -- their bodies ---------------------------------------------------------------------------
 
 %% @doc A robot's chassis has told something now, or hardware tells when something was (`{at, Us}'): as
-%% long ago as the judge waits for facts, but not before what it has told last. However late it is heard, the
+%% long ago as the judge can go back, but not before what it has told last. However late it is heard, the
 %% body moves as if it had been heard at once: what it has done since then is undone. Returns that time, too; `unknown': it is not the robot's chassis any more.
 -spec heard(id(), Chassis :: pid(), {now | {at, integer()}, What}, NowUs :: integer(), t()) ->
     {AtUs :: integer(), yield()} | unknown
@@ -179,7 +179,7 @@ heard_at(now, What, Now, {Id, #robot{body = Body} = Robot}, Robots) ->
     {Now, yielded(Id, does(What, Now, Body), Robot, Robots)};
 heard_at({at, Then}, What, Now, {Id, Robot}, Robots) ->
     #robot{told_at = Before, body = Body, since = Since, answered = Answered} = Robot,
-    At = lists:max([Before, Now - starl_world_judge:horizon_us(), min(Now, Then)]),
+    At = lists:max([Before, Now - starl_world_judge:back_us(), min(Now, Then)]),
     Settled =
         case Robot of
             #robot{settled = none} -> Body;
@@ -381,6 +381,10 @@ of_link(Link, Robots) ->
 %% @doc The robots that are up, ascending.
 -spec up(t()) -> [id()].
 up(Robots) -> lists:sort([Id || {Id, #robot{is_up = true}} <- maps:to_list(Robots)]).
+
+%% @doc The links of the robots that are up.
+-spec links(t()) -> [pid()].
+links(Robots) -> [Link || #robot{is_up = true, link = Link} <- maps:values(Robots)].
 
 %% @doc The robots whose applications have not ended.
 -spec running(t()) -> [id()].
