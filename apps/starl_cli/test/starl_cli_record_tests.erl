@@ -56,6 +56,28 @@ it_holds_what_a_reader_needs_test() ->
     ?assertNot(is_map_key(robots, Options)),
     ?assertNotEqual(nomatch, string:find(Text, "changed")).
 
+%% The digest of a run that hung, that lost a node, or that passed in real time, is empty.
+a_record_without_a_digest_is_read_test_() ->
+    [
+        {atom_to_list(Ending), fun() ->
+            in_directory(fun(Dir) ->
+                Outcome = #{
+                    digest => <<>>, end_us => 9, events => 3, violations => [], robots => []
+                },
+                Scenario = starl_cli_flags:defaults(starl_run_scenario:options(starl_painting)),
+                Record = starl_cli_record:make(
+                    painting,
+                    Scenario#{app => starl_painting},
+                    {Ending, Outcome},
+                    "0123456789ab"
+                ),
+                ok = starl_cli_record:write(Dir, Record),
+                ?assertMatch({ok, #{digest := "", ending := Ending}}, starl_cli_record:read(Dir))
+            end)
+        end}
+     || Ending <- [hung, lost, done]
+    ].
+
 %% A record of an earlier version has no results, and does not tell its code.
 without_results_and_code_test() ->
     in_directory(fun(Dir) ->

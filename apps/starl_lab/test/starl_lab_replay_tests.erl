@@ -64,6 +64,68 @@ results_test_() ->
         end)
     end}.
 
+%% The sources of reloads are named relative to the scenario file, wherever the run is started. The run keeps them, with
+%% their own headers, so it comes again when they are gone; and a source that was changed is no longer the same code.
+reloads_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        in_directory(fun(Dir) ->
+            Write = fun(Name, Text) ->
+                File = filename:join(Dir, Name),
+                ok = filelib:ensure_dir(File),
+                ok = file:write_file(File, Text),
+                File
+            end,
+            Source = fun(Version) ->
+                [
+                    "-module(starl_cli_reloaded).\n-export([init/2, step/2]).\n",
+                    "init(_, _) -> 0.\n",
+                    "step(R, N) when N < 9 -> ok = starl:sleep(R, 500), ",
+                    ["{continue, N + ", Version, "};\n"],
+                    "step(_, N) -> {done, N}.\n"
+                ]
+            end,
+            First = Write("starl_cli_reloaded.erl", Source("1")),
+            Header = Write("two/include/step.hrl", "-define(STEP, 2).\n"),
+            Second = Write("two/src/starl_cli_reloaded.erl", [
+                "-include(\"../include/step.hrl\").\n", Source("?STEP")
+            ]),
+            Scenario = Write("reload.term", [
+                "#{app => \"starl_cli_reloaded.erl\", robots => 1, time => 30,\n"
+                "  reloads => [{1200, all, \"two/src/starl_cli_reloaded.erl\"}]}.\n"
+            ]),
+            Out = filename:join(Dir, "out"),
+            says(0, "result: ", ["run", Scenario, "--out", Out]),
+            [ok = file:delete(File) || File <- [First, Header, Second, Scenario]],
+            says(0, "same digest", ["replay", Out]),
+            {ok, #{scenario := #{reloads := [{1200, all, Kept}]}}} = starl_cli_record:read(Out),
+            ?assertEqual("inputs/reload-1/src/starl_cli_reloaded.erl", Kept),
+            %% the sources of the beginning are others
+            ?assertEqual(
+                [filename:join(Out, "inputs/starl_cli_reloaded.erl")],
+                starl_cli_inputs:sources_beside(filename:join(Out, "run.term"))
+            ),
+            Changed = Write("out/inputs/reload-1/include/step.hrl", "-define(STEP, 3).\n"),
+            Text = says(3, "NOT THE SAME", ["replay", Out]),
+            contains("The recorded run was of other code", Text),
+            ok = file:write_file(Changed, "-define(STEP, 2). %% the same, in other words\n"),
+            says(0, "same digest", ["replay", Out])
+        end)
+    end}.
+
+%% What a run in real time has recorded is no record to compare with.
+without_a_digest_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        in_directory(fun(Dir) ->
+            Out = filename:join(Dir, "out"),
+            says(0, "result: ", ["run", "exercise", "--work", "1", "--robots", "2", "--out", Out]),
+            {ok, Record} = starl_cli_record:read(Out),
+            ok = starl_cli_record:write(Out, Record#{digest := ""}),
+            says(0, "passed in real time: not compared", ["replay", Out]),
+            ok = starl_cli_record:write(Out, Record#{digest := "", ending := hung}),
+            says(3, "in the recorded run a step did not end", ["replay", Out])
+        end)
+    end}.
+
 %% An interrupted run comes back as far as it came.
 interrupted_test_() ->
     {timeout, ?PATIENCE_S, fun() ->

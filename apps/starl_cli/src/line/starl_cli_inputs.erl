@@ -1,10 +1,19 @@
 %% @doc Keeps the files that a run is made from in the run's own directory: the sources of a user's
-%% application and the files that options name, such as a picture. They are read before the run, so
-%% a run can be repeated after they were moved or changed.
+%% application, those of its reloads, and the files that options name, such as a picture. They are read before
+%% the run, so a run can be repeated after they were moved or changed.
 -module(starl_cli_inputs).
 
 -export([
-    read/2, read/3, files/1, app/1, local/2, absolute/2, resolved/3, source/2, sources_beside/1
+    read/2,
+    read/3,
+    files/1,
+    app/1,
+    local/2,
+    absolute/2,
+    resolved/3,
+    reloaded/1,
+    source/2,
+    sources_beside/1
 ]).
 
 -export_type([t/0]).
@@ -13,11 +22,13 @@
 %% directory of the run.
 -opaque t() :: #{
     app := atom() | file:filename(),
-    values := #{atom() => file:filename()},
+    values := #{atom() => file:filename() | [starl_run_reloads:given()]},
     files := [{Name :: file:filename(), binary()}]
 }.
 
 -define(DIR, "inputs").
+%% The number of a reload follows.
+-define(RELOAD, "reload-").
 
 %% @doc Reads the files that a scenario of this target names.
 -spec read(starl_cli_target:t(), starl_run_scenario:t()) -> t().
@@ -33,14 +44,15 @@ read(Dir, #{replay := Word, name := Name} = Target, Scenario) ->
         {named(Dir, Key, File, Codes), Key, File}
      || {Key, File} <- options(Target, Scenario)
     ],
+    {Reloads, Reloaded} = reloads(Dir, Scenario),
     #{
         app =>
             case Sources of
                 [] -> list_to_atom(Name);
                 _ -> inside(Dir, Root, filename:absname(Word))
             end,
-        values => maps:from_list([{Key, Inside} || {Inside, Key, _} <- Options]),
-        files => contents(Codes ++ [{Inside, File} || {Inside, _, File} <- Options])
+        values => maps:from_list([{Key, Inside} || {Inside, Key, _} <- Options] ++ Reloads),
+        files => contents(Codes ++ [{Inside, File} || {Inside, _, File} <- Options] ++ Reloaded)
     }.
 
 contents(Named) -> [{Name, Bytes} || {Name, File} <- Named, {ok, Bytes} <- [file:read_file(File)]].
@@ -61,7 +73,9 @@ local(#{values := Values}, Scenario) -> maps:merge(Scenario, Values).
 -spec absolute(starl_cli_target:t(), starl_run_scenario:t()) -> starl_run_scenario:t().
 absolute(Target, Scenario) ->
     Files = [{Key, filename:absname(File)} || {Key, File} <- options(Target, Scenario)],
-    maps:merge(Scenario, maps:from_list(Files)).
+    maps:merge(
+        by_sources(fun(_N, File) -> filename:absname(File) end, Scenario), maps:from_list(Files)
+    ).
 
 %% @doc The values of a scenario file, whose paths are relative to it. A word without a dot or a
 %% slash may also be a name, such as that of a picture that ships.
@@ -69,7 +83,8 @@ absolute(Target, Scenario) ->
 resolved(App, Scenario, Given) ->
     Keys = [Key || {Key, Type, _, _} <- starl_run_scenario:options(App), is_file(Type)],
     Resolve = fun(_Key, Value) -> beside(Scenario, Value) end,
-    maps:merge(Given, maps:map(Resolve, maps:with(Keys, Given))).
+    Reloads = by_sources(fun(_N, File) -> beside(Scenario, File) end, Given),
+    maps:merge(Reloads, maps:map(Resolve, maps:with(Keys, Given))).
 
 beside(Scenario, Value) ->
     case io_lib:char_list(Value) andalso filename:dirname(Scenario) of
@@ -90,7 +105,7 @@ joined(Path, Value) ->
 source(Module, File) ->
     Dir = filename:join(filename:dirname(File), ?DIR),
     Name = atom_to_list(Module) ++ ".erl",
-    case [Path || Path <- filelib:wildcard("**/*.erl", Dir), filename:basename(Path) =:= Name] of
+    case [Path || Path <- at_first(Dir), filename:basename(Path) =:= Name] of
         [Path | _] -> own(filename:join(Dir, Path));
         [] -> none
     end.
@@ -105,11 +120,15 @@ own(Source) ->
 -spec sources_beside(file:filename()) -> {ok, [file:filename()]} | {error, unicode:chardata()}.
 sources_beside(File) ->
     Dir = filename:join(filename:dirname(File), ?DIR),
-    Sources = [filename:join(Dir, Path) || Path <- filelib:wildcard("**/*.erl", Dir)],
+    Sources = [filename:join(Dir, Path) || Path <- at_first(Dir)],
     case [Why || Source <- Sources, {error, Why} <- [own(Source)]] of
         [] -> {ok, Sources};
         [Why | _] -> {error, Why}
     end.
+
+%% The sources of the code with which the run begins.
+at_first(Dir) ->
+    [Path || Path <- filelib:wildcard("**/*.erl", Dir), not lists:prefix(?RELOAD, Path)].
 
 %% -- options --------------------------------------------------------------------------------
 
@@ -134,6 +153,71 @@ named(Dir, Key, File, Codes) ->
         false -> Name
     end.
 
+%% -- reloads --------------------------------------------------------------------------------
+
+%% @doc What the new code of a scenario is made from: its sources, as they are now, and modules in the path.
+-spec reloaded(starl_run_scenario:t()) -> [binary()].
+reloaded(Scenario) ->
+    [Bytes || {_, File} <- reload_files(Scenario), {ok, Bytes} <- [file:read_file(File)]] ++
+        [
+            Beam
+         || Entry <- maps:get(reloads, Scenario, []),
+            Module <- starl_run_reloads:sources(element(3, Entry)),
+            is_atom(Module),
+            {_, Beam, _} <- [code:get_object_code(Module)]
+        ].
+
+%% The reloads as they are named in the directory of the run, and their sources with the names there.
+reloads(Dir, Scenario) ->
+    Files = reload_files(Scenario),
+    Roots = maps:from_list([
+        {N, root([File || {M, File} <- Files, M =:= N])}
+     || {N, _} <- Files
+    ]),
+    Name = fun(N, File) ->
+        Own = filename:join(Dir, ?RELOAD ++ integer_to_list(N)),
+        inside(Own, maps:get(N, Roots, []), filename:absname(File))
+    end,
+    #{reloads := Named} = by_sources(Name, maps:merge(#{reloads => []}, Scenario)),
+    {[{reloads, Named} || Files =/= []], [{Name(N, File), File} || {N, File} <- Files]}.
+
+%% The sources, and their own headers, with the numbers of their reloads.
+reload_files(Scenario) ->
+    lists:usort([
+        {N, filename:absname(File)}
+     || {N, Entry} <- numbered(maps:get(reloads, Scenario, [])),
+        [C | _] = Source <- starl_run_reloads:sources(element(3, Entry)),
+        is_integer(C),
+        File <- [Source | headers(Source)]
+    ]).
+
+headers(Source) ->
+    case epp:parse_file(Source, [{includes, [filename:dirname(Source)]}]) of
+        {ok, Forms} -> own_headers(Source, Forms);
+        {error, _} -> []
+    end.
+
+numbered(Entries) -> lists:zip(lists:seq(1, length(Entries)), Entries).
+
+%% A scenario, or the values of a file, whose reloads have other sources.
+by_sources(Change, #{reloads := Reloads} = Values) ->
+    case starl_run_reloads:are_entries(Reloads) of
+        true ->
+            Changed = [
+                setelement(3, Entry, changed(fun(File) -> Change(N, File) end, element(3, Entry)))
+             || {N, Entry} <- numbered(Reloads)
+            ],
+            Values#{reloads := Changed};
+        false ->
+            Values
+    end;
+by_sources(_Change, Values) ->
+    Values.
+
+changed(Change, [C | _] = File) when is_integer(C) -> Change(File);
+changed(Change, Sources) when is_list(Sources) -> [changed(Change, S) || S <- Sources];
+changed(_Change, Compiled) -> Compiled.
+
 %% -- sources --------------------------------------------------------------------------------
 
 %% The sources and the headers of their own, which come with no library.
@@ -146,11 +230,22 @@ sources(Codes) ->
 of_code(Source, Beam) ->
     case beam_lib:chunks(Beam, [abstract_code]) of
         {ok, {_, [{abstract_code, {_, Forms}}]}} ->
-            Headers = lists:usort([File || {attribute, _, file, {File, _}} <- Forms]),
-            [Source | [Header || Header <- Headers, Header =/= Source, is_own(Header)]];
+            [Source | own_headers(Source, Forms)];
         _ ->
             [Source]
     end.
+
+own_headers(Source, Forms) ->
+    Headers = lists:usort([File || {attribute, _, file, {File, _}} <- Forms]),
+    [direct(Header) || Header <- Headers, Header =/= Source, is_own(Header)].
+
+%% A path without steps upwards: in the directory of the run they would lead out of it.
+direct(File) ->
+    Step = fun
+        ("..", [_, Up | Above]) -> [Up | Above];
+        (Part, Above) -> [Part | Above]
+    end,
+    filename:join(lists:reverse(lists:foldl(Step, [], filename:split(filename:absname(File))))).
 
 is_own(Header) ->
     Path = filename:absname(Header),

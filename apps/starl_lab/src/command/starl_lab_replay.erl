@@ -208,6 +208,11 @@ compare(#{digest := Digest} = Outcome, Record, Setup) ->
 compare(Digest, _Results, #{ending := lost}, _Setup) ->
     starl_cli_terminal:out(["the recorded run lost a node: not compared; digest ", Digest, "\n"]),
     0;
+compare(Digest, _Results, #{digest := ""}, _Setup) ->
+    starl_cli_terminal:out([
+        "the recorded run passed in real time: not compared; digest ", Digest, "\n"
+    ]),
+    0;
 compare(Digest, Results, #{digest := Digest} = Record, Setup) ->
     Recorded = maps:get(results, Record, Results),
     case [Robot || {{Robot, Hash}, {_, Now}} <- lists:zip(Recorded, Results), Hash =/= Now] of
@@ -231,9 +236,9 @@ not_the_same(Why) ->
     starl_cli_terminal:out(["NOT THE SAME: ", Why]),
     3.
 
-outside(#{run := #{target := #{file := File} = Target}, record := Record}) ->
+outside(#{run := #{target := #{file := File} = Target, scenario := Scenario}, record := Record}) ->
     [
-        code(maps:get(code, Record, none), starl_build:code(starl_cli_target:beams(Target))),
+        code(maps:get(code, Record, none), starl_lab_simulation:code(Target, Scenario)),
         "  ./starl diverge ",
         starl_cli_terminal:quoted(File),
         "\n"

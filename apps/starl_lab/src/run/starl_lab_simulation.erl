@@ -2,7 +2,7 @@
 %% status.
 -module(starl_lab_simulation).
 
--export([run/1, tell/2, conclude/4, answer/2, failed/2]).
+-export([run/1, tell/2, conclude/4, answer/2, failed/2, code/2]).
 
 -export_type([ran/0]).
 
@@ -80,7 +80,7 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
     #{ending := Ending, wall_ms := WallMs, outcome := Outcome, app := App} = Ran,
     Ways = starl_lab_ways:with(drawings(Outcome), ways(Outcome, App, Scenario)),
     Notes = starl_lab_findings:make(Outcome, Ways, starl_cli_target:beams(Target)),
-    Code = starl_build:code(starl_cli_target:beams(Target)),
+    Code = code(Target, Scenario),
     Report = starl_lab_report:make(#{
         name => Name,
         scenario => Scenario,
@@ -100,6 +100,11 @@ tell(#{target := #{name := Name} = Target, scenario := Scenario, out := Out} = S
     ok = uploaded(Written, Setup),
     Status = lost(maps:get(lost, Outcome), status(Report)),
     where(Written, Setup, repeatable(Setup, Outcome), Status).
+
+%% @doc Names the code of a run: of its program, and of the reloads.
+-spec code(starl_cli_target:t(), starl_run_scenario:t()) -> starl_build:code().
+code(Target, Scenario) ->
+    starl_build:code(starl_cli_target:beams(Target) ++ starl_cli_inputs:reloaded(Scenario)).
 
 said(Setup, Report, Outcome) ->
     _ = summarize(Setup, Report),
