@@ -24,6 +24,14 @@ the_same_code_has_the_same_name_test() ->
     ?assertEqual(Name, Same),
     ?assertNotEqual(Name, Other).
 
+%% A result may hold the name, and a run is repeated from the sources that it has kept.
+code_in_another_directory_has_the_same_name_test() ->
+    Version = fun(Dir) ->
+        {ok, #{versions := #{vt_there := Name}}} = made([source(Dir, vt_there, "f() -> 1.")]),
+        Name
+    end,
+    ?assertEqual(in_directory(Version), in_directory(Version)).
+
 a_version_has_an_original_test() ->
     [
         ?assertEqual(Original, ?V:original(Module))

@@ -99,13 +99,25 @@ forms(Module, File, Beam) ->
 %% -- renaming -------------------------------------------------------------------------------
 
 renamed(Read) ->
-    <<Hash:32, _/binary>> = erlang:md5(term_to_binary([Forms || {_, _, Forms} <- Read])),
+    <<Hash:32, _/binary>> = erlang:md5(term_to_binary([anywhere(Forms) || {_, _, Forms} <- Read])),
     Names = maps:from_list([{Module, name(Module, Hash)} || {Module, _, _} <- Read]),
     Codes = [code(maps:get(Module, Names), File, Forms, Names) || {Module, File, Forms} <- Read],
     case [Line || {error, Lines} <- Codes, Line <- Lines] of
         [] -> {ok, #{versions => Names, code => Codes}};
         Problems -> {error, Problems}
     end.
+
+%% A version has the same name in every directory: a result may hold it.
+anywhere(Forms) ->
+    [
+        case Form of
+            {attribute, At, file, {File, Line}} ->
+                {attribute, At, file, {filename:basename(File), Line}};
+            _ ->
+                Form
+        end
+     || Form <- Forms
+    ].
 
 name(Module, Hash) -> list_to_atom(lists:flatten(io_lib:format("~ts@~8.16.0b", [Module, Hash]))).
 
