@@ -52,6 +52,25 @@ outcome(Scenario) ->
     {Outcome, _} = starl_sim:finish(Sim),
     Outcome.
 
+%% Who drives at a wall again as soon as it feels it, feels it again at the next beat of its sensors: time passes.
+a_wall_is_felt_at_the_beats_of_the_sensors_test_() ->
+    [
+        {
+            atom_to_list(Chassis),
+            {timeout, 60, fun() ->
+                #{violations := Violations, robots := Robots, end_us := EndUs} = outcome(#{
+                    app => starl_pusher, robots => 2, bumps => 100, chassis => Chassis
+                }),
+                ?assertEqual([], Violations),
+                ?assertMatch(
+                    [{1, #{result := {done, through}}}, {2, #{result := {done, through}}}], Robots
+                ),
+                ?assert(EndUs >= 99 * 15000)
+            end}
+        }
+     || Chassis <- [differential, holonomic]
+    ].
+
 %% A robot that touches another leaves it at first, and its arc bends back into it. Whatever the phase of the chords, it is stopped where it
 %% touches again.
 an_arc_that_bends_back_into_the_other_is_stopped_test() ->

@@ -1,6 +1,6 @@
 %% @doc The ride of a simulated robot: what its vehicle does when it is told to, by itself, and where it
 %% meets walls and other bodies, as plans and facts. On a floor with solid bodies it stops where it is
-%% blocked, its bumper tells the application, and its next touch is planned. A pure module.
+%% blocked, its bumper tells the application at the next beat of the sensors, and its next touch is planned. A pure module.
 -module(starl_sim_ride).
 
 -export([drive/4, actuate/4, step/3, sense/4]).
@@ -99,12 +99,13 @@ bump(With, Earlier, Vehicle, {_, Now, _, _} = Place) ->
     {Is, Plans, Facts, Stopped} = free(starl_sim_vehicle:bump(Now, Vehicle)),
     feel(With, {Is, Earlier ++ Plans, Facts, Stopped}, Place).
 
-%% Its application is told, too.
+%% Its application hears of it at the next beat of the sensors.
 feel(With, {Is, Plans, Facts, Vehicle}, {_, Now, _, World}) ->
     Pose = starl_trajectory:pose(Now, starl_sim_vehicle:piece(Vehicle)),
     Side = starl_sim_bodies:side(starl_sim_bodies:place(With, Pose, Now, World), Pose),
     Sensed = {sensed, {bump, Side}},
-    {Is, Plans ++ [{0, {app, info, Sensed}}], Facts ++ [Sensed], Vehicle}.
+    Told = {starl_sim_vehicle:beat_in_us(Now), {app, info, Sensed}},
+    {Is, Plans ++ [Told], Facts ++ [Sensed], Vehicle}.
 
 %% @doc The places that the robot sees, with their ages: itself as it is now, the others as of the
 %% beginning of the window.

@@ -12,7 +12,7 @@
 -module(starl_sim_vehicle).
 
 -export([new/3, in_world/2, piece/1, drive/4, actuate/4, turn_wheels/2, beat/3, says/2, stop/2]).
--export([bump/2, sense/3, feel/3, snapshot/1, restore/2, at/2]).
+-export([bump/2, beat_in_us/1, sense/3, feel/3, snapshot/1, restore/2, at/2]).
 
 -export_type([t/0, world/0, change/0, plan/0, beat/0]).
 
@@ -253,6 +253,11 @@ bump(Now, #vehicle{piece = Piece, owner = Owner, command = Command} = Vehicle) -
             none -> []
         end,
     {moved, Said, Stopped}.
+
+%% @doc The time until the chassis streams its sensors next. What its body feels is known then: an application that
+%% reacts at once does so once a period.
+-spec beat_in_us(starl_sim_queue:time()) -> pos_integer().
+beat_in_us(Now) -> ?WATCH_US - Now rem ?WATCH_US.
 
 held(_Now, #vehicle{world = #{actuation := []}}) ->
     [];
