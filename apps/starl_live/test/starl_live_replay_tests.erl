@@ -25,15 +25,9 @@ nothing_is_floored_in_time_test() ->
     ?assertNot(starl_live_replay:may_have(5, 20, Replay)),
     ?assertNot(starl_live_replay:may_have(10, 31, Replay)).
 
-%% The floor is the latest time of what is forgotten, of one generation alone, be it one packet.
+%% The floor is the latest time of what is forgotten, be it one packet.
 the_floor_is_that_of_what_is_forgotten_test() ->
-    Fill = fun(From, Sent, Now, Replay) ->
-        lists:foldl(
-            fun(N, R) -> starl_live_replay:add(N, Sent, Now, R) end,
-            Replay,
-            lists:seq(From + 1, From + 100_000)
-        )
-    end,
+    Fill = fun fill/4,
     First = starl_live_replay:add(1, 100, 5, starl_live_replay:new(10, 0)),
     Second = Fill(1, 50, 10, First),
     ?assertNot(starl_live_replay:may_have(0, 11, Second)),
@@ -41,7 +35,45 @@ the_floor_is_that_of_what_is_forgotten_test() ->
     ?assert(starl_live_replay:may_have(100, 12, Third)),
     Fourth = starl_live_replay:add(200_002, 70, 12, Third),
     ?assertEqual(
-        [true, false], [starl_live_replay:may_have(Sent, 13, Fourth) || Sent <- [50, 51]]
+        [true, true, false], [
+            starl_live_replay:may_have(Sent, 13, Fourth)
+         || Sent <- [50, 100, 101]
+        ]
+    ).
+
+%% When generations are forgotten one after the other, none of their packets is taken twice, as long as it could
+%% come in time.
+a_packet_that_was_forgotten_is_never_taken_twice_test_() ->
+    [
+        {lists:concat(["generations of packets sent at ", First, ", then at ", Then]), fun() ->
+            Keep = 10,
+            Start = starl_live_replay:add(0, First, 5, starl_live_replay:new(Keep, 0)),
+            {_, Replays} = lists:foldl(
+                fun(Now, {Before, All}) ->
+                    Next = fill(100_000 * Now, Then, Now, Before),
+                    {Next, [{Now, Next} | All]}
+                end,
+                {Start, []},
+                lists:seq(6, 6 + Keep)
+            ),
+            Taken = [
+                Now
+             || {Now, Replay} <- Replays,
+                Now < 5 + Keep,
+                not starl_live_replay:has(0, Replay),
+                not starl_live_replay:may_have(First, Now, Replay)
+            ],
+            ?assertEqual([], Taken)
+        end}
+     || {First, Then} <- [{100, 50}, {50, 100}, {7, 7}]
+    ].
+
+%% A full generation of packets of other numbers.
+fill(From, Sent, Now, Replay) ->
+    lists:foldl(
+        fun(N, R) -> starl_live_replay:add(N, Sent, Now, R) end,
+        Replay,
+        lists:seq(From + 1, From + 100_000)
     ).
 
 %% What is forgotten early is refused for its age.

@@ -64,10 +64,11 @@ add(Id, Sent, Now, #replay{keep_ms = Keep, young = Young, young_ms = Latest} = R
         old_ms = Latest
     }.
 
-%% The generation that is forgotten is too old after the time for which all are kept.
-floored(Now, #replay{until_ms = Until, keep_ms = Keep, old = Old, old_ms = Latest}) when
+%% The generation that is forgotten early is too old after the time for which all are kept; so are those that were
+%% forgotten before it. When a generation has had its time, all of these are too old.
+floored(Now, #replay{until_ms = Until, keep_ms = Keep, old = Old, old_ms = Latest, floor = Floor}) when
     Now < Until, map_size(Old) > 0
 ->
-    {Latest, Now + Keep};
-floored(_Now, #replay{floor = Floor}) ->
-    Floor.
+    {lists:max([Latest | [Before || {Before, _} <- [Floor]]]), Now + Keep};
+floored(_Now, _Replay) ->
+    none.
