@@ -37,6 +37,44 @@ flood_is_bounded_test() ->
         ok
     end).
 
+%% New code, or its taking back, waits behind the events that had come before it, and before those that come later.
+a_reload_waits_for_its_turn_test_() ->
+    Order = #{number => 1, versions => #{starl_live_link_ct => starl_live_link_ct}, trial_us => 0},
+    [
+        {Name, fun() ->
+            with_link(1, fun(Link, _Times) ->
+                {Sap, _} = sap(),
+                ok = hung(Link),
+                _ = [hears(N, Link) || N <- [1, 2, 3]],
+                ok = Reload(Link),
+                _ = [hears(N, Link) || N <- [4, 5]],
+                %% all of this has come to the link
+                _ = starl_live_link:figures(Link),
+                Sap ! go_on,
+                Heard = [told(Message) || Message <- heard_until({took, 5})],
+                ?assertEqual([1, 2, 3] ++ News ++ [4], [H || H <- Heard, H =/= other]),
+                ok
+            end)
+        end}
+     || {Name, Reload, News} <- [
+            {"new code", fun(Link) -> starl_live_link:reload(Link, Order, self()) end, [
+                {sap, taken}
+            ]},
+            {"a mark", fun(Link) -> starl_live_link:mark(Link, mark) end, [marked]}
+        ]
+    ].
+
+told({took, N, _}) -> N;
+%% the application works beside the link
+told({starl_reloaded, 1, sap, #{outcome := Outcome}}) -> {sap, Outcome};
+told({starl_marked, 1, _, mark}) -> marked;
+told(_) -> other.
+
+heard_until({took, N}) ->
+    case next() of
+        {took, N, _} -> [];
+        Message -> [Message | heard_until({took, N})]
+    end;
 heard_until(What) ->
     case next() of
         Message when element(1, Message) =:= What -> [];
