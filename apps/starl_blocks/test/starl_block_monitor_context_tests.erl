@@ -90,7 +90,7 @@ told_later_test_() ->
             )
         }
      || {Monitor, Config} <- [
-            {starl_barrier_monitor, #{robots => [1, 2], bound_us => 50}},
+            {starl_barrier_monitor, #{robots => [1, 2], bound_us => 50, delta_us => 50}},
             {starl_counter_monitor, #{robots => [1, 2], within_us => 50}},
             {starl_election_monitor, #{robots => [1, 2], bound_us => 50}},
             {starl_election_bully_monitor, #{robots => [1, 2], bound_us => 50}},
