@@ -1,11 +1,8 @@
-%% @doc The scene of the search: the building with its lines, the ball, the robots on their parking
-%% spots, the blocks and the contracts; and what is told before and after a run.
+%% @doc The scene of the search: the building with the places to look from, the ball, the robots on their
+%% parking spots, the blocks and the contracts; and the texts before and after a run.
 -module(starl_search_scene).
 
 -export([options/0, scene/1, preview/1, report/2]).
--export([lines/2]).
-
--export_type([room/0]).
 
 %% The distance of the centres of two touching Creates (mm).
 -define(CONTACT_MM, 330).
@@ -15,25 +12,27 @@
 -define(PATIENCE_MS, 30000).
 %% Beside what registers take, until all are done (ms): a lease, a request, a leg.
 -define(DONE_MS, 60000).
-
-%% A room with its lines; none if it is too narrow.
--type room() :: {Name :: atom(), [starl_geometry:segment()]}.
-
-%% The step in which a line is looked at, the shortest line, and the places where a line is looked
-%% for in a room that has none yet.
--define(STEP_MM, 50.0).
--define(SHORTEST_MM, 200.0).
--define(TRIES, 24).
+%% Half of the short line of a place to look from (mm), and the directions that it may have.
+-define(HALF_MM, 30.0).
+-define(DIRECTIONS, [{1.0, 0.0}, {0.0, 1.0}, {0.7, 0.7}, {0.7, -0.7}]).
+%% A camera's errors are draws from normal distributions, cut at so many times their deviation.
+-define(WORST, 4).
+%% More than the robot's own place is off by (mm).
+-define(PLACE_MM, 50.0).
+%% So much beside a robot counts as hidden by it: half of a cell, and what it moves during a look (mm).
+-define(HIDES_MM, 150.0).
+%% The places that are drawn for the ball before the floor counts as full.
+-define(DRAWS, 10000).
+%% So many rooms are named in a line.
+-define(NAMED, 8).
 
 -spec options() -> [starl_options:option()].
 options() ->
     [
         {ball, {one_of, [place, random, nowhere]}, place,
-            "where the ball is: at the place `object' of the floor plan, anywhere in a room, or nowhere"},
-        {spacing, {number, 200, 100000}, 3500,
-            "the distance of the lines that are driven in a room, mm"},
-        {camera_range, {number, 100, 100000}, 3000, "how far a camera sees the ball, mm"},
-        {camera_field, {number, 1, 360}, 360, "the angle of view of a camera, degrees"},
+            "where the ball is: at the place `object' of the floor plan, anywhere on the free floor, or nowhere"},
+        {camera_range, {number, 500, 100000}, 3000, "how far a camera sees the ball, mm"},
+        {camera_field, {number, 30, 360}, 360, "the angle of view of a camera, degrees"},
         {safety_distance, {number, ?CONTACT_MM, 5000}, 340,
             "the least distance of any two robots (r_s), mm"},
         {lease, {integer, 100, 1000000}, 10000,
@@ -44,10 +43,17 @@ options() ->
 
 %% @doc The scene on the floor plan of the run, by default that of Java StarL's search.
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
-scene(Context) ->
+scene(#{profiles := Profiles, options := #{camera_field := Field}} = Context) ->
+    Turns = [Chassis || #{chassis := Chassis} <- Profiles, Chassis =/= starl_chassis_holonomic],
     case building(Context) of
-        {ok, Floor} -> on_floor(Floor, Context);
-        {error, _} = Error -> Error
+        {ok, _} when Field < 360, length(Turns) < length(Profiles) ->
+            {error,
+                "--camera-field: a holonomic robot does not turn, so it does not see all around: "
+                "leave --camera-field out, or use --chassis differential"};
+        {ok, Floor} ->
+            on_floor(Floor, Context);
+        {error, _} = Error ->
+            Error
     end.
 
 building(#{floor := #{walls := [], rooms := Rooms}}) when map_size(Rooms) =:= 0 ->
@@ -56,56 +62,92 @@ building(#{floor := Floor}) ->
     {ok, Floor}.
 
 on_floor(Floor, #{robots := Ids, profiles := Profiles, options := Options} = Context) ->
-    #{spacing := Spacing, safety_distance := Safety} = Options,
+    #{safety_distance := Safety} = Options,
     Tracking = starl_chassis:widest(Profiles),
     Body = lists:max([starl_chassis:radius_mm(Profile) || Profile <- Profiles]),
-    WallMm = Body + Tracking + ?MARGIN_MM,
-    Radius = max(Safety / 2, Body) + Tracking,
-    Rooms = lines(Floor, #{spacing => Spacing, wall_mm => WallMm}),
     Wanted = #{
         robots => length(Ids),
-        tube_radius => Radius,
-        wall_mm => WallMm,
-        lines => [Line || {_, Lines} <- Rooms, Line <- Lines],
+        tube_radius => max(Safety / 2, Body) + Tracking,
+        wall_mm => Body + Tracking + ?MARGIN_MM,
         near => starl_dpp_floor:near(Floor)
     },
-    case {starl_dpp_floor:new(Floor, Wanted), ball(Floor, Rooms, Context)} of
-        {{ok, Ways, #{reached := [_ | _] = Reached}}, {ok, Ball}} ->
-            {ok, built(Floor, Ways, Reached, Rooms, Ball, Radius, Tracking, Context)};
-        {{ok, _, _}, {ok, _}} ->
-            {error, "no room of this floor can be reached: use a larger scale, or another plan"};
+    case {starl_dpp_floor:reach(Floor, Wanted), ball(Floor, Context)} of
+        {{ok, Reach}, {ok, Ball}} ->
+            Cover = cover(Floor, Reach, Wanted, Tracking, Options),
+            laid(Floor, Reach, Cover, Ball, Wanted, Tracking, Context);
         {{error, Reason}, _} ->
             {error, starl_dpp_floor:format_error(Reason)};
         {_, {error, _} = Error} ->
             Error
     end.
 
-ball(_Floor, _Rooms, #{options := #{ball := nowhere}}) ->
+%% -- the ball ---------------------------------------------------------------------------------
+
+ball(_Floor, #{options := #{ball := nowhere}}) ->
     {ok, none};
-ball(#{places := #{object := At}}, _Rooms, #{options := #{ball := place}}) ->
+ball(#{places := #{object := At}}, #{options := #{ball := place}}) ->
     {ok, At};
-ball(_Floor, _Rooms, #{options := #{ball := place}}) ->
+ball(_Floor, #{options := #{ball := place}}) ->
     {error, "the floor plan has no place object: give it one, or use --ball random"};
-ball(_Floor, Rooms, #{seed := Seed}) ->
-    Lines = [Line || {_, Lines} <- Rooms, Line <- Lines],
-    case Lines of
-        [] ->
-            {error, "no room of this floor is wide enough for a robot"};
-        _ ->
-            {A, B} = lists:nth(1 + erlang:phash2({Seed, room}, length(Lines)), Lines),
-            {ok, starl_geometry:interpolate(A, B, erlang:phash2({Seed, part}, 1001) / 1000)}
+ball(Floor, #{seed := Seed}) ->
+    drawn(?DRAWS, Seed, Floor, starl_walls:new(Floor)).
+
+%% The first of the drawn places where a ball has room, whoever may see it there.
+drawn(0, _Seed, _Floor, _Walls) ->
+    {error, "no ball was found room for on this floor: use another plan, or --ball nowhere"};
+drawn(N, Seed, #{size := {W, H}} = Floor, Walls) ->
+    P = {W * part({Seed, ball, x, N}), H * part({Seed, ball, y, N})},
+    case starl_walls:is_free({P, P}, float(?BALL_MM), Walls) of
+        true -> {ok, P};
+        false -> drawn(N - 1, Seed, Floor, Walls)
     end.
 
-built(Floor, Ways, Reached, Rooms, Ball, Radius, Tracking, Context) ->
+part(Key) -> erlang:phash2(Key, 1 bsl 24) / (1 bsl 24).
+
+%% -- where to look from -----------------------------------------------------------------------
+
+cover(Floor, Reach, #{wall_mm := Mm}, Tracking, #{camera_range := Range}) ->
+    Walls = starl_walls:new(Floor),
+    Line = fun(P) -> line(P, Mm, Walls) end,
+    starl_search_cover:plan(Floor, #{
+        range_mm => float(Range),
+        ball_mm => float(?BALL_MM),
+        slack_mm => Tracking,
+        wall_mm => Mm,
+        places => [P || P <- starl_dpp_floor:reachable(Reach), Line(P) =/= none],
+        comes_to => fun(P) -> Line(P) =/= none andalso starl_dpp_floor:leads_to(P, Reach) end,
+        line => Line
+    }).
+
+line({X, Y}, Mm, Walls) ->
+    Lines = [
+        {{X - ?HALF_MM * DX, Y - ?HALF_MM * DY}, {X + ?HALF_MM * DX, Y + ?HALF_MM * DY}}
+     || {DX, DY} <- ?DIRECTIONS
+    ],
+    case [Line || Line <- Lines, starl_walls:is_free(Line, Mm, Walls)] of
+        [Line | _] -> {ok, Line};
+        [] -> none
+    end.
+
+laid(Floor, Reach, #{views := Views} = Cover, Ball, Wanted, Tracking, Context) ->
+    Lines = [Line || #{line := Line} <- Views],
+    case starl_dpp_floor:new(Floor, Wanted#{lines => Lines}, Reach) of
+        {ok, Ways, #{reached := [_ | _] = Reached}} ->
+            Come = [View || #{line := Line} = View <- Views, lists:member(Line, Reached)],
+            {ok, built(Floor, Ways, Cover#{views := Come}, Ball, Wanted, Tracking, Context)};
+        {ok, _, _} ->
+            {error, "no room of this floor can be reached: use a larger scale, or another plan"};
+        {error, Reason} ->
+            {error, starl_dpp_floor:format_error(Reason)}
+    end.
+
+built(Floor, Ways, #{views := Views} = Cover, Ball, Wanted, Tracking, Context) ->
     #{robots := Ids, options := Options} = Context,
-    {Open, Closed} = lists:partition(
-        fun({_, Lines}) -> lists:any(fun(Line) -> lists:member(Line, Reached) end, Lines) end, Rooms
-    ),
-    Unreached = [Name || {Name, _} <- Closed],
-    Plan = plan(Floor, Ways, Reached, Radius, Tracking, Context),
+    Lines = [Line || #{line := Line} <- Views],
+    Memo = (maps:with([unseen, cells], Cover))#{floor => Floor, lines => Lines},
     #{
-        notes => closed(#{closed => Unreached}),
-        app => {sequential, starl_search, Reached},
+        notes => closed(Memo),
+        app => {sequential, starl_search, maps:merge(camera(Options), seeing(Views, Wanted))},
         never_crashes => true,
         never_bumps => true,
         floor => Floor,
@@ -114,20 +156,21 @@ built(Floor, Ways, Reached, Rooms, Ball, Radius, Tracking, Context) ->
         things => things(Ball),
         senses => #{camera => camera(Options)},
         blocks => [
-            {starl_election, #{patience_ms => ?PATIENCE_MS}}, starl_registers, {starl_dpp, Plan}
+            {starl_election, #{patience_ms => ?PATIENCE_MS}},
+            starl_registers,
+            {starl_dpp, plan(Floor, Ways, Lines, Wanted, Tracking, Context)}
         ],
-        monitors => [{starl_search_monitor, contract(Floor, Reached, Ball, Context)}],
-        memo => #{
-            floor => Floor,
-            lines => Reached,
-            open => [Name || {Name, _} <- Open],
-            closed => Unreached
-        }
+        monitors => [{starl_search_monitor, contract(Floor, Ball, Wanted, Context)}],
+        memo => Memo
     }.
 
-plan(#{size := World}, Ways, Reached, Radius, Tracking, #{seed := Seed, options := Options}) ->
+%% The bodies of robots hide what is behind them.
+seeing(Views, #{wall_mm := Mm}) -> #{views => Views, hides_mm => Mm + ?HIDES_MM}.
+
+plan(#{size := World}, Ways, Lines, #{tube_radius := Radius}, Tracking, Context) ->
+    #{seed := Seed, options := Options} = Context,
     #{
-        segments => Reached,
+        segments => Lines,
         world => World,
         tube_radius => Radius,
         slack => Tracking,
@@ -139,12 +182,18 @@ plan(#{size := World}, Ways, Reached, Radius, Tracking, #{seed := Seed, options 
         jump_ms => maps:get(jump, Options)
     }.
 
-contract(Floor, Reached, Ball, #{robots := Ids, options := #{camera_range := Range}}) ->
+contract(Floor, Ball, #{wall_mm := Mm}, #{robots := Ids, profiles := Profiles, options := Options}) ->
+    {ok, #{camera := Camera}} = starl_sense:profiles(#{camera => camera(Options)}),
+    #{field := Field, most_mm := Range, noise := Noise, noise_part := Part} = Camera,
     #{
         floor => Floor,
-        lines => Reached,
         ball => Ball,
+        ball_mm => float(?BALL_MM),
         range_mm => float(Range),
+        field => Field,
+        wall_mm => Mm,
+        profiles => Profiles,
+        off => {?PLACE_MM, ?WORST * (Noise + Part)},
         robots => Ids,
         within_us => 1000 * (?DONE_MS + starl_registers:within_ms(length(Ids)))
     }.
@@ -157,64 +206,81 @@ camera(#{camera_range := Range, camera_field := Degrees}) ->
 
 %% -- before and after a run -----------------------------------------------------------------
 
-%% @doc The rooms, and those that cannot be searched.
+%% @doc The places to look from, and what cannot be seen from anywhere.
 -spec preview(starl_scene:t()) -> starl_scene:preview().
-preview(#{poses := Poses, memo := #{lines := Lines} = Memo}) ->
-    Mm = lists:sum([starl_geometry:length(Line) || Line <- Lines]),
+preview(#{poses := Poses, memo := #{lines := Lines, floor := Floor, cells := Cells} = Memo}) ->
     Robots = [{Id, {X, Y}, Heading} || {Id, {X, Y, Heading}} <- lists:sort(maps:to_list(Poses))],
     #{
-        lines => [rooms(Memo), io_lib:format("~.1f m to search", [Mm / 1000]) | closed(Memo)],
+        lines => [
+            rooms(starl_search_rooms:names(starl_search_rooms:new(Floor))),
+            io_lib:format("~b m² of floor, seen from ~b place~ts", [
+                round(Cells * starl_search_cover:cell_m2()),
+                length(Lines),
+                [$s || length(Lines) =/= 1]
+            ])
+            | closed(Memo)
+        ],
         write => fun(Dir) -> draw(Dir, Memo, Robots) end
     }.
 
-rooms(#{open := Open}) ->
-    io_lib:format("~b room~ts: ~ts", [length(Open), [$s || length(Open) =/= 1], names(Open)]).
+%% The rooms of a large plan are too many for a line.
+rooms(Names) when length(Names) > ?NAMED -> io_lib:format("~b rooms", [length(Names)]);
+rooms(Names) ->
+    io_lib:format("~b room~ts: ~ts", [
+        length(Names), [$s || length(Names) =/= 1], lists:join(", ", Names)
+    ]).
 
-closed(#{closed := []}) -> [];
-closed(#{closed := Closed}) -> [["cannot be searched, too narrow or closed: ", names(Closed)]].
+closed(#{unseen := []}) ->
+    [];
+closed(#{unseen := Unseen, cells := Cells, floor := Floor}) ->
+    M2 = starl_search_cover:cell_m2(),
+    [["nobody can come to see ", part(length(Unseen) * M2, Cells * M2, Unseen, Floor)]].
 
-names(Names) -> lists:join(", ", [atom_to_list(Name) || Name <- Names]).
+%% @doc A part of the floor, and where it is: `23 of 170 m², in kitchen'.
+part(M2, Of, Points, Floor) ->
+    Names = starl_search_rooms:where(Points, starl_search_rooms:new(Floor)),
+    {Some, Others} = lists:split(min(?NAMED, length(Names)), Names),
+    io_lib:format("~ts of ~b m², in ~ts~ts", [
+        area(M2), round(Of), lists:join(", ", Some), [" and others" || Others =/= []]
+    ]).
 
-%% @doc The report of a run: complete if the ball is found, or every room that can be reached is
-%% searched.
+area(M2) when M2 < 10 -> io_lib:format("~.1f", [max(0.1, M2)]);
+area(M2) -> io_lib:format("~b", [round(M2)]).
+
+%% @doc The report of a run: complete if the ball is found, or all of the floor was seen.
 -spec report(starl_scene:t(), starl_scene:outcome()) -> starl_scene:report().
-report(#{memo := Memo}, #{monitors := Monitors}) ->
-    #{starl_search_monitor := #{searched := Searched, left := Left} = Results} = Monitors,
+report(#{memo := #{floor := Floor}}, #{monitors := Monitors}) ->
+    #{starl_search_monitor := #{floor_m2 := M2, unseen_m2 := Unseen, left := Left} = Results} =
+        Monitors,
     #{found_us := Found, done_us := Done} = Results,
+    Seen = (M2 - Unseen) / max(1.0e-9, M2),
     #{
         figures => [
-            {rooms, length(maps:get(open, Memo))},
-            {searched, Searched},
+            {floor_m2, M2},
+            {seen, Seen},
             {found_s, seconds(Found)},
             {all_done_s, seconds(Done)}
         ],
         formats => #{
-            searched => #{decimals => 4, rounded => down, label => "part of the lines driven"},
+            floor_m2 => #{decimals => 1},
+            seen => #{decimals => 4, rounded => down, label => "part of the floor seen"},
             found_s => #{
                 decimals => 1, label => "time until the ball is found, s", plotted => true
             },
             all_done_s => #{decimals => 1}
         },
-        complete => Found =/= none orelse Searched >= 1.0,
-        done => done(Found, Searched),
-        summary => [not_searched(Left, Memo) || Found =:= none, Left =/= []] ++ closed(Memo)
+        complete => Found =/= none orelse Left =:= [],
+        done => done(Found, Seen),
+        summary =>
+            [["not seen: ", part(Unseen, M2, Left, Floor)] || Found =:= none, Left =/= []] ++
+            maps:get(unjudged, Results)
     }.
-
-%% The rooms with points of lines that nobody has come by.
-not_searched(Left, #{floor := Floor}) ->
-    Rooms = lists:usort([Room || P <- Left, {ok, Room} <- [starl_floor:room_at(P, Floor)]]),
-    case Rooms of
-        [] -> "parts of the floor were not searched";
-        _ -> ["not searched, or in part: ", names(Rooms)]
-    end.
 
 seconds(none) -> null;
 seconds(Us) -> Us / 1.0e6.
 
-done(none, Searched) ->
-    io_lib:format("~b % of the rooms' lines searched", [floor(100 * Searched)]);
-done(Us, _Searched) ->
-    io_lib:format("ball found after ~.1f s", [Us / 1.0e6]).
+done(none, Seen) -> io_lib:format("~b % of the floor seen", [floor(100 * Seen)]);
+done(Us, _Seen) -> io_lib:format("ball found after ~.1f s", [Us / 1.0e6]).
 
 draw(Dir, #{floor := #{size := Size} = Floor, lines := Lines}, Robots) ->
     Drawing = #{
@@ -231,72 +297,3 @@ draw(Dir, #{floor := #{size := Size} = Floor, lines := Lines}, Robots) ->
         {partly, Files, Reason} -> {partly, Files, starl_picture_draw:format_error(Reason)};
         {error, Reason} -> {error, starl_picture_draw:format_error(Reason)}
     end.
-
-%% -- the lines --------------------------------------------------------------------------------
-
-%% The lines along which a team searches the rooms of a floor: in each room parallel lines, as
-%% far apart as a camera sees, where there is room for a robot. Lengths are millimetres.
-
-%% @doc The rooms of a floor, by name; a floor without any is one room, `floor'.
--spec lines(starl_floor:t(), #{spacing := number(), wall_mm := float()}) -> [room()].
-lines(#{rooms := Rooms, size := {W, H}} = Floor, Config) ->
-    Walls = starl_walls:new(Floor),
-    All =
-        case map_size(Rooms) of
-            0 -> [{floor, starl_floor:box(0, 0, W, H)}];
-            _ -> lists:sort(maps:to_list(Rooms))
-        end,
-    Is = fun(Name, P) ->
-        map_size(Rooms) =:= 0 orelse starl_floor:room_at(P, Floor) =:= {ok, Name}
-    end,
-    [
-        {Name, room(starl_geometry:box(Polygon), fun(P) -> Is(Name, P) end, Walls, Config)}
-     || {Name, Polygon} <- All
-    ].
-
-%% Along the longer side, in the middle of strips of this width.
-room({X0, Y0, X1, Y1} = Box, IsIn, Walls, #{spacing := Spacing, wall_mm := Mm}) ->
-    N = max(1, ceil(min(X1 - X0, Y1 - Y0) / Spacing)),
-    case strips(Box, N, IsIn, Mm, Walls) of
-        [] ->
-            Tried = strips(Box, ?TRIES, IsIn, Mm, Walls),
-            Longest = lists:sort([{-starl_geometry:length(Line), Line} || Line <- Tried]),
-            [Line || {_, Line} <- lists:sublist(Longest, 1)];
-        Lines ->
-            Lines
-    end.
-
-strips(Box, N, IsIn, Mm, Walls) ->
-    [
-        Line
-     || K <- lists:seq(1, N),
-        Line <- runs(strip(Box, (K - 0.5) / N), IsIn, Mm, Walls),
-        starl_geometry:length(Line) >= ?SHORTEST_MM
-    ].
-
-strip({X0, Y0, X1, Y1}, Part) when X1 - X0 >= Y1 - Y0 ->
-    Y = Y0 + Part * (Y1 - Y0),
-    {{X0, Y}, {X1, Y}};
-strip({X0, Y0, X1, Y1}, Part) ->
-    X = X0 + Part * (X1 - X0),
-    {{X, Y0}, {X, Y1}}.
-
-%% The parts of a strip where a robot can drive.
-runs({A, B} = Strip, IsIn, Mm, Walls) ->
-    N = max(1, trunc(starl_geometry:length(Strip) / ?STEP_MM)),
-    Points = [starl_geometry:interpolate(A, B, I / N) || I <- lists:seq(0, N)],
-    joined([P || P <- Points, IsIn(P), starl_walls:is_free({P, P}, Mm, Walls)], Mm, Walls).
-
-joined([], _Mm, _Walls) -> [];
-joined([P | Points], Mm, Walls) -> joined(P, P, Points, Mm, Walls).
-
-joined(From, Last, [P | Points], Mm, Walls) ->
-    Next =
-        starl_geometry:distance(Last, P) < 1.5 * ?STEP_MM andalso
-            starl_walls:is_free({Last, P}, Mm, Walls),
-    case Next of
-        true -> joined(From, P, Points, Mm, Walls);
-        false -> [{From, Last} | joined(P, P, Points, Mm, Walls)]
-    end;
-joined(From, Last, [], _Mm, _Walls) ->
-    [{From, Last}].

@@ -17,7 +17,7 @@
 
 -export([options/0, check/1, machines/1, monitors/2, guarantees/0, contract/0, models/0]).
 -export([join/2, coordinator/1, request_path/1, request_path/2, wait_path/2]).
--export([lines/1, face/3, drive/3]).
+-export([lines/1, face/3, turn/4, drive/3]).
 -export([model/1]).
 
 -export_type([config/0, path/0, request_id/0, term_id/0, place/0]).
@@ -129,6 +129,12 @@ lines(Other) ->
 -spec face(starl:robot(), path(), N :: pos_integer()) -> ok | {error, void | restarted}.
 face(Robot, Path, N) -> move(Robot, face, Path, N).
 
+%% @doc Turns to a direction (rad) at the beginning of line N of the path, where the robot is. `void' as
+%% for {@link drive/3}. A chassis that drives in all directions does not turn.
+-spec turn(starl:robot(), path(), N :: pos_integer(), Heading :: float()) ->
+    ok | {error, void | restarted}.
+turn(Robot, Path, N, Heading) when is_float(Heading) -> move(Robot, {face, Heading}, Path, N).
+
 %% @doc Drives straight along line N of the path to its end, and frees the space behind. `void': the
 %% robot's lease to drive has ended, or it was stopped; the application asks for a new path.
 -spec drive(starl:robot(), path(), N :: pos_integer()) -> ok | {error, void | restarted}.
@@ -136,13 +142,16 @@ drive(Robot, Path, N) -> move(Robot, drive, Path, N).
 
 move(Robot, What, {Id, _From, Waypoints}, N) when is_list(Waypoints) ->
     is_integer(N) andalso N >= 1 andalso N =< length(Waypoints) orelse
-        starl_caller:mistake({?MODULE, What, 3}, 'N', N, "the number of a line of the path"),
+        starl_caller:mistake(function(What), 'N', N, "the number of a line of the path"),
     case starl:call(Robot, dpp, {What, Id, N}, infinity) of
         {ok, Answer} -> Answer;
         {error, restarted} -> {error, restarted}
     end;
 move(_Robot, What, Other, _N) ->
-    not_a_path({?MODULE, What, 3}, Other).
+    not_a_path(function(What), Other).
+
+function({face, _Heading}) -> {?MODULE, turn, 4};
+function(What) -> {?MODULE, What, 3}.
 
 -spec not_a_path(mfa(), term()) -> no_return().
 not_a_path(Function, Path) ->

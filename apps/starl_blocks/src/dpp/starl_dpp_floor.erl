@@ -4,9 +4,10 @@
 %% Lengths are millimetres.
 -module(starl_dpp_floor).
 
--export([new/2, near/1, travel/2, clear/2, walls/1, places/1, is_ways/1, format_error/1]).
+-export([new/2, new/3, reach/2, reachable/1, leads_to/2]).
+-export([near/1, travel/2, clear/2, walls/1, places/1, is_ways/1, format_error/1]).
 
--export_type([t/0, walls/0, config/0, reason/0]).
+-export_type([t/0, walls/0, config/0, reason/0, reach/0]).
 
 -type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
@@ -37,6 +38,11 @@
 
 -type reason() :: no_room | {spots, Most :: non_neg_integer(), Robots :: pos_integer()}.
 
+%% The part of the floor that robots can come to.
+-opaque reach() :: #{
+    roads := starl_dpp_cells:roads(), part := part(), grid := starl_grid:t({vertex(), point()})
+}.
+
 -type vertex() :: starl_dpp_cells:vertex().
 -type edge() :: {vertex(), vertex()}.
 -type part() :: #{vertex() => true}.
@@ -65,16 +71,43 @@
 %% they cannot.
 -spec new(starl_floor:t(), config()) ->
     {ok, t(), #{reached := [segment()], lost := [segment()]}} | {error, reason()}.
-new(Floor, #{lines := Lines, near := Near} = Config) ->
-    #{points := Points} = Roads = starl_dpp_cells:roads(Floor, Config),
+new(Floor, Config) ->
+    case reach(Floor, maps:remove(lines, Config)) of
+        {ok, Reach} -> new(Floor, Config, Reach);
+        {error, _} = Error -> Error
+    end.
+
+%% @doc The same for lines that were laid where robots can come to.
+-spec new(starl_floor:t(), config(), reach()) ->
+    {ok, t(), #{reached := [segment()], lost := [segment()]}} | {error, reason()}.
+new(Floor, #{lines := Lines} = Config, #{part := Part, roads := Roads} = Reach) ->
+    IsJoined = fun({A, B}) -> leads_to(A, Reach) andalso leads_to(B, Reach) end,
+    {Reached, Lost} = lists:partition(IsJoined, Lines),
+    parked(Floor, Reached, Lost, Part, Roads, Config).
+
+%% @doc Where robots can come to from the place near which they park.
+-spec reach(starl_floor:t(), #{
+    robots := pos_integer(), tube_radius := float(), wall_mm := float(), near := point()
+}) -> {ok, reach()} | {error, no_room}.
+reach(Floor, #{near := Near} = Config) ->
+    #{points := Points, reach_mm := Mm} = Roads = starl_dpp_cells:roads(Floor, Config),
     case lists:sort([{starl_geometry:distance(Near, P), V} || {V, P} <- maps:to_list(Points)]) of
         [] ->
             {error, no_room};
         [{_, Root} | _] ->
-            Part = part(Root, Roads),
-            {Reached, Lost} = lists:partition(fun(Line) -> is_joined(Line, Part, Roads) end, Lines),
-            parked(Floor, Reached, Lost, Part, Roads, Config)
+            Grid = index(maps:to_list(Points), Mm),
+            {ok, #{roads => Roads, part => part(Root, Roads), grid => Grid}}
     end.
+
+%% @doc The points of the roadmap that robots can come to.
+-spec reachable(reach()) -> [point()].
+reachable(#{part := Part, roads := #{points := Points}}) ->
+    [P || {V, P} <- lists:sort(maps:to_list(Points)), is_map_key(V, Part)].
+
+%% @doc Can robots come to this point?
+-spec leads_to(point(), reach()) -> boolean().
+leads_to(P, #{part := Part, roads := Roads, grid := Grid}) ->
+    lists:any(fun(V) -> is_map_key(V, Part) end, visible(P, Grid, Roads)).
 
 parked(Floor, Reached, Lost, Part, Roads, #{robots := N, tube_radius := R, near := Near}) ->
     #{points := Points, edges := Edges, nooks := Nooks} = Roads,
@@ -101,12 +134,6 @@ near(#{places := Places}) ->
         [Place | _] -> Place;
         [] -> {0.0, 0.0}
     end.
-
-%% Can both ends of a line be reached?
-is_joined({A, B}, Part, #{points := Points, reach_mm := Reach} = Roads) ->
-    Grid = index(maps:to_list(Points), Reach),
-    Joined = fun(P) -> [V || V <- visible(P, Grid, Roads), is_map_key(V, Part)] =/= [] end,
-    Joined(A) andalso Joined(B).
 
 %% The four nearest points to which a straight line leads.
 visible(P, Grid, #{walls := Walls, wall_mm := Mm, reach_mm := Reach}) ->

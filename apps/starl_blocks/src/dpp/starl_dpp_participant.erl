@@ -47,6 +47,8 @@
 -define(LOOK_US, 500000).
 %% The time without a message of any coordinator after which a request fails with `no_answer'.
 -define(PATIENCE_US, 120000000).
+%% A robot that turns to a direction turns to a point so far away.
+-define(AHEAD_MM, 1000.0).
 
 -record(part, {
     self :: starl:robot_id(),
@@ -86,7 +88,9 @@ event({call, From}, request, Where, Part) ->
     request(From, Where, Part);
 event({call, From}, wait, Where, Part) ->
     wait(From, Where, Part);
-event({call, From}, {What, Id, N}, Where, Part) when What =:= face; What =:= drive ->
+event({call, From}, {What, Id, N}, Where, Part) when
+    What =:= face; What =:= drive; element(1, What) =:= face
+->
     drive({From, What, N}, Id, Where, Part);
 event({reply, {driven, What, Id, N}}, Outcome, Where, Part) ->
     driven(Outcome, {What, N}, Id, Where, Part);
@@ -283,16 +287,19 @@ drive({From, _, _}, _Id, _Where, _Part) ->
 
 go_on({moving, Id, _, Path}, #part{drive = {_From, What, N}, track = Track}) ->
     {Point, _} = lists:nth(N, Path),
-    Line = {starl_dpp_progress:last(Track), Point},
-    [{call, motion, {way(What), Line}, {driven, What, Id, N}}];
+    Last = starl_dpp_progress:last(Track),
+    [{call, motion, towards(What, Last, Point), {driven, What, Id, N}}];
 go_on(_Where, _Part) ->
     [].
 
-way(face) -> face;
-way(drive) -> go_along.
+towards(face, Last, Point) ->
+    {face, {Last, Point}};
+towards(drive, Last, Point) ->
+    {go_along, {Last, Point}};
+towards({face, Heading}, {X, Y} = Last, _Point) ->
+    Ahead = {X + ?AHEAD_MM * math:cos(Heading), Y + ?AHEAD_MM * math:sin(Heading)},
+    {face, {Last, Ahead}}.
 
-driven(ok, {face, N}, Id, {moving, Id, _, _}, #part{drive = {From, face, N}} = Part) ->
-    {keep_state, Part#part{drive = none}, [{reply, From, ok}]};
 driven(ok, {drive, N}, Id, {moving, Id, _, Path}, #part{drive = {From, drive, N}} = Part) ->
     Track = starl_dpp_progress:reached(N, lists:nth(N, Path), Part#part.track),
     {Told, Report} = report(Id, N, Part#part{drive = none, track = Track}),
@@ -305,6 +312,10 @@ driven(
     {keep_state, Part#part{drive = none, track = Track}, [
         {trace, {blocked, Towards}}, {reply, From, {error, void}}
     ]};
+driven(
+    ok, {What, N}, Id, {moving, Id, _, _}, #part{drive = {From, What, N}} = Part
+) ->
+    {keep_state, Part#part{drive = none}, [{reply, From, ok}]};
 driven(
     {error, _} = Outcome, {What, N}, Id, {moving, Id, _, _}, #part{drive = {From, What, N}} = Part
 ) ->

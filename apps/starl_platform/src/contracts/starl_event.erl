@@ -112,7 +112,7 @@ platform() ->
         supervisor => [{crashed, 2}, {given_up, 1}],
         chassis => [{motion, 1}, {actuated, 2}, {not_understood, 1}, {sensed, 1}],
         radio => [{lost, 2}],
-        location => ?EVERY_MACHINE,
+        location => [{felt, 1} | ?EVERY_MACHINE],
         motion => [
             {velocity, 2}, {velocity_over, 1}, {goal, 2}, {line, 1}, {goal_over, 1} | ?EVERY_MACHINE
         ],

@@ -45,8 +45,9 @@
 -type results() :: #{atom() => term()}.
 %% The facts of a run beside its events: the windows in which faults break assumptions, those of
 %% all faults that may cost a team time, and those that may cost a robot's drive time (`fault') or lead
-%% it off its line (`position'), and those that keep a robot from knowing its place (`places'); the time at which all
-%% faults are over, and those of each class (`ends'), for {@link healed_us/2}; the
+%% it off its line (`position'), and those that keep a robot from knowing its place (`places'); where known, those in
+%% which senses answer what is not so, and what stands in the way for a time ({@link starl_obstacles:of_fault/3}); the
+%% time at which all faults are over, and those of each class (`ends'), for {@link healed_us/2}; the
 %% robots beside the core of the team, for which some never are, and that time for the core; the longest delay of a
 %% packet, the part of the packets that is lost (both with what faults do to the radio that is no excuse), and the configuration of SAP; how far a robot's clock may be off at the
 %% beginning, and how fast it may drift, without any fault; and the time by which
@@ -57,6 +58,8 @@
     bodies := [starl_assumption:window()],
     places => [starl_assumption:window()],
     positions := [starl_assumption:window()],
+    senses => [starl_assumption:window()],
+    obstacles => [{FromUs :: integer(), ToUs :: integer(), Kind :: atom(), Params :: map()}],
     loss := number(),
     sap := map(),
     healed_us := integer() | never,

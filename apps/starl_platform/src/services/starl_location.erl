@@ -33,8 +33,8 @@
 
 -export_type([event/0]).
 
-%% It traces nothing of its own.
--type event() :: none().
+%% A sense has answered a question of the application's.
+-type event() :: {felt, starl_sense:kind()}.
 
 %% The time to wait for the positioning system before asking it again; and the time to wait after a
 %% picture that was taken too early.
@@ -113,8 +113,9 @@ handle_event(state_timeout, again, ready, #location{asked = Asked} = Location, _
     {keep_state_and_data, [sense(Question, Location) || Question <- Asked] ++ [patience()]};
 handle_event({timeout, moment}, again, ready, #location{asked = Asked} = Location, _Meta) ->
     {keep_state_and_data, [sense(Question, Location) || Question <- Asked]};
-handle_event(info, {felt, {asked, From}, Felt}, ready, _Location, _Meta) ->
-    {keep_state_and_data, [{reply, From, felt(Felt)}]};
+handle_event(info, {felt, {asked, Kind, From}, Felt}, ready, _Location, _Meta) ->
+    Traced = [{trace, {felt, Kind}} || {ok, _} <- [Felt]],
+    {keep_state_and_data, Traced ++ [{reply, From, felt(Felt)}]};
 handle_event(cast, {subscribe, Kind, Us}, ready, #location{watched = Watched} = Location, _Meta) ->
     Next = Location#location{watched = Watched#{Kind => {Us, nothing}}},
     {keep_state, Next, [{{timeout, {watch, Kind}}, Us, look}]};
@@ -146,7 +147,7 @@ asked(waypoints, From, _Now, #location{waypoints = Waypoints}) ->
 asked({put_waypoint, Name, Point}, From, _Now, Location) ->
     put_waypoint(From, Name, Point, Location);
 asked({sense, Kind}, From, _Now, _Location) ->
-    {keep_state_and_data, [{feel, Kind, {asked, From}}]};
+    {keep_state_and_data, [{feel, Kind, {asked, Kind, From}}]};
 asked(floor, From, _Now, #location{floor = unknown}) ->
     {keep_state_and_data, [{reply, From, {error, unknown}}]};
 asked(floor, From, _Now, #location{floor = Floor}) ->

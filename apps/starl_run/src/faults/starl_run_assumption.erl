@@ -3,7 +3,7 @@
 %% must hold under all other faults.
 -module(starl_run_assumption).
 
--export([broken/2, positions/1, faults/1, places/1, bodies/2, core/3, radio/2, ends/1]).
+-export([broken/2, positions/1, senses/1, faults/1, places/1, bodies/2, core/3, radio/2, ends/1]).
 
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
@@ -61,6 +61,16 @@ positions(Faults) ->
      || {_, From, To, Kind, Robot, #{mm := Mm}} <- Faults,
         Kind =:= location_noise orelse Kind =:= location_bias,
         Mm > 0
+    ].
+
+%% @doc The windows in which a robot's senses answer what is not so. A sense that is gone does not answer.
+-spec senses([starl_run_fault:t()]) -> [starl_assumption:window()].
+senses(Faults) ->
+    [
+        {Robot, 1000 * From, 1000 * To, fault}
+     || {_, From, To, Kind, Robot, _} = Fault <- Faults,
+        starl_run_fault:class(Fault) =:= sense,
+        Kind =/= sense_gone
     ].
 
 %% @doc The windows of the faults that may cost a team time: those of the network, of computers, of

@@ -46,6 +46,8 @@ known(#{delay := {_, MaxMs}, clock_offset := Ms, clock_drift := Ppm} = Given, Id
         bodies => starl_run_assumption:bodies(Faults, IsExact),
         places => starl_run_assumption:places(Faults),
         positions => starl_run_assumption:positions(Faults),
+        senses => starl_run_assumption:senses(Faults),
+        obstacles => starl_run_floor:given_obstacles(Faults),
         healed_us => healed_us(Scenario),
         ends => ends(Scenario),
         core => core(Scenario, Ids),

@@ -2,7 +2,7 @@
 %% places where the robots stand at the beginning.
 -module(starl_run_floor).
 
--export([read/1, given/2, stand/3, placing/1, faults/2, obstacles/2]).
+-export([read/1, given/2, stand/3, placing/1, faults/2, obstacles/2, given_obstacles/1]).
 
 -export_type([problem_of_fault/0]).
 
@@ -184,14 +184,24 @@ problem(_Id, _Kind, _Params, _Floor) ->
 %% @doc The obstacles that faults put on a floor, if there are any, as a part of a map.
 -spec obstacles([starl_run_fault:t()], starl_floor:t()) -> #{obstacles => starl_obstacles:t()}.
 obstacles(Faults, Floor) ->
-    Compiled = [starl_run_fault:compile(F) || F <- Faults, starl_run_fault:class(F) =:= floor],
-    case Compiled of
+    case given_obstacles(Faults) of
         [] ->
             #{};
-        _ ->
-            Known = [obstacle(F, Floor) || F <- Compiled],
+        Given ->
+            Known = [
+                {From, To, starl_obstacles:of_fault(Kind, Params, Floor)}
+             || {From, To, Kind, Params} <- Given
+            ],
             #{obstacles => starl_obstacles:new(Known, starl_walls:new(Floor))}
     end.
 
-obstacle({_, From, To, Kind, _, Params}, Floor) ->
-    {From, To, starl_obstacles:of_fault(Kind, Params, Floor)}.
+%% @doc What faults put on whatever floor, and from when to when (us).
+-spec given_obstacles([starl_run_fault:t()]) ->
+    [{FromUs :: integer(), ToUs :: integer(), Kind :: atom(), Params :: map()}].
+given_obstacles(Faults) ->
+    [
+        {From, To, Kind, Params}
+     || Fault <- Faults,
+        starl_run_fault:class(Fault) =:= floor,
+        {_, From, To, Kind, _, Params} <- [starl_run_fault:compile(Fault)]
+    ].
