@@ -218,7 +218,7 @@ headings(_At, _Cells, #{field := Field}) when Field >= ?AROUND ->
 headings(At, Cells, #{field := Field}) ->
     N = ceil(?TURN / (Field - ?OVERLAP)),
     Steps = lists:usort([
-        round(starl_geometry:heading(At, starl_search_cover:middle(Cell)) * N / ?TURN) rem N
+        round(starl_geometry:heading(At, starl_search_floor:middle(Cell)) * N / ?TURN) rem N
      || Cell <- Cells
     ]),
     [Step * ?TURN / N || Step <- Steps].
@@ -259,7 +259,7 @@ behind({From, Others}, Cells, #{hides_mm := Mm}) ->
     [
         Cell
      || Cell <- Cells,
-        Sight <- [{From, starl_search_cover:middle(Cell)}],
+        Sight <- [{From, starl_search_floor:middle(Cell)}],
         lists:any(fun(At) -> starl_geometry:point_segment(At, Sight) < Mm end, Others)
     ].
 
@@ -273,8 +273,8 @@ unseen(Cells, Robot, Task) ->
         _ -> Cells
     end.
 
--spec but_seen([look()], [starl_search_cover:cell()], starl_walls:t(), task()) ->
-    [starl_search_cover:cell()].
+-spec but_seen([look()], [starl_search_floor:cell()], starl_walls:t(), task()) ->
+    [starl_search_floor:cell()].
 but_seen(Looks, Cells, Walls, #{most_mm := Range, ball_mm := Ball} = Task) ->
     Sees = #{range_mm => float(Range), ball_mm => float(Ball)},
     IsSeen = fun(Cell, {From, _} = Look) ->

@@ -5,7 +5,7 @@
 %%       places => Places, comes_to => fun(P) -> ... end, line => fun(P) -> ... end
 %%   })
 %% '''
-%% The floor is a grid of cells; a cell counts where a ball has room. From each place that robots can
+%% The floor is a grid of cells ({@link starl_search_floor}). From each place that robots can
 %% come to, rays find the cells that can be seen from there, whatever the place and the ball are off by.
 %% Views are chosen one by one, always the one that shows most of what is left. A cell that none of
 %% the places shows is looked at from its own side: is there any other place from which it is seen?
@@ -14,12 +14,12 @@
 %% through an open door. Pure; equal floors give equal views. Lengths are millimetres.
 -module(starl_search_cover).
 
--export([plan/2, cells/1, middle/1, cell_m2/0, sees/4]).
+-export([plan/2, cells/1, sees/4]).
 
--export_type([view/0, run/0, config/0, plan/0, cell/0]).
+-export_type([view/0, run/0, config/0, plan/0]).
 
 -type point() :: starl_geometry:point().
--type cell() :: non_neg_integer().
+-type cell() :: starl_search_floor:cell().
 %% Cells side by side, from the first to the last.
 -type run() :: {cell(), cell()}.
 
@@ -54,9 +54,9 @@
 %% What can be seen past, by its distance from a place.
 -record(eye, {at :: point(), rays :: tuple()}).
 
+%% The width of a cell ({@link starl_search_floor}), and the distance of its corners from its middle.
 -define(PITCH_MM, 100.0).
-%% Rows of the grid are so far apart in the numbers of cells.
--define(ROW, 65536).
+-define(HALF_DIAGONAL_MM, 71.0).
 -define(RAYS, 360).
 %% Places that are nearer to each other show nearly the same.
 -define(APART_MM, 500.0).
@@ -72,7 +72,7 @@
 plan(Floor, #{places := Places} = Config) ->
     Open = starl_walls:new(Floor),
     Closed = starl_walls:add(maps:get(doors, Floor), Open),
-    Cover = new(Floor, Open, Config),
+    Cover = new(Config, Floor),
     Chosen = greedy([{P, shown(eye(P, Closed, Cover), Cover)} || P <- apart(Places)]),
     Seen = all(Chosen),
     Left = connected(Seen, maps:without(maps:keys(Seen), Cover#cover.balls)),
@@ -123,64 +123,26 @@ runs(From, To, Cells) -> [{From, To} | runs(Cells)].
 -spec cells(view()) -> [cell()].
 cells(#{sees := Runs}) -> lists:append([lists:seq(From, To) || {From, To} <- Runs]).
 
-%% @doc The middle of a cell.
--spec middle(cell()) -> point().
-middle(Cell) -> {(Cell rem ?ROW + 0.5) * ?PITCH_MM, (Cell div ?ROW + 0.5) * ?PITCH_MM}.
-
-%% @doc The area of a cell, m2.
--spec cell_m2() -> float().
-cell_m2() -> ?PITCH_MM * ?PITCH_MM / 1.0e6.
-
 %% @doc Is a ball that lies in this cell surely seen from a place?
 -spec sees(point(), cell(), #{range_mm := float(), ball_mm := float(), _ => _}, starl_walls:t()) ->
     boolean().
 sees(From, Cell, #{range_mm := Range, ball_mm := Ball}, Walls) ->
-    To = middle(Cell),
+    To = starl_search_floor:middle(Cell),
     Mm = starl_geometry:distance(From, To),
-    Room = half_diagonal(),
+    Room = ?HALF_DIAGONAL_MM,
     Mm =< Range - 2 * Room andalso
         (Mm =< Ball orelse
             starl_walls:is_free(
                 {From, starl_geometry:interpolate(From, To, 1.0 - Ball / Mm)}, Room, Walls
             )).
 
-half_diagonal() -> ?PITCH_MM * math:sqrt(0.5).
-
-%% -- the cells --------------------------------------------------------------------------------
-
-new(#{size := {W, H}}, Walls, #{ball_mm := Ball, slack_mm := Slack, range_mm := Range} = Config) ->
-    Room = max(half_diagonal(), ?HALF_MM + Slack) + 1.0,
-    Balls = [
-        {Cell, At}
-     || J <- lists:seq(0, trunc(H / ?PITCH_MM)),
-        I <- lists:seq(0, trunc(W / ?PITCH_MM)),
-        Cell <- [J * ?ROW + I],
-        At <- ball(middle(Cell), Ball, Walls)
-    ],
+new(#{ball_mm := Ball, slack_mm := Slack, range_mm := Range} = Config, Floor) ->
     #cover{
         config = Config,
-        balls = maps:from_list(Balls),
-        room = Room,
-        range = Range - half_diagonal() - ?HALF_MM - Slack
+        balls = starl_search_floor:new(Floor, Ball),
+        room = max(?HALF_DIAGONAL_MM, ?HALF_MM + Slack) + 1.0,
+        range = Range - ?HALF_DIAGONAL_MM - ?HALF_MM - Slack
     }.
-
-%% A ball lies in the middle of its cell, or beside the nearest wall.
-ball(P, Ball, Walls) ->
-    Near = Ball - half_diagonal(),
-    case not starl_walls:is_solid(P, Walls) andalso starl_walls:clearance({P, P}, Ball, Walls) of
-        false -> [];
-        Mm when Mm >= Ball -> [P];
-        Mm when Mm < Near -> [];
-        Mm -> [Q || Q <- [away(P, Mm, Ball, Walls)], starl_walls:is_free({Q, Q}, Ball - 1.0, Walls)]
-    end.
-
-away(P, Mm, Ball, Walls) ->
-    {_, At} = lists:min([
-        {starl_geometry:distance(P, Q), Q}
-     || {_, Side} <- starl_walls:near({P, P}, Ball, Walls),
-        Q <- [starl_geometry:closest_point(P, Side)]
-    ]),
-    starl_geometry:interpolate(At, P, Ball / Mm).
 
 %% The cells that free floor joins to those that are seen. Nobody can see the others.
 connected(Seen, Left) -> spread(lists:sort(maps:keys(Seen)), Left, []).
@@ -188,10 +150,8 @@ connected(Seen, Left) -> spread(lists:sort(maps:keys(Seen)), Left, []).
 spread([], _Left, Found) ->
     lists:sort(Found);
 spread([Cell | Cells], Left, Found) ->
-    New = [N || N <- beside(Cell), is_map_key(N, Left)],
+    New = [N || N <- starl_search_floor:beside(Cell), is_map_key(N, Left)],
     spread(New ++ Cells, maps:without(New, Left), New ++ Found).
-
-beside(Cell) -> [Cell + 1, Cell + ?ROW, Cell - 1, Cell - ?ROW].
 
 %% -- what is seen from a place ----------------------------------------------------------------
 
@@ -292,7 +252,8 @@ shown(#eye{at = {X, Y}, rays = Rays}, #cover{balls = Balls, config = #{ball_mm :
 
 rows(J, J1, _I0, _I1, _Is, _Balls) when J > J1 -> [];
 rows(J, J1, I0, I1, Is, Balls) ->
-    row(J * ?ROW + I0, J * ?ROW + I1, Is, Balls, rows(J + 1, J1, I0, I1, Is, Balls)).
+    {First, Last} = {starl_search_floor:cell(I0, J), starl_search_floor:cell(I1, J)},
+    row(First, Last, Is, Balls, rows(J + 1, J1, I0, I1, Is, Balls)).
 
 row(Cell, Last, _Is, _Balls, Cells) when Last < Cell -> Cells;
 row(Cell, Last, Is, Balls, Cells) ->
@@ -413,7 +374,7 @@ places(Ball, Walls, #cover{config = #{comes_to := ComesTo, wall_mm := Mm}} = Cov
     Near = lists:sort([
         {starl_geometry:distance(Ball, P), P}
      || Cell <- shown(eye(Ball, Walls, Cover), Cover),
-        P <- [middle(Cell)],
+        P <- [starl_search_floor:middle(Cell)],
         starl_walls:is_free({P, P}, Mm, Walls)
     ]),
     some(?TRIES, [P || {_, P} <- some(?LOOKED_AT, Near), ComesTo(P)]).

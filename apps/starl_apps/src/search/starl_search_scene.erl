@@ -21,8 +21,6 @@
 -define(PLACE_MM, 50.0).
 %% So much beside a robot counts as hidden by it: half of a cell, and what it moves during a look (mm).
 -define(HIDES_MM, 150.0).
-%% The places that are drawn for the ball before the floor counts as full.
--define(DRAWS, 10000).
 %% So many rooms are named in a line.
 -define(NAMED, 8).
 
@@ -90,19 +88,10 @@ ball(#{places := #{object := At}}, #{options := #{ball := place}}) ->
 ball(_Floor, #{options := #{ball := place}}) ->
     {error, "the floor plan has no place object: give it one, or use --ball random"};
 ball(Floor, #{seed := Seed}) ->
-    drawn(?DRAWS, Seed, Floor, starl_walls:new(Floor)).
-
-%% The first of the drawn places where a ball has room, whoever may see it there.
-drawn(0, _Seed, _Floor, _Walls) ->
-    {error, "no ball was found room for on this floor: use another plan, or --ball nowhere"};
-drawn(N, Seed, #{size := {W, H}} = Floor, Walls) ->
-    P = {W * part({Seed, ball, x, N}), H * part({Seed, ball, y, N})},
-    case starl_walls:is_free({P, P}, float(?BALL_MM), Walls) of
-        true -> {ok, P};
-        false -> drawn(N - 1, Seed, Floor, Walls)
+    case starl_search_floor:draw({Seed, ball}, float(?BALL_MM), Floor) of
+        {ok, At} -> {ok, At};
+        none -> {error, "a ball has no room on this floor: use another plan, or --ball nowhere"}
     end.
-
-part(Key) -> erlang:phash2(Key, 1 bsl 24) / (1 bsl 24).
 
 %% -- where to look from -----------------------------------------------------------------------
 
@@ -214,7 +203,7 @@ preview(#{poses := Poses, memo := #{lines := Lines, floor := Floor, cells := Cel
         lines => [
             rooms(starl_search_rooms:names(starl_search_rooms:new(Floor))),
             io_lib:format("~b m² of floor, seen from ~b place~ts", [
-                round(Cells * starl_search_cover:cell_m2()),
+                round(starl_search_floor:m2(Cells)),
                 length(Lines),
                 [$s || length(Lines) =/= 1]
             ])
@@ -233,8 +222,8 @@ rooms(Names) ->
 closed(#{unseen := []}) ->
     [];
 closed(#{unseen := Unseen, cells := Cells, floor := Floor}) ->
-    M2 = starl_search_cover:cell_m2(),
-    [["nobody can come to see ", part(length(Unseen) * M2, Cells * M2, Unseen, Floor)]].
+    {M2, Of} = {starl_search_floor:m2(length(Unseen)), starl_search_floor:m2(Cells)},
+    [["nobody can come to see ", part(M2, Of, Unseen, Floor)]].
 
 %% @doc A part of the floor, and where it is: `23 of 170 m², in kitchen'.
 part(M2, Of, Points, Floor) ->
