@@ -72,22 +72,19 @@
 plan(Floor, #{places := Places} = Config) ->
     Open = starl_walls:new(Floor),
     Closed = starl_walls:add(maps:get(doors, Floor), Open),
-    Cover = new(Config, Floor),
-    Chosen = greedy([{P, shown(eye(P, Closed, Cover), Cover)} || P <- apart(Places)]),
-    Seen = all(Chosen),
-    Left = connected(Seen, maps:without(maps:keys(Seen), Cover#cover.balls)),
-    {More, _} = lists:foldl(
-        fun(Walls, {Added, Cells}) -> besides(Cells, Walls, Added, Cover) end,
-        {[], Left},
-        [Closed, Open]
-    ),
-    Known = maps:merge(Seen, all(More)),
-    Views = needed(Chosen ++ lists:reverse(More)),
+    #cover{balls = Balls} = Cover = new(Config, Floor),
+    Shown = [{P, shown(eye(P, Closed, Cover), Cover)} || P <- apart(Places)],
+    Seen = all(Shown),
+    Left = connected(Seen, maps:without(maps:keys(Seen), Balls)),
+    More = besides(Left, [Closed | [Open || Open =/= Closed]], Open, Cover),
+    Given = all(More),
     #{
-        views => [view(P, Cells, Config) || {P, Cells} <- Views],
-        unseen => unseen(Known, Cover),
-        cells => map_size(Cover#cover.balls)
+        views => [view(P, Cells, Config) || {P, Cells} <- needed(More ++ greedy(Shown, Given))],
+        unseen => in_order(maps:without(maps:keys(maps:merge(Seen, Given)), Balls)),
+        cells => map_size(Balls)
     }.
+
+in_order(Cells) -> [P || {_, P} <- lists:sort(maps:to_list(Cells))].
 
 %% Some of these places, so far apart.
 apart(Places) ->
@@ -105,9 +102,6 @@ apart(Places) ->
     lists:reverse(Apart).
 
 all(Views) -> maps:from_list([{Cell, true} || {_, Cells} <- Views, Cell <- Cells]).
-
-unseen(Known, #cover{balls = Balls}) ->
-    [P || {_, P} <- lists:sort(maps:to_list(maps:without(maps:keys(Known), Balls)))].
 
 view(P, Cells, #{line := Line}) ->
     {ok, Segment} = Line(P),
@@ -290,11 +284,10 @@ is_shown({BX, BY}, {X, Y}, Ball, Rays, Range) ->
 %% -- the choice -------------------------------------------------------------------------------
 
 %% Always the view that shows most of what is left; of equal ones the first.
-greedy(Shown) ->
-    Queue = [{-length(Cells), N, P, Cells} || {N, {P, Cells}} <- lists:enumerate(Shown)],
-    greedy(gb_sets:from_list([{G, N} || {G, N, _, _} <- Queue]), views(Queue), #{}).
-
-views(Queue) -> maps:from_list([{N, {P, Cells, Cells}} || {_, N, P, Cells} <- Queue]).
+greedy(Shown, Seen) ->
+    Views = [{N, {P, Cells, Cells}} || {N, {P, Cells}} <- lists:enumerate(Shown)],
+    Queue = gb_sets:from_list([{-length(Cells), N} || {N, {_, Cells, _}} <- Views]),
+    greedy(Queue, maps:from_list(Views), Seen).
 
 greedy(Queue, Views, Seen) ->
     case gb_sets:is_empty(Queue) of
@@ -314,7 +307,7 @@ taken({Gain, N}, Gain, {P, All, New}, Rest, Views, Seen) ->
 taken({_, N}, Gain, View, Rest, Views, Seen) ->
     greedy(gb_sets:add({Gain, N}, Rest), Views#{N := View}, Seen).
 
-%% Leaves out the views whose cells others show as well, the last ones first; and gives each cell to one view.
+%% Leaves out the views whose cells others show as well, the smallest first; and gives each cell to one view.
 needed(Views) ->
     Times = lists:foldl(
         fun(Cell, Acc) -> maps:update_with(Cell, fun(N) -> N + 1 end, 1, Acc) end,
@@ -337,30 +330,41 @@ own({P, Cells}, Given) ->
 
 %% -- cells that no place shows ----------------------------------------------------------------
 
-%% Looks at each from its own side. Sight is mutual: where its rays come to, it is seen from.
-besides([], _Walls, Added, _Cover) ->
-    {Added, []};
-besides(Left, Walls, Added, Cover) ->
-    besides(Left, #{}, Walls, Added, [], Cover).
+%% Looks at each from its own side, with doors closed and then open. Sight is mutual: where its rays come to, it
+%% is seen from.
+besides([], _Ways, _Open, _Cover) ->
+    [];
+besides(Left, Ways, Open, #cover{balls = Balls, config = #{wall_mm := Mm}} = Cover) ->
+    IsRoomy = fun(Cell) ->
+        P = starl_search_floor:middle(Cell),
+        starl_walls:is_free({P, P}, Mm, Open)
+    end,
+    Roomy = maps:from_keys(lists:filter(IsRoomy, maps:keys(Balls)), true),
+    {Views, _} = lists:foldl(
+        fun(Walls, {Added, Cells}) -> besides(Cells, #{}, Walls, Roomy, Added, [], Cover) end,
+        {[], Left},
+        Ways
+    ),
+    lists:reverse(Views).
 
-besides([], _Seen, _Walls, Added, Unseen, _Cover) ->
+besides([], _Seen, _Walls, _Roomy, Added, Unseen, _Cover) ->
     {Added, lists:reverse(Unseen)};
-besides([Cell | Cells], Seen, Walls, Added, Unseen, Cover) when is_map_key(Cell, Seen) ->
-    besides(Cells, Seen, Walls, Added, Unseen, Cover);
-besides([Cell | Cells], Seen, Walls, Added, Unseen, Cover) ->
-    case best(Cell, Cells, Walls, Cover) of
+besides([Cell | Cells], Seen, Walls, Roomy, Added, Unseen, Cover) when is_map_key(Cell, Seen) ->
+    besides(Cells, Seen, Walls, Roomy, Added, Unseen, Cover);
+besides([Cell | Cells], Seen, Walls, Roomy, Added, Unseen, Cover) ->
+    case best(Cell, Cells, Walls, Roomy, Cover) of
         {P, All} ->
             Known = maps:merge(Seen, maps:from_keys(All, true)),
-            besides(Cells, Known, Walls, [{P, All} | Added], Unseen, Cover);
+            besides(Cells, Known, Walls, Roomy, [{P, All} | Added], Unseen, Cover);
         none ->
-            besides(Cells, Seen, Walls, Added, [Cell | Unseen], Cover)
+            besides(Cells, Seen, Walls, Roomy, Added, [Cell | Unseen], Cover)
     end.
 
-best(Cell, Cells, Walls, #cover{balls = Balls} = Cover) ->
+best(Cell, Cells, Walls, Roomy, #cover{balls = Balls} = Cover) ->
     Left = maps:from_keys([Cell | Cells], true),
     Views = [
         {-length([C || C <- All, is_map_key(C, Left)]), P, All}
-     || P <- places(maps:get(Cell, Balls), Walls, Cover),
+     || P <- places(maps:get(Cell, Balls), Walls, Roomy, Cover),
         All <- [shown(eye(P, Walls, Cover), Cover)],
         lists:member(Cell, All)
     ],
@@ -370,12 +374,12 @@ best(Cell, Cells, Walls, #cover{balls = Balls} = Cover) ->
     end.
 
 %% A few of the places that see a ball, from the nearest to the farthest.
-places(Ball, Walls, #cover{config = #{comes_to := ComesTo, wall_mm := Mm}} = Cover) ->
+places(Ball, Walls, Roomy, #cover{config = #{comes_to := ComesTo}} = Cover) ->
     Near = lists:sort([
         {starl_geometry:distance(Ball, P), P}
      || Cell <- shown(eye(Ball, Walls, Cover), Cover),
-        P <- [starl_search_floor:middle(Cell)],
-        starl_walls:is_free({P, P}, Mm, Walls)
+        is_map_key(Cell, Roomy),
+        P <- [starl_search_floor:middle(Cell)]
     ]),
     some(?TRIES, [P || {_, P} <- some(?LOOKED_AT, Near), ComesTo(P)]).
 
