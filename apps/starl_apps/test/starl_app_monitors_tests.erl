@@ -29,9 +29,13 @@ told_later_test_() ->
             {starl_formation_monitor, #{robots => [1, 2], tolerance_mm => 50}},
             {starl_search_monitor, #{
                 floor => starl_floor:empty({1000, 1000}),
-                lines => [],
                 ball => none,
+                ball_mm => 100.0,
                 range_mm => 1000.0,
+                field => 1.0,
+                wall_mm => 181.0,
+                profiles => [],
+                off => {50.0, 0.1},
                 robots => [1, 2],
                 within_us => 1
             }},

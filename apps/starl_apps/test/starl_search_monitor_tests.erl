@@ -2,24 +2,30 @@
 -module(starl_search_monitor_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-%% A room of 4 m x 2 m with a wall on the right, one line, and the ball.
--define(WAY, {{500.0, 1000.0}, {1500.0, 1000.0}}).
+%% A room of 4 m x 2 m with a wall on the right, behind which nobody can look, and the ball.
 -define(BALL, {2500.0, 1500.0}).
+%% From there the whole room is seen.
+-define(MIDDLE, {1500.0, 1000.0}).
 
 monitor() -> monitor(#{}).
 
 monitor(More) ->
-    Floor = starl_floor:new(#{size => {4000, 2000}, walls => [[{3000, 0}, {3000, 2000}]]}),
-    Config = #{
-        floor => Floor,
-        lines => [?WAY],
+    starl_monitor:new([{starl_search_monitor, maps:merge(config(), More)}]).
+
+config() ->
+    #{
+        floor => starl_floor:new(#{size => {4000, 2000}, walls => [[{3000, 0}, {3000, 2000}]]}),
         ball => ?BALL,
+        ball_mm => 100.0,
         range_mm => 2000.0,
+        field => 2 * math:pi(),
+        wall_mm => 181.0,
+        profiles => [starl_chassis:profile(starl_chassis_differential, #{})],
+        off => {50.0, 0.1},
         robots => [1, 2],
         within_us => 10000000,
         healed_us => 0
-    },
-    starl_monitor:new([{starl_search_monitor, maps:merge(Config, More)}]).
+    }.
 
 judged(Events, Monitor) ->
     Step = fun(Event, {Found, M}) ->
@@ -33,69 +39,128 @@ judged(Events, Monitor) ->
     {More, #{starl_search_monitor := Results}} = starl_monitor:finish(T, Last),
     {[What || #{what := What} <- Found ++ More], Results}.
 
-%% It drives along the line in two seconds, and stands.
-drives(Robot, T, {X, Y}) ->
-    [
-        {T, Robot, chassis, {motion, starl_trajectory:piece(T, {X, Y}, 0.0, 500.0, 0.0)}},
-        {
-            T + 2000000,
-            Robot,
-            chassis,
-            {motion, starl_trajectory:standing(T + 2000000, {X + 1000.0, Y}, 0.0)}
-        }
-    ].
+stands(Robot, T, At) -> stands(Robot, T, At, 0.0).
+
+stands(Robot, T, At, Heading) ->
+    {T, Robot, chassis, {motion, starl_trajectory:standing(T, At, Heading)}}.
+
+looks(Robot, T) -> {T, Robot, location, {felt, camera}}.
+
+looks(Robot, T, At) -> [stands(Robot, T, At), looks(Robot, T)].
 
 done(T, Robot, How) -> {T, Robot, app, {done, How}}.
 
+all_done(T) -> [done(T, R, complete) || R <- [1, 2]].
+
+searched(Events, More) -> judged(Events ++ all_done(9000000), monitor(More#{ball => none})).
+
+%% What is behind the wall nobody could see, so `complete' is right; the report names it.
 a_search_in_vain_test() ->
-    Events = drives(1, 0, {500.0, 1000.0}) ++ [done(3000000, R, complete) || R <- [1, 2]],
+    {[], #{found_us := none, left := Left, unseen_m2 := M2}} = searched(looks(1, 0, ?MIDDLE), #{}),
+    ?assert(M2 > 1.0),
+    ?assertEqual([], [P || {X, _} = P <- Left, X < 3000]).
+
+nobody_has_looked_test() ->
+    ?assertMatch({[not_seen], _}, searched([stands(1, 0, ?MIDDLE)], #{})).
+
+%% Driving by is not looking, and a look sees in its range and its field only.
+what_is_out_of_view_is_not_seen_test() ->
+    Short = #{range_mm => 1000.0},
+    ?assertMatch({[not_seen], _}, searched(looks(1, 0, ?MIDDLE), Short)),
+    All = lists:append([looks(1, T, {X, 1000.0}) || {T, X} <- [{0, 500.0}, {9, 1500.0}, {99, 2500.0}]]),
+    ?assertMatch({[], _}, searched(All, Short)),
+    Front = #{field => math:pi()},
+    ?assertMatch({[not_seen], _}, searched(looks(1, 0, ?MIDDLE), Front)),
+    Back = looks(1, 0, ?MIDDLE) ++ [stands(1, 9, ?MIDDLE, math:pi()), looks(1, 9)],
+    ?assertMatch({[], _}, searched(Back, Front)).
+
+%% A wall in the room hides a part; from its other side it is seen.
+what_is_behind_a_wall_is_not_seen_test() ->
+    Floor = starl_floor:new(#{size => {4000, 2000}, walls => [[{2000, 0}, {2000, 1000}]]}),
+    Left = looks(1, 0, {500.0, 500.0}),
+    ?assertMatch({[not_seen], _}, searched(Left, #{floor => Floor, range_mm => 5000.0})),
+    Right = Left ++ looks(1, 9, {3000.0, 1000.0}),
+    ?assertMatch({[], #{left := []}}, searched(Right, #{floor => Floor, range_mm => 5000.0})).
+
+%% One violation is enough for all that is not seen.
+complete_is_judged_once_test() ->
+    ?assertMatch({[not_seen], _}, searched([stands(1, 0, ?MIDDLE)], #{robots => [1, 2]})).
+
+%% A door that is closed meanwhile hides what is behind it, and nobody knows: it is named, and no violation.
+an_obstacle_hides_test() ->
+    Box = #{obstacles => [{0, 5000000, obstacle, #{x => 2000, y => 500, width => 100, height => 900}}]},
+    {[], #{left := Left}} = searched(looks(1, 0, ?MIDDLE), Box),
+    ?assert(lists:any(fun({X, _}) -> X > 2100 andalso X < 3000 end, Left)),
+    {[], #{left := Later}} = searched(looks(1, 6000000, ?MIDDLE), Box),
+    ?assertEqual([], [P || {X, _} = P <- Later, X < 3000]).
+
+%% So does another robot, dead or alive.
+a_body_hides_test() ->
+    Beside = [stands(2, 0, {2000.0, 1000.0}) | looks(1, 0, ?MIDDLE)],
+    {[], #{left := Left}} = searched(Beside, #{}),
+    Hidden = [P || {X, _} = P <- Left, X < 3000],
+    ?assert(lists:any(fun({X, Y}) -> X > 2200 andalso abs(Y - 1000) < 80 end, Hidden)),
+    ?assertEqual([], [P || {_, Y} = P <- Hidden, abs(Y - 1000) > 600]),
+    {[], #{left := Later}} = searched(Beside ++ looks(2, 9, {2000.0, 1000.0}), #{}),
+    ?assertEqual([], [P || {X, _} = P <- Later, X < 3000]).
+
+%% A camera that answers though it is frozen has seen nothing; its robot cannot know.
+a_camera_that_is_not_to_be_believed_test() ->
+    Frozen = #{senses => [{1, 0, 5000000, fault}]},
+    {[], #{unseen_m2 := M2, floor_m2 := M2}} = searched(looks(1, 0, ?MIDDLE), Frozen),
+    {[], #{unseen_m2 := Less}} = searched(looks(2, 0, ?MIDDLE), Frozen),
+    ?assert(Less < M2).
+
+%% Who was told wrong places has looked elsewhere: that is said, and not judged.
+wrong_places_are_not_judged_test() ->
+    Wrong = #{places => [{1, 0, 5000000, position}]},
+    ?assertMatch({[], #{unjudged := [_]}}, searched(looks(1, 0, {400.0, 400.0}), Wrong#{range_mm => 500.0})),
+    ?assertMatch({[not_seen], #{unjudged := []}}, searched(looks(2, 0, {400.0, 400.0}), Wrong#{range_mm => 500.0})).
+
+%% Over time, with steps for a plot.
+floor_is_counted_over_time_test() ->
+    Events = looks(1, 1000000, {500.0, 1000.0}) ++ looks(1, 3000000, {2500.0, 1000.0}),
+    {_, #{measured := Measured}} = searched(Events, #{range_mm => 1000.0}),
     ?assertMatch(
-        {[], #{searched := 1.0, found_us := none}}, judged(Events, monitor(#{ball => none}))
+        [{0, 0.0}, {1000000, 0.0}, {1000000, A}, {3000000, A}, {3000000, B}, {9000000, B}] when
+            A > 0 andalso B > A,
+        [{T, M2} || {T, floor_seen_m2, M2} <- Measured]
     ).
 
-a_line_that_nobody_drove_test() ->
-    Beside = drives(1, 0, {500.0, 1070.0}) ++ [done(3000000, 1, complete)],
-    ?assertMatch({[not_searched], #{searched := +0.0}}, judged(Beside, monitor())),
-    [Begins | _] = drives(1, 0, {500.0, 1000.0}),
-    Half = [Begins, done(1000000, 1, complete)],
-    ?assertMatch({[not_searched], #{searched := 0.5}}, judged(Half, monitor())).
+%% -- found ------------------------------------------------------------------------------------
 
-%% Over time: a room is searched when all its lines are driven; in between the number stays, for a plot.
-rooms_are_counted_over_time_test() ->
-    Floor = starl_floor:new(#{
-        size => {4000, 2000},
-        rooms => #{
-            west => starl_floor:box(0, 0, 2000, 2000), east => starl_floor:box(2000, 0, 4000, 2000)
-        }
-    }),
-    East = {{2500.0, 1000.0}, {3500.0, 1000.0}},
-    Config = #{floor => Floor, lines => [?WAY, East], ball => none},
-    Events =
-        drives(1, 0, {500.0, 1000.0}) ++ drives(2, 3000000, {2500.0, 1000.0}) ++
-            [done(6000000, 1, complete)],
-    {[], #{measured := Measured}} = judged(Events, monitor(Config)),
-    ?assertEqual(
-        [{0, 0}, {2000000, 0}, {2000000, 1}, {5000000, 1}, {5000000, 2}, {6000000, 2}],
-        [{T, N} || {T, rooms_searched, N} <- Measured]
-    ).
+found(At) -> [stands(1, 0, ?MIDDLE), {2000000, 1, app, {found, At}}].
 
 found_test() ->
-    Events =
-        drives(1, 0, {500.0, 1000.0}) ++
-            [{2000000, 1, app, {found, ?BALL}}, done(2000000, 1, found), done(9000000, 2, found)],
+    Events = found(?BALL) ++ [done(2000000, 1, found), done(9000000, 2, found)],
     ?assertMatch({[], #{found_us := 2000000, done_us := 9000000}}, judged(Events, monitor())).
 
 found_what_is_not_there_test() ->
-    Found = drives(1, 0, {500.0, 1000.0}) ++ [{2000000, 1, app, {found, ?BALL}}],
+    Found = found(?BALL),
     ?assertMatch({[not_there], _}, judged(Found, monitor(#{ball => none}))),
-    %% too far away, and behind a wall
+    %% too far away, behind a wall, and behind the robot
     ?assertMatch({[not_there], _}, judged(Found, monitor(#{range_mm => 900.0}))),
-    ?assertMatch({[not_there], _}, judged(Found, monitor(#{ball => {3100.0, 1000.0}}))).
+    ?assertMatch({[not_there], _}, judged(Found, monitor(#{ball => {3500.0, 1000.0}}))),
+    ?assertMatch({[not_there], _}, judged(Found, monitor(#{ball => {500.0, 1000.0}, field => 2.0}))).
+
+%% The ball is 1118 mm away, so it may be 50 and 112 mm from where it is said to be.
+the_place_is_judged_test() ->
+    Off = fun(Mm, More) ->
+        {X, Y} = ?BALL,
+        {What, _} = judged(found({X + Mm, Y}), monitor(More)),
+        What
+    end,
+    ?assertEqual([], Off(160.0, #{})),
+    ?assertEqual([misplaced], Off(164.0, #{})),
+    ?assertEqual([misplaced], Off(5000.0, #{})),
+    %% a camera that is noisy then, or a wrong place, may be it
+    ?assertEqual([], Off(5000.0, #{senses => [{1, 1500000, 1600000, fault}]})),
+    ?assertEqual([], Off(5000.0, #{places => [{all, 0, 9000000, position}]})),
+    ?assertEqual([misplaced], Off(5000.0, #{senses => [{2, 0, 9000000, fault}]})),
+    ?assertEqual([misplaced], Off(5000.0, #{senses => [{1, 2000001, 9000000, fault}]})).
 
 a_robot_that_searches_on_test() ->
-    Found =
-        drives(1, 0, {500.0, 1000.0}) ++
-            [{2000000, 1, app, {found, ?BALL}}, done(2000000, 1, found)],
+    Found = found(?BALL) ++ [done(2000000, 1, found)],
     Late = fun(T, Event) -> Found ++ [{T, 2, app, Event}] end,
     ?assertMatch({[], _}, judged(Late(12000000, {done, found}), monitor())),
     ?assertMatch({[not_done], _}, judged(Late(12000001, {done, found}), monitor())),

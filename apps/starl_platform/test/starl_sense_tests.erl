@@ -69,6 +69,54 @@ the_camera_sees_in_its_field_only_test() ->
     %% behind the wall
     ?assertEqual([], See({3000.0, 2000.0}, 0.0)).
 
+%% Half of the angle of view lies on each side, for each angle and each heading.
+what_is_beside_the_field_is_not_seen_test() ->
+    [
+        begin
+            Profiles = exact(camera, #{
+                field => Field, noise => 0, noise_part => 0, missed => 0, invented => 0
+            }),
+            Angle = Heading + Side * (Field / 2 + Off),
+            At = {1000.0 + 400 * math:cos(Angle), 2000.0 + 400 * math:sin(Angle)},
+            View = view(#{
+                things => [#{at => At, colour => orange}], pose => {1000.0, 2000.0, Heading}
+            }),
+            Seen = starl_sense:read(camera, View, Profiles),
+            ?assertEqual({Field, Heading, Side, Off, Off < 0}, {Field, Heading, Side, Off, Seen =/= []})
+        end
+     || Field <- [0.5, 1.05, 2.1, 4.0],
+        Heading <- [0.0, 1.3, -2.5],
+        Side <- [-1, 1],
+        Off <- [-0.05, 0.05]
+    ].
+
+%% A beam to the left ends at what is to the left, whatever the heading.
+beams_end_where_they_point_to_test() ->
+    Profiles = exact(range, #{noise => 0, noise_mm => 0, missed => 0, invented => 0}),
+    [
+        begin
+            Body = {2, {2000.0 + 800 * math:cos(At), 1500.0 + 800 * math:sin(At)}, 165.0},
+            View = view(#{
+                pose => {2000.0, 1500.0, Heading},
+                walls => starl_walls:new(starl_floor:empty({4000, 3000})),
+                bodies => [Body]
+            }),
+            Beams = starl_sense:read(range, View, Profiles),
+            {Nearest, _} = lists:foldl(
+                fun
+                    ({B, Mm}, {_, Least}) when is_float(Mm), Mm < Least -> {B, Mm};
+                    (_, Least) -> Least
+                end,
+                {none, 1.0e9},
+                Beams
+            ),
+            ?assert(abs(Nearest - Bearing) < 0.11, {Heading, Bearing, Nearest})
+        end
+     || Heading <- [0.0, 1.3, -2.5],
+        Bearing <- [-1.4, -0.7, 0.0, 0.7, 1.4],
+        At <- [Heading + Bearing]
+    ].
+
 the_bumper_tells_the_side_test() ->
     At = fun(Pose, Bodies) ->
         starl_sense:read(bump, view(#{pose => Pose, bodies => Bodies}), exact(bump, #{}))
