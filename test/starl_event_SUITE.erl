@@ -293,6 +293,8 @@ rare() ->
         {starl_geocast_flood, {full, 1}, {starl_geocast_steps_tests, full_test, 0}},
         {starl_registers_lww, {too_far_ahead, 2}, {starl_registers_lww_tests, ahead_test, 0}},
         {starl_registers_lww, {refused, 3}, {starl_registers_lww_tests, refused_test, 0}},
+        {starl_registers_lww, {denied, 1}, {starl_registers_lww_tests, denied_test, 0}},
+        {starl_registers_lww, {set_right, 1}, {starl_registers_lww_tests, denied_test, 0}},
         {starl_dpp_participant, {stale_answer, 3},
             {starl_dpp_participant_SUITE, answer_is_taken_once, 1}},
         {starl_dpp_participant, {blocked, 1},

@@ -198,6 +198,55 @@ ahead_test() ->
         traced(element(1, (write(2, x, b, ?NOW + 10000001))(Default)))
     ).
 
+%% Who sends a stamp that no clocks within their bound explain hears that it is refused; one that is only
+%% deferred is taken later.
+beyond_test() ->
+    Machine = started(#{ahead_ms => 1}),
+    Sent = fun(Body) -> sent(element(1, hears(3, Body, Machine))) end,
+    Deferred = {?NOW + 2001, 0, 2},
+    Beyond = {?NOW + 2002, 0, 2},
+    ?assertEqual([], Sent({write, x, v, Deferred})),
+    ?assertEqual([{3, {beyond, Beyond}}], Sent({write, x, v, Beyond})),
+    ?assertEqual([{3, {beyond, Beyond}}], Sent({entries, [{y, v, Deferred}, {x, v, Beyond}]})),
+    ?assert(starl_registers_lww:accepts(registers, {beyond, Beyond})),
+    ?assertNot(starl_registers_lww:accepts(registers, {beyond, late})).
+
+%% A robot that most of the others refuse writes nothing, until its clock agrees with theirs: then its stamps go
+%% back to that clock, with its own values; those of others whose clocks were wrong are forgotten.
+denied_test() ->
+    Ahead = 3600000000,
+    Put = fun(Now, M) -> at(Now, {call, {app, x}}, {put, x, v}, M) end,
+    Deny = fun(Now, From, Stamp, M) ->
+        at(Now, cast, {message, From, registers, {beyond, Stamp}}, M)
+    end,
+    {_, Wrong} = at(Ahead, cast, {message, 2, registers, {write, y, w, {Ahead, 0, 2}}}, started()),
+    {_, Right} = hears(2, {write, z, w, {?NOW, 0, 2}}, Wrong),
+    {Wrote, M0} = Put(Ahead, Right),
+    [{put, x, _, Stamp} | _] = traced(Wrote),
+    %% two of four others are no majority, and a stamp that this robot has not given counts for nothing
+    {[{trace, {denied, 2}}], M1} = Deny(Ahead, 2, Stamp, M0),
+    {[{trace, {denied, 3}}], M2} = Deny(Ahead, 3, Stamp, M1),
+    {[], M2} = Deny(Ahead, 4, {Ahead + 1, 1, 1}, M2),
+    ?assertEqual([ok], answers(element(1, Put(Ahead, M2)))),
+    {[{trace, {denied, 4}}], M3} = Deny(Ahead, 4, Stamp, M2),
+    ?assertMatch({[{reply, _, {error, refused}}], _}, Put(Ahead, M3)),
+    %% its clock is right, and another one still refuses: from now on it writes, and all others read
+    {Righted, M4} = Deny(2 * ?NOW, 5, Stamp, M3),
+    ?assertMatch(
+        [{denied, 5}, {set_right, 2000}, {put, x, _, {2000, 0, 1}}, {holds, x, _}],
+        traced(Righted)
+    ),
+    ?assertMatch([_], [T || {store, T} <- Righted, T < Ahead]),
+    ?assertEqual([{ok, v}, {error, unset}, {ok, w}], [read(Name, M4) || Name <- [x, y, z]]),
+    ?assertEqual([ok], answers(element(1, Put(2 * ?NOW, M4)))).
+
+%% A clock that is behind is not right: nobody refuses its robot, and its stamps go on growing.
+a_clock_that_is_set_back_goes_on_test() ->
+    Ahead = 3600000000,
+    {_, M} = at(Ahead, {call, {app, x}}, {put, x, v}, started()),
+    {Actions, _} = at(?NOW, {call, {app, x}}, {put, x, w}, M),
+    ?assertMatch([{put, x, _, {Ahead, 1, 1}} | _], traced(Actions)).
+
 %% A subscriber is told what there is, and each change, with its writer.
 subscribe_test() ->
     Told = fun(Writer, Value) ->

@@ -249,6 +249,37 @@ clocks_apart_test() ->
         ]
     ].
 
+%% A clock that was ahead by more than twice the bound, and is right again, excuses nobody.
+a_clock_that_was_wrong_excuses_nobody_once_it_is_right_test() ->
+    Refused = [
+        put(5, 1, x), holds(5, 1, x, s(5, 1)), {900, 2, {too_far_ahead, x, s(5, 1)}}
+    ],
+    Told = fun(Us) ->
+        Windows = [{1, 2, 2, {clock, Us}}, {1, 500, 500, {clock, -Us}}],
+        {Found, _} = in_full(Refused, 9000, #{apart_us => 1500, broken => Windows, healed_us => 500}),
+        [What || {What, _, _, _} <- Found]
+    end,
+    ?assertEqual([], Told(3500)),
+    ?assertEqual([no_agreement], Told(100000)).
+
+%% A robot sets its stamps back to its clock if one of them was beyond it by more than twice the bound, and not otherwise.
+set_right_test() ->
+    Set = fun(Time, Stamp) ->
+        Events = [
+            {5, 1, {put, x, 5, s(Time, 1)}},
+            {5, 1, {holds, x, s(Time, 1)}},
+            got(6, 1, x, 5, s(Time, 1)),
+            {7, 1, {set_right, 7}},
+            {7, 1, {put, x, 5, s(Stamp, 1)}},
+            got(8, 1, x, 5, s(Stamp, 1))
+        ],
+        {Found, _} = in_full(Events ++ agreed(x, s(Stamp, 1)), 9000, #{apart_us => 1000000}),
+        [What || {What, _, _, _} <- Found]
+    end,
+    ?assertEqual([], Set(3600000000, 7)),
+    ?assertEqual([], Set(1000008, 7)),
+    ?assertEqual([set_right_without_cause], Set(1000007, 7)).
+
 %% What a live run tells of a fault when it is over excuses as what was known from the beginning does, and robots have
 %% their time from then on.
 a_window_that_is_told_when_it_is_over_excuses_too_test() ->
@@ -298,7 +329,16 @@ restart_test() ->
 vocabulary_test() ->
     #{registers := Events} = starl_registers_monitor:vocabulary(),
     ?assertEqual(
-        [{got, 2}, {got, 3}, {holds, 2}, {put, 3}, {refused, 3}, {too_far_ahead, 2}],
+        [
+            {denied, 1},
+            {got, 2},
+            {got, 3},
+            {holds, 2},
+            {put, 3},
+            {refused, 3},
+            {set_right, 1},
+            {too_far_ahead, 2}
+        ],
         lists:sort(Events)
     ).
 

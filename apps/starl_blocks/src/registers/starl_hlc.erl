@@ -9,7 +9,8 @@
 %% than all stamps that it gave before, without having stored anything.
 -module(starl_hlc).
 
--export([new/2, after_restart/4, stamp/2, observe/3, admits/3, now/1, robot/1]).
+-export([new/2, after_restart/4, restart/2, stamp/2, observe/3, admits/3, now/1, robot/1]).
+-export([is_beyond/3, is_ahead/2]).
 
 -export_type([t/0, stamp/0, writer/0]).
 
@@ -61,6 +62,23 @@ observe(_Earlier, _Now, Clock) ->
 %% @doc Is the stamp not too far ahead?
 -spec admits(stamp(), NowUs :: integer(), t()) -> boolean().
 admits({Time, _, _}, Now, #hlc{ahead_us = Ahead}) -> Time =< Now + Ahead.
+
+%% @doc Is the stamp so far ahead that no clocks within their bound explain it? A clock that has forgotten
+%% its own starts ahead by the bound, and another one may be behind it by the bound.
+-spec is_beyond(stamp(), NowUs :: integer(), t()) -> boolean().
+is_beyond({Time, _, _}, Now, #hlc{ahead_us = Ahead}) -> Time > Now + 2 * Ahead + 1.
+
+%% @doc Are all stamps that this clock will give so far ahead of the physical clock?
+-spec is_ahead(NowUs :: integer(), t()) -> boolean().
+is_ahead(_Now, #hlc{time = beginning}) ->
+    false;
+is_ahead(Now, #hlc{time = Time, writer = Writer} = Clock) ->
+    is_beyond({Time, 0, Writer}, Now, Clock).
+
+%% @doc The clock of the same writer, later than these stamps only.
+-spec restart([stamp()], t()) -> t().
+restart(Stamps, #hlc{writer = Writer, ahead_us = Ahead}) ->
+    lists:foldl(fun(Stamp, Clock) -> observe(Stamp, 0, Clock) end, new(Writer, Ahead), Stamps).
 
 %% @doc The time of the clock, for inspection.
 -spec now(t()) -> integer() | beginning.

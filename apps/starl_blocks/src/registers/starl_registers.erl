@@ -20,9 +20,10 @@
 
 -type name() :: term().
 
-%% @doc Writes a register. `full': the robot may add no further register.
+%% @doc Writes a register. `full': the robot may add no further register. `refused': nothing is written, since most of
+%% the others take no writes of this robot, whose clock is far ahead of theirs.
 -spec put(starl:robot(), name(), Value :: term()) ->
-    ok | {error, not_owner | full | restarted}.
+    ok | {error, not_owner | full | refused | restarted}.
 put(Robot, Name, Value) ->
     ok = starl_caller:payload({?MODULE, put, 3}, 'Name', label, Name),
     ok = starl_caller:payload({?MODULE, put, 3}, 'Value', content, Value),

@@ -19,6 +19,14 @@
 %% A stamp more than `ahead_ms' ahead of the own clock is not taken until the own clock has come
 %% nearer; so `ahead_ms' must exceed the clocks' differences.
 %%
+%% A stamp that is ahead by more than twice that ({@link starl_hlc:is_beyond/3}) comes from a clock that was
+%% wrong. The robot that sent it is informed by `{beyond, Stamp}'. A robot that most of the others have
+%% refused so
+%% <ul><li>refuses to write (`{error, refused}'), as nobody would read it;</li>
+%% <li>as soon as its own clock, too, says that its last stamp is beyond, goes back to that clock: it writes its own
+%% values anew, with stamps that all others take, and forgets those of other robots whose clocks
+%% were wrong. So a wrong clock does not outlive itself through the stored time.</li></ul>
+%%
 %% The machine stores a time later than all stamps that it gives; before a stamp reaches that time,
 %% it stores a later one. The clock of a restarted machine starts there, later than all stamps that
 %% it has ever given, at any value of the physical clock. If the store is damaged it starts so far
@@ -28,7 +36,7 @@
 %% taken, or else two robots that are full of different registers would never agree. So there are at
 %% most `limit' registers times robots.
 %%
-%% Calls: `{put, Name, Value}' (answer `ok', `{error, not_owner | full}'), `{get, Name}' (answer
+%% Calls: `{put, Name, Value}' (answer `ok', `{error, not_owner | full | refused}'), `{get, Name}' (answer
 %% `{ok, Value}', `{error, unset}'). Cast: `{subscribe, Name, Machine}'; the subscriber gets the
 %% cast `{message, Writer, register, {Name, Value}}'. Trace: {@link event()}.
 -module(starl_registers_lww).
@@ -49,7 +57,11 @@
     %% another robot's entry is not taken: its stamp is too far ahead of the own clock, or its
     %% writer may not write the register
     | {too_far_ahead, starl_registers:name(), starl_hlc:stamp()}
-    | {refused, starl_registers:name(), Writer :: starl:robot_id(), not_owner}.
+    | {refused, starl_registers:name(), Writer :: starl:robot_id(), not_owner}
+    %% that robot refuses this robot's stamps: they are beyond all clocks within their bound
+    | {denied, By :: starl:robot_id()}
+    %% the own stamps were beyond the own clock, which shows this: they go on from there
+    | {set_right, ClockUs :: integer()}.
 
 %% `owners': the only writers of these registers; `ahead_ms': see above; `sync_ms': the mean time
 %% between two exchanges; `limit': the most registers that a robot adds.
@@ -69,6 +81,8 @@
 -define(PART, 56_000).
 %% The stored time is ahead by this, so a time is stored at most once in this time.
 -define(RESERVED_US, 1000000).
+%% A refusal counts for so many exchanges, times the number of others. Two robots exchange twice as often.
+-define(COUNTS, 4).
 
 -record(lww, {
     self :: starl:robot_id(),
@@ -83,7 +97,10 @@
     %% the calls that wait for the recovery, latest first
     waiting = [] :: [{starl_machine:from(), Request :: term()}],
     %% stamps are given before this time; it is stored
-    reserved = none :: integer() | none
+    reserved = none :: integer() | none,
+    %% the robots that refuse the own stamps, each with the number of the last exchange in which it counts
+    denied = #{} :: #{starl:robot_id() => non_neg_integer()},
+    exchanges = 0 :: non_neg_integer()
 }).
 
 -spec has_history() -> true.
@@ -149,8 +166,8 @@ handle_event({call, From}, Request, ready, Lww, #{now := Now}) ->
 handle_event(cast, {message, Source, registers, Body}, State, Lww, #{now := Now}) ->
     {Next, Actions} = message(Body, Source, Now, Lww),
     recovered(Body, State, Now, Next, Actions);
-handle_event({timeout, sync}, _, _State, Lww, _Meta) ->
-    sync(Lww);
+handle_event({timeout, sync}, _, _State, Lww, #{now := Now}) ->
+    sync(Now, Lww);
 handle_event({timeout, recover}, _, recovering, Lww, #{now := Now}) ->
     be_ready(Now, Lww, []);
 handle_event(cast, {subscribe, Name, Machine}, _State, Lww, _Meta) ->
@@ -185,11 +202,14 @@ be_ready(Now, #lww{waiting = Waiting} = Lww0, Before) ->
 
 %% -- the application's calls ----------------------------------------------------------------
 
-serve(From, {put, Name, Value}, Now, Lww) ->
-    case may_add(Name, Lww) of
-        ok -> write(From, Name, Value, Now, Lww);
-        {error, _} = Error -> {Lww, [{reply, From, Error}]}
-    end;
+serve(From, {put, Name, Value}, Now, Lww0) ->
+    {Lww, Before} = set_right(Now, Lww0),
+    {Next, Actions} =
+        case may_add(Name, Lww) of
+            ok -> write(From, Name, Value, Now, Lww);
+            {error, _} = Error -> {Lww, [{reply, From, Error}]}
+        end,
+    {Next, Before ++ Actions};
 serve(From, {get, Name}, _Now, #lww{entries = Entries} = Lww) ->
     case Entries of
         #{Name := {Value, Stamp}} ->
@@ -200,6 +220,7 @@ serve(From, {get, Name}, _Now, #lww{entries = Entries} = Lww) ->
 
 may_add(Name, #lww{self = Self, entries = Entries, limit = Limit} = Lww) ->
     case may_write(Name, Self, Lww) of
+        true when 2 * map_size(Lww#lww.denied) > length(Lww#lww.others) -> {error, refused};
         true when is_map_key(Name, Entries); map_size(Entries) < Limit -> ok;
         true -> {error, full};
         false -> {error, not_owner}
@@ -207,10 +228,9 @@ may_add(Name, #lww{self = Self, entries = Entries, limit = Limit} = Lww) ->
 
 may_write(Name, Writer, #lww{owners = Owners}) -> maps:get(Name, Owners, Writer) =:= Writer.
 
-write(From, Name, Value, Now, #lww{clock = Clock0} = Lww) ->
-    {Stamp, Clock} = starl_hlc:stamp(Now, Clock0),
-    {Reserve, Reserved} = reserve(Stamp, Lww#lww{clock = Clock}),
-    {Written, Actions} = store({Name, Value, Stamp}, Reserved),
+write(From, Name, Value, Now, Lww) ->
+    {Stamp, Reserve, Stamped} = stamp(Now, Lww),
+    {Written, Actions} = store({Name, Value, Stamp}, Stamped),
     Announce = {cast, sap, {broadcast, registers, {write, Name, Value, Stamp}}},
     {Written,
         Reserve ++ [{trace, {put, Name, hash(Value), Stamp}} | Actions] ++
@@ -218,12 +238,59 @@ write(From, Name, Value, Now, #lww{clock = Clock0} = Lww) ->
                 Announce, {reply, From, ok}
             ]}.
 
+stamp(Now, #lww{clock = Clock0} = Lww) ->
+    {Stamp, Clock} = starl_hlc:stamp(Now, Clock0),
+    {Reserve, Reserved} = reserve(Stamp, Lww#lww{clock = Clock}),
+    {Stamp, Reserve, Reserved}.
+
 %% The store comes before every action that follows from the stamp.
 reserve({Time, _, _}, #lww{reserved = Reserved} = Lww) when is_integer(Reserved), Time < Reserved ->
     {[], Lww};
 reserve({Time, _, _}, Lww) ->
     Later = Time + ?RESERVED_US,
     {[{store, Later}], Lww#lww{reserved = Later}}.
+
+%% -- a clock that was wrong -----------------------------------------------------------------
+
+%% Another robot refuses the own stamps. An answer to a stamp from before {@link set_right/2} comes too late.
+denied(Source, {Time, _, _}, Now, #lww{clock = Clock, denied = Denied} = Lww) ->
+    case starl_hlc:now(Clock) of
+        Own when is_integer(Own), Time =< Own ->
+            Until = Lww#lww.exchanges + ?COUNTS * length(Lww#lww.others),
+            {Next, Actions} = set_right(Now, Lww#lww{denied = Denied#{Source => Until}}),
+            {Next, [{trace, {denied, Source}} | Actions]};
+        _ ->
+            {Lww, []}
+    end.
+
+%% Most of the others refuse the own stamps, and the own clock agrees with them. It alone proves nothing:
+%% it may be this clock that is wrong now, and behind.
+set_right(Now, #lww{clock = Clock, denied = Denied, others = Others} = Lww) ->
+    case 2 * map_size(Denied) > length(Others) andalso starl_hlc:is_ahead(Now, Clock) of
+        true -> rewrite(Now, Lww);
+        false -> {Lww, []}
+    end.
+
+rewrite(Now, #lww{self = Self, clock = Clock, entries = Entries} = Lww0) ->
+    Wrong = [
+        Entry
+     || {_, {_, Stamp}} = Entry <- lists:sort(maps:to_list(Entries)),
+        starl_hlc:is_beyond(Stamp, Now, Clock)
+    ],
+    Right = maps:without([Name || {Name, _} <- Wrong], Entries),
+    Restarted = starl_hlc:restart([Stamp || {_, Stamp} <- maps:values(Right)], Clock),
+    Lww1 = Lww0#lww{clock = Restarted, entries = Right, reserved = none, denied = #{}},
+    Own = [{Name, V} || {Name, {V, Stamp}} <- Wrong, starl_hlc:robot(Stamp) =:= Self],
+    lists:foldl(
+        fun({Name, Value}, {Lww, Actions}) ->
+            {Stamp, Reserve, Stamped} = stamp(Now, Lww),
+            Holds = [{trace, {put, Name, hash(Value), Stamp}}, {trace, {holds, Name, Stamp}}],
+            Rewritten = Stamped#lww{entries = (Stamped#lww.entries)#{Name => {Value, Stamp}}},
+            {Rewritten, Actions ++ Reserve ++ Holds}
+        end,
+        {Lww1, [{trace, {set_right, Now}}]},
+        Own
+    ).
 
 %% -- messages -------------------------------------------------------------------------------
 
@@ -243,6 +310,8 @@ accepts(registers, {digest, Digest, After, Last}) ->
     starl_shape:is([{list, [any, stamp()]}, bound(), bound()], {Digest, After, Last});
 accepts(registers, {want, Names}) ->
     starl_shape:is({list, any}, Names);
+accepts(registers, {beyond, Stamp}) ->
+    starl_shape:is(stamp(), Stamp);
 accepts(_Type, _Body) ->
     false.
 
@@ -250,10 +319,12 @@ stamp() -> [integer, {either, [{is, 0}, serial]}, {either, [count, [count, seria
 
 bound() -> {either, [{is, none}, [{is, name}, any]]}.
 
-message({write, Name, Value, Stamp}, _Source, Now, Lww) ->
-    take([{Name, Value, Stamp}], Now, Lww);
-message({Word, Entries}, _Source, Now, Lww) when Word =:= entries; Word =:= part ->
-    take(Entries, Now, Lww);
+message({write, Name, Value, Stamp}, Source, Now, Lww) ->
+    take([{Name, Value, Stamp}], Source, Now, Lww);
+message({Word, Entries}, Source, Now, Lww) when Word =:= entries; Word =:= part ->
+    take(Entries, Source, Now, Lww);
+message({beyond, Stamp}, Source, Now, Lww) ->
+    denied(Source, Stamp, Now, Lww);
 message({sync, Hash}, Source, _Now, Lww) ->
     Own = digest(Lww),
     {Lww, [post(Source, Digest) || hash(Own) =/= Hash, Digest <- digests(parts(Own), none)]};
@@ -311,16 +382,24 @@ parts([Term | Terms], Part, Bytes) ->
             parts(Terms, [Term | Part], More)
     end.
 
--spec take([entry()], Now :: integer(), #lww{}) -> {#lww{}, [starl_machine:action()]}.
-take(Entries, Now, Lww0) ->
-    lists:foldl(
-        fun(Entry, {Lww, Actions}) ->
-            {Next, New} = take_one(Entry, Now, Lww),
-            {Next, Actions ++ New}
+-spec take([entry()], starl:robot_id(), Now :: integer(), #lww{}) ->
+    {#lww{}, [starl_machine:action()]}.
+take(Entries, Source, Now, Lww0) ->
+    {Lww, Actions} = lists:foldl(
+        fun(Entry, {Acc, Done}) ->
+            {Next, New} = take_one(Entry, Now, Acc),
+            {Next, Done ++ New}
         end,
         {Lww0, []},
         Entries
-    ).
+    ),
+    {Lww, Actions ++ deny(lists:max([none | [S || {_, _, S} <- Entries]]), Source, Now, Lww)}.
+
+%% Who sent a stamp that is beyond all clocks hears of it. (An atom is less than every stamp.)
+deny(none, _Source, _Now, _Lww) ->
+    [];
+deny(Latest, Source, Now, #lww{clock = Clock}) ->
+    [post(Source, {beyond, Latest}) || starl_hlc:is_beyond(Latest, Now, Clock)].
 
 take_one({Name, _Value, Stamp} = Entry, Now, #lww{clock = Clock} = Lww) ->
     Writer = starl_hlc:robot(Stamp),
@@ -357,12 +436,19 @@ tell(Name, #lww{subscribers = Subscribers, entries = Entries}) ->
 
 %% -- the exchange ---------------------------------------------------------------------------
 
-sync(#lww{others = []}) ->
+sync(_Now, #lww{others = []}) ->
     keep_state_and_data;
-sync(#lww{others = Others} = Lww0) ->
-    {[Robot], Lww1} = draw(1, Others, Lww0),
-    {Tick, Lww} = tick(Lww1),
-    {keep_state, Lww, [Tick, post(Robot, {sync, hash(digest(Lww))})]}.
+sync(Now, #lww{others = Others} = Lww0) ->
+    {Lww1, Righted} = set_right(Now, older(Lww0)),
+    {[Robot], Lww2} = draw(1, Others, Lww1),
+    {Tick, Lww} = tick(Lww2),
+    {keep_state, Lww, Righted ++ [Tick, post(Robot, {sync, hash(digest(Lww))})]}.
+
+%% A refusal counts for some exchanges with each of the others; then it must be repeated.
+older(#lww{denied = Denied} = Lww) when map_size(Denied) =:= 0 -> Lww;
+older(#lww{denied = Denied, exchanges = Exchanges} = Lww) ->
+    Left = maps:filter(fun(_, Until) -> Until > Exchanges end, Denied),
+    Lww#lww{denied = Left, exchanges = Exchanges + 1}.
 
 digest(#lww{entries = Entries}) ->
     lists:sort([{Name, Stamp} || {Name, {_, Stamp}} <- maps:to_list(Entries)]).

@@ -13,9 +13,13 @@
 %% its stamps until they are as far: that adds `apart_us' after its start, the greatest difference
 %% of physical clocks (default 0).
 %%
+%% A robot whose stamps are beyond its clock by more than twice `apart_us' may set its clock right
+%% (`set_right'): its stamps and reads go back then, once.
+%%
 %% Excused, as `clocks_apart', is a robot that has refused the latest write since its stamp is too far ahead, where faults
 %% (`broken'), and what clocks may differ by without any (`clocks'), can have set the robot's clock back by more than
-%% `apart_us' against another one: the others must agree.
+%% `apart_us' against another one: the others must agree. A clock that was ahead of its present time by more than twice
+%% that excuses only as long as it is wrong.
 %%
 %% Events of machine `registers': {@link starl_registers_lww:event()}, `crashed',
 %% `store_damaged'; of machine `robot': `died', `store_set_back'.
@@ -66,6 +70,7 @@
 }).
 
 -define(MILLION, 1000000).
+-define(RESERVED_US, 1000000).
 
 %% @doc `robots': the team; `owners' as in the configuration of the machines.
 -spec init(#{
@@ -126,7 +131,14 @@ interests() -> [registers, robot].
 vocabulary() ->
     #{
         registers => [
-            {put, 3}, {got, 3}, {got, 2}, {holds, 2}, {too_far_ahead, 2}, {refused, 3}
+            {put, 3},
+            {got, 3},
+            {got, 2},
+            {holds, 2},
+            {too_far_ahead, 2},
+            {refused, 3},
+            {denied, 1},
+            {set_right, 1}
         ]
     }.
 
@@ -134,10 +146,10 @@ vocabulary() ->
 -spec timeless(#state{}) -> term().
 timeless(#state{writes = Writes, stamps = Stamps, read = Read}) -> {Writes, Stamps, Read}.
 
-%% @doc A write that is too large is seldom, and so are clocks that are too far apart.
+%% @doc A write of a robot that may not write is seldom, and so are clocks that are too far apart.
 -spec sometimes() -> [{clocks_apart | {atom(), atom()}, seldom}].
 sometimes() ->
-    [{clocks_apart, seldom} | [{{registers, Tag}, seldom} || Tag <- [refused]]].
+    [{clocks_apart, seldom} | [{{registers, T}, seldom} || T <- [refused, denied, set_right]]].
 
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
@@ -206,8 +218,25 @@ registers(crashed, T, Robot, #state{read = Read, holds = Holds} = State) ->
 registers(store_damaged, T, Robot, #state{stamps = Stamps, apart_us = Apart} = State) ->
     Admitted = T + Apart,
     {[], State#state{stamps = maps:remove(Robot, Stamps), admitted = Admitted}};
+registers({set_right, Clock}, T, Robot, State) ->
+    set_right(Clock, T, Robot, State);
 registers(_Event, _T, _Robot, State) ->
     {[], State}.
+
+%% The stamps of a robot go back to its clock: only if some are beyond all clocks within their bound.
+%% The stored time that follows a stamp is later by up to a second.
+set_right(Clock, T, Robot, #state{stamps = Stamps, read = Read, holds = Holds} = State) ->
+    Beyond = fun({Time, _, _}) -> Time + ?RESERVED_US > Clock + 2 * State#state.apart_us end,
+    Broken = [
+        violation(set_right_without_cause, T, [Robot], #{clock => Clock})
+     || not lists:any(Beyond, [Stamp || {_, Stamp} <- maps:keys(State#state.writes)])
+    ],
+    Kept = maps:filter(fun(_, Stamp) -> not Beyond(Stamp) end, maps:get(Robot, Holds, #{})),
+    {Broken, State#state{
+        stamps = maps:remove(Robot, Stamps),
+        read = maps:remove(Robot, Read),
+        holds = Holds#{Robot => Kept}
+    }}.
 
 wrote(Name, Hash, Stamp, T, Robot, #state{writes = Writes, stamps = Stamps} = State) ->
     Broken = stamp_back(Name, Stamp, T, Robot, Stamps) ++ not_owner(Name, T, Robot, State),
@@ -294,8 +323,18 @@ disagreement(T, Name, #state{robots = Robots, died = Died, holds = Holds} = Stat
 is_excused(T, Robot, Name, Latest, #state{refused = Refused, robots = Robots} = State) ->
     #state{apart_us = Apart, clocks = #{offset_us := Offset, drift_ppm := Ppm}} = State,
     Differ = 2 * Offset + round(2 * Ppm * T / ?MILLION),
+    Ever = starl_assumption:behind_us(Robot, Robots, T, State#state.assumption) + Differ,
     maps:get({Robot, Name}, Refused, none) =:= Latest andalso
-        starl_assumption:behind_us(Robot, Robots, T, State#state.assumption) + Differ > Apart.
+        ((Ever > Apart andalso Ever =< 2 * Apart + Differ) orelse
+            behind_now(Robot, T, State) + Differ > Apart).
+
+%% How far a robot's clock is behind the others' now.
+behind_now(Robot, T, #state{robots = Robots, assumption = Assumption}) ->
+    Off = fun(Id) ->
+        starl_assumption:gained_us(Id, 0, T, Assumption) -
+            starl_assumption:lost_us(Id, 0, T, Assumption)
+    end,
+    lists:max([Off(Id) || Id <- Robots]) - Off(Robot).
 
 violation(What, T, Robots, Details) ->
     #{contract => registers, what => What, at_us => T, robots => Robots, details => Details}.
