@@ -506,6 +506,48 @@ a_hold_is_told_before_its_lease_is_over_test() ->
         [{Until, Group} || {until, Until, Group, _} <- Actions]
     ).
 
+%% A set is held only as long as each of its tokens: what is said of it leaves before the shortest lease is over,
+%% whichever token that is.
+a_set_is_held_until_its_shortest_lease_is_over_test() ->
+    [
+        begin
+            One = after_all(
+                [
+                    fun(M) -> acquires(0, app, [a(), b()], M) end,
+                    fun(M) -> hears(From, 1, {token, a(), ?F, [{2, 1}]}, M) end,
+                    fun(M) -> hears(20, 1, {granted, a(), ?F, {1, From}}, M) end,
+                    fun(M) -> hears(30, 1, {token, b(), ?F, [{2, 1}]}, M) end
+                ] ++
+                    [
+                        fun(M) -> renewed(40, a(), M) end
+                     || Renewed
+                    ],
+                asker()
+            ),
+            {Answered, Both} = raw(50, cast, granted(b(), 30), One),
+            ?assertEqual(
+                [{End, {until, End, {ok, [{a(), ?F}, {b(), ?F}]}}}],
+                [
+                    {Until, Answer}
+                 || {until, Until, Group, _} <- Answered, {reply, {app, 0}, Answer} <- Group
+                ]
+            ),
+            {Released, _} = raw(60, {call, {app, 60}}, {release, [a(), b()]}, Both),
+            ?assertEqual(
+                [End], [Until || {until, Until, [{reply, {app, 60}, ok}], _} <- Released]
+            )
+        end
+     || {From, Renewed, End} <- [
+            {10, false, 10 + ?LEASE - 1},
+            {10, true, 30 + ?LEASE - 1}
+        ]
+    ].
+
+%% The home has confirmed the second claim of this token, sent at this time.
+renewed(Now, Token, Machine) ->
+    {_, Asks} = at(Now, {timeout, {renew, Token}}, renew, Machine),
+    hears(Now + 5, 1, {granted, Token, ?F, {2, Now}}, Asks).
+
 %% A late grant is no hold: nobody has heard of it, so it is not lost either; the job begins anew, and
 %% is answered when it has the token.
 a_late_grant_is_no_hold_test() ->

@@ -127,6 +127,22 @@ nonce_test() ->
     {ok, Answered} = told(5, 77, {1, 1}, asked(new())),
     ?assertEqual(not_asked, told(6, 77, {1, 1}, Answered)).
 
+%% What a robot has told of its lives is kept when a later incarnation of it is heard: a robot that has
+%% forgotten a life is still not believed.
+lives_outlast_what_is_heard_test() ->
+    Asked = fun(Nonce, Peers) ->
+        {Nonce, Open} = starl_sap_peers:ask(2, Nonce, Peers),
+        Open
+    end,
+    Told = fun(Life, Nonce, Peers) ->
+        {ok, Next} = starl_sap_peers:told(2, Life, Nonce, {1, 1}, Asked(Nonce, Peers)),
+        Next
+    end,
+    Lived = Told(5000, 2, Told(1000, 1, new())),
+    {present, Later} = heard(5001, Lived),
+    ?assertEqual({1000, 5000}, starl_sap_peers:lives(2, Later)),
+    ?assertMatch({outlived, _}, starl_sap_peers:told(2, 4999, 3, {1, 1}, Asked(3, Later))).
+
 %% The answer is believed, however far it is from what was heard: later or earlier.
 answer_counts_test() ->
     {ok, Far} = told(1000, 77, {1, 1}, asked(new())),

@@ -52,8 +52,14 @@ elected({ok, Leader}, Robot, Names, Decide) ->
 
 tell(Robot, {_, Register} = Names, Decision) ->
     case starl_registers:put(Robot, Register, Decision) of
-        ok -> Decision;
-        {error, _} -> tell(Robot, Names, Decision)
+        ok ->
+            Decision;
+        %% most others take no writes of this robot, whose clock is wrong
+        {error, refused} ->
+            ok = starl:sleep(Robot, ?LOOK_MS),
+            tell(Robot, Names, Decision);
+        {error, _} ->
+            tell(Robot, Names, Decision)
     end.
 
 look(Robot, {_, Register} = Names) ->
