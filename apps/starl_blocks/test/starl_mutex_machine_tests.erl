@@ -543,10 +543,10 @@ a_set_is_held_until_its_shortest_lease_is_over_test() ->
         ]
     ].
 
-%% The home has confirmed the second claim of this token, sent at this time.
+%% The home has renewed this token, as asked at this time.
 renewed(Now, Token, Machine) ->
     {_, Asks} = at(Now, {timeout, {renew, Token}}, renew, Machine),
-    hears(Now + 5, 1, {granted, Token, ?F, {2, Now}}, Asks).
+    hears(Now + 5, 1, {granted, Token, ?F, {1, Now}}, Asks).
 
 %% A late grant is no hold: nobody has heard of it, so it is not lost either; the job begins anew, and
 %% is answered when it has the token.
