@@ -4,8 +4,8 @@
 %% which the message must be there.
 %%
 %% On a radio that loses packets chance may keep a message from a robot, the more often the longer the chain and the more
-%% packets are lost. The probabilities of the messages in a row that a robot misses are multiplied: a row that is rarer
-%% than 10^-9 breaks the contract.
+%% packets are lost. The probabilities of the messages in a row that a robot misses over so many hops are multiplied: a
+%% row that is rarer than 10^-9 breaks the contract.
 %%
 %% Not judged are, in slow radios, a chain of too many hops, and
 %% messages with a fault during that second or up to five seconds before. That nobody else hears, the
@@ -26,8 +26,11 @@
     drive :: float(),
     loss :: number(),
     delay_us :: non_neg_integer(),
-    %% the probability of the messages in a row that a robot has missed
-    rows = #{} :: #{starl:robot_id() => float()},
+    %% the probability of the messages in a row that a robot has missed over so many hops: that it hears its
+    %% neighbours says nothing of those who pass messages on
+    rows = #{} :: #{{starl:robot_id(), Hops :: pos_integer()} => float()},
+    %% that of missing all messages that it was to hear
+    all = #{} :: #{{starl:robot_id(), Hops :: pos_integer()} => float()},
     hops :: non_neg_integer(),
     faults :: [starl_assumption:window()],
     pieces = #{} :: #{starl:robot_id() => starl_trajectory:piece()},
@@ -97,13 +100,17 @@ note({T, Robot, geocast, {sent, Id, Area, _Lifetime, _Hash}}, State) ->
         [] ->
             State;
         Due ->
-            #state{open = Open, owed = Owed} = State,
-            State#state{open = [{Id, T + ?WITHIN_US, Due} | Open], owed = Owed + length(Due)}
+            #state{open = Open, owed = Owed, all = All} = State,
+            State#state{
+                open = [{Id, T + ?WITHIN_US, Due} | Open],
+                owed = Owed + length(Due),
+                all = lists:foldl(fun(One, Rows) -> longer(One, Rows, State) end, All, Due)
+            }
     end;
-note({_, Robot, geocast, {delivered, Id, _Hash}}, #state{open = Open} = State) ->
-    #state{rows = Rows} = State,
+note({_, Robot, geocast, {delivered, Id, _Hash}}, #state{open = Open, rows = Rows} = State) ->
+    Chains = [{Robot, Hops} || {Of, _, Due} <- Open, Of =:= Id, {R, Hops} <- Due, R =:= Robot],
     State#state{
-        open = [heard(Robot, Id, One) || One <- Open], rows = maps:remove(Robot, Rows)
+        open = [heard(Robot, Id, One) || One <- Open], rows = maps:without(Chains, Rows)
     };
 note(_Event, State) ->
     State.
@@ -156,15 +163,18 @@ missed({Id, Due, Robots}, {Found, State}) ->
     {Missed, Next} = lists:foldl(fun unlucky/2, {[], State}, Robots),
     {Found ++ [violation(Id, Due, lists:reverse(Missed)) || Missed =/= []], Next}.
 
-%% Each hop of a chain has its part of the time.
-unlucky({Robot, Hops}, {Missed, #state{loss = Loss, rows = Rows} = State}) ->
-    Offers = starl_geocast_lifetime:offers(?WITHIN_US div Hops, State#state.delay_us, ?OFFERS_US),
-    Chance = min(1.0, Hops * starl_geocast_lifetime:missed(Loss, Offers)),
-    Row = Chance * maps:get(Robot, Rows, 1.0),
+unlucky({Robot, _} = One, {Missed, #state{loss = Loss, rows = Rows} = State}) ->
+    #{One := Row} = Next = longer(One, Rows, State),
     case Loss == 0 orelse starl_sap_schedule:is_rare(Row) of
-        true -> {[Robot | Missed], State#state{rows = maps:remove(Robot, Rows)}};
-        false -> {Missed, State#state{rows = Rows#{Robot => Row}}}
+        true -> {[Robot | Missed], State#state{rows = maps:remove(One, Rows)}};
+        false -> {Missed, State#state{rows = Next}}
     end.
+
+%% One more message that is missed. Each hop of a chain has its part of the time.
+longer({_, Hops} = One, Rows, #state{loss = Loss, delay_us = Delay}) ->
+    Offers = starl_geocast_lifetime:offers(?WITHIN_US div Hops, Delay, ?OFFERS_US),
+    Chance = min(1.0, Hops * starl_geocast_lifetime:missed(Loss, Offers)),
+    Rows#{One => Chance * maps:get(One, Rows, 1.0)}.
 
 violation(Id, Due, Robots) ->
     #{
@@ -179,10 +189,19 @@ violation(Id, Due, Robots) ->
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => term()}}.
 finish(EndUs, State) ->
-    {Late, #state{owed = Owed, loss = Loss}} = late(EndUs, State),
-    Off = [Clause || Loss >= ?MOST_LOSS, Clause <- starl_unjudged:lossy(?CLAUSE, Loss)],
-    Results = starl_unjudged:with(Off, #{owed => Owed}),
+    {Late, #state{owed = Owed, loss = Loss} = Last} = late(EndUs, State),
+    Results = starl_unjudged:with(off(Loss, Last), #{owed => Owed}),
     case Late of
         [] -> {ok, Results};
         [_ | _] -> {{violation, Late}, Results}
     end.
+
+%% Of so few messages that no row of missed ones could be too long, nothing is known if some were missed.
+off(Loss, _State) when Loss >= ?MOST_LOSS -> starl_unjudged:lossy(?CLAUSE, Loss);
+off(Loss, #state{all = All, rows = Rows}) when map_size(Rows) > 0 ->
+    case lists:any(fun starl_sap_schedule:is_rare/1, maps:values(All)) of
+        true -> [];
+        false -> starl_unjudged:too_few(?CLAUSE, Loss)
+    end;
+off(_Loss, _State) ->
+    [].

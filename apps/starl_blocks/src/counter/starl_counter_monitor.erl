@@ -44,6 +44,7 @@ init(#{robots := Robots} = Config) ->
 
 %% Faults that can hold up what a robot tells the others.
 -define(CLASSES, [network, clock, process, store]).
+-define(AGREE, "all robots agree").
 
 %% @doc The configuration with the end of the faults that can hold it up.
 -spec context(starl_monitor:known(), map()) -> map().
@@ -96,14 +97,24 @@ step({T, Robot, Machine, Event}, State) ->
 -spec finish(us(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndUs, State) ->
-    {Late, #state{made = Made, judged = Judged}} = agreement(EndUs, State),
+    {Late, #state{made = Made, judged = Judged} = End} = agreement(EndUs, State),
     Results = #{increments => Made, agreed => Judged},
-    {verdict(Late), starl_unjudged:with(unjudged(EndUs, State), Results)}.
+    {verdict(Late), starl_unjudged:with(unjudged(EndUs, End), Results)}.
 
 unjudged(_EndUs, #state{within = infinity}) ->
     [];
-unjudged(EndUs, #state{healed = Healed}) ->
-    starl_unjudged:unhealed("all robots agree", Healed, EndUs).
+unjudged(EndUs, #state{healed = Healed, within = Within, due = Due} = State) ->
+    case starl_unjudged:unhealed(?AGREE, Healed, EndUs) of
+        [] when Due =/= infinity ->
+            %% would they agree if the time were up?
+            {Open, _} = agreement(Due + 1, State),
+            [
+                C
+             || Open =/= [], C <- starl_unjudged:too_short(?AGREE, Within, "they do not agree yet")
+            ];
+        Unhealed ->
+            Unhealed
+    end.
 
 verdict([]) -> ok;
 verdict(Violations) -> {violation, Violations}.

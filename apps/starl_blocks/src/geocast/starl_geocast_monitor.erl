@@ -31,8 +31,9 @@
 %% The places of robots are known in continuous time, from the pieces of their motion.
 %%
 %% On a radio that loses packets chance may keep a message from a robot that hears its source, the more seldom the more
-%% often the source offers it. The probabilities of the messages in a row that a robot misses are multiplied: a row that
-%% is rarer than 10^-9 breaks the contract.
+%% often the source offers it. The probabilities of the messages of others in a row that a robot misses are multiplied: a
+%% row that is rarer than 10^-9 breaks the contract. Where so few messages were owed that to miss all of them would be
+%% no rarer, nothing is judged.
 %%
 %% Events of machine `geocast': {@link starl_geocast_flood:event()}, `crashed'; of machine
 %% `chassis': `motion'; of machine `robot': `up', `died'.
@@ -53,6 +54,7 @@
 -define(OFFERS_US, {50000, 1000000}).
 %% Faults that can keep a message from a robot.
 -define(CLASSES, [network, clock, process, store, location]).
+-define(CLAUSE, "delivered to every robot that is inside").
 
 %% A message, with the robots that got it and the times, latest first.
 -record(message, {
@@ -78,6 +80,8 @@
     offers_us :: {FirstUs :: pos_integer(), LongestUs :: pos_integer()},
     %% the probability of the messages in a row that a robot has missed
     rows = #{} :: #{robot_id() => float()},
+    %% that of missing all messages that a robot was owed
+    all = #{} :: #{robot_id() => float()},
     assumption :: starl_assumption:t(),
     messages = #{} :: #{id() => #message{}},
     %% the ends of the windows that are still open, and their beginnings
@@ -171,7 +175,7 @@ step({T, Robot, Machine, Event}, State) ->
 finish(EndTimeUs, State) ->
     {Found, #state{messages = Messages} = End} = close_until(EndTimeUs, State, []),
     Healed = End#state.healed,
-    Off = starl_unjudged:unhealed("delivered to every robot that is inside", Healed, EndTimeUs),
+    Off = starl_unjudged:unhealed(?CLAUSE, Healed, EndTimeUs) ++ few(End),
     Results = starl_unjudged:with(Off, #{
         sent => map_size(Messages),
         delivered => lists:sum([map_size(Got) || #message{got = Got} <- maps:values(Messages)]),
@@ -312,40 +316,64 @@ close(Id, #state{robots = Robots, messages = Messages} = State0) ->
     Paths = maps:map(fun(_, Path) -> needed(Path, Earliest) end, State#state.paths),
     {Broken, State#state{paths = Paths}}.
 
+%% No row of messages could have been too long.
+few(#state{all = All, rows = Rows, loss = Loss}) ->
+    IsShort = lists:all(fun(Row) -> not starl_sap_schedule:is_rare(Row) end, maps:values(All)),
+    [
+        Few
+     || Loss > 0, map_size(Rows) > 0, IsShort, Few <- starl_unjudged:too_few(?CLAUSE, Loss)
+    ].
+
 hold_against(Id, #message{got = Got} = Message, Robot, State) ->
     Spans = spans(Message, path(Robot, State)),
-    IsOwed = is_owed(Id, Message, Robot, Spans, State),
-    Owed = State#state{owed = State#state.owed + count(IsOwed)},
-    case Got of
-        #{Robot := Times} ->
-            {elsewhere(Id, Message, Times, Robot, Spans, State), got(Robot, Owed)};
-        #{} when IsOwed ->
-            missed(Id, Message, Robot, Owed);
-        #{} ->
-            {[], State}
+    Owed =
+        case is_owed(Id, Message, Robot, Spans, State) of
+            true -> owed(Id, Message, Robot, State);
+            false -> none
+        end,
+    case {Got, Owed} of
+        {#{Robot := Times}, none} ->
+            {elsewhere(Id, Message, Times, Robot, Spans, State), got(Id, Robot, State)};
+        {#{Robot := Times}, {_Chance, Next}} ->
+            {elsewhere(Id, Message, Times, Robot, Spans, State), got(Id, Robot, Next)};
+        {#{}, none} ->
+            {[], State};
+        {#{}, {Chance, Next}} ->
+            missed(Id, Message, Robot, Chance, Next)
     end.
 
-got(Robot, #state{rows = Rows} = State) -> State#state{rows = maps:remove(Robot, Rows)}.
+%% Its own message tells nothing of what a robot hears.
+got({Robot, _, _}, Robot, State) -> State;
+got(_Id, Robot, #state{rows = Rows} = State) -> State#state{rows = maps:remove(Robot, Rows)}.
 
-%% A robot that holds a message may have no listener for it, and what it holds chance has not taken. The source has
-%% its own message at once.
-missed({Source, _, _} = Id, #message{held = Held} = Message, Robot, State) ->
-    case maps:merge(#{Source => held}, Held) of
-        #{Robot := held} when State#state.progress ->
-            {[violation(not_delivered, Message#message.to_us, Robot, Id, #{})], got(Robot, State)};
-        #{Robot := _} ->
-            {[], got(Robot, State)};
-        #{} ->
-            unlucky(Id, Message, Robot, State)
-    end.
-
-unlucky(Id, #message{from_us = From, to_us = To}, Robot, #state{rows = Rows, loss = Loss} = State) ->
+%% The probability that chance keeps the message from the robot. The source has its own message at once.
+owed({Robot, _, _}, _Message, Robot, #state{owed = Owed} = State) ->
+    {0.0, State#state{owed = Owed + 1}};
+owed(_Id, Message, Robot, #state{owed = Owed, all = All, loss = Loss} = State) ->
+    #message{from_us = From, to_us = To} = Message,
     Live = (To - From) * 49 div 50,
     Offers = starl_geocast_lifetime:offers(Live, State#state.delay_us, State#state.offers_us),
-    Row = starl_geocast_lifetime:missed(Loss, Offers) * maps:get(Robot, Rows, 1.0),
+    Chance = starl_geocast_lifetime:missed(Loss, Offers),
+    {Chance, State#state{owed = Owed + 1, all = times(Robot, Chance, All)}}.
+
+times(Robot, Chance, Rows) -> Rows#{Robot => Chance * maps:get(Robot, Rows, 1.0)}.
+
+%% A robot that holds a message may have no listener for it, and what it holds chance has not taken.
+missed({Source, _, _} = Id, #message{held = Held} = Message, Robot, Chance, State) ->
+    case maps:merge(#{Source => held}, Held) of
+        #{Robot := held} when State#state.progress ->
+            {[violation(not_delivered, Message#message.to_us, Robot, Id, #{})], State};
+        #{Robot := _} ->
+            {[], got(Id, Robot, State)};
+        #{} ->
+            unlucky(Id, Message, Robot, Chance, State)
+    end.
+
+unlucky(Id, #message{to_us = To}, Robot, Chance, #state{rows = Rows, loss = Loss} = State) ->
+    #{Robot := Row} = Next = times(Robot, Chance, Rows),
     case Loss == 0 orelse starl_sap_schedule:is_rare(Row) of
-        true -> {[violation(not_delivered, To, Robot, Id, #{})], got(Robot, State)};
-        false -> {[], State#state{rows = Rows#{Robot => Row}}}
+        true -> {[violation(not_delivered, To, Robot, Id, #{})], got(Id, Robot, State)};
+        false -> {[], State#state{rows = Next}}
     end.
 
 is_owed(Id, #message{from_us = From, to_us = To} = Message, Robot, Spans, State) ->
@@ -368,9 +396,6 @@ elsewhere(Id, Message, [T | _] = Times, Robot, Spans, #state{assumption = Assump
     ].
 
 path(Robot, #state{paths = Paths}) -> maps:get(Robot, Paths, []).
-
-count(true) -> 1;
-count(false) -> 0.
 
 outside(_Message, []) ->
     false;

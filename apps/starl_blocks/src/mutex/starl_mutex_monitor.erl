@@ -47,6 +47,10 @@
     %% them may have been idle for too long
     idle_us :: pos_integer() | infinity,
     idle = #{} :: #{token() => SinceUs :: integer()},
+    %% the tokens for which a robot waited in vain since anybody has held them
+    vain = #{} :: #{token() => true},
+    %% was a token found to lie idle?
+    found = false :: boolean(),
     idle_due = infinity :: integer() | infinity,
     faults :: starl_assumption:t(),
     robots :: [robot_id()],
@@ -219,13 +223,25 @@ finish(EndTimeUs, State) ->
 verdict([]) -> ok;
 verdict(Violations) -> {violation, Violations}.
 
-%% Is any time of the run so long without a fault that an idle token is found?
+%% Is any time of the run so long without a fault that an idle token is found? Else nothing is known of those who
+%% waited until they gave up, or for most of the run.
 off(_EndUs, #state{unjudged = [_ | _] = Unjudged}) ->
     Unjudged;
-off(_EndUs, #state{idle_us = infinity}) ->
+off(_EndUs, #state{idle_us = Idle, found = Found}) when Idle =:= infinity; Found ->
     [];
-off(EndUs, #state{idle_us = Idle, faults = Faults}) ->
-    starl_unjudged:excused(?GRANTED, Idle, EndUs, Faults).
+off(EndUs, #state{idle_us = Idle, idle = Waiting, vain = Vain, faults = Faults}) ->
+    case starl_unjudged:excused(?GRANTED, Idle, EndUs, Faults) of
+        [] ->
+            Long = [x || Since <- maps:values(Waiting), 2 * (EndUs - Since) > EndUs],
+            InVain = Long =/= [] orelse map_size(Vain) > 0,
+            [
+                Clause
+             || InVain,
+                Clause <- starl_unjudged:too_short(?GRANTED, Idle, "somebody waited in vain")
+            ];
+        Excused ->
+            Excused
+    end.
 
 %%% Events: each gives the violations it shows
 
@@ -252,7 +268,8 @@ token({leased, Token, Fence, Left}, T, Robot, #state{holds = Holds} = State) ->
     {[], State#state{holds = starl_mutex_holds:leased(T, Robot, Token, Fence, Left, Holds)}};
 token({acquired, Token, Fence}, T, Robot, #state{holds = Holds} = State) ->
     Held = starl_mutex_holds:acquired(T, Robot, Token, Fence, Holds),
-    kept(Held, wait(T, Robot, Token, State));
+    Vain = maps:remove(Token, State#state.vain),
+    kept(Held, wait(T, Robot, Token, State#state{vain = Vain}));
 token({answered, Fences}, T, Robot, #state{holds = Holds} = State) ->
     {starl_mutex_holds:answered(T, Robot, Fences, Holds), State};
 token({released, Token, Fence}, T, Robot, #state{holds = Holds} = State) ->
@@ -261,7 +278,10 @@ token({lease_lost, Token, Fence}, T, Robot, #state{holds = Holds} = State) ->
     Ended = starl_mutex_holds:ended(lost, T, Robot, Token, Fence, Holds),
     kept(Ended, State#state{lost = State#state.lost + 1});
 token({failed, Token, Reason}, T, Robot, #state{failed = Failed} = State) ->
-    {Since, Closed} = close(Token, Robot, State#state{failed = Failed + 1}),
+    #state{vain = Vain} = State,
+    {Since, Closed} = close(Token, Robot, State#state{
+        failed = Failed + 1, vain = Vain#{Token => true}
+    }),
     {refused(T, Robot, Token, Reason, Since, State), Closed};
 token(crashed, T, Robot, #state{faults = Faults} = State) ->
     Fault = {Robot, T, T, fault},
@@ -362,6 +382,7 @@ lie_idle(T, #state{idle = Idle, idle_us = Us, faults = Faults} = State) ->
         ],
         State#state{
             idle = maps:merge(Idle, Told),
+            found = State#state.found orelse Over =/= [],
             idle_due = lists:min([infinity | [Due || {Due, _} <- Left] ++ [T + Us || _ <- Over]])
         }
     }.

@@ -71,6 +71,7 @@
 
 -define(MILLION, 1000000).
 -define(RESERVED_US, 1000000).
+-define(AGREE, "all robots agree").
 
 %% @doc `robots': the team; `owners' as in the configuration of the machines.
 -spec init(#{
@@ -169,7 +170,7 @@ step({T, Robot, Machine, Event}, State) ->
 finish(EndTimeUs, State) ->
     {Found, End} = agreed(EndTimeUs, State),
     #state{writes = Writes, reads = Reads, judged = Judged, excused = Excused} = End,
-    Results = starl_unjudged:with(unjudged(EndTimeUs, State), #{
+    Results = starl_unjudged:with(unjudged(EndTimeUs, End), #{
         writes => map_size(Writes),
         reads => Reads,
         agreements => Judged,
@@ -182,8 +183,20 @@ finish(EndTimeUs, State) ->
 
 unjudged(_EndUs, #state{bound_us = infinity}) ->
     [];
-unjudged(EndUs, #state{healed = Healed}) ->
-    starl_unjudged:unhealed("all robots agree", Healed, EndUs).
+unjudged(EndUs, #state{healed = Healed, due = Due, bound_us = Bound} = State) ->
+    case starl_unjudged:unhealed(?AGREE, Healed, EndUs) of
+        [] ->
+            Open = [
+                Name
+             || {Name, At} <- maps:to_list(Due), disagreement(At, Name, State) =/= {[], 0}
+            ],
+            [
+                C
+             || Open =/= [], C <- starl_unjudged:too_short(?AGREE, Bound, "they do not agree yet")
+            ];
+        Unhealed ->
+            Unhealed
+    end.
 
 %% -- events ---------------------------------------------------------------------------------
 

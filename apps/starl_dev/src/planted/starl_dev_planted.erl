@@ -29,7 +29,10 @@ about(_Subject) ->
         "With --when N each bug's run is shrunk, and ./starl when --futures 20 --moments 8 is asked with the "
         "salts 1 to N by which event its violation became inevitable; the first one twice, for the same "
         "curve. The table has the event, how often it is one that the bug makes wrong, the shares before "
-        "and after it, and the CPU time of all N."
+        "and after it, and the CPU time of all N.",
+        "With --progress other bugs run: each breaks the progress of a block or of an application in one line. Each "
+        "runs on radios that lose packets, and beside faults that last and do no harm. The table has the violation "
+        "that is found, or the clause that the run says it has not judged."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
@@ -39,6 +42,7 @@ flags(_Subject) ->
             {bug, {list, string}, none, "only these bugs"},
             {seeds, {integer, 1, 1000000}, 1000, "the most seeds to try for each bug"},
             {histories, switch, false, "judges histories alone"},
+            {progress, switch, false, "breaks progress, at each loss and beside harmless faults"},
             {'when', {optional, {integer, 1, 1000}}, none,
                 "asks when it became inevitable, with this many salts"},
             starl_lab_jobs:at_once()
@@ -56,6 +60,10 @@ statuses() ->
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{values := #{histories := true, 'when' := N}}) when N =/= none ->
     {error, ["--when asks the monitors; leave out --histories"]};
+run(#{values := #{progress := true, histories := Histories, 'when' := N}}) when
+    Histories; N =/= none
+->
+    {error, ["--progress stands alone; leave out --histories and --when"]};
 run(#{values := Values}) ->
     loaded(compiled(sources()), Values).
 
@@ -87,7 +95,7 @@ code(File, Module, Beam) ->
 loaded({error, _} = Error, _Values) ->
     Error;
 loaded({ok, Codes}, #{bug := Wanted} = Values) ->
-    Bugs = starl_dev_planted_seed:bugs(),
+    Bugs = catalogue(Values),
     Names = [atom_to_list(Bug) || {Bug, _, _} <- Bugs],
     case [Name || Wanted =/= none, Name <- Wanted, not lists:member(Name, Names)] of
         [] ->
@@ -104,13 +112,20 @@ loaded({ok, Codes}, #{bug := Wanted} = Values) ->
             ]}
     end.
 
+catalogue(#{progress := true}) -> starl_dev_planted_progress:bugs();
+catalogue(_Values) -> starl_dev_planted_seed:bugs().
+
 meant([Near | _]) -> [" (did you mean ", Near, "?)"];
 meant([]) -> "; without --bug the table has all".
 
 %% -- the search -----------------------------------------------------------------------------
 
-chosen(Bugs, Codes, #{'when' := none} = Values) -> search(Bugs, Codes, Values);
-chosen(Bugs, Codes, Values) -> starl_dev_planted_when:table(Bugs, Codes, Values).
+chosen(Bugs, Codes, #{progress := true} = Values) ->
+    starl_dev_planted_progress:table(Bugs, Codes, Values);
+chosen(Bugs, Codes, #{'when' := none} = Values) ->
+    search(Bugs, Codes, Values);
+chosen(Bugs, Codes, Values) ->
+    starl_dev_planted_when:table(Bugs, Codes, Values).
 
 search(Bugs, Codes, #{seeds := Seeds, jobs := Most} = Values) ->
     By = judges(maps:get(histories, Values, false)),

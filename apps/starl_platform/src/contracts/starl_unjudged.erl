@@ -3,7 +3,7 @@
 -module(starl_unjudged).
 
 -export([mistake/3, since/3, is_why/1, format/1, format_why/1]).
--export([unhealed/3, excused/4, lossy/2, with/2, clauses/1, format_clause/2]).
+-export([unhealed/3, excused/4, lossy/2, too_few/2, too_short/3, with/2, clauses/1, format_clause/2]).
 
 -export_type([t/0, why/0, clause/0]).
 
@@ -57,6 +57,20 @@ excused(Clause, BoundUs, EndUs, Faults) ->
 -spec lossy(Clause :: unicode:chardata(), Loss :: number()) -> [clause()].
 lossy(Clause, Loss) ->
     [{Clause, io_lib:format("the radio loses ~s %", [percent(100.0 * Loss)])}].
+
+%% @doc The clause is not judged, since chance may explain all that so few messages suffered.
+-spec too_few(Clause :: unicode:chardata(), Loss :: number()) -> [clause()].
+too_few(Clause, Loss) ->
+    [
+        {Clause,
+            io_lib:format("too few messages for a radio that loses ~s %", [percent(100.0 * Loss)])}
+    ].
+
+%% @doc The clause is not judged, since what is open lasts shorter than its bound.
+-spec too_short(Clause :: unicode:chardata(), BoundUs :: integer(), What :: string()) ->
+    [clause()].
+too_short(Clause, BoundUs, What) ->
+    [{Clause, io_lib:format("~ts, for less than the bound of ~.1f s", [What, BoundUs / 1.0e6])}].
 
 percent(Part) -> float_to_list(Part, [{decimals, 1}, compact]).
 
