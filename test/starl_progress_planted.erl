@@ -32,7 +32,7 @@ table() ->
         {motion_stands, motion, [motion, exercise], motion, #{}, "robot 2 never moves"},
         {dpp_one, starl_painting, [dpp, painting], dpp_coordinator, #{}, "answers robot 1 only"},
         {dpp_nobody, starl_painting, [dpp, painting], dpp_coordinator, #{}, "answers nobody"},
-        {painting_blind, starl_painting, [dpp, painting], {dpp_coordinator, "blind"}, #{},
+        {painting_blind, starl_painting, [painting], {dpp_coordinator, "blind"}, #{},
             "never assigns every second line"},
         {search_nobody, starl_search, [dpp, search], dpp_coordinator, nowhere(),
             "path planning answers nobody"},

@@ -56,8 +56,6 @@
 -define(ORDINARY_US, 100000).
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
-%% The faults that can hold up a call of a block: what happens to wheels, chassis and senses cannot.
--define(CLASSES, [network, clock, process, store, location]).
 -define(CLAUSE, "calls end as the block promises").
 
 %% @doc The fields are described above; the default of `healed_us' is `never'.
@@ -99,18 +97,22 @@ init(#{exercise := Exercise, robots := Robots} = Config) ->
 %% SAP may give a message up for good, nothing is promised.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{slack_us := Slack} = Known, #{bound_us := Bound} = Config) ->
-    Told = maps:merge(core(Known), Config#{bound_us := Bound + Slack}),
+    Classes = classes(Config),
+    Told = maps:merge(core(Classes, Known), Config#{bound_us := Bound + Slack}),
     case reach(Known, Config) of
         never -> Told#{healed_us => never, lossy => maps:get(loss, Known, 0)};
         Reach -> longer(Reach, Told)
     end.
 
-core(#{core := #{rest := Rest}} = Known) ->
+classes(#{exercise := Exercise}) -> starl_block_exercise:hindered_by(Exercise);
+classes(#{use := #{exercise := Exercise}}) -> starl_block_exercise:hindered_by(Exercise).
+
+core(Classes, #{core := #{rest := Rest}} = Known) ->
     (maps:with([broken], Known))#{
-        rest => Rest, healed_us => starl_monitor:core_healed_us(?CLASSES, Known)
+        rest => Rest, healed_us => starl_monitor:core_healed_us(Classes, Known)
     };
-core(Known) ->
-    (maps:with([broken], Known))#{healed_us => starl_monitor:healed_us(?CLASSES, Known)}.
+core(Classes, Known) ->
+    (maps:with([broken], Known))#{healed_us => starl_monitor:healed_us(Classes, Known)}.
 
 %% A message has arrived, for its sender, when its acknowledgement has.
 reach(#{sap := Sap, loss := Loss, delay_us := Delay}, #{use := #{exercise := Exercise} = Use}) ->
@@ -119,7 +121,10 @@ reach(#{sap := Sap, loss := Loss, delay_us := Delay}, #{use := #{exercise := Exe
             never -> never;
             Ms -> 1000 * Ms
         end,
-    starl_sap_schedule:reach_us(Sap, 1 - (1 - Loss) * (1 - Loss), 2 * Delay, Again);
+    case lists:member(network, starl_block_exercise:hindered_by(Exercise)) of
+        true -> starl_sap_schedule:reach_us(Sap, 1 - (1 - Loss) * (1 - Loss), 2 * Delay, Again);
+        false -> 0
+    end;
 reach(_Known, _Config) ->
     0.
 

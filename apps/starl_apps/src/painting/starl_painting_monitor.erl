@@ -147,7 +147,7 @@ finish(EndTimeUs, #state{tracks = Tracks} = State) ->
         end
     end,
     {Found, Closed} = lists:foldl(Close, {[], State}, lists:sort(maps:keys(Tracks))),
-    Results = results(Closed),
+    Results = starl_unjudged:with(unjudged(Closed), results(Closed)),
     {verdict(lists:reverse(Found) ++ unfinished(EndTimeUs, Results, Closed)), Results}.
 
 verdict([]) -> ok;
@@ -178,6 +178,10 @@ inked(N, Length, State) ->
     lists:sum([max(0.0, min(Length, To) - max(0.0, From)) || {From, To} <- parts(N, State)]).
 
 parts(N, #state{painted = Painted}) -> maps:get(N, Painted, []).
+
+%% Nobody need ever report it.
+unjudged(#state{complete = true}) -> [];
+unjudged(_State) -> [{"every line is painted", "no robot has reported the picture as complete"}].
 
 unfinished(T, #{ink_covered := false, unpainted_mm := Unpainted}, #state{complete = true}) ->
     [violation(unfinished, T, [], #{unpainted_mm => Unpainted})];

@@ -8,7 +8,9 @@
 -module(starl_block_exercise).
 
 -export([call/3, call/4, again/1, pick/2]).
--export([flags/1, block_options/2, prepare/3, final/4, within_ms/2, again_ms/2, draw/2]).
+-export([
+    flags/1, block_options/2, prepare/3, final/4, within_ms/2, again_ms/2, hindered_by/1, draw/2
+]).
 -export([watches/1, seen/2, noted/1, promise/4]).
 
 -export_type([use/0, draw/0, event/0]).
@@ -49,6 +51,8 @@
 %% The time (ms) after which the block sends again what SAP has given up; without this callback it does
 %% not.
 -callback again_ms(use()) -> pos_integer().
+%% The classes of faults that can hold up its calls; by default those of radio, clocks, computers, stores and positions.
+-callback hindered_by() -> [starl_monitor:fault_class()].
 %% The values of its own flags for a soak.
 -callback draw(draw()) -> #{atom() => term()}.
 %% The machines, besides the application, whose events the promises depend on.
@@ -68,6 +72,7 @@
     prepare/2,
     within_ms/1,
     again_ms/1,
+    hindered_by/0,
     draw/1,
     watches/0,
     seen/1,
@@ -76,6 +81,8 @@
 ]).
 
 -define(WITHIN_MS, 20000).
+%% What happens to wheels, chassis and senses holds up no message.
+-define(CLASSES, [network, clock, process, store, location]).
 
 %% -- for exercises --------------------------------------------------------------------------
 
@@ -129,6 +136,10 @@ within_ms(Exercise, Use) -> said(Exercise, within_ms, [Use], ?WITHIN_MS).
 %% @doc The time (ms) after which the block sends again what SAP has given up.
 -spec again_ms(module(), use()) -> pos_integer() | never.
 again_ms(Exercise, Use) -> said(Exercise, again_ms, [Use], never).
+
+%% @doc The classes of faults that can hold up its calls.
+-spec hindered_by(module()) -> [starl_monitor:fault_class()].
+hindered_by(Exercise) -> said(Exercise, hindered_by, [], ?CLASSES).
 
 %% @doc The values for a soak.
 -spec draw(module(), draw()) -> #{atom() => term()}.

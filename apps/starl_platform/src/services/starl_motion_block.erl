@@ -5,7 +5,7 @@
 -behaviour(starl_block_exercise).
 
 -export([options/0, machines/1, monitors/2, everywhere/0, guarantees/0, contract/0, exercise/0]).
--export([work/3, final/3, promise/3]).
+-export([work/3, final/3, promise/3, within_ms/1, hindered_by/0]).
 
 %% The exercise takes place on this part of the floor, mm.
 -define(FLOOR_MM, 3000).
@@ -14,7 +14,7 @@
 -define(DEAD_MAN_MS, 1500).
 -define(NEXT_MS, 1000).
 %% No drive on this floor takes so long, ms.
--define(PATIENCE_MS, 3600000).
+-define(WITHIN_MS, 3600000).
 
 -spec options() -> [starl_options:option()].
 options() -> [].
@@ -105,10 +105,17 @@ velocity(Robot) ->
 
 stop_after(_Outcome, Robot) -> call(Robot, stop, fun() -> starl:stop(Robot) end).
 
-call(Robot, What, Call) -> starl_block_exercise:call(Robot, What, ?PATIENCE_MS, Call).
+call(Robot, What, Call) -> starl_block_exercise:call(Robot, What, Call).
 
 point(Robot) ->
     {?FLOOR_MM * starl:random(Robot), ?FLOOR_MM * starl:random(Robot)}.
+
+-spec within_ms(starl_block_exercise:use()) -> pos_integer().
+within_ms(_Use) -> ?WITHIN_MS.
+
+%% It needs no radio. A robot whose drive does not obey tries again as long as that lasts.
+-spec hindered_by() -> [starl_monitor:fault_class()].
+hindered_by() -> [clock, process, store, location, actuation, serial, sense, floor].
 
 -spec promise(starl_promise:call(), starl_promise:team(), Seen :: term()) -> starl_promise:t().
 promise(#{what := velocity}, _Team, _Seen) ->
