@@ -6,7 +6,7 @@
 %% `--trust'. The key lies in the user's configuration, `~/.config/starl/key', and never leaves it.
 -module(starl_cli_made_here).
 
--export([stamp/1, check/1, trusting/1]).
+-export([stamp/1, check/1, mark/1, is_marked/2, is_trusted/0, trusting/1]).
 
 -define(NAME, "made_here").
 -define(HEAD, "starl inputs 1").
@@ -36,7 +36,7 @@ listed(Dir, Listed) ->
 %% it, and all that it covers is as it was; or if the user trusts it.
 -spec check(file:filename()) -> ok | {error, unicode:chardata()}.
 check(File) ->
-    case os:getenv(?TRUST) =:= "1" orelse is_listed(filename:absname(File)) of
+    case is_trusted() orelse is_listed(filename:absname(File)) of
         true ->
             ok;
         false ->
@@ -45,6 +45,26 @@ check(File) ->
                 ": this is code of somebody else, or was changed; read it, then say --trust to run it"
             ]}
     end.
+
+%% @doc A mark that says that this user has written these bytes; none without a key.
+-spec mark(binary()) -> string() | none.
+mark(Bytes) ->
+    case key() of
+        {ok, Key} -> binary_to_list(mac(Key, Bytes));
+        none -> none
+    end.
+
+%% @doc Is this the mark of these bytes?
+-spec is_marked(binary(), term()) -> boolean().
+is_marked(Bytes, Mark) ->
+    case {io_lib:printable_latin1_list(Mark), key()} of
+        {true, {ok, Key}} -> is_equal(list_to_binary(Mark), mac(Key, Bytes));
+        _ -> false
+    end.
+
+%% @doc Has the user said `--trust'?
+-spec is_trusted() -> boolean().
+is_trusted() -> os:getenv(?TRUST) =:= "1".
 
 %% @doc Does something while all code is trusted: the user has said so. Programs that it starts trust it, too.
 -spec trusting(fun(() -> Result)) -> Result.

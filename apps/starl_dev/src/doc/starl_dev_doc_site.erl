@@ -62,12 +62,15 @@
         "doc/benchmarks.md",
         "python/README.md"
     ]},
-    {"Real robots", ["doc/live.md", "doc/chassis.md", "doc/create.md", "doc/deploy.md"]},
+    {"Real robots", [
+        "doc/live.md", "doc/chassis.md", "doc/create.md", "doc/deploy.md", "doc/trust.md"
+    ]},
     {"To work on StarL", [
         "CONTRIBUTING.md",
         "doc/architecture.md",
         "doc/glossary.md",
         "doc/evidence.md",
+        "SECURITY.md",
         "CHANGELOG.md"
     ]}
 ]).

@@ -4,6 +4,10 @@
 
 -export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
 
+-define(STRANGER,
+    ": a sweep of code that was begun elsewhere; if you trust the code that it names, say --trust"
+).
+
 -spec name() -> string().
 name() -> "join".
 
@@ -49,10 +53,24 @@ run(#{subject := [First | _] = Dirs, values := #{out := Given}}) ->
         end,
     case starl_lab_sweep_study:noted(Dirs) of
         {ok, Args, Code} ->
-            joined(starl_cli_dispatch:read(starl_lab_sweep, Args ++ ["--out", Out]), Dirs, Code);
+            case names_code(Args) andalso not is_ours(Dirs) of
+                true -> {error, [[First, ?STRANGER]]};
+                false -> joined(read(Args, Out), Dirs, Code)
+            end;
         {error, Reason} ->
             {error, [starl_lab_sweep_study:format_error(Reason)]}
     end.
+
+read(Args, Out) -> starl_cli_dispatch:read(starl_lab_sweep, Args ++ ["--out", Out]).
+
+%% Slices come from anywhere, and say what they are slices of: to read that, a target that is a file is loaded.
+names_code(Args) ->
+    Named = [lists:last(string:split(Arg, "=")) || Arg <- Args],
+    lists:any(fun(Arg) -> is_source(filename:extension(Arg)) orelse filelib:is_dir(Arg) end, Named).
+
+is_source(Extension) -> lists:member(Extension, [".erl", ".term", ".config"]).
+
+is_ours(Dirs) -> starl_cli_made_here:is_trusted() orelse starl_lab_sweep_study:is_ours(Dirs).
 
 joined({ok, Call}, Dirs, Code) -> starl_lab_sweep:join(Call, Dirs, Code);
 joined({error, _} = Error, _Dirs, _Code) -> Error.

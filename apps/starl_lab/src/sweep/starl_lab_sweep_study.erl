@@ -4,7 +4,7 @@
 %% several. Runs of different code are not one study.
 -module(starl_lab_sweep_study).
 
--export([begin_slice/4, note/2, plain/1, noted/1, rows/2, parts/1, format_error/1]).
+-export([begin_slice/4, note/2, plain/1, noted/1, is_ours/1, rows/2, parts/1, format_error/1]).
 
 -export_type([note/0, reason/0]).
 
@@ -58,8 +58,27 @@ code_of(File) ->
 %% @doc The text of the note.
 -spec note([string()], starl_build:code()) -> unicode:chardata().
 note(Args, Code) ->
-    Note = #{sweep => plain(Args), starl => version(), code => Code},
+    Sweep = plain(Args),
+    Mark = [{made_here, M} || M <- [starl_cli_made_here:mark(signed(Sweep))], M =/= none],
+    Note = maps:from_list([{sweep, Sweep}, {starl, version()}, {code, Code} | Mark]),
     io_lib:format("%% Of which sweep and code the rows beside this file are.~n~tp.~n", [Note]).
+
+signed(Args) -> term_to_binary({starl_sweep, Args}).
+
+%% @doc Has this user, on this computer, begun a slice of the sweep in these directories?
+-spec is_ours([file:filename(), ...]) -> boolean().
+is_ours(Dirs) ->
+    lists:any(
+        fun(File) ->
+            case file:consult(File) of
+                {ok, [#{sweep := Args, made_here := Mark}]} ->
+                    starl_cli_made_here:is_marked(signed(Args), Mark);
+                _ ->
+                    false
+            end
+        end,
+        lists:append([files("{runs,slice-*-of-*}.term", Dir) || Dir <- Dirs])
+    ).
 
 %% Another computer may write it at the same time: a whole file takes the place of another.
 write(File, Text) ->
@@ -125,7 +144,9 @@ one_code(Files, Args) ->
 read(File) ->
     case file:consult(File) of
         {ok, [#{sweep := [_ | _] = Args, starl := Version} = Note]} ->
-            case version() of
+            case lists:all(fun io_lib:printable_unicode_list/1, Args) andalso version() of
+                false ->
+                    {error, {unreadable, File}};
                 Version ->
                     {ok, #{
                         sweep => Args, starl => Version, code => maps:get(code, Note, ?UNKNOWN)

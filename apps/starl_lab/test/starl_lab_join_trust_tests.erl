@@ -1,0 +1,50 @@
+%% To join the slices of a sweep loads the application that they name: only of a sweep that was begun here.
+-module(starl_lab_join_trust_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+a_sweep_that_was_begun_elsewhere_test() ->
+    Base = string:trim(os:cmd("mktemp -d")),
+    Before = os:getenv("XDG_CONFIG_HOME"),
+    Key = fun(Name) -> os:putenv("XDG_CONFIG_HOME", filename:join(Base, Name)) end,
+    Dir = filename:join(Base, "study"),
+    Marker = filename:join(Base, "ran"),
+    App = filename:join(Base, "starl_evil_sweep.erl"),
+    try
+        ok = file:write_file(App, [
+            "-module(starl_evil_sweep).\n-on_load(go/0).\n-export([init/2, step/2]).\n",
+            "go() -> file:write_file(\"",
+            Marker,
+            "\", \"\").\n",
+            "init(_, _) -> 1.\nstep(_, S) -> {done, S}.\n"
+        ]),
+        true = Key("stranger"),
+        ok = slice(Dir, [App, "--seeds", "2"]),
+        ?assert(starl_lab_sweep_study:is_ours([Dir])),
+        true = Key("mine"),
+        ?assertNot(starl_lab_sweep_study:is_ours([Dir])),
+        {error, [Line]} = starl_lab_join:run(#{subject => [Dir], values => #{out => none}}),
+        ?assertMatch({match, _}, re:run(Line, "--trust")),
+        ?assertNot(filelib:is_regular(Marker)),
+        %% an application that ships needs no trust
+        ok = slice(filename:join(Base, "other"), ["painting", "--loss", "0.2"]),
+        true = Key("third"),
+        Shipped = starl_lab_join:run(#{
+            subject => [filename:join(Base, "other")], values => #{out => none}
+        }),
+        ?assertEqual(
+            nomatch, string:find(lists:flatten(io_lib:format("~tp", [Shipped])), "--trust")
+        )
+    after
+        case Before of
+            false -> os:unsetenv("XDG_CONFIG_HOME");
+            _ -> os:putenv("XDG_CONFIG_HOME", Before)
+        end,
+        file:del_dir_r(Base)
+    end.
+
+slice(Dir, Args) ->
+    ok = filelib:ensure_path(Dir),
+    File = filename:join(Dir, "slice-1-of-1"),
+    ok = file:write_file(File ++ ".csv", ""),
+    Text = starl_lab_sweep_study:note(Args, "x"),
+    file:write_file(File ++ ".term", unicode:characters_to_binary(Text)).
