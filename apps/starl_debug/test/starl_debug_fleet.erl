@@ -23,7 +23,9 @@ run(Given) ->
     {ok, Sim} = starl_sim:start(Given#{mode => inline}, #{observe => Observe, packets => true}),
     Ending = starl_sim:await(Sim),
     {#{end_us := End, violations := Violations}, _} = starl_sim:finish(Sim),
-    {ok, Planned} = starl_run:plan(maps:without([faults, random_faults], Given), #{}),
+    {ok, Planned} = starl_run:plan(
+        maps:without([faults, random_faults, heal, converge], Given), #{}
+    ),
     Facts = starl_run_plan:facts(Planned, []),
     #{
         facts => Facts#{kind := live, epoch_us => 0, run => 1},
@@ -86,8 +88,9 @@ told({_, _, chassis, _}, _Away) ->
 told({_, _, snapshot, _}, _Away) ->
     [];
 told({At, From, radio, {packet, To, Brief, Bytes, Fate}}, Away) ->
-    Life = length(maps:get(From, Away, [])),
-    Hash = erlang:phash2({From, Life, Brief}),
+    %% a packet names the lives of both
+    Lives = [length([x || {Since, _} <- maps:get(R, Away, []), Since =< At]) || R <- [From, To]],
+    Hash = erlang:phash2({Lives, Brief}),
     Came = [
         {{T, 0}, {T, To, radio, {came, From, Brief, Bytes, Hash, {arrives, [{T, intact}]}}}}
      || {arrives, Copies} <- [Fate], {T, intact} <- Copies, not is_away(To, T, Away)

@@ -6,6 +6,8 @@
 
 %% Rates of clocks are off by this at most; bounds that are wider say nothing.
 -define(DRIFT_PPM, 100).
+%% The VM corrects a clock that was set so fast ({@link starl_live_clock}).
+-define(CORRECTED_PPM, 10000).
 -define(UNKNOWN_US, 60000000).
 
 -spec name() -> string().
@@ -71,6 +73,13 @@ told({ok, #{messages := Messages, cut_off := CutOff} = Merged}, Files, Out) ->
             )
          || {{From, To}, Us} <- Clocks
         ],
+        [
+            io_lib:format(
+                "clocks: times of robot ~b are moved by ~.1f ms at most, behind the packets that came to it\n",
+                [Robot, Us / 1000]
+            )
+         || {Robot, Us} <- maps:get(moved, Merged)
+        ],
         clocks(starl_debug_recording:read(Files, #{}), Out)
     ]),
     0;
@@ -79,19 +88,36 @@ told({error, Reason}, _Files, _Out) ->
 
 %% How far the clocks can differ, by the stamps of both ends of each packet.
 clocks({ok, #{robots := [_, _ | _], packets := [_ | _]} = Recording}, Out) ->
-    case starl_debug_envelope:from_packets(Recording, ?DRIFT_PPM) of
-        {ok, Bounds} -> clocks_within(starl_debug_clocks:widest(Bounds), Out);
-        {error, Line} -> ["clocks: ", Line, "\n"]
-    end;
+    clocks_within(within(Recording, ?DRIFT_PPM), within(Recording, ?CORRECTED_PPM), Out);
 clocks(_NoneOrOne, _Out) ->
     "".
 
-clocks_within(Us, _Out) when Us >= ?UNKNOWN_US ->
+within(Recording, Ppm) ->
+    fun() ->
+        case starl_debug_envelope:from_packets(Recording, Ppm) of
+            {ok, Bounds} -> {ok, starl_debug_clocks:widest(Bounds)};
+            {error, _} = Error -> Error
+        end
+    end.
+
+%% Clocks that no drift explains may have been set meanwhile.
+clocks_within(Even, Corrected, Out) ->
+    case Even() of
+        {ok, Us} ->
+            advice(Us, "", Out);
+        {error, Line} ->
+            case Corrected() of
+                {ok, Us} -> advice(Us, io_lib:format(" --drift ~b", [?CORRECTED_PPM]), Out);
+                {error, _} -> ["clocks: ", Line, "\n"]
+            end
+    end.
+
+advice(Us, _Drift, _Out) when Us >= ?UNKNOWN_US ->
     "";
-clocks_within(Us, Out) ->
+advice(Us, Drift, Out) ->
     io_lib:format(
-        "clocks: by the packets any two differ by ~.1f ms at most; ./starl judge ~ts --sigma ~bms\n",
-        [Us / 1000, Out, Us div 1000 + 1]
+        "clocks: by the packets any two differ by ~.1f ms at most; ./starl judge ~ts --sigma ~bms~ts\n",
+        [Us / 1000, Out, Us div 1000 + 1, Drift]
     ).
 
 lacking(Robot) when is_integer(Robot) ->

@@ -18,14 +18,16 @@
 %% A monitor has a mistake, which the line describes; a recording has a hole until that time, or lacks
 %% so many events, or is cut off or damaged, so that its end is not known; facts came later than the judge
 %% waits for them, since the computer, or that of a node, stood still; the clocks of two computers are apart
-%% by so much; of one robot, it is so far ahead of the judge's, or behind.
+%% by so much; of one robot, it is so far ahead of the judge's, or behind; a robot's computer lost its power
+%% before it had written what the robot did last.
 -type why() ::
     {mistake, Line :: binary()}
     | {hole, ToUs :: integer()}
     | {missing, Events :: pos_integer()}
     | no_end
     | {stood_still, FromUs :: integer(), ToUs :: integer()}
-    | {clocks, starl:robot_id(), starl:robot_id(), Us :: integer()}.
+    | {clocks, starl:robot_id(), starl:robot_id(), Us :: integer()}
+    | {lost_power, starl:robot_id()}.
 
 %% A clause of a contract that a monitor cannot judge in this run, and why not. It stands in the monitor's results
 %% under `unjudged'. The run has a verdict all the same: the other clauses.
@@ -132,7 +134,14 @@ why({clocks, A, A, Us}) when Us < 0 ->
 why({clocks, A, A, Us}) ->
     io_lib:format("the clock of robot ~b is ~.1f ms ahead", [A, Us / 1000]);
 why({clocks, A, B, Us}) ->
-    io_lib:format("the clocks of robots ~b and ~b are ~.1f ms apart", [A, B, Us / 1000]).
+    io_lib:format("the clocks of robots ~b and ~b are ~.1f ms apart", [A, B, Us / 1000]);
+why({lost_power, Robot}) ->
+    io_lib:format(
+        "robot ~b lost its power there, and what it did last is not recorded, though others heard it",
+        [
+            Robot
+        ]
+    ).
 
 %% @doc One line on why something is not judged.
 -spec format_why(why()) -> unicode:chardata().
@@ -144,4 +153,5 @@ is_why({hole, To}) -> is_integer(To);
 is_why(no_end) -> true;
 is_why({stood_still, From, To}) -> is_integer(From) andalso is_integer(To);
 is_why({clocks, A, B, Us}) -> is_integer(A) andalso is_integer(B) andalso is_integer(Us);
+is_why({lost_power, Robot}) -> is_integer(Robot);
 is_why(_) -> false.

@@ -167,7 +167,7 @@ message({scenario, At, Scenario}, #judge{scenario = none, file = File} = Judge) 
     Judge#judge{
         scenario = Scenario,
         lasting = starl_assumption_open_faults:absent(Robots, At, Judge#judge.lasting),
-        monitors = starl_monitor:guarded([Monitor || {Monitor, nothing} <- Needs]),
+        monitors = begin_at(At, Robots, [Monitor || {Monitor, nothing} <- Needs]),
         not_judged = [{Module, What} || {{Module, _}, What} <- Needs, What =/= nothing]
     };
 message({verdicts, _, {ended, #{end_us := End, violations := Found} = Ending}}, Judge) ->
@@ -183,6 +183,12 @@ message({faults, _At, Told}, #judge{lasting = Lasting} = Judge) ->
     Judge#judge{lasting = starl_assumption_open_faults:told(Told, Lasting)};
 message(_Message, Judge) ->
     Judge.
+
+%% The times of robots on their own count from 1970: nothing was owed before their recordings begin.
+begin_at(_At, [], Monitors) ->
+    starl_monitor:guarded(Monitors);
+begin_at(At, [_ | _], Monitors) ->
+    starl_monitor:broken({all, At, At, fault}, starl_monitor:guarded(Monitors)).
 
 resumed(Id, At, #judge{standing = Standing, monitors = Monitors} = Judge) ->
     {{Robot, From}, Left} = maps:take(Id, Standing),

@@ -2,8 +2,9 @@
 %% that is among them: then the true motions, the deaths of robots, and the verdicts of the run come
 %% from there, and what the robots did after the end of the run is left out. Memory holds some seconds of each file.
 %%
-%% <em>Clocks.</em> The times of all files are taken as they are: the robots' computers must be set by
-%% one clock. The packets tell where they are not: those that came before they were sent.
+%% <em>Clocks.</em> The robots' computers must be set by one clock. The packets tell where they are not: those
+%% that came before they were sent. Then times are moved as far as the order of the packets needs it ({@link
+%% starl_trace_order}).
 %%
 %% <em>Holes.</em> Where a file of a robot is missing, or a file has no end, the merged recording has a
 %% hole: nobody is accused of what may stand there.
@@ -11,11 +12,11 @@
 
 -export([files/2, format_error/1]).
 
--export_type([merged/0, reason/0, clock/0]).
+-export_type([merged/0, reason/0]).
 
 %% `cut_off': the files whose ends are in no other; `missing': robots of the run without a file;
 %% `lacking': the files of the other robots that are missing, by name, or the robots of whom an earlier
-%% one is.
+%% one is; `moved': the robots whose times were moved, and by how much at most.
 -type merged() :: #{
     messages := non_neg_integer(),
     bytes := non_neg_integer(),
@@ -24,11 +25,9 @@
     cut_off := [file:filename_all()],
     missing := [starl:robot_id()],
     lacking := [file:filename() | starl:robot_id()],
-    clocks := [clock()]
+    clocks := [starl_trace_order:clock()],
+    moved := [{starl:robot_id(), Us :: pos_integer()}]
 }.
-
-%% The packets from a robot to another came before they were sent, by so much on average.
--type clock() :: {{From :: starl:robot_id(), To :: starl:robot_id()}, Us :: pos_integer()}.
 
 -type reason() ::
     starl_trace_reader:reason()
@@ -58,11 +57,13 @@
     %% messages that wait until the fates of packets are known, the latest first
     waiting = [] :: [starl_trace_message:t()],
     ways = starl_packet_fates:new() :: starl_packet_fates:t(),
+    %% those whose place in the common order is not known yet
+    order = starl_trace_order:new() :: starl_trace_order:t(),
     due = none :: integer() | none,
     messages = 0 :: non_neg_integer(),
     until = 0 :: integer(),
-    %% the time until which each robot has told
-    told = #{} :: #{[starl:robot_id()] => integer()},
+    %% the time until which each robot, and the world, has told
+    told = #{} :: #{starl_trace_order:source() => integer()},
     ended = none :: starl_observer:ending() | none,
     cut_off = [] :: [file:filename_all()],
     %% the files behind which something is missing, and what
@@ -189,12 +190,13 @@ written(Sources0, Part) ->
         lacking => Lacking
     }.
 
-sums(#merge{messages = Messages, part = Part, until = End, ways = Ways}) ->
+sums(#merge{messages = Messages, part = Part, until = End, order = Order}) ->
     #{
         messages => Messages,
         bytes => starl_mcap_part:written(Part),
         until_us => End,
-        clocks => starl_packet_fates:early(Ways)
+        clocks => starl_trace_order:clocks(Order),
+        moved => starl_trace_order:moved(Order)
     }.
 
 shared(HasWorld, #source{kind = Kind, messages = Messages} = Source) ->
@@ -250,7 +252,7 @@ all(Sources, Merge) ->
         end,
     {Now, Later} = lists:splitwith(fun({_, T, _}) -> T =< Until end, Messages),
     {Told, Known} = in_turn(Now, Source, Merge),
-    {Left, Next} = filled([Source#source{messages = Later}], put_messages(Told, Known)),
+    {Left, Next} = filled([Source#source{messages = Later}], ordered(Source, Told, Known)),
     all(Left ++ Others ++ Waiting, Next).
 
 end_of(Messages) -> element(2, lists:last(Messages)).
@@ -272,15 +274,28 @@ waits(#source{facts = #{told_by := By}} = Source, Sources) ->
 order(#source{file = File, facts = Facts}) -> starl_trace_robot:order(File, Facts).
 
 %% A robot does not go back in time.
-in_turn(Messages, #source{kind = world}, Merge) ->
-    {Messages, Merge};
-in_turn(Messages, #source{facts = #{told_by := By}}, #merge{told = Told} = Merge) ->
+in_turn(Messages, Source, #merge{told = Told} = Merge) ->
+    Who = who(Source),
     {Raised, Until} = lists:mapfoldl(
         fun({Topic, At, What}, Last) -> {{Topic, max(At, Last), What}, max(At, Last)} end,
-        maps:get(By, Told, element(2, hd(Messages))),
+        maps:get(Who, Told, element(2, hd(Messages))),
         Messages
     ),
-    {Raised, Merge#merge{told = Told#{By => Until}}}.
+    {Raised, Merge#merge{told = Told#{Who => Until}}}.
+
+who(#source{kind = world}) -> world;
+who(#source{facts = #{told_by := By}}) -> By.
+
+%% Puts those whose place is known. What comes behind the end of the world's run does not count.
+ordered(Source, Messages, #merge{order = Order} = Merge) ->
+    {Placed, Next} = starl_trace_order:take(who(Source), Messages, Order),
+    put_placed(Placed, Merge#merge{order = Next}).
+
+put_placed(Placed, #merge{has_world = true} = Merge) ->
+    {Before, After} = lists:splitwith(fun(M) -> not is_end(M) end, Placed),
+    put_messages(Before ++ lists:sublist(After, 1), Merge);
+put_placed(Placed, Merge) ->
+    put_messages(Placed, Merge).
 
 earlier(#source{messages = [{_, A, _} | _]} = One, #source{messages = [{_, B, _} | _]} = Other) ->
     {A, One#source.rank} =< {B, Other#source.rank}.
@@ -293,10 +308,10 @@ fill(#source{messages = [], cursor = Cursor, file = File} = Source, {Full, Merge
         {ok, Messages, Next} ->
             fill(taken(Messages, Source#source{cursor = Next}), {Full, Merge});
         {ended, closed} ->
-            {Full, hole(File, Merge, fun(Why) -> Why =/= no_end end)};
+            {Full, hole(Source, Merge, fun(Why) -> Why =/= no_end end)};
         {ended, _} ->
             Cut = Merge#merge{cut_off = [File | Merge#merge.cut_off]},
-            {Full, hole(File, Cut, fun(_Why) -> true end)};
+            {Full, hole(Source, Cut, fun(_Why) -> true end)};
         {error, Reason} ->
             throw({?MODULE, Reason})
     end;
@@ -304,8 +319,9 @@ fill(Source, {Full, Merge}) ->
     {[Source | Full], Merge}.
 
 %% Behind a file that was closed there is a hole only if the next one is missing.
-hole(File, #merge{holes = Holes, until = Until} = Merge, Is) ->
-    put_messages([{gap, Until, Why} || #{File := Why} <- [Holes], Is(Why)], Merge).
+hole(#source{file = File} = Source, #merge{holes = Holes, told = Told} = Merge, Is) ->
+    Until = maps:get(who(Source), Told, Merge#merge.until),
+    ordered(Source, [{gap, Until, Why} || #{File := Why} <- [Holes], Is(Why)], Merge).
 
 put_messages([], Merge) ->
     Merge;
@@ -353,8 +369,10 @@ ended({_, _, {ended, #{violations := Violations} = Ending}}, #merge{ended = Know
         end,
     Merge#merge{ended = Last#{violations := lists:usort(Found ++ Violations)}}.
 
-finished(Merge) ->
-    #merge{ended = Ended, until = Until} = Told = told(infinity, Merge),
+finished(#merge{order = Order} = Merge) ->
+    {Placed, Closed} = starl_trace_order:close(Order),
+    Put = left_over(Placed, Merge#merge{order = Closed}),
+    #merge{ended = Ended, until = Until} = Told = told(infinity, Put),
     End =
         case Ended of
             none -> [];
@@ -364,6 +382,9 @@ finished(Merge) ->
     Whole = put_bytes(starl_trace_writer:messages(End, Told#merge.writer), Told),
     Finish = starl_trace_writer:finish(Whole#merge.writer),
     put_bytes({Finish, Whole#merge.writer}, Whole#merge{until = Last}).
+
+left_over(_Placed, #merge{has_world = true, ended = #{}} = Merge) -> Merge;
+left_over(Placed, Merge) -> put_placed(Placed, Merge).
 
 put_bytes({Bytes, Writer}, #merge{part = Part} = Merge) ->
     Merge#merge{writer = Writer, part = starl_mcap_part:write(Bytes, Part)}.
