@@ -5,7 +5,7 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([every_bug_is_found/1, nothing_is_found_in_the_sound/1, the_same_seed_is_the_same_run/1]).
--export([a_reload_loses_no_application/1, what_was_found_once/1]).
+-export([a_reload_loses_no_application/1, what_was_found_once/1, one_way_cuts_that_last/1]).
 %% Called in the VMs of the runs.
 -export([digests/1]).
 
@@ -20,7 +20,8 @@ all() ->
         nothing_is_found_in_the_sound,
         the_same_seed_is_the_same_run,
         a_reload_loses_no_application,
-        what_was_found_once
+        what_was_found_once,
+        one_way_cuts_that_last
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -81,6 +82,34 @@ what_was_found_once(_) ->
             ?assertEqual({Part, Seed, []}, {Part, Seed, Violations})
         end
      || {Part, Seed} <- [{barrier, 99401284}, {barrier, 99400737}, {registers, 99401689}]
+    ].
+
+%% A robot that hears nobody, or that nobody hears, from the beginning on and for good: the first or the second of the
+%% team. No contract is broken, and the run is another one than without the cut.
+one_way_cuts_that_last(_) ->
+    Played = fun(Part, Robots, Seed, Faults) ->
+        Drawn = starl_lab_soak_live:scenario(Part, Robots, Seed),
+        Scenario = maps:without([reloads, watch], Drawn),
+        starl_virtual_run:run({Part, Seed, Scenario#{random_faults := [], faults => Faults}})
+    end,
+    [
+        begin
+            #{digest := Without} = Played(Part, Robots, Seed, []),
+            [
+                begin
+                    Cut = {Kind, 0, 3600000, one_way_partition, Group, #{}},
+                    #{violations := Violations, digest := With} =
+                        Played(Part, Robots, Seed, [Cut]),
+                    ?assertEqual(
+                        {Part, Kind, Group, Seed, []}, {Part, Kind, Group, Seed, Violations}
+                    ),
+                    ?assertNotEqual({Part, Kind, Without}, {Part, Kind, With})
+                end
+             || Robot <- [1, 2],
+                {Kind, Group} <- [{mute, [Robot]}, {deaf, lists:seq(1, Robots) -- [Robot]}]
+            ]
+        end
+     || Part <- starl_virtual_run:blocks(), Robots <- [3, 5], Seed <- [1, 2]
     ].
 
 digests(Parts) ->

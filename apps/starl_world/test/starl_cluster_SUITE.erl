@@ -13,6 +13,7 @@
     stores_struck/1,
     full_disk/1,
     cut/1,
+    one_way/1,
     hung/1,
     hung_sender/1,
     hung_on_purpose/1,
@@ -28,7 +29,7 @@
 ]).
 %% called in the conductor
 -export([play/4, struck/1, filled/1, beside_another/1, killed_by_its_code/1, loaded_and_begun/1]).
--export([sender_hangs/1, shot/1, set_apart/2]).
+-export([sender_hangs/1, shot/1, set_apart/2, cut_one_way/2]).
 
 -define(SPEED, 10).
 
@@ -41,6 +42,7 @@ all() ->
         stores_struck,
         full_disk,
         cut,
+        one_way,
         hung,
         hung_sender,
         hung_on_purpose,
@@ -153,6 +155,17 @@ full_disk(Config) ->
 cut(Config) ->
     Outcome = run(udp, [{heard, 10, {cut, 1, 2}}, {lost, heal}], Config),
     ?assertEqual([{done, 30}, {done, 30}], results(Outcome)).
+
+%% A cut of a schedule that lasts, in one direction: a robot that is deaf is heard, and hears nobody; one that is mute
+%% hears, and is heard by nobody. Neither learns that a message has come.
+one_way(Config) ->
+    Dir = proplists:get_value(dir, Config),
+    Played = fun(Name, Group) ->
+        in_conductor(cut_one_way, [Group, filename:join(Dir, Name)], Config)
+    end,
+    Lost = [{error, lost}, {error, lost}],
+    ?assertEqual({[{1, 2}], Lost, []}, Played(deaf, [1, 3])),
+    ?assertEqual({[{2, 3}], Lost, []}, Played(mute, [2])).
 
 %% A node that stands still, and nobody knows why, keeps no command and ends no run: who has not answered
 %% is told, and the node is killed and started anew.
@@ -395,6 +408,49 @@ start(Transport, N, Script, Dir) ->
         #{dir => Dir, transport => Transport, speed => ?SPEED}
     ),
     played(Script, [], Cluster).
+
+%% Robot 2 sends to 1, and 3 to 2. Nobody hears this group but itself. Who has heard whom, and the violations.
+cut_one_way(Group, Dir) ->
+    _ = process_flag(trap_exit, true),
+    Test = self(),
+    Play = #{1 => {count, 1, 1, Test}, 2 => {tell, 1, 1, Test}, 3 => {tell, 2, 1, Test}},
+    {ok, Cluster} = starl_cluster:start(
+        #{
+            app => starl_world_app,
+            robots => 3,
+            play => Play,
+            faults => [{one_way, 0, 3600000, one_way_partition, Group, #{}}]
+        },
+        #{dir => Dir, transport => udp, speed => ?SPEED, observe => deliveries(Test)}
+    ),
+    Told = [
+        receive
+            {told, Outcome} -> Outcome
+        end
+     || _ <- [2, 3]
+    ],
+    ok = starl_cluster:stop(Cluster),
+    {#{violations := Violations, faults := Faults}, _} = starl_cluster:finish(Cluster),
+    [{one_way, _, _, one_way_partition, Group, #{}}] = Faults,
+    {delivered(), Told, Violations}.
+
+deliveries(Test) ->
+    fun
+        ({judged, Events, _}) ->
+            _ = [
+                Test ! {delivered, To, From}
+             || {_, To, sap, {delivered, {From, _, _}, _, _}} <- Events
+            ],
+            ok;
+        (_News) ->
+            ok
+    end.
+
+delivered() ->
+    receive
+        {delivered, To, From} -> [{To, From} | delivered()]
+    after 0 -> []
+    end.
 
 %% Robots 1 and 3 send numbers to robot 2; then robot 1 hangs in the midst of it.
 sender_hangs(Dir) ->

@@ -82,9 +82,8 @@ asked_time(Node) ->
 ) ->
     {ok, [Link :: pid()]} | {error, ended | unicode:chardata()}.
 open(Node, #{robot := Id} = Spec, Air, Senses) ->
-    try call(Node, starl_live_sup, open, opening(Id, Spec)) of
+    try call(Node, starl_live_sup, open, opening(Id, starl_world_stage:in_air(Air, Spec))) of
         {ok, _} ->
-            ok = set_air(Node, Air),
             ok = set_senses(Node, Senses),
             {ok, robot_link(Node)};
         {error, Reason} ->

@@ -77,7 +77,8 @@ start(Id, #robots{specs = Specs, sups = Sups, injection = Injection} = Robots) -
     #{Id := Spec} = Specs,
     {Fate, Fated} = starl_world_injection:fate(Id, Injection),
     ok = starl_world_store:before_start(Fate, Spec),
-    case starl_live_robot:start_link(Spec) of
+    Air = starl_world_injection:air(Id, Fated),
+    case starl_live_robot:start_link(starl_world_stage:in_air(Air, Spec)) of
         {ok, Sup} ->
             Up = starl_world_injection:up(Id, Fated),
             {ok, watch(Id, Robots#robots{sups = Sups#{Id => Sup}, injection = Up})};

@@ -2,7 +2,7 @@
 %% starts with there.
 -module(starl_world_stage).
 
--export([open/3, robot/2, robot_on_node/3]).
+-export([open/3, robot/2, robot_on_node/3, in_air/2]).
 -export([transports/0, transport/3, line/3]).
 
 -export_type([t/0, name/0, transport/0]).
@@ -82,6 +82,11 @@ robot_on_node(Id, Reporter, #{clock := Clock, options := Options} = Stage) ->
     Metrics = maps:get(metrics, Options, none),
     Own = #{reporter => Reporter, record => true, metrics => Metrics},
     maps:merge(robot(Id, Stage), maps:merge(Own, recorder(Clock, Options))).
+
+%% @doc The same robot in another air, from its start on: what it hears before it could be told may last.
+-spec in_air(starl_live_air:settings(), starl_live_robot:spec()) -> starl_live_robot:spec().
+in_air(Air, #{transport := {Module, #{air := Before} = Line}} = Spec) ->
+    Spec#{transport := {Module, Line#{air := maps:merge(Before, Air)}}}.
 
 recorder(Clock, #{recorder := {Module, Own}, facts := Facts}) ->
     #{recorder => {Module, Own#{facts => starl_live_clock:live_facts(Facts, Clock)}}};
