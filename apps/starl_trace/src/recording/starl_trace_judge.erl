@@ -58,34 +58,44 @@
 -spec file(file:filename_all()) -> {ok, judged()} | {error, reason()}.
 file(File) ->
     case starl_trace_reader:start(File) of
-        {ok, Cursor} -> try_all(Cursor, #judge{file = File});
+        {ok, Cursor} -> try_all(Cursor, #judge{file = File, late = late(File)});
         {error, _} = Error -> Error
+    end.
+
+%% A computer that stood still says so afterwards, and what it explains was before that.
+late(File) ->
+    case starl_trace_reader:start(File) of
+        {ok, Cursor} ->
+            try
+                late(Cursor, [])
+            after
+                starl_trace_reader:stop(Cursor)
+            end;
+        {error, _} ->
+            []
+    end.
+
+late(Cursor, Late) ->
+    case starl_trace_reader:next(Cursor) of
+        {ok, Messages, Next} -> late(Next, [starl_assumption:late(facts(Messages)) | Late]);
+        _ -> lists:append(lists:reverse(Late))
     end.
 
 try_all(Cursor, Judge) ->
     try
-        all(Cursor, [], Judge)
+        all(Cursor, Judge)
     catch
         throw:{?MODULE, Reason} -> {error, Reason}
     after
         starl_trace_reader:stop(Cursor)
     end.
 
-%% Messages are judged when those of the next two seconds are there: what these tell of late computers may explain
-%% them. The judge of a live run waits as long.
-all(Cursor, Read, #judge{late = Late} = Judge) ->
+all(Cursor, Judge) ->
     case starl_trace_reader:next(Cursor) of
-        {ok, Messages, Next} ->
-            Known = Judge#judge{late = Late ++ starl_assumption:late(facts(Messages))},
-            ahead(Next, Read ++ [Messages], Known);
-        {ended, Ended} ->
-            judged(Ended, lists:foldl(fun messages/2, Judge, Read));
-        {error, _} = Error ->
-            Error
+        {ok, Messages, Next} -> all(Next, messages(Messages, Judge));
+        {ended, Ended} -> judged(Ended, Judge);
+        {error, _} = Error -> Error
     end.
-
-ahead(Cursor, [First, _, _] = Read, Judge) -> all(Cursor, tl(Read), messages(First, Judge));
-ahead(Cursor, Read, Judge) -> all(Cursor, Read, Judge).
 
 judged(closed, #judge{scenario = none, file = File}) ->
     {error, {no_scenario, File}};
