@@ -42,9 +42,6 @@ edits("hoarding") ->
     ];
 edits("short_edges") ->
     [
-        {starl_dpp_graph, new,
-            "\n"
-            "        new(Config) -> sound(Config#{edge_length := 1.0e9})."},
         {starl_dpp_choice, open_steps,
             "\n"
             "        open_steps(V, Task, Used) ->\n"

@@ -4,12 +4,35 @@
 -module(starl_planted).
 -behaviour(starl_scene).
 
--export([bugs/0, wrong/1, scenario/2, sound/1]).
+-export([bugs/0, breaks/0, wrong/1, scenario/2, sound/1]).
 -export([options/0, scene/1, report/2]).
 
 %% Name, block, pitfall.
 bugs() ->
     [{Bug, Block, Doc} || {Bug, Block, _, _, _, Doc} <- table()].
+
+%% For each proposition of the paper a bug that breaks it (starl_block:propositions/1), and the violation
+%% that it is found as.
+breaks() ->
+    [
+        {election_incomplete, different_leaders},
+        {election_ignores, announcement_ignored},
+        {election_patient, no_result},
+        {election_deaf, not_settled},
+        {mutex_impatient_home, two_holders},
+        {mutex_queueless, no_grant_in_time},
+        {mutex_misnames, owner_not_announced},
+        {mutex_unheeding, not_as_promised},
+        {barrier_alone, passed_early},
+        {barrier_doubting, late_pass},
+        {geocast_clocks, too_late},
+        {geocast_restart, not_delivered},
+        {motion_unlooked, off_line},
+        {motion_deaf, not_arrived},
+        {dpp_blind_start, tubes_overlap},
+        {dpp_farsighted, beyond_horizon},
+        {dpp_idle, unanswered}
+    ].
 
 %% Name, block, broken machine, its configuration, changes of the scenario, and the pitfall.
 table() ->
@@ -52,7 +75,9 @@ election() ->
         {election_late, election, starl_election_bug, #{bug => late}, #{},
             "counts a late ballot of an earlier election"},
         {election_ignores, election, starl_election_bug, #{bug => ignores}, link_gone(),
-            "does not elect who is announced"}
+            "does not elect who is announced"},
+        {election_patient, election, starl_election_bug, #{bug => patient}, killed(),
+            "waits for ever for a ballot that does not come"}
     ].
 
 bully() ->
@@ -164,7 +189,7 @@ dpp() ->
             "takes the robot's own tube for an obstacle"},
         {dpp_blind_start, dpp, starl_mutant_planted, "blind_start", #{},
             "does not check the way from the robot to the graph"},
-        {dpp_short_edges, dpp, starl_mutant_planted, "short_edges", (complete())#{horizon => 1000},
+        {dpp_short_edges, dpp, starl_mutant_planted, "short_edges", (complete())#{horizon => 400},
             "never assigns an edge that is longer than H"},
         {dpp_farsighted, dpp, starl_dpp_planted, "farsighted", (complete())#{horizon => 1000},
             "gives a robot more lines than the horizon at a time"},
@@ -187,6 +212,9 @@ dpp() ->
 
 %% Robots may die; nothing else goes wrong, so that the highest must be elected.
 lossless() -> #{random_faults => [kill_robot], judge => #{lossless => true}}.
+
+%% A robot dies, and the others' patience ends long before the run.
+killed() -> #{random_faults => [], faults => [{dies, 1, 1, kill_robot, 2, #{}}]}.
 
 %% One robot never hears one other.
 link_gone() ->

@@ -4,6 +4,7 @@
 %% incomplete: the ballots are counted when but one is missing;
 %% deaf: ballots that come before the robot itself takes part are dropped;
 %% ignores: what another robot announces is not taken, neither at once nor as the answer to a ballot;
+%% patient: nobody gives up;
 %% late: a ballot of an earlier election is counted in the one that is under way.
 -module(starl_election_bug).
 -behaviour(starl_machine).
@@ -19,8 +20,8 @@ init(#{bug := early} = Config) ->
     begin_as(starl_election_bully, early, Config#{answer_ms => 1});
 init(#{bug := fickle} = Config) ->
     begin_as(starl_election_bully, fickle, Config);
-init(#{bug := ignores} = Config) ->
-    begin_as(starl_election_ballots, ignores, Config);
+init(#{bug := Bug} = Config) when Bug =:= ignores; Bug =:= patient ->
+    begin_as(starl_election_ballots, Bug, Config);
 init(#{bug := Bug} = Config) when Bug =:= deaf; Bug =:= late ->
     begin_as(starl_election_ballots, {Bug, none}, Config).
 
@@ -35,6 +36,8 @@ handle_event(cast, {message, _, bully_leader, {E, L}} = Message, ready, {M, fick
         {keep_state, Next, Actions} ->
             {keep_state, {M, fickle, C, Next}, Actions}
     end;
+handle_event({timeout, {patience, _}}, _, ready, {_, patient, _, _}, _Meta) ->
+    keep_state_and_data;
 handle_event(cast, {message, _, leader, _}, ready, {_, ignores, _, _}, _Meta) ->
     keep_state_and_data;
 handle_event({call, _} = Type, {elect, E, _} = Call, ready, {M, {Bug, _}, C, D}, Meta) ->

@@ -13,7 +13,15 @@
 -behaviour(starl_block).
 
 -export([
-    options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, benchmark/0
+    options/0,
+    machines/1,
+    monitors/2,
+    guarantees/0,
+    propositions/0,
+    contract/0,
+    exercise/0,
+    models/0,
+    benchmark/0
 ]).
 -export([sync/2, sync/3, round/2, round/3]).
 
@@ -107,6 +115,13 @@ guarantees() ->
         {passed, progress, "all pass, within δ of each other: a message and its acknowledgement", [
             alive, {sap, delivered}
         ]}
+    ].
+
+-spec propositions() -> [starl_guarantee:proposition()].
+propositions() ->
+    [
+        {"Proposition 3", together, [passed_early]},
+        {"Proposition 3, δ", passed, [late_pass]}
     ].
 
 -spec contract() -> string().

@@ -15,7 +15,16 @@
 -module(starl_dpp).
 -behaviour(starl_block).
 
--export([options/0, check/1, machines/1, monitors/2, guarantees/0, contract/0, models/0]).
+-export([
+    options/0,
+    check/1,
+    machines/1,
+    monitors/2,
+    guarantees/0,
+    propositions/0,
+    contract/0,
+    models/0
+]).
 -export([join/2, coordinator/1, request_path/1, request_path/2, wait_path/2]).
 -export([lines/1, face/3, turn/4, drive/3]).
 -export([model/1]).
@@ -225,6 +234,14 @@ guarantees() ->
         {replaced, progress, "when the coordinator's robot dies another takes over", [
             {sap, delivered}
         ]}
+    ].
+
+-spec propositions() -> [starl_guarantee:proposition()].
+propositions() ->
+    [
+        {"Lemma 7", tubes, [tubes_overlap]},
+        {"ComputePath(c)", path, [beyond_horizon]},
+        {"Path planning, progress", assigned, [unanswered]}
     ].
 
 -spec contract() -> string().

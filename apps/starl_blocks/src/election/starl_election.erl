@@ -19,6 +19,7 @@
     machines/1,
     monitors/2,
     guarantees/0,
+    propositions/0,
     contract/0,
     exercise/0,
     models/0,
@@ -83,6 +84,15 @@ guarantees() ->
             ]},
         {ends, safety, "a robot elects or fails in bounded time", [clock_rate, prompt]},
         {elected, progress, "nothing lost: all elect the same", [no_loss, alive, {sap, delivered}]}
+    ].
+
+-spec propositions() -> [starl_guarantee:proposition()].
+propositions() ->
+    [
+        {"Proposition 1(a)", agree, [different_leaders, two_leaders_at_one_robot]},
+        {"Proposition 1(b)", announced, [announcement_ignored]},
+        {"Proposition 1, failing in bounded time", ends, [no_result]},
+        {"Proposition 1, progress", elected, [not_settled]}
     ].
 
 -spec contract() -> string().

@@ -14,7 +14,15 @@
 
 -export([send/5, listen/2]).
 -export([
-    options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, benchmark/0
+    options/0,
+    machines/1,
+    monitors/2,
+    guarantees/0,
+    propositions/0,
+    contract/0,
+    exercise/0,
+    models/0,
+    benchmark/0
 ]).
 
 -export_type([area/0, options/0]).
@@ -129,6 +137,13 @@ guarantees() ->
             "delivered to every robot that is inside all the time, over several hops", [
                 delivery, positions, clock_rate, clock_set, no_restart
             ]}
+    ].
+
+-spec propositions() -> [starl_guarantee:proposition()].
+propositions() ->
+    [
+        {"Geocast, exclusion", inside, [too_late, outside]},
+        {"Geocast, delivery", delivered, [not_delivered]}
     ].
 
 -spec contract() -> string().

@@ -22,6 +22,7 @@
     machines/1,
     monitors/2,
     guarantees/0,
+    propositions/0,
     contract/0,
     exercise/0,
     models/0,
@@ -176,6 +177,15 @@ guarantees() ->
         {granted, progress, "holders release: every request is granted", [
             alive, clock_rate, clock_set, prompt, {sap, delivered}
         ]}
+    ].
+
+-spec propositions() -> [starl_guarantee:proposition()].
+propositions() ->
+    [
+        {"Proposition 2(a)", exclusion, [two_holders]},
+        {"Proposition 2(b)", granted, [lies_idle, no_grant_in_time]},
+        {"Proposition 2(c), an owner announces itself", owned, [owner_not_announced, false_owner]},
+        {"Proposition 2(c), all know it", owned, [not_as_promised]}
     ].
 
 -spec contract() -> string().

@@ -43,6 +43,8 @@ flags(_Subject) ->
             {seeds, {integer, 1, 1000000}, 1000, "the most seeds to try for each bug"},
             {histories, switch, false, "judges histories alone"},
             {progress, switch, false, "breaks progress, at each loss and beside harmless faults"},
+            {propositions, switch, false,
+                "only lists what the paper says, the guarantee, the clause that judges it, and the bug"},
             {'when', {optional, {integer, 1, 1000}}, none,
                 "asks when it became inevitable, with this many salts"},
             starl_lab_jobs:at_once()
@@ -53,7 +55,7 @@ flags(_Subject) ->
 statuses() ->
     [
         {0, "all were found"},
-        {4, "some were not, or another event was named"},
+        {4, "some were not, another event was named, or a proposition lacks something"},
         {130, "interrupted"}
     ].
 
@@ -94,6 +96,10 @@ code(File, Module, Beam) ->
 
 loaded({error, _} = Error, _Values) ->
     Error;
+loaded({ok, _Codes}, #{propositions := true}) ->
+    Rows = starl_dev_planted_seed:propositions(),
+    starl_cli_terminal:out([proposition(Row) || Row <- Rows]),
+    status(done, lists:all(fun is_full/1, Rows));
 loaded({ok, Codes}, #{bug := Wanted} = Values) ->
     Bugs = catalogue(Values),
     Names = [atom_to_list(Bug) || {Bug, _, _} <- Bugs],
@@ -114,6 +120,22 @@ loaded({ok, Codes}, #{bug := Wanted} = Values) ->
 
 catalogue(#{progress := true}) -> starl_dev_planted_progress:bugs();
 catalogue(_Values) -> starl_dev_planted_seed:bugs().
+
+is_full({_Of, Guarantee, Clauses, Bugs}) ->
+    Guarantee =/= none andalso Clauses =/= [] andalso Bugs =/= [].
+
+proposition({Of, Guarantee, Clauses, Bugs}) ->
+    [
+        [Of, "\n"],
+        ["    guarantee  ", says(Guarantee), "\n"],
+        ["    clause     ", lists:join(", ", [spaced(Clause) || Clause <- Clauses]), "\n"],
+        ["    bug        ", lists:join(", ", [atom_to_list(Bug) || Bug <- Bugs]), "\n"]
+    ].
+
+says(none) -> "";
+says({_, _, Says, _}) -> Says.
+
+spaced(Name) -> string:replace(atom_to_list(Name), "_", " ", all).
 
 meant([Near | _]) -> [" (did you mean ", Near, "?)"];
 meant([]) -> "; without --bug the table has all".

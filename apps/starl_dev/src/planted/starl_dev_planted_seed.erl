@@ -1,7 +1,7 @@
 %% @doc Finds a seed with which a planted bug shows: called in the VMs of the jobs.
 -module(starl_dev_planted_seed).
 
--export([bugs/0, caught/1]).
+-export([bugs/0, propositions/0, caught/1]).
 
 -export_type([answer/0, bug/0]).
 
@@ -18,6 +18,35 @@
 bugs() ->
     Catalogue = catalogue(),
     Catalogue:bugs().
+
+%% @doc For each proposition of the paper its guarantee, the clauses that judge it, and the bugs of its block
+%% that break one of them.
+-spec propositions() ->
+    [
+        {Of :: string(), starl_guarantee:t() | none, Clauses :: [atom()], Bugs :: [atom()]}
+    ].
+propositions() ->
+    Catalogue = catalogue(),
+    Breaks = Catalogue:breaks(),
+    [
+        {Of, guarantee(Guarantee, Block), Clauses, [
+            Bug
+         || {Bug, Name0, _} <- bugs(),
+            Name0 =:= Name,
+            {Bug0, What} <- Breaks,
+            Bug0 =:= Bug,
+            lists:member(What, Clauses)
+        ]}
+     || {Name, Block} <- starl_block_catalogue:known(),
+        {Of, Guarantee, Clauses} <- starl_block:propositions(Block)
+    ].
+
+guarantee(Name, Block) ->
+    {ok, Guarantees} = starl_block:guarantees(Block),
+    case lists:keyfind(Name, 1, Guarantees) of
+        false -> none;
+        Guarantee -> Guarantee
+    end.
 
 %% The test module with the catalogue of all bugs: `bugs/0', `scenario/2' and `sound/1'. It exists
 %% only after the tests have been compiled.

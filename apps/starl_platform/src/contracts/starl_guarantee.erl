@@ -15,11 +15,15 @@
 
 -export([conditions/0, text/1, check/1, composed/2]).
 
--export_type([t/0, condition/0, assumption/0, part/0, verdict/0]).
+-export_type([t/0, proposition/0, condition/0, assumption/0, part/0, verdict/0]).
 
 %% `safety': nothing bad happens, at no time. `progress': something good happens in the end, while its
 %% assumptions hold.
 -type t() :: {Name :: atom(), safety | progress, Says :: string(), [assumption()]}.
+
+%% What the paper says, the guarantee that says it here, and the clauses of contracts that judge it, by the
+%% names of their violations.
+-type proposition() :: {Of :: string(), Guarantee :: atom(), Clauses :: [atom(), ...]}.
 
 %% A condition; a guarantee of another block; or at least one of several.
 -type assumption() ::

@@ -14,7 +14,7 @@
 %% the workload of `./starl bench blocks'.
 -module(starl_block).
 
--export([expand/2, is_block/1, can/2, monitors/1, guarantees/1, example/0]).
+-export([expand/2, is_block/1, can/2, monitors/1, guarantees/1, propositions/1, example/0]).
 
 -export_type([entry/0, options/0, context/0, capability/0]).
 -export_type([model_entry/0, team/0, model/0, script/0, place/0, benchmark/0]).
@@ -44,6 +44,8 @@
 -callback contract() -> string().
 %% What it assumes and guarantees, for `./starl blocks --compose'.
 -callback guarantees() -> [starl_guarantee:t()].
+%% What the paper says of it, for `./starl planted --propositions'.
+-callback propositions() -> [starl_guarantee:proposition()].
 %% The module that uses the block for `exercise' and `soak'.
 -callback exercise() -> module().
 %% The models that the checker explores, usually one with the name of the block.
@@ -53,7 +55,14 @@
 -callback history() -> module().
 
 -optional_callbacks([
-    check/1, everywhere/0, guarantees/0, exercise/0, models/0, benchmark/0, history/0
+    check/1,
+    everywhere/0,
+    guarantees/0,
+    propositions/0,
+    exercise/0,
+    models/0,
+    benchmark/0,
+    history/0
 ]).
 
 %% A model: its name, what it covers in a few words, and the model for a team.
@@ -266,6 +275,14 @@ guarantees(Module) ->
     case exports(Module, guarantees, 0) of
         true -> stated(Module, Module:guarantees());
         false -> {ok, []}
+    end.
+
+%% @doc What the paper says of a block; nothing, if the block does not say.
+-spec propositions(module()) -> [starl_guarantee:proposition()].
+propositions(Module) ->
+    case exports(Module, propositions, 0) of
+        true -> Module:propositions();
+        false -> []
     end.
 
 stated(Module, Guarantees) ->

@@ -4,7 +4,16 @@
 -behaviour(starl_block).
 -behaviour(starl_block_exercise).
 
--export([options/0, machines/1, monitors/2, everywhere/0, guarantees/0, contract/0, exercise/0]).
+-export([
+    options/0,
+    machines/1,
+    monitors/2,
+    everywhere/0,
+    guarantees/0,
+    propositions/0,
+    contract/0,
+    exercise/0
+]).
 -export([work/3, final/3, promise/3, within_ms/1, hindered_by/0]).
 
 %% The exercise takes place on this part of the floor, mm.
@@ -44,6 +53,13 @@ guarantees() ->
         {arrives, progress, "arrives", [
             positions, grip, devices, ways, prompt, clock_rate, no_restart
         ]}
+    ].
+
+-spec propositions() -> [starl_guarantee:proposition()].
+propositions() ->
+    [
+        {"Assumption II.1", line, [off_line]},
+        {"Assumption II.1, progress", arrives, [not_arrived]}
     ].
 
 -spec contract() -> string().
