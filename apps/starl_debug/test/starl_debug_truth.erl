@@ -4,7 +4,7 @@
 %% test.
 -module(starl_debug_truth).
 
--export([recording/3, make/2, signals/3, truth/2, answers/3, wrong/3, table/1, table/3]).
+-export([recording/3, make/2, signals/3, truth/2, answers/3, wrong/2, table/1, table/3]).
 
 -define(SPEED, 500.0).
 -define(MOST_PPM, 100).
@@ -17,12 +17,39 @@ predicates() ->
         "two_owners",
         "owner(r1, t) and owner(r2, t) and owner(r3, t)",
         "count(r: owner(r, t)) >= 2 and not owner(r3, t)",
+        "count(r: owner(r, t)) <= 1 and r1.x < 1 m",
+        "count(r: owner(r, t)) <= 2 and owner(r1, t) and owner(r2, t)",
+        "count(r: owner(r, t)) < 2 and not count(r: owner(r, t)) = 0",
+        "count(r: owner(r, t)) = 2 for 50 ms",
+        "count(r: owner(r, t)) != 1 and owner(r2, t)",
         "(owner(r1, t) and owner(r2, t)) for 100 ms",
         "dist(r1.pos, r2.pos) < 400 mm and owner(r3, t)",
         "dist(r1.pos, r2.pos) < 500 mm for 300 ms",
         "not (owner(r2, t) within 400 ms after owner(r1, t))",
         "r1.x < 1 m and not r2.x < 1 m and dist(r3.pos, point(1 m, 1 m)) < 300 mm"
     ].
+
+%% What is only just true of a run, and only just false: with a little less margin the answer is wrong.
+edges(#{robots := #{1 := #{places := A}, 2 := #{places := B}}}) ->
+    Distances = [starl_geometry:distance(P, Q) || {P, Q} <- lists:zip(A, B)],
+    Xs = [X || {X, _} <- A],
+    Off = 2 + rand:uniform(10),
+    Edges = [
+        {"dist(r1.pos, r2.pos) < ~.1f mm", lists:min(Distances)},
+        {"dist(r1.pos, r2.pos) > ~.1f mm", lists:max(Distances)},
+        {"dist(r1.pos, r2.pos) < ~.1f mm for 300 ms", lists:min(highest(300, Distances))},
+        {"r1.x < ~.1f mm", lists:min(Xs)},
+        {"r1.x > ~.1f mm and r2.x > -99 m", lists:max(Xs)},
+        {"r1.x < ~.1f mm for 200 ms", lists:min(highest(200, Xs))}
+    ],
+    {Text, Value} = lists:nth(rand:uniform(length(Edges)), Edges),
+    [lists:flatten(io_lib:format(Text, [Value + Sign * Off])) || Sign <- [1, -1]].
+
+%% The greatest of each so many values that follow each other.
+highest(N, Values) when length(Values) =< N -> [];
+highest(N, Values) -> [lists:max(lists:sublist(Values, N + 1)) | highest(N, skip(5, Values))].
+
+skip(N, Values) -> lists:nthtail(min(N, length(Values)), Values).
 
 %% A whole recording of robots with these states and tracks.
 recording(Extent, States, Tracks) ->
@@ -46,25 +73,41 @@ recording(Extent, States, Tracks) ->
     }.
 
 %% A run of three robots: its recording, and the truth. `ms': its length; `sigma': us; `hz': samples
-%% a second.
-make(Seed, #{ms := Ms, sigma := Sigma, hz := Hz}) ->
+%% a second; `ppm': how much clocks drift at most; `error': how far off a sample is at most (mm).
+make(Seed, Given) ->
+    #{ms := Ms} = Kind = maps:merge(#{ppm => ?MOST_PPM, error => 0.0}, Given),
     _ = rand:seed(exsss, Seed),
-    Robots = [{R, robot(Ms, Sigma, Hz)} || R <- [1, 2, 3]],
+    Tight = tight(Ms),
+    Robots = [{R, robot(maps:get(R, Tight, none), Kind)} || R <- [1, 2, 3]],
     Extents = [{round(clock(0, C)), round(clock(Ms, C))} || {_, #{clock := C}} <- Robots],
     States = maps:from_list([
         {R, starl_debug_state:new(R, #{mutex => events(Robot)}, Own, exact)}
      || {{R, Robot}, Own} <- lists:zip(Robots, Extents)
     ]),
     Extent = {lists:min([A || {A, _} <- Extents]), lists:max([B || {_, B} <- Extents])},
-    Tracks = maps:from_list([{R, track(Robot)} || {R, Robot} <- Robots]),
+    Tracks = maps:from_list([{R, track(Robot, Kind)} || {R, Robot} <- Robots]),
     {
         recording(Extent, States, Tracks),
         #{ms => Ms, robots => maps:from_list(Robots)}
     }.
 
-robot(Ms, Sigma, Hz) ->
+%% In two runs of three one robot takes the token just before another lets it go, or just after, or
+%% has it together with the other for nearly a tenth of a second or a little more.
+tight(Ms) ->
+    Meet = 1000 + rand:uniform(Ms - 2000),
+    Late = fun() ->
+        Little = lists:nth(rand:uniform(2), [-1, 1]) * (2 + rand:uniform(8)),
+        Meet + lists:nth(rand:uniform(2), [0, -100]) + Little
+    end,
+    lists:nth(rand:uniform(3), [
+        #{},
+        #{1 => [{Meet - 400, Meet}], 2 => [{Late(), Meet + 300}], 3 => [{Late(), Meet + 500}]},
+        #{1 => [{Late(), Meet + 300}], 2 => [{Meet - 400, Meet}], 3 => []}
+    ]).
+
+robot(Tight, #{ms := Ms, sigma := Sigma, hz := Hz, ppm := Ppm, error := Error}) ->
     %% the robot's clock is never farther than half of sigma from the true time
-    Drift = min(?MOST_PPM * 1.0e-6, Sigma / 2 / (1000 * Ms)) * uniform(-1, 1),
+    Drift = min(Ppm * 1.0e-6, Sigma / 2 / (1000 * Ms)) * uniform(-1, 1),
     Room = Sigma / 2 - abs(Drift) * 1000 * Ms,
     Clock = {max(0.0, Room) * uniform(-1, 1), Drift},
     Path = path(0, Ms, {uniform(0, 2000), uniform(0, 2000)}),
@@ -72,9 +115,21 @@ robot(Ms, Sigma, Hz) ->
         clock => Clock,
         path => Path,
         places => places(0, Ms, Path),
-        samples => [{round(clock(T, Clock)), place(T, Path)} || T <- samples(0.0, Ms, Hz)],
-        holds => holds(rand:uniform(1500), Ms)
+        samples => [
+            {round(clock(T, Clock)), off(Error, place(T, Path))}
+         || T <- samples(0.0, Ms, Hz)
+        ],
+        holds =>
+            case Tight of
+                none -> holds(rand:uniform(1500), Ms);
+                _ -> Tight
+            end
     }.
+
+off(Error, P) when Error == 0 -> P;
+off(Error, {X, Y}) ->
+    {Far, Angle} = {uniform(0, Error), uniform(0, 2 * math:pi())},
+    {X + Far * math:cos(Angle), Y + Far * math:sin(Angle)}.
 
 uniform(Low, High) -> Low + (High - Low) * rand:uniform().
 
@@ -119,8 +174,10 @@ events(#{holds := Holds, clock := Clock}) ->
      || {N, {From, To}} <- lists:zip(lists:seq(1, length(Holds)), Holds)
     ]).
 
-track(#{samples := Samples}) ->
-    {Track, 0} = starl_debug_track:samples(Samples, #{speed => ?SPEED * 1.0005, error => 0.01}),
+track(#{samples := Samples}, #{error := Error, ppm := Ppm}) ->
+    %% by a slow clock it is faster
+    Limits = #{speed => ?SPEED * (1.0005 + 1.1e-6 * Ppm), error => Error + 0.01},
+    {Track, 0} = starl_debug_track:samples(Samples, Limits),
     Track.
 
 %% The distance of two robots (mm) and who of them holds the token (1 or 0), each millisecond.
@@ -256,24 +313,25 @@ share(Verdict, All) -> 100 * length([x || V <- All, V =:= Verdict]) / length(All
 
 verdicts(Seed, Sigma, Hz) ->
     {Recording, Run} = make(Seed, #{ms => 4000, sigma => Sigma, hz => Hz}),
-    [{Truth, Verdict} || {_, Truth, Verdict} <- answers(Recording, Run, Sigma)].
+    [{Truth, Verdict} || {_, Truth, Verdict} <- answers(Recording, Run, #{sigma => Sigma})].
 
 %% The predicates with their truths and the verdicts of the check.
-answers(Recording, Run, Sigma) ->
+answers(Recording, Run, Options) ->
     Go = fun(_Done) -> continue end,
     [
         {Text, truth(Formula, Run),
-            maps:get(verdict, starl_debug_check:run(Formula, Recording, #{sigma => Sigma}, Go))}
-     || Text <- predicates(),
+            maps:get(verdict, starl_debug_check:run(Formula, Recording, Options, Go))}
+     || Text <- predicates() ++ edges(Run),
         {ok, Predicate} <- [starl_debug:predicate(Text)],
         {ok, Formula} <- [starl_debug:formula(Predicate, Recording)]
     ].
 
 %% The answers of a run that are wrong.
-wrong(Seed, Sigma, Hz) ->
-    {Recording, Run} = make(Seed, #{ms => 4000, sigma => Sigma, hz => Hz}),
+wrong(Seed, #{sigma := Sigma, ppm := Ppm} = Kind) ->
+    {Recording, Run} = make(Seed, Kind),
     [
-        {Seed, Sigma, Hz, Text, Truth, Verdict}
-     || {Text, Truth, Verdict} <- answers(Recording, Run, Sigma),
+        {{seed, Seed}, Kind, Text, Truth, Verdict}
+     || {Text, Truth, Verdict} <-
+            answers(Recording, Run, #{sigma => Sigma, drift_ppm => Ppm}),
         {Truth, Verdict} =:= {true, never} orelse {Truth, Verdict} =:= {false, certainly}
     ].
