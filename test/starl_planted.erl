@@ -46,7 +46,8 @@ table() ->
         registers(),
         counter(),
         motion(),
-        dpp()
+        dpp(),
+        search()
     ]).
 
 sap() ->
@@ -210,6 +211,17 @@ dpp() ->
             "takes the pen for lowered or raised without its word"}
     ].
 
+search() ->
+    [
+        {search_middle, search, starl_search_planted, "middle", #{ball => nowhere},
+            "looks from places that do not show the middle of rooms"},
+        {search_off, search, starl_search_planted, "off", #{},
+            "reports the ball 5 m from where it is"},
+        {search_blind, search, starl_search_planted, "blind",
+            #{ball => nowhere, faults => [{gone, 0, 300000, sense_gone, 1, #{sense => camera}}]},
+            "counts what a camera that is gone would have seen"}
+    ].
+
 %% Robots may die; nothing else goes wrong, so that the highest must be elected.
 lossless() -> #{random_faults => [kill_robot], judge => #{lossless => true}}.
 
@@ -335,6 +347,7 @@ losses() ->
 
 machine(bully) -> election;
 machine(dpp) -> dpp_coordinator;
+machine(search) -> app;
 machine(Block) -> Block.
 
 %% The run of a bug with a seed, and the same without the bug.
@@ -358,6 +371,16 @@ run(_Bug, dpp, Variant, Seed) ->
         time => 400,
         seed => Seed
     };
+run(_Bug, search, Variant, Seed) ->
+    #{
+        app => starl_search_planted,
+        bug => Variant,
+        floor => "search",
+        ball => random,
+        robots => 3,
+        time => 900,
+        seed => Seed
+    };
 run(Bug, Block, _Config, Seed) ->
     #{
         app => ?MODULE,
@@ -371,8 +394,10 @@ run(Bug, Block, _Config, Seed) ->
         time => 60
     }.
 
-sound(#{app := starl_dpp_planted} = Scenario) -> Scenario#{bug => "none"};
-sound(Scenario) -> Scenario#{bug => none}.
+sound(#{app := App} = Scenario) when App =:= starl_dpp_planted; App =:= starl_search_planted ->
+    Scenario#{bug => "none"};
+sound(Scenario) ->
+    Scenario#{bug => none}.
 
 %% -- the application ------------------------------------------------------------------------
 

@@ -11,7 +11,9 @@
 house(Columns, Rows, Seed) ->
     {Parts, _} = lists:mapfoldl(fun room/2, rand:seed_s(exsss, Seed), rooms(Columns, Rows)),
     {Tree, Random} = doors(Columns, Rows, rand:seed_s(exsss, Seed + 1)),
-    {Between, _} = lists:mapfoldl(fun(Edge, R) -> between(Edge, Tree, R) end, Random, edges(Columns, Rows)),
+    {Between, _} = lists:mapfoldl(
+        fun(Edge, R) -> between(Edge, Tree, R) end, Random, edges(Columns, Rows)
+    ),
     starl_floor:new(#{
         name => <<"House">>,
         size => {Columns * pitch() + ?WALL, Rows * pitch() + ?WALL},
@@ -44,7 +46,11 @@ tree([{I, J} = At | Back], Seen, Tree, {Columns, Rows} = Size, Random0) ->
     New = [
         To
      || {X, Y} = To <- [{I + 1, J}, {I - 1, J}, {I, J + 1}, {I, J - 1}],
-        X >= 0, Y >= 0, X < Columns, Y < Rows, not is_map_key(To, Seen)
+        X >= 0,
+        Y >= 0,
+        X < Columns,
+        Y < Rows,
+        not is_map_key(To, Seen)
     ],
     case New of
         [] ->
@@ -52,7 +58,13 @@ tree([{I, J} = At | Back], Seen, Tree, {Columns, Rows} = Size, Random0) ->
         _ ->
             {K, Random} = rand:uniform_s(length(New), Random0),
             To = lists:nth(K, New),
-            tree([To, At | Back], Seen#{To => true}, [{min(At, To), max(At, To)} | Tree], Size, Random)
+            tree(
+                [To, At | Back],
+                Seen#{To => true},
+                [{min(At, To), max(At, To)} | Tree],
+                Size,
+                Random
+            )
     end.
 
 %% The wall between two rooms, with a door or without.
@@ -64,8 +76,13 @@ between({{I, J}, {K, _}} = Edge, Tree, Random0) ->
     Along = [{From, To} || {From, To} <- ends(IsDoor, Off)],
     Walls =
         case K > I of
-            true -> [starl_floor:box(X + pitch(), Y + A, X + pitch() + ?WALL, Y + B) || {A, B} <- Along];
-            false -> [starl_floor:box(X + A, Y + pitch(), X + B, Y + pitch() + ?WALL) || {A, B} <- Along]
+            true ->
+                [
+                    starl_floor:box(X + pitch(), Y + A, X + pitch() + ?WALL, Y + B)
+                 || {A, B} <- Along
+                ];
+            false ->
+                [starl_floor:box(X + A, Y + pitch(), X + B, Y + pitch() + ?WALL) || {A, B} <- Along]
         end,
     {Walls, Random}.
 
@@ -81,12 +98,18 @@ room({I, J}, Random0) ->
     {furniture(Kind, X, Y, A, B), Random}.
 
 %% a table; a pillar; a corner cupboard; a box that is open at one side; one with a slit; a closed one
-furniture(1, X, Y, A, B) -> [starl_floor:box(X + 800 + A, Y + 800 + B, X + 1400 + A, Y + 1400 + B)];
-furniture(2, X, Y, A, B) -> [starl_floor:box(X + 1000 + A, Y + 1000 + B, X + 1150 + A, Y + 1150 + B)];
-furniture(3, X, Y, A, B) -> [starl_floor:box(X, Y, X + 200 + A div 8, Y + 200 + B div 8)];
-furniture(4, X, Y, A, B) -> compartment(X + 800 + A, Y + 800 + B, 700);
-furniture(5, X, Y, A, B) -> compartment(X + 800 + A, Y + 800 + B, 250);
-furniture(6, X, Y, A, B) -> compartment(X + 800 + A, Y + 800 + B, 0).
+furniture(1, X, Y, A, B) ->
+    [starl_floor:box(X + 800 + A, Y + 800 + B, X + 1400 + A, Y + 1400 + B)];
+furniture(2, X, Y, A, B) ->
+    [starl_floor:box(X + 1000 + A, Y + 1000 + B, X + 1150 + A, Y + 1150 + B)];
+furniture(3, X, Y, A, B) ->
+    [starl_floor:box(X, Y, X + 200 + A div 8, Y + 200 + B div 8)];
+furniture(4, X, Y, A, B) ->
+    compartment(X + 800 + A, Y + 800 + B, 700);
+furniture(5, X, Y, A, B) ->
+    compartment(X + 800 + A, Y + 800 + B, 250);
+furniture(6, X, Y, A, B) ->
+    compartment(X + 800 + A, Y + 800 + B, 0).
 
 %% 900 mm wide outside, its right side open over this height.
 compartment(X, Y, Open) ->
@@ -104,7 +127,14 @@ search(Floor, Seed, More) ->
     File = filename:join("/tmp", "starl_house_" ++ os:getpid() ++ ".floor"),
     ok = file:write_file(File, text(Floor)),
     Scenario = maps:merge(
-        #{app => starl_search, floor => File, robots => 4, ball => random, seed => Seed, time => 7200},
+        #{
+            app => starl_search,
+            floor => File,
+            robots => 4,
+            ball => random,
+            seed => Seed,
+            time => 7200
+        },
         More
     ),
     {ok, Sim} = starl_sim:start(Scenario),
@@ -114,7 +144,7 @@ search(Floor, Seed, More) ->
     Outcome#{report => Report, ball => ball(Seed, Floor)}.
 
 ball(Seed, Floor) ->
-    {ok, At} = starl_search_floor:draw({Seed, ball}, 100.0, Floor),
+    {ok, At} = starl_search_cells:draw({Seed, ball}, 100.0, Floor),
     At.
 
 text(#{size := {W, H}, walls := Walls}) ->
@@ -132,8 +162,10 @@ table(Seeds) ->
         begin
             Floor = house(8, 8, Seed),
             {Us, Outcome} = timer:tc(fun() -> search(Floor, Seed, #{loss => 0.1}) end),
-            #{violations := Violations, report := Report, ball := Ball, monitors := Monitors} = Outcome,
-            #{starl_search_monitor := #{found_us := Found, left := Left, unseen_m2 := M2}} = Monitors,
+            #{violations := Violations, report := Report, ball := Ball, monitors := Monitors} =
+                Outcome,
+            #{starl_search_monitor := #{found_us := Found, left := Left, unseen_m2 := M2}} =
+                Monitors,
             Near = [P || P <- Left, starl_geometry:distance(P, Ball) < 150],
             How =
                 case Found of
@@ -141,10 +173,18 @@ table(Seeds) ->
                     none -> 'LOST';
                     _ -> found
                 end,
-            io:format("~b ~p violations ~p complete ~p found ~p s, not seen ~.1f m2, ~.1f s of computer~n", [
-                Seed, How, [W || #{what := W} <- Violations], maps:get(complete, Report),
-                [Found div 1000000 || Found =/= none], M2, Us / 1.0e6
-            ]),
+            io:format(
+                "~b ~p violations ~p complete ~p found ~p s, not seen ~.1f m2, ~.1f s of computer~n",
+                [
+                    Seed,
+                    How,
+                    [W || #{what := W} <- Violations],
+                    maps:get(complete, Report),
+                    [Found div 1000000 || Found =/= none],
+                    M2,
+                    Us / 1.0e6
+                ]
+            ),
             How
         end
      || Seed <- Seeds

@@ -67,7 +67,10 @@ nobody_has_looked_test() ->
 what_is_out_of_view_is_not_seen_test() ->
     Short = #{range_mm => 1000.0},
     ?assertMatch({[not_seen], _}, searched(looks(1, 0, ?MIDDLE), Short)),
-    All = lists:append([looks(1, T, {X, 1000.0}) || {T, X} <- [{0, 500.0}, {9, 1500.0}, {99, 2500.0}]]),
+    All = lists:append([
+        looks(1, T, {X, 1000.0})
+     || {T, X} <- [{0, 500.0}, {9, 1500.0}, {99, 2500.0}]
+    ]),
     ?assertMatch({[], _}, searched(All, Short)),
     Front = #{field => math:pi()},
     ?assertMatch({[not_seen], _}, searched(looks(1, 0, ?MIDDLE), Front)),
@@ -88,7 +91,9 @@ complete_is_judged_once_test() ->
 
 %% A door that is closed meanwhile hides what is behind it, and nobody knows: it is named, and no violation.
 an_obstacle_hides_test() ->
-    Box = #{obstacles => [{0, 5000000, obstacle, #{x => 2000, y => 500, width => 100, height => 900}}]},
+    Box = #{
+        obstacles => [{0, 5000000, obstacle, #{x => 2000, y => 500, width => 100, height => 900}}]
+    },
     {[], #{left := Left}} = searched(looks(1, 0, ?MIDDLE), Box),
     ?assert(lists:any(fun({X, _}) -> X > 2100 andalso X < 3000 end, Left)),
     {[], #{left := Later}} = searched(looks(1, 6000000, ?MIDDLE), Box),
@@ -114,8 +119,13 @@ a_camera_that_is_not_to_be_believed_test() ->
 %% Who was told wrong places has looked elsewhere: that is said, and not judged.
 wrong_places_are_not_judged_test() ->
     Wrong = #{places => [{1, 0, 5000000, position}]},
-    ?assertMatch({[], #{unjudged := [_]}}, searched(looks(1, 0, {400.0, 400.0}), Wrong#{range_mm => 500.0})),
-    ?assertMatch({[not_seen], #{unjudged := []}}, searched(looks(2, 0, {400.0, 400.0}), Wrong#{range_mm => 500.0})).
+    ?assertMatch(
+        {[], #{unjudged := [_]}}, searched(looks(1, 0, {400.0, 400.0}), Wrong#{range_mm => 500.0})
+    ),
+    ?assertMatch(
+        {[not_seen], #{unjudged := []}},
+        searched(looks(2, 0, {400.0, 400.0}), Wrong#{range_mm => 500.0})
+    ).
 
 %% Over time, with steps for a plot.
 floor_is_counted_over_time_test() ->
@@ -141,7 +151,9 @@ found_what_is_not_there_test() ->
     %% too far away, behind a wall, and behind the robot
     ?assertMatch({[not_there], _}, judged(Found, monitor(#{range_mm => 900.0}))),
     ?assertMatch({[not_there], _}, judged(Found, monitor(#{ball => {3500.0, 1000.0}}))),
-    ?assertMatch({[not_there], _}, judged(Found, monitor(#{ball => {500.0, 1000.0}, field => 2.0}))).
+    ?assertMatch(
+        {[not_there], _}, judged(Found, monitor(#{ball => {500.0, 1000.0}, field => 2.0}))
+    ).
 
 %% The ball is 1118 mm away, so it may be 50 and 112 mm from where it is said to be.
 the_place_is_judged_test() ->

@@ -11,7 +11,7 @@ the_plans_are_those_that_were_made_test_() ->
      || Plan <- [maze, rooms]
     ].
 
-%% All rooms are searched where there is no ball, it is found where there is one, and all are done.
+%% All floor is seen where there is no ball, it is found where there is one, and all are done.
 every_room_is_searched_test_() ->
     Seed = seed(),
     [

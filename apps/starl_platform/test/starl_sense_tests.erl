@@ -82,7 +82,9 @@ what_is_beside_the_field_is_not_seen_test() ->
                 things => [#{at => At, colour => orange}], pose => {1000.0, 2000.0, Heading}
             }),
             Seen = starl_sense:read(camera, View, Profiles),
-            ?assertEqual({Field, Heading, Side, Off, Off < 0}, {Field, Heading, Side, Off, Seen =/= []})
+            ?assertEqual(
+                {Field, Heading, Side, Off, Off < 0}, {Field, Heading, Side, Off, Seen =/= []}
+            )
         end
      || Field <- [0.5, 1.05, 2.1, 4.0],
         Heading <- [0.0, 1.3, -2.5],

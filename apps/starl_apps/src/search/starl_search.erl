@@ -38,12 +38,14 @@
 -type phase() :: elect | search | {wait, Looked :: boolean()} | {tell, starl_geometry:point()}.
 -type state() :: {phase(), task()}.
 
-%% A look all around: from where, and where other robots were then.
--type look() :: {starl_geometry:point(), [starl_geometry:point()]}.
+%% A look all around: from where, and the ways of other robots meanwhile.
+-type look() :: {starl_geometry:point(), [starl_geometry:segment()]}.
 
 -define(COLOUR, orange).
 %% A robot that waits for work looks so often whether the ball has been found (ms).
 -define(WAIT_MS, 5000).
+%% After so long it counts as waiting (ms).
+-define(SOON_MS, 1000).
 %% One whose register could not be written tries again after this time (ms): its store may be full for a while.
 -define(TELL_MS, 1000).
 %% The looks after the first one, the time between them (ms), and how many of all agree on a place
@@ -56,6 +58,8 @@
 -define(AGAIN, 4).
 -define(PATIENCE, 12).
 -define(HIDDEN_MS, 1000).
+%% Each of so many times it says what it has seen.
+-define(SHARED, 4).
 %% Fields of view overlap by this (rad), and a field at least so wide is all around.
 -define(OVERLAP, 0.2).
 -define(AROUND, 6.28).
@@ -111,7 +115,7 @@ search(_Found, {error, _}, Robot, _Task) ->
     ok = starl:sleep(Robot, 1000),
     search;
 search(_Found, {ok, _}, Robot, Task) ->
-    requested(starl_dpp:request_path(Robot, ?WAIT_MS), false, Robot, Task).
+    requested(starl_dpp:request_path(Robot, ?SOON_MS), false, Robot, Task).
 
 waits({found, At}, Robot, _Task) -> found(At, Robot);
 waits(Looked, Robot, Task) -> requested(starl_dpp:wait_path(Robot, ?WAIT_MS), Looked, Robot, Task).
@@ -193,9 +197,13 @@ viewed(Tries, Cells, Headings, Way, Robot, Task) ->
     Before = others(Robot, Task),
     case looked(Headings, Way, Robot) of
         nothing ->
-            case hidden(Cells, Before, others(Robot, Task), Robot, Task) of
-                [] -> seen;
-                Hidden -> again(Tries, Hidden, Way, Robot, Task)
+            Others = others(Before, others(Robot, Task), Robot),
+            case hidden(Cells, Others, Robot, Task) of
+                [] ->
+                    seen;
+                Hidden ->
+                    _ = [shared(Others, Robot, Task) || Tries rem ?SHARED =:= 0],
+                    again(Tries, Hidden, Way, Robot, Task)
             end;
         Other ->
             Other
@@ -218,7 +226,7 @@ headings(_At, _Cells, #{field := Field}) when Field >= ?AROUND ->
 headings(At, Cells, #{field := Field}) ->
     N = ceil(?TURN / (Field - ?OVERLAP)),
     Steps = lists:usort([
-        round(starl_geometry:heading(At, starl_search_floor:middle(Cell)) * N / ?TURN) rem N
+        round(starl_geometry:heading(At, starl_search_cells:middle(Cell)) * N / ?TURN) rem N
      || Cell <- Cells
     ]),
     [Step * ?TURN / N || Step <- Steps].
@@ -241,26 +249,38 @@ looked([Heading | Headings], {Path, N} = Way, Robot) ->
 %% Where the other robots are that may hide something.
 others(Robot, #{most_mm := Range}) ->
     case starl:neighbours(Robot, Range) of
-        {ok, Others} -> {ok, [{X, Y} || #{pose := {X, Y, _}} <- Others]};
+        {ok, Others} -> {ok, [{Id, {X, Y}} || #{robot := Id, pose := {X, Y, _}} <- Others]};
         {error, _} -> unknown
     end.
 
-%% The cells that others hid, and that nobody else has seen meanwhile.
-hidden(Cells, {ok, Before}, {ok, After}, Robot, Task) ->
-    case {lists:usort(Before ++ After), starl:position(Robot)} of
-        {[], _} -> [];
-        {Others, {ok, {X, Y, _}}} -> unseen(behind({{X, Y}, Others}, Cells, Task), Robot, Task);
-        {_, {error, _}} -> Cells
+%% The own place, and the ways of others meanwhile.
+others({ok, Before}, {ok, After}, Robot) ->
+    Ways = [{P, proplists:get_value(Id, After, P)} || {Id, P} <- Before],
+    New = [{P, P} || {Id, P} <- After, not lists:keymember(Id, 1, Before)],
+    case starl:position(Robot) of
+        {ok, {X, Y, _}} -> {ok, {{X, Y}, Ways ++ New}};
+        {error, _} -> unknown
     end;
-hidden(Cells, _Before, _After, _Robot, _Task) ->
-    Cells.
+others(_Before, _After, _Robot) ->
+    unknown.
+
+%% The cells that others hid, and that nobody else has seen meanwhile.
+hidden(Cells, unknown, _Robot, _Task) -> Cells;
+hidden(_Cells, {ok, {_At, []}}, _Robot, _Task) -> [];
+hidden(Cells, {ok, Look}, Robot, Task) -> unseen(behind(Look, Cells, Task), Robot, Task).
+
+%% What this robot has seen all around others need not see.
+shared({ok, Look}, Robot, #{field := Field}) when Field >= ?AROUND ->
+    starl_registers:put(Robot, {looked, starl:id(Robot)}, Look) =:= ok;
+shared(_Others, _Robot, _Task) ->
+    false.
 
 behind({From, Others}, Cells, #{hides_mm := Mm}) ->
     [
         Cell
      || Cell <- Cells,
-        Sight <- [{From, starl_search_floor:middle(Cell)}],
-        lists:any(fun(At) -> starl_geometry:point_segment(At, Sight) < Mm end, Others)
+        Sight <- [{From, starl_search_cells:middle(Cell)}],
+        lists:any(fun(Way) -> starl_geometry:closer(Way, Sight, Mm) end, Others)
     ].
 
 unseen([], _Robot, _Task) ->
@@ -273,8 +293,8 @@ unseen(Cells, Robot, Task) ->
         _ -> Cells
     end.
 
--spec but_seen([look()], [starl_search_floor:cell()], starl_walls:t(), task()) ->
-    [starl_search_floor:cell()].
+-spec but_seen([look()], [starl_search_cells:cell()], starl_walls:t(), task()) ->
+    [starl_search_cells:cell()].
 but_seen(Looks, Cells, Walls, #{most_mm := Range, ball_mm := Ball} = Task) ->
     Sees = #{range_mm => float(Range), ball_mm => float(Ball)},
     IsSeen = fun(Cell, {From, _} = Look) ->
@@ -285,14 +305,10 @@ but_seen(Looks, Cells, Walls, #{most_mm := Range, ball_mm := Ball} = Task) ->
 %% A robot that waits looks from there, once: others need not see what it hides from them.
 look_around(Robot, #{field := Field} = Task) when Field >= ?AROUND ->
     Before = others(Robot, Task),
-    case {look(?AGAIN, Robot), Before, others(Robot, Task), starl:position(Robot)} of
-        {{found, At}, _, _, _} ->
-            {found, At};
-        {nothing, {ok, A}, {ok, B}, {ok, {X, Y, _}}} ->
-            Look = {{X, Y}, lists:usort(A ++ B)},
-            starl_registers:put(Robot, {looked, starl:id(Robot)}, Look) =:= ok;
-        _ ->
-            false
+    case look(?AGAIN, Robot) of
+        nothing -> shared(others(Before, others(Robot, Task), Robot), Robot, Task);
+        gone -> false;
+        {found, At} -> {found, At}
     end;
 look_around(_Robot, _Task) ->
     true.

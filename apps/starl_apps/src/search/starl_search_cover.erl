@@ -5,7 +5,7 @@
 %%       places => Places, comes_to => fun(P) -> ... end, line => fun(P) -> ... end
 %%   })
 %% '''
-%% The floor is a grid of cells ({@link starl_search_floor}). From each place that robots can
+%% The floor is a grid of cells ({@link starl_search_cells}). From each place that robots can
 %% come to, rays find the cells that can be seen from there, whatever the place and the ball are off by.
 %% Views are chosen one by one, always the one that shows most of what is left. A cell that none of
 %% the places shows is looked at from its own side: is there any other place from which it is seen?
@@ -19,7 +19,7 @@
 -export_type([view/0, run/0, config/0, plan/0]).
 
 -type point() :: starl_geometry:point().
--type cell() :: starl_search_floor:cell().
+-type cell() :: starl_search_cells:cell().
 %% Cells side by side, from the first to the last.
 -type run() :: {cell(), cell()}.
 
@@ -54,7 +54,7 @@
 %% What can be seen past, by its distance from a place.
 -record(eye, {at :: point(), rays :: tuple()}).
 
-%% The width of a cell ({@link starl_search_floor}), and the distance of its corners from its middle.
+%% The width of a cell ({@link starl_search_cells}), and the distance of its corners from its middle.
 -define(PITCH_MM, 100.0).
 -define(HALF_DIAGONAL_MM, 71.0).
 -define(RAYS, 360).
@@ -121,7 +121,7 @@ cells(#{sees := Runs}) -> lists:append([lists:seq(From, To) || {From, To} <- Run
 -spec sees(point(), cell(), #{range_mm := float(), ball_mm := float(), _ => _}, starl_walls:t()) ->
     boolean().
 sees(From, Cell, #{range_mm := Range, ball_mm := Ball}, Walls) ->
-    To = starl_search_floor:middle(Cell),
+    To = starl_search_cells:middle(Cell),
     Mm = starl_geometry:distance(From, To),
     Room = ?HALF_DIAGONAL_MM,
     Mm =< Range - 2 * Room andalso
@@ -133,7 +133,7 @@ sees(From, Cell, #{range_mm := Range, ball_mm := Ball}, Walls) ->
 new(#{ball_mm := Ball, slack_mm := Slack, range_mm := Range} = Config, Floor) ->
     #cover{
         config = Config,
-        balls = starl_search_floor:new(Floor, Ball),
+        balls = starl_search_cells:new(Floor, Ball),
         room = max(?HALF_DIAGONAL_MM, ?HALF_MM + Slack) + 1.0,
         range = Range - ?HALF_DIAGONAL_MM - ?HALF_MM - Slack
     }.
@@ -144,7 +144,7 @@ connected(Seen, Left) -> spread(lists:sort(maps:keys(Seen)), Left, []).
 spread([], _Left, Found) ->
     lists:sort(Found);
 spread([Cell | Cells], Left, Found) ->
-    New = [N || N <- starl_search_floor:beside(Cell), is_map_key(N, Left)],
+    New = [N || N <- starl_search_cells:beside(Cell), is_map_key(N, Left)],
     spread(New ++ Cells, maps:without(New, Left), New ++ Found).
 
 %% -- what is seen from a place ----------------------------------------------------------------
@@ -246,7 +246,7 @@ shown(#eye{at = {X, Y}, rays = Rays}, #cover{balls = Balls, config = #{ball_mm :
 
 rows(J, J1, _I0, _I1, _Is, _Balls) when J > J1 -> [];
 rows(J, J1, I0, I1, Is, Balls) ->
-    {First, Last} = {starl_search_floor:cell(I0, J), starl_search_floor:cell(I1, J)},
+    {First, Last} = {starl_search_cells:cell(I0, J), starl_search_cells:cell(I1, J)},
     row(First, Last, Is, Balls, rows(J + 1, J1, I0, I1, Is, Balls)).
 
 row(Cell, Last, _Is, _Balls, Cells) when Last < Cell -> Cells;
@@ -320,8 +320,11 @@ needed(Views) ->
 
 keep({_, Cells} = View, {Kept, Times}) ->
     case lists:all(fun(Cell) -> maps:get(Cell, Times) > 1 end, Cells) of
-        true -> {Kept, lists:foldl(fun(Cell, T) -> T#{Cell := maps:get(Cell, T) - 1} end, Times, Cells)};
-        false -> {[View | Kept], Times}
+        true ->
+            {Kept,
+                lists:foldl(fun(Cell, T) -> T#{Cell := maps:get(Cell, T) - 1} end, Times, Cells)};
+        false ->
+            {[View | Kept], Times}
     end.
 
 own({P, Cells}, Given) ->
@@ -336,7 +339,7 @@ besides([], _Ways, _Open, _Cover) ->
     [];
 besides(Left, Ways, Open, #cover{balls = Balls, config = #{wall_mm := Mm}} = Cover) ->
     IsRoomy = fun(Cell) ->
-        P = starl_search_floor:middle(Cell),
+        P = starl_search_cells:middle(Cell),
         starl_walls:is_free({P, P}, Mm, Open)
     end,
     Roomy = maps:from_keys(lists:filter(IsRoomy, maps:keys(Balls)), true),
@@ -379,7 +382,7 @@ places(Ball, Walls, Roomy, #cover{config = #{comes_to := ComesTo}} = Cover) ->
         {starl_geometry:distance(Ball, P), P}
      || Cell <- shown(eye(Ball, Walls, Cover), Cover),
         is_map_key(Cell, Roomy),
-        P <- [starl_search_floor:middle(Cell)]
+        P <- [starl_search_cells:middle(Cell)]
     ]),
     some(?TRIES, [P || {_, P} <- some(?LOOKED_AT, Near), ComesTo(P)]).
 

@@ -120,14 +120,14 @@ init(#{floor := Floor, ball := Ball, ball_mm := BallMm, robots := Robots} = Conf
 
 %% The free floor, where a ball has room, whoever may come there.
 points(#{size := {W, H}} = Floor, Ball, Walls) ->
-    Cells = starl_search_floor:new(Floor, Ball),
+    Cells = starl_search_cells:new(Floor, Ball),
     [
         P
      || I <- lists:seq(0, trunc(W / ?STEP_MM)),
         J <- lists:seq(0, trunc(H / ?STEP_MM)),
         P <- [{(I + 0.5) * ?STEP_MM, (J + 0.5) * ?STEP_MM}],
         starl_walls:is_free({P, P}, Ball, Walls),
-        starl_search_floor:has(P, Cells)
+        starl_search_cells:has(P, Cells)
     ].
 
 obstacles(Floor, Config) ->

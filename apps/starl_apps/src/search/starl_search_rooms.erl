@@ -41,7 +41,8 @@ new(#{size := {W, H}, doors := Doors} = Floor) ->
 
 middle({I, J}, Pitch) -> {(I + 0.5) * Pitch, (J + 0.5) * Pitch}.
 
-parts([], _Open, Rooms, _N) -> Rooms;
+parts([], _Open, Rooms, _N) ->
+    Rooms;
 parts([Cell | Cells], Open, Rooms, N) when is_map_key(Cell, Open) ->
     Part = part([Cell], maps:remove(Cell, Open), [Cell]),
     parts(Cells, maps:without(Part, Open), maps:merge(Rooms, maps:from_keys(Part, N)), N + 1);
@@ -81,7 +82,10 @@ number(N) -> io_lib:format("room ~b", [N]).
 -spec where([starl_geometry:point()], t()) -> [name()].
 where(Points, Rooms) ->
     Of = maps:groups_from_list(fun(P) -> room(P, Rooms) end, Points),
-    Most = lists:sort([{-length(Ps), Room, lists:nth((length(Ps) + 1) div 2, Ps)} || {Room, Ps} <- maps:to_list(Of)]),
+    Most = lists:sort([
+        {-length(Ps), Room, lists:nth((length(Ps) + 1) div 2, Ps)}
+     || {Room, Ps} <- maps:to_list(Of)
+    ]),
     [named(Room, P) || {_, Room, P} <- Most].
 
 room(P, {plan, Floor}) ->

@@ -19,8 +19,8 @@
 -define(WORST, 4).
 %% More than the robot's own place is off by (mm).
 -define(PLACE_MM, 50.0).
-%% So much beside a robot counts as hidden by it: half of a cell, and what it moves during a look (mm).
--define(HIDES_MM, 150.0).
+%% A robot hides what is so much beside it, more than the distance that it keeps from walls (mm): half of a cell.
+-define(HIDES_MM, 65.0).
 %% So many rooms are named in a line.
 -define(NAMED, 8).
 
@@ -88,7 +88,7 @@ ball(#{places := #{object := At}}, #{options := #{ball := place}}) ->
 ball(_Floor, #{options := #{ball := place}}) ->
     {error, "the floor plan has no place object: give it one, or use --ball random"};
 ball(Floor, #{seed := Seed}) ->
-    case starl_search_floor:draw({Seed, ball}, float(?BALL_MM), Floor) of
+    case starl_search_cells:draw({Seed, ball}, float(?BALL_MM), Floor) of
         {ok, At} -> {ok, At};
         none -> {error, "a ball has no room on this floor: use another plan, or --ball nowhere"}
     end.
@@ -203,7 +203,7 @@ preview(#{poses := Poses, memo := #{lines := Lines, floor := Floor, cells := Cel
         lines => [
             rooms(starl_search_rooms:names(starl_search_rooms:new(Floor))),
             io_lib:format("~b m² of floor, seen from ~b place~ts", [
-                round(starl_search_floor:m2(Cells)),
+                round(starl_search_cells:m2(Cells)),
                 length(Lines),
                 [$s || length(Lines) =/= 1]
             ])
@@ -222,7 +222,7 @@ rooms(Names) ->
 closed(#{unseen := []}) ->
     [];
 closed(#{unseen := Unseen, cells := Cells, floor := Floor}) ->
-    {M2, Of} = {starl_search_floor:m2(length(Unseen)), starl_search_floor:m2(Cells)},
+    {M2, Of} = {starl_search_cells:m2(length(Unseen)), starl_search_cells:m2(Cells)},
     [["nobody can come to see ", part(M2, Of, Unseen, Floor)]].
 
 %% @doc A part of the floor, and where it is: `23 of 170 m², in kitchen'.

@@ -2,7 +2,7 @@
 %% floor on which a ball has room, whether anybody can come there or not. Only where a plan names
 %% rooms, what is in none of them and closed off from all of them is outside of the building.
 %% Lengths are millimetres.
--module(starl_search_floor).
+-module(starl_search_cells).
 
 -export([new/2, has/2, draw/3, middle/1, cell/2, beside/1, m2/1]).
 
