@@ -185,8 +185,8 @@ bully_highest_are_dead(_) ->
 bully_one_leader_per_term(_) ->
     M1 = start(starl_election_bully, 1, [1, 2, 3]),
     {_, M2} = call(e1, a, M1),
-    {A3, M3} = message(3, bully_leader, {e1, 3}, M2),
-    {A4, M4} = message(2, bully_leader, {e1, 2}, M3),
+    {A3, M3} = message(3, bully_leader, {e1, 3, majority}, M2),
+    {A4, M4} = message(2, bully_leader, {e1, 2, majority}, M3),
     {A5, _} = call(e1, b, M4),
     ?assertEqual([{a, {ok, 3}}], replies(A3)),
     ?assertEqual([], replies(A4)),
@@ -197,9 +197,11 @@ bully_one_leader_per_term(_) ->
 bully_remembers_old_elections(_) ->
     M1 = start(starl_election_bully, 1, [1, 2, 3]),
     M2 = lists:foldl(
-        fun(N, M) -> element(2, message(3, bully_leader, {N, 3}, M)) end, M1, lists:seq(1, 500)
+        fun(N, M) -> element(2, message(3, bully_leader, {N, 3, majority}, M)) end,
+        M1,
+        lists:seq(1, 500)
     ),
-    {Actions, M3} = message(2, bully_leader, {1, 2}, M2),
+    {Actions, M3} = message(2, bully_leader, {1, 2, majority}, M2),
     ?assertEqual([], [E || {trace, {elected, _, _, _} = E} <- Actions]),
     {Again, _} = call(1, a, M3),
     ?assertEqual([{a, {ok, 3}}], replies(Again)).

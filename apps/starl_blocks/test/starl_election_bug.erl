@@ -29,7 +29,7 @@ begin_as(Module, Bug, Config) ->
     {ready, Data, Actions} = Module:init(Config),
     {ready, {Module, Bug, Config, Data}, Actions}.
 
-handle_event(cast, {message, _, bully_leader, {E, L}} = Message, ready, {M, fickle, C, D}, Meta) ->
+handle_event(cast, {message, _, bully_leader, {E, L, _}} = Message, ready, {M, fickle, C, D}, Meta) ->
     case M:handle_event(cast, Message, ready, D, Meta) of
         {keep_state, Next, []} ->
             {keep_state, {M, fickle, C, Next}, [{trace, {elected, E, L, announcement}}]};

@@ -49,7 +49,9 @@ elected(Leader, How) ->
         {{timeout, {patience, e}}, cancel}
     ].
 
-announces(Leader) -> {cast, sap, {broadcast, bully_leader, {e, Leader}}}.
+announces(Leader) -> announces(Leader, few).
+
+announces(Leader, Ground) -> {cast, sap, {broadcast, bully_leader, {e, Leader, Ground}}}.
 
 listening() ->
     [{cast, sap, {listen, T, election}} || T <- [bully_challenge, bully_alive, bully_leader]].
@@ -94,8 +96,8 @@ wins_test() ->
         [{trace, {entered, e}}, {trace, {elected, e, 2, known}}, {reply, {app, b}, {ok, 2}}],
         element(1, call(e, b, Won))
     ),
-    ?assertEqual(
-        {[{cast, sap, {send, 1, bully_leader, {e, 2}}}], Won},
+    ?assertMatch(
+        {[{cast, sap, {send, 1, bully_leader, {e, 2, heard}}}], _},
         hears(1, bully_challenge, e, Won)
     ),
     [
@@ -104,7 +106,7 @@ wins_test() ->
             fun round_over/1,
             fun no_patience/1,
             alive(),
-            fun(M) -> hears(3, bully_leader, {e, 3}, M) end
+            fun(M) -> hears(3, bully_leader, {e, 3, heard}, M) end
         ]
     ].
 
@@ -114,10 +116,10 @@ hopes_test() ->
     {Actions, Hoping} = hears(3, bully_alive, e, Asking),
     ?assertEqual([{{timeout, {round, e}}, 3 * ?ANSWER_US, over}], Actions),
     %% one that hopes already hopes no longer than that
-    ?assertEqual({[], Hoping}, hears(4, bully_alive, e, Hoping)),
+    ?assertMatch({[], _}, hears(4, bully_alive, e, Hoping)),
     {Again, _} = round_over(Hoping),
     ?assertEqual(challenges([3, 4]), Again),
-    {Led, _} = hears(3, bully_leader, {e, 3}, Hoping),
+    {Led, _} = hears(3, bully_leader, {e, 3, few}, Hoping),
     ?assertEqual(elected(3, announcement) ++ [{reply, {app, a}, {ok, 3}}], Led),
     %% in an election that it has not begun there is nothing to hope for
     ?assertMatch({[], _}, hears(3, bully_alive, e, robot(2))).
@@ -168,7 +170,7 @@ gives_up_test() ->
     ?assertMatch({[], _}, no_patience(robot(2))),
     {Won, _} = round_over(GivenUp),
     ?assertEqual(elected(2, highest) ++ [announces(2)], Won),
-    {Led, _} = hears(3, bully_leader, {e, 3}, GivenUp),
+    {Led, _} = hears(3, bully_leader, {e, 3, heard}, GivenUp),
     ?assertEqual(elected(3, announcement), Led).
 
 %% 1024 elections are remembered, whatever was heard of them, and those that somebody waits for.
@@ -177,12 +179,12 @@ remembers_test_() -> {timeout, 30, fun remembers/0}.
 remembers() ->
     Heard = fun(To, M) ->
         after_all(
-            [fun(Q) -> hears(3, bully_leader, {N, 3}, Q) end || N <- lists:seq(1, To)], M
+            [fun(Q) -> hears(3, bully_leader, {N, 3, majority}, Q) end || N <- lists:seq(1, To)], M
         )
     end,
     IsKnown = fun(N, M) ->
         element(1, hears(1, bully_challenge, N, M)) =:=
-            [{cast, sap, {send, 1, bully_leader, {N, 3}}}]
+            [{cast, sap, {send, 1, bully_leader, {N, 3, majority}}}]
     end,
     ?assertEqual([true, true], [IsKnown(N, Heard(1024, robot(2))) || N <- [1, 1024]]),
     More = Heard(1025, robot(2)),
@@ -191,17 +193,22 @@ remembers() ->
     ?assertEqual([false, true, true], [IsKnown(N, Waiting) || N <- [77, 78, 1100]]),
     ?assertEqual([{app, a}], [To || {reply, To, {ok, 2}} <- element(1, round_over(Waiting))]),
     %% no longer waited for it goes with the next ones
-    Elected = after_all([calls(), fun(M) -> hears(3, bully_leader, {e, 3}, M) end], robot(2)),
+    Elected = after_all(
+        [calls(), fun(M) -> hears(3, bully_leader, {e, 3, majority}, M) end], robot(2)
+    ),
     Over = Heard(1024, Elected),
     ?assertMatch([{trace, {entered, e}}, {{timeout, _}, _, _} | _], element(1, call(e, b, Over))),
     %% where all are waited for none goes
     Calls = [fun(M) -> call(N, N, M) end || N <- lists:seq(1, 1025)],
     Full = after_all(Calls, robot(2)),
     ?assertEqual(
-        [{app, 1}], [To || {reply, To, _} <- element(1, hears(3, bully_leader, {1, 3}, Full))]
+        [{app, 1}], [
+            To
+         || {reply, To, _} <- element(1, hears(3, bully_leader, {1, 3, majority}, Full))
+        ]
     ),
     %% but they all go later, the latest, too
-    Ends = [fun(M) -> hears(3, bully_leader, {N, 3}, M) end || N <- lists:seq(1, 2050)],
+    Ends = [fun(M) -> hears(3, bully_leader, {N, 3, majority}, M) end || N <- lists:seq(1, 2050)],
     ?assertEqual(
         [false, false, true], [IsKnown(N, after_all(Ends, Full)) || N <- [1, 1025, 1026]]
     ).
@@ -212,7 +219,69 @@ stranger_test() ->
     [
         ?assertMatch(
             {[{trace, {unknown_event, cast, _}}], Asking},
-            hears(3, bully_leader, {e, Stranger}, Asking)
+            hears(3, bully_leader, {e, Stranger, heard}, Asking)
         )
      || Stranger <- [5, 1 bsl 57]
     ].
+
+%% -- who is followed ------------------------------------------------------------------------------
+
+%% A robot that says that it leads is followed when it has answered this one, or a majority has asked it.
+heard_by_the_leader_test() ->
+    Asking = after_all([calls()], robot(1)),
+    Follows = fun(Body, M) ->
+        element(1, hears(element(2, Body), bully_leader, Body, M)) =:=
+            elected(4, announcement) ++ [{reply, {app, a}, {ok, 4}}]
+    end,
+    ?assert(Follows({e, 4, heard}, Asking)),
+    ?assert(Follows({e, 4, majority}, Asking)),
+    ?assertNot(Follows({e, 4, few}, Asking)),
+    Answered = fun(From) -> element(2, hears(From, bully_alive, e, Asking)) end,
+    ?assert(Follows({e, 4, few}, Answered(4))),
+    ?assertNot(Follows({e, 4, few}, Answered(3))),
+    %% another robot cannot say whom the leader hears
+    {[{{timeout, {round, e}}, _, over}], _} = hears(3, bully_leader, {e, 4, heard}, Asking).
+
+%% A robot that has not taken part asks it, and nobody else; then, without an answer, all above itself.
+a_leader_is_asked_whether_it_hears_test() ->
+    {Actions, Asked} = hears(4, bully_leader, {e, 4, few}, robot(1)),
+    ?assertEqual(challenges([4]), Actions),
+    {Again, Asking} = round_over(Asked),
+    ?assertEqual(challenges([2, 3, 4]), Again),
+    {Won, _} = round_over(Asking),
+    ?assertEqual(elected(1, highest) ++ [announces(1)], Won),
+    {Led, _} = hears(4, bully_leader, {e, 4, heard}, Asked),
+    ?assertEqual(elected(4, announcement), Led),
+    %% one that is higher takes part
+    {Higher, _} = hears(1, bully_leader, {e, 1, few}, robot(2)),
+    ?assertEqual(challenges([3, 4]), Higher).
+
+%% The leader answers all that ask; when a majority has asked it tells all, once.
+a_majority_is_told_to_all_test() ->
+    {_, Won} = call(e, a, robot(4)),
+    {One, First} = hears(1, bully_challenge, e, Won),
+    ?assertEqual([{cast, sap, {send, 1, bully_leader, {e, 4, heard}}}], One),
+    {[_], First} = hears(1, bully_challenge, e, First),
+    {Two, Second} = hears(2, bully_challenge, e, First),
+    ?assertEqual([announces(4, majority)], Two),
+    {Three, _} = hears(3, bully_challenge, e, Second),
+    ?assertEqual([{cast, sap, {send, 3, bully_leader, {e, 4, heard}}}], Three),
+    %% what was heard before it led counts, too
+    {_, Some} = hears(2, bully_challenge, e, element(2, hears(1, bully_challenge, e, robot(3)))),
+    ?assertEqual(elected(3, highest) ++ [announces(3, majority)], element(1, round_over(Some))).
+
+%% What others say of a leader of few is a sign of life, in the first round only; of a leader of most, enough.
+passed_on_test() ->
+    Asking = after_all([calls()], robot(1)),
+    {Hope, Hoping} = hears(3, bully_leader, {e, 4, few}, Asking),
+    ?assertEqual([{{timeout, {round, e}}, 3 * ?ANSWER_US, over}], Hope),
+    {_, Again} = round_over(Hoping),
+    ?assertMatch({[], _}, hears(3, bully_leader, {e, 4, few}, Again)),
+    {Led, Knows} = hears(3, bully_leader, {e, 4, majority}, Again),
+    ?assertEqual(elected(4, announcement) ++ [{reply, {app, a}, {ok, 4}}], Led),
+    Passes = fun(M) -> element(1, hears(2, bully_challenge, e, M)) end,
+    ?assertEqual([{cast, sap, {send, 2, bully_leader, {e, 4, majority}}}], Passes(Knows)),
+    {_, Few} = hears(4, bully_leader, {e, 4, heard}, Asking),
+    ?assertEqual([{cast, sap, {send, 2, bully_leader, {e, 4, few}}}], Passes(Few)),
+    {[], Later} = hears(4, bully_leader, {e, 4, majority}, Few),
+    ?assertEqual([{cast, sap, {send, 2, bully_leader, {e, 4, majority}}}], Passes(Later)).

@@ -5,7 +5,7 @@
 
 -behaviour(starl_app).
 -export([blocks/0, options/0, init/2, step/2]).
--export([mutex/2]).
+-export([mutex/2, bully/2, bully_link/2]).
 
 -define(TEAMS, [3, 4, 8]).
 -define(SEEDS, 1).
@@ -35,7 +35,13 @@ used(mutex, Robot, _N) ->
     case starl_mutex:acquire(Robot, token(), 120000) of
         {ok, _} -> starl_mutex:release(Robot, token());
         {error, _} = Error -> Error
-    end.
+    end;
+used(bully, Robot, N) ->
+    %% robots enter one after the other, in an order that changes
+    ok = starl:sleep(Robot, 400 * ((starl:id(Robot) + N) rem 3)),
+    Elected = starl_election:elect(Robot, N, 20000),
+    ok = starl:sleep(Robot, max(1, 5000 * N - starl:now(Robot))),
+    Elected.
 
 %% A token whose home is robot 1 of any of the teams.
 token() ->
@@ -111,3 +117,72 @@ mutex(Robots, Seed) ->
         end
      || {Name, Cut} <- cuts(Robots, 1, Team)
     ].
+
+%% -- the bully election ------------------------------------------------------------------------------
+
+%% Robots that hear each other, and are a majority, elect the highest of them.
+a_majority_elects_the_highest_robot_that_it_hears_and_that_hears_it_test_() ->
+    {timeout, 300, [
+        {timeout, 60, fun() -> bully(Robots, Seed) end}
+     || Robots <- ?TEAMS, Seed <- lists:seq(1, ?SEEDS)
+    ]}.
+
+bully(Robots, Seed) ->
+    Team = lists:seq(1, Robots),
+    Next = Robots - 1,
+    %% the cut, who elects, and whom
+    Cuts = [
+        {deaf, cut(deaf, Robots, 1, Team), lists:droplast(Team), Next},
+        {mute, cut(mute, Robots, 1, Team), lists:droplast(Team), Next},
+        {deaf_member, cut(deaf, 1, Robots, Team), tl(Team), Robots},
+        {mute_member, cut(mute, 1, Robots, Team), tl(Team), Robots}
+    ],
+    [
+        begin
+            {Violations, Trace} = run(bully, Robots, Seed, [Cut]),
+            ?assertEqual({Name, Robots, Seed, []}, {Name, Robots, Seed, Violations}),
+            Elected = [
+                {N, Robot, Answer}
+             || {T, Robot, app, {ends, N, Answer}} <- Trace,
+                T > 1000 * ?CUT_MS + 7 * ?S,
+                lists:member(Robot, Electors)
+            ],
+            ?assert(length(Elected) >= 8 * length(Electors)),
+            Others = [Other || {_, _, Answer} = Other <- Elected, Answer =/= {ok, Leader}],
+            ?assertEqual({Name, Robots, Seed, []}, {Name, Robots, Seed, Others})
+        end
+     || {Name, Cut, Electors, Leader} <- Cuts
+    ].
+
+%% A link that is cut may take the highest robot, or the one that does not reach it, out of the majority.
+a_majority_agrees_when_a_single_link_is_cut_test_() ->
+    {timeout, 300, [
+        {timeout, 60, fun() -> bully_link(Robots, Seed) end}
+     || Robots <- ?TEAMS, Seed <- lists:seq(1, ?SEEDS)
+    ]}.
+
+bully_link(Robots, Seed) ->
+    Team = lists:seq(1, Robots),
+    [
+        begin
+            {Violations, Trace} = run(bully, Robots, Seed, [cut(Kind, Robot, Robots, Team)]),
+            ?assertEqual({Kind, Robot, Robots, Seed, []}, {Kind, Robot, Robots, Seed, Violations}),
+            Elected = maps:groups_from_list(
+                fun({N, _}) -> N end,
+                fun({_, {ok, Leader}}) -> Leader end,
+                [
+                    {N, Answer}
+                 || {T, _, app, {ends, N, Answer}} <- Trace,
+                    T > 1000 * ?CUT_MS + 7 * ?S,
+                    N < 13
+                ]
+            ),
+            Split = [N || {N, Leaders} <- maps:to_list(Elected), 2 * most(Leaders) =< Robots],
+            ?assertEqual({Kind, Robot, Robots, Seed, []}, {Kind, Robot, Robots, Seed, Split})
+        end
+     || Kind <- [is_not_heard_by_one, does_not_hear_one], Robot <- [1, Robots - 1]
+    ].
+
+most(Leaders) -> lists:max([length([L || L <- Leaders, L =:= Leader]) || Leader <- Leaders]).
+
+cut(Kind, Robot, Other, Team) -> proplists:get_value(Kind, cuts(Robot, Other, Team)).

@@ -1,5 +1,5 @@
 %% @doc Leader election by the bully algorithm, as a block in the place of {@link starl_election}: the
-%% highest robot that is alive is elected. Its interface is that of `starl_election'.
+%% highest robot that is alive, that is, hears the others and is heard, is elected. Its interface is that of `starl_election'.
 -module(starl_bully).
 -behaviour(starl_block).
 
@@ -67,7 +67,7 @@ model(#{robots := Ids, faults := Faults}) ->
         monitor => {starl_election_bully_monitor, Judge},
         fixed => lists:seq(1, length(Ids)),
         inert => fun
-            (bully_leader, {_, _}) -> true;
+            (bully_leader, {_, _, majority}) -> true;
             (_, _) -> false
         end
     }.
@@ -77,6 +77,6 @@ benchmark() ->
     #{
         workload => #{turns => 1},
         operations => elections,
-        packets => fun(N) -> 2 * N * (N - 1) + N end,
-        formula => "2 N (N - 1) + N"
+        packets => fun(N) -> 2 * N * (N - 1) + 2 * N end,
+        formula => "2 N (N - 1) + 2 N"
     }.

@@ -5,9 +5,17 @@
 %%     | challenge {E} ------------->|                                        |
 %%     |<------------------ alive {E}|  challenges those above it in turn     |
 %%     |                             |                                        |
-%%     | nobody alive within answer_us: leader {E, self} -------------------->|  elect it,
-%%     | somebody alive: waits for its announcement, challenges again later   |  unless elected
+%%     | nobody alive within answer_us: leader {E, self, few} --------------->|
+%%     |<------------------------------------------------------ challenge {E} |  does it hear me?
+%%     | leader {E, self, heard} -------------------------------------------->|  elects it
+%%     | has been challenged by a majority: leader {E, self, majority} ------>|  elects it
+%%     | somebody alive: waits for its announcement, challenges again later   |
 %% '''
+%% A robot follows only a leader that hears it, or that hears a majority of the team (Garcia-Molina's coordinator
+%% leads those that have answered it). So one that is deaf leads nobody but itself, however well it is heard, and a
+%% robot to which it is deaf alone follows it all the same. Who has elected passes its leader on: `majority' counts,
+%% `few' is a sign of life only, and once.
+%%
 %% A robot takes part from the first message of the election on, even before its application calls:
 %% the highest robot alive can be elected without having asked. A robot keeps the leader that it has
 %% elected, so it never reports two leaders for one term, as long as the election is among the last
@@ -16,7 +24,8 @@
 %% a challenge with its leader.
 %%
 %% If no packet is lost and each takes at most half of `answer_us', only the highest robot alive
-%% hears of none above itself, so all elect it. With loss, robots may elect different leaders: use
+%% hears of none above itself, so all elect it. With one-way cuts that last, robots that hear each other elect
+%% the highest of them if they are a majority. With loss, robots may elect different leaders: use
 %% the ballots if agreement is needed under every fault.
 %%
 %% Call: `{elect, Election, TimeoutUs}', answer `{ok, Leader}' or `{error, timeout}'.
@@ -53,7 +62,12 @@
     from = none :: starl_machine:from() | none,
     %% idle: not begun, or given up; asking: is a higher robot alive? hoping: one is
     phase = idle :: idle | asking | hoping,
-    round = 0 :: non_neg_integer()
+    round = 0 :: non_neg_integer(),
+    %% the robots that have challenged this one; those that have answered its challenge
+    heard = [] :: [starl:robot_id()],
+    hears = [] :: [starl:robot_id()],
+    %% does the leader hear a majority of the team, as far as is known?
+    ground = few :: majority | few
 }).
 
 -record(bully, {
@@ -87,10 +101,15 @@ handle_event({call, From}, {elect, Election, Us}, ready, Bully, _Meta) ->
     enter(Election, Us, From, Bully);
 handle_event(cast, {message, Source, bully_challenge, Election}, ready, Bully, _Meta) ->
     challenged(Election, Source, Bully);
-handle_event(cast, {message, _Source, bully_alive, Election}, ready, Bully, _Meta) ->
-    hope(Election, Bully);
-handle_event(cast, {message, _, bully_leader, {Election, Leader}}, ready, Bully, _Meta) ->
-    announced(Election, Leader, Bully);
+handle_event(cast, {message, Source, bully_alive, Election}, ready, Bully, _Meta) ->
+    alive(Election, Source, Bully);
+handle_event(
+    cast, {message, Source, bully_leader, {Election, Leader, Ground}}, ready, Bully, _Meta
+) ->
+    case starl_team:has(Leader, Bully#bully.team) of
+        true -> announced(Election, Leader, ground(Ground, Source, Leader), Source, Bully);
+        false -> unknown_event
+    end;
 handle_event({timeout, {round, Election}}, _, ready, Bully, _Meta) ->
     round_over(Election, Bully);
 handle_event({timeout, {patience, Election}}, _, ready, Bully, _Meta) ->
@@ -104,8 +123,10 @@ handle_event(_, _, _, _, _) ->
 
 %% @private What comes over the radio.
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
-accepts(bully_leader, Body) -> starl_shape:is([any, count], Body);
-accepts(Type, _Election) -> Type =:= bully_challenge orelse Type =:= bully_alive.
+accepts(bully_leader, Body) ->
+    starl_shape:is([any, count, {either, [{is, G} || G <- [heard, majority, few]]}], Body);
+accepts(Type, _Election) ->
+    Type =:= bully_challenge orelse Type =:= bully_alive.
 
 listen() ->
     [starl_sap:listen(T, election) || T <- [bully_challenge, bully_alive, bully_leader]].
@@ -125,15 +146,36 @@ enter(Election, Us, From, Bully0) ->
             {keep_state, Bully, [Entered, Report, {reply, From, {ok, Leader}}]}
     end.
 
-%% A lower robot asks: this one is alive, and takes part.
-challenged(Election, Source, Bully0) ->
-    {Race, Bully} = race(Election, Bully0),
+%% Another robot asks: this one is alive, and takes part. One that leads tells all as soon as a majority has asked.
+challenged(Election, Source, #bully{self = Self} = Bully0) ->
+    {Race0, Bully1} = race(Election, Bully0),
+    Race = hear(Source, Race0, Bully1),
+    Bully = put_race(Election, Race, Bully1),
     case Race of
         #race{leader = none} ->
             Answer = starl_sap:post(Source, bully_alive, Election),
             prepend([Answer], challenge(Election, Bully));
-        #race{leader = Leader} ->
-            {keep_state, Bully, [starl_sap:post(Source, bully_leader, {Election, Leader})]}
+        #race{leader = Self, ground = Ground} when Ground =/= Race0#race.ground ->
+            {keep_state, Bully, [announcement(Election, Race)]};
+        #race{leader = Self} ->
+            {keep_state, Bully, [starl_sap:post(Source, bully_leader, {Election, Self, heard})]};
+        #race{leader = Leader, ground = Ground} ->
+            Known = {Election, Leader, Ground},
+            {keep_state, Bully, [starl_sap:post(Source, bully_leader, Known)]}
+    end.
+
+%% Only what this robot hears itself is a ground for its own lead.
+hear(_Source, #race{leader = Leader} = Race, #bully{self = Self}) when
+    Leader =/= none, Leader =/= Self
+->
+    Race;
+hear(_Source, #race{ground = majority} = Race, _Bully) ->
+    Race;
+hear(Source, #race{heard = Heard} = Race, #bully{team = Team}) ->
+    More = ordsets:add_element(Source, Heard),
+    case 2 * (length(More) + 1) > length(starl_team:members(Team)) of
+        true -> Race#race{heard = [], ground = majority};
+        false -> Race#race{heard = More}
     end.
 
 %% Asks all higher robots, unless it is asking already; the highest of the team has none to ask.
@@ -151,6 +193,16 @@ challenge(Election, #bully{higher = Higher} = Bully) ->
             {keep_state, Bully, []}
     end.
 
+%% A higher robot is alive, and hears this one.
+alive(Election, Source, #bully{races = Races} = Bully) ->
+    case Races of
+        #{Election := #race{leader = none, hears = Hears} = Race} ->
+            Answered = Race#race{hears = ordsets:add_element(Source, Hears)},
+            hope(Election, put_race(Election, Answered, Bully));
+        #{} ->
+            keep_state_and_data
+    end.
+
 %% A higher robot is alive. It needs one round, or one after the other above it gives up.
 hope(Election, #bully{races = Races} = Bully) ->
     case Races of
@@ -160,7 +212,7 @@ hope(Election, #bully{races = Races} = Bully) ->
                 {{timeout, {round, Election}}, 3 * Bully#bully.answer_us, over}
             ]};
         #{} ->
-            keep_state_and_data
+            {keep_state, Bully}
     end.
 
 round_over(Election, #bully{races = Races, rounds = Rounds} = Bully) ->
@@ -179,22 +231,55 @@ round_over(Election, #bully{races = Races, rounds = Rounds} = Bully) ->
 
 %% -- the result -----------------------------------------------------------------------------
 
-win(Election, #bully{self = Self} = Bully) ->
-    {keep_state, Elected, Actions} = elect(Election, Self, highest, Bully),
-    Announcement = {cast, sap, {broadcast, bully_leader, {Election, Self}}},
-    {keep_state, Elected, Actions ++ [Announcement]}.
+win(Election, #bully{self = Self} = Bully0) ->
+    {#race{ground = Ground}, Bully} = race(Election, Bully0),
+    {keep_state, Elected, Actions} = elect(Election, Self, Ground, highest, Bully),
+    {keep_state, Elected, Actions ++ [announcement(Election, race_of(Election, Elected))]}.
 
-announced(Election, Leader, #bully{team = Team} = Bully) ->
-    case starl_team:has(Leader, Team) of
-        true -> elect(Election, Leader, announcement, Bully);
-        false -> unknown_event
+announcement(Election, #race{leader = Self, ground = Ground}) ->
+    {cast, sap, {broadcast, bully_leader, {Election, Self, Ground}}}.
+
+%% Only the leader itself can say whom it hears.
+ground(heard, Leader, Leader) -> heard;
+ground(heard, _Source, _Leader) -> few;
+ground(Ground, _Source, _Leader) -> Ground.
+
+announced(Election, Leader, Ground, Source, Bully0) ->
+    {#race{leader = Known, hears = Hears} = Race, Bully} = race(Election, Bully0),
+    case Known =:= none andalso (Ground =/= few orelse lists:member(Leader, Hears)) of
+        true ->
+            elect(Election, Leader, Ground, announcement, Bully);
+        false when Known =:= Leader, Ground =:= majority ->
+            {keep_state, put_race(Election, Race#race{ground = majority}, Bully)};
+        false when Known =/= none ->
+            {keep_state, Bully};
+        false ->
+            doubted(Election, Leader, Source, Race, Bully)
     end.
 
-elect(Election, Leader, How, Bully0) ->
+%% Does the robot that wants to lead hear this one? What others say of it is a sign of life, once.
+doubted(Election, Leader, Leader, #race{phase = idle} = Race, #bully{self = Self} = Bully) when
+    Leader > Self
+->
+    Hoping = put_race(Election, Race#race{phase = hoping}, Bully),
+    {keep_state, Hoping, [
+        {{timeout, {round, Election}}, Bully#bully.answer_us, over},
+        starl_sap:post(Leader, bully_challenge, Election)
+    ]};
+doubted(Election, Leader, Leader, _Race, Bully) ->
+    challenge(Election, Bully);
+doubted(Election, _Leader, _Source, #race{round = 1}, Bully) ->
+    hope(Election, Bully);
+doubted(_Election, _Leader, _Source, _Race, Bully) ->
+    {keep_state, Bully}.
+
+elect(Election, Leader, Ground, How, Bully0) ->
     {Race, Bully} = race(Election, Bully0),
     case Race of
         #race{leader = none, from = From} ->
-            Elected = Race#race{leader = Leader, from = none, phase = idle},
+            Elected = Race#race{
+                leader = Leader, from = none, phase = idle, hears = [], ground = known(Ground)
+            },
             Reply = [{reply, From, {ok, Leader}} || From =/= none],
             {keep_state, put_race(Election, Elected, Bully), [
                 {trace, {elected, Election, Leader, How}},
@@ -205,6 +290,9 @@ elect(Election, Leader, How, Bully0) ->
         #race{} ->
             {keep_state, Bully, []}
     end.
+
+known(heard) -> few;
+known(Ground) -> Ground.
 
 %% The application waits no longer; the robot's part in the election goes on.
 give_up(Election, #bully{races = Races} = Bully) ->
@@ -226,6 +314,8 @@ race(Election, #bully{races = Races} = Bully) ->
         #{Election := Race} -> {Race, Bully};
         #{} -> {#race{}, put_race(Election, #race{}, forget(Bully, Election))}
     end.
+
+race_of(Election, #bully{races = Races}) -> maps:get(Election, Races).
 
 forget(#bully{order = Order, races = Races} = Bully, New) when length(Order) < ?REMEMBERED ->
     Bully#bully{order = [New | Order], races = Races};

@@ -6,8 +6,8 @@
 %% died or its machine crashed; later only by what its own clock, pauses and slowness explain in that
 %% time ({@link starl_assumption:delayed_us/5}).
 %%
-%% Where no packet is lost, delays are bounded, and the patience is long enough, also: no robot fails, all elect the same, and no robot above the leader was
-%% alive from the beginning of the election until the leader was elected, unless its machine crashed
+%% Where no packet is lost, delays are bounded, and the patience is long enough, also: no robot fails, all
+%% elect the same unless that one has died meanwhile, and no robot above the leader was alive from the beginning of the election until the leader was elected, unless its machine crashed
 %% in between; and the leader was alive when the election began. `lossless' says where that is: in the
 %% whole run (`true'), nowhere (`false', the default), or in each election that no fault has met, nor the
 %% time before it in which a message may be under way (`{calm, Us}'; in a run it follows from the radio,
@@ -252,7 +252,8 @@ agreed(Election, Leader, T, Robot, State) ->
         Other
      || Other <- State#state.robots, Other > Leader, throughout(Other, Began, State)
     ],
-    Differs = maps:get(Election, State#state.leaders, Leader) =/= Leader,
+    Other = maps:get(Election, State#state.leaders, Leader),
+    Differs = Other =/= Leader andalso not is_map_key(Other, State#state.died),
     [violation(different_leaders, T, [Robot], Election) || Differs] ++
         [violation(not_the_highest, T, [Robot | Higher], Election) || Higher =/= []] ++
         [
