@@ -92,7 +92,7 @@ two_leaders_at_one_robot_are_told_test() ->
             [
                 entered(1, 1),
                 elected(2, 2, 3, known),
-                {3, 3, {died, k}},
+                {3, 3, crashed},
                 elected(4, 1, 2, known)
             ],
             true
@@ -204,13 +204,16 @@ different_leaders_test() ->
             [
                 entered(1, 1),
                 elected(2, 2, 3, known),
-                {3, 3, {died, k}},
+                {3, 3, crashed},
                 elected(4, 1, 2, known)
             ],
             true
         )
     ),
-    ?assertEqual([], judge([elected(2, 2, 3, known), elected(4, 1, 2, known)])).
+    ?assertEqual([], judge([elected(2, 2, 3, known), elected(4, 1, 2, known)])),
+    %% a leader that has died binds nobody who has not elected it
+    Dies = [entered(1, 1), elected(2, 2, 3, known), {3, 3, {died, k}}, elected(4, 1, 2, known)],
+    ?assertEqual([], judge(Dies, true)).
 
 %% In a run whose radio is sound each election is judged as lossless that no fault has met.
 calm_elections_test() ->
