@@ -53,7 +53,7 @@
 -spec scenario(atom(), Robots :: pos_integer() | none, Seed :: non_neg_integer()) ->
     #{atom() => term()}.
 scenario(dpp, Robots, Seed) ->
-    Drawn = maps:merge(clocks(dpp, Seed), ending(Seed)),
+    Drawn = maps:merge(maps:merge(clocks(dpp, Seed), ending(Seed)), radio(dpp, Seed)),
     on_a_floor(
         Seed,
         maps:merge(Drawn, #{
@@ -115,9 +115,9 @@ application(Name, App, Robots, Seed) ->
                 #{random_faults := Borne} = Drawn = clocks(dpp, Seed),
                 {?DPP_HEAL_S, Drawn#{random_faults := Borne ++ [sense]}};
             false ->
-                {?HEAL_S, maps:merge(clocks(Name, Seed), radio(Name, Seed))}
+                {?HEAL_S, clocks(Name, Seed)}
         end,
-    Faults#{
+    (maps:merge(Faults, radio(Name, Seed)))#{
         app => App,
         robots => robots(Robots, Name, Seed),
         seed => Seed,
