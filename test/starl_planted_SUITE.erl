@@ -5,7 +5,7 @@
 
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([every_bug_is_found/1, at_least_one_per_block/1, nothing_is_found_in_the_sound/1]).
--export([every_proposition_has_a_bug/1, what_decides_is_named/1]).
+-export([every_proposition_has_a_bug/1, what_decides_is_named/1, progress_is_judged/1]).
 
 %% As many as ./starl planted tries; nearly all are found within ten.
 -define(SEEDS, 1000).
@@ -18,7 +18,8 @@ all() ->
         every_proposition_has_a_bug,
         at_least_one_per_block,
         nothing_is_found_in_the_sound,
-        what_decides_is_named
+        what_decides_is_named,
+        progress_is_judged
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -99,3 +100,27 @@ what_decides_is_named(_) ->
     ?assertMatch({match, _}, re:run(Grant, "mutex .*: inevitable from the start")).
 
 asked(Bug) -> starl_dev_planted_when:asked({Bug, ?SEEDS, 1}).
+
+%% A block or an application that gets nowhere is found on a radio that loses a third of the packets, and beside a
+%% fault that does no harm (./starl planted --progress has all cells), or the run says what it does not judge.
+progress_is_judged(_) ->
+    Bugs = [Bug || {Bug, _, _} <- starl_progress_planted:bugs()],
+    Harmless = [Name || {Name, _, Lasting} <- starl_progress_planted:cells(), Lasting =/= none],
+    Cells = fun(N) -> ["loss 0.3", lists:nth(1 + N rem length(Harmless), Harmless)] end,
+    Tried = [
+        {Bug, Cell, Found}
+     || {N, Bug} <- lists:enumerate(Bugs),
+        {Cell, Found} <- starl_dev_planted_progress:tried(Bug, Cells(N))
+    ],
+    ct:pal("~p", [Tried]),
+    ?assertEqual(2 * length(Bugs), length(Tried)),
+    ?assertEqual([], [
+        T
+     || {_, _, Found} = T <- Tried, not starl_dev_planted_progress:is_right(Found)
+    ]),
+    %% no more than these go unjudged
+    Unjudged = [{Bug, Cell} || {Bug, Cell, {not_judged, _}} <- Tried],
+    ?assertEqual([], Unjudged -- unjudged()).
+
+%% Bully promises nothing where packets are lost; a robot with a slow wheel need not end.
+unjudged() -> [{bully_mute, "loss 0.3"}, {follow_mute, "loss 0.3"}, {painting_blind, "slow wheel"}].

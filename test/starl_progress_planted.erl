@@ -38,7 +38,7 @@ table() ->
             "path planning answers nobody"},
         {search_deaf, starl_search, [registers, search], registers, #{},
             "nobody hears of the ball"},
-        {swarm_relays_nothing, starl_swarm, [swarm, geocast], geocast, short_radio(),
+        {swarm_relays_nothing, starl_swarm, [swarm], geocast, short_radio(),
             "nobody gives a message of others"},
         {swarm_keeps, starl_swarm, [swarm, geocast], geocast, long(), "nobody gives any message"},
         {follow_mute, starl_follow, [follow, election_bully], election, long(),

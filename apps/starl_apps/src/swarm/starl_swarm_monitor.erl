@@ -4,8 +4,8 @@
 %% which the message must be there.
 %%
 %% On a radio that loses packets chance may keep a message from a robot, the more often the longer the chain and the more
-%% packets are lost. The probabilities of the messages in a row that a robot misses over so many hops are multiplied: a
-%% row that is rarer than 10^-9 breaks the contract.
+%% packets are lost. The probabilities of the messages in a row that are missed are multiplied: a row that is rarer than
+%% 10^-9 breaks the contract.
 %%
 %% Not judged are, in slow radios, a chain of too many hops, and
 %% messages with a fault during that second or up to five seconds before. That nobody else hears, the
@@ -26,11 +26,9 @@
     drive :: float(),
     loss :: number(),
     delay_us :: non_neg_integer(),
-    %% the probability of the messages in a row that a robot has missed over so many hops: that it hears its
-    %% neighbours says nothing of those who pass messages on
-    rows = #{} :: #{{starl:robot_id(), Hops :: pos_integer()} => float()},
-    %% that of missing all messages that it was to hear
-    all = #{} :: #{{starl:robot_id(), Hops :: pos_integer()} => float()},
+    %% the probability of the messages in a row that were missed, and that of missing all
+    rows = #{} :: rows(),
+    all = #{} :: rows(),
     hops :: non_neg_integer(),
     faults :: [starl_assumption:window()],
     pieces = #{} :: #{starl:robot_id() => starl_trajectory:piece()},
@@ -38,6 +36,10 @@
     open = [] :: [{id(), DueUs :: integer(), [{starl:robot_id(), Hops :: pos_integer()}]}],
     owed = 0 :: non_neg_integer()
 }).
+
+%% Of the messages of neighbours that a robot missed, and of those over more hops that anybody missed: that robots hear
+%% their neighbours says nothing of those who pass messages on.
+-type rows() :: #{{direct, starl:robot_id()} | relayed => float()}.
 
 -define(WITHIN_US, 1000000).
 -define(BEFORE_US, 5000000).
@@ -69,11 +71,12 @@ init(#{range_mm := Range, speed := Speed} = Config) ->
         faults = maps:get(faults, Config, [])
     }.
 
-%% @doc The faults, without the window of the whole run that stands for a limited range.
+%% @doc The faults, but those of wheels, which keep no robot from hearing; without the window of the whole run that stands for a limited range.
 -spec context(starl_monitor:known(), map()) -> map().
 context(#{broken := Broken, faults := Faults, bodies := Bodies} = Known, Config) ->
+    Places = maps:get(places, Known, Bodies),
     Own = [Window || {Who, From, _, _} = Window <- Faults, {Who, From} =/= {all, 0}],
-    (maps:merge(maps:with([loss, delay_us], Known), Config))#{faults => Broken ++ Own ++ Bodies}.
+    (maps:merge(maps:with([loss, delay_us], Known), Config))#{faults => Broken ++ Own ++ Places}.
 
 %% @doc In real time a fault is known when it happens.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
@@ -104,13 +107,16 @@ note({T, Robot, geocast, {sent, Id, Area, _Lifetime, _Hash}}, State) ->
             State#state{
                 open = [{Id, T + ?WITHIN_US, Due} | Open],
                 owed = Owed + length(Due),
-                all = lists:foldl(fun(One, Rows) -> longer(One, Rows, State) end, All, Due)
+                all = maps:fold(
+                    fun(Key, Hops, Rows) -> longer(Key, Hops, Rows, State) end, All, keys(Due)
+                )
             }
     end;
 note({_, Robot, geocast, {delivered, Id, _Hash}}, #state{open = Open, rows = Rows} = State) ->
-    Chains = [{Robot, Hops} || {Of, _, Due} <- Open, Of =:= Id, {R, Hops} <- Due, R =:= Robot],
+    Heard = keys([One || {Of, _, Due} <- Open, Of =:= Id, {R, _} = One <- Due, R =:= Robot]),
     State#state{
-        open = [heard(Robot, Id, One) || One <- Open], rows = maps:without(Chains, Rows)
+        open = [heard(Robot, Id, One) || One <- Open],
+        rows = maps:without(maps:keys(Heard), Rows)
     };
 note(_Event, State) ->
     State.
@@ -160,21 +166,35 @@ late(T, #state{open = Open} = State) ->
     lists:foldl(fun missed/2, {[], State#state{open = Waiting}}, lists:reverse(Over)).
 
 missed({Id, Due, Robots}, {Found, State}) ->
-    {Missed, Next} = lists:foldl(fun unlucky/2, {[], State}, Robots),
-    {Found ++ [violation(Id, Due, lists:reverse(Missed)) || Missed =/= []], Next}.
+    {Missed, Next} = maps:fold(fun unlucky/3, {[], State}, keys(Robots)),
+    Broken = [R || {R, Hops} <- Robots, lists:member(key(R, Hops), Missed)],
+    {Found ++ [violation(Id, Due, Broken) || Broken =/= []], Next}.
 
-unlucky({Robot, _} = One, {Missed, #state{loss = Loss, rows = Rows} = State}) ->
-    #{One := Row} = Next = longer(One, Rows, State),
+%% The rows to which these robots belong, each with the longest chain.
+keys(Robots) ->
+    lists:foldl(
+        fun({Robot, Hops}, Keys) ->
+            maps:update_with(key(Robot, Hops), fun(Most) -> max(Most, Hops) end, Hops, Keys)
+        end,
+        #{},
+        Robots
+    ).
+
+key(Robot, 1) -> {direct, Robot};
+key(_Robot, _Hops) -> relayed.
+
+unlucky(Key, Hops, {Missed, #state{loss = Loss, rows = Rows} = State}) ->
+    #{Key := Row} = Next = longer(Key, Hops, Rows, State),
     case Loss == 0 orelse starl_sap_schedule:is_rare(Row) of
-        true -> {[Robot | Missed], State#state{rows = maps:remove(One, Rows)}};
+        true -> {[Key | Missed], State#state{rows = maps:remove(Key, Rows)}};
         false -> {Missed, State#state{rows = Next}}
     end.
 
 %% One more message that is missed. Each hop of a chain has its part of the time.
-longer({_, Hops} = One, Rows, #state{loss = Loss, delay_us = Delay}) ->
+longer(Key, Hops, Rows, #state{loss = Loss, delay_us = Delay}) ->
     Offers = starl_geocast_lifetime:offers(?WITHIN_US div Hops, Delay, ?OFFERS_US),
     Chance = min(1.0, Hops * starl_geocast_lifetime:missed(Loss, Offers)),
-    Rows#{One => Chance * maps:get(One, Rows, 1.0)}.
+    Rows#{Key => Chance * maps:get(Key, Rows, 1.0)}.
 
 violation(Id, Due, Robots) ->
     #{
@@ -198,10 +218,8 @@ finish(EndUs, State) ->
 
 %% Of so few messages that no row of missed ones could be too long, nothing is known if some were missed.
 off(Loss, _State) when Loss >= ?MOST_LOSS -> starl_unjudged:lossy(?CLAUSE, Loss);
-off(Loss, #state{all = All, rows = Rows}) when map_size(Rows) > 0 ->
-    case lists:any(fun starl_sap_schedule:is_rare/1, maps:values(All)) of
-        true -> [];
-        false -> starl_unjudged:too_few(?CLAUSE, Loss)
-    end;
-off(_Loss, _State) ->
-    [].
+off(Loss, #state{all = All, rows = Rows}) ->
+    case [K || K <- maps:keys(Rows), not starl_sap_schedule:is_rare(maps:get(K, All))] of
+        [] -> [];
+        [_ | _] -> starl_unjudged:too_few(?CLAUSE, Loss)
+    end.

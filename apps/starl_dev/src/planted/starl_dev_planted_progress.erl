@@ -5,7 +5,7 @@
 
 -export([bugs/0, table/3, is_right/1]).
 %% Called in the VMs of the jobs.
--export([tried/1]).
+-export([tried/1, tried/2]).
 
 -export_type([cell/0]).
 
@@ -93,10 +93,16 @@ brief(#{contract := Contract, what := What, at_us := Us}) ->
 -spec tried(Bug :: atom()) -> [{Cell :: string(), cell()}].
 tried(Bug) ->
     Catalogue = catalogue(),
+    tried(Bug, [Name || {Name, _, _} <- Catalogue:cells()]).
+
+%% @doc A bug in the cells of these names.
+-spec tried(Bug :: atom(), Cells :: [string()]) -> [{Cell :: string(), cell()}].
+tried(Bug, Names) ->
+    Catalogue = catalogue(),
     {Bug, Contracts, _} = lists:keyfind(Bug, 1, bugs()),
     [
         {Name, cell(Contracts, Catalogue:scenario(Bug, Cell, ?SEED))}
-     || {Name, _, _} = Cell <- Catalogue:cells()
+     || {Name, _, _} = Cell <- Catalogue:cells(), lists:member(Name, Names)
     ].
 
 cell(Contracts, Scenario) ->
