@@ -29,6 +29,9 @@
     unreachable_unknown_robot_ends/1,
     claims_above_what_is_known/1,
     claims_when_told_to_lead/1,
+    claims_only_what_a_quorum_would_vote_for/1,
+    prevotes_before_it_claims_again/1,
+    prevotes_end/1,
     follows_a_higher_term/1,
     gives_up_a_claim/1,
     late_timers_mean_nothing/1,
@@ -79,6 +82,9 @@ all() ->
         unreachable_unknown_robot_ends,
         claims_above_what_is_known,
         claims_when_told_to_lead,
+        claims_only_what_a_quorum_would_vote_for,
+        prevotes_before_it_claims_again,
+        prevotes_end,
         follows_a_higher_term,
         gives_up_a_claim,
         late_timers_mean_nothing,
@@ -310,7 +316,8 @@ claims(Actions) -> [Term || {trace, {claims, Term}} <- Actions].
 %% to be won; it is above every term that was heard of.
 claims_above_what_is_known(_) ->
     Request = fun(Term) -> {message, 2, dpp_request, {Term, {1, 0}, spot(2), [], 0}} end,
-    {Actions, C} = at(5, cast, Request({6, 2, 3}), coordinator(1, [1, 2, 3])),
+    {_, Asking} = at(5, cast, Request({6, 2, 3}), coordinator(1, [1, 2, 3])),
+    {Actions, C} = at(5, cast, {message, 3, dpp_prevoted, {5, 3, 1}}, Asking),
     ?assertEqual(
         [{state_timeout, cancel} | ?CANCELLED] ++
             [
@@ -328,8 +335,7 @@ claims_above_what_is_known(_) ->
     %% one that is idle only takes note of a refusal
     Idle = coordinator(1, [1, 2, 3]),
     {[], Told} = step(cast, {message, 2, dpp_refused, {7, 2, 1}}, Idle),
-    {Later, _} = step(cast, Request({0, 0, 0}), Told),
-    ?assertEqual([{8, 1, 1}], claims(Later)),
+    ?assertEqual([{8, 1, 1}], claims(element(1, step(cast, {lead, 0}, Told)))),
     %% and of what is not a request
     {[], Passed} = step(cast, {message, 2, dpp_passed, {{6, 2, 1}, {1, 1}, 1}}, Idle),
     ?assertEqual([{7, 1, 1}], claims(element(1, step(cast, {lead, 0}, Passed)))).
@@ -348,6 +354,51 @@ claims_when_told_to_lead(_) ->
         claims(element(1, step(cast, {lead, N}, Idle)))
      || N <- [0, 5]
     ]).
+
+%% A robot that misses its leader asks the others first whether they would vote for it: one that hears
+%% nobody claims nothing, how often it is told. The claim is above all terms that they know.
+claims_only_what_a_quorum_would_vote_for(_) ->
+    Asks = fun(Actions) -> [N || {cast, sap, {broadcast, dpp_prevote, N}} <- Actions] end,
+    Agrees = fun(Robot, Term) -> {message, Robot, dpp_prevoted, Term} end,
+    {First, C1} = step(cast, {missing, 4}, coordinator(1, [1, 2, 3, 4, 5])),
+    ?assertEqual({[4], []}, {Asks(First), claims(First)}),
+    {Again, C2} = step(cast, {missing, 4}, C1),
+    ?assertEqual({[4], []}, {Asks(Again), claims(Again)}),
+    {Two, C3} = step(cast, Agrees(2, {6, 2, 1}), C2),
+    {Same, C4} = step(cast, Agrees(2, {6, 2, 1}), C3),
+    ?assertEqual([], claims(Two ++ Same)),
+    {Three, _} = step(cast, Agrees(5, {3, 2, 1}), C4),
+    ?assertEqual([{7, 1, 1}], claims(Three)),
+    %% the first robot of two is a quorum by itself
+    {Alone, _} = step(cast, {missing, 4}, coordinator(1, [1, 2])),
+    ?assertEqual({[], [{5, 1, 1}]}, {Asks(Alone), claims(Alone)}).
+
+%% A request makes one that is idle claim the first term at once; a later one only with a quorum.
+prevotes_before_it_claims_again(_) ->
+    Request = fun(N) -> {message, 2, dpp_request, {{N, 0, 0}, {1, 0}, spot(2), [], 0}} end,
+    {First, C} = step(cast, Request(0), coordinator(1, [1, 2, 3])),
+    ?assertEqual([{1, 1, 1}], claims(First)),
+    {_, Idle} = step({timeout, claim}, claim, C),
+    {Asks, Asking} = step(cast, Request(0), Idle),
+    ?assertEqual([], claims(Asks)),
+    %% whoever asks meanwhile has it ask nobody again, and what stands still has no votes to lose
+    ?assertMatch({[], Asking}, step(cast, Request(1), Asking)),
+    ?assertMatch({[], Asking}, step(cast, out_of_time, Asking)),
+    {Claims, _} = step(cast, {message, 3, dpp_prevoted, {1, 1, 1}}, Asking),
+    ?assertEqual([{2, 1, 1}], claims(Claims)).
+
+%% Without a quorum it is idle again, and a late yes has no effect; so it is when another claims.
+prevotes_end(_) ->
+    {_, Asking} = step(cast, {missing, 4}, coordinator(1, [1, 2, 3])),
+    Yes = {message, 3, dpp_prevoted, {1, 1, 1}},
+    [
+        begin
+            {_, Idle} = step(Type, Event, Asking),
+            ?assertEqual(idle, starl_machine:state(Idle)),
+            ?assertMatch({[], _}, step(cast, Yes, Idle))
+        end
+     || {Type, Event} <- [{{timeout, claim}, claim}, {cast, {led, {5, 2, 1}}}]
+    ].
 
 %% The own participant follows a higher term: this one is over. A lower one is none of its business.
 follows_a_higher_term(_) ->
@@ -525,7 +576,7 @@ news_are_told_once(_) ->
 %% SAP that crashed is told who listens; other crashes are none of its business.
 crashes_of_others(_) ->
     C = open(),
-    Types = [dpp_request, dpp_passed, dpp_state, dpp_here, dpp_refused],
+    Types = [dpp_request, dpp_passed, dpp_state, dpp_here, dpp_refused, dpp_prevoted],
     Listens = [{cast, sap, {listen, Type, dpp_coordinator}} || Type <- Types],
     ?assertMatch({Listens, _}, step(info, {restarted, sap}, C)),
     ?assertEqual({[], C}, step(info, {restarted, motion}, C)),

@@ -72,10 +72,41 @@ new_term_is_stored_and_told_to_the_own_coordinator_test() ->
     ),
     ?assertEqual([{store, {1, 1, 1}}, missing(11000000)], Recover(1, {1, 1, 1})).
 
+%% The time until the leader is missed runs on whatever is claimed: only one that leads ends it.
+a_claim_is_no_sign_that_somebody_leads_test() ->
+    Watches = fun(Leads) ->
+        {followed, {_, Actions}} = ?F:recover(2, {{2, 2, 1}, 8, Leads}, 20 * ?S, told()),
+        [Timer || {{timeout, missing}, _, _} = Timer <- Actions]
+    end,
+    ?assertEqual([], Watches(false)),
+    ?assertEqual([missing(14000000)], Watches(true)).
+
+%% A robot would vote for another if it could follow its claim now; a no is not said, and nothing is promised.
+a_prevote_is_given_where_a_vote_would_be_test() ->
+    Prevotes = fun(Robot, Now) -> ?F:prevote(Robot, Now, told()) end,
+    Yes = fun(Robot) -> [{cast, sap, {send, Robot, dpp_prevoted, ?TERM}}] end,
+    ?assertEqual([[], Yes(3)], [Prevotes(3, T) || T <- [11 * ?S - 1, 11 * ?S]]),
+    ?assertEqual(Yes(2), Prevotes(2, 2 * ?S)),
+    {beaten, {Led, _}} = ?F:beat(2, {?TERM, 8, []}, 5 * ?S, told()),
+    ?assertEqual([[], Yes(3)], [?F:prevote(3, T, Led) || T <- [15 * ?S - 1, 15 * ?S]]).
+
+%% A robot is deaf that has heard its coordinator once, but not for a lease.
+deaf_test() ->
+    ?assertNot(?F:deaf(99 * ?S, new(none))),
+    ?assertEqual([false, true], [?F:deaf(T, told()) || T <- [11 * ?S, 11 * ?S + 1]]).
+
+%% What shows that it is heard is its own stamp in a beat.
+a_returned_stamp_shows_that_the_robot_is_heard_test() ->
+    Returned = fun(Stamps) ->
+        {beaten, {F, _}} = ?F:beat(2, {?TERM, 8, Stamps}, 5 * ?S, told()),
+        ?F:returned(F) - ?F:returned(told())
+    end,
+    ?assertEqual([0, 0, 14 * ?S], [Returned(S) || S <- [[], [{3, 4 * ?S}], [{1, 4 * ?S}]]]).
+
 %% One that it follows already is not stored again, and needs no vote to be heard.
 same_term_test() ->
     {followed, {F, Actions}} = ?F:recover(2, {?TERM, 8, false}, 2 * ?S, told()),
-    ?assertEqual([missing(14000000)], Actions),
+    ?assertEqual([], Actions),
     {_, Told} = ?F:tell({5, 2}, {{standing, {1.0, 2.0}}, []}, 2 * ?S, F),
     ?assertMatch([{cast, sap, {send, 2, dpp_state, {_, _, _, _, {8, 2000000, true}}}}], Told).
 
@@ -178,8 +209,8 @@ coordinator_is_missed_after_ten_seconds_test() ->
     ?assertEqual([false, false, true], [?F:missed(T, F) || T <- [2 * ?S, 12 * ?S, 12 * ?S + 1]]).
 
 own_coordinator_is_asked_to_lead_and_told_its_term_test() ->
-    Lead = [{cast, dpp_coordinator, {lead, 1}}, missing(14000000)],
-    ?assertEqual(Lead, ?F:lead(told())),
+    Missing = [{cast, dpp_coordinator, {missing, 1}}, missing(14000000)],
+    ?assertEqual(Missing, ?F:missing(told())),
     ?assertEqual([{cast, dpp_coordinator, {led, ?TERM}}], ?F:restarted(told())),
     ?assertEqual(
         [{cast, dpp_coordinator, {lead, 1}}, missing(11000000)],

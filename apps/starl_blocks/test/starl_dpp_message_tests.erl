@@ -16,6 +16,7 @@ messages() ->
         {dpp_state, {?T, {1, 0}, {moving, 0, ?P, ?WAY}, [3], ?BALLOT}},
         {dpp_here, {?T, ?BALLOT}},
         {dpp_refused, {0, 0, 0}},
+        {dpp_prevoted, ?T},
         {dpp_answer, {?T, {1, 0}, {assign, ?P, ?WAY}, [3]}},
         {dpp_answer, {?T, {1, 0}, again, []}},
         {dpp_answer, {?T, {1, 0}, complete, []}},
@@ -25,6 +26,8 @@ messages() ->
     ].
 
 taken_test() ->
+    [?assert(starl_dpp_message:accepts(dpp_prevote, N)) || N <- [0, 7]],
+    [?assertNot(starl_dpp_message:accepts(dpp_prevote, N)) || N <- [-1, 0.5, nothing]],
     [?assert(starl_dpp_message:accepts(Type, Body), {Type, Body}) || {Type, Body} <- messages()].
 
 %% Of each message: one element less, one more, and each element of another kind.

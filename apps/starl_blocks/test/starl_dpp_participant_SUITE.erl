@@ -51,6 +51,8 @@
     short_lease_is_answered_more_often/1,
     own_coordinator_hears_of_each_term/1,
     no_answer_at_all/1,
+    no_answer_though_the_coordinator_is_heard/1,
+    deaf_robot_does_not_ask/1,
     unsent_request_is_sent_again/1,
     crashed_sap_is_told_who_listens/1,
     crashed_motion_is_told_to_go_on/1,
@@ -118,6 +120,8 @@ all() ->
         passed_is_told_now_and_then,
         own_coordinator_hears_of_each_term,
         no_answer_at_all,
+        no_answer_though_the_coordinator_is_heard,
+        deaf_robot_does_not_ask,
         unsent_request_is_sent_again,
         crashed_sap_is_told_who_listens,
         crashed_motion_is_told_to_go_on,
@@ -282,7 +286,8 @@ recover_while_asking(_) ->
 
 %% Pitfall: a participant that has crashed does not know whether its robot drives: it stops it.
 crash_stops_the_robot(_) ->
-    Listens = [{cast, sap, {listen, Type, dpp}} || Type <- [dpp_answer, dpp_recover, dpp_beat]],
+    Types = [dpp_answer, dpp_recover, dpp_beat, dpp_prevote],
+    Listens = [{cast, sap, {listen, Type, dpp}} || Type <- Types],
     ?assertEqual(Listens, started(1)),
     ?assertEqual(Listens ++ [{cast, motion, stop}], started(2)).
 
@@ -312,9 +317,8 @@ reboot_forgets_no_term(_) ->
     {Refused, _} = at(20 * ?S, cast, {message, 3, dpp_recover, {{1, 3, 9}, 7, false}}, P),
     ?assertEqual([{3, {2, 4, 1}}], sent(dpp_refused, Refused)),
     Missing = [Us || {{timeout, missing}, Us, _} <- started(2, {stored, {2, 4, 1}})],
-    ?assertEqual(
-        [Us || {{timeout, missing}, Us, _} <- element(1, recover(4, {2, 4, 1}, P))], Missing
-    ),
+    {Beat, _} = step(cast, {message, 4, dpp_beat, {{2, 4, 1}, 8, []}}, P),
+    ?assertEqual([Us || {{timeout, missing}, Us, _} <- Beat], Missing),
     ?assertMatch([_], Missing),
     ?assertEqual([], [T || {{timeout, missing}, _, _} = T <- started(1)]).
 
@@ -565,7 +569,7 @@ late_assignment_is_void(_) ->
 
 missing_coordinator_is_replaced(_) ->
     {Actions, _} = at(30 * ?S, {timeout, missing}, missing, led()),
-    ?assert(lists:member({cast, dpp_coordinator, {lead, 1}}, Actions)).
+    ?assert(lists:member({cast, dpp_coordinator, {missing, 1}}, Actions)).
 
 painted_goes_with_the_next_request(_) ->
     {Id, Moving} = moving(),
@@ -627,6 +631,34 @@ no_answer_at_all(_) ->
     {Late, _} = answer(4, {1, 4, 1}, Id, Tired),
     ?assertEqual([{trace, {stale_answer, 4, {1, 4, 1}, Id}}], Late).
 
+%% A beat shows that the coordinator hears the robot if it returns a later stamp than before. Only then the
+%% robot waits on: one that hears and is not heard does not wait for ever.
+no_answer_though_the_coordinator_is_heard(_) ->
+    {_, P} = asking(led()),
+    Waits = fun(T, Stamps, P0) ->
+        {Actions, Next} =
+            at(T * ?S, cast, {message, 4, dpp_beat, {{1, 4, 1}, T * ?S, Stamps}}, P0),
+        {[Us || {{timeout, patience}, Us, _} <- Actions], Next}
+    end,
+    {[], P1} = Waits(1, [], P),
+    {[], P2} = Waits(2, [{2, 1 * ?S}], P1),
+    {[Patience], P3} = Waits(3, [{1, 2 * ?S}], P2),
+    ?assertEqual(120 * ?S, Patience),
+    {[], _} = Waits(4, [{1, 2 * ?S}], P3).
+
+%% A robot that has not heard its coordinator for a lease would not hear the answer: it asks at the next beat.
+deaf_robot_does_not_ask(_) ->
+    {_, P} = asking(led()),
+    Asks = fun(T, P0) ->
+        {Actions, Next} = at(T, {timeout, again}, request, P0),
+        {sent(dpp_request, Actions), Next}
+    end,
+    ?assertMatch({[_], _}, Asks(5 * ?S, P)),
+    {[], Deaf} = Asks(6 * ?S, P),
+    {Beat, P1} = at(7 * ?S, cast, {message, 4, dpp_beat, {{1, 4, 1}, 7 * ?S, []}}, Deaf),
+    ?assert(lists:member({{timeout, again}, 1000, request}, Beat)),
+    ?assertMatch({[_], _}, Asks(7 * ?S + 1000, P1)).
+
 %% SAP says that the request was lost: it is sent again soon. An earlier one's loss is no news.
 unsent_request_is_sent_again(_) ->
     {{_, N}, P} = asking(led()),
@@ -638,7 +670,8 @@ unsent_request_is_sent_again(_) ->
 
 %% A request may have been lost with the SAP that crashed.
 crashed_sap_is_told_who_listens(_) ->
-    Listens = [{cast, sap, {listen, Type, dpp}} || Type <- [dpp_answer, dpp_recover, dpp_beat]],
+    Types = [dpp_answer, dpp_recover, dpp_beat, dpp_prevote],
+    Listens = [{cast, sap, {listen, Type, dpp}} || Type <- Types],
     ?assertMatch({Listens, _}, step(info, {restarted, sap}, led())),
     {_, P} = asking(led()),
     {Actions, _} = step(info, {restarted, sap}, P),

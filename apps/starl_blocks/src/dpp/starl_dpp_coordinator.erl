@@ -2,14 +2,22 @@
 %% to it that at most one robot leads; {@link starl_dpp_dispatcher} serves the robots.
 %% ```
 %%        a request, or a participant that misses its coordinator
-%%   idle -------------------------------------------> claiming --- no quorum ---> idle
-%%     ^                                                  | a quorum's votes
-%%     |             votes have run out                   v
-%%     +----------------------------------------------- leading
+%%   idle ------> prevoting --------------------> claiming
+%%     ^              |     a quorum would vote     |   | a quorum's votes
+%%     |              |                             |   v
+%%     |              v  no quorum                  v  leading
+%%     +--------------+-----------------------------+---+ votes have run out
 %% '''
-%% There is one machine on every robot; the robot that leads is the coordinator. A claim begins a
-%% new term, {N, Robot, Incarnation}, higher than all terms known: it asks all participants for
-%% their vote, their place and their path (`dpp_recover'). Participants take nothing from a lower
+%% There is one machine on every robot; the robot that leads is the coordinator.
+%%
+%% First it asks all participants whether they would vote for it (`dpp_prevote'). That changes nothing for
+%% anybody. A robot that hears no quorum never comes further, however often it is told to lead: it
+%% takes no votes from others, keeps none of them waiting, and drives no term up. (The pre-vote of Ongaro,
+%% "Consensus: bridging theory and practice", 2014, section 9.6.) In the first term of all nobody can lead yet,
+%% and a robot that is asked for a path claims at once.
+%%
+%% A claim begins a new term, {N, Robot, Incarnation}, higher than all terms known: it asks all participants
+%% for their vote, their place and their path (`dpp_recover'). Participants take nothing from a lower
 %% term. A coordinator assigns while a quorum's votes last ({@link starl_dpp_lease}) and only when
 %% it knows every robot's place: from the robot's own report in this term, or, if the robot is
 %% silent, from the positioning service once all its drive leases must have ended.
@@ -21,10 +29,11 @@
 %% prolong the participants' drive leases. A machine that crashed has forgotten its term; the
 %% participants that voted for its robot vote for it again at once.
 %%
-%% Messages: `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}' and `dpp_answer' to
-%% participants; from them `dpp_request', `dpp_passed', `dpp_state', `dpp_here', `dpp_refused'.
-%% Casts from the own participant: `{lead, N}', `{led, Term}', and `out_of_time' when the robot's
-%% clock has stood still or was set: votes given before do not count.
+%% Messages: `dpp_prevote N', `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}' and
+%% `dpp_answer' to participants; from them `dpp_request', `dpp_passed', `dpp_state', `dpp_here', `dpp_refused',
+%% and `dpp_prevoted Term' of those that would vote for it. With both goes the highest term that is known.
+%% Casts from the own participant: `{missing, N}', `{lead, N}', `{led, Term}', and `out_of_time' when the
+%% robot's clock has stood still or was set: votes given before do not count.
 %%
 %% Trace: {@link event()}.
 -module(starl_dpp_coordinator).
@@ -63,11 +72,16 @@
     n = 0 :: non_neg_integer(),
     term = {0, 0, 0} :: starl_dpp:term_id(),
     lease :: starl_dpp_lease:t(),
+    %% the robots that would vote for this one
+    agreed = [] :: [starl:robot_id()],
     witness = starl_dpp_clock_check:new() :: starl_dpp_clock_check:t(),
     serve = none :: starl_dpp_service:t() | none
 }).
 
--type state() :: idle | claiming | leading.
+-type state() :: idle | prevoting | claiming | leading.
+
+%% Is the own term under way?
+-define(IS_CURRENT(State), State =:= claiming orelse State =:= leading).
 
 -spec init(starl_machine:config()) -> {idle, #coordinator{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Life, now := Now} = Config) ->
@@ -156,7 +170,7 @@ event(_, _, _, _) ->
 
 timed_out(beat, leading, Data) ->
     keep(beat(Data));
-timed_out(recover, State, Data) when State =/= idle ->
+timed_out(recover, State, Data) when ?IS_CURRENT(State) ->
     keep(ask_unknown(State, Data));
 timed_out(serve, leading, #coordinator{service = Service, serve = Serve} = Data) ->
     keep(served(Service:serve(Serve), Data));
@@ -164,7 +178,7 @@ timed_out(give_up, leading, #coordinator{service = Service, serve = Serve} = Dat
     keep(served(Service:give_up(Serve), Data));
 timed_out(reopen, leading, #coordinator{service = Service, serve = Serve} = Data) ->
     keep(served(Service:reopen(Serve), Data));
-timed_out(claim, claiming, Data) ->
+timed_out(claim, State, Data) when State =:= prevoting; State =:= claiming ->
     {next_state, idle, Data, stop_timers()};
 timed_out(_Timer, _State, _Data) ->
     keep_state_and_data.
@@ -183,8 +197,12 @@ replied(_Tag, _Answer, _State, _Data) ->
     keep_state_and_data.
 
 %% Words of the robot's own follower.
+follower({missing, N}, State, Data) when State =:= idle; State =:= prevoting ->
+    prevote(N, Data);
+follower({missing, _N}, _State, _Data) ->
+    keep_state_and_data;
 follower({lead, N}, State, #coordinator{n = Known} = Data) ->
-    case State =:= idle orelse N > Known of
+    case not (?IS_CURRENT(State)) orelse N > Known of
         true -> claim(N, Data);
         false -> keep_state_and_data
     end;
@@ -193,10 +211,10 @@ follower({led, Term}, State, #coordinator{term = Own} = Data) when Term > Own ->
     {next_state, idle, higher(Term, Data), Ended ++ stop_timers()};
 follower({led, _Term}, _State, _Data) ->
     keep_state_and_data;
-follower(out_of_time, idle, _Data) ->
-    keep_state_and_data;
-follower(out_of_time, _State, #coordinator{n = N} = Data) ->
+follower(out_of_time, State, #coordinator{n = N} = Data) when ?IS_CURRENT(State) ->
     claim(N, Data);
+follower(out_of_time, _State, _Data) ->
+    keep_state_and_data;
 follower(_Word, _State, _Data) ->
     unknown_event.
 
@@ -207,7 +225,7 @@ accepts(Type, Body) -> starl_dpp_message:accepts(Type, Body).
 listen() ->
     [
         starl_sap:listen(Type, dpp_coordinator)
-     || Type <- [dpp_request, dpp_passed, dpp_state, dpp_here, dpp_refused]
+     || Type <- [dpp_request, dpp_passed, dpp_state, dpp_here, dpp_refused, dpp_prevoted]
     ].
 
 keep({Data, Actions}) -> {keep_state, Data, Actions}.
@@ -215,6 +233,26 @@ keep({Data, Actions}) -> {keep_state, Data, Actions}.
 higher({N, _, _}, #coordinator{n = Known} = Data) -> Data#coordinator{n = max(N, Known)}.
 
 %% -- claiming -------------------------------------------------------------------------------
+
+%% Asks all others whether they would vote for this robot.
+prevote(N, #coordinator{n = Known, self = Self, config = Config} = Data) ->
+    Next = max(N, Known),
+    case agreed([Self], Data#coordinator{n = Next}) of
+        {keep_state, Asking, []} ->
+            {next_state, prevoting, Asking, [
+                claim_timer(Config), {cast, sap, {broadcast, dpp_prevote, Next}}
+            ]};
+        Claiming ->
+            Claiming
+    end.
+
+agreed(Robots, #coordinator{team = Team, n = N} = Data) ->
+    case starl_dpp_lease:quorum(Robots, Team) of
+        true -> claim(N, Data);
+        false -> {keep_state, Data#coordinator{agreed = lists:usort(Robots)}, []}
+    end.
+
+claim_timer(Config) -> {{timeout, claim}, starl_dpp_lease:long_us(Config) * 3 div 2, claim}.
 
 %% Begins a term higher than all that are known.
 claim(N, #coordinator{n = Known, self = Self, team = Team, config = Config} = Data0) ->
@@ -224,12 +262,13 @@ claim(N, #coordinator{n = Known, self = Self, team = Team, config = Config} = Da
     Claiming = Data#coordinator{
         n = Next,
         term = Term,
+        agreed = [],
         lease = starl_dpp_lease:new(Team, Config),
         serve = Service:new(Blank, Term)
     },
     {Asked, Actions} = ask_unknown(claiming, Claiming),
-    Timer = {{timeout, claim}, starl_dpp_lease:long_us(Config) * 3 div 2, claim},
-    {next_state, claiming, Asked, stop_timers() ++ [{trace, {claims, Term}}, Timer | Actions]}.
+    Trace = {trace, {claims, Term}},
+    {next_state, claiming, Asked, stop_timers() ++ [Trace, claim_timer(Config) | Actions]}.
 
 with_blank(#coordinator{blank = none, config = Config, team = Team} = Data) ->
     #coordinator{service = Service} = Data,
@@ -288,19 +327,22 @@ served({Serve, Actions}, Data) -> {Data#coordinator{serve = Serve}, Actions}.
 
 %% -- messages of participants ---------------------------------------------------------------
 
+message(dpp_prevoted, Term, Robot, prevoting, #coordinator{agreed = Agreed} = Data) ->
+    agreed([Robot | Agreed], higher(Term, Data));
 %% Only messages of this term count: an older one does not tell what another coordinator has
 %% assigned since.
 message(dpp_refused, {N, _, _} = Term, _Robot, State, #coordinator{term = Own} = Data) when
-    State =/= idle, Term > Own
+    ?IS_CURRENT(State), Term > Own
 ->
     claim(N, Data);
-message(dpp_refused, Term, _Robot, _State, Data) ->
+message(Type, Term, _Robot, _State, Data) when Type =:= dpp_refused; Type =:= dpp_prevoted ->
     {keep_state, higher(Term, Data), []};
-message(Type, Body, Robot, State, #coordinator{term = Own} = Data) ->
+message(Type, Body, Robot, State, #coordinator{term = Own, n = Known} = Data) ->
     case element(1, Body) of
-        Own when State =/= idle -> heard(Type, Body, Robot, State, Data);
-        Term when State =:= idle, Type =:= dpp_request -> claim(element(1, Term), Data);
-        Term when State =/= idle, Term > Own -> claim(element(1, Term), Data);
+        Own when ?IS_CURRENT(State) -> heard(Type, Body, Robot, State, Data);
+        {0, _, _} when State =:= idle, Type =:= dpp_request, Known =:= 0 -> claim(0, Data);
+        {N, _, _} when State =:= idle, Type =:= dpp_request -> prevote(N, Data);
+        {N, _, _} = Term when ?IS_CURRENT(State), Term > Own -> claim(N, Data);
         Term when State =:= leading, Term < Own -> keep(ask_again(Robot, Data));
         Term -> {keep_state, higher(Term, Data), []}
     end.

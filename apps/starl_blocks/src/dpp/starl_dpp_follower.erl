@@ -4,7 +4,9 @@
 -module(starl_dpp_follower).
 
 -export([new/1, begins/1, join/2, coordinator/1, term/1, answers/3]).
--export([recover/4, beat/4, missed/2, lead/1, restarted/1]).
+-export([
+    prevote/3, recover/4, beat/4, returned/1, heard/2, deaf/2, missed/2, missing/1, restarted/1
+]).
 -export([tell/4]).
 -export([timed/4, asked/2, in_no_time/2, lease_us/2]).
 -export_type([t/0, ballot/0, turn/0]).
@@ -75,13 +77,13 @@ stored(#{stored := damaged, incarnation := Life}) -> {Life bsl ?FORGOTTEN_BITS, 
 %% @doc Watches a coordinator known from an earlier life: if it says nothing, another has to lead.
 -spec begins(t()) -> [starl_machine:action()].
 begins(#follow{coordinator = none}) -> [];
-begins(F) -> missing(F).
+begins(F) -> watch(F).
 
 %% @doc Names the first coordinator. A participant that knows one already stays with it.
 -spec join(starl:robot_id(), t()) -> turn().
 join(Coordinator, #follow{coordinator = none} = F) ->
     Joined = F#follow{coordinator = Coordinator},
-    {Joined, missing(Joined)};
+    {Joined, watch(Joined)};
 join(_Coordinator, F) ->
     {F, []}.
 
@@ -100,6 +102,15 @@ answers(Source, Term, #follow{coordinator = Coordinator, term = Known}) ->
 
 %% -- terms ----------------------------------------------------------------------------------
 
+%% @doc A robot asks whether it would get the vote if it claimed a term now: only a yes is answered. The answer
+%% promises nothing.
+-spec prevote(starl:robot_id(), Now :: integer(), t()) -> [starl_machine:action()].
+prevote(Source, Now, #follow{term = Known, vote = Vote}) ->
+    [
+        starl_sap:post(Source, dpp_prevoted, Known)
+     || starl_dpp_vote:may_claim(Source, Now, Vote)
+    ].
+
 %% @doc A robot that claims a term, or leads it, asks for this robot's place. A lower term is always
 %% refused; a claim is refused also if the vote is promised to another robot, or another robot
 %% leads. A robot that leads has a quorum's votes and needs no further one.
@@ -111,12 +122,7 @@ recover(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F)
     Own = Term =:= Known orelse Leads orelse starl_dpp_vote:may_claim(Source, Now, Vote),
     case Term >= Known andalso Own of
         true ->
-            Heard =
-                case Leads of
-                    true -> leads(Source, Now, F);
-                    false -> F
-                end,
-            {followed, follow(Source, Term, Now, Heard#follow{wanted = Seq})};
+            {followed, follow(Source, {Term, Leads}, Now, F#follow{wanted = Seq})};
         false ->
             {refused, {F, [starl_sap:post(Source, dpp_refused, Known)]}}
     end.
@@ -133,9 +139,7 @@ when
 beat(Source, {Term, Seq, Stamps}, Now, #follow{term = Term, anew = false} = F) ->
     #follow{self = Self, granted = Old} = F,
     Granted = granted(proplists:get_value(Self, Stamps, Old), F),
-    {Following, Actions} = follow(
-        Source, Term, Now, leads(Source, Now, F#follow{granted = Granted})
-    ),
+    {Following, Actions} = follow(Source, {Term, true}, Now, F#follow{granted = Granted}),
     {Answered, Here} = here(Seq, Now, Following),
     {beaten, {Answered, Actions ++ Here}};
 beat(Source, {Term, Seq, _Stamps}, Now, F) ->
@@ -144,15 +148,23 @@ beat(Source, {Term, Seq, _Stamps}, Now, F) ->
 granted(Stamp, #follow{granted = Old, void = Void}) when is_integer(Void), Stamp =< Void -> Old;
 granted(Stamp, #follow{granted = Old}) -> max(Old, Stamp).
 
+%% @doc The robot's latest stamp that a coordinator has returned: it has heard the robot say that.
+-spec returned(t()) -> starl_dpp_lease:stamp().
+returned(#follow{granted = Stamp}) -> Stamp.
+
 leads(Source, Now, #follow{vote = Vote} = F) ->
     F#follow{vote = starl_dpp_vote:leads(Source, Now, Vote)}.
 
 %% A new term is stored before anything is said in it. The own robot's coordinator machine hears of
-%% it, too.
-follow(Source, Term, Now, #follow{self = Self, term = Known} = F) ->
+%% it, too. A claim is no sign that somebody leads: the time until the leader is missed runs on.
+follow(Source, {Term, Leads}, Now, #follow{self = Self, term = Known, coordinator = Last} = F) ->
     Following = F#follow{coordinator = Source, term = Term, anew = false, heard = Now},
     New = [Action || Term =/= Known, Action <- [{store, Term} | led(Source, Term, Self)]],
-    {Following, New ++ missing(Following)}.
+    case Leads of
+        true -> {leads(Source, Now, Following), New ++ watch(Following)};
+        false when Last =:= none -> {Following, New ++ watch(Following)};
+        false -> {Following, New}
+    end.
 
 led(Self, _Term, Self) -> [];
 led(_Source, Term, _Self) -> [{cast, dpp_coordinator, {led, Term}}].
@@ -170,18 +182,30 @@ here(_Seq, _Now, F) ->
 missed(_Now, #follow{heard = none}) -> true;
 missed(Now, #follow{heard = Heard, short_us = Short}) -> Now - Heard > Short.
 
+%% @doc An answer of the coordinator is heard.
+-spec heard(Now :: integer(), t()) -> t().
+heard(Now, F) -> F#follow{heard = Now}.
+
+%% @doc Does the robot not hear its coordinator any more? It did before, and not for a lease. Then it would not
+%% hear an answer either.
+-spec deaf(Now :: integer(), t()) -> boolean().
+deaf(_Now, #follow{heard = none}) -> false;
+deaf(Now, F) -> missed(Now, F).
+
 %% @doc The own robot's coordinator machine has restarted and forgotten all terms: it claims the
 %% next one if it led the last one, else it is told the last one.
 -spec restarted(t()) -> [starl_machine:action()].
-restarted(#follow{coordinator = Self, self = Self} = F) -> lead(F);
-restarted(#follow{term = Term}) -> [{cast, dpp_coordinator, {led, Term}}].
+restarted(#follow{coordinator = Self, self = Self, term = {N, _, _}} = F) ->
+    [{cast, dpp_coordinator, {lead, N}} | watch(F)];
+restarted(#follow{term = Term}) ->
+    [{cast, dpp_coordinator, {led, Term}}].
 
-%% @doc Has the own robot claim the next term, and again later.
--spec lead(t()) -> [starl_machine:action()].
-lead(#follow{term = {N, _, _}} = F) -> [{cast, dpp_coordinator, {lead, N}} | missing(F)].
+%% @doc The coordinator has been silent for long: the own robot tries to lead, and again later.
+-spec missing(t()) -> [starl_machine:action()].
+missing(#follow{term = {N, _, _}} = F) -> [{cast, dpp_coordinator, {missing, N}} | watch(F)].
 
-%% The own robot claims a term when the coordinator stays silent.
-missing(#follow{coordinator = Coordinator, self = Self, team = Team, vote = Vote}) ->
+%% When the coordinator stays silent it is missed.
+watch(#follow{coordinator = Coordinator, self = Self, team = Team, vote = Vote}) ->
     [{{timeout, missing}, starl_dpp_vote:missing_us(Coordinator, Self, {Team, Vote}), missing}].
 
 %% -- reports to the coordinator -------------------------------------------------------------

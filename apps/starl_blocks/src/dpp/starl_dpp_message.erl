@@ -3,9 +3,9 @@
 %%
 %% To the coordinator: `dpp_request {Term, Id, At, Painted, Stamp}', with one more element, the end of the
 %% line, if something was in the way of the robot's last drive; `dpp_passed {Term, Id, N}', `dpp_state {Term,
-%% Id, Place, Painted, Ballot}', `dpp_here {Term, Ballot}', with Ballot = {Seq, Stamp, Vote}, and `dpp_refused
-%% Term'. From it: `dpp_answer {Term, Id, Answer, News}', `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term,
-%% Seq, Stamps}'.
+%% Id, Place, Painted, Ballot}', `dpp_here {Term, Ballot}', with Ballot = {Seq, Stamp, Vote}, `dpp_refused
+%% Term', and `dpp_prevoted Term'. From it: `dpp_answer {Term, Id, Answer, News}', `dpp_recover
+%% {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}', and `dpp_prevote N'.
 -module(starl_dpp_message).
 
 -export([accepts/2]).
@@ -17,6 +17,8 @@ accepts(dpp_passed, Body) -> starl_shape:is([term(), id(), natural], Body);
 accepts(dpp_state, Body) -> starl_shape:is([term(), id(), place(), edges(), ballot()], Body);
 accepts(dpp_here, Body) -> starl_shape:is([term(), ballot()], Body);
 accepts(dpp_refused, Body) -> starl_shape:is(term(), Body);
+accepts(dpp_prevote, Body) -> starl_shape:is(number(), Body);
+accepts(dpp_prevoted, Body) -> starl_shape:is(term(), Body);
 accepts(dpp_answer, Body) -> starl_shape:is([term(), id(), answer(), edges()], Body);
 accepts(dpp_recover, Body) -> starl_shape:is([term(), integer, boolean], Body);
 accepts(dpp_beat, Body) -> starl_shape:is([term(), integer, {list, [count, integer]}], Body);
@@ -24,7 +26,9 @@ accepts(_Type, _Body) -> false.
 
 request() -> [term(), id(), point, edges(), integer].
 
-term() -> [{either, [{is, 0}, serial]}, natural, natural].
+term() -> [number(), natural, natural].
+
+number() -> {either, [{is, 0}, serial]}.
 
 id() -> [count, natural].
 

@@ -16,8 +16,8 @@
 %% doubled or late; and an answer to any other request than the present one is dropped.
 %%
 %% The participant follows the coordinator of the highest term that it has heard of, and has a vote
-%% ({@link starl_dpp_vote}). When it misses its coordinator, its own robot's coordinator machine
-%% claims a term.
+%% ({@link starl_dpp_vote}). When it misses its coordinator, its own robot's coordinator machine tries to
+%% lead.
 %%
 %% Calls: `{join, Coordinator}', `coordinator', `request', `wait', `{face, Id, N}', `{drive, Id, N}' (see
 %% {@link starl_dpp}). Messages: {@link starl_dpp_message}. Trace: {@link event()}.
@@ -45,7 +45,7 @@
 %% The time after which a request without an answer is repeated; likewise a look at the position.
 -define(AGAIN_US, 40000000).
 -define(LOOK_US, 500000).
-%% The time without a message of any coordinator after which a request fails with `no_answer'.
+%% The time after which a request fails with `no_answer' if no coordinator has shown that it hears the robot.
 -define(PATIENCE_US, 120000000).
 %% A robot that turns to a direction turns to a point so far away.
 -define(AHEAD_MM, 1000.0).
@@ -115,7 +115,7 @@ event({timeout, patience}, _, asking, #part{from = From} = Part) ->
         {reply, From, {error, no_answer}}
     ]};
 event({timeout, missing}, _, _Where, #part{follow = Follow} = Part) ->
-    {keep_state, Part, starl_dpp_follower:lead(Follow)};
+    {keep_state, Part, starl_dpp_follower:missing(Follow)};
 event({Late, _}, _, _Where, _Part) when Late =:= timeout; Late =:= reply ->
     keep_state_and_data;
 event({call, From}, {join, Coordinator}, _Where, #part{follow = Follow} = Part) ->
@@ -127,6 +127,8 @@ event(cast, {message, Source, dpp_recover, {_, Seq, _} = Recover}, Where, Part) 
     timed(Source, {Seq, false}, Where, Part, fun(At, #part{follow = F, now = Now} = Next) ->
         recovered(starl_dpp_follower:recover(Source, Recover, Now, F), At, Next)
     end);
+event(cast, {message, Source, dpp_prevote, _N}, _Where, #part{follow = Follow, now = Now}) ->
+    {keep_state_and_data, starl_dpp_follower:prevote(Source, Now, Follow)};
 event(info, {restarted, sap}, asking, Part) ->
     {keep_state, Part, listen() ++ [{{timeout, again}, ?LOOK_US, request}]};
 event(info, {restarted, sap}, _Where, _Part) ->
@@ -144,7 +146,11 @@ event(_, _, _, _) ->
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
 accepts(Type, Body) -> starl_dpp_message:accepts(Type, Body).
 
-listen() -> [starl_sap:listen(Type, dpp) || Type <- [dpp_answer, dpp_recover, dpp_beat]].
+listen() ->
+    [
+        starl_sap:listen(Type, dpp)
+     || Type <- [dpp_answer, dpp_recover, dpp_beat, dpp_prevote]
+    ].
 
 %% -- asking ---------------------------------------------------------------------------------
 
@@ -196,10 +202,15 @@ stands(At, Where, #part{track = Track} = Part) when Where =:= asking; Where =:= 
 stands(_At, _Where, Part) ->
     {keep_state, Part, [{{timeout, look}, cancel}]}.
 
+%% A robot that does not hear its coordinator does not ask: the answer would hold space that nobody uses. The
+%% next beat has it ask.
 ask(#part{track = Track, now = Now, follow = Follow} = Part) ->
+    Deaf = starl_dpp_follower:deaf(Now, Follow),
     case starl_dpp_progress:at(Track) of
         unknown ->
             {keep_state, Part, halt_and_look(Part)};
+        _At when Deaf ->
+            {keep_state, Part, []};
         _At ->
             #part{n = N} = Next = next(Part#part{follow = starl_dpp_follower:asked(Now, Follow)}),
             Body = starl_dpp_progress:request(term(Next), id(Next), Now, Track),
@@ -211,27 +222,30 @@ ask(#part{track = Track, now = Now, follow = Follow} = Part) ->
 
 id(#part{series = Series, n = N}) -> {Series, N}.
 
-answer(Source, Term, Id, {Answer, News}, Where, #part{follow = Follow} = Part) ->
+answer(Source, Term, Id, {Answer, News}, Where, #part{follow = Follow, now = Now} = Part) ->
     Due =
         Where =:= asking andalso Id =:= id(Part) andalso
             starl_dpp_follower:answers(Source, Term, Follow),
-    case Answer of
-        _ when not Due ->
-            {keep_state, Part, [{trace, {stale_answer, Source, Term, Id}}]};
-        {assign, From, Path} ->
-            assigned({moving, Id, From, Path}, answered(News, Part));
-        again ->
-            {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]};
-        {above, {Series, N}} ->
-            %% no answer to the request of that number may fit
-            Above = Part#part{series = Series, n = N + 1},
-            {keep_state, Above, [{{timeout, again}, ?LOOK_US, request}]};
-        End ->
-            #part{from = Caller} = Part,
-            Answered = (answered(News, Part))#part{from = none},
-            {next_state, standing, Answered,
-                stop_asking() ++ [{trace, {answered, End}}, {reply, Caller, End}]}
+    case Due of
+        true ->
+            Heard = Part#part{follow = starl_dpp_follower:heard(Now, Follow)},
+            due_answer(Id, Answer, News, Heard);
+        false ->
+            {keep_state, Part, [{trace, {stale_answer, Source, Term, Id}}]}
     end.
+
+due_answer(Id, {assign, From, Path}, News, Part) ->
+    assigned({moving, Id, From, Path}, answered(News, Part));
+due_answer(_Id, again, _News, Part) ->
+    {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]};
+due_answer(_Id, {above, {Series, N}}, _News, Part) ->
+    %% no answer to the request of that number may fit
+    Above = Part#part{series = Series, n = N + 1},
+    {keep_state, Above, [{{timeout, again}, ?LOOK_US, request}]};
+due_answer(_Id, End, News, #part{from = Caller} = Part) ->
+    Answered = (answered(News, Part))#part{from = none},
+    {next_state, standing, Answered,
+        stop_asking() ++ [{trace, {answered, End}}, {reply, Caller, End}]}.
 
 answered(News, #part{track = Track} = Part) ->
     Part#part{track = starl_dpp_progress:answered(News, Track)}.
@@ -361,14 +375,18 @@ beat(Source, Beat, Where, #part{follow = Follow, now = Now} = Part) ->
     case starl_dpp_follower:beat(Source, Beat, Now, Follow) of
         {beaten, {Beaten, Actions}} ->
             Missed = starl_dpp_follower:missed(Now, Follow),
-            {keep_state, Part#part{follow = Beaten}, Actions ++ awaited(Where, Missed)};
+            Heard = starl_dpp_follower:returned(Beaten) > starl_dpp_follower:returned(Follow),
+            {keep_state, Part#part{follow = Beaten}, Actions ++ awaited(Where, Heard, Missed)};
         Other ->
             recovered(Other, Where, Part)
     end.
 
-%% A robot that asks goes on waiting, and asks again if the coordinator was silent for a lease.
-awaited(asking, Missed) -> [patience() | [{{timeout, again}, 1000, request} || Missed]];
-awaited(_Where, _Missed) -> [].
+%% A robot that asks goes on waiting if the coordinator has heard it since, and asks again if the
+%% coordinator was silent for a lease.
+awaited(asking, Heard, Missed) ->
+    [patience() || Heard] ++ [{{timeout, again}, 1000, request} || Missed];
+awaited(_Where, _Heard, _Missed) ->
+    [].
 
 recovered({refused, {Follow, Actions}}, _Where, Part) ->
     {keep_state, Part#part{follow = Follow}, Actions};
