@@ -72,6 +72,24 @@ path_planning_has_walls_in_some_runs_test() ->
     ?assert(length(Walls) > 30 andalso length(Walls) < 70),
     ?assert(lists:all(fun(Faults) -> lists:member(floor, Faults) end, Walls)).
 
+%% In some runs of every block and application the radio of a minority stays cut in one direction until the end,
+%% or one link does, from any time on.
+cuts_that_last_are_drawn_for_all_test_() ->
+    Names = [dpp, bully, mutex, barrier, registers, search, formation, follow, swarm, convoy],
+    patient([{atom_to_list(Name), fun() -> cuts(Name) end} || Name <- Names]).
+
+cuts(Name) ->
+    Drawn = [starl_lab_soak:scenario(Name, 5, Seed) || Seed <- lists:seq(1, 200)],
+    Cuts = [Cut || #{faults := Faults} <- Drawn, Cut <- Faults],
+    ?assertEqual([deaf, link, mute], lists:usort([Id || {Id, _, _, _, _, _} <- Cuts]) -- slow()),
+    [?assert(To >= 1000 * T) || #{faults := [{_, _, To, _, _, _} | _], time := T} <- Drawn],
+    Begins = [From || {_, From, _, _, _, _} <- Cuts],
+    ?assert(lists:min(Begins) < 10000 andalso lists:max(Begins) > 15000),
+    Muted = [Group || {mute, _, _, _, Group, _} <- Cuts],
+    ?assertEqual(lists:seq(1, 5), lists:usort(lists:append(Muted))).
+
+slow() -> [slow_1, slow_2, slow_3, slow_4].
+
 %% What a few runs have not had is told, and not owed.
 sometimes_test_() ->
     {timeout, ?PATIENCE_S, fun() ->

@@ -32,9 +32,10 @@
 -define(LOSSES, [0.0, 0.01, 0.05, 0.1, 0.2, 0.4]).
 -define(DUPLICATES, [0.0, 0.0, 0.2]).
 -define(DELAYS, [{5, 20}, {5, 20}, {20, 200}, {1, 1000}]).
-%% The part of the runs in which only a core of the team heals, of two robots or more; how slow the others
-%% are then, ms, and the names of these faults.
+%% The part of the runs in which only a core of the team heals, of two robots or more; the earliest time from
+%% which the others are cut off, ms; how slow they are, ms, and the names of these faults.
 -define(QUIET, 0.2).
+-define(EARLIEST_MS, 3000).
 -define(LEAST_CORE, 2).
 -define(LAG_MS, 200).
 -define(SLOW, [slow_1, slow_2, slow_3, slow_4]).
@@ -54,11 +55,13 @@
     #{atom() => term()}.
 scenario(dpp, Robots, Seed) ->
     Drawn = maps:merge(maps:merge(clocks(dpp, Seed), ending(Seed)), radio(dpp, Seed)),
+    N = robots(Robots, dpp, Seed),
     on_a_floor(
         Seed,
         maps:merge(Drawn, #{
             app => starl_painting,
-            robots => robots(Robots, dpp, Seed),
+            robots => N,
+            faults => quiet(N, {dpp, ?DPP_HEAL_S}, Seed),
             seed => Seed,
             picture => picture(Seed),
             choice => one_of(["ink", "ink", "nearest"], {Seed, dpp, choice}),
@@ -117,9 +120,11 @@ application(Name, App, Robots, Seed) ->
             false ->
                 {?HEAL_S, clocks(Name, Seed)}
         end,
+    N = robots(Robots, Name, Seed),
     (maps:merge(Faults, radio(Name, Seed)))#{
         app => App,
-        robots => robots(Robots, Name, Seed),
+        robots => N,
+        faults => quiet(N, {Name, Heal}, Seed),
         seed => Seed,
         heal => Heal,
         longest_fault => longest(Heal, Name, Seed),
@@ -134,7 +139,7 @@ block(Block, Robots, Seed) ->
         app => starl_exercise,
         block => Block,
         robots => N,
-        faults => quiet(N, Block, Seed),
+        faults => quiet(N, {Block, ?HEAL_S}, Seed),
         seed => Seed,
         heal => ?HEAL_S,
         longest_fault => longest(?HEAL_S, Block, Seed),
@@ -144,32 +149,42 @@ block(Block, Robots, Seed) ->
     }).
 
 %% In some runs a majority heals, and the others stay for ever so that they hear nothing, are not heard,
-%% or are slow.
-quiet(N, Block, Seed) when N >= ?LEAST_CORE + 1 ->
-    Key = fun(Of) -> {Seed, Block, quiet, Of} end,
+%% or are slow, or one robot does not hear one other. Who that is, and whether it leads, is drawn; it begins at any
+%% time before the other faults are over.
+quiet(N, {Name, Heal}, Seed) when N >= ?LEAST_CORE + 1 ->
+    Key = fun(Of) -> {Seed, Name, quiet, Of} end,
     case starl_run_draw:uniform(Key(share)) < ?QUIET of
         false ->
             [];
         true ->
-            Most = min(length(?SLOW), (N - 1) div 2),
-            First = starl_run_draw:between(Key(first), 1, N),
-            Count = starl_run_draw:between(Key(count), 1, Most),
-            Rest = lists:sort([1 + (First + I) rem N || I <- lists:seq(1, Count)]),
-            endless(one_of([deaf, mute, slow], Key(kind)), Rest, lists:seq(1, N) -- Rest)
+            From = starl_run_draw:between(Key(from), ?EARLIEST_MS, 1000 * Heal),
+            Kind = one_of([deaf, mute, slow, link], Key(kind)),
+            [
+                {Id, From, 1000 * ?TIME_S, What, Target, Params}
+             || {Id, What, Target, Params} <- endless(Kind, N, Key)
+            ]
     end;
-quiet(_N, _Block, _Seed) ->
+quiet(_N, _Name, _Seed) ->
     [].
 
-endless(deaf, _Rest, Core) ->
-    [endless(deaf, one_way_partition, Core, #{})];
-endless(mute, Rest, _Core) ->
-    [endless(mute, one_way_partition, Rest, #{})];
-endless(slow, Rest, _Core) ->
-    Names = lists:sublist(?SLOW, length(Rest)),
-    [endless(Name, slow, Robot, #{lag_ms => ?LAG_MS}) || {Name, Robot} <- lists:zip(Names, Rest)].
+endless(deaf, N, Key) ->
+    [{deaf, one_way_partition, lists:seq(1, N) -- rest(N, Key), #{}}];
+endless(mute, N, Key) ->
+    [{mute, one_way_partition, rest(N, Key), #{}}];
+endless(slow, N, Key) ->
+    Robots = rest(N, Key),
+    Names = lists:sublist(?SLOW, length(Robots)),
+    [{Name, slow, Robot, #{lag_ms => ?LAG_MS}} || {Name, Robot} <- lists:zip(Names, Robots)];
+endless(link, N, Key) ->
+    From = starl_run_draw:between(Key(first), 1, N),
+    To = starl_run_draw:between(Key(to), 1, N - 1),
+    [{link, loss, {From, 1 + (From + To - 1) rem N}, #{part => 1.0}}].
 
-endless(Name, Kind, Target, Params) ->
-    {Name, 1000 * ?HEAL_S, 1000 * ?TIME_S, Kind, Target, Params}.
+%% Fewer than half of the team.
+rest(N, Key) ->
+    First = starl_run_draw:between(Key(first), 1, N),
+    Count = starl_run_draw:between(Key(count), 1, min(length(?SLOW), (N - 1) div 2)),
+    lists:sort([1 + (First + I) rem N || I <- lists:seq(1, Count)]).
 
 bodies(motion, Seed) ->
     #{

@@ -160,6 +160,9 @@ beside({_, _, _, Kind, Group, _}, Team) when
         true -> Group;
         false -> Team -- Group
     end;
+%% Of two robots one of which does not hear the other, the one that does not hear.
+beside({_, _, _, loss, {_From, To}, _}, _Team) ->
+    [To];
 beside(Fault, Team) ->
     case starl_run_fault:targets(Fault) of
         [] -> Team;
