@@ -5,7 +5,13 @@
 -define(S, 1000000).
 -define(TEAM, [1, 2, 3]).
 %% An answer within three seconds, after a fault within another forty; everything together in a minute.
--define(TIMES, #{faults => [], answer_us => 3 * ?S, again_us => 40 * ?S, whole_us => 60 * ?S}).
+-define(TIMES, #{
+    faults => [],
+    answer_us => 3 * ?S,
+    again_us => 40 * ?S,
+    whole_us => 60 * ?S,
+    silent_us => 30 * ?S
+}).
 -define(OPEN, {0, 1, dpp_coordinator, {coordinator, {1, 1, 1}}}).
 
 answered_in_time_test() ->
@@ -62,9 +68,30 @@ given_up_test() ->
         judge([?OPEN | Before] ++ [{9, 1, dpp_coordinator, {unreachable, [4, 5]}}])
     end,
     ?assertEqual([{given_up, 9, [1]}], GivesUp([])),
-    ?assertEqual([], GivesUp([{5, 1, dpp_coordinator, {silent, 2}}])),
     ?assertEqual([], GivesUp([{5, 2, robot, {died, killed}}])),
     ?assertEqual([], GivesUp([{5, 1, dpp_coordinator, {claims, {2, 1, 1}}}])).
+
+%% A robot that is not heard is a reason where a fault of its own, of the coordinator or of the radio of all explains
+%% that: not one of another robot, nor one that was over long before. The coordinator says it before it knows all
+%% places, and in each term anew.
+given_up_for_a_robot_that_is_cut_off_test() ->
+    GivesUp = fun({Robot, From, To}, Events) ->
+        judge(Events ++ [{50, 1, dpp_coordinator, {unreachable, [4, 5]}}], ?TIMES#{
+            faults => [{Robot, From * ?S, To * ?S, fault}]
+        })
+    end,
+    Leads = {30, 1, dpp_coordinator, {leads, {2, 1, 1}}},
+    Silent = {41, 1, dpp_coordinator, {silent, 2}},
+    Open = {41, 1, dpp_coordinator, {coordinator, {2, 1, 1}}},
+    [
+        ?assertEqual([], GivesUp({Robot, 20, 900}, Events))
+     || Robot <- [2, 1, all], Events <- [[Leads, Silent, Open], [Leads, Open, Silent]]
+    ],
+    Accused = [{given_up, 50, [1]}],
+    ?assertEqual(Accused, GivesUp({3, 20, 900}, [Leads, Silent, Open])),
+    ?assertEqual(Accused, GivesUp({2, 0, 10}, [Leads, Silent, Open])),
+    ?assertEqual(Accused, GivesUp({2, 45, 900}, [Leads, Silent, Open])),
+    ?assertEqual(Accused, GivesUp({2, 20, 900}, [setelement(1, Silent, 29), Leads, Open])).
 
 %% The time of a run: an answer of a coordinator that leads all the time, on any radio; the time for everything only
 %% where a coordinator surely keeps its lease. Slow wheels prolong nothing, a place that is not known does.

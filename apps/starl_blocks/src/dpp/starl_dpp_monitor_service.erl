@@ -10,8 +10,8 @@
 %% to be given up, and it takes as long as all that together. Nothing is judged while a robot is down, nor
 %% without a quorum. A fault that the team meets lets the time begin anew.
 %%
-%% No line may be given up (`unreachable') as long as no robot has been silent or has died, and none has
-%% found its way closed.
+%% No line may be given up (`unreachable') as long as no robot has died, none has been silent because a fault cut it
+%% off from the coordinator of the present term, and none has found its way closed.
 -module(starl_dpp_monitor_service).
 
 -export([times/2, new/1, broken/2, happened/4, pass/2, died/1, unjudged/2]).
@@ -22,14 +22,16 @@
 -type us() :: integer().
 
 %% The windows of all faults; the time for an answer of a coordinator that leads all the time, that after which a
-%% request is repeated, and that for everything together. Where the answers to the beats of a lease may all be lost, a
-%% coordinator may lose its lease again and again: no time for everything is sure (`infinity'). Where they may come too
-%% late no coordinator need ever lead. `unjudged' tells what is not judged.
+%% request is repeated, that for everything together, and that within which a robot falls silent for its coordinator that
+%% is cut off. Where the answers to the beats of a lease may all be lost, a coordinator may lose its lease again and again:
+%% no time for everything is sure (`infinity'). Where they may come too late no coordinator need ever lead. `unjudged' says
+%% what is not judged.
 -type times() :: #{
     faults := [starl_assumption:window()],
     answer_us := us() | infinity,
     again_us := us(),
     whole_us := us() | infinity,
+    silent_us := us(),
     unjudged => [starl_unjudged:clause()]
 }.
 
@@ -44,6 +46,8 @@
     %% since when a coordinator has led that knows the places of all robots; those that it has not heard
     open_us = none :: us() | none,
     silent = [] :: [robot_id()],
+    %% those of them that a fault explains
+    unheard = [] :: [robot_id()],
     down = [] :: [robot_id()],
     died = [] :: [robot_id()],
     closed = false :: boolean(),
@@ -69,6 +73,8 @@
 -define(LONG_LEASE, 10).
 -define(DRIFT_PPM, 10000).
 -define(CLAUSE, "a free line that can be reached is assigned").
+%% A lease ends after the robot was heard last, or after its coordinator began to lead, which may take as long.
+-define(SILENT_LEASES, 3).
 
 %% @doc The times of a run, from its radio and the leases. Everything together: the coordinator is missed by
 %% the last robot of the team; promises to others end, and the claim is won; a silent robot's lease ends;
@@ -88,7 +94,8 @@ times(#{sap := Sap, loss := Loss, delay_us := Delay, slack_us := Slack} = Known,
     InTime = (Whole + ?MARGIN_US) * 101 div 100 + Slack,
     Times = #{
         faults => Faults ++ maps:get(places, Known, maps:get(bodies, Known)),
-        again_us => ?AGAIN_US
+        again_us => ?AGAIN_US,
+        silent_us => ?SILENT_LEASES * Lease + ?MARGIN_US + Slack
     },
     case lease(Loss, Delay, Leases) of
         late ->
@@ -115,7 +122,9 @@ lease(Loss, Delay, Leases) ->
 %% @doc Without times nothing is judged but that no line is given up.
 -spec new(#{robots := [robot_id()], service => times(), _ => _}) -> t().
 new(#{robots := Robots} = Config) ->
-    None = #{faults => [], answer_us => infinity, again_us => 0, whole_us => infinity},
+    None = #{
+        faults => [], answer_us => infinity, again_us => 0, whole_us => infinity, silent_us => 0
+    },
     #{faults := Faults} = Times = maps:get(service, Config, None),
     #service{
         robots = Robots, times = Times, faults = starl_assumption:new(Faults, ?DRIFT_PPM)
@@ -160,6 +169,9 @@ happened(T, Robot, {dpp, {answered, _End}}, S) ->
 %% the coordinator does not know yet that it is not on its way any more
 happened(T, Robot, {dpp, crashed}, S) ->
     {none, changed(T, answered(Robot, S))};
+happened(T, Robot, {dpp_coordinator, {silent, Silent}}, #service{unheard = Known} = S) ->
+    Unheard = [Silent || is_explained(T, [Robot, Silent], S)],
+    {none, silent(Silent, S#service{unheard = lists:usort(Unheard ++ Known)})};
 happened(T, _Robot, {dpp_coordinator, Event}, S) ->
     coordinates(T, Event, S);
 happened(T, Robot, {robot, down}, #service{down = Down} = S) ->
@@ -174,16 +186,26 @@ happened(T, Robot, {robot, {died, _Reason}}, #service{died = Died, moves = Moves
 happened(_T, _Robot, _Event, S) ->
     {none, S}.
 
-%% What a coordinator tells.
+silent(Robot, #service{silent = Known} = S) ->
+    due(S#service{silent = lists:usort([Robot | Known])}).
+
+%% Does a fault of one of these robots, or of the radio of all, explain that the other is not heard? It has
+%% lasted until now, or not ended long ago. On a radio that is not sure no fault is needed.
+is_explained(_T, _Robots, #service{times = #{whole_us := infinity}}) ->
+    true;
+is_explained(T, Robots, #service{times = #{silent_us := Us}, faults = Faults}) ->
+    lists:any(fun(R) -> starl_assumption:calm_us(R, T - Us, Us, Faults) > T end, Robots).
+
+%% What a coordinator tells. It finds silent robots before it knows all places.
+coordinates(_T, {leads, _Term}, S) ->
+    {none, due(S#service{silent = [], unheard = []})};
 coordinates(T, {coordinator, _Term}, S) ->
-    {none, due(S#service{open_us = T, silent = []})};
-coordinates(_T, {silent, Silent}, #service{silent = Known} = S) ->
-    {none, due(S#service{silent = lists:usort([Silent | Known])})};
+    {none, due(S#service{open_us = T})};
 coordinates(_T, {closed, [_ | _]}, S) ->
     {none, S#service{closed = true}};
 coordinates(_T, {unreachable, [_ | _]}, #service{closed = false} = S) ->
-    #service{silent = Silent, died = Died, down = Down, open_us = Open} = S,
-    case Open =/= none andalso Silent ++ Died ++ Down of
+    #service{unheard = Unheard, died = Died, down = Down, open_us = Open} = S,
+    case Open =/= none andalso Unheard ++ Died ++ Down of
         [] -> {given_up, S};
         _ -> {none, S}
     end;
