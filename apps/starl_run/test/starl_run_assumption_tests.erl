@@ -136,3 +136,19 @@ told(Positions) ->
     },
     #{monitors := Monitors} = starl_run_plan:make(Scenario, Scene, Context, {[], []}, #{}),
     Monitors.
+
+%% One end of a link that is cut for good is beside the core, of several links as few robots as possible.
+core_beside_links_test() ->
+    Cut = fun(Id, Link) -> {Id, 0, 100000, loss, Link, #{part => 1.0}} end,
+    Rest = fun(Faults, N) ->
+        element(1, starl_run_assumption:core(Faults, lists:seq(1, N), 1000000))
+    end,
+    ?assertEqual([1], Rest([Cut(a, {1, 3})], 3)),
+    ?assertEqual([2], Rest([Cut(a, {1, 2}), Cut(b, {2, 3})], 4)),
+    ?assertEqual([1, 3], Rest([Cut(a, {1, 2}), Cut(b, {3, 4})], 5)),
+    %% a robot that is cut off by another fault is beside it already
+    ?assertEqual(
+        [4], Rest([{deaf, 0, 100000, one_way_partition, [4], #{}}, Cut(a, {1, 4})], 4)
+    ),
+    %% no majority is left
+    ?assertEqual([], Rest([Cut(a, {1, 2})], 2)).

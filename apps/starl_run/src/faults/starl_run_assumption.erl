@@ -139,7 +139,7 @@ is_small_drift({_, _, _, clock_drift, _, #{ppm := Ppm}}) -> abs(Ppm) =< ?DRIFT_P
 is_small_drift(_Fault) -> false.
 
 %% @doc The core of a team, a majority for which all faults have an end, though some last until the end
-%% of the run: the robots beside it (the smaller part, where a fault separates two), and the faults that
+%% of the run: the robots beside it (the smaller part, where a fault separates two; one end of a single link), and the faults that
 %% have an end. Without a majority there is no core.
 -spec core([starl_run_fault:t()], [starl:robot_id()], EndUs :: integer()) ->
     {Rest :: [starl:robot_id()], [starl_run_fault:t()]}.
@@ -147,10 +147,24 @@ core(Faults, Team, EndUs) ->
     {Endless, Ending} = lists:partition(
         fun({_, _, To, Kind, _, _}) -> Kind =/= kill_robot andalso 1000 * To >= EndUs end, Faults
     ),
-    Rest = lists:usort(lists:append([beside(Fault, Team) || Fault <- Endless])),
+    {Links, Others} = lists:partition(fun is_link/1, Endless),
+    Struck = lists:usort(lists:append([beside(Fault, Team) || Fault <- Others])),
+    Rest = lists:usort(Struck ++ ends([Link || {_, _, _, _, Link, _} <- Links], Struck)),
     case 2 * length(Rest) < length(Team) of
         true -> {Rest, Ending};
         false -> {[], Faults}
+    end.
+
+is_link({_, _, _, _, Link, _} = Fault) ->
+    is_tuple(Link) andalso starl_run_fault:class(Fault) =:= network.
+
+%% One end of each link, as few robots as are found by taking the end of most links first.
+ends(Links, Struck) ->
+    Left = [Link || {A, B} = Link <- Links, [R || R <- [A, B], lists:member(R, Struck)] =:= []],
+    Ends = lists:append([[A, B] || {A, B} <- Left]),
+    case lists:sort([{-length([E || E <- Ends, E =:= R]), R} || R <- lists:usort(Ends)]) of
+        [] -> [];
+        [{_, Most} | _] -> [Most | ends(Left, [Most])]
     end.
 
 beside({_, _, _, Kind, Group, _}, Team) when
