@@ -258,3 +258,43 @@ drift_within_its_bound_test() ->
     ].
 
 kinds(What) -> [Kind || {Kind, _, _, _, _} <- starl_run_fault:kinds_of(What)].
+
+%% The soak of each block has robots that hear nobody, are heard by nobody, or miss one link in one direction, until the
+%% end: the robot with the highest number, the lowest, and others.
+one_way_cuts_that_last_are_drawn_for_each_block_test_() ->
+    {timeout, 120, fun one_way_cuts_that_last/0}.
+
+one_way_cuts_that_last() ->
+    [
+        begin
+            Cuts = lists:usort([
+                {cut(Fault, N), place(Robot, N)}
+             || Seed <- lists:seq(1, 600),
+                #{robots := N, faults := Faults} <- [
+                    starl_lab_soak_draw:scenario(Block, none, Seed)
+                ],
+                Fault <- Faults,
+                cut(Fault, N) =/= other,
+                Robot <- cut_off(Fault, N)
+            ]),
+            All = [
+                {Cut, Place}
+             || Cut <- [deaf, link, mute], Place <- [highest, lowest, other]
+            ],
+            ?assertEqual({Block, All}, {Block, Cuts})
+        end
+     || Block <- [bully, election, mutex, barrier, registers, counter, geocast, sap]
+    ].
+
+cut({_, _, _, loss, {_, _}, #{part := 1.0}}, _N) -> link;
+cut({_, _, _, one_way_partition, Group, _}, N) when 2 * length(Group) < N -> mute;
+cut({_, _, _, one_way_partition, _Group, _}, _N) -> deaf;
+cut(_Other, _N) -> other.
+
+cut_off({_, _, _, loss, {A, B}, _}, _N) -> [A, B];
+cut_off({_, _, _, one_way_partition, Group, _}, N) when 2 * length(Group) < N -> Group;
+cut_off({_, _, _, one_way_partition, Group, _}, N) -> lists:seq(1, N) -- Group.
+
+place(N, N) -> highest;
+place(1, _N) -> lowest;
+place(_Robot, _N) -> other.
