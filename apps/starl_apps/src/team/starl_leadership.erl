@@ -16,6 +16,11 @@
 %%       {nothing, Next} -> ...
 %%   end
 %% '''
+%% A leader tells, and need not hear: a team goes on with a leader that has become deaf. A robot that does not hear its
+%% leader takes the lead in a later term, if all others hear it. With a leader that is mute the others elect another
+%% one, which hears and is heard by a majority ({@link starl_election_bully}). An application whose leader needs
+%% answers must make sure of them itself.
+%%
 %% Under lost messages two may lead in one term, until one hears of the other: the one with the higher number
 %% goes on. The block is `starl_bully'. Trace: {@link event()}.
 -module(starl_leadership).
