@@ -39,7 +39,6 @@
 -define(LEAST_CORE, 2).
 -define(LAG_MS, 200).
 -define(SLOW, [slow_1, slow_2, slow_3, slow_4]).
--define(CUTS, [cut_1, cut_2, cut_3, cut_4]).
 %% The delays of drive commands, ms.
 -define(LATENCIES, [{0, 0}, {0, 8}, {0, 20}, {10, 50}]).
 %% The part of the runs of path planning on a floor with walls.
