@@ -173,3 +173,29 @@ clock(2) -> {drift, rand:uniform(401) - 201};
 clock(3) -> {step, rand:uniform(50000000), rand:uniform(50001) - 25001}.
 
 one_of(List) -> lists:nth(rand:uniform(length(List)), List).
+
+%% -- broken runs ----------------------------------------------------------------------------
+
+%% What is broken is found all the same: with clocks 50 ms apart, of robots that restart.
+a_planted_bug_is_found_test_() ->
+    [
+        in_directory(atom_to_list(Bug), fun(Dir) ->
+            #{violations := [#{contract := C, what := W} | _]} =
+                Run = ?F:run(starl_planted:scenario(Bug, Seed)),
+            {Found, _} = judged(Dir, Run, #{clocks => #{1 => -25000, 2 => 25000}}),
+            ?assertEqual({Bug, true, Found}, {Bug, lists:member({C, W}, Found), Found})
+        end)
+     || {Bug, Seed} <- planted()
+    ].
+
+%% Each with a seed by which it shows soon.
+planted() ->
+    [
+        {sap_claims, 3},
+        {sap_late, 1},
+        {election_incomplete, 1},
+        {election_deaf, 2},
+        {bully_early, 1},
+        {registers_last_heard, 1},
+        {counter_adds, 1}
+    ].

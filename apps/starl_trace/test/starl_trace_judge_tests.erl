@@ -74,6 +74,28 @@ a_lasting_fault_is_excused_test() ->
         file:delete(File)
     end.
 
+%% A robot without power excuses what happens until it is up again, in a recording that has no schedule; and nothing
+%% before and behind that. Nothing is owed before a recording begins.
+a_robot_that_is_down_is_excused_test() ->
+    File = filename:join("/tmp", "starl-trace-judge-down-" ++ os:getpid() ++ ".mcap"),
+    Fact = fun(T, Robot, Machine, What) -> {judged, [{T * 100_000, Robot, Machine, What}], []} end,
+    Touched = fun(T) -> Fact(T, 2, app, touched) end,
+    ok = starl_trace_ct:recorded(
+        File,
+        news(
+            [Touched(9), Fact(10, 1, robot, down), Fact(10, 1, app, crashed)] ++
+                [Touched(T) || T <- [20, 90, 160, 230]] ++
+                [Fact(240, 1, robot, up)] ++
+                [Touched(T) || T <- [400, 410]]
+        )
+    ),
+    try
+        {ok, #{violations := Violations}} = starl_trace_judge:file(File),
+        ?assertEqual([900_000, 40_000_000, 41_000_000], [At || #{at_us := At} <- Violations])
+    after
+        file:delete(File)
+    end.
+
 %% What happens while a robot is halted waits until it is over, which excuses it, and is judged once.
 what_waits_for_the_end_of_a_halt_is_judged_once_test() ->
     File = filename:join("/tmp", "starl-trace-judge-halt-" ++ os:getpid() ++ ".mcap"),

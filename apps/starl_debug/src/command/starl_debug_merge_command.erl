@@ -23,9 +23,9 @@ argument() -> {required, "FILES", {example, "robot-1.mcap"}}.
 about(_Subject) ->
     [
         "./starl merge FILES... --out FILE puts the recordings of the robots of one run together, "
-        "by time; of a cluster, also the world's run.mcap, which has the true motions. Times are "
-        "taken as they are: the robots' clocks must agree. Where packets came before they were sent, "
-        "that is said.",
+        "by time; of a cluster, also the world's run.mcap, which has the true motions. The robots' "
+        "clocks must agree. Where packets came before they were sent, that is said, and times are moved "
+        "so far that each packet comes after it was sent.",
         "./starl merge out/painting-1/robots/*.mcap out/painting-1/run.mcap"
     ].
 
