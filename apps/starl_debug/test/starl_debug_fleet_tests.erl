@@ -53,7 +53,7 @@ a_computer_that_was_off_is_an_excuse_test_() ->
             How = #{ends => #{2 => [Ends]}},
             ?assertEqual({[], []}, accused(Dir, exercise(Block, 3, Seed, off), How))
         end)
-     || Block <- blocks(), {Seed, Ends} <- [{1, closed}, {2, killed}]
+     || {Block, Seed, Ends} <- [{mutex, 2, killed} | [{Block, 1, closed} || Block <- blocks()]]
     ].
 
 all_off_at_once_test_() ->
@@ -61,7 +61,7 @@ all_off_at_once_test_() ->
         in_directory(atom_to_list(Block), fun(Dir) ->
             ?assertEqual({[], []}, accused(Dir, exercise(Block, N, 1, all_off), #{}))
         end)
-     || Block <- blocks(), N <- [1, 2]
+     || {Block, N} <- [{mutex, 1}, {barrier, 1} | [{Block, 2} || Block <- blocks()]]
     ].
 
 %% -- clocks ---------------------------------------------------------------------------------
