@@ -23,7 +23,7 @@ run(Events, End, Extra) ->
     {Late, #{starl_barrier_monitor := Results}} = starl_monitor:finish(End, Fed),
     {[What || #{contract := barrier, what := What} <- Met ++ Late], Results}.
 
-trace({T, R, sap, Event}) -> {T, R, sap, Event};
+trace({T, R, Machine, Event}) when Machine =:= sap; Machine =:= barrier -> {T, R, Machine, Event};
 trace({T, R, died}) -> {T, R, robot, {died, killed}};
 trace({T, R, set_back}) -> {T, R, robot, store_set_back};
 trace({T, R, crashed}) -> {T, R, barrier, crashed};
@@ -408,6 +408,21 @@ delta_of_a_run_test() ->
     ?assertMatch({U, B} when U =:= Twice + 10007 andalso U < B, Delta(0.1, #{})),
     {Longest, General} = Delta(0.1, #{limit => 0}),
     ?assertEqual(General, Longest).
+
+%% Who has not come to a round for which others have waited in vain is named.
+missed_test() ->
+    Missed = fun(Events) ->
+        {[], #{missed := Missed}} = run(Events, 20, #{}),
+        Missed
+    end,
+    Failed = fun(Why) -> {9, 1, barrier, {failed, b, 1, Why}} end,
+    Waits = fun(Why) -> [{1, 1, reached, 1}, Failed(Why)] end,
+    ?assertEqual(
+        [#{name => b, round => 1, absent => [2], waited => [1]}], Missed(Waits(timeout))
+    ),
+    ?assertEqual([], Missed(Waits(restarted))),
+    ?assertEqual([], Missed(Waits(timeout) ++ [{10, 2, reached, 1}])),
+    ?assertEqual([], Missed([{1, 1, reached, 1}])).
 
 not_passed_test() ->
     Bound = #{bound_us => 10},

@@ -253,7 +253,7 @@ defaults_test() ->
     ?assertEqual(starl_mutex_monitor:init(Said), starl_mutex_monitor:init(#{})).
 
 others_test() ->
-    ?assertEqual([mutex, robot], lists:sort(starl_mutex_monitor:interests())),
+    ?assertEqual([mutex, robot, sap], lists:sort(starl_mutex_monitor:interests())),
     Start = starl_mutex_monitor:init(#{granted => true, bound_us => 1}),
     [
         ?assertEqual({ok, Start}, starl_mutex_monitor:step({1, 2, Machine, Event}, Start))

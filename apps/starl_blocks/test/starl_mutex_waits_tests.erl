@@ -30,6 +30,21 @@ no_token_is_kept_test() ->
      || End <- Ends
     ].
 
+%% A robot at work that holds a token for longer than another one's patience keeps it, too: since then.
+a_robot_at_work_keeps_its_token_test() ->
+    Failed = fun(T, Robot) -> {T, Robot, mutex, {failed, door, timeout}} end,
+    Kept = fun(Events) ->
+        #{kept := Kept} = waits([acquired(1, door), requested(2, door) | Events]),
+        Kept
+    end,
+    ?assertEqual(
+        [#{robot => 1, token => door, asked => [2], since_us => 1}], Kept([Failed(5, 2)])
+    ),
+    ?assertEqual([], Kept([])),
+    ?assertEqual([], Kept([Failed(5, 2), {6, 1, mutex, {released, door, 1}}])),
+    %% of the hold before that says nothing
+    ?assertEqual([], Kept([Failed(5, 2), {6, 3, mutex, {acquired, door, 2}}])).
+
 %% Two robots, three robots, and one that asks for its own; each circle is told once.
 circles_test() ->
     Holds = [acquired(1, a), acquired(2, b), acquired(3, c)],

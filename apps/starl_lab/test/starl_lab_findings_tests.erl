@@ -107,6 +107,25 @@ tokens_that_nobody_can_get_are_told_test() ->
         maps:from_list(starl_lab_findings:figures(Notes))
     ).
 
+%% Who keeps others waiting is named, though its application is at work: with a token, or away from a barrier.
+who_keeps_others_waiting_is_named_test() ->
+    Monitors = #{
+        starl_mutex_waits => #{
+            kept => [#{robot => 3, token => door, asked => [1, 2], since_us => 500000}],
+            circles => []
+        },
+        starl_barrier_monitor => #{
+            missed => [#{name => start, round => 4, absent => [2], waited => [1, 3]}]
+        }
+    },
+    ?assertEqual(
+        [
+            "robot 3 has held token door since 0.500 s: robots 1, 2 asked for it in vain",
+            "robot 2 has not come to round 4 of barrier start: robots 1, 3 waited for it in vain"
+        ],
+        texts(starl_lab_findings:make(outcome(mail([]), [], Monitors), ways([]), []))
+    ).
+
 beam(Source) ->
     {ok, Tokens, _} = erl_scan:string(Source),
     Forms = [element(2, erl_parse:parse_form(Form)) || Form <- forms(Tokens)],

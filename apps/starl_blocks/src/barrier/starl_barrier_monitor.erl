@@ -64,6 +64,8 @@
     %% of the rounds that all have passed
     deltas = {0, 0, 0} :: {Count :: integer(), SumUs :: integer(), LongestUs :: integer()},
     passes = 0 :: non_neg_integer(),
+    %% the robots that have waited for a round until their patience was over
+    vain = #{} :: #{{name(), K :: pos_integer()} => [robot_id(), ...]},
     failed = 0 :: non_neg_integer(),
     %% machines that started with a damaged store, and stores that were set back
     damaged = 0 :: non_neg_integer(),
@@ -161,7 +163,8 @@ step({T, Robot, Machine, Event}, State) ->
     end.
 
 %% @doc Judges the time until `EndTimeUs'. Results: `rounds' passed by all, `passed' and
-%% `failed' calls, the longest and the mean δ (first to last pass of a round).
+%% `failed' calls, the longest and the mean δ (first to last pass of a round); `missed': the rounds that some
+%% have waited for in vain, and the robots that have not come.
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, #state{deltas = {Count, Sum, Longest}} = State) ->
@@ -171,6 +174,7 @@ finish(EndTimeUs, #state{deltas = {Count, Sum, Longest}} = State) ->
         failed => State#state.failed,
         longest_delta_us => Longest,
         mean_delta_us => Sum / max(1, Count),
+        missed => missed(State),
         sometimes => #{
             damaged_store => State#state.damaged, store_set_back => State#state.set_back
         }
@@ -196,8 +200,10 @@ judge({barrier, {passed, Name, K}}, T, Robot, State) ->
     {Broken, pass(T, Robot, Name, K, State)};
 judge({barrier, {recalled, Name, At, Passed}}, T, Robot, State) ->
     recalled(T, Robot, Name, {At, Passed}, State);
-judge({barrier, {failed, Name, K, _Reason}}, T, Robot, #state{failed = Failed} = State) ->
-    {too_late(T, Robot, Name, K, State), excuse([{Name, Robot}], State#state{failed = Failed + 1})};
+judge({barrier, {failed, Name, K, Reason}}, T, Robot, #state{failed = Failed} = State) ->
+    Vain = waited(Reason, {Name, K}, Robot, State#state.vain),
+    Next = State#state{failed = Failed + 1, vain = Vain},
+    {too_late(T, Robot, Name, K, State), excuse([{Name, Robot}], Next)};
 judge({barrier, crashed}, T, Robot, State) ->
     {[], crashed(T, Robot, State)};
 judge({sap, Lost}, T, Robot, State) when Lost =:= crashed; Lost =:= {overload, barrier} ->
@@ -212,6 +218,18 @@ judge({robot, {died, _Reason}}, _T, Robot, State) ->
     {[], excuse(keys(Robot, State), State#state{is_whole = false})};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
+
+waited(timeout, Round, Robot, Vain) ->
+    Vain#{Round => lists:usort([Robot | maps:get(Round, Vain, [])])};
+waited(restarted, _Round, _Robot, Vain) ->
+    Vain.
+
+missed(#state{vain = Vain} = State) ->
+    [
+        #{name => Name, round => K, absent => Absent, waited => Waited}
+     || {{Name, K}, Waited} <- lists:sort(maps:to_list(Vain)),
+        [_ | _] = Absent <- [absent(Name, K, State)]
+    ].
 
 crashed(T, Robot, State) ->
     Forgets = remembers(fun starl_barrier_monitor_memory:crashed/3, Robot, State),

@@ -56,6 +56,8 @@
     robots :: [robot_id()],
     died = [] :: [robot_id()],
     unjudged :: [starl_unjudged:clause()],
+    %% the robots to which the homes have given the tokens last
+    last = #{} :: #{token() => robot_id()},
     waits = {0, 0, 0} :: {Count :: integer(), SumUs :: integer(), LongestUs :: integer()},
     lost = 0 :: non_neg_integer(),
     failed = 0 :: non_neg_integer()
@@ -262,8 +264,9 @@ judge({_Machine, _Other}, _T, _Robot, State) ->
 
 token({requested, Token}, T, Robot, State) ->
     {[], request(T, Robot, Token, State)};
-token({granted, Token, Fence, To}, T, Home, #state{holds = Holds} = State) ->
-    kept(starl_mutex_holds:granted(T, Home, Token, Fence, To, Holds), State);
+token({granted, Token, Fence, To}, T, Home, #state{holds = Holds, last = Last} = State) ->
+    Given = State#state{last = Last#{Token => To}},
+    kept(starl_mutex_holds:granted(T, Home, Token, Fence, To, Holds), Given);
 token({leased, Token, Fence, Left}, T, Robot, #state{holds = Holds} = State) ->
     {[], State#state{holds = starl_mutex_holds:leased(T, Robot, Token, Fence, Left, Holds)}};
 token({acquired, Token, Fence}, T, Robot, #state{holds = Holds} = State) ->
@@ -377,7 +380,9 @@ lie_idle(T, #state{idle = Idle, idle_us = Us, faults = Faults} = State) ->
     Told = maps:from_list([{Token, T} || {_, Token} <- Over]),
     {
         [
-            violation(lies_idle, Due, waiting(Token, State), #{token => Token})
+            violation(lies_idle, Due, waiting(Token, State), #{
+                token => Token, last => maps:get(Token, State#state.last, none)
+            })
          || {Due, Token} <- Over
         ],
         State#state{

@@ -1,5 +1,6 @@
 %% @doc Records why robots wait for tokens in vain: an application has ended with a token that it
-%% holds, which its robot keeps for as long as it lives; or robots wait for each other's tokens, until
+%% holds, which its robot keeps for as long as it lives; one that lives holds a token for longer than the patience
+%% of those that ask for it; or robots wait for each other's tokens, until
 %% the patience of one of them is over. It judges nothing: both are the application's own doing.
 %%
 %% A list of tokens that is acquired in one call never leads to a circle ({@link starl_mutex}).
@@ -14,8 +15,10 @@
 -type token() :: starl_mutex:token().
 
 %% A robot whose application has ended, a token that it holds, and those who have asked for it in
-%% vain.
--type kept() :: #{robot := robot_id(), token := token(), asked := [robot_id()]}.
+%% vain. `since_us': its application lives, and has held it since then.
+-type kept() :: #{
+    robot := robot_id(), token := token(), asked := [robot_id()], since_us => integer()
+}.
 
 %% Robots that wait in a circle, since when: what each holds that the one before it in the list asks
 %% for (the first one's is asked for by the last).
@@ -23,8 +26,9 @@
 
 -record(state, {
     holds = #{} :: #{token() => robot_id()},
+    since = #{} :: #{token() => AtUs :: integer()},
     asks = #{} :: #{robot_id() => [token()]},
-    failed = #{} :: #{{robot_id(), token()} => true},
+    failed = #{} :: #{{robot_id(), token()} => AtUs :: integer()},
     ended = #{} :: #{robot_id() => true},
     %% the first circle of each set of robots
     circles = #{} :: #{[robot_id()] => circle()}
@@ -42,9 +46,11 @@ interests() -> [mutex, app, robot].
 -spec step(starl_monitor:trace_event(), #state{}) -> {ok, #state{}}.
 step({T, Robot, mutex, {requested, Token}}, State) ->
     {ok, in_circle(T, Robot, Token, asks(Robot, Token, State))};
-step({_T, Robot, mutex, {acquired, Token, _}}, #state{holds = Holds, failed = Failed} = State) ->
+step({T, Robot, mutex, {acquired, Token, _}}, #state{holds = Holds, failed = Failed} = State) ->
     Held = State#state{
-        holds = Holds#{Token => Robot}, failed = maps:remove({Robot, Token}, Failed)
+        since = (State#state.since)#{Token => T},
+        holds = Holds#{Token => Robot},
+        failed = maps:remove({Robot, Token}, Failed)
     },
     {ok, asks_no_more(Robot, Token, Held)};
 step({_T, Robot, mutex, {Ends, Token, _}}, #state{holds = Holds} = State) when
@@ -54,8 +60,8 @@ step({_T, Robot, mutex, {Ends, Token, _}}, #state{holds = Holds} = State) when
         #{Token := Robot} -> {ok, State#state{holds = maps:remove(Token, Holds)}};
         #{} -> {ok, State}
     end;
-step({_T, Robot, mutex, {failed, Token, _Why}}, #state{failed = Failed} = State) ->
-    {ok, asks_no_more(Robot, Token, State#state{failed = Failed#{{Robot, Token} => true}})};
+step({T, Robot, mutex, {failed, Token, _Why}}, #state{failed = Failed} = State) ->
+    {ok, asks_no_more(Robot, Token, State#state{failed = Failed#{{Robot, Token} => T}})};
 step({_T, Robot, mutex, crashed}, State) ->
     {ok, forgotten(Robot, State)};
 step({_T, Robot, robot, {died, _}}, State) ->
@@ -67,12 +73,29 @@ step(_Event, State) ->
 
 %% @doc What robots have kept, and who has waited in a circle.
 -spec finish(integer(), #state{}) -> {ok, #{kept := [kept()], circles := [circle()]}}.
-finish(_EndUs, #state{holds = Holds, ended = Ended, circles = Circles} = State) ->
+finish(_EndUs, #state{holds = Holds, ended = Ended, circles = Circles, since = Since} = State) ->
     Kept = [
         #{robot => Robot, token => Token, asked => asked(Token, State)}
      || {Token, Robot} <- lists:sort(maps:to_list(Holds)), is_map_key(Robot, Ended)
     ],
-    {ok, #{kept => Kept, circles => [Circle || {_, Circle} <- lists:sort(maps:to_list(Circles))]}}.
+    Held = [
+        #{robot => Robot, token => Token, asked => Asked, since_us => map_get(Token, Since)}
+     || {Token, Robot} <- lists:sort(maps:to_list(Holds)),
+        not is_map_key(Robot, Ended),
+        [_ | _] = Asked <- [vain(Robot, Token, State)]
+    ],
+    {ok, #{
+        kept => Kept ++ Held,
+        circles => [Circle || {_, Circle} <- lists:sort(maps:to_list(Circles))]
+    }}.
+
+%% The robots whose patience has ended during the hold.
+vain(Holder, Token, #state{failed = Failed, since = Since}) ->
+    #{Token := From} = Since,
+    lists:sort([
+        Robot
+     || {{Robot, Asked}, At} <- maps:to_list(Failed), Asked =:= Token, At >= From, Robot =/= Holder
+    ]).
 
 asked(Token, #state{asks = Asks, failed = Failed}) ->
     Open = [Robot || {Robot, Tokens} <- maps:to_list(Asks), lists:member(Token, Tokens)],

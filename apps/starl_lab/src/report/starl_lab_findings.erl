@@ -15,6 +15,7 @@
     refused :: [starl_run_mail_monitor:refused()],
     kept :: [starl_mutex_waits:kept()],
     circles :: [starl_mutex_waits:circle()],
+    missed :: [map()],
     %% the application's own modules, for the lines that send
     beams :: [beam()],
     %% without a contract of distances
@@ -67,6 +68,7 @@ make(#{monitors := Monitors, robots := Robots}, Ways, Beams) ->
         refused = maps:get(refused, Mail),
         kept = Kept,
         circles = Circles,
+        missed = maps:get(missed, maps:get(starl_barrier_monitor, Monitors, #{}), []),
         beams = Beams,
         ways = ways(is_map_key(starl_dpp_monitor, Monitors), Ways),
         cut = cut(starl_lab_ways:is_whole(Ways), Ways),
@@ -167,7 +169,8 @@ rolled_back(#notes{reloads = Reloads}) ->
 -spec lines(t()) -> [unicode:chardata()].
 lines(#notes{strangers = Strangers, unheard = Unheard} = Notes) ->
     reloads(Notes) ++ distance(Notes) ++ floor_of(Notes) ++ to_nobody(Strangers) ++ by_type(Unheard) ++
-        overload(Notes) ++ refused(Notes) ++ ended_with(Notes) ++ in_circles(Notes) ++ cut(Notes).
+        overload(Notes) ++ refused(Notes) ++ ended_with(Notes) ++ in_circles(Notes) ++
+        not_come(Notes) ++ cut(Notes).
 
 reloads(#notes{reloads = Reloads}) -> [starl_reload_monitor:format(R) || R <- Reloads].
 
@@ -254,10 +257,26 @@ full(Type, All, Beams) ->
 ended_with(#notes{kept = Kept}) ->
     [
         [
-            io_lib:format("robot ~b ended with token ~ts, and keeps it", [Robot, token(Token)]),
+            keeps(One),
             [[": ", robots(Asked), " asked for it in vain"] || Asked =/= []]
         ]
-     || #{robot := Robot, token := Token, asked := Asked} <- lists:sublist(Kept, ?NAMED)
+     || #{asked := Asked} = One <- lists:sublist(Kept, ?NAMED)
+    ].
+
+keeps(#{robot := Robot, token := Token, since_us := Since}) ->
+    io_lib:format("robot ~b has held token ~ts since ~.3f s", [Robot, token(Token), Since / 1.0e6]);
+keeps(#{robot := Robot, token := Token}) ->
+    io_lib:format("robot ~b ended with token ~ts, and keeps it", [Robot, token(Token)]).
+
+%% Rounds of a barrier that some have waited for in vain.
+not_come(#notes{missed = Missed}) ->
+    [
+        io_lib:format("~ts has not come to round ~b of barrier ~ts: ~ts waited for it in vain", [
+            robots(Absent), Round, token(Name), robots(Waited)
+        ])
+     || #{name := Name, round := Round, absent := Absent, waited := Waited} <- lists:sublist(
+            Missed, ?NAMED
+        )
     ].
 
 in_circles(#notes{circles = Circles}) ->
