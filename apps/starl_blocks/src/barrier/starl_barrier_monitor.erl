@@ -102,23 +102,22 @@ context(#{faults := Faults, slack_us := Slack} = Known, Config) ->
     Told = maps:merge(#{faults => Faults}, Config),
     case bound(Known, Told) of
         Bound when is_integer(Bound) ->
-            Delta = delta(Known, Bound, Told),
-            Told#{bound_us => Bound + Slack, delta_us => Delta + Slack};
+            maps:merge(Told#{bound_us => Bound + Slack}, delta(Known, Bound, Told));
         _ ->
             Told
     end.
 
 %% When the first robot passes, all have sent that they have reached the round. Where SAP may give that up, a
 %% robot has to ask again.
-delta(_Known, _Bound, #{delta_us := Delta}) ->
-    Delta;
-delta(#{sap := Sap, loss := Loss, delay_us := Delay}, Bound, _Told) ->
+delta(#{slack_us := Slack}, _Bound, #{delta_us := Delta}) ->
+    #{delta_us => Delta + Slack};
+delta(#{sap := Sap, loss := Loss, delay_us := Delay, slack_us := Slack}, Bound, #{retry_us := _}) ->
     case starl_sap_schedule:reach_us(Sap, 1 - (1 - Loss) * (1 - Loss), 2 * Delay, never) of
-        never -> Bound;
-        Reach -> min(Bound, Reach + ?STEPS_US)
+        never -> #{delta_us => Bound + Slack};
+        Reach -> #{delta_us => min(Bound, Reach + ?STEPS_US) + Slack}
     end;
-delta(_Known, Bound, _Told) ->
-    Bound.
+delta(_Known, _Bound, _Told) ->
+    #{}.
 
 bound(_Known, #{bound_us := Bound}) ->
     Bound;
