@@ -57,9 +57,49 @@ nobody_is_accused_test_() ->
      || {App, Flags} <- targets()
     ].
 
+%% -- the page -----------------------------------------------------------------------------------
+
+%% Each predicate in doc/debug.md's table of the language is understood, and asks for nothing that a run
+%% of the crossing cannot have. The names of tokens, machines and events in it are true of some robot.
+the_examples_of_the_page_run_test_() ->
+    {timeout, ?PATIENCE_S, fun() ->
+        {ok, Page} = file:read_file(filename:join(os:getenv("STARL_ROOT", "."), "doc/debug.md")),
+        Examples = examples(Page),
+        ?assert(length(Examples) >= 10),
+        with_run("crossing", ["--robots", "4", "--duration", "40"], 1, fun(File) ->
+            [?assertEqual({Text, []}, {Text, trouble(Text, File)}) || Text <- Examples]
+        end)
+    end}.
+
+%% What stands in the first column of a row, without what only shows a form.
+examples(Page) ->
+    Rows = [Row || <<"| `", _/binary>> = Row <- binary:split(Page, <<"\n">>, [global])],
+    Spans = [
+        unicode:characters_to_list(Span)
+     || Row <- Rows,
+        [_, Cell | _] <- [binary:split(Row, <<"|">>, [global])],
+        {match, Found} <- [re:run(Cell, "`([^`]*)`", [global, {capture, [1], binary}])],
+        [Span] <- Found
+    ],
+    [Text || Text <- lists:usort(Spans), is_example(Text)].
+
+is_example(Text) ->
+    re:run(Text, "^((dist|inside|owner|leader|coordinator|up|last|count)[(]|r1[.].* = )") =/=
+        nomatch andalso
+        string:find(Text, "...") =:= nomatch andalso string:find(Text, " E)") =:= nomatch.
+
+trouble(Text, File) ->
+    {Status, Said} = starl_cli_said:said([
+        "debug", File, "--quiet", "--no-explain", "--sigma", "0", "--predicate", Text
+    ]),
+    IsNamed = re:run(Text, "^(owner|last)") =/= nomatch,
+    [{Status, Said} || Status =:= 2 orelse Status =:= 1 orelse (IsNamed andalso Status =/= 3)].
+
 number(Name, Default) -> list_to_integer(os:getenv(Name, integer_to_list(Default))).
 
-accused(App, Flags, Seed) ->
+accused(App, Flags, Seed) -> with_run(App, Flags, Seed, fun verdicts/1).
+
+with_run(App, Flags, Seed, Fun) ->
     Dir = filename:join(
         os:getenv("TMPDIR", "/tmp"),
         lists:concat(["starl-debug-sound-", os:getpid(), "-", App, erlang:unique_integer()])
@@ -67,7 +107,7 @@ accused(App, Flags, Seed) ->
     Args = ["--seed", integer_to_list(Seed), "--record", "--quiet", "--out", Dir],
     try
         {0, _} = starl_cli_said:said(["run", App | Flags] ++ Args),
-        verdicts(filename:join(Dir, "run.mcap"))
+        Fun(filename:join(Dir, "run.mcap"))
     after
         file:del_dir_r(Dir)
     end.

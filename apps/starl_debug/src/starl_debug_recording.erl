@@ -26,6 +26,7 @@
     tokens := [starl_debug_parser:name()],
     elections := [starl_debug_parser:name()],
     geocasts := [starl_debug_state:cast()],
+    vocabulary := starl_debug_names:vocabulary(),
     missing := [starl:robot_id()],
     too_fast := [{starl:robot_id(), pos_integer()}],
     holes := [starl_debug_hole:t()],
@@ -231,6 +232,7 @@ recording(All, Limits) ->
         how => How,
         app => maps:get(app, Facts),
         monitors => Monitors,
+        vocabulary => vocabulary(Monitors, Files),
         robots => Robots,
         begun => lists:min([First || #file{first = First} <- Files]),
         extent => common(maps:values(Extents), Files),
@@ -241,6 +243,28 @@ recording(All, Limits) ->
         holes => holes(Files),
         left_out => LeftOut
     }.
+
+%% What robots have, and what they have traced.
+vocabulary(Monitors, Files) ->
+    Machines = lists:append([
+        maps:keys(maps:get(machines, Facts, #{}))
+     || #file{facts = Facts} <- Files
+    ]),
+    Events = [Own || #file{events = Robots} <- Files, Own <- maps:values(Robots)],
+    Traced = lists:foldl(
+        fun(Own, Acc) ->
+            maps:merge_with(fun(_, A, B) -> A ++ B end, Acc, maps:map(fun tags/2, Own))
+        end,
+        #{},
+        Events
+    ),
+    starl_debug_names:vocabulary(Monitors, [robot | Machines] -- ?NO_MACHINES, Traced).
+
+tags(_Machine, Events) ->
+    lists:usort([Tag || {_, E} <- Events, Tag <- [tag(E)], is_atom(Tag)]).
+
+tag(Event) when tuple_size(Event) > 0 -> element(1, Event);
+tag(Event) -> Event.
 
 states(Extents, How, Files) ->
     maps:map(

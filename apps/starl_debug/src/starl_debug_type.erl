@@ -3,7 +3,7 @@
 %% comparison has its constant on the right.
 -module(starl_debug_type).
 
--export([check/1, modes/0]).
+-export([check/1, modes/0, robot_number/1]).
 
 -export_type([formula/0, robot/0, thing/0, quantity/0, state/0, area/0, reason/0]).
 
@@ -64,6 +64,8 @@
     <<"rectangle">>,
     <<"point">>
 ]).
+-define(FIELDS, [<<"pos">>, <<"x">>, <<"y">>, <<"mode">>]).
+-define(UNITS, [<<"mm">>, <<"cm">>, <<"m">>, <<"us">>, <<"ms">>, <<"s">>, <<"min">>]).
 -define(LENGTHS, #{<<"mm">> => 1, <<"cm">> => 10, <<"m">> => 1000}).
 -define(DURATIONS, #{<<"us">> => 1, <<"ms">> => 1000, <<"s">> => 1000000, <<"min">> => 60000000}).
 
@@ -149,7 +151,7 @@ called(Name, Arguments, At, Env) ->
         {ok, Expr} ->
             formula(Expr, At, Env);
         unknown ->
-            fail(At, ["no predicate is called ", Name, "; there are ", lists:join(", ", names())]);
+            unknown(At, "no predicate is called ", Name, names());
         {error, Problem} ->
             fail(At, Problem)
     end.
@@ -171,7 +173,7 @@ compared(Comparison, {count, {Variable, Formula}}, {constant, none, N}, _At) whe
 compared(Comparison, {mode, R}, {word, Mode}, At) ->
     case lists:member(Mode, ?MODES) of
         true -> equal(Comparison, {state, R, {mode, Mode}}, At);
-        false -> fail(At, ["no mode is called ", Mode, "; there are ", lists:join(", ", ?MODES)])
+        false -> unknown(At, "no mode is called ", Mode, ?MODES)
     end;
 compared(Comparison, {last, {R, Machine}}, {word, Event}, At) ->
     equal(Comparison, {state, R, {last, Machine, Event}}, At);
@@ -234,14 +236,14 @@ constant(Number, Unit, At) ->
     case {?LENGTHS, ?DURATIONS} of
         {#{Unit := Mm}, _} -> {constant, length, Number * Mm};
         {_, #{Unit := Us}} -> {constant, duration, round(Number * Us)};
-        _ -> fail(At, ["no unit is called ", Unit, "; there are mm, cm, m, us, ms, s, min"])
+        _ -> unknown(At, "no unit is called ", Unit, ?UNITS)
     end.
 
 field(<<"pos">>, Name, At, Env) -> {place, {pos, named(Name, At, Env)}};
 field(<<"x">>, Name, At, Env) -> {length, {x, named(Name, At, Env)}};
 field(<<"y">>, Name, At, Env) -> {length, {y, named(Name, At, Env)}};
 field(<<"mode">>, Name, At, Env) -> {mode, named(Name, At, Env)};
-field(Field, _, At, _) -> fail(At, ["a robot has no ", Field, "; it has pos, x, y and mode"]).
+field(Field, _, At, _) -> unknown(At, "a robot has no ", Field, ?FIELDS).
 
 place({at, Column, Expr}, _At, Env) ->
     place(Expr, Column, Env);
@@ -318,6 +320,8 @@ word({name, Name}, _At) -> Name;
 word({text, Text}, _At) -> Text;
 word(_Other, At) -> fail(At, "a name is expected").
 
+%% @doc The number of a robot by its name, as in r1.
+-spec robot_number(name()) -> starl:robot_id() | none.
 robot_number(<<"r", Digits/binary>>) when Digits =/= <<>> ->
     try
         binary_to_integer(Digits)
@@ -326,6 +330,11 @@ robot_number(<<"r", Digits/binary>>) when Digits =/= <<>> ->
     end;
 robot_number(_Name) ->
     none.
+
+-spec unknown(pos_integer(), string(), name(), [name()]) -> no_return().
+unknown(At, Problem, Name, Known) ->
+    Near = starl_debug_names:similar(Name, Known),
+    fail(At, [Problem, Name, Near, "; there are ", lists:join(", ", Known)]).
 
 -spec fail(pos_integer(), unicode:chardata()) -> no_return().
 fail(At, Problem) -> throw({?MODULE, {At, Problem}}).

@@ -58,6 +58,134 @@ a_count_of_three_test() ->
     ?assertEqual(certainly, verdict("count(r: owner(r, t)) >= 3", Holds, 50000)),
     ?assertEqual(never, verdict("count(r: owner(r, t)) > 3", Holds, 50000)).
 
+%% -- places -------------------------------------------------------------------------------------
+
+%% Two robots with these samples of their places, each off by as much at most (mm).
+placed(Text, Places, Error, Options) ->
+    States = maps:from_list([
+        {R, starl_debug_state:new(R, #{}, {0, ?END}, exact)}
+     || {R, _} <- Places
+    ]),
+    Tracks = maps:from_list([
+        {R, element(1, starl_debug_track:samples(Samples, #{speed => 501, error => Error}))}
+     || {R, Samples} <- Places
+    ]),
+    Recording = starl_debug_truth:recording({0, ?END}, States, Tracks),
+    {ok, Predicate} = starl_debug:predicate(Text),
+    {ok, Formula} = starl_debug:formula(Predicate, Recording),
+    Go = fun(_Done) -> continue end,
+    maps:get(verdict, starl_debug_check:run(Formula, Recording, Options, Go)).
+
+dense(From, To, Place) -> [{T, Place(T / 1.0e6)} || T <- lists:seq(From, To, 2000)].
+
+%% One drives 300 mm behind the other, both at 500 mm/s: by the error of the second clock that is more
+%% or less.
+the_error_of_each_clock_counts_for_its_own_robot_test() ->
+    Drive = fun(Behind) -> dense(0, 4000000, fun(S) -> {500.0 * S - Behind, 0.0} end) end,
+    Verdict = fun(Text, Sigma) ->
+        Options = #{sigma => Sigma, drift_ppm => 0, from => 1000000, until => 1999999},
+        placed(Text, [{1, Drive(0.0)}, {2, Drive(300.0)}], 0.0, Options)
+    end,
+    ?assertEqual(possibly, Verdict("dist(r1.pos, r2.pos) < 270 mm", 100000)),
+    ?assertEqual(never, Verdict("dist(r1.pos, r2.pos) < 270 mm", 40000)),
+    ?assertEqual(possibly, Verdict("dist(r1.pos, r2.pos) > 330 mm", 100000)),
+    ?assertEqual(never, Verdict("dist(r1.pos, r2.pos) > 330 mm", 40000)),
+    ?assertEqual(possibly, Verdict("dist(r1.pos, r2.pos) < 330 mm", 100000)),
+    ?assertEqual(certainly, Verdict("dist(r1.pos, r2.pos) < 330 mm", 40000)).
+
+%% Where the recording of the second robot ends, its place is known for some of the clocks only.
+behind_the_end_of_a_track_nothing_is_certain_test() ->
+    Stands = fun(T) -> dense(0, T, fun(_) -> {0.0, 0.0} end) end,
+    Comes = dense(0, 6000000, fun(S) -> {max(0.0, 500.0 * (5.0 - S)), 0.0} end),
+    Verdict = fun(End) ->
+        placed("dist(r1.pos, r2.pos) < 20 mm", [{1, Comes}, {2, Stands(End)}], 0.0, #{
+            sigma => 100000
+        })
+    end,
+    ?assertEqual(certainly, Verdict(6000000)),
+    ?assertEqual(possibly, Verdict(5000000)).
+
+the_error_of_places_counts_test_() ->
+    Stands = fun(X) -> dense(0, 2000000, fun(_) -> {X, 0.0} end) end,
+    Cases = [
+        {"dist(r1.pos, r2.pos) < ~b mm", [
+            {180, never}, {240, possibly}, {380, possibly}, {420, certainly}
+        ]},
+        {"dist(r1.pos, r2.pos) > ~b mm", [
+            {420, never}, {380, possibly}, {220, possibly}, {180, certainly}
+        ]},
+        {"r2.x < ~b mm", [{240, never}, {260, possibly}, {340, possibly}, {360, certainly}]},
+        {"r2.x > ~b mm", [{360, never}, {340, possibly}, {260, possibly}, {240, certainly}]}
+    ],
+    [
+        ?_assertEqual(
+            {Text, Mm, Verdict},
+            {Text, Mm,
+                placed(io_lib:format(Text, [Mm]), [{1, Stands(0.0)}, {2, Stands(300.0)}], 50.0, #{
+                    sigma => 0
+                })}
+        )
+     || {Text, Answers} <- Cases, {Mm, Verdict} <- Answers
+    ].
+
+%% -- counts and clocks --------------------------------------------------------------------------
+
+%% Each comparison with each number, for each number of robots that hold it.
+counts_are_compared_as_numbers_test() ->
+    Operators = #{
+        "<" => fun erlang:'<'/2,
+        "<=" => fun erlang:'=<'/2,
+        ">" => fun erlang:'>'/2,
+        ">=" => fun erlang:'>='/2,
+        "=" => fun erlang:'=:='/2,
+        "!=" => fun erlang:'=/='/2
+    },
+    [
+        begin
+            Holds = [{R, [{0, ?END + 9} || R =< Held]} || R <- [1, 2, 3]],
+            Text = io_lib:format("count(r: owner(r, t)) ~s ~b", [Sign, N]),
+            Expected = maps:get(Is(Held, N), #{true => certainly, false => never}),
+            ?assertEqual({Held, Sign, N, Expected}, {Held, Sign, N, verdict(Text, Holds, 1000)})
+        end
+     || {Sign, Is} <- maps:to_list(Operators), N <- lists:seq(0, 4), Held <- [0, 1, 2, 3]
+    ].
+
+%% The second clock is ahead by -10 to 10 ms. One hold of both is there if it is behind, one if it
+%% is ahead, so at each error there is one. But what is ahead at the one may be behind at the other, if the
+%% clocks run apart by more than the two have in common.
+clocks_that_run_apart_leave_nothing_certain_test() ->
+    Holds = [
+        {1, [{1100000, 1110000}, {1900000, 1910000}]},
+        {2, [{1085000, 1100500}, {1909500, 1925000}]}
+    ],
+    Verdict = fun(Ppm) ->
+        {_, _, #{verdict := V}} = answer("two_owners", Holds, #{sigma => 10000, drift_ppm => Ppm}),
+        V
+    end,
+    ?assertEqual(certainly, Verdict(0)),
+    ?assertEqual(possibly, Verdict(1000)).
+
+%% It is true for one error and false for another: nothing is left to decide.
+what_depends_on_the_clocks_is_not_open_test() ->
+    {_, _, #{verdict := possibly, open := Open}} = answer("two_owners", ?TWO, #{sigma => 50000}),
+    ?assertEqual([], Open).
+
+%% Robot 2 holds it when robot 1 does, for errors up to 0; for none of the others.
+what_is_refuted_for_some_clocks_is_not_certain_test() ->
+    Part = fun(R) -> {local, R, {state, {owner, any}}} end,
+    Facts = #{
+        states => #{},
+        tracks => #{},
+        drift_ppm => 0,
+        locals => #{Part(1) => {[{100, 110}], [{100, 110}]}, Part(2) => {[{50, 100}], [{50, 100}]}}
+    },
+    Limits = #{drift => 0, fine => 1, looks => 100},
+    When = {{0, 200}, #{1 => {0, 0}, 2 => {-4, 4}}},
+    ?assertMatch(
+        #{verdict := possibly, is_shown := true, is_open := false},
+        starl_debug_search:decide({'and', [Part(1), Part(2)]}, When, Facts, Limits)
+    ).
+
 what_lasts_test() ->
     ?assertEqual(certainly, verdict("(owner(r1, t) and owner(r2, t)) for 20 ms", ?TWO, 1000)),
     ?assertEqual(never, verdict("(owner(r1, t) and owner(r2, t)) for 40 ms", ?TWO, 1000)).

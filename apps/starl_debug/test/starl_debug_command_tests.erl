@@ -163,6 +163,63 @@ what_the_next_recording_tells_is_not_missing_test_() ->
         says(5, ["robot-1.mcap is missing"], ["debug", Second, Two | ?OWNERS])
     end).
 
+%% -- names --------------------------------------------------------------------------------------
+
+%% What the recording cannot have is no NEVER.
+misspelt_names_are_refused_test_() ->
+    in_directory(fun(Dir) ->
+        File = write(Dir, "a.mcap", world(holds(?BOTH))),
+        Refused = fun(Column, Part, Text) ->
+            Line = lists:concat(["--predicate, column ", Column, ": ", Part]),
+            one_line(2, Line, ["debug", File, "--quiet", "--predicate", Text])
+        end,
+        Refused(10, "no machine is called mutx (did you mean mutex?)", "last(r1, mutx) = acquired"),
+        Refused(
+            19, "mutex traces no aquired (did you mean acquired?)", "last(r1, mutex) = aquired"
+        ),
+        Refused(31, "mutex traces no gone", "up(r1) and last(r2, mutex) != gone"),
+        Refused(28, "mutex traces no gone", "exists r: last(r, mutex) = gone"),
+        Refused(10, "no machine is called sap", "last(r1, sap) = sent"),
+        Refused(4, "the team has no robot r9", "up(r9)"),
+        Refused(14, "the team has no robot r3", "dist(r1.pos, r3.pos) < 1 m or up(r7)"),
+        Refused(9, "no mode is called mooving (did you mean moving?)", "r1.mode = mooving"),
+        Refused(1, "a robot has no mod (did you mean mode?)", "r1.mod = moving"),
+        Refused(1, "no predicate is called two_owner (did you mean two_owners?)", "two_owner"),
+        Refused(8, "no unit is called meter", "r1.x < 3 meter")
+    end).
+
+%% Tokens have any names; one that was never held may be misspelt.
+names_that_never_occur_are_remarked_test_() ->
+    in_directory(fun(Dir) ->
+        File = write(Dir, "a.mcap", world([event(50, 1, {acquired, lock, 7}) | holds(?BOTH)])),
+        Asked = fun(Text) -> ["debug", File, "--quiet", "--predicate", Text] end,
+        says(
+            0,
+            ["no robot has held the token lok (did you mean lock?)", "NEVER"],
+            Asked("owner(r1, lok)")
+        ),
+        says(0, ["no message to an area was sent", "NEVER"], Asked("late_geocast(5 s)")),
+        says(0, ["3 different robots are asked for, there are 2"], Asked("exists a, b, c: up(a)")),
+        says(0, ["none has the machine dpp_coordinator", "NEVER"], Asked("two_coordinators")),
+        says(0, ["no election was decided"], Asked("two_leaders")),
+        Known = says(3, [], Asked("exists a, token t: owner(a, t) and owner(a, lock)")),
+        ?assertEqual(nomatch, string:find(Known, "no robot"))
+    end).
+
+%% A machine without a vocabulary may trace anything.
+an_application_may_trace_anything_test_() ->
+    in_directory(fun(Dir) ->
+        Traced = [{trace, 1000, {1, app, {reached, 3}}}],
+        File = write(Dir, "a.mcap", world(Traced)),
+        Asked = fun(Text) -> ["debug", File, "--quiet", "--predicate", Text] end,
+        says(3, ["CERTAINLY"], Asked("last(r1, app) = reached")),
+        says(
+            0,
+            ["no event of app is called reachd (did you mean reached?)"],
+            Asked("last(r1, app) = reachd")
+        )
+    end).
+
 %% -- contracts and clocks -----------------------------------------------------------------------
 
 judge_knows_how_far_clocks_differ_test_() ->

@@ -65,6 +65,7 @@ recording(Extent, States, Tracks) ->
         packets => [],
         tokens => [<<"t">>],
         elections => [],
+        vocabulary => #{},
         geocasts => [],
         missing => [],
         too_fast => [],

@@ -347,6 +347,23 @@ what_is_lost_is_said_test() ->
     ?assert(Lost > 0),
     ?assertEqual([Message(1), Message(2), {2, 200, <<"200-the_end">>}], Told).
 
+%% A hole is from the last message before it to the first one behind it, whatever their order in a chunk.
+a_hole_is_from_the_last_message_to_the_next_test() ->
+    {Head, W0} = starl_mcap_writer:new("test", channels()),
+    {Chunks, W} = lists:mapfoldl(
+        fun(Times, Writer) ->
+            Put = fun(At, Acc) -> starl_mcap_writer:message(1, At, "abcdefgh", Acc) end,
+            starl_mcap_writer:flush(lists:foldl(Put, Writer, Times))
+        end,
+        W0,
+        [[110, 130, 120], [200, 220], [330, 310, 320]]
+    ),
+    Bytes = iolist_to_binary([Head, Chunks, starl_mcap_writer:finish(W)]),
+    At = element(1, lists:nth(4, binary:matches(Bytes, <<"abcdefgh">>))),
+    <<Before:At/binary, _, After/binary>> = Bytes,
+    {_, Told} = patched(<<Before/binary, "?", After/binary>>),
+    ?assertEqual([{130, <<"130-310">>}], [{Time, Data} || {2, Time, Data} <- Told]).
+
 %% What comes of a file by a patch: the figures, and the messages with their channels and times.
 patched(Damaged) ->
     Patch = #{

@@ -107,12 +107,22 @@ read(Files, Predicate, Sigma, Values) ->
      || Key <- [speed, pose_age], #{Key := V} <- [Values], V =/= none
     ]),
     case starl_debug_recording:read(Files, Limits) of
-        {ok, Recording} ->
+        {ok, Recording} -> named(Predicate, Recording, Sigma, Values);
+        {error, Reason} -> {error, [starl_debug_recording:format_error(Reason)]}
+    end.
+
+%% A name that the recording cannot have is a mistake.
+named(Predicate, Recording, Sigma, #{predicate := Text} = Values) ->
+    {ok, Expr} = starl_debug_parser:parse(Text),
+    case starl_debug_names:check(Expr, Recording) of
+        {ok, Lines} ->
             Formula = starl_debug:formula(Predicate, Recording),
-            IsOfAll = is_of_all(Predicate, Recording),
-            formula(Formula, Recording, Sigma, Values#{is_of_all => IsOfAll});
-        {error, Reason} ->
-            {error, [starl_debug_recording:format_error(Reason)]}
+            formula(Formula, Recording, Sigma, Values#{
+                is_of_all => is_of_all(Predicate, Recording),
+                remarks => Lines ++ starl_debug_names:remarks(Predicate, Recording)
+            });
+        {error, _} = Error ->
+            {error, wrong(Error, Text)}
     end.
 
 %% What is said of all robots is not known of those without a recording, nor is a token that only
@@ -173,6 +183,7 @@ told(Answer, Formula, Recording, Options, Values) ->
         head(Recording, Options),
         starl_debug_bounds:offsets(maps:get(sigma, Options), Recording),
         doubts(Recording),
+        [[Line, "\n"] || Line <- maps:get(remarks, Values)],
         answer(Answer, Recording, Values),
         explained(Answer, Formula, Recording, Options, Values)
     ]),

@@ -12,7 +12,7 @@
 %% event.
 -module(starl_event).
 
--export([platform/0, machines/0, known/1, is_known/3, tell/3, violation/1]).
+-export([platform/0, machines/0, known/1, is_known/3, tags/2, tell/3, violation/1]).
 
 -export_type([robot/0, supervisor/0, chassis/0, radio/0, machine/0, app/0]).
 -export_type([name/0, vocabulary/0, known/0]).
@@ -157,6 +157,14 @@ is_known(Machine, Tag, Size, Known) ->
             false;
         #{} ->
             true
+    end.
+
+%% @doc The first elements of the events that the machine may trace.
+-spec tags(starl_machine:name(), known()) -> [atom()] | any.
+tags(Machine, Known) ->
+    case Known of
+        #{Machine := Names} -> lists:sort([Tag || Tag <- maps:keys(Names), is_atom(Tag)]);
+        #{} -> any
     end.
 
 %% @doc Makes the event known from now on, so that its violation is reported once.
