@@ -59,6 +59,10 @@ without_snapshots_it_is_repeated(Config) ->
 bad_input(Config) ->
     Run = recorded(Config, "bad", ["--snapshots", "1"]),
     says(2, "the recording ends at ", ["onward", Run, "--at", "2.5"]),
+    says(2, "--since 2: the moments lie after it, up to --at 1", [
+        "onward", Run, "--since", "2", "--at", "1"
+    ]),
+    says(2, "--since 99: the recording ends at ", ["onward", Run, "--since", "99"]),
     says(2, "planted broken at 1.57", ["onward", Run, "--at", "1.6"]),
     says(2, "holds no recording", ["onward", proplists:get_value(priv_dir, Config)]),
     says(2, "--runs: ", ["onward", Run, "--runs", "0"]).

@@ -91,11 +91,16 @@ subject(Word, Args) ->
     starl_cli_out:recording(Word, "./starl run TARGET --snapshots 5 makes one", Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
-run(#{subject := File, values := #{out := Into, at := At} = Values}) ->
+run(#{values := #{at := At, since := Since}}) when is_number(At), Since > 0, Since >= At ->
+    {error, [io_lib:format("--since ~w: the moments lie after it, up to --at ~w", [Since, At])]};
+run(#{subject := File, values := #{out := Into, at := At, since := Since} = Values}) ->
     {Unwritable, Out} = starl_cli_out:directory(Into, "onward"),
     case {Unwritable, starl_lab_onward_recording:read(File, until_us(Values))} of
         {[], {ok, #{end_us := End}}} when is_number(At), 1.0e6 * At > End ->
             {error, [io_lib:format("--at ~w: the recording ends at ~.3f s", [At, End / 1.0e6])]};
+        {[], {ok, #{end_us := End}}} when Since > 0, 1.0e6 * Since >= End ->
+            Line = "--since ~w: the recording ends at ~.3f s",
+            {error, [io_lib:format(Line, [Since, End / 1.0e6])]};
         {[], {ok, Recording}} ->
             ok = starl_cli_log:install(),
             with_code(#{file => File, recording => Recording, out => Out, values => Values});
