@@ -105,6 +105,41 @@ behind_the_end_of_a_track_nothing_is_certain_test() ->
     ?assertEqual(certainly, Verdict(6000000)),
     ?assertEqual(possibly, Verdict(5000000)).
 
+%% Between two samples a robot that stands may be off by what a sample is, and by what it can have driven.
+a_place_is_known_with_its_error_test() ->
+    Samples = [{0, {0.0, 0.0}}, {1000000, {100.0, 0.0}}, {2000000, {100.0, 0.0}}],
+    {Track, 0} = starl_debug_track:samples(Samples, #{speed => 0, error => 50.0}),
+    ?assertEqual([{{25.0, 0.0}, 50.0}, {{100.0, 0.0}, 50.0}], [
+        starl_debug_track:place(Track, T)
+     || T <- [250000, 3000000]
+    ]),
+    {Faster, 0} = starl_debug_track:samples(Samples, #{speed => 200, error => 50.0}),
+    ?assertEqual({{100.0, 0.0}, 150.0}, starl_debug_track:place(Faster, 1500000)).
+
+%% A robot at (300, 700) mm; in each direction it is inside or outside.
+areas_and_coordinates_test_() ->
+    Stands = [{T, {300.0, 700.0}} || T <- lists:seq(0, 2000000, 2000)],
+    [
+        ?_assertEqual(
+            {Text, Verdict}, {Text, placed(Text, [{1, Stands}], 1.0, #{sigma => 0})}
+        )
+     || {Verdict, Text} <- [
+            {certainly, "inside(r1, rectangle(200 mm, 600 mm, 400 mm, 800 mm))"},
+            {never, "inside(r1, rectangle(310 mm, 600 mm, 400 mm, 800 mm))"},
+            {never, "inside(r1, rectangle(200 mm, 600 mm, 290 mm, 800 mm))"},
+            {never, "inside(r1, rectangle(200 mm, 710 mm, 400 mm, 800 mm))"},
+            {never, "inside(r1, rectangle(200 mm, 600 mm, 400 mm, 690 mm))"},
+            {certainly, "inside(r1, circle(300 mm, 600 mm, 110 mm))"},
+            {never, "inside(r1, circle(300 mm, 600 mm, 90 mm))"},
+            {certainly, "r1.x < 310 mm and r1.x > 290 mm"},
+            {never, "r1.x < 290 mm or r1.x > 310 mm"},
+            {certainly, "r1.y < 710 mm and r1.y > 690 mm"},
+            {never, "r1.y < 690 mm or r1.y > 710 mm"},
+            {certainly, "dist(r1.pos, point(300 mm, 600 mm)) < 110 mm"},
+            {never, "dist(point(300 mm, 600 mm), r1.pos) < 90 mm"}
+        ]
+    ].
+
 the_error_of_places_counts_test_() ->
     Stands = fun(X) -> dense(0, 2000000, fun(_) -> {X, 0.0} end) end,
     Cases = [
@@ -189,6 +224,16 @@ what_is_refuted_for_some_clocks_is_not_certain_test() ->
 what_lasts_test() ->
     ?assertEqual(certainly, verdict("(owner(r1, t) and owner(r2, t)) for 20 ms", ?TWO, 1000)),
     ?assertEqual(never, verdict("(owner(r1, t) and owner(r2, t)) for 40 ms", ?TWO, 1000)).
+
+%% A gap of half a second is enough, of two robots as of one.
+what_does_not_last_test() ->
+    Text = "not ((owner(r1, t) or owner(r2, t)) for 1 s)",
+    Second = {2, [{5500000, ?END + 9}]},
+    ?assertEqual(certainly, verdict(Text, [{1, [{0, 5000000}]}, Second], 1000)),
+    ?assertEqual(never, verdict(Text, [{1, [{0, 5600000}]}, Second], 1000)),
+    ?assertEqual(
+        certainly, verdict("not (owner(r1, t) for 1 s)", [{1, [{0, 5000000}, {5500000, ?END}]}], 0)
+    ).
 
 a_stopped_check_says_until_when_test() ->
     Recording = recording(?TWO),

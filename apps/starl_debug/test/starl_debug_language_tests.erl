@@ -10,6 +10,15 @@ a_distance_of_two_robots_test() ->
     ?assertEqual({'<', {dist, {pos, 1}, {pos, 2}}, 400}, typed("dist(r1.pos, r2.pos) < 400 mm")),
     ?assertEqual({'>', {dist, {pos, 1}, {pos, 2}}, 40}, typed("4 cm <= dist(r1.pos, r2.pos)")).
 
+a_length_may_stand_on_the_left_test() ->
+    [
+        ?assertEqual({Sign, typed("r1.x " ++ Right ++ " 400 mm")}, {
+            Sign, typed("400 mm " ++ Sign ++ " r1.x")
+        })
+     || {Sign, Right} <- [{"<", ">"}, {"<=", ">="}, {">", "<"}, {">=", "<="}]
+    ],
+    ?assertEqual({'<', {x, 1}, 400}, typed("400 mm >= r1.x")).
+
 and_binds_stronger_than_or_test() ->
     {'or', _, {'and', _, {'not', _}}} = typed("up(r1) or up(r2) and not up(r3)").
 

@@ -80,6 +80,30 @@ deadlock_test() ->
     ?assertEqual(never, verdict("deadlock(2 s)", [{1, Down}, {2, Down}])),
     ?assertEqual(certainly, verdict("deadlock(2 s)", [First, {2, Down}])).
 
+%% -- states -------------------------------------------------------------------------------------
+
+times(What, Events) ->
+    {Set, Set} = starl_debug_state:times(What, starl_debug_state:new(1, Events, {0, 99}, exact)),
+    Set.
+
+%% Who waits for a token is not idle; a lease that is lost ends a hold, and so does a death.
+states_follow_events_test() ->
+    Events = #{
+        mutex => [
+            {10, {requested, t}},
+            {20, {acquired, t, 1}},
+            {30, {lease_lost, t, 1}},
+            {40, {acquired, t, 2}}
+        ],
+        robot => [{50, down}, {60, up}]
+    },
+    ?assertEqual([{10, 19}], times({mode, <<"waiting">>}, Events)),
+    ?assertEqual([{0, 9}, {20, 49}, {60, 99}], times({mode, <<"idle">>}, Events)),
+    ?assertEqual([{50, 59}], times({mode, <<"down">>}, Events)),
+    ?assertEqual([{20, 29}, {40, 49}], times({owner, any}, Events)),
+    ?assertEqual([{20, 29}, {40, 49}], times({owner, {token, <<"t">>}}, Events)),
+    ?assertEqual([], times({owner, {token, <<"u">>}}, Events)).
+
 %% -- geocast ------------------------------------------------------------------------------------
 
 -define(ID, {1, 1, 1}).
