@@ -33,9 +33,9 @@
     hides_mm := float()
 }.
 
-%% `wait': the answer to its last request is still due; has it looked from where it waits? `tell': it has
-%% found the ball, and the others do not know.
--type phase() :: elect | search | {wait, Looked :: boolean()} | {tell, starl_geometry:point()}.
+%% `wait': the answer to its last request is still due; what it saw of others when it last looked from where
+%% it waits. `tell': it has found the ball, and the others do not know.
+-type phase() :: elect | search | {wait, look() | none} | {tell, starl_geometry:point()}.
 -type state() :: {phase(), task()}.
 
 %% A look all around: from where, and the ways of other robots meanwhile.
@@ -60,6 +60,8 @@
 -define(HIDDEN_MS, 1000).
 %% Each of so many times it says what it has seen.
 -define(SHARED, 4).
+%% Who is seen so near to where it was has not moved (mm).
+-define(STILL_MM, 30.0).
 %% Fields of view overlap by this (rad), and a field at least so wide is all around.
 -define(OVERLAP, 0.2).
 -define(AROUND, 6.28).
@@ -100,10 +102,10 @@ phase({tell, At}, Robot, _Task) ->
             ok = starl:sleep(Robot, ?TELL_MS),
             {tell, At}
     end;
-phase({wait, Looked}, Robot, Task) ->
+phase({wait, Before}, Robot, Task) ->
     case starl_registers:get(Robot, found) of
         {ok, At} -> {done, {found, At}};
-        {error, _} -> waits(Looked orelse look_around(Robot, Task), Robot, Task)
+        {error, _} -> waits(look_around(Before, Robot, Task), Robot, Task)
     end;
 phase(search, Robot, Task) ->
     search(starl_registers:get(Robot, found), starl:sense(Robot, camera), Robot, Task).
@@ -115,31 +117,31 @@ search(_Found, {error, _}, Robot, _Task) ->
     ok = starl:sleep(Robot, 1000),
     search;
 search(_Found, {ok, _}, Robot, Task) ->
-    requested(starl_dpp:request_path(Robot, ?SOON_MS), false, Robot, Task).
+    requested(starl_dpp:request_path(Robot, ?SOON_MS), none, Robot, Task).
 
 waits({found, At}, Robot, _Task) -> found(At, Robot);
-waits(Looked, Robot, Task) -> requested(starl_dpp:wait_path(Robot, ?WAIT_MS), Looked, Robot, Task).
+waits(Look, Robot, Task) -> requested(starl_dpp:wait_path(Robot, ?WAIT_MS), Look, Robot, Task).
 
 join(Robot, Leader) ->
     _ = starl_dpp:join(Robot, Leader),
     search.
 
-requested({ok, Path}, _Looked, Robot, Task) ->
+requested({ok, Path}, _Look, Robot, Task) ->
     follow(starl_dpp:lines(Path), Path, Robot, Task);
-requested({error, no_coordinator}, _Looked, Robot, _Task) ->
+requested({error, no_coordinator}, _Look, Robot, _Task) ->
     join(Robot, hd(starl:participants(Robot)));
-requested({error, no_answer}, _Looked, _Robot, _Task) ->
+requested({error, no_answer}, _Look, _Robot, _Task) ->
     {done, incomplete};
-requested({error, timeout}, Looked, _Robot, _Task) ->
-    {wait, Looked};
-requested({error, restarted}, _Looked, _Robot, _Task) ->
+requested({error, timeout}, Look, _Robot, _Task) ->
+    {wait, Look};
+requested({error, restarted}, _Look, _Robot, _Task) ->
     search;
-requested(complete, _Looked, Robot, _Task) ->
+requested(complete, _Look, Robot, _Task) ->
     case starl_registers:get(Robot, hidden) of
         {ok, _} -> {done, incomplete};
         {error, _} -> {done, complete}
     end;
-requested(incomplete, _Looked, _Robot, _Task) ->
+requested(incomplete, _Look, _Robot, _Task) ->
     {done, incomplete}.
 
 %% The rest of a path that is not followed goes to the next robot that asks.
@@ -271,17 +273,25 @@ hidden(Cells, {ok, Look}, Robot, Task) -> unseen(behind(Look, Cells, Task), Robo
 
 %% What this robot has seen all around others need not see.
 shared({ok, Look}, Robot, #{field := Field}) when Field >= ?AROUND ->
-    starl_registers:put(Robot, {looked, starl:id(Robot)}, Look) =:= ok;
+    case starl_registers:put(Robot, {looked, starl:id(Robot)}, Look) of
+        ok -> Look;
+        {error, _} -> none
+    end;
 shared(_Others, _Robot, _Task) ->
-    false.
+    none.
 
-behind({From, Others}, Cells, #{hides_mm := Mm}) ->
+%% What stands beside a ball or beyond it does not hide it.
+behind({From, Others}, Cells, #{hides_mm := Mm, ball_mm := Ball}) ->
     [
         Cell
      || Cell <- Cells,
-        Sight <- [{From, starl_search_cells:middle(Cell)}],
+        Sight <- [{From, before(Ball, From, starl_search_cells:middle(Cell))}],
         lists:any(fun(Way) -> starl_geometry:closer(Way, Sight, Mm) end, Others)
     ].
+
+before(Ball, From, To) ->
+    Far = starl_geometry:distance(From, To),
+    starl_geometry:interpolate(From, To, max(0.0, 1.0 - Ball / max(Ball, Far))).
 
 unseen([], _Robot, _Task) ->
     [];
@@ -302,16 +312,28 @@ but_seen(Looks, Cells, Walls, #{most_mm := Range, ball_mm := Ball} = Task) ->
     end,
     [Cell || Cell <- Cells, not lists:any(fun(Look) -> IsSeen(Cell, Look) end, Looks)].
 
-%% A robot that waits looks from there, once: others need not see what it hides from them.
-look_around(Robot, #{field := Field} = Task) when Field >= ?AROUND ->
-    Before = others(Robot, Task),
-    case look(?AGAIN, Robot) of
-        nothing -> shared(others(Before, others(Robot, Task), Robot), Robot, Task);
-        gone -> false;
+%% A robot that waits looks from there, and once more when others have moved: they need not see what it hides
+%% from them.
+look_around(Before, Robot, #{field := Field} = Task) when Field >= ?AROUND ->
+    Others = others(Robot, Task),
+    case is_same(others(Others, Others, Robot), Before) orelse look(?AGAIN, Robot) of
+        true -> Before;
+        nothing -> shared(others(Others, others(Robot, Task), Robot), Robot, Task);
+        gone -> none;
         {found, At} -> {found, At}
     end;
-look_around(_Robot, _Task) ->
-    true.
+look_around(Before, _Robot, _Task) ->
+    Before.
+
+is_same({ok, {At, Ways}}, {Before, Others}) when length(Ways) =:= length(Others) ->
+    lists:all(
+        fun({{A, B}, {C, D}}) ->
+            lists:all(fun(P) -> starl_geometry:distance(A, P) < ?STILL_MM end, [B, C, D])
+        end,
+        lists:zip([{At, At} | Ways], [{Before, Before} | Others])
+    );
+is_same(_Now, _Before) ->
+    false.
 
 %% -- looking --------------------------------------------------------------------------------
 
