@@ -10,7 +10,7 @@
 
 -export([init/2, step/2]).
 -export([sections/1, most/1, starts/2, nearest/2, token/2]).
--export([options/0, scene/1, guarantees/0, measures/0, report/2]).
+-export([options/0, scene/1, guarantees/0, measures/0, report/2, knows_walls/0]).
 
 -export_type([event/0, road/0, token/0]).
 
@@ -52,6 +52,10 @@ measures() ->
         {wait_s, "waiting for a section of the road, s"},
         {passes_per_min, "passes of the crossing by a robot per minute"}
     ].
+
+%% @doc Robots drive as if the floor were free.
+-spec knows_walls() -> false.
+knows_walls() -> false.
 
 %% @doc What those who drive may rely on.
 -spec guarantees() -> [starl_guarantee:t()].

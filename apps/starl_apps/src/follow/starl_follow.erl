@@ -8,7 +8,7 @@
 -behaviour(starl_app).
 
 -export([init/2, step/2]).
--export([options/0, blocks/0, monitors/1, guarantees/0, measures/0, report/2]).
+-export([options/0, blocks/0, monitors/1, guarantees/0, measures/0, report/2, knows_walls/0]).
 -export([rank/3]).
 
 %% `goals': a leader's corners. `goal': the corner to which the leader drives. `trails': where the present one
@@ -46,6 +46,10 @@ monitors(#{robots := Ids}) -> [{starl_follow_monitor, #{robots => Ids}}].
 
 -spec measures() -> [{atom(), string()}].
 measures() -> [{error_mm, "distance from the place in the column, mm"}].
+
+%% @doc Robots drive as if the floor were free.
+-spec knows_walls() -> false.
+knows_walls() -> false.
 
 %% @doc What a team that follows may rely on.
 -spec guarantees() -> [starl_guarantee:t()].

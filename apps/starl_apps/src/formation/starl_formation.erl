@@ -9,7 +9,7 @@
 -behaviour(starl_app).
 
 -export([init/2, step/2]).
--export([options/0, blocks/0, monitors/1, guarantees/0, measures/0, report/2]).
+-export([options/0, blocks/0, monitors/1, guarantees/0, measures/0, report/2, knows_walls/0]).
 -export([by_direction/2, places/4, way_round/4]).
 
 -export_type([event/0, form/0]).
@@ -64,6 +64,10 @@ monitors(#{robots := Ids, options := #{tolerance := Mm}}) ->
 
 -spec measures() -> [{atom(), string()}].
 measures() -> [{error_mm, "distance from the place in the formation, mm"}].
+
+%% @doc Robots drive as if the floor were free.
+-spec knows_walls() -> false.
+knows_walls() -> false.
 
 %% @doc What those who use a formation may rely on.
 -spec guarantees() -> [starl_guarantee:t()].

@@ -9,7 +9,7 @@
 -behaviour(starl_app).
 
 -export([init/2, step/2]).
--export([options/0, blocks/0, monitors/1, guarantees/0, measures/0, report/2]).
+-export([options/0, blocks/0, monitors/1, guarantees/0, measures/0, report/2, knows_walls/0]).
 
 %% Times by the robot's own clock (ms).
 -type state() :: #{
@@ -48,6 +48,10 @@ monitors(#{profiles := Profiles} = Context) ->
 
 -spec measures() -> [{atom(), string()}].
 measures() -> [{heard, "messages that a robot has heard"}].
+
+%% @doc Robots drive as if the floor were free.
+-spec knows_walls() -> false.
+knows_walls() -> false.
 
 %% @doc Who hears.
 -spec guarantees() -> [starl_guarantee:t()].

@@ -32,7 +32,13 @@
 %% median and the range of these, also of a run without any value.
 -callback measures() -> [{Key :: atom(), Text :: string()}].
 
--optional_callbacks([code_change/2, blocks/0, options/0, monitors/1, guarantees/0, measures/0]).
+%% Does it find its way among walls? Without this callback it does, or it is its own matter; `false': a floor
+%% plan with walls inside is refused before the run.
+-callback knows_walls() -> boolean().
+
+-optional_callbacks([
+    code_change/2, blocks/0, options/0, monitors/1, guarantees/0, measures/0, knows_walls/0
+]).
 
 -define(CALLBACKS, [{init, 2}, {step, 2}]).
 

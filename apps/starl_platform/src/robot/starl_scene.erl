@@ -113,10 +113,34 @@
 %% on an error in it.
 -spec make(module(), context()) -> {ok, t()} | {error, Why :: unicode:chardata()}.
 make(App, Context) ->
-    case scene(App, Context) of
-        {ok, Scene} -> expanded(App, Scene, Context);
-        {error, _} = Error -> Error
+    case walls(App, Context) of
+        [] -> made(scene(App, Context), App, Context);
+        Walls -> {error, unknown_walls(App, length(Walls), Context)}
     end.
+
+made({ok, Scene}, App, Context) -> expanded(App, Scene, Context);
+made({error, _} = Error, _App, _Context) -> Error.
+
+%% The walls of the plan, if the application knows none.
+walls(App, #{floor := #{walls := Walls}}) ->
+    case exported(App, knows_walls, 0) andalso starl_app:declared(App, knows_walls, []) of
+        {ok, false} -> Walls;
+        _ -> []
+    end;
+walls(_App, _Context) ->
+    [].
+
+unknown_walls(App, N, #{floor := #{name := Name}}) ->
+    io_lib:format(
+        "the floor plan~ts has ~b wall~ts inside, and ~ts knows no walls: use a plan without them, or an "
+        "application that knows them, such as search, painting or convoy",
+        [
+            [[$\s, Name] || Name =/= <<>>],
+            N,
+            [$s || N =/= 1],
+            string:replace(atom_to_list(App), "starl_", "", leading)
+        ]
+    ).
 
 %% @doc The building blocks that an application lists, without what every robot has.
 -spec blocks_of(module(), context()) -> {ok, [module()]} | {error, unicode:chardata()}.
