@@ -34,6 +34,25 @@ every_room_is_searched_test_() ->
         Ball <- [nowhere, random]
     ].
 
+%% Houses with furniture and compartments, the ball anywhere: it is found, or the floor that is named has it.
+the_ball_is_found_or_its_floor_is_named_test_() ->
+    Seed = seed(),
+    [
+        {timeout, 300, fun() ->
+            Floor = starl_search_houses:house(3, 2, Seed + N),
+            #{violations := Violations, report := Report, ball := Ball, monitors := Monitors} =
+                starl_search_houses:search(Floor, Seed + N, #{loss => 0.1}),
+            #{starl_search_monitor := #{found_us := Found, left := Left}} = Monitors,
+            IsNamed = lists:any(fun(P) -> starl_geometry:distance(P, Ball) < 150 end, Left),
+            ?assertMatch({Seed, N, Ball, []}, {Seed, N, Ball, Violations}),
+            ?assert(Found =/= none orelse IsNamed, {Seed, N, Ball}),
+            ?assertMatch(
+                {Seed, N, #{complete := Is}} when Is =:= (Found =/= none), {Seed, N, Report}
+            )
+        end}
+     || N <- lists:seq(1, 8)
+    ].
+
 %% A false blob may be taken for a ball at its place only, so a found ball is one.
 is_done(nowhere, {done, complete}) -> true;
 is_done(random, {done, {found, _}}) -> true;
