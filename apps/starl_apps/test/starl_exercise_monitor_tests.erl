@@ -80,9 +80,59 @@ quiet_core_test() ->
     ?assertMatch(
         #{rest := [2], healed_us := 100000000},
         starl_exercise_monitor:context(Known, #{
-            bound_us => 1, within_us => 1, margin_us => 1, robots => [1, 2, 3]
+            exercise => starl_sap_block,
+            bound_us => 1,
+            within_us => 1,
+            margin_us => 1,
+            robots => [1, 2, 3]
         })
     ).
+
+%% What can hold up a call: no wheel holds up a message, no radio a drive.
+held_up_by_class_test() ->
+    Ends = #{network => 5, actuation => 7, clock => 3},
+    Healed = fun(Exercise) ->
+        Known = #{
+            broken => [],
+            healed_us => 7,
+            ends => Ends,
+            slack_us => 0,
+            sap => #{limit => 2},
+            loss => 0.3,
+            delay_us => 0
+        },
+        starl_exercise_monitor:context(Known, #{
+            exercise => Exercise,
+            use => #{exercise => Exercise},
+            bound_us => 1,
+            within_us => 1,
+            margin_us => 1,
+            robots => [1, 2, 3]
+        })
+    end,
+    ?assertMatch(#{healed_us := 7, within_us := 1}, Healed(starl_motion_block)),
+    %% SAP may give up a message, which this exercise does not send again: that is said
+    ?assertMatch(#{healed_us := never, lossy := 0.3}, Healed(starl_sap_block)).
+
+%% A call on a radio that loses too much is not judged, and the results say so.
+lossy_is_said_test() ->
+    Config = #{
+        exercise => starl_sap_block,
+        robots => [1, 2],
+        within_us => 1,
+        margin_us => 1,
+        bound_us => 1
+    },
+    Finish = fun(More) ->
+        {ok, Results} = starl_exercise_monitor:finish(
+            100, starl_exercise_monitor:init(maps:merge(Config, More))
+        ),
+        maps:get(unjudged, Results, [])
+    end,
+    ?assertEqual([], Finish(#{healed_us => 50})),
+    ?assertMatch([{_, "a fault lasts until the end"}], Finish(#{healed_us => 100})),
+    [{_, Why}] = Finish(#{healed_us => never, lossy => 0.25}),
+    ?assertEqual("the radio loses 25.0 %", lists:flatten(Why)).
 
 %% What is told of a call: when it ended, whose it was, since when, and how it came out.
 a_broken_promise_tells_of_its_call_test() ->

@@ -16,7 +16,7 @@ judged(Events) -> judged(Events, #{}).
 judged(Events, More) ->
     Config = #{range_mm => 2500, speed => 400, loss => 0, delay_us => 20000},
     starl_team_runs:judged(
-        row() ++ Events ++ [starl_team_runs:standing(9000000, 1, {1500, 0})],
+        row() ++ Events ++ [{9000000000, 1, geocast, nothing}],
         {starl_swarm_monitor, maps:merge(Config, More)}
     ).
 
@@ -34,12 +34,47 @@ over_hops_test() ->
 not_owed_test() ->
     ?assertMatch({[], #{owed := 0}}, judged([sent(?AREA)], #{range_mm => 2200})),
     ?assertMatch({[], #{owed := 0}}, judged([sent({circle, {5250.0, 0.0}, 1000.0})])),
-    ?assertMatch({[], #{owed := 0}}, judged([sent(?AREA)], #{loss => 0.1})),
+    ?assertMatch(
+        {[], #{owed := 0, unjudged := [_]}}, judged([sent(?AREA)], #{loss => 0.5})
+    ),
     ?assertMatch({[], #{owed := 0}}, judged([sent(?AREA)], #{delay_us => 300000})),
     ?assertMatch({[], #{owed := 0}}, judged([sent(?AREA)], #{faults => [{3, 0, 5, fault}]})),
     Died = {5, 2, robot, {died, killed}},
     ?assertMatch({[], #{owed := 0}}, judged([Died, sent(?AREA)])),
     ?assertMatch({[not_heard], #{owed := 2}}, judged([sent(?AREA)], #{range_mm => none})).
+
+%% The N-th message, of robot 1, sent after N times ten seconds.
+later(N, Area, Hear) ->
+    T = 10000000 * N,
+    Id = {1, 1, N},
+    [
+        {T, 1, geocast, {sent, Id, Area, 5000000, 7}}
+        | [{T + 500000, Robot, geocast, {delivered, Id, 7}} || Robot <- Hear]
+    ] ++ [{T + 2000000, 1, geocast, nothing}].
+
+%% On a radio that loses packets chance explains some messages that are missed in a row, the fewer the less it loses;
+%% that a neighbour hears says nothing of those behind it.
+lossy_test() ->
+    Trace = fun(Most, Hear) -> lists:append([later(N, ?AREA, Hear) || N <- lists:seq(1, Most)]) end,
+    Judged = fun(Loss, Most, Hear) ->
+        {Found, Results} = judged(Trace(Most, Hear), #{loss => Loss}),
+        {lists:usort(Found), maps:is_key(unjudged, Results)}
+    end,
+    ?assertEqual({[], true}, Judged(0.1, 1, [1])),
+    ?assertEqual({[not_heard], false}, Judged(0.1, 40, [1])),
+    ?assertEqual({[], true}, Judged(0.3, 5, [1])),
+    ?assertEqual({[not_heard], false}, Judged(0.2, 200, [1])),
+    ?assertEqual({[], false}, Judged(0.2, 200, [3, 4])),
+    Near = {circle, {4000.0, 0.0}, 9000.0},
+    Direct = lists:append([later(N, Near, [1, 2]) || N <- lists:seq(1, 200)]),
+    ?assertMatch({[not_heard | _], _}, judged(Direct, #{loss => 0.2})).
+
+%% Wheels keep nobody from hearing; a robot that does not know its place need not.
+excused_by_class_test() ->
+    Known = #{broken => [], faults => [], loss => 0, delay_us => 5, bodies => [{3, 1, 2, fault}]},
+    Told = fun(Places) -> starl_swarm_monitor:context(Known#{places => Places}, #{}) end,
+    ?assertMatch(#{faults := []}, Told([])),
+    ?assertMatch(#{faults := [_]}, Told([{3, 1, 2, fault}])).
 
 %% Robots that are told wrong positions hear elsewhere: that breaks no contract.
 wrong_positions_test_() ->
@@ -72,7 +107,7 @@ runs_test_() ->
         end}
      || {IsOwed, More} <- [
             {true, #{robots => 16, range => 4000}},
-            {false, #{robots => 6, loss => 0.2}},
+            {true, #{robots => 6, loss => 0.2}},
             {false, #{robots => 6, range => 9000, shadowing => 6}},
             {true, #{robots => 6, faults => [{f, 20000, 25000, isolate, 2, #{}}]}}
         ]

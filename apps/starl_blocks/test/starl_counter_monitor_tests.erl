@@ -201,3 +201,16 @@ the_monitor_asks_for_the_counters_events_test() ->
     ?assertEqual(
         #{counter => [{incremented, 1}, {holds, 1}, {read, 1}]}, starl_counter_monitor:vocabulary()
     ).
+
+%% Values that differ when a run ends before the bound are not judged, which is said; a slow wheel prolongs nothing.
+not_yet_is_said_test() ->
+    Unjudged = fun(End) ->
+        M0 = starl_counter_monitor:init(#{robots => [1, 2], within_us => 1000}),
+        {ok, M} = starl_counter_monitor:step({5, 1, counter, {incremented, 1}}, M0),
+        {Verdict, Results} = starl_counter_monitor:finish(End, M),
+        {Verdict =:= ok, length(maps:get(unjudged, Results, []))}
+    end,
+    ?assertEqual({true, 1}, Unjudged(900)),
+    ?assertEqual({false, 0}, Unjudged(1900)),
+    Known = #{healed_us => 70, ends => #{actuation => 70, network => 8}},
+    ?assertMatch(#{healed_us := 8}, starl_counter_monitor:context(Known, #{robots => [1]})).

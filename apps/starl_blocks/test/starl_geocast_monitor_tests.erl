@@ -477,3 +477,64 @@ other_events_test() ->
         ?assertEqual({ok, M}, starl_geocast_monitor:step({0, 1, Machine, Event}, M))
      || {Machine, Event} <- [{geocast, {malformed, 2}}, {robot, {started, geocast}}]
     ].
+
+%% -- a radio that loses packets ---------------------------------------------------------------
+
+%% Robot 2 stands inside from the beginning; the N-th message of robot 1 lives one second; who has each.
+lossy(Loss, Messages) ->
+    Stands = {1, 2, chassis, {motion, {piece, 1, 500.0, 0.0, 0.0, 0.0, 0.0}}},
+    Events = [
+        message(10000000 * N, {1, 1, N}, Has)
+     || {N, Has} <- lists:enumerate(Messages)
+    ],
+    Config = #{robots => [1, 2], progress => true, drift_ppm => 0, loss => Loss},
+    Here = {0, 1, chassis, {motion, {piece, 0, 0.0, 0.0, 0.0, 0.0, 0.0}}},
+    M0 = starl_monitor:new([{starl_geocast_monitor, Config}]),
+    {Found, M} = lists:foldl(
+        fun(Event, {Acc, Monitor}) ->
+            case starl_monitor:step(Event, Monitor) of
+                {ok, Next} -> {Acc, Next};
+                {violation, #{what := What}, Next} -> {Acc ++ [What], Next}
+            end
+        end,
+        {[], M0},
+        [Here, Stands | lists:append(Events)]
+    ),
+    {Late, #{starl_geocast_monitor := Results}} = starl_monitor:finish(90000000000, M),
+    {Found ++ [What || #{what := What} <- Late], maps:is_key(unjudged, Results)}.
+
+message(T, Id, Has) ->
+    Own = [
+        {T, 1, geocast, {sent, Id, ?AREA, 1000000, 77}},
+        {T + 1, 1, geocast, {delivered, Id, 77}}
+    ],
+    Held = {T + 500, 2, geocast, {held, Id, 1}},
+    case Has of
+        nothing -> Own;
+        held -> Own ++ [Held];
+        full -> Own ++ [{T + 500, 2, geocast, {full, Id}}];
+        all -> Own ++ [Held, {T + 501, 2, geocast, {delivered, Id, 77}}]
+    end.
+
+%% One second: offers at 0, 50, 150, 350 and 750 ms, each of which leads to nothing with 1 - 0.9^3, 1 - 0.7^3, and so on.
+rows_of_missed_messages_test() ->
+    Missed = fun(N) -> lists:duplicate(N, nothing) end,
+    ?assertEqual({[not_delivered], false}, lossy(0, Missed(1))),
+    ?assertEqual({[], true}, lossy(0.1, Missed(3))),
+    ?assertEqual({[not_delivered], false}, lossy(0.1, Missed(4))),
+    ?assertEqual({[], true}, lossy(0.3, Missed(9))),
+    ?assertEqual({[not_delivered], false}, lossy(0.3, Missed(10))),
+    %% its own messages tell nothing of what robot 1 hears, another message of robot 1 ends the row
+    ?assertEqual({[], false}, lossy(0.3, Missed(9) ++ [all] ++ Missed(9))).
+
+%% Chance takes nothing that a robot has; who is full has no row.
+what_a_robot_has_test() ->
+    ?assertEqual({[not_delivered], false}, lossy(0.3, [held])),
+    ?assertEqual({[], false}, lossy(0.3, lists:duplicate(50, full))).
+
+lifetimes_test() ->
+    Offers = fun(Us) -> starl_geocast_lifetime:offers(Us, 10000, {50000, 1000000}) end,
+    ?assertEqual([0, 1, 1, 2, 3], [Offers(Us) || Us <- [39999, 40000, 89999, 90000, 190000]]),
+    ?assertEqual(1.0, starl_geocast_lifetime:missed(0.3, 0)),
+    ?assertEqual(0.0, starl_geocast_lifetime:missed(0, 1)),
+    ?assert(abs(starl_geocast_lifetime:missed(0.5, 2) - 0.875 * 0.875) < 1.0e-9).

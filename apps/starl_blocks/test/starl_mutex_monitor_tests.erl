@@ -675,3 +675,43 @@ an_owner_is_announced_after_a_pause_test() ->
     Owners = fun(At) -> owners([got(1, 1, 5), announces(At, 1, a, 5)], [{1, 50, 250, pause}]) end,
     ?assertEqual([], Owners(301)),
     ?assertEqual([owner_not_announced], Owners(302)).
+
+%% -- the bound of a run -----------------------------------------------------------------------
+
+%% The bound grows with the loss; where a claim and its answer are hardly ever in time it is not judged.
+idle_by_loss_test() ->
+    Told = fun(Loss, Delay) ->
+        Known = #{
+            broken => [],
+            faults => [],
+            slack_us => 0,
+            sap => #{limit => 6},
+            loss => Loss,
+            delay_us => Delay
+        },
+        starl_mutex_monitor:context(Known, #{
+            retry_us => 3000000, lease_us => 2000000, lag_us => 250000, robots => [1, 2, 3]
+        })
+    end,
+    Bounds = [Us || Loss <- [0, 0.1, 0.2, 0.3, 0.6], #{idle_us := Us} <- [Told(Loss, 20000)]],
+    ?assertEqual(5, length(Bounds)),
+    ?assertMatch(#{unjudged := [{_, _}]}, Told(0.9, 20000)),
+    ?assertEqual(Bounds, lists:usort(Bounds)),
+    ?assert(hd(Bounds) < 15000000),
+    ?assertMatch(#{unjudged := [{"holders release" ++ _, _}]}, Told(0.3, 1000000)),
+    ?assertNot(is_map_key(idle_us, Told(0.3, 1000000))).
+
+%% Who gives up before the bound, and whom nobody serves, is reported, unless it was found.
+in_vain_is_said_test() ->
+    Unjudged = fun(Events, End) ->
+        {Found, Results} = run(Events, End, #{idle_us => 100, robots => [1, 2, ?HOME]}),
+        {Found, [Why || {_, Why} <- maps:get(unjudged, Results, [])] =/= []}
+    end,
+    Asks = {10, 1, {requested, a}},
+    Fails = {60, 1, {failed, a, timeout}},
+    ?assertEqual({[], true}, Unjudged([Asks, Fails], 1000)),
+    ?assertEqual({[], false}, Unjudged([Asks, got(20, 1, 1), let_go(30, 1, 1)], 1000)),
+    Later = [{70, 1, {requested, a}}, got(80, 1, 1), let_go(90, 1, 1)],
+    ?assertEqual({[], false}, Unjudged([Asks, Fails | Later], 1000)),
+    ?assertEqual({[], true}, Unjudged([Asks], 90)),
+    ?assertEqual({[lies_idle], false}, Unjudged([Asks], 1000)).

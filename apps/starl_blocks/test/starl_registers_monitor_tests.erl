@@ -349,3 +349,43 @@ other_events_test() ->
         ?assertEqual({ok, M}, starl_registers_monitor:step({0, 1, Machine, Event}, M))
      || {Machine, Event} <- [{registers, {malformed, 2}}, {robot, {started, registers}}]
     ].
+
+%% -- the bound of a run -----------------------------------------------------------------------
+
+%% Agreement takes longer on a radio that loses packets, and a wheel does not prolong it.
+bound_by_loss_test() ->
+    Told = fun(Loss) ->
+        starl_registers_monitor:context(
+            #{
+                broken => [],
+                clocks => #{offset_us => 0, drift_ppm => 0},
+                healed_us => 70,
+                ends => #{actuation => 70, process => 9},
+                slack_us => 0,
+                sap => #{limit => 6},
+                loss => Loss,
+                delay_us => 20000
+            },
+            #{robots => [1, 2], within_us => 20000000}
+        )
+    end,
+    #{within_us := Sound, healed_us := 9} = Told(0),
+    #{within_us := Lossy, healed_us := 9} = Told(0.3),
+    ?assertEqual(20060000, Sound),
+    ?assert(Lossy > 2 * Sound andalso Lossy < 20 * Sound).
+
+%% Copies that differ when a run ends before the bound are not judged, which is said.
+not_yet_is_said_test() ->
+    Unjudged = fun(Events, End) ->
+        M0 = starl_monitor:new([{starl_registers_monitor, #{robots => [1, 2], bound_us => 1000}}]),
+        Step = fun({T, Robot, What}, M) ->
+            element(2, starl_monitor:step({T, Robot, registers, What}, M))
+        end,
+        Last = lists:foldl(Step, M0, Events),
+        {Found, #{starl_registers_monitor := Results}} = starl_monitor:finish(End, Last),
+        {length(Found), length(maps:get(unjudged, Results, []))}
+    end,
+    Put = [put(5, 1, x), holds(5, 1, x, s(5, 1))],
+    ?assertEqual({0, 1}, Unjudged(Put, 900)),
+    ?assertEqual({1, 0}, Unjudged(Put, 1900)),
+    ?assertEqual({0, 0}, Unjudged(Put ++ [holds(9, 2, x, s(5, 1))], 900)).

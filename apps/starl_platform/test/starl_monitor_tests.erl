@@ -258,3 +258,17 @@ keeps_a_thousand_of_all_calls_test() ->
     ?assertEqual(998, Kept(Feed(500, Feed(500, M0)))),
     ?assertEqual(998, Kept(Feed(501, Feed(500, M0)))),
     ?assertEqual(998, Kept(Feed(1, Feed(500, Feed(600, M0))))).
+
+%% A contract asks for the classes of faults that can hold up what it speaks of.
+healed_by_class_test() ->
+    Ends = #{network => 5, actuation => 70, process => 9},
+    Known = #{healed_us => 70, ends => Ends, core => #{rest => [], healed_us => 9, ends => #{}}},
+    ?assertEqual(9, starl_monitor:healed_us([network, clock, process], Known)),
+    ?assertEqual(70, starl_monitor:healed_us([actuation], Known)),
+    ?assertEqual(0, starl_monitor:healed_us([store], Known)),
+    ?assertEqual(
+        never, starl_monitor:healed_us([network, clock], Known#{ends := #{network => never}})
+    ),
+    ?assertEqual(0, starl_monitor:core_healed_us([actuation], Known)),
+    %% without the classes the end of all faults counts
+    ?assertEqual(70, starl_monitor:healed_us([store], maps:remove(ends, Known))).

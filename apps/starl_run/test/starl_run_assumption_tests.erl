@@ -152,3 +152,57 @@ core_beside_links_test() ->
     ),
     %% no majority is left
     ?assertEqual([], Rest([Cut(a, {1, 2})], 2)).
+
+%% -- what bounds allow for instead of an excuse ----------------------------------------------
+
+radio(Faults, EndMs) ->
+    ?assertEqual([], starl_run_fault:check(Faults)),
+    starl_run_assumption:radio(Faults, 1000 * EndMs).
+
+%% A little loss or delay is a part of the radio, however long it lasts; copies cost nothing.
+little_is_no_excuse_test() ->
+    Slow = {a, 0, 10, delay, {1, 2}, #{extra_ms => 5}},
+    Late = {b, 0, 10, reorder, {1, 2}, #{part => 0.5, extra_ms => 1}},
+    ?assertEqual({0.0, 6000, []}, radio([Slow, Late], 1000)),
+    Twice = {c, 0, 10, duplicate, {1, 2}, #{part => 1.0}},
+    Babbles = {d, 0, 10, babble, 1, #{copies => 5}},
+    ?assertEqual({0.0, 0, []}, radio([Twice, Babbles], 1000)),
+    Lossy = {e, 0, 10, loss, {1, 2}, #{part => 0.02}},
+    Corrupt = {f, 0, 10, corrupt, {1, 2}, #{part => 0.01}},
+    {Lost, 0, []} = radio([Lossy, Corrupt], 1000),
+    ?assert(abs(Lost - (1 - 0.98 * 0.99)) < 1.0e-9).
+
+%% More is one only where it lasts for half of the run at least; what takes everything is an excuse always.
+much_is_an_excuse_while_short_test() ->
+    Fault = fun(Kind, To, Params) -> {a, 0, To, Kind, {1, 2}, Params} end,
+    IsExcuse = fun(Given) -> element(3, radio([Given], 1000)) =:= [Given] end,
+    ?assert(IsExcuse(Fault(loss, 499, #{part => 0.03}))),
+    ?assertNot(IsExcuse(Fault(loss, 500, #{part => 0.03}))),
+    ?assertNot(IsExcuse(Fault(loss, 1000, #{part => 0.5}))),
+    ?assert(IsExcuse(Fault(loss, 1000, #{part => 0.51}))),
+    ?assert(IsExcuse(Fault(delay, 499, #{extra_ms => 6}))),
+    ?assertNot(IsExcuse(Fault(delay, 500, #{extra_ms => 200}))),
+    ?assert(IsExcuse(Fault(delay, 1000, #{extra_ms => 201}))),
+    ?assert(IsExcuse({a, 0, 1000, isolate, 1, #{}})),
+    ?assert(IsExcuse({a, 0, 1000, wheel_slow, 1, #{wheel => left, factor => 0.9}})).
+
+%% A robot with a slow wheel knows its place, one without a positioning system or a chassis does not.
+places_test() ->
+    Places = fun(Kind, Target, Params) ->
+        starl_run_assumption:places([{f, 2, 5, Kind, Target, Params}])
+    end,
+    ?assertEqual([{3, 2000, 5000, fault}], Places(serial_gone, 3, #{})),
+    ?assertEqual([{all, 2000, 5000, fault}], Places(location_dropout, all, #{})),
+    ?assertEqual([], Places(wheel_slow, 3, #{wheel => left, factor => 0.9})),
+    ?assertEqual([], Places(pause, 3, #{})).
+
+%% When the last fault of each class is over; a clock may drift by 1 %.
+ends_test() ->
+    Faults = [
+        {a, 0, 10, pause, 1, #{}},
+        {b, 0, 30, pause, 2, #{}},
+        {c, 0, 50, wheel_slow, 2, #{wheel => left, factor => 0.9}},
+        {d, 0, 90, clock_drift, 2, #{ppm => 10000}}
+    ],
+    ?assertEqual(#{process => 30000, actuation => 50000}, starl_run_assumption:ends(Faults)),
+    ?assertEqual(#{}, starl_run_assumption:ends([])).

@@ -47,8 +47,8 @@
     %% them may have been idle for too long
     idle_us :: pos_integer() | infinity,
     idle = #{} :: #{token() => SinceUs :: integer()},
-    %% the tokens for which a robot waited in vain since anybody has held them
-    vain = #{} :: #{token() => true},
+    %% the token for which a robot waited in vain last, if nobody has held it since
+    vain = none :: none | {token, token()},
     %% was a token found to lie idle?
     found = false :: boolean(),
     idle_due = infinity :: integer() | infinity,
@@ -235,7 +235,7 @@ off(EndUs, #state{idle_us = Idle, idle = Waiting, vain = Vain, faults = Faults})
     case starl_unjudged:excused(?GRANTED, Idle, EndUs, Faults) of
         [] ->
             Long = [x || Since <- maps:values(Waiting), 2 * (EndUs - Since) > EndUs],
-            InVain = Long =/= [] orelse map_size(Vain) > 0,
+            InVain = Long =/= [] orelse Vain =/= none,
             [
                 Clause
              || InVain,
@@ -271,8 +271,7 @@ token({leased, Token, Fence, Left}, T, Robot, #state{holds = Holds} = State) ->
     {[], State#state{holds = starl_mutex_holds:leased(T, Robot, Token, Fence, Left, Holds)}};
 token({acquired, Token, Fence}, T, Robot, #state{holds = Holds} = State) ->
     Held = starl_mutex_holds:acquired(T, Robot, Token, Fence, Holds),
-    Vain = maps:remove(Token, State#state.vain),
-    kept(Held, wait(T, Robot, Token, State#state{vain = Vain}));
+    kept(Held, served(Token, wait(T, Robot, Token, State)));
 token({answered, Fences}, T, Robot, #state{holds = Holds} = State) ->
     {starl_mutex_holds:answered(T, Robot, Fences, Holds), State};
 token({released, Token, Fence}, T, Robot, #state{holds = Holds} = State) ->
@@ -281,9 +280,8 @@ token({lease_lost, Token, Fence}, T, Robot, #state{holds = Holds} = State) ->
     Ended = starl_mutex_holds:ended(lost, T, Robot, Token, Fence, Holds),
     kept(Ended, State#state{lost = State#state.lost + 1});
 token({failed, Token, Reason}, T, Robot, #state{failed = Failed} = State) ->
-    #state{vain = Vain} = State,
     {Since, Closed} = close(Token, Robot, State#state{
-        failed = Failed + 1, vain = Vain#{Token => true}
+        failed = Failed + 1, vain = {token, Token}
     }),
     {refused(T, Robot, Token, Reason, Since, State), Closed};
 token(crashed, T, Robot, #state{faults = Faults} = State) ->
@@ -291,6 +289,9 @@ token(crashed, T, Robot, #state{faults = Faults} = State) ->
     {[], forget(T, Robot, State#state{faults = starl_assumption:broken(Fault, Faults)})};
 token(_Event, _T, _Robot, State) ->
     {[], State}.
+
+served(Token, #state{vain = {token, Token}} = State) -> State#state{vain = none};
+served(_Token, State) -> State.
 
 kept({Broken, Holds}, State) -> {Broken, State#state{holds = Holds}}.
 
