@@ -6,6 +6,7 @@
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([every_bug_is_found/1, at_least_one_per_block/1, nothing_is_found_in_the_sound/1]).
 -export([every_proposition_has_a_bug/1, what_decides_is_named/1, progress_is_judged/1]).
+-export([the_sound_is_not_accused/1, what_is_not_judged_is_said/1]).
 
 %% As many as ./starl planted tries; nearly all are found within ten.
 -define(SEEDS, 1000).
@@ -19,7 +20,9 @@ all() ->
         at_least_one_per_block,
         nothing_is_found_in_the_sound,
         what_decides_is_named,
-        progress_is_judged
+        progress_is_judged,
+        the_sound_is_not_accused,
+        what_is_not_judged_is_said
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -132,3 +135,31 @@ unjudged() ->
         {painting_blind, "slow wheel"},
         {crossing_closed, "slow wheel"}
     ].
+
+%% Without the bugs nobody is accused on such a radio.
+the_sound_is_not_accused(_) ->
+    Bugs = [sap_deaf, geocast_keeps, mutex_keeps, registers_deaf, counter_deaf, barrier_deaf],
+    [
+        begin
+            Scenario = starl_progress_planted:scenario(Bug, {"", #{loss => Loss}, none}, Seed),
+            {ok, #{violations := Violations}} = starl_sim_trial:run(
+                starl_progress_planted:sound(Scenario)
+            ),
+            ?assertEqual({Bug, Loss, Seed, []}, {Bug, Loss, Seed, Violations})
+        end
+     || Bug <- Bugs, Loss <- [0.3, 0.6], Seed <- lists:seq(1, 10)
+    ].
+
+%% A radio that loses more than half keeps no coordinator from losing its lease: path planning says what it cannot judge.
+what_is_not_judged_is_said(_) ->
+    {ok, #{monitors := Results}} = starl_sim_trial:run(#{
+        app => starl_painting, picture => "house", robots => 3, seed => 1, loss => 0.6, time => 30
+    }),
+    Lines = [lists:flatten(Line) || Line <- starl_unjudged:clauses(Results)],
+    ct:pal("~p", [Lines]),
+    ?assert(
+        lists:member(
+            "not judged: dpp, a free line that can be reached is assigned after a fail-over: the radio loses 60.0 %",
+            Lines
+        )
+    ).

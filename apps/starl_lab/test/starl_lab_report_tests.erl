@@ -54,6 +54,18 @@ outcome(Results, Violations) ->
 result(done) -> {done, complete};
 result(Other) -> Other.
 
+%% A clause that a monitor could not judge stands in the report, in text and in JSON.
+clauses_not_judged_test() ->
+    Off = #{starl_dpp_monitor => #{unjudged => [{"a line is assigned", "the radio loses 60 %"}]}},
+    Of = fun(Monitors) ->
+        report(#{outcome => (outcome([done, done], []))#{monitors := Monitors}})
+    end,
+    Line = <<"not judged: dpp, a line is assigned: the radio loses 60 %">>,
+    ?assertEqual([Line], starl_lab_report:figure(clauses_not_judged, Of(Off))),
+    ?assertEqual(null, starl_lab_report:figure(clauses_not_judged, Of(#{}))),
+    Json = iolist_to_binary(starl_lab_report:json(Of(Off))),
+    ?assertMatch({_, _}, binary:match(Json, Line)).
+
 %% A run in real time says which computers were late, for that excuses their robots.
 late_computers_are_told_test() ->
     Late = fun(Which) ->

@@ -43,30 +43,36 @@
 -type state() :: term().
 %% Figures that a monitor measured, for the report.
 -type results() :: #{atom() => term()}.
-%% The facts of a run beside its events: the windows in which faults break assumptions, those of
-%% all faults that may cost a team time, and those that may cost a robot's drive time (`fault') or lead
-%% it off its line (`position'), and those that keep a robot from knowing its place (`places'); where known, those in
-%% which senses answer what is not so, and what stands in the way for a time ({@link starl_obstacles:of_fault/3}); the
-%% time at which all faults are over, and those of each class (`ends'), for {@link healed_us/2}; the
-%% robots beside the core of the team, for which some never are, and that time for the core; the longest delay of a
-%% packet, the part of the packets that is lost (both with what faults do to the radio that is no excuse), and the configuration of SAP; how far a robot's clock may be off at the
-%% beginning, and how fast it may drift, without any fault; and the time by which
-%% every bound is longer on a computer that has other work, too. Of real robots nothing is known.
+%% The facts of a run beside its events. Of real robots nothing is known.
 -type known() :: #{
+    %% the windows in which faults break assumptions
     broken := [starl_assumption:window()],
+    %% those of all faults that may cost a team time
     faults := [starl_assumption:window()],
+    %% those that may cost a robot's drive time (`fault') or lead it off its line (`position')
     bodies := [starl_assumption:window()],
+    %% those that keep a robot from knowing its place
     places => [starl_assumption:window()],
+    %% those in which robots get positions that are farther off than usual
     positions := [starl_assumption:window()],
+    %% where known, the windows in which senses answer what is not so, and what stands in the way for a time ({@link
+    %% starl_obstacles:of_fault/3})
     senses => [starl_assumption:window()],
     obstacles => [{FromUs :: integer(), ToUs :: integer(), Kind :: atom(), Params :: map()}],
+    %% the part of the packets that is lost, with what mild faults of the radio take, which are no excuse
     loss := number(),
+    %% the longest delay of a packet, with what these faults add
+    delay_us := non_neg_integer(),
+    %% the configuration of SAP
     sap := map(),
+    %% when all faults are over, and those of each class, for {@link healed_us/2}
     healed_us := integer() | never,
     ends => ends(),
+    %% the robots beside the core of the team, for which some faults never end, and these times for the core
     core := #{rest := [robot_id()], healed_us := integer() | never, ends => ends()},
-    delay_us := non_neg_integer(),
+    %% how far a robot's clock may be off at the beginning, and how fast it may drift, without any fault
     clocks := #{offset_us := non_neg_integer(), drift_ppm := number()},
+    %% the time by which every bound is longer on a computer that has other work, too
     slack_us := non_neg_integer()
 }.
 
