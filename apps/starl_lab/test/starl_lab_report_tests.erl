@@ -57,8 +57,9 @@ result(Other) -> Other.
 %% A clause that a monitor could not judge stands in the report, in text and in JSON.
 clauses_not_judged_test() ->
     Off = #{starl_dpp_monitor => #{unjudged => [{"a line is assigned", "the radio loses 60 %"}]}},
-    Of = fun(Monitors) ->
-        report(#{outcome => (outcome([done, done], []))#{monitors := Monitors}})
+    Of = fun(More) ->
+        #{monitors := Monitors} = Outcome = outcome([done, done], []),
+        report(#{outcome => Outcome#{monitors := maps:merge(Monitors, More)}})
     end,
     Line = <<"not judged: dpp, a line is assigned: the radio loses 60 %">>,
     ?assertEqual([Line], starl_lab_report:figure(clauses_not_judged, Of(Off))),
