@@ -146,3 +146,34 @@ runs_test_() ->
             }
         ]
     ].
+
+%% A leader that comes back with a damaged store has forgotten that it decided. It looks before it decides anew, or
+%% the others take up its later decision: no two robots go to one place.
+a_leader_with_a_damaged_store_decides_nothing_else_test_() ->
+    [
+        {timeout, 60, fun() -> ?assertEqual([], forgets(Seed, Loss)) end}
+     || {Seed, Loss} <- [{433000001, 0.4}, {2, 0.4}, {3, 0.0}, {4, 0.2}]
+    ].
+
+forgets(Seed, Loss) ->
+    #{violations := Violations} = starl_team_runs:outcome(#{
+        app => starl_formation,
+        robots => 2,
+        seed => Seed,
+        loss => Loss,
+        clock_offset => 0,
+        clock_drift => 0,
+        heading_error => 0.0,
+        distance_error => 0.0,
+        time => 260,
+        heal => 25,
+        faults => [
+            {ahead_1, 17401, 18606, clock_offset, 2, #{ms => -1837}},
+            {ahead_2, 258, 2157, clock_offset, 2, #{ms => -1796}},
+            {halted, 13308, 15392, pause, 2, #{}},
+            {reboot, 15253, 18321, reboot, 2, #{}},
+            {damaged, 15390, 20624, store_damaged, 2, #{}},
+            {stuck, 8408, 9037, wheel_stuck, 2, #{wheel => left}}
+        ]
+    }),
+    Violations.

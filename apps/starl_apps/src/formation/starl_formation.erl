@@ -40,6 +40,8 @@
 
 %% A formation is turned by this against the one before (rad).
 -define(TURN, (math:pi() / 6)).
+%% The election and the register of the order.
+-define(DECISION, {formation, order}).
 %% What stays free at the edge of the floor, and beside a way round.
 -define(EDGE_MM, 500).
 -define(SIDE_MM, 200).
@@ -87,7 +89,7 @@ init(_Robot, Options) -> Options#{next => order}.
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, Rounds :: pos_integer()}.
 step(Robot, #{next := order} = State) ->
-    Order = starl_decision:await(Robot, {formation, order}, fun() -> order(Robot) end),
+    Order = starl_decision:await(Robot, ?DECISION, fun() -> order(Robot) end),
     {continue, State#{next := round, order => Order}};
 step(Robot, #{next := round} = State) ->
     next_round(Robot, State);
@@ -118,11 +120,16 @@ next_round(Robot, #{rounds := Rounds, order := Order} = State) ->
             {continue, State}
     end.
 
-%% A robot that is a little off only measures a little otherwise.
-back_to_place(Robot, Round, Place, #{tolerance := Tolerance} = State) ->
-    case is_away(starl:position(Robot), Place, 2 * Tolerance) of
-        true -> State#{next := {drive, Round, Place}};
-        false -> State
+%% A robot that is a little off only measures a little otherwise. Perhaps the others have another order.
+back_to_place(Robot, Round, Place, #{tolerance := Tolerance, order := Order} = State) ->
+    case starl_decision:latest(Robot, ?DECISION, Order) of
+        Order ->
+            case is_away(starl:position(Robot), Place, 2 * Tolerance) of
+                true -> State#{next := {drive, Round, Place}};
+                false -> State
+            end;
+        Other ->
+            State#{next := round, order := Other}
     end.
 
 is_away({ok, {X, Y, _}}, Place, Mm) -> starl_geometry:distance(Place, {X, Y}) > Mm;

@@ -7,11 +7,15 @@
 %%      |    decide, store
 %%      |--- register := decision ---------------->|  each reads its copy
 %% '''
+%% A robot that is elected looks once more before it decides, and for a while if its store is damaged: it may
+%% have decided before. Two robots may decide all the same, when the store of the first is damaged or lost and no other robot
+%% is heard meanwhile. Then the later decision counts, and who waits for the others in vain asks for it ({@link latest/3}).
+%%
 %% For applications. The blocks are `starl_election' and `starl_registers'; the application's store holds the
-%% decision, and nothing else. Two robots may decide when the store of the first is damaged.
+%% decision, and nothing else.
 -module(starl_decision).
 
--export([await/3]).
+-export([await/3, latest/3]).
 
 -export_type([names/0]).
 
@@ -45,9 +49,41 @@ elected({ok, Leader}, Robot, Names, Decide) ->
             look(Robot, Names);
         unknown ->
             elect(Robot, Names, Decide);
+        {ok, New} ->
+            case made(Robot, Names, again_ms(Robot)) of
+                {ok, Decision} ->
+                    Decision;
+                none ->
+                    ok = starl:store(Robot, New),
+                    tell(Robot, Names, New)
+            end
+    end.
+
+%% A robot whose store is damaged may have forgotten that it decided, and the others know it.
+again_ms(Robot) ->
+    case starl:stored(Robot) of
+        damaged -> ?PATIENCE_MS;
+        none -> 0
+    end.
+
+%% Is a decision seen within so many milliseconds?
+made(Robot, {_, Register} = Names, Ms) ->
+    case starl_registers:get(Robot, Register) of
         {ok, Decision} ->
-            ok = starl:store(Robot, Decision),
-            tell(Robot, Names, Decision)
+            {ok, Decision};
+        {error, _} when Ms > 0 ->
+            ok = starl:sleep(Robot, ?LOOK_MS),
+            made(Robot, Names, Ms - ?LOOK_MS);
+        {error, _} ->
+            none
+    end.
+
+%% @doc The decision that counts now, where the robot knows one that was made.
+-spec latest(starl:robot(), names(), Known :: Decision) -> Decision.
+latest(Robot, Names, Known) ->
+    case made(Robot, Names, 0) of
+        {ok, Decision} -> Decision;
+        none -> Known
     end.
 
 tell(Robot, {_, Register} = Names, Decision) ->
