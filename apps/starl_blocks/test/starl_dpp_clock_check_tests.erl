@@ -89,3 +89,25 @@ slow_between_test() ->
         [agrees, agrees, agrees, lags],
         heard([{1, 0, 0}, {1, ?S, 4 * ?S}, {1, 4 * ?S, 4 * ?S}, {1, 6 * ?S + 80810, 4 * ?S}])
     ).
+
+%% A lead is not forgotten with its window: messages that all took long for a whole window make the next one, in
+%% time, no lag.
+lead_outlasts_its_window_test() ->
+    Late = [{1, (T - 5) * ?S, T * ?S} || T <- [10, 15, 20]],
+    ?assertEqual(
+        [agrees, agrees, agrees, agrees, agrees],
+        heard([{1, 0, 0}] ++ Late ++ [{1, 22 * ?S, 22 * ?S}])
+    ).
+
+%% The greatest lead of a window counts in the next one, not its last.
+greatest_lead_of_a_window_counts_test() ->
+    ?assertEqual(
+        [agrees, agrees, agrees, agrees, agrees],
+        heard([
+            {1, 0, 0},
+            {1, 3 * ?S, 2 * ?S},
+            {1, 0, 5 * ?S},
+            {1, 5 * ?S, 10 * ?S},
+            {1, 13 * ?S + 500000, 11 * ?S}
+        ])
+    ).

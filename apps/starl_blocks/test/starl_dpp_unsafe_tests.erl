@@ -155,6 +155,32 @@ nominal_test() ->
 
 %% -- what is drawn --------------------------------------------------------------------------
 
+%% What is closed keeps all away until it is opened: then no edge and no segment is closed any more, but for those that
+%% robots hold.
+what_was_closed_is_open_again_test() ->
+    Wall = [{{2500.0, 3000.0}, {5500.0, 3000.0}}],
+    Held = starl_dpp_unsafe:set(
+        1, [{{2500.0, 3200.0}, {2600.0, 3200.0}}], starl_dpp_unsafe:new([1, 2], graph())
+    ),
+    Twice = starl_dpp_unsafe:close(
+        [{{5000.0, 5000.0}, {5000.0, 5100.0}}], 300.0, starl_dpp_unsafe:close(Wall, 300.0, Held)
+    ),
+    Masks = fun(Unsafe) ->
+        Masks = starl_dpp_unsafe:masks(Unsafe),
+        [starl_dpp_array:get(E, Masks) || E <- lists:seq(1, starl_dpp_graph:edges(graph()))]
+    end,
+    Clear = fun(Unsafe) ->
+        starl_dpp_unsafe:clear(
+            {{5000.0, 2000.0}, {5000.0, 4000.0}}, starl_dpp_unsafe:others(2, Unsafe)
+        )
+    end,
+    ?assert(Masks(Twice) =/= Masks(Held)),
+    ?assertEqual([true, false], [Clear(Held), Clear(Twice)]),
+    Open = starl_dpp_unsafe:open(Twice),
+    ?assertEqual(Masks(Held), Masks(Open)),
+    ?assert(Clear(Open)),
+    ?assertEqual(starl_dpp_unsafe:all(Held), starl_dpp_unsafe:all(Open)).
+
 graph() ->
     {ok, Plan} = starl_dpp_plan:new(#{
         segments => [{{X, 2000.0}, {X + 900.0, 6500.0}} || X <- [2000.0, 3000.0, 3100.0, 5000.0]],
