@@ -89,7 +89,7 @@ coordinator(Robot) ->
 %% @doc Gives back the path that the robot holds, certifies that the robot stands still (it is
 %% stopped if it does not), and waits for a new path. `complete': every target edge is painted.
 %% `incomplete': robots that no longer answer close the edges that are left. `no_answer': no
-%% coordinator was heard for two minutes.
+%% coordinator has shown for two minutes that it hears the robot.
 -spec request_path(starl:robot()) ->
     {ok, path()} | complete | incomplete | {error, restarted | no_coordinator | no_answer}.
 request_path(Robot) ->
