@@ -391,7 +391,7 @@ late_pass_after_a_fault_test() ->
     ],
     %% a robot that has died acknowledges nothing
     Dead = all_reach() ++ [{4, 3, died} | Passes(16) -- all_reach()],
-    ?assertEqual([], judge(Dead, 16, #{delta_us => 10})).
+    ?assertEqual([], judge(Dead, 16, #{delta_us => 10, bound_us => 20})).
 
 %% The δ of a run (Proposition 3): a message and its acknowledgement, as often as it takes; where SAP may give
 %% up before, the general bound.

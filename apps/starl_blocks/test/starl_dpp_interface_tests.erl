@@ -87,7 +87,15 @@ machines_test() ->
 %% Lengths and times for the monitor: two robots within the slack of their paths are no nearer than
 %% what is left of two tubes; where chassis differ, each has its own r(v).
 monitors_test() ->
-    Options = #{tube_radius => 300.0, slack => 40.0, lease_ms => 9, jump_ms => 2, drift_ppm => 5},
+    Options = #{
+        tube_radius => 300.0,
+        slack => 40.0,
+        horizon => 3000.0,
+        edge_length => 500.0,
+        lease_ms => 9,
+        jump_ms => 2,
+        drift_ppm => 5
+    },
     Wide = starl_chassis:profile(starl_chassis_differential, #{}),
     Told = fun(Profiles) ->
         [{starl_dpp_monitor, Config}] =
@@ -98,6 +106,7 @@ monitors_test() ->
         tube_radius => 300.0,
         tracking_mm => #{},
         r_s => 520.0,
+        path_mm => 3500.0,
         robots => [1, 2],
         lease_us => 9000,
         jump_us => 2000,

@@ -385,19 +385,18 @@ late(T, Robot, Name, K, #state{delta_us = Delta, excused = Excused} = State) ->
             []
     end.
 
-%% The latest time at which the last robot passes. What was sent during a fault may be under way after it. An
+%% The latest time at which the last robot passes. What was sent during a fault may be under way after it, and
+%% who has died, or forgotten it, acknowledges nothing: then it follows from the bound, if there is one. An
 %% atom is greater than every number.
+last_us(_T, #round{first_us = First}, #state{bound_us = infinity, delta_us = Delta}) ->
+    First + Delta;
 last_us(_T, _Round, #state{is_whole = false}) ->
     infinity;
 last_us(T, #round{begun_us = Begun, first_us = First}, #state{faults = Faults} = State) ->
     #state{delta_us = Delta, bound_us = Bound} = State,
     case Begun =/= none andalso starl_assumption:is_kept(Begun, T, Faults) of
-        true ->
-            First + Delta;
-        false when is_integer(Bound) ->
-            max(First + Delta, starl_assumption:calm_us(First, Bound, Faults));
-        false ->
-            infinity
+        true -> First + Delta;
+        false -> max(First + Delta, starl_assumption:calm_us(First, Bound, Faults))
     end.
 
 %% Judged when a robot passes or fails, and at the end: the rounds that all have reached long ago and not all
