@@ -276,6 +276,24 @@ messages_bound_the_clocks_test() ->
         Slice <- [{2000000, 2999999}, {-5000000, 999999}, {9500000, ?END + 1200000}]
     ].
 
+%% Which of two packets with one number came is not known: the first may have.
+of_two_packets_with_one_number_the_first_counts_test() ->
+    Recording = (recording(?TWO))#{
+        packets := [
+            {sent, 1, 2, 7, 1000000}, {sent, 1, 2, 7, 3000000}, {came, 1, 2, 7, 3005000}
+        ]
+    },
+    {ok, Bounds} = starl_debug_envelope:from_packets(Recording, 10),
+    {_, Most} = starl_debug_envelope:offset(1, 2, {2000000, 2000001}, Bounds),
+    ?assert(Most >= 2005000).
+
+%% A motion that is told later takes the place of those that begin after it.
+a_later_motion_replaces_what_was_to_come_test() ->
+    Piece = fun(At, V) -> {piece, At, 0.0, 0.0, 0.0, V, 0.0} end,
+    Track = starl_debug_track:motions([Piece(0, 0.0), Piece(500, 9.0), Piece(100, 0.0)], 2000000),
+    {{X, _}, _} = starl_debug_track:place(Track, 1900000),
+    ?assertEqual(0.0, X).
+
 messages_that_contradict_are_told_test() ->
     Recording = (recording(?TWO))#{
         packets := [{packet, 1, 2, 1000, 500}, {packet, 2, 1, 1000, 600}]
