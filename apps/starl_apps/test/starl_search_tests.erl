@@ -134,7 +134,8 @@ a_full_store_keeps_no_ball_secret_test_() ->
         ],
         #{violations := Violations, robots := Robots} = outcome(Scenario#{faults => Full}),
         ?assertEqual([], Violations),
-        ?assertMatch([{done, {found, _}}], lists:usort([R || {_, #{result := R}} <- Robots]))
+        %% two may have found it by themselves
+        [?assertMatch({done, {found, _}}, Result) || {_, #{result := Result}} <- Robots]
     end}.
 
 %% Three freezes of a clock add up to 33 s, and a robot refuses for so long what the other one writes: that is
