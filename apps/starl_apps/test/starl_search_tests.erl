@@ -138,28 +138,6 @@ a_full_store_keeps_no_ball_secret_test_() ->
         [?assertMatch({done, {found, _}}, Result) || {_, #{result := Result}} <- Robots]
     end}.
 
-%% Three freezes of a clock add up to 33 s, and a robot refuses for so long what the other one writes: that is
-%% excused, and said.
-clocks_too_far_apart_test_() ->
-    {timeout, 60, fun() ->
-        Kinds =
-            [network, clock, process, location_dropout, location_frozen] ++
-                [actuation, serial, store, sense],
-        #{violations := Violations, monitors := Monitors} = outcome(#{
-            robots => 2,
-            seed => 9700053,
-            time => 300,
-            random_faults => Kinds,
-            heal => 45,
-            longest_fault => 45,
-            lease => 9562
-        }),
-        ?assertEqual([], Violations),
-        ?assertMatch(
-            #{starl_registers_monitor := #{sometimes := #{clocks_apart := 1}}}, Monitors
-        )
-    end}.
-
 %% Robots come to a door that is closed, and to a box that stands in it: they go in when it is gone.
 a_door_that_closes_for_a_while_test_() ->
     Seed = seed(),
