@@ -33,13 +33,15 @@
     faults :: [starl_assumption:window()],
     pieces = #{} :: #{starl:robot_id() => starl_trajectory:piece()},
     %% the messages on their way, the latest first, with those that still have to hear, each with the length of its chain
-    open = [] :: [{id(), DueUs :: integer(), [{starl:robot_id(), Hops :: pos_integer()}]}],
+    open = [] :: [
+        {id(), DueUs :: integer(), [{starl:robot_id(), {near | far, Hops :: pos_integer()}}]}
+    ],
     owed = 0 :: non_neg_integer()
 }).
 
-%% Of the messages of neighbours that a robot missed, and of those over more hops that anybody missed: that robots hear
+%% Of the messages that a robot near their source missed, and of those that anybody far from it missed: that robots hear
 %% their neighbours says nothing of those who pass messages on.
--type rows() :: #{{direct, starl:robot_id()} | relayed => float()}.
+-type rows() :: #{{near, starl:robot_id()} | relayed => float()}.
 
 -define(WITHIN_US, 1000000).
 -define(BEFORE_US, 5000000).
@@ -134,12 +136,22 @@ due(T, Robot, Area, #state{faults = Faults, drive = Drive} = State) ->
             ),
             Others = maps:without([Robot], Places),
             [
-                {Id, Hops}
+                {Id, {far(Id, Robot, Places, State), Hops}}
              || {Id, Hops} <- reached(1, [Robot], Others, Places, State),
                 starl_geocast_area:depth(maps:get(Id, Places), Area) > Drive
             ];
         _ ->
             []
+    end.
+
+%% Whom the source's own packets surely do not reach.
+far(_Id, _Robot, _Places, #state{range = none}) ->
+    near;
+far(Id, Robot, Places, #state{range = Range, drive = Drive}) ->
+    Mm = starl_geometry:distance(maps:get(Id, Places), maps:get(Robot, Places)),
+    case Mm > Range + 2 * Drive of
+        true -> far;
+        false -> near
     end.
 
 %% All robots that a chain reaches, each with the length of its chain.
@@ -167,21 +179,21 @@ late(T, #state{open = Open} = State) ->
 
 missed({Id, Due, Robots}, {Found, State}) ->
     {Missed, Next} = maps:fold(fun unlucky/3, {[], State}, keys(Robots)),
-    Broken = [R || {R, Hops} <- Robots, lists:member(key(R, Hops), Missed)],
+    Broken = [R || {R, Way} <- Robots, lists:member(key(R, Way), Missed)],
     {Found ++ [violation(Id, Due, Broken) || Broken =/= []], Next}.
 
 %% The rows to which these robots belong, each with the longest chain.
 keys(Robots) ->
     lists:foldl(
-        fun({Robot, Hops}, Keys) ->
-            maps:update_with(key(Robot, Hops), fun(Most) -> max(Most, Hops) end, Hops, Keys)
+        fun({Robot, {_, Hops} = Way}, Keys) ->
+            maps:update_with(key(Robot, Way), fun(Most) -> max(Most, Hops) end, Hops, Keys)
         end,
         #{},
         Robots
     ).
 
-key(Robot, 1) -> {direct, Robot};
-key(_Robot, _Hops) -> relayed.
+key(Robot, {near, _Hops}) -> {near, Robot};
+key(_Robot, {far, _Hops}) -> relayed.
 
 unlucky(Key, Hops, {Missed, #state{loss = Loss, rows = Rows} = State}) ->
     #{Key := Row} = Next = longer(Key, Hops, Rows, State),
