@@ -38,6 +38,19 @@ rows_test() ->
     ?assertEqual(5, row(delivery(0.3))),
     ?assertEqual(17, row(delivery(0.6))).
 
+%% Until a message between the two was acknowledged, and again when one of them has begun anew, the receiver asks first:
+%% more messages may be lost.
+the_receiver_asks_first_test() ->
+    D = starl_sap_monitor_delivery:new(#{
+        unlucky => 1.0e-5, first => 1.0e-3, whole_us => ?WHOLE, faults => []
+    }),
+    ?assertEqual(3, row(D)),
+    Known = starl_sap_monitor_delivery:acknowledged(1, 2, D),
+    ?assertEqual(2, row(Known)),
+    ?assertEqual(2, row(starl_sap_monitor_delivery:begins(0, 3, Known))),
+    [?assertEqual(3, row(starl_sap_monitor_delivery:begins(0, R, Known))) || R <- [1, 2]],
+    ?assertEqual(3, row(starl_sap_monitor_delivery:acknowledged(2, 1, D))).
+
 %% A message that arrives begins a new row, between these two robots; each row is reported once.
 a_row_ends_test() ->
     D0 = lists:foldl(fun(N, D) -> element(2, lost(N, D)) end, delivery(0.3), [1, 2, 3, 4]),

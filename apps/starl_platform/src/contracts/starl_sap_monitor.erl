@@ -79,9 +79,15 @@ luck(#{loss := Loss, sap := Sap, faults := Faults} = Known) ->
         never ->
             off("range, walls or shadows may take any packet");
         _Us ->
-            Unanswered = 1 - (1 - Loss) * (1 - Loss),
+            Tries = starl_sap_schedule:tries(Sap),
+            Unanswered = 1 - math:pow(1 - Loss, 2),
+            Unasked = 1 - math:pow(1 - Loss, 3),
             #{
-                unlucky => math:pow(Unanswered, starl_sap_schedule:tries(Sap)),
+                unlucky => math:pow(Unanswered, Tries),
+                %% all in half of the tries, and the acknowledgement in the other half
+                first => min(
+                    1.0, math:pow(Unasked, Tries div 2) + math:pow(Unanswered, Tries div 2)
+                ),
                 whole_us => starl_sap_schedule:bound_us(Sap) * 98 div 100,
                 faults => Faults
             }

@@ -5,6 +5,10 @@
 %% its acknowledgement is lost each time. The probabilities of the losses in a row between two robots are multiplied; an
 %% acknowledged message begins a new row. A row that is rarer than 10^-9 breaks the contract.
 %%
+%% Before the first message between two robots is acknowledged, and again when one of them has begun anew, the receiver
+%% asks the source about its life first: a message, the question, its answer, the message again and the acknowledgement
+%% must all get through, so such a loss is less unlucky.
+%%
 %% A loss does not count if a fault met one of the two robots while the message was under way, if one of them was down or
 %% began anew, or if the receiver had no room for a message of the source. Pure.
 -module(starl_sap_monitor_delivery).
@@ -18,6 +22,10 @@
 -record(delivery, {
     %% the probability that all transmissions of one message are lost, or why nothing is judged
     unlucky :: float() | {off, [starl_unjudged:clause()]},
+    %% the same where the receiver asks first
+    first :: float() | {off, [starl_unjudged:clause()]},
+    %% the pairs of which a message was acknowledged since both began
+    known = #{} :: #{{Source :: robot_id(), Dest :: robot_id()} => true},
     %% the time that all transmissions take
     whole_us :: non_neg_integer(),
     faults :: starl_assumption:t(),
@@ -38,13 +46,16 @@
 %% windows of all faults.
 -spec new(#{
     unlucky => float() | {off, [starl_unjudged:clause()]},
+    first => float(),
     whole_us => non_neg_integer(),
     faults => [starl_assumption:window()],
     _ => _
 }) -> t().
 new(Config) ->
+    Unlucky = maps:get(unlucky, Config, {off, []}),
     #delivery{
-        unlucky = maps:get(unlucky, Config, {off, []}),
+        unlucky = Unlucky,
+        first = maps:get(first, Config, Unlucky),
         whole_us = maps:get(whole_us, Config, 0),
         faults = starl_assumption:new(maps:get(faults, Config, []), ?DRIFT_PPM)
     }.
@@ -56,8 +67,12 @@ broken(Window, #delivery{faults = Faults} = D) ->
 
 %% @doc The robot's SAP begins, or begins anew.
 -spec begins(Us :: integer(), robot_id(), t()) -> t().
-begins(T, Robot, #delivery{down = Down, began = Began} = D) ->
-    D#delivery{down = maps:remove(Robot, Down), began = Began#{Robot => T}}.
+begins(T, Robot, #delivery{down = Down, began = Began, known = Known} = D) ->
+    D#delivery{
+        down = maps:remove(Robot, Down),
+        began = Began#{Robot => T},
+        known = maps:filter(fun({A, B}, _) -> A =/= Robot andalso B =/= Robot end, Known)
+    }.
 
 %% @doc The robot is down, or dead.
 -spec goes(robot_id(), t()) -> t().
@@ -70,9 +85,13 @@ refuses(T, Dest, Source, #delivery{refused = Refused} = D) ->
 
 %% @doc A message was acknowledged.
 -spec acknowledged(Source :: robot_id(), Dest :: robot_id(), t()) -> t().
-acknowledged(_Source, _Dest, #delivery{rows = Rows} = D) when map_size(Rows) =:= 0 -> D;
-acknowledged(Source, Dest, #delivery{rows = Rows} = D) ->
-    D#delivery{rows = maps:remove({Source, Dest}, Rows)}.
+acknowledged(Source, Dest, #delivery{rows = Rows, known = Known} = D) when
+    is_map_key({Source, Dest}, Rows); not is_map_key({Source, Dest}, Known)
+->
+    Pair = {Source, Dest},
+    D#delivery{rows = maps:remove(Pair, Rows), known = Known#{Pair => true}};
+acknowledged(_Source, _Dest, D) ->
+    D.
 
 %% @doc A message that was sent at `SentUs' was reported lost. `in_vain': no chance explains it any more; each row is
 %% reported once.
@@ -83,7 +102,7 @@ lost(T, SentUs, Source, Dest, #delivery{unlucky = Unlucky, rows = Rows} = D) whe
 ->
     case counts(T, SentUs, Source, Dest, D) of
         true ->
-            Row = Unlucky * maps:get({Source, Dest}, Rows, 1.0),
+            Row = chance(Source, Dest, D) * maps:get({Source, Dest}, Rows, 1.0),
             case starl_sap_schedule:is_rare(Row) of
                 true -> {in_vain, D#delivery{rows = maps:remove({Source, Dest}, Rows)}};
                 false -> {ok, D#delivery{rows = Rows#{{Source, Dest} => Row}}}
@@ -93,6 +112,12 @@ lost(T, SentUs, Source, Dest, #delivery{unlucky = Unlucky, rows = Rows} = D) whe
     end;
 lost(_T, _SentUs, _Source, _Dest, D) ->
     {ok, D}.
+
+chance(Source, Dest, #delivery{unlucky = Unlucky, first = First, known = Known}) ->
+    case Known of
+        #{{Source, Dest} := true} -> Unlucky;
+        #{} -> First
+    end.
 
 counts(T, SentUs, Source, Dest, #delivery{whole_us = Whole, faults = Faults} = D) ->
     T - SentUs >= Whole andalso
