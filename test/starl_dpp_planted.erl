@@ -68,6 +68,9 @@ init(#{bug := Bug} = Config) ->
     {State, Data, Actions} = starl_dpp_participant:init(maps:remove(bug, Config)),
     {State, {Bug, Data}, Actions}.
 
+%% Who votes for whoever asks also says that it would.
+handle_event(cast, {message, From, dpp_prevote, _}, _State, {"fickle", _Data}, _Meta) ->
+    {keep_state_and_data, [starl_sap:post(From, dpp_prevoted, {0, 0, 0})]};
 handle_event(Type, Content, State, {Bug, Data}, Meta) ->
     Heard = hears(Bug, Type, Content),
     Then = forgets(Bug, Type, Content, Meta),

@@ -30,11 +30,17 @@ begin_as(Module, Bug, Config) ->
     {ready, {Module, Bug, Config, Data}, Actions}.
 
 handle_event(cast, {message, _, bully_leader, {E, L, _}} = Message, ready, {M, fickle, C, D}, Meta) ->
+    Takes = {trace, {elected, E, L, announcement}},
     case M:handle_event(cast, Message, ready, D, Meta) of
-        {keep_state, Next, []} ->
-            {keep_state, {M, fickle, C, Next}, [{trace, {elected, E, L, announcement}}]};
         {keep_state, Next, Actions} ->
-            {keep_state, {M, fickle, C, Next}, Actions}
+            Elects = [x || {trace, {elected, _, _, _}} <- Actions] =/= [],
+            {keep_state, {M, fickle, C, Next}, [Takes || not Elects] ++ Actions};
+        {keep_state, Next} ->
+            {keep_state, {M, fickle, C, Next}, [Takes]};
+        keep_state_and_data ->
+            {keep_state_and_data, [Takes]};
+        {keep_state_and_data, Actions} ->
+            {keep_state_and_data, [Takes | Actions]}
     end;
 handle_event({timeout, {patience, _}}, _, ready, {_, patient, _, _}, _Meta) ->
     keep_state_and_data;

@@ -314,6 +314,7 @@ again(deliver) -> "".
 
 slow(fresh) -> "";
 slow(late) -> "  (slow)";
-slow(ghost) -> "  (thought lost)".
+slow(ghost) -> "  (thought lost)";
+slow({queued, _}) -> "".
 
 shown(Term) -> io_lib:format("~0tp", [starl_check_term:shown(Term)]).

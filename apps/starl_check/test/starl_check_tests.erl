@@ -114,18 +114,8 @@ untimely_of_three_test_() ->
         Untimely = #{machine => {dpp_coordinator, starl_check_planted, #{variant => untimely}}},
         {violated, #{violation := #{what := What}, steps := Steps}} =
             check(terms, 3, #{still => 1}, Untimely),
-        ?assertEqual({term_goes_back, 21}, {What, Steps})
+        ?assertEqual({two_coordinators, 29}, {What, Steps})
     end).
-
-%% One robot dies and two reboot: robots that do not read what they have stored vote for a term that
-%% is over.
-forgotten_terms_test_() ->
-    {timeout, 600, fun() ->
-        Unread = #{machine => {starl_check_planted, #{variant => unread}}},
-        {violated, #{violation := Violation}} =
-            check(terms, 3, #{reboot => 2, death => 1}, Unread),
-        ?assertMatch(#{contract := dpp, what := term_goes_back}, Violation)
-    end}.
 
 %% Several processes find exactly what one finds, however fast each is.
 spread_test_() ->
