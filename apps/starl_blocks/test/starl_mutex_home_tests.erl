@@ -11,13 +11,13 @@ owned() ->
     {[{1, {token, t, F, [{1, 1}]}}], H1} = ?H:request(
         t, {1, 1}, 0, ?H:new(1, 0, ?LEASE, 1000, 0, ?RETRY)
     ),
-    {granted, H2} = claim(t, F, 1, 0, H1),
+    {granted, H2} = ?H:claim(t, F, 1, 0, H1),
     {F, H2}.
 
 %% A lost report may be wrong: whichever of the claim and the return comes first wins.
 lost_hand_over_claim_first_test() ->
     {F, H} = owned(),
-    {granted, Claimed} = claim(t, ?H:next(F), 2, 10, H),
+    {granted, Claimed} = ?H:claim(t, ?H:next(F), 2, 10, H),
     ?assertEqual({[], Claimed}, ?H:return(t, ?H:next(F), 1, [{2, 1}, {3, 1}], 20, Claimed)).
 
 lost_hand_over_return_first_test() ->
@@ -25,9 +25,9 @@ lost_hand_over_return_first_test() ->
     {[{3, {token, t, G, Queue}}], Back} = ?H:return(t, ?H:next(F), 1, [{3, 1}, {2, 1}], 10, H),
     ?assertEqual([{3, 1}, {2, 1}], Queue),
     ?assert(G > ?H:next(F)),
-    ?assertMatch({refused, _}, claim(t, ?H:next(F), 2, 20, Back)),
+    ?assertMatch({refused, _}, ?H:claim(t, ?H:next(F), 2, 20, Back)),
     ?assertMatch({refused, _}, ?H:renew(t, F, 1, 20, Back)),
-    ?assertMatch({granted, _}, claim(t, G, 3, 20, Back)).
+    ?assertMatch({granted, _}, ?H:claim(t, G, 3, 20, Back)).
 
 %% The queue lost with its owner: those that asked the home again get the new token.
 queue_lost_with_owner_test() ->
@@ -78,7 +78,7 @@ drift_is_waited_out_test() ->
 lag_is_waited_out_test() ->
     [{[{1, {token, t, F, _}}], H}, {_, H0}] =
         [?H:request(t, {1, 1}, 0, ?H:new(1, 0, ?LEASE, 1000, Lag, ?RETRY)) || Lag <- [250000, 0]],
-    [{granted, G}, {granted, G0}] = [claim(t, F, 1, 0, Home) || Home <- [H, H0]],
+    [{granted, G}, {granted, G0}] = [?H:claim(t, F, 1, 0, Home) || Home <- [H, H0]],
     [{_, W}, {_, W0}] = [?H:request(t, {2, 1}, 10, Home) || Home <- [G, G0]],
     ?assert(?H:due(t, W) >= ?H:due(t, W0) + 250000).
 
@@ -88,7 +88,7 @@ restarted_home_waits_test() ->
     {F, _} = owned(),
     New = ?H:new(2, 5000000, ?LEASE, 1000, 0, ?RETRY),
     {[], H1} = ?H:request(t, {2, 1}, 5000010, New),
-    ?assertMatch({refused, _}, claim(t, ?H:next(F), 3, 5000020, H1)),
+    ?assertMatch({refused, _}, ?H:claim(t, ?H:next(F), 3, 5000020, H1)),
     First = ?H:due(t, H1),
     ?assert(First >= 5000000 + ?LEASE),
     {kept, H2} = ?H:renew(t, F, 1, 5500000, H1),
@@ -159,10 +159,3 @@ hops([{To, {request, T, Request, Known, Via}} | Rest], Net, Count) ->
         ),
     Sent = [{D, M} || {cast, sap, {send, D, mutex, M}} <- Actions, element(1, M) =:= request],
     hops(Rest ++ Sent, Net#{To := Robot}, Count + 1).
-
-%% A claim that is sent at this time.
-claim(Token, Fence, By, Now, Home) ->
-    case ?H:claim(Token, Fence, By, {1, Now}, Now, Home) of
-        {{granted, _}, Next} -> {granted, Next};
-        {refused, Next} -> {refused, Next}
-    end.

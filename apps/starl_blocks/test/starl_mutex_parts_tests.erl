@@ -94,7 +94,7 @@ home() -> ?H:new(1, 0, ?LEASE, 1000, 0, 1000000).
 %% Robot 1 owns the token.
 owned() ->
     {[{1, {token, t, F, [{1, 1}]}}], H} = ?H:request(t, {1, 1}, 0, home()),
-    {granted, Owned} = claim(t, F, 1, 0, H),
+    {granted, Owned} = ?H:claim(t, F, 1, 0, H),
     {F, Owned}.
 
 %% A number counts holds, then hand-overs, then creations; each has its end.
@@ -115,7 +115,7 @@ numbers_test() ->
     {Count, End} = Nexts(F, 1),
     ?assert(Count > 1000),
     %% the next creation of the token is beyond them all
-    {granted, H} = claim(t, End, 2, 10, element(2, owned())),
+    {granted, H} = ?H:claim(t, End, 2, 10, element(2, owned())),
     {[{3, {token, t, G, _}}], _} = ?H:return(t, End, 2, [{3, 1}], 20, H),
     ?assert(G > End).
 
@@ -139,42 +139,32 @@ longer_test() ->
 %% Who owns the token is confirmed, again and again; nobody else with the same number or an older.
 claims_test() ->
     {F, H} = owned(),
-    ?assertMatch({granted, _}, claim(t, F, 1, 10, H)),
-    ?assertEqual({refused, H}, claim(t, F, 2, 10, H)),
-    ?assertEqual({refused, H}, claim(t, F - 1, 2, 10, H)),
+    ?assertMatch({granted, _}, ?H:claim(t, F, 1, 10, H)),
+    ?assertEqual({refused, H}, ?H:claim(t, F, 2, 10, H)),
+    ?assertEqual({refused, H}, ?H:claim(t, F - 1, 2, 10, H)),
     ?assertMatch({granted, _}, ?H:renew(t, F, 1, 10, H)),
     ?assertEqual({refused, H}, ?H:renew(t, F, 2, 10, H)),
     ?assertEqual({refused, H}, ?H:renew(t, ?H:next(F), 1, 10, H)),
-    {granted, Next} = claim(t, ?H:next(F), 2, 10, H),
-    ?assertEqual({refused, Next}, claim(t, F, 1, 20, Next)),
+    {granted, Next} = ?H:claim(t, ?H:next(F), 2, 10, H),
+    ?assertEqual({refused, Next}, ?H:claim(t, F, 1, 20, Next)),
     ?assertEqual({refused, Next}, ?H:renew(t, F, 1, 20, Next)),
     %% another token is another matter
     ?assertMatch({[{2, {token, u, _, [{2, 1}]}}], _}, ?H:request(u, {2, 1}, 10, H)).
 
-%% A renewal begins a new lease.
+%% A confirmation begins a new lease.
 renewed_test() ->
     {F, H} = owned(),
     {_, Waits} = ?H:request(t, {2, 1}, 10, H),
     First = ?H:due(t, Waits),
-    {granted, Later} = ?H:renew(t, F, 1, 500, Waits),
-    ?assertEqual(First + 500, ?H:due(t, Later)),
-    ?assertEqual({[], Later}, ?H:expire(t, First + 499, Later)),
-    ?assertMatch({[{2, {token, t, _, [{2, 1}]}}], _}, ?H:expire(t, First + 500, Later)).
-
-%% A claim that is repeated, by a robot that may hear nothing, begins none: the answer is that to the first one.
-repeated_claim_test() ->
-    {F, H} = owned(),
-    {_, Waits} = ?H:request(t, {2, 1}, 10, H),
-    ?assertEqual({{granted, {1, 0}}, Waits}, ?H:claim(t, F, 1, {1, 500}, 500, Waits)),
-    %% the same after a hand-over
-    {{granted, {1, 600}}, Handed} = ?H:claim(t, ?H:next(F), 2, {1, 600}, 600, Waits),
-    ?assertEqual(
-        {{granted, {1, 600}}, Handed}, ?H:claim(t, ?H:next(F), 2, {1, 700}, 700, Handed)
-    ),
-    %% a new token has a new lease
-    Due = ?H:due(t, Waits),
-    {[{2, {token, t, G, [{2, 1}]}}], Made} = ?H:expire(t, Due, Waits),
-    ?assertMatch({{granted, {1, Due}}, _}, ?H:claim(t, G, 2, {1, Due}, Due, Made)).
+    [
+        begin
+            {granted, Later} = ?H:Kind(t, F, 1, 500, Waits),
+            ?assertEqual(First + 500, ?H:due(t, Later)),
+            ?assertEqual({[], Later}, ?H:expire(t, First + 499, Later)),
+            ?assertMatch({[{2, {token, t, _, [{2, 1}]}}], _}, ?H:expire(t, First + 500, Later))
+        end
+     || Kind <- [claim, renew]
+    ].
 
 %% Those that ask the home wait there, once each and in their order, until they have the token or
 %% its lease is over; the owner is told of them.
@@ -194,11 +184,11 @@ pending_test() ->
     %% a request after the end of the lease does it, too
     {[{3, {token, t, G, [{3, 1}, {2, 1}, {1, 2}]}}], Made} = ?H:request(t, {2, 1}, Due, Three),
     %% who has got it waits no more, the others do
-    {granted, Had} = claim(t, G, 3, Due, Made),
+    {granted, Had} = ?H:claim(t, G, 3, Due, Made),
     ?assertMatch(
         {[{2, {token, t, _, [{2, 1}, {1, 2}]}}], _}, ?H:expire(t, ?H:due(t, Had), Had)
     ),
-    {granted, Gone} = claim(t, ?H:next(G), 2, Due, Had),
+    {granted, Gone} = ?H:claim(t, ?H:next(G), 2, Due, Had),
     ?assertMatch({[{1, {token, t, _, [{1, 2}]}}], _}, ?H:expire(t, ?H:due(t, Gone), Gone)).
 
 %% The owner gives the token back: who waits gets a new one at once; nobody else can.
@@ -222,14 +212,14 @@ return_test() ->
 restarted_test() ->
     {F, _} = owned(),
     New = ?H:new(2, 0, ?LEASE, 1000, 0, 1000000),
-    ?assertEqual({refused, New}, claim(t, F, 1, 10, New)),
+    ?assertEqual({refused, New}, ?H:claim(t, F, 1, 10, New)),
     ?assertEqual({[], New}, ?H:return(t, F, 1, [{2, 1}], 10, New)),
     {[], Waits} = ?H:request(t, {2, 1}, 10, New),
     {[], Waits} = ?H:expire(t, ?H:due(t, Waits) - 1, Waits),
     {[{2, {token, t, G, _}}], Made} = ?H:expire(t, ?H:due(t, Waits), Waits),
     ?assert(G > F),
     ?assertMatch({refused, _}, ?H:renew(t, F, 1, ?LEASE, Made)),
-    ?assertMatch({granted, _}, claim(t, G, 2, ?LEASE, Made)).
+    ?assertMatch({granted, _}, ?H:claim(t, G, 2, ?LEASE, Made)).
 
 %% A home that has crashed begins beyond all the numbers that it ever gave, however many those are.
 incarnations_test() ->
@@ -244,14 +234,7 @@ incarnations_test() ->
     {[], Waits} = ?H:request(t, {2, 1}, 10, New),
     {[{2, {token, t, Fence, _}}], _} = ?H:expire(t, ?H:due(t, Waits), Waits),
     ?assert(Fence > Last),
-    ?assertEqual({refused, New}, claim(t, Last, 2, 10, New)),
+    ?assertEqual({refused, New}, ?H:claim(t, Last, 2, 10, New)),
     %% there is room for 24 bits of creations in a life
     {Second, _} = Make(1, {First, Home}),
     ?assertEqual((Second - First) bsl 24, Fence - First).
-
-%% A claim that is sent at this time.
-claim(Token, Fence, By, Now, Home) ->
-    case ?H:claim(Token, Fence, By, {1, Now}, Now, Home) of
-        {{granted, _}, Next} -> {granted, Next};
-        {refused, Next} -> {refused, Next}
-    end.

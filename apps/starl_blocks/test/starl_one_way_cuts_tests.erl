@@ -11,8 +11,9 @@
 -define(SEEDS, 1).
 -define(CUT_MS, 10000).
 -define(S, 1000000).
-%% The lease, the time between two requests and the lag, in the monitor's bound for a token that lies idle.
--define(IDLE_S, (2 * (8 + 3 + 0.25) + 8)).
+%% The lease, the time between two requests and the lag, in the monitor's bound for a token that lies idle; and the time
+%% in which a member that does not hear the home repeats its claim, each time for another lease.
+-define(IDLE_S, (2 * (8 + 3 + 0.25) + 8 + 25.2)).
 
 %% -- the application -------------------------------------------------------------------------------
 
@@ -94,7 +95,8 @@ zip([], [], _Last) -> [].
 
 %% -- mutual exclusion ------------------------------------------------------------------------------
 
-%% A member that hears its token's home no more, or is not heard, costs the others a lease now and then.
+%% A member that hears its token's home no more, or is not heard, costs the others the time of its claim and a lease now
+%% and then.
 a_mutex_goes_on_when_a_member_is_cut_off_one_way_test_() ->
     {timeout, 300, [
         {timeout, 60, fun() -> mutex(Robots, Seed) end}

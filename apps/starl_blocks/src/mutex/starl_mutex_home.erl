@@ -6,17 +6,13 @@
 %% number of its own, even after tokens are lost, created anew or forgotten in a crash. The rules:
 %% ```
 %%   claim F    granted if F is larger than the last granted number (its holder has handed the
-%%              token over, or the token was never granted), or the claimant's own again:
-%%              then the lease of the first claim stands
+%%              token over, or the token was never granted), or the claimant's own again
 %%   renew F    granted if F is the claimant's own; after a crash of the home, one of an earlier
 %%              incarnation is kept for its present hold, as long as nothing has been granted
 %%              since, nor a newer one been renewed
 %%   create     a new token with the next number, when the lease of the last one has surely
 %%              ended, or was given back
 %% '''
-%% A claimant that does not hear the home repeats its claim. It gets no longer lease by that: others would wait
-%% for a robot that cannot hold.
-%%
 %% The home counts a lease from the receipt of the claim, the claimant from its sending. The home's
 %% lease is longer by the most that two clocks drift apart and by the time that a robot may take to
 %% notice the end. So the claimant's lease always ends first, for any delay of messages. After a
@@ -26,7 +22,7 @@
 -module(starl_mutex_home).
 
 -export([new/6, next/1, hand_over/1, last_hold/1, last_hand_over/1]).
--export([request/4, claim/6, renew/5, return/6, expire/3, due/2]).
+-export([request/4, claim/5, renew/5, return/6, expire/3, due/2]).
 
 -export_type([t/0, request/0, outgoing/0]).
 
@@ -54,8 +50,6 @@
     owner = none :: starl:robot_id() | none,
     %% until when nothing may be granted to another robot
     until :: us(),
-    %% the claim that was granted under this number
-    claim = none :: starl_mutex_robot:nonce() | none,
     %% those of earlier incarnations that were renewed by this one, latest first
     renewed = [] :: [starl_mutex:fence()],
     pending = [] :: [waiting()]
@@ -121,31 +115,18 @@ request(Token, Request, Now, Home) ->
         false -> {forward(Token, Request, Lease), put_lease(Token, Waiting, Home)}
     end.
 
-%% @doc A robot that got the token asks to be its owner. Returns the claim whose lease counts: this one, or the first one
-%% under this number.
--spec claim(
-    starl_mutex:token(),
-    starl_mutex:fence(),
-    starl:robot_id(),
-    starl_mutex_robot:nonce(),
-    us(),
-    t()
-) -> {{granted, starl_mutex_robot:nonce()} | refused, t()}.
-claim(Token, Fence, By, Nonce, Now, #home{base = Base} = Home) ->
+%% @doc A robot that got the token asks to be its owner.
+-spec claim(starl_mutex:token(), starl_mutex:fence(), starl:robot_id(), us(), t()) ->
+    {granted | refused, t()}.
+claim(Token, Fence, By, Now, #home{base = Base} = Home) ->
     case lease(Token, Home) of
-        #lease{fence = Fence, owner = By, claim = none} = Lease ->
-            claimed(Token, Lease, Nonce, Now, Home);
-        #lease{fence = Fence, owner = By, claim = First} ->
-            {{granted, First}, Home};
+        #lease{fence = Fence, owner = By} = Lease ->
+            grant(Token, Lease, Now, Home);
         #lease{fence = Last} = Lease when Fence > Last, Fence > Base ->
-            claimed(Token, Lease#lease{fence = Fence, owner = By}, Nonce, Now, Home);
+            grant(Token, Lease#lease{fence = Fence, owner = By}, Now, Home);
         #lease{} ->
             {refused, Home}
     end.
-
-claimed(Token, Lease, Nonce, Now, Home) ->
-    {granted, Next} = grant(Token, Lease#lease{claim = Nonce}, Now, Home),
-    {{granted, Nonce}, Next}.
 
 %% @doc An owner asks for a longer lease.
 -spec renew(starl_mutex:token(), starl_mutex:fence(), starl:robot_id(), us(), t()) ->
@@ -216,9 +197,7 @@ create(Token, #lease{pending = Pending} = Lease, Now, #home{most = Most} = Home)
             Queue = [Request || {Request, _} <- Waiting],
             Fence = created(Lease#lease.fence),
             Until = Now + Home#home.lease_us,
-            Made = Lease#lease{
-                fence = Fence, owner = Robot, until = Until, claim = none, pending = Rest
-            },
+            Made = Lease#lease{fence = Fence, owner = Robot, until = Until, pending = Rest},
             {[{Robot, {token, Token, Fence, Queue}}], put_lease(Token, Made, Home)}
     end.
 

@@ -23,19 +23,16 @@ requested(Token, Request, Robot) ->
 %% @doc A robot asks this home to confirm a token.
 -spec asked(claim | renew, token(), fence(), starl_mutex_robot:nonce(), starl:robot_id(), t()) ->
     t().
-asked(claim, Token, Fence, Nonce, By, Robot) ->
+asked(Kind, Token, Fence, Nonce, By, Robot) ->
     #{now := Now, home := Home} = as_home(Robot),
-    case starl_mutex_home:claim(Token, Fence, By, Nonce, Now, Home) of
-        {{granted, Counts}, Next} ->
-            Traced = act({trace, {granted, Token, Fence, By}}, Robot),
-            at_home(Token, {[{By, {granted, Token, Fence, Counts}}], Next}, Traced);
-        {refused, Next} ->
-            at_home(Token, {[{By, {refused, Token, Fence, Nonce}}], Next}, Robot)
-    end;
-asked(renew, Token, Fence, Nonce, By, Robot) ->
-    #{now := Now, home := Home} = as_home(Robot),
-    {Answer, Next} = starl_mutex_home:renew(Token, Fence, By, Now, Home),
-    at_home(Token, {[{By, {Answer, Token, Fence, Nonce}}], Next}, Robot).
+    {Answer, Next} = starl_mutex_home:Kind(Token, Fence, By, Now, Home),
+    Told = told(Kind, Answer, {Token, Fence, By}, Robot),
+    at_home(Token, {[{By, {Answer, Token, Fence, Nonce}}], Next}, Told).
+
+told(claim, granted, {Token, Fence, By}, Robot) ->
+    act({trace, {granted, Token, Fence, By}}, Robot);
+told(_Kind, _Answer, _Hold, Robot) ->
+    Robot.
 
 %% @doc A token comes back to this home.
 -spec returned(token(), fence(), [request()], starl:robot_id(), t()) -> t().
