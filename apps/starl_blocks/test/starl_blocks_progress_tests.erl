@@ -67,7 +67,7 @@ barrier(Machine) ->
     }.
 
 violations(Given) ->
-    {ok, Sim} = starl_sim:start(Given#{robots => length(?TEAM), seed => 3, time => 120}),
+    {ok, Sim} = starl_sim:start(Given#{robots => length(?TEAM), seed => 3, time => 600}),
     _ = starl_sim:run(Sim),
     {#{violations := Violations}, _} = starl_sim:finish(Sim),
     [What || #{what := What} <- Violations].

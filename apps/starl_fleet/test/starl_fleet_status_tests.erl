@@ -139,7 +139,6 @@ a_robot_that_answers_anything_is_one_line_test_() ->
                         starl_fleet_term:write(maps:merge(Well, More))
                     }
                  || More <- [
-                        #{release => 1},
                         #{release => [1 | 2]},
                         #{app => {}},
                         #{started => "now"},
@@ -150,7 +149,6 @@ a_robot_that_answers_anything_is_one_line_test_() ->
                         #{crashes => 1, crash => [a]},
                         #{reload => #{failed => {}, waiting => []}},
                         #{reload => #{failed => none, waiting => [1 | 2]}},
-                        #{ahead_us => 1.0e300},
                         #{peers => #{}},
                         #{peers => [peer(2, #{heard_ms => soon})]},
                         #{peers => [peer(2, #{why => "because"})]},

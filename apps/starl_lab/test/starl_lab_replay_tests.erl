@@ -101,7 +101,7 @@ reloads_test_() ->
             ?assertEqual("inputs/reload-1/src/starl_cli_reloaded.erl", Kept),
             %% the sources of the beginning are others
             ?assertEqual(
-                [filename:join(Out, "inputs/starl_cli_reloaded.erl")],
+                {ok, [filename:join(Out, "inputs/starl_cli_reloaded.erl")]},
                 starl_cli_inputs:sources_beside(filename:join(Out, "run.term"))
             ),
             Changed = Write("out/inputs/reload-1/include/step.hrl", "-define(STEP, 3).\n"),

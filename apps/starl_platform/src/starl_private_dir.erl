@@ -73,9 +73,9 @@ is_abandoned(Purpose, Name) ->
 -spec base() -> file:filename().
 base() ->
     case {os:getenv("XDG_CACHE_HOME"), os:getenv("HOME")} of
-        {[$/ | _] = Cache, _} -> filename:join(Cache, "starl");
-        {_, [$/, _ | _] = Home} -> filename:join([Home, ".cache", "starl"]);
-        _ -> filename:join(os:getenv("TMPDIR", "/tmp"), "starl-" ++ integer_to_list(uid()))
+        {[$/ | _] = Cache, _} -> Cache ++ "/starl";
+        {_, [$/, _ | _] = Home} -> Home ++ "/.cache/starl";
+        _ -> os:getenv("TMPDIR", "/tmp") ++ "/starl-" ++ integer_to_list(uid())
     end.
 
 %% The directory, made if it is not there. It is the user's own, and no link.

@@ -271,10 +271,14 @@ a_sense_is_asked_test() ->
     L = located_once(),
     Ask = {call, {app, x}},
     {[{feel, light, Tag}], A} = step(Ask, {sense, light}, L),
-    Answers = [{{ok, 0.5}, {ok, 0.5}}, {none, {error, gone}}, {unknown, {error, unknown}}],
+    Answers = [
+        {{ok, 0.5}, [{trace, {felt, light}}], {ok, 0.5}},
+        {none, [], {error, gone}},
+        {unknown, [], {error, unknown}}
+    ],
     [
-        ?assertEqual({[{reply, {app, x}, Answer}], A}, step(info, {felt, Tag, Felt}, A))
-     || {Felt, Answer} <- Answers
+        ?assertEqual({Traced ++ [{reply, {app, x}, Answer}], A}, step(info, {felt, Tag, Felt}, A))
+     || {Felt, Traced, Answer} <- Answers
     ].
 
 %% A sense that is watched is looked at in its period, and only news are told.

@@ -103,7 +103,7 @@ middle(Cell) -> {(Cell rem ?ROW + 0.5) * ?PITCH_MM, (Cell div ?ROW + 0.5) * ?PIT
 
 %% @doc The cell in a column and a row.
 -spec cell(Column :: non_neg_integer(), Row :: non_neg_integer()) -> cell().
-cell(I, J) -> J * ?ROW + I.
+cell(I, J) when is_integer(I), is_integer(J) -> J * ?ROW + I.
 
 %% @doc The cells that touch a cell.
 -spec beside(cell()) -> [integer()].

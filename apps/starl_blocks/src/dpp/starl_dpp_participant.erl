@@ -59,7 +59,9 @@
     n = 0 :: non_neg_integer(),
     %% the caller of the application's request, and of its drive
     from = none :: starl_machine:from() | none,
-    drive = none :: {starl_machine:from(), face | drive, N :: pos_integer()} | none,
+    drive = none ::
+        {starl_machine:from(), face | drive | {face, Heading :: float()}, N :: pos_integer()}
+        | none,
     track :: starl_dpp_progress:t(),
     follow :: starl_dpp_follower:t()
 }).

@@ -18,12 +18,12 @@
 %%                  the longest that an answer may take. One that is late and excused has to be
 %%                  inside then
 %% '''
-%% Progress: a robot that is inside gets each message; with `progress' (default false), it has it delivered, too. Of
-%% messages that are sent at `healed_us' or later
+%% Progress, with `progress' (default false; without it the messages may have no listener, or be limited in their hops,
+%% and nothing is owed), of messages that are sent at `healed_us' or later
 %% (default 0; when the last fault is over, see {@link context/2}) and live
 %% long enough for packets that take `delay_us' (default 0; likewise, the longest delay; {@link
 %% starl_geocast_lifetime:least_us/3}): a robot that is inside, at least `margin_mm' from the border
-%% (default 4: twice the error of a position), during the whole window gets it, unless it
+%% (default 4: twice the error of a position), during the whole window has it delivered, unless it
 %% or the source died, or its or the source's geocast machine began anew, in the window or up to
 %% `grace_us' (default 1 s) before, or any robot's assumption was broken in the window. If the
 %% robot's clock has lost time since its machine began, the machine counts as begun that much later:
@@ -175,7 +175,11 @@ step({T, Robot, Machine, Event}, State) ->
 finish(EndTimeUs, State) ->
     {Found, #state{messages = Messages} = End} = close_until(EndTimeUs, State, []),
     Healed = End#state.healed,
-    Off = starl_unjudged:unhealed(?CLAUSE, Healed, EndTimeUs) ++ few(End),
+    Off =
+        case End#state.progress of
+            true -> starl_unjudged:unhealed(?CLAUSE, Healed, EndTimeUs) ++ few(End);
+            false -> [{?CLAUSE, "all_listen is not set"}]
+        end,
     Results = starl_unjudged:with(Off, #{
         sent => map_size(Messages),
         delivered => lists:sum([map_size(Got) || #message{got = Got} <- maps:values(Messages)]),
@@ -358,10 +362,10 @@ owed(_Id, Message, Robot, #state{owed = Owed, all = All, loss = Loss} = State) -
 
 times(Robot, Chance, Rows) -> Rows#{Robot => Chance * maps:get(Robot, Rows, 1.0)}.
 
-%% A robot that holds a message may have no listener for it, and what it holds chance has not taken.
+%% What a robot holds chance has not taken.
 missed({Source, _, _} = Id, #message{held = Held} = Message, Robot, Chance, State) ->
     case maps:merge(#{Source => held}, Held) of
-        #{Robot := held} when State#state.progress ->
+        #{Robot := held} ->
             {[violation(not_delivered, Message#message.to_us, Robot, Id, #{})], State};
         #{Robot := _} ->
             {[], got(Id, Robot, State)};
@@ -379,7 +383,7 @@ unlucky(Id, #message{to_us = To}, Robot, Chance, #state{rows = Rows, loss = Loss
 is_owed(Id, #message{from_us = From, to_us = To} = Message, Robot, Spans, State) ->
     #state{assumption = Assumption} = State,
     %% an atom is more than every number
-    From >= State#state.healed andalso
+    State#state.progress andalso From >= State#state.healed andalso
         To - From >= State#state.least_us andalso inside(Message, Spans, State) andalso
         able(Robot, Message, State) andalso able(element(1, Id), Message, State) andalso
         is_later(Robot, From, State) andalso starl_assumption:is_kept(From, To, Assumption).
