@@ -23,6 +23,8 @@ no_fault_elsewhere_is_an_excuse_test_() ->
     {timeout, 60, fun() ->
         Bad = #{
             loss => 0.05,
+            patience => 600000,
+            time => 600,
             faults => [
                 {early, 100, 900, isolate, 1, #{}},
                 {dead, 0, 0, slip, 2, #{
@@ -67,7 +69,9 @@ barrier(Machine) ->
     }.
 
 violations(Given) ->
-    {ok, Sim} = starl_sim:start(Given#{robots => length(?TEAM), seed => 3, time => 600}),
+    {ok, Sim} = starl_sim:start(
+        maps:merge(#{time => 120}, Given#{robots => length(?TEAM), seed => 3})
+    ),
     _ = starl_sim:run(Sim),
     {#{violations := Violations}, _} = starl_sim:finish(Sim),
     [What || #{what := What} <- Violations].
