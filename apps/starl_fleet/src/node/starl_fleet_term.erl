@@ -25,8 +25,8 @@ write(Term) -> <<_/binary>> = unicode:characters_to_binary(io_lib:format("~0tp.~
 %% @doc The term of a text's last line: ssh, or a shell on the way, may have warned of something before.
 -spec read(unicode:chardata()) -> {ok, term()} | none.
 read(Text) ->
-    %% the reasons that a robot names are atoms of this module
-    {module, _} = code:ensure_loaded(starl_live_hearing),
+    %% the words of an answer are atoms of these modules, also where it is only passed on
+    ok = code:ensure_modules_loaded([starl_live_hearing, starl_fleet_status]),
     case string:lexemes(unicode:characters_to_list(Text), [$\n, "\r\n"]) of
         [] -> none;
         Lines -> line(unicode:characters_to_binary(lists:last(Lines)))
