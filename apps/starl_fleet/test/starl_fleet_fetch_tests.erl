@@ -116,7 +116,11 @@ with_robot(Names, Bytes, Test) ->
     ok = file:make_dir(Dir),
     Ssh = filename:join(Bin, "ssh"),
     ok = file:write_file(Ssh, [
-        "#!/bin/sh\nfor last; do :; done\ncase $last in\n*wc*) ", Names, ";;\n*head*) ", Bytes, ";;\nesac\n"
+        "#!/bin/sh\nfor last; do :; done\ncase $last in\n*wc*) ",
+        Names,
+        ";;\n*head*) ",
+        Bytes,
+        ";;\nesac\n"
     ]),
     ok = file:change_mode(Ssh, 8#755),
     Path = os:getenv("PATH"),
@@ -127,3 +131,9 @@ with_robot(Names, Bytes, Test) ->
         os:putenv("PATH", Path),
         file:del_dir_r(Base)
     end.
+
+%% The copies are made from the oldest recording to the latest, so that `ls -t' names the latest first.
+oldest_first_test() ->
+    Said = "7 robot-1.10.mcap\n8 robot-1.2.mcap\n9 robot-1.mcap\n24 total\n",
+    {ok, #{files := Files}} = starl_fleet_fetch:listing(Said),
+    ?assertEqual(["robot-1.mcap", "robot-1.2.mcap", "robot-1.10.mcap"], [Name || {Name, _} <- Files]).

@@ -19,7 +19,8 @@
 -type listing() :: #{files := [{Name :: string(), Bytes :: non_neg_integer()}], odd := [string()]}.
 
 %% The files of a robot, and what else is to be said of it.
--type fetched() :: {ok, [file:filename()], Notes :: [unicode:chardata()]} | {error, unicode:chardata()}.
+-type fetched() ::
+    {ok, [file:filename()], Notes :: [unicode:chardata()]} | {error, unicode:chardata()}.
 
 -define(ASK_MS, 60_000).
 -define(COPY_MS, 1_800_000).
@@ -56,17 +57,27 @@ listing(Said) ->
         length(Files) > ?MOST_FILES ->
             {error, io_lib:format("it names more than ~b recordings", [?MOST_FILES])};
         Bytes > ?MOST_BYTES ->
-            Format = "its recordings are ~.1f GB, more than the ~b GB that are taken; copy them by hand",
+            Format =
+                "its recordings are ~.1f GB, more than the ~b GB that are taken; copy them by hand",
             {error, io_lib:format(Format, [Bytes / 1.0e9, ?MOST_BYTES div (1 bsl 30)])};
         true ->
-            {ok, #{files => lists:ukeysort(1, Files), odd => [Name || Name <- Odd, Name =/= ""]}}
+            {ok, #{
+                files => oldest_first(lists:ukeysort(1, Files)),
+                odd => [Name || Name <- Odd, Name =/= ""]
+            }}
     end.
+
+%% robot-1.mcap, robot-1.2.mcap, ..., robot-1.10.mcap: so the times of the copies have the order of the recordings.
+oldest_first(Files) ->
+    lists:sort(fun({A, _}, {B, _}) -> {length(A), A} =< {length(B), B} end, Files).
 
 %% The last line of wc is the total of several files.
 entry(Line) ->
     {Digits, Rest} = lists:splitwith(fun(C) -> C >= $0 andalso C =< $9 end, Line),
     Name = string:trim(Rest),
-    IsName = length(Digits) < 16 andalso re:run(Name, ?NAME, [{capture, none}, dollar_endonly]) =:= match,
+    IsName =
+        length(Digits) < 16 andalso
+            re:run(Name, ?NAME, [{capture, none}, dollar_endonly]) =:= match,
     case Digits =/= "" andalso IsName of
         true -> {Name, list_to_integer(Digits)};
         false when Name =:= "total" -> "";
@@ -140,8 +151,11 @@ cut(N, Name, {0, _Said}, Robot) ->
 cut(N, _Name, Result, Robot) ->
     starl_fleet_failure:line(robot, N, Robot, Result).
 
-notes([]) -> [];
+notes([]) ->
+    [];
 notes(Odd) ->
-    [io_lib:format("~b file~ts passed over, whose names are not those of recordings", [
-        length(Odd), [$s || length(Odd) > 1]
-    ])].
+    [
+        io_lib:format("~b file~ts passed over, whose names are not those of recordings", [
+            length(Odd), [$s || length(Odd) > 1]
+        ])
+    ].
