@@ -127,8 +127,10 @@ drawn(Block) ->
 %% True ones.
 bodies(Block) when Block =:= election; Block =:= bully ->
     case Block of
-        election -> [{ballot, {honest, {17, 2}}}, {leader, {other, 2}}];
-        bully -> [{bully_challenge, other}, {bully_alive, other}, {bully_leader, {other, 2, majority}}]
+        election ->
+            [{ballot, {honest, {17, 2}}}, {leader, {other, 2}}];
+        bully ->
+            [{bully_challenge, other}, {bully_alive, other}, {bully_leader, {other, 2, majority}}]
     end;
 bodies(mutex) ->
     [

@@ -85,7 +85,9 @@ a_record_names_code_elsewhere_test() ->
             ]
         ],
         %% no record at all, in the place of one
-        ok = file:write_file(filename:join(Dir, "run.term"), io_lib:format("#{app => ~p}.~n", [Evil])),
+        ok = file:write_file(
+            filename:join(Dir, "run.term"), io_lib:format("#{app => ~p}.~n", [Evil])
+        ),
         ?assertMatch({error, _}, starl_cli_target:resolve(Dir)),
         ?assertNot(filelib:is_regular(Marker))
     end).

@@ -283,14 +283,17 @@ unknown(Word) ->
 
 scenario(File) ->
     case starl_run_scenario:read(File) of
-        {ok, #{digest := _}} -> recorded(File, starl_cli_record:read(File));
+        {ok, #{digest := _}} ->
+            recorded(File, starl_cli_record:read(File));
         {ok, #{app := App} = Given} ->
             case filename:basename(File) =:= "run.term" andalso foreign(File, Given) of
                 [_ | _] = Lines -> {error, Lines};
                 _ -> with_app(name_of(App), File, maps:remove(app, Given))
             end;
-        {ok, _} -> {error, [[File, ": the key app is missing; write #{app => painting, ...}"]]};
-        {error, Reason} -> {error, [starl_run_scenario:format_error(Reason)]}
+        {ok, _} ->
+            {error, [[File, ": the key app is missing; write #{app => painting, ...}"]]};
+        {error, Reason} ->
+            {error, [starl_run_scenario:format_error(Reason)]}
     end.
 
 %% A record comes with the results of a run, and these from anywhere.
