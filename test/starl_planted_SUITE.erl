@@ -155,7 +155,7 @@ what_is_not_judged_is_said(_) ->
     {ok, #{monitors := Results}} = starl_sim_trial:run(#{
         app => starl_painting, picture => "house", robots => 3, seed => 1, loss => 0.6, time => 30
     }),
-    Lines = [lists:flatten(Line) || Line <- starl_unjudged:clauses(Results)],
+    Lines = [lists:flatten(Line) || Line <- starl_monitor:clauses_not_judged(Results)],
     ct:pal("~p", [Lines]),
     ?assert(
         lists:member(

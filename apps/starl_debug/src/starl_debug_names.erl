@@ -9,7 +9,7 @@
 %% elections have any names, and so have the events of a machine without a vocabulary.
 -module(starl_debug_names).
 
--export([check/2, remarks/2, vocabulary/3, similar/2]).
+-export([check/2, remarks/2, vocabulary/3]).
 
 -export_type([vocabulary/0]).
 
@@ -141,7 +141,7 @@ unheard(token) -> "no robot has held the token ";
 unheard(election) -> "no robot was elected in the election ".
 
 %% What else there is.
-other(Name, Known) -> [similar(Name, Known), listed(Known)].
+other(Name, Known) -> [starl_debug_type:similar(Name, Known), listed(Known)].
 
 listed([]) ->
     "";
@@ -152,15 +152,6 @@ listed(Known) ->
         lists:join(", ", lists:sublist(Known, ?MOST)),
         [io_lib:format(" and ~b more", [More]) || More > 0]
     ].
-
-%% @doc What may have been meant, in brackets.
--spec similar(name(), [name()]) -> unicode:chardata().
-similar(Name, Known) ->
-    Words = [unicode:characters_to_list(Word) || Word <- Known],
-    case starl_options:similar(unicode:characters_to_list(Name), Words) of
-        [Near | _] -> [" (did you mean ", Near, "?)"];
-        [] -> ""
-    end.
 
 %% -- what nothing of the recording makes true -------------------------------------------------
 

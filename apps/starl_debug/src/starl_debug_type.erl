@@ -3,7 +3,7 @@
 %% comparison has its constant on the right.
 -module(starl_debug_type).
 
--export([check/1, modes/0, robot_number/1]).
+-export([check/1, modes/0, robot_number/1, similar/2]).
 
 -export_type([formula/0, robot/0, thing/0, quantity/0, state/0, area/0, reason/0]).
 
@@ -331,9 +331,18 @@ robot_number(<<"r", Digits/binary>>) when Digits =/= <<>> ->
 robot_number(_Name) ->
     none.
 
+%% @doc What may have been meant, in brackets.
+-spec similar(name(), [name()]) -> unicode:chardata().
+similar(Name, Known) ->
+    Words = [unicode:characters_to_list(Word) || Word <- Known],
+    case starl_options:similar(unicode:characters_to_list(Name), Words) of
+        [Near | _] -> [" (did you mean ", Near, "?)"];
+        [] -> ""
+    end.
+
 -spec unknown(pos_integer(), string(), name(), [name()]) -> no_return().
 unknown(At, Problem, Name, Known) ->
-    Near = starl_debug_names:similar(Name, Known),
+    Near = similar(Name, Known),
     fail(At, [Problem, Name, Near, "; there are ", lists:join(", ", Known)]).
 
 -spec fail(pos_integer(), unicode:chardata()) -> no_return().

@@ -2,7 +2,7 @@
 -module(starl_unjudged_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-lines(Results) -> [lists:flatten(Line) || Line <- starl_unjudged:clauses(Results)].
+lines(Results) -> [lists:flatten(Line) || Line <- starl_monitor:clauses_not_judged(Results)].
 
 %% In the order of monitors; none for those that have judged all.
 clauses_test() ->

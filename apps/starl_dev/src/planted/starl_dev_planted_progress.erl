@@ -121,7 +121,7 @@ unfound(Lines) -> {not_judged, Lines}.
 %% The clauses of these monitors that the run says it has not judged.
 unjudged(Contracts, Results) ->
     Names = [atom_to_list(Contract) || Contract <- Contracts],
-    starl_unjudged:clauses(
+    starl_monitor:clauses_not_judged(
         maps:filter(
             fun(Monitor, _) -> lists:member(starl_monitor:name(Monitor), Names) end, Results
         )

@@ -172,7 +172,7 @@ not_judged(#{unjudged := Parts}) ->
 
 %% Only for runs in which a monitor could not judge one of its clauses.
 clauses(#{monitors := Monitors}) ->
-    case starl_unjudged:clauses(Monitors) of
+    case starl_monitor:clauses_not_judged(Monitors) of
         [] -> [];
         Lines -> [{clauses_not_judged, [unicode:characters_to_binary(Line) || Line <- Lines]}]
     end.

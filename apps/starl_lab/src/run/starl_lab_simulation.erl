@@ -195,7 +195,7 @@ violated(Setup, #{violations := Violations}) ->
 
 %% What is not judged is neither kept nor broken.
 unjudged(#{unjudged := Parts, monitors := Monitors}) ->
-    Clauses = starl_unjudged:clauses(Monitors),
+    Clauses = starl_monitor:clauses_not_judged(Monitors),
     Lines = [starl_unjudged:format(Part) || Part <- Parts] ++ Clauses,
     starl_cli_terminal:out([[Line, "\n"] || Line <- Lines]).
 

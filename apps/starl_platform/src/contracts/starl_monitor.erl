@@ -19,7 +19,17 @@
 %% {@link close/2} says what it has not judged.
 -module(starl_monitor).
 
--export([new/1, guarded/1, step/2, broken/2, blinded/2, unjudged/1, finish/2, close/2]).
+-export([
+    new/1,
+    guarded/1,
+    step/2,
+    broken/2,
+    blinded/2,
+    unjudged/1,
+    clauses_not_judged/1,
+    finish/2,
+    close/2
+]).
 -export([known/1, informed/2, healed_us/2, core_healed_us/2]).
 -export([name/1]).
 -export_type([
@@ -251,6 +261,14 @@ tell_broken(Window, {Module, Interests, State} = Monitor, #runner{monitors = Tol
 -spec unjudged(t()) -> [starl_unjudged:t()].
 unjudged(#runner{unjudged = trusted}) -> [];
 unjudged(#runner{unjudged = Unjudged}) -> lists:reverse(Unjudged).
+
+%% @doc The clauses that the monitors of a run have not judged, by the monitors' results, a line each.
+-spec clauses_not_judged(#{module() => results()}) -> [unicode:chardata()].
+clauses_not_judged(Results) ->
+    [
+        starl_unjudged:format_clause(name(Module), Clause)
+     || {Module, #{unjudged := Clauses}} <- lists:sort(maps:to_list(Results)), Clause <- Clauses
+    ].
 
 %% @doc From now on events are missing. A monitor that wants more than the crashes of machines, each of
 %% which is judged by itself, judges no further: it would accuse those who are innocent. What it has

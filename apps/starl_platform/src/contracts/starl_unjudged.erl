@@ -3,7 +3,7 @@
 -module(starl_unjudged).
 
 -export([mistake/3, since/3, is_why/1, format/1, format_why/1]).
--export([unhealed/3, excused/4, lossy/2, too_few/2, too_short/3, with/2, clauses/1, format_clause/2]).
+-export([unhealed/3, excused/4, lossy/2, too_few/2, too_short/3, with/2, format_clause/2]).
 
 -export_type([t/0, why/0, clause/0]).
 
@@ -77,17 +77,9 @@ too_short(Clause, BoundUs, What) ->
 percent(Part) -> float_to_list(Part, [{decimals, 1}, compact]).
 
 %% @doc A monitor's results, with the clauses that it has not judged, if there are any.
--spec with([clause()], starl_monitor:results()) -> starl_monitor:results().
+-spec with([clause()], map()) -> map().
 with([], Results) -> Results;
 with(Clauses, Results) -> Results#{unjudged => Clauses}.
-
-%% @doc The clauses that the monitors of a run have not judged, by the monitors' results, a line each.
--spec clauses(#{module() => starl_monitor:results()}) -> [unicode:chardata()].
-clauses(Results) ->
-    [
-        format_clause(starl_monitor:name(Module), Clause)
-     || {Module, #{unjudged := Clauses}} <- lists:sort(maps:to_list(Results)), Clause <- Clauses
-    ].
 
 %% @doc One line on a clause that a monitor has not judged.
 -spec format_clause(Monitor :: string(), clause()) -> unicode:chardata().
