@@ -84,16 +84,23 @@ luck(#{loss := Loss, sap := Sap, faults := Faults} = Known) ->
             Unasked = 1 - math:pow(1 - Loss, 3),
             #{
                 unlucky => math:pow(Unanswered, Tries),
-                %% all in half of the tries, and the acknowledgement in the other half
-                first => min(
-                    1.0, math:pow(Unasked, Tries div 2) + math:pow(Unanswered, Tries div 2)
-                ),
+                first => unlucky_first(Unasked, Unanswered, Tries),
                 whole_us => starl_sap_schedule:bound_us(Sap) * 98 div 100,
                 faults => Faults
             }
     end;
 luck(_Known) ->
     #{}.
+
+%% The first transmissions ask in vain, and then, or at the end, the others are not acknowledged.
+unlucky_first(Unasked, Unanswered, Tries) ->
+    lists:sum([
+        math:pow(Unasked, Tries)
+        | [
+            math:pow(Unasked, N - 1) * (1 - Unasked) * math:pow(Unanswered, Tries - N)
+         || N <- lists:seq(1, Tries)
+        ]
+    ]).
 
 off(Why) -> #{unlucky => {off, [{"delivered, where packets get through", Why}]}}.
 
