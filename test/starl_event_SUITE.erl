@@ -305,6 +305,8 @@ rare() ->
             {starl_dpp_dispatcher_tests, a_closed_way_is_tried_again_test, 0}},
         {starl_dpp_coordinator, {deadlock_resolved, 1},
             {starl_dpp_dispatcher_tests, deadlock_is_counted_test, 0}},
+        {starl_dpp_coordinator, {in_the_way, 2},
+            {starl_dpp_dispatcher_tests, a_silent_robot_in_the_way_is_named_test, 0}},
         {starl_dpp_coordinator, {unreachable, 1},
             {starl_dpp_coordinator_SUITE, unreachable_unknown_robot_ends, 1}},
         {starl_dpp_coordinator, {malformed, 2},

@@ -1,5 +1,6 @@
 %% Path planning under cuts of the radio in one direction that last: whoever still hears each other and is a
-%% majority paints on, the robot that is cut off ends by itself, and nobody is accused. Many seeds:
+%% majority paints on, the robot that is cut off ends by itself, and nobody is accused. Only lines that come within
+%% 2R of where a robot that is cut off stands may be left, and the run names that robot. Many seeds:
 %%
 %%     show(deaf_leader, [3, 4, 8], lists:seq(1, 50)).
 -module(starl_dpp_cut_tests).
@@ -16,6 +17,9 @@
 -define(WITHIN_S, 700).
 %% Nobody claims again and again.
 -define(CLAIMS, 8).
+%% The least distance of two robots (the default), and the error of the place at which one is seen (mm).
+-define(SAFETY_MM, 400).
+-define(SEEN_MM, 2).
 
 a_team_whose_leader_hears_nobody_goes_on_test_() -> team(deaf_leader).
 
@@ -45,6 +49,14 @@ team(Cut) ->
      || {N, Seed} <- [{3, 1}, {4, 2}, {8, 3}]
     ].
 
+%% A robot that is not heard cannot be sent away. The others leave what it stands near, and nothing else; more
+%% seeds of the two cuts with which that happens.
+what_is_left_is_near_the_robot_that_is_not_heard_test_() ->
+    [
+        {timeout, 60, fun() -> goes_on(Cut, 4, Seed) end}
+     || Cut <- [mute_leader, mute_member], Seed <- [1, 3, 4]
+    ].
+
 %% The same for many seeds: what does not go on.
 show(Cut, Teams, Seeds) ->
     lists:foreach(
@@ -61,7 +73,7 @@ show(Cut, Teams, Seeds) ->
 goes_on(Cut, N, Seed) ->
     Led = leader(N, Seed),
     {Faults, Off} = cut(Cut, Led, 1 + Led rem N, lists:seq(1, N)),
-    {T, Robots, Ink, Claims, Violations} = run(N, Seed, Faults, ?TIME_S),
+    {T, Robots, Ink, #{claims := Claims} = Seen, Violations} = run(N, Seed, Faults, ?TIME_S),
     Ends = [{Id, Result} || {Id, #{result := Result}} <- Robots, not lists:member(Id, Off)],
     Run =
         {Cut, N, {seed, Seed}, {led, Led}, {off, Off}, {ends, Ends}, {ink, Ink}, {claims, Claims},
@@ -70,7 +82,32 @@ goes_on(Cut, N, Seed) ->
     ?assert(T < 1000000 * ?WITHIN_S, Run),
     ?assertEqual(N - length(Off), length(Ends), Run),
     ?assert(Ink > 0.9, Run),
-    ?assert(Claims =< ?CLAIMS, Run).
+    ?assert(Claims =< ?CLAIMS, Run),
+    explained(Ink, Seen, Robots, Off, Run).
+
+%% Whoever stands in the way of lines that are left is cut off, and stands near each of them; there are no others.
+explained(Ink, #{left := none}, _Robots, _Off, Run) ->
+    ?assertEqual(1.0, Ink, Run);
+explained(_Ink, #{left := Left, lines := Lines}, Robots, Off, Run) ->
+    #{edges := Edges, in_the_way := Named, cut_off := CutOff} = Left,
+    ?assertEqual([], [Id || {Id, _, _} <- Named] -- Off, Run),
+    ?assertEqual({0, Edges}, {CutOff, length(lists:usort([L || {_, L} <- Lines]))}, Run),
+    ?assertEqual([N || {_, _, N} <- Named], [length(Of) || Of <- by_robot(Named, Lines)], Run),
+    Far = [
+        {Id, Mm}
+     || {Id, Line} <- Lines,
+        {_, #{pose := {X, Y, _}}} <- [lists:keyfind(Id, 1, Robots)],
+        Mm <- [starl_geometry:point_segment({X, Y}, Line)],
+        Mm > near_mm()
+    ],
+    ?assertEqual([], Far, Run).
+
+by_robot(Named, Lines) -> [[L || {Of, L} <- Lines, Of =:= Id] || {Id, _, _} <- Named].
+
+%% 2R, by the paper: the least distance of two robots, and r(v) of both; and the error of the place.
+near_mm() ->
+    Profile = starl_chassis:profile(starl_chassis_differential, #{}),
+    ?SAFETY_MM + 2 * starl_chassis:tracking_radius(Profile) + ?SEEN_MM.
 
 %% The faults, and the robots that need not paint any more.
 cut(deaf_leader, Led, _, Team) -> {[cut(Team -- [Led])], [Led]};
@@ -103,11 +140,11 @@ run(N, Seed, Faults, Time) ->
         #{
             violations := Violations,
             robots := Robots,
-            monitors := #{?MODULE := #{claims := Claims}}
+            monitors := #{?MODULE := Seen, starl_dpp_monitor := #{left := Left}}
         },
         #{figures := Figures}
     } = starl_sim:finish(Sim),
-    {T, Robots, proplists:get_value(ink_covered, Figures), Claims, Violations}.
+    {T, Robots, proplists:get_value(ink_covered, Figures), Seen#{left => Left}, Violations}.
 
 scenario(N, Seed, Faults, Time) ->
     #{
@@ -119,13 +156,21 @@ scenario(N, Seed, Faults, Time) ->
         time => Time
     }.
 
-%% -- counts the claims ------------------------------------------------------------------------
+%% -- counts the claims, and keeps the lines that are left ---------------------------------------
 
-init(#{}) -> 0.
+init(#{}) -> #{claims => 0, lines => []}.
 
 interests() -> [dpp_coordinator].
 
-step({_, _, dpp_coordinator, {claims, _}}, N) -> {ok, N + 1};
-step(_Event, N) -> {ok, N}.
+step({_, _, dpp_coordinator, {claims, _}}, #{claims := N} = Seen) ->
+    {ok, Seen#{claims := N + 1}};
+step({_, _, dpp_coordinator, {assigned, _, _, _}}, Seen) ->
+    {ok, Seen#{lines := []}};
+step({_, _, dpp_coordinator, {in_the_way, Robot, Lines}}, #{lines := Known} = Seen) ->
+    {ok, Seen#{
+        lines := Known ++ [{Robot, Line} || Line <- Lines, not lists:member({Robot, Line}, Known)]
+    }};
+step(_Event, Seen) ->
+    {ok, Seen}.
 
-finish(_EndUs, N) -> {ok, #{claims => N}}.
+finish(_EndUs, Seen) -> {ok, Seen}.

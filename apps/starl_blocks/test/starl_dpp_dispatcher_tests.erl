@@ -4,6 +4,7 @@
 -include_lib("eunit/include/eunit.hrl").
 
 -define(R, 220.0).
+-define(LEFT, {unreachable, [1, 2, 3]}).
 
 %% A robot that waits when a term begins tells its place and asks anew, both at once. Whichever
 %% message comes first, the request is answered.
@@ -350,6 +351,29 @@ rests_settles_test() ->
     {Actions, _} = chain(S1, [fun(S) -> starl_dpp_dispatcher:rests(2, On, S) end]),
     ?assertEqual([[1]], resolved(Actions)).
 
+%% Two silent robots stand less than 2R from lines, one from two of them. One far away stands in nobody's way, and
+%% neither does one beside a line that is heard. When they are heard again nothing is in the way.
+a_silent_robot_in_the_way_is_named_test() ->
+    Lines = [short(), {{6000.0, 6200.0}, {6100.0, 6200.0}}, {{6000.0, 9000.0}, {6100.0, 9000.0}}],
+    Rests = fun(Robot, At) -> fun(S) -> starl_dpp_dispatcher:rests(Robot, At, S) end end,
+    {_, S1} = chain(new(Lines, 4), [
+        stands(4, {6500.0, 9000.0}),
+        Rests(1, {6050.0, 6100.0}),
+        Rests(2, {6050.0, 9000.0 - 2 * ?R}),
+        Rests(3, {9000.0, 3000.0})
+    ]),
+    {GivenUp, S2} = chain(S1, [fun starl_dpp_dispatcher:give_up/1]),
+    ?assertEqual(
+        [{in_the_way, 1, lists:sublist(Lines, 2)}, {in_the_way, 2, [lists:last(Lines)]}, ?LEFT],
+        traced(GivenUp)
+    ),
+    Heard = [stands(1, 9, {6050.0, 6100.0}), stands(2, 9, {3000.0, 3000.0})],
+    {_, S3} = chain(S2, Heard),
+    {Again, _} = chain(S3, [fun starl_dpp_dispatcher:give_up/1]),
+    ?assertEqual([?LEFT], traced(Again)).
+
+traced(Actions) -> [E || {trace, E} <- Actions].
+
 %% What a silent robot said of a path before its leave ended is nothing.
 late_path_test() ->
     S0 = known([1, 2], new([short()], 2)),
@@ -436,8 +460,10 @@ known(Robots, S0) ->
     {_, S} = chain(S0, [stands(Robot, spot(Robot)) || Robot <- Robots]),
     S.
 
-stands(Robot, At) ->
-    fun(S) -> starl_dpp_dispatcher:reported(Robot, {1, 0}, {{standing, At}, []}, S) end.
+stands(Robot, At) -> stands(Robot, 0, At).
+
+stands(Robot, N, At) ->
+    fun(S) -> starl_dpp_dispatcher:reported(Robot, {1, N}, {{standing, At}, []}, S) end.
 
 %% The robot drives all around a rectangle, but for the last bit.
 around(Robot, {X0, Y0}, {X1, Y1}) ->

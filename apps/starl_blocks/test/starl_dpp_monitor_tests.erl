@@ -501,6 +501,34 @@ counts_test() ->
     ),
     ?assertMatch(#{assignments := 2, deadlocks_resolved := 1}, Results).
 
+%% What was given up last, with the silent robots in the way of it, and the edges that none is in the way of. A line
+%% that two are in the way of counts once. Once something is assigned, nothing is given up.
+what_is_left_names_the_robots_in_the_way_test() ->
+    By = fun(T, Event) -> {T, 9, dpp_coordinator, Event} end,
+    [A, B] = level(0.0),
+    GivenUp = [
+        {1, 1, robot, {died, killed}},
+        By(2, {silent, 1}),
+        By(3, {silent, 2}),
+        By(9, {in_the_way, 1, [A, B]}),
+        By(9, {in_the_way, 2, [B]}),
+        By(9, {unreachable, [4, 5, 6]})
+    ],
+    Left = fun(Events) -> element(2, run(Events, ?S)) end,
+    Both = #{edges => 3, in_the_way => [{1, 2, 2}, {2, 3, 1}], cut_off => 1},
+    ?assertMatch(#{left := Both}, Left(GivenUp)),
+    ?assertMatch(#{left := none}, Left([])),
+    ?assertMatch(#{left := none}, Left(GivenUp ++ [assigned(10, 3, level(900.0))])),
+    ?assertMatch(
+        #{left := #{edges := 1, in_the_way := [{2, 3, 1}], cut_off := 0}},
+        Left(GivenUp ++ [By(11, {in_the_way, 2, [B]}), By(11, {unreachable, [5]})])
+    ),
+    %% a recording may begin after the robot fell silent
+    ?assertMatch(
+        #{left := #{in_the_way := [{1, 9, 2}]}},
+        Left([By(9, {in_the_way, 1, [A, B]}), By(9, {unreachable, [4, 5]})])
+    ).
+
 %% What the two machines may trace, and with how much.
 vocabulary_test() ->
     #{dpp := Participant, dpp_coordinator := Coordinator} = starl_dpp_monitor:vocabulary(),
@@ -515,6 +543,7 @@ vocabulary_test() ->
             {closed, 1},
             {coordinator, 1},
             {deadlock_resolved, 1},
+            {in_the_way, 2},
             {leads, 1},
             {malformed, 2},
             {reopened, 0},

@@ -8,6 +8,10 @@
 %% resolves the deadlock. If only robots that no longer answer stand between the team and the rest
 %% of the picture, the robots that wait are answered `incomplete'.
 %%
+%% A silent robot may still hear the coordinator. It is not sent away all the same: a robot drives under a lease
+%% that counts from a message of its own, and its messages do not arrive. So its body stays, and closes the edges
+%% that come within 2R of it.
+%%
 %% Trace: {@link event()}.
 -module(starl_dpp_dispatcher).
 -behaviour(starl_dpp_service).
@@ -27,6 +31,8 @@
     | {deadlock_resolved, [starl:robot_id(), ...]}
     %% the robot was silent until its lease had ended
     | {silent, starl:robot_id()}
+    %% the silent robot stands less than 2R from these lines, which are given up
+    | {in_the_way, starl:robot_id(), [starl_geometry:segment(), ...]}
     %% only robots that are silent stand between the team and the rest of the picture
     | {unreachable, [starl_dpp_graph:edge_id()]}
     %% robots keep away from these segments, as something is in the way there; perhaps no more
@@ -345,7 +351,13 @@ give_up(#serve{waiting = Waiting, plan = Plan} = S) ->
     Left = starl_dpp_free:edges(starl_dpp_plan:free(Plan)),
     {Told, Actions} = chain([fun(S1) -> answer(R, incomplete, S1) end || R <- Waiting], S),
     %% a robot that asks later is told later
-    {Told#serve{stuck = false}, [{trace, {unreachable, Left}} | Actions]}.
+    {Told#serve{stuck = false}, in_the_way(S) ++ [{trace, {unreachable, Left}} | Actions]}.
+
+in_the_way(#serve{silent = Silent, plan = Plan}) ->
+    [
+        {trace, {in_the_way, Robot, [starl_dpp_plan:target(E, Plan) || E <- Edges]}}
+     || Robot <- Silent, [_ | _] = Edges <- [starl_dpp_plan:closes(Robot, Plan)]
+    ].
 
 chain(Steps, S) ->
     lists:foldl(

@@ -40,7 +40,17 @@
     timeless/1
 ]).
 
+-export_type([left/0]).
+
 -type robot_id() :: starl_monitor:robot_id().
+%% The number of edges that the team has given up; the silent robots that stand in the way of some, each with the
+%% time at which its lease had ended, and the number of these edges; the number of those that no robot stands in
+%% the way of: the ways to them are closed.
+-type left() :: #{
+    edges := pos_integer(),
+    in_the_way := [{robot_id(), SilentUs :: integer(), Edges :: pos_integer()}],
+    cut_off := non_neg_integer()
+}.
 -type reservation() :: {starl_geometry:box(), [starl_geometry:segment(), ...]}.
 
 -record(state, {
@@ -72,6 +82,10 @@
     path_mm :: float() | infinity,
     %% the lines that each robot has drawn of its path
     drawn = #{} :: #{robot_id() => [starl_geometry:segment()]},
+    %% when each robot was found to be silent; the lines that it is in the way of; what is given up
+    silent = #{} :: #{robot_id() => integer()},
+    in_the_way = #{} :: #{robot_id() => {SilentUs :: integer(), [starl_geometry:segment()]}},
+    left = none :: left() | none,
     assignments = 0 :: non_neg_integer(),
     deadlocks = 0 :: non_neg_integer(),
     %% what deluded coordinators have said
@@ -163,6 +177,7 @@ vocabulary() ->
             {assigned, 3},
             {deadlock_resolved, 1},
             {silent, 1},
+            {in_the_way, 2},
             {unreachable, 1},
             {closed, 1},
             {reopened, 0},
@@ -197,7 +212,8 @@ step({T, Robot, Machine, Event}, #state{separation = Separation, r_s = Limit} = 
 
 %% @doc Judges the time until `EndTimeUs'. Results: `min_separation_mm' (`infinity' with fewer
 %% than two robots), and `at_us' and `robots' where there is one; `assignments' and
-%% `deadlocks_resolved' are counts; `coordinators' are the robots that led, in order.
+%% `deadlocks_resolved' are counts; `coordinators' are the robots that led, in order; `left' is what was given
+%% up last, if nothing was assigned after that.
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, #state{separation = Separation, waiting = Waiting, r_s = Limit} = State) ->
@@ -206,6 +222,7 @@ finish(EndTimeUs, #state{separation = Separation, waiting = Waiting, r_s = Limit
         assignments => State#state.assignments,
         deadlocks_resolved => State#state.deadlocks,
         coordinators => lists:reverse(State#state.coordinators),
+        left => State#state.left,
         sometimes => #{
             fail_over => max(0, length(State#state.coordinators) - 1),
             deluded_coordinator => State#state.deluded
@@ -277,12 +294,23 @@ ended_with(_Robot, State) -> State.
 
 coordinated({assigned, Robot, _ReqId, Segments}, T, Coordinator, State) ->
     {Broken, Next} =
-        reserve(T, Robot, Segments, State#state{assignments = State#state.assignments + 1}),
+        reserve(T, Robot, Segments, State#state{
+            assignments = State#state.assignments + 1, left = none, in_the_way = #{}
+        }),
     {usurped(T, Coordinator, State) ++ Broken, Next};
 coordinated({deadlock_resolved, _Robots}, _T, _Robot, #state{deadlocks = N} = State) ->
     {[], State#state{deadlocks = N + 1}};
 coordinated({reserved, Robot, Segments}, T, _Coordinator, State) ->
     reserve(T, Robot, Segments, State);
+coordinated({silent, Robot}, T, _Coordinator, #state{silent = Silent} = State) ->
+    {[], State#state{silent = Silent#{Robot => T}}};
+coordinated({in_the_way, Robot, Lines}, T, _Coordinator, #state{silent = Silent} = State) ->
+    Known = State#state.in_the_way,
+    Since = maps:get(Robot, Silent, T),
+    {[], State#state{in_the_way = Known#{Robot => {Since, Lines}}}};
+coordinated({unreachable, [_ | _] = Edges}, _T, _Coordinator, State) ->
+    Left = left(length(Edges), lists:sort(maps:to_list(State#state.in_the_way))),
+    {[], State#state{left = Left, in_the_way = #{}}};
 coordinated({coordinator, Term}, _T, Robot, #state{term = Last} = State) when
     Last =:= none; Term > Last
 ->
@@ -322,6 +350,14 @@ is_deluded(T, Robot, #state{robots = Robots, assumption = Assumption} = State) -
             ],
             lists:max([Lost | Gained]) > State#state.jump_us
     end.
+
+left(Edges, InTheWay) ->
+    Closed = lists:usort(lists:append([Lines || {_Robot, {_Since, Lines}} <- InTheWay])),
+    #{
+        edges => Edges,
+        in_the_way => [{Robot, Since, length(Lines)} || {Robot, {Since, Lines}} <- InTheWay],
+        cut_off => Edges - length(Closed)
+    }.
 
 led(Robot, [Robot | _] = Known) -> Known;
 led(Robot, Known) -> [Robot | Known].

@@ -26,6 +26,7 @@
     unknown/1,
     spot/2,
     parked/2,
+    closes/2,
     blocking/2
 ]).
 -export([
@@ -238,10 +239,14 @@ parked(Robot, #plan{modes = Modes, spots = Spots}) ->
         #{} -> false
     end.
 
-%% @doc The number of free edges that the robot's reservation closes to others.
+%% @doc The free edges that the robot's reservation closes to others, sorted.
+-spec closes(robot_id(), t()) -> [edge_id()].
+closes(Robot, #plan{unsafe = Unsafe, free = Free}) ->
+    lists:sort([E || E <- starl_dpp_unsafe:blocks(Robot, Unsafe), starl_dpp_free:has(E, Free)]).
+
+%% @doc The number of these edges.
 -spec blocking(robot_id(), t()) -> non_neg_integer().
-blocking(Robot, #plan{unsafe = Unsafe, free = Free}) ->
-    length([E || E <- starl_dpp_unsafe:blocks(Robot, Unsafe), starl_dpp_free:has(E, Free)]).
+blocking(Robot, Plan) -> length(closes(Robot, Plan)).
 
 %% @doc The configuration, defaults filled in; without the segments.
 -spec config(t()) -> map().
