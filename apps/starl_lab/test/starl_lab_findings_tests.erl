@@ -126,6 +126,40 @@ who_keeps_others_waiting_is_named_test() ->
         texts(starl_lab_findings:make(outcome(mail([]), [], Monitors), ways([]), []))
     ).
 
+%% What path planning has given up, with whoever stands in the way of it.
+who_stands_in_the_way_of_lines_is_named_test() ->
+    Left = fun(Edges, Robots, CutOff) ->
+        Of = #{left => #{edges => Edges, in_the_way => Robots, cut_off => CutOff}},
+        starl_lab_findings:make(outcome(mail([]), [], #{starl_dpp_monitor => Of}), ways([]), [])
+    end,
+    Two = Left(7, [{2, 29880000, 6}, {5, 1000000, 1}], 0),
+    ?assertEqual(
+        [
+            "gave up 7 edges: robot 2, silent since 29.880 s, stands in the way of 6; robot 5, silent since "
+            "1.000 s, stands in the way of 1"
+        ],
+        texts(Two)
+    ),
+    ?assertEqual(["gave up 1 edge: all ways to 1 edge are closed"], texts(Left(1, [], 1))),
+    ?assertEqual(
+        "; 2 more robots stand in the way; all ways to 3 edges are closed",
+        string:find(hd(texts(Left(10, [{Id, 0, 1} || Id <- lists:seq(1, 7)], 3))), "; 2 more")
+    ),
+    ?assertMatch(
+        #{
+            edges_given_up := [
+                {edges, 7},
+                {in_the_way, [[{robot, 2}, {silent_s, 29.88}, {edges, 6}], _]},
+                {cut_off, 0}
+            ]
+        },
+        maps:from_list(starl_lab_findings:figures(Two))
+    ),
+    None = outcome(mail([]), [], #{starl_dpp_monitor => #{left => none}}),
+    Nothing = starl_lab_findings:make(None, ways([]), []),
+    ?assertEqual([], texts(Nothing)),
+    ?assertNot(lists:keymember(edges_given_up, 1, starl_lab_findings:figures(Nothing))).
+
 beam(Source) ->
     {ok, Tokens, _} = erl_scan:string(Source),
     Forms = [element(2, erl_parse:parse_form(Form)) || Form <- forms(Tokens)],

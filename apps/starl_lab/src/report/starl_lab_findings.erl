@@ -16,6 +16,8 @@
     kept :: [starl_mutex_waits:kept()],
     circles :: [starl_mutex_waits:circle()],
     missed :: [map()],
+    %% what path planning has given up
+    left :: starl_dpp_monitor:left() | none,
     %% the application's own modules, for the lines that send
     beams :: [beam()],
     %% without a contract of distances
@@ -69,6 +71,7 @@ make(#{monitors := Monitors, robots := Robots}, Ways, Beams) ->
         kept = Kept,
         circles = Circles,
         missed = maps:get(missed, maps:get(starl_barrier_monitor, Monitors, #{}), []),
+        left = maps:get(left, maps:get(starl_dpp_monitor, Monitors, #{}), none),
         beams = Beams,
         ways = ways(is_map_key(starl_dpp_monitor, Monitors), Ways),
         cut = cut(starl_lab_ways:is_whole(Ways), Ways),
@@ -89,6 +92,7 @@ figures(#notes{results = Results, reloads = Reloads} = Notes) ->
     [{reloads, [reload(Reload) || Reload <- Reloads]} || Reloads =/= []] ++
         far(Notes) ++
         tokens(Notes) ++
+        left(Notes) ++
         [
             {messages_to_nobody, [stranger(S) || S <- Notes#notes.strangers]},
             {messages_unheard, [unheard(U) || U <- Notes#notes.unheard]},
@@ -119,6 +123,20 @@ least({Mm, _, _}) -> [{least_distance_mm, tenth(Mm)}].
 tokens(#notes{kept = Kept, circles = Circles}) ->
     [{tokens_kept, [kept(One) || One <- Kept]} || Kept =/= []] ++
         [{tokens_in_circle, [circle(One) || One <- Circles]} || Circles =/= []].
+
+left(#notes{left = none}) ->
+    [];
+left(#notes{left = #{edges := Edges, in_the_way := Robots, cut_off := CutOff}}) ->
+    [
+        {edges_given_up, [
+            {edges, Edges},
+            {in_the_way, [
+                [{robot, Robot}, {silent_s, Since / 1.0e6}, {edges, N}]
+             || {Robot, Since, N} <- Robots
+            ]},
+            {cut_off, CutOff}
+        ]}
+    ].
 
 kept(#{robot := Robot, token := Token, asked := Asked}) ->
     [{robot, Robot}, {token, binary(Token)}, {asked, Asked}].
@@ -170,7 +188,7 @@ rolled_back(#notes{reloads = Reloads}) ->
 lines(#notes{strangers = Strangers, unheard = Unheard} = Notes) ->
     reloads(Notes) ++ distance(Notes) ++ floor_of(Notes) ++ to_nobody(Strangers) ++ by_type(Unheard) ++
         overload(Notes) ++ refused(Notes) ++ ended_with(Notes) ++ in_circles(Notes) ++
-        not_come(Notes) ++ cut(Notes).
+        not_come(Notes) ++ given_up(Notes) ++ cut(Notes).
 
 reloads(#notes{reloads = Reloads}) -> [starl_reload_monitor:format(R) || R <- Reloads].
 
@@ -278,6 +296,25 @@ not_come(#notes{missed = Missed}) ->
             Missed, ?NAMED
         )
     ].
+
+%% Lines that nobody can paint, with those who stand in the way.
+given_up(#notes{left = none}) ->
+    [];
+given_up(#notes{left = #{edges := Edges, in_the_way := Robots, cut_off := CutOff}}) ->
+    {Named, More} = lists:split(min(?NAMED, length(Robots)), Robots),
+    Parts =
+        [in_the_way(Robot) || Robot <- Named] ++
+            [io_lib:format("~b more robots stand in the way", [length(More)]) || More =/= []] ++
+            [io_lib:format("all ways to ~ts are closed", [edges(CutOff)]) || CutOff > 0],
+    [["gave up ", edges(Edges), ": ", lists:join("; ", Parts)]].
+
+in_the_way({Robot, Since, N}) ->
+    io_lib:format("robot ~b, silent since ~.3f s, stands in the way of ~b", [
+        Robot, Since / 1.0e6, N
+    ]).
+
+edges(1) -> "1 edge";
+edges(N) -> io_lib:format("~b edges", [N]).
 
 in_circles(#notes{circles = Circles}) ->
     [in_circle(Circle) || Circle <- lists:sublist(Circles, ?NAMED)].

@@ -60,7 +60,8 @@
     messages_not_sent,
     messages_refused,
     tokens_kept,
-    tokens_in_circle
+    tokens_in_circle,
+    edges_given_up
 ]).
 -define(NOTES, 6).
 %% The places of waiting applications that are shown in the summary.
