@@ -147,11 +147,9 @@ who_stands_in_the_way_of_lines_is_named_test() ->
     ),
     ?assertMatch(
         #{
-            edges_given_up := [
-                {edges, 7},
-                {in_the_way, [[{robot, 2}, {silent_s, 29.88}, {edges, 6}], _]},
-                {cut_off, 0}
-            ]
+            edges_given_up := 7,
+            edges_cut_off := 0,
+            in_the_way := [[{robot, 2}, {silent_s, 29.88}, {edges, 6}], _]
         },
         maps:from_list(starl_lab_findings:figures(Two))
     ),

@@ -15,7 +15,7 @@
 
 page_test_() ->
     {timeout, 60, fun() ->
-        ?assertEqual(page(), lists:usort(made() ++ exercised() ++ painted()))
+        ?assertEqual(page(), lists:usort(made(#{}) ++ made(given_up()) ++ exercised() ++ painted()))
     end}.
 
 %% The keys in the first columns of the page's tables.
@@ -43,8 +43,12 @@ under(Key, [Object | _] = Objects) when is_map(Object) ->
 under(_Key, _Value) ->
     [].
 
-%% A run in which all went wrong that can.
-made() ->
+given_up() ->
+    Left = #{edges => 2, in_the_way => [{2, 1, 1}], cut_off => 1},
+    #{starl_dpp_monitor => #{left => Left}}.
+
+%% A run in which all went wrong that can, with these monitors, too.
+made(More) ->
     Mail = #{from => 1, type => t, at_us => 1, count => 1},
     Crash = {1, 1, app, {"on purpose", []}},
     Off = starl_trajectory:standing(0, {-1.0, 0.0}, 0.0),
@@ -56,7 +60,7 @@ made() ->
         violations => [
             #{contract => sap, what => lost, at_us => 1, robots => [1, 2], details => #{}}
         ],
-        monitors => #{
+        monitors => More#{
             starl_sap_monitor => #{sent => 1},
             starl_crash_monitor =>
                 #{crashes => 1, causes => 1, first_crash => Crash, given_up => []},

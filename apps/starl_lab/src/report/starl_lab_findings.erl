@@ -128,13 +128,11 @@ left(#notes{left = none}) ->
     [];
 left(#notes{left = #{edges := Edges, in_the_way := Robots, cut_off := CutOff}}) ->
     [
-        {edges_given_up, [
-            {edges, Edges},
-            {in_the_way, [
-                [{robot, Robot}, {silent_s, Since / 1.0e6}, {edges, N}]
-             || {Robot, Since, N} <- Robots
-            ]},
-            {cut_off, CutOff}
+        {edges_given_up, Edges},
+        {edges_cut_off, CutOff},
+        {in_the_way, [
+            [{robot, Robot}, {silent_s, Since / 1.0e6}, {edges, N}]
+         || {Robot, Since, N} <- Robots
         ]}
     ].
 

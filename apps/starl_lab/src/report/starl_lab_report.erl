@@ -61,7 +61,7 @@
     messages_refused,
     tokens_kept,
     tokens_in_circle,
-    edges_given_up
+    in_the_way
 ]).
 -define(NOTES, 6).
 %% The places of waiting applications that are shown in the summary.
