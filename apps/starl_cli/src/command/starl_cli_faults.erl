@@ -3,6 +3,7 @@
 -behaviour(starl_cli_command).
 
 -export([name/0, synopsis/0, about/1, run/1]).
+-export([values/2, worlds/1]).
 
 -spec name() -> string().
 name() -> "faults".
@@ -37,24 +38,32 @@ class(Class, Width) ->
 
 %% The kind with its target and parameters, and what it does, which may need lines of its own.
 kind({Kind, _Class, Target, Specs, Doc}, Width) ->
-    Texts = [[atom_to_list(Key), " ", type(Type), unit(Key)] || {Key, Type, _} <- Specs],
+    Texts = [[atom_to_list(Key), " ", values(Key, Type)] || {Key, Type, _} <- Specs],
     Params = starl_cli_terminal:wrap(lists:join(", ", Texts), 30, Width),
     Head = [string:pad(atom_to_list(Target), 9), Params],
     [
         io_lib:format("  ~-18ts ", [Kind]),
         string:trim(Head, trailing),
         "\n      ",
-        starl_cli_terminal:wrap([Doc, real(Kind)], 6, Width),
+        starl_cli_terminal:wrap([Doc, in_real_time(worlds(Kind))], 6, Width),
         "\n"
     ].
 
-%% Where it can be played in real time.
-real(Kind) ->
+in_real_time("") -> "";
+in_real_time(Worlds) -> [" [", Worlds, "]"].
+
+%% @doc Where a kind can be played in real time: `live', here and on nodes; `nodes', on nodes only; or nowhere.
+-spec worlds(starl_run_fault:kind()) -> string().
+worlds(Kind) ->
     case [lists:keymember(Kind, 1, starl_run_hand:kinds(World)) || World <- [one_vm, nodes]] of
-        [true, _] -> " [live]";
-        [false, true] -> " [nodes]";
+        [true, _] -> "live";
+        [false, true] -> "nodes";
         [false, false] -> ""
     end.
+
+%% @doc The values of a parameter, with their unit.
+-spec values(Key :: atom(), starl_options:type()) -> iolist().
+values(Key, Type) -> [type(Type), unit(Key)].
 
 type({one_of, Atoms}) -> lists:join("|", [atom_to_list(Atom) || Atom <- Atoms]);
 type({_, Low, High}) -> io_lib:format("~b..~b", [Low, High]).

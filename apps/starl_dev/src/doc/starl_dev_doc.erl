@@ -27,7 +27,9 @@ about(_Subject) ->
 flags(_Subject) ->
     [
         {"Flags", [
-            {out, string, default(), "directory for the pages; earlier pages in it are replaced"}
+            {out, string, default(), "directory for the pages; earlier pages in it are replaced"},
+            {tables, switch, false,
+                "only writes the tables of the guides that follow from the code"}
         ]}
     ].
 
@@ -37,6 +39,9 @@ default() -> starl_cli_out:shown(filename:join([starl_cli_target:root(), "_build
 statuses() -> [{0, "the pages are made"}, {1, "some pages have problems, which are printed"}].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{values := #{tables := true}}) ->
+    lists:foreach(fun write_tables/1, starl_dev_doc_tables:pages()),
+    0;
 run(#{values := #{out := Dir}} = Call) ->
     Root = starl_cli_target:root(),
     Sources = filelib:wildcard(filename:join([Root, "apps", "*", "src", "**", "*.erl"])),
@@ -46,6 +51,13 @@ run(#{values := #{out := Dir}} = Call) ->
         {_, false, false} -> {error, [["--out: ", Dir, " holds something else than such pages"]]};
         {_, false, true} -> for_checkout(Sources, Root, Dir)
     end.
+
+write_tables(Page) ->
+    File = filename:join(starl_cli_target:root(), Page),
+    {ok, Bytes} = file:read_file(File),
+    Text = unicode:characters_to_list(Bytes),
+    ok = file:write_file(File, unicode:characters_to_binary(starl_dev_doc_tables:update(Text))),
+    starl_cli_terminal:out("~ts\n", [Page]).
 
 for_checkout(Sources, Root, Dir) ->
     Made =

@@ -42,9 +42,12 @@
         "doc/coming_from.md",
         "doc/commands.md"
     ]},
-    {"Blocks and worlds", ["doc/blocks.md", "doc/assumptions.md", "doc/floors.md"]},
+    {"Blocks and worlds", [
+        "doc/blocks.md", "doc/guarantees.md", "doc/assumptions.md", "doc/floors.md"
+    ]},
     {"Find faults", [
         "doc/finding_faults.md",
+        "doc/faults.md",
         "doc/checking.md",
         "doc/debug.md",
         "doc/onward.md",

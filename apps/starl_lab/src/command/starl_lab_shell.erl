@@ -17,7 +17,7 @@ argument() -> {optional, "ARGS...", {example, "-sname a"}}.
 -spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
-        "An Erlang shell with the code of StarL on its path. README, \"In the shell\", has first "
+        "An Erlang shell with the code of StarL on its path. doc/commands.md has first "
         "steps; arguments are those of erl."
     ].
 
