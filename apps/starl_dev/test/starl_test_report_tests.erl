@@ -105,3 +105,77 @@ the_duration_has_what_was_built_before_test() ->
     Said = fun(Tests, Built) -> lists:flatten(starl_test_report:duration(Tests, Built)) end,
     ?assertEqual("The tests took 14 min 59 s, after 1 min 2 s of building.\n", Said(899, 62)),
     ?assertEqual("The tests took 0 min 31 s.\n", Said(31, 0)).
+
+%% -- what failed is run once more -----------------------------------------------------------
+
+failed_once() ->
+    Outcome = #{
+        modules => [tested("a_SUITE", 6, 2)],
+        told => [
+            "FAILED a_SUITE:b\nwhy\n", "FAILED a_SUITE:c(g)\nwhy\n", "skipped a_SUITE:d: no\n"
+        ],
+        failed => [b, {c, g}]
+    },
+    {_, Report} = ?R:ended(suite(), Outcome, ?R:new([suite()])),
+    Report.
+
+summary(Report) ->
+    {Text, Sound} = ?R:summary(done, Report),
+    {unicode:characters_to_list(Text), Sound}.
+
+the_failed_cases_alone_are_run_again_test() ->
+    ?assertMatch(
+        [#{name := "a_SUITE", cases := [b, {c, g}], logs := "/again"}], ?R:again(failed_once())
+    ).
+
+what_passes_alone_is_flaky_and_has_passed_test() ->
+    Report = failed_once(),
+    [Again] = ?R:again(Report),
+    {Text, Then} = ?R:repeated(
+        Again, #{modules => [tested("a_SUITE", 2, 0)], told => []}, Report
+    ),
+    contains("flaky: a_SUITE:b, it has passed alone\n", unicode:characters_to_list(Text)),
+    ?assertEqual(["a_SUITE:b", "a_SUITE:c(g)"], ?R:flaky(Then)),
+    ?assertEqual(
+        {"flaky: a_SUITE:b\nflaky: a_SUITE:c(g)\n8 passed, 0 failed\n", true}, summary(Then)
+    ).
+
+what_fails_again_has_failed_test() ->
+    Report = failed_once(),
+    [Again] = ?R:again(Report),
+    Failed = #{modules => [tested("a_SUITE", 1, 1)], told => ["FAILED a_SUITE:b\nwhy\n"]},
+    {Text, Then} = ?R:repeated(Again, Failed, Report),
+    contains(
+        "FAILED a_SUITE:b\nwhy\na_SUITE has failed again, alone.\n",
+        unicode:characters_to_list(Text)
+    ),
+    ?assertMatch({_, false}, summary(Then)),
+    {_, Lost} = ?R:repeated(Again, {lost, timeout, none}, Report),
+    ?assertMatch({_, false}, summary(Lost)).
+
+a_run_in_which_nothing_ran_is_no_pass_test() ->
+    Report = failed_once(),
+    [Again] = ?R:again(Report),
+    {_, Then} = ?R:repeated(Again, #{modules => [tested("a_SUITE", 0, 0)], told => []}, Report),
+    ?assertMatch({_, false}, summary(Then)).
+
+a_vm_that_ended_is_run_again_whole_test() ->
+    {_, Report} = ?R:ended(suite(), {lost, noconnection, none}, ?R:new([suite()])),
+    [Again] = ?R:again(Report),
+    ?assertNot(is_map_key(cases, Again)),
+    {_, Then} = ?R:repeated(Again, #{modules => [tested("a_SUITE", 8, 0)], told => []}, Report),
+    ?assertMatch({"flaky: a_SUITE\n" ++ _, true}, summary(Then)).
+
+of_modules_that_share_a_vm_the_failed_ones_are_run_again_test() ->
+    Job = job(eunit, [a_tests, b_tests, c_tests]),
+    Outcome = #{modules => [tested("a_tests", 2, 0), tested("b_tests", 1, 1)], told => []},
+    {_, Report} = ?R:ended(Job, Outcome, ?R:new([Job])),
+    ?assertMatch([#{modules := [b_tests, c_tests]}], ?R:again(Report)).
+
+what_fails_everywhere_is_not_run_again_test() ->
+    Jobs = [(suite())#{name := integer_to_list(N)} || N <- lists:seq(1, 21)],
+    Outcome = #{modules => [tested("a_SUITE", 0, 1)], told => ["FAILED x\n"]},
+    Report = lists:foldl(
+        fun(Job, R) -> element(2, ?R:ended(Job, Outcome, R)) end, ?R:new(Jobs), Jobs
+    ),
+    ?assertEqual([], ?R:again(Report)).

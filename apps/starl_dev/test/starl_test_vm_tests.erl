@@ -10,7 +10,9 @@
 ).
 
 %% The outcome of a suite with this source, in a VM that finds its code.
-outcome(Source) ->
+outcome(Source) -> outcome(Source, #{}).
+
+outcome(Source, More) ->
     Dir = filename:join("/tmp", "starl-test-vm-" ++ os:getpid()),
     _ = file:del_dir_r(Dir),
     ok = file:make_dir(Dir),
@@ -18,14 +20,14 @@ outcome(Source) ->
         File = filename:join(Dir, atom_to_list(?SUITE)),
         ok = file:write_file(File ++ ".erl", Source),
         {ok, ?SUITE} = compile:file(File ++ ".erl", [{outdir, Dir}]),
-        answer(Dir)
+        answer(Dir, More)
     after
         file:del_dir_r(Dir)
     end.
 
-answer(Dir) ->
+answer(Dir, More) ->
     Name = atom_to_list(?SUITE),
-    Job = #{name => Name, kind => suite, modules => [?SUITE], root => Dir, logs => Dir},
+    Job = More#{name => Name, kind => suite, modules => [?SUITE], root => Dir, logs => Dir},
     Vm = starl_lab_jobs:vm(1, []),
     true = unlink(Vm),
     true = peer:call(Vm, code, add_patha, [Dir]),
@@ -45,6 +47,32 @@ the_case_that_failed_is_told_test_() ->
         Text = unicode:characters_to_list(Told),
         ?assertNotEqual(nomatch, string:find(Text, "FAILED starl_test_vm_sample_SUITE:two")),
         ?assertNotEqual(nomatch, string:find(Text, "wrong"))
+    end}.
+
+only_the_failed_case_runs_again_test_() ->
+    {timeout, 60, fun() ->
+        {ok, First} = outcome(?HEAD "two(_) -> error(wrong)."),
+        ?assertMatch(#{failed := [two]}, First),
+        {ok, Second} = outcome(?HEAD "two(_) -> ok.", #{cases => [two]}),
+        ?assertMatch(#{modules := [#{passed := 1, failed := 0}]}, Second)
+    end}.
+
+a_case_of_a_group_runs_again_in_it_test_() ->
+    {timeout, 60, fun() ->
+        Head =
+            "-module(starl_test_vm_sample_SUITE). -compile([export_all, nowarn_export_all]). "
+            "all() -> [{group, outer}, two]. one(_) -> ok. two(_) -> ok. "
+            "groups() -> [{outer, [], [{group, g}]}, {g, [], [one, three]}]. ",
+        {ok, First} = outcome(Head ++ "three(_) -> error(wrong)."),
+        ?assertMatch(#{failed := [{three, g}]}, First),
+        {ok, Second} = outcome(Head ++ "three(_) -> ok.", #{cases => [{three, g}]}),
+        ?assertMatch(#{modules := [#{passed := 1, failed := 0}]}, Second)
+    end}.
+
+a_preparation_that_failed_is_run_again_whole_test_() ->
+    {timeout, 60, fun() ->
+        {ok, First} = outcome(?HEAD "two(_) -> ok. init_per_suite(_) -> error(wrong)."),
+        ?assertMatch(#{failed := []}, First)
     end}.
 
 a_skipped_case_has_not_failed_test_() ->

@@ -28,7 +28,10 @@ about(_Subject) ->
         "or of mix.",
         "Each suite runs in a VM of its own, with its log, pages and error reports in "
         "_build/starl/tests; suites that wait run beside those that compute (test/test_times.term). "
-        "A suite that hangs or whose VM ends has failed. Ctrl-C ends all, with the results so far."
+        "A suite that hangs or whose VM ends has failed. Ctrl-C ends all, with the results so far.",
+        "What failed is run once more at the end, alone, with its log in _build/starl/tests/again. If it "
+        "passes then, a line says `flaky: CASE`, and it counts as passed; flaky.txt beside the logs keeps "
+        "the line. A case that was flaky twice is a defect to be mended."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
@@ -79,7 +82,9 @@ tested(Wanted, Root, Logs) ->
     Found = starl_test_plan:jobs(Wanted, starl_test_plan:sources(Root), Long),
     Jobs = [Job#{root => Root, logs => Logs} || Job <- starl_test_schedule:order(Found, Known)],
     lists:foreach(fun clear/1, Jobs),
-    {How, Report} = together(Jobs, Known, Cores),
+    {First, All} = together(Jobs, Known, Cores),
+    {How, Report} = again(First, All),
+    ok = note_flaky(starl_test_report:flaky(Report), filename:join(Logs, "flaky.txt")),
     Seconds = erlang:monotonic_time(second) - Begin,
     {Summary, Sound} = starl_test_report:summary(How, Report),
     starl_cli_terminal:out([
@@ -133,6 +138,56 @@ together(Jobs, Known, Cores) ->
         },
         starl_test_report:new(Jobs)
     ).
+
+%% What failed, one after the other: what fails by chance fails beside other work.
+again(interrupted, Report) ->
+    {interrupted, Report};
+again(done, Report) ->
+    case starl_test_report:again(Report) of
+        [] ->
+            {done, Report};
+        Jobs ->
+            starl_cli_terminal:out("What failed is run once more, alone.\n"),
+            lists:foreach(fun clear/1, Jobs),
+            starl_lab_jobs:run(
+                Jobs,
+                #{
+                    work => {starl_test_vm, run},
+                    at_once => 1,
+                    what => "jobs",
+                    each => fun repeated/3,
+                    schedulers => erlang:system_info(schedulers_online),
+                    limit_ms => fun(_Job) -> 1000 * ?LONGEST_S end,
+                    output => starl_mutate_worker:sink(),
+                    renew => fun(_Outcome) -> true end
+                },
+                Report
+            )
+    end.
+
+note_flaky([], _File) ->
+    ok;
+note_flaky(Names, File) ->
+    Earlier =
+        case file:read_file(File) of
+            {ok, Text} -> Text;
+            {error, _} -> <<>>
+        end,
+    Date = calendar:system_time_to_rfc3339(erlang:system_time(second)),
+    _ = [
+        starl_cli_terminal:out("~ts was flaky before, too: mend it\n", [Name])
+     || Name <- Names,
+        binary:match(Earlier, unicode:characters_to_binary([" ", Name, "\n"])) =/= nomatch
+    ],
+    file:write_file(
+        File, unicode:characters_to_binary([[Date, " ", Name, "\n"] || Name <- Names]), [append]
+    ).
+
+repeated(Job, Answer, Report) ->
+    {Text, Next} = starl_test_report:repeated(Job, outcome(Answer, Job), Report),
+    starl_cli_progress:erase(),
+    starl_cli_terminal:out(Text),
+    Next.
 
 ended(Job, Answer, Report) ->
     {Text, Next} = starl_test_report:ended(Job, outcome(Answer, Job), Report),
