@@ -94,6 +94,7 @@ mistakes_test() ->
             {'Options', ?AREA, news, []},
             {'Options', ?AREA, news, #{other => 1}},
             {lifetime_ms, ?AREA, news, #{lifetime_ms => 0}},
+            {lifetime_ms, ?AREA, news, #{lifetime_ms => 86400001}},
             {lifetime_ms, ?AREA, news, #{lifetime_ms => infinity}},
             {hops, ?AREA, news, #{hops => 0}},
             {hops, ?AREA, news, #{hops => 1.0}}

@@ -291,11 +291,21 @@ after_a_restart_test() ->
     ?assertEqual([timer], Told(?LIFETIME - 99999)),
     ?assertEqual([], Told(?LIFETIME - 100000)).
 
+%% The longest lifetime, and any rest and hops of it, are borne.
+the_longest_lifetime_needs_no_timer_that_is_too_long_test() ->
+    Day = 24 * 3600 * 1000000,
+    Most = 16#3FFFFFFFFFFFFFF,
+    [
+        ?assertMatch({_, _}, message(5, 3, {offer, ?ID, Day, Left, Hops}, started()))
+     || Left <- [Day, Most, -Most], Hops <- [1, Most]
+    ].
+
 %% -- what is let in ---------------------------------------------------------------------------
 
 accepts_test() ->
     Good = [
         {offer, ?ID, ?LIFETIME, 5, 5},
+        {offer, ?ID, 24 * 3600 * 1000000, 5, 5},
         {ask, ?ID, {1, 5}},
         {give, parcel(5, 5), []},
         {give, parcel(5, 5), [{2, {1, 5}}]},
@@ -304,6 +314,10 @@ accepts_test() ->
     ],
     Bad = [
         {offer, ?ID, 0, 5, 5},
+        %% a lifetime above a day, which no timer could wait for
+        {offer, ?ID, 24 * 3600 * 1000000 + 1, 5, 5},
+        {offer, ?ID, 16#3FFFFFFFFFFFFFF, 5, 5},
+        {give, setelement(5, parcel(5, 5), 24 * 3600 * 1000000 + 1), []},
         {offer, {1, 1}, ?LIFETIME, 5, 5},
         {offer, ?ID, ?LIFETIME, 5.0, 5},
         {offer, ?ID, ?LIFETIME, 5, five},

@@ -30,7 +30,7 @@
 %% A circle, an axis-parallel rectangle or a polygon; millimetres.
 -type area() :: starl_geocast_area:area().
 
-%% `lifetime_ms': the time during which the message may be delivered (default 5000); `hops': the
+%% `lifetime_ms': the time during which the message may be delivered (default 5000, at most a day); `hops': the
 %% most transmissions over which it may travel (default 32).
 -type options() :: #{lifetime_ms => pos_integer(), hops => pos_integer()}.
 
@@ -55,6 +55,7 @@ send(Robot, Area, Type, Body, Options) ->
     ok = known(Options),
     Lifetime = maps:get(lifetime_ms, Options, 5000),
     ok = starl_caller:check(?SEND, lifetime_ms, positive_ms, Lifetime),
+    ok = at_most_a_day(Lifetime),
     Hops = maps:get(hops, Options, 32),
     ok = starl_caller:check(?SEND, hops, number, Hops),
     case starl:call(Robot, geocast, {send, Area, Type, Body, Lifetime * 1000, Hops}, infinity) of
@@ -69,6 +70,12 @@ send(Robot, Area, Type, Body, Options) ->
 listen(_Robot, Type) ->
     ok = starl_caller:check({?MODULE, listen, 2}, 'Type', name, Type),
     starl_app_turn:perform([{cast, geocast, {listen, Type, app}}]).
+
+at_most_a_day(Ms) ->
+    case 1000 * Ms =< starl_geocast_lifetime:longest_us() of
+        true -> ok;
+        false -> starl_caller:mistake(?SEND, lifetime_ms, Ms, "at most a day: 86400000 ms")
+    end.
 
 checked(ok, _Area) ->
     ok;

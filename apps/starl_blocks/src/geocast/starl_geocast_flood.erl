@@ -159,16 +159,19 @@ timed_out(_Timer, _Now, _Flood) ->
 
 %% @private What comes over the radio.
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
-accepts(geocast, {offer, _, _, _, _} = Body) ->
-    starl_shape:is([any, id(), count, integer, integer], Body);
+accepts(geocast, {offer, _, Lifetime, _, _} = Body) ->
+    starl_shape:is([any, id(), count, integer, integer], Body) andalso is_lifetime(Lifetime);
 accepts(geocast, {ask, _, _} = Body) ->
     starl_shape:is([any, id(), [count, integer]], Body);
 accepts(geocast, {give, {Id, Area, Type, _Body, Lifetime, Left, Hops}, Askers}) ->
     Shape = [id(), area(), atom, count, integer, integer, {list, [count, [count, integer]]}],
     starl_shape:is(Shape, {Id, Area, Type, Lifetime, Left, Hops, Askers}) andalso
+        is_lifetime(Lifetime) andalso
         starl_geocast_area:check(Area) =:= ok;
 accepts(_Type, _Body) ->
     false.
+
+is_lifetime(Us) -> Us =< starl_geocast_lifetime:longest_us().
 
 id() -> [count, count, count].
 

@@ -9,13 +9,19 @@
 %% "Probabilistic clock synchronization", 1989, uses the round trip alike).
 -module(starl_geocast_lifetime).
 
--export([deadline/3, left/3, is_sent_after/5, memory_us/2, least_us/3, offers/3, missed/2]).
+-export([longest_us/0, deadline/3, left/3, is_sent_after/5, memory_us/2, least_us/3]).
+-export([offers/3, missed/2]).
 
 -define(MILLION, 1000000).
+-define(DAY_US, (24 * 3600 * ?MILLION)).
 
 -type us() :: integer().
 %% The greatest drift of any clock, in millionths.
 -type ppm() :: non_neg_integer().
+
+%% @doc The longest lifetime of a message: a day. What others say of a longer one is not believed.
+-spec longest_us() -> us().
+longest_us() -> ?DAY_US.
 
 %% @doc The own clock's time until which the message surely lives, when the question was asked at
 %% `AskedUs' and the answer says that `LeftUs' is left.
