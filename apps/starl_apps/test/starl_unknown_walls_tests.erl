@@ -27,10 +27,11 @@ a_plan_without_walls_is_taken_test_() ->
     [{atom_to_list(App), ?_assertMatch({ok, _}, started(App, <<"Lawn">>, []))} || App <- ?APPS].
 
 %% Who says nothing of walls is not refused.
-others_take_walls_test() ->
-    ?assertMatch(
-        {ok, _}, starl_scene:make(starl_search, context(starl_search, <<"Shed">>, walls()))
-    ).
+others_take_walls_test_() ->
+    {timeout, 60,
+        ?_assertMatch(
+            {ok, _}, starl_scene:make(starl_search, context(starl_search, <<"Shed">>, walls()))
+        )}.
 
 walls() -> [starl_floor:box(5000, 0, 5100, 900)].
 

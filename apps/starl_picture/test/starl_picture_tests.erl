@@ -547,7 +547,7 @@ pictures() ->
     case code:priv_dir(starl_apps) of
         {error, bad_name} ->
             Source = proplists:get_value(source, ?MODULE:module_info(compile)),
-            filename:join([filename:dirname(Source), "..", "priv", "pictures"]);
+            filename:join([filename:dirname(Source), "../../starl_apps/priv/pictures"]);
         Priv ->
             filename:join(Priv, "pictures")
     end.

@@ -89,4 +89,4 @@ shipped() ->
      || F <- lists:sort(filelib:wildcard(filename:join(dir(), "*.floor")))
     ].
 
-dir() -> filename:join(code:priv_dir(starl_platform), "floors").
+dir() -> filename:join(code:priv_dir(starl_picture), "floors").
