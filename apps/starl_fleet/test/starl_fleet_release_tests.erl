@@ -18,10 +18,12 @@ release() ->
     ],
     ?assertMatch([_ | _], [P || P <- Files, lists:suffix("/bin/beam.smp", P)]),
     ?assertMatch([_ | _], [P || P <- Files, lists:prefix("lib/starl_blocks-", P)]),
-    %% what a robot can do without stays away: the command line, and with it the lab and its window
+    %% what a robot can do without stays away: the command line, and with it the lab and its window; pictures
     ?assertEqual([], [
         P
-     || P <- Files, App <- ["cli", "lab", "cowboy"], string:find(P, App ++ "-") =/= nomatch
+     || P <- Files,
+        App <- ["cli", "lab", "cowboy", "picture", "xmerl"],
+        string:find(P, App ++ "-") =/= nomatch
     ]),
     %% the log has what the robot's processes say, whose domain OTP's default handler does not know
     {_, {text, Text}} = lists:keyfind("sys.config", 1, Manifest),
@@ -44,6 +46,18 @@ release() ->
     {ok, {ets, Chunks}} = beam_lib:chunks(Stripped, ["Line", "Dbgi"], [allow_missing_chunks]),
     ?assertMatch([{"Line", <<_/binary>>}, {"Dbgi", missing_chunk}], Chunks),
     ok = file:del_dir_r(Dir).
+
+%% Only who reads pictures carries what reads them.
+a_team_that_paints_reads_pictures_test() ->
+    Files = fun(App) ->
+        {ok, Fleet} = starl_fleet_file:check(
+            "f.term", #{name => "lab", app => App, robots => #{1 => #{host => "a"}}}, App
+        ),
+        {ok, Manifest} = starl_fleet_release:manifest(#{fleet => Fleet, kind => there}, "/none"),
+        [P || {P, _} <- Manifest, string:find(P, "starl_svg.beam") =/= nomatch]
+    end,
+    ?assertMatch([_], Files(starl_painting)),
+    ?assertEqual([], Files(starl_follow)).
 
 %% A robot that is a Create gets the driver, and its program, which can be run.
 create_test() ->

@@ -40,7 +40,8 @@
 manifest(#{fleet := #{app := App} = Fleet, kind := Kind} = What, Scratch) ->
     Code = maps:get(code, What, []),
     Drivers = lists:append([owner(Driver, []) || Driver <- starl_fleet_lines:drivers(Fleet)]),
-    case apps([starl_fleet | lists:usort(Drivers)] ++ owner(App, Code), []) of
+    Roots = [starl_fleet | lists:usort(Drivers)] ++ owner(App, Code),
+    case apps(Roots ++ wanted(App, Code), []) of
         {ok, All} ->
             Own = [A || A <- All, not is_otp(A)],
             Files = common(What) ++ inputs(Fleet) ++ own(Own, Code, Kind),
@@ -108,6 +109,51 @@ needed(App) ->
     {ok, Below} = application:get_key(App, applications),
     {ok, Optional} = application:get_key(App, optional_applications),
     Below -- Optional.
+
+%% An optional application comes along if the team's program calls it: who paints reads pictures.
+wanted(App, Code) ->
+    Beams = maps:from_list([{Module, Beam} || {Module, _Source, Beam} <- Code]),
+    Called = called([App], #{}, Beams),
+    [
+        Optional
+     || Owner <- [starl_apps, starl_run],
+        {ok, All} <- [optional(Owner)],
+        Optional <- All,
+        lists:any(fun(Module) -> is_map_key(Module, Called) end, modules(Optional))
+    ].
+
+optional(App) ->
+    _ = application:load(App),
+    application:get_key(App, optional_applications).
+
+modules(App) ->
+    _ = application:load(App),
+    {ok, Modules} = application:get_key(App, modules),
+    Modules.
+
+%% The modules that a module calls, directly or not; those of OTP are no matter.
+called([], Seen, _Beams) ->
+    Seen;
+called([Module | Modules], Seen, Beams) when is_map_key(Module, Seen) ->
+    called(Modules, Seen, Beams);
+called([Module | Modules], Seen, Beams) ->
+    Own = maps:get(Module, Beams, code:which(Module)),
+    called(imports(Own) ++ Modules, Seen#{Module => true}, Beams).
+
+imports(File) when is_list(File) ->
+    case lists:prefix(code:lib_dir() ++ "/", File) of
+        true -> [];
+        false -> imports_of(File)
+    end;
+imports(Beam) when is_binary(Beam) -> imports_of(Beam);
+imports(_Preloaded) ->
+    [].
+
+imports_of(Beam) ->
+    case beam_lib:chunks(Beam, [imports]) of
+        {ok, {_, [{imports, Imports}]}} -> lists:usort([Module || {Module, _, _} <- Imports]);
+        {error, beam_lib, _} -> []
+    end.
 
 loaded(ok) -> false;
 loaded({error, {already_loaded, _}}) -> false;
