@@ -1,4 +1,4 @@
-%% @doc The usual predicates by name: a contract that speaks of one moment, as what breaks it.
+%% @doc Named predicates. Each is the violation of a contract that concerns a single instant.
 %%
 %% To add one: a line in `known/0', in the language itself. `D' and `T' stand for what is given.
 -module(starl_debug_library).

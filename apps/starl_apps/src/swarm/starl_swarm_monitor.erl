@@ -1,7 +1,6 @@
-%% @doc Who must hear a message of the swarm, also over several hops of a short radio: each robot that at the
-%% sending is well inside the area and that a chain of robots links to the sender, each well within the
-%% radio's range of the next. "Well": also if all drive as fast as they can for a second, the time in
-%% which the message must be there.
+%% @doc Contract of swarm messages: every robot inside the area that is connected to the sender by radio must
+%% receive it within a second. Connected: a chain of robots links the two, each in range of the next. Robots
+%% that could leave the area, or break the chain, within that second at full speed do not count.
 %%
 %% On a radio that loses packets chance may keep a message from a robot, the more often the longer the chain and the more
 %% packets are lost. The probabilities of the messages in a row that are missed are multiplied: a row that is rarer than

@@ -204,10 +204,9 @@ travel(#{points := Points, edges := Edges, spots := Spots, reach_mm := Reach} = 
 
 %% -- parking spots ----------------------------------------------------------------------------
 
-%% Chooses parking spots on a floor with walls. With robots on all spots neither a line that is
-%% to be driven, nor some way from each spot to each line, comes within 2R of a parked robot. So a
-%% robot can go to work and park again whatever the others do, once these are parked: the paper's
-%% argument for progress. The spots are taken one by one, in the order of the candidates. Lengths
+%% Chooses parking spots on a floor with walls. Every line, and a path from every spot to every line, keeps
+%% 2R clear of every parked robot. So a robot can go to work and park again whatever the others do, once
+%% these are parked: the paper's argument for progress. The spots are taken one by one, in the order of the candidates. Lengths
 %% are millimetres.
 
 %% The part of the roadmap that can be reached from a vertex.

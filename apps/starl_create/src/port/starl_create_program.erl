@@ -12,7 +12,7 @@
 -define(NO_EXEC, 8).
 %% That of a program whose end was noticed by a broken pipe (EPIPE).
 -define(BROKEN, 32).
-%% The time in which a file that is not executed tells.
+%% How long we wait for the shell to report that the file cannot be executed.
 -define(TELLS_MS, 1000).
 %% Looks at two clocks that are no farther apart than this are as good as one.
 -define(NEAR_US, 50).

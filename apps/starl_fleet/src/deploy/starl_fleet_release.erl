@@ -68,7 +68,7 @@ priv(Name) -> filename:join(code:priv_dir(starl_fleet), Name).
 sys_config() ->
     Template = [time, " ", level, ": ", msg, "\n"],
     Formatter = {logger_formatter, #{single_line => true, template => Template}},
-    %% without these, OTP's default handler takes what it knows the domain of: nothing of a robot's
+    %% OTP's default filters would drop our log events, which have no `otp' domain
     Filters = [{remote_gl, {fun logger_filters:remote_gl/2, stop}}],
     Handler =
         {handler, default, logger_std_h, #{

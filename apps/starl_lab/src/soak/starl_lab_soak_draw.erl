@@ -148,9 +148,8 @@ block(Block, Robots, Seed) ->
         time => ?TIME_S
     }).
 
-%% In some runs a majority heals, and the others stay for ever so that they hear nothing, are not heard,
-%% or are slow, or one robot does not hear one other. Who that is, and whether it leads, is drawn; it begins at any
-%% time before the other faults are over.
+%% In some runs a majority recovers; the rest stay deaf, mute or slow until the end, or one robot does not hear
+%% one other. The seed draws which robot that is, whether it leads, and when it begins, before the other faults are over.
 quiet(N, {Name, Heal}, Seed) when N >= ?LEAST_CORE + 1 ->
     Key = fun(Of) -> {Seed, Name, quiet, Of} end,
     case starl_run_draw:uniform(Key(share)) < ?QUIET of

@@ -1,4 +1,4 @@
-%% @doc The credit of a client with a WebSocket: what it may still be sent, and what is borne from it. Its
+%% @doc Flow control and tolerance of mistakes for one WebSocket client. Its
 %% socket asks for more one question at a time, and only while the client has handled almost all that it was
 %% sent, so a client that reads nothing gets nothing more. A client that makes mistakes is shut out when it
 %% goes on, and so is one that gives too many commands. A pure module.

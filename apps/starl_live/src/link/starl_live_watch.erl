@@ -1,6 +1,5 @@
-%% @doc The watch over the processes of a live robot, once in each period: applications may take their
-%% time, and of one that takes very long the log has one line, with its place; a machine at work for whose
-%% answer the robot has waited for a whole period is to be killed.
+%% @doc Watchdog of a live robot's processes. Logs an application that is slow, with its place in the code;
+%% kills a machine that has not answered for a whole period.
 -module(starl_live_watch).
 
 -export([new/0, period_ms/0, answered/2, longest_s/1, look/3]).

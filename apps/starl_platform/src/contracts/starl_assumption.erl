@@ -276,8 +276,8 @@ begun_us(Robot, At, Assumption) ->
         At | [Begin || {Begin, End, still} <- of_robot(Robot, Assumption), Begin =< At, At =< End]
     ]).
 
-%% @doc The latest time at which that leaves a robot which one of its steps does at this time: a robot
-%% that stands still within a step does the rest when it goes on.
+%% @doc Latest send time of an action that a step at `AtUs' performs: a stalled robot sends the rest when it
+%% goes on.
 -spec leaves_us(robot_id(), AtUs :: us(), t()) -> us().
 leaves_us(Robot, At, Assumption) ->
     lists:max([

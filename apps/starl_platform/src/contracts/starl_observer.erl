@@ -35,8 +35,8 @@
 %% those of its contracts, ready to judge; `epoch_us' is the system time of the run's time 0;
 %% `begun_us' the time at which the telling begins, if that is not 0; `run' the number of a team's run.
 %% `told_by': the robots that tell what they know themselves, in the place of the world, which knows
-%% all; `has_motions': the world tells the true motions; `was_up': this robot was up when the telling
-%% ended the last time.
+%% all; `has_motions': the world tells the true motions; `was_up': this robot was up when its
+%% previous recording ended.
 -type facts() :: #{
     kind := simulation | live,
     app := module(),

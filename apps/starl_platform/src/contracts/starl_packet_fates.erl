@@ -1,11 +1,10 @@
-%% @doc The fate of each packet of a live run: puts together what its sender and its receiver tell
+%% @doc Joins sender and receiver reports of a live run into one delivery record per packet
 %% ({@link starl_observer:way()}). A pure module.
 %%
-%% Of a live packet nobody knows everything: the sender knows when it was sent, the receiver whether
-%% it came. What both tell of it waits until its time is due; a packet that its receiver knows
-%% nothing of is `unheard' then. One that comes without ever having been sent, a copy that the
-%% network has made or a packet of a node that was killed before it could tell, is told as sent when
-%% it came.
+%% Nobody knows everything about a live packet: the sender knows when it was sent, the receiver whether
+%% it came. Both reports wait until the packet's time is due. A packet that its receiver does not
+%% report is `unheard' then. The network may copy a packet, and a killed node may not report what it
+%% has sent: such a packet is recorded as sent when it came.
 -module(starl_packet_fates).
 
 -export([new/0, told/2, due/2, early/1]).

@@ -1,6 +1,5 @@
-%% @doc Judges the history of a run by models, beside the monitors of its contracts, and knowing of the
-%% machines nothing that these trace: calls and answers as applications have seen them ({@link
-%% starl_history}).
+%% @doc Checks the history of calls and answers against a model (linearizability, {@link starl_history}). It uses
+%% no trace events of machines: only what applications have seen.
 -module(starl_history_monitor).
 -behaviour(starl_monitor).
 

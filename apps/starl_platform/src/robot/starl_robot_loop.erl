@@ -22,7 +22,7 @@
 %% newest first, and the time of the robot's clock at which it began to stand still.
 -type rest() :: {starl_machine:name(), [starl_machine:action()], New :: [local()], integer()}.
 
-%% The machine in whose next step of more actions than this it stands still, after so many.
+%% Fault injection: stall after N actions in this machine's next step that has more than N.
 -type still() :: {starl_machine:name(), Actions :: non_neg_integer()} | none.
 
 %% How a turn ends: nothing is left to do; the robot pauses; it stands still in mid-step; a process

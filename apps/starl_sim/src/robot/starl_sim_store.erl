@@ -12,7 +12,8 @@
 
 -export_type([t/0, strike/0]).
 
-%% It is lost, or known to be an old one; an image of it is taken, for a fault of this name; it is set back to it.
+%% `lose_store': data lost. `outdate': rolled back, and known to be. `save_store', `set_back_store': snapshot and
+%% silent rollback, for the fault of this name.
 -type strike() :: lose_store | outdate | {save_store | set_back_store, Fault :: atom()}.
 
 -type image() :: {starl_robot_machines:starts(), kept(), written()}.

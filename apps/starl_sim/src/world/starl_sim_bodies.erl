@@ -104,7 +104,7 @@ beside(Id, Piece, Now, Until, #{sight := Sight} = World) ->
         At < Until
     ].
 
-%% When it drives against the other first. What touches as it begins may leave, and bend back a moment later.
+%% Time of first contact. Bodies that touch at the start may separate and meet again.
 against(Piece, Other, Sum, Now, Until) ->
     case starl_contact:bodies(Piece, Other, Sum, Now, Until) of
         Now ->

@@ -1,5 +1,5 @@
-%% @doc What a merged recording takes from each of its parts. Without the world all is from the robots.
-%% With the world the true motions, the deaths of robots, faults and verdicts are the world's, and
+%% @doc What a merged recording takes from each of its parts. Without a recording of the world, it takes
+%% everything from the robots' own. With one, the true motions, the deaths of robots, faults and verdicts are the world's, and
 %% all that the robots themselves know is theirs. A pure module.
 -module(starl_trace_merge_selection).
 

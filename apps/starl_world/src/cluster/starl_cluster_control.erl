@@ -68,8 +68,7 @@ serve(Listening, Handler) ->
             ok
     end.
 
-%% A process of its own for each command: one that lasts keeps no other, and what becomes of it is no
-%% matter of the cluster.
+%% Each command runs in its own process, so a slow or crashing one blocks nobody.
 served(Socket, Handler) ->
     receive
         {Socket, yours} -> ok

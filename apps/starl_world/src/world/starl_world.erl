@@ -89,7 +89,7 @@ plan(Given, #{world := Where} = Options) ->
 placed({Scenario, Scene, Plan} = Planned) ->
     {Scenario, Scene, Plan#{placing => starl_run_floor:placing(Planned)}}.
 
-%% What has to be done so long after the faults has as long in real time.
+%% The settle time after the last fault is the same in real time.
 scheduled([], #{faults := Faults, heal := Heal} = Scenario, Own) ->
     Healed = max(Heal, starl_run_fault:healed_us(Faults) / 1.0e6),
     {ok, Planned} = starl_run:plan(Scenario#{faults := [], heal := Healed}, Own),

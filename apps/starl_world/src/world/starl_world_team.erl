@@ -156,9 +156,10 @@ watching(Robots) -> [{Id, S} || {Id, #robot{sight = S}} <- maps:to_list(Robots),
 
 %% -- their bodies ---------------------------------------------------------------------------
 
-%% @doc A robot's chassis has told something now, or hardware tells when something was (`{at, Us}'): as
-%% long ago as the judge can go back, but not before what it has told last. However late it is heard, the
-%% body moves as if it had been heard at once: what it has done since then is undone. Returns that time, too; `unknown': it is not the robot's chassis any more.
+%% @doc Applies a chassis report: of now, or late, of an earlier time (`{at, Us}'). A late report is applied
+%% retroactively, at most as far back as the judge still waits, and not before the previous report. The body
+%% moves as if the report had come at once: what it has done since then is undone. Returns the time that
+%% counts; `unknown': that chassis is not the robot's any more.
 -spec heard(id(), Chassis :: pid(), {now | {at, integer()}, What}, NowUs :: integer(), t()) ->
     {AtUs :: integer(), yield()} | unknown
 when
