@@ -1,4 +1,18 @@
 %% @doc Contracts as monitors over trace events, and the runner that feeds them.
+%% ```
+%%   -module(counting_monitor).
+%%   -behaviour(starl_monitor).
+%%   -export([init/1, interests/0, step/2, finish/2]).
+%%
+%%   init(_Config) -> 0.
+%%   interests() -> [counter].
+%%
+%%   step({T, Robot, counter, {counted, 10}}, Seen) ->
+%%       Broken = #{contract => counting, what => ten, at_us => T, robots => [Robot], details => #{}},
+%%       {violation, Broken, Seen};
+%%   step(_Event, Seen) -> {ok, Seen + 1}.
+%%   finish(_EndUs, Seen) -> {ok, #{seen => Seen}}.
+%% '''
 %%
 %% A monitor is a pure callback module that reads the events of a run one by one and says when
 %% its contract is broken. The same monitor judges simulation runs, property

@@ -1,4 +1,19 @@
-%% @doc The behaviour of a sequential application, which reads like the paper's pseudo-code.
+%% @doc The behaviour of an application: the program that each robot of a team runs.
+%% ```
+%%   -module(shuttle).
+%%   -behaviour(starl_app).
+%%   -export([init/2, step/2]).
+%%
+%%   init(_Robot, _Options) -> 3.                    % three rounds are left
+%%
+%%   step(_Robot, 0) -> {done, home};
+%%   step(Robot, Rounds) ->
+%%       Y = 1000.0 * starl:id(Robot),
+%%       ok = starl:go_to(Robot, {1000.0, Y}),
+%%       ok = starl:go_to(Robot, {4000.0, Y}),
+%%       {continue, Rounds - 1}.
+%% '''
+%% `./starl run shuttle.erl --robots 3' runs it in the simulator.
 %%
 %% `step/2' is the body of "repeat … until done". It may block in `starl:send', `starl:await', `starl:go_to',
 %% `starl:sleep' and in the calls of the building blocks. New code takes effect between two steps; an optional

@@ -1,9 +1,16 @@
 %% @doc The behaviour of a building block: everything that tools and applications need to know of
 %% it.
 %% ```
-%%   blocks() -> [starl_election, {starl_mutex, #{lease_ms => 2000}}].
+%%   -module(counting).
+%%   -behaviour(starl_block).
+%%   -export([options/0, machines/1, monitors/2, contract/0]).
+%%
+%%   options() -> [].
+%%   machines(_Options) -> [{counter, counting_machine, #{}}].
+%%   monitors(_Options, _Context) -> [{counting_monitor, #{}}].
+%%   contract() -> "nobody counts to ten".
 %% '''
-%% An application lists its blocks in this way. Each entry becomes the block's machines on every
+%% An application lists its blocks: `blocks() -> [counting, {starl_mutex, #{lease_ms => 2000}}]'. Each entry becomes the block's machines on every
 %% robot and the block's contract, as monitors that judge the run ({@link expand/2}). A block may
 %% also be a user's own module: no other module has to know of it.
 %%

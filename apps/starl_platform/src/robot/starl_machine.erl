@@ -1,4 +1,18 @@
 %% @doc The behaviour of every protocol of StarL, and the pure runner of such a machine.
+%% ```
+%%   -module(counting_machine).
+%%   -behaviour(starl_machine).
+%%   -export([init/1, handle_event/5]).
+%%
+%%   init(_Config) -> {ready, 0, []}.
+%%
+%%   handle_event(cast, increment, ready, N, _Meta) ->
+%%       {keep_state, N + 1, [{trace, {counted, N + 1}}]};
+%%   handle_event({call, From}, value, ready, N, _Meta) ->
+%%       {keep_state, N, [{reply, From, N}]};
+%%   handle_event(_Type, _Content, _State, _N, _Meta) ->
+%%       unknown_event.
+%% '''
 %%
 %% A machine is a callback module with gen_statem's vocabulary and no side effects: time,
 %% identity and randomness come in through its configuration and {@link meta()}, and everything
