@@ -59,6 +59,13 @@
 
 -export_type([event/0]).
 
+%% The time to wait for a position or for an answer of the chassis before asking again.
+-define(PATIENCE_US, 500000).
+%% The time between two tries of a drive that does not obey.
+-define(REST_US, 500000).
+%% A robot that stands and was seen within this time is not looked for again.
+-define(SEEN_US, 100000).
+
 -type event() ::
     %% it drives on with this velocity, within its limits, until told otherwise, for at most this time
     {velocity, starl_geometry:point(), Us :: pos_integer()}
@@ -72,85 +79,128 @@
     %% it has arrived, or another command came, or the clocks do not agree, or something is in the way
     | {goal_over, arrived | command | out_of_time | blocked}.
 
--type state() :: starl_motion_drive:state().
+-type state() ::
+    idle | halting | locating | driving | waiting | stalled | trying | steering | cruising.
+
+-record(drive, {
+    self :: starl:robot_id(),
+    chassis :: module(),
+    profile :: starl_chassis:profile(),
+    solid :: boolean(),
+    %% the caller of the drive, and the callers of `stop'
+    from = none :: starl_machine:from() | none,
+    waiting = [] :: [starl_machine:from()],
+    goal = starl_motion_goal:none() :: starl_motion_goal:t(),
+    %% is its caller that of a goal?
+    bound = false :: boolean(),
+    %% the velocity that it is given, and until when; does an earlier one still hold?
+    wish = {{0.0, 0.0}, 0} :: {starl_geometry:point(), UntilUs :: integer()},
+    cruises = false :: boolean(),
+    %% the chassis' memo for the step after a look; none while its drive is in doubt
+    memo = none :: {some, starl_chassis:memo()} | none,
+    %% numbers of the last command and of the last look
+    command = 0 :: non_neg_integer(),
+    asked = 0 :: non_neg_integer(),
+    %% the robot's clock; the time and the duration of the last command; the comparison of this
+    %% clock with that of the chassis, which must agree along given lines
+    now :: integer(),
+    told = {0, {0, 0}} :: {ToldUs :: integer(), Takes :: {Least :: integer(), Most :: integer()}},
+    watch :: starl_motion_clock_check:t(),
+    %% the chassis has answered that it stands, and has had no other command since; the pose then
+    %% seen, and its time
+    stands = false :: boolean(),
+    seen = none :: {starl:pose(), AtUs :: integer()} | none,
+    %% where its last step was planned: every leg and every try begins with a look that is no older
+    place = unknown :: starl_geometry:point() | unknown,
+    %% the robots that it saw with its pose, if its controller looks for them
+    poses = #{} :: #{starl:robot_id() => starl:pose()},
+    %% the last script
+    script = [] :: starl_chassis:commands(),
+    %% the next try, if the drive did not obey, or may not have, and has not obeyed since
+    doubt = none :: {ok, starl_chassis:commands()} | none
+}).
 
 %% @doc The action that stops the robot.
 -spec stop() -> starl_machine:action().
 stop() -> {cast, motion, stop}.
 
 -spec init(starl_machine:config()) ->
-    {state(), starl_motion_drive:t(), [starl_machine:action()]}.
+    {state(), #drive{}, [starl_machine:action()]}.
 init(#{incarnation := Incarnation} = Config) ->
     Over = [{trace, {velocity_over, restarted}} || Incarnation > 1],
-    {next_state, State, Drive, Actions} = starl_motion_drive:begun(Config),
+    {next_state, State, Drive, Actions} = begun(Config),
     {State, Drive, Over ++ Actions}.
 
 -spec handle_event(
-    starl_machine:event_type(), term(), state(), starl_motion_drive:t(), starl_machine:meta()
+    starl_machine:event_type(), term(), state(), #drive{}, starl_machine:meta()
 ) -> starl_machine:result().
 handle_event(Type, Content, State, Drive, #{now := Now}) ->
-    event(Type, Content, State, starl_motion_drive:at(Now, Drive)).
+    event(Type, Content, State, Drive#drive{now = Now}).
 
 event(info, {Word, N, What}, State, Drive) when Word =:= driven; Word =:= stalled ->
-    case starl_motion_drive:command(Drive) of
-        N -> ended({Word, What}, State, Drive);
-        _ -> late({Word, What}, Drive)
+    case Drive of
+        #drive{command = N} -> ended({Word, What}, State, Drive);
+        #drive{} -> late({Word, What}, Drive)
     end;
 event(info, {restarted, Machine}, State, Drive) ->
     restarted(Machine, State, Drive);
 event(state_timeout, Word, State, Drive) ->
     timed_out(Word, State, Drive);
 event({reply, N}, Answer, State, Drive) ->
-    case starl_motion_drive:asked(Drive) of
-        N -> looked(Answer, State, Drive);
-        _ -> keep_state_and_data
+    case Drive of
+        #drive{asked = N} -> looked(Answer, State, Drive);
+        #drive{} -> keep_state_and_data
     end;
 event({call, From}, Call, State, Drive) ->
     called(Call, From, State, Drive);
 event(cast, stop, _State, Drive) ->
-    starl_motion_drive:stop([], Drive);
+    stop([], Drive);
 event(_, _, _, _) ->
     unknown_event.
 
 %% The answer to its last look.
-looked({ok, #{} = Poses}, State, Drive) ->
-    {Own, Saw} = starl_motion_drive:saw(Poses, Drive),
-    looked(Own, State, Saw);
+looked({ok, #{} = Poses}, State, #drive{self = Self} = Drive) ->
+    Own =
+        case Poses of
+            #{Self := Pose} -> {ok, Pose};
+            #{} -> {error, unknown}
+        end,
+    looked(Own, State, Drive#drive{poses = Poses});
 looked({ok, Pose}, locating, Drive) ->
-    starl_motion_drive:located(Pose, Drive);
+    located(Pose, Drive);
 looked({ok, Pose}, steering, Drive) ->
-    starl_motion_drive:cruise(Pose, Drive);
+    cruise(Pose, Drive);
 looked({error, _}, steering, Drive) ->
-    starl_motion_drive:blind(Drive);
+    blind(Drive);
 looked(_, _State, _Drive) ->
     keep_state_and_data.
 
 called({go_to, Goal}, From, State, Drive) ->
-    starl_motion_drive:go(starl_motion_goal:new(to, {unknown, Goal}), From, State, Drive);
+    go(starl_motion_goal:new(to, {unknown, Goal}), From, State, Drive);
 called({go_along, {_, _} = Line}, From, State, Drive) ->
-    starl_motion_drive:go(starl_motion_goal:new(along, Line), From, State, Drive);
+    go(starl_motion_goal:new(along, Line), From, State, Drive);
 called({face, {_, _} = Line}, From, State, Drive) ->
-    starl_motion_drive:go(starl_motion_goal:new(face, Line), From, State, Drive);
+    go(starl_motion_goal:new(face, Line), From, State, Drive);
 called({velocity, _, _}, From, State, Drive) when State =:= stalled; State =:= trying ->
     {keep_state, Drive, [{reply, From, {error, stalled}}]};
 called({velocity, Velocity, Us}, From, State, Drive) ->
-    starl_motion_drive:steer(Velocity, Us, From, State, Drive);
+    steer(Velocity, Us, From, State, Drive);
 called(stop, From, _State, Drive) ->
-    starl_motion_drive:stop([From], Drive);
+    stop([From], Drive);
 called(_Call, _From, _State, _Drive) ->
     unknown_event.
 
 %% The chassis' answer to the last command.
 ended({driven, _}, steering, Drive) ->
-    starl_motion_drive:passes(Drive);
+    passes(Drive);
 ended({driven, _} = Driven, cruising, Drive) ->
-    starl_motion_drive:cruise_over(time, Driven, Drive);
+    cruise_over(time, Driven, Drive);
 ended({stalled, _} = Stalled, State, Drive) when State =:= cruising; State =:= steering ->
-    starl_motion_drive:cruise_over(stalled, Stalled, Drive);
+    cruise_over(stalled, Stalled, Drive);
 ended({driven, HeardUs}, State, Drive) when is_integer(HeardUs) ->
-    starl_motion_drive:driven(HeardUs, State, Drive);
+    driven(HeardUs, State, Drive);
 ended({stalled, Told}, State, Drive) when State =:= driving; State =:= trying ->
-    starl_motion_drive:stalled(Told, Drive);
+    stalled(Told, Drive);
 ended(Answer, _State, Drive) ->
     late(Answer, Drive).
 
@@ -158,30 +208,323 @@ ended(Answer, _State, Drive) ->
 late({driven, Us}, _Drive) when is_integer(Us) ->
     keep_state_and_data;
 late({stalled, Told}, Drive) ->
-    case starl_motion_drive:undo(Told, Drive) of
+    case undo(Told, Drive) of
         unknown -> unknown_event;
         _ -> keep_state_and_data
     end;
 late(_Answer, _Drive) ->
     unknown_event.
 
-restarted(location, locating, Drive) -> starl_motion_drive:locate(Drive);
-restarted(location, steering, Drive) -> starl_motion_drive:sight(Drive);
+restarted(location, locating, Drive) -> locate(Drive);
+restarted(location, steering, Drive) -> sight(Drive);
 restarted(_, _State, _Drive) -> keep_state_and_data.
 
 timed_out(heard_nothing, cruising, Drive) ->
-    starl_motion_drive:cruise_over(no_answer, heard_nothing, Drive);
+    cruise_over(no_answer, heard_nothing, Drive);
 timed_out(ask, steering, Drive) ->
-    starl_motion_drive:blind(Drive);
+    blind(Drive);
 timed_out(try_again, stalled, Drive) ->
-    starl_motion_drive:try_again(Drive);
+    try_again(Drive);
 timed_out(heard_nothing, halting, Drive) ->
-    starl_motion_drive:stand_still(Drive);
+    stand_still(Drive);
 timed_out(heard_nothing, _State, Drive) ->
-    starl_motion_drive:unheard(Drive);
+    unheard(Drive);
 timed_out(ask, locating, Drive) ->
-    starl_motion_drive:unseen(Drive);
+    unseen(Drive);
 timed_out(go_on, waiting, Drive) ->
-    starl_motion_drive:stand_still(Drive);
+    stand_still(Drive);
 timed_out(_, _, _) ->
     unknown_event.
+
+%% -- goals ----------------------------------------------------------------------------------
+
+%% The drive of a motion that boots: it stops the robot.
+begun(#{robot := Self, profiles := Profiles, incarnation := Incarnation, now := Now} = Config) ->
+    Profile = starl_chassis:of_robot(Self, Profiles),
+    stand_still(#drive{
+        self = Self,
+        chassis = starl_chassis:kind(Profile),
+        profile = Profile,
+        solid = maps:get(solid, Config, false),
+        watch = starl_motion_clock_check:new(Profile),
+        now = Now,
+        %% a robot that still drives must not accept an answer to an earlier incarnation's command
+        command = Incarnation bsl 32
+    }).
+
+%% It is to drive to this goal, for this caller. A robot that stands looks; one that drives stops first;
+%% one that waits for its drive keeps waiting.
+go(Goal, From, State, #drive{stands = Stands} = Drive) ->
+    Going = Drive#drive{from = From, bound = true, goal = Goal, memo = none},
+    Actions = stopped(Drive) ++ [{trace, starl_motion_goal:said(Goal)}],
+    case Stands andalso not starl_motion_goal:is_line(Goal) of
+        _ when State =:= stalled -> {keep_state, Going, Actions};
+        true -> look(Going, Actions);
+        false -> stand_still(Going, Actions)
+    end.
+
+%% It is to stop; these callers wait until it stands.
+stop(Waits, #drive{waiting = Waiting} = Drive) ->
+    stand_still(Drive#drive{from = none, waiting = Waiting ++ Waits}, stopped(Drive)).
+
+stopped(#drive{from = none}) ->
+    [];
+stopped(#drive{from = From} = Drive) ->
+    goal_over(command, Drive) ++ [{reply, From, {error, stopped}}].
+
+goal_over(Why, #drive{bound = Bound}) -> [{trace, {goal_over, Why}} || Bound].
+
+over(Why) -> {trace, {velocity_over, Why}}.
+
+%% -- a velocity -----------------------------------------------------------------------------
+
+%% It is given a velocity for this time, and looks, whether it stands or drives. Those who wait until it
+%% stands are told that it does not. A drive of whose obedience it is not sure is tried first, if it stands; the
+%% caller may ask again.
+steer(Velocity, Us, From, _State, #drive{doubt = none, waiting = Waiting, now = Now} = Drive) ->
+    Interrupted = [{reply, Waits, {error, stopped}} || Waits <- Waiting],
+    {next_state, State, Steering, Looks} = sight(Drive#drive{
+        from = From, bound = false, wish = {Velocity, Now + Us}, memo = none, waiting = []
+    }),
+    {next_state, State, Steering, stopped(Drive) ++ Interrupted ++ Looks};
+steer(_Velocity, _Us, From, idle, Drive) ->
+    {next_state, State, Trying, Commands} = try_now(Drive#drive{from = none}),
+    {next_state, State, Trying, stopped(Drive) ++ [{reply, From, {error, stalled}} | Commands]};
+steer(_Velocity, _Us, From, _State, Drive) ->
+    Stopped = stopped(Drive) ++ [{reply, From, {error, stalled}}],
+    stand_still(Drive#drive{from = none}, Stopped).
+
+%% Looks for a velocity.
+sight(#drive{asked = N} = Drive) ->
+    {next_state, steering, Drive#drive{asked = N + 1}, ask(Drive)}.
+
+ask(#drive{asked = N, self = Self, profile = Profile}) ->
+    Question = starl_controller:look(Self, Profile),
+    [{call, location, Question, N + 1}, {state_timeout, ?PATIENCE_US, ask}].
+
+%% Drives on with the velocity that it is given, from this pose. The time that the look took is gone.
+cruise(Pose, #drive{now = Now, wish = {Wish, Until}, chassis = Chassis} = Drive) ->
+    #drive{profile = Profile, from = From, self = Self, poses = Poses} = Drive,
+    Us = max(1, Until - Now),
+    Velocity = starl_controller:velocity(Wish, Us, {Self, Poses}, Profile),
+    Script = Chassis:cruise(Velocity, Pose, Us, Profile),
+    {next_state, State, Told, Actions} = command(cruising, Script, Drive#drive{
+        from = none, cruises = true
+    }),
+    Trace = {trace, {velocity, Velocity, Us}},
+    {next_state, State, Told, [Trace, {reply, From, ok} | Actions]}.
+
+%% It is given a velocity, and gets no position: it stops.
+blind(#drive{from = From} = Drive) ->
+    Over = [over(unknown) || Drive#drive.cruises],
+    Unknown = [{reply, From, {error, unknown}}],
+    stand_still(Drive#drive{from = none, cruises = false}, Over ++ Unknown).
+
+%% It looks for a new velocity, and the time of the old one is up.
+passes(#drive{cruises = Cruises} = Drive) ->
+    {keep_state, Drive#drive{stands = true, cruises = false}, [over(time) || Cruises]}.
+
+%% A cruise ends, for this reason. It is handled as at the end of a leg.
+cruise_over(Why, Answer, #drive{cruises = Cruises, from = From} = Drive) ->
+    Waits = [{reply, From, {error, stalled}} || From =/= none],
+    case end_of_leg(Answer, Drive#drive{cruises = false, from = none}) of
+        {next_state, State, Next, Actions} ->
+            {next_state, State, Next, [over(Why) || Cruises] ++ Waits ++ Actions};
+        unknown_event ->
+            unknown_event
+    end.
+
+end_of_leg({driven, HeardUs}, Drive) -> driven(HeardUs, cruising, Drive);
+end_of_leg({stalled, Told}, Drive) -> stalled(Told, Drive);
+end_of_leg(heard_nothing, Drive) -> unheard(Drive).
+
+%% -- the chassis ----------------------------------------------------------------------------
+
+%% It is to stand, for its own sake.
+stand_still(Drive) -> stand_still(Drive, []).
+
+stand_still(#drive{cruises = Cruises} = Drive, Actions) ->
+    Still = Drive#drive{memo = none, cruises = false},
+    {next_state, State, Halting, Commands} = command(halting, [], Still),
+    {next_state, State, Halting, [over(command) || Cruises] ++ Actions ++ Commands}.
+
+command(State, Script, #drive{command = N, now = Now, chassis = Chassis} = Drive) ->
+    {_, Most} = Takes = Chassis:duration_us(Script, Drive#drive.profile),
+    Told = Drive#drive{
+        command = N + 1,
+        told = {Now, Takes},
+        stands = false,
+        seen = still(Script, Drive),
+        script = Script
+    },
+    {next_state, State, Told, [
+        {drive, {Chassis, Script}, N + 1}, {state_timeout, Most + ?PATIENCE_US, heard_nothing}
+    ]}.
+
+still([], #drive{stands = true, seen = Seen}) -> Seen;
+still(_Script, _Drive) -> none.
+
+%% It has no answer to a command: the lost one may have been that the drive does not obey.
+unheard(#drive{chassis = Chassis, script = Script} = Drive) ->
+    stand_still(Drive#drive{doubt = Chassis:undo(Chassis:last(Script))}, []).
+
+%% The chassis stands; it heard the command at this time of its clock.
+driven(HeardUs, State, #drive{now = Now, told = {Told, Takes}, watch = Before} = Drive) ->
+    {Agree, Watch} = starl_motion_clock_check:agree({Told, Takes, Now}, HeardUs, Before),
+    %% a drive that has obeyed in a try obeys, even if the clocks do not agree
+    Doubt =
+        case State of
+            trying -> none;
+            _ -> Drive#drive.doubt
+        end,
+    Counted =
+        case State of
+            driving -> starl_motion_goal:moves(Drive#drive.goal);
+            _ -> Drive#drive.goal
+        end,
+    stands(Agree, Drive#drive{stands = true, watch = Watch, doubt = Doubt, goal = Counted}).
+
+%% A robot without a goal rests; a wrong clock takes a robot's goal away.
+stands(Agree, #drive{from = none} = Drive) ->
+    rest(Agree, Drive, []);
+stands(Agree, #drive{waiting = Waiting} = Drive) ->
+    case hindrance(Agree, Drive) of
+        none ->
+            look(Drive#drive{waiting = []}, stood(Agree, Waiting));
+        Why ->
+            {Over, Left} = given_up(Why, Drive),
+            rest(Agree, Left, Over)
+    end.
+
+%% What ends the drive to its goal before it has arrived.
+hindrance(Agree, #drive{solid = Solid, goal = Goal}) ->
+    IsBlocked = Solid andalso starl_motion_goal:is_blocked(Goal),
+    case starl_motion_goal:is_line(Goal) of
+        true when not Agree -> out_of_time;
+        _ when IsBlocked -> blocked;
+        _ -> none
+    end.
+
+given_up(Why, #drive{from = From} = Drive) ->
+    {goal_over(Why, Drive) ++ [{reply, From, {error, Why}}], Drive#drive{from = none}}.
+
+rest(Agree, #drive{waiting = Waiting} = Drive, Actions) ->
+    {next_state, idle, Drive#drive{waiting = []}, Actions ++ stood(Agree, Waiting)}.
+
+stood(true, Waiting) -> [{reply, From, ok} || From <- Waiting];
+stood(false, Waiting) -> [{reply, From, {error, out_of_time}} || From <- Waiting].
+
+%% Its drive may not obey: it tries it, or looks first.
+try_again(Drive) ->
+    case may_back(Drive) of
+        true -> try_now(Drive);
+        false -> locate(Drive, [])
+    end.
+
+try_now(#drive{doubt = {ok, Script}} = Drive) -> command(trying, Script, Drive).
+
+may_back(#drive{solid = Solid, from = From, place = Place, goal = Goal} = Drive) ->
+    #drive{chassis = Chassis, profile = Profile} = Drive,
+    not Solid orelse From =:= none orelse starl_motion_goal:keeps(Place, Chassis, Profile, Goal).
+
+%% The step leads along the line, or back to it. Its first command that moves the robot is tried, slowly.
+try_on({_, Commands} = Step, #drive{goal = Goal} = Drive) ->
+    case {starl_motion_goal:is_blocked(Goal), first_try(Commands, Drive#drive.chassis)} of
+        {true, _} ->
+            {Over, Left} = given_up(blocked, Drive),
+            {next_state, idle, Left, Over};
+        {false, {ok, Try}} ->
+            command(trying, Try, Drive);
+        %% it is to stand: its next step will tell
+        {false, none} ->
+            leg(Step, Drive)
+    end.
+
+first_try(Commands, Chassis) ->
+    Tries = [
+        Try
+     || Command <- Commands,
+        {ok, Back} <- [Chassis:undo(Chassis:last([Command]))],
+        {ok, Try} <- [Chassis:undo(Chassis:last(Back))]
+    ],
+    case Tries of
+        [Try | _] -> {ok, Try};
+        [] -> none
+    end.
+
+%% What takes back what the drive has not obeyed, as the chassis tells it.
+undo(Told, #drive{chassis = Chassis}) -> Chassis:undo(Told).
+
+%% The drive does not obey. A chassis that was told to stand, and reports that it does not, is told again.
+stalled(Told, #drive{goal = Goal} = Drive) ->
+    case undo(Told, Drive) of
+        unknown ->
+            unknown_event;
+        none ->
+            stand_still(Drive, []);
+        {ok, _} = Doubt ->
+            Counted = starl_motion_goal:stalled(Goal),
+            Doubtful = Drive#drive{stands = true, memo = none, doubt = Doubt, goal = Counted},
+            {next_state, stalled, Doubtful, [{state_timeout, ?REST_US, try_again}]}
+    end.
+
+%% -- the course -----------------------------------------------------------------------------
+
+%% Uses the pose of a recent look, or looks.
+look(#drive{seen = {Pose, At}, now = Now} = Drive, Actions) when
+    At =< Now, Now - At < ?SEEN_US
+->
+    {next_state, State, Next, Course} = step(Pose, Drive),
+    {next_state, State, Next, Actions ++ Course};
+look(Drive, Actions) ->
+    locate(Drive, Actions).
+
+%% Looks where it stands.
+locate(Drive) -> locate(Drive, []).
+
+%% It gets no position. It has to stand for a leg along a line, whose beginning is timed.
+unseen(#drive{goal = Goal} = Drive) ->
+    case starl_motion_goal:is_line(Goal) of
+        true -> stand_still(Drive, []);
+        false -> locate(Drive, [])
+    end.
+
+locate(#drive{asked = N} = Drive, Actions) ->
+    {next_state, locating, Drive#drive{asked = N + 1}, Actions ++ ask(Drive)}.
+
+%% It stands here: its next step begins.
+located(Pose, #drive{now = Now} = Drive) -> step(Pose, Drive#drive{seen = {Pose, Now}}).
+
+step({X, Y, _} = Pose, #drive{goal = Goal} = Drive) ->
+    {Lines, Begun} = starl_motion_goal:begins(Pose, Goal),
+    Placed = Drive#drive{place = {X, Y}, goal = Begun},
+    {next_state, State, Next, Actions} = follow(next(Pose, Placed), Placed),
+    {next_state, State, Next, [{trace, Line} || Line <- Lines] ++ Actions}.
+
+next(Pose, #drive{memo = none, chassis = Chassis, profile = Profile, goal = Goal}) ->
+    starl_motion_goal:next(Pose, Chassis, Profile, Goal);
+next(Pose, #drive{memo = {some, Memo}, chassis = Chassis, profile = Profile}) ->
+    Chassis:resume(Pose, Memo, Profile).
+
+follow(arrived, #drive{from = From} = Drive) ->
+    Over = goal_over(arrived, Drive) ++ [{reply, From, ok}],
+    {next_state, idle, Drive#drive{from = none}, Over};
+follow({_, _} = Step, #drive{doubt = Doubt} = Drive) when Doubt =/= none ->
+    case may_back(Drive) of
+        true -> try_now(Drive);
+        false -> try_on(Step, Drive)
+    end;
+follow(Step, Drive) ->
+    #drive{poses = Poses, self = Self, goal = Goal, profile = Profile} = Drive,
+    Heads = starl_motion_goal:heads_to(Goal),
+    case starl_controller:leg(Poses, Heads, {Self, starl_motion_goal:waited(Goal)}, Profile) of
+        go -> leg(Step, Drive);
+        {wait, Us} -> wait(Us, Drive#drive{goal = starl_motion_goal:waited(Us, Goal)})
+    end.
+
+wait(Us, Drive) -> {next_state, waiting, Drive#drive{memo = none}, [{state_timeout, Us, go_on}]}.
+
+leg({{look, Memo}, Script}, Drive) ->
+    command(driving, Script, Drive#drive{memo = {some, Memo}});
+leg({drive, Script}, Drive) ->
+    command(driving, Script, Drive#drive{memo = none}).
