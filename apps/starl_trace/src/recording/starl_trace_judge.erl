@@ -62,7 +62,8 @@ file(File) ->
         {error, _} = Error -> Error
     end.
 
-%% A computer that stood still says so afterwards, and what it explains was before that.
+%% A computer that stood still says so afterwards, and what it explains was before that. In the simulator a fault
+%% says it before: such a recording is read once.
 late(File) ->
     case starl_trace_reader:start(File) of
         {ok, Cursor} ->
@@ -77,6 +78,7 @@ late(File) ->
 
 late(Cursor, Late) ->
     case starl_trace_reader:next(Cursor) of
+        {ok, [{scenario, _, #{kind := simulation}} | _], _Next} -> [];
         {ok, Messages, Next} -> late(Next, [starl_assumption:late(facts(Messages)) | Late]);
         _ -> lists:append(lists:reverse(Late))
     end.
