@@ -161,21 +161,80 @@ resumed_knows_of_all_test() ->
 %% -- what is known from the others only -------------------------------------------------------
 
 %% How far the others have heard of it, or that somebody has passed a round, tells how far it was;
-%% one that knows that itself learns nothing of it.
+%% one that knows that itself learns nothing of it. It tells nobody before all have answered.
 remembers_test() ->
-    Known = fun(Words, Gate) ->
-        Learned = lists:foldl(
-            fun({R, K, Known, Done}, G) -> ?G:learn(R, K, Known, Done, G) end, Gate, Words
-        ),
-        {At, _, All} = ?G:fact(2, Learned),
-        {At, All}
+    Learned = fun(Words, Gate) ->
+        lists:foldl(fun({R, K, Known, Done}, G) -> ?G:learn(R, K, Known, Done, G) end, Gate, Words)
     end,
-    ?assertEqual({3, 1}, Known([{2, 5, 3, 1}], ?G:new(false))),
-    ?assertEqual({3, 3}, Known([{2, 5, 2, 3}], ?G:new(false))),
-    ?assertEqual({4, 3}, Known([{2, 5, 4, 3}, {3, 5, 2, 1}], ?G:new(false))),
-    ?assertEqual({4, 3}, Known([{2, 5, 2, 1}, {3, 5, 4, 3}], ?G:new(false))),
-    ?assertEqual({1, 3}, Known([{2, 5, 4, 3}], ?G:recall({1, 1, 1}, true))),
-    ?assertEqual({3, 5, 1}, ?G:fact(2, ?G:learn(2, 5, 3, 1, ?G:new(false)))).
+    Known = fun(Words, Gate) ->
+        {At, _, _} = ?G:counts(?G:assure([], [2, 3], Learned(Words, Gate))),
+        At
+    end,
+    ?assertEqual(3, Known([{2, 3, 3, 1}], ?G:new(false))),
+    ?assertEqual(3, Known([{2, 3, 2, 3}], ?G:new(false))),
+    ?assertEqual(4, Known([{2, 5, 4, 3}, {3, 4, 2, 1}], ?G:new(false))),
+    ?assertEqual(4, Known([{2, 4, 2, 1}, {3, 5, 4, 3}], ?G:new(false))),
+    %% who has passed a round knows that all have reached it
+    ?assertEqual(4, Known([{2, 5, 0, 0}], ?G:new(false))),
+    %% one that has not reached the first round has heard that this robot has
+    ?assertEqual(1, Known([{2, 0, 1, 0}], ?G:new(false))),
+    ?assertEqual({1, 1, 1}, ?G:counts(Learned([{2, 5, 4, 3}], ?G:recall({1, 1, 1}, true)))),
+    ?assertEqual({0, 5, 1}, ?G:fact(2, ?G:learn(2, 5, 3, 1, ?G:new(false)))).
+
+%% -- numbers that cannot be true --------------------------------------------------------------
+
+-define(MOST, 16#3FFFFFFFFFFFFFF).
+
+%% Nobody is far ahead, and nobody has heard of a round that this robot has not reached: of a lie the
+%% others hear nothing, and it lets few rounds pass.
+cut_to_what_can_be_test() ->
+    Gate = ?G:learn(2, ?MOST, ?MOST, ?MOST, reached(5)),
+    ?assertEqual({5, 4, 4}, ?G:counts(?G:fail(?G:learn(2, 1, 1, 4, reached(5))))),
+    ?assertEqual({5, 4, 5}, ?G:counts(Gate)),
+    ?assertMatch({5, Ahead, 5} when Ahead < 50, ?G:fact(2, Gate)),
+    {passed, ?APP, 5, Passed} = ?G:pass(?G:hear(3, 5, 5, Gate)),
+    {new, Next} = ?G:reach({6, 5}, ?APP, [2, 3], Passed),
+    %% what it claimed to have heard it has not
+    ?assertEqual([2, 3], ?G:missed(Next)),
+    ?assertEqual([2, 3], ?G:missed(element(2, ?G:reach({99, 98}, ?APP, [2, 3], Passed)))).
+
+%% The word of one of two, or of three, does not move a robot that was asked how far it was.
+one_of_several_lies_test() ->
+    [
+        ?assertMatch(
+            {At, _, Whole} when At =< 6 andalso Whole =< At,
+            ?G:counts(
+                ?G:assure(Witnesses, Others, lists:foldl(fun(F, G) -> F(G) end, Gate, Order))
+            )
+        )
+     || Gate <- [?G:new(false), ?G:recall({5, 5, 4}, false), ?G:recall({3, 2, 2}, false)],
+        Others <- [[2, 3], [2, 3, 4]],
+        Witnesses <- [[], [4], Others],
+        Own <- [0, 1, ?MOST],
+        Mine <- [0, ?MOST],
+        All <- [0, ?MOST],
+        Lie <- [fun(G) -> ?G:learn(4, Own, Mine, All, ?G:hear(4, Own, Mine, G)) end],
+        Truth <- [
+            fun(G) ->
+                lists:foldl(
+                    fun(R, Acc) -> ?G:learn(R, 5, 5, 4, Acc) end, G, lists:delete(4, Others)
+                )
+            end
+        ],
+        Order <- [[Lie, Truth], [Truth, Lie]]
+    ],
+    %% nor does it take back what is stored
+    Low = ?G:learn(3, 5, 5, 5, ?G:learn(2, 1, 0, 0, ?G:recall({5, 5, 5}, false))),
+    ?assertEqual({5, 5, 5}, ?G:counts(?G:assure([2, 3], [2, 3], Low))).
+
+%% In a team of two the other's word is all there is; there are always later rounds.
+two_test() ->
+    Raised = ?G:assure([2], [2], ?G:learn(2, ?MOST, ?MOST, ?MOST, ?G:recall({5, 5, 5}, false))),
+    {At, At, At} = ?G:counts(Raised),
+    ?assert(At =< ?MOST div 2 + 1),
+    %% when it says the truth again it comes as far, and they go on together
+    Found = ?G:assure([], [2], ?G:learn(2, At + 3, 0, At + 2, ?G:recall({6, 6, 6}, false))),
+    ?assertMatch({At, _, _}, ?G:counts(Found)).
 
 %% Where one that knows its own counts is not so far, nobody has passed the round; else it counts as
 %% passed. One that it has not heard of a name has reached nothing; one that is unsure says nothing.

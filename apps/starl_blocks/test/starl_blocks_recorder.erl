@@ -10,7 +10,7 @@ interests() -> all.
 init(_) -> [].
 
 step({_, _, Machine, _} = Event, Trace) ->
-    case lists:member(Machine, [geocast, election, registers, robot, app]) of
+    case lists:member(Machine, [geocast, election, registers, barrier, mutex, robot, app]) of
         true -> {ok, [Event | Trace]};
         false -> {ok, Trace}
     end.

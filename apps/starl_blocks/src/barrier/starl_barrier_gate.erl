@@ -4,6 +4,13 @@
 %% All counts only grow, and none exceeds the truth: so no robot is taken to have come further than
 %% it has. A gate is <em>unsure</em> while this robot's earlier rounds are known from the others
 %% only, or while its stored counts may be older than its last life.
+%%
+%% <em>What is believed.</em> A robot passes a round when all have reached it. So nobody is more than one
+%% round ahead of another, and nobody has heard of a round that this robot has not reached. What a
+%% message says beyond that is cut to a few rounds, since a count after a damage may be behind.
+%% An unsure gate keeps what each robot claims until all have answered. It then goes on at most one
+%% round after the one that most of the others say they have reached themselves. In a team of two the other's word is
+%% all there is: it is followed to a number that leaves half of all numbers for later rounds.
 -module(starl_barrier_gate).
 
 -export([new/1, recall/2, turn/1, is_sure/1, caller/1, counts/1, fact/2]).
@@ -23,6 +30,14 @@
 %% surely reached.
 -type stored() :: {At :: round(), Passed :: round(), All :: round()}.
 
+%% What another robot says: the round that it has reached itself, and one that this robot has reached.
+-type claim() :: {Own :: round(), Mine :: round()}.
+
+%% So many rounds may another robot be ahead.
+-define(LEAP, 16).
+%% No further is a count believed that only others know. A message may hold twice as much.
+-define(FARTHEST, 1 bsl 57).
+
 -record(gate, {
     %% false: known from the others only, or not confirmed by them yet
     sure = true :: boolean(),
@@ -36,6 +51,8 @@
     all = 0 :: round(),
     reached = #{} :: counts(),
     heard = #{} :: counts(),
+    %% while it is unsure
+    claims = #{} :: #{starl:robot_id() => claim()},
     from = none :: starl_machine:from() | none,
     %% while it waits: the robots that it misses
     awaited = [] :: [starl:robot_id()]
@@ -89,17 +106,22 @@ fact(Robot, #gate{at = At, all = All, reached = Reached}) ->
 -spec resume(turn(), t()) -> t().
 resume({Round, All}, #gate{sure = false, kept = none, all = Known} = Gate) ->
     Before = Round - 1,
-    Gate#gate{
-        sure = true, at = Before, passed = Before, told = Before, all = max(All, Known)
-    };
+    settled(Gate#gate{at = Before, passed = Before, told = Before, all = max(All, Known)});
 resume({Round, _All}, #gate{at = At, passed = Passed} = Gate) ->
     Before = Round - 1,
+    settled(Gate#gate{at = max(At, Before), passed = max(Passed, Before), told = Before}).
+
+%% From now on the robot's own counts are known: no other one is far ahead of them.
+settled(#gate{sure = true} = Gate) ->
+    Gate;
+settled(#gate{at = At, all = All, reached = Reached, heard = Heard} = Gate) ->
     Gate#gate{
         sure = true,
         kept = none,
-        at = max(At, Before),
-        passed = max(Passed, Before),
-        told = Before
+        claims = #{},
+        all = min(All, At),
+        reached = maps:map(fun(_, Round) -> min(Round, At + ?LEAP) end, Reached),
+        heard = maps:map(fun(_, Round) -> min(Round, At) end, Heard)
     }.
 
 %% @doc Is this a round that the robot has passed, though its application has not been told?
@@ -149,11 +171,17 @@ fail(Gate) -> Gate#gate{from = none, awaited = []}.
 
 %% @doc A robot has reached a round, and knows that this robot has reached one.
 -spec hear(starl:robot_id(), round(), Known :: round(), t()) -> t().
-hear(Robot, Round, Known, #gate{reached = Reached, heard = Heard} = Gate) ->
-    Counted = Gate#gate{
-        reached = raise(Robot, Round, Reached), heard = raise(Robot, Known, Heard)
-    },
-    remember(Known, no_longer_missed(Robot, Counted)).
+hear(Robot, Round, Known, #gate{sure = true, at = At} = Gate) ->
+    no_longer_missed(Robot, heard(Robot, min(Round, At + ?LEAP), min(Known, At), Gate));
+hear(Robot, Round, Known, Gate) ->
+    heard(Robot, Round, Known, claimed(Robot, Round, Known, Gate)).
+
+heard(Robot, Round, Known, #gate{reached = Reached, heard = Heard} = Gate) ->
+    Gate#gate{reached = raise(Robot, Round, Reached), heard = raise(Robot, Known, Heard)}.
+
+claimed(Robot, Round, Mine, #gate{claims = Claims} = Gate) ->
+    {Before, Earlier} = maps:get(Robot, Claims, {0, 0}),
+    Gate#gate{claims = Claims#{Robot => {max(Round, Before), max(Mine, Earlier)}}}.
 
 no_longer_missed(Robot, #gate{awaited = Awaited} = Gate) ->
     case is_missed(Robot, Gate) of
@@ -163,13 +191,13 @@ no_longer_missed(Robot, #gate{awaited = Awaited} = Gate) ->
 
 raise(Robot, Count, Counts) -> Counts#{Robot => max(Count, maps:get(Robot, Counts, 0))}.
 
-remember(Known, #gate{sure = false, at = At} = Gate) when Known > At -> Gate#gate{at = Known};
-remember(_Known, Gate) -> Gate.
-
 %% @doc The same, and it knows that all have surely reached a round.
 -spec learn(starl:robot_id(), round(), Known :: round(), All :: round(), t()) -> t().
+learn(Robot, Round, Known, All, #gate{sure = true, at = At, all = Before} = Gate) ->
+    hear(Robot, Round, Known, Gate#gate{all = max(min(All, At), Before)});
 learn(Robot, Round, Known, All, #gate{all = Before} = Gate) ->
-    hear(Robot, Round, Known, remember(All, Gate#gate{all = max(All, Before)})).
+    Learned = Gate#gate{all = max(All, Before)},
+    hear(Robot, Round, Known, claimed(Robot, Round, All, Learned)).
 
 %% -- after a damaged store ------------------------------------------------------------------
 
@@ -177,10 +205,10 @@ learn(Robot, Round, Known, All, #gate{all = Before} = Gate) ->
 %% has not reached this robot's round, no robot has passed the round; else it counts as passed, and
 %% if all others are witnesses, all have surely reached it.
 -spec assure(Witnesses :: [starl:robot_id()], Others :: [starl:robot_id()], t()) -> t().
-assure(Witnesses, Others, #gate{sure = false} = Gate) ->
+assure(Witnesses, Others, #gate{sure = false, at = At} = Gate) ->
     case Gate#gate.kept =:= none orelse is_outdated(Gate) of
-        true -> judge(Witnesses, Others, Gate);
-        false -> Gate#gate{sure = true, kept = none}
+        true -> judge(Witnesses, Others, Gate#gate{at = max(At, believed(Gate))});
+        false -> settled(Gate)
     end;
 assure(_Witnesses, _Others, Gate) ->
     Gate.
@@ -189,15 +217,30 @@ assure(_Witnesses, _Others, Gate) ->
 %% earlier time, or was damaged.
 -spec is_outdated(t()) -> boolean().
 is_outdated(#gate{kept = none}) -> false;
-is_outdated(#gate{kept = {Before, _, _}, at = At}) -> At > Before.
+is_outdated(#gate{kept = {Before, _, _}} = Gate) -> believed(Gate) > Before.
+
+%% The round that this robot has reached, by what the others claim. Who has reached a round itself has
+%% passed the one before, which all had reached.
+believed(#gate{claims = Claims}) ->
+    Mine = [max(Own - 1, min(Known, Own + 1)) || {Own, Known} <- maps:values(Claims)],
+    lists:min([
+        lists:max([0 | Mine]), 1 + middle([Own || {Own, _} <- maps:values(Claims)]), ?FARTHEST
+    ]).
+
+%% The middle of the rounds, the lower one of two. One who has lost its store may say 0.
+middle(Rounds) ->
+    case lists:sort([Round || Round <- Rounds, Round > 0]) of
+        [] -> 0;
+        Sorted -> lists:nth((length(Sorted) + 1) div 2, Sorted)
+    end.
 
 judge(Witnesses, Others, #gate{at = At, all = All, reached = Reached} = Gate) ->
     Behind = lists:any(fun(Witness) -> maps:get(Witness, Reached, 0) < At end, Witnesses),
     case {Behind, Others -- Witnesses} of
-        {true, _} -> assured(At - 1, All, Gate);
+        {true, _} -> assured(At - 1, min(All, At - 1), Gate);
         {false, []} -> assured(At, At, Gate);
         {false, [_ | _]} -> assured(At, All, Gate)
     end.
 
 assured(Passed, All, Gate) ->
-    Gate#gate{sure = true, kept = none, passed = Passed, told = Passed, all = All}.
+    settled(Gate#gate{passed = Passed, told = Passed, all = All}).
