@@ -183,7 +183,7 @@ remembers_test() ->
 
 %% -- numbers that cannot be true --------------------------------------------------------------
 
--define(MOST, 16#3FFFFFFFFFFFFFF).
+-define(MOST, 16#7FFFFFFFFFFFFFF).
 
 %% Nobody is far ahead, and nobody has heard of a round that this robot has not reached: of a lie the
 %% others hear nothing, and it lets few rounds pass.

@@ -4,7 +4,7 @@
 -include_lib("eunit/include/eunit.hrl").
 
 %% The largest number of most messages, and of those that begin with an incarnation.
--define(MOST, 16#3FFFFFFFFFFFFFF).
+-define(MOST, 16#7FFFFFFFFFFFFFF).
 -define(MOST_SERIAL, 16#FFFFFFFFFFFFFFFFFFFFFFFFFFFFFFFF).
 
 -define(LIES_MS, {4000, 8000}).
@@ -26,7 +26,7 @@ barrier_test_() ->
 honest_barrier_test_() ->
     {timeout, 60, fun() -> barrier(others(3), 3, fun(_) -> [] end) end}.
 
-title(Who, N) -> lists:concat([Who, ", team of ", N]).
+title(Who, N) -> lists:flatten(io_lib:format("~tp, team of ~b", [Who, N])).
 
 others(N) -> lists:seq(1, N - 1).
 
@@ -68,6 +68,44 @@ passes(Robot) ->
             _ = starl_barrier:sync(Robot, gate, 5000)
     end.
 
+%% -- lives ----------------------------------------------------------------------------------
+
+%% It says that the others have lived before with the largest number there is. They start anew with a
+%% later one, and are heard.
+lives_test_() ->
+    [
+        {timeout, 60, {title(Lives, N), fun() -> lives(Lives, N) end}}
+     || N <- teams(), Lives <- [{?MOST - 1, ?MOST}, {(1 bsl 58) - 2, (1 bsl 58) - 1}, {0, 1 bsl 57}]
+    ].
+
+lives(Lives, N) ->
+    {From, To} = ?LIES_MS,
+    Around = #{
+        sap_machine => starl_leap_sap,
+        sap => #{by => N, from_ms => From, to_ms => To, lives => Lives}
+    },
+    Events = played(N, [], fun greets/1, Around),
+    Greeted = [
+        {R, Other}
+     || {T, R, app, {greeted, Other, ok}} <- Events, T > 1000 * (?ALL_MS + 5000)
+    ],
+    Pairs = [{R, Other} || R <- lists:seq(1, N), Other <- lists:seq(1, N), R =/= Other],
+    ?assertEqual(Pairs, lists:usort(Greeted)).
+
+%% Sends the others messages until its time is up.
+greets(Robot) ->
+    case starl:now(Robot) < 25000 of
+        true ->
+            [
+                starl:trace(Robot, {greeted, Other, starl:send(Robot, Other, greeting, hello)})
+             || Other <- starl:participants(Robot), Other =/= starl:id(Robot)
+            ],
+            starl:sleep(Robot, 500),
+            greets(Robot);
+        false ->
+            ok
+    end.
+
 %% -- a run ----------------------------------------------------------------------------------
 
 %% The events of a run in which the last robot lies. The victims start anew while it does, all robots
@@ -76,9 +114,13 @@ play(N, Victims, Script, Blocks, Lies) ->
     {From, To} = ?LIES_MS,
     Insider =
         {insider, starl_leap_insider, #{by => N, from_ms => From, to_ms => To, lies => Lies}},
+    played(N, Victims, Script, #{blocks => Blocks ++ [Insider]}).
+
+played(N, Victims, Script, Around) ->
+    {From, _} = ?LIES_MS,
     Outcome = starl_blocks_script_app:play(
         Script,
-        #{blocks => Blocks ++ [Insider]},
+        Around,
         #{
             robots => N,
             time => 40,

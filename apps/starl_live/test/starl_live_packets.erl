@@ -27,7 +27,7 @@ packet(From) ->
 oneof_number(S) when S rem 2 =:= 0 -> S;
 oneof_number(S) -> {all, S}.
 
-count() -> oneof([range(1, 100), range(1, 16#3FFFFFFFFFFFFFF)]).
+count() -> oneof([range(1, 100), range(1, 16#7FFFFFFFFFFFFFF)]).
 
 type() -> oneof([dpp, election, {app, news}]).
 

@@ -1,8 +1,8 @@
-%% What source/1 lets in: packets of exactly the known shapes, with whole numbers from 1 to 58 bits.
+%% What source/1 lets in: packets of exactly the known shapes, with whole numbers from 1 to 59 bits.
 -module(starl_packet_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--define(MOST, (1 bsl 58 - 1)).
+-define(MOST, (1 bsl 59 - 1)).
 
 %% Each shape, with its numbers: the first is the source.
 shapes() ->

@@ -44,8 +44,36 @@ lost_numbers_test() ->
     First = (?MS bsl ?BITS) + 7,
     ?assertEqual({First - 1, First}, life(starl_robot_machines:up({?MS, 7}, Lost))).
 
-%% All numbers are small enough for a packet until the year 2109.
+%% All numbers are small enough for a packet until the year 2248.
 small_enough_test() ->
-    Ms2109 = 4386268800000,
-    Up = reboot({Ms2109, starl_robot_machines:lots() - 1}, new()),
+    Ms2248 = 8772800000000,
+    Up = reboot({Ms2248, starl_robot_machines:lots() - 1}, new()),
     ?assertEqual(2, starl_packet:source(starl_packet:hello(2, number(Up)))).
+
+%% Others can raise the number of a life to a bound. However often they do, there are later ones, all
+%% small enough for a packet; and a robot that has lost its store since learns of the raised one.
+raised_again_and_again_test() ->
+    Moment = fun(N) -> {?MS + N, N rem starl_robot_machines:lots()} end,
+    Raised = lists:foldl(
+        fun(N, Machines) ->
+            Latest = starl_robot_machines:latest_life(Machines),
+            Down = starl_robot_machines:starts(#{m => max(Latest, number(Machines))}, Machines),
+            Up = reboot(Moment(N), Down),
+            ?assert(number(Up) > number(Machines)),
+            Up
+        end,
+        reboot(Moment(0), new()),
+        lists:seq(1, 70000)
+    ),
+    ?assertEqual(2, starl_packet:source(starl_packet:hello(2, number(Raised)))),
+    Lost = reboot(Moment(70001), starl_robot_machines:starts(#{}, new())),
+    ?assert(number(Lost) < number(Raised)),
+    ?assert(starl_robot_machines:latest_life(Lost) >= number(Raised)).
+
+%% A life that has been is never beyond the bound, for a clock that has forgotten the time, too.
+latest_life_test() ->
+    Lots = starl_robot_machines:lots(),
+    [
+        ?assert(starl_robot_machines:latest_life(Now) >= number(reboot({?MS, Lots - 1}, new())))
+     || Now <- [new(), reboot({0, 0}, new()), reboot({-5, 0}, new()), reboot({?MS, 0}, new())]
+    ].

@@ -421,6 +421,15 @@ lives_that_are_known_test() ->
     [?assertEqual([told], Kinds(Lives)) || Lives <- [{0, 0}, {0, 3}, {3, 200}, {200, 205}]],
     [?assertEqual([ask], Kinds(Lives)) || Lives <- [{0, 4}, {199, 200}, {3, 206}]].
 
+%% One that by the robot's clock cannot have been is none: it is asked for nothing, and answered.
+lives_that_cannot_have_been_test() ->
+    Sap = started(#{incarnation => 205, life => {3, 200}, latest_life => 300}),
+    Kinds = fun(Lives) ->
+        [element(3, P) || {transmit, 2, P} <- actions(step(packet, asking(Lives), Sap))]
+    end,
+    [?assertEqual([ask], Kinds(Lives)) || Lives <- [{0, 300}, {100, 301}, {4, 1 bsl 58}]],
+    [?assertEqual([told], Kinds(Lives)) || Lives <- [{0, 301}, {1 bsl 57, 1 bsl 58}, {3, 301}]].
+
 asking(Lives) -> starl_packet:ask(2, 4711, Lives).
 
 hello(Incarnation) -> starl_packet:hello(2, Incarnation).

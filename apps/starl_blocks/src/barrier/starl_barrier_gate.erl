@@ -36,7 +36,7 @@
 %% So many rounds may another robot be ahead.
 -define(LEAP, 16).
 %% No further is a count believed that only others know. A message may hold twice as much.
--define(FARTHEST, 1 bsl 57).
+-define(FARTHEST, 1 bsl 58).
 
 -record(gate, {
     %% false: known from the others only, or not confirmed by them yet

@@ -28,7 +28,7 @@ malformed(Robot, N) ->
         {
             {starl, 1, hello, Robot, -N},
             {starl, 1, hello, Robot, N bsl 100},
-            {starl, 1, hello, Robot, 1 bsl 58},
+            {starl, 1, hello, Robot, 1 bsl 59},
             {starl, 2, hello, Robot, 1},
             {starl, 1, data, {Robot, 1, 1, 1, [], app, x}},
             {starl, 1, data, {Robot, 1, 1, {all, 0}, #{}, app, x}},

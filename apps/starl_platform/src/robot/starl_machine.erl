@@ -119,7 +119,8 @@
 %% robot, by one in a life of the robot; a robot that comes up again begins with a number that no
 %% earlier life has reached ({@link starl_robot_machines}), whatever has become of its store. 1: this
 %% machine has never run before. `life' tells where the present life of the robot begins: `{0, 1}' is
-%% its first life; in a later one its store may be that of an earlier life than its last. `random' is the machine's
+%% its first life; in a later one its store may be that of an earlier life than its last. `latest_life', for SAP
+%% only: no earlier life can have had a larger number. `random' is the machine's
 %% own random stream, another one in each life. `team_seed' is the same number for all robots of the
 %% team, in all their lives: what a machine has told by it, it tells again after a restart, and after
 %% the loss of its store, too. `clock' reads the robot's own clock where steps take time; only an
@@ -130,6 +131,7 @@
     name := name(),
     incarnation := pos_integer(),
     life => starl_robot_machines:life(),
+    latest_life => pos_integer(),
     stored := stored(),
     random := rand:state(),
     team_seed := integer(),

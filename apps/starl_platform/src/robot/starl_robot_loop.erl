@@ -118,7 +118,7 @@ boot(Name, Local, World, Machines, Timers, Loop) ->
     #loop{driver = Driver, handles = Handles, trace = Trace} = Loop,
     Noted = Handles(Name, boot, none, World),
     Given = Driver:base(Name, starl_robot_machines:incarnation(Name, Machines), Noted),
-    Base = Given#{life => starl_robot_machines:life(Name, Machines)},
+    Base = lived(Name, Machines, Given#{life => starl_robot_machines:life(Name, Machines)}),
     %% monitors learn that the machine has lost its stored term, if it had one
     Known =
         case Base of
@@ -127,6 +127,10 @@ boot(Name, Local, World, Machines, Timers, Loop) ->
         end,
     Answer = starl_robot_machines:boot(Name, Base, Machines),
     answer(Answer, Name, boot, Local, Known, Machines, Timers, Loop).
+
+%% SAP alone is told of lives by others.
+lived(sap, Machines, Base) -> Base#{latest_life => starl_robot_machines:latest_life(Machines)};
+lived(_Name, _Machines, Base) -> Base.
 
 %% @doc A machine handles an event; the local events that follow from it come behind the others.
 -spec step(

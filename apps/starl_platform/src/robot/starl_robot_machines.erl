@@ -22,6 +22,7 @@
     has/2,
     incarnation/2,
     life/2,
+    latest_life/1,
     starts/1, starts/2
 ]).
 -export([boot/3, step/5, attach/3, lose/2, restart/3, update/3, down/1, up/2]).
@@ -71,6 +72,12 @@
 }.
 
 -define(LOT_BITS, 16).
+
+%% No clock of a robot was ever ahead of its present one by more: 95 years. A clock that has forgotten the
+%% time begins in 1970.
+-define(AHEAD_MS, 3_000_000_000_000).
+%% Seven eighths of the numbers that a packet can hold: after each life there can be later ones.
+-define(LATEST, (7 bsl 56)).
 
 -record(machines, {
     now = #{} :: #{starl_machine:name() => machine()},
@@ -137,6 +144,14 @@ incarnation(Name, #machines{starts = Starts}) -> maps:get(Name, Starts).
 -spec life(starl_machine:name(), t()) -> life().
 life(_Name, #machines{moment = first}) -> {0, 1};
 life(Name, #machines{lives = Lives}) -> maps:get(Name, Lives).
+
+%% @doc The largest number of a life that the robot may have had and forgotten, by its clock. So the word
+%% of others leads to no number that would be its last: the bound grows faster than the numbers of lives.
+-spec latest_life(t()) -> pos_integer().
+latest_life(#machines{moment = first}) -> latest_at(0);
+latest_life(#machines{moment = {Ms, _Lot}}) -> latest_at(max(0, Ms)).
+
+latest_at(Ms) -> min((Ms + ?AHEAD_MS) bsl ?LOT_BITS, ?LATEST).
 
 %% @doc The number of starts of each machine, those that are gone included.
 -spec starts(t()) -> starts().
@@ -237,7 +252,7 @@ started(Name, #machines{starts = Starts, lives = Lives, moment = Moment} = Machi
             Machines#machines{starts = Starts#{Name => Next}}
     end.
 
-%% @doc The number of lots. A first number of a life has at most 58 bits until the year 2109.
+%% @doc The number of lots. A first number of a life has at most 59 bits until the year 2248.
 -spec lots() -> pos_integer().
 lots() -> 1 bsl ?LOT_BITS.
 

@@ -9,7 +9,7 @@
 
 -export_type([t/0]).
 
-%% `integer', `natural' (from 0) and `count' (from 1) have at most 58 bits; `serial' (from 1), a number
+%% `integer', `natural' (from 0) and `count' (from 1) have at most 59 bits; `serial' (from 1), a number
 %% that begins with an incarnation, has at most 128; `mm' is a float of a
 %% possible length, `point' a pair of them; a list stands for a tuple with elements of
 %% these shapes, `{list, Shape}' for a proper list.
@@ -28,7 +28,7 @@
     | {list, t()}
     | [t()].
 
--define(MOST, 16#3FFFFFFFFFFFFFF).
+-define(MOST, 16#7FFFFFFFFFFFFFF).
 -define(MOST_SERIAL, 16#FFFFFFFFFFFFFFFFFFFFFFFFFFFFFFFF).
 -define(MOST_MM, 1.0e9).
 

@@ -16,7 +16,7 @@
 -define(VERSION, 1).
 
 %% The largest number that any robot counts to: numbers stay small integers.
--define(MOST, 16#3FFFFFFFFFFFFFF).
+-define(MOST, 16#7FFFFFFFFFFFFFF).
 
 -define(IS_COUNT(N), (is_integer(N) andalso N > 0 andalso N =< ?MOST)).
 -define(IS_NATURAL(N), (is_integer(N) andalso N >= 0 andalso N =< ?MOST)).

@@ -25,6 +25,8 @@
 %% does not know. It says so in its question (`lives'). The source takes that for a hint, and asks with
 %% a nonce of its own; until it has the answer it does not answer itself, so no robot that knows of the
 %% forgotten life takes a message of this one. If it is true, the robot starts anew (`{outlived, ..}').
+%% A life that by the robot's own clock cannot have been (`latest_life') is no hint: the number of the next one
+%% would leave none for those after it.
 %%
 %% Packets are not trusted: only well-formed ones are accepted ({@link starl_packet:source/1}),
 %% strangers are ignored, and only a robot's own answer to a question can make others believe that
@@ -112,7 +114,8 @@
     inbox :: starl_sap_inbox:t(),
     window :: pos_integer(),
     nonce :: pos_integer(),
-    life :: starl_robot_machines:life()
+    life :: starl_robot_machines:life(),
+    latest_life :: starl_packet:incarnation() | infinity
 }).
 
 %% @doc The action that sends a message; its outcome comes back as the event `{reply, Tag}'.
@@ -153,6 +156,7 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
     Window = maps:get(window, Config, 4096),
     Sap = #sap{
         life = maps:get(life, Config, {0, 1}),
+        latest_life = maps:get(latest_life, Config, infinity),
         self = Self,
         team = Team,
         incarnation = Incarnation,
@@ -290,8 +294,13 @@ tell(To, Nonce, #sap{self = Self, incarnation = Own, out = Out, peers = Peers}) 
     {transmit, To, starl_packet:told(Self, Own, Nonce, Lows, starl_sap_peers:lives(To, Peers))}.
 
 %% Those lives of this robot that its store does not know of.
-forgotten({Earlier, Latest}, #sap{incarnation = Own, life = {Before, First}}) ->
-    [N || N <- [Latest, Earlier], N > Own orelse (N > Before andalso N < First)].
+forgotten({Earlier, Latest}, #sap{incarnation = Own, life = {Before, First}} = Sap) ->
+    [
+        N
+     || N <- [Latest, Earlier],
+        N > Own orelse (N > Before andalso N < First),
+        N =< Sap#sap.latest_life
+    ].
 
 outlived(Lives, By, Sap) ->
     case forgotten(Lives, Sap) of
