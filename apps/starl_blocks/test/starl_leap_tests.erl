@@ -18,19 +18,19 @@ teams() -> [2, 3, 4].
 %% so they ask how far they were.
 barrier_test_() ->
     [
-        {timeout, 60, {title(Who, N), fun() -> barrier(Victims(N), N, fun barrier_lies/1) end}}
+        {timeout, 60, {title(Who, N), fun() -> barrier(Victims(N), N, fun barrier_lies/2) end}}
      || N <- teams(), {Who, Victims} <- [{"one", fun(_) -> [1] end}, {"all", fun others/1}]
     ].
 
 %% Without lies it passes, so what the test asks for is possible.
 honest_barrier_test_() ->
-    {timeout, 60, fun() -> barrier(others(3), 3, fun(_) -> [] end) end}.
+    {timeout, 60, fun() -> barrier(others(3), 3, fun(_, _) -> [] end) end}.
 
 title(Who, N) -> lists:flatten(io_lib:format("~tp, team of ~b", [Who, N])).
 
 others(N) -> lists:seq(1, N - 1).
 
-barrier_lies(_To) ->
+barrier_lies(_To, _Now) ->
     Largest = [{K, Known} || K <- [0, 1, ?MOST], Known <- [0, 1, ?MOST]],
     Words = [
         {barrier, {reached, gate, K, Known, Answer}}
@@ -44,7 +44,7 @@ barrier_lies(_To) ->
 
 %% Many rounds are passed afterwards, each by all robots.
 barrier(Victims, N, Lies) ->
-    Events = play(N, Victims, fun passes/1, [{barrier, starl_barrier_rounds, #{}}], Lies),
+    Events = play(N, Victims, fun passes/1, [{barrier, starl_barrier_rounds, #{}}], {20, Lies}),
     Passed = [
         {K, R}
      || {T, R, barrier, {passed, gate, K}} <- Events, T > 1000 * (?ALL_MS + 2000)
@@ -68,6 +68,129 @@ passes(Robot) ->
             _ = starl_barrier:sync(Robot, gate, 5000)
     end.
 
+%% -- mutual exclusion -----------------------------------------------------------------------
+
+%% It claims, renews, returns and announces tokens with the largest numbers, and hands them to those
+%% that wait. Afterwards each robot gets each token again, whether anybody starts anew or not.
+mutex_test_() ->
+    [
+        {timeout, 60, {title(When, N), fun() -> mutex(N, When, fun mutex_lies/2) end}}
+     || N <- teams(), When <- [all_start_anew, nobody_starts_anew]
+    ].
+
+honest_mutex_test_() ->
+    {timeout, 60, fun() -> mutex(3, nobody_starts_anew, fun(_, _) -> [] end) end}.
+
+tokens() -> [a, b, c, d, e].
+
+mutex_lies(To, _Now) ->
+    Fences = [?MOST_SERIAL, starl_mutex_home:hand_over(?MOST_SERIAL), 1 bsl 127, ?MOST bsl 44],
+    [
+        {mutex, Body}
+     || Token <- tokens(),
+        F <- Fences,
+        Body <- [
+            {owner, Token, F},
+            {ask, claim, Token, F, {1, 1}},
+            {ask, renew, Token, F, {1, 1}},
+            {return, Token, F, [{To, ?MOST}]},
+            {request, Token, {To, ?MOST}, F, home},
+            {refused, Token, F, {1, 1}}
+            | [{token, Token, F, [{To, Job}, {To, Job + 1}]} || Job <- [1, 3, 5, 7, 9]]
+        ]
+    ].
+
+mutex(N, When, Lies) ->
+    Block = {mutex, starl_mutex_tokens, #{lease_ms => 1000, retry_ms => 500}},
+    Events = play(N, When, [], fun takes_turns/1, [Block], {250, Lies}),
+    Acquired = [
+        {R, Token}
+     || {T, R, mutex, {acquired, Token, _}} <- Events, T > 1000 * (?ALL_MS + 5000)
+    ],
+    All = [{R, Token} || R <- lists:seq(1, N), Token <- tokens()],
+    ?assertEqual(All, lists:usort(Acquired)).
+
+takes_turns(Robot) ->
+    case starl:now(Robot) < 25000 of
+        true ->
+            [take(Token, Robot) || Token <- tokens()],
+            takes_turns(Robot);
+        false ->
+            ok
+    end.
+
+take(Token, Robot) ->
+    case starl_mutex:acquire(Robot, Token, 2000) of
+        {ok, _} ->
+            starl:sleep(Robot, 20),
+            _ = starl_mutex:release(Robot, Token);
+        {error, _} ->
+            starl:sleep(Robot, 20)
+    end.
+
+%% -- registers ------------------------------------------------------------------------------
+
+%% It writes with the latest stamps that are taken, and the largest count within them. What the others
+%% write meanwhile, and later, is read by all.
+registers_test_() ->
+    [
+        {timeout, 60, {title(When, N), fun() -> registers(N, When, fun register_lies/2) end}}
+     || N <- teams(), When <- [all_start_anew, nobody_starts_anew]
+    ].
+
+honest_registers_test_() ->
+    {timeout, 60, fun() -> registers(3, nobody_starts_anew, fun(_, _) -> [] end) end}.
+
+register_lies(To, Now) ->
+    Stamps = [
+        {Time, ?MOST_SERIAL, Writer}
+     || Time <- [Now, Now + 5000000, Now + 9990000], Writer <- [9, To, {9, ?MOST_SERIAL}]
+    ],
+    [
+        {registers, Body}
+     || Stamp <- Stamps,
+        Body <- [
+            {write, lie, 1, Stamp},
+            {entries, [{lie, 2, Stamp}, {{lie, To}, 3, Stamp}]},
+            {beyond, Stamp}
+        ]
+    ].
+
+registers(N, When, Lies) ->
+    Events = play(N, When, [], fun writes/1, [{registers, starl_registers_lww, #{}}], {250, Lies}),
+    %% what was written before they all started anew is gone
+    Keys = [later | [once || When =:= nobody_starts_anew]],
+    Names = [{Key, Of} || Key <- lists:sort(Keys), Of <- lists:seq(1, N - 1)],
+    Read = lists:usort([
+        {R, Name}
+     || {_, R, app, {read, Name, {ok, mine}}} <- Events, lists:member(Name, Names)
+    ]),
+    ?assertEqual([{R, Name} || R <- lists:seq(1, N), Name <- Names], Read).
+
+%% Each writes a register of its own while the last one lies, and another one later; in the end each
+%% reads those of all.
+writes(Robot) ->
+    wait(6000, Robot),
+    _ = put_again({once, starl:id(Robot)}, Robot),
+    wait(14000, Robot),
+    _ = put_again({later, starl:id(Robot)}, Robot),
+    wait(32000, Robot),
+    [
+        starl:trace(Robot, {read, {Key, Of}, starl_registers:get(Robot, {Key, Of})})
+     || Key <- [once, later], Of <- starl:participants(Robot)
+    ].
+
+wait(Ms, Robot) -> starl:sleep(Robot, max(1, Ms - starl:now(Robot))).
+
+put_again(Name, Robot) ->
+    case starl_registers:put(Robot, Name, mine) of
+        ok ->
+            ok;
+        {error, _} ->
+            starl:sleep(Robot, 500),
+            put_again(Name, Robot)
+    end.
+
 %% -- lives ----------------------------------------------------------------------------------
 
 %% It says that the others have lived before with the largest number there is. They start anew with a
@@ -84,7 +207,7 @@ lives(Lives, N) ->
         sap_machine => starl_leap_sap,
         sap => #{by => N, from_ms => From, to_ms => To, lives => Lives}
     },
-    Events = played(N, [], fun greets/1, Around),
+    Events = played(N, all_start_anew, [], fun greets/1, Around),
     Greeted = [
         {R, Other}
      || {T, R, app, {greeted, Other, ok}} <- Events, T > 1000 * (?ALL_MS + 5000)
@@ -111,13 +234,17 @@ greets(Robot) ->
 %% The events of a run in which the last robot lies. The victims start anew while it does, all robots
 %% when it has stopped.
 play(N, Victims, Script, Blocks, Lies) ->
-    {From, To} = ?LIES_MS,
-    Insider =
-        {insider, starl_leap_insider, #{by => N, from_ms => From, to_ms => To, lies => Lies}},
-    played(N, Victims, Script, #{blocks => Blocks ++ [Insider]}).
+    play(N, all_start_anew, Victims, Script, Blocks, Lies).
 
-played(N, Victims, Script, Around) ->
+play(N, When, Victims, Script, Blocks, {Every, Lies}) ->
+    {From, To} = ?LIES_MS,
+    Lying = #{by => N, from_ms => From, to_ms => To, every_ms => Every, lies => Lies},
+    Insider = {insider, starl_leap_insider, Lying},
+    played(N, When, Victims, Script, #{blocks => Blocks ++ [Insider]}).
+
+played(N, When, Victims, Script, Around) ->
     {From, _} = ?LIES_MS,
+    All = [reboot(R, ?ALL_MS) || R <- lists:seq(1, N), When =:= all_start_anew],
     Outcome = starl_blocks_script_app:play(
         Script,
         Around,
@@ -125,8 +252,7 @@ played(N, Victims, Script, Around) ->
             robots => N,
             time => 40,
             seed => N,
-            faults => [reboot(R, From + 500) || R <- Victims] ++
-                [reboot(R, ?ALL_MS) || R <- lists:seq(1, N)]
+            faults => [reboot(R, From + 500) || R <- Victims] ++ All
         }
     ),
     starl_blocks_script_app:trace(Outcome).

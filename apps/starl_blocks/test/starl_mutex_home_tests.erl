@@ -122,6 +122,29 @@ kept_token_comes_back_test() ->
     {kept, Both} = ?H:renew(t, ?H:next(F), 3, Late, Kept),
     ?assertMatch({[], _}, ?H:return(t, ?H:next(F), 3, [{2, 1}], Late, Both)).
 
+%% Of a number of a creation that the home has not made it hears nothing: it goes on with its own
+%% numbers. Those of the last creation can be used up; then it makes another token.
+numbers_that_were_never_made_test() ->
+    {F, H} = owned(),
+    Most = (1 bsl 128) - 1,
+    Creation = 1 bsl 20,
+    False = [Most, ?H:hand_over(Most), 1 bsl 127, F + Creation, F + 2 * Creation, F + (1 bsl 44)],
+    [
+        begin
+            ?assertEqual({refused, H}, ?H:claim(t, Fence, 2, 10, H)),
+            ?assertEqual({[], H}, ?H:return(t, Fence, 2, [{3, 1}], 10, H))
+        end
+     || Fence <- False
+    ],
+    %% nor before a token was made at all
+    New = ?H:new(1, 0, ?LEASE, 1000, 0, ?RETRY),
+    [?assertEqual({refused, New}, ?H:claim(t, Fence, 2, 10, New)) || Fence <- [F | False]],
+    Last = F + Creation - (1 bsl 8),
+    ?assert(?H:last_hand_over(Last)),
+    {granted, Used} = ?H:claim(t, Last, 2, 10, H),
+    {[{3, {token, t, G, _}}], _} = ?H:return(t, Last, 2, [{3, 1}], 20, Used),
+    ?assertEqual(F + Creation, G).
+
 %% Forwarding: two robots that take each other for the owner send a request once each, then it
 %% goes to the home, and once more; it does not go in circles.
 stale_owners_do_not_circle_test() ->

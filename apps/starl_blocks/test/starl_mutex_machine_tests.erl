@@ -479,6 +479,48 @@ malformed_test() ->
         ]
     ].
 
+%% -- what others say ----------------------------------------------------------------------------
+
+%% Somebody announces himself with a number that nothing follows. What the home makes is taken all the
+%% same, and when the home has confirmed it, that number counts no more.
+an_announcement_that_is_not_true_test() ->
+    Most = (1 bsl 128) - 1,
+    Lied = after_all(
+        [
+            fun(M) -> acquires(0, app, a(), M) end,
+            fun(M) -> hears(1, 3, {owner, a(), Most}, M) end
+        ],
+        asker()
+    ),
+    ?assertMatch({[{reply, _, 3}], _}, call(2, app, {owner, a()}, Lied)),
+    %% another robot's token is older than the one that is known, as far as it goes
+    ?assertEqual({[], Lied}, hears(2, 3, {token, a(), ?F, [{2, 1}]}, Lied)),
+    {Claims, Claiming} = hears(2, 1, {token, a(), ?F, [{2, 1}]}, Lied),
+    ?assertEqual([{1, {ask, claim, a(), ?F, {1, 2}}}], sent(Claims)),
+    {Granted, Holds} = hears(3, 1, {granted, a(), ?F, {1, 2}}, Claiming),
+    ?assertEqual([{owner, a(), ?F}], announced(Granted)),
+    ?assertMatch({[{reply, _, 2}], _}, call(4, app, {owner, a()}, Holds)).
+
+%% Only the home says whether a token is held.
+only_the_home_confirms_test() ->
+    Claiming = after_all(
+        [
+            fun(M) -> acquires(0, app, a(), M) end,
+            fun(M) -> hears(0, 1, {token, a(), ?F, [{2, 1}]}, M) end
+        ],
+        asker()
+    ),
+    [
+        begin
+            Message = {How, a(), ?F, {1, 0}},
+            {Unknown, Same} = hears(0, 3, Message, Claiming),
+            ?assertMatch([{unknown_event, cast, _}], traces(Unknown)),
+            ?assertEqual(Claiming, Same),
+            ?assertNotEqual(Claiming, element(2, hears(0, 1, Message, Claiming)))
+        end
+     || How <- [granted, refused]
+    ].
+
 others_test() ->
     Machine = holding(a()),
     ?assertMatch({[{cast, sap, {listen, mutex, mutex}}], _}, new(2, #{})),

@@ -6,7 +6,8 @@
 %% number of its own, even after tokens are lost, created anew or forgotten in a crash. The rules:
 %% ```
 %%   claim F    granted if F is larger than the last granted number (its holder has handed the
-%%              token over, or the token was never granted), or the claimant's own again
+%%              token over, or the token was never granted) and of the last creation, or the
+%%              claimant's own again
 %%   renew F    granted if F is the claimant's own; after a crash of the home, one of an earlier
 %%              incarnation is kept for its present hold, as long as nothing has been granted
 %%              since, nor a newer one been renewed
@@ -18,7 +19,8 @@
 %% notice the end. So the claimant's lease always ends first, for any delay of messages. After a
 %% crash of the home no lease can be younger than the crash: the home waits for one full lease.
 %% It cannot know what the incarnations between granted: so a hold of an earlier one may end in peace,
-%% and no other one begins under its number.
+%% and no other one begins under its number. A number of a later creation than the home's last one is not
+%% true: nobody can use up the numbers of those to come.
 -module(starl_mutex_home).
 
 -export([new/6, next/1, hand_over/1, last_hold/1, last_hand_over/1]).
@@ -118,15 +120,20 @@ request(Token, Request, Now, Home) ->
 %% @doc A robot that got the token asks to be its owner.
 -spec claim(starl_mutex:token(), starl_mutex:fence(), starl:robot_id(), us(), t()) ->
     {granted | refused, t()}.
-claim(Token, Fence, By, Now, #home{base = Base} = Home) ->
+claim(Token, Fence, By, Now, Home) ->
     case lease(Token, Home) of
         #lease{fence = Fence, owner = By} = Lease ->
             grant(Token, Lease, Now, Home);
-        #lease{fence = Last} = Lease when Fence > Last, Fence > Base ->
-            grant(Token, Lease#lease{fence = Fence, owner = By}, Now, Home);
-        #lease{} ->
-            {refused, Home}
+        #lease{} = Lease ->
+            case is_handed_over(Fence, Lease, Home) of
+                true -> grant(Token, Lease#lease{fence = Fence, owner = By}, Now, Home);
+                false -> {refused, Home}
+            end
     end.
+
+%% Is this the number of a later hand-over of the token that was made last?
+is_handed_over(Fence, #lease{fence = Last}, #home{base = Base}) ->
+    Fence > Last andalso Fence > Base andalso Fence < created(Last).
 
 %% @doc An owner asks for a longer lease.
 -spec renew(starl_mutex:token(), starl_mutex:fence(), starl:robot_id(), us(), t()) ->
@@ -152,21 +159,24 @@ renew(Token, Fence, By, Now, #home{base = Base} = Home) ->
 ) -> {[outgoing()], t()}.
 return(Token, Fence, By, Queue, Now, #home{base = Base} = Home) ->
     case lease(Token, Home) of
-        #lease{fence = Last, owner = Owner, pending = Pending} = Lease when
-            Fence > Last, Fence > Base;
-            Fence =:= Last, By =:= Owner
-        ->
-            Waiting = back(Queue, Pending),
-            Free = Lease#lease{fence = Fence, owner = none, until = Now, pending = Waiting},
-            create(Token, Free, Now, Home);
+        #lease{fence = Fence, owner = By} = Lease ->
+            free(Token, Fence, Queue, Lease, Now, Home);
         %% the only one of an earlier incarnation that has shown itself
         #lease{fence = Base, owner = none, renewed = [Fence], pending = Pending} = Lease ->
             Waiting = back(Queue, Pending),
             Free = Lease#lease{until = max(Now, Home#home.ready), pending = Waiting},
             expire(Token, Now, put_lease(Token, Free, Home));
-        #lease{} ->
-            {[], Home}
+        #lease{} = Lease ->
+            case is_handed_over(Fence, Lease, Home) of
+                true -> free(Token, Fence, Queue, Lease, Now, Home);
+                false -> {[], Home}
+            end
     end.
+
+free(Token, Fence, Queue, #lease{pending = Pending} = Lease, Now, Home) ->
+    Waiting = back(Queue, Pending),
+    Free = Lease#lease{fence = Fence, owner = none, until = Now, pending = Waiting},
+    create(Token, Free, Now, Home).
 
 %% @doc Makes a new token, if the lease is over and a robot waits.
 -spec expire(starl_mutex:token(), us(), t()) -> {[outgoing()], t()}.

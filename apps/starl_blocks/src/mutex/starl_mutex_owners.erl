@@ -2,7 +2,7 @@
 %% that they look for. Pure; a part of {@link starl_mutex_state}.
 -module(starl_mutex_owners).
 
--export([new/0, newest/2, announced/4, handed/4, wait/4, take_early/2, add/2]).
+-export([new/0, newest/2, announced/4, refute/3, handed/4, wait/4, take_early/2, add/2]).
 
 -export_type([t/0]).
 
@@ -38,6 +38,16 @@ announced(Token, Fence, Owner, #owners{early = Early} = Owners) ->
         {_, _} ->
             Left = Owners#owners{early = maps:remove(Token, Early)},
             {newer, maps:get(Token, Early, []), handed(Token, Fence, Owner, Left)}
+    end.
+
+%% @doc The home has confirmed this hand-over: a later one has not been, whoever said so.
+-spec refute(token(), fence(), t()) -> t().
+refute(Token, Fence, #owners{newest = Newest} = Owners) ->
+    case Newest of
+        #{Token := {Known, _}} when Known > Fence ->
+            Owners#owners{newest = maps:remove(Token, Newest)};
+        #{} ->
+            Owners
     end.
 
 %% @doc This robot has handed the token over.

@@ -4,7 +4,7 @@
 -module(starl_mutex_robot).
 
 -export([owner/3, sap_restarted/1]).
--export([route/5, supersede/3, receive_token/4, confirmed/5, refused/3]).
+-export([route/5, supersede/4, receive_token/5, confirmed/5, refused/3]).
 -export([announced/4, knows/4, handed/4]).
 -export([renew/2, lapse/2, unlock/2, orphan/3]).
 
@@ -81,21 +81,26 @@ knows(Token, Fence, Owner, Robot) ->
 %% -- tokens ---------------------------------------------------------------------------------
 
 %% @doc A token comes: an older one of the name, which the robot still has, is over.
--spec supersede(token(), fence(), t()) -> t().
-supersede(Token, Fence, Robot) ->
-    {Known, _} = newest_owner(Token, Robot),
-    case entry(Token, Robot) of
-        #{fence := Own} when Own < Fence, Known < Fence -> lapse(Token, Robot);
+-spec supersede(token(), fence(), From :: starl:robot_id(), t()) -> t().
+supersede(Token, Fence, From, Robot) ->
+    case {entry(Token, Robot), is_newer(Token, Fence, From, Robot)} of
+        {#{fence := Own}, true} when Own < Fence -> lapse(Token, Robot);
         _ -> Robot
     end.
 
+%% Is no newer one known? The home makes a token only when there is none: what others have announced
+%% does not count against its word, as the home is asked before the token is held.
+is_newer(Token, Fence, From, Robot) ->
+    {Known, _} = newest_owner(Token, Robot),
+    Known < Fence orelse starl_mutex_state:is_home(From, Token, Robot).
+
 %% @doc A token has come. It is claimed if it is wanted here, else it goes on; unless the robot
 %% knows of a newer one.
--spec receive_token(token(), fence(), [request()], t()) -> t().
-receive_token(Token, Fence, Queue0, Robot) ->
+-spec receive_token(token(), fence(), [request()], From :: starl:robot_id(), t()) -> t().
+receive_token(Token, Fence, Queue0, From, Robot) ->
     Owners = starl_mutex_state:owners(Robot),
-    case {entry(Token, Robot), starl_mutex_owners:newest(Token, Owners)} of
-        {none, {Known, _}} when Known < Fence ->
+    case {entry(Token, Robot), is_newer(Token, Fence, From, Robot)} of
+        {none, true} ->
             {Early, Left} = starl_mutex_owners:take_early(Token, Owners),
             Queue = lists:foldl(fun starl_mutex_owners:add/2, Queue0, Early),
             Heard = starl_mutex_state:put_owners(Left, Robot),
@@ -197,7 +202,9 @@ lease(Token, Fence, Entry, Robot) -> {trace, {leased, Token, Fence, left(Entry, 
 
 announce(Token, Fence, Robot) ->
     Broadcast = {cast, sap, {broadcast, mutex, {owner, Token, Fence}}},
-    announced(Token, Fence, starl_mutex_state:self(Robot), act(Broadcast, Robot)).
+    Owners = starl_mutex_owners:refute(Token, Fence, starl_mutex_state:owners(Robot)),
+    Confirmed = starl_mutex_state:put_owners(Owners, act(Broadcast, Robot)),
+    announced(Token, Fence, starl_mutex_state:self(Robot), Confirmed).
 
 %% @doc The home does not confirm a token: there is a newer one.
 -spec refused(token(), fence(), t()) -> t().

@@ -6,7 +6,7 @@
 -module(starl_mutex_state).
 
 -export([new/1, at/2, now/1, self/1, team_size/1, incarnation/1, lease_us/1, retry_us/1]).
--export([act/2, acts/2, until/4, post/3, post_home/3, result/1, notify/2, take_notices/1]).
+-export([act/2, acts/2, until/4, post/3, post_home/3, is_home/3, result/1, notify/2, take_notices/1]).
 -export([
     next_job/1, keep_job/3, job/2, waiting/2, complete/2, jobs_of/2, forget_job/2, suspend_job/2
 ]).
@@ -128,8 +128,13 @@ post(To, Body, Robot) -> act(starl_sap:post(To, mutex, Body), Robot).
 
 %% @doc A message to a token's home: a robot chosen by a hash of its name.
 -spec post_home(token(), Body :: tuple(), t()) -> t().
-post_home(Token, Body, #robot{team = Team} = Robot) ->
-    post(element(erlang:phash2(Token, tuple_size(Team)) + 1, Team), Body, Robot).
+post_home(Token, Body, Robot) -> post(home_of(Token, Robot), Body, Robot).
+
+home_of(Token, #robot{team = Team}) -> element(erlang:phash2(Token, tuple_size(Team)) + 1, Team).
+
+%% @doc Is this robot the token's home?
+-spec is_home(starl:robot_id(), token(), t()) -> boolean().
+is_home(Id, Token, Robot) -> Id =:= home_of(Token, Robot).
 
 %% @doc The actions gathered, as a machine's result.
 -spec result(t()) -> starl_machine:result().

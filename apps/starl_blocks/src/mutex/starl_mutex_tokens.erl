@@ -153,14 +153,17 @@ request() -> [count, count].
 
 message({request, Token, Request, Known, Via}, _From, Robot) ->
     starl_mutex_robot:route(Token, Request, Known, Via, Robot);
-message({token, Token, Fence, Queue}, _From, Robot) ->
+message({token, Token, Fence, Queue}, From, Robot) ->
     %% a job that loses the older one may want the newer one
-    Ready = starl_mutex_acquire:settle(starl_mutex_robot:supersede(Token, Fence, Robot)),
-    starl_mutex_robot:receive_token(Token, Fence, Queue, Ready);
-message({How, Token, Fence, Nonce}, _From, Robot) when How =:= granted; How =:= kept ->
-    starl_mutex_robot:confirmed(How, Token, Fence, Nonce, Robot);
-message({refused, Token, Fence, _Nonce}, _From, Robot) ->
-    starl_mutex_robot:refused(Token, Fence, Robot);
+    Ready = starl_mutex_acquire:settle(starl_mutex_robot:supersede(Token, Fence, From, Robot)),
+    starl_mutex_robot:receive_token(Token, Fence, Queue, From, Ready);
+message({How, Token, Fence, Nonce}, From, Robot) when
+    How =:= granted; How =:= kept; How =:= refused
+->
+    case starl_mutex_state:is_home(From, Token, Robot) of
+        true -> answered(How, Token, Fence, Nonce, Robot);
+        false -> unknown_event
+    end;
 message({owner, Token, Fence}, From, Robot) ->
     starl_mutex_robot:announced(Token, Fence, From, Robot);
 message({ask, Kind, Token, Fence, Nonce}, From, Robot) when Kind =:= claim; Kind =:= renew ->
@@ -169,3 +172,8 @@ message({return, Token, Fence, Queue}, From, Robot) ->
     starl_mutex_host:returned(Token, Fence, Queue, From, Robot);
 message(_, _, _) ->
     unknown_event.
+
+answered(refused, Token, Fence, _Nonce, Robot) ->
+    starl_mutex_robot:refused(Token, Fence, Robot);
+answered(How, Token, Fence, Nonce, Robot) ->
+    starl_mutex_robot:confirmed(How, Token, Fence, Nonce, Robot).
