@@ -5,7 +5,8 @@
 %% that has lived before may have forgotten what it wrote, and go on from an earlier stamp of its own
 %% that it sees elsewhere; so its writer names the life, too. A
 %% clock accepts no stamp that is more than its bound ahead of the own physical clock; so its time
-%% is never further ahead. A clock that starts ahead by the bound ({@link after_restart/4}) is later
+%% is never further ahead. A stamp with the largest counter that a message can hold is followed by one of the
+%% next microsecond. A clock that starts ahead by the bound ({@link after_restart/4}) is later
 %% than all stamps that it gave before, without having stored anything.
 -module(starl_hlc).
 
@@ -18,6 +19,9 @@
 -type stamp() :: {TimeUs :: integer(), Counter :: non_neg_integer(), writer()}.
 %% A robot in its first life, or in a later one.
 -type writer() :: starl:robot_id() | {starl:robot_id(), Life :: pos_integer()}.
+
+%% The largest counter of a stamp: one of 128 bits ({@link starl_shape}).
+-define(MOST, (1 bsl 128 - 1)).
 
 -record(hlc, {
     writer :: writer(),
@@ -89,6 +93,10 @@ now(#hlc{time = Time}) -> Time.
 robot({_, _, {Robot, _Life}}) -> Robot;
 robot({_, _, Robot}) -> Robot.
 
-advance(Now, #hlc{time = beginning} = Clock) -> Clock#hlc{time = Now};
+advance(Now, #hlc{time = beginning} = Clock) ->
+    Clock#hlc{time = Now};
 advance(Now, #hlc{time = Time} = Clock) when Now > Time -> Clock#hlc{time = Now, counter = 0};
-advance(_Now, #hlc{counter = Counter} = Clock) -> Clock#hlc{counter = Counter + 1}.
+advance(_Now, #hlc{time = Time, counter = Counter} = Clock) when Counter >= ?MOST ->
+    Clock#hlc{time = Time + 1, counter = 0};
+advance(_Now, #hlc{counter = Counter} = Clock) ->
+    Clock#hlc{counter = Counter + 1}.
