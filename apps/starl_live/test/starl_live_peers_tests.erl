@@ -283,8 +283,9 @@ a_robot_moves_after_clocks_were_set_back_test() ->
     ?assertEqual(?AWAY, starl_live_peers:address(2, Back)).
 
 a_robot_restarts_after_clocks_were_set_back_test() ->
-    Hour = 3_600_000,
-    {heard, [], Ahead} = speaks(Hour, 1000, 7, ?HOME, peers()),
+    Hour = ?DAY + 3_600_000,
+    Said = #{from => 2, to => 1, life => 7, sent_ms => Hour},
+    {heard, [], Ahead} = starl_live_peers:heard(Said, ?HOME, {Hour, 1000}, peers()),
     {late, [], Early} = speaks(2000, 6, ?HOME, Ahead),
     {late, [], Late} = speaks(20_999, 6, ?HOME, Early),
     {heard, [], Back} = speaks(21_000, 6, ?HOME, Late),
@@ -375,6 +376,69 @@ a_former_life_that_is_heard_again_is_where_it_speaks_from_test() ->
     {heard, [{moved, 2, ?AWAY}], Restarted} = speaks(5000, 8, ?AWAY, Heard),
     {heard, [{moved, 2, ?THIRD}], Back} = speaks(9000, 7, ?THIRD, Restarted),
     ?assertEqual(?THIRD, starl_live_peers:address(2, Back)).
+
+%% Who has the key speaks in a robot's name, in a later life, by a time that is 15 s ahead, once or again
+%% and again. While the robot speaks from its address it is called there.
+a_later_life_elsewhere_moves_nobody_test() ->
+    [
+        begin
+            Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
+            {Verdicts, Last} = lists:foldl(
+                fun(Now, {Before, P}) ->
+                    Forged = forged(Now, Times, P),
+                    ?assertEqual({Now, ?HOME}, {Now, starl_live_peers:address(2, Forged)}),
+                    {Verdict, _, Next} = speaks(Now, 7, ?HOME, Forged),
+                    ?assertEqual({Now, ?HOME}, {Now, starl_live_peers:address(2, Next)}),
+                    {Before ++ [Verdict], Next}
+                end,
+                {[], Heard},
+                lists:seq(3000, 30_000, 1000)
+            ),
+            ?assertEqual([heard], lists:usort(Verdicts)),
+            ?assertMatch(#{life := 7}, robot(2, 30_000, Last))
+        end
+     || Times <- [[3000], [3000, 20_000], lists:seq(3000, 30_000, 1000)]
+    ].
+
+forged(Now, Times, Peers) ->
+    case lists:member(Now, Times) of
+        true ->
+            {Verdict, _, Next} = speaks(Now + 15_000, Now, 1 bsl 63, ?AWAY, Peers),
+            ?assert(Verdict =:= former orelse Verdict =:= clone),
+            Next;
+        false ->
+            Peers
+    end.
+
+%% The same from the robot's own address, or before the robot was heard at all: its true life is heard
+%% after three seconds.
+a_time_that_is_ahead_hides_a_robot_for_a_moment_test() ->
+    Begins = [{speaks_on([1000, 2000], 7, ?HOME, peers()), ?HOME}, {peers(), ?AWAY}],
+    [
+        begin
+            {heard, _, Forged} = speaks(18_000, 3000, 1 bsl 63, From, Before),
+            {Verdicts, Last} = lists:foldl(
+                fun(Now, {Verdicts, P}) ->
+                    {Verdict, _, Next} = speaks(Now, 7, ?HOME, P),
+                    {Verdicts ++ [{Now, Verdict}], Next}
+                end,
+                {[], Forged},
+                lists:seq(3500, 10_500, 1000)
+            ),
+            ?assertEqual([], [Now || {Now, Verdict} <- Verdicts, Now > 6000, Verdict =/= heard]),
+            ?assertMatch(#{life := 7, address := ?HOME}, robot(2, 10_500, Last))
+        end
+     || {Before, From} <- Begins
+    ].
+
+%% A robot that restarts at once elsewhere is heard there when its former address has been silent.
+a_quick_restart_elsewhere_is_heard_soon_test() ->
+    Heard = speaks_on([1000, 2000], 7, ?HOME, peers()),
+    Speaks = fun(At, P) -> speaks(At, 8, ?AWAY, P) end,
+    {former, [], First} = Speaks(3999, Heard),
+    {former, [], Second} = Speaks(4999, First),
+    ?assertMatch({heard, [{moved, 2, ?AWAY}], _}, Speaks(5000, Second)),
+    ?assertMatch({heard, [{moved, 2, ?AWAY}], _}, Speaks(4000, Heard)).
 
 %% One disk, two computers: both go on speaking, and the one that has started first is heard.
 clones(Since, To, First, Second, Peers) ->

@@ -154,25 +154,34 @@ unsent(Why, Now, Peer) -> Peer#peer{trouble = {Now, {unsent, Why}}}.
 -spec heard(starl_live_seal:header(), address(), starl_live_seal:now(), t()) ->
     {heard | late | former | clone, [news()], t()}.
 heard(#{from := Robot} = Said, Address, {_, Now} = At, Before) ->
-    {Verdict, Lived} = lived(Said, Address, Now, Before),
+    {Verdict, Lived} = lived(Said, Address, At, Before),
     Noted = noted(Verdict, Said, Address, At, Lived),
     {Verdict, came_back(Robot, Now, Before, Noted) ++ lives(Robot, Address, Before, Noted), Noted}.
 
-%% Which life speaks: the present one, one that has begun later, or another.
-lived(#{life := Life}, _Address, _Now, #peer{life = Life} = Peer) ->
+%% Which life speaks: the present one, one that has begun later, or another. A later one that speaks from
+%% elsewhere while the robot is heard where it is may be a lie: it is another until the robot is silent.
+lived(#{life := Life}, _Address, _At, #peer{life = Life} = Peer) ->
     {heard, Peer};
-lived(Said, Address, _Now, #peer{life = none} = Peer) ->
-    {heard, begun(Said, Address, Peer)};
-lived(#{life := Life} = Said, Address, Now, #peer{other = #other{life = Life} = Other} = Peer) ->
-    lived_too(Said, spoken(Now, Address, Other), Now, Peer);
-lived(#{life := Life, sent_ms := Sent} = Said, Address, _Now, Peer) when
-    Life > Peer#peer.life, Sent >= Peer#peer.newest_ms
-->
-    {heard, begun(Said, Address, Peer)};
-lived(#{life := Life} = Said, Address, Now, Peer) ->
-    lived_too(Said, spoken(Now, Address, #other{life = Life, address = Address}), Now, Peer).
+lived(Said, Address, At, #peer{life = none} = Peer) ->
+    {heard, begun(Said, Address, At, Peer)};
+lived(#{life := Life} = Said, Address, {_, Now} = At, #peer{other = #other{life = Life}} = Peer) ->
+    lived_too(Said, spoken(Now, Address, Peer#peer.other), At, Peer);
+lived(#{life := Life, sent_ms := Sent} = Said, Address, {_, Now} = At, Peer) ->
+    IsLater = Life > Peer#peer.life andalso Sent >= Peer#peer.newest_ms,
+    case IsLater andalso may_move(Address, Now, Peer) of
+        true ->
+            {heard, begun(Said, Address, At, Peer)};
+        false ->
+            lived_too(Said, spoken(Now, Address, #other{life = Life, address = Address}), At, Peer)
+    end.
 
-begun(#{life := Life, sent_ms := Sent}, Address, #peer{life = Former, heard_ms = Last} = Peer) ->
+%% Is the robot called there already, or has nothing come for a while from where it is?
+may_move(Address, _Now, #peer{address = Address}) -> true;
+may_move(_Address, Now, #peer{at_ms = At}) -> Now - At >= ?MOVED_MS.
+
+%% It has begun by now, whatever time it says: what another life sends later is not late.
+begun(#{life := Life, sent_ms := Sent}, Address, {Day, _}, Peer) ->
+    #peer{life = Former, heard_ms = Last} = Peer,
     Other =
         case Former of
             none -> none;
@@ -181,7 +190,7 @@ begun(#{life := Life, sent_ms := Sent}, Address, #peer{life = Former, heard_ms =
     Peer#peer{
         life = Life,
         address = Address,
-        since_ms = Sent,
+        since_ms = min(Sent, Day),
         newest_ms = Sent,
         other = Other,
         beat = none,
@@ -195,24 +204,26 @@ spoken(Now, Address, Other) ->
 
 %% What was sent before the present life began was under way. A later datagram is that of a robot whose
 %% clock was set back, if the present life is silent, or else of a second robot.
-lived_too(#{sent_ms := Sent}, Other, Now, #peer{since_ms = Since, heard_ms = Last} = Peer) when
+lived_too(#{sent_ms := Sent}, Other, {_, Now}, #peer{since_ms = Since, heard_ms = Last} = Peer) when
     Sent =< Since, Now - Last < ?STALE_MS
 ->
     {late, Peer#peer{other = Other}};
-lived_too(Said, #other{address = Address}, Now, #peer{heard_ms = Last} = Peer) when
+lived_too(Said, #other{address = Address}, {_, Now} = At, #peer{heard_ms = Last} = Peer) when
     Now - Last >= ?BOTH_MS
 ->
-    {heard, begun(Said, Address, Peer)};
-lived_too(Said, #other{first_ms = First} = Other, Now, Peer) when Now - First >= ?BOTH_MS ->
-    twins(Said, Other, Peer);
-lived_too(_Said, Other, _Now, Peer) ->
+    {heard, begun(Said, Address, At, Peer)};
+lived_too(Said, #other{first_ms = First} = Other, {_, Now} = At, Peer) when
+    Now - First >= ?BOTH_MS
+->
+    twins(Said, Other, At, Peer);
+lived_too(_Said, Other, _At, Peer) ->
     {former, Peer#peer{other = Other}}.
 
 %% The one that has started first is heard.
-twins(#{life := Life} = Said, #other{address = Address} = Other, #peer{life = Present} = Peer) ->
-    case Life < Present of
+twins(#{life := Life} = Said, #other{address = Address} = Other, At, #peer{} = Peer) ->
+    case Life < Peer#peer.life of
         true ->
-            #peer{other = Former} = Elder = begun(Said, Address, Peer),
+            #peer{other = Former} = Elder = begun(Said, Address, At, Peer),
             #other{last_ms = Last} = Former,
             {heard, Elder#peer{other = Former#other{first_ms = Last, is_twin = true}}};
         false ->
