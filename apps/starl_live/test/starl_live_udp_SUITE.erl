@@ -118,10 +118,11 @@ hostile_socket(_) ->
 replayed_on_the_way(_) ->
     {ok, Middle} = gen_udp:open(0, [binary, {active, true}]),
     {ok, Port} = inet:port(Middle),
-    Team = starl_live_team_ct:start(udp, [1, 2, 3], #{}),
+    %% one life: a later one would not be heard from elsewhere so soon
+    Team = starl_live_team_ct:start(udp, [1, 2, 3], #{life => 7}),
     #{peers := Peers} = starl_live_team_ct:config(1, Team),
     Spied = starl_live_team_ct:drop(1, Team),
-    Wrong = #{peers => Peers#{2 => {{127, 0, 0, 1}, Port}}, beat_ms => infinity},
+    Wrong = #{life => 7, peers => Peers#{2 => {{127, 0, 0, 1}, Port}}, beat_ms => infinity},
     Again = starl_live_team_ct:add(1, Wrong, Spied),
     Packet = starl_packet:shout(1, dpp, x),
     starl_live_team_ct:transmit(1, 2, Packet, Again),
