@@ -174,8 +174,10 @@ remembers_test() ->
     ?assertEqual(3, Known([{2, 3, 2, 3}], ?G:new(false))),
     ?assertEqual(4, Known([{2, 5, 4, 3}, {3, 4, 2, 1}], ?G:new(false))),
     ?assertEqual(4, Known([{2, 4, 2, 1}, {3, 5, 4, 3}], ?G:new(false))),
-    %% who has passed a round knows that all have reached it
-    ?assertEqual(4, Known([{2, 5, 0, 0}], ?G:new(false))),
+    %% who is far ahead has passed rounds that all have reached; a round that only counts as passed has not
+    %% been reached by all
+    ?assertEqual(0, Known([{2, 5, 0, 0}], ?G:new(false))),
+    ?assertEqual(49, Known([{2, 50, 0, 0}], ?G:new(false))),
     %% one that has not reached the first round has heard that this robot has
     ?assertEqual(1, Known([{2, 0, 1, 0}], ?G:new(false))),
     ?assertEqual({1, 1, 1}, ?G:counts(Learned([{2, 5, 4, 3}], ?G:recall({1, 1, 1}, true)))),

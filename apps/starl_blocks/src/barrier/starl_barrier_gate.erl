@@ -219,13 +219,14 @@ assure(_Witnesses, _Others, Gate) ->
 is_outdated(#gate{kept = none}) -> false;
 is_outdated(#gate{kept = {Before, _, _}} = Gate) -> believed(Gate) > Before.
 
-%% The round that this robot has reached, by what the others claim. Who has reached a round itself has
-%% passed the one before, which all had reached.
-believed(#gate{claims = Claims}) ->
-    Mine = [max(Own - 1, min(Known, Own + 1)) || {Own, Known} <- maps:values(Claims)],
-    lists:min([
-        lists:max([0 | Mine]), 1 + middle([Own || {Own, _} <- maps:values(Claims)]), ?FARTHEST
-    ]).
+%% The round that this robot has reached, by what the others claim. A robot that is far ahead has passed
+%% rounds that all had reached.
+believed(#gate{at = At, claims = Claims}) ->
+    Words = maps:values(Claims),
+    Mine = lists:max([At | [min(Known, Own + 1) || {Own, Known} <- Words]]),
+    Passed = [Own - 1 || {Own, _} <- Words, Own - 1 > Mine + ?LEAP],
+    Most = 1 + middle([Own || {Own, _} <- Words]),
+    lists:min([lists:max([Mine | Passed]), Most, ?FARTHEST]).
 
 %% The middle of the rounds, the lower one of two. One who has lost its store may say 0.
 middle(Rounds) ->
