@@ -191,6 +191,75 @@ put_again(Name, Robot) ->
             put_again(Name, Robot)
     end.
 
+%% -- election -------------------------------------------------------------------------------
+
+%% It casts the largest ballots, and announces leaders, one to each of the others. Elections of which it has
+%% not spoken elect one leader, and when all have started anew the others do, too.
+election_test_() ->
+    [
+        {timeout, 60, {title(When, N), fun() -> election(N, When) end}}
+     || N <- teams(), When <- [all_start_anew, nobody_starts_anew]
+    ].
+
+election(N, When) ->
+    Spoken = [spoken || When =:= nobody_starts_anew] ++ [other || When =:= all_start_anew],
+    Lies = fun(To, _Now) ->
+        [
+            {Type, Body}
+         || Name <- Spoken,
+            {Type, Body} <- [
+                {ballot, {Name, {?MOST, N}}}, {ballot, {Name, {To, N}}}, {leader, {Name, To}}
+            ]
+        ]
+    end,
+    Block = {election, starl_election_ballots, #{}},
+    Events = play(N, When, [], fun elects/1, [Block], {250, Lies}),
+    Elected = [{R, Leader} || {_, R, app, {elected, {ok, Leader}}} <- Events],
+    ?assertEqual(lists:seq(1, N), lists:sort([R || {R, _} <- Elected])),
+    ?assertMatch([_], lists:usort([Leader || {_, Leader} <- Elected])).
+
+elects(Robot) ->
+    wait(15000, Robot),
+    starl:trace(Robot, {elected, starl_election:elect(Robot, other, 15000)}).
+
+%% -- geocast --------------------------------------------------------------------------------
+
+%% It gives messages in its own name with the longest lifetimes and the most hops there are, more than a robot
+%% keeps. When that has stopped, messages are delivered again.
+geocast_test_() ->
+    [
+        {timeout, 60, {title(When, N), fun() -> geocast(N, When) end}}
+     || N <- teams(), When <- [all_start_anew, nobody_starts_anew]
+    ].
+
+geocast(N, When) ->
+    Lies = fun(To, Now) ->
+        [
+            {geocast,
+                {give, {{N, ?MOST, K}, everywhere(), other, x, ?MOST, ?MOST, ?MOST}, [
+                    {To, {1, Now}}
+                ]}}
+         || K <- lists:seq(1, 300)
+        ] ++ [{geocast, {offer, {N, ?MOST, K}, ?MOST, ?MOST, ?MOST}} || K <- lists:seq(1, 300)]
+    end,
+    Block = {geocast, starl_geocast_flood, #{listeners => #{news => app}}},
+    Events = play(N, When, [], fun tells_all/1, [Block], {2000, Lies}),
+    ?assertEqual(
+        lists:seq(2, N), lists:sort([R || {_, R, app, {heard, {ok, 1, hello}}} <- Events])
+    ).
+
+everywhere() -> {circle, {0.0, 0.0}, 1.0e6}.
+
+tells_all(Robot) ->
+    wait(15000, Robot),
+    case starl:id(Robot) of
+        1 ->
+            wait(16000, Robot),
+            starl_geocast:send(Robot, everywhere(), news, hello, #{lifetime_ms => 8000});
+        _ ->
+            starl:trace(Robot, {heard, starl:await(Robot, news, 12000)})
+    end.
+
 %% -- lives ----------------------------------------------------------------------------------
 
 %% It says that the others have lived before with the largest number there is. They start anew with a
