@@ -751,3 +751,26 @@ kept_test() ->
     ?assertEqual([], handed(Actions)),
     %% nothing is left under its number
     ?assertEqual([], sent(element(1, at(410000, {timeout, {renew, a()}}, again, After)))).
+
+%% -- robots that do not exist ---------------------------------------------------------------
+
+a_request_of_no_robot_of_the_team_is_not_answered_test() ->
+    [
+        begin
+            {Actions, _} = hears(5, 3, {request, a(), {Stranger, 1}, 0, Via}, Robot),
+            ?assertEqual([], sent(Actions) ++ handed(Actions)),
+            ?assertMatch([{unknown_event, _, _}], traces(Actions))
+        end
+     || Robot <- [home(), asker()], Stranger <- [4, 16#3FFFFFFFFFFFFFF], Via <- [none, home]
+    ].
+
+a_token_goes_to_no_robot_that_does_not_exist_test() ->
+    {_, Holding} = hears(5, 1, {token, a(), ?F, [{4, 1}, {16#3FFFFFFFFFFFFFF, 7}]}, asker()),
+    {Actions, _} = at(?US, {timeout, {lease, a()}}, expire, Holding),
+    ?assertEqual([], [
+        To
+     || {To, _} <- handed(Actions) ++ sent(Actions), not lists:member(To, [1, 2, 3])
+    ]),
+    {Returned, Home} = hears(5, 2, {return, a(), ?F, [{4, 1}]}, home()),
+    {Later, _} = at(?US, {timeout, {home, a()}}, expire, Home),
+    ?assertEqual([], [To || {To, _} <- handed(Returned ++ Later) ++ sent(Returned ++ Later), To > 3]).

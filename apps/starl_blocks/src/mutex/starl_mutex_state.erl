@@ -6,7 +6,8 @@
 -module(starl_mutex_state).
 
 -export([new/1, at/2, now/1, self/1, team_size/1, incarnation/1, lease_us/1, retry_us/1]).
--export([act/2, acts/2, until/4, post/3, post_home/3, is_home/3, result/1, notify/2, take_notices/1]).
+-export([act/2, acts/2, until/4, post/3, post_home/3, is_home/3, of_team/2]).
+-export([result/1, notify/2, take_notices/1]).
 -export([
     next_job/1, keep_job/3, job/2, waiting/2, complete/2, jobs_of/2, forget_job/2, suspend_job/2
 ]).
@@ -135,6 +136,12 @@ home_of(Token, #robot{team = Team}) -> element(erlang:phash2(Token, tuple_size(T
 %% @doc Is this robot the token's home?
 -spec is_home(starl:robot_id(), token(), t()) -> boolean().
 is_home(Id, Token, Robot) -> Id =:= home_of(Token, Robot).
+
+%% @doc The requests of robots of the team: no token goes to a robot that does not exist.
+-spec of_team([starl_mutex_home:request()], t()) -> [starl_mutex_home:request()].
+of_team(Requests, #robot{team = Team}) ->
+    Members = tuple_to_list(Team),
+    [Request || {Asker, _} = Request <- Requests, lists:member(Asker, Members)].
 
 %% @doc The actions gathered, as a machine's result.
 -spec result(t()) -> starl_machine:result().

@@ -152,11 +152,15 @@ shape(_Unknown) ->
 request() -> [count, count].
 
 message({request, Token, Request, Known, Via}, _From, Robot) ->
-    starl_mutex_robot:route(Token, Request, Known, Via, Robot);
+    case starl_mutex_state:of_team([Request], Robot) of
+        [Request] -> starl_mutex_robot:route(Token, Request, Known, Via, Robot);
+        [] -> unknown_event
+    end;
 message({token, Token, Fence, Queue}, From, Robot) ->
     %% a job that loses the older one may want the newer one
     Ready = starl_mutex_acquire:settle(starl_mutex_robot:supersede(Token, Fence, From, Robot)),
-    starl_mutex_robot:receive_token(Token, Fence, Queue, From, Ready);
+    Waiting = starl_mutex_state:of_team(Queue, Robot),
+    starl_mutex_robot:receive_token(Token, Fence, Waiting, From, Ready);
 message({How, Token, Fence, Nonce}, From, Robot) when
     How =:= granted; How =:= kept; How =:= refused
 ->
@@ -169,7 +173,8 @@ message({owner, Token, Fence}, From, Robot) ->
 message({ask, Kind, Token, Fence, Nonce}, From, Robot) when Kind =:= claim; Kind =:= renew ->
     starl_mutex_host:asked(Kind, Token, Fence, Nonce, From, Robot);
 message({return, Token, Fence, Queue}, From, Robot) ->
-    starl_mutex_host:returned(Token, Fence, Queue, From, Robot);
+    Waiting = starl_mutex_state:of_team(Queue, Robot),
+    starl_mutex_host:returned(Token, Fence, Waiting, From, Robot);
 message(_, _, _) ->
     unknown_event.
 
