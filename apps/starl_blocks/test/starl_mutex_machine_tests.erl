@@ -765,12 +765,12 @@ a_request_of_no_robot_of_the_team_is_not_answered_test() ->
     ].
 
 a_token_goes_to_no_robot_that_does_not_exist_test() ->
-    {_, Holding} = hears(5, 1, {token, a(), ?F, [{4, 1}, {16#3FFFFFFFFFFFFFF, 7}]}, asker()),
-    {Actions, _} = at(?US, {timeout, {lease, a()}}, expire, Holding),
-    ?assertEqual([], [
-        To
-     || {To, _} <- handed(Actions) ++ sent(Actions), not lists:member(To, [1, 2, 3])
-    ]),
-    {Returned, Home} = hears(5, 2, {return, a(), ?F, [{4, 1}]}, home()),
-    {Later, _} = at(?US, {timeout, {home, a()}}, expire, Home),
-    ?assertEqual([], [To || {To, _} <- handed(Returned ++ Later) ++ sent(Returned ++ Later), To > 3]).
+    {_, Wants} = acquires(10, app, a(), asker()),
+    {Comes, _} = hears(20, 3, {token, a(), ?F, [{4, 1}, {2, 1}]}, Wants),
+    ?assertEqual([], handed(Comes)),
+    ?assertMatch([{1, {ask, claim, _, ?F, _}}], sent(Comes)),
+    {Made, M1} = hears(0, 2, {request, a(), {2, 1}, 0, home}, home()),
+    [{2, {token, _, F, _}}] = sent(Made),
+    {_, M2} = hears(10, 2, {ask, claim, a(), F, {1, 5}}, M1),
+    {Returned, _} = hears(20, 2, {return, a(), F, [{4, 1}, {3, 1}]}, M2),
+    ?assertMatch([{3, {token, _, _, [{3, 1}]}}], sent(Returned)).
