@@ -6,7 +6,7 @@
 -export([standard_input_is_left_alone/1, a_closed_standard_input_is_none/1]).
 -export([the_shell_reads_standard_input/1, commands_of_the_script_are_explained/1]).
 -export([flags_of_the_script_are_refused/1, other_libraries_build_nothing/1]).
--export([a_run_keeps_its_code/1]).
+-export([a_run_keeps_its_code/1, code_in_the_working_directory_is_not_seen/1]).
 
 suite() -> [{timetrap, {minutes, 5}}].
 
@@ -18,7 +18,8 @@ all() ->
         commands_of_the_script_are_explained,
         flags_of_the_script_are_refused,
         other_libraries_build_nothing,
-        a_run_keeps_its_code
+        a_run_keeps_its_code,
+        code_in_the_working_directory_is_not_seen
     ].
 
 %% A list that a loop reads its turns from is not eaten by the first of them.
@@ -88,6 +89,19 @@ a_run_keeps_its_code(Config) ->
     ].
 
 %% Runs a line in the checkout, with the environment in which ./starl itself has built it.
+%% A stranger's results hold modules of names that Erlang's libraries have, too.
+code_in_the_working_directory_is_not_seen(Config) ->
+    Line =
+        "mkdir -p $out/results; root=$(pwd); cd $out/results; "
+        "for m in c erl_eval erl_scan crypto re beam_lib io_lib_pretty zlib filelib; do "
+        "printf -- '-module(%s).\n-on_load(go/0).\ngo() -> prim_file:write_file(<<\"%s\">>, <<>>).\n' "
+        "$m \"$out/ran\" >$m.erl; erlc +no_auto_import $m.erl >/dev/null; rm $m.erl; done; "
+        "ls *.beam | wc -l; $root/starl info .; $root/starl apps | grep -c painting; "
+        "test -e $out/ran && echo it ran; cd $root",
+    {_, Text} = sh(Line, Config),
+    ?assertMatch({match, _}, re:run(Text, "^9\nstarl: info: [.] holds no recording.*\n[1-9]")),
+    ?assertEqual({Text, nomatch}, {Text, string:find(Text, "it ran")}).
+
 sh(Line, Config) ->
     Root = root(filename:dirname(code:which(?MODULE))),
     Port = open_port({spawn_executable, os:find_executable("sh")}, [

@@ -100,10 +100,9 @@ reloads_test_() ->
             {ok, #{scenario := #{reloads := [{1200, all, Kept}]}}} = starl_cli_record:read(Out),
             ?assertEqual("inputs/reload-1/src/starl_cli_reloaded.erl", Kept),
             %% the sources of the beginning are others
-            ?assertEqual(
-                {ok, [filename:join(Out, "inputs/starl_cli_reloaded.erl")]},
-                starl_cli_inputs:sources_beside(filename:join(Out, "run.term"))
-            ),
+            {ok, [AtFirst]} = starl_cli_inputs:sources_beside(filename:join(Out, "run.term")),
+            ?assertEqual("starl_cli_reloaded.erl", filename:basename(AtFirst)),
+            ok = starl_cli_made_here:forget(),
             Changed = Write("out/inputs/reload-1/include/step.hrl", "-define(STEP, 3).\n"),
             says(2, "was changed; read it, then say --trust to run it", ["replay", Out]),
             Text = says(3, "NOT THE SAME", ["replay", Out, "--trust"]),

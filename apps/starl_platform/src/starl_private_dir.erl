@@ -12,7 +12,7 @@
 
 -include_lib("kernel/include/file.hrl").
 
--export([new/1, remove/1, clean/1, with/2, base/0, format_error/1]).
+-export([new/1, own/1, remove/1, remove_all/1, clean/1, with/2, base/0, format_error/1]).
 
 -export_type([reason/0]).
 
@@ -47,6 +47,17 @@ remove(Dir) ->
     _ = file:del_dir_r(Dir),
     ok.
 
+%% @doc Removes all directories of this purpose that this VM has made.
+-spec remove_all(Purpose :: string()) -> ok.
+remove_all(Purpose) ->
+    Made = [
+        filename:join(base(), Name)
+     || {ok, Names} <- [file:list_dir(base())],
+        Name <- Names,
+        pid_in(Purpose, Name) =:= {ok, os:getpid()}
+    ],
+    lists:foreach(fun remove/1, [Dir || Dir <- Made, is_own(Dir)]).
+
 %% @doc Removes the directories of this purpose whose runs have ended without removing them, as when they were killed.
 %% Only Linux knows which have.
 -spec clean(Purpose :: string()) -> ok.
@@ -62,10 +73,17 @@ clean(Purpose) ->
     lists:foreach(fun remove/1, [Dir || Dir <- Left, is_own(Dir)]).
 
 is_abandoned(Purpose, Name) ->
+    case pid_in(Purpose, Name) of
+        {ok, Pid} -> not filelib:is_dir("/proc/" ++ Pid);
+        none -> false
+    end.
+
+%% The process that has made a directory, by its name.
+pid_in(Purpose, Name) ->
     Pattern = "^" ++ Purpose ++ "-([0-9]{1,10})-[0-9a-f]{16}$",
     case re:run(Name, Pattern, [{capture, all_but_first, list}, dollar_endonly]) of
-        {match, [Pid]} -> not filelib:is_dir("/proc/" ++ Pid);
-        nomatch -> false
+        {match, [Pid]} -> {ok, Pid};
+        nomatch -> none
     end.
 
 %% @doc The directory in which they lie: `starl' in the user's cache. A user without a home, as a service is, has one
@@ -78,7 +96,8 @@ base() ->
         _ -> os:getenv("TMPDIR", "/tmp") ++ "/starl-" ++ integer_to_list(uid())
     end.
 
-%% The directory, made if it is not there. It is the user's own, and no link.
+%% @doc Makes this directory the user's alone, new if it is not there. It must be the user's own, and no link.
+-spec own(file:filename()) -> {ok, file:filename()} | {error, reason()}.
 own(Base) ->
     _ = filelib:ensure_dir(Base),
     case made(Base) of

@@ -16,10 +16,12 @@ run(Command, Args) ->
     end.
 
 run_one(Command, Args) ->
-    case read(Command, Args) of
+    try read(Command, Args) of
         {ok, Call} -> answered(Command:run(Call), Command);
         {help, Word, Subject} -> show(starl_cli_usage:command(Command, Word, Subject));
         {error, _} = Error -> answered(Error, Command)
+    after
+        starl_cli_made_here:forget()
     end.
 
 answered({error, Problems}, Command) ->

@@ -12,6 +12,7 @@
     absolute/2,
     resolved/3,
     reloaded/1,
+    moved/2,
     source/2,
     sources_beside/1
 ]).
@@ -26,7 +27,11 @@
     files := [{Name :: file:filename(), binary()}]
 }.
 
+-include_lib("kernel/include/file.hrl").
+
 -define(DIR, "inputs").
+%% Deeper directories hold no sources of a run.
+-define(DEPTH, 30).
 %% The number of a reload follows.
 -define(RELOAD, "reload-").
 
@@ -36,8 +41,9 @@ read(Target, Scenario) -> read(?DIR, Target, Scenario).
 
 %% @doc The same, to be kept in another directory than `inputs'.
 -spec read(Dir :: file:filename(), starl_cli_target:t(), starl_run_scenario:t()) -> t().
-read(Dir, #{replay := Word, name := Name} = Target, Scenario) ->
-    Sources = sources(maps:get(code, Target, [])),
+read(Dir, #{name := Name} = Target, Scenario) ->
+    Code = maps:get(code, Target, []),
+    Sources = sources(Code),
     Root = root(Sources),
     Codes = [{inside(Dir, Root, File), File} || File <- Sources],
     Options = [
@@ -47,9 +53,9 @@ read(Dir, #{replay := Word, name := Name} = Target, Scenario) ->
     {Reloads, Reloaded} = reloads(Dir, Scenario),
     #{
         app =>
-            case Sources of
+            case Code of
                 [] -> list_to_atom(Name);
-                _ -> inside(Dir, Root, filename:absname(Word))
+                [{_, Source, _} | _] -> inside(Dir, Root, filename:absname(Source))
             end,
         values => maps:from_list([{Key, Inside} || {Inside, Key, _} <- Options] ++ Reloads),
         files => contents(Codes ++ [{Inside, File} || {Inside, _, File} <- Options] ++ Reloaded)
@@ -71,7 +77,8 @@ local(#{values := Values}, Scenario) -> maps:merge(Scenario, Values).
 
 %% @doc A scenario whose files are found from any directory.
 -spec absolute(starl_cli_target:t(), starl_run_scenario:t()) -> starl_run_scenario:t().
-absolute(Target, Scenario) ->
+absolute(Target, Given) ->
+    Scenario = moved(Target, Given),
     Files = [{Key, filename:absname(File)} || {Key, File} <- options(Target, Scenario)],
     maps:merge(
         by_sources(fun(_N, File) -> filename:absname(File) end, Scenario), maps:from_list(Files)
@@ -103,32 +110,70 @@ joined(Path, Value) ->
 -spec source(module(), file:filename()) ->
     {ok, file:filename()} | none | {error, unicode:chardata()}.
 source(Module, File) ->
-    Dir = filename:join(filename:dirname(File), ?DIR),
     Name = atom_to_list(Module) ++ ".erl",
-    case [Path || Path <- at_first(Dir), filename:basename(Path) =:= Name] of
-        [Path | _] -> own(filename:join(Dir, Path));
+    case [Path || Path <- at_first(File), filename:basename(Path) =:= Name] of
+        [Path | _] -> first(own(File, [Path]));
         [] -> none
     end.
 
-own(Source) ->
-    case starl_cli_made_here:check(Source) of
-        ok -> {ok, Source};
+first({ok, [Source | _]}) -> {ok, Source};
+first({error, _} = Error) -> Error.
+
+own(File, Names) ->
+    case starl_cli_made_here:own(filename:dirname(File), Names) of
+        {ok, Dir} -> {ok, [filename:join(Dir, Name) || Name <- Names]};
         {error, _} = Error -> Error
     end.
 
 %% @doc The sources that are kept beside a file of a run, if this user has put them there.
 -spec sources_beside(file:filename()) -> {ok, [file:filename()]} | {error, unicode:chardata()}.
 sources_beside(File) ->
-    Dir = filename:join(filename:dirname(File), ?DIR),
-    Sources = [filename:join(Dir, Path) || Path <- at_first(Dir)],
-    case [Why || Source <- Sources, {error, Why} <- [own(Source)]] of
-        [] -> {ok, Sources};
-        [Why | _] -> {error, Why}
+    case at_first(File) of
+        [] -> {ok, []};
+        Names -> own(File, Names)
     end.
 
-%% The sources of the code with which the run begins.
-at_first(Dir) ->
-    [Path || Path <- filelib:wildcard("**/*.erl", Dir), not lists:prefix(?RELOAD, Path)].
+%% The sources of the code with which the run begins, as they are named in its directory.
+at_first(File) ->
+    [
+        Name
+     || Name <- found(filename:dirname(File), ?DIR, 0),
+        filename:extension(Name) =:= ".erl",
+        not lists:prefix(filename:join(?DIR, ?RELOAD), Name)
+    ].
+
+%% No link is followed: it may lead round in circles.
+found(_Run, _Name, ?DEPTH) ->
+    [];
+found(Run, Name, Depth) ->
+    Path = filename:join(Run, Name),
+    case file:read_link_info(Path) of
+        {ok, #file_info{type = directory}} ->
+            {_, Names} = file:list_dir(Path),
+            lists:append([found(Run, filename:join(Name, N), Depth + 1) || N <- in_order(Names)]);
+        {ok, _} ->
+            [Name];
+        {error, _} ->
+            []
+    end.
+
+in_order(Names) when is_list(Names) -> lists:sort(Names);
+in_order(_Posix) -> [].
+
+%% @doc The same names of files in another directory, for what is said or kept of a scenario.
+-spec moved(starl_cli_target:t(), starl_run_scenario:t()) -> starl_run_scenario:t().
+moved(#{copied := {Copy, Dir}} = Target, Scenario) ->
+    Move = fun(File) -> back(Copy, Dir, File) end,
+    Files = [{Key, Move(File)} || {Key, File} <- options(Target, Scenario)],
+    maps:merge(by_sources(fun(_N, File) -> Move(File) end, Scenario), maps:from_list(Files));
+moved(_Target, Scenario) ->
+    Scenario.
+
+back(Copy, Dir, File) ->
+    case string:prefix(File, Copy ++ "/") of
+        nomatch -> File;
+        Rest -> filename:join(Dir, Rest)
+    end.
 
 %% -- options --------------------------------------------------------------------------------
 

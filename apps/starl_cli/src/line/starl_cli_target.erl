@@ -11,7 +11,7 @@
 
 %% `given': the values of a scenario file; `replay': the word for the target on a command line;
 %% `file': the source of the values; `code': the user's own modules, which exist only in memory;
-%% `record': that of a recorded run.
+%% `record': that of a recorded run; `copied': its sources are read from a copy.
 -type t() :: #{
     app := module(),
     name := string(),
@@ -19,6 +19,7 @@
     file := string(),
     given := #{atom() => term()},
     code => [code(), ...],
+    copied => {Copy :: file:filename(), Run :: file:filename()},
     record => starl_cli_record:t()
 }.
 
@@ -193,11 +194,12 @@ replay(Target, Scenario) -> command_line("run", Target, Scenario).
 
 %% @doc The command line of a command that takes a target and its values.
 -spec command_line(string(), t(), starl_run_scenario:t()) -> unicode:chardata().
-command_line(Command, #{app := App, replay := Word}, Scenario) ->
+command_line(Command, #{app := App, replay := Word} = Target, Scenario) ->
     Options = starl_run_scenario:options(App),
     Defaults = maps:without([seed, robots], starl_cli_flags:defaults(Options)),
     Chosen = maps:filter(
-        fun(Key, Value) -> maps:find(Key, Defaults) =/= {ok, Value} end, maps:remove(app, Scenario)
+        fun(Key, Value) -> maps:find(Key, Defaults) =/= {ok, Value} end,
+        maps:remove(app, starl_cli_inputs:moved(Target, Scenario))
     ),
     Arguments = starl_cli_flags:arguments(Options, Chosen),
     lists:join(" ", ["./starl", Command, starl_cli_terminal:quoted(Word) | Arguments]).
@@ -255,8 +257,16 @@ kind_of_directory(Dir) ->
 on_the_code_path(Word) ->
     case starl_cli_source:is_name(Word) andalso code:where_is_file(Word ++ ".beam") of
         Beam when is_list(Beam) -> loaded(list_to_atom(Word));
-        _ -> unknown
+        non_existing -> in_directory(filelib:is_regular(Word ++ ".beam"), Word);
+        false -> unknown
     end.
+
+%% The working directory is no place of libraries: who names a module there, adds it.
+in_directory(true, Word) ->
+    true = code:add_pathz("."),
+    loaded(list_to_atom(Word));
+in_directory(false, _Word) ->
+    unknown.
 
 loaded(Module) ->
     case code:ensure_loaded(Module) of
@@ -286,8 +296,8 @@ scenario(File) ->
         {ok, #{digest := _}} ->
             recorded(File, starl_cli_record:read(File));
         {ok, #{app := App} = Given} ->
-            case filename:basename(File) =:= "run.term" andalso foreign(File, Given) of
-                [_ | _] = Lines -> {error, Lines};
+            case filename:basename(File) of
+                "run.term" -> of_results(File, App, maps:remove(app, Given));
                 _ -> with_app(name_of(App), File, maps:remove(app, Given))
             end;
         {ok, _} ->
@@ -296,39 +306,90 @@ scenario(File) ->
             {error, [starl_run_scenario:format_error(Reason)]}
     end.
 
-%% A record comes with the results of a run, and these from anywhere.
 recorded(File, {ok, #{app := App, scenario := Scenario} = Record}) ->
-    case foreign(File, [App, Scenario]) of
-        [] ->
-            case with_app(name_of(App), File, Scenario) of
-                {ok, Target} -> {ok, Target#{record => Record}};
-                {error, _} = Error -> Error
-            end;
-        [_ | _] = Lines ->
-            {error, Lines}
+    case of_results(File, App, Scenario) of
+        {ok, Target} -> {ok, Target#{record => Record}};
+        {error, _} = Error -> Error
     end;
 recorded(_File, {error, Reason}) ->
     {error, [starl_cli_record:format_error(Reason)]}.
 
-%% The sources that a record names and nobody here has put there.
-foreign(File, Term) ->
-    [
-        Line
-     || Source <- lists:usort(named_sources(Term)),
-        {error, Line} <- [starl_cli_made_here:check(beside(File, Source))]
-    ].
+%% Results come from anywhere. Of the code that they name only what this user has put beside them is loaded, from a
+%% copy of it, and what StarL and the user's own libraries have.
+of_results(File, App, Scenario) ->
+    Named = code_of_app(name_of(App)) ++ named_sources(Scenario) ++ reloaded(Scenario),
+    case Named =:= [] orelse starl_cli_made_here:is_trusted() orelse in_run(File, Named) of
+        true -> with_app(name_of(App), File, Scenario);
+        {ok, Copy} -> of_copy(Copy, File, name_of(App), Scenario);
+        {error, Line} -> {error, [Line]}
+    end.
 
+in_run(File, Named) ->
+    case [Source || Source <- Named, filename:pathtype(Source) =/= relative] of
+        [] ->
+            starl_cli_made_here:own(filename:dirname(File), lists:usort(Named));
+        [Source | _] ->
+            starl_cli_made_here:own(filename:dirname(Source), [filename:basename(Source)])
+    end.
+
+%% What is said of the files names those of the results.
+of_copy(Copy, File, Name, Scenario) ->
+    Dir = filename:dirname(File),
+    case with_app(Name, filename:join(Copy, filename:basename(File)), Scenario) of
+        {ok, #{code := [_ | _]} = Target} ->
+            {ok, Target#{file := File, copied => {Copy, Dir}, replay := beside(File, Name)}};
+        {ok, Target} ->
+            {ok, Target#{file := File, copied => {Copy, Dir}}};
+        {error, _} = Error ->
+            Error
+    end.
+
+%% An application that ships, or that a library has, is no code of the results; what is unknown is none at all.
+code_of_app(none) ->
+    [];
+code_of_app(Name) ->
+    Ships = lists:keymember(Name, 1, apps()),
+    [Name || not Ships, filename:extension(Name) =:= ".erl" orelse is_here(Name)].
+
+%% Is code of that name in the working directory? It may be that of the results.
+is_here(Name) ->
+    Beam = starl_cli_source:is_name(Name) andalso code:where_is_file(Name ++ ".beam"),
+    (is_list(Beam) andalso filename:pathtype(Beam) =/= absolute) orelse
+        lists:any(
+            fun filelib:is_file/1, [Name, Name ++ ".beam", filename:join("src", Name ++ ".erl")]
+        ).
+
+%% The texts of a scenario that name sources.
 named_sources(Map) when is_map(Map) ->
     named_sources(maps:to_list(Map));
 named_sources(Tuple) when is_tuple(Tuple) ->
     named_sources(tuple_to_list(Tuple));
 named_sources([_ | _] = List) ->
-    case io_lib:printable_unicode_list(List) of
+    case io_lib:char_list(List) of
         true -> [List || filename:extension(List) =:= ".erl"];
-        false -> lists:append([named_sources(One) || One <- List, not is_integer(One)])
+        false -> lists:append([named_sources(One) || One <- some(List)])
     end;
 named_sources(_Other) ->
     [].
+
+some([One | Others]) -> [One | some(Others)];
+some(_End) -> [].
+
+%% The new code of reloads: files, and compiled modules that the scenario itself holds.
+reloaded(#{reloads := Reloads}) ->
+    case starl_run_reloads:are_entries(Reloads) of
+        true ->
+            Sources = [starl_run_reloads:sources(element(3, Entry)) || Entry <- Reloads],
+            [Named || Source <- lists:append(Sources), Named <- named_code(Source)];
+        false ->
+            []
+    end;
+reloaded(_Scenario) ->
+    [].
+
+named_code({Module, _File, _Beam}) -> [atom_to_list(Module)];
+named_code(Module) when is_atom(Module) -> [];
+named_code(File) -> [File].
 
 with_app(none, File, _Given) ->
     {error, [[File, ": app is the name of an application, or the file of one as \"my_app.erl\""]]};
