@@ -10,6 +10,7 @@ begun_elsewhere() ->
     Key = fun(Name) -> os:putenv("XDG_CONFIG_HOME", filename:join(Base, Name)) end,
     Dir = filename:join(Base, "study"),
     Marker = filename:join(Base, "ran"),
+    {ok, Cwd} = file:get_cwd(),
     App = filename:join(Base, "starl_evil_sweep.erl"),
     try
         ok = file:write_file(App, [
@@ -24,9 +25,29 @@ begun_elsewhere() ->
         ?assert(starl_lab_sweep_study:is_ours([Dir])),
         true = Key("mine"),
         ?assertNot(starl_lab_sweep_study:is_ours([Dir])),
-        {error, [Line]} = starl_lab_join:run(#{subject => [Dir], values => #{out => none}}),
-        ?assertMatch({match, _}, re:run(Line, "--trust")),
-        ?assertNot(filelib:is_regular(Marker)),
+        ok = filelib:ensure_path(filename:join(Base, "src")),
+        {ok, _} = file:copy(App, filename:join([Base, "src", "starl_evil_sweep.erl"])),
+        ok = file:set_cwd(Base),
+        [
+            begin
+                ok = slice(Dir, Args),
+                %% a mark of somebody else
+                true = Key("mine"),
+                {error, [Line | _]} = starl_lab_join:run(#{
+                    subject => [Dir], values => #{out => none}
+                }),
+                ?assertMatch({Args, {match, _}}, {Args, re:run(Line, "say --trust")}),
+                ?assertNot(filelib:is_regular(Marker))
+            end
+         || Args <- [
+                [App],
+                ["starl_evil_sweep"],
+                ["src"],
+                ["painting", "--choice", App ++ ",ink"],
+                ["painting", "--choice=ink," ++ App ++ ",ink"]
+            ],
+            Key("stranger")
+        ],
         %% an application that ships needs no trust
         ok = slice(filename:join(Base, "other"), ["painting", "--loss", "0.2"]),
         true = Key("third"),
@@ -37,6 +58,7 @@ begun_elsewhere() ->
             nomatch, string:find(lists:flatten(io_lib:format("~tp", [Shipped])), "--trust")
         )
     after
+        ok = file:set_cwd(Cwd),
         case Before of
             false -> os:unsetenv("XDG_CONFIG_HOME");
             _ -> os:putenv("XDG_CONFIG_HOME", Before)

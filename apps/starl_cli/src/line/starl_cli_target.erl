@@ -4,7 +4,7 @@
 %% its `run.term'.
 -module(starl_cli_target).
 
--export([beams/1, given/2, scenario/2, place/3, replay/2, command_line/3]).
+-export([names_code/1, beams/1, given/2, scenario/2, place/3, replay/2, command_line/3]).
 -export([apps/0, purposes/0, scenarios/0, resolve/1, subject/2, seeded/2, looks_like_one/1, root/0]).
 
 -export_type([t/0, code/0]).
@@ -348,16 +348,20 @@ of_copy(Copy, File, Name, Scenario) ->
 code_of_app(none) ->
     [];
 code_of_app(Name) ->
-    Ships = lists:keymember(Name, 1, apps()),
-    [Name || not Ships, filename:extension(Name) =:= ".erl" orelse is_here(Name)].
+    [Name || names_code(Name)].
 
-%% Is code of that name in the working directory? It may be that of the results.
-is_here(Name) ->
-    Beam = starl_cli_source:is_name(Name) andalso code:where_is_file(Name ++ ".beam"),
+%% @doc Does this word name code that neither ships nor is a library's: a source, or a directory or a module in the
+%% working directory? That may be the directory of somebody's results.
+-spec names_code(string()) -> boolean().
+names_code(Word) ->
+    not lists:keymember(Word, 1, apps()) andalso
+        (filename:extension(Word) =:= ".erl" orelse is_here(Word)).
+
+is_here(Word) ->
+    Beam = starl_cli_source:is_name(Word) andalso code:where_is_file(Word ++ ".beam"),
     (is_list(Beam) andalso filename:pathtype(Beam) =/= absolute) orelse
-        lists:any(
-            fun filelib:is_file/1, [Name, Name ++ ".beam", filename:join("src", Name ++ ".erl")]
-        ).
+        filelib:is_dir(Word) orelse
+        lists:any(fun filelib:is_file/1, [Word ++ ".beam", filename:join("src", Word ++ ".erl")]).
 
 %% The texts of a scenario that name sources.
 named_sources(Map) when is_map(Map) ->

@@ -65,10 +65,14 @@ read(Args, Out) -> starl_cli_dispatch:read(starl_lab_sweep, Args ++ ["--out", Ou
 
 %% Slices come from anywhere, and say what they are slices of: to read that, a target that is a file is loaded.
 names_code(Args) ->
-    Named = [lists:last(string:split(Arg, "=")) || Arg <- Args],
-    lists:any(fun(Arg) -> is_source(filename:extension(Arg)) orelse filelib:is_dir(Arg) end, Named).
+    lists:any(
+        fun(Word) ->
+            is_scenario(filename:extension(Word)) orelse starl_cli_target:names_code(Word)
+        end,
+        lists:append([string:lexemes(Arg, "=,") || Arg <- Args])
+    ).
 
-is_source(Extension) -> lists:member(Extension, [".erl", ".term", ".config"]).
+is_scenario(Extension) -> lists:member(Extension, [".term", ".config"]).
 
 is_ours(Dirs) -> starl_cli_made_here:is_trusted() orelse starl_lab_sweep_study:is_ours(Dirs).
 
