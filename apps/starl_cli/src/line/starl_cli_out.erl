@@ -97,7 +97,7 @@ writable(Dir) ->
     end.
 
 probe(Dir) ->
-    Probe = filename:join(Dir, ".starl-" ++ os:getpid()),
+    Probe = hidden(Dir, "starl"),
     case file:make_dir(Probe) of
         ok -> file:del_dir(Probe);
         {error, Posix} -> {error, ["cannot be written: ", file:format_error(Posix)]}
@@ -120,7 +120,9 @@ when
     Why :: unicode:chardata().
 write(Plan, Fill) ->
     Temporary = temporary(Plan),
-    case filelib:ensure_path(Temporary) of
+    _ = filelib:ensure_dir(Temporary),
+    %% a new one: nobody else has laid a link there
+    case file:make_dir(Temporary) of
         ok -> filled(Fill(Temporary), Temporary, Plan);
         {error, Posix} -> {error, [shown(Temporary), ": ", file:format_error(Posix)]}
     end.
@@ -146,7 +148,10 @@ temporary({fresh, Dir}) -> hidden(filename:dirname(Dir), filename:basename(Dir))
 temporary({existing, Dir}) -> hidden(Dir, "results");
 temporary({numbered, Parent, Name}) -> hidden(Parent, Name).
 
-hidden(Parent, Name) -> filename:join(Parent, "." ++ Name ++ "." ++ os:getpid()).
+hidden(Parent, Name) -> filename:join(Parent, "." ++ Name ++ "." ++ os:getpid() ++ "-" ++ random()).
+
+%% The directory may be open to others: nobody knows the name before.
+random() -> string:lowercase(binary_to_list(binary:encode_hex(crypto:strong_rand_bytes(8)))).
 
 settle({fresh, Dir}, Temporary) -> renamed(file:rename(Temporary, Dir), Dir);
 settle({existing, Dir}, Temporary) -> replace_all(Temporary, Dir);

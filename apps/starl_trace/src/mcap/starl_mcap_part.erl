@@ -29,7 +29,9 @@ make(Out, Fill) ->
 
 made(Out, Fill) ->
     Part = unicode:characters_to_list([Out, ".part"]),
-    case file:open(Part, [write, raw, binary]) of
+    %% what an earlier one has left goes; a link there, of whoever has made the directory, is not followed
+    _ = file:delete(Part),
+    case file:open(Part, [write, exclusive, raw, binary]) of
         {ok, Device} -> placed(filled(Fill, #part{out = Out, device = Device}), Part, Out);
         {error, Posix} -> {error, {write, Out, Posix}}
     end.

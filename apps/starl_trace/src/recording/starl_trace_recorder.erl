@@ -14,6 +14,8 @@
 -module(starl_trace_recorder).
 -behaviour(gen_server).
 
+-include_lib("kernel/include/file.hrl").
+
 -export([start_link/2, start_link/3, observer/1, close/1, format_error/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
 
@@ -70,6 +72,7 @@ start_link(File, Kind, Options) ->
     end.
 
 started(File, Kind, Options) ->
+    ok = without_link(File),
     case file:open(File, [write, raw, binary]) of
         {ok, Device} ->
             ok = file:close(Device),
@@ -78,6 +81,13 @@ started(File, Kind, Options) ->
             ]);
         {error, Posix} ->
             {error, {File, Posix}}
+    end.
+
+%% The directory may be open to others, who know the name: a link there would lead elsewhere.
+without_link(File) ->
+    case file:read_link_info(File) of
+        {ok, #file_info{type = symlink}} -> file:delete(File);
+        _ -> ok
     end.
 
 %% Random bytes: a file system may keep others in no room at all. The reserve of an earlier recording is
