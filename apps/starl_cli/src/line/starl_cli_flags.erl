@@ -204,7 +204,7 @@ parse_value(Type, Text) ->
 %% A long term, such as a list of faults, may be in a file.
 in_file(Text) ->
     case filename:extension(Text) of
-        ".term" -> file:consult(Text);
+        ".term" -> starl_terms:consult(Text);
         _ -> none
     end.
 

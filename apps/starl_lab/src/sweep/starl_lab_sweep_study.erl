@@ -70,7 +70,7 @@ signed(Args) -> term_to_binary({starl_sweep, Args}).
 is_ours(Dirs) ->
     lists:any(
         fun(File) ->
-            case file:consult(File) of
+            case starl_terms:consult(File) of
                 {ok, [#{sweep := Args, made_here := Mark}]} ->
                     starl_cli_made_here:is_marked(signed(Args), Mark);
                 _ ->
@@ -142,7 +142,7 @@ one_code(Files, Args) ->
     end.
 
 read(File) ->
-    case file:consult(File) of
+    case starl_terms:consult(File) of
         {ok, [#{sweep := [_ | _] = Args, starl := Version} = Note]} ->
             case lists:all(fun io_lib:printable_unicode_list/1, Args) andalso version() of
                 false ->

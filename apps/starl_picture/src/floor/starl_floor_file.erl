@@ -55,13 +55,13 @@ named(File, {error, {Line, What}}) ->
 bytes(File) ->
     case filelib:is_dir(File) of
         true -> {error, "this is a directory"};
-        false -> content(file:read_file(File))
+        false -> content(starl_small_file:read(File, ?MOST_BYTES))
     end.
 
-content({ok, Bytes}) when byte_size(Bytes) > ?MOST_BYTES ->
-    {error, "this is too big for a floor plan"};
 content({ok, Bytes}) ->
     {ok, Bytes};
+content({error, efbig}) ->
+    {error, "this is too big for a floor plan"};
 content({error, Posix}) ->
     {error, file:format_error(Posix)}.
 

@@ -55,10 +55,11 @@ negate({_, Text}) when Text =:= "1"; Text =:= "true" -> true;
 negate({N, _}) -> {bad, N}.
 
 image(File, N, Numbers, Negate) ->
-    case {filename:extension(File), small(File)} of
+    %% as an image of the most pixels may have, each as a number with a blank
+    case {filename:extension(File), starl_small_file:read(File, ?MOST_BYTES)} of
         {".png", _} ->
             {error, {N, "PNG cannot be read; convert it: ffmpeg -i map.png map.pgm"}};
-        {_, large} ->
+        {_, {error, efbig}} ->
             {error, {N, [File, ": this is larger than any image that is read"]}};
         {_, {error, Posix}} ->
             {error, {N, [File, ": ", file:format_error(Posix)]}};
@@ -67,13 +68,6 @@ image(File, N, Numbers, Negate) ->
                 {ok, Image} -> {ok, plan(Image, maps:from_list(Numbers), Negate)};
                 {error, What} -> {error, {N, [File, ": ", What]}}
             end
-    end.
-
-%% No more is read than an image of the most pixels may have, each as a number with a blank.
-small(File) ->
-    case filelib:file_size(File) > ?MOST_BYTES of
-        true -> large;
-        false -> file:read_file(File)
     end.
 
 %% A pixel is free if its darkness is less than the threshold.

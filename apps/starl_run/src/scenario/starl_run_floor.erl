@@ -6,6 +6,9 @@
 
 -export_type([problem_of_fault/0]).
 
+%% The longest file of places.
+-define(MOST_BYTES, 10000000).
+
 %% The sizes of floors that a scenario may have (mm).
 -define(LEAST_MM, 1000).
 -define(MOST_MM, 1000000).
@@ -108,7 +111,7 @@ places(How, #{seed := Seed}, Scene, #{robots := Ids, profiles := Profiles} = Con
     Radius = lists:max([starl_chassis:radius_mm(Profile) || Profile <- Profiles]),
     case lists:keyfind(How, 1, words()) of
         {_, Word} -> starl_floor_placement:places(Word, Ids, Radius, Seed, walls(Scene, Context));
-        false -> listed(How, file:read_file(How), Ids, Scene)
+        false -> listed(How, starl_small_file:read(How, ?MOST_BYTES), Ids, Scene)
     end.
 
 words() -> [{atom_to_list(Word), Word} || Word <- [grid, line, circle, random]].

@@ -142,7 +142,7 @@ fault_problems(_) -> [].
 %% @doc Reads a scenario file; its terms are not checked yet.
 -spec read(file:filename()) -> {ok, #{atom() => term()}} | {error, reason()}.
 read(File) ->
-    case file:consult(File) of
+    case starl_terms:consult(File) of
         {ok, [Scenario]} when is_map(Scenario) -> {ok, Scenario};
         {ok, _} ->
             {error, {shape, File}};
