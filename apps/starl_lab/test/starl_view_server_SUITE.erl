@@ -5,7 +5,7 @@
 
 -export([all/0, init_per_testcase/2, end_per_testcase/2]).
 -export([files/1, only_its_own_page/1, a_token_for_others/1, a_page_gets_the_run/1]).
--export([a_token_for_neighbours/1]).
+-export([an_odd_request_is_refused/1, a_token_for_neighbours/1]).
 -export([the_first_page/1]).
 -export([
     a_page_before_the_run/1,
@@ -28,6 +28,7 @@ all() ->
         only_its_own_page,
         a_token_for_others,
         a_token_for_neighbours,
+        an_odd_request_is_refused,
         the_first_page,
         a_page_gets_the_run,
         a_page_before_the_run,
@@ -92,6 +93,24 @@ a_token_for_neighbours(Config) ->
     ?assertMatch({403, _}, ?C:connect(Wrong, Headers)),
     ?assertMatch({403, _}, ?C:connect(Wrong, "/", [{"Sec-WebSocket-Protocol", ?FOXGLOVE}])),
     ?assertMatch({403, _}, ?C:connect(Port, "/", [{"Sec-WebSocket-Protocol", ?FOXGLOVE}])).
+
+%% Whoever has no token cannot even make the server say something on the user's terminal.
+an_odd_request_is_refused(Config) ->
+    {Port, Token} = ?config(door, Config),
+    Own = {"Origin", "http://127.0.0.1:" ++ integer_to_list(Port)},
+    Foxglove = {"Sec-WebSocket-Protocol", ?FOXGLOVE},
+    Queries = ["token", "token=", "token=%zz", "token=%ff", "%", "token=%", "token&token", "&&=&"],
+    [
+        ?assertMatch({Query, {403, _}}, {Query, ?C:connect(Port, Path ++ Query, Headers)})
+     || Query <- Queries, {Path, Headers} <- [{"/ws?", [Own]}, {"/foxglove?", [Foxglove]}]
+    ],
+    [
+        ?assertMatch(
+            {Origin, {403, _}},
+            {Origin, ?C:connect({Port, Token}, "/", [Foxglove, {"Origin", Origin}])}
+        )
+     || Origin <- [[255], "http://[::", "http://localhost:8080.evil.example", "//", "file:"]
+    ].
 
 a_token_for_others(_Config) ->
     {ok, View} = starl_view:start(#{port => 0, host => "0.0.0.0"}),
