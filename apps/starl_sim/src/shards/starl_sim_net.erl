@@ -14,6 +14,7 @@
     {bad_name, string()}
     | no_epmd
     | {epmd, file:filename()}
+    | {epmd_here_alone, Host :: string()}
     | {no_distribution, node()}
     | {is_named, node()}.
 
@@ -49,7 +50,9 @@ full_name(Text) ->
     {error, {bad_name, Text}}.
 
 named(Name, Host, Text) ->
-    Is = fun(Part, Pattern) -> re:run(Part, Pattern, [{capture, none}]) =:= match end,
+    Is = fun(Part, Pattern) ->
+        re:run(Part, Pattern, [{capture, none}, dollar_endonly]) =:= match
+    end,
     case Is(Name, "^[A-Za-z0-9_-]+$") andalso Is(Host, "^[A-Za-z0-9_.:-]+$") of
         true -> {ok, list_to_atom(Name ++ "@" ++ Host)};
         false -> {error, {bad_name, Text}}
@@ -67,6 +70,12 @@ format_error(no_epmd) ->
     "nodes need Erlang's port mapper epmd, which is not in PATH; it comes with Erlang/OTP";
 format_error({epmd, Exe}) ->
     ["nodes need Erlang's port mapper; ", Exe, " -daemon does not answer on port 4369"];
+format_error({epmd_here_alone, Host}) ->
+    [
+        "Erlang's port mapper runs here for this computer alone, not at ",
+        Host,
+        "; end its nodes, say epmd -kill, and try again"
+    ];
 format_error({no_distribution, Node}) ->
     io_lib:format(
         "this machine cannot be node ~ts: its name is taken, its host is not this machine, or "
@@ -80,8 +89,29 @@ format_error({is_named, Node}) ->
 
 with_epmd(Wish) ->
     case erl_epmd:names() of
-        {ok, _} -> distribute(Wish);
+        {ok, _} -> with_running(Wish);
         {error, _} -> with_exe(epmd(), Wish)
+    end.
+
+%% One that was started for this computer alone is not heard of by others.
+with_running(#{name := Name} = Wish) ->
+    Host = host(Name),
+    Is = maps:get(loopback, Wish, false) orelse {inet:getaddr(Host, inet), erl_epmd:names(Host)},
+    case Is of
+        {{ok, _}, {error, _}} -> {error, {epmd_here_alone, Host}};
+        _ -> distribute(Wish)
+    end.
+
+%% Where the port mapper listens, beside 127.0.0.1: where the node does. Once it runs it serves all nodes here.
+epmd_env(#{name := Name} = Wish) ->
+    Host = host(Name),
+    case
+        {os:getenv("ERL_EPMD_ADDRESS"), maps:get(loopback, Wish, false), inet:getaddr(Host, inet)}
+    of
+        {[_ | _], _, _} -> [];
+        {_, true, _} -> [{"ERL_EPMD_ADDRESS", "127.0.0.1"}];
+        {_, false, {ok, Ip}} -> [{"ERL_EPMD_ADDRESS", inet:ntoa(Ip)}];
+        {_, false, {error, _}} -> []
     end.
 
 %% The epmd of this Erlang, or of another one: all versions speak one protocol.
@@ -96,7 +126,8 @@ epmd() ->
 with_exe(false, _Wish) ->
     {error, no_epmd};
 with_exe(Exe, Wish) ->
-    Port = open_port({spawn_executable, Exe}, [{args, ["-daemon"]}, exit_status, hide]),
+    Options = [{args, ["-daemon"]}, {env, epmd_env(Wish)}, exit_status, hide],
+    Port = open_port({spawn_executable, Exe}, Options),
     receive
         {Port, {exit_status, _}} -> ok
     end,
