@@ -12,6 +12,7 @@ control_characters_are_replaced_test_() ->
             {"done\rcomplete", "done\x{fffd}complete"},
             {"\x{9b}31m", "\x{fffd}31m"},
             {"\x{202e}txt", "\x{fffd}txt"},
+            {"a\x{200f}\x{200e}\x{61c}b", "a\x{fffd}\x{fffd}\x{fffd}b"},
             {"\x{7f}", "\x{fffd}"}
         ]
     ].

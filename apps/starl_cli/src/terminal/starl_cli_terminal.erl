@@ -94,6 +94,7 @@ shown(C) when C =:= $\n; C =:= $\t -> C;
 shown(C) when C < 16#20; C >= 16#7F, C < 16#A0 -> ?REPLACED;
 %% marks of the direction of a text, and separators of lines
 shown(C) when C >= 16#202A, C =< 16#202E; C >= 16#2066, C =< 16#2069 -> ?REPLACED;
+shown(C) when C =:= 16#061C; C =:= 16#200E; C =:= 16#200F -> ?REPLACED;
 shown(C) when C =:= 16#2028; C =:= 16#2029; C =:= 16#FEFF -> ?REPLACED;
 shown(C) -> C.
 
