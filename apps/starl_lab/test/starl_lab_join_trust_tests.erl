@@ -66,6 +66,34 @@ begun_elsewhere() ->
         file:del_dir_r(Base)
     end.
 
+%% Slices that never end are none; nor is a source that would be looked into for its purpose.
+endless_files_test_() ->
+    {timeout, 30, fun() ->
+        Dir = string:trim(os:cmd("mktemp -d")),
+        {ok, Cwd} = file:get_cwd(),
+        try
+            ok = file:set_cwd(Dir),
+            [
+                begin
+                    "" = os:cmd(
+                        Make ++ " runs.csv; " ++ Make ++ " x.erl; mkdir -p src; " ++ Make ++
+                            " src/y.erl"
+                    ),
+                    ?assertMatch(
+                        {Make, {error, {file, _, _}}},
+                        {Make, starl_lab_sweep_rows:read("runs.csv", none)}
+                    ),
+                    ?assert(is_list(starl_cli_target:purposes())),
+                    "" = os:cmd("rm runs.csv x.erl src/y.erl")
+                end
+             || Make <- ["mkfifo", "ln -s /dev/zero", "truncate -s 5T"]
+            ]
+        after
+            ok = file:set_cwd(Cwd),
+            file:del_dir_r(Dir)
+        end
+    end}.
+
 slice(Dir, Args) ->
     ok = filelib:ensure_path(Dir),
     File = filename:join(Dir, "slice-1-of-1"),

@@ -26,6 +26,8 @@
 -type code() :: {module(), Source :: file:filename(), Beam :: binary()}.
 
 -define(PREFIX, "starl_").
+%% The longest source or scenario that is looked into for its purpose.
+-define(SOURCE_BYTES, 10000000).
 %% Directories whose sources are not one application.
 -define(NO_TEAM, ["src", "test", "examples"]).
 
@@ -72,7 +74,7 @@ sources(Pattern, Dir) ->
     [
         File
      || File <- filelib:wildcard(Pattern, Dir),
-        {ok, Text} <- [file:read_file(filename:join(Dir, File))],
+        {ok, Text} <- [starl_small_file:read(filename:join(Dir, File), ?SOURCE_BYTES)],
         nomatch =/= re:run(Text, "^-behaviou?r[(]starl_app[)]", [multiline])
     ].
 
@@ -431,7 +433,7 @@ name_of(App) ->
 scenario_dir() -> filename:join([root(), "config", "scenarios"]).
 
 doc(File) ->
-    case file:read_file(File) of
+    case starl_small_file:read(File, ?SOURCE_BYTES) of
         {ok, Text} -> first_comment(string:split(Text, "\n", all));
         {error, _} -> ""
     end.

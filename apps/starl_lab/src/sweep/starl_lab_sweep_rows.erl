@@ -9,6 +9,9 @@
 
 -export_type([columns/0, key/0, row/0, rows/0, status/0, reason/0]).
 
+%% The longest file of rows.
+-define(MOST_BYTES, (1 bsl 30)).
+
 %% `key': the names of the columns that identify a run; `figures': those of the report's figures and
 %% the type of each; `measures': those of which there is a curve. The status stands after the key.
 -record(columns, {
@@ -133,7 +136,7 @@ curve(Columns, Measure, Row) ->
 -spec read(file:filename(), columns()) ->
     {ok, rows(), Bytes :: non_neg_integer()} | {error, reason()}.
 read(File, Columns) ->
-    case file:read_file(File) of
+    case starl_small_file:read(File, ?MOST_BYTES) of
         {ok, Text} ->
             {Lines, Bytes} = starl_lab_csv:parse(Text),
             known(Lines, Bytes, File, Columns);
