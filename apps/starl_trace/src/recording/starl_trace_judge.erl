@@ -65,21 +65,22 @@ file(File) ->
 %% A computer that stood still says so afterwards, and what it explains was before that. In the simulator a fault
 %% says it before: such a recording is read once.
 late(File) ->
-    case starl_trace_reader:start(File) of
-        {ok, Cursor} ->
+    case starl_trace_chunks:open(File) of
+        {ok, Chunks} ->
             try
-                late(Cursor, [])
+                late(Chunks, [])
             after
-                starl_trace_reader:stop(Cursor)
+                starl_trace_chunks:close(Chunks)
             end;
         {error, _} ->
             []
     end.
 
-late(Cursor, Late) ->
-    case starl_trace_reader:next(Cursor) of
-        {ok, [{scenario, _, #{kind := simulation}} | _], _Next} -> [];
-        {ok, Messages, Next} -> late(Next, [starl_assumption:late(facts(Messages)) | Late]);
+%% The positions, which the reader computes, are no matter here.
+late(Chunks, Late) ->
+    case starl_trace_chunks:next(Chunks) of
+        {ok, [{scenario, _, #{kind := simulation}} | _], _Left} -> [];
+        {ok, Messages, Left} -> late(Left, [starl_assumption:late(facts(Messages)) | Late]);
         _ -> lists:append(lists:reverse(Late))
     end.
 
