@@ -1,13 +1,13 @@
 %% Counters with a bug, to show that the monitor finds it. `adds': what is heard is added to what is
 %% known. `replaces': what is heard takes the place of what is known. `zero': it never shows a count.
-%% `reborn': a later life counts in the entry of the first one.
+%% `reborn': a later life counts as the first one, and has forgotten what that counted.
 -module(starl_counter_bug).
 -behaviour(starl_machine).
 
 -export([init/1, handle_event/5]).
 
 init(#{bug := reborn} = Config) ->
-    begun(reborn, Config#{incarnation := 1});
+    begun(reborn, Config#{incarnation := 1, stored := none});
 init(#{bug := Bug} = Config) ->
     begun(Bug, Config).
 
@@ -20,13 +20,16 @@ handle_event(Type, Content, State, {Bug, Data}, Meta) ->
     Known = known(Bug, Type, Data),
     wrapped(Bug, starl_counter_gossip:handle_event(Type, Heard, State, Known, Meta)).
 
-%% The third element of its record are its entries.
+%% The third element of its record are its tallies.
 known(replaces, cast, Data) -> setelement(3, Data, #{});
 known(_Bug, _Type, Data) -> Data.
 
 %% Counts that are added look like those of a life that nobody has.
-heard(adds, cast, {message, From, counter, {entries, [{Robot, Life, N} | Rest]}}, #{now := Now}) ->
-    {message, From, counter, {entries, [{Robot, Life + abs(Now), N} | Rest]}};
+heard(adds, cast, {message, From, counter, {tallies, [{Robot, H, Sum, Lives} | Rest]}}, #{
+    now := Now
+}) ->
+    Added = [{Life + abs(Now), N} || {Life, N} <- Lives],
+    {message, From, counter, {tallies, [{Robot, H, Sum, Added} | Rest]}};
 heard(_Bug, _Type, Content, _Meta) ->
     Content.
 

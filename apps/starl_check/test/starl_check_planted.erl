@@ -25,7 +25,7 @@ init(#{variant := numbered} = Config) ->
     {State, {starl_barrier_rounds, Data}, Actions};
 init(#{variant := calling} = Config) ->
     {State, Data, Actions} = starl_counter_gossip:init(Config),
-    Calls = [starl_sap:post(Robot, counter, {entries, []}) || Robot <- [1, 9]],
+    Calls = [starl_sap:post(Robot, counter, {tallies, []}) || Robot <- [1, 9]],
     {State, {starl_counter_gossip, Data}, Actions ++ Calls};
 init(#{variant := unread, incarnation := Life} = Config) ->
     Read = [{stored, {0, 0, 0}} || Life > 1] ++ [none],

@@ -4,8 +4,8 @@
 %% Each robot counts its own increments; the value is the sum over all robots, as far as this one
 %% has heard. Guarantee: a value never goes back at a robot, unless its machine has restarted, and never
 %% exceeds the increments that were made; when increments stop and messages get through, all robots
-%% read the same value. Increments are lost if their robot crashes before another robot has heard
-%% of them.
+%% read the same value. Increments are stored. They are lost if their robot loses its store before another
+%% robot has heard of them.
 %% ```
 %%   blocks() -> [starl_counter].
 %%   {ok, Value} = starl_counter:increment(Robot),

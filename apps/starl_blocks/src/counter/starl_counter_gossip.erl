@@ -1,15 +1,24 @@
-%% @doc A counter that only grows, by gossip: each robot has an entry for every robot, and tells its
-%% entries to the others in turn; of two numbers for one entry the larger is the later one.
+%% @doc A counter that only grows, by gossip: each robot has a tally of every robot, and tells its
+%% tallies to the others in turn ({@link starl_counter_tally}).
 %% ```
 %%   robot                                     the next of the others
-%%     | entries [{Robot, Life, Count}] ------------>|   takes the larger of each
+%%     | tallies [{Robot, what it counted}] -------->|   merges each with its own
 %%     |            (after gossip_ms: to the one after that)
 %% '''
-%% A restarted machine has forgotten its count. It counts in a new entry, that of its life, so no
-%% entry ever goes back and nothing need be stored.
+%% What does not fit into one message goes in several.
+%%
+%% A robot stores its own tally before it answers an increment. A restarted machine goes on with what is
+%% stored, in a life of its own. If the store is lost, damaged or set back, the others know more of the
+%% robot's earlier lives, and it merges what they tell.
+%%
+%% Memory is bounded by the robots of the team: nobody else is counted. Only the robot itself can know of
+%% a count in its present life. If somebody claims to, the claim is false, and the robot goes on in a life
+%% beyond the claimed one. So that there always is one, nobody believes at once in a life that is far beyond
+%% all that robots begin: after such claims a later one is believed, a step each time that the robot tells its
+%% tallies. How far it has come is stored, so the robots agree after restarts, too.
 %%
 %% Calls: `increment' and `value', answered with the value. Trace: `{incremented, Value}',
-%% `{holds, Value}' when others are heard to have counted, `{read, Value}'.
+%% `{holds, Value}' when others are heard to have counted, and after a restart; `{read, Value}'.
 -module(starl_counter_gossip).
 -behaviour(starl_machine).
 
@@ -21,45 +30,65 @@
 -type event() :: {incremented, value()} | {holds, value()} | {read, value()}.
 
 -record(counter, {
-    %% this machine's entry: its robot, and which life of the robot it is
-    own :: entry(),
-    entries = #{} :: #{entry() => pos_integer()},
+    self :: starl:robot_id(),
+    tallies = #{} :: #{starl:robot_id() => starl_counter_tally:t()},
+    team :: starl_team:t(),
+    %% the life in which this machine counts
+    life :: starl_counter_tally:life(),
     %% the others, the next to be told first
     others :: [starl:robot_id()],
-    gossip_us :: pos_integer()
+    gossip_us :: pos_integer(),
+    %% the latest life of a robot that is believed, where it is not ?LIFE
+    believed = #{} :: #{starl:robot_id() => starl_counter_tally:life()},
+    %% the robots of which a later one has been claimed since this robot has last told its tallies
+    beyond = [] :: [starl:robot_id()]
 }).
 
--type entry() :: {starl:robot_id(), Life :: pos_integer()}.
-
 -define(GOSSIP_MS, 1000).
+%% Beyond all lives that a robot begins by itself ({@link starl_robot_machines:lots/0}); and the step by which
+%% the latest life that is believed rises.
+-define(LIFE, (1 bsl 58)).
 
 -spec has_history() -> true.
 has_history() -> true.
 
 -spec init(starl_machine:config()) -> {ready, #counter{}, [starl_machine:action()]}.
-init(#{robot := Self, participants := Team, incarnation := Life} = Config) ->
+init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config) ->
+    {Own, Believed} = stored(Config),
     Counter = #counter{
-        own = {Self, Life},
+        self = Self,
+        tallies = maps:from_list([{Self, Own} || Own =/= starl_counter_tally:new()]),
+        team = Team,
+        life = max(Incarnation, starl_counter_tally:newest(Own) + 1),
         others = starl_team:others(Self, Team),
+        believed = Believed,
         gossip_us = 1000 * maps:get(gossip_ms, Config, ?GOSSIP_MS)
     },
-    {ready, Counter, [starl_sap:listen(counter, counter), gossip(Counter)]}.
+    Holds = [{trace, {holds, Value}} || Value <- [value(Counter)], Value > 0],
+    {ready, Counter, Holds ++ [starl_sap:listen(counter, counter), gossip(Counter)]}.
+
+stored(#{stored := {stored, Kept}}) -> Kept;
+stored(#{stored := _NoneOrDamaged}) -> {starl_counter_tally:new(), #{}}.
+
+store(#counter{self = Self, believed = Believed} = Counter) ->
+    {store, {tally(Self, Counter), Believed}}.
 
 -spec handle_event(
     starl_machine:event_type(), term(), ready, #counter{}, starl_machine:meta()
 ) -> starl_machine:result().
-handle_event({call, From}, increment, ready, #counter{own = Own, entries = Entries} = C, _Meta) ->
-    Counted = C#counter{entries = maps:update_with(Own, fun(N) -> N + 1 end, 1, Entries)},
+handle_event({call, From}, increment, ready, #counter{self = Self, life = Life} = C, _Meta) ->
+    Counted = put_tally(Self, starl_counter_tally:add(Life, tally(Self, C)), C),
     Value = value(Counted),
-    {keep_state, Counted, [{trace, {incremented, Value}}, {reply, From, Value}]};
+    {keep_state, Counted, [{trace, {incremented, Value}}, store(Counted), {reply, From, Value}]};
 handle_event({call, From}, value, ready, Counter, _Meta) ->
     Value = value(Counter),
     {keep_state_and_data, [{trace, {read, Value}}, {reply, From, Value}]};
 handle_event({timeout, gossip}, _, ready, Counter, _Meta) ->
-    {Told, Actions} = tell(Counter),
-    {keep_state, Told, Actions ++ [gossip(Told)]};
-handle_event(cast, {message, _From, counter, {entries, List}}, ready, Counter, _Meta) ->
-    heard(lists:foldl(fun larger/2, Counter#counter.entries, List), Counter);
+    {Wider, Store} = widen(Counter),
+    {Told, Actions} = tell(Wider),
+    {keep_state, Told, Store ++ Actions ++ [gossip(Told)]};
+handle_event(cast, {message, _From, counter, {tallies, List}}, ready, Counter, _Meta) ->
+    heard(lists:foldl(fun claimed/2, Counter, List), Counter);
 handle_event(info, {restarted, sap}, ready, _Counter, _Meta) ->
     {keep_state_and_data, [starl_sap:listen(counter, counter)]};
 handle_event(info, {restarted, _}, ready, _Counter, _Meta) ->
@@ -69,25 +98,75 @@ handle_event(_, _, _, _, _) ->
 
 %% @private What comes over the radio.
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
-accepts(counter, {entries, List}) -> starl_shape:is({list, [count, count, count]}, List);
+accepts(counter, {tallies, List}) -> starl_shape:is({list, starl_counter_tally:shape()}, List);
 accepts(_, _) -> false.
 
-value(#counter{entries = Entries}) -> lists:sum(maps:values(Entries)).
+value(#counter{tallies = Tallies}) ->
+    lists:sum([starl_counter_tally:total(Tally) || Tally <- maps:values(Tallies)]).
+
+tally(Robot, #counter{tallies = Tallies}) ->
+    maps:get(Robot, Tallies, starl_counter_tally:new()).
+
+put_tally(Robot, Tally, #counter{tallies = Tallies} = Counter) ->
+    Counter#counter{tallies = Tallies#{Robot => Tally}}.
 
 gossip(#counter{gossip_us = Us}) -> {{timeout, gossip}, Us, gossip}.
 
-%% A robot without entries has nothing to tell.
-tell(#counter{others = [To | Others], entries = Entries} = Counter) when map_size(Entries) > 0 ->
-    List = [{Robot, Life, N} || {{Robot, Life}, N} <- lists:sort(maps:to_list(Entries))],
-    {Counter#counter{others = Others ++ [To]}, [starl_sap:post(To, counter, {entries, List})]};
+%% A robot without tallies has nothing to tell.
+tell(#counter{others = [To | Others], tallies = Tallies} = Counter) when map_size(Tallies) > 0 ->
+    List = [
+        starl_counter_tally:to_term(Robot, Tally)
+     || {Robot, Tally} <- lists:sort(maps:to_list(Tallies))
+    ],
+    Posts = [starl_sap:post(To, counter, {tallies, Part}) || Part <- starl_payload:parts(List)],
+    {Counter#counter{others = Others ++ [To]}, Posts};
 tell(Counter) ->
     {Counter, []}.
 
-larger({Robot, Life, N}, Entries) ->
-    maps:update_with({Robot, Life}, fun(Known) -> max(Known, N) end, N, Entries).
+%% -- what others claim ----------------------------------------------------------------------
 
-heard(Entries, #counter{entries = Entries}) ->
-    keep_state_and_data;
-heard(Entries, Counter) ->
-    More = Counter#counter{entries = Entries},
-    {keep_state, More, [{trace, {holds, value(More)}}]}.
+claimed(Told, #counter{team = Team} = Counter) ->
+    case starl_counter_tally:of_term(Told) of
+        {Robot, Claim} ->
+            case starl_team:has(Robot, Team) of
+                true -> believe(Robot, Claim, Counter);
+                false -> Counter
+            end;
+        malformed ->
+            Counter
+    end.
+
+believe(Robot, Claim, #counter{beyond = Beyond} = Counter) ->
+    case starl_counter_tally:newest(Claim) > latest(Robot, Counter) of
+        true ->
+            Counter#counter{beyond = ordsets:add_element(Robot, Beyond)};
+        false ->
+            Before = tally(Robot, Counter),
+            After = starl_counter_tally:merge(Claim, Before),
+            go_on(Robot, Before, After, put_tally(Robot, After, Counter))
+    end.
+
+latest(Robot, #counter{believed = Believed}) -> maps:get(Robot, Believed, ?LIFE).
+
+%% A life beyond all that are believed may be believed when it is claimed again.
+widen(#counter{beyond = []} = Counter) ->
+    {Counter, []};
+widen(#counter{beyond = Beyond, believed = Believed} = Counter) ->
+    Later = maps:from_list([{Robot, latest(Robot, Counter) + ?LIFE} || Robot <- Beyond]),
+    Wider = Counter#counter{beyond = [], believed = maps:merge(Believed, Later)},
+    {Wider, [store(Wider)]}.
+
+%% A false claim about the present life of this robot ends that life.
+go_on(Self, Before, After, #counter{self = Self, life = Life} = Counter) ->
+    case starl_counter_tally:is_taken(Life, Before, After) of
+        true -> Counter#counter{life = starl_counter_tally:newest(After) + 1};
+        false -> Counter
+    end;
+go_on(_Other, _Before, _After, Counter) ->
+    Counter.
+
+heard(Next, Before) ->
+    case {value(Next), value(Before)} of
+        {Same, Same} -> {keep_state, Next};
+        {More, _} -> {keep_state, Next, [{trace, {holds, More}}]}
+    end.

@@ -77,8 +77,6 @@
 
 %% The number of other robots that are asked after a restart.
 -define(ASKED, 3).
-%% The most bytes of a list in a message: that of a message, less its bounds.
--define(PART, 56_000).
 %% The stored time is ahead by this, so a time is stored at most once in this time.
 -define(RESERVED_US, 1000000).
 %% A refusal counts for so many exchanges, times the number of others. Two robots exchange twice as often.
@@ -327,14 +325,17 @@ message({beyond, Stamp}, Source, Now, Lww) ->
     denied(Source, Stamp, Now, Lww);
 message({sync, Hash}, Source, _Now, Lww) ->
     Own = digest(Lww),
-    {Lww, [post(Source, Digest) || hash(Own) =/= Hash, Digest <- digests(parts(Own), none)]};
+    {Lww, [
+        post(Source, Digest)
+     || hash(Own) =/= Hash, Digest <- digests(starl_payload:parts(Own), none)
+    ]};
 message({digest, Theirs}, Source, Now, Lww) ->
     message({digest, Theirs, none, none}, Source, Now, Lww);
 message({digest, Theirs, After, Last}, Source, _Now, Lww) ->
     {Lww, differences(Theirs, {After, Last}, Source, Lww)};
 message({want, Names}, Source, _Now, #lww{entries = Entries} = Lww) ->
     Wanted = [{Name, V, S} || Name <- Names, #{Name := {V, S}} <- [Entries]],
-    {Lww, [post(Source, Body) || Body <- told(parts(Wanted))]}.
+    {Lww, [post(Source, Body) || Body <- told(starl_payload:parts(Wanted))]}.
 
 %% What another robot does not know of the names in this range, and the names of which it knows more.
 differences(Theirs, {After, Last}, Source, #lww{entries = Entries}) ->
@@ -349,8 +350,8 @@ differences(Theirs, {After, Last}, Source, #lww{entries = Entries}) ->
     Want = [Name || {Name, Stamp} <- Theirs, is_later(Name, Stamp, Entries)],
     %% a robot that knows nothing waits for an answer, even an empty one
     Told = Later =/= [] orelse Theirs =:= [],
-    [post(Source, Body) || Told, Body <- told(parts(Later))] ++
-        [post(Source, {want, Part}) || Want =/= [], Part <- parts(Want)].
+    [post(Source, Body) || Told, Body <- told(starl_payload:parts(Later))] ++
+        [post(Source, {want, Part}) || Want =/= [], Part <- starl_payload:parts(Want)].
 
 %% Parts do not end a recovery: another may be under way.
 told([Entries]) -> [{entries, Entries}];
@@ -364,23 +365,6 @@ digests([Digest], After) ->
 digests([Digest | Digests], After) ->
     {Name, _} = lists:last(Digest),
     [{digest, Digest, After, {name, Name}} | digests(Digests, {name, Name})].
-
-%% The list in parts that each fit into a message.
-parts(List) ->
-    case erlang:external_size(List) =< ?PART of
-        true -> [List];
-        false -> parts(List, [], 0)
-    end.
-
-parts([], Part, _Bytes) ->
-    [lists:reverse(Part)];
-parts([Term | Terms], Part, Bytes) ->
-    case Bytes + erlang:external_size(Term) of
-        Most when Most > ?PART, Part =/= [] ->
-            [lists:reverse(Part) | parts(Terms, [Term], erlang:external_size(Term))];
-        More ->
-            parts(Terms, [Term | Part], More)
-    end.
 
 -spec take([entry()], starl:robot_id(), Now :: integer(), #lww{}) ->
     {#lww{}, [starl_machine:action()]}.

@@ -14,7 +14,7 @@
 %% holds packets to the same bounds.
 -module(starl_payload).
 
--export([check/2, most_bytes/1, deepest/1, expected/1, format_error/2]).
+-export([check/2, most_bytes/1, deepest/1, parts/1, expected/1, format_error/2]).
 
 -export_type([kind/0, reason/0, odd/0]).
 
@@ -31,6 +31,8 @@
 -define(HUGE, (1 bsl 2040)).
 %% The most bytes for each byte that the walk counts: an atom has at most 255 characters.
 -define(LONGEST, 1023).
+%% The most bytes of a list in a message: those of a message, less what is around the list.
+-define(PART, 56_000).
 
 %% @doc Is the term a payload of this kind? No more of the term is looked at than the kind allows.
 -spec check(kind(), term()) -> ok | {error, reason()}.
@@ -68,6 +70,25 @@ deepest(message) -> 60;
 deepest(content) -> 50;
 deepest(label) -> 50;
 deepest(kept) -> 500.
+
+%% @doc The list in parts that each fit into a message, with a few words around it. A term that is larger
+%% than that makes a part of its own.
+-spec parts(List) -> [List, ...] when List :: [term()].
+parts(List) ->
+    case erlang:external_size(List) =< ?PART of
+        true -> [List];
+        false -> parts(List, [], 0)
+    end.
+
+parts([], Part, _Bytes) ->
+    [lists:reverse(Part)];
+parts([Term | Terms], Part, Bytes) ->
+    case Bytes + erlang:external_size(Term) of
+        Most when Most > ?PART, Part =/= [] ->
+            [lists:reverse(Part) | parts(Terms, [Term], erlang:external_size(Term))];
+        More ->
+            parts(Terms, [Term | Part], More)
+    end.
 
 %% @doc What a term of this kind is.
 -spec expected(kind()) -> string().
