@@ -75,7 +75,10 @@ blocks_test() ->
     ?assertEqual([{barrier, starl_barrier_rounds, Options}], starl_barrier:machines(Options)).
 
 declared_test() ->
-    ?assertMatch([{retry_ms, {integer, 1, 1000000000}, 3000, _}], starl_barrier:options()),
+    ?assertMatch(
+        [{retry_ms, {integer, 1, 1000000000}, 3000, _}, {names, {integer, 1, 1000000}, 256, _}],
+        starl_barrier:options()
+    ),
     ?assertEqual(
         [{starl_barrier_monitor, #{robots => [1, 2], retry_us => 7000}}],
         starl_barrier:monitors(#{retry_ms => 7}, #{robots => [1, 2]})

@@ -37,12 +37,12 @@
 %% @doc The round that the next `sync' with this name is for, with half a minute's patience: it is
 %% known at once in the robot's first life; later, or if what it stored is damaged, when all others
 %% have answered.
--spec round(starl:robot(), name()) -> {ok, round()} | {error, timeout | restarted}.
+-spec round(starl:robot(), name()) -> {ok, round()} | {error, full | timeout | restarted}.
 round(Robot, Name) -> round(Robot, Name, ?PATIENCE_MS).
 
 %% @doc The same with a timeout in milliseconds.
 -spec round(starl:robot(), name(), Ms :: pos_integer()) ->
-    {ok, round()} | {error, timeout | restarted}.
+    {ok, round()} | {error, full | timeout | restarted}.
 round(Robot, Name, Ms) ->
     ok = starl_caller:payload({?MODULE, round, 3}, 'Name', label, Name),
     ok = starl_caller:check({?MODULE, round, 3}, 'Ms', positive_ms, Ms),
@@ -51,16 +51,22 @@ round(Robot, Name, Ms) ->
         {error, _} = Error -> Error
     end.
 
-turn(Robot, Name, Ms) -> starl:call(Robot, barrier, {round, Name}, Ms).
+turn(Robot, Name, Ms) ->
+    case starl:call(Robot, barrier, {round, Name}, Ms) of
+        {ok, {error, full}} -> {error, full};
+        Answer -> Answer
+    end.
 
-%% @doc Waits until all robots have reached this round, with half a minute's patience.
--spec sync(starl:robot(), name()) -> ok | {error, timeout | restarted}.
+%% @doc Waits until all robots have reached this round, with half a minute's patience. `full': the robot has used as
+%% many other names as it may.
+-spec sync(starl:robot(), name()) -> ok | {error, full | timeout | restarted}.
 sync(Robot, Name) -> sync(Robot, Name, ?PATIENCE_MS).
 
 %% @doc The same with a timeout in milliseconds. A robot that failed may call again: it
 %% has still reached the round and waits for the same one, also when its barrier machine has
 %% crashed meanwhile (`restarted').
--spec sync(starl:robot(), name(), Ms :: pos_integer()) -> ok | {error, timeout | restarted}.
+-spec sync(starl:robot(), name(), Ms :: pos_integer()) ->
+    ok | {error, full | timeout | restarted}.
 sync(Robot, Name, Ms) ->
     ok = starl_caller:payload({?MODULE, sync, 3}, 'Name', label, Name),
     ok = starl_caller:check({?MODULE, sync, 3}, 'Ms', positive_ms, Ms),
@@ -94,7 +100,8 @@ remind(Robot, Name, Turn) ->
 options() ->
     [
         {retry_ms, {integer, 1, 1000000000}, 3000,
-            "a robot that waits asks those that it misses after this, ms"}
+            "a robot that waits asks those that it misses after this, ms"},
+        {names, {integer, 1, 1000000}, 256, "the most names that a robot uses"}
     ].
 
 -spec machines(starl_block:options()) -> [starl_robot_sup:machine()].

@@ -9,10 +9,16 @@
 %%
 %%     | who --------------------------------------->|   if its store is damaged, or may be old
 %%     |<-------- told [{Name, their K, my K, ...}]  |
+%%     | who, after the last of these names -------->|   if these are not all
 %% '''
 %% For each name a robot keeps the rounds that each robot has reached ({@link starl_barrier_gate}).
 %% These counts only grow, so a message that is late or comes twice changes nothing. No entry is
 %% ever deleted, so such a message brings none back.
+%%
+%% Names are bounded. The application may use `names' of them; further ones are answered with `{error, full}'. Names
+%% that only others have used are kept for the robot that was first heard to use them, at most twice `names' for each
+%% robot. What is not kept is asked for when the application uses the name. So a robot that makes up names takes
+%% no room of others.
 %%
 %% The robot stores its own counts: a reached round before it announces it, a passed round before it
 %% answers. So they outlive a crash of the machine and a reboot of the robot. It asks for the
@@ -28,7 +34,7 @@
 %% no robot has passed it; else it counts as passed, so the next `sync' is for the round after it
 %% and waits for all.
 %%
-%% Calls: `{round, Name}' (the turn of the next `sync', {@link starl_barrier_gate:turn()}), `{sync,
+%% Calls: `{round, Name}' (the turn of the next `sync', {@link starl_barrier_gate:turn()}, or `{error, full}'), `{sync,
 %% Name, Turn, Us}' (answer `ok' or `{error, timeout}'), `{resume, Name, Turn}' (after a crash: the
 %% application has not passed this round). Trace: {@link event()}.
 -module(starl_barrier_rounds).
@@ -50,12 +56,17 @@
     | {failed, starl_barrier:name(), starl_barrier:round(), timeout | restarted}.
 
 -define(RETRY_MS, 3000).
+-define(NAMES, 256).
 
 -record(barrier, {
     others :: [starl:robot_id()],
     incarnation :: pos_integer(),
     retry_us :: pos_integer(),
     gates = #{} :: #{starl_barrier:name() => starl_barrier_gate:t()},
+    %% the most names that the application may use
+    names :: pos_integer(),
+    %% the names that only others have used, by the robot that was first heard to
+    foreign = #{} :: #{starl:robot_id() => #{starl_barrier:name() => true}},
     %% are this robot's earlier rounds known, from its store or from the others?
     settled :: boolean(),
     %% are the stored counts complete, or those of some names only?
@@ -73,13 +84,15 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
     #{stored := Stored} = Config,
     Others = starl_team:others(Self, Team),
     IsSure = Others =:= [] orelse maps:get(life, Config, {0, 1}) =:= {0, 1},
-    {Extent, Gates} = recall(Stored, IsSure),
+    {Extent, Gates, Foreign} = recall(Stored, IsSure),
     Settled = Others =:= [] orelse (IsSure andalso Extent =:= complete),
     Barrier = #barrier{
         others = Others,
         incarnation = Incarnation,
         retry_us = 1000 * maps:get(retry_ms, Config, ?RETRY_MS),
         gates = Gates,
+        names = maps:get(names, Config, ?NAMES),
+        foreign = Foreign,
         settled = Settled,
         extent = Extent,
         untold = [Other || Other <- Others, not Settled]
@@ -95,11 +108,14 @@ recalled(#barrier{gates = Gates}) ->
     ].
 
 recall(none, _IsSure) ->
-    {complete, #{}};
+    {complete, #{}, #{}};
 recall({stored, {Extent, Counts}}, IsSure) ->
-    {Extent, maps:map(fun(_Name, Count) -> starl_barrier_gate:recall(Count, IsSure) end, Counts)};
+    recall({stored, {Extent, Counts, #{}}}, IsSure);
+recall({stored, {Extent, Counts, Foreign}}, IsSure) ->
+    Gates = maps:map(fun(_Name, Count) -> starl_barrier_gate:recall(Count, IsSure) end, Counts),
+    {Extent, Gates, Foreign};
 recall(damaged, _IsSure) ->
-    {partial, #{}}.
+    {partial, #{}, #{}}.
 
 -spec handle_event(
     starl_machine:event_type(), term(), ready, #barrier{}, starl_machine:meta()
@@ -109,8 +125,9 @@ handle_event({call, From}, {round, Name}, ready, Barrier, _Meta) ->
 handle_event({call, From}, {sync, Name, Turn, Us}, ready, Barrier, _Meta) ->
     sync(From, Name, Turn, Us, Barrier);
 handle_event({call, From}, {resume, Name, Turn}, ready, Barrier, _Meta) ->
-    Gate = starl_barrier_gate:resume(Turn, gate(Name, Barrier)),
-    {keep_state, put_gate(Name, Gate, Barrier), [{reply, From, ok}]};
+    Own = own(Name, Barrier),
+    Gate = starl_barrier_gate:resume(Turn, gate(Name, Own)),
+    {keep_state, put_gate(Name, Gate, Own), [{reply, From, ok}]};
 handle_event(cast, {message, From, barrier, Message}, ready, Barrier, _Meta) ->
     message(Message, From, Barrier);
 handle_event({reply, {announced, Name, Round}}, Outcome, ready, Barrier, _Meta) ->
@@ -133,24 +150,39 @@ handle_event(_, _, _, _, _) ->
 %% @private What comes over the radio.
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
 accepts(barrier, {reached, _, _, _, _} = Body) ->
-    starl_shape:is([any, any, natural, natural, boolean], Body);
+    starl_shape:is([any, label, natural, natural, boolean], Body);
 accepts(barrier, {who, Incarnation}) ->
     starl_shape:is(count, Incarnation);
+accepts(barrier, {who, _, _} = Body) ->
+    starl_shape:is([any, count, label], Body);
 accepts(barrier, {told, _, _, _} = Body) ->
-    Facts = {list, [any, natural, natural, natural]},
-    starl_shape:is([any, count, boolean, Facts], Body);
+    starl_shape:is([any, count, boolean, facts()], Body);
+accepts(barrier, {part, _, _} = Body) ->
+    starl_shape:is([any, count, facts()], Body);
 accepts(_Type, _Body) ->
     false.
 
+facts() -> {list, [label, natural, natural, natural]}.
+
 message({reached, Name, Round, Known, Answer}, From, Barrier) ->
-    Heard = hear(Name, From, Round, Known, Barrier),
+    Heard = hear(Name, From, Round, Known, admit(Name, From, Barrier)),
     {keep_state, Passed, Actions} = check(Name, [], Heard),
     {keep_state, Passed, [report(Name, From, false, Passed) || Answer] ++ Actions};
-message({who, Incarnation}, From, #barrier{gates = Gates, settled = Settled} = Barrier) ->
-    Facts = [fact(From, Named) || Named <- lists:sort(maps:to_list(Gates))],
-    {keep_state, Barrier, [starl_sap:post(From, barrier, {told, Incarnation, Settled, Facts})]};
+message({who, Incarnation}, From, Barrier) ->
+    {keep_state, Barrier, [answer(From, Incarnation, facts(From, Barrier), Barrier)]};
+message({who, Incarnation, After}, From, Barrier) ->
+    Facts = [Fact || Fact <- facts(From, Barrier), element(1, Fact) > After],
+    {keep_state, Barrier, [answer(From, Incarnation, Facts, Barrier)]};
 message({told, Incarnation, Certain, Facts}, From, #barrier{incarnation = Incarnation} = Barrier) ->
-    told(Certain, Facts, From, Barrier);
+    told(Certain, From, learn(Facts, From, Barrier));
+message({part, Incarnation, Facts}, From, #barrier{incarnation = Incarnation} = Barrier) ->
+    More = [
+        starl_sap:post(From, barrier, {who, Incarnation, element(1, lists:last(Facts))})
+     || Facts =/= []
+    ],
+    {keep_state, learn(Facts, From, Barrier), More};
+message({part, _Earlier, _Facts}, _From, _Barrier) ->
+    keep_state_and_data;
 message({told, _Earlier, _Certain, _Facts}, _From, _Barrier) ->
     keep_state_and_data;
 message(_, _, _) ->
@@ -163,10 +195,17 @@ round_of({Caller, _} = From, Name, #barrier{asking = Asking} = Barrier) ->
     Gate = gate(Name, Barrier),
     case starl_barrier_gate:is_sure(Gate) of
         false -> {keep_state, Barrier#barrier{asking = Asking#{{Caller, Name} => From}}, []};
-        true -> {keep_state, Barrier, [{reply, From, starl_barrier_gate:turn(Gate)}]}
+        true -> {keep_state, Barrier, [{reply, From, turn(Name, Barrier)}]}
     end.
 
-sync(From, Name, {Round, _} = Turn, Us, Barrier) ->
+turn(Name, Barrier) ->
+    case may_use(Name, Barrier) of
+        true -> starl_barrier_gate:turn(gate(Name, Barrier));
+        false -> {error, full}
+    end.
+
+sync(From, Name, {Round, _} = Turn, Us, Barrier0) ->
+    Barrier = own(Name, Barrier0),
     Gate = gate(Name, Barrier),
     case starl_barrier_gate:is_passed(Round, Gate) of
         true ->
@@ -205,10 +244,18 @@ announce(Name, Round, Barrier) ->
             {announced, Name, Round}},
     [store(Barrier), {trace, {reached, Name, Round}}, Announce].
 
-%% The counts that must not be forgotten: the robot's own; `partial': of these names only.
-store(#barrier{gates = Gates, extent = Extent}) ->
-    Counts = maps:map(fun(_Name, Gate) -> starl_barrier_gate:counts(Gate) end, Gates),
-    {store, {Extent, maps:filter(fun(_Name, Count) -> Count =/= none end, Counts)}}.
+%% The counts that must not be forgotten: the robot's own; `partial': of these names only. With them the names
+%% that others have told this robot to have reached, and that its application has not used since.
+store(#barrier{gates = Gates, extent = Extent, foreign = Foreign}) ->
+    Counts = maps:filter(
+        fun(_Name, Count) -> Count =/= none andalso Count =/= {0, 0, 0} end,
+        maps:map(fun(_Name, Gate) -> starl_barrier_gate:counts(Gate) end, Gates)
+    ),
+    Told = maps:map(fun(_Robot, Names) -> maps:with(maps:keys(Counts), Names) end, Foreign),
+    case maps:filter(fun(_Robot, Names) -> map_size(Names) > 0 end, Told) of
+        None when map_size(None) =:= 0 -> {store, {Extent, Counts}};
+        Some -> {store, {Extent, Counts, Some}}
+    end.
 
 %% Passes, if all robots have reached the round and know it of this one.
 check(Name, Actions, Barrier) ->
@@ -299,24 +346,38 @@ ask_untold(#barrier{untold = Untold, incarnation = Incarnation, retry_us = Retry
         | [starl_sap:post(Other, barrier, {who, Incarnation}) || Other <- Untold]
     ].
 
-%% A robot's knowledge of a name: its own count, the asker's, and the last round that all have
-%% surely reached.
-fact(Asker, {Name, Gate}) ->
-    {At, Reached, All} = starl_barrier_gate:fact(Asker, Gate),
-    {Name, At, Reached, All}.
+%% A robot's knowledge of each name: its own count, the asker's, and the last round that all have
+%% surely reached. Names that neither of the two has reached are not told.
+facts(Asker, #barrier{gates = Gates}) ->
+    [
+        {Name, At, Reached, All}
+     || {Name, Gate} <- lists:sort(maps:to_list(Gates)),
+        {At, Reached, All} <- [starl_barrier_gate:fact(Asker, Gate)],
+        At > 0 orelse Reached > 0 orelse All > 0
+    ].
 
-told(Certain, Facts, From, #barrier{untold = Untold, witnesses = Witnesses} = Barrier) ->
-    Learned = lists:foldl(
-        fun({Name, Round, Known, All}, B) ->
-            Gate = starl_barrier_gate:learn(From, Round, Known, All, gate(Name, B)),
-            put_gate(Name, Gate, B)
+%% What does not fit into one message is asked for in parts.
+answer(To, Incarnation, Facts, #barrier{settled = Settled}) ->
+    case starl_payload:parts(Facts) of
+        [All] -> starl_sap:post(To, barrier, {told, Incarnation, Settled, All});
+        [First | _] -> starl_sap:post(To, barrier, {part, Incarnation, First})
+    end.
+
+learn(Facts, From, Barrier) ->
+    lists:foldl(
+        fun({Name, Round, Known, All}, B0) ->
+            B = admit(Name, From, B0),
+            put_gate(Name, starl_barrier_gate:learn(From, Round, Known, All, gate(Name, B)), B)
         end,
-        Barrier#barrier{
-            untold = lists:delete(From, Untold),
-            witnesses = [From || Certain] ++ lists:delete(From, Witnesses)
-        },
+        Barrier,
         Facts
-    ),
+    ).
+
+told(Certain, From, #barrier{untold = Untold, witnesses = Witnesses} = Barrier) ->
+    Learned = Barrier#barrier{
+        untold = lists:delete(From, Untold),
+        witnesses = [From || Certain] ++ lists:delete(From, Witnesses)
+    },
     case Learned of
         #barrier{settled = false, untold = []} -> settle(Learned);
         #barrier{} -> {keep_state, Learned, []}
@@ -332,7 +393,7 @@ settle(#barrier{gates = Gates, witnesses = Witnesses, asking = Asking} = Barrier
     ),
     Settled = Barrier#barrier{settled = true, extent = complete, gates = Assured},
     Replies = [
-        {reply, From, starl_barrier_gate:turn(gate(Name, Settled))}
+        {reply, From, turn(Name, Settled)}
      || {{_Caller, Name}, From} <- lists:sort(maps:to_list(Asking))
     ],
     {keep_state, Settled#barrier{asking = #{}}, [{trace, store_damaged} || Outdated] ++ Replies}.
@@ -340,5 +401,38 @@ settle(#barrier{gates = Gates, witnesses = Witnesses, asking = Asking} = Barrier
 gate(Name, #barrier{gates = Gates, settled = Settled}) ->
     maps:get(Name, Gates, starl_barrier_gate:new(Settled)).
 
-put_gate(Name, Gate, #barrier{gates = Gates} = Barrier) ->
-    Barrier#barrier{gates = Gates#{Name => Gate}}.
+%% A name for which there is no room is not kept.
+put_gate(Name, Gate, #barrier{gates = Gates} = Barrier) when is_map_key(Name, Gates) ->
+    Barrier#barrier{gates = Gates#{Name := Gate}};
+put_gate(_Name, _Gate, Barrier) ->
+    Barrier.
+
+%% -- the room for names ---------------------------------------------------------------------
+
+%% May the application use this name?
+may_use(Name, #barrier{gates = Gates, names = Most, foreign = Foreign} = Barrier) ->
+    Own = map_size(Gates) - lists:sum([map_size(Names) || Names <- maps:values(Foreign)]),
+    Own < Most orelse is_own(Name, Barrier).
+
+is_own(Name, #barrier{gates = Gates, foreign = Foreign}) ->
+    is_map_key(Name, Gates) andalso
+        not lists:any(fun(Names) -> is_map_key(Name, Names) end, maps:values(Foreign)).
+
+%% The application uses the name.
+own(Name, #barrier{foreign = Foreign} = Barrier) ->
+    Others = maps:map(fun(_Robot, Names) -> maps:remove(Name, Names) end, Foreign),
+    known(Name, Barrier#barrier{foreign = Others}).
+
+%% Another robot uses the name: it is kept, if there is room among those of that robot.
+admit(Name, _From, #barrier{gates = Gates} = Barrier) when is_map_key(Name, Gates) ->
+    Barrier;
+admit(Name, From, #barrier{names = Most, foreign = Foreign} = Barrier) ->
+    case maps:get(From, Foreign, #{}) of
+        Names when map_size(Names) < 2 * Most ->
+            known(Name, Barrier#barrier{foreign = Foreign#{From => Names#{Name => true}}});
+        _Full ->
+            Barrier
+    end.
+
+known(Name, #barrier{gates = Gates} = Barrier) ->
+    Barrier#barrier{gates = Gates#{Name => gate(Name, Barrier)}}.

@@ -11,8 +11,8 @@
 
 %% `integer', `natural' (from 0) and `count' (from 1) have at most 59 bits; `serial' (from 1), a number
 %% that begins with an incarnation, has at most 128; `mm' is a float of a
-%% possible length, `point' a pair of them; a list stands for a tuple with elements of
-%% these shapes, `{list, Shape}' for a proper list.
+%% possible length, `point' a pair of them; `label' and `content' are plain data within bounds ({@link
+%% starl_payload}); a list stands for a tuple with elements of these shapes, `{list, Shape}' for a proper list.
 -type t() ::
     any
     | atom
@@ -23,6 +23,8 @@
     | serial
     | mm
     | point
+    | label
+    | content
     | {is, Value :: term()}
     | {either, [t()]}
     | {list, t()}
@@ -44,6 +46,8 @@ is(serial, Term) -> is_integer(Term) andalso Term > 0 andalso Term =< ?MOST_SERI
 is(mm, Term) -> is_float(Term) andalso abs(Term) =< ?MOST_MM;
 is(point, {X, Y}) -> is(mm, X) andalso is(mm, Y);
 is(point, _Term) -> false;
+is(label, Term) -> starl_payload:check(label, Term) =:= ok;
+is(content, Term) -> starl_payload:check(content, Term) =:= ok;
 is({is, Value}, Term) -> Term =:= Value;
 is({either, Shapes}, Term) -> lists:any(fun(Shape) -> is(Shape, Term) end, Shapes);
 is({list, Shape}, Term) -> is_list_of(Shape, Term);
