@@ -20,7 +20,8 @@
 
 -type name() :: term().
 
-%% @doc Writes a register. `full': the robot may add no further register. `refused': nothing is written, since most of
+%% @doc Writes a register. `full': the robot may add no further register, or what it has written takes
+%% too many bytes. `refused': nothing is written, since most of
 %% the others take no writes of this robot, whose clock is far ahead of theirs.
 -spec put(starl:robot(), name(), Value :: term()) ->
     ok | {error, not_owner | full | refused | restarted}.
@@ -58,7 +59,9 @@ options() ->
         {sync_ms, {integer, 1, 1000000000}, 1000, "the mean time between two exchanges, ms"},
         {recover_ms, {integer, 1, 1000000000}, 1000,
             "the time that a restarted robot waits for others before it answers, ms"},
-        {limit, {integer, 1, 1000000000}, 1024, "the most registers that a robot adds"}
+        {limit, {integer, 1, 1000000000}, 1024, "the most registers that a robot adds"},
+        {bytes, {integer, 1000, 1000000000}, 2000000,
+            "the most bytes of the registers that a robot has written last"}
     ].
 
 -spec machines(starl_block:options()) -> [starl_robot_sup:machine()].

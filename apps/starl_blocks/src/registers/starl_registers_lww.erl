@@ -32,9 +32,13 @@
 %% it has ever given, at any value of the physical clock. If the store is damaged it starts so far
 %% ahead that only a physical clock that has run backwards can spoil it ({@link starl_hlc}).
 %%
-%% `limit' bounds the registers that a robot adds: a register that another one has added is always
-%% taken, or else two robots that are full of different registers would never agree. So there are at
-%% most `limit' registers times robots.
+%% `limit' bounds the registers that a robot adds: it adds none while so many have it as their last writer. `bytes' bounds
+%% the room of all registers that have it as their last writer. Other robots take what is within twice these bytes,
+%% as a robot that has forgotten its writes may write more. Beyond that they keep the writes with
+%% the latest stamps, so that they agree. So memory is bounded for each robot of the team, and a robot that writes
+%% more takes no room of others. Writes of robots that are not in the team are not taken.
+%%
+%% A robot gets at most so many messages with answers between two exchanges of the robot that it asks (`?ANSWERS').
 %%
 %% Calls: `{put, Name, Value}' (answer `ok', `{error, not_owner | full | refused}'), `{get, Name}' (answer
 %% `{ok, Value}', `{error, unset}'). Cast: `{subscribe, Name, Machine}'; the subscriber gets the
@@ -57,6 +61,7 @@
     %% another robot's entry is not taken: its stamp is too far ahead of the own clock, or its
     %% writer may not write the register
     | {too_far_ahead, starl_registers:name(), starl_hlc:stamp()}
+    %% (or is not in the team)
     | {refused, starl_registers:name(), Writer :: starl:robot_id(), not_owner}
     %% that robot refuses this robot's stamps: they are beyond all clocks within their bound
     | {denied, By :: starl:robot_id()}
@@ -64,13 +69,14 @@
     | {set_right, ClockUs :: integer()}.
 
 %% `owners': the only writers of these registers; `ahead_ms': see above; `sync_ms': the mean time
-%% between two exchanges; `limit': the most registers that a robot adds.
+%% between two exchanges; `limit': the most registers that a robot adds; `bytes': their most bytes.
 -type config() :: #{
     owners => #{starl_registers:name() => starl:robot_id()},
     ahead_ms => pos_integer(),
     sync_ms => pos_integer(),
     recover_ms => pos_integer(),
-    limit => pos_integer()
+    limit => pos_integer(),
+    bytes => pos_integer()
 }.
 
 -type entry() :: {starl_registers:name(), Value :: term(), starl_hlc:stamp()}.
@@ -81,6 +87,10 @@
 -define(RESERVED_US, 1000000).
 %% A refusal counts for so many exchanges, times the number of others. Two robots exchange twice as often.
 -define(COUNTS, 4).
+%% The bytes that a register takes beside its name, value and stamp.
+-define(AROUND, 100).
+%% The most messages with registers or stamps for one robot between two own exchanges.
+-define(ANSWERS, 32).
 
 -record(lww, {
     self :: starl:robot_id(),
@@ -98,8 +108,20 @@
     reserved = none :: integer() | none,
     %% the robots that refuse the own stamps, each with the number of the last exchange in which it counts
     denied = #{} :: #{starl:robot_id() => non_neg_integer()},
-    exchanges = 0 :: non_neg_integer()
+    exchanges = 0 :: non_neg_integer(),
+    team :: starl_team:t(),
+    bytes :: pos_integer(),
+    %% of the registers that have this robot as their last writer
+    shares = #{} :: #{starl:robot_id() => share()},
+    %% the messages with answers since the last exchange
+    answered = #{} :: #{starl:robot_id() => pos_integer()}
 }).
+
+%% The number and the bytes of a robot's registers; if there was no room for all: the latest stamp of those that
+%% are gone, and all others in the order of their stamps.
+-type share() ::
+    {non_neg_integer(), Bytes :: non_neg_integer(), none | {none | starl_hlc:stamp(), order()}}.
+-type order() :: gb_sets:set({starl_hlc:stamp(), starl_registers:name()}).
 
 -spec has_history() -> true.
 has_history() -> true.
@@ -119,7 +141,9 @@ init(#{robot := Self, participants := Team, now := Now, incarnation := Start} = 
         %% not the draws of the life before
         random = rand:seed_s(exsss, erlang:phash2({Seed, Start}, 1 bsl 32)),
         sync_us = maps:get(sync_ms, Config, 1000) * 1000,
-        limit = maps:get(limit, Config, 1024)
+        limit = maps:get(limit, Config, 1024),
+        bytes = maps:get(bytes, Config, 2_000_000),
+        team = Team
     },
     start(Start, maps:get(recover_ms, Config, 1000) * 1000, Lww).
 
@@ -203,7 +227,7 @@ be_ready(Now, #lww{waiting = Waiting} = Lww0, Before) ->
 serve(From, {put, Name, Value}, Now, Lww0) ->
     {Lww, Before} = set_right(Now, Lww0),
     {Next, Actions} =
-        case may_add(Name, Lww) of
+        case may_put(Name, Value, Lww) of
             ok -> write(From, Name, Value, Now, Lww);
             {error, _} = Error -> {Lww, [{reply, From, Error}]}
         end,
@@ -216,15 +240,34 @@ serve(From, {get, Name}, _Now, #lww{entries = Entries} = Lww) ->
             {Lww, [{trace, {got, Name, unset}}, {reply, From, {error, unset}}]}
     end.
 
-may_add(Name, #lww{self = Self, entries = Entries, limit = Limit} = Lww) ->
+may_put(Name, Value, #lww{self = Self, denied = Denied, others = Others} = Lww) ->
     case may_write(Name, Self, Lww) of
-        true when 2 * map_size(Lww#lww.denied) > length(Lww#lww.others) -> {error, refused};
-        true when is_map_key(Name, Entries); map_size(Entries) < Limit -> ok;
-        true -> {error, full};
+        true when 2 * map_size(Denied) > length(Others) -> {error, refused};
+        true -> has_room(Name, Value, Lww);
         false -> {error, not_owner}
     end.
 
-may_write(Name, Writer, #lww{owners = Owners}) -> maps:get(Name, Owners, Writer) =:= Writer.
+has_room(Name, Value, #lww{self = Self, entries = Entries, limit = Limit, bytes = Most} = Lww) ->
+    {Count, Bytes, _} = share(Self, Lww),
+    {New, Before} =
+        case Entries of
+            #{Name := {Old, Stamp}} -> {0, own_bytes(Self, {Name, Old, Stamp})};
+            #{} -> {1, 0}
+        end,
+    After = Bytes - Before + bytes({Name, Value, {0, 0, Self}}),
+    case New =:= 1 andalso Count >= Limit orelse (After > Most andalso After > Bytes) of
+        true -> {error, full};
+        false -> ok
+    end.
+
+own_bytes(Self, {_, _, Stamp} = Entry) ->
+    case starl_hlc:robot(Stamp) of
+        Self -> bytes(Entry);
+        _ -> 0
+    end.
+
+may_write(Name, Writer, #lww{owners = Owners, team = Team}) ->
+    maps:get(Name, Owners, Writer) =:= Writer andalso starl_team:has(Writer, Team).
 
 write(From, Name, Value, Now, Lww) ->
     {Stamp, Reserve, Stamped} = stamp(Now, Lww),
@@ -275,16 +318,15 @@ rewrite(Now, #lww{self = Self, clock = Clock, entries = Entries} = Lww0) ->
      || {_, {_, Stamp}} = Entry <- lists:sort(maps:to_list(Entries)),
         starl_hlc:is_beyond(Stamp, Now, Clock)
     ],
-    Right = maps:without([Name || {Name, _} <- Wrong], Entries),
-    Restarted = starl_hlc:restart([Stamp || {_, Stamp} <- maps:values(Right)], Clock),
-    Lww1 = Lww0#lww{clock = Restarted, entries = Right, reserved = none, denied = #{}},
+    Lww = lists:foldl(fun drop/2, Lww0, [Name || {Name, _} <- Wrong]),
+    Stamps = [Stamp || {_, Stamp} <- maps:values(Lww#lww.entries)],
+    Lww1 = Lww#lww{clock = starl_hlc:restart(Stamps, Clock), reserved = none, denied = #{}},
     Own = [{Name, V} || {Name, {V, Stamp}} <- Wrong, starl_hlc:robot(Stamp) =:= Self],
     lists:foldl(
-        fun({Name, Value}, {Lww, Actions}) ->
-            {Stamp, Reserve, Stamped} = stamp(Now, Lww),
+        fun({Name, Value}, {Acc, Actions}) ->
+            {Stamp, Reserve, Stamped} = stamp(Now, Acc),
             Holds = [{trace, {put, Name, hash(Value), Stamp}}, {trace, {holds, Name, Stamp}}],
-            Rewritten = Stamped#lww{entries = (Stamped#lww.entries)#{Name => {Value, Stamp}}},
-            {Rewritten, Actions ++ Reserve ++ Holds}
+            {put_entry({Name, Value, Stamp}, Stamped), Actions ++ Reserve ++ Holds}
         end,
         {Lww1, [{trace, {set_right, Now}}]},
         Own
@@ -294,20 +336,20 @@ rewrite(Now, #lww{self = Self, clock = Clock, entries = Entries} = Lww0) ->
 
 %% @private What comes over the radio.
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
-accepts(registers, {write, _, _, Stamp}) ->
-    starl_shape:is(stamp(), Stamp);
+accepts(registers, {write, Name, Value, Stamp}) ->
+    starl_shape:is(entry(), {Name, Value, Stamp});
 accepts(registers, {entries, Entries}) ->
-    starl_shape:is({list, [any, any, stamp()]}, Entries);
+    starl_shape:is({list, entry()}, Entries);
 accepts(registers, {sync, Hash}) ->
     starl_shape:is(natural, Hash);
 accepts(registers, {part, Entries}) ->
-    starl_shape:is({list, [any, any, stamp()]}, Entries);
+    starl_shape:is({list, entry()}, Entries);
 accepts(registers, {digest, Digest}) ->
-    starl_shape:is({list, [any, stamp()]}, Digest);
+    starl_shape:is({list, [label, stamp()]}, Digest);
 accepts(registers, {digest, Digest, After, Last}) ->
-    starl_shape:is([{list, [any, stamp()]}, bound(), bound()], {Digest, After, Last});
+    starl_shape:is([{list, [label, stamp()]}, bound(), bound()], {Digest, After, Last});
 accepts(registers, {want, Names}) ->
-    starl_shape:is({list, any}, Names);
+    starl_shape:is({list, label}, Names);
 accepts(registers, {beyond, Stamp}) ->
     starl_shape:is(stamp(), Stamp);
 accepts(_Type, _Body) ->
@@ -315,7 +357,9 @@ accepts(_Type, _Body) ->
 
 stamp() -> [integer, {either, [{is, 0}, serial]}, {either, [count, [count, serial]]}].
 
-bound() -> {either, [{is, none}, [{is, name}, any]]}.
+bound() -> {either, [{is, none}, [{is, name}, label]]}.
+
+entry() -> [label, content, stamp()].
 
 message({write, Name, Value, Stamp}, Source, Now, Lww) ->
     take([{Name, Value, Stamp}], Source, Now, Lww);
@@ -325,20 +369,28 @@ message({beyond, Stamp}, Source, Now, Lww) ->
     denied(Source, Stamp, Now, Lww);
 message({sync, Hash}, Source, _Now, Lww) ->
     Own = digest(Lww),
-    {Lww, [
-        post(Source, Digest)
-     || hash(Own) =/= Hash, Digest <- digests(starl_payload:parts(Own), none)
-    ]};
+    Parts = [Part || hash(Own) =/= Hash, Part <- starl_payload:parts(Own)],
+    answer(Source, digests(Parts, none), Lww);
 message({digest, Theirs}, Source, Now, Lww) ->
     message({digest, Theirs, none, none}, Source, Now, Lww);
 message({digest, Theirs, After, Last}, Source, _Now, Lww) ->
-    {Lww, differences(Theirs, {After, Last}, Source, Lww)};
+    answer(Source, differences(Theirs, {After, Last}, Lww), Lww);
 message({want, Names}, Source, _Now, #lww{entries = Entries} = Lww) ->
-    Wanted = [{Name, V, S} || Name <- Names, #{Name := {V, S}} <- [Entries]],
-    {Lww, [post(Source, Body) || Body <- told(starl_payload:parts(Wanted))]}.
+    %% each but once
+    Wanted = [{N, V, S} || N <- maps:keys(maps:from_keys(Names, [])), #{N := {V, S}} <- [Entries]],
+    answer(Source, told(starl_payload:parts(lists:sort(Wanted))), Lww).
+
+%% What does not go now is asked for again in a later exchange.
+answer(Source, Bodies, #lww{answered = Answered} = Lww) ->
+    Before = maps:get(Source, Answered, 0),
+    Now = lists:sublist(Bodies, max(0, ?ANSWERS - Before)),
+    {Lww#lww{answered = Answered#{Source => Before + length(Now)}}, [
+        post(Source, Body)
+     || Body <- Now
+    ]}.
 
 %% What another robot does not know of the names in this range, and the names of which it knows more.
-differences(Theirs, {After, Last}, Source, #lww{entries = Entries}) ->
+differences(Theirs, {After, Last}, #lww{entries = Entries}) ->
     Known = maps:from_list(Theirs),
     Later = [
         {Name, V, S}
@@ -350,14 +402,16 @@ differences(Theirs, {After, Last}, Source, #lww{entries = Entries}) ->
     Want = [Name || {Name, Stamp} <- Theirs, is_later(Name, Stamp, Entries)],
     %% a robot that knows nothing waits for an answer, even an empty one
     Told = Later =/= [] orelse Theirs =:= [],
-    [post(Source, Body) || Told, Body <- told(starl_payload:parts(Later))] ++
-        [post(Source, {want, Part}) || Want =/= [], Part <- starl_payload:parts(Want)].
+    [Body || Told, Body <- told(starl_payload:parts(Later))] ++
+        [{want, Part} || Want =/= [], Part <- starl_payload:parts(Want)].
 
 %% Parts do not end a recovery: another may be under way.
 told([Entries]) -> [{entries, Entries}];
 told(Parts) -> [{part, Part} || Part <- Parts].
 
 %% Each but the last ends with its last name, and the next begins after that.
+digests([], none) ->
+    [];
 digests([Digest], none) ->
     [{digest, Digest}];
 digests([Digest], After) ->
@@ -377,7 +431,8 @@ take(Entries, Source, Now, Lww0) ->
         {Lww0, []},
         Entries
     ),
-    {Lww, Actions ++ deny(lists:max([none | [S || {_, _, S} <- Entries]]), Source, Now, Lww)}.
+    Kept = lists:foldl(fun keep_latest/2, Lww, lists:usort(maps:keys(Lww#lww.shares))),
+    {Kept, Actions ++ deny(lists:max([none | [S || {_, _, S} <- Entries]]), Source, Now, Kept)}.
 
 %% Who sent a stamp that is beyond all clocks hears of it. (An atom is less than every stamp.)
 deny(none, _Source, _Now, _Lww) ->
@@ -390,7 +445,7 @@ take_one({Name, _Value, Stamp} = Entry, Now, #lww{clock = Clock} = Lww) ->
     case {may_write(Name, Writer, Lww), starl_hlc:admits(Stamp, Now, Clock)} of
         {true, true} ->
             Observed = Lww#lww{clock = starl_hlc:observe(Stamp, Now, Clock)},
-            case is_later(Name, Stamp, Lww#lww.entries) of
+            case is_later(Name, Stamp, Lww#lww.entries) andalso fits(Entry, Lww) of
                 true -> store(Entry, Observed);
                 false -> {Observed, []}
             end;
@@ -406,8 +461,8 @@ is_later(Name, Stamp, Entries) ->
         #{} -> true
     end.
 
-store({Name, Value, Stamp}, #lww{entries = Entries} = Lww) ->
-    Next = Lww#lww{entries = Entries#{Name => {Value, Stamp}}},
+store({Name, _Value, Stamp} = Entry, Lww) ->
+    Next = put_entry(Entry, Lww),
     {Next, [{trace, {holds, Name, Stamp}} | tell(Name, Next)]}.
 
 tell(Name, #lww{subscribers = Subscribers, entries = Entries}) ->
@@ -418,12 +473,72 @@ tell(Name, #lww{subscribers = Subscribers, entries = Entries}) ->
             []
     end.
 
+%% -- the room for registers -----------------------------------------------------------------
+
+put_entry({Name, Value, Stamp} = Entry, Lww0) ->
+    Lww = drop(Name, Lww0),
+    Added = Lww#lww{entries = (Lww#lww.entries)#{Name => {Value, Stamp}}},
+    counted(Entry, 1, fun gb_sets:add_element/2, Added).
+
+drop(Name, #lww{entries = Entries} = Lww) ->
+    case Entries of
+        #{Name := {Value, Stamp}} ->
+            Dropped = Lww#lww{entries = maps:remove(Name, Entries)},
+            counted({Name, Value, Stamp}, -1, fun gb_sets:del_element/2, Dropped);
+        #{} ->
+            Lww
+    end.
+
+counted({Name, _Value, Stamp} = Entry, Number, Change, #lww{shares = Shares} = Lww) ->
+    Writer = starl_hlc:robot(Stamp),
+    {Count, Sum, Full} = share(Writer, Lww),
+    Order =
+        case Full of
+            none -> none;
+            {Gone, Left} -> {Gone, Change({Stamp, Name}, Left)}
+        end,
+    Share = {Count + Number, Sum + Number * bytes(Entry), Order},
+    Lww#lww{shares = Shares#{Writer => Share}}.
+
+share(Writer, #lww{shares = Shares}) -> maps:get(Writer, Shares, {0, 0, none}).
+
+bytes({Name, Value, Stamp}) -> erlang:external_size({Name, Value, Stamp}) + ?AROUND.
+
+%% A write that is no later than one for which there was no room is taken if there is room now.
+fits({_, _, Stamp} = Entry, #lww{bytes = Most} = Lww) ->
+    case share(starl_hlc:robot(Stamp), Lww) of
+        {_, Bytes, {Gone, _}} when Stamp =< Gone -> Bytes + bytes(Entry) =< 2 * Most;
+        _ -> true
+    end.
+
+%% The earliest writes of a robot go, as far as all are more than there is room for.
+keep_latest(Writer, #lww{bytes = Most, shares = Shares} = Lww) ->
+    case Shares of
+        #{Writer := {_, Bytes, _}} when Bytes =< 2 * Most ->
+            Lww;
+        #{Writer := {Count, Bytes, none}} ->
+            Ordered = {Count, Bytes, {none, in_order(Writer, Lww)}},
+            keep_latest(Writer, Lww#lww{shares = Shares#{Writer := Ordered}});
+        #{Writer := {_, _, {Before, Order}}} ->
+            {{Stamp, Name}, _} = gb_sets:take_smallest(Order),
+            #lww{shares = #{Writer := {Count, Bytes, {_, Left}}} = Later} = Next = drop(Name, Lww),
+            %% an atom is less than every stamp
+            Share = {Count, Bytes, {max(Stamp, Before), Left}},
+            keep_latest(Writer, Next#lww{shares = Later#{Writer := Share}})
+    end.
+
+in_order(Writer, #lww{entries = Entries}) ->
+    gb_sets:from_list([
+        {Stamp, Name}
+     || {Name, {_, Stamp}} <- maps:to_list(Entries), starl_hlc:robot(Stamp) =:= Writer
+    ]).
+
 %% -- the exchange ---------------------------------------------------------------------------
 
 sync(_Now, #lww{others = []}) ->
     keep_state_and_data;
 sync(Now, #lww{others = Others} = Lww0) ->
-    {Lww1, Righted} = set_right(Now, older(Lww0)),
+    {Lww1, Righted} = set_right(Now, older(Lww0#lww{answered = #{}})),
     {[Robot], Lww2} = draw(1, Others, Lww1),
     {Tick, Lww} = tick(Lww2),
     {keep_state, Lww, Righted ++ [Tick, post(Robot, {sync, hash(digest(Lww))})]}.
