@@ -7,11 +7,13 @@
 %% '''
 -module(starl_view).
 
--export([start/1, stop/1, address/1, hub/1, format_error/1]).
+-export([start/1, stop/1, address/1, hub/1, door/1, format_error/1]).
 
 -export_type([t/0, options/0, reason/0]).
 
--record(view, {name :: reference(), hub :: pid(), feed :: pid(), address :: binary()}).
+-record(view, {
+    name :: reference(), hub :: pid(), feed :: pid(), door :: pid(), address :: binary()
+}).
 
 -opaque t() :: #view{}.
 
@@ -24,10 +26,10 @@
     most_waiting => pos_integer()
 }.
 
+-define(REQUEST_MS, 5000).
+
 -type reason() ::
     {address, string(), inet:posix()} | {listen, string(), inet:port_number(), term()} | no_cowboy.
-
--define(MOST_CONNECTIONS, 300).
 
 %% @doc Starts the server and its hub, linked to the calling process.
 -spec start(options()) -> {ok, t()} | {error, reason()}.
@@ -59,27 +61,28 @@ listen(ok, Ip, Host, Options) ->
     {ok, Hub} = starl_view_hub:start_link(maps:with([most_bytes], Options)),
     {ok, Feed} = starl_view_foxglove_feed:start_link(maps:with([most_waiting], Options)),
     ok = starl_view_hub:tap(Hub, Feed),
+    {ok, Door} = starl_view_door:start_link(),
+    Guard = starl_view_guard:new(Ip),
     Name = make_ref(),
     Transport = #{
         socket_opts => [{ip, Ip}, {port, Port}],
-        max_connections => ?MOST_CONNECTIONS,
-        num_acceptors => 4
+        %% the door keeps them few, and never waits
+        max_connections => infinity,
+        num_acceptors => 4,
+        connection_type => supervisor
     },
-    case cowboy:start_clear(Name, Transport, #{}) of
+    Files = #{files => starl_view_page:files()},
+    Protocol = protocol(Files#{hub => Hub, feed => Feed, door => Door, guard => Guard}),
+    case ranch:start_listener(Name, ranch_tcp, Transport, starl_view_door, Protocol) of
         {ok, _} ->
-            Actual = ranch:get_port(Name),
-            Guard = starl_view_guard:new(Ip),
-            ok = ranch:set_protocol_options(Name, protocol(Hub, Feed, Guard)),
-            {ok, #view{
-                name = Name, hub = Hub, feed = Feed, address = address(Host, Actual, Guard)
-            }};
+            Address = address(Host, ranch:get_port(Name), Guard),
+            {ok, #view{name = Name, hub = Hub, feed = Feed, door = Door, address = Address}};
         {error, Why} ->
-            ok = ended([Hub, Feed]),
+            ok = ended([Hub, Feed, Door]),
             {error, {listen, Host, Port, Why}}
     end.
 
-protocol(Hub, Feed, Guard) ->
-    State = #{hub => Hub, feed => Feed, guard => Guard, files => starl_view_page:files()},
+protocol(#{door := Door} = State) ->
     Routes = [
         {'_', [
             {"/ws", starl_view_socket, State},
@@ -87,7 +90,13 @@ protocol(Hub, Feed, Guard) ->
             {'_', starl_view_page, State}
         ]}
     ],
-    #{env => #{dispatch => cowboy_router:compile(Routes)}, max_keepalive => 1000}.
+    #{
+        env => #{dispatch => cowboy_router:compile(Routes), door => Door},
+        connection_type => supervisor,
+        max_keepalive => 1000,
+        %% a connection that asks for nothing, or goes on asking, is closed
+        request_timeout => ?REQUEST_MS
+    }.
 
 address(Host, Port, Guard) ->
     Shown =
@@ -137,9 +146,9 @@ any(inet6) -> {0, 0, 0, 0, 0, 0, 0, 0}.
 
 %% @doc Ends the server.
 -spec stop(t()) -> ok.
-stop(#view{name = Name, hub = Hub, feed = Feed}) ->
+stop(#view{name = Name, hub = Hub, feed = Feed, door = Door}) ->
     _ = cowboy:stop_listener(Name),
-    ended([Hub, Feed]).
+    ended([Hub, Feed, Door]).
 
 ended(Pids) ->
     _ = [{unlink(Pid), exit(Pid, shutdown)} || Pid <- Pids],
@@ -153,6 +162,10 @@ address(#view{address = Address}) -> Address.
 %% @doc The hub.
 -spec hub(t()) -> pid().
 hub(#view{hub = Hub}) -> Hub.
+
+%% @doc The door, which knows of the connections.
+-spec door(t()) -> pid().
+door(#view{door = Door}) -> Door.
 
 %% @doc One line on an error.
 -spec format_error(reason()) -> unicode:chardata().

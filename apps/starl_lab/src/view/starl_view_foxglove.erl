@@ -13,6 +13,7 @@
 -record(viewer, {
     hub :: pid(),
     feed :: pid(),
+    door :: pid(),
     %% the newer version of the protocol has control of time
     version :: binary(),
     subscriptions = #{} :: #{non_neg_integer() => starl_trace_schema:channel()},
@@ -22,7 +23,7 @@
 -spec init(cowboy_req:req(), map()) ->
     {cowboy_websocket, cowboy_req:req(), #viewer{}, cowboy_websocket:opts()}
     | {ok, cowboy_req:req(), map()}.
-init(Request, #{hub := Hub, feed := Feed, guard := Guard} = State) ->
+init(Request, #{hub := Hub, feed := Feed, door := Door, guard := Guard} = State) ->
     Offered = cowboy_req:parse_header(<<"sec-websocket-protocol">>, Request, []),
     case {starl_view_guard:viewer(starl_view_guard:asked(Request), Guard), ?W:chosen(Offered)} of
         {false, _} ->
@@ -35,7 +36,8 @@ init(Request, #{hub := Hub, feed := Feed, guard := Guard} = State) ->
             Chosen = cowboy_req:set_resp_header(<<"sec-websocket-protocol">>, Version, Request),
             %% viewers ping rarely
             Options = #{max_frame_size => ?MOST_BYTES, idle_timeout => infinity},
-            {cowboy_websocket, Chosen, #viewer{hub = Hub, feed = Feed, version = Version}, Options}
+            Viewer = #viewer{hub = Hub, feed = Feed, door = Door, version = Version},
+            {cowboy_websocket, Chosen, Viewer, Options}
     end.
 
 %% @doc Takes over a request that another handler has got: viewers know no path.
@@ -53,7 +55,8 @@ upgrade(Request, Env, _Handler, State) ->
 -type answer() :: {[cow_ws:frame()], #viewer{}}.
 
 -spec websocket_init(#viewer{}) -> answer().
-websocket_init(#viewer{feed = Feed, hub = Hub} = Viewer) ->
+websocket_init(#viewer{feed = Feed, hub = Hub, door = Door} = Viewer) ->
+    ok = starl_view_door:knows(Door),
     %% a viewer looks, as a page does; it asks the hub for nothing
     _ = starl_view_hub:join(Hub),
     case starl_view_foxglove_feed:join(Feed) of

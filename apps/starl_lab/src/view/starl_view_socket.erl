@@ -13,6 +13,7 @@
 
 -record(page, {
     hub :: pid(),
+    door :: pid(),
     place = {0, 0} :: starl_view_hub:place(),
     credit = starl_view_credit:new(?MOST_SENT) :: starl_view_credit:t()
 }).
@@ -22,7 +23,7 @@
 -spec init(cowboy_req:req(), map()) ->
     {cowboy_websocket | ok, cowboy_req:req(), term()}
     | {cowboy_websocket, cowboy_req:req(), term(), cowboy_websocket:opts()}.
-init(Request, #{hub := Hub, guard := Guard} = State) ->
+init(Request, #{hub := Hub, door := Door, guard := Guard} = State) ->
     case starl_view_guard:admitted(starl_view_guard:asked(Request), Guard) of
         true ->
             Options = #{
@@ -30,14 +31,15 @@ init(Request, #{hub := Hub, guard := Guard} = State) ->
                 idle_timeout => ?IDLE_MS,
                 compress => false
             },
-            {cowboy_websocket, Request, #page{hub = Hub}, Options};
+            {cowboy_websocket, Request, #page{hub = Hub, door = Door}, Options};
         false ->
             Text = <<"open the page at the address that ./starl has printed\n">>,
             {ok, cowboy_req:reply(403, #{}, Text, Request), State}
     end.
 
 -spec websocket_init(#page{}) -> answer().
-websocket_init(#page{hub = Hub} = Page) ->
+websocket_init(#page{hub = Hub, door = Door} = Page) ->
+    ok = starl_view_door:knows(Door),
     case starl_view_hub:join(Hub) of
         {ok, Head, Place} -> sent(Head, Place, Page);
         full -> {[{close, 1013, <<"too many pages are open">>}], Page}
