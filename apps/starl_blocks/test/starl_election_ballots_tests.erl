@@ -217,7 +217,8 @@ gives_up_test() ->
     {Again, _} = ballot(3, e, all([fun(M) -> call(e, b, M) end], GivenUp)),
     ?assertEqual([{reply, {app, b}, {ok, 3}}], [A || {reply, _, _} = A <- Again]).
 
-%% 64 elections are remembered, whatever was heard of them, and those that somebody waits for.
+%% 64 elections are remembered of each robot that has named them, whatever was heard of them, and those that
+%% somebody waits for.
 remembers_test() ->
     Heard = fun(From, To, M) -> all([is_led(3, N) || N <- lists:seq(From, To)], M) end,
     Leaders = fun(M) ->
@@ -231,9 +232,13 @@ remembers_test() ->
     ?assertEqual(lists:seq(37, 100), Leaders(Waiting)),
     ?assertMatch([_, _, _, {reply, {app, a}, {ok, 3}}, _], element(1, ballot(3, x, Waiting))),
     ?assertMatch([_, _, _, {reply, {app, a}, {ok, 2}}], element(1, leader(2, y, Waiting))),
-    %% no longer waited for they go with the next ones
+    %% no longer waited for they go with the next ones of the application, not with those of others
     Over = Heard(101, 200, all([is_led(3, x), is_led(3, y)], Waiting)),
-    ?assertMatch([{trace, {entered, x}} | _], element(1, call(x, b, Over))),
+    ?assertEqual([{reply, {app, b}, {ok, 3}}], element(1, call(x, b, Over))),
+    Own = all(
+        lists:append([[calls({own, N}), is_led(3, {own, N})] || N <- lists:seq(1, 64)]), Over
+    ),
+    ?assertMatch([{trace, {entered, x}} | _], element(1, call(x, b, Own))),
     %% what is forgotten leaves nothing behind
     ?assert(words(Heard(1, 1000, started())) < 2 * words(Heard(1, 64, started()))).
 

@@ -34,7 +34,8 @@
 %% A number by lot, and the robot whose ballot it is.
 -type ballot() :: {non_neg_integer(), starl:robot_id()}.
 
-%% The number of elections that are remembered; the oldest are forgotten first.
+%% The number of elections that are remembered for each robot that was the first to name them here; its
+%% oldest are forgotten first. Those that the application has entered are its own.
 -define(REMEMBERED, 64).
 %% The time after which a robot without a result asks again.
 -define(AGAIN_US, 3000000).
@@ -42,6 +43,7 @@
 -define(BALLOTS, 1 bsl 30).
 
 -record(race, {
+    by :: starl:robot_id(),
     ballots = #{} :: #{starl:robot_id() => ballot()},
     leader = none :: starl:robot_id() | none,
     from = none :: starl_machine:from() | none
@@ -75,8 +77,8 @@ handle_event({call, From}, {elect, Election, Us}, ready, Data, _Meta) ->
     enter(Election, Us, From, Data);
 handle_event(cast, {message, Source, ballot, {Election, {_, Source} = Ballot}}, ready, Data, _) ->
     ballot(Election, Source, Ballot, Data);
-handle_event(cast, {message, _, leader, {Election, Leader}}, ready, Data, _Meta) ->
-    announced(Election, Leader, Data);
+handle_event(cast, {message, Source, leader, {Election, Leader}}, ready, Data, _Meta) ->
+    announced(Election, Source, Leader, Data);
 handle_event({timeout, {again, Election}}, _, ready, Data, _Meta) ->
     again(Election, Data);
 handle_event({timeout, {patience, Election}}, _, ready, Data, _Meta) ->
@@ -90,14 +92,16 @@ handle_event(_, _, _, _, _) ->
 
 %% @private What comes over the radio.
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
-accepts(ballot, Body) -> starl_shape:is([any, [natural, count]], Body);
-accepts(leader, Body) -> starl_shape:is([any, count], Body);
+accepts(ballot, Body) -> starl_shape:is([label, [natural, count]], Body);
+accepts(leader, Body) -> starl_shape:is([label, count], Body);
 accepts(_Type, _Body) -> false.
 
 listen() -> [starl_sap:listen(ballot, election), starl_sap:listen(leader, election)].
 
-enter(Election, Us, From, Data0) ->
-    {Race, Data} = race(Election, Data0),
+enter(Election, Us, From, #election{self = Self} = Data0) ->
+    {Named, Data1} = race(Election, Self, Data0),
+    Race = Named#race{by = Self},
+    Data = put_race(Election, Race, Data1),
     case Race of
         #race{leader = none} ->
             Ballot = own_ballot(Election, Data),
@@ -122,7 +126,7 @@ own_ballot(Election, #election{self = Self, seed = Seed, ballots = Ballots}) ->
     {erlang:phash2({Seed, Election, Self}, Ballots), Self}.
 
 ballot(Election, Source, Ballot, Data0) ->
-    {Race, Data} = race(Election, Data0),
+    {Race, Data} = race(Election, Source, Data0),
     case Race of
         #race{leader = none, ballots = Ballots} ->
             Heard = Race#race{ballots = Ballots#{Source => Ballot}},
@@ -144,16 +148,18 @@ count(Election, Actions, #election{team = Team} = Data) ->
             {keep_state, Data, Actions}
     end.
 
-announced(Election, Leader, #election{team = Team} = Data) ->
+announced(Election, Source, Leader, #election{team = Team} = Data0) ->
     case starl_team:has(Leader, Team) of
-        true -> elect(Election, Leader, announcement, Data);
-        false -> unknown_event
+        true ->
+            {_, Data} = race(Election, Source, Data0),
+            elect(Election, Leader, announcement, Data);
+        false ->
+            unknown_event
     end.
 
-elect(Election, Leader, How, Data0) ->
-    {Race, Data} = race(Election, Data0),
-    case Race of
-        #race{leader = none, from = From} ->
+elect(Election, Leader, How, #election{races = Races} = Data) ->
+    case maps:get(Election, Races) of
+        #race{leader = none, from = From} = Race ->
             Elected = put_race(Election, Race#race{leader = Leader, from = none}, Data),
             Reply = [{reply, From, {ok, Leader}} || From =/= none],
             Actions = [
@@ -168,7 +174,7 @@ elect(Election, Leader, How, Data0) ->
 
 %% A ballot or an announcement may have been lost: robots that have the result will tell it.
 again(Election, #election{self = Self, team = Team} = Data) ->
-    case maps:get(Election, Data#election.races, #race{}) of
+    case maps:get(Election, Data#election.races, none) of
         #race{leader = none, from = From, ballots = Ballots} when From =/= none ->
             Own = maps:get(Self, Ballots),
             Others = starl_team:others(Self, Team),
@@ -176,33 +182,35 @@ again(Election, #election{self = Self, team = Team} = Data) ->
                 {{timeout, {again, Election}}, ?AGAIN_US, again}
                 | [starl_sap:post(Other, ballot, {Election, Own}) || Other <- Others]
             ]};
-        #race{} ->
+        _ ->
             keep_state_and_data
     end.
 
 give_up(Election, Data) ->
-    case maps:get(Election, Data#election.races, #race{}) of
+    case maps:get(Election, Data#election.races, none) of
         #race{leader = none, from = From} = Race when From =/= none ->
             {keep_state, put_race(Election, Race#race{from = none}, Data), [
                 {trace, {failed, Election, timeout}},
                 {{timeout, {again, Election}}, cancel},
                 {reply, From, {error, timeout}}
             ]};
-        #race{} ->
+        _ ->
             keep_state_and_data
     end.
 
-%% The race of an election; a new one takes the place of the oldest.
-race(Election, #election{races = Races, order = Order} = Data) ->
+%% The race of an election; a new one takes the place of the oldest that the same robot has named.
+race(Election, By, #election{races = Races, order = Order} = Data) ->
     case Races of
         #{Election := Race} ->
             {Race, Data};
         #{} ->
-            {Keep, Old} = lists:split(min(?REMEMBERED - 1, length(Order)), Order),
-            Awaited = [E || E <- Old, #race{from = From} <- [maps:get(E, Races)], From =/= none],
-            Left = maps:without(Old -- Awaited, Races),
-            {#race{}, Data#election{
-                races = Left#{Election => #race{}}, order = [Election | Keep ++ Awaited]
+            Same = [E || E <- Order, (maps:get(E, Races))#race.by =:= By],
+            Old = lists:nthtail(min(?REMEMBERED - 1, length(Same)), Same),
+            Gone = [E || E <- Old, (maps:get(E, Races))#race.from =:= none],
+            Race = #race{by = By},
+            {Race, Data#election{
+                races = (maps:without(Gone, Races))#{Election => Race},
+                order = [Election | Order -- Gone]
             }}
     end.
 

@@ -52,12 +52,13 @@
 %% application does not wait (any more).
 -type config() :: #{answer_ms => pos_integer(), rounds => pos_integer()}.
 
-%% The number of elections that are remembered; beyond it the oldest for which no caller waits is
-%% forgotten. A robot that rebooted may ask again for an old election: a robot that has forgotten it
+%% The number of elections that are remembered for each robot that was the first to name them here (those that the
+%% application has entered are its own); beyond it the oldest for which no caller waits is forgotten. A robot that rebooted may ask again for an old election: a robot that has forgotten it
 %% holds it anew, and may report another leader.
 -define(REMEMBERED, 1024).
 
 -record(race, {
+    by :: starl:robot_id(),
     leader = none :: starl:robot_id() | none,
     from = none :: starl_machine:from() | none,
     %% idle: not begun, or given up; asking: is a higher robot alive? hoping: one is
@@ -124,17 +125,19 @@ handle_event(_, _, _, _, _) ->
 %% @private What comes over the radio.
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
 accepts(bully_leader, Body) ->
-    starl_shape:is([any, count, {either, [{is, G} || G <- [heard, majority, few]]}], Body);
-accepts(Type, _Election) ->
-    Type =:= bully_challenge orelse Type =:= bully_alive.
+    starl_shape:is([label, count, {either, [{is, G} || G <- [heard, majority, few]]}], Body);
+accepts(Type, Election) ->
+    (Type =:= bully_challenge orelse Type =:= bully_alive) andalso starl_shape:is(label, Election).
 
 listen() ->
     [starl_sap:listen(T, election) || T <- [bully_challenge, bully_alive, bully_leader]].
 
 %% -- taking part ----------------------------------------------------------------------------
 
-enter(Election, Us, From, Bully0) ->
-    {Race, Bully} = race(Election, Bully0),
+enter(Election, Us, From, #bully{self = Self} = Bully0) ->
+    {Named, Bully1} = race(Election, Self, Bully0),
+    Race = Named#race{by = Self},
+    Bully = put_race(Election, Race, Bully1),
     Entered = {trace, {entered, Election}},
     case Race of
         #race{leader = none} ->
@@ -148,7 +151,7 @@ enter(Election, Us, From, Bully0) ->
 
 %% Another robot asks: this one is alive, and takes part. One that leads tells all as soon as a majority has asked.
 challenged(Election, Source, #bully{self = Self} = Bully0) ->
-    {Race0, Bully1} = race(Election, Bully0),
+    {Race0, Bully1} = race(Election, Source, Bully0),
     Race = hear(Source, Race0, Bully1),
     Bully = put_race(Election, Race, Bully1),
     case Race of
@@ -231,8 +234,8 @@ round_over(Election, #bully{races = Races, rounds = Rounds} = Bully) ->
 
 %% -- the result -----------------------------------------------------------------------------
 
-win(Election, #bully{self = Self} = Bully0) ->
-    {#race{ground = Ground}, Bully} = race(Election, Bully0),
+win(Election, #bully{self = Self} = Bully) ->
+    #race{ground = Ground} = race_of(Election, Bully),
     {keep_state, Elected, Actions} = elect(Election, Self, Ground, highest, Bully),
     {keep_state, Elected, Actions ++ [announcement(Election, race_of(Election, Elected))]}.
 
@@ -245,7 +248,7 @@ ground(heard, _Source, _Leader) -> few;
 ground(Ground, _Source, _Leader) -> Ground.
 
 announced(Election, Leader, Ground, Source, Bully0) ->
-    {#race{leader = Known, hears = Hears} = Race, Bully} = race(Election, Bully0),
+    {#race{leader = Known, hears = Hears} = Race, Bully} = race(Election, Source, Bully0),
     case Known =:= none andalso (Ground =/= few orelse lists:member(Leader, Hears)) of
         true ->
             elect(Election, Leader, Ground, announcement, Bully);
@@ -273,10 +276,9 @@ doubted(Election, _Leader, _Source, #race{round = 1}, Bully) ->
 doubted(_Election, _Leader, _Source, _Race, Bully) ->
     {keep_state, Bully}.
 
-elect(Election, Leader, Ground, How, Bully0) ->
-    {Race, Bully} = race(Election, Bully0),
-    case Race of
-        #race{leader = none, from = From} ->
+elect(Election, Leader, Ground, How, Bully) ->
+    case race_of(Election, Bully) of
+        #race{leader = none, from = From} = Race ->
             Elected = Race#race{
                 leader = Leader, from = none, phase = idle, hears = [], ground = known(Ground)
             },
@@ -309,23 +311,25 @@ give_up(Election, #bully{races = Races} = Bully) ->
 
 prepend(More, {keep_state, Bully, Actions}) -> {keep_state, Bully, More ++ Actions}.
 
-race(Election, #bully{races = Races} = Bully) ->
+race(Election, By, #bully{races = Races} = Bully) ->
     case Races of
-        #{Election := Race} -> {Race, Bully};
-        #{} -> {#race{}, put_race(Election, #race{}, forget(Bully, Election))}
+        #{Election := Race} ->
+            {Race, Bully};
+        #{} ->
+            Race = #race{by = By},
+            {Race, put_race(Election, Race, forget(Election, By, Bully))}
     end.
 
 race_of(Election, #bully{races = Races}) -> maps:get(Election, Races).
 
-forget(#bully{order = Order, races = Races} = Bully, New) when length(Order) < ?REMEMBERED ->
-    Bully#bully{order = [New | Order], races = Races};
-forget(#bully{order = Order, races = Races} = Bully, New) ->
-    Done = [E || E <- lists:reverse(Order), (maps:get(E, Races))#race.from =:= none],
+forget(New, By, #bully{order = Order, races = Races} = Bully) ->
+    Same = [E || E <- Order, (maps:get(E, Races))#race.by =:= By],
+    Done = [E || E <- lists:reverse(Same), (maps:get(E, Races))#race.from =:= none],
     case Done of
-        [Oldest | _] ->
+        [Oldest | _] when length(Same) >= ?REMEMBERED ->
             Left = lists:delete(Oldest, Order),
             Bully#bully{order = [New | Left], races = maps:remove(Oldest, Races)};
-        [] ->
+        _ ->
             Bully#bully{order = [New | Order]}
     end.
 

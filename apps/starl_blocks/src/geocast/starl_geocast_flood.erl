@@ -67,9 +67,12 @@
 
 %% The number of times that a message is asked for; then another offer has to come.
 -define(QUESTIONS, 4).
+%% The most messages that are asked for at a time; others are when they are offered again.
+-define(WANTED, 4096).
 
 -record(flood, {
     self :: starl:robot_id(),
+    team :: starl_team:t(),
     incarnation :: pos_integer(),
     started :: integer(),
     random :: rand:state(),
@@ -83,10 +86,12 @@
 
 -spec init(starl_machine:config()) -> {ready, #flood{}, [starl_machine:action()]}.
 init(#{robot := Self, incarnation := Incarnation, random := Random, now := Now} = Config) ->
+    #{participants := Team} = Config,
     Full = maps:merge(defaults(), maps:with(maps:keys(defaults()), Config)),
     #{limit := Limit, drift_ppm := Ppm} = Full,
     Flood = #flood{
         self = Self,
+        team = Team,
         incarnation = Incarnation,
         started = Now,
         random = Random,
@@ -163,15 +168,17 @@ accepts(geocast, {offer, _, Lifetime, _, _} = Body) ->
     starl_shape:is([any, id(), count, integer, integer], Body) andalso is_lifetime(Lifetime);
 accepts(geocast, {ask, _, _} = Body) ->
     starl_shape:is([any, id(), [count, integer]], Body);
-accepts(geocast, {give, {Id, Area, Type, _Body, Lifetime, Left, Hops}, Askers}) ->
-    Shape = [id(), area(), atom, count, integer, integer, {list, [count, [count, integer]]}],
-    starl_shape:is(Shape, {Id, Area, Type, Lifetime, Left, Hops, Askers}) andalso
+accepts(geocast, {give, {Id, Area, Type, Body, Lifetime, Left, Hops}, Askers}) ->
+    Shape = [id(), area(), atom, content, count, integer, integer, askers()],
+    starl_shape:is(Shape, {Id, Area, Type, Body, Lifetime, Left, Hops, Askers}) andalso
         is_lifetime(Lifetime) andalso
         starl_geocast_area:check(Area) =:= ok;
 accepts(_Type, _Body) ->
     false.
 
 is_lifetime(Us) -> Us =< starl_geocast_lifetime:longest_us().
+
+askers() -> {list, [count, [count, integer]]}.
 
 id() -> [count, count, count].
 
@@ -212,15 +219,19 @@ send(From, Content, Now, #flood{next = N, self = Self, incarnation = Incarnation
     end.
 
 %% A robot asks for a message that it does not know, or holds with less left or fewer hops.
-offered({Id, _, _, _} = Offer, From, Now, #flood{store = Store, wanted = Wanted} = Flood) ->
-    case {starl_geocast_store:is_worth(Offer, Now, Store), Wanted} of
+offered({{Source, _, _} = Id, _, _, _} = Offer, From, Now, Flood) ->
+    #flood{team = Team, store = Store, wanted = Wanted} = Flood,
+    Worth = starl_team:has(Source, Team) andalso starl_geocast_store:is_worth(Offer, Now, Store),
+    case {Worth, Wanted} of
         {false, _} ->
             keep_state_and_data;
         {true, #{Id := {_, N}}} ->
             %% when it asks again, it asks the robot that was heard last
             {keep_state, Flood#flood{wanted = Wanted#{Id := {From, N}}}};
+        {true, #{}} when map_size(Wanted) < ?WANTED ->
+            ask(Id, From, 1, Now, Flood);
         {true, #{}} ->
-            ask(Id, From, 1, Now, Flood)
+            keep_state_and_data
     end.
 
 ask(Id, From, N, Now, #flood{wanted = Wanted} = Flood) ->
@@ -249,7 +260,8 @@ ask_again(Id, Now, #flood{wanted = Wanted} = Flood) ->
     integer(),
     #flood{}
 ) -> starl_machine:result().
-given({Id, Area, Type, Body, Lifetime, Told, Hops}, From, Asked, Now, Flood) ->
+given({{Source, _, _} = Id, Area, Type, Body, Lifetime, Told, Hops}, From, Asked, Now, Flood) ->
+    IsOurs = starl_team:has(Source, Flood#flood.team),
     #flood{store = Store, wanted = Wanted, started = Started, incarnation = Life} = Flood,
     Left = min(Told, Lifetime),
     Until = starl_geocast_lifetime:deadline(Asked, Left, ppm(Flood)),
@@ -259,7 +271,7 @@ given({Id, Area, Type, Body, Lifetime, Told, Hops}, From, Asked, Now, Flood) ->
             keep_state_and_data;
         held ->
             prolong(Id, From, Until, Hops - 1, Now, Met);
-        unknown when Until =< Now -> keep_state_and_data;
+        unknown when Until =< Now; not IsOurs -> keep_state_and_data;
         unknown ->
             %% the first life of the machine has delivered nothing before
             New =

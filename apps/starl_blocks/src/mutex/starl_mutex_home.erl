@@ -48,6 +48,10 @@
 -define(CREATION_BITS, 24).
 %% The most tokens that are made while one is on its way.
 -define(LEAP, 16).
+%% The most tokens of which a robot is the last owner here, beyond which it gets no new one made; and the most
+%% requests of a robot that wait for one token.
+-define(TOKENS, 4096).
+-define(REQUESTS, 64).
 
 -record(lease, {
     fence :: starl_mutex:fence(),
@@ -115,7 +119,18 @@ is_far_beyond(Fence, Other) -> Fence - Other > ?LEAP bsl (?HAND_OVER_BITS + ?HOL
 %% @doc A request has come to the home: a token is made for it, or it is sent on to the owner
 %% and kept, in case the owner does not live.
 -spec request(starl_mutex:token(), request(), us(), t()) -> {[outgoing()], t()}.
-request(Token, Request, Now, Home) ->
+request(Token, {Robot, _} = Request, Now, #home{leases = Leases} = Home) ->
+    case is_map_key(Token, Leases) orelse owned(Robot, Leases) < ?TOKENS of
+        true -> requested(Token, Request, Now, Home);
+        false -> {[], Home}
+    end.
+
+owned(Robot, Leases) when map_size(Leases) >= ?TOKENS ->
+    length([Owner || #lease{owner = Owner} <- maps:values(Leases), Owner =:= Robot]);
+owned(_Robot, Leases) ->
+    map_size(Leases).
+
+requested(Token, Request, Now, Home) ->
     #lease{pending = Pending} = Lease = lease(Token, Home),
     Waiting = Lease#lease{pending = ask(Request, Pending)},
     case Lease#lease.until =< Now of
@@ -234,10 +249,14 @@ grant(Token, #lease{owner = Owner, pending = Pending} = Lease, Now, Home) ->
 
 others(Robot, Pending) -> [Waiting || {{From, _}, _} = Waiting <- Pending, From =/= Robot].
 
-ask(Request, Pending) ->
+ask({Robot, _} = Request, Pending) ->
     case lists:keymember(Request, 1, Pending) of
-        true -> lists:keyreplace(Request, 1, Pending, {Request, 0});
-        false -> Pending ++ [{Request, 0}]
+        true ->
+            lists:keyreplace(Request, 1, Pending, {Request, 0});
+        false when length(Pending) < ?REQUESTS -> Pending ++ [{Request, 0}];
+        false ->
+            Before = [Waiting || {{From, _}, _} = Waiting <- Pending, From =:= Robot],
+            Pending ++ [{Request, 0} || length(Before) < ?REQUESTS]
     end.
 
 %% The requests that a token brings back are first.

@@ -17,6 +17,12 @@
 
 -opaque t() :: #owners{}.
 
+%% The most tokens that a robot is known to own, and the most for which requests wait here. What is beyond that
+%% is only found later: who waits asks the home again.
+-define(TOKENS, 4096).
+%% The most requests of a robot in a queue.
+-define(REQUESTS, 64).
+
 %% A request, and the number of the owner that its sender knew of.
 -type early() :: {request(), Known :: fence()}.
 
@@ -35,10 +41,20 @@ announced(Token, Fence, Owner, #owners{early = Early} = Owners) ->
     case newest(Token, Owners) of
         {Known, _} when Known >= Fence ->
             known;
-        {_, _} ->
-            Left = Owners#owners{early = maps:remove(Token, Early)},
-            {newer, maps:get(Token, Early, []), handed(Token, Fence, Owner, Left)}
+        {Known, _} ->
+            case Known > 0 orelse owned(Owner, Owners) < ?TOKENS of
+                true ->
+                    Left = Owners#owners{early = maps:remove(Token, Early)},
+                    {newer, maps:get(Token, Early, []), handed(Token, Fence, Owner, Left)};
+                false ->
+                    known
+            end
     end.
+
+owned(Owner, #owners{newest = Newest}) when map_size(Newest) >= ?TOKENS ->
+    length([By || {_, By} <- maps:values(Newest), By =:= Owner]);
+owned(_Owner, #owners{newest = Newest}) ->
+    map_size(Newest).
 
 %% @doc The home has confirmed this hand-over: a later one has not been, whoever said so.
 -spec refute(token(), fence(), t()) -> t().
@@ -57,6 +73,10 @@ handed(Token, Fence, To, #owners{newest = Newest} = Owners) ->
 
 %% @doc A request waits for the token to come; the number of waiting requests is bounded.
 -spec wait(token(), early(), Most :: pos_integer(), t()) -> t().
+wait(Token, _Early, _Most, #owners{early = Early} = Owners) when
+    not is_map_key(Token, Early), map_size(Early) >= ?TOKENS
+->
+    Owners;
 wait(Token, {Request, Known}, Most, #owners{early = Early} = Owners) ->
     Before = maps:get(Token, Early, []),
     Waiting =
@@ -74,8 +94,9 @@ take_early(Token, #owners{early = Early} = Owners) ->
 
 %% @doc A queue with a request at its end, unless it is in it already.
 -spec add(request(), [request()]) -> [request()].
-add(Request, Queue) ->
+add({Robot, _} = Request, Queue) ->
     case lists:member(Request, Queue) of
         true -> Queue;
-        false -> Queue ++ [Request]
+        false when length(Queue) < ?REQUESTS -> Queue ++ [Request];
+        false -> Queue ++ [Request || length([R || {R, _} <- Queue, R =:= Robot]) < ?REQUESTS]
     end.

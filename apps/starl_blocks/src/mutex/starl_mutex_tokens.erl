@@ -133,19 +133,19 @@ accepts(mutex, Body) when tuple_size(Body) > 0 -> starl_shape:is(shape(element(1
 accepts(_Type, _Body) -> false.
 
 shape(request) ->
-    [any, any, request(), {either, [{is, 0}, serial]}, {either, [{is, home}, {is, none}]}];
+    [any, label, request(), {either, [{is, 0}, serial]}, {either, [{is, home}, {is, none}]}];
 shape(token) ->
-    [any, any, serial, {list, request()}];
+    [any, label, serial, {list, request()}];
 shape(Confirmed) when Confirmed =:= granted; Confirmed =:= kept ->
-    [any, any, serial, [count, integer]];
+    [any, label, serial, [count, integer]];
 shape(refused) ->
-    [any, any, serial, any];
+    [any, label, serial, [count, integer]];
 shape(owner) ->
-    [any, any, serial];
+    [any, label, serial];
 shape(ask) ->
-    [any, {either, [{is, claim}, {is, renew}]}, any, serial, [count, integer]];
+    [any, {either, [{is, claim}, {is, renew}]}, label, serial, [count, integer]];
 shape(return) ->
-    [any, any, serial, {list, request()}];
+    [any, label, serial, {list, request()}];
 shape(_Unknown) ->
     {either, []}.
 
