@@ -143,6 +143,25 @@ a_grid_of_ros_is_read_test() ->
     ?assertMatch({ok, {2, 1, <<0, 255>>}}, starl_floor_ros:pgm(<<"P2 2 1 # x\n15\n0 15">>)),
     ?assertMatch({error, _}, starl_floor_ros:pgm(<<"P5 2 2 255\nabc">>)),
     ?assertMatch({error, {none, _}}, starl_floor_ros:parse(<<"image: m.pgm">>, Dir)),
+    %% what is larger than any image, or begins as none, is refused without being read (these files have holes)
+    [
+        begin
+            {ok, Device} = file:open(filename:join(Dir, Name), [write, raw]),
+            ok = file:write(Device, Begins),
+            {ok, _} = file:position(Device, Length),
+            ok = file:truncate(Device),
+            ok = file:close(Device),
+            {error, {_, What}} = starl_floor_ros:parse(
+                iolist_to_binary(string:replace(Yaml, "m.pgm", Name)), Dir
+            ),
+            ?assertMatch({match, _}, re:run(What, Says))
+        end
+     || {Name, Begins, Length, Says} <- [
+            {"large.pgm", "P5 9000 9000 255\n", 900000000, "larger than any image"},
+            {"bad.pgm", "P5 0 0 255\n", 500000000, "header"},
+            {"remark.pgm", "P5 #", 500000000, "header"}
+        ]
+    ],
     Gone = string:replace(Yaml, "m.pgm", "gone.pgm"),
     ?assertMatch({error, {1, _}}, starl_floor_ros:parse(iolist_to_binary(Gone), Dir)),
     ok = file:del_dir_r(Dir).

@@ -19,6 +19,12 @@ a_piece_that_is_too_long_is_not_read_test() ->
     fetched("piece " ++ ?HASH ++ " 99999999999\n", {damaged, "runs/r/x-0123456789abcdef"}),
     fetched("piece ../../x 3\n", {damaged, "runs/r/x-0123456789abcdef"}).
 
+%% Nor is a list that is longer than that of any recording: no piece of it is asked for.
+a_list_that_is_too_long_is_not_read_test_() ->
+    Piece = ["piece ", ?HASH, " 3\n"],
+    Pieces = lists:flatten(lists:duplicate(240000, Piece)),
+    {timeout, 60, fun() -> fetched(Pieces, {damaged, "runs/r/x-0123456789abcdef"}) end}.
+
 fetched(Pieces, Reason) ->
     Text = "starl recording 1\nfile x\nhash " ++ ?HASH ++ "\n" ++ Pieces,
     %% copyto ... REMOTE FILE comes with flags behind; a list is text, a piece is a megabyte

@@ -9,6 +9,8 @@
 
 -define(MOST_PIXELS, 100000000).
 -define(MOST_BYTES, 6 * ?MOST_PIXELS).
+%% The most bytes of a header, with its remarks.
+-define(HEADER_BYTES, 65536).
 -define(NEEDED, ["image", "resolution", "origin", "occupied_thresh", "free_thresh", "negate"]).
 
 %% @doc The floor plan of a YAML file in this directory.
@@ -56,7 +58,7 @@ negate({N, _}) -> {bad, N}.
 
 image(File, N, Numbers, Negate) ->
     %% as an image of the most pixels may have, each as a number with a blank
-    case {filename:extension(File), starl_small_file:read(File, ?MOST_BYTES)} of
+    case {filename:extension(File), read(File)} of
         {".png", _} ->
             {error, {N, "PNG cannot be read; convert it: ffmpeg -i map.png map.pgm"}};
         {_, {error, efbig}} ->
@@ -68,6 +70,18 @@ image(File, N, Numbers, Negate) ->
                 {ok, Image} -> {ok, plan(Image, maps:from_list(Numbers), Negate)};
                 {error, What} -> {error, {N, [File, ": ", What]}}
             end
+    end.
+
+%% Of a file that does not begin as an image no more than its beginning is read.
+read(File) ->
+    case starl_small_file:beginning(File, ?HEADER_BYTES) of
+        {ok, <<"P", _, Rest/binary>> = Beginning} ->
+            case header(Rest, fun(_W, _H, _Max, _Raster) -> ok end) of
+                ok -> starl_small_file:read(File, ?MOST_BYTES);
+                {error, _} -> {ok, Beginning}
+            end;
+        Other ->
+            Other
     end.
 
 %% A pixel is free if its darkness is less than the threshold.

@@ -35,6 +35,8 @@
 -define(PART, 1048576).
 %% A piece is read at once.
 -define(MOST_PIECE, 67108864).
+%% More than the list of a recording of a terabyte.
+-define(MOST_LIST, 16777216).
 -define(PIECE_BYTES, 1048576).
 -define(TRIES, 5).
 -define(PAUSE_MS, 200).
@@ -195,7 +197,7 @@ download(#{list := List}, Remote, File, Options) ->
             ok = must(
                 tried(fun() -> starl_storage_rclone:get(Remote, List, Temporary) end, Options)
             ),
-            {Hash, Pieces} = must(read_list(file:read_file(Temporary), List)),
+            {Hash, Pieces} = must(read_list(small_file(Temporary), List)),
             case hash_of(File) of
                 {ok, Hash} -> {ok, is_there};
                 {ok, _Other} -> {error, {file, File, eexist}};
@@ -203,6 +205,13 @@ download(#{list := List}, Remote, File, Options) ->
             end
         end)
     end).
+
+%% A list that is longer than any of a recording is not read, and damaged.
+small_file(File) ->
+    case filelib:file_size(File) =< ?MOST_LIST of
+        true -> file:read_file(File);
+        false -> {ok, <<>>}
+    end.
 
 joined(Pieces, Hash, Remote, File, Options) ->
     Dir = File ++ ".pieces",
