@@ -33,6 +33,7 @@ heard(adds, cast, {message, From, counter, {tallies, [{Robot, H, Sum, Lives} | R
 heard(_Bug, _Type, Content, _Meta) ->
     Content.
 
+wrapped(Bug, {keep_state, Data}) -> {keep_state, {Bug, Data}};
 wrapped(Bug, {keep_state, Data, Actions}) -> {keep_state, {Bug, Data}, shown(Bug, Actions)};
 wrapped(Bug, {keep_state_and_data, Actions}) -> {keep_state_and_data, shown(Bug, Actions)};
 wrapped(_Bug, Other) -> Other.
