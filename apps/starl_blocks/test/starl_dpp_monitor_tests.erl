@@ -533,7 +533,7 @@ what_is_left_names_the_robots_in_the_way_test() ->
 vocabulary_test() ->
     #{dpp := Participant, dpp_coordinator := Coordinator} = starl_dpp_monitor:vocabulary(),
     ?assertEqual(
-        [{answered, 1}, {asks, 0}, {blocked, 1}, {stale_answer, 3}, {void, 1}],
+        [{answered, 1}, {asks, 0}, {blocked, 1}, {doubted, 2}, {stale_answer, 3}, {void, 1}],
         lists:sort(Participant)
     ),
     ?assertEqual(
@@ -543,6 +543,7 @@ vocabulary_test() ->
             {closed, 1},
             {coordinator, 1},
             {deadlock_resolved, 1},
+            {doubted, 2},
             {in_the_way, 2},
             {leads, 1},
             {malformed, 2},

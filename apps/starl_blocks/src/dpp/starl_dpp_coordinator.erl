@@ -49,6 +49,8 @@
     {claims, starl_dpp:term_id()}
     | {leads, starl_dpp:term_id()}
     | {stepped_down, starl_dpp:term_id()}
+    %% this robot knows a term that is too far above to be believed at once
+    | {doubted, starl:robot_id(), starl_dpp:term_id()}
     | starl_dpp_dispatcher:event().
 
 %% The time after which robots whose place is not known are asked again.
@@ -71,6 +73,8 @@
     %% the highest number of a term that is known, and the own term
     n = 0 :: non_neg_integer(),
     term = {0, 0, 0} :: starl_dpp:term_id(),
+    %% how near numbers have brought it that were too far above to be believed
+    reach = 0 :: non_neg_integer(),
     lease :: starl_dpp_lease:t(),
     %% the robots that would vote for this one
     agreed = [] :: [starl:robot_id()],
@@ -327,30 +331,64 @@ served({Serve, Actions}, Data) -> {Data#coordinator{serve = Serve}, Actions}.
 
 %% -- messages of participants ---------------------------------------------------------------
 
-message(dpp_prevoted, Term, Robot, prevoting, #coordinator{agreed = Agreed} = Data) ->
+message(dpp_refused, {doubted, Term}, Robot, State, #coordinator{term = Own} = Data) ->
+    case ?IS_CURRENT(State) andalso Term =:= Own of
+        true -> keep(ask_again(Robot, State =:= leading, Data));
+        false -> keep_state_and_data
+    end;
+message(Type, Body, Robot, State, #coordinator{n = Known, reach = Reach} = Data) ->
+    {N, _, _} = Term = term(Type, Body),
+    case starl_term:toward(N, max(Known, Reach)) of
+        N -> believed(Type, Body, Robot, State, Data);
+        Nearer -> doubted(Type, Term, Robot, State, Data#coordinator{reach = Nearer})
+    end.
+
+term(Type, Term) when Type =:= dpp_refused; Type =:= dpp_prevoted -> Term;
+term(_Type, Body) -> element(1, Body).
+
+%% A robot knows a term too far above the own one. Asked again, it says that again, until that is believed. A
+%% robot that would vote, or asks for a path, is heard all the same.
+doubted(Type, Term, Robot, State, Data) ->
+    Trace = {trace, {doubted, Robot, Term}},
+    case {Type, State} of
+        {dpp_prevoted, prevoting} ->
+            traced(Trace, agreed([Robot | Data#coordinator.agreed], Data));
+        {dpp_request, idle} ->
+            traced(Trace, prevote(0, Data));
+        {dpp_refused, _} when ?IS_CURRENT(State) ->
+            {Asked, Again} = ask_again(Robot, State =:= leading, Data),
+            {keep_state, Asked, [Trace | Again]};
+        _ ->
+            {keep_state, Data, [Trace]}
+    end.
+
+traced(Trace, {keep_state, Data, Actions}) -> {keep_state, Data, [Trace | Actions]};
+traced(Trace, {next_state, State, Data, Actions}) -> {next_state, State, Data, [Trace | Actions]}.
+
+believed(dpp_prevoted, Term, Robot, prevoting, #coordinator{agreed = Agreed} = Data) ->
     agreed([Robot | Agreed], higher(Term, Data));
 %% Only messages of this term count: an older one does not tell what another coordinator has
 %% assigned since.
-message(dpp_refused, {N, _, _} = Term, _Robot, State, #coordinator{term = Own} = Data) when
+believed(dpp_refused, {N, _, _} = Term, _Robot, State, #coordinator{term = Own} = Data) when
     ?IS_CURRENT(State), Term > Own
 ->
     claim(N, Data);
-message(Type, Term, _Robot, _State, Data) when Type =:= dpp_refused; Type =:= dpp_prevoted ->
+believed(Type, Term, _Robot, _State, Data) when Type =:= dpp_refused; Type =:= dpp_prevoted ->
     {keep_state, higher(Term, Data), []};
-message(Type, Body, Robot, State, #coordinator{term = Own, n = Known} = Data) ->
+believed(Type, Body, Robot, State, #coordinator{term = Own, n = Known} = Data) ->
     case element(1, Body) of
         Own when ?IS_CURRENT(State) -> heard(Type, Body, Robot, State, Data);
         {0, _, _} when State =:= idle, Type =:= dpp_request, Known =:= 0 -> claim(0, Data);
         {N, _, _} when State =:= idle, Type =:= dpp_request -> prevote(N, Data);
         {N, _, _} = Term when ?IS_CURRENT(State), Term > Own -> claim(N, Data);
-        Term when State =:= leading, Term < Own -> keep(ask_again(Robot, Data));
+        Term when State =:= leading, Term < Own -> keep(ask_again(Robot, true, Data));
         Term -> {keep_state, higher(Term, Data), []}
     end.
 
-%% The robot follows an earlier term.
-ask_again(Robot, #coordinator{now = Now, term = Term} = Data) ->
+%% The robot follows an earlier term, or says that it does not believe this one.
+ask_again(Robot, Leads, #coordinator{now = Now, term = Term} = Data) ->
     {Seq, Lease} = starl_dpp_lease:beat(Now, Data#coordinator.lease),
-    {Data#coordinator{lease = Lease}, [starl_sap:post(Robot, dpp_recover, {Term, Seq, true})]}.
+    {Data#coordinator{lease = Lease}, [starl_sap:post(Robot, dpp_recover, {Term, Seq, Leads})]}.
 
 %% If the clocks of others show that the own one has stood still, votes given before do not count.
 heard(Type, Body, Robot, State, Data) ->

@@ -118,7 +118,7 @@ requested(Robot, Id, {At, Painted}, #serve{waiting = Waiting, plan = Plan} = S) 
                 Asking
             );
         false ->
-            {S, stray(Robot, Painted, Plan) ++ outnumbered(Robot, Id, S)}
+            {nearer(Robot, Id, S), stray(Robot, Painted, Plan) ++ outnumbered(Robot, Id, S)}
     end.
 
 %% @doc The robot's report to a new coordinator: where it stands, or the rest of its path.
@@ -130,7 +130,7 @@ reported(Robot, Id, {Place, Painted}, #serve{plan = Plan} = S) ->
     Silent = silent(Robot, S),
     Named = pens(Place) ++ Painted,
     case {newer(Robot, Id, S) andalso starl_dpp_plan:are_targets(Named, Plan), Place} of
-        {false, _} -> {S, stray(Robot, Named, Plan)};
+        {false, _} -> {nearer(Robot, Id, S), stray(Robot, Named, Plan)};
         %% its lease has ended since the report
         {true, {moving, _, _, _}} when Silent -> {S, []};
         {true, {standing, At}} -> stands(Robot, Id, At, Painted, S);
@@ -181,8 +181,20 @@ answered(Robot, ok, #serve{told = Told, telling = Telling} = S) ->
 answered(_Robot, lost, S) ->
     S.
 
-%% Robots number their requests; an old one does not tell where the robot is now.
-newer(Robot, Id, S) -> Id > latest(Robot, S).
+%% Robots number their requests; an old one does not tell where the robot is now. A number that is too far above
+%% is not believed ({@link starl_term}), so that the robot has room for more.
+newer(Robot, {_, N} = Id, S) ->
+    {_, Latest} = latest(Robot, S),
+    Id > latest(Robot, S) andalso starl_term:toward(N, Latest) =:= N.
+
+%% It is nearer at the next time that it says so.
+nearer(Robot, {_, N} = Id, #serve{latest = Latest} = S) ->
+    case latest(Robot, S) of
+        {Series, Known} = Before when Id > Before ->
+            S#serve{latest = Latest#{Robot => {Series, starl_term:toward(N, Known)}}};
+        _ ->
+            S
+    end.
 
 latest(Robot, #serve{latest = Latest}) -> maps:get(Robot, Latest, {0, 0}).
 

@@ -15,9 +15,6 @@
 %% The answer to the coordinator's beat Seq: the own clock, and whether it has the vote.
 -type ballot() :: {starl_dpp_lease:seq(), starl_dpp_lease:stamp(), Vote :: boolean()}.
 
-%% A robot claims fewer than 2^32 terms in its life, even in 100 years.
--define(FORGOTTEN_BITS, 32).
-
 -record(follow, {
     self :: starl:robot_id(),
     team :: [starl:robot_id()],
@@ -27,6 +24,8 @@
     %% only?
     term :: starl_dpp:term_id(),
     anew = true :: boolean(),
+    %% how near numbers have brought it that were too far above to be believed
+    reach = 0 :: non_neg_integer(),
     %% the beat of this term that asked for the robot's place
     wanted = none :: starl_dpp_lease:seq() | none,
     %% when the coordinator was last heard, and when it was last answered
@@ -51,15 +50,16 @@
 -spec new(starl_machine:config()) -> t().
 new(#{robot := Self, participants := Team, now := Now} = Config) ->
     Short = starl_dpp_lease:short_us(Config),
+    Members = starl_team:members(Team),
     {_, Claimant, _} = Term = stored(Config),
     #follow{
         self = Self,
-        team = starl_team:members(Team),
+        team = Members,
         vote = starl_dpp_vote:new(Config),
         coordinator =
-            case Claimant of
-                0 -> none;
-                _ -> Claimant
+            case lists:member(Claimant, Members) of
+                true -> Claimant;
+                false -> none
             end,
         term = Term,
         here_us = 2 * starl_dpp_lease:beat_us(Config),
@@ -69,10 +69,22 @@ new(#{robot := Self, participants := Team, now := Now} = Config) ->
         asked = Now - Short
     }.
 
-%% A term that was forgotten is replaced by one higher than any that is reached by counting.
-stored(#{stored := none}) -> {0, 0, 0};
-stored(#{stored := {stored, Term}}) -> Term;
-stored(#{stored := damaged, incarnation := Life}) -> {Life bsl ?FORGOTTEN_BITS, 0, 0}.
+%% A term that was forgotten is replaced by one higher than any that is reached by counting. So is one that an
+%% earlier version has believed and no team can have come to.
+stored(#{stored := none}) ->
+    {0, 0, 0};
+stored(#{stored := Stored, incarnation := Life}) ->
+    case Stored of
+        {stored, {N, _Claimant, _} = Term} ->
+            case starl_term:is_counted(N) of
+                true -> Term;
+                false -> forgotten(Life)
+            end;
+        damaged ->
+            forgotten(Life)
+    end.
+
+forgotten(Life) -> {starl_term:guess(Life), 0, 0}.
 
 %% @doc Watches a coordinator known from an earlier life: if it says nothing, another has to lead.
 -spec begins(t()) -> [starl_machine:action()].
@@ -113,12 +125,25 @@ prevote(Source, Now, #follow{term = Known, vote = Vote}) ->
 
 %% @doc A robot that claims a term, or leads it, asks for this robot's place. A lower term is always
 %% refused; a claim is refused also if the vote is promised to another robot, or another robot
-%% leads. A robot that leads has a quorum's votes and needs no further one.
+%% leads. A robot that leads has a quorum's votes and needs no further one. A term in the name of another robot is
+%% none, and one that is too far above is not believed ({@link starl_term}): who means it says it again.
 -spec recover(starl:robot_id(), {starl_dpp:term_id(), Seq, Leads :: boolean()}, Now, t()) ->
     {followed | refused, turn()}
 when
     Seq :: starl_dpp_lease:seq(), Now :: integer().
-recover(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F) ->
+recover(Source, {{N, Source, _} = Term, _, _} = Claim, Now, #follow{} = F) ->
+    #follow{term = {Known, _, _}, reach = Reach} = F,
+    case starl_term:toward(N, max(Known, Reach)) of
+        N ->
+            claimed(Source, Claim, Now, F);
+        Nearer ->
+            Doubt = starl_sap:post(Source, dpp_refused, {doubted, Term}),
+            {refused, {F#follow{reach = Nearer}, [{trace, {doubted, Source, Term}}, Doubt]}}
+    end;
+recover(Source, {Term, _Seq, _Leads}, _Now, F) ->
+    {refused, {F, [{trace, {doubted, Source, Term}}]}}.
+
+claimed(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F) ->
     Own = Term =:= Known orelse Leads orelse starl_dpp_vote:may_claim(Source, Now, Vote),
     case Term >= Known andalso Own of
         true ->
@@ -136,15 +161,16 @@ when
     Seq :: starl_dpp_lease:seq(),
     Stamp :: {starl:robot_id(), starl_dpp_lease:stamp()},
     Now :: integer().
-beat(Source, {Term, Seq, Stamps}, Now, #follow{term = Term, anew = false} = F) ->
+beat(Source, {{_, Source, _} = Term, Seq, Stamps}, Now, #follow{term = Term, anew = false} = F) ->
     #follow{self = Self, granted = Old} = F,
-    Granted = granted(proplists:get_value(Self, Stamps, Old), F),
+    Granted = granted(min(Now, proplists:get_value(Self, Stamps, Old)), F),
     {Following, Actions} = follow(Source, {Term, true}, Now, F#follow{granted = Granted}),
     {Answered, Here} = here(Seq, Now, Following),
     {beaten, {Answered, Actions ++ Here}};
 beat(Source, {Term, Seq, _Stamps}, Now, F) ->
     recover(Source, {Term, Seq, true}, Now, F).
 
+%% No stamp of the own clock is in the future, but after that was set back.
 granted(Stamp, #follow{granted = Old, void = Void}) when is_integer(Void), Stamp =< Void -> Old;
 granted(Stamp, #follow{granted = Old}) -> max(Old, Stamp).
 

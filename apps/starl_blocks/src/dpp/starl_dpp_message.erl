@@ -4,7 +4,8 @@
 %% To the coordinator: `dpp_request {Term, Id, At, Painted, Stamp}', with one more element, the end of the
 %% line, if something was in the way of the robot's last drive; `dpp_passed {Term, Id, N}', `dpp_state {Term,
 %% Id, Place, Painted, Ballot}', `dpp_here {Term, Ballot}', with Ballot = {Seq, Stamp, Vote}, `dpp_refused
-%% Term', and `dpp_prevoted Term'. From it: `dpp_answer {Term, Id, Answer, News}', `dpp_recover
+%% Term' with the term that is known, or `{doubted, Term}' with one that is not believed yet, and `dpp_prevoted Term'.
+%% From it: `dpp_answer {Term, Id, Answer, News}', `dpp_recover
 %% {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}', and `dpp_prevote N'.
 -module(starl_dpp_message).
 
@@ -16,7 +17,7 @@ accepts(dpp_request, Body) -> starl_shape:is({either, [request(), request() ++ [
 accepts(dpp_passed, Body) -> starl_shape:is([term(), id(), natural], Body);
 accepts(dpp_state, Body) -> starl_shape:is([term(), id(), place(), edges(), ballot()], Body);
 accepts(dpp_here, Body) -> starl_shape:is([term(), ballot()], Body);
-accepts(dpp_refused, Body) -> starl_shape:is(term(), Body);
+accepts(dpp_refused, Body) -> starl_shape:is({either, [term(), [{is, doubted}, term()]]}, Body);
 accepts(dpp_prevote, Body) -> starl_shape:is(number(), Body);
 accepts(dpp_prevoted, Body) -> starl_shape:is(term(), Body);
 accepts(dpp_answer, Body) -> starl_shape:is([term(), id(), answer(), edges()], Body);
@@ -30,7 +31,7 @@ term() -> [number(), natural, natural].
 
 number() -> {either, [{is, 0}, serial]}.
 
-id() -> [count, natural].
+id() -> [count, number()].
 
 edges() -> {list, count}.
 

@@ -167,11 +167,14 @@ interests() -> [dpp, dpp_coordinator, app, chassis, robot].
 -spec vocabulary() -> starl_event:vocabulary().
 vocabulary() ->
     #{
-        dpp => [{stale_answer, 3}, {void, 1}, {blocked, 1}, {asks, 0}, {answered, 1}],
+        dpp => [
+            {stale_answer, 3}, {doubted, 2}, {void, 1}, {blocked, 1}, {asks, 0}, {answered, 1}
+        ],
         dpp_coordinator => [
             {claims, 1},
             {leads, 1},
             {stepped_down, 1},
+            {doubted, 2},
             {coordinator, 1},
             {reserved, 2},
             {assigned, 3},
@@ -186,10 +189,16 @@ vocabulary() ->
     }.
 
 %% @doc Another robot takes over; a coordinator goes on that broken clocks let believe that it leads. A message
-%% that is malformed comes from a computer that is broken.
+%% that is malformed, or a number that is not believed, comes from a computer that is broken, or an insider's.
 -spec sometimes() -> [{atom() | {atom(), atom()}, owed | seldom}].
 sometimes() ->
-    [{fail_over, owed}, {deluded_coordinator, seldom}, {{dpp_coordinator, malformed}, seldom}].
+    [
+        {fail_over, owed},
+        {deluded_coordinator, seldom},
+        {{dpp_coordinator, malformed}, seldom},
+        {{dpp_coordinator, doubted}, seldom},
+        {{dpp, doubted}, seldom}
+    ].
 
 %% @doc The coordinator and the reservations, while no robot moves.
 -spec timeless(#state{}) -> term().

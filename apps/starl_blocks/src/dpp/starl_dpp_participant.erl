@@ -32,6 +32,8 @@
 -type event() ::
     %% an answer from this robot, in this term, to another request than the present one
     {stale_answer, starl:robot_id(), starl_dpp:term_id(), starl_dpp:request_id()}
+    %% this robot says a term that is too far above to be believed at once, or another robot's
+    | {doubted, starl:robot_id(), starl_dpp:term_id()}
     %% the lease to drive along the path of this answer has ended
     | {void, starl_dpp:request_id()}
     %% something is in its way on the line to this point
@@ -240,9 +242,9 @@ due_answer(Id, {assign, From, Path}, News, Part) ->
     assigned({moving, Id, From, Path}, answered(News, Part));
 due_answer(_Id, again, _News, Part) ->
     {keep_state, Part, [{{timeout, again}, ?LOOK_US, request}]};
-due_answer(_Id, {above, {Series, N}}, _News, Part) ->
-    %% no answer to the request of that number may fit
-    Above = Part#part{series = Series, n = N + 1},
+due_answer(_Id, {above, {Series, N}}, _News, #part{n = Own} = Part) ->
+    %% no answer to the request of that number may fit; what is too far above is not reached at once
+    Above = Part#part{series = Series, n = starl_term:toward(N, Own) + 1},
     {keep_state, Above, [{{timeout, again}, ?LOOK_US, request}]};
 due_answer(_Id, End, News, #part{from = Caller} = Part) ->
     Answered = (answered(News, Part))#part{from = none},

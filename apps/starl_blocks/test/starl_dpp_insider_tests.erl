@@ -1,0 +1,71 @@
+%% Path planning and a robot that has the fleet's key: it says the largest numbers that are taken for messages, then
+%% stops, and all robots reboot with what they have stored. The team paints on.
+-module(starl_dpp_insider_tests).
+-include_lib("eunit/include/eunit.hrl").
+
+-export([paints/4]).
+
+-define(TYPES, [
+    dpp_beat,
+    dpp_recover,
+    dpp_prevote,
+    dpp_prevoted,
+    dpp_refused,
+    dpp_answer,
+    dpp_request,
+    dpp_passed,
+    dpp_state,
+    dpp_here
+]).
+%% When the insider speaks, and when all reboot (ms).
+-define(SPEAKS_MS, 8000).
+-define(REBOOT_MS, 16000).
+-define(TIME_S, 1500).
+
+the_largest_numbers_of_all_messages_end_nothing_test_() ->
+    [
+        {timeout, 120, fun() -> paints(N, Insider, Seed, ?TYPES) end}
+     || {N, Insider, Seed} <- [{2, 1, 1}, {2, 2, 1}, {3, 1, 2}, {3, 3, 3}, {4, 2, 4}]
+    ].
+
+the_largest_numbers_of_each_message_end_nothing_test_() ->
+    [{timeout, 120, fun() -> paints(3, 2, 5, [Type]) end} || Type <- ?TYPES].
+
+%% The insider sends all messages of these types to each robot.
+paints(N, Insider, Seed, Types) ->
+    Packets = fun(Self, Team) ->
+        [
+            {To, Type, Body}
+         || {Type, Body} <- starl_dpp_insider:largest(Self, Team),
+            lists:member(Type, Types),
+            To <- Team -- [Self]
+        ]
+    end,
+    goes_on(N, {Insider, ?SPEAKS_MS, Packets}, reboots(N, ?REBOOT_MS), Seed).
+
+reboots(N, Ms) -> [{reboot, Ms, Ms + 1000, reboot, Robot, #{}} || Robot <- lists:seq(1, N)].
+
+goes_on(N, Attack, Faults, Seed) ->
+    {ok, Sim} = starl_sim:start(#{
+        app => starl_dpp_insider,
+        attack => Attack,
+        robots => N,
+        picture => "short_lines:12",
+        seed => Seed,
+        faults => numbered(Faults),
+        time => ?TIME_S
+    }),
+    #{ending := Ending, now_us := T} = starl_sim:run(Sim),
+    {#{violations := Violations, robots := Robots}, #{figures := Figures}} = starl_sim:finish(Sim),
+    ?assertEqual(
+        {[], done, 1.0, [{done, complete}]},
+        {Violations, Ending, proplists:get_value(ink_covered, Figures),
+            lists:usort([Result || {_, #{result := Result}} <- Robots])},
+        {N, {seed, Seed}, {us, T}}
+    ).
+
+numbered(Faults) ->
+    [
+        setelement(1, Fault, starl_platform_ct:fault_id(fault, K))
+     || {K, Fault} <- lists:zip(lists:seq(1, length(Faults)), Faults)
+    ].
