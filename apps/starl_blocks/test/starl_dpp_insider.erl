@@ -1,6 +1,6 @@
 %% Painting with an insider, for tests: one robot with the key of the fleet says things in its own name, once, and
 %% paints on. The option `attack' is who does it, when (ms after its start), and what it sends: a function from its
-%% number and the team to `{To, Type, Body}', each sent as a message of SAP.
+%% number and the team to lists of `{To, Type, Body}', one list after the other, each sent as a message of SAP.
 -module(starl_dpp_insider).
 -behaviour(starl_app).
 -behaviour(starl_scene).
@@ -10,6 +10,8 @@
 -export([largest/2, most/0]).
 
 -define(PAINTING, starl_painting).
+%% From one list of messages to the next.
+-define(APART_MS, 50).
 %% The largest numbers that the shapes of messages have room for.
 -define(MOST, (1 bsl 58 - 1)).
 -define(MOST_SERIAL, (1 bsl 128 - 1)).
@@ -26,17 +28,18 @@ step(Robot, {Program, Painting, {At, Packets} = Attack}) ->
     case starl:now(Robot) >= At of
         true ->
             ok = starl:store(Robot, has_attacked),
-            Sent = Packets(starl:id(Robot), starl:participants(Robot)),
-            starl_app_turn:perform([
-                {cast, sap, {send, To, Type, Body}}
-             || {To, Type, Body} <- Sent
-            ]),
+            Waves = Packets(starl:id(Robot), starl:participants(Robot)),
+            lists:foreach(fun(Wave) -> say(Robot, Wave) end, Waves),
             {continue, {Program, Painting, none}};
         false ->
             painted(Program, Program:step(Robot, Painting), Attack)
     end;
 step(Robot, {Program, Painting, none}) ->
     painted(Program, Program:step(Robot, Painting), none).
+
+say(Robot, Wave) ->
+    starl_app_turn:perform([{cast, sap, {send, To, Type, Body}} || {To, Type, Body} <- Wave]),
+    starl:sleep(Robot, ?APART_MS).
 
 painted(Program, {continue, Painting}, Attack) -> {continue, {Program, Painting, Attack}};
 painted(_Program, {done, Result}, _Attack) -> {done, Result}.

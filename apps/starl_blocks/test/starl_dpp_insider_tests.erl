@@ -31,14 +31,51 @@ the_largest_numbers_of_all_messages_end_nothing_test_() ->
 the_largest_numbers_of_each_message_end_nothing_test_() ->
     [{timeout, 120, fun() -> paints(3, 2, 5, [Type]) end} || Type <- ?TYPES].
 
+%% The largest number that is believed at once is followed; there is always a higher one to claim.
+the_largest_number_that_is_believed_ends_nothing_test_() ->
+    [
+        {timeout, 120, fun() ->
+            goes_on(N, {Insider, ?SPEAKS_MS, beats([1])}, reboots(N, ?REBOOT_MS), Seed)
+        end}
+     || {N, Insider, Seed} <- [{2, 1, 1}, {2, 2, 1}, {3, 3, 2}, {4, 1, 3}]
+    ].
+
+%% An insider has raised the term step by step. A robot whose store is lost finds back, in as many messages, also where a
+%% team is no more than the two; and so do all that were raised, when the one that was not leads.
+a_robot_without_store_finds_back_to_a_raised_term_test_() ->
+    Steps = lists:seq(1, 50),
+    Lost = fun(Robot) -> {lost, 20000, 22000, store_lost, Robot, #{}} end,
+    [
+        {timeout, 120, fun() ->
+            goes_on(N, {Insider, ?SPEAKS_MS, beats(Steps)}, [Lost(Robot) || Robot <- Robots], Seed)
+        end}
+     || {N, Insider, Robots, Seed} <- [
+            {2, 2, [1], 1}, {2, 1, [1], 2}, {2, 1, [2], 3}, {3, 3, [1], 4}, {4, 1, [2, 3], 5}
+        ]
+    ].
+
+%% One after the other, each as far above the last as is believed.
+beats(Steps) ->
+    fun(Self, Team) ->
+        [
+            [
+                {To, dpp_beat, {{(1 bsl 90) + (K bsl 32), Self, 1}, 1, []}}
+             || To <- Team -- [Self]
+            ]
+         || K <- Steps
+        ]
+    end.
+
 %% The insider sends all messages of these types to each robot.
 paints(N, Insider, Seed, Types) ->
     Packets = fun(Self, Team) ->
         [
-            {To, Type, Body}
-         || {Type, Body} <- starl_dpp_insider:largest(Self, Team),
-            lists:member(Type, Types),
-            To <- Team -- [Self]
+            [
+                {To, Type, Body}
+             || {Type, Body} <- starl_dpp_insider:largest(Self, Team),
+                lists:member(Type, Types),
+                To <- Team -- [Self]
+            ]
         ]
     end,
     goes_on(N, {Insider, ?SPEAKS_MS, Packets}, reboots(N, ?REBOOT_MS), Seed).
