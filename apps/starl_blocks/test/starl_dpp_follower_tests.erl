@@ -161,6 +161,95 @@ only_the_followed_term_is_answered_test() ->
         [?F:answers(R, T, told()) || {R, T} <- [{2, ?TERM}, {3, ?TERM}, {2, {2, 2, 1}}]]
     ).
 
+%% -- terms that are not believed --------------------------------------------------------------
+
+-define(LARGEST, (1 bsl 128 - 1)).
+%% The largest number that is believed at once.
+-define(FAR, ((1 bsl 90) + (1 bsl 32))).
+
+%% Neither a beat nor a claim with the largest number is followed, and nothing is stored; who means it is asked to say
+%% it again.
+a_term_too_far_above_is_not_followed_test() ->
+    Term = {?LARGEST, 3, 1},
+    Doubts = [
+        {trace, {doubted, 3, Term}}, {cast, sap, {send, 3, dpp_refused, {doubted, Term}}}
+    ],
+    [
+        begin
+            {refused, {Next, Actions}} = Said,
+            ?assertEqual(Doubts, Actions),
+            ?assertEqual({2, ?TERM}, {?F:coordinator(Next), ?F:term(Next)}),
+            %% the coordinator that it follows goes on
+            ?assertMatch({beaten, _}, ?F:beat(2, {?TERM, 9, []}, 20 * ?S, Next))
+        end
+     || Said <- [
+            ?F:beat(3, {Term, 8, []}, 20 * ?S, told()),
+            ?F:recover(3, {Term, 8, true}, 20 * ?S, told()),
+            ?F:recover(3, {Term, 8, false}, 20 * ?S, told())
+        ]
+    ].
+
+%% The largest that is believed leaves room for more.
+there_is_always_a_higher_term_test() ->
+    {followed, {F, [{store, {?FAR, 3, 1}} | _]}} = ?F:beat(3, {{?FAR, 3, 1}, 8, []}, ?S, told()),
+    {followed, {Next, _}} = ?F:recover(2, {{?FAR + 1, 2, 1}, 8, true}, 2 * ?S, F),
+    ?assertEqual({?FAR + 1, 2, 1}, ?F:term(Next)),
+    ?assert(starl_dpp_message:accepts(dpp_beat, {{?FAR + 1, 2, 1}, 8, []})).
+
+%% Each time that it is said it is nearer.
+said_again_and_again_a_far_term_is_believed_test() ->
+    Term = {?FAR + (10 bsl 32), 3, 1},
+    Beat = fun(F) ->
+        {How, {Next, _}} = ?F:beat(3, {Term, 8, []}, 20 * ?S, F),
+        {How, Next}
+    end,
+    {Said, _} = lists:mapfoldl(fun(_, F) -> Beat(F) end, told(), lists:seq(1, 11)),
+    ?assertEqual(lists:duplicate(10, refused) ++ [followed], Said).
+
+%% A robot that has lost its store knows a term as high as its life; others follow the next one, and it follows what
+%% others have counted.
+the_guess_for_a_lost_store_is_believed_test() ->
+    [
+        begin
+            Base = #{robot => 3, participants => starl_team:new([1, 2, 3]), now => 0},
+            Lost = ?F:new(Base#{incarnation => Life, stored => damaged}),
+            {N, 0, 0} = ?F:term(Lost),
+            Next = {N + 1, 2, 7},
+            ?assertMatch({followed, _}, ?F:recover(2, {Next, 8, true}, ?S, new(none))),
+            ?assertMatch({followed, _}, ?F:recover(2, {Next, 8, true}, ?S, told())),
+            ?assertMatch({followed, _}, ?F:beat(2, {{N + 100, 2, 7}, 8, []}, ?S, Lost))
+        end
+     || Life <- [1, 2, 60000, 1 bsl 57, 1 bsl 58 - 1]
+    ].
+
+%% An earlier version has stored what anybody said. Then the robot knows a term that others can pass, does not vote
+%% for a lease, and follows nobody outside the team.
+an_absurd_stored_term_counts_as_lost_test() ->
+    ?assertEqual(new(damaged), new({stored, {?LARGEST, 2, 1}})),
+    ?assertEqual({none, {7, 99, 1}}, {
+        ?F:coordinator(new({stored, {7, 99, 1}})), ?F:term(new({stored, {7, 99, 1}}))
+    }),
+    F = new({stored, {?LARGEST, 1 bsl 58 - 1, 1 bsl 58 - 1}}),
+    {N, 0, 0} = ?F:term(F),
+    Claim = {{N + 1, 2, 1}, 8, false},
+    ?assertMatch({refused, _}, ?F:recover(2, Claim, 10 * ?S - 1, F)),
+    ?assertMatch({followed, _}, ?F:recover(2, Claim, 10 * ?S, F)).
+
+%% Only its claimant speaks in a term.
+a_term_in_the_name_of_another_robot_is_none_test() ->
+    F = told(),
+    [
+        ?assertEqual(
+            {refused, {F, [{trace, {doubted, 3, Term}}]}}, ?F:beat(3, {Term, 8, []}, ?S, F)
+        )
+     || Term <- [?TERM, {2, 1, 1}, {2, 99, 1}, {2, 0, 1}]
+    ].
+
+%% A robot that leads returns stamps. None of the own clock is in the future, so no lease lasts longer.
+a_stamp_of_the_future_is_no_lease_test() ->
+    {beaten, {F, _}} = ?F:beat(2, {?TERM, 8, [{1, 1 bsl 57}]}, 5 * ?S, told()),
+    ?assertEqual(10 * ?S, ?F:lease_us(5 * ?S, F)).
+
 %% -- where the robot is ---------------------------------------------------------------------
 
 %% Told once for each question, with the vote.
@@ -184,7 +273,7 @@ first_beat_test() ->
 beat_of_another_term_test() ->
     Beat = fun(Term) -> ?F:beat(3, {Term, 8, []}, 2 * ?S, told()) end,
     ?assertMatch({followed, {_, [{store, {2, 3, 1}} | _]}}, Beat({2, 3, 1})),
-    ?assertMatch({refused, {_, [{cast, sap, {send, 3, dpp_refused, ?TERM}}]}}, Beat({1, 1, 1})).
+    ?assertMatch({refused, {_, [{cast, sap, {send, 3, dpp_refused, ?TERM}}]}}, Beat({0, 3, 1})).
 
 %% Beats are answered every other second, with the vote; not before the place is told.
 every_other_beat_is_answered_with_the_vote_test() ->
