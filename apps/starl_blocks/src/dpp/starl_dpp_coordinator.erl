@@ -331,11 +331,12 @@ served({Serve, Actions}, Data) -> {Data#coordinator{serve = Serve}, Actions}.
 
 %% -- messages of participants ---------------------------------------------------------------
 
-message(dpp_refused, {doubted, Term}, Robot, State, #coordinator{term = Own} = Data) ->
-    case ?IS_CURRENT(State) andalso Term =:= Own of
-        true -> keep(ask_again(Robot, State =:= leading, Data));
-        false -> keep_state_and_data
-    end;
+message(dpp_refused, {doubted, Own}, Robot, State, #coordinator{term = Own} = Data) when
+    ?IS_CURRENT(State)
+->
+    keep(ask_again(Robot, State =:= leading, Data));
+message(dpp_refused, {doubted, _Term}, _Robot, _State, _Data) ->
+    keep_state_and_data;
 message(Type, Body, Robot, State, #coordinator{n = Known, reach = Reach} = Data) ->
     {N, _, _} = Term = term(Type, Body),
     case starl_term:toward(N, max(Known, Reach)) of
