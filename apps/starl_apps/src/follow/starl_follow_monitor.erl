@@ -41,7 +41,7 @@ interests() -> [app, robot, supervisor].
 
 %% @doc {@link starl_leadership:event()}.
 -spec vocabulary() -> starl_event:vocabulary().
-vocabulary() -> #{app => [{leads, 1}, {follows, 2}]}.
+vocabulary() -> #{app => [{leads, 1}, {follows, 2}, {doubted, 1}]}.
 
 -spec step(starl_monitor:trace_event(), #state{}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.

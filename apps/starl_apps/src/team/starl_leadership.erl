@@ -23,14 +23,21 @@
 %%
 %% Under lost messages two may lead in one term, until one hears of the other: the one with the higher number
 %% goes on. The block is `starl_bully'. Trace: {@link event()}.
+%%
+%% A term that is too far above the known one is not followed ({@link starl_term}), so that no robot can end the
+%% counting.
 -module(starl_leadership).
 
 -export([new/1, turn/2, listen/2, beat/3, draw/3, leader/1, beat_ms/0]).
 
 -export_type([t/0, event/0, term_no/0, leader/0, outcome/0]).
 
-%% It leads in this term, told with every beat; it follows that robot from now on.
--type event() :: {leads, term_no()} | {follows, term_no(), Leader :: starl:robot_id()}.
+%% It leads in this term, told with every beat; it follows that robot from now on; that robot's beat has no term, or
+%% one that is not believed.
+-type event() ::
+    {leads, term_no()}
+    | {follows, term_no(), Leader :: starl:robot_id()}
+    | {doubted, starl:robot_id()}.
 
 -type term_no() :: non_neg_integer().
 
@@ -40,7 +47,9 @@
 -record(leadership, {
     role = elect :: elect | lead | follow,
     term = 0 :: term_no(),
-    leader = none :: starl:robot_id() | none
+    leader = none :: starl:robot_id() | none,
+    %% how near beats have brought it to terms that were not believed
+    reach = 0 :: term_no()
 }).
 
 -opaque t() :: #leadership{}.
@@ -108,7 +117,7 @@ listen(Robot, Until, Team) ->
                     {nothing, Team};
                 Beat ->
                     case heard(Beat, Robot, Team) of
-                        {nothing, Team} -> listen(Robot, Until, Team);
+                        {nothing, Next} -> listen(Robot, Until, Next);
                         {heard, _, _} = Heard -> Heard
                     end
             end;
@@ -116,9 +125,22 @@ listen(Robot, Until, Team) ->
             {nothing, Team}
     end.
 
-heard({ok, From, {Term, Content}}, _Robot, #leadership{term = Term, leader = From} = Team) ->
+heard({ok, From, {Term, Content}}, Robot, Team) when is_integer(Term), Term >= 0 ->
+    #leadership{term = Known, reach = Reach} = Team,
+    case starl_term:toward(Term, max(Known, Reach)) of
+        Term -> believed(From, Term, Content, Robot, Team);
+        Nearer -> doubted(From, Robot, Team#leadership{reach = Nearer})
+    end;
+heard({ok, From, _NoBeat}, Robot, Team) ->
+    doubted(From, Robot, Team).
+
+doubted(From, Robot, Team) ->
+    ok = starl:trace(Robot, {doubted, From}),
+    {nothing, Team}.
+
+believed(From, Term, Content, _Robot, #leadership{term = Term, leader = From} = Team) ->
     {heard, Content, Team};
-heard({ok, From, {Term, Content}}, Robot, #leadership{term = Known, leader = Leader} = Team) ->
+believed(From, Term, Content, Robot, #leadership{term = Known, leader = Leader} = Team) ->
     Rival = hd([Id || Id <- [Leader, starl:id(Robot)], Id =/= none]),
     case Term > Known orelse (Term =:= Known andalso From > Rival) of
         true -> {heard, Content, follow(Robot, Term, From)};
