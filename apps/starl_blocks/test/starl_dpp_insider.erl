@@ -46,14 +46,22 @@ painted(_Program, {done, Result}, _Attack) -> {done, Result}.
 
 options() ->
     [
-        {attack, {term, "{Robot, Ms, Fun}", fun is_tuple/1}, {0, 0, fun(_, _) -> [] end}, ""}
+        {attack, {term, "{Robot, Ms, Fun}", fun is_tuple/1}, {0, 0, fun(_, _) -> [] end}, ""},
+        {planning, {term, "a block", fun is_atom/1}, starl_dpp, "in the place of starl_dpp"}
         | starl_app:options(?PAINTING)
     ].
 
-scene(#{options := #{attack := Attack} = Options} = Context) ->
-    {ok, #{app := {sequential, Program, Argument}} = Scene} =
-        starl_scene:make(?PAINTING, Context#{options := maps:remove(attack, Options)}),
-    {ok, Scene#{app := {sequential, ?MODULE, {Program, Argument, Attack}}}}.
+scene(#{options := #{attack := Attack, planning := Planning} = Options} = Context) ->
+    Given = Context#{options := maps:without([attack, planning], Options)},
+    {ok, #{app := {sequential, Program, Argument}, blocks := Blocks} = Scene} =
+        starl_scene:make(?PAINTING, Given),
+    {ok, Scene#{
+        app := {sequential, ?MODULE, {Program, Argument, Attack}},
+        blocks := [in_place(Planning, Block) || Block <- Blocks]
+    }}.
+
+in_place(Planning, {starl_dpp, Options}) -> {Planning, Options};
+in_place(_Planning, Block) -> Block.
 
 report(Scene, Outcome) -> starl_scene:report(?PAINTING, Scene, Outcome).
 

@@ -25,7 +25,27 @@
 the_largest_numbers_of_all_messages_end_nothing_test_() ->
     [
         {timeout, 120, fun() -> paints(N, Insider, Seed, ?TYPES) end}
-     || {N, Insider, Seed} <- [{2, 1, 1}, {2, 2, 1}, {3, 1, 2}, {3, 3, 3}, {4, 2, 4}]
+     || {N, Seed} <- [{2, 1}, {3, 2}, {4, 3}], Insider <- lists:seq(1, N)
+    ].
+
+%% Also where nobody knows a term yet, or only the insider starts anew, or nobody does.
+whenever_it_speaks_and_whoever_reboots_test_() ->
+    [
+        {timeout, 120, fun() -> goes_on(3, {2, Ms, largest(?TYPES)}, Faults, Seed) end}
+     || {Ms, Faults, Seed} <- [
+            {0, reboots(3, ?REBOOT_MS), 1},
+            {0, [], 2},
+            {?SPEAKS_MS, [], 3},
+            {?SPEAKS_MS, [lists:nth(2, reboots(3, ?REBOOT_MS))], 4}
+        ]
+    ].
+
+%% An earlier version has stored the largest term everywhere: after the update the team paints.
+a_team_that_has_stored_the_largest_term_paints_test_() ->
+    Nothing = {1, 0, fun(_, _) -> [] end},
+    [
+        {timeout, 120, fun() -> goes_on(N, Nothing, Faults, Seed, starl_dpp_attacked) end}
+     || {N, Seed} <- [{1, 1}, {2, 2}, {3, 3}, {4, 4}], Faults <- [[], reboots(N, ?REBOOT_MS)]
     ].
 
 the_largest_numbers_of_each_message_end_nothing_test_() ->
@@ -68,7 +88,10 @@ beats(Steps) ->
 
 %% The insider sends all messages of these types to each robot.
 paints(N, Insider, Seed, Types) ->
-    Packets = fun(Self, Team) ->
+    goes_on(N, {Insider, ?SPEAKS_MS, largest(Types)}, reboots(N, ?REBOOT_MS), Seed).
+
+largest(Types) ->
+    fun(Self, Team) ->
         [
             [
                 {To, Type, Body}
@@ -77,15 +100,17 @@ paints(N, Insider, Seed, Types) ->
                 To <- Team -- [Self]
             ]
         ]
-    end,
-    goes_on(N, {Insider, ?SPEAKS_MS, Packets}, reboots(N, ?REBOOT_MS), Seed).
+    end.
 
 reboots(N, Ms) -> [{reboot, Ms, Ms + 1000, reboot, Robot, #{}} || Robot <- lists:seq(1, N)].
 
-goes_on(N, Attack, Faults, Seed) ->
+goes_on(N, Attack, Faults, Seed) -> goes_on(N, Attack, Faults, Seed, starl_dpp).
+
+goes_on(N, Attack, Faults, Seed, Planning) ->
     {ok, Sim} = starl_sim:start(#{
         app => starl_dpp_insider,
         attack => Attack,
+        planning => Planning,
         robots => N,
         picture => "short_lines:12",
         seed => Seed,
