@@ -1,29 +1,13 @@
-%% The block of path planning on robots whose stores hold a term that nobody can have come to, as an earlier version
-%% stored it; for tests ({@link starl_dpp_insider}). In their first life they find it, later what they have stored.
+%% A participant of path planning whose store holds a term that nobody can have come to, as an earlier version
+%% stored it; for tests ({@link starl_dpp_insider}). In its first life it finds it, later what it has stored.
 -module(starl_dpp_attacked).
--behaviour(starl_block).
 -behaviour(starl_machine).
 
--export([options/0, check/1, machines/1, monitors/2, contract/0, guarantees/0]).
 -export([init/1, handle_event/5, accepts/2]).
 
-options() -> starl_dpp:options().
-
-check(Options) -> starl_dpp:check(Options).
-
-machines(Options) ->
-    [{dpp, _, Config} | Others] = starl_dpp:machines(Options),
-    [{dpp, ?MODULE, Config} | Others].
-
-monitors(Options, Context) -> starl_dpp:monitors(Options, Context).
-
-contract() -> starl_dpp:contract().
-
-guarantees() -> starl_dpp:guarantees().
-
-init(#{stored := none, robot := Robot} = Config) ->
-    Most = starl_dpp_insider:most(),
-    starl_dpp_participant:init(Config#{stored := {stored, {Most, 3 - Robot rem 2, 1 bsl 57}}});
+init(#{stored := none} = Config) ->
+    Term = {starl_dpp_insider:most(), 1, 1 bsl 57},
+    starl_dpp_participant:init(Config#{stored := {stored, Term}});
 init(Config) ->
     starl_dpp_participant:init(Config).
 

@@ -47,21 +47,21 @@ painted(_Program, {done, Result}, _Attack) -> {done, Result}.
 options() ->
     [
         {attack, {term, "{Robot, Ms, Fun}", fun is_tuple/1}, {0, 0, fun(_, _) -> [] end}, ""},
-        {planning, {term, "a block", fun is_atom/1}, starl_dpp, "in the place of starl_dpp"}
+        {dpp, {term, "a machine", fun is_atom/1}, starl_dpp_participant, ""}
         | starl_app:options(?PAINTING)
     ].
 
-scene(#{options := #{attack := Attack, planning := Planning} = Options} = Context) ->
-    Given = Context#{options := maps:without([attack, planning], Options)},
+scene(#{options := #{attack := Attack, dpp := Participant} = Options} = Context) ->
+    Given = Context#{options := maps:without([attack, dpp], Options)},
     {ok, #{app := {sequential, Program, Argument}, blocks := Blocks} = Scene} =
         starl_scene:make(?PAINTING, Given),
     {ok, Scene#{
         app := {sequential, ?MODULE, {Program, Argument, Attack}},
-        blocks := [in_place(Planning, Block) || Block <- Blocks]
+        blocks := [in_place(Participant, Block) || Block <- Blocks]
     }}.
 
-in_place(Planning, {starl_dpp, Options}) -> {Planning, Options};
-in_place(_Planning, Block) -> Block.
+in_place(Participant, {dpp, _, Config}) -> {dpp, Participant, Config};
+in_place(_Participant, Machine) -> Machine.
 
 report(Scene, Outcome) -> starl_scene:report(?PAINTING, Scene, Outcome).
 

@@ -104,13 +104,13 @@ largest(Types) ->
 
 reboots(N, Ms) -> [{reboot, Ms, Ms + 1000, reboot, Robot, #{}} || Robot <- lists:seq(1, N)].
 
-goes_on(N, Attack, Faults, Seed) -> goes_on(N, Attack, Faults, Seed, starl_dpp).
+goes_on(N, Attack, Faults, Seed) -> goes_on(N, Attack, Faults, Seed, starl_dpp_participant).
 
-goes_on(N, Attack, Faults, Seed, Planning) ->
+goes_on(N, Attack, Faults, Seed, Participant) ->
     {ok, Sim} = starl_sim:start(#{
         app => starl_dpp_insider,
         attack => Attack,
-        planning => Planning,
+        dpp => Participant,
         robots => N,
         picture => "short_lines:12",
         seed => Seed,
