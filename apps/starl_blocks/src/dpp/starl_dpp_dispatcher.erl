@@ -187,13 +187,12 @@ newer(Robot, {_, N} = Id, S) ->
     {_, Latest} = latest(Robot, S),
     Id > latest(Robot, S) andalso starl_term:toward(N, Latest) =:= N.
 
-%% It is nearer at the next time that it says so.
-nearer(Robot, {_, N} = Id, #serve{latest = Latest} = S) ->
-    case latest(Robot, S) of
-        {Series, Known} = Before when Id > Before ->
-            S#serve{latest = Latest#{Robot => {Series, starl_term:toward(N, Known)}}};
-        _ ->
-            S
+%% Each time that the robot says so it is nearer.
+nearer(Robot, {_, N}, #serve{latest = Latest} = S) ->
+    {Series, Known} = latest(Robot, S),
+    case starl_term:toward(N, Known) of
+        Nearer when Nearer < N -> S#serve{latest = Latest#{Robot => {Series, Nearer}}};
+        N -> S
     end.
 
 latest(Robot, #serve{latest = Latest}) -> maps:get(Robot, Latest, {0, 0}).
