@@ -7,7 +7,7 @@
 
 -export([init/2, step/2]).
 -export([options/0, scene/1, report/2]).
--export([largest/2, most/0]).
+-export([largest/2, random/3, most/0]).
 
 -define(PAINTING, starl_painting).
 %% From one list of messages to the next.
@@ -95,3 +95,26 @@ bodies(Term, Id, Team) ->
             {dpp_prevoted, Term},
             {dpp_prevote, ?MOST_SERIAL}
         ].
+
+%% A message to a robot with small, guessed, believed, far and largest numbers; the draws are those of `rand'.
+random(To, Sender, Team) ->
+    Term = {number(), pick([Sender, Sender, Sender, pick(Team), ?MOST]), pick([1, ?MOST])},
+    Id = {pick([1, 2, ?MOST]), pick([1, 5, number()])},
+    {Type, Body} = pick([
+        {dpp_beat, {Term, pick([1, 1000000, ?MOST]), [{R, pick([1, ?MOST])} || R <- Team]}},
+        {dpp_recover, {Term, 1, pick([true, false])}},
+        {dpp_refused, pick([Term, {doubted, Term}])},
+        {dpp_prevoted, Term},
+        {dpp_prevote, number()},
+        {dpp_here, {Term, {1, 1, true}}},
+        {dpp_passed, {Term, Id, pick([1, ?MOST])}},
+        {dpp_answer, {Term, Id, pick([again, {above, Id}]), []}}
+    ]),
+    {To, Type, Body}.
+
+number() ->
+    Guesses = 1 bsl 90,
+    Stepped = Guesses + (rand:uniform(40) bsl 32),
+    pick([0, 1, 2, 7, 1 bsl 62, Guesses - 1, Guesses, Stepped, 1 bsl 91, 1 bsl 127, ?MOST_SERIAL]).
+
+pick(List) -> lists:nth(rand:uniform(length(List)), List).

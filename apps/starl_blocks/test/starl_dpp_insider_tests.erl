@@ -3,7 +3,7 @@
 -module(starl_dpp_insider_tests).
 -include_lib("eunit/include/eunit.hrl").
 
--export([paints/4]).
+-export([paints/4, draws/1]).
 
 -define(TYPES, [
     dpp_beat,
@@ -39,6 +39,10 @@ whenever_it_speaks_and_whoever_reboots_test_() ->
             {?SPEAKS_MS, [lists:nth(2, reboots(3, ?REBOOT_MS))], 4}
         ]
     ].
+
+%% Numbers drawn from the small, the guessed, the believed, and the largest, in many messages. A failure tells its seed.
+numbers_of_all_sizes_end_nothing_test_() ->
+    [{timeout, 120, fun() -> draws(Seed) end} || Seed <- lists:seq(1, 12)].
 
 %% An earlier version has stored the largest term everywhere: after the update the team paints.
 a_team_that_has_stored_the_largest_term_paints_test_() ->
@@ -101,6 +105,28 @@ largest(Types) ->
             ]
         ]
     end.
+
+draws(Seed) ->
+    _ = rand:seed(exsss, Seed),
+    N = 1 + rand:uniform(3),
+    Insider = rand:uniform(N),
+    SpeaksMs = 500 * rand:uniform(30),
+    Waves = rand:uniform(30),
+    Drawn = rand:export_seed(),
+    Packets = fun(Self, Team) ->
+        _ = rand:seed(Drawn),
+        [
+            [
+                starl_dpp_insider:random(To, Self, Team)
+             || To <- Team -- [Self], _ <- lists:seq(1, rand:uniform(3))
+            ]
+         || _ <- lists:seq(1, Waves)
+        ]
+    end,
+    Faults = lists:nth(1 + Seed rem 3, [
+        [], reboots(N, ?REBOOT_MS), [{lost, 20000, 21000, store_lost, Insider, #{}}]
+    ]),
+    goes_on(N, {Insider, SpeaksMs, Packets}, Faults, Seed).
 
 reboots(N, Ms) -> [{reboot, Ms, Ms + 1000, reboot, Robot, #{}} || Robot <- lists:seq(1, N)].
 
