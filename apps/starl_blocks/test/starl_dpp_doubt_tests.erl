@@ -61,6 +61,8 @@ a_claim_finds_above_a_raised_robot_test() ->
             {Claims, Asked, _} = lists:foldl(
                 fun(_, {[], Asked, C0}) ->
                     {Actions, C1} = step(cast, Refused, C0),
+                    Doubts = [{trace, {doubted, 2, {?FARTHER, 3, 1}}} || claims(Actions) =:= []],
+                    ?assertEqual(Doubts, [A || {trace, {doubted, _, _}} = A <- Actions]),
                     {claims(Actions), Asked + length(sent(dpp_recover, Actions)), C1}
                 end,
                 {[], 0, C},
