@@ -47,21 +47,24 @@ painted(_Program, {done, Result}, _Attack) -> {done, Result}.
 options() ->
     [
         {attack, {term, "{Robot, Ms, Fun}", fun is_tuple/1}, {0, 0, fun(_, _) -> [] end}, ""},
-        {dpp, {term, "a machine", fun is_atom/1}, starl_dpp_participant, ""}
+        {stored, {term, "the term in a robot's store at first", fun is_function/1},
+            fun(_) -> none end, ""}
         | starl_app:options(?PAINTING)
     ].
 
-scene(#{options := #{attack := Attack, dpp := Participant} = Options} = Context) ->
-    Given = Context#{options := maps:without([attack, dpp], Options)},
+scene(#{options := #{attack := Attack, stored := Stored} = Options} = Context) ->
+    Given = Context#{options := maps:without([attack, stored], Options)},
     {ok, #{app := {sequential, Program, Argument}, blocks := Blocks} = Scene} =
         starl_scene:make(?PAINTING, Given),
     {ok, Scene#{
         app := {sequential, ?MODULE, {Program, Argument, Attack}},
-        blocks := [in_place(Participant, Block) || Block <- Blocks]
+        blocks := [with_store(Stored, Block) || Block <- Blocks]
     }}.
 
-in_place(Participant, {dpp, _, Config}) -> {dpp, Participant, Config};
-in_place(_Participant, Machine) -> Machine.
+with_store(Stored, {dpp, starl_dpp_participant, Config}) ->
+    {dpp, starl_dpp_attacked, Config#{first => Stored}};
+with_store(_Stored, Machine) ->
+    Machine.
 
 report(Scene, Outcome) -> starl_scene:report(?PAINTING, Scene, Outcome).
 

@@ -44,16 +44,23 @@ whenever_it_speaks_and_whoever_reboots_test_() ->
 numbers_of_all_sizes_end_nothing_test_() ->
     [{timeout, 120, fun() -> draws(Seed) end} || Seed <- lists:seq(1, 12)].
 
-%% An earlier version has stored the largest term everywhere: after the update the team paints.
-a_team_that_has_stored_the_largest_term_paints_test_() ->
+%% An earlier version has stored the largest term, everywhere or at one robot: after the update the team paints. So it
+%% does when an insider has raised one robot step by step.
+a_team_with_a_far_term_in_its_stores_paints_test_() ->
     Nothing = {1, 0, fun(_, _) -> [] end},
+    Stored = fun(Term, Robots) ->
+        fun(Robot) -> hd([Term || lists:member(Robot, Robots)] ++ [none]) end
+    end,
+    Far = [starl_dpp_insider:most(), (1 bsl 90) + (1 bsl 65), (1 bsl 90) + (500 bsl 32)],
     [
-        {timeout, 120, fun() -> goes_on(N, Nothing, Faults, Seed, starl_dpp_attacked) end}
-     || {N, Seed} <- [{1, 1}, {2, 2}, {3, 3}, {4, 4}], Faults <- [[], reboots(N, ?REBOOT_MS)]
+        {timeout, 120, fun() ->
+            goes_on(N, Nothing, Faults, Seed, Stored({Number, 1, 1 bsl 57}, Robots))
+        end}
+     || {N, Seed} <- [{1, 1}, {2, 2}, {3, 3}, {4, 4}],
+        Number <- Far,
+        Robots <- lists:usort([[1], [N], lists:seq(1, N)]),
+        Faults <- [[]] ++ [reboots(N, ?REBOOT_MS) || Robots =/= [1]]
     ].
-
-the_largest_numbers_of_each_message_end_nothing_test_() ->
-    [{timeout, 120, fun() -> paints(3, 2, 5, [Type]) end} || Type <- ?TYPES].
 
 %% The largest number that is believed at once is followed; there is always a higher one to claim.
 the_largest_number_that_is_believed_ends_nothing_test_() ->
@@ -130,13 +137,13 @@ draws(Seed) ->
 
 reboots(N, Ms) -> [{reboot, Ms, Ms + 1000, reboot, Robot, #{}} || Robot <- lists:seq(1, N)].
 
-goes_on(N, Attack, Faults, Seed) -> goes_on(N, Attack, Faults, Seed, starl_dpp_participant).
+goes_on(N, Attack, Faults, Seed) -> goes_on(N, Attack, Faults, Seed, fun(_) -> none end).
 
-goes_on(N, Attack, Faults, Seed, Participant) ->
+goes_on(N, Attack, Faults, Seed, Stored) ->
     {ok, Sim} = starl_sim:start(#{
         app => starl_dpp_insider,
         attack => Attack,
-        dpp => Participant,
+        stored => Stored,
         robots => N,
         picture => "short_lines:12",
         seed => Seed,

@@ -55,4 +55,7 @@ what_may_be_stored_test() ->
         ?assert(?T:is_counted(N))
      || N <- [0, 1, ?T:guess(?LIFE), ?T:guess(?LIFE) + (1000000 bsl 32)]
     ],
-    [?assertNot(?T:is_counted(N)) || N <- [?ROOM, 1 bsl 91, -1, 1.0, many, {1}]].
+    [
+        ?assertNot(?T:is_counted(N))
+     || N <- [?ROOM, 1 bsl 91, ?T:guess(?LIFE) + (1 bsl 65), -1, 1.0, many, {1}]
+    ].

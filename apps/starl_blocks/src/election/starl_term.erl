@@ -18,8 +18,8 @@
 -define(LIFE_BITS, 32).
 -define(GUESSES, (1 bsl (58 + ?LIFE_BITS))).
 -define(STEP, (1 bsl ?LIFE_BITS)).
-%% A million steps.
--define(STEPPED, (1 bsl (20 + ?LIFE_BITS))).
+%% More than 2^32 steps: 50 days of a thousand messages a second.
+-define(STEPPED, (1 bsl 64)).
 
 %% @doc A number higher than any that is reached by counting, for a robot in this incarnation that has lost its
 %% store.
@@ -31,7 +31,6 @@ guess(Incarnation) -> min(Incarnation bsl ?LIFE_BITS, ?GUESSES).
 -spec toward(non_neg_integer(), Known :: non_neg_integer()) -> non_neg_integer().
 toward(N, Known) -> min(N, max(Known, ?GUESSES) + ?STEP).
 
-%% @doc Could a stored number come from guesses, counting, and a million steps? An earlier version believed, and
-%% stored, any.
+%% @doc Can a stored number come from guesses, counting, and steps? An earlier version has believed, and stored, any.
 -spec is_counted(term()) -> boolean().
 is_counted(N) -> is_integer(N) andalso N >= 0 andalso N =< ?GUESSES + ?STEPPED.
