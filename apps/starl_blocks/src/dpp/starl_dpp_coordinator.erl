@@ -61,6 +61,10 @@
     robot, participants, incarnation, life, name, random, team_seed, now, stored
 ]).
 
+%% A robot that doubts is asked again so often in this time; then the next beat asks it.
+-define(DOUBTS, 64).
+-define(DOUBTS_US, 500000).
+
 -record(coordinator, {
     self :: starl:robot_id(),
     incarnation :: pos_integer(),
@@ -75,6 +79,8 @@
     term = {0, 0, 0} :: starl_dpp:term_id(),
     %% how near numbers have brought it that were too far above to be believed
     reach = 0 :: non_neg_integer(),
+    %% the robots that doubt the own term: since when, and how often each was asked again
+    doubters = #{} :: #{starl:robot_id() => {FromUs :: integer(), Count :: pos_integer()}},
     lease :: starl_dpp_lease:t(),
     %% the robots that would vote for this one
     agreed = [] :: [starl:robot_id()],
@@ -334,7 +340,7 @@ served({Serve, Actions}, Data) -> {Data#coordinator{serve = Serve}, Actions}.
 message(dpp_refused, {doubted, Own}, Robot, State, #coordinator{term = Own} = Data) when
     ?IS_CURRENT(State)
 ->
-    keep(ask_again(Robot, State =:= leading, Data));
+    keep(ask_doubter(Robot, State =:= leading, Data));
 message(dpp_refused, {doubted, _Term}, _Robot, _State, _Data) ->
     keep_state_and_data;
 message(Type, Body, Robot, State, #coordinator{n = Known, reach = Reach} = Data) ->
@@ -357,7 +363,7 @@ doubted(Type, Term, Robot, State, Data) ->
         {dpp_request, idle} ->
             traced(Trace, prevote(0, Data));
         {dpp_refused, _} when ?IS_CURRENT(State) ->
-            {Asked, Again} = ask_again(Robot, State =:= leading, Data),
+            {Asked, Again} = ask_doubter(Robot, State =:= leading, Data),
             {keep_state, Asked, [Trace | Again]};
         _ ->
             {keep_state, Data, [Trace]}
@@ -384,6 +390,22 @@ believed(Type, Body, Robot, State, #coordinator{term = Own, n = Known} = Data) -
         {N, _, _} = Term when ?IS_CURRENT(State), Term > Own -> claim(N, Data);
         Term when State =:= leading, Term < Own -> keep(ask_again(Robot, true, Data));
         Term -> {keep_state, higher(Term, Data), []}
+    end.
+
+%% Each answer brings the two nearer, and each is asked for by the one before: so many of them a second.
+ask_doubter(Robot, Leads, #coordinator{now = Now, doubters = Doubters} = Data) ->
+    {From, Count} =
+        case Doubters of
+            #{Robot := {Begun, Asked}} when Now - Begun < ?DOUBTS_US -> {Begun, Asked};
+            #{} -> {Now, 0}
+        end,
+    case Count < ?DOUBTS of
+        true ->
+            ask_again(Robot, Leads, Data#coordinator{
+                doubters = Doubters#{Robot => {From, Count + 1}}
+            });
+        false ->
+            {Data, []}
     end.
 
 %% The robot follows an earlier term, or says that it does not believe this one.
