@@ -132,7 +132,7 @@ run(#sim{run = Run, scenario = #{time := Seconds}}) -> starl_sim_run:run(Run, mi
 -spec world() -> simulation.
 world() -> simulation.
 
-%% @doc Runs to the end, and says why it has ended.
+%% @doc Runs to the end, and returns why the run has ended.
 -spec await(sim()) -> starl_run:ending().
 await(Sim) ->
     case run(Sim) of
@@ -173,8 +173,8 @@ inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
 -spec robots(sim()) -> [{starl:robot_id(), starl_sim_summary:t()}] | {error, running}.
 robots(#sim{run = Run}) -> starl_sim_run:robots(Run).
 
-%% @doc All robots as data, from which another run can go on ({@link starl_sim_shards}). Only while the run
-%% rests. `Windows' have been run so far.
+%% @doc All robots as data, from which another run can go on ({@link starl_sim_shards}). Only while
+%% the run rests. `Windows' is the number of windows run so far.
 -spec snapshots(sim()) ->
     {Windows :: non_neg_integer(), [
         {starl:robot_id(), {ok, starl_sim_robot:snapshot()} | {error, starl_snapshot:reason()}}
@@ -192,14 +192,15 @@ events(#sim{run = Run}, Robot) -> starl_sim_run:events(Run, Robot).
     [starl_sim_timers:timer()] | unknown | {error, running}.
 timers(#sim{run = Run}, Robot) -> starl_sim_run:timers(Run, Robot).
 
-%% @doc All violations, with those that would be found if the run ended here. Only while it rests.
+%% @doc All violations, including those that would be found if the run ended here. Only while it
+%% rests.
 -spec violations(sim()) -> [starl_monitor:violation()] | {error, running}.
 violations(#sim{run = Run}) -> starl_sim_run:violations(Run).
 
-%% @doc All robots get new code, as by a reload of the scenario ({@link starl_reload}): a module from the place
-%% of its code, a source file, or compiled code. Each machine goes on with it at its next step, on trial for
-%% five seconds of virtual time; {@link reloads/1} and the log say what has become of it. If it fails on one
-%% robot, all go back.
+%% @doc Gives all robots new code, like a reload of the scenario ({@link starl_reload}). The source
+%% is a module from the place of its code, a source file, or compiled code. Each machine switches to
+%% it at its next step, on trial for five seconds of virtual time. If it fails on one robot, all go
+%% back. {@link reloads/1} and the log report the result.
 -spec reload(sim(), starl_run_reloads:source()) -> ok | {error, reason()}.
 reload(Sim, Source) -> reload(Sim, Source, #{}).
 
@@ -213,16 +214,16 @@ reload(#sim{run = Run}, Source, Options) ->
         ok -> ok
     end.
 
-%% @doc What has become of the reloads so far, those of the scenario among them: {@link
-%% starl_reload_monitor:format/1} says it in a line each.
+%% @doc The results of all reloads so far, including those of the scenario.
+%% {@link starl_reload_monitor:format/1} formats each as a line.
 -spec reloads(sim()) -> [starl_reload_monitor:reload()].
 reloads(#sim{run = Run}) -> starl_sim_run:reloads(Run).
 
-%% @doc Watches for a run that stands still in real time ({@link starl_sim_watchdog}).
+%% @doc Watches for a run that makes no progress in real time ({@link starl_sim_watchdog}).
 -spec watch(sim(), starl_sim_watchdog:config()) -> pid().
 watch(#sim{run = Run}, Config) -> starl_sim_watchdog:start_link(Run, Config).
 
-%% @doc Who is at work in a run that stands still; any process may ask.
+%% @doc The processes that are at work in a run without progress. Any process may ask.
 -spec at_work(sim()) -> [starl_sim_watchdog:work()].
 at_work(#sim{run = Run}) -> starl_sim_watchdog:at_work(Run).
 
@@ -230,7 +231,7 @@ at_work(#sim{run = Run}) -> starl_sim_watchdog:at_work(Run).
 -spec scenario(sim()) -> starl_run_scenario:t().
 scenario(#sim{scenario = Scenario}) -> Scenario.
 
-%% @doc What the application's scene tells before the run begins, a line each.
+%% @doc Notes of the application's scene before the run begins, a line each.
 -spec notes(sim()) -> [unicode:chardata()].
 notes(#sim{scene = Scene}) -> maps:get(notes, Scene, []).
 
@@ -240,8 +241,8 @@ robot_pids(#sim{sup = Sup}, all) ->
     Pools = [Robots || #{robots_sup := Robots} <- starl_sim_sup:sites(Sup)],
     [Pid || Robots <- Pools, {_, Pid, _, _} <- supervisor:which_children(Robots)].
 
-%% @doc The outcome of a run that has come to its end, and the application's report. The simulation stays, to be
-%% looked at; it cannot go on, and is to be closed.
+%% @doc The outcome of a run that has ended, and the application's report. The simulation stays open
+%% for inspection. It cannot go on, and must be closed.
 -spec conclude(sim()) -> {starl_sim_run:outcome(), starl_scene:report()}.
 conclude(#sim{run = Run, scenario = #{app := App}, scene = Scene}) ->
     Outcome = starl_sim_run:finish(Run),

@@ -1,11 +1,11 @@
-%% @doc Delta debugging: finds a small part of a list that still fails as the whole list does, by
-%% the ddmin algorithm of Zeller and Hildebrandt (Simplifying and Isolating Failure-Inducing Input,
-%% IEEE Transactions on Software Engineering 28(2), 2002, section 3).
+%% @doc Delta debugging: finds a small part of a list that still fails as the whole list does.
 %%
-%% The list is cut into parts, two at first. If one part alone fails, the search goes on in it.
-%% Otherwise each part is left out in turn, for good if the rest still fails, until all are needed;
-%% then the parts are halved. The result is 1-minimal: without any one of its items it no longer
-%% fails.
+%% The algorithm is ddmin by Zeller and Hildebrandt (Simplifying and Isolating Failure-Inducing
+%% Input, IEEE Transactions on Software Engineering 28(2), 2002, section 3). It cuts the list into
+%% parts, two at first. If one part alone fails, the search continues in that part. Otherwise it
+%% removes each part in turn, and keeps the removal if the rest still fails. When all parts are
+%% needed, it halves them. The result is 1-minimal: it no longer fails if any single item is
+%% removed.
 -module(starl_sim_ddmin).
 
 -export([minimize/3]).

@@ -1,4 +1,4 @@
-%% @doc Finds the first event in which two runs differ that should be equal.
+%% @doc Finds the first event in which two runs differ, although they should be equal.
 %%
 %% Two runs are compared by the checkpoints of each robot's chain ({@link starl_sim_ledger}): the
 %% first difference of a robot lies between its last equal checkpoint and its first different

@@ -1,8 +1,9 @@
-%% @doc Chains the traced events of each robot into a number, or records those of one robot; it
+%% @doc Hashes the traced events of each robot into one number, or records those of one robot. It
 %% judges nothing. Two runs whose robots have had the same events, and so the same digest, may still
-%% differ in what their programs traced, as by random numbers that are not the robot's.
+%% differ in what their programs traced. The cause is often a random number that is not the robot's
+%% own.
 %%
-%% The cause of a crash is left out: its stack depends on the mode of the run.
+%% The reason of a crash is left out, because its stack depends on the mode of the run.
 -module(starl_sim_trace_monitor).
 -behaviour(starl_monitor).
 

@@ -1,5 +1,5 @@
-%% @doc Properties of a program for a team of robots, to be tested by PropEr: generators of scenarios
-%% and of faults, and what a run must hold to.
+%% @doc Tests properties of a program for a team of robots with PropEr. The module generates
+%% scenarios and faults, runs them, and checks that each run keeps its contracts.
 %% ```
 %%   -include_lib("proper/include/proper.hrl").
 %%
@@ -9,12 +9,12 @@
 %%
 %%   flock_test_() -> starl_property:eunit(fun prop_flock/0, #{cases => 100}).
 %% '''
-%% PropEr shrinks a scenario whose run breaks a contract: fewer faults, robots and extremes. The
-%% simulator's own shrinker goes on from there: it removes what a violation does not need, cuts the
-%% run's end, and replaces random losses by the lost packets. What is left is a scenario file, which
-%% `starl run' repeats with the same digest.
+%% PropEr shrinks a scenario whose run breaks a contract to fewer faults, robots and extremes. Then
+%% the simulator's own shrinker goes on: it removes what the violation does not need, cuts the end
+%% of the run, and replaces random losses by the packets that were lost. The result is a scenario
+%% file, which `starl run' repeats with the same digest.
 %%
-%% PropEr must be on the code path where properties are tested; nothing else of StarL needs it.
+%% PropEr must be on the code path where properties are tested. Nothing else in StarL needs it.
 -module(starl_property).
 
 -ignore_xref([{proper, quickcheck, 2}, {proper, setup, 2}, {proper, whenfail, 2}]).
@@ -65,25 +65,27 @@
 -define(KEY, {?MODULE, shrinking}).
 -define(MOST, 300).
 
-%% @doc A generator of scenarios. What can be known to be wrong, such as an option that does not exist,
-%% is the error `{starl_property, Line}' before any run.
+%% @doc A generator of scenarios. Mistakes that can be found before a run, such as an option that
+%% does not exist, raise the error `{starl_property, Line}'.
 -spec scenario(team()) -> generator().
 scenario(Team) ->
     ok = starl_property_mistake:team(Team),
     starl_property_scenario:generator(Team).
 
-%% @doc A generator of lists of faults of these classes and kinds, for a team: its keys `robots',
-%% `most_faults', `heal' and `longest_fault' count. The lists shrink to fewer and simpler faults.
+%% @doc A generator of lists of faults of these classes and kinds, for a team. It uses the team's
+%% keys `robots', `most_faults', `heal' and `longest_fault'. The lists shrink to fewer and simpler
+%% faults.
 -spec faults([all | starl_run_fault:class() | starl_run_fault:kind()], team()) -> generator().
 faults(What, Team) -> starl_property_scenario:faults(Team#{random_faults => What}).
 
-%% @doc Does the run of a scenario hold to its contracts? See {@link holds/2}.
+%% @doc Checks that the run of a scenario keeps its contracts. See {@link holds/2}.
 -spec holds(#{app := module(), atom() => term()}) -> term().
 holds(Scenario) -> holds(Scenario, #{}).
 
-%% @doc Does the run of a scenario hold to its contracts, and to what is demanded? A test of PropEr, for
-%% the body of a `?FORALL'. A run that is not judged to its end does not hold. When it fails, the
-%% smallest scenario that can be found is left in a file, and the command is printed that replays it.
+%% @doc Checks that the run of a scenario keeps its contracts and meets the demand. It is a test of
+%% PropEr, for the body of a `?FORALL'. A run that is not judged to its end fails. On failure, the
+%% smallest scenario that can be found is written to a file, and the command that replays it is
+%% printed.
 -spec holds(#{app := module(), atom() => term()}, demand()) -> term().
 holds(Scenario, Demand) ->
     ok = starl_property_mistake:scenario(Scenario),
@@ -96,7 +98,7 @@ holds(Scenario, Demand) ->
         fun() -> Verdict =:= holds end
     ).
 
-%% @doc Tests a property of PropEr; prints the seed, with which a failing test is repeated. PropEr makes a
+%% @doc Tests a property of PropEr, and prints the seed that repeats a failing test. PropEr makes a
 %% failing case smaller with at most 300 runs.
 -spec quickcheck(generator()) -> boolean().
 quickcheck(Property) -> quickcheck(Property, #{}).

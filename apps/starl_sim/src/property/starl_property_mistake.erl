@@ -1,5 +1,5 @@
-%% @doc Mistakes in the use of {@link starl_property}: each is the error `{starl_property, Line}', with
-%% what is wrong and what to write instead.
+%% @doc Reports mistakes in the use of {@link starl_property}. Each is the error `{starl_property,
+%% Line}'; the line says what is wrong and what to write instead.
 -module(starl_property_mistake).
 
 -export([team/1, scenario/1, demand/1, property/1, options/1]).

@@ -1,4 +1,4 @@
-%% @doc Runs the scenario of a property, judges the run, and leaves what fails as a scenario file.
+%% @doc Runs the scenario of a property, judges the run, and writes a failing scenario to a file.
 -module(starl_property_run).
 
 -export([verdict/2, tell/3]).

@@ -1,5 +1,6 @@
-%% @doc The code of a simulated robot's machines, as it is kept in its store, and its reloads: which words
-%% its machines get, and what is told of how they heed them.
+%% @doc The code versions of a simulated robot's machines, and its reloads. The versions are kept in
+%% the robot's store. The module returns the reload commands for the machines, and handles the
+%% results that the machines report.
 -module(starl_sim_codes).
 
 -export([reload/3, started/3, fallen/4, to_tell/3, heeded/4]).
@@ -16,8 +17,9 @@
 %% What a robot learns at this time.
 -type news() :: {starl:robot_id(), DueUs :: starl_sim_queue:time(), order()}.
 
-%% @doc A reload begins, one of the scenario by its number, or another; or one has failed elsewhere: the words
-%% for the robot's machines, which start with this code, or the former one, from now on.
+%% @doc Begins a reload of the scenario by its number, or another reload, or handles a failure on
+%% another robot. Returns the commands for the robot's machines, which start with this code, or the
+%% former code, from now on.
 -spec reload(order(), starl_sim_world:t(), Store) -> {words(), starl_sim_world:t(), Store} when
     Store :: starl_sim_store:t().
 reload({reload, #{order := #{number := N}} = Reload}, World, Store) ->
@@ -31,7 +33,8 @@ reload({reload_failed, N, Failed}, World, Store) ->
     {Words, Codes} = starl_reload:back(N, Failed, starl_sim_store:codes(Store)),
     {Words, World, starl_sim_store:codes(Codes, Store)}.
 
-%% @doc A machine starts, at this time of the robot's clock: what is told of its code.
+%% @doc Handles the start of a machine at this time of the robot's clock: returns the reports on its
+%% code.
 -spec started(starl_machine:name(), LocalUs :: integer(), Store) ->
     {[starl_reload:told()], Store}
 when
@@ -40,8 +43,8 @@ started(Name, Local, Store) ->
     {Told, Codes} = starl_reload:started(Name, Local, starl_sim_store:codes(Store)),
     {Told, starl_sim_store:codes(Codes, Store)}.
 
-%% @doc A machine has ended by itself: new code on trial, which it could not even start with or
-%% which could not go back in peace, is given up.
+%% @doc Handles the end of a machine by itself. New code on trial is given up: the machine could not
+%% even start with it, or could not go back cleanly.
 -spec fallen(starl_machine:name(), starl_crash:cause() | none, LocalUs, starl_sim_store:t()) ->
     [starl_reload:told()]
 when
@@ -51,14 +54,15 @@ fallen(_Name, none, _Local, _Store) ->
 fallen(Name, Cause, Local, Store) ->
     starl_reload:fallen(Name, Cause, Local, starl_sim_store:codes(Store)).
 
-%% @doc The machines that learn that this one has started with new code.
+%% @doc The machines to notify that this machine has started with new code.
 -spec to_tell(nobody | others, starl_machine:name(), starl_sim_world:t()) -> [starl_machine:name()].
 to_tell(nobody, _Name, _World) ->
     [];
 to_tell(others, Name, #{parts := Parts}) ->
     lists:delete(Name, lists:sort(maps:keys(Parts))).
 
-%% @doc A machine has told how it heeds a reload. It is logged; of one that has failed the other robots learn.
+%% @doc Handles the report of a machine on a reload. The report is logged; a failure is also sent to
+%% the other robots.
 -spec heeded(starl_reload:told(), starl_machine:name(), Where, Store) -> {[news()], Store} when
     Where :: {starl:robot_id(), Now :: starl_sim_queue:time(), starl_sim_world:t()},
     Store :: starl_sim_store:t().

@@ -1,5 +1,6 @@
-%% @doc The computer of a simulated robot, with the processes of its machines: it goes down, comes up and
-%% dies by faults, its store is struck, and machines that have crashed are restarted or given up.
+%% @doc The computer of a simulated robot and the processes of its machines. Faults take it down,
+%% bring it up or kill it, and damage its store. It restarts machines that have crashed, or gives
+%% them up.
 -module(starl_sim_computer).
 
 -export([strike/2, crashed/4, give_up/1]).

@@ -1,10 +1,13 @@
-%% @doc Tells when it is hopeless to restart the application of a robot: it crashed twenty times in
-%% a row from the same cause, and nothing was different from one time to the next. The robot stood
-%% where it was, the application stored nothing new, and either no time passed between the crashes
-%% or each life of the application completed the same number of steps.
+%% @doc Detects that it is hopeless to restart the application of a robot. The application is given
+%% up after twenty equal crashes in a row. Three are enough if its step goes on for ever without
+%% letting time pass.
 %%
-%% An application that crashes now and then, even always from the same cause, is not hopeless: its
-%% lives differ.
+%% Crashes are equal if they have the same cause and nothing has changed: the robot has moved less
+%% than 100 mm and the application has stored nothing new. In addition, either no time has passed
+%% between the crashes, or each run of the application completed the same number of steps.
+%%
+%% An application that crashes now and then, even always from the same cause, is not hopeless,
+%% because its runs differ.
 -module(starl_sim_crash_loop).
 
 -export([new/0, crashed/2]).

@@ -1,8 +1,9 @@
-%% @doc A ledger of one robot's events: its digest chain at every 1,000th event, so that two
-%% runs can be compared piece by piece, and the events themselves where that was asked for.
+%% @doc Records checkpoints of one robot's digest chain, so that two runs can be compared part by
+%% part. A checkpoint is kept at every 1,000th event. The ledger also records the events in a range,
+%% if the caller asks for one.
 %%
-%% The robot calls its ledger only at the events that {@link note/3} asks for; all other events
-%% cost one comparison of two numbers.
+%% The robot calls its ledger only at the events that {@link note/3} asks for. All other events cost
+%% one comparison of two numbers.
 -module(starl_sim_ledger).
 
 -export([new/1, new/2, note/3, checkpoints/1, events/1]).

@@ -112,8 +112,8 @@ open(Now, {From, Until}, Body) ->
         now = Now, window = From, until = Until, later = [], traces = [], changes = []
     }.
 
-%% @doc Of these events of the window, those that come: not the timers that do not run any more, or have
-%% been started anew.
+%% @doc The events of the window that take place: not those of timers that no longer run or have
+%% been restarted.
 -spec come([starl_sim_queue:event()], Running :: starl_robot_timers:t(), t()) ->
     {[starl_sim_queue:event()], t()}.
 come(Events, Running, #body{timers = Before, until = Until, later = Later} = Body) ->
@@ -284,7 +284,7 @@ outlived(N, #body{id = Id, now = Now, seq = Seq, soon = Soon} = Body) ->
 
 %% -- new code -------------------------------------------------------------------------------
 
-%% @doc A reload begins or has failed: the words for the robot's machines.
+%% @doc Begins a reload, or handles its failure: returns the commands for the robot's machines.
 -spec reload(starl_sim_codes:order(), t()) -> {starl_sim_codes:words(), t()}.
 reload(Order, #body{world = World, store = Store} = Body) ->
     {Words, Next, Kept} = starl_sim_codes:reload(Order, World, Store),

@@ -1,9 +1,8 @@
-%% @doc The durable store of a simulated robot: the terms that its machines keep over crashes and
-%% reboots, the code that they start with if it is not their first, and the faults of the class
-%% `store'.
+%% @doc The durable store of a simulated robot. It keeps the terms of its machines over crashes and
+%% reboots, the code versions that its machines start with, and the faults of class `store'.
 %%
-%% A store can be lost, or be set back to an image of it that was taken earlier. A store that is
-%% known to be lost or set back is outdated, as that of a live robot (`starl_live_store'): each term
+%% A store can be lost, or set back to an earlier image. A store that is known to be lost or set
+%% back is outdated, like that of a live robot (`starl_live_store'). Each term of an outdated store
 %% counts as damaged until its machine has written a new one.
 -module(starl_sim_store).
 
@@ -58,8 +57,8 @@ kept(Name, Now, #store{kept = Kept, written = Written} = Store) ->
         {#{}, _} -> none
     end.
 
-%% @doc The store of machines that have started so often is struck: the numbers of starts from now on, and what
-%% is to be told.
+%% @doc Applies a fault to the store of machines with these numbers of starts. Returns the numbers
+%% of starts from now on, and the reports.
 -spec strike(strike(), starl_robot_machines:starts(), t()) ->
     {starl_robot_machines:starts(), Facts :: [store_set_back], t()}.
 strike(lose_store, _Starts, Store) ->

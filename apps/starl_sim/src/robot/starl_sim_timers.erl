@@ -1,14 +1,14 @@
-%% @doc The timers of a robot, as far as they lie in the event queue. Most timers are patience: they are
-%% started anew long before they are due, and nearly none ever expires. So a timer that is due no
-%% earlier than another event of its name is not put into the queue: it waits, and takes the place of that event
-%% when this comes.
+%% @doc The timers of a robot that lie in the event queue. Most timers are time-outs: they are
+%% restarted long before they are due, and very few ever expire. So a timer that is due no earlier
+%% than another event of its name is not put into the queue. It waits, and takes the place of that
+%% event when that event comes.
 %% ```
 %%   start, due at 5    the queue has 5
 %%   start, due at 8    the queue has 5; 8 waits
 %%   5 comes            is 8 still to come? the queue has 8
 %% '''
-%% What comes is exactly what would come if each start had put its event into the queue, but for the
-%% events of timers that do not run any more: each event keeps its time and its sequence number.
+%% The result is the same as if each start had put its event into the queue, except for the events
+%% of timers that no longer run: each event keeps its time and its sequence number.
 -module(starl_sim_timers).
 
 -export([new/0, start/2, come/4, waiting/1, due/2]).

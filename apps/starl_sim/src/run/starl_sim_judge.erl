@@ -24,7 +24,7 @@
 -spec new([{module(), map()}]) -> t().
 new(Monitors) -> new(Monitors, none).
 
-%% @doc The same with an observer, who is told what is judged.
+%% @doc The same with an observer, which gets what is judged.
 -spec new([{module(), map()}], starl_observer:t()) -> t().
 new(Monitors, Observer) ->
     #judge{monitors = starl_monitor:guarded(Monitors), observer = Observer}.
@@ -94,7 +94,7 @@ judged(#judge{judged = Judged}) -> Judged.
 -spec seen(t()) -> starl_sim_queue:time().
 seen(#judge{seen = Seen}) -> Seen.
 
-%% @doc Is no contract violated so far?
+%% @doc Checks that no contract has been violated so far.
 -spec is_sound(t()) -> boolean().
 is_sound(#judge{violations = Violations}) -> Violations =:= [].
 

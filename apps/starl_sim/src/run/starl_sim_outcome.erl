@@ -1,5 +1,5 @@
-%% @doc The outcome of a run: why it ended, the monitors' results, a summary of each robot, and
-%% the digest, which is equal for two runs whose robots have had the same events.
+%% @doc The outcome of a run: why it ended, the results of the monitors, a summary of each robot,
+%% and the digest. Two runs have equal digests if their robots have had the same events.
 -module(starl_sim_outcome).
 
 -export([new/2]).
@@ -27,9 +27,9 @@
 
 -type robot() :: {starl:robot_id(), starl_sim_summary:t()}.
 
-%% @doc The outcome of a run that ends now, from the summaries of its known robots, ascending. Where
-%% nothing could happen any more (`quiet') the time passes all the same, until the limit of the run:
-%% who should have got on until then has not.
+%% @doc The outcome of a run that ends now, from the summaries of its known robots, ascending. If
+%% nothing could happen any more (`quiet'), the time still passes until the limit of the run: a
+%% robot that should have made progress until then has not.
 -spec new(End, starl_sim_judge:t()) -> t() when
     End :: #{
         ending := starl_run:ending() | none,

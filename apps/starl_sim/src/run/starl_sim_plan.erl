@@ -1,5 +1,6 @@
-%% @doc Makes the plan of a simulation from a planned run: shards and nodes, windows, the driver of its robots,
-%% what is in a simulated world beside the plan's ({@link starl_run_plan}).
+%% @doc Makes the plan of a simulation from a planned run ({@link starl_run_plan}). It adds the
+%% shards and nodes, the length of the windows, how the machines run, and the simulator's part of
+%% the world.
 -module(starl_sim_plan).
 
 -export([make/2, mode/2]).

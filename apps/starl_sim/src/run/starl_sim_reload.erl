@@ -1,6 +1,6 @@
-%% @doc Reloads that somebody orders while a simulation is there, beside those of its scenario ({@link
-%% starl_run_reloads}), and what the robots tell of both. Their code is loaded on all nodes before any robot
-%% gets the order. A pure module, but for that.
+%% @doc Handles reloads that are ordered while a simulation runs, besides those of its scenario
+%% ({@link starl_run_reloads}). It also collects the robots' reports on both. It loads the new code
+%% on all nodes before any robot gets the order. Apart from that, a pure module.
 -module(starl_sim_reload).
 
 -export([new/1, order/4, note/2, reloads/1]).

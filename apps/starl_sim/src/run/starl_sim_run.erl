@@ -1,10 +1,10 @@
-%% @doc Runs one simulation: starts the shards, has them run until a virtual time, and feeds
-%% the traces of their windows to the monitors. The shards run on meanwhile
-%% ({@link starl_sim_shard}); a violation ends the run a fixed number of windows later.
+%% @doc Runs one simulation: starts the shards, lets them run until a virtual time, and feeds the
+%% traces of their windows to the monitors. The shards run on meanwhile ({@link starl_sim_shard}); a
+%% violation ends the run a fixed number of windows later.
 %% ```
 %%   resting --- run(Until) ---> running --- Until, all done, violation or stop ---> resting
 %% '''
-%% A run that pauses after a violation still goes on to the end that follows from it: the
+%% A run that pauses after a violation still goes on to the end that follows from the violation: the
 %% digest does not depend on pauses.
 -module(starl_sim_run).
 -behaviour(gen_server).

@@ -1,5 +1,5 @@
-%% @doc Runs a scenario once for its verdict alone, as searches over many scenarios need it:
-%% inline and with one shard, which is fast and, by contract, changes no result.
+%% @doc Runs a scenario once and returns only its verdict, for searches over many scenarios. It runs
+%% inline and in one shard: that is fast and, by contract, does not change the result.
 -module(starl_sim_trial).
 
 -export([run/1, run/2, run/3, run/4, apart/1, whole/1]).

@@ -1,5 +1,6 @@
-%% @doc Notices that a run stands still in real time, and finds who is at work meanwhile: an endless
-%% loop in an application holds up virtual time for all. What it tells changes nothing in the run.
+%% @doc Detects that a run makes no progress in real time, and finds the processes that are at work.
+%% The usual cause is an endless loop in an application, which stops virtual time for the whole
+%% team. The watchdog only reports: it changes nothing in the run.
 %% ```
 %%   watch                         run                      shards that are late
 %%     | -- progress -------------->|                             |
@@ -7,12 +8,12 @@
 %%     | -- who, Ref ------------------------------------------>  |   only if it stands still, twice
 %%     |<-- at_work, Ref, processes ------------------------------|
 %% '''
-%% A robot that has had events from one answer to the next is in a loop that lets no time pass: its
-%% application is named, and not the machine that it has just called.
+%% A robot that has had events between the two answers is in a loop that lets no time pass. The
+%% watchdog then names its application, and not the machine that the application has just called.
 %%
-%% A shard that does not answer is itself at work: in a machine that has no process, or in the
-%% simulator's own code, as with very many robots. A run that does not answer is at work in a monitor
-%% or on its results.
+%% A shard that does not answer is itself at work: in a machine without a process, or in the
+%% simulator's own code, as happens with very many robots. A run that does not answer is at work in
+%% a monitor or on its results.
 -module(starl_sim_watchdog).
 
 -export([start_link/2, stop/1, at_work/1, named/1]).
@@ -78,7 +79,7 @@ start_link(Run, #{tell := Tell} = Config) ->
     },
     spawn_link(fun() -> watch(Watch) end).
 
-%% @doc Ends the watch; nothing is told afterwards.
+%% @doc Ends the watch; nothing is reported afterwards.
 -spec stop(pid()) -> ok.
 stop(Pid) ->
     Ref = erlang:monitor(process, Pid),
@@ -125,7 +126,7 @@ spent() ->
     {Reductions, _} = erlang:statistics(reductions),
     Reductions.
 
-%% @doc Who is at work in a run that stands still.
+%% @doc The processes that are at work in a run without progress.
 -spec at_work(Run :: pid()) -> [work()].
 at_work(Run) ->
     case is_process_alive(Run) andalso ask(Run) of
@@ -187,7 +188,7 @@ named(_Before, {inline, Frames}) ->
 named({robots, Before}, {robots, Now}) ->
     named([in_loop(Work, Before) || Work <- Now]).
 
-%% @doc Those who are at work, with the part of their stacks that is their own.
+%% @doc The processes at work, with their own part of their stacks.
 -spec named([starl_sim_robot:work()]) -> [work()].
 named(AtWork) ->
     [

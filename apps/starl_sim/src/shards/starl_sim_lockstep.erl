@@ -1,7 +1,7 @@
-%% @doc Keeps a shard in step with the other shards, window by window: which window is next, how far
-%% the shard may be ahead of the monitors, and when to rest. All shards decide by the same numbers,
-%% which they exchange at the end of each window ({@link starl_sim_mail}), so no one decides for
-%% all.
+%% @doc Keeps a shard in step with the other shards, window by window. It decides which window is
+%% next, how far the shard may be ahead of the monitors, and when the shard rests. All shards decide
+%% by the same numbers, which they exchange at the end of each window ({@link starl_sim_mail}), so
+%% there is no central coordinator.
 %% ```
 %%   resting --- run ---> a window --- mail from all ---> the next ... --- reason() ---> resting
 %%                           | a robot halts in it: mail `held'

@@ -1,6 +1,6 @@
-%% @doc The mail between shards: at the end of a window each shard sends all others what they need
-%% to agree on the next one, and the packets for their robots. No shard goes on before it has the
-%% mail of all others, so each peer is at most one mail ahead.
+%% @doc The mail between shards. At the end of a window each shard sends to all others the data that
+%% they need to agree on the next window, and the packets for their robots. No shard goes on before
+%% it has the mail of all others, so each peer is at most one mail ahead.
 -module(starl_sim_mail).
 
 -export([new/2, peers/1, is_own/2, tell/4, tell_held/3, await/2, keep/2, deliver/1]).
@@ -72,8 +72,8 @@ tell_held(N, At, #mail{peers = Peers}) ->
 
 send(Peer, N, Content) -> Peer ! {mail, self(), N, Content}.
 
-%% @doc Waits for a peer's mail of the N-th window. A shard that is told to abandon the run stops
-%% waiting for the other peers, too.
+%% @doc Waits for a peer's mail of the N-th window. A shard that must abandon the run stops waiting
+%% for the other peers, too.
 -spec await(Peer :: pid(), N :: non_neg_integer()) -> content() | abandoned.
 await(Peer, N) ->
     receive
@@ -84,7 +84,7 @@ await(Peer, N) ->
             abandoned
     end.
 
-%% @doc Keeps a mail that arrived before the shard was told to run.
+%% @doc Keeps a mail that arrived before the shard got the command to run.
 -spec keep(mail(), t()) -> t().
 keep(Early, #mail{early = Others} = Mail) -> Mail#mail{early = [Early | Others]}.
 

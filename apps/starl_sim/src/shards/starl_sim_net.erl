@@ -1,5 +1,5 @@
-%% @doc Makes this VM a node of Erlang's distribution: with a name, a cookie, and the
-%% port mapper `epmd', which is started if none runs.
+%% @doc Makes this VM a node of Erlang's distribution, with a name and a cookie. It starts the port
+%% mapper `epmd' if none runs.
 -module(starl_sim_net).
 
 -export([start/1, random_cookie/0, full_name/1, format_error/1]).

@@ -1,13 +1,13 @@
-%% @doc Manages the nodes of a simulation: opens sites on them before the run ({@link
-%% starl_sim_sites}), says where the shards go, and watches the nodes meanwhile. The run learns of
-%% every failure of a node in bounded time.
+%% @doc Manages the nodes of a simulation. It opens node parts on them before the run
+%% ({@link starl_sim_sites}), assigns the shards to them, and monitors the nodes. Every failure of a
+%% node is reported to the run in bounded time.
 %% ```
 %%   node gone          its site's monitor fires                        down
 %%   node stopped       it answers no ping for the time-out             silent
 %%   a shard hangs      the node answers, but no window has come to     slow
 %%                      an end within the time-out
 %% '''
-%% A silent node is disconnected, which frees all processes that wait for it or for room in the
+%% A silent node is disconnected. That frees all processes that wait for it or for room in the
 %% buffer to it. Time is counted in ticks that this process has seen: if this VM itself was held up,
 %% no other node is blamed.
 -module(starl_sim_nodes).

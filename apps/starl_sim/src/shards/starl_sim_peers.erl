@@ -1,9 +1,9 @@
-%% @doc Starts further nodes for a simulation, on this machine: OTP's `peer' holds each by its
-%% standard input and output, so a peer always ends with the process that started it.
+%% @doc Starts further nodes for a simulation on this machine. OTP's `peer' controls each node over
+%% its standard input and output, so a peer always ends with the process that started it.
 %%
-%% Peers are also reached by Erlang's distribution. A VM that is no node yet becomes one for this
-%% purpose, with a unique name and cookie, on the loopback interface only. The
-%% cookie stands on no command line and in no file.
+%% Peers are also reached by Erlang's distribution. A VM that is not yet a node becomes one for this
+%% purpose, with a unique name and cookie, on the loopback interface only. The cookie appears on no
+%% command line and in no file.
 -module(starl_sim_peers).
 
 -export([start/1, start_as/2, node/1, control/1, os_pid/1, stop/1, kill/1, format_error/1]).
@@ -71,8 +71,8 @@ kill(#peer{control = Control, os_pid = OsPid}) ->
 
 close(Control) -> starl_sim_stop:shutdown(Control, ?END_MS).
 
-%% @doc From now on the calling process is told with what status a peer ends, before its control does.
-%% OTP's `peer' keeps the status to itself, or crashes with it, with reports of its own.
+%% @doc Notifies the calling process with what status a peer ends, before its control ends. OTP's
+%% `peer' keeps the status to itself, or crashes with it, with reports of its own.
 -spec tell_end(t()) -> ok.
 tell_end(#peer{control = Control}) ->
     Self = self(),

@@ -1,6 +1,6 @@
-%% @doc The event queue of a shard, a calendar queue: events lie unsorted in buckets of one window
-%% each, and a bucket is sorted when its time comes. So adding costs O(1), and taking costs
-%% the sort. The buckets of the next windows form a wheel, later buckets a map.
+%% @doc The event queue of a shard, a calendar queue. Events lie unsorted in buckets of one window
+%% each, and a bucket is sorted when its time comes. So adding an event costs O(1), and taking a
+%% window costs one sort. The buckets of the next windows form a wheel; later buckets are in a map.
 -module(starl_sim_queue).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 

@@ -11,15 +11,15 @@
 %%     |<--- resting, why ------|
 %% '''
 %% A window is as long as the shortest delay of a packet, so a packet sent in one window arrives in
-%% a later one. All shards decide by the same numbers which window is next and when to rest ({@link
-%% starl_sim_lockstep}). They run at most 16 windows ahead of the judged ones, and rest there if
-%% they are told to halt, so the end of a run depends only on the scenario.
+%% a later one. All shards decide by the same numbers which window is next and when to rest
+%% ({@link starl_sim_lockstep}). They run at most 16 windows ahead of the judged ones, and rest
+%% there on the command to halt, so the end of a run depends only on the scenario.
 %%
-%% A robot may be told to halt just after its N-th event. When it does, the other robots finish the
+%% A robot can be halted just after its N-th event. When it does, the other robots finish the
 %% window; the mail of its shard says `held', and all shards rest until it is resumed.
 %%
-%% Shards may be on different nodes. A shard that waits for a lost node is told to abandon the run,
-%% and rests for good.
+%% Shards may be on different nodes. A shard that waits for a lost node gets the command to abandon
+%% the run, and rests for good.
 %%
 %% Each shard keeps its own copy of all robots' places at the beginning of the window.
 -module(starl_sim_shard).

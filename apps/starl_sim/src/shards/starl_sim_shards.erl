@@ -1,5 +1,5 @@
-%% @doc The shards of a run: starts them, gives them orders and asks them. A lost node takes
-%% its shards and their knowledge of robots along; the other shards go on answering.
+%% @doc The shards of a run: starts them, sends them commands and queries them. When a node is lost,
+%% its shards and their data on robots are lost, too; the other shards still answer.
 -module(starl_sim_shards).
 
 -export([start/1, count/1, team/1, is_one/2, missing/2]).

@@ -1,9 +1,11 @@
-%% @doc Opens and closes the sites of a simulation over several nodes ({@link starl_sim_site}):
-%% nodes are started or connected, each is checked to run the same code as this one, and a site is opened on it; in the end all are closed.
+%% @doc Opens and closes the node parts of a simulation over several nodes ({@link starl_sim_site}).
+%% It starts or connects the nodes, checks that each runs the same code as this one, and opens a
+%% part on each. It closes all parts at the end.
 %%
-%% A run over several nodes has the digest of a run in one VM only if every module that takes part is the same
-%% on all nodes. A module is identified by the MD5 of its code, which the compiler stores in it. OTP's own
-%% modules are not compared: nodes may run different releases, as long as they run the same build of StarL.
+%% A run over several nodes has the digest of a run in one VM only if every module that takes part
+%% is the same on all nodes. A module is identified by the MD5 of its code, which the compiler
+%% stores in it. OTP's own modules are not compared: nodes may run different releases, as long as
+%% they run the same build of StarL.
 -module(starl_sim_sites).
 
 -export([start/1, open/2, close/1, format_error/1]).

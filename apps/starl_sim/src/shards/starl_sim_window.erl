@@ -1,4 +1,4 @@
-%% @doc Runs a window: the robots of a shard work until none has anything left to do in it.
+%% @doc Runs a window: the robots of a shard work until no robot has anything left to do in it.
 %%
 %% A robot's machine is stepped by one message and answers with its actions (see
 %% {@link starl_driver}). Meanwhile nothing else of that robot runs, but other robots do:
@@ -59,8 +59,8 @@ patient() ->
     _ = erlang:cancel_timer(erase(?PATIENCE)),
     ok.
 
-%% @doc Runs a window with these events, which are ordered by robot, then in each robot's order;
-%% returns the robots that were at work, in descending order, or who did not end a step.
+%% @doc Runs a window with these events, which are ordered by robot, then in each robot's order.
+%% Returns the robots that were at work, in descending order, or the robot that did not end a step.
 -spec run(starl_sim_queue:window(), [starl_sim_queue:event()]) ->
     [starl:robot_id()] | {hung, hang()}.
 run(Window, Events) ->

@@ -1,4 +1,5 @@
-%% @doc A branch of a run: up to a moment it is that run, from then on its random draws are others.
+%% @doc A branch of a run: it equals the run up to a moment, and has other random draws from then
+%% on.
 %%
 %% All draws of the world are hashes of the seed and their place ({@link starl_run_draw}). So each
 %% robot gets another seed just after its last event before the moment, and the robots' clocks,

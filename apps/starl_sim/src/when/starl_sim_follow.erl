@@ -1,9 +1,9 @@
-%% @doc Follows a live robot from its snapshot to a moment, by what its recording says has come to it since: its
-%% machines handle it again, at the times of their clocks then, and so does its application. What they do
-%% is compared with the recorded facts, and not done again.
+%% @doc Replays a live robot from its snapshot to a later time. The robot's machines and its
+%% application handle the recorded inputs again, at the recorded times of the robot's clock. Their
+%% actions are compared with the recorded facts and not carried out again.
 %%
-%% The chassis is simulated meanwhile ({@link starl_sim_follow_chassis}), and put where the recording has it at
-%% the moment.
+%% The chassis is simulated meanwhile ({@link starl_sim_follow_chassis}). At the end it is set to
+%% the recorded place.
 -module(starl_sim_follow).
 -behaviour(starl_driver).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
@@ -268,7 +268,7 @@ data(Machines, Parts, Planned, Body) ->
 timer(Id, At, {Name, Timer, Mark}, {Due, _, _, Content}) ->
     {Id, max(Due, At), ?CLASS_TIMER, Id, Mark, {timer, Name, Timer, Content}}.
 
-%% @doc A robot that starts anew at the moment, where the recording has it, as after a lost store.
+%% @doc A robot that restarts at the moment, at its recorded place, as after a lost store.
 -spec anew(starl:robot_id(), starl_trajectory:piece(), setting()) ->
     {ok, starl_sim_robot:snapshot(), [starl_monitor:trace_event()]} | {error, reason()}.
 anew(Id, Piece, Setting) ->

@@ -1,6 +1,6 @@
-%% @doc The chassis of a live robot that is followed from its snapshot ({@link starl_sim_follow}): a simulated
-%% vehicle, with what it has still to do or to say, each at its time. The recording says where it is, and what
-%% it has said.
+%% @doc The chassis of a live robot that is replayed from its snapshot ({@link starl_sim_follow}).
+%% It is a simulated vehicle with a list of pending steps and answers, each at its time. The
+%% recording says where the vehicle is and which answers it has given.
 -module(starl_sim_follow_chassis).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 

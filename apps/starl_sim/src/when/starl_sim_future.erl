@@ -1,13 +1,13 @@
-%% @doc Futures of a run that violates a contract: the run is repeated to a moment ({@link
-%% starl_sim_moments}) and goes on with other random draws ({@link starl_sim_branch}).
+%% @doc Computes continuations of a run that violates a contract. It repeats the run up to a moment
+%% ({@link starl_sim_moments}) and continues it with other random draws ({@link starl_sim_branch}).
 %%
 %% Drawn anew from the moment on: the loss, duplication, damage and delay of packets; the errors of
-%% drives and positions; what faults lose or delay; and when and where those faults strike that have
-%% not begun. Faults that drop single packets become random loss, as much as the run had. Not drawn
+%% drives and positions; what faults lose or delay; and when and where faults begin that have not
+%% begun yet. Faults that drop single packets become random loss, as much as the run had. Not drawn
 %% anew: the random numbers of machines and applications until they restart, which are part of their
 %% states; clocks and their drift; the places at the start.
 %%
-%% Everything follows from the salt: the same salt gives the same future.
+%% Everything follows from the branch seed (`Salt'): the same seed gives the same continuation.
 -module(starl_sim_future).
 
 -export([repeat/1, settings/1, plan/4, play/1, facts/2, format_error/1]).
@@ -100,14 +100,14 @@ loss(#{loss := Loss, faults := Faults}, Packets) ->
     Drops = length([Id || {Id, _, _, drop, _, _} <- Faults]),
     max(float(Loss), min(1.0, Drops / max(1, Packets))).
 
-%% @doc The settings of a run's futures where nobody has chosen others: they lose as many packets as
-%% the run, and end some time after its violation.
+%% @doc The default settings of a run's continuations: they lose as many packets as the run, and end
+%% some time after its violation.
 -spec settings(run()) -> settings().
 settings(#{violation := #{at_us := AtUs}, loss := Loss}) ->
     At = AtUs / 1.0e6,
     #{loss => Loss, until_s => At + max(?LEAST_BEYOND_S, ?BEYOND * At)}.
 
-%% @doc Plans the future of this salt from a moment of a run.
+%% @doc Plans the continuation of this branch seed from a moment of a run.
 -spec plan(run(), starl_sim_moments:moment(), Salt :: integer(), settings()) -> job().
 plan(#{scenario := Scenario, moments := Moments} = Run, Moment, Salt, Settings) ->
     #{violation := #{contract := Contract, at_us := AtUs}} = Run,
@@ -141,8 +141,8 @@ ahead(Fault, Begun, Span, Salt, Team) ->
         false -> starl_run_fault_draw:again(Fault, Span, {Salt, ahead}, Team)
     end.
 
-%% @doc Runs a future in the calling process, which a failing simulation takes along. Checks that it
-%% is the run up to its moment.
+%% @doc Runs a continuation in the calling process; a failing simulation ends that process, too.
+%% Checks that it equals the run up to its moment.
 -spec play(job()) -> {ok, verdict(), Digest :: binary()} | {error, parted()}.
 play(#{scenario := Scenario, branch := Branch, chains := Chains} = Job) ->
     Sim = started(Scenario, #{
@@ -200,7 +200,7 @@ collected(Facts) ->
     after 0 -> lists:reverse(Facts)
     end.
 
-%% @doc One line on why there are no futures.
+%% @doc One line on why there are no continuations.
 -spec format_error(reason() | parted()) -> unicode:chardata().
 format_error(holds) ->
     "the run violates no contract, so there is nothing to ask";

@@ -1,16 +1,18 @@
-%% @doc Finds the step of a share over the moments of a run: when did a violation become inevitable?
+%% @doc Finds the moment of a run at which a violation became inevitable: where the fraction of
+%% failing continuations rises most.
 %%
-%% First futures are run from a grid of moments. Then the search halves the largest rise of the share
-%% between neighbours, wherever it is now, until it has one event between its two moments. The share
-%% need not grow all the time, since luck lowers it: so the grid comes first, and other rises are told.
+%% First it runs continuations from a grid of moments. Then it halves the largest rise of the
+%% fraction between neighbours, wherever that is now, until one event lies between the two moments.
+%% The fraction need not grow all the time, since luck lowers it. So the grid comes first, and other
+%% rises are reported.
 %%
-%% It knows futures only as a function from questions to counts, and draws nothing. The K-th future
-%% of each moment has the same salt, so what no event has changed between two moments comes out
-%% alike.
+%% This module knows continuations only as a function from questions to counts, and draws nothing.
+%% The K-th continuation of each moment has the same branch seed, so the result does not change
+%% between two moments if no event has changed it.
 %%
-%% Before a rise of less than 0.6 is halved, both its moments get five times the futures: in few of
-%% them a rise may be chance, and hide the true one; then another one is larger. A moment is put on
-%% the wrong side of a rise from 0.25 to 0.5 once in 10,000 times.
+%% Before a rise of less than 0.6 is halved, both its moments get five times as many continuations.
+%% With few of them a rise may be chance and hide the true one; then another rise becomes the
+%% largest. A moment is put on the wrong side of a rise from 0.25 to 0.5 once in 10,000 times.
 -module(starl_sim_inevitable).
 
 -export([search/1, grid/3]).

@@ -1,8 +1,8 @@
-%% @doc The moments of a run: its events and the beginnings of its faults in one order, by time,
-%% then robot. Moment I lies just after the I-th of them, moment 0 before all. It is a consistent
-%% cut: what a robot does reaches no other robot at the same time.
+%% @doc The moments of a run: its events and the beginnings of its faults, ordered by time, then by
+%% robot. Moment I lies just after the I-th of them, moment 0 before all. Each moment is a
+%% consistent cut: what a robot does reaches no other robot at the same time.
 %%
-%% Faults that drop single packets begin at no moment: they stand for random loss.
+%% Faults that drop single packets begin at no moment, because they stand for random loss.
 -module(starl_sim_moments).
 
 -export([new/2, last/1, at/2, events_at/3, entry/2, time_us/2, before/2, following/4]).

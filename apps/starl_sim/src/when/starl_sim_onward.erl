@@ -1,8 +1,9 @@
-%% @doc Simulates a recording onwards: its run is taken up at a snapshot of its robots, goes on as it did up to
-%% each moment that is asked for, and from there with other random draws, time and again.
+%% @doc Continues a recorded run in the simulator, many times with different random draws. It
+%% resumes the run at a snapshot of its robots, replays it up to each requested moment, and then
+%% draws anew.
 %%
-%% Up to the moments every fact is compared with the recording, so what goes on is what was recorded. What
-%% futures draw anew is what those of {@link starl_sim_future} do.
+%% Up to the moments every fact is compared with the recording, so the continued run is the recorded
+%% one. The continuations draw anew what those of {@link starl_sim_future} do.
 -module(starl_sim_onward).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
@@ -197,8 +198,8 @@ parted(Facts, Others) -> {first(Facts), first(Others)}.
 first([]) -> none;
 first([Fact | _]) -> Fact.
 
-%% @doc The moment of a live run: the beginning of the first window from this time on. Robots that cannot be
-%% followed start anew; they are told, with the reasons.
+%% @doc The moment of a live run: the beginning of the first window from this time on. Robots that
+%% cannot be replayed restart; they are returned with the reasons.
 -spec live(live(), starl_sim_queue:time(), starl_sim:options()) ->
     {ok, point(), [{starl:robot_id(), starl_sim_follow:reason()}]} | {error, reason()}.
 live(#{scenario := Scenario, robots := Robots} = Live, Time, Options) ->
@@ -259,12 +260,12 @@ under_way(Packets, At, Robots) ->
         lists:enumerate(Packets)
     ).
 
-%% @doc The time from which a future of a moment differs.
+%% @doc The time from which a continuation of a moment differs.
 -spec time_us(point()) -> starl_sim_queue:time().
 time_us(#{image := {Now, _, _}}) -> Now.
 
-%% @doc Runs the future of this salt from a moment, in the calling process, which a failing simulation takes
-%% along; `none': with the draws of the run.
+%% @doc Runs the continuation of this branch seed from a moment, in the calling process; a failing
+%% simulation ends that process, too. `none': with the draws of the run.
 -spec play(point(), settings(), Salt :: integer() | none) -> {ok, verdict(), Digest :: binary()}.
 play(Point, Settings, Salt) ->
     Sim = started(Point, Settings, Salt, #{}),
@@ -279,7 +280,7 @@ verdict([], []) -> kept;
 verdict([], _Unjudged) -> unjudged;
 verdict(Broken, _Unjudged) -> {broken, Broken}.
 
-%% @doc The facts of such a future.
+%% @doc The facts of such a continuation.
 -spec facts(point(), settings(), Salt :: integer() | none) -> [starl_monitor:trace_event()].
 facts(Point, Settings, Salt) ->
     Self = self(),
@@ -336,7 +337,7 @@ ahead(true, Fault, _Span, _Salt, _Team) ->
 ahead(false, Fault, Span, Salt, Team) ->
     starl_run_fault_draw:again(Fault, Span, {Salt, ahead}, Team).
 
-%% @doc One line on why there are no futures.
+%% @doc One line on why there are no continuations.
 -spec format_error(reason()) -> unicode:chardata().
 format_error({start, Reason}) ->
     starl_sim:format_error(Reason);

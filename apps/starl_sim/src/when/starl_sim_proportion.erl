@@ -1,4 +1,4 @@
-%% @doc The share of trials that came out in some way, with its confidence interval.
+%% @doc The fraction of trials with a certain result, with its confidence interval.
 -module(starl_sim_proportion).
 
 -export([share/1, interval/1, are_apart/2]).

@@ -1,7 +1,7 @@
-%% @doc The behaviour of a simulated chassis: it turns the commands of a script into motion, for one
-%% kind of chassis ({@link starl_chassis}, which names it), with the errors of a real one and under faults of
-%% actuation. {@link starl_sim_vehicle} handles scripts, their numbers, answers and clocks for all
-%% kinds.
+%% @doc The behaviour of a simulated chassis. A callback module turns the commands of a script into
+%% motion for one kind of chassis ({@link starl_chassis}, which names it). It adds the errors of a
+%% real chassis and the faults of actuation. {@link starl_sim_vehicle} handles scripts, their
+%% numbers, answers and clocks for all kinds.
 -module(starl_sim_chassis).
 
 -export_type([command/0, errors/0, drive/0, key/0]).

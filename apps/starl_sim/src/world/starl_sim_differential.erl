@@ -1,6 +1,6 @@
-%% @doc The simulated chassis with two wheels ({@link starl_chassis_differential}): turns a command
-%% into wheel speeds, and these into a piece of motion, straight or an arc, with the errors
-%% of a real chassis. It stands as soon as it is told to.
+%% @doc The simulated chassis with two wheels ({@link starl_chassis_differential}). It turns a
+%% command into wheel speeds, and these into a straight or curved motion segment, with the errors of
+%% a real chassis. It stops at once when it is commanded to.
 -module(starl_sim_differential).
 -behaviour(starl_sim_chassis).
 

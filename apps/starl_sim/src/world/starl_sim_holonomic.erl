@@ -1,12 +1,12 @@
-%% @doc The simulated chassis that drives in any direction ({@link starl_chassis_holonomic}): a
-%% point mass that approaches the commanded velocity at its limit of acceleration, with the errors
-%% of a real one. It does not turn.
+%% @doc The simulated chassis that drives in any direction ({@link starl_chassis_holonomic}). It is
+%% a point mass that approaches the commanded velocity at its limit of acceleration, with the errors
+%% of a real chassis. It does not turn.
 %%
-%% Faults of actuation act on the drive along one of the body's axes, `left' on the one forwards and
-%% `right' on the one sideways: a stuck drive brakes and then keeps its part of the velocity at
-%% zero, a slow one reaches only a fraction of its command. Slip acts as a wind that the body cannot
-%% measure: it reaches only a fraction of its velocity over ground. All of them change the velocity
-%% that the body approaches, none its acceleration: it brakes as usual.
+%% Faults of actuation act on the drive along one axis of the body: `left' on the forward axis,
+%% `right' on the sideways axis. A stuck drive brakes and then keeps its part of the velocity at
+%% zero. A slow drive reaches only a fraction of its command. Slip acts like a wind that the body
+%% cannot measure: the body reaches only a fraction of its velocity over ground. All of these faults
+%% change the velocity that the body approaches. None changes its acceleration: it brakes as usual.
 -module(starl_sim_holonomic).
 -behaviour(starl_sim_chassis).
 

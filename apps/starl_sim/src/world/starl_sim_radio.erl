@@ -1,5 +1,6 @@
-%% @doc The simulated radio: decides the fate of the N-th packet from one robot to another. All
-%% draws are stateless: a hash of the link, the number and the purpose.
+%% @doc The simulated radio: decides which copies of the N-th packet from one robot to another
+%% arrive, when, and whether they are damaged. All draws are stateless: a hash of the link, the
+%% number and the purpose.
 -module(starl_sim_radio).
 
 -export([arrivals/3, fate/3, lost/2, delays/2, range/3, is_on_link/4]).

@@ -1,6 +1,7 @@
-%% @doc The ride of a simulated robot: what its vehicle does when it is told to, by itself, and where it
-%% meets walls and other bodies, as plans and facts. On a floor with solid bodies it stops where it is
-%% blocked, its bumper tells the application at the next beat of the sensors, and its next touch is planned. A pure module.
+%% @doc The motion of a simulated robot as plans and facts: commanded moves, the vehicle's own
+%% steps, and contacts with walls and other bodies. On a floor with solid bodies the robot stops
+%% where it is blocked. Its bumper notifies the application at the next sensor period, and its next
+%% contact is planned. A pure module.
 -module(starl_sim_ride).
 
 -export([drive/4, actuate/4, step/3, sense/4]).

@@ -1,6 +1,7 @@
-%% @doc The senses of a simulated robot ({@link starl_sense}): what is around it, and faults of
-%% senses. Other robots are where they were at the beginning of the window, so a reading is the same
-%% however robots are spread over shards. All draws are stateless.
+%% @doc The senses of a simulated robot ({@link starl_sense}): computes readings from its
+%% surroundings, and applies faults of senses. Other robots are where they were at the beginning of
+%% the window, so a reading is the same however robots are spread over shards. All draws are
+%% stateless.
 -module(starl_sim_senses).
 
 -export([new/1, feel/4]).

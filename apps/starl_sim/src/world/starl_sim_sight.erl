@@ -1,15 +1,17 @@
-%% @doc The places of all robots, as a shard knows them: the piece of motion of each robot when the
-%% present window began, and spatial indices that find the robots in range of a place, or near it.
+%% @doc The positions of all robots, as a shard knows them. It holds the motion segment of each
+%% robot at the beginning of the present window. Spatial indices find the robots in range of a
+%% place, or near it.
 %%
-%% An index is a grid of cells, as wide as the range (for those near a place: one metre), that holds the robots' places at one moment.
-%% It does not change when they move: a search covers the range plus the distance that any robot can
-%% have moved since, and measures the robots that are neither surely in range nor surely out. A new
-%% grid is made when robots may have moved too far, or when the questions asked of the old one would
-%% have paid for a new one. An answer never depends on the grid's age.
+%% An index is a grid of cells that holds the robots' places at one moment. A cell is as wide as the
+%% range, or one metre for searches near a place. The grid does not change when robots move: a
+%% search covers the range plus the distance that any robot can have moved since, and measures the
+%% robots that are neither surely in range nor surely out. A new grid is made when robots may have
+%% moved too far, or when the searches in the old grid would have paid for a new one. An answer
+%% never depends on the grid's age.
 %%
-%% The data lie in a table, not in a term: robots of a shard ask it in the middle of their work, and
-%% a robot that kept a term would keep all earlier data. Lengths are millimetres, times
-%% microseconds.
+%% The data lie in a table, not in a term, because robots of a shard read them in the middle of
+%% their work, and a robot that kept a term would keep all earlier data. Lengths are in millimetres,
+%% times in microseconds.
 -module(starl_sim_sight).
 
 -export([new/2, moved/2, piece/2, pieces/1, within/3, near/4]).

@@ -1,7 +1,8 @@
-%% @doc A robot's transmitter: finds the robots that a packet reaches, and its fate on the way there
-%% ({@link starl_sim_radio}). It counts the packets of each link, since all draws are by number.
+%% @doc A robot's transmitter: finds the robots in range of a packet and its delivery outcome at
+%% each ({@link starl_sim_radio}). It counts the packets of each link, since all draws are by
+%% number.
 %%
-%% Being in range is decided by the places at the beginning of the present window (`sight').
+%% The places at the beginning of the present window (`sight') decide which robots are in range.
 -module(starl_sim_transmitter).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 

@@ -1,14 +1,14 @@
-%% @doc The vehicle of a simulated robot: the present script of its chassis, its piece of motion
-%% ({@link starl_sim_chassis}, with faults of actuation and of the serial line), its other
-%% actuators, and its view of the positioning system ({@link starl_sim_positioning}, with faults of
-%% location).
+%% @doc The vehicle of a simulated robot. It holds the present script of its chassis, its motion
+%% segment ({@link starl_sim_chassis}), its other actuators, and its view of the positioning system
+%% ({@link starl_sim_positioning}). Faults of actuation, of the serial line and of location act on
+%% it.
 %%
-%% The chassis carries out a script by itself, by its own clock. Every 15 ms, the period
-%% in which a Create streams its sensors, it checks whether its drive obeys. Its later steps and
-%% answers are {@link plan()}s; the plans of a replaced script are void.
+%% The chassis carries out a script by itself, by its own clock. Every 15 ms, the period in which a
+%% Create streams its sensors, it checks whether its drive obeys. Its later steps and answers are
+%% {@link plan()}s; the plans of a replaced script are void.
 %%
-%% All draws are stateless: a hash of the seed, the robot, a count and a purpose. Other robots are
-%% seen as they were at the beginning of the present window (`sight' in the world).
+%% All draws are stateless: a hash of the seed, the robot, a count and a purpose. A robot sees the
+%% others as they were at the beginning of the present window (`sight' in the world).
 -module(starl_sim_vehicle).
 
 -export([new/3, in_world/2, piece/1, drive/4, actuate/4, turn_wheels/2, beat/3, says/2, stop/2]).

@@ -1,4 +1,5 @@
-%% @doc The world of a simulation: the data that all its robots share, and what each of them draws from it.
+%% @doc The world of a simulation: the data that all its robots share, and the random draws of each
+%% robot.
 -module(starl_sim_world).
 
 -export([base/4, recorded/2, faults/3, clock/2, kept_clock/3]).
