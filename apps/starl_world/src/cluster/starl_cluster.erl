@@ -1,8 +1,8 @@
-%% @doc A cluster on this machine: one Erlang node, a process of the operating system, for each robot
-%% of a scenario, in real time, and the world ({@link starl_world}) in this one.
+%% @doc Runs a scenario in real time as a cluster on this machine. Each robot has an Erlang node of
+%% its own, which is an operating system process; the world ({@link starl_world}) runs in this VM.
 %%
-%% A node that ends is started anew, with the same store, and its robot rejoins the team. All nodes
-%% end with this process, however it ends: OTP's `peer' holds them by their standard input.
+%% A node that ends is restarted with the same store, and its robot rejoins the team. All nodes end
+%% with this process, however it ends: OTP's `peer' holds them by their standard input.
 %% ```
 %%     starl_cluster_server --- starl_world   this VM
 %%        | peer   | peer   | peer
@@ -128,27 +128,27 @@ reload(Cluster, Sources) -> reload(Cluster, Sources, #{}).
 reload(#cluster{server = Server}, Sources, Options) ->
     gen_server:call(Server, {reload, Sources, Options}, infinity).
 
-%% @doc The node of a robot, and what its end of the transport was opened with: for tests that
-%% attack it.
+%% @doc The node of a robot, and the parameters of its end of the transport: for tests that attack
+%% it.
 -spec place(t(), starl:robot_id()) ->
     {ok, #{node := node() | none, transport := starl_live_link:line()}}
     | {error, unicode:chardata()}.
 place(#cluster{server = Server}, Robot) -> gen_server:call(Server, {place, Robot}, ?CALL_MS).
 
-%% @doc Hands do this now. A reboot of no length is a kill of the robot's node, by SIGKILL; it is started
-%% anew. A store that is set back in no time is as it was when the node was started the last time. A pause
-%% halts the node for a time of the computer, at once.
+%% @doc Applies manual faults now. A reboot of no length kills the robot's node by SIGKILL; the node
+%% is restarted. A store that is set back in no time gets the state that it had when the node was
+%% last started. A pause halts the node at once, for a time by the computer's clock.
 -spec act(t(), [starl_run_hand:t()]) -> ok | {error, unicode:chardata()}.
 act(#cluster{server = Server}, Hands) -> gen_server:call(Server, {act, Hands}, ?CALL_MS).
 
-%% @doc Halts the node of a robot for a time of the computer, as soon as the node does something, in the
-%% middle of it. Answers when the node goes on: where it was found.
+%% @doc Halts the node of a robot in the middle of its work, as soon as it does something, for a
+%% time by the computer's clock. Returns where it was found, when the node goes on.
 -spec halt_at_work(t(), starl:robot_id(), Seconds :: number()) ->
     {ok, starl_cluster_halts:found()} | {error, unicode:chardata()}.
 halt_at_work(#cluster{server = Server}, Robot, Seconds) ->
     gen_server:call(Server, {halted, Robot, Seconds}, infinity).
 
-%% @doc These faults are over; pauses are with all others.
+%% @doc Ends these faults. Pauses end only with `all'.
 -spec heal(t(), starl_run_hand:heal()) -> ok.
 heal(#cluster{server = Server}, What) -> gen_server:call(Server, {heal, What}, ?CALL_MS).
 
@@ -156,8 +156,8 @@ heal(#cluster{server = Server}, What) -> gen_server:call(Server, {heal, What}, ?
 -spec stop(t()) -> ok.
 stop(#cluster{server = Server}) -> starl_world:stop(gen_server:call(Server, world, infinity)).
 
-%% @doc The longest that a node can be halted, by the computer's clock: less than three quarters of the
-%% time (60 s) after which Erlang's distribution gives up a silent node.
+%% @doc The longest time for which a node can be halted, by the computer's clock. It is less than
+%% three quarters of the time (60 s) after which Erlang's distribution gives up a silent node.
 -spec most_halted_ms() -> pos_integer().
 most_halted_ms() -> starl_cluster_faults:most_halted_ms().
 

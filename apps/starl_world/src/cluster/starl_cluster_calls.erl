@@ -1,5 +1,6 @@
-%% @doc Calls to the nodes of a cluster. None keeps the cluster waiting: a process for each node makes the
-%% calls to it, one after the other, and who asks several nodes waits for a limited time.
+%% @doc Calls to the nodes of a cluster. No call keeps the cluster waiting. A process for each node
+%% makes the calls to it, one after the other, and a caller that asks several nodes waits for a
+%% limited time.
 %% ```
 %%   ask --> the process of each node -- the call --> its answer, or
 %%             silent: the limit has passed; the call is still under way

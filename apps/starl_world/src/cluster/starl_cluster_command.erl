@@ -1,4 +1,4 @@
-%% @doc The commands of other terminals to a cluster that runs: their words, and the texts of the
+%% @doc The commands of other terminals to a running cluster: parses them and makes the texts of the
 %% answers. A pure module.
 -module(starl_cluster_command).
 

@@ -1,5 +1,5 @@
-%% @doc Commands to a cluster that runs, from other terminals: over a socket in a directory of the
-%% user's own. A command is one line of words, the answer a text.
+%% @doc Receives commands from other terminals to a running cluster, over a socket in a directory of
+%% the user's own.
 -module(starl_cluster_control).
 
 -export([start_link/1, close/0, ask/2, ask/3]).
@@ -98,7 +98,7 @@ close() ->
     {ok, unicode:chardata()} | {error, unicode:chardata()}.
 ask(Words, OsPid) -> ask(Words, OsPid, ?TIMEOUT_MS).
 
-%% @doc The same, for at most so many milliseconds without a word of the cluster.
+%% @doc The same, with a limit on the milliseconds without a message of the cluster.
 -spec ask([string(), ...], OsPid :: pos_integer() | none, Ms :: pos_integer()) ->
     {ok, unicode:chardata()} | {error, unicode:chardata()}.
 ask(Words, OsPid, Ms) ->

@@ -1,6 +1,7 @@
-%% @doc The faults of a cluster: those of its schedule, of chaos and of hands ({@link starl_world_injection}),
-%% nodes that are halted ({@link starl_cluster_halts}), and nodes that stand still by themselves. The world
-%% is told of each. What takes an answer of a node, or a new one, it leaves to the cluster as wants.
+%% @doc The faults of a cluster: scheduled, random (chaos) and manual ones
+%% ({@link starl_world_injection}), nodes that are halted ({@link starl_cluster_halts}), and nodes
+%% that hang by themselves. It reports each fault to the world. Work that needs an answer from a
+%% node, or a new node, is returned to the cluster as a list of wants.
 -module(starl_cluster_faults).
 
 -export([new/2, planned/4, most_halted_ms/0]).
@@ -68,8 +69,8 @@ world(#faults{injection = Injection}) -> starl_world_injection:world(Injection).
 
 %% -- hands, chaos and the schedule ----------------------------------------------------------
 
-%% @doc Hands do this now. The first that cannot be done is the answer; all are of the same kind, for the
-%% same robots.
+%% @doc Applies manual faults now. All are of the same kind and for the same robots. If one cannot
+%% be applied, the first such problem is the answer.
 -spec act([starl_run_hand:t()], starl_cluster_nodes:t(), t()) -> doing().
 act(Hands, Nodes, #faults{injection = Injection} = Faults) ->
     acted(Hands, Nodes, {starl_world_injection:check(Hands, Injection), [], Faults}).
@@ -163,7 +164,7 @@ over(Id, Nodes, #faults{injection = Injection} = Faults) ->
     {_, Wants, Last} = effects(Effects, Nodes, Faults#faults{injection = Next}),
     {Wants, Last}.
 
-%% @doc These faults are over now.
+%% @doc Ends these faults now.
 -spec heal(starl_run_hand:heal(), starl_cluster_nodes:t(), t()) -> {[want()], t()}.
 heal(all, Nodes, Faults) ->
     {Watched, GoneOn} = all_go_on(Faults),
@@ -247,8 +248,9 @@ all_go_on(#faults{halts = Halts} = Faults) ->
     {Told, Next} = starl_cluster_halts:undo_all(Halts),
     told(Told, Faults#faults{halts = Next}).
 
-%% @doc The node of a robot has missed answers, or has one again. A halt by hand or chaos has its time. Of
-%% any other the world is told in the same way: nobody is accused of what a node that hangs has not done.
+%% @doc Handles that the node of a robot has missed answers, or answers again. A manual halt, or one
+%% by chaos, has its own time. Any other silence is reported to the world in the same way, so no
+%% robot is accused because its node hangs.
 -spec silent(starl_cluster_watchdog:word(), starl:robot_id(), t()) -> {[want()], t()}.
 silent(Word, Robot, #faults{halts = Halts} = Faults) ->
     case {Word, starl_cluster_halts:is_halted(Robot, Halts)} of
@@ -275,14 +277,14 @@ hangs_no_more(Robot, #faults{hanging = Hanging} = Faults) ->
     _ = [ok = starl_world:resumed(world(Faults), Robot) || lists:member(Robot, Hanging)],
     Faults#faults{hanging = lists:delete(Robot, Hanging)}.
 
-%% @doc The node of a robot has ended: it stands still no more.
+%% @doc Handles the end of a robot's node: it is no longer halted.
 -spec lost(starl:robot_id(), t()) -> t().
 lost(Robot, #faults{halts = Halts} = Faults) ->
     {Told, Next} = starl_cluster_halts:undo(Robot, Halts),
     {_, GoneOn} = told(Told, Faults#faults{halts = Next}),
     hangs_no_more(Robot, GoneOn).
 
-%% @doc No node is halted any more, and nobody is told.
+%% @doc Ends all halts, without a notification.
 -spec stop(t()) -> ok.
 stop(#faults{halts = Halts}) ->
     _ = starl_cluster_halts:undo_all(Halts),

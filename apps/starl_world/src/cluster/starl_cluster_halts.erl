@@ -1,9 +1,9 @@
-%% @doc The nodes of a cluster that are halted: their processes in the operating system stand still
-%% (SIGSTOP), and go on after their time (SIGCONT).
+%% @doc Halts nodes of a cluster for a time: stops their operating system processes (SIGSTOP) and
+%% continues them later (SIGCONT).
 %%
-%% A guard, a shell of its own for each halt, sends both signals. It waits out the time even if this VM
-%% is killed meanwhile, and no signal of a terminal reaches it: no node is left standing. It tells when
-%% the node stands, and ends when the node goes on.
+%% A guard, a shell of its own for each halt, sends both signals. It waits out the time even if this
+%% VM is killed meanwhile, and no signal of a terminal reaches it. So no node stays halted. The
+%% guard reports when the node has stopped, and ends when the node goes on.
 %% ```
 %%     halt -- "at_work" | "idle" --> stands -- the guard exits --> goes on
 %% '''
@@ -107,7 +107,7 @@ wait(Robot, From, Halts) ->
     [{Port, #halt{callers = Callers} = Halt}] = guards(Robot, Halts),
     Halts#{Port := Halt#halt{callers = [From | Callers]}}.
 
-%% @doc What a message tells, if it is of a guard.
+%% @doc Interprets a message, if it is a guard's.
 -spec hear(term(), t()) -> {told(), t()} | unknown.
 hear({Port, {data, {eol, Word}}}, Halts) when is_map_key(Port, Halts) ->
     #{Port := #halt{robot = Robot} = Halt} = Halts,

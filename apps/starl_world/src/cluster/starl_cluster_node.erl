@@ -1,6 +1,6 @@
-%% @doc Calls to the node of a robot of a cluster: readies it (its log, its code, its application), opens
-%% the robot, gives it code, changes its air, closes it. A call to a node that stands still waits until
-%% it goes on or ends: {@link starl_cluster_calls} makes them.
+%% @doc Calls to the node of a robot in a cluster. They prepare the node (log, code, application),
+%% open and close the robot, load code, and change the link conditions. A call to a node that hangs
+%% waits until the node goes on or ends, so {@link starl_cluster_calls} makes them.
 -module(starl_cluster_node).
 
 -export([
@@ -116,8 +116,8 @@ modules(App) ->
         undefined -> []
     end.
 
-%% @doc Loads the code of versions, beside the present one; gives the link of the node's robot. A node
-%% that ends meanwhile is about to be started anew.
+%% @doc Loads the code of versions beside the present one, and returns the link of the node's robot.
+%% A node that ends meanwhile will be restarted.
 -spec load(node(), [starl_version:code()]) ->
     {ok, [Link :: pid()]} | {error, unicode:chardata()}.
 load(Node, Code) ->

@@ -1,5 +1,6 @@
-%% @doc The nodes of a cluster: a process of the operating system for each robot, held by OTP's `peer'
-%% and linked to the calling process. What is done on a node stands in {@link starl_cluster_node}.
+%% @doc Starts and restarts the nodes of a cluster, an operating system process for each robot.
+%% OTP's `peer' controls them, and they are linked to the calling process.
+%% {@link starl_cluster_node} carries out the work on a node.
 %% ```
 %%     up -- lost (it has ended), drop (its robot cannot be opened) --> down -- again --> up
 %% '''
@@ -64,8 +65,8 @@ specified(Specs, #nodes{nodes = All} = Nodes) ->
 -spec disk(fill | clear, starl:robot_id(), t()) -> ok | {error, unicode:chardata()}.
 disk(What, Id, Nodes) -> starl_cluster_quota:change({What, Id}, os_pids(Nodes)).
 
-%% @doc Starts a robot's node anew, on a disk that is full or clear. The calling process is told of its
-%% end, as of the others' ({@link starl_sim_peers:told()}).
+%% @doc Restarts a robot's node, on a disk that is full or clear. The calling process is notified of
+%% its end, as of the others' ({@link starl_sim_peers:told()}).
 -spec again(starl:robot_id(), fill | clear, t()) -> {ok, t()} | {error, starl_sim_peers:reason()}.
 again(Id, Disk, #nodes{nodes = All} = Nodes) ->
     #{Id := #node{name = Name, restarts = N} = Node} = All,
@@ -144,13 +145,13 @@ place(Id, #nodes{nodes = All} = Nodes) ->
             {error, io_lib:format("there is no robot ~b", [Id])}
     end.
 
-%% @doc The node of a robot is to end: nobody need be told by what.
+%% @doc Marks that the node of a robot is meant to end, so that its end need not be reported.
 -spec doom(starl:robot_id(), t()) -> t().
 doom(Id, #nodes{nodes = All} = Nodes) ->
     put_node(Id, (maps:get(Id, All))#node{doomed = true}, Nodes).
 
-%% @doc Why a robot could not be opened, in words. Its node may have ended just now: then this process is
-%% about to be told.
+%% @doc The reason why a robot could not be opened, in words. If its node has just ended, this
+%% process is about to be notified.
 -spec known_end(starl:robot_id(), Why :: ended | unicode:chardata(), t()) -> unicode:chardata().
 known_end(Id, ended, Nodes) ->
     Control = proplists:get_value(Id, [{R, starl_sim_peers:control(P)} || {R, P} <- peers(Nodes)]),
@@ -163,8 +164,8 @@ known_end(_Id, Why, _Nodes) ->
 
 line(Status) -> ["its node ", starl_sim_peers:format_end(Status)].
 
-%% @doc What is to be told of a node whose process has ended in this way. A signal is an error, unless it came
-%% from here.
+%% @doc The report on a node whose process has ended in this way. A signal is an error, unless it
+%% came from here.
 -spec ended(Control :: pid(), Status :: non_neg_integer(), t()) ->
     [{starl:robot_id(), logger:level(), unicode:chardata()}].
 ended(Control, Status, #nodes{nodes = All} = Nodes) ->
@@ -179,7 +180,7 @@ ended(Control, Status, #nodes{nodes = All} = Nodes) ->
 level(Status, false) when Status > 128 -> error;
 level(_Status, _IsDoomed) -> notice.
 
-%% @doc How often each node was started anew.
+%% @doc The number of restarts of each node.
 -spec restarts(t()) -> #{starl:robot_id() => non_neg_integer()}.
 restarts(#nodes{nodes = All}) -> maps:map(fun(_, #node{restarts = N}) -> N end, All).
 

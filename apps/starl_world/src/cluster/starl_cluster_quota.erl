@@ -1,13 +1,15 @@
-%% @doc The disk of a robot of a cluster, as something that can be full: the process of its node may not let a
-%% file grow any more (RLIMIT_FSIZE), so each write of its store, its facts or its recording fails, and
-%% what was written before stays. No right is needed for that, and no other process notices.
+%% @doc Fills the disk of a cluster's robot, by a limit on the size of files (RLIMIT_FSIZE). The
+%% process of the robot's node may then not let a file grow. So each write of its store, its facts
+%% or its recording fails, and earlier data stay. This needs no privilege, and no other process
+%% notices.
 %%
-%% The Erlang VM keeps compiled code in memory that is a file to the kernel, too: a node that wanted more of it
-%% on a full disk, for new code, would be ended by SIGSEGV. A VM that starts under the limit keeps its code
-%% in other memory, so each node does ({@link commands/0}), and the limit goes when it is up.
+%% The Erlang VM keeps compiled code in memory that the kernel counts as a file, too. A node that
+%% needed more of it on a full disk, for new code, would be killed by SIGSEGV. A VM that starts
+%% under the limit keeps its code in other memory. So each node starts under it
+%% ({@link commands/0}), and the limit is removed when the node is up.
 %%
-%% Such a write fails with `efbig', that on a full disk with `enospc': both are errors of `file', and
-%% StarL tells them apart in the text alone.
+%% Such a write fails with `efbig', a write on a full disk with `enospc'. Both are errors of `file',
+%% and StarL distinguishes them only in the text.
 -module(starl_cluster_quota).
 
 -export([is_possible/0, commands/0, change/2]).

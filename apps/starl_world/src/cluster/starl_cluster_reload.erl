@@ -1,4 +1,4 @@
-%% @doc New code for the nodes of a cluster, in two phases, with a trial time.
+%% @doc Reloads code on the nodes of a cluster, in two phases, with a trial time.
 %% ```
 %%   loaded on every node --> every robot switches at its next step --> trial --> done
 %%        | a node cannot,         | a state cannot be carried over      | a crash
@@ -6,11 +6,11 @@
 %%        v                      the former code is back on every robot
 %%     nothing has changed
 %% '''
-%% The new code lies beside the former one under a name of its own ({@link starl_version}), so that
-%% neither phase ends a process, and the way back is always there. The crash or the state that failed
-%% is known on that robot at once; the others hear of it here, at any time. A node that was down
-%% starts with the present code. A caller that was told that steps last long may reload again: then
-%% two reloads are under way.
+%% The new code lies beside the former code under a name of its own ({@link starl_version}), so
+%% neither phase ends a process, and going back is always possible. The robot on which code crashes,
+%% or a state cannot be converted, knows this at once; the others learn it from here, at any time. A
+%% node that was down starts with the present code. A caller that was informed that steps last long
+%% may reload again: then two reloads are under way.
 -module(starl_cluster_reload).
 
 -export([new/1, codes/1, code/1, start/5, loaded/2, hear/2, lost/2, rejoined/3]).
@@ -157,7 +157,7 @@ on_trial(#rollout{order = #{trial_us := Us}} = Rollout, #reloads{speed = Speed})
         timer = erlang:start_timer(ceil(Us / 1000 / Speed) + 1, self(), reload_trial)
     }.
 
-%% @doc Handles a message to the process that reloads: a machine has told how it has heeded a reload; the
+%% @doc Handles a message to the process that reloads: a machine has reported its result, or the
 %% trial time, or the caller's patience, is over.
 -spec hear(Message :: term(), t()) -> t().
 hear({starl_reloaded, Robot, Name, #{number := N, outcome := Outcome} = Told}, Reloads) ->

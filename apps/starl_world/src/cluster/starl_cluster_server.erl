@@ -1,6 +1,6 @@
-%% @doc The process of a cluster ({@link starl_cluster}): opens the robots on their nodes, starts anew
-%% what has ended or hangs, and does what hands, chaos and other terminals want. It waits for no node
-%% ({@link starl_cluster_calls}).
+%% @doc The process of a cluster ({@link starl_cluster}). It opens the robots on their nodes,
+%% restarts those that have ended or hang, and carries out manual faults, chaos and commands from
+%% other terminals. It waits for no node ({@link starl_cluster_calls}).
 -module(starl_cluster_server).
 -behaviour(gen_server).
 

@@ -1,5 +1,5 @@
-%% @doc The beginning of a cluster: its nodes, with all of their code, the socket for commands, the world, and
-%% the faults that are planned. The time of the run begins with the world; its robots are opened after this.
+%% @doc Starts a cluster: its nodes with all their code, the socket for commands, the world, and the
+%% planned faults. The time of the run begins with the world. The robots are opened later.
 -module(starl_cluster_start).
 
 -export([start/3]).

@@ -1,6 +1,6 @@
-%% @doc The watchdogs of a cluster's nodes. A process for each node asks the link of its robot every second.
-%% It says when it has missed two answers, when it has one again, and when it has missed so many as no
-%% busy computer keeps back; then it ends.
+%% @doc The watchdogs of a cluster's nodes. A process for each node asks the link of its robot every
+%% second. A watchdog reports when it has missed two answers, and when it has an answer again. It
+%% also reports when it has missed more answers than a busy computer can delay; then it ends.
 %% ```
 %%     {starl_silent, Robot, Watchdog, doubtful | back | silent}
 %% '''
@@ -24,7 +24,7 @@
 -spec new() -> t().
 new() -> #{}.
 
-%% @doc Watches the node of a robot from now on, anew if it was watched before.
+%% @doc Watches the node of a robot from now on. If it was watched before, the watch begins again.
 -spec watch(starl:robot_id(), node(), t()) -> t().
 watch(Robot, Node, Watchdogs) ->
     Owner = self(),

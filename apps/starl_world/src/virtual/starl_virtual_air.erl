@@ -1,6 +1,6 @@
-%% @doc The air between live robots in virtual time: the datagrams that a robot sends arrive as the simulator's
-%% packets do ({@link starl_sim_radio}), lost, doubled, delayed and damaged, and an attacker sends some of them
-%% again. A pure module; all draws are stateless.
+%% @doc The link conditions between live robots in virtual time. Datagrams are lost, doubled,
+%% delayed and damaged like the simulator's packets ({@link starl_sim_radio}). An attacker sends
+%% some of them again, to any robot. A pure module; all draws are stateless.
 -module(starl_virtual_air).
 
 -export([arrivals/5]).

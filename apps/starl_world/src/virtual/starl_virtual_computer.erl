@@ -1,5 +1,5 @@
-%% @doc The computer of a live robot in virtual time: its clock, its disk, and the code that the operator has
-%% given it. It starts the robot's program, which is another one in each of its lives.
+%% @doc The computer of a live robot in virtual time: its clock, its disk, and the code that the
+%% operator has installed. It starts the robot's program anew at each boot.
 -module(starl_virtual_computer).
 
 -export([new/3, shows/2, due_us/3, start/4]).
@@ -133,8 +133,8 @@ cut_after(N, #computer{disk = Disk}) -> starl_virtual_disk:cut_after(Disk, N, be
 power({starl_power_cut, _}, #computer{disk = Disk}) -> starl_virtual_disk:cut_power(Disk);
 power(_Killed, #computer{disk = Disk}) -> starl_virtual_disk:keep_power(Disk).
 
-%% @doc There is an empty disk in the place of its own; or it is kept as an image; or there is that image in its
-%% place, if there is one. It has no power. What is to be told.
+%% @doc Applies a fault to the store while the computer has no power. It replaces the disk by an
+%% empty one, saves an image of it, or puts a saved image in its place. Returns the reports.
 -spec strike_store(lose_store | {save_store | set_back_store, Image :: term()}, t()) ->
     [store_set_back].
 strike_store(lose_store, #computer{disk = Disk}) ->
@@ -160,7 +160,7 @@ reload(N, World, #computer{codes = Before} = Computer) ->
 take_back(N, #computer{codes = Codes} = Computer) ->
     Computer#computer{codes = starl_reload:without(N, Codes)}.
 
-%% @doc A machine has told how it has heeded a reload.
+%% @doc Handles the report of a machine on a reload.
 -spec heeded(starl_reload:outcome(), starl_machine:name(), starl_reload:count(), NowUs, t()) ->
     t()
 when

@@ -1,18 +1,18 @@
-%% @doc A simulated disk for live robots ({@link starl_live_disk}): what was not synced is lost when the
-%% power goes, or not.
+%% @doc A simulated disk for live robots ({@link starl_live_disk}). At a power cut, changes that
+%% were not synced may be lost.
 %%
-%% Programs see all changes at once. What outlives a power cut:
+%% Programs see all changes at once. A power cut leaves:
 %% <ul>
-%% <li>the content of a file as of its last sync; of a file that was written since then: that, nothing,
-%%   the new content, or its beginning,</li>
+%% <li>the content of a file as of its last sync; if the file was written since then: that content,
+%%   nothing, the new content, or its beginning,</li>
 %% <li>the names of a directory as of its last sync, and of the changes since then (new, renamed and
 %%   deleted files) the first few, in their order: the journal of a file system.</li>
 %% </ul>
-%% The disk can be full, fail, and lose its power at its N-th operation: then the calling process throws
-%% {@link power_cut()}. All draws come from a seed.
+%% The disk can be full, fail, and lose its power at its N-th operation: then the calling process
+%% throws {@link power_cut()}. All draws come from a seed.
 %%
-%% The disks are in the dictionary of the process that runs the simulation: what the robot's program
-%% does to a disk is an effect, as it is with a real one.
+%% The disks are in the dictionary of the process that runs the simulation: an operation of the
+%% robot's program on a disk is an effect, as with a real disk.
 -module(starl_virtual_disk).
 -behaviour(starl_live_disk).
 

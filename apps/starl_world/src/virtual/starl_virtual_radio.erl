@@ -1,17 +1,18 @@
-%% @doc The radio of live robots ({@link starl_live_udp}: codec, fragments, seal, replay window, pace) on
-%% simulated sockets and clocks. Some robots send packets of all sizes, some of them twice. At first the
-%% network loses, doubles, delays and damages datagrams; in some runs, for a while, all send large packets
-%% and half of their fragments are lost; then it is calm. An attacker sends what he has recorded to anybody,
-%% at any later time, datagrams of another run, and rubbish; a robot seals what is no packet. Robots start
-%% anew meanwhile. In some runs the time of day of one computer is wrong at first, and set right before the
+%% @doc Tests the radio of live robots on simulated sockets and clocks ({@link starl_live_udp}:
+%% codec, fragments, seal, replay window, pace). Some robots send packets of all sizes, some of them
+%% twice. At first the network loses, doubles, delays and damages datagrams. In some runs, all
+%% robots send large packets for a while, and half of the fragments are lost. Then the network is
+%% calm. An attacker sends what he has recorded to anybody, at any later time; he also sends
+%% datagrams of another run, and rubbish. A robot seals what is no packet. Robots restart meanwhile.
+%% In some runs the time of day of one computer is wrong at first, and is set right before the
 %% network is calm.
 %%
 %% The contract:
 %% <ul>
-%% <li>What is heard was sent, in the sender's name, to the one who hears it.</li>
-%% <li>A packet is heard by a robot at most as often as it was sent, in all of its lives together, and none
-%%   that is older than the seal, the clocks and the fragments allow.</li>
-%% <li>What is sent in a calm network is heard, but for the first seconds, in which robots that have just
+%% <li>What is heard was sent, in the sender's name, to the robot that hears it.</li>
+%% <li>A robot hears a packet at most as often as it was sent, over all its boots together. It hears no
+%%   packet that is older than the seal, the clocks and the fragments allow.</li>
+%% <li>What is sent in a calm network is heard, except in the first seconds, in which robots that have just
 %%   started learn of each other.</li>
 %% <li>The memory of an end is bounded.</li>
 %% </ul>

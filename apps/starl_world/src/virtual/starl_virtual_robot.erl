@@ -1,11 +1,11 @@
-%% @doc The program of one live robot in virtual time: its link and its transport, the same modules as on
-%% a real robot. Their callbacks are called by the process that runs the simulation, one at a time, and
-%% what they do to the world is returned as {@link effect()}s.
+%% @doc The program of one live robot in virtual time. Its link and its transport are the same
+%% modules as on a real robot. The process that runs the simulation calls their callbacks, one at a
+%% time. Their effects on the world are returned as {@link effect()}s.
 %%
-%% The robot's clock, disk and socket are simulated ({@link starl_virtual_clock}, {@link
-%% starl_virtual_disk}, {@link starl_virtual_socket}). Its machines run inline. A sequential application
-%% is a process: whoever runs the simulation waits here until it has carried out its order, and decides
-%% when the link gets the answer.
+%% The robot's clock, disk and socket are simulated ({@link starl_virtual_clock},
+%% {@link starl_virtual_disk}, {@link starl_virtual_socket}). Its machines run inline. A sequential
+%% application is a process: the simulation waits here until that process has carried out its order,
+%% and decides when the link gets the answer.
 -module(starl_virtual_robot).
 -behaviour(supervisor).
 

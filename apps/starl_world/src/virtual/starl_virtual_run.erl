@@ -1,5 +1,5 @@
-%% @doc Runs a part of the program that ships on robots in virtual time, from a seed: its clock, its
-%% sockets and its disk are simulated. The same seed gives the same run.
+%% @doc Tests a part of the program that ships on robots in virtual time, from a seed. Its clock,
+%% sockets and disk are simulated. The same seed gives the same run.
 %% ```
 %%     1> starl_virtual_run:run({store, 1, #{}}).
 %%     #{violations => [], events => 83, digest => 70286913}

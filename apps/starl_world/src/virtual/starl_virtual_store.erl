@@ -1,12 +1,12 @@
-%% @doc The store of a live robot on a simulated disk, under power cuts and troubles of the disk: many
-%% lives of one robot, each of which ends by a power cut at some operation of the disk.
+%% @doc Tests the store of a live robot on a simulated disk, under power cuts and disk failures. One
+%% robot boots many times, and each boot ends by a power cut at some operation of the disk.
 %%
 %% The contract:
 %% <ul>
 %% <li>A machine finds the last term whose `keep' was answered with `ok', or one that was to be kept
 %%   after it; never `none' or `damaged' when there is such a term. If its file is damaged, it finds
 %%   `damaged'.</li>
-%% <li>The numbers of starts that were answered with `ok' never go back, though one of the two copies be
+%% <li>The numbers of starts that were answered with `ok' never go back, even if one of the two copies is
 %%   damaged.</li>
 %% <li>A healthy disk is never `full'.</li>
 %% </ul>

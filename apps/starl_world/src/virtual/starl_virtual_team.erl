@@ -1,6 +1,7 @@
-%% @doc A team of live robots in virtual time: the programs of {@link starl_virtual_robot}, with one queue
-%% of events, the faults of a scenario, a radio that loses, doubles, delays and damages datagrams, an
-%% attacker who sends them again, and power cuts. The monitors of the scenario judge the facts.
+%% @doc Runs a team of live robots in virtual time: the programs of {@link starl_virtual_robot} with
+%% one event queue. It applies the faults of a scenario and power cuts. Its radio loses, doubles,
+%% delays and damages datagrams, and an attacker sends them again. The monitors of the scenario
+%% judge the facts.
 %%
 %% The network's faults are those of the simulator ({@link starl_sim_radio}), applied to datagrams. Of
 %% the others:
@@ -12,8 +13,8 @@
 %% <dt>pause, slow, kill_robot</dt><dd>as in the simulator</dd>
 %% <dt>clock_drift, clock_freeze</dt><dd>the computer's time, system and monotonic; it is never set
 %%   ({@link starl_live_clock}), and stands still for no more than 6 s in all</dd>
-%% <dt>reloads of the scenario</dt><dd>the operator tells the robots that are up; one that starts gets the
-%%   new code; when a reload fails on one of them, all go back</dd>
+%% <dt>reloads of the scenario</dt><dd>the operator notifies the robots that are up; a robot that starts
+%%   gets the new code; when a reload fails on one of them, all go back</dd>
 %% <dt>store_full, store_damaged</dt><dd>the disk is full; the files of terms are found damaged by
 %%   machines that start</dd>
 %% <dt>store_lost, store_set_back</dt><dd>there is an empty disk in the place of the robot's, or the image

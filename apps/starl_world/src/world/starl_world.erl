@@ -8,8 +8,8 @@
 %%   a robot's radio -- sent, came ------------->  world: packets and their fates --> observer
 %%   hardware of a robot <-- touched ------------  world: it touches another robot, or a wall
 %% '''
-%% A robot whose process or node ends goes down: its chassis stops, and the monitors are told. This
-%% module starts and asks the world; its process is {@link starl_world_server}.
+%% A robot whose process or node ends goes down: its chassis stops, and the monitors are notified.
+%% This module starts and asks the world; its process is {@link starl_world_server}.
 -module(starl_world).
 
 -export([
@@ -63,10 +63,10 @@
 %% The real time by which every bound on a duration is longer.
 -define(SLACK_US, 3000000).
 
-%% @doc Plans the run of a scenario that passes `speed' times as fast as real time; `watch': further
-%% monitors, which only look on. This computer has other work, too, so every bound on a duration is
-%% longer by some real time. Gives the schedule of faults beside it: monitors are told of each fault when it
-%% begins and when it has ended, as of those by hand.
+%% @doc Plans the run of a scenario that passes `speed' times as fast as real time. `watch': further
+%% monitors, which judge nothing. This computer has other work, too, so every bound on a duration is
+%% extended by some real time. The schedule of faults is returned beside the plan: monitors are
+%% notified of each fault when it begins and when it has ended, as of manual faults.
 -spec plan(#{app := module(), atom() => term()}, #{
     world := one_vm | nodes, speed => number(), watch => [{module(), map()}], atom() => term()
 }) ->
@@ -97,11 +97,12 @@ scheduled([], #{faults := Faults, heal := Heal} = Scenario, Own) ->
 scheduled(Refused, _Scenario, _Own) ->
     {error, {scene, lists:join("; ", Refused)}}.
 
-%% @doc The time by which contracts allow everything with a bound to be late, in a run as fast as real time.
+%% @doc The time by which contracts extend every bound, in a run as fast as real time.
 -spec slack_us() -> pos_integer().
 slack_us() -> ?SLACK_US.
 
-%% @doc The options of a run with what its observer and the recorders of its robots are told first.
+%% @doc Adds to the options of a run the first reports for its observer and for the recorders of its
+%% robots.
 -spec observed(starl_run:planned(), Options) -> Options when Options :: map().
 observed(Planned, Options) when is_map_key(observe, Options); is_map_key(recorder, Options) ->
     Options#{facts => starl_run_plan:facts(Planned, maps:get(watch, Options, []))};
@@ -115,20 +116,20 @@ start_link(#{facts := Facts, clock := Clock} = Config) ->
 start_link(Config) ->
     starl_world_server:start_link(Config).
 
-%% @doc The calling process is the chassis of this robot from now on.
+%% @doc Makes the calling process the chassis of this robot.
 -spec embody(pid(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
 embody(World, Robot) -> gen_server:call(World, {embody, Robot}).
 
-%% @doc The calling process is the hardware of this robot from now on: it drives the body, which goes
-%% on when the robot's link ends. Asked `{starl_settle, World, N}' it tells all that it has done until
-%% then, and afterwards `{starl_settled, Robot, N}' ({@link starl_world_positioning}).
+%% @doc Makes the calling process the hardware of this robot: it drives the body, which goes on when
+%% the robot's link ends. On the message `{starl_settle, World, N}' it reports all that it has done
+%% until then, and afterwards sends `{starl_settled, Robot, N}' ({@link starl_world_positioning}).
 -spec inhabit(pid(), starl:robot_id()) -> ok | {error, unicode:chardata()}.
 inhabit(World, Robot) -> gen_server:call(World, {inhabit, Robot}).
 
-%% @doc The calling process is the chassis of this robot from now on, and tells where its body is, which the world
-%% does not move: `{starl_body, Robot, self(), {told, AtUs, {moves, Piece}}}'. It is asked for that as
-%% hardware is ({@link inhabit/2}). Gives the place of the body until then; if the process ends, the body
-%% stands where it was last.
+%% @doc Makes the calling process the chassis of this robot, which reports where its body is. The
+%% world does not move this body. The report is `{starl_body, Robot, self(), {told, AtUs, {moves,
+%% Piece}}}'. The world asks for it as it asks hardware ({@link inhabit/2}). Returns the place of
+%% the body until then. If the process ends, the body stands where it was last.
 -spec track(pid(), starl:robot_id()) -> {ok, starl:pose()} | {error, unicode:chardata()}.
 track(World, Robot) -> gen_server:call(World, {track, Robot}).
 
@@ -144,31 +145,33 @@ status(World) -> gen_server:call(World, status).
 -spec until(pid(), Us :: integer()) -> ok.
 until(World, Us) -> gen_server:call(World, {until, Us}, infinity).
 
-%% @doc A fault begins, or ends: the world does what is its part of it, on positions and cables, and tells its
-%% observer and its judge. A cable is none where no hardware is.
+%% @doc Begins or ends a fault: the world applies its part of it, on positions and cables, and
+%% notifies its observer and its judge. A cable fault of a robot without hardware is an error.
 -spec fault(pid(), starl_world_faults:told()) -> ok | {error, unicode:chardata()}.
 fault(World, Told) -> gen_server:call(World, {fault, Told}).
 
-%% @doc A robot is dead for good.
+%% @doc Declares a robot dead for good.
 -spec dead(pid(), starl:robot_id()) -> ok.
 dead(World, Robot) ->
     World ! {starl_ended, Robot, self(), given_up},
     ok.
 
-%% @doc The clock of a robot's node is ahead of this VM's, or behind: if by much, nothing is judged from now on.
+%% @doc Reports by how much the clock of a robot's node is ahead of this VM's clock, or behind. If
+%% the difference is large, nothing is judged from now on.
 -spec clock(pid(), starl:robot_id(), AheadUs :: integer()) -> ok.
 clock(World, Robot, AheadUs) -> gen_server:call(World, {clock, Robot, AheadUs}, infinity).
 
-%% @doc The node of a robot is about to be halted: nothing is judged from now on until it goes on. The
-%% fault, a pause, is told under this name.
+%% @doc Announces that the node of a robot is about to be halted: nothing is judged from now on
+%% until it goes on. The fault, a pause, is reported under this name.
 -spec halt(pid(), starl:robot_id(), Fault :: atom()) -> ok.
 halt(World, Robot, Fault) -> gen_server:call(World, {halt, Robot, Fault}).
 
-%% @doc The node of a robot stands still, since a moment.
+%% @doc Reports that the node of a robot has stopped a moment ago.
 -spec halted(pid(), starl:robot_id()) -> ok.
 halted(World, Robot) -> gen_server:call(World, {halted, Robot}).
 
-%% @doc The node of a robot goes on, or has ended: the monitors are told of the pause.
+%% @doc Reports that the node of a robot goes on, or has ended: the monitors are notified of the
+%% pause.
 -spec resumed(pid(), starl:robot_id()) -> ok.
 resumed(World, Robot) -> gen_server:call(World, {resumed, Robot}).
 

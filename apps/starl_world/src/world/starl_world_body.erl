@@ -92,8 +92,8 @@ actuate({Device, Value}, Mark, Now, Body0) ->
     Traced = [{Now, Id, chassis, {actuated, Device, Value}} || Set =:= set],
     {Traces ++ Traced, Answers, planned(Now, Plans, Body#body{vehicle = Actuated})}.
 
-%% @doc The body moves so from the beginning of this piece on, whatever its chassis was told; `same': as
-%% before.
+%% @doc Moves the body along this piece from its beginning on, whatever its chassis was commanded;
+%% `same': as before.
 -spec moves(starl_trajectory:piece() | same, t()) -> yield().
 moves(same, Body) ->
     {[], [], Body};

@@ -1,7 +1,8 @@
-%% @doc The court of a live run: its judge ({@link starl_world_judge}), the faults that its watchers were told of,
-%% and its observer. The faults are those of the schedule and by hand, and the pauses of robots whose nodes are
-%% halted, which begin where a robot stands. What is not judged any more is logged. At the end
-%% there is an outcome, as of a simulation, with the counters of the robots that still run.
+%% @doc The live judge of a run: its judge ({@link starl_world_judge}), the faults that were
+%% reported to its watchers, and its observer. The faults are scheduled and manual ones, and the
+%% pauses of robots whose nodes are halted; such a pause begins when the robot stops. Parts of the
+%% run that are no longer judged are logged. At the end there is an outcome as of a simulation, with
+%% the counters of the robots that still run.
 -module(starl_world_court).
 
 -export([new/2, told/2, leader/1, radioed/2, undone/3, late/3, clock/3]).
@@ -23,7 +24,7 @@
 
 -opaque t() :: #court{}.
 
-%% @doc A court with these monitors.
+%% @doc A live judge with these monitors.
 -spec new([{module(), map()}], starl_observer:t()) -> t().
 new(Monitors, Observer) ->
     Judge = starl_world_judge:new(Monitors, starl_world_judge:horizon_us(), Observer),
@@ -31,7 +32,7 @@ new(Monitors, Observer) ->
 
 %% -- facts ----------------------------------------------------------------------------------
 
-%% @doc Facts were told.
+%% @doc Handles reported facts.
 -spec told([starl_monitor:trace_event()], t()) -> t().
 told(Events, #court{judge = Judge, leader = Leader} = Court) ->
     Court#court{
@@ -42,16 +43,16 @@ told(Events, #court{judge = Judge, leader = Leader} = Court) ->
 leads({_Us, Robot, _Machine, {leads, _Term}}, _Leader) -> Robot;
 leads(_Event, Leader) -> Leader.
 
-%% @doc The robot that leads, as was told last.
+%% @doc The robot that leads, by the latest report.
 -spec leader(t()) -> starl:robot_id() | none.
 leader(#court{leader = Leader}) -> Leader.
 
-%% @doc The radio of a robot has told of packets.
+%% @doc Handles the reports of a robot's radio on packets.
 -spec radioed([starl_monitor:trace_event()], t()) -> t().
 radioed(Events, #court{judge = Judge} = Court) ->
     Court#court{judge = starl_world_judge:heard(Events, Judge)}.
 
-%% @doc Facts that were told are none.
+%% @doc Withdraws reported facts.
 -spec undone([starl_monitor:trace_event(), ...], NowUs :: integer(), t()) -> t().
 undone(Events, Now, #court{judge = Judge} = Court) ->
     by(starl_world_judge:undone(Events, Now, Judge), Court).
@@ -64,7 +65,7 @@ late(Then, Now, #court{judge = Judge} = Court) ->
         false -> Court
     end.
 
-%% @doc The clock of a robot's computer is so far ahead, or behind.
+%% @doc Records how far the clock of a robot's computer is ahead, or behind.
 -spec clock(starl:robot_id(), AheadUs :: integer(), t()) -> t().
 clock(Id, Us, #court{judge = Judge} = Court) -> by(starl_world_judge:clock(Id, Us, Judge), Court).
 
@@ -85,8 +86,7 @@ complete(Id, Then, Now, #court{judge = Judge} = Court) ->
 
 %% -- faults ---------------------------------------------------------------------------------
 
-%% @doc A fault of the schedule, or one by hand, begins or ends: its watchers are told of it as of one in a
-%% schedule.
+%% @doc Begins or ends a scheduled or manual fault. The watchers are notified of both alike.
 -spec fault(starl_world_faults:told(), NowUs :: integer(), t()) -> t().
 fault({Is, Fault}, Now, #court{judge = Judge, observer = Observer, faults = Faults} = Court) ->
     Own = setelement(6, Fault, maps:remove(in_time, element(6, Fault))),
@@ -168,7 +168,7 @@ by(Judge, #court{judge = Before} = Court) ->
     ],
     Court#court{judge = Judge}.
 
-%% @doc The outcome of a run that ends now: its monitors are closed, and its observer is told.
+%% @doc The outcome of a run that ends now. It closes the monitors and notifies the observer.
 -spec outcome(starl_world:ending() | none, NowUs :: integer(), starl_world_team:t(), t()) ->
     starl_run:outcome().
 outcome(Ending, Now, Robots, #court{judge = Judge, observer = Observer, faults = Faults}) ->

@@ -1,5 +1,6 @@
-%% @doc The drivers of the chassis of a user's own, by the names in a choice, `FILE.erl' or `exec:PROGRAM': sources
-%% are compiled and checked, programs are started once and asked for their hello, before anything runs.
+%% @doc Prepares the drivers of the user's own chassis, named `FILE.erl' or `exec:PROGRAM' in a
+%% choice, before a run starts. Sources are compiled and checked. Programs are started once and must
+%% send their hello.
 -module(starl_world_drivers).
 
 -export([resolve/3, lines/3]).

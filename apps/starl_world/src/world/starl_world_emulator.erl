@@ -1,7 +1,8 @@
-%% @doc The behaviour of an emulator: it puts emulated devices into a simulated world that runs in real time,
-%% as the bodies of robots whose drivers are those of real ones. An application lists its emulators in
-%% its `.app' file ({@link starl_catalogue}): `{starl_emulators, [starl_create]}'. Devices of several
-%% emulators may take part in a run: each robot has that of its own chassis.
+%% @doc The behaviour of an emulator, which puts emulated devices into a simulated world that runs
+%% in real time. The devices are the bodies of robots whose drivers are those of real robots. An
+%% application lists its emulators in its `.app' file ({@link starl_catalogue}): `{starl_emulators,
+%% [starl_create]}'. Devices of several emulators may take part in a run: each robot has the device
+%% of its own chassis.
 -module(starl_world_emulator).
 
 -export([all/2, all/3]).

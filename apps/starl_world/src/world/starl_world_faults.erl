@@ -1,13 +1,15 @@
-%% @doc The faults of a run in real time: those of its schedule, and those by hand ({@link starl_run_hand}).
-%% It knows which last, what each robot hears and senses by them, and what is to be done when one begins or
-%% ends. {@link starl_world_injection} tells the world; who runs the robots does the rest, in this VM
-%% ({@link starl_world_robots}) or on nodes ({@link starl_cluster_faults}). A pure module.
+%% @doc The scheduled and manual faults of a run in real time ({@link starl_run_hand}). The module
+%% knows which faults last, how they change what each robot hears and senses, and the effects of
+%% their beginnings and ends. {@link starl_world_injection} reports them to the world. The process
+%% that runs the robots carries out the other effects, in this VM ({@link starl_world_robots}) or on
+%% nodes ({@link starl_cluster_faults}). A pure module.
 %% ```
 %%     begins -- effects --> lasts -- over, its time or a heal -- effects --> ended
 %%     reboot, lost store:   the robot is down until then, and the fault has ended when it is up again
 %%     store set back:       at the beginning a restart, at the end another one with the store of the first
 %% '''
-%% A pause has its own way: only the world knows when a robot stands ({@link starl_world:halt/3}).
+%% A pause is handled differently, because only the world knows when a robot has stopped
+%% ({@link starl_world:halt/3}).
 -module(starl_world_faults).
 
 -export([new/1, from_the_start/1, named/4, unnamed/2, begins/3, over/3, up/3, healable/2]).
@@ -75,7 +77,8 @@ from_the_start(Schedule) ->
         Schedule
     ).
 
-%% @doc The fault that a hand does now; a pause by hand is of the computer, and has an end.
+%% @doc The fault for a manual fault that is applied now. A manual pause is one of the computer, and
+%% has an end.
 -spec named(starl_run_hand:t(), NowMs :: integer(), Speed :: number(), t()) -> {fault(), t()}.
 named({pause, Target, Params, lasting}, Now, Speed, Faults) ->
     named({pause, Target, Params, ?PAUSE_MS}, Now, Speed, Faults);
@@ -94,7 +97,7 @@ unnamed(Prefix, #faults{count = Count} = Faults) ->
         Faults#faults{count = Count + 1}
     }.
 
-%% @doc A fault begins now: what the world is told first, and what is to be done.
+%% @doc Begins a fault now: returns the reports for the world, and the effects to carry out.
 -spec begins(fault(), NowMs :: integer(), t()) -> {[told()], [effect()], t()}.
 begins({Id, From, To, pause, Robot, Params}, _Now, Faults) ->
     Moment =
@@ -214,7 +217,7 @@ is_healed({Kind, Target}, {_, _, _, Kind, Target, _}) -> true;
 is_healed({sense, Robot, Sense}, {_, _, _, _, Robot, #{sense := Sense}}) -> true;
 is_healed(_Other, _Fault) -> false.
 
-%% @doc The air of a robot in a run that passes so many times as fast as real time.
+%% @doc The link conditions of a robot in a run at this multiple of real time.
 -spec air(starl:robot_id(), Speed :: number(), t()) -> starl_live_air:settings().
 air(Robot, Speed, #faults{team = Team, lasting = Lasting}) ->
     Network = [Fault || Fault <- Lasting, starl_run_fault:class(Fault) =:= network],

@@ -1,9 +1,9 @@
 %% @doc The floor of the world: round robots that touch each other or a wall. A pure module.
 %%
-%% A robot has a bumper around its front half. What touches it there, within 15 degrees of the middle,
-%% presses both switches, and else the left or the right one, whoever has moved; what touches it behind
-%% presses none. A robot that drives against what it touches stands until it is told to drive
-%% elsewhere or the way is free. Robots are not pushed away.
+%% A robot has a bumper around its front half. What touches it there, within 15 degrees of the
+%% middle, presses both switches, and else the left or the right one, whoever has moved; what
+%% touches it behind presses none. A robot that drives against what it touches stands until it gets
+%% another command or the way is free. Robots are not pushed away.
 %% ```
 %%                front                  bits: 2 left, 1 right (packet 7)
 %%            2    3    1
@@ -11,8 +11,8 @@
 %%          - - - - - - - -
 %%                0
 %% '''
-%% The floor is looked at each 15 ms, so robots may overlap by the way of that time, less than 10 mm: a
-%% bumper gives as much.
+%% The floor is checked every 15 ms, so robots may overlap by the distance that they drive in that
+%% time, less than 10 mm. A bumper gives as much.
 -module(starl_world_floor).
 
 -export([new/1, told/2, look/3, period_us/0]).
@@ -57,8 +57,8 @@ new(Options) ->
 -spec period_us() -> pos_integer().
 period_us() -> ?PERIOD_US.
 
-%% @doc A robot was told to drive otherwise: it moves, and is told anew what it feels, if that is
-%% anything.
+%% @doc Handles a new command to drive: the robot moves, and is notified again of what it feels, if
+%% it feels anything.
 -spec told(starl:robot_id(), t()) -> t().
 told(Id, #floor{touched = Touched} = Floor) ->
     case Touched of

@@ -1,7 +1,7 @@
-%% @doc The injection of a run's faults in real time: the clock that says when, the world that is told of
-%% each, and those that last ({@link starl_world_faults}). Who runs the robots, in this VM
-%% ({@link starl_world_robots}) or on nodes ({@link starl_cluster_faults}), has one, and carries out the
-%% effects that it gives. The process that has it gets these messages in their time:
+%% @doc Injects the faults of a run in real time. It keeps the schedule, reports each fault to the
+%% world, and keeps the faults that last ({@link starl_world_faults}). The process that runs the
+%% robots owns it and carries out the effects that it returns: {@link starl_world_robots} in this
+%% VM, {@link starl_cluster_faults} on nodes. The owner gets these messages when they are due:
 %% ```
 %%     {begins, Fault}    the time of a fault of the schedule --> begins/2
 %%     {over, Id}         the time of a fault is over         --> over/2
@@ -62,7 +62,7 @@ at(Ms, Message, #injection{clock = Clock}) ->
 
 now_ms(#injection{clock = Clock}) -> starl_live_clock:now_us(Clock) div 1000.
 
-%% @doc A fault begins now: the world is told, and may not have it.
+%% @doc Begins a fault now: the world is notified, and may refuse it.
 -spec begins(starl_run_fault:t(), t()) -> {ok, [effect()], t()} | {error, unicode:chardata()}.
 begins(Fault, #injection{faults = Faults} = Injection) ->
     {Told, Effects, Next} = starl_world_faults:begins(Fault, now_ms(Injection), Faults),
@@ -93,7 +93,7 @@ not_played(Fault, Why) ->
     Line = unicode:characters_to_binary(Why),
     logger:warning(#{what => fault_not_played, fault => Fault, why => Line}).
 
-%% @doc Are there all the robots that hands name?
+%% @doc Checks that all robots of these manual faults exist.
 -spec check([starl_run_hand:t()], t()) -> ok | {error, unicode:chardata()}.
 check(Hands, #injection{robots = Robots}) ->
     Named = lists:usort(lists:append([starl_run_hand:robots(Hand) || Hand <- Hands])),
@@ -102,7 +102,7 @@ check(Hands, #injection{robots = Robots}) ->
         [Robot | _] -> {error, io_lib:format("there is no robot ~b", [Robot])}
     end.
 
-%% @doc The fault that a hand does now.
+%% @doc The fault for a manual fault that is applied now.
 -spec hand(starl_run_hand:t(), t()) -> {starl_run_fault:t(), t()}.
 hand(Hand, #injection{speed = Speed, faults = Faults} = Injection) ->
     {Fault, Named} = starl_world_faults:named(Hand, now_ms(Injection), Speed, Faults),
@@ -134,7 +134,7 @@ fate(Robot, #injection{faults = Faults} = Injection) ->
     {Fate, Fated} = starl_world_faults:fate(Robot, Faults),
     {Fate, Injection#injection{faults = Fated}}.
 
-%% @doc The air of a robot.
+%% @doc The link conditions of a robot.
 -spec air(starl:robot_id(), t()) -> starl_live_air:settings().
 air(Robot, #injection{speed = Speed, faults = Faults}) ->
     starl_world_faults:air(Robot, Speed, Faults).
@@ -143,7 +143,7 @@ air(Robot, #injection{speed = Speed, faults = Faults}) ->
 -spec senses(starl:robot_id(), t()) -> starl_live_sense_fault:faults().
 senses(Robot, #injection{faults = Faults}) -> starl_world_faults:senses(Robot, Faults).
 
-%% @doc Must a robot not start now?
+%% @doc Checks whether a robot must not start now.
 -spec is_down(starl:robot_id(), t()) -> boolean().
 is_down(Robot, #injection{faults = Faults} = Injection) ->
     starl_world_faults:is_down(Robot, now_ms(Injection), Faults).

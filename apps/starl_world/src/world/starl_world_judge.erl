@@ -1,23 +1,24 @@
-%% @doc Judges a live run: puts the facts of all robots in the order of their time and feeds them to
-%% the monitors. A pure module.
+%% @doc Judges a live run: sorts the facts of all robots by time and feeds them to the monitors. A
+%% pure module.
 %%
-%% Facts arrive late and out of order. An event is judged when it is older than the horizon, and when
-%% every robot that is up has sent all its facts up to then ({@link complete/4}): for a robot that stands
-%% still the judge waits, whoever halted it. A robot whose node is halted for too long is killed, and then it
-%% is down.
+%% Facts arrive late and out of order. An event is judged when it is older than the horizon, and
+%% when every robot that is up has sent all its facts up to then ({@link complete/4}). The judge
+%% waits for a robot that stands still, whatever halted it. A robot whose node is halted for too
+%% long is killed, and then counts as down.
 %%
-%% A fact may still come after its time was judged, for instance from hardware. Then the monitors go back to
-%% their states before it, and judge the facts since then anew, in order. They cannot go back further than
-%% a minute; then nothing that follows is judged. Nor is it where the clocks of two robots' computers are
-%% apart, as they say when they are asked, and as packets tell that came before they were sent, and facts of
-%% times that are still to come. Packets are not judged; an observer is told of each, when its sender and its
-%% receiver have had time to tell what they know.
+%% A fact may still come after its time was judged, for instance from hardware. Then the monitors go
+%% back to their states before it, and judge the facts since then anew, in order. They can go back a
+%% minute at most; after an older fact nothing more is judged. Judging also stops when the clocks of
+%% two robots' computers are apart. The computers report this when they are asked. Packets that came
+%% before they were sent show it, too, as do facts of future times. Packets are not judged; an
+%% observer gets each packet when its sender and its receiver have had time to report it.
 %%
-%% A robot that is halted tells nothing, and its facts come afterwards, also those of the last moment
-%% before: nothing that was not old enough when a halt began is judged until the horizon after its end. Then its monitors have been told of it
-%% ({@link starl_monitor:broken/2}), so it excuses what a pause in a schedule of faults excuses. A
-%% busy computer lets a node that may go on wait for its processor: the halt ends when the robot is heard
-%% again, at the latest the horizon after it may go on.
+%% A halted robot reports nothing. Its facts come afterwards, also those of the last moment before
+%% the halt. So facts that were not old enough when the halt began are not judged until the horizon
+%% after its end. By then its monitors have been notified of the halt
+%% ({@link starl_monitor:broken/2}), so it excuses what a scheduled pause excuses. On a busy
+%% computer, a node that may go on has to wait for its processor. So the halt ends when the robot is
+%% heard again, at the latest the horizon after it may go on.
 %% ```
 %%     hold --> held -- halted --> stands -- released --> awaited -- heard, or the horizon --> over
 %% '''
@@ -114,11 +115,11 @@
 -define(APART_US, 5000).
 -define(AHEAD_US, 500000).
 
-%% @doc A judge with these monitors, who waits this long for facts.
+%% @doc A judge with these monitors that waits this long for facts.
 -spec new([{module(), map()}], HorizonUs :: non_neg_integer()) -> t().
 new(Monitors, Horizon) -> new(Monitors, Horizon, none).
 
-%% @doc The same with an observer, who is told what is judged.
+%% @doc The same with an observer, which gets what is judged.
 -spec new([{module(), map()}], HorizonUs :: non_neg_integer(), starl_observer:t()) -> t().
 new(Monitors, Horizon, Observer) ->
     #judge{
@@ -133,7 +134,7 @@ horizon_us() -> ?HORIZON_US.
 -spec back_us() -> pos_integer().
 back_us() -> ?BACK_US.
 
-%% @doc Facts that were told are none. If they are judged already, what followed is judged anew.
+%% @doc Withdraws reported facts. If they are judged already, all later facts are judged anew.
 -spec undone([starl_monitor:trace_event(), ...], NowUs :: integer(), t()) -> t().
 undone([First | _] = Events, Now, Judge) ->
     case without(Events, Judge) of
@@ -165,9 +166,9 @@ up(Robot, Now, #judge{complete = Complete} = Judge) ->
 down(Robot, #judge{complete = Complete} = Judge) ->
     Judge#judge{complete = maps:remove(Robot, Complete)}.
 
-%% @doc A robot that is up was asked then, and answers now: all its facts up to then have come. If that took
-%% longer than the judge waits for facts, the robot stood still, and he waits as after a halt: what explains
-%% its silence may come a moment later.
+%% @doc Handles the answer of a robot that is up: all its facts up to the question have come. If the
+%% answer took longer than the judge waits for facts, the robot stood still. Then the judge waits as
+%% after a halt, because what explains the silence may come a moment later.
 -spec complete(starl:robot_id(), ThenUs :: integer(), NowUs :: integer(), t()) -> t().
 complete(Robot, Then, Now, #judge{complete = Complete, horizon_us = Horizon} = Judge) ->
     case Complete of
@@ -206,19 +207,20 @@ broken(Window, #judge{monitors = Monitors, judged = Judged} = Judge) ->
 arrived(Event, #judge{pending = Pending, n = N} = Judge) ->
     Judge#judge{pending = [{element(1, Event), N, Event, false} | Pending], n = N + 1}.
 
-%% @doc The radio of a robot has told of packets.
+%% @doc Handles the reports of a robot's radio on packets.
 -spec heard([starl_monitor:trace_event()], t()) -> t().
 heard(_Events, #judge{observer = none} = Judge) ->
     Judge;
 heard(Events, #judge{ways = Ways} = Judge) ->
     Judge#judge{ways = lists:foldl(fun starl_packet_fates:told/2, Ways, Events)}.
 
-%% @doc Faults by hand have begun or ended: while they last, they excuse what they explain.
+%% @doc Handles manual faults that have begun or ended: while they last, they excuse what they
+%% explain.
 -spec faults([{began | ended, starl_assumption_open_faults:fault()}], t()) -> t().
 faults(Told, #judge{lasting = Lasting} = Judge) ->
     Judge#judge{lasting = lists:foldl(fun starl_assumption_open_faults:told/2, Lasting, Told)}.
 
-%% @doc The clock of a robot's computer is so far ahead of the judge's, or behind.
+%% @doc Records how far the clock of a robot's computer is ahead of the judge's, or behind.
 -spec clock(starl:robot_id(), AheadUs :: integer(), t()) -> t().
 clock(Robot, Ahead, Judge) when abs(Ahead) >= ?APART_US ->
     blinded({clocks, Robot, Robot, Ahead}, Judge);
@@ -231,7 +233,7 @@ hold(Robot, Now, Judge) ->
     #judge{held = Held} = Before = resumed(Robot, Now, Judge),
     Before#judge{held = Held#{Robot => {Now, none, none}}}.
 
-%% @doc A robot for which the judge waits stands still.
+%% @doc Handles that a robot for which the judge waits stands still.
 -spec halted(starl:robot_id(), NowUs :: integer(), t()) -> t().
 halted(Robot, Now, #judge{held = Held} = Judge) ->
     Stands = fun({Since, _, none}) -> {Since, Now, none} end,
@@ -428,7 +430,7 @@ kept(Entries, #judge{judged = Judged, seen = Seen} = Judge) ->
     Piece = {judged, Seen, Monitors, Violations, Told},
     Judge#judge{judged = [Piece | lists:takewhile(IsRecent, Judged)]}.
 
-%% @doc The violation that was found last is told to the observer.
+%% @doc Reports the latest violation to the observer.
 -spec accuse(t()) -> t().
 accuse(#judge{untold = none} = Judge) ->
     Judge;
@@ -449,7 +451,8 @@ violations(#judge{violations = Violations}) -> Violations.
 -spec late(t()) -> non_neg_integer().
 late(#judge{late = Late}) -> Late.
 
-%% @doc The robots whose computers were late, as they tell: how often, and by how much at most.
+%% @doc The robots whose computers were late, by their own reports: how often, and by how much at
+%% most.
 -spec late_computers(t()) -> [{starl:robot_id(), pos_integer(), Us :: pos_integer()}].
 late_computers(#judge{computers = Computers}) ->
     [{Robot, N, Us} || {Robot, {N, Us}} <- lists:sort(maps:to_list(Computers))].

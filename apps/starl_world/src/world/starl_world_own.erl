@@ -1,10 +1,10 @@
-%% @doc A chassis of the user's own in the simulated world: its driver is as on a real robot, and tells
-%% where its body is; the world knows that body by what is told.
+%% @doc A chassis of the user's own in the simulated world. Its driver works as on a real robot and
+%% reports the pose of its body. The world knows the body only from these reports.
 %% ```
 %%     link -- drive --> this -- drive --> the driver's module
 %%     world <-- moves -- this <-- posed --      "
 %% '''
-%% A driver that tells no place within two seconds has no body in this world.
+%% If the driver reports no pose within two seconds, the chassis stops with an error.
 -module(starl_world_own).
 -behaviour(starl_live_chassis).
 

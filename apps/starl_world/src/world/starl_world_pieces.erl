@@ -1,6 +1,6 @@
-%% @doc Motion from samples: a body tells where it was at some moments, and between two of them it has
-%% moved evenly, straight on or along an arc. Each piece begins where the body was at one moment and is
-%% there at the next, to 0.02 mm. A pure module.
+%% @doc Computes motion from samples of a body's pose. Between two samples the body is taken to have
+%% moved evenly, straight on or along an arc. Each motion segment begins at one sample and reaches
+%% the next one to within 0.02 mm. A pure module.
 -module(starl_world_pieces).
 
 -export([new/2, add/3, rest/1, told_us/1]).
@@ -46,7 +46,7 @@ begins(Last, Us, Piece) ->
 
 is_standing({piece, _, _, _, _, V, W}) -> V == 0 andalso W == 0.
 
-%% @doc Nothing more is told: as far as is known, the body stands where it was last.
+%% @doc Handles that no more samples come: as far as is known, the body stands where it was last.
 -spec rest(t()) -> {starl_trajectory:arc() | same, t()}.
 rest({Last, {X, Y, Heading} = Pose, Piece}) ->
     Standing = starl_trajectory:standing(Last, {X, Y}, Heading),

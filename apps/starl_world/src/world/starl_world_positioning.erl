@@ -1,18 +1,17 @@
-%% @doc The positioning system of the simulated world: the pictures that it shows robots, with the
-%% errors of their sensors, rounded to whole millimetres if wished, and with the faults of a scenario
-%% (class `location'). A pure module.
+%% @doc The positioning system of the simulated world. It shows pictures to the robots with the
+%% errors of their sensors and the faults of class `location'. If wished, it rounds them to whole
+%% millimetres. A pure module.
 %%
 %% A robot for which the system is frozen gets the last picture again and again, as a new one.
 %%
-%% <em>Looks that wait for hardware.</em> What hardware did is heard late on a busy
-%% computer, so a picture taken at once would show a body where it is not any more, as of now. So
-%% hardware is asked first to tell everything up to the moment of the look, and the picture is of that
-%% moment:
+%% <em>Looks that wait for hardware.</em> On a busy computer, reports of hardware arrive late. A
+%% picture taken at once would show a body at an old place, as of now. So the hardware must first
+%% report everything up to the moment of the look, and the picture shows that moment:
 %% ```
 %%     robot -- look --> world -- {starl_settle, World, N} --> hardware
 %%     robot <- picture - world <-- {starl_settled, Robot, N} -- hardware     after all that it has told
 %% '''
-%% Hardware that has ended does not answer, and a look that is not answered is forgotten.
+%% Hardware that has ended does not answer, and a look without an answer is dropped.
 -module(starl_world_positioning).
 
 -export([new/2, rate_hz/1, fault/2, begun/4, settled/3, picture/5, seen/3, shown/4]).
@@ -70,8 +69,8 @@ fault({Is, Fault}, #positioning{faults = Faults} = Positioning) ->
             Positioning
     end.
 
-%% @doc Somebody looks now, at bodies with this hardware among others. Is the picture taken at once
-%% (`taken'), or which words are to be sent to the hardware first?
+%% @doc Begins a look now, at bodies with this hardware among others. Returns whether the picture is
+%% taken at once (`taken'), or which messages must be sent to the hardware first.
 -spec begun(look(), NowUs :: integer(), [{starl:robot_id(), Hardware :: pid()}], t()) ->
     taken | {[{pid(), N :: pos_integer()}, ...], t()}.
 begun(_Look, _Now, [], _Positioning) ->
@@ -82,8 +81,8 @@ begun(Look, Now, Hardware, #positioning{next = N, waiting = Waiting} = Positioni
         next = N + 1, waiting = Young#{N => {Look, Now, [Id || {Id, _} <- Hardware]}}
     }}.
 
-%% @doc The hardware of a robot has told everything up to the N-th look: the look and its time, if it was
-%% the last one that was waited for.
+%% @doc Handles that the hardware of a robot has reported everything up to the N-th look. Returns
+%% the look and its time, if it waited for nothing else.
 -spec settled(starl:robot_id(), N :: pos_integer(), t()) ->
     {taken, look(), AtUs :: integer(), t()} | {waits, t()}.
 settled(Id, N, #positioning{waiting = Waiting} = Positioning) ->

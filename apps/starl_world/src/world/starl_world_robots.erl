@@ -1,7 +1,7 @@
-%% @doc The robots of a live run in one VM, and the faults that are played with them, by hand or of a
-%% schedule ({@link starl_world_injection}): as the nodes of a cluster a robot is killed and starts anew with
-%% its store, without it or with an old one, as after a reboot; links are cut; senses fail. What lasts
-%% holds for a robot that has started anew, too.
+%% @doc Runs the robots of a live run in one VM, and applies scheduled and manual faults to them
+%% ({@link starl_world_injection}). Like a node of a cluster, a robot is killed and restarted with
+%% its store, without it or with an old one, as after a reboot. Links are cut and senses fail.
+%% Faults that last also apply to a robot that has restarted.
 -module(starl_world_robots).
 -behaviour(gen_server).
 
@@ -35,15 +35,15 @@
 -spec start_link(specs(), run()) -> gen_server:start_ret().
 start_link(Specs, Run) -> gen_server:start_link(?MODULE, {Specs, Run}, []).
 
-%% @doc The link of a robot; `none' while it starts anew.
+%% @doc The link of a robot; `none' while it restarts.
 -spec link(pid(), starl:robot_id()) -> pid() | none.
 link(Robots, Id) -> gen_server:call(Robots, {link, Id}, infinity).
 
-%% @doc Hands do this now.
+%% @doc Applies manual faults now.
 -spec act(pid(), [starl_run_hand:t()]) -> answer().
 act(Robots, Hands) -> gen_server:call(Robots, {act, Hands}, infinity).
 
-%% @doc These faults are over.
+%% @doc Ends these faults.
 -spec heal(pid(), starl_run_hand:heal()) -> ok.
 heal(Robots, What) -> gen_server:call(Robots, {heal, What}, infinity).
 

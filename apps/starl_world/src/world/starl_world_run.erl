@@ -1,4 +1,4 @@
-%% @doc A live run in one VM: the robots of a scenario in real time, in a simulated world.
+%% @doc Runs the robots of a scenario in one VM, in real time and in a simulated world.
 -module(starl_world_run).
 -behaviour(starl_run).
 
@@ -103,15 +103,15 @@ scenario(#run{scenario = Scenario}) -> Scenario.
 -spec until(t(), Us :: integer()) -> ok.
 until(#run{world = World}, Us) -> starl_world:until(World, Us).
 
-%% @doc The link of a robot; `none' while it starts anew.
+%% @doc The link of a robot; `none' while it restarts.
 -spec link(t(), starl:robot_id()) -> pid() | none.
 link(#run{robots = Robots}, Id) -> starl_world_robots:link(Robots, Id).
 
-%% @doc Hands do this now.
+%% @doc Applies manual faults now.
 -spec act(t(), [starl_run_hand:t()]) -> ok | {error, unicode:chardata()}.
 act(#run{robots = Robots}, Hands) -> starl_world_robots:act(Robots, Hands).
 
-%% @doc These faults are over.
+%% @doc Ends these faults.
 -spec heal(t(), starl_run_hand:heal()) -> ok.
 heal(#run{robots = Robots}, What) -> starl_world_robots:heal(Robots, What).
 

@@ -1,5 +1,6 @@
-%% @doc The process of the world ({@link starl_world}): hears the robots' lines, keeps the time of their
-%% bodies, shows pictures, and has the judge look at the facts. Pure modules decide.
+%% @doc The process of the world ({@link starl_world}). It receives the messages of the robots'
+%% chassis, advances their bodies in time, sends pictures, and passes the facts to the judge. Pure
+%% modules decide.
 -module(starl_world_server).
 -behaviour(gen_server).
 

@@ -1,5 +1,5 @@
-%% @doc The stage of a run on this computer: its clock, its world and its transport, and what each robot
-%% starts with there.
+%% @doc The live set-up of a run on this computer: its clock, its world, its transport, and the
+%% start parameters of each robot.
 -module(starl_world_stage).
 
 -export([open/3, robot/2, robot_on_node/3, in_air/2]).
@@ -75,15 +75,16 @@ robot(Id, #{plan := Plan, clock := Clock, world := World, transport := Line, opt
         snapshots_us => maps:get(snapshots_us, Options, none)
     }.
 
-%% @doc What a robot on a node of its own starts with: its facts are recorded there, too. This process is
-%% told about reloads.
+%% @doc The start parameters of a robot on a node of its own, which records its facts there, too.
+%% This process is notified of reloads.
 -spec robot_on_node(starl:robot_id(), Reporter :: pid(), t()) -> starl_live_robot:spec().
 robot_on_node(Id, Reporter, #{clock := Clock, options := Options} = Stage) ->
     Metrics = maps:get(metrics, Options, none),
     Own = #{reporter => Reporter, record => true, metrics => Metrics},
     maps:merge(robot(Id, Stage), maps:merge(Own, recorder(Clock, Options))).
 
-%% @doc The same robot in another air, from its start on: what it hears before it could be told may last.
+%% @doc The same robot with other link conditions from its start on. A later change could come too
+%% late for its first packets.
 -spec in_air(starl_live_air:settings(), starl_live_robot:spec()) -> starl_live_robot:spec().
 in_air(Air, #{transport := {Module, #{air := Before} = Line}} = Spec) ->
     Spec#{transport := {Module, Line#{air := maps:merge(Before, Air)}}}.

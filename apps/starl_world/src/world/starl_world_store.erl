@@ -1,10 +1,10 @@
-%% @doc The store of a live robot on the disk, as something that can be lost (a card is replaced)
-%% or set back (an image is put back). The record of its facts lies in the same directory and stays:
-%% it is no part of the robot, but a witness.
+%% @doc Loses or sets back the store of a live robot on the disk. Losing stands for a replaced card,
+%% setting back for a restored image. The record of the robot's facts lies in the same directory and
+%% stays: it is not part of the robot, but a witness.
 %%
-%% Before each start of a robot the store is copied. A store that is set back becomes that copy: the
-%% last start, and everything since, has not been. Before the first start there was none: then the
-%% store is lost. (That it was commissioned is told once, and not copied.)
+%% The store is copied before each start of a robot. A store that is set back becomes that copy, so
+%% the last start and everything since are undone. Before the first start there was no store: then
+%% it is lost. (The mark that the store was commissioned is written once, and is not copied.)
 -module(starl_world_store).
 
 -export([before_start/2]).

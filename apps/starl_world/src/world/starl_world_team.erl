@@ -1,9 +1,10 @@
-%% @doc The robots as the world knows them: their bodies, the processes that drive them and look for
-%% them, and which of them are up. A pure module: the words for other processes are returned.
+%% @doc The robots as the world knows them: their bodies, the processes that drive them and take
+%% their positions, and which of them are up. A pure module: the messages for other processes are
+%% returned.
 %%
-%% A robot that is halted (its node stands still) may be in the middle of a step. The facts of a step
-%% whose last look at the clock was before the halt were true and in time then: they hold at the time that
-%% they bear, whenever they come. If the look was after the halt, they hold from then on.
+%% A robot that is halted (its node stands still) may be in the middle of a step. If the step last
+%% read the clock before the halt, its facts were true and in time then: they hold at the time that
+%% they bear, whenever they arrive. If it read the clock after the halt, they hold from then on.
 %% ```
 %%     down -- started --> up -- traced ... --> result
 %%       ^                  |
@@ -87,8 +88,8 @@ embodied(Id, Chassis, IsFree, Robots) ->
             {error, io_lib:format("the world has no robot ~b", [Id])}
     end.
 
-%% @doc This process is a robot's chassis from now on, and tells where its body is. Gives the place of the
-%% body until then.
+%% @doc Makes this process a robot's chassis that reports where its body is. Returns the place of
+%% the body until then.
 -spec tracked(id(), Chassis :: pid(), t()) -> {ok, starl:pose(), t()} | {error, iolist()}.
 tracked(Id, Chassis, Robots) ->
     case embodied(Id, Chassis, true, Robots) of
@@ -98,7 +99,8 @@ tracked(Id, Chassis, Robots) ->
             Error
     end.
 
-%% @doc A process has ended. If it told where a robot's body is, that stands where it was last.
+%% @doc Handles the end of a process. If it reported where a robot's body is, that body stands where
+%% it was last.
 -spec untracked(Chassis :: pid(), t()) -> yield().
 untracked(Chassis, Robots) ->
     case
@@ -223,7 +225,8 @@ since(_Advanced, #robot{settled = none} = Robot) ->
 since({Traces, Answers, _Body}, #robot{since = Since, answered = Answered} = Robot) ->
     Robot#robot{since = Since ++ Traces, answered = Answered ++ Answers}.
 
-%% @doc What a robot touches has changed: its hardware is told, and it stands if that is in its way.
+%% @doc Handles a change of what a robot touches: its hardware is notified, and the robot stops if
+%% that is in its way.
 -spec touched(id(), starl_world_floor:touch(), AtUs :: integer(), t()) -> yield().
 touched(Id, {_Bits, IsBlocked} = Touch, At, Robots) ->
     #{Id := #robot{chassis = Chassis, body = Body, told_at = Before} = Robot} = Robots,
