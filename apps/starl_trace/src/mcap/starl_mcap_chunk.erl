@@ -1,4 +1,4 @@
-%% @doc The inside of a chunk of an MCAP file: checks it and gives its schemas, channels and
+%% @doc Reads the inside of a chunk of an MCAP file: checks it and returns its schemas, channels and
 %% messages.
 -module(starl_mcap_chunk).
 

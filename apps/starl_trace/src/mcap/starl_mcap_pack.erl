@@ -1,6 +1,6 @@
-%% @doc Joins chunks to larger ones and packs these with Zstandard, where that is at hand. A recording
-%% has a chunk for each second: too little to pack well, and to start a program for each. If the
-%% program fails, this and all later chunks stay as they are.
+%% @doc Joins chunks into larger ones and packs these with Zstandard, where that is available. A
+%% recording has a chunk for each second. That is too little to pack well, and too many chunks to
+%% start a program for each. If the program fails, this and all later chunks stay as they are.
 -module(starl_mcap_pack).
 
 -export([new/1, add/2, finish/1, failure/1]).

@@ -1,5 +1,5 @@
-%% @doc A file that is complete when it appears: until then it is `FILE.part', and it is gone if
-%% something fails.
+%% @doc A file that appears only when it is complete. Until then it is `FILE.part', and it is
+%% deleted if something fails.
 -module(starl_mcap_part).
 -include_lib("kernel/include/file.hrl").
 

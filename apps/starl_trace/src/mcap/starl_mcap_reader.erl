@@ -1,7 +1,7 @@
-%% @doc Reads the records of an MCAP file, one after the other or the chunks of a time by the index.
-%% A file that was cut off is read to its last whole record. Where the file has an index, a record that
-%% hides a chunk of the index is damaged. No length is believed that is larger than what is left of the
-%% file, or than a bound.
+%% @doc Reads the records of an MCAP file one after the other, or finds the chunks of a time by the
+%% index. A file that was cut off is read to its last whole record. If the file has an index, a
+%% record that hides a chunk of the index counts as damaged. A length is refused if it is larger
+%% than the rest of the file, or than a bound.
 -module(starl_mcap_reader).
 
 -export([open/1, close/1, first/1, next/2, is_chunk/2, following/2, has_index/1]).
@@ -189,8 +189,8 @@ split(Bytes) ->
         {error, _} -> none
     end.
 
-%% @doc All whole chunks in the order of the file, and how it ends. The index tells; in a file
-%% without one, the heads of its records. No chunk is opened.
+%% @doc All whole chunks in the order of the file, and how it ends. They come from the index, or in
+%% a file without an index from the heads of its records. No chunk is opened.
 -spec chunks(t()) -> {[chunk()], closed | cut_off | {damaged, position()}}.
 chunks(Reader) ->
     case summary(Reader) of

@@ -1,9 +1,9 @@
-%% @doc Makes a whole MCAP file of one that was cut off or damaged: all chunks that are whole and
-%% whose checksums are right, with a new index and summary. Chunks stay as they are, or are joined and
-%% packed ({@link starl_mcap_pack}). Works on any MCAP file, of ours or another. Where the file has an
-%% index, it leads from what is damaged to the next chunk.
+%% @doc Recovers an MCAP file that was cut off or damaged. It keeps all chunks that are whole and
+%% have right checksums, and writes a new index and summary. It works on any MCAP file, ours or
+%% another. Chunks stay as they are, or are joined and packed ({@link starl_mcap_pack}). If the file
+%% has an index, the index leads from a damaged part to the next chunk.
 %%
-%% What is lost can be said in the file itself: a <em>patch</em> knows how.
+%% The new file can itself record what was lost: a <em>patch</em> writes that.
 -module(starl_mcap_recover).
 
 -export([file/2, file/3, file/4, pack/2, not_packed/1, format_error/1]).

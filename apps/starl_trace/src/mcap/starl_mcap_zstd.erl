@@ -1,5 +1,5 @@
-%% @doc Zstandard for chunks: the module `zstd' of OTP 28 and later where there is one, else the
-%% program of that name in the path.
+%% @doc Packs and unpacks chunks with Zstandard: by the module `zstd' of OTP 28 and later, or else
+%% by the program `zstd'.
 %%
 %% The program runs once for each chunk, in a pipe: `head' gives it the end of its input, which a port
 %% cannot do. Nothing of a file or a user becomes text of the shell. A program that hangs is killed.

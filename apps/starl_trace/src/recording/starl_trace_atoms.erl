@@ -1,6 +1,6 @@
-%% @doc Makes the atoms that a term of a recording needs, as far as their number in the life of this
-%% VM stays within a bound: atoms are never freed. It reads the external term format and makes
-%% nothing but atoms.
+%% @doc Creates the atoms that a recorded term needs, up to a limit. Atoms are never freed, so the
+%% limit counts all atoms that recordings have made in this VM. The module parses the external term
+%% format and creates nothing but atoms.
 -module(starl_trace_atoms).
 
 -export([make/2]).

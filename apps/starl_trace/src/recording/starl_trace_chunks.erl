@@ -1,5 +1,5 @@
-%% @doc Reads the messages of a recording as they stand in its file: chunk by chunk, or those of a
-%% chunk at a place.
+%% @doc Reads the messages of a recording in the order of its file: chunk by chunk, or those of one
+%% chunk at a given place.
 -module(starl_trace_chunks).
 
 -export([open/1, close/1, next/1, chunk/1, at/2, place/1, list/1, opened/1, file/1, format_error/1]).
@@ -52,8 +52,8 @@ file(#raw{file = File}) -> File.
 -spec opened(t()) -> non_neg_integer().
 opened(#raw{opened = Opened}) -> Opened.
 
-%% @doc All whole chunks, and how the file ends, without opening any. The index of the file tells;
-%% without one, the heads of its records.
+%% @doc All whole chunks, and how the file ends, without opening any. They come from the index of
+%% the file, or without an index from the heads of its records.
 -spec list(t()) -> {[starl_mcap_reader:chunk()], ended()}.
 list(#raw{reader = Reader}) -> starl_mcap_reader:chunks(Reader).
 

@@ -1,6 +1,6 @@
-%% @doc Shows what applications draw ({@link starl_drawing}) as `foxglove.SceneUpdate': an entity for each
-%% drawing, which viewers replace by the next one of its name and take away at the end of its life. A
-%% pure module; lengths become metres.
+%% @doc Converts what applications draw ({@link starl_drawing}) into `foxglove.SceneUpdate'. Each
+%% drawing becomes an entity. Viewers replace it by the next entity of the same name, and remove it
+%% at the end of its lifetime. A pure module; lengths become metres.
 -module(starl_trace_drawing).
 
 -export([update/3]).

@@ -1,6 +1,7 @@
-%% @doc Shows the messages of a run to people and their viewers: frames, scene, log, and our own, on the
-%% channels of {@link starl_trace_schema}. Events but those of motion and SAP; packets, but for
-%% acknowledgements that arrive, as lines. A pure module, which a recording and a live viewer share.
+%% @doc Converts the messages of a run into messages for viewers: frames, scene, log, and our own,
+%% on the channels of {@link starl_trace_schema}. It shows all events except those of motion and
+%% SAP. It shows packets as lines of text, except acknowledgements that arrive. A pure module,
+%% shared by recordings and live viewers.
 -module(starl_trace_foxglove).
 
 -export([new/1, message/2, packets/3]).

@@ -1,5 +1,5 @@
-%% @doc Reads the history of calls from a recording ({@link starl_history}), up to its first hole: behind
-%% that there may be answers to calls that nobody knows of.
+%% @doc Reads the history of calls from a recording ({@link starl_history}), up to its first hole.
+%% After a hole, answers may belong to calls that the recording does not have.
 -module(starl_trace_history).
 
 -export([file/2]).

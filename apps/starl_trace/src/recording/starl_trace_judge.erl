@@ -1,8 +1,8 @@
 %% @doc Judges a recording: all contracts of its run, by the monitors of the run, from its trace.
 %% The verdicts are those of the run.
 %%
-%% What lies behind a hole in the recording is not judged, but for what needs nothing of before; nor is
-%% what only the end of the run can tell, if the recording has no end.
+%% Events after a hole in the recording are not judged, unless the judgement needs no earlier
+%% events. If the recording has no end, clauses that need the end of the run are not judged.
 %%
 %% Recordings of the robots themselves know nothing of the true motions. The contracts that need
 %% them are not judged. If robots of the run are missing, only what concerns each robot alone is.

@@ -1,5 +1,6 @@
-%% @doc The events of a robot that its recording has lost when its node was killed: those in the
-%% record of its facts that come after the last ones that the recording holds. A pure module.
+%% @doc Finds the events that a robot's recording lost when its node was killed. They are the events
+%% in the record of the robot's facts that come after the last events of the recording. A pure
+%% module.
 -module(starl_trace_lost_facts).
 
 -export([lost/2]).
@@ -13,7 +14,7 @@
 -define(ENOUGH, 100).
 
 %% @doc The facts that are not recorded. `Recorded': the last events of the recording, in their
-%% order. Times do not tell: the recording may have moved them a little.
+%% order. Times are not compared, because the recording may have moved them a little.
 -spec lost(Recorded :: [traced()], [starl_monitor:trace_event()]) ->
     [starl_monitor:trace_event()].
 lost(Recorded, Facts) ->

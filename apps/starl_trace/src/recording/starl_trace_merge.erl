@@ -1,13 +1,14 @@
-%% @doc Makes one recording of those of the robots of a run, by time, and of the world's recording if
-%% that is among them: then the true motions, the deaths of robots, and the verdicts of the run come
-%% from there, and what the robots did after the end of the run is left out. Memory holds some seconds of each file.
+%% @doc Merges the recordings of a run's robots into one recording, ordered by time. A recording of
+%% the world may be among them. Then the true motions, the deaths of robots and the verdicts come
+%% from it, and what the robots did after the end of the run is left out. Memory holds some seconds
+%% of each file.
 %%
-%% <em>Clocks.</em> The robots' computers must be set by one clock. The packets tell where they are not: those
-%% that came before they were sent. Then times are moved as far as the order of the packets needs it ({@link
-%% starl_trace_order}).
+%% <em>Clocks.</em> The robots' computers must be synchronized to one clock. A packet that arrives
+%% before it was sent shows that they were not. Then times are moved as far as the order of the
+%% packets requires ({@link starl_trace_order}).
 %%
-%% <em>Holes.</em> Where a file of a robot is missing, or a file has no end, the merged recording has a
-%% hole: nobody is accused of what may stand there.
+%% <em>Holes.</em> If a robot's file is missing, or a file has no end, the merged recording has a
+%% hole. Monitors report no violation that events in the hole might explain.
 -module(starl_trace_merge).
 
 -export([files/2, format_error/1]).

@@ -1,19 +1,20 @@
-%% @doc Brings what several robots have recorded, each by its own clock, into an order in which no packet
-%% comes before it was sent. A pure module.
+%% @doc Orders the recorded messages of several robots, each by its own clock, so that no packet
+%% arrives before it was sent. A pure module.
 %%
-%% Clocks order nothing that they do not tell apart: with one clock 15 ms behind, answers come before
-%% their questions. Packets order: what a robot does after a packet has come happens after what
-%% its sender did before. So each message gets its own time, or the earliest time after all that it must follow:
+%% Clocks alone cannot order messages that are closer than their difference. With one clock 15 ms
+%% behind, answers come before their questions. Packets can: what a robot does after a packet has
+%% come happens after what its sender did before. So each message gets its own time, or the earliest
+%% time after all messages that it must follow:
 %% ```
 %%     robot 1   --- sends at 100.000 -------------          100.000
 %%                                     \
 %%     robot 2   ----- hears at 99.990, answers at 99.995    100.000001, 100.000001
 %% '''
-%% The times of a robot are never set back, and are moved by no more than the clocks differ. Of the same packet,
-%% sent several times, the first counts: it is sure to be earlier than each that came.
+%% The times of a robot are never set back, and are moved by no more than the clocks differ. If the
+%% same packet was sent several times, the first counts: it is surely earlier than each that came.
 %%
-%% A packet of a robot that has no recording of sending it, though it came when the robot's recording had ended,
-%% shows that the computer lost its power: the last moment was not written. There is a gap then.
+%% A packet may lack its sending although it came when the sender's recording had ended. Then the
+%% sender's computer lost its power: the last moment was not written. This makes a gap.
 -module(starl_trace_order).
 
 -export([new/0, take/3, close/1, clocks/1, moved/1]).

@@ -5,9 +5,9 @@
 %%   {ok, Cursor} = starl_trace_reader:start("run.mcap", 60000000),
 %%   {ok, Messages, Next} = starl_trace_reader:next(Cursor)
 %% '''
-%% A file that was cut off is read to its last whole chunk. Positions that the recording leaves out,
-%% since they follow from the motions in its trace, are computed here: the messages are those that
-%% the run told.
+%% A file that was cut off is read to its last whole chunk. The recording leaves out positions that
+%% follow from the motions in its trace. They are computed here, so the messages are those that the
+%% run reported.
 %%
 %% Reading may begin at any time. Then only the chunks are opened that are needed: the first, which
 %% holds the scenario, those since the last account of all motions ({@link
@@ -122,8 +122,8 @@ motion(_Message, Poses, Derived) ->
 
 %% -- from a time on -------------------------------------------------------------------------
 
-%% @doc Opens a recording at a time. The scenario comes first, and where all robots are then, as far
-%% as that follows from their motions; then the messages from that time on.
+%% @doc Opens a recording at a time. The scenario comes first, then the places of all robots at that
+%% time, if they follow from their motions; then come the messages from that time on.
 -spec start(file:filename_all(), FromUs :: integer()) -> {ok, cursor()} | {error, reason()}.
 start(File, From) ->
     first(File, fun(Scenario, Chunks) ->

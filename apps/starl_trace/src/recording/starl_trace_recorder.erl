@@ -6,11 +6,11 @@
 %%   ...
 %%   {ok, Written} = starl_trace_recorder:close(Recorder)
 %% '''
-%% A chunk is written each half second of real time, and of the run's time in which something happens.
-%% A simulation waits for the recorder; a live run leaves events out when the disk is too slow, and the
-%% recording says how many. A disk that is full ends the recording, not the run: a reserve, which is
-%% written before and removed then, is room for the robot's store. With a limit (`options()') the recording
-%% is a series of files.
+%% A chunk is written each half second of real time, and of the run's time in which something
+%% happens. A simulation waits for the recorder; a live run leaves events out when the disk is too
+%% slow, and the recording says how many. A full disk ends the recording, not the run. A reserve
+%% file is written at the beginning and removed then, to make room for the robot's store. With a
+%% limit (`options()') the recording is a series of files.
 -module(starl_trace_recorder).
 -behaviour(gen_server).
 

@@ -1,11 +1,11 @@
-%% @doc The recording of a robot on a node of its own: `robot-3.mcap', with what the robot itself
-%% knows ({@link starl_observer}).
+%% @doc Records a robot on a node of its own, in files such as `robot-3.mcap', with what the robot
+%% itself knows ({@link starl_observer}).
 %%
-%% A node that starts anew goes on in a new file, `robot-3.2.mcap'; nothing is ever changed in the
-%% former one. If that was not closed, the new file begins with the events that the former one has
-%% lost, as far as the record of the robot's facts still has them: a node that was killed loses none,
-%% a computer that has lost its power a second's. A file with a quarter of the
-%% allowed bytes is closed, and the recording goes on in the next one.
+%% A node that restarts goes on in a new file, `robot-3.2.mcap', and never changes the former file.
+%% If the former file was not closed, the new file begins with the events that the former one has
+%% lost, if the record of the robot's facts still has them. A node that was killed loses none; a
+%% computer that has lost its power loses those of one second. A file with a quarter of the allowed
+%% bytes is closed, and the recording goes on in the next one.
 -module(starl_trace_robot).
 -behaviour(starl_observer).
 

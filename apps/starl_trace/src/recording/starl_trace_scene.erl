@@ -1,4 +1,4 @@
-%% @doc The scene of a recording, as viewers of `foxglove.SceneUpdate' draw it: the bodies of the
+%% @doc Draws the scene of a recording for viewers of `foxglove.SceneUpdate': the bodies of the
 %% robots, and the ink of their pens. A pure module; lengths become metres.
 -module(starl_trace_scene).
 

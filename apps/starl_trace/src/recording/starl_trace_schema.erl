@@ -1,6 +1,7 @@
-%% @doc The channels of a recording, each with its JSON schema: those that Foxglove and its kin know
-%% (`foxglove.FrameTransforms', `foxglove.SceneUpdate', `foxglove.Log'), and our own. The schemas of
-%% Foxglove are written anew here, with the fields that its documentation requires.
+%% @doc The channels of a recording, each with its JSON schema. Some are those of Foxglove and
+%% similar viewers (`foxglove.FrameTransforms', `foxglove.SceneUpdate', `foxglove.Log'), the others
+%% are our own. The schemas of Foxglove are written anew here, with the fields that its
+%% documentation requires.
 -module(starl_trace_schema).
 
 -export([channels/0, id/1]).

@@ -1,9 +1,9 @@
-%% @doc Writes Erlang terms into a recording and reads them again, exactly: the external term
-%% format, compressed, in base64, as a JSON object `{"terms":"..."}'.
+%% @doc Writes Erlang terms into a recording and reads them back unchanged. The form is the external
+%% term format, compressed, in base64, as a JSON object `{"terms":"..."}'.
 %%
-%% A recording comes from anywhere. No function or atom of its own is made from it, but for a
-%% bounded number of atoms in the life of this VM: those of an application that is not loaded here.
-%% A text that claims to be larger unpacked than a bound is refused.
+%% A recording comes from anywhere. Reading creates no functions. It creates no new atoms either,
+%% except a bounded number in this VM: those of an application that is not loaded here. A text that
+%% claims to be larger unpacked than a bound is refused.
 -module(starl_trace_terms).
 
 -export([encode/1, decode/1, read/1]).

@@ -3,8 +3,9 @@
 %%   pieces/9f86d081...              a piece of a file, by its hash (SHA-256)
 %%   runs/painting-1f2e3d4c/robot-3.mcap-9f86d081   what a file of that run consists of
 %% '''
-%% The list of pieces is sent last, so what is listed is there. A piece that is there is not sent
-%% again: after a cut the rest is sent, and a file that has grown costs only what is new.
+%% The list of pieces is sent last, so what is listed is there. A piece that is already there is not
+%% sent again. After an interruption only the rest is sent, and of a file that has grown only the
+%% new part.
 -module(starl_storage).
 
 -export([upload/3, ahead/4, list/1, download/4, execution/1, format_error/1]).

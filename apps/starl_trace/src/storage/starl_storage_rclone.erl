@@ -1,7 +1,7 @@
-%% @doc Files of any storage that the program rclone knows: each call runs it once.
+%% @doc Accesses the files of a storage through the program rclone. Each call runs the program once.
 %%
-%% rclone resumes no file, and a file that was cut off stands under its name: so a file is sent
-%% under another name, and renamed when it is whole.
+%% rclone cannot resume a file, and a file that was cut off would stand under its final name. So a
+%% file is sent under another name, and renamed when it is whole.
 -module(starl_storage_rclone).
 
 -export([find/0, list/2, put/3, get/3, format_error/1]).

@@ -1,5 +1,5 @@
-%% @doc Tells where the robots of a run are, from the pieces of motion in its trace: a sample 20
-%% times a second of the robots that changed, and of all robots once a second. Motion is known in
+%% @doc Computes the poses of a run's robots from the motion segments in its trace. It samples the
+%% robots that have changed 20 times a second, and all robots once a second. Motion is known in
 %% closed form, so each sample is exact. A pure module.
 -module(starl_trace_poses).
 

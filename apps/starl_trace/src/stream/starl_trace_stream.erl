@@ -1,5 +1,5 @@
-%% @doc Turns the news of a run ({@link starl_observer}) into messages ({@link
-%% starl_trace_message}). A pure module.
+%% @doc Turns the reports of a run ({@link starl_observer}) into messages
+%% ({@link starl_trace_message}). A pure module.
 -module(starl_trace_stream).
 
 -export([new/0, new/1, news/2, state/1, head/1, close/1]).
@@ -94,7 +94,7 @@ told(Topic, At0, Term, #stream{now = Now} = Stream) ->
     {Due, Next} = due(At, Stream),
     {Due ++ [{Topic, At, Term}], Next#stream{now = At}}.
 
-%% @doc The last messages of what a robot has told: it goes down.
+%% @doc The last messages of a robot's reports: it goes down.
 -spec close(t()) -> {[starl_trace_message:t()], t()}.
 close(#stream{facts = {scenario, _, #{told_by := [Robot]}}, up = [_ | _] = Names} = Stream) ->
     {down(Robot, Names, Stream), Stream#stream{up = false}};
@@ -111,7 +111,7 @@ down(Robot, Names, #stream{now = Now}) ->
         | [{trace, Now, {Robot, Name, crashed}} || Name <- Names]
     ].
 
-%% @doc What a subscriber must know who has missed messages: the scenario, and where all robots are.
+%% @doc The state for a subscriber that has missed messages: the scenario, and where all robots are.
 -spec state(t()) -> [starl_trace_message:t()].
 state(#stream{facts = none}) ->
     [];
