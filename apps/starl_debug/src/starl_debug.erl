@@ -21,8 +21,8 @@ predicate(Text) ->
         {error, _} = Error -> Error
     end.
 
-%% @doc The predicate for the robots of a recording, or the robots that it speaks of and that are
-%% not there.
+%% @doc The predicate for the robots of a recording. If the predicate names robots that are not
+%% there, returns these robots.
 -spec formula(starl_debug_type:formula(), starl_debug_recording:t()) ->
     {ok, starl_debug_ground:t()} | {error, {no_robots, [starl:robot_id(), ...]}}.
 formula(Predicate, #{robots := Robots} = Recording) ->

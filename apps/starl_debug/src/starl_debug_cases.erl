@@ -1,6 +1,7 @@
-%% @doc Is it certain that three robots and more were something at one moment? For each choice of
-%% the clocks' errors some tuple of intervals, one of each robot, must overlap. That is a question
-%% of cases between linear inequalities, in SMT-LIB: is there a choice for which no tuple overlaps?
+%% @doc Decides whether three or more robots were certainly in given states at one moment, whatever
+%% the errors of their clocks. For each choice of the clocks' errors, some tuple of intervals, one
+%% of each robot, must overlap. This is a question of cases between linear inequalities, in SMT-LIB:
+%% is there a choice for which no tuple overlaps?
 %%
 %% Intervals [a, b] by the clocks have a common moment iff no two of them are apart: with errors o,
 %% `o_j − o_i ≤ b_j − a_i' for all i and j. Only tuples that can overlap at all become clauses.

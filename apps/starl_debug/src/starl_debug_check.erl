@@ -1,14 +1,15 @@
-%% @doc Answers whether a predicate was true at some moment of a recording, if the clocks of its
-%% robots agree to within a bound: never, possibly or certainly.
+%% @doc Checks whether a predicate was true at some moment of a recording, if the robots' clocks
+%% agree to within a bound. The verdict is never, possibly or certainly.
 %% ```
 %%   {ok, Recording} = starl_debug_recording:read(["run.mcap"], #{}),
 %%   {ok, Formula} = starl_debug:predicate("dist(r1.pos, r2.pos) < 400 mm"),
 %%   #{verdict := never} = starl_debug_check:run(Formula, Recording, #{sigma => 50000}, Look)
 %% '''
-%% An `or' is decided part by part. Parts of the same two robots are one, since together they may be
-%% certain where none is. Time is cut into slices, so that clocks need not run alike for longer, and
-%% what was done is known when the user stops it. A part that is possible in a slice with one pair
-%% of clocks and in another with another is possible; it is certain only if one slice makes it so.
+%% An `or' is decided part by part. Parts of the same two robots form one part, because together
+%% they may be certain although none of them is. Time is cut into slices, so that clocks need not
+%% agree for longer than a slice, and the finished slices are known when the user stops the check. A
+%% part that is possible in one slice with some clocks and in another slice with other clocks is
+%% possible. It is certain only if a single slice makes it so.
 -module(starl_debug_check).
 
 -export([run/4, groups/1]).

@@ -1,4 +1,4 @@
-%% @doc How far the clocks of robots differ: windows for each robot's clock, less the time line.
+%% @doc Bounds how far the clocks of robots are ahead of the time line: a window for each clock.
 -module(starl_debug_clocks).
 
 -export([windows/3, widest/1]).

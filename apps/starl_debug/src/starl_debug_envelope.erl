@@ -1,8 +1,8 @@
 %% @doc Bounds on the difference of two clocks over time, from the messages between them.
 %%
 %% A packet that left at s by the sender's clock and came at r by the receiver's says: when the
-%% sender's clock showed s, the receiver's showed r at most. Packets the other way bound it from
-%% below. Between packets a bound fades with the rates of the clocks, so for each direction the
+%% sender's clock showed s, the receiver's showed r at most. Packets in the other direction bound it
+%% from below. Between packets a bound fades with the rates of the clocks, so for each direction the
 %% bound at a time is the best of all packets, each faded by the time from it: two sweeps find it.
 %%
 %% For a slice of time the pairs are joined by shortest paths: a third robot may know two clocks

@@ -1,11 +1,13 @@
-%% @doc Evaluates a predicate in three values over a time line, for clocks within windows.
+%% @doc Evaluates a predicate over a time line, for clocks within windows. It computes when the
+%% predicate may be true, and when it must be true.
 %%
-%% The time line is a time T; the clock of robot R shows T + o with o in R's window, which may be
-%% another o at each moment. The answer are the times T at which the predicate may be true, and
-%% those at which it must be, for all clocks within the windows: narrow windows give sharp answers.
+%% The time line is a time T. The clock of robot R shows T + o with o in R's window; o may be
+%% different at each moment. The answer is a pair: the times T at which the predicate may be true,
+%% and those at which it must be true, for all clocks within the windows. Narrow windows give sharp
+%% answers.
 %%
-%% What depends on places is decided by halving the time: where a bound decides, the whole piece is
-%% decided; a piece that stays open is tried at one of its moments.
+%% Parts that depend on places are decided by halving the time. If a bound decides a piece of time,
+%% the whole piece is decided. A piece that stays open is tried at one of its moments.
 -module(starl_debug_eval).
 
 -export([sets/3, local/3, slack_us/2]).

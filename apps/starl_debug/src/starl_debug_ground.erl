@@ -1,8 +1,8 @@
-%% @doc A predicate of the robots of one recording, without quantifiers, and without negations but
-%% in front of what one robot knows of itself.
+%% @doc A predicate for the robots of one recording, without quantifiers. Negation occurs only in
+%% parts that concern a single robot.
 %%
-%% What concerns one robot alone is one part, `local', however it is composed: its times are known
-%% exactly by the robot's own clock. What is left joins robots.
+%% A part that concerns one robot alone is `local', whatever its composition, because its times are
+%% known exactly by the robot's own clock. All other parts relate several robots.
 -module(starl_debug_ground).
 
 -export([formula/2, robots/1, negated/1, look_back_us/1]).

@@ -1,7 +1,8 @@
-%% @doc Holes in recordings: from when on one does not tell all of its robots, and what it lacks.
+%% @doc Finds holes in recordings: from what time a recording is incomplete, for which robots, and
+%% what it lacks.
 %%
-%% What was in a hole may have changed what is true behind it: nothing there is certain, and that
-%% something never was is known up to the hole only.
+%% Events in a hole may have changed what is true after it. So nothing after a hole is certain, and
+%% "it never was" holds only up to the hole.
 -module(starl_debug_hole).
 
 -export([all/1, known_until/2, format/2]).

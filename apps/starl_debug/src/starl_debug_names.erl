@@ -1,12 +1,13 @@
-%% @doc Does a recording know the names of a predicate? A name that it cannot have is refused: else a
-%% misspelt one would be never true. A name that it only does not have is a line beside the answer.
+%% @doc Checks the names in a predicate against a recording. A name that the run cannot have is an
+%% error, because a misspelt name would never be true. A name that merely does not occur gives a
+%% note beside the answer.
 %% ```
 %%   last(r1, mutx) = acquired    no machine is called mutx (did you mean mutex?)
 %%   last(r1, mutex) = aquired    mutex traces no aquired (did you mean acquired?)
 %%   owner(r1, lock)              no robot has held the token lock; held were {token,1}, {token,2}
 %% '''
-%% What a machine may trace is in the vocabularies of the run's monitors ({@link starl_event}). Tokens and
-%% elections have any names, and so have the events of a machine without a vocabulary.
+%% The vocabularies of the run's monitors list what a machine may trace ({@link starl_event}).
+%% Tokens and elections may have any name, and so may the events of a machine without a vocabulary.
 -module(starl_debug_names).
 
 -export([check/2, remarks/2, vocabulary/3]).

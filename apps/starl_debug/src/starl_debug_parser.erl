@@ -1,4 +1,4 @@
-%% @doc Reads a predicate: what is true of several robots at one moment.
+%% @doc Parses a predicate: a condition on several robots at one moment.
 %% ```
 %%   dist(r1.pos, r2.pos) < 400 mm
 %%   owner(r1, lock) and owner(r2, lock)

@@ -1,5 +1,6 @@
-%% @doc A witness as a picture (SVG): where the robots of a predicate were at that moment, the bound
-%% on where they can have been, and their ways a second before and after it, each by its own clock.
+%% @doc Draws a witness of a predicate (SVG). It shows where the robots were at that moment, and the
+%% bound on where they can have been. It also shows their paths from a second before to a second
+%% after, each by its own clock.
 -module(starl_debug_picture).
 
 -export([svg/4]).

@@ -1,8 +1,9 @@
-%% @doc Reads what the trace debugger needs of recordings: for each robot its states and places by
-%% its own clock, and the packets, which bound the clocks.
+%% @doc Reads recordings for the trace debugger. For each robot it collects the states and places by
+%% the robot's own clock, and the packets, which bound the differences of the clocks.
 %%
-%% One file of a run has all robots; the files of the robots themselves have one each, and a robot
-%% may have several. Beside these the world's file is left out: its clock is none of theirs.
+%% One file of a run may hold all robots. The robots' own files hold one robot each, and a robot may
+%% have several. If these are given, the world's file is left out, because its clock is no robot's
+%% clock.
 -module(starl_debug_recording).
 
 -export([read/2, known/2, format_error/1]).

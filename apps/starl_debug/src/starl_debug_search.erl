@@ -1,12 +1,12 @@
-%% @doc Decides one part of a predicate in one slice of time: for which errors of the clocks is it
-%% true at some moment?
+%% @doc Decides one part of a predicate in one slice of time: for which errors of the clocks it is
+%% true at some moment.
 %%
-%% All errors within the windows are tried at once. Where that leaves the part open, the widest
-%% window is halved and both halves are tried, only at the times that are left. The part is
-%% <em>certain</em> if each piece of the windows has a moment at which it must be true, at different
-%% moments perhaps; it is <em>never</em> true if no piece has one at which it may be.
+%% All errors within the windows are tried at once. If that leaves the part open, the widest window
+%% is halved and both halves are tried, only at the times that are left. The part is
+%% <em>certain</em> if each piece of the windows has a moment at which it must be true. The moments
+%% may differ. It is <em>never</em> true if no piece has a moment at which it may be true.
 %%
-%% Clocks run apart by a little during a slice: each piece of the windows is widened by that.
+%% Clocks run apart by a little during a slice, so each piece of the windows is widened by that.
 -module(starl_debug_search).
 
 -export([decide/4]).

@@ -1,5 +1,5 @@
-%% @doc At which error of the clocks does an answer change, and what would decide it: better clocks,
-%% or more samples of the places?
+%% @doc Finds the error of the clocks at which an answer changes. It also says what would decide the
+%% answer: better clocks, or more samples of the places.
 %%
 %% The larger the error, the more is possible and the less is certain, so the error is found by
 %% halving.

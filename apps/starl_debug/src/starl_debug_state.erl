@@ -1,6 +1,6 @@
-%% @doc What a robot was by its own trace, as sets of times of its own clock: its mode, the tokens
-%% that it held, whether it led. Between two events nothing changes, so only a death leaves
-%% something open.
+%% @doc The state of a robot by its own trace: its mode, the tokens that it held, whether it led.
+%% Each state is a set of times of the robot's own clock. Nothing changes between two events, so the
+%% state is uncertain only after a death.
 -module(starl_debug_state).
 
 -export([new/4, times/2, tokens/1, elections/1, geocasts/3, extent/1]).
@@ -36,8 +36,8 @@
 
 -opaque t() :: #state{}.
 
-%% @doc A robot by its events, from the first to the last time of its recording. A robot that tells
-%% of itself does not know when it went down: `told' is what it has told until its next start.
+%% @doc A robot by its events, from the first to the last time of its recording. A robot that
+%% records itself does not know when it went down: `told' is its record until its next start.
 -spec new(starl:robot_id(), events(), starl_debug_set:interval(), exact | told) -> t().
 new(Robot, Events, Extent, How) ->
     Down = spans(maps:get(robot, Events, []), fun life/1, Extent),
@@ -194,8 +194,8 @@ tokens(State) -> maps:keys(holds(State)).
 -spec elections(t()) -> [starl_debug_parser:name()].
 elections(State) -> maps:keys(led(State)).
 
-%% @doc The messages to areas that this robot has sent. A robot is owed them if it is so far inside
-%% (mm).
+%% @doc The messages to areas that this robot has sent. A robot must receive them if it is inside by
+%% at least this margin (mm).
 -spec geocasts(starl:robot_id(), t(), MarginMm :: number()) -> [cast()].
 geocasts(Robot, #state{events = Events}, Margin) ->
     [

@@ -1,9 +1,10 @@
-%% @doc Where a robot was by its own clock: a line through what is known, and a bound on its
-%% distance from that line at each time.
+%% @doc The track of a robot by its own clock: a line through its known places, and a bound on its
+%% distance from that line.
 %%
-%% Between two samples, `V' mm of its greatest speed apart in time and `L' mm in place, the robot is
-%% within √(λ(1−λ)(V² − L²)) of the line between them at the part λ of the time, and that is tight.
-%% Motions in closed form are known everywhere, but for the small bow of an arc over its chord.
+%% Take two samples, `V' mm of its greatest speed apart in time and `L' mm in place. Between them
+%% the robot is within √(λ(1−λ)(V² − L²)) of the line between them at the fraction λ of the time.
+%% That bound is tight. Motions in closed form are known everywhere, except for the small distance
+%% of an arc from its chord.
 -module(starl_debug_track).
 
 -export([samples/2, motions/2, extent/1, span/3, place/2, sample_within/3, sharp/1]).
@@ -54,7 +55,7 @@ sampled(
 truth(true) -> 1;
 truth(false) -> 0.
 
-%% @doc A track along pieces of motion, in the order in which they were told, until a time.
+%% @doc A track along motion segments, in the order of their reports, until a time.
 -spec motions([starl_trajectory:piece(), ...], EndUs :: integer()) -> t().
 motions(Pieces, End) -> list_to_tuple(lists:append(driven(valid(Pieces, []), End))).
 

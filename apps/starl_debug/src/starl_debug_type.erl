@@ -1,6 +1,6 @@
-%% @doc The meaning of a predicate: its types and units, checked, with the column of each problem.
-%% The result is in core terms: lengths are millimetres, durations microseconds, and each
-%% comparison has its constant on the right.
+%% @doc Checks the types and units of a predicate, and reports the column of each problem. The
+%% result is in core terms: lengths are millimetres, durations microseconds, and each comparison has
+%% its constant on the right.
 -module(starl_debug_type).
 
 -export([check/1, modes/0, robot_number/1, similar/2]).

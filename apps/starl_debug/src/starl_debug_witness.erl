@@ -1,4 +1,4 @@
-%% @doc A moment as each robot has it: its clock, its place, what it was.
+%% @doc Shows a witness as a table: each robot's clock, place and state at that moment.
 -module(starl_debug_witness).
 
 -export([rows/3, format/2]).

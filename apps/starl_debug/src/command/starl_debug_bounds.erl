@@ -1,4 +1,4 @@
-%% @doc The flag `--sigma' of the commands that do not trust the robots' clocks.
+%% @doc Reads the flags `--sigma' and `--drift', which bound how far the robots' clocks may differ.
 -module(starl_debug_bounds).
 
 -export([flag/1, drift/0, read/1, bounds/3, words/1, offsets/2, ms/1]).

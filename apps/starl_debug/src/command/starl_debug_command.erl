@@ -1,5 +1,5 @@
-%% @doc `./starl debug': tells whether something was true at some moment of a recorded run, if its
-%% robots' clocks need not agree.
+%% @doc The command `./starl debug': reports whether something was true at some moment of a recorded
+%% run, although its robots' clocks may differ.
 -module(starl_debug_command).
 -behaviour(starl_cli_command).
 

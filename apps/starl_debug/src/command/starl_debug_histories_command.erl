@@ -1,5 +1,5 @@
-%% @doc `./starl histories': tells whether the answers that the applications of a recorded run got can be
-%% explained by what its blocks promise.
+%% @doc The command `./starl histories': checks whether the promises of the blocks can explain the
+%% answers to the calls of a recorded run.
 -module(starl_debug_histories_command).
 -behaviour(starl_cli_command).
 

@@ -1,4 +1,4 @@
-%% @doc `./starl info': tells what a recording, or any MCAP file, holds.
+%% @doc The command `./starl info': prints what a recording, or any MCAP file, contains.
 -module(starl_debug_info_command).
 -behaviour(starl_cli_command).
 

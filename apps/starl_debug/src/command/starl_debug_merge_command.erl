@@ -1,4 +1,5 @@
-%% @doc `./starl merge': makes one recording of those of several robots of a run.
+%% @doc The command `./starl merge': merges the recordings of several robots of a run into one
+%% recording.
 -module(starl_debug_merge_command).
 -behaviour(starl_cli_command).
 

@@ -1,4 +1,4 @@
-%% @doc `./starl recover': makes a whole recording of one that was cut off.
+%% @doc The command `./starl recover': recovers a recording that was cut off.
 -module(starl_debug_recover_command).
 -behaviour(starl_cli_command).
 
