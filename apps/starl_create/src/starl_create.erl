@@ -7,7 +7,9 @@
 %% A line without a wire is late only if its computer is busy.
 -define(JITTER_MS, 5).
 
-%% @doc Nodes drive their robots through a pty, as if these were real, where the program for devices is built.
+%% @doc The chassis of a run's robots, with emulated Creates. A robot on a node drives its Create
+%% through a pty, as if it were real, if the program for devices is built; else it uses a pipe, like
+%% robots in this VM.
 -spec lines(starl_chassis_choice:t(), starl_world_emulator:place()) ->
     starl_world_chassis:lines() | undefined.
 lines(Choice, here) ->
@@ -18,8 +20,9 @@ lines(Choice, {node, Dir}) ->
         {error, _} -> emulated(Choice, pipe)
     end.
 
-%% @doc The chassis of the robots of a run: an emulated Create with its driver for each that has one
-%% by this choice; what is left has a chassis of the world. `undefined' if nobody has one.
+%% @doc The chassis of a run's robots: an emulated Create with its driver for each robot that has
+%% one by this choice. All other robots have a chassis of the world. `undefined' if no robot has an
+%% emulated Create.
 %%
 %% `open' gives the port of an emulated robot, and what the port opens: as a rule, a pipe within the
 %% VM or between nodes.

@@ -1,5 +1,5 @@
-%% @doc `./starl create': an emulated iRobot Create on a pty; the doctor of a Create; a Create driven
-%% by keys; and how long wheels turn after something has been killed.
+%% @doc The command `./starl create': emulates an iRobot Create on a pty, diagnoses a real Create,
+%% and drives it by keys. It also measures how long the wheels turn after a process was killed.
 -module(starl_create_console).
 -behaviour(starl_cli_command).
 

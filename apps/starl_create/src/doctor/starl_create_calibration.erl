@@ -1,8 +1,9 @@
-%% @doc Calibrates a Create: it drives straight and turns on the spot, and its odometry is held
-%% against what it was commanded, or against what a tape measure says.
+%% @doc Calibrates a Create. The robot drives straight and turns on the spot; its odometry is
+%% compared with the command, or with a person's measurement.
 %%
-%% What differs by more than the tolerance is measured again, and the lesser difference counts. A busy
-%% computer drives for longer than it should: the port program tells by how much, and that way counts.
+%% A difference above the tolerance is measured again, and the smaller difference counts. A busy
+%% computer drives for longer than it should. The port program reports by how much, and the longer
+%% distance counts as the commanded one.
 -module(starl_create_calibration).
 
 -export([run/3, stop/0, judge/3, profile/2]).

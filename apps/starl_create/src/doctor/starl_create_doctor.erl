@@ -1,7 +1,8 @@
-%% @doc Finds out the state of the robot behind a device: its line, baud rate, model, firmware, mode,
-%% battery and the quality of its stream; and what to do about what is not as it should be.
+%% @doc Examines the robot behind a device and says how to fix what is wrong. It reports the line,
+%% baud rate, model, firmware, mode, battery and the quality of the stream.
 %%
-%% It moves nothing but the mode, unless it is to calibrate ({@link starl_create_calibration}).
+%% The examination changes only the mode of the robot. It drives only for a calibration
+%% ({@link starl_create_calibration}).
 -module(starl_create_doctor).
 
 -export([examine/2, line/1, problems/1, on_computer/2, priority/1]).

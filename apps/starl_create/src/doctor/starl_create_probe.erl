@@ -100,7 +100,7 @@ told(Port, Message) ->
     Port ! Message,
     ok.
 
-%% @doc Sends a question with an answer of so many bytes; what was on the line before is forgotten.
+%% @doc Sends a question whose answer has this many bytes. What was on the line before is dropped.
 -spec ask(t(), iodata(), pos_integer(), Ms :: pos_integer()) -> {ok, binary()} | none.
 ask(Port, Question, Size, Ms) ->
     ok = quiet(Port),
@@ -203,8 +203,8 @@ heard(Stream, #{frames := Frames, bytes := N} = Heard, {_, Deadline} = Until) ->
     after left(Deadline) -> Heard
     end.
 
-%% @doc Has a script of one step carried out: bytes, a time, bytes that end it. On a busy computer it may last
-%% longer than it should. A computer that stands still interrupts it, as a cable does that was pulled.
+%% @doc Runs a script of one step: bytes, a time, bytes that end it. On a busy computer it may last
+%% longer than it should. A computer that stalls interrupts it, as does a cable that is pulled.
 -spec drive(t(), iodata(), Us :: pos_integer(), iodata()) ->
     {ok, LateUs :: non_neg_integer()} | {interrupted, computer | line}.
 drive(Port, Go, Us, Stop) ->

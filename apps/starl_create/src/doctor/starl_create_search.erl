@@ -1,10 +1,11 @@
-%% @doc Looks for the baud rate at which a robot answers: it is asked for its stream at one rate after
-%% the other, and a frame with its checksum is no accident.
+%% @doc Searches for the baud rate of a robot. It asks for the stream at one rate after the other,
+%% until a frame with a correct checksum arrives.
 %%
-%% A computer with other work hears answers late, perhaps when the next rate is tried already, where they are
-%% noise. So rates at which something came, though no frame, are tried again with more time; and how long
-%% the answer took is told, since later questions need as much patience. A frame may be a late one of the rate
-%% before, so the robot is asked again once the line is quiet.
+%% A busy computer receives answers late, perhaps when it already tries the next rate, where they
+%% look like noise. So rates at which bytes came without a frame are tried again with more time. The
+%% search also returns how late the answer was, because later questions need as much patience. A
+%% frame may be a late one from the previous rate, so the robot is asked again once the line is
+%% quiet.
 -module(starl_create_search).
 
 -export([all/2, awake/2, bauds/1, silent/1]).

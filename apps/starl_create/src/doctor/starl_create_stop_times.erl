@@ -1,9 +1,9 @@
 %% @doc Measures how long wheels turn after something has been killed, or after the cable was pulled.
 %%
 %% An emulated Create stands behind a pty, its body in a room ({@link starl_create_room}); another
-%% process, or another VM, drives it through the port program with the bytes that the driver
-%% writes. Then something happens at a moment by chance. The time is from just before that until the body
-%% in the room stands. The emulated body has no mass: it stands as soon as its wheels are told to.
+%% process, or another VM, drives it through the port program with the bytes that the driver writes.
+%% Then something happens at a moment by chance. The time is from just before that until the body in
+%% the room stands. The emulated body has no mass: it stands as soon as its wheels get the command.
 -module(starl_create_stop_times).
 
 -export([rows/0, robots/0, measure/2, drive/2]).

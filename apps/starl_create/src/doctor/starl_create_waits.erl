@@ -1,10 +1,12 @@
-%% @doc Finds out what a Create 1 does at a wait for no time: is it over at once, or at the robot's next
-%% look, 15 ms later? The document does not say. By waits of 15 ms a robot without a computer stops
-%% sooner than by those of 100 ms ({@link starl_create_script}).
+%% @doc Measures how long a Create 1 waits when a script asks for a wait of zero length. The wait
+%% may end at once, or up to 15 ms later, at the robot's next sensor check. The document does not
+%% say. With waits of 15 ms, a robot that has lost its computer stops sooner than with those of 100
+%% ms ({@link starl_create_script}).
 %%
-%% The robot is asked for a byte after a number of such waits. A computer that is busy hears the answer later,
-%% so only an answer in time counts, and only answers after two numbers of waits that differ: what delays both
-%% alike is in time for one of them at most. An answer that is early cannot come from a robot that waits.
+%% The robot is asked for a byte after a number of such waits. A busy computer receives the answer
+%% late, so only an answer in time counts. Two different numbers of waits must be answered in time:
+%% a delay that is the same for both can make at most one of them look right. An answer that is
+%% early cannot come from a robot that waits.
 -module(starl_create_waits).
 
 -export([measure/1, found/1, judge/2, line/1]).
@@ -20,7 +22,7 @@
 -spec measure(starl_create_probe:t()) -> starl_create_script:waits().
 measure(Probe) -> found(fun(Number) -> answer_ms(Number, Probe) end).
 
-%% @doc The waits of a robot whose answers come so long after so many waits.
+%% @doc The waits of a robot, from the times of its answers after given numbers of waits.
 -spec found(AnswerMs :: fun((Number :: pos_integer()) -> non_neg_integer() | none)) ->
     starl_create_script:waits().
 found(AnswerMs) -> found(?NUMBERS, ?TRIES, AnswerMs).

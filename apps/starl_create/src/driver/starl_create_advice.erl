@@ -1,5 +1,5 @@
-%% @doc What is wrong with a Create or its line, and what to do about it, in one line each.
-%% A driver remembers what it has said: it says it once, until things are well again.
+%% @doc Explains what is wrong with a Create or its line, and what to do, in one line each. A driver
+%% remembers what it has reported, and reports a problem only once until it is over.
 -module(starl_create_advice).
 
 -export([line/1, is_news/2]).

@@ -1,10 +1,11 @@
-%% @doc The chassis of a live robot that is an iRobot Create: {@link starl_create_driver} with a
-%% port and real time.
+%% @doc The chassis of a live robot that is an iRobot Create: runs {@link starl_create_driver} with
+%% a port and real time.
 %%
-%% Its configuration, beside that of every chassis: `create', the driver's options ({@link
-%% starl_create_options:configured/1}); `port', the module that opens the line and its options, {@link
-%% starl_create_port} if nothing is said ({@link starl_create_pipe} has the same messages); `events': a
-%% process that hears all that the driver tells an observer: `{starl_create, Robot, Event}'.
+%% Its configuration, besides that of every chassis: `create', the driver's options
+%% ({@link starl_create_options:configured/1}); `port', the module that opens the line and its
+%% options, by default {@link starl_create_port} ({@link starl_create_pipe} has the same messages);
+%% `events': a process that gets all reports of the driver to an observer, as `{starl_create, Robot,
+%% Event}'.
 -module(starl_create_chassis).
 -behaviour(starl_live_chassis).
 

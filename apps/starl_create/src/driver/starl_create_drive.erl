@@ -1,18 +1,18 @@
-%% @doc Has scripts carried out by the port, one in place of the other, and says when they are over:
+%% @doc Gives scripts to the port, one in place of the other, and reports when they are over. It is
 %% the part of {@link starl_create_driver} that moves the robot. A pure module.
 %% ```
 %%     drive ---> {drive_script, ...}     sent: the time that the answer bears
 %%                                        ended, and the wheels stand: {driven, At}
 %%                                        a wheel stalls: the wheels are stopped; {stalled, Told}
 %% '''
-%% The wheels stand when a frame says so that has come after the robot was seen to move, or 50 ms
-%% after the last bytes: an earlier frame may be from before the script.
+%% The wheels stand when a frame says so that came after the robot was seen to move, or else 50 ms
+%% after the last bytes. An earlier frame may be from before the script.
 %%
-%% <em>Lateness.</em> The port tells when bytes left. A script that has lasted longer than it should
-%% shows a busy computer; the next ones are driven more carefully, as on a line with that jitter. One
-%% that the port has cut short, since a step would have begun too late or the VM gave no sign of life,
-%% is answered at the time at which it should have ended: its robot looks where it is, and goes on
-%% from there.
+%% <em>Lateness.</em> The port reports when bytes left. A script that lasted longer than it should
+%% shows a busy computer, so the next scripts are driven more carefully, as on a line with that
+%% jitter. The port cuts a script short if a step would begin too late, or if the VM gives no sign
+%% of life. Such a script is answered at the time at which it should have ended: the robot then
+%% looks where it is, and goes on from there.
 -module(starl_create_drive).
 
 -export([new/1, drive/3, stop/2, forget/1, hear/3, due/2, watch/2]).

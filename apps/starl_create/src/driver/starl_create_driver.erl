@@ -8,12 +8,13 @@
 %%       |                  +--------- no frames for 250 ms -------+
 %%       +------- the cable is pulled, in every state
 %% '''
-%% A robot that rests is in mode Passive, where it sleeps and charges; a script has control taken anew.
+%% A robot that rests is in mode Passive, where it sleeps and charges. For a script, the driver
+%% takes control again.
 %%
-%% Its parts: {@link starl_create_greeting} finds and wakes the robot; {@link starl_create_senses} sees
-%% events and stalls in the frames; {@link starl_create_odometry} counts; {@link starl_create_drive}
-%% carries out scripts. The mode in which the robot is after Start tells whether it counts its modes from
-%% 1 or higher.
+%% Its parts: {@link starl_create_greeting} finds and wakes the robot; {@link starl_create_senses}
+%% sees events and stalls in the frames; {@link starl_create_odometry} counts;
+%% {@link starl_create_drive} carries out scripts. The mode in which the robot is after Start shows
+%% whether it counts its modes from 1 or higher.
 -module(starl_create_driver).
 
 -export([open/1, drive/3, actuate/4, stop/1, rest/1, close/1, hear/3]).
@@ -119,8 +120,8 @@ condition(#driver{senses = Senses, priority = Priority} = Driver) ->
 
 %% -- commands -------------------------------------------------------------------------------
 
-%% @doc Has a script carried out in place of the present one. A robot that is not under control does
-%% not hear it.
+%% @doc Runs a script in place of the present one. A robot that is not under control does not get
+%% it.
 -spec drive(starl_chassis_differential:commands(), Mark :: term(), t()) -> {[action()], t()}.
 drive(Commands, Mark, #driver{phase = ready, drive = Drive} = Driver) ->
     drives(starl_create_drive:drive(Commands, Mark, Drive), Driver);

@@ -1,15 +1,16 @@
-%% @doc Finds and wakes the robot at the other end of a line: from the opened line to the first frames
-%% of its stream. A pure module.
+%% @doc Finds and wakes the robot at the other end of a line: from the opened line to the first
+%% frames of its stream. A pure module.
 %% ```
 %%     opened        120 ms          500 ms           150 ms
 %%     ------> starting ----> asking -------> doubting -----> resting ----> the line is opened again
 %%                               |               |
 %%                               +- four frames -+---> found
 %% '''
-%% It begins with a row of Start commands, which completes whatever half command the robot waits for.
-%% A Create 1 is asked for an encoder, which it does not have: who answers is a Create 2. Without
-%% frames, the robot is asked for its mode, a question that each robot answers with one byte. A robot
-%% that stays silent is woken, greeted again, and looked for at the other baud rates.
+%% It begins with a row of Start commands, which completes whatever half command the robot waits
+%% for. It asks a Create 1 for an encoder, which a Create 1 does not have: a robot that answers is a
+%% Create 2. Without frames, it asks for the mode, because each robot answers this question with one
+%% byte. It wakes a robot that stays silent, greets it again, and looks for it at the other baud
+%% rates.
 -module(starl_create_greeting).
 
 -export([new/1, anew/1, opening/1, opened/1, due/1, hear/2, ids/1]).
@@ -51,7 +52,7 @@
 -spec new(starl_create_options:t()) -> t().
 new(Options) -> #greeting{options = Options}.
 
-%% @doc The line is gone: the search begins anew, when it is back.
+%% @doc Handles a lost line: the search begins again when the line is back.
 -spec anew(t()) -> t().
 anew(Greeting) -> Greeting#greeting{step = idle, tries = 0}.
 

@@ -1,5 +1,5 @@
-%% @doc What the driver tells a Create, as bytes: to come under control, to rest, to go off, to set the
-%% pen.
+%% @doc The commands of the driver to a Create, as bytes: take control, stop everything, leave the
+%% robot to itself, set the pen.
 -module(starl_create_instructions).
 
 -export([is_on_robot/1, take/1, is_taken/2, resting/1, resting/2, off/1, pen/2, usual_pen/1]).

@@ -1,8 +1,8 @@
-%% @doc The odometry of a Create: the way and the turn that its sensors have counted.
+%% @doc The odometry of a Create: the distance and the turn that its sensors have counted.
 %%
 %% The encoders of a Create 2 come with each frame, and wrap at 65536. A Create 1 is asked for its
-%% distance and angle, in whole millimetres and degrees, and rarely: the fractions are lost with each
-%% answer.
+%% distance and angle, in whole millimetres and degrees, and rarely, because each answer loses the
+%% fractions.
 -module(starl_create_odometry).
 
 -export([new/1, total/1, count/3, counts/3, ask/1, answer/2, forget/1]).

@@ -1,4 +1,4 @@
-%% @doc What can be chosen for the driver of a Create.
+%% @doc The table of the options of a Create's driver.
 -module(starl_create_options).
 
 -export([options/0, configured/1, baud/1, waits/1, odometry/1, drive/1, format_error/1]).

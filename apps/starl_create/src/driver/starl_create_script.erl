@@ -1,22 +1,23 @@
-%% @doc Turns the commands of {@link starl_chassis_differential} into bytes and the times between
-%% them, for the port to write: speeds in whole mm/s, no command shorter than the line can time.
+%% @doc Converts the commands of {@link starl_chassis_differential} into bytes for the port, and the
+%% times between them. Speeds are whole mm/s, and no command is shorter than the line can time.
 %%
-%% A command keeps its product of speed and time: what rounding takes off the speed, its time gets.
+%% A command keeps its product of speed and time: if rounding lowers the speed, the time grows.
 %%
 %% <em>By the port.</em> Bytes may be late by the line's jitter, and a command then lasts longer or
-%% shorter by that. So no command is faster than 6 mm in that time, and none is shorter than three
-%% times that: it is driven slower, and for longer.
+%% shorter by that. So a command covers at most 6 mm in that time, and lasts at least three times as
+%% long: if necessary, it is driven slower and for longer.
 %%
-%% <em>On the robot.</em> A Create 1 can hold a script, and a robot whose computer is gone should
-%% stop. Each command is a number of slices, and each slice a script of the robot: the speeds, a wait,
-%% stop. The next slice arrives while the robot waits, which reads it as soon as it has
-%% waited; so it drives on, and if nothing arrives it stands. The script leaves with the first slice
-%% of a command; each slice is the one byte that plays it, so a line that breaks between two bytes
-%% leaves no speeds without their end.
+%% <em>On the robot.</em> A Create 1 can store a script, and a robot that has lost its computer
+%% should stop. So each command is divided into slices, and each slice is a script of the robot: the
+%% speeds, a wait, stop. The next slice arrives while the robot waits. The robot reads it after the
+%% wait and drives on; if nothing arrives, it stops. The script itself is sent with the first slice
+%% of a command. Every other slice is the single byte that plays the script, so a line that breaks
+%% between two bytes never leaves speeds without their stop.
 %%
-%% The documented wait is for 100 ms; the robot looks each 15 ms, so a slice takes 105 ms. Of some
-%% robots it is known, since {@link starl_create_doctor} has measured it, that a wait for no time lasts until
-%% the next look: their slices are three of these, 45 ms, after one that lets the first begin with a look.
+%% The documented wait lasts 100 ms. The robot checks every 15 ms, so a slice takes 105 ms. Some
+%% robots are known to end a wait of zero length at the next check, because
+%% {@link starl_create_doctor} has measured it. Their slices are three such waits, 45 ms, after one
+%% wait that aligns the first slice with a check.
 -module(starl_create_script).
 
 -export([steps/2, steps/3, lasts_us/1, rest/0, rested/1]).
@@ -136,7 +137,7 @@ longer(Early, Slices) ->
     {Told, Bytes, Us} = lists:last(Slices),
     lists:droplast(Slices) ++ [{Told, Bytes, Us + Early}].
 
-%% @doc The step after which a Create 1 that is told to rest has read that: its last slice is over.
+%% @doc The step after which a Create 1 has read the command to stop: its last slice is over.
 -spec rested(waits()) -> [{binary(), Us :: pos_integer()}].
 rested(Waits) ->
     #{early_us := Early} = slice(Waits),

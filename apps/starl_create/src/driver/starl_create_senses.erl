@@ -1,10 +1,9 @@
-%% @doc What a Create senses: the frames of its stream, one after the other, as events, and whether a
-%% wheel stalls.
+%% @doc Turns the frames of a Create's stream into events, and detects a wheel that stalls.
 %%
-%% A wheel stalls if the robot reports too high a current, or if the wheel does not turn at all while
-%% the robot has been commanded to turn it for four frames, in three frames one after the other: one
-%% frame may repeat the one before it. A new bump counts as a stall, too, unless
-%% bumps are to be ignored; a robot that touches something already can drive away from it.
+%% A wheel stalls if the robot reports too high a current. It also stalls if it does not turn at all
+%% in three consecutive frames while the robot has been commanded to turn it for four frames. (One
+%% frame may repeat the one before it.) A new bump counts as a stall, too, unless bumps are to be
+%% ignored. A robot that already touches something can drive away from it.
 -module(starl_create_senses).
 
 -export([new/0, see/2, readings/1]).
@@ -114,7 +113,7 @@ battery(_) ->
 is_at_rest(#senses{now = #{left_velocity := 0, right_velocity := 0}}) -> true;
 is_at_rest(#senses{}) -> false.
 
-%% @doc Why a robot cannot be in mode Safe, as far as the last frame tells.
+%% @doc The reason why a robot cannot be in mode Safe, by the last frame.
 -spec unsafe(t()) -> unsafe().
 unsafe(#senses{now = #{bumps_drops := Bits}}) when Bits band 2#11100 =/= 0 -> wheel_drop;
 unsafe(#senses{now = #{charging_sources := Sources}}) when Sources =/= 0 -> charger;

@@ -1,5 +1,6 @@
-%% @doc The words between the driver of a Create ({@link starl_create_driver}) and its port: those of
-%% erlang-serial, and more. {@link starl_create_port} and {@link starl_create_pipe} speak them.
+%% @doc The messages between the driver of a Create ({@link starl_create_driver}) and its port:
+%% those of erlang-serial, and more. {@link starl_create_port} and {@link starl_create_pipe} use
+%% them.
 -module(starl_create_word).
 
 -export([is_message/1]).

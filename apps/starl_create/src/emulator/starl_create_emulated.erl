@@ -1,23 +1,24 @@
-%% @doc An emulated Create in real time: {@link starl_create_emulator} as a process, with a serial
-%% line to one other process and a body.
+%% @doc An emulated Create in real time: runs {@link starl_create_emulator} as a process, with a
+%% serial line to one other process and a body.
 %%
-%% A computer with other work to do is late now and then, and a command would last longer by that. So
-%% the robot's time is not the present, but that up to which the other end has told everything: bytes
-%% take effect at the time at which they arrived, whenever this process hears of them, and the body is
-%% told that time.
+%% A busy computer is sometimes late, and a command would last longer by that. So the robot's time
+%% is not the present time, but the time up to which the other end has reported everything. Bytes
+%% take effect at the time at which they arrived, whenever this process receives them, and that time
+%% is passed to the body.
 %% ```
 %%     something is due ---- sync ---> other end
 %%     the robot's time <--- upto ---- other end      all bytes until then were told before
 %% '''
-%% Words of the other end, `{serial, Other, Word}': {@link word()}. It hears `{serial, Create, {data,
-%% Bytes}}'. Only the end that has attached last is heard.
+%% Messages of the other end are `{serial, Other, Word}': {@link word()}. It receives `{serial,
+%% Create, {data, Bytes}}'. Only the end that has attached last is heard.
 %%
-%% `{starl_cable, pulled | pulled_in_time | back}' pulls its cable, at once or before a Create 2 could drive on
-%% without it, or puts it back; the process of the line hears `{serial, Create, {cable, pulled | back}}'.
+%% `{starl_cable, pulled | pulled_in_time | back}' pulls its cable, at once or before a Create 2
+%% could drive on without it, or puts it back. The process of the line then receives `{serial,
+%% Create, {cable, pulled | back}}'.
 %%
-%% Its body is a robot of a simulated world ({@link starl_world}), or none. Whoever has started it
-%% with `tell' hears `{starl_create, Create, Out}' of what else it does ({@link
-%% starl_create_emulator:out()}).
+%% Its body is a robot of a simulated world ({@link starl_world}), or none. The process that has
+%% started it with `tell' receives `{starl_create, Create, Out}' for its other outputs
+%% ({@link starl_create_emulator:out()}).
 -module(starl_create_emulated).
 -behaviour(gen_server).
 
@@ -89,7 +90,7 @@ feel(Create, Sense) -> gen_server:cast(Create, {feel, Sense}).
 -spec power_cycle(pid()) -> ok.
 power_cycle(Create) -> gen_server:cast(Create, power_cycle).
 
-%% @doc The speeds that its wheels are told, mm/s.
+%% @doc The commanded speeds of its wheels, mm/s.
 -spec wheels(pid()) -> starl_create_wheels:speeds().
 wheels(Create) -> gen_server:call(Create, wheels).
 

@@ -82,7 +82,7 @@ new(Options) -> starl_create_state:new(Options).
 -spec mode(t()) -> mode().
 mode(#{mode := Mode}) -> Mode.
 
-%% @doc The speeds that its wheels are told.
+%% @doc The commanded speeds of its wheels.
 -spec wheels(t()) -> starl_create_wheels:speeds().
 wheels(#{wheels := Wheels}) -> starl_create_wheels:told(Wheels).
 

@@ -31,7 +31,7 @@ command(power, State) ->
 command(_StartOrDemo, State) ->
     to(passive, State).
 
-%% @doc It wakes up, or starts anew: a Create 2 says so.
+%% @doc Wakes up, or restarts: a Create 2 reports that.
 -spec boot(state()) -> went().
 boot(#{now := Now, model := Model, sleep := Sleep} = State) ->
     Fresh = State#{
@@ -60,7 +60,7 @@ stopped(#{mode := Mode, wheels := Wheels} = State) when Mode =:= off; Mode =:= p
 stopped(State) ->
     State.
 
-%% @doc What has been commanded is safe, or the mode ends; then the body is told.
+%% @doc Checks that the command is safe, or ends the mode; then the body is notified.
 -spec settle(state()) -> went().
 settle(#{mode := safe} = State) ->
     case is_unsafe(State) of

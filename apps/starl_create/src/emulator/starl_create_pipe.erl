@@ -3,8 +3,8 @@
 %% one VM or on several nodes.
 %%
 %% The messages are those of erlang-serial (`{open, Device, Baud}', `{send, Bytes}', `{data,
-%% Bytes}') and the other words of {@link starl_create_word:command()} and {@link
-%% starl_create_word:message()}. The device is the emulated robot's process.
+%% Bytes}') and the others of {@link starl_create_word:command()} and
+%% {@link starl_create_word:message()}. The device is the emulated robot's process.
 %%
 %% When its owner ends, it writes the stop bytes.
 -module(starl_create_pipe).

@@ -1,5 +1,5 @@
-%% @doc The quirks that an emulated Create may have: what real ones were reported to do against, or
-%% beside, their documents. One table: names, types, defaults and texts.
+%% @doc The quirks that an emulated Create may have: reported behaviour of real robots that differs
+%% from their documents, or is not in them. One table: names, types, defaults and texts.
 -module(starl_create_quirks).
 
 -export([options/0, new/2, check/1]).

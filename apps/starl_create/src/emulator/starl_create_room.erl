@@ -48,8 +48,8 @@ place(N) -> float(?APART_MM div 2 + N * ?APART_MM).
 -spec pose(pid(), starl:robot_id()) -> starl:pose().
 pose(Room, Id) -> gen_server:call(Room, {pose, Id}).
 
-%% @doc The caller is told each change of a robot's motion, `{moves, Room, Id, Piece}'; times are of
-%% `erlang:system_time(microsecond)'.
+%% @doc Notifies the caller of each change of a robot's motion, `{moves, Room, Id, Piece}'; times
+%% are of `erlang:system_time(microsecond)'.
 -spec watch(pid(), starl:robot_id()) -> ok.
 watch(Room, Id) -> gen_server:call(Room, {watch, Id}).
 

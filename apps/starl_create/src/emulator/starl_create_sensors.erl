@@ -1,4 +1,4 @@
-%% @doc The sensors of an emulated Create: what they show, asked for or in the stream.
+%% @doc The sensors of an emulated Create: their values, when asked for or in the stream.
 -module(starl_create_sensors).
 
 -export([readings/1, is_cliff/1, answer/2, frame/1, stream/2]).

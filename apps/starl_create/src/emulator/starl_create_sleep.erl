@@ -59,7 +59,7 @@ sleep(Sleep) -> Sleep#sleep{asleep = true}.
 -spec command(NowUs :: integer(), t()) -> t().
 command(Now, Sleep) -> Sleep#sleep{heard_at = Now}.
 
-%% @doc It wakes up, or starts anew.
+%% @doc Wakes up, or restarts.
 -spec boot(NowUs :: integer(), t()) -> t().
 boot(Now, Sleep) ->
     Sleep#sleep{asleep = false, booted_at = Now, heard_at = Now, pulses = 0}.

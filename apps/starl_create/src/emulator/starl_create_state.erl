@@ -1,5 +1,5 @@
-%% @doc What an emulated Create is at one moment: its parts, in one map that the modules of the
-%% emulator share.
+%% @doc The state of an emulated Create: its parts, in one map that the modules of the emulator
+%% share.
 -module(starl_create_state).
 
 -export([new/1, pass/2, load/1, send/2, show/2]).
@@ -91,7 +91,7 @@ pass(At, #{now := Now, mode := Mode, wheels := Wheels, battery := Battery} = Sta
         battery := starl_create_battery:pass(Us, Mode, load(State), Battery)
     }.
 
-%% @doc Are its wheels told to turn?
+%% @doc Checks whether its wheels are commanded to turn.
 -spec load(t()) -> starl_create_battery:load().
 load(#{wheels := Wheels}) ->
     case starl_create_wheels:told(Wheels) of

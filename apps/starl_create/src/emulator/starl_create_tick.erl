@@ -1,5 +1,5 @@
-%% @doc The clock of an emulated Create: each 15 ms it looks at its sensors, sends a frame of its
-%% stream, and sees whether a wait is over.
+%% @doc The clock of an emulated Create. Every 15 ms the robot reads its sensors, sends a frame of
+%% its stream, and checks whether a wait is over.
 -module(starl_create_tick).
 
 -export([us/0, next/2, floor_div/2]).

@@ -1,5 +1,5 @@
-%% @doc The serial line of an emulated Create: baud rates of both ends, when its bytes have left it,
-%% and what is done to them on the way (quirks: bursts, stray bytes; garbage at a wrong rate).
+%% @doc The serial line of an emulated Create. It knows the baud rates of both ends, computes when
+%% bytes have left, and applies quirks on the way: bursts, stray bytes, and garbage at a wrong rate.
 -module(starl_create_uart).
 
 -export([new/4, baud/1, slow/1, usual/2, rate/3, other/2, hears/2, send/3]).

@@ -74,12 +74,12 @@ command(Speeds, Wheels) -> Wheels#wheels{commanded = Speeds}.
 -spec commanded(t()) -> speeds().
 commanded(#wheels{commanded = Commanded}) -> Commanded.
 
-%% @doc What the body was told last.
+%% @doc The last command to the body.
 -spec told(t()) -> speeds().
 told(#wheels{told = Told}) -> Told.
 
-%% @doc What the body has to be told now, if that has changed. Unless the body says otherwise, the
-%% wheels do what they are told.
+%% @doc The command to the body, if that has changed. Unless the body reports otherwise, the wheels
+%% turn as commanded.
 -spec turn(t()) -> {same | speeds(), t()}.
 turn(#wheels{commanded = {L, R}, told = Told, quirks = #{speed_step := Step}} = Wheels) ->
     case {stepped(L, Step), stepped(R, Step)} of
@@ -94,8 +94,8 @@ stepped(V, Step) -> float(Step * round(V / Step)).
 -spec turning(speeds(), t()) -> t().
 turning(Speeds, Wheels) -> Wheels#wheels{turning = Speeds}.
 
-%% @doc The body is in the way of something: the wheels stall. When the way is free, the body is told
-%% anew how to move.
+%% @doc Handles that something blocks the body: the wheels stall. When the way is free, the body
+%% gets its command again.
 -spec hold(boolean(), t()) -> t().
 hold(true, Wheels) -> Wheels#wheels{turning = {0.0, 0.0}, is_held = true};
 hold(false, #wheels{is_held = true} = W) -> W#wheels{told = {0.0, 0.0}, is_held = false};

@@ -1,5 +1,6 @@
-%% @doc Puts an emulated Create ({@link starl_create_emulated}) behind a pty, so that it is driven
-%% through a device like a real one: the line's speed, its pulses (BRC) and its cable are passed on.
+%% @doc Puts an emulated Create ({@link starl_create_emulated}) behind a pty, so that programs drive
+%% it through a device like a real one. It passes on the speed of the line, its pulses (BRC) and the
+%% state of its cable.
 -module(starl_create_on_pty).
 -behaviour(gen_server).
 

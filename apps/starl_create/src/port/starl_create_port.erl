@@ -1,9 +1,10 @@
-%% @doc A serial line: the owner of the port program, which writes drive scripts by a clock of its
-%% own and stops the wheels when this process, the VM, the program itself or its heartbeat ends.
+%% @doc A serial line: the process that owns the port program. The program writes drive scripts by
+%% its own clock. It stops the wheels when this process, the VM, the program itself or its heartbeat
+%% ends.
 %%
 %% Its messages are those of the package erlang-serial (`{open, Device}', `{speed, Baud}', `{send,
-%% Bytes}', `{data, Bytes}', ...), so that it serves for any serial work; {@link request()} and {@link
-%% event()} are all of them. It lives as long as its owner.
+%% Bytes}', `{data, Bytes}', ...), so that it serves any serial work. {@link request()} and
+%% {@link event()} list all of them. The line lives as long as its owner.
 -module(starl_create_port).
 
 -export([start_link/2, format_error/1]).

@@ -34,9 +34,9 @@ start(Args) ->
 ended(?NO_EXEC) -> {error, other_processor};
 ended(_Status) -> ended.
 
-%% @doc The exit status of a program that was written to when it had just ended: then its pipe breaks, and
-%% the VM does not tell it any more. So the program is started once more, and nothing is written to it:
-%% one that cannot run on this computer ends by itself.
+%% @doc The exit status of a program that had just ended when it was written to: then its pipe
+%% breaks, and the VM does not report the status. So the program is started once more without any
+%% input. A program that cannot run on this computer then ends by itself.
 -spec broken() -> Status :: non_neg_integer().
 broken() ->
     case start([]) of

@@ -1,8 +1,8 @@
-%% @doc A serial line without a cable: the owner of a pty, at the end where the robot is. An
-%% emulator sits behind it; programs open its name, or its link, like a device.
+%% @doc A serial line without a cable: owns a pty, at the robot's end. An emulator sits behind it;
+%% programs open its name, or its link, like a device.
 %%
-%% It passes bytes on as they are. It tells the speed that the other side has set, since at the wrong
-%% one a robot hears and says garbage, and lets the cable be pulled and put back.
+%% It passes bytes on unchanged. It reports the speed that the other side has set, because a robot
+%% receives and sends garbage at a wrong speed. It also lets the cable be pulled and put back.
 -module(starl_create_pty).
 
 -export([start_link/2, name/1, send/2, sync/1, pull/1, put_back/1, stop/1]).
@@ -46,7 +46,7 @@ name(Pty) ->
 -spec send(pid(), iodata()) -> ok.
 send(Pty, Bytes) -> told(Pty, {command, [$W, Bytes]}).
 
-%% @doc Asks up to when all bytes have been told: `upto'.
+%% @doc Asks for the time up to which all bytes have been reported: `upto'.
 -spec sync(pid()) -> ok.
 sync(Pty) -> told(Pty, {command, <<$T>>}).
 
