@@ -1,6 +1,6 @@
-%% @doc A slice of an experiment's runs: the K-th of N parts, each for a computer or a job of its own.
-%% Which runs it has follows from K, N and the experiment alone: run number I, counted from 0, belongs
-%% to slice 1 + I rem N, so that slices take equally long where runs grow with a setting.
+%% @doc One slice of an experiment's runs: the K-th of N parts, each for a computer or a job of its
+%% own. Its runs follow from K, N and the experiment alone: run number I, counted from 0, belongs to
+%% slice 1 + I rem N. So slices take equally long if runs grow with a setting.
 -module(starl_lab_slice).
 
 -export([flag/0, read/1, part/2, of_index/2, text/1]).

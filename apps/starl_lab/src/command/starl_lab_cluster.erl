@@ -1,5 +1,5 @@
-%% @doc `./starl cluster': runs an application on a node for each robot, and commands a cluster that
-%% runs.
+%% @doc The command `./starl cluster': runs an application with a node for each robot, and sends
+%% commands to a running cluster.
 -module(starl_lab_cluster).
 -behaviour(starl_cli_command).
 

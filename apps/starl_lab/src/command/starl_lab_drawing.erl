@@ -1,4 +1,4 @@
-%% @doc Writes the drawings of a command into the directory of its results, and tells where they are.
+%% @doc Writes the drawings of a command into the directory of its results, and prints their names.
 -module(starl_lab_drawing).
 
 -export([write/3]).

@@ -1,5 +1,5 @@
-%% @doc `./starl diverge': runs every seed in several ways that must give the same digest. For the
-%% first seed with unequal digests it finds the first event that differs.
+%% @doc The command `./starl diverge': runs every seed in several modes that must give the same
+%% digest. For the first seed with unequal digests it finds the first event that differs.
 -module(starl_lab_diverge).
 
 -behaviour(starl_cli_command).

@@ -1,6 +1,6 @@
-%% @doc The ways of running a scenario that must all give the same digest. A way is the mode of the
-%% machines (processes or inline), the number of shards, and the number of schedulers of the VM. On
-%% the command line it is written `MODE:SHARDS' or `MODE:SHARDS:SCHEDULERS'.
+%% @doc The modes of running a scenario that must all give the same digest. A mode is made of the
+%% kind of machines (processes or inline), the number of shards, and the number of schedulers of the
+%% VM. On the command line it is written `MODE:SHARDS' or `MODE:SHARDS:SCHEDULERS'.
 -module(starl_lab_execution).
 
 -export([usual/0, parse/1, format_error/1, text/1, schedulers/1, apply_to/2]).

@@ -5,7 +5,7 @@
 %%   {ok, Scene} = starl_film_cast:scene(Cast),
 %%   ok = starl_film:write(Scene, "film.svg", #{seconds => 20.0, title => "painting"})
 %% '''
-%% The name of the file tells its kind: an animated `.svg'; `.mp4' and `.gif' by the programs
+%% The name of the file decides its kind: an animated `.svg'; `.mp4' and `.gif' by the programs
 %% `rsvg-convert' and `ffmpeg'; a light painting as `.svg' or `.png'.
 -module(starl_film).
 
@@ -42,7 +42,7 @@ kind(File) ->
         _ -> unknown
     end.
 
-%% @doc Is anything missing that such a film needs?
+%% @doc Checks whether anything is missing that such a film needs.
 -spec needs(kind(), Light :: boolean()) -> ok | {error, reason() | kind}.
 needs(svg, _Light) -> ok;
 needs(png, true) -> there(["rsvg-convert"]);

@@ -1,5 +1,5 @@
-%% @doc The animations of a film: each takes the time of the whole film, so all of them stay together. A
-%% pure module.
+%% @doc The animations of a film. Each lasts as long as the whole film, so all of them stay
+%% synchronous. A pure module.
 -module(starl_film_animate).
 
 -export([new/2, values/3, shown/2]).

@@ -1,4 +1,4 @@
-%% @doc Gathers what the film of a simulation shows while it runs.
+%% @doc Collects the content of a simulation's film while the simulation runs.
 %% ```
 %%   {ok, Camera} = starl_film_camera:start_link(),
 %%   {ok, Sim} = starl_sim:start(Scenario, #{observe => starl_film_camera:observer(Camera)}),

@@ -1,6 +1,6 @@
-%% @doc Gathers from the messages of a run ({@link starl_trace_message}) what its film shows: the floor,
-%% the lines to paint, the ways of the robots, their ink, when they were down, cut links, and what applications draw and measure.
-%% A pure module.
+%% @doc Collects the content of a run's film from its messages ({@link starl_trace_message}). It
+%% keeps the floor, the lines to paint, the robots' paths and ink, when robots were down, cut links,
+%% and what applications draw and measure. A pure module.
 %% ```
 %%   {ok, Cast, _} = starl_trace_reader:fold(fun starl_film_cast:message/2, starl_film_cast:new(), File),
 %%   {ok, Scene} = starl_film_cast:scene(Cast)
@@ -78,7 +78,7 @@ message({verdicts, _, {ended, #{end_us := End}}}, #cast{until = Until} = Cast) -
 message(_, Cast) ->
     Cast.
 
-%% @doc The run has come to this time, in which robots go on as they were told.
+%% @doc Advances the run to this time. Robots go on as commanded until then.
 -spec until(AtUs :: integer(), t()) -> t().
 until(At, #cast{until = Until} = Cast) -> Cast#cast{until = max(At, Until)}.
 

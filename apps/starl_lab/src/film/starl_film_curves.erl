@@ -1,5 +1,5 @@
-%% @doc What applications measure, as curves beneath a film: a strip for each of the first measures, with a
-%% line for each robot, above one axis of time with the bar of the film. A pure module.
+%% @doc Draws the measures of applications as curves below a film. Each of the first measures gets a
+%% strip with a line for each robot, above one time axis with the bar of the film. A pure module.
 -module(starl_film_curves).
 
 -export([new/0, add/5, curves/2, strips/3, mark/1]).

@@ -1,4 +1,4 @@
-%% @doc A picture of a film at one time, as SVG. A pure module.
+%% @doc Draws one picture of a film at a given time, as SVG. A pure module.
 -module(starl_film_frame).
 
 -export([at/3]).

@@ -1,5 +1,5 @@
-%% @doc The light painting of a run, as SVG: a long exposure on a dark floor. Each pen is a light, which
-%% shines while it draws; the ways of the robots leave a faint trail. A pure module.
+%% @doc The light painting of a run, as SVG: a long exposure on a dark floor. Each pen is a light,
+%% which shines while it draws; the paths of the robots leave a faint trail. A pure module.
 -module(starl_film_light).
 
 -export([svg/1]).

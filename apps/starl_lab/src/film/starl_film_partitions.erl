@@ -1,5 +1,6 @@
-%% @doc What the film shows of faults that part the team: cut links as dashed red lines, robots that are
-%% alone, frozen or paused in dashed red rings, as the page of a run does. A pure module.
+%% @doc Draws the faults in a film that separate robots from the team, as the page of a run does.
+%% Cut links are dashed red lines. Robots that are alone, frozen or paused have dashed red rings. A
+%% pure module.
 -module(starl_film_partitions).
 
 -export([cuts/3, links/1, rings/2, holds/2, line/1, ring/1]).

@@ -26,8 +26,8 @@ png(Svg, Png, Width) ->
         filename:absname(Svg)
     ]).
 
-%% @doc Joins pictures, numbered as in the pattern `frame-%06d.png', to a video; the name of the file
-%% tells its kind.
+%% @doc Joins pictures, numbered as in the pattern `frame-%06d.png', to a video; the name of the
+%% file decides its kind.
 -spec video(Pattern :: file:filename(), Rate :: pos_integer(), mp4 | gif, file:filename()) ->
     ok | {error, reason()}.
 video(Pattern, Rate, Kind, File) ->

@@ -1,4 +1,4 @@
-%% @doc Values over time, with even changes between the kept points. A pure module.
+%% @doc Values over time, with linear changes between the kept points. A pure module.
 -module(starl_film_series).
 
 -export([thin/2, at/2, slice/3, slices/2]).

@@ -1,7 +1,7 @@
-%% @doc The film of a run as one animated SVG file, without scripts: browsers play it, also where it is
-%% an image of another page. It shows the robots on their ways, the ink as it is drawn, and a clock;
-%% it ends with the whole picture, rests, and begins again. A program that does not animate shows the
-%% whole picture. A pure module.
+%% @doc Writes the film of a run as one animated SVG file, without scripts. Browsers play it, also
+%% as an image of another page. It shows the robots on their paths, the ink as it is drawn, and a
+%% clock. It ends with the whole picture, pauses, and begins again. A program that does not animate
+%% shows the whole picture. A pure module.
 -module(starl_film_svg).
 
 -export([film/2]).

@@ -1,5 +1,6 @@
-%% @doc Teams of robots in a notebook (Livebook), or in any shell of Elixir: a cell has the program, another
-%% one drives the team, and a cell that defines the program anew changes it while the robots drive.
+%% @doc Runs teams of robots in a notebook (Livebook), or in any Elixir shell. One cell defines the
+%% program, and another drives the team. A cell that redefines the program changes it while the
+%% robots drive.
 %% ```
 %%   team =
 %%     defmodule Dance do
@@ -11,14 +12,14 @@
 %%   :starl_notebook.drive(team, 10)       # ten seconds on, in virtual time
 %%   :starl_notebook.go(team, 60)          # a minute in real time, in the background
 %% '''
-%% A module that compiles with `@compile {:autoload, false}' is not loaded where it is defined, but by
-%% {@link team/2} and {@link reload/2}, so that no robot ends in the middle of a step. A program that was
-%% defined anew is on trial ({@link starl_sim:reload/2}). A module that the program calls by its name as a
-%% value, `group.next(...)', takes the place of its former definition at once: a version beside it would have
-%% another name, and nobody would call it.
+%% A module that compiles with `@compile {:autoload, false}' is loaded not where it is defined, but
+%% by {@link team/2} and {@link reload/2}, so that no robot ends in the middle of a step. A
+%% redefined program is on trial ({@link starl_sim:reload/2}). A module that the program calls by
+%% its name as a value, `group.next(...)', replaces its former definition at once: a second version
+%% would have another name, and nobody would call it.
 %%
-%% The picture of a team is an output of the cell that has made the team, and of each that asks
-%% {@link show/1}. Where there is no notebook, nothing is shown.
+%% The picture of a team is an output of the cell that has made the team, and of each cell that
+%% calls {@link show/1}. Outside a notebook, nothing is shown.
 -module(starl_notebook).
 
 -export([team/2, drive/2, go/2, go/3, rest/1, reload/2, show/1, status/1, picture/1, finish/1]).
@@ -32,8 +33,8 @@
 %% A run of a study: the values that were varied, and the run's.
 -type row() :: #{atom() => term()}.
 
-%% @doc A team at the beginning of its run. `Scenario' has the keys of every scenario but `app';
-%% an error is raised with one line that says what is wrong with it.
+%% @doc Makes a team at the beginning of its run. `Scenario' has the keys of every scenario but
+%% `app'. A mistake in it raises an error with one line that explains it.
 -spec team(defined(), #{atom() => term()}) -> pid().
 team(Defined, Scenario) ->
     App = loaded(Defined),
@@ -65,16 +66,16 @@ drive(Team, Seconds) -> starl_notebook_team:drive(Team, Seconds).
 -spec go(pid(), Seconds :: number()) -> ok.
 go(Team, Seconds) -> go(Team, Seconds, 1).
 
-%% @doc The same, so many times as fast.
+%% @doc The same at another speed, as a multiple of real time.
 -spec go(pid(), Seconds :: number(), Speed :: number()) -> ok.
 go(Team, Seconds, Speed) -> starl_notebook_team:go(Team, Seconds, Speed).
 
-%% @doc Halts a team that goes on in the background.
+%% @doc Pauses a team that goes on in the background.
 -spec rest(pid()) -> starl_notebook_team:status().
 rest(Team) -> starl_notebook_team:rest(Team).
 
-%% @doc Gives a team new code: each robot uses it from its next step on, and all go back to the former one if
-%% it fails on one of them within five seconds; {@link status/1} says so.
+%% @doc Gives a team new code. Each robot uses it from its next step on. If it fails on one robot
+%% within five seconds, all robots go back to the former code, and {@link status/1} reports that.
 -spec reload(defined(), pid()) -> ok.
 reload(Defined, Team) ->
     case {starl_notebook_team:reload(Team, code_of(Defined)), Defined} of
@@ -94,7 +95,8 @@ code_of(Module) -> Module.
 -spec show(pid()) -> ok.
 show(Team) -> starl_notebook_team:show(Team, group_leader()).
 
-%% @doc How a team stands: its time, the robots that are still at work, what went wrong, a line each.
+%% @doc The status of a team: its time, the robots that are still at work, and what went wrong, a
+%% line each.
 -spec status(pid()) -> starl_notebook_team:status().
 status(Team) -> starl_notebook_team:status(Team).
 
@@ -102,7 +104,8 @@ status(Team) -> starl_notebook_team:status(Team).
 -spec picture(pid()) -> binary().
 picture(Team) -> starl_notebook_team:picture(Team).
 
-%% @doc Ends a team's run: its digest, which the same scenario with the same program has each time.
+%% @doc Ends a team's run, and returns its digest, which is the same each time for the same scenario
+%% and program.
 -spec finish(pid()) -> starl_notebook_team:status().
 finish(Team) -> starl_notebook_team:finish(Team).
 
@@ -114,8 +117,8 @@ study(Scenario, Varied) -> starl_notebook_study:rows(Scenario, Varied).
 -spec table([row(), ...]) -> ok.
 table(Rows) -> starl_notebook_output:markdown(starl_notebook_study:markdown(Rows), group_leader()).
 
-%% @doc Plots medians and ranges over one of the varied values, a curve for each value of another one;
-%% `none': one curve. Gives the plot as SVG.
+%% @doc Plots medians and ranges over one of the varied values, with a curve for each value of
+%% another; `none': one curve. Returns the plot as SVG.
 -spec plot([row(), ...], X :: atom(), Y :: atom(), Curves :: atom()) -> binary().
 plot(Rows, X, Y, Curves) ->
     Svg = starl_notebook_study:svg(Rows, X, Y, Curves),

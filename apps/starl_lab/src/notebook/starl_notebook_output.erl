@@ -1,5 +1,5 @@
-%% @doc The outputs of a cell, as Livebook takes them: a message to the group leader of the cell's
-%% process. Any other group leader refuses them, and then nothing is shown.
+%% @doc Makes the outputs of a notebook cell: sends Livebook's messages to the group leader of the
+%% cell's process. Any other group leader refuses them, and then nothing is shown.
 -module(starl_notebook_output).
 
 -export([image/2, markdown/2, frame/3, change/3]).

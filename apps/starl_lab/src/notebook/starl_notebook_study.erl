@@ -1,5 +1,6 @@
-%% @doc A small study in a notebook: a run for each combination of values, as rows; a table and a plot of
-%% them. Studies of many runs are made by `./starl sweep', which can be stopped, sliced and joined.
+%% @doc Runs a small study in a notebook: one run, and one row, for each combination of values. It
+%% also shows the rows as a table and a plot. Use `./starl sweep' for studies of many runs: it can
+%% be stopped, sliced and joined.
 -module(starl_notebook_study).
 
 -export([rows/2, median/1, markdown/1, svg/4]).

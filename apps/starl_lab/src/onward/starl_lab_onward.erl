@@ -1,5 +1,5 @@
-%% @doc `./starl onward': simulates a recording onwards from a moment, time and again with other random draws,
-%% and prints the share of the futures that break a contract.
+%% @doc The command `./starl onward': continues a recorded run in the simulator, many times with
+%% different random draws. It prints the fraction of continuations that break a contract.
 -module(starl_lab_onward).
 
 -behaviour(starl_cli_command).

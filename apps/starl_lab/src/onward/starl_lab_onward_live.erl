@@ -1,5 +1,6 @@
-%% @doc Reads the recording of a live run up to a moment, to simulate it onwards: of each robot its last snapshot,
-%% what has come to it since, its facts and its piece of motion; and the packets that are under way.
+%% @doc Reads the recording of a live run up to a moment, for `./starl onward'. For each robot it
+%% returns the last snapshot, the inputs since then, its facts and its motion segment. It also
+%% returns the packets in transit.
 -module(starl_lab_onward_live).
 
 -export([read/2]).

@@ -1,5 +1,5 @@
-%% @doc Reads a recording up to a moment, to simulate it onwards: the scenario of its run, its facts, and the
-%% snapshots of its robots; and what happened in a part of it.
+%% @doc Reads a recording up to a moment, for `./starl onward': the scenario of its run, its facts,
+%% and the snapshots of its robots. It also returns the events of a part of the recording.
 -module(starl_lab_onward_recording).
 
 -export([read/2, between/3, folded/4, refuse/1, format_error/1]).
@@ -38,7 +38,7 @@
     now = 0 :: integer()
 }).
 
-%% @doc Reads a recording; of what is later than this time only the end is told.
+%% @doc Reads a recording up to this time; of the rest it returns only the end.
 -spec read(file:filename_all(), UntilUs :: integer()) -> {ok, t()} | {error, reason()}.
 read(File, Until) -> folded(fun message/2, #read{file = File, until = Until}, fun whole/1, File).
 

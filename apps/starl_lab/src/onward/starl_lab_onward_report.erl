@@ -1,4 +1,5 @@
-%% @doc The answer of `./starl onward' as text, as a table of comma-separated values, and as a plot.
+%% @doc Formats the answer of `./starl onward' as text, as a table of comma-separated values, and as
+%% a plot.
 -module(starl_lab_onward_report).
 
 -export([text/2, csv/1, plot/1]).
@@ -191,7 +192,7 @@ csv(#{curve := Curve}) ->
         ]
     ].
 
-%% @doc The curve with its intervals over the time; none where no future has ended.
+%% @doc The curve with its intervals over the time; none if no continuation has ended.
 -spec plot(t()) -> {ok, starl_lab_sweep_plot:plot()} | none.
 plot(#{curve := []}) ->
     none;

@@ -1,6 +1,6 @@
-%% @doc What is noteworthy about a run and no violation of a contract: reloads, messages that nobody gets, the
-%% least distance of two robots, robots that left the floor; and the robots' results. As figures of
-%% the report, and in words.
+%% @doc Collects what is noteworthy about a run without being a violation, and the robots' results.
+%% It covers reloads, messages that nobody receives, the least distance of two robots, and robots
+%% that left the floor. It gives them as figures of the report, and as text.
 -module(starl_lab_findings).
 
 -export([watch/1, watch_live/1, make/3, figures/1, lines/1, results/1, rolled_back/1]).
@@ -53,8 +53,8 @@ watch(#{robots := Team, reloads := Reloads}) ->
 -spec watch_live(starl_run_scenario:t()) -> [{module(), map()}].
 watch_live(Scenario) -> watch(Scenario) ++ [{starl_reload_monitor, #{}}].
 
-%% @doc The notes on a run of an application with these modules. Path planning has a contract of
-%% distances, and its report tells them.
+%% @doc The notes on a run of an application with these modules. Path planning has its own contract
+%% of distances, and its report shows them.
 -spec make(starl_sim_run:outcome(), starl_lab_ways:t(), [beam()]) -> t().
 make(#{monitors := Monitors, robots := Robots}, Ways, Beams) ->
     #{starl_run_mail_monitor := #{strangers := Strangers, unheard := Unheard} = Mail} = Monitors,

@@ -1,5 +1,5 @@
-%% @doc Tells the user of the first crash of an application when it happens. A monitor that only
-%% looks on: it judges nothing.
+%% @doc Informs the user when an application crashes for the first time. It is a monitor that judges
+%% nothing.
 -module(starl_lab_first_crash).
 -behaviour(starl_monitor).
 

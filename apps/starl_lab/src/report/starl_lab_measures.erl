@@ -1,7 +1,8 @@
-%% @doc What the application of a run has measured (`starl:measure/3'), and what monitors measure over time: as a
-%% table, as figures of the report, and as a plot over time.
+%% @doc Shows the measures of a run as a table, as figures of the report, and as a plot over time.
+%% Applications measure with `starl:measure/3'.
 %%
-%% A monitor measures of the whole team: by the key `measured' of its results, `[{AtUs, Key, Value}]'.
+%% Monitors measure, too, for the whole team: by the key `measured' of their results, `[{AtUs, Key,
+%% Value}]'.
 -module(starl_lab_measures).
 
 -export([watch/0, figures/2, formats/1, csv/1, svg/1]).

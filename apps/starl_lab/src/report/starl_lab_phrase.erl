@@ -1,4 +1,4 @@
-%% @doc Words that several commands print alike.
+%% @doc Phrases that several commands print alike.
 -module(starl_lab_phrase).
 
 -export([robots/1, crash/1, waits/1]).

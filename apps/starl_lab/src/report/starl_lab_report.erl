@@ -276,7 +276,7 @@ hex(Bytes) -> string:lowercase(binary:encode_hex(Bytes)).
 
 %% -- summary --------------------------------------------------------------------------------
 
-%% @doc A summary of a few lines; the first line alone tells the end of the run.
+%% @doc A summary of a few lines; the first line alone says how the run ended.
 -spec summary(t()) -> [unicode:chardata(), ...].
 summary(Report) ->
     [headline(Report) | [Line || Line <- details(Report), Line =/= none]].

@@ -1,4 +1,4 @@
-%% @doc Words on robots and their machines: states and data, with the names of records' fields.
+%% @doc Texts on robots and their machines: states and data, with the names of records' fields.
 -module(starl_lab_robot_text).
 
 -export([robot/4, machine/2, pretty/4, fields/1]).

@@ -1,5 +1,5 @@
-%% @doc The ways of the robots of a run: as a table, as a picture, and what is noteworthy about them,
-%% the least distance of two robots and the robots that left the floor. Pure but for the picture.
+%% @doc Shows the paths of a run's robots as a table and as a picture. It also finds the least
+%% distance of two robots and the robots that left the floor. Only the picture is impure.
 -module(starl_lab_ways).
 
 -export([watch/0, new/2, on/2, with/2, least/1, off_floor/1, is_whole/1, until_us/1, csv/1, draw/3]).

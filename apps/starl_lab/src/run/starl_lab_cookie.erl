@@ -1,5 +1,6 @@
-%% @doc The secret of the nodes of a run. Who knows it can run anything as the user of a node, so it stands on no command
-%% line, which every user of a computer can read: it is in a file of the user's alone, or in `STARL_COOKIE'.
+%% @doc The secret of the nodes of a run. Anyone who knows it can run anything as the user of a
+%% node. So it stands on no command line, which every user of a computer can read. It is in a file
+%% that only the user can read, or in `STARL_COOKIE'.
 %%
 %% `./starl node' makes the file, and prints where it is; the user copies it to the other computers.
 -module(starl_lab_cookie).

@@ -51,7 +51,7 @@ watched(Options) ->
     %% nobody looks at processes
     Options#{auto => inline, watch => watching() ++ maps:get(watch, Options, [])}.
 
-%% @doc The monitors that tell the user something while a run goes on.
+%% @doc The monitors that inform the user while a run goes on.
 -spec watching() -> [{module(), map()}].
 watching() -> [{starl_lab_first_crash, #{tell => fun starl_cli_progress:note/1}}].
 
@@ -83,7 +83,7 @@ run(Sim, UntilUs, Setup) ->
     starl_cli_progress:erase(),
     {Ending, wall_ms(Drive)}.
 
-%% @doc Runs a simulation anew, up to a virtual time or an earlier end, and finishes it.
+%% @doc Repeats a simulation up to a virtual time or an earlier end, and finishes it.
 -spec again(starl_run_scenario:t(), starl_sim:options(), UntilUs, starl_lab_setup:t()) ->
     answer({ending(), starl_sim_run:outcome()})
 when

@@ -1,4 +1,4 @@
-%% @doc Runs the robots of a command line in real time, in this VM or on a node each: shows the
+%% @doc Runs the robots of a command line in real time, in this VM or on one node each. It shows the
 %% progress, obeys Ctrl-C, and leaves the same files as a simulation.
 -module(starl_lab_live).
 

@@ -1,5 +1,5 @@
-%% @doc Compares the memory that a run needs with the memory that the machine has, before the run: a
-%% machine without memory ends the run, or everything, without a word.
+%% @doc Compares the memory that a run needs with the free memory of the machine, before the run. On
+%% a machine that runs out of memory, the system may kill the run, or everything, without a message.
 -module(starl_lab_memory).
 
 -export([check/1, check/2, check/3, largest/2, needed/1, available/0]).
@@ -81,8 +81,8 @@ each(inline) -> ?INLINE.
 amount(Bytes) when Bytes >= 1_000_000_000 -> io_lib:format("~.1f GB", [Bytes / 1.0e9]);
 amount(Bytes) -> io_lib:format("~b MB", [Bytes div 1_000_000]).
 
-%% @doc The memory that this VM may still take, in bytes: what the machine has free, or less if a
-%% container has a limit; `unknown' where the system does not tell.
+%% @doc The memory that this VM may still take, in bytes: the free memory of the machine, or less if
+%% a container has a limit; `unknown' where the system does not report it.
 -spec available() -> non_neg_integer() | unknown.
 available() ->
     %% An atom is more than every number.

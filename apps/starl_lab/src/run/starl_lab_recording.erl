@@ -1,6 +1,6 @@
 %% @doc The recording of a run of the command line: `run.mcap' in its directory. Until the run has
-%% ended it is a file beside that directory, whose name tells what it is: `painting.4711.mcap'. A
-%% run that is killed leaves it there. The nodes of a cluster write recordings of their robots into a
+%% ended it is a file beside that directory, with a descriptive name: `painting.4711.mcap'. A run
+%% that is killed leaves it there. The nodes of a cluster write recordings of their robots into a
 %% directory beside it, `painting.4711.robots', which becomes `robots'.
 -module(starl_lab_recording).
 
@@ -89,8 +89,8 @@ sending(#{upload := Remote}, File, Setup, Run) when Remote =/= none ->
 sending(_Values, _File, Setup, Run) ->
     Run(Setup).
 
-%% @doc Sends what is left of the recordings in the directory of the results, and says so. Without success a
-%% line tells how to go on: the run is as it is.
+%% @doc Sends the rest of the recordings in the directory of the results, and reports that. If it
+%% fails, a line says how to go on; the result of the run does not change.
 -spec uploaded(starl_lab_setup:t(), file:filename()) -> ok.
 uploaded(#{upload := {Sender, Remote}}, Dir) ->
     _ = is_process_alive(Sender) andalso starl_storage_sender:stop(Sender),

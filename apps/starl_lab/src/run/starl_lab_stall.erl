@@ -1,5 +1,5 @@
-%% @doc Tells the user of a run that stands still in real time, and ends one that does not obey
-%% Ctrl-C. A computer that is slow, or has other work, is no reason for a line that stays.
+%% @doc Informs the user when a run makes no progress in real time, and ends a run that does not
+%% obey Ctrl-C. A slow or busy computer alone causes no lasting line.
 -module(starl_lab_stall).
 
 -export([watch/1, interrupt/1]).
@@ -88,7 +88,7 @@ calls(Frames) ->
     Latest = [starl_crash:format_frame(Frame) || Frame <- lists:sublist(Frames, ?CALLS)],
     lists:join(", ", Latest ++ ["..." || length(Frames) > ?CALLS]).
 
-%% @doc The words of the progress line: who is waited for.
+%% @doc The texts of the progress line: what the run waits for.
 -spec waiting(Ms :: non_neg_integer(), [starl_sim_watchdog:work()]) -> [unicode:chardata()].
 waiting(Ms, AtWork) ->
     For = [[Who, place(Place)] || {Who, Place, _} <- groups(AtWork)],

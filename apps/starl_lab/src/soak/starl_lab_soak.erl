@@ -1,6 +1,6 @@
-%% @doc `./starl soak': runs a building block, or an application, with many seeds under random faults of all kinds (path
-%% planning: the kinds that it tolerates), on one VM per core. The monitors judge safety all the
-%% time and progress after the faults.
+%% @doc The command `./starl soak': runs a building block, or an application, with many seeds under
+%% random faults, on one VM per core. The faults are of all kinds; for path planning, of the kinds
+%% that it tolerates. The monitors judge safety all the time and progress after the faults.
 -module(starl_lab_soak).
 
 -behaviour(starl_cli_command).

@@ -1,10 +1,10 @@
-%% @doc Draws the scenario of a soak's run from a seed: the size of the team, the longest duration
-%% of a fault, leases and other options of the block, and the quality of the clocks. The simulator
-%% itself draws the faults. All values are in the scenario, and so in the command that repeats the
-%% run.
+%% @doc Draws the scenario of a soak run from a seed. It draws the size of the team, the longest
+%% fault, the options of the block, and the quality of the clocks. The simulator draws the faults
+%% themselves. All values stand in the scenario, and so in the command that repeats the run.
 %%
-%% The draws favour critical cases: a lease or a vote is tested only by a fault that outlasts it, a
-%% contract of small teams only in small teams, a bound on the drift of clocks only near the bound.
+%% The draws favour critical cases. A lease or a vote is tested only by a fault that outlasts it. A
+%% contract of small teams is tested only in small teams, and a bound on clock drift only near the
+%% bound.
 -module(starl_lab_soak_draw).
 
 -export([scenario/3, applications/0]).

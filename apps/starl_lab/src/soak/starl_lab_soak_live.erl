@@ -1,5 +1,6 @@
-%% @doc `./starl soak live': runs the parts of the program that ships on robots ({@link
-%% starl_virtual_run}) with many seeds, on one VM per core, and reports as a soak of blocks does.
+%% @doc The command `./starl soak live': tests the program that ships on robots, part by part
+%% ({@link starl_virtual_run}). It runs each part with many seeds, on one VM per core, and reports
+%% like a soak of blocks.
 -module(starl_lab_soak_live).
 
 -export([about/0, flags/0, run/1, scenario/3, violations/2]).

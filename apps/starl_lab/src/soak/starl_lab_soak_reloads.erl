@@ -1,14 +1,14 @@
-%% @doc Reloads in runs of the application that exercises blocks: their draw, and their contract, as a
-%% monitor. New code is sound or not: it keeps the state as it is, gives it another shape, crashes at
-%% once, after a step or on some robots only, or cannot take the state over.
+%% @doc Reloads in soak runs of the application `exercise': draws them, and judges their contract as
+%% a monitor. New code is sound or not: it keeps the state as it is, gives it another shape, crashes
+%% at once, after a step or on some robots only, or cannot convert the state.
 %%
 %% The contract:
 %% <ul>
 %% <li>Sound code never fails.</li>
-%% <li>A robot tells what has become of each reload, unless it went down meanwhile.</li>
-%% <li>Code that has failed on a robot is left by all others.</li>
-%% <li>No application is given up, and none ends by itself, but one that has started with such code and
-%%   has no state for the code to which it goes back.</li>
+%% <li>A robot reports the result of each reload, unless it went down meanwhile.</li>
+%% <li>If code has failed on a robot, all other robots go back from it.</li>
+%% <li>No application is given up, and none ends by itself, except an application that has started with
+%%   such code and has no state for the code to which it goes back.</li>
 %% </ul>
 -module(starl_lab_soak_reloads).
 -behaviour(starl_monitor).

@@ -1,11 +1,12 @@
-%% @doc Counts what happens in the runs of a soak: the events of the block's machines, and the situations
-%% that its monitors name. A contract that is kept where nothing of interest has happened says little, so a
-%% soak of many runs owes each of them at least once.
+%% @doc Counts what happens in the runs of a soak: the events of the block's machines, and the
+%% situations that its monitors name. A contract that is kept where nothing of interest has happened
+%% means little. So a soak of many runs must show each of them at least once.
 %%
-%% What is counted is declared once: the events in a monitor's vocabulary, and, by its `sometimes/0', further
-%% situations and which of all these are seldom ({@link starl_monitor}). Seldom ones are told, not owed.
+%% The counted items are declared once: the events in a monitor's vocabulary, and further situations
+%% by its `sometimes/0', which also marks the rare ones ({@link starl_monitor}). Rare ones are
+%% reported, but not required.
 %%
-%% As a monitor it only looks on, and counts the events.
+%% As a monitor it judges nothing, and only counts the events.
 -module(starl_lab_soak_sometimes).
 -behaviour(starl_monitor).
 

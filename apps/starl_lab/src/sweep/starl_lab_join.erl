@@ -1,4 +1,5 @@
-%% @doc `./starl join': makes one study of the slices of a sweep, or names what is missing.
+%% @doc The command `./starl join': joins the slices of a sweep into one study, or names what is
+%% missing.
 -module(starl_lab_join).
 -behaviour(starl_cli_command).
 

@@ -1,9 +1,9 @@
-%% @doc A sweep as an array of Slurm's jobs: the scripts of its slices and of their join, and their
-%% submission.
+%% @doc Runs a sweep as an array of Slurm jobs: writes the scripts of its slices and of their join,
+%% and submits them.
 %%
-%% The number of slices stands in the script: in a part of an array that is submitted again, Slurm
-%% counts otherwise. The join waits for the end of all slices, also of those that fail, and names what is
-%% missing; after `afterok' it would wait for ever.
+%% The number of slices stands in the script, because Slurm counts differently when only a part of
+%% an array is submitted again. The join waits for the end of all slices, also of those that fail,
+%% and names what is missing; after `afterok' it would wait for ever.
 -module(starl_lab_slurm).
 
 -export([flags/0, wanted/1, begin_jobs/3, scripts/2, again/2]).

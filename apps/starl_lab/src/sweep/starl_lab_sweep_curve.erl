@@ -1,10 +1,10 @@
-%% @doc Measures over time in a sweep (`starl:measure/3'): of a run, and of all runs of a point of the
-%% grid. A pure module.
+%% @doc Computes measures over time in a sweep (`starl:measure/3'): for one run, and for all runs of
+%% a point of the grid. A pure module.
 %%
-%% A run is looked at in equal steps. At each, a robot's value is the last one that it has measured, until its
-%% run ends; the run's are the median over its robots, the least and the greatest. A step is 0.1 s
-%% times a power of two, so that longer steps are among the shorter ones: runs of unlike length, and slices
-%% made on several computers, come together exactly.
+%% A run is sampled in equal steps. At each step a robot's value is the last one that it has
+%% measured, until its run ends; the run's values are the median over its robots, the least and the
+%% greatest. A step is 0.1 s times a power of two, so that longer steps are among the shorter ones.
+%% So runs of unlike length, and slices made on several computers, fit together exactly.
 -module(starl_lab_sweep_curve).
 
 -export([measures/1, of_run/3, text/1, parse/1, merge/1]).

@@ -1,5 +1,5 @@
-%% @doc Plots a sweep with a script for gnuplot 5: one panel per figure, with curves through the
-%% medians and error bars from the minimum to the maximum. The first swept setting with numbers is
+%% @doc Plots a sweep with a script for gnuplot 5. Each figure has a panel with curves through the
+%% medians, and error bars from the minimum to the maximum. The first swept setting with numbers is
 %% the x axis; each combination of the other swept settings is a curve.
 -module(starl_lab_sweep_plot).
 

@@ -1,5 +1,5 @@
-%% @doc Makes the runs of a sweep that have no row yet, and from all rows the summary, the plot and
-%% the exit status.
+%% @doc Makes the missing runs of a sweep. From all rows it then makes the summary, the plot and the
+%% exit status.
 -module(starl_lab_sweep_run).
 
 -export([run/4, join/4, plan/4]).

@@ -1,7 +1,7 @@
-%% @doc A sweep in several directories: what its slices leave, so that they become one. Each slice
-%% appends to a file of rows of its own, `slice-K-of-N.csv', and notes beside it, in `slice-K-of-N.term',
-%% of which sweep it is and of which code its runs are; so slices may share a directory, on one computer or on
-%% several. Runs of different code are not one study.
+%% @doc A sweep in several directories: joins the results of its slices. Each slice appends to its
+%% own file of rows, `slice-K-of-N.csv'. A file beside it, `slice-K-of-N.term', notes the sweep and
+%% the code of its runs. So slices may share a directory, on one computer or on several. Runs of
+%% different code are not one study.
 -module(starl_lab_sweep_study).
 
 -export([begin_slice/4, note/2, plain/1, noted/1, is_ours/1, rows/2, parts/1, format_error/1]).

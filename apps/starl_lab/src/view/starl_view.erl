@@ -1,9 +1,9 @@
-%% @doc A window onto the team: a web server on this computer with one page, which shows a run while
-%% it goes on, or a recording, and lends the user's hands to it.
+%% @doc A window onto the team: a web server on this computer with one page. The page shows a run
+%% while it goes on, or a recording. In a run, the user can also apply faults from it.
 %% ```
 %%   {ok, View} = starl_view:start(#{port => 0}),
 %%   io:format("~ts~n", [starl_view:address(View)]),
-%%   Hub = starl_view:hub(View).        % what happens is told there (starl_view_hub)
+%%   Hub = starl_view:hub(View).        % reports what happens (starl_view_hub)
 %% '''
 -module(starl_view).
 
@@ -18,7 +18,7 @@
 -opaque t() :: #view{}.
 
 %% `port' 0: a free one. `host': the address to listen at, by default only this computer's own.
-%% Pages from other computers need the token in the address that {@link address/1} tells.
+%% Every page needs the token in the address that {@link address/1} returns.
 -type options() :: #{
     port => inet:port_number(),
     host => string(),
@@ -154,8 +154,7 @@ ended(Pids) ->
     _ = [{unlink(Pid), exit(Pid, shutdown)} || Pid <- Pids],
     ok.
 
-%% @doc The address of the page; with a token, which nobody else should see, if other computers can
-%% reach it.
+%% @doc The address of the page. It contains a token that nobody else should see.
 -spec address(t()) -> binary().
 address(#view{address = Address}) -> Address.
 

@@ -1,7 +1,7 @@
-%% @doc Flow control and tolerance of mistakes for one WebSocket client. Its
-%% socket asks for more one question at a time, and only while the client has handled almost all that it was
-%% sent, so a client that reads nothing gets nothing more. A client that makes mistakes is shut out when it
-%% goes on, and so is one that gives too many commands. A pure module.
+%% @doc Flow control and tolerance of mistakes for one WebSocket client. Its socket asks for more
+%% one question at a time, and only while the client has handled almost all that it was sent, so a
+%% client that reads nothing gets nothing more. A client that keeps making mistakes is disconnected,
+%% and so is a client that sends too many commands. A pure module.
 -module(starl_view_credit).
 
 -export([new/1, may_ask/1, answered/1, handled/1, mistake/1, command/2]).
@@ -23,8 +23,8 @@
 
 -opaque t() :: #credit{}.
 
-%% @doc A client that may have this many messages before it; `unlimited': one that does not tell what it has
-%% handled, so that only its connection holds up what is sent.
+%% @doc A client with this limit of unhandled messages. `unlimited': a client that does not report
+%% what it has handled, so only its connection limits what is sent.
 -spec new(pos_integer() | unlimited) -> t().
 new(Most) -> #credit{most = Most}.
 

@@ -1,6 +1,6 @@
-%% @doc The WebSocket of a viewer that speaks Foxglove's protocol: Foxglove, Lichtblick. It sees a run
-%% and has no hands. It asks its feed for more when all has been sent, so a viewer that reads nothing
-%% gets nothing more.
+%% @doc The WebSocket of a viewer that speaks Foxglove's protocol: Foxglove, Lichtblick. It shows a
+%% run, but cannot apply faults. It asks its feed for more when all has been sent, so a viewer that
+%% reads nothing gets nothing more.
 -module(starl_view_foxglove).
 -behaviour(cowboy_websocket).
 

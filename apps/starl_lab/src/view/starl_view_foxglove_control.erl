@@ -1,6 +1,6 @@
-%% @doc What a viewer that controls the time of a run is told of it: how the run goes, whenever that
-%% changes, and what became of its requests. A viewer that has asked for nothing is told nothing: an older
-%% one takes these words for an error. A pure module.
+%% @doc Notifies a viewer that controls the time of a run. It reports how the run goes, whenever
+%% that changes, and the results of the viewer's requests. A viewer that has requested nothing gets
+%% no message, because older viewers take such messages for errors. A pure module.
 -module(starl_view_foxglove_control).
 
 -export([new/0, asked/3, clock/2]).
@@ -29,7 +29,7 @@ new() -> #control{}.
 -spec asked(Id :: binary(), SeekUs :: integer() | none, t()) -> t().
 asked(Id, Seek, Control) -> Control#control{request = {Id, Seek, ?PATIENCE}}.
 
-%% @doc What the viewer is told at this clock.
+%% @doc The notification for the viewer at this clock.
 -spec clock(#{now_us := integer(), atom() => term()}, t()) ->
     {none | starl_view_foxglove_words:playback(), t()}.
 clock(_Clock, #control{told = none, request = none} = Control) ->

@@ -1,14 +1,14 @@
-%% @doc Gives what a run shows ({@link starl_trace_foxglove}) to viewers that speak Foxglove's protocol, each
-%% at its own pace.
+%% @doc Sends the messages of a run ({@link starl_trace_foxglove}) to viewers that speak Foxglove's
+%% protocol, each at its own pace.
 %% ```
 %%   starl_view_hub               feed                        starl_view_foxglove
 %%      judged, clock ------------->|<------- join, channels -------|
 %%                                  |<------- want -----------------|   when all is sent
 %%                                  |-------- updates ------------->|
 %% '''
-%% What waits for a viewer is bounded: when it has too much before it, it begins again with the state
-%% of now and is told so. A viewer that comes late gets all ink, too. Nothing is encoded that nobody
-%% has subscribed to, but for ink.
+%% The waiting data of a viewer are bounded. When too much waits, the viewer begins again with the
+%% present state, and is notified of that. A viewer that comes late also gets all ink. Data without
+%% a subscriber are not encoded, except ink.
 -module(starl_view_foxglove_feed).
 -behaviour(gen_server).
 
@@ -81,7 +81,7 @@ start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
 -spec news(pid(), starl_observer:news()) -> ok.
 news(Feed, News) -> gen_server:cast(Feed, {news, News}).
 
-%% @doc Tells a fault by hand in a simulation, with its end, or one that ends at another time now.
+%% @doc Reports a manual fault in a simulation, with its end, or the new end of a known fault.
 -spec fault(pid(), {new | known, starl_run_fault:t()}) -> ok.
 fault(Feed, {new, {_, FromMs, _, _, _, _} = Fault}) ->
     ok = news(Feed, {fault, 1000 * FromMs, {began, Fault}}),
@@ -93,7 +93,8 @@ fault(Feed, {known, {_, _, ToMs, _, _, _} = Fault}) ->
 -spec clock(pid(), #{now_us := integer(), atom() => term()}) -> ok.
 clock(Feed, Clock) -> gen_server:call(Feed, {clock, Clock}, infinity).
 
-%% @doc The viewer controls the time of the run, by this request: from now on it is told how that goes.
+%% @doc Lets the viewer control the time of the run, by this request: from now on it is notified of
+%% the progress.
 -spec controls(pid(), Id :: binary(), SeekUs :: integer() | none) -> ok.
 controls(Feed, Id, Seek) -> gen_server:cast(Feed, {controls, self(), Id, Seek}).
 

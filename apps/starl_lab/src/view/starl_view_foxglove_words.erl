@@ -1,5 +1,5 @@
-%% @doc The words of Foxglove's WebSocket protocol, of which a viewer may speak one of two versions:
-%% `foxglove.sdk.v1' and the older `foxglove.websocket.v1'. Both are the same here. Channels and
+%% @doc The messages of Foxglove's WebSocket protocol. A viewer may speak one of two versions,
+%% `foxglove.sdk.v1' and the older `foxglove.websocket.v1', which are the same here. Channels and
 %% schemas are those of recordings ({@link starl_trace_schema}). A pure module.
 -module(starl_view_foxglove_words).
 

@@ -1,5 +1,5 @@
-%% @doc The frames of a run that are kept for its pages, by number, up to a limit of bytes: the oldest are
-%% forgotten. A pure module.
+%% @doc Keeps the frames of a run for its pages, by number, up to a limit of bytes. The oldest are
+%% dropped. A pure module.
 -module(starl_view_frames).
 
 -export([new/1, add/2, clear/1, last/1, later/2]).

@@ -1,9 +1,11 @@
-%% @doc Who may look through the window, and lend a hand. A page of another site must not reach it
-%% through the user's browser, neither by a name of its own for this computer (DNS rebinding) nor
-%% directly: a request must name this computer, and a WebSocket must come from a page of this
-%% server. Other users of this computer, and other computers, must not reach it either: each request for a WebSocket
-%% carries a token, which the printed address has behind its #. Where only this computer can reach the server the token
-%% has 130 bits; elsewhere it is short enough to be typed on a telephone (60 bits), and wrong ones are answered slowly.
+%% @doc Decides who may watch a run through the window, and apply faults. A page of another site
+%% must not reach the window through the user's browser, neither by a name of its own for this
+%% computer (DNS rebinding) nor directly. So a request must name this computer, and a WebSocket must
+%% come from a page of this server. Other users of this computer, and other computers, must not
+%% reach it either. So each request for a WebSocket carries a token, which stands behind the # of
+%% the printed address. The token has 130 bits where only this computer can reach the server.
+%% Elsewhere it is short enough to be typed on a telephone (60 bits), and wrong tokens are answered
+%% slowly.
 -module(starl_view_guard).
 
 -export([new/1, is_near/1, asked/1, given/1, named/2, admitted/2, viewer/2, token/1]).
@@ -60,7 +62,7 @@ named(_Host, #guard{is_near = false}) ->
 named(Host, #guard{is_near = true}) ->
     lists:member(Host, [<<"localhost">>, <<"127.0.0.1">>, <<"[::1]">>, <<"::1">>]).
 
-%% @doc Who asks.
+%% @doc The parts of a request that decide its admission: host, origin and token.
 -spec asked(cowboy_req:req()) -> asked().
 asked(Request) ->
     #{

@@ -1,4 +1,5 @@
-%% @doc The facts of a run for the page: floor, team, contracts, paths, what hands can do.
+%% @doc The header of a run for the page: floor, team, contracts, paths, and the faults that the
+%% user can apply.
 -module(starl_view_head).
 
 -export([rows/2]).

@@ -1,5 +1,5 @@
-%% @doc Hands the rows of a run ({@link starl_view_row}) to all pages. The run tells what happens
-%% and what time it is; each page asks for more when it has handled what it got, so a page that
+%% @doc Distributes the rows of a run ({@link starl_view_row}) to all pages. The run reports its
+%% events and its time. Each page asks for more when it has handled what it got, so a page that
 %% reads slowly, or not at all, costs nothing and holds up nobody.
 %% ```
 %%   run:    observer/2, put/2 -------> hub                         page's socket
@@ -9,7 +9,8 @@
 %%           player <--- command -------|<------ command -------------|
 %% '''
 %% The frames are kept up to a limit of bytes. A page that has missed some of them, because it came
-%% late or was slow, gets the state of the team instead ({@link starl_view_state}) and is told so.
+%% late or was slow, gets the state of the team instead ({@link starl_view_state}) and is notified
+%% of that.
 -module(starl_view_hub).
 -behaviour(gen_server).
 
@@ -98,7 +99,7 @@ start_link(Config) -> gen_server:start_link(?MODULE, Config, []).
 -spec tap(pid(), Feed :: pid()) -> ok.
 tap(Hub, Feed) -> gen_server:call(Hub, {tap, Feed}).
 
-%% @doc The observer of a run, which tells the hub everything from a time on.
+%% @doc The observer of a run, which reports everything to the hub from a time on.
 -spec observer(pid(), FromUs :: integer()) -> starl_observer:t().
 observer(Hub, FromUs) -> fun(News) -> observed(News, FromUs, Hub) end.
 
@@ -126,16 +127,16 @@ head(Hub, Head) -> gen_server:call(Hub, {head, Head}).
 -spec put(pid(), starl_view_row:row()) -> ok.
 put(Hub, Row) -> gen_server:cast(Hub, {put, Row}).
 
-%% @doc Tells a fault by hand to all: a new one, or one that is known and now ends at another time.
+%% @doc Reports a manual fault to all: a new one, or a known one that now ends at another time.
 -spec fault(pid(), NowUs :: integer(), {new | known, starl_run_fault:t()}) -> ok.
 fault(Hub, Now, Fault) -> gen_server:cast(Hub, {fault, Now, Fault}).
 
-%% @doc Tells the time of the run: everything until now has been told. Returns when all that has
-%% been told is handled, so the run is never ahead of the hub.
+%% @doc Reports the time of the run: everything until now has been reported. Returns when all
+%% reports are handled, so the run is never ahead of the hub.
 -spec clock(pid(), #{now_us := integer(), atom() => term()}) -> ok.
 clock(Hub, Clock) -> gen_server:call(Hub, {clock, Clock}, infinity).
 
-%% @doc Forgets everything but the head: the run begins anew.
+%% @doc Drops everything but the head, because the run restarts.
 -spec reset(pid()) -> ok.
 reset(Hub) -> gen_server:call(Hub, reset).
 
@@ -151,12 +152,12 @@ pages(Hub) -> gen_server:call(Hub, pages).
 -spec first_page(pid()) -> ok.
 first_page(Hub) -> gen_server:call(Hub, first_page).
 
-%% @doc Does somebody look? A page that has just left may be about to be loaded anew, so the answer is yes for
-%% some seconds more.
+%% @doc Checks whether anybody watches. A page that has just closed may be reloading, so the answer
+%% is yes for some seconds more.
 -spec is_attended(pid()) -> boolean().
 is_attended(Hub) -> gen_server:call(Hub, is_attended).
 
-%% @doc Waits until the hub has handled all that it was told.
+%% @doc Waits until the hub has handled all reports.
 -spec flush(pid()) -> ok.
 flush(Hub) -> gen_server:call(Hub, flush, infinity).
 
@@ -176,7 +177,7 @@ want(Hub, Place) -> gen_server:cast(Hub, {want, self(), Place}).
 -spec command(pid(), #{binary() => term()}) -> ok.
 command(Hub, Command) -> gen_server:cast(Hub, {command, self(), Command}).
 
-%% @doc Who has sent a command.
+%% @doc The sender of a command.
 -spec asker(Page :: pid() | none, #{binary() => term()}) -> asker().
 asker(none, _Command) -> none;
 asker(Page, #{<<"of">> := Of}) when is_binary(Of) -> {Page, [Of]};

@@ -1,6 +1,6 @@
-%% @doc A recording that is read: the state of the team at the time that has been reached, and what its
-%% trace has told of each machine last. A pure module. Its size does not grow with the recording, and two
-%% of them at different times share what is the same, so many can be kept.
+%% @doc The state of a recording during playback: the state of the team at the present time, and the
+%% latest trace entries of each machine. A pure module. Its size does not grow with the recording.
+%% Two playbacks at different times share equal data, so many can be kept.
 -module(starl_view_playback).
 
 -export([new/0, add/2, now_us/1, count/1, ending/1, rows/1, said/1, watch/2, look/3]).
@@ -87,7 +87,7 @@ count(#past{count = Count}) -> Count.
 -spec ending(t()) -> atom().
 ending(#past{ending = Ending}) -> Ending.
 
-%% @doc The rows that tell the state to a page that knows nothing.
+%% @doc The rows that describe the state to a page that knows nothing.
 -spec rows(t()) -> [starl_view_row:row()].
 rows(#past{state = State, now = Now}) -> starl_view_state:rows(Now, State).
 
@@ -99,8 +99,8 @@ said(#past{state = State}) -> starl_view_state:said(State).
 -spec watch(starl:robot_id(), t()) -> t().
 watch(Id, Past) -> Past#past{watched = Id, events = [], packets = []}.
 
-%% @doc A robot as texts for the page: what the trace has told of it. States, timers and inboxes are in
-%% no recording, so nothing is said of them.
+%% @doc A robot as texts for the page, from its trace. Recordings contain no states, timers or
+%% inboxes, so the texts do not either.
 -spec look(starl:robot_id(), integer(), t()) -> #{atom() => starl_json:value()}.
 look(Id, At, #past{told = Told, modules = Modules, events = Events, packets = Packets}) ->
     Machines = lists:sort(maps:to_list(maps:get(Id, Told, #{}))),

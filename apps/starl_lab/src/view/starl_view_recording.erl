@@ -1,13 +1,13 @@
-%% @doc Shows a recording: any moment of it, to scrub through and to play. The recording is read once;
-%% then its file is read again from near the moment that a page wants to see, so a long recording is never
-%% in memory.
+%% @doc Shows a recording in a window: plays it, and jumps to any moment of it. The recording is
+%% read once. Then its file is read again from near the moment that a page shows, so a long
+%% recording is never in memory.
 %% ```
 %%   all pages <-- the hub <-- the first part of the recording
 %%   a page --- moment, At --> the recording --- reset, state at T0, rows from T0 to T1 --> this page
 %%   a page --- look, Robot, At --> the recording --- what the trace has told of the robot --> this page
 %% '''
-%% Meanwhile states of the team are kept, one for each section of a few thousand rows
-%% ({@link starl_view_playback}).
+%% During the first reading, states of the team are kept, one for each section of a few thousand
+%% rows ({@link starl_view_playback}).
 -module(starl_view_recording).
 -behaviour(gen_server).
 
@@ -44,8 +44,8 @@
 %% Pieces that a page has not read yet.
 -define(MOST_UNREAD, 2).
 
-%% @doc Reads a recording and shows it by a hub; tells whether it was whole. The calling process is
-%% linked to what shows it.
+%% @doc Reads a recording and shows it by a hub. Returns whether it was whole. The calling process
+%% is linked to the process that shows it.
 -spec load(file:filename_all(), Hub :: pid()) ->
     {ok, starl_trace_reader:ended()} | {error, starl_trace_reader:reason()}.
 load(File, Hub) -> load(File, Hub, #{}).

@@ -1,6 +1,6 @@
-%% @doc What the page is told: one row for each change, a short list that becomes an array of JSON.
-%% Motion is told in closed form ({@link starl_trajectory}), so a robot that drives costs nothing
-%% until it changes its motion; the page computes where it is.
+%% @doc The rows that a page receives: one row for each change, a short list that becomes a JSON
+%% array. Motion is sent in closed form ({@link starl_trajectory}), so a robot that drives costs
+%% nothing until it changes its motion; the page computes where it is.
 %% ```
 %%   ["m", T, Robot, 0, T0, X, Y, Heading, V, W]            a piece of constant speed and turn rate
 %%   ["m", T, Robot, 1, T0, X, Y, Heading, VX0, VY0, VX1, VY1, Us]                          a ramp
@@ -136,7 +136,7 @@ fate({lost, Why}) -> {text(Why, ?LENGTH), 0};
 fate({arrives, [{AtUs, intact} | _]}) -> {<<"arrives">>, AtUs};
 fate({arrives, [{AtUs, corrupt} | _]}) -> {<<"corrupt">>, AtUs}.
 
-%% @doc A fault of the schedule, or by hand, told at a time.
+%% @doc A scheduled or manual fault, reported at a time.
 -spec fault(integer(), starl_run_fault:t() | tuple()) -> row().
 fault(T, {Id, From, To, Kind, Target, Params}) ->
     [<<"f">>, T, Id, From, ended(To), Kind, text(Target, ?LENGTH), text(Params, ?LENGTH)] ++

@@ -1,6 +1,6 @@
 %% @doc The WebSocket of a page. It asks the hub for rows one question at a time, and only while the
 %% page has handled almost all that was sent: a page that reads nothing gets nothing more. A page
-%% that sends what is no command is told so, and shut out when it goes on.
+%% that sends an invalid command gets an error, and is disconnected if it goes on.
 -module(starl_view_socket).
 -behaviour(cowboy_websocket).
 

@@ -1,5 +1,5 @@
-%% @doc The state of a team as its rows tell it: enough for a page that has missed the rows before.
-%% A pure module. Its size is bounded: by the number of robots, and by the most points of ink.
+%% @doc The state of a team, from its rows, for a page that has missed earlier rows. A pure module.
+%% Its size is bounded by the number of robots, and by a maximum of ink points.
 -module(starl_view_state).
 
 -export([new/0, add/2, rows/2, said/1]).
@@ -99,8 +99,8 @@ piece([0, T0, X, Y, Heading, V, W]) ->
 piece([1, T0, X, Y, Heading, VX0, VY0, VX1, VY1, Us]) ->
     starl_trajectory:ramp(T0, {X, Y}, Heading, {VX0, VY0}, {VX1, VY1}, Us).
 
-%% @doc The rows that tell this state at a time to a page that knows nothing; ink as
-%% `["i", T, Robot, [X, Y, X, Y, ...]]'.
+%% @doc The rows that describe this state at a time to a page that knows nothing; ink as `["i", T,
+%% Robot, [X, Y, X, Y, ...]]'.
 -spec rows(integer(), t()) -> [starl_view_row:row()].
 rows(Now, #state{last = Last} = State) ->
     Drawn = lists:foldl(

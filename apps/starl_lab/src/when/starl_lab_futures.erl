@@ -1,8 +1,8 @@
-%% @doc Runs futures of a run ({@link starl_sim_future}, {@link starl_sim_onward}) in some processes at a
-%% time, and counts what becomes of them. The numbers do not depend on how many run at a time.
+%% @doc Runs continuations of a run ({@link starl_sim_future}, {@link starl_sim_onward}) in several
+%% processes, and counts their results. The numbers do not depend on how many run at a time.
 %%
-%% A process is cheaper here than a VM: futures are short, and their number is known only step by
-%% step.
+%% A process is cheaper here than a VM: continuations are short, and their number is known only step
+%% by step.
 -module(starl_lab_futures).
 
 -export([step/3, ask/2]).
@@ -44,8 +44,9 @@
     progress :: starl_cli_progress:t()
 }).
 
-%% @doc Searches for the step of the share of a run's futures ({@link starl_sim_inevitable}).
-%% A future that fails ends the search: `throw({future, Reason})'.
+%% @doc Finds the step of the fraction of a run's failing continuations
+%% ({@link starl_sim_inevitable}). A continuation that crashes ends the search: `throw({future,
+%% Reason})'.
 -spec step(starl_sim_future:run(), starl_sim_future:settings(), search()) ->
     starl_sim_inevitable:result().
 step(#{violation := #{at_us := AtUs}, moments := Moments} = Run, Settings, Search) ->
@@ -63,8 +64,8 @@ step(#{violation := #{at_us := AtUs}, moments := Moments} = Run, Settings, Searc
         ask => fun(Questions) -> ask(Questions, Plan) end
     }).
 
-%% @doc Runs the futures that are asked for. `stopped': the interruption came before all were done.
-%% A future that fails ends the search: `throw({future, Reason})'.
+%% @doc Runs the requested continuations. `stopped': the interruption came before all were done. A
+%% continuation that crashes ends the search: `throw({future, Reason})'.
 -spec ask([question()], plan()) -> {done | stopped, starl_sim_inevitable:curve()}.
 ask(Questions, #{progress := Progress} = Plan) ->
     Later = [{Moment, K} || {Moment, {From, To}} <- Questions, K <- lists:seq(From, To)],

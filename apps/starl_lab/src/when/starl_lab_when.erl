@@ -1,6 +1,6 @@
-%% @doc `./starl when': tells when a violation became inevitable. The run is continued from earlier
-%% moments with other random draws; where the share of futures that break the contract rises most,
-%% an event is named.
+%% @doc The command `./starl when': finds when a violation became inevitable. It continues the run
+%% from earlier moments with other random draws, and names the event at which the fraction of
+%% violating continuations rises most.
 -module(starl_lab_when).
 
 -behaviour(starl_cli_command).

@@ -1,4 +1,5 @@
-%% @doc The answer of `./starl when' as text, as a table of comma-separated values, and as a plot.
+%% @doc Formats the answer of `./starl when' as text, as a table of comma-separated values, and as a
+%% plot.
 -module(starl_lab_when_report).
 
 -export([new/3, named/2, event/1, is_of/3, sentence/1, text/2, csv/1, plot/1]).
@@ -139,7 +140,7 @@ bar(Share) ->
 mark(Moment, #{result := #{step := {_, Moment}, complete := true}}) -> " <";
 mark(_Moment, _Report) -> "".
 
-%% @doc What else became of futures.
+%% @doc The other results of continuations.
 -spec besides(starl_sim_inevitable:tally()) -> unicode:chardata().
 besides(#{other := Other, unjudged := Unjudged}) ->
     [
@@ -353,7 +354,7 @@ share_cells(Tally) ->
 number(X) -> io_lib:format("~.6f", [X]).
 
 %% @doc The curve with its intervals over the time, for {@link starl_lab_sweep_plot:script/1}; none
-%% where no future has ended.
+%% if no continuation has ended.
 -spec plot(t()) -> {ok, starl_lab_sweep_plot:plot()} | none.
 plot(#{result := #{curve := []}}) ->
     none;

@@ -1,5 +1,5 @@
-%% @doc Shows a page in the user's browser, where the computer has a display: by the program that the desktop
-%% has for that. Whatever it says or does is its own matter.
+%% @doc Shows a page in the user's browser, if the computer has a display, with the program of the
+%% desktop. Output and failure of that program are ignored.
 -module(starl_lab_browser).
 
 -export([open/1, program/2]).

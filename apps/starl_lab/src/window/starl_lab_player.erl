@@ -1,16 +1,17 @@
-%% @doc Plays a simulation for a window, at a chosen speed, and lends hands to it.
+%% @doc Plays a simulation for a window at a chosen speed, and applies manual faults to it.
 %%
-%% A fault by hand becomes a fault of the scenario, from the present time on. The run then begins
-%% anew with this scenario and goes to the present time, unseen and as fast as it can: what happened
+%% A manual fault becomes a fault of the scenario, from the present time on. The run then restarts
+%% with this scenario and goes to the present time, unseen and as fast as it can. What happened
 %% before is the same, by the contract of the simulator, and the monitors know the fault as they
-%% would know it in a replay. So the scenario that is saved ends with the digest of this run. In
-%% the same way the run goes back to an earlier time.
+%% would in a replay. So the saved scenario ends with the digest of this run. In the same way the
+%% run goes back to an earlier time.
 %% ```
 %%             +------ run to a time, step ------+
 %%             v                                 |
 %%   plays <-> rests -- fault, heal, back --> begins anew --> plays or rests, as before
 %% '''
-%% What is played is a {@link starl_lab_player_run}, its time a {@link starl_lab_player_pace}.
+%% The simulation that is played is a {@link starl_lab_player_run}; a {@link starl_lab_player_pace}
+%% controls its time.
 -module(starl_lab_player).
 
 -export([play/1, stop/1]).

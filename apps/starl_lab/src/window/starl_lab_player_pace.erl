@@ -1,6 +1,7 @@
-%% @doc The pace at which a simulation is played: how far it should have come by now, and whether it
-%% rests. Virtual time follows the wall's at a chosen speed, or runs as fast as it can, as it also does
-%% on its way to a goal, where it rests. A pure module; the wall's time is in ms, virtual time in us.
+%% @doc The pace at which a simulation is played: the time that it should have reached by now, and
+%% whether it is paused. Virtual time follows wall time at a chosen speed, or runs as fast as it
+%% can. It also does so on its way to a goal, where it pauses. A pure module; wall time is in ms,
+%% virtual time in us.
 -module(starl_lab_player_pace).
 
 -export([new/3, speed/2, go/3, goal/2, goal/3, rest/1, anchored/3]).

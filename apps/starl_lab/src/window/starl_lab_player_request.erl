@@ -1,5 +1,6 @@
-%% @doc Reads what a page wants of a simulation that is played. Nothing is taken on trust: what is no
-%% order becomes a line for the page. Faults are read where the run is known ({@link starl_lab_window_hand}).
+%% @doc Parses the requests of a page to a simulation that is played. Nothing is trusted: an invalid
+%% request becomes an error line for the page. Faults are read where the run is known
+%% ({@link starl_lab_window_hand}).
 -module(starl_lab_player_request).
 
 -export([read/1]).

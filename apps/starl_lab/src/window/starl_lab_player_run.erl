@@ -1,6 +1,6 @@
-%% @doc A simulation that is shown in a window, and that can begin anew: with another fault, or to go
-%% back. What happened before the fault is the same, by the contract of the simulator, so the window is
-%% told only what comes after it; a run that goes back tells all from the beginning.
+%% @doc A simulation for a window that can restart: with another fault, or to go back in time. What
+%% happened before the fault is the same, by the contract of the simulator. So the window gets only
+%% what comes after the fault. A run that goes back reports everything from the beginning.
 -module(starl_lab_player_run).
 
 -export([start/1, run/2, step/3, halt/1, judge/1, changed/2, back/2, look/2, close/1]).
@@ -109,8 +109,8 @@ run(Us, #run{sim = Sim} = Run) -> moved(starl_sim:run(Sim, Us / 1.0e6), Run).
 moved(#{now_us := Now, ending := Ending, running := Running}, Run) ->
     Run#run{now = Now, told = Now, ending = Ending, running = Running}.
 
-%% @doc Runs until a robot has had this many events. It halts within a window, of which nothing has been
-%% told yet.
+%% @doc Runs until a robot has had this many events. It halts within a window of which nothing has
+%% been reported yet.
 -spec step(starl:robot_id(), Events :: pos_integer(), t()) ->
     {ok, t()} | {error, unicode:chardata(), t()}.
 step(Robot, N, #run{sim = Sim, told = Told} = Run) ->
@@ -138,12 +138,12 @@ judge(#run{sim = Sim, config = #{hub := Hub}} = Run) ->
     ok = lists:foreach(fun(Row) -> starl_view_hub:put(Hub, Row) end, Rows),
     Run#run{judged = true}.
 
-%% @doc Begins anew with other faults and goes to the present.
+%% @doc Restarts with other faults and goes to the present.
 -spec changed([starl_run_fault:t()], t()) -> t().
 changed(Faults, #run{scenario = Scenario} = Run) ->
     anew(Scenario#{faults := Faults}, present(Run), Run).
 
-%% @doc Begins anew and goes back to a time, or to the beginning of the window that it is in.
+%% @doc Restarts and goes back to a time, or to the beginning of the window that contains it.
 -spec back(Us :: non_neg_integer(), t()) -> t().
 back(Us, #run{scenario = Scenario, window_us = Window} = Run) ->
     anew(Scenario, Us div Window * Window, Run#run{told = 0}).
@@ -235,7 +235,7 @@ is_recorded(#run{config = Config}) -> maps:get(recorded, Config, false).
 -spec ending(t()) -> starl_sim_run:ending() | none.
 ending(#run{ending = Ending}) -> Ending.
 
-%% @doc The scenario, with the faults by hand.
+%% @doc The scenario, with the manual faults.
 -spec scenario(t()) -> starl_run_scenario:t().
 scenario(#run{scenario = Scenario}) -> Scenario.
 
@@ -278,7 +278,7 @@ shown(#run{ending = Ending}) ->
 %% A fault begins with the next window at the earliest.
 present(#run{now = Now, window_us = Window}) -> (Now + Window - 1) div Window * Window.
 
-%% @doc Where and when a fault by hand can be.
+%% @doc The possible places and times of a manual fault.
 -spec place(t()) -> starl_lab_window_hand:where().
 place(#run{scenario = #{faults := Faults, robots := Robots}, facts = Facts} = Run) ->
     #{machines := Machines} = Facts,

@@ -1,5 +1,6 @@
-%% @doc Runs a command line in a window: a page in the browser shows the run and lends hands to it
-%% ({@link starl_view}). Otherwise it is the same run, with the same digest and the same files.
+%% @doc Runs a command line in a window: a page in the browser shows the run, and the user can apply
+%% faults ({@link starl_view}). Otherwise it is the same run, with the same digest and the same
+%% files.
 -module(starl_lab_window).
 
 -export([flags/0, run/2, run/3, played/4, open/1, open/2, live/2, save/3]).
@@ -79,8 +80,8 @@ told({ok, #{sim := Sim, ending := Ending, scenario := Effective} = Ended}, Setup
 told(Failed, Setup) ->
     starl_lab_simulation:answer(Failed, Setup).
 
-%% @doc Plays a simulation in a window, with a configuration of the player. When it has ended, and while it is
-%% still looked at, a function tells how; it leaves the simulation open.
+%% @doc Plays a simulation in a window, with a configuration of the player. When it has ended, a
+%% function reports how, while the window may still be open; it leaves the simulation open.
 -spec played(starl_lab_setup:t(), Values :: #{atom() => term()}, map(), Tell) ->
     starl_cli_command:answer()
 when
@@ -229,7 +230,7 @@ observed(Live, Options) ->
     Observers = [maps:get(observe, Options, none), starl_lab_window_live:observer(Live)],
     Options#{observe => starl_observer:all(Observers)}.
 
-%% @doc Writes a scenario with the faults by hand as NAME.term, beside the command; never over
+%% @doc Writes a scenario with the manual faults as NAME.term, beside the command; never over
 %% another file.
 -spec save(Name :: binary(), starl_run_scenario:t(), starl_lab_setup:t()) ->
     {ok, unicode:chardata()} | {error, unicode:chardata()}.

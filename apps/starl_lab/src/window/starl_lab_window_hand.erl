@@ -1,7 +1,7 @@
-%% @doc Reads what hands want to do at a page ({@link starl_run_hand}). In a simulation that is a fault
-%% from the present time of the run on and, if it lasts, ends after the time given or with the run; in
-%% real time it happens now. What a page says is not trusted: no atom is made from it, and every value is
-%% checked as in a scenario file.
+%% @doc Parses the manual faults of a page ({@link starl_run_hand}). In a simulation, such a fault
+%% begins at the present time of the run; if it lasts, it ends after the given time or with the run.
+%% In real time it happens now. Input from a page is not trusted: no atom is made from it, and every
+%% value is checked as in a scenario file.
 -module(starl_lab_window_hand).
 
 -export([hands/2, faults/3, healed/3, kinds/1]).
@@ -29,8 +29,8 @@
 -define(MOST_HANDS, 1000).
 -define(MOST_S, 1.0e6).
 
-%% @doc The kinds of faults that hands can do in a world, as a page is told: name, shape of the target,
-%% parameters with their ranges, text.
+%% @doc The kinds of manual faults in a world, for a page: name, shape of the target, parameters
+%% with their ranges, text.
 -spec kinds(starl_run_hand:world()) -> [[term()]].
 kinds(World) ->
     [

@@ -1,6 +1,7 @@
 %% @doc Shows a live run: robots in real time, in this VM or on nodes. The page is behind by the
-%% time that facts may take until they are judged. What hands do here happens at once, and is among the
-%% results as a schedule of faults for the simulator: real time does not come again.
+%% time that facts may take until they are judged. Manual faults take effect at once here. The
+%% results contain them as a schedule of faults for the simulator, because real time cannot be
+%% repeated.
 -module(starl_lab_window_live).
 -behaviour(gen_server).
 
