@@ -1,6 +1,7 @@
-%% @doc A run, wherever it takes place: in the simulator (`starl_sim'), with live robots in one VM
-%% (`starl_world_run'), or with a node for each robot (`starl_cluster'). Its scenario is checked and planned here,
-%% and it comes to an outcome of one shape.
+%% @doc Starts and controls a run, wherever it takes place: in the simulator, in one VM with live
+%% robots, or on a node for each robot. The modules `starl_sim', `starl_world_run' and
+%% `starl_cluster' run it. The scenario is checked and planned here, and all runs end with an
+%% outcome of the same shape.
 %% ```
 %%   {ok, Run} = starl_run:start(starl_cluster, #{app => painting, robots => 3}, #{dir => "state"}),
 %%   ok = starl_run:act(Run, [{isolate, 2, #{}, 5000}]),
@@ -122,11 +123,11 @@ scenario({Kind, Run}) -> Kind:scenario(Run).
 -spec status(t()) -> status().
 status({Kind, Run}) -> Kind:status(Run).
 
-%% @doc Hands do this now, in a run in real time.
+%% @doc Applies manual faults now, in a run in real time.
 -spec act(t(), [starl_run_hand:t()]) -> ok | {error, unicode:chardata()}.
 act({Kind, Run}, Hands) -> Kind:act(Run, Hands).
 
-%% @doc These faults are over.
+%% @doc Ends these faults.
 -spec heal(t(), starl_run_hand:heal()) -> ok.
 heal({Kind, Run}, What) -> Kind:heal(Run, What).
 
@@ -138,7 +139,8 @@ await({Kind, Run}) -> Kind:await(Run).
 -spec stop(t()) -> ok.
 stop({Kind, Run}) -> Kind:stop(Run).
 
-%% @doc The outcome of a run that has come to its end, and the application's report. Nothing of the run is left.
+%% @doc The outcome of a run that has ended, and the application's report. Nothing of the run is
+%% left afterwards.
 -spec finish(t()) -> {outcome(), starl_scene:report()}.
 finish({Kind, Run}) -> Kind:finish(Run).
 
@@ -172,8 +174,8 @@ checked(ok, #{app := App} = Given, Options) ->
 checked({error, _} = Error, _Given, _Options) ->
     Error.
 
-%% @doc Can this module run as an application: are its callbacks there, and is its table of options
-%% sound?
+%% @doc Checks whether this module can run as an application: whether its callbacks exist, and
+%% whether its table of options is sound.
 -spec check_app(module()) -> ok | {error, {app, unicode:chardata()}}.
 check_app(App) ->
     case starl_app:check(App, [Key || {Key, _, _, _} <- starl_run_scenario:options()]) of

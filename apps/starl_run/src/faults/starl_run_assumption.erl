@@ -1,5 +1,5 @@
-%% @doc Lists the windows in which a run's faults break an assumption of contracts about clocks,
-%% promptness or positions ({@link starl_assumption}), for the monitors that ask for it. Contracts
+%% @doc Lists the time windows in which faults break the assumptions of contracts about clocks,
+%% promptness or positions ({@link starl_assumption}). Monitors ask for these windows. Contracts
 %% must hold under all other faults.
 -module(starl_run_assumption).
 
@@ -52,8 +52,9 @@ windows({_, From, To, location_swap, {A, B}, _}) ->
 windows(_) ->
     [].
 
-%% @doc The windows in which robots are told positions that are farther off than positions usually are, beside those of
-%% {@link broken/2}. They concern only contracts about places: a block that knows no positions has to bear them.
+%% @doc The windows in which robots get positions with larger errors than usual, besides those of
+%% {@link broken/2}. They concern only contracts about places: a block that uses no positions must
+%% work in spite of them.
 -spec positions([starl_run_fault:t()]) -> [starl_assumption:window()].
 positions(Faults) ->
     [

@@ -1,5 +1,5 @@
-%% @doc The conditions that faults break ({@link starl_guarantee}): what a team in which such a fault may
-%% happen can rely on no more, as long as it lasts.
+%% @doc Lists the conditions that a kind of fault may break ({@link starl_guarantee}). While such a
+%% fault can occur, a team cannot rely on them.
 -module(starl_run_condition).
 
 -export([broken/1, breakers/2]).

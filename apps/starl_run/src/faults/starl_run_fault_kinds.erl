@@ -1,5 +1,6 @@
-%% @doc The table of the kinds of faults: each with its class, its possible targets, its parameters, the
-%% worlds that play it, the conditions that it breaks, and what it does. Kinds are drawn in this order.
+%% @doc The table of all kinds of faults. Each entry has the kind's class, targets, parameters, the
+%% worlds that play it, the conditions that it breaks, and its effect. Kinds are drawn in this
+%% order.
 -module(starl_run_fault_kinds).
 
 -export([all/0, played/1, broken/1]).

@@ -1,6 +1,6 @@
-%% @doc What hands do to a run: faults of a schedule ({@link starl_run_fault}) that begin now. Pages,
-%% commands, chaos and schedules have no other words for it. A run in real time cannot play every kind:
-%% the table of the kinds says which.
+%% @doc Manual faults: faults of a schedule ({@link starl_run_fault}) that begin now. Pages,
+%% commands, chaos and schedules all use this form. A run in real time cannot play every kind: the
+%% table of the kinds says which.
 %% ```
 %%   {reboot, 3, #{}, 0}                              cluster kill 3
 %%   {location_frozen, 4, #{}, lasting}               cluster freeze 4
@@ -64,7 +64,8 @@ instead(nodes, _Kind) ->
 -spec cut(starl:robot_id(), starl:robot_id(), LastsMs :: non_neg_integer() | lasting) -> [t()].
 cut(A, B, Lasts) -> [{loss, Link, #{part => 1.0}, Lasts} || Link <- [{A, B}, {B, A}]].
 
-%% @doc The fault of a schedule that a hand does now; one without an end lasts until that time.
+%% @doc The scheduled fault for a manual fault that is applied now; if it has no end, it lasts until
+%% that time.
 -spec fault(Id :: atom(), {NowMs, UntilMs}, t()) -> starl_run_fault:t() when
     NowMs :: non_neg_integer(), UntilMs :: non_neg_integer() | forever.
 fault(Id, {Now, Until}, {Kind, Target, Params, lasting}) ->

@@ -1,5 +1,5 @@
-%% @doc Keeps what applications have drawn last (`starl:draw/2'), for the picture of a run; it judges
-%% nothing. Beyond a number of drawings it keeps no more.
+%% @doc Keeps the latest drawings of applications (`starl:draw/2') for the picture of a run. It
+%% judges nothing. It keeps only a limited number of drawings.
 -module(starl_run_drawings_monitor).
 -behaviour(starl_monitor).
 

@@ -1,7 +1,9 @@
-%% @doc Records messages of applications that nobody gets: those to a robot that is not there, those
-%% of a type to which the receiver's application does not listen by the end of the run, those that
-%% were not sent since too many were under way, and those to a robot that has ended and whose inbox is
-%% full. It judges nothing: a program may send what nobody wants, but that is rarely meant.
+%% @doc Records messages of applications that nobody receives. It judges nothing: a program may send
+%% such messages, but that is rarely meant.
+%%
+%% There are four kinds: messages to a robot that is not there; messages of a type to which the
+%% receiver's application does not listen by the end of the run; messages that were not sent because
+%% too many were under way; and messages to a robot that has ended and whose inbox is full.
 -module(starl_run_mail_monitor).
 -behaviour(starl_monitor).
 

@@ -1,5 +1,5 @@
-%% @doc Collects what applications measure (`starl:measure/3'); it judges nothing. Beyond a number of
-%% values it keeps no more, and its result tells until when it did.
+%% @doc Collects what applications measure (`starl:measure/3'); it judges nothing. It keeps only a
+%% limited number of values; its result says until when.
 -module(starl_run_measures_monitor).
 -behaviour(starl_monitor).
 

@@ -1,5 +1,5 @@
-%% @doc The contract of bounded convergence: within a bound after the last fault has healed, the
-%% applications of all living robots have finished.
+%% @doc The contract of bounded convergence: the applications of all living robots finish within a
+%% bound after the last fault has ended.
 %%
 %% An application that crashes has to finish again; only a dead robot need not.
 %%

@@ -1,5 +1,5 @@
-%% @doc Records the ways of all robots, as pieces of motion; it judges nothing. Beyond a number of
-%% pieces it records no more, and its result tells until when it did.
+%% @doc Records the paths of all robots, as motion segments. It judges nothing. It records only a
+%% limited number of segments; its result says until when.
 -module(starl_run_ways_monitor).
 -behaviour(starl_monitor).
 

@@ -1,5 +1,5 @@
-%% @doc The contracts of a run: its monitors, what they know of it beside its events, and the time at which it
-%% must have converged.
+%% @doc The contracts of a run: its monitors, their knowledge besides the events, and the time by
+%% which the run must have converged.
 -module(starl_run_contracts).
 
 -export([monitors/5, models/2, limit_us/1]).

@@ -1,5 +1,5 @@
 %% @doc The floor of a run: its plan, from the scenario or from the application's scene, and the
-%% places where the robots stand at the beginning.
+%% starting places of the robots.
 -module(starl_run_floor).
 
 -export([read/1, given/2, stand/3, placing/1, faults/2, obstacles/2, given_obstacles/1]).

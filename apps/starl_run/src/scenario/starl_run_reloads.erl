@@ -1,10 +1,11 @@
-%% @doc Reloads as events of a run: at a virtual time, some robots or all go on with new code
+%% @doc Reloads as events of a run: at a virtual time, some robots or all switch to new code
 %% ({@link starl_reload}). The versions run side by side ({@link starl_version}), so half of a team
-%% may run new code. All that is on the disk is read before the run: a run stays what its scenario
-%% and the code say.
+%% may run new code. All files are read before the run, so a run stays what its scenario and the
+%% code say.
 %%
-%% A robot on which a reload fails tells the others, who go back then, too. This news travels on a
-%% channel of its own, in a tenth of a second: it is the operator's, not the robots' radio.
+%% A robot on which a reload fails notifies the others, which then go back, too. This notice travels
+%% on a channel of its own, in a tenth of a second: the channel is the operator's, not the robots'
+%% radio.
 -module(starl_run_reloads).
 
 -export([are_entries/1, make/2, sources/1, world/2, strikes/1, news_us/1]).
