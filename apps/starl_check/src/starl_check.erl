@@ -73,7 +73,7 @@ faults() ->
         {timeout, "calls that run out of patience"}
     ].
 
-%% @doc The number of terms that a model with terms goes through, if no other is asked for.
+%% @doc The default number of terms in a model with terms.
 -spec terms() -> pos_integer().
 terms() -> starl_check_model:terms().
 

@@ -1,5 +1,5 @@
-%% @doc The body of a checked robot, which replaces motion control and location: the robot stands
-%% still at its own place, and all robots see it there. Answers come at once.
+%% @doc The body of a checked robot, in place of motion control and location. The robot stands still
+%% at its own place, and all robots see it there. Answers come at once.
 -module(starl_check_body).
 -behaviour(starl_machine).
 

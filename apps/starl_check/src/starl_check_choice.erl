@@ -17,7 +17,7 @@
 %% <dt>`tick'</dt><dd>time passes to the next timed timer, or by the model's grain</dd>
 %% </dl>
 %% A loss that no robot hears of is not a separate step. A message that never arrives stays under
-%% way for ever, and each such way is also a way on which the message was lost: safety up to a
+%% way for ever, and each such execution also covers the loss of the message, because safety up to a
 %% moment does not depend on later events. So packets may be lost at will. A message over SAP's
 %% contract that is still under way when a time-out fires, or when time passes, is either slow or
 %% lost. It is counted as such, within the budgets `late' and `loss'. This also bounds the number of

@@ -10,7 +10,7 @@
 %% omissions.
 %%
 %% Messages are left out only when no machine can crash any more, because a restarted machine has
-%% forgotten, and while no robot stands still: to one that does nothing arrives.
+%% forgotten, and while no robot is stalled, because nothing arrives at a stalled robot.
 -module(starl_check_inert).
 
 -export([without/3, is_proved/3]).

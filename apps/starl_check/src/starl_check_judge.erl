@@ -1,5 +1,6 @@
-%% @doc The monitor of a model. It may be a user's, and have mistakes: what can be known of them is found
-%% before the search; one that is met in the search ends it, with a line that begins with its place.
+%% @doc Runs the monitor of a model. It may be a user's monitor, and have mistakes. Some are found
+%% before the search. A mistake that occurs during the search ends it, with a line that begins with
+%% its place.
 -module(starl_check_judge).
 
 -export([check/2, read/3, timeless/2]).

@@ -1,4 +1,4 @@
-%% @doc Operations on the parts of a team's state, by their numbers (see {@link starl_check_store}):
+%% @doc Operations on the numbered parts of a team's state ({@link starl_check_store}). They return
 %% the content of a part, its successor after an event, and its number when robots change places.
 %% Every result is computed once per part and remembered.
 -module(starl_check_part).

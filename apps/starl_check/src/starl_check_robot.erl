@@ -4,7 +4,7 @@
 %% ({@link starl_robot}, {@link starl_check_world}); nothing else happens to the robot meanwhile. A
 %% crash affects one machine, which restarts with the next incarnation and its stored term.
 %%
-%% Or the robot stands still in the middle: in one of the machines' steps of an event, after some of its
+%% Or the robot stalls in the middle: in one of the machines' steps of an event, after some of its
 %% actions. Then nothing happens to it, until it goes on or goes down; time passes. Numbers of steps
 %% count from 1, from the machine to which the event happens.
 -module(starl_check_robot).

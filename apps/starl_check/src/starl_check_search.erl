@@ -1,10 +1,11 @@
-%% @doc Searches all states of a team, nearest first, so that a violation comes with a shortest way.
+%% @doc Searches all states of a team, nearest first, so that a violation comes with a shortest
+%% path.
 %%
 %% States are expanded in the order of their distance in steps (Dijkstra 1959; a run of
-%% {@link starl_check_reduce} is several steps). A state that was met before by an equally short or
-%% shorter way is not expanded again; nor is a state that equals it after a permutation of alike
-%% robots. The search keeps for each state the run by which it was met, so that the way to it can be
-%% replayed.
+%% {@link starl_check_reduce} is several steps). A state is not expanded again if it was met before
+%% by an equally short or shorter path, or if it equals such a state after a permutation of alike
+%% robots. The search keeps for each state the run by which it was met, so that the path to it can
+%% be replayed.
 -module(starl_check_search).
 
 -export([run/3]).

@@ -1,11 +1,12 @@
 %% @doc Finds and changes robots' numbers and times inside the data of machines.
 %%
 %% A machine's data are opaque, so the checker cannot ask the machine for the times and robots in
-%% them. It recognizes them by their values: in a search that exchanges robots, robot N of the team has
-%% a number that no machine uses for anything else ({@link id/1}), and each robot's clock reads values in a
-%% separate range. A value in such a range is a time of that robot's clock, wherever it occurs: in the data
-%% of the robot's own machine, in a message, or in the data of another robot that sends it back later. The
-%% ranges lie so that the difference of two clocks is in none of them, and tells the two clocks.
+%% them. It recognizes them by their values: in a search that exchanges robots, robot N of the team
+%% has a number that no machine uses for anything else ({@link id/1}), and each robot's clock reads
+%% values in a separate range. A value in such a range is a time of that robot's clock, wherever it
+%% occurs: in the data of the robot's own machine, in a message, or in the data of another robot
+%% that sends it back later. The ranges lie so that the difference of two clocks is in none of them,
+%% and identifies the two clocks.
 %%
 %% The clock of a robot always reads {@link now/1}. When time passes, the clock stays and all stored
 %% times go back, each at the rate of its clock. So two states that differ only in the time of day

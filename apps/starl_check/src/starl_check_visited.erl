@@ -4,7 +4,7 @@
 %%
 %% The hashes lie in open-addressed tables (linear probing) of 64-bit words outside the heap, with
 %% three words per place and at least three of ten places free: 24 to 69 bytes per state. One more
-%% word per state holds the way by which it was met.
+%% word per state holds the path by which it was met.
 -module(starl_check_visited).
 
 -export([new/0, meet/2, count/1, way/2, put_way/3, most_steps/0]).

@@ -1,6 +1,6 @@
-%% @doc The world of a checked robot while it handles one event: a clock that stands still, timers
-%% that fire when the checker chooses, and a store that is never full. It collects the robot's
-%% messages and traced events.
+%% @doc The world of a checked robot while it handles one event. Its clock stands still, its timers
+%% fire when the checker chooses, and its store is never full. It collects the robot's messages and
+%% traced events.
 -module(starl_check_world).
 -behaviour(starl_driver).
 -behaviour(starl_platform).
