@@ -1,11 +1,12 @@
-%% @doc A convoy: a column of robots drives through the doors of a building, each of which lets one robot through at a
-%% time. The way is the shortest of the floor plan's roadmap ({@link starl_convoy_route}). A token of mutual exclusion guards each
-%% section of it: a robot acquires the next one, drives there, and releases the one behind it ({@link
-%% starl_sections}). So nobody overtakes, and one is in a door. Who does not get on looks where it stands ({@link
-%% starl_convoy_place}).
+%% @doc A convoy: a column of robots drives through the doors of a building. Only one robot at a
+%% time passes a door. The path is the shortest of the floor plan's roadmap
+%% ({@link starl_convoy_route}). A token of mutual exclusion guards each section of it: a robot
+%% acquires the next section, drives there, and releases the section behind it
+%% ({@link starl_sections}). So no robot overtakes another, and at most one is in a door. A robot
+%% that cannot advance checks where it stands ({@link starl_convoy_place}).
 %%
-%% Measures: `gap_mm', the distance from the robot ahead, and `wait_s', the wait for a section. Trace: {@link
-%% event()} (see {@link starl_convoy_monitor}).
+%% Measures: `gap_mm', the distance from the robot ahead, and `wait_s', the wait for a section.
+%% Trace: {@link event()} (see {@link starl_convoy_monitor}).
 -module(starl_convoy).
 -behaviour(starl_app).
 -behaviour(starl_scene).
@@ -38,7 +39,7 @@ measures() ->
         {wait_s, "waiting for a section of the way, s"}
     ].
 
-%% @doc What those who wait behind a door may rely on.
+%% @doc The guarantees for the robots that wait behind a door.
 -spec guarantees() -> [starl_guarantee:t()].
 guarantees() ->
     [

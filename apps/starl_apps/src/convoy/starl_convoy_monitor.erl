@@ -1,11 +1,15 @@
-%% @doc The contract of a convoy: no robot comes through a door before one that was ahead of it, and no two robots come
-%% nearer to each other than 400 mm. Excused is what happens in a fault, or up to half a minute after it: a lease that
-%% ran out while a robot was cut off, or down, leaves it in a section that another may get. Two robots that come too
-%% near to each other are excused by their own faults, those of all, and those of the homes of the tokens there, only.
-%% Who is ahead of whom is seen anew at the end of that time, from where the robots stand on the lane.
+%% @doc The contract of a convoy. No robot passes a door before a robot that was ahead of it, and
+%% two robots never come nearer than 400 mm.
 %%
-%% Progress: as long as none has died, somebody comes to a section where it has not been yet (since the last excused
-%% time) within two minutes after the last time and after all faults, until all are there.
+%% Violations are excused during a fault and for half a minute after it. A lease that ran out while
+%% a robot was cut off, or down, leaves the robot in a section that another robot may get. Two
+%% robots that come too near are excused only by their own faults, by faults of all robots, and by
+%% faults of the homes of the tokens there. At the end of an excused time the order of the column is
+%% determined anew, from the robots' places on the lane.
+%%
+%% Progress: as long as no robot has died, some robot reaches a new section every two minutes, until
+%% all have arrived. The two minutes count from the last such step, or from the end of all faults if
+%% that is later. After an excused time all sections count as new.
 %%
 %% Events of machine `chassis': `motion'; of machine `app': {@link starl_convoy:event()}, `done'; of
 %% machine `robot': `died'; of machine `supervisor': `given_up'.

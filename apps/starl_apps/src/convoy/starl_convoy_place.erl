@@ -1,5 +1,6 @@
-%% @doc The place of a convoy's robot on the lane, and what it does when it does not get on: wrong positions may have led it astray, or have
-%% mixed up the column. A pure module; lengths are millimetres.
+%% @doc Locates a convoy's robot on the lane, and decides what it does when it cannot advance. Wrong
+%% positions may have led it astray, or have changed the order of the column. A pure module; lengths
+%% are millimetres.
 -module(starl_convoy_place).
 
 -export([locate/2, progress/2, next/2]).

@@ -1,5 +1,6 @@
-%% @doc The lane of a convoy: the shortest way from the place `start' to the place `goal' of a floor plan, over the roadmap
-%% of path planning, straightened, and cut into sections. A pure module; lengths are millimetres.
+%% @doc Computes the lane of a convoy: the shortest path from the place `start' to the place `goal'
+%% of a floor plan. The path follows the roadmap of path planning, is straightened, and is cut into
+%% sections. A pure module; lengths are millimetres.
 -module(starl_convoy_route).
 
 -export([column/3, new/2, section/2, back/2, drawing/1]).

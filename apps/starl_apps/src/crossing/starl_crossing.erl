@@ -1,6 +1,7 @@
-%% @doc An intersection: robots drive round a road in the form of an eight. A token of mutual exclusion guards
-%% each section of the road, and one the crossing, which both strands share: a robot acquires the next
-%% section, drives there, and releases the one behind it ({@link starl_sections}).
+%% @doc An intersection: robots drive round a road in the form of an eight. A token of mutual
+%% exclusion guards each section of the road, and another token the crossing, which both strands
+%% share. A robot acquires the next section, drives there, and releases the section behind it
+%% ({@link starl_sections}).
 %%
 %% Measures: `wait_s', how long a robot has waited for a section, and `passes_per_min', how often it
 %% passes the crossing. Trace: {@link event()} (see {@link starl_crossing_monitor}).
@@ -57,7 +58,7 @@ measures() ->
 -spec knows_walls() -> false.
 knows_walls() -> false.
 
-%% @doc What those who drive may rely on.
+%% @doc The guarantees for the robots that drive.
 -spec guarantees() -> [starl_guarantee:t()].
 guarantees() ->
     [

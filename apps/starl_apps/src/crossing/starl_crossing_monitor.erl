@@ -1,12 +1,14 @@
-%% @doc The contract of the intersection: no two robots come nearer to each other than half a metre. Excused is
-%% what happens in a fault, or up to half a minute after it: a lease that ran out while a robot was cut
-%% off, or down, leaves it in a section that another may get.
+%% @doc The contract of the intersection: no two robots come nearer to each other than half a metre.
 %%
-%% Progress: as long as none has died, and until the first is done, the crossing is passed within two minutes
-%% after the last time and after all faults.
+%% Violations are excused during a fault and for half a minute after it. A lease that ran out while
+%% a robot was cut off, or down, leaves the robot in a section that another robot may get.
 %%
-%% Events of machine `chassis': `motion'; of machine `app': {@link starl_crossing:event()}, `done'; of
-%% machine `robot': `died'; of machine `supervisor': `given_up'.
+%% Progress: the crossing is passed every two minutes, until the first robot is done, as long as no
+%% robot has died. The two minutes count from the last pass, or from the end of all faults if that
+%% is later.
+%%
+%% Events of machine `chassis': `motion'; of machine `app': {@link starl_crossing:event()}, `done';
+%% of machine `robot': `died'; of machine `supervisor': `given_up'.
 -module(starl_crossing_monitor).
 -behaviour(starl_monitor).
 

@@ -1,10 +1,10 @@
-%% @doc The application `exercise': it uses one building block all the time under the monitors of
-%% the block's contract, as in `./starl run exercise --block mutex --random-faults [network]'. With
-%% `final' each robot makes some more calls after its work, and another monitor ({@link
-%% starl_exercise_monitor}) finds calls that should have succeeded and did not.
+%% @doc The application `exercise': it uses one building block all the time, under the monitors of
+%% the block's contract. An example is `./starl run exercise --block mutex --random-faults
+%% [network]'. With `final' each robot makes some more calls after its work. Another monitor
+%% ({@link starl_exercise_monitor}) then finds calls that should have succeeded and did not.
 %%
 %% The block itself declares how it is used ({@link starl_block_exercise}). This application is the
-%% same for all blocks, also for a user's own.
+%% same for all blocks, and also works for a user's own block.
 -module(starl_exercise).
 -behaviour(starl_app).
 -behaviour(starl_scene).

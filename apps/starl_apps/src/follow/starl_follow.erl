@@ -1,9 +1,9 @@
-%% @doc Follow the leader: one robot drives round a course, the others follow it in a column, each at its own
-%% distance. When it dies another one leads ({@link starl_leadership}), which tells with every beat where it is and
-%% to which corner it drives.
+%% @doc Follow the leader: one robot drives round a course, and the others follow it in a column,
+%% each at its own distance. When the leader dies, another robot leads ({@link starl_leadership}).
+%% With every heartbeat the leader sends where it is and to which corner it drives.
 %%
-%% Measure: `error_mm', the distance of a follower from its place in the column. Trace: {@link
-%% starl_leadership:event()} (see {@link starl_follow_monitor}).
+%% Measure: `error_mm', the distance of a follower from its place in the column. Trace:
+%% {@link starl_leadership:event()} (see {@link starl_follow_monitor}).
 -module(starl_follow).
 -behaviour(starl_app).
 
@@ -178,8 +178,9 @@ passed(Point, [Corner | Corners]) ->
         false -> [Corner | Corners]
     end.
 
-%% @doc The place of a robot in the column, 1 behind the leader: the highest number comes first, who would lead next;
-%% last those above the leader, whom it takes the place of, since they have died and may be back.
+%% @doc The place of a robot in the column, 1 behind the leader. The robot with the highest number
+%% below the leader's comes first, because it would lead next. Robots above the leader come last:
+%% they have died and may be back.
 -spec rank(starl:robot_id(), Leader :: starl:robot_id(), [starl:robot_id(), ...]) -> pos_integer().
 rank(Id, Leader, Ids) when Id < Leader -> 1 + length([R || R <- Ids, R > Id, R < Leader]);
 rank(Id, Leader, Ids) -> 1 + length([R || R <- Ids, R < Leader orelse R > Id]).

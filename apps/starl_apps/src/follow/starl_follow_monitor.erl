@@ -1,8 +1,9 @@
-%% @doc The contract of following: in one life a robot never turns from a later term to an earlier one; and
-%% while robots drive, a minute after all faults at the latest, never is a minute without a leader.
+%% @doc The contract of following. Until its application restarts, a robot never goes back from a
+%% later term to an earlier one. While robots drive, some robot leads at least once a minute,
+%% counted from the end of all faults.
 %%
-%% Events of machine `app': {@link starl_leadership:event()}, `crashed', `done'; of machine `robot': `up',
-%% `died'; of machine `supervisor': `given_up'.
+%% Events of machine `app': {@link starl_leadership:event()}, `crashed', `done'; of machine `robot':
+%% `up', `died'; of machine `supervisor': `given_up'.
 -module(starl_follow_monitor).
 -behaviour(starl_monitor).
 

@@ -1,10 +1,11 @@
-%% @doc Formation: a team elects a leader, who gives each robot a place in the order ({@link starl_decision}); then
-%% the team stands in a circle, in a line, in a circle ..., each time turned a little further. At a barrier each waits
-%% until all stand in their places. Who waits long looks where it stands: wrong positions may have led it to a place
-%% that another one needs. Then those that stand already may be in its way ({@link starl_approach}).
+%% @doc Formation: an elected leader gives each robot a place ({@link starl_decision}), and the team
+%% drives into circles and lines in turn. Each formation is turned a little further. At a barrier
+%% each robot waits until all stand in their places. A robot that waits long checks where it stands,
+%% because wrong positions may have led it to a place that another robot needs. Robots that already
+%% stand may then be in its way ({@link starl_approach}).
 %%
-%% Measure: `error_mm', the distance of a robot from its place. Trace: {@link event()} (see {@link
-%% starl_formation_monitor}).
+%% Measure: `error_mm', the distance of a robot from its place. Trace: {@link event()} (see
+%% {@link starl_formation_monitor}).
 -module(starl_formation).
 -behaviour(starl_app).
 
@@ -71,7 +72,7 @@ measures() -> [{error_mm, "distance from the place in the formation, mm"}].
 -spec knows_walls() -> false.
 knows_walls() -> false.
 
-%% @doc What those who use a formation may rely on.
+%% @doc The guarantees for the users of a formation.
 -spec guarantees() -> [starl_guarantee:t()].
 guarantees() ->
     [

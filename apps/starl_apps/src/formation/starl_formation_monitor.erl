@@ -1,14 +1,15 @@
-%% @doc The contract of a formation: when a robot first takes a round's formation for formed, every robot
-%% stands in its place, to within the tolerance. A robot that a fault gave a wrong position when it
-%% came to its place is excused; so is one whose store was damaged or set back, which may have forgotten
-%% the round, until it comes to its place of that round.
+%% @doc The contract of a formation: when a robot first considers a round's formation complete,
+%% every robot stands in its place, within the tolerance. A robot is excused if a fault gave it a
+%% wrong position when it came to its place. So is a robot whose store was damaged or set back,
+%% until it comes to its place of that round, because it may have forgotten the round.
 %%
-%% Progress: as long as none has died, no store was damaged or set back, and until the first is done, the next formation is formed within three
-%% minutes after the one before and after all faults.
+%% Progress: each formation is complete within three minutes after the previous one, or after the
+%% end of all faults if that is later. This holds until the first robot is done, as long as no robot
+%% has died and no store was damaged or set back.
 %%
-%% Events of machine `app': {@link starl_formation:event()}; of machine `chassis': `motion'; of machine
-%% `barrier': `store_damaged'; of machine `robot': `store_set_back', `died'; of machine `supervisor':
-%% `given_up'.
+%% Events of machine `app': {@link starl_formation:event()}; of machine `chassis': `motion'; of
+%% machine `barrier': `store_damaged'; of machine `robot': `store_set_back', `died'; of machine
+%% `supervisor': `given_up'.
 -module(starl_formation_monitor).
 -behaviour(starl_monitor).
 

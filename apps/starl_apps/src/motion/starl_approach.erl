@@ -1,7 +1,7 @@
-%% @doc Drives to a place among other robots: it keeps away from them ({@link starl_avoidance}), and near its place
-%% it drives straight. Those that stand already may be in its way: who gets no nearer for a time drives
-%% round, by a way that its application knows, and tries again when it does not get on there, either. A courtesy,
-%% without a guarantee. Lengths are millimetres.
+%% @doc Drives to a place among other robots: avoids them on the way ({@link starl_avoidance}), and
+%% drives straight near its place. Robots that already stand may be in its way. A robot that gets no
+%% nearer for a time drives round them, along a path of its application, and tries again if it gets
+%% stuck there, too. Nothing is guaranteed. Lengths are millimetres.
 -module(starl_approach).
 
 -export([arrive/3]).

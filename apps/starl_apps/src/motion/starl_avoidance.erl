@@ -1,7 +1,7 @@
-%% @doc Drives towards a point and keeps away from other robots, for a short time: a velocity that is the sum of
-%% one towards the goal and of pushes away from all that are near and ahead, each a little to the right, so
-%% that two that meet pass each other. A courtesy, without a guarantee: what must never touch goes by path planning
-%% (`starl_dpp').
+%% @doc Drives towards a point for a short time, and avoids other robots. The velocity is the sum of
+%% a pull towards the goal and of pushes away from all robots that are near and ahead. Each push
+%% points a little to the right, so that two robots that meet pass each other. Nothing is
+%% guaranteed: robots that must never touch use path planning (`starl_dpp').
 -module(starl_avoidance).
 
 -export([drive/3]).

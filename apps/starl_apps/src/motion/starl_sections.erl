@@ -1,8 +1,9 @@
-%% @doc Sections of a road, each guarded by a token of mutual exclusion: a robot acquires the next one, looks whether it
-%% is free, and drives there.
+%% @doc Drives a robot through sections of a road that are guarded by tokens of mutual exclusion.
+%% The robot acquires the token of the next section, checks that the section is free, and drives
+%% there.
 %%
-%% A token's lease may run out while its robot, cut off or dead, still stands in the section; so who has the token also
-%% looks. For applications (`starl_crossing', `starl_convoy').
+%% A token's lease may run out while its robot, cut off or dead, still stands in the section. So the
+%% next holder also looks. For applications (`starl_crossing', `starl_convoy').
 -module(starl_sections).
 
 -export([position/1, distance/2, others/1, take/2, leave/2, enter/3]).

@@ -17,7 +17,7 @@
 %%
 %% A robot that reports the picture as complete, `{done, complete}', must be right.
 %%
-%% Events of machine `chassis': `motion' and `actuated' (the pen is up at first), which tell the
+%% Events of machine `chassis': `motion' and `actuated' (the pen is up at first), which report the
 %% actual state and not the commanded one; of machine `app': {@link starl_painting:event()}, `done';
 %% of machine `robot': `died' (the robot stays where it is).
 %%

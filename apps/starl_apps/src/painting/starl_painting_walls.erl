@@ -1,5 +1,5 @@
-%% @doc A picture on a floor with walls: the parts of its lines that robots can paint, and what is left
-%% out, as it is in a wall or too near to one, or cannot be reached. Lengths are millimetres.
+%% @doc Fits a picture to a floor with walls: finds the parts of its lines that robots can paint.
+%% The rest is in a wall, too near to one, or out of reach. Lengths are millimetres.
 -module(starl_painting_walls).
 
 -export([fit/3, left_out/1]).
@@ -64,7 +64,7 @@ joined([{A, B}, {B, C} | Steps]) -> joined([{A, C} | Steps]);
 joined([Step | Steps]) -> [Step | joined(Steps)];
 joined([]) -> [].
 
-%% @doc What is told of it, in one line or none.
+%% @doc The text on what is left out, in one line or none.
 -spec left_out(lost() | none) -> [unicode:chardata()].
 left_out(none) ->
     [];

@@ -1,13 +1,14 @@
-%% @doc Distributed search (the paper's section III-C): robots with cameras search a building for a coloured
-%% ball. The scene chooses places from which together all floor is seen ({@link starl_search_cover}).
-%% Path planning leads each robot to places where nobody has looked yet; there it looks all around,
-%% and drives the short line that marks the place as done. Who sees the ball looks again, from where it
-%% stands; if the looks agree it writes the place into a register that all share, and everybody is
-%% done. A robot that dies, or whose camera is gone, leaves its places to others.
+%% @doc Distributed search (the paper's section III-C): robots with cameras search a building for a
+%% coloured ball. The scene chooses places from which together all floor is seen
+%% ({@link starl_search_cover}). Path planning leads each robot to places where nobody has looked
+%% yet; there it looks all around, and drives the short line that marks the place as done. A robot
+%% that sees the ball looks again, from where it stands. If the looks agree, it writes the place
+%% into a register that all share, and all robots are done. A robot that dies, or whose camera is
+%% gone, leaves its places to others.
 %%
-%% Other robots hide floor. A robot looks again until they have moved. Who waits for work looks, too,
-%% and says so in a register: what it has seen needs no second look. What stays hidden, behind a
-%% dead robot, is not seen: all end with `incomplete'.
+%% Other robots hide floor. A robot looks again until they have moved. A robot that waits for work
+%% looks, too, and writes that into a register: what it has seen needs no second look. What stays
+%% hidden, behind a dead robot, is not seen: all end with `incomplete'.
 %%
 %% Trace: {@link event()} (see {@link starl_search_monitor}).
 -module(starl_search).
@@ -403,7 +404,7 @@ middle(Points) ->
 -spec options() -> [starl_options:option()].
 options() -> starl_search_scene:options().
 
-%% @doc What those who search may rely on.
+%% @doc The guarantees for the robots that search.
 -spec guarantees() -> [starl_guarantee:t()].
 guarantees() ->
     [

@@ -1,6 +1,6 @@
-%% @doc The floor that is searched: a grid of cells, each with a place where a ball can lie. That is all free
-%% floor on which a ball has room, whether anybody can come there or not. Only where a plan names
-%% rooms, what is in none of them and closed off from all of them is outside of the building.
+%% @doc The floor to search: a grid of cells, each with a place where a ball can lie. It covers all
+%% free floor on which a ball has room, whether robots can get there or not. If a plan names rooms,
+%% floor that is in none of them and closed off from all of them counts as outside of the building.
 %% Lengths are millimetres.
 -module(starl_search_cells).
 

@@ -1,16 +1,16 @@
-%% @doc Where a team has to look from to see a whole floor.
+%% @doc Chooses viewpoints from which a team can see a whole floor.
 %% ```
 %%   #{views := Views, unseen := Unseen} = starl_search_cover:plan(Floor, #{
 %%       range_mm => 3000.0, ball_mm => 100.0, slack_mm => 11.0,
 %%       places => Places, comes_to => fun(P) -> ... end, line => fun(P) -> ... end
 %%   })
 %% '''
-%% The floor is a grid of cells ({@link starl_search_cells}). From each place that robots can
-%% come to, rays find the cells that can be seen from there, whatever the place and the ball are off by.
-%% Views are chosen one by one, always the one that shows most of what is left. A cell that none of
-%% the places shows is looked at from its own side: is there any other place from which it is seen?
+%% The floor is a grid of cells ({@link starl_search_cells}). For each place that robots can reach,
+%% rays find the cells that can be seen from there, whatever the errors of the place and the ball.
+%% Views are chosen one by one, always the one that shows the most remaining cells. If no place
+%% shows a cell, the search starts from the cell: is there any other place from which it is seen?
 %%
-%% Doors count as closed, since they may be. Only what cannot be seen otherwise is looked at
+%% Doors count as closed, since they may be. Only cells that cannot be seen otherwise are looked at
 %% through an open door. Pure; equal floors give equal views. Lengths are millimetres.
 -module(starl_search_cover).
 

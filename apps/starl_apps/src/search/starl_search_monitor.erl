@@ -1,22 +1,24 @@
-%% @doc The contract of the search. Until the ball is found all floor that a camera can come to see is
-%% seen: a robot that says `complete' is right. Who says that it has found the ball could see it: it is in
-%% the camera's view and not behind a wall, and as near to where it is said to be as cameras are
-%% exact. And then all that live are done within a bound, counted from the heal if that comes later.
+%% @doc The contract of the search. A robot that reports `complete' is right: until the ball is
+%% found, all floor that a camera can come to see is seen. A robot that reports the ball could see
+%% it: the ball is in the camera's view and not behind a wall. The reported place is right to within
+%% the accuracy of cameras. After that, all living robots are done within a bound, counted from the
+%% heal if that comes later.
 %%
-%% What is seen follows from where the robots really were when their cameras answered: points all over the
-%% floor, where a ball has room, in the field and the range of a camera, without anything in between. Of
-%% the plan of the search the monitor knows nothing. It counts twice:
+%% What is seen follows from the true poses of the robots when their cameras answered: points all
+%% over the floor, where a ball has room, in the field and the range of a camera, without anything
+%% in between. The monitor knows nothing of the plan of the search. It counts twice:
 %%
 %% <dl>
 %% <dt>seen</dt><dd>by a camera without a fault, with nothing in the way: walls, obstacles, robots. The report
 %% names what is left.</dd>
-%% <dt>judged</dt><dd>what a robot cannot know is left out: obstacles that are not on its plan, a camera that answers
-%% though it is frozen or wrong, the body of another robot. Who says `complete' before all of that is seen
-%% breaks the contract.</dd>
+%% <dt>judged</dt><dd>what a robot cannot know is left out: obstacles that are not on its plan, a camera that
+%% answers although it is frozen or wrong, the body of another robot. A robot that reports
+%% `complete' before all of that is seen breaks the contract.</dd>
 %% </dl>
 %%
-%% Events of machine `chassis': `motion'; of machine `location': `felt'; of machine `app': {@link
-%% starl_search:event()}, `done'; of machine `robot': `died'; of machine `supervisor': `given_up'.
+%% Events of machine `chassis': `motion'; of machine `location': `felt'; of machine `app':
+%% {@link starl_search:event()}, `done'; of machine `robot': `died'; of machine `supervisor':
+%% `given_up'.
 -module(starl_search_monitor).
 -behaviour(starl_monitor).
 

@@ -1,6 +1,6 @@
-%% @doc The rooms of a floor, for texts: those that its plan names; in a plan without names the parts
-%% that are left where narrow places are closed, doors among them. Each narrow place belongs to the room
-%% that is nearest. Lengths are millimetres.
+%% @doc The rooms of a floor, for texts. If the floor plan names no rooms, they are the parts that
+%% remain when narrow places, such as doors, are closed. Each narrow place belongs to the nearest
+%% room. Lengths are millimetres.
 -module(starl_search_rooms).
 
 -export([new/1, names/1, where/2]).

@@ -1,5 +1,5 @@
-%% @doc The scene of the search: the building with the places to look from, the ball, the robots on their
-%% parking spots, the blocks and the contracts; and the texts before and after a run.
+%% @doc Makes the scene of the search: the building with its viewpoints, the ball, the parked
+%% robots, the blocks and the contracts. It also makes the texts before and after a run.
 -module(starl_search_scene).
 
 -export([options/0, scene/1, preview/1, report/2]).

@@ -1,10 +1,10 @@
-%% @doc A swarm that sends to areas (the paper's section III-A): robots with a short radio move about, and
-%% from time to time one sends a message to all robots inside a circle somewhere on the floor. Over several
-%% hops it reaches those inside, and nobody else hears it: the contracts of geocast and of the swarm
-%% ({@link starl_swarm_monitor}) judge every run.
+%% @doc A swarm that sends messages to areas (the paper's section III-A). Robots with a short radio
+%% range move about. From time to time a robot sends a message to all robots inside a circle
+%% somewhere on the floor. The message reaches them over several hops, and no other robot receives
+%% it. The contracts of geocast and of the swarm ({@link starl_swarm_monitor}) judge every run.
 %%
-%% A circle shows the area of each robot's last message, a dot the place where one was heard. Measure:
-%% `heard', how many messages a robot has heard.
+%% A circle shows the area of each robot's last message, a dot the place where a message was
+%% received. Measure: `heard', how many messages a robot has received.
 -module(starl_swarm).
 -behaviour(starl_app).
 
@@ -53,7 +53,7 @@ measures() -> [{heard, "messages that a robot has heard"}].
 -spec knows_walls() -> false.
 knows_walls() -> false.
 
-%% @doc Who hears.
+%% @doc The guarantees on who receives a message.
 -spec guarantees() -> [starl_guarantee:t()].
 guarantees() ->
     [

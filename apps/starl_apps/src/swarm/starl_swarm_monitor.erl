@@ -2,9 +2,9 @@
 %% receive it within a second. Connected: a chain of robots links the two, each in range of the next. Robots
 %% that could leave the area, or break the chain, within that second at full speed do not count.
 %%
-%% On a radio that loses packets chance may keep a message from a robot, the more often the longer the chain and the more
-%% packets are lost. The probabilities of the messages in a row that are missed are multiplied: a row that is rarer than
-%% 10^-9 breaks the contract.
+%% On a radio that loses packets chance may keep a message from a robot, the more often the longer
+%% the chain and the more packets are lost. The probabilities of consecutive missed messages are
+%% multiplied. A series that is rarer than 10^-9 breaks the contract.
 %%
 %% Not judged are, in slow radios, a chain of too many hops, and
 %% messages with a fault during that second or up to five seconds before. That nobody else hears, the

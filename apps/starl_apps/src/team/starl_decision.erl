@@ -1,18 +1,20 @@
-%% @doc A decision of a team, made once: an elected leader decides, keeps it in its store before it tells it, so
-%% that in a later life it makes no other one, and puts it into a register that all share. Who takes part in the
-%% election after a restart, perhaps alone, looks for the decision meanwhile.
+%% @doc Makes one decision for a whole team. An elected leader decides and puts the decision into a
+%% register that all share. It stores the decision before it publishes it, so that it makes no other
+%% decision after a restart. A robot that takes part in the election after a restart, perhaps alone,
+%% also looks for the decision.
 %% ```
 %%   leader                                       others
 %%      |--- elect ------------------------------->|
 %%      |    decide, store
 %%      |--- register := decision ---------------->|  each reads its copy
 %% '''
-%% A robot that is elected looks once more before it decides, and for a while if its store is damaged: it may
-%% have decided before. Two robots may decide all the same, when the store of the first is damaged or lost and no other robot
-%% is heard meanwhile. Then the later decision counts, and who waits for the others in vain asks for it ({@link latest/3}).
+%% An elected robot looks once more before it decides, because it may have decided before. If its
+%% store is damaged, it looks for a while. Two robots may decide all the same, when the store of the
+%% first is damaged or lost and no other robot is heard meanwhile. Then the later decision counts,
+%% and a robot that waits in vain for the others asks for it ({@link latest/3}).
 %%
-%% For applications. The blocks are `starl_election' and `starl_registers'; the application's store holds the
-%% decision, and nothing else.
+%% For applications. The blocks are `starl_election' and `starl_registers'. The application's store
+%% holds the decision, and nothing else.
 -module(starl_decision).
 
 -export([await/3, latest/3]).

@@ -1,13 +1,15 @@
-%% @doc Leadership with fail-over, for applications: one robot of a team leads, and tells the others something at
-%% every beat. When nothing has been heard of the leader for a while, those that are left elect another one
-%% by the bully algorithm, in the next term; who hears of a later term follows its leader.
+%% @doc Leadership with fail-over, for applications: one robot of a team leads, and sends some
+%% content to the others with every heartbeat. When the others have heard nothing of the leader for
+%% a while, they elect another leader by the bully algorithm, in the next term. A robot that hears
+%% of a later term follows its leader.
 %% ```
 %%   leader                                followers
 %%      |--- beat Term, Content ------------>|   each half second
 %%      (dies)                               |   three seconds without a beat
 %%                                           |--- elect {lead, Term + 1}: the highest alive leads
 %% '''
-%% An application takes a turn, does what its role asks for, and a leader ends its turn with listening:
+%% An application takes a turn and does what its role asks for. A leader ends its turn with
+%% listening:
 %% ```
 %%   case starl_leadership:turn(Robot, Team) of
 %%       {elected, Next} -> ...
@@ -16,16 +18,14 @@
 %%       {nothing, Next} -> ...
 %%   end
 %% '''
-%% A leader tells, and need not hear: a team goes on with a leader that has become deaf. A robot that does not hear its
-%% leader takes the lead in a later term, if all others hear it. With a leader that is mute the others elect another
-%% one, which hears and is heard by a majority ({@link starl_election_bully}). An application whose leader needs
-%% answers must make sure of them itself.
+%% A leader sends, and need not hear: a team goes on with a leader that has become deaf. A robot
+%% that does not hear its leader takes the lead in a later term, if all others hear it. If a leader
+%% is mute, the others elect another leader that hears, and is heard by, a majority
+%% ({@link starl_election_bully}). An application whose leader needs answers must make sure of them
+%% itself.
 %%
-%% Under lost messages two may lead in one term, until one hears of the other: the one with the higher number
-%% goes on. The block is `starl_bully'. Trace: {@link event()}.
-%%
-%% A term that is too far above the known one is not followed ({@link starl_term}), so that no robot can end the
-%% counting.
+%% If messages are lost, two robots may lead in one term, until one hears of the other. Then the
+%% robot with the higher number goes on. The block is `starl_bully'. Trace: {@link event()}.
 -module(starl_leadership).
 
 -export([new/1, turn/2, listen/2, beat/3, draw/3, leader/1, beat_ms/0]).
@@ -91,7 +91,7 @@ turn(Robot, #leadership{role = follow} = Team) ->
         Beat -> heard(Beat, Robot, Team)
     end.
 
-%% @doc The leader tells all others; it does not wait.
+%% @doc Sends the leader's content to all others; it does not wait.
 -spec beat(starl:robot(), Content :: term(), t()) -> ok.
 beat(Robot, Content, #leadership{role = lead, term = Term}) ->
     ok = starl:trace(Robot, {leads, Term}),
