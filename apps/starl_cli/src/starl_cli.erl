@@ -54,8 +54,8 @@ internal_error(Text) ->
     starl_cli_terminal:complain(["internal error: ", brief(Text), Where]),
     1.
 
-%% @doc The text of an exception in one line: what went wrong, and in which function. The rest of a long line
-%% is left out.
+%% @doc The text of an exception in one line: what went wrong, and in which function. A long line is
+%% cut off.
 -spec brief(unicode:chardata()) -> string().
 brief(Text) ->
     Lines = string:split(unicode:characters_to_list(Text), "\n", all),

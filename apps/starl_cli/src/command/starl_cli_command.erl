@@ -1,9 +1,9 @@
 %% @doc The behaviour of a command of `./starl'.
 %%
-%% A command declares its name, its arguments and its purpose. The dispatch and the parser of
-%% arguments (`starl_cli_dispatch'), both help texts (`starl_cli_usage') and the words for completion
-%% all follow from this declaration. An OTP application lists its commands in its `.app' file ({@link
-%% starl_catalogue}).
+%% A command declares its name, its arguments and its purpose. This declaration determines the
+%% dispatch and the parser of arguments (`starl_cli_dispatch'), both help texts (`starl_cli_usage')
+%% and the words for completion. An OTP application lists its commands in its `.app' file
+%% ({@link starl_catalogue}).
 -module(starl_cli_command).
 
 -export([all/0, find/1]).

@@ -1,5 +1,5 @@
-%% @doc What an application may rely on: the guarantees of its blocks, composed ({@link
-%% starl_guarantee}), under some kinds of faults ({@link starl_run_condition}).
+%% @doc Computes what an application may rely on under some kinds of faults. It composes the
+%% guarantees of the application's blocks ({@link starl_guarantee}, {@link starl_run_condition}).
 -module(starl_cli_compose).
 
 -export([told/3]).

@@ -1,6 +1,6 @@
-%% @doc Keeps the files that a run is made from in the run's own directory: the sources of a user's
-%% application, those of its reloads, and the files that options name, such as a picture. They are read before
-%% the run, so a run can be repeated after they were moved or changed.
+%% @doc Copies the input files of a run into the run's own directory. These are the sources of a
+%% user's application and of its reloads, and the files that options name, such as a picture. They
+%% are read before the run, so the run can be repeated after they were moved or changed.
 -module(starl_cli_inputs).
 
 -export([

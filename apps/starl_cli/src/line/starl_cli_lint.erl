@@ -1,7 +1,7 @@
-%% @doc Finds calls in a user's modules whose values are not the robot's: random numbers, clocks,
-%% identifiers, shared tables and the environment of this computer. With them, equal scenarios and seeds give unequal runs. And it finds
-%% the calls that send messages of a type, which a note on such messages names, and those that name a
-%% token by a text.
+%% @doc Finds calls in a user's modules that return values from outside the robot: random numbers,
+%% clocks, identifiers, shared tables and this computer's environment. With them, equal scenarios
+%% and seeds give unequal runs. It also finds the calls that send messages of a type, for a note on
+%% such messages, and the calls that name a token by a text.
 -module(starl_cli_lint).
 
 -export([calls/1, sends/2, named_by_text/1, text/1]).

@@ -1,13 +1,10 @@
-%% @doc Tells whether code that lies in the results of a run was put there by this user.
+%% @doc Checks whether this user put the code there that lies in the results of a run.
 %%
-%% Results come from anywhere: from a colleague, a mailing list, a storage. To compile and load a module runs what its
-%% author likes. So the sources that a run keeps get a list of their hashes with a code (HMAC) by a key of the
-%% user's own; commands that only read results load what such a list covers, and nothing else, unless the user says
-%% `--trust'. The key lies in the user's configuration, `~/.config/starl/key', and never leaves it.
-%%
-%% What the list covers is copied to a directory of the user's alone while it is compared, and loaded from there
-%% ({@link own/2}). So nobody can exchange a file in between, and what lies beside the files of the list is not seen:
-%% another module of a name that a source mentions, or a header in the place of a library's.
+%% Results come from anywhere: from a colleague, a mailing list, a storage. Compiling and loading a
+%% module executes what its author likes. So the sources that a run keeps get a list of their hashes
+%% with a code (HMAC) by a key of the user's own. Commands that only read results load what such a
+%% list covers, and nothing else, unless the user says `--trust'. The key lies in the user's
+%% configuration, `~/.config/starl/key', and never leaves it.
 -module(starl_cli_made_here).
 
 -include_lib("kernel/include/file.hrl").

@@ -1,5 +1,5 @@
-%% @doc The record of a run, the file `run.term' in its directory: one map of readable Erlang terms
-%% with all inputs of the run and its results. `./starl replay' repeats the run and compares.
+%% @doc The record of a run, the file `run.term' in its directory. It is one map of readable Erlang
+%% terms with all inputs and results of the run. `./starl replay' repeats the run and compares.
 -module(starl_cli_record).
 
 -export([make/4, results/1, text/1, write/2, read/1, format_error/1, hex/1]).

@@ -1,7 +1,7 @@
-%% @doc Finds what a command is to run: a shipped application, a scenario file, the Erlang source of
-%% a user's application, a directory with such sources, the name of a module in `src' of the working
-%% directory, a module on the code path that is an application, or a recorded run, by its directory or
-%% its `run.term'.
+%% @doc Finds what a command should run. A target is a shipped application, a scenario file, the
+%% Erlang source of a user's application, or a directory with such sources. It may also be the name
+%% of a module in `src' of the working directory, an application module on the code path, or a
+%% recorded run, named by its directory or its `run.term'.
 -module(starl_cli_target).
 
 -export([names_code/1, beams/1, given/2, scenario/2, place/3, replay/2, command_line/3]).

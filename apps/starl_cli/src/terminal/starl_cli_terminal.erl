@@ -1,8 +1,9 @@
-%% @doc The terminal of the command line: its width, a test whether the output goes to a terminal,
-%% and output that survives a closed pipe (`./starl ... | head').
+%% @doc The terminal of the command line. It prints to outputs that may be closed pipes (`./starl
+%% ... | head'), and knows the terminal's width and whether the output is a terminal.
 %%
-%% What is printed may come from robots, recordings, files and names. So control characters, which would move the
-%% cursor, colour or retitle the terminal, or turn the text around, are replaced here, for all of it.
+%% Printed text may come from robots, recordings, files and names. So control characters are
+%% replaced here, in all of it: they could move the cursor, colour or retitle the terminal, or
+%% reverse the text.
 -module(starl_cli_terminal).
 
 -export([bad_input/1, out/1, out/2, help/1, raw/1, complain/1, warn/1, draw/1, lost/0]).
@@ -249,7 +250,7 @@ lines([Word | Words], Room, Line) ->
 
 finished(Line) -> lists:flatten(lists:join(" ", lists:reverse(Line))).
 
-%% @doc A text as one word of a command line that a user is told to type, quoted where a shell would not
+%% @doc A text as one word of a command line that a user should type, quoted where a shell would not
 %% take it as it is.
 -spec quoted(string()) -> string().
 quoted("") ->
