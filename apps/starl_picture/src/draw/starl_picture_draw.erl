@@ -1,9 +1,9 @@
-%% @doc Writes a painting to a picture file: the lines to paint in gray, the ink of every robot in a
-%% separate colour, the positions of the robots, and a legend.
+%% @doc Draws a painting into a picture file. It shows the lines to paint in gray, each robot's ink
+%% in a separate colour, the positions of the robots, and a legend.
 %%
-%% The user unit of the SVG is one millimetre of floor. Widths of lines and sizes of letters are
-%% given in dots, of which the drawing's longer side has 800, so that a floor of any size looks
-%% the same on a screen.
+%% The user unit of the SVG is one millimetre of floor. Line widths and letter sizes are given in
+%% dots. The longer side of the drawing has 800 dots, so a floor of any size looks the same on a
+%% screen.
 -module(starl_picture_draw).
 
 -export([svg/1, write/3, colour/1, format_error/1]).

@@ -1,5 +1,5 @@
-%% @doc Draws what an application draws ({@link starl_drawing}) as a part of an SVG picture, whose unit is a
-%% millimetre of floor with y downwards. A pure module.
+%% @doc Draws the drawings of an application ({@link starl_drawing}) into an SVG picture. Its unit
+%% is a millimetre of floor, with y downwards. A pure module.
 -module(starl_picture_drawing).
 
 -export([svg/4]).

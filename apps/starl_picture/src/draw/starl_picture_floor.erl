@@ -1,4 +1,4 @@
-%% @doc Draws a floor plan beneath a picture: walls, doors, the names of rooms and places, as SVG in
+%% @doc Draws a floor plan below a picture: walls, doors, the names of rooms and places, as SVG in
 %% millimetres.
 -module(starl_picture_floor).
 

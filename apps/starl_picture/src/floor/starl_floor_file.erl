@@ -1,4 +1,4 @@
-%% @doc Reads a floor plan from a file, or one that ships with StarL by its name. The ending says of
+%% @doc Reads a floor plan from a file, or by its name if it ships with StarL. The ending says of
 %% what form it is: `.map' of the MovingAI benchmarks ({@link starl_floor_map}), `.yaml' of an
 %% occupancy grid of ROS ({@link starl_floor_ros}), `.svg' a drawing with a layer of walls
 %% ({@link starl_floor_svg}); any other is StarL's own ({@link starl_floor_text}).

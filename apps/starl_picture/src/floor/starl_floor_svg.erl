@@ -1,5 +1,5 @@
-%% @doc Reads a floor plan from an SVG drawing whose layers (groups) have these names, in upper or
-%% lower case, by Inkscape's label, a title or an id:
+%% @doc Reads a floor plan from an SVG drawing. Its layers (groups) must have the names below, in
+%% upper or lower case, as Inkscape's label, a title or an id:
 %%
 %% ```
 %%   <svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 6000 4000">

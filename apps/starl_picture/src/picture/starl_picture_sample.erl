@@ -1,6 +1,6 @@
-%% @doc Random pictures of many short lines, 0.01 to 10 mm, by number: alone, between long lines, and in
-%% chains, with dots, and some lines twice. So soak tries what is in real drawings, but in none that
-%% ships.
+%% @doc Makes random pictures of many short lines, 0.01 to 10 mm, by number. The lines stand alone,
+%% between long lines, and in chains; there are dots, and some lines occur twice. So a soak tries
+%% what occurs in real drawings, but in none that ships.
 %% ```
 %%   ./starl run painting --picture short_lines:7
 %% '''

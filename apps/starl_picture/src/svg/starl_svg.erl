@@ -1,13 +1,18 @@
-%% @doc The SVG reader: finds the lines that a browser shows of a document and gives them in the
-%% units of the root element (SVG 1.1, chapters 5, 7, 9; SVG 2 where browsers follow it).
+%% @doc Reads an SVG document: returns the lines that a browser would show, in the units of the root
+%% element. It follows SVG 1.1, chapters 5, 7, 9, and SVG 2 where browsers do.
 %%
-%% Its parts, in the order in which a document passes them: {@link starl_svg_prolog} and
-%% {@link starl_svg_xml} parse it; {@link starl_svg_cascade} resolves its styles, with
-%% {@link starl_svg_css} and {@link starl_svg_selector}; {@link starl_svg_walk} draws it, with
-%% {@link starl_svg_paint} and {@link starl_svg_colour} for what can be seen,
-%% {@link starl_svg_window}, {@link starl_svg_transform} and {@link starl_svg_clip} for where, {@link starl_svg_path}
-%% and {@link starl_svg_shape} for the outlines of {@link starl_svg_curve};
-%% {@link starl_svg_area} tells what an outline encloses, {@link starl_svg_number} reads numbers.
+%% Its parts, in the order in which a document passes them:
+%% <ul>
+%% <li>{@link starl_svg_prolog} and {@link starl_svg_xml} parse it.</li>
+%% <li>{@link starl_svg_cascade} resolves its styles, with {@link starl_svg_css} and
+%%   {@link starl_svg_selector}.</li>
+%% <li>{@link starl_svg_walk} draws it. {@link starl_svg_paint} and {@link starl_svg_colour} decide what
+%%   can be seen; {@link starl_svg_window}, {@link starl_svg_transform} and {@link starl_svg_clip} decide
+%%   where; {@link starl_svg_path} and {@link starl_svg_shape} make the outlines of
+%%   {@link starl_svg_curve}.</li>
+%% <li>{@link starl_svg_area} computes what an outline encloses, {@link starl_svg_number} reads
+%%   numbers.</li>
+%% </ul>
 -module(starl_svg).
 
 -export([read/2, layers/3, name/1]).

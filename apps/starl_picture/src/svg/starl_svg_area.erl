@@ -1,5 +1,5 @@
-%% @doc Areas that outlines enclose: whether there is one, its boundary, its box. A part of the SVG
-%% reader, {@link starl_svg}.
+%% @doc Computes the area that outlines enclose: whether there is one, its boundary, and its
+%% bounding box. A part of the SVG reader, {@link starl_svg}.
 -module(starl_svg_area).
 
 -export([encloses/1, closed/1, covers/2, box/1, merge/2, overlap/2]).

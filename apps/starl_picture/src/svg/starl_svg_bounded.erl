@@ -1,5 +1,5 @@
-%% @doc Runs a function with bounds on memory and work, for documents of a hostile shape. A part of
-%% the SVG reader, {@link starl_svg}.
+%% @doc Runs a function with bounds on memory and work, to survive hostile documents. A part of the
+%% SVG reader, {@link starl_svg}.
 %%
 %% Work is counted in reductions, not in time: what is read on a quiet machine is read on a busy one.
 -module(starl_svg_bounded).

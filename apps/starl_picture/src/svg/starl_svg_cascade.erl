@@ -1,11 +1,12 @@
-%% @doc Resolves the styles of a document: the rules of its style sheets, the `style' attributes and
-%% the presentation attributes of each element (CSS Cascading 4, section 6; SVG 2, section 6). A
-%% part of the SVG reader, {@link starl_svg}.
+%% @doc Resolves the styles of a document (CSS Cascading 4, section 6; SVG 2, section 6). Styles
+%% come from the rules of its style sheets, and from the `style' attributes and presentation
+%% attributes of its elements. A part of the SVG reader, {@link starl_svg}.
 %%
-%% The winning value of each property becomes the attribute of the property's name, so everything
-%% that follows reads attributes only. Of two declarations the important one wins, then that of the
-%% `style' attribute, then the more specific selector, then the later one; a presentation attribute
-%% loses against all. An element that a `use' repeats keeps the rules of its place in the document.
+%% The winning value of each property becomes the attribute of the property's name, so all later
+%% steps read attributes only. Of two declarations the important one wins. Then the `style'
+%% attribute wins, then the more specific selector, then the later declaration. A presentation
+%% attribute loses against all. An element that a `use' repeats keeps the rules of its place in the
+%% document.
 -module(starl_svg_cascade).
 
 -export([resolve/1]).

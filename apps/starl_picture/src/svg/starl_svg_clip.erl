@@ -1,7 +1,7 @@
-%% @doc Clipping: what the window of a nested picture, or the shapes of a `clipPath', leave of a line. A convex
-%% polygon cuts by its sides (Cyrus and Beck, 1978); of any other area the winding number tells what is
-%% inside, as in browsers. Curves become chords on the floor, within a tolerance. A part of the SVG reader,
-%% {@link starl_svg}.
+%% @doc Clips lines to the window of a nested picture, or to the shapes of a `clipPath'. A convex
+%% polygon cuts by its sides (Cyrus and Beck, 1978). For any other area the winding number decides
+%% what is inside, as in browsers. Curves become chords on the floor, within a tolerance. A part of
+%% the SVG reader, {@link starl_svg}.
 -module(starl_svg_clip).
 
 -export([rectangle/3, of_path/3, placed/3, box/1, covers/2, cut/2, edges/2]).

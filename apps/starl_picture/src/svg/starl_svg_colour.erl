@@ -1,8 +1,8 @@
 %% @doc Reads the values of `fill', `stroke' and `color' (SVG 2, section 13.2; CSS Color 4). A part
 %% of the SVG reader, {@link starl_svg}.
 %%
-%% A colour only has to tell whether it can be seen and whether it is that of the page, so the
-%% notations without a table or arithmetic of their own keep their text.
+%% Only two properties of a colour matter: whether it can be seen, and whether it is the colour of
+%% the page. So notations that need no table or arithmetic keep their text.
 -module(starl_svg_colour).
 
 -export([paint/1]).

@@ -1,5 +1,6 @@
-%% @doc Mistakes of a document ({@link starl_svg:problem()}): the first one ends the reading, and becomes one
-%% line that states the problem, its place and the remedy. A part of the SVG reader, {@link starl_svg}.
+%% @doc Reports a mistake of a document ({@link starl_svg:problem()}). The first mistake ends the
+%% reading, and becomes one line that states the problem, its place and the remedy. A part of the
+%% SVG reader, {@link starl_svg}.
 -module(starl_svg_error).
 
 -export([fail/1, fail/2, caught/1, format/1, line/2, quote/2]).

@@ -78,7 +78,7 @@ stroke_width(#paint{stroke_width = Width}) -> Width.
 -spec has_dots(t()) -> boolean().
 has_dots(#paint{capped = Capped}) -> Capped.
 
-%% @doc What can be seen of a shape. `IsServer' tells whether a gradient or pattern exists.
+%% @doc The visible parts of a shape. `IsServer' says whether a gradient or pattern exists.
 -spec seen(t(), IsServer :: fun((Id :: binary()) -> boolean())) -> seen().
 seen(#paint{visible = Visible, opaque = Opaque} = Paint, IsServer) when Visible, Opaque ->
     #paint{colour = Colour, fill = Fill, stroke = Stroke} = Paint,

@@ -1,6 +1,6 @@
-%% @doc Affine maps of the plane, and a parser of the `transform' attribute (SVG 1.1, section 7.6),
-%% also as style sheets write it (CSS Transforms 1, section 7, in the plane, with px and deg).
-%% A part of the SVG reader, {@link starl_svg}.
+%% @doc Affine maps of the plane, and a parser of the `transform' attribute (SVG 1.1, section 7.6).
+%% The parser also accepts the form of style sheets (CSS Transforms 1, section 7, in the plane, with
+%% px and deg). A part of the SVG reader, {@link starl_svg}.
 %%
 %% A matrix is `{A, B, C, D, E, F}' and maps `{X, Y}' to `{A*X + C*Y + E, B*X + D*Y + F}'.
 -module(starl_svg_transform).

@@ -1,12 +1,12 @@
-%% @doc Walks through a document whose styles are resolved ({@link starl_svg_cascade}), and collects
-%% the outlines of the shapes that can be seen, in the units of the root element, and what is left
-%% out. A part of the SVG reader, {@link starl_svg}.
+%% @doc Walks through a document with resolved styles ({@link starl_svg_cascade}) and collects the
+%% outlines of visible shapes, in the units of the root element. It also reports what it leaves out.
+%% A part of the SVG reader, {@link starl_svg}.
 %%
-%% Drawn are shapes outside of `defs', `symbol', `clipPath', `mask', `marker' and `pattern', and
-%% those that a `use' repeats. Of a stroke its middle counts, of a fill without a stroke its
-%% boundary, and the edge that a window cuts. A line without length counts if its ends are round or
-%% square: a dot. Left out is a page background: a filled rectangle without a stroke that covers the
-%% frame; and a fill in the page's colour with nothing beneath.
+%% It draws shapes outside of `defs', `symbol', `clipPath', `mask', `marker' and `pattern', and
+%% those that a `use' repeats. A stroke counts as its middle line; a fill without a stroke counts as
+%% its boundary, with the edge that a window cuts. A line without length counts if its ends are
+%% round or square: a dot. Two things are left out: a page background, which is a filled rectangle
+%% without a stroke that covers the frame; and a fill in the page's colour with nothing beneath.
 -module(starl_svg_walk).
 
 -export([drawn/3, parts/3]).
