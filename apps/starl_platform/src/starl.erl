@@ -68,14 +68,14 @@ now(#robot{}) -> starl_app_turn:now() div 1000.
 -spec random(robot()) -> float().
 random(#robot{}) -> starl_app_turn:random().
 
-%% @doc One of these, each as likely as any other, from the seed of the run.
+%% @doc A random item of the list, each with the same probability, from the seed of the run.
 -spec choice(robot(), [Item, ...]) -> Item.
 choice(#robot{} = Robot, Items) ->
     ok = starl_caller:check({?MODULE, choice, 2}, 'Items', items, Items),
     lists:nth(1 + trunc(random(Robot) * length(Items)), Items).
 
-%% @doc A number of the normal distribution with this mean and standard deviation, from the seed of the
-%% run (by Box and Muller's method).
+%% @doc A random number of the normal distribution with this mean and standard deviation, from the
+%% seed of the run (by Box and Muller's method).
 -spec normal(robot(), Mean :: number(), Deviation :: number()) -> float().
 normal(#robot{} = Robot, Mean, Deviation) ->
     ok = starl_caller:check({?MODULE, normal, 3}, 'Mean', value, Mean),
@@ -84,7 +84,7 @@ normal(#robot{} = Robot, Mean, Deviation) ->
     Radius = math:sqrt(-2 * math:log(1.0 - random(Robot))),
     Mean + Deviation * Radius * math:cos(2 * math:pi() * random(Robot)).
 
-%% @doc These in another order, each order as likely as any other, from the seed of the run.
+%% @doc The items in a random order, each order with the same probability, from the seed of the run.
 -spec shuffle(robot(), [Item]) -> [Item].
 shuffle(#robot{} = Robot, Items) ->
     ok = starl_caller:check({?MODULE, shuffle, 2}, 'Items', list, Items),
@@ -156,9 +156,9 @@ position(#robot{} = Robot, Id) ->
     {ok, #{robot_id() => pose()}} | {error, restarted | unknown}.
 positions(#robot{} = Robot) -> flatten(call(Robot, location, poses, infinity)).
 
-%% @doc The robots at most this far away (mm), nearest first, as the positioning system sees them.
-%% One picture shows them and the robot itself. `offset' has the axes of {@link velocity/3}: to drive
-%% towards a neighbour is to take its offset, scaled, for a velocity.
+%% @doc The robots at most this far away (mm), nearest first, as the positioning system sees them. A
+%% single picture shows them and the robot itself. `offset' has the axes of {@link velocity/3}: a
+%% robot drives towards a neighbour if it takes its offset, scaled, as its velocity.
 -spec neighbours(robot(), WithinMm :: number()) ->
     {ok, [neighbour()]} | {error, restarted | unknown}.
 neighbours(#robot{id = Id} = Robot, Within) ->
@@ -198,8 +198,8 @@ waypoint(#robot{} = Robot, Name) ->
 -spec waypoints(robot()) -> {ok, #{atom() => starl_geometry:point()}} | {error, restarted}.
 waypoints(#robot{} = Robot) -> flatten(call(Robot, location, waypoints, infinity)).
 
-%% @doc Puts a named waypoint, or another in its place: for this robot, which keeps it over restarts and
-%% reboots. `full': it has put 1,000.
+%% @doc Defines a named waypoint, or replaces it, for this robot only. The robot keeps it over
+%% restarts and reboots. `full': it has already defined 1,000.
 -spec put_waypoint(robot(), Name :: atom(), starl_geometry:point()) ->
     ok | {error, full | restarted}.
 put_waypoint(#robot{} = Robot, Name, Point) ->
@@ -207,13 +207,13 @@ put_waypoint(#robot{} = Robot, Name, Point) ->
     ok = starl_caller:check({?MODULE, put_waypoint, 3}, 'Point', point, Point),
     flatten(call(Robot, location, {put_waypoint, Name, Point}, infinity)).
 
-%% @doc The floor plan of the run: its size, walls, rooms, doors and places. Without a plan it is empty but for
-%% its size. The places are waypoints, too.
+%% @doc The floor plan of the run: its size, walls, rooms, doors and places. Without a plan, it is
+%% an empty floor of the run's size. The places are waypoints, too.
 -spec floor(robot()) -> {ok, starl_floor:t()} | {error, unknown | restarted}.
 floor(#robot{} = Robot) -> flatten(call(Robot, location, floor, infinity)).
 
-%% @doc Asks a sense ({@link starl_sense}): `bump', `range', `bearing', `camera', `light' or
-%% `battery'. The answer is what the sense says now. `gone': it does not answer; `unknown': the
+%% @doc Reads a sense ({@link starl_sense}): `bump', `range', `bearing', `camera', `light' or
+%% `battery'. The answer is the present reading. `gone': the sense does not answer; `unknown': the
 %% robot has no such sense.
 -spec sense(robot(), starl_sense:kind()) ->
     {ok, Reading :: term()} | {error, gone | unknown | restarted}.
@@ -221,9 +221,9 @@ sense(#robot{} = Robot, Kind) ->
     ok = starl_caller:check({?MODULE, sense, 2}, 'Kind', sense, Kind),
     flatten(call(Robot, location, {sense, Kind}, infinity)).
 
-%% @doc Has a sense looked at every so many milliseconds from now on; each time that it says
-%% something else than the last time, the application gets the message `{Kind, Reading}' of type
-%% `sense' from its own robot: `{ok, _, {camera, Blobs}} = starl:await(Robot, sense)'.
+%% @doc Reads a sense periodically, every so many milliseconds from now on. Each time that the
+%% reading has changed, the application gets the message `{Kind, Reading}' of type `sense' from its
+%% own robot: `{ok, _, {camera, Blobs}} = starl:await(Robot, sense)'.
 -spec watch(robot(), starl_sense:kind(), Ms :: pos_integer()) -> ok.
 watch(#robot{}, Kind, Ms) ->
     ok = starl_caller:check({?MODULE, watch, 3}, 'Kind', sense, Kind),
@@ -243,10 +243,10 @@ go_to(#robot{} = Robot, Point) ->
     ok = starl_caller:check({?MODULE, go_to, 2}, 'Goal', point, Point),
     flatten(call(Robot, motion, {go_to, Point}, infinity)).
 
-%% @doc Drives on with a velocity, mm/s along the axes of the floor, until told otherwise, for at most
-%% the given milliseconds: the dead-man's time. It does not wait. The robot, which gets its whole
-%% script at once, then stops by itself, even if its program has crashed; a program that is to keep
-%% it going calls this again within the time.
+%% @doc Drives with a velocity, in mm/s along the axes of the floor, until another command comes,
+%% for at most the given milliseconds: the dead-man's time. It does not wait. The robot gets its
+%% whole script at once, so it stops by itself at the end of that time, even if its program has
+%% crashed. A program that wants to drive on calls this function again within the time.
 %%
 %% A faster velocity than the robot can drive is taken at the robot's own limit. A holonomic robot
 %% takes the velocity up as it is; a robot with two wheels turns towards it while it drives
@@ -283,20 +283,20 @@ actuate(#robot{}, Device, Value) ->
     ok = starl_caller:check({?MODULE, actuate, 3}, 'Device', name, Device),
     starl_app_turn:perform([{actuate, Device, Value}]).
 
-%% @doc Records an event, which monitors see.
+%% @doc Records an event for the monitors.
 -spec trace(robot(), Event :: term()) -> ok.
 trace(#robot{}, Event) -> starl_app_turn:perform([{trace, Event}]).
 
-%% @doc Measures: tells the value of a quantity now, such as an error in mm. All values of a run are in
-%% `measures.csv' and `measures.svg' of its results, on the topic `/measures' of its recording, and by their
-%% median and range in its report and in sweeps ({@link starl_app}: `measures/0').
+%% @doc Records the present value of a quantity, such as an error in mm. All values of a run are in
+%% `measures.csv' and `measures.svg' of its results, and on the topic `/measures' of its recording.
+%% The report and sweeps show their median and range ({@link starl_app}: `measures/0').
 -spec measure(robot(), Key :: atom(), Value :: number()) -> ok.
 measure(#robot{}, Key, Value) ->
     ok = starl_caller:check({?MODULE, measure, 3}, 'Key', key, Key),
     ok = starl_caller:check({?MODULE, measure, 3}, 'Value', value, Value),
     starl_app_turn:perform([{trace, {measure, Key, Value}}]).
 
-%% @doc Draws on the floor: points, a line, an area or a text, for people who look at the run in the
+%% @doc Draws points, a line, an area or a text on the floor, for people who watch the run in the
 %% window, in its film or in its recording. It has no influence on anything.
 %% ```
 %%   starl:draw(Robot, #{key => way, line => [{0, 0}, {1000, 500}]}),
@@ -313,20 +313,21 @@ draw(#robot{}, Shape) ->
             starl_caller:mistake({?MODULE, draw, 2}, 'Shape', Shape, Expected)
     end.
 
-%% @doc Keeps a term durably, over a crash of the application and a reboot of the robot; it replaces
-%% the term kept before. Later actions of the application take place only when the term is durable;
-%% if it cannot be written, the application crashes instead, when it next blocks.
+%% @doc Stores a term durably, over a crash of the application and a reboot of the robot. It
+%% replaces the term stored before. Later actions of the application take place only when the term
+%% is durable. If it cannot be written, the application crashes instead, when it next blocks.
 -spec store(robot(), term()) -> ok.
 store(#robot{}, Term) ->
     ok = starl_caller:payload({?MODULE, store, 2}, 'Term', kept, Term),
     starl_app_turn:store(Term).
 
-%% @doc The term that was kept last; `none': nothing was ever kept; `damaged': it is unreadable.
+%% @doc The term that was stored last; `none': nothing was ever stored; `damaged': it is unreadable.
 -spec stored(robot()) -> none | {stored, term()} | damaged.
 stored(#robot{}) -> starl_app_turn:stored().
 
-%% @doc Calls a machine of this robot; the building blocks' interfaces are built on it. The answer is
-%% `late' if it grants something for a time that has run out on its way ({@link starl_machine:from()}).
+%% @doc Calls a machine of this robot; the building blocks' interfaces are built on it. The answer
+%% is `late' if the machine granted something for a time, and that time has already run out
+%% ({@link starl_machine:from()}).
 -spec call(robot(), starl_machine:name(), Request :: term(), Ms :: pos_integer() | infinity) ->
     {ok, Answer :: term()} | {error, timeout | restarted}.
 call(#robot{}, Name, Request, Ms) ->

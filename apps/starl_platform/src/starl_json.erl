@@ -1,12 +1,13 @@
-%% @doc JSON: recordings, reports, the rows of the window and its commands, the words of a body that is a program.
+%% @doc Encodes and decodes JSON. It serves recordings, reports, the rows and commands of the
+%% window, and the messages of a body that is a program.
 %% ```
 %%   1> iolist_to_binary(starl_json:encode(#{op => drive, legs => [1, 2.5]})).
 %%   <<"{\"legs\":[1,2.5],\"op\":\"drive\"}">>
 %%   2> starl_json:decode(<<"[true]">>).
 %%   {ok, [true]}
 %% '''
-%% What is written is written here, the same whatever library is at hand. What comes from
-%% outside is read by `jsx' or OTP's own `json' (OTP 27 and newer).
+%% The encoder is here, so its output is the same whatever library is available. Input from outside
+%% is decoded by `jsx' or OTP's own `json' (OTP 27 and newer).
 -module(starl_json).
 
 -export([encode/1, encode/2, pretty/1, decode/1, codec/0]).

@@ -131,8 +131,8 @@ term(Text) ->
         {error, Error, _} -> {error, Error}
     end.
 
-%% @doc Where and why a text is no value of this type: it is no Erlang term, or one of its entries does
-%% not fit; `none' if neither can be said.
+%% @doc Where and why a text is no value of this type: it is no Erlang term, or one of its entries
+%% does not fit. `none' if neither is known.
 -spec misread(type(), string()) -> none | unicode:chardata().
 misread(Type, Text) ->
     case term(Text) of

@@ -1,13 +1,16 @@
-%% @doc Directories for what lives as long as a run: stores of live robots, pieces of recordings, frames of films.
+%% @doc Private directories for the time of a run: stores of live robots, parts of recordings,
+%% frames of films.
 %%
-%% Other users of the computer can neither read nor exchange what is in them: each is new, with a name that nobody can
-%% know before, in a directory of the user's own (mode 0700), never in `/tmp' itself.
+%% Other users of the computer can neither read nor replace their content. Each directory is new,
+%% with a name that nobody can guess, in a directory of the user's own (mode 0700), never in `/tmp'
+%% itself.
 %% ```
 %%   {ok, Dir} = starl_private_dir:new("live"),      % ~/.cache/starl/live-4711-1f6b0c22d4e59a07
 %%   ...
 %%   ok = starl_private_dir:remove(Dir).
 %% '''
-%% What a killed run has left is removed by {@link clean/1}: only directories of this user, and no link is followed.
+%% {@link clean/1} removes what a killed run has left: only directories of this user, and it follows
+%% no link.
 -module(starl_private_dir).
 
 -include_lib("kernel/include/file.hrl").

@@ -10,8 +10,8 @@
 %% own clock, one after the other; each has a duration, and the robot stands after the last. A
 %% script names its chassis, so it is checked where a machine hands it over ({@link check/1}).
 %%
-%% A <em>course</em> is a sequence of steps. Each time the robot stands, motion looks at its
-%% position and asks for the next step on one of three {@link way()}s. A step is a script, perhaps
+%% A <em>course</em> is a sequence of steps. Each time the robot stands, motion checks its position
+%% and asks for the next step in one of three modes ({@link way()}). A step is a script, perhaps
 %% with a memo for the step after the next look.
 -module(starl_chassis).
 
@@ -165,9 +165,9 @@ rests_s(#{chassis := Chassis} = Profile) -> Chassis:rests_s(Profile).
 -spec latency_us(profile()) -> non_neg_integer().
 latency_us(Profile) -> ceil(1000 * maps:get(latency_ms, Profile, ?LATENCY_MS)).
 
-%% @doc The longest time of a drive of a standing robot to a goal so far away, where nothing goes wrong,
-%% each step takes this long beside the driving (its command, its answer, and a look), and turns and
-%% corrections suffice at least every second time.
+%% @doc The longest time of a drive from rest to a goal at this distance, if nothing goes wrong.
+%% Each step takes `StepUs' besides the driving, for its command, its answer, and a look. Turns and
+%% corrections must suffice at least every second time.
 -spec arrives_us(Mm :: float(), StepUs :: non_neg_integer(), profile()) -> pos_integer() | never.
 arrives_us(Mm, StepUs, #{chassis := Chassis} = Profile) ->
     case Chassis:pace(Profile) of

@@ -1,6 +1,7 @@
-%% @doc The choice of the robots' chassis in a scenario or on a command line, by names that the robots take in
-%% turn: `differential', `[create, holonomic]', `"exec:./my_robot.py"'. A name stands for a kind of chassis ({@link
-%% starl_chassis}) and its measures, whatever world the robots are in.
+%% @doc The choice of the robots' chassis in a scenario or on a command line. It is one name, or a
+%% list of names that the robots take in turn: `differential', `[create, holonomic]',
+%% `"exec:./my_robot.py"'. A name stands for a kind of chassis ({@link starl_chassis}) and its
+%% dimensions, in any world.
 -module(starl_chassis_choice).
 
 -export([option/0, names/0, profiles/2, in_turn/1, of_robot/2, own/1]).

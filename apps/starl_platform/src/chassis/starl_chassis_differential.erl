@@ -1,6 +1,7 @@
-%% @doc The chassis with two wheels on one axle, such as the iRobot Create: it turns in place and
-%% drives straight on, in legs ({@link starl_differential_course}), along a given line exact at both ends, or
-%% turns to a velocity while it drives ({@link cruise/4}).
+%% @doc The chassis with two wheels on one axle, such as the iRobot Create. It turns in place and
+%% drives straight on, in legs ({@link starl_differential_course}). It follows a given line from its
+%% exact beginning to its exact end. It can also turn towards a velocity while it drives
+%% ({@link cruise/4}).
 -module(starl_chassis_differential).
 -behaviour(starl_chassis).
 

@@ -1,11 +1,11 @@
-%% @doc The chassis that drives in any direction without a turn: the paper's quadrotor at a constant
-%% height, modelled as a point mass with a limit of speed and one of acceleration.
+%% @doc The chassis that drives in any direction without turning. It models the paper's quadrotor at
+%% a constant height, as a point mass with limited speed and acceleration.
 %%
 %% A command is a velocity in the robot's own frame with a duration, `{Forward, Left, Us}', mm/s.
-%% The chassis approaches it at its limit of acceleration, from its present velocity, and keeps it
-%% for the rest of the time; after the last command it brakes at that limit and stands. So a robot
-%% that stands and gets one velocity v for a time t ends v·t from its place, if t is no shorter than
-%% the approach to v: the distance that it lacks at the beginning it drives while it brakes.
+%% The chassis approaches the velocity at its limit of acceleration, from its present velocity, and
+%% keeps it for the rest of the time. After the last command it brakes at that limit and stops. So a
+%% robot at rest that gets one velocity v for a time t ends v·t from its place, if t is no shorter
+%% than the approach to v. The distance that it lacks at the beginning it covers while it brakes.
 -module(starl_chassis_holonomic).
 -behaviour(starl_chassis).
 

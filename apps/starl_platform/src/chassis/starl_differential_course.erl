@@ -1,24 +1,25 @@
-%% @doc Plans the course of a robot with two wheels along a straight line: its next step from its
-%% present pose, and a bound on its distance from the line.
+%% @doc Plans how a robot with two wheels drives along a straight line. It computes the next step
+%% from the present pose, and a bound on the distance from the line.
 %%
 %% Assumption II.1 of the paper: while the robot drives from its place to its goal, it stays within
 %% r(v) of the straight line. It aims at the point of the line one leg ahead, so a leg's sideways
-%% error does not grow into the next one. A small turn and the drive after it are one command; after
-%% a larger turn the robot looks before it drives, so slipping wheels, or lost commands, cannot send
-%% it off in a wrong direction.
+%% error does not grow into the next one. A small turn and the drive after it are one command. After
+%% a larger turn the robot checks its pose before it drives, so slipping wheels or lost commands
+%% cannot send it off in a wrong direction.
 %%
 %% Legs far from the goal are longer than the last ones, as long as the bound stays the same.
 %%
-%% The bounds. In a leg of length L the heading errs by at most ε (unknown), by the angle that is
-%% not worth a turn (`turn_from'), and by the part that slipping wheels take off a turn without a
-%% look (half of `look_from'), together ε'; the distance errs by at most δ·L; positions are known to
-%% within s. So the robot ends a line within g = L·(ε + turn_from + δ) + 2s + 0.5 mm of the goal, as
-%% it sees it. If the next line is given with its beginning, the robot begins it at most g off, and
-%% another 3 mm if a wheel gets stuck during a turn, until the chassis stops it. A leg that begins d
-%% off the line and aims at it ends at most s + L·ε' off, and between the two the distance is no
-%% greater than at both ends. So the robot is never farther from the line than s + max(g + 3 mm,
-%% L·ε') ({@link tracking_radius/1}). For most profiles g is the larger, so legs that do not lead to
-%% the goal may be longer than L: up to (g + 3 mm) / ε', and at most twice as long.
+%% The bounds. In a leg of length L the heading errs by at most ε' and the distance by at most δ·L;
+%% positions are known to within s. ε' is the sum of three parts: ε (unknown), the angle that is not
+%% worth a turn (`turn_from'), and the part that slipping wheels take off a turn without a check
+%% (half of `look_from'). So the robot ends a line within g = L·(ε + turn_from + δ) + 2s + 0.5 mm of
+%% the goal, as it sees it. If the next line is given with its beginning, the robot begins it at
+%% most g off. It may be another 3 mm off if a wheel gets stuck during a turn, until the chassis
+%% stops it. A leg that begins d off the line and aims at it ends at most s + L·ε' off, and between
+%% the two the distance is no greater than at both ends. So the robot is never farther from the line
+%% than s + max(g + 3 mm, L·ε') ({@link tracking_radius/1}). For most profiles g is the larger, so
+%% legs that do not lead to the goal may be longer than L: up to (g + 3 mm) / ε', and at most twice
+%% as long.
 -module(starl_differential_course).
 
 -export([profile/1, tracking_radius/1, next/3, turned/3]).

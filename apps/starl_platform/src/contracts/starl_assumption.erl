@@ -2,11 +2,12 @@
 %% which a robot breaks one of them. A monitor that rests on an assumption excuses what happens
 %% within such a window, and judges everything else.
 %%
-%% The assumptions: no clock is set, stands still or drifts by more than its bound; no robot
-%% handles an event later than a bound after it is due; positions are about right. A fault injector
-%% knows when an assumption is broken and says so as data ({@link window()}); a cluster knows it of
-%% its own faults, when they are over ({@link broken/2}); and a live robot tells when its computer was late
-%% ({@link late/1}). Nothing else is known of real robots, and nothing is excused. A monitor asks how far a broken assumption reaches:
+%% The assumptions: no clock is set, stands still or drifts by more than its bound; no robot handles
+%% an event later than a bound after it is due; positions are about right. A fault injector knows
+%% when an assumption is broken and says so as data ({@link window()}). A cluster knows the windows
+%% of its own faults when they are over ({@link broken/2}). A live robot reports when its computer
+%% was late ({@link late/1}). Nothing else is known of real robots, and nothing is excused. A
+%% monitor asks how far a broken assumption reaches:
 %% ```
 %%   true time       S            T0   clock set back by 2     E          E + 2
 %%                   |-------------|-----------v---------------|-----------|
@@ -62,7 +63,7 @@ new(Windows, Ppm) ->
 
 untied({_Robot, From, To, Broken}) -> {From, To, Broken}.
 
-%% @doc The same assumption, broken in a further window. Two pauses that meet are one.
+%% @doc The same assumption, broken in a further window. Two pauses that meet become one.
 -spec broken(window(), t()) -> t().
 broken({Robot, From, To, Broken}, #assumption{windows = Windows} = Assumption) ->
     Own = lists:sort(united({From, To, Broken}, maps:get(Robot, Windows, []))),
@@ -77,17 +78,17 @@ united({From, To, pause}, Own) ->
 united(Window, Own) ->
     [Window | Own].
 
-%% @doc The windows in which the computers of live robots were late, as these tell. To a contract they stood
-%% still so long.
+%% @doc The windows in which the computers of live robots were late, by their own reports. For a
+%% contract, a late computer counts as stalled for that time.
 -spec late([starl_monitor:trace_event()]) -> [window()].
 late(Facts) ->
     [{Robot, From, To, pause} || {_, Robot, robot, {late, From, To}} <- Facts].
 
-%% @doc Do all robots keep it at all times, as far as is known?
+%% @doc Checks whether all robots keep the assumption at all times, as far as is known.
 -spec is_kept(t()) -> boolean().
 is_kept(#assumption{windows = Windows}) -> map_size(Windows) =:= 0.
 
-%% @doc Do all robots keep it between two times?
+%% @doc Checks whether all robots keep it between two times.
 -spec is_kept(FromUs :: us(), UntilUs :: us(), t()) -> boolean().
 is_kept(From, Until, #assumption{windows = Windows}) ->
     lists:all(
@@ -95,7 +96,7 @@ is_kept(From, Until, #assumption{windows = Windows}) ->
         lists:append(maps:values(Windows))
     ).
 
-%% @doc Do these robots keep it between two times?
+%% @doc Checks whether these robots keep it between two times.
 -spec is_kept([robot_id()], FromUs :: us(), UntilUs :: us(), t()) -> boolean().
 is_kept(_Robots, _From, _Until, #assumption{windows = Windows}) when map_size(Windows) =:= 0 ->
     true;
@@ -219,10 +220,10 @@ handled(Robot, Due, Lag, Assumption) ->
         Windows
     ).
 
-%% @doc The latest time at which a robot has done, in so many steps, what it began at `FromUs' and
-%% would have done at `DueUs' if it had kept the assumption. Only windows that the work meets delay
-%% it: a clock that loses delays it by what it loses, a pause by the part that the work meets, a slow
-%% computer by its lag at every step.
+%% @doc The latest time at which a robot finishes work of so many steps that it began at `FromUs'.
+%% With the assumption kept, it would finish at `DueUs'. Only windows that the work meets delay it.
+%% A clock that loses time delays it by the loss, a pause by the part that the work meets, and a
+%% slow computer by its lag at every step.
 -spec delayed_us(robot_id(), FromUs :: us(), DueUs :: us(), Steps :: non_neg_integer(), t()) ->
     us().
 delayed_us(Robot, From, Due, Steps, Assumption) ->
@@ -246,14 +247,14 @@ delay({slow, Lag}, _Begin, _End, _Met, Steps, _Assumption) ->
 delay(_Other, _Begin, _End, _Met, _Steps, _Assumption) ->
     0.
 
-%% @doc The latest time at which a team has done what takes it so long from `SinceUs' on, as long as
-%% nothing goes wrong: every window that the work meets may cost all that was done, so the work begins
-%% anew at its end.
+%% @doc The latest time at which a team finishes work that takes it so long from `SinceUs' on, if
+%% nothing goes wrong. Every window that the work meets may undo it all, so the work begins anew at
+%% the end of the window.
 -spec calm_us(SinceUs :: us(), WithinUs :: us(), t()) -> us().
 calm_us(Since, Within, #assumption{windows = Windows}) ->
     anew(Since, Within, lists:merge(maps:values(Windows))).
 
-%% @doc The same for what one robot does by itself.
+%% @doc The same for work of a single robot.
 -spec calm_us(robot_id(), SinceUs :: us(), WithinUs :: us(), t()) -> us().
 calm_us(Robot, Since, Within, Assumption) ->
     anew(Since, Within, of_robot(Robot, Assumption)).
@@ -268,8 +269,8 @@ anew(Since, Within, Windows) ->
         Windows
     ).
 
-%% @doc The earliest time at which the step may have begun that has traced something at this time: a
-%% step that stands still traces the rest when it goes on.
+%% @doc The earliest time at which a step may have begun that traced something at this time. A step
+%% that stalls traces the rest when it goes on.
 -spec begun_us(robot_id(), AtUs :: us(), t()) -> us().
 begun_us(Robot, At, Assumption) ->
     lists:min([
@@ -291,11 +292,12 @@ leaves_us(Robot, At, Assumption) ->
         ]
     ]).
 
-%% @doc Is a robot told wrong positions by a fault of this kind? It finds out a picture that is frozen.
+%% @doc Checks whether a fault of this kind gives a robot wrong positions. A robot itself detects a
+%% picture that is frozen.
 -spec misleads(Kind :: atom()) -> boolean().
 misleads(Kind) -> lists:member(Kind, [location_noise, location_bias, location_swap]).
 
-%% @doc May the robot have received a wrong position between two times?
+%% @doc Checks whether the robot may have received a wrong position between two times.
 -spec is_misplaced(robot_id(), FromUs :: us(), UntilUs :: us(), t()) -> boolean().
 is_misplaced(Robot, From, Until, Assumption) ->
     [

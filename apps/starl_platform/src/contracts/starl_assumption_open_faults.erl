@@ -1,15 +1,17 @@
-%% @doc Faults of a live run, of which nobody knows the end while they last: cut links, frozen positions, full
-%% disks. Monitors are told of them in slices, a little ahead of what is judged, so that a fault without an end
-%% excuses as one with an end does ({@link starl_assumption}), and not for ever. A pure module.
+%% @doc Faults of a live run whose end is still unknown: cut links, frozen positions, full disks.
+%% Monitors are notified of them in slices, a little ahead of what is judged. So a fault without an
+%% end excuses as much as one with an end ({@link starl_assumption}), and not for ever. A pure
+%% module.
 %% ```
 %%     began            now                   ended
 %%       |----slice-------|----slice----|----slice--|..    excused up to 5 s longer
 %% '''
-%% A halt of a robot is none of these: the judge waits for its end.
+%% A halt of a robot is not among them: the judge waits for its end.
 %%
-%% A robot that is down is a fault, too, whatever the cause: from its `down' to its `up' ({@link traced/2}); and one
-%% that comes later than the others, until its first event ({@link absent/3}). So a recording of real robots, which
-%% has no schedule of faults, excuses what a computer without power explains.
+%% A robot that is down is such a fault, whatever the cause: from its `down' to its `up'
+%% ({@link traced/2}). So is a robot that comes later than the others, until its first event
+%% ({@link absent/3}). So a recording of real robots, which has no schedule of faults, excuses what
+%% a computer without power explains.
 -module(starl_assumption_open_faults).
 
 -export([new/0, absent/3, told/2, traced/2, windows/2]).
@@ -51,7 +53,7 @@ told({ended, {Id, _, ToMs, _, _, _}}, Lasting) when is_map_key(Id, Lasting), is_
 told(_Other, Lasting) ->
     Lasting.
 
-%% @doc These robots tell what they do, but have not told anything yet.
+%% @doc Declares robots that report their actions, but have not reported anything yet.
 -spec absent([starl_monitor:robot_id()], SinceUs :: integer(), t()) -> t().
 absent(Robots, Since, Lasting) ->
     Absent = maps:from_list([{{absent, R}, {[{R, fault}], Since, none}} || R <- Robots]),

@@ -1,8 +1,8 @@
-%% @doc The contract of contact: no body is ever in a wall, none goes through another. Of an
-%% application that promises it, none touches anything at all.
+%% @doc The contract of contact: no body is ever in a wall, and no body passes through another. If
+%% an application promises it, no body touches anything at all.
 %%
 %% The depth of a body in a wall is judged at every instant, along the chords of its path. Two
-%% bodies may overlap by what they drive in the time in which neither knows of the other's motion. A
+%% bodies may overlap by the distance that they drive while neither knows of the other's motion. A
 %% body that stands where an obstacle appears gets no deeper into it, and may bump.
 %%
 %% Events: of machine `chassis', `motion' and `sensed'; of `robot', `died'.

@@ -1,16 +1,16 @@
-%% @doc What a block assumes and guarantees, as data: the paper's section IV, which composes blocks by
-%% their properties, to be computed with.
+%% @doc The assumptions and guarantees of a block, as data. They follow the paper's section IV,
+%% which composes blocks by their properties.
 %%
-%% A guarantee holds as long as all that it assumes does. It assumes conditions of the world ({@link
-%% conditions/0}), or guarantees of other blocks:
+%% A guarantee holds as long as all its assumptions do. It assumes conditions of the world
+%% ({@link conditions/0}), or guarantees of other blocks:
 %% ```
 %%   guarantees() -> [
 %%       {agree, safety, "all that elect elect the same", []},
 %%       {elected, progress, "all elect", [alive, {sap, delivered}]}
 %%   ].
 %% '''
-%% {@link composed/2} tells for the blocks of an application which guarantees are left when some
-%% conditions are broken: an application may rely on those, and on no others.
+%% {@link composed/2} computes for the blocks of an application which guarantees remain when some
+%% conditions are broken. An application may rely on those, and on no others.
 -module(starl_guarantee).
 
 -export([conditions/0, text/1, check/1, composed/2]).
@@ -112,8 +112,8 @@ is_assumption(Condition) -> is_condition(Condition).
 
 is_condition(Condition) -> lists:keymember(Condition, 1, conditions()).
 
-%% @doc What is left of the guarantees of some parts if these conditions are broken. A guarantee that
-%% rests on one of a part that is not there is open.
+%% @doc The guarantees of some parts that remain if these conditions are broken. A guarantee is open
+%% if it rests on a guarantee of a part that is missing.
 -spec composed([part()], Broken :: [condition()]) ->
     [{Name :: atom(), [{t(), verdict()}]}].
 composed(Parts, Broken) ->

@@ -167,7 +167,7 @@ new(Monitors) ->
         room = ?KEPT
     }.
 
-%% @doc The same for the run of a user: a monitor that makes a mistake is put aside.
+%% @doc The same for the run of a user: a monitor that makes a mistake is excluded.
 -spec guarded([{module(), Config :: map()}]) -> t().
 guarded(Monitors) ->
     _ = once(Monitors),
@@ -206,8 +206,8 @@ informed(Monitors, Known) ->
      || {Module, Config} <- Monitors
     ].
 
-%% @doc The time at which all faults of these classes are over: a contract names the classes that can hold up what it
-%% speaks of. A slow wheel holds up no message.
+%% @doc The time at which all faults of these classes are over. A contract names the classes that
+%% can hold up its progress. For instance, a slow wheel holds up no message.
 -spec healed_us([fault_class()], known()) -> integer() | never.
 healed_us(Classes, Known) -> latest(Classes, Known).
 
@@ -228,8 +228,8 @@ name(Module) ->
         Other -> Other
     end.
 
-%% @doc Feeds one event or several. All of them are judged by all monitors, also after a
-%% violation; the first violation of this call is returned.
+%% @doc Feeds one event or several. All monitors judge all of them, also after a violation; the
+%% first violation of this call is returned.
 -spec step(trace_event() | [trace_event()], t()) -> {ok, t()} | {violation, violation(), t()}.
 step([], Runner) ->
     {ok, Runner};
@@ -257,7 +257,7 @@ feed_each([{Module, _, _} = Monitor | Monitors], Events, Fed, Found, Runner) ->
 aside(Module, AtUs, Line, #runner{unjudged = Unjudged} = Runner) ->
     Runner#runner{unjudged = [starl_unjudged:mistake(name(Module), AtUs, Line) | Unjudged]}.
 
-%% @doc An assumption was broken in this window, of which no event has been judged yet.
+%% @doc Declares an assumption broken in this window. No event of the window has been judged yet.
 -spec broken(starl_assumption:window(), t()) -> t().
 broken(Window, #runner{monitors = Monitors} = Runner) ->
     Tell = fun(Monitor, Told) -> tell_broken(Window, Monitor, Told) end,
@@ -276,7 +276,8 @@ tell_broken(Window, {Module, Interests, State} = Monitor, #runner{monitors = Tol
 unjudged(#runner{unjudged = trusted}) -> [];
 unjudged(#runner{unjudged = Unjudged}) -> lists:reverse(Unjudged).
 
-%% @doc The clauses that the monitors of a run have not judged, by the monitors' results, a line each.
+%% @doc The clauses that the monitors of a run have not judged, a line each, from the monitors'
+%% results.
 -spec clauses_not_judged(#{module() => results()}) -> [unicode:chardata()].
 clauses_not_judged(Results) ->
     [
@@ -284,9 +285,9 @@ clauses_not_judged(Results) ->
      || {Module, #{unjudged := Clauses}} <- lists:sort(maps:to_list(Results)), Clause <- Clauses
     ].
 
-%% @doc From now on events are missing. A monitor that wants more than the crashes of machines, each of
-%% which is judged by itself, judges no further: it would accuse those who are innocent. What it has
-%% measured so far is kept: reports need the figures.
+%% @doc Declares that events are missing from now on. A monitor that judges more than single crashes
+%% of machines stops judging, because it might report violations that did not happen. Its
+%% measurements so far are kept, because reports need the figures.
 -spec blinded(starl_unjudged:why(), t()) -> t().
 blinded(Why, #runner{monitors = Monitors, seen = Seen, unjudged = Before} = Runner) when
     is_list(Before)
@@ -316,8 +317,8 @@ finish(EndTimeUs, Runner) ->
         {_, _, [First | _]} -> error({unjudged, First})
     end.
 
-%% @doc The same, with what monitors that were put aside have not judged, earliest first. One that made a
-%% mistake has measured nothing; what the others have measured, they had until then.
+%% @doc The same, but also returns what excluded monitors have not judged, earliest first. A monitor
+%% that made a mistake has no results; a blinded monitor has its results up to then.
 -spec close(EndTimeUs :: integer(), t()) ->
     {[violation()], #{module() => results()}, [starl_unjudged:t()]}.
 close(EndTimeUs, #runner{monitors = Monitors, violations = Kept, room = Room} = Runner) ->

@@ -1,5 +1,5 @@
-%% @doc Finds mistakes in monitors: before a run what can be known then, and in a run each answer that
-%% is none. A mistake is one line with file and line.
+%% @doc Finds mistakes in monitors. It checks what it can before a run, and each answer of a monitor
+%% during the run. A mistake is reported as one line with file and line number.
 %% ```
 %%   1> starl_monitor_check:call(flock_monitor, finish, [0, State]).
 %%   {error, "flock_monitor.erl:38: finish/2 returned {violation,[],#{}}; expected {ok, #{...}} or ..."}

@@ -8,9 +8,10 @@
 %% otherwise from that moment on.
 %%
 %% A command takes at most `latency_ms' to the chassis, and a chassis that brakes comes to rest a
-%% little later ({@link starl_chassis:rests_s/1}); the bound is later by these two. The chassis carries out
-%% the script, with its end, by itself; but a robot whose computer stands still when it gives the command
-%% may go on before the command leaves, and what is no later than `HEARD_US' is begun.
+%% little later ({@link starl_chassis:rests_s/1}); the bound is later by these two. The chassis
+%% carries out the script, with its end, by itself. But a robot whose computer stalls when it gives
+%% the command may go on before the command leaves. A command that leaves more than `HEARD_US' after
+%% its step is not begun.
 %%
 %% Events: of machine `motion', {@link starl_motion:event()}, `crashed'; of machine `chassis', `motion';
 %% of machine `robot', `down' and `died'.

@@ -1,11 +1,12 @@
-%% @doc Judges the drives of robots to their goals, for {@link starl_motion_monitor}: each stays within
-%% r(v) of its line, and arrives.
+%% @doc Judges the drives of robots to their goals, for {@link starl_motion_monitor}: each robot
+%% stays within r(v) of its line, and arrives.
 %%
-%% A drive begins with `goal', and has a line as soon as the robot knows where it stands. The robot is
-%% held to the line until it has another one or drives with a velocity, also when its program has
-%% crashed; but not if it is farther off the line at its beginning, nor once its position may have been
-%% wrong. How long a drive may take follows from its length and its chassis ({@link
-%% starl_chassis:arrives_us/3}), and from how long its controller may wait; it begins anew at the end of each fault of this robot that it meets.
+%% A drive begins with `goal', and has a line as soon as the robot knows where it stands. The robot
+%% must keep to the line until it has another line or drives with a velocity, also when its program
+%% has crashed. It need not if it is farther off the line at its beginning, nor once its position
+%% may have been wrong. How long a drive may take follows from its length and its chassis
+%% ({@link starl_chassis:arrives_us/3}), and from how long its controller may wait. This time begins
+%% anew at the end of each fault of this robot during the drive.
 -module(starl_motion_monitor_goals).
 
 -export([new/1, broken/2, happened/4, pass/2, due/1, finish/2, counts/1, excused/1, leaves_us/3]).

@@ -1,13 +1,15 @@
-%% @doc What a run tells an observer, such as a recording or a window onto the team: its facts at the
-%% beginning, all trace events in the order in which the monitors get them, violations, and its end.
+%% @doc The behaviour and messages of observers, such as a recording or a window onto the team. A
+%% run reports to its observer: its facts at the beginning, all trace events in the order of the
+%% monitors, violations, and its end.
 %%
-%% An observer is a function that the judge of the run calls, so it only passes the news on. A
+%% An observer is a function that the judge of the run calls, so it must only pass the news on. A
 %% simulation waits for it, a live run does not.
 %%
-%% A robot on a node of its own tells an observer there what it knows itself: its facts, its trace
-%% events, the packets that it sends and that come to it, its own poses as it is shown them, its log.
-%% The observer of a robot comes with a process, a <em>recorder</em>, which starts before the robot
-%% and outlives its restarts: a module with this behaviour.
+%% A robot on a node of its own reports to an observer there what it knows itself. These are its
+%% facts, its trace events, the packets that it sends and receives, its own poses as the positioning
+%% system shows them, and its log. The observer of a robot comes with a process, a
+%% <em>recorder</em>, which starts before the robot and outlives its restarts: a module with this
+%% behaviour.
 -module(starl_observer).
 
 -export([tell/2, all/1, is_judged/1]).
@@ -101,7 +103,7 @@
 %% The observer, whom several processes may tell.
 -callback observer(pid()) -> t().
 
-%% @doc Tells an observer.
+%% @doc Reports to an observer.
 -spec tell(news(), t()) -> ok.
 tell(_News, none) -> ok;
 tell(News, Observer) -> Observer(News).
@@ -115,8 +117,8 @@ all(Observers) ->
         Several -> fun(News) -> lists:foreach(fun(Each) -> ok = Each(News) end, Several) end
     end.
 
-%% @doc Do monitors get this trace event? It is neither that of a packet nor of a snapshot ({@link
-%% starl_snapshot}).
+%% @doc Checks whether monitors get this trace event: whether it is neither about a packet nor about
+%% a snapshot ({@link starl_snapshot}).
 -spec is_judged(starl_monitor:trace_event()) -> boolean().
 is_judged({_, _, radio, {packet, _, _, _, _}}) -> false;
 is_judged({_, _, snapshot, _}) -> false;

@@ -1,8 +1,9 @@
-%% @doc Carries the news of a run to a process, with a bound on what waits there. A simulation waits
-%% when the bound is reached; a live run does not wait: it leaves news out and says how many events.
+%% @doc Carries the reports of a run to a process, with a bound on how many may wait there. When the
+%% bound is reached, a simulation waits. A live run does not wait: it leaves reports out, and says
+%% how many events they had.
 %%
-%% The process receives `{starl_news, Feed, News}' and answers each with {@link done/2}. News that
-%% were left out are `{missed, Events}'. Several processes may tell one observer.
+%% The process receives `{starl_news, Feed, News}' and answers each with {@link done/2}. Reports
+%% that were left out are `{missed, Events}'. Several processes may report to one observer.
 -module(starl_observer_feed).
 
 -export([observer/3, done/2]).

@@ -42,7 +42,7 @@
 -spec new() -> t().
 new() -> #ways{}.
 
-%% @doc Takes into account what one end tells.
+%% @doc Takes the report of one end into account.
 -spec told({AtUs, starl:robot_id(), radio, starl_observer:way() | starl_observer:packet()}, t()) ->
     t()
 when

@@ -11,8 +11,8 @@
 %%
 %% Delivered, where packets get through: see {@link starl_sap_monitor_delivery}.
 %%
-%% Answers: a caller is told the outcome of its message at all destinations, also within
-%% `bound_us': `ok' if all have acknowledged, else the destinations at which it was lost.
+%% Answers: a caller gets the outcome of its message at all destinations, also within `bound_us':
+%% `ok' if all have acknowledged, else the destinations at which it was lost.
 %%
 %% The application: it reads the messages of each type in the order in which they were delivered,
 %% leaves none out, and never has more unread messages than it has room for. A type has one
@@ -20,7 +20,7 @@
 %%
 %% Events: of machine `sap', {@link starl_sap:event()} (a recording may give an outcome as `{lost,
 %% Reason}', too); of machine `app', `read' and `crashed'; of machine `robot', `died' and `down'
-%% (until it starts anew). What is kept of messages: {@link starl_sap_monitor_sources}.
+%% (until it restarts). What is kept of messages: {@link starl_sap_monitor_sources}.
 -module(starl_sap_monitor).
 -behaviour(starl_monitor).
 

@@ -1,9 +1,9 @@
-%% @doc The times by which something must have become of each message: its outcomes and its answer are
-%% known within the bound, and when its content is forgotten, if it was lost. Pure; a part of {@link
-%% starl_sap_monitor}.
+%% @doc The deadlines of each message: its outcomes and its answer must be known within a bound. The
+%% module also says when the monitor may forget the content of a lost message. Pure; a part of
+%% {@link starl_sap_monitor}.
 %%
-%% A message may take longer by what its source's own clock, pauses and slowness explain while it is under
-%% way ({@link starl_assumption:delayed_us/5}).
+%% A message may take longer by the time that its source's own clock, pauses and slowness explain
+%% while it is under way ({@link starl_assumption:delayed_us/5}).
 -module(starl_sap_monitor_deadlines).
 
 -export([new/1, broken/2, sent/4, lost/4, due/1, pass/3]).

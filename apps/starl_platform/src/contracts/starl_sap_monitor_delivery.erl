@@ -1,16 +1,20 @@
-%% @doc Judges that a message is delivered where packets get through, for {@link starl_sap_monitor}: chance alone
-%% does not lose all transmissions of message after message between the same two robots.
+%% @doc Judges that messages are delivered where packets get through, for {@link starl_sap_monitor}.
+%% Chance alone does not lose all transmissions of message after message between the same two
+%% robots.
 %%
-%% A message that its source reports lost after its last transmission was unlucky with the probability that a packet or
-%% its acknowledgement is lost each time. The probabilities of the losses in a row between two robots are multiplied; an
-%% acknowledged message begins a new row. A row that is rarer than 10^-9 breaks the contract.
+%% A message that its source reports lost after its last transmission was unlucky with a known
+%% probability: that a packet or its acknowledgement is lost each time. The probabilities of
+%% consecutive losses between two robots are multiplied; an acknowledged message begins a new
+%% series. A series that is rarer than 10^-9 breaks the contract.
 %%
-%% Before the first message between two robots is acknowledged, and again when one of them has begun anew, the receiver
-%% asks the source about its life first: a message, the question, its answer, the message again and the acknowledgement
-%% must all get through, so such a loss is less unlucky.
+%% Before the first message between two robots is acknowledged, and again after a restart of one of
+%% them, the receiver first asks the source about its boot. Then five packets must all get through:
+%% a message, the question, its answer, the message again and the acknowledgement. So such a loss is
+%% more probable.
 %%
-%% A loss does not count if a fault met one of the two robots while the message was under way, if one of them was down or
-%% began anew, or if the receiver had no room for a message of the source. Pure.
+%% A loss does not count if a fault met one of the two robots while the message was under way, if
+%% one of them was down or restarted, or if the receiver had no room for a message of the source.
+%% Pure.
 -module(starl_sap_monitor_delivery).
 
 -export([new/1, broken/2, begins/3, goes/2, refuses/4, acknowledged/3, lost/5, unjudged/2]).
@@ -65,7 +69,7 @@ new(Config) ->
 broken(Window, #delivery{faults = Faults} = D) ->
     D#delivery{faults = starl_assumption:broken(Window, Faults)}.
 
-%% @doc The robot's SAP begins, or begins anew.
+%% @doc Handles a start or restart of the robot's SAP.
 -spec begins(Us :: integer(), robot_id(), t()) -> t().
 begins(T, Robot, #delivery{down = Down, began = Began, known = Known} = D) ->
     D#delivery{

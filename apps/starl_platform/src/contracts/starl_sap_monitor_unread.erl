@@ -1,5 +1,5 @@
-%% @doc The messages that the robots' SAPs have delivered to their applications and these have not
-%% read yet. Pure; a part of {@link starl_sap_monitor}.
+%% @doc The messages that the robots' SAPs have delivered and that the applications have not read
+%% yet. Pure; a part of {@link starl_sap_monitor}.
 %%
 %% An application reads the messages of a type in the order in which they were delivered. After a
 %% crash of the application or of SAP, the messages delivered before may be gone or not.

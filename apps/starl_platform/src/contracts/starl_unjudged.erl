@@ -1,5 +1,5 @@
-%% @doc A part of a run of which there is no verdict: it is neither kept nor broken. Who does not judge
-%% it, from when to when, and why.
+%% @doc A part of a run without a verdict: its contract is neither kept nor broken. It says which
+%% monitor does not judge, from when to when, and why.
 -module(starl_unjudged).
 
 -export([mistake/3, since/3, is_why/1, format/1, format_why/1]).

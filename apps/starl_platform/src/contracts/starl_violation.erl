@@ -1,5 +1,5 @@
-%% @doc A broken contract ({@link starl_monitor:violation()}) as a line of text, and its shape, by which
-%% violations of the same cause are told from others.
+%% @doc Formats a broken contract ({@link starl_monitor:violation()}) as a line of text. It also
+%% computes the shape of a violation; violations with the same cause have the same shape.
 -module(starl_violation).
 
 -export([format/1, shape/1]).

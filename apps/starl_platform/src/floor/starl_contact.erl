@@ -1,5 +1,5 @@
-%% @doc Contact of round bodies in closed form: when does a disc that moves on a piece of motion
-%% first touch a wall, or another disc?
+%% @doc Computes contacts of round bodies in closed form: when a moving disc first touches a wall,
+%% or another disc.
 %%
 %% A wall is a segment. A disc of radius `R' touches it where its centre is `R' from it: on a line
 %% beside the segment (its face), or on a circle around one of its ends. Straight lines and arcs
@@ -10,8 +10,8 @@
 %%
 %% A body that touches already is in contact only if the distance falls: it may always leave, and
 %% slide along. One that is in the wall, because a door has closed on it, may move where it gets no
-%% deeper. Nothing is ever pushed. A contact is told a micrometre before it, and rounded down to a
-%% microsecond.
+%% deeper. Nothing is ever pushed. A contact is reported a micrometre before it, and rounded down to
+%% a microsecond.
 -module(starl_contact).
 
 -export([wall/5, bodies/5, towards/3]).

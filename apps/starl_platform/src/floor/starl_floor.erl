@@ -119,8 +119,8 @@ winding(Point, [A | [B | _] = Rest], First, N) ->
 winding(Point, [Last], First, N) ->
     N + crossing(Point, {Last, First}).
 
-%% @doc What one of its sides adds to that: 1, -1 or 0. A side does that only for points as high as
-%% itself.
+%% @doc The contribution of one side to the winding number: 1, -1 or 0. A side contributes only if
+%% the point is at its height, to the left of an upward side or to the right of a downward side.
 -spec crossing(starl_geometry:point(), starl_geometry:segment()) -> -1 | 0 | 1.
 crossing({X, Y}, {{AX, AY}, {BX, BY}}) when AY =< Y, BY > Y ->
     case (BX - AX) * (Y - AY) - (X - AX) * (BY - AY) of
@@ -148,7 +148,7 @@ room_at(Point, #{rooms := Rooms}) ->
 area(Polygon) ->
     lists:sum([AX * BY - BX * AY || {{AX, AY}, {BX, BY}} <- sides(Polygon)]) / 2.
 
-%% @doc A point in the middle of where a polygon is widest, for its name.
+%% @doc A point in the middle of the widest part of a polygon, for its name.
 -spec middle(polygon()) -> starl_geometry:point().
 middle(Points) ->
     {_, Low, _, High} = starl_geometry:box(Points),

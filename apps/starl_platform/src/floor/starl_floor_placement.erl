@@ -1,5 +1,5 @@
-%% @doc Where the robots of a team stand at the beginning: on a floor plan, out of its walls, and
-%% not on each other. People put real robots down as they like: {@link stands/3} looks at one.
+%% @doc Computes the starting places of a team's robots on a floor plan: outside of its walls, and
+%% not on each other. People put real robots down as they like: {@link stands/3} checks one robot.
 -module(starl_floor_placement).
 
 -export([places/5, row/2, check/3, stands/3]).

@@ -1,5 +1,5 @@
-%% @doc What stands in the way for a time: a door of the floor plan that is closed, a box that was put
-%% down. Between two changes the walls are the same.
+%% @doc Temporary obstacles on a floor plan: a closed door, or a box that was put down. The walls
+%% are constant between two changes.
 %% ```
 %%   {ok, Sides} = starl_obstacles:door(1, Floor),
 %%   Obstacles = starl_obstacles:new([{10000000, 20000000, Sides}], Walls),

@@ -1,5 +1,5 @@
-%% @doc The walls of a floor plan in a spatial grid: which of them are near, and how much room there
-%% is. Lengths are millimetres.
+%% @doc The walls of a floor plan in a spatial grid: finds the walls near a place, and how much room
+%% there is. Lengths are millimetres.
 -module(starl_walls).
 
 -export([new/1, add/2, floor/1, side/2, near/3, clearance/3, is_solid/2, is_free/3, crossed/2]).

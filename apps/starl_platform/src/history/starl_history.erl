@@ -1,16 +1,17 @@
-%% @doc Histories: the calls of applications to building blocks, as their callers see them, and whether
-%% their answers can be explained by what a block promises.
+%% @doc Histories of calls: the calls of applications to building blocks and their answers, as the
+%% callers see them. {@link verdicts/3} decides whether a block's promise can explain the answers.
 %%
-%% A history knows no machine from inside. The process of the application says when it calls a machine and
-%% when it has the answer ({@link event()}); of the machine a history knows only when it was lost. So a machine
-%% that is wrong and tells of itself as if it were right is found, and so is a monitor that looks away.
+%% A history uses no internal events of a machine. The application's process reports when it calls a
+%% machine and when it has the answer ({@link event()}). Of the machine, a history knows only when
+%% it was lost. So it finds a machine that is wrong and traces as if it were right, and also a
+%% monitor that looks away.
 %% ```
 %%   History = lists:foldl(fun starl_history:event/2, starl_history:new([mutex]), Trace),
 %%   starl_history:verdicts([{starl_mutex_history, Config}], History, #{})
 %% '''
-%% What a block promises its callers is a model ({@link starl_history_model}). A call without an answer
-%% (the robot or the machine has crashed, or nobody waited for it) may have taken effect at any later time,
-%% or never.
+%% The promise of a block to its callers is a model ({@link starl_history_model}). A call without an
+%% answer (the robot or the machine has crashed, or nobody waited for it) may have taken effect at
+%% any later time, or never.
 -module(starl_history).
 
 -export([new/1, event/2, calls/1, until/2, widened/2, is_empty/1]).
@@ -89,7 +90,7 @@
 -spec new([starl_machine:name()]) -> t().
 new(Machines) -> #history{machines = maps:from_keys(Machines, [])}.
 
-%% @doc The history with what a trace event tells.
+%% @doc Adds a trace event to the history.
 -spec event(starl_monitor:trace_event(), t()) -> t().
 event({At, Robot, app, {history, {invoked, Tag, Machine, Request}}}, History) ->
     invoked(At, Robot, Tag, Machine, Request, History);
@@ -141,7 +142,7 @@ returned(_At, _Error, Call, #history{calls = Calls} = History) ->
 calls(#history{calls = Calls, open = Open}) ->
     lists:sort(fun(#{n := A}, #{n := B}) -> A =< B end, maps:values(Open) ++ Calls).
 
-%% @doc Has nobody called?
+%% @doc Checks whether there are no calls.
 -spec is_empty(t()) -> boolean().
 is_empty(#history{count = Count}) -> Count =:= 0.
 
@@ -156,8 +157,8 @@ until(Us, Calls) ->
      || #{invoked_us := Invoked} = Call <- Calls, Invoked =< Us
     ].
 
-%% @doc The calls for clocks of which any two may differ by so much (µs): each has begun earlier by half of
-%% it at most, and ended later.
+%% @doc The calls for clocks that differ pairwise by at most this time (µs): each call begins up to
+%% half of it earlier, and ends up to half of it later.
 -spec widened(non_neg_integer(), [call()]) -> [call()].
 widened(Sigma, Calls) ->
     Half = (Sigma + 1) div 2,
@@ -177,7 +178,7 @@ models(Models, Monitors) ->
      || Model <- Models, {Monitor, Config} <- Monitors, Model:contract() =:= Monitor
     ].
 
-%% @doc What the models say of the calls, object by object.
+%% @doc The verdicts of the models on the calls, object by object.
 -spec verdicts([{module(), Config :: map()}], t(), options()) -> [verdict()].
 verdicts(Models, #history{marks = Marks} = History, Options) ->
     Calls = calls(History),

@@ -1,9 +1,9 @@
-%% @doc The behaviour of a model: what a block promises those that call it, in words of calls and answers
-%% alone ({@link starl_history}). It is written from the block's page, not from its machine.
+%% @doc The behaviour of a model: the promise of a block to its callers, expressed only in calls and
+%% answers ({@link starl_history}). It is written from the block's page, not from its machine.
 %%
-%% A model judges the calls of one object, such as a token, by themselves. What it says of some calls has to
-%% hold of each beginning of them, too, with the calls that were under way then as unknown: the shortest
-%% beginning without an explanation is found by halving.
+%% A model judges the calls of one object, such as a token, by themselves. If it can explain some
+%% calls, it must also explain each beginning of them, with the calls that were under way then as
+%% unknown. The shortest beginning without an explanation is found by halving.
 -module(starl_history_model).
 
 -export_type([judge/0, judgement/0]).

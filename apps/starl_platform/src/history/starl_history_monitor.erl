@@ -14,8 +14,9 @@
     history :: starl_history:t()
 }).
 
-%% @doc The models with their contracts' configuration ({@link starl_history:models/2}); the most states
-%% of a search; when clocks were set; when applications stood still within a step.
+%% @doc Takes the models with their contracts' configuration ({@link starl_history:models/2}), the
+%% most states of a search, the times when clocks were set, and the times when applications stalled
+%% within a step.
 -spec init(#{
     models := [{module(), map()}],
     states => pos_integer(),

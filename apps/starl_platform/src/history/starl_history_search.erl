@@ -1,10 +1,11 @@
-%% @doc The search for an order of calls that explains their answers, after Wing and Gong, with a cache of
-%% what was tried (Lowe, "Testing for linearizability", 2017; Porcupine): of two ways to the same set of
-%% calls and the same state only the first is followed.
+%% @doc Searches for an order of calls that explains their answers, by the algorithm of Wing and
+%% Gong. A cache prunes the search (Lowe, "Testing for linearizability", 2017; Porcupine): if two
+%% orders lead to the same set of calls and the same state, only the first is followed.
 %%
-%% {@link linearizable/4} wants an order that keeps real time: a call that has returned before another was
-%% invoked comes first. {@link sequential/3} wants one for a register that keeps the order of each session,
-%% and in which no read comes from a write that was invoked after it had returned.
+%% {@link linearizable/4} searches for an order that keeps real time: a call that has returned
+%% before another was invoked comes first. {@link sequential/3} searches for an order of a
+%% register's calls that keeps the order of each session, and in which no read returns a write that
+%% was invoked after the read had returned.
 %%
 %% Both end after a number of states, not of seconds, so the answer is the same on every computer.
 -module(starl_history_search).

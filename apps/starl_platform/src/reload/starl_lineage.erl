@@ -1,8 +1,8 @@
-%% @doc The versions of code that a machine has come through, and the one to which it goes back.
+%% @doc The history of the code versions of a machine, and the version to which it goes back.
 %%
 %% Each reload adds a version. Going back means: to the last version whose trial ended well, or to
 %% the first code. Versions that were replaced before their trial was over have proven nothing; all
-%% of them are left together. Reload 3 crashes here, and the machine goes on with the code of reload
+%% of them are left together. Here reload 3 crashes, and the machine goes on with the code of reload
 %% 1:
 %% ```
 %%   first code <-- 1, passed <-- 2, replaced after 40 ms <-- 3, on trial: crashes
@@ -10,7 +10,7 @@
 %%                     +-----------------------------------------+
 %% '''
 %% If reload 1 fails on another robot meanwhile, the machine stays with the code of reload 3, and
-%% its way back is to the first code.
+%% then goes back to the first code.
 -module(starl_lineage).
 
 -export([new/1, take/3, code/1, is_first/1, has/2, is_on_trial/2, back/1, leave/2, bare/1]).

@@ -1,24 +1,27 @@
-%% @doc New code for running robots: what a robot's driver tells its machines and its sequential
-%% application, and what they answer.
+%% @doc Installs new code on running robots. It defines the commands of a robot's driver to its
+%% machines and its sequential application, and their answers.
 %%
-%% There is one way, in every world: in a simulation, a cluster, a notebook, a fleet of real robots. An
-%% operator makes an {@link order/4}, and has its code loaded; the robots' drivers get the order, and tell.
+%% The same procedure applies in every world: in a simulation, a cluster, a notebook, a fleet of
+%% real robots. An operator makes an {@link order/4} and has its code loaded. The robots' drivers
+%% get the order, and notify the machines.
 %% ```
 %%     sources -- order/4 --> new versions, loaded beside the former ones
 %%        order -- take/3 --> a word for each machine -- at its next step --> taken, on trial
 %%                                       crashed, or failed elsewhere -- back/3 --> back
 %% '''
 %%
-%% A reload has a number and new versions of modules ({@link starl_version}). The driver hands each
-%% machine that runs one of these modules the event `code' with {@link word()}; the application heeds
-%% it at its next step. The state is carried over: by `code_change/2' of a {@link starl_app}, by
-%% `code_change/3' of a {@link starl_machine}. The action `{reloaded, ...}' tells the driver how it
-%% went. During the trial time a crash ends nothing: the last code whose trial ended well is back at
-%% once ({@link starl_lineage}), and the driver has all other robots of the reload go back, too. An
-%% event that a machine's new code does not know, while the former code knows it, is such a crash.
+%% A reload has a number and new versions of modules ({@link starl_version}). The driver gives each
+%% machine that runs one of these modules the event `code' with {@link word()}; the application
+%% applies it at its next step. The state is carried over: by `code_change/2' of a
+%% {@link starl_app}, by `code_change/3' of a {@link starl_machine}. The action `{reloaded, ...}'
+%% reports the result to the driver. During the trial time a crash ends nothing: the last code whose
+%% trial ended well is back at once ({@link starl_lineage}), and the driver makes all other robots
+%% of the reload go back, too. If a machine's new code does not know an event that the former code
+%% knows, this counts as such a crash.
 %%
-%% The state then: if the new code did not convert it, it stays as it is. A machine's converted state
-%% is converted back, version by version; an application's is the state before the switch.
+%% The state then: if the new code did not convert it, it stays as it is. A machine's converted
+%% state is converted back, version by version; an application gets back its state from before the
+%% switch.
 -module(starl_reload).
 
 -export([order/4, trial_ms/0, format_error/1]).
@@ -78,8 +81,8 @@
 
 %% -- for an operator ------------------------------------------------------------------------
 
-%% @doc A reload of robots with these machines: the order to their drivers, and the code of the new versions,
-%% which is to be loaded wherever they run ({@link starl_version:load/1}).
+%% @doc Makes a reload of robots with these machines: the order to their drivers, and the code of
+%% the new versions. The code must be loaded wherever they run ({@link starl_version:load/1}).
 -spec order(
     count(),
     [starl_version:source()],
@@ -115,7 +118,7 @@ trial_ms() -> ?TRIAL_MS.
 
 %% -- for a driver ---------------------------------------------------------------------------
 
-%% @doc The machines of a robot that take part, with their words. `Parts' has the first module of
+%% @doc The machines of a robot that take part, with their commands. `Parts' has the first module of
 %% each machine.
 -spec take(order(), Parts :: #{starl_machine:name() => module()}, codes()) ->
     {[{starl_machine:name(), word()}], codes()}.
@@ -133,8 +136,8 @@ await({Name, Word}, Codes) ->
     #{Name := {Lineage, Awaited}} = Codes,
     Codes#{Name := {Lineage, Awaited ++ [Word]}}.
 
-%% @doc The reload has failed on another robot: the machines that it has changed, or is to change,
-%% with their words.
+%% @doc Handles the failure of a reload on another robot: returns the commands for the machines that
+%% it has changed, or would change.
 -spec back(count(), Failed :: starl:robot_id(), codes()) ->
     {[{starl_machine:name(), word()}], codes()}.
 back(N, Failed, Codes) ->
@@ -153,7 +156,7 @@ is_take(_N, {back, _, _}) -> false.
 is_of(N, {back, M, _}) -> N =:= M;
 is_of(N, Take) -> is_take(N, Take).
 
-%% @doc A machine has told how it has heeded a word.
+%% @doc Records the result that a machine reports of a command.
 -spec heard(starl_machine:name(), told(), codes()) -> codes().
 heard(Name, #{number := N, outcome := Outcome, lineage := Lineage}, Codes) ->
     #{Name := {_, Awaited}} = Codes,
@@ -166,8 +169,8 @@ heard(Name, #{number := N, outcome := Outcome, lineage := Lineage}, Codes) ->
 heard(_Name, #{}, Codes) ->
     Codes.
 
-%% @doc The machine starts: it heeds all words that the one before it has not heeded, and what it
-%% takes is on trial from now on.
+%% @doc Handles the start of a machine. It applies all commands that its predecessor has not
+%% applied, and code that it takes is on trial from now on.
 -spec started(starl_machine:name(), NowUs :: integer(), codes()) -> {[told()], codes()}.
 started(Name, Now, Codes) ->
     case Codes of
@@ -200,7 +203,7 @@ heeded([{back, N, Robot} | Words], Now, Lineage, Told) ->
 
 taken(Switch, Now, Lineage) -> starl_lineage:take(Switch#{kept => none}, Now, Lineage).
 
-%% @doc A machine has ended by itself: what is to be told of the reload that was on trial.
+%% @doc Handles the end of a machine by itself: returns the reports on the reload that was on trial.
 -spec fallen(starl_machine:name(), starl_crash:cause(), NowUs :: integer(), codes()) -> [told()].
 fallen(Name, Cause, Now, Codes) ->
     case Codes of
@@ -223,7 +226,7 @@ code(Name, Codes) ->
 
 %% -- for those who start robots -------------------------------------------------------------
 
-%% @doc The trial of the reload has ended well on all robots.
+%% @doc Records that the trial of the reload has ended well on all robots.
 -spec passed(count(), codes()) -> codes().
 passed(N, Codes) -> maps:map(fun(_Name, Code) -> passed_by(N, Code) end, Codes).
 
@@ -242,7 +245,7 @@ promoted(N, Lineage, Awaited) ->
 proven(N, #{number := N} = Switch) -> Switch#{trial_us := 0};
 proven(_N, Switch) -> Switch.
 
-%% @doc The reload has failed on a robot: no robot starts with it.
+%% @doc Records that the reload has failed on a robot: no robot starts with it.
 -spec without(count(), codes()) -> codes().
 without(N, Codes) -> maps:map(fun(_Name, Code) -> left_by(N, Code) end, Codes).
 
@@ -256,7 +259,7 @@ left_by(N, {Lineage, Awaited}) ->
 
 %% -- for a machine's runner -----------------------------------------------------------------
 
-%% @doc What a machine tells of a reload.
+%% @doc The report of a machine on a reload.
 -spec told(count(), outcome(), others | nobody, starl_lineage:t()) -> told().
 told(N, Outcome, Tell, Lineage) ->
     #{
@@ -267,8 +270,7 @@ told(N, Outcome, Tell, Lineage) ->
         tell => Tell
     }.
 
-%% @doc What a machine tells that has left these versions. A failure that was told before is not
-%% told again.
+%% @doc The report of a machine that has left these versions. A failure is reported only once.
 -spec left(outcome(), others | nobody, {[starl_lineage:version(), ...], starl_lineage:t()}) ->
     [told(), ...].
 left(Outcome, Tell, {[#{number := N} | Older], Lineage}) ->
@@ -280,7 +282,7 @@ left(Outcome, Tell, {[#{number := N} | Older], Lineage}) ->
         ]
     ].
 
-%% @doc Must all robots go back for it?
+%% @doc Checks whether all robots must go back because of this outcome.
 -spec is_failure(outcome()) -> boolean().
 is_failure({migration_failed, _}) -> true;
 is_failure({crashed, _}) -> true;

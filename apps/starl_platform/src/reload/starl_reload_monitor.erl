@@ -1,4 +1,4 @@
-%% @doc Looks on, and judges nothing: what has become of the reloads of a run, for its report.
+%% @doc Collects the results of a run's reloads for its report. It judges nothing.
 -module(starl_reload_monitor).
 -behaviour(starl_monitor).
 
@@ -32,7 +32,7 @@
 -spec init(#{}) -> state().
 init(#{}) -> #{}.
 
-%% @doc Notes what is told of reloads.
+%% @doc Records the reports on reloads.
 -spec step(starl_monitor:trace_event(), state()) -> {ok, state()}.
 step({At, Robot, Name, {reloaded, N, Outcome}}, Told) ->
     {ok, Told#{N => [{At, Robot, Name, Outcome} | maps:get(N, Told, [])]}};

@@ -1,6 +1,6 @@
-%% @doc Versions of code that run side by side. A VM has one current version of a module, but half of
-%% a team may run new code while the other half runs the former: so a new version gets a module name
-%% of its own, and a robot is told to go on with that module.
+%% @doc Versions of code that run side by side. A VM has one current version of a module, but half
+%% of a team may run new code while the other half runs the former code. So a new version gets a
+%% module name of its own, and a robot is commanded to go on with that module.
 %%
 %% The name is made of the module's name and a hash of its code, as in `my_app@1f0c22ab': the same
 %% code has the same name in every VM and every run. All modules that are reloaded together call each
@@ -24,7 +24,7 @@
 
 -type forms() :: [erl_parse:abstract_form() | erl_parse:form_info()].
 
-%% @doc Makes new versions of these modules; says in one line per problem why it cannot.
+%% @doc Makes new versions of these modules. If it cannot, returns one line per problem.
 -spec make([source()]) -> {ok, t()} | {error, [unicode:chardata(), ...]}.
 make(Sources) ->
     Read = [read(Source) || Source <- Sources],
@@ -33,7 +33,7 @@ make(Sources) ->
         Problems -> {error, Problems}
     end.
 
-%% @doc Loads the code of new versions: nothing runs it yet, and no process is ever ended by it.
+%% @doc Loads the code of new versions. Nothing runs it yet, and loading never ends a process.
 -spec load([code()]) -> ok | {error, unicode:chardata()}.
 load(Code) ->
     New = [C || {Module, _, _} = C <- Code, not erlang:module_loaded(Module)],
@@ -51,11 +51,12 @@ original(Module) ->
         _ -> Module
     end.
 
-%% @doc What the compiler has found in files, errors or warnings, a line each: `FILE:LINE: what it is'.
+%% @doc The errors or warnings of the compiler in files, a line each: `FILE:LINE: what it is'.
 -spec format_found([{file:filename(), [erl_lint:error_info()]}]) -> [unicode:chardata()].
 format_found(Found) -> [line(File, Info) || {File, Infos} <- Found, Info <- Infos].
 
-%% @doc What has ended a compilation, in such lines: errors, or warnings that the source takes for errors.
+%% @doc The messages that ended a compilation, in such lines: errors, or warnings that the source
+%% treats as errors.
 -spec format_found(Errors :: Found, Warnings :: Found) -> [unicode:chardata()] when
     Found :: [{file:filename(), [erl_lint:error_info()]}].
 format_found([], Warnings) -> format_found(Warnings);

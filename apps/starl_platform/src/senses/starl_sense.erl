@@ -1,12 +1,12 @@
-%% @doc The behaviour of a sense: one thing that a robot can ask of its surroundings beside the
-%% places of robots, such as a bumper or a camera.
+%% @doc The behaviour of a sense. A sense measures one thing in the robot's surroundings, such as a
+%% bumper or a camera, besides the places of robots.
 %% ```
 %%   {ok, Blobs} = starl:sense(Robot, camera),
 %%   [{Colour, Bearing, Mm} || #{colour := Colour, bearing := Bearing, mm := Mm} <- Blobs]
 %% '''
-%% A sense is a pure function from a {@link view()} to a reading, with the errors of a real one.
-%% Bearings are radians from straight ahead, positive to the left; lengths are millimetres. A sense
-%% says what no reading of it can be (`is_reading/2'), whatever its errors.
+%% A sense is a pure function from a {@link view()} to a reading, with the errors of a real sensor.
+%% Bearings are radians from straight ahead, positive to the left; lengths are millimetres.
+%% `is_reading/2' decides which terms can be readings of the sense, whatever its errors.
 -module(starl_sense).
 
 -export([
@@ -119,7 +119,7 @@ problems({Kind, _Values}, _Usual) ->
 -spec read(kind(), view(), profiles()) -> term().
 read(Kind, View, Profiles) -> (module(Kind)):read(View, maps:get(Kind, Profiles)).
 
-%% @doc The profiles with a sense whose errors are so many times as large; parts stay below 1.
+%% @doc The profiles with the errors of one sense multiplied by a factor; fractions stay below 1.
 -spec noisy(kind(), Times :: number(), profiles()) -> profiles().
 noisy(Kind, Times, Profiles) ->
     #{Kind := Profile} = Profiles,
@@ -133,16 +133,16 @@ larger(Key, Part, Times) when Key =:= missed; Key =:= invented ->
 larger(_Key, Error, Times) ->
     Error * Times.
 
-%% @doc A reading of a sense with further errors, those of its profile.
+%% @doc A reading with further errors, those of the profile of its sense.
 -spec blurred(kind(), Reading :: term(), draw(), profiles()) -> term().
 blurred(Kind, Reading, Draw, Profiles) ->
     (module(Kind)):blurred(Reading, Draw, maps:get(Kind, Profiles)).
 
-%% @doc A reading of a sense that is wrong.
+%% @doc A wrong reading of a sense.
 -spec guess(kind(), draw(), profiles()) -> term().
 guess(Kind, Draw, Profiles) -> (module(Kind)):guess(Draw, maps:get(Kind, Profiles)).
 
-%% @doc May the sense say this?
+%% @doc Checks whether this term can be a reading of the sense.
 -spec is_reading(kind(), term(), profiles()) -> boolean().
 is_reading(Kind, Reading, Profiles) ->
     (module(Kind)):is_reading(Reading, maps:get(Kind, Profiles)).

@@ -1,5 +1,5 @@
-%% @doc The battery: how full is it? A reading is a part from 1.0 (full) to 0.0. Time takes its
-%% share, and driving.
+%% @doc The battery sensor measures how full the battery is. A reading is a fraction from 1.0 (full)
+%% to 0.0. Time and driving drain the battery.
 -module(starl_sense_battery).
 -behaviour(starl_sense).
 

@@ -1,4 +1,4 @@
-%% @doc Which robots are in sight, and where? A reading lists them, nearest first: `#{robot,
+%% @doc The bearing sensor finds the robots in sight. A reading lists them, nearest first: `#{robot,
 %% bearing, mm}', to their middles. Walls and other robots hide a robot.
 -module(starl_sense_bearing).
 -behaviour(starl_sense).

@@ -1,5 +1,6 @@
-%% @doc The bumper: what does the robot touch? It goes around the front half, with a switch on each
-%% side, and near the middle both close. A reading is `none', `left', `right' or `both'.
+%% @doc The bumper detects on which side the robot touches something. It goes around the front half
+%% and has a switch on each side; near the middle both close. A reading is `none', `left', `right'
+%% or `both'.
 -module(starl_sense_bump).
 -behaviour(starl_sense).
 

@@ -1,7 +1,7 @@
-%% @doc The camera: coloured things before the robot. A reading lists blobs from left to right:
-%% `#{colour, bearing, size, mm}', with the angle under which the thing appears (`size', rad) and
-%% the distance that this angle tells of a ball of the usual size. Walls and robots hide a thing;
-%% some are missed, and some are reported that are not there.
+%% @doc The camera sees coloured things in front of the robot. A reading lists blobs from left to
+%% right: `#{colour, bearing, size, mm}'. `size' is the angle under which the thing appears (rad),
+%% and `mm' the distance of a ball of the usual size at that angle. Walls and robots hide a thing;
+%% some things are missed, and some are reported that are not there.
 -module(starl_sense_camera).
 -behaviour(starl_sense).
 

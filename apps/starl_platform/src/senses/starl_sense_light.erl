@@ -1,5 +1,6 @@
-%% @doc The light sensor: how bright is it here? A reading is a number from 0 (dark); each lamp in
-%% sight adds 1 beside it, and a third of that `lamp_mm' away. Walls and robots cast shadows.
+%% @doc The light sensor measures how bright it is at the robot. A reading is a number from 0
+%% (dark). A lamp in sight adds 1 right beside it, and 1/e of that (37 %) at the distance `lamp_mm'.
+%% Walls and robots cast shadows.
 -module(starl_sense_light).
 -behaviour(starl_sense).
 

@@ -1,6 +1,6 @@
-%% @doc The range finder: how far is it to a wall or a body? A reading is a list of beams, from
-%% right to left: `{Bearing, Mm | none}', measured from the middle of the robot; `none': nothing
-%% within reach, or no echo.
+%% @doc The range finder measures the distance to walls and bodies. A reading is a list of beams
+%% from right to left, `{Bearing, Mm | none}', measured from the middle of the robot. `none' means
+%% nothing within reach, or no echo.
 -module(starl_sense_range).
 -behaviour(starl_sense).
 

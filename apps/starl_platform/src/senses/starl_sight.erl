@@ -1,4 +1,4 @@
-%% @doc Lines of sight: what is in the way of a ray, and can one point be seen from another? Walls
+%% @doc Lines of sight: how far a ray goes, and whether one point can be seen from another. Walls
 %% and round bodies are in the way. Lengths are millimetres.
 -module(starl_sight).
 
