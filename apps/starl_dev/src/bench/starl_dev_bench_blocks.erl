@@ -1,5 +1,6 @@
-%% @doc The building-blocks benchmark: the number of packets for an election, an entry, a round and
-%% a geocast, acknowledgements included, compared with the formulas of the blocks' pages.
+%% @doc The benchmark of the building blocks. It counts the packets for an election, an entry, a
+%% round and a geocast, with acknowledgements, and compares them with the formulas of the blocks'
+%% pages.
 -module(starl_dev_bench_blocks).
 -behaviour(starl_dev_benchmark).
 

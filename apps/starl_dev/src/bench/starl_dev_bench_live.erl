@@ -1,6 +1,7 @@
-%% @doc The benchmark of live robots: the round trip of a SAP message (until it is acknowledged) and
-%% the messages per second of a pair of robots, over each transport, beside a bare round trip of the
-%% same kind in the same minute; the start-up time and the memory of nodes.
+%% @doc The benchmark of live robots: message round trips and rates over each transport, and the
+%% start of nodes. It measures a SAP message until it is acknowledged, and the messages per second
+%% of a pair of robots. A bare round trip of the same kind, in the same minute, serves for
+%% comparison. For nodes it measures the start-up time and the memory.
 -module(starl_dev_bench_live).
 -behaviour(starl_dev_benchmark).
 

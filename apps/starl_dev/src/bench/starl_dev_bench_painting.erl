@@ -1,6 +1,6 @@
-%% @doc The painting benchmark: the speed, relative to real time, at which a team paints a picture
-%% on one core, with the digest and all monitors on. The times of several seeds are added, because
-%% the duration of a run depends on which robots obstruct one another.
+%% @doc The painting benchmark measures how fast a team paints a picture on one core, relative to
+%% real time. The digest and all monitors are on. The times of several seeds are added, because the
+%% duration of a run depends on which robots obstruct one another.
 -module(starl_dev_bench_painting).
 -behaviour(starl_dev_benchmark).
 

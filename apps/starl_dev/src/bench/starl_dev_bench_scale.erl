@@ -1,6 +1,6 @@
-%% @doc The scale benchmark: start-up time and memory per robot, up to ten thousand robots, each a
-%% supervision tree (process) or a term in a shard (inline); then 60 s of ring-shuttle with one
-%% message per second.
+%% @doc The scale benchmark measures the start-up time and the memory per robot, for a thousand and
+%% for ten thousand robots by default. Each robot is a supervision tree (process) or a term in a
+%% shard (inline). Then the robots run ring-shuttle for 60 s with one message per second.
 -module(starl_dev_bench_scale).
 -behaviour(starl_dev_benchmark).
 

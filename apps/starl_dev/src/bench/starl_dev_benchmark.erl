@@ -1,5 +1,5 @@
-%% @doc The behaviour of a benchmark of `./starl bench': its flags, a check of their values, and the
-%% measurement, which prints one line per row of figures.
+%% @doc The behaviour of a benchmark of `./starl bench'. A benchmark declares its flags, checks
+%% their values, measures, and prints one line per row of figures.
 -module(starl_dev_benchmark).
 
 -export([problems/2]).

@@ -1,5 +1,6 @@
-%% @doc `./starl doc': makes the pages of all modules ({@link starl_dev_doc_pages}) and of the guides
-%% ({@link starl_dev_doc_site}), and what Erlang's and Elixir's shells tell of modules: `h(starl)'.
+%% @doc The command `./starl doc': makes the pages of all modules ({@link starl_dev_doc_pages}) and
+%% of the guides ({@link starl_dev_doc_site}). It also makes the help of modules in the shells of
+%% Erlang and Elixir: `h(starl)'.
 -module(starl_dev_doc).
 -behaviour(starl_cli_command).
 

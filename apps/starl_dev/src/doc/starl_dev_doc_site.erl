@@ -1,5 +1,6 @@
-%% @doc Makes one set of pages of the guides and EDoc's module pages: a column of contents beside each, with
-%% the guides first and the modules that matter, and a search over all of it. No page needs a server.
+%% @doc Joins the guides and EDoc's module pages into one set of pages. Each page has a column of
+%% contents, with the guides and the important modules first, and a search over all pages. No page
+%% needs a server.
 -module(starl_dev_doc_site).
 
 -export([make/3]).

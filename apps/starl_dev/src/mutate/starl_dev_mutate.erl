@@ -1,5 +1,5 @@
 %% @doc `./starl mutate BLOCK': mutation testing. It changes the code of a block, one small change
-%% at a time, and tells which changes the block's tests do not notice.
+%% at a time, and reports which changes the block's tests do not notice.
 -module(starl_dev_mutate).
 
 -behaviour(starl_cli_command).

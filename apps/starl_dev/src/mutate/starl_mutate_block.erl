@@ -1,5 +1,5 @@
-%% @doc The table of the blocks that can be mutated, and of other parts of a robot's program: the sources
-%% and the tests of each.
+%% @doc The table of the building blocks, and of other parts of a robot's program, for mutation
+%% testing. It lists the sources and the tests of each.
 %%
 %% Sources and tests are wildcards, so a new module of a block needs no entry. A test that does not
 %% call a mutated function is not run against it, so a superfluous test costs little.

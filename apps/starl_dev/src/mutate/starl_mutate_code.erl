@@ -1,5 +1,5 @@
-%% @doc Loads and compiles code for mutation testing: it reads the abstract code of a module from
-%% its debugging information, compiles changed code in memory, and compiles the tests of a checkout
+%% @doc Loads and compiles code for mutation testing. It reads a module's abstract code from its
+%% debugging information, and compiles changed code in memory. It compiles the tests of a checkout
 %% beside the build.
 -module(starl_mutate_code).
 

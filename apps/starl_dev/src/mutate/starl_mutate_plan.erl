@@ -1,5 +1,5 @@
-%% @doc The steps of mutation testing: it measures a block's tests on the unchanged code, then runs
-%% for each mutant the tests that call the changed function, cheapest first.
+%% @doc The steps of mutation testing. It measures a block's tests on the unchanged code. Then, for
+%% each mutant, it runs the tests that call the changed function, cheapest first.
 -module(starl_mutate_plan).
 
 -export([baseline/3, jobs/2, run/3]).

@@ -1,5 +1,5 @@
-%% @doc `./starl new': begins a project that uses StarL, from templates: those in `priv/new', and for a building
-%% block or a chassis the example of one.
+%% @doc The command `./starl new': creates a project that uses StarL from the templates in
+%% `priv/new'. For a building block or a chassis it uses the example.
 -module(starl_dev_new).
 -behaviour(starl_cli_command).
 

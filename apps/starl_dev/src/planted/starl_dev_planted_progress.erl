@@ -1,6 +1,7 @@
-%% @doc `./starl planted --progress': runs building blocks and applications whose progress is broken on radios that
-%% lose packets, and beside faults that last and do no harm. In each of these cells a monitor finds the bug, or the run
-%% says which clause of these monitors it has not judged. The same run without the bug keeps all contracts.
+%% @doc The command `./starl planted --progress': runs building blocks and applications whose
+%% progress is broken. They run on radios that lose packets, and beside harmless faults that last.
+%% In each of these cells a monitor finds the bug, or the run reports which clause of these monitors
+%% it has not judged. The same run without the bug keeps all contracts.
 -module(starl_dev_planted_progress).
 
 -export([bugs/0, table/3, is_right/1]).

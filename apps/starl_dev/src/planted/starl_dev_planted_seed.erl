@@ -1,4 +1,4 @@
-%% @doc Finds a seed with which a planted bug shows: called in the VMs of the jobs.
+%% @doc Finds a seed with which a planted bug is detected. The VMs of the jobs call it.
 -module(starl_dev_planted_seed).
 
 -export([bugs/0, propositions/0, caught/1]).

@@ -1,6 +1,6 @@
-%% @doc `./starl planted --when': asks of planted bugs by which event their violations became inevitable, as
-%% `./starl when' does, and compares it with what the bug makes wrong. So it is seen whether the answer can be
-%% believed where the truth is known.
+%% @doc The command `./starl planted --when': tests `./starl when' on planted bugs. It asks by which
+%% event a bug's violation became inevitable, and compares the answer with what the bug makes wrong.
+%% So it shows whether the answer can be trusted where the truth is known.
 -module(starl_dev_planted_when).
 
 -export([table/3]).

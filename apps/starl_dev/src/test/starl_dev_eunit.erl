@@ -1,5 +1,6 @@
-%% @doc Collects the results of EUnit for `./starl test': the count of each module, and the failures
-%% with their places. At the end it sends them to a process as `{starl_dev_eunit, Outcome}'.
+%% @doc Collects the results of EUnit for `./starl test': the number of tests in each module, and
+%% the failures with their places. At the end it sends them to a process as `{starl_dev_eunit,
+%% Outcome}'.
 -module(starl_dev_eunit).
 -behaviour(eunit_listener).
 

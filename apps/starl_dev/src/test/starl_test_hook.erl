@@ -1,5 +1,5 @@
-%% @doc Tells a process which cases of a suite have failed or were skipped, as a hook of Common Test,
-%% and keeps the name of the case that began last in a file.
+%% @doc A hook of Common Test: notifies a process of the cases of a suite that failed or were
+%% skipped. It also keeps the name of the case that began last in a file.
 -module(starl_test_hook).
 
 -export([init/2, pre_init_per_testcase/4, on_tc_fail/4, on_tc_skip/4]).

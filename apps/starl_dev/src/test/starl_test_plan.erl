@@ -1,7 +1,7 @@
-%% @doc The jobs of `./starl test' ({@link starl_test_vm:job()}): which tests a VM runs together. A
-%% suite of Common Test has a VM of its own, and so has a module of EUnit that starts a program or that
-%% `test/test_times.term' knows to be long. All others share a few VMs: the quick ones, and the brief
-%% ones, which say how long they may take.
+%% @doc Plans the jobs of `./starl test' ({@link starl_test_vm:job()}): which tests a VM runs
+%% together. A suite of Common Test has a VM of its own. So has an EUnit module that starts a
+%% program, or that `test/test_times.term' lists as long. All others share a few VMs: the quick
+%% modules, and the brief ones, which declare how long they may take.
 -module(starl_test_plan).
 
 -export([jobs/3, sources/1]).

@@ -1,8 +1,8 @@
-%% @doc Merges the outcomes of the jobs of `./starl test': the lines that are printed as each job
+%% @doc Merges the outcomes of the jobs of `./starl test'. It returns the lines to print as each job
 %% ends, the seconds for the next run, and the count. Whatever did not end well counts as failed.
 %%
-%% What failed is run once more, alone ({@link again/1}). If it passes then, it is flaky: it counts as passed, and
-%% `flaky: CASE' is printed.
+%% What failed is run once more, alone ({@link again/1}). If it passes then, it is flaky: it counts
+%% as passed, and `flaky: CASE' is printed.
 -module(starl_test_report).
 
 -export([new/1, ended/3, again/1, repeated/3, flaky/1, summary/2, seconds/1, duration/2]).
@@ -146,7 +146,7 @@ lost(Reason) -> ["its VM has ended: ", io_lib:format("~0tP", [Reason, ?DEPTH])].
 -spec seconds(t()) -> [{Job :: string(), Seconds :: float()}].
 seconds(#report{seconds = Seconds}) -> Seconds.
 
-%% @doc The line that tells how long it took, s: the tests, and to build them before.
+%% @doc The line on how long it took, s: the tests, and the build before them.
 -spec duration(Tests :: non_neg_integer(), Built :: non_neg_integer()) -> unicode:chardata().
 duration(Tests, Built) ->
     Long = fun(S) -> io_lib:format("~b min ~b s", [S div 60, S rem 60]) end,

@@ -1,10 +1,12 @@
-%% @doc Chooses which job of `./starl test' runs next, so that no core is idle: the longest first; one
-%% job that computes for each core, and beside them as many that mostly wait, for timers, sockets or
-%% other programs. When none of those is left, one more that computes runs beside the others: each
-%% waits at times, for a program that it has started. A job that must have the machine alone comes last.
+%% @doc Chooses which job of `./starl test' runs next, so that no core is idle. The longest jobs run
+%% first: one computing job per core, and as many jobs that mostly wait, for timers, sockets or
+%% other programs. When no waiting job is left, one more computing job runs beside the others,
+%% because each waits at times for a program that it has started. A job that must have the machine
+%% alone comes last.
 %%
-%% What is known of the jobs stands in `test/test_times.term', and the seconds of the last run in
-%% `_build/starl/tests/test_times.term' are newer. An unknown job is assumed to compute for ten seconds.
+%% Known times and kinds of jobs stand in `test/test_times.term'. The seconds of the last run, in
+%% `_build/starl/tests/test_times.term', are newer. An unknown job is assumed to compute for ten
+%% seconds.
 %%
 %% ```
 %% {starl_create_doctor_SUITE, waits, 19}.

@@ -3,7 +3,7 @@
 %%
 %% What a job prints goes to `NAME.log' in the directory of the logs, the error reports of crashes
 %% that tests provoke to `NAME.errors', and Common Test's pages to `NAME/'. `NAME.case' names the
-%% case that began last, so that a VM that dies or hangs tells where.
+%% case that began last, to show where a VM died or hung.
 -module(starl_test_vm).
 
 -export([run/1, again/2, case_file/1]).

@@ -1,5 +1,5 @@
 %% @doc The painting application, with a roll call at its end: each robot asks all others for an
-%% acknowledgement. Its result is that of the painting if all have answered, else the robots that
+%% acknowledgement. It returns the result of the painting if all have answered, else the robots that
 %% have not.
 -module(starl_hostile_painting).
 -behaviour(starl_app).

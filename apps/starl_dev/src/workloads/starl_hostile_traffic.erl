@@ -1,5 +1,5 @@
-%% @doc Robots that send each other numbers, one by one in both directions, without an end. A robot
-%% that starts anew goes on where it was.
+%% @doc Robots that send numbers to each other for ever, one by one in both directions. A robot that
+%% restarts goes on where it was.
 -module(starl_hostile_traffic).
 -behaviour(starl_app).
 

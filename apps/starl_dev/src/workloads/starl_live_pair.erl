@@ -1,7 +1,7 @@
-%% @doc A pair of robots that measure their messages, in real time: robot 1 sends messages one by one
-%% and times each until it is acknowledged, then posts many at once; robot 2 counts. Further robots
-%% do nothing. Robot 1 returns the times in microseconds, robot 2 the time from the first to the
-%% last of the posted messages.
+%% @doc A pair of robots that measure their messages, in real time. Robot 1 sends messages one by
+%% one and times each until it is acknowledged. Then it posts many at once, and robot 2 counts them.
+%% Further robots do nothing. Robot 1 returns the times in microseconds, robot 2 the time from the
+%% first to the last of the posted messages.
 -module(starl_live_pair).
 -behaviour(starl_app).
 

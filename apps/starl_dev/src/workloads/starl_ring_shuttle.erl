@@ -1,6 +1,6 @@
-%% @doc The ring-shuttle workload: each of N robots sends a reliable message to the next one every
-%% 100 ms and drives to and fro between two points one metre apart. It is an event-driven
-%% application.
+%% @doc The ring-shuttle workload: N robots send messages around a ring while they drive to and fro.
+%% Each robot sends a reliable message to the next one every 100 ms, and drives between two points
+%% one metre apart. It is an event-driven application.
 %%
 %% The benchmarks use it and check its figures: 600·N messages delivered, none twice, mean latency
 %% about 15 ms, 7 legs per robot in 60 s.

@@ -1,14 +1,15 @@
-%% @doc The swarm-broadcast workload: N robots start at random places in a square arena, in which a
-%% radio range of one metre gives each about six neighbours. Each robot drives straight ahead; at
-%% the border it turns on the spot to a random new heading. Robots do not avoid one another. Each
-%% broadcasts 10 bytes every 100 ms, unacknowledged. It is an event-driven application.
+%% @doc The swarm-broadcast workload: N robots drive about in a square arena and broadcast over a
+%% short radio range. They start at random places. A radio range of one metre gives each robot about
+%% six neighbours. Each robot drives straight ahead; at the border it turns on the spot to a random
+%% new heading. Robots do not avoid one another. Each broadcasts 10 bytes every 100 ms,
+%% unacknowledged. It is an event-driven application.
 %% ```
 %%   looking --- located, room ahead: drives ----------> driving --- at the border ---> looking
 %%      ^        located, at the border: turns ---> turning --- turned ---+
 %%      +----------------------------------------------------------------+
 %% '''
-%% A robot commands its wheels directly: a straight line and a turn on the spot are each one piece
-%% of motion in closed form, so a moving robot costs no computation.
+%% A robot commands its wheels directly. A straight line and a turn on the spot are each one motion
+%% segment in closed form, so a moving robot costs no computation.
 -module(starl_swarm_broadcast).
 -behaviour(starl_machine).
 -behaviour(starl_scene).
