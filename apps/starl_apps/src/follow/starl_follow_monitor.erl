@@ -1,6 +1,6 @@
 %% @doc The contract of following. Until its application restarts, a robot never goes back from a
 %% later term to an earlier one. While robots drive, some robot leads at least once a minute,
-%% counted from the end of all faults.
+%% counted from the end of all faults of the network, the clocks, the processes and the stores.
 %%
 %% Events of machine `app': {@link starl_leadership:event()}, `crashed', `done'; of machine `robot':
 %% `up', `died'; of machine `supervisor': `given_up'.
