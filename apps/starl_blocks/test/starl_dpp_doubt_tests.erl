@@ -82,6 +82,23 @@ a_robot_that_doubts_is_told_again_test() ->
     ?assertEqual([[], []], [Asked({2, 1, 1}, C) || C <- [claiming(), leading()]]),
     ?assertEqual([[], []], [Asked({1, 1, 1}, C) || C <- [idle(), prevoting()]]).
 
+%% However often a robot doubts, it is asked 64 times in half a second, and each robot by itself.
+a_robot_that_doubts_is_not_asked_without_end_test() ->
+    Doubts = fun(Robot) -> {message, Robot, dpp_refused, {doubted, {1, 1, 1}}} end,
+    Asked = fun(Robot, Now, Times, C) ->
+        lists:foldl(
+            fun(_, {N, C0}) ->
+                {Actions, C1} = at(Now, cast, Doubts(Robot), C0),
+                {N + length(sent(dpp_recover, Actions)), C1}
+            end,
+            {0, C},
+            lists:seq(1, Times)
+        )
+    end,
+    {64, C1} = Asked(2, 0, 200, claiming()),
+    ?assertMatch({10, _}, Asked(3, 0, 10, C1)),
+    ?assertMatch({64, _}, Asked(2, ?S, 200, C1)).
+
 %% A robot that was raised votes, and is served, all the same.
 a_raised_robot_is_heard_test() ->
     {Claims, _} = step(cast, {message, 2, dpp_prevoted, ?TERM}, prevoting()),
