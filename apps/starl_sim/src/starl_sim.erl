@@ -18,6 +18,7 @@
 -export([
     world/0,
     start/1, start/2,
+    launch/1,
     await/1,
     run/1, run/2,
     step/2,
@@ -282,6 +283,8 @@ format_error(Reason) ->
 
 %% -- internals ------------------------------------------------------------------------------
 
+%% @doc Starts the simulation of a plan. Nobody is told that it begins.
+-spec launch(planned()) -> {ok, sim()} | {error, reason()}.
 launch({Scenario, Scene, Plan}) ->
     case starl_sim_sup:start_link(Plan) of
         {ok, Sup} ->
