@@ -27,7 +27,13 @@ about(_Subject) ->
         "be taken but absurd packets that are sealed and well formed. Atoms and memory of the node "
         "stay as they are.",
         "With --kills the node of one robot is then killed (SIGKILL) so many times, while all robots "
-        "send each other numbers: none may be acknowledged and not delivered, nobody unheard."
+        "send each other numbers: none may be acknowledged and not delivered, nobody unheard.",
+        "With --insider, instead of all this, a robot of the team is the attacker: it has the key, and sends "
+        "in its own name all that the machines of each block accept at its extremes: largest numbers, longest "
+        "names, most entries. First in the simulator, block by block, then on a cluster by UDP, which is "
+        "played without the attack, too. When the attack is over each block must work, again after all robots "
+        "have restarted with their stores, and again with a new key; no machine may crash, and "
+        "memory stays as it is."
     ].
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
@@ -36,6 +42,10 @@ flags(_Subject) ->
         {"Flags", [
             {packets, {integer, 0, 1000000000}, 1000000, "hostile datagrams; 0: none"},
             {kills, {integer, 0, 1000}, 0, "kills of a node"},
+            {insider, switch, false, "a robot of the team attacks"},
+            {block, {one_of, [all | starl_dev_insider:blocks()]}, all,
+                "with --insider: one block, in the simulator alone"},
+            {apart, switch, false, "with --block: each kind of message apart"},
             {robots, {integer, 3, 20}, 3, "the size of the team"},
             {picture, string, "lines", "a shipped picture"},
             {speed, {number, 0.1, 20}, 4, "how many times as fast as real time"},
@@ -47,6 +57,10 @@ flags(_Subject) ->
 statuses() -> [{0, "borne"}, {3, "not borne"}, {130, "interrupted"}].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
+run(#{values := #{insider := true} = Values}) ->
+    ok = starl_cli_log:install(),
+    _ = process_flag(trap_exit, true),
+    status(starl_dev_insider_report:run(Values));
 run(#{values := #{packets := Packets, kills := Kills} = Values}) ->
     ok = starl_cli_log:install(),
     _ = process_flag(trap_exit, true),

@@ -11,7 +11,8 @@
 %% succeed at every robot, and all must agree.
 -module(starl_dev_insider).
 
--export([run/2, blocks/0, plan/2, judged_turns/0, turns/2, format/1, is_borne/1]).
+-export([run/2, blocks/0, plan/2, works/5, is_of_interest/1, header/0, format/1, is_borne/1]).
+-export([kinds/2, understood/1]).
 
 -export_type([row/0, part/0]).
 
@@ -64,7 +65,10 @@ run(Block, #{robots := Robots} = Options) ->
         kinds => Kinds,
         sent => length(Messages),
         unsolved => Unsolved,
-        works => maps:from_list([{P, works(Block, T, Honest, Events)} || {P, T} <- ?PARTS]),
+        works => maps:from_list([
+            {P, works(Block, T, Honest, Events, ?PERIOD_MS)}
+         || {P, T} <- ?PARTS
+        ]),
         crashes =>
             lists:usort([{R, Machine} || {T, R, Machine, crashed} <- Events, not is_restart(T)]) ++
             [Crash || {_, Why} = Crash <- maps:get(crashes, Seen), Why =/= killed],
@@ -88,9 +92,11 @@ is_restart(Us) ->
 %% While lies are told, honest robots may believe them.
 is_late(AtUs) -> AtUs > 1000 * (element(2, ?WINDOW_MS) + ?PERIOD_MS).
 
-%% @doc The turns that are judged.
--spec judged_turns() -> [{part(), pos_integer()}].
-judged_turns() -> ?PARTS.
+%% @doc The kinds of the messages that a block is sent, for the option `only'.
+-spec kinds(atom(), options()) -> [{starl_packet:type(), term()}].
+kinds(Block, Options) ->
+    {_, _, Messages} = plan(Block, Options),
+    lists:usort([kind(Message) || Message <- Messages]).
 
 %% @doc How many kinds of messages, the clauses that nothing was found for, and the messages.
 -spec plan(atom(), options()) ->
@@ -100,10 +106,9 @@ plan(sap, #{robots := Robots, seed := Seed}) ->
     Bodies = [starl_dev_insider_extremes:fixed({app, Name}) || Name <- [word, nobody]],
     {7, [], mixed(Packets, lists:append(Bodies))};
 plan(Name, #{robots := Robots, seed := Seed} = Options) ->
+    {Kinds, Unsolved} = understood(Name),
     {ok, Block} = starl_block_catalogue:find(Name),
     Modules = modules(Block),
-    Found = [starl_dev_insider_kinds:of_machine(Module) || Module <- Modules],
-    Kinds = lists:usort(lists:append([Kinds || {Kinds, _} <- Found])),
     Accepts = fun(Type, Body) -> lists:any(fun(M) -> M:accepts(Type, Body) end, Modules) end,
     Messages = starl_dev_insider_extremes:messages(Kinds, #{
         accepts => Accepts,
@@ -112,7 +117,17 @@ plan(Name, #{robots := Robots, seed := Seed} = Options) ->
         examples => examples(Name, [Type || {Type, _} <- Kinds], Options),
         seed => Seed
     }),
-    {length(Kinds), lists:append([Unsolved || {_, Unsolved} <- Found]), Messages}.
+    {length(Kinds), Unsolved, Messages}.
+
+%% @doc The kinds of messages of a block's machines, and the clauses for which none was found.
+-spec understood(atom()) -> {[starl_dev_insider_kinds:kind()], [{module(), pos_integer()}]}.
+understood(Name) ->
+    {ok, Block} = starl_block_catalogue:find(Name),
+    Found = [starl_dev_insider_kinds:of_machine(Module) || Module <- modules(Block)],
+    {
+        lists:usort(lists:append([Kinds || {Kinds, _} <- Found])),
+        lists:append([Unsolved || {_, Unsolved} <- Found])
+    }.
 
 modules(Block) ->
     Modules = [Module || {_, Module, _} <- Block:machines(defaults(Block))],
@@ -251,6 +266,7 @@ closed(Sim) ->
     lists:usort([{M, why(Why)} || {_, #{crashes := Crashes}} <- Robots, {M, Why} <- Crashes]).
 
 %% Without the places in the code.
+why({crashed_after, _Us, Why}) -> why(Why);
 why({Why, [{_, _, _, _} | _]}) -> Why;
 why(Why) -> Why.
 
@@ -282,6 +298,8 @@ judged([Event | Events], Runner) ->
         {violation, Violation, Next} -> [Violation | judged(Events, Next)]
     end.
 
+%% @doc Uses of blocks, lines to be painted, crashes.
+-spec is_of_interest(starl_monitor:trace_event()) -> boolean().
 is_of_interest({_, _, app, {used, _, _, _}}) -> true;
 is_of_interest({_, _, app, {stroke, _}}) -> true;
 is_of_interest({_, _, _, crashed}) -> true;
@@ -305,15 +323,20 @@ machines(Robot, Sim) ->
 
 %% -- judging --------------------------------------------------------------------------------
 
-%% Painting robots set out for a line in the period of the turn, at the latest.
-works(dpp, Turn, _Honest, Events) ->
-    To = 1000 * ?PERIOD_MS * (Turn + 1),
-    From = To - 2 * 1000 * ?PERIOD_MS,
+%% @doc Has a turn of a block succeeded at these robots, and do all agree? Painting robots have set out
+%% for a line in the period of the turn, or the one before.
+-spec works(atom(), Turn, [starl:robot_id()], [starl_monitor:trace_event()], PeriodMs) ->
+    true | {false, term()}
+when
+    Turn :: pos_integer(), PeriodMs :: pos_integer().
+works(dpp, Turn, _Honest, Events, Period) ->
+    To = 1000 * Period * (Turn + 1),
+    From = To - 2 * 1000 * Period,
     case [R || {T, R, app, {stroke, _}} <- Events, T >= From, T < To] of
         [] -> {false, nobody_paints};
         [_ | _] -> true
     end;
-works(Block, Turn, Honest, Events) ->
+works(Block, Turn, Honest, Events, _Period) ->
     Used = turns(Block, Events),
     Outcomes = [{R, maps:get({R, Turn}, Used, missing)} || R <- Honest],
     Wrong = [Outcome || {_, Is} = Outcome <- Outcomes, Is =/= ok, not is_answer(Is)],
@@ -326,9 +349,7 @@ works(Block, Turn, Honest, Events) ->
 is_answer({ok, _}) -> true;
 is_answer(_) -> false.
 
-%% @doc The outcome of each turn at each robot.
--spec turns(atom(), [starl_monitor:trace_event()]) ->
-    #{{starl:robot_id(), Turn :: integer()} => term()}.
+%% The outcome of each turn at each robot.
 turns(Block, Events) ->
     maps:from_list([{{R, T}, Is} || {_, R, app, {used, B, T, Is}} <- Events, B =:= Block]).
 
@@ -339,6 +360,12 @@ is_borne(#{works := Works, bytes := {Before, Later}} = Row) ->
     Unsolved =:= [] andalso Crashes =:= [] andalso Violations =:= [] andalso Ended =:= ok andalso
         Later - Before =< ?MOST_BYTES andalso
         lists:all(fun(Is) -> Is =:= true end, maps:values(Works)).
+
+%% @doc The heads of the columns.
+-spec header() -> unicode:chardata().
+header() ->
+    "                              works after          MB of a robot\n"
+    "block      kinds messages  attack    restart   another   before    after\n".
 
 %% @doc A row as text.
 -spec format(row()) -> unicode:chardata().

@@ -1,7 +1,7 @@
 %% @doc A team that uses building blocks in turns while one of its robots, the insider, sends messages
 %% of its own choice to the others' machines. `./starl hostile --insider' runs it.
 %%
-%% A turn begins at each multiple of the period, by the clock; so robots that have restarted are back in
+%% A turn begins at each multiple of the period, by the clock, or in the quarter after it; so robots that have restarted are back in
 %% time for the next one. Each robot then uses each block once, in a way that needs the others, and traces
 %% the outcome: `{used, Block, Turn, Outcome}'. With the block `dpp' the team paints instead.
 %%
@@ -25,8 +25,7 @@
 
 -type state() :: #{blocks := [atom()], period := pos_integer(), last := integer()}.
 
-%% How late a robot may begin a turn, and the patience of its calls.
--define(LATE_MS, 3000).
+%% The patience of calls; the time in which all learn what all have written; between two looks.
 -define(PATIENCE_MS, 9000).
 -define(SHARED_MS, 8000).
 -define(LOOK_MS, 500).
@@ -38,19 +37,25 @@ options() ->
         {messages, {term, "a list", fun is_list/1}, [], "what the insider sends"},
         {insider, {integer, 0, 1000}, 0, "the robot that sends it; 0: none"},
         {window, {term, "{FromMs, ToMs}", fun is_tuple/1}, {0, 0}, "when it sends"},
-        {period, {integer, 1000, 1000000}, 20000, "the time between two turns, ms"}
+        {period, {integer, 1000, 1000000}, 20000, "the time between two turns, ms"},
+        {contracts, boolean, true, "whether the blocks' contracts judge the run, and so end it"}
         | starl_painting:options()
     ].
 
 -spec scene(starl_scene:context()) -> {ok, starl_scene:t()} | {error, unicode:chardata()}.
-scene(#{options := Options} = Context) ->
+scene(#{options := #{contracts := Contracts} = Options} = Context) ->
     case used(Options, Context) of
-        {ok, #{blocks := Blocks} = Scene} -> {ok, Scene#{blocks := Blocks ++ [insider(Options)]}};
-        {error, _} = Error -> Error
+        {ok, #{blocks := Blocks} = Scene} when Contracts ->
+            {ok, Scene#{blocks := Blocks ++ [insider(Options)]}};
+        {ok, #{blocks := Blocks} = Scene} ->
+            {ok, {Machines, _Contracts}} = starl_block:expand(Blocks, Context),
+            {ok, Scene#{blocks := Machines ++ [insider(Options)], monitors => []}};
+        {error, _} = Error ->
+            Error
     end.
 
 used(#{blocks := [dpp]} = Options, Context) ->
-    Own = [blocks, messages, insider, window, period],
+    Own = [blocks, messages, insider, window, period, contracts],
     starl_painting:scene(Context#{options := maps:without(Own, Options)});
 used(#{blocks := Names, period := Period}, _Context) ->
     {ok, #{
@@ -108,7 +113,7 @@ init(Robot, #{blocks := Blocks} = Given) ->
 step(Robot, #{blocks := Blocks, period := Period, last := Last} = State) ->
     Now = starl:now(Robot),
     Turn = Now div Period,
-    case Turn =/= Last andalso Now rem Period =< ?LATE_MS of
+    case Turn =/= Last andalso Now rem Period =< Period div 4 of
         true ->
             _ = [used(Block, Robot, Turn) || Block <- Blocks],
             {continue, State#{last := Turn}};

@@ -42,13 +42,15 @@
 %% `transport': how packets travel between the nodes. `speed': 2.0 is twice as fast as real time; `air': other air than
 %% that of the scenario's radio; `chassis': what the robots have in place of a chassis of the world;
 %% `watch': further monitors, which only look on. `dir': the
-%% directory of the robots' stores. `code': modules that were compiled in memory. `metrics': robot N
+%% directory of the robots' stores. `epoch_us': the system time of the run's time 0, for robots that go on
+%% from the stores of an earlier run; by default the present one. `code': modules that were compiled in memory. `metrics': robot N
 %% serves its metrics at this port plus N. `chaos': what
 %% happens to the nodes, at which times of the run. `packets': whether the observer is told of all
 %% packets; `recorder': what each robot is recorded with on its own node. `log': gets each line of the
 %% nodes' logs.
 -type options() :: #{
     dir := file:filename(),
+    epoch_us => integer(),
     transport := starl_world_stage:name(),
     speed => number(),
     air => starl_live_air:settings(),

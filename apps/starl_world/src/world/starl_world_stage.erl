@@ -39,7 +39,8 @@
     Options :: #{dir := file:filename(), atom() => term()}.
 open(#{robots := Poses, world := Sim} = Plan, {Name, Nodes}, Options) ->
     Speed = maps:get(speed, Options, 1),
-    Clock = starl_live_clock:new(erlang:system_time(microsecond), Speed),
+    Epoch = maps:get(epoch_us, Options, erlang:system_time(microsecond)),
+    Clock = starl_live_clock:new(Epoch, Speed),
     Known = maps:with([rate_hz, whole_mm, arena, observe, facts], Options),
     {ok, World} = starl_world:start_link(Known#{plan => Plan, clock => Clock}),
     Radio = (maps:with([air], Options))#{sim => Sim, speed => Speed},
