@@ -72,10 +72,7 @@ run(Block, #{robots := Robots} = Options) ->
         crashes =>
             lists:usort([{R, Machine} || {T, R, Machine, crashed} <- Events, not is_restart(T)]) ++
             [Crash || {_, Why} = Crash <- maps:get(crashes, Seen), Why =/= killed],
-        violations => [
-            V
-         || #{at_us := At, robots := Rs} = V <- Violations, is_late(At), Rs =/= [Robots]
-        ],
+        violations => [V || V <- Violations, is_judged(V, Honest)],
         bytes => Bytes,
         ended => Ended
     }.
@@ -88,6 +85,12 @@ is_restart(Us) ->
     lists:any(
         fun({_, At}) -> Us >= 1000 * At andalso Us =< 1000 * (At + ?DOWN_MS) end, ?RESTARTS_MS
     ).
+
+%% What the insider says of itself is believed, and counts.
+is_judged(#{contract := counter, what := exceeds}, _Honest) ->
+    false;
+is_judged(#{at_us := At, robots := Robots}, Honest) ->
+    is_late(At) andalso Robots -- Honest =/= Robots.
 
 %% While lies are told, honest robots may believe them.
 is_late(AtUs) -> AtUs > 1000 * (element(2, ?WINDOW_MS) + ?PERIOD_MS).

@@ -23,8 +23,8 @@
 }.
 
 %% Names and lists of a kind; drawn ones.
--define(MANY, 40).
--define(DRAWN, 30).
+-define(MANY, 24).
+-define(DRAWN, 24).
 -define(STEPS, [4, 8, 12, 16, 20, 24, 28, 32, 40, 48]).
 %% How many bits the largest integers of shapes have; the last are those of any payload.
 -define(BITS, [2039, 1024, 512, 256 | lists:seq(160, 1, -1)]).

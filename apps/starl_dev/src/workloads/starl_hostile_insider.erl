@@ -125,7 +125,9 @@ step(Robot, #{blocks := Blocks, period := Period, last := Last} = State) ->
 used(Block, Robot, Turn) ->
     starl:trace(Robot, {used, Block, Turn, use(Block, Turn, Robot)}).
 
+%% What the insider has sent fills the inbox.
 use(sap, Turn, Robot) ->
+    ok = read(Robot),
     Sent = starl:broadcast(Robot, word, Turn),
     ok = read(Robot),
     Sent;
