@@ -110,8 +110,9 @@ drawn_count(Shape) ->
         false -> ?DRAWN
     end.
 
-has_room({shape, any}) -> true;
 has_room({shape, {list, _}}) -> true;
+has_room({shape, {either, _}}) -> false;
+has_room({shape, Shape}) -> starl_shape:is(Shape, <<>>);
 has_room({tuple, Parts}) -> lists:any(fun has_room/1, Parts);
 has_room(_) -> false.
 
@@ -133,7 +134,7 @@ numbers({shape, Shape}, Path) ->
 numbers(_, _Path) ->
     [].
 
-is_number_shape(Shape) -> lists:member(Shape, [integer, natural, count, serial]).
+is_number_shape(Shape) -> starl_shape:is(Shape, 1) andalso not starl_shape:is(Shape, <<>>).
 
 %% A body, and in it the longest lists that fit: their entries have nearly the same size.
 made(Shape, Choose, Salt, Config) ->
@@ -182,21 +183,31 @@ entry(Path) ->
         [N | _] -> N
     end.
 
-leaf(any, _Choice, Entry, Salted, _Config) -> name(Entry, Salted);
-leaf(atom, _Choice, _Entry, _Salted, _Config) -> insider;
-leaf(boolean, Choice, _Entry, _Salted, _Config) -> Choice =/= one;
-leaf(mm, Choice, _Entry, _Salted, _Config) -> length_mm(Choice);
-leaf(Number, Choice, Entry, Salted, Config) -> number(Number, Choice, Entry, Salted, Config).
+leaf(atom, _Choice, _Entry, _Salted, _Config) ->
+    insider;
+leaf(boolean, Choice, _Entry, _Salted, _Config) ->
+    Choice =/= one;
+leaf(mm, Choice, _Entry, _Salted, _Config) ->
+    length_mm(Choice);
+leaf(Shape, Choice, Entry, Salted, Config) ->
+    case is_number_shape(Shape) of
+        true -> number(Shape, Choice, Entry, Salted, Config);
+        false -> longest_name(Shape, Entry, Salted)
+    end.
 
-%% Short ones in lists, in which there are more of them.
-name(none, {0, _}) ->
+%% The longest that are legal; short ones in lists, in which there are more of them.
+longest_name(Shape, Entry, Salted) ->
+    Names = [name(Entry, Salted, Bytes) || Bytes <- [50000, ?LONG_NAME, 50]],
+    hd([Name || Name <- Names, starl_shape:is(Shape, Name)] ++ [<<"insider">>]).
+
+name(none, {0, _}, _Bytes) ->
     <<"insider">>;
-name(none, {Salt, _}) when Salt rem 4 =:= 0 -> <<Salt:16, 0:(8 * 50000)>>;
-name(none, {Salt, _}) ->
-    <<Salt:16, 0:(8 * ?LONG_NAME)>>;
-name(N, {Salt, Entries}) when Entries =< ?FEW; Salt rem 2 =:= 0 ->
+name(none, {Salt, _}, Bytes) when Salt rem 4 =:= 0 -> <<Salt:16, 0:(8 * Bytes)>>;
+name(none, {Salt, _}, Bytes) ->
+    <<Salt:16, 0:(8 * min(Bytes, ?LONG_NAME))>>;
+name(N, {Salt, Entries}, _Bytes) when Entries =< ?FEW; Salt rem 2 =:= 0 ->
     <<Salt:16, N:16, 0:(8 * ?LONG_NAME)>>;
-name(N, {Salt, _}) ->
+name(N, {Salt, _}, _Bytes) ->
     <<Salt:8, N:16>>.
 
 length_mm(largest) -> 1.0e9;
