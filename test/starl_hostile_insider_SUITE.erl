@@ -144,5 +144,5 @@ a_cluster_goes_on(Config) ->
 
 attack(Dir) ->
     _ = process_flag(trap_exit, true),
-    Options = (options())#{speed => 8, attack => true, messages => 40},
+    Options = (options())#{speed => 5, attack => true, messages => 40},
     starl_dev_insider_cluster:run([sap, barrier, counter], Options, Dir).

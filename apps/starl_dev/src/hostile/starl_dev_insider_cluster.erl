@@ -34,11 +34,10 @@
     error => unicode:chardata()
 }.
 
-%% The longest time for all nodes to start anew, of the computer; in this time of the run a killed robot's
-%% machines count as crashed.
+%% The longest time for all nodes to start anew, of the computer. Meanwhile killed robots' machines count as
+%% crashed.
 -define(LOOKS, 600).
 -define(LOOK_MS, 100).
--define(RESTART_US, 5_000_000).
 -define(MOST_BYTES, 64_000_000).
 -define(CALL_MS, 60_000).
 
@@ -64,7 +63,7 @@ run(Blocks, #{attack := Attack} = Options, Dir) ->
 seen(_Blocks, _First, {error, Text}, _Options) ->
     #{error => Text};
 seen(Blocks, First, Second, #{robots := Robots}) ->
-    #{events := Before, turns := Turns, restarted_us := Us, bytes := Bytes} = First,
+    #{events := Before, turns := Turns, restarted_us := {Us, Up}, bytes := Bytes} = First,
     #{events := Later, turns := [Last]} = Second,
     Honest = lists:seq(1, Robots - 1),
     Works = fun(Block, Turn, Events) ->
@@ -79,7 +78,7 @@ seen(Blocks, First, Second, #{robots := Robots}) ->
         ],
         crashes => lists:usort([
             {R, M}
-         || {T, R, M, crashed} <- Before ++ Later, T < Us orelse T > Us + ?RESTART_US
+         || {T, R, M, crashed} <- Before ++ Later, T < Us orelse T > Up
         ]),
         bytes => Bytes
     }.
@@ -149,10 +148,11 @@ attacked(Cluster, Blocks, #{robots := Robots}) ->
     #{now_us := Now} = starl_cluster:status(Cluster),
     ok = starl_cluster:act(Cluster, [{reboot, R, #{}, 0} || R <- lists:seq(1, Robots)]),
     ok = up(?LOOKS, Cluster, Robots),
+    #{now_us := Up} = starl_cluster:status(Cluster),
     Turn = next_turn(Cluster, Blocks),
     #{
         bytes => {Before, Later},
-        restarted_us => Now,
+        restarted_us => {Now, Up},
         turns => [{after_attack, 3}, {after_restart, Turn}]
     }.
 

@@ -60,7 +60,7 @@ used(#{blocks := [dpp]} = Options, Context) ->
 used(#{blocks := Names, period := Period}, _Context) ->
     {ok, #{
         app => {sequential, ?MODULE, #{blocks => Names, period => Period}},
-        sap => #{limit => 3},
+        sap => #{limit => 6},
         blocks => [Block || Name <- Names, Block <- block(Name)]
     }}.
 
