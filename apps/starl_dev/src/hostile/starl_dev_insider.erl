@@ -19,7 +19,7 @@
 -type part() :: after_attack | after_restart | after_second.
 
 %% One block: `kinds' and `sent' say what was sent, `unsolved' which clauses of `accepts/2' were not
-%% understood. `bytes': of the machines of the honest robot that has most, before and after the attack.
+%% understood. `bytes': of the machines of the honest robot that has most, before the attack and at most since.
 -type row() :: #{
     block := atom(),
     kinds := non_neg_integer(),
@@ -46,6 +46,8 @@
 %% By so much may the machines of a robot grow, and the VM of the simulation.
 -define(MOST_BYTES, 8_000_000).
 -define(MOST_VM_BYTES, 3_000_000_000).
+%% The time between two looks at the memory.
+-define(SAMPLE_S, 5).
 -define(EXAMPLES, 4).
 
 %% @doc The blocks that have something to be attacked: SAP, and those whose machines take messages.
@@ -245,10 +247,9 @@ attacked(Block, Messages, Options) ->
     {ok, Sim} = starl_sim:launch({Full, Scene, Plan#{monitors := []}}),
     Honest = lists:seq(1, maps:get(robots, Options) - 1),
     {From, To} = ?WINDOW_MS,
-    Ended0 = to(0, From div 1000, Sim),
+    _ = to(0, From div 1000, Sim),
     Before = bytes(Honest, Sim),
-    Ended1 = going_on(Ended0, From div 1000, (To + ?PERIOD_MS) div 1000, Sim),
-    Later = bytes(Honest, Sim),
+    {Ended1, Later} = filled(From div 1000, (To + ?PERIOD_MS) div 1000, Before, Honest, Sim),
     Ended = going_on(Ended1, (To + ?PERIOD_MS) div 1000, ?END_S, Sim),
     Crashes = closed(Sim),
     News = news(),
@@ -275,6 +276,16 @@ why(Why) -> Why.
 
 going_on(ok, From, To, Sim) -> to(From, To, Sim);
 going_on(Ended, _From, _To, _Sim) -> Ended.
+
+%% The most of the time: a machine that crashes is empty again.
+filled(To, To, Most, _Honest, _Sim) ->
+    {ok, Most};
+filled(Now, To, Most, Honest, Sim) ->
+    Next = min(To, Now + ?SAMPLE_S),
+    case to(Now, Next, Sim) of
+        ok -> filled(Next, To, max(Most, bytes(Honest, Sim)), Honest, Sim);
+        Ended -> {Ended, max(Most, bytes(Honest, Sim))}
+    end.
 
 %% Second by second: nobody knows how much an attack fills.
 to(To, To, _Sim) ->
@@ -368,7 +379,7 @@ is_borne(#{works := Works, bytes := {Before, Later}} = Row) ->
 -spec header() -> unicode:chardata().
 header() ->
     "                              works after          MB of a robot\n"
-    "block      kinds messages  attack    restart   another   before    after\n".
+    "block      kinds messages  attack    restart   another   before   at most\n".
 
 %% @doc A row as text.
 -spec format(row()) -> unicode:chardata().

@@ -5,7 +5,8 @@
 %%     honest   attack       judged   | restart   judged   | restart         judged
 %%                                    | of all nodes       | of the team, with a new key
 %% '''
-%% All nodes are killed by SIGKILL. The team with the new key has the stores, and the clock goes on.
+%% The contracts of services (SAP, motion) judge all the time, those of the blocks only in the simulator: a
+%% violation would end the run. All nodes are killed by SIGKILL. The team with the new key has the stores, and the clock goes on.
 %% Without an attack all must be the same.
 -module(starl_dev_insider_cluster).
 
@@ -30,6 +31,7 @@
     sent := non_neg_integer(),
     works => [{atom(), [{atom(), true | {false, term()}}]}],
     crashes => [{starl:robot_id(), atom()}],
+    violations => [starl_monitor:violation()],
     bytes => {non_neg_integer(), non_neg_integer()},
     error => unicode:chardata()
 }.
@@ -80,6 +82,7 @@ seen(Blocks, First, Second, #{robots := Robots}) ->
             {R, M}
          || {T, R, M, crashed} <- Before ++ Later, T < Us orelse T > Up
         ]),
+        violations => maps:get(violations, First) ++ maps:get(violations, Second),
         bytes => Bytes
     }.
 
@@ -95,8 +98,8 @@ life(Blocks, Messages, Dir, Epoch, Do, #{speed := Speed} = Options) ->
     Self = self(),
     Ref = make_ref(),
     Observe = fun
-        ({judged, Events, _}) ->
-            Self ! {Ref, [E || E <- Events, starl_dev_insider:is_of_interest(E)]},
+        ({judged, Events, Violations}) ->
+            Self ! {Ref, [E || E <- Events, starl_dev_insider:is_of_interest(E)], Violations},
             ok;
         (_News) ->
             ok
@@ -109,7 +112,11 @@ life(Blocks, Messages, Dir, Epoch, Do, #{speed := Speed} = Options) ->
             Seen = Do(Started, Blocks, Options),
             ok = starl_cluster:stop(Started),
             _ = starl_cluster:finish(Started),
-            Seen#{events => events(Ref)};
+            News = news(Ref),
+            Seen#{
+                events => lists:append([Events || {Events, _} <- News]),
+                violations => lists:append([Violations || {_, Violations} <- News])
+            };
         {error, Reason} ->
             {error, [starl_cluster:format_error(Reason)]}
     end.
@@ -191,9 +198,9 @@ most_bytes(Cluster, Robots) ->
         {_, Bytes, _} <- [erpc:call(Node, starl_dev_hostile_flood, vitals, [], ?CALL_MS)]
     ]).
 
-events(Ref) ->
+news(Ref) ->
     receive
-        {Ref, Events} -> Events ++ events(Ref)
+        {Ref, Events, Violations} -> [{Events, Violations} | news(Ref)]
     after 0 -> []
     end.
 
@@ -201,8 +208,9 @@ events(Ref) ->
 -spec is_borne(row()) -> boolean().
 is_borne(#{error := _Why}) ->
     false;
-is_borne(#{works := Works, crashes := Crashes, bytes := {Before, Later}}) ->
-    Crashes =:= [] andalso Later - Before =< ?MOST_BYTES andalso
+is_borne(#{works := Works, crashes := Crashes, violations := Violations, bytes := Bytes}) ->
+    {Before, Later} = Bytes,
+    Violations =:= [] andalso Crashes =:= [] andalso Later - Before =< ?MOST_BYTES andalso
         lists:all(fun({_, Parts}) -> lists:all(fun({_, Is}) -> Is =:= true end, Parts) end, Works).
 
 %% @doc The rows of a team as text.
@@ -220,8 +228,8 @@ format(#{works := Works, crashes := Crashes, bytes := {Before, Later}} = Row) ->
             Later / 1.0e6,
             [io_lib:format("; crashed: ~0tp", [Crashes]) || Crashes =/= []]
         ])
-        | [io_lib:format("  ~-10ts ~ts~n", [Block, parts(Parts)]) || {Block, Parts} <- Works]
-    ].
+        | [["  ", starl_violation:format(V), "\n"] || V <- maps:get(violations, Row)]
+    ] ++ [io_lib:format("  ~-10ts ~ts~n", [Block, parts(Parts)]) || {Block, Parts} <- Works].
 
 parts(Parts) ->
     lists:join("  ", [part(Part, Is) || {Part, Is} <- Parts]).
