@@ -1,13 +1,14 @@
 %% @doc The second part of `./starl hostile --insider': the same attack on a cluster by UDP, all blocks
 %% of a team at once.
 %% ```
-%%     turn 0   turns 1, 2   turn 3     turn 4, 5, ...       later
-%%     honest   attack       judged   | restart   judged   | restart         judged
-%%                                    | of all nodes       | of the team, with a new key
+%%     turn 0   turns 1, 2   turn 3   turns 4, 5     turn 6, 7, ...       later
+%%     honest   attack       quiet    judged       | restart   judged   | restart         judged
+%%                                                 | of all nodes       | of the team, with a new key
 %% '''
 %% The contracts of services (SAP, motion) judge all the time, those of the blocks only in the simulator: a
 %% violation would end the run. All nodes are killed by SIGKILL. The team with the new key has the stores, and the clock goes on.
-%% Without an attack all must be the same.
+%% Without an attack all must be the same. Two turns are judged each time, of which one must succeed, since the
+%% computer may have other work, too.
 -module(starl_dev_insider_cluster).
 
 -export([run/3, teams/0, format/1, is_borne/1]).
@@ -69,7 +70,14 @@ seen(Blocks, First, Second, #{robots := Robots}) ->
     #{events := Later, turns := [Last]} = Second,
     Honest = lists:seq(1, Robots - 1),
     Works = fun(Block, Turn, Events) ->
-        starl_dev_insider:works(Block, Turn, Honest, Events, period_ms(Blocks))
+        Is = [
+            starl_dev_insider:works(Block, T, Honest, Events, period_ms(Blocks))
+         || T <- [Turn, Turn + 1]
+        ],
+        case lists:member(true, Is) of
+            true -> true;
+            false -> lists:last(Is)
+        end
     end,
     #{
         works => [
@@ -149,9 +157,9 @@ attacked(Cluster, Blocks, #{robots := Robots}) ->
     %% all code has been used
     ok = starl_cluster:until(Cluster, turn_us(1, Blocks) - 1_000_000),
     Before = most_bytes(Cluster, Robots),
-    ok = starl_cluster:until(Cluster, turn_us(4, Blocks) - 1_000_000),
+    ok = starl_cluster:until(Cluster, turn_us(6, Blocks) - 1_000_000),
     Later = most_bytes(Cluster, Robots),
-    ok = starl_cluster:until(Cluster, turn_us(4, Blocks)),
+    ok = starl_cluster:until(Cluster, turn_us(6, Blocks)),
     #{now_us := Now} = starl_cluster:status(Cluster),
     ok = starl_cluster:act(Cluster, [{reboot, R, #{}, 0} || R <- lists:seq(1, Robots)]),
     ok = up(?LOOKS, Cluster, Robots),
@@ -160,17 +168,16 @@ attacked(Cluster, Blocks, #{robots := Robots}) ->
     #{
         bytes => {Before, Later},
         restarted_us => {Now, Up},
-        turns => [{after_attack, 3}, {after_restart, Turn}]
+        turns => [{after_attack, 4}, {after_restart, Turn}]
     }.
 
 anew(Cluster, Blocks, _Options) -> #{turns => [{after_new_key, next_turn(Cluster, Blocks)}]}.
 
-%% Waits for the end of the first turn that all robots are up for from its beginning to its end, and have
-%% been for a turn.
+%% Waits for the end of two turns, before which all robots have been up for a turn. Returns the first.
 next_turn(Cluster, Blocks) ->
     #{now_us := Now} = starl_cluster:status(Cluster),
     Turn = Now div turn_us(1, Blocks) + 2,
-    ok = starl_cluster:until(Cluster, turn_us(Turn + 1, Blocks)),
+    ok = starl_cluster:until(Cluster, turn_us(Turn + 2, Blocks)),
     Turn.
 
 %% A node that was killed may still count as up.

@@ -5,7 +5,7 @@
 -export([run/1]).
 
 %% Of each block, on a cluster.
--define(MESSAGES, 150).
+-define(MESSAGES, 100).
 
 %% @doc Attacks all blocks, or one.
 -spec run(#{atom() => term()}) ->
