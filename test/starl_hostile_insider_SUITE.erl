@@ -6,6 +6,7 @@
 -export([all/0, init_per_testcase/2, end_per_testcase/2]).
 -export([sap/1, election/1, bully/1, mutex/1, barrier/1, geocast/1, registers/1, counter/1, dpp/1]).
 -export([each_block_is_attacked/1, each_clause_is_understood/1, extremes_are_found/1]).
+-export([a_machine_that_does_not_say_what_it_takes_is_named/1]).
 -export([a_quiet_insider_is_borne/1, a_crash_is_found/1, a_cluster_goes_on/1]).
 %% called in the conductor
 -export([attack/1]).
@@ -16,6 +17,7 @@ all() ->
     [
         each_block_is_attacked,
         each_clause_is_understood,
+        a_machine_that_does_not_say_what_it_takes_is_named,
         extremes_are_found,
         a_quiet_insider_is_borne,
         a_crash_is_found,
@@ -63,6 +65,13 @@ each_clause_is_understood(_) ->
      || Block <- starl_dev_insider:blocks() -- [sap],
         {Kinds, Unsolved} <- [starl_dev_insider:understood(Block)]
     ].
+
+%% A machine that takes any body is no block's of ours.
+a_machine_that_does_not_say_what_it_takes_is_named(_) ->
+    ?assertEqual(
+        {[], [{starl_hostile_planted, 1}]},
+        starl_dev_insider_kinds:of_machine(starl_hostile_planted)
+    ).
 
 %% The largest numbers, names and lists that a machine takes are among the messages.
 extremes_are_found(_) ->

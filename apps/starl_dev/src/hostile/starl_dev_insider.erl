@@ -114,7 +114,9 @@ plan(Name, #{robots := Robots, seed := Seed} = Options) ->
     {Kinds, Unsolved} = understood(Name),
     {ok, Block} = starl_block_catalogue:find(Name),
     Modules = modules(Block),
-    Accepts = fun(Type, Body) -> lists:any(fun(M) -> M:accepts(Type, Body) end, Modules) end,
+    Accepts = fun(Type, Body) ->
+        lists:any(fun(M) -> M:accepts(Type, Body) end, Modules -- [M || {M, 1} <- Unsolved])
+    end,
     Messages = starl_dev_insider_extremes:messages(Kinds, #{
         accepts => Accepts,
         insider => Robots,
@@ -135,9 +137,8 @@ understood(Name) ->
     }.
 
 modules(Block) ->
-    Modules = [Module || {_, Module, _} <- Block:machines(defaults(Block))],
-    _ = code:ensure_modules_loaded(Modules),
-    [Module || Module <- Modules, erlang:function_exported(Module, accepts, 2)].
+    Machines = Block:machines(defaults(Block)),
+    [Module || {_, Module, _} <- Machines, starl_dev_insider_kinds:is_listener(Module)].
 
 %% Options that have no default are not asked for by `machines/1' of blocks but dpp.
 defaults(Block) ->

@@ -7,7 +7,7 @@
 %% kind of message is found without a change here.
 -module(starl_dev_insider_kinds).
 
--export([of_machine/1, sample/1]).
+-export([of_machine/1, is_listener/1, sample/1]).
 
 -export_type([kind/0, body/0]).
 
@@ -23,16 +23,23 @@
 -define(MOST_STEPS, 20).
 -define(WAIT_MS, 10000).
 
-%% @doc The kinds that a machine accepts, and the clauses of its `accepts/2' for which none was found. A module
-%% without this function accepts everything.
--spec of_machine(module()) -> {[kind()], Unsolved :: [{module(), Line :: pos_integer()}]} | all.
+%% @doc The kinds that a machine accepts, and the clauses of its `accepts/2' for which none was found. Nobody
+%% knows what a machine without this function takes.
+-spec of_machine(module()) -> {[kind()], Unsolved :: [{module(), Line :: pos_integer()}]}.
 of_machine(Module) ->
     %% calls are traced only in loaded code
     ok = code:ensure_modules_loaded([Module, starl_shape]),
     case erlang:function_exported(Module, accepts, 2) of
         true -> found(Module, clauses(Module));
-        false -> all
+        false -> {[], [{Module, 1}]}
     end.
+
+%% @doc Does a machine take messages?
+-spec is_listener(module()) -> boolean().
+is_listener(Module) ->
+    {module, Module} = code:ensure_loaded(Module),
+    {ok, {Module, [{imports, Calls}]}} = beam_lib:chunks(code:which(Module), [imports]),
+    erlang:function_exported(Module, accepts, 2) orelse lists:member({starl_sap, listen, 2}, Calls).
 
 found(Module, Clauses) ->
     Asker = asker(),
@@ -114,9 +121,10 @@ numbered(Known, N) ->
     {Known, N}.
 
 forms(Module) ->
-    {ok, {Module, [{abstract_code, {_, Forms}}]}} =
-        beam_lib:chunks(code:which(Module), [abstract_code]),
-    Forms.
+    case beam_lib:chunks(code:which(Module), [abstract_code]) of
+        {ok, {Module, [{abstract_code, {_, Forms}}]}} -> Forms;
+        _ -> error({no_abstract_code, Module})
+    end.
 
 %% All tuples in a term, at any depth.
 terms(Term) when is_tuple(Term) -> [Term | terms(tuple_to_list(Term))];
