@@ -41,6 +41,8 @@
 %% crashed.
 -define(LOOKS, 600).
 -define(LOOK_MS, 100).
+%% What is sent to the machines of a block, at most.
+-define(BLOCK_BYTES, 1_000_000).
 -define(MOST_BYTES, 64_000_000).
 -define(CALL_MS, 60_000).
 
@@ -98,9 +100,15 @@ messages(_Blocks, #{attack := false}) ->
     [];
 messages(Blocks, #{messages := Most} = Options) ->
     lists:append([
-        lists:sublist(Messages, Most)
+        bounded(lists:sublist(Messages, Most), ?BLOCK_BYTES)
      || Block <- Blocks, {_, _, Messages} <- [starl_dev_insider:plan(Block, Options)]
     ]).
+
+%% A flood is another attack.
+bounded([Message | Messages], Left) when Left > 0 ->
+    [Message | bounded(Messages, Left - erlang:external_size(Message))];
+bounded(_Messages, _Left) ->
+    [].
 
 life(Blocks, Messages, Dir, Epoch, Do, #{speed := Speed} = Options) ->
     Self = self(),
