@@ -45,9 +45,9 @@ dpp(_) -> borne(dpp).
 
 borne(Block) ->
     ct:pal("seed ~b", [?SEED]),
-    Row = attacked(Block, options()),
-    ct:pal("~ts~ts", [starl_dev_insider:header(), starl_dev_insider:format(Row)]),
-    ?assert(starl_dev_insider:is_borne(Row), Row).
+    Rows = [attacked(Block, Options) || Options <- starl_dev_insider:runs(options())],
+    ct:pal("~ts~ts", [starl_dev_insider:header(), [starl_dev_insider:format(R) || R <- Rows]]),
+    [?assert(starl_dev_insider:is_borne(Row), Row) || Row <- Rows].
 
 attacked(Block, Options) ->
     starl_platform_ct:quietly(fun() -> starl_dev_insider:run(Block, Options) end).

@@ -12,7 +12,7 @@
 -module(starl_dev_insider).
 
 -export([run/2, blocks/0, plan/2, works/5, is_of_interest/1, header/0, format/1, is_borne/1]).
--export([kinds/2, understood/1]).
+-export([runs/1, kinds/2, understood/1]).
 
 -export_type([row/0, part/0]).
 
@@ -33,7 +33,12 @@
 }.
 
 -type options() :: #{
-    robots := pos_integer(), seed := integer(), only => [{starl_packet:type(), term()}]
+    robots := pos_integer(),
+    seed := integer(),
+    %% the first so many; those of these kinds
+    messages => pos_integer(),
+    only => [{starl_packet:type(), term()}],
+    atom() => term()
 }.
 
 -define(PERIOD_MS, 20000).
@@ -49,6 +54,7 @@
 %% The time between two looks at the memory.
 -define(SAMPLE_S, 5).
 -define(EXAMPLES, 4).
+-define(FEW, 100).
 
 %% @doc The blocks that have something to be attacked: SAP, and those whose machines take messages.
 -spec blocks() -> [atom()].
@@ -79,8 +85,12 @@ run(Block, #{robots := Robots} = Options) ->
         ended => Ended
     }.
 
-chosen(Messages, #{only := Kinds}) -> [M || M <- Messages, lists:member(kind(M), Kinds)];
-chosen(Messages, _Options) -> Messages.
+chosen(Messages, #{messages := Most} = Options) ->
+    chosen(lists:sublist(Messages, Most), maps:remove(messages, Options));
+chosen(Messages, #{only := Kinds}) ->
+    [M || M <- Messages, lists:member(kind(M), Kinds)];
+chosen(Messages, _Options) ->
+    Messages.
 
 %% A restart ends all machines.
 is_restart(Us) ->
@@ -96,6 +106,11 @@ is_judged(#{at_us := At, robots := Robots}, Honest) ->
 
 %% While lies are told, honest robots may believe them.
 is_late(AtUs) -> AtUs > 1000 * (element(2, ?WINDOW_MS) + ?PERIOD_MS).
+
+%% @doc Each block is attacked twice, since a later lie may cover up an earlier one: with few messages, and
+%% with all.
+-spec runs(options()) -> [options(), ...].
+runs(Options) -> [Options#{messages => ?FEW}, Options].
 
 %% @doc The kinds of the messages that a block is sent, for the option `only'.
 -spec kinds(atom(), options()) -> [{starl_packet:type(), term()}].

@@ -30,10 +30,11 @@
 -define(BITS, [2039, 1024, 512, 256 | lists:seq(160, 1, -1)]).
 -define(FEW, 20).
 -define(LONG_NAME, 900).
+-define(SHORT, 300).
 %% The most of the alternatives in a shape that are tried apart.
 -define(MOST_VARIANTS, 8).
 
-%% @doc All messages of these kinds, in an order that follows from the seed.
+%% @doc All messages of these kinds, in an order that follows from the seed; then the short ones, ascending.
 -spec messages([starl_dev_insider_kinds:kind()], config()) -> [message()].
 messages(Kinds, #{examples := Examples, seed := Seed} = Given) ->
     Most = [
@@ -51,7 +52,17 @@ messages(Kinds, #{examples := Examples, seed := Seed} = Given) ->
     Changed = [{Type, Body} || {Type, True} <- Examples, Body <- changed(Type, True, Config)],
     Legal = lists:usort([M || {_, _} = M <- Made ++ Changed, is_legal(M, Config)]),
     Shuffled = lists:sort([{erlang:phash2({Seed, N}), M} || {N, M} <- numbered(Legal)]),
-    [Message || {_, Message} <- Shuffled].
+    [Message || {_, Message} <- Shuffled] ++ climbing(Legal).
+
+%% The short ones once more, by their largest number: each is a small leap from the one before.
+climbing(Messages) ->
+    Short = [{top(Body), M} || {_, Body} = M <- Messages, erlang:external_size(Body) =< ?SHORT],
+    [Message || {_, Message} <- lists:sort(Short)].
+
+top(Term) when is_tuple(Term) -> top(tuple_to_list(Term));
+top([Head | Tail]) -> max(top(Head), top(Tail));
+top(N) when is_integer(N) -> N;
+top(_Other) -> 0.
 
 numbered(List) -> lists:zip(lists:seq(1, length(List)), List).
 

@@ -26,8 +26,8 @@ verdict(Wrong) -> {wrong, Wrong}.
 simulated(Blocks, Values) ->
     starl_cli_terminal:out(starl_dev_insider:header()),
     lists:append([
-        row(atom_to_list(Block), starl_dev_insider:run(Block, options(Values)))
-     || Block <- Blocks
+        row(atom_to_list(Block), starl_dev_insider:run(Block, Options))
+     || Block <- Blocks, Options <- starl_dev_insider:runs(options(Values))
     ]).
 
 apart(Block, Values) ->
