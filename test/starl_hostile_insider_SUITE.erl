@@ -146,11 +146,11 @@ end_per_testcase(_Case, _Config) ->
 
 a_cluster_goes_on(Config) ->
     Dir = filename:join(proplists:get_value(priv_dir, Config), cluster),
-    Row = peer:call(proplists:get_value(conductor, Config), ?MODULE, attack, [Dir], 120000),
+    Row = peer:call(proplists:get_value(conductor, Config), ?MODULE, attack, [Dir], 300000),
     ct:pal("~ts", [starl_dev_insider_cluster:format(Row)]),
     ?assert(starl_dev_insider_cluster:is_borne(Row), Row).
 
 attack(Dir) ->
     _ = process_flag(trap_exit, true),
-    Options = (options())#{speed => 5, attack => true, messages => 40},
+    Options = (options())#{speed => 4, attack => true, messages => 40},
     starl_dev_insider_cluster:run([sap, barrier, counter], Options, Dir).
