@@ -164,19 +164,22 @@ timed_out(_Timer, _Now, _Flood) ->
 
 %% @private What comes over the radio.
 -spec accepts(starl_packet:type(), Body :: term()) -> boolean().
-accepts(geocast, {offer, _, Lifetime, _, _} = Body) ->
-    starl_shape:is([any, id(), count, integer, integer], Body) andalso is_lifetime(Lifetime);
+accepts(geocast, {offer, _, Lifetime, Left, _} = Body) ->
+    starl_shape:is([any, id(), count, integer, integer], Body) andalso is_lived(Lifetime, Left);
 accepts(geocast, {ask, _, _} = Body) ->
     starl_shape:is([any, id(), [count, integer]], Body);
 accepts(geocast, {give, {Id, Area, Type, Body, Lifetime, Left, Hops}, Askers}) ->
     Shape = [id(), area(), atom, content, count, integer, integer, askers()],
     starl_shape:is(Shape, {Id, Area, Type, Body, Lifetime, Left, Hops, Askers}) andalso
-        is_lifetime(Lifetime) andalso
+        is_lived(Lifetime, Left) andalso
         starl_geocast_area:check(Area) =:= ok;
 accepts(_Type, _Body) ->
     false.
 
-is_lifetime(Us) -> Us =< starl_geocast_lifetime:longest_us().
+%% The rest of a lifetime is below zero where an answer has come after it.
+is_lived(Lifetime, Left) ->
+    Longest = starl_geocast_lifetime:longest_us(),
+    Lifetime =< Longest andalso abs(Left) =< Longest.
 
 askers() -> {list, [count, [count, integer]]}.
 

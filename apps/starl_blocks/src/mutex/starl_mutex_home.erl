@@ -23,7 +23,7 @@
 %% true: nobody can use up the numbers of those to come.
 -module(starl_mutex_home).
 
--export([new/6, next/1, hand_over/1, last_hold/1, last_hand_over/1, is_far_beyond/2]).
+-export([new/6, next/1, hand_over/1, last_hold/1, last_hand_over/1]).
 -export([request/4, claim/5, renew/5, return/6, expire/3, due/2]).
 
 -export_type([t/0, request/0, outgoing/0]).
@@ -46,8 +46,6 @@
 -define(HOLD_BITS, 8).
 -define(HAND_OVER_BITS, 12).
 -define(CREATION_BITS, 24).
-%% The most tokens that are made while one is on its way.
--define(LEAP, 16).
 %% The most tokens of which a robot is the last owner here, beyond which it gets no new one made; and the most
 %% requests of a robot that wait for one token.
 -define(TOKENS, 4096).
@@ -111,10 +109,6 @@ last_hold(Fence) -> Fence + 1 =:= next(Fence).
 %% @doc Are the hand-overs of this creation used up? Then the token must be returned.
 -spec last_hand_over(starl_mutex:fence()) -> boolean().
 last_hand_over(Fence) -> next(Fence) =:= created(Fence).
-
-%% @doc Is this number far beyond another one? A home makes few tokens while one is on its way.
--spec is_far_beyond(starl_mutex:fence(), starl_mutex:fence()) -> boolean().
-is_far_beyond(Fence, Other) -> Fence - Other > ?LEAP bsl (?HAND_OVER_BITS + ?HOLD_BITS).
 
 %% @doc A request has come to the home: a token is made for it, or it is sent on to the owner
 %% and kept, in case the owner does not live.

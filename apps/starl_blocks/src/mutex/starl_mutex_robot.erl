@@ -88,13 +88,11 @@ supersede(Token, Fence, From, Robot) ->
         _ -> Robot
     end.
 
-%% Is no newer one known? A number that is far beyond what the home makes now, and which somebody has
-%% announced, does not count: the home is asked before the token is held.
+%% Is no newer one known? What another robot has announced does not count against a token of its home: a robot
+%% that wants it asks the home before it holds it, and is refused if the token is an old one that comes late.
 is_newer(Token, Fence, From, Robot) ->
     {Known, _} = newest_owner(Token, Robot),
-    Known < Fence orelse
-        (starl_mutex_home:is_far_beyond(Known, Fence) andalso
-            starl_mutex_state:is_home(From, Token, Robot)).
+    Known < Fence orelse starl_mutex_state:is_home(From, Token, Robot).
 
 %% @doc A token has come. It is claimed if it is wanted here, else it goes on; unless the robot
 %% knows of a newer one.
