@@ -1,14 +1,15 @@
-%% @doc Barrier: the interface.
+%% @doc The interface of barriers: robots wait for each other.
 %%
-%% A barrier has a name, any small term, and as many rounds as are needed: a robot's K-th
+%% A barrier has a name, any small term, and as many rounds as are needed. A robot's K-th
 %% {@link sync/2} with a name is its round K. All robots of the team take part.
 %%
-%% Rounds belong to the robot, not to its application: an application that begins anew, because it
-%% or its robot has crashed, goes on with the first round not passed; {@link round/2} tells which.
+%% Rounds belong to the robot, not to its application. After a crash of the application or the
+%% robot, the application goes on with the first round that the robot has not passed.
+%% {@link round/2} returns the number of that round.
 %%
-%% Guarantee: no robot passes round K of a name before all robots have reached it. When messages
-%% get through, all pass within a short time of each other. A name costs memory once, its
-%% rounds cost none; use few names.
+%% Guarantee: no robot passes round K of a name before all robots have reached it. When messages get
+%% through, all pass within a short time of each other. Memory grows with the number of names, not
+%% with the number of rounds: use few names.
 -module(starl_barrier).
 -behaviour(starl_block).
 
@@ -34,9 +35,9 @@
 %% Counts the rounds of a name, from 1.
 -type round() :: pos_integer().
 
-%% @doc The round that the next `sync' with this name is for, with half a minute's patience: it is
-%% known at once in the robot's first life; later, or if what it stored is damaged, when all others
-%% have answered.
+%% @doc Returns the round that the next `sync' with this name is for; waits for at most 30 s. In the
+%% robot's first life the answer comes at once. In a later life, or if the robot's store is damaged,
+%% it comes when all others have answered.
 -spec round(starl:robot(), name()) -> {ok, round()} | {error, full | timeout | restarted}.
 round(Robot, Name) -> round(Robot, Name, ?PATIENCE_MS).
 
@@ -57,21 +58,21 @@ turn(Robot, Name, Ms) ->
         Answer -> Answer
     end.
 
-%% @doc Waits until all robots have reached this round, with half a minute's patience. `full': the robot has used as
-%% many other names as it may.
+%% @doc Waits until all robots have reached this round, for at most 30 s. `full': the robot already
+%% uses as many other names as it may.
 -spec sync(starl:robot(), name()) -> ok | {error, full | timeout | restarted}.
 sync(Robot, Name) -> sync(Robot, Name, ?PATIENCE_MS).
 
-%% @doc The same with a timeout in milliseconds. A robot that failed may call again: it
-%% has still reached the round and waits for the same one, also when its barrier machine has
-%% crashed meanwhile (`restarted').
+%% @doc Waits until all robots have reached this round, for at most `Ms' milliseconds. A robot that
+%% failed may call again. It has still reached the round and waits for the same one, even if its
+%% barrier machine has crashed meanwhile (`restarted').
 -spec sync(starl:robot(), name(), Ms :: pos_integer()) ->
     ok | {error, full | timeout | restarted}.
 sync(Robot, Name, Ms) ->
     ok = starl_caller:payload({?MODULE, sync, 3}, 'Name', label, Name),
     ok = starl_caller:check({?MODULE, sync, 3}, 'Ms', positive_ms, Ms),
-    %% Two calls, so that the round's turn is known here should the machine crash. The timeout is that of
-    %% both.
+    %% Two calls, so that the round's turn is known here if the machine crashes. The timeout is that
+    %% of both.
     Until = starl:now(Robot) + Ms,
     case turn(Robot, Name, Ms) of
         {ok, Turn} -> pass(Robot, Name, Turn, max(0, Until - starl:now(Robot)));
@@ -87,7 +88,7 @@ pass(Robot, Name, Turn, Ms) ->
             {error, restarted}
     end.
 
-%% Tells the new machine which round was not passed, and what was known then.
+%% Gives the new machine the round that was not passed, and what was known then.
 remind(Robot, Name, Turn) ->
     case starl:call(Robot, barrier, {resume, Name, Turn}, infinity) of
         {ok, ok} -> ok;

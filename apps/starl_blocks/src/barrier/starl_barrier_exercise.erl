@@ -1,6 +1,6 @@
-%% @doc The exercise of the barrier: all robots pass round after round, each in its own time.
+%% @doc The exercise of the barrier: all robots pass round after round, each at its own pace.
 %%
-%% It promises that a round is passed when all robots have reached it and none has died.
+%% It promises that a round is passed if all robots have reached it and no robot has died.
 -module(starl_barrier_exercise).
 -behaviour(starl_block_exercise).
 

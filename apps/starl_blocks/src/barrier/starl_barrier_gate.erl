@@ -1,16 +1,18 @@
-%% @doc One name of a barrier as one robot sees it: the rounds that this robot and the others have
-%% reached, and the others' knowledge of this one. Pure; a part of {@link starl_barrier_rounds}.
+%% @doc The state of one barrier name at one robot. It holds the rounds that this robot and the
+%% others have reached, and what the others know of this robot's round. Pure; a part of
+%% {@link starl_barrier_rounds}.
 %%
-%% All counts only grow, and none exceeds the truth: so no robot is taken to have come further than
-%% it has. A gate is <em>unsure</em> while this robot's earlier rounds are known from the others
+%% All counts only grow, and none exceeds the truth. So a robot never seems to have come further
+%% than it has. A gate is <em>unsure</em> while this robot knows its earlier rounds from the others
 %% only, or while its stored counts may be older than its last life.
 %%
-%% <em>What is believed.</em> A robot passes a round when all have reached it. So nobody is more than one
-%% round ahead of another, and nobody has heard of a round that this robot has not reached. What a
-%% message says beyond that is cut to a few rounds, since a count after a damage may be behind.
-%% An unsure gate keeps what each robot claims until all have answered. It then goes on at most one
-%% round after the one that most of the others say they have reached themselves. In a team of two the other's word is
-%% all there is: it is followed to a number that leaves half of all numbers for later rounds.
+%% <em>What is believed.</em> A robot passes a round when all have reached it. So no robot is more
+%% than one round ahead of another, and nobody has heard of a round that this robot has not reached.
+%% A higher count in a message is cut to a few rounds ahead, since this robot's count may be behind
+%% after a damage. An unsure gate keeps what each robot claims until all have answered. It then goes
+%% on at most one round after the round that most of the others say they have reached themselves. In
+%% a team of two there is only the claim of the other robot. It is followed up to a number that
+%% leaves half of all numbers for later rounds.
 -module(starl_barrier_gate).
 
 -export([new/1, recall/2, turn/1, is_sure/1, caller/1, counts/1, fact/2]).
@@ -92,17 +94,17 @@ caller(#gate{from = From}) -> From.
 counts(#gate{sure = false, kept = Kept}) -> Kept;
 counts(#gate{at = At, passed = Passed, all = All}) -> {At, Passed, All}.
 
-%% @doc The counts to tell another robot: the round that this one has reached, the other's round as
-%% it is known here, and the last round that all have surely reached.
+%% @doc The counts to send to another robot. They are the round that this robot has reached, the
+%% other's round as it is known here, and the last round that all have surely reached.
 -spec fact(starl:robot_id(), t()) -> {At :: round(), Reached :: round(), All :: round()}.
 fact(Robot, #gate{at = At, all = All, reached = Reached}) ->
     {At, maps:get(Robot, Reached, 0), All}.
 
 %% -- the robot's own rounds -----------------------------------------------------------------
 
-%% @doc The application says that this is the first round that it has not passed. It knows better
-%% than the others, and than a store that was damaged for a while and gives back what it took before
-%% that; but it was not told of a round that was passed just before a crash.
+%% @doc The application reports the first round that it has not passed. It knows better than the
+%% others, and better than a store that was damaged for a while and then returns older terms. But it
+%% does not know of a round that was passed just before a crash.
 -spec resume(turn(), t()) -> t().
 resume({Round, All}, #gate{sure = false, kept = none, all = Known} = Gate) ->
     Before = Round - 1,
@@ -124,11 +126,11 @@ settled(#gate{at = At, all = All, reached = Reached, heard = Heard} = Gate) ->
         heard = maps:map(fun(_, Round) -> min(Round, At) end, Heard)
     }.
 
-%% @doc Is this a round that the robot has passed, though its application has not been told?
+%% @doc Has the robot passed this round although its application has not been notified?
 -spec is_passed(pos_integer(), t()) -> boolean().
 is_passed(Round, #gate{passed = Passed}) -> Round =< Passed.
 
-%% @doc The application is told that it has passed a round.
+%% @doc The application is notified that it has passed a round.
 -spec tell(pos_integer(), t()) -> t().
 tell(Round, Gate) -> Gate#gate{told = Round}.
 
@@ -201,9 +203,9 @@ learn(Robot, Round, Known, All, #gate{all = Before} = Gate) ->
 
 %% -- after a damaged store ------------------------------------------------------------------
 
-%% @doc The others have told all that they know. If a witness (a robot that knows its own counts)
-%% has not reached this robot's round, no robot has passed the round; else it counts as passed, and
-%% if all others are witnesses, all have surely reached it.
+%% @doc The others have sent all that they know. If a witness (a robot that knows its own counts)
+%% has not reached this robot's round, no robot has passed the round. Else it counts as passed; if
+%% all others are witnesses, all have surely reached it.
 -spec assure(Witnesses :: [starl:robot_id()], Others :: [starl:robot_id()], t()) -> t().
 assure(Witnesses, Others, #gate{sure = false, at = At} = Gate) ->
     case Gate#gate.kept =:= none orelse is_outdated(Gate) of

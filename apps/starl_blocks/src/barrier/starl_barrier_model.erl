@@ -1,5 +1,5 @@
 %% @doc The model of the barrier for the exhaustive checker: all robots pass some rounds of one
-%% barrier. When the barrier machine restarts, a waiting application tells it the round that it
+%% barrier. When the barrier machine restarts, a waiting application sends it the round that it
 %% waits for, as {@link starl_barrier} does.
 -module(starl_barrier_model).
 -behaviour(starl_block_talk).

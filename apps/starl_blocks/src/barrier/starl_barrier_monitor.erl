@@ -1,28 +1,38 @@
 %% @doc The contract of the barrier, as a monitor.
 %%
-%% Safety: no robot passes round K of a name before all participants have reached it; a robot
-%% passes only the round that it has reached last, each once; the round that it reaches is the
-%% one after the last that it has passed, across all crashes and reboots.
+%% Safety: no robot passes round K of a name before all participants have reached it. A robot passes
+%% only the round that it has reached last, each once. The round that it reaches is the one after
+%% the last that it has passed, across all crashes and reboots.
 %%
-%% Only a robot whose store was damaged when its barrier machine started, or set back, may go on with another
-%% round, once: with the one after the last that it has reached; with the last that it has
-%% passed, if its store was set back, or another robot's machine has crashed, too, since it reached
-%% that one (the one that crashed has forgotten that round, and need not have heard of the next); or with an earlier one,
-%% if the stores of all robots were damaged. A robot whose store was set back goes on with one that no other
-%% robot has passed, or that it has passed last of them, if the machines of all others have crashed since it
-%% reached its last round. (What all have surely reached a robot learns anew when it
-%% passes a round: until then its damage counts for this.)
+%% Only a robot whose store was set back, or was damaged when its barrier machine started, may go on
+%% with another round, and only once. It may go on with one of these:
 %%
-%% Progress: a robot that has reached a round passes it or fails within `bound_us' (default: none)
-%% of the last participant's reaching it, of the last fault that the team meets meanwhile, and of the
-%% last crash of a barrier machine ({@link starl_assumption:calm_us/3}); if not all reach it, it need
-%% not pass. In a run, the bound follows from `retry_us', the radio and SAP ({@link context/2}).
-%% δ, the time between the first and the last robot's passing, is at most `delta_us' (default: none; in a run
-%% it follows from the radio and SAP: a message and its acknowledgement); where the team has met a fault since
-%% the first robot reached the round, at most `bound_us' after it. A robot
-%% whose call has ended, because it failed or its machine crashed, need not pass before it has reached
-%% or passed a round again. If a robot has died, which the others may not have heard of in time, no
-%% robot need pass.
+%% (a) The round after the last that it has reached.
+%%
+%% (b) The last round that it has passed. Either its store was set back, or another robot's machine
+%% has crashed, too, since it reached that round. (The crashed machine has forgotten the round, and
+%% need not have heard of the next.)
+%%
+%% (c) An earlier round, if the stores of all robots were damaged.
+%%
+%% (d) A round that is not earlier than the latest that another robot has passed. This holds only if
+%% its store was set back, and the machines of all others have crashed since it reached its last
+%% round.
+%%
+%% A robot learns anew what all have surely reached when it passes a round. Until then its damage
+%% counts for this.
+%%
+%% Progress: a robot that has reached a round passes it or fails within `bound_us' (default: none).
+%% The time counts from the last participant's reaching the round, from the last fault that the team
+%% meets meanwhile, and from the last crash of a barrier machine
+%% ({@link starl_assumption:calm_us/3}). If not all reach the round, the robot need not pass it. In
+%% a run, the bound follows from `retry_us', the radio and SAP ({@link context/2}). δ is the time
+%% between the first and the last robot's passing. It is at most `delta_us' (default: none; in a run
+%% it follows from the radio and SAP: a message and its acknowledgement). If the team has met a
+%% fault since the first robot reached the round, the last robot passes at most `bound_us' after the
+%% fault. A robot whose call has ended, because it failed or its machine crashed, need not pass
+%% before it has reached or passed a round again. If a robot has died, no robot need pass: the
+%% others may not have heard of the dead robot in time.
 %%
 %% Events of machine `barrier': {@link starl_barrier_rounds:event()}, `crashed', `store_damaged';
 %% of machine `sap': `overload', `crashed'; of machine `robot': `died', `store_set_back'.

@@ -1,6 +1,6 @@
-%% @doc What may be forgotten of the rounds that robots have reached: a machine that crashes forgets the
-%% others' counts, and a store can be damaged or set back. A pure part of {@link starl_barrier_monitor},
-%% which says with which round a robot may go on then.
+%% @doc Tracks what robots may have forgotten of the rounds that they have reached. A machine that
+%% crashes forgets the others' counts, and a store can be damaged or set back. A pure part of
+%% {@link starl_barrier_monitor}, which decides with which round such a robot may go on.
 -module(starl_barrier_monitor_memory).
 
 -export([new/0, crashed/3, damaged/3, set_back/3, reached/2, passed/2]).

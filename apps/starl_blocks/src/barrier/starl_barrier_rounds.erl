@@ -15,28 +15,29 @@
 %% These counts only grow, so a message that is late or comes twice changes nothing. No entry is
 %% ever deleted, so such a message brings none back.
 %%
-%% Names are bounded. The application may use `names' of them; further ones are answered with `{error, full}'. Names
-%% that only others have used are kept for the robot that was first heard to use them, at most twice `names' for each
-%% robot. What is not kept is asked for when the application uses the name. So a robot that makes up names takes
-%% no room of others.
+%% Names are bounded. The application may use `names' of them; a further name is answered with
+%% `{error, full}'. A name that only others have used is kept for the robot that was first heard to
+%% use it, at most twice `names' for each robot. If a name was not kept, its counts are asked for
+%% when the application uses it. So a robot that invents names takes no room from others.
 %%
 %% The robot stores its own counts: a reached round before it announces it, a passed round before it
-%% answers. So they outlive a crash of the machine and a reboot of the robot. It asks for the
+%% answers. So they survive a crash of the machine and a reboot of the robot. The robot asks for the
 %% others' counts when it next waits for them.
 %%
-%% In the later lives of the robot its store may be an earlier one than that of its last life: all
-%% others confirm its counts before it takes part in a new round. As a rule no other one knows a later
-%% round of this robot than its store.
+%% In a later life of the robot, its store may be older than its last life. So all others confirm
+%% its counts before it takes part in a new round. Usually no other robot knows of a later round
+%% than the store.
 %%
-%% If one does, or the store is damaged, the others tell this robot's count. Any of them can: a robot
-%% passes only when it also knows that all others know that it has reached the round. They know the
-%% round that it reached, not whether it passed. If one of them has not reached that round itself,
-%% no robot has passed it; else it counts as passed, so the next `sync' is for the round after it
-%% and waits for all.
+%% If another robot does, or if the store is damaged, the others report this robot's count. Any of
+%% them can: a robot passes only when it also knows that all others know that it has reached the
+%% round. They know the round that it reached, not whether it passed. If one of them has not reached
+%% that round itself, no robot has passed it. Else it counts as passed, so the next `sync' is for
+%% the round after it and waits for all.
 %%
-%% Calls: `{round, Name}' (the turn of the next `sync', {@link starl_barrier_gate:turn()}, or `{error, full}'), `{sync,
-%% Name, Turn, Us}' (answer `ok' or `{error, timeout}'), `{resume, Name, Turn}' (after a crash: the
-%% application has not passed this round). Trace: {@link event()}.
+%% Calls. `{round, Name}': the answer is the turn of the next `sync'
+%% ({@link starl_barrier_gate:turn()}), or `{error, full}'. `{sync, Name, Turn, Us}': the answer is
+%% `ok' or `{error, timeout}'. `{resume, Name, Turn}', after a crash: the application has not passed
+%% this round. Trace: {@link event()}.
 -module(starl_barrier_rounds).
 -behaviour(starl_machine).
 

@@ -1,11 +1,11 @@
-%% @doc A counter that all robots share and that only grows: the interface. It is the example of
+%% @doc The interface of a counter that all robots share and that only grows. It is the example of
 %% CONTRIBUTING.md, "To add a block": small, and complete.
 %%
-%% Each robot counts its own increments; the value is the sum over all robots, as far as this one
-%% has heard. Guarantee: a value never goes back at a robot, unless its machine has restarted, and never
-%% exceeds the increments that were made; when increments stop and messages get through, all robots
-%% read the same value. Increments are stored. They are lost if their robot loses its store before another
-%% robot has heard of them.
+%% Each robot counts its own increments. The value is the sum over all robots, as far as this robot
+%% has heard. Guarantee: a value never goes back at a robot, unless its machine has restarted, and
+%% never exceeds the number of increments made. When increments stop and messages get through, all
+%% robots read the same value. Increments are stored. They are lost if their robot loses its store
+%% before another robot has heard of them.
 %% ```
 %%   blocks() -> [starl_counter].
 %%   {ok, Value} = starl_counter:increment(Robot),
@@ -19,11 +19,11 @@
     options/0, machines/1, monitors/2, guarantees/0, contract/0, exercise/0, models/0, history/0
 ]).
 
-%% @doc Adds one, and returns the new value.
+%% @doc Adds one to the counter and returns the new value.
 -spec increment(starl:robot()) -> {ok, Value :: pos_integer()} | {error, restarted}.
 increment(Robot) -> starl:call(Robot, counter, increment, infinity).
 
-%% @doc The value, as far as this robot has heard.
+%% @doc Returns the value of the counter, as far as this robot has heard.
 -spec value(starl:robot()) -> {ok, Value :: non_neg_integer()} | {error, restarted}.
 value(Robot) -> starl:call(Robot, counter, value, infinity).
 
@@ -46,8 +46,8 @@ monitors(#{gossip_ms := Ms}, #{robots := Robots}) ->
     [{starl_counter_monitor, #{robots => Robots, within_us => Within, turn_us => Turn}}].
 
 %% @doc The time (ms) after the last increment within which all robots agree, when messages get
-%% through: each robot tells all others in turn, twice, as the first message to a robot that has
-%% restarted may be refused.
+%% through. Each robot sends its tallies to all others in turn, twice: the first message to a robot
+%% that has restarted may be refused.
 -spec within_ms(GossipMs :: pos_integer(), Robots :: pos_integer()) -> pos_integer().
 within_ms(Gossip, Robots) when is_integer(Gossip), is_integer(Robots) ->
     5000 + 2 * Robots * Gossip.
@@ -78,8 +78,8 @@ history() -> starl_counter_history.
 -spec models() -> [starl_block:model_entry()].
 models() -> [{counter, "a shared counter that only grows", fun model/1}].
 
-%% The first robot counts twice, the others once and read. All know that a robot tells the others in
-%% the order of their numbers, so no two are alike.
+%% The first robot counts twice, the others once and read. All know that a robot sends to the others
+%% in the order of their numbers, so no two are alike.
 model(#{robots := Ids}) ->
     #{
         blocks => machines(#{}),

@@ -1,4 +1,4 @@
-%% @doc The exercise of the counter: each robot reads it every turn and counts now and then.
+%% @doc The exercise of the counter: each robot reads it every turn, and increments it now and then.
 %%
 %% It promises that each call is answered; the block's own contract covers agreement.
 -module(starl_counter_exercise).

@@ -1,4 +1,4 @@
-%% @doc A counter that only grows, by gossip: each robot has a tally of every robot, and tells its
+%% @doc A counter that only grows, by gossip. Each robot keeps a tally of every robot, and sends its
 %% tallies to the others in turn ({@link starl_counter_tally}).
 %% ```
 %%   robot                                     the next of the others
@@ -7,18 +7,19 @@
 %% '''
 %% What does not fit into one message goes in several.
 %%
-%% A robot stores its own tally before it answers an increment. A restarted machine goes on with what is
-%% stored, in a life of its own. If the store is lost, damaged or set back, the others know more of the
-%% robot's earlier lives, and it merges what they tell.
+%% A robot stores its own tally before it answers an increment. A restarted machine starts a new
+%% life and goes on from what is stored. If the store is lost, damaged or set back, the others know
+%% more of the robot's earlier lives, and the robot merges what they send.
 %%
-%% Memory is bounded by the robots of the team: nobody else is counted. Only the robot itself can know of
-%% a count in its present life. If somebody claims to, the claim is false, and the robot goes on in a life
-%% beyond the claimed one. So that there always is one, nobody believes at once in a life that is far beyond
-%% all that robots begin: after such claims a later one is believed, a step each time that the robot tells its
-%% tallies. How far it has come is stored, so the robots agree after restarts, too.
+%% Memory is bounded by the robots of the team: nobody else is counted. Only the robot itself can
+%% know of a count in its present life. If another robot claims such a count, the claim is false,
+%% and the robot goes on in a life beyond the claimed one. There must always be room for such a
+%% life. So nobody believes at once in a life that is far beyond all that robots begin. After such a
+%% claim a robot believes in later lives step by step, one step each time that it sends its tallies.
+%% The steps are stored, so the robots agree after restarts, too.
 %%
-%% Calls: `increment' and `value', answered with the value. Trace: `{incremented, Value}',
-%% `{holds, Value}' when others are heard to have counted, and after a restart; `{read, Value}'.
+%% Calls: `increment' and `value', answered with the value. Trace: `{incremented, Value}'; `{holds,
+%% Value}' after a restart, and when others are heard to have counted; `{read, Value}'.
 -module(starl_counter_gossip).
 -behaviour(starl_machine).
 

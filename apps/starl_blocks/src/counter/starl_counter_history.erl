@@ -1,7 +1,8 @@
-%% @doc What the counter promises its callers. It is neither linearizable nor sequentially consistent: two
-%% robots that increment at once may both be told 1. What is told lies between two bounds: the increments
-%% that this life of the robot's machine has answered for, and all that were made until the answer; and in
-%% one life of a machine it never goes back.
+%% @doc The consistency that the counter promises its callers. It is neither linearizable nor
+%% sequentially consistent: two robots that increment at once may both get the answer 1. An answer
+%% is at least the number of increments that this life of the robot's machine has answered. It is at
+%% most the number of all increments made until the answer. In one life of a machine the answers
+%% never go back.
 -module(starl_counter_history).
 -behaviour(starl_history_model).
 
@@ -28,8 +29,8 @@ judge(Calls, _Config, _Judge) ->
         false -> {unexplained, "within its bounds, or goes back"}
     end.
 
-%% A robot calls one after the other: so many increments of this life have been answered, and this was the
-%% last value.
+%% A robot makes one call after the other: the number of increments of this life that have been
+%% answered, and the last value.
 is_right([], _Own, _Last, _Made) ->
     true;
 is_right([#{answer := {ok, Value}, returned_us := At} = Call | Calls], Own, Last, Made) ->

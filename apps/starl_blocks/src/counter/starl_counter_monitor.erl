@@ -3,11 +3,12 @@
 %% Safety: the value of a robot never goes back, except after a crash of its machine, and never
 %% exceeds the number of increments that were made. An increment counts at once where it is made.
 %%
-%% Progress: at most `within_us' (default: none) after the last increment and the last crash or
-%% death of a robot, and after `healed_us' (default 0; when the last fault of radio, clocks, computers and stores is
-%% over, see {@link context/2}), all robots alive have the same value. No increment since that crash or death
-%% is lost, nor one that was known elsewhere at the time: the value is at least what any of them had at
-%% some time, with what it and the others have counted since in their present lives.
+%% Progress: after increments stop, all robots alive have the same value. They have it at most
+%% `within_us' (default: none) after the last increment and the last crash or death of a robot, and
+%% after `healed_us'. By default `healed_us' is 0; in a run it is the end of the last fault of
+%% radio, clocks, computers and stores ({@link context/2}). No increment since that crash or death
+%% is lost, nor one that was known elsewhere at the time. So the value is at least what any of them
+%% had at some time, plus what it and the others have counted since in their present lives.
 %%
 %% Events of machine `counter': those of {@link starl_counter_gossip:event()}, and `crashed'; of
 %% machine `robot': `{died, Reason}'.
@@ -42,7 +43,7 @@ init(#{robots := Robots} = Config) ->
         values = maps:from_keys(Robots, 0)
     }.
 
-%% Faults that can hold up what a robot tells the others.
+%% Faults that can delay the messages of a robot to the others.
 -define(CLASSES, [network, clock, process, store]).
 -define(AGREE, "all robots agree").
 

@@ -1,19 +1,20 @@
-%% @doc What one robot has counted, as far as another one knows: the numbers of its last lives, and the
-%% sum of all earlier ones. So it takes the same memory after any number of restarts. Pure; a part of
-%% {@link starl_counter_gossip}.
+%% @doc The tally of one robot's increments, as another robot knows it. It holds the counts of the
+%% last lives, and the sum of all earlier ones. So it takes the same memory after any number of
+%% restarts. Pure; a part of {@link starl_counter_gossip}.
 %%
-%% Of two numbers for one life the larger is the later one. A life that is older than the last four is
-%% folded: its number is added to the sum, and the horizon rises to that life. Of two sums up to one horizon
-%% the larger counts. So a merged tally is never less than either of the two, and never more than what the
-%% robot has counted.
+%% To merge two tallies: of two counts for one life the larger is kept, since it is later. A life
+%% that is older than the last four is folded: its count is added to the sum, and the horizon rises
+%% to that life. Of two sums with the same horizon the larger is kept. So a merged tally is never
+%% less than either of the two, and never more than what the robot has counted.
 %%
-%% A robot's own tallies, which it stores, contain each other: then merging loses nothing. A robot
-%% that has lost its store begins with an empty tally. Its earlier lives are known to the others, and merging
-%% keeps them, unless more than four lives were counted in before somebody knew of all.
+%% A robot stores its own tallies, each of which contains the one before; then merging loses
+%% nothing. A robot that has lost its store begins with an empty tally. The others know its earlier
+%% lives, and merging keeps them. It keeps them unless the robot has counted in more than four lives
+%% before anybody knew of all of them.
 %%
-%% Anybody with the key may claim anything. A sum has a largest number; what a folded life has beyond it is
-%% added to the next life. So what the robot itself counts after such a claim still counts, also when its lives are
-%% folded; what was claimed of its lives may get lost then.
+%% Anybody with the key may claim anything. A sum has a largest value. What a folded life has beyond
+%% it is added to the next life. So the robot's own increments after such a claim still count when
+%% its lives are folded, but the claimed counts may then be lost.
 -module(starl_counter_tally).
 
 -export([new/0, add/2, total/1, newest/1, merge/2, is_taken/3, to_term/2, of_term/1, shape/0]).

@@ -1,10 +1,11 @@
-%% @doc Distributed path planning (DPP): the interface.
+%% @doc The interface of distributed path planning (DPP): robots paint a picture together and keep
+%% their distance.
 %%
-%% The team shares a set of target edges, the lines of a picture. A robot asks the coordinator
-%% for a path ({@link request_path/1}) and drives it line by line ({@link drive/3}).
-%% Guarantee (the paper's Lemma 7): the tubes around all paths that
-%% are held at one time are pairwise disjoint, so robots that keep within r(v) of their paths are
-%% never nearer to each other than the safety distance.
+%% The team shares a set of target edges, the lines of a picture. A robot asks the coordinator for a
+%% path ({@link request_path/1}) and drives it line by line ({@link drive/3}). Guarantee (the
+%% paper's Lemma 7): the tubes around all paths that are held at one time are pairwise disjoint. So
+%% robots that keep within r(v) of their paths are never nearer to each other than the safety
+%% distance.
 %% ```
 %%   {ok, Path} = starl_dpp:request_path(Robot),
 %%   [begin
@@ -65,8 +66,8 @@
 -define(SLOW, 99).
 -define(FAST, 101).
 
-%% @doc Names the first coordinator, usually the elected leader. A robot that knows of one already
-%% stays with it. When a coordinator dies its successor finds the robots by itself.
+%% @doc Sets the first coordinator, usually the elected leader. A robot that already knows a
+%% coordinator keeps it. When a coordinator dies, its successor finds the robots by itself.
 -spec join(starl:robot(), Coordinator :: starl:robot_id()) -> ok | {error, restarted}.
 join(Robot, Coordinator) ->
     lists:member(Coordinator, starl:participants(Robot)) orelse
@@ -76,7 +77,7 @@ join(Robot, Coordinator) ->
         {error, restarted} -> {error, restarted}
     end.
 
-%% @doc The coordinator that the robot knows.
+%% @doc Returns the coordinator that the robot knows.
 -spec coordinator(starl:robot()) ->
     {ok, starl:robot_id()} | {error, no_coordinator | restarted}.
 coordinator(Robot) ->
@@ -86,10 +87,10 @@ coordinator(Robot) ->
         {error, restarted} -> {error, restarted}
     end.
 
-%% @doc Gives back the path that the robot holds, certifies that the robot stands still (it is
-%% stopped if it does not), and waits for a new path. `complete': every target edge is painted.
-%% `incomplete': robots that no longer answer close the edges that are left. `no_answer': no
-%% coordinator has shown for two minutes that it hears the robot.
+%% @doc Hands the robot's path back to the coordinator, and waits for a new path. It stops the robot
+%% and certifies that the robot is at rest. `complete': every target edge is painted. `incomplete':
+%% robots that no longer answer close the remaining edges. `no_answer': no coordinator has shown for
+%% two minutes that it hears the robot.
 -spec request_path(starl:robot()) ->
     {ok, path()} | complete | incomplete | {error, restarted | no_coordinator | no_answer}.
 request_path(Robot) ->
@@ -98,8 +99,8 @@ request_path(Robot) ->
         {error, restarted} -> {error, restarted}
     end.
 
-%% @doc The same, for at most the given milliseconds. After `timeout' the request still waits for its
-%% answer: see {@link wait_path/2}.
+%% @doc Requests a path and waits for at most `Ms' milliseconds. After `timeout' the request still
+%% waits for its answer: see {@link wait_path/2}.
 -spec request_path(starl:robot(), Ms :: pos_integer()) ->
     {ok, path()}
     | complete
@@ -107,8 +108,8 @@ request_path(Robot) ->
     | {error, timeout | restarted | no_coordinator | no_answer}.
 request_path(Robot, Ms) -> answered(starl:call(Robot, dpp, request, Ms)).
 
-%% @doc Waits on for the answer to the last request, for at most the given milliseconds; without one it
-%% requests a path.
+%% @doc Continues to wait for the answer to the last request, for at most `Ms' milliseconds. If
+%% there is no such request, it requests a path.
 -spec wait_path(starl:robot(), Ms :: pos_integer()) ->
     {ok, path()}
     | complete
@@ -133,19 +134,21 @@ lines({_Id, From, Waypoints}) when is_list(Waypoints) ->
 lines(Other) ->
     not_a_path({?MODULE, lines, 1}, Other).
 
-%% @doc Turns to line N of the path, at whose beginning the robot is, and drives the last
-%% millimetres to that point. `void' as for {@link drive/3}.
+%% @doc Turns the robot to face along line N of the path, and drives the last millimetres to the
+%% line's beginning. The robot must already be near that point. `void' as for {@link drive/3}.
 -spec face(starl:robot(), path(), N :: pos_integer()) -> ok | {error, void | restarted}.
 face(Robot, Path, N) -> move(Robot, face, Path, N).
 
-%% @doc Turns to a direction (rad) at the beginning of line N of the path, where the robot is. `void' as
-%% for {@link drive/3}. A chassis that drives in all directions does not turn.
+%% @doc Turns the robot to a heading (rad) at the beginning of line N of the path. The robot must
+%% already be near that point. `void' as for {@link drive/3}. A chassis that drives in all
+%% directions does not turn.
 -spec turn(starl:robot(), path(), N :: pos_integer(), Heading :: float()) ->
     ok | {error, void | restarted}.
 turn(Robot, Path, N, Heading) when is_float(Heading) -> move(Robot, {face, Heading}, Path, N).
 
-%% @doc Drives straight along line N of the path to its end, and frees the space behind. `void': the
-%% robot's lease to drive has ended, or it was stopped; the application asks for a new path.
+%% @doc Drives straight along line N of the path to its end, and frees the space behind the robot.
+%% `void': the robot's lease to drive has ended, or the robot was stopped; the application requests
+%% a new path.
 -spec drive(starl:robot(), path(), N :: pos_integer()) -> ok | {error, void | restarted}.
 drive(Robot, Path, N) -> move(Robot, drive, Path, N).
 

@@ -1,6 +1,6 @@
 %% @doc A persistent array, numbered from 1: a tuple of tuples. The numbers of vertices and edges
-%% lie close together, so a planner that asks for one after the other is answered several times
-%% faster than by a map, and changes one at half the price.
+%% lie close together. So a planner that reads one element after the other is several times faster
+%% than with a map, and an update costs half as much.
 -module(starl_dpp_array).
 
 -export([new/2, get/2, put/3]).

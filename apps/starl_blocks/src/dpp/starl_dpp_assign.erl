@@ -1,8 +1,9 @@
-%% @doc The coordinator's decisions: which robot gets work, which one makes way, and how a deadlock
-%% ends. {@link starl_dpp_plan} keeps the state.
+%% @doc Makes the coordinator's decisions: which robot gets work, which robot makes room, and how a
+%% deadlock ends. {@link starl_dpp_plan} keeps the state.
 %%
-%% The run is over when a request answers `complete'; or when no robot moves, every request answers
-%% `none' and {@link resolve/2} answers `[]': then robots that no longer answer close the rest.
+%% The run is over in two cases. Either a request is answered `complete', or no robot moves, every
+%% request is answered `none' and {@link resolve/2} returns `[]'. In the second case, robots that no
+%% longer answer close the remaining edges.
 %%
 %% All functions are pure; equal inputs give equal answers. Lengths are millimetres.
 -module(starl_dpp_assign).
@@ -13,10 +14,10 @@
 -type plan() :: starl_dpp_plan:t().
 -type path() :: starl_dpp_plan:path().
 
-%% @doc Work for a robot that stands: a path that paints at least one free edge, clear of all other
-%% reservations, its own standing place included. `none' when no free edge can be reached safely
-%% now, or only by a long way around robots that move (see `patience'); `complete' when no edge is
-%% free or waiting to be painted.
+%% @doc Finds work for a robot that stands: a path that paints at least one free edge, clear of all
+%% other reservations, its own standing place included. `none' when no free edge can be reached
+%% safely now, or only by a long detour around robots that move (see `patience'). `complete' when no
+%% edge is free or waiting to be painted.
 -spec request(robot_id(), plan()) -> {{assign, path()} | none | complete, plan()}.
 request(Robot, Plan) ->
     case {starl_dpp_plan:counts(Plan), is_standing(Robot, Plan), unknown(Plan)} of
@@ -28,8 +29,8 @@ request(Robot, Plan) ->
             {none, Plan}
     end.
 
-%% @doc A way to a parking spot, without painting; `none' when the robot is parked or there is no
-%% safe way. The robot takes the nearest spot that it can reach, and exchanges spots for that.
+%% @doc A path to a parking spot, without painting; `none' when the robot is parked or there is no
+%% safe path. The robot takes the nearest spot that it can reach, and exchanges its spot for that.
 -spec retreat(robot_id(), plan()) -> {{assign, path()} | none, plan()}.
 retreat(Robot, Plan) ->
     case is_standing(Robot, Plan) andalso not parked(Robot, Plan) andalso unknown(Plan) =:= [] of
@@ -37,8 +38,8 @@ retreat(Robot, Plan) ->
         false -> {none, Plan}
     end.
 
-%% @doc A way to the nearest place where the robot closes no free edge to others; `none' when it
-%% closes none, or has made way already since the last assignment to paint. For idle robots.
+%% @doc A path to the nearest place where the robot closes no free edge to others. `none' when it
+%% closes none, or has already made room since the last assignment to paint. For idle robots.
 -spec make_way(robot_id(), plan()) -> {{assign, path()} | none, plan()}.
 make_way(Robot, Plan) ->
     case
@@ -56,10 +57,10 @@ make_way(Robot, Plan) ->
     end.
 
 %% @doc Resolves a deadlock among the robots that wait, when no robot moves and all requests got
-%% `none'. Requests that were answered `none' out of patience are granted, so a path may paint;
-%% else the robots in the way of the one that is nearest to a free edge get paths out of the way,
+%% `none'. Requests that were answered `none' out of patience are granted, so a path may paint. Else
+%% one robot is nearest to a free edge, and the robots in its path get paths to move aside,
 %% outermost first. `[]' when no robot can or need move. Between two assignments to paint a robot
-%% makes way at most twice: once aside, once to a parking spot.
+%% makes room at most twice: once aside, once to a parking spot.
 -spec resolve([robot_id()], plan()) -> {[{robot_id(), path()}], plan()}.
 resolve(Waiting0, Plan0) ->
     Waiting = [Id || Id <- lists:usort(Waiting0), is_standing(Id, Plan0)],

@@ -1,11 +1,11 @@
 %% @doc The roadmap of a floor with walls: points that robots can reach, and straight lines between
 %% them.
 %%
-%% Free is where a robot's path may lead: `wall_mm' from every wall. The free floor is cut into fine
-%% cells, and these into buckets. The cell in the middle of each bucket's part becomes a point of
-%% the roadmap, joined to those around it by straight lines. Parts that no straight line joins, as
-%% at the two sides of a door, are joined by a way over the cells. So the roadmap joins whatever the
-%% cells join. Lengths are millimetres.
+%% The free floor is where a robot's path may lead: at least `wall_mm' from every wall. It is cut
+%% into fine cells, and these are grouped into buckets. The middle cell of each bucket's part
+%% becomes a point of the roadmap, joined to nearby points by straight lines. Parts that no straight
+%% line joins, as at the two sides of a door, are joined by a path over the cells. So the roadmap
+%% joins whatever the cells join. Lengths are millimetres.
 -module(starl_dpp_cells).
 
 -export([roads/2]).

@@ -1,11 +1,11 @@
 %% @doc Chooses the free edges that a robot should paint next.
 %%
 %% One search from the robot visits vertices, nearest first. From each vertex with free edges it
-%% follows a chain of them, straight on where possible, up to the horizon. The chain with the highest
-%% score wins; the team's rule gives the scores ({@link starl_dpp_rule}). The first chain is taken if no other has
-%% a higher score, so every rule leaves no work undone. The search stops when no farther vertex can win, if the
-%% rule can tell: no chain has more
-%% ink than the largest connected set of open edges, and no chain begins where no open edge ends.
+%% follows a chain of them, straight on where possible, up to the horizon. The chain with the
+%% highest score wins; the team's rule computes the scores ({@link starl_dpp_rule}). Of equal scores
+%% the first chain wins, so no rule leaves work undone. If the rule has a bound on scores, the
+%% search stops when no farther vertex can win. The bound rests on two facts: no chain has more ink
+%% than the largest connected set of open edges, and no chain begins where no open edge ends.
 -module(starl_dpp_choice).
 
 -export([best/3, fold_begins/3]).
@@ -77,8 +77,8 @@ best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
         {Most, Ends} -> search(Stands, min(Ends, ?TRIES), bounded(Most, Task), View)
     end.
 
-%% @doc Folds over the points where work for the robot could begin, until told to stop; some come
-%% more than once.
+%% @doc Folds over the points where work for the robot could begin, until the function returns
+%% `stop'. Some points come more than once.
 -spec fold_begins(Fun, Acc, starl_dpp_route:view()) -> Acc when
     Fun :: fun((point(), Acc) -> {continue, Acc} | {stop, Acc}).
 fold_begins(Fun, First, #{robot := Robot, free := Free, graph := Graph} = View) ->

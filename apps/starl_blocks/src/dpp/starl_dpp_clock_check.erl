@@ -1,10 +1,11 @@
-%% @doc Compares the own clock with those of other robots, to notice when it has lost time: a
-%% coordinator whose clock stands still would count its votes for ever. Pure.
+%% @doc Detects that a robot's own clock has lost time, by comparison with the clocks of other
+%% robots. A coordinator whose clock has stopped would count its votes for ever. Pure.
 %%
-%% A message bears a stamp: the sender's clock when it was sent. The sender's clock is ahead of the
-%% own one by at least the stamp minus the own clock at receipt, and by just that if the message
-%% took no time. If this difference grows by more than drift and clock jumps allow for the time that
-%% has passed on the own clock, the own clock has lost time. (A long delay makes it smaller.)
+%% A message carries a stamp: the sender's clock when it was sent. The sender's clock is ahead of
+%% the own clock by at least the stamp minus the own clock at receipt, and by exactly that if the
+%% message took no time. This difference may grow by what drift and clock jumps allow for the time
+%% that has passed on the own clock. If it grows by more, the own clock has lost time. (A long delay
+%% makes the difference smaller.)
 -module(starl_dpp_clock_check).
 
 -export([new/0, hear/5]).
@@ -13,9 +14,9 @@
 %% The greatest lead over the own clock that was seen of a robot's clock (us), and when.
 -type lead() :: {AheadUs :: integer(), AtUs :: integer()}.
 
-%% Of each robot: the lead that it is held to, and the one since a time, which will be in its place a
-%% window of the own clock later. So a clock that loses little from message to message, and much in all,
-%% is found; and one that stands still gets to no other lead.
+%% For each robot: the lead that it is held to, and the lead since a later time. The second replaces
+%% the first after a window of the own clock. So a clock is found that loses little from message to
+%% message but much in all. A clock that has stopped never gets another lead.
 -opaque t() :: #{starl:robot_id() => {Held :: lead(), Seen :: lead(), SinceUs :: integer()}}.
 
 %% How far a clock is set at most (us), the greatest drift of a clock (ppm), and the window (us).

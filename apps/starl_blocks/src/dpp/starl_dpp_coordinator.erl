@@ -1,5 +1,5 @@
-%% @doc The coordinator of distributed path planning (the paper's Subroutine 3). This machine sees
-%% to it that at most one robot leads; {@link starl_dpp_dispatcher} serves the robots.
+%% @doc The coordinator of distributed path planning (the paper's Subroutine 3). This machine
+%% ensures that at most one robot leads; {@link starl_dpp_dispatcher} serves the robots.
 %% ```
 %%        a request, or a participant that misses its coordinator
 %%   idle ------> prevoting --------------------> claiming
@@ -10,30 +10,33 @@
 %% '''
 %% There is one machine on every robot; the robot that leads is the coordinator.
 %%
-%% First it asks all participants whether they would vote for it (`dpp_prevote'). That changes nothing for
-%% anybody. A robot that hears no quorum never comes further, however often it is told to lead: it
-%% takes no votes from others, keeps none of them waiting, and drives no term up. (The pre-vote of Ongaro,
-%% "Consensus: bridging theory and practice", 2014, section 9.6.) In the first term of all nobody can lead yet,
-%% and a robot that is asked for a path claims at once.
+%% First the robot asks all participants whether they would vote for it (`dpp_prevote'). This
+%% question changes nothing for anybody. A robot that hears no quorum gets no further, however often
+%% it is asked to lead. It takes no votes from others, keeps none of them waiting, and raises no
+%% term. (This is the pre-vote of Ongaro, "Consensus: bridging theory and practice", 2014, section
+%% 9.6.) Before the very first term nobody can lead yet, so a robot that is asked for a path claims
+%% at once.
 %%
-%% A claim begins a new term, {N, Robot, Incarnation}, higher than all terms known: it asks all participants
-%% for their vote, their place and their path (`dpp_recover'). Participants take nothing from a lower
-%% term. A coordinator assigns while a quorum's votes last ({@link starl_dpp_lease}) and only when
-%% it knows every robot's place: from the robot's own report in this term, or, if the robot is
-%% silent, from the positioning service once all its drive leases must have ended.
+%% A claim begins a new term, {N, Robot, Incarnation}, higher than all terms known. The claimant
+%% asks all participants for their vote, their place and their path (`dpp_recover'). Participants
+%% accept nothing from a lower term. A coordinator assigns only while a quorum's votes last
+%% ({@link starl_dpp_lease}), and only when it knows every robot's place. It knows a place from the
+%% robot's own report in this term. If the robot is silent, it asks the positioning service once all
+%% leases to drive of that robot must have ended.
 %%
-%% A computer may stand still in the middle of a step: whatever a coordinator says while it leads, to
-%% others or as a fact, has the end of its votes for its latest moment ({@link starl_machine:action()}).
+%% A computer may stall in the middle of a step. So every message and every fact of a leading
+%% coordinator has a deadline: the end of its votes ({@link starl_machine:action()}).
 %%
-%% Its beats, one a second or more often ({@link starl_dpp_lease:beat_us/1}), carry the stamps that
-%% prolong the participants' drive leases. A machine that crashed has forgotten its term; the
-%% participants that voted for its robot vote for it again at once.
+%% Its heartbeats, one a second or more often ({@link starl_dpp_lease:beat_us/1}), carry the stamps
+%% that prolong the participants' leases to drive. A machine that crashed has forgotten its term;
+%% the participants that voted for its robot vote for it again at once.
 %%
-%% Messages: `dpp_prevote N', `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}' and
-%% `dpp_answer' to participants; from them `dpp_request', `dpp_passed', `dpp_state', `dpp_here', `dpp_refused',
-%% and `dpp_prevoted Term' of those that would vote for it. With both goes the highest term that is known.
-%% Casts from the own participant: `{missing, N}', `{lead, N}', `{led, Term}', and `out_of_time' when the
-%% robot's clock has stood still or was set: votes given before do not count.
+%% Messages to participants: `dpp_prevote N', `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term,
+%% Seq, Stamps}' and `dpp_answer'. Messages from them: `dpp_request', `dpp_passed', `dpp_state',
+%% `dpp_here', `dpp_refused', and `dpp_prevoted Term' from those that would vote for it. The last
+%% two carry the highest term that the sender knows. Casts from the own participant: `{missing, N}',
+%% `{lead, N}', `{led, Term}', and `out_of_time' when the robot's clock has stopped or was set: then
+%% votes given before do not count.
 %%
 %% Trace: {@link event()}.
 -module(starl_dpp_coordinator).

@@ -1,16 +1,16 @@
-%% @doc The service of a path planning coordinator: it takes requests and reports of robots, keeps
+%% @doc The service of a path planning coordinator. It takes requests and reports of robots, keeps
 %% the plan ({@link starl_dpp_plan}) and answers. Pure. {@link starl_dpp_coordinator} decides
 %% whether the coordinator may assign at all.
 %%
 %% At first no robot's place is known. The service is open once its coordinator leads and every
 %% robot's place is known; before that nothing is assigned and nothing is traced. Robots that wait
 %% are served again when space or edges have become free. When no robot moves and all wait, the plan
-%% resolves the deadlock. If only robots that no longer answer stand between the team and the rest
-%% of the picture, the robots that wait are answered `incomplete'.
+%% resolves the deadlock. If only robots that no longer answer block the rest of the picture, the
+%% robots that wait are answered `incomplete'.
 %%
-%% A silent robot may still hear the coordinator. It is not sent away all the same: a robot drives under a lease
-%% that counts from a message of its own, and its messages do not arrive. So its body stays, and closes the edges
-%% that come within 2R of it.
+%% A silent robot may still hear the coordinator, but the coordinator does not send it away. A robot
+%% drives under a lease that counts from a message of its own, and its messages do not arrive. So
+%% its body stays in place and closes the edges that come within 2R of it.
 %%
 %% Trace: {@link event()}.
 -module(starl_dpp_dispatcher).

@@ -1,9 +1,9 @@
-%% @doc Finds ways out of the way, to a parking spot or just aside, and the robots that should take
-%% them.
+%% @doc Finds paths on which waiting robots make room for others, to a parking spot or just aside.
+%% It also finds the robots that should take them.
 %%
-%% Since nothing but robots is on the floor, the outermost of any crowd can drive straight outwards,
-%% away from all others, to the ring road. Ways to a spot may therefore begin with a straight line
-%% to any place on the ring, and may end on any spot whose owner is away.
+%% On a floor without walls there is nothing but robots. So the outermost robot of any crowd can
+%% drive straight outwards, away from all others, to the ring road. Therefore a path to a spot may
+%% begin with a straight line to any place on the ring. It may end on any spot whose owner is away.
 -module(starl_dpp_evasion).
 
 -export([park/2, aside/2, closes/2, wish/2, in_way/3, outermost/2]).
@@ -27,14 +27,14 @@
 -define(BLOCKER_MM, 1000.0).
 %% The cost of each blocker that must move, as a distance to drive.
 
-%% @doc A way to the nearest of the given spots.
+%% @doc A path to the nearest of the given spots.
 -spec park([vertex()], view()) -> {ok, vertex(), travel()} | none.
 park(Spots, #{graph := Graph} = View) ->
     Wide = starl_dpp_route:nearby(View) ++ starl_dpp_graph:ring(Graph) ++ Spots,
     Wanted = maps:from_list([{V, true} || V <- Spots]),
     to_first(fun(V) -> is_map_key(V, Wanted) end, lists:usort(Wide), View).
 
-%% @doc A way to the nearest vertex that will do, parking spots left out.
+%% @doc A path to the nearest vertex that satisfies the predicate, parking spots left out.
 -spec aside(fun((vertex()) -> boolean()), view()) -> {ok, vertex(), travel()} | none.
 aside(Good, #{graph := Graph} = View) ->
     Spots = maps:from_list([{V, true} || V <- maps:values(starl_dpp_graph:spots(Graph))]),
@@ -66,7 +66,7 @@ wish(Waiting, #{free := Free} = View) ->
         {Labels, Found} -> {ok, wished(Found, Labels, Waiting, View)}
     end.
 
-%% @doc Is a robot that holds these segments in this way?
+%% @doc Does a robot that holds these segments block this path?
 -spec in_way(Held :: [segment()], Way :: [segment()], starl_dpp_graph:t()) -> boolean().
 in_way(Held, Way, Graph) ->
     Mm = 2.0 * starl_dpp_graph:radius(Graph) + 1.0,

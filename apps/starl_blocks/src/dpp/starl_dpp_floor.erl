@@ -1,7 +1,7 @@
-%% @doc Where robots drive on a floor with walls: the roadmap ({@link starl_dpp_cells}), which leads
-%% through every door that is wide enough, and parking spots out of everybody's way ({@link
-%% starl_dpp_floor}). Made once for a run, it is part of the options of path planning (`ways').
-%% Lengths are millimetres.
+%% @doc Makes the roadmap and the parking spots of a floor with walls. The roadmap
+%% ({@link starl_dpp_cells}) leads through every door that is wide enough. The parking spots are
+%% where a parked robot is in nobody's way. They are made once for a run, as the option `ways' of
+%% path planning. Lengths are millimetres.
 -module(starl_dpp_floor).
 
 -export([new/2, new/3, reach/2, reachable/1, leads_to/2]).
@@ -22,8 +22,8 @@
     near := point()
 }.
 
-%% The roadmap, its points numbered from 1; each spot with the point of the roadmap that it is left
-%% by.
+%% The roadmap, with its points numbered from 1. Each spot has the point of the roadmap over which
+%% robots leave it.
 -type t() :: #{
     floor := starl_floor:t(),
     wall_mm := float(),

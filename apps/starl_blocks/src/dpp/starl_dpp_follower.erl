@@ -1,6 +1,7 @@
-%% @doc The participant's side of leadership in path planning: the coordinator that it follows (of
-%% the highest term that it has heard of), its vote, the report that it still owes, and its lease to
-%% drive. Pure; the giver's side of leases is {@link starl_dpp_lease}.
+%% @doc Tracks, for a participant of path planning, the coordinator that it follows: the coordinator
+%% of the highest term that it has heard of. It holds the participant's vote, the report that it
+%% still has to send, and its lease to drive. Pure; the giver's side of leases is
+%% {@link starl_dpp_lease}.
 -module(starl_dpp_follower).
 
 -export([new/1, begins/1, join/2, coordinator/1, term/1, answers/3]).
@@ -152,9 +153,9 @@ claimed(Source, {Term, Seq, Leads}, Now, #follow{term = Known, vote = Vote} = F)
             {refused, {F, [starl_sap:post(Source, dpp_refused, Known)]}}
     end.
 
-%% @doc A beat comes, with the stamps that prolong drive leases. A beat of the term that is followed
-%% is answered now and then. A beat of another term asks for the robot's place. A robot that has not
-%% told its place does so first.
+%% @doc Handles a heartbeat with its stamps, which prolong leases to drive. A heartbeat of the term
+%% that is followed is answered now and then. A heartbeat of another term asks for the robot's
+%% place. A robot that has not reported its place does so first.
 -spec beat(starl:robot_id(), {starl_dpp:term_id(), Seq, [Stamp]}, Now, t()) ->
     {beaten | followed | refused, turn()}
 when
@@ -218,8 +219,8 @@ heard(Now, F) -> F#follow{heard = Now}.
 deaf(_Now, #follow{heard = none}) -> false;
 deaf(Now, F) -> missed(Now, F).
 
-%% @doc The own robot's coordinator machine has restarted and forgotten all terms: it claims the
-%% next one if it led the last one, else it is told the last one.
+%% @doc The own robot's coordinator machine has restarted and forgotten all terms. If it led the
+%% last term, it claims the next one; else it is sent the last term.
 -spec restarted(t()) -> [starl_machine:action()].
 restarted(#follow{coordinator = Self, self = Self, term = {N, _, _}} = F) ->
     [{cast, dpp_coordinator, {lead, N}} | watch(F)];
@@ -255,9 +256,9 @@ ballot(Seq, Now, #follow{vote = Vote0, coordinator = Coordinator} = F) ->
 
 %% -- lease ----------------------------------------------------------------------------------
 
-%% @doc A coordinator's clock is heard. `lags': the own clock has lost more against it than drift and
-%% jumps explain; then all leases given up to now have ended. Only a beat is remembered: it is not
-%% repeated, so it has not taken long.
+%% @doc Handles a stamp of a coordinator's clock. `lags': the own clock has lost more against it
+%% than drift and jumps explain; then all leases given up to now have ended. Only a heartbeat is
+%% remembered: it is not repeated, so it has not taken long.
 -spec timed(starl:robot_id(), {starl_dpp_lease:seq(), IsBeat :: boolean()}, Now, t()) ->
     {agrees | lags, t()}
 when
@@ -278,7 +279,7 @@ timed(Source, {Seq, IsBeat}, Now, #follow{witness = Before, limits = Limits, sho
 asked(Now, F) -> F#follow{asked = Now}.
 
 %% @doc Has the answer to the latest request come in no time, though over the air? Then the own
-%% clock stands still, or was set back, and a lease would last too long by it.
+%% clock has stopped or was set back. A lease would last too long by the time that it has lost.
 -spec in_no_time(Now :: integer(), t()) -> boolean().
 in_no_time(_Now, #follow{coordinator = Self, self = Self}) -> false;
 in_no_time(Now, #follow{asked = Asked}) -> Now =< Asked.

@@ -1,5 +1,6 @@
-%% @doc The free edges (the paper's FE): target edges that no robot has painted or been assigned.
-%% They are found by number, and at the vertices where a robot could begin or continue a line.
+%% @doc The set of free edges (the paper's FE): target edges that no robot has painted or been
+%% assigned. They are found by number, and by the vertices where a robot could begin or continue a
+%% line.
 -module(starl_dpp_free).
 
 -export([new/1, take/2, give/2, count/1, has/2, edges/1, steps/2, fold_while/3]).
@@ -21,7 +22,7 @@ new(Graph) ->
     Edges = maps:from_list([{E, true} || E <- lists:seq(1, starl_dpp_graph:targets(Graph))]),
     #free{graph = Graph, edges = Edges, steps = starl_dpp_graph:lines(Graph)}.
 
-%% @doc These edges are free no more.
+%% @doc Removes these edges: they are no longer free.
 -spec take([edge_id()], t()) -> t().
 take(Edges, #free{edges = Free} = All) ->
     update(Edges, All#free{edges = maps:without(Edges, Free)}).

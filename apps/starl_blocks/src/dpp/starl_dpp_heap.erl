@@ -1,5 +1,5 @@
-%% @doc A pairing heap: a priority queue with cheap insertion. Equal keys come out in an order that
-%% depends on the order of the operations only.
+%% @doc A pairing heap: a priority queue with cheap insertion. The order of equal keys depends only
+%% on the order of the operations.
 -module(starl_dpp_heap).
 
 -export([new/0, push/3, pop/1]).

@@ -1,4 +1,5 @@
-%% @doc The leases of a coordinator bound how long it leads and which robots may still be moving.
+%% @doc The leases of a coordinator. They bound how long it leads and which robots may still be
+%% moving.
 %%
 %% There are two leases, each for `lease_ms' at most:
 %% ```
@@ -6,17 +7,18 @@
 %%   coordinator -> participant   drive lease: for an assigned path    held by the participant
 %% '''
 %% The giver counts the lease from when it gave it. The holder counts from when it sent the message
-%% that was answered with the lease, and takes `drift_ppm' and twice `jump_ms' off:
+%% that the lease answers, and subtracts `drift_ppm' and twice `jump_ms':
 %% ```
 %%   giver    |---------------- lease_ms ----------------|  its clock is set forward: <-- jump_ms
 %%   holder |------ short ------|                           its clock is set back:    --> jump_ms
 %% '''
-%% So the lease ends at its holder first: for any delay of messages, for any drift of the two clocks
-%% within the bound, and if both are set meanwhile, as when a network comes back with the time.
+%% So the lease always ends at its holder first: for any delay of messages, and for any drift of the
+%% two clocks within the bound. This holds even if both clocks are set meanwhile, as when a network
+%% comes back with the time.
 %%
 %% A coordinator leads while a quorum's votes last. Any two quorums have a robot in common, so no
-%% two coordinators lead at one time. (Gray and Cheriton, "Leases", 1989; the election by votes is
-%% that of Ongaro and Ousterhout, "In search of an understandable consensus algorithm", 2014.)
+%% two coordinators lead at one time. (Gray and Cheriton, "Leases", 1989. The election by votes
+%% follows Ongaro and Ousterhout, "In search of an understandable consensus algorithm", 2014.)
 -module(starl_dpp_lease).
 
 -export([options/0, check/1, new/2, short_us/1, long_us/1, bounds/1, limits/1, beat_us/1, quorum/2]).
@@ -115,8 +117,9 @@ limits(Config) ->
 bounds(Config) ->
     {round(1000 * maps:get(jump_ms, Config, 2000)), maps:get(drift_ppm, Config, 10000)}.
 
-%% @doc The time between two beats (us): at most a second, and so short that a few beats may be lost
-%% before the lease that they prolong has ended. Participants answer every other beat.
+%% @doc The time between two heartbeats (us). It is at most a second, and so short that a few
+%% heartbeats may be lost before the lease that they prolong has ended. Participants answer every
+%% other heartbeat.
 -spec beat_us(config()) -> pos_integer().
 beat_us(Config) -> min(?BEAT_US, short_us(Config) div ?BEATS + 1).
 
@@ -129,14 +132,14 @@ quorum(Robots, [First | _] = Team) ->
         More -> More > 0
     end.
 
-%% @doc Enters a beat that is sent now, and returns its name. Votes will answer it.
+%% @doc Records a heartbeat that is sent now, and returns its name. Votes will answer it.
 -spec beat(Now :: integer(), t()) -> {seq(), t()}.
 beat(Now, #lease{sent = Sent, short_us = Short} = Lease) ->
     Recent = [Us || Us <- Sent, Us + Short > Now, Us =/= Now],
     {Now, Lease#lease{sent = [Now | Recent]}}.
 
-%% @doc Enters a robot's answer to this beat: its vote. An answer to a beat that is too old does not
-%% count.
+%% @doc Records a robot's answer to this heartbeat: its vote. An answer to a heartbeat that is too
+%% old does not count.
 -spec voted(starl:robot_id(), seq(), Vote :: boolean(), t()) -> t().
 voted(Robot, Seq, true, #lease{sent = Sent, votes = Votes, short_us = Short} = Lease) ->
     case lists:member(Seq, Sent) of
@@ -149,8 +152,8 @@ voted(Robot, Seq, true, #lease{sent = Sent, votes = Votes, short_us = Short} = L
 voted(_Robot, _Seq, false, Lease) ->
     Lease.
 
-%% @doc Enters the stamp of a message from a robot whose place is known: the next beat will prolong
-%% the robot's drive lease. A message that a later one has overtaken changes nothing.
+%% @doc Records the stamp of a message from a robot whose place is known. The next heartbeat will
+%% prolong the robot's lease to drive. A message that a later one has overtaken changes nothing.
 -spec heard(starl:robot_id(), stamp(), Now :: integer(), t()) -> t().
 heard(Robot, Stamp, Now, #lease{heard = Heard} = Lease) ->
     case Heard of
@@ -158,7 +161,7 @@ heard(Robot, Stamp, Now, #lease{heard = Heard} = Lease) ->
         #{} -> Lease#lease{heard = Heard#{Robot => {Stamp, Now}}}
     end.
 
-%% @doc The stamps to be sent with a beat.
+%% @doc The stamps to be sent with a heartbeat.
 -spec stamps(t()) -> [{starl:robot_id(), stamp()}].
 stamps(#lease{heard = Heard}) ->
     lists:sort([{Robot, Stamp} || {Robot, {Stamp, _}} <- maps:to_list(Heard)]).
@@ -198,9 +201,10 @@ rests(Robot, Now, #lease{heard = Heard, since = Since, long_us = Long}) ->
     {_, At} = maps:get(Robot, Heard, {none, Since}),
     max(At, Since) + Long < Now.
 
-%% @doc Could a drive lease that the robot counts from this stamp outlast what the coordinator
-%% allows for it? So it could if the stamp is long known, since the robot's clock may have stood
-%% still, and if a later stamp was known so long ago that the clock was not merely set back since.
+%% @doc Could a lease to drive that the robot counts from this stamp outlast what the coordinator
+%% allows for it? It could in two cases. First, all leases of the robot have ended here
+%% ({@link rests/3}): the robot's clock may have stopped. Second, the coordinator has known a later
+%% stamp for longer than `jump_ms': then the robot's clock was not merely set back.
 -spec outlives(starl:robot_id(), stamp(), Now :: integer(), t()) -> boolean().
 outlives(Robot, Stamp, Now, #lease{heard = Heard, jump_us = Jump} = Lease) ->
     case Heard of

@@ -1,12 +1,13 @@
-%% @doc The messages between coordinators and participants of path planning, as they come over the
+%% @doc The messages that coordinators and participants of path planning send each other over the
 %% radio.
 %%
-%% To the coordinator: `dpp_request {Term, Id, At, Painted, Stamp}', with one more element, the end of the
-%% line, if something was in the way of the robot's last drive; `dpp_passed {Term, Id, N}', `dpp_state {Term,
-%% Id, Place, Painted, Ballot}', `dpp_here {Term, Ballot}', with Ballot = {Seq, Stamp, Vote}, `dpp_refused
-%% Term' with the term that is known, or `{doubted, Term}' with one that is not believed yet, and `dpp_prevoted Term'.
-%% From it: `dpp_answer {Term, Id, Answer, News}', `dpp_recover
-%% {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}', and `dpp_prevote N'.
+%% To the coordinator: `dpp_request {Term, Id, At, Painted, Stamp}'. It has one more element, the
+%% end of the line, if an obstacle stopped the robot's last drive. Also `dpp_passed {Term, Id, N}',
+%% `dpp_state {Term, Id, Place, Painted, Ballot}' and `dpp_here {Term, Ballot}', with Ballot = {Seq,
+%% Stamp, Vote}. `dpp_refused Term' carries the term that is known, or `{doubted, Term}' a term that
+%% is not believed yet; last, `dpp_prevoted Term'. From the coordinator: `dpp_answer {Term, Id,
+%% Answer, News}', `dpp_recover {Term, Seq, Leads}', `dpp_beat {Term, Seq, Stamps}', and
+%% `dpp_prevote N'.
 -module(starl_dpp_message).
 
 -export([accepts/2]).

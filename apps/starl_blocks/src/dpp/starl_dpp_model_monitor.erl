@@ -1,7 +1,8 @@
-%% @doc The monitor of path planning's votes, leases and terms in the exhaustive checker. It extends
-%% {@link starl_dpp_monitor} by two violations that this cannot see: a coordinator acts after
-%% another one has been elected, though it assigns nothing yet; and a term is won twice or after a
-%% later one. `{acts, Term}' comes from {@link starl_dpp_model_service}.
+%% @doc Monitors path planning's votes, leases and terms in the exhaustive checker. It extends
+%% {@link starl_dpp_monitor}, which cannot see two kinds of violation. First, a coordinator acts
+%% after another has been elected, even though the new one assigns nothing yet. Second, a term is
+%% won twice or after a later term. The event `{acts, Term}' comes from
+%% {@link starl_dpp_model_service}.
 -module(starl_dpp_model_monitor).
 -behaviour(starl_monitor).
 

@@ -1,8 +1,8 @@
-%% @doc A small service of the coordinator ({@link starl_dpp_coordinator}) for the exhaustive
-%% checker ({@link starl_dpp}), in the place of the planner: the check is about which robot
-%% leads and may assign, not about paths. Robots are known or not, as to the planner. A robot that
-%% asks for a path is told that there is nothing to do. At every moment at which the coordinator
-%% leads it may act, which shows in the trace: `{acts, Term}', and once all robots are known also
+%% @doc A small service of the coordinator ({@link starl_dpp_coordinator}) that replaces the planner
+%% in the exhaustive checker ({@link starl_dpp}). The check is about which robot leads and may
+%% assign, not about paths. As for the planner, each robot's place is known or unknown. A robot that
+%% asks for a path gets the answer that there is nothing to do. Whenever the coordinator leads it
+%% may act, which the trace shows as `{acts, Term}'. Once all robots are known, it also traces
 %% `{assigned, Robot, Id, Segments}'.
 -module(starl_dpp_model_service).
 -behaviour(starl_dpp_service).

@@ -5,26 +5,26 @@
 %% least `r_s' apart at every instant, in continuous time ({@link starl_separation}).
 %%
 %% Leadership: only the coordinator of the latest term assigns. The latest term counts from the
-%% moment in which its coordinator has the votes, which is before it assigns anything itself. After a
-%% store was set back that voted for it, a lower term may follow, once it has ended.
-%% Lease: a robot begins no motion outside of its reservation, nor without one, so it does not drive on
-%% when its space has become free; it may come to rest there.
+%% instant at which its coordinator has the votes, which is before it assigns anything. If the store
+%% of a robot that voted for it was set back, a lower term may follow once the term has ended.
+%% Lease: a robot begins no motion outside its reservation, nor without a reservation. So it does
+%% not drive on when its space has become free; it may come to rest there.
 %%
-%% Horizon (the paper's ComputePath bounds the path; here H bounds its lines): of one path a robot draws no more
-%% than `path_mm', the horizon and the line on which it ends.
+%% Horizon (the paper's ComputePath bounds the path; here H bounds its lines): on one path a robot
+%% draws at most `path_mm', the horizon plus the line on which it ends.
 %%
-%% Progress: requests are answered, and no line is given up without a reason ({@link
-%% starl_dpp_monitor_service}).
+%% Progress: requests are answered, and no line is abandoned without a reason
+%% ({@link starl_dpp_monitor_service}).
 %%
-%% Events of machine `dpp_coordinator': {@link starl_dpp_coordinator:event()} (a later `coordinator'
-%% starts with an empty view, filled before anything is assigned; `assigned' and `reserved' tell the
-%% robot's whole reservation afterwards); of machine `dpp': {@link starl_dpp_participant:event()}; of
-%% machine `app': `{stroke, Segment}', the line that the robot sets out to draw; of
-%% machine `chassis': `motion'; of machine `robot': `died'
-%% (the robot stays where it is, and keeps its reservation), `down', `up'.
+%% Events. Of machine `dpp_coordinator': {@link starl_dpp_coordinator:event()}. A later
+%% `coordinator' starts with an empty view, filled before anything is assigned; `assigned' and
+%% `reserved' give the robot's whole reservation afterwards. Of machine `dpp':
+%% {@link starl_dpp_participant:event()}. Of machine `app': `{stroke, Segment}', the line that the
+%% robot is about to draw. Of machine `chassis': `motion'. Of machine `robot': `down', `up' and
+%% `died'; a dead robot stays where it is, and keeps its reservation.
 %%
-%% Separation is judged at the end of a slice of time, so its violations are reported up to a second
-%% after the moment that they name; a pair of robots is reported once.
+%% Separation is judged at the end of a slice of time. So a violation is reported up to a second
+%% after the instant that it names. Each pair of robots is reported once.
 -module(starl_dpp_monitor).
 -behaviour(starl_monitor).
 

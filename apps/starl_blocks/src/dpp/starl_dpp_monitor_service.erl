@@ -1,17 +1,19 @@
-%% @doc Judges that path planning goes on, for {@link starl_dpp_monitor}: when no robot is on its way and
-%% one waits for an answer, some robot is answered. So a free line that can be reached is assigned, and a
-%% deadlock, in which all wait, is resolved.
+%% @doc Judges the progress of path planning, for {@link starl_dpp_monitor}. When no robot is on its
+%% path and some robot waits for an answer, some robot must be answered. So a free line that can be
+%% reached is assigned, and a deadlock, in which all wait, is resolved.
 %% ```
 %%   robot:  asks --> waits --> answered, assign --> is on its way --> asks
 %%                              answered, something else
 %% '''
-%% Under a coordinator that knows the places of all robots, all of whom live, an answer takes a request and
-%% its answer over the radio. Otherwise another robot may have to lead first, and the lines near silent robots
-%% to be given up, and it takes as long as all that together. Nothing is judged while a robot is down, nor
-%% without a quorum. A fault that the team meets lets the time begin anew.
+%% Under a coordinator that knows the places of all robots, all of which live, an answer takes only
+%% as long as a request and its answer over the radio. Otherwise another robot may have to lead
+%% first, and the lines near silent robots may have to be abandoned. Then the answer takes as long
+%% as all that together. Nothing is judged while a robot is down, nor without a quorum. A fault that
+%% the team meets restarts the time.
 %%
-%% No line may be given up (`unreachable') as long as no robot has died, none has been silent because a fault cut it
-%% off from the coordinator of the present term, and none has found its way closed.
+%% No line may be abandoned (`unreachable') without a reason. There are three reasons: a robot has
+%% died; a robot has found its path closed; or a fault cut a robot off from the present term's
+%% coordinator, so that it was silent.
 -module(starl_dpp_monitor_service).
 
 -export([times/2, new/1, broken/2, happened/4, pass/2, died/1, unjudged/2]).

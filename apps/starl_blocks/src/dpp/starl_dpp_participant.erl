@@ -1,5 +1,5 @@
 %% @doc A participant of distributed path planning (the paper's Subroutines 2 and 4). It drives the
-%% robot, and only under a drive lease.
+%% robot, and only under a lease to drive.
 %% ```
 %%              request: stop the robot, locate it        answer: a path
 %%   standing -----------------------> asking ---------------------------> moving
@@ -8,12 +8,12 @@
 %%      | +------------------------------+  +--------------------------------+ |
 %%      +------------------ the lease has ended: the robot is stopped ---------+
 %% '''
-%% After a crash it stops the robot, so it always knows whether the robot may be on its way. A path
-%% is void for ever once its lease has ended; no later message brings it back.
+%% After a crash it stops the robot, so it always knows whether the robot may be moving. A path is
+%% void for ever once its lease has ended; no later message brings it back.
 %%
-%% A request certifies: the robot stands at this point, and will not follow any answer to an
+%% A request certifies that the robot stands at this point, and will not follow any answer to an
 %% earlier request. So the coordinator may free the robot's reservation, even if messages are lost,
-%% doubled or late; and an answer to any other request than the present one is dropped.
+%% duplicated or late. An answer to any other request than the present one is dropped.
 %%
 %% The participant follows the coordinator of the highest term that it has heard of, and has a vote
 %% ({@link starl_dpp_vote}). When it misses its coordinator, its own robot's coordinator machine tries to

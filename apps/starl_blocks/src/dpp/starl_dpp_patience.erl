@@ -1,5 +1,5 @@
-%% @doc Decides when a robot waits rather than takes work: it leaves a line to moving robots if its
-%% own way there is a long detour around them, or if another robot will be there first.
+%% @doc Decides when a robot waits instead of taking work. It leaves a line to moving robots in two
+%% cases: its own path there is a long detour around them, or another robot will be there first.
 %%
 %% All functions are pure; equal inputs give equal answers. Lengths are millimetres.
 -module(starl_dpp_patience).
@@ -22,9 +22,9 @@
 %% The most that a way costs beside its length: its turns, and corners that are cut.
 -define(ROUND_ABOUT, 2000.0).
 
-%% @doc The greatest cost of a way to work that the robot would take; `none' if it would take no
+%% @doc The greatest cost of a path to work that the robot would take; `none' if it would take no
 %% work. Refused work is far, so the search need not go there. (The search may miss work that is
-%% near, but reached by a long way only; the robot asks again when others have moved.)
+%% near but reached only by a long path. The robot asks again when others have moved.)
 -spec reach(robot_id(), plan()) -> starl_dpp_search:within() | none.
 reach(Robot, Plan) ->
     case starl_dpp_plan:config(Plan) of
@@ -41,7 +41,7 @@ reach(Robot, Plan) ->
             end
     end.
 
-%% @doc Does the robot rather wait than do this job?
+%% @doc Does the robot wait rather than do this job?
 -spec waits(robot_id(), starl_dpp_choice:job(), plan()) -> boolean().
 waits(Robot, Job, Plan) -> detour(Robot, Job, Plan) orelse better_placed(Robot, Job, Plan).
 

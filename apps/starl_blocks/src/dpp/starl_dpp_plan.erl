@@ -1,15 +1,16 @@
-%% @doc The coordinator's plan of distributed path planning: free edges, reservations, assignments.
+%% @doc The coordinator's plan of distributed path planning. It holds the free edges, the
+%% reservations and the assignments.
 %%
 %% The picture's lines become target edges, numbered from 1; the plan knows which of them are free
 %% (the paper's FE), assigned or painted, and what each robot has reserved (Unsafe). A robot either
 %% stands or drives an assignment. Reservations of different robots are never less than 2R apart,
 %% so robots that keep to their tubes never meet (Lemma 7).
 %%
-%% Life of a robot: {@link standing/3} when it has certified that it stands;
-%% {@link starl_dpp_assign:request/2} for work; {@link passed/3} for each waypoint it reaches;
-%% {@link standing/3} again at the end. When no robot moves, edges are free and every request got
-%% `none', {@link starl_dpp_assign:resolve/2} sends robots out of the way. Nothing is assigned
-%% until every robot's place is known.
+%% The calls for a robot come in this order. When it has certified that it stands:
+%% {@link standing/3}. For work: {@link starl_dpp_assign:request/2}. For each waypoint that it
+%% reaches: {@link passed/3}. At the end: {@link standing/3} again. When no robot moves, edges are
+%% free and every request got `none', {@link starl_dpp_assign:resolve/2} sends robots aside. Nothing
+%% is assigned until every robot's place is known.
 %%
 %% All functions are pure; equal inputs give equal plans. Lengths are millimetres.
 -module(starl_dpp_plan).
@@ -96,8 +97,8 @@ format_error(Reason) -> starl_dpp_graph:format_error(Reason).
 
 %%% Reports of robots
 
-%% @doc Enters a robot's certificate that it stands still at some point and holds no assignment any
-%% more. Its edges that are not painted yet become free.
+%% @doc Records a robot's certificate that it stands at some point and no longer holds an
+%% assignment. Its edges that are not painted yet become free.
 -spec standing(robot_id(), point(), t()) -> t().
 standing(Robot, P, #plan{unsafe = Unsafe, modes = Modes} = Plan0) ->
     #plan{config = #{slack := Slack}} = Plan0,
@@ -152,8 +153,8 @@ exchange(Robot, Owner, #plan{spots = Spots} = Plan) ->
     Plan#plan{spots = starl_dpp_spot_owners:exchange(Robot, Owner, Spots)}.
 
 %% @doc Takes over the rest of an assignment that a robot holds from an earlier coordinator: the
-%% robot is on its way from the point along the path. For a robot that has driven part of the way,
-%% take over the whole path and then report the last waypoint that it has {@link passed/3}.
+%% robot drives from the point along the path. If the robot has already driven a part, take over the
+%% whole path and then report the last waypoint that it has {@link passed/3}.
 -spec adopt(robot_id(), From :: point(), path(), t()) -> t().
 adopt(Robot, From, Path, #plan{silent = Silent} = Plan) ->
     assign(Robot, From, Path, release(Robot, Plan#plan{silent = maps:remove(Robot, Silent)})).
@@ -180,7 +181,7 @@ apart({Robot, Q0, P}, #plan{unsafe = Unsafe, modes = Modes} = Plan) ->
 -spec mark_painted([edge_id()], t()) -> t().
 mark_painted(Edges, Plan) -> paint(Edges, Plan).
 
-%% @doc A robot at a point could not go on towards another one: what is in its way is closed to all.
+%% @doc A robot at a point could not go on towards another point: the obstacle is closed to all.
 -spec close(point(), Towards :: point(), t()) -> {[segment(), ...], t()}.
 close(At, Towards, #plan{graph = Graph, unsafe = Unsafe} = Plan) ->
     {Segments, Mm} = starl_dpp_graph:ahead(At, Towards, Graph),
@@ -288,11 +289,11 @@ stands(Robot, #plan{modes = Modes}) ->
         #{} -> false
     end.
 
-%% @doc Has the robot made way aside since the last assignment to paint?
+%% @doc Has the robot moved aside since the last assignment to paint?
 -spec yielded(robot_id(), t()) -> boolean().
 yielded(Robot, #plan{yielded = Yielded}) -> is_map_key(Robot, Yielded).
 
-%% @doc Is another robot on its way?
+%% @doc Does another robot move?
 -spec others_move(robot_id(), t()) -> boolean().
 others_move(Robot, #plan{modes = Modes}) ->
     [] =/= [Id || {Id, {moving, _, [_ | _]}} <- maps:to_list(Modes), Id =/= Robot].

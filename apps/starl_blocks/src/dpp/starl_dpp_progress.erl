@@ -1,5 +1,5 @@
-%% @doc A robot's own record of its place, its progress on its path and the painted edges: the
-%% report for a new coordinator comes from here. Pure.
+%% @doc A robot's own record of its place, its progress on its path and the painted edges. The
+%% robot's report to a new coordinator is made from it. Pure.
 -module(starl_dpp_progress).
 
 -export([new/1, lost/1, halted/2, stands/2, at/1]).
@@ -88,7 +88,7 @@ paint({down, Edge}, #track{fresh = Fresh} = Track) ->
 -spec last(t()) -> point().
 last(#track{last = Last}) -> Last.
 
-%% @doc Something was in its way on the line to this point.
+%% @doc An obstacle stopped the robot on the line to this point.
 -spec blocked(point(), t()) -> t().
 blocked(Towards, Track) -> Track#track{blocked = Towards}.
 
@@ -112,8 +112,8 @@ place(_Where, #track{nominal = Nominal}) when Nominal =/= unknown -> {standing, 
 -spec painted(t()) -> [edge_id()].
 painted(#track{painted = Painted, fresh = Fresh}) -> lists:umerge(Fresh, Painted).
 
-%% @doc The request of a robot that stands at a known place: with its own painted edges that no answered
-%% request has reported, and what was in its way ({@link starl_dpp_message}).
+%% @doc The request of a robot that stands at a known place. It carries its own painted edges that
+%% no answered request has reported, and the obstacle that stopped it ({@link starl_dpp_message}).
 -spec request(starl_dpp:term_id(), starl_dpp:request_id(), Stamp :: integer(), t()) -> tuple().
 request(Term, Id, Stamp, #track{at = At, fresh = Fresh, blocked = none}) ->
     {Term, Id, At, Fresh, Stamp};

@@ -1,6 +1,7 @@
-%% @doc Ways off the graph: from anywhere onto it, and straight across instead of along it.
+%% @doc Finds paths that leave the graph: from anywhere onto it, and straight across it.
 %%
-%% Any straight line that keeps clear of the other robots' reservations, and of the walls, may be driven. Lengths are millimetres.
+%% A robot may drive any straight line that keeps clear of the other robots' reservations and of the
+%% walls. Lengths are millimetres.
 -module(starl_dpp_route).
 
 -export([space/2, obstacles/1, nearby/1, starts/3, travel/3, smooth/3, legs/2]).
@@ -54,7 +55,7 @@ starts(Vertices, Obstacles, #{at := P, graph := Graph} = View) ->
         starl_geometry:distance(P, Q) < ?AT orelse is_clear({P, Q}, Obstacles, Graph)
     ].
 
-%% @doc The way along vertices with the pen up, cut short where that is safe. Empty when the robot
+%% @doc The path along vertices with the pen up, cut short where that is safe. Empty when the robot
 %% is there.
 -spec travel([vertex(), ...], obstacles(), view()) -> [{point(), up}].
 travel(Trail, Obstacles, #{at := P, graph := Graph, leg := Leg}) ->
@@ -62,7 +63,7 @@ travel(Trail, Obstacles, #{at := P, graph := Graph, leg := Leg}) ->
     Way = smooth(distinct([P | Points]), Obstacles, Graph),
     [{Q, up} || Q <- legs(Way, Leg)].
 
-%% @doc Shortens a way: drops points between which a straight line is clear.
+%% @doc Shortens a path: drops points between which a straight line is clear.
 -spec smooth([point(), ...], obstacles(), starl_dpp_graph:t()) -> [point(), ...].
 smooth([_] = Points, _Obstacles, _Graph) ->
     Points;

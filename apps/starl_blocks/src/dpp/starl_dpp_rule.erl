@@ -1,15 +1,16 @@
-%% @doc The behaviour of a rule of path planning: it says which of the lines that a robot could paint next is the
-%% best, the paper's choice of the next vertex. All else, which lines are free and safe, the way there, the
-%% tubes, stays with the block, so every contract holds under every rule.
+%% @doc The behaviour of a rule of path planning: it scores the lines that a robot could paint next
+%% (the paper's choice of the next vertex). The block decides everything else: which lines are free
+%% and safe, the path there, and the tubes. So every contract holds under every rule.
 %% ```
 %%   -module(longest).
 %%   -behaviour(starl_dpp_rule).
 %%   -export([score/2]).
 %%   score(#{ink_mm := Ink, way_mm := Way}, _Settings) -> Ink - Way / 100.
 %% '''
-%% An application names it: `{starl_dpp, #{choice => longest, ...}}'; the painting has a flag, `--choice
-%% longest.erl'. A rule is a pure function: equal work, equal score. A score of any size is right, also a negative one:
-%% a robot takes the best of what there is.
+%% An application selects the rule by name: `{starl_dpp, #{choice => longest, ...}}'. The painting
+%% application has a flag: `--choice longest.erl'. A rule is a pure function: equal work, equal
+%% score. Any number may be a score, even a negative one; a robot takes the work with the highest
+%% score.
 -module(starl_dpp_rule).
 
 -export([names/0, module/1, is_rule/1, named/1]).

@@ -1,5 +1,5 @@
-%% @doc The usual rule of path planning: the most ink for the way and the time that it takes, with the way
-%% there, its turns and the request. A line that is begun in its middle counts less.
+%% @doc The default rule of path planning: the most ink per time. The time covers the drive to the
+%% line, the drawing, the turns and the request. A line that is begun in its middle counts less.
 -module(starl_dpp_rule_ink).
 -behaviour(starl_dpp_rule).
 

@@ -1,4 +1,5 @@
-%% @doc The rule of the paper: the nearest free line, whatever its length; turns count as ways.
+%% @doc The rule of the paper: the nearest free line wins, whatever its length. Turns count as
+%% distance.
 -module(starl_dpp_rule_nearest).
 -behaviour(starl_dpp_rule).
 

@@ -1,8 +1,8 @@
-%% @doc Dijkstra's search from where a robot stands over the edges that are safe for it.
+%% @doc Dijkstra's search from a robot's place, over the edges that are safe for the robot.
 %%
-%% Costs are millimetres driven; a turn costs as much as the distance that could have been driven
-%% in the same time. The turn is charged at the vertex, by the heading of the cheapest way into it,
-%% which is not always the cheapest way on, but keeps one label per vertex.
+%% Costs are millimetres driven; a turn costs as much as the distance that the robot could have
+%% driven in the same time. The turn is charged at the vertex, by the heading of the cheapest path
+%% into it. That is not always the cheapest path on, but it needs only one label per vertex.
 -module(starl_dpp_search).
 
 -export([run/4, trail/2, turn/3]).

@@ -1,6 +1,7 @@
-%% @doc The behaviour of what serves the robots for a coordinator ({@link starl_dpp_coordinator}), which decides
-%% whether it may assign at all: `serve' in the configuration, by default {@link starl_dpp_dispatcher}. The
-%% exhaustive checker gives a smaller one.
+%% @doc The behaviour of a coordinator's service, which serves the robots. The coordinator
+%% ({@link starl_dpp_coordinator}) decides whether it may assign at all. The configuration names the
+%% service under the key `serve'; the default is {@link starl_dpp_dispatcher}. The exhaustive
+%% checker uses a smaller one.
 -module(starl_dpp_service).
 
 -export_type([t/0, turn/0]).

@@ -1,5 +1,5 @@
-%% @doc The owners of the parking spots. Each robot owns one spot of the graph; robots exchange
-%% spots. Pure; lengths are millimetres.
+%% @doc Records the owner of each parking spot. Each robot owns one spot of the graph; robots
+%% exchange spots. Pure; lengths are millimetres.
 -module(starl_dpp_spot_owners).
 
 -export([new/2, all/1, place/2, exchange/3, on/3]).

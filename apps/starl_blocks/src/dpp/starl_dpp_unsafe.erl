@@ -1,11 +1,11 @@
 %% @doc The paper's set Unsafe: each robot's reservation, and the edges that it closes to others.
 %%
 %% A reservation is a list of segments: the robot may be anywhere within the tube radius R of them.
-%% A robot that stands holds one segment of length zero. Reservations of different robots must be
-%% at least 2R apart, centre line to centre line (the paper's Lemma 7). For every graph edge the
-%% robots whose reservation is less than 2R away are kept as a bit mask, updated when a reservation
-%% changes, so that a search asks for one integer per edge. Each blocked edge is kept with the last
-%% segment that blocks it: driving past that segment frees the edge.
+%% A robot that stands holds one segment of length zero. Reservations of different robots must be at
+%% least 2R apart, centre line to centre line (the paper's Lemma 7). Each graph edge has a bit mask
+%% of the robots whose reservation is less than 2R away. The mask is updated when a reservation
+%% changes, so a search reads one integer per edge. Each blocked edge is kept with the last segment
+%% that blocks it: driving past that segment frees the edge.
 -module(starl_dpp_unsafe).
 
 -export([

@@ -1,10 +1,11 @@
-%% @doc A participant's vote: the robot that has it, and until when; and the robot that leads. Pure.
+%% @doc A participant's vote: the robot that has it, and until when. It also holds the robot that
+%% leads. Pure.
 %%
 %% A vote is a promise to vote for no other robot. A machine that has crashed has forgotten its
-%% promise, so it votes for nobody until the promise must have ended; in the robot's first life its
-%% store tells whether it may have voted at all, in a later one the store may be too old to tell. The
-%% promise is to a robot, not to a term: a robot has one coordinator machine,
-%% which can lead only in the latest of the terms that it has claimed.
+%% promise, so it votes for nobody until the promise must have ended. In the robot's first life its
+%% store shows whether it may have voted at all; in a later life the store may be too old to show
+%% it. The promise is to a robot, not to a term: a robot has one coordinator machine, which can lead
+%% only in the latest of the terms that it has claimed.
 %%
 %% A participant that hears a leading coordinator lets no other robot claim, even one that has its
 %% vote. A robot that hears less than others, and therefore claims term after term, must not disturb

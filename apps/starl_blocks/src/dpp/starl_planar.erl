@@ -1,13 +1,14 @@
-%% @doc Makes a planar graph of a drawing: lines that cross, touch or lie on each other are cut so
-%% that they meet in vertices only.
+%% @doc Makes a planar graph of a drawing. Lines that cross, touch or overlap are cut so that they
+%% meet in vertices only.
 %%
-%% Points closer than the tolerance become one vertex. Every crossing, every end that lies on
-%% another line and so both ends of every collinear overlap become vertices; duplicate edges are
-%% merged and edges of no length dropped; a line so short that its ends become one vertex stays only if
-%% no other edge begins there. Joining points moves lines by up to the tolerance, which
-%% may bring new touches about, so the cutting is repeated until nothing changes. At last long
-%% edges are divided into equal parts. Vertices and edges are numbered from 1 in the order of the
-%% given lines, so the same drawing always gives the same numbers. Lengths are millimetres.
+%% Points closer than the tolerance become one vertex. Every crossing becomes a vertex, and so does
+%% every end that lies on another line. So both ends of every collinear overlap become vertices.
+%% Duplicate edges are merged, and edges of no length are dropped. A line so short that its ends
+%% become one vertex stays only if no other edge begins there. Joining points moves lines by up to
+%% the tolerance, which may create new touches, so the cutting is repeated until nothing changes.
+%% Finally, long edges are divided into equal parts. Vertices and edges are numbered from 1 in the
+%% order of the given lines, so the same drawing always gives the same numbers. Lengths are
+%% millimetres.
 -module(starl_planar).
 
 -export([planarise/2]).

@@ -1,12 +1,13 @@
-%% @doc Where robots drive when they do not paint: parking spots, the ring road and a roadmap.
+%% @doc Makes the paths on which robots drive when they do not paint: parking spots, the ring road
+%% and a roadmap.
 %%
 %% The floor is the box from the origin to the world's size. Along its walls lie the parking spots,
-%% one per robot; inside of them runs a rectangular ring road; each spot is joined to the ring by a
-%% spur at right angles; inside of the ring is the area for the picture. With R the tube radius, all
-%% spots are more than 2R from each other, from the ring and all that lies inside of it, and from
-%% the spurs of others: a parked robot is in nobody's way (the paper's argument for progress needs
-%% just this). Inside the ring a roadmap of evenly scattered points, joined to near neighbours,
-%% to the ring and to the picture, lets robots drive around each other. Lengths are millimetres.
+%% one per robot. Inside them runs a rectangular ring road. A spur at right angles joins each spot
+%% to the ring. Inside the ring is the area for the picture. R is the tube radius. All spots are
+%% more than 2R from each other, from the ring and everything inside it, and from the spurs of
+%% others. So a parked robot is in nobody's way, as the paper's argument for progress requires.
+%% Inside the ring a roadmap of evenly scattered points lets robots drive around each other. The
+%% points are joined to near neighbours, to the ring and to the picture. Lengths are millimetres.
 %%
 %% ```
 %%   wall |  R  | spot |  2.1 R  | ring |  1.5 R  | area ...

@@ -1,5 +1,6 @@
-%% @doc Leader election by the bully algorithm, as a block in the place of {@link starl_election}: the
-%% highest robot that is alive, that is, hears the others and is heard, is elected. Its interface is that of `starl_election'.
+%% @doc Leader election by the bully algorithm: it elects the highest robot that is alive. Alive
+%% means that the robot hears the others and that they hear it. The block replaces
+%% {@link starl_election}, and applications use the interface of `starl_election'.
 -module(starl_bully).
 -behaviour(starl_block).
 

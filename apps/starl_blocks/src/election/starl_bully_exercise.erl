@@ -1,6 +1,8 @@
-%% @doc The exercise of the election by the bully algorithm, like that of the ballots.
+%% @doc The exercise of the election by the bully algorithm. It makes the same calls as the exercise
+%% of the election by ballots.
 %%
-%% It promises a leader: the highest robot that lives, if no robot took part before the heal.
+%% It promises a leader. If no robot took part before the last fault was over, the leader is the
+%% highest robot that lives.
 -module(starl_bully_exercise).
 -behaviour(starl_block_exercise).
 

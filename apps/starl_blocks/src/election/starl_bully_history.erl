@@ -1,5 +1,5 @@
-%% @doc What the bully's election promises its callers: a robot is told of one leader of an election in each
-%% life of its machine. Two robots may elect different leaders.
+%% @doc The consistency that the bully election promises its callers: in each life of its machine, a
+%% robot reports one leader per election. Two robots may elect different leaders.
 -module(starl_bully_history).
 -behaviour(starl_history_model).
 

@@ -1,15 +1,15 @@
-%% @doc Leader election: the interface.
+%% @doc The interface of leader election: robots agree on a leader.
 %%
-%% An election has a name, any small term; a further election is one with another name. The
-%% robots that call {@link elect/2} with the same name take part in the same election.
-%% Guarantee (the paper's Proposition 1): any two robots that elect in the same election elect
-%% the same leader; a robot that gets only the announcement elects the announced leader; else it
-%% fails in bounded time. When no message is lost, all elect.
+%% An election has a name, any small term; another name means another election. The robots that call
+%% {@link elect/2} with the same name take part in the same election. Guarantee (the paper's
+%% Proposition 1): any two robots that elect in the same election elect the same leader. A robot
+%% that gets only the announcement elects the announced leader. Every other robot fails in bounded
+%% time. When no message is lost, all elect.
 %%
-%% The ballots give this guarantee ({@link starl_election_ballots}). The bully algorithm, the block
-%% {@link starl_bully} in the place of this one, elects the highest robot that is alive, even with
-%% dead robots in the team; but under loss two robots may elect different leaders. The interface is
-%% the same.
+%% The ballots give this guarantee ({@link starl_election_ballots}). The block {@link starl_bully}
+%% replaces this block by the bully algorithm, with the same interface. It elects the highest robot
+%% that is alive, even with dead robots in the team. But if messages are lost, two robots may elect
+%% different leaders.
 -module(starl_election).
 -behaviour(starl_block).
 
@@ -31,14 +31,14 @@
 
 -type election() :: term().
 
-%% @doc Takes part in an election, with half a minute's patience.
+%% @doc Takes part in an election, and waits for at most 30 s for the result.
 -spec elect(starl:robot(), election()) ->
     {ok, Leader :: starl:robot_id()} | {error, timeout | restarted}.
 elect(Robot, Election) -> elect(Robot, Election, 30000).
 
-%% @doc Takes part in an election; fails after a timeout in milliseconds. A robot that failed may
-%% call again with the same name: it takes part with the same ballot, and robots that have elected
-%% meanwhile tell it their leader.
+%% @doc Takes part in an election, and fails after `Ms' milliseconds. A robot that failed may call
+%% again with the same name. It takes part with the same ballot, and robots that have elected
+%% meanwhile send it their leader.
 -spec elect(starl:robot(), election(), Ms :: pos_integer()) ->
     {ok, Leader :: starl:robot_id()} | {error, timeout | restarted}.
 elect(Robot, Election, Ms) ->

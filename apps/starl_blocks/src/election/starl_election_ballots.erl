@@ -7,11 +7,11 @@
 %%     |   all ballots here: elect the largest (ties: the larger robot)
 %%     | leader {Election, L} ---------------->|   elect L, unless elected already
 %% '''
-%% Only a complete set of ballots elects, so two robots that elect by ballots elect the same. A
-%% robot's ballot in an election follows from the team's seed, the election and the robot: it casts
-%% the same one in each of its lives, whatever is left of its store. Ballots and announcements that come before the robot itself
-%% takes part are kept. A ballot for an election that is over here is answered with its leader,
-%% so a robot that failed can call again.
+%% Only a complete set of ballots elects, so two robots that elect by ballots elect the same leader.
+%% A robot's ballot in an election follows from the team's seed, the election and the robot. So it
+%% casts the same ballot in each of its lives, whatever is left of its store. A robot keeps ballots
+%% and announcements that come before it takes part itself. A ballot for an election that is over
+%% here is answered with its leader, so a robot that failed can call again.
 %%
 %% Call: `{elect, Election, TimeoutUs}', answer `{ok, Leader}' or `{error, timeout}'.
 %% Trace: {@link event()}.

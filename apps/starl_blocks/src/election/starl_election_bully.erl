@@ -11,22 +11,23 @@
 %%     | has been challenged by a majority: leader {E, self, majority} ------>|  elects it
 %%     | somebody alive: waits for its announcement, challenges again later   |
 %% '''
-%% A robot follows only a leader that hears it, or that hears a majority of the team (Garcia-Molina's coordinator
-%% leads those that have answered it). So one that is deaf leads nobody but itself, however well it is heard, and a
-%% robot to which it is deaf alone follows it all the same. Who has elected passes its leader on: `majority' counts,
-%% `few' is a sign of life only, and once.
+%% A robot follows only a leader that hears it, or that hears a majority of the team
+%% (Garcia-Molina's coordinator leads those that have answered it). So a deaf robot leads nobody but
+%% itself, however well it is heard. A leader that is deaf to one robot only is still followed by
+%% that robot. A robot that has elected passes its leader on: `majority' counts, but `few' only
+%% shows, once, that the robot is alive.
 %%
-%% A robot takes part from the first message of the election on, even before its application calls:
-%% the highest robot alive can be elected without having asked. A robot keeps the leader that it has
-%% elected, so it never reports two leaders for one term, as long as the election is among the last
-%% 1024 that it took part in. (A term is an election within one life of the machine: a restarted
-%% machine has forgotten, asks anew, and gets the others' leader.) A robot that has elected answers
-%% a challenge with its leader.
+%% A robot takes part from the first message of the election on, even before its application calls.
+%% So the highest robot alive can be elected although its application has not asked. A robot keeps
+%% the leader that it has elected, so it never reports two leaders for one term, as long as the
+%% election is among the last 1024 that it took part in. A term is an election within one life of
+%% the machine: a restarted machine has forgotten the result, asks again, and gets the others'
+%% leader. A robot that has elected answers a challenge with its leader.
 %%
 %% If no packet is lost and each takes at most half of `answer_us', only the highest robot alive
-%% hears of none above itself, so all elect it. With one-way cuts that last, robots that hear each other elect
-%% the highest of them if they are a majority. With loss, robots may elect different leaders: use
-%% the ballots if agreement is needed under every fault.
+%% hears of no robot above itself. So all elect it. If links are cut in one direction for good, a
+%% majority of robots that hear each other elects its highest. With loss, robots may elect different
+%% leaders: use the ballots if agreement is needed under every fault.
 %%
 %% Call: `{elect, Election, TimeoutUs}', answer `{ok, Leader}' or `{error, timeout}'.
 %% Trace: {@link event()}.

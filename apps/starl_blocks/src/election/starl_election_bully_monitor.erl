@@ -1,17 +1,18 @@
 %% @doc The contract of the election by the bully algorithm, as a monitor.
 %%
-%% Safety: a robot reports at most one leader per term, the term being an election within one life
-%% of the election machine (a crash begins a new one); a leader is a robot of the team, and only
-%% that robot makes itself leader; a robot that entered elects or fails within `bound_us', unless it
-%% died or its machine crashed; later only by what its own clock, pauses and slowness explain in that
-%% time ({@link starl_assumption:delayed_us/5}).
+%% Safety: a robot reports at most one leader per term. A term is an election within one life of the
+%% election machine (a crash begins a new one). A leader is a robot of the team, and only that robot
+%% makes itself leader. A robot that entered elects or fails within `bound_us', unless it died or
+%% its machine crashed. It may be later only by what its own clock, pauses and slowness explain in
+%% that time ({@link starl_assumption:delayed_us/5}).
 %%
-%% Where no packet is lost, delays are bounded, and the patience is long enough, also: no robot fails, all
-%% elect the same unless that one has died meanwhile, and no robot above the leader was alive from the beginning of the election until the leader was elected, unless its machine crashed
-%% in between; and the leader was alive when the election began. `lossless' says where that is: in the
-%% whole run (`true'), nowhere (`false', the default), or in each election that no fault has met, nor the
-%% time before it in which a message may be under way (`{calm, Us}'; in a run it follows from the radio,
-%% `answer_us' and the patience, {@link context/2}).
+%% More holds where no packet is lost, delays are bounded, and the patience is long enough. Then no
+%% robot fails, and all elect the same leader unless it has died meanwhile. The leader was alive
+%% when the election began. No robot above the leader was alive from then until the leader was
+%% elected, unless its machine crashed in between. `lossless' sets where this is judged. `true': in
+%% the whole run. `false' (the default): nowhere. `{calm, Us}': in each election that no fault has
+%% met, neither in the election nor in the time before it in which a message may be under way. In a
+%% run `Us' follows from the radio, `answer_us' and the patience ({@link context/2}).
 %%
 %% Events of machine `election': {@link starl_election_bully:event()}, `crashed'; of machine
 %% `robot': `died'.

@@ -1,6 +1,7 @@
-%% @doc The exercise of elections: they follow one another, and robots enter at different times.
+%% @doc The exercise of elections: one election follows another, and robots enter at different
+%% times.
 %%
-%% It promises a leader, when all robots take part and none has died.
+%% It promises a leader if all robots take part and none has died.
 -module(starl_election_exercise).
 -behaviour(starl_block_exercise).
 

@@ -1,5 +1,6 @@
-%% @doc What an election by ballots promises its callers: all that elect in an election elect the same robot
-%% of the team. Of the calls that have failed, or of which nobody knows, nothing is promised.
+%% @doc The consistency that an election by ballots promises its callers: all robots that elect in
+%% one election elect the same robot of the team. Nothing is promised for calls that have failed, or
+%% whose outcome is unknown.
 -module(starl_election_history).
 -behaviour(starl_history_model).
 

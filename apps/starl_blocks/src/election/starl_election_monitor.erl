@@ -1,23 +1,24 @@
 %% @doc The contract of the election by randomized ballots, as a monitor.
 %%
-%% Safety: any two robots that elect in the same election elect the same leader, and each only
-%% one; the leader took part and has cast a ballot; a robot has at most one ballot per
-%% election, also across restarts and the loss of its store; a robot that entered elects or fails within `bound_us', unless
-%% it died; later only by what its own clock, pauses and slowness explain in that time ({@link
-%% starl_assumption:delayed_us/5}). With `complete' (default false) an election by `all_ballots' also needs a ballot of
-%% every robot named in the configuration.
+%% Safety: any two robots that elect in the same election elect the same leader, and each only one.
+%% The leader took part and has cast a ballot. A robot has at most one ballot per election, even
+%% across restarts and the loss of its store. A robot that entered elects or fails within
+%% `bound_us', unless it died. It may be later only by what its own clock, pauses and slowness
+%% explain in that time ({@link starl_assumption:delayed_us/5}). With `complete' (default false) an
+%% election by `all_ballots' also needs a ballot of every robot named in the configuration.
 %%
-%% An announcement elects: a robot that is electing when the announcement of a leader is delivered to it
-%% has elected within `step_us' (default 1 s), or later by what its own pauses and slowness explain,
-%% whatever happens to ballots and to the other links.
+%% An announcement elects. A robot that is electing when the announcement of a leader is delivered
+%% to it has elected within `step_us' (default 1 s). It may be later by what its own pauses and
+%% slowness explain. This holds whatever happens to ballots and to the other links.
 %%
-%% Progress: with `settle_us' (default infinity; in a run it follows from `again_us', the time after which
-%% a robot asks again, and from the radio, see {@link context/2}) every robot that is electing when the
-%% last ballot is cast has elected by that time after it, and after the last fault that the team meets
-%% meanwhile ({@link starl_assumption:calm_us/3}): it must have kept the ballots that came before it took
-%% part itself. An election is not judged so once a robot that had cast its ballot has died, or its machine
-%% has crashed, or it has failed after a fault, as it need not tell the ballot again: also not to a robot
-%% that has lost what it kept of it in a crash, or was away after one.
+%% Progress, with `settle_us' (default infinity; in a run it follows from the radio and from
+%% `again_us', the time after which a robot asks again, see {@link context/2}). Every robot that is
+%% electing when the last ballot is cast has elected at most `settle_us' after it, and after the
+%% last fault that the team meets meanwhile ({@link starl_assumption:calm_us/3}). So it must have
+%% kept the ballots that came before it took part itself. The election is no longer judged once a
+%% robot that had cast its ballot has died, has lost its machine in a crash, or has failed after a
+%% fault. Such a robot need not send its ballot again, not even to a robot that has lost it in a
+%% crash or was away after a crash.
 %%
 %% Events of machine `election': {@link starl_election_ballots:event()}, `crashed'; of machine `sap':
 %% `delivered', `crashed'; of machine `robot': `died'. Entering again, after a restart, starts the bound afresh.

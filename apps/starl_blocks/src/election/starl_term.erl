@@ -1,14 +1,17 @@
-%% @doc The numbers of terms, and how far a robot follows those that others say.
+%% @doc Decides how far a robot believes the term numbers that others send.
 %%
-%% A number only grows, and who knows a higher one refuses all lower ones. So a robot that says the largest
-%% number that there is room for would end a team for good, were it believed. Three rules keep room for ever:
+%% A robot's term number only grows, and a robot that knows a higher number refuses all lower ones.
+%% So if others believed the largest possible number, the robot that sends it would stop the team
+%% for good. Three rules always leave room for higher numbers:
 %% <ul>
-%% <li>Robots count terms by one. Only a robot whose store was lost leaps: it guesses a number above all that it
-%% can have known ({@link guess/1}). All guesses lie up to 2^90, and any number up to there is believed.</li>
-%% <li>Above that, and above what the robot knows, 2^32 more are believed: fewer are counted while it is away.</li>
-%% <li>A number beyond is not believed, but each that is said brings the robot 2^32 nearer to it ({@link
-%% toward/2}). So a robot that comes back, after others were raised step by step, finds to them in as many
-%% messages; and in a hundred years nobody sends enough of them to come to 2^128.</li>
+%% <li>Robots count terms by one. Only a robot whose store was lost leaps: it guesses a number above
+%% all that it can have known ({@link guess/1}). All guesses are at most 2^90, and any number up to
+%% there is believed.</li>
+%% <li>Above 2^90, and above what the robot knows, numbers up to 2^32 higher are believed. Fewer
+%% terms than that are counted while it is away.</li>
+%% <li>A higher number is not believed, but each message with one brings the robot 2^32 nearer to it
+%% ({@link toward/2}). So a robot that comes back after others were raised step by step reaches them
+%% in as many messages. In a hundred years nobody sends enough messages to reach 2^128.</li>
 %% </ul>
 -module(starl_term).
 

@@ -1,4 +1,4 @@
-%% @doc Geocast: a message to every robot inside an area. The interface.
+%% @doc The interface of geocast: it sends a message to every robot inside an area.
 %% ```
 %%   ok = starl_geocast:listen(Robot, warning),
 %%   ok = starl_geocast:send(Robot, {circle, {3000.0, 3000.0}, 1500.0}, warning, Body,
@@ -6,8 +6,8 @@
 %%   {ok, From, Body} = starl:await(Robot, warning)
 %% '''
 %% The window of a message is from its sending, t0, to t0 + its lifetime. Guarantee: a robot that is
-%% outside the area during the whole window never gets the message; no robot gets it after the
-%% window or twice; a robot that is inside during the whole window gets it, over several hops, when
+%% outside the area during the whole window never gets the message. No robot gets it after the
+%% window, or twice. A robot that is inside during the whole window gets it, over several hops, when
 %% packets get through. For the assumptions see {@link starl_geocast_flood}.
 -module(starl_geocast).
 -behaviour(starl_block).
@@ -30,22 +30,22 @@
 %% A circle, an axis-parallel rectangle or a polygon; millimetres.
 -type area() :: starl_geocast_area:area().
 
-%% `lifetime_ms': the time during which the message may be delivered (default 5000, at most a day); `hops': the
-%% most transmissions over which it may travel (default 32).
+%% `lifetime_ms': the time during which the message may be delivered (default 5000, at most a day).
+%% `hops': the most transmissions over which it may travel (default 32).
 -type options() :: #{lifetime_ms => pos_integer(), hops => pos_integer()}.
 
 -define(SEND, {?MODULE, send, 5}).
 
-%% A message's lifetime, and a part of it that is told from the next.
+%% A message's lifetime, and the smallest part of it that the checker distinguishes.
 -define(CAST_US, 400000).
 -define(TICK_US, 50000).
 %% Parts of a hundred: the ratio is the default bound on drift, 10000 ppm.
 -define(SLOW, 99).
 -define(FAST, 101).
 
-%% @doc Sends a message to all robots inside an area, this one included, and does not wait for
-%% them. `full': too many geocasts are alive. A term that is no area, or an option that is none,
-%% is the caller's mistake.
+%% @doc Sends a message to all robots inside an area, this robot included, and does not wait for
+%% them. `full': too many geocasts are alive. A term that is not an area, or an unknown option, is
+%% the caller's mistake.
 -spec send(starl:robot(), area(), Type :: atom(), Body :: term(), options()) ->
     ok | {error, full | restarted}.
 send(Robot, Area, Type, Body, Options) ->
@@ -63,9 +63,9 @@ send(Robot, Area, Type, Body, Options) ->
         {error, restarted} -> {error, restarted}
     end.
 
-%% @doc From now on geocasts of this type come to the application ({@link starl:await/2}), those
-%% included that are still alive here. To be called again after `{error, restarted}'; a
-%% configuration with `listeners' outlives restarts.
+%% @doc Subscribes the application to geocasts of this type; {@link starl:await/2} returns them. It
+%% also gets those that are still alive here. Call it again after `{error, restarted}'; the option
+%% `listeners' survives restarts.
 -spec listen(starl:robot(), Type :: atom()) -> ok.
 listen(_Robot, Type) ->
     ok = starl_caller:check({?MODULE, listen, 2}, 'Type', name, Type),

@@ -1,11 +1,11 @@
-%% @doc The areas of a geocast: circles, rectangles and polygons, and whether a robot keeps inside
-%% or outside of one during a while, at every instant.
+%% @doc The areas of geocasts: circles, rectangles and polygons. Decides whether a moving robot
+%% stays inside or outside of an area, at every instant of a time span.
 %%
-%% The <em>depth</em> of a point is its distance from the area's border, counted positive inside
-%% and negative outside; the border itself (depth 0) belongs to the area. The depth changes by at
-%% most as much as the point moves, so a path of length l around a point of depth d keeps between
-%% d - l and d + l: halving the time until that decides gives an answer for every instant, for
-%% straight lines and arcs alike.
+%% The <em>depth</em> of a point is its distance from the area's border, positive inside and
+%% negative outside. The border itself (depth 0) belongs to the area. The depth changes by at most
+%% as much as the point moves. So a path of length l around a point of depth d stays between d - l
+%% and d + l. The time span is halved until these bounds decide. This gives an answer for every
+%% instant, for straight lines and arcs alike.
 -module(starl_geocast_area).
 
 -export([check/1, inside/2, depth/2, keeps_inside/5, keeps_outside/4, format_error/1]).

@@ -1,6 +1,6 @@
-%% @doc Delivers geocasts to the robot's machines that listen. It asks for the robot's position only
-%% while a message waits for it. Pure; a part of {@link starl_geocast_flood}, which holds the
-%% messages in a {@link starl_geocast_store}.
+%% @doc Delivers geocasts to the machines of the robot that listen for them. It asks for the robot's
+%% position only while a message waits for it. Pure; a part of {@link starl_geocast_flood}, which
+%% holds the messages in a {@link starl_geocast_store}.
 -module(starl_geocast_delivery).
 
 -export([new/2, listen/3, check/3, check_again/3, located/5]).
@@ -58,9 +58,9 @@ ask(Now, #delivery{self = Self, asked = {N, _}, checking = Checking, check_us = 
     {[starl_machine:action()], t()}.
 check_again(Now, Store, Delivery) -> check(Now, Store, Delivery#delivery{checking = false}).
 
-%% @doc The answer to the N-th question for the position: delivers the waiting messages in whose
-%% areas the robot surely is. A delivery leaves while the position is fresh and the message lives, or
-%% not at all: a computer may stand still in mid-step, while its robot drives on.
+%% @doc Handles the answer to the N-th question for the position: delivers the waiting messages in
+%% whose areas the robot surely is. A delivery leaves while the position is fresh and the message
+%% lives, or not at all, since a computer may stall in mid-step while its robot drives on.
 -spec located(
     N :: pos_integer(),
     Answer :: term(),

@@ -1,4 +1,4 @@
-%% @doc The exercise of geocast: robots drive around and send messages to areas here and there.
+%% @doc The exercise of geocast: robots drive around and send messages to various areas.
 %%
 %% It promises that each call is answered; the block's own contract covers delivery.
 -module(starl_geocast_exercise).

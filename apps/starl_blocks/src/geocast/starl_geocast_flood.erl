@@ -1,5 +1,5 @@
-%% @doc Geocast by flooding: every robot offers what it holds until the message's lifetime is
-%% over, gives it to those that ask, and delivers it when it is inside the area.
+%% @doc Geocast by flooding. Every robot offers the messages that it holds until their lifetime is
+%% over, gives them to robots that ask, and delivers a message when it is inside the area.
 %% ```
 %%   source                  relay                     robot inside
 %%     | offer {Id, left} ---->| (unknown)               |
@@ -13,16 +13,16 @@
 %% No robot sends absolute times, and no bound on delays is assumed. The rest of the lifetime (left)
 %% counts from when the receiver asked, by its own clock ({@link starl_geocast_lifetime}). So for
 %% any delay of packets the deadline of a held message is not after the end of the window, and
-%% nothing is delivered later. A packet that carried the message at once would save the question,
-%% but could be delayed beyond every bound, in the air or in a robot that stands still. The rest of
-%% the lifetime also bounds the message's age from above, which a restarted robot needs: it does not
+%% nothing is delivered later. A packet that carried the message at once would save the question.
+%% But it could be delayed beyond every bound, in the air or in a stalled robot. The rest of the
+%% lifetime also bounds the message's age from above, which a restarted robot needs. It does not
 %% know which messages it delivered before, so it delivers only those surely sent after its restart.
 %%
-%% A robot keeps an id until its window is surely over everywhere (its whole lifetime from when it
-%% was first held: after that no robot gives it), and the body only while the message is alive. At
-%% most `limit' messages are known; beyond that new ones are not taken. Delivered messages are
-%% remembered for good ({@link starl_geocast_memory}): a clock that is set or stands still may
-%% prolong a message's life, but no message is delivered twice.
+%% A robot keeps an id until its window is surely over everywhere: its whole lifetime from when it
+%% was first held. After that no robot gives the message. A robot keeps the body only while the
+%% message is alive. At most `limit' messages are known; beyond that new ones are not taken.
+%% Delivered messages are remembered for good ({@link starl_geocast_memory}). So no message is
+%% delivered twice, even if a clock is set or stops and prolongs a message's life.
 %%
 %% Calls: `{send, Area, Type, Body, LifetimeUs, Hops}', answer `ok' or `{error, full}'. Casts:
 %% `{listen, Type, Machine}'; a listener gets the cast `{message, From, Type, Body}'.

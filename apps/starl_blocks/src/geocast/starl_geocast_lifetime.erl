@@ -1,12 +1,13 @@
-%% @doc Computes the sure rest of a message's lifetime, with clocks that drift but do not step.
+%% @doc Computes how much of a message's lifetime is surely left, with clocks that drift but do not
+%% jump.
 %%
 %% A clock shows between (1 - d) t and (1 + d) t while a true time t passes. All answers err on
 %% the safe side: a deadline is never after the true end of the lifetime.
 %%
-%% No clock is compared with another one. A robot notes when it asks (`asked', by its own clock);
-%% the answer tells the rest of the lifetime (`left') when it was sent, which was after the asking.
-%% So the end is not before asked + left, for any delay of question and answer (Cristian,
-%% "Probabilistic clock synchronization", 1989, uses the round trip alike).
+%% No clock is compared with another. A robot notes when it asks (`asked', by its own clock). The
+%% answer carries the rest of the lifetime (`left') at the time it was sent, which was after the
+%% asking. So the end is not before asked + left, for any delay of question and answer. (Cristian,
+%% "Probabilistic clock synchronization", 1989, uses the round trip in the same way.)
 -module(starl_geocast_lifetime).
 
 -export([longest_us/0, deadline/3, left/3, is_sent_after/5, memory_us/2, least_us/3]).
@@ -19,7 +20,8 @@
 %% The greatest drift of any clock, in millionths.
 -type ppm() :: non_neg_integer().
 
-%% @doc The longest lifetime of a message: a day. What others say of a longer one is not believed.
+%% @doc The longest lifetime of a message: a day. A longer lifetime that others claim is not
+%% believed.
 -spec longest_us() -> us().
 longest_us() -> ?DAY_US.
 
@@ -62,9 +64,10 @@ memory_us(Lifetime, Ppm) -> Lifetime * (?MILLION + Ppm) div ?MILLION + 1.
 least_us(Delay, Gather, Ppm) ->
     (5 * Delay + 2 * Gather) * ?MILLION div (?MILLION - 4 * Ppm) + 1.
 
-%% @doc The number of times at least that a holder offers a message in so long, by the first wait and the longest one:
-%% at once, and again after waits of which each is twice as long as the one before. The last offer leaves time to ask
-%% and to answer, if no packet takes longer than `DelayUs'.
+%% @doc The least number of offers that a holder makes of a message in `Us', by its first and its
+%% longest wait. It offers at once, and again after waits each of which is twice as long as the one
+%% before. The last offer leaves time to ask and to answer, if no packet takes longer than
+%% `DelayUs'.
 -spec offers(Us :: us(), DelayUs :: us(), {FirstUs :: us(), LongestUs :: us()}) ->
     non_neg_integer().
 offers(Us, Delay, {First, Longest}) -> offers_from(0, First, Longest, Us - 4 * Delay).
@@ -73,9 +76,9 @@ offers_from(At, _Wait, _Longest, Us) when At > Us -> 0;
 offers_from(At, Wait, Longest, Us) ->
     1 + offers_from(At + Wait, min(2 * Wait, Longest), Longest, Us).
 
-%% @doc The probability that a robot which hears the holder does not get the message by so many offers: an offer, the
-%% question and the answer are a packet each, of which the radio loses this part. That a robot asks more than once for
-%% one offer is left out.
+%% @doc The probability that a robot which hears the holder misses the message in all `Offers'
+%% offers. An offer, the question and the answer are a packet each, and the radio loses the fraction
+%% `Loss' of packets. That a robot asks more than once for one offer is left out.
 -spec missed(Loss :: number(), Offers :: non_neg_integer()) -> float().
 missed(_Loss, 0) -> 1.0;
 missed(Loss, Offers) -> math:pow(1 - math:pow(1 - Loss, 3), Offers).

@@ -1,10 +1,11 @@
-%% @doc The permanent memory of delivered geocasts: by source, as ranges of their numbers. It does
-%% not depend on clocks, so no message is delivered twice, for any delay. Pure; a part of
-%% {@link starl_geocast_store}.
+%% @doc The permanent memory of delivered geocasts. It keeps ranges of message numbers for each
+%% source. It does not depend on clocks, so no message is delivered twice, for any delay. Pure; a
+%% part of {@link starl_geocast_store}.
 %%
-%% The memory is bounded: it keeps a fixed number of ranges per source, and merges the two oldest
-%% if there are more. The messages between these two then count as delivered, too. That concerns
-%% only a message overtaken by so many later ones of its source, delivered here with gaps.
+%% The memory is bounded: it keeps a fixed number of ranges per source, and merges the two oldest if
+%% there are more. The messages between these two then count as delivered, too. That affects only a
+%% message that very many later ones of its source have overtaken, and only if these were delivered
+%% here with gaps.
 -module(starl_geocast_memory).
 
 -export([new/1, add/2, is_member/2]).

@@ -1,6 +1,6 @@
-%% @doc The monitor of geocast in the exhaustive checker, which has no real time. It runs {@link
-%% starl_geocast_monitor} with made-up times in the right order. Every crash takes a microsecond;
-%% the window ends when the client's timer says so (`{window, over}').
+%% @doc Monitors geocast in the exhaustive checker, which has no real time. It runs
+%% {@link starl_geocast_monitor} with invented times in the right order. Every crash takes a
+%% microsecond. The window ends with the event `{window, over}' of the client's timer.
 -module(starl_geocast_model_monitor).
 -behaviour(starl_monitor).
 

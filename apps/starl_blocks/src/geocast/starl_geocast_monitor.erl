@@ -3,11 +3,11 @@
 %% The window of a message is from its sending to the end of its lifetime, both included.
 %%
 %% Under every fault: only messages that were sent are delivered, unchanged, and at most once in
-%% each life of a robot's machine. As long as clocks and positions keep the assumptions: at most
-%% once per robot, across all restarts, never after the window, and never at a robot that is outside
-%% the area during the whole window. `broken' tells the times at which an assumption is broken
-%% ({@link starl_assumption}; see {@link context/2}), and only deviations that it explains are
-%% excused:
+%% each life of a robot's machine. More holds as long as clocks and positions keep the assumptions.
+%% A message is delivered at most once per robot, across all restarts. It is never delivered after
+%% the window, and never at a robot that is outside the area during the whole window. `broken' lists
+%% the times at which an assumption is broken ({@link starl_assumption}; see {@link context/2}).
+%% Only deviations that it explains are excused:
 %% ```
 %%   late           by no more than has been lost by the clocks on the way of the message to the
 %%                  robot, each while it counted ({@link starl_geocast_provenance})
@@ -18,22 +18,26 @@
 %%                  the longest that an answer may take. One that is late and excused has to be
 %%                  inside then
 %% '''
-%% Progress, with `progress' (default false; without it the messages may have no listener, or be limited in their hops,
-%% and nothing is owed), of messages that are sent at `healed_us' or later
-%% (default 0; when the last fault is over, see {@link context/2}) and live
-%% long enough for packets that take `delay_us' (default 0; likewise, the longest delay; {@link
-%% starl_geocast_lifetime:least_us/3}): a robot that is inside, at least `margin_mm' from the border
-%% (default 4: twice the error of a position), during the whole window has it delivered, unless it
-%% or the source died, or its or the source's geocast machine began anew, in the window or up to
-%% `grace_us' (default 1 s) before, or any robot's assumption was broken in the window. If the
-%% robot's clock has lost time since its machine began, the machine counts as begun that much later:
-%% until the clock shows again what it showed at the beginning, no message is surely a later one.
-%% The places of robots are known in continuous time, from the pieces of their motion.
+%% Progress is judged only with `progress' (default false: then messages may have no listener or few
+%% hops, and nothing need be delivered). It covers messages that are sent at `healed_us' or later
+%% (default 0; in a run, the end of the last fault, see {@link context/2}). They must live long
+%% enough for packets that take `delay_us' (default 0; in a run, the longest delay;
+%% {@link starl_geocast_lifetime:least_us/3}). A robot that is inside during the whole window, at
+%% least `margin_mm' from the border (default 4: twice the error of a position), gets the message
+%% delivered.
 %%
-%% On a radio that loses packets chance may keep a message from a robot that hears its source, the more seldom the more
-%% often the source offers it. The probabilities of the messages of others in a row that a robot misses are multiplied: a
-%% row that is rarer than 10^-9 breaks the contract. Where so few messages were owed that to miss all of them would be
-%% no rarer, nothing is judged.
+%% There are exceptions. In the window, or up to `grace_us' (default 1 s) before, the robot or the
+%% source died, or the geocast machine of either began anew. Or any robot's assumption was broken in
+%% the window. If the robot's clock has lost time since its machine began, the machine counts as
+%% begun that much later. Until the clock shows again what it showed at the beginning, no message is
+%% surely a later one. The places of robots are known in continuous time, from the segments of their
+%% motion.
+%%
+%% On a radio that loses packets, chance may keep a message from a robot that hears its source. This
+%% is rarer the more often the source offers the message. For messages of others that a robot misses
+%% in a row, the probabilities are multiplied. A row with a probability below 10^-9 breaks the
+%% contract. If so few messages were due that missing all of them would not be that rare, nothing is
+%% judged.
 %%
 %% Events of machine `geocast': {@link starl_geocast_flood:event()}, `crashed'; of machine
 %% `chassis': `motion'; of machine `robot': `up', `died'.

@@ -1,9 +1,10 @@
-%% @doc Records the ways of a geocast: each robot's deadline, the robot that gave it, and when.
-%% Pure; a part of {@link starl_geocast_monitor}, which asks whose clocks had a part in a deadline.
+%% @doc Records how a geocast spreads: for each robot its deadline, the robot that gave it, and
+%% when. Pure; a part of {@link starl_geocast_monitor}, which asks which clocks had a part in a
+%% deadline.
 %%
 %% A robot measures the rest of a message's lifetime from when it asks for the message, and it asks
-%% only when the giver has it. From then on until it gives the message on, or delivers it, its own
-%% clock counts; before that the clock of the giver, and so on back to the source.
+%% only when the giver has it. From then until it gives the message on, or delivers it, its own
+%% clock counts. Before that the clock of the giver counts, and so on back to the source.
 -module(starl_geocast_provenance).
 
 -export([new/2, held/4, spans/3, spans_before/3]).

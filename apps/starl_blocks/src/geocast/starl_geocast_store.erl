@@ -1,6 +1,6 @@
-%% @doc The geocasts that a robot knows: the messages that are alive and held here, the robots that
-%% have asked for them, the ids of those that are over, and the delivered ones. Pure; a part of
-%% {@link starl_geocast_flood}, which handles packets and timers.
+%% @doc Stores the geocasts that a robot knows. It holds the messages that are alive, the robots
+%% that have asked for them, the ids of expired messages, and the delivered messages. Pure; a part
+%% of {@link starl_geocast_flood}, which handles packets and timers.
 -module(starl_geocast_store).
 
 -export([new/2, takes/2, look/2, is_worth/3, hold/5, prolong/4, over/2, forget/2]).

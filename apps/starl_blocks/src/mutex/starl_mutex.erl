@@ -1,19 +1,19 @@
-%% @doc Mutual exclusion by tokens: the interface.
+%% @doc The interface of mutual exclusion: at most one robot holds a token at a time.
 %%
-%% A token is any small term but a list; there are any number of them, and none is declared.
-%% Tokens are compared by `==', so `1' and `1.0' are the same one. A set of tokens is acquired
-%% all or none, one token after the other in the order of terms, so that no two sets wait for
-%% each other.
+%% A token is any small term but a list. There may be any number of tokens, and none is declared.
+%% Tokens are compared by `==', so `1' and `1.0' are the same token. A set of tokens is acquired all
+%% or none, one token after the other in the order of terms, so that no two sets wait for each
+%% other.
 %%
 %% Guarantee: no two robots hold one token at once, under every fault, as long as no clock is set,
-%% stands still or drifts by more than the stated bound; every hold has a fencing number that is
-%% larger than those of all earlier holds of the token. No number is used twice, even if clocks are
-%% wrong.
-%% A hold ends with its release, with its lease (if the token's home cannot be reached until then),
-%% or with a crash of the robot's mutex machine. A robot that is late by no more than `lag_ms'
-%% notices the end before any other robot gets the token; a robot that stands still for longer
-%% notices it as soon as it goes on.
-%% Guard actions that must not happen after the end of a hold with a check of the fencing number.
+%% stops or drifts by more than the stated bound. Every hold has a fencing number that is larger
+%% than those of all earlier holds of the token. No number is used twice, even if clocks are wrong.
+%%
+%% A hold ends with its release, with a crash of the robot's mutex machine, or with its lease, if
+%% the token's home cannot be reached until then. A robot that is late by no more than `lag_ms'
+%% notices the end before any other robot gets the token. A robot that stalls for longer notices it
+%% as soon as it goes on. So if an action must not happen after the end of a hold, let its receiver
+%% check the fencing number.
 -module(starl_mutex).
 -behaviour(starl_block).
 
@@ -50,15 +50,15 @@
 %% A patience so long that the checker decides when a call fails.
 -define(PATIENCE_US, 30000000).
 
-%% @doc Acquires a token or a set of tokens, with half a minute's patience.
+%% @doc Acquires a token or a list of tokens, and waits for at most 30 s.
 -spec acquire(starl:robot(), token() | [token()]) ->
     {ok, fence() | [{token(), fence()}]} | {error, timeout | restarted | late}.
 acquire(Robot, Tokens) -> acquire(Robot, Tokens, ?PATIENCE_MS).
 
-%% @doc Acquires a token or all tokens of a list; fails after a timeout in milliseconds, and then
-%% holds none of them. A list is answered with the list of its tokens and their fences.
-%% Acquiring a token that the caller holds waits for its release. `late': the computer stood still
-%% while the answer was on its way, until the lease was over; what is left of it is released.
+%% @doc Acquires a token or all tokens of a list. It fails after `Ms' milliseconds, and then holds
+%% none of them. For a list it returns the tokens with their fences. A call for a token that the
+%% caller holds waits for its release. `late': the computer stalled while the answer was on its way,
+%% until the lease was over; the tokens that it still holds are released.
 -spec acquire(starl:robot(), token() | [token()], Ms :: pos_integer()) ->
     {ok, fence() | [{token(), fence()}]} | {error, timeout | restarted | late}.
 acquire(Robot, Tokens, Ms) ->
@@ -74,8 +74,8 @@ acquire(Robot, Tokens, Ms) ->
             {error, restarted}
     end.
 
-%% @doc Releases a token, or those of a list. `lost': at least one was not held any more, so
-%% another robot may have held it meanwhile; the others are released.
+%% @doc Releases a token, or all tokens of a list. `lost': the robot no longer held at least one of
+%% them, so another robot may have held it meanwhile. The others are released.
 -spec release(starl:robot(), token() | [token()]) -> ok | {error, lost | restarted}.
 release(Robot, Tokens) ->
     ok = tokens({?MODULE, release, 2}, Tokens),
@@ -84,8 +84,8 @@ release(Robot, Tokens) ->
         {error, restarted} -> {error, restarted}
     end.
 
-%% @doc The robot that was last announced as the token's owner. An owner that has released the
-%% token is its owner until it hands it over.
+%% @doc Returns the robot that was last announced as the token's owner. An owner that has released
+%% the token remains its owner until it hands the token over.
 -spec owner(starl:robot(), token()) -> {ok, starl:robot_id() | none} | {error, restarted}.
 owner(Robot, Token) ->
     ok = token({?MODULE, owner, 2}, Token),
@@ -94,8 +94,8 @@ owner(Robot, Token) ->
         {error, restarted} -> {error, restarted}
     end.
 
-%% @doc Calls the function with the fence (or the list of fences) while it holds the token or
-%% the tokens. `{error, {Lost, Result}}': the hold had ended before the function did.
+%% @doc Acquires the tokens, calls the function with the fence (or the list of fences), and releases
+%% the tokens. `{error, {Lost, Result}}': the hold ended before the function returned.
 -spec with_token(starl:robot(), token() | [token()], Fun) ->
     {ok, Result} | {error, timeout | restarted | late | {lost | restarted, Result}}
 when
@@ -128,8 +128,8 @@ token(Function, Token) ->
 
 label(Function, Argument, Token) -> starl_caller:payload(Function, Argument, label, Token).
 
-%% @doc The home of a token in a team, by a hash of its name: as long as the home lives, the token
-%% can be acquired.
+%% @doc Returns the home of a token in a team, by a hash of its name. The token can be acquired as
+%% long as its home lives.
 -spec home(token(), [starl:robot_id(), ...]) -> starl:robot_id().
 home(Token, Team) -> lists:nth(erlang:phash2(Token, length(Team)) + 1, Team).
 

@@ -1,7 +1,7 @@
 %% @doc Handles the acquisitions ("jobs") of a robot's application: they begin, wait, hold, fail and
-%% end. Pure; together with {@link starl_mutex_robot}, which never calls back, these are the
-%% operations of {@link starl_mutex_tokens}. An operation on a token leaves notices for jobs in the
-%% state; {@link settle/1} handles them afterwards.
+%% end. Pure. With {@link starl_mutex_robot}, which never calls back, it implements the operations
+%% of {@link starl_mutex_tokens}. An operation on a token leaves notices for jobs in the state;
+%% {@link settle/1} handles them afterwards.
 -module(starl_mutex_acquire).
 
 -export([acquire/5, release/4, again/2, give_up/3, caller_restarted/2]).

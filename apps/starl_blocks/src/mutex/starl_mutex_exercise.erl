@@ -1,8 +1,10 @@
-%% @doc The exercise of mutual exclusion: each robot holds now one token, now two, for some time.
+%% @doc The exercise of mutual exclusion: each robot again and again holds one or two tokens for
+%% some time.
 %%
-%% It promises that a token is granted, and that tokens asked for after the heal are not lost;
-%% unless the home of any token has died: robots that wait for that token keep their others. It promises,
-%% too, that all know who has announced itself last as the owner of a token, unless that is under way since.
+%% It promises that a token is granted, and that tokens asked for after the last fault is over are
+%% not lost. This does not hold if the home of any token has died: robots that wait for that token
+%% keep their others. It also promises that all robots know the last announced owner of a token,
+%% unless a newer announcement is under way.
 -module(starl_mutex_exercise).
 -behaviour(starl_block_exercise).
 

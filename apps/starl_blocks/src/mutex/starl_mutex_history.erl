@@ -1,14 +1,15 @@
-%% @doc What mutual exclusion promises its callers: each token is a lock with fencing numbers, and
-%% linearizable.
+%% @doc The consistency that mutual exclusion promises its callers: each token is a lock with
+%% fencing numbers, and is linearizable.
 %%
-%% A hold begins between `acquire' and its answer, and is there when the answer comes. Its end is known where
-%% `release' is answered `ok': between call and answer. Else (the lease has run out, the machine or the
-%% application has crashed) it has ended at some time after the answer. No two holds of a token overlap, and
-%% fencing numbers grow from hold to hold. An `acquire' without its tokens is no hold that anybody knows of.
+%% A hold begins between `acquire' and its answer, and exists when the answer comes. If `release' is
+%% answered `ok', it has ended between that call and that answer. Else (the lease has run out, or
+%% the machine or the application has crashed) it has ended at some time after the answer to
+%% `acquire'. No two holds of a token overlap, and fencing numbers grow from hold to hold. An
+%% `acquire' without an answer that contains its tokens is no known hold.
 %%
-%% The promise rests on clocks: a hold during which any robot's clock was set or wrong is left out. Where a
-%% store was lost or set back, too, the numbers of a token may begin anew, and only holds from then on are
-%% compared.
+%% The promise rests on clocks: a hold during which any robot's clock was set or wrong is left out.
+%% If a store was lost or set back, too, the numbers of a token may begin anew. Then only holds from
+%% then on are compared.
 -module(starl_mutex_history).
 -behaviour(starl_history_model).
 

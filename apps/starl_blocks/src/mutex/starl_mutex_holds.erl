@@ -1,5 +1,5 @@
-%% @doc The safety part of {@link starl_mutex_monitor}: it tracks the holder of each token from the
-%% events, and reports violations. Pure.
+%% @doc Tracks the holder of each token from the events, and reports violations. It is the safety
+%% part of {@link starl_mutex_monitor}. Pure.
 %%
 %% Under every fault:
 %% ```
@@ -8,10 +8,11 @@
 %%   fence_not_larger    a fence that is not larger than that of the robot's hold before
 %%   not_held            a hold that does not exist is released, lost or answered
 %% '''
-%% A hand-over belongs to one robot, and a robot's fences grow: so no fence is used twice.
+%% A hand-over belongs to one robot, and a robot's fences grow, so no fence is used twice.
 %%
-%% A home whose store was set back, and in whose run a clock was set, may have a smaller incarnation than
-%% before, where no other robot has heard of that life: the numbers of its tokens begin anew, once.
+%% A home whose store was set back, and in whose run a clock was set, may have a smaller incarnation
+%% than before, if no other robot has heard of the earlier one. Then the numbers of its tokens begin
+%% anew, once.
 %%
 %% As long as clocks keep the assumptions:
 %% ```
@@ -19,16 +20,16 @@
 %%   fence_overtaken     a fence that is older than one of another robot's that was held before
 %%   held_too_long       a hold goes on after its lease, and its robot should have noticed
 %% '''
-%% A hold is over when it is released or lost, its machine has crashed, or `lag_us' after the end
-%% of its lease by the holder's clock. A robot that stands still longer than that finds its lease
-%% over when it goes on, and can do nothing before: no pause excuses an overlap.
+%% A hold is over when it is released or lost, when its machine has crashed, or `lag_us' after the
+%% end of its lease by the holder's clock. A robot that stalls for longer finds its lease over when
+%% it goes on, and can do nothing before. So no pause excuses an overlap.
 %%
-%% Wrong clocks explain an overlap in two ways: the older of the two holders takes its lease for
-%% longer by the time that its clock has lost since it claimed it, and the home takes it for shorter
-%% by the time that its own clock has gained since then. An overlap that is not longer than the sum
-%% of the two is excused, no other one. An older fence that comes late is excused likewise, counted
-%% from the beginning of the newer hold. A hold may go on longer by the time that the holder's clock
-%% has lost since the lease was told, and to the end of a pause that it runs into.
+%% Wrong clocks explain an overlap in two ways. The older of the two holders overestimates its lease
+%% by the time that its clock has lost since it claimed it. The home underestimates the lease by the
+%% time that its own clock has gained since then. An overlap that is not longer than the sum of the
+%% two is excused, no other. An older fence that comes late is excused likewise, counted from the
+%% beginning of the newer hold. A hold may go on longer by the time that the holder's clock has lost
+%% since the lease was reported, and to the end of a pause that it runs into.
 -module(starl_mutex_holds).
 
 -export([is_held/2]).
@@ -162,7 +163,7 @@ forgotten(Token, #holds{hand_overs = HandOvers, fences = Fences} = Holds) ->
         fences = maps:filter(Others, Fences)
     }.
 
-%% @doc A robot that holds a token, or will at once, tells the rest of its lease by its clock.
+%% @doc A robot that holds a token, or will at once, reports the rest of its lease by its clock.
 -spec leased(integer(), robot_id(), token(), fence(), LeftUs :: integer(), t()) -> t().
 leased(T, Robot, Token, Fence, Left, #holds{leases = Leases, ppm = Ppm} = Holds) ->
     Gone = max(0, Holds#holds.lease_us - Left),
@@ -194,7 +195,7 @@ acquired(T, Robot, Token, Fence, #holds{fences = Fences, largest = Largest} = Ho
             largest = Largest#{Token => max({Fence, T}, Last)}
         })}.
 
-%% @doc The application is told that it holds these.
+%% @doc The application gets the answer that it holds these.
 -spec answered(integer(), robot_id(), [{token(), fence()}], t()) -> [starl_monitor:violation()].
 answered(T, Robot, Fences, Holds) ->
     lists:append([not_held(T, Robot, Token, Fence, Holds) || {Token, Fence} <- Fences]).

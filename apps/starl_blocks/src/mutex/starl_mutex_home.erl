@@ -1,5 +1,5 @@
-%% @doc The home of tokens: the one authority over the fencing numbers and leases of the tokens
-%% whose home a robot is. Pure; the part of {@link starl_mutex_tokens} that safety rests on.
+%% @doc The home of tokens: the single authority over the fencing numbers and leases of the tokens
+%% whose home a robot is. Pure. The safety of {@link starl_mutex_tokens} rests on this part.
 %%
 %% A fencing number consists of four numbers: the incarnation of the home's machine, the creation of
 %% the token in it, the hand-over of that creation, the owner's hold. So every hand-over has a
@@ -15,12 +15,12 @@
 %%              ended, or was given back
 %% '''
 %% The home counts a lease from the receipt of the claim, the claimant from its sending. The home's
-%% lease is longer by the most that two clocks drift apart and by the time that a robot may take to
+%% lease is longer by the most that two clocks drift apart, and by the time that a robot may take to
 %% notice the end. So the claimant's lease always ends first, for any delay of messages. After a
-%% crash of the home no lease can be younger than the crash: the home waits for one full lease.
-%% It cannot know what the incarnations between granted: so a hold of an earlier one may end in peace,
-%% and no other one begins under its number. A number of a later creation than the home's last one is not
-%% true: nobody can use up the numbers of those to come.
+%% crash of the home no lease can be younger than the crash, so the home waits for one full lease.
+%% It cannot know what earlier incarnations granted. So a hold of an earlier incarnation may end in
+%% peace, and no other hold begins under its number. A number of a later creation than the home's
+%% last is false, so nobody can use up the numbers to come.
 -module(starl_mutex_home).
 
 -export([new/6, next/1, hand_over/1, last_hold/1, last_hand_over/1]).
@@ -72,8 +72,8 @@
 
 -opaque t() :: #home{}.
 
-%% @doc The home of no tokens yet. `LeaseUs' is the holder's lease, `DriftPpm' the bound on the
-%% drift of any clock, `LagUs' the most by which a robot notices the end of its lease too late,
+%% @doc A home without tokens. `LeaseUs' is the holder's lease, `DriftPpm' the bound on the drift of
+%% any clock. `LagUs' is the longest delay with which a robot notices the end of its lease, and
 %% `RetryUs' the time after which a robot that waits asks again.
 -spec new(
     Incarnation :: pos_integer(),

@@ -1,5 +1,5 @@
-%% @doc The operations of a robot that is the home of tokens: it asks {@link starl_mutex_home},
-%% sends the answers and sets the timer. Pure; a part of {@link starl_mutex_tokens}.
+%% @doc Handles a robot's operations as the home of tokens: it asks {@link starl_mutex_home}, sends
+%% the answers and sets the timer. Pure; a part of {@link starl_mutex_tokens}.
 -module(starl_mutex_host).
 
 -export([requested/3, asked/6, returned/5, expire/2]).

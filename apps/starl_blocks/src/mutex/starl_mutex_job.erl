@@ -1,5 +1,5 @@
-%% @doc An acquisition ("job") of a robot's application: the tokens that it still waits for, one
-%% after the other in Erlang's order of terms, and the tokens that it has got. Pure; a part of
+%% @doc An acquisition ("job") of a robot's application. It holds the tokens that it has got and the
+%% tokens that it still waits for, one after the other in Erlang's order of terms. Pure; a part of
 %% {@link starl_mutex_acquire}.
 -module(starl_mutex_job).
 
@@ -83,7 +83,7 @@ without(Token, #job{got = Got} = Job) ->
         Rest -> Job#job{got = Rest}
     end.
 
-%% @doc A job that has a token no more, and waits for it before all others.
+%% @doc A job that no longer has a token, and waits for it before all others.
 -spec misses(token(), t()) -> t().
 misses(Token, #job{todo = Todo, got = Got} = Job) ->
     Job#job{todo = [Token | Todo], got = lists:keydelete(Token, 1, Got), broken = true}.

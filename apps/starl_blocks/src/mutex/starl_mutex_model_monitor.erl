@@ -1,9 +1,10 @@
-%% @doc The monitor of mutual exclusion in the exhaustive checker. It extends {@link
-%% starl_mutex_monitor} by robots that stand still within a step: such a robot cannot tell that its lease
-%% is over before it goes on and its timers have fired, and in the checker facts have no times by which
-%% that could be seen. So a hold of a robot that has stood still is taken for over when another one
-%% begins; what its robot tells later of it is judged as everywhere else. That nobody else holds the token
-%% before is seen without this fault: to the others a robot that stands still is one that is cut off.
+%% @doc Monitors mutual exclusion in the exhaustive checker. It extends {@link starl_mutex_monitor}
+%% by robots that stall within a step. Such a robot cannot notice that its lease is over before it
+%% goes on and its timers have fired. In the checker, trace events have no times that would show the
+%% end of the lease. So a hold of a robot that has stalled counts as over when another hold begins.
+%% What the robot later reports of it is judged as everywhere else. The check without this fault
+%% shows that no other robot holds the token too early: to the others, a stalled robot looks like a
+%% robot that is cut off.
 -module(starl_mutex_model_monitor).
 -behaviour(starl_monitor).
 

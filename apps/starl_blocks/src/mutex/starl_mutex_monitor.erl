@@ -1,27 +1,28 @@
 %% @doc The contract of mutual exclusion by tokens, as a monitor.
 %%
-%% Safety: see {@link starl_mutex_holds}. Always: fences grow from hold to hold of a robot, and only
-%% the robot to which the token's home has confirmed a hand-over holds it, so that no fence is used
-%% twice; only tokens that are held are answered, released or lost. As long as clocks keep the
-%% assumptions: never two holds of one token at once, and the fence of a hold is larger than those
-%% of all earlier holds; as long as robots are prompt: a hold ends with its lease. `broken' tells
+%% Safety: see {@link starl_mutex_holds}. Always: fences grow from hold to hold of a robot. Only the
+%% robot to which the token's home has confirmed a hand-over holds it, so no fence is used twice.
+%% Only tokens that are held are answered, released or lost. As long as clocks keep the assumptions:
+%% there are never two holds of one token at once, and the fence of a hold is larger than those of
+%% all earlier holds. As long as robots are also prompt: a hold ends with its lease. `broken' lists
 %% the times at which an assumption is broken ({@link starl_assumption}; see {@link context/2}), and
 %% only deviations that it explains are excused. A hold ends with `released' or `lease_lost', with
 %% the crash of the robot's mutex machine, or with the robot.
 %%
-%% Progress: a token that a robot asks for does not lie idle: within `idle_us' (default: none; in a run
-%% it follows from the lease, `retry_us', the radio and SAP, see {@link context/2}) some robot holds it,
-%% counted from the request, the end of the last hold, a hand-over that was lost, the last crash of a
-%% mutex machine, and the last fault that the team meets meanwhile ({@link
-%% starl_assumption:calm_us/3}). It is not judged once the token's home has died. The holds themselves
-%% are as long as applications hold.
+%% Progress: a token that a robot asks for does not lie idle. Some robot holds it within `idle_us'
+%% (default: none; in a run it follows from the lease, `retry_us', the radio and SAP, see
+%% {@link context/2}). The time counts from the request, the end of the last hold, or a hand-over
+%% that was lost. It also counts from the last crash of a mutex machine, and from the last fault
+%% that the team meets meanwhile ({@link starl_assumption:calm_us/3}). It is not judged once the
+%% token's home has died. The holds themselves are as long as applications hold.
 %%
-%% Owners are known: who holds a token has announced itself to all others, and nobody else does, within
-%% `announce_us' (default: none; in a run 1 s) ({@link starl_mutex_monitor_owners}).
+%% Owners are known ({@link starl_mutex_monitor_owners}): the holder of a token has announced itself
+%% to all others within `announce_us' (default: none; in a run 1 s), and nobody else does.
 %%
-%% Besides, a request is granted within `bound_us' (default: none) of it and of the last fault that it
-%% meets, as far as it was made at `from_us' or later (default 0); with `granted' (default false) a request that fails is a
-%% violation as well. A robot's death or the crash of its mutex machine ends its requests.
+%% A request is granted within `bound_us' (default: none) of it and of the last fault that it meets,
+%% if it was made at `from_us' or later (default 0). With `granted' (default false) a request that
+%% fails is a violation as well. A robot's death or the crash of its mutex machine ends its
+%% requests.
 %%
 %% Events of machine `mutex': {@link starl_mutex_tokens:event()}, `crashed'; of machine `sap': `sent',
 %% `overload', `started', `crashed'; of machine `robot': `died'.

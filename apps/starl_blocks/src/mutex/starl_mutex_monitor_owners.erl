@@ -1,11 +1,11 @@
-%% @doc Are the owners of tokens announced (the paper's Proposition 2(c))? A robot whose claim the home has
-%% confirmed tells all others, in one message, that it is the owner of this hand-over. Pure; a part of
-%% {@link starl_mutex_monitor}.
+%% @doc Checks that the owners of tokens are announced (the paper's Proposition 2(c)). A robot whose
+%% claim the home has confirmed sends all others one message: that it is the owner of this
+%% hand-over. Pure; a part of {@link starl_mutex_monitor}.
 %%
-%% Who holds a token has announced that hand-over, at the latest `announce_us' after the hold has begun, or
-%% later by what its own pauses and slowness explain; and no other robot announces it. The messages are known
-%% by their hashes. What a robot has not sent since its SAP had no room or restarted, or since its
-%% mutex machine has crashed, is excused.
+%% The holder of a token has announced its hand-over at most `announce_us' after the hold has begun,
+%% or later by what its own pauses and slowness explain. No other robot announces it. The messages
+%% are recognized by their hashes. A missing announcement is excused if the robot's SAP has had no
+%% room or has restarted since, or if its mutex machine has crashed since.
 -module(starl_mutex_monitor_owners).
 
 -export([new/1, broken/2, event/4, overdue/2]).

@@ -1,5 +1,5 @@
-%% @doc A robot's knowledge of the owners of tokens, and the requests that arrived before the token
-%% that they look for. Pure; a part of {@link starl_mutex_state}.
+%% @doc Keeps what a robot knows of the owners of tokens. It also keeps the requests that arrived
+%% before the token that they look for. Pure; a part of {@link starl_mutex_state}.
 -module(starl_mutex_owners).
 
 -export([new/0, newest/2, announced/4, refute/3, handed/4, wait/4, take_early/2, add/2]).

@@ -1,6 +1,6 @@
-%% @doc The operations of a robot on tokens: a request looks for a token; a token comes, is
-%% confirmed by its home, is held, lapses and is handed over. Pure; together with
-%% {@link starl_mutex_acquire} these are the operations of {@link starl_mutex_tokens}.
+%% @doc Handles a robot's operations on tokens. A request looks for a token. A token arrives, is
+%% confirmed by its home, is held, lapses and is handed over. Pure. With {@link starl_mutex_acquire}
+%% it implements the operations of {@link starl_mutex_tokens}.
 -module(starl_mutex_robot).
 
 -export([owner/3, sap_restarted/1]).
@@ -288,7 +288,7 @@ free(Token, #{lock := {_, Fence}, queue := Queue} = Entry, Robot) ->
         {_, false} -> serve(Token, Entry#{lock := none, fence := Fence + 1}, Freed)
     end.
 
-%% @doc The lease of a token is over: the robot has it no more, and the hold, if any, ends.
+%% @doc The lease of a token is over: the robot no longer has it, and the hold, if any, ends.
 -spec lapse(token(), t()) -> t().
 lapse(Token, Robot) ->
     case entry(Token, Robot) of
@@ -304,7 +304,7 @@ lapse(Token, Robot) ->
 lose(Token, #{lock := {_, Fence}}, Robot) ->
     act({trace, {lease_lost, Token, Fence}}, forget_entry(Token, Robot)).
 
-%% @doc The queue of a token that is no more: its requests go to the home.
+%% @doc The queue of a token that no longer exists: its requests go to the home.
 -spec orphan(token(), [request()], t()) -> t().
 orphan(Token, Queue, Robot) ->
     lists:foldl(

@@ -1,7 +1,7 @@
-%% @doc The state of a robot's mutex machine: its tokens, the acquisitions of its application, the
-%% hand-overs under way, the known owners, and the tokens whose home it is. Pure;
-%% {@link starl_mutex_acquire}, {@link starl_mutex_robot} and {@link starl_mutex_host} work on it.
-%% The state gathers actions, taken with {@link result/1}, and notices to jobs, taken with
+%% @doc The state of a robot's mutex machine. It holds the robot's tokens, the acquisitions of its
+%% application, the hand-overs under way, the known owners, and the tokens whose home the robot is.
+%% Pure; {@link starl_mutex_acquire}, {@link starl_mutex_robot} and {@link starl_mutex_host} work on
+%% it. The state collects actions, taken with {@link result/1}, and notices to jobs, taken with
 %% {@link take_notices/1}.
 -module(starl_mutex_state).
 
@@ -239,7 +239,7 @@ entry(Token, #robot{entries = Entries}) -> maps:get(Token, Entries, none).
 put_entry(Token, Entry, #robot{entries = Entries} = Robot) ->
     Robot#robot{entries = Entries#{Token => Entry}}.
 
-%% @doc The robot has the token no more.
+%% @doc The robot no longer has the token.
 -spec forget_entry(token(), t()) -> t().
 forget_entry(Token, #robot{entries = Entries} = Robot) ->
     Cancel = [{{timeout, {T, Token}}, cancel} || T <- [renew, lease]],

@@ -9,13 +9,13 @@
 %%     | owner {F, requester} ----------------------------------------->|
 %%     | renew F, while it holds ----------------->|
 %% '''
-%% A robot that has got a token holds it only once the home has confirmed it, and only as long
-%% as the lease that it counts from the sending of its last confirmed claim. At every event it first
-%% looks which of its leases are over: a robot that has stood still finds that out before it answers
-%% a call or hands a token on. What it then says of a hold, to the application and as a fact, leaves
-%% before the lease is over, or not at all (`until'). The rules of the home are those of {@link
-%% starl_mutex_home}; safety rests on these rules and the lease alone. Requests, queues and
-%% announcements may be lost at any time: a robot that waits asks the home again.
+%% A robot that has got a token holds it only once the home has confirmed it. It holds it only as
+%% long as the lease that it counts from the sending of its last confirmed claim. At every event it
+%% first checks which of its leases are over. So a robot that has stalled notices this before it
+%% answers a call or hands a token on. What it then reports of a hold, to the application and in the
+%% trace, leaves before the lease is over, or not at all (`until'). The rules of the home are those
+%% of {@link starl_mutex_home}; safety rests on these rules and the lease alone. Requests, queues
+%% and announcements may be lost at any time: a robot that waits asks the home again.
 %%
 %% A token as seen by a robot that has it:
 %% ```

@@ -1,9 +1,11 @@
-%% @doc Records why robots wait for tokens in vain: an application has ended with a token that it
-%% holds, which its robot keeps for as long as it lives; one that lives holds a token for longer than the patience
-%% of those that ask for it; or robots wait for each other's tokens, until
-%% the patience of one of them is over. It judges nothing: both are the application's own doing.
+%% @doc Records why robots wait for tokens in vain. There are three reasons. An application has
+%% ended with a token that it holds; its robot keeps the token for as long as the robot lives. A
+%% running application holds a token for longer than the patience of those that ask for it. Or
+%% robots wait for each other's tokens, until the patience of one of them is over. The module judges
+%% nothing: all three are the application's own doing.
 %%
-%% A list of tokens that is acquired in one call never leads to a circle ({@link starl_mutex}).
+%% A list of tokens that is acquired in one call never leads to a circle of waiting robots
+%% ({@link starl_mutex}).
 -module(starl_mutex_waits).
 -behaviour(starl_monitor).
 
@@ -71,7 +73,7 @@ step({_T, Robot, app, {done, _}}, #state{ended = Ended} = State) ->
 step(_Event, State) ->
     {ok, State}.
 
-%% @doc What robots have kept, and who has waited in a circle.
+%% @doc The tokens that robots have kept, and the robots that have waited in a circle.
 -spec finish(integer(), #state{}) -> {ok, #{kept := [kept()], circles := [circle()]}}.
 finish(_EndUs, #state{holds = Holds, ended = Ended, circles = Circles, since = Since} = State) ->
     Kept = [

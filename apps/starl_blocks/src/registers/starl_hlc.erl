@@ -1,13 +1,13 @@
 %% @doc A hybrid logical clock (Kulkarni, Demirbas et al., "Logical physical clocks", 2014).
 %%
-%% A stamp is a time that is not behind the own clock nor any stamp seen, a counter within that
-%% time, and its writer, so that no two stamps are equal and all have Erlang's order of terms. A robot
-%% that has lived before may have forgotten what it wrote, and go on from an earlier stamp of its own
-%% that it sees elsewhere; so its writer names the life, too. A
-%% clock accepts no stamp that is more than its bound ahead of the own physical clock; so its time
-%% is never further ahead. A stamp with the largest counter that a message can hold is followed by one of the
-%% next microsecond. A clock that starts ahead by the bound ({@link after_restart/4}) is later
-%% than all stamps that it gave before, without having stored anything.
+%% A stamp has three parts: a time that is not behind the own clock nor any stamp seen, a counter
+%% within that time, and the writer. So no two stamps are equal, and all are ordered by Erlang's
+%% order of terms. A robot that has lived before may have forgotten what it wrote, and go on from an
+%% earlier stamp of its own that it sees elsewhere. So the writer includes the life, too. A clock
+%% accepts no stamp that is more than its bound ahead of the own physical clock, so its time is
+%% never further ahead. After a stamp with the largest counter that a message can hold comes a stamp
+%% of the next microsecond. A clock that starts ahead by the bound ({@link after_restart/4}) is
+%% later than all stamps that it gave before, although it has stored nothing.
 -module(starl_hlc).
 
 -export([new/2, after_restart/4, restart/2, stamp/2, observe/3, admits/3, now/1, robot/1]).

@@ -1,13 +1,14 @@
-%% @doc Registers that all robots share: the interface.
+%% @doc The interface of registers that all robots share.
 %%
-%% A register has a name and a value, both plain data ({@link starl_payload}); each robot has a copy of
-%% all. A write is seen at once at its writer and soon at all robots; of two writes the later one wins, at all
-%% robots the same (by a hybrid logical clock, {@link starl_hlc}). Guarantee: a read returns a value
-%% that a robot wrote; reads at one robot never go back to an earlier write, unless its machine
-%% restarted; when writes stop and messages get through, all robots agree. Reading and then writing
-%% is no transaction: of two robots that do so one may lose its write; use mutual exclusion then.
+%% A register has a name and a value, both plain data ({@link starl_payload}). Each robot has a copy
+%% of all registers. A write is visible at once at its writer and soon at all robots. Of two writes
+%% the later wins, the same at all robots (by a hybrid logical clock, {@link starl_hlc}). Guarantee:
+%% a read returns a value that a robot wrote. Reads at one robot never go back to an earlier write,
+%% unless its machine restarted. When writes stop and messages get through, all robots agree. A read
+%% followed by a write is no transaction: if two robots do this at once, one may lose its write. Use
+%% mutual exclusion then.
 %%
-%% With the option `owners' a register has one writer only.
+%% With the option `owners' a register has a single writer.
 -module(starl_registers).
 -behaviour(starl_block).
 
@@ -20,9 +21,9 @@
 
 -type name() :: term().
 
-%% @doc Writes a register. `full': the robot may add no further register, or what it has written takes
-%% too many bytes. `refused': nothing is written, since most of
-%% the others take no writes of this robot, whose clock is far ahead of theirs.
+%% @doc Writes a register. `full': the robot may add no further register, or its registers take too
+%% many bytes. `refused': nothing is written, since most of the others accept no writes of this
+%% robot, whose clock is far ahead of theirs.
 -spec put(starl:robot(), name(), Value :: term()) ->
     ok | {error, not_owner | full | refused | restarted}.
 put(Robot, Name, Value) ->
@@ -30,15 +31,16 @@ put(Robot, Name, Value) ->
     ok = starl_caller:payload({?MODULE, put, 3}, 'Value', content, Value),
     flatten(starl:call(Robot, registers, {put, Name, Value}, infinity)).
 
-%% @doc Reads the robot's own copy of a register.
+%% @doc Returns the value in the robot's own copy of a register.
 -spec get(starl:robot(), name()) -> {ok, Value :: term()} | {error, unset | restarted}.
 get(Robot, Name) ->
     ok = starl_caller:payload({?MODULE, get, 2}, 'Name', label, Name),
     flatten(starl:call(Robot, registers, {get, Name}, infinity)).
 
-%% @doc From now on the application gets each value that the register takes here, the present one
-%% included, as the message `register' from its writer: `{ok, Writer, {Name, Value}} =
-%% starl:await(Robot, register)'. To be called again after `{error, restarted}'.
+%% @doc Subscribes the application to a register. From now on it gets each value that the register
+%% takes at this robot, including the present value. Each comes as the message `register' from its
+%% writer: `{ok, Writer, {Name, Value}} = starl:await(Robot, register)'. Call it again after
+%% `{error, restarted}'.
 -spec subscribe(starl:robot(), name()) -> ok.
 subscribe(_Robot, Name) ->
     ok = starl_caller:payload({?MODULE, subscribe, 2}, 'Name', label, Name),
@@ -78,8 +80,8 @@ monitors(#{owners := Owners, sync_ms := Sync, ahead_ms := Ahead}, #{robots := Ro
         }}
     ].
 
-%% @doc The time (ms) after the last write within which all robots agree, when messages get through,
-%% with this mean time between two exchanges.
+%% @doc The time (ms) after the last write within which all robots agree, when messages get through.
+%% `SyncMs' is the mean time between two exchanges.
 -spec within_ms(SyncMs :: pos_integer()) -> pos_integer().
 within_ms(Sync) -> 5000 + round(15 * Sync).
 

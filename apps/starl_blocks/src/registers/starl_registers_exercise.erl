@@ -1,7 +1,8 @@
-%% @doc The exercise of the registers: each robot reads some every turn, and writes now and then.
+%% @doc The exercise of the registers: each robot reads some registers every turn, and writes now
+%% and then.
 %%
-%% It promises an answer, and that another robot's write has come, unless its machine has crashed
-%% since, or the robot has died.
+%% It promises that each call is answered. It also promises that another robot's write arrives,
+%% unless the writer's machine has crashed since, or the writer has died.
 -module(starl_registers_exercise).
 -behaviour(starl_block_exercise).
 

@@ -1,11 +1,12 @@
-%% @doc What registers promise their callers. They are not linearizable: a write is seen at once at its
-%% writer, and later elsewhere. But of two writes the later one wins, at all robots the same; so each
-%% register by itself is sequentially consistent.
+%% @doc The consistency that registers promise their callers. They are not linearizable: a write is
+%% visible at once at its writer, and later elsewhere. But of two writes the later wins, the same at
+%% all robots. So each register by itself is sequentially consistent.
 %%
-%% There is one order of all writes and reads in which each read returns the write before it. In it the
-%% calls to one life of a robot's machine have their own order, and so have the writes of a robot in all its
-%% lives, until its store is lost or set back. No read returns what was written after it. That all robots
-%% agree in the end is progress, of which a history tells nothing.
+%% There is one order of all writes and reads in which each read returns the write before it. This
+%% order keeps the order of the calls to one life of a robot's machine. It also keeps the order of a
+%% robot's writes in all its lives, until its store is lost or set back. No read returns a value
+%% that was written after it. That all robots agree in the end is progress, which a history does not
+%% show.
 -module(starl_registers_history).
 -behaviour(starl_history_model).
 

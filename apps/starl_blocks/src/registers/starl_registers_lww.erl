@@ -10,35 +10,38 @@
 %%     | want [Name] --------------------------->|   what is later there
 %%     |<--------- entries [{Name, Value, Stamp}]|
 %% '''
-%% What does not fit into one message goes in several: a digest then says which names it is of, in
-%% their order, and the entries come as `part's.
+%% What does not fit into one message goes in several. A digest then names the range of names that
+%% it covers, in their order, and the entries come as `part's.
 %%
-%% Writes are announced by a broadcast of SAP; the exchange of digests repairs losses by partitions,
-%% restarts and robots out of range. A restarted machine knows nothing: it first asks some other
-%% robots, and answers its application when the first has told its registers, or after `recover_ms'.
-%% A stamp more than `ahead_ms' ahead of the own clock is not taken until the own clock has come
-%% nearer; so `ahead_ms' must exceed the clocks' differences.
+%% A writer announces its writes by a broadcast of SAP. The exchange of digests repairs losses by
+%% partitions, restarts and robots out of range. A restarted machine knows nothing. It first asks
+%% some other robots, and answers its application when the first has sent its registers, or after
+%% `recover_ms'. A stamp more than `ahead_ms' ahead of the own clock is not taken until the own
+%% clock has come nearer, so `ahead_ms' must exceed the clocks' differences.
 %%
-%% A stamp that is ahead by more than twice that ({@link starl_hlc:is_beyond/3}) comes from a clock that was
-%% wrong. The robot that sent it is informed by `{beyond, Stamp}'. A robot that most of the others have
-%% refused so
+%% A stamp that is ahead by more than twice that ({@link starl_hlc:is_beyond/3}) comes from a wrong
+%% clock. The robot that sent it is informed by `{beyond, Stamp}'. A robot that most of the others
+%% have refused in this way does two things:
 %% <ul><li>refuses to write (`{error, refused}'), as nobody would read it;</li>
-%% <li>as soon as its own clock, too, says that its last stamp is beyond, goes back to that clock: it writes its own
-%% values anew, with stamps that all others take, and forgets those of other robots whose clocks
-%% were wrong. So a wrong clock does not outlive itself through the stored time.</li></ul>
+%% <li>goes back to its own clock as soon as that, too, shows that its last stamp is beyond. It
+%% writes its own values anew, with stamps that all others accept, and forgets those of other robots
+%% whose clocks were wrong. So a wrong clock does not outlive itself through the stored
+%% time.</li></ul>
 %%
-%% The machine stores a time later than all stamps that it gives; before a stamp reaches that time,
+%% The machine stores a time later than all stamps that it gives. Before a stamp reaches that time,
 %% it stores a later one. The clock of a restarted machine starts there, later than all stamps that
-%% it has ever given, at any value of the physical clock. If the store is damaged it starts so far
-%% ahead that only a physical clock that has run backwards can spoil it ({@link starl_hlc}).
+%% it has ever given, at any value of the physical clock. If the store is damaged, the clock starts
+%% so far ahead that only a physical clock that has run backwards can spoil it ({@link starl_hlc}).
 %%
-%% `limit' bounds the registers that a robot adds: it adds none while so many have it as their last writer. `bytes' bounds
-%% the room of all registers that have it as their last writer. Other robots take what is within twice these bytes,
-%% as a robot that has forgotten its writes may write more. Beyond that they keep the writes with
-%% the latest stamps, so that they agree. So memory is bounded for each robot of the team, and a robot that writes
-%% more takes no room of others. Writes of robots that are not in the team are not taken.
+%% `limit' bounds the registers that a robot adds: it adds none while it is the last writer of
+%% `limit' registers. `bytes' bounds the total size of the registers whose last writer it is. Other
+%% robots accept up to twice these bytes, as a robot that has forgotten its writes may write more.
+%% Beyond that they keep the writes with the latest stamps, so that they agree. So memory is bounded
+%% for each robot of the team, and a robot that writes more takes no room from others. Writes of
+%% robots outside the team are not accepted.
 %%
-%% A robot gets at most so many messages with answers between two exchanges of the robot that it asks (`?ANSWERS').
+%% A robot gets at most `?ANSWERS' messages with answers between two exchanges of the robot that it
+%% asks.
 %%
 %% Calls: `{put, Name, Value}' (answer `ok', `{error, not_owner | full | refused}'), `{get, Name}' (answer
 %% `{ok, Value}', `{error, unset}'). Cast: `{subscribe, Name, Machine}'; the subscriber gets the

@@ -1,25 +1,26 @@
 %% @doc The contract of the shared registers, as a monitor.
 %%
-%% Safety: a read returns a value that was written, under the stamp of its write; reads of a
-%% register at one robot never go back to an earlier stamp, nor to `unset', except after a crash
-%% of its machine; a robot's own stamps always grow, also across its restarts, unless what its
-%% machine had stored is damaged, lost or set back, and carry its number; a register with an owner is written by it
-%% only.
+%% Safety: a read returns a value that was written, under the stamp of its write. Reads of a
+%% register at one robot never go back to an earlier stamp, nor to `unset', except after a crash of
+%% its machine. A robot's own stamps always grow and carry its number, even across its restarts,
+%% unless its machine's store is damaged, lost or set back. A register with an owner is written by
+%% that robot only.
 %%
-%% Progress: at most `bound_us' after the last write of a register and the last crash or death of a
-%% robot, and after `healed_us' (default 0; when the last fault is over, see {@link context/2}), all
-%% robots alive hold the same write of it. With `within_us' in its place faults do not widen the
-%% bound. A machine whose store is damaged may begin so far ahead that slower clocks admit none of
-%% its stamps until they are as far: that adds `apart_us' after its start, the greatest difference
-%% of physical clocks (default 0).
+%% Progress: when writes to a register stop, all robots alive come to hold the same write of it.
+%% They hold it at most `bound_us' after its last write and the last crash or death of a robot, and
+%% after `healed_us' (default 0; in a run, the end of the last fault, see {@link context/2}). With
+%% `within_us' instead of `bound_us' faults do not widen the bound. A machine whose store is damaged
+%% may begin so far ahead that slower clocks admit none of its stamps until they have caught up.
+%% That adds `apart_us' after its start, the greatest difference of physical clocks (default 0).
 %%
 %% A robot whose stamps are beyond its clock by more than twice `apart_us' may set its clock right
-%% (`set_right'): its stamps and reads go back then, once.
+%% (`set_right'). Then its stamps and reads go back, once.
 %%
-%% Excused, as `clocks_apart', is a robot that has refused the latest write since its stamp is too far ahead, where faults
-%% (`broken'), and what clocks may differ by without any (`clocks'), can have set the robot's clock back by more than
-%% `apart_us' against another one: the others must agree. A clock that was ahead of its present time by more than twice
-%% that excuses only as long as it is wrong.
+%% A robot that has refused the latest write since its stamp is too far ahead is excused
+%% (`clocks_apart'), but the others must agree. It is excused only if the robot's clock can be
+%% behind another by more than `apart_us', through faults (`broken') and through the differences
+%% that clocks may have without faults (`clocks'). A clock that was ahead of its present time by
+%% more than twice `apart_us' is an excuse only as long as it is wrong.
 %%
 %% Events of machine `registers': {@link starl_registers_lww:event()}, `crashed',
 %% `store_damaged'; of machine `robot': `died', `store_set_back'.
