@@ -1,11 +1,11 @@
-%% @doc The driver's state of a live robot: its clock, store and trace, and the lines to its radio,
-%% positioning system and chassis. It is the world of its {@link starl_robot}.
+%% @doc The driver's state of a live robot: its clock, store and trace, and the ports to its radio,
+%% positioning system and chassis. It is the world of the robot's {@link starl_robot}.
 %%
-%% What a step sends, and the facts that it traces, are kept until the step is over ({@link
-%% flush/1}). The facts leave first: whoever judges the run knows of a packet before anybody can
-%% have received it. What has a latest moment is looked at again when it leaves; if it is late, its
-%% machine gets an event, before any other that waits. Facts bear the time of this look, too, since the
-%% robot may stand still before anybody has them.
+%% What a step sends, and the trace events that it emits, are kept until the step is over
+%% ({@link flush/1}). The trace events leave first, so a judge of the run knows of a packet before
+%% anybody can have received it. An action with a deadline is checked again when it leaves. If it is
+%% late, its machine gets an event before any other that waits. Trace events carry the time of this
+%% check, too, since the robot may stall before anybody has them.
 -module(starl_live_body).
 -behaviour(starl_driver).
 -behaviour(starl_platform).
@@ -225,13 +225,14 @@ leased(_Us, _Action, Body) ->
 
 %% -- new code -------------------------------------------------------------------------------
 
-%% @doc A reload begins: the words for the robot's machines. This process is told how each machine heeds it.
+%% @doc A reload begins. Returns the commands for the robot's machines. This process gets a report
+%% on how each machine applies its command.
 -spec reload(starl_reload:order(), pid(), t()) -> {starl_live_codes:words(), t()}.
 reload(Order, Reporter, #body{codes = Codes} = Body) ->
     {Words, Next} = starl_live_codes:reload(Order, Reporter, Codes),
     {Words, Body#body{codes = Next}}.
 
-%% @doc A reload has failed elsewhere: the words for the machines that have to go back.
+%% @doc A reload has failed elsewhere. Returns the commands for the machines that have to go back.
 -spec take_back(starl_reload:count(), Failed :: starl:robot_id(), t()) ->
     {starl_live_codes:words(), t()}.
 take_back(N, Failed, #body{codes = Codes} = Body) ->

@@ -1,8 +1,8 @@
-%% @doc The chassis and the other actuators of a live robot: a behaviour for its drivers, and the
-%% process that holds one.
+%% @doc The behaviour of drivers for the chassis and the other actuators of a live robot, and the
+%% process that holds such a driver.
 %%
-%% The process outlives no link: when the link ends, for whatever reason, the chassis stops and the
-%% other actuators come to rest (a pen is lifted), since no machine commands them any more.
+%% The process ends with its link. When the link ends, for whatever reason, the chassis stops and
+%% the other actuators come to rest (a pen is lifted), since no machine commands them any more.
 %% ```
 %%     link -- drive, actuate, stop --> chassis --> the drive
 %%     link <-- {starl_chassis, Chassis, Mark, Answer} -- chassis <-- the drive
@@ -71,7 +71,7 @@ when
 -callback rest(State) -> State when State :: term().
 %% Somebody wants to know where the body is: it is told soon (`posed').
 -callback look(State) -> State when State :: term().
-%% How the chassis is, for people.
+%% The state of the chassis, for people.
 -callback condition(State :: term()) -> map().
 %% What a sense of the chassis' own says now ({@link starl_sense}).
 -callback feel(starl_sense:kind(), State :: term()) -> starl_live_sense:felt().
@@ -98,8 +98,8 @@ start_link(Module, Config, Link) -> gen_server:start_link(?MODULE, {Module, Conf
 drive(Chassis, Script, Until, Mark) -> gen_server:cast(Chassis, {drive, Script, Until, Mark}).
 
 %% @doc Is it too late to begin a script? A script is driven under a lease that may have ended
-%% meanwhile: a computer that stood still must not begin it afterwards. The robot takes a script that
-%% nobody answers for one that was lost. To stop is never too late.
+%% meanwhile: a computer that stalled must not begin it afterwards. The robot treats a script
+%% without an answer as lost. It is never too late to stop.
 -spec is_late(starl_chassis:script(), UntilUs :: integer(), NowUs :: integer()) -> boolean().
 is_late({_Chassis, []}, _Until, _Now) -> false;
 is_late(_Script, Until, Now) -> Now > Until.
@@ -116,7 +116,8 @@ stop(Chassis) -> gen_server:cast(Chassis, stop).
 -spec rest(pid()) -> ok.
 rest(Chassis) -> gen_server:cast(Chassis, rest).
 
-%% @doc How the chassis is; empty if it has nothing to tell. Exits if it does not answer in a second.
+%% @doc The state of the chassis; empty if it has nothing to report. Exits if the chassis does not
+%% answer in a second.
 -spec condition(pid()) -> map().
 condition(Chassis) -> gen_server:call(Chassis, condition, ?CONDITION_MS).
 

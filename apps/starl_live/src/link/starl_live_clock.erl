@@ -1,12 +1,12 @@
 %% @doc The clock of live robots: the system time of their computer, in microseconds since an epoch
-%% that the whole run shares. The time of a simulated world may pass faster than real time; then all
-%% durations shrink alike.
+%% that the whole run shares. A simulated world may run faster than real time; then all durations
+%% shrink in proportion.
 %%
 %% System time must be set (by NTP, PTP, chrony) before a robot starts. The VM never lets it jump
-%% afterwards: it corrects the time slowly, by at most 1 % (`erl' without time warp). The time of day
-%% is what the computer's clock shows, and jumps with it: packets are fresh or not by that.
+%% afterwards: it corrects the time slowly, by at most 1 % (`erl' without time warp). The time of
+%% day follows the computer's clock, and jumps with it. It decides whether packets are fresh.
 %%
-%% The clock is also the robot's only way to its computer's time and timers. A simulation gives it
+%% The robot accesses its computer's time and timers only through this clock. A simulation gives it
 %% another computer: a module of this behaviour.
 -module(starl_live_clock).
 

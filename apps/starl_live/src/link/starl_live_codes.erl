@@ -1,5 +1,5 @@
-%% @doc The code of a live robot's machines, and its reloads: which words its machines get, and who is told
-%% how they heed them.
+%% @doc Manages the code of a live robot's machines and its reloads. It decides which reload
+%% commands the machines get, and reports how they apply them.
 -module(starl_live_codes).
 
 -export([
@@ -18,7 +18,8 @@
 
 -export_type([t/0, config/0, words/0, report/0]).
 
-%% The modules of the robot's machines; those of new code; who is told about reloads; do they run inline?
+%% The modules of the robot's machines; the modules of new code; the process that gets reports on
+%% reloads; do the machines run inline?
 -type config() :: #{
     parts := #{starl_machine:name() => module()},
     codes => starl_reload:codes(),
@@ -29,7 +30,7 @@
 
 -type words() :: [{starl_machine:name(), starl_reload:word()}].
 
-%% How a machine heeds a reload.
+%% How a machine applies a reload.
 -type report() :: {starl_reloaded, starl:robot_id(), starl_machine:name(), starl_reload:told()}.
 
 -record(codes, {
@@ -69,20 +70,20 @@ machines(#codes{parts = Parts}) -> maps:keys(Parts).
 -spec code(starl_machine:name(), t()) -> map().
 code(Name, #codes{codes = Codes}) -> starl_reload:code(Name, Codes).
 
-%% @doc A reload begins: the words for the robot's machines, which start with this code from now
-%% on. This process is told how each machine heeds it.
+%% @doc A reload begins. Returns the commands for the robot's machines, which start with this code
+%% from now on. This process gets a report on how each machine applies its command.
 -spec reload(starl_reload:order(), pid(), t()) -> {words(), t()}.
 reload(Order, Reporter, #codes{parts = Parts, codes = Before} = Codes) ->
     {Words, Next} = starl_reload:take(Order, Parts, Before),
     {Words, Codes#codes{codes = Next, reporter = Reporter}}.
 
-%% @doc A reload has failed elsewhere: the words for the machines that have to go back.
+%% @doc A reload has failed elsewhere. Returns the commands for the machines that have to go back.
 -spec take_back(starl_reload:count(), Failed :: starl:robot_id(), t()) -> {words(), t()}.
 take_back(N, Failed, #codes{codes = Before} = Codes) ->
     {Words, Next} = starl_reload:back(N, Failed, Before),
     {Words, Codes#codes{codes = Next}}.
 
-%% @doc A machine starts: what is told of its code.
+%% @doc A machine starts. Returns what is to be reported of its code.
 -spec started(starl_machine:name(), NowUs :: integer(), t()) -> {[starl_reload:told()], t()}.
 started(Name, Now, #codes{codes = Codes} = Before) ->
     {Told, Begun} = starl_reload:started(Name, Now, Codes),
@@ -98,7 +99,8 @@ fallen(Name, Cause, Now, #codes{codes = Codes}) -> starl_reload:fallen(Name, Cau
 -spec others(starl_machine:name(), t()) -> [starl_machine:name()].
 others(Name, #codes{parts = Parts}) -> lists:delete(Name, lists:sort(maps:keys(Parts))).
 
-%% @doc A machine has told how it heeds a reload. It is logged, and is to be reported.
+%% @doc A machine has reported how it applies a reload. The report is logged, and returned for
+%% {@link report/2}.
 -spec heeded(starl_reload:told(), starl_machine:name(), starl:robot_id(), t()) -> {report(), t()}.
 heeded(#{outcome := Outcome, module := Module} = Told, Name, Id, #codes{codes = Codes} = Before) ->
     Line = unicode:characters_to_binary(starl_reload:format(Id, Name, Module, Outcome)),
@@ -106,7 +108,7 @@ heeded(#{outcome := Outcome, module := Module} = Told, Name, Id, #codes{codes = 
     Heard = starl_reload:heard(Name, Told, Codes),
     {{starl_reloaded, Id, Name, Told}, Before#codes{codes = Heard}}.
 
-%% @doc Tells whoever is told about reloads.
+%% @doc Sends the report to the process that gets reports on reloads.
 -spec report(report(), t()) -> ok.
 report(_Report, #codes{reporter = none}) ->
     ok;

@@ -1,5 +1,5 @@
-%% @doc The disk of a live robot: the functions of `file' and `filelib' that its store needs, on this
-%% computer's disk or on a simulated one. A place `{Module, Path}' is on a simulated disk, whose
+%% @doc The disk of a live robot: the functions of `file' and `filelib' that its store needs. It is
+%% this computer's disk or a simulated disk. A place `{Module, Path}' is on a simulated disk, whose
 %% module has this behaviour; any other place is a name for `file'.
 %% ```
 %%     {ok, Store} = starl_live_store:open("robot-1"),                        this computer

@@ -1,4 +1,4 @@
-%% @doc The launch of a live robot: opens its store, its record and its lines, and starts its machines.
+%% @doc Launches a live robot: opens its store, its record and its ports, and starts its machines.
 -module(starl_live_launch).
 
 -export([open/1, machines/1]).
@@ -53,8 +53,8 @@ process(transport) -> starl_live_transport;
 process(positioning) -> starl_live_positioning;
 process(chassis) -> starl_live_chassis.
 
-%% @doc Starts the machines, makes the numbers of their starts durable, and tells of the start: the robot,
-%% which has not run yet.
+%% @doc Starts the machines, makes the numbers of their starts durable, and notifies the observer of
+%% the start. Returns the robot, which has not run yet.
 -spec machines(opened()) -> {ok, starl_robot:t(), starl_robot_tree:t()} | {stop, Reason :: term()}.
 machines(#{robot := Id, robot_sup := Sup, tree := Tree, store := Store} = Spec) ->
     Body = starl_live_body:new(Spec#{

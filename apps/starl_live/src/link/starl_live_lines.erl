@@ -1,6 +1,6 @@
-%% @doc The lines of a live robot, to its radio, its positioning system, its chassis and its senses: what a
-%% step of its machines sends along them, and the events that their messages are. Each line is a process
-%% that the link has started, or its stand-in.
+%% @doc Connects a live robot to its radio, its positioning system, its chassis and its senses. It
+%% sends what a step of the machines wants sent, and turns incoming messages into events. Each of
+%% these lines (ports) is a process that the link has started, or its stand-in.
 -module(starl_live_lines).
 
 -export([new/1, process/2, hear/2, send/2, send_until/4]).
@@ -46,7 +46,7 @@ process(transport, #lines{transport = Pid}) -> Pid;
 process(positioning, #lines{positioning = Pid}) -> Pid;
 process(chassis, #lines{chassis = Pid}) -> Pid.
 
-%% @doc The events of the robot that a message of its lines is.
+%% @doc Turns a message from a port into events of the robot.
 -spec hear(Message :: term(), t()) -> [starl_robot:local()] | unknown.
 hear({starl_heard, Transport, Packets}, #lines{transport = Transport}) ->
     [{sap, packet, Packet} || Packet <- Packets];

@@ -1,15 +1,15 @@
-%% @doc The link of a live robot: drives its {@link starl_robot} in real time. It hands the packets,
+%% @doc The link of a live robot drives its {@link starl_robot} in real time. It passes the packets,
 %% poses, answers of the chassis and timers that arrive to the robot's machines, one at a time.
 %%
-%% How it handles them: {@link starl_live_turns}.
+%% {@link starl_live_turns} handles them.
 %%
-%% <em>An old store.</em> When a peer has proved that the robot has lived later than its store knows, the
-%% store is marked, and the link ends.
+%% <em>An old store.</em> If a peer has proved that the robot has had a later life than its store
+%% knows, the link marks the store and ends.
 %%
-%% <em>Ends.</em> A crashed machine is restarted by its supervisor, and the link waits for that. When
-%% the services have crashed too often, when a line of the robot (radio, positioning, chassis) ends,
-%% or when the numbers of starts cannot be stored, the link ends, and with it the whole robot: the
-%% chassis stops. The supervisor above then starts the robot anew, as after a reboot.
+%% <em>Ends.</em> A crashed machine is restarted by its supervisor, and the link waits for that. The
+%% link ends, and with it the whole robot, in three cases. The services have crashed too often, a
+%% port of the robot (radio, positioning, chassis) ends, or the numbers of starts cannot be stored.
+%% Then the chassis stops, and the supervisor above starts the robot anew, as after a reboot.
 -module(starl_live_link).
 -behaviour(gen_server).
 
@@ -107,8 +107,8 @@ metrics(Link) -> gen_server:call(Link, metrics).
 -spec line(pid(), transport | positioning | chassis) -> pid().
 line(Link, Line) -> gen_server:call(Link, {line, Line}).
 
-%% @doc Gives the robot new code, whose modules are loaded. This process is told how each machine
-%% heeds it: `{starl_reloaded, Robot, Machine, Told}' ({@link starl_reload:told()}).
+%% @doc Gives the robot new code, whose modules are loaded. This process gets a report on how each
+%% machine applies it: `{starl_reloaded, Robot, Machine, Told}' ({@link starl_reload:told()}).
 -spec reload(pid(), starl_reload:order(), pid()) -> ok.
 reload(Link, Order, Reporter) -> gen_server:cast(Link, {reload, Order, Reporter}).
 

@@ -1,12 +1,12 @@
-%% @doc The record of a live robot's facts in a file, batch by batch. A batch is written before
-%% anything that follows from it leaves the robot, so the record of a node that was killed tells
-%% what its messages and its recording did not tell any more. A power failure may cost the last
-%% seconds: nothing is synced.
+%% @doc Records a live robot's trace events in a file, batch by batch. A batch is written before
+%% anything that follows from it leaves the robot. So the record of a killed node shows what its
+%% messages and its recording could no longer report. A power failure may cost the last seconds:
+%% nothing is synced.
 %%
 %% Starts are ordered by their numbers: the clock may have been set back between two of them.
 %%
-%% Only the latest facts are wanted. A file that has grown to some size becomes `FILE.before', in the
-%% place of the one before it.
+%% Only the latest events are needed. A file that has grown to some size is renamed to
+%% `FILE.before', in the place of the earlier file of that name.
 -module(starl_live_record).
 
 -export([open/1, file/1, write/2, read/2, batches/2, starts/1, is_record/1, last/1]).

@@ -1,5 +1,5 @@
 %% @doc A live robot: its link, and the supervision tree of its machines. The link holds the robot's
-%% lines; when it ends, the machines end with it, and both start anew, as after a reboot.
+%% ports. When it ends, the machines end with it, and both start anew, as after a reboot.
 %% ```
 %%     starl_live_robot (rest_for_one)
 %%       link (starl_live_link) --- transport, positioning, chassis

@@ -1,6 +1,6 @@
-%% @doc The snapshots of a live robot, if somebody wants them: the robot as data, and from the first
-%% snapshot on all that comes to it, so that a simulation can go on from there. Both are told as facts of
-%% machine `snapshot'.
+%% @doc Takes snapshots of a live robot, if they are wanted, so that a simulation can go on from
+%% there. It traces the robot as data and, from the first snapshot on, everything that comes to the
+%% robot. Both are trace events of machine `snapshot'.
 -module(starl_live_snapshots).
 
 -export([new/1, are_told/1, drives/4, script/1, input/3, taken/2, encoded/1]).
@@ -46,7 +46,7 @@
 
 -opaque t() :: #snapshots{}.
 
-%% @doc Those of a robot of which a snapshot is wanted this often.
+%% @doc No snapshots, or snapshots with this period.
 -spec new(PeriodUs :: pos_integer() | none) -> t().
 new(none) -> #snapshots{};
 new(_Us) -> #snapshots{told = asked}.
@@ -76,7 +76,7 @@ input(_Input, _Now, _Snapshots) ->
 -spec encoded(snapshot()) -> {ok, binary()} | {error, starl_snapshot:reason()}.
 encoded(Snapshot) -> starl_snapshot:encode({live, Snapshot}).
 
-%% @doc A snapshot has been told, or why there is none.
+%% @doc A snapshot has been traced, or the reason why there is none.
 -spec taken({ok, binary()} | {error, starl_snapshot:reason()}, t()) -> t().
 taken({ok, _}, Snapshots) -> Snapshots#snapshots{told = begun};
 taken({error, _}, Snapshots) -> Snapshots#snapshots{told = asked}.

@@ -1,18 +1,18 @@
-%% @doc The durable store of a live robot: a directory with one file for each term that a machine
-%% keeps, and the numbers of starts of all machines, twice.
+%% @doc The durable store of a live robot. It is a directory with one file for each term that a
+%% machine keeps, and two copies of the numbers of starts of all machines.
 %%
-%% A file is written beside its predecessor and then takes its name, and both are synced, so a robot
-%% that loses its power finds the old term or the new one, and never an older one. Each file carries
-%% a checksum.
+%% A new file is written beside its predecessor and then takes its name, and both are synced. So a
+%% robot that loses its power finds the old term or the new term, and never an older one. Each file
+%% carries a checksum.
 %%
-%% <em>The first life.</em> Whoever begins a team commissions the store of each robot. Only a robot
-%% that finds that mark and nothing else has never run. A robot that finds nothing at all has lost
-%% its store: it may have kept any term. So has one that finds terms but no starts. The mark goes with the first
-%% start.
+%% <em>The first life.</em> A new team's store is commissioned for each robot, with a mark. Only a
+%% robot that finds that mark and nothing else has never run. A robot that finds nothing at all has
+%% lost its store: it may have kept any term. A robot that finds terms but no starts has lost its
+%% store, too. The mark goes with the first start.
 %%
-%% <em>An outdated store.</em> A store that was lost, or that the robot's peers know to be an earlier
-%% one than its last, is marked as such: each term counts as damaged until its machine has written a
-%% new one.
+%% <em>An outdated store.</em> A store is marked as outdated if it was lost, or if the robot's peers
+%% know that it is older than the robot's last life. Then each term counts as damaged until its
+%% machine has written a new one.
 -module(starl_live_store).
 
 -export([commission/1, is_mark/1, open/1, life/1, keep/3, kept/2, starts/1, started/2, outdate/2]).

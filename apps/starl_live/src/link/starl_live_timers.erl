@@ -1,4 +1,4 @@
-%% @doc The timers of a live robot, by their marks: the link gets a message when one is due.
+%% @doc The timers of a live robot, by their marks. The link gets a message when a timer is due.
 -module(starl_live_timers).
 
 -export([new/0, plan/4, due_us/3, running/2, marks/1]).

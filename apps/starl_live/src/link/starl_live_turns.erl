@@ -1,9 +1,9 @@
-%% @doc The turns of a live robot: the events that wait for it, and how it handles them, one at a time,
-%% with all that follows from each. It is the state of the {@link starl_live_link}.
+%% @doc Handles the events of a live robot in turn: the queue of waiting events, and the steps that
+%% follow from each. It is the state of the {@link starl_live_link}.
 %%
-%% <em>The machines</em> run to completion, as in the simulator: while a machine's process is at work
-%% all other events wait. <em>A sequential application</em> works beside the link, since it may
-%% compute for seconds: its events wait for it, and the other machines go on.
+%% <em>The machines</em> run to completion, as in the simulator: while a machine's process is at
+%% work, all other events wait. <em>A sequential application</em> works beside the link, since it
+%% may compute for seconds. Its own events wait for it, and the other machines go on.
 -module(starl_live_turns).
 
 -export([

@@ -1,5 +1,5 @@
-%% @doc Watchdog of a live robot's processes. Logs an application that is slow, with its place in the code;
-%% kills a machine that has not answered for a whole period.
+%% @doc The watchdog of a live robot's processes. It logs an application that is slow, with its
+%% place in the code. It kills a machine that has not answered for a whole period.
 -module(starl_live_watch).
 
 -export([new/0, period_ms/0, answered/2, longest_s/1, look/3]).

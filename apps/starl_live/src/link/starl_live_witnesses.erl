@@ -1,6 +1,6 @@
-%% @doc The witnesses of a live robot, who are told the facts of its steps, batch by batch: the sink of its
-%% run ({@link starl_live_link:told()}), the record on its own disk ({@link starl_live_record}), and the
-%% observer of its node.
+%% @doc Passes the trace events of a live robot's steps on, batch by batch, to up to three
+%% witnesses. They are the sink of its run ({@link starl_live_link:told()}), the record on its own
+%% disk ({@link starl_live_record}), and the observer of its node.
 -module(starl_live_witnesses).
 
 -export([new/1, started/3, seen/3, tell/4, has_heard/2]).
@@ -38,19 +38,19 @@
 
 -opaque t() :: #witnesses{}.
 
-%% @doc Those of a robot.
+%% @doc The witnesses of a robot.
 -spec new(config()) -> t().
 new(#{robot := Id, sink := Sink, record := Record} = Config) ->
     Observer = maps:get(observe, Config, none),
     #witnesses{id = Id, sink = Sink, record = Record, observer = Observer}.
 
-%% @doc Tells the observer of this node that the robot starts, with these machines.
+%% @doc Notifies the observer of this node that the robot starts, with these machines.
 -spec started(NowUs :: integer(), [starl_machine:name()], t()) -> ok.
 started(Now, Names, #witnesses{id = Id, observer = Observer}) ->
     starl_observer:tell({started, Now, Id, Names}, Observer).
 
-%% @doc Tells the observer of this node the robot's own place, at the time of the picture, if these events, or
-%% an unknown message, show it.
+%% @doc Reports the robot's own place, at the time of the picture, to the observer of this node, if
+%% these events show it.
 -spec seen([starl_robot:local()] | unknown, starl_live_clock:t(), t()) -> ok.
 seen([{_Name, info, {located, _Tag, Seen}}], Clock, #witnesses{id = Id, observer = Observer}) when
     Observer =/= none
@@ -68,8 +68,8 @@ seen(_Events, _Clock, _Witnesses) ->
 -spec has_heard(result(), t()) -> boolean().
 has_heard(Result, #witnesses{result = Told}) -> Result =:= Told.
 
-%% @doc Tells the facts of a step, newest first, that may leave now, and the result so far: whose facts were
-%% late.
+%% @doc Passes on the trace events of a step (newest first) that may leave now, and the result so
+%% far. Returns the owners of the events that were late.
 -spec tell([fact()], NowUs :: integer(), result(), t()) -> {Late :: [owner()], t()}.
 tell(Facts, Now, Result, #witnesses{batch = N} = Witnesses) ->
     {Events, Late} = leaving(lists:reverse(Facts), Now, [], []),

@@ -1,5 +1,5 @@
-%% @doc The counters of a live robot, from the facts that it traces and the packets that it sends.
-%% A pure module; {@link text/2} writes them in the text format of Prometheus.
+%% @doc Counts a live robot's trace events and the packets that it sends. A pure module;
+%% {@link text/2} writes the counters in the text format of Prometheus.
 -module(starl_live_counts).
 
 -export([new/0, traced/2, transmits/3, sent_until/3, text/2]).
@@ -95,8 +95,8 @@ transmits(_To, {starl, _, data, {_, _, Seq, _, _, _, _}}, #counts{open = Open} =
 transmits(_To, Packet, Counts) ->
     count({packets_sent, kind, element(3, Packet)}, 1, Counts).
 
-%% @doc Counts a packet that the robot sends by this time (us) or not at all. A shout has such a time
-%% from a lease alone.
+%% @doc Counts a packet that the robot sends by this time (us) or not at all. A datagram (`shout')
+%% has such a time only from a lease.
 -spec sent_until(integer(), starl_packet:t(), t()) -> t().
 sent_until(Us, {starl, _, shout, _, Type, _}, Counts) -> leased({type, Type}, Us, Counts);
 sent_until(_Us, _Packet, Counts) -> Counts.
@@ -119,7 +119,7 @@ bucket(Us, [Ms | _]) when Us =< Ms * 1000 -> Ms;
 bucket(Us, [_ | Bounds]) -> bucket(Us, Bounds);
 bucket(_Us, []) -> infinity.
 
-%% @doc The gauges of what is left at this time (us) of leases that have not ended.
+%% @doc The gauges of the time that is left, at this time (us), of leases that have not ended.
 -spec leases(NowUs :: integer(), t()) -> [gauge()].
 leases(Now, #counts{leases = Leases}) ->
     [
@@ -137,7 +137,7 @@ peers(Peers) ->
     [{peers, [], length(Peers)}, {peers_heard, [], length(Heard)}] ++
         [{round_trip_seconds, [], lists:max(Trips) / 1.0e6} || Trips =/= []].
 
-%% @doc The gauges of what a chassis tells of itself.
+%% @doc The gauges of what a chassis reports of itself.
 -spec chassis(map()) -> [gauge()].
 chassis(Condition) ->
     [{battery_percent, [], Charge} || #{charge := Charge} <- [Condition], is_integer(Charge)].

@@ -1,6 +1,7 @@
-%% @doc The metrics of a robot's node over HTTP: `/metrics' in the text format of Prometheus, and
-%% `/health', which answers while the robot's link does. Requests are read by the parser of OTP's
-%% sockets, each by a process of its own, in a limited time. Of too many clients the oldest has to go.
+%% @doc Serves the metrics of a robot's node over HTTP: `/metrics' in the text format of Prometheus,
+%% and `/health', which answers while the robot's link does. The parser of OTP's sockets reads the
+%% requests. Each request has a process of its own and a limited time. When there are too many
+%% clients, the oldest is closed.
 -module(starl_live_http).
 
 -export([start_link/1]).

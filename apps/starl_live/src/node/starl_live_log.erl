@@ -1,7 +1,8 @@
-%% @doc A handler of OTP's logger that sends each line to a process: a cluster gathers the logs of its
-%% nodes. The link says in one line that a machine has crashed; OTP's own reports of the machine's
-%% process and of its supervisor, which say so again, are left out. Of a robot that starts anew, or cannot
-%% any more, as on a full disk, its supervisors say it in many words: the reason is one line.
+%% @doc A handler of OTP's logger that sends each line to a process. A cluster gathers the logs of
+%% its nodes in this way. The link logs a crash of a machine in one line. OTP's own reports of the
+%% machine's process and of its supervisor repeat it, so they are left out. When a robot starts
+%% anew, or can no longer start, as on a full disk, its supervisors log long reports. The handler
+%% reduces each to one line with the reason.
 -module(starl_live_log).
 
 -export([install/2, of_machine/4, log/2, again/2]).
@@ -26,7 +27,7 @@ install(Robot, Sink) ->
         filters => [{?MODULE, {fun ?MODULE:again/2, []}}]
     }).
 
-%% @doc Logs something of a machine, with its words for handlers that show these.
+%% @doc Logs an event of a machine, with a text for handlers that show it.
 -spec of_machine(error | warning, What :: atom(), starl_machine:name() | robot, Why) -> ok when
     Why :: unicode:chardata().
 of_machine(Level, What, Name, Text) ->

@@ -1,6 +1,7 @@
-%% @doc The top supervisor of a robot's node. It bears no failure of its robot: a robot that cannot
-%% start any more ends the application, and with it the node, which whoever started the node then
-%% starts anew. A recorder that fails ends the recording, not the robot; nor does a server of metrics.
+%% @doc The top supervisor of a robot's node. It tolerates no failure of its robot: a robot that can
+%% no longer start ends the application, and with it the node. Whatever started the node then starts
+%% it anew. If a recorder fails, the recording ends, but not the robot; the same holds for a server
+%% of metrics.
 -module(starl_live_sup).
 -behaviour(supervisor).
 

@@ -1,9 +1,9 @@
-%% @doc The positioning broadcast: one small datagram tells all robots where all of them are. This
-%% module writes the datagrams, for whatever measures the positions, and reads them, as a source of
-%% {@link starl_live_positioning}.
+%% @doc The positioning broadcast: one small datagram reports to all robots where all of them are.
+%% This module writes the datagrams for any system that measures positions. It also reads them, as a
+%% source of {@link starl_live_positioning}.
 %%
-%% Format, version 1; all numbers little-endian. At most 1,200 bytes; a picture of more robots than fit
-%% is sent in several datagrams with the same number and time.
+%% Format, version 1; all numbers little-endian. A datagram has at most 1,200 bytes. A picture of
+%% more robots than fit is sent in several datagrams with the same number and time.
 %% ```
 %%     0   2  "SP"
 %%     2   1  version, 1
@@ -19,9 +19,9 @@
 %% The key of the seal is HMAC-SHA-256 of the words "starl positioning 1" with the fleet's key.
 %%
 %% Options of the source: `port' (51000), `group', `interface' ({@link starl_live_datagrams}); `run'
-%% (0); `key', the fleet's key: then all datagrams must be sealed, and of a time within ten seconds of
-%% ours, and never go back in time; `latency_us' (0), the time that passes at the least between the
-%% moment given as `when taken' and the arrival here.
+%% (0). `key': the fleet's key; with it all datagrams must be sealed, have a time within ten seconds
+%% of ours, and never go back in time. `latency_us' (0): the least time between the moment given as
+%% `when taken' and the arrival here.
 -module(starl_live_broadcast).
 -behaviour(starl_live_positioning).
 

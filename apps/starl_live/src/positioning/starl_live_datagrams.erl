@@ -1,6 +1,6 @@
-%% @doc The socket on which a positioning system's datagrams arrive: unicast, broadcast, or a multicast
-%% group that is joined. Several robots of one computer may hear the same port, if the datagrams are
-%% broadcast or multicast.
+%% @doc The socket on which a positioning system's datagrams arrive: unicast, broadcast, or a
+%% multicast group to join. Several robots of one computer may listen to the same port, if the
+%% datagrams are broadcast or multicast.
 %%
 %% Options: `port'; `group', the multicast address to join; `interface', the address of the network
 %% card on which it is joined (any). Addresses are strings, "239.255.42.99", or tuples.

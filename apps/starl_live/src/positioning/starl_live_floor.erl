@@ -1,14 +1,14 @@
-%% @doc The floor under a positioning system: turns a pose in space, as a motion capture system
-%% measures it, into the pose of a robot on the floor.
+%% @doc Converts a pose in space, as a motion capture system measures it, into the pose of a robot
+%% on the floor.
 %%
-%% <em>Axes.</em> The floor has x to the right, y up (on paper) and z towards the ceiling. `{A, B, C}'
-%% says where these three are in the system: `{1, 2, 3}' for a system whose third axis points to the
-%% ceiling, `{1, -3, 2}' for one whose second axis does: our x is its first, our y is its third
-%% reversed, our z is its second. A choice that would mirror the floor is refused.
+%% <em>Axes.</em> The floor has x to the right, y up (on paper) and z towards the ceiling. `{A, B,
+%% C}' says where these three are in the system. `{1, 2, 3}' is for a system whose third axis points
+%% to the ceiling. `{1, -3, 2}' is for a system whose second axis does: our x is its first, our y is
+%% its third reversed, our z is its second. A choice that would mirror the floor is refused.
 %%
 %% <em>Heading.</em> A rigid body has the system's axes when it is not rotated; then the robot looks
-%% along the floor's x. The heading is the direction on the floor in which the robot looks, also where
-%% it is tilted: a rotation about the system's vertical axis alone would not be.
+%% along the floor's x. The heading is the direction on the floor in which the robot looks, even if
+%% it is tilted. A rotation about the system's vertical axis alone would not give that.
 -module(starl_live_floor).
 
 -export([axes/1, pose/3]).

@@ -1,18 +1,20 @@
-%% @doc The order and the age of a source's pictures, from their numbers and the source's own times.
+%% @doc Decides the order and the age of a source's pictures, from their numbers and the source's
+%% own times.
 %%
 %% <em>Order.</em> A picture counts only if it is newer than all before it: its number is higher, and
 %% so is its time, where it has one. Datagrams overtake each other, and are doubled; a source that is
 %% stuck sends its last picture again and again. None of that renews the age of a pose. A picture may
 %% come in several datagrams of the same number; each shows other robots.
 %%
-%% <em>A source that was started anew</em> counts from zero again. So an older picture is believed when
-%% the source has shown nothing newer for a second, and a second picture follows it that is newer than
-%% this one.
+%% <em>A source that was started anew</em> counts from zero again. So an older picture is believed
+%% under two conditions: the source has shown nothing newer for a second, and a second picture
+%% follows that is newer than this picture.
 %%
-%% <em>Age.</em> The clock of a source need not agree with ours. The datagram that was under way for the
-%% shortest time, of the last five to ten seconds, tells how far the two are apart; a datagram that
-%% was delayed, or waited until it was read, is that much older than its arrival. A source without
-%% times is as old as its arrival, and its latency. All times here are system time in microseconds.
+%% <em>Age.</em> The clock of a source need not agree with ours. The datagram with the shortest
+%% delay of the last five to ten seconds shows how far the two are apart. A datagram that was
+%% delayed, or waited until it was read, is that much older than its arrival. A picture without a
+%% time is as old as its arrival, plus the source's latency. All times here are system time in
+%% microseconds.
 -module(starl_live_frames).
 
 -export([new/0, picture/3]).

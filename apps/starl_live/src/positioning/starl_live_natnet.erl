@@ -1,21 +1,21 @@
-%% @doc OptiTrack's NatNet, versions 3 and 4, as a source of {@link starl_live_positioning}; its packets
-%% are read by {@link starl_live_natnet_codec}.
+%% @doc OptiTrack's NatNet, versions 3 and 4, as a source of {@link starl_live_positioning}.
+%% {@link starl_live_natnet_codec} reads its packets.
 %%
-%% The server (Motive) says which version of the format it speaks; frames that come earlier are not
-%% read. It is asked each second until it answers, and every five seconds from then on, since it may be
-%% started anew with another version. A server that sends to each client by itself forgets clients that
-%% say nothing, so it is told each second that this one listens.
+%% The server (Motive) reports which version of the format it uses; frames that come earlier are not
+%% read. The robot asks it each second until it answers, and every five seconds from then on, since
+%% it may be started anew with another version. A server that sends to each client separately
+%% forgets silent clients, so the robot sends it a message each second.
 %%
 %% Motive measures in metres, with the second axis towards the ceiling. A body is known by its
-%% streaming ID. The times in a frame tell how long ago the cameras were exposed; cameras without a
-%% clock in common (USB) do not tell, there `latency_us' counts.
+%% streaming ID. The times in a frame show how long ago the cameras were exposed. Cameras without a
+%% common clock (USB) do not show it; then `latency_us' counts.
 %%
-%% Options: `server', the address of Motive's computer; `unicast' (false; then no group is joined);
-%% `group' ("239.255.42.99"), `port' (1511), `interface' ({@link starl_live_datagrams}); `command_port'
-%% (1510); `version', as in `{3, 1}': the format is this, whatever the server says, and a server of
-%% version 4 is asked for it; `bodies', the robots of streaming IDs (each robot's own number); `axes'
-%% ({1, -3, 2}, {@link starl_live_floor}); `turns', the angle by which a robot's front is turned
-%% against its body's axis, for robots where it is; `latency_us' (10000).
+%% Options. `server': the address of Motive's computer. `unicast' (false): if true, no group is
+%% joined. `group' ("239.255.42.99"), `port' (1511), `interface' ({@link starl_live_datagrams});
+%% `command_port' (1510). `version', as in `{3, 1}': the format is this, whatever the server
+%% reports, and a server of version 4 is asked for it. `bodies': the robots of streaming IDs (each
+%% robot's own number). `axes' ({1, -3, 2}, {@link starl_live_floor}). `turns': the angle between a
+%% robot's front and its body's axis, for robots where they differ. `latency_us' (10000).
 -module(starl_live_natnet).
 -behaviour(starl_live_positioning).
 

@@ -1,13 +1,14 @@
-%% @doc The packets of OptiTrack's NatNet, as far as a robot needs them: the server's description, the
-%% rigid bodies of a frame, and the times of a frame. Versions 3.0 to 4.x; all numbers little-endian.
+%% @doc Decodes the packets of OptiTrack's NatNet, as far as a robot needs them: the server's
+%% description, and the rigid bodies and times of a frame. Versions 3.0 to 4.x; all numbers
+%% little-endian.
 %%
-%% A packet is its kind (2 bytes), the size of its content (2), and the content. A frame is its number
-%% (4 bytes) and sections, each of which begins with the number of its items (4). From 4.1 on, the
-%% section's size in bytes (4) follows: so sections are skipped without a look at them, and rigid
-%% bodies that have become longer are read all the same. Before 4.1 each item has to be walked.
+%% A packet is its kind (2 bytes), the size of its content (2), and the content. A frame is its
+%% number (4 bytes) and sections, each of which begins with the number of its items (4). From 4.1
+%% on, the section's size in bytes (4) follows. So sections are skipped without parsing, and rigid
+%% bodies that have become longer can still be read. Before 4.1 each item has to be parsed.
 %%
-%% Neither counts nor sizes are trusted: an item takes bytes of the packet, or the packet is refused;
-%% nothing is allocated for a count.
+%% Neither counts nor sizes are trusted. If an item takes no bytes of the packet, the packet is
+%% refused; nothing is allocated for a count.
 -module(starl_live_natnet_codec).
 
 -export([decode/2, connect/1, keep_alive/0]).

@@ -1,25 +1,27 @@
-%% @doc What a robot's positioning has seen: the latest pose of each robot, and the questions that
-%% wait for a picture. Pure; the process around it is {@link starl_live_positioning}.
+%% @doc Keeps what a robot's positioning has seen: the latest pose of each robot, and the questions
+%% that wait for a picture. Pure; the process around it is {@link starl_live_positioning}.
 %%
-%% <em>Questions.</em> A question is answered with the first picture that shows the robot itself as it
-%% was when it asked, or later. Other robots are shown as they were seen last, with their age.
+%% <em>Questions.</em> A question is answered with the first picture that shows the robot itself at
+%% the time of the question, or later. For other robots the answer has the last pose seen, with its
+%% age.
 %%
-%% <em>Old pictures.</em> A pose that was taken no later than the one before it renews nothing. Neither
-%% does a pose that repeats the one before it to the bit, unless the source is `exact' (it rounds): no
-%% live system measures the same twice.
+%% <em>Old pictures.</em> A pose that is no newer than the one before it changes nothing. Neither
+%% does a pose that is bit for bit equal to the one before it, unless the source is `exact' (it
+%% rounds): no live system measures the same value twice.
 %%
 %% <em>The first picture.</em> A source may have been stuck before the robot looked for the first time. So the
 %% first pose of the robot itself counts only when a different one that fits it has followed (unless the
 %% source is `exact').
 %%
-%% <em>Jumps.</em> A robot cannot be where it could not have driven to: a pose farther from the last one
-%% than `speed' allows for the time between them (and `jump_mm' more), or turned by more than `turn'
-%% allows (and `jump_rad' more), is refused. If the poses that follow agree with it for `believe_us',
-%% it is believed: somebody has carried the robot, or the earlier pose was the wrong one.
+%% <em>Jumps.</em> A robot cannot be where it could not have driven to. A pose is refused if it is
+%% farther from the last pose than `speed' allows for the time between them (plus `jump_mm'), or
+%% turned by more than `turn' allows (plus `jump_rad'). If the poses that follow agree with it for
+%% `believe_us', it is believed: somebody has carried the robot, or the earlier pose was wrong.
 %%
-%% <em>Placing.</em> People put robots down. With a rule for that (`placing', {@link
-%% starl_floor_placement:stands/3}) no question is answered before a picture has shown that the robot stands well
-%% among all others, so it drives nowhere; what is wrong is said once.
+%% <em>Placing.</em> People put robots down. With a rule for that (`placing',
+%% {@link starl_floor_placement:stands/3}), questions are answered only after a picture has shown
+%% that the robot stands well among all others. Until then it drives nowhere. Each problem is
+%% reported once.
 -module(starl_live_poses).
 
 -export([new/2, options/1, ask/4, wanted/2, show/3, silence/2, figures/1]).
@@ -134,7 +136,7 @@ ask(Tag, Robots, Now, #seen{asked = Asked} = Seen) ->
         false -> Seen#seen{asked = lists:sublist([{Tag, Robots, Now} | Asked], ?OPEN)}
     end.
 
-%% @doc The robots that the source is asked for. Who has just been put down looks at all.
+%% @doc The robots that the source is asked for. A robot that has just been put down asks for all.
 -spec wanted([starl:robot_id()], t()) -> [starl:robot_id()].
 wanted(Robots, #seen{placing = none}) -> Robots;
 wanted(_Robots, #seen{participants = Participants}) -> starl_team:members(Participants).

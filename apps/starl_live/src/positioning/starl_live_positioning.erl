@@ -1,15 +1,17 @@
-%% @doc The positioning system as a live robot sees it: a behaviour for the sources of positions, and
-%% the process that keeps their latest picture.
+%% @doc The behaviour of sources of positions for a live robot, and the process that keeps their
+%% latest picture.
 %%
-%% A source shows robots at its own pace. A question is answered with the first picture that shows the
-%% robot itself as it was when it asked, or later ({@link starl_location}); other robots are shown as
-%% they were seen last, with their age. What is believed is up to {@link starl_live_poses}: its options
-%% are `exact', `speed', `turn', `jump_mm', `jump_rad', `believe_us' and `placing'. Since it looks after sources
-%% that are stuck, the location service of a live robot is told that its positioning is `exact'.
+%% A source shows robots at its own pace. A question is answered with the first picture that shows
+%% the robot itself at the time of the question, or later ({@link starl_location}). For other robots
+%% the answer has the last pose seen, with its age. {@link starl_live_poses} decides which poses are
+%% believed. Its options are `exact', `speed', `turn', `jump_mm', `jump_rad', `believe_us' and
+%% `placing'. It checks for sources that are stuck, so the location service of a live robot gets
+%% `exact' positioning.
 %%
-%% A source that is silent answers nothing: the location service asks again. That the robot has not
-%% been seen for two seconds is said once in the log, with the counters, which tell why. Nor does a robot know
-%% where it is before it stands well (`placing'): why it does not is a line of the log.
+%% A silent source answers nothing: the location service asks again. If the robot has not been seen
+%% for two seconds, one line in the log reports this, with the counters, which show why. A robot
+%% does not know its place before it stands well (`placing'); a line of the log says why it does
+%% not.
 %% ```
 %%     link -- ask(Positioning, Tag, Robots) --> positioning <-- datagrams of the source
 %%     link <-- {starl_located, Positioning, Tag, [{Robot, Pose, AgeUs}]} -- positioning

@@ -1,7 +1,7 @@
 %% @doc Vicon Tracker's "UDP Object Stream" as a source of {@link starl_live_positioning}.
 %%
-%% All numbers are little-endian, nothing is aligned. Tracker fills a datagram up to 256, 512 or 1,024
-%% bytes; objects that do not fit come in another datagram with the same frame number.
+%% All numbers are little-endian, nothing is aligned. Tracker fills a datagram up to 256, 512 or
+%% 1,024 bytes; the remaining objects come in another datagram with the same frame number.
 %% ```
 %%     0   4  frame number
 %%     4   1  n, the number of items
@@ -12,13 +12,14 @@
 %%    27  24  x, y, z in millimetres, 64-bit floats
 %%    51  24  rotations about the body's own x, y, z, in this order, in radians, 64-bit floats
 %% '''
-%% An object that the cameras do not see is left out, or shown with zeros alone: that is no place.
+%% An object that the cameras do not see is left out, or shown with zeros alone. That is not a
+%% place.
 %%
-%% Options: `names' (the objects' names and their robots); `port' (51001), `group', `interface'
-%% ({@link starl_live_datagrams}); `axes' ({1, 2, 3}, {@link starl_live_floor}); `turns', the angle by
-%% which a robot's front is turned against its object's x axis, for robots where it is; `rate_hz',
-%% Tracker's frame rate: with it, a datagram that was delayed is as old as its frame number tells;
-%% `latency_us' (10000), the time from the cameras' picture to the datagram's arrival.
+%% Options. `names': the objects' names and their robots. `port' (51001), `group', `interface'
+%% ({@link starl_live_datagrams}); `axes' ({1, 2, 3}, {@link starl_live_floor}). `turns': the angle
+%% between a robot's front and its object's x axis, for robots where they differ. `rate_hz':
+%% Tracker's frame rate; with it, the frame number gives the age of a delayed datagram. `latency_us'
+%% (10000): the time from the cameras' picture to the datagram's arrival.
 -module(starl_live_vicon).
 -behaviour(starl_live_positioning).
 
@@ -50,8 +51,8 @@
 
 %% -- the format -----------------------------------------------------------------------------
 
-%% @doc Reads a datagram: its frame number, its objects, and how many of them it does not see or
-%% shows with numbers that are none. Of a datagram that was cut off, the whole objects are read.
+%% @doc Reads a datagram: its frame number, its objects, and the number of objects that it does not
+%% see or shows with invalid numbers. If a datagram was cut off, its whole objects are read.
 -spec decode(binary()) -> {ok, Frame :: non_neg_integer(), [object() | unseen | absurd]} | error.
 decode(<<Frame:32/little, N, Items/binary>>) -> {ok, Frame, items(N, Items)};
 decode(_) -> error.

@@ -1,15 +1,17 @@
-%% @doc Holds a chassis to its contract ({@link starl_live_chassis}): drives it a little, and looks at its
-%% answers and, if it tells them, its poses. It moves by less than 200 mm, and turns by less than a radian.
+%% @doc Checks that a chassis keeps its contract ({@link starl_live_chassis}). It drives the chassis
+%% a little, and checks its answers and, if it reports them, its poses. The chassis moves by less
+%% than 200 mm, and turns by less than a radian.
 %% ```
 %%     [{ok, leg, "..."}, {broken, stop, "..."}] =
 %%         starl_live_chassis_check:check({starl_live_exec, #{exec => "./my_robot.py"}})
 %% '''
-%% The driver is opened as on a robot; between it and its process stands this module, which tells all
-%% outputs.
+%% The driver is opened as on a robot. This module stands between the driver and its process, and
+%% reports all outputs.
 %%
-%% A busy computer breaks no clause. What it loses is measured by how late the check's own timers are, and excused. It may
-%% lose more where the chassis waits for a processor, so a command that was heard late is followed by others, which tell
-%% it to stand: of a chassis that is slow itself they are heard as late.
+%% A busy computer breaks no clause. The check measures how late its own timers are, and excuses a
+%% delay of that length. The computer may lose more time while the chassis waits for a processor. So
+%% if a command was heard late, the check sends more commands to stop; a chassis that is slow itself
+%% hears these as late.
 -module(starl_live_chassis_check).
 -behaviour(starl_live_chassis).
 
@@ -49,7 +51,8 @@
 
 %% -- the examination ------------------------------------------------------------------------
 
-%% @doc What was found, clause by clause. What does not open is not looked at further.
+%% @doc Returns the findings, clause by clause. If the driver does not open, nothing else is
+%% checked.
 -spec check(starl_live_link:line()) -> [finding(), ...].
 check({_Module, _Own} = Driver) ->
     Before = process_flag(trap_exit, true),

@@ -1,15 +1,15 @@
-%% @doc The chassis of a live robot that is a program in any language: see `doc/chassis.md' for its
-%% words. Its configuration beside that of every chassis: `exec', the program with its arguments; `at',
-%% where the robot stands, if that is known.
+%% @doc A driver for a chassis that is a program in any language; see `doc/chassis.md' for its
+%% messages. Its configuration beside that of every chassis: `exec', the program with its arguments;
+%% `at', where the robot stands, if that is known.
 %% ```
 %%             hello                drive                  done
 %%     starts -------> stands ----------------> drives ----------> stands
 %%                       ^                        |
 %%                       +---- time is over, stop +
 %% '''
-%% A program that ends, that says nothing for a second, or that talks nonsense ends the chassis, and with it the
-%% robot's link; the robot starts anew as after a reboot, with the program. Its supervisor bounds how
-%% often.
+%% A program ends the chassis if it ends, sends nothing for a second, or sends nonsense. With the
+%% chassis ends the robot's link. The robot starts anew as after a reboot, with the program. Its
+%% supervisor bounds how often.
 -module(starl_live_exec).
 -behaviour(starl_live_chassis).
 

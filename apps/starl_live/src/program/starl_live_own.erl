@@ -1,5 +1,5 @@
-%% @doc Checks the driver that a user has written for a chassis or for a source of positions: a module, which
-%% has been compiled and loaded, or a program.
+%% @doc Checks a driver that a user has written, for a chassis or for a source of positions. It is a
+%% module, compiled and loaded, or, for a chassis, a program.
 %%
 %% A module exports the callbacks of its behaviour ({@link starl_live_chassis}, {@link
 %% starl_live_positioning}) and, if it takes options, their table, `options/0' ({@link starl_options}).

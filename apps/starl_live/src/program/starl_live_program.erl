@@ -1,13 +1,13 @@
-%% @doc A program beside the VM that is asked and answers by lines, on its standard input and output.
-%% What it prints to its standard error goes to the terminal.
+%% @doc Runs a program beside the VM, and exchanges lines with it over its standard input and
+%% output. What it prints to its standard error goes to the terminal.
 %% ```
 %%     {ok, Program} = starl_live_program:start(["./my_robot.py"]),
 %%     ok = starl_live_program:send("{\"op\":\"ping\",\"n\":1}", Program),
 %%     receive Message -> starl_live_program:hear(Message, Program) end     % {[{line, Line}], Program1}
 %% '''
-%% Everything that comes from it is bounded: the length of a line, the lines in a second. It ends with
-%% its standard input, at the latest when the VM ends; whoever does not is killed with all its children
-%% by {@link stop/1}.
+%% Everything that comes from the program is bounded: the length of a line, and the lines in a
+%% second. The program should end when its standard input closes, at the latest when the VM ends. If
+%% it does not, {@link stop/1} kills it with all its children.
 -module(starl_live_program).
 
 -export([start/1, words/1, send/2, hear/2, stop/1, kill/1]).
@@ -35,7 +35,7 @@
 -define(LOOK_MS, 20).
 -define(LOOKS, 50).
 
-%% @doc The words of a command; blanks are between them, and there are no quotes.
+%% @doc Splits a command into words at blanks. There are no quotes.
 -spec words(string()) -> [string()].
 words(Command) -> string:lexemes(Command, " \t").
 

@@ -1,8 +1,9 @@
-%% @doc The clock of a program against that of the robot. A line comes after it was said, so the least
-%% difference between its arrival and its time is the shift of the clocks, and at most the quickest
-%% line's way too long. A pure module; times in microseconds.
+%% @doc Estimates the difference between a program's clock and the robot's clock. A line arrives
+%% after it was sent. So the least difference between arrival and sending time is the shift of the
+%% clocks; it is too large by at most the delay of the quickest line. A pure module; times in
+%% microseconds.
 %%
-%% Clocks drift apart, so what is older than two spans counts no more.
+%% Clocks drift apart, so differences that are older than two spans no longer count.
 -module(starl_live_program_clock).
 
 -export([new/0, said/3]).

@@ -1,5 +1,6 @@
-%% @doc The words between StarL and a body that is a program, one JSON object a line: see
-%% `doc/chassis.md'. A pure module; numbers are checked, unknown words and keys are passed over.
+%% @doc Encodes and decodes the messages between StarL and a chassis that is a program, one JSON
+%% object a line: see `doc/chassis.md'. A pure module; numbers are checked, unknown messages and
+%% keys are ignored.
 -module(starl_live_program_word).
 
 -export([protocol/0, encode/1, decode/1, value/1]).

@@ -1,14 +1,15 @@
-%% @doc Coloured balls in a picture: where they are and how far, as the sense `camera' tells them.
+%% @doc Finds coloured balls in a picture: their direction and distance, as the sense `camera'
+%% reports them.
 %%
-%% The picture is smoothed (the mean of 3 x 3 pixels), its tint is taken out (grey world: each colour is
-%% scaled so that all have one mean, by a factor of two at most), and pixels are held against
-%% thresholds of hue, saturation and value (HSV). Pixels of one colour that touch, also by a corner, are a
-%% blob, if it is large enough and about as round as a ball. One pass, row by row, on runs of
-%% pixels.
+%% The picture is smoothed (the mean of 3 x 3 pixels). Its tint is removed (grey world: each colour
+%% is scaled so that all have one mean, by a factor of two at most). Then pixels are compared with
+%% thresholds of hue, saturation and value (HSV). Pixels of one colour that touch, even by a corner,
+%% are a blob, if it is large enough and about as round as a ball. One pass, row by row, works on
+%% runs of pixels.
 %%
-%% A ball of known radius appears, at the distance z along the axis of a camera of focal length f pixels, as
-%% a disc of about f·r/z; off the axis, at the bearing b, as an ellipse whose mean diameter is larger by
-%% 1/√cos b.
+%% A ball of known radius r, at the distance z along the axis of a camera of focal length f pixels,
+%% appears as a disc of radius about f·r/z. Off the axis, at the bearing b, it appears as an ellipse
+%% whose mean diameter is larger by 1/√cos b.
 -module(starl_live_blobs).
 
 -export([find/2, options/0]).
@@ -60,8 +61,8 @@ options() ->
         least_px => 20
     }.
 
-%% @doc The balls in a picture, from left to right. The size of one that the border cuts (`clipped') is
-%% at least what is told, and its distance at most.
+%% @doc The balls in a picture, from left to right. If the border cuts a ball (`clipped'), its size
+%% is at least the reported size, and its distance at most the reported distance.
 -spec find(starl_live_ppm:frame(), options()) -> [map()].
 find(#{width := Width, height := Height} = Frame, _Options) when Width < 3; Height < 3 ->
     _ = Frame,

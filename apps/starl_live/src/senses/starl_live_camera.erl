@@ -1,13 +1,14 @@
-%% @doc A real camera: a program writes pictures to its standard output as binary PPM, and the balls
-%% in the newest one are the reading of the sense `camera'.
+%% @doc A driver for a real camera. A program writes pictures to its standard output as binary PPM.
+%% The balls in the newest picture are the reading of the sense `camera'.
 %%
 %% Any program that writes PPM will do; for a camera of Linux
 %% ```
 %%   ffmpeg -nostdin -loglevel error -f v4l2 -framerate 10 -video_size 320x240 -i /dev/video0 -f image2pipe -c:v ppm -
 %% '''
-%% It is run by `sh', in a process of its own, and ends when its pipe is closed: with the robot, or with
-%% the whole VM. A program that ends, or that writes no pictures, is told in one line, and started again
-%% after two seconds. Pictures that come faster than they can be looked at are dropped, the oldest first.
+%% `sh' runs the program, in a process of its own. It ends when its pipe is closed: with the robot,
+%% or with the whole VM. If the program ends, or writes no pictures, one line reports this, and the
+%% program is started again after two seconds. If pictures come faster than they can be processed,
+%% the oldest are dropped.
 -module(starl_live_camera).
 -behaviour(starl_live_sense).
 

@@ -1,6 +1,6 @@
-%% @doc Pictures as cameras' programs write them to a pipe: binary PPM (`P6'; the format's
-%% manual page in Netpbm), one after the other, each with a header of its own. `ffmpeg ... -f image2pipe
-%% -c:v ppm -' and `djpeg -pnm' write it.
+%% @doc Reads pictures that a camera program writes to a pipe: binary PPM (`P6'; the format's manual
+%% page in Netpbm). They come one after the other, each with its own header. `ffmpeg ... -f
+%% image2pipe -c:v ppm -' and `djpeg -pnm' write this format.
 -module(starl_live_ppm).
 
 -export([next/1, format_error/1]).
@@ -15,8 +15,8 @@
 -define(MOST_PIXELS, 16#1000000).
 -define(MOST_HEADER, 4096).
 
-%% @doc The first picture of a stream, and what follows it. `more': it is not whole yet, and needs so many
-%% bytes at the least.
+%% @doc The first picture of a stream, and what follows it. `more': the picture is not complete yet,
+%% and needs at least this number of bytes.
 -spec next(binary()) ->
     {ok, frame(), Rest :: binary()} | {more, pos_integer()} | {error, reason()}.
 next(<<"P6", Rest/binary>> = All) -> header(numbers(Rest, 3, []), All);

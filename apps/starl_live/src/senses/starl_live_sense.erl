@@ -1,9 +1,9 @@
-%% @doc A sense of a live robot that is not its chassis': a behaviour for its drivers, such as the
-%% camera's, and the process that holds one and its last reading.
+%% @doc The behaviour of drivers for a live robot's senses, such as a camera, and the process that
+%% holds a driver and its last reading. The senses of the chassis itself are not included.
 %%
-%% A driver tells each new reading; whoever asks gets the last one, unless it is too old. The process ends
-%% with the robot's link. A driver that has lost its device says so once, and tries again by itself: a robot
-%% goes on without a sense.
+%% A driver reports each new reading. A question is answered with the last reading, unless it is too
+%% old. The process ends with the robot's link. A driver that has lost its device reports this once,
+%% and tries again by itself: a robot goes on without a sense.
 %% ```
 %%     link -- ask --> sense <-- frames, bytes, ... -- a device
 %%     link <-- {starl_felt, Sense, Mark, {ok, Reading} | none} -- sense

@@ -1,6 +1,6 @@
-%% @doc Faults of the senses of a live robot, by hand or by chaos: the same as those of a scenario
-%% (`sense_gone', `sense_frozen', `sense_noisy', `sense_wrong'). They lie between the sense and whoever
-%% asked, so they hit any sense: of the chassis, of a driver's own. A pure module.
+%% @doc Injects faults into the senses of a live robot, manually or by chaos. They are the same as
+%% those of a scenario (`sense_gone', `sense_frozen', `sense_noisy', `sense_wrong'). They act on the
+%% answers, so they hit any sense, of the chassis or of its own driver. A pure module.
 %% ```
 %%   Faults = starl_live_sense_fault:set(#{camera => frozen}, starl_live_sense_fault:new(1)),
 %%   {Felt, Next} = starl_live_sense_fault:felt(camera, {ok, Blobs}, Faults).
@@ -39,8 +39,8 @@ new(Robot) -> #senses{robot = Robot}.
 -spec set(faults(), t()) -> t().
 set(Faults, Senses) -> Senses#senses{faults = Faults}.
 
-%% @doc What the robot is told of the answer of a sense. A sense that it has not stays unknown; one that
-%% is silent stays so.
+%% @doc The answer of a sense that the robot gets. An unknown sense stays unknown, and a silent
+%% sense stays silent.
 -spec felt(starl_sense:kind(), starl_live_sense:felt(), t()) -> {starl_live_sense:felt(), t()}.
 felt(Kind, {ok, Reading}, #senses{faults = Faults, last = Last, count = N} = Senses) ->
     Fault = maps:get(Kind, Faults, maps:get(all, Faults, none)),
@@ -71,7 +71,8 @@ draw(Kind, #senses{robot = Robot, count = N}) ->
 
 %% -- words ----------------------------------------------------------------------------------------
 
-%% @doc The kinds of faults in a scenario by the words of commands, with their parameters beside the sense.
+%% @doc The kinds of faults in a scenario by their names in commands, with their parameters besides
+%% the sense.
 -spec known() -> [{string(), atom(), map()}].
 known() ->
     [

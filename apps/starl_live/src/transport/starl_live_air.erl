@@ -1,6 +1,6 @@
-%% @doc A filter of what a robot hears, for tests and for clusters on one computer: loss, delay,
-%% duplicates and cut links on any transport, and what disturbs single links. Its settings can be changed
-%% while the robot runs. Chance comes from a seed.
+%% @doc Disturbs what a robot hears, for tests and for clusters on one computer. It adds loss,
+%% delay, duplicates and cut links on any transport, and disturbances of single links. Its settings
+%% can be changed while the robot runs. Its random choices come from a seed.
 -module(starl_live_air).
 
 -export([new/1, set/2, pass/2, is_cut/2]).

@@ -1,10 +1,10 @@
-%% @doc Packets as bytes: a version, then the packet in Erlang's external term format.
+%% @doc Encodes packets as bytes: a version, then the packet in Erlang's external term format.
 %%
-%% Only plain data may travel, within the bounds of {@link starl_payload}; a message was held to them
-%% when it was handed over. The bytes are walked before they are decoded, so that a packet costs no
-%% more memory than a small multiple of its bytes; compressed terms, processes, functions and unknown
-%% atoms are refused. The sender walks its own bytes as well: what it sends, the receiver's walk
-%% admits.
+%% Only plain data may travel, within the bounds of {@link starl_payload}. A message was checked
+%% against these bounds when it was handed over. The receiver scans the bytes before it decodes
+%% them, so that a packet costs no more memory than a small multiple of its bytes. Compressed terms,
+%% processes, functions and unknown atoms are refused. The sender scans its own bytes as well, so
+%% the receiver's scan accepts whatever it sends.
 -module(starl_live_codec).
 
 -export([encode/1, decode/2, format_error/2]).

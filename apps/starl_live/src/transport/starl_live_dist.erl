@@ -1,12 +1,12 @@
-%% @doc The transport by Erlang distribution, between nodes of which each carries robots. `peers'
-%% names each robot's node.
+%% @doc The transport by Erlang distribution, between nodes that each carry robots. `peers' names
+%% each robot's node.
 %%
-%% A send never waits: neither for a connection that is not up, nor for one that is busy. Such a
-%% packet is lost, as on any radio. A connection that is not up is made in the background, by a
-%% process of its own, at most once a second. It is a hidden one: the connections of a team fail one by
-%% one, and visible nodes would then cut off others as well, to keep all their views of the
-%% network alike (`global', since OTP 25). Each second a connection is made to each node that has none, so
-%% it is known which robots can be heard though nobody says anything.
+%% A send never waits, neither for a connection that is not up, nor for one that is busy. Such a
+%% packet is lost, as on any radio. A process makes a missing connection in the background, at most
+%% once a second. The connection is hidden. The connections of a team fail one by one, and visible
+%% nodes would then cut off others as well, to keep all their views of the network alike (`global',
+%% since OTP 25). Each second a connection is made to each node that has none. So it is known which
+%% robots can be heard even if nobody sends anything.
 -module(starl_live_dist).
 -behaviour(starl_live_transport).
 

@@ -1,4 +1,4 @@
-%% @doc Messages that do not fit into one datagram: cut into fragments, and put together again.
+%% @doc Cuts messages that do not fit into one datagram into fragments, and reassembles them.
 %%
 %% ```
 %%   0 | message                                            the whole message
@@ -9,7 +9,7 @@
 %% arrives after a few of them. All fragments but the last are of the same length.
 %%
 %% Memory is bounded: a few unfinished messages of each robot, and of all robots; the oldest is
-%% dropped for a new one. So is time.
+%% dropped for a new one. Time is bounded, too.
 -module(starl_live_fragment).
 
 -export([split/2, new/1, join/4]).

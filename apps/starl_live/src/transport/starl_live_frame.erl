@@ -1,6 +1,7 @@
-%% @doc Packets as messages between Erlang processes, for the transports {@link starl_live_local} and
-%% {@link starl_live_dist}. They bear the packet's bytes as on every other transport: what cannot
-%% travel between two computers does not travel between two processes either.
+%% @doc Frames packets as messages between Erlang processes, for the transports
+%% {@link starl_live_local} and {@link starl_live_dist}. The messages carry the packet's bytes as on
+%% every other transport. So a term that cannot travel between two computers does not travel between
+%% two processes either.
 %%
 %% Processes of one VM, and nodes that are connected, trust each other: nothing is sealed. Fleet and
 %% run are checked against mistakes, not against attacks.

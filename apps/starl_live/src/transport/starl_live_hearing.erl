@@ -1,5 +1,5 @@
-%% @doc What a robot knows of the others ({@link starl_live_peers}), in words: a line of news, and what is
-%% wrong with a robot in our ears.
+%% @doc Formats as text what a robot knows of the others ({@link starl_live_peers}). It writes a
+%% line of news, and the problem with a robot as this robot hears it.
 -module(starl_live_hearing).
 
 -export([complaint/1, format_news/1, log/1]).

@@ -1,4 +1,5 @@
-%% @doc The transport between robots of one VM. They find each other in a process group of the VM.
+%% @doc The transport between robots of one VM. The robots find each other in a process group of the
+%% VM.
 -module(starl_live_local).
 -behaviour(starl_live_transport).
 

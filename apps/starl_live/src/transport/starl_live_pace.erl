@@ -1,5 +1,5 @@
-%% @doc The pace at which a robot puts bytes on the air: a token bucket with a bounded queue. A burst
-%% goes out at once, what exceeds it waits its turn.
+%% @doc Bounds the rate at which a robot sends bytes: a token bucket with a bounded queue. A burst
+%% goes out at once; anything beyond it waits.
 -module(starl_live_pace).
 
 -export([new/3, put/3, take/2]).

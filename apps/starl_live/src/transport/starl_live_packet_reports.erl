@@ -1,5 +1,5 @@
-%% @doc Tells what one end of a robot's radio knows of each packet: that it was sent, and what became
-%% of it here ({@link starl_observer:way()}).
+%% @doc Reports what one end of a robot's radio knows of each packet: that it was sent, and what
+%% became of it here ({@link starl_observer:way()}).
 -module(starl_live_packet_reports).
 
 -export([teller/1, new/1, at_us/1, sent/4, refused/4, came/5]).
@@ -18,7 +18,8 @@
 
 -opaque t() :: #told{}.
 
-%% @doc Brings what the radio of a robot tells to its sink and its observer.
+%% @doc Returns a function that passes the reports of a robot's radio to its sink and its observer;
+%% `none' if nobody wants them.
 -spec teller(#{sink := pid() | none, robot := starl:robot_id(), atom() => term()}) -> teller().
 teller(#{robot := Robot, sink := Sink} = Spec) ->
     Observer = maps:get(observe, Spec, none),

@@ -1,6 +1,7 @@
-%% @doc What a robot knows of another one by its datagrams: where it is, which of its lives is heard and
-%% when, why its datagrams are refused, and whether another robot has the same number. A pure module, a
-%% part of {@link starl_live_peers}, which has the rules.
+%% @doc Keeps what a robot knows of another robot from its datagrams. That is its address, the life
+%% in which it is heard and when it was last heard, why its datagrams are refused, and whether
+%% another robot has the same number. A pure module, a part of {@link starl_live_peers}, which has
+%% the rules.
 -module(starl_live_peer).
 
 -export([new/1, address/1, calls/1, unnamed/2, asked/2, named/3, unsent/3]).
@@ -276,13 +277,13 @@ refused(Robot, Reason, Now, #peer{refused = Refused} = Peer) ->
 
 %% -- beats ----------------------------------------------------------------------------------
 
-%% @doc What a beat for it says: see {@link starl_live_peers:beat/3}.
+%% @doc The content of a heartbeat for this robot: see {@link starl_live_peers:beat/3}.
 -spec beat(NowUs :: integer(), t()) ->
     {NowUs :: integer(), EchoUs :: integer(), HeldUs :: non_neg_integer() | none}.
 beat(Now, #peer{beat = {Theirs, At}}) -> {Now, Theirs, Now - At};
 beat(Now, #peer{beat = none}) -> {Now, 0, none}.
 
-%% @doc A beat of it has come: its echo of ours tells the round trip.
+%% @doc A heartbeat of this robot has come: its echo of ours gives the round trip.
 -spec beaten(TheirUs :: integer(), {EchoUs, HeldUs}, NowUs :: integer(), t()) -> t() when
     EchoUs :: integer(), HeldUs :: non_neg_integer() | none.
 beaten(Theirs, {_Echo, none}, Now, Peer) ->
@@ -295,7 +296,7 @@ beaten(Theirs, {Echo, Held}, Now, Peer) ->
 life(#peer{life = none}) -> 0;
 life(#peer{life = Life}) -> Life.
 
-%% @doc A beat of it that was sent at this time names our present life.
+%% @doc A heartbeat of this robot that was sent at this time names our present life.
 -spec proved(SentMs :: integer(), t()) -> t().
 proved(Sent, #peer{proved_ms = none} = Peer) -> Peer#peer{proved_ms = Sent};
 proved(Sent, #peer{proved_ms = Proved} = Peer) -> Peer#peer{proved_ms = min(Sent, Proved)}.
@@ -304,7 +305,8 @@ proved(Sent, #peer{proved_ms = Proved} = Peer) -> Peer#peer{proved_ms = min(Sent
 -spec is_proved(SentMs :: integer(), t()) -> boolean().
 is_proved(Sent, #peer{proved_ms = Proved}) -> Proved =/= none andalso Sent >= Proved.
 
-%% @doc Looks whether this robot has fallen silent. This computer has not stood still since it is awake.
+%% @doc Checks whether this robot has fallen silent. This computer has not stalled since it is
+%% awake.
 -spec look(starl:robot_id(), NowMs :: integer(), AwakeMs :: integer(), t()) -> {[news()], t()}.
 look(Robot, Now, Awake, Peer) ->
     {Alone, Without} = without_twin(Robot, Now, Peer),

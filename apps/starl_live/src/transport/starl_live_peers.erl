@@ -1,25 +1,26 @@
-%% @doc What a robot knows of the others by their datagrams: where each of them is, when it was last
-%% heard, why its datagrams are refused, and which of two robots of the same number is heard. A pure
-%% module; {@link starl_live_udp} asks it about each datagram, and it asks what is known of that robot
-%% ({@link starl_live_peer}).
+%% @doc Keeps what a robot knows of the others from their datagrams. That is the address of each,
+%% when it was last heard, why its datagrams are refused, and which of two robots of the same number
+%% is heard. A pure module; {@link starl_live_udp} asks it about each datagram, and
+%% {@link starl_live_peer} keeps what is known of a single robot.
 %%
-%% <em>Addresses.</em> The newest authentic datagram tells where a robot is, never one that is older or
-%% was heard before, once nothing comes from its address any more: a robot of two networks does not move
-%% with each datagram. One that is silent is called at its last address and at the one that its name has
-%% now.
+%% <em>Addresses.</em> The newest authentic datagram gives a robot's address, once nothing comes
+%% from its old address any more. A datagram that is older or was heard before does not. So a robot
+%% on two networks does not move with each datagram. A silent robot is sent to at its last address
+%% and at the address that its name has now.
 %%
-%% <em>Lives.</em> Each start of a robot's program is a life of its own. A newer life takes the place of
-%% the one before, of which only what was under way comes then. If both go on speaking there are two robots of one
-%% number: the one that has started first is heard, so that all robots hear the same one, and the other
-%% is refused until the first is silent.
+%% <em>Lives.</em> Each start of a robot's program is a life of its own. A newer life replaces the
+%% one before; of the earlier life only datagrams that were under way are still taken. If both go on
+%% sending, there are two robots of one number. The robot that started first is heard, so that all
+%% robots hear the same one. The other is refused until the first is silent.
 %%
-%% <em>Proof.</em> A robot that has just started cannot know what it took in its former life. A beat that
-%% names its present life was sent in it; of each other robot it takes nothing that was sent before the
-%% first such beat, which may be a record of what its former life has heard.
+%% <em>Proof.</em> A robot that has just started cannot know what it took in its former life. A
+%% heartbeat that names its present life was sent in that life. So of each other robot it takes
+%% nothing that was sent before the first such heartbeat: that may be a recording of what its former
+%% life has heard.
 %%
-%% <em>News</em> are what somebody should know: a robot that falls silent or is back, a new reason of
-%% refusal, another address, two robots of one number. Each is told once; {@link starl_live_hearing} has
-%% the words.
+%% <em>News</em> are what somebody should know: a robot that falls silent or is back, a new reason
+%% of refusal, another address, two robots of one number. Each is reported once;
+%% {@link starl_live_hearing} has the texts.
 -module(starl_live_peers).
 
 -export([new/2, address/2, addresses/1, calls/1, heard/4, refused/5, unsent/4, look/2]).
@@ -146,13 +147,13 @@ unsent(Address, Why, Now, #peers{peers = All} = Peers) ->
 
 %% -- beats ----------------------------------------------------------------------------------
 
-%% @doc What a beat for a robot says: our monotonic time, that of its last beat, and for how long we
-%% have had that (`none': we have none).
+%% @doc The content of a heartbeat for a robot: our monotonic time, the time of its last heartbeat,
+%% and for how long we have had that (`none': we have none).
 -spec beat(starl:robot_id(), NowUs :: integer(), t()) ->
     {NowUs :: integer(), EchoUs :: integer(), HeldUs :: non_neg_integer() | none}.
 beat(Robot, Now, #peers{peers = All}) -> starl_live_peer:beat(Now, maps:get(Robot, All)).
 
-%% @doc A beat of a robot has come: its echo of ours tells the round trip.
+%% @doc A heartbeat of a robot has come: its echo of ours gives the round trip.
 -spec beaten(starl:robot_id(), TheirUs :: integer(), {EchoUs, HeldUs}, NowUs :: integer(), t()) ->
     t()
 when
@@ -164,8 +165,8 @@ beaten(Robot, Theirs, Echo, Now, Peers) ->
 -spec life(starl:robot_id(), t()) -> starl_live_seal:life().
 life(Robot, #peers{peers = All}) -> starl_live_peer:life(maps:get(Robot, All)).
 
-%% @doc A beat of a robot names our present life: the robot sent it in that, and all that is later. A clock
-%% that was set back since shows an earlier time.
+%% @doc A heartbeat of a robot names our present life. So the robot sent it, and everything later,
+%% in that life. A clock that was set back since shows an earlier time.
 -spec proved(starl:robot_id(), SentMs :: integer(), t()) -> t().
 proved(Robot, Sent, Peers) ->
     update(Robot, fun(Peer) -> starl_live_peer:proved(Sent, Peer) end, Peers).

@@ -1,5 +1,5 @@
-%% @doc The datagrams of a robot, or of nobody known, that were refused, by their reasons: their number,
-%% and when the last one came. A pure module, a part of {@link starl_live_peers}.
+%% @doc Counts the refused datagrams of a robot, or of an unknown sender, by reason, with the time
+%% of the last. A pure module, a part of {@link starl_live_peers}.
 -module(starl_live_refusals).
 
 -export([new/0, add/3, state/2, latest/2]).

@@ -1,8 +1,8 @@
-%% @doc The packets that a robot has heard lately, so that none is taken twice.
+%% @doc Remembers the packets that a robot has heard lately, so that it takes none twice.
 %%
-%% A packet bears its time, and an old one is refused for its age ({@link starl_live_seal}): so only
-%% a limited time has to be remembered, in two generations. A packet marks itself alone: none can
-%% make others of its sender look old.
+%% A packet carries its time, and an old packet is refused for its age ({@link starl_live_seal}). So
+%% only a limited time has to be remembered, in two generations. A packet marks itself alone: none
+%% can make others of its sender look old.
 %%
 %% A generation has room for a limited number. When more come, the older generation is forgotten
 %% early, and the packets of its time are refused until they are too old anyway.

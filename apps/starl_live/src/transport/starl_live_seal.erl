@@ -1,5 +1,5 @@
-%% @doc The seal of a datagram: encryption and authentication by a key that the fleet shares
-%% (AES-256-GCM), refusal of replays, strangers and packets for others.
+%% @doc Seals and opens datagrams: encryption and authentication by a key that the fleet shares
+%% (AES-256-GCM). It refuses replays, strangers and packets for others.
 %%
 %% ```
 %%   "S" | version | fleet 4 | run 8 | from 4 | to 4 | life 8 | time 8 | nonce 12 || sealed n | tag 16
@@ -7,16 +7,17 @@
 %% '''
 %% The key of a run is made from the key of the fleet, the fleet's name and the run's number, so
 %% nothing of one run opens in another. Nonces are random: their uniqueness must not rest on a
-%% counter in a file, which a restored disk image or a second robot of the same number would set
-%% back, since with one key for all, a repeated nonce gives away the authentication of the whole
-%% fleet. Random ones are safe for 2^32 packets of a run.
+%% counter in a file. A restored disk image or a second robot of the same number would set such a
+%% counter back. With one key for all, a repeated nonce reveals the authentication of the whole
+%% fleet. Random nonces are safe for 2^32 packets of a run.
 %%
-%% A packet is taken once, and only while it is fresh by its sender's clock: what was recorded
-%% longer before a robot's reboot is refused after it, though the robot remembers nothing. Clocks show
-%% the time of day: once a wrong one is set right, its packets are fresh. Neither epochs
-%% nor counters order the packets of a sender, so no packet, not even one that was made with the
-%% right key, makes others of its sender look old. The number of the sender's life says which start of
-%% its program speaks: it tells a restart from a second robot of the same number ({@link starl_live_peers}).
+%% A packet is taken once, and only while it is fresh by its sender's clock. So a packet that was
+%% recorded longer before a robot's reboot is refused after it, though the robot remembers nothing.
+%% Clocks show the time of day: once a wrong clock is set right, its packets are fresh. Neither
+%% epochs nor counters order the packets of a sender. So no packet, not even one that was made with
+%% the right key, makes others of its sender look old. The number of the sender's life identifies
+%% the start of its program. It distinguishes a restart from a second robot of the same number
+%% ({@link starl_live_peers}).
 -module(starl_live_seal).
 
 -export([new/2, room/0, seal/4, open/3]).

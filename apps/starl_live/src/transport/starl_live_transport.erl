@@ -1,9 +1,9 @@
-%% @doc The radio of a live robot: a behaviour for the ways in which packets travel between robots,
-%% and the process that holds one end. See `doc/transports.md'.
+%% @doc The behaviour of transports, which carry packets between live robots, and the process that
+%% holds one end. It is the radio of a live robot. See `doc/transports.md'.
 %%
-%% A transport may lose, double, delay and reorder packets; SAP expects that. It must never change a
-%% packet, and must deliver only packets that robots of the same fleet and run have sent. The process
-%% stands apart from the robot's link: hostile traffic costs time here, not there.
+%% A transport may lose, duplicate, delay and reorder packets; SAP expects that. It must never
+%% change a packet, and must deliver only packets that robots of the same fleet and run have sent.
+%% The process is separate from the robot's link, so hostile traffic costs time here, not there.
 %% ```
 %%     link -- transmit(Transport, To, Packet) --> transport --> the air
 %%     link <-- {starl_heard, Transport, [Packet]} -- transport <-- the air
@@ -11,9 +11,10 @@
 %% What it hears goes through a filter ({@link starl_live_air}), which is clear unless the
 %% configuration or {@link set_air/2} says otherwise.
 %%
-%% A packet with a latest moment leaves by then, or not at all: `{starl_late, Owner}' tells the link.
+%% A packet with a deadline leaves by then, or not at all: `{starl_late, Owner}' notifies the link.
 %%
-%% Each end tells what it knows of each packet ({@link starl_observer:way()}), if anybody wants it.
+%% Each end reports what it knows of each packet ({@link starl_observer:way()}), if anybody wants
+%% it.
 -module(starl_live_transport).
 -behaviour(gen_server).
 
@@ -97,7 +98,8 @@ transmit(Transport, To, Packet, Latest) ->
 -spec figures(pid()) -> figures().
 figures(Transport) -> gen_server:call(Transport, figures).
 
-%% @doc What the transport knows of the other robots; nothing, if it does not hear them beat.
+%% @doc What the transport knows of the other robots; nothing, if it receives no heartbeats from
+%% them.
 -spec peers(pid()) -> [starl_live_peers:peer()].
 peers(Transport) -> gen_server:call(Transport, peers).
 

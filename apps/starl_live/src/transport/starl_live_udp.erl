@@ -2,16 +2,17 @@
 %% `doc/transports.md' for their format and for what an attacker can do.
 %%
 %% A packet for all goes to each robot in turn, or once to a multicast or broadcast address, by
-%% configuration. Bytes leave at a bounded pace ({@link starl_live_pace}). A robot that has just
+%% configuration. Bytes leave at a bounded rate ({@link starl_live_pace}). A robot that has just
 %% heard a packet for all waits for a short random time before it sends something to that packet's
-%% source, so that the acknowledgements of a broadcast do not come all at once. The time is at most
-%% a tenth of SAP's first retransmission delay.
+%% source. So the acknowledgements of a broadcast do not come all at once. The time is at most a
+%% tenth of SAP's first retransmission delay.
 %%
-%% Each second a beat goes to every other robot: a datagram without a packet, by which robots know that they
-%% hear each other, how long a round trip takes, where they are, and that nobody plays what their former
-%% lives have heard ({@link starl_live_peers}). A beat that does not name the receiver's life, or is the
-%% first of its sender's, is answered at once. Names are
-%% looked up by a process beside this one, again while a robot is silent.
+%% Each second a heartbeat, a datagram without a packet, goes to every other robot. From heartbeats
+%% robots know that they hear each other, how long a round trip takes, and where they are.
+%% Heartbeats also prove that nobody replays what a robot's former lives have heard
+%% ({@link starl_live_peers}). A heartbeat that does not name the receiver's life, or is the first
+%% of its sender's life, is answered at once. A separate process looks names up, and again while a
+%% robot is silent.
 -module(starl_live_udp).
 -behaviour(starl_live_transport).
 

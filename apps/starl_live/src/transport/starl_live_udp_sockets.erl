@@ -1,5 +1,6 @@
-%% @doc The sockets of the transport by UDP ({@link starl_live_udp}): the robot's own, and that of the group to
-%% which packets for all go, if the configuration names one. And the places of the robots, as it says them.
+%% @doc Opens the sockets of the UDP transport ({@link starl_live_udp}). They are the robot's own
+%% socket and, if the configuration names a group, the socket for packets to all. It also reads the
+%% addresses of the robots from the configuration.
 -module(starl_live_udp_sockets).
 
 -export([places/2, open/3, send/3, more/1, close/1]).
