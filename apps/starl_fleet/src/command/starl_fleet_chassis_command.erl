@@ -1,4 +1,4 @@
-%% @doc `./starl chassis': holds a chassis of the user's own to its contract.
+%% @doc `./starl chassis': checks that a user's own chassis keeps its contract.
 -module(starl_fleet_chassis_command).
 -behaviour(starl_cli_command).
 

@@ -1,4 +1,5 @@
-%% @doc `./starl deploy': brings a fleet of real robots to a release, and looks after it.
+%% @doc `./starl deploy': deploys a release to a fleet of real robots. It also manages the fleet:
+%% status, logs, recordings, stop, rollback and reload.
 -module(starl_fleet_deploy_command).
 -behaviour(starl_cli_command).
 

@@ -1,5 +1,5 @@
-%% @doc Reads the fleet file that a command names, with its application: a shipped one, or the Erlang
-%% source of the user's own, which is compiled.
+%% @doc Reads the fleet file that a command names, and loads its application. The application is a
+%% shipped one, or the user's own Erlang source, which is compiled.
 -module(starl_fleet_named).
 
 -export([read/1, robots/1]).

@@ -1,4 +1,4 @@
-%% @doc One line on how a real robot is.
+%% @doc Formats the status of a real robot as one line.
 -module(starl_fleet_status).
 
 -export([line/3]).
@@ -10,7 +10,7 @@
 %% No robot's line is longer, in characters.
 -define(LONGEST, 20_000).
 
-%% @doc The line on a robot, from what its computer said.
+%% @doc The line on a robot, from what its computer answered.
 -spec line(starl:robot_id(), starl_fleet_file:robot(), Said :: string()) -> unicode:chardata().
 line(N, Robot, Said) ->
     case starl_fleet_term:read(Said) of

@@ -1,5 +1,5 @@
-%% @doc Deploys a fleet: builds its release, and takes all robots from the release they run to the new
-%% one, or none of them. Nothing on a robot changes before the release is found good on all.
+%% @doc Deploys a fleet: builds its release, and switches all robots from their present release to
+%% the new one, or none of them. Nothing on a robot changes before the release is found good on all.
 %% ```
 %%     look  room  copy  keys  check   on all robots; a failure ends it here, nothing has changed
 %%     commission                      if no robot of the team has a store: they have never run
@@ -234,7 +234,8 @@ went_back(Steps, Fleet) ->
         failures(undo, Results, #{fleet => Fleet}) ++ failures(health, Health, #{fleet => Fleet}),
     {Failures, summary([Said || {_, {0, Said}} <- Results])}.
 
-%% @doc Runs `bin/robot' with these words on each of these robots; what it says, or one line.
+%% @doc Runs `bin/robot' with these arguments on each of these robots. Returns its output, or one
+%% line.
 -spec ask(Words :: string(), [starl:robot_id()], starl_fleet_file:t()) ->
     [{starl:robot_id(), {ok, string()} | {error, unicode:chardata()}}].
 ask(Words, Numbers, #{robots := Robots} = Fleet) ->

@@ -1,5 +1,5 @@
-%% @doc A failed command of a deployment in one line: which robot and computer, what is wrong, and what
-%% to do. A pure module.
+%% @doc Explains a failed command of a deployment in one line: which robot and computer, what is
+%% wrong, and what to do. A pure module.
 -module(starl_fleet_failure).
 
 -export([line/4, named/3, look/4, clock/4, facts/1, lost_store/2]).
@@ -17,7 +17,7 @@
     time_s := integer()
 }.
 
-%% @doc The line on a command that ended with this exit status and these words.
+%% @doc The line on a command that ended with this exit status and this output.
 -spec line(starl_fleet_steps:stage() | atom(), starl:robot_id(), starl_fleet_file:robot(), {
     integer() | timeout, string()
 }) -> unicode:chardata().

@@ -1,12 +1,16 @@
-%% @doc Copies the recordings of a fleet's robots to this computer. What a robot says is data: it names its
-%% recordings and their sizes, and sends their bytes.
+%% @doc Copies the recordings of a fleet's robots to this computer. Whatever a robot sends is data:
+%% the names and sizes of its recordings, and their bytes.
 %%
-%% - A name is a plain file name that ends in `.mcap'. It never leads elsewhere; other names are passed over, and said.
+%% - A name is a plain file name that ends in `.mcap'. It never leads elsewhere; other names are
+%% skipped and reported.
 %% - No archive is unpacked, and no link or directory can come.
-%% - A file is as long as its robot said before, and all of them together are at most {@link most_bytes/0}.
-%% - Files come into a new directory of the user's alone (0700), and are moved from there when they are whole.
+%% - A file is as long as its robot has announced, and all of them together are at most
+%% {@link most_bytes/0}.
+%% - Files arrive in a new directory that only the user may read (0700). They are moved from there
+%% when they are complete.
 %%
-%% A robot that runs goes on writing: its last file comes as far as it was written when the robot was asked.
+%% A running robot continues to write. Its last file is copied up to its length when the robot was
+%% asked.
 -module(starl_fleet_fetch).
 
 -include_lib("kernel/include/file.hrl").

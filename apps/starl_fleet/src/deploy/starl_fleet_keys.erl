@@ -1,14 +1,15 @@
-%% @doc Makes the keys of a fleet: the key of its robots, and for Erlang distribution a certificate
-%% authority of the fleet's own with a certificate for each robot. Nothing is ever overwritten.
+%% @doc Makes the keys of a fleet. They are the key that its robots share and, for Erlang
+%% distribution, a certificate authority with a certificate for each robot. Nothing is ever
+%% overwritten.
 %% ```
 %%     keys/fleet.key                  shared by all robots
 %%     keys/ca.key, keys/ca.pem        the authority; ca.key stays on this computer
 %%     keys/tls.config                 options of TLS
 %%     keys/robot-1/robot.key, .pem    robot 1
 %% '''
-%% The certificates come from the program `openssl': a fleet's administrator can make, look at and
-%% renew them with the same program, and OTP's own records of certificates are others in each release
-%% (`pkix_test_data' says itself that it is for tests).
+%% The program `openssl' makes the certificates, so a fleet's administrator can make, inspect and
+%% renew them with the same program. OTP's own records of certificates change with each release
+%% (`pkix_test_data' itself says that it is for tests).
 -module(starl_fleet_keys).
 
 -export([make/1, missing/1, dir/1]).

@@ -1,10 +1,10 @@
-%% @doc Makes the release of a fleet: a directory with all that its robots need, the same for all of
-%% them. A manifest lists its files first, so that its version, which follows from the files' content,
-%% is known before anything is written.
+%% @doc Makes the release of a fleet: a directory with everything that its robots need, the same for
+%% all of them. First it lists the files in a manifest. The release's version follows from the
+%% files' content, so it is known before anything is written.
 %%
-%% With `ours' the release carries Erlang: the VM, the OTP applications it uses, and the shared libraries
-%% of these (not those of glibc). With `there' it carries our code, for the Erlang of the robot; with
-%% `source' the sources, which are compiled there.
+%% With `ours' the release includes Erlang: the VM, the OTP applications that it uses, and their
+%% shared libraries (except those of glibc). With `there' it includes our compiled code, for the
+%% Erlang on the robot; with `source' the sources, which are compiled there.
 -module(starl_fleet_release).
 -include_lib("kernel/include/file.hrl").
 

@@ -1,4 +1,4 @@
-%% @doc Runs commands of sh, several at a time.
+%% @doc Runs shell commands (`sh'), several at a time.
 -module(starl_fleet_shell).
 
 -export([run/2]).

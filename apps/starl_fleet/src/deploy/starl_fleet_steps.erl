@@ -1,6 +1,6 @@
-%% @doc The commands of a deployment, as a shell takes them: `--dry-run' prints the very lines that a
-%% deployment runs. Each stage has one command for each robot; a stage begins when the one before has
-%% ended on all robots. A pure module.
+%% @doc Builds the shell commands of a deployment. `--dry-run' prints exactly the lines that a
+%% deployment runs. Each stage has one command for each robot; a stage begins when the stage before
+%% has ended on all robots. A pure module.
 -module(starl_fleet_steps).
 
 -export([
@@ -124,7 +124,8 @@ recorded(#{robots := Robots} = Fleet) ->
      || {N, R} <- lists:sort(maps:to_list(Robots))
     ].
 
-%% @doc Copies these recordings of a robot into a directory, each of the length that the robot has said, and no more.
+%% @doc Copies these recordings of a robot into a directory. Of each it copies at most the length
+%% that the robot has announced.
 -spec copied(starl:robot_id(), starl_fleet_file:t(), file:filename(), [
     {Name :: string(), Bytes :: non_neg_integer()}, ...
 ]) -> string().
@@ -216,7 +217,7 @@ shell(#{ssh := More}) ->
 
 words(Words) -> lists:flatten(lists:join($\s, Words)).
 
-%% @doc A word for sh.
+%% @doc Quotes a word for `sh'.
 -spec quoted(string()) -> string().
 quoted(Word) when is_list(Word) ->
     case re:run(Word, "^[A-Za-z0-9_./:=@%+,-]+$", [{capture, none}, dollar_endonly]) of

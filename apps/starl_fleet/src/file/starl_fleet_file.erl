@@ -1,8 +1,8 @@
-%% @doc The fleet file: the robots of a fleet, their computers, and the application that they run.
-%% It holds one map of Erlang terms. See `doc/deploy.md'.
+%% @doc Reads the fleet file: the robots of a fleet, their computers, and the application that they
+%% run. The file holds one map of Erlang terms. See `doc/deploy.md'.
 %%
-%% All problems of a file are reported together, each with its place. The same file, made complete,
-%% goes into the release: each robot's node reads it with the same checks.
+%% All problems of a file are reported together, each with its place. The release contains the same
+%% file, completed with defaults; each robot's node reads it with the same checks.
 -module(starl_fleet_file).
 
 -export([read/1, check/3, options/0, robot_options/0, app_options/1]).

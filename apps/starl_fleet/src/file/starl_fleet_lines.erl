@@ -1,5 +1,6 @@
-%% @doc The lines of a fleet's robots to the world: which module drives a chassis of a name, which
-%% one reads a positioning system, and what each transport is told.
+%% @doc Selects the drivers that connect a fleet's robots to the world. It finds the module that
+%% drives a chassis, the module that reads a positioning system, and the configuration of each
+%% transport.
 -module(starl_fleet_lines).
 
 -export([chassis/0, driver/1, drivers/1, sources/0, source/1]).
@@ -7,7 +8,7 @@
 
 -export_type([name/0, transport/0]).
 
-%% One of a table; a file of the user's own, or its module once it is compiled.
+%% A name in a table; a file of the user's own, or its module once it is compiled.
 -type name() :: atom() | file:filename() | {module, module()}.
 
 %% How packets travel between the robots.
@@ -70,15 +71,15 @@ module(Name, Table, What) ->
             {error, io_lib:format(Line, [What, Name, lists:join(", ", There)])}
     end.
 
-%% @doc A robot's line to its chassis.
+%% @doc A robot's connection to its chassis: a driver with its options.
 -spec chassis(starl:robot_id(), starl_fleet_file:t()) -> starl_live_link:line().
 chassis(Robot, #{robots := Robots}) ->
     #{Robot := #{chassis := {Name, Own}}} = Robots,
     {ok, Module} = driver(Name),
     {Module, Own}.
 
-%% @doc A robot's line to the positioning system. Whoever could send it positions would move it: a broadcast is sealed
-%% with the fleet's key, unless the fleet file says `key => none'.
+%% @doc A robot's connection to the positioning system. Anybody who could send it positions could
+%% move it. So a broadcast is sealed with the fleet's key, unless the fleet file says `key => none'.
 -spec positioning(starl:robot_id(), starl_live_key:t(), starl_fleet_file:t()) ->
     starl_live_link:line().
 positioning(_Robot, Key, #{positioning := {Name, Own}}) ->
@@ -102,7 +103,7 @@ senses(Robot, #{robots := Robots}) ->
 -spec transports() -> [transport(), ...].
 transports() -> [udp, dist].
 
-%% @doc A robot's line to the others. Robots of different runs do not hear each other.
+%% @doc A robot's connection to the other robots. Robots of different runs do not hear each other.
 -spec transport(Run :: non_neg_integer(), starl_live_key:t(), starl_fleet_file:t()) ->
     starl_live_link:line().
 transport(Run, Key, #{transport := udp, name := Name, robots := Robots, all := All}) ->

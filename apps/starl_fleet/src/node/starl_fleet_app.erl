@@ -1,5 +1,5 @@
-%% @doc The OTP application of a robot's computer. Where the environment names a robot (`bin/robot' of
-%% a release does), its node starts; elsewhere nothing does.
+%% @doc The OTP application of a robot's computer. If the environment names a robot, as `bin/robot'
+%% of a release does, it starts that robot's node. Otherwise it starts nothing.
 -module(starl_fleet_app).
 -behaviour(application).
 

@@ -1,4 +1,5 @@
-%% @doc The questions of `bin/robot': answered by a VM of its own, which ends with an exit status.
+%% @doc Answers the questions of `bin/robot'. A separate VM answers each question, and ends with an
+%% exit status.
 -module(starl_fleet_ask).
 
 -export([main/0, health/2]).
@@ -10,7 +11,7 @@
 -define(RELOAD_MS, 120_000).
 -define(PAUSE_MS, 250).
 
-%% @doc Answers the words of the command line.
+%% @doc Answers the arguments of the command line, and ends the VM.
 -spec main() -> no_return().
 main() ->
     {Status, Text} = answer(init:get_plain_arguments(), starl_fleet_place:here()),

@@ -1,5 +1,6 @@
-%% @doc A socket in the robot's directory, by which `bin/robot' speaks to the running node. A question
-%% is a line of words, the answer one Erlang term. Only the user of the node may open the socket.
+%% @doc A socket in the robot's directory, through which `bin/robot' asks the running node. A
+%% question is a line of words, the answer one Erlang term. Only the user of the node may open the
+%% socket.
 -module(starl_fleet_control).
 
 -export([start_link/1, ask/3]).

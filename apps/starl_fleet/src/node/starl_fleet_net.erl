@@ -1,5 +1,6 @@
-%% @doc Erlang distribution between the nodes of a fleet: over TLS, with the certificates of `./starl
-%% keys', and without a port mapper: all nodes hear at the same port ({@link vm_args/1}).
+%% @doc Sets up Erlang distribution between the nodes of a fleet. It runs over TLS, with the
+%% certificates of `./starl keys'. There is no port mapper: all nodes listen on the same port
+%% ({@link vm_args/1}).
 -module(starl_fleet_net).
 
 -export([start/3, vm_args/1, tls/0]).
@@ -32,8 +33,8 @@ vm_args(#{transport := dist, robots := #{1 := #{port := Port}}}) ->
 vm_args(#{}) ->
     "".
 
-%% @doc The file of TLS' options. Each end must show a certificate that the fleet's own authority has
-%% signed, and nobody in its stead.
+%% @doc The file of TLS options. Each end must show a certificate that the fleet's own authority has
+%% signed.
 -spec tls() -> unicode:chardata().
 tls() ->
     Own =

@@ -1,5 +1,5 @@
-%% @doc The chassis of a robot that has none: it stands still, and has no other actuators. Each command
-%% to move is answered as by a drive that does not obey.
+%% @doc The chassis of a robot that has none: it never moves, and has no other actuators. It answers
+%% each command to move like a drive that does not obey.
 -module(starl_fleet_no_chassis).
 -behaviour(starl_live_chassis).
 

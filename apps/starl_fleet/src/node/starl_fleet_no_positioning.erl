@@ -1,5 +1,5 @@
-%% @doc The positioning system of a fleet that has none: it shows nothing, ever. An application that
-%% asks for no position runs; one that does waits.
+%% @doc The positioning system of a fleet that has none: it never shows anything. An application
+%% that asks for no position runs; any other waits.
 -module(starl_fleet_no_positioning).
 -behaviour(starl_live_positioning).
 

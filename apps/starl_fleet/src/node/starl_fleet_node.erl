@@ -1,5 +1,5 @@
-%% @doc A robot's node on its own: makes the robot from the fleet file of its release, opens it, and
-%% knows how it is. No process stands above it but the service manager of its computer.
+%% @doc Runs a robot on a node of its own: makes the robot from the fleet file of its release, opens
+%% it, and knows its status. Only the service manager of the computer supervises the node.
 -module(starl_fleet_node).
 -behaviour(gen_server).
 
@@ -85,8 +85,8 @@ runs(Release) -> gen_server:call(?MODULE, {runs, Release}, infinity).
 -spec takes(starl_reload:order(), Release :: file:filename()) -> ok | {error, string()}.
 takes(Order, Release) -> gen_server:call(?MODULE, {takes, Order, Release}, infinity).
 
-%% @doc The latest reload has failed on that robot: this one goes back to this release. It cannot if it has
-%% not come through the reload, since its node has started anew.
+%% @doc The latest reload has failed on that robot, so this robot goes back to this release. It
+%% cannot go back if its node has started anew since the reload.
 -spec leaves(Release :: file:filename(), Failed :: starl:robot_id()) -> ok | {error, string()}.
 leaves(Release, Failed) -> gen_server:call(?MODULE, {leaves, Release, Failed}, infinity).
 

@@ -1,5 +1,5 @@
-%% @doc The words of a service to systemd (its manual page sd_notify): datagrams to the socket that
-%% the environment names. Without systemd nobody hears them.
+%% @doc Sends a service's notifications to systemd (manual page sd_notify). They are datagrams to
+%% the socket that the environment names. Without systemd nobody receives them.
 -module(starl_fleet_notify).
 
 -export([here/0, new/2, period_ms/1, tell/2]).
@@ -36,11 +36,11 @@ path(Name) -> unicode:characters_to_binary(Name).
 period({Us, _}) when is_integer(Us) -> max(1, Us div 2000);
 period(_) -> ?USUAL_MS.
 
-%% @doc The time between two words to the watchdog.
+%% @doc The time between two notifications to the watchdog.
 -spec period_ms(t()) -> pos_integer().
 period_ms(#notify{period_ms = Ms}) -> Ms.
 
-%% @doc Says a word, such as `READY=1'.
+%% @doc Sends a notification, such as `READY=1'.
 -spec tell(string(), t()) -> ok.
 tell(_Word, #notify{socket = none}) ->
     ok;

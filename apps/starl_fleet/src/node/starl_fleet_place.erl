@@ -1,5 +1,5 @@
-%% @doc The place of a robot's node on its computer, as `bin/robot' of the release tells it by the
-%% environment. The node's working directory is the robot's directory.
+%% @doc Locates a robot's node on its computer, from the environment that `bin/robot' of the release
+%% sets. The node's working directory is the robot's directory.
 %% ```
 %%     HOME/FLEET/robot-1/releases/VERSION/   a release: erts, lib, bin/robot, fleet.term
 %%                        current, previous   links to releases

@@ -1,7 +1,8 @@
-%% @doc The reload of a running robot to the code of another release, in the way of all reloads ({@link
-%% starl_reload}): new versions of the application's own modules, and of what it brought along, lie beside the
-%% former ones, and are on trial. StarL's modules change with a deployment only. The robots of a fleet hear of
-%% each other's failures by whoever has ordered the reload, over ssh.
+%% @doc Reloads a running robot with the code of another release, like every reload
+%% ({@link starl_reload}). New versions of the application's own modules, and of the modules that it
+%% brought along, are loaded beside the former versions. They are on trial. StarL's modules change
+%% with a deployment only. The robots of a fleet do not hear of each other's failures by themselves:
+%% whoever has ordered the reload reports them, over ssh.
 -module(starl_fleet_reload).
 
 -export([answer/1, changed/2, sources/3]).
@@ -10,8 +11,9 @@
     "starl_blocks", "starl_run", "starl_live", "starl_trace", "starl_create", "starl_fleet"
 ]).
 
-%% @doc Answers `bin/robot': `check RELEASE' makes the versions, `switch RELEASE TRIAL_MS' has the robot take
-%% them, `back RELEASE ROBOT' has it leave them for this release, since they have failed on that robot.
+%% @doc Answers `bin/robot'. `check RELEASE' makes the versions. `switch RELEASE TRIAL_MS' has the
+%% robot take them. `back RELEASE ROBOT' has it return to the former code, that of `RELEASE', since
+%% the new code has failed on robot `ROBOT'.
 -spec answer([string()]) -> ok | {error, string()}.
 answer(["check", Release]) ->
     case order(Release, starl_reload:trial_ms()) of
@@ -50,7 +52,7 @@ flat(Text) -> lists:flatten(unicode:characters_to_list(Text)).
 loaded() ->
     maps:from_list([{M, M:module_info(md5)} || {M, File} <- code:all_loaded(), is_list(File)]).
 
-%% @doc The files of a release whose code is another than that which is loaded.
+%% @doc The files of a release whose code differs from the loaded code.
 -spec changed(Release :: file:filename(), #{module() => Md5 :: binary()}) -> [file:filename()].
 changed(Release, Loaded) -> [File || File <- beams(Release), is_changed(File, Loaded)].
 
@@ -94,8 +96,9 @@ beam(File) ->
     {ok, Beam} = file:read_file(File),
     Beam.
 
-%% @doc The modules of which new versions are made: what has changed since the node started, what it runs in
-%% versions already, and what calls one of these, since a version is called by versions alone.
+%% @doc The modules that get new versions: those that have changed since the node started, those
+%% that it already runs in versions, and those that call one of these. A version is called by
+%% versions only.
 -spec sources(Changed :: [module()], Known :: [module()], Own :: [starl_version:code()]) ->
     [starl_version:code()].
 sources(Changed, Known, Own) ->

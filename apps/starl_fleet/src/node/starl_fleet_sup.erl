@@ -1,5 +1,5 @@
-%% @doc The processes of a robot's node beside its robot. It bears no failure of theirs: the node ends,
-%% and the service manager starts it anew.
+%% @doc Supervises the processes that run beside the robot on its node. It tolerates no failure of
+%% theirs: the node ends, and the service manager starts it anew.
 %% ```
 %%     starl_fleet_sup (one_for_all)
 %%       node (starl_fleet_node): opens the robot under starl_live_sup

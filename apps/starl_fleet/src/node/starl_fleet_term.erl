@@ -1,7 +1,8 @@
-%% @doc Erlang terms as text, between a robot's node, `bin/robot' and `./starl deploy'.
+%% @doc Writes and reads Erlang terms as text, for a robot's node, `bin/robot' and `./starl deploy'.
 %%
-%% What a robot's computer says is data: a text makes no new atom, and is bounded. So only the tokens that {@link
-%% write/1} writes are read, and an atom that this VM does not know yet is read as a string.
+%% Whatever a robot's computer sends is data: a text makes no new atom, and is bounded. Only the
+%% tokens that {@link write/1} writes are read. An atom that this VM does not know is read as a
+%% string.
 -module(starl_fleet_term).
 
 -export([read/1, write/1]).
@@ -22,7 +23,8 @@
 -spec write(term()) -> unicode:unicode_binary().
 write(Term) -> <<_/binary>> = unicode:characters_to_binary(io_lib:format("~0tp.~n", [Term])).
 
-%% @doc The term of a text's last line: ssh, or a shell on the way, may have warned of something before.
+%% @doc Returns the term of a text's last line: ssh, or a shell between, may have printed a warning
+%% before it.
 -spec read(unicode:chardata()) -> {ok, term()} | none.
 read(Text) ->
     %% the words of an answer are atoms of these modules, also where it is only passed on

@@ -1,5 +1,5 @@
-%% @doc Looks at the robot of this node, and tells systemd that it is there. The watchdog is fed only
-%% while the robot's link answers: a node whose robot hangs is killed and started anew.
+%% @doc Checks the robot of this node, and notifies systemd while the robot's link answers. A node
+%% whose robot hangs is killed and started anew.
 -module(starl_fleet_watchdog).
 -behaviour(gen_server).
 
@@ -12,8 +12,8 @@
     is_ready = false :: boolean()
 }).
 
-%% @doc Starts the watchdog, with its line to systemd, and a function that tells whether the robot
-%% answers.
+%% @doc Starts the watchdog with its connection to systemd, and a function that checks whether the
+%% robot answers.
 -spec start_link(starl_fleet_notify:t(), fun((TimeoutMs :: pos_integer()) -> boolean())) ->
     gen_server:start_ret().
 start_link(Notify, Answers) -> gen_server:start_link(?MODULE, {Notify, Answers}, []).
