@@ -1,10 +1,10 @@
 %% @doc Checks that actions are well formed. An action is checked when a machine or an application
-%% hands it to the platform, so a mistake crashes the machine that made it, with a reason that
-%% shows the action. It never crashes the platform, which carries out actions for many robots.
+%% hands it to the platform. So a mistake crashes the machine that made it, with a reason that shows
+%% the action. It never crashes the platform, which carries out actions for many robots.
 %%
-%% Requests to the robot's services are checked too; other machines check their own requests. What
-%% goes on the air or into the store must be a payload ({@link starl_payload}): on a real robot
-%% it would be lost there.
+%% Requests to the robot's services are checked too; other machines check their own requests. A term
+%% for the radio or the store must be a payload ({@link starl_payload}): on a real robot any other
+%% term would be lost there.
 -module(starl_action).
 
 -export([check/1, without_latest/1, longest_us/0]).

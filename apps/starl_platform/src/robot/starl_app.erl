@@ -15,18 +15,20 @@
 %% '''
 %% `./starl run shuttle.erl --robots 3' runs it in the simulator.
 %%
-%% `step/2' is the body of "repeat … until done". It may block in `starl:send', `starl:await', `starl:go_to',
-%% `starl:sleep' and in the calls of the building blocks. New code takes effect between two steps; an optional
-%% `code_change/2' (old state, old module version) converts the state. A reload ({@link starl_reload}) is on
-%% trial: if the state cannot be converted, or the new code crashes soon, the application goes on with its
-%% former code. Code that is loaded in the place of the former one ({@link starl_code:load/3}) has no way
-%% back: if it cannot convert the state, the application waits with it before the next step until other code
-%% is loaded that can; the old code can, too. The rest of the robot goes on. Earlier effects of the
-%% application, and messages that arrive meanwhile, are kept.
+%% `step/2' is the body of "repeat … until done". It may block in `starl:send', `starl:await',
+%% `starl:go_to', `starl:sleep' and in the calls of the building blocks. New code takes effect
+%% between two steps; an optional `code_change/2' (old state, old module version) converts the
+%% state. A reload ({@link starl_reload}) is on trial: if the state cannot be converted, or the new
+%% code crashes soon, the application goes on with its former code. Code that replaces the former
+%% code directly ({@link starl_code:load/3}) cannot be taken back. If it cannot convert the state,
+%% the application waits before the next step until other code is loaded that can; the old code can,
+%% too. The rest of the robot goes on. Earlier effects of the application, and messages that arrive
+%% meanwhile, are kept.
 %%
 %% An application may also list its building blocks and its options; with its blocks it gets their
-%% contracts. It may have contracts of its own ({@link starl_monitor}), and figures for the
-%% report: `report/2' of the behaviour {@link starl_scene}. An application with a scene of its own also has the behaviour {@link starl_scene}.
+%% contracts. It may have contracts of its own ({@link starl_monitor}), and figures for the report:
+%% `report/2' of the behaviour {@link starl_scene}. An application with a scene of its own also has
+%% that behaviour.
 -module(starl_app).
 
 -export([options/1, measures/1, check/2, declared/3, place/3]).

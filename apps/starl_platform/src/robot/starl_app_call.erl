@@ -1,6 +1,6 @@
-%% @doc The calls of a sequential application that block. Between two events the application runs on its own
-%% stack; a blocking call hands control back to the driver, with the actions gathered so far, and waits for
-%% its event ({@link starl_app_turn}).
+%% @doc Implements the blocking calls of a sequential application. Between two events the
+%% application runs on its own stack. A blocking call hands control back to the driver, with the
+%% actions gathered so far, and waits for its event ({@link starl_app_turn}).
 -module(starl_app_call).
 
 -export([call/3, await/2, sleep/1]).
@@ -15,9 +15,9 @@
 %% The time that a caller waits after a crash of the machine that it called.
 -define(RESTARTED_US, 250000).
 
-%% @doc Calls another machine of the robot and waits for its answer.
-%% `{error, restarted}': the machine crashed, a quarter of a second ago; the request may or may not
-%% have taken effect. `{ok, late}': what the answer grants has run out on its way.
+%% @doc Calls another machine of the robot and waits for its answer. `{error, restarted}': the
+%% machine crashed, a quarter of a second ago; the request may or may not have taken effect. `{ok,
+%% late}': the answer granted something for a time, which ran out before the answer came.
 -spec call(starl_machine:name(), Request :: term(), Us :: pos_integer() | infinity) ->
     {ok, Answer :: term()} | {error, timeout | restarted}.
 call(Name, Request, Us) ->

@@ -1,7 +1,7 @@
-%% @doc The code of a sequential application. It owns the versions of the code, the words on new code that
-%% wait for the next step, and the states with which the former code may go on; it converts the state from one
-%% version to another. It neither takes steps nor acts: what is to be told it returns. A part of
-%% {@link starl_app_turn}.
+%% @doc Keeps the code of a sequential application and converts its state from one version to
+%% another. It holds the versions of the code, the reload commands that wait for the next step, and
+%% the states with which the former code may go on. It neither takes steps nor acts: it returns what
+%% is to be reported. A part of {@link starl_app_turn}.
 -module(starl_app_code).
 
 -export([new/1, module/1, hear/3, word/1, heed/4, heeded/2, may_crash/2, stepped/1, taken_back/4]).
@@ -43,8 +43,8 @@ module(#code{module = Module}) -> Module.
 
 %% -- words ----------------------------------------------------------------------------------
 
-%% @doc A word on new code has come: too late, if the application is over. Code that was not taken yet need
-%% not be taken back.
+%% @doc A reload command has come. If the application is over, it comes too late. Code that was not
+%% taken yet need not be taken back.
 -spec hear(starl_reload:word(), IsOver :: boolean(), t()) -> {told(), t()}.
 hear({take, #{number := N}}, true, #code{lineage = Lineage} = Code) ->
     {[starl_reload:told(N, done, nobody, Lineage)], Code};
@@ -61,16 +61,17 @@ hear({back, N, Robot} = Word, false, #code{words = Words, lineage = Lineage} = C
 hear(Word, false, #code{words = Words} = Code) ->
     {[], Code#code{words = Words ++ [Word]}}.
 
-%% @doc The first word that has come since the last step.
+%% @doc The first reload command that has come since the last step.
 -spec word(t()) -> {starl_reload:word(), t()} | none.
 word(#code{words = []}) -> none;
 word(#code{words = [Word | Words]} = Code) -> {Word, Code#code{words = Words}}.
 
-%% @doc A word was heeded, and others may have come meanwhile: `code_change/2' may block.
+%% @doc A reload command was applied, and others may have come meanwhile: `code_change/2' may block.
 -spec heeded(Heeded :: t(), Present :: t()) -> t().
 heeded(Heeded, #code{words = Words}) -> Heeded#code{words = Words}.
 
-%% @doc Heeds a word before the next step. Without a way back the application crashes, once that is told.
+%% @doc Applies a reload command before the next step. If it cannot be taken back, the application
+%% crashes after its report.
 -spec heed(starl_reload:word(), running(), NowUs :: integer(), t()) ->
     {ok, told(), running(), t()} | {no_way_back, told()}.
 heed({take, #{number := N} = Switch}, Running, Now, #code{lineage = Lineage} = Code) ->
@@ -120,7 +121,8 @@ back_on(Earlier, Resorts, Code) ->
 
 %% -- trials ---------------------------------------------------------------------------------
 
-%% @doc A step of new code on trial may crash, and so may the first step after the way back.
+%% @doc A step of new code on trial may crash, and so may the first step after the return to the
+%% former code.
 -spec may_crash(NowUs :: integer(), t()) -> boolean().
 may_crash(_Now, #code{resorts = [_ | _]}) -> true;
 may_crash(Now, #code{lineage = Lineage}) -> starl_lineage:is_on_trial(Now, Lineage).
@@ -130,8 +132,8 @@ may_crash(Now, #code{lineage = Lineage}) -> starl_lineage:is_on_trial(Now, Linea
 stepped(#code{resorts = []} = Code) -> Code;
 stepped(Code) -> Code#code{resorts = []}.
 
-%% @doc A step that may crash has crashed. What it has done stands, as after any crash; the other machines
-%% learn of one. `none': it is the application that crashes, and starts anew.
+%% @doc A step that may crash has crashed. Its effects stand, as after any crash, and the other
+%% machines are notified of one. `none': the application itself crashes, and starts anew.
 -spec taken_back(starl_crash:cause(), module(), State :: term(), t()) ->
     {told(), running(), t()} | none.
 taken_back(Cause, Module, _State, #code{resorts = [{N, Before} | Resorts]} = Code) ->

@@ -1,9 +1,9 @@
-%% @doc The messages that wait for a sequential application until it reads them, and what it listens to. A
-%% pure part of {@link starl_app_turn}.
+%% @doc Keeps the messages that wait for a sequential application to read them, and the types that
+%% it listens to. A pure part of {@link starl_app_turn}.
 %%
-%% SAP never hands over more messages than there is room for: it is told the room with the first type that
-%% the application listens to, and later the number of messages read. Other senders, such as geocast, are
-%% not held back: a message without room is dropped.
+%% SAP never hands over more messages than there is room for. It gets the room with the first type
+%% that the application listens to, and later the number of messages read. Other senders, such as
+%% geocast, are not held back: a message without room is dropped.
 -module(starl_app_inbox).
 
 -export([new/0, listen/2, subscribed/2, restarted/2, sensed/4]).
@@ -37,8 +37,8 @@
 -spec new() -> t().
 new() -> #inbox{}.
 
-%% @doc The application listens to a type of message of SAP: the word to SAP, which has to know the room, if it
-%% does not yet.
+%% @doc The application listens to a type of message of SAP. Returns the request to SAP, with the
+%% room if SAP does not know it yet.
 -spec listen(starl_packet:type(), t()) -> {Word :: tuple(), t()}.
 listen(Type, #inbox{room_told = true} = Inbox) ->
     {{listen, Type, app}, Inbox};

@@ -1,6 +1,7 @@
-%% @doc The process of a sequential application: it starts the application, takes its steps, has it heed
-%% new code, and tells of its crashes. What the application does is its turn ({@link starl_app_turn}); its
-%% calls block ({@link starl_app_call}). The process speaks the driver protocol of {@link starl_driver}.
+%% @doc The process of a sequential application. It starts the application, takes its steps, applies
+%% new code, and reports its crashes. {@link starl_app_turn} keeps what the application does in a
+%% turn; {@link starl_app_call} has its blocking calls. The process uses the driver protocol of
+%% {@link starl_driver}.
 -module(starl_app_proc).
 
 -export([start_link/1, init/1, waiting/1, snapshot/1, restore/2]).
@@ -80,7 +81,7 @@ waiting(Pid) ->
             {nothing, []}
     end.
 
-%% @doc The application in this process as data, while the process is at rest. It is told with its boot
+%% @doc The application in this process as data, while the process is at rest. The boot message says
 %% whether snapshots are taken.
 -spec snapshot(pid()) ->
     {ok, starl_app_replay:snapshot() | waiting} | {error, starl_snapshot:reason()}.

@@ -1,6 +1,7 @@
-%% @doc The replay of a sequential application's step: what has come to it since the step began, and the
-%% application as data, as it was then. A stack is no data: the step is taken anew, with the same events, and
-%% what it does until then is not done again. Pure; a part of {@link starl_app_turn}.
+%% @doc Records a sequential application's step so that it can be replayed. It keeps the application
+%% as data at the beginning of the step, and the events since. A stack is no data. So the step is
+%% executed again with the same events, without repeating its effects. Pure; a part of
+%% {@link starl_app_turn}.
 -module(starl_app_replay).
 
 -export([new/1, add/2, entries/1]).

@@ -1,10 +1,13 @@
-%% @doc The turn of a sequential application. It owns the clock, the random numbers and the actions that the
-%% application has not yet handed back to its driver. A call that blocks ({@link starl_app_call}) hands them
-%% back and waits for its event. Parts of it own the rest: what arrives meanwhile ({@link starl_app_inbox}),
-%% the code ({@link starl_app_code}), and what a snapshot has to play again ({@link starl_app_replay}).
+%% @doc The turn of a sequential application. It holds the clock, the random numbers and the actions
+%% that the application has not yet handed back to its driver. A blocking call
+%% ({@link starl_app_call}) hands them back and waits for its event. Parts of the turn hold the
+%% rest: the messages that arrive meanwhile ({@link starl_app_inbox}), the code
+%% ({@link starl_app_code}), and the events that a snapshot has to replay
+%% ({@link starl_app_replay}).
 %%
-%% The turn lives in the process dictionary, under one key: the application's own functions lie between the
-%% calls on the stack, so no state can be threaded through them. {@link starl_app_proc} takes the steps.
+%% The turn is kept in the process dictionary, under one key. The application's own functions lie
+%% between the calls on the stack, so no state can be passed through them. {@link starl_app_proc}
+%% takes the steps.
 -module(starl_app_turn).
 
 -export([perform/1, store/1, stored/0, now/0, present/0, random/0, listen/1, application/0]).
@@ -66,7 +69,8 @@ start(Id, Module, Driver, Boot) ->
     }),
     ok.
 
-%% @doc The turn of a snapshot, with what is still to come again; who is told when all has come.
+%% @doc The turn of a snapshot, with the events that are still to be replayed, and the process that
+%% is notified when all have come.
 -spec restore({starl:robot_id(), Driver}, {From, reference()}, starl_app_replay:snapshot()) ->
     starl_app_replay:place()
 when
@@ -123,7 +127,8 @@ logged(Entry, #turn{log = Log} = Turn) -> Turn#turn{log = starl_app_replay:add(E
 -spec code() -> starl_app_code:t().
 code() -> (turn())#turn.code.
 
-%% @doc The application goes on with its code in this state, and tells how it has heeded words on it.
+%% @doc The application goes on with its code in this state, and reports how it has applied reload
+%% commands.
 -spec code(starl_app_code:t(), [starl_reload:told()]) -> ok.
 code(Code, Told) ->
     _ = put(?TURN, (turn())#turn{code = Code}),

@@ -1,5 +1,5 @@
-%% @doc The behaviour of a building block: everything that tools and applications need to know of
-%% it.
+%% @doc The behaviour of a building block. Its callbacks return everything that tools and
+%% applications need to know of the block.
 %% ```
 %%   -module(counting).
 %%   -behaviour(starl_block).
@@ -10,15 +10,16 @@
 %%   monitors(_Options, _Context) -> [{counting_monitor, #{}}].
 %%   contract() -> "nobody counts to ten".
 %% '''
-%% An application lists its blocks: `blocks() -> [counting, {starl_mutex, #{lease_ms => 2000}}]'. Each entry becomes the block's machines on every
-%% robot and the block's contract, as monitors that judge the run ({@link expand/2}). A block may
-%% also be a user's own module: no other module has to know of it.
+%% An application lists its blocks: `blocks() -> [counting, {starl_mutex, #{lease_ms => 2000}}]'.
+%% Each entry becomes the block's machines on every robot and the block's contract, as monitors that
+%% judge the run ({@link expand/2}). A block may also be a user's own module, which no other module
+%% has to know.
 %%
-%% The optional `check/1' says in one line why options that are each right do not go together. Three
-%% more let the tools work with the block: `exercise/0' names a module that uses
-%% it ({@link starl_block_exercise}), for `./starl run exercise' and `./starl soak'; `models/0'
-%% gives the models that the exhaustive checker explores, for `./starl check'; `benchmark/0' defines
-%% the workload of `./starl bench blocks'.
+%% The optional `check/1' returns one line on why options, each valid by itself, do not go together.
+%% Three more callbacks let the tools work with the block. `exercise/0' names a module that uses it
+%% ({@link starl_block_exercise}), for `./starl run exercise' and `./starl soak'. `models/0' returns
+%% the models that the exhaustive checker explores, for `./starl check'. `benchmark/0' defines the
+%% workload of `./starl bench blocks'.
 -module(starl_block).
 
 -export([expand/2, is_block/1, can/2, monitors/1, guarantees/1, propositions/1, example/0]).

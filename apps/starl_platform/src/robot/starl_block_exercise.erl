@@ -1,8 +1,8 @@
 %% @doc The behaviour of a block's exercise: every robot uses the block all the time, under faults.
 %% The application `exercise' runs it, and `./starl soak' draws its values at random.
 %%
-%% A module with this behaviour ({@link starl_block}, `exercise/0') defines one turn of the work,
-%% the calls at the end, and the promise of each call for the time when all faults are over
+%% A module with this behaviour ({@link starl_block}, `exercise/0') defines one turn of the work and
+%% the calls at the end. It also defines what each call promises once all faults are over
 %% ({@link starl_promise}). Every call goes through {@link call/4}, which traces the call and its
 %% outcome ({@link event()}); a monitor checks the promise.
 -module(starl_block_exercise).

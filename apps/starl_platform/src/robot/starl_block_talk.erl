@@ -1,6 +1,6 @@
-%% @doc The behaviour of a talk: several calls of a block's machine in turn, each of which depends
-%% on the answer before. A talk is one step of a checked model's script ({@link starl_block},
-%% `{talk, Module, Args}') and stands for the code of the block's interface.
+%% @doc The behaviour of a talk: a sequence of calls to a block's machine, each of which depends on
+%% the answer before. A talk is one step of a checked model's script ({@link starl_block}, `{talk,
+%% Module, Args}'). It stands for the code of the block's interface.
 -module(starl_block_talk).
 
 -export_type([call/0, next/0]).

@@ -1,14 +1,15 @@
-%% @doc Tells one build of StarL from another: two commits have the same version, and not the same code.
+%% @doc Identifies a build of StarL. Two commits may have the same version number but different
+%% code.
 %%
-%% The code is named by a hash of what the compiler made of the modules that decide a run: those of the
-%% platform, the blocks, the simulator and the applications that ship, and the modules of the
+%% The identifier is a hash of what the compiler made of the modules that decide a run. These are
+%% the modules of the platform, the blocks, the simulator, the applications that ship, and the
 %% program that runs.
 %% ```
 %%   1> starl_build:code([]).
 %%   "51f3c0a8be42"
 %% '''
-%% It is the same in every directory, in a checkout and in an image made of it. Another release of OTP, or
-%% other options of the compiler, make other code of the same commit.
+%% It is the same in every directory, in a checkout and in an image made of it. Another release of
+%% OTP, or other compiler options, produce other code from the same commit.
 -module(starl_build).
 
 -export([code/1]).

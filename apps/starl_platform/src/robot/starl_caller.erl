@@ -1,6 +1,6 @@
-%% @doc Checks the arguments that an application gives to `starl' and to the interfaces of the
+%% @doc Checks the arguments that an application passes to `starl' and to the interfaces of the
 %% blocks. An invalid argument is the caller's mistake: the call fails with an error that names
-%% function, argument and application; only the application's own process crashes.
+%% function, argument and application. Only the application's own process crashes.
 -module(starl_caller).
 
 -export([check/4, payload/4, mistake/4]).

@@ -1,5 +1,6 @@
-%% @doc Loads a module in the place of its former definition, as a cell of a notebook does, without harm to an
-%% application in mid-step. It is no reload of robots: that is {@link starl_reload}. Tells where code stands.
+%% @doc Loads a module over its former definition, as a cell of a notebook does, without harm to an
+%% application in mid-step. It does not reload robots: that is {@link starl_reload}. It also finds
+%% the place of code in its source.
 %%
 %% The VM keeps two versions of a module: the newest, and the previous one for processes that still
 %% run it. A step that blocks stays in the code in which it began. To load a third version removes

@@ -1,5 +1,6 @@
-%% @doc The cause of a crash: its reason, and its place in the code. A cause reads the same whether
-%% the machine is a process or runs inline, and from run to run: it does not depend on pids.
+%% @doc Describes the cause of a crash: its reason, and its place in the code. A cause reads the
+%% same whether the machine is a process or runs inline, and from run to run: it does not depend on
+%% pids.
 -module(starl_crash).
 
 -export([
@@ -69,7 +70,7 @@ cause(Reason) ->
 format({Reason, []}) -> Reason;
 format({Reason, Stack}) -> [Reason, " at ", lists:join(", ", [format_frame(F) || F <- Stack])].
 
-%% @doc A frame in words: the function, and its file and line where they are known.
+%% @doc A frame as text: the function, and its file and line where they are known.
 -spec format_frame(frame()) -> unicode:chardata().
 format_frame({Module, Function, Arity, "", _}) ->
     io_lib:format("~tp:~tp/~b", [Module, Function, Arity]);

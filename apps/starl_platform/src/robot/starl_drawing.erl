@@ -1,6 +1,6 @@
-%% @doc What an application draws on the floor, for people who look at its run: the paper's extensible
-%% visualiser. A robot draws by `starl:draw/2', which traces `{draw, Drawing}'; the window, the film and
-%% recordings show it.
+%% @doc Describes what an application draws on the floor, for people who watch its run (the paper's
+%% extensible visualiser). A robot draws by `starl:draw/2', which traces `{draw, Drawing}'; the
+%% window, the film and recordings show it.
 %% ```
 %%   #{key => goal, points => [{1000, 1000}]}                     dots
 %%   #{key => way, line => [{0, 0}, {1000, 500}], colour => red}  a line through points
@@ -8,8 +8,8 @@
 %%   #{key => name, text => "leader", at => {500, 500}}
 %%   #{key => way, line => []}                                    nothing in its place any more
 %% '''
-%% What is drawn takes the place of what the same robot has drawn before under the same key. A robot's
-%% restart changes nothing. Lengths are millimetres.
+%% A new drawing replaces the robot's earlier drawing under the same key. A robot's restart changes
+%% nothing. Lengths are millimetres.
 -module(starl_drawing).
 
 -export([new/1, circle/2, colours/0, shown/2]).

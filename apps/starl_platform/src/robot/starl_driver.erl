@@ -1,6 +1,6 @@
-%% @doc The driver of a robot: a simulator's shard, the checker, the link of a real robot. It adds time,
-%% a store, a trace, and the world ({@link starl_platform}) to a {@link starl_robot}, with a state of its own,
-%% through the callbacks of this behaviour.
+%% @doc The behaviour of a robot's driver: a simulator's shard, the checker, or the link of a real
+%% robot. A driver adds time, a store, a trace, and the world ({@link starl_platform}) to a
+%% {@link starl_robot}, through callbacks with a state of its own.
 %%
 %% Rules for a driver:
 %% <ul>
@@ -11,9 +11,9 @@
 %% <li>While a process is at work the driver hands in nothing else. The actions and trace events of
 %%   the process have the time at which its event began, not the time of its answer. Actions with a
 %%   latest moment (`until') take place only if the driver's `present' time allows it.</li>
-%% <li>A simulator can let the robot stand still in mid-step ({@link starl_robot:stand_still/3}): the turn ends
-%%   there (`stands'), the driver hands in nothing before {@link starl_robot:go_on/1}, and the rest of the step
-%%   takes place at the time of that call.</li>
+%% <li>A simulator can stall the robot in mid-step ({@link starl_robot:stand_still/3}). The turn
+%% ends there (`stands'), and the driver hands in nothing before {@link starl_robot:go_on/1}. The
+%% rest of the step takes place at the time of that call.</li>
 %% <li>An answer counts only if it comes from the process at work: see {@link starl_robot:answered/3}.</li>
 %% <li>A process may attach before the end of its predecessor is known. It has to wait until that
 %%   end has been handled ({@link starl_robot_machines:attach/3} returns `early').</li>
@@ -23,8 +23,9 @@
 %%   (`stop'), and only events of the chassis itself reach the robot.</li>
 %% </ul>
 %%
-%% Here are also its messages with the processes of the robot's machines ({@link starl_machine_proc}, {@link
-%% starl_app_proc}). A process only carries out orders, and is at rest when it has answered:
+%% The module also has the messages between the driver and the processes of the robot's machines
+%% ({@link starl_machine_proc}, {@link starl_app_proc}). A process only carries out orders, and is
+%% at rest when it has answered:
 %% ```
 %%   process                                   driver
 %%      | -- {starl_attach, Robot, Name, Pid} -->|   once, when the process has started
@@ -80,11 +81,11 @@ when
 %% The application has ended.
 -callback ended(starl_robot:ended(), World) -> World when World :: world().
 
-%% @doc A process tells its driver that it has started.
+%% @doc A process notifies its driver that it has started.
 -spec attach(pid(), starl:robot_id(), starl_machine:name()) -> attach().
 attach(Driver, Robot, Name) -> Driver ! {starl_attach, Robot, Name, self()}.
 
-%% @doc A process tells its driver that it has carried out its order.
+%% @doc A process notifies its driver that it has carried out its order.
 -spec done(pid(), starl:robot_id(), [starl_machine:action()]) -> done().
 done(Driver, Robot, Actions) -> Driver ! {starl_done, Robot, self(), Actions}.
 
@@ -106,6 +107,6 @@ event(Name, {starl_step, Type, Content, _Meta}) -> {Name, Type, Content}.
 later(Now, {starl_boot, Base}) -> {starl_boot, Base#{now := Now}};
 later(Now, {starl_step, Type, Content, Meta}) -> {starl_step, Type, Content, Meta#{now := Now}}.
 
-%% @doc The machines whose restart these orders tell of.
+%% @doc The machines whose restart these orders report.
 -spec restarted([order()]) -> [starl_machine:name()].
 restarted(Orders) -> [Name || {starl_step, info, {restarted, Name}, _Meta} <- Orders].

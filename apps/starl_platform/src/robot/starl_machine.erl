@@ -1,4 +1,4 @@
-%% @doc The behaviour of every protocol of StarL, and the pure runner of such a machine.
+%% @doc The behaviour of StarL's protocol machines, and the pure runner of such a machine.
 %% ```
 %%   -module(counting_machine).
 %%   -behaviour(starl_machine).
@@ -14,16 +14,16 @@
 %%       unknown_event.
 %% '''
 %%
-%% A machine is a callback module with gen_statem's vocabulary and no side effects: time,
-%% identity and randomness come in through its configuration and {@link meta()}, and everything
-%% that leaves is an {@link action()}. The same code ({@link starl_machine_runner}) is interpreted by
-%% {@link starl_machine_proc} (a process in a robot's supervision tree), inline in a simulator,
-%% and by the exhaustive checker.
+%% A machine is a callback module with gen_statem's vocabulary and no side effects. Time, identity
+%% and randomness come in through its configuration and {@link meta()}, and everything that leaves
+%% is an {@link action()}. The same code ({@link starl_machine_runner}) runs in three places: in
+%% {@link starl_machine_proc} (a process in a robot's supervision tree), inline in a simulator, and
+%% in the exhaustive checker.
 %%
-%% A machine answers an unknown event with `unknown_event': the event is traced, never
-%% fatal, never silent. A message from another robot may hold any term: a machine that exports
-%% `accepts/2' gets only messages whose body it accepts; each other message leaves the trace event
-%% `{malformed, From, Type, Body}'.
+%% A machine answers an unknown event with `unknown_event': the event is traced, never fatal, never
+%% silent. A message from another robot may hold any term. A machine that exports `accepts/2' gets
+%% only messages whose body it accepts; each other message leaves the trace event `{malformed, From,
+%% Type, Body}'.
 -module(starl_machine).
 
 -export([new/3, step/4, module/1, state/1, data/1, snapshot/1, restore/1]).
@@ -42,16 +42,15 @@
 %% time when the call returns ({@link starl:call/4}).
 -type from() :: {name(), tag()}.
 
-%% The kind of an event:
-%% `cast' and `{call, From}' from another machine of the same robot, `{reply, Tag}' for the
-%% answer to its own call, timeouts as in gen_statem, `packet' from the radio, and `info' from
-%% the platform: `{located, Tag, [{robot_id(), pose(), AgeUs}]}' after `sense', `{driven, Mark, Us}'
-%% or `{stalled, Mark, Told}' after `drive', `{actuated, Mark, Device, Value}' after `actuate'
-%% with a mark, `{felt, Tag, {ok, Reading} | none | unknown}' after `feel', `{restarted, Name}' when
-%% another machine of this robot has crashed and come back, `{given_up, Name}' when it does not come
-%% back (a machine may leave it unhandled), and `{late, Mark}' when actions were not carried out
-%% because their latest moment had passed. The runner itself handles `code', a word on new code
-%% ({@link starl_reload}).
+%% The kind of an event: `cast' and `{call, From}' from another machine of the same robot, `{reply,
+%% Tag}' for the answer to its own call, timeouts as in gen_statem, `packet' from the radio, and
+%% `info' from the platform. The contents of `info' are: `{located, Tag, [{robot_id(), pose(),
+%% AgeUs}]}' after `sense'; `{driven, Mark, Us}' or `{stalled, Mark, Told}' after `drive';
+%% `{actuated, Mark, Device, Value}' after `actuate' with a mark; `{felt, Tag, {ok, Reading} | none
+%% | unknown}' after `feel'; `{restarted, Name}' when another machine of this robot has crashed and
+%% come back; `{given_up, Name}' when it does not come back (a machine may leave it unhandled); and
+%% `{late, Mark}' when actions were not carried out because their deadline had passed. The runner
+%% itself handles `code', a reload command ({@link starl_reload}).
 -type event_type() ::
     cast
     | code
@@ -108,22 +107,23 @@
 %% What a machine may know of the world when it handles an event: the robot's own clock (µs).
 -type meta() :: #{now := integer(), robot := starl:robot_id()}.
 
-%% The term that a machine kept with the action `store', given back after a crash of the machine and
+%% The term that a machine kept with the action `store', returned after a crash of the machine and
 %% after a reboot of the robot alike. `none': it has never kept a term. `damaged': it kept a term
-%% that cannot be read, or the robot has lost its store and nobody knows whether it did, so the machine
-%% must assume that it has made every promise it could have made. A full store crashes the machine that writes, before any later action. A machine that wrote
-%% in `init/1' would crash at every restart, so a machine writes only when it makes a promise.
+%% that cannot be read, or the robot has lost its store and nobody knows whether it did. So the
+%% machine must assume that it has made every promise it could have made. A full store crashes the
+%% machine that writes, before any later action. A machine that wrote in `init/1' would crash at
+%% every restart, so a machine writes only when it makes a promise.
 -type stored() :: none | {stored, Term :: term()} | damaged.
 
 %% The configuration given to `init/1'. `incarnation' grows with each start of this machine on this
-%% robot, by one in a life of the robot; a robot that comes up again begins with a number that no
-%% earlier life has reached ({@link starl_robot_machines}), whatever has become of its store. 1: this
-%% machine has never run before. `life' tells where the present life of the robot begins: `{0, 1}' is
-%% its first life; in a later one its store may be that of an earlier life than its last. `latest_life', for SAP
-%% only: no earlier life can have had a larger number. `random' is the machine's
-%% own random stream, another one in each life. `team_seed' is the same number for all robots of the
-%% team, in all their lives: what a machine has told by it, it tells again after a restart, and after
-%% the loss of its store, too. `clock' reads the robot's own clock where steps take time; only an
+%% robot, by one in a life of the robot. A robot that comes up again begins with a number that no
+%% earlier life has reached ({@link starl_robot_machines}), whatever has become of its store. 1:
+%% this machine has never run before. `life' gives the beginning of the robot's present life: `{0,
+%% 1}' is its first life; in a later life its store may be older than its last life. `latest_life',
+%% for SAP only: no earlier life can have had a larger number. `random' is the machine's own random
+%% stream, different in each life. `team_seed' is the same number for all robots of the team, in all
+%% their lives. So a machine repeats what it has sent by this number, after a restart and even after
+%% the loss of its store. `clock' reads the robot's own clock where steps take time; only an
 %% application gets it. `code': the versions of a machine that does not start with its first code.
 -type config() :: #{
     robot := starl:robot_id(),
@@ -154,7 +154,7 @@
 -callback init(config()) -> {State :: term(), Data :: term(), [action()]}.
 -callback handle_event(event_type(), Content :: term(), State :: term(), Data :: term(), meta()) ->
     result().
-%% Does the machine take messages of this type with this body ({@link starl_shape:is/2})?
+%% Does the machine accept messages of this type with this body ({@link starl_shape:is/2})?
 -callback accepts(starl_packet:type(), Body :: term()) -> boolean().
 %% Carries the state of the module with this MD5 over to this one; as in gen_statem, `{down, Vsn}'
 %% carries it back. Code that converts states must be able to do both: else it is not taken. Without
@@ -163,8 +163,9 @@
     {ok, State :: term(), Data :: term()}
 when
     Md5 :: binary(), State :: term(), Data :: term().
-%% Are the calls to it kept by real robots? A model of what its block promises explains them then ({@link
-%% starl_history_model}); without this callback they are not kept, since they cost room in recordings.
+%% Do real robots keep the calls to it? Then a model of what its block promises explains them
+%% ({@link starl_history_model}). Without this callback they are not kept, since they cost room in
+%% recordings.
 -callback has_history() -> boolean().
 -optional_callbacks([accepts/2, code_change/3, has_history/0]).
 
@@ -183,8 +184,8 @@ when
 %% A machine as data.
 -type snapshot() :: {module(), State :: term(), Data :: term()}.
 
-%% @doc A machine in its first state, with the actions of its start. `Base' is the platform's part
-%% of the configuration, `Config' the machine's own.
+%% @doc Returns a machine in its first state, with the actions of its start. `Base' is the
+%% platform's part of the configuration, `Config' the machine's own.
 -spec new(module(), Config :: map(), Base :: config()) -> {[action()], t()}.
 new(_First, Config, #{code := Lineage} = Base) ->
     {Actions, Machine} = new(starl_lineage:code(Lineage), Config, maps:remove(code, Base)),
@@ -192,7 +193,7 @@ new(_First, Config, #{code := Lineage} = Base) ->
 new(Module, Config, Base) ->
     starl_machine_runner:new(Module, Config, Base).
 
-%% @doc Handles one event; returns the actions in the order in which they are to take place.
+%% @doc Handles one event, and returns the actions in the order in which they are to take place.
 -spec step(event_type(), Content :: term(), meta(), t()) -> {[action()], t()}.
 step(code, Word, Meta, Running) ->
     switch(Word, Meta, Running);
@@ -376,11 +377,12 @@ state(Machine) -> starl_machine_runner:state(Machine).
 data(#reloaded{machine = Machine}) -> data(Machine);
 data(Machine) -> starl_machine_runner:data(Machine).
 
-%% @doc The machine as data; the versions of reloaded code are more than that.
+%% @doc Returns the machine as data. A machine that runs reloaded code is more than data: the answer
+%% is `{error, reloaded_code}'.
 -spec snapshot(t()) -> {ok, snapshot()} | {error, reloaded_code}.
 snapshot(#reloaded{}) -> {error, reloaded_code};
 snapshot(Machine) -> {ok, {module(Machine), state(Machine), data(Machine)}}.
 
-%% @doc The machine of such data.
+%% @doc Restores a machine from such data.
 -spec restore(snapshot()) -> t().
 restore({Module, State, Data}) -> starl_machine_runner:restore(Module, State, Data).

@@ -1,7 +1,7 @@
 %% @doc The process around a {@link starl_machine}: a thin gen_statem.
 %%
-%% The process is stepped by its driver (a simulator shard, or the link of a real robot), in the
-%% words of {@link starl_driver}, and is at rest when it has answered.
+%% Its driver (a simulator shard, or the link of a real robot) steps the process, with the messages
+%% of {@link starl_driver}. The process is at rest when it has answered.
 -module(starl_machine_proc).
 -behaviour(gen_statem).
 

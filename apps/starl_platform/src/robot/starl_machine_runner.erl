@@ -1,5 +1,6 @@
-%% @doc Runs a machine ({@link starl_machine}) in one version of its code: its start, its events, and its
-%% states as other versions take them over. What becomes of it when new code fails, {@link starl_machine} decides.
+%% @doc Runs a machine ({@link starl_machine}) in one version of its code: it starts the machine,
+%% passes it events, and converts its state for other versions. {@link starl_machine} decides what
+%% happens when new code fails.
 -module(starl_machine_runner).
 
 -export([new/3, step/4, module/1, state/1, data/1, restore/3]).

@@ -1,4 +1,4 @@
-%% @doc The platform behaviour: the services of the world that a robot needs (the paper's platform
+%% @doc The platform behaviour: the services that a robot needs from its world (the paper's platform
 %% layer: packets, location, motion, other actuators).
 %%
 %% An adapter (the simulator, a real chassis with its radio) carries out the actions of machines on
@@ -31,8 +31,9 @@
 %%   least all that are so near; an adapter may show the whole team), and the age of each
 %%   measurement. An adapter to a system that sends pictures at its own pace should answer with the
 %%   next picture (see {@link starl_location})</dd>
-%% <dt>`{feel, Kind, Tag}'</dt><dd>answered by the event `{Name, info, {felt, Tag, {ok, Reading}}}' with what the
-%%   sense says; `none' if it is silent, `unknown' if the robot has no such sense</dd>
+%% <dt>`{feel, Kind, Tag}'</dt><dd>answered by the event `{Name, info, {felt, Tag, {ok, Reading}}}'
+%% with the reading of the sense; `none' if it is silent, `unknown' if the robot has no such
+%% sense</dd>
 %% <dt>`{drive, {Chassis, Commands}, Mark}'</dt><dd>the chassis carries out the commands, one after
 %%   the other, each for its duration by the chassis' own clock, and stops, even if the robot's
 %%   program fails; without commands it stops as soon as it can. When it stands, it answers with
@@ -45,13 +46,13 @@
 %% <dt>`{actuate, Device, Value, Mark}'</dt><dd>the same, answered by the event `{Name, info,
 %%   {actuated, Mark, Device, Value}}' with the state that the device's sensor shows then; a command
 %%   or an answer may be lost</dd>
-%% <dt>`{until, Us, Action, Late}'</dt><dd>carries out the action unless the robot's own clock shows a
-%%   later time when it leaves the robot; else answered by `{Name, info, {late, Late}}'. A fact
-%%   leaves for the record</dd>
+%% <dt>`{until, Us, Action, Late}'</dt><dd>carries out the action unless the robot's own clock shows
+%% a later time when it leaves the robot; else answered by `{Name, info, {late, Late}}'. A trace
+%% event leaves for the record</dd>
 %% <dt>`{outlived, Incarnation}'</dt><dd>the robot's store is older than its last life, which had this
 %%   number: it is marked as outdated, and the whole robot starts anew, as after a reboot</dd>
-%% <dt>`{reloaded, Told}'</dt><dd>tells how the machine has heeded a word on new code; answered by
-%%   `{Other, info, {restarted, Name}}' for each machine that is to learn of a crash</dd>
+%% <dt>`{reloaded, Told}'</dt><dd>reports how the machine has applied a reload command; answered by
+%% `{Other, info, {restarted, Name}}' for each machine that is to learn of a crash</dd>
 %% </dl>
 -callback perform(world_action(), starl_machine:name(), State) ->
     {[starl_robot:local()], State}

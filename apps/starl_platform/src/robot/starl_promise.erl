@@ -1,5 +1,5 @@
-%% @doc The promise of a call for the time when all faults are over: its outcome, and its latest
-%% end. The exercise of a block makes promises ({@link starl_block_exercise}).
+%% @doc The promise that a call makes for the time when all faults are over: its outcome, and its
+%% latest end. The exercise of a block makes promises ({@link starl_block_exercise}).
 -module(starl_promise).
 
 -export([due_us/2, soon/3, when_all/4, has_died/2, is_ok/1, is_some/1, is_answer/1]).

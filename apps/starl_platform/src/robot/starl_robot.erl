@@ -1,14 +1,14 @@
 %% @doc One robot, the same under every driver (the simulator, the checker, the link of a real
-%% robot). It hands an event to a machine, carries out the machine's actions, and then handles the
-%% local events that these cause for the robot's other machines, until none is left.
+%% robot). It passes an event to a machine and carries out the machine's actions. Then it handles
+%% the local events that these cause for the robot's other machines, until none is left.
 %% ```
 %%     event of the world or a timer --> machine --> actions --> world, timers, trace, store
 %%                                          ^           |
 %%                                          +-----------+ local events, in their order
 %% '''
 %% The module is pure: a driver ({@link starl_driver}) hands events in and handles each resulting
-%% {@link turn()}. The loop itself is {@link starl_robot_loop}; here is what a robot keeps between two
-%% turns, and how it loses machines, goes down and comes up.
+%% {@link turn()}. The loop itself is {@link starl_robot_loop}. This module holds the robot's state
+%% between two turns, and handles lost machines, going down and coming up.
 -module(starl_robot).
 
 -export([
@@ -32,9 +32,9 @@
 %% The end of its application: with a result, by too many crashes, or with the death of the robot.
 -type ended() :: {done, Result :: term()} | given_up | died.
 
-%% The result of a turn: the robot has nothing left to do; a process has to carry out this order,
-%% which the driver sends; a machine has crashed, by itself or by a full store; the robot pauses
-%% ({@link pace/2}); or it stands still in mid-step ({@link stand_still/3}).
+%% The result of a turn. `quiet': the robot has nothing left to do. Else a process has to carry out
+%% this order, which the driver sends; or a machine has crashed, by itself or by a full store. Or
+%% the robot pauses ({@link pace/2}), or stalls in mid-step ({@link stand_still/3}).
 -type turn() ::
     {quiet, t()}
     | {stands, t()}
@@ -56,7 +56,7 @@
     rest = none :: {stands | due, starl_robot_loop:rest()} | none
 }).
 
-%% What is left to do of a robot that stands still in mid-step: the rest of the step, and the local
+%% What is left to do for a robot that is stalled in mid-step: the rest of the step, and the local
 %% events that are due after it.
 -type standing() :: {starl_robot_loop:rest(), [local()]}.
 
@@ -71,7 +71,7 @@
 
 -opaque t() :: #robot{}.
 
-%% @doc A robot whose machines all boot first.
+%% @doc Makes a robot whose machines all boot first.
 -spec new(starl:robot_id(), module(), world(), starl_robot_machines:t()) -> t().
 new(Id, Driver, World, Machines) ->
     #robot{
@@ -81,7 +81,7 @@ new(Id, Driver, World, Machines) ->
         local = starl_robot_machines:boots(Machines)
     }.
 
-%% @doc What a robot is between two events, beside its machines and its driver's state.
+%% @doc The state of a robot between two events, besides its machines and its driver's state.
 -spec parts(t()) -> parts().
 parts(#robot{condition = Condition, timers = Timers, local = Local, rest = Rest, loop = Loop}) ->
     #{
@@ -92,7 +92,8 @@ parts(#robot{condition = Condition, timers = Timers, local = Local, rest = Rest,
         still => starl_robot_loop:still(Loop)
     }.
 
-%% @doc A robot that is quiet or stands still in mid-step; `parts' are those of {@link parts/1}.
+%% @doc Restores a robot that is quiet or is stalled in mid-step; `parts' are those of
+%% {@link parts/1}.
 -spec restore(
     #{
         id := starl:robot_id(),
@@ -142,7 +143,7 @@ condition(#robot{condition = Condition}) -> Condition.
 -spec world(t()) -> world().
 world(#robot{world = World}) -> World.
 
-%% @doc The robot with a new state of the driver.
+%% @doc Replaces the driver's own state.
 -spec world(world(), t()) -> t().
 world(World, Robot) -> Robot#robot{world = World}.
 
@@ -150,7 +151,7 @@ world(World, Robot) -> Robot#robot{world = World}.
 -spec machines(t()) -> starl_robot_machines:t().
 machines(#robot{machines = Machines}) -> Machines.
 
-%% @doc The robot with other machines.
+%% @doc Replaces the robot's machines.
 -spec machines(starl_robot_machines:t(), t()) -> t().
 machines(Machines, Robot) -> Robot#robot{machines = Machines}.
 
@@ -163,14 +164,14 @@ timers(#robot{timers = Timers}) -> Timers.
 busy(#robot{busy = none}) -> none;
 busy(#robot{busy = {Name, _}}) -> Name.
 
-%% @doc Sets whether the robot goes on until it is quiet, or pauses after each event.
+%% @doc Sets whether the robot runs until it is quiet, or pauses after each event.
 -spec pace(on | single, t()) -> t().
 pace(Pace, #robot{loop = Loop} = Robot) ->
     Robot#robot{loop = starl_robot_loop:pace(Pace, Loop)}.
 
 %% -- the loop -------------------------------------------------------------------------------
 
-%% @doc Goes on with the local events.
+%% @doc Handles the local events that are left.
 -spec run(t()) -> turn().
 run(#robot{rest = {stands, _}} = Robot) ->
     {stands, Robot};
@@ -184,8 +185,8 @@ run(#robot{local = Local, world = World, loop = Loop} = Robot) ->
     #robot{machines = Machines, timers = Timers} = Robot,
     turn(starl_robot_loop:next(Local, World, Machines, Timers, Loop), Robot).
 
-%% @doc Is it up with no local events left (`quiet'), up with some (`busy'), or down or dead (`off')?
-%% And the driver's own state.
+%% @doc Returns whether the robot is up with no local events left (`quiet'), up with some (`busy'),
+%% or down or dead (`off'); and the driver's own state.
 -spec status(t()) -> {quiet | busy | off, world()}.
 status(#robot{condition = up, local = [], world = World}) -> {quiet, World};
 status(#robot{condition = up, world = World}) -> {busy, World};
@@ -199,8 +200,8 @@ event(Name, Type, Content, World, #robot{local = Local, loop = Loop} = Robot) ->
     #robot{machines = Machines, timers = Timers} = Robot,
     turn(starl_robot_loop:step(Name, Type, Content, Local, World, Machines, Timers, Loop), Robot).
 
-%% @doc The event of a timer has come, with this mark. If the timer still runs, returns the kind of
-%% event and the timers that are left, for {@link fire/6}.
+%% @doc Handles an expired timer with this mark. If the timer still runs, returns the kind of event
+%% and the timers that are left, for {@link fire/6}.
 -spec expire(starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark(), t()) ->
     {ok, starl_machine:event_type(), Left :: starl_robot_timers:t()} | stale.
 expire(Name, Timer, Mark, #robot{timers = Timers}) ->
@@ -220,8 +221,8 @@ fire(Name, Type, Content, World, Left, #robot{local = Local, loop = Loop} = Robo
     Machines = Robot#robot.machines,
     turn(starl_robot_loop:step(Name, Type, Content, Local, World, Machines, Left, Loop), Robot).
 
-%% @doc Carries out the actions with which a process has answered; `ignored' if it is not the
-%% process at work: a killed process may have answered before its end.
+%% @doc Carries out the actions that a process has returned. `ignored': it is not the process at
+%% work, since a killed process may have answered before its end.
 -spec answered(pid(), [starl_machine:action()], t()) -> turn() | ignored.
 answered(Pid, Actions, #robot{busy = {Name, Pid}, world = World, loop = Loop} = Robot) ->
     #robot{local = Local, machines = Machines, timers = Timers} = Robot,
@@ -229,39 +230,40 @@ answered(Pid, Actions, #robot{busy = {Name, Pid}, world = World, loop = Loop} = 
 answered(_Pid, _Actions, #robot{}) ->
     ignored.
 
-%% @doc The process that is about to be asked is not asked yet: what the order says is the next local event again.
+%% @doc Puts an order back that was not sent yet: it becomes the next local event again.
 -spec put_off(starl_driver:order(), t()) -> t().
 put_off(Order, #robot{busy = {Name, _Pid}, local = Local} = Robot) ->
     Robot#robot{busy = none, local = [starl_driver:event(Name, Order) | Local]}.
 
-%% @doc Leaves the process at work alone, and goes on without it. Its answer comes with {@link act/4}
-%% when the robot is quiet. Until then the driver must keep further orders to this process back. Only
-%% a driver in real time does so, with an application that may compute for long.
+%% @doc Leaves the process at work alone, and goes on without it. {@link act/4} takes its answer
+%% when the robot is quiet. Until then the driver must keep further orders to this process back.
+%% Only a driver in real time does so, with an application that may compute for long.
 -spec leave(t()) -> turn().
 leave(#robot{busy = {_Name, _Pid}} = Robot) -> run(Robot#robot{busy = none}).
 
-%% @doc Carries out the actions with which a process has answered that was left alone. The driver's
+%% @doc Carries out the actions of a process that was left alone ({@link leave/1}). The driver's
 %% state must be at the present time.
 -spec act(starl_machine:name(), [starl_machine:action()], world(), t()) -> turn().
 act(Name, Actions, World, #robot{busy = none, local = Local, loop = Loop} = Robot) ->
     #robot{machines = Machines, timers = Timers} = Robot,
     turn(starl_robot_loop:perform(Actions, Name, Local, World, Machines, Timers, Loop), Robot).
 
-%% @doc In the next step of this machine that has more actions than this the robot stands still, after
-%% so many of them. Facts of a group with a latest moment are not parted from the look at the clock.
+%% @doc Fault injection: stalls the robot in the next step of this machine that has more than
+%% `Actions' actions, after that many. Trace events in a group with a deadline are not separated
+%% from the check of the clock.
 -spec stand_still(starl_machine:name(), Actions :: non_neg_integer(), t()) -> t().
 stand_still(Name, After, Robot) -> still({Name, After}, Robot).
 
 still(Still, #robot{loop = Loop} = Robot) ->
     Robot#robot{loop = starl_robot_loop:still(Still, Loop)}.
 
-%% @doc The robot stands still no longer: {@link run/1} goes on with the step. The driver's state
-%% must be at the present time.
+%% @doc Ends the stall of the robot: {@link run/1} goes on with the step. The driver's state must be
+%% at the present time.
 -spec go_on(t()) -> t().
 go_on(#robot{rest = {stands, Rest}} = Robot) -> still(none, Robot#robot{rest = {due, Rest}});
 go_on(Robot) -> still(none, Robot).
 
-%% @doc What is left to do, if the robot stands still in mid-step.
+%% @doc Returns what is left to do, if the robot is stalled in mid-step.
 -spec standing(t()) -> standing() | none.
 standing(#robot{rest = {stands, Rest}, local = Local}) -> {Rest, Local};
 standing(#robot{}) -> none.
@@ -291,8 +293,8 @@ turn({Outcome, Local, World, Machines, Timers, Loop}, #robot{condition = Conditi
 
 %% -- crashes --------------------------------------------------------------------------------
 
-%% @doc A machine has ended, for this reason: its timers are forgotten. A crash by itself is traced
-%% for its supervisor; an end from outside is not.
+%% @doc Handles the end of a machine, for this reason: its timers are forgotten. A crash by itself
+%% is traced for its supervisor; an end from outside is not.
 -spec lost(starl_machine:name(), Reason :: term(), t()) -> t().
 lost(Name, Reason, #robot{busy = Busy} = Robot) ->
     Bare = rest_lost(Name, lose(Name, Robot)),
@@ -318,7 +320,8 @@ lose(Name, #robot{timers = Timers, local = Local} = Robot) ->
         local = lists:delete({Name, boot, none}, Local)
     }).
 
-%% @doc A process has started as the machine of this name ({@link starl_robot_machines:attach/3}).
+%% @doc Attaches a process that has started as the machine of this name
+%% ({@link starl_robot_machines:attach/3}).
 -spec attach(starl_machine:name(), pid(), t()) -> {ok, t()} | early.
 attach(Name, Pid, #robot{machines = Machines} = Robot) ->
     case starl_robot_machines:attach(Name, Pid, Machines) of
@@ -326,9 +329,10 @@ attach(Name, Pid, #robot{machines = Machines} = Robot) ->
         early -> early
     end.
 
-%% @doc Handles restarts first of all: the machines that have come back boot, and the robot's
-%% others are told, also of the machines that were given up ({@link starl_robot_machines:news/3}). Calls under
-%% way to a machine that has come back are void: their callers are told.
+%% @doc Handles restarts, before all other local events. The machines that have come back boot. The
+%% robot's other machines are notified of them, and of the machines that were given up
+%% ({@link starl_robot_machines:news/3}). Pending calls to a machine that has come back are void,
+%% and their callers are notified.
 -spec back(Back :: [starl_machine:name()], GivenUp :: [starl_machine:name()], t()) -> t().
 back(Back, GivenUp, #robot{machines = Machines} = Robot) ->
     Left = lists:foldl(fun give_up/2, void_calls(Back, Robot), GivenUp),

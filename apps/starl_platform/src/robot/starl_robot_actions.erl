@@ -1,6 +1,6 @@
-%% @doc Actions of a step that does not run through as usual: the robot stands still in the middle of it, what it
-%% does has a latest moment, or machines that it calls have restarted meanwhile. Pure; a part of
-%% {@link starl_robot}.
+%% @doc Adapts the actions of a step in three unusual cases. The robot stalls in the middle of the
+%% step, an action has a deadline, or machines that the step calls have restarted meanwhile. Pure; a
+%% part of {@link starl_robot}.
 -module(starl_robot_actions).
 
 -export([standing_still/2, aged/2, bounded/3, without_calls/2, without_call_events/2]).
@@ -8,8 +8,8 @@
 -type action() ::
     starl_machine:action() | stand_still | {until, Us :: integer(), [action()], Mark :: term()}.
 
-%% @doc The actions with the mark `stand_still' behind this many of them, if there are more. Facts of a group with
-%% a latest moment are not parted from the look at the clock.
+%% @doc Inserts the mark `stand_still' after this number of actions, if there are more. Trace events
+%% in a group with a deadline are not separated from the check of the clock.
 -spec standing_still(After :: non_neg_integer(), [starl_machine:action()]) ->
     {ok, [action(), ...]} | too_few.
 standing_still(After, Actions) ->

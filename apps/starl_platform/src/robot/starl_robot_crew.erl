@@ -1,5 +1,5 @@
-%% @doc The crew of a robot: the services that every robot has, their configuration, and the tree of
-%% its processes; the same for every driver.
+%% @doc Lists the services that every robot has, with their configuration, and the tree of its
+%% processes. It is the same for every driver.
 -module(starl_robot_crew).
 
 -export([tree/1, inline/1, parts/1]).

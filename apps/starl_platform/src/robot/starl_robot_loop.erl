@@ -1,6 +1,6 @@
-%% @doc The loop of a robot: an event goes to a machine, the machine's actions are carried out in their
-%% order, and the local events that they cause follow, until none is left, a process has to be asked, a
-%% machine crashes, or the robot stands still in mid-step.
+%% @doc The event loop of a robot. An event goes to a machine, and the machine's actions are carried
+%% out in their order. The local events that they cause follow. The loop ends when no event is left,
+%% a process has to be asked, a machine crashes, or the robot stalls in mid-step.
 %%
 %% Pure; a part of {@link starl_robot}, which keeps what a turn of the loop returns.
 -module(starl_robot_loop).
@@ -25,8 +25,8 @@
 %% Fault injection: stall after N actions in this machine's next step that has more than N.
 -type still() :: {starl_machine:name(), Actions :: non_neg_integer()} | none.
 
-%% How a turn ends: nothing is left to do; the robot pauses; it stands still in mid-step; a process
-%% has to carry out this order; a machine has crashed.
+%% How a turn ends: nothing is left to do; the robot pauses; it stalls in mid-step; a process has to
+%% carry out this order; a machine has crashed.
 -type outcome() ::
     quiet
     | paused
@@ -87,11 +87,11 @@ driver(#loop{driver = Driver}) -> Driver.
 -spec pace(on | single, t()) -> t().
 pace(Pace, Loop) -> Loop#loop{pace = Pace}.
 
-%% @doc In which step is the robot to stand still?
+%% @doc In which step is the robot to stall?
 -spec still(t()) -> still().
 still(#loop{still = Still}) -> Still.
 
-%% @doc The robot is to stand still in this step.
+%% @doc Sets that the robot is to stall in this step.
 -spec still(still(), t()) -> t().
 still(Still, Loop) -> Loop#loop{still = Still}.
 
@@ -165,7 +165,7 @@ answer(absent, Name, Type, Local, World, Machines, Timers, #loop{trace = Trace} 
 refusal(Name, {call, {From, Tag}}) -> [{From, {reply, Tag}, {no_such_machine, Name}}];
 refusal(_Name, _Type) -> [].
 
-%% @doc Carries out the actions of a step. The robot may be about to stand still in it.
+%% @doc Carries out the actions of a step. The robot may be about to stall in it.
 -spec stepped([starl_machine:action()], starl_machine:name(), [local()], W, M, T, t()) ->
     turn()
 when
@@ -188,7 +188,7 @@ when
 perform(Actions, Name, Local, World, Machines, Timers, Loop) ->
     perform(Actions, Name, [], Local, World, Machines, Timers, Loop).
 
-%% @doc Carries out the rest of a step in which the robot stood still, up to the present time.
+%% @doc Carries out the rest of a step in which the robot was stalled, up to the present time.
 -spec resume(rest(), [local()], World, Machines, Timers, t()) -> turn() when
     World :: starl_driver:world(),
     Machines :: starl_robot_machines:t(),

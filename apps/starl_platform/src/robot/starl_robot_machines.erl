@@ -1,15 +1,16 @@
-%% @doc The machines of one robot by name, with the number of starts of each. A machine is a
-%% process, or runs inline: the same {@link starl_machine} in the hands of the robot's driver.
+%% @doc Keeps the machines of one robot by name, with the number of starts of each. A machine is a
+%% process or runs inline. An inline machine is the same {@link starl_machine}, run by the robot's
+%% driver.
 %%
 %% A process gets an order ({@link starl_driver}) and is at work until it has answered; an inline
 %% machine answers at once. Both crash, are restarted and begin a new incarnation in the same way. A
 %% sequential application has a stack of its own and is always a process.
 %%
-%% The number of starts outlives a machine, and has to outlive the robot's reboots, too: incarnation
-%% 1 means that the machine has never run before. What the robot's store tells of it may be lost, or
-%% be older than the robot's last life. So the first number of a later life is beyond the store's and
-%% the clock's, by a number drawn by lot: clocks go on, so no earlier life has had it; and should the
-%% clock have been set back, the lot makes it another one than theirs.
+%% The number of starts survives a crash of the machine, and must survive the robot's reboots, too:
+%% incarnation 1 means that the machine has never run before. The number in the robot's store may be
+%% lost, or older than the robot's last life. So the first number of a later life is beyond the
+%% numbers of the store and the clock, by a random number. Clocks go on, so no earlier life has had
+%% it. If the clock was set back, the random number makes it differ from theirs.
 -module(starl_robot_machines).
 
 -export([
@@ -114,9 +115,9 @@ names(#machines{now = Now}) -> boot_order(maps:keys(Now)).
 -spec boots(t()) -> [starl_robot_loop:local()].
 boots(Machines) -> [{Name, boot, none} || Name <- names(Machines)].
 
-%% @doc The local events after restarts: these machines, which have come back, boot; the others are
-%% told, also of these that were given up. Without its application the robot stops: no other machine knows its
-%% next goal.
+%% @doc The local events after restarts: these machines, which have come back, boot. The others are
+%% notified of them, and of the machines that were given up. Without its application the robot
+%% stops: no other machine knows its next goal.
 -spec news(Back :: [starl_machine:name()], GivenUp :: [starl_machine:name()], t()) ->
     [starl_robot_loop:local()].
 news(Back, GivenUp, Machines) ->
@@ -145,8 +146,9 @@ incarnation(Name, #machines{starts = Starts}) -> maps:get(Name, Starts).
 life(_Name, #machines{moment = first}) -> {0, 1};
 life(Name, #machines{lives = Lives}) -> maps:get(Name, Lives).
 
-%% @doc The largest number of a life that the robot may have had and forgotten, by its clock. So the word
-%% of others leads to no number that would be its last: the bound grows faster than the numbers of lives.
+%% @doc The largest number of a life that the robot may have had and forgotten, by its clock. So
+%% claims of others lead to no number that would be its last: the bound grows faster than the
+%% numbers of lives.
 -spec latest_life(t()) -> pos_integer().
 latest_life(#machines{moment = first}) -> latest_at(0);
 latest_life(#machines{moment = {Ms, _Lot}}) -> latest_at(max(0, Ms)).

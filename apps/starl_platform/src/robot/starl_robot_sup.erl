@@ -7,9 +7,9 @@
 %%     ...
 %%     app                                 and for the application
 %% '''
-%% No process has a registered name, so any number of robots live in one VM. A crash restarts
-%% that process alone: the driver tells the robot's other machines with `{restarted, Name}', and
-%% a restarted SAP has a new incarnation.
+%% No process has a registered name, so any number of robots live in one VM. A crash restarts that
+%% process alone. The driver notifies the robot's other machines with `{restarted, Name}', and a
+%% restarted SAP has a new incarnation.
 %%
 %% A block or an application that crashes again and again is given up: its supervisor ends and is
 %% not restarted, and all other parts go on. A robot cannot work without its services: when their

@@ -1,6 +1,6 @@
-%% @doc The timers that run on a robot, by machine and name. Each has a mark, under which its driver
-%% planned the event. A driver never takes a plan back: the event of a timer that was cancelled, or
-%% started anew meanwhile, is recognized by its mark, and dropped.
+%% @doc Keeps the running timers of a robot, by machine and name. Each has a mark, under which its
+%% driver planned the event. A driver never cancels a plan. The event of a timer that was cancelled,
+%% or started anew meanwhile, is recognized by its mark and dropped.
 -module(starl_robot_timers).
 
 -export([new/0, start/4, cancel/3, expire/4, runs/4, forget/2, marks/1, to_list/1, from_list/1]).

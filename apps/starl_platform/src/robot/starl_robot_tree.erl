@@ -1,7 +1,7 @@
-%% @doc The processes of one robot, in the hands of its driver: its supervision tree, which restarts
-%% crashed processes. The driver waits for a restart, which takes no virtual time in the simulator. A
-%% robot with inline machines only has no processes; it restarts its machines as its supervisors
-%% would.
+%% @doc Manages the processes of one robot for its driver: its supervision tree, which restarts
+%% crashed processes. The driver waits for a restart, which takes no virtual time in the simulator.
+%% A robot with inline machines only has no processes. The module restarts its machines as its
+%% supervisors would.
 -module(starl_robot_tree).
 
 -export([launch/3, launch/2, resume/5, down/1, restart/3, give_up/4, kill/2, owns/3]).

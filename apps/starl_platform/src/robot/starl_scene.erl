@@ -3,7 +3,7 @@
 %% ({@link starl_app}) runs on an empty floor, with its blocks and their contracts.
 %%
 %% A module that is only a scene, for a machine or for the application of another module, needs
-%% nothing else; as an application it may have a table of options, `options/0'.
+%% nothing else. If it is also an application, it may have a table of options, `options/0'.
 -module(starl_scene).
 
 -export([make/2, report/3, preview/2, blocks_of/2]).

@@ -1,8 +1,8 @@
-%% @doc The shapes of messages: checks whether a term from the radio has the expected shape.
+%% @doc Checks whether a term from the radio has the expected shape of a message.
 %%
-%% A packet that claims to come from another robot's machine may come from anywhere and hold
-%% any term. A machine that declares the messages that it accepts ({@link starl_machine},
-%% `accepts/2') gets no others.
+%% A packet that claims to come from another robot's machine may come from anywhere and hold any
+%% term. So a machine declares the messages that it accepts ({@link starl_machine}, `accepts/2'),
+%% and gets no others.
 -module(starl_shape).
 
 -export([is/2]).

@@ -1,5 +1,5 @@
-%% @doc A snapshot of a robot: all that it is at a moment between two events, as a term that a recording
-%% keeps, so that a simulation can go on from there.
+%% @doc Encodes a snapshot of a robot: its whole state between two events, as a term. A recording
+%% keeps it, so that a simulation can go on from there.
 %% ```
 %%   {ok, Bytes} = starl_snapshot:encode(Robot),
 %%   {ok, Robot} = starl_snapshot:of_term(binary_to_term(Bytes)).
@@ -24,15 +24,15 @@
     | gone
     | other_code.
 
-%% The fact of machine `snapshot' that tells of one; it bears what kind of robot it is of. Monitors do not
-%% get it.
+%% The trace event of machine `snapshot' that reports a snapshot, with the kind of robot. Monitors
+%% do not get it.
 -type told() :: {ok, Bytes :: binary()} | {error, reason()}.
 
 -define(MOST_BYTES, 1024 * 1024).
 -define(LEVEL, 6).
 -define(RANDOM, '$random').
 
-%% @doc The bytes of a snapshot.
+%% @doc Encodes a snapshot as bytes.
 -spec encode(term()) -> {ok, binary()} | {error, reason()}.
 encode(Term) ->
     try as_data(Term) of
@@ -58,7 +58,8 @@ as_data(Term) when is_function(Term); is_pid(Term); is_port(Term); is_reference(
 as_data(Term) ->
     Term.
 
-%% @doc The snapshot whose bytes hold this term, which may come from anywhere: no function is made of it.
+%% @doc Decodes a snapshot from the term in its bytes. The term may come from anywhere: no function
+%% is made of it.
 -spec of_term(term()) -> {ok, term()} | {error, reason()}.
 of_term(Term) ->
     try

@@ -1,4 +1,4 @@
-%% @doc The robots of a team, kept as runs of consecutive numbers: each machine needs as little
+%% @doc Keeps the robots of a team as ranges of consecutive numbers. So each machine needs as little
 %% memory for a team of ten thousand as for a team of two.
 -module(starl_team).
 
