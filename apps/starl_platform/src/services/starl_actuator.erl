@@ -1,15 +1,15 @@
-%% @doc Drives actuators, such as a pen: repeats a command until the device's sensor confirms it.
+%% @doc Drives actuators, such as a pen: it repeats a command until the device's sensor confirms it.
 %% ```
 %%   caller               actuator                       chassis
 %%     |--- set ------------->|--- actuate, mark ----------->|   heard, or not
 %%     |                      |<-- actuated, mark, state ----|   what the sensor shows
 %%     |<-- ok ---------------|   if the state is the one that was wanted; else again, and again
 %% '''
-%% A time-out reveals a lost command or answer. A device that is stuck gets its command again and
-%% again until it moves: the caller waits all the while, since its next step depends on it.
+%% A time-out reveals a lost command or answer. A stuck device gets its command again and again
+%% until it moves. The caller waits until then, since its next step depends on the device.
 %%
-%% Calls: `{set, Device, Value}' (answer `ok' when the device has this value, `{error, replaced}'
-%% when another value is requested first).
+%% Call: `{set, Device, Value}'. The answer is `ok' when the device has this value, or `{error,
+%% replaced}' when a later call sets the same device first.
 -module(starl_actuator).
 -behaviour(starl_machine).
 -behaviour(starl_block).
@@ -54,8 +54,8 @@ guarantees() ->
 -spec contract() -> string().
 contract() -> "when a call returns ok, the device's sensor shows the requested value".
 
-%% @doc Sets a device, `starl_actuator:set(Robot, pen, down)', and waits until its sensor confirms
-%% it.
+%% @doc Sets a device, as in `starl_actuator:set(Robot, pen, down)', and waits until its sensor
+%% confirms the value.
 -spec set(starl:robot(), device(), Value :: term()) -> ok | {error, replaced | restarted}.
 set(Robot, Device, Value) ->
     case starl:call(Robot, actuator, {set, Device, Value}, infinity) of

@@ -1,7 +1,8 @@
-%% @doc The behaviour of a controller of motion: between a look at the floor and the next command it says whether
-%% the robot waits, and how it drives with a velocity. The paper leaves the controller open, as long as the robot keeps
-%% to its line. So it does here: lines, legs, their ends and what happens to a drive that does not obey stay with {@link
-%% starl_motion} and the chassis, and the contract of motion holds under every controller.
+%% @doc The behaviour of a motion controller. After each check of the floor, before the next
+%% command, it decides whether the robot waits and with what velocity it drives. The paper leaves
+%% the controller open, as long as the robot keeps to its line. So it is here: {@link starl_motion}
+%% and the chassis keep control of lines, legs, their ends, and drives that do not obey. So the
+%% contract of motion holds under every controller.
 %% ```
 %%   -module(slow_in_company).
 %%   -behaviour(starl_controller).
@@ -12,7 +13,8 @@
 %%   velocity(V, _Us, #{near := []}) -> V;
 %%   velocity({VX, VY}, _Us, _Situation) -> {VX / 3, VY / 3}.
 %% '''
-%% A run names it: `--controller wary', or `--controller slow_in_company.erl'. A controller is a pure function.
+%% A run selects it by name: `--controller wary', or `--controller slow_in_company.erl'. A
+%% controller is a pure function.
 -module(starl_controller).
 
 -export([option/0, named/1, names/0]).
@@ -20,7 +22,7 @@
 
 -export_type([situation/0, near/0]).
 
-%% What the robot knows, of the time of its last look.
+%% What the robot knows, from its last check of the floor.
 -type situation() :: #{
     pose := starl:pose(),
     near := [near()],
@@ -34,14 +36,15 @@
 }.
 %% `offset' and `distance' (mm) are those of the middles.
 
-%% How far the robot looks for others, mm; `none': not at all.
+%% The distance up to which the robot looks for others, mm; `none': it does not look.
 -callback sees_mm(starl_chassis:profile()) -> number() | none.
-%% The longest that it may wait on the way to one goal. The contract allows it so much more time to arrive.
+%% The longest time that it may wait on the way to one goal. The contract allows it that much more
+%% time to arrive.
 -callback waits_us(starl_chassis:profile()) -> non_neg_integer().
 %% The robot stands, and is about to drive a leg along its line towards this point: does it go, or wait, and look again?
 -callback leg(To :: starl_geometry:point(), situation()) -> go | {wait, Us :: pos_integer()}.
-%% The velocity with which the robot drives for this time in place of the one that it was given (mm/s). It is
-%% limited to what the robot can do.
+%% The velocity with which the robot drives for this time instead of the given velocity (mm/s). It
+%% is limited to what the robot can do.
 -callback velocity(starl_chassis:velocity(), Us :: pos_integer(), situation()) ->
     {number(), number()}.
 
@@ -61,8 +64,8 @@ option() ->
         "what drives robots between looks: straight (heeds nobody), wary (waits for and evades robots in "
         "sight), or a file of yours, FILE.erl"}.
 
-%% @doc The controller that a text names: one that ships (`none' for the usual one), or the file of a module that has been
-%% compiled from it; one line if there is none.
+%% @doc Returns the controller that a text names: one that ships (`none' for the usual one), or the
+%% file of a module that has been compiled from it. If there is none, returns one line.
 -spec named(string()) -> {ok, module() | none} | {error, unicode:chardata()}.
 named(Text) ->
     Texts = [atom_to_list(Name) || Name <- names()],
@@ -140,7 +143,8 @@ velocity(Wish, Us, {Self, Poses}, #{controller := Module} = Profile) when
 velocity(Wish, _Us, _Who, Profile) ->
     starl_chassis:limited(Wish, Profile).
 
-%% @doc The time that waiting may cost a robot on the way to a goal, with the looks in between.
+%% @doc The time that waiting may cost a robot on the way to a goal, including the checks in
+%% between.
 -spec waits_us(starl_chassis:profile()) -> non_neg_integer().
 waits_us(#{controller := Module} = Profile) -> twice(Module:waits_us(Profile));
 waits_us(_Profile) -> 0.

@@ -1,7 +1,8 @@
-%% @doc A controller that heeds robots whose positions it knows. A robot that drives along a line, which it must not leave, waits
-%% before a robot that stands or drives in its way, for at most 8 s a goal. A robot that drives with a velocity approaches none faster than
-%% half of the gap within the time of its command, and passes it on the right, so that two that meet do so. What is
-%% in the way for ever it does not drive around on a line: that is the application's matter, or path planning's.
+%% @doc A controller that avoids robots whose positions it knows. A robot on a line must not leave
+%% it. So it waits for a robot that stands or drives in its path, for at most 8 s a goal. A robot
+%% that drives with a velocity approaches none faster than half of the gap within the time of its
+%% command. It passes others on the right, so two robots that meet both do so. On a line it does not
+%% drive around a permanent obstacle: that is for the application or path planning.
 -module(starl_controller_wary).
 -behaviour(starl_controller).
 
@@ -33,7 +34,7 @@ leg({TX, TY}, #{pose := {X, Y, _}, near := Near, profile := Profile}) ->
         _ -> {wait, ?WAIT_US}
     end.
 
-%% Does its body lie in the next piece of the way? Who is beside or behind does not matter.
+%% Does its body lie in the next segment of the path? Robots beside or behind do not matter.
 in_the_way(#{offset := {OX, OY} = Offset}, {WX, WY} = Way, Room) ->
     Length = size_of(Way),
     Reach = min(Length, ?AHEAD_MM),

@@ -1,26 +1,27 @@
-%% @doc Location: answers questions about the positions of all robots, the named waypoints, and what
-%% the senses say.
+%% @doc Answers questions about the positions of all robots, the named waypoints, and the readings
+%% of the senses.
 %%
-%% Only this service asks the positioning system (`sense'); all other machines ask it. Calls:
-%% `{pose, Robot}' (answer `{ok, pose()}' or `{error, unknown}'), `poses' (all robots seen), `{near, Mm}'
-%% (those that are seen at most so far away, and perhaps others),
-%% `{waypoint, Name}', `waypoints', `{put_waypoint, Name, point()}' (durable), `floor' (the floor
-%% plan). `{sense, Kind}'. A cast `{subscribe, Kind, Us}' has a sense looked at in this period from
-%% now on; the application gets what is new as messages of type `sense'. Configuration: `waypoints
-%% => #{Name => point()}', `floor => starl_floor:t()', `exact' (false), `grid' (false), `oldest_us' (infinity).
+%% Only this service asks the positioning system (action `sense'); all other machines ask this
+%% service. Calls: `{pose, Robot}' (answer `{ok, pose()}' or `{error, unknown}'); `poses' (all
+%% robots seen); `{near, Mm}' (those that are seen within this distance, and perhaps others). For
+%% waypoints: `{waypoint, Name}', `waypoints', and `{put_waypoint, Name, point()}' (durable). Also
+%% `floor' (the floor plan) and `{sense, Kind}'. A cast `{subscribe, Kind, Us}' has a sense checked
+%% with this period from now on. The application gets new readings as messages of type `sense'.
+%% Configuration: `waypoints => #{Name => point()}', `floor => starl_floor:t()', `exact' (false),
+%% `grid' (false), `oldest_us' (infinity).
 %%
-%% <em>The age of a picture.</em> A picture gives the age of each pose. Each picture shows the
-%% robot itself, and answers a question only if that pose was taken after the question: a robot that
-%% stopped and asks for its place must not get a place from its drive. An older picture leaves the
-%% question open, and the system is asked again after a moment. Other robots may be shown with an
-%% age of up to `oldest_us'; a robot with an older pose counts as unseen.
+%% <em>The age of a picture.</em> A picture gives the age of each pose. Each picture shows the robot
+%% itself, and answers a question only if that pose was taken after the question. So a robot that
+%% stopped and asks for its place does not get a place from its drive. After an older picture the
+%% question stays open, and the system is asked again after a moment. Other robots may be shown with
+%% an age of up to `oldest_us'; a robot with an older pose counts as unseen.
 %%
-%% <em>A stuck positioning system</em> shows its last picture again and again as a new one. No
-%% live system measures the same pose twice to the bit: so a picture is rejected if it answers a
-%% later question than the picture before it, and shows the robot itself with exactly the same pose.
-%% One picture may answer all questions that were open when it was taken. The first picture has no
-%% predecessor, so it is taken twice. Only a system that is `exact' (without noise, or with rounded
-%% poses) may repeat itself: there the age alone decides.
+%% <em>A stuck positioning system</em> shows its last picture again and again as a new one. No live
+%% system measures the same pose twice to the bit. So a picture is rejected if it answers a later
+%% question than the picture before it, and shows the robot itself with exactly the same pose. One
+%% picture may answer all questions that were open when it was taken. The first picture has no
+%% predecessor, so it is taken twice. Only an `exact' system (without noise, or with rounded poses)
+%% may repeat itself: there the age alone decides.
 %%
 %% If the system does not answer, all open questions are asked again after half a second. The number
 %% of open questions is bounded, by the size of the team: beyond the bound the oldest question gets

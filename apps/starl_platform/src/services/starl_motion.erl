@@ -1,6 +1,7 @@
-%% @doc Motion: drives to a point along a straight line, in legs, with a look at the position
-%% before each, or with a velocity until told otherwise; always with an end. The chassis plans a leg
-%% or a cruise, and its commands ({@link starl_chassis}); this machine is the same for every chassis.
+%% @doc Drives the robot. It drives to a point along a straight line, in legs, with a check of the
+%% position before each. Or it drives with a velocity until another command comes. Each drive has an
+%% end. The chassis plans a leg or a cruise, and its commands ({@link starl_chassis}); this machine
+%% is the same for every chassis.
 %% ```
 %%   idle      go_to: halting
 %%   halting   stands: locating, or idle without a goal;   no answer: halting again
@@ -17,40 +18,45 @@
 %%   cruising  stands, as its time is up: idle; velocity: steering; stalled: stalled;
 %%             go_to, stop: halting;                       no answer: halting
 %% '''
-%% Whether it waits before a leg, and how it drives with a velocity, is said by its controller ({@link starl_controller}).
+%% Its controller decides whether it waits before a leg, and how it drives with a velocity
+%% ({@link starl_controller}).
 %%
-%% While it drives, it depends on the chassis alone. Every command has a duration, so a robot whose
-%% program crashes, pauses, is late or has a wrong clock stops by itself at the planned place,
-%% within its leg. The next step depends on the chassis' answer that it stands, and on a look at the
-%% position. A time-out reveals a lost command or answer. A robot looks only after it was told to
-%% stop and has answered that it stands.
+%% While the robot drives, it depends on the chassis alone. Every command has a duration. So a robot
+%% whose program crashes, pauses, is late or has a wrong clock stops by itself at the planned place,
+%% within its leg. The next step depends on the chassis' answer that the robot stands, and on a
+%% check of the position. A time-out reveals a lost command or answer. A robot checks its position
+%% only after it was commanded to stop and has answered that it stands.
 %%
 %% A chassis stops when it finds that its drive does not obey, and reports it. The machine then
-%% tries the reverse of the failed command, slowly and for a moment: if the drive still does not
-%% obey, the try takes the robot back to its place; if the drive obeys again, the doubt is over. A robot
-%% that an obstacle holds up obeys on its way back, and not forwards again, so each try takes it a little
-%% farther back. Where one more could take it out of the tracking radius, it looks, and tries the beginning
-%% of its next step instead.
+%% tries the reverse of the failed command, slowly and for a moment. If the drive still does not
+%% obey, the try takes the robot back to its place; if the drive obeys again, the doubt is over. A
+%% robot in front of an obstacle obeys on its way back, and not forwards again, so each try takes it
+%% a little farther back. If one more try could take it out of the tracking radius, it checks its
+%% position, and tries the beginning of its next step instead.
 %%
 %% A robot that drives under a lease must not resume after an unnoticed pause. So each leg of a
 %% drive along a given line begins just after an answer of the chassis, and only while its clock and
 %% the robot's agree ({@link starl_motion_clock_check}).
 %%
-%% A cruise is one script, too, whose end is the end of its dead-man's time. A robot that is given
-%% another velocity looks at its position, while it still drives, and its new script replaces the
-%% old one; a robot that gets no position stops.
+%% A cruise is one script, too, whose end is the end of its dead-man's time. A robot that gets
+%% another velocity checks its position while it still drives, and its new script replaces the old
+%% one. A robot that gets no position stops.
 %%
-%% Calls: `{go_to, point()}' drives to this point, in a straight line from the robot's place;
-%% `{go_along, segment()}' drives along this line, near which the robot stands, to its exact end;
+%% Calls. `{go_to, point()}' drives to this point, in a straight line from the robot's place.
+%% `{go_along, segment()}' drives along this line, near which the robot stands, to its exact end.
 %% `{face, segment()}' drives to the beginning of this line, near which the robot stands, ready to
-%% follow it (two wheels: looking along it). Answers: `ok' on arrival; `{error, stopped}' when
-%% another command comes first; `{error, blocked}', of a drive along a given line on a floor plan, when
-%% the robot has run against something three times; `{error, out_of_time}', except for `go_to', when the clocks do not
-%% agree. `{velocity, {VX, VY}, Us}' drives on with this velocity (mm/s, along the axes of the floor)
-%% for that time, and is answered at once: `ok'; `{error, unknown}' without a position, `{error,
-%% stalled}' while a drive does not obey, `{error, stopped}'. `stop' is answered when the robot stands: `ok', or `{error, out_of_time}' when the clocks
-%% do not agree. Configuration: `profiles', from which the machine takes that of its robot ({@link
-%% starl_chassis:profiles()}); `solid' (false): are there walls, and things in the way?
+%% follow it (two wheels: facing along it). The answer is `ok' on arrival. It is `{error, stopped}'
+%% when another command comes first, and, except for `go_to', `{error, out_of_time}' when the clocks
+%% do not agree. It is `{error, blocked}' when the robot has run against something three times, for
+%% a drive along a given line on a floor plan.
+%%
+%% `{velocity, {VX, VY}, Us}' drives on with this velocity (mm/s, along the axes of the floor) for
+%% that time. It is answered at once: `ok'; `{error, unknown}' without a position; `{error,
+%% stalled}' while a drive does not obey; `{error, stopped}'. `stop' is answered when the robot
+%% stands: `ok', or `{error, out_of_time}' when the clocks do not agree.
+%%
+%% Configuration: `profiles', from which the machine takes that of its robot
+%% ({@link starl_chassis:profiles()}); `solid' (false): are there walls, and obstacles?
 -module(starl_motion).
 -behaviour(starl_machine).
 
@@ -278,9 +284,9 @@ over(Why) -> {trace, {velocity_over, Why}}.
 
 %% -- a velocity -----------------------------------------------------------------------------
 
-%% It is given a velocity for this time, and looks, whether it stands or drives. Those who wait until it
-%% stands are told that it does not. A drive of whose obedience it is not sure is tried first, if it stands; the
-%% caller may ask again.
+%% It gets a velocity for this time, and checks its position, whether it stands or drives. Callers
+%% that wait until it stands are notified that it does not. A drive of whose obedience it is not
+%% sure is tried first, if it stands; the caller may ask again.
 steer(Velocity, Us, From, _State, #drive{doubt = none, waiting = Waiting, now = Now} = Drive) ->
     Interrupted = [{reply, Waits, {error, stopped}} || Waits <- Waiting],
     {next_state, State, Steering, Looks} = sight(Drive#drive{
@@ -455,7 +461,8 @@ first_try(Commands, Chassis) ->
 %% What takes back what the drive has not obeyed, as the chassis tells it.
 undo(Told, #drive{chassis = Chassis}) -> Chassis:undo(Told).
 
-%% The drive does not obey. A chassis that was told to stand, and reports that it does not, is told again.
+%% The drive does not obey. A chassis that was commanded to stop, and reports that it has not, gets
+%% the command again.
 stalled(Told, #drive{goal = Goal} = Drive) ->
     case undo(Told, Drive) of
         unknown ->

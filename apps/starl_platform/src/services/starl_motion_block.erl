@@ -1,5 +1,5 @@
-%% @doc Declares motion as a block. Every robot has the service, and its contract judges every run, so no
-%% application lists this block; it is exercised like the others.
+%% @doc Declares motion as a block. Every robot has the service, and its contract judges every run.
+%% So no application lists this block. It is exercised like the others.
 -module(starl_motion_block).
 -behaviour(starl_block).
 -behaviour(starl_block_exercise).

@@ -1,14 +1,14 @@
-%% @doc Compares a robot's clock with that of its chassis, to notice pauses of the robot.
+%% @doc Detects pauses of a robot by comparing its clock with that of its chassis.
 %%
 %% The chassis adds to each answer the time of its own clock at which it heard the command. It hears
-%% a command within the profile's `latency_ms' (5), so from one command to the next both clocks must
-%% advance by the same time, up to this latency and their drift: otherwise the robot's clock has
-%% stopped, or was set. An answer comes no sooner than the end of the command; an answer that is a
+%% a command within the profile's `latency_ms' (5). So from one command to the next both clocks must
+%% advance by the same time, up to this latency and their drift. Otherwise the robot's clock has
+%% stopped, or was set. An answer comes no sooner than the end of the command. An answer that is a
 %% second late reveals a robot that was paused.
 %%
 %% A longer latency hides a pause of that length between two commands. A lease allows for that: its
-%% holder takes it to end earlier than its giver does, by `jump_ms' (`starl_dpp_lease', 2000), which
-%% must be much longer than `latency_ms'.
+%% holder subtracts twice `jump_ms' (`starl_dpp_lease', 2000), and `jump_ms' must be much longer
+%% than `latency_ms'.
 -module(starl_motion_clock_check).
 
 -export([new/1, agree/3]).

@@ -1,6 +1,6 @@
-%% @doc A goal of motion: a point to drive to, or a line to drive along, or to whose beginning; how often in a
-%% row the drive has not obeyed on the way there, and how long the robot has waited. Pure; a part of {@link
-%% starl_motion}.
+%% @doc A goal of motion: a point to drive to, a line to drive along, or the beginning of a line. It
+%% also counts how often in a row the drive has not obeyed on the way there, and how long the robot
+%% has waited. Pure; a part of {@link starl_motion}.
 -module(starl_motion_goal).
 
 -export([none/0, new/2, said/1, is_line/1, heads_to/1, begins/2, next/4]).
@@ -32,7 +32,7 @@ none() -> #goal{}.
 -spec new(starl_chassis:way(), {starl_geometry:point() | unknown, starl_geometry:point()}) -> t().
 new(Way, {Start, Point}) -> #goal{way = Way, start = Start, point = Point}.
 
-%% @doc The way and the point that it is to drive to.
+%% @doc The kind of drive and the point to drive to.
 -spec said(t()) -> {goal, starl_chassis:way(), starl_geometry:point()}.
 said(#goal{way = Way} = Goal) -> {goal, Way, heads_to(Goal)}.
 
@@ -45,7 +45,7 @@ is_line(#goal{way = Way}) -> Way =/= to.
 heads_to(#goal{way = face, start = {_, _} = Start}) -> Start;
 heads_to(#goal{point = Point}) -> Point.
 
-%% @doc It knows where it stands, and so its line, which is told once.
+%% @doc The robot knows where it stands, and so its line, which is returned once.
 -spec begins(starl:pose(), t()) -> {[{line, starl_geometry:segment()}], t()}.
 begins(_Pose, #goal{known = true} = Goal) ->
     {[], Goal};
@@ -70,7 +70,7 @@ stalled(#goal{stalls = N} = Goal) -> Goal#goal{stalls = N + 1}.
 -spec moves(t()) -> t().
 moves(Goal) -> Goal#goal{stalls = 0}.
 
-%% @doc Is something in the way of its line?
+%% @doc Does an obstacle block its line?
 -spec is_blocked(t()) -> boolean().
 is_blocked(#goal{way = Way, stalls = Stalls}) -> Way =/= to andalso Stalls >= ?STALLS.
 

@@ -1,8 +1,9 @@
-%% @doc The packets of SAP: the one module that builds and checks them.
+%% @doc Builds and checks the packets of SAP. No other module does.
 %%
-%% A data packet carries its source's incarnation, the message's sequence number within it, its
-%% number among the messages to its receiver or among the broadcasts, and for each receiver the
-%% incarnation that it is meant for. Incarnation 1 is the default and not written.
+%% A data packet carries its source's incarnation and the message's sequence number within it. It
+%% carries the message's number among the messages to its receiver, or among the broadcasts. For
+%% each receiver it carries the incarnation that it is meant for. Incarnation 1 is the default and
+%% not written.
 %%
 %% Anybody with a radio can put anything on the air. {@link source/1} accepts only packets of
 %% exactly these shapes, with any values; {@link starl_sap} judges the values.

@@ -1,5 +1,6 @@
-%% @doc What a message may hold: plain data within bounds. Numbers, atoms, binaries, tuples, lists and
-%% maps mean the same on every computer; a process, a port, a reference or a function does not.
+%% @doc Checks that a term may go into a message: plain data within bounds. Numbers, atoms,
+%% binaries, tuples, lists and maps mean the same on every computer; a process, a port, a reference
+%% or a function does not.
 %%
 %% Each kind of payload leaves room for what is put around it:
 %% ```
@@ -10,8 +11,8 @@
 %%   kept      10,000,000 bytes   500 deep   a term for the robot's store
 %% '''
 %% A term is checked where it is handed over ({@link starl_caller}, {@link starl_action}). So a
-%% mistake is found at the line that makes it, in every way of running. The codec of the radio
-%% holds packets to the same bounds.
+%% mistake is found at the line that makes it, however the robot is run. The codec of the radio
+%% checks packets against the same bounds.
 -module(starl_payload).
 
 -export([check/2, most_bytes/1, deepest/1, parts/1, expected/1, format_error/2]).
@@ -71,8 +72,8 @@ deepest(content) -> 50;
 deepest(label) -> 50;
 deepest(kept) -> 500.
 
-%% @doc The list in parts that each fit into a message, with a few words around it. A term that is larger
-%% than that makes a part of its own.
+%% @doc Splits the list into parts that each fit into a message, with a small term around it. A term
+%% that is larger than that makes a part of its own.
 -spec parts(List) -> [List, ...] when List :: [term()].
 parts(List) ->
     case erlang:external_size(List) =< ?PART of

@@ -1,6 +1,6 @@
 %% @doc SAP, the reliable message service (the paper's send/receive with acknowledgement). This
-%% module gives packets and requests their meaning; {@link starl_sap_out} keeps the messages under
-%% way, {@link starl_sap_peers} the messages taken, {@link starl_sap_inbox} the listeners.
+%% module interprets packets and requests. {@link starl_sap_out} keeps the messages under way,
+%% {@link starl_sap_peers} the messages taken, {@link starl_sap_inbox} the listeners.
 %%
 %% Exchange rules:
 %% ```
@@ -21,33 +21,35 @@
 %% within bounds; beyond them, or when its listener has no room, it is not acknowledged, so the
 %% source tries again.
 %%
-%% A store that was lost or set back: a receiver knows of a life of the source that the source's store
-%% does not know. It says so in its question (`lives'). The source takes that for a hint, and asks with
-%% a nonce of its own; until it has the answer it does not answer itself, so no robot that knows of the
-%% forgotten life takes a message of this one. If it is true, the robot starts anew (`{outlived, ..}').
-%% A life that by the robot's own clock cannot have been (`latest_life') is no hint: the number of the next one
-%% would leave none for those after it.
+%% <em>A store that was lost or set back.</em> A receiver may know of a life of the source that the
+%% source's store does not know. It says so in its question (`lives'). The source takes that for a
+%% hint, and asks with a nonce of its own. Until it has the answer, it does not answer itself. So no
+%% robot that knows of the forgotten life takes a message of the present life. If the hint is true,
+%% the robot starts anew (`{outlived, ..}'). A life that by the robot's own clock is impossible
+%% (`latest_life') is no hint: the number of the next life would leave none for those after it.
 %%
-%% Packets are not trusted: only well-formed ones are accepted ({@link starl_packet:source/1}),
-%% strangers are ignored, and only a robot's own answer to a question can make others believe that
+%% Packets are not trusted. Only well-formed packets are accepted ({@link starl_packet:source/1}),
+%% and strangers are ignored. Only a robot's own answer to a question can make others believe that
 %% it is far ahead. A dropped packet leaves a trace event.
 %%
-%% Calls: `{send, To, Type, Body}' (answer {@link starl:outcome()}), `{broadcast, Type, Body}'
-%% (answer `ok', `{error, {lost, Robots}}' or `{error, overload}'): one packet on the air, then one
-%% to each robot that did not acknowledge. Casts: `{send, To, Type, Body}', `{broadcast, Type,
-%% Body}' without an answer, `{listen, Type, Machine}', `{listen, Type, Machine, Room}' from a
-%% listener that can keep `Room' more messages than it has now, and `{read, Machine, Count}' when it
-%% has read `Count' messages. A listener gets the cast `{message, From, Type, Body}'. A type has one
-%% listener: a second one is refused, which the monitor judges as a violation.
+%% Calls: `{send, To, Type, Body}' (answer {@link starl:outcome()}), and `{broadcast, Type, Body}'
+%% (answer `ok', `{error, {lost, Robots}}' or `{error, overload}'). A broadcast puts one packet on
+%% the air, then one to each robot that did not acknowledge. Casts: `{send, To, Type, Body}' and
+%% `{broadcast, Type, Body}', without an answer, and `{listen, Type, Machine}'. A listener that can
+%% keep `Room' more messages than it has now casts `{listen, Type, Machine, Room}', and `{read,
+%% Machine, Count}' when it has read `Count' messages. A listener gets the cast `{message, From,
+%% Type, Body}'. A type has one listener: a second one is refused, which the monitor judges as a
+%% violation.
 %%
-%% A message or a datagram may have a latest moment (`{send, To, Type, Body, UntilUs}', `{shout,
-%% Type, Body, UntilUs}'), by the robot's own clock: what rests on a lease must not leave after it, the
-%% first time or again. A message that would is lost where it has not been acknowledged.
+%% A message or a datagram may have a deadline, by the robot's own clock (`{send, To, Type, Body,
+%% UntilUs}', `{shout, Type, Body, UntilUs}'). A message that rests on a lease must not leave after
+%% its end, neither the first time nor again. A message that would leave too late is lost, at each
+%% robot that has not acknowledged it.
 %%
-%% Beside the reliable service there is a datagram: the cast `{shout, Type, Body}' puts one packet
-%% on the air for all in range. It is neither acknowledged nor repeated, may arrive twice, and is
-%% dropped by a robot that does not listen to its type; the contract of SAP does not cover it. The
-%% same packet may be sent to one robot alone ({@link datagram/4}).
+%% Besides the reliable service there is a datagram: the cast `{shout, Type, Body}' puts one packet
+%% on the air for all in range. It is neither acknowledged nor repeated, and may arrive twice. A
+%% robot that does not listen to its type drops it. The contract of SAP does not cover it. The same
+%% packet may be sent to one robot alone ({@link datagram/4}).
 %%
 %% Trace: {@link event()}.
 -module(starl_sap).

@@ -1,5 +1,5 @@
 %% @doc Declares reliable messages as a block. Every robot has the service SAP, and its contract
-%% judges every run, so no application lists this block; it is exercised and checked like the
+%% judges every run. So no application lists this block. It is exercised and checked like the
 %% others.
 -module(starl_sap_block).
 -behaviour(starl_block).

@@ -1,8 +1,8 @@
-%% @doc Hands incoming messages to the machine that listens to their type; messages without a
+%% @doc Delivers incoming messages to the machine that listens to their type. Messages without a
 %% listener wait for one, within bounds. Pure; a part of {@link starl_sap}.
 %%
-%% A type has one listener. A listener that keeps messages until it reads them announces how many it
-%% has room for; a listener that handles them at once has unlimited room.
+%% A type has one listener. A listener that keeps messages until it reads them announces its room
+%% for messages. A listener that handles them at once has unlimited room.
 -module(starl_sap_inbox).
 
 -export([new/1, listen/3, room/3, read/3, deliver/5, overhear/4]).

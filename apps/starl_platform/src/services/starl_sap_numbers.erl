@@ -1,4 +1,4 @@
-%% @doc A set of sequence numbers, kept as disjoint intervals: numbers that arrive nearly in order
+%% @doc A set of sequence numbers, kept as disjoint intervals. Numbers that arrive nearly in order
 %% take almost no memory. Pure; a part of {@link starl_sap_peers} and of {@link starl_sap_monitor}.
 -module(starl_sap_numbers).
 

@@ -1,10 +1,10 @@
-%% @doc The messages of a robot that are under way: numbered, retransmitted until they are
-%% acknowledged, and reported in the end. Pure; a part of {@link starl_sap}.
+%% @doc Keeps the messages of a robot that are under way. It numbers them, retransmits them until
+%% they are acknowledged, and reports their outcome. Pure; a part of {@link starl_sap}.
 %%
-%% A message has a sequence number, which is never used twice in an incarnation, and a number: among
-%% the messages to its receiver, or among the broadcasts. The numbers under way to one robot lie
-%% within a window. A robot whose window is used up gets no further messages, so a dead robot holds
-%% up no other.
+%% A message has a sequence number, which is never used twice in an incarnation. It also has a
+%% number among the messages to its receiver, or among the broadcasts. The numbers under way to one
+%% robot lie within a window. A robot whose window is used up gets no further messages, so a dead
+%% robot holds up no other.
 -module(starl_sap_out).
 
 -export([new/4, send/4, broadcast/4, send_own/4, retransmit/2, late/2, settle/5, lows/2, answer/3]).

@@ -1,18 +1,19 @@
-%% @doc What a robot knows of the sources of messages: the incarnation of each, and which of its
-%% numbers have been taken. Pure; the part of {@link starl_sap} that guarantees "at most once".
+%% @doc Keeps what a robot knows of the sources of messages: the incarnation of each, and which of
+%% its numbers have been taken. Pure. The guarantee "at most once" of {@link starl_sap} rests on
+%% this part.
 %%
-%% Numbers are taken from a floor on, within a window: each number below the floor has been taken,
+%% Numbers are taken from a floor on, within a window. Each number below the floor has been taken,
 %% or the source has stopped waiting for it. The floor rises when numbers are taken in sequence. A
-%% lost message leaves a gap; the floor rises over it when the source allows that. So a packet,
-%% with any numbers, uses up one number at most and cannot make the floor jump.
+%% lost message leaves a gap; the floor rises over it when the source allows that. So a packet, with
+%% any numbers, uses up one number at most and cannot make the floor jump.
 %%
-%% An incarnation a little later than the one known is believed at once. If it is far later, or
-%% earlier, it may be false, or the known one may be: the robot itself is asked, and its answer
+%% An incarnation a little later than the known one is believed at once. If it is far later, or
+%% earlier, it or the known one may be false. Then the robot itself is asked, and its answer
 %% replaces the earlier belief. The answer carries the nonce of the question, so it is newer than
 %% that belief.
 %%
-%% Only what a robot has answered itself is a life of it for sure. A robot that answers with a lower
-%% number than that has forgotten a life: it is not believed before it knows of that life.
+%% Only a life that a robot has answered itself is certain. A robot that answers with a lower number
+%% than that has forgotten a life. It is not believed before it knows of that life.
 -module(starl_sap_peers).
 
 -export([new/0, incarnation/2, is_known/2, lives/2, later/2, heard/3, take/4, ask/3, told/5]).
@@ -56,7 +57,7 @@ incarnation(Robot, Peers) ->
 -spec is_known(starl:robot_id(), t()) -> boolean().
 is_known(Robot, Peers) -> is_map_key(Robot, Peers).
 
-%% @doc The last two lives of a robot that it has told itself; 0: none.
+%% @doc The last two lives of a robot that it has reported itself; 0: none.
 -spec lives(starl:robot_id(), t()) -> starl_packet:lives().
 lives(Robot, Peers) ->
     case Peers of

@@ -1,5 +1,6 @@
-%% @doc The schedule of SAP's retransmissions, and the bounds in time that follow from it. Monitors take them for
-%% the time in which a message arrives or is reported lost. Pure; a part of {@link starl_sap}.
+%% @doc Computes the schedule of SAP's retransmissions, and the time bounds that follow from it.
+%% Monitors use them as the time in which a message arrives or is reported lost. Pure; a part of
+%% {@link starl_sap}.
 -module(starl_sap_schedule).
 
 -export([delays/1, bound_us/1, reach_us/4, tries/1, missed/4, rounds/1, is_rare/1]).
@@ -26,11 +27,11 @@ delays(Us, Backoff, Longest, N) ->
 -spec bound_us(starl_sap:config()) -> integer().
 bound_us(Config) -> round(lists:sum(delays(Config))).
 
-%% @doc The time in which a message reaches a robot that lives, where the radio loses this part of the
-%% packets, takes at most `DelayUs', and the sender's machine sends its message again `RetryUs' after
-%% SAP has given it up (`never': it does not). It is longer at most once in 10^9 messages: so many
-%% transmissions N that Loss^N is at most 10^-9; all N - 1 waiting times before the last one, by a
-%% clock that is 1 % slow.
+%% @doc The time in which a message reaches a robot that lives. The radio loses the fraction `Loss'
+%% of the packets and takes at most `DelayUs'. The sender's machine sends its message again
+%% `RetryUs' after SAP has given it up (`never': it does not). The time is exceeded at most once in
+%% 10^9 messages. It counts N transmissions such that Loss^N is at most 10^-9, with all N - 1
+%% waiting times before the last one, by a clock that is 1 % slow.
 -spec reach_us(starl_sap:config(), Loss :: number(), DelayUs :: non_neg_integer(), RetryUs) ->
     non_neg_integer() | never
 when
