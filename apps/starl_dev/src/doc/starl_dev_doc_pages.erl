@@ -69,11 +69,11 @@ chars({put_chars, _Encoding, Chars}) -> Chars;
 chars({put_chars, _Encoding, Module, Function, Args}) -> apply(Module, Function, Args);
 chars(_Other) -> "".
 
-%% EDoc links the behaviours of OTP and of cowboy as if they had pages here.
+%% EDoc links the behaviours of OTP, of cowboy and of ranch as if they had pages here.
 to_otp(Page) ->
     Text = re:replace(
         read(Page),
-        "href=\"((?:gen_|supervisor|application|eunit_|cowboy)[a-z_]*)\\.html\"",
+        "href=\"((?:gen_|supervisor|application|eunit_|cowboy|ranch_)[a-z_]*)\\.html\"",
         "href=\"https://www.erlang.org/doc/man/\\1.html\"",
         [global]
     ),

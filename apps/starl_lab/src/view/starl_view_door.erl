@@ -1,6 +1,6 @@
-%% @doc The door of the window: which connections stay open. Who asks for a WebSocket shows the token first, so a new
-%% connection is a stranger. There is always room for one more: with too many strangers the oldest one goes, of the
-%% address that has most of them. A connection that has shown the token stays.
+%% @doc Decides which connections to the window stay open. A client shows the token when it asks for a WebSocket, so a
+%% new connection is a stranger. There is always room for one more: with too many strangers, the oldest stranger of the
+%% address that has most of them is closed. A connection that has shown the token stays.
 %%
 %% Each connection is handled by cowboy; this is the protocol that ranch starts for it.
 -module(starl_view_door).
