@@ -1,10 +1,8 @@
-%% @doc `./starl chaos': runs of `./starl cluster' one after the other, whose nodes are killed and
-%% halted, whose links are cut and whose disks are full, while commands come from another terminal.
-%% Whatever becomes of the robots, each run has to end with its report, and each command with an
-%% answer.
+%% @doc `./starl chaos': disturbs runs of `./starl cluster', one after the other. It kills and halts nodes, cuts links
+%% and fills disks, while it sends commands from another terminal. Whatever becomes of the robots, each run
+%% has to end with its report, and each command with an answer.
 %%
-%% What happens to the nodes, and the commands and their gaps, are drawn from the seed; the moments
-%% are those of the computer.
+%% The seed draws the disturbances, the commands and the gaps between them; the computer's clock decides when.
 -module(starl_dev_chaos).
 -behaviour(starl_cli_command).
 

@@ -1,5 +1,5 @@
-%% @doc `./starl hostile': a team paints a picture on a cluster, by UDP, while one of its nodes gets
-%% hostile datagrams of every kind; or its nodes are killed again and again.
+%% @doc `./starl hostile': attacks a team that paints on a cluster by UDP. One node gets hostile datagrams of every
+%% kind, or a node is killed again and again.
 -module(starl_dev_hostile).
 -behaviour(starl_cli_command).
 

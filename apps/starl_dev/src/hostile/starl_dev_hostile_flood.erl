@@ -1,5 +1,5 @@
-%% @doc The process that sends hostile datagrams to the port of a robot's node, at the pace at which
-%% the node gets through them: after each batch it asks for the counters of the node's transport.
+%% @doc Sends hostile datagrams to the port of a robot's node, no faster than the node handles them. After each
+%% batch it asks for the counters of the node's transport.
 -module(starl_dev_hostile_flood).
 
 -export([start/2, finish/1, lives/1]).

@@ -1,7 +1,6 @@
-%% @doc The second part of `./starl hostile': the node of a robot is killed again and again, at
-%% random instants, while the robots send each other numbers. The monitor of SAP judges whether a
-%% message was acknowledged and not delivered; afterwards every robot must be acknowledged by every
-%% other.
+%% @doc The second part of `./starl hostile': kills the node of a robot again and again, at random instants, while the
+%% robots send each other numbers. The monitor of SAP judges whether a message was acknowledged and not
+%% delivered. Afterwards every robot must be acknowledged by every other.
 -module(starl_dev_hostile_kills).
 
 -export([run/1]).

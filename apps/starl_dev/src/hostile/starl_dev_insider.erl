@@ -1,5 +1,5 @@
-%% @doc The first part of `./starl hostile --insider': for each block a team in the simulator, whose last
-%% robot sends the others everything that the block's machines accept at its extremes ({@link
+%% @doc The first part of `./starl hostile --insider': attacks each block in the simulator. The last robot of a team
+%% sends the others the extremes of every message that the block's machines accept ({@link
 %% starl_dev_insider_extremes}), while the team uses the block ({@link starl_hostile_insider}).
 %% ```
 %%     0 s      20 s              60 s            100 s             160 s              220 s

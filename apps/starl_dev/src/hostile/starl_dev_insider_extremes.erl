@@ -1,5 +1,5 @@
-%% @doc The messages of an insider, a robot that has the fleet's key and sends in its own name: the largest
-%% legal numbers, the longest names, the most entries. A pure module: they follow from what a machine
+%% @doc Makes the messages of an insider: the largest legal numbers, the longest names, the most entries. An insider
+%% is a robot that has the fleet's key and sends in its own name. A pure module: the messages follow from what a machine
 %% accepts ({@link starl_dev_insider_kinds}), from messages that robots have sent, and from a seed.
 %%
 %% Numbers are tried one by one, all at once, and in steps, since a machine may believe a small leap and
