@@ -386,3 +386,16 @@ all_defaults_test() ->
         listeners => #{}
     },
     ?assertEqual(Init(Said), Init(#{})).
+
+%% A time of asking that is still to come was not said by this robot: such a message is as one that it has not asked for.
+a_question_of_the_future_is_none_test() ->
+    [
+        begin
+            Give = {give, parcel(5, 5), [{2, {1, Us}}]},
+            ?assertEqual(
+                message(5, 3, {offer, ?ID, ?LIFETIME, 5, 5}, started()),
+                message(5, 3, Give, started())
+            )
+        end
+     || Us <- [6, 16#3FFFFFFFFFFFFFF]
+    ].

@@ -195,7 +195,9 @@ message({offer, Id, Lifetime, Left, Hops}, From, Now, Flood) ->
 message({ask, Id, Asked}, From, Now, Flood) ->
     asked(Id, {From, Asked}, Now, Flood);
 message({give, Parcel, Askers}, From, Now, #flood{self = Self, incarnation = Life} = Flood) ->
-    case [Us || {Robot, {Incarnation, Us}} <- Askers, Robot =:= Self, Incarnation =:= Life] of
+    %% the time at which this robot asked comes back: it has passed
+    Mine = [Us || {Robot, {Incarnation, Us}} <- Askers, Robot =:= Self, Incarnation =:= Life],
+    case [Us || Us <- Mine, Us =< Now] of
         [] ->
             {Id, _, _, _, Lifetime, Left, Hops} = Parcel,
             offered({Id, Lifetime, Left, Hops}, From, Now, Flood);
