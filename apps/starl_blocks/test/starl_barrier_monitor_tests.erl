@@ -24,6 +24,7 @@ run(Events, End, Extra) ->
     {[What || #{contract := barrier, what := What} <- Met ++ Late], Results}.
 
 trace({T, R, Machine, Event}) when Machine =:= sap; Machine =:= barrier -> {T, R, Machine, Event};
+trace({T, R, down}) -> {T, R, robot, down};
 trace({T, R, died}) -> {T, R, robot, {died, killed}};
 trace({T, R, set_back}) -> {T, R, robot, store_set_back};
 trace({T, R, crashed}) -> {T, R, barrier, crashed};
@@ -563,4 +564,20 @@ begun_again_counts_anew_test() ->
     ),
     ?assertEqual(
         [{b, 1}, {other, 3}], [{Name, K} || #{details := #{name := Name, round := K}} <- Found]
+    ).
+
+%% Others ask a robot that has begun anew for its number: for five seconds the time from first to last pass follows from
+%% the bound.
+a_robot_that_has_begun_anew_may_be_late_test() ->
+    Of = fun(From) ->
+        [{From, R, reached, 1} || R <- [1, 2]] ++
+            [{From + 1, 2, passed, 1}, {From + 11, 1, passed, 1}]
+    end,
+    Judged = fun(Begun, Bound) ->
+        element(1, run([{1, 2, down} | Of(Begun)], Begun + 12, #{delta_us => 3, bound_us => Bound}))
+    end,
+    ?assertEqual([], Judged(4000000, 50)),
+    ?assertEqual([late_pass], Judged(5000002, 50)),
+    ?assertEqual(
+        [late_pass], element(1, run(Of(4000000), 4000012, #{delta_us => 3, bound_us => 50}))
     ).

@@ -648,6 +648,12 @@ an_owner_is_announced_test() ->
     ?assertEqual([owner_not_announced], owners(Again ++ Back)),
     ?assertEqual([], owners(Again ++ Back ++ [announces(6, 1, a, 6)])).
 
+%% A robot that stalls announces its hand-over when many later ones have been confirmed.
+an_owner_is_announced_after_many_later_ones_test() ->
+    Later = [[granted(N, 2, N), granted(N, 9, N + 1)] || N <- lists:seq(6, 30, 2)],
+    ?assertEqual([], owners([got(1, 1, 5), Later, announces(50, 1, a, 5)])),
+    ?assertEqual([owner_not_announced], owners([got(1, 1, 5), Later])).
+
 %% Nobody announces what another robot owns.
 nobody_announces_another_owner_test() ->
     Held = [got(1, 1, 5), announces(2, 1, a, 5)],

@@ -56,6 +56,9 @@
     passed = 0 :: non_neg_integer()
 }).
 
+%% A robot that begins anew has told its number to all others by then.
+-define(SETTLED_US, 5000000).
+
 -record(state, {
     robots :: [robot_id()],
     bound_us :: pos_integer() | infinity,
@@ -215,8 +218,12 @@ judge({barrier, {failed, Name, K, Reason}}, T, Robot, #state{failed = Failed} = 
     {too_late(T, Robot, Name, K, State), excuse([{Name, Robot}], Next)};
 judge({barrier, crashed}, T, Robot, State) ->
     {[], crashed(T, Robot, State)};
-judge({sap, Lost}, T, Robot, State) when Lost =:= crashed; Lost =:= {overload, barrier} ->
+judge({sap, {overload, barrier}}, T, Robot, State) ->
     {[], fault(T, Robot, State)};
+judge({Lost, How}, T, Robot, State) when
+    {Lost, How} =:= {sap, crashed}; {Lost, How} =:= {robot, down}
+->
+    {[], begins_anew(T, Robot, State)};
 judge({barrier, store_damaged}, _T, Robot, #state{damaged = Count} = State) ->
     Damaged = remembers(fun starl_barrier_monitor_memory:damaged/3, Robot, State),
     {[], Damaged#state{damaged = Count + 1}};
@@ -275,6 +282,10 @@ excuse_no_more(Key, #state{excused = Excused} = State) ->
 
 fault(T, Robot, #state{faults = Faults} = State) ->
     State#state{faults = starl_assumption:broken({Robot, T, T, fault}, Faults)}.
+
+%% Others ask a robot that has begun anew for its number, before they take its first messages.
+begins_anew(T, Robot, #state{faults = Faults} = State) ->
+    State#state{faults = starl_assumption:broken({Robot, T, T + ?SETTLED_US, fault}, Faults)}.
 
 %% Something has happened to a robot, and to what is known of the rounds reached.
 remembers(Happens, Robot, #state{memory = Memory, reached = Reached} = State) ->

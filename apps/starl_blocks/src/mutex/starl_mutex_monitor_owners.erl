@@ -62,7 +62,7 @@ event({sap, {sent, _Id, _To, mutex, Hash}}, _T, Robot, #owners{confirmed = Confi
     case Confirmed of
         #{Hash := {_, Robot, _} = HandOver} -> {[], announced(HandOver, Owners)};
         #{Hash := HandOver} -> {[{false_owner, Robot, HandOver}], Owners};
-        #{} -> {[], Owners}
+        #{} -> {[], lists:foldl(fun announced/2, Owners, due(Robot, Hash, Owners))}
     end;
 event({Machine, Event}, _T, Robot, Owners) ->
     case loses(Machine, Event) of
@@ -76,6 +76,10 @@ loses(robot, {died, _}) -> true;
 loses(Machine, crashed) -> Machine =:= sap orelse Machine =:= mutex;
 loses(robot, down) -> true;
 loses(_Machine, _Event) -> false.
+
+%% A robot that stalls announces a hand-over when many later ones have been confirmed.
+due(Robot, Hash, #owners{due = Due}) ->
+    [HandOver || {_, {_, Of, _} = HandOver} <- Due, Of =:= Robot, hash(HandOver) =:= Hash].
 
 hash({Token, _Owner, Fence}) -> erlang:phash2({owner, Token, Fence}).
 
