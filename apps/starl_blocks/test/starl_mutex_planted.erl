@@ -26,9 +26,9 @@ start(#{variant := Variant, incarnation := Incarnation} = Config) ->
 
 %% trusting: whoever gets a token holds it, without the home's word.
 handle_event(cast, {message, _, mutex, {token, T, F, _}} = M, ready, {trusting, I, Data}, Meta) ->
-    #{now := Now, robot := Robot} = Meta,
+    #{now := Now} = Meta,
     {First, Actions} = run(cast, M, Data, Meta),
-    Grant = {message, Robot, mutex, {granted, T, F, {I, Now}}},
+    Grant = {message, home(T, First), mutex, {granted, T, F, {I, Now}}},
     {Next, More} = run(cast, Grant, First, Meta),
     {keep_state, {trusting, I, Next}, Actions ++ More};
 handle_event(cast, {message, _, mutex, {refused, _, _, _}}, ready, {trusting, _, _}, _Meta) ->
@@ -77,6 +77,10 @@ handle_event(Type, Content, ready, {circles, Owners, Data}, Meta) ->
 handle_event(Type, Content, ready, {Variant, I, Data}, Meta) ->
     {Next, Actions} = run(Type, Content, Data, Meta),
     {keep_state, {Variant, I, Next}, Actions}.
+
+%% The token's home, one of at most ten robots.
+home(Token, Robot) ->
+    hd([Id || Id <- lists:seq(1, 10), starl_mutex_state:is_home(Id, Token, Robot)]).
 
 run(Type, Content, Data, Meta) ->
     case ?REAL:handle_event(Type, Content, ready, Data, Meta) of

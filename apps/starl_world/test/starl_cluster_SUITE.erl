@@ -484,6 +484,7 @@ struck(Dir) ->
         ok = up(2, Cluster),
         {{Name, starts(Dir)}, N + 1}
     end,
+    ok = up(2, Cluster),
     First = {first, starts(Dir)},
     Acts = [
         {killed, reboot}, {set_back, store_set_back}, {killed, reboot}, {lost, store_lost}
