@@ -54,7 +54,8 @@ add(Life, {Horizon, Sum, Lives}) when Life > Horizon ->
 
 %% @doc All that the robot has counted.
 -spec total(t()) -> non_neg_integer().
-total({_Horizon, Sum, Lives}) -> Sum + lists:sum([N || {_, N} <- Lives]).
+total({_Horizon, Sum, Lives}) ->
+    lists:foldl(fun({_, N}, All) when is_integer(N) -> All + N end, Sum, Lives).
 
 %% @doc The newest life that is in the tally; 0: none.
 -spec newest(t()) -> non_neg_integer().

@@ -24,7 +24,7 @@
 }).
 
 %% @doc A door without connections.
--spec start_link() -> {ok, pid()}.
+-spec start_link() -> gen_server:start_ret().
 start_link() -> gen_server:start_link(?MODULE, none, []).
 
 %% @doc The number of connections that have not shown the token.

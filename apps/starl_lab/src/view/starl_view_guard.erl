@@ -80,7 +80,7 @@ given(Query) ->
             dollar_endonly, {capture, [1], binary}
         ])
     of
-        {match, [Token]} -> Token;
+        {match, [Token]} when is_binary(Token) -> Token;
         nomatch -> none
     end.
 

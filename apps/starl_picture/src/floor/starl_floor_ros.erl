@@ -76,8 +76,8 @@ image(File, N, Numbers, Negate) ->
 read(File) ->
     case starl_small_file:beginning(File, ?HEADER_BYTES) of
         {ok, <<"P", _, Rest/binary>> = Beginning} ->
-            case header(Rest, fun(_W, _H, _Max, _Raster) -> ok end) of
-                ok -> starl_small_file:read(File, ?MOST_BYTES);
+            case header(Rest) of
+                {ok, _} -> starl_small_file:read(File, ?MOST_BYTES);
                 {error, _} -> {ok, Beginning}
             end;
         Other ->
@@ -102,14 +102,17 @@ dark(Level, false) -> 255 - Level.
 %% @doc The width, the height and the grey levels (0 black, 255 white) of a PGM image, row by row
 %% from the top.
 -spec pgm(binary()) -> {ok, {pos_integer(), pos_integer(), binary()}} | {error, string()}.
-pgm(<<"P5", Rest/binary>>) -> header(Rest, fun raw/4);
-pgm(<<"P2", Rest/binary>>) -> header(Rest, fun plain/4);
+pgm(<<"P5", Rest/binary>>) -> raster(fun raw/4, header(Rest));
+pgm(<<"P2", Rest/binary>>) -> raster(fun plain/4, header(Rest));
 pgm(_) -> {error, "this is no PGM image"}.
 
-header(Bytes, Raster) ->
+raster(Read, {ok, {W, H, Max, Rest}}) -> Read(W, H, Max, Rest);
+raster(_Read, {error, _} = Error) -> Error.
+
+header(Bytes) ->
     case numbers(Bytes, 3, []) of
         {[W, H, Max], Rest} when W > 0, H > 0, Max > 0, Max < 65536, W * H =< ?MOST_PIXELS ->
-            Raster(W, H, Max, Rest);
+            {ok, {W, H, Max, Rest}};
         _ ->
             {error, "the header of the PGM image is not sound"}
     end.
