@@ -7,7 +7,6 @@
 %%
 %% The insider sends in its own name, in the time `window' of its first life, and takes part in all turns.
 -module(starl_hostile_insider).
--behaviour(starl_app).
 -behaviour(starl_scene).
 -behaviour(starl_machine).
 
