@@ -303,7 +303,15 @@ the_longest_lifetime_needs_no_timer_that_is_too_long_test() ->
 %% -- what is let in ---------------------------------------------------------------------------
 
 accepts_test() ->
-    Good = [
+    [?assertEqual({B, true}, {B, starl_geocast_flood:accepts(geocast, B)}) || B <- good()],
+    [?assertEqual({B, false}, {B, starl_geocast_flood:accepts(geocast, B)}) || B <- bad()],
+    ?assertNot(starl_geocast_flood:accepts(other, hd(good()))),
+    ?assertEqual(
+        [{trace, {malformed, 3, geocast, none}}], element(1, message(5, 3, none, started()))
+    ).
+
+good() ->
+    [
         {offer, ?ID, ?LIFETIME, 5, 5},
         {offer, ?ID, 24 * 3600 * 1000000, 5, 5},
         {ask, ?ID, {1, 5}},
@@ -311,8 +319,10 @@ accepts_test() ->
         {give, parcel(5, 5), [{2, {1, 5}}]},
         {give, setelement(2, parcel(5, 5), {rectangle, {0.0, 0.0, 1.0, 1.0}}), []},
         {give, setelement(2, parcel(5, 5), {polygon, [{0.0, 0.0}, {1.0, 0.0}, {1.0, 1.0}]}), []}
-    ],
-    Bad = [
+    ].
+
+bad() ->
+    [
         {offer, ?ID, 0, 5, 5},
         %% a lifetime above a day, which no timer could wait for
         {offer, ?ID, 24 * 3600 * 1000000 + 1, 5, 5},
@@ -336,13 +346,7 @@ accepts_test() ->
         {give, setelement(7, parcel(5, 5), many), []},
         {other, ?ID},
         none
-    ],
-    [?assertEqual({B, true}, {B, starl_geocast_flood:accepts(geocast, B)}) || B <- Good],
-    [?assertEqual({B, false}, {B, starl_geocast_flood:accepts(geocast, B)}) || B <- Bad],
-    ?assertNot(starl_geocast_flood:accepts(other, hd(Good))),
-    ?assertEqual(
-        [{trace, {malformed, 3, geocast, none}}], element(1, message(5, 3, none, started()))
-    ).
+    ].
 
 %% -- the usual configuration ------------------------------------------------------------------
 

@@ -10,44 +10,42 @@
 -spec read(file:name_all(), Most :: non_neg_integer()) ->
     {ok, binary()} | {error, file:posix() | badarg | terminated | system_limit}.
 read(File, Most) ->
-    case file:read_file_info(File) of
-        {ok, #file_info{type = regular, size = Size}} when Size > Most -> {error, efbig};
-        {ok, #file_info{type = regular}} -> opened(file:open(File, [read, raw, binary]), Most);
-        {ok, #file_info{type = directory}} -> {error, eisdir};
-        {ok, _} -> {error, einval};
+    case size_of(File) of
+        {ok, Size} when Size > Most -> {error, efbig};
+        {ok, _} -> whole(first(File, Most + 1), Most);
         {error, _} = Error -> Error
     end.
+
+%% It may grow meanwhile.
+whole({ok, Bytes}, Most) when byte_size(Bytes) > Most -> {error, efbig};
+whole(Read, _Most) -> Read.
 
 %% @doc The first bytes of a file, at most so many.
 -spec beginning(file:name_all(), Most :: non_neg_integer()) ->
     {ok, binary()} | {error, file:posix() | badarg | terminated | system_limit}.
 beginning(File, Most) ->
+    case size_of(File) of
+        {ok, _} -> first(File, Most);
+        {error, _} = Error -> Error
+    end.
+
+size_of(File) ->
     case file:read_file_info(File) of
-        {ok, #file_info{type = regular}} -> begun(file:open(File, [read, raw, binary]), Most);
+        {ok, #file_info{type = regular, size = Size}} -> {ok, Size};
         {ok, #file_info{type = directory}} -> {error, eisdir};
         {ok, _} -> {error, einval};
         {error, _} = Error -> Error
     end.
 
-begun({ok, Device}, Most) ->
-    Read = file:read(Device, Most),
-    _ = file:close(Device),
-    case Read of
-        eof -> {ok, <<>>};
-        Other -> Other
-    end;
-begun({error, _} = Error, _Most) ->
-    Error.
+first(File, Most) ->
+    case file:open(File, [read, raw, binary]) of
+        {ok, Device} ->
+            Read = file:read(Device, Most),
+            _ = file:close(Device),
+            none_left(Read);
+        {error, _} = Error ->
+            Error
+    end.
 
-%% It may grow meanwhile.
-opened({ok, Device}, Most) ->
-    Read = file:read(Device, Most + 1),
-    _ = file:close(Device),
-    case Read of
-        {ok, Bytes} when byte_size(Bytes) > Most -> {error, efbig};
-        {ok, Bytes} -> {ok, Bytes};
-        eof -> {ok, <<>>};
-        {error, _} = Error -> Error
-    end;
-opened({error, _} = Error, _Most) ->
-    Error.
+none_left(eof) -> {ok, <<>>};
+none_left(Read) -> Read.

@@ -7,6 +7,7 @@
 %%
 %% The insider sends in its own name, in the time `window' of its first life, and takes part in all turns.
 -module(starl_hostile_insider).
+%% It also has the callbacks of `starl_app'; it is no application that is offered to run.
 -behaviour(starl_scene).
 -behaviour(starl_machine).
 

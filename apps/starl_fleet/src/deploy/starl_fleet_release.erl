@@ -41,7 +41,7 @@ manifest(#{fleet := #{app := App} = Fleet, kind := Kind} = What, Scratch) ->
     Code = maps:get(code, What, []),
     Drivers = lists:append([owner(Driver, []) || Driver <- starl_fleet_lines:drivers(Fleet)]),
     Roots = [starl_fleet | lists:usort(Drivers)] ++ owner(App, Code),
-    case apps(Roots ++ wanted(App, Code), []) of
+    case with_called(App, Code, apps(Roots, [])) of
         {ok, All} ->
             Own = [A || A <- All, not is_otp(A)],
             Files = common(What) ++ inputs(Fleet) ++ own(Own, Code, Kind),
@@ -110,21 +110,21 @@ needed(App) ->
     {ok, Optional} = application:get_key(App, optional_applications),
     Below -- Optional.
 
-%% An optional application comes along if the team's program calls it: who paints reads pictures.
-wanted(App, Code) ->
+%% An optional application comes along if the team's program calls it: a team that paints reads pictures.
+with_called(App, Code, {ok, All}) ->
     Beams = maps:from_list([{Module, Beam} || {Module, _Source, Beam} <- Code]),
     Called = called([App], #{}, Beams),
-    [
-        Optional
-     || Owner <- [starl_apps, starl_run],
-        {ok, All} <- [optional(Owner)],
-        Optional <- All,
-        lists:any(fun(Module) -> is_map_key(Module, Called) end, modules(Optional))
-    ].
-
-optional(App) ->
-    _ = application:load(App),
-    application:get_key(App, optional_applications).
+    IsCalled = fun(Module) -> is_map_key(Module, Called) end,
+    Optional = [
+        Other
+     || Known <- All,
+        {ok, Others} <- [application:get_key(Known, optional_applications)],
+        Other <- Others,
+        lists:any(IsCalled, modules(Other))
+    ],
+    apps(lists:usort(Optional), lists:reverse(All));
+with_called(_App, _Code, {error, _} = Error) ->
+    Error.
 
 modules(App) ->
     _ = application:load(App),
