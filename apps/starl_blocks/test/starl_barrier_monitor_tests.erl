@@ -581,3 +581,18 @@ a_robot_that_has_begun_anew_may_be_late_test() ->
     ?assertEqual(
         [late_pass], element(1, run(Of(4000000), 4000012, #{delta_us => 3, bound_us => 50}))
     ).
+
+%% Both have lost their stores and begin with the first round again. That one of them had passed the second round before
+%% makes nobody late when it comes again; who is late then is.
+a_round_that_comes_again_is_timed_anew_test() ->
+    Round = fun(T, K) -> [{T + R, R, reached, K} || R <- [1, 2]] end,
+    Both = fun(T, K) -> Round(T, K) ++ [{T + 3, 1, passed, K}, {T + 4, 2, passed, K}] end,
+    Lost = [{25, R, Event} || R <- [1, 2], Event <- [crashed, damaged]],
+    Before =
+        Both(0, 1) ++ Round(10, 2) ++ [{13, 1, passed, 2}] ++ Lost ++ Both(30, 1) ++ Round(40, 2),
+    Judged = fun(Late) ->
+        Again = [{43, 1, passed, 2}, {43 + Late, 2, passed, 2}],
+        element(1, run(Before ++ Again, 60, #{delta_us => 3, bound_us => 50}))
+    end,
+    ?assertEqual([], Judged(1)),
+    ?assertEqual([late_pass], Judged(4)).

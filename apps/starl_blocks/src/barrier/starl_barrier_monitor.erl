@@ -310,18 +310,12 @@ reach(T, Robot, Name, K, #state{reached = Reached, passed = Passed} = State) ->
 begun(T, #round{begun_us = none} = Round) -> Round#round{begun_us = T};
 begun(_T, Round) -> Round.
 
-%% A robot that reaches a round again, because stores were damaged, completes none of the later ones
-%% before it reaches them, too.
+%% A robot that reaches a round again, because stores were damaged, begins that round and all later ones anew: it
+%% completes none of them before, and no time of before counts.
 begun_again(_Name, _K, false, Rounds) ->
     Rounds;
 begun_again(Name, K, true, Rounds) ->
-    maps:map(
-        fun
-            ({N, Of}, Round) when N =:= Name, Of >= K -> Round#round{complete_us = none};
-            (_, Round) -> Round
-        end,
-        Rounds
-    ).
+    maps:filter(fun({N, Of}, _) -> N =/= Name orelse Of < K end, Rounds).
 
 is_complete(Name, K, #state{robots = Robots, at = At}) ->
     lists:all(fun(R) -> maps:get({Name, R}, At, 0) >= K end, Robots).
