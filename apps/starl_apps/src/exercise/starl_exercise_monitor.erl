@@ -46,9 +46,6 @@
     judged = 0 :: non_neg_integer()
 }).
 
-%% The time in which the others learn of the restart of a robot.
--define(SETTLED_US, 5000000).
-
 %% The most steps of a call at the robot that makes it: a machine's message waits for the last of its
 %% transmissions, and is answered.
 -define(STEPS, 20).
@@ -215,7 +212,8 @@ ended(T, #{since_us := Since, robot := Robot} = Call, Outcome, State) ->
             overdue(T, Call, State);
         {Due, Is} ->
             Kept = Is(Outcome),
-            IsBound = Outcome =/= {error, timeout} andalso Since >= add(Healed, ?SETTLED_US),
+            Settled = add(Healed, starl_sap_schedule:settled_us()),
+            IsBound = Outcome =/= {error, timeout} andalso Since >= Settled,
             [
                 violation(what(Kept), T, Call, #{outcome => Outcome})
              || T > Due orelse (IsBound andalso not Kept)

@@ -56,9 +56,6 @@
     passed = 0 :: non_neg_integer()
 }).
 
-%% A robot that begins anew has told its number to all others by then.
--define(SETTLED_US, 5000000).
-
 -record(state, {
     robots :: [robot_id()],
     bound_us :: pos_integer() | infinity,
@@ -285,7 +282,8 @@ fault(T, Robot, #state{faults = Faults} = State) ->
 
 %% Others ask a robot that has begun anew for its number, before they take its first messages.
 begins_anew(T, Robot, #state{faults = Faults} = State) ->
-    State#state{faults = starl_assumption:broken({Robot, T, T + ?SETTLED_US, fault}, Faults)}.
+    Window = {Robot, T, T + starl_sap_schedule:settled_us(), fault},
+    State#state{faults = starl_assumption:broken(Window, Faults)}.
 
 %% Something has happened to a robot, and to what is known of the rounds reached.
 remembers(Happens, Robot, #state{memory = Memory, reached = Reached} = State) ->

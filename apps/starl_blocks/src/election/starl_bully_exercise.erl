@@ -11,8 +11,6 @@
 %% The time at which a robot first took part in an election.
 -type seen() :: #{Election :: term() => integer()}.
 
-%% The time after which others may find out that a robot has restarted.
--define(SETTLED_US, 5000000).
 %% The time that a robot waits for an answer.
 -define(ANSWER_US, 500000).
 
@@ -44,13 +42,16 @@ promise(_Call, _Team, _First) ->
 leader(_T, #{rest := [_ | _]}) ->
     fun starl_promise:is_some/1;
 leader(T, #{healed_us := Healed, robots := Robots, died := Died} = Team) when
-    is_integer(T), is_integer(Healed), T >= Healed + ?SETTLED_US
+    is_integer(T), is_integer(Healed)
 ->
-    Leader = lists:max(Robots -- Died),
-    %% who does not answer in time counts as dead
-    case maps:get(reach_us, Team, 0) =< ?ANSWER_US of
-        true -> fun(Outcome) -> Outcome =:= {ok, Leader} end;
-        false -> fun starl_promise:is_some/1
+    Settled = T >= Healed + starl_sap_schedule:settled_us(),
+    %% a robot that does not answer in time counts as dead
+    case Settled andalso maps:get(reach_us, Team, 0) =< ?ANSWER_US of
+        true ->
+            Leader = lists:max(Robots -- Died),
+            fun(Outcome) -> Outcome =:= {ok, Leader} end;
+        false ->
+            fun starl_promise:is_some/1
     end;
 leader(_T, _Team) ->
     fun starl_promise:is_some/1.

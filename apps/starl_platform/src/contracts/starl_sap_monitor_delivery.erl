@@ -43,8 +43,6 @@
 
 -define(CLAUSE, "delivered, where packets get through").
 -define(DRIFT_PPM, 10000).
-%% A robot that begins anew asks the others for their numbers first.
--define(SETTLED_US, 5000000).
 
 %% @doc `unlucky': see above; without it nothing is judged. `whole_us': the time of all transmissions. `faults': the
 %% windows of all faults.
@@ -128,12 +126,14 @@ counts(T, SentUs, Source, Dest, #delivery{whole_us = Whole, faults = Faults} = D
         is_up(SentUs, Source, D) andalso
         is_up(SentUs, Dest, D) andalso
         maps:get({Source, Dest}, D#delivery.refused, SentUs - 1) < SentUs andalso
-        starl_assumption:is_kept([Source, Dest], SentUs - ?SETTLED_US, T, Faults).
+        starl_assumption:is_kept(
+            [Source, Dest], SentUs - starl_sap_schedule:settled_us(), T, Faults
+        ).
 
 is_up(SentUs, Robot, #delivery{down = Down, began = Began}) ->
     not is_map_key(Robot, Down) andalso
         case Began of
-            #{Robot := At} -> At + ?SETTLED_US < SentUs;
+            #{Robot := At} -> At + starl_sap_schedule:settled_us() < SentUs;
             #{} -> true
         end.
 

@@ -3,8 +3,11 @@
 %% {@link starl_sap}.
 -module(starl_sap_schedule).
 
--export([delays/1, bound_us/1, reach_us/4, tries/1, missed/4, rounds/1, is_rare/1]).
+-export([delays/1, bound_us/1, reach_us/4, tries/1, missed/4, rounds/1]).
+-export([settled_us/0, is_rare/1]).
 
+%% The time in which the others learn that a robot has begun anew.
+-define(SETTLED_US, 5000000).
 %% The part of the messages for which a bound in time need not hold.
 -define(RARE, 1.0e-9).
 
@@ -76,6 +79,11 @@ rounds(Failure) -> ceil(math:log(?RARE) / math:log(Failure)).
 %% @doc Is this probability so small that no bound need allow for it?
 -spec is_rare(float()) -> boolean().
 is_rare(Probability) -> Probability =< ?RARE.
+
+%% @doc The time in which the others learn that a robot has begun anew. Until then they ask it for its number before they
+%% take its first message.
+-spec settled_us() -> pos_integer().
+settled_us() -> ?SETTLED_US.
 
 %% @doc The number of transmissions of a message that nobody acknowledges.
 -spec tries(starl_sap:config()) -> pos_integer().
