@@ -118,7 +118,7 @@ its_shell_tells_of_modules(Config) ->
         ?assertNotEqual(nomatch, string:find(Told, Part), Told)
      || Part <- [
             "The API that an application sees",
-            "with half a minute's",
+            "Acquires a token or a list of tokens",
             "radians counter-clockwise",
             "-spec acquire("
         ]
