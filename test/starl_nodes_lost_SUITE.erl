@@ -107,12 +107,21 @@ suspended_in_the_launch(Config) ->
 %% A node that is not dead but does not get on, either.
 endless_loop(Config) ->
     [A, B] = worker_nodes(Config),
-    {Status, Losses, Robots} = in_conductor(exhausted, [[A, B]], Config),
+    Loss = looping(B, 5, [A, B], Config),
+    ?assertMatch(#{work := [{2, app, [_ | _]}]}, Loss),
+    ?assertNotEqual(nomatch, string:find(starl_sim_nodes:format_loss(Loss), ": robot 2 at ")).
+
+%% What is at work is named if its node answers in 0.2 s: on a loaded machine not in each run.
+looping(Node, Runs, Nodes, Config) ->
+    {Status, Losses, Robots} = in_conductor(exhausted, [Nodes], Config),
     ?assertMatch(#{ending := lost}, Status),
-    ?assertMatch([#{node := B, why := slow, work := [{2, app, [_ | _]}]}], Losses),
-    ?assertNotEqual(nomatch, string:find(starl_sim_nodes:format_loss(hd(Losses)), ": robot 2 at ")),
+    ?assertMatch([#{node := Node, why := slow}], Losses),
     ?assertEqual([1], Robots),
-    ?assertEqual([], sites_left(Config)).
+    ?assertEqual([], sites_left(Config)),
+    case Losses of
+        [Loss] when is_map_key(work, Loss); Runs =:= 1 -> Loss;
+        [_] -> looping(Node, Runs - 1, Nodes, Config)
+    end.
 
 %% A shard that breaks is an error of the simulator on any node, not the loss of one.
 shard_crash(Config) ->
