@@ -149,10 +149,7 @@ timeless(#state{reported = Reported, leaders = Leaders, lives = Lives} = State) 
 step({T, Robot, Machine, Event}, State) ->
     {Overdue, Current} = overdue(T, State),
     {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
-    case Overdue ++ Broken of
-        [] -> {ok, Next};
-        [First | _] -> {violation, First, Next}
-    end.
+    starl_violation:step(Overdue ++ Broken, Next).
 
 %% @doc Judges the time until `EndTimeUs'. Results: the number of `elections', of results
 %% `elected' (by one robot in one life) and `failed', and the `leaders' of each election.
@@ -171,10 +168,7 @@ finish(EndTimeUs, State) ->
          || E <- lists:sort(maps:keys(Began))
         ]
     }),
-    case Overdue of
-        [] -> {ok, Results};
-        [_ | _] -> {{violation, Overdue}, Results}
-    end.
+    starl_violation:finish(Overdue, Results).
 
 %% -- events ---------------------------------------------------------------------------------
 
@@ -278,10 +272,4 @@ overdue(T, #state{open = Open} = State) ->
     end.
 
 violation(What, T, Robots, Election) ->
-    #{
-        contract => election,
-        what => What,
-        at_us => T,
-        robots => Robots,
-        details => #{election => Election}
-    }.
+    starl_violation:new(election, What, T, Robots, #{election => Election}).

@@ -140,10 +140,7 @@ timeless(#state{elections = Elections}) -> Elections.
 step({T, Robot, Machine, Event}, State) ->
     {Overdue, Current} = pass(T, State),
     {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
-    case Overdue ++ Broken of
-        [] -> {ok, Next};
-        [First | _] -> {violation, First, Next}
-    end.
+    starl_violation:step(Overdue ++ Broken, Next).
 
 %% @doc Judges the time until `EndTimeUs'. Results: the number of `elections', of robots that
 %% `elected' and `failed' in them, and the `leaders' in the order of the elections.
@@ -158,15 +155,12 @@ finish(EndTimeUs, State) ->
         failed => Failed,
         leaders => [{E, lists:usort(maps:values(Elected))} || {E, {_, Elected}} <- Held]
     }),
-    {verdict(Overdue), Results}.
+    starl_violation:finish(Overdue, Results).
 
 off(_EndUs, #state{settle_us = infinity}) ->
     [];
 off(EndUs, #state{settle_us = Settle, faults = Faults}) ->
     starl_unjudged:excused("all elect the same", Settle, EndUs, Faults).
-
-verdict([]) -> ok;
-verdict(Violations) -> {violation, Violations}.
 
 %%% Events: each gives the violations it shows
 
@@ -423,4 +417,4 @@ overdue(T, #state{open = Open} = State) ->
     }.
 
 violation(What, T, Robots, Details) ->
-    #{contract => election, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(election, What, T, Robots, Details).

@@ -196,10 +196,7 @@ step({T, Robot, Machine, Event}, State) ->
     {Unknown, Announced} = owners({Machine, Event}, T, Robot, Busy),
     {Broken, Judged} = judge({Machine, Event}, T, Robot, Announced),
     Next = noted(Event, T, Judged),
-    case Overdue ++ Idle ++ Unknown ++ Broken of
-        [] -> {ok, Next};
-        [First | _] -> {violation, First, Next}
-    end.
+    starl_violation:step(Overdue ++ Idle ++ Unknown ++ Broken, Next).
 
 %% @doc Judges the time until `EndTimeUs'. Results: the number of `tokens' that were held, of
 %% holds (`acquired'), of `lease_lost' and `failed', the longest and the mean wait of those
@@ -221,10 +218,7 @@ finish(EndTimeUs, State) ->
         unfairness => Longest / max(1.0, Mean)
     }),
     Ended = starl_mutex_holds:finish(EndTimeUs, End#state.holds),
-    {verdict(Overdue ++ Idle ++ Unannounced ++ Ended), Results}.
-
-verdict([]) -> ok;
-verdict(Violations) -> {violation, Violations}.
+    starl_violation:finish(Overdue ++ Idle ++ Unannounced ++ Ended, Results).
 
 %% Is any time of the run so long without a fault that an idle token is found? Else nothing is known of those who
 %% waited until they gave up, or for most of the run.
@@ -452,4 +446,4 @@ pass(T, #state{deadlines = Deadlines, bound_us = Bound, open = Open} = State, Fo
     end.
 
 violation(What, T, Robots, Details) ->
-    #{contract => mutex, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(mutex, What, T, Robots, Details).

@@ -179,10 +179,7 @@ finish(EndUs, #state{goals = Goals} = State) ->
         violation(What, EndUs, Robot, Details)
      || {Robot, What, Details} <- starl_motion_monitor_goals:finish(EndUs, Goals)
     ],
-    case Late ++ Off of
-        [] -> {ok, Results};
-        Found -> {{violation, Found}, Results}
-    end.
+    starl_violation:finish(Late ++ Off, Results).
 
 sometimes(Goals) ->
     #{arrived := Arrived} = starl_motion_monitor_goals:counts(Goals),

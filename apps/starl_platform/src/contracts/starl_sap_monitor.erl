@@ -158,10 +158,8 @@ step({T, _, _, _} = Event, #state{deadlines = Deadlines} = State) ->
     end.
 
 judge_late({T, _, _, _} = Event, State) ->
-    case pass(T, State) of
-        {[], Current} -> judge(Event, Current);
-        {[First | _], Current} -> first(First, judge(Event, Current))
-    end.
+    {Overdue, Current} = pass(T, State),
+    starl_violation:first(Overdue, judge(Event, Current)).
 
 %% @doc Judges the time until `EndTimeUs'. Results: messages `sent' (per destination),
 %% `delivered', `acknowledged' and reported `lost', and those `outstanding'.
@@ -178,14 +176,7 @@ finish(EndTimeUs, State) ->
         lost => Lost,
         outstanding => starl_sap_monitor_sources:outstanding(Sources)
     }),
-    {verdict(Overdue), Results}.
-
-verdict([]) -> ok;
-verdict(Violations) -> {violation, Violations}.
-
-%% One event gives one violation: an overdue message comes first.
-first(Violation, {ok, State}) -> {violation, Violation, State};
-first(Violation, {violation, _Second, State}) -> {violation, Violation, State}.
+    starl_violation:finish(Overdue, Results).
 
 %%% Events
 
@@ -363,7 +354,7 @@ broken(What, T, Robots, Details, State) ->
     {violation, violation(What, T, Robots, Details), State}.
 
 violation(What, T, Robots, Details) ->
-    #{contract => sap, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(sap, What, T, Robots, Details).
 
 column(acknowledged) -> 3;
 column(lost) -> 4.
