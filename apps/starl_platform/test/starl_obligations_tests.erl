@@ -35,6 +35,11 @@ what_is_paid_or_dropped_is_not_overdue_test() ->
 what_is_owed_anew_counts_from_then_test() ->
     Again = starl_obligations:owe(one, 1, 14, 5, two(exact)),
     ?assertEqual([{17, two}, {19, one}], overdue(99, Again)),
+    Kept = starl_obligations:owe_once(one, 1, 14, 5, two(exact)),
+    ?assertEqual([{15, one}, {17, two}], overdue(99, Kept)),
+    ?assertEqual(
+        Again, starl_obligations:owe_once(one, 1, 14, 5, starl_obligations:paid(one, Again))
+    ),
     ?assertEqual(14, starl_obligations:since(one, Again)),
     ?assertEqual(none, starl_obligations:since(other, Again)),
     ?assertEqual(#{one => 14, two => 12}, starl_obligations:sinces(Again)).

@@ -17,7 +17,7 @@
 %% The earliest time at which anything may be overdue is kept, so most questions cost one comparison.
 -module(starl_obligations).
 
--export([new/1, owe/5, paid/2, dropped/2, since/2, overdue/3, sinces/1]).
+-export([new/1, owe/5, owe_once/5, paid/2, dropped/2, since/2, overdue/3, sinces/1]).
 
 -export_type([t/0, t/1, rule/0]).
 
@@ -51,9 +51,19 @@ new(Rule) -> #obligations{rule = Rule}.
 owe(Key, Who, Since, Within, #obligations{open = Open, first = First} = Owed) ->
     Owed#obligations{open = Open#{Key => {Who, Since, Within}}, first = min(First, Since + Within)}.
 
+%% @doc The same, unless it is owed already: then it stays owed from before.
+-spec owe_once(Key, debtor(), SinceUs :: us(), WithinUs :: us(), t(Key)) -> t(Key).
+owe_once(Key, _Who, _Since, _Within, #obligations{open = Open} = Owed) when is_map_key(Key, Open) ->
+    Owed;
+owe_once(Key, Who, Since, Within, Owed) ->
+    owe(Key, Who, Since, Within, Owed).
+
 %% @doc This is owed no longer, if it was.
 -spec paid(Key, t(Key)) -> t(Key).
-paid(Key, #obligations{open = Open} = Owed) -> Owed#obligations{open = maps:remove(Key, Open)}.
+paid(Key, #obligations{open = Open} = Owed) when is_map_key(Key, Open) ->
+    Owed#obligations{open = maps:remove(Key, Open)};
+paid(_Key, Owed) ->
+    Owed.
 
 %% @doc The obligations by keys of this kind end.
 -spec dropped(fun((Key) -> boolean()), t(Key)) -> t(Key).
