@@ -714,14 +714,14 @@ parts(Events) ->
 
 %% The recorder of a live run is not waited for: what it has no room for is counted.
 a_live_run_does_not_wait(_Config) ->
-    Observer = starl_observer_feed:observer(self(), leave_out, 100),
+    Observer = starl_observer:feed(self(), leave_out, 100),
     Events = starl_trace_ct:events(90, 1000),
     ok = Observer({judged, Events, []}),
     ok = Observer({judged, Events, []}),
     ok = Observer({judged, Events, []}),
     [{Feed, News}, {Feed, Same}] = news(),
-    ok = starl_observer_feed:done(News, Feed),
-    ok = starl_observer_feed:done(Same, Feed),
+    ok = starl_observer:done(News, Feed),
+    ok = starl_observer:done(Same, Feed),
     ok = Observer({judged, Events, []}),
     ?assertMatch([{_, {missed, 90}}, {_, {judged, Events, []}}], news()).
 

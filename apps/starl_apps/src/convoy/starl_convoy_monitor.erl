@@ -100,7 +100,7 @@ step({T, _, _, _} = Event, #state{ends = [End | Ends]} = State) when T > End ->
 step({T, _, _, _} = Event, State) ->
     case late(T, State) of
         [] -> judge(Event, State);
-        [Violation] -> {violation, Violation, State#state{since = over}}
+        Late -> starl_violation:step(Late, State#state{since = over})
     end.
 
 %% What was excused may have mixed up the column: its order is what it is now.
@@ -128,7 +128,7 @@ judge({T, Robot, chassis, {motion, Piece}}, #state{separation = Before} = State)
         separation = starl_separation:motion(Robot, Piece, Advanced),
         pieces = (State#state.pieces)#{Robot => Piece}
     },
-    told(near(Met, State), Next);
+    starl_violation:step(near(Met, State), Next);
 judge({T, Robot, app, {at, Section, Door}}, #state{} = State) ->
     passes(T, Robot, Door, moved(T, Robot, Section, State));
 judge({_, Robot, app, {done, _}}, #state{under_way = Robots} = State) ->
@@ -188,11 +188,8 @@ homes(At, Robot, #state{pieces = Pieces, lane = Lane, robots = Robots}) ->
 
 is_within(At, Times) -> lists:any(fun({_, From, To}) -> From =< At andalso At =< To end, Times).
 
-told([], State) -> {ok, State};
-told([Violation | _], State) -> {violation, Violation, State}.
-
 violation(What, At, Robots, Details) ->
-    #{contract => convoy, what => What, at_us => At, robots => Robots, details => Details}.
+    starl_violation:new(convoy, What, At, Robots, Details).
 
 %% @doc Results: the passes of doors, when the last robot moved on, and the least distance of two robots (mm).
 -spec finish(integer(), #state{}) ->
@@ -203,10 +200,7 @@ finish(EndUs, #state{separation = Separation, passes = Passes, last = Last} = St
         starl_unjudged:unhealed("somebody moves on", State#state.healed, EndUs),
         #{passes => Passes, last_us => Last, least_mm => least(Least)}
     ),
-    case near(Met, State) ++ late(EndUs, State) of
-        [] -> {ok, Results};
-        Violations -> {{violation, Violations}, Results}
-    end.
+    starl_violation:finish(near(Met, State) ++ late(EndUs, State), Results).
 
 least({Mm, _, _}) -> Mm;
 least(none) -> null.

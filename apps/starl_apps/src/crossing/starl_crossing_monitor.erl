@@ -54,26 +54,20 @@ vocabulary() -> #{app => [{passes, 0}]}.
 step({T, _, _, _} = Event, State) ->
     case late(T, State) of
         [] -> judge(Event, State);
-        [Violation] -> {violation, Violation, State#state{since = over}}
+        Late -> starl_violation:step(Late, State#state{since = over})
     end.
 
 %% The crossing stands empty, or blocked.
 late(T, #state{since = Since, healed = Healed}) when is_integer(Since), is_integer(Healed) ->
     Due = max(Since, Healed) + ?WITHIN_US,
-    [
-        #{contract => crossing, what => nobody_passes, at_us => Due, robots => [], details => #{}}
-     || T > Due
-    ];
+    [starl_violation:new(crossing, nobody_passes, Due, [], #{}) || T > Due];
 late(_T, _State) ->
     [].
 
 judge({T, Robot, chassis, {motion, Piece}}, #state{separation = Before} = State) ->
     {Met, Advanced} = starl_separation:advance(T, Before),
     Next = State#state{separation = starl_separation:motion(Robot, Piece, Advanced)},
-    case judged(Met, State) of
-        [] -> {ok, Next};
-        [Violation | _] -> {violation, Violation, Next}
-    end;
+    starl_violation:step(judged(Met, State), Next);
 judge({_, _, app, passes}, #state{passes = Passes, since = over} = State) ->
     {ok, State#state{passes = Passes + 1}};
 judge({T, _, app, passes}, #state{passes = Passes} = State) ->
@@ -89,13 +83,7 @@ judge(_Event, State) ->
 
 judged(Met, #state{faults = Faults}) ->
     [
-        #{
-            contract => crossing,
-            what => too_near,
-            at_us => At,
-            robots => [A, B],
-            details => #{mm => Mm}
-        }
+        starl_violation:new(crossing, too_near, At, [A, B], #{mm => Mm})
      || {Mm, At, {A, B}} <- Met,
         not lists:any(
             fun({_, From, To, _}) -> From =< At andalso At =< To + ?AFTER_US end, Faults
@@ -113,10 +101,7 @@ finish(EndUs, #state{separation = Separation, passes = Passes} = State) ->
         ),
         #{passes => Passes, least_mm => least(Least)}
     ),
-    case judged(Met, State) ++ late(EndUs, State) of
-        [] -> {ok, Results};
-        Violations -> {{violation, Violations}, Results}
-    end.
+    starl_violation:finish(judged(Met, State) ++ late(EndUs, State), Results).
 
 least({Mm, _, _}) -> Mm;
 least(none) -> null.

@@ -163,15 +163,12 @@ step({T, Robot, app, {answer, Outcome}}, #state{open = Open} = State) ->
             Next = noted({T, Robot, app, {answered, Call, Outcome}}, State#state{
                 open = Left, judged = Judged
             }),
-            told(ended(T, Call, Outcome, State), Next);
+            starl_violation:step(ended(T, Call, Outcome, State), Next);
         error ->
             {ok, State}
     end;
 step(Event, State) ->
     {ok, noted(Event, happened(Event, State))}.
-
-told([], State) -> {ok, State};
-told([Violation], State) -> {violation, Violation, State}.
 
 %% @doc Calls that should have ended break the contract, too. Results: `judged', the number of
 %% judged calls with a promise.
@@ -180,10 +177,7 @@ told([Violation], State) -> {violation, Violation, State}.
 finish(End, #state{open = Open, judged = Judged} = State) ->
     Late = lists:append([overdue(End, Call, State) || {_, Call} <- lists:sort(maps:to_list(Open))]),
     Results = starl_unjudged:with(unjudged(End, State), #{judged => Judged}),
-    case Late of
-        [] -> {ok, Results};
-        [_ | _] -> {{violation, Late}, Results}
-    end.
+    starl_violation:finish(Late, Results).
 
 unjudged(_End, #state{lossy = Loss}) when is_number(Loss) -> starl_unjudged:lossy(?CLAUSE, Loss);
 unjudged(End, #state{healed = Healed}) -> starl_unjudged:unhealed(?CLAUSE, Healed, End).
@@ -271,10 +265,4 @@ team(#{robot := Robot}, #state{robots = Robots, died = Died, rest = Rest} = Stat
     end.
 
 violation(What, T, #{what := Of, since_us := Since, robot := Robot}, Details) ->
-    #{
-        contract => calls,
-        what => What,
-        at_us => T,
-        robots => [Robot],
-        details => Details#{call => Of, since_us => Since}
-    }.
+    starl_violation:new(calls, What, T, [Robot], Details#{call => Of, since_us => Since}).

@@ -47,16 +47,8 @@ vocabulary() -> #{app => [{leads, 1}, {follows, 2}, {doubted, 1}]}.
 -spec step(starl_monitor:trace_event(), #state{}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
 step({T, _, _, _} = Event, State) ->
-    case late(T, State) of
-        {[Violation], Next} -> {violation, Violation, judged(Event, Next)};
-        {[], _} -> judge(Event, State)
-    end.
-
-judged(Event, State) ->
-    case judge(Event, State) of
-        {ok, Next} -> Next;
-        {violation, _, Next} -> Next
-    end.
+    {Late, Next} = late(T, State),
+    starl_violation:first(Late, judge(Event, Next)).
 
 judge({T, Robot, app, {leads, Term}}, #state{leaders = Leaders} = State) ->
     Led = lead(T, State#state{leaders = Leaders#{Robot => true}}),
@@ -105,7 +97,7 @@ late(_T, State) ->
     {[], State}.
 
 violation(What, T, Robots, Details) ->
-    #{contract => follow, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(follow, What, T, Robots, Details).
 
 %% @doc Results: the number of robots that have led, and the longest time without a leader.
 -spec finish(integer(), #state{}) ->
@@ -117,7 +109,4 @@ finish(EndUs, State) ->
         starl_unjudged:unhealed("one of the robots leads", Last#state.healed, EndUs),
         #{leaders => map_size(Leaders), longest_us => Longest}
     ),
-    case Late of
-        [] -> {ok, Results};
-        _ -> {{violation, Late}, Results}
-    end.
+    starl_violation:finish(Late, Results).

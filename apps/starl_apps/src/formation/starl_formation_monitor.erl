@@ -72,8 +72,8 @@ vocabulary() -> #{app => [{in_place, 2}, {formed, 1}]}.
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
 step({T, _, _, _} = Event, State) ->
     case late(T, State) of
-        none -> judge(Event, State);
-        Violation -> {violation, Violation, State#state{since = over}}
+        [] -> judge(Event, State);
+        Late -> starl_violation:step(Late, State#state{since = over})
     end.
 
 %% The next formation is overdue.
@@ -81,20 +81,11 @@ late(T, #state{since = Since, healed = Healed} = State) when
     is_integer(Since), is_integer(Healed)
 ->
     #state{robots = Robots, formed = Formed} = State,
-    case max(Since, Healed) + ?WITHIN_US of
-        Due when T > Due ->
-            #{
-                contract => formation,
-                what => not_formed,
-                at_us => Due,
-                robots => Robots,
-                details => #{round => Formed + 1}
-            };
-        _ ->
-            none
-    end;
+    Due = max(Since, Healed) + ?WITHIN_US,
+    Details = #{round => Formed + 1},
+    [starl_violation:new(formation, not_formed, Due, Robots, Details) || T > Due];
 late(_T, _State) ->
-    none.
+    [].
 
 judge({_, Robot, chassis, {motion, Piece}}, #state{pieces = Pieces} = State) ->
     {ok, State#state{pieces = Pieces#{Robot => Piece}}};
@@ -128,10 +119,13 @@ formed(T, Robot, Round, State) ->
         worst = lists:max([State#state.worst | Known]),
         unsound = Sound
     },
-    case [{Id, Mm} || {Id, Mm} <- Errors, is_away(Id, Mm, T, State)] of
-        [] -> {ok, Next};
-        [{Id, Mm} | _] -> {violation, violation(T, [Robot, Id], Round, Mm), Next}
-    end.
+    Away = [
+        starl_violation:new(formation, not_in_place, T, lists:usort([Robot, Id]), #{
+            round => Round, mm => Mm
+        })
+     || {Id, Mm} <- Errors, is_away(Id, Mm, T, State)
+    ],
+    starl_violation:step(Away, Next).
 
 again(_T, #state{since = over}) -> over;
 again(T, _State) -> T.
@@ -152,15 +146,6 @@ is_away(Id, Mm, T, #state{tolerance = Tolerance, places = Places, assumption = A
     Mm > Tolerance + ?MARGIN_MM andalso
         not starl_assumption:is_misplaced(Id, Since - 1000000, T, Assumption).
 
-violation(T, Robots, Round, Mm) ->
-    #{
-        contract => formation,
-        what => not_in_place,
-        at_us => T,
-        robots => lists:usort(Robots),
-        details => #{round => Round, mm => Mm}
-    }.
-
 %% @doc Results: the rounds that were formed, and the greatest distance of a robot from its place then.
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => term()}}.
@@ -169,7 +154,4 @@ finish(EndUs, #state{formed = Formed, worst = Worst} = State) ->
         starl_unjudged:unhealed("the next formation is formed", State#state.healed, EndUs),
         #{formed => Formed, worst_mm => Worst}
     ),
-    case late(EndUs, State) of
-        none -> {ok, Results};
-        Violation -> {{violation, [Violation]}, Results}
-    end.
+    starl_violation:finish(late(EndUs, State), Results).

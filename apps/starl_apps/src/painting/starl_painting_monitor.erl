@@ -148,10 +148,7 @@ finish(EndTimeUs, #state{tracks = Tracks} = State) ->
     end,
     {Found, Closed} = lists:foldl(Close, {[], State}, lists:sort(maps:keys(Tracks))),
     Results = starl_unjudged:with(unjudged(Closed), results(Closed)),
-    {verdict(lists:reverse(Found) ++ unfinished(EndTimeUs, Results, Closed)), Results}.
-
-verdict([]) -> ok;
-verdict(Violations) -> {violation, Violations}.
+    starl_violation:finish(lists:reverse(Found) ++ unfinished(EndTimeUs, Results, Closed), Results).
 
 results(#state{lines = Lines, tracks = Tracks} = State) ->
     Lengths = [{N, starl_geometry:length(Line)} || {N, Line} <- lists:sort(maps:to_list(Lines))],
@@ -279,7 +276,7 @@ on_paper(Track) ->
     Track.
 
 violation(What, T, Robots, Details) ->
-    #{contract => painting, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(painting, What, T, Robots, Details).
 
 %%% Ink and lines
 

@@ -167,8 +167,8 @@ vocabulary() -> #{app => [{found, 1}]}.
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
 step({T, _, _, _} = Event, State) ->
     case late(T, State) of
-        {violation, _, _} = Violation -> Violation;
-        ok -> judge(Event, State)
+        [] -> judge(Event, State);
+        Late -> starl_violation:step(Late, State#state{late = true})
     end.
 
 judge({T, Robot, chassis, {motion, Piece}}, #state{pieces = Pieces, starts = Starts} = State) ->
@@ -209,15 +209,9 @@ late(T, #state{found = Found, healed = Healed, within = Within, left = [_ | _] =
     Found =/= none, Healed =/= never, not State#state.late
 ->
     Due = max(Found, Healed) + Within,
-    case T > Due of
-        true ->
-            Details = #{found_us => Found, due_us => Due},
-            {violation, violation(not_done, Due, Left, Details), State#state{late = true}};
-        false ->
-            ok
-    end;
+    [violation(not_done, Due, Left, #{found_us => Found, due_us => Due}) || T > Due];
 late(_T, _State) ->
-    ok.
+    [].
 
 %% -- found ------------------------------------------------------------------------------------
 
@@ -399,7 +393,7 @@ is_roomy(Cell, Room, Walls) ->
     starl_walls:is_free({P, P}, Room, Walls).
 
 violation(What, T, Robots, Details) ->
-    #{contract => search, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(search, What, T, Robots, Details).
 
 %% @doc Results: the floor and the part of it that no camera has seen, m2, with its points; when the ball was
 %% found first, and when the last robot was done; over time how much floor was seen; and what was not judged.
@@ -416,10 +410,7 @@ finish(EndUs, State) ->
         unjudged => unjudged(State),
         measured => [{T, floor_seen_m2, m2(N)} || {T, N} <- steps(EndUs, Seen)]
     },
-    case late(EndUs, State) of
-        ok -> {ok, Results};
-        {violation, Violation, _} -> {{violation, [Violation]}, Results}
-    end.
+    starl_violation:finish(late(EndUs, State), Results).
 
 m2(Points) -> Points * ?STEP_MM * ?STEP_MM / 1.0e6.
 

@@ -90,10 +90,7 @@ interests() -> [geocast, chassis, robot].
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
 step({T, _, _, _} = Event, State) ->
     {Late, Next} = late(T, State),
-    case Late of
-        [] -> {ok, note(Event, Next)};
-        [Violation | _] -> {violation, Violation, note(Event, Next)}
-    end.
+    starl_violation:step(Late, note(Event, Next)).
 
 note({_, Robot, chassis, {motion, Piece}}, #state{pieces = Pieces} = State) ->
     State#state{pieces = Pieces#{Robot => Piece}};
@@ -179,7 +176,11 @@ late(T, #state{open = Open} = State) ->
 missed({Id, Due, Robots}, {Found, State}) ->
     {Missed, Next} = maps:fold(fun unlucky/3, {[], State}, keys(Robots)),
     Broken = [R || {R, Way} <- Robots, lists:member(key(R, Way), Missed)],
-    {Found ++ [violation(Id, Due, Broken) || Broken =/= []], Next}.
+    Violations = [
+        starl_violation:new(swarm, not_heard, Due, Broken, #{message => Id})
+     || Broken =/= []
+    ],
+    {Found ++ Violations, Next}.
 
 %% The rows to which these robots belong, each with the longest chain.
 keys(Robots) ->
@@ -207,25 +208,13 @@ longer(Key, Hops, Rows, #state{loss = Loss, delay_us = Delay}) ->
     Chance = min(1.0, Hops * starl_geocast_lifetime:missed(Loss, Offers)),
     Rows#{Key => Chance * maps:get(Key, Rows, 1.0)}.
 
-violation(Id, Due, Robots) ->
-    #{
-        contract => swarm,
-        what => not_heard,
-        at_us => Due,
-        robots => Robots,
-        details => #{message => Id}
-    }.
-
 %% @doc Results: how many times a message had to be heard.
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, #{atom() => term()}}.
 finish(EndUs, State) ->
     {Late, #state{owed = Owed, loss = Loss} = Last} = late(EndUs, State),
     Results = starl_unjudged:with(off(Loss, Last), #{owed => Owed}),
-    case Late of
-        [] -> {ok, Results};
-        [_ | _] -> {{violation, Late}, Results}
-    end.
+    starl_violation:finish(Late, Results).
 
 %% Of so few messages that no row of missed ones could be too long, nothing is known if some were missed.
 off(Loss, _State) when Loss >= ?MOST_LOSS -> starl_unjudged:lossy(?CLAUSE, Loss);

@@ -166,10 +166,8 @@ timeless(#state{reached = Reached, at = At, passed = Passed, memory = Memory}) -
 -spec step(starl_monitor:trace_event(), #state{}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
 step({T, Robot, Machine, Event}, State) ->
-    case judge({Machine, Event}, T, Robot, State) of
-        {[], Next} -> {ok, Next};
-        {[First | _], Next} -> {violation, First, Next}
-    end.
+    {Broken, Next} = judge({Machine, Event}, T, Robot, State),
+    starl_violation:step(Broken, Next).
 
 %% @doc Judges the time until `EndTimeUs'. Results: `rounds' passed by all, `passed' and
 %% `failed' calls, the longest and the mean δ (first to last pass of a round); `missed': the rounds that some
@@ -188,10 +186,7 @@ finish(EndTimeUs, #state{deltas = {Count, Sum, Longest}} = State) ->
             damaged_store => State#state.damaged, store_set_back => State#state.set_back
         }
     }),
-    case overdue(EndTimeUs, State) of
-        [] -> {ok, Results};
-        Late -> {{violation, Late}, Results}
-    end.
+    starl_violation:finish(overdue(EndTimeUs, State), Results).
 
 unjudged(_EndUs, #state{bound_us = infinity}) ->
     [];
@@ -451,4 +446,4 @@ waiting(Name, K, #state{robots = Robots, at = At, passed = Passed, excused = Exc
     ].
 
 violation(What, T, Robots, Details) ->
-    #{contract => barrier, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(barrier, What, T, Robots, Details).

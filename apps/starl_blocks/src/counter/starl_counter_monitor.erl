@@ -88,10 +88,7 @@ timeless(#state{made = Made, values = Values}) -> {Made, Values}.
 step({T, Robot, Machine, Event}, State) ->
     {Late, Current} = agreement(T, State),
     {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
-    case Late ++ Broken of
-        [] -> {ok, Next};
-        [First | _] -> {violation, First, Next}
-    end.
+    starl_violation:step(Late ++ Broken, Next).
 
 %% @doc Judges the time until `EndUs'. Results: the number of `increments', and the number of times
 %% agreement was `agreed'.
@@ -100,7 +97,7 @@ step({T, Robot, Machine, Event}, State) ->
 finish(EndUs, State) ->
     {Late, #state{made = Made, judged = Judged} = End} = agreement(EndUs, State),
     Results = #{increments => Made, agreed => Judged},
-    {verdict(Late), starl_unjudged:with(unjudged(EndUs, End), Results)}.
+    starl_violation:finish(Late, starl_unjudged:with(unjudged(EndUs, End), Results)).
 
 unjudged(_EndUs, #state{within = infinity}) ->
     [];
@@ -116,9 +113,6 @@ unjudged(EndUs, #state{healed = Healed, within = Within, due = Due} = State) ->
         Unhealed ->
             Unhealed
     end.
-
-verdict([]) -> ok;
-verdict(Violations) -> {violation, Violations}.
 
 judge({counter, {incremented, Value}}, T, Robot, #state{made = Made, since = Since} = State) ->
     Broken = not_counted(Value, T, Robot, State),
@@ -193,4 +187,4 @@ agreement(_T, State) ->
     {[], State}.
 
 violation(What, T, Robots, Details) ->
-    #{contract => counter, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(counter, What, T, Robots, Details).

@@ -44,13 +44,7 @@ step(Event, State) ->
     planned(Event, State).
 
 violation(What, T, Robot, {_, Leader, _} = Led) ->
-    #{
-        contract => dpp,
-        what => What,
-        at_us => T,
-        robots => lists:usort([Robot, Leader]),
-        details => #{term => Led}
-    }.
+    starl_violation:new(dpp, What, T, lists:usort([Robot, Leader]), #{term => Led}).
 
 planned(Event, #state{plan = Plan} = State) ->
     case starl_dpp_monitor:step(Event, Plan) of

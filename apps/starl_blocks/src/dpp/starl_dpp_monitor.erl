@@ -239,12 +239,9 @@ finish(EndTimeUs, #state{separation = Separation, waiting = Waiting, r_s = Limit
     },
     {Unanswered, _} = starl_dpp_monitor_service:pass(EndTimeUs, State#state.service),
     Late = [encounter(Meeting, Limit) || Meeting <- Met] ++ unanswered(Unanswered),
-    Verdict = verdict(Waiting ++ Late),
     Off = starl_dpp_monitor_service:unjudged(EndTimeUs, State#state.service),
-    {Verdict, starl_unjudged:with(Off, maps:merge(results(Least), Counts))}.
-
-verdict([]) -> ok;
-verdict(Violations) -> {violation, Violations}.
+    Results = starl_unjudged:with(Off, maps:merge(results(Least), Counts)),
+    starl_violation:finish(Waiting ++ Late, Results).
 
 results(none) ->
     #{min_separation_mm => infinity};
@@ -459,4 +456,4 @@ overlap(T, Robot, {_, Segments}, {Other, {_, Others}}, #state{apart_mm = Apart})
     violation(tubes_overlap, T, [min(Robot, Other), max(Robot, Other)], Details).
 
 violation(What, T, Robots, Details) ->
-    #{contract => dpp, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(dpp, What, T, Robots, Details).

@@ -16,7 +16,7 @@
 %% coordinator, so that it was silent.
 -module(starl_dpp_monitor_service).
 
--export([times/2, new/1, broken/2, happened/4, pass/2, died/1, unjudged/2]).
+-export([times/2, new/1, broken/2, happened/4, pass/2, unjudged/2]).
 
 -export_type([t/0, times/0]).
 
@@ -53,7 +53,7 @@
     down = [] :: [robot_id()],
     died = [] :: [robot_id()],
     closed = false :: boolean(),
-    due = infinity :: us() | infinity
+    answer = starl_obligations:new(anew) :: starl_obligations:t(answer)
 }).
 
 -opaque t() :: #service{}.
@@ -135,7 +135,7 @@ new(#{robots := Robots} = Config) ->
 %% @doc A fault in this window, of which no event has been judged yet.
 -spec broken(starl_assumption:window(), t()) -> t().
 broken(Window, #service{faults = Faults} = S) ->
-    due(S#service{faults = starl_assumption:broken(Window, Faults)}).
+    S#service{faults = starl_assumption:broken(Window, Faults)}.
 
 %% @doc What is not judged in a run that ends at this time.
 -spec unjudged(EndUs :: us(), t()) -> [starl_unjudged:clause()].
@@ -146,17 +146,14 @@ unjudged(_End, #service{times = #{answer_us := infinity}}) ->
 unjudged(End, #service{times = #{answer_us := Answer, again_us := Again}, faults = Faults}) ->
     starl_unjudged:excused(?CLAUSE, Again + Answer, End, Faults).
 
-%% @doc The robots that have died.
--spec died(t()) -> [robot_id()].
-died(#service{died = Died}) -> Died.
-
 %% @doc Time has passed: should a robot have been answered until then? Which ones waited?
 -spec pass(TimeUs :: us(), t()) -> {none | {DueUs :: us(), [robot_id(), ...]}, t()}.
-pass(T, #service{due = Due} = S) when T =< Due ->
-    %% integers sort before the atom infinity
-    {none, S};
-pass(_T, #service{due = Due, asks = Asks} = S) ->
-    {{Due, Asks}, S#service{due = infinity}}.
+pass(T, #service{answer = Answer, faults = Faults, asks = Asks} = S) ->
+    case starl_obligations:overdue(T, Faults, Answer) of
+        none -> {none, S};
+        {[], Left} -> {none, S#service{answer = Left}};
+        {[{Due, answer}], Left} -> {{Due, Asks}, S#service{answer = Left}}
+    end.
 
 %% @doc An event of a robot. `given_up': lines were, without a reason.
 -spec happened(TimeUs :: us(), robot_id(), {Machine :: atom(), Event :: term()}, t()) ->
@@ -225,35 +222,33 @@ answered(Robot, #service{asks = Asks} = S) -> S#service{asks = lists:delete(Robo
 
 changed(T, S) -> due(S#service{changed_us = T}).
 
-due(S) -> S#service{due = due_us(S)}.
+%% Is an answer owed now, since when, and within which time?
+due(#service{answer = Answer} = S) ->
+    case owed(S) of
+        {_Since, infinity} -> S#service{answer = starl_obligations:paid(answer, Answer)};
+        {Since, Us} -> S#service{answer = starl_obligations:owe(answer, team, Since, Us, Answer)}
+    end.
 
-due_us(#service{times = #{answer_us := infinity}}) ->
-    infinity;
-due_us(#service{asks = Asks, moves = Moves, down = Down}) when
+owed(#service{asks = Asks, moves = Moves, down = Down, changed_us = Changed}) when
     Asks =:= []; Moves =/= []; Down =/= []
 ->
-    infinity;
-due_us(#service{robots = Robots, died = Died} = S) ->
+    {Changed, infinity};
+owed(#service{robots = Robots, died = Died, changed_us = Changed} = S) ->
     case starl_dpp_lease:quorum(Robots -- Died, Robots) of
-        true -> due_us(S#service.open_us, S#service.silent ++ Died, S);
-        false -> infinity
+        true -> owed(S#service.open_us, S#service.silent ++ Died, S);
+        false -> {Changed, infinity}
     end.
 
 %% A message from before may have been lost in a fault, which a robot makes good when it asks again: so a
 %% fault that was over so long before counts, too.
-due_us(Open, [], #service{changed_us = Changed, times = Times, faults = Faults}) when
-    is_integer(Open)
-->
+owed(_Open, _Silent, #service{changed_us = Changed, times = #{answer_us := infinity}}) ->
+    {Changed, infinity};
+owed(Open, [], #service{changed_us = Changed, times = Times}) when is_integer(Open) ->
     #{answer_us := Answer, again_us := Again, whole_us := Whole} = Times,
     %% a robot that has lost its coordinator for a while, unlike the others, asks again, too
-    Since =
-        case Whole of
-            infinity -> max(Open, Changed);
-            _Sure -> max(Open, Changed) - Again
-        end,
-    starl_assumption:calm_us(Since, Again + Answer, Faults);
-due_us(_Open, _Silent, #service{times = #{whole_us := infinity}}) ->
-    infinity;
-due_us(_Open, _Silent, #service{changed_us = Changed, times = Times, faults = Faults}) ->
-    #{whole_us := Whole} = Times,
-    starl_assumption:calm_us(Changed, Whole, Faults).
+    case Whole of
+        infinity -> {max(Open, Changed), Again + Answer};
+        _Sure -> {max(Open, Changed) - Again, Again + Answer}
+    end;
+owed(_Open, _Silent, #service{changed_us = Changed, times = #{whole_us := Whole}}) ->
+    {Changed, Whole}.

@@ -48,7 +48,8 @@
     lives = #{} :: #{robot_id() => pos_integer()},
     crashed = #{} :: #{robot_id() => integer()},
     died = #{} :: #{robot_id() => integer()},
-    open = #{} :: #{{election(), robot_id()} => {EnteredUs :: integer(), DeadlineUs :: integer()}},
+    open = starl_obligations:new({delayed, ?STEPS}) ::
+        starl_obligations:t({election(), robot_id()}),
     assumption :: starl_assumption:t(),
     unjudged :: [starl_unjudged:clause()],
     failed = 0 :: non_neg_integer(),
@@ -113,17 +114,11 @@ lossless(_Known, _Config) ->
 
 %% @doc The window excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken(Window, #state{assumption = Assumption, open = Open} = State) ->
-    Told = State#state{
+broken(Window, #state{assumption = Assumption, faults = Faults} = State) ->
+    State#state{
         assumption = starl_assumption:broken(Window, Assumption),
-        faults = starl_assumption:broken(Window, State#state.faults)
-    },
-    Told#state{
-        open = maps:map(fun({_, Robot}, {T, _}) -> {T, deadline(T, Robot, Told)} end, Open)
+        faults = starl_assumption:broken(Window, Faults)
     }.
-
-deadline(T, Robot, #state{bound_us = Bound, assumption = Assumption}) ->
-    starl_assumption:delayed_us(Robot, T, T + Bound, ?STEPS, Assumption).
 
 %% @doc The elections' own events and the end of robots.
 -spec interests() -> [atom()].
@@ -149,10 +144,7 @@ timeless(#state{reported = Reported, leaders = Leaders, lives = Lives} = State) 
 step({T, Robot, Machine, Event}, State) ->
     {Overdue, Current} = overdue(T, State),
     {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
-    case Overdue ++ Broken of
-        [] -> {ok, Next};
-        [First | _] -> {violation, First, Next}
-    end.
+    starl_violation:step(Overdue ++ Broken, Next).
 
 %% @doc Judges the time until `EndTimeUs'. Results: the number of `elections', of results
 %% `elected' (by one robot in one life) and `failed', and the `leaders' of each election.
@@ -171,16 +163,14 @@ finish(EndTimeUs, State) ->
          || E <- lists:sort(maps:keys(Began))
         ]
     }),
-    case Overdue of
-        [] -> {ok, Results};
-        [_ | _] -> {{violation, Overdue}, Results}
-    end.
+    starl_violation:finish(Overdue, Results).
 
 %% -- events ---------------------------------------------------------------------------------
 
-judge({election, {entered, Election}}, T, Robot, #state{open = Open} = State0) ->
-    State = begin_election(Election, T, State0),
-    {[], State#state{open = Open#{{Election, Robot} => {T, deadline(T, Robot, State)}}}};
+judge({election, {entered, Election}}, T, Robot, #state{open = Open, bound_us = Bound} = State) ->
+    Began = begin_election(Election, T, State),
+    Entered = starl_obligations:owe({Election, Robot}, Robot, T, Bound, Open),
+    {[], Began#state{open = Entered}};
 judge({election, {elected, Election, Leader, How}}, T, Robot, State) ->
     elected(Election, Leader, How, T, Robot, begin_election(Election, T, State));
 judge({election, {failed, Election, _Reason}}, T, Robot, #state{failed = Failed} = State) ->
@@ -188,7 +178,7 @@ judge({election, {failed, Election, _Reason}}, T, Robot, #state{failed = Failed}
         violation(failed_without_loss, T, [Robot], Election)
      || is_lossless(Election, T, State)
     ],
-    Open = maps:remove({Election, Robot}, State#state.open),
+    Open = starl_obligations:paid({Election, Robot}, State#state.open),
     {Broken, State#state{failed = Failed + 1, open = Open}};
 judge({election, crashed}, T, Robot, #state{crashed = Crashed, lives = Lives} = State) ->
     Life = maps:get(Robot, Lives, 1) + 1,
@@ -213,14 +203,14 @@ elected(Election, Leader, How, T, Robot, State) ->
         lossless_results = State#state.lossless_results + Judged,
         reported = maps:merge(#{Term => Leader}, State#state.reported),
         leaders = maps:merge(#{Election => Leader}, State#state.leaders),
-        open = maps:remove({Election, Robot}, State#state.open)
+        open = starl_obligations:paid({Election, Robot}, State#state.open)
     }}.
 
 begin_election(Election, T, #state{began = Began} = State) ->
     State#state{began = maps:merge(#{Election => T}, Began)}.
 
 absent(Robot, #state{open = Open} = State) ->
-    State#state{open = maps:filter(fun({_, Who}, _) -> Who =/= Robot end, Open)}.
+    State#state{open = starl_obligations:dropped(fun({_, Who}) -> Who =:= Robot end, Open)}.
 
 %% -- the clauses of the contract ------------------------------------------------------------
 
@@ -267,21 +257,16 @@ throughout(Robot, Began, #state{died = Died, crashed = Crashed}) ->
     not is_map_key(Robot, Died) andalso maps:get(Robot, Crashed, Began - 1) < Began.
 
 %% The robots overdue before `T'; a result at exactly the deadline is in time.
-overdue(T, #state{open = Open} = State) ->
-    case lists:sort([{D, Key} || {Key, {_, D}} <- maps:to_list(Open), D < T]) of
-        [] ->
+overdue(T, #state{open = Open, assumption = Assumption} = State) ->
+    case starl_obligations:overdue(T, Assumption, Open) of
+        none ->
             {[], State};
-        Late ->
-            {[violation(no_result, D, [Robot], E) || {D, {E, Robot}} <- Late], State#state{
-                open = maps:without([Key || {_, Key} <- Late], Open)
-            }}
+        {Late, Left} ->
+            {
+                [violation(no_result, Due, [Robot], E) || {Due, {E, Robot}} <- Late],
+                State#state{open = Left}
+            }
     end.
 
 violation(What, T, Robots, Election) ->
-    #{
-        contract => election,
-        what => What,
-        at_us => T,
-        robots => Robots,
-        details => #{election => Election}
-    }.
+    starl_violation:new(election, What, T, Robots, #{election => Election}).

@@ -29,6 +29,7 @@
 
 -type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
+-type owed(Key) :: starl_obligations:t(Key).
 %% Ballots cast, and each robot's leader.
 -type tally() :: {Ballots :: #{robot_id() => term()}, Elected :: #{robot_id() => robot_id()}}.
 
@@ -46,20 +47,19 @@
     settle_us :: pos_integer() | infinity,
     step_us :: pos_integer(),
     elections = #{} :: #{election() => tally()},
-    %% The robots that are still electing, and their deadlines.
-    open = #{} :: #{{election(), robot_id()} => {EnteredUs :: integer(), DeadlineUs :: integer()}},
-    %% no deadline is earlier than this
-    first_due = infinity :: integer() | infinity,
+    %% The robots that are still electing.
+    open = starl_obligations:new({delayed, ?STEPS}) :: owed({election(), robot_id()}),
     assumption :: starl_assumption:t(),
     faults :: starl_assumption:t(),
     forgotten = #{} :: #{election() => []},
     %% The last crash of each robot's machine, and when the robot has taken part again.
     away = #{} :: #{robot_id() => {CrashUs :: integer(), BackUs :: integer() | infinity}},
-    %% The robots that were electing when the last ballot was cast, and that time.
-    settling = queue:new() :: queue:queue({SinceUs :: integer(), election(), robot_id()}),
-    %% By the hash of its announcement, what has been decided; and who was told of it while it was electing.
+    %% The robots that were electing when the last ballot was cast.
+    settling = starl_obligations:new(anew) :: owed({election(), robot_id()}),
+    %% By the hash of its announcement, what has been decided; and who heard of it while it was electing.
     decided = #{} :: #{non_neg_integer() => {election(), robot_id()}},
-    told = [] :: [{AtUs :: integer(), robot_id(), election(), Leader :: robot_id()}],
+    informed = starl_obligations:new({delayed, ?STEPS}) ::
+        owed({robot_id(), election(), Leader :: robot_id(), AtUs :: integer()}),
     failed = 0 :: non_neg_integer()
 }).
 
@@ -112,14 +112,10 @@ settle_us(_Known, _Config) ->
 
 %% @doc The window excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken(Window, #state{assumption = Assumption, faults = Faults, open = Open} = State) ->
-    Told = State#state{
+broken(Window, #state{assumption = Assumption, faults = Faults} = State) ->
+    State#state{
         assumption = starl_assumption:broken(Window, Assumption),
         faults = starl_assumption:broken(Window, Faults)
-    },
-    %% it makes no deadline earlier
-    Told#state{
-        open = maps:map(fun({_, Robot}, {T, _}) -> {T, deadline(T, Robot, Told)} end, Open)
     }.
 
 %% @doc The elections' own events, what is delivered, and the end of robots.
@@ -140,10 +136,7 @@ timeless(#state{elections = Elections}) -> Elections.
 step({T, Robot, Machine, Event}, State) ->
     {Overdue, Current} = pass(T, State),
     {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
-    case Overdue ++ Broken of
-        [] -> {ok, Next};
-        [First | _] -> {violation, First, Next}
-    end.
+    starl_violation:step(Overdue ++ Broken, Next).
 
 %% @doc Judges the time until `EndTimeUs'. Results: the number of `elections', of robots that
 %% `elected' and `failed' in them, and the `leaders' in the order of the elections.
@@ -158,15 +151,12 @@ finish(EndTimeUs, State) ->
         failed => Failed,
         leaders => [{E, lists:usort(maps:values(Elected))} || {E, {_, Elected}} <- Held]
     }),
-    {verdict(Overdue), Results}.
+    starl_violation:finish(Overdue, Results).
 
 off(_EndUs, #state{settle_us = infinity}) ->
     [];
 off(EndUs, #state{settle_us = Settle, faults = Faults}) ->
     starl_unjudged:excused("all elect the same", Settle, EndUs, Faults).
-
-verdict([]) -> ok;
-verdict(Violations) -> {violation, Violations}.
 
 %%% Events: each gives the violations it shows
 
@@ -184,18 +174,18 @@ judge({election, {failed, Election, _Reason}}, T, Robot, #state{failed = Failed}
     {[], conclude(Election, Robot, Given#state{failed = Failed + 1})};
 %% Its caller is told that the machine has restarted, and may take part anew.
 judge({election, crashed}, T, Robot, State) ->
-    {[], absent(T, Robot, untold(Robot, State))};
+    {[], absent(T, Robot, uninformed(Robot, State))};
 judge({robot, {died, _Reason}}, T, Robot, State) ->
-    {[], absent(T, Robot, untold(Robot, State))};
+    {[], absent(T, Robot, uninformed(Robot, State))};
 judge({sap, {delivered, _Id, leader, Hash}}, T, Robot, #state{decided = Decided} = State) when
     is_map_key(Hash, Decided)
 ->
-    {[], told(T, Robot, map_get(Hash, Decided), State)};
+    {[], informed(T, Robot, map_get(Hash, Decided), State)};
 %% What it has delivered may have waited for a listener, and is lost.
 judge({Machine, Gone}, _T, Robot, State) when
     Machine =:= sap, Gone =:= crashed; Machine =:= robot, Gone =:= down
 ->
-    {[], untold(Robot, State)};
+    {[], uninformed(Robot, State)};
 judge({_Machine, _Other}, _T, _Robot, State) ->
     {[], State}.
 
@@ -212,7 +202,8 @@ elected(Election, Leader, How, T, Robot, State) ->
 
 %% The others need not have heard its ballot, if a fault came in between.
 given_up(T, Election, Robot, #state{open = Open, faults = Faults, forgotten = Of} = State) ->
-    {Entered, _} = maps:get({Election, Robot}, Open, {T, T}),
+    %% an atom is greater than every number
+    Entered = min(T, starl_obligations:since({Election, Robot}, Open)),
     case starl_assumption:is_kept(Entered, T, Faults) andalso all_there(Entered, State) of
         true -> State;
         false -> State#state{forgotten = Of#{Election => []}}
@@ -231,14 +222,14 @@ absent(T, Robot, State) ->
     ],
     State#state{
         away = Away#{Robot => {T, infinity}},
-        open = maps:filter(fun({_Election, Who}, _Deadline) -> Who =/= Robot end, Open),
+        open = starl_obligations:dropped(fun({_Election, Who}) -> Who =:= Robot end, Open),
         forgotten = maps:merge(Forgotten, maps:from_keys(Cast, []))
     }.
 
 %% Has a robot cast a ballot that it does not tell any more, nor the result?
 is_given_up(Election, {Ballots, Elected}, Open) ->
     lists:any(
-        fun(Robot) -> not is_map_key({Election, Robot}, Open) end,
+        fun(Robot) -> starl_obligations:since({Election, Robot}, Open) =:= none end,
         maps:keys(maps:without(maps:keys(Elected), Ballots))
     ).
 
@@ -248,12 +239,10 @@ record_of(Election, #state{elections = Elections}) ->
 keep(Election, Record, #state{elections = Elections} = State) ->
     State#state{elections = Elections#{Election => Record}}.
 
-enter(T, Robot, Election, #state{open = Open, first_due = First, away = Away} = State) ->
-    Deadline = deadline(T, Robot, State),
+enter(T, Robot, Election, #state{open = Open, bound_us = Bound, away = Away} = State) ->
     keep(Election, record_of(Election, State), State#state{
         away = back(T, Robot, Away),
-        open = Open#{{Election, Robot} => {T, Deadline}},
-        first_due = min(First, Deadline)
+        open = starl_obligations:owe({Election, Robot}, Robot, T, Bound, Open)
     }).
 
 back(T, Robot, Away) ->
@@ -262,39 +251,41 @@ back(T, Robot, Away) ->
         #{} -> Away
     end.
 
-deadline(T, Robot, #state{bound_us = Bound, assumption = Assumption}) ->
-    starl_assumption:delayed_us(Robot, T, T + Bound, ?STEPS, Assumption).
-
 conclude(Election, Robot, #state{open = Open} = State) ->
-    State#state{open = maps:remove({Election, Robot}, Open)}.
+    State#state{open = starl_obligations:paid({Election, Robot}, Open)}.
 
 %% A message of this body announces it.
 decided(Election, Leader, #state{decided = Decided} = State) ->
     State#state{decided = Decided#{erlang:phash2({Election, Leader}) => {Election, Leader}}}.
 
-told(T, Robot, {Election, Leader}, #state{open = Open, told = Told} = State) ->
-    case Open of
-        #{{Election, Robot} := _} -> State#state{told = Told ++ [{T, Robot, Election, Leader}]};
-        #{} -> State
+informed(T, Robot, {Election, Leader}, #state{open = Open, informed = Informed} = State) ->
+    Key = {Robot, Election, Leader, T},
+    case starl_obligations:since({Election, Robot}, Open) of
+        none ->
+            State;
+        _Entered ->
+            #state{step_us = Step} = State,
+            State#state{informed = starl_obligations:owe(Key, Robot, T, Step, Informed)}
     end.
 
-untold(Robot, #state{told = Told} = State) ->
-    State#state{told = [One || {_, Who, _, _} = One <- Told, Who =/= Robot]}.
+uninformed(Robot, #state{informed = Informed} = State) ->
+    IsOf = fun({Who, _, _, _}) -> Who =:= Robot end,
+    State#state{informed = starl_obligations:dropped(IsOf, Informed)}.
 
 %% With the last ballot the robots that are electing must come to an end.
 settle(T, Election, true, #state{settle_us = Settle, robots = Robots} = State) when
     is_integer(Settle), not is_map_key(Election, State#state.forgotten)
 ->
     {Ballots, _} = record_of(Election, State),
+    Owe = fun(Key, Settling) -> starl_obligations:owe(Key, team, T, Settle, Settling) end,
     case [Robot || Robot <- Robots, not is_map_key(Robot, Ballots)] of
         [] ->
-            State#state{
-                settling = lists:foldl(
-                    fun(Robot, Queue) -> queue:in({T, Election, Robot}, Queue) end,
-                    State#state.settling,
-                    [Robot || Robot <- Robots, is_map_key({Election, Robot}, State#state.open)]
-                )
-            };
+            Electing = [
+                {Election, Robot}
+             || Robot <- Robots,
+                starl_obligations:since({Election, Robot}, State#state.open) =/= none
+            ],
+            State#state{settling = lists:foldl(Owe, State#state.settling, Electing)};
         _Missing ->
             State
     end;
@@ -355,72 +346,61 @@ incomplete(_How, _T, _Robot, _Election, _Record, _State) ->
 
 %% Deadlines by the last ballot are named before those by the general bound.
 pass(T, State) ->
-    {Unsettled, Passed} = unsettled(T, State, []),
+    {Unsettled, Passed} = unsettled(T, State),
     {Ignored, Attentive} = ignored(T, Passed),
     {Late, Current} = overdue(T, Attentive),
     {Unsettled ++ Ignored ++ Late, Current}.
 
-%% Those that have not elected, though they were told long before `T' whom.
-ignored(_T, #state{told = []} = State) ->
-    {[], State};
-ignored(T, #state{told = Told} = State) ->
-    Waiting = [
-        {told_by(At, Robot, State), Robot, Election, Leader, One}
-     || {At, Robot, Election, Leader} = One <- Told, is_waiting(At, Election, Robot, State)
-    ],
-    Late = [
-        violation(announcement_ignored, Due, [Robot], #{election => Election, leader => Leader})
-     || {Due, Robot, Election, Leader, _} <- lists:sort(Waiting), Due < T
-    ],
-    {Late, State#state{told = [One || {Due, _, _, _, One} <- Waiting, Due >= T]}}.
-
-told_by(At, Robot, #state{step_us = Step, assumption = Assumption}) ->
-    starl_assumption:delayed_us(Robot, At, At + Step, ?STEPS, Assumption).
-
-%% Is it electing since then? Who has entered again since has its own turn.
-is_waiting(At, Election, Robot, #state{open = Open}) ->
-    case Open of
-        #{{Election, Robot} := {Entered, _}} -> Entered =< At;
-        #{} -> false
+%% Those that were electing at the last ballot and still are.
+unsettled(T, #state{settling = Settling, faults = Faults, forgotten = Forgotten} = State) ->
+    case starl_obligations:overdue(T, Faults, Settling) of
+        none ->
+            {[], State};
+        {Late, Left} ->
+            Open = [
+                {Due, Election, Robot}
+             || {Due, {Election, Robot} = Key} <- Late,
+                is_electing(starl_obligations:since(Key, Settling), Election, Robot, State),
+                not is_map_key(Election, Forgotten)
+            ],
+            Concluded = lists:foldl(fun({_, E, R}, S) -> conclude(E, R, S) end, State, Open),
+            {
+                [violation(not_settled, Due, [R], #{election => E}) || {Due, E, R} <- Open],
+                Concluded#state{settling = Left}
+            }
     end.
 
-unsettled(T, #state{settling = Settling, settle_us = Settle} = State, Found) ->
-    case queue:peek(Settling) of
-        {value, {Since, Election, Robot}} when Since + Settle < T ->
-            Left = State#state{settling = queue:drop(Settling)},
-            Due = starl_assumption:calm_us(Since, Settle, State#state.faults),
-            case is_unsettled(Since, Election, Robot, State) of
-                true when Due < T ->
-                    Late = violation(not_settled, Due, [Robot], #{election => Election}),
-                    unsettled(T, conclude(Election, Robot, Left), [Late | Found]);
-                true ->
-                    %% those that came later are due no earlier
-                    {lists:reverse(Found), State};
-                false ->
-                    unsettled(T, Left, Found)
-            end;
-        _NothingDue ->
-            {lists:reverse(Found), State}
+%% Those that have not elected, though they heard long before `T' whom.
+ignored(T, #state{informed = Informed, assumption = Assumption} = State) ->
+    case starl_obligations:overdue(T, Assumption, Informed) of
+        none ->
+            {[], State};
+        {Late, Left} ->
+            {
+                [
+                    violation(announcement_ignored, Due, [R], #{election => E, leader => Leader})
+                 || {Due, {R, E, Leader, At}} <- Late, is_electing(At, E, R, State)
+                ],
+                State#state{informed = Left}
+            }
     end.
 
-%% Has it been electing since the last ballot? Who has entered again since need not have come to an end.
-is_unsettled(Since, Election, Robot, #state{forgotten = Forgotten} = State) ->
-    is_waiting(Since, Election, Robot, State) andalso not is_map_key(Election, Forgotten).
+%% Has it been electing since then? A robot that has entered again since has the bound anew.
+is_electing(Since, Election, Robot, #state{open = Open}) ->
+    %% an atom is greater than every number
+    starl_obligations:since({Election, Robot}, Open) =< Since.
 
 %% The robots overdue before `T'; a result at exactly the deadline is in time.
-overdue(T, #state{first_due = First} = State) when T =< First ->
-    %% an atom, `infinity', is greater than every number
-    {[], State};
-overdue(T, #state{open = Open} = State) ->
-    Late = lists:sort([{Due, E, R} || {{E, R}, {_, Due}} <- maps:to_list(Open), Due < T]),
-    Left = maps:without([{E, R} || {_, E, R} <- Late], Open),
-    {
-        [violation(no_result, Due, [R], #{election => E}) || {Due, E, R} <- Late],
-        State#state{
-            open = Left,
-            first_due = lists:min([infinity | [Due || {_, Due} <- maps:values(Left)]])
-        }
-    }.
+overdue(T, #state{open = Open, assumption = Assumption} = State) ->
+    case starl_obligations:overdue(T, Assumption, Open) of
+        none ->
+            {[], State};
+        {Late, Left} ->
+            {
+                [violation(no_result, Due, [R], #{election => E}) || {Due, {E, R}} <- Late],
+                State#state{open = Left}
+            }
+    end.
 
 violation(What, T, Robots, Details) ->
-    #{contract => election, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(election, What, T, Robots, Details).

@@ -166,10 +166,7 @@ sometimes() ->
 step({T, Robot, Machine, Event}, State) ->
     {Closed, Current} = close_until(T, State, []),
     {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
-    case Closed ++ Broken of
-        [] -> {ok, Next};
-        [First | _] -> {violation, First, Next}
-    end.
+    starl_violation:step(Closed ++ Broken, Next).
 
 %% @doc Judges the windows that end before `EndTimeUs'. Results: the number of messages `sent', of
 %% deliveries (`delivered') and of deliveries `owed', and the longest time that one took
@@ -190,10 +187,7 @@ finish(EndTimeUs, State) ->
         owed => End#state.owed,
         latency_us => End#state.latency_us
     }),
-    case Found of
-        [] -> {ok, Results};
-        [_ | _] -> {{violation, Found}, Results}
-    end.
+    starl_violation:finish(Found, Results).
 
 %% -- events ---------------------------------------------------------------------------------
 
@@ -468,10 +462,4 @@ needed(Path, Earliest) ->
 began(Piece) -> starl_trajectory:start_us(Piece).
 
 violation(What, T, Robot, Id, Details) ->
-    #{
-        contract => geocast,
-        what => What,
-        at_us => T,
-        robots => [Robot],
-        details => Details#{id => Id}
-    }.
+    starl_violation:new(geocast, What, T, [Robot], Details#{id => Id}).

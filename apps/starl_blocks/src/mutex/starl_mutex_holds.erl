@@ -357,4 +357,4 @@ too_long(T, By, #hold{robot = Robot, fence = Fence}, Token) ->
     [violation(held_too_long, T, [Robot], Details) || T > By].
 
 violation(What, T, Robots, Details) ->
-    #{contract => mutex, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(mutex, What, T, Robots, Details).

@@ -16,8 +16,12 @@
 %% that the team meets meanwhile ({@link starl_assumption:calm_us/3}). It is not judged once the
 %% token's home has died. The holds themselves are as long as applications hold.
 %%
-%% Owners are known ({@link starl_mutex_monitor_owners}): the holder of a token has announced itself
-%% to all others within `announce_us' (default: none; in a run 1 s), and nobody else does.
+%% Owners are known (the paper's Proposition 2(c)). A robot whose claim the home has confirmed sends
+%% all others one message: that it is the owner of this hand-over. The holder of a token has sent it
+%% at most `announce_us' (default: none; in a run 1 s) after the hold has begun, or later by what its
+%% own pauses and slowness explain. No other robot sends it. The messages are recognized by their
+%% hashes. A missing announcement is excused if the robot's SAP has had no room or has restarted
+%% since, or if its mutex machine has crashed since.
 %%
 %% A request is granted within `bound_us' (default: none) of it and of the last fault that it meets,
 %% if it was made at `from_us' or later (default 0). With `granted' (default false) a request that
@@ -32,27 +36,45 @@
 -export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 -type robot_id() :: starl_monitor:robot_id().
--type token() :: term().
+-type token() :: starl_mutex:token().
+-type hand_over() :: {token(), robot_id(), starl_mutex:fence()}.
+
+%% Clocks are within 1 % of real time.
+-define(DRIFT_PPM, 10000).
+%% The time of the robots' own steps.
+-define(MARGIN_US, 1000000).
+%% The clause of progress.
+-define(GRANTED, "holders release: every request is granted").
+%% The steps of an announcement: the machine's and SAP's.
+-define(ANNOUNCE_STEPS, 2).
+%% The hand-overs of a token that are remembered: a confirmation may be long under way.
+-define(KEPT, 8).
 
 -record(state, {
     bound_us :: pos_integer() | infinity,
     from_us :: integer(),
     granted :: boolean(),
     holds :: starl_mutex_holds:t(),
-    owners :: starl_mutex_monitor_owners:t(),
-    %% requests not granted yet, of each robot's several ones the oldest first
+    %% requests not granted yet, of each robot's several ones the oldest first; the grants owed
     open = #{} :: #{{token(), robot_id()} => [RequestedUs :: integer()]},
-    %% the bounds in their order; those that `open' does not confirm are void
-    deadlines = queue:new() :: queue:queue({integer(), token(), robot_id()}),
-    %% the tokens that are asked for and not held, since when, and the earliest time at which one of
-    %% them may have been idle for too long
+    grants = starl_obligations:new(anew) ::
+        starl_obligations:t({RequestedUs :: integer(), token(), robot_id()}),
+    %% the tokens that are asked for and not held
     idle_us :: pos_integer() | infinity,
-    idle = #{} :: #{token() => SinceUs :: integer()},
+    idle = starl_obligations:new(anew) :: starl_obligations:t(token()),
     %% the token for which a robot waited in vain last, if nobody has held it since
     vain = none :: none | {token, token()},
     %% was a token found to lie idle?
     found = false :: boolean(),
-    idle_due = infinity :: integer() | infinity,
+    announce_us :: pos_integer() | infinity,
+    %% what the homes have confirmed, by the hash of its announcement, and of each token the latest ones
+    confirmed = #{} :: #{Hash :: non_neg_integer() => hand_over()},
+    latest = #{} :: #{token() => [Hash :: non_neg_integer()]},
+    announced = #{} :: #{{robot_id(), token()} => starl_mutex:fence()},
+    %% holds of hand-overs that are not announced yet
+    unannounced = starl_obligations:new({delayed, ?ANNOUNCE_STEPS}) ::
+        starl_obligations:t(hand_over()),
+    assumption :: starl_assumption:t(),
     faults :: starl_assumption:t(),
     robots :: [robot_id()],
     died = [] :: [robot_id()],
@@ -63,13 +85,6 @@
     lost = 0 :: non_neg_integer(),
     failed = 0 :: non_neg_integer()
 }).
-
-%% Clocks are within 1 % of real time.
--define(DRIFT_PPM, 10000).
-%% The time of the robots' own steps.
--define(MARGIN_US, 1000000).
-%% The clause of progress.
--define(GRANTED, "holders release: every request is granted").
 
 %% @doc See above; all keys may be left out. `robots': the team; `faults': the windows of all faults. `lease_us', `drift_ppm' and `lag_us' are those of the
 %% machines, by default theirs (8 s, 10000, 250 ms).
@@ -96,7 +111,8 @@ init(Config) ->
         faults = starl_assumption:new(maps:get(faults, Config, []), ?DRIFT_PPM),
         robots = maps:get(robots, Config, []),
         unjudged = maps:get(unjudged, Config, []),
-        owners = starl_mutex_monitor_owners:new(Config),
+        announce_us = maps:get(announce_us, Config, infinity),
+        assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM),
         holds = starl_mutex_holds:new(
             maps:with([lease_us, drift_ppm, lag_us, broken], Config)
         )
@@ -154,9 +170,9 @@ unjudged(Loss, _Delay, _InTime) ->
 
 %% @doc Leases that run into the window may be noticed later; it excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken(Window, #state{holds = Holds, faults = Faults, owners = Owners} = State) ->
+broken(Window, #state{holds = Holds, faults = Faults, assumption = Assumption} = State) ->
     State#state{
-        owners = starl_mutex_monitor_owners:broken(Window, Owners),
+        assumption = starl_assumption:broken(Window, Assumption),
         holds = starl_mutex_holds:broken(Window, Holds),
         faults = starl_assumption:broken(Window, Faults)
     }.
@@ -191,15 +207,11 @@ timeless(#state{holds = Holds}) -> starl_mutex_holds:timeless(Holds).
 -spec step(starl_monitor:trace_event(), #state{}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
 step({T, Robot, Machine, Event}, State) ->
-    {Overdue, Current} = pass(T, State, []),
-    {Idle, Busy} = lie_idle(T, Current),
-    {Unknown, Announced} = owners({Machine, Event}, T, Robot, Busy),
+    {Overdue, Current} = pass(T, State),
+    {Lies, Announced} = owners({Machine, Event}, T, Robot, Current),
     {Broken, Judged} = judge({Machine, Event}, T, Robot, Announced),
     Next = noted(Event, T, Judged),
-    case Overdue ++ Idle ++ Unknown ++ Broken of
-        [] -> {ok, Next};
-        [First | _] -> {violation, First, Next}
-    end.
+    starl_violation:step(Overdue ++ Lies ++ Broken, Next).
 
 %% @doc Judges the time until `EndTimeUs'. Results: the number of `tokens' that were held, of
 %% holds (`acquired'), of `lease_lost' and `failed', the longest and the mean wait of those
@@ -207,9 +219,7 @@ step({T, Robot, Machine, Event}, State) ->
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, State) ->
-    {Overdue, Passed} = pass(EndTimeUs, State, []),
-    {Idle, Busy} = lie_idle(EndTimeUs, Passed),
-    {Unannounced, #state{waits = {Count, Sum, Longest}} = End} = unannounced(EndTimeUs, Busy),
+    {Overdue, #state{waits = {Count, Sum, Longest}} = End} = pass(EndTimeUs, State),
     Mean = Sum / max(1, Count),
     Results = starl_unjudged:with(off(EndTimeUs, End), #{
         tokens => starl_mutex_holds:tokens(End#state.holds),
@@ -221,10 +231,7 @@ finish(EndTimeUs, State) ->
         unfairness => Longest / max(1.0, Mean)
     }),
     Ended = starl_mutex_holds:finish(EndTimeUs, End#state.holds),
-    {verdict(Overdue ++ Idle ++ Unannounced ++ Ended), Results}.
-
-verdict([]) -> ok;
-verdict(Violations) -> {violation, Violations}.
+    starl_violation:finish(Overdue ++ Ended, Results).
 
 %% Is any time of the run so long without a fault that an idle token is found? Else nothing is known of those who
 %% waited until they gave up, or for most of the run.
@@ -232,10 +239,11 @@ off(_EndUs, #state{unjudged = [_ | _] = Unjudged}) ->
     Unjudged;
 off(_EndUs, #state{idle_us = Idle, found = Found}) when Idle =:= infinity; Found ->
     [];
-off(EndUs, #state{idle_us = Idle, idle = Waiting, vain = Vain, faults = Faults}) ->
+off(EndUs, #state{idle_us = Idle, idle = Unheld, vain = Vain, faults = Faults}) ->
     case starl_unjudged:excused(?GRANTED, Idle, EndUs, Faults) of
         [] ->
-            Long = [x || Since <- maps:values(Waiting), 2 * (EndUs - Since) > EndUs],
+            Sinces = maps:values(starl_obligations:sinces(Unheld)),
+            Long = [x || Since <- Sinces, 2 * (EndUs - Since) > EndUs],
             InVain = Long =/= [] orelse Vain =/= none,
             [
                 Clause
@@ -300,8 +308,12 @@ request(T, Robot, Token, #state{open = Open, bound_us = Bound, from_us = From} =
     Key = {Token, Robot},
     Opened = State#state{open = Open#{Key => maps:get(Key, Open, []) ++ [T]}},
     case Bound =/= infinity andalso T >= From of
-        true -> Opened#state{deadlines = queue:in({T, Token, Robot}, Opened#state.deadlines)};
-        false -> Opened
+        true ->
+            #state{grants = Grants} = State,
+            Owed = starl_obligations:owe({T, Token, Robot}, team, T, Bound, Grants),
+            Opened#state{grants = Owed};
+        false ->
+            Opened
     end.
 
 wait(T, Robot, Token, #state{waits = {Count, Sum, Longest}} = State) ->
@@ -316,15 +328,27 @@ wait(T, Robot, Token, #state{waits = {Count, Sum, Longest}} = State) ->
 close(Token, Robot, #state{open = Open} = State) ->
     Key = {Token, Robot},
     case Open of
-        #{Key := [Since]} -> {Since, State#state{open = maps:remove(Key, Open)}};
-        #{Key := [Since | Later]} -> {Since, State#state{open = Open#{Key := Later}}};
-        #{} -> {none, State}
+        #{Key := [Since]} ->
+            Left = State#state{open = maps:remove(Key, Open)},
+            {Since, granted(Since, Token, Robot, Left)};
+        #{Key := [Since, Since | _] = [_ | Later]} ->
+            {Since, State#state{open = Open#{Key := Later}}};
+        #{Key := [Since | Later]} ->
+            {Since, granted(Since, Token, Robot, State#state{open = Open#{Key := Later}})};
+        #{} ->
+            {none, State}
     end.
+
+granted(Since, Token, Robot, #state{grants = Grants} = State) ->
+    State#state{grants = starl_obligations:paid({Since, Token, Robot}, Grants)}.
 
 forget(T, Robot, #state{holds = Holds, open = Open} = State) ->
     Tokens = lists:usort([Token || {Token, _} <- maps:keys(Open)]),
     Forgotten = State#state{
         holds = starl_mutex_holds:forget(Robot, Holds),
+        grants = starl_obligations:dropped(
+            fun({_, _, Who}) -> Who =:= Robot end, State#state.grants
+        ),
         open = maps:filter(fun({_, Who}, _) -> Who =/= Robot end, Open)
     },
     lists:foldl(fun(Token, S) -> look(Token, T, S) end, Forgotten, Tokens).
@@ -357,42 +381,46 @@ noted(_Other, _T, State) ->
 %% Is the token idle from now on, still, or no longer?
 look(_Token, _T, #state{idle_us = infinity} = State) ->
     State;
-look(Token, T, #state{idle = Idle, holds = Holds, idle_us = Us, idle_due = Due} = State) ->
+look(Token, T, #state{idle = Idle, holds = Holds, idle_us = Us} = State) ->
     case waiting(Token, State) =/= [] andalso not starl_mutex_holds:is_held(Token, Holds) of
         false -> used(Token, State);
-        true when is_map_key(Token, Idle) -> State;
-        true -> State#state{idle = Idle#{Token => T}, idle_due = min(Due, T + Us)}
+        true -> State#state{idle = starl_obligations:owe_once(Token, team, T, Us, Idle)}
     end.
 
-used(Token, #state{idle = Idle} = State) -> State#state{idle = maps:remove(Token, Idle)}.
+used(Token, #state{idle = Idle} = State) ->
+    State#state{idle = starl_obligations:paid(Token, Idle)}.
 
 waiting(Token, #state{open = Open}) ->
     lists:sort([Robot || {Of, Robot} <- maps:keys(Open), Of =:= Token]).
 
-%% The tokens that have been idle for too long before `T'; each is told once for a time as long.
-lie_idle(T, #state{idle_due = Due} = State) when T =< Due ->
-    %% an atom, `infinity', is greater than every number
-    {[], State};
-lie_idle(T, #state{idle = Idle, idle_us = Us, faults = Faults} = State) ->
-    Dues = [
-        {starl_assumption:calm_us(Since, Us, Faults), Token}
-     || {Token, Since} <- maps:to_list(Idle), has_home(Token, State)
-    ],
-    {Over, Left} = lists:partition(fun({Due, _}) -> Due < T end, lists:sort(Dues)),
-    Told = maps:from_list([{Token, T} || {_, Token} <- Over]),
-    {
-        [
-            violation(lies_idle, Due, waiting(Token, State), #{
-                token => Token, last => maps:get(Token, State#state.last, none)
-            })
-         || {Due, Token} <- Over
-        ],
-        State#state{
-            idle = maps:merge(Idle, Told),
-            found = State#state.found orelse Over =/= [],
-            idle_due = lists:min([infinity | [Due || {Due, _} <- Left] ++ [T + Us || _ <- Over]])
-        }
-    }.
+%% The tokens that have been idle for too long before `T'; each is reported once for a time as long.
+lie_idle(T, #state{idle = Idle, faults = Faults} = State) ->
+    case starl_obligations:overdue(T, Faults, Idle) of
+        none ->
+            {[], State};
+        {Late, Left} ->
+            Found = [
+                violation(lies_idle, Due, waiting(Token, State), #{
+                    token => Token, last => maps:get(Token, State#state.last, none)
+                })
+             || {Due, Token} <- Late, has_home(Token, State)
+            ],
+            {Found, State#state{
+                idle = lists:foldl(
+                    fun({_, Token}, Owed) -> again(Token, T, Owed, State) end, Left, Late
+                ),
+                found = State#state.found orelse Found =/= []
+            }}
+    end.
+
+%% A token whose home has died is idle since then all the same.
+again(Token, T, Owed, #state{idle = Idle, idle_us = Us} = State) ->
+    Since =
+        case has_home(Token, State) of
+            true -> T;
+            false -> starl_obligations:since(Token, Idle)
+        end,
+    starl_obligations:owe(Token, team, Since, T + Us - Since, Owed).
 
 has_home(_Token, #state{died = []}) ->
     true;
@@ -403,24 +431,78 @@ has_home(Token, #state{robots = Robots, died = Died}) ->
 
 %%% The owners of tokens
 
-owners(Event, T, Robot, State) ->
-    {Late, #state{owners = Owners} = Current} = unannounced(T, State),
-    {False, Next} = starl_mutex_monitor_owners:event(Event, T, Robot, Owners),
-    Lies = [
-        violation(false_owner, T, [By], #{token => Token, owner => Owner, fence => Fence})
-     || {false_owner, By, {Token, Owner, Fence}} <- False
-    ],
-    {Late ++ Lies, Current#state{owners = Next}}.
+%% What a robot has announced that is not its own.
+owners(_Event, _T, _Robot, #state{announce_us = infinity} = State) ->
+    {[], State};
+owners({mutex, {granted, Token, Fence, To}}, _T, _Home, State) ->
+    {[], confirmed({Token, To, starl_mutex_home:hand_over(Fence)}, State)};
+owners({mutex, {acquired, Token, Fence}}, T, Robot, State) ->
+    {[], holds({Token, Robot, starl_mutex_home:hand_over(Fence)}, T, State)};
+owners({sap, {sent, _Id, _To, mutex, Hash}}, T, Robot, #state{confirmed = Confirmed} = State) ->
+    case Confirmed of
+        #{Hash := {_, Robot, _} = HandOver} ->
+            {[], announced(HandOver, State)};
+        #{Hash := {Token, Owner, Fence}} ->
+            Details = #{token => Token, owner => Owner, fence => Fence},
+            {[violation(false_owner, T, [Robot], Details)], State};
+        #{} ->
+            {[], lists:foldl(fun announced/2, State, due(Robot, Hash, State))}
+    end;
+owners({Machine, Event}, _T, Robot, State) ->
+    case loses(Machine, Event) of
+        true -> {[], excused(Robot, State)};
+        false -> {[], State}
+    end.
 
-unannounced(T, #state{owners = Owners} = State) ->
-    {Late, Left} = starl_mutex_monitor_owners:overdue(T, Owners),
-    {
-        [
-            violation(owner_not_announced, Due, [Robot], #{token => Token, fence => Fence})
-         || {Due, {Token, Robot, Fence}} <- Late
-        ],
-        State#state{owners = Left}
+loses(sap, {overload, mutex}) -> true;
+loses(sap, {started, _}) -> true;
+loses(robot, {died, _}) -> true;
+loses(Machine, crashed) -> Machine =:= sap orelse Machine =:= mutex;
+loses(robot, down) -> true;
+loses(_Machine, _Event) -> false.
+
+%% A robot that stalls announces a hand-over when many later ones have been confirmed.
+due(Robot, Hash, #state{unannounced = Unannounced}) ->
+    [
+        HandOver
+     || {_, Owner, _} = HandOver <- maps:keys(starl_obligations:sinces(Unannounced)),
+        Owner =:= Robot,
+        hash(HandOver) =:= Hash
+    ].
+
+hash({Token, _Owner, Fence}) -> erlang:phash2({owner, Token, Fence}).
+
+confirmed({Token, _, _} = HandOver, #state{confirmed = Confirmed, latest = Latest} = State) ->
+    Hash = hash(HandOver),
+    Hashes = [Hash | lists:delete(Hash, maps:get(Token, Latest, []))],
+    Kept = lists:sublist(Hashes, ?KEPT),
+    State#state{
+        confirmed = maps:without(Hashes -- Kept, Confirmed#{Hash => HandOver}),
+        latest = Latest#{Token => Kept}
     }.
+
+holds({Token, Robot, Fence} = HandOver, T, #state{announced = Announced} = State) ->
+    #state{unannounced = Unannounced, announce_us = Us} = State,
+    Known = is_map_key(hash(HandOver), State#state.confirmed),
+    case Announced of
+        #{{Robot, Token} := Fence} ->
+            State;
+        #{} when Known ->
+            Owed = starl_obligations:owe_once(HandOver, Robot, T, Us, Unannounced),
+            State#state{unannounced = Owed};
+        #{} ->
+            State
+    end.
+
+announced({Token, Robot, Fence} = HandOver, #state{announced = Announced} = State) ->
+    State#state{
+        announced = Announced#{{Robot, Token} => Fence},
+        unannounced = starl_obligations:paid(HandOver, State#state.unannounced)
+    }.
+
+excused(Robot, #state{confirmed = Confirmed} = State) ->
+    Own = [HandOver || {_, To, _} = HandOver <- maps:values(Confirmed), To =:= Robot],
+    lists:foldl(fun announced/2, State, lists:sort(Own)).
 
 %%% The clauses of progress
 
@@ -431,25 +513,42 @@ refused(T, Robot, Token, Reason, Since, #state{granted = true, from_us = From}) 
 refused(_T, _Robot, _Token, _Reason, _Since, _State) ->
     [].
 
-%% The requests that are overdue before `T'; a grant at exactly the bound is in time.
-pass(T, #state{deadlines = Deadlines, bound_us = Bound, open = Open} = State, Found) ->
-    case queue:peek(Deadlines) of
-        {value, {Since, Token, Robot}} when Since + Bound < T ->
-            Left = State#state{deadlines = queue:drop(Deadlines)},
-            Due = starl_assumption:calm_us(Since, Bound, State#state.faults),
-            case lists:member(Since, maps:get({Token, Robot}, Open, [])) of
-                true when Due < T ->
-                    Late = violation(no_grant_in_time, Due, [Robot], #{token => Token}),
-                    pass(T, Left, [Late | Found]);
-                true ->
-                    %% requests that came later are due no earlier
-                    {lists:reverse(Found), State};
-                false ->
-                    pass(T, Left, Found)
-            end;
-        _NothingDue ->
-            {lists:reverse(Found), State}
+%%% Time
+
+%% All that is overdue before `T'; what happens at exactly its bound is in time.
+pass(T, State) ->
+    {Waiting, Granted} = not_granted(T, State),
+    {Idle, Busy} = lie_idle(T, Granted),
+    {Unannounced, Current} = not_announced(T, Busy),
+    {Waiting ++ Idle ++ Unannounced, Current}.
+
+not_granted(T, #state{grants = Grants, faults = Faults} = State) ->
+    case starl_obligations:overdue(T, Faults, Grants) of
+        none ->
+            {[], State};
+        {Late, Left} ->
+            {
+                [
+                    violation(no_grant_in_time, Due, [Robot], #{token => Token})
+                 || {Due, {_, Token, Robot}} <- Late
+                ],
+                State#state{grants = Left}
+            }
+    end.
+
+not_announced(T, #state{unannounced = Unannounced, assumption = Assumption} = State) ->
+    case starl_obligations:overdue(T, Assumption, Unannounced) of
+        none ->
+            {[], State};
+        {Late, Left} ->
+            {
+                [
+                    violation(owner_not_announced, Due, [Robot], #{token => Token, fence => Fence})
+                 || {Due, {Token, Robot, Fence}} <- Late
+                ],
+                State#state{unannounced = Left}
+            }
     end.
 
 violation(What, T, Robots, Details) ->
-    #{contract => mutex, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(mutex, What, T, Robots, Details).

@@ -159,10 +159,7 @@ sometimes() ->
 step({T, Robot, Machine, Event}, State) ->
     {Disagreeing, Current} = agreed(T, State),
     {Broken, Next} = judge({Machine, Event}, T, Robot, Current),
-    case Disagreeing ++ Broken of
-        [] -> {ok, Next};
-        [First | _] -> {violation, First, Next}
-    end.
+    starl_violation:step(Disagreeing ++ Broken, Next).
 
 %% @doc Judges the agreements due before `EndTimeUs'. Results: the number of `writes', `reads'
 %% and `agreements' judged, and the excuses.
@@ -177,10 +174,7 @@ finish(EndTimeUs, State) ->
         agreements => Judged,
         sometimes => #{clocks_apart => Excused}
     }),
-    case Found of
-        [] -> {ok, Results};
-        [_ | _] -> {{violation, Found}, Results}
-    end.
+    starl_violation:finish(Found, Results).
 
 unjudged(_EndUs, #state{bound_us = infinity}) ->
     [];
@@ -351,4 +345,4 @@ behind_now(Robot, T, #state{robots = Robots, assumption = Assumption}) ->
     lists:max([Off(Id) || Id <- Robots]) - Off(Robot).
 
 violation(What, T, Robots, Details) ->
-    #{contract => registers, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(registers, What, T, Robots, Details).

@@ -22,7 +22,7 @@ start_link() -> gen_server:start_link(?MODULE, none, []).
 
 %% @doc The observer for the options of the simulation.
 -spec observer(pid()) -> starl_observer:t().
-observer(Camera) -> starl_observer_feed:observer(Camera, wait, ?WAITING).
+observer(Camera) -> starl_observer:feed(Camera, wait, ?WAITING).
 
 %% @doc What the camera has seen until now.
 -spec cast(pid()) -> starl_film_cast:t().
@@ -45,10 +45,10 @@ handle_call(caught_up, _From, Camera) -> {reply, ok, Camera}.
 -spec handle_cast(term(), #camera{}) -> {noreply, #camera{}}.
 handle_cast(_, Camera) -> {noreply, Camera}.
 
--spec handle_info({starl_news, starl_observer_feed:t(), starl_observer_feed:news()}, #camera{}) ->
+-spec handle_info({starl_news, starl_observer:feed(), starl_observer:delivery()}, #camera{}) ->
     {noreply, #camera{}}.
 handle_info({starl_news, Feed, News}, #camera{cast = Cast} = Camera) ->
-    ok = starl_observer_feed:done(News, Feed),
+    ok = starl_observer:done(News, Feed),
     {noreply, Camera#camera{cast = seen(News, Cast)}}.
 
 seen({begun, Facts}, Cast) ->

@@ -1,5 +1,5 @@
 %% @doc Reports what one end of a robot's radio knows of each packet: that it was sent, and what
-%% became of it here ({@link starl_observer:way()}).
+%% became of it here ({@link starl_observer:packet_report()}).
 -module(starl_live_packet_reports).
 
 -export([teller/1, new/1, at_us/1, sent/4, refused/4, came/5]).

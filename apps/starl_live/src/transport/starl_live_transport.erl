@@ -13,7 +13,7 @@
 %%
 %% A packet with a deadline leaves by then, or not at all: `{starl_late, Owner}' notifies the link.
 %%
-%% Each end reports what it knows of each packet ({@link starl_observer:way()}), if anybody wants
+%% Each end reports what it knows of each packet ({@link starl_observer:packet_report()}), if anybody wants
 %% it.
 -module(starl_live_transport).
 -behaviour(gen_server).

@@ -63,7 +63,7 @@ interests() -> [chassis, robot].
 step({T, Robot, chassis, {motion, Piece}}, #state{separation = Before, pieces = Pieces} = State) ->
     {Deep, Driven} = driven(Robot, T, State),
     {Met, Advanced} = starl_separation:advance(T, Before),
-    answer(
+    starl_violation:step(
         Deep ++ met(Met),
         Driven#state{
             separation = starl_separation:motion(Robot, Piece, Advanced),
@@ -72,18 +72,17 @@ step({T, Robot, chassis, {motion, Piece}}, #state{separation = Before, pieces = 
     );
 step({T, Robot, chassis, {sensed, {bump, Side}}}, #state{bumps = N, never_bumps = Never} = State) ->
     Broken = Never andalso not at_obstacle(T, Robot, State),
-    answer([violation(bump, T, [Robot], #{side => Side}) || Broken], State#state{bumps = N + 1});
+    starl_violation:step([violation(bump, T, [Robot], #{side => Side}) || Broken], State#state{
+        bumps = N + 1
+    });
 step(_, State) ->
     {ok, State}.
-
-answer([], State) -> {ok, State};
-answer([Violation | _], State) -> {violation, Violation, State}.
 
 met(Met) ->
     [violation(in_another, At, [A, B], #{distance_mm => Mm}) || {Mm, At, {A, B}} <- Met].
 
 violation(What, At, Robots, Details) ->
-    #{contract => contact, what => What, at_us => At, robots => Robots, details => Details}.
+    starl_violation:new(contact, What, At, Robots, Details).
 
 at_obstacle(_T, _Robot, #state{obstacles = none}) ->
     false;
@@ -169,10 +168,7 @@ finish(EndUs, #state{pieces = Pieces, separation = Separation} = State) ->
     ),
     {Met, Nearest} = starl_separation:finish(EndUs, Separation),
     Results = #{bumps => Bumps, least_room_mm => Least, least_distance_mm => nearest(Nearest)},
-    case Deep ++ met(Met) of
-        [] -> {ok, Results};
-        Found -> {{violation, Found}, Results}
-    end.
+    starl_violation:finish(Deep ++ met(Met), Results).
 
 nearest({Mm, _, _}) -> Mm;
 nearest(none) -> none.

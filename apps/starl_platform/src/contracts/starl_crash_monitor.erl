@@ -62,13 +62,9 @@ noted(_Crash, #state{count = Count} = State) ->
     starl_monitor:violation().
 violation(T, Robot, Machine, {Reason, Stack}) ->
     Where = unicode:characters_to_list(starl_crash:format({"", Stack})),
-    #{
-        contract => Machine,
-        what => crashed,
-        at_us => T,
-        robots => [Robot],
-        details => #{reason => Reason, stack => string:trim(Where)}
-    }.
+    starl_violation:new(Machine, crashed, T, [Robot], #{
+        reason => Reason, stack => string:trim(Where)
+    }).
 
 %% @doc Judges nothing at the end; reports the excused crashes.
 -spec finish(integer(), #state{}) ->

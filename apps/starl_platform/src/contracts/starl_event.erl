@@ -181,10 +181,4 @@ tell(Event, Names) ->
 %% @doc The violation for an unknown event: the contract is that of the machine.
 -spec violation(starl_monitor:trace_event()) -> starl_monitor:violation().
 violation({T, Robot, Machine, Event}) ->
-    #{
-        contract => Machine,
-        what => unknown_event,
-        at_us => T,
-        robots => [Robot],
-        details => #{event => Event}
-    }.
+    starl_violation:new(Machine, unknown_event, T, [Robot], #{event => Event}).

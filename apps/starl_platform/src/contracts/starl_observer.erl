@@ -3,7 +3,11 @@
 %% monitors, violations, and its end.
 %%
 %% An observer is a function that the judge of the run calls, so it must only pass the news on. A
-%% simulation waits for it, a live run does not.
+%% simulation waits for it, a live run does not. Mostly it passes them to a process ({@link feed/3}):
+%% ```
+%%   judge ----> observer ----{starl_news, Feed, News}----> process
+%%      counts what waits  <-------done(News, Feed)--------'
+%% '''
 %%
 %% A robot on a node of its own reports to an observer there what it knows itself. These are its
 %% facts, its trace events, the packets that it sends and receives, its own poses as the positioning
@@ -13,8 +17,10 @@
 -module(starl_observer).
 
 -export([tell/2, all/1, is_judged/1]).
+-export([feed/3, done/2]).
 
--export_type([t/0, news/0, facts/0, ending/0, packet/0, fate/0, cause/0, way/0, recorder/0]).
+-export_type([t/0, news/0, facts/0, ending/0, packet/0, fate/0, cause/0, packet_report/0]).
+-export_type([recorder/0, feed/0, delivery/0]).
 
 %% `none': nobody observes.
 -type t() :: fun((news()) -> ok) | none.
@@ -84,10 +90,27 @@
 %% What one end of a live robot's radio knows of a packet: that it was sent, or what became of it at
 %% its receiver. Both ends give a packet the same number, a hash of it. {@link starl_packet_fates}
 %% puts the two together.
--type way() ::
+-type packet_report() ::
     {sent, To :: starl:robot_id(), starl_packet:brief(), Bytes :: pos_integer(), Hash :: integer()}
     | {came, From :: starl:robot_id(), starl_packet:brief(), Bytes :: pos_integer(),
         Hash :: integer(), fate()}.
+
+%% What waits for a process that gets news.
+-opaque feed() :: atomics:atomics_ref().
+
+%% What such a process gets. `missed': reports with so many events were left out here.
+-type delivery() :: news() | {missed, Events :: pos_integer()}.
+
+%% The counters of a feed: events passed on, events done, events left out and not reported yet.
+-define(PASSED, 1).
+-define(DONE, 2).
+-define(MISSED, 3).
+
+%% The facts of the run, its end and the starts of robots are never left out.
+-define(MAY_MISS(News),
+    (element(1, News) =:= judged orelse element(1, News) =:= seen orelse
+        element(1, News) =:= logged)
+).
 
 %% The module of a recorder and its configuration.
 -type recorder() :: {module(), map()}.
@@ -123,3 +146,51 @@ all(Observers) ->
 is_judged({_, _, radio, {packet, _, _, _, _}}) -> false;
 is_judged({_, _, snapshot, _}) -> false;
 is_judged(_) -> true.
+
+%% @doc An observer that passes news on to a process, which receives `{starl_news, Feed, News}' and answers
+%% each with {@link done/2}. At most `Most' events wait there. When so many do, a simulation (`wait')
+%% waits. A live run (`leave_out') does not: it leaves reports out, and says how many events they
+%% had. Several processes may report to one observer.
+-spec feed(pid(), wait | leave_out, Most :: pos_integer()) -> t().
+feed(Pid, Policy, Most) ->
+    Feed = atomics:new(3, []),
+    fun(News) -> offer(News, {Pid, Policy, Most}, Feed) end.
+
+offer(News, {Pid, Policy, Most}, Feed) ->
+    Size = size_of(News),
+    Waiting = atomics:get(Feed, ?PASSED) - atomics:get(Feed, ?DONE),
+    case {Waiting > Most, Policy} of
+        {true, leave_out} when ?MAY_MISS(News) ->
+            atomics:add(Feed, ?MISSED, Size);
+        {true, wait} ->
+            ok = catch_up(Pid),
+            pass(News, Size, Pid, Feed);
+        _ ->
+            ok = report_missed(Pid, atomics:exchange(Feed, ?MISSED, 0), Feed),
+            pass(News, Size, Pid, Feed)
+    end.
+
+%% @doc The process has dealt with these news.
+-spec done(delivery(), feed()) -> ok.
+done(News, Feed) -> atomics:add(Feed, ?DONE, size_of(News)).
+
+pass(News, Size, Pid, Feed) ->
+    atomics:add(Feed, ?PASSED, Size),
+    Pid ! {starl_news, Feed, News},
+    ok.
+
+report_missed(_Pid, 0, _Feed) ->
+    ok;
+report_missed(Pid, Missed, Feed) ->
+    pass({missed, Missed}, 1, Pid, Feed).
+
+size_of({judged, Trace, _}) -> length(Trace);
+size_of(_) -> 1.
+
+%% The process answers when it has dealt with everything before.
+catch_up(Pid) ->
+    try
+        gen_server:call(Pid, caught_up, infinity)
+    catch
+        exit:_ -> ok
+    end.

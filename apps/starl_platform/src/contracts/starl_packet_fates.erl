@@ -1,5 +1,5 @@
 %% @doc Joins sender and receiver reports of a live run into one delivery record per packet
-%% ({@link starl_observer:way()}). A pure module.
+%% ({@link starl_observer:packet_report()}). A pure module.
 %%
 %% Nobody knows everything about a live packet: the sender knows when it was sent, the receiver whether
 %% it came. Both reports wait until the packet's time is due. A packet that its receiver does not
@@ -43,7 +43,9 @@
 new() -> #ways{}.
 
 %% @doc Takes the report of one end into account.
--spec told({AtUs, starl:robot_id(), radio, starl_observer:way() | starl_observer:packet()}, t()) ->
+-spec told(
+    {AtUs, starl:robot_id(), radio, starl_observer:packet_report() | starl_observer:packet()}, t()
+) ->
     t()
 when
     AtUs :: integer().

@@ -20,25 +20,92 @@
 %%
 %% Events: of machine `sap', {@link starl_sap:event()} (a recording may give an outcome as `{lost,
 %% Reason}', too); of machine `app', `read' and `crashed'; of machine `robot', `died' and `down'
-%% (until it restarts). What is kept of messages: {@link starl_sap_monitor_sources}.
+%% (until it restarts).
+%%
+%% What is kept of a message:
+%% ```
+%%   sent --> open: type, content hash, progress at each destination
+%%             |
+%%             | all outcomes known and answered
+%%             v
+%%    all delivered?  -- yes -->  its number, in an interval of sent numbers
+%%             | no
+%%             v
+%%    lost: the same for another `late_us', then its number, for each destination without it
+%% '''
+%% A later delivery of a forgotten message is accepted without a check of its content. A second delivery
+%% of a delivered one counts as a duplicate, even if the receiver was no addressee.
 -module(starl_sap_monitor).
 -behaviour(starl_monitor).
 
 -export([init/1, context/2, broken/2, step/2, finish/2]).
 -export([interests/0, vocabulary/0, sometimes/0, timeless/1]).
 
+-type robot_id() :: starl_monitor:robot_id().
+-type id() :: {Source :: robot_id(), Incarnation :: term(), Seq :: integer()}.
+
+%% What is known about one destination: nothing, delivered, outcome known, or both.
+-type progress() :: waiting | delivered | lost | done.
+
+%% An open call of a message to one robot or to all, with the destinations at which it was lost, and why.
+-type call() :: none | {one | all, [{robot_id(), lost | restarted}]}.
+
+%% An outstanding message. `next': when its outcomes are due, by a source without an excuse; reported as
+%% overdue; when its content is forgotten.
+-record(message, {
+    type :: term(),
+    hash :: integer(),
+    sent_us :: integer(),
+    dests :: [{robot_id(), progress()}],
+    call = none :: call(),
+    next :: {due, integer()} | overdue | {forget, integer()}
+}).
+
+%% The numbers that a source has sent in one incarnation, and its outstanding messages. An update of a small
+%% map costs a fraction of an update of a large one.
+-type life() :: {
+    Incarnation :: term(), Sent :: starl_sap_numbers:t(), #{Seq :: integer() => #message{}}
+}.
+
+%% The messages that a robot's SAP has delivered and its application has not read: the number of those that
+%% are there for certain, and those of each type, in their order. After a crash of the application or of SAP,
+%% the messages delivered before may be gone or not.
+-record(unread, {
+    count = 0 :: non_neg_integer(),
+    certain = #{} :: #{Type :: term() => queue:queue(unread())},
+    perhaps = [] :: [unread()]
+}).
+
+-type unread() :: {Type :: term(), Source :: robot_id(), Hash :: integer()}.
+
 -record(state, {
-    deadlines :: starl_sap_monitor_deadlines:t(),
+    bound_us :: pos_integer(),
+    steps :: pos_integer(),
+    late_us :: non_neg_integer(),
+    assumption :: starl_assumption:t(),
     delivery :: starl_sap_monitor_delivery:t(),
-    sources = starl_sap_monitor_sources:new() :: starl_sap_monitor_sources:t(),
+    %% the lives of each source, latest first
+    sources = #{} :: #{robot_id() => [life(), ...]},
+    %% the numbers of messages that were lost, not delivered, and then forgotten
+    forgotten = #{} :: #{
+        {Receiver :: robot_id(), Source :: robot_id(), Incarnation :: term()} =>
+            starl_sap_numbers:t()
+    },
+    %% no message is due, or forgotten, before this
+    next_us = infinity :: integer() | infinity,
     %% The incarnation that each source has announced.
-    running = #{} :: #{starl_monitor:robot_id() => term()},
-    unread = starl_sap_monitor_unread:new() :: starl_sap_monitor_unread:t(),
+    running = #{} :: #{robot_id() => term()},
+    unread = #{} :: #{Reader :: robot_id() => #unread{}},
     room :: non_neg_integer(),
     is_alone :: boolean(),
     counts = {0, 0, 0, 0} :: {integer(), integer(), integer(), integer()}
 }).
 
+%% One step for each of the 16 transmissions, and one for the report.
+-define(STEPS, 17).
+-define(LATE_US, 60_000_000).
+%% Clocks are within 1 % of real time.
+-define(DRIFT_PPM, 10_000).
 %% The largest number of unread messages that an application and its SAP keep.
 -define(ROOM, 1256).
 
@@ -54,9 +121,12 @@
     robots => [starl_monitor:robot_id()],
     room => non_neg_integer()
 }) -> #state{}.
-init(Config) ->
+init(#{bound_us := Bound} = Config) ->
     #state{
-        deadlines = starl_sap_monitor_deadlines:new(Config),
+        bound_us = Bound,
+        steps = maps:get(steps, Config, ?STEPS),
+        late_us = maps:get(late_us, Config, ?LATE_US),
+        assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM),
         delivery = starl_sap_monitor_delivery:new(Config),
         room = maps:get(room, Config, ?ROOM),
         is_alone = length(maps:get(robots, Config, [])) < 2
@@ -106,9 +176,9 @@ off(Why) -> #{unlucky => {off, [{"delivered, where packets get through", Why}]}}
 
 %% @doc The window excuses what it meets.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken(Window, #state{deadlines = Deadlines, delivery = Delivery} = State) ->
+broken(Window, #state{assumption = Assumption, delivery = Delivery} = State) ->
     State#state{
-        deadlines = starl_sap_monitor_deadlines:broken(Window, Deadlines),
+        assumption = starl_assumption:broken(Window, Assumption),
         delivery = starl_sap_monitor_delivery:broken(Window, Delivery)
     }.
 
@@ -139,8 +209,8 @@ vocabulary() ->
 
 %% @doc The outstanding messages, and the numbers of all others.
 -spec timeless(#state{}) -> term().
-timeless(#state{sources = Sources, running = Running, unread = Unread}) ->
-    {Sources, Running, Unread}.
+timeless(#state{sources = Sources, forgotten = Forgotten, running = Running, unread = Unread}) ->
+    {Sources, Forgotten, Running, Unread}.
 
 %% @doc Messages that nobody has room for, or listens to, are seldom where applications read.
 -spec sometimes() -> [{{atom(), atom()}, seldom}].
@@ -150,18 +220,12 @@ sometimes() ->
 %% @doc Judges one event.
 -spec step(starl_monitor:trace_event(), #state{}) ->
     {ok, #state{}} | {violation, starl_monitor:violation(), #state{}}.
-step({T, _, _, _} = Event, #state{deadlines = Deadlines} = State) ->
-    %% Integers sort before the atom infinity.
-    case T =< starl_sap_monitor_deadlines:due(Deadlines) of
-        true -> judge(Event, State);
-        false -> judge_late(Event, State)
-    end.
-
-judge_late({T, _, _, _} = Event, State) ->
-    case pass(T, State) of
-        {[], Current} -> judge(Event, Current);
-        {[First | _], Current} -> first(First, judge(Event, Current))
-    end.
+step({T, _, _, _} = Event, #state{next_us = Next} = State) when T =< Next ->
+    %% integers sort before the atom infinity
+    judge(Event, State);
+step({T, _, _, _} = Event, State) ->
+    {Overdue, Current} = pass(T, State),
+    starl_violation:first(Overdue, judge(Event, Current)).
 
 %% @doc Judges the time until `EndTimeUs'. Results: messages `sent' (per destination),
 %% `delivered', `acknowledged' and reported `lost', and those `outstanding'.
@@ -169,6 +233,7 @@ judge_late({T, _, _, _} = Event, State) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, State) ->
     {Overdue, #state{sources = Sources, counts = Counts}} = pass(EndTimeUs, State),
+    Open = [map_size(Open) || Lives <- maps:values(Sources), {_, _, Open} <- Lives],
     {Sent, Delivered, Acknowledged, Lost} = Counts,
     Off = starl_sap_monitor_delivery:unjudged(EndTimeUs, State#state.delivery),
     Results = starl_unjudged:with(Off, #{
@@ -176,16 +241,9 @@ finish(EndTimeUs, State) ->
         delivered => Delivered,
         acknowledged => Acknowledged,
         lost => Lost,
-        outstanding => starl_sap_monitor_sources:outstanding(Sources)
+        outstanding => lists:sum(Open)
     }),
-    {verdict(Overdue), Results}.
-
-verdict([]) -> ok;
-verdict(Violations) -> {violation, Violations}.
-
-%% One event gives one violation: an overdue message comes first.
-first(Violation, {ok, State}) -> {violation, Violation, State};
-first(Violation, {violation, _Second, State}) -> {violation, Violation, State}.
+    starl_violation:finish(Overdue, Results).
 
 %%% Events
 
@@ -195,7 +253,7 @@ judge({T, Robot, sap, {sent, {Source, _, _} = Id, Dests, Type, Hash}}, State) ->
         false -> broken(foreign_source, T, [Robot, Source], #{message => Id}, State)
     end;
 judge({T, Robot, sap, {delivered, Id, Type, Hash}}, State) ->
-    case starl_sap_monitor_sources:find(Id, State#state.sources) of
+    case find(Id, State) of
         none ->
             handed_on(T, Robot, Id, Type, Hash, delivered_late(T, Robot, Id, State));
         Message ->
@@ -251,13 +309,10 @@ in_vain(T, {Source, _, _} = Id, Dest, Outcome, State) ->
 
 luck(_T, {Source, _, _}, Dest, acknowledged, #state{delivery = Delivery}) ->
     {ok, starl_sap_monitor_delivery:acknowledged(Source, Dest, Delivery)};
-luck(T, {Source, _, _} = Id, Dest, lost, #state{delivery = Delivery, sources = Sources}) ->
-    case starl_sap_monitor_sources:find(Id, Sources) of
-        none ->
-            {ok, Delivery};
-        Message ->
-            SentUs = starl_sap_monitor_message:sent_us(Message),
-            starl_sap_monitor_delivery:lost(T, SentUs, Source, Dest, Delivery)
+luck(T, {Source, _, _} = Id, Dest, lost, #state{delivery = Delivery} = State) ->
+    case find(Id, State) of
+        none -> {ok, Delivery};
+        #message{sent_us = Us} -> starl_sap_monitor_delivery:lost(T, Us, Source, Dest, Delivery)
     end;
 luck(_T, _Id, _Dest, _Other, #state{delivery = Delivery}) ->
     {ok, Delivery}.
@@ -267,68 +322,74 @@ kind(lost) -> lost;
 kind(restarted) -> lost;
 kind({lost, _Reason}) -> lost.
 
-sent(T, {Source, _, _} = Id, Dests, Type, Hash, #state{sources = Sources} = State) ->
-    Message = starl_sap_monitor_message:new(Type, Hash, T, Dests),
-    case starl_sap_monitor_sources:add(Id, Message, Sources) of
-        {ok, Known} -> {ok, open(T, Id, Dests, Known, State)};
-        used -> broken(message_id_used_twice, T, [Source], #{message => Id}, State)
+sent(T, {Source, Incarnation, Seq} = Id, Dests, Type, Hash, #state{sources = Sources} = State) ->
+    {_, Sent, Open} = life(Source, Incarnation, Sources),
+    case starl_sap_numbers:add(Seq, Sent) of
+        member ->
+            broken(message_id_used_twice, T, [Source], #{message => Id}, State);
+        Numbers when Dests =:= [] ->
+            {ok, put_life(Source, {Incarnation, Numbers, Open}, State)};
+        Numbers ->
+            #state{bound_us = Bound, next_us = Next} = State,
+            Message = #message{
+                type = Type,
+                hash = Hash,
+                sent_us = T,
+                dests = [{Dest, waiting} || Dest <- Dests],
+                next = {due, T + Bound}
+            },
+            Life = {Incarnation, Numbers, Open#{Seq => Message}},
+            {ok,
+                put_life(Source, Life, State#state{
+                    next_us = min(T + Bound, Next), counts = count(1, length(Dests), State)
+                })}
     end.
 
-open(_T, _Id, [], Sources, State) ->
-    State#state{sources = Sources};
-open(T, Id, Dests, Sources, #state{deadlines = Before} = State) ->
-    Deadlines = starl_sap_monitor_deadlines:sent(T, Id, Sources, Before),
-    State#state{
-        sources = Sources, deadlines = Deadlines, counts = count(1, length(Dests), State)
-    }.
-
-delivered(T, Robot, Id, Type, Hash, Message, State) ->
-    case starl_sap_monitor_message:compare(Type, Hash, Message) of
-        ok ->
-            delivered(T, Robot, Id, Message, State);
-        corrupted ->
-            broken(corrupted, T, [Robot], #{message => Id}, State);
-        {wrong_type, Sent} ->
-            Details = #{message => Id, sent => Sent, delivered => Type},
-            broken(wrong_type, T, [Robot], Details, State)
-    end.
-
-delivered(T, Robot, Id, Message, State) ->
-    case starl_sap_monitor_message:progress(Robot, Message) of
-        waiting -> {ok, progress(T, Id, Message, Robot, delivered, counted(2, State))};
-        lost -> {ok, progress(T, Id, Message, Robot, done, counted(2, State))};
+delivered(T, Robot, Id, Type, Hash, #message{type = Type, hash = Hash} = Message, State) ->
+    case progress(Robot, Message) of
+        waiting -> {ok, progressed(T, Id, Message, Robot, delivered, counted(2, State))};
+        lost -> {ok, progressed(T, Id, Message, Robot, done, counted(2, State))};
         stranger -> broken(delivered_to_stranger, T, [Robot], #{message => Id}, State);
         _Twice -> broken(duplicate_delivery, T, [Robot], #{message => Id}, State)
-    end.
+    end;
+delivered(T, Robot, Id, Type, _Hash, #message{type = Type}, State) ->
+    broken(corrupted, T, [Robot], #{message => Id}, State);
+delivered(T, Robot, Id, Type, _Hash, #message{type = Sent}, State) ->
+    Details = #{message => Id, sent => Sent, delivered => Type},
+    broken(wrong_type, T, [Robot], Details, State).
 
 %% The message is not outstanding: it was never sent, is closed, or was lost long ago.
-delivered_late(T, Robot, Id, #state{sources = Sources} = State) ->
-    case starl_sap_monitor_sources:delivered_late(Robot, Id, Sources) of
-        unexpected ->
-            Was = starl_sap_monitor_sources:was_sent(Id, Sources),
+delivered_late(T, Robot, {Source, Incarnation, Seq} = Id, #state{forgotten = Forgotten} = State) ->
+    Key = {Robot, Source, Incarnation},
+    case starl_sap_numbers:remove(Seq, maps:get(Key, Forgotten, starl_sap_numbers:new())) of
+        absent ->
+            Was = was_sent(Id, State),
             broken(unexpected(Was), T, [Robot], #{message => Id, closed => Was}, State);
         Left ->
-            {ok, counted(2, State#state{sources = Left})}
+            {ok, counted(2, State#state{forgotten = left(Key, Left, Forgotten)})}
+    end.
+
+left(Key, Left, Forgotten) ->
+    case starl_sap_numbers:is_empty(Left) of
+        true -> maps:remove(Key, Forgotten);
+        false -> Forgotten#{Key := Left}
     end.
 
 unexpected(true) -> duplicate_delivery;
 unexpected(false) -> delivered_but_not_sent.
 
-outcome(T, {Source, _, _} = Id, Dest, Kind, #state{sources = Sources} = State) ->
-    case starl_sap_monitor_sources:find(Id, Sources) of
-        none ->
-            stray(closed(Id, State), T, Id, [Source, Dest], State);
-        Message ->
-            Progress = starl_sap_monitor_message:progress(Dest, Message),
-            outcome(T, Id, Message, Progress, Dest, Kind, State)
+outcome(T, {Source, _, _} = Id, Dest, Kind, State) ->
+    case find(Id, State) of
+        none -> stray(closed(Id, State), T, Id, [Source, Dest], State);
+        Message -> outcome(T, Id, Message, progress(Dest, Message), Dest, Kind, State)
     end.
 
 outcome(T, Id, Message, delivered, Dest, Kind, State) ->
-    {ok, progress(T, Id, Message, Dest, done, counted(column(Kind), State))};
+    {ok, progressed(T, Id, Message, Dest, done, counted(column(Kind), State))};
 outcome(T, Id, Message, waiting, Dest, lost, State) ->
-    {ok, progress(T, Id, Message, Dest, lost, counted(4, State))};
+    {ok, progressed(T, Id, Message, Dest, lost, counted(4, State))};
 outcome(T, {Source, _, _} = Id, Message, waiting, Dest, acknowledged, State) ->
-    Reported = progress(T, Id, Message, Dest, lost, State),
+    Reported = progressed(T, Id, Message, Dest, lost, State),
     broken(acknowledged_but_not_delivered, T, [Source, Dest], #{message => Id}, Reported);
 outcome(T, {Source, _, _} = Id, _Message, stranger, Dest, _Kind, State) ->
     stray(outcome_for_stranger, T, Id, [Source, Dest], State);
@@ -338,15 +399,19 @@ outcome(T, {Source, _, _} = Id, _Message, _Known, Dest, _Kind, State) ->
 %% Only failures that a caller must learn of are noted.
 failed(_Id, _Dest, acknowledged, State) ->
     State;
-failed(Id, Dest, Outcome, #state{sources = Sources} = State) ->
-    Fails = fun(Message) -> starl_sap_monitor_message:failed(Dest, why(Outcome), Message) end,
-    State#state{sources = starl_sap_monitor_sources:change(Id, Fails, Sources)}.
+failed(Id, Dest, Outcome, State) ->
+    case find(Id, State) of
+        #message{call = {How, Failed}} = Message ->
+            put_message(Id, Message#message{call = {How, [{Dest, why(Outcome)} | Failed]}}, State);
+        _NotCalled ->
+            State
+    end.
 
 why(restarted) -> restarted;
 why(_Lost) -> lost.
 
-closed(Id, #state{sources = Sources}) ->
-    case starl_sap_monitor_sources:was_sent(Id, Sources) of
+closed(Id, State) ->
+    case was_sent(Id, State) of
         true -> outcome_reported_twice;
         false -> outcome_but_not_sent
     end.
@@ -363,7 +428,7 @@ broken(What, T, Robots, Details, State) ->
     {violation, violation(What, T, Robots, Details), State}.
 
 violation(What, T, Robots, Details) ->
-    #{contract => sap, what => What, at_us => T, robots => Robots, details => Details}.
+    starl_violation:new(sap, What, T, Robots, Details).
 
 column(acknowledged) -> 3;
 column(lost) -> 4.
@@ -376,11 +441,10 @@ count(Column, N, #state{counts = Counts}) ->
 
 %%% Answers
 
-called(T, Robot, {Source, _, _} = Id, How, #state{sources = Sources} = State) ->
-    case starl_sap_monitor_sources:find(Id, Sources) of
-        Message when Message =/= none, Source =:= Robot ->
-            Called = starl_sap_monitor_message:called(How, Message),
-            {ok, State#state{sources = starl_sap_monitor_sources:put(Id, Called, Sources)}};
+called(T, Robot, {Source, _, _} = Id, How, State) ->
+    case find(Id, State) of
+        #message{call = none} = Message when Source =:= Robot ->
+            {ok, put_message(Id, Message#message{call = {How, []}}, State)};
         _ ->
             stray(called_but_not_sent, T, Id, [Robot], State)
     end.
@@ -392,86 +456,236 @@ answered(_T, _Robot, none, ok, #state{is_alone = true} = State) ->
     {ok, State};
 answered(T, Robot, none, Answer, State) ->
     broken(answer_untrue, T, [Robot], #{answer => Answer}, State);
-answered(T, Robot, Id, Answer, #state{sources = Sources} = State) ->
-    case starl_sap_monitor_sources:find(Id, Sources) of
+answered(T, Robot, Id, Answer, State) ->
+    case find(Id, State) of
         none -> stray(answered_nobody, T, Id, [Robot], State);
         Message -> answered(T, Robot, Id, Answer, Message, State)
     end.
 
 answered(T, Robot, Id, Answer, Message, State) ->
-    Told = settle(T, Id, starl_sap_monitor_message:answered(Message), State),
+    Settled = settle(T, Id, Message#message{call = none}, State),
     Details = #{message => Id, answer => Answer},
-    case starl_sap_monitor_message:due(Message) of
-        {answer, Answer} -> {ok, Told};
-        {answer, True} -> broken(answer_untrue, T, [Robot], Details#{true => True}, Told);
-        too_early -> broken(answered_too_early, T, [Robot], Details, Told);
+    case due_answer(Message) of
+        {answer, Answer} -> {ok, Settled};
+        {answer, True} -> broken(answer_untrue, T, [Robot], Details#{true => True}, Settled);
+        too_early -> broken(answered_too_early, T, [Robot], Details, Settled);
         not_called -> broken(answered_nobody, T, [Robot], Details, State)
     end.
+
+%% The answer that the caller must get, unless nobody has called or an outcome is still open.
+due_answer(#message{call = none}) ->
+    not_called;
+due_answer(#message{call = {How, Failed}} = Message) ->
+    case open(Message) of
+        [] -> {answer, answer(How, lists:sort(Failed))};
+        _ -> too_early
+    end.
+
+-spec answer(one | all, [{robot_id(), lost | restarted}]) -> starl_sap:answer().
+answer(_How, []) -> ok;
+answer(one, [{_, Why}]) -> {error, Why};
+answer(_All, Failed) -> {error, {lost, [Dest || {Dest, _} <- Failed]}}.
 
 %%% The application
 
 %% The application must read what is delivered to it. A machine need not.
 handed_on(T, Robot, {Source, _, _}, {app, _} = Type, Hash, {ok, #state{unread = All} = State}) ->
-    {Count, Unread} = starl_sap_monitor_unread:delivered(Robot, Type, Source, Hash, All),
-    Handed = State#state{unread = Unread},
-    case Count > State#state.room of
+    #unread{count = Count, certain = Certain} = Unread = maps:get(Robot, All, #unread{}),
+    Queue = queue:in({Type, Source, Hash}, maps:get(Type, Certain, queue:new())),
+    Longer = Unread#unread{count = Count + 1, certain = Certain#{Type => Queue}},
+    Handed = State#state{unread = All#{Robot => Longer}},
+    case Count + 1 > State#state.room of
         true -> broken(more_than_it_can_keep, T, [Robot], #{type => Type}, Handed);
         false -> {ok, Handed}
     end;
 handed_on(_T, _Robot, _Id, _Type, _Hash, Judged) ->
     Judged.
 
-read(T, Robot, Source, Type, Hash, #state{unread = Unread} = State) ->
+%% The next message of its type, one from before a crash, another one, or one that was never delivered.
+read(T, Robot, Source, Type, Hash, #state{unread = All} = State) ->
+    #unread{count = Count, certain = Certain, perhaps = Perhaps} =
+        Unread = maps:get(Robot, All, #unread{}),
+    Message = {Type, Source, Hash},
     Details = #{type => Type, source => Source},
-    case starl_sap_monitor_unread:read(Robot, Type, Source, Hash, Unread) of
-        {ok, Left} -> {ok, State#state{unread = Left}};
-        skipped -> broken(acknowledged_but_not_readable, T, [Robot], Details, State);
-        not_delivered -> broken(read_but_not_delivered, T, [Robot], Details, State)
+    case queue:out(maps:get(Type, Certain, queue:new())) of
+        {{value, Message}, Rest} ->
+            Left = Unread#unread{count = Count - 1, certain = Certain#{Type := Rest}},
+            {ok, State#state{unread = All#{Robot => Left}}};
+        {Next, _} ->
+            case lists:member(Message, Perhaps) of
+                true ->
+                    Left = Unread#unread{perhaps = lists:delete(Message, Perhaps)},
+                    {ok, State#state{unread = All#{Robot => Left}}};
+                false ->
+                    broken(unreadable(Next), T, [Robot], Details, State)
+            end
     end.
 
-unsure(Robot, #state{unread = Unread} = State) ->
-    State#state{unread = starl_sap_monitor_unread:crashed(Robot, Unread)}.
+unreadable(empty) -> read_but_not_delivered;
+unreadable(_Next) -> acknowledged_but_not_readable.
+
+unsure(Robot, #state{unread = All} = State) ->
+    case All of
+        #{Robot := #unread{certain = Certain, perhaps = Perhaps}} ->
+            Delivered = lists:append([queue:to_list(Queue) || Queue <- maps:values(Certain)]),
+            State#state{unread = All#{Robot := #unread{perhaps = Delivered ++ Perhaps}}};
+        #{} ->
+            State
+    end.
 
 %%% Messages
 
-progress(T, Id, Message, Dest, Progress, State) ->
-    settle(T, Id, starl_sap_monitor_message:put_progress(Dest, Progress, Message), State).
+progressed(T, Id, #message{dests = Dests} = Message, Dest, Progress, State) ->
+    Known = lists:keyreplace(Dest, 1, Dests, {Dest, Progress}),
+    settle(T, Id, Message#message{dests = Known}, State).
 
 %% Keeps a message until nothing more can happen to it.
-settle(T, Id, Message, #state{sources = Sources} = State) ->
-    case starl_sap_monitor_message:phase(Message) of
-        done ->
-            State#state{sources = starl_sap_monitor_sources:close(Id, Sources)};
-        open ->
-            State#state{sources = starl_sap_monitor_sources:put(Id, Message, Sources)};
-        lost ->
-            Known = starl_sap_monitor_sources:put(Id, Message, Sources),
-            Deadlines = starl_sap_monitor_deadlines:lost(T, Id, Known, State#state.deadlines),
-            State#state{sources = Known, deadlines = Deadlines}
+settle(T, Id, Message, #state{late_us = Late, next_us = Next} = State) ->
+    case {phase(Message), Message#message.next} of
+        {done, _} ->
+            close(Id, State);
+        {lost, When} when element(1, When) =/= forget ->
+            Lost = Message#message{next = {forget, T + Late}},
+            put_message(Id, Lost, State#state{next_us = min(T + Late, Next)});
+        _ ->
+            put_message(Id, Message, State)
     end.
+
+%% `open': an outcome or the answer is still to come; `lost': only a lost message may still be
+%% delivered; `done': nothing more can come.
+phase(#message{dests = Dests, call = none}) -> phase(Dests, done);
+phase(_Called) -> open.
+
+phase([], Phase) -> Phase;
+phase([{_, done} | Dests], Phase) -> phase(Dests, Phase);
+phase([{_, lost} | Dests], _Phase) -> phase(Dests, lost);
+phase([_Open | _Dests], _Phase) -> open.
+
+%% The progress at a robot; `stranger': the robot is none of the destinations.
+progress(Robot, #message{dests = Dests}) ->
+    case lists:keyfind(Robot, 1, Dests) of
+        {_, Progress} -> Progress;
+        false -> stranger
+    end.
+
+%% The destinations whose outcome is open.
+open(#message{dests = Dests}) -> [Dest || {Dest, P} <- Dests, P =:= waiting orelse P =:= delivered].
 
 %% The robot's SAP is gone: outcomes that it has not reported stay open for ever.
 abandon(T, Robot, Incarnation, #state{sources = Sources} = State) ->
     Gone = [
-        Id
-     || {_, Inc, _} = Id <- starl_sap_monitor_sources:outstanding(Robot, Sources),
-        Inc =/= Incarnation
+        {{Robot, Inc, Seq}, Message}
+     || {Inc, _, Open} <- maps:get(Robot, Sources, []),
+        Inc =/= Incarnation,
+        {Seq, Message} <- maps:to_list(Open),
+        phase(Message) =:= open
     ],
-    lists:foldl(fun(Id, S) -> give_up(T, Id, S) end, State, Gone).
+    GiveUp = fun({Id, #message{dests = Dests} = Message}, S) ->
+        Given = [{Dest, given_up(Progress)} || {Dest, Progress} <- Dests],
+        settle(T, Id, Message#message{dests = Given, call = none}, S)
+    end,
+    lists:foldl(GiveUp, State, Gone).
 
-give_up(T, Id, #state{sources = Sources} = State) ->
-    Message = starl_sap_monitor_sources:find(Id, Sources),
-    case starl_sap_monitor_message:phase(Message) of
-        lost -> State;
-        _Open -> settle(T, Id, starl_sap_monitor_message:give_up(Message), State)
+given_up(waiting) -> lost;
+given_up(delivered) -> done;
+given_up(Known) -> Known.
+
+-spec find(id(), #state{}) -> #message{} | none.
+find({Source, Incarnation, Seq}, #state{sources = Sources}) ->
+    case life(Source, Incarnation, Sources) of
+        {_, _, #{Seq := Message}} -> Message;
+        {_, _, _} -> none
     end.
+
+put_message({Source, Incarnation, Seq}, Message, #state{sources = Sources} = State) ->
+    {_, Sent, Open} = life(Source, Incarnation, Sources),
+    put_life(Source, {Incarnation, Sent, Open#{Seq := Message}}, State).
+
+close({Source, Incarnation, Seq}, #state{sources = Sources} = State) ->
+    {_, Sent, #{Seq := _} = Open} = life(Source, Incarnation, Sources),
+    put_life(Source, {Incarnation, Sent, maps:remove(Seq, Open)}, State).
+
+was_sent({Source, Incarnation, Seq}, #state{sources = Sources}) ->
+    {_, Sent, _} = life(Source, Incarnation, Sources),
+    starl_sap_numbers:is_member(Seq, Sent).
+
+life(Source, Incarnation, Sources) ->
+    case Sources of
+        #{Source := [{Incarnation, _, _} = Latest | _]} -> Latest;
+        #{Source := Lives} -> among(lists:keyfind(Incarnation, 1, Lives), Incarnation);
+        #{} -> among(false, Incarnation)
+    end.
+
+among(false, Incarnation) -> {Incarnation, starl_sap_numbers:new(), #{}};
+among(Life, _Incarnation) -> Life.
+
+put_life(Source, {Incarnation, _, _} = Life, #state{sources = Sources} = State) ->
+    Lives =
+        case Sources of
+            #{Source := [{Incarnation, _, _} | Earlier]} -> [Life | Earlier];
+            #{Source := Known} -> put_among(lists:keymember(Incarnation, 1, Known), Life, Known);
+            #{} -> [Life]
+        end,
+    State#state{sources = Sources#{Source => Lives}}.
+
+put_among(true, {Incarnation, _, _} = Life, Lives) ->
+    lists:keyreplace(Incarnation, 1, Lives, Life);
+put_among(false, Life, Lives) ->
+    [Life | Lives].
 
 %%% Time
 
-pass(T, #state{sources = Sources, deadlines = Before} = State) ->
-    {Overdue, Stale, Deadlines} = starl_sap_monitor_deadlines:pass(T, Sources, Before),
-    Left = lists:foldl(fun starl_sap_monitor_sources:forget/2, Sources, Stale),
-    {
-        [violation(What, At, Robots, Details) || {What, At, Robots, Details} <- Overdue],
-        State#state{sources = Left, deadlines = Deadlines}
-    }.
+%% What is overdue before `T'; what is due exactly then is in time. All outstanding messages are looked at,
+%% but seldom: most are closed long before they are due. Their contents are forgotten in batches.
+pass(T, #state{next_us = Next} = State) when T =< Next ->
+    {[], State};
+pass(T, #state{sources = Sources} = State) ->
+    Outstanding = [
+        {{Source, Inc, Seq}, Message}
+     || {Source, Lives} <- maps:to_list(Sources),
+        {Inc, _, Open} <- Lives,
+        {Seq, Message} <- maps:to_list(Open)
+    ],
+    Look = fun({Id, Message}, Acc) -> look(T, Id, Message, Acc) end,
+    {Overdue, Passed} = lists:foldl(Look, {[], State#state{next_us = infinity}}, Outstanding),
+    {[violation(What, At, Robots, D) || {At, What, Robots, D} <- lists:sort(Overdue)], Passed}.
+
+look(T, Id, #message{next = {forget, At}} = Message, {Overdue, State}) when At < T ->
+    {Overdue, forget(Id, Message, State)};
+look(T, _Id, #message{next = {forget, At}}, {Overdue, #state{late_us = Late} = State}) ->
+    {Overdue, sooner(max(At, T + Late div 60), State)};
+look(T, {Source, _, _} = Id, #message{next = {due, Due}} = Message, {Overdue, State}) when
+    Due < T
+->
+    #state{steps = Steps, assumption = Assumption} = State,
+    SentUs = Message#message.sent_us,
+    case starl_assumption:delayed_us(Source, SentUs, Due, Steps, Assumption) of
+        Latest when Latest < T ->
+            Reported = put_message(Id, Message#message{next = overdue}, State),
+            {[missing(Latest, Id, open(Message)) | Overdue], Reported};
+        Latest ->
+            {Overdue, sooner(Latest, State)}
+    end;
+look(_T, _Id, #message{next = {due, Due}}, {Overdue, State}) ->
+    {Overdue, sooner(Due, State)};
+look(_T, _Id, #message{next = overdue}, Acc) ->
+    Acc.
+
+sooner(At, #state{next_us = Next} = State) -> State#state{next_us = min(At, Next)}.
+
+missing(At, {Source, _, _} = Id, []) ->
+    {At, answer_overdue, [Source], #{message => Id}};
+missing(At, {Source, _, _} = Id, Dests) ->
+    {At, outcome_overdue, [Source | Dests], #{message => Id}}.
+
+%% Keeps only its number, for each destination at which it was lost.
+forget({Source, Incarnation, Seq} = Id, #message{dests = Dests}, State) ->
+    Keep = fun(Dest, Forgotten) ->
+        Key = {Dest, Source, Incarnation},
+        case starl_sap_numbers:add(Seq, maps:get(Key, Forgotten, starl_sap_numbers:new())) of
+            member -> Forgotten;
+            More -> Forgotten#{Key => More}
+        end
+    end,
+    Lost = [Dest || {Dest, lost} <- Dests],
+    (close(Id, State))#state{forgotten = lists:foldl(Keep, State#state.forgotten, Lost)}.

@@ -1,14 +1,46 @@
-%% @doc Formats a broken contract ({@link starl_monitor:violation()}) as a line of text. It also
-%% computes the shape of a violation; violations with the same cause have the same shape.
+%% @doc Violations of contracts ({@link starl_monitor:violation()}): makes them, turns them into the
+%% answers of a monitor, and formats one as a line of text. It also computes the shape of a violation;
+%% violations with the same cause have the same shape.
+%% ```
+%%   step({T, Robot, door, opened}, #state{locked = true} = State) ->
+%%       starl_violation:step([starl_violation:new(door, forced, T, [Robot], #{})], State);
+%% '''
 -module(starl_violation).
 
--export([format/1, shape/1]).
+-export([new/5, step/2, first/2, finish/2, format/1, shape/1]).
 
 -export_type([shape/0]).
 
 %% A violation without its numbers ({@link shape/1}).
 -opaque shape() ::
     {atom(), atom(), none | one | two | many, Details :: [term()], Order :: [term()]}.
+
+%% @doc A violation of a contract at this time, with the robots that take part.
+-spec new(Contract :: atom(), What :: atom(), AtUs :: integer(), [starl_monitor:robot_id()], map()) ->
+    starl_monitor:violation().
+new(Contract, What, At, Robots, Details) ->
+    #{contract => Contract, what => What, at_us => At, robots => Robots, details => Details}.
+
+%% @doc What a monitor's `step/2' returns if it has found these violations: it reports the first one.
+-spec step([starl_monitor:violation()], State) ->
+    {ok, State} | {violation, starl_monitor:violation(), State}.
+step([], State) -> {ok, State};
+step([First | _], State) -> {violation, First, State}.
+
+%% @doc The same where the event itself has been judged: what was found before it is reported first.
+-spec first([starl_monitor:violation()], Judged) -> Judged when
+    Judged :: {ok, State} | {violation, starl_monitor:violation(), State}, State :: term().
+first([], Judged) -> Judged;
+first([First | _], {ok, State}) -> {violation, First, State};
+first([First | _], {violation, _Second, State}) -> {violation, First, State}.
+
+%% @doc What a monitor's `finish/2' returns if it has found these violations: it reports them all.
+-spec finish([starl_monitor:violation()], Results) ->
+    {ok | {violation, [starl_monitor:violation(), ...]}, Results}
+when
+    Results :: starl_monitor:results().
+finish([], Results) -> {ok, Results};
+finish(Found, Results) -> {{violation, Found}, Results}.
 
 %% @doc One line: contract, when (s), which robots, what.
 -spec format(starl_monitor:violation()) -> unicode:chardata().

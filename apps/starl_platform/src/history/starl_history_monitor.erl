@@ -64,18 +64,11 @@ finish(_EndUs, #monitor{models = Models, history = History, states = States} = M
     }),
     Undecided = length([undecided || #{outcome := undecided} <- Verdicts]),
     Results = #{objects => length(Verdicts), undecided => Undecided},
-    case [violation(Verdict) || #{outcome := {broken, _, _, _}} = Verdict <- Verdicts] of
-        [] -> {ok, Results};
-        Found -> {{violation, Found}, Results}
-    end.
+    Broken = [Verdict || #{outcome := {broken, _, _, _}} = Verdict <- Verdicts],
+    starl_violation:finish([violation(Verdict) || Verdict <- Broken], Results).
 
 violation(#{machine := Machine, object := Object, outcome := {broken, What, At, Calls}}) ->
-    #{
-        contract => history,
-        what => not_explained,
-        at_us => At,
-        robots => lists:usort([Robot || #{robot := Robot} <- lists:sublist(Calls, 2)]),
-        details => #{
-            machine => Machine, object => Object, never => unicode:characters_to_binary(What)
-        }
-    }.
+    Robots = lists:usort([Robot || #{robot := Robot} <- lists:sublist(Calls, 2)]),
+    starl_violation:new(history, not_explained, At, Robots, #{
+        machine => Machine, object => Object, never => unicode:characters_to_binary(What)
+    }).

@@ -41,16 +41,9 @@ closed(Robot, #state{open = Open} = State) -> State#state{open = maps:remove(Rob
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndUs, #state{deadline_us = Deadline, open = Open}) ->
-    case lists:sort(maps:keys(Open)) of
-        [_ | _] = Late when EndUs >= Deadline ->
-            Violation = #{
-                contract => progress,
-                what => not_finished,
-                at_us => EndUs,
-                robots => Late,
-                details => #{deadline_us => Deadline}
-            },
-            {{violation, [Violation]}, #{unfinished => length(Late)}};
-        Late ->
-            {ok, #{unfinished => length(Late)}}
-    end.
+    Late = lists:sort(maps:keys(Open)),
+    Found = [
+        starl_violation:new(progress, not_finished, EndUs, Late, #{deadline_us => Deadline})
+     || Late =/= [], EndUs >= Deadline
+    ],
+    starl_violation:finish(Found, #{unfinished => length(Late)}).

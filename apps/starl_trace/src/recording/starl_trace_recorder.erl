@@ -138,9 +138,9 @@ init({File, Kind, Options}) ->
 
 -spec handle_call(term(), gen_server:from(), #recorder{}) -> {reply, term(), #recorder{}}.
 handle_call(observer, _From, #recorder{kind = simulation} = Recorder) ->
-    {reply, starl_observer_feed:observer(self(), wait, ?WAITING), Recorder};
+    {reply, starl_observer:feed(self(), wait, ?WAITING), Recorder};
 handle_call(observer, _From, Recorder) ->
-    {reply, starl_observer_feed:observer(self(), leave_out, ?WAITING_LIVE), Recorder};
+    {reply, starl_observer:feed(self(), leave_out, ?WAITING_LIVE), Recorder};
 handle_call(caught_up, _From, Recorder) ->
     {reply, ok, Recorder};
 handle_call(close, _From, Recorder) ->
@@ -158,10 +158,10 @@ handle_cast(_Message, Recorder) -> {noreply, Recorder}.
 -spec handle_info(term(), #recorder{}) -> {noreply, #recorder{}} | {stop, term(), #recorder{}}.
 handle_info({starl_news, Feed, News}, #recorder{state = open} = Recorder) ->
     Next = in_next_file(told(News, Recorder)),
-    ok = starl_observer_feed:done(News, Feed),
+    ok = starl_observer:done(News, Feed),
     {noreply, Next};
 handle_info({starl_news, Feed, News}, Recorder) ->
-    ok = starl_observer_feed:done(News, Feed),
+    ok = starl_observer:done(News, Feed),
     {noreply, Recorder};
 handle_info(flush, #recorder{state = open} = Recorder) ->
     _ = erlang:send_after(?FLUSH_MS, self(), flush),

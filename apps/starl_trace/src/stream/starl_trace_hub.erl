@@ -63,8 +63,8 @@ more(Hub, Credits) -> gen_server:cast(Hub, {more, self(), Credits}).
 stop(Hub) -> gen_server:stop(Hub).
 
 -spec init(simulation | live) -> {ok, #hub{}}.
-init(simulation) -> {ok, #hub{observer = starl_observer_feed:observer(self(), wait, ?WAITING)}};
-init(live) -> {ok, #hub{observer = starl_observer_feed:observer(self(), leave_out, 10 * ?WAITING)}}.
+init(simulation) -> {ok, #hub{observer = starl_observer:feed(self(), wait, ?WAITING)}};
+init(live) -> {ok, #hub{observer = starl_observer:feed(self(), leave_out, 10 * ?WAITING)}}.
 
 -spec handle_call(term(), gen_server:from(), #hub{}) -> {reply, term(), #hub{}}.
 handle_call(observer, _From, #hub{observer = Observer} = Hub) ->
@@ -91,7 +91,7 @@ handle_cast({more, Pid, Credits}, #hub{subscribers = Subscribers} = Hub) ->
 
 -spec handle_info(term(), #hub{}) -> {noreply, #hub{}}.
 handle_info({starl_news, Feed, News}, Hub) ->
-    ok = starl_observer_feed:done(News, Feed),
+    ok = starl_observer:done(News, Feed),
     {noreply, told(News, Hub)};
 handle_info({'DOWN', _, process, Pid, _}, Hub) ->
     {noreply, without(Pid, Hub)};

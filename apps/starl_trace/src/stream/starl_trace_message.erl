@@ -29,7 +29,7 @@
     | {trace, integer(), {starl:robot_id(), starl_machine:name(), Event :: term()}}
     | {places, integer(), starl_trace_poses:places()}
     | {packets, integer(), packet()}
-    | {ways, integer(), {starl:robot_id(), starl_observer:way()}}
+    | {ways, integer(), {starl:robot_id(), starl_observer:packet_report()}}
     | {snapshots, integer(), {starl:robot_id(), starl_snapshot:told()}}
     | {faults, integer(), {began | ended, Fault :: tuple()}}
     | {verdicts, integer(), verdict()}
