@@ -85,7 +85,7 @@ robot() ->
 answers(Ms) -> figures(Ms) =/= silent.
 
 %% @doc The counters of the robot; `silent': its link has not answered within this time.
--spec figures(TimeoutMs :: pos_integer()) -> starl_live_body:figures() | silent.
+-spec figures(TimeoutMs :: pos_integer()) -> starl_live_driver:figures() | silent.
 figures(Ms) ->
     try
         gen_server:call(starl_live_robot:link(robot()), figures, Ms)
