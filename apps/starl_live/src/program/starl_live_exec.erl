@@ -25,7 +25,7 @@
     %% where it stood when the program began, and the first pose that this said
     at :: starl:pose() | none,
     first = none :: starl:pose() | none,
-    shift = starl_live_program_clock:new() :: starl_live_program_clock:t(),
+    offset = starl_live_clock_offset:new() :: starl_live_clock_offset:t(),
     next = 1 :: pos_integer(),
     pings = 1 :: pos_integer(),
     %% commands without an answer
@@ -53,6 +53,9 @@
 -define(SILENT_BEATS, 4).
 -define(NONSENSE_A_SECOND, 10).
 -define(SHOWN, 80).
+%% The window of the clocks' offset. A program whose clock is off by so much has set it.
+-define(OFFSET_US, 10000000).
+-define(SET_US, 2000000).
 
 %% -- opening --------------------------------------------------------------------------------
 
@@ -324,9 +327,18 @@ begun(Id, Us, #exec{open = Open} = Exec) ->
             Exec
     end.
 
-said(At, #exec{clock = Clock, shift = Shift} = Exec) ->
-    {Us, Known} = starl_live_program_clock:said(At, starl_live_clock:now_us(Clock), Shift),
-    {Us, Exec#exec{shift = Known}}.
+%% When the program said this, by the robot's clock. A message without a time was said when it came.
+said(none, #exec{clock = Clock} = Exec) ->
+    {starl_live_clock:now_us(Clock), Exec};
+said(At, #exec{clock = Clock, offset = Before} = Exec) ->
+    {Their, Now} = {round(At), starl_live_clock:now_us(Clock)},
+    Known =
+        case starl_live_clock_offset:is_off(Their, Now, ?SET_US, Before) of
+            true -> starl_live_clock_offset:new();
+            false -> Before
+        end,
+    Offset = starl_live_clock_offset:add(Their, Now, ?OFFSET_US, Known),
+    {starl_live_clock_offset:ours(Their, Now, Offset), Exec#exec{offset = Offset}}.
 
 log(Text, #exec{name = Name}) ->
     Shown = unicode:characters_to_binary([Name, ": ", shown(Text)]),
