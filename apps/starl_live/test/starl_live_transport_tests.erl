@@ -328,3 +328,25 @@ who_is_told_of_packets_test() ->
     ?assertEqual(
         [Sunk, Observed], Told(#{sink => self(), packets => true, observe => Observer})
     ).
+
+%% -- counters -------------------------------------------------------------------------------------
+
+figures_are_counted_test() ->
+    ?assertEqual(
+        #{a => 2, b => 5},
+        starl_live_transport:count(a, starl_live_transport:count(b, 5, #{a => 1}))
+    ).
+
+%% Code that is not loaded would else make a robot deaf without a word.
+an_unknown_atom_is_logged_once_test() ->
+    Refuse = fun(Why, Figures) -> starl_live_transport:refused(Why, 3, Figures) end,
+    Self = self(),
+    Lines = starl_live_log_ct:lines(fun() ->
+        Self ! {figures, lists:foldl(Refuse, #{}, [term, unknown_atom, unknown_atom])}
+    end),
+    ?assertMatch([<<"a packet of robot 3 bears an atom that is unknown here", _/binary>>], Lines),
+    receive
+        {figures, Figures} -> ?assertEqual(#{term => 1, unknown_atom => 2}, Figures)
+    end,
+    %% at once, not with the second
+    ?assertMatch([_], starl_live_log_ct:lines(fun() -> Refuse(unknown_atom, #{}) end)).

@@ -22,7 +22,7 @@
     air :: air(),
     robot :: starl:robot_id(),
     team :: starl_team:t(),
-    figures = #{} :: starl_live_figures:t()
+    figures = #{} :: starl_live_transport:figures()
 }).
 
 -opaque t() :: #ends{}.
@@ -73,13 +73,13 @@ other_air(_, _) -> fleet.
 decoded(_From, {ok, Packet}, Ends) ->
     {[Packet], Ends};
 decoded(From, {error, Why}, #ends{figures = Figures} = Ends) ->
-    {[], Ends#ends{figures = starl_live_figures:refused(Why, From, Figures)}}.
+    {[], Ends#ends{figures = starl_live_transport:refused(Why, From, Figures)}}.
 
 %% @doc The counters of this end.
--spec figures(t()) -> starl_live_figures:t().
+-spec figures(t()) -> starl_live_transport:figures().
 figures(#ends{figures = Figures}) -> Figures.
 
 %% @doc One more of a kind.
 -spec count(atom(), t()) -> t().
 count(What, #ends{figures = Figures} = Ends) ->
-    Ends#ends{figures = starl_live_figures:count(What, Figures)}.
+    Ends#ends{figures = starl_live_transport:count(What, Figures)}.

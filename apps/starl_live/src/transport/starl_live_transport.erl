@@ -19,6 +19,7 @@
 -behaviour(gen_server).
 
 -export([start_link/3, transmit/3, transmit/4, figures/1, peers/1, set_air/2]).
+-export([count/2, count/3, refused/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2, format_status/1]).
 
 -export_type([config/0, figures/0, heard/0, latest/0]).
@@ -38,7 +39,7 @@
 
 %% Counters, for the metrics of the node: packets sent and heard, and those that were refused, by
 %% reason.
--type figures() :: starl_live_figures:t().
+-type figures() :: #{atom() => non_neg_integer()}.
 
 %% The latest moment of a packet, by the robot's clock, and who is told if it has passed.
 -type latest() :: {Us :: integer(), Owner :: term()}.
@@ -107,6 +108,31 @@ peers(Transport) -> gen_server:call(Transport, peers).
 -spec set_air(pid(), starl_live_air:settings()) -> ok | {error, unicode:chardata()}.
 set_air(Transport, Settings) -> gen_server:call(Transport, {set_air, Settings}).
 
+%% -- counters, for the modules of this behaviour --------------------------------------------
+
+%% @doc One more.
+-spec count(atom(), figures()) -> figures().
+count(Name, Figures) -> count(Name, 1, Figures).
+
+%% @doc So many more.
+-spec count(atom(), non_neg_integer(), figures()) -> figures().
+count(Name, Number, Figures) ->
+    maps:update_with(Name, fun(Before) -> Before + Number end, Number, Figures).
+
+%% @doc One more packet of a robot that was refused, for this reason. What points to a mistake in the
+%% set-up is logged when it comes for the first time.
+-spec refused(starl_live_codec:refusal(), From :: starl:robot_id(), figures()) -> figures().
+refused(unknown_atom, From, Figures) when not is_map_key(unknown_atom, Figures) ->
+    Line =
+        "a packet of robot ~b bears an atom that is unknown here and is not taken; "
+        "is the same code loaded on both computers?",
+    logger:warning(#{what => unknown_atom, why => iolist_to_binary(io_lib:format(Line, [From]))}),
+    count(unknown_atom, Figures);
+refused(Why, _From, Figures) ->
+    count(Why, Figures).
+
+%% -- the process ----------------------------------------------------------------------------
+
 -spec init({module(), config(), pid()}) -> {ok, #transport{}} | {stop, term()}.
 init({Module, #{robot := Robot} = Config, Link}) ->
     process_flag(trap_exit, true),
@@ -158,7 +184,7 @@ handle_cast(
             {noreply, put_on_air(To, Packet, Transport)};
         false ->
             Link ! {starl_late, Owner},
-            {noreply, count(late, 1, Transport)}
+            {noreply, counted(late, 1, Transport)}
     end.
 
 put_on_air(To, Packet, #transport{module = Module, state = State} = Transport) ->
@@ -170,14 +196,14 @@ put_on_air(To, Packet, #transport{module = Module, state = State} = Transport) -
         {refused, Why, Next} ->
             ok = starl_live_packet_reports:refused(To, Packet, At, Transport#transport.told),
             Line = unicode:characters_to_binary(Why),
-            refused(Line, Transport#transport{state = Next})
+            refuse(Line, Transport#transport{state = Next})
     end.
 
-refused(Line, #transport{said = Line} = Transport) ->
-    count(refused, 1, Transport);
-refused(Line, Transport) ->
+refuse(Line, #transport{said = Line} = Transport) ->
+    counted(refused, 1, Transport);
+refuse(Line, Transport) ->
     logger:error(#{what => packet_refused, why => Line}),
-    count(refused, 1, Transport#transport{said = Line}).
+    counted(refused, 1, Transport#transport{said = Line}).
 
 -spec handle_info(term(), #transport{}) -> {noreply, #transport{}} | {stop, term(), #transport{}}.
 handle_info({'EXIT', _From, Reason}, Transport) ->
@@ -204,14 +230,14 @@ pass(Packet, {Heard, #transport{air = Air, told = Told} = Transport}) ->
     passed(Packet, Delays, {Heard, Transport#transport{air = Next}}).
 
 passed(_Packet, [], {Heard, Transport}) ->
-    {Heard, count(air_lost, 1, Transport)};
+    {Heard, counted(air_lost, 1, Transport)};
 passed(Packet, Delays, Before) ->
     lists:foldl(fun(Delay, Through) -> delay(Packet, Delay, Through) end, Before, Delays).
 
 delay(Packet, 0, {Heard, Transport}) ->
     {[Packet | Heard], Transport};
 delay(_Packet, _Ms, {Heard, #transport{delayed = ?DELAYED} = Transport}) ->
-    {Heard, count(air_full, 1, Transport)};
+    {Heard, counted(air_full, 1, Transport)};
 delay(Packet, Ms, {Heard, #transport{delayed = Delayed} = Transport}) ->
     _ = erlang:send_after(Ms, self(), {?MODULE, delayed, Packet}),
     {Heard, Transport#transport{delayed = Delayed + 1}}.
@@ -220,10 +246,10 @@ tell([], Transport) ->
     Transport;
 tell(Packets, #transport{link = Link} = Transport) ->
     Link ! {starl_heard, self(), Packets},
-    count(heard, length(Packets), Transport).
+    counted(heard, length(Packets), Transport).
 
-count(What, Number, #transport{figures = Figures} = Transport) ->
-    Transport#transport{figures = starl_live_figures:count(What, Number, Figures)}.
+counted(What, Number, #transport{figures = Figures} = Transport) ->
+    Transport#transport{figures = count(What, Number, Figures)}.
 
 -spec terminate(term(), #transport{}) -> ok.
 terminate(_Reason, #transport{module = Module, state = State}) -> Module:close(State).
