@@ -82,7 +82,7 @@ command(commission, N, Robot, Fleet, _Plan) ->
 command(Stage, N, Robot, Fleet, Plan) ->
     robot(N, Robot, Fleet, Plan, action(Stage, Plan)).
 
-%% What the release on a robot is told.
+%% The command for the release on a robot.
 action(may_reload, _Plan) ->
     "reload check";
 action(reload, #{trial_s := Trial}) ->

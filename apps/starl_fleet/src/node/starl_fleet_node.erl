@@ -306,7 +306,7 @@ crash({Name, Cause}) ->
 -spec handle_cast(term(), #node{}) -> {noreply, #node{}}.
 handle_cast(_Request, Node) -> {noreply, Node}.
 
--spec handle_info(starl_live_link:told() | {starl_reloaded, _, _, _}, #node{}) ->
+-spec handle_info(starl_live_link:report() | {starl_reloaded, _, _, _}, #node{}) ->
     {noreply, #node{}}.
 handle_info({starl_traced, _Id, _Link, {_Batch, _Looked, Events}}, Node) ->
     {noreply, lists:foldl(fun noted/2, Node, Events)};
@@ -317,15 +317,15 @@ handle_info({starl_started, _Id, Link, _Names}, #node{orders = Orders} = Node) -
     %% a robot that has started anew in this node has its first code
     _ = [starl_live_link:reload(Link, Order, self()) || Order <- lists:sublist(Orders, 1)],
     {noreply, Node#node{result = running}};
-handle_info({starl_reloaded, Id, Name, #{number := N} = Told}, #node{reload = Reload} = Node) ->
+handle_info({starl_reloaded, Id, Name, #{number := N} = Result}, #node{reload = Reload} = Node) ->
     case Reload of
-        #{number := N} -> {noreply, heeded(Id, Name, Told, Node)};
+        #{number := N} -> {noreply, applied(Id, Name, Result, Node)};
         _ -> {noreply, Node}
     end;
 handle_info(_Message, Node) ->
     {noreply, Node}.
 
-heeded(Id, Name, #{number := N, outcome := Outcome, module := Module}, Node) ->
+applied(Id, Name, #{number := N, outcome := Outcome, module := Module}, Node) ->
     #node{reload = #{waiting := Waiting, failed := Before} = Reload} = Node,
     Left = Reload#{waiting := lists:delete(Name, Waiting)},
     case Before =:= none andalso starl_reload:is_failure(Outcome) of

@@ -16,7 +16,7 @@
 
 -export_type([config/0, answer/0, output/0, said/0, sense/0]).
 
-%% What every driver is told; each has further keys of its own.
+%% What every driver gets; each has further keys of its own.
 -type config() :: #{
     robot := starl:robot_id(),
     clock := starl_live_clock:t(),
@@ -69,7 +69,7 @@ when
     State :: term(), Why :: unicode:chardata().
 %% The robot's application is done: it may sleep, and charge. A later script wakes it.
 -callback rest(State) -> State when State :: term().
-%% Somebody wants to know where the body is: it is told soon (`posed').
+%% Somebody wants to know where the body is: the driver reports it soon (`posed').
 -callback look(State) -> State when State :: term().
 %% The state of the chassis, for people.
 -callback condition(State :: term()) -> map().

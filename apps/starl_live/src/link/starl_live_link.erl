@@ -41,7 +41,7 @@
 -export([processes/1, at_work/1]).
 -export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([spec/0, line/0, told/0]).
+-export_type([spec/0, line/0, report/0]).
 
 %% A line of the robot: the module of its driver, and the driver's own configuration.
 -type line() :: {module(), map()}.
@@ -82,9 +82,9 @@
 }.
 
 %% A message to the sink: the names of the robot's machines, when it starts, and the file of its
-%% record; the facts of its steps,
-%% batch by batch; what it knows of packets; the end of its application.
--type told() ::
+%% record; the trace events of its steps, batch by batch; what it knows of packets; the end of its
+%% application.
+-type report() ::
     {starl_started, starl:robot_id(), Link :: pid(), {
         [starl_machine:name()], file:filename() | none
     }}
@@ -150,7 +150,7 @@ metrics(Link) -> gen_server:call(Link, metrics).
 line(Link, Line) -> gen_server:call(Link, {line, Line}).
 
 %% @doc Gives the robot new code, whose modules are loaded. This process gets a report on how each
-%% machine applies it: `{starl_reloaded, Robot, Machine, Told}' ({@link starl_reload:told()}).
+%% machine applies it: `{starl_reloaded, Robot, Machine, Result}' ({@link starl_reload:told()}).
 -spec reload(pid(), starl_reload:order(), pid()) -> ok.
 reload(Link, Order, Reporter) -> gen_server:cast(Link, {reload, Order, Reporter}).
 

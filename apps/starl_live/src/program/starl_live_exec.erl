@@ -249,7 +249,7 @@ waited(Lines, #exec{waiting = Before} = Exec) ->
 
 ends(Why, #exec{name = Name}) -> {stop, [Name, " ", Why]}.
 
-%% It will not stop by what it is told.
+%% It will not stop by a command.
 broken(Why, #exec{program = Program} = Exec) ->
     ok = starl_live_program:kill(Program),
     ends(Why, Exec).
@@ -259,7 +259,7 @@ lines([], Outputs, Exec) ->
 lines([Line | Lines], Outputs, Exec) ->
     case line(Line, Exec) of
         {stop, _} = Stop -> Stop;
-        {Told, Next} -> lines(Lines, [Told | Outputs], Next)
+        {Said, Next} -> lines(Lines, [Said | Outputs], Next)
     end.
 
 line(long, Exec) ->

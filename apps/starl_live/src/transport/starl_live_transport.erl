@@ -24,7 +24,7 @@
 
 -export_type([config/0, figures/0, heard/0, latest/0]).
 
-%% What every transport is told; each has further keys of its own. Only robots of the same fleet and
+%% What every transport gets; each has further keys of its own. Only robots of the same fleet and
 %% the same run hear each other.
 -type config() :: #{
     robot := starl:robot_id(),
@@ -41,7 +41,7 @@
 %% reason.
 -type figures() :: #{atom() => non_neg_integer()}.
 
-%% The latest moment of a packet, by the robot's clock, and who is told if it has passed.
+%% The latest moment of a packet, by the robot's clock, and who is notified if it has passed.
 -type latest() :: {Us :: integer(), Owner :: term()}.
 
 %% The message to the link.
@@ -76,7 +76,7 @@ when
     clock :: starl_live_clock:t() | none,
     air :: starl_live_air:t(),
     delayed = 0 :: non_neg_integer(),
-    told :: starl_live_packet_reports:t() | none,
+    reports :: starl_live_packet_reports:t() | none,
     figures = #{} :: figures(),
     %% the last line on a packet that cannot be sent, which is not said twice: SAP tries again
     said = <<>> :: binary()
@@ -149,7 +149,7 @@ opened({ok, State}, Module, Air, Link, Config) ->
         link = Link,
         clock = maps:get(clock, Config, none),
         air = Air,
-        told = starl_live_packet_reports:new(Config)
+        reports = starl_live_packet_reports:new(Config)
     }};
 opened({error, Why}, _Module, _Air, _Link, _Config) ->
     {stop, {shutdown, {transport, unicode:characters_to_binary(Why)}}}.
@@ -188,13 +188,13 @@ handle_cast(
     end.
 
 put_on_air(To, Packet, #transport{module = Module, state = State} = Transport) ->
-    At = starl_live_packet_reports:at_us(Transport#transport.told),
+    At = starl_live_packet_reports:at_us(Transport#transport.reports),
     case Module:transmit(To, Packet, State) of
         {ok, Next} ->
-            ok = starl_live_packet_reports:sent(To, Packet, At, Transport#transport.told),
+            ok = starl_live_packet_reports:sent(To, Packet, At, Transport#transport.reports),
             Transport#transport{state = Next};
         {refused, Why, Next} ->
-            ok = starl_live_packet_reports:refused(To, Packet, At, Transport#transport.told),
+            ok = starl_live_packet_reports:refused(To, Packet, At, Transport#transport.reports),
             Line = unicode:characters_to_binary(Why),
             refuse(Line, Transport#transport{state = Next})
     end.
@@ -221,11 +221,11 @@ filter(Packets, Transport) ->
     {Heard, Filtered} = lists:foldl(fun pass/2, {[], Transport}, Packets),
     tell(lists:reverse(Heard), Filtered).
 
-pass(Packet, {Heard, #transport{air = Air, told = Told} = Transport}) ->
+pass(Packet, {Heard, #transport{air = Air, reports = Reports} = Transport}) ->
     From = starl_packet:source(Packet),
     {Delays, Next} = starl_live_air:pass(From, Air),
     ok = starl_live_packet_reports:came(
-        From, Packet, Delays, starl_live_air:is_cut(From, Air), Told
+        From, Packet, Delays, starl_live_air:is_cut(From, Air), Reports
     ),
     passed(Packet, Delays, {Heard, Transport#transport{air = Next}}).
 
