@@ -344,7 +344,7 @@ node_name_test() ->
     Robots = #{1 => #{host => "10.0.0.1"}},
     Given = #{name => "lab", app => starl_exercise, robots => Robots, transport => dist},
     {ok, Fleet} = starl_fleet_file:check("f.term", Given, starl_exercise),
-    ?assertEqual('lab-robot-1@10.0.0.1', starl_fleet_lines:node_name(1, Fleet)),
+    ?assertEqual('lab-robot-1@10.0.0.1', starl_fleet_adapters:node_name(1, Fleet)),
     ?assert(is_list(string:find(starl_fleet_net:vm_args(Fleet), "-erl_epmd_port 5001"))).
 
 %% A chassis that does not move says so.

@@ -83,7 +83,7 @@ only_distribution_has_certificates_test() ->
     end,
     {Copied, <<>>} = Needs(a_new_one),
     ?assertNotEqual(nomatch, string:find(Copied, " -C /w/keys fleet.key |")),
-    [?assertEqual({Copied, <<>>}, Needs(T)) || T <- starl_fleet_lines:transports() -- [dist]].
+    [?assertEqual({Copied, <<>>}, Needs(T)) || T <- starl_fleet_adapters:transports() -- [dist]].
 
 %% Words reach the shell as they are.
 quoted_test() ->

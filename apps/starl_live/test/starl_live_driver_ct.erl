@@ -1,4 +1,4 @@
-%% The driver's state of a live robot, for its tests. Its lines are the test itself, its clock shows what
+%% The driver's state of a live robot, for its tests. Its ports are the test itself, its clock shows what
 %% the test sets, and this module is a machine of it whose calls have a history.
 -module(starl_live_driver_ct).
 -behaviour(starl_live_clock).

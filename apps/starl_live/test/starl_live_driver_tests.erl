@@ -10,7 +10,7 @@
 %% -- what leaves ------------------------------------------------------------------------------------
 
 %% Each to its line, in their order.
-actions_go_to_their_lines_test() ->
+actions_go_to_their_ports_test() ->
     with_driver(#{}, fun(Driver, Set) ->
         {Packet, Self} = {packet(), self()},
         ok = Set(7000),
@@ -47,17 +47,17 @@ actions_go_to_their_lines_test() ->
         ?assertEqual({[], Stopped}, starl_live_driver:flush(Stopped)),
         ?assertEqual([], sent()),
         [
-            ?assertEqual(Self, starl_live_driver:line(L, Driver))
+            ?assertEqual(Self, starl_live_driver:port(L, Driver))
          || L <- [transport, positioning, chassis]
         ],
         ok
     end).
 
-each_line_is_its_own_process_test() ->
+each_port_is_its_own_process_test() ->
     [A, B, C] = [spawn(fun() -> ok end) || _ <- [1, 2, 3]],
     with_driver(#{transport => A, positioning => B, chassis => C}, fun(Driver, _) ->
         ?assertEqual(
-            [A, B, C], [starl_live_driver:line(L, Driver) || L <- [transport, positioning, chassis]]
+            [A, B, C], [starl_live_driver:port(L, Driver) || L <- [transport, positioning, chassis]]
         ),
         ok
     end).
@@ -182,8 +182,8 @@ an_outlived_robot_marks_its_store_and_ends_test() ->
 
 %% -- what is heard ----------------------------------------------------------------------------------
 
-%% The messages of its own lines, and of no others.
-messages_of_its_lines_are_events_test() ->
+%% The messages of its own ports, and of no others.
+messages_of_its_ports_are_events_test() ->
     [Radio, Eyes, Wheels, Range, Other] = [spawn(fun() -> ok end) || _ <- lists:seq(1, 5)],
     Given = #{
         transport => Radio, positioning => Eyes, chassis => Wheels, senses => #{range => Range}

@@ -18,7 +18,7 @@
 -behaviour(starl_platform).
 
 -export([new/1, report_start/2, hear/2, input/2, snapshot/2, stop/1, flush/1]).
--export([at/1, now_us/1, due_us/2, moment/1, figures/1, counts/1, line/2]).
+-export([at/1, now_us/1, due_us/2, moment/1, figures/1, counts/1, port/2]).
 -export([reload/3, take_back/3, crashed/3, gone/3]).
 -export([handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2]).
 -export([perform/3]).
@@ -221,11 +221,11 @@ figures(#driver{events = Events, packets = Packets}) -> #{events => Events, pack
 -spec counts(t()) -> starl_live_counts:t().
 counts(#driver{counts = Counts}) -> Counts.
 
-%% @doc The process of a line.
--spec line(transport | positioning | chassis, t()) -> pid().
-line(transport, #driver{setup = #setup{transport = Pid}}) -> Pid;
-line(positioning, #driver{setup = #setup{positioning = Pid}}) -> Pid;
-line(chassis, #driver{setup = #setup{chassis = Pid}}) -> Pid.
+%% @doc The process of a port.
+-spec port(transport | positioning | chassis, t()) -> pid().
+port(transport, #driver{setup = #setup{transport = Pid}}) -> Pid;
+port(positioning, #driver{setup = #setup{positioning = Pid}}) -> Pid;
+port(chassis, #driver{setup = #setup{chassis = Pid}}) -> Pid.
 
 %% -- time -----------------------------------------------------------------------------------
 

@@ -1,10 +1,10 @@
 %% @doc The link of a live robot drives its {@link starl_robot} in real time. It opens the robot's
-%% store, record and lines, starts its machines, and then handles the packets, poses, answers of the
+%% store, record and ports, starts its machines, and then handles the packets, poses, answers of the
 %% chassis and timers that arrive, one at a time. The rest of the driver's state is {@link
 %% starl_live_driver}.
 %% ```
 %%   transport, positioning,        +--------------- link ----------------+
-%%   chassis, senses, timers  ----> | waiting events --> starl_robot      | ----> lines
+%%   chassis, senses, timers  ----> | waiting events --> starl_robot      | ----> ports
 %%   reloads, marks                 |     (one at a time, when quiet)     |       (when a step is over)
 %%                                  +-------------------------------------+
 %%                                     order |  ^ actions     order |  ^ actions
@@ -31,7 +31,7 @@
     inspect/1,
     figures/1,
     metrics/1,
-    line/2,
+    port/2,
     reload/3,
     take_back/3,
     sense_faults/2,
@@ -41,19 +41,19 @@
 -export([processes/1, at_work/1]).
 -export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([spec/0, line/0, report/0]).
+-export_type([spec/0, adapter/0, report/0]).
 
-%% A line of the robot: the module of its driver, and the driver's own configuration.
--type line() :: {module(), map()}.
+%% What drives a port of the robot: a module, and its own configuration.
+-type adapter() :: {module(), map()}.
 
 %% A robot: its machines ({@link starl_robot_crew:tree()}), the seed of its team, which is the same
-%% for all robots and all their starts ({@link starl_machine:config()}), its lines, the senses that are not its
+%% for all robots and all their starts ({@link starl_machine:config()}), its ports, the senses that are not its
 %% chassis', its clock, the directory of
 %% its store, and the process that gets the facts, if any; `record': whether the facts are also
 %% written to a file there (false); `codes': the code of machines that have been reloaded;
 %% `reporter': who is told about reloads; `packets': whether the sink is told of all packets;
 %% `observe': who else is told everything, on this node. `robot_sup' is the supervisor under which
-%% the machines' processes start. A simulation gives a robot lines that are open already, lets its
+%% the machines' processes start. A simulation gives a robot ports that are open already, lets its
 %% machines run inline, but for a sequential application, gives them their random streams, and may be
 %% told each fact at once instead of at the end of its step (`tell').
 -type spec() :: #{
@@ -64,10 +64,10 @@
     profile := starl_chassis:profile(),
     clock := starl_live_clock:t(),
     dir := starl_live_disk:place(),
-    transport := line() | pid(),
-    positioning := line() | pid(),
-    chassis := line() | pid(),
-    senses => #{starl_sense:kind() => line()},
+    transport := adapter() | pid(),
+    positioning := adapter() | pid(),
+    chassis := adapter() | pid(),
+    senses => #{starl_sense:kind() => adapter()},
     sink := pid() | none,
     record => boolean(),
     codes => starl_reload:codes(),
@@ -92,7 +92,7 @@
     | {starl_radio, starl:robot_id(), [starl_monitor:trace_event()]}
     | {starl_ended, starl:robot_id(), Link :: pid(), given_up | {done, term()}}.
 
-%% A specification whose lines are processes, with the store and the record.
+%% A specification whose ports are processes, with the store and the record.
 -type opened() :: #{store := starl_live_store:t(), atom() => term()}.
 
 %% An event that waits until the robot is quiet.
@@ -128,7 +128,7 @@
     is_due = false :: boolean()
 }).
 
-%% @doc Starts the link, its lines, and then the robot's machines.
+%% @doc Starts the link, its ports, and then the robot's machines.
 -spec start_link(spec()) -> gen_server:start_ret().
 start_link(Spec) -> gen_server:start_link(?MODULE, Spec, []).
 
@@ -145,9 +145,9 @@ figures(Link) -> gen_server:call(Link, figures).
 -spec metrics(pid()) -> {[starl_live_counts:gauge()], starl_live_counts:t()}.
 metrics(Link) -> gen_server:call(Link, metrics).
 
-%% @doc The process of one of the robot's lines.
--spec line(pid(), transport | positioning | chassis) -> pid().
-line(Link, Line) -> gen_server:call(Link, {line, Line}).
+%% @doc The process of one of the robot's ports.
+-spec port(pid(), transport | positioning | chassis) -> pid().
+port(Link, Port) -> gen_server:call(Link, {port, Port}).
 
 %% @doc Gives the robot new code, whose modules are loaded. This process gets a report on how each
 %% machine applies it: `{starl_reloaded, Robot, Machine, Result}' ({@link starl_reload:told()}).
@@ -212,14 +212,14 @@ handle_continue(launch, #{clock := Clock, store := Store} = Opened) ->
             {stop, Reason, Opened}
     end.
 
--spec handle_call(inspect | figures | metrics | {line, atom()}, gen_server:from(), #link{}) ->
+-spec handle_call(inspect | figures | metrics | {port, atom()}, gen_server:from(), #link{}) ->
     {reply, term(), #link{}}.
 handle_call(inspect, _From, Link) ->
     {reply, starl_robot_tree:inspect(machines(Link)), Link};
 handle_call(figures, _From, Link) ->
     {reply, starl_live_driver:figures(driver(Link)), Link};
-handle_call({line, Line}, _From, Link) ->
-    {reply, starl_live_driver:line(Line, driver(Link)), Link};
+handle_call({port, Port}, _From, Link) ->
+    {reply, starl_live_driver:port(Port, driver(Link)), Link};
 handle_call(metrics, _From, Link) ->
     Driver = starl_live_driver:at(driver(Link)),
     Counts = starl_live_driver:counts(Driver),
@@ -289,7 +289,7 @@ handle_info(Message, Link) ->
 
 %% -- launch ---------------------------------------------------------------------------------
 
-%% Opens what is to be open before the machines start. The lines are linked to this process.
+%% Opens what is to be open before the machines start. The ports are linked to this process.
 opened(#{dir := Dir} = Spec) ->
     case starl_live_store:open(Dir) of
         {ok, Store} -> recording(Spec#{store => Store});
@@ -300,31 +300,31 @@ failure(Part, Why) -> {shutdown, {Part, unicode:characters_to_binary(Why)}}.
 
 recording(#{record := true, dir := Dir} = Spec) ->
     case starl_live_record:open(Dir) of
-        {ok, Record} -> lines([transport, positioning, chassis], Spec#{record := Record});
+        {ok, Record} -> ports([transport, positioning, chassis], Spec#{record := Record});
         {error, Why} -> {stop, failure(record, Why)}
     end;
 recording(Spec) ->
-    lines([transport, positioning, chassis], Spec#{record => none}).
+    ports([transport, positioning, chassis], Spec#{record => none}).
 
-lines([], Spec) ->
+ports([], Spec) ->
     senses(maps:to_list(maps:get(senses, Spec, #{})), Spec#{senses => #{}});
-lines([Line | Lines], Spec) when is_pid(map_get(Line, Spec)) ->
-    lines(Lines, Spec);
-lines([Line | Lines], Spec) ->
-    #{Line := {Module, Own}, robot := Robot, clock := Clock, tree := Tree, profile := P} = Spec,
+ports([Port | Ports], Spec) when is_pid(map_get(Port, Spec)) ->
+    ports(Ports, Spec);
+ports([Port | Ports], Spec) ->
+    #{Port := {Module, Own}, robot := Robot, clock := Clock, tree := Tree, profile := P} = Spec,
     #{participants := Team} = Tree,
     Known = Own#{robot => Robot, participants => Team, clock => Clock, profile => P},
-    case start_line(Line, Module, Known, Spec) of
-        {ok, Pid} -> lines(Lines, Spec#{Line => Pid});
+    case start_port(Port, Module, Known, Spec) of
+        {ok, Pid} -> ports(Ports, Spec#{Port => Pid});
         {error, Reason} -> {stop, Reason}
     end.
 
-start_line(transport, Module, Config, Spec) ->
+start_port(transport, Module, Config, Spec) ->
     Reports = Config#{tell => starl_live_packet_reports:teller(Spec)},
     starl_live_transport:start_link(Module, Reports, self());
-start_line(positioning, Module, Config, _Spec) ->
+start_port(positioning, Module, Config, _Spec) ->
     starl_live_positioning:start_link(Module, Config, self());
-start_line(chassis, Module, Config, _Spec) ->
+start_port(chassis, Module, Config, _Spec) ->
     starl_live_chassis:start_link(Module, Config, self()).
 
 senses([], Spec) ->
@@ -410,12 +410,12 @@ answered(Pid, Actions, #link{robot = Robot} = Link) ->
         Turn -> went(Turn, Link)
     end.
 
-%% A line was too late with what a machine has sent.
+%% A port was too late with what a machine has sent.
 late({Name, Mark}, Before) ->
     #link{robot = Robot} = Link = input({other, late}, Before),
     go_on(Link#link{robot = starl_robot:first([{Name, info, {late, Mark}}], Robot)}).
 
-%% A message of the robot's lines, or an unknown one. Packets may be lost; other events are few.
+%% A message of the robot's ports, or an unknown one. Packets may be lost; other events are few.
 hear(Message, #link{waiting = Waiting} = Link) ->
     case starl_live_driver:hear(Message, driver(Link)) of
         unknown ->

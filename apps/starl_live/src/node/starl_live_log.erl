@@ -76,8 +76,8 @@ text(#{what := robot_starts_anew, why := gave_up}) ->
     {"it starts anew: its machines have ended too often", []};
 text(#{what := robot_starts_anew, why := outlived}) ->
     {"it starts anew: its store is older than what others have heard of it", []};
-text(#{what := robot_starts_anew, why := {Line, Why}}) when is_binary(Why) ->
-    {"it starts anew: its ~ts: ~ts", [Line, Why]};
+text(#{what := robot_starts_anew, why := {Port, Why}}) when is_binary(Why) ->
+    {"it starts anew: its ~ts: ~ts", [Port, Why]};
 text(#{what := robot_starts_anew, why := Why}) ->
     {"it starts anew: ~0tp", [Why]};
 text(#{what := node_ends, why := reached_max_restart_intensity}) ->

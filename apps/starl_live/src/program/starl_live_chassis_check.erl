@@ -26,7 +26,7 @@
 -record(exam, {
     chassis :: pid(),
     clock :: starl_live_clock:t(),
-    driver :: starl_live_link:line(),
+    driver :: starl_live_link:adapter(),
     found = [] :: [finding()]
 }).
 
@@ -53,7 +53,7 @@
 
 %% @doc Returns the findings, clause by clause. If the driver does not open, nothing else is
 %% checked.
--spec check(starl_live_link:line()) -> [finding(), ...].
+-spec check(starl_live_link:adapter()) -> [finding(), ...].
 check({_Module, _Own} = Driver) ->
     Before = process_flag(trap_exit, true),
     Clock = starl_live_clock:new(erlang:system_time(microsecond), 1),

@@ -143,7 +143,7 @@ set_air(Node, Settings) -> lists:foreach(fun(Link) -> aired(Link, Settings) end,
 
 aired(Link, Settings) ->
     try
-        starl_live_transport:set_air(starl_live_link:line(Link, transport), Settings)
+        starl_live_transport:set_air(starl_live_link:port(Link, transport), Settings)
     catch
         exit:_ -> ok
     end.
@@ -164,7 +164,7 @@ peers(Node) -> lists:append([known(Link) || Link <- robot_link(Node)]).
 
 known(Link) ->
     try
-        starl_live_transport:peers(starl_live_link:line(Link, transport))
+        starl_live_transport:peers(starl_live_link:port(Link, transport))
     catch
         exit:_ -> []
     end.

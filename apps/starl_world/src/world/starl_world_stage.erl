@@ -28,7 +28,7 @@
     plan := starl_run_plan:t(),
     clock := starl_live_clock:t(),
     world := pid(),
-    transport := fun((starl:robot_id()) -> starl_live_link:line()),
+    transport := fun((starl:robot_id()) -> starl_live_link:adapter()),
     options := #{dir := file:filename(), atom() => term()}
 }.
 
@@ -158,7 +158,8 @@ free_ports(Number, Port, Sockets) ->
     end.
 
 %% @doc The line of a robot; `Nodes' are the robots' nodes.
--spec line(starl:robot_id(), #{starl:robot_id() => node()}, transport()) -> starl_live_link:line().
+-spec line(starl:robot_id(), #{starl:robot_id() => node()}, transport()) ->
+    starl_live_link:adapter().
 line(Robot, Nodes, #transport{name = Name, common = #{air := Air} = Common, ports = Ports}) ->
     %% each robot has a chance of its own
     #{seed := Seed} = Air,
