@@ -8,8 +8,8 @@
 %%     link -- transmit(Transport, To, Packet) --> transport --> the air
 %%     link <-- {starl_heard, Transport, [Packet]} -- transport <-- the air
 %% '''
-%% What it hears goes through a filter ({@link starl_live_air}), which is clear unless the
-%% configuration or {@link set_air/2} says otherwise.
+%% What it hears goes through a filter ({@link starl_live_conditions}), which disturbs nothing unless the
+%% configuration or {@link set_conditions/2} says otherwise.
 %%
 %% A packet with a deadline leaves by then, or not at all: `{starl_late, Owner}' notifies the link.
 %%
@@ -18,7 +18,7 @@
 -module(starl_live_transport).
 -behaviour(gen_server).
 
--export([start_link/3, transmit/3, transmit/4, figures/1, peers/1, set_air/2]).
+-export([start_link/3, transmit/3, transmit/4, figures/1, peers/1, set_conditions/2]).
 -export([count/2, count/3, refused/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2, format_status/1]).
 
@@ -31,7 +31,7 @@
     participants := starl_team:t(),
     fleet := unicode:chardata(),
     run := non_neg_integer(),
-    air => starl_live_air:settings(),
+    air => starl_live_conditions:settings(),
     clock => starl_live_clock:t(),
     tell => starl_live_packet_reports:teller(),
     atom() => term()
@@ -74,7 +74,7 @@ when
     state :: term(),
     link :: pid(),
     clock :: starl_live_clock:t() | none,
-    air :: starl_live_air:t(),
+    conditions :: starl_live_conditions:t(),
     delayed = 0 :: non_neg_integer(),
     reports :: starl_live_packet_reports:t() | none,
     figures = #{} :: figures(),
@@ -105,8 +105,8 @@ figures(Transport) -> gen_server:call(Transport, figures).
 peers(Transport) -> gen_server:call(Transport, peers).
 
 %% @doc Changes these settings of the filter.
--spec set_air(pid(), starl_live_air:settings()) -> ok | {error, unicode:chardata()}.
-set_air(Transport, Settings) -> gen_server:call(Transport, {set_air, Settings}).
+-spec set_conditions(pid(), starl_live_conditions:settings()) -> ok | {error, unicode:chardata()}.
+set_conditions(Transport, Settings) -> gen_server:call(Transport, {set_conditions, Settings}).
 
 %% -- counters, for the modules of this behaviour --------------------------------------------
 
@@ -137,33 +137,33 @@ refused(Why, _From, Figures) ->
 init({Module, #{robot := Robot} = Config, Link}) ->
     process_flag(trap_exit, true),
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
-    case starl_live_air:new(maps:get(air, Config, #{})) of
-        {ok, Air} -> opened(Module:open(Config), Module, Air, Link, Config);
+    case starl_live_conditions:new(maps:get(air, Config, #{})) of
+        {ok, Conditions} -> opened(Module:open(Config), Module, Conditions, Link, Config);
         {error, _} = Error -> opened(Error, Module, none, Link, Config)
     end.
 
-opened({ok, State}, Module, Air, Link, Config) ->
+opened({ok, State}, Module, Conditions, Link, Config) ->
     {ok, #transport{
         module = Module,
         state = State,
         link = Link,
         clock = maps:get(clock, Config, none),
-        air = Air,
+        conditions = Conditions,
         reports = starl_live_packet_reports:new(Config)
     }};
 opened({error, Why}, _Module, _Air, _Link, _Config) ->
     {stop, {shutdown, {transport, unicode:characters_to_binary(Why)}}}.
 
 -spec handle_call(Question, gen_server:from(), #transport{}) -> {reply, Answer, #transport{}} when
-    Question :: figures | peers | {set_air, starl_live_air:settings()},
+    Question :: figures | peers | {set_conditions, starl_live_conditions:settings()},
     Answer :: figures() | [starl_live_peers:peer()] | ok | {error, unicode:chardata()}.
 handle_call(peers, _From, #transport{module = Module, state = State} = Transport) ->
     {reply, known(erlang:function_exported(Module, peers, 1), Module, State), Transport};
 handle_call(figures, _From, #transport{module = Module, state = State} = Transport) ->
     {reply, maps:merge(Module:figures(State), Transport#transport.figures), Transport};
-handle_call({set_air, Settings}, _From, #transport{air = Air} = Transport) ->
-    case starl_live_air:set(Settings, Air) of
-        {ok, Changed} -> {reply, ok, Transport#transport{air = Changed}};
+handle_call({set_conditions, Settings}, _From, #transport{conditions = Conditions} = Transport) ->
+    case starl_live_conditions:set(Settings, Conditions) of
+        {ok, Changed} -> {reply, ok, Transport#transport{conditions = Changed}};
         {error, _} = Error -> {reply, Error, Transport}
     end.
 
@@ -221,13 +221,13 @@ filter(Packets, Transport) ->
     {Heard, Filtered} = lists:foldl(fun pass/2, {[], Transport}, Packets),
     tell(lists:reverse(Heard), Filtered).
 
-pass(Packet, {Heard, #transport{air = Air, reports = Reports} = Transport}) ->
+pass(Packet, {Heard, #transport{conditions = Conditions, reports = Reports} = Transport}) ->
     From = starl_packet:source(Packet),
-    {Delays, Next} = starl_live_air:pass(From, Air),
+    {Delays, Next} = starl_live_conditions:pass(From, Conditions),
     ok = starl_live_packet_reports:came(
-        From, Packet, Delays, starl_live_air:is_cut(From, Air), Reports
+        From, Packet, Delays, starl_live_conditions:is_cut(From, Conditions), Reports
     ),
-    passed(Packet, Delays, {Heard, Transport#transport{air = Next}}).
+    passed(Packet, Delays, {Heard, Transport#transport{conditions = Next}}).
 
 passed(_Packet, [], {Heard, Transport}) ->
     {Heard, counted(air_lost, 1, Transport)};

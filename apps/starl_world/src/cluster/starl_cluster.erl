@@ -53,7 +53,7 @@
     epoch_us => integer(),
     transport := starl_world_stage:name(),
     speed => number(),
-    air => starl_live_air:settings(),
+    air => starl_live_conditions:settings(),
     watch => [{module(), map()}],
     observe => starl_observer:t(),
     packets => boolean(),
