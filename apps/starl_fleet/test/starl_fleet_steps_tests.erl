@@ -109,5 +109,5 @@ fleet() ->
     ),
     Fleet.
 
-plan(Way) ->
-    #{release => "/w/_build/1-a", keys => "/w/keys", kind => ours, way => Way, trial_s => 5}.
+plan(Mode) ->
+    #{release => "/w/_build/1-a", keys => "/w/keys", kind => ours, mode => Mode, trial_s => 5}.

@@ -223,10 +223,10 @@ each(Answers, Shown) ->
 status(true) -> 0;
 status(false) -> 1.
 
-options(Way, #{fleet := #{name := Name}, code := Code}, Values) ->
+options(Mode, #{fleet := #{name := Name}, code := Code}, Values) ->
     #{
         kind => kind(Values),
-        way => Way,
+        mode => Mode,
         trial_s => maps:get(trial, Values),
         code => Code,
         scratch => filename:join([starl_cli_target:root(), "_build", "fleet", Name]),

@@ -139,7 +139,7 @@ is_app(App) -> is_text(App) orelse (is_atom(App) andalso App =/= none).
 
 is_all(each) ->
     true;
-is_all({Way, {A, B, C, D}, Port}) when Way =:= multicast; Way =:= broadcast ->
+is_all({Kind, {A, B, C, D}, Port}) when Kind =:= multicast; Kind =:= broadcast ->
     lists:all(fun(Byte) -> is_integer(Byte) andalso Byte >= 0 andalso Byte < 256 end, [A, B, C, D]) andalso
         is_integer(Port) andalso Port > 0 andalso Port < 65536;
 is_all(_) ->

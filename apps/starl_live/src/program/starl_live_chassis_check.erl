@@ -188,10 +188,12 @@ still(Clause, {X, Y, H}, Exam) ->
 moved(Clause, From, To, _Wanted, Exam) when From =:= none; To =:= none ->
     found(unknown, Clause, "its way cannot be seen: it tells no poses", Exam);
 moved(Clause, {X0, Y0, H0}, {X1, Y1, H1}, {Mm, Rad}, Exam) ->
-    Way = starl_geometry:distance({X0, Y0}, {X1, Y1}),
+    Driven = starl_geometry:distance({X0, Y0}, {X1, Y1}),
     Turn = starl_geometry:angle_diff(H1, H0),
-    Text = io_lib:format("~.1f mm and ~.3f rad; ~.1f and ~.3f were told", [Way, Turn, Mm, Rad]),
-    case abs(Way - Mm) =< ?ERROR * Mm + ?STILL_MM andalso abs(Turn - Rad) =< ?ERROR * Rad + 0.02 of
+    Text = io_lib:format("~.1f mm and ~.3f rad; ~.1f and ~.3f were told", [Driven, Turn, Mm, Rad]),
+    case
+        abs(Driven - Mm) =< ?ERROR * Mm + ?STILL_MM andalso abs(Turn - Rad) =< ?ERROR * Rad + 0.02
+    of
         true -> found(ok, Clause, Text, Exam);
         false -> found(broken, Clause, Text, Exam)
     end.

@@ -21,7 +21,7 @@
 -export_type([config/0]).
 
 %% Beside the keys of every transport and of {@link starl_live_seal}: `peers': where each robot
-%% hears, this one as well; `all': the way of a packet for all; `interface': the address of the
+%% hears, this one as well; `all': where a packet for all goes; `interface': the address of the
 %% network that carries multicast; `rate': bytes per millisecond; `spread_ms': the longest wait
 %% before an answer to a packet for all; `beat_ms': the time between two beats; without beats nobody is asked
 %% for a proof. A simulation gives it
