@@ -105,12 +105,12 @@ radio() ->
 
 robot() ->
     [
-        {starts_unstored, sap, starl_live_launch,
+        {starts_unstored, sap, starl_live_link,
             [
                 {"    case starl_live_store:started(starl_robot_machines:starts(Machines), Store) of\n        ok -> {ok, started(",
                     "    case element(1, {ok, starl_robot_machines:starts(Machines)}) of\n        ok -> {ok, started("},
-                {"        {error, Why} -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}}\n    end.\n\ninline(",
-                    "        Why -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}}\n    end.\n\ninline("}
+                {"        {error, Why} -> {stop, failure(store, Why)}\n    end.\n\ninline(",
+                    "        Why -> {stop, failure(store, Why)}\n    end.\n\ninline("}
             ],
             "a robot's start is not stored before its machines run"},
         {store_lost_unnoticed, sap, starl_live_store,
@@ -126,15 +126,15 @@ robot() ->
             ],
             "machines of a robot whose store was lost find no term, and not a damaged one"},
         %% rare: within 3,000 seeds at 1,246 only
-        {link_late_answer, {mutex, 1201}, starl_live_turns,
+        {link_late_answer, {mutex, 1201}, starl_live_link,
             [
-                {"{ok, Turns#turns{robot = Robot, beside = maps:remove(Gone, Beside)}};",
-                    "{ok, Turns#turns{robot = Robot, beside = (fun(_) -> Beside end)(Gone)}};"},
-                {"    case {Beside, starl_robot_machines:name_of(Pid, machines(Turns))} of",
+                {"{ok, Link#link{robot = Robot, beside = maps:remove(Gone, Beside)}};",
+                    "{ok, Link#link{robot = Robot, beside = (fun(_) -> Beside end)(Gone)}};"},
+                {"    case {Beside, starl_robot_machines:name_of(Pid, machines(Link))} of",
                     "    _ = fun starl_robot_machines:name_of/2,\n    case {Beside, {ok, app}} of"}
             ],
             "the answer of a dead process is taken for its successor's"},
-        {timers_early, mutex, starl_live_timers,
+        {timers_early, mutex, starl_live_driver,
             [
                 {"starl_live_clock:monotonic_ms(Now + Us, Clock)",
                     "starl_live_clock:monotonic_ms(Now + Us div 3, Clock)"}
@@ -156,16 +156,16 @@ reload() ->
                     "until_us := Until} | _]}) -> Now > 2 * Until;"}
             ],
             "a crash within the trial time ends the application"},
-        {reload_not_taken_back, mutex, starl_live_turns,
+        {reload_not_taken_back, mutex, starl_live_link,
             [
-                {"    {Words, Next} = starl_live_body:take_back(N, Failed, Body),\n    heeded(Words, Next, Now);",
-                    "    {_, Next} = starl_live_body:take_back(N, Failed, Body),\n    heeded([], Next, Now);"}
+                {"    {Commands, Next} = starl_live_driver:take_back(N, Failed, Driver),\n    command(Commands, Next, Now);",
+                    "    {_, Next} = starl_live_driver:take_back(N, Failed, Driver),\n    command([], Next, Now);"}
             ],
             "a robot does not leave code that has failed on another"},
-        {reload_unheeded, mutex, starl_live_codes,
+        {reload_unheeded, mutex, starl_live_driver,
             [
-                {"{Told, Begun} = starl_reload:started(Name, Now, Codes),",
-                    "{Told, Begun} = {[], maps:map(fun(_, {L, _}) -> {L, []} end, Codes)},"}
+                {"{Results, Begun} = starl_reload:started(Name, Now, Codes),",
+                    "{Results, Begun} = {[], maps:map(fun(_, {L, _}) -> {L, []} end, Codes)},"}
             ],
             "a process that starts anew forgets the words that its predecessor has not heeded"}
     ].

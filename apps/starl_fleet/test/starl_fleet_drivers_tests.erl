@@ -18,9 +18,9 @@ fleet_test() ->
     ?assertMatch(#{1 := #{chassis := {exec, #{exec := "/opt/bot --port 3"}}}}, Robots),
     ?assertMatch(#{2 := #{chassis := {{module, two_wheels}, #{port := 9}}}}, Robots),
     ?assertEqual(
-        {starl_live_exec, #{exec => "/opt/bot --port 3"}}, starl_fleet_lines:chassis(1, Fleet)
+        {starl_live_exec, #{exec => "/opt/bot --port 3"}}, starl_fleet_adapters:chassis(1, Fleet)
     ),
-    ?assertEqual({two_wheels, #{port => 9}}, starl_fleet_lines:chassis(2, Fleet)),
+    ?assertEqual({two_wheels, #{port => 9}}, starl_fleet_adapters:chassis(2, Fleet)),
     %% what the robot's node reads is sound, too
     Text = unicode:characters_to_list(starl_fleet_file:portable(Fleet, #{})),
     {ok, Tokens, _} = erl_scan:string(Text),
@@ -28,7 +28,7 @@ fleet_test() ->
     ?assertMatch(
         {ok, #{robots := Robots}}, starl_fleet_file:check("fleet.term", Given, starl_painting)
     ),
-    ?assert(lists:member(starl_json:codec(), starl_fleet_lines:drivers(Fleet))).
+    ?assert(lists:member(starl_json:codec(), starl_fleet_adapters:drivers(Fleet))).
 
 fleet_mistakes_test_() ->
     [

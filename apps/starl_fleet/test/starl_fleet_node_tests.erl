@@ -15,63 +15,72 @@ step(Robot, N) ->
     {continue, N + 1}.
 
 %% READY=1 comes once, when the robot answers; the watchdog is fed for each answer, and for nothing else.
-watchdog_test() ->
-    {Socket, Path} = systemd(),
+%% It is fed twice in its time, in whole milliseconds.
+the_watchdog_is_fed_for_each_answer_test() ->
+    Path = filename:join("/tmp", "starl-notify-" ++ os:getpid()),
+    _ = file:delete(Path),
+    ?assertEqual(
+        [<<"READY=1">>, <<"WATCHDOG=1">>, <<"WATCHDOG=1">>],
+        fed(Path, Path, "2000", 1, [false, true, false, true])
+    ),
+    file:delete(Path).
+
+%% systemd may use a socket without a file.
+an_abstract_socket_is_notified_test() ->
+    Name = "starl-abstract-" ++ os:getpid(),
+    Bytes = <<0, (list_to_binary(Name))/binary>>,
+    ?assertEqual([<<"READY=1">>, <<"WATCHDOG=1">>], fed(Bytes, "@" ++ Name, "2000", 1, [true])).
+
+%% Without systemd nobody is notified, and the robot is checked all the same.
+a_robot_without_systemd_is_checked_test() ->
+    {ok, Watchdog} = starl_fleet_watchdog:start_link({"", ""}, answers(5000)),
+    looks(Watchdog, true),
+    ok = gen_server:call(Watchdog, done),
+    stopped(Watchdog).
+
+half_of_the_time_of_the_watchdog_is_its_period_test() ->
+    {ok, Watchdog} = starl_fleet_watchdog:start_link({"", "10000000"}, answers(5000)),
+    looks(Watchdog, true),
+    stopped(Watchdog).
+
+%% What comes to this socket, for these answers of the robot.
+fed(Address, Name, WatchdogUs, PeriodMs, Answers) ->
+    {ok, Socket} = gen_udp:open(0, [binary, {active, false}, {ifaddr, {local, Address}}]),
+    {ok, Watchdog} = starl_fleet_watchdog:start_link({Name, WatchdogUs}, answers(PeriodMs)),
+    [looks(Watchdog, Answer) || Answer <- Answers],
+    receive
+        %% the notifications for the last answer have been sent by now
+        {looks, Watchdog} -> ok
+    end,
+    Heard = heard(Socket),
+    stopped(Watchdog),
+    gen_udp:close(Socket),
+    Heard.
+
+answers(PeriodMs) ->
     Self = self(),
-    Answers = fun(1) ->
+    fun(Ms) when Ms =:= PeriodMs ->
         Self ! {looks, self()},
         receive
             {answers, Answer} -> Answer
         end
-    end,
-    {ok, Watchdog} = starl_fleet_watchdog:start_link(starl_fleet_notify:new(Path, "2000"), Answers),
-    [looks(Watchdog, Answer) || Answer <- [false, true, false, true]],
-    receive
-        %% the words on the last answer have been sent by now
-        {looks, Watchdog} -> ok
-    end,
-    ?assertEqual([<<"READY=1">>, <<"WATCHDOG=1">>, <<"WATCHDOG=1">>], heard(Socket)),
-    unlink(Watchdog),
-    exit(Watchdog, kill),
-    gen_udp:close(Socket),
-    file:delete(Path).
+    end.
 
 looks(Watchdog, Answer) ->
     receive
         {looks, Watchdog} -> Watchdog ! {answers, Answer}
     end.
 
-systemd() ->
-    Path = filename:join("/tmp", "starl-notify-" ++ os:getpid()),
-    _ = file:delete(Path),
-    {ok, Socket} = gen_udp:open(0, [binary, {active, false}, {ifaddr, {local, Path}}]),
-    {Socket, Path}.
+stopped(Watchdog) ->
+    unlink(Watchdog),
+    exit(Watchdog, kill),
+    ok.
 
 heard(Socket) ->
     case gen_udp:recv(Socket, 0, 0) of
-        {ok, {_, _, Word}} -> [Word | heard(Socket)];
+        {ok, {_, _, State}} -> [State | heard(Socket)];
         {error, timeout} -> []
     end.
-
-%% systemd may use a socket without a file.
-abstract_test() ->
-    Name = "starl-abstract-" ++ os:getpid(),
-    Address = {local, <<0, (list_to_binary(Name))/binary>>},
-    {ok, Socket} = gen_udp:open(0, [binary, {active, false}, {ifaddr, Address}]),
-    ok = starl_fleet_notify:tell("READY=1", starl_fleet_notify:new("@" ++ Name, "")),
-    ?assertMatch({ok, {_, _, <<"READY=1">>}}, gen_udp:recv(Socket, 0, 5000)),
-    gen_udp:close(Socket).
-
-%% Without systemd there is nobody to tell.
-alone_test() ->
-    Nobody = starl_fleet_notify:new("", ""),
-    ?assertEqual({ok, 5000}, {
-        starl_fleet_notify:tell("READY=1", Nobody), starl_fleet_notify:period_ms(Nobody)
-    }).
-
-%% Half of the watchdog's time, in whole milliseconds.
-period_test() ->
-    ?assertEqual(5000, starl_fleet_notify:period_ms(starl_fleet_notify:new("", "10000000"))).
 
 health_test_() ->
     [
@@ -335,7 +344,7 @@ node_name_test() ->
     Robots = #{1 => #{host => "10.0.0.1"}},
     Given = #{name => "lab", app => starl_exercise, robots => Robots, transport => dist},
     {ok, Fleet} = starl_fleet_file:check("f.term", Given, starl_exercise),
-    ?assertEqual('lab-robot-1@10.0.0.1', starl_fleet_lines:node_name(1, Fleet)),
+    ?assertEqual('lab-robot-1@10.0.0.1', starl_fleet_adapters:node_name(1, Fleet)),
     ?assert(is_list(string:find(starl_fleet_net:vm_args(Fleet), "-erl_epmd_port 5001"))).
 
 %% A chassis that does not move says so.

@@ -11,7 +11,7 @@ a_broadcast_is_sealed_by_default_test() ->
 
 hears(Own, How) ->
     Fleet = #{positioning => {broadcast, Own}},
-    {starl_live_broadcast, Options} = starl_fleet_lines:positioning(1, ?KEY, Fleet),
+    {starl_live_broadcast, Options} = starl_fleet_adapters:positioning(1, ?KEY, Fleet),
     Seal = maps:from_list([{seal_key, starl_live_broadcast:seal_key(K)} || #{key := K} <- [Options]]),
     Sent = maps:with([seal_key || How =:= sealed], Seal),
     Datagram = starl_live_broadcast:encode(1, 0, [{1, {0.0, 0.0, 0.0}}], Sent),

@@ -83,7 +83,7 @@ only_distribution_has_certificates_test() ->
     end,
     {Copied, <<>>} = Needs(a_new_one),
     ?assertNotEqual(nomatch, string:find(Copied, " -C /w/keys fleet.key |")),
-    [?assertEqual({Copied, <<>>}, Needs(T)) || T <- starl_fleet_lines:transports() -- [dist]].
+    [?assertEqual({Copied, <<>>}, Needs(T)) || T <- starl_fleet_adapters:transports() -- [dist]].
 
 %% Words reach the shell as they are.
 quoted_test() ->
@@ -109,5 +109,5 @@ fleet() ->
     ),
     Fleet.
 
-plan(Way) ->
-    #{release => "/w/_build/1-a", keys => "/w/keys", kind => ours, way => Way, trial_s => 5}.
+plan(Mode) ->
+    #{release => "/w/_build/1-a", keys => "/w/keys", kind => ours, mode => Mode, trial_s => 5}.

@@ -1,4 +1,4 @@
-%% The link of a live robot, for its tests: its lines are the test itself, its clock shows what the test sets,
+%% The link of a live robot, for its tests: its ports are the test itself, its clock shows what the test sets,
 %% and its machines are this module.
 -module(starl_live_link_ct).
 -behaviour(starl_machine).

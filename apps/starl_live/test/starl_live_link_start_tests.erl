@@ -1,6 +1,6 @@
-%% How the link of a live robot starts: its store, its record, its lines and senses in their order, each with
+%% How the link of a live robot starts: its store, its record, its ports and senses in their order, each with
 %% what it has to know; and what becomes of it when one of them does not open. This module is the driver of
-%% all lines.
+%% all ports.
 -module(starl_live_link_start_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -9,7 +9,7 @@
 
 -import(starl_live_robot_ct, [with_dir/1, with_robot/2, spec/2, boots/1, ends/1, heard/1]).
 
--define(LINES, [transport, positioning, chassis]).
+-define(PORTS, [transport, positioning, chassis]).
 
 %% -- a driver that tells the test -----------------------------------------------------------------------
 
@@ -37,7 +37,7 @@ condition({Kind, _Test}) -> #{Kind => 1}.
 driver(Kind, Given) -> {?MODULE, Given#{kind => Kind, test => self()}}.
 
 drivers(Given) ->
-    maps:from_list([{Line, driver(Line, maps:get(Line, Given, #{}))} || Line <- ?LINES]).
+    maps:from_list([{Line, driver(Line, maps:get(Line, Given, #{}))} || Line <- ?PORTS]).
 
 opened() ->
     receive
@@ -61,13 +61,13 @@ fails(Given) ->
         {Why, [Kind || {opens, Kind, _} <- heard(opens)]}
     end).
 
-%% -- lines ---------------------------------------------------------------------------------------------
+%% -- ports ---------------------------------------------------------------------------------------------
 
 %% In their order, each with its own configuration and what all have to know; each is the process of its kind.
 %% The first test loads the code, on a busy machine for seconds.
-lines_open_in_their_order_test_() -> {timeout, 60, fun lines_open_in_their_order/0}.
+ports_open_in_their_order_test_() -> {timeout, 60, fun ports_open_in_their_order/0}.
 
-lines_open_in_their_order() ->
+ports_open_in_their_order() ->
     Given = (drivers(#{chassis => #{port => 7}}))#{profile => #{radius_mm => 170}},
     with_dir(fun(Dir) ->
         {_Time, #{clock := Clock} = Spec} = spec(Dir, Given),
@@ -84,7 +84,7 @@ lines_open_in_their_order() ->
         ?assertEqual({chassis, Known#{kind => chassis, port => 7}}, opened()),
         _ = boots(app),
         Link = starl_live_robot:link(Robot),
-        [Radio, Eyes, Wheels] = [starl_live_link:line(Link, Line) || Line <- ?LINES],
+        [Radio, Eyes, Wheels] = [starl_live_link:port(Link, Line) || Line <- ?PORTS],
         ?assertMatch(#{transport := 1}, starl_live_transport:figures(Radio)),
         ?assertMatch(#{positioning := 1}, starl_live_positioning:figures(Eyes)),
         ?assertEqual(#{chassis => 1}, starl_live_chassis:condition(Wheels)),
@@ -95,17 +95,17 @@ lines_open_in_their_order() ->
                 {closes, Kind} -> Kind
             end
         end,
-        ?assertEqual(lists:sort(?LINES), lists:sort([Closes() || _ <- ?LINES]))
+        ?assertEqual(lists:sort(?PORTS), lists:sort([Closes() || _ <- ?PORTS]))
     end).
 
 %% The record is open before them.
-lines_open_with_a_record_test_() -> {timeout, 60, fun lines_open_with_a_record/0}.
+ports_open_with_a_record_test_() -> {timeout, 60, fun ports_open_with_a_record/0}.
 
-lines_open_with_a_record() ->
+ports_open_with_a_record() ->
     with_dir(fun(Dir) ->
         {_Time, Spec} = spec(Dir, (drivers(#{}))#{record => true}),
         {Sup, {ok, Link}} = alone(Spec),
-        ?assertEqual(?LINES, [Kind || {Kind, _} <- [opened(), opened(), opened()]]),
+        ?assertEqual(?PORTS, [Kind || {Kind, _} <- [opened(), opened(), opened()]]),
         ?assertEqual(1, length(starl_live_record:starts(Dir))),
         _ = [ends(Pid) || Pid <- [Link, Sup]]
     end).
@@ -223,7 +223,7 @@ without_a_record_it_does_not_start_test() ->
         ends(Sup)
     end).
 
-%% The facts of a robot that keeps a record are in it, and its lines are open.
+%% The facts of a robot that keeps a record are in it, and its ports are open.
 a_robot_with_a_record_starts_test() ->
     Given = (drivers(#{}))#{record => true, sink => self(), positioning => self()},
     with_robot(Given, fun(Link, _Time) ->

@@ -1,4 +1,4 @@
-%% The link of a live robot: what it takes of its lines, by which clock its machines live, and what it tells.
+%% The link of a live robot: what it takes of its ports, by which clock its machines live, and what it tells.
 -module(starl_live_link_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -18,7 +18,7 @@
 -define(MOST_WAITING, 10000).
 -define(SCRIPT, {starl_chassis_holonomic, [{100.0, 0.0, 1000}]}).
 
-%% -- its lines --------------------------------------------------------------------------------------
+%% -- its ports --------------------------------------------------------------------------------------
 
 %% While a machine is at work so many packets wait, and no more; what is no packet waits all the same.
 flood_is_bounded_test() ->
@@ -261,7 +261,7 @@ it_answers_who_asks_test() ->
         0 = took(here, Link),
         ?assertEqual(#{events => Before + 1, packets => 0}, starl_live_link:figures(Link)),
         [
-            ?assertEqual(self(), starl_live_link:line(Link, L))
+            ?assertEqual(self(), starl_live_link:port(Link, L))
          || L <- [transport, positioning, chassis]
         ],
         {Gauges, _Counts} = starl_live_link:metrics(Link),

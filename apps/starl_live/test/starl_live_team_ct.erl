@@ -71,7 +71,7 @@ transmit(From, To, Packet, Team) -> starl_live_transport:transmit(pid(From, Team
 
 figures(Robot, Team) -> starl_live_transport:figures(pid(Robot, Team)).
 
-set_air(Robot, Settings, Team) -> starl_live_transport:set_air(pid(Robot, Team), Settings).
+set_air(Robot, Settings, Team) -> starl_live_transport:set_conditions(pid(Robot, Team), Settings).
 
 %% The next packets that a robot hears.
 hear(Robot, Number, Team) -> heard(Number, [], pid(Robot, Team)).

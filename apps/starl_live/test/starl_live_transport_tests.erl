@@ -144,15 +144,15 @@ what_it_hears_goes_through_the_air_test() ->
     with_transport(#{air => #{loss => 1}}, fun(Transport) ->
         Transport ! {air, [packet(2), packet(3)]},
         ?assertMatch(#{air_lost := 2}, starl_live_transport:figures(Transport)),
-        ok = starl_live_transport:set_air(Transport, #{loss => 0, duplicates => 1}),
+        ok = starl_live_transport:set_conditions(Transport, #{loss => 0, duplicates => 1}),
         Transport ! {air, [packet(2)]},
         ?assertEqual({starl_heard, Transport, [packet(2), packet(2)]}, next()),
-        ok = starl_live_transport:set_air(Transport, #{duplicates => 0, cut => [2]}),
+        ok = starl_live_transport:set_conditions(Transport, #{duplicates => 0, cut => [2]}),
         Transport ! {air, [packet(2), packet(3)]},
         ?assertEqual({starl_heard, Transport, [packet(3)]}, next()),
-        {error, Line} = starl_live_transport:set_air(Transport, #{loss => 2}),
+        {error, Line} = starl_live_transport:set_conditions(Transport, #{loss => 2}),
         ?assertNotEqual(nomatch, string:find(Line, "loss")),
-        ok = starl_live_transport:set_air(Transport, #{cut => [], delay_ms => 1}),
+        ok = starl_live_transport:set_conditions(Transport, #{cut => [], delay_ms => 1}),
         Transport ! {air, [packet(2)]},
         ?assertEqual({starl_heard, Transport, [packet(2)]}, next()),
         ?assertEqual(
@@ -256,7 +256,7 @@ each_packet_is_told_test() ->
         ok = starl_live_transport:transmit(Transport, 2, {no_packet, "b"}),
         ?assertMatch({told, [{1000, 1, radio, {packet, 2, _, _, {lost, refused}}}]}, next()),
         Came = fun(Air) ->
-            ok = starl_live_transport:set_air(Transport, Air),
+            ok = starl_live_transport:set_conditions(Transport, Air),
             Transport ! {air, [packet(2)]},
             receive
                 {told, [{1000, 1, radio, {came, 2, _, _, _, Fate}}]} -> Fate
@@ -328,3 +328,25 @@ who_is_told_of_packets_test() ->
     ?assertEqual(
         [Sunk, Observed], Told(#{sink => self(), packets => true, observe => Observer})
     ).
+
+%% -- counters -------------------------------------------------------------------------------------
+
+figures_are_counted_test() ->
+    ?assertEqual(
+        #{a => 2, b => 5},
+        starl_live_transport:count(a, starl_live_transport:count(b, 5, #{a => 1}))
+    ).
+
+%% Code that is not loaded would else make a robot deaf without a word.
+an_unknown_atom_is_logged_once_test() ->
+    Refuse = fun(Why, Figures) -> starl_live_transport:refused(Why, 3, Figures) end,
+    Self = self(),
+    Lines = starl_live_log_ct:lines(fun() ->
+        Self ! {figures, lists:foldl(Refuse, #{}, [term, unknown_atom, unknown_atom])}
+    end),
+    ?assertMatch([<<"a packet of robot 3 bears an atom that is unknown here", _/binary>>], Lines),
+    receive
+        {figures, Figures} -> ?assertEqual(#{term => 1, unknown_atom => 2}, Figures)
+    end,
+    %% at once, not with the second
+    ?assertMatch([_], starl_live_log_ct:lines(fun() -> Refuse(unknown_atom, #{}) end)).

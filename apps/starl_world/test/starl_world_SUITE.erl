@@ -257,7 +257,7 @@ deaf(Robot, Before, Looks, Run) ->
 lost(Link, Before) when Link =:= Before; Link =:= none ->
     0;
 lost(Link, _Before) ->
-    try starl_live_transport:figures(starl_live_link:line(Link, transport)) of
+    try starl_live_transport:figures(starl_live_link:port(Link, transport)) of
         Figures -> maps:get(air_lost, Figures, 0)
     catch
         %% it has just been killed

@@ -78,7 +78,7 @@ init(Owner, #{node := Node, packets := Packets} = Aim, Number) ->
 transport(Node) ->
     Robot = erpc:call(Node, starl_live_sup, robot, [], ?CALL_MS),
     Link = erpc:call(Node, starl_live_robot, link, [Robot], ?CALL_MS),
-    starl_live_link:line(Link, transport).
+    starl_live_link:port(Link, transport).
 
 %% @doc The lives of the other robots, as soon as the robot of this node has heard them all.
 -spec lives(node()) -> #{starl:robot_id() => starl_live_seal:life()}.

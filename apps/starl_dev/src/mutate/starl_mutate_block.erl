@@ -201,7 +201,7 @@ link() ->
     #{
         sources => ["apps/starl_live/src/link/*.erl"],
         unit => [
-            "starl_live_{link,body,chassis,clock,disk,record,store,timers,watch}_*",
+            "starl_live_{link,driver,chassis,clock,disk,record,store,watch}_*",
             "starl_live_{exec,log,own}_*",
             "starl_{fleet_node,virtual,world_store}_*"
         ],
@@ -214,7 +214,7 @@ transports() ->
     #{
         sources => ["apps/starl_live/src/transport/*.erl"],
         unit => [
-            "starl_live_{air,codec,dist,figures,fragment,frame,hearing,key,local,pace,packet}_*",
+            "starl_live_{codec,conditions,dist,fragment,frame,hearing,key,local,pace,packet}_*",
             "starl_live_{peers,refusals,replay,seal,transport,udp}_*",
             "starl_{fleet_node,world_transport}_*"
         ],

@@ -42,13 +42,13 @@ run(#{subject := {check, Text}}) ->
     Name = unicode:characters_to_binary(Text),
     case starl_chassis_choice:own(Name) =/= none andalso driver(Name) of
         false -> {error, [[Text, " is no chassis of your own: FILE.erl, or exec:PROGRAM"]]};
-        {ok, Driver, _Code} -> told(starl_live_chassis_check:check(Driver));
+        {ok, Driver, _Code} -> print(starl_live_chassis_check:check(Driver));
         {error, _} = Error -> Error
     end.
 
 driver(Name) -> starl_live_own:driver(Name, fun starl_cli_source:driver/1).
 
-told(Found) ->
+print(Found) ->
     starl_cli_terminal:out([[starl_live_chassis_check:line(F), "\n"] || F <- Found]),
     case starl_live_chassis_check:broken(Found) of
         [] -> 0;

@@ -132,7 +132,7 @@ run(#{subject := {_, Words}, values := #{watch := Seconds}}) when
     Seconds =/= none, Words =/= ["status"]
 ->
     {error, [
-        "--watch: only status is told again and again, as in: deploy fleet.term status --watch 2"
+        "--watch: only status is printed again and again, as in: deploy fleet.term status --watch 2"
     ]};
 run(#{subject := {File, Words}, values := Values}) ->
     case fleet(Words, File) of
@@ -147,7 +147,7 @@ act(deploy, Fleet, Values) ->
 act(reload, Fleet, Values) ->
     reload(Fleet, options(reload, Fleet, Values), Values);
 act(rollback, #{fleet := Fleet}, _Values) ->
-    told(starl_fleet_deploy:rollback(Fleet));
+    print(starl_fleet_deploy:rollback(Fleet));
 act({fetch, Dir}, #{fleet := Fleet}, _Values) ->
     fetch(Dir, Fleet);
 act(stop, #{fleet := Fleet}, _Values) ->
@@ -223,10 +223,10 @@ each(Answers, Shown) ->
 status(true) -> 0;
 status(false) -> 1.
 
-options(Way, #{fleet := #{name := Name}, code := Code}, Values) ->
+options(Mode, #{fleet := #{name := Name}, code := Code}, Values) ->
     #{
         kind => kind(Values),
-        way => Way,
+        mode => Mode,
         trial_s => maps:get(trial, Values),
         code => Code,
         scratch => filename:join([starl_cli_target:root(), "_build", "fleet", Name]),
@@ -249,15 +249,15 @@ deployed(true, #{fleet := Fleet}, Plan, _Options) ->
     starl_cli_terminal:out([[Line, "\n"] || Line <- starl_fleet_deploy:dry_run(Fleet, Plan)]),
     0;
 deployed(false, Made, Plan, Options) ->
-    told(starl_fleet_deploy:run(Made, Plan, Options)).
+    print(starl_fleet_deploy:run(Made, Plan, Options)).
 
 %% The team goes on with its run, so it must have one.
 reload(#{fleet := Fleet} = File, Options, Values) ->
     Answers = starl_fleet_deploy:ask("status", numbers(Fleet), Fleet),
     case {[Line || {_, {error, Line}} <- Answers], runs(Answers)} of
-        {[_ | _] = Lines, _} -> told({error, Lines});
+        {[_ | _] = Lines, _} -> print({error, Lines});
         {[], [Run]} -> deploy(File, Options#{run => Run}, Values);
-        {[], _} -> told({error, ["the robots run different releases; deploy first"]})
+        {[], _} -> print({error, ["the robots run different releases; deploy first"]})
     end.
 
 runs(Answers) ->
@@ -266,9 +266,9 @@ runs(Answers) ->
      || {_, {ok, Said}} <- Answers, {ok, #{run := Run}} <- [starl_fleet_term:read(Said)]
     ]).
 
-told({ok, Lines}) ->
+print({ok, Lines}) ->
     starl_cli_terminal:out([[Line, "\n"] || Line <- Lines]),
     0;
-told({error, Lines}) ->
+print({error, Lines}) ->
     lists:foreach(fun(Line) -> starl_cli_terminal:complain(["deploy: ", Line]) end, Lines),
     1.

@@ -79,7 +79,7 @@ compiled(Key, Behaviour, {ok, Module, Code}, Options, Given) ->
 compiled(_Key, _Behaviour, {error, _} = Error, _Options, Given) ->
     {Given, [Error]}.
 
-%% The other problems are told even if there is no such application.
+%% The other problems are reported even if there is no such application.
 with_app(File, Given, {ok, #{app := App} = Target}) ->
     checked(File, starl_fleet_file:check(File, Given, App), maps:get(code, Target, []));
 with_app(File, Given, {error, Lines}) ->

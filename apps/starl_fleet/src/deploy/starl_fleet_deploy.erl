@@ -15,7 +15,7 @@
 %% reloaded; `scratch': a directory for the release on this computer; `say': gets a line on each stage.
 -type options() :: #{
     kind := starl_fleet_release:kind(),
-    way := restart | reload,
+    mode := restart | reload,
     trial_s := pos_integer(),
     code := [starl_fleet_release:code()],
     run => non_neg_integer(),
@@ -35,7 +35,7 @@
 %% The longest time of a stage.
 -define(STAGE_MS, 1_800_000).
 -define(QUESTION_MS, 60_000).
-%% After a way back.
+%% After a roll-back.
 -define(HEALTH, "health 60 1").
 
 %% @doc Makes the release of a fleet, without writing it.
@@ -52,12 +52,12 @@ release(Fleet, #{scratch := Scratch, kind := Kind, code := Code} = Options) ->
 
 %% @doc The plan of a deployment of this release.
 -spec plan(Version :: string(), starl_fleet_file:t(), options()) -> starl_fleet_steps:plan().
-plan(Version, Fleet, #{scratch := Scratch, kind := Kind, way := Way, trial_s := Trial}) ->
+plan(Version, Fleet, #{scratch := Scratch, kind := Kind, mode := Mode, trial_s := Trial}) ->
     #{
         release => filename:join(Scratch, Version),
         keys => starl_fleet_keys:dir(Fleet),
         kind => Kind,
-        way => Way,
+        mode => Mode,
         trial_s => Trial
     }.
 
@@ -100,7 +100,7 @@ run(#{fleet := Fleet, manifest := Manifest, version := Version}, Plan, Options) 
             ]}
     end.
 
-stages(Fleet, #{way := Way} = Plan, Manifest, Options) ->
+stages(Fleet, #{mode := Mode} = Plan, Manifest, Options) ->
     Stages = starl_fleet_steps:deploy(Fleet, Plan, []),
     {Before, After} = lists:splitwith(fun({Stage, _}) -> not is_turn(Stage) end, Stages),
     Ours = ours(Manifest, Plan),
@@ -109,7 +109,7 @@ stages(Fleet, #{way := Way} = Plan, Manifest, Options) ->
             fleet => Fleet, plan => Plan, ours => Ours, options => Options, tar => [], stores => []
         })
     of
-        {ok, State} -> turned(each(After, State), Way, State);
+        {ok, State} -> turned(each(After, State), Mode, State);
         {error, _Failed, Lines} -> {error, Lines ++ ["no robot has changed its release"]}
     end.
 
@@ -127,8 +127,8 @@ turned({ok, #{plan := #{release := Release}, fleet := #{robots := Robots}}}, _Wa
     Line = "release ~ts runs on ~b robot~ts",
     Plural = [$s || map_size(Robots) > 1],
     {ok, [io_lib:format(Line, [filename:basename(Release), map_size(Robots), Plural])]};
-turned({error, Failed, Lines}, Way, State) ->
-    {error, Lines ++ back(back_words(Way, Failed), State)}.
+turned({error, Failed, Lines}, Mode, State) ->
+    {error, Lines ++ back(back_command(Mode, Failed), State)}.
 
 each([], State) ->
     {ok, State};
@@ -151,7 +151,7 @@ stage({Name, Steps}, #{options := #{say := Say}, tar := Tar} = State) ->
     ok = Say(title(Name)),
     Begun = os:system_time(second),
     Results = starl_fleet_shell:run(
-        [other_way(Name, Step, Tar, State) || Step <- Steps], ?STAGE_MS
+        [with_tar(Name, Step, Tar, State) || Step <- Steps], ?STAGE_MS
     ),
     case failures(Name, Results, State) of
         [] ->
@@ -161,7 +161,7 @@ stage({Name, Steps}, #{options := #{say := Say}, tar := Tar} = State) ->
     end.
 
 %% Where there is no rsync.
-other_way(Name, {N, Command}, Tar, #{fleet := Fleet, plan := Plan}) ->
+with_tar(Name, {N, Command}, Tar, #{fleet := Fleet, plan := Plan}) ->
     case lists:member(N, Tar) andalso lists:member(Name, [copy, keys]) of
         true -> {N, starl_fleet_steps:copy_by_tar(Name, N, {Fleet, Plan})};
         false -> {N, Command}
@@ -204,8 +204,8 @@ back(Words, #{fleet := Fleet, plan := Plan, options := #{say := Say}}) ->
     {Failures, Summary} = went_back(starl_fleet_steps:back(Words, Fleet, Plan), Fleet),
     Failures ++ [Summary].
 
-back_words(restart, _Failed) -> "undo";
-back_words(reload, Failed) -> "reload back " ++ integer_to_list(Failed).
+back_command(restart, _Failed) -> "undo";
+back_command(reload, Failed) -> "reload back " ++ integer_to_list(Failed).
 
 summary(Said) ->
     case lists:usort([string:trim(Text) || Text <- Said]) of

@@ -39,7 +39,7 @@
     {ok, manifest()} | {error, unicode:chardata()}.
 manifest(#{fleet := #{app := App} = Fleet, kind := Kind} = What, Scratch) ->
     Code = maps:get(code, What, []),
-    Drivers = lists:append([owner(Driver, []) || Driver <- starl_fleet_lines:drivers(Fleet)]),
+    Drivers = lists:append([owner(Driver, []) || Driver <- starl_fleet_adapters:drivers(Fleet)]),
     Roots = [starl_fleet | lists:usort(Drivers)] ++ owner(App, Code),
     case with_called(App, Code, apps(Roots, [])) of
         {ok, All} ->

@@ -24,7 +24,7 @@
     release := file:filename(),
     keys := file:filename(),
     kind := starl_fleet_release:kind(),
-    way := restart | reload,
+    mode := restart | reload,
     trial_s := pos_integer()
 }.
 
@@ -58,10 +58,10 @@ deploy(#{robots := Robots} = Fleet, Plan, Without) ->
      || Stage <- stages(Plan), not lists:member(Stage, Without)
     ].
 
-stages(#{way := restart, kind := Kind}) ->
+stages(#{mode := restart, kind := Kind}) ->
     [look, room, copy, keys] ++ [build || Kind =:= source] ++
         [check, commission, switch, health, tidy];
-stages(#{way := reload, kind := Kind}) ->
+stages(#{mode := reload, kind := Kind}) ->
     [look, room, copy] ++ [build || Kind =:= source] ++ [check, may_reload, reload, health, tidy].
 
 command(look, N, Robot, Fleet, _Plan) ->
@@ -82,7 +82,7 @@ command(commission, N, Robot, Fleet, _Plan) ->
 command(Stage, N, Robot, Fleet, Plan) ->
     robot(N, Robot, Fleet, Plan, action(Stage, Plan)).
 
-%% What the release on a robot is told.
+%% The command for the release on a robot.
 action(may_reload, _Plan) ->
     "reload check";
 action(reload, #{trial_s := Trial}) ->

@@ -17,9 +17,9 @@
     app := module(),
     options := #{atom() => term()},
     robots := #{starl:robot_id() => robot()},
-    transport := starl_fleet_lines:transport(),
+    transport := starl_fleet_adapters:transport(),
     all := each | {multicast | broadcast, inet:ip4_address(), inet:port_number()},
-    positioning := {starl_fleet_lines:name(), map()},
+    positioning := {starl_fleet_adapters:name(), map()},
     keys := file:filename(),
     home := file:filename(),
     service := auto | systemd | plain,
@@ -37,7 +37,7 @@
     ssh := [string()],
     address := string(),
     port := inet:port_number(),
-    chassis := {starl_fleet_lines:name(), map()}
+    chassis := {starl_fleet_adapters:name(), map()}
 }.
 
 %% The scenario's keys that mean something outside the simulator.
@@ -71,7 +71,7 @@ options() ->
         {options, {term, "a map of the application's options", fun is_map/1}, #{},
             "values of the scenario, as flags of ./starl run"},
         {robots, {term, "a map, number => robot", fun is_map/1}, required, "the robots, from 1 on"},
-        {transport, {one_of, starl_fleet_lines:transports()}, udp,
+        {transport, {one_of, starl_fleet_adapters:transports()}, udp,
             "sealed datagrams, or Erlang distribution over TLS"},
         {all, {term, "each, or {multicast | broadcast, {239,1,2,3}, Port}", fun is_all/1}, each,
             "the way of a packet for all robots (udp only)"},
@@ -105,8 +105,8 @@ robot_options() ->
             "the program that writes the camera's pictures, and what is looked for"}
     ].
 
-source_type() -> choice(starl_fleet_lines:sources()).
-chassis_type() -> choice(starl_fleet_lines:chassis()).
+source_type() -> choice(starl_fleet_adapters:sources()).
+chassis_type() -> choice(starl_fleet_adapters:chassis()).
 
 choice(Names) ->
     Known = lists:append(lists:join(", ", [atom_to_list(N) || N <- Names, N =/= exec])),
@@ -139,7 +139,7 @@ is_app(App) -> is_text(App) orelse (is_atom(App) andalso App =/= none).
 
 is_all(each) ->
     true;
-is_all({Way, {A, B, C, D}, Port}) when Way =:= multicast; Way =:= broadcast ->
+is_all({Kind, {A, B, C, D}, Port}) when Kind =:= multicast; Kind =:= broadcast ->
     lists:all(fun(Byte) -> is_integer(Byte) andalso Byte >= 0 andalso Byte < 256 end, [A, B, C, D]) andalso
         is_integer(Port) andalso Port > 0 andalso Port < 65536;
 is_all(_) ->
@@ -316,11 +316,11 @@ recorded(#{}) ->
     [].
 
 available(#{positioning := {Source, _}, robots := Robots}) ->
-    [["positioning: ", Why] || {error, Why} <- [starl_fleet_lines:source(Source)]] ++
+    [["positioning: ", Why] || {error, Why} <- [starl_fleet_adapters:source(Source)]] ++
         [
             [place(Number), "chassis: ", Why]
          || {Number, #{chassis := {Chassis, _}}} <- lists:sort(maps:to_list(Robots)),
-            {error, Why} <- [starl_fleet_lines:driver(Chassis)]
+            {error, Why} <- [starl_fleet_adapters:driver(Chassis)]
         ] ++
         [
             [place(Number), Why]

@@ -9,7 +9,7 @@
 -spec start(starl:robot_id(), Keys :: file:filename(), starl_fleet_file:t()) ->
     ok | {error, unicode:chardata()}.
 start(Robot, Keys, Fleet) ->
-    Name = starl_fleet_lines:node_name(Robot, Fleet),
+    Name = starl_fleet_adapters:node_name(Robot, Fleet),
     {ok, Key} = starl_live_key:load(filename:join(Keys, "fleet.key")),
     case net_kernel:start([Name, longnames]) of
         {ok, _} -> cookie(erlang:set_cookie(cookie(Key)));

@@ -138,7 +138,7 @@ period_us(none) -> none;
 period_us(Seconds) -> round(1.0e6 * Seconds).
 
 robot(#{robot := Robot, state := State} = Place, Key, {_, _, Plan} = Planned, Fleet) ->
-    {Source, Own} = starl_fleet_lines:positioning(Robot, Key, Fleet),
+    {Source, Own} = starl_fleet_adapters:positioning(Robot, Key, Fleet),
     #{tree := Tree, world := #{profiles := Profiles, seed := Seed}} = Plan,
     #{name := Name} = Fleet,
     #{
@@ -149,10 +149,10 @@ robot(#{robot := Robot, state := State} = Place, Key, {_, _, Plan} = Planned, Fl
         profile => starl_chassis:of_robot(Robot, Profiles),
         clock => starl_live_clock:new(0, 1),
         dir => State,
-        transport => starl_fleet_lines:transport(starl_fleet_place:run(Place), Key, Fleet),
+        transport => starl_fleet_adapters:transport(starl_fleet_place:run(Place), Key, Fleet),
         positioning => {Source, Own#{placing => starl_run_floor:placing(Planned)}},
-        chassis => starl_fleet_lines:chassis(Robot, Fleet),
-        senses => starl_fleet_lines:senses(Robot, Fleet),
+        chassis => starl_fleet_adapters:chassis(Robot, Fleet),
+        senses => starl_fleet_adapters:senses(Robot, Fleet),
         sink => self()
     }.
 
@@ -273,21 +273,21 @@ robot_link() ->
         exit:_ -> none
     end.
 
-%% What its lines tell, only where the link has just answered.
+%% What its ports report, only where the link has just answered.
 more(silent) ->
     #{};
 more(Figures) ->
-    Peers = line(transport, fun starl_live_transport:peers/1, []),
-    Chassis = line(chassis, fun starl_live_chassis:condition/1, #{}),
+    Peers = port(transport, fun starl_live_transport:peers/1, []),
+    Chassis = port(chassis, fun starl_live_chassis:condition/1, #{}),
     maps:from_list(
         [{figures, Figures}] ++
             [{peers, Peers} || Peers =/= []] ++
             [{chassis, Chassis} || map_size(Chassis) > 0]
     ).
 
-line(Line, Ask, Otherwise) ->
+port(Port, Ask, Otherwise) ->
     try
-        Ask(starl_live_link:line(starl_live_robot:link(starl_live_sup:robot()), Line))
+        Ask(starl_live_link:port(starl_live_robot:link(starl_live_sup:robot()), Port))
     catch
         exit:_ -> Otherwise
     end.
@@ -306,7 +306,7 @@ crash({Name, Cause}) ->
 -spec handle_cast(term(), #node{}) -> {noreply, #node{}}.
 handle_cast(_Request, Node) -> {noreply, Node}.
 
--spec handle_info(starl_live_link:told() | {starl_reloaded, _, _, _}, #node{}) ->
+-spec handle_info(starl_live_link:report() | {starl_reloaded, _, _, _}, #node{}) ->
     {noreply, #node{}}.
 handle_info({starl_traced, _Id, _Link, {_Batch, _Looked, Events}}, Node) ->
     {noreply, lists:foldl(fun noted/2, Node, Events)};
@@ -317,15 +317,15 @@ handle_info({starl_started, _Id, Link, _Names}, #node{orders = Orders} = Node) -
     %% a robot that has started anew in this node has its first code
     _ = [starl_live_link:reload(Link, Order, self()) || Order <- lists:sublist(Orders, 1)],
     {noreply, Node#node{result = running}};
-handle_info({starl_reloaded, Id, Name, #{number := N} = Told}, #node{reload = Reload} = Node) ->
+handle_info({starl_reloaded, Id, Name, #{number := N} = Result}, #node{reload = Reload} = Node) ->
     case Reload of
-        #{number := N} -> {noreply, heeded(Id, Name, Told, Node)};
+        #{number := N} -> {noreply, applied(Id, Name, Result, Node)};
         _ -> {noreply, Node}
     end;
 handle_info(_Message, Node) ->
     {noreply, Node}.
 
-heeded(Id, Name, #{number := N, outcome := Outcome, module := Module}, Node) ->
+applied(Id, Name, #{number := N, outcome := Outcome, module := Module}, Node) ->
     #node{reload = #{waiting := Waiting, failed := Before} = Reload} = Node,
     Left = Reload#{waiting := lists:delete(Name, Waiting)},
     case Before =:= none andalso starl_reload:is_failure(Outcome) of

@@ -3,7 +3,7 @@
 %% ```
 %%     starl_fleet_sup (one_for_all)
 %%       node (starl_fleet_node): opens the robot under starl_live_sup
-%%       watchdog (starl_fleet_watchdog): tells systemd that the robot answers
+%%       watchdog (starl_fleet_watchdog): notifies systemd while the robot answers
 %%       control (starl_fleet_control): a socket for bin/robot
 %% '''
 -module(starl_fleet_sup).
@@ -30,4 +30,4 @@ children(Place) ->
         #{id => control, start => {starl_fleet_control, start_link, [Place]}}
     ].
 
-watchdog() -> [starl_fleet_notify:here(), fun starl_fleet_node:answers/1].
+watchdog() -> [starl_fleet_watchdog:systemd(), fun starl_fleet_node:answers/1].

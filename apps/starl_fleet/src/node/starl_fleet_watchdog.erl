@@ -1,27 +1,62 @@
 %% @doc Checks the robot of this node, and notifies systemd while the robot's link answers. A node
 %% whose robot hangs is killed and started anew.
+%%
+%% Notifications are datagrams to the socket that the environment names (manual page sd_notify).
+%% Without systemd nobody receives them.
 -module(starl_fleet_watchdog).
 -behaviour(gen_server).
 
--export([start_link/2]).
+-export([start_link/2, systemd/0]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
+-export_type([systemd/0]).
+
+%% The name of systemd's socket, and the time in which it expects a notification, in microseconds. Both
+%% are empty where there is none.
+-type systemd() :: {Socket :: string(), WatchdogUs :: string()}.
+
+-type answers() :: fun((TimeoutMs :: pos_integer()) -> boolean()).
+
 -record(watchdog, {
-    notify :: starl_fleet_notify:t(),
-    answers :: fun((TimeoutMs :: pos_integer()) -> boolean()),
+    socket :: gen_udp:socket() | none,
+    path = none :: binary() | none,
+    period_ms :: pos_integer(),
+    answers :: answers(),
     is_ready = false :: boolean()
 }).
 
-%% @doc Starts the watchdog with its connection to systemd, and a function that checks whether the
-%% robot answers.
--spec start_link(starl_fleet_notify:t(), fun((TimeoutMs :: pos_integer()) -> boolean())) ->
-    gen_server:start_ret().
-start_link(Notify, Answers) -> gen_server:start_link(?MODULE, {Notify, Answers}, []).
+%% Where systemd expects nothing, the robot is still checked.
+-define(USUAL_MS, 5000).
 
--spec init({starl_fleet_notify:t(), fun((pos_integer()) -> boolean())}) -> {ok, #watchdog{}}.
-init({Notify, Answers}) ->
+%% @doc The service manager of this VM.
+-spec systemd() -> systemd().
+systemd() -> {os:getenv("NOTIFY_SOCKET", ""), os:getenv("WATCHDOG_USEC", "")}.
+
+%% @doc Starts the watchdog with a function that checks whether the robot answers.
+-spec start_link(systemd(), answers()) -> gen_server:start_ret().
+start_link(Systemd, Answers) -> gen_server:start_link(?MODULE, {Systemd, Answers}, []).
+
+-spec init({systemd(), answers()}) -> {ok, #watchdog{}}.
+init({{Name, Us}, Answers}) ->
     self() ! look,
-    {ok, #watchdog{notify = Notify, answers = Answers}}.
+    Watchdog = #watchdog{
+        socket = none, period_ms = period_ms(string:to_integer(Us)), answers = Answers
+    },
+    {ok, connected(Name, Watchdog)}.
+
+%% The watchdog is fed twice in its time.
+period_ms({Us, _}) when is_integer(Us) -> max(1, Us div 2000);
+period_ms(_) -> ?USUAL_MS.
+
+%% A name that begins with `@' is in Linux' abstract space.
+connected("", Watchdog) ->
+    Watchdog;
+connected(Name, Watchdog) ->
+    {ok, Socket} = gen_udp:open(0, [local]),
+    Watchdog#watchdog{socket = Socket, path = path(Name)}.
+
+path([$@ | Name]) -> <<0, (unicode:characters_to_binary(Name))/binary>>;
+path(Name) -> unicode:characters_to_binary(Name).
 
 -spec handle_call(term(), gen_server:from(), #watchdog{}) -> {reply, ok, #watchdog{}}.
 handle_call(_Question, _From, Watchdog) -> {reply, ok, Watchdog}.
@@ -30,17 +65,24 @@ handle_call(_Question, _From, Watchdog) -> {reply, ok, Watchdog}.
 handle_cast(_Request, Watchdog) -> {noreply, Watchdog}.
 
 -spec handle_info(look, #watchdog{}) -> {noreply, #watchdog{}}.
-handle_info(look, #watchdog{notify = Notify, answers = Answers} = Watchdog) ->
-    Period = starl_fleet_notify:period_ms(Notify),
+handle_info(look, #watchdog{period_ms = Period, answers = Answers} = Watchdog) ->
     _ = erlang:send_after(Period, self(), look),
     case Answers(Period) of
         true -> {noreply, alive(Watchdog)};
         false -> {noreply, Watchdog}
     end.
 
-alive(#watchdog{notify = Notify, is_ready = false} = Watchdog) ->
-    ok = starl_fleet_notify:tell("READY=1", Notify),
+alive(#watchdog{is_ready = false} = Watchdog) ->
+    ok = notify("READY=1", Watchdog),
     alive(Watchdog#watchdog{is_ready = true});
-alive(#watchdog{notify = Notify} = Watchdog) ->
-    ok = starl_fleet_notify:tell("WATCHDOG=1", Notify),
+alive(Watchdog) ->
+    ok = notify("WATCHDOG=1", Watchdog),
     Watchdog.
+
+notify(_State, #watchdog{socket = none}) ->
+    ok;
+notify(State, #watchdog{socket = Socket, path = Path}) ->
+    case gen_udp:send(Socket, {local, Path}, 0, State) of
+        ok -> ok;
+        {error, Why} -> logger:warning(#{what => service_manager_deaf, word => State, why => Why})
+    end.

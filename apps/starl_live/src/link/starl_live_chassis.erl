@@ -16,7 +16,7 @@
 
 -export_type([config/0, answer/0, output/0, said/0, sense/0]).
 
-%% What every driver is told; each has further keys of its own.
+%% What every driver gets; each has further keys of its own.
 -type config() :: #{
     robot := starl:robot_id(),
     clock := starl_live_clock:t(),
@@ -47,7 +47,7 @@
     {starl_chassis, Chassis :: pid(), Mark :: term(), answer()}
     | {starl_chassis, Chassis :: pid(), sensed, sense()}.
 
-%% Opens the line. The process that calls it gets the messages of ports and sockets.
+%% Opens the connection. The process that calls it gets the messages of ports and sockets.
 -callback open(config()) -> {ok, State :: term()} | {error, unicode:chardata()}.
 %% Carries out a script in place of the present one ({@link starl_platform}), unless it would begin
 %% after this time, by the robot's clock: see {@link is_late/3}.
@@ -69,17 +69,17 @@ when
     State :: term(), Why :: unicode:chardata().
 %% The robot's application is done: it may sleep, and charge. A later script wakes it.
 -callback rest(State) -> State when State :: term().
-%% Somebody wants to know where the body is: it is told soon (`posed').
+%% Somebody wants to know where the body is: the driver reports it soon (`posed').
 -callback look(State) -> State when State :: term().
 %% The state of the chassis, for people.
 -callback condition(State :: term()) -> map().
 %% What a sense of the chassis' own says now ({@link starl_sense}).
 -callback feel(starl_sense:kind(), State :: term()) -> starl_live_sense:felt().
 -optional_callbacks([rest/1, condition/1, look/1, feel/2]).
-%% Closes the line.
+%% Closes the connection.
 -callback close(State :: term()) -> ok.
 
-%% Whoever asks has no more time, and the chassis may be held up by its line.
+%% Whoever asks has no more time, and the chassis may be held up by its connection.
 -define(CONDITION_MS, 1000).
 
 -record(chassis, {

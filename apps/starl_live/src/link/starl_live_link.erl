@@ -1,7 +1,20 @@
-%% @doc The link of a live robot drives its {@link starl_robot} in real time. It passes the packets,
-%% poses, answers of the chassis and timers that arrive to the robot's machines, one at a time.
-%%
-%% {@link starl_live_turns} handles them.
+%% @doc The link of a live robot drives its {@link starl_robot} in real time. It opens the robot's
+%% store, record and ports, starts its machines, and then handles the packets, poses, answers of the
+%% chassis and timers that arrive, one at a time. The rest of the driver's state is {@link
+%% starl_live_driver}.
+%% ```
+%%   transport, positioning,        +--------------- link ----------------+
+%%   chassis, senses, timers  ----> | waiting events --> starl_robot      | ----> ports
+%%   reloads, marks                 |     (one at a time, when quiet)     |       (when a step is over)
+%%                                  +-------------------------------------+
+%%                                     order |  ^ actions     order |  ^ actions
+%%                                           v  |                   v  |
+%%                              processes of machines: all   a sequential application:
+%%                              events wait for an answer    only its own events wait
+%% '''
+%% <em>The machines</em> run to completion, as in the simulator: while a machine's process is at
+%% work, all other events wait. <em>A sequential application</em> works beside the link, since it
+%% may compute for seconds. Its own events wait for it, and the other machines go on.
 %%
 %% <em>An old store.</em> If a peer has proved that the robot has had a later life than its store
 %% knows, the link marks the store and ends.
@@ -18,7 +31,7 @@
     inspect/1,
     figures/1,
     metrics/1,
-    line/2,
+    port/2,
     reload/3,
     take_back/3,
     sense_faults/2,
@@ -28,19 +41,19 @@
 -export([processes/1, at_work/1]).
 -export([init/1, handle_continue/2, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([spec/0, line/0, told/0]).
+-export_type([spec/0, adapter/0, report/0]).
 
-%% A line of the robot: the module of its driver, and the driver's own configuration.
--type line() :: {module(), map()}.
+%% What drives a port of the robot: a module, and its own configuration.
+-type adapter() :: {module(), map()}.
 
 %% A robot: its machines ({@link starl_robot_crew:tree()}), the seed of its team, which is the same
-%% for all robots and all their starts ({@link starl_machine:config()}), its lines, the senses that are not its
+%% for all robots and all their starts ({@link starl_machine:config()}), its ports, the senses that are not its
 %% chassis', its clock, the directory of
 %% its store, and the process that gets the facts, if any; `record': whether the facts are also
 %% written to a file there (false); `codes': the code of machines that have been reloaded;
 %% `reporter': who is told about reloads; `packets': whether the sink is told of all packets;
 %% `observe': who else is told everything, on this node. `robot_sup' is the supervisor under which
-%% the machines' processes start. A simulation gives a robot lines that are open already, lets its
+%% the machines' processes start. A simulation gives a robot ports that are open already, lets its
 %% machines run inline, but for a sequential application, gives them their random streams, and may be
 %% told each fact at once instead of at the end of its step (`tell').
 -type spec() :: #{
@@ -51,10 +64,10 @@
     profile := starl_chassis:profile(),
     clock := starl_live_clock:t(),
     dir := starl_live_disk:place(),
-    transport := line() | pid(),
-    positioning := line() | pid(),
-    chassis := line() | pid(),
-    senses => #{starl_sense:kind() => line()},
+    transport := adapter() | pid(),
+    positioning := adapter() | pid(),
+    chassis := adapter() | pid(),
+    senses => #{starl_sense:kind() => adapter()},
     sink := pid() | none,
     record => boolean(),
     codes => starl_reload:codes(),
@@ -64,14 +77,14 @@
     inline => boolean(),
     %% a snapshot of the robot is told this often, and all that comes to it
     snapshots_us => pos_integer() | none,
-    random => starl_live_body:random(),
+    random => starl_live_driver:random(),
     tell => step | at_once
 }.
 
 %% A message to the sink: the names of the robot's machines, when it starts, and the file of its
-%% record; the facts of its steps,
-%% batch by batch; what it knows of packets; the end of its application.
--type told() ::
+%% record; the trace events of its steps, batch by batch; what it knows of packets; the end of its
+%% application.
+-type report() ::
     {starl_started, starl:robot_id(), Link :: pid(), {
         [starl_machine:name()], file:filename() | none
     }}
@@ -79,14 +92,43 @@
     | {starl_radio, starl:robot_id(), [starl_monitor:trace_event()]}
     | {starl_ended, starl:robot_id(), Link :: pid(), given_up | {done, term()}}.
 
+%% A specification whose ports are processes, with the store and the record.
+-type opened() :: #{store := starl_live_store:t(), atom() => term()}.
+
+%% An event that waits until the robot is quiet.
+-type event() ::
+    {event, starl_robot:local()}
+    | {timer, starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark(), term()}
+    | {acts, pid(), [starl_machine:action()]}
+    | {reload, starl_reload:order(), pid()}
+    | {take_back, starl_reload:count(), starl:robot_id()}
+    | {mark, pid(), term()}.
+
+%% Packets are dropped while more events wait.
+-define(MOST_WAITING, 10000).
+%% A timer that is not handled so long after it was due breaks the assumption of contracts, which is 250 ms.
+-define(LATE_US, 200000).
+
 -record(link, {
-    turns :: starl_live_turns:t(),
+    robot :: starl_robot:t(),
+    tree :: starl_robot_tree:t(),
+    store :: starl_live_store:t(),
     clock :: starl_live_clock:t(),
-    %% the period of snapshots
-    snapshots :: pos_integer() | none
+    senses :: starl_live_sense_fault:t(),
+    waiting = queue:new() :: queue:queue(event()),
+    %% processes that work beside the link, or have just answered, with the orders that wait for them
+    beside = #{} :: #{pid() => {at_work | idle, [starl_driver:order()]}},
+    watch = starl_live_watch:new() :: starl_live_watch:t(),
+    %% the number of events handled
+    number = 0 :: non_neg_integer(),
+    %% when timers were late last
+    late_us = 0 :: integer(),
+    %% the period of snapshots; is one due?
+    snapshots_us :: pos_integer() | none,
+    is_due = false :: boolean()
 }).
 
-%% @doc Starts the link, its lines, and then the robot's machines.
+%% @doc Starts the link, its ports, and then the robot's machines.
 -spec start_link(spec()) -> gen_server:start_ret().
 start_link(Spec) -> gen_server:start_link(?MODULE, Spec, []).
 
@@ -95,7 +137,7 @@ start_link(Spec) -> gen_server:start_link(?MODULE, Spec, []).
 inspect(Link) -> gen_server:call(Link, inspect).
 
 %% @doc The counters of the robot.
--spec figures(pid()) -> starl_live_body:figures().
+-spec figures(pid()) -> starl_live_driver:figures().
 figures(Link) -> gen_server:call(Link, figures).
 
 %% @doc The counters of the robot since its link started, and its queues: for {@link
@@ -103,12 +145,12 @@ figures(Link) -> gen_server:call(Link, figures).
 -spec metrics(pid()) -> {[starl_live_counts:gauge()], starl_live_counts:t()}.
 metrics(Link) -> gen_server:call(Link, metrics).
 
-%% @doc The process of one of the robot's lines.
--spec line(pid(), transport | positioning | chassis) -> pid().
-line(Link, Line) -> gen_server:call(Link, {line, Line}).
+%% @doc The process of one of the robot's ports.
+-spec port(pid(), transport | positioning | chassis) -> pid().
+port(Link, Port) -> gen_server:call(Link, {port, Port}).
 
 %% @doc Gives the robot new code, whose modules are loaded. This process gets a report on how each
-%% machine applies it: `{starl_reloaded, Robot, Machine, Told}' ({@link starl_reload:told()}).
+%% machine applies it: `{starl_reloaded, Robot, Machine, Result}' ({@link starl_reload:told()}).
 -spec reload(pid(), starl_reload:order(), pid()) -> ok.
 reload(Link, Order, Reporter) -> gen_server:cast(Link, {reload, Order, Reporter}).
 
@@ -131,76 +173,81 @@ take_back(Link, N, Failed) -> gen_server:cast(Link, {take_back, N, Failed}).
 
 %% @doc The processes of the robot's machines, for a simulation that holds the link's state.
 -spec processes(#link{}) -> [pid()].
-processes(#link{turns = Turns}) -> starl_live_turns:processes(Turns).
+processes(Link) -> maps:keys(starl_robot_machines:processes(machines(Link))).
 
 %% @doc Those of them that have an open order: what a simulation waits for.
 -spec at_work(#link{}) -> [pid()].
-at_work(#link{turns = Turns}) -> starl_live_turns:at_work(Turns).
+at_work(#link{robot = Robot} = Link) ->
+    [Pid || Pid <- [process(starl_robot:busy(Robot), Link)], is_pid(Pid)] ++ at_work_beside(Link).
 
--spec init(spec()) -> {ok, starl_live_launch:opened(), {continue, launch}} | {stop, term()}.
+at_work_beside(#link{beside = Beside}) ->
+    [Pid || {Pid, {at_work, _}} <- maps:to_list(Beside)].
+
+%% -- callbacks ------------------------------------------------------------------------------
+
+-spec init(spec()) -> {ok, opened(), {continue, launch}} | {stop, term()}.
 init(#{robot := Robot} = Spec) ->
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
-    case starl_live_launch:open(Spec) of
+    case opened(Spec) of
         {ok, Opened} -> {ok, Opened, {continue, launch}};
         {stop, Reason} -> {stop, Reason}
     end.
 
--spec handle_continue(launch, starl_live_launch:opened()) ->
-    {noreply, #link{}} | {stop, term(), starl_live_launch:opened()}.
+-spec handle_continue(launch, opened()) -> {noreply, #link{}} | {stop, term(), opened()}.
 handle_continue(launch, #{clock := Clock, store := Store} = Opened) ->
-    case starl_live_launch:machines(Opened) of
+    case launched(Opened) of
         {ok, Robot, Tree} ->
-            Turns = starl_live_turns:new(Robot, Tree, Store),
-            Us = maps:get(snapshots_us, Opened, none),
-            Link = #link{turns = Turns, clock = Clock, snapshots = Us},
+            Link = #link{
+                robot = Robot,
+                tree = Tree,
+                store = Store,
+                clock = Clock,
+                senses = starl_live_sense_fault:new(starl_robot:id(Robot)),
+                snapshots_us = maps:get(snapshots_us, Opened, none)
+            },
             ok = watch_later(Link),
-            ok = due_later(Link),
-            {noreply, Link#link{turns = starl_live_turns:start(Turns)}};
+            ok = snapshot_later(Link),
+            {noreply, went(starl_robot:run(Robot), Link)};
         {stop, Reason} ->
             {stop, Reason, Opened}
     end.
 
-watch_later(#link{clock = Clock}) ->
-    _ = starl_live_clock:send_after(starl_live_watch:period_ms(), watch, Clock),
-    ok.
-
-%% By the run's clock, so that all robots tell theirs at about the same time.
-due_later(#link{snapshots = none}) ->
-    ok;
-due_later(#link{snapshots = Us, clock = Clock}) ->
-    Now = starl_live_clock:now_us(Clock),
-    Ms = starl_live_clock:monotonic_ms((Now div Us + 1) * Us, Clock),
-    _ = starl_live_clock:start_timer(Ms, snapshot, [{abs, true}], Clock),
-    ok.
-
--spec handle_call(inspect | figures | metrics | {line, atom()}, gen_server:from(), #link{}) ->
+-spec handle_call(inspect | figures | metrics | {port, atom()}, gen_server:from(), #link{}) ->
     {reply, term(), #link{}}.
-handle_call(What, _From, #link{turns = Turns} = Link) ->
-    {reply, told(What, starl_live_turns:robot(Turns), Turns), Link}.
+handle_call(inspect, _From, Link) ->
+    {reply, starl_robot_tree:inspect(machines(Link)), Link};
+handle_call(figures, _From, Link) ->
+    {reply, starl_live_driver:figures(driver(Link)), Link};
+handle_call({port, Port}, _From, Link) ->
+    {reply, starl_live_driver:port(Port, driver(Link)), Link};
+handle_call(metrics, _From, Link) ->
+    Driver = starl_live_driver:at(driver(Link)),
+    Counts = starl_live_driver:counts(Driver),
+    Leases = starl_live_counts:leases(starl_live_driver:now_us(Driver), Counts),
+    {reply, {gauges(Link) ++ Leases, Counts}, Link}.
 
-told(metrics, Robot, Turns) ->
-    Body = starl_live_body:at(starl_robot:world(Robot)),
-    Counts = starl_live_body:counts(Body),
-    Leases = starl_live_counts:leases(starl_live_body:now_us(Body), Counts),
-    {starl_live_turns:gauges(Turns) ++ Leases, Counts};
-told({line, Line}, Robot, _Turns) ->
-    starl_live_body:line(Line, starl_robot:world(Robot));
-told(inspect, Robot, _Turns) ->
-    starl_robot_tree:inspect(starl_robot:machines(Robot));
-told(figures, Robot, _Turns) ->
-    starl_live_body:figures(starl_robot:world(Robot)).
+%% The queues, the longest step, and the numbers of starts.
+gauges(#link{waiting = Waiting, beside = Beside, watch = Watch} = Link) ->
+    Starts = starl_robot_machines:starts(machines(Link)),
+    Orders = lists:sum([length(Orders) || {_, Orders} <- maps:values(Beside)]),
+    [
+        {queue_events, [], queue:len(Waiting)},
+        {queue_application, [], Orders},
+        {step_seconds, [], starl_live_watch:longest_s(Watch)}
+        | [{starts, [{machine, Name}], N} || {Name, N} <- maps:to_list(Starts)]
+    ].
 
 -spec handle_cast(term(), #link{}) -> {noreply, #link{}}.
-handle_cast({reload, _Order, _Reporter} = Reload, #link{turns = Turns} = Link) ->
-    next(starl_live_turns:waits(Reload, Turns), Link);
-handle_cast({take_back, _N, _Failed} = Back, #link{turns = Turns} = Link) ->
-    next(starl_live_turns:waits(Back, Turns), Link);
-handle_cast({mark, _From, _Mark} = Mark, #link{turns = Turns} = Link) ->
-    next(starl_live_turns:waits(Mark, Turns), Link);
-handle_cast({sense_faults, Faults}, #link{turns = Turns} = Link) ->
-    next(starl_live_turns:sense_faults(Faults, Turns), Link);
-handle_cast({kill, Name}, #link{turns = Turns} = Link) ->
-    case starl_live_turns:machine(Name, Turns) of
+handle_cast({reload, _Order, _Reporter} = Reload, Link) ->
+    {noreply, waits(Reload, Link)};
+handle_cast({take_back, _N, _Failed} = Back, Link) ->
+    {noreply, waits(Back, Link)};
+handle_cast({mark, _From, _Mark} = Mark, Link) ->
+    {noreply, waits(Mark, Link)};
+handle_cast({sense_faults, Faults}, #link{senses = Senses} = Link) ->
+    {noreply, Link#link{senses = starl_live_sense_fault:set(Faults, Senses)}};
+handle_cast({kill, Name}, Link) ->
+    case process(Name, Link) of
         none -> ok;
         Pid -> true = exit(Pid, kill)
     end,
@@ -209,9 +256,9 @@ handle_cast(_Request, Link) ->
     {noreply, Link}.
 
 -spec handle_info(term(), #link{}) -> {noreply, #link{}} | {stop, term(), #link{}}.
-handle_info({starl_attach, _, Name, _} = Attach, #link{turns = Turns} = Link) ->
+handle_info({starl_attach, _, Name, _} = Attach, Link) ->
     %% the end of its predecessor is on its way
-    case starl_live_turns:machine(Name, Turns) of
+    case process(Name, Link) of
         none ->
             {noreply, Link};
         Before ->
@@ -222,28 +269,426 @@ handle_info({starl_attach, _, Name, _} = Attach, #link{turns = Turns} = Link) ->
     end;
 handle_info({'DOWN', _, process, Pid, Reason}, Link) ->
     down(Pid, Reason, Link);
-handle_info({timeout, _, snapshot}, #link{turns = Turns} = Link) ->
-    ok = due_later(Link),
-    next(starl_live_turns:picture(Turns), Link);
-handle_info(watch, #link{turns = Turns} = Link) ->
+handle_info({timeout, _, snapshot}, Link) ->
+    ok = snapshot_later(Link),
+    {noreply, work(Link#link{is_due = true})};
+handle_info(watch, Link) ->
     ok = watch_later(Link),
-    next(starl_live_turns:watch(Turns), Link);
-handle_info(Message, #link{turns = Turns} = Link) ->
-    next(hear(Message, Turns), Link).
+    {noreply, watch(Link)};
+handle_info({starl_done, _, Pid, Actions}, Link) ->
+    {noreply, answered(Pid, Actions, Link)};
+handle_info({timeout, _, {starl_timer, Name, Timer, Mark, Content}}, Link) ->
+    {noreply, waits({timer, Name, Timer, Mark, Content}, Link)};
+handle_info({starl_late, Owner}, Link) ->
+    {noreply, late(Owner, Link)};
+handle_info({starl_felt, From, {_, Kind, _} = Mark, Said}, #link{senses = Senses} = Link) ->
+    {Felt, Next} = starl_live_sense_fault:felt(Kind, Said, Senses),
+    {noreply, hear({starl_felt, From, Mark, Felt}, Link#link{senses = Next})};
+handle_info(Message, Link) ->
+    {noreply, hear(Message, Link)}.
 
-hear({starl_done, _, Pid, Actions}, Turns) ->
-    starl_live_turns:answered(Pid, Actions, Turns);
-hear({timeout, _, {starl_timer, Name, Timer, Mark, Content}}, Turns) ->
-    starl_live_turns:waits({timer, Name, Timer, Mark, Content}, Turns);
-hear({starl_late, Owner}, Turns) ->
-    starl_live_turns:late(Owner, Turns);
-hear(Message, Turns) ->
-    starl_live_turns:hear(Message, Turns).
+%% -- launch ---------------------------------------------------------------------------------
 
-next(Turns, Link) -> {noreply, Link#link{turns = Turns}}.
-
-down(Pid, Reason, #link{turns = Turns} = Link) ->
-    case starl_live_turns:down(Pid, Reason, Turns) of
-        {ok, Next} -> next(Next, Link);
-        {gave_up, Last} -> {stop, {shutdown, gave_up}, Link#link{turns = Last}}
+%% Opens what is to be open before the machines start. The ports are linked to this process.
+opened(#{dir := Dir} = Spec) ->
+    case starl_live_store:open(Dir) of
+        {ok, Store} -> recording(Spec#{store => Store});
+        {error, Why} -> {stop, failure(store, Why)}
     end.
+
+failure(Part, Why) -> {shutdown, {Part, unicode:characters_to_binary(Why)}}.
+
+recording(#{record := true, dir := Dir} = Spec) ->
+    case starl_live_record:open(Dir) of
+        {ok, Record} -> ports([transport, positioning, chassis], Spec#{record := Record});
+        {error, Why} -> {stop, failure(record, Why)}
+    end;
+recording(Spec) ->
+    ports([transport, positioning, chassis], Spec#{record => none}).
+
+ports([], Spec) ->
+    senses(maps:to_list(maps:get(senses, Spec, #{})), Spec#{senses => #{}});
+ports([Port | Ports], Spec) when is_pid(map_get(Port, Spec)) ->
+    ports(Ports, Spec);
+ports([Port | Ports], Spec) ->
+    #{Port := {Module, Own}, robot := Robot, clock := Clock, tree := Tree, profile := P} = Spec,
+    #{participants := Team} = Tree,
+    Known = Own#{robot => Robot, participants => Team, clock => Clock, profile => P},
+    case start_port(Port, Module, Known, Spec) of
+        {ok, Pid} -> ports(Ports, Spec#{Port => Pid});
+        {error, Reason} -> {stop, Reason}
+    end.
+
+start_port(transport, Module, Config, Spec) ->
+    Reports = Config#{tell => starl_live_packet_reports:teller(Spec)},
+    starl_live_transport:start_link(Module, Reports, self());
+start_port(positioning, Module, Config, _Spec) ->
+    starl_live_positioning:start_link(Module, Config, self());
+start_port(chassis, Module, Config, _Spec) ->
+    starl_live_chassis:start_link(Module, Config, self()).
+
+senses([], Spec) ->
+    {ok, Spec};
+senses([{Kind, {Module, Own}} | Others], #{robot := Robot, clock := Clock, senses := Open} = Spec) ->
+    case starl_live_sense:start_link(Module, Own#{robot => Robot, clock => Clock}, self()) of
+        {ok, Pid} -> senses(Others, Spec#{senses := Open#{Kind => Pid}});
+        {error, Reason} -> {stop, Reason}
+    end.
+
+%% Starts the machines, makes the numbers of their starts durable, and reports the start. The robot
+%% has not run yet.
+launched(#{robot := Id, robot_sup := Sup, tree := Tree, store := Store} = Spec) ->
+    Driver = starl_live_driver:new(Spec#{
+        participants => maps:get(participants, Tree), parts => starl_robot_crew:parts(Tree)
+    }),
+    {Left, Inline} = inline(Tree#{services := services(Tree)}, Spec),
+    Moment = starl_live_driver:moment(Driver),
+    Start = start(Left, Id, Sup),
+    Before = starl_live_store:starts(Store),
+    {Processes, Machines} = starl_robot_tree:resume(Id, Start, Inline, Moment, Before),
+    case starl_live_store:started(starl_robot_machines:starts(Machines), Store) of
+        ok -> {ok, started(Spec, Driver, Machines), Processes};
+        {error, Why} -> {stop, failure(store, Why)}
+    end.
+
+inline(Tree, #{inline := true}) -> starl_robot_crew:inline(Tree);
+inline(Tree, _Spec) -> {Tree, #{}}.
+
+%% Starts the machines that are processes.
+start(none, _Id, _Sup) ->
+    none;
+start(Tree, Id, Sup) ->
+    Robot = Tree#{id => Id, driver => self()},
+    fun() ->
+        {ok, Machines} = starl_live_robot:start_machines(Sup, Robot),
+        _ = erlang:monitor(process, Machines),
+        {Machines, starl_robot_sup:parts(Machines)}
+    end.
+
+%% The positioning process itself finds a source that is stuck ({@link starl_live_positioning}); a
+%% rounded pose of a robot that stands repeats itself rightly.
+services(#{services := Services}) ->
+    [
+        case Service of
+            {location, Module, Config} -> {location, Module, Config#{exact => true}};
+            _ -> Service
+        end
+     || Service <- Services
+    ].
+
+started(#{robot := Id, store := Store} = Spec, Driver, Machines) ->
+    Names = starl_robot_machines:names(Machines),
+    ok = report_start(Names, Spec),
+    ok = starl_live_driver:report_start(Names, Driver),
+    %% a robot that has run before comes up after a reboot
+    Up =
+        case starl_live_store:life(Store) of
+            first -> Driver;
+            later -> starl_live_driver:trace(robot, up, Driver)
+        end,
+    starl_robot:new(Id, starl_live_driver, Up, Machines).
+
+report_start(_Names, #{sink := none}) ->
+    ok;
+report_start(Names, #{robot := Id, sink := Sink, record := Record}) ->
+    File =
+        case Record of
+            none -> none;
+            _ -> starl_live_record:file(Record)
+        end,
+    Sink ! {starl_started, Id, self(), {Names, File}},
+    ok.
+
+%% -- what comes -----------------------------------------------------------------------------
+
+%% A process has answered with its machine's actions.
+answered(Pid, Actions, #link{beside = Beside} = Link) when is_map_key(Pid, Beside) ->
+    waits({acts, Pid, Actions}, Link);
+answered(Pid, Actions, #link{robot = Robot} = Link) ->
+    case starl_robot:answered(Pid, Actions, Robot) of
+        ignored -> Link;
+        Turn -> went(Turn, Link)
+    end.
+
+%% A port was too late with what a machine has sent.
+late({Name, Mark}, Before) ->
+    #link{robot = Robot} = Link = input({other, late}, Before),
+    go_on(Link#link{robot = starl_robot:first([{Name, info, {late, Mark}}], Robot)}).
+
+%% A message of the robot's ports, or an unknown one. Packets may be lost; other events are few.
+hear(Message, #link{waiting = Waiting} = Link) ->
+    case starl_live_driver:hear(Message, driver(Link)) of
+        unknown ->
+            Link;
+        [{sap, packet, _} | _] = Packets ->
+            case queue:len(Waiting) > ?MOST_WAITING of
+                true -> Link;
+                false -> all_wait(Packets, Link)
+            end;
+        Events ->
+            all_wait(Events, Link)
+    end.
+
+all_wait(Events, Link) ->
+    lists:foldl(fun(Event, L) -> waits({event, Event}, L) end, Link, Events).
+
+waits(Event, #link{waiting = Waiting} = Link) ->
+    work(Link#link{waiting = queue:in(Event, Waiting)}).
+
+%% -- one event at a time --------------------------------------------------------------------
+
+%% Handles the next event, if the robot is quiet. A snapshot that is due comes first.
+work(#link{robot = Robot, waiting = Waiting} = Link) ->
+    case starl_robot:busy(Robot) =:= none andalso queue:out(Waiting) of
+        false -> Link;
+        _ when Link#link.is_due -> work(snapshot(Link#link{is_due = false}));
+        {empty, _} -> Link;
+        {{value, Event}, Left} -> handle(Event, Link#link{waiting = Left})
+    end.
+
+handle({event, {Name, Type, Content}}, Link) ->
+    {Driver0, #link{robot = Robot} = Now} = at_event(Link),
+    Driver = starl_live_driver:input({event, Name, Type, Content}, Driver0),
+    Noted = starl_live_driver:handles(Name, Type, Content, Driver),
+    went(starl_robot:event(Name, Type, Content, Noted, Robot), Now);
+handle({reload, Order, Reporter}, Link) ->
+    {Driver, Now} = at_event(input({other, reload}, Link)),
+    {Commands, Next} = starl_live_driver:reload(Order, Reporter, Driver),
+    command(Commands, Next, Now);
+handle({take_back, N, Failed}, Link) ->
+    {Driver, Now} = at_event(input({other, reload}, Link)),
+    {Commands, Next} = starl_live_driver:take_back(N, Failed, Driver),
+    command(Commands, Next, Now);
+handle({timer, Name, Timer, Mark, Content}, #link{robot = Robot} = Link) ->
+    case starl_robot:expire(Name, Timer, Mark, Robot) of
+        {ok, Type, Left} ->
+            {Driver0, Now} = at_event(Link),
+            Driver = starl_live_driver:input({timer, Name, Timer, Mark, Content}, Driver0),
+            Noted = starl_live_driver:handles(Name, Type, Content, Driver),
+            went(starl_robot:fire(Name, Type, Content, Noted, Left, Now#link.robot), Now);
+        stale ->
+            work(Link)
+    end;
+handle({mark, From, Mark}, #link{robot = Robot} = Link) ->
+    From ! {starl_marked, starl_robot:id(Robot), self(), Mark},
+    work(Link);
+handle({acts, Pid, Actions}, Link) ->
+    acted(Pid, Actions, Link).
+
+acted(Pid, Actions, #link{beside = Beside} = Link) ->
+    case {Beside, starl_robot_machines:name_of(Pid, machines(Link))} of
+        {#{Pid := {_, Orders}}, {ok, Name}} ->
+            {Driver0, #link{robot = Robot, watch = Watch} = Now} = at_event(Link),
+            Driver = starl_live_driver:input(acts, Driver0),
+            Idle = Now#link{
+                beside = Beside#{Pid := {idle, Orders}},
+                watch = starl_live_watch:answered(Pid, Watch)
+            },
+            Valid = starl_robot:without_calls(starl_driver:restarted(Orders), Actions),
+            went(starl_robot:act(Name, Valid, Driver, Robot), Idle);
+        _ ->
+            work(Link)
+    end.
+
+%% The robot's machines get these commands on new code.
+command(Commands, Driver, #link{robot = Robot} = Link) ->
+    Machines = starl_robot:machines(Robot),
+    {There, Gone} = lists:partition(
+        fun({Name, _}) -> starl_robot_machines:has(Name, Machines) end, Commands
+    ),
+    Next = lists:foldl(fun({Name, C}, D) -> starl_live_driver:gone(Name, C, D) end, Driver, Gone),
+    Local = [{Name, code, Command} || {Name, Command} <- There],
+    went(starl_robot:run(starl_robot:then(Local, starl_robot:world(Next, Robot))), Link).
+
+%% The driver's state at an event. A timer that should have been handled long ago shows that the
+%% computer was late; one trace event speaks for all timers that were due in that time.
+at_event(#link{robot = Robot, number = N, late_us = Before} = Link) ->
+    Marks = starl_robot_timers:marks(starl_robot:timers(Robot)),
+    {Due, Driver} = starl_live_driver:due_us(Marks, starl_live_driver:at(driver(Link))),
+    computer_late(max(Due, Before), Driver, Link#link{number = N + 1}).
+
+computer_late(Since, Driver, Link) ->
+    case starl_live_driver:now_us(Driver) of
+        Now when Now - Since > ?LATE_US ->
+            ok = warn_late(),
+            {starl_live_driver:trace(robot, {late, Since, Now}, Driver), Link#link{late_us = Now}};
+        _Now ->
+            {Driver, Link}
+    end.
+
+warn_late() ->
+    Why = io_lib:format("its computer was late by more than ~b ms", [?LATE_US div 1000]),
+    starl_live_log:of_machine(warning, late, robot, Why).
+
+%% The result of an event, with all that followed from it.
+went({quiet, Robot}, Link) ->
+    next(flushed(Robot, Link));
+went({ask, Pid, Order, Robot}, #link{beside = Beside} = Link) ->
+    case {starl_robot:busy(Robot), Beside} of
+        {_, #{Pid := {How, Orders}}} ->
+            Kept = Link#link{beside = Beside#{Pid => {How, Orders ++ [Order]}}},
+            went(starl_robot:leave(Robot), Kept);
+        {app, _} ->
+            %% what is known of a grant leaves before the application can act on it
+            Flushed = flushed(Robot, Link),
+            Pid ! Order,
+            Left = Flushed#link{beside = Beside#{Pid => {at_work, []}}},
+            went(starl_robot:leave(Left#link.robot), Left);
+        _ ->
+            ask(Pid, Order, starl_live_driver:flush(starl_robot:world(Robot)), Robot, Link)
+    end;
+went({crashed, Name, Reason, Robot}, Link) ->
+    Flushed = flushed(Robot, Link),
+    {ok, _Killed} = starl_robot_tree:kill(Name, machines(Flushed)),
+    case crashed(Name, Reason, Flushed) of
+        {ok, Next} -> go_on(Next);
+        {gave_up, _} -> exit({shutdown, gave_up})
+    end.
+
+%% If something was late then that comes first, also for the machine of this order.
+ask(Pid, Order, {[], Driver}, Robot, Link) ->
+    Pid ! Order,
+    Link#link{robot = starl_robot:world(Driver, Robot)};
+ask(_Pid, Order, {[_ | _] = Late, Driver}, Robot, Link) ->
+    Waits = starl_robot:put_off(Order, starl_robot:world(late_input(Late, Driver), Robot)),
+    went(starl_robot:run(starl_robot:first(Late, Waits)), Link).
+
+%% A machine learns that something of its step was late before it handles anything else.
+flushed(Robot, Link) ->
+    {Late, Flushed} = starl_live_driver:flush(starl_robot:world(Robot)),
+    Driver = late_input(Late, Flushed),
+    Link#link{robot = starl_robot:first(Late, starl_robot:world(Driver, Robot))}.
+
+late_input([], Driver) -> Driver;
+late_input([_ | _], Driver) -> starl_live_driver:input({other, late}, Driver).
+
+next(#link{robot = Robot} = Link) ->
+    case starl_robot:status(Robot) of
+        {busy, _} -> went(starl_robot:run(Robot), Link);
+        {_, _} -> work(order_next(Link))
+    end.
+
+%% Processes that have answered get their next order.
+order_next(#link{beside = Beside} = Link) when map_size(Beside) =:= 0 -> Link;
+order_next(#link{beside = Beside, robot = Robot} = Link) ->
+    Driver = starl_live_driver:at(driver(Link)),
+    Now = starl_live_driver:now_us(Driver),
+    Next = maps:filtermap(fun(Pid, Work) -> ordered(Pid, Work, Now) end, Beside),
+    Ordered = lists:foldl(
+        fun(_, D) -> starl_live_driver:input(order, D) end,
+        Driver,
+        [Pid || {Pid, {idle, [_ | _]}} <- maps:to_list(Beside)]
+    ),
+    Link#link{beside = Next, robot = starl_robot:world(Ordered, Robot)}.
+
+ordered(_Pid, {at_work, _}, _Now) ->
+    true;
+ordered(_Pid, {idle, []}, _Now) ->
+    false;
+ordered(Pid, {idle, [Order | Orders]}, Now) ->
+    Pid ! starl_driver:later(Now, Order),
+    {true, {at_work, Orders}}.
+
+go_on(#link{robot = Robot} = Link) ->
+    case starl_robot:busy(Robot) of
+        none -> went(starl_robot:run(Robot), Link);
+        _ -> flushed(Robot, Link)
+    end.
+
+%% -- the watchdog and snapshots -------------------------------------------------------------
+
+watch_later(#link{clock = Clock}) ->
+    _ = starl_live_clock:send_after(starl_live_watch:period_ms(), watch, Clock),
+    ok.
+
+%% Kills a process that does not answer: its supervisor starts it anew.
+watch(#link{robot = Robot, number = N, watch = Before} = Link) ->
+    Busy = starl_robot:busy(Robot),
+    Beside = [{Pid, name(Pid, Link)} || Pid <- at_work_beside(Link)],
+    {Do, Watch} = starl_live_watch:look({N, Busy}, Beside, Before),
+    _ = Do =:= kill andalso exit(process(Busy, Link), kill),
+    Link#link{watch = Watch}.
+
+name(Pid, Link) ->
+    {ok, Name} = starl_robot_machines:name_of(Pid, machines(Link)),
+    Name.
+
+%% By the run's clock, so that all robots take theirs at about the same time.
+snapshot_later(#link{snapshots_us = none}) ->
+    ok;
+snapshot_later(#link{snapshots_us = Us, clock = Clock}) ->
+    Now = starl_live_clock:now_us(Clock),
+    Ms = starl_live_clock:monotonic_ms((Now div Us + 1) * Us, Clock),
+    _ = starl_live_clock:start_timer(Ms, snapshot, [{abs, true}], Clock),
+    ok.
+
+%% The robot is quiet. While an application computes there is no snapshot.
+snapshot(#link{robot = Robot, beside = Beside} = Link) ->
+    Taken =
+        case map_size(Beside) =:= 0 andalso starl_robot_tree:snapshot(machines(Link)) of
+            false -> {error, at_work};
+            {ok, Kept} -> {ok, {Kept, starl_robot:parts(Robot)}};
+            {error, _} = Error -> Error
+        end,
+    Driver = starl_live_driver:snapshot(Taken, starl_live_driver:at(driver(Link))),
+    flushed(starl_robot:world(Driver, Robot), Link).
+
+%% -- crashes --------------------------------------------------------------------------------
+
+%% A process has ended.
+down(Pid, Reason, #link{tree = Tree} = Link) ->
+    case starl_robot_machines:name_of(Pid, machines(Link)) of
+        {ok, Name} ->
+            case crashed(Name, Reason, Link) of
+                {ok, Next} -> {noreply, go_on(Next)};
+                {gave_up, Last} -> {stop, {shutdown, gave_up}, Last}
+            end;
+        none ->
+            case starl_robot_tree:supervisor(Tree) of
+                Pid -> {stop, {shutdown, gave_up}, Link};
+                _ -> {noreply, Link}
+            end
+    end.
+
+%% The link waits until the machine has been restarted, or given up. The failure of new code is
+%% reported also by a link that ends with it.
+crashed(Name, Reason, Before) ->
+    #link{robot = Robot, tree = Tree} = Link = input({other, crashed}, Before),
+    Gone = process(Name, Link),
+    Driver = starl_live_driver:at(driver(Link)),
+    Judged = starl_live_driver:crashed(Name, starl_crash:cause(Reason), Driver),
+    Bare = starl_robot:lost(Name, Reason, starl_robot:world(Judged, Robot)),
+    ok = log_crash(Name, starl_crash:cause(Reason)),
+    case starl_robot_tree:restart(Name, starl_robot:machines(Bare), Tree) of
+        {ok, Restarted, Machines} -> restarted(Restarted, Machines, Gone, Bare, Link);
+        gave_up -> {gave_up, flushed(Bare, Link)}
+    end.
+
+log_crash(_Name, none) ->
+    ok;
+log_crash(Name, Cause) ->
+    starl_live_log:of_machine(error, crashed, Name, starl_crash:format(Cause)).
+
+restarted(#{back := Back, given_up := GivenUp, lost := Lost}, Machines, Gone, Bare, Link) ->
+    #link{store = Store, beside = Beside} = Link,
+    case starl_live_store:started(starl_robot_machines:starts(Machines), Store) of
+        ok ->
+            Left = lists:foldr(fun({N, R}, B) -> starl_robot:lost(N, R, B) end, Bare, Lost),
+            Robot = starl_robot:back(Back, GivenUp, starl_robot:machines(Machines, Left)),
+            {ok, Link#link{robot = Robot, beside = maps:remove(Gone, Beside)}};
+        {error, _} ->
+            {gave_up, flushed(Bare, Link)}
+    end.
+
+%% -- parts of the state ---------------------------------------------------------------------
+
+driver(#link{robot = Robot}) -> starl_robot:world(Robot).
+
+machines(#link{robot = Robot}) -> starl_robot:machines(Robot).
+
+%% The process of a machine, if it is one.
+process(Name, Link) -> starl_robot_machines:process(Name, machines(Link)).
+
+input(Input, #link{robot = Robot} = Link) ->
+    Driver = starl_live_driver:input(Input, starl_robot:world(Robot)),
+    Link#link{robot = starl_robot:world(Driver, Robot)}.

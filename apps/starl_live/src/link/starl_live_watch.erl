@@ -7,7 +7,7 @@
 -export_type([t/0]).
 
 -define(WATCH_MS, 5000).
-%% After this many watches in one step, an application is told of.
+%% After this many watches in one step, an application is logged.
 -define(LONG_STEP, 3).
 
 -record(watch, {
@@ -46,10 +46,10 @@ when
     Beside :: [{pid(), starl_machine:name()}].
 look(AtWork, Beside, #watch{long = Long} = Watch) ->
     Watched = maps:from_list([{Pid, 1 + maps:get(Pid, Long, 0)} || {Pid, _} <- Beside]),
-    _ = [tell_long(Pid, Name) || {Pid, Name} <- Beside, map_get(Pid, Watched) =:= ?LONG_STEP],
+    _ = [log_long(Pid, Name) || {Pid, Name} <- Beside, map_get(Pid, Watched) =:= ?LONG_STEP],
     waited(AtWork, Watch#watch{long = Watched}).
 
-tell_long(Pid, Name) ->
+log_long(Pid, Name) ->
     At = place(starl_crash:place(starl_crash:frames_of(Pid))),
     Text = io_lib:format("in one step for ~b s~ts", [watched_s(?LONG_STEP), At]),
     starl_live_log:of_machine(error, long_step, Name, Text).

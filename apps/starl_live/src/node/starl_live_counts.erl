@@ -62,10 +62,10 @@ messages(Us, {sent, {_, _, Seq}, To, _, _}, #counts{open = Open} = Counts) ->
         false -> Sent
     end;
 messages(Us, {outcome, {_, _, Seq}, _, How}, #counts{open = Open} = Counts) ->
-    Told = count({messages_ended, outcome, How}, 1, Counts#counts{open = maps:remove(Seq, Open)}),
+    Counted = count({messages_ended, outcome, How}, 1, Counts#counts{open = maps:remove(Seq, Open)}),
     case {How, Open} of
-        {acknowledged, #{Seq := {Sent, _}}} -> observed(Us - Sent, Told);
-        _ -> Told
+        {acknowledged, #{Seq := {Sent, _}}} -> observed(Us - Sent, Counted);
+        _ -> Counted
     end;
 messages(_Us, {delivered, _, _, _}, Counts) ->
     count(messages_delivered, 1, Counts);

@@ -109,8 +109,8 @@ metrics() ->
     end.
 
 with(Link) ->
-    try {starl_live_link:metrics(Link), lines(Link)} of
-        {{Gauges, Counts}, Lines} -> {200, starl_live_counts:text(Gauges ++ Lines ++ vm(), Counts)}
+    try {starl_live_link:metrics(Link), gauges(Link)} of
+        {{Gauges, Counts}, Ports} -> {200, starl_live_counts:text(Gauges ++ Ports ++ vm(), Counts)}
     catch
         exit:_ -> {503, "the robot does not answer\n"}
     end.
@@ -124,12 +124,12 @@ link() ->
     end.
 
 %% The counters of the radio and of the positioning system, the other robots, and the body.
-lines(Link) ->
-    Transport = starl_live_link:line(Link, transport),
+gauges(Link) ->
+    Transport = starl_live_link:port(Link, transport),
     Radio = starl_live_transport:figures(Transport),
     Peers = starl_live_transport:peers(Transport),
-    Chassis = starl_live_chassis:condition(starl_live_link:line(Link, chassis)),
-    Sight = starl_live_positioning:figures(starl_live_link:line(Link, positioning)),
+    Chassis = starl_live_chassis:condition(starl_live_link:port(Link, chassis)),
+    Sight = starl_live_positioning:figures(starl_live_link:port(Link, positioning)),
     [{radio, [{what, What}], N} || {What, N} <- maps:to_list(Radio)] ++
         [{positioning, [{what, What}], N} || {What, N} <- maps:to_list(Sight)] ++
         starl_live_counts:peers(Peers) ++ starl_live_counts:chassis(Chassis).

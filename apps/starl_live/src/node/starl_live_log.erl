@@ -38,24 +38,24 @@ of_machine(Level, What, Name, Text) ->
 report(#{what := crashed, machine := Name, reason := Why}) -> {"~tp crashed: ~ts", [Name, Why]};
 report(#{what := _, reason := Why}) -> {"~ts", [Why]}.
 
-%% @private Stops what the link says, too. Who ends a process from outside does not crash it: that is
-%% told by its supervisor alone, and becomes one line.
+%% @private Stops what the link logs, too. Who ends a process from outside does not crash it: only its
+%% supervisor reports that, and it becomes one line.
 -spec again(logger:log_event(), []) -> stop | ignore | logger:log_event().
 again(#{meta := #{domain := [otp | _], machine := _}}, []) ->
     stop;
 again(#{msg := {report, #{label := {supervisor, What}, report := Report}}} = Event, []) ->
     case {proplists:get_value(supervisor, Report), What, proplists:get_value(reason, Report)} of
         {{_Pid, starl_robot_sup}, child_terminated, Reason} ->
-            told(starl_crash:cause(Reason), Report, Event);
-        %% the chassis has told it
+            ended(starl_crash:cause(Reason), Report, Event);
+        %% the chassis has logged it
         {{_Pid, starl_live_robot}, child_terminated, {shutdown, {chassis, _}}} ->
             stop;
         {{_Pid, starl_live_robot}, Ended, {shutdown, Why}} when
             Ended =:= child_terminated; Ended =:= start_error
         ->
-            says(starts_anew(Why), Event);
+            logs(starts_anew(Why), Event);
         {{_Pid, starl_live_robot}, shutdown, Why} ->
-            says(#{what => node_ends, why => Why}, Event);
+            logs(#{what => node_ends, why => Why}, Event);
         {{local, starl_live_sup}, _, Why} when
             Why =:= shutdown; Why =:= reached_max_restart_intensity
         ->
@@ -67,34 +67,34 @@ again(_Event, []) ->
     ignore.
 
 %% The text is no more the supervisor's.
-says(Report, #{meta := Meta} = Event) ->
-    Event#{msg := {report, Report}, meta := Meta#{report_cb => fun words/1}}.
+logs(Report, #{meta := Meta} = Event) ->
+    Event#{msg := {report, Report}, meta := Meta#{report_cb => fun text/1}}.
 
-words(#{what := store_unwritable, why := Why}) ->
+text(#{what := store_unwritable, why := Why}) ->
     {"its store cannot be written: ~ts; it starts anew", [Why]};
-words(#{what := robot_starts_anew, why := gave_up}) ->
+text(#{what := robot_starts_anew, why := gave_up}) ->
     {"it starts anew: its machines have ended too often", []};
-words(#{what := robot_starts_anew, why := outlived}) ->
+text(#{what := robot_starts_anew, why := outlived}) ->
     {"it starts anew: its store is older than what others have heard of it", []};
-words(#{what := robot_starts_anew, why := {Line, Why}}) when is_binary(Why) ->
-    {"it starts anew: its ~ts: ~ts", [Line, Why]};
-words(#{what := robot_starts_anew, why := Why}) ->
+text(#{what := robot_starts_anew, why := {Port, Why}}) when is_binary(Why) ->
+    {"it starts anew: its ~ts: ~ts", [Port, Why]};
+text(#{what := robot_starts_anew, why := Why}) ->
     {"it starts anew: ~0tp", [Why]};
-words(#{what := node_ends, why := reached_max_restart_intensity}) ->
+text(#{what := node_ends, why := reached_max_restart_intensity}) ->
     {"its node ends: it has started anew too often", []};
-words(#{what := node_ends, why := Why}) ->
+text(#{what := node_ends, why := Why}) ->
     {"its node ends: ~0tp", [Why]};
-words(#{what := machine_ended, machine := Machine, why := Why}) ->
+text(#{what := machine_ended, machine := Machine, why := Why}) ->
     {"its machine ~ts has ended: ~0tp", [Machine, Why]}.
 
 starts_anew({store, Why}) -> #{what => store_unwritable, why => Why};
 starts_anew(Why) -> #{what => robot_starts_anew, why => Why}.
 
-told(none, Report, Event) ->
+ended(none, Report, Event) ->
     Machine = proplists:get_value(id, proplists:get_value(offender, Report)),
     Why = proplists:get_value(reason, Report),
-    says(#{what => machine_ended, machine => Machine, why => Why}, Event);
-told(_Cause, _Report, _Event) ->
+    logs(#{what => machine_ended, machine => Machine, why => Why}, Event);
+ended(_Cause, _Report, _Event) ->
     stop.
 
 %% @private

@@ -56,7 +56,7 @@ open(Spec, Http) ->
         {error, _} = Error -> Error
     end.
 
-%% @doc One line on why a robot could not be opened: a line of it that cannot be opened says why.
+%% @doc One line on why a robot could not be opened: a port that cannot be opened gives the reason.
 -spec format_error(term()) -> unicode:chardata().
 format_error({Reason, Child}) when element(1, Child) =:= child ->
     format_error(Reason);
@@ -64,8 +64,8 @@ format_error({shutdown, {failed_to_start_child, _, Reason}}) ->
     format_error(Reason);
 format_error({failed_to_start_child, _, Reason}) ->
     format_error(Reason);
-format_error({shutdown, {Line, Why}}) when is_atom(Line), is_binary(Why) ->
-    [atom_to_list(Line), ": ", Why];
+format_error({shutdown, {Port, Why}}) when is_atom(Port), is_binary(Why) ->
+    [atom_to_list(Port), ": ", Why];
 format_error(Reason) ->
     case io_lib:deep_char_list(Reason) of
         true -> Reason;
@@ -85,7 +85,7 @@ robot() ->
 answers(Ms) -> figures(Ms) =/= silent.
 
 %% @doc The counters of the robot; `silent': its link has not answered within this time.
--spec figures(TimeoutMs :: pos_integer()) -> starl_live_body:figures() | silent.
+-spec figures(TimeoutMs :: pos_integer()) -> starl_live_driver:figures() | silent.
 figures(Ms) ->
     try
         gen_server:call(starl_live_robot:link(robot()), figures, Ms)

@@ -10,9 +10,9 @@
 %% under two conditions: the source has shown nothing newer for a second, and a second picture
 %% follows that is newer than this picture.
 %%
-%% <em>Age.</em> The clock of a source need not agree with ours. The datagram with the shortest
-%% delay of the last five to ten seconds shows how far the two are apart. A datagram that was
-%% delayed, or waited until it was read, is that much older than its arrival. A picture without a
+%% <em>Age.</em> The clock of a source need not agree with ours. The fastest datagram of the last five
+%% to ten seconds shows how far the two are apart ({@link starl_live_clock_offset}). A datagram that
+%% was delayed, or waited until it was read, is that much older than its arrival. A picture without a
 %% time is as old as its arrival, plus the source's latency. All times here are system time in
 %% microseconds.
 -module(starl_live_frames).
@@ -45,11 +45,8 @@
     shown = [] :: [starl:robot_id()],
     %% an older picture that came when the source had been silent for long enough
     anew = none :: {integer() | none, integer() | none} | none,
-    fastest = none :: fastest() | none
+    offset = starl_live_clock_offset:new() :: starl_live_clock_offset:t()
 }).
-
-%% Arrival less the source's time: the least since a time, and the least in the window before it.
--type fastest() :: {SinceUs :: integer(), Least :: integer(), Before :: integer() | none}.
 
 -opaque t() :: #frames{}.
 
@@ -96,32 +93,23 @@ older(This, Arrived, Frames) ->
         false -> Frames
     end.
 
-newer({_, Time} = This, Arrived, #frames{fastest = Fastest}) ->
-    #frames{newest = This, arrived_us = Arrived, fastest = fastest(Time, Arrived, Fastest)}.
+%% Only a new picture counts for the offset: one that is repeated has been under way for ever longer.
+newer({_, Time} = This, Arrived, #frames{offset = Before}) ->
+    Offset =
+        case Time of
+            none -> Before;
+            _ -> starl_live_clock_offset:add(Time, Arrived, ?WINDOW_US, Before)
+        end,
+    #frames{newest = This, arrived_us = Arrived, offset = Offset}.
 
+%% A part of a picture may have its time where the others have none.
 shown(Order, #{time_us := Time, age_us := Age, poses := Poses}, Arrived, Frames) ->
-    #frames{shown = Shown, fastest = Fastest} = Frames,
-    Taken = taken(Time, Arrived, Fastest) - Age,
+    #frames{shown = Shown, offset = Offset} = Frames,
+    Sent =
+        case Time of
+            none -> Arrived;
+            _ -> starl_live_clock_offset:ours(Time, Arrived, Offset)
+        end,
     Fresh = [{Robot, Pose} || {Robot, Pose} <- Poses, not lists:member(Robot, Shown)],
     Next = Frames#frames{shown = [Robot || {Robot, _} <- Fresh] ++ Shown},
-    {Order, [{Robot, Pose, Taken} || {Robot, Pose} <- Fresh], Next}.
-
-%% -- the source's clock ---------------------------------------------------------------------
-
-%% Only a new picture tells: one that is repeated has been under way for ever longer. After a pause the
-%% fastest before it still counts: if the clocks have drifted apart since, poses are rather taken for
-%% too old.
-fastest(none, _Arrived, Fastest) ->
-    Fastest;
-fastest(Time, Arrived, none) ->
-    {Arrived, Arrived - Time, none};
-fastest(Time, Arrived, {Since, Least, _}) when Arrived - Since >= ?WINDOW_US ->
-    {Arrived, Arrived - Time, Least};
-fastest(Time, Arrived, {Since, Least, Before}) ->
-    {Since, min(Arrived - Time, Least), Before}.
-
-%% A part of a picture may have its time where the others have none. An atom is greater than any number.
-taken(Time, Arrived, {_, Least, Before}) when is_integer(Time) ->
-    min(Arrived, Time + min(Least, Before));
-taken(_, Arrived, _) ->
-    Arrived.
+    {Order, [{Robot, Pose, Sent - Age} || {Robot, Pose} <- Fresh], Next}.

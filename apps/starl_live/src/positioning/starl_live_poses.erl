@@ -294,4 +294,4 @@ within({{X, Y, A}, Taken}, {{U, V, B}, Before}, {Speed, Turn, Mm, Rad, _}) ->
         reaches(abs(starl_geometry:angle_diff(A, B)), Rad, Turn, Us).
 
 reaches(_Way, _More, infinity, _Us) -> true;
-reaches(Way, More, Speed, Us) -> Way =< More + Speed * Us / 1.0e6.
+reaches(Mm, More, Speed, Us) -> Mm =< More + Speed * Us / 1.0e6.

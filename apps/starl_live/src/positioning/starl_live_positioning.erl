@@ -24,7 +24,7 @@
 
 -export_type([config/0, sighting/0, figures/0, located/0]).
 
-%% What every source is told; each has further keys of its own.
+%% What every source gets; each has further keys of its own.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),

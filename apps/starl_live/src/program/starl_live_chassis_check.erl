@@ -26,7 +26,7 @@
 -record(exam, {
     chassis :: pid(),
     clock :: starl_live_clock:t(),
-    driver :: starl_live_link:line(),
+    driver :: starl_live_link:adapter(),
     found = [] :: [finding()]
 }).
 
@@ -53,12 +53,12 @@
 
 %% @doc Returns the findings, clause by clause. If the driver does not open, nothing else is
 %% checked.
--spec check(starl_live_link:line()) -> [finding(), ...].
+-spec check(starl_live_link:adapter()) -> [finding(), ...].
 check({_Module, _Own} = Driver) ->
     Before = process_flag(trap_exit, true),
     Clock = starl_live_clock:new(erlang:system_time(microsecond), 1),
     Profile = starl_chassis:profile(starl_chassis_differential, #{
-        %% what is slower than it is told is driven for longer
+        %% what is slower than its order is driven for longer
         speed => 1.0,
         near_speed => 1.0,
         latency_ms => ?HEARD_US div 1000
@@ -118,21 +118,21 @@ flushed(Exam) ->
 %% A leg ends by itself when its time is over: the dead man's time.
 legs(Exam) ->
     From = place(Exam),
-    {Told, Answer} = driven([{?SPEED, ?SPEED, ?LEG_US}], leg, Exam),
-    Next = timed(leg, Told, Answer, ?LEG_US, Exam),
+    {Ordered, Answer} = driven([{?SPEED, ?SPEED, ?LEG_US}], leg, Exam),
+    Next = timed(leg, Ordered, Answer, ?LEG_US, Exam),
     Mm = ?SPEED * ?LEG_US / 1.0e6,
     moved(leg_way, From, place(Next), {Mm, 0.0}, stands(leg_stands, Next)).
 
 turns(Exam) ->
     From = place(Exam),
-    {Told, Answer} = driven([{-?SPEED, ?SPEED, ?TURN_US}], turn, Exam),
-    Next = timed(turn, Told, Answer, ?TURN_US, Exam),
+    {Ordered, Answer} = driven([{-?SPEED, ?SPEED, ?TURN_US}], turn, Exam),
+    Next = timed(turn, Ordered, Answer, ?TURN_US, Exam),
     Axle = 258.0,
     moved(turn_way, From, place(Next), {0.0, 2 * ?SPEED * ?TURN_US / 1.0e6 / Axle}, Next).
 
-timed(Clause, Told, {driven, Heard, AtUs, Lost}, Us, Exam) ->
-    Took = AtUs - Told,
-    Lag = heard_after(excused(Heard - Told, Lost), ?LATE, Exam),
+timed(Clause, Ordered, {driven, Heard, AtUs, Lost}, Us, Exam) ->
+    Took = AtUs - Ordered,
+    Lag = heard_after(excused(Heard - Ordered, Lost), ?LATE, Exam),
     Text = io_lib:format("~.1f s were over after ~.3f s; heard after ~.1f ms", [
         Us / 1.0e6, Took / 1.0e6, Lag / 1000
     ]),
@@ -146,14 +146,14 @@ timed(Clause, Told, {driven, Heard, AtUs, Lost}, Us, Exam) ->
         {_, _, false} ->
             found(broken, Clause, [Text, ": at most 50 ms"], Exam)
     end;
-timed(Clause, _Told, Answer, _Us, Exam) ->
+timed(Clause, _Ordered, Answer, _Us, Exam) ->
     found(broken, Clause, ["no answer \"driven\", but ", answer(Answer)], Exam).
 
 %% After what time it was heard, or another command after it.
 heard_after(Lag, Tries, Exam) when abs(Lag) > ?HEARD_US, Tries > 0 ->
     case driven([], {again, Tries}, Exam) of
-        {Told, {driven, Heard, _, Lost}} ->
-            heard_after(excused(Heard - Told, Lost), Tries - 1, Exam);
+        {Ordered, {driven, Heard, _, Lost}} ->
+            heard_after(excused(Heard - Ordered, Lost), Tries - 1, Exam);
         {_, _NoAnswer} ->
             Lag
     end;
@@ -166,10 +166,11 @@ excused(Lag, _Lost) -> Lag.
 answer(none) -> "nothing";
 answer(Other) -> io_lib:format("~0tp", [Other]).
 
-%% A pose that it told by itself may be of before it heard the last command; it has heard it when it is asked again.
+%% A pose that it reported by itself may be from before it heard the last command; it has heard it
+%% when it is asked again.
 stands(Clause, Exam) ->
-    Told = place(Exam),
-    still(Clause, Told =/= none andalso place(Exam), Exam).
+    Ordered = place(Exam),
+    still(Clause, Ordered =/= none andalso place(Exam), Exam).
 
 still(Clause, Unseen, Exam) when Unseen =:= false; Unseen =:= none ->
     found(unknown, Clause, "whether it stands cannot be seen: it tells no poses", Exam);
@@ -187,10 +188,12 @@ still(Clause, {X, Y, H}, Exam) ->
 moved(Clause, From, To, _Wanted, Exam) when From =:= none; To =:= none ->
     found(unknown, Clause, "its way cannot be seen: it tells no poses", Exam);
 moved(Clause, {X0, Y0, H0}, {X1, Y1, H1}, {Mm, Rad}, Exam) ->
-    Way = starl_geometry:distance({X0, Y0}, {X1, Y1}),
+    Driven = starl_geometry:distance({X0, Y0}, {X1, Y1}),
     Turn = starl_geometry:angle_diff(H1, H0),
-    Text = io_lib:format("~.1f mm and ~.3f rad; ~.1f and ~.3f were told", [Way, Turn, Mm, Rad]),
-    case abs(Way - Mm) =< ?ERROR * Mm + ?STILL_MM andalso abs(Turn - Rad) =< ?ERROR * Rad + 0.02 of
+    Text = io_lib:format("~.1f mm and ~.3f rad; ~.1f and ~.3f were told", [Driven, Turn, Mm, Rad]),
+    case
+        abs(Driven - Mm) =< ?ERROR * Mm + ?STILL_MM andalso abs(Turn - Rad) =< ?ERROR * Rad + 0.02
+    of
         true -> found(ok, Clause, Text, Exam);
         false -> found(broken, Clause, Text, Exam)
     end.
@@ -199,8 +202,8 @@ moved(Clause, {X0, Y0, H0}, {X1, Y1, H1}, {Mm, Rad}, Exam) ->
 replaces(Exam) ->
     _ = drive([{-?SPEED, -?SPEED, ?LONG_US}], before, Exam),
     pause(),
-    {Told, Answer} = driven([{-?SPEED, -?SPEED, 100000}], then, Exam),
-    stands(replaced_stands, timed(replaces, Told, Answer, 100000, Exam)).
+    {Ordered, Answer} = driven([{-?SPEED, -?SPEED, 100000}], then, Exam),
+    stands(replaced_stands, timed(replaces, Ordered, Answer, 100000, Exam)).
 
 stops(#exam{chassis = Chassis} = Exam) ->
     _ = drive([{?SPEED, ?SPEED, ?LONG_US}], stopped, Exam),
@@ -269,16 +272,17 @@ began() ->
 %% -- asking ---------------------------------------------------------------------------------
 
 driven(Commands, Mark, Exam) ->
-    Told = drive(Commands, Mark, Exam),
-    {Told, awaited(Mark, ?WAIT_MS)}.
+    Ordered = drive(Commands, Mark, Exam),
+    {Ordered, awaited(Mark, ?WAIT_MS)}.
 
 drive(Commands, Mark, #exam{chassis = Chassis, clock = Clock}) ->
-    Told = starl_live_clock:now_us(Clock),
+    Ordered = starl_live_clock:now_us(Clock),
     Script = {starl_chassis_differential, Commands},
-    ok = starl_live_chassis:drive(Chassis, Script, Told + ?LONG_US, Mark),
-    Told.
+    ok = starl_live_chassis:drive(Chassis, Script, Ordered + ?LONG_US, Mark),
+    Ordered.
 
-%% The answer to a command: when it was heard, when that was told, and what the computer has lost meanwhile.
+%% The answer to a command: when it was heard, when that was reported, and what the computer has lost
+%% meanwhile.
 awaited(Mark, Ms) -> awaited(Mark, Ms div ?TICK_MS, 0).
 
 awaited(_Mark, 0, _Lost) ->
@@ -330,11 +334,11 @@ open(#{checked := {Module, Own}, to := To, clock := Clock} = Config) ->
 
 -spec drive(starl_chassis:script(), integer(), term(), map()) -> {[], map()}.
 drive(Script, Until, Mark, #{module := Module, state := State} = Tap) ->
-    told(Module:drive(Script, Until, Mark, State), Tap).
+    reported(Module:drive(Script, Until, Mark, State), Tap).
 
 -spec actuate(atom(), term(), {mark, term()} | none, map()) -> {[], map()}.
 actuate(Device, Value, Mark, #{module := Module, state := State} = Tap) ->
-    told(Module:actuate(Device, Value, Mark, State), Tap).
+    reported(Module:actuate(Device, Value, Mark, State), Tap).
 
 -spec stop(map()) -> map().
 stop(#{module := Module, state := State} = Tap) -> Tap#{state := Module:stop(State)}.
@@ -347,14 +351,14 @@ hear({?MODULE, look}, #{module := Module, state := State} = Tap) ->
     end;
 hear(Message, #{module := Module, state := State} = Tap) ->
     case Module:hear(Message, State) of
-        {Outputs, Next} when is_list(Outputs) -> told({Outputs, Next}, Tap);
+        {Outputs, Next} when is_list(Outputs) -> reported({Outputs, Next}, Tap);
         Other -> Other
     end.
 
 -spec close(map()) -> ok.
 close(#{module := Module, state := State}) -> Module:close(State).
 
-told({Outputs, State}, #{to := To, clock := Clock} = Tap) ->
+reported({Outputs, State}, #{to := To, clock := Clock} = Tap) ->
     Us = starl_live_clock:now_us(Clock),
     _ = [To ! {?MODULE, Us, Output} || Output <- Outputs],
     {[], Tap#{state := State}}.

@@ -21,11 +21,11 @@
     clock :: starl_live_clock:t(),
     axle_mm :: number(),
     program :: starl_live_program:t(),
-    limits = none :: starl_live_program_word:limits() | none,
+    limits = none :: starl_live_program_message:limits() | none,
     %% where it stood when the program began, and the first pose that this said
     at :: starl:pose() | none,
     first = none :: starl:pose() | none,
-    shift = starl_live_program_clock:new() :: starl_live_program_clock:t(),
+    offset = starl_live_clock_offset:new() :: starl_live_clock_offset:t(),
     next = 1 :: pos_integer(),
     pings = 1 :: pos_integer(),
     %% commands without an answer
@@ -53,6 +53,9 @@
 -define(SILENT_BEATS, 4).
 -define(NONSENSE_A_SECOND, 10).
 -define(SHOWN, 80).
+%% The window of the clocks' offset. A program whose clock is off by so much has set it.
+-define(OFFSET_US, 10000000).
+-define(SET_US, 2000000).
 
 %% -- opening --------------------------------------------------------------------------------
 
@@ -127,7 +130,7 @@ said_hello(Message, #exec{name = Name, program = Program} = Exec) ->
     end.
 
 first_line(Line, #exec{name = Name} = Exec) ->
-    case starl_live_program_word:decode(Line) of
+    case starl_live_program_message:decode(Line) of
         {ok, {hello, Limits}} ->
             {ok, Exec#exec{limits = Limits}};
         {ok, _} ->
@@ -174,7 +177,7 @@ leg({Left, Right, Us}, Axle, #{vmax := VMost, wmax := WMost}) ->
 -spec actuate(atom(), term(), {mark, term()} | none, #exec{}) -> {outputs(), #exec{}}.
 actuate(Device, Value, Mark, #exec{next = Id, open = Open, limits = #{devices := Has}} = Exec) ->
     Name = atom_to_binary(Device),
-    case {lists:member(Name, Has), starl_live_program_word:value(Value)} of
+    case {lists:member(Name, Has), starl_live_program_message:value(Value)} of
         {true, {ok, Given}} ->
             _ = say({set, Id, Name, Given}, Exec),
             {[], Exec#exec{next = Id + 1, open = Open#{Id => {set, Mark, Device, Value}}}};
@@ -217,7 +220,7 @@ ping(#exec{pings = N} = Exec) ->
 
 %% A program whose pipe is full does not read.
 say(Command, #exec{program = Program, beat = Ref}) ->
-    case starl_live_program:send(starl_live_program_word:encode(Command), Program) of
+    case starl_live_program:send(starl_live_program_message:encode(Command), Program) of
         ok -> ok;
         hung -> self() ! {?MODULE, Ref, hung}
     end.
@@ -246,7 +249,7 @@ waited(Lines, #exec{waiting = Before} = Exec) ->
 
 ends(Why, #exec{name = Name}) -> {stop, [Name, " ", Why]}.
 
-%% It will not stop by what it is told.
+%% It will not stop by a command.
 broken(Why, #exec{program = Program} = Exec) ->
     ok = starl_live_program:kill(Program),
     ends(Why, Exec).
@@ -256,14 +259,14 @@ lines([], Outputs, Exec) ->
 lines([Line | Lines], Outputs, Exec) ->
     case line(Line, Exec) of
         {stop, _} = Stop -> Stop;
-        {Told, Next} -> lines(Lines, [Told | Outputs], Next)
+        {Said, Next} -> lines(Lines, [Said | Outputs], Next)
     end.
 
 line(long, Exec) ->
     nonsense("a very long line", <<>>, Exec);
 line({line, Line}, Exec) ->
-    case starl_live_program_word:decode(Line) of
-        {ok, Word} -> word(Word, Exec#exec{silent = 0});
+    case starl_live_program_message:decode(Line) of
+        {ok, Message} -> message(Message, Exec#exec{silent = 0});
         {error, Why} -> nonsense(Why, Line, Exec)
     end.
 
@@ -292,18 +295,18 @@ shown(Line) ->
 printable(C) when C >= $\s, C < 127 -> C;
 printable(_) -> $?.
 
-word({pose, Pose, At}, #exec{} = Exec) ->
+message({pose, Pose, At}, #exec{} = Exec) ->
     {Us, Timed} = said(At, Exec),
     posed(Us, Pose, Timed);
-word({ack, Id, At}, Exec) ->
+message({ack, Id, At}, Exec) ->
     {Us, Timed} = said(At, Exec),
     {[], begun(Id, Us, Timed)};
-word({sense, Sense}, Exec) ->
+message({sense, Sense}, Exec) ->
     {[{sensed, Sense}], Exec};
-word({log, Text}, Exec) ->
+message({log, Text}, Exec) ->
     ok = log(Text, Exec),
     {[], Exec};
-word({What, Id, More}, #exec{open = Open} = Exec) when
+message({What, Id, More}, #exec{open = Open} = Exec) when
     What =:= done; What =:= stalled; What =:= refuse
 ->
     case maps:take(Id, Open) of
@@ -311,9 +314,9 @@ word({What, Id, More}, #exec{open = Open} = Exec) when
         %% of a command that another has replaced
         error -> {[], Exec}
     end;
-word({hello, _}, Exec) ->
+message({hello, _}, Exec) ->
     nonsense("a second hello", <<>>, Exec);
-word(_PongOrUnknown, Exec) ->
+message(_PongOrUnknown, Exec) ->
     {[], Exec}.
 
 begun(Id, Us, #exec{open = Open} = Exec) ->
@@ -324,9 +327,18 @@ begun(Id, Us, #exec{open = Open} = Exec) ->
             Exec
     end.
 
-said(At, #exec{clock = Clock, shift = Shift} = Exec) ->
-    {Us, Known} = starl_live_program_clock:said(At, starl_live_clock:now_us(Clock), Shift),
-    {Us, Exec#exec{shift = Known}}.
+%% When the program said this, by the robot's clock. A message without a time was said when it came.
+said(none, #exec{clock = Clock} = Exec) ->
+    {starl_live_clock:now_us(Clock), Exec};
+said(At, #exec{clock = Clock, offset = Before} = Exec) ->
+    {Their, Now} = {round(At), starl_live_clock:now_us(Clock)},
+    Known =
+        case starl_live_clock_offset:is_off(Their, Now, ?SET_US, Before) of
+            true -> starl_live_clock_offset:new();
+            false -> Before
+        end,
+    Offset = starl_live_clock_offset:add(Their, Now, ?OFFSET_US, Known),
+    {starl_live_clock_offset:ours(Their, Now, Offset), Exec#exec{offset = Offset}}.
 
 log(Text, #exec{name = Name}) ->
     Shown = unicode:characters_to_binary([Name, ": ", shown(Text)]),

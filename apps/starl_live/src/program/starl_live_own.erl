@@ -18,7 +18,7 @@
 
 %% @doc The driver of a chassis of the user's own.
 -spec driver(starl_chassis_choice:name(), compile()) ->
-    {ok, starl_live_link:line(), [starl_version:code()]} | {error, [unicode:chardata(), ...]}.
+    {ok, starl_live_link:adapter(), [starl_version:code()]} | {error, [unicode:chardata(), ...]}.
 driver(Name, Compile) ->
     case starl_chassis_choice:own(Name) of
         {exec, Command} -> {ok, {starl_live_exec, #{exec => absolute(Command)}}, []};

@@ -72,8 +72,8 @@ find(#{width := Width, height := Height} = Frame, #{colours := Colours} = Option
     Thresholds = [thresholds(N, maps:get(Name, Colours)) || {N, Name} <- lists:enumerate(Names)],
     Rows = rows(Frame, gains(Frame), Thresholds),
     Found = [B || B <- blobs(Rows), is_ball(B, Width, Height, Options)],
-    Told = [told(B, Frame, Names, Options) || B <- Found],
-    lists:sort(fun(#{bearing := A}, #{bearing := B}) -> A >= B end, Told).
+    Readings = [reading(B, Frame, Names, Options) || B <- Found],
+    lists:sort(fun(#{bearing := A}, #{bearing := B}) -> A >= B end, Readings).
 
 thresholds(N, #{hue := {From, To}} = Colour) ->
     {N, From, To, maps:get(saturation, Colour, 120), maps:get(value, Colour, 40)}.
@@ -262,7 +262,7 @@ extent(#blob{left = Left, right = Right, top = Top, bottom = Bottom}) ->
 is_clipped(#blob{left = Left, right = Right, top = Top, bottom = Bottom}, Width, Height) ->
     Left =< 1 orelse Top =< 1 orelse Right >= Width - 1 orelse Bottom >= Height - 1.
 
-told(#blob{colour = N, area = Area, x = X} = Blob, Frame, Names, Options) ->
+reading(#blob{colour = N, area = Area, x = X} = Blob, Frame, Names, Options) ->
     #{width := Width, height := Height} = Frame,
     #{field := Field, ball_mm := Ball, most_mm := Most} = Options,
     Focal = Width / (2 * math:tan(Field / 2)),
@@ -276,13 +276,13 @@ told(#blob{colour = N, area = Area, x = X} = Blob, Frame, Names, Options) ->
         end,
     Depth = Focal * Ball / Radius / math:sqrt(math:cos(Bearing)),
     Mm = min(float(Most), Depth / math:cos(Bearing)),
-    Told = #{
+    Reading = #{
         colour => lists:nth(N, Names),
         bearing => Bearing,
         size => 2 * math:atan(Ball / Mm),
         mm => Mm
     },
-    clipped(Clipped, Told).
+    clipped(Clipped, Reading).
 
-clipped(true, Told) -> Told#{clipped => true};
-clipped(false, Told) -> Told.
+clipped(true, Reading) -> Reading#{clipped => true};
+clipped(false, Reading) -> Reading.

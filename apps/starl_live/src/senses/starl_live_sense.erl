@@ -16,7 +16,7 @@
 
 -export_type([config/0, felt/0]).
 
-%% What every driver is told; each has further keys of its own. `stale_ms': a reading that is older is
+%% What every driver gets; each has further keys of its own. `stale_ms': a reading that is older is
 %% none (1000).
 -type config() :: #{
     robot := starl:robot_id(),

@@ -27,7 +27,7 @@ generate(File) ->
         {ok, Device} ->
             Written = write(File, Device),
             _ = file:close(Device),
-            told(File, Written);
+            written(File, Written);
         {error, eexist} ->
             {error, [File, ": stands there already; remove it first if the key is not needed"]};
         {error, Why} ->
@@ -41,8 +41,8 @@ write(File, Device) ->
         {error, _} = Error -> Error
     end.
 
-told(_File, ok) -> ok;
-told(File, {error, Why}) -> {error, text(File, Why)}.
+written(_File, ok) -> ok;
+written(File, {error, Why}) -> {error, text(File, Why)}.
 
 text(File, Why) -> [File, ": ", file:format_error(Why)].
 

@@ -14,7 +14,7 @@
 open(#{robot := Robot} = Config) ->
     ok = scope(pg:start(?SCOPE)),
     Ends = starl_live_frame:new(Config),
-    ok = pg:join(?SCOPE, {starl_live_frame:air(Ends), Robot}, self()),
+    ok = pg:join(?SCOPE, {starl_live_frame:channel(Ends), Robot}, self()),
     {ok, #local{ends = Ends}}.
 
 scope({ok, _Pid}) -> ok;
@@ -25,8 +25,8 @@ scope({error, {already_started, _Pid}}) -> ok.
 transmit(To, Packet, #local{ends = Ends} = Local) ->
     case starl_live_frame:write(To, Packet, Ends) of
         {ok, Frame, Robots, Next} ->
-            Air = starl_live_frame:air(Ends),
-            lists:foreach(fun(Robot) -> send(Frame, {Air, Robot}) end, Robots),
+            Channel = starl_live_frame:channel(Ends),
+            lists:foreach(fun(Robot) -> send(Frame, {Channel, Robot}) end, Robots),
             {ok, Local#local{ends = Next}};
         {refused, Why} ->
             {refused, Why, Local}

@@ -19,7 +19,7 @@
 -define(RECENT_MS, 10_000).
 %% A reason that has not come up for this time is new.
 -define(AGAIN_MS, 600_000).
-%% The largest difference of clocks that is told: centuries.
+%% The largest difference of clocks that is reported: centuries.
 -define(MOST_AHEAD_MS, 10_000_000_000_000).
 %% Reasons that are usual, or somebody else's business: they are counted only.
 -define(USUAL, [address, replay, former, clone, unproved]).

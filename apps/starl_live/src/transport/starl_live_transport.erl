@@ -8,8 +8,8 @@
 %%     link -- transmit(Transport, To, Packet) --> transport --> the air
 %%     link <-- {starl_heard, Transport, [Packet]} -- transport <-- the air
 %% '''
-%% What it hears goes through a filter ({@link starl_live_air}), which is clear unless the
-%% configuration or {@link set_air/2} says otherwise.
+%% What it hears goes through a filter ({@link starl_live_conditions}), which disturbs nothing unless the
+%% configuration or {@link set_conditions/2} says otherwise.
 %%
 %% A packet with a deadline leaves by then, or not at all: `{starl_late, Owner}' notifies the link.
 %%
@@ -18,19 +18,20 @@
 -module(starl_live_transport).
 -behaviour(gen_server).
 
--export([start_link/3, transmit/3, transmit/4, figures/1, peers/1, set_air/2]).
+-export([start_link/3, transmit/3, transmit/4, figures/1, peers/1, set_conditions/2]).
+-export([count/2, count/3, refused/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2, format_status/1]).
 
 -export_type([config/0, figures/0, heard/0, latest/0]).
 
-%% What every transport is told; each has further keys of its own. Only robots of the same fleet and
+%% What every transport gets; each has further keys of its own. Only robots of the same fleet and
 %% the same run hear each other.
 -type config() :: #{
     robot := starl:robot_id(),
     participants := starl_team:t(),
     fleet := unicode:chardata(),
     run := non_neg_integer(),
-    air => starl_live_air:settings(),
+    air => starl_live_conditions:settings(),
     clock => starl_live_clock:t(),
     tell => starl_live_packet_reports:teller(),
     atom() => term()
@@ -38,9 +39,9 @@
 
 %% Counters, for the metrics of the node: packets sent and heard, and those that were refused, by
 %% reason.
--type figures() :: starl_live_figures:t().
+-type figures() :: #{atom() => non_neg_integer()}.
 
-%% The latest moment of a packet, by the robot's clock, and who is told if it has passed.
+%% The latest moment of a packet, by the robot's clock, and who is notified if it has passed.
 -type latest() :: {Us :: integer(), Owner :: term()}.
 
 %% The message to the link.
@@ -73,9 +74,9 @@ when
     state :: term(),
     link :: pid(),
     clock :: starl_live_clock:t() | none,
-    air :: starl_live_air:t(),
+    conditions :: starl_live_conditions:t(),
     delayed = 0 :: non_neg_integer(),
-    told :: starl_live_packet_reports:t() | none,
+    reports :: starl_live_packet_reports:t() | none,
     figures = #{} :: figures(),
     %% the last line on a packet that cannot be sent, which is not said twice: SAP tries again
     said = <<>> :: binary()
@@ -104,40 +105,65 @@ figures(Transport) -> gen_server:call(Transport, figures).
 peers(Transport) -> gen_server:call(Transport, peers).
 
 %% @doc Changes these settings of the filter.
--spec set_air(pid(), starl_live_air:settings()) -> ok | {error, unicode:chardata()}.
-set_air(Transport, Settings) -> gen_server:call(Transport, {set_air, Settings}).
+-spec set_conditions(pid(), starl_live_conditions:settings()) -> ok | {error, unicode:chardata()}.
+set_conditions(Transport, Settings) -> gen_server:call(Transport, {set_conditions, Settings}).
+
+%% -- counters, for the modules of this behaviour --------------------------------------------
+
+%% @doc One more.
+-spec count(atom(), figures()) -> figures().
+count(Name, Figures) -> count(Name, 1, Figures).
+
+%% @doc So many more.
+-spec count(atom(), non_neg_integer(), figures()) -> figures().
+count(Name, Number, Figures) ->
+    maps:update_with(Name, fun(Before) -> Before + Number end, Number, Figures).
+
+%% @doc One more packet of a robot that was refused, for this reason. What points to a mistake in the
+%% set-up is logged when it comes for the first time.
+-spec refused(starl_live_codec:refusal(), From :: starl:robot_id(), figures()) -> figures().
+refused(unknown_atom, From, Figures) when not is_map_key(unknown_atom, Figures) ->
+    Line =
+        "a packet of robot ~b bears an atom that is unknown here and is not taken; "
+        "is the same code loaded on both computers?",
+    logger:warning(#{what => unknown_atom, why => iolist_to_binary(io_lib:format(Line, [From]))}),
+    count(unknown_atom, Figures);
+refused(Why, _From, Figures) ->
+    count(Why, Figures).
+
+%% -- the process ----------------------------------------------------------------------------
 
 -spec init({module(), config(), pid()}) -> {ok, #transport{}} | {stop, term()}.
 init({Module, #{robot := Robot} = Config, Link}) ->
     process_flag(trap_exit, true),
     logger:set_process_metadata(#{domain => [starl, robot], robot => Robot}),
-    case starl_live_air:new(maps:get(air, Config, #{})) of
-        {ok, Air} -> opened(Module:open(Config), Module, Air, Link, Config);
+    case starl_live_conditions:new(maps:get(air, Config, #{})) of
+        {ok, Conditions} -> opened(Module:open(Config), Module, Conditions, Link, Config);
         {error, _} = Error -> opened(Error, Module, none, Link, Config)
     end.
 
-opened({ok, State}, Module, Air, Link, Config) ->
+opened({ok, State}, Module, Conditions, Link, Config) ->
     {ok, #transport{
         module = Module,
         state = State,
         link = Link,
         clock = maps:get(clock, Config, none),
-        air = Air,
-        told = starl_live_packet_reports:new(Config)
+        conditions = Conditions,
+        reports = starl_live_packet_reports:new(Config)
     }};
 opened({error, Why}, _Module, _Air, _Link, _Config) ->
     {stop, {shutdown, {transport, unicode:characters_to_binary(Why)}}}.
 
 -spec handle_call(Question, gen_server:from(), #transport{}) -> {reply, Answer, #transport{}} when
-    Question :: figures | peers | {set_air, starl_live_air:settings()},
+    Question :: figures | peers | {set_conditions, starl_live_conditions:settings()},
     Answer :: figures() | [starl_live_peers:peer()] | ok | {error, unicode:chardata()}.
 handle_call(peers, _From, #transport{module = Module, state = State} = Transport) ->
     {reply, known(erlang:function_exported(Module, peers, 1), Module, State), Transport};
 handle_call(figures, _From, #transport{module = Module, state = State} = Transport) ->
     {reply, maps:merge(Module:figures(State), Transport#transport.figures), Transport};
-handle_call({set_air, Settings}, _From, #transport{air = Air} = Transport) ->
-    case starl_live_air:set(Settings, Air) of
-        {ok, Changed} -> {reply, ok, Transport#transport{air = Changed}};
+handle_call({set_conditions, Settings}, _From, #transport{conditions = Conditions} = Transport) ->
+    case starl_live_conditions:set(Settings, Conditions) of
+        {ok, Changed} -> {reply, ok, Transport#transport{conditions = Changed}};
         {error, _} = Error -> {reply, Error, Transport}
     end.
 
@@ -158,26 +184,26 @@ handle_cast(
             {noreply, put_on_air(To, Packet, Transport)};
         false ->
             Link ! {starl_late, Owner},
-            {noreply, count(late, 1, Transport)}
+            {noreply, counted(late, 1, Transport)}
     end.
 
 put_on_air(To, Packet, #transport{module = Module, state = State} = Transport) ->
-    At = starl_live_packet_reports:at_us(Transport#transport.told),
+    At = starl_live_packet_reports:at_us(Transport#transport.reports),
     case Module:transmit(To, Packet, State) of
         {ok, Next} ->
-            ok = starl_live_packet_reports:sent(To, Packet, At, Transport#transport.told),
+            ok = starl_live_packet_reports:sent(To, Packet, At, Transport#transport.reports),
             Transport#transport{state = Next};
         {refused, Why, Next} ->
-            ok = starl_live_packet_reports:refused(To, Packet, At, Transport#transport.told),
+            ok = starl_live_packet_reports:refused(To, Packet, At, Transport#transport.reports),
             Line = unicode:characters_to_binary(Why),
-            refused(Line, Transport#transport{state = Next})
+            refuse(Line, Transport#transport{state = Next})
     end.
 
-refused(Line, #transport{said = Line} = Transport) ->
-    count(refused, 1, Transport);
-refused(Line, Transport) ->
+refuse(Line, #transport{said = Line} = Transport) ->
+    counted(refused, 1, Transport);
+refuse(Line, Transport) ->
     logger:error(#{what => packet_refused, why => Line}),
-    count(refused, 1, Transport#transport{said = Line}).
+    counted(refused, 1, Transport#transport{said = Line}).
 
 -spec handle_info(term(), #transport{}) -> {noreply, #transport{}} | {stop, term(), #transport{}}.
 handle_info({'EXIT', _From, Reason}, Transport) ->
@@ -195,23 +221,23 @@ filter(Packets, Transport) ->
     {Heard, Filtered} = lists:foldl(fun pass/2, {[], Transport}, Packets),
     tell(lists:reverse(Heard), Filtered).
 
-pass(Packet, {Heard, #transport{air = Air, told = Told} = Transport}) ->
+pass(Packet, {Heard, #transport{conditions = Conditions, reports = Reports} = Transport}) ->
     From = starl_packet:source(Packet),
-    {Delays, Next} = starl_live_air:pass(From, Air),
+    {Delays, Next} = starl_live_conditions:pass(From, Conditions),
     ok = starl_live_packet_reports:came(
-        From, Packet, Delays, starl_live_air:is_cut(From, Air), Told
+        From, Packet, Delays, starl_live_conditions:is_cut(From, Conditions), Reports
     ),
-    passed(Packet, Delays, {Heard, Transport#transport{air = Next}}).
+    passed(Packet, Delays, {Heard, Transport#transport{conditions = Next}}).
 
 passed(_Packet, [], {Heard, Transport}) ->
-    {Heard, count(air_lost, 1, Transport)};
+    {Heard, counted(air_lost, 1, Transport)};
 passed(Packet, Delays, Before) ->
     lists:foldl(fun(Delay, Through) -> delay(Packet, Delay, Through) end, Before, Delays).
 
 delay(Packet, 0, {Heard, Transport}) ->
     {[Packet | Heard], Transport};
 delay(_Packet, _Ms, {Heard, #transport{delayed = ?DELAYED} = Transport}) ->
-    {Heard, count(air_full, 1, Transport)};
+    {Heard, counted(air_full, 1, Transport)};
 delay(Packet, Ms, {Heard, #transport{delayed = Delayed} = Transport}) ->
     _ = erlang:send_after(Ms, self(), {?MODULE, delayed, Packet}),
     {Heard, Transport#transport{delayed = Delayed + 1}}.
@@ -220,10 +246,10 @@ tell([], Transport) ->
     Transport;
 tell(Packets, #transport{link = Link} = Transport) ->
     Link ! {starl_heard, self(), Packets},
-    count(heard, length(Packets), Transport).
+    counted(heard, length(Packets), Transport).
 
-count(What, Number, #transport{figures = Figures} = Transport) ->
-    Transport#transport{figures = starl_live_figures:count(What, Number, Figures)}.
+counted(What, Number, #transport{figures = Figures} = Transport) ->
+    Transport#transport{figures = count(What, Number, Figures)}.
 
 -spec terminate(term(), #transport{}) -> ok.
 terminate(_Reason, #transport{module = Module, state = State}) -> Module:close(State).

@@ -21,7 +21,7 @@
 -export_type([config/0]).
 
 %% Beside the keys of every transport and of {@link starl_live_seal}: `peers': where each robot
-%% hears, this one as well; `all': the way of a packet for all; `interface': the address of the
+%% hears, this one as well; `all': where a packet for all goes; `interface': the address of the
 %% network that carries multicast; `rate': bytes per millisecond; `spread_ms': the longest wait
 %% before an answer to a packet for all; `beat_ms': the time between two beats; without beats nobody is asked
 %% for a proof. A simulation gives it
@@ -86,7 +86,7 @@
     calls = #{} :: #{starl:robot_id() => Ms :: integer()},
     held = 0 :: non_neg_integer(),
     random :: rand:state(),
-    figures = #{} :: starl_live_figures:t()
+    figures = #{} :: starl_live_transport:figures()
 }).
 
 %% -- opening --------------------------------------------------------------------------------
@@ -368,7 +368,7 @@ joined(From, Payload, Address, #udp{fragments = Fragments, clock = Clock} = Udp)
 decoded(_From, {ok, Packet}, _Address, Udp) ->
     {[Packet], Udp};
 decoded(From, {error, Why}, Address, #udp{figures = Figures} = Udp) ->
-    Counted = Udp#udp{figures = starl_live_figures:refused(Why, From, Figures)},
+    Counted = Udp#udp{figures = starl_live_transport:refused(Why, From, Figures)},
     {[], noted(From, Why, Address, Counted)}.
 
 refused(From, Why, Address, Udp) -> noted(From, Why, Address, count(reason(Why), Udp)).
@@ -382,7 +382,7 @@ noted(From, Why, Address, #udp{peers = Peers, clock = Clock} = Udp) ->
     Udp#udp{peers = Known}.
 
 count(What, #udp{figures = Figures} = Udp) ->
-    Udp#udp{figures = starl_live_figures:count(What, Figures)}.
+    Udp#udp{figures = starl_live_transport:count(What, Figures)}.
 
 %% The time by which packets are fresh: that which the computers' clocks show.
 day_ms(#udp{clock = Clock}) -> starl_live_clock:time_of_day(millisecond, Clock).

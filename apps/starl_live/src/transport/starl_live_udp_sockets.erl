@@ -73,30 +73,30 @@ with_group(#sockets{module = Module, socket = Socket}, #{
     Line = "multicast ~ts: an address from 224.0.0.0 to 239.255.255.255 expected",
     {error, io_lib:format(Line, [inet:ntoa(Address)])};
 with_group(
-    #sockets{module = Module, socket = Socket} = Sockets, #{all := {Way, Address, Port}} = Config
+    #sockets{module = Module, socket = Socket} = Sockets, #{all := {Kind, Address, Port}} = Config
 ) ->
     Interface = maps:get(interface, Config, {0, 0, 0, 0}),
-    case joined_group(Way, Address, Port, Interface, Socket) of
+    case joined_group(Kind, Address, Port, Interface, Socket) of
         {ok, Group} ->
             {ok, Sockets#sockets{group = Group}, {Address, Port}};
         {error, Why} ->
             ok = Module:close(Socket),
             Line = "~ts ~ts, port ~b: ~ts",
-            {error, io_lib:format(Line, [Way, inet:ntoa(Address), Port, inet:format_error(Why)])}
+            {error, io_lib:format(Line, [Kind, inet:ntoa(Address), Port, inet:format_error(Why)])}
     end;
 with_group(Sockets, _Config) ->
     {ok, Sockets, each}.
 
-joined_group(Way, Address, Port, Interface, Socket) ->
+joined_group(Kind, Address, Port, Interface, Socket) ->
     case gen_udp:open(Port, options([{reuseaddr, true}])) of
-        {ok, Group} -> set(Group, Socket, Way, Address, Interface);
+        {ok, Group} -> set(Group, Socket, Kind, Address, Interface);
         {error, _} = Error -> Error
     end.
 
-set(Group, Socket, Way, Address, Interface) ->
+set(Group, Socket, Kind, Address, Interface) ->
     Set = [
-        inet:setopts(Group, membership(Way, Address, Interface)),
-        inet:setopts(Socket, outgoing(Way, Interface))
+        inet:setopts(Group, membership(Kind, Address, Interface)),
+        inet:setopts(Socket, outgoing(Kind, Interface))
     ],
     case [Error || {error, _} = Error <- Set] of
         [] ->

@@ -15,7 +15,7 @@
 
 -export_type([past/0, setting/0, reason/0]).
 
-%% The last snapshot of a robot ({@link starl_live_snapshots:snapshot()}), what came since, in its order, with the times
+%% The last snapshot of a robot ({@link starl_live_driver:snapshot()}), what came since, in its order, with the times
 %% of the robot's clock; the facts of its machines since then, and its piece of motion at the moment.
 -type past() :: #{
     snapshot := map(),

@@ -53,7 +53,7 @@
     epoch_us => integer(),
     transport := starl_world_stage:name(),
     speed => number(),
-    air => starl_live_air:settings(),
+    air => starl_live_conditions:settings(),
     watch => [{module(), map()}],
     observe => starl_observer:t(),
     packets => boolean(),
@@ -133,7 +133,7 @@ reload(#cluster{server = Server}, Sources, Options) ->
 %% @doc The node of a robot, and the parameters of its end of the transport: for tests that attack
 %% it.
 -spec place(t(), starl:robot_id()) ->
-    {ok, #{node := node() | none, transport := starl_live_link:line()}}
+    {ok, #{node := node() | none, transport := starl_live_link:adapter()}}
     | {error, unicode:chardata()}.
 place(#cluster{server = Server}, Robot) -> gen_server:call(Server, {place, Robot}, ?CALL_MS).
 

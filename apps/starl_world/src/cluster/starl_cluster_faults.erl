@@ -319,6 +319,6 @@ disk(Robot, #faults{injection = Injection}) ->
 
 %% @doc What a robot hears and senses now.
 -spec changes(starl:robot_id(), t()) ->
-    {starl_live_air:settings(), starl_live_sense_fault:faults()}.
+    {starl_live_conditions:settings(), starl_live_sense_fault:faults()}.
 changes(Robot, #faults{injection = Injection}) ->
     {starl_world_injection:air(Robot, Injection), starl_world_injection:senses(Robot, Injection)}.

@@ -78,7 +78,10 @@ asked_time(Node) ->
 
 %% @doc Opens the robot, with these settings of its air and faults of its senses, and gives its link when it has begun.
 -spec open(
-    node(), starl_live_robot:spec(), starl_live_air:settings(), starl_live_sense_fault:faults()
+    node(),
+    starl_live_robot:spec(),
+    starl_live_conditions:settings(),
+    starl_live_sense_fault:faults()
 ) ->
     {ok, [Link :: pid()]} | {error, ended | unicode:chardata()}.
 open(Node, #{robot := Id} = Spec, Air, Senses) ->
@@ -138,12 +141,12 @@ robot_link(Node) ->
     end.
 
 %% @doc Changes these settings of the air of the node's robot.
--spec set_air(node(), starl_live_air:settings()) -> ok.
+-spec set_air(node(), starl_live_conditions:settings()) -> ok.
 set_air(Node, Settings) -> lists:foreach(fun(Link) -> aired(Link, Settings) end, robot_link(Node)).
 
 aired(Link, Settings) ->
     try
-        starl_live_transport:set_air(starl_live_link:line(Link, transport), Settings)
+        starl_live_transport:set_conditions(starl_live_link:port(Link, transport), Settings)
     catch
         exit:_ -> ok
     end.
@@ -164,7 +167,7 @@ peers(Node) -> lists:append([known(Link) || Link <- robot_link(Node)]).
 
 known(Link) ->
     try
-        starl_live_transport:peers(starl_live_link:line(Link, transport))
+        starl_live_transport:peers(starl_live_link:port(Link, transport))
     catch
         exit:_ -> []
     end.

@@ -135,7 +135,7 @@ of_control(Pid, Nodes) ->
 
 %% @doc Where a robot is: its node, and its end of the transport.
 -spec place(starl:robot_id(), t()) ->
-    {ok, #{node := node() | none, transport := starl_live_link:line()}}
+    {ok, #{node := node() | none, transport := starl_live_link:adapter()}}
     | {error, unicode:chardata()}.
 place(Id, #nodes{nodes = All} = Nodes) ->
     case All of

@@ -32,7 +32,7 @@
 
 %% The specification of the robot ({@link starl_live_link:spec()}) without what is given here, and
 %% that of its transport.
--type config() :: #{radio := starl_live_link:line(), atom() => term()}.
+-type config() :: #{radio := starl_live_link:adapter(), atom() => term()}.
 
 -record(robot, {
     sup :: pid(),

@@ -8,13 +8,13 @@
 -export_type([lines/0]).
 
 %% The chassis of each robot.
--type lines() :: fun((starl:robot_id(), World :: pid()) -> starl_live_link:line()).
+-type lines() :: fun((starl:robot_id(), World :: pid()) -> starl_live_link:adapter()).
 
 -record(line, {world :: pid(), robot :: starl:robot_id(), monitor :: reference()}).
 
 %% @doc The chassis of a robot of a run with these options.
 -spec line(starl:robot_id(), pid(), #{chassis => lines(), atom() => term()}) ->
-    starl_live_link:line().
+    starl_live_link:adapter().
 line(Robot, World, #{chassis := Lines}) -> Lines(Robot, World);
 line(_Robot, World, #{}) -> {?MODULE, #{world => World}}.
 

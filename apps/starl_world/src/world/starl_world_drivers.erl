@@ -9,7 +9,7 @@
 
 %% The drivers by their names, and the modules that were compiled for them.
 -type t() :: #{
-    drivers := #{starl_chassis_choice:name() => starl_live_link:line()},
+    drivers := #{starl_chassis_choice:name() => starl_live_link:adapter()},
     code := [starl_version:code()]
 }.
 

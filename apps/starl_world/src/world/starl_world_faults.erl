@@ -218,7 +218,7 @@ is_healed({sense, Robot, Sense}, {_, _, _, _, Robot, #{sense := Sense}}) -> true
 is_healed(_Other, _Fault) -> false.
 
 %% @doc The link conditions of a robot in a run at this multiple of real time.
--spec air(starl:robot_id(), Speed :: number(), t()) -> starl_live_air:settings().
+-spec air(starl:robot_id(), Speed :: number(), t()) -> starl_live_conditions:settings().
 air(Robot, Speed, #faults{team = Team, lasting = Lasting}) ->
     Network = [Fault || Fault <- Lasting, starl_run_fault:class(Fault) =:= network],
     Links = [

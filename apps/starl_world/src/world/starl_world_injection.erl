@@ -135,7 +135,7 @@ fate(Robot, #injection{faults = Faults} = Injection) ->
     {Fate, Injection#injection{faults = Fated}}.
 
 %% @doc The link conditions of a robot.
--spec air(starl:robot_id(), t()) -> starl_live_air:settings().
+-spec air(starl:robot_id(), t()) -> starl_live_conditions:settings().
 air(Robot, #injection{speed = Speed, faults = Faults}) ->
     starl_world_faults:air(Robot, Speed, Faults).
 

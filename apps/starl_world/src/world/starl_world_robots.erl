@@ -267,8 +267,8 @@ aired(Id, #robots{injection = Injection} = Robots) ->
 
 set_air(Link, Air) ->
     try
-        Transport = starl_live_link:line(Link, transport),
-        ok = starl_live_transport:set_air(Transport, Air)
+        Transport = starl_live_link:port(Link, transport),
+        ok = starl_live_transport:set_conditions(Transport, Air)
     catch
         %% it has just ended; the next one is told
         exit:_ -> ok

@@ -35,7 +35,7 @@
 %% is told of all packets.
 -type options() :: #{
     speed => number(),
-    air => starl_live_air:settings(),
+    air => starl_live_conditions:settings(),
     watch => [{module(), map()}],
     observe => starl_observer:t(),
     packets => boolean(),

@@ -28,7 +28,7 @@
     plan := starl_run_plan:t(),
     clock := starl_live_clock:t(),
     world := pid(),
-    transport := fun((starl:robot_id()) -> starl_live_link:line()),
+    transport := fun((starl:robot_id()) -> starl_live_link:adapter()),
     options := #{dir := file:filename(), atom() => term()}
 }.
 
@@ -86,7 +86,7 @@ robot_on_node(Id, Reporter, #{clock := Clock, options := Options} = Stage) ->
 
 %% @doc The same robot with other link conditions from its start on. A later change could come too
 %% late for its first packets.
--spec in_air(starl_live_air:settings(), starl_live_robot:spec()) -> starl_live_robot:spec().
+-spec in_air(starl_live_conditions:settings(), starl_live_robot:spec()) -> starl_live_robot:spec().
 in_air(Air, #{transport := {Module, #{air := Before} = Line}} = Spec) ->
     Spec#{transport := {Module, Line#{air := maps:merge(Before, Air)}}}.
 
@@ -105,7 +105,7 @@ transports() ->
 %% @doc A transport for these robots, with the radio of a scenario. Its time passes this much faster
 %% than real time, so the delays of packets are shorter. `air': other air than the scenario's.
 -spec transport(name(), [starl:robot_id()], #{
-    sim := starl_sim_world:t(), speed := number(), air => starl_live_air:settings()
+    sim := starl_sim_world:t(), speed := number(), air => starl_live_conditions:settings()
 }) -> transport().
 transport(Name, Robots, #{sim := Sim, speed := Speed} = Options) ->
     #{loss := Loss, duplicate := Duplicate, delay_us := {Least, Most}} = Sim,
@@ -158,7 +158,8 @@ free_ports(Number, Port, Sockets) ->
     end.
 
 %% @doc The line of a robot; `Nodes' are the robots' nodes.
--spec line(starl:robot_id(), #{starl:robot_id() => node()}, transport()) -> starl_live_link:line().
+-spec line(starl:robot_id(), #{starl:robot_id() => node()}, transport()) ->
+    starl_live_link:adapter().
 line(Robot, Nodes, #transport{name = Name, common = #{air := Air} = Common, ports = Ports}) ->
     %% each robot has a chance of its own
     #{seed := Seed} = Air,

@@ -1,11 +1,11 @@
 %% @doc Encodes and decodes the messages between StarL and a chassis that is a program, one JSON
 %% object a line: see `doc/chassis.md'. A pure module; numbers are checked, unknown messages and
 %% keys are ignored.
--module(starl_live_program_word).
+-module(starl_live_program_message).
 
 -export([protocol/0, encode/1, decode/1, value/1]).
 
--export_type([command/0, word/0, limits/0, leg/0, kind/0]).
+-export_type([command/0, message/0, limits/0, leg/0, kind/0]).
 
 %% A leg of a drive: mm/s ahead, rad/s to the left, and its time; at its end begins the next, after the last the
 %% robot stands.
@@ -36,7 +36,7 @@
 -type kind() :: bump | cliff | wheel_drop | button | battery | dock | other.
 
 %% What a program says; `At' is its own clock, in microseconds.
--type word() ::
+-type message() ::
     {hello, limits()}
     | {ack | done | stalled, Id :: integer(), At :: number() | none}
     | {refuse, Id :: integer(), Why :: binary()}
@@ -86,24 +86,24 @@ values(Values) ->
     end.
 
 %% @doc Reads a line of a program, or says what is wrong with it.
--spec decode(binary()) -> {ok, word()} | {error, unicode:chardata()}.
+-spec decode(binary()) -> {ok, message()} | {error, unicode:chardata()}.
 decode(Line) ->
     case starl_json:decode(Line) of
-        {ok, #{<<"op">> := Op} = Object} when is_binary(Op) -> word(Op, Object);
+        {ok, #{<<"op">> := Op} = Object} when is_binary(Op) -> message(Op, Object);
         {ok, _} -> {error, "no object with an \"op\""};
         error -> {error, "no JSON"}
     end.
 
-word(<<"hello">>, Object) -> hello(Object);
-word(<<"ack">>, Object) -> answer(ack, Object);
-word(<<"done">>, Object) -> answer(done, Object);
-word(<<"stalled">>, Object) -> answer(stalled, Object);
-word(<<"refuse">>, #{<<"id">> := Id} = Object) when is_integer(Id) -> {ok, refuse(Id, Object)};
-word(<<"pose">>, Object) -> pose(Object);
-word(<<"sense">>, #{<<"kind">> := Kind} = Object) -> {ok, {sense, sense(Kind, Object)}};
-word(<<"pong">>, #{<<"n">> := N}) when is_integer(N) -> {ok, {pong, N}};
-word(<<"log">>, #{<<"text">> := Text}) when is_binary(Text) -> {ok, {log, Text}};
-word(Op, _Object) -> wrong(Op).
+message(<<"hello">>, Object) -> hello(Object);
+message(<<"ack">>, Object) -> answer(ack, Object);
+message(<<"done">>, Object) -> answer(done, Object);
+message(<<"stalled">>, Object) -> answer(stalled, Object);
+message(<<"refuse">>, #{<<"id">> := Id} = Object) when is_integer(Id) -> {ok, refuse(Id, Object)};
+message(<<"pose">>, Object) -> pose(Object);
+message(<<"sense">>, #{<<"kind">> := Kind} = Object) -> {ok, {sense, sense(Kind, Object)}};
+message(<<"pong">>, #{<<"n">> := N}) when is_integer(N) -> {ok, {pong, N}};
+message(<<"log">>, #{<<"text">> := Text}) when is_binary(Text) -> {ok, {log, Text}};
+message(Op, _Object) -> wrong(Op).
 
 wrong(Op) ->
     case lists:member(Op, [<<"refuse">>, <<"sense">>, <<"pong">>, <<"log">>]) of
@@ -111,13 +111,13 @@ wrong(Op) ->
         false -> {ok, unknown}
     end.
 
-answer(Word, #{<<"id">> := Id} = Object) when is_integer(Id) ->
+answer(What, #{<<"id">> := Id} = Object) when is_integer(Id) ->
     case at(Object) of
-        {ok, At} -> {ok, {Word, Id, At}};
-        error -> {error, [atom_to_binary(Word), " has a \"t\" that is no time"]}
+        {ok, At} -> {ok, {What, Id, At}};
+        error -> {error, [atom_to_binary(What), " has a \"t\" that is no time"]}
     end;
-answer(Word, _Object) ->
-    {error, [atom_to_binary(Word), " has no whole \"id\""]}.
+answer(What, _Object) ->
+    {error, [atom_to_binary(What), " has no whole \"id\""]}.
 
 refuse(Id, #{<<"why">> := Why}) when is_binary(Why) -> {refuse, Id, Why};
 refuse(Id, _Object) -> {refuse, Id, <<>>}.

@@ -1,9 +1,9 @@
-%% The body of a live robot, for its tests: its lines are the test itself, its clock shows what the test
-%% sets, and this module is a machine of it whose calls have a history.
--module(starl_live_body_ct).
+%% The driver's state of a live robot, for its tests. Its ports are the test itself, its clock shows what
+%% the test sets, and this module is a machine of it whose calls have a history.
+-module(starl_live_driver_ct).
 -behaviour(starl_live_clock).
 
--export([with_body/2, dir/0, sent/0, does/2, packet/0, observer/0]).
+-export([with_driver/2, dir/0, sent/0, does/2, packet/0, observer/0]).
 -export([system_time/2, time_of_day/2, monotonic_time/2, start_timer/4, send_after/3]).
 -export([has_history/0]).
 
@@ -21,11 +21,11 @@ start_timer(Ms, Message, [{abs, true}], _Time) ->
 
 send_after(_Ms, _Message, _Time) -> make_ref().
 
-%% -- the body ---------------------------------------------------------------------------------------
+%% -- the driver's state -----------------------------------------------------------------------------
 
-%% Calls a test with the body of robot 1 of three, and a function that sets its clock. Its store is in a
+%% Calls a test with the driver's state of robot 1 of three, and a function that sets its clock. Its store is in a
 %% directory of its own.
-with_body(Given, Test) ->
+with_driver(Given, Test) ->
     starl_platform_ct:quietly(fun() ->
         starl_platform_ct:forget(),
         Dir = dir(),
@@ -51,18 +51,18 @@ with_body(Given, Test) ->
             record => none,
             parts => #{sap => lists, app => ?MODULE, mutex => ?MODULE}
         },
-        Body = starl_live_body:new(maps:merge(Usual, Given)),
+        Driver = starl_live_driver:new(maps:merge(Usual, Given)),
         try
-            ok = Test(Body, fun(Us) -> atomics:put(Time, 1, Us) end)
+            ok = Test(Driver, fun(Us) -> atomics:put(Time, 1, Us) end)
         after
             _ = file:del_dir_r(Dir),
             starl_platform_ct:forget()
         end
     end).
 
-dir() -> starl_live_robot_ct:dir() ++ "-body".
+dir() -> starl_live_robot_ct:dir() ++ "-driver".
 
-%% What the body has sent to the test; tests before this one may have left other messages.
+%% What the driver has sent to the test; tests before this one may have left other messages.
 sent() ->
     receive
         {'$gen_cast', Cast} ->
@@ -79,16 +79,16 @@ sent() ->
     end.
 
 %% What a step of machine `app' with these actions sends, and what was late.
-does(Actions, Body) ->
+does(Actions, Driver) ->
     Next = lists:foldl(
         fun(Action, B) ->
-            {[], Done} = starl_live_body:perform(Action, app, B),
+            {[], Done} = starl_live_driver:perform(Action, app, B),
             Done
         end,
-        Body,
+        Driver,
         Actions
     ),
-    {Late, Flushed} = starl_live_body:flush(Next),
+    {Late, Flushed} = starl_live_driver:flush(Next),
     {sent(), Late, Flushed}.
 
 packet() -> starl_packet:shout(1, hello, here).

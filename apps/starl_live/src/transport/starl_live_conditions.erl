@@ -1,18 +1,18 @@
-%% @doc Disturbs what a robot hears, for tests and for clusters on one computer. It adds loss,
-%% delay, duplicates and cut links on any transport, and disturbances of single links. Its settings
-%% can be changed while the robot runs. Its random choices come from a seed.
--module(starl_live_air).
+%% @doc The conditions under which a robot hears packets, for tests and for clusters on one computer:
+%% loss, delay, duplicates and cut links on any transport, and disturbances of single links. The
+%% settings can be changed while the robot runs. The random choices come from a seed.
+-module(starl_live_conditions).
 
 -export([new/1, set/2, pass/2, is_cut/2]).
 
 -export_type([t/0, settings/0, disturbance/0]).
 
-%% What happens to the packets of a robot, in this part of them: they are lost; they are heard so many times
+%% What happens to this fraction of the packets of a robot: they are lost; they are heard so many times
 %% more; they are up to so much later.
 -type disturbance() ::
-    {lost, Part :: number()}
-    | {again, Part :: number(), Times :: pos_integer()}
-    | {late, Part :: number(), {LeastMs :: non_neg_integer(), MostMs :: non_neg_integer()}}.
+    {lost, Fraction :: number()}
+    | {again, Fraction :: number(), Times :: pos_integer()}
+    | {late, Fraction :: number(), {LeastMs :: non_neg_integer(), MostMs :: non_neg_integer()}}.
 
 %% `loss' and `duplicates': probabilities; `delay_ms': lowest and highest, in real time; `cut': the
 %% robots that cannot be heard; `disturbed': what happens on the links from some robots. Settings that are
@@ -26,7 +26,7 @@
     seed => integer()
 }.
 
--record(air, {
+-record(conditions, {
     loss = 0 :: number(),
     duplicates = 0 :: number(),
     delay_ms = {0, 0} :: {non_neg_integer(), non_neg_integer()},
@@ -35,26 +35,29 @@
     random :: rand:state()
 }).
 
--opaque t() :: #air{}.
+-opaque t() :: #conditions{}.
 
-%% @doc Clear air, but for these settings.
+%% @doc Nothing is disturbed, but for these settings.
 -spec new(settings()) -> {ok, t()} | {error, unicode:chardata()}.
-new(Settings) -> set(Settings, #air{random = rand:seed_s(exsss, maps:get(seed, Settings, 0))}).
+new(Settings) ->
+    set(Settings, #conditions{random = rand:seed_s(exsss, maps:get(seed, Settings, 0))}).
 
 %% @doc Changes these settings; on a mistake, none.
 -spec set(settings(), t()) -> {ok, t()} | {error, unicode:chardata()}.
-set(Settings, Air) ->
-    case starl_options:check(Settings, options(Air)) of
-        {ok, Complete} -> {ok, changed(Complete, Air)};
+set(Settings, Conditions) ->
+    case starl_options:check(Settings, options(Conditions)) of
+        {ok, Complete} -> {ok, changed(Complete, Conditions)};
         {error, Problems} -> {error, lists:join("; ", [text(Problem) || Problem <- Problems])}
     end.
 
 text(Problem) -> ["air: ", starl_options:format_problem(Problem)].
 
-options(#air{loss = Loss, duplicates = Duplicates, delay_ms = Delay, cut = Cut} = Air) ->
+options(
+    #conditions{loss = Loss, duplicates = Duplicates, delay_ms = Delay, cut = Cut} = Conditions
+) ->
     [
-        {disturbed, {term, "what disturbs the links from robots", fun is_map/1}, Air#air.disturbed,
-            "what happens on the links from some robots"},
+        {disturbed, {term, "what disturbs the links from robots", fun is_map/1},
+            Conditions#conditions.disturbed, "what happens on the links from some robots"},
         {loss, {number, 0, 1}, Loss, "part of the packets that are lost"},
         {duplicates, {number, 0, 1}, Duplicates, "part of the packets that are heard twice"},
         {delay_ms, {between, {integer, 0, 60_000}}, Delay, "delay of packets, in ms"},
@@ -64,14 +67,16 @@ options(#air{loss = Loss, duplicates = Duplicates, delay_ms = Delay, cut = Cut} 
 
 robots(Robots) -> is_list(Robots) andalso lists:all(fun is_integer/1, Robots).
 
-changed(#{loss := Loss, duplicates := Duplicates, delay_ms := Delay, seed := Seed} = Given, Air) ->
+changed(
+    #{loss := Loss, duplicates := Duplicates, delay_ms := Delay, seed := Seed} = Given, Conditions
+) ->
     #{cut := Cut, disturbed := Disturbed} = Given,
     Random =
         case Seed of
-            none -> Air#air.random;
+            none -> Conditions#conditions.random;
             _ -> rand:seed_s(exsss, Seed)
         end,
-    #air{
+    #conditions{
         loss = Loss,
         duplicates = Duplicates,
         delay_ms = Delay,
@@ -82,49 +87,51 @@ changed(#{loss := Loss, duplicates := Duplicates, delay_ms := Delay, seed := See
 
 %% @doc When a robot's packet is heard, in milliseconds from now: never, once or twice.
 -spec pass(From :: starl:robot_id(), t()) -> {[DelayMs :: non_neg_integer()], t()}.
-pass(_From, #air{loss = Loss, duplicates = Twice, delay_ms = {0, 0}, cut = []} = Air) when
-    Loss == 0, Twice == 0, map_size(Air#air.disturbed) =:= 0
+pass(
+    _From, #conditions{loss = Loss, duplicates = Twice, delay_ms = {0, 0}, cut = []} = Conditions
+) when
+    Loss == 0, Twice == 0, map_size(Conditions#conditions.disturbed) =:= 0
 ->
-    {[0], Air};
-pass(From, #air{loss = Loss, duplicates = Twice, cut = Cut, random = Random0} = Air) ->
+    {[0], Conditions};
+pass(From, #conditions{loss = Loss, duplicates = Twice, cut = Cut, random = Random0} = Conditions) ->
     %% Always the same number of draws: what one packet meets does not hang on the settings that
     %% others met.
     {Lost, Random1} = rand:uniform_s(Random0),
     {Doubled, Random2} = rand:uniform_s(Random1),
-    {Once, Random3} = delay(Air, Random2),
-    {Again, Random4} = delay(Air, Random3),
-    Next = Air#air{random = Random4},
+    {Once, Random3} = delay(Conditions, Random2),
+    {Again, Random4} = delay(Conditions, Random3),
+    Next = Conditions#conditions{random = Random4},
     case Lost < Loss orelse lists:member(From, Cut) of
         true -> {[], Next};
         false when Doubled < Twice -> disturbed(From, [Once, Again], Next);
         false -> disturbed(From, [Once], Next)
     end.
 
-disturbed(From, Delays, #air{disturbed = Disturbed, random = Random} = Air) ->
+disturbed(From, Delays, #conditions{disturbed = Disturbed, random = Random} = Conditions) ->
     {Left, Next} = lists:foldl(
         fun disturb/2, {Delays, Random}, maps:get(From, Disturbed, [])
     ),
-    {Left, Air#air{random = Next}}.
+    {Left, Conditions#conditions{random = Next}}.
 
 disturb(Disturbance, {Delays, Random0}) ->
     {Drawn, Random} = rand:uniform_s(Random0),
     case Drawn < element(2, Disturbance) of
-        true -> struck(Disturbance, Delays, Random);
+        true -> disturbed_by(Disturbance, Delays, Random);
         false -> {Delays, Random}
     end.
 
-struck({lost, _Part}, _Delays, Random) ->
+disturbed_by({lost, _Fraction}, _Delays, Random) ->
     {[], Random};
-struck({again, _Part, Times}, Delays, Random) ->
+disturbed_by({again, _Fraction, Times}, Delays, Random) ->
     {Delays ++ lists:append(lists:duplicate(Times, lists:sublist(Delays, 1))), Random};
-struck({late, _Part, {Least, Most}}, Delays, Random0) ->
+disturbed_by({late, _Fraction, {Least, Most}}, Delays, Random0) ->
     {Part, Random} = rand:uniform_s(Random0),
     {[Delay + Least + trunc(Part * (Most - Least + 1)) || Delay <- Delays], Random}.
 
 %% @doc Whether a robot cannot be heard at all.
 -spec is_cut(From :: starl:robot_id(), t()) -> boolean().
-is_cut(From, #air{cut = Cut}) -> lists:member(From, Cut).
+is_cut(From, #conditions{cut = Cut}) -> lists:member(From, Cut).
 
-delay(#air{delay_ms = {Low, High}}, Random0) ->
+delay(#conditions{delay_ms = {Low, High}}, Random0) ->
     {Part, Random} = rand:uniform_s(Random0),
     {Low + trunc(Part * (High - Low + 1)), Random}.

@@ -1,13 +1,13 @@
-%% The words between StarL and a program: what it may say, and that nothing it says does more than that.
--module(starl_live_program_word_tests).
+%% The messages between StarL and a program: what it may say, and that nothing it says does more than that.
+-module(starl_live_program_message_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 -define(HELLO, "{\"op\":\"hello\",\"protocol\":1,\"name\":\"bot\",\"vmax\":400,\"wmax\":2.5").
 
 reads_test_() ->
     [
-        ?_assertEqual({ok, Word}, starl_live_program_word:decode(iolist_to_binary(Line)))
-     || {Word, Line} <- [
+        ?_assertEqual({ok, Message}, starl_live_program_message:decode(iolist_to_binary(Line)))
+     || {Message, Line} <- [
             {{ack, 3, none}, "{\"op\":\"ack\",\"id\":3}"},
             {{done, 3, 17}, "{\"op\":\"done\",\"id\":3,\"t\":17}"},
             {{stalled, 3, none}, "{\"op\":\"stalled\",\"id\":3}"},
@@ -17,14 +17,16 @@ reads_test_() ->
             {{sense, {other, {<<"nose">>, 4}}}, "{\"op\":\"sense\",\"kind\":\"nose\",\"value\":4}"},
             {{pong, 9}, "{\"op\":\"pong\",\"n\":9,\"more\":[1]}"},
             {{log, <<"hi">>}, "{\"op\":\"log\",\"text\":\"hi\"}"},
-            %% a later StarL's word
+            %% a later StarL's message
             {unknown, "{\"op\":\"sing\",\"id\":\"x\"}"}
         ]
     ].
 
 hello_test() ->
     Limits = #{name => <<"bot">>, frame => start, devices => [], vmax => 400, wmax => 2.5},
-    Read = fun(More) -> starl_live_program_word:decode(iolist_to_binary([?HELLO, More, "}"])) end,
+    Read = fun(More) ->
+        starl_live_program_message:decode(iolist_to_binary([?HELLO, More, "}"]))
+    end,
     ?assertEqual({ok, {hello, Limits}}, Read("")),
     ?assertEqual({ok, {hello, Limits#{frame := floor}}}, Read(",\"frame\":\"floor\"")),
     ?assertEqual({ok, {hello, Limits#{devices := [<<"pen">>]}}}, Read(",\"devices\":[\"pen\"]")).
@@ -57,12 +59,12 @@ refuses_test_() ->
     ].
 
 told(Line) ->
-    case starl_live_program_word:decode(list_to_binary(Line)) of
+    case starl_live_program_message:decode(list_to_binary(Line)) of
         {error, Why} -> {error, lists:flatten(io_lib:format("~ts", [Why]))};
         Read -> Read
     end.
 
-%% Whatever a program says is a word or an error: bytes by chance, and words that bytes have hit.
+%% Whatever a program says is a message or an error: random bytes, and messages that bytes have hit.
 anything_is_borne_test() ->
     Seed = erlang:phash2(make_ref()),
     io:format(user, "seed ~b~n", [Seed]),
@@ -74,7 +76,7 @@ anything_is_borne_test() ->
     ],
     [
         ?assertMatch(
-            {Is, _} when Is =:= ok; Is =:= error, starl_live_program_word:decode(hit(Line))
+            {Is, _} when Is =:= ok; Is =:= error, starl_live_program_message:decode(hit(Line))
         )
      || _ <- lists:seq(1, 700), Line <- [rand:bytes(rand:uniform(40)) | Good]
     ].
@@ -85,7 +87,7 @@ hit(Line) ->
     <<Before/binary, (rand:uniform(256) - 1), After/binary>>.
 
 writes_test() ->
-    Line = fun(Command) -> iolist_to_binary(starl_live_program_word:encode(Command)) end,
+    Line = fun(Command) -> iolist_to_binary(starl_live_program_message:encode(Command)) end,
     ?assertEqual(
         <<"{\"id\":4,\"legs\":[{\"ms\":250.5,\"v\":100,\"w\":-0.5}],\"op\":\"drive\"}">>,
         Line({drive, 4, [{100, -0.5, 250.5}]})
@@ -101,7 +103,7 @@ writes_test() ->
     ?assertEqual(<<"{\"op\":\"stop\"}">>, Line(stop)).
 
 values_test() ->
-    ?assertEqual({ok, <<"down">>}, starl_live_program_word:value(down)),
-    ?assertEqual({ok, [<<"red">>, 3]}, starl_live_program_word:value({red, 3})),
-    ?assertEqual(none, starl_live_program_word:value(self())),
-    ?assertEqual(none, starl_live_program_word:value({red, self()})).
+    ?assertEqual({ok, <<"down">>}, starl_live_program_message:value(down)),
+    ?assertEqual({ok, [<<"red">>, 3]}, starl_live_program_message:value({red, 3})),
+    ?assertEqual(none, starl_live_program_message:value(self())),
+    ?assertEqual(none, starl_live_program_message:value({red, self()})).

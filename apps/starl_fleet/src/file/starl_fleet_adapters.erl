@@ -1,7 +1,7 @@
 %% @doc Selects the drivers that connect a fleet's robots to the world. It finds the module that
 %% drives a chassis, the module that reads a positioning system, and the configuration of each
 %% transport.
--module(starl_fleet_lines).
+-module(starl_fleet_adapters).
 
 -export([chassis/0, driver/1, drivers/1, sources/0, source/1]).
 -export([transports/0, chassis/2, positioning/3, senses/2, transport/3, node_name/2]).
@@ -72,7 +72,7 @@ module(Name, Table, What) ->
     end.
 
 %% @doc A robot's connection to its chassis: a driver with its options.
--spec chassis(starl:robot_id(), starl_fleet_file:t()) -> starl_live_link:line().
+-spec chassis(starl:robot_id(), starl_fleet_file:t()) -> starl_live_link:adapter().
 chassis(Robot, #{robots := Robots}) ->
     #{Robot := #{chassis := {Name, Own}}} = Robots,
     {ok, Module} = driver(Name),
@@ -81,7 +81,7 @@ chassis(Robot, #{robots := Robots}) ->
 %% @doc A robot's connection to the positioning system. Anybody who could send it positions could
 %% move it. So a broadcast is sealed with the fleet's key, unless the fleet file says `key => none'.
 -spec positioning(starl:robot_id(), starl_live_key:t(), starl_fleet_file:t()) ->
-    starl_live_link:line().
+    starl_live_link:adapter().
 positioning(_Robot, Key, #{positioning := {Name, Own}}) ->
     {ok, Module} = source(Name),
     {Module, sealed(Module, Key, Own)}.
@@ -92,7 +92,7 @@ sealed(_Module, _Key, Own) -> Own.
 
 %% @doc A robot's senses that are not its chassis'.
 -spec senses(starl:robot_id(), starl_fleet_file:t()) ->
-    #{starl_sense:kind() => starl_live_link:line()}.
+    #{starl_sense:kind() => starl_live_link:adapter()}.
 senses(Robot, #{robots := Robots}) ->
     case Robots of
         #{Robot := #{camera := #{} = Own}} -> #{camera => {starl_live_camera, Own}};
@@ -105,7 +105,7 @@ transports() -> [udp, dist].
 
 %% @doc A robot's connection to the other robots. Robots of different runs do not hear each other.
 -spec transport(Run :: non_neg_integer(), starl_live_key:t(), starl_fleet_file:t()) ->
-    starl_live_link:line().
+    starl_live_link:adapter().
 transport(Run, Key, #{transport := udp, name := Name, robots := Robots, all := All}) ->
     Peers = maps:map(fun(_, #{address := Address, port := Port}) -> {Address, Port} end, Robots),
     {starl_live_udp, #{fleet => Name, run => Run, key => Key, peers => Peers, all => All}};
