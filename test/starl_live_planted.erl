@@ -12,7 +12,7 @@
 -type bug() :: {
     atom(), part(), module(), [{Old :: string(), New :: string()}, ...], string()
 }.
--type part() :: starl_virtual_run:part() | {starl_virtual_run:part(), From :: pos_integer()}.
+-type part() :: starl_lab_soak_live:part() | {starl_lab_soak_live:part(), From :: pos_integer()}.
 
 -type caught() ::
     {caught, Seed :: pos_integer(), starl_monitor:violation()}
@@ -193,14 +193,14 @@ search(Part, Seed, Seeds) ->
     end.
 
 %% @doc The same run with the sound program.
--spec sound(starl_virtual_run:part(), Seed :: pos_integer()) -> [starl_monitor:violation()].
+-spec sound(starl_lab_soak_live:part(), Seed :: pos_integer()) -> [starl_monitor:violation()].
 sound(Part, Seed) ->
     {ok, Violations} = violations(Part, Seed),
     Violations.
 
 violations(Part, Seed) ->
     Given = starl_lab_soak_live:scenario(Part, none, Seed),
-    try starl_virtual_run:run({Part, Seed, Given}) of
+    try starl_lab_soak_live:played(Part, Seed, Given) of
         #{violations := Violations} -> {ok, Violations}
     catch
         error:Why -> {crashed, Why}

@@ -64,9 +64,10 @@ a_reload_loses_no_application(_) ->
         begin
             New = starl_reload_code:make(starl_exercise, Variant),
             At = starl_run_draw:between({Seed, reload_at}, 1000, 20000),
-            {mutex, Seed, Scenario} = run(mutex, Seed),
-            Run = {mutex, Seed, (maps:remove(watch, Scenario))#{reloads => [{At, all, New}]}},
-            #{violations := Violations} = starl_virtual_run:run(Run),
+            Scenario = maps:remove(watch, starl_lab_soak_live:scenario(mutex, none, Seed)),
+            #{violations := Violations} = starl_lab_soak_live:played(
+                mutex, Seed, Scenario#{reloads => [{At, all, New}]}
+            ),
             ?assertEqual({Variant, Seed, []}, {Variant, Seed, Violations})
         end
      || Variant <- [good, crashes_at_once, no_migration], Seed <- lists:seq(1, 10)
@@ -78,8 +79,9 @@ a_reload_loses_no_application(_) ->
 what_was_found_once(_) ->
     [
         begin
-            #{violations := Violations} = starl_virtual_run:run(run(Part, Seed)),
-            ?assertEqual({Part, Seed, []}, {Part, Seed, Violations})
+            ?assertEqual(
+                {Part, Seed, []}, {Part, Seed, starl_lab_soak_live:violations(Part, Seed)}
+            )
         end
      || {Part, Seed} <- [{barrier, 99401284}, {barrier, 99400737}, {registers, 99401689}]
     ].
@@ -90,7 +92,7 @@ one_way_cuts_that_last(_) ->
     Played = fun(Part, Robots, Seed, Faults) ->
         Drawn = starl_lab_soak_live:scenario(Part, Robots, Seed),
         Scenario = maps:without([reloads, watch], Drawn),
-        starl_virtual_run:run({Part, Seed, Scenario#{random_faults := [], faults => Faults}})
+        starl_lab_soak_live:played(Part, Seed, Scenario#{random_faults := [], faults => Faults})
     end,
     [
         begin
@@ -109,18 +111,19 @@ one_way_cuts_that_last(_) ->
                 {Kind, Group} <- [{mute, [Robot]}, {deaf, lists:seq(1, Robots) -- [Robot]}]
             ]
         end
-     || Part <- starl_virtual_run:blocks(), Robots <- [3, 5], Seed <- [1, 2]
+     || Part <- starl_lab_soak_live:blocks(), Robots <- [3, 5], Seed <- [1, 2]
     ].
 
 digests(Parts) ->
     [
         {Part, [
-            maps:get(digest, starl_virtual_run:run(run(Part, Seed)))
+            maps:get(digest, played(Part, Seed))
          || Seed <- lists:seq(1, 4)
         ]}
      || Part <- Parts
     ].
 
-run(Part, Seed) -> {Part, Seed, starl_lab_soak_live:scenario(Part, none, Seed)}.
+played(Part, Seed) ->
+    starl_lab_soak_live:played(Part, Seed, starl_lab_soak_live:scenario(Part, none, Seed)).
 
-parts() -> [Part || {Part, _} <- starl_virtual_run:parts()].
+parts() -> [Part || {Part, _} <- starl_lab_soak_live:parts()].
