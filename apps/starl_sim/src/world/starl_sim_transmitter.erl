@@ -152,17 +152,21 @@ send_each([Dest | Dests], {Number, Packet} = Numbered, Sender, World, {Seq, Plan
 plan([], _Dest, _Packet, _Id, _Now, Seq, Plans) ->
     {Seq, Plans};
 plan([{Delay, State} | Arrivals], Dest, Packet, Id, Now, Seq, Plans) ->
-    Content = {sap, packet, received(State, Packet, Seq)},
+    Received =
+        case State of
+            intact -> Packet;
+            corrupt -> corrupted(Packet, {Id, Now, Seq})
+        end,
+    Content = {sap, packet, Received},
     Event = {Dest, Now + Delay, ?CLASS_PACKET, Id, Seq, Content},
     plan(Arrivals, Dest, Packet, Id, Now, Seq + 1, [Event | Plans]).
 
 %% The link's checksum detects a packet that was cut off or has a flipped bit; its remains
 %% are bytes without a meaning.
-received(intact, Packet, _Seq) -> Packet;
-received(corrupt, <<Datagram/binary>>, Seq) -> damaged(Datagram, {Datagram, Seq, damage});
-received(corrupt, Packet, Seq) -> <<(erlang:phash2({Packet, Seq})):32>>.
+corrupted(<<Datagram/binary>>, Key) -> damaged(Datagram, Key);
+corrupted(Packet, {_, _, Seq}) -> <<(erlang:phash2({Packet, Seq})):32>>.
 
-%% The end is missing, or a bit is wrong.
+%% The end is missing, or a bit is wrong. What is sealed differs in each run.
 damaged(Datagram, Key) ->
     Bit = starl_run_draw:between({Key, bit}, 0, 8 * byte_size(Datagram) - 1),
     case starl_run_draw:between({Key, how}, 1, 4) of

@@ -48,8 +48,9 @@
     | lose_store
     | {save_store | set_back_store, Image :: atom()}.
 
-%% Whether the program runs, is off, or has ended by itself after the last commands.
--type up() :: up | off | {down, Why :: term()}.
+%% Whether the program runs, is off, or has ended by itself after the last commands, maybe since one of its
+%% parts has crashed.
+-type up() :: up | off | {down, Why :: {crashed, actor(), Reason :: term()} | term()}.
 
 %% What the program does: it wants to have a message at a time of its computer; a datagram leaves; a
 %% process of its has an answer for the link; facts; it asks the positioning system; its machines have
@@ -280,42 +281,45 @@ run([{Actor, Message} | Messages], Robot, Before) ->
             run(Messages ++ Inner, Next, lists:reverse(Effects, Before));
         {down, Why} ->
             {Inner, Effects} = drained(Actor),
-            Last = [M || {transport, _} = M <- Messages ++ Inner],
-            {up, More, Next} = run(Last, Robot#robot{link = none}, []),
+            Last = [M || {transport, _} = M <- Messages ++ Inner, Actor =:= link],
+            {_, More, Next} = run(Last, Robot#robot{link = none}, []),
             {{down, Why}, lists:reverse(Before, Effects ++ More), Next}
     end.
 
-part(link, {boot, Spec}, Robot) -> booted(Spec, Robot);
-part(link, _Message, #robot{link = none} = Robot) -> {up, Robot};
-part(link, Message, Robot) -> linked(Message, without(Message, Robot));
-part(transport, Message, Robot) -> transported(Message, Robot).
+part(link, {boot, Spec}, Robot) ->
+    guarded(link, fun() -> booted(Spec, Robot) end);
+part(link, _Message, #robot{link = none} = Robot) ->
+    {up, Robot};
+part(link, Message, Robot) ->
+    guarded(link, fun() -> linked(Message, without(Message, Robot)) end);
+part(transport, Message, Robot) ->
+    guarded(transport, fun() -> transported(Message, Robot) end).
 
-booted(Spec, Robot) ->
-    guarded(fun() ->
-        case starl_live_link:init(Spec) of
-            {ok, Opened, {continue, launch}} ->
-                changed(starl_live_link:handle_continue(launch, Opened), Robot);
-            {stop, Why} ->
-                {down, Why}
-        end
-    end).
-
-linked({'$gen_cast', Request}, #robot{link = Link} = Robot) ->
-    guarded(fun() -> changed(starl_live_link:handle_cast(Request, Link), Robot) end);
-linked(Message, #robot{link = Link} = Robot) ->
-    guarded(fun() -> changed(starl_live_link:handle_info(Message, Link), Robot) end).
-
-changed({noreply, Link}, Robot) -> {up, Robot#robot{link = Link}};
-changed({stop, Why, _Link}, _Robot) -> {down, Why}.
-
-%% The power goes while the link uses the disk; the link itself ends.
-guarded(Step) ->
+%% The power goes while the link uses the disk; the link itself ends; or the part crashes.
+guarded(Actor, Step) ->
     try
         Step()
     catch
         throw:{starl_power_cut, _} = Cut -> {down, Cut};
-        exit:{shutdown, _} = Why -> {down, Why}
+        exit:{shutdown, _} = Why -> {down, Why};
+        error:Why:Stack -> {down, {crashed, Actor, {Why, Stack}}}
     end.
+
+booted(Spec, Robot) ->
+    case starl_live_link:init(Spec) of
+        {ok, Opened, {continue, launch}} ->
+            changed(starl_live_link:handle_continue(launch, Opened), Robot);
+        {stop, Why} ->
+            {down, Why}
+    end.
+
+linked({'$gen_cast', Request}, #robot{link = Link} = Robot) ->
+    changed(starl_live_link:handle_cast(Request, Link), Robot);
+linked(Message, #robot{link = Link} = Robot) ->
+    changed(starl_live_link:handle_info(Message, Link), Robot).
+
+changed({noreply, Link}, Robot) -> {up, Robot#robot{link = Link}};
+changed({stop, Why, _Link}, _Robot) -> {down, Why}.
 
 transported({'$gen_cast', Request}, #robot{transport = Transport} = Robot) ->
     {noreply, Next} = starl_live_transport:handle_cast(Request, Transport),

@@ -317,7 +317,8 @@ handle({message, Life, Actor, Message}, _From, #?MODULE{life = Life, condition =
 handle({message, _, _, _}, _From, _Robot) ->
     ignored;
 handle({sap, packet, Bytes}, From, #?MODULE{condition = up} = Robot) ->
-    {{transport, {datagram, From, Bytes}}, [{heard, From, Bytes}], Robot};
+    %% its seal differs in each run
+    {{transport, {datagram, From, byte_size(Bytes)}}, [{heard, From, Bytes}], Robot};
 handle({sap, packet, _}, _From, _Robot) ->
     ignored;
 handle(Strike, _From, Robot) ->
@@ -373,11 +374,15 @@ seen(Id, AgeUs, #?MODULE{world = #{sight := Sight}} = Robot) ->
         unknown -> []
     end.
 
-%% Whoever watches the program starts it again.
+%% Whoever watches the program starts it again. A crash of its own is a fact.
+ended_by_itself({down, {crashed, Actor, Why}}, Robot) ->
+    again(fact(supervisor, {crashed, Actor, starl_crash:cause(Why)}, Robot));
 ended_by_itself({down, _Why}, Robot) ->
-    plan_own(now(Robot) + ?AGAIN_US, ?CLASS_WORLD, boot, is_down(Robot));
+    again(Robot);
 ended_by_itself(_Up, Robot) ->
     Robot.
+
+again(Robot) -> plan_own(now(Robot) + ?AGAIN_US, ?CLASS_WORLD, boot, is_down(Robot)).
 
 %% The program is off.
 is_down(#?MODULE{names = Names} = Robot) ->
@@ -386,9 +391,12 @@ is_down(#?MODULE{names = Names} = Robot) ->
     Down#?MODULE{condition = down, names = []}.
 
 fact(Name, Fact, #?MODULE{body = Body, facts = Facts} = Robot) ->
-    Robot#?MODULE{
-        body = starl_sim_platform:trace(Name, Fact, Body), facts = [{Name, Fact} | Facts]
-    }.
+    Traced = starl_sim_platform:trace(Name, Fact, Body),
+    Robot#?MODULE{body = Traced, facts = [{Name, in_chain(Fact)} | Facts]}.
+
+%% The text of a crash may name processes.
+in_chain({crashed, Machine, _Cause}) -> {crashed, Machine};
+in_chain(Fact) -> Fact.
 
 message(At, Actor, Message, #?MODULE{life = Life} = Robot) ->
     plan_own(At, ?CLASS_TIMER, {message, Life, Actor, Message}, Robot).
