@@ -3,7 +3,7 @@
 %% sound one while its bug is looked for.
 -module(starl_live_planted).
 
--export([bugs/0, caught/2, sound/2]).
+-export([bugs/0, caught/2, with/2, sound/2]).
 
 -export_type([bug/0]).
 
@@ -172,10 +172,15 @@ reload() ->
 
 %% @doc Looks for a bug with the seeds from 1 on.
 -spec caught(bug(), Seeds :: pos_integer()) -> caught().
-caught({_Name, Part, Module, Changes, _Doc}, Seeds) ->
+caught({_Name, Part, _Module, _Changes, _Doc} = Bug, Seeds) ->
+    with(Bug, fun() -> searched(Part, Seeds) end).
+
+%% @doc Calls a function while a bug is in the program.
+-spec with(bug(), fun(() -> Result)) -> Result.
+with({_Name, _Part, Module, Changes, _Doc}, Fun) ->
     ok = planted(Module, Changes),
     try
-        searched(Part, Seeds)
+        Fun()
     after
         restored(Module)
     end.

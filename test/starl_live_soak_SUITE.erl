@@ -6,6 +6,7 @@
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([every_bug_is_found/1, nothing_is_found_in_the_sound/1, the_same_seed_is_the_same_run/1]).
 -export([a_reload_loses_no_application/1, what_was_found_once/1, one_way_cuts_that_last/1]).
+-export([what_is_found_is_made_small/1]).
 %% Called in the VMs of the runs.
 -export([digests/1]).
 
@@ -21,7 +22,8 @@ all() ->
         the_same_seed_is_the_same_run,
         a_reload_loses_no_application,
         what_was_found_once,
-        one_way_cuts_that_last
+        one_way_cuts_that_last,
+        what_is_found_is_made_small
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -113,6 +115,27 @@ one_way_cuts_that_last(_) ->
         end
      || Part <- starl_lab_soak_live:blocks(), Robots <- [3, 5], Seed <- [1, 2]
     ].
+
+%% A run of a soak is a scenario of the simulator: it is shrunk, and the futures of what is left are asked for.
+what_is_found_is_made_small(_) ->
+    Bug = lists:keyfind(timers_early, 1, starl_live_planted:bugs()),
+    Found = maps:without([reloads, watch], starl_lab_soak_live:scenario(mutex, none, 2)),
+    starl_live_planted:with(Bug, fun() ->
+        {ok, #{scenario := #{faults := Before}, violations := [#{contract := Contract} | _]}} =
+            starl_sim_trial:run(Found),
+        {ok, #{scenario := Small, violation := Violation}} = starl_sim_shrink:shrink(Found, #{
+            run => fun starl_sim_trial:run/1, watch => fun go_on/1
+        }),
+        ?assertMatch(#{contract := Contract}, Violation),
+        ?assertMatch(#{program := live}, Small),
+        ?assert(length(maps:get(faults, Small)) < length(Before)),
+        {ok, #{moments := Moments} = Run} = starl_sim_future:repeat(Small),
+        Middle = starl_sim_moments:last(Moments) div 2,
+        Job = starl_sim_future:plan(Run, Middle, 1, starl_sim_future:settings(Run)),
+        ?assertMatch({ok, _Verdict, _Digest}, starl_sim_future:play(Job))
+    end).
+
+go_on(_Figures) -> {continue, fun go_on/1}.
 
 digests(Parts) ->
     [

@@ -212,7 +212,7 @@ chained(Machine, Type, Content, #body{now = Now, chain = Chain} = Body) ->
 
 %% @doc The same for an event at a later time than the last one.
 -spec happens(
-    starl_sim_queue:time(), starl_machine:name(), starl_machine:event_type(), term(), t()
+    starl_sim_queue:time(), starl_machine:name(), starl_machine:event_type() | boot, term(), t()
 ) -> t().
 happens(Now, Machine, Type, Content, #body{chain = Chain} = Body) ->
     Body#body{now = Now, chain = starl_sim_chain:add(Now, Machine, Type, Content, Chain)}.

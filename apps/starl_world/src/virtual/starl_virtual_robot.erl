@@ -57,7 +57,7 @@
     program :: pid(),
     %% events of this window; what is chained of the event that the program handles
     events = [] :: [starl_sim_queue:event()],
-    handles = none :: {starl_machine:name(), What :: term()} | none,
+    handles = none :: handles() | none,
     facts = [] :: [{starl_machine:name(), term()}],
     stop = none :: starl_sim_robot:stop(),
     hold = {0, 0} :: starl_sim_queue:hold(),
@@ -73,6 +73,9 @@
 }).
 
 -type t() :: #?MODULE{}.
+
+%% What is chained of an event: the part of the robot that it is for, its type, its content.
+-type handles() :: {starl_machine:name(), starl_machine:event_type() | boot, term()}.
 
 %% @doc The kinds of random faults that are carried out.
 -spec kinds() -> [starl_run_fault:kind()].
@@ -214,7 +217,7 @@ resume(Robot) -> proceed(Robot).
 -spec at_work(t()) -> [starl_sim_robot:work()].
 at_work(#?MODULE{handles = none}) ->
     [];
-at_work(#?MODULE{id = Id, handles = {Name, _}, program = Program} = Robot) ->
+at_work(#?MODULE{id = Id, handles = {Name, _, _}, program = Program} = Robot) ->
     [
         #{
             robot => Id,
@@ -294,9 +297,9 @@ happens({_, Time, _, Source, _, Content}, #?MODULE{body = Body} = Robot) ->
     end.
 
 %% What an event has done is chained behind it.
-handled(#?MODULE{handles = {Name, What}, facts = Facts, body = Body} = Robot) ->
+handled(#?MODULE{handles = {Name, Type, What}, facts = Facts, body = Body} = Robot) ->
     Now = starl_sim_platform:now(Body),
-    Chained = starl_sim_platform:happens(Now, Name, info, {What, lists:reverse(Facts)}, Body),
+    Chained = starl_sim_platform:happens(Now, Name, Type, {What, lists:reverse(Facts)}, Body),
     settled(Robot#?MODULE{handles = none, facts = [], body = Chained}).
 
 %% New events of this window join the others.
@@ -313,32 +316,33 @@ settled(#?MODULE{body = Body, events = Events} = Robot) ->
 
 %% The part of the robot that handles an event and what is chained of it; the commands for the program.
 handle({message, Life, Actor, Message}, _From, #?MODULE{life = Life, condition = up} = Robot) ->
-    {{Actor, what(Message)}, [{hear, Actor, Message}], Robot};
+    {what(Message, Actor), [{hear, Actor, Message}], Robot};
 handle({message, _, _, _}, _From, _Robot) ->
     ignored;
 handle({sap, packet, Bytes}, From, #?MODULE{condition = up} = Robot) ->
     %% its seal differs in each run
-    {{transport, {datagram, From, byte_size(Bytes)}}, [{heard, From, Bytes}], Robot};
+    {{transport, packet, {From, byte_size(Bytes)}}, [{heard, From, Bytes}], Robot};
 handle({sap, packet, _}, _From, _Robot) ->
     ignored;
 handle(Strike, _From, Robot) ->
     case strike(Strike, Robot) of
         ignored -> ignored;
-        {Commands, Struck} -> {{robot, chained(Strike)}, Commands, Struck}
+        {Commands, Struck} -> {struck(Strike), Commands, Struck}
     end.
 
-chained({reload, #{order := #{number := N}}}) -> {reload, N};
-chained(Strike) -> Strike.
+struck({reload, #{order := #{number := N}}}) -> {robot, info, {reload, N}};
+struck(Boot) when Boot =:= wake; Boot =:= boot -> {robot, boot, Boot};
+struck(Strike) -> {robot, info, Strike}.
 
 %% References and processes are not chained.
-what({timeout, _, {starl_timer, Name, Timer, _, _}}) -> {timer, Name, Timer};
-what({starl_done, _, _, _}) -> answer;
-what({'DOWN', _, process, _, _}) -> down;
-what({starl_located, _, _, Seen}) -> {located, Seen};
-what({'$gen_cast', {reload, #{number := N}, _}}) -> {reload, N};
-what({'$gen_cast', {take_back, N, Failed}}) -> {take_back, N, Failed};
-what(Message) when is_tuple(Message) -> element(1, Message);
-what(Message) -> Message.
+what({timeout, _, {starl_timer, Name, Timer, _, _}}, _Actor) -> {Name, timeout, Timer};
+what({starl_done, _, _, _}, Actor) -> {Actor, info, answer};
+what({'DOWN', _, process, _, _}, Actor) -> {Actor, info, down};
+what({starl_located, _, _, Seen}, Actor) -> {Actor, info, {located, Seen}};
+what({'$gen_cast', {reload, #{number := N}, _}}, Actor) -> {Actor, cast, {reload, N}};
+what({'$gen_cast', {take_back, N, Failed}}, Actor) -> {Actor, cast, {take_back, N, Failed}};
+what(Message, Actor) when is_tuple(Message) -> {Actor, info, element(1, Message)};
+what(Message, Actor) -> {Actor, info, Message}.
 
 %% -- what the program does ------------------------------------------------------------------
 
