@@ -3,7 +3,7 @@
 %% sound one while its bug is looked for.
 -module(starl_live_planted).
 
--export([bugs/0, caught/2, sound/2]).
+-export([bugs/0, caught/2, with/2, sound/2]).
 
 -export_type([bug/0]).
 
@@ -12,7 +12,7 @@
 -type bug() :: {
     atom(), part(), module(), [{Old :: string(), New :: string()}, ...], string()
 }.
--type part() :: starl_virtual_run:part() | {starl_virtual_run:part(), From :: pos_integer()}.
+-type part() :: starl_lab_soak_live:part() | {starl_lab_soak_live:part(), From :: pos_integer()}.
 
 -type caught() ::
     {caught, Seed :: pos_integer(), starl_monitor:violation()}
@@ -172,10 +172,15 @@ reload() ->
 
 %% @doc Looks for a bug with the seeds from 1 on.
 -spec caught(bug(), Seeds :: pos_integer()) -> caught().
-caught({_Name, Part, Module, Changes, _Doc}, Seeds) ->
+caught({_Name, Part, _Module, _Changes, _Doc} = Bug, Seeds) ->
+    with(Bug, fun() -> searched(Part, Seeds) end).
+
+%% @doc Calls a function while a bug is in the program.
+-spec with(bug(), fun(() -> Result)) -> Result.
+with({_Name, _Part, Module, Changes, _Doc}, Fun) ->
     ok = planted(Module, Changes),
     try
-        searched(Part, Seeds)
+        Fun()
     after
         restored(Module)
     end.
@@ -193,14 +198,14 @@ search(Part, Seed, Seeds) ->
     end.
 
 %% @doc The same run with the sound program.
--spec sound(starl_virtual_run:part(), Seed :: pos_integer()) -> [starl_monitor:violation()].
+-spec sound(starl_lab_soak_live:part(), Seed :: pos_integer()) -> [starl_monitor:violation()].
 sound(Part, Seed) ->
     {ok, Violations} = violations(Part, Seed),
     Violations.
 
 violations(Part, Seed) ->
     Given = starl_lab_soak_live:scenario(Part, none, Seed),
-    try starl_virtual_run:run({Part, Seed, Given}) of
+    try starl_lab_soak_live:played(Part, Seed, Given) of
         #{violations := Violations} -> {ok, Violations}
     catch
         error:Why -> {crashed, Why}

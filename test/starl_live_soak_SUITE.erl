@@ -6,6 +6,7 @@
 -export([suite/0, all/0, init_per_suite/1, end_per_suite/1]).
 -export([every_bug_is_found/1, nothing_is_found_in_the_sound/1, the_same_seed_is_the_same_run/1]).
 -export([a_reload_loses_no_application/1, what_was_found_once/1, one_way_cuts_that_last/1]).
+-export([what_is_found_is_made_small/1]).
 %% Called in the VMs of the runs.
 -export([digests/1]).
 
@@ -21,7 +22,8 @@ all() ->
         the_same_seed_is_the_same_run,
         a_reload_loses_no_application,
         what_was_found_once,
-        one_way_cuts_that_last
+        one_way_cuts_that_last,
+        what_is_found_is_made_small
     ].
 
 init_per_suite(Config) -> starl_platform_ct:without_log(Config).
@@ -64,9 +66,10 @@ a_reload_loses_no_application(_) ->
         begin
             New = starl_reload_code:make(starl_exercise, Variant),
             At = starl_run_draw:between({Seed, reload_at}, 1000, 20000),
-            {mutex, Seed, Scenario} = run(mutex, Seed),
-            Run = {mutex, Seed, (maps:remove(watch, Scenario))#{reloads => [{At, all, New}]}},
-            #{violations := Violations} = starl_virtual_run:run(Run),
+            Scenario = maps:remove(watch, starl_lab_soak_live:scenario(mutex, none, Seed)),
+            #{violations := Violations} = starl_lab_soak_live:played(
+                mutex, Seed, Scenario#{reloads => [{At, all, New}]}
+            ),
             ?assertEqual({Variant, Seed, []}, {Variant, Seed, Violations})
         end
      || Variant <- [good, crashes_at_once, no_migration], Seed <- lists:seq(1, 10)
@@ -78,8 +81,9 @@ a_reload_loses_no_application(_) ->
 what_was_found_once(_) ->
     [
         begin
-            #{violations := Violations} = starl_virtual_run:run(run(Part, Seed)),
-            ?assertEqual({Part, Seed, []}, {Part, Seed, Violations})
+            ?assertEqual(
+                {Part, Seed, []}, {Part, Seed, starl_lab_soak_live:violations(Part, Seed)}
+            )
         end
      || {Part, Seed} <- [{barrier, 99401284}, {barrier, 99400737}, {registers, 99401689}]
     ].
@@ -90,7 +94,7 @@ one_way_cuts_that_last(_) ->
     Played = fun(Part, Robots, Seed, Faults) ->
         Drawn = starl_lab_soak_live:scenario(Part, Robots, Seed),
         Scenario = maps:without([reloads, watch], Drawn),
-        starl_virtual_run:run({Part, Seed, Scenario#{random_faults := [], faults => Faults}})
+        starl_lab_soak_live:played(Part, Seed, Scenario#{random_faults := [], faults => Faults})
     end,
     [
         begin
@@ -109,18 +113,40 @@ one_way_cuts_that_last(_) ->
                 {Kind, Group} <- [{mute, [Robot]}, {deaf, lists:seq(1, Robots) -- [Robot]}]
             ]
         end
-     || Part <- starl_virtual_run:blocks(), Robots <- [3, 5], Seed <- [1, 2]
+     || Part <- starl_lab_soak_live:blocks(), Robots <- [3, 5], Seed <- [1, 2]
     ].
+
+%% A run of a soak is a scenario of the simulator: it is shrunk, and the futures of what is left are asked for.
+what_is_found_is_made_small(_) ->
+    Bug = lists:keyfind(timers_early, 1, starl_live_planted:bugs()),
+    Found = maps:without([reloads, watch], starl_lab_soak_live:scenario(mutex, none, 2)),
+    starl_live_planted:with(Bug, fun() ->
+        {ok, #{scenario := #{faults := Before}, violations := [#{contract := Contract} | _]}} =
+            starl_sim_trial:run(Found),
+        {ok, #{scenario := Small, violation := Violation}} = starl_sim_shrink:shrink(Found, #{
+            run => fun starl_sim_trial:run/1, watch => fun go_on/1
+        }),
+        ?assertMatch(#{contract := Contract}, Violation),
+        ?assertMatch(#{program := live}, Small),
+        ?assert(length(maps:get(faults, Small)) < length(Before)),
+        {ok, #{moments := Moments} = Run} = starl_sim_future:repeat(Small),
+        Middle = starl_sim_moments:last(Moments) div 2,
+        Job = starl_sim_future:plan(Run, Middle, 1, starl_sim_future:settings(Run)),
+        ?assertMatch({ok, _Verdict, _Digest}, starl_sim_future:play(Job))
+    end).
+
+go_on(_Figures) -> {continue, fun go_on/1}.
 
 digests(Parts) ->
     [
         {Part, [
-            maps:get(digest, starl_virtual_run:run(run(Part, Seed)))
+            maps:get(digest, played(Part, Seed))
          || Seed <- lists:seq(1, 4)
         ]}
      || Part <- Parts
     ].
 
-run(Part, Seed) -> {Part, Seed, starl_lab_soak_live:scenario(Part, none, Seed)}.
+played(Part, Seed) ->
+    starl_lab_soak_live:played(Part, Seed, starl_lab_soak_live:scenario(Part, none, Seed)).
 
-parts() -> [Part || {Part, _} <- starl_virtual_run:parts()].
+parts() -> [Part || {Part, _} <- starl_lab_soak_live:parts()].

@@ -94,8 +94,10 @@ live_robots_in_virtual_time(_) ->
     [
         begin
             Schedule = starl_reload_schedule:drawn(Seed),
-            Run = {mutex, Seed, starl_reload_schedule:scenario(Schedule)},
-            #{violations := Violations} = starl_virtual_run:run(Run),
+            Scenario = starl_reload_schedule:scenario(Schedule),
+            #{violations := Violations} = starl_lab_soak_live:played(
+                mutex, Seed, Scenario#{program => live}
+            ),
             Lines = starl_reload_schedule:violated(Violations, Schedule),
             ?assertEqual({Seed, []}, {Seed, Lines})
         end

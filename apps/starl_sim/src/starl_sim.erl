@@ -89,6 +89,7 @@
 
 -type reason() ::
     starl_run:reason()
+    | {program, unicode:chardata()}
     | {nodes, starl_sim_nodes:reason()}
     | {reload, starl_reload:reason() | {node(), unreachable}}
     | starl_sim_run:missed().
@@ -120,10 +121,13 @@ begun(Observer, Facts) -> starl_observer:tell({begun, Facts()}, Observer).
 plan(Given, Options) ->
     case starl_run:plan(Given, Options) of
         {ok, {Scenario, Scene, _Plan} = Planned} ->
-            {ok, {Scenario, Scene, starl_sim_plan:make(Planned, Options)}};
+            made(starl_sim_plan:make(Planned, Options), Scenario, Scene);
         {error, _} = Error ->
             Error
     end.
+
+made({ok, Plan}, Scenario, Scene) -> {ok, {Scenario, Scene, Plan}};
+made({error, Why}, _Scenario, _Scene) -> {error, {program, Why}}.
 
 %% @doc Runs to the end: all applications are done, the time is up, or a contract is violated.
 -spec run(sim()) -> starl_sim_run:status().
@@ -262,6 +266,8 @@ close(#sim{sup = Sup}) -> starl_sim_sup:stop(Sup).
 
 %% @doc One line on why a simulation could not be started.
 -spec format_error(reason()) -> unicode:chardata().
+format_error({program, Why}) ->
+    Why;
 format_error({nodes, Reason}) ->
     starl_sim_nodes:format_error(Reason);
 format_error({lost, Loss}) ->

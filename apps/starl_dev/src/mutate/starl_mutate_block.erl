@@ -36,7 +36,7 @@
     | {check, starl_check_model:block(), Robots :: pos_integer(), starl_check_model:budgets()}
     | {suite, module(), starl_mutate_suite:path()}.
 
--type live() :: {live, starl_virtual_run:part()}.
+-type live() :: {live, starl_lab_soak_live:part()}.
 
 -type layer() :: unit | soak | check | suite.
 

@@ -1,16 +1,42 @@
-%% @doc The command `./starl soak live': tests the program that ships on robots, part by part
-%% ({@link starl_virtual_run}). It runs each part with many seeds, on one VM per core, and reports
+%% @doc The command `./starl soak live': tests the program that ships on robots, part by part: the
+%% store on its disk, the radio of some robots, and simulations of whole robots that use a block
+%% ({@link starl_virtual_robot}). It runs each part with many seeds, on one VM per core, and reports
 %% like a soak of blocks.
 -module(starl_lab_soak_live).
 
--export([about/0, flags/0, run/1, scenario/3, violations/2]).
+-export([about/0, flags/0, run/1, parts/0, blocks/0, scenario/3, played/3, violations/2]).
 %% Called in the VMs of the jobs.
 -export([one/1]).
 
+-export_type([part/0, played/0]).
+
+%% What is tested: the store on its disk, the radio of some robots, or whole robots that use a block.
+-type part() :: store | radio | sap | mutex | barrier | election | registers.
+
+-type played() :: #{
+    violations := [starl_monitor:violation()],
+    events := non_neg_integer(),
+    digest := non_neg_integer() | binary()
+}.
+
 %% A part, a seed, and what was found; the time is of the wall, in seconds.
 -type found() ::
-    {starl_virtual_run:part(), Seed :: non_neg_integer(), {ok, result()} | {failed, term()}}.
--type result() :: {[starl_monitor:violation()], Digest :: non_neg_integer(), Seconds :: float()}.
+    {part(), Seed :: non_neg_integer(), {ok, result()} | {failed, term()}}.
+-type result() ::
+    {[starl_monitor:violation()], Digest :: non_neg_integer() | binary(), Seconds :: float()}.
+
+%% @doc The parts, each with a line.
+-spec parts() -> [{part(), string()}].
+parts() ->
+    [
+        {store, "the store under power cuts"},
+        {radio, "datagrams under an attacker"}
+        | [{Block, "whole robots that use " ++ atom_to_list(Block)} || Block <- blocks()]
+    ].
+
+%% @doc The blocks that whole robots use.
+-spec blocks() -> [part()].
+blocks() -> [sap, mutex, barrier, election, registers].
 
 %% @doc What the command does.
 -spec about() -> [starl_cli_command:paragraph()].
@@ -25,7 +51,7 @@ about() ->
             "Parts: ",
             lists:join("; ", [
                 [atom_to_list(Part), ", ", Doc]
-             || {Part, Doc} <- starl_virtual_run:parts()
+             || {Part, Doc} <- parts()
             ])
         ]
     ].
@@ -33,7 +59,7 @@ about() ->
 %% @doc The flags of the command.
 -spec flags() -> [starl_cli_flags:flag()].
 flags() ->
-    Parts = [all | [Part || {Part, _} <- starl_virtual_run:parts()]],
+    Parts = [all | parts(all)],
     [
         {seeds, {integer, 1, 10000000}, 100, "number of runs of each part"},
         {from, {integer, 0, 1 bsl 31}, 1, "the first seed"},
@@ -75,13 +101,13 @@ run(#{seeds := Count, from := From, part := Part, jobs := Jobs} = Values) ->
 %% @doc What a part's run is given: for whole robots, a scenario as of a soak of their block, with the
 %% faults that can be carried out on live robots, and with reloads of its application in every second
 %% run.
--spec scenario(starl_virtual_run:part(), Robots :: pos_integer() | none, Seed :: integer()) ->
+-spec scenario(part(), Robots :: pos_integer() | none, Seed :: integer()) ->
     #{atom() => term()}.
 scenario(Part, none, Seed) ->
     Drawn = starl_run_draw:between({Seed, Part, live_robots}, 1, 4),
     scenario(Part, element(Drawn, {1, 2, 3, 5}), Seed);
 scenario(Part, Robots, Seed) ->
-    case lists:member(Part, starl_virtual_run:blocks()) of
+    case lists:member(Part, blocks()) of
         true -> starl_lab_soak_reloads:add(Seed, with_faults(drawn(Part, Robots, Seed)));
         false -> #{robots => Robots}
     end.
@@ -90,11 +116,13 @@ drawn(Part, Robots, Seed) -> starl_lab_soak_draw:scenario(Part, Robots, Seed).
 
 %% A clock near the bound of its drift must not drift more.
 with_faults(#{clock_drift := _} = Scenario) ->
-    Scenario#{random_faults := starl_virtual_team:kinds() -- [clock_drift, clock_freeze]};
+    live(Scenario, starl_virtual_robot:kinds() -- [clock_drift, clock_freeze]);
 with_faults(Scenario) ->
-    Scenario#{random_faults := starl_virtual_team:kinds()}.
+    live(Scenario, starl_virtual_robot:kinds()).
 
-parts(all) -> [Part || {Part, _} <- starl_virtual_run:parts()];
+live(Scenario, Kinds) -> Scenario#{program => live, random_faults := Kinds}.
+
+parts(all) -> [Part || {Part, _} <- parts()];
 parts(Part) -> [Part].
 
 noted({Part, _, Seed, _}, {ok, {Found, Lines}}, {Founds, All}) ->
@@ -159,19 +187,44 @@ status(done, Founds) ->
     end.
 
 %% @doc Runs a part once, with robots of a number that is drawn.
--spec violations(starl_virtual_run:part(), Seed :: integer()) -> [starl_monitor:violation()].
+-spec violations(part(), Seed :: integer()) -> [starl_monitor:violation()].
 violations(Part, Seed) ->
-    #{violations := Violations} = starl_virtual_run:run({Part, Seed, scenario(Part, none, Seed)}),
+    #{violations := Violations} = played(Part, Seed, scenario(Part, none, Seed)),
     Violations.
 
+%% @doc Runs a part once, up to a violation: whole robots by this scenario, which may name further monitors
+%% (`watch').
+-spec played(part(), Seed :: integer(), #{atom() => term()}) -> played().
+played(store, Seed, _Scenario) ->
+    apart(fun() -> starl_virtual_store:run(Seed) end);
+played(radio, Seed, _Scenario) ->
+    apart(fun() -> starl_virtual_radio:run(Seed) end);
+played(_Block, _Seed, Given) ->
+    {Watch, Scenario} =
+        case maps:take(watch, Given) of
+            error -> {[], Given};
+            Taken -> Taken
+        end,
+    case starl_sim_trial:run(Scenario, fun(_Sim) -> ok end, Watch) of
+        {ok, Outcome} -> maps:with([violations, events, digest], Outcome);
+        {error, {failed, Why}} -> error(Why);
+        {error, Why} -> error(Why)
+    end.
+
+apart(Play) ->
+    case starl_sim_trial:apart(Play) of
+        {ok, Played} -> Played;
+        {error, {failed, Why}} -> error(Why)
+    end.
+
 %% @private One run, in the VM of its job, and the lines of the live half that it ran.
--spec one({starl_virtual_run:part(), pos_integer() | none, Seed :: integer(), Cover :: boolean()}) ->
+-spec one({part(), pos_integer() | none, Seed :: integer(), Cover :: boolean()}) ->
     {result(), #{{module(), Line :: pos_integer()} => boolean()}}.
 one({Part, Robots, Seed, Cover}) ->
     ok = cover(Cover),
-    Run = {Part, Seed, scenario(Part, Robots, Seed)},
+    Scenario = scenario(Part, Robots, Seed),
     Begin = erlang:monotonic_time(microsecond),
-    #{violations := Violations, digest := Digest} = starl_virtual_run:run(Run),
+    #{violations := Violations, digest := Digest} = played(Part, Seed, Scenario),
     Us = erlang:monotonic_time(microsecond) - Begin,
     {{lists:sublist(Violations, 1), Digest, Us / 1.0e6}, lines(Cover)}.
 

@@ -9,7 +9,8 @@
 %% These are building blocks with their names ({@link starl_block_catalogue}), programs for teams
 %% (`starl_app', one without a purpose can be run and is not shown), and commands of `./starl'
 %% (`starl_cli_command'). `starl_emulators' are devices of a simulated world in real time
-%% (`starl_world_emulator'). A project that depends on StarL adds its own in the same way.
+%% (`starl_world_emulator'), `starl_programs' kinds of robots of the simulator, with the names by which a
+%% scenario asks for them (`starl_sim_robot'). A project that depends on StarL adds its own in the same way.
 -module(starl_catalogue).
 
 -export([listed/1]).
@@ -17,7 +18,8 @@
 -type offer() :: {App :: atom(), Keys :: [{atom(), term()}]}.
 
 %% @doc What the applications list under a key, lowest layer first.
--spec listed(starl_apps | starl_blocks | starl_commands | starl_emulators) -> [term()].
+-spec listed(starl_apps | starl_blocks | starl_commands | starl_emulators | starl_programs) ->
+    [term()].
 listed(Key) -> [Entry || Env <- environments(), {Name, Some} <- Env, Name =:= Key, Entry <- Some].
 
 %% A building block is looked up several times a run, and the files change only with the code path.

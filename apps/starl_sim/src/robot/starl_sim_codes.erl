@@ -3,9 +3,9 @@
 %% results that the machines report.
 -module(starl_sim_codes).
 
--export([reload/3, started/3, fallen/4, to_tell/3, heeded/4]).
+-export([reload/3, started/3, fallen/4, to_tell/3, heeded/4, news/4]).
 
--export_type([words/0, order/0]).
+-export_type([words/0, order/0, news/0]).
 
 -type words() :: [{starl_machine:name(), starl_reload:word()}].
 
@@ -77,6 +77,9 @@ heeded(#{number := N, outcome := Outcome, module := Module} = Told, Name, {Id, N
         end,
     {News, starl_sim_store:codes(Codes, Store)}.
 
+%% @doc The news that a reload has failed on a robot, for all robots of the reload.
+-spec news(starl_reload:count(), starl:robot_id(), Now, starl_sim_world:t()) -> [news()] when
+    Now :: starl_sim_queue:time().
 news(N, Id, Now, #{reloads := Reloads, delay_us := {Window, _}}) ->
     #{N := #{robots := Robots}} = Reloads,
     Due = Now + starl_run_reloads:news_us(Window),

@@ -17,7 +17,7 @@
 -export([perform/3, stop/1]).
 -export([pending/1, now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
 -export([strike_store/3]).
--export([ride/2, says/2, postpone/2, reload/2, fallen/3]).
+-export([ride/2, says/2, plan_event/2, postpone/2, reload/2, fallen/3, tell_all/2]).
 -export([turn_off/2, snapshot/1, restore/2, piece_of/1]).
 
 -export_type([t/0, yield/0]).
@@ -212,7 +212,7 @@ chained(Machine, Type, Content, #body{now = Now, chain = Chain} = Body) ->
 
 %% @doc The same for an event at a later time than the last one.
 -spec happens(
-    starl_sim_queue:time(), starl_machine:name(), starl_machine:event_type(), term(), t()
+    starl_sim_queue:time(), starl_machine:name(), starl_machine:event_type() | boot, term(), t()
 ) -> t().
 happens(Now, Machine, Type, Content, #body{chain = Chain} = Body) ->
     Body#body{now = Now, chain = starl_sim_chain:add(Now, Machine, Type, Content, Chain)}.
@@ -279,8 +279,8 @@ strike_store(Strike, Starts, #body{store = Store} = Body) ->
     {Next, told(robot, Facts, Body#body{store = Struck})}.
 
 %% The whole robot starts anew, once this step is over.
-outlived(N, #body{id = Id, now = Now, seq = Seq, soon = Soon} = Body) ->
-    Body#body{seq = Seq + 1, soon = [{Id, Now, ?CLASS_WORLD, Id, Seq, {outlived, N}} | Soon]}.
+outlived(N, #body{id = Id, now = Now} = Body) ->
+    plan_event({Id, Now, ?CLASS_WORLD, {outlived, N}}, Body).
 
 %% -- new code -------------------------------------------------------------------------------
 
@@ -303,11 +303,14 @@ reloaded(#{number := N, outcome := Outcome} = Told, Name, Body) ->
     {News, Kept} = starl_sim_codes:heeded(Told, Name, {Id, Now, World}, Store),
     tell_all(News, trace(Name, {reloaded, N, Outcome}, Body#body{store = Kept})).
 
-tell_all([], Body) ->
-    Body;
-tell_all([{Robot, Due, Content} | News], #body{id = Id, seq = Seq, later = Later} = Body) ->
-    Event = {Robot, Due, ?CLASS_WORLD, Id, Seq, Content},
-    tell_all(News, Body#body{seq = Seq + 1, later = [Event | Later]}).
+%% @doc Sends the news of a reload to robots.
+-spec tell_all([starl_sim_codes:news()], t()) -> t().
+tell_all(News, Body) ->
+    lists:foldl(
+        fun({Robot, Due, Content}, B) -> plan_event({Robot, Due, ?CLASS_WORLD, Content}, B) end,
+        Body,
+        News
+    ).
 
 %% -- the radio ------------------------------------------------------------------------------
 
@@ -384,6 +387,12 @@ later({put, Timers}, Event, #body{seq = Seq, later = Later} = Body) ->
     Body#body{seq = Seq + 1, timers = Timers, later = [Event | Later]};
 later({waits, Timers}, _Event, #body{seq = Seq} = Body) ->
     Body#body{seq = Seq + 1, timers = Timers}.
+
+%% @doc Plans an event of the robot's, for itself at any time, or for another one in a later window.
+-spec plan_event({starl:robot_id(), starl_sim_queue:time(), Class :: 0..2, Content :: term()}, t()) ->
+    t().
+plan_event({Robot, Due, Class, Content}, #body{id = Id, seq = Seq} = Body) ->
+    postpone([{Robot, Due, Class, Id, Seq, Content}], Body#body{seq = Seq + 1}).
 
 %% @doc Plans delayed events of the robot again, in this window or later ones.
 -spec postpone([starl_sim_queue:event()], t()) -> t().

@@ -10,15 +10,18 @@
 %%               ^ +-- go_down --> down --- killed --------+
 %%               +---- come_up ------+
 %% '''
+%% Robots of another kind have a module with this behaviour in place of this one. Such a robot is a
+%% record whose name is its module, so the robots of the simulator pay nothing for it. The module
+%% also changes the plan of a simulation whose scenario names its kind (`program').
 -module(starl_sim_robot).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
 -export([new/4, at/2, open/3, answered/3, down/4, yield/1]).
 -export([halt_after/2, halted/1, resume/1, branch_after/3]).
 -export([snapshot/2, restore/4]).
--export([at_work/1, owns/2, result/1, piece/1, summary/2, recorded/1, machines/1, timers/2]).
+-export([at_work/1, owns/2, piece/1, summary/2, recorded/1, machines/1, timers/2]).
 
--export_type([t/0, work/0, snapshot/0]).
+-export_type([t/0, kind/0, stop/0, work/0, snapshot/0]).
 
 %% The number of a robot's crashes that are remembered.
 -define(REMEMBERED, 10).
@@ -40,8 +43,7 @@
     tree :: starl_robot_tree:t(),
     %% events of this window, by key
     events = [] :: [starl_sim_queue:event()],
-    %% after this number of events it halts until it is resumed, or turns off into a branch
-    stop = none :: pos_integer() | {branch, Events :: non_neg_integer(), Later :: map()} | none,
+    stop = none :: stop(),
     hold = {0, 0} :: starl_sim_queue:hold(),
     %% until when it stands still, if it does so in a step of a machine that a fault has named
     still = 0 :: starl_sim_queue:time(),
@@ -60,7 +62,36 @@
     despair := starl_sim_crash_loop:t()
 }.
 
--opaque t() :: #robot{}.
+%% After this number of events a robot halts until it is resumed, or turns off into a branch.
+-type stop() :: pos_integer() | {branch, Events :: non_neg_integer(), Later :: map()} | none.
+
+-opaque t() :: #robot{} | kind().
+
+%% A robot of another kind: a record whose name is its module.
+-type kind() :: tuple().
+
+%% The plan of a simulation with such robots, or why there is none.
+-callback plan(starl_run_scenario:t(), starl_sim_plan:t()) ->
+    {ok, starl_sim_plan:t()} | {error, unicode:chardata()}.
+%% A robot at rest, whose first event is `wake'. The calling process is its shard.
+-callback new(starl:robot_id(), starl:pose(), starl_robot_crew:tree(), starl_sim_world:t()) ->
+    kind().
+%% As the functions of these names here. A robot is busy until its shard has got `{starl_done, Robot, Pid,
+%% Answer}'.
+-callback open([starl_sim_queue:event()], starl_sim_queue:window(), kind()) ->
+    {busy | idle | held, kind()}.
+-callback answered(pid(), Answer :: term(), kind()) -> {busy | idle | held, kind()} | ignored.
+-callback stop_at(stop(), kind()) -> kind().
+-callback halted(kind()) -> {at, starl_sim_queue:time()} | no.
+-callback resume(kind()) -> {busy | idle | held, kind()}.
+-callback at_work(kind()) -> [work()].
+%% Its body in the simulated world, which has the yield of the window, its chain and its motion.
+-callback body(kind()) -> starl_sim_platform:t().
+-callback summary(starl_sim_queue:time(), kind()) -> starl_sim_summary:t().
+-callback machines(kind()) -> #{starl_machine:name() => starl_robot_tree:seen()}.
+
+%% The module of a robot of another kind.
+-define(KIND(Robot), (element(1, Robot))).
 
 %% @doc A robot whose machines all boot first.
 -spec new(starl:robot_id(), starl_sim_platform:t(), starl_robot_machines:t(), Tree) -> t() when
@@ -85,7 +116,9 @@ open([{_, Time, _, _, _, _} | _] = Planned, Window, #robot{robot = Robot, hold =
             proceed(body(Body, Site#robot{events = faults_of(Events)}));
         _ ->
             proceed(postpone(body(Body, Site#robot{events = Events})))
-    end.
+    end;
+open(Planned, Window, Other) ->
+    ?KIND(Other):open(Planned, Window, Other).
 
 %% Events for a robot that is down are lost.
 faults_of(Events) -> [Event || {_, _, ?CLASS_WORLD, _, _, _} = Event <- Events].
@@ -95,12 +128,15 @@ faults_of(Events) -> [Event || {_, _, ?CLASS_WORLD, _, _, _} = Event <- Events].
 at(Now, Site) -> body(starl_sim_platform:rest(Now, body(Site)), Site).
 
 %% @doc A process has answered with its machine's actions; if it is the one at work, the robot goes on.
--spec answered(pid(), [starl_machine:action()], t()) -> {busy | idle | held, t()} | ignored.
+-spec answered(pid(), [starl_machine:action()] | (Answer :: term()), t()) ->
+    {busy | idle | held, t()} | ignored.
 answered(Pid, Actions, #robot{robot = Robot, events = Events} = Site) ->
     case starl_robot:answered(Pid, Actions, Robot) of
         ignored -> ignored;
         Turn -> went(Turn, Events, Site)
-    end.
+    end;
+answered(Pid, Answer, Other) ->
+    ?KIND(Other):answered(Pid, Answer, Other).
 
 %% @doc One of its processes has ended. If that was the one at work, the robot can go on.
 -spec down(pid(), Reason :: term(), go_on | rest, t()) -> {busy | idle | held, t()}.
@@ -121,7 +157,9 @@ down(Pid, Reason, Then, #robot{robot = Robot, tree = Tree} = Site) ->
 halt_after(none, #robot{robot = Robot} = Site) ->
     Site#robot{stop = none, robot = starl_robot:pace(on, Robot)};
 halt_after(N, #robot{robot = Robot} = Site) ->
-    Site#robot{stop = N, robot = starl_robot:pace(single, Robot)}.
+    Site#robot{stop = N, robot = starl_robot:pace(single, Robot)};
+halt_after(Stop, Other) ->
+    ?KIND(Other):stop_at(Stop, Other).
 
 %% @doc The time at which it halted, if it has.
 -spec halted(t()) -> {at, starl_sim_queue:time()} | no.
@@ -131,16 +169,21 @@ halted(#robot{stop = N} = Site) ->
     case count(Site) of
         N -> {at, starl_sim_platform:now(body(Site))};
         _ -> no
-    end.
+    end;
+halted(Other) ->
+    ?KIND(Other):halted(Other).
 
 %% @doc Goes on with the window in which it was held.
 -spec resume(t()) -> {busy | idle | held, t()}.
-resume(Site) -> proceed(Site).
+resume(#robot{} = Site) -> proceed(Site);
+resume(Other) -> ?KIND(Other):resume(Other).
 
 %% @doc Makes the robot turn off into a branch just after its N-th event ({@link starl_sim_branch}).
 -spec branch_after(N :: non_neg_integer(), Later :: map(), t()) -> t().
 branch_after(N, Later, #robot{robot = Robot} = Site) ->
-    Site#robot{stop = {branch, N, Later}, robot = starl_robot:pace(single, Robot)}.
+    Site#robot{stop = {branch, N, Later}, robot = starl_robot:pace(single, Robot)};
+branch_after(N, Later, Other) ->
+    ?KIND(Other):stop_at({branch, N, Later}, Other).
 
 %% @doc The robot as data, between two windows; `Later' are its events of later windows. The faults of the
 %% schedule are not among them, nor its crashes so far.
@@ -160,7 +203,9 @@ snapshot(Later, #robot{robot = Robot, events = Events} = Site) ->
             }};
         {error, _} = Error ->
             Error
-    end.
+    end;
+snapshot(_Later, _Other) ->
+    {error, no_data}.
 
 %% As the plan of a run numbers them.
 is_strike({_, _, ?CLASS_WORLD, 0, N, _}) -> N > 0;
@@ -209,16 +254,16 @@ at_work(#robot{id = Id, robot = Robot} = Site) ->
             application => starl_robot_machines:process(app, Machines)
         }
      || Name <- [starl_robot:busy(Robot)], Name =/= none
-    ].
+    ];
+at_work(Other) ->
+    ?KIND(Other):at_work(Other).
 
-%% @doc Is this process one of its own?
+%% @doc Is this process one of its own, which may crash? Those of another kind end with the shard.
 -spec owns(pid(), t()) -> boolean().
 owns(Pid, #robot{robot = Robot, tree = Tree}) ->
-    starl_robot_tree:owns(Pid, starl_robot:machines(Robot), Tree).
-
-%% @doc Its application's result.
--spec result(t()) -> starl_sim_summary:result().
-result(#robot{robot = Robot}) -> starl_sim_summary:result(Robot).
+    starl_robot_tree:owns(Pid, starl_robot:machines(Robot), Tree);
+owns(_Pid, _Other) ->
+    false.
 
 %% @doc The piece of motion that it is in.
 -spec piece(t()) -> starl_trajectory:piece().
@@ -227,7 +272,9 @@ piece(Site) -> starl_sim_platform:piece(body(Site)).
 %% @doc A summary of the robot at a time.
 -spec summary(starl_sim_queue:time(), t()) -> starl_sim_summary:t().
 summary(Time, #robot{robot = Robot, crashes = Crashes}) ->
-    starl_sim_summary:of_robot(Time, Crashes, Robot).
+    starl_sim_summary:of_robot(Time, Crashes, Robot);
+summary(Time, Other) ->
+    ?KIND(Other):summary(Time, Other).
 
 %% @doc Its recorded events.
 -spec recorded(t()) -> [starl_sim_ledger:event()].
@@ -236,14 +283,17 @@ recorded(Site) ->
 
 %% @doc Its machines, each with its state and data.
 -spec machines(t()) -> #{starl_machine:name() => starl_robot_tree:seen()}.
-machines(#robot{robot = Robot}) -> starl_robot_tree:inspect(starl_robot:machines(Robot)).
+machines(#robot{robot = Robot}) -> starl_robot_tree:inspect(starl_robot:machines(Robot));
+machines(Other) -> ?KIND(Other):machines(Other).
 
 %% @doc The timers that run, by machine and name, with the times at which they are due; `Later' are the
 %% robot's events of later windows.
 -spec timers(Later :: [starl_sim_queue:event()], t()) -> [starl_sim_timers:timer()].
 timers(Later, #robot{robot = Robot, events = Events} = Site) ->
     Planned = Later ++ Events ++ starl_sim_platform:pending(body(Site)),
-    starl_sim_timers:due(Planned, starl_robot:timers(Robot)).
+    starl_sim_timers:due(Planned, starl_robot:timers(Robot));
+timers(_Later, _Other) ->
+    [].
 
 %% -- events ---------------------------------------------------------------------------------
 
@@ -317,7 +367,8 @@ handle(Time, Name, Type, Content, Events, Robot, Body, Site) ->
 count(#robot{robot = Robot}) ->
     starl_sim_chain:events(starl_sim_platform:chain(starl_robot:world(Robot))).
 
-body(#robot{robot = Robot}) -> starl_robot:world(Robot).
+body(#robot{robot = Robot}) -> starl_robot:world(Robot);
+body(Other) -> ?KIND(Other):body(Other).
 
 body(Body, #robot{robot = Robot} = Site) -> Site#robot{robot = starl_robot:world(Body, Robot)}.
 

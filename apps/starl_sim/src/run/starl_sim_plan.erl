@@ -1,6 +1,6 @@
 %% @doc Makes the plan of a simulation from a planned run ({@link starl_run_plan}). It adds the
-%% shards and nodes, the length of the windows, how the machines run, and the simulator's part of
-%% the world.
+%% shards and nodes, the length of the windows, how the machines run or which kind of robots runs
+%% (`program'), and the simulator's part of the world.
 -module(starl_sim_plan).
 
 -export([make/2, mode/2]).
@@ -32,7 +32,7 @@
 -define(PATIENCE_MS, 60000).
 
 %% @doc The plan of the simulation of a planned run.
--spec make(starl_run:planned(), starl_sim:options()) -> t().
+-spec make(starl_run:planned(), starl_sim:options()) -> {ok, t()} | {error, unicode:chardata()}.
 make({Scenario, Scene, #{tree := Tree, robots := Robots} = Run}, Options) ->
     #{delay := {MinMs, _}, shards := Shards, faults := Faults} = Scenario,
     #{reloads := Reloads, code := Code} = Run,
@@ -47,7 +47,20 @@ make({Scenario, Scene, #{tree := Tree, robots := Robots} = Run}, Options) ->
         faults => strikes(Faults, Reloads)
     },
     Observed = maps:with([observe, from], Options),
-    maps:merge(maps:merge(Plan, Observed), nodes(Scenario, Scene, Code, Options)).
+    Whole = maps:merge(maps:merge(Plan, Observed), nodes(Scenario, Scene, Code, Options)),
+    of_kind(maps:get(program, Scenario, simulated), Scenario, Whole, Tree).
+
+%% The robots of the simulator, or those of another kind that an application lists.
+of_kind(simulated, _Scenario, Plan, _Tree) ->
+    {ok, Plan};
+of_kind(Name, Scenario, Plan, Tree) ->
+    case lists:keyfind(Name, 1, starl_catalogue:listed(starl_programs)) of
+        {Name, Kind} ->
+            Kind:plan(Scenario, Plan#{crew := #{kind => Kind, tree => Tree, inline => #{}}});
+        false ->
+            {error,
+                io_lib:format("no application on the code path has robots of the kind ~ts", [Name])}
+    end.
 
 %% In inline mode, only a sequential application is a process.
 crew(process, Tree) ->

@@ -38,8 +38,13 @@
 -define(MOST_WORDS, 1000000).
 
 %% The parts of every robot: the tree of its processes, if it has any, without its
-%% number and driver; and the machines that get no process.
--type crew() :: #{tree := starl_robot_crew:tree() | none, inline := starl_robot_machines:inline()}.
+%% number and driver; the machines that get no process; the module of its kind, if it is not one of
+%% the simulator's own.
+-type crew() :: #{
+    tree := starl_robot_crew:tree() | none,
+    inline := starl_robot_machines:inline(),
+    kind => module()
+}.
 
 %% The initial load of a shard. `peers' are the other shards, `owners' gives the shard of each
 %% robot.
@@ -200,14 +205,19 @@ launched(Planned, Sight, Load, #shard{steps = Steps, world = World} = Shard) ->
     Launched = starl_sim_lockstep:launch(Running, Planned ++ Faults, {Sight, Mail}, Solid),
     Shard#shard{steps = Launched}.
 
-start_robot({Id, Pose}, #{tree := Tree, inline := Inline}, World, Shard) ->
-    {Processes, Machines} = starl_robot_tree:launch(Id, starter(Id, Tree, Shard), Inline),
-    Body = starl_sim_platform:new(Id, Pose, World),
-    Robot = starl_sim_robot:new(Id, Body, Machines, Processes),
+start_robot({Id, _Pose} = Placed, Crew, World, Shard) ->
+    Robot = new_robot(Placed, Crew, World, Shard),
     case starl_sim_branch:of_robot(Id, World) of
         none -> {Id, Robot};
         {N, Later} -> {Id, starl_sim_robot:branch_after(N, Later, Robot)}
     end.
+
+new_robot({Id, Pose}, #{kind := Kind, tree := Tree}, World, _Shard) ->
+    Kind:new(Id, Pose, Tree, World);
+new_robot({Id, Pose}, #{tree := Tree, inline := Inline}, World, Shard) ->
+    {Processes, Machines} = starl_robot_tree:launch(Id, starter(Id, Tree, Shard), Inline),
+    Body = starl_sim_platform:new(Id, Pose, World),
+    starl_sim_robot:new(Id, Body, Machines, Processes).
 
 %% start_child returns when the whole tree has started, so all attach messages are here then.
 starter(_Id, none, _Shard) ->

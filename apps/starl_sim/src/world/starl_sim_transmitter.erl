@@ -8,10 +8,13 @@
 
 -export([new/0, send/6, packets/1]).
 
--export_type([t/0, sender/0, outgoing/0]).
+-export_type([t/0, datagram/0, sender/0, outgoing/0]).
 
 %% The number of packets to each robot, and to all.
 -opaque t() :: #{starl:robot_id() | all => pos_integer()}.
+
+%% A packet as bytes, whose receiver has to find out itself whether it is damaged.
+-type datagram() :: binary().
 
 %% The sender, the present time, the beginning of its window, and its piece of motion.
 -type sender() :: {
@@ -38,7 +41,12 @@ new() -> #{}.
 %% @doc Sends a packet: plans the arrivals of its copies, each under a sequence number of its own,
 %% and traces each loss.
 -spec send(
-    starl:robot_id() | all, starl_packet:t(), sender(), starl_sim_world:t(), outgoing(), t()
+    starl:robot_id() | all,
+    starl_packet:t() | datagram(),
+    sender(),
+    starl_sim_world:t(),
+    outgoing(),
+    t()
 ) -> {outgoing(), t()}.
 send(To, Packet, Sender, World, Outgoing, Links) ->
     N =
@@ -144,14 +152,30 @@ send_each([Dest | Dests], {Number, Packet} = Numbered, Sender, World, {Seq, Plan
 plan([], _Dest, _Packet, _Id, _Now, Seq, Plans) ->
     {Seq, Plans};
 plan([{Delay, State} | Arrivals], Dest, Packet, Id, Now, Seq, Plans) ->
-    Content = {sap, packet, received(State, Packet, Seq)},
+    Received =
+        case State of
+            intact -> Packet;
+            corrupt -> corrupted(Packet, {Id, Now, Seq})
+        end,
+    Content = {sap, packet, Received},
     Event = {Dest, Now + Delay, ?CLASS_PACKET, Id, Seq, Content},
     plan(Arrivals, Dest, Packet, Id, Now, Seq + 1, [Event | Plans]).
 
 %% The link's checksum detects a packet that was cut off or has a flipped bit; its remains
 %% are bytes without a meaning.
-received(intact, Packet, _Seq) -> Packet;
-received(corrupt, Packet, Seq) -> <<(erlang:phash2({Packet, Seq})):32>>.
+corrupted(<<Datagram/binary>>, Key) -> damaged(Datagram, Key);
+corrupted(Packet, {_, _, Seq}) -> <<(erlang:phash2({Packet, Seq})):32>>.
+
+%% The end is missing, or a bit is wrong. What is sealed differs in each run.
+damaged(Datagram, Key) ->
+    Bit = starl_run_draw:between({Key, bit}, 0, 8 * byte_size(Datagram) - 1),
+    case starl_run_draw:between({Key, how}, 1, 4) of
+        1 ->
+            binary:part(Datagram, 0, Bit div 8);
+        _ ->
+            <<Before:Bit, B:1, After/bits>> = Datagram,
+            <<Before:Bit, (1 - B):1, After/bits>>
+    end.
 
 %% @doc The number of packets sent.
 -spec packets(t()) -> non_neg_integer().

@@ -17,7 +17,7 @@
 -behaviour(starl_live_disk).
 
 -export([new/2, cut_after/3, keep_power/1, cut_power/1, suffer/2, operations/1]).
--export([erase/1, save/2, set_back/2]).
+-export([erase/1, save/2, set_back/2, name_of/1]).
 -export([ensure_path/1, list/2, is_file/1]).
 -export([open/2, write/2, sync/1, close/1, rename/2, delete/1, read_file/1]).
 
@@ -311,6 +311,8 @@ risky(#disk{trouble = {fails, Part}, random = Random0} = Disk, Operation) ->
 risky(Disk, Operation) ->
     Operation(Disk).
 
+%% @doc The disk of a path.
+-spec name_of(string()) -> name().
 name_of(Path) -> hd(filename:split(Path)).
 
 fetch(Name) -> get({?MODULE, Name}).

@@ -70,7 +70,7 @@
     | {hear, starl:robot_id(), any | pos_integer(), Message :: term()}.
 
 %% @doc The run that belongs to a seed, up to the first violation.
--spec run(Seed :: integer()) -> starl_virtual_run:result().
+-spec run(Seed :: integer()) -> starl_virtual_store:result().
 run(Seed) ->
     Clocks = [{R, starl_virtual_clock:new(offset(R, Seed))} || R <- ?ROBOTS],
     Radio = #radio{seed = Seed, clocks = maps:from_list(Clocks)},

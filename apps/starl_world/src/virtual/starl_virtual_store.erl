@@ -14,6 +14,8 @@
 
 -export([run/1]).
 
+-export_type([result/0]).
+
 -define(DISK, "disk").
 -define(DIR, {starl_virtual_disk, "disk/robot-1"}).
 -define(MACHINES, [sap, app, location, motion]).
@@ -21,6 +23,12 @@
 %% The most operations of the disk in a life, and the most bytes of a term.
 -define(OPERATIONS, 60).
 -define(BYTES, 300).
+
+-type result() :: #{
+    violations := [starl_monitor:violation()],
+    events := non_neg_integer(),
+    digest := non_neg_integer()
+}.
 
 -record(run, {
     seed :: integer(),
@@ -37,7 +45,7 @@
 }).
 
 %% @doc The lives that belong to a seed, up to the first violation.
--spec run(Seed :: integer()) -> starl_virtual_run:result().
+-spec run(Seed :: integer()) -> result().
 run(Seed) ->
     ok = starl_virtual_disk:new(?DISK, {Seed, disk}),
     ok = starl_live_store:commission(?DIR),
