@@ -133,7 +133,7 @@ do(#{<<"do">> := <<"fault">>} = Command, Page, #live{run = Run} = Live) ->
     case
         starl_lab_window_hand:hands(Command, #{world => World, robots => N, machines => Machines})
     of
-        {ok, Own} -> answered(starl_run:act(Run, Own), done(Own), Page, Live);
+        {ok, Own} -> answered(starl_run:inject(Run, Own), done(Own), Page, Live);
         {error, _} = Error -> answered(Error, none, Page, Live)
     end;
 do(#{<<"do">> := <<"heal">>, <<"id">> := Name}, Page, #live{run = Run} = Live) ->

@@ -82,7 +82,7 @@ asked_time(Node) ->
 ) ->
     {ok, [Link :: pid()]} | {error, ended | unicode:chardata()}.
 open(Node, #{robot := Id} = Spec, Air, Senses) ->
-    try call(Node, starl_live_sup, open, opening(Id, starl_world_stage:in_air(Air, Spec))) of
+    try call(Node, starl_live_sup, open, opening(Id, starl_world_setup:with_links(Air, Spec))) of
         {ok, _} ->
             ok = set_senses(Node, Senses),
             {ok, robot_link(Node)};

@@ -87,7 +87,7 @@ complete(Id, Then, Now, #court{judge = Judge} = Court) ->
 %% -- faults ---------------------------------------------------------------------------------
 
 %% @doc Begins or ends a scheduled or manual fault. The watchers are notified of both alike.
--spec fault(starl_world_faults:told(), NowUs :: integer(), t()) -> t().
+-spec fault(starl_world_faults:report(), NowUs :: integer(), t()) -> t().
 fault({Is, Fault}, Now, #court{judge = Judge, observer = Observer, faults = Faults} = Court) ->
     Own = setelement(6, Fault, maps:remove(in_time, element(6, Fault))),
     ok = starl_observer:tell({fault, Now, {Is, Own}}, Observer),

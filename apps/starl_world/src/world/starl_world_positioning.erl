@@ -58,7 +58,7 @@ new(#{profiles := Profiles, seed := Seed}, Options) ->
 rate_hz(#positioning{rate_hz = Rate}) -> Rate.
 
 %% @doc A fault begins or ends, which may be one of its.
--spec fault(starl_world_faults:told(), t()) -> t().
+-spec fault(starl_world_faults:report(), t()) -> t().
 fault({Is, Fault}, #positioning{faults = Faults} = Positioning) ->
     case {starl_run_fault:class(Fault), Is} of
         {location, began} ->
