@@ -59,7 +59,7 @@
     %% what hardware touches; is it looked at?
     floor :: starl_world_floor:t(),
     is_felt = false :: boolean(),
-    court :: starl_world_court:t(),
+    judge :: starl_world_judge:t(),
     limit_us :: integer(),
     ending = none :: ending() | none,
     callers = [] :: [gen_server:from()]
@@ -159,7 +159,9 @@ init(#{plan := Plan, clock := Clock} = Config) ->
         robots = Robots,
         positioning = Positioning,
         floor = starl_world_floor:new(maps:with([arena], Config)),
-        court = starl_world_court:told(Traces, starl_world_court:new(Monitors, Observer)),
+        judge = starl_world_judge:told(
+            Traces, starl_world_judge:new(Monitors, starl_world_judge:horizon_us(), Observer)
+        ),
         limit_us = Limit
     }}.
 
@@ -180,15 +182,15 @@ handle_call({until, Us}, From, World) ->
     {noreply, World};
 handle_call(status, _From, World) ->
     {reply, now_status(World), World};
-handle_call({fault, Told}, _From, World) ->
-    case cable(Told, World) of
-        ok -> {reply, ok, faulted(Told, World)};
+handle_call({fault, Report}, _From, World) ->
+    case cable(Report, World) of
+        ok -> {reply, ok, faulted(Report, World)};
         {error, _} = Error -> {reply, Error, World}
     end;
 handle_call(finish, _From, World) ->
     {reply, outcome(World), World};
-handle_call(Told, _From, World) ->
-    {reply, ok, node_told(Told, World)}.
+handle_call(Report, _From, World) ->
+    {reply, ok, node_report(Report, World)}.
 
 -spec handle_cast(stop, #world{}) -> {noreply, #world{}}.
 handle_cast(stop, World) -> {noreply, ended(stopped, World)}.
@@ -225,10 +227,10 @@ reached(From, World) ->
     gen_server:reply(From, ok),
     World.
 
-now_status(#world{robots = Robots, court = Court, ending = Ending} = World) ->
+now_status(#world{robots = Robots, judge = Judge, ending = Ending} = World) ->
     #{
         now_us => now_us(World),
-        leader => starl_world_court:leader(Court),
+        leader => starl_world_judge:leader(Judge),
         running => length(starl_world_team:running(Robots)),
         up => starl_world_team:up(Robots),
         ending => Ending
@@ -251,7 +253,7 @@ tracked(Id, Chassis, #world{robots = Robots} = World) ->
             {reply, Error, World}
     end.
 
-%% A cable is pulled at once, or before the hardware could drive on without it; and put back.
+%% A cable is pulled at once, or while the hardware stands; and put back.
 cable({Told, {_, _, _, serial_gone, Id, Params}}, #world{robots = Robots} = World) ->
     case starl_world_team:hardware(Id, Robots) of
         {ok, Hardware} -> say({tell, Hardware, {starl_cable, pulled(Told, Params)}}, World);
@@ -264,7 +266,7 @@ pulled(ended, _Params) -> back;
 pulled(began, #{in_time := true}) -> pulled_in_time;
 pulled(began, _Params) -> pulled.
 
-%% Hardware tells when something was, by the system's time, and feels what it touches.
+%% Hardware reports when something happened, by the system's time, and feels what it touches.
 heard(Id, Chassis, {at, SystemUs, What}, #world{clock = Clock} = World) ->
     Then = starl_live_clock:at_us(SystemUs, Clock),
     Told = {{at, Then}, What},
@@ -274,8 +276,8 @@ heard(Id, Chassis, {told, Then, What}, World) ->
 heard(Id, Chassis, What, World) ->
     heard_at(Id, Chassis, {now, What}, fun(_At, Next) -> Next end, World).
 
-late(Then, #world{court = Court} = World) ->
-    World#world{court = starl_world_court:late(Then, now_us(World), Court)}.
+late(Then, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:too_late(Then, now_us(World), Judge)}.
 
 heard_at(Id, Chassis, Told, Then, #world{robots = Robots} = World) ->
     case starl_world_team:heard(Id, Chassis, Told, now_us(World), Robots) of
@@ -292,8 +294,8 @@ yielded({Traces, Words, Robots}, World) ->
     ok = lists:foreach(fun(Word) -> say(Word, Next) end, Others),
     told(Traces, Next).
 
-undo({undo, Events}, #world{court = Court} = World) ->
-    World#world{court = starl_world_court:undone(Events, now_us(World), Court)}.
+undo({undo, Events}, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:undone(Events, now_us(World), Judge)}.
 
 %% A wake-up that comes when there is nothing to do any more does no harm.
 say({tell, Pid, Message}, _World) ->
@@ -314,7 +316,7 @@ feel(#world{robots = Robots} = World) ->
     Free = [Id || {Id, _} <- starl_world_team:free(starl_world_team:ids(Robots), Robots)],
     feel(now_us(World), Free, felt(World#world{is_felt = false})).
 
-%% A robot that was told to drive feels at once that it cannot.
+%% A robot that gets a command to drive feels at once that it cannot.
 driven(Id, {drive, _, _, _}, At, #world{floor = Floor} = World) ->
     feel(At, [Id], World#world{floor = starl_world_floor:told(Id, Floor)});
 driven(_Id, _What, _At, World) ->
@@ -370,24 +372,23 @@ picture(Look, At, #world{positioning = Positioning, robots = Robots} = World) ->
 
 %% -- faults ---------------------------------------------------------------------------------
 
-%% The schedule's, and those by hand.
-faulted(Told, #world{positioning = Positioning, court = Court} = World) ->
+faulted(Told, #world{positioning = Positioning, judge = Judge} = World) ->
     World#world{
         positioning = starl_world_positioning:fault(Told, Positioning),
-        court = starl_world_court:fault(Told, now_us(World), Court)
+        judge = starl_world_judge:fault(Told, now_us(World), Judge)
     }.
 
-node_told({clock, Id, Us}, #world{court = Court} = World) ->
-    World#world{court = starl_world_court:clock(Id, Us, Court)};
-node_told({halt, Id, Fault}, #world{court = Court} = World) ->
-    World#world{court = starl_world_court:halt(Id, Fault, now_us(World), Court)};
-node_told({resumed, Id}, #world{court = Court} = World) ->
-    World#world{court = starl_world_court:released(Id, now_us(World), Court)};
-node_told({halted, Id}, #world{robots = Robots} = World) ->
+node_report({clock, Id, Us}, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:clock(Id, Us, Judge)};
+node_report({halt, Id, Fault}, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:halt(Id, Fault, now_us(World), Judge)};
+node_report({resumed, Id}, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:released(Id, now_us(World), Judge)};
+node_report({halted, Id}, #world{robots = Robots} = World) ->
     Now = now_us(World),
     {Events, Next} = starl_world_team:halted(Id, unsaid(Id, Robots), Now, Robots),
-    #world{court = Court} = Known = told(Events, World#world{robots = Next}),
-    Known#world{court = starl_world_court:halted(Id, Now, Court)}.
+    #world{judge = Judge} = Known = told(Events, World#world{robots = Next}),
+    Known#world{judge = starl_world_judge:halted(Id, Now, Judge)}.
 
 %% -- robots that start and end --------------------------------------------------------------
 
@@ -395,18 +396,18 @@ node_told({halted, Id}, #world{robots = Robots} = World) ->
 started(Id, Link, What, World0) ->
     #world{robots = Robots} = World = down(Id, World0),
     _ = erlang:monitor(process, Link),
-    #world{court = Court} = World,
+    #world{judge = Judge} = World,
     World#world{
         robots = starl_world_team:started(Id, Link, What, Robots),
-        court = starl_world_court:up(Id, now_us(World), Court)
+        judge = starl_world_judge:up(Id, now_us(World), Judge)
     }.
 
 traced(Id, Link, Batch, #world{robots = Robots} = World) ->
     {New, Next} = starl_world_team:traced(Id, Link, Batch, Robots),
     told(New, heard_again(Id, World#world{robots = Next})).
 
-heard_again(Id, #world{court = Court} = World) ->
-    World#world{court = starl_world_court:heard(Id, now_us(World), Court)}.
+heard_again(Id, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:heard(Id, now_us(World), Judge)}.
 
 gone(Pid, #world{robots = Robots} = World) ->
     case starl_world_team:of_link(Pid, Robots) of
@@ -416,10 +417,10 @@ gone(Pid, #world{robots = Robots} = World) ->
 
 down(Id, #world{robots = Robots} = World) ->
     Down = starl_world_team:down(Id, unsaid(Id, Robots), now_us(World), Robots),
-    #world{court = Court} = Next = yielded(Down, heard_again(Id, World)),
-    Next#world{court = starl_world_court:down(Id, Court)}.
+    #world{judge = Judge} = Next = yielded(Down, heard_again(Id, World)),
+    Next#world{judge = starl_world_judge:down(Id, Judge)}.
 
-%% What a node that is halted, killed or busy has done, and has not told yet.
+%% The facts that a node has written, and has not sent because it is halted, killed or busy.
 unsaid(Id, Robots) ->
     [
         Batch
@@ -436,11 +437,11 @@ result(Id, Result, #world{robots = Robots} = World) ->
 
 %% -- judging --------------------------------------------------------------------------------
 
-told(Events, #world{court = Court} = World) ->
-    World#world{court = starl_world_court:told(Events, Court)}.
+told(Events, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:told(Events, Judge)}.
 
-radioed(Events, #world{court = Court} = World) ->
-    World#world{court = starl_world_court:radioed(Events, Court)}.
+radioed(Events, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:radio(Events, Judge)}.
 
 judge(World) ->
     _ = erlang:send_after(?JUDGE_MS, self(), judge),
@@ -452,9 +453,9 @@ judge(World) ->
     Next.
 
 %% A robot has sent all its facts up to a time.
-marked(Id, Link, Us, #world{robots = Robots, court = Court} = World) ->
+marked(Id, Link, Us, #world{robots = Robots, judge = Judge} = World) ->
     case starl_world_team:of_link(Link, Robots) of
-        {ok, Id} -> World#world{court = starl_world_court:complete(Id, Us, now_us(World), Court)};
+        {ok, Id} -> World#world{judge = starl_world_judge:complete(Id, Us, now_us(World), Judge)};
         _ -> World
     end.
 
@@ -466,19 +467,21 @@ judged(World) ->
         {ok, Next} -> sound(Now, Next, World)
     end.
 
-verdict(Now, #world{court = Court}) -> starl_world_court:look(Now, 1000 * ?JUDGE_MS, Court).
+verdict(Now, #world{judge = Judge}) -> starl_world_judge:look(Now, 1000 * ?JUDGE_MS, Judge).
 
-sound(Now, Judge, #world{limit_us = Limit, court = Court} = World) when Now >= Limit ->
-    ended(time, World#world{court = starl_world_court:close(Judge, Court)});
-sound(Now, Judge, #world{court = Court} = World) ->
-    World#world{court = starl_world_court:accept(Judge, Now, Court)}.
+sound(Now, Found, #world{limit_us = Limit, judge = Judge} = World) ->
+    Accepted = World#world{judge = starl_world_judge:accept(Found, Now, Judge)},
+    case Now >= Limit of
+        true -> ended(time, Accepted);
+        false -> Accepted
+    end.
 
-%% A fact may be under way from a node that hangs, or waits for its processor, while what follows from it has come.
-%% Nobody is accused before it is looked for where it was written.
-doubted(Now, Judge, World) ->
+%% A fact may be under way from a node that hangs, or waits for its processor, while its consequence
+%% has come. Before a violation counts, the judge looks for the fact where it was written.
+doubted(Now, Found, World) ->
     case recalled(infinity, World) of
         {[], _} ->
-            accused(Judge, World);
+            accused(Found, World);
         {[_ | _], Known} ->
             case verdict(Now, Known) of
                 {violation, Next} -> accused(Next, Known);
@@ -486,11 +489,11 @@ doubted(Now, Judge, World) ->
             end
     end.
 
-accused(Judge, #world{court = Court} = World) ->
-    ended(violation, World#world{court = starl_world_court:accuse(Judge, Court)}).
+accused(Found, #world{judge = Judge} = World) ->
+    ended(violation, World#world{judge = starl_world_judge:accuse(Found, Judge)}).
 
-%% The facts up to this time that robots have written and not told. At the end they go on: of two facts up to now both are
-%% written, if the second follows from the first.
+%% The facts up to this time that robots have written and not sent. At the end of a run the robots go on;
+%% if a fact up to now follows from another one, both are written.
 -spec recalled(integer() | infinity, #world{}) -> {[starl_monitor:trace_event()], #world{}}.
 recalled(Until, #world{robots = Robots} = World) ->
     {Written, Next} = lists:mapfoldl(
@@ -509,5 +512,5 @@ ended(_Ending, World) ->
 
 outcome(World) ->
     Now = now_us(World),
-    {_, #world{court = Court, robots = Robots, ending = Ending}} = recalled(Now, World),
-    starl_world_court:outcome(Ending, Now, Robots, Court).
+    {_, #world{judge = Judge, robots = Robots, ending = Ending}} = recalled(Now, World),
+    starl_world_judge:outcome(Ending, Now, Robots, Judge).
