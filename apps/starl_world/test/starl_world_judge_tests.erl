@@ -329,7 +329,7 @@ judged() ->
 
 new(Horizon) -> starl_world_judge:new([{?MODULE, #{}}], Horizon).
 
-told(Batches, Judge) -> lists:foldl(fun starl_world_judge:told/2, Judge, Batches).
+told(Batches, Judge) -> lists:foldl(fun starl_world_judge:facts/2, Judge, Batches).
 
 seen(Judge) ->
     {_, #{?MODULE := #{seen := Seen}}, []} = starl_world_judge:close(0, Judge),
@@ -342,7 +342,7 @@ by_hand_test() ->
     Reached = [{1000000, R, barrier, {reached, gate, 1}} || R <- [1, 2]],
     Cut = fun(ToMs) -> {hand_1, 900, ToMs, loss, {1, 2}, #{part => 1.0}} end,
     Found = fun(Done) ->
-        Judge = starl_world_judge:told(Reached, starl_world_judge:new([Monitor], 1500000)),
+        Judge = starl_world_judge:facts(Reached, starl_world_judge:new([Monitor], 1500000)),
         Last = lists:foldl(
             fun(S, J) ->
                 Told = proplists:get_all_values(S, Done),

@@ -9,7 +9,8 @@
 %% Where the robots run; how packets travel between nodes, and what happens to these.
 -type live() ::
     here
-    | {nodes, starl_world_setup:name(), Chaos :: [{AtUs :: integer(), starl_cluster_chaos:fault()}]}.
+    | {nodes, starl_world_setup:name(),
+        Chaos :: [{AtUs :: integer(), starl_cluster_chaos:fault()}]}.
 
 -define(NO_DRAWN_FAULTS,
     "drawn faults need the simulator; live, --faults plays a schedule, and ./starl cluster --chaos "
@@ -45,7 +46,7 @@ run(Live, #{scenario := Scenario} = Setup, Values) ->
     end.
 
 own(#{chassis := Choice} = Scenario) ->
-    starl_world_drivers:resolve(
+    starl_world_own_chassis:resolve(
         Choice, starl_run_plan:profiles(Scenario), fun starl_cli_source:driver/1
     ).
 
@@ -167,7 +168,7 @@ place({nodes, _, _}, Dir) -> {node, Dir}.
 
 %% A chassis of the user's own, or an emulated one, for each robot that has one.
 chassis(#{chassis := Choice}, Own, Place) ->
-    case starl_world_drivers:lines(Choice, Own, starl_world_emulator:all(Choice, Place)) of
+    case starl_world_own_chassis:lines(Choice, Own, starl_world_emulator:all(Choice, Place)) of
         undefined -> #{};
         Lines -> #{chassis => Lines}
     end.

@@ -24,8 +24,7 @@
 
 %% The world of a run: the plan of its simulation ({@link starl_run_plan:t()}), its clock, and the
 %% positioning system: its rate (`none': it shows a picture whenever it is asked) and whether it
-%% rounds to whole millimetres; walls. An observer of the run comes with the facts that he is told
-%% first.
+%% rounds to whole millimetres; walls. An observer of the run comes with the first report for it.
 -type config() :: #{
     plan := starl_run_plan:t(),
     clock := starl_live_clock:t(),
@@ -87,7 +86,7 @@ embody(World, Robot) -> gen_server:call(World, {embody, Robot}).
 inhabit(World, Robot) -> gen_server:call(World, {inhabit, Robot}).
 
 %% @doc Makes the calling process the chassis of this robot, which reports where its body is. The
-%% world does not move this body. The report is `{starl_body, Robot, self(), {told, AtUs, {moves,
+%% world does not move this body. The report is `{starl_body, Robot, self(), {reported, AtUs, {moves,
 %% Piece}}}'. The world asks for it as it asks hardware ({@link inhabit/2}). Returns the place of
 %% the body until then. If the process ends, the body stands where it was last.
 -spec track(pid(), starl:robot_id()) -> {ok, starl:pose()} | {error, unicode:chardata()}.
@@ -108,7 +107,7 @@ until(World, Us) -> gen_server:call(World, {until, Us}, infinity).
 %% @doc Begins or ends a fault: the world applies its part of it, on positions and cables, and
 %% notifies its observer and its judge. A cable fault of a robot without hardware is an error.
 -spec fault(pid(), starl_world_faults:report()) -> ok | {error, unicode:chardata()}.
-fault(World, Told) -> gen_server:call(World, {fault, Told}).
+fault(World, Report) -> gen_server:call(World, {fault, Report}).
 
 %% @doc Declares a robot dead for good.
 -spec dead(pid(), starl:robot_id()) -> ok.
@@ -159,7 +158,7 @@ init(#{plan := Plan, clock := Clock} = Config) ->
         robots = Robots,
         positioning = Positioning,
         floor = starl_world_floor:new(maps:with([arena], Config)),
-        judge = starl_world_judge:told(
+        judge = starl_world_judge:facts(
             Traces, starl_world_judge:new(Monitors, starl_world_judge:horizon_us(), Observer)
         ),
         limit_us = Limit
@@ -254,12 +253,12 @@ tracked(Id, Chassis, #world{robots = Robots} = World) ->
     end.
 
 %% A cable is pulled at once, or while the hardware stands; and put back.
-cable({Told, {_, _, _, serial_gone, Id, Params}}, #world{robots = Robots} = World) ->
+cable({Is, {_, _, _, serial_gone, Id, Params}}, #world{robots = Robots} = World) ->
     case starl_world_team:hardware(Id, Robots) of
-        {ok, Hardware} -> say({tell, Hardware, {starl_cable, pulled(Told, Params)}}, World);
+        {ok, Hardware} -> effect({send, Hardware, {starl_cable, pulled(Is, Params)}}, World);
         {error, _} = Error -> Error
     end;
-cable(_Told, _World) ->
+cable(_Report, _World) ->
     ok.
 
 pulled(ended, _Params) -> back;
@@ -269,9 +268,11 @@ pulled(began, _Params) -> pulled.
 %% Hardware reports when something happened, by the system's time, and feels what it touches.
 heard(Id, Chassis, {at, SystemUs, What}, #world{clock = Clock} = World) ->
     Then = starl_live_clock:at_us(SystemUs, Clock),
-    Told = {{at, Then}, What},
-    heard_at(Id, Chassis, Told, fun(At, Next) -> driven(Id, What, At, Next) end, late(Then, World));
-heard(Id, Chassis, {told, Then, What}, World) ->
+    Report = {{at, Then}, What},
+    heard_at(
+        Id, Chassis, Report, fun(At, Next) -> driven(Id, What, At, Next) end, late(Then, World)
+    );
+heard(Id, Chassis, {reported, Then, What}, World) ->
     heard_at(Id, Chassis, {{at, Then}, What}, fun(_At, Next) -> Next end, late(Then, World));
 heard(Id, Chassis, What, World) ->
     heard_at(Id, Chassis, {now, What}, fun(_At, Next) -> Next end, World).
@@ -279,29 +280,29 @@ heard(Id, Chassis, What, World) ->
 late(Then, #world{judge = Judge} = World) ->
     World#world{judge = starl_world_judge:too_late(Then, now_us(World), Judge)}.
 
-heard_at(Id, Chassis, Told, Then, #world{robots = Robots} = World) ->
-    case starl_world_team:heard(Id, Chassis, Told, now_us(World), Robots) of
-        {At, Yield} -> Then(At, yielded(Yield, World));
+heard_at(Id, Chassis, Report, Then, #world{robots = Robots} = World) ->
+    case starl_world_team:heard(Id, Chassis, Report, now_us(World), Robots) of
+        {At, Change} -> Then(At, changed(Change, World));
         unknown -> World
     end.
 
 advance(Id, #world{robots = Robots} = World) ->
-    yielded(starl_world_team:advance(Id, now_us(World), Robots), World).
+    changed(starl_world_team:advance(Id, now_us(World), Robots), World).
 
-yielded({Traces, Words, Robots}, World) ->
-    {Undone, Others} = lists:partition(fun(Word) -> element(1, Word) =:= undo end, Words),
+changed({Traces, Effects, Robots}, World) ->
+    {Undone, Others} = lists:partition(fun(Effect) -> element(1, Effect) =:= undo end, Effects),
     Next = lists:foldl(fun undo/2, World#world{robots = Robots}, Undone),
-    ok = lists:foreach(fun(Word) -> say(Word, Next) end, Others),
-    told(Traces, Next).
+    ok = lists:foreach(fun(Effect) -> effect(Effect, Next) end, Others),
+    facts(Traces, Next).
 
 undo({undo, Events}, #world{judge = Judge} = World) ->
     World#world{judge = starl_world_judge:undone(Events, now_us(World), Judge)}.
 
 %% A wake-up that comes when there is nothing to do any more does no harm.
-say({tell, Pid, Message}, _World) ->
+effect({send, Pid, Message}, _World) ->
     Pid ! Message,
     ok;
-say({wake, Id, Due}, World) ->
+effect({wake, Id, Due}, World) ->
     at(Due, {advance, Id}, World).
 
 %% -- what hardware touches ------------------------------------------------------------------
@@ -318,14 +319,14 @@ feel(#world{robots = Robots} = World) ->
 
 %% A robot that gets a command to drive feels at once that it cannot.
 driven(Id, {drive, _, _, _}, At, #world{floor = Floor} = World) ->
-    feel(At, [Id], World#world{floor = starl_world_floor:told(Id, Floor)});
+    feel(At, [Id], World#world{floor = starl_world_floor:commanded(Id, Floor)});
 driven(_Id, _What, _At, World) ->
     World.
 
 feel(At, Ids, #world{robots = Robots, floor = Floor} = World) ->
     {Changes, Next} = starl_world_floor:look(Ids, starl_world_team:on_floor(At, Robots), Floor),
     Touched = fun({Id, Touch}, #world{robots = R} = W) ->
-        yielded(starl_world_team:touched(Id, Touch, At, R), W)
+        changed(starl_world_team:touched(Id, Touch, At, R), W)
     end,
     lists:foldl(Touched, World#world{floor = Next}, Changes).
 
@@ -353,8 +354,8 @@ look({_, Ids} = Look, #world{positioning = Positioning, robots = Robots} = World
     of
         taken ->
             picture(Look, Now, World);
-        {Words, Next} ->
-            _ = [Hardware ! {starl_settle, self(), N} || {Hardware, N} <- Words],
+        {Effects, Next} ->
+            _ = [Hardware ! {starl_settle, self(), N} || {Hardware, N} <- Effects],
             World#world{positioning = Next}
     end.
 
@@ -372,10 +373,10 @@ picture(Look, At, #world{positioning = Positioning, robots = Robots} = World) ->
 
 %% -- faults ---------------------------------------------------------------------------------
 
-faulted(Told, #world{positioning = Positioning, judge = Judge} = World) ->
+faulted(Report, #world{positioning = Positioning, judge = Judge} = World) ->
     World#world{
-        positioning = starl_world_positioning:fault(Told, Positioning),
-        judge = starl_world_judge:fault(Told, now_us(World), Judge)
+        positioning = starl_world_positioning:fault(Report, Positioning),
+        judge = starl_world_judge:fault(Report, now_us(World), Judge)
     }.
 
 node_report({clock, Id, Us}, #world{judge = Judge} = World) ->
@@ -387,7 +388,7 @@ node_report({resumed, Id}, #world{judge = Judge} = World) ->
 node_report({halted, Id}, #world{robots = Robots} = World) ->
     Now = now_us(World),
     {Events, Next} = starl_world_team:halted(Id, unsaid(Id, Robots), Now, Robots),
-    #world{judge = Judge} = Known = told(Events, World#world{robots = Next}),
+    #world{judge = Judge} = Known = facts(Events, World#world{robots = Next}),
     Known#world{judge = starl_world_judge:halted(Id, Now, Judge)}.
 
 %% -- robots that start and end --------------------------------------------------------------
@@ -404,7 +405,7 @@ started(Id, Link, What, World0) ->
 
 traced(Id, Link, Batch, #world{robots = Robots} = World) ->
     {New, Next} = starl_world_team:traced(Id, Link, Batch, Robots),
-    told(New, heard_again(Id, World#world{robots = Next})).
+    facts(New, heard_again(Id, World#world{robots = Next})).
 
 heard_again(Id, #world{judge = Judge} = World) ->
     World#world{judge = starl_world_judge:heard(Id, now_us(World), Judge)}.
@@ -412,12 +413,12 @@ heard_again(Id, #world{judge = Judge} = World) ->
 gone(Pid, #world{robots = Robots} = World) ->
     case starl_world_team:of_link(Pid, Robots) of
         {ok, Id} -> down(Id, World);
-        none -> yielded(starl_world_team:untracked(Pid, Robots), World)
+        none -> changed(starl_world_team:untracked(Pid, Robots), World)
     end.
 
 down(Id, #world{robots = Robots} = World) ->
     Down = starl_world_team:down(Id, unsaid(Id, Robots), now_us(World), Robots),
-    #world{judge = Judge} = Next = yielded(Down, heard_again(Id, World)),
+    #world{judge = Judge} = Next = changed(Down, heard_again(Id, World)),
     Next#world{judge = starl_world_judge:down(Id, Judge)}.
 
 %% The facts that a node has written, and has not sent because it is halted, killed or busy.
@@ -437,8 +438,8 @@ result(Id, Result, #world{robots = Robots} = World) ->
 
 %% -- judging --------------------------------------------------------------------------------
 
-told(Events, #world{judge = Judge} = World) ->
-    World#world{judge = starl_world_judge:told(Events, Judge)}.
+facts(Events, #world{judge = Judge} = World) ->
+    World#world{judge = starl_world_judge:facts(Events, Judge)}.
 
 radioed(Events, #world{judge = Judge} = World) ->
     World#world{judge = starl_world_judge:radio(Events, Judge)}.
@@ -502,7 +503,7 @@ recalled(Until, #world{robots = Robots} = World) ->
         starl_world_team:up(Robots)
     ),
     Events = [Event || Event <- lists:append(Written), element(1, Event) =< Until],
-    {Events, told(Events, World#world{robots = Next})}.
+    {Events, facts(Events, World#world{robots = Next})}.
 
 ended(Ending, #world{ending = none, callers = Callers} = World) ->
     lists:foreach(fun(From) -> gen_server:reply(From, Ending) end, Callers),

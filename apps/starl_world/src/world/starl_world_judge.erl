@@ -27,7 +27,7 @@
 -module(starl_world_judge).
 
 -export([new/2, new/3, horizon_us/0, back_us/0]).
--export([told/2, radio/2, undone/3, too_late/3, clock/3, up/3, down/2, complete/4]).
+-export([facts/2, radio/2, undone/3, too_late/3, clock/3, up/3, down/2, complete/4]).
 -export([fault/3, halt/4, halted/3, released/3, heard/3, standing/1, is_awaited/2]).
 -export([look/3, judge/2, judge/3, accept/3, accuse/2, close/2, outcome/4]).
 -export([leader/1, violations/1, unjudged/1, late/1, late_computers/1]).
@@ -119,8 +119,8 @@ back_us() -> ?BACK_US.
 
 %% @doc Handles facts, which are in the order of their time for each robot. If a computer was late,
 %% that is known before the facts that it explains are judged.
--spec told([starl_monitor:trace_event()], t()) -> t().
-told(Events, #judge{leader = Leader} = Judge) ->
+-spec facts([starl_monitor:trace_event()], t()) -> t().
+facts(Events, #judge{leader = Leader} = Judge) ->
     lists:foldl(
         fun arrived/2,
         lists:foldl(

@@ -72,7 +72,7 @@ robot(Id, #{plan := Plan, clock := Clock, world := World, line := Line, options 
         clock => Clock,
         dir => Own,
         transport => Line(Id),
-        positioning => {starl_world_sight, (maps:with([placing], Plan))#{world => World}},
+        positioning => {starl_world_positioning, (maps:with([placing], Plan))#{world => World}},
         chassis => starl_world_chassis:line(Id, World, Options),
         sink => World,
         packets => maps:get(packets, Options, false),
