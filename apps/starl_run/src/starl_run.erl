@@ -78,7 +78,7 @@
 }.
 
 %% Where its robots are.
--callback world(Run :: term()) -> starl_run_hand:world().
+-callback world(Run :: term()) -> starl_run_manual_fault:world().
 %% Starts it, linked to the calling process.
 -callback start(Given :: #{app := module(), atom() => term()}, Options :: map()) ->
     {ok, Run :: term()} | {error, Reason :: term()}.
@@ -95,9 +95,9 @@
 -callback finish(Run :: term()) -> {outcome(), starl_scene:report()}.
 %% Injects manual faults now. A simulation has none: virtual time is too fast for them, so a fault is
 %% part of its scenario.
--callback inject(Run :: term(), [starl_run_hand:t()]) -> ok | {error, unicode:chardata()}.
+-callback inject(Run :: term(), [starl_run_manual_fault:t()]) -> ok | {error, unicode:chardata()}.
 %% These faults are over.
--callback heal(Run :: term(), starl_run_hand:heal()) -> ok.
+-callback heal(Run :: term(), starl_run_manual_fault:heal()) -> ok.
 
 -optional_callbacks([inject/2, heal/2]).
 
@@ -111,7 +111,7 @@ start(Kind, Given, Options) ->
     end.
 
 %% @doc Where the robots of a run are.
--spec world(t()) -> starl_run_hand:world().
+-spec world(t()) -> starl_run_manual_fault:world().
 world({Kind, Run}) -> Kind:world(Run).
 
 %% @doc The checked scenario of a run, with all defaults.
@@ -123,11 +123,11 @@ scenario({Kind, Run}) -> Kind:scenario(Run).
 status({Kind, Run}) -> Kind:status(Run).
 
 %% @doc Injects manual faults now, in a run in real time.
--spec inject(t(), [starl_run_hand:t()]) -> ok | {error, unicode:chardata()}.
+-spec inject(t(), [starl_run_manual_fault:t()]) -> ok | {error, unicode:chardata()}.
 inject({Kind, Run}, Faults) -> Kind:inject(Run, Faults).
 
 %% @doc Ends these faults.
--spec heal(t(), starl_run_hand:heal()) -> ok.
+-spec heal(t(), starl_run_manual_fault:heal()) -> ok.
 heal({Kind, Run}, What) -> Kind:heal(Run, What).
 
 %% @doc Runs to the end.

@@ -720,7 +720,7 @@ act({stands, Robot}, Cluster) ->
     stands(OsPid),
     [];
 act({cut, A, B}, Cluster) ->
-    ok = starl_world_run:inject(Cluster, starl_run_hand:cut(A, B, lasting)),
+    ok = starl_world_run:inject(Cluster, starl_run_manual_fault:cut(A, B, lasting)),
     [];
 act({pause, Robot, Seconds}, Cluster) ->
     ok = starl_world_run:inject(Cluster, [{pause, Robot, #{}, round(1000 * Seconds)}]),

@@ -12,7 +12,7 @@ parse_test_() ->
             {["pause", "3", "0.25"], {ok, {inject, [{pause, 3, #{}, 250}]}}},
             {["lose-store", "3"], {ok, {inject, [{store_lost, 3, #{}, 0}]}}},
             {["set-back", "3"], {ok, {inject, [{store_set_back, 3, #{}, 0}]}}},
-            {["cut", "1", "2"], {ok, {inject, starl_run_hand:cut(1, 2, lasting)}}},
+            {["cut", "1", "2"], {ok, {inject, starl_run_manual_fault:cut(1, 2, lasting)}}},
             {["fill", "1"], {ok, {inject, [{store_full, 1, #{}, lasting}]}}},
             {["unplug", "1"], {ok, {inject, [{serial_gone, 1, #{}, lasting}]}}},
             {

@@ -220,8 +220,10 @@ badly_placed(Config) ->
 links_cut(Config) ->
     Run = play(numbers(60), Config),
     heard(20),
-    ?assertMatch({error, _}, starl_world_run:inject(Run, starl_run_hand:cut(1, 3, lasting))),
-    ok = starl_world_run:inject(Run, starl_run_hand:cut(1, 2, lasting)),
+    ?assertMatch(
+        {error, _}, starl_world_run:inject(Run, starl_run_manual_fault:cut(1, 3, lasting))
+    ),
+    ok = starl_world_run:inject(Run, starl_run_manual_fault:cut(1, 2, lasting)),
     deaf(2, none, 300, Run),
     Before = starl_world_run:link(Run, 2),
     ok = starl_world_run:inject(Run, [{reboot, 2, #{}, 0}]),
@@ -235,7 +237,7 @@ links_cut(Config) ->
     %% what was done is a schedule of the simulator
     ?assertEqual([], starl_run_fault:check(Faults)),
     ?assertEqual(
-        [{hand_1, loss, {1, 2}}, {hand_2, loss, {2, 1}}, {hand_3, reboot, 2}],
+        [{manual_1, loss, {1, 2}}, {manual_2, loss, {2, 1}}, {manual_3, reboot, 2}],
         lists:sort([{Id, Kind, Target} || {Id, _, _, Kind, Target, _} <- Faults])
     ),
     #{sap := N, app := N} = starts(2, Config),

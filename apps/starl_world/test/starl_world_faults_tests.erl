@@ -17,14 +17,14 @@ a_fault_with_an_end_test() ->
 
 %% A hand's fault gets a name; of a cut both halves end with a heal.
 cut_test() ->
-    Cut = hands(starl_run_hand:cut(1, 2, lasting), faults()),
+    Cut = hands(starl_run_manual_fault:cut(1, 2, lasting), faults()),
     ?assertMatch(#{cut := [2]}, ?F:link_conditions(1, 1, Cut)),
     ?assertMatch(#{cut := [1]}, ?F:link_conditions(2, 1, Cut)),
     ?assertMatch(#{cut := []}, ?F:link_conditions(3, 1, Cut)),
     Names = ?F:healable(all, Cut),
-    ?assertEqual([hand_1, hand_2], Names),
-    ?assertEqual([hand_1], ?F:healable({fault, hand_1}, Cut)),
-    {[{ended, _}], [{notify, [2]}], Half} = ?F:end_fault(hand_1, 9000, Cut),
+    ?assertEqual([manual_1, manual_2], Names),
+    ?assertEqual([manual_1], ?F:healable({fault, manual_1}, Cut)),
+    {[{ended, _}], [{notify, [2]}], Half} = ?F:end_fault(manual_1, 9000, Cut),
     ?assertMatch({#{cut := [2]}, #{cut := []}}, {
         ?F:link_conditions(1, 1, Half), ?F:link_conditions(2, 1, Half)
     }).
@@ -67,7 +67,7 @@ reboot_test() ->
 %% A kill by hand is a reboot that ends as soon as it can; a robot that is dead never starts.
 kill_test() ->
     {Fault, Named} = ?F:named({reboot, 3, #{}, 0}, 5000, 4, faults()),
-    {[{began, {hand_1, 5000, forever, reboot, 3, #{}}}], [{kill, 3}], Down} =
+    {[{began, {manual_1, 5000, forever, reboot, 3, #{}}}], [{kill, 3}], Down} =
         ?F:inject(Fault, 5000, Named),
     ?assertNot(?F:is_down(3, 5000, Down)),
     {[{began, {d, 6, 6, kill_robot, 3, _}}], [{kill, 3}, {dead, 3}], Dead} =
@@ -87,8 +87,8 @@ set_back_test() ->
     {[], Up} = ?F:up(1, 700, faults()),
     {Fault, Named} = ?F:named({store_set_back, 1, #{}, 0}, 5000, 1, Up),
     {[{began, Began}], [{kill, 1}], Back} = ?F:inject(Fault, 5000, Named),
-    ?assertMatch({hand_1, 700, forever, store_set_back, 1, #{}}, Began),
-    ?assertMatch({[{ended, {hand_1, 700, 5200, _, _, _}}], _}, ?F:up(1, 5200, Back)),
+    ?assertMatch({manual_1, 700, forever, store_set_back, 1, #{}}, Began),
+    ?assertMatch({[{ended, {manual_1, 700, 5200, _, _, _}}], _}, ?F:up(1, 5200, Back)),
     Given = {a, 1000, 3000, store_set_back, 1, #{}},
     {_, [{kill, 1}, {due, 3000, a}], First} = ?F:inject(Given, 1000, Up),
     {kept, First} = ?F:take_store(1, First),
@@ -109,20 +109,20 @@ senses_test() ->
     ),
     ?assertEqual(#{camera => frozen, bump => {noisy, 7}}, ?F:senses(2, Held)),
     ?assertEqual(#{bump => {noisy, 7}}, ?F:senses(1, Held)),
-    ?assertEqual([hand_1, hand_2], ?F:healable({sense, 2, camera}, Held)).
+    ?assertEqual([manual_1, manual_2], ?F:healable({sense, 2, camera}, Held)).
 
 %% A disk that two faults fill has room when both are over.
 disks_test() ->
     Full = hands([{store_full, 2, #{}, lasting}, {store_full, 2, #{}, lasting}], faults()),
-    {_, [], Half} = ?F:end_fault(hand_1, 9, Full),
+    {_, [], Half} = ?F:end_fault(manual_1, 9, Full),
     ?assert(?F:is_full(2, Half)),
-    ?assertMatch({_, [{clear, 2}], _}, ?F:end_fault(hand_2, 9, Half)).
+    ?assertMatch({_, [{clear, 2}], _}, ?F:end_fault(manual_2, 9, Half)).
 
 %% A pause by hand is of the computer, one of a schedule of the run; the world tells of both.
 pause_test() ->
     {Fault, Named} = ?F:named({pause, 2, #{at_work => true}, 1500}, 1000, 4, faults()),
-    ?assertEqual({hand_1, 1000, 7000, pause, 2, #{at_work => true}}, Fault),
-    ?assertMatch({[], [{halt, 2, 6000, at_work, hand_1}], _}, ?F:inject(Fault, 1000, Named)),
+    ?assertEqual({manual_1, 1000, 7000, pause, 2, #{at_work => true}}, Fault),
+    ?assertMatch({[], [{halt, 2, 6000, at_work, manual_1}], _}, ?F:inject(Fault, 1000, Named)),
     ?assertMatch(
         {[], [{halt, 2, 500, now, a}], _}, ?F:inject({a, 0, 500, pause, 2, #{}}, 3, faults())
     ).

@@ -340,7 +340,7 @@ seen(Judge) ->
 by_hand_test() ->
     Monitor = {starl_barrier_monitor, #{robots => [1, 2], bound_us => 3000000}},
     Reached = [{1000000, R, barrier, {reached, gate, 1}} || R <- [1, 2]],
-    Cut = fun(ToMs) -> {hand_1, 900, ToMs, loss, {1, 2}, #{part => 1.0}} end,
+    Cut = fun(ToMs) -> {manual_1, 900, ToMs, loss, {1, 2}, #{part => 1.0}} end,
     Found = fun(Done) ->
         Judge = starl_world_judge:facts(Reached, starl_world_judge:new([Monitor], 1500000)),
         Last = lists:foldl(
@@ -367,7 +367,7 @@ by_hand_test() ->
 
 %% -- what the observer gets of faults, and what is left of them at the end -------------------
 
-loss(From, To) -> {hand_1, From, To, loss, {1, 2}, #{part => 1.0}}.
+loss(From, To) -> {manual_1, From, To, loss, {1, 2}, #{part => 1.0}}.
 
 pause(Fault, Robot, From, To) -> {Fault, From, To, pause, Robot, #{}}.
 
@@ -405,7 +405,7 @@ a_fault_is_told_as_one_of_a_schedule_test() ->
 
 %% The end of a fault takes the place of its beginning; what has not ended, ends with the run.
 each_fault_is_kept_once_by_its_beginning_test() ->
-    Other = {hand_2, 400, forever, loss, {2, 3}, #{part => 1.0}},
+    Other = {manual_2, 400, forever, loss, {2, 3}, #{part => 1.0}},
     Told = [{began, loss(900, forever)}, {began, Other}, {ended, loss(900, 2000)}],
     Judge = lists:foldl(fun(One, J) -> starl_world_judge:fault(One, 0, J) end, watched(), Told),
     ?assertEqual(Told, reported_faults()),

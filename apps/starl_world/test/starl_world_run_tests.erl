@@ -41,7 +41,7 @@ a_robot_that_is_killed_starts_again_when_it_may_test_() ->
 %% A robot starts with the faults that last, and is notified of their ends.
 a_robot_starts_with_the_faults_that_last_test_() ->
     in_run(fun(Run) ->
-        Cut = starl_run_hand:cut(1, 2, lasting),
+        Cut = starl_run_manual_fault:cut(1, 2, lasting),
         ok = starl_world_run:inject(Run, [{store_full, 2, #{}, lasting} | Cut]),
         ok = starl_world_run:inject(Run, [{reboot, 2, #{}, 0}]),
         ?assertEqual(

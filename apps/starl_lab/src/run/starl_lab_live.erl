@@ -69,7 +69,7 @@ run_with({ok, Own}, Live, Checked, Values) ->
 refused(Live, #{target := Target, scenario := Scenario}, Values) ->
     #{faults := Faults, random_faults := Random, reloads := Reloads} = Scenario,
     Place = fun(Key) -> [starl_cli_target:place(Key, Target, Scenario), ": "] end,
-    [[Place(faults), Line] || Line <- starl_run_hand:refused(world(Live), Faults)] ++
+    [[Place(faults), Line] || Line <- starl_run_manual_fault:refused(world(Live), Faults)] ++
         [
             [Place(faults), io_lib:format("fault ~ts: ~ts", [Id, too_long(Pace)])]
          || {Id, From, To, pause, _, _} <- Faults,

@@ -12,7 +12,7 @@
 %% A random fault. Its target may be the leader of that moment. A pause may be
 %% in the middle of work, and a cable pulled in time, before hardware could drive on without it.
 -type fault() ::
-    starl_run_hand:t()
+    starl_run_manual_fault:t()
     | {starl_run_fault:kind(), leader, map(), non_neg_integer()}.
 
 -define(CUT_MS, 10000).
@@ -45,7 +45,7 @@ draw(Seed, Robots, {From, To}) ->
     {{_, Kind, Params}, _} = one_of(starl_live_sense_fault:known(), Random8),
     lists:sort(
         [{T5, Halt}, {T1, {reboot, leader, #{}, 0}}, {T2, {reboot, A, #{}, 0}}] ++
-            [{T3, Half} || B =/= C, Half <- starl_run_hand:cut(B, C, ?CUT_MS)] ++
+            [{T3, Half} || B =/= C, Half <- starl_run_manual_fault:cut(B, C, ?CUT_MS)] ++
             [{T4, {location_frozen, D, #{}, ?FREEZE_MS}}, {T6, full(F)}] ++
             [{T7, {Kind, G, Params#{sense => all}, ?SENSE_MS}}]
     ).
@@ -60,8 +60,8 @@ cables(Seed, Robots, Times) ->
         {Robot, R2} = one_of(Robots, R1),
         {{At, {serial_gone, Robot, #{in_time => true}, ?UNPLUGGED_MS}}, R2}
     end,
-    {Hands, _} = lists:mapfoldl(Span, rand:seed_s(exsss, Seed), lists:seq(1, Times)),
-    Hands.
+    {Faults, _} = lists:mapfoldl(Span, rand:seed_s(exsss, Seed), lists:seq(1, Times)),
+    Faults.
 
 %% @doc So many halts in the middle of a step, one after the other, of robots that are drawn.
 -spec halts(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
@@ -93,14 +93,14 @@ full_disks(Seed, Robots, Times) ->
 full(Robot) -> {store_full, Robot, #{}, ?FULL_MS}.
 
 apart(Seed, Robots, Times, Draw) ->
-    Hand = fun(N, R0) ->
+    Fault = fun(N, R0) ->
         {At, R1} = between(N * ?HALT_US, (N + 1) * ?HALT_US - 1, R0),
         {Robot, R2} = one_of(Robots, R1),
         {Drawn, R3} = Draw(Robot, R2),
         {{At, Drawn}, R3}
     end,
-    {Hands, _} = lists:mapfoldl(Hand, rand:seed_s(exsss, Seed), lists:seq(1, Times)),
-    Hands.
+    {Faults, _} = lists:mapfoldl(Fault, rand:seed_s(exsss, Seed), lists:seq(1, Times)),
+    Faults.
 
 some(N, Draw, Random0) ->
     lists:mapfoldl(fun(_, Random) -> Draw(Random) end, Random0, lists:seq(1, N)).
@@ -114,7 +114,7 @@ one_of(Robots, Random) ->
     {lists:nth(N, Robots), Next}.
 
 %% @doc The same with the present leader's number; `none' if nobody leads.
--spec aimed(fault(), Leader :: starl:robot_id() | none) -> starl_run_hand:t() | none.
+-spec aimed(fault(), Leader :: starl:robot_id() | none) -> starl_run_manual_fault:t() | none.
 aimed({_, leader, _, _}, none) -> none;
 aimed({Kind, leader, Params, Lasts}, Leader) -> {Kind, Leader, Params, Lasts};
-aimed(Hand, _Leader) -> Hand.
+aimed(Fault, _Leader) -> Fault.

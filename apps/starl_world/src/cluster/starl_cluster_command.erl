@@ -15,9 +15,9 @@
 -type t() ::
     status
     | stop
-    | {heal, starl_run_hand:heal()}
+    | {heal, starl_run_manual_fault:heal()}
     | {reload, starl_version:source()}
-    | {inject, [starl_run_hand:t()]}.
+    | {inject, [starl_run_manual_fault:t()]}.
 
 -type answer() :: {ok, unicode:chardata()} | {error, unicode:chardata()}.
 
@@ -100,14 +100,22 @@ number(Text) ->
         _ -> none
     end.
 
-faults("kill", [{Robot, []}]) -> {ok, {inject, [{reboot, Robot, #{}, 0}]}};
-faults("lose-store", [{Robot, []}]) -> {ok, {inject, [{store_lost, Robot, #{}, 0}]}};
-faults("set-back", [{Robot, []}]) -> {ok, {inject, [{store_set_back, Robot, #{}, 0}]}};
-faults("freeze", [{Robot, []}]) -> {ok, {inject, [{location_frozen, Robot, #{}, lasting}]}};
-faults("fill", [{Robot, []}]) -> {ok, {inject, [{store_full, Robot, #{}, lasting}]}};
-faults("unplug", [{Robot, []}]) -> {ok, {inject, [{serial_gone, Robot, #{}, lasting}]}};
-faults("cut", [{A, []}, {B, []}]) when A =/= B -> {ok, {inject, starl_run_hand:cut(A, B, lasting)}};
-faults(Word, _) -> {error, [Word, ": robots by their numbers, as in cut 1 2 or kill 3"]}.
+faults("kill", [{Robot, []}]) ->
+    {ok, {inject, [{reboot, Robot, #{}, 0}]}};
+faults("lose-store", [{Robot, []}]) ->
+    {ok, {inject, [{store_lost, Robot, #{}, 0}]}};
+faults("set-back", [{Robot, []}]) ->
+    {ok, {inject, [{store_set_back, Robot, #{}, 0}]}};
+faults("freeze", [{Robot, []}]) ->
+    {ok, {inject, [{location_frozen, Robot, #{}, lasting}]}};
+faults("fill", [{Robot, []}]) ->
+    {ok, {inject, [{store_full, Robot, #{}, lasting}]}};
+faults("unplug", [{Robot, []}]) ->
+    {ok, {inject, [{serial_gone, Robot, #{}, lasting}]}};
+faults("cut", [{A, []}, {B, []}]) when A =/= B ->
+    {ok, {inject, starl_run_manual_fault:cut(A, B, lasting)}};
+faults(Word, _) ->
+    {error, [Word, ": robots by their numbers, as in cut 1 2 or kill 3"]}.
 
 %% A file, an application as users name it, or a module.
 source(What) ->

@@ -1,4 +1,4 @@
-%% @doc The scheduled and manual faults of a run in real time ({@link starl_run_hand}). The module
+%% @doc The scheduled and manual faults of a run in real time ({@link starl_run_manual_fault}). The module
 %% knows which faults last, how they change what each robot hears and senses, and the effects of
 %% their beginnings and ends. {@link starl_world_run} reports them to the world and carries out the
 %% effects. A pure module.
@@ -78,15 +78,16 @@ from_the_start(Schedule) ->
 
 %% @doc The fault for a manual fault that is applied now. A manual pause is one of the computer, and
 %% has an end.
--spec named(starl_run_hand:t(), NowMs :: integer(), Speed :: number(), t()) -> {fault(), t()}.
+-spec named(starl_run_manual_fault:t(), NowMs :: integer(), Speed :: number(), t()) ->
+    {fault(), t()}.
 named({pause, Target, Params, lasting}, Now, Speed, Faults) ->
     named({pause, Target, Params, ?PAUSE_MS}, Now, Speed, Faults);
 named({pause, Target, Params, Ms}, Now, Speed, Faults) ->
-    {Id, Next} = unnamed("hand", Faults),
+    {Id, Next} = unnamed("manual", Faults),
     {{Id, Now, Now + round(Speed * Ms), pause, Target, Params}, Next};
-named(Hand, Now, _Speed, Faults) ->
-    {Id, Next} = unnamed("hand", Faults),
-    {starl_run_hand:fault(Id, {Now, forever}, Hand), Next}.
+named(Manual, Now, _Speed, Faults) ->
+    {Id, Next} = unnamed("manual", Faults),
+    {starl_run_manual_fault:fault(Id, {Now, forever}, Manual), Next}.
 
 %% @doc A name for a fault that has none.
 -spec unnamed(Prefix :: string(), t()) -> {atom(), t()}.
@@ -201,7 +202,7 @@ up(Robot, Now, #faults{lasting = Lasting, starts = Starts} = Faults) ->
     }.
 
 %% @doc The names of the faults that can be healed: all that last, except restarts.
--spec healable(starl_run_hand:heal(), t()) -> [atom()].
+-spec healable(starl_run_manual_fault:heal(), t()) -> [atom()].
 healable(What, #faults{lasting = Lasting}) ->
     [
         element(1, Fault)

@@ -147,7 +147,9 @@ plan(Given, Options) ->
         {ok, {#{faults := []}, _Scene, _Plan} = Planned} ->
             {ok, placed(Planned), []};
         {ok, {#{faults := Faults} = Scenario, _Scene, _Plan}} ->
-            scheduled(starl_run_hand:refused((host(Options)):world(), Faults), Scenario, Own);
+            scheduled(
+                starl_run_manual_fault:refused((host(Options)):world(), Faults), Scenario, Own
+            );
         {error, _} = Error ->
             Error
     end.
@@ -194,7 +196,7 @@ status(#run{server = Server}) -> gen_server:call(Server, status, ?CALL_MS).
 %% the answer. A reboot of no length kills the robot's processes; they are restarted. A store that is
 %% set back in no time gets the state that it had when the robot was last started. A pause halts the
 %% robot's node at once, for a time by the computer's clock.
--spec inject(t(), [starl_run_hand:t()]) -> answer().
+-spec inject(t(), [starl_run_manual_fault:t()]) -> answer().
 inject(#run{server = Server}, Faults) ->
     case gen_server:call(Server, {inject, Faults}, ?CALL_MS) of
         {ok, _Unheard} -> ok;
@@ -202,7 +204,7 @@ inject(#run{server = Server}, Faults) ->
     end.
 
 %% @doc Ends these faults. Pauses end only with `all'.
--spec heal(t(), starl_run_hand:heal()) -> ok.
+-spec heal(t(), starl_run_manual_fault:heal()) -> ok.
 heal(#run{server = Server}, What) ->
     {ok, _Unheard} = gen_server:call(Server, {heal, What}, ?CALL_MS),
     ok.
@@ -418,9 +420,9 @@ inject_manual(Faults, State) ->
     end.
 
 check(Faults, #state{specs = Specs, host = Host}) ->
-    Named = lists:usort(lists:append([starl_run_hand:robots(Fault) || Fault <- Faults])),
-    Given = [starl_run_hand:fault(manual, {0, 0}, Fault) || Fault <- Faults],
-    case {Named -- maps:keys(Specs), starl_run_hand:refused(Host:world(), Given)} of
+    Named = lists:usort(lists:append([starl_run_manual_fault:robots(Fault) || Fault <- Faults])),
+    Given = [starl_run_manual_fault:fault(manual, {0, 0}, Fault) || Fault <- Faults],
+    case {Named -- maps:keys(Specs), starl_run_manual_fault:refused(Host:world(), Given)} of
         {[], []} -> ok;
         {[Robot | _], _} -> {error, io_lib:format("there is no robot ~b", [Robot])};
         {[], [Why | _]} -> {error, Why}
