@@ -387,11 +387,7 @@ reported_faults() ->
     end.
 
 faults(Ms, Judge) ->
-    {ok, {_, _, #{world := World}}} = starl_sim:plan(
-        #{app => starl_world_app, robots => 3, play => #{}, mode => process}, #{}
-    ),
-    {_, Robots} = starl_world_team:new([], World),
-    #{faults := Faults} = starl_world_judge:outcome(time, 1000 * Ms, Robots, Judge),
+    #{faults := Faults} = starl_world_judge:outcome(time, 1000 * Ms, [], Judge),
     _ = reported_faults(),
     Faults.
 

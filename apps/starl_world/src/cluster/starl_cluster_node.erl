@@ -56,8 +56,8 @@ end_with_robot() ->
         {'DOWN', Monitor, process, _, _} -> halt(1)
     end.
 
-%% @doc How far the node's clock is ahead of that of this VM, at least: less than 0 if it is behind, 0 if they
-%% may be alike, as the time that the answers take has it.
+%% @doc How far the clock of the node is ahead of that of this VM at least, negative if it is behind. 0 if
+%% both may be alike, given the time that the answers took.
 -spec ahead_us(node()) -> integer().
 ahead_us(Node) ->
     try [asked_time(Node) || _ <- lists:seq(1, ?ASKS)] of
@@ -76,7 +76,7 @@ asked_time(Node) ->
         There when is_integer(There) -> {Before, There, erlang:system_time(microsecond)}
     end.
 
-%% @doc Opens the robot, with these settings of its air and faults of its senses, and gives its link when it has begun.
+%% @doc Opens the robot with these link conditions and faults of its senses. Returns its link.
 -spec open(
     node(), starl_live_robot:spec(), starl_live_air:settings(), starl_live_sense_fault:faults()
 ) ->
@@ -137,11 +137,12 @@ robot_link(Node) ->
         exit:_ -> []
     end.
 
-%% @doc Changes these settings of the air of the node's robot.
+%% @doc Changes these link conditions of the node's robot.
 -spec set_air(node(), starl_live_air:settings()) -> ok.
-set_air(Node, Settings) -> lists:foreach(fun(Link) -> aired(Link, Settings) end, robot_link(Node)).
+set_air(Node, Settings) ->
+    lists:foreach(fun(Link) -> set_link_conditions(Link, Settings) end, robot_link(Node)).
 
-aired(Link, Settings) ->
+set_link_conditions(Link, Settings) ->
     try
         starl_live_transport:set_air(starl_live_link:line(Link, transport), Settings)
     catch

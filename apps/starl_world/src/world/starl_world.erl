@@ -514,4 +514,29 @@ ended(_Ending, World) ->
 outcome(World) ->
     Now = now_us(World),
     {_, #world{judge = Judge, robots = Robots, ending = Ending}} = recalled(Now, World),
-    starl_world_judge:outcome(Ending, Now, Robots, Judge).
+    Summaries = [
+        {Id, summary(Now, Robot)}
+     || {Id, Robot} <- starl_world_team:summaries(Now, Robots)
+    ],
+    starl_world_judge:outcome(Ending, Now, Summaries, Judge).
+
+%% With the counters of its link, if it still runs.
+summary(Now, #{result := Result, pose := Pose, link := Link}) ->
+    Figures = figures(Link),
+    Figures#{
+        at_us => Now,
+        chain => 0,
+        checkpoints => [],
+        result => Result,
+        pose => Pose,
+        crashes => []
+    }.
+
+figures(none) ->
+    #{events => 0, packets => 0};
+figures(Link) ->
+    try
+        starl_live_link:figures(Link)
+    catch
+        exit:_ -> #{events => 0, packets => 0}
+    end.

@@ -400,21 +400,29 @@ close(Now, #judge{held = Held} = Open) ->
     {Late, Results, Unjudged} = starl_monitor:close(max(Now, Seen), Monitors),
     {Violations ++ Late, Results, Unjudged}.
 
-%% @doc The outcome of a run that ends now. It closes the monitors and notifies the observer.
--spec outcome(starl_world:ending() | none, NowUs :: integer(), starl_world_team:t(), t()) ->
-    starl_run:outcome().
+%% @doc The outcome of a run that ends now, as of a simulation; `Robots': what is known of each robot. It
+%% closes the monitors and notifies the observer.
+-spec outcome(starl_world:ending() | none, NowUs :: integer(), Robots, t()) ->
+    starl_run:outcome()
+when
+    Robots :: [{starl:robot_id(), map()}].
 outcome(Ending, Now, Robots, #judge{observer = Observer, faults = Faults} = Judge) ->
     {Violations, Results, Unjudged} = close(Now, Judge),
-    Told = #{
+    Verdict = #{
         ending => Ending,
         end_us => Now,
         violations => Violations,
         unjudged => Unjudged,
         digest => <<>>
     },
-    ok = starl_observer:tell({ended, Told}, Observer),
-    Outcome = closed(Ending, Now, {Violations, Results, Unjudged}, Robots),
-    Outcome#{
+    ok = starl_observer:tell({ended, Verdict}, Observer),
+    Verdict#{
+        judged_us => Now,
+        monitors => Results,
+        robots => Robots,
+        events => lists:sum([E || {_, #{events := E}} <- Robots]),
+        packets => lists:sum([P || {_, #{packets := P}} <- Robots]),
+        lost => [],
         late_computers => late_computers(Judge),
         faults => lists:keysort(2, [ended_by(Now div 1000, Fault) || Fault <- Faults])
     }.
@@ -422,45 +430,6 @@ outcome(Ending, Now, Robots, #judge{observer = Observer, faults = Faults} = Judg
 %% A fault that has not ended ends with the run.
 ended_by(Now, {Id, From, forever, Kind, Target, Params}) -> {Id, From, Now, Kind, Target, Params};
 ended_by(_Now, Fault) -> Fault.
-
-closed(Ending, Now, {Violations, Results, Unjudged}, Robots) ->
-    Summaries = [
-        {Id, summary(Now, Robot)}
-     || {Id, Robot} <- starl_world_team:summaries(Now, Robots)
-    ],
-    #{
-        ending => Ending,
-        end_us => Now,
-        judged_us => Now,
-        violations => Violations,
-        unjudged => Unjudged,
-        monitors => Results,
-        robots => Summaries,
-        digest => <<>>,
-        events => lists:sum([E || {_, #{events := E}} <- Summaries]),
-        packets => lists:sum([P || {_, #{packets := P}} <- Summaries]),
-        lost => []
-    }.
-
-summary(Now, #{result := Result, pose := Pose, link := Link}) ->
-    Figures = figures(Link),
-    Figures#{
-        at_us => Now,
-        chain => 0,
-        checkpoints => [],
-        result => Result,
-        pose => Pose,
-        crashes => []
-    }.
-
-figures(none) ->
-    #{events => 0, packets => 0};
-figures(Link) ->
-    try
-        starl_live_link:figures(Link)
-    catch
-        exit:_ -> #{events => 0, packets => 0}
-    end.
 
 %% @doc The robot that leads, by the latest report.
 -spec leader(t()) -> starl:robot_id() | none.
