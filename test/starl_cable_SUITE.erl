@@ -86,7 +86,7 @@ pulled(Robot, Run, Left) ->
             Left;
         #{Robot := N} ->
             Pull = {serial_gone, Robot, #{in_time => true}, lasting},
-            ok = starl_world_run:act(Run, [Pull]),
+            ok = starl_world_run:inject(Run, [Pull]),
             Left#{Robot := N - 1}
     end.
 

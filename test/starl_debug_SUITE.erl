@@ -119,13 +119,13 @@ run(Machine, Dir) ->
     _ = process_flag(trap_exit, true),
     Robots = filename:join(Dir, "robots"),
     Given = #{app => starl_debug_app, robots => 2, rounds => ?ROUNDS, machine => Machine},
-    {ok, Cluster} = starl_cluster:start(Given, #{
+    {ok, Cluster} = starl_world_run:start(Given, #{
         dir => Dir,
         transport => udp,
         speed => ?SPEED,
         packets => true,
         recorder => {starl_trace_robot, #{dir => Robots}}
     }),
-    _ = starl_cluster:await(Cluster),
-    _ = starl_cluster:finish(Cluster),
+    _ = starl_world_run:await(Cluster),
+    _ = starl_world_run:finish(Cluster),
     lists:append([starl_trace_robot:files(Robot, Robots) || Robot <- [1, 2]]).

@@ -132,7 +132,7 @@ run(Seed, Variant, Module, At, Dir) ->
     Code = starl_reload_code:make(Module, Variant),
     Picture = filename:join(Dir, "lines.svg"),
     ok = file:write_file(Picture, picture()),
-    {ok, Cluster} = starl_cluster:start(
+    {ok, Cluster} = starl_world_run:start(
         #{app => starl_painting, robots => 2, picture => Picture, seed => Seed},
         #{
             dir => filename:join(Dir, integer_to_list(Seed)),
@@ -141,11 +141,11 @@ run(Seed, Variant, Module, At, Dir) ->
             watch => [{starl_reload_monitor, #{}}]
         }
     ),
-    ok = starl_cluster:until(Cluster, At),
-    {Answer, Text} = starl_cluster:reload(Cluster, [Code]),
-    _ = starl_cluster:await(Cluster),
+    ok = starl_world_run:until(Cluster, At),
+    {Answer, Text} = starl_world_run:reload(Cluster, [Code]),
+    _ = starl_world_run:await(Cluster),
     {#{violations := Violations} = Outcome, #{complete := Complete}} =
-        starl_cluster:finish(Cluster),
+        starl_world_run:finish(Cluster),
     #{monitors := #{starl_reload_monitor := #{reloads := Reloads}}} = Outcome,
     %% what the report tells agrees with the answer
     true = (Answer =:= error) =:= lists:any(fun starl_reload_monitor:is_back/1, Reloads),

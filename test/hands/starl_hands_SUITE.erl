@@ -119,28 +119,28 @@ dir(Name, Seed, Dir) -> filename:join(Dir, lists:concat([Name, "-", Seed])).
 
 %% Something is done to a robot in the middle of the run.
 violations(Kind, Victim, Scenario, Dir) ->
-    {ok, Cluster} = starl_cluster:start(
+    {ok, Cluster} = starl_world_run:start(
         Scenario, #{dir => Dir, transport => udp, speed => ?SPEED}
     ),
-    ok = starl_cluster:until(Cluster, ?STRUCK_US),
-    ok = starl_cluster:act(Cluster, [{Kind, Victim, #{}, 0}]),
-    _ = starl_cluster:await(Cluster),
+    ok = starl_world_run:until(Cluster, ?STRUCK_US),
+    ok = starl_world_run:inject(Cluster, [{Kind, Victim, #{}, 0}]),
+    _ = starl_world_run:await(Cluster),
     violated(Cluster).
 
 %% One robot after the other stands still, if the run goes on.
 halted(Robots, Seconds, Scenario, Dir) ->
-    {ok, Cluster} = starl_cluster:start(
+    {ok, Cluster} = starl_world_run:start(
         Scenario, #{dir => Dir, transport => udp, speed => ?SPEED}
     ),
-    ok = starl_cluster:until(Cluster, ?STRUCK_US),
+    ok = starl_world_run:until(Cluster, ?STRUCK_US),
     ok = lists:foreach(fun(Robot) -> ok = stands(Robot, Seconds, Cluster) end, Robots),
-    _ = starl_cluster:await(Cluster),
+    _ = starl_world_run:await(Cluster),
     violated(Cluster).
 
 stands(Robot, Seconds, Cluster) ->
-    case starl_cluster:status(Cluster) of
+    case starl_world_run:status(Cluster) of
         #{ending := none} = Status ->
-            {ok, _} = starl_cluster:halt_at_work(Cluster, robot(Robot, Status), Seconds),
+            {ok, _} = starl_world_run:halt_at_work(Cluster, robot(Robot, Status), Seconds),
             ok;
         #{} ->
             ok
@@ -154,7 +154,7 @@ robot(Robot, _Status) -> Robot.
 %% within a lease, is assumed of the computer: one that is busy with other tests breaks it, and nobody can
 %% tell the monitor when. Then a hold is too long, or lost.
 violated(Cluster) ->
-    {#{violations := Violations}, _} = starl_cluster:finish(Cluster),
+    {#{violations := Violations}, _} = starl_world_run:finish(Cluster),
     [
         lists:flatten(starl_violation:format(V))
      || V <- Violations, not is_of_the_computer(V)

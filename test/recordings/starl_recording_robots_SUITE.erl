@@ -79,7 +79,7 @@ play(Scenario, Script, Most, Dir) ->
     _ = process_flag(trap_exit, true),
     ok = filelib:ensure_path(Dir),
     {ok, Recorder} = starl_trace_recorder:start_link(filename:join(Dir, "run.mcap"), live),
-    {ok, Cluster} = starl_cluster:start(Scenario, #{
+    {ok, Cluster} = starl_world_run:start(Scenario, #{
         dir => filename:join(Dir, "stores"),
         transport => dist,
         speed => ?SPEED,
@@ -88,39 +88,39 @@ play(Scenario, Script, Most, Dir) ->
         recorder => {starl_trace_robot, #{dir => filename:join(Dir, "robots"), most_bytes => Most}}
     }),
     lists:foreach(fun(Step) -> acted(Step, Cluster) end, Script),
-    _ = starl_cluster:await(Cluster),
-    {Outcome, _} = starl_cluster:finish(Cluster),
+    _ = starl_world_run:await(Cluster),
+    {Outcome, _} = starl_world_run:finish(Cluster),
     {ok, _} = starl_trace_recorder:close(Recorder),
     maps:with([violations, end_us], Outcome).
 
 acted({at, Second}, Cluster) ->
-    ok = starl_cluster:until(Cluster, 1000000 * Second);
+    ok = starl_world_run:until(Cluster, 1000000 * Second);
 acted({for, Seconds}, Cluster) ->
-    #{now_us := Now} = starl_cluster:status(Cluster),
-    ok = starl_cluster:until(Cluster, Now + 1000000 * Seconds);
+    #{now_us := Now} = starl_world_run:status(Cluster),
+    ok = starl_world_run:until(Cluster, Now + 1000000 * Seconds);
 acted({again, Robot}, Cluster) ->
-    case starl_cluster:status(Cluster) of
+    case starl_world_run:status(Cluster) of
         #{restarts := #{Robot := N}, up := Up} when N > 0 ->
             lists:member(Robot, Up) orelse acted_later({again, Robot}, Cluster);
         _ ->
             acted_later({again, Robot}, Cluster)
     end;
 acted({up, N} = Step, Cluster) ->
-    #{up := Up} = starl_cluster:status(Cluster),
+    #{up := Up} = starl_world_run:status(Cluster),
     length(Up) =:= N orelse acted_later(Step, Cluster);
 acted(led, Cluster) ->
     %% on a busy computer nodes take their time
-    case starl_cluster:status(Cluster) of
+    case starl_world_run:status(Cluster) of
         #{leader := none} -> acted_later(led, Cluster);
         #{leader := _} -> ok
     end;
 acted({there, File} = Step, Cluster) ->
-    #{ending := Ending} = starl_cluster:status(Cluster),
+    #{ending := Ending} = starl_world_run:status(Cluster),
     Ending =/= none orelse filelib:wildcard(File) =/= [] orelse acted_later(Step, Cluster);
 acted({kill, Robot}, Cluster) ->
-    ok = starl_cluster:act(Cluster, [{reboot, Robot, #{}, 0}]);
+    ok = starl_world_run:inject(Cluster, [{reboot, Robot, #{}, 0}]);
 acted(stop, Cluster) ->
-    ok = starl_cluster:stop(Cluster).
+    ok = starl_world_run:stop(Cluster).
 
 acted_later(Step, Cluster) ->
     ok = acted({for, 1}, Cluster),

@@ -49,7 +49,7 @@ new(#{model := Model} = Options) ->
     ),
     Own = maps:merge(#{device => "bench", model => Model}, maps:get(driver, Options, #{})),
     {Actions, Driver} = starl_create_driver:open(Own),
-    {_, Body} = starl_world_body:new(1, {0.0, 0.0, 0.0}, world(Seed, Model)),
+    {_, Body} = starl_world_vehicle:new(1, {0.0, 0.0, 0.0}, world(Seed, Model)),
     does(Actions, #bench{
         model = Model,
         random = rand:seed_s(exsss, Seed),
@@ -68,7 +68,7 @@ world(Seed, Model) ->
 now_us(#bench{now = Now}) -> Now.
 driver(#bench{driver = Driver}) -> Driver.
 create(#bench{create = Create}) -> Create.
-pose(#bench{now = Now, body = Body}) -> starl_world_body:pose(Now, Body).
+pose(#bench{now = Now, body = Body}) -> starl_world_vehicle:pose(Now, Body).
 answers(#bench{answers = Answers}) -> lists:reverse(Answers).
 said(#bench{said = Said}) -> lists:reverse(Said).
 events(#bench{events = Events}) -> lists:reverse(Events).
@@ -259,7 +259,7 @@ out({At, {bytes, Bytes}}, #bench{now = Now} = Bench) ->
 out({At, {wheels, {Left, Right}} = Out}, #bench{body = Body, outs = Outs} = Bench) ->
     Worn = Bench#bench.worn,
     Script = {starl_chassis_differential, [{Worn * Left, Worn * Right, 1 bsl 40}]},
-    {_, _, Next} = starl_world_body:drive(Script, none, At, Body),
+    {_, _, Next} = starl_world_vehicle:drive(Script, none, At, Body),
     Bench#bench{body = Next, outs = [{At, Out} | Outs]};
 out(Out, #bench{outs = Outs} = Bench) ->
     Bench#bench{outs = [Out | Outs]}.

@@ -108,7 +108,7 @@ parted() ->
         {scenario, 0, Facts},
         {trace, 0, {1, chassis, {motion, {piece, 0, 500.0, 500.0, 0.0, 500.0, 0.0}}}},
         {trace, 0, {2, chassis, {motion, {piece, 0, 500.0, 1500.0, 0.0, 0.0, 0.0}}}},
-        {faults, 1500000, {began, {hand_1, 1500, forever, isolate, [2], #{}}}},
+        {faults, 1500000, {began, {manual_1, 1500, forever, isolate, [2], #{}}}},
         {trace, 3000000, {2, robot, down}}
     ],
     Cast = lists:foldl(fun starl_film_cast:message/2, starl_film_cast:new(), Messages),

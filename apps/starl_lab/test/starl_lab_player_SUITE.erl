@@ -102,11 +102,11 @@ healing(_Config) ->
         {until, 10},
         {fault, #{kind => isolate, target => 1}},
         {until, 12},
-        {heal, <<"hand_1">>},
-        {heal, <<"hand_1">>}
+        {heal, <<"manual_1">>},
+        {heal, <<"manual_1">>}
     ],
     {Digest, #{faults := Faults} = Scenario, _} = played(scenario(), Hands),
-    ?assertMatch([{hand_1, 10000, 12000, isolate, 1, #{}}], Faults),
+    ?assertMatch([{manual_1, 10000, 12000, isolate, 1, #{}}], Faults),
     ?assertMatch([_], [No || {no, No} <- said()]),
     ?assertEqual(digest(Scenario), Digest).
 
@@ -147,7 +147,7 @@ bad_commands(_Config) ->
         #{do => fault, kind => pause, target => 1, seconds => -5, params => 5},
         #{do => fault, kind => partition, target => []},
         #{do => fault, kind => partition, target => [0]},
-        #{do => heal, id => <<"hand_1">>},
+        #{do => heal, id => <<"manual_1">>},
         #{do => heal, id => #{}},
         #{do => save, name => <<"../x">>}
     ],
@@ -200,7 +200,7 @@ viewers_see_hands(_Config) ->
     ok = starl_view_foxglove_feed:channels(Feed, [faults]),
     _ = put(feed, Feed),
     Cut = {fault, #{kind => cut, target => [1, 2], seconds => 5}},
-    {_, _, _} = played(scenario(), [{until, 10}, Cut, {until, 12}, {heal, <<"hand_1">>}]),
+    {_, _, _} = played(scenario(), [{until, 10}, Cut, {until, 12}, {heal, <<"manual_1">>}]),
     _ = erase(feed),
     ok = starl_view_foxglove_feed:want(Feed),
     receive
@@ -208,10 +208,10 @@ viewers_see_hands(_Config) ->
             Told = [{At, decoded(Text)} || {faults, At, Text} <- Updates],
             ?assertMatch(
                 [
-                    {10000000, #{<<"what">> := <<"began">>, <<"fault">> := <<"hand_1">>}},
-                    {10000000, #{<<"what">> := <<"began">>, <<"fault">> := <<"hand_1_back">>}},
-                    {12000000, #{<<"what">> := <<"ended">>, <<"fault">> := <<"hand_1">>}},
-                    {15000000, #{<<"what">> := <<"ended">>, <<"fault">> := <<"hand_1_back">>}}
+                    {10000000, #{<<"what">> := <<"began">>, <<"fault">> := <<"manual_1">>}},
+                    {10000000, #{<<"what">> := <<"began">>, <<"fault">> := <<"manual_1_back">>}},
+                    {12000000, #{<<"what">> := <<"ended">>, <<"fault">> := <<"manual_1">>}},
+                    {15000000, #{<<"what">> := <<"ended">>, <<"fault">> := <<"manual_1_back">>}}
                 ],
                 lists:sort(Told)
             )

@@ -36,8 +36,8 @@ packets_test() ->
         rows(radio, {packet, 4, Brief, 50, {arrives, [{20, intact}]}})
     ),
     ?assertMatch(
-        [[<<"p">>, 7, 2, 4, _, 50, <<"hand_1">>, 0]],
-        rows(radio, {packet, 4, Brief, 50, {lost, {fault, hand_1}}})
+        [[<<"p">>, 7, 2, 4, _, 50, <<"manual_1">>, 0]],
+        rows(radio, {packet, 4, Brief, 50, {lost, {fault, manual_1}}})
     ),
     ?assertMatch(
         [[<<"p">>, 7, 2, 4, _, 50, <<"corrupt">>, 20]],

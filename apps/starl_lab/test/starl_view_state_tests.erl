@@ -25,7 +25,7 @@ growing_ink_test() ->
 
 %% Of each robot the last motion, pen and tubes; faults and ends in their order.
 last_test() ->
-    Fault = [<<"f">>, 5, hand_1, 1, 2, loss, <<"all">>, <<>>],
+    Fault = [<<"f">>, 5, manual_1, 1, 2, loss, <<"all">>, <<>>],
     Dead = [<<"x">>, 6, 1, robot, died],
     State = state([
         drives(1, 0.0, 1.0),

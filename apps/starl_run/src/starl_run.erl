@@ -1,16 +1,15 @@
-%% @doc Starts and controls a run, wherever it takes place: in the simulator, in one VM with live
-%% robots, or on a node for each robot. The modules `starl_sim', `starl_world_run' and
-%% `starl_cluster' run it. The scenario is checked and planned here, and all runs end with an
-%% outcome of the same shape.
+%% @doc Starts and controls a run, wherever it takes place: in the simulator (`starl_sim'), or in
+%% real time with live robots (`starl_world_run'). The scenario is checked and planned here, and all
+%% runs end with an outcome of the same shape.
 %% ```
-%%   {ok, Run} = starl_run:start(starl_cluster, #{app => painting, robots => 3}, #{dir => "state"}),
-%%   ok = starl_run:act(Run, [{isolate, 2, #{}, 5000}]),
+%%   {ok, Run} = starl_run:start(starl_world_run, #{app => painting, robots => 3}, #{dir => "state"}),
+%%   ok = starl_run:inject(Run, [{isolate, 2, #{}, 5000}]),
 %%   done = starl_run:await(Run),
 %%   {Outcome, Report} = starl_run:finish(Run).
 %% '''
 -module(starl_run).
 
--export([start/3, world/1, scenario/1, status/1, act/2, heal/2, await/1, stop/1, finish/1]).
+-export([start/3, world/1, scenario/1, status/1, inject/2, heal/2, await/1, stop/1, finish/1]).
 -export([plan/2, check_app/1, format_error/1]).
 
 -export_type([t/0, status/0, planned/0, reason/0, outcome/0, ending/0]).
@@ -79,7 +78,7 @@
 }.
 
 %% Where its robots are.
--callback world() -> starl_run_hand:world().
+-callback world(Run :: term()) -> starl_run_manual_fault:world().
 %% Starts it, linked to the calling process.
 -callback start(Given :: #{app := module(), atom() => term()}, Options :: map()) ->
     {ok, Run :: term()} | {error, Reason :: term()}.
@@ -94,13 +93,13 @@
 -callback stop(Run :: term()) -> ok.
 %% The outcome of a run that has come to its end, and the application's report. Nothing of the run is left.
 -callback finish(Run :: term()) -> {outcome(), starl_scene:report()}.
-%% Hands do this now. A simulation goes on in virtual time, for which no hand is quick enough: there a fault
-%% is one of its scenario.
--callback act(Run :: term(), [starl_run_hand:t()]) -> ok | {error, unicode:chardata()}.
+%% Injects manual faults now. A simulation has none: virtual time is too fast for them, so a fault is
+%% part of its scenario.
+-callback inject(Run :: term(), [starl_run_manual_fault:t()]) -> ok | {error, unicode:chardata()}.
 %% These faults are over.
--callback heal(Run :: term(), starl_run_hand:heal()) -> ok.
+-callback heal(Run :: term(), starl_run_manual_fault:heal()) -> ok.
 
--optional_callbacks([act/2, heal/2]).
+-optional_callbacks([inject/2, heal/2]).
 
 %% @doc Starts a run of this kind, linked to the calling process.
 -spec start(module(), #{app := module(), atom() => term()}, Options :: map()) ->
@@ -112,8 +111,8 @@ start(Kind, Given, Options) ->
     end.
 
 %% @doc Where the robots of a run are.
--spec world(t()) -> starl_run_hand:world().
-world({Kind, _Run}) -> Kind:world().
+-spec world(t()) -> starl_run_manual_fault:world().
+world({Kind, Run}) -> Kind:world(Run).
 
 %% @doc The checked scenario of a run, with all defaults.
 -spec scenario(t()) -> starl_run_scenario:t().
@@ -123,12 +122,12 @@ scenario({Kind, Run}) -> Kind:scenario(Run).
 -spec status(t()) -> status().
 status({Kind, Run}) -> Kind:status(Run).
 
-%% @doc Applies manual faults now, in a run in real time.
--spec act(t(), [starl_run_hand:t()]) -> ok | {error, unicode:chardata()}.
-act({Kind, Run}, Hands) -> Kind:act(Run, Hands).
+%% @doc Injects manual faults now, in a run in real time.
+-spec inject(t(), [starl_run_manual_fault:t()]) -> ok | {error, unicode:chardata()}.
+inject({Kind, Run}, Faults) -> Kind:inject(Run, Faults).
 
 %% @doc Ends these faults.
--spec heal(t(), starl_run_hand:heal()) -> ok.
+-spec heal(t(), starl_run_manual_fault:heal()) -> ok.
 heal({Kind, Run}, What) -> Kind:heal(Run, What).
 
 %% @doc Runs to the end.

@@ -16,7 +16,7 @@
 -behaviour(starl_run).
 
 -export([
-    world/0,
+    world/1,
     start/1, start/2,
     launch/1,
     await/1,
@@ -134,8 +134,8 @@ made({error, Why}, _Scenario, _Scene) -> {error, {program, Why}}.
 run(#sim{run = Run, scenario = #{time := Seconds}}) -> starl_sim_run:run(Run, micros(Seconds)).
 
 %% @doc The robots are in the simulator.
--spec world() -> simulation.
-world() -> simulation.
+-spec world(_Sim) -> simulation.
+world(_Sim) -> simulation.
 
 %% @doc Runs to the end, and returns why the run has ended.
 -spec await(sim()) -> starl_run:ending().

@@ -529,7 +529,7 @@ a_halt_is_excused(Config) ->
     File = file(Config, "halted"),
     Sent = {100, 1, sap, {sent, {1, 1, 1}, [2], note, 0}},
     Outcome = fun(At) -> {At, 1, sap, {outcome, {1, 1, 1}, 2, lost}} end,
-    Fault = {hand_1, 0, forever, pause, 1, #{}},
+    Fault = {manual_1, 0, forever, pause, 1, #{}},
     Began = {fault, 500, {began, Fault}},
     Ended = {fault, 3500, {ended, setelement(3, Fault, 3)}},
     Found = fun(News) ->

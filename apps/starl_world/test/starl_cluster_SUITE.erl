@@ -403,7 +403,7 @@ play(Transport, N, Script, Dir) ->
 start(Transport, N, Script, Dir) ->
     _ = process_flag(trap_exit, true),
     Play = #{1 => {numbers, 2, 1, N, self()}, 2 => {count, 1, N, self()}},
-    {ok, Cluster} = starl_cluster:start(
+    {ok, Cluster} = starl_world_run:start(
         #{app => starl_world_app, robots => 2, loss => 0.1, play => Play},
         #{dir => Dir, transport => Transport, speed => ?SPEED}
     ),
@@ -414,7 +414,7 @@ cut_one_way(Group, Dir) ->
     _ = process_flag(trap_exit, true),
     Test = self(),
     Play = #{1 => {count, 1, 1, Test}, 2 => {tell, 1, 1, Test}, 3 => {tell, 2, 1, Test}},
-    {ok, Cluster} = starl_cluster:start(
+    {ok, Cluster} = starl_world_run:start(
         #{
             app => starl_world_app,
             robots => 3,
@@ -429,8 +429,8 @@ cut_one_way(Group, Dir) ->
         end
      || _ <- [2, 3]
     ],
-    ok = starl_cluster:stop(Cluster),
-    {#{violations := Violations, faults := Faults}, _} = starl_cluster:finish(Cluster),
+    ok = starl_world_run:stop(Cluster),
+    {#{violations := Violations, faults := Faults}, _} = starl_world_run:finish(Cluster),
     [{one_way, _, _, one_way_partition, Group, #{}}] = Faults,
     {delivered(), Told, Violations}.
 
@@ -461,7 +461,7 @@ sender_hangs(Dir) ->
         2 => {count, 1, 1000, Self},
         3 => {numbers, 2, 101, 1000, Self}
     },
-    {ok, Cluster} = starl_cluster:start(
+    {ok, Cluster} = starl_world_run:start(
         #{app => starl_world_app, robots => 3, loss => 0.1, play => Play},
         #{dir => Dir, transport => udp, speed => ?SPEED}
     ),
@@ -469,17 +469,17 @@ sender_hangs(Dir) ->
     [] = act({halt, 1}, Cluster),
     ok = restarted(1, 1, Cluster),
     ok = up(1, Cluster),
-    _ = starl_cluster:stop(Cluster),
-    {#{violations := Violations}, _} = starl_cluster:finish(Cluster),
+    _ = starl_world_run:stop(Cluster),
+    {#{violations := Violations}, _} = starl_world_run:finish(Cluster),
     [lists:flatten(starl_violation:format(V)) || V <- Violations].
 
 %% What robot 2's store says of its starts, after each thing that is done to it.
 struck(Dir) ->
     _ = process_flag(trap_exit, true),
     Given = #{app => starl_world_app, robots => 2, play => #{}},
-    {ok, Cluster} = starl_cluster:start(Given, #{dir => Dir, transport => dist}),
+    {ok, Cluster} = starl_world_run:start(Given, #{dir => Dir, transport => dist}),
     Done = fun({Name, Kind}, N) ->
-        ok = starl_cluster:act(Cluster, [{Kind, 2, #{}, 0}]),
+        ok = starl_world_run:inject(Cluster, [{Kind, 2, #{}, 0}]),
         ok = restarted(N, Cluster),
         ok = up(2, Cluster),
         {{Name, starts(Dir)}, N + 1}
@@ -490,8 +490,8 @@ struck(Dir) ->
         {killed, reboot}, {set_back, store_set_back}, {killed, reboot}, {lost, store_lost}
     ],
     {Starts, _} = lists:mapfoldl(Done, 1, Acts),
-    ok = starl_cluster:stop(Cluster),
-    _ = starl_cluster:finish(Cluster),
+    ok = starl_world_run:stop(Cluster),
+    _ = starl_world_run:finish(Cluster),
     [First | Starts].
 
 %% A write of robot 2's node while its disk is full, when it is clear, and by its neighbour's meanwhile;
@@ -499,30 +499,30 @@ struck(Dir) ->
 filled(Dir) ->
     _ = process_flag(trap_exit, true),
     Given = #{app => starl_world_app, robots => 2, play => #{}},
-    {ok, Cluster} = starl_cluster:start(Given, #{dir => Dir, transport => dist}),
-    ok = starl_cluster:act(Cluster, [{store_full, 2, #{}, lasting}]),
+    {ok, Cluster} = starl_world_run:start(Given, #{dir => Dir, transport => dist}),
+    ok = starl_world_run:inject(Cluster, [{store_full, 2, #{}, lasting}]),
     Full = writes(2, Dir, Cluster),
     Loaded = loads(2, Cluster),
     Other = writes(1, Dir, Cluster),
-    ok = starl_cluster:heal(Cluster, all),
+    ok = starl_world_run:heal(Cluster, all),
     Clear = writes(2, Dir, Cluster),
-    ok = starl_cluster:act(Cluster, [{store_full, 2, #{}, lasting}]),
-    ok = starl_cluster:act(Cluster, [{reboot, 2, #{}, 0}]),
+    ok = starl_world_run:inject(Cluster, [{store_full, 2, #{}, lasting}]),
+    ok = starl_world_run:inject(Cluster, [{reboot, 2, #{}, 0}]),
     ok = restarted(2, Cluster),
-    #{up := Up} = starl_cluster:status(Cluster),
-    ok = starl_cluster:heal(Cluster, all),
+    #{up := Up} = starl_world_run:status(Cluster),
+    ok = starl_world_run:heal(Cluster, all),
     ok = up(2, Cluster),
-    _ = starl_cluster:stop(Cluster),
-    _ = starl_cluster:finish(Cluster),
+    _ = starl_world_run:stop(Cluster),
+    _ = starl_world_run:finish(Cluster),
     {Full, Loaded, Other, Clear, Up}.
 
 writes(Robot, Dir, Cluster) ->
-    {ok, #{node := Node}} = starl_cluster:place(Cluster, Robot),
+    {ok, #{node := Node}} = starl_world_run:place(Cluster, Robot),
     erpc:call(Node, file, write_file, [filename:join(Dir, "written"), <<"anything">>]).
 
 %% So much code that the memory of a node for code has to grow: all of OTP's that a node may have.
 loads(Robot, Cluster) ->
-    {ok, #{node := Node}} = starl_cluster:place(Cluster, Robot),
+    {ok, #{node := Node}} = starl_world_run:place(Cluster, Robot),
     Files = filelib:wildcard(filename:join(code:lib_dir(), "*/ebin/*.beam")),
     Modules = [list_to_atom(filename:basename(File, ".beam")) || File <- Files],
     _ = erpc:call(Node, code, ensure_modules_loaded, [Modules]),
@@ -539,24 +539,24 @@ beside_another(Dir) ->
     {ok, Port} = inet:port(Other),
     Given = #{app => starl_world_app, robots => 2, play => #{}},
     Options = #{dir => Dir, transport => dist, metrics => Port - 2},
-    {error, Reason} = starl_cluster:start(Given, Options),
+    {error, Reason} = starl_world_run:start(Given, Options),
     ok = gen_tcp:close(Other),
-    {ok, Cluster} = starl_cluster:start(Given, Options),
+    {ok, Cluster} = starl_world_run:start(Given, Options),
     Again = listened(Port, Cluster),
-    #{restarts := #{2 := N}} = starl_cluster:status(Cluster),
+    #{restarts := #{2 := N}} = starl_world_run:status(Cluster),
     ok = restarted(N + 2, Cluster),
     ok = gen_tcp:close(Again),
     ok = up(2, Cluster),
-    _ = starl_cluster:stop(Cluster),
-    _ = starl_cluster:finish(Cluster),
-    unicode:characters_to_list(starl_cluster:format_error(Reason)).
+    _ = starl_world_run:stop(Cluster),
+    _ = starl_world_run:finish(Cluster),
+    unicode:characters_to_list(starl_world_run:format_error(Reason)).
 
 %% Code that kills the node that loads it.
 killed_by_its_code(Dir) ->
     _ = process_flag(trap_exit, true),
     Code = loading("os:cmd(\"kill -KILL \" ++ os:getpid())"),
     {error, Reason} = started_with(Code, #{dir => Dir}),
-    unicode:characters_to_list(starl_cluster:format_error(Reason)).
+    unicode:characters_to_list(starl_world_run:format_error(Reason)).
 
 %% The errors that are told when the node of robot 2 is killed by a command, and that of robot 1 by others.
 shot(Dir) ->
@@ -564,18 +564,18 @@ shot(Dir) ->
     Self = self(),
     Log = fun(Robot, Level, Line) -> Level =:= error andalso (Self ! {told, Robot, Line}) end,
     Given = #{app => starl_world_app, robots => 2, play => #{}},
-    {ok, Cluster} = starl_cluster:start(Given, #{dir => Dir, transport => dist, log => Log}),
-    ok = starl_cluster:act(Cluster, [{reboot, 2, #{}, 0}]),
+    {ok, Cluster} = starl_world_run:start(Given, #{dir => Dir, transport => dist, log => Log}),
+    ok = starl_world_run:inject(Cluster, [{reboot, 2, #{}, 0}]),
     ok = restarted(1, Cluster),
     ok = up(2, Cluster),
     First = shot("KILL", 1, Cluster),
     Second = shot("ABRT", 2, Cluster),
-    _ = starl_cluster:stop(Cluster),
-    _ = starl_cluster:finish(Cluster),
+    _ = starl_world_run:stop(Cluster),
+    _ = starl_world_run:finish(Cluster),
     First ++ Second.
 
 shot(Signal, N, Cluster) ->
-    #{os_pids := #{1 := OsPid}} = starl_cluster:status(Cluster),
+    #{os_pids := #{1 := OsPid}} = starl_world_run:status(Cluster),
     [] = os:cmd("kill -" ++ Signal ++ " " ++ OsPid),
     ok = restarted(N, 1, Cluster),
     ok = up(1, Cluster),
@@ -592,20 +592,20 @@ set_apart(Dir, {Library, Seconds}) ->
     _ = process_flag(trap_exit, true),
     Play = #{1 => {numbers, 2, 1, 60, self()}, 2 => {count, 1, 60, self()}},
     _ = put(heard, none),
-    {ok, Cluster} = starl_cluster:start(
+    {ok, Cluster} = starl_world_run:start(
         #{app => starl_world_app, robots => 2, loss => 0.1, play => Play},
         #{dir => Dir, transport => udp}
     ),
     ok = heard(3),
     true = os:putenv("SHIFTED_S", integer_to_list(Seconds)),
     true = os:putenv("LD_PRELOAD", Library),
-    ok = starl_cluster:act(Cluster, [{reboot, 2, #{}, 0}]),
+    ok = starl_world_run:inject(Cluster, [{reboot, 2, #{}, 0}]),
     ok = restarted(1, Cluster),
     true = os:unsetenv("LD_PRELOAD"),
     ok = up(2, Cluster),
     ok = heard(20),
-    ok = starl_cluster:stop(Cluster),
-    {#{violations := Violations, unjudged := Parts}, _} = starl_cluster:finish(Cluster),
+    ok = starl_world_run:stop(Cluster),
+    {#{violations := Violations, unjudged := Parts}, _} = starl_world_run:finish(Cluster),
     {
         [lists:flatten(starl_violation:format(V)) || V <- Violations],
         lists:usort([Why || #{why := Why} <- Parts])
@@ -630,8 +630,8 @@ loaded_and_begun(Dir) ->
                 ok
         end
     }),
-    _ = starl_cluster:stop(Cluster),
-    _ = starl_cluster:finish(Cluster),
+    _ = starl_world_run:stop(Cluster),
+    _ = starl_world_run:finish(Cluster),
     Times = [
         element(2, file:read_file(filename:join(Dir, File)))
      || File <- filelib:wildcard("loaded-*", Dir)
@@ -642,7 +642,7 @@ loaded_and_begun(Dir) ->
 
 started_with(Code, Options) ->
     Given = #{app => starl_world_app, robots => 2, play => #{}},
-    starl_cluster:start(Given, Options#{transport => dist, code => [Code]}).
+    starl_world_run:start(Given, Options#{transport => dist, code => [Code]}).
 
 loading(Does) ->
     Texts = [
@@ -653,7 +653,7 @@ loading(Does) ->
 
 %% The robot's node is killed until the port is ours.
 listened(Port, Cluster) ->
-    _ = starl_cluster:act(Cluster, [{reboot, 2, #{}, 0}]),
+    _ = starl_world_run:inject(Cluster, [{reboot, 2, #{}, 0}]),
     case gen_tcp:listen(Port, [{reuseaddr, true}]) of
         {ok, Socket} -> Socket;
         {error, eaddrinuse} -> listened(Port, Cluster)
@@ -662,24 +662,24 @@ listened(Port, Cluster) ->
 restarted(N, Cluster) -> restarted(N, 2, Cluster).
 
 restarted(N, Robot, Cluster) ->
-    case starl_cluster:status(Cluster) of
+    case starl_world_run:status(Cluster) of
         #{restarts := #{Robot := M}} when M >= N -> ok;
         #{} -> restarted(N, Robot, Cluster)
     end.
 
 up(Robot, Cluster) ->
-    #{up := Up} = starl_cluster:status(Cluster),
+    #{up := Up} = starl_world_run:status(Cluster),
     case lists:member(Robot, Up) of
         true -> ok;
         false -> up(Robot, Cluster)
     end.
 
 played([{_, _, os_pids} | _], _Answers, Cluster) ->
-    #{os_pids := Pids} = starl_cluster:status(Cluster),
+    #{os_pids := Pids} = starl_world_run:status(Cluster),
     maps:values(Pids);
 played([], Answers, Cluster) ->
-    _ = starl_cluster:await(Cluster),
-    {Outcome, _} = starl_cluster:finish(Cluster),
+    _ = starl_world_run:await(Cluster),
+    {Outcome, _} = starl_world_run:finish(Cluster),
     [] = [lists:flatten(starl_violation:format(V)) || V <- maps:get(violations, Outcome)],
     answer(Outcome, Answers);
 played([{heard, N, Act} | Script], Answers, Cluster) ->
@@ -708,33 +708,33 @@ heard(N) ->
     end.
 
 act({kill, Robot}, Cluster) ->
-    ok = starl_cluster:act(Cluster, [{reboot, Robot, #{}, 0}]),
+    ok = starl_world_run:inject(Cluster, [{reboot, Robot, #{}, 0}]),
     [];
 act({halt, Robot}, Cluster) ->
-    #{os_pids := #{Robot := OsPid}} = starl_cluster:status(Cluster),
+    #{os_pids := #{Robot := OsPid}} = starl_world_run:status(Cluster),
     [] = os:cmd("kill -STOP " ++ OsPid),
     stands(OsPid),
     [];
 act({stands, Robot}, Cluster) ->
-    #{os_pids := #{Robot := OsPid}} = starl_cluster:status(Cluster),
+    #{os_pids := #{Robot := OsPid}} = starl_world_run:status(Cluster),
     stands(OsPid),
     [];
 act({cut, A, B}, Cluster) ->
-    ok = starl_cluster:act(Cluster, starl_run_hand:cut(A, B, lasting)),
+    ok = starl_world_run:inject(Cluster, starl_run_manual_fault:cut(A, B, lasting)),
     [];
 act({pause, Robot, Seconds}, Cluster) ->
-    ok = starl_cluster:act(Cluster, [{pause, Robot, #{}, round(1000 * Seconds)}]),
+    ok = starl_world_run:inject(Cluster, [{pause, Robot, #{}, round(1000 * Seconds)}]),
     [];
 act({pause_at_work, Robot, Seconds}, Cluster) ->
-    [starl_cluster:halt_at_work(Cluster, Robot, Seconds)];
+    [starl_world_run:halt_at_work(Cluster, Robot, Seconds)];
 act(heal, Cluster) ->
-    ok = starl_cluster:heal(Cluster, all),
+    ok = starl_world_run:heal(Cluster, all),
     [];
 act({reload, Texts, Step}, Cluster) ->
     Code = changed(Texts, list_to_atom(Step)),
-    [starl_cluster:reload(Cluster, [Code], #{trial_ms => 1000})];
+    [starl_world_run:reload(Cluster, [Code], #{trial_ms => 1000})];
 act({ask, Questions}, _Cluster) ->
-    [starl_cluster_control:ask(Words, list_to_integer(os:getpid())) || Words <- Questions].
+    [starl_cluster_command:ask(Words, list_to_integer(os:getpid())) || Words <- Questions].
 
 %% A process stands when each of its threads has heard of it: on a busy computer some go on meanwhile.
 stands(OsPid) ->

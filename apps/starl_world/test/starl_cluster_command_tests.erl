@@ -7,21 +7,21 @@ parse_test_() ->
      || {Words, Expected} <- [
             {["status"], {ok, status}},
             {["heal"], {ok, {heal, all}}},
-            {["kill", "3"], {ok, {act, [{reboot, 3, #{}, 0}]}}},
-            {["pause", "3", "2"], {ok, {act, [{pause, 3, #{}, 2000}]}}},
-            {["pause", "3", "0.25"], {ok, {act, [{pause, 3, #{}, 250}]}}},
-            {["lose-store", "3"], {ok, {act, [{store_lost, 3, #{}, 0}]}}},
-            {["set-back", "3"], {ok, {act, [{store_set_back, 3, #{}, 0}]}}},
-            {["cut", "1", "2"], {ok, {act, starl_run_hand:cut(1, 2, lasting)}}},
-            {["fill", "1"], {ok, {act, [{store_full, 1, #{}, lasting}]}}},
-            {["unplug", "1"], {ok, {act, [{serial_gone, 1, #{}, lasting}]}}},
+            {["kill", "3"], {ok, {inject, [{reboot, 3, #{}, 0}]}}},
+            {["pause", "3", "2"], {ok, {inject, [{pause, 3, #{}, 2000}]}}},
+            {["pause", "3", "0.25"], {ok, {inject, [{pause, 3, #{}, 250}]}}},
+            {["lose-store", "3"], {ok, {inject, [{store_lost, 3, #{}, 0}]}}},
+            {["set-back", "3"], {ok, {inject, [{store_set_back, 3, #{}, 0}]}}},
+            {["cut", "1", "2"], {ok, {inject, starl_run_manual_fault:cut(1, 2, lasting)}}},
+            {["fill", "1"], {ok, {inject, [{store_full, 1, #{}, lasting}]}}},
+            {["unplug", "1"], {ok, {inject, [{serial_gone, 1, #{}, lasting}]}}},
             {
                 ["sense", "2", "camera", "frozen"],
-                {ok, {act, [{sense_frozen, 2, #{sense => camera}, lasting}]}}
+                {ok, {inject, [{sense_frozen, 2, #{sense => camera}, lasting}]}}
             },
             {
                 ["sense", "2", "all", "noisy"],
-                {ok, {act, [{sense_noisy, 2, #{sense => all, times => 10}, lasting}]}}
+                {ok, {inject, [{sense_noisy, 2, #{sense => all, times => 10}, lasting}]}}
             },
             {["sense", "2", "all", "well"], {ok, {heal, {sense, 2, all}}}},
             {["reload", "lists"], {ok, {reload, lists}}},
@@ -108,12 +108,61 @@ described_test() ->
     ).
 
 %% The nodes that a command has not reached are named.
-unheard_test_() ->
+an_answer_names_the_nodes_that_have_not_heard_test_() ->
     [
-        ?_assertEqual(Text, lists:flatten(starl_cluster_command:unheard(Robots)))
-     || {Text, Robots} <- [
-            {"", []},
-            {"; no answer yet from the node of robot 2", [2]},
-            {"; no answer yet from the nodes of robots 2, 10", [10, 2]}
+        ?_assertEqual(
+            {ok, Text},
+            begin
+                {ok, Said} = starl_cluster_command:done(Command, {ok, Robots}),
+                {ok, lists:flatten(Said)}
+            end
+        )
+     || {Text, Command, Robots} <- [
+            {"done\n", {inject, []}, []},
+            {"healed; no answer yet from the node of robot 2\n", {heal, all}, [2]},
+            {"done; no answer yet from the nodes of robots 2, 10\n", {inject, []}, [10, 2]}
         ]
     ].
+
+%% A cluster that is busy has not ended.
+each_terminal_gets_an_answer_test() ->
+    Handler = fun
+        (status) ->
+            {ok, "up"};
+        ({inject, _}) ->
+            {error, "no robot 7"};
+        (stop) ->
+            exit(normal);
+        ({heal, all}) ->
+            receive
+                never -> {ok, ""}
+            end
+    end,
+    {ok, _Pid} = starl_cluster_command:start_link(Handler),
+    try
+        ?assertEqual({ok, <<"up">>}, asked(["status"], 60_000)),
+        ?assertEqual({error, <<"no robot 7">>}, asked(["kill", "7"], 60_000)),
+        ?assertMatch({error, <<"kill: robots", _/binary>>}, asked(["kill"], 60_000)),
+        ?assertEqual({error, "the cluster has ended"}, asked(["stop"], 60_000)),
+        {error, Busy} = asked(["heal"], 1000),
+        ?assertEqual("no answer within 1 s; the cluster may be busy", lists:flatten(Busy))
+    after
+        starl_cluster_command:close()
+    end.
+
+%% A user without a home gets a line, not a cluster that never begins.
+no_place_for_the_socket_test() ->
+    Before = os:getenv("XDG_CACHE_HOME"),
+    true = os:putenv("XDG_CACHE_HOME", "/dev/null/cache"),
+    try
+        {error, Why} = starl_cluster_command:start_link(fun(_) -> {ok, ""} end),
+        ?assertNotEqual(nomatch, string:find(Why, "/dev/null/cache")),
+        ?assertNotEqual(nomatch, string:find(Why, "set XDG_CACHE_HOME"))
+    after
+        case Before of
+            false -> os:unsetenv("XDG_CACHE_HOME");
+            _ -> os:putenv("XDG_CACHE_HOME", Before)
+        end
+    end.
+
+asked(Words, Ms) -> starl_cluster_command:ask(Words, list_to_integer(os:getpid()), Ms).

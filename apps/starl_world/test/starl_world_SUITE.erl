@@ -132,7 +132,7 @@ killed_again_and_again(Config) ->
 killed(_N, {Run, Random0}) ->
     {Words, Random} = rand:uniform_s(4, Random0),
     ok = spoken(Words - 1),
-    ok = starl_world_run:act(Run, [{reboot, 2, #{}, 0}]),
+    ok = starl_world_run:inject(Run, [{reboot, 2, #{}, 0}]),
     {Run, Random}.
 
 spoken(0) ->
@@ -184,7 +184,7 @@ slow_line_and_rare_pictures(Config) ->
 %% A robot that is shown the same picture again and again finds that out and waits.
 frozen_positions(Config) ->
     Run = paint(#{}, #{}, Config),
-    ok = starl_world_run:act(Run, [{location_frozen, 1, #{}, lasting}]),
+    ok = starl_world_run:inject(Run, [{location_frozen, 1, #{}, lasting}]),
     ok = starl_world_run:until(Run, 8_000_000),
     ok = starl_world_run:heal(Run, all),
     complete(Run).
@@ -220,11 +220,13 @@ badly_placed(Config) ->
 links_cut(Config) ->
     Run = play(numbers(60), Config),
     heard(20),
-    ?assertMatch({error, _}, starl_world_run:act(Run, starl_run_hand:cut(1, 3, lasting))),
-    ok = starl_world_run:act(Run, starl_run_hand:cut(1, 2, lasting)),
+    ?assertMatch(
+        {error, _}, starl_world_run:inject(Run, starl_run_manual_fault:cut(1, 3, lasting))
+    ),
+    ok = starl_world_run:inject(Run, starl_run_manual_fault:cut(1, 2, lasting)),
     deaf(2, none, 300, Run),
     Before = starl_world_run:link(Run, 2),
-    ok = starl_world_run:act(Run, [{reboot, 2, #{}, 0}]),
+    ok = starl_world_run:inject(Run, [{reboot, 2, #{}, 0}]),
     deaf(2, Before, 300, Run),
     Killed = starl_world_run:link(Run, 2),
     exit(Killed, kill),
@@ -235,7 +237,7 @@ links_cut(Config) ->
     %% what was done is a schedule of the simulator
     ?assertEqual([], starl_run_fault:check(Faults)),
     ?assertEqual(
-        [{hand_1, loss, {1, 2}}, {hand_2, loss, {2, 1}}, {hand_3, reboot, 2}],
+        [{manual_1, loss, {1, 2}}, {manual_2, loss, {2, 1}}, {manual_3, reboot, 2}],
         lists:sort([{Id, Kind, Target} || {Id, _, _, Kind, Target, _} <- Faults])
     ),
     #{sap := N, app := N} = starts(2, Config),

@@ -8,24 +8,26 @@ faults() -> ?F:new([1, 2, 3, 4]).
 %% What lasts is told without its end, as by hand, and ends at its time or with a heal.
 a_fault_with_an_end_test() ->
     Given = {a, 1000, 4000, location_frozen, 2, #{}},
-    {Told, Effects, Lasts} = ?F:begins(Given, 1003, faults()),
+    {Told, Effects, Lasts} = ?F:inject(Given, 1003, faults()),
     ?assertEqual([{began, {a, 1003, forever, location_frozen, 2, #{}}}], Told),
     ?assertEqual([{due, 4000, a}], Effects),
-    {[{ended, Ended}], [], Over} = ?F:over(a, 4001, Lasts),
+    {[{ended, Ended}], [], Over} = ?F:end_fault(a, 4001, Lasts),
     ?assertEqual({a, 1003, 4001, location_frozen, 2, #{}}, Ended),
-    ?assertEqual({[], [], Over}, ?F:over(a, 5000, Over)).
+    ?assertEqual({[], [], Over}, ?F:end_fault(a, 5000, Over)).
 
 %% A hand's fault gets a name; of a cut both halves end with a heal.
 cut_test() ->
-    Cut = hands(starl_run_hand:cut(1, 2, lasting), faults()),
-    ?assertMatch(#{cut := [2]}, ?F:air(1, 1, Cut)),
-    ?assertMatch(#{cut := [1]}, ?F:air(2, 1, Cut)),
-    ?assertMatch(#{cut := []}, ?F:air(3, 1, Cut)),
+    Cut = hands(starl_run_manual_fault:cut(1, 2, lasting), faults()),
+    ?assertMatch(#{cut := [2]}, ?F:link_conditions(1, 1, Cut)),
+    ?assertMatch(#{cut := [1]}, ?F:link_conditions(2, 1, Cut)),
+    ?assertMatch(#{cut := []}, ?F:link_conditions(3, 1, Cut)),
     Names = ?F:healable(all, Cut),
-    ?assertEqual([hand_1, hand_2], Names),
-    ?assertEqual([hand_1], ?F:healable({fault, hand_1}, Cut)),
-    {[{ended, _}], [{tell, [2]}], Half} = ?F:over(hand_1, 9000, Cut),
-    ?assertMatch({#{cut := [2]}, #{cut := []}}, {?F:air(1, 1, Half), ?F:air(2, 1, Half)}).
+    ?assertEqual([manual_1, manual_2], Names),
+    ?assertEqual([manual_1], ?F:healable({fault, manual_1}, Cut)),
+    {[{ended, _}], [{notify, [2]}], Half} = ?F:end_fault(manual_1, 9000, Cut),
+    ?assertMatch({#{cut := [2]}, #{cut := []}}, {
+        ?F:link_conditions(1, 1, Half), ?F:link_conditions(2, 1, Half)
+    }).
 
 %% What faults of the network do to what a robot hears is what they do in the simulator.
 air_test_() ->
@@ -43,21 +45,21 @@ air_test_() ->
     ].
 
 heard_by_two(Kind, Target, Params) ->
-    {_, [{tell, Told} | _], Lasts} = ?F:begins({a, 0, 9, Kind, Target, Params}, 0, faults()),
-    ?assertEqual(Told, [R || R <- [1, 2, 3, 4], ?F:air(R, 2, Lasts) =/= clear()]),
-    #{cut := Cut, disturbed := Disturbed} = ?F:air(2, 2, Lasts),
+    {_, [{notify, Told} | _], Lasts} = ?F:inject({a, 0, 9, Kind, Target, Params}, 0, faults()),
+    ?assertEqual(Told, [R || R <- [1, 2, 3, 4], ?F:link_conditions(R, 2, Lasts) =/= clear()]),
+    #{cut := Cut, disturbed := Disturbed} = ?F:link_conditions(2, 2, Lasts),
     {Cut, lists:sort(maps:to_list(Disturbed))}.
 
 clear() -> #{cut => [], disturbed => #{}}.
 
 %% A robot that reboots is down until the end of its fault, which ends when it is up.
 reboot_test() ->
-    {_, Effects, Down} = ?F:begins({a, 1000, 3000, reboot, 2, #{}}, 1000, faults()),
+    {_, Effects, Down} = ?F:inject({a, 1000, 3000, reboot, 2, #{}}, 1000, faults()),
     ?assertEqual([{kill, 2}, {due, 3000, a}], Effects),
     ?assert(?F:is_down(2, 2999, Down)),
     ?assertNot(?F:is_down(1, 2999, Down)),
     ?assertNot(?F:is_down(2, 3000, Down)),
-    {[], [{start, 2}], Due} = ?F:over(a, 3000, Down),
+    {[], [{start, 2}], Due} = ?F:end_fault(a, 3000, Down),
     ?assertMatch({[{ended, {a, 1000, 3100, reboot, 2, _}}], _}, ?F:up(2, 3100, Due)),
     %% a heal brings no robot back before its time
     ?assertEqual([], ?F:healable(all, Down)).
@@ -65,34 +67,34 @@ reboot_test() ->
 %% A kill by hand is a reboot that ends as soon as it can; a robot that is dead never starts.
 kill_test() ->
     {Fault, Named} = ?F:named({reboot, 3, #{}, 0}, 5000, 4, faults()),
-    {[{began, {hand_1, 5000, forever, reboot, 3, #{}}}], [{kill, 3}], Down} =
-        ?F:begins(Fault, 5000, Named),
+    {[{began, {manual_1, 5000, forever, reboot, 3, #{}}}], [{kill, 3}], Down} =
+        ?F:inject(Fault, 5000, Named),
     ?assertNot(?F:is_down(3, 5000, Down)),
     {[{began, {d, 6, 6, kill_robot, 3, _}}], [{kill, 3}, {dead, 3}], Dead} =
-        ?F:begins({d, 5, 5, kill_robot, 3, #{}}, 6, Down),
+        ?F:inject({d, 5, 5, kill_robot, 3, #{}}, 6, Down),
     ?assert(?F:is_down(3, 1000000, Dead)).
 
 %% A store is lost, or set back, once: when its robot starts. One that was lost before that stays lost.
 stores_test() ->
     Struck = hands([{store_set_back, 1, #{}, 0}, {store_lost, 2, #{}, 0}], faults()),
     Both = hands([{store_set_back, 2, #{}, 0}], Struck),
-    {set_back, Left} = ?F:fate(1, Both),
-    ?assertMatch({kept, _}, ?F:fate(1, Left)),
-    ?assertMatch({lost, _}, ?F:fate(2, Both)).
+    {set_back, Left} = ?F:take_store(1, Both),
+    ?assertMatch({kept, _}, ?F:take_store(1, Left)),
+    ?assertMatch({lost, _}, ?F:take_store(2, Both)).
 
 %% By hand the whole last life has not been; of a schedule that between the two restarts.
 set_back_test() ->
     {[], Up} = ?F:up(1, 700, faults()),
     {Fault, Named} = ?F:named({store_set_back, 1, #{}, 0}, 5000, 1, Up),
-    {[{began, Began}], [{kill, 1}], Back} = ?F:begins(Fault, 5000, Named),
-    ?assertMatch({hand_1, 700, forever, store_set_back, 1, #{}}, Began),
-    ?assertMatch({[{ended, {hand_1, 700, 5200, _, _, _}}], _}, ?F:up(1, 5200, Back)),
+    {[{began, Began}], [{kill, 1}], Back} = ?F:inject(Fault, 5000, Named),
+    ?assertMatch({manual_1, 700, forever, store_set_back, 1, #{}}, Began),
+    ?assertMatch({[{ended, {manual_1, 700, 5200, _, _, _}}], _}, ?F:up(1, 5200, Back)),
     Given = {a, 1000, 3000, store_set_back, 1, #{}},
-    {_, [{kill, 1}, {due, 3000, a}], First} = ?F:begins(Given, 1000, Up),
-    {kept, First} = ?F:fate(1, First),
+    {_, [{kill, 1}, {due, 3000, a}], First} = ?F:inject(Given, 1000, Up),
+    {kept, First} = ?F:take_store(1, First),
     {[], Second} = ?F:up(1, 1100, First),
-    {[], [{kill, 1}], Third} = ?F:over(a, 3000, Second),
-    {set_back, Fourth} = ?F:fate(1, Third),
+    {[], [{kill, 1}], Third} = ?F:end_fault(a, 3000, Second),
+    {set_back, Fourth} = ?F:take_store(1, Third),
     ?assertMatch({[{ended, {a, 1000, 3100, _, _, _}}], _}, ?F:up(1, 3100, Fourth)).
 
 %% Each sense has its fault, of which the latest holds.
@@ -107,29 +109,29 @@ senses_test() ->
     ),
     ?assertEqual(#{camera => frozen, bump => {noisy, 7}}, ?F:senses(2, Held)),
     ?assertEqual(#{bump => {noisy, 7}}, ?F:senses(1, Held)),
-    ?assertEqual([hand_1, hand_2], ?F:healable({sense, 2, camera}, Held)).
+    ?assertEqual([manual_1, manual_2], ?F:healable({sense, 2, camera}, Held)).
 
 %% A disk that two faults fill has room when both are over.
 disks_test() ->
     Full = hands([{store_full, 2, #{}, lasting}, {store_full, 2, #{}, lasting}], faults()),
-    {_, [], Half} = ?F:over(hand_1, 9, Full),
+    {_, [], Half} = ?F:end_fault(manual_1, 9, Full),
     ?assert(?F:is_full(2, Half)),
-    ?assertMatch({_, [{clear, 2}], _}, ?F:over(hand_2, 9, Half)).
+    ?assertMatch({_, [{clear, 2}], _}, ?F:end_fault(manual_2, 9, Half)).
 
 %% A pause by hand is of the computer, one of a schedule of the run; the world tells of both.
 pause_test() ->
     {Fault, Named} = ?F:named({pause, 2, #{at_work => true}, 1500}, 1000, 4, faults()),
-    ?assertEqual({hand_1, 1000, 7000, pause, 2, #{at_work => true}}, Fault),
-    ?assertMatch({[], [{halt, 2, 6000, at_work, hand_1}], _}, ?F:begins(Fault, 1000, Named)),
+    ?assertEqual({manual_1, 1000, 7000, pause, 2, #{at_work => true}}, Fault),
+    ?assertMatch({[], [{halt, 2, 6000, at_work, manual_1}], _}, ?F:inject(Fault, 1000, Named)),
     ?assertMatch(
-        {[], [{halt, 2, 500, now, a}], _}, ?F:begins({a, 0, 500, pause, 2, #{}}, 3, faults())
+        {[], [{halt, 2, 500, now, a}], _}, ?F:inject({a, 0, 500, pause, 2, #{}}, 3, faults())
     ).
 
 hands(Hands, Faults) ->
     lists:foldl(
         fun(Hand, Before) ->
             {Fault, Named} = ?F:named(Hand, 1000, 1, Before),
-            {_, _, Next} = ?F:begins(Fault, 1000, Named),
+            {_, _, Next} = ?F:inject(Fault, 1000, Named),
             Next
         end,
         Faults,

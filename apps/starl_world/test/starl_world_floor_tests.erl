@@ -103,7 +103,7 @@ a_new_command_is_judged_anew_test() ->
             Bodies = fun(V) -> [{1, {0.0, 0.0, 0.0}, V}, {2, {329.0, 0.0, 0.0}, ?STILL}] end,
             Floor0 = starl_world_floor:new(#{}),
             {_, Floor1} = starl_world_floor:look([1], Bodies({100.0, 0.0}), Floor0),
-            Told = starl_world_floor:told(1, Floor1),
+            Told = starl_world_floor:commanded(1, Floor1),
             {Felt, Floor2} = starl_world_floor:look([1], Bodies(New), Told),
             ?assertEqual([{1, {3, IsBlocked}}], Felt),
             ?assertMatch({[], _}, starl_world_floor:look([1], Bodies(?STILL), Floor2))

@@ -170,7 +170,7 @@ clocks_test() ->
     end,
     Judged = fun(Events, Facts) ->
         Nobody = starl_world_judge:new([{?MODULE, #{}}], 10, fun(_News) -> ok end),
-        Heard = starl_world_judge:heard(Events, told([Facts], Nobody)),
+        Heard = starl_world_judge:radio(Events, told([Facts], Nobody)),
         {ok, First} = starl_world_judge:judge(2000000, Heard),
         {ok, Last} = starl_world_judge:judge(2100000, told([[{2050000, 1, a, bad}]], First)),
         {[], _, Parts} = starl_world_judge:close(2100000, Last),
@@ -211,14 +211,14 @@ close_test() ->
 %% monitor sees first is the halt.
 halted_test() ->
     Facts = [[{5, 1, a, before}, {25, 1, a, later}], [{10, 2, a, meanwhile}, {30, 2, a, last}]],
-    Waiting = starl_world_judge:hold(1, 10, told(Facts, observed(5))),
+    Waiting = starl_world_judge:halt(1, a, 10, told(Facts, observed(5))),
     ?assertEqual([], starl_world_judge:standing(Waiting)),
     Standing = starl_world_judge:halted(1, 12, Waiting),
     ?assertEqual([1], starl_world_judge:standing(Standing)),
     {ok, Held} = starl_world_judge:judge(100, Standing),
     ?assertEqual([before], judged()),
     %% it had not come when the robot was halted
-    Moving = starl_world_judge:resumed(1, 20, told([[{6, 1, a, cut}]], Held)),
+    Moving = resumed(1, 20, told([[{6, 1, a, cut}]], Held)),
     ?assertEqual([], starl_world_judge:standing(Moving)),
     {ok, Early} = starl_world_judge:judge(24, Moving),
     ?assertEqual([], judged()),
@@ -238,7 +238,7 @@ awaited_test() ->
     ?assert(starl_world_judge:is_awaited(1, Released)),
     ?assertEqual([1], starl_world_judge:standing(Released)),
     {ok, Held} = starl_world_judge:judge(29, Released),
-    Heard = starl_world_judge:resumed(1, 29, Held),
+    Heard = resumed(1, 29, Held),
     ?assertNot(starl_world_judge:is_awaited(1, Heard)),
     ?assertEqual([], starl_world_judge:standing(Heard)),
     {ok, Early} = starl_world_judge:judge(38, Heard),
@@ -262,12 +262,12 @@ halted_again_test() ->
     Released = starl_world_judge:released(1, 20, halted(1, 10, new(5))),
     Again = halted(1, 22, Released),
     ?assertNot(starl_world_judge:is_awaited(1, Again)),
-    Over = starl_world_judge:resumed(1, 41, starl_world_judge:released(1, 40, Again)),
+    Over = resumed(1, 41, starl_world_judge:released(1, 40, Again)),
     ?assertEqual([{10, 1, 22, pause}, {22, 1, 41, pause}], told_to(Over)).
 
 %% A robot that could not be halted need not be heard.
 released_without_halt_test() ->
-    Waiting = starl_world_judge:hold(1, 10, new(5)),
+    Waiting = starl_world_judge:halt(1, a, 10, new(5)),
     Over = starl_world_judge:released(1, 20, Waiting),
     ?assertNot(starl_world_judge:is_awaited(1, Over)),
     ?assertEqual([], told_to(Over)).
@@ -275,10 +275,10 @@ released_without_halt_test() ->
 %% Of two halts that overlap the earlier holds the judge, too.
 two_halted_test() ->
     One = halted(1, 10, told([[{11, 3, a, x}, {16, 3, a, y}]], observed(5))),
-    Two = starl_world_judge:resumed(1, 18, halted(2, 16, One)),
+    Two = resumed(1, 18, halted(2, 16, One)),
     {ok, Held} = starl_world_judge:judge(40, Two),
     ?assertEqual([x], judged()),
-    {ok, _} = starl_world_judge:judge(45, starl_world_judge:resumed(2, 40, Held)),
+    {ok, _} = starl_world_judge:judge(45, resumed(2, 40, Held)),
     ?assertEqual([y], judged()).
 
 %% A run that ends while a robot stands still knows of the halt until then.
@@ -289,10 +289,10 @@ halted_at_the_end_test() ->
 
 %% A robot that could not be halted is waited for, and not excused.
 not_halted_test() ->
-    Waiting = starl_world_judge:hold(1, 10, told([[{11, 2, a, x}]], observed(5))),
+    Waiting = starl_world_judge:halt(1, a, 10, told([[{11, 2, a, x}]], observed(5))),
     {ok, Held} = starl_world_judge:judge(20, Waiting),
     ?assertEqual([], judged()),
-    {ok, Over} = starl_world_judge:judge(25, starl_world_judge:resumed(1, 20, Held)),
+    {ok, Over} = starl_world_judge:judge(25, resumed(1, 20, Held)),
     ?assertEqual([{11, x}], seen(Over)).
 
 %% The broken assumptions that the monitor has been told of.
@@ -301,9 +301,13 @@ told_to(Judge) ->
     [Window || {_, _, _, pause} = Window <- Seen].
 
 halted(Robot, At, Judge) ->
-    starl_world_judge:halted(Robot, At, starl_world_judge:hold(Robot, At, Judge)).
+    starl_world_judge:halted(Robot, At, starl_world_judge:halt(Robot, a, At, Judge)).
 
-%% The judge tells this process what he judges.
+%% A robot may go on, and is heard at once.
+resumed(Robot, At, Judge) ->
+    starl_world_judge:heard(Robot, At, starl_world_judge:released(Robot, At, Judge)).
+
+%% The judge reports to this process.
 observed(Horizon) ->
     Self = self(),
     starl_world_judge:new([{?MODULE, #{}}], Horizon, fun(News) ->
@@ -325,25 +329,28 @@ judged() ->
 
 new(Horizon) -> starl_world_judge:new([{?MODULE, #{}}], Horizon).
 
-told(Batches, Judge) -> lists:foldl(fun starl_world_judge:told/2, Judge, Batches).
+told(Batches, Judge) -> lists:foldl(fun starl_world_judge:facts/2, Judge, Batches).
 
 seen(Judge) ->
     {_, #{?MODULE := #{seen := Seen}}, []} = starl_world_judge:close(0, Judge),
     [{T, Event} || {T, _, _, Event} <- Seen].
 
-%% What hands do excuses what it explains, while it lasts: two robots have reached a round, and the link between
+%% A manual fault excuses what it explains while it lasts: two robots have reached a round, and the link between
 %% them is cut, for ever, or for a while, after which they have their time again.
 by_hand_test() ->
     Monitor = {starl_barrier_monitor, #{robots => [1, 2], bound_us => 3000000}},
     Reached = [{1000000, R, barrier, {reached, gate, 1}} || R <- [1, 2]],
-    Cut = fun(ToMs) -> {hand_1, 900, ToMs, loss, {1, 2}, #{part => 1.0}} end,
+    Cut = fun(ToMs) -> {manual_1, 900, ToMs, loss, {1, 2}, #{part => 1.0}} end,
     Found = fun(Done) ->
-        Judge = starl_world_judge:told(Reached, starl_world_judge:new([Monitor], 1500000)),
+        Judge = starl_world_judge:facts(Reached, starl_world_judge:new([Monitor], 1500000)),
         Last = lists:foldl(
             fun(S, J) ->
                 Told = proplists:get_all_values(S, Done),
                 {ok, Next} = starl_world_judge:judge(
-                    S * 1000000, starl_world_judge:faults(Told, J)
+                    S * 1000000,
+                    lists:foldl(
+                        fun(F, K) -> starl_world_judge:fault(F, S * 1000000, K) end, J, Told
+                    )
                 ),
                 Next
             end,
@@ -357,3 +364,63 @@ by_hand_test() ->
     ?assertEqual([], Found([{1, {began, Cut(forever)}}])),
     [{not_passed, At}] = Found([{1, {began, Cut(forever)}}, {20, {ended, Cut(20000)}}]),
     ?assert(At > 23000000 andalso At =< 28000000).
+
+%% -- what the observer gets of faults, and what is left of them at the end -------------------
+
+loss(From, To) -> {manual_1, From, To, loss, {1, 2}, #{part => 1.0}}.
+
+pause(Fault, Robot, From, To) -> {Fault, From, To, pause, Robot, #{}}.
+
+watched() ->
+    Self = self(),
+    starl_world_judge:new([], starl_world_judge:horizon_us(), fun(Told) ->
+        Self ! {watched, Told},
+        ok
+    end).
+
+%% What the watchers are told of faults.
+reported_faults() ->
+    receive
+        {watched, {fault, _Us, Told}} -> [Told | reported_faults()];
+        {watched, _Other} -> reported_faults()
+    after 0 -> []
+    end.
+
+faults(Ms, Judge) ->
+    #{faults := Faults} = starl_world_judge:outcome(time, 1000 * Ms, [], Judge),
+    _ = reported_faults(),
+    Faults.
+
+%% When a fault of a schedule begins is no matter of the watchers, but for the time itself.
+a_fault_is_told_as_one_of_a_schedule_test() ->
+    {Id, From, To, Kind, Target, Params} = loss(900, forever),
+    Given = {Id, From, To, Kind, Target, Params#{in_time => true}},
+    Judge = starl_world_judge:fault({began, Given}, 900000, watched()),
+    ?assertEqual([{began, loss(900, forever)}], reported_faults()),
+    ?assertEqual([loss(900, 5000)], faults(5000, Judge)).
+
+%% The end of a fault takes the place of its beginning; what has not ended, ends with the run.
+each_fault_is_kept_once_by_its_beginning_test() ->
+    Other = {manual_2, 400, forever, loss, {2, 3}, #{part => 1.0}},
+    Told = [{began, loss(900, forever)}, {began, Other}, {ended, loss(900, 2000)}],
+    Judge = lists:foldl(fun(One, J) -> starl_world_judge:fault(One, 0, J) end, watched(), Told),
+    ?assertEqual(Told, reported_faults()),
+    ?assertEqual([setelement(3, Other, 5000), loss(900, 2000)], faults(5000, Judge)).
+
+%% A halt is told as a pause from when the robot stands, however long that takes, until it is heard again, each once.
+a_pause_lasts_while_its_robot_stands_test() ->
+    Halted = starl_world_judge:halt(1, a, 0, starl_world_judge:halt(2, b, 0, watched())),
+    ?assertEqual([], reported_faults()),
+    One = starl_world_judge:halted(1, 200000, Halted),
+    ?assertEqual([{began, pause(a, 1, 200, forever)}], reported_faults()),
+    Both = starl_world_judge:halted(2, 300000, One),
+    ?assertEqual([{began, pause(b, 2, 300, forever)}], reported_faults()),
+    Released = starl_world_judge:released(2, 400000, starl_world_judge:released(1, 400000, Both)),
+    ?assertEqual([], reported_faults()),
+    Heard = starl_world_judge:heard(2, 500000, starl_world_judge:heard(1, 500000, Released)),
+    Ended = [pause(a, 1, 200, 500), pause(b, 2, 300, 500)],
+    ?assertEqual([{ended, Pause} || Pause <- Ended], reported_faults()),
+    %% who is heard without a halt, or after it, is no pause
+    _ = starl_world_judge:heard(3, 600000, starl_world_judge:heard(1, 600000, Heard)),
+    ?assertEqual([], reported_faults()),
+    ?assertEqual(Ended, faults(700, Heard)).

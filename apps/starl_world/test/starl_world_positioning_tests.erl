@@ -7,7 +7,7 @@
 %% shown it does not get. Others see the truth.
 frozen_test() ->
     {[{1, First, 10}], P1} = shown(2, [{1, {1.0, 2.0, 0.5}}], 10, system(#{})),
-    Frost = {hand_1, 10, forever, location_frozen, 2, #{}},
+    Frost = {manual_1, 10, forever, location_frozen, 2, #{}},
     P2 = ?M:fault({began, Frost}, P1),
     Poses = [{1, {9.0, 9.0, 0.5}}, {3, {7.0, 7.0, 0.5}}],
     {Frozen, P3} = shown(2, Poses, 20, P2),

@@ -202,8 +202,9 @@ no_cable(Robots) ->
 %% A computer that holds every second command up for a while is busy: no robot takes its clock for one that
 %% stands still, and gives its path back.
 a_busy_computer_is_no_wrong_clock_test() ->
-    {ok, {_, _, #{world := #{profiles := [Profile]}}}, []} = starl_world:plan(
-        #{app => starl_world_app, robots => 1, play => #{}}, #{world => one_vm}
+    {ok, {_, _, #{world := #{profiles := [Profile]}}}} = starl_run:plan(
+        #{app => starl_world_app, robots => 1, play => #{}, mode => process},
+        #{slack_us => starl_world:slack_us()}
     ),
     Heard = fun(K) -> 1000000 * K + 400000 * (K rem 2) end,
     Step = fun(K, Watch) ->

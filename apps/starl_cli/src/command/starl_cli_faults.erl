@@ -55,7 +55,9 @@ in_real_time(Worlds) -> [" [", Worlds, "]"].
 %% @doc Where a kind can be played in real time: `live', here and on nodes; `nodes', on nodes only; or nowhere.
 -spec worlds(starl_run_fault:kind()) -> string().
 worlds(Kind) ->
-    case [lists:keymember(Kind, 1, starl_run_hand:kinds(World)) || World <- [one_vm, nodes]] of
+    case
+        [lists:keymember(Kind, 1, starl_run_manual_fault:kinds(World)) || World <- [one_vm, nodes]]
+    of
         [true, _] -> "live";
         [false, true] -> "nodes";
         [false, false] -> ""

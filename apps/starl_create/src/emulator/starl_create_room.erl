@@ -8,7 +8,9 @@
 -export([start_link/2, poses/2, pose/2, watch/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
--record(robot, {body :: starl_world_body:t(), create = none :: none | pid(), told_at :: integer()}).
+-record(robot, {
+    body :: starl_world_vehicle:t(), create = none :: none | pid(), told_at :: integer()
+}).
 
 -record(room, {
     robots :: #{starl:robot_id() => #robot{}},
@@ -67,7 +69,7 @@ profiles(1) -> starl_chassis_choice:profiles(create_1, #{});
 profiles(2) -> starl_chassis_choice:profiles(create, #{}).
 
 robot(Id, Pose, Now, World) ->
-    {_, Body} = starl_world_body:new(Id, Pose, World),
+    {_, Body} = starl_world_vehicle:new(Id, Pose, World),
     #robot{body = Body, told_at = Now}.
 
 %% The time of the robots' words.
@@ -85,7 +87,7 @@ handle_call({watch, Id}, {Watcher, _}, #room{watchers = Watchers} = Room) ->
     {reply, ok, Room#room{watchers = Watchers#{Id => Watcher}}};
 handle_call({pose, Id}, _From, #room{robots = Robots} = Room) ->
     #{Id := #robot{body = Body}} = Robots,
-    {Id, Pose, _} = starl_world_body:on_floor(Id, now_us(), Body),
+    {Id, Pose, _} = starl_world_vehicle:on_floor(Id, now_us(), Body),
     {reply, Pose, Room}.
 
 -spec handle_cast(term(), #room{}) -> {noreply, #room{}}.
@@ -105,20 +107,20 @@ handle_info(_Message, Room) ->
 
 hears({drive, Script, _Until, Mark}, Id, Told, #robot{told_at = Before, body = Body}, Room) ->
     At = max(Before, Told),
-    {_, _, Moved} = starl_world_body:drive(Script, Mark, At, Body),
+    {_, _, Moved} = starl_world_vehicle:drive(Script, Mark, At, Body),
     #room{floor = Floor} = Next = moved(Id, At, Moved, Room),
-    feel(At, [Id], Next#room{floor = starl_world_floor:told(Id, Floor)});
+    feel(At, [Id], Next#room{floor = starl_world_floor:commanded(Id, Floor)});
 hears(_Other, _Id, _At, _Robot, Room) ->
     Room.
 
 moved(Id, At, Body, #room{robots = Robots, watchers = Watchers} = Room) ->
     #{Id := Robot} = Robots,
-    _ = [W ! {moves, self(), Id, starl_world_body:piece(Body)} || #{Id := W} <- [Watchers]],
+    _ = [W ! {moves, self(), Id, starl_world_vehicle:piece(Body)} || #{Id := W} <- [Watchers]],
     Room#room{robots = Robots#{Id := Robot#robot{body = Body, told_at = At}}}.
 
 feel(At, Ids, #room{robots = Robots, floor = Floor} = Room) ->
     Bodies = [
-        starl_world_body:on_floor(Id, At, Body)
+        starl_world_vehicle:on_floor(Id, At, Body)
      || {Id, #robot{body = Body}} <- lists:sort(maps:to_list(Robots))
     ],
     {Changes, Next} = starl_world_floor:look(Ids, Bodies, Floor),
@@ -129,6 +131,6 @@ touched(At, {Id, {_Bits, IsBlocked} = Touch}, #room{robots = Robots} = Room) ->
     _ = is_pid(Create) andalso (Create ! {starl_body_touches, Touch}),
     Then = max(At, Before),
     case IsBlocked of
-        true -> moved(Id, Then, element(3, starl_world_body:stop(Then, Body)), Room);
+        true -> moved(Id, Then, element(3, starl_world_vehicle:stop(Then, Body)), Room);
         false -> Room
     end.

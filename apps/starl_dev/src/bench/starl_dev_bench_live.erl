@@ -73,9 +73,9 @@ play(local, Given) ->
 play(Transport, Given) ->
     with_dir(fun(Dir) ->
         Options = #{dir => Dir, transport => Transport, air => #{}},
-        {ok, Cluster} = starl_cluster:start(scenario(Given), Options),
-        done = starl_cluster:await(Cluster),
-        {Outcome, _} = starl_cluster:finish(Cluster),
+        {ok, Cluster} = starl_world_run:start(scenario(Given), Options),
+        done = starl_world_run:await(Cluster),
+        {Outcome, _} = starl_world_run:finish(Cluster),
         Outcome
     end).
 
@@ -92,14 +92,14 @@ with_dir(Do) ->
 start_up(Nodes) ->
     with_dir(fun(Dir) ->
         Begin = erlang:monotonic_time(millisecond),
-        {ok, Cluster} = starl_cluster:start(
+        {ok, Cluster} = starl_world_run:start(
             scenario(#{robots => Nodes, sends => 1, posts => 1}), #{dir => Dir, transport => udp}
         ),
         Ms = erlang:monotonic_time(millisecond) - Begin,
-        #{os_pids := Pids} = starl_cluster:status(Cluster),
+        #{os_pids := Pids} = starl_world_run:status(Cluster),
         Mb = [resident_mb(Pid) || Pid <- maps:values(Pids)],
-        _ = starl_cluster:await(Cluster),
-        _ = starl_cluster:finish(Cluster),
+        _ = starl_world_run:await(Cluster),
+        _ = starl_world_run:finish(Cluster),
         starl_cli_terminal:out("~b nodes: started in ~b ms, ~.1f MB each (resident)\n", [
             Nodes, Ms, lists:sum(Mb) / Nodes
         ]),

@@ -48,7 +48,7 @@ about(_Subject) ->
 
 -spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
-    Transports = [Name || {Name, _} <- starl_world_stage:transports()],
+    Transports = [Name || {Name, _} <- starl_world_setup:transports()],
     [
         {"Flags", [
             {runs, {integer, 1, 10000}, 20, "runs"},
@@ -189,7 +189,7 @@ words(_, _, _, _) -> ["heal"].
 %% Before the run has begun, and after its end, there is nobody who could answer.
 counted(Words, Sent) ->
     Begun = erlang:monotonic_time(millisecond),
-    Answer = starl_cluster_control:ask(Words, list_to_integer(os:getpid())),
+    Answer = starl_cluster_command:ask(Words, list_to_integer(os:getpid())),
     Ms = erlang:monotonic_time(millisecond) - Begun,
     counted(is_answer(Answer), Words, Ms, Sent).
 

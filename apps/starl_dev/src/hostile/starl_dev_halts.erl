@@ -106,16 +106,16 @@ recorded(Block, Found, Random, Observer, #{out := Dir} = Values) ->
         observe => Observer,
         log => fun starl_cli_log:node/3
     },
-    case starl_cluster:start(scenario(Block, Found, Values), Options) of
+    case starl_world_run:start(scenario(Block, Found, Values), Options) of
         {ok, Cluster} ->
             %% all nodes end with this VM, halted or not
             starl_cli_signal:on_interrupt(fun interrupted/0),
             {Halted, Next} = halted(Block, Cluster, ended(Cluster), Found, Random, Values),
-            {#{violations := Violations}, _} = starl_cluster:finish(Cluster),
+            {#{violations := Violations}, _} = starl_world_run:finish(Cluster),
             _ = file:del_dir_r(Stores),
             {ok, Violations, Halted, Next};
         {error, Reason} ->
-            {error, [starl_cluster:format_error(Reason)]}
+            {error, [starl_world_run:format_error(Reason)]}
     end.
 
 scenario(mutex, #{runs := Runs}, #{seed := Seed}) ->
@@ -127,17 +127,17 @@ scenario(painting, #{runs := Runs}, #{seed := Seed}) ->
 %% The end of the run is a message.
 ended(Cluster) ->
     Caller = self(),
-    spawn_link(fun() -> Caller ! {ended, self(), starl_cluster:await(Cluster)} end).
+    spawn_link(fun() -> Caller ! {ended, self(), starl_world_run:await(Cluster)} end).
 
 halted(Block, Cluster, Waiter, #{runs := Runs} = Found, Random, #{halts := Wanted} = Values) ->
-    ok = starl_cluster:until(Cluster, ?BEGUN_US),
+    ok = starl_world_run:until(Cluster, ?BEGUN_US),
     halts(Block, Cluster, Waiter, Found#{runs := Runs + 1}, Random, Wanted, Values).
 
 %% Halt after halt, until the run ends. The last one gets time to show what it has done.
 halts(Block, Cluster, Waiter, #{halts := Wanted} = Found, Random, Wanted, _Values) ->
     {Gap, Next} = gap(Block, Random),
     _ = is_over(Waiter, 4 * Gap),
-    ok = starl_cluster:stop(Cluster),
+    ok = starl_world_run:stop(Cluster),
     {Found, Next};
 halts(Block, Cluster, Waiter, Found, Random0, Wanted, Values) ->
     {Gap, Random1} = gap(Block, Random0),
@@ -147,7 +147,7 @@ halts(Block, Cluster, Waiter, Found, Random0, Wanted, Values) ->
         true ->
             {Found, Random};
         false ->
-            Next = counted(starl_cluster:halt_at_work(Cluster, Robot, Length / 1000), Found),
+            Next = counted(starl_world_run:halt_at_work(Cluster, Robot, Length / 1000), Found),
             starl_cli_progress:note(io_lib:format("~s: ~b halts", [Block, maps:get(halts, Next)])),
             halts(Block, Cluster, Waiter, Next, Random, Wanted, Values)
     end.
@@ -176,7 +176,7 @@ between({From, To}, Random0) ->
     {From + N - 1, Random}.
 
 robot(Block, Cluster, Random0) ->
-    #{leader := Leader, restarts := Robots} = starl_cluster:status(Cluster),
+    #{leader := Leader, restarts := Robots} = starl_world_run:status(Cluster),
     {N, Random1} = rand:uniform_s(map_size(Robots), Random0),
     {Luck, Random} = rand:uniform_s(Random1),
     case Block =:= painting andalso Leader =/= none andalso Luck < ?LEADERS of

@@ -103,12 +103,12 @@ painted(Dir, Left, Round, #{robots := Robots, picture := Name, speed := Speed, s
         app => starl_hostile_painting, robots => Robots, picture => Picture, seed => Seed + Round
     },
     Options = #{dir => Dir, transport => udp, speed => Speed, log => fun starl_cli_log:node/3},
-    case starl_cluster:start(Scenario, Options) of
+    case starl_world_run:start(Scenario, Options) of
         {ok, Cluster} ->
             Victim = 1 + (Seed + Round) rem Robots,
             attacked(Cluster, Victim, Dir, Left, Seed + Round);
         {error, Reason} ->
-            {error, [starl_cluster:format_error(Reason)]}
+            {error, [starl_world_run:format_error(Reason)]}
     end.
 
 packets(Victim, Robots, Node, Line, Seed) ->
@@ -124,17 +124,17 @@ packets(Victim, Robots, Node, Line, Seed) ->
     }).
 
 attacked(Cluster, Victim, Dir, Left, Seed) ->
-    #{robots := Robots} = starl_cluster:scenario(Cluster),
-    {ok, #{node := Node, transport := {_, Line}}} = starl_cluster:place(Cluster, Victim),
+    #{robots := Robots} = starl_world_run:scenario(Cluster),
+    {ok, #{node := Node, transport := {_, Line}}} = starl_world_run:place(Cluster, Victim),
     #{peers := #{Victim := {_, Port}}} = Line,
     Packets = packets(Victim, Robots, Node, Line, Seed),
     Begun = erlang:monotonic_time(millisecond),
     Flood = starl_dev_hostile_flood:start(#{node => Node, port => Port, packets => Packets}, Left),
-    starl_cli_signal:on_interrupt(fun() -> spawn(fun() -> starl_cluster:stop(Cluster) end) end),
-    Ending = starl_cluster:await(Cluster),
+    starl_cli_signal:on_interrupt(fun() -> spawn(fun() -> starl_world_run:stop(Cluster) end) end),
+    Ending = starl_world_run:await(Cluster),
     Flooded = starl_dev_hostile_flood:finish(Flood),
-    #{restarts := Restarts} = starl_cluster:status(Cluster),
-    {Outcome, Report} = starl_cluster:finish(Cluster),
+    #{restarts := Restarts} = starl_world_run:status(Cluster),
+    {Outcome, Report} = starl_world_run:finish(Cluster),
     Facts = starl_dev_hostile_run:facts(Dir, lists:seq(1, Robots)),
     Seen = #{
         victim => Victim,

@@ -19,22 +19,22 @@ run(Values) -> starl_dev_hostile_run:with_dir(fun(Dir) -> run(Dir, Values) end).
 run(Dir, #{robots := Robots, seed := Seed, speed := Speed} = Values) ->
     Scenario = #{app => starl_hostile_traffic, robots => Robots, seed => Seed, time => 40000},
     Options = #{dir => Dir, transport => udp, speed => Speed, log => fun starl_cli_log:node/3},
-    case starl_cluster:start(Scenario, Options) of
+    case starl_world_run:start(Scenario, Options) of
         {ok, Cluster} -> killed(Cluster, Dir, Values);
-        {error, Reason} -> {error, [starl_cluster:format_error(Reason)]}
+        {error, Reason} -> {error, [starl_world_run:format_error(Reason)]}
     end.
 
 killed(Cluster, Dir, #{robots := Robots, kills := Kills, seed := Seed}) ->
     Victim = 1 + Seed rem Robots,
     Begun = erlang:monotonic_time(millisecond),
-    starl_cli_signal:on_interrupt(fun() -> spawn(fun() -> starl_cluster:stop(Cluster) end) end),
+    starl_cli_signal:on_interrupt(fun() -> spawn(fun() -> starl_world_run:stop(Cluster) end) end),
     Kill = fun(N, Unheard) -> Unheard orelse kill(Cluster, Victim, Dir, N, Seed) end,
     Unheard = lists:foldl(Kill, false, lists:seq(1, Kills)),
     Deaf = [{From, To} || not Unheard, {From, To} <- pairs(Robots), not hears(From, To, Dir)],
-    #{now_us := Us, restarts := #{Victim := Restarts}} = starl_cluster:status(Cluster),
-    ok = starl_cluster:stop(Cluster),
+    #{now_us := Us, restarts := #{Victim := Restarts}} = starl_world_run:status(Cluster),
+    ok = starl_world_run:stop(Cluster),
     {#{violations := Violations, monitors := #{starl_sap_monitor := Sap}}, _} =
-        starl_cluster:finish(Cluster),
+        starl_world_run:finish(Cluster),
     starl_cli_terminal:out(
         "robot ~b: killed and started anew ~b times in ~.1f s (~.1f s of the run)\n"
         "  messages: ~b sent, ~b delivered, ~b acknowledged, ~b lost; violations: ~b\n",
@@ -65,7 +65,7 @@ kill(Cluster, Victim, Dir, N, Seed) ->
         true ->
             {Ms, _} = rand:uniform_s(?LIFE_MS, rand:seed_s(exsss, {Seed, N, Victim})),
             ok = pause(Ms),
-            ok = starl_cluster:act(Cluster, [{reboot, Victim, #{}, 0}]),
+            ok = starl_world_run:inject(Cluster, [{reboot, Victim, #{}, 0}]),
             starl_cli_progress:note(io_lib:format("kill ~b", [N])),
             false;
         false ->

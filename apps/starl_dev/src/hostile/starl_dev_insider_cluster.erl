@@ -123,18 +123,18 @@ life(Blocks, Messages, Dir, Epoch, Do, #{speed := Speed} = Options) ->
     Cluster = maps:merge(maps:with([log], Options), #{
         dir => Dir, transport => udp, speed => Speed, epoch_us => Epoch, observe => Observe
     }),
-    case starl_cluster:start(scenario(Blocks, Messages, Options), Cluster) of
+    case starl_world_run:start(scenario(Blocks, Messages, Options), Cluster) of
         {ok, Started} ->
             Seen = Do(Started, Blocks, Options),
-            ok = starl_cluster:stop(Started),
-            _ = starl_cluster:finish(Started),
+            ok = starl_world_run:stop(Started),
+            _ = starl_world_run:finish(Started),
             News = news(Ref),
             Seen#{
                 events => lists:append([Events || {Events, _} <- News]),
                 violations => lists:append([Violations || {_, Violations} <- News])
             };
         {error, Reason} ->
-            {error, [starl_cluster:format_error(Reason)]}
+            {error, [starl_world_run:format_error(Reason)]}
     end.
 
 %% Long enough for all blocks in turn; the picture lasts for seven short turns.
@@ -163,15 +163,15 @@ scenario(Blocks, Messages, #{robots := Robots, seed := Seed}) ->
 
 attacked(Cluster, Blocks, #{robots := Robots}) ->
     %% all code has been used
-    ok = starl_cluster:until(Cluster, turn_us(1, Blocks) - 1_000_000),
+    ok = starl_world_run:until(Cluster, turn_us(1, Blocks) - 1_000_000),
     Before = most_bytes(Cluster, Robots),
-    ok = starl_cluster:until(Cluster, turn_us(6, Blocks) - 1_000_000),
+    ok = starl_world_run:until(Cluster, turn_us(6, Blocks) - 1_000_000),
     Later = most_bytes(Cluster, Robots),
-    ok = starl_cluster:until(Cluster, turn_us(6, Blocks)),
-    #{now_us := Now} = starl_cluster:status(Cluster),
-    ok = starl_cluster:act(Cluster, [{reboot, R, #{}, 0} || R <- lists:seq(1, Robots)]),
+    ok = starl_world_run:until(Cluster, turn_us(6, Blocks)),
+    #{now_us := Now} = starl_world_run:status(Cluster),
+    ok = starl_world_run:inject(Cluster, [{reboot, R, #{}, 0} || R <- lists:seq(1, Robots)]),
     ok = up(?LOOKS, Cluster, Robots),
-    #{now_us := Up} = starl_cluster:status(Cluster),
+    #{now_us := Up} = starl_world_run:status(Cluster),
     Turn = next_turn(Cluster, Blocks),
     #{
         bytes => {Before, Later},
@@ -183,16 +183,16 @@ anew(Cluster, Blocks, _Options) -> #{turns => [{after_new_key, next_turn(Cluster
 
 %% Waits for the end of two turns, before which all robots have been up for a turn. Returns the first.
 next_turn(Cluster, Blocks) ->
-    #{now_us := Now} = starl_cluster:status(Cluster),
+    #{now_us := Now} = starl_world_run:status(Cluster),
     Turn = Now div turn_us(1, Blocks) + 2,
-    ok = starl_cluster:until(Cluster, turn_us(Turn + 2, Blocks)),
+    ok = starl_world_run:until(Cluster, turn_us(Turn + 2, Blocks)),
     Turn.
 
 %% A node that was killed may still count as up.
 up(0, _Cluster, _Robots) ->
     ok;
 up(Left, Cluster, Robots) ->
-    #{up := Up, restarts := Restarts} = starl_cluster:status(Cluster),
+    #{up := Up, restarts := Restarts} = starl_world_run:status(Cluster),
     case length(Up) =:= Robots andalso lists:sum(maps:values(Restarts)) >= Robots of
         true ->
             ok;
@@ -208,7 +208,7 @@ most_bytes(Cluster, Robots) ->
     lists:max([
         Bytes
      || R <- lists:seq(1, Robots - 1),
-        {ok, #{node := Node}} <- [starl_cluster:place(Cluster, R)],
+        {ok, #{node := Node}} <- [starl_world_run:place(Cluster, R)],
         Node =/= none,
         {_, Bytes, _} <- [erpc:call(Node, starl_dev_hostile_flood, vitals, [], ?CALL_MS)]
     ]).

@@ -78,7 +78,7 @@ own() ->
     ].
 
 transport() ->
-    Transports = starl_world_stage:transports(),
+    Transports = starl_world_setup:transports(),
     Texts = [atom_to_list(Name) ++ ": " ++ Text || {Name, Text} <- Transports],
     {transport, {one_of, [Name || {Name, _} <- Transports]}, dist,
         lists:append(lists:join("; ", Texts))}.
@@ -131,7 +131,7 @@ path(Word) ->
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := {control, Words}, values := #{pid := Pid}}) ->
-    case starl_cluster_control:ask(Words, Pid) of
+    case starl_cluster_command:ask(Words, Pid) of
         {ok, Text} ->
             starl_cli_terminal:out(Text),
             0;

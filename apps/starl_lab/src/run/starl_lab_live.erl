@@ -9,7 +9,8 @@
 %% Where the robots run; how packets travel between nodes, and what happens to these.
 -type live() ::
     here
-    | {nodes, starl_world_stage:name(), Chaos :: [{AtUs :: integer(), starl_cluster_chaos:hand()}]}.
+    | {nodes, starl_world_setup:name(),
+        Chaos :: [{AtUs :: integer(), starl_cluster_chaos:fault()}]}.
 
 -define(NO_DRAWN_FAULTS,
     "drawn faults need the simulator; live, --faults plays a schedule, and ./starl cluster --chaos "
@@ -45,7 +46,7 @@ run(Live, #{scenario := Scenario} = Setup, Values) ->
     end.
 
 own(#{chassis := Choice} = Scenario) ->
-    starl_world_drivers:resolve(
+    starl_world_own_chassis:resolve(
         Choice, starl_run_plan:profiles(Scenario), fun starl_cli_source:driver/1
     ).
 
@@ -68,7 +69,7 @@ run_with({ok, Own}, Live, Checked, Values) ->
 refused(Live, #{target := Target, scenario := Scenario}, Values) ->
     #{faults := Faults, random_faults := Random, reloads := Reloads} = Scenario,
     Place = fun(Key) -> [starl_cli_target:place(Key, Target, Scenario), ": "] end,
-    [[Place(faults), Line] || Line <- starl_run_hand:refused((kind(Live)):world(), Faults)] ++
+    [[Place(faults), Line] || Line <- starl_run_manual_fault:refused(world(Live), Faults)] ++
         [
             [Place(faults), io_lib:format("fault ~ts: ~ts", [Id, too_long(Pace)])]
          || {Id, From, To, pause, _, _} <- Faults,
@@ -87,8 +88,8 @@ too_long(Pace) ->
         round(Pace * starl_cluster:most_halted_ms())
     ]).
 
-kind(here) -> starl_world_run;
-kind({nodes, _, _}) -> starl_cluster.
+world(here) -> one_vm;
+world({nodes, _, _}) -> nodes.
 
 %% An emulated Create knows real time only, and so do programs.
 too_fast(#{chassis := Choice}, #{pace := Pace}) ->
@@ -124,7 +125,7 @@ in_dir(Dir, Live, Setup, Values, {Viewed, Attach}) ->
         Own = options(Dir, Live, Setup, Values),
         Options = Viewed(starl_lab_recording:options(Setup, recorded(Live, Setup, Own))),
         #{scenario := Scenario} = Setup,
-        started(starl_run:start(kind(Live), Scenario, Options), Live, Setup, Attach)
+        started(starl_run:start(starl_world_run, Scenario, Options), Live, Setup, Attach)
     of
         Answer -> Answer
     after
@@ -167,7 +168,7 @@ place({nodes, _, _}, Dir) -> {node, Dir}.
 
 %% A chassis of the user's own, or an emulated one, for each robot that has one.
 chassis(#{chassis := Choice}, Own, Place) ->
-    case starl_world_drivers:lines(Choice, Own, starl_world_emulator:all(Choice, Place)) of
+    case starl_world_own_chassis:lines(Choice, Own, starl_world_emulator:all(Choice, Place)) of
         undefined -> #{};
         Lines -> #{chassis => Lines}
     end.

@@ -17,7 +17,7 @@
     %% a run in real time
     live => boolean(),
     %% the user's own chassis
-    own => starl_world_drivers:t(),
+    own => starl_world_own_chassis:drivers(),
     recording => starl_lab_recording:t(),
     %% the period in which the robots' states are recorded
     snapshots_us => pos_integer(),

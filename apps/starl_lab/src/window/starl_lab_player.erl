@@ -271,7 +271,7 @@ step_to(Robot, N, Page, #player{run = Run} = Player) ->
     end.
 
 fault(Command, Page, #player{run = Run, hands = N} = Player) ->
-    case starl_lab_window_hand:faults(Command, N + 1, starl_lab_player_run:place(Run)) of
+    case starl_lab_window_fault:faults(Command, N + 1, starl_lab_player_run:place(Run)) of
         {ok, New} ->
             #{faults := Faults} = starl_lab_player_run:scenario(Run),
             changed(Faults ++ New, Player#player{hands = N + length(New)});
@@ -281,7 +281,7 @@ fault(Command, Page, #player{run = Run, hands = N} = Player) ->
 
 heal(Id, Page, #player{run = Run} = Player) ->
     #{from_ms := Now, faults := Faults} = starl_lab_player_run:place(Run),
-    case starl_lab_window_hand:healed(Id, Now, Faults) of
+    case starl_lab_window_fault:healed(Id, Now, Faults) of
         {ok, Healed} -> changed(Healed, Player);
         {error, Why} -> refuse(Page, Why, Player)
     end.

@@ -1,6 +1,6 @@
 %% @doc Parses the requests of a page to a simulation that is played. Nothing is trusted: an invalid
 %% request becomes an error line for the page. Faults are read where the run is known
-%% ({@link starl_lab_window_hand}).
+%% ({@link starl_lab_window_fault}).
 -module(starl_lab_player_request).
 
 -export([read/1]).

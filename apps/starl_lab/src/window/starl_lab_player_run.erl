@@ -83,7 +83,7 @@ options(Config) -> maps:get(options, Config, #{}).
 head(#{robots := Robots, machines := Machines} = Facts, #{hub := Hub}) ->
     Kinds = [
         Kind
-     || [_, Shape | _] = Kind <- starl_lab_window_hand:kinds(simulation),
+     || [_, Shape | _] = Kind <- starl_lab_window_fault:kinds(simulation),
         Shape =/= floor orelse is_map_key(floor, Facts)
     ],
     Extra = #{kind => simulation, kinds => Kinds, machines => lists:sort(maps:keys(Machines))},
@@ -279,7 +279,7 @@ shown(#run{ending = Ending}) ->
 present(#run{now = Now, window_us = Window}) -> (Now + Window - 1) div Window * Window.
 
 %% @doc The possible places and times of a manual fault.
--spec place(t()) -> starl_lab_window_hand:where().
+-spec place(t()) -> starl_lab_window_fault:where().
 place(#run{scenario = #{faults := Faults, robots := Robots}, facts = Facts} = Run) ->
     #{machines := Machines} = Facts,
     #{

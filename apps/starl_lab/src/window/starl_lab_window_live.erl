@@ -83,7 +83,7 @@ head(#live{facts = #{robots := Robots} = Facts, hub = Hub, run = Run} = Live) ->
 
 can(none) -> [];
 can(over) -> [];
-can(Run) -> starl_lab_window_hand:kinds(starl_run:world(Run)).
+can(Run) -> starl_lab_window_fault:kinds(starl_run:world(Run)).
 
 -spec handle_info(term(), #live{}) -> {noreply, #live{}}.
 handle_info(tick, Live) ->
@@ -131,9 +131,9 @@ do(#{<<"do">> := <<"fault">>} = Command, Page, #live{run = Run} = Live) ->
     #live{robots = N, machines = Machines} = Live,
     World = starl_run:world(Run),
     case
-        starl_lab_window_hand:hands(Command, #{world => World, robots => N, machines => Machines})
+        starl_lab_window_fault:parse(Command, #{world => World, robots => N, machines => Machines})
     of
-        {ok, Own} -> answered(starl_run:act(Run, Own), done(Own), Page, Live);
+        {ok, Faults} -> answered(starl_run:inject(Run, Faults), done(Faults), Page, Live);
         {error, _} = Error -> answered(Error, none, Page, Live)
     end;
 do(#{<<"do">> := <<"heal">>, <<"id">> := Name}, Page, #live{run = Run} = Live) ->
@@ -161,8 +161,8 @@ answered({error, Why}, _Said, Page, Live) ->
     ok = starl_view_hub:say(Page, no, Why),
     Live.
 
-done([{Kind, _, _, _} | _] = Hands) ->
-    Robots = lists:usort(lists:append([starl_run_hand:robots(Hand) || Hand <- Hands])),
+done([{Kind, _, _, _} | _] = Faults) ->
+    Robots = lists:usort(lists:append([starl_run_manual_fault:robots(Fault) || Fault <- Faults])),
     [
         string:replace(atom_to_list(Kind), "_", " ", all),
         [io_lib:format(" ~b", [Robot]) || Robot <- Robots]

@@ -51,8 +51,8 @@ caller(Robot, Asker) ->
     end,
     caller(Robot, Asker).
 
-%% @doc The node of a robot has ended: what it has answered to a question that is open does not hold any
-%% more. Gives the questions that wait for nobody now.
+%% @doc The node of a robot has ended: its answers to open questions do not hold any more. Returns the
+%% questions that wait for nobody now.
 -spec lost(starl:robot_id(), t(Name)) -> {[ended(Name)], t(Name)}.
 lost(Robot, #calls{callers = Callers, questions = Questions} = Calls) ->
     ok = ended([Pid || {Id, Pid} <- maps:to_list(Callers), Id =:= Robot]),
@@ -136,8 +136,7 @@ await(Calls) ->
     {More, Last} = await(Next),
     {Ended ++ More, Last}.
 
-%% @doc What the node of a robot has answered; a call that has something to say against it answers in this
-%% way, too.
+%% @doc The answer of a robot's node. A call that fails answers in the same form.
 -spec result(starl:robot_id(), answers()) -> Answer :: term() | {error, unicode:chardata()} | down.
 result(Robot, Answers) ->
     case Answers of

@@ -7,12 +7,12 @@
 
 -export([draw/3, cables/3, halts/3, stores/3, full_disks/3, aimed/2]).
 
--export_type([hand/0]).
+-export_type([fault/0]).
 
-%% What hands do ({@link starl_run_hand:t()}); the target may be the leader of that moment. A pause may be
+%% A random fault. Its target may be the leader of that moment. A pause may be
 %% in the middle of work, and a cable pulled in time, before hardware could drive on without it.
--type hand() ::
-    starl_run_hand:t()
+-type fault() ::
+    starl_run_manual_fault:t()
     | {starl_run_fault:kind(), leader, map(), non_neg_integer()}.
 
 -define(CUT_MS, 10000).
@@ -28,7 +28,7 @@
 
 %% @doc What is done to these robots, between two times of the run, in the order of their time.
 -spec draw(Seed :: integer(), [starl:robot_id(), ...], {FromUs, ToUs}) ->
-    [{AtUs :: integer(), hand()}]
+    [{AtUs :: integer(), fault()}]
 when
     FromUs :: integer(), ToUs :: integer().
 draw(Seed, Robots, {From, To}) ->
@@ -45,7 +45,7 @@ draw(Seed, Robots, {From, To}) ->
     {{_, Kind, Params}, _} = one_of(starl_live_sense_fault:known(), Random8),
     lists:sort(
         [{T5, Halt}, {T1, {reboot, leader, #{}, 0}}, {T2, {reboot, A, #{}, 0}}] ++
-            [{T3, Half} || B =/= C, Half <- starl_run_hand:cut(B, C, ?CUT_MS)] ++
+            [{T3, Half} || B =/= C, Half <- starl_run_manual_fault:cut(B, C, ?CUT_MS)] ++
             [{T4, {location_frozen, D, #{}, ?FREEZE_MS}}, {T6, full(F)}] ++
             [{T7, {Kind, G, Params#{sense => all}, ?SENSE_MS}}]
     ).
@@ -53,19 +53,19 @@ draw(Seed, Robots, {From, To}) ->
 %% @doc So many pulled cables, one after the other, of robots that are drawn; each is put back a second
 %% later. What could drive on without its cable is pulled when it stands.
 -spec cables(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
-    [{AtUs :: integer(), hand()}].
+    [{AtUs :: integer(), fault()}].
 cables(Seed, Robots, Times) ->
     Span = fun(N, R0) ->
         {At, R1} = between(N * ?PULL_US, (N + 1) * ?PULL_US - 2000 * ?UNPLUGGED_MS, R0),
         {Robot, R2} = one_of(Robots, R1),
         {{At, {serial_gone, Robot, #{in_time => true}, ?UNPLUGGED_MS}}, R2}
     end,
-    {Hands, _} = lists:mapfoldl(Span, rand:seed_s(exsss, Seed), lists:seq(1, Times)),
-    Hands.
+    {Faults, _} = lists:mapfoldl(Span, rand:seed_s(exsss, Seed), lists:seq(1, Times)),
+    Faults.
 
 %% @doc So many halts in the middle of a step, one after the other, of robots that are drawn.
 -spec halts(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
-    [{AtUs :: integer(), hand()}].
+    [{AtUs :: integer(), fault()}].
 halts(Seed, Robots, Times) ->
     apart(Seed, Robots, Times, fun drawn_halt/2).
 
@@ -77,7 +77,7 @@ drawn_halt(Robot, Random0) ->
 %% @doc So many stores that are lost, or set back, with a kill of the node, one after the other, of
 %% robots that are drawn.
 -spec stores(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
-    [{AtUs :: integer(), hand()}].
+    [{AtUs :: integer(), fault()}].
 stores(Seed, Robots, Times) ->
     apart(Seed, Robots, Times, fun(Robot, Random0) ->
         {Kind, Random} = one_of([store_lost, store_set_back], Random0),
@@ -86,21 +86,21 @@ stores(Seed, Robots, Times) ->
 
 %% @doc So many disks that are full for five seconds, one after the other, of robots that are drawn.
 -spec full_disks(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
-    [{AtUs :: integer(), hand()}].
+    [{AtUs :: integer(), fault()}].
 full_disks(Seed, Robots, Times) ->
     apart(Seed, Robots, Times, fun(Robot, Random) -> {full(Robot), Random} end).
 
 full(Robot) -> {store_full, Robot, #{}, ?FULL_MS}.
 
 apart(Seed, Robots, Times, Draw) ->
-    Hand = fun(N, R0) ->
+    Fault = fun(N, R0) ->
         {At, R1} = between(N * ?HALT_US, (N + 1) * ?HALT_US - 1, R0),
         {Robot, R2} = one_of(Robots, R1),
         {Drawn, R3} = Draw(Robot, R2),
         {{At, Drawn}, R3}
     end,
-    {Hands, _} = lists:mapfoldl(Hand, rand:seed_s(exsss, Seed), lists:seq(1, Times)),
-    Hands.
+    {Faults, _} = lists:mapfoldl(Fault, rand:seed_s(exsss, Seed), lists:seq(1, Times)),
+    Faults.
 
 some(N, Draw, Random0) ->
     lists:mapfoldl(fun(_, Random) -> Draw(Random) end, Random0, lists:seq(1, N)).
@@ -114,7 +114,7 @@ one_of(Robots, Random) ->
     {lists:nth(N, Robots), Next}.
 
 %% @doc The same with the present leader's number; `none' if nobody leads.
--spec aimed(hand(), Leader :: starl:robot_id() | none) -> starl_run_hand:t() | none.
+-spec aimed(fault(), Leader :: starl:robot_id() | none) -> starl_run_manual_fault:t() | none.
 aimed({_, leader, _, _}, none) -> none;
 aimed({Kind, leader, Params, Lasts}, Leader) -> {Kind, Leader, Params, Lasts};
-aimed(Hand, _Leader) -> Hand.
+aimed(Fault, _Leader) -> Fault.

@@ -11,7 +11,7 @@
 
 -export([new/0, halt/4, wait/3, is_halted/2, hear/2, undo/2, undo_all/1]).
 
--export_type([t/0, moment/0, found/0, told/0]).
+-export_type([t/0, moment/0, found/0, report/0]).
 
 %% At once; or while one of the node's schedulers runs, in the middle of what it does, if it does
 %% something within a second.
@@ -20,8 +20,8 @@
 %% Where a halt found a node.
 -type found() :: at_work | idle.
 
-%% A node stands still; it goes on, which these callers wait for.
--type told() ::
+%% A node stands still; or it goes on, and these callers wait for that.
+-type report() ::
     {halted, starl:robot_id(), found()}
     | {resumed, starl:robot_id(), found(), [gen_server:from()]}.
 
@@ -34,11 +34,11 @@
 
 -opaque t() :: #{port() => #halt{}}.
 
-%% A node is at work when a scheduler, a thread that is named so, is in the midst of its own code and
-%% not in a call of the system. That is only sure when it stands, so the guard halts a node whose
-%% scheduler seems to run, looks, and lets it go on and tries again if it was too late. Nothing is
-%% started meanwhile: every word is the shell's own. Where the kernel does not show what a thread is
-%% in, the first look has to do.
+%% A node is at work when the thread of a scheduler is in its own code, not in a system call. This is
+%% certain only while the node stands. So the guard halts a node whose scheduler seems to run, and
+%% looks. If it was too late, it lets the node go on and tries again. It starts no program meanwhile:
+%% every command is the shell's own. Where the kernel does not show system calls, the first look
+%% counts.
 -define(GUARD,
     "trap '' HUP INT TERM PIPE\n"
     "some() {\n"
@@ -108,7 +108,7 @@ wait(Robot, From, Halts) ->
     Halts#{Port := Halt#halt{callers = [From | Callers]}}.
 
 %% @doc Interprets a message, if it is a guard's.
--spec hear(term(), t()) -> {told(), t()} | unknown.
+-spec hear(term(), t()) -> {report(), t()} | unknown.
 hear({Port, {data, {eol, Word}}}, Halts) when is_map_key(Port, Halts) ->
     #{Port := #halt{robot = Robot} = Halt} = Halts,
     Found = found(Word),
@@ -126,14 +126,14 @@ resumed(#halt{robot = Robot, found = Found, callers = Callers}) ->
     {resumed, Robot, Found, Callers}.
 
 %% @doc Lets the node of a robot go on now, if it is halted.
--spec undo(starl:robot_id(), t()) -> {[told()], t()}.
+-spec undo(starl:robot_id(), t()) -> {[report()], t()}.
 undo(Robot, Halts) ->
     Own = guards(Robot, Halts),
     ok = lists:foreach(fun go_on/1, Own),
     {[resumed(Halt) || {_, Halt} <- Own], maps:without([Port || {Port, _} <- Own], Halts)}.
 
 %% @doc Lets all nodes go on now.
--spec undo_all(t()) -> {[told()], t()}.
+-spec undo_all(t()) -> {[report()], t()}.
 undo_all(Halts) ->
     ok = lists:foreach(fun go_on/1, maps:to_list(Halts)),
     {[resumed(Halt) || Halt <- maps:values(Halts)], new()}.

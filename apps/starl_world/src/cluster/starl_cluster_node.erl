@@ -56,8 +56,8 @@ end_with_robot() ->
         {'DOWN', Monitor, process, _, _} -> halt(1)
     end.
 
-%% @doc How far the node's clock is ahead of that of this VM, at least: less than 0 if it is behind, 0 if they
-%% may be alike, as the time that the answers take has it.
+%% @doc How far the clock of the node is ahead of that of this VM at least, negative if it is behind. 0 if
+%% both may be alike, given the time that the answers took.
 -spec ahead_us(node()) -> integer().
 ahead_us(Node) ->
     try [asked_time(Node) || _ <- lists:seq(1, ?ASKS)] of
@@ -76,16 +76,13 @@ asked_time(Node) ->
         There when is_integer(There) -> {Before, There, erlang:system_time(microsecond)}
     end.
 
-%% @doc Opens the robot, with these settings of its air and faults of its senses, and gives its link when it has begun.
+%% @doc Opens the robot with these link conditions and faults of its senses. Returns its link.
 -spec open(
-    node(),
-    starl_live_robot:spec(),
-    starl_live_conditions:settings(),
-    starl_live_sense_fault:faults()
+    node(), starl_live_robot:spec(), starl_live_conditions:settings(), starl_live_sense_fault:faults()
 ) ->
     {ok, [Link :: pid()]} | {error, ended | unicode:chardata()}.
 open(Node, #{robot := Id} = Spec, Air, Senses) ->
-    try call(Node, starl_live_sup, open, opening(Id, starl_world_stage:in_air(Air, Spec))) of
+    try call(Node, starl_live_sup, open, opening(Id, starl_world_setup:with_links(Air, Spec))) of
         {ok, _} ->
             ok = set_senses(Node, Senses),
             {ok, robot_link(Node)};
@@ -140,11 +137,12 @@ robot_link(Node) ->
         exit:_ -> []
     end.
 
-%% @doc Changes these settings of the air of the node's robot.
+%% @doc Changes these link conditions of the node's robot.
 -spec set_air(node(), starl_live_conditions:settings()) -> ok.
-set_air(Node, Settings) -> lists:foreach(fun(Link) -> aired(Link, Settings) end, robot_link(Node)).
+set_air(Node, Settings) ->
+    lists:foreach(fun(Link) -> set_link_conditions(Link, Settings) end, robot_link(Node)).
 
-aired(Link, Settings) ->
+set_link_conditions(Link, Settings) ->
     try
         starl_live_transport:set_conditions(starl_live_link:port(Link, transport), Settings)
     catch

@@ -4,11 +4,21 @@
 %% ```
 %%     up -- lost (it has ended), drop (its robot cannot be opened) --> down -- again --> up
 %% '''
+%% <em>Full disks.</em> The disk of a robot is filled by a limit on the size of files
+%% (RLIMIT_FSIZE). The process of the robot's node may then not let a file grow. So each write of its
+%% store, its facts or its recording fails, and earlier data stay. This needs no privilege, and no
+%% other process notices. Such a write fails with `efbig', a write on a full disk with `enospc'. Both
+%% are errors of `file', and StarL distinguishes them only in the text.
+%%
+%% The Erlang VM keeps compiled code in memory that the kernel counts as a file, too. A node that
+%% needed more of it on a full disk, for new code, would be killed by SIGSEGV. A VM that starts
+%% under the limit keeps its code in other memory. So each node starts under it, and the limit is
+%% removed when the node is up.
 -module(starl_cluster_nodes).
 
--export([start/2, names/1, specified/2, again/3, disk/3, lost/2, drop/2, stop/1]).
--export([ids/1, up/1, name/2, spec/2, code/1, of_control/2, restarts/1, os_pids/1, kill/2]).
--export([doom/2, known_end/3, ended/3, place/2]).
+-export([start/2, specified/3, again/3, kill/2, lost/2, drop/2, stop/1, disk/3, has_disks/0]).
+-export([up/1, names/1, name/2, spec/2, code/1, of_control/2, restarts/1, os_pids/1]).
+-export([known_end/3, ended/3, place/2]).
 
 -export_type([t/0, code/0]).
 
@@ -19,7 +29,7 @@
     name :: string(),
     peer :: starl_sim_peers:t() | none,
     restarts = 0 :: non_neg_integer(),
-    %% whether it is to end: it was killed from here
+    %% was it killed from here?
     doomed = false :: boolean(),
     %% what its robot starts with
     spec = #{} :: starl_live_robot:spec()
@@ -40,7 +50,7 @@
 start(Ids, Code) ->
     Run = peer:random_name("starl"),
     Names = [Run ++ "-robot" ++ integer_to_list(Id) || Id <- Ids],
-    case starl_sim_peers:start_as(Names, starl_cluster_quota:commands()) of
+    case starl_sim_peers:start_as(Names, full()) of
         {ok, Peers} ->
             ok = lists:foreach(fun starl_sim_peers:tell_end/1, Peers),
             All = [#node{name = Name, peer = Peer} || {Name, Peer} <- lists:zip(Names, Peers)],
@@ -51,26 +61,17 @@ start(Ids, Code) ->
             Error
     end.
 
-%% @doc The names of the nodes that are up.
--spec names(t()) -> #{starl:robot_id() => node()}.
-names(Nodes) -> maps:from_list(up(Nodes)).
-
-%% @doc What the robots start with.
--spec specified([{starl:robot_id(), starl_live_robot:spec()}], t()) -> t().
-specified(Specs, #nodes{nodes = All} = Nodes) ->
-    With = [{Id, (maps:get(Id, All))#node{spec = Spec}} || {Id, Spec} <- Specs],
-    Nodes#nodes{nodes = maps:merge(All, maps:from_list(With))}.
-
-%% @doc Fills the disk of a robot, or clears it.
--spec disk(fill | clear, starl:robot_id(), t()) -> ok | {error, unicode:chardata()}.
-disk(What, Id, Nodes) -> starl_cluster_quota:change({What, Id}, os_pids(Nodes)).
+%% @doc Keeps what a robot starts with.
+-spec specified(starl:robot_id(), starl_live_robot:spec(), t()) -> t().
+specified(Id, Spec, #nodes{nodes = All} = Nodes) ->
+    put_node(Id, (maps:get(Id, All))#node{spec = Spec}, Nodes).
 
 %% @doc Restarts a robot's node, on a disk that is full or clear. The calling process is notified of
 %% its end, as of the others' ({@link starl_sim_peers:told()}).
 -spec again(starl:robot_id(), fill | clear, t()) -> {ok, t()} | {error, starl_sim_peers:reason()}.
 again(Id, Disk, #nodes{nodes = All} = Nodes) ->
     #{Id := #node{name = Name, restarts = N} = Node} = All,
-    case starl_sim_peers:start_as([Name], starl_cluster_quota:commands()) of
+    case starl_sim_peers:start_as([Name], full()) of
         {ok, [Peer]} ->
             ok = starl_sim_peers:tell_end(Peer),
             Again = Node#node{peer = Peer, restarts = N + 1, doomed = false},
@@ -80,6 +81,12 @@ again(Id, Disk, #nodes{nodes = All} = Nodes) ->
         {error, _} = Error ->
             Error
     end.
+
+%% @doc Kills the node of a robot by SIGKILL. Its end is not reported as an error.
+-spec kill(starl:robot_id(), t()) -> t().
+kill(Id, #nodes{nodes = All} = Nodes) ->
+    _ = [os:cmd("kill -KILL " ++ OsPid) || #{Id := OsPid} <- [os_pids(Nodes)]],
+    put_node(Id, (maps:get(Id, All))#node{doomed = true}, Nodes).
 
 %% @doc The node of a robot has ended.
 -spec lost(starl:robot_id(), t()) -> t().
@@ -100,11 +107,52 @@ put_node(Id, Node, #nodes{nodes = All} = Nodes) -> Nodes#nodes{nodes = All#{Id :
 -spec stop(t()) -> ok.
 stop(Nodes) -> lists:foreach(fun({_, Peer}) -> starl_sim_peers:kill(Peer) end, peers(Nodes)).
 
-%% -- questions ------------------------------------------------------------------------------
+%% -- full disks -----------------------------------------------------------------------------
 
-%% @doc The robots.
--spec ids(t()) -> [starl:robot_id()].
-ids(#nodes{nodes = All}) -> maps:keys(All).
+%% @doc Fills the disk of a robot, or clears it. A node that is down is filled when it starts.
+-spec disk(fill | clear, starl:robot_id(), t()) -> ok | {error, unicode:chardata()}.
+disk(Change, Id, Nodes) ->
+    case {prlimit(), os_pids(Nodes)} of
+        {Program, #{Id := OsPid}} when is_list(Program) -> limit(Change, Id, OsPid, Program);
+        {_, #{}} -> has_disks()
+    end.
+
+%% @doc Can a disk be filled on this computer?
+-spec has_disks() -> ok | {error, unicode:chardata()}.
+has_disks() ->
+    case prlimit() of
+        false -> {error, "a disk cannot be filled here: apt install util-linux (prlimit)"};
+        _Program -> ok
+    end.
+
+prlimit() -> os:find_executable("prlimit").
+
+%% The commands of a shell with which the process of a node begins: its disk is full.
+full() ->
+    case prlimit() of
+        false -> "";
+        _ -> "ulimit -S -f 0; "
+    end.
+
+%% The limit that holds is the soft one; the hard one stays.
+limit(Change, Id, OsPid, Program) ->
+    case os:cmd(Program ++ " --pid " ++ OsPid ++ " --fsize=" ++ bytes(Change, OsPid) ++ ":") of
+        "" -> ok;
+        Output -> {error, io_lib:format("the disk of robot ~b: ~ts", [Id, string:trim(Output)])}
+    end.
+
+bytes(fill, _OsPid) -> "0";
+bytes(clear, OsPid) -> hard(file:read_file(filename:join(["/proc", OsPid, "limits"]))).
+
+hard({ok, Limits}) ->
+    {match, [Hard]} = re:run(Limits, "Max file size +\\S+ +(\\S+)", [
+        {capture, all_but_first, list}
+    ]),
+    Hard;
+hard({error, _}) ->
+    "unlimited".
+
+%% -- questions ------------------------------------------------------------------------------
 
 %% @doc The robots whose nodes are up, ascending, with these.
 -spec up(t()) -> [{starl:robot_id(), node()}].
@@ -112,6 +160,10 @@ up(Nodes) -> [{Id, starl_sim_peers:node(Peer)} || {Id, Peer} <- peers(Nodes)].
 
 peers(#nodes{nodes = All}) ->
     [{Id, Peer} || {Id, #node{peer = Peer}} <- lists:sort(maps:to_list(All)), Peer =/= none].
+
+%% @doc The names of the nodes that are up.
+-spec names(t()) -> #{starl:robot_id() => node()}.
+names(Nodes) -> maps:from_list(up(Nodes)).
 
 %% @doc The name of a robot's node, if it is up.
 -spec name(starl:robot_id(), t()) -> node() | none.
@@ -144,11 +196,6 @@ place(Id, #nodes{nodes = All} = Nodes) ->
         #{} ->
             {error, io_lib:format("there is no robot ~b", [Id])}
     end.
-
-%% @doc Marks that the node of a robot is meant to end, so that its end need not be reported.
--spec doom(starl:robot_id(), t()) -> t().
-doom(Id, #nodes{nodes = All} = Nodes) ->
-    put_node(Id, (maps:get(Id, All))#node{doomed = true}, Nodes).
 
 %% @doc The reason why a robot could not be opened, in words. If its node has just ended, this
 %% process is about to be notified.
@@ -188,14 +235,3 @@ restarts(#nodes{nodes = All}) -> maps:map(fun(_, #node{restarts = N}) -> N end, 
 -spec os_pids(t()) -> #{starl:robot_id() => string()}.
 os_pids(Nodes) ->
     maps:from_list([{Id, starl_sim_peers:os_pid(Peer)} || {Id, Peer} <- peers(Nodes)]).
-
-%% @doc Kills the node of a robot, by SIGKILL.
--spec kill(starl:robot_id(), t()) -> ok | {error, unicode:chardata()}.
-kill(Id, Nodes) ->
-    case os_pids(Nodes) of
-        #{Id := OsPid} ->
-            _ = os:cmd("kill -KILL " ++ OsPid),
-            ok;
-        #{} ->
-            {error, io_lib:format("the node of robot ~b is down already", [Id])}
-    end.

@@ -38,8 +38,8 @@
     waiting :: [{starl:robot_id(), starl_machine:name()}],
     %% of the trial time
     timer = none :: reference() | none,
-    %% whether the caller has been told already
-    told = false :: boolean()
+    %% has the caller had an answer?
+    is_answered = false :: boolean()
 }).
 
 -record(reloads, {
@@ -56,7 +56,7 @@
 
 -opaque t() :: #reloads{}.
 
-%% The time after which the caller is told that some steps last long.
+%% The time after which the caller gets the answer that some steps last long.
 -define(PATIENCE_MS, 30000).
 
 %% @doc No reload yet; the run is this often as fast as real time.
@@ -71,13 +71,13 @@ codes(#reloads{codes = Codes}) -> Codes.
 -spec code(t()) -> [starl_version:code()].
 code(#reloads{code = Code}) -> Code.
 
-%% @doc Makes the code that is to be loaded on all nodes, or says why not.
+%% @doc Makes the code for all nodes, or returns why it cannot.
 -spec start([starl_version:source()], options(), Parts, gen_server:from(), t()) ->
     {ok, [starl_version:code()], t()} | {error, unicode:chardata()}
 when
     Parts :: #{starl_machine:name() => module()}.
 start(Sources, Options, Parts, From, #reloads{rollouts = Rollouts, loading = none} = Reloads) ->
-    case [N || {N, #rollout{told = false}} <- maps:to_list(Rollouts)] of
+    case [N || {N, #rollout{is_answered = false}} <- maps:to_list(Rollouts)] of
         [_ | _] -> another();
         [] -> made(ordered(Sources, Options, Parts, Reloads), Parts, From, Reloads)
     end;
@@ -129,13 +129,13 @@ problem(Robot, silent) ->
 
 switching(Robots, #loading{order = #{number := N} = Order} = Loading, Reloads) ->
     #loading{code = Code, parts = Parts, from = From} = Loading,
-    {Words, Codes} = starl_reload:take(Order, Parts, Reloads#reloads.codes),
+    {Switches, Codes} = starl_reload:take(Order, Parts, Reloads#reloads.codes),
     Links = maps:from_list(Robots),
     ok = lists:foreach(
         fun(Link) -> starl_live_link:reload(Link, Order, self()) end, maps:values(Links)
     ),
     _ = erlang:send_after(?PATIENCE_MS, self(), {reload_patience, N}),
-    Waiting = [{Robot, Name} || {Robot, _} <- Robots, {Name, _} <- Words],
+    Waiting = [{Robot, Name} || {Robot, _} <- Robots, {Name, _} <- Switches],
     Rollout = #rollout{order = Order, from = From, links = Links, waiting = Waiting},
     Begun = Reloads#reloads{
         count = N,
@@ -160,11 +160,14 @@ on_trial(#rollout{order = #{trial_us := Us}} = Rollout, #reloads{speed = Speed})
 %% @doc Handles a message to the process that reloads: a machine has reported its result, or the
 %% trial time, or the caller's patience, is over.
 -spec hear(Message :: term(), t()) -> t().
-hear({starl_reloaded, Robot, Name, #{number := N, outcome := Outcome} = Told}, Reloads) ->
+hear({starl_reloaded, Robot, Name, #{number := N, outcome := Outcome} = Report}, Reloads) ->
     case starl_reload:is_failure(Outcome) of
         true ->
             failed(
-                N, Robot, starl_reload:format(Robot, Name, maps:get(module, Told), Outcome), Reloads
+                N,
+                Robot,
+                starl_reload:format(Robot, Name, maps:get(module, Report), Outcome),
+                Reloads
             );
         false ->
             switched(N, [{Robot, Name}], Reloads)
@@ -176,9 +179,9 @@ hear({timeout, Timer, reload_trial}, #reloads{rollouts = Rollouts} = Reloads) ->
     end;
 hear({reload_patience, N}, #reloads{rollouts = Rollouts} = Reloads) ->
     case Rollouts of
-        #{N := #rollout{told = false} = Rollout} ->
+        #{N := #rollout{is_answered = false} = Rollout} ->
             _ = answered({ok, impatient(Rollout)}, Rollout),
-            rollout(N, Rollout#rollout{told = true}, Reloads);
+            rollout(N, Rollout#rollout{is_answered = true}, Reloads);
         #{} ->
             Reloads
     end;
@@ -256,8 +259,8 @@ impatient(#rollout{waiting = Waiting}) ->
     Robots = lists:join(", ", [integer_to_list(R) || R <- lists:usort([R || {R, _} <- Waiting])]),
     ["these robots are still in a step, and take the new code after it: ", Robots, "\n"].
 
-%% A caller that was told already finds the rest in the log.
-answered({_, Text}, #rollout{told = true}) ->
+%% A caller that has had an answer finds the rest in the log.
+answered({_, Text}, #rollout{is_answered = true}) ->
     logger:notice(#{what => reload, outcome => unicode:characters_to_binary(Text)});
 answered(Answer, #rollout{from = From}) ->
     gen_server:reply(From, Answer).

@@ -1,10 +1,9 @@
-%% @doc The scheduled and manual faults of a run in real time ({@link starl_run_hand}). The module
+%% @doc The scheduled and manual faults of a run in real time ({@link starl_run_manual_fault}). The module
 %% knows which faults last, how they change what each robot hears and senses, and the effects of
-%% their beginnings and ends. {@link starl_world_injection} reports them to the world. The process
-%% that runs the robots carries out the other effects, in this VM ({@link starl_world_robots}) or on
-%% nodes ({@link starl_cluster_faults}). A pure module.
+%% their beginnings and ends. {@link starl_world_run} reports them to the world and carries out the
+%% effects. A pure module.
 %% ```
-%%     begins -- effects --> lasts -- over, its time or a heal -- effects --> ended
+%%     inject -- effects --> lasts -- end_fault: its time is over, or a heal -- effects --> ended
 %%     reboot, lost store:   the robot is down until then, and the fault has ended when it is up again
 %%     store set back:       at the beginning a restart, at the end another one with the store of the first
 %% '''
@@ -12,12 +11,12 @@
 %% ({@link starl_world:halt/3}).
 -module(starl_world_faults).
 
--export([new/1, from_the_start/1, named/4, unnamed/2, begins/3, over/3, up/3, healable/2]).
--export([air/3, senses/2, is_full/2, fate/2, is_down/3]).
+-export([new/1, from_the_start/1, named/4, unnamed/2, inject/3, end_fault/3, up/3, healable/2]).
+-export([link_conditions/3, senses/2, is_full/2, take_store/2, is_down/3]).
 
--export_type([t/0, fault/0, told/0, effect/0, fate/0]).
+-export_type([t/0, fault/0, report/0, effect/0, store/0]).
 
-%% A fault as of a scenario; while it lasts, nobody need know its end.
+%% A fault as of a scenario. The end of a fault that lasts may be unknown.
 -type fault() ::
     {
         Id :: atom(),
@@ -28,29 +27,29 @@
         map()
     }.
 
-%% What the world is told.
--type told() :: {began | ended, fault()}.
+%% A report for the world.
+-type report() :: {began | ended, fault()}.
 
-%% What is to be done: a robot's processes end, and it starts anew when it may ({@link is_down/3}), which may
-%% be now; it is dead for good; it is halted for so long (ms of the run), in the middle of its work or at
-%% once; one of its machines is ended; its disk is filled or cleared; these robots hear and sense
-%% otherwise; at that time (ms) the fault is over.
+%% `kill': the robot's processes end, and it starts anew as soon as it may ({@link is_down/3}).
+%% `dead': it is dead for good. `halt': it is halted for a time of the run, in the middle of its work
+%% or at once. `machine': one of its machines is ended. `notify': these robots hear and sense
+%% otherwise. `due': the fault is over at that time.
 -type effect() ::
     {kill | start | dead | fill | clear, starl:robot_id()}
     | {halt, starl:robot_id(), Ms :: non_neg_integer(), now | at_work, Id :: atom()}
     | {machine, starl:robot_id(), starl_machine:name()}
-    | {tell, [starl:robot_id()]}
+    | {notify, [starl:robot_id()]}
     | {due, AtMs :: integer(), Id :: atom()}.
 
-%% What becomes of a robot's store before the robot starts.
--type fate() :: kept | lost | set_back.
+%% The state of a robot's store when the robot starts.
+-type store() :: kept | lost | set_back.
 
 -record(faults, {
     team :: starl_team:t(),
     count = 0 :: non_neg_integer(),
     %% in the order of their beginnings
     lasting = [] :: [fault()],
-    fates = #{} :: #{starl:robot_id() => fate()},
+    stores = #{} :: #{starl:robot_id() => store()},
     %% when each robot has started last, ms
     starts = #{} :: #{starl:robot_id() => integer()},
     dead = [] :: [starl:robot_id()]
@@ -65,8 +64,8 @@
 -spec new([starl:robot_id()]) -> t().
 new(Robots) -> #faults{team = starl_team:new(Robots)}.
 
-%% @doc Those of a schedule by which robots hear and sense otherwise from the beginning of the run on: they begin
-%% before any robot does, which takes its time on nodes. The others begin in theirs.
+%% @doc Splits a schedule. Faults of links and senses that hold from time 0 begin before the robots
+%% start, because a start on a node takes time. The others begin at their times.
 -spec from_the_start([fault()]) -> {AtOnce :: [fault()], InTime :: [fault()]}.
 from_the_start(Schedule) ->
     lists:partition(
@@ -79,15 +78,16 @@ from_the_start(Schedule) ->
 
 %% @doc The fault for a manual fault that is applied now. A manual pause is one of the computer, and
 %% has an end.
--spec named(starl_run_hand:t(), NowMs :: integer(), Speed :: number(), t()) -> {fault(), t()}.
+-spec named(starl_run_manual_fault:t(), NowMs :: integer(), Speed :: number(), t()) ->
+    {fault(), t()}.
 named({pause, Target, Params, lasting}, Now, Speed, Faults) ->
     named({pause, Target, Params, ?PAUSE_MS}, Now, Speed, Faults);
 named({pause, Target, Params, Ms}, Now, Speed, Faults) ->
-    {Id, Next} = unnamed("hand", Faults),
+    {Id, Next} = unnamed("manual", Faults),
     {{Id, Now, Now + round(Speed * Ms), pause, Target, Params}, Next};
-named(Hand, Now, _Speed, Faults) ->
-    {Id, Next} = unnamed("hand", Faults),
-    {starl_run_hand:fault(Id, {Now, forever}, Hand), Next}.
+named(Manual, Now, _Speed, Faults) ->
+    {Id, Next} = unnamed("manual", Faults),
+    {starl_run_manual_fault:fault(Id, {Now, forever}, Manual), Next}.
 
 %% @doc A name for a fault that has none.
 -spec unnamed(Prefix :: string(), t()) -> {atom(), t()}.
@@ -98,29 +98,29 @@ unnamed(Prefix, #faults{count = Count} = Faults) ->
     }.
 
 %% @doc Begins a fault now: returns the reports for the world, and the effects to carry out.
--spec begins(fault(), NowMs :: integer(), t()) -> {[told()], [effect()], t()}.
-begins({Id, From, To, pause, Robot, Params}, _Now, Faults) ->
+-spec inject(fault(), NowMs :: integer(), t()) -> {[report()], [effect()], t()}.
+inject({Id, From, To, pause, Robot, Params}, _Now, Faults) ->
     Moment =
         case Params of
             #{at_work := true} -> at_work;
             #{} -> now
         end,
     {[], [{halt, Robot, To - From, Moment, Id}], Faults};
-begins({_, _, _, kill_machine, {Robot, Name}, _} = Fault, Now, Faults) ->
+inject({_, _, _, kill_machine, {Robot, Name}, _} = Fault, Now, Faults) ->
     {momentary(Fault, Now), [{machine, Robot, Name}], Faults};
-begins({_, _, _, kill_robot, Robot, _} = Fault, Now, #faults{dead = Dead} = Faults) ->
+inject({_, _, _, kill_robot, Robot, _} = Fault, Now, #faults{dead = Dead} = Faults) ->
     {momentary(Fault, Now), [{kill, Robot}, {dead, Robot}], Faults#faults{dead = [Robot | Dead]}};
-begins({_, Time, Time, store_set_back, Robot, _} = Fault, _Now, Faults) ->
-    %% by hand: its whole last life has not been
+inject({_, Time, Time, store_set_back, Robot, _} = Fault, _Now, Faults) ->
+    %% a manual one undoes the whole last boot
     Start = maps:get(Robot, Faults#faults.starts, 0),
-    lasts(setelement(2, Fault, Start), [{kill, Robot}], fated(Robot, set_back, Faults));
-begins({Id, _, To, store_set_back, Robot, _} = Fault, Now, Faults) ->
+    lasts(setelement(2, Fault, Start), [{kill, Robot}], with_store(Robot, set_back, Faults));
+inject({Id, _, To, store_set_back, Robot, _} = Fault, Now, Faults) ->
     lasts(setelement(2, Fault, Now), [{kill, Robot}, {due, To, Id}], Faults);
-begins({_, _, _, store_lost, Robot, _} = Fault, Now, Faults) ->
-    lasts(setelement(2, Fault, Now), down(Fault, Now), fated(Robot, lost, Faults));
-begins({_, _, _, reboot, _, _} = Fault, Now, Faults) ->
+inject({_, _, _, store_lost, Robot, _} = Fault, Now, Faults) ->
+    lasts(setelement(2, Fault, Now), down(Fault, Now), with_store(Robot, lost, Faults));
+inject({_, _, _, reboot, _, _} = Fault, Now, Faults) ->
     lasts(setelement(2, Fault, Now), down(Fault, Now), Faults);
-begins(Fault, Now, #faults{lasting = Lasting} = Faults) ->
+inject(Fault, Now, #faults{lasting = Lasting} = Faults) ->
     Held = Faults#faults{lasting = Lasting ++ [setelement(2, Fault, Now)]},
     {[{began, open(setelement(2, Fault, Now))}], does(Fault, Held) ++ due(Fault), Held}.
 
@@ -135,11 +135,11 @@ down({_, _, To, _, Robot, _} = Fault, Now) -> [{kill, Robot} | [D || To > Now, D
 
 due({Id, _, To, _, _, _}) -> [{due, To, Id} || is_integer(To)].
 
-%% Of a store that is lost and set back at once nothing is left.
-fated(Robot, lost, #faults{fates = Fates} = Faults) ->
-    Faults#faults{fates = Fates#{Robot => lost}};
-fated(Robot, set_back, #faults{fates = Fates} = Faults) ->
-    Faults#faults{fates = maps:merge(#{Robot => set_back}, Fates)}.
+%% A store that is lost and set back at once is lost.
+with_store(Robot, lost, #faults{stores = Stores} = Faults) ->
+    Faults#faults{stores = Stores#{Robot => lost}};
+with_store(Robot, set_back, #faults{stores = Stores} = Faults) ->
+    Faults#faults{stores = maps:merge(#{Robot => set_back}, Stores)}.
 
 does({_, _, _, store_full, Robot, _}, _Faults) ->
     [{fill, Robot}];
@@ -149,7 +149,7 @@ does(Fault, Faults) ->
 changes(network, Fault, #faults{team = Team}) ->
     Ids = starl_team:members(Team),
     [
-        {tell, [
+        {notify, [
             Id
          || Id <- Ids,
             lists:any(
@@ -159,22 +159,22 @@ changes(network, Fault, #faults{team = Team}) ->
         ]}
     ];
 changes(sense, {_, _, _, _, all, _}, #faults{team = Team}) ->
-    [{tell, starl_team:members(Team)}];
+    [{notify, starl_team:members(Team)}];
 changes(sense, {_, _, _, _, Robot, _}, _Faults) ->
-    [{tell, [Robot]}];
+    [{notify, [Robot]}];
 %% positions and cables are the world's
 changes(_Class, _Fault, _Faults) ->
     [].
 
-%% @doc The time of a fault is over, or it is healed.
--spec over(Id :: atom(), NowMs :: integer(), t()) -> {[told()], [effect()], t()}.
-over(Id, Now, #faults{lasting = Lasting} = Faults) ->
+%% @doc Ends a fault: its time is over, or it is healed.
+-spec end_fault(Id :: atom(), NowMs :: integer(), t()) -> {[report()], [effect()], t()}.
+end_fault(Id, Now, #faults{lasting = Lasting} = Faults) ->
     case lists:keyfind(Id, 1, Lasting) of
         false ->
             {[], [], Faults};
         {_, _, _, store_set_back, Robot, _} = Fault ->
             Ends = lists:keyreplace(Id, 1, Lasting, setelement(3, Fault, Now)),
-            {[], [{kill, Robot}], fated(Robot, set_back, Faults#faults{lasting = Ends})};
+            {[], [{kill, Robot}], with_store(Robot, set_back, Faults#faults{lasting = Ends})};
         {_, _, _, Kind, Robot, _} when Kind =:= reboot; Kind =:= store_lost ->
             {[], [{start, Robot}], Faults};
         Fault ->
@@ -187,8 +187,8 @@ undone({_, _, _, store_full, Robot, _}, Left) ->
 undone(Fault, Left) ->
     does(Fault, Left).
 
-%% @doc A robot is up: what had sent it down has ended.
--spec up(starl:robot_id(), NowMs :: integer(), t()) -> {[told()], t()}.
+%% @doc A robot is up: the faults that had sent it down have ended.
+-spec up(starl:robot_id(), NowMs :: integer(), t()) -> {[report()], t()}.
 up(Robot, Now, #faults{lasting = Lasting, starts = Starts} = Faults) ->
     {Over, Left} = lists:partition(
         fun({_, _, To, Kind, Target, _}) ->
@@ -201,8 +201,8 @@ up(Robot, Now, #faults{lasting = Lasting, starts = Starts} = Faults) ->
         Faults#faults{lasting = Left, starts = Starts#{Robot => Now}}
     }.
 
-%% @doc The names of the faults that can be healed. A restart is no such.
--spec healable(starl_run_hand:heal(), t()) -> [atom()].
+%% @doc The names of the faults that can be healed: all that last, except restarts.
+-spec healable(starl_run_manual_fault:heal(), t()) -> [atom()].
 healable(What, #faults{lasting = Lasting}) ->
     [
         element(1, Fault)
@@ -218,8 +218,8 @@ is_healed({sense, Robot, Sense}, {_, _, _, _, Robot, #{sense := Sense}}) -> true
 is_healed(_Other, _Fault) -> false.
 
 %% @doc The link conditions of a robot in a run at this multiple of real time.
--spec air(starl:robot_id(), Speed :: number(), t()) -> starl_live_conditions:settings().
-air(Robot, Speed, #faults{team = Team, lasting = Lasting}) ->
+-spec link_conditions(starl:robot_id(), Speed :: number(), t()) -> starl_live_conditions:settings().
+link_conditions(Robot, Speed, #faults{team = Team, lasting = Lasting}) ->
     Network = [Fault || Fault <- Lasting, starl_run_fault:class(Fault) =:= network],
     Links = [
         {Other, [
@@ -264,10 +264,10 @@ is_full(Robot, #faults{lasting = Lasting}) ->
         fun({_, _, _, Kind, Target, _}) -> {Kind, Target} =:= {store_full, Robot} end, Lasting
     ).
 
-%% @doc What becomes of the store of a robot that starts now; what holds then.
--spec fate(starl:robot_id(), t()) -> {fate(), t()}.
-fate(Robot, #faults{fates = Fates} = Faults) ->
-    {maps:get(Robot, Fates, kept), Faults#faults{fates = maps:remove(Robot, Fates)}}.
+%% @doc The state of the store of a robot that starts now. A store is lost, or set back, once.
+-spec take_store(starl:robot_id(), t()) -> {store(), t()}.
+take_store(Robot, #faults{stores = Stores} = Faults) ->
+    {maps:get(Robot, Stores, kept), Faults#faults{stores = maps:remove(Robot, Stores)}}.
 
 %% @doc Must a robot not start now?
 -spec is_down(starl:robot_id(), NowMs :: integer(), t()) -> boolean().

@@ -15,7 +15,7 @@
 %% time, less than 10 mm. A bumper gives as much.
 -module(starl_world_floor).
 
--export([new/1, told/2, look/3, period_us/0]).
+-export([new/1, commanded/2, look/3, period_us/0]).
 
 -export_type([t/0, arena/0, body/0, touch/0]).
 
@@ -59,8 +59,8 @@ period_us() -> ?PERIOD_US.
 
 %% @doc Handles a new command to drive: the robot moves, and is notified again of what it feels, if
 %% it feels anything.
--spec told(starl:robot_id(), t()) -> t().
-told(Id, #floor{touched = Touched} = Floor) ->
+-spec commanded(starl:robot_id(), t()) -> t().
+commanded(Id, #floor{touched = Touched} = Floor) ->
     case Touched of
         #{Id := {0, none}} -> Floor;
         #{Id := _} -> Floor#floor{touched = Touched#{Id := {unknown, none}}};

@@ -1,5 +1,6 @@
-%% @doc Judges a live run: sorts the facts of all robots by time and feeds them to the monitors. A
-%% pure module.
+%% @doc The live judge of a run: sorts the facts of all robots by time and feeds them to the monitors.
+%% It reports to the observer, logs the parts of the run that it no longer judges, and makes the
+%% outcome. It has no process: {@link starl_world} owns it.
 %%
 %% Facts arrive late and out of order. An event is judged when it is older than the horizon, and
 %% when every robot that is up has sent all its facts up to then ({@link complete/4}). The judge
@@ -18,41 +19,18 @@
 %% after its end. By then its monitors have been notified of the halt
 %% ({@link starl_monitor:broken/2}), so it excuses what a scheduled pause excuses. On a busy
 %% computer, a node that may go on has to wait for its processor. So the halt ends when the robot is
-%% heard again, at the latest the horizon after it may go on.
+%% heard again, at the latest the horizon after it may go on. The observer gets the halt as a fault,
+%% a pause, from when the robot stands.
 %% ```
-%%     hold --> held -- halted --> stands -- released --> awaited -- heard, or the horizon --> over
+%%     halt --> held -- halted --> stands -- released --> awaited -- heard, or the horizon --> over
 %% '''
 -module(starl_world_judge).
 
--export([
-    new/2, new/3,
-    horizon_us/0,
-    back_us/0,
-    told/2,
-    undone/3,
-    up/3,
-    down/2,
-    complete/4,
-    heard/2,
-    faults/2,
-    clock/3,
-    hold/3,
-    halted/3,
-    released/3,
-    resumed/3,
-    standing/1,
-    is_awaited/2,
-    look/3,
-    judge/2,
-    judge/3,
-    accuse/1,
-    violations/1,
-    late/1,
-    late_computers/1,
-    stood_still/3,
-    unjudged/1,
-    close/2
-]).
+-export([new/2, new/3, horizon_us/0, back_us/0]).
+-export([facts/2, radio/2, undone/3, too_late/3, clock/3, up/3, down/2, complete/4]).
+-export([fault/3, halt/4, halted/3, released/3, heard/3, standing/1, is_awaited/2]).
+-export([look/3, judge/2, judge/3, accept/3, accuse/2, close/2, outcome/4]).
+-export([leader/1, violations/1, unjudged/1, late/1, late_computers/1]).
 
 -export_type([t/0]).
 
@@ -65,12 +43,12 @@
     n = 0 :: non_neg_integer(),
     seen = 0 :: integer(),
     %% what was judged in the last minute, latest first
-    judged = [] :: [piece()],
-    %% the time of the last event of which the observer was told
-    told_us = 0 :: integer(),
+    judged = [] :: [step()],
+    %% the time of the last event that was reported to the observer
+    reported_us = 0 :: integer(),
     %% the robots that are up, with the times up to which all their facts have come
     complete = #{} :: #{starl:robot_id() => integer()},
-    %% when the judge has looked last, and how long he was kept from it
+    %% when the judge has looked last, and how long it was kept from it
     looked_us = 0 :: integer(),
     behind_us = 0 :: non_neg_integer(),
     late = 0 :: non_neg_integer(),
@@ -80,10 +58,14 @@
     held = #{} :: #{starl:robot_id() => hold()},
     halts = [] :: [{integer(), integer()}],
     lasting = starl_assumption_open_faults:new() :: starl_assumption_open_faults:t(),
-    ways = starl_packet_fates:new() :: starl_packet_fates:t(),
+    %% all faults, latest first; the fault of each pause, and since when the robot stands
+    faults = [] :: [starl_world_faults:fault()],
+    pauses = #{} :: #{starl:robot_id() => {Fault :: atom(), SinceMs :: integer() | none}},
+    packets = starl_packet_fates:new() :: starl_packet_fates:t(),
+    leader = none :: starl:robot_id() | none,
     violations = [] :: [starl_monitor:violation()],
-    %% what the observer is to be told of the latest violation
-    untold = none :: {[starl_monitor:trace_event()], starl_monitor:violation()} | none
+    %% the report to the observer on the latest violation
+    unreported = none :: {[starl_monitor:trace_event()], starl_monitor:violation()} | none
 }).
 
 -opaque t() :: #judge{}.
@@ -93,14 +75,14 @@
     integer(), StandsUs :: integer() | none, ReleasedUs :: integer() | none
 }.
 
-%% An event with its number of arrival, and whether the observer was told of it.
+%% An event with its number of arrival. Was it reported to the observer?
 -type entry() :: {
-    AtUs :: integer(), non_neg_integer(), starl_monitor:trace_event(), IsTold :: boolean()
+    AtUs :: integer(), non_neg_integer(), starl_monitor:trace_event(), IsReported :: boolean()
 }.
 
-%% A step of the monitors: from when on, their states and the violations before it, and the events; or a
-%% broken assumption of which they were told.
--type piece() ::
+%% A step of the monitors, with their states and the violations before it, and its events; or a broken
+%% assumption.
+-type step() ::
     {judged, SeenUs :: integer(), starl_monitor:t(), [starl_monitor:violation()], [entry()]}
     | {broken, starl_assumption:window()}.
 
@@ -110,8 +92,7 @@
 -define(KEPT_US, 60000000).
 -define(BACK_US, 30000000).
 
-%% Packets that came so long before they were sent, on average, and facts from so far ahead: clocks are
-%% apart.
+%% Clocks are apart if packets come so long before they were sent, on average, or facts from so far ahead.
 -define(APART_US, 5000).
 -define(AHEAD_US, 500000).
 
@@ -134,6 +115,45 @@ horizon_us() -> ?HORIZON_US.
 -spec back_us() -> pos_integer().
 back_us() -> ?BACK_US.
 
+%% -- facts ----------------------------------------------------------------------------------
+
+%% @doc Handles facts, which are in the order of their time for each robot. If a computer was late,
+%% that is known before the facts that it explains are judged.
+-spec facts([starl_monitor:trace_event()], t()) -> t().
+facts(Events, #judge{leader = Leader} = Judge) ->
+    lists:foldl(
+        fun arrived/2,
+        lists:foldl(
+            fun computer_late/2,
+            Judge#judge{leader = lists:foldl(fun leads/2, Leader, Events)},
+            starl_assumption:late(Events)
+        ),
+        Events
+    ).
+
+leads({_Us, Robot, _Machine, {leads, _Term}}, _Leader) -> Robot;
+leads(_Event, Leader) -> Leader.
+
+computer_late({Robot, From, To, _} = Window, #judge{computers = Before} = Judge) ->
+    Us = To - From,
+    More = fun({N, Longest}) -> {N + 1, max(Us, Longest)} end,
+    broken(Window, Judge#judge{computers = maps:update_with(Robot, More, {1, Us}, Before)}).
+
+broken(Window, #judge{monitors = Monitors, judged = Judged} = Judge) ->
+    Judge#judge{
+        monitors = starl_monitor:broken(Window, Monitors), judged = [{broken, Window} | Judged]
+    }.
+
+arrived(Event, #judge{pending = Pending, n = N} = Judge) ->
+    Judge#judge{pending = [{element(1, Event), N, Event, false} | Pending], n = N + 1}.
+
+%% @doc Handles the reports of a robot's radio on packets.
+-spec radio([starl_monitor:trace_event()], t()) -> t().
+radio(_Events, #judge{observer = none} = Judge) ->
+    Judge;
+radio(Events, #judge{packets = Packets} = Judge) ->
+    Judge#judge{packets = lists:foldl(fun starl_packet_fates:told/2, Packets, Events)}.
+
 %% @doc Withdraws reported facts. If they are judged already, all later facts are judged anew.
 -spec undone([starl_monitor:trace_event(), ...], NowUs :: integer(), t()) -> t().
 undone([First | _] = Events, Now, Judge) ->
@@ -144,7 +164,7 @@ undone([First | _] = Events, Now, Judge) ->
             Then = element(1, First),
             {_, Back} = back(Then - 1, {stood_still, Then, Now}, Next),
             {_, Left} = without(Events, Back),
-            Left
+            logged(Left, Judge)
     end.
 
 %% Are these all of the events?
@@ -155,6 +175,21 @@ without(Events, #judge{pending = Pending} = Judge) ->
         true -> {ok, Next};
         false -> {error, Next}
     end.
+
+%% @doc Handles a report of hardware on an earlier time. One that is too late cannot be judged at its
+%% time.
+-spec too_late(ThenUs :: integer(), NowUs :: integer(), t()) -> t().
+too_late(Then, Now, Judge) when Then < Now - ?BACK_US ->
+    logged(blinded({stood_still, Then, Now}, Judge), Judge);
+too_late(_Then, _Now, Judge) ->
+    Judge.
+
+%% @doc Records how far the clock of a robot's computer is ahead of the judge's, or behind.
+-spec clock(starl:robot_id(), AheadUs :: integer(), t()) -> t().
+clock(Robot, Ahead, Judge) when abs(Ahead) >= ?APART_US ->
+    logged(blinded({clocks, Robot, Robot, Ahead}, Judge), Judge);
+clock(_Robot, _Ahead, Judge) ->
+    Judge.
 
 %% @doc A robot is up from now on: its facts are waited for.
 -spec up(starl:robot_id(), NowUs :: integer(), t()) -> t().
@@ -184,87 +219,54 @@ complete(Robot, Then, Now, #judge{complete = Complete, horizon_us = Horizon} = J
             Judge
     end.
 
-%% @doc Facts have arrived, in the order of their time for each robot. That a computer was late is known before
-%% what it explains is judged.
--spec told([starl_monitor:trace_event()], t()) -> t().
-told(Events, Judge) ->
-    lists:foldl(
-        fun arrived/2,
-        lists:foldl(fun computer_late/2, Judge, starl_assumption:late(Events)),
-        Events
-    ).
+%% -- faults and halts -----------------------------------------------------------------------
 
-computer_late({Robot, From, To, _} = Window, #judge{computers = Before} = Judge) ->
-    Us = To - From,
-    More = fun({N, Longest}) -> {N + 1, max(Us, Longest)} end,
-    broken(Window, Judge#judge{computers = maps:update_with(Robot, More, {1, Us}, Before)}).
-
-broken(Window, #judge{monitors = Monitors, judged = Judged} = Judge) ->
+%% @doc Handles the beginning or the end of a scheduled or manual fault. While it lasts, it excuses
+%% what it explains. The observer gets scheduled and manual faults alike.
+-spec fault(starl_world_faults:report(), NowUs :: integer(), t()) -> t().
+fault({Is, Fault}, Now, #judge{lasting = Lasting, observer = Observer, faults = Faults} = Judge) ->
+    Own = setelement(6, Fault, maps:remove(in_time, element(6, Fault))),
+    ok = starl_observer:tell({fault, Now, {Is, Own}}, Observer),
     Judge#judge{
-        monitors = starl_monitor:broken(Window, Monitors), judged = [{broken, Window} | Judged]
+        lasting = starl_assumption_open_faults:told({Is, Own}, Lasting),
+        faults = [Own | lists:keydelete(element(1, Own), 1, Faults)]
     }.
 
-arrived(Event, #judge{pending = Pending, n = N} = Judge) ->
-    Judge#judge{pending = [{element(1, Event), N, Event, false} | Pending], n = N + 1}.
-
-%% @doc Handles the reports of a robot's radio on packets.
--spec heard([starl_monitor:trace_event()], t()) -> t().
-heard(_Events, #judge{observer = none} = Judge) ->
-    Judge;
-heard(Events, #judge{ways = Ways} = Judge) ->
-    Judge#judge{ways = lists:foldl(fun starl_packet_fates:told/2, Ways, Events)}.
-
-%% @doc Handles manual faults that have begun or ended: while they last, they excuse what they
-%% explain.
--spec faults([{began | ended, starl_assumption_open_faults:fault()}], t()) -> t().
-faults(Told, #judge{lasting = Lasting} = Judge) ->
-    Judge#judge{lasting = lists:foldl(fun starl_assumption_open_faults:told/2, Lasting, Told)}.
-
-%% @doc Records how far the clock of a robot's computer is ahead of the judge's, or behind.
--spec clock(starl:robot_id(), AheadUs :: integer(), t()) -> t().
-clock(Robot, Ahead, Judge) when abs(Ahead) >= ?APART_US ->
-    blinded({clocks, Robot, Robot, Ahead}, Judge);
-clock(_Robot, _Ahead, Judge) ->
-    Judge.
-
-%% @doc A robot is about to be halted: nothing is judged from now on.
--spec hold(starl:robot_id(), NowUs :: integer(), t()) -> t().
-hold(Robot, Now, Judge) ->
+%% @doc A robot is about to be halted, by the fault of this name: nothing is judged from now on.
+-spec halt(starl:robot_id(), Fault :: atom(), NowUs :: integer(), t()) -> t().
+halt(Robot, Fault, Now, Judge) ->
     #judge{held = Held} = Before = resumed(Robot, Now, Judge),
-    Before#judge{held = Held#{Robot => {Now, none, none}}}.
+    Waits =
+        #judge{pauses = Pauses} = pauses(
+            Now, Before#judge{held = Held#{Robot => {Now, none, none}}}
+        ),
+    Waits#judge{pauses = Pauses#{Robot => {Fault, none}}}.
 
 %% @doc Handles that a robot for which the judge waits stands still.
 -spec halted(starl:robot_id(), NowUs :: integer(), t()) -> t().
 halted(Robot, Now, #judge{held = Held} = Judge) ->
     Stands = fun({Since, _, none}) -> {Since, Now, none} end,
-    Judge#judge{held = maps:update_with(Robot, Stands, Held)}.
+    pauses(Now, Judge#judge{held = maps:update_with(Robot, Stands, Held)}).
 
 %% @doc A robot that stands still may go on.
 -spec released(starl:robot_id(), NowUs :: integer(), t()) -> t().
 released(Robot, Now, #judge{held = Held} = Judge) ->
     case Held of
         #{Robot := {_, none, _}} ->
-            resumed(Robot, Now, Judge);
+            pauses(Now, resumed(Robot, Now, Judge));
         #{Robot := {Since, Stands, none}} ->
             Judge#judge{held = Held#{Robot := {Since, Stands, Now}}};
         #{} ->
             Judge
     end.
 
-%% @doc The judge need not wait for a robot any more: it has been heard after its release, or has ended.
--spec resumed(starl:robot_id(), NowUs :: integer(), t()) -> t().
-resumed(Robot, Now, #judge{held = Held, halts = Halts} = Judge) ->
-    case maps:take(Robot, Held) of
-        {{Since, Stands, _}, Left} ->
-            excused(Robot, Stands, Now, Judge#judge{held = Left, halts = [{Since, Now} | Halts]});
-        error ->
-            Judge
+%% @doc A robot is heard. If it was released, it goes on: the judge need not wait any more.
+-spec heard(starl:robot_id(), NowUs :: integer(), t()) -> t().
+heard(Robot, Now, Judge) ->
+    case is_awaited(Robot, Judge) of
+        true -> pauses(Now, resumed(Robot, Now, Judge));
+        false -> Judge
     end.
-
-excused(_Robot, none, _Now, Judge) ->
-    Judge;
-excused(Robot, From, To, Judge) ->
-    broken({Robot, From, To, pause}, Judge).
 
 %% @doc The robots that stand still.
 -spec standing(t()) -> [starl:robot_id()].
@@ -279,10 +281,44 @@ is_awaited(Robot, #judge{held = Held}) ->
         #{} -> false
     end.
 
-%% @doc Looks at the events that are old enough by now, as in each of these periods. A computer that
-%% stood still goes on with all processes at once: what others have told comes a moment after the judge
-%% could look. A violation counts when it is {@link accuse/1. said}; until then the judge before the look may look anew,
-%% with facts that he has missed.
+resumed(Robot, Now, #judge{held = Held, halts = Halts} = Judge) ->
+    case maps:take(Robot, Held) of
+        {{Since, Stands, _}, Left} ->
+            excused(Robot, Stands, Now, Judge#judge{held = Left, halts = [{Since, Now} | Halts]});
+        error ->
+            Judge
+    end.
+
+excused(_Robot, none, _Now, Judge) ->
+    Judge;
+excused(Robot, From, To, Judge) ->
+    broken({Robot, From, To, pause}, Judge).
+
+%% A pause begins when a robot stands, and ends when it stands no more.
+pauses(Now, #judge{pauses = Pauses} = Judge) ->
+    Standing = standing(Judge),
+    lists:foldl(
+        fun({Robot, Pause}, J) -> pause(Robot, Pause, lists:member(Robot, Standing), Now, J) end,
+        Judge,
+        lists:sort(maps:to_list(Pauses))
+    ).
+
+pause(Robot, {Fault, none}, true, Now, #judge{pauses = Pauses} = Judge) ->
+    Begun = Judge#judge{pauses = Pauses#{Robot := {Fault, Now div 1000}}},
+    fault({began, {Fault, Now div 1000, forever, pause, Robot, #{}}}, Now, Begun);
+pause(Robot, {Fault, Since}, false, Now, #judge{pauses = Pauses} = Judge) when is_integer(Since) ->
+    Over = Judge#judge{pauses = maps:remove(Robot, Pauses)},
+    fault({ended, {Fault, Since, Now div 1000, pause, Robot, #{}}}, Now, Over);
+pause(_Robot, _Pause, _Stands, _Now, Judge) ->
+    Judge.
+
+%% -- verdicts -------------------------------------------------------------------------------
+
+%% @doc Judges the events that are old enough by now, once in each period. A computer that stood
+%% still goes on with all processes at once, and the facts of others come a moment after the judge
+%% looks. So the judge that this returns counts when it is accepted ({@link accept/3}), or its
+%% violation is reported ({@link accuse/2}). Until then the judge before may look again, with facts
+%% that it has missed.
 -spec look(NowUs :: integer(), PeriodUs :: pos_integer(), t()) -> {ok | violation, t()}.
 look(Now, Period, #judge{looked_us = Looked, behind_us = Before} = Judge) ->
     Passed = Now - Looked,
@@ -293,8 +329,8 @@ look(Now, Period, #judge{looked_us = Looked, behind_us = Before} = Judge) ->
 -spec judge(NowUs :: integer(), t()) -> {ok | violation, t()}.
 judge(Now, Judge) -> judge(Now, 0, Judge).
 
-%% @doc The same, of a judge who was kept from his work for so long and may not have all facts that have
-%% come meanwhile: he waits longer for them.
+%% @doc The same for a judge that was kept from its work for this time: it waits longer for facts,
+%% because it may not have all that have come meanwhile.
 -spec judge(NowUs :: integer(), BehindUs :: non_neg_integer(), t()) -> {ok | violation, t()}.
 judge(Now, Behind, Begun) ->
     #judge{horizon_us = Least} = Open = lasting(Now, Begun),
@@ -319,30 +355,105 @@ unheard(Time, #judge{horizon_us = Horizon, held = Held} = Judge) ->
     lists:foldl(fun({Id, At}, J) -> resumed(Id, At + Horizon, J) end, Judge, Over).
 
 %% Clocks that run apart.
-apart(Now, #judge{pending = Pending, ways = Ways} = Judge) ->
-    Early = [{clocks, A, B, Us} || {{A, B}, Us} <- starl_packet_fates:early(Ways), Us >= ?APART_US],
+apart(Now, #judge{pending = Pending, packets = Packets} = Judge) ->
+    Early = [
+        {clocks, A, B, Us}
+     || {{A, B}, Us} <- starl_packet_fates:early(Packets), Us >= ?APART_US
+    ],
     Ahead = [{clocks, R, R, T - Now} || {T, _, {_, R, _, _}, _} <- Pending, T >= Now + ?AHEAD_US],
     case Early ++ Ahead of
         [] -> Judge;
         [Why | _] -> blinded(Why, Judge)
     end.
 
-blinded(Why, #judge{monitors = Monitors} = Judge) ->
-    Next = starl_monitor:blinded(Why, Monitors),
-    _ = starl_monitor:unjudged(Next) =/= starl_monitor:unjudged(Monitors) andalso gap(Why, Judge),
-    Judge#judge{monitors = Next, judged = []}.
+%% @doc Accepts what a judge has found without a violation, in place of the judge before its look.
+-spec accept(t(), NowUs :: integer(), Before :: t()) -> t().
+accept(Judge, Now, Before) -> pauses(Now, logged(Judge, Before)).
 
-%% What the observer is told from now on is not in order with what he was told before.
-gap(Why, #judge{observer = Observer, seen = Seen}) ->
-    starl_observer:tell({unjudged, Seen, Why}, Observer).
+%% @doc Accepts a judge that has found a violation, and reports it to the observer.
+-spec accuse(t(), Before :: t()) -> t().
+accuse(Judge, Before) -> logged(report_violation(Judge), Before).
 
-%% @doc What was heard now had happened at another time, longer ago than the judge waits.
--spec stood_still(ThenUs :: integer(), NowUs :: integer(), t()) -> t().
-stood_still(Then, Now, Judge) -> blinded({stood_still, Then, Now}, Judge).
+%% The parts that are no longer judged are logged.
+logged(Judge, Before) ->
+    _ = [
+        logger:warning(#{what => not_judged, why => unicode:characters_to_binary(Line)})
+     || Part <- unjudged(Judge) -- unjudged(Before), Line <- [starl_unjudged:format(Part)]
+    ],
+    Judge.
 
-%% @doc What is not judged any more.
+report_violation(#judge{unreported = none} = Judge) ->
+    Judge;
+report_violation(#judge{unreported = {Events, Violation}} = Judge) ->
+    ok = report(Events, [Violation], Judge),
+    Judge#judge{unreported = none}.
+
+%% @doc Judges everything that has arrived, and closes the monitors: all violations, and each
+%% monitor's results, and what is not judged.
+-spec close(NowUs :: integer(), t()) ->
+    {[starl_monitor:violation()], #{module() => map()}, [starl_unjudged:t()]}.
+close(Now, #judge{held = Held} = Open) ->
+    Over = fun(Robot, Judge) -> resumed(Robot, Now, Judge) end,
+    Judge = lists:foldl(Over, lasting(Now, Open), lists:sort(maps:keys(Held))),
+    {_, Judged} = upto(infinity, Now, Judge),
+    #judge{monitors = Monitors, violations = Violations, seen = Seen} = report_violation(Judged),
+    {Late, Results, Unjudged} = starl_monitor:close(max(Now, Seen), Monitors),
+    {Violations ++ Late, Results, Unjudged}.
+
+%% @doc The outcome of a run that ends now, as of a simulation; `Robots': what is known of each robot. It
+%% closes the monitors and notifies the observer.
+-spec outcome(starl_world:ending() | none, NowUs :: integer(), Robots, t()) ->
+    starl_run:outcome()
+when
+    Robots :: [{starl:robot_id(), map()}].
+outcome(Ending, Now, Robots, #judge{observer = Observer, faults = Faults} = Judge) ->
+    {Violations, Results, Unjudged} = close(Now, Judge),
+    Verdict = #{
+        ending => Ending,
+        end_us => Now,
+        violations => Violations,
+        unjudged => Unjudged,
+        digest => <<>>
+    },
+    ok = starl_observer:tell({ended, Verdict}, Observer),
+    Verdict#{
+        judged_us => Now,
+        monitors => Results,
+        robots => Robots,
+        events => lists:sum([E || {_, #{events := E}} <- Robots]),
+        packets => lists:sum([P || {_, #{packets := P}} <- Robots]),
+        lost => [],
+        late_computers => late_computers(Judge),
+        faults => lists:keysort(2, [ended_by(Now div 1000, Fault) || Fault <- Faults])
+    }.
+
+%% A fault that has not ended ends with the run.
+ended_by(Now, {Id, From, forever, Kind, Target, Params}) -> {Id, From, Now, Kind, Target, Params};
+ended_by(_Now, Fault) -> Fault.
+
+%% @doc The robot that leads, by the latest report.
+-spec leader(t()) -> starl:robot_id() | none.
+leader(#judge{leader = Leader}) -> Leader.
+
+%% @doc The violations so far.
+-spec violations(t()) -> [starl_monitor:violation()].
+violations(#judge{violations = Violations}) -> Violations.
+
+%% @doc The number of events that came after their time had been judged.
+-spec late(t()) -> non_neg_integer().
+late(#judge{late = Late}) -> Late.
+
+%% @doc The robots whose computers were late, by their own reports: how often, and by how much at
+%% most.
+-spec late_computers(t()) -> [{starl:robot_id(), pos_integer(), Us :: pos_integer()}].
+late_computers(#judge{computers = Computers}) ->
+    [{Robot, N, Us} || {Robot, {N, Us}} <- lists:sort(maps:to_list(Computers))].
+
+%% @doc The parts that are not judged.
 -spec unjudged(t()) -> [starl_unjudged:t()].
 unjudged(#judge{monitors = Monitors}) -> starl_monitor:unjudged(Monitors).
+
+%% -- steps of the monitors ------------------------------------------------------------------
 
 %% Facts that come after their time has been judged take the monitors back.
 upto(Time, Now, #judge{pending = Pending, seen = Seen, late = Before} = Judge) ->
@@ -359,12 +470,12 @@ upto(Time, Now, #judge{pending = Pending, seen = Seen, late = Before} = Judge) -
             judged(Time, Sorted, Young, Judge)
     end.
 
-after_(Seen, {At, N, Event, IsTold}) ->
+after_(Seen, {At, N, Event, IsReported}) ->
     Then = max(Seen, At),
-    {Then, N, setelement(1, Event, Then), IsTold}.
+    {Then, N, setelement(1, Event, Then), IsReported}.
 
-%% The monitors have judged nothing after this time: what they had, is to be judged again. If they cannot go back so
-%% far, they are blind.
+%% Takes the monitors back to this time; later events are pending again. If they cannot go back so far,
+%% they are blind.
 back(Time, Why, #judge{judged = Judged} = Judge) ->
     IsLater = fun
         ({judged, Seen, _, _, _}) -> Seen > Time;
@@ -378,46 +489,46 @@ back(Time, Why, #judge{judged = Judged} = Judge) ->
             {blind, blinded(Why, Judge)}
     end.
 
-%% What was known of broken assumptions, is known before.
+%% Broken assumptions that are known by now hold from the start.
 again({judged, Seen, Monitors, Violations, Entries}, Later, #judge{pending = Pending} = Judge) ->
     Others = [E || {judged, _, _, _, Es} <- Later, E <- Es],
     Windows = [Window || {broken, Window} <- lists:reverse(Later)],
     Before = Judge#judge{
         monitors = Monitors,
         violations = Violations,
-        untold = none,
+        unreported = none,
         seen = Seen,
         pending = Entries ++ Others ++ Pending
     },
     lists:foldl(fun broken/2, Before, Windows).
 
 judged(Time, Entries, Young, Judge) ->
-    {Packets, Ways} = starl_packet_fates:due(Time, Judge#judge.ways),
-    watch(Entries, Packets, Judge#judge{pending = Young, ways = Ways}).
+    {Due, Packets} = starl_packet_fates:due(Time, Judge#judge.packets),
+    watch(Entries, Due, Judge#judge{pending = Young, packets = Packets}).
 
 watch([], Packets, Judge) ->
-    ok = tell(Packets, [], Judge),
+    ok = report(Packets, [], Judge),
     {ok, Judge};
 watch(Entries, Packets, #judge{monitors = Monitors, violations = Violations} = Judge) ->
     Trace = [Event || {_, _, Event, _} <- Entries],
-    {Told, Known} = untold(Entries, Packets, kept(Entries, Judge)),
+    {Reported, Known} = to_report(Entries, Packets, kept(Entries, Judge)),
     Seen = Known#judge{seen = element(1, lists:last(Trace))},
     case starl_monitor:step([E || E <- Trace, starl_observer:is_judged(E)], Monitors) of
         {ok, Next} ->
-            ok = tell(Told, [], Judge),
+            ok = report(Reported, [], Judge),
             {ok, Seen#judge{monitors = Next}};
         {violation, Violation, Next} ->
             Found = Violations ++ [Violation],
             {violation, Seen#judge{
-                monitors = Next, violations = Found, untold = {Told, Violation}
+                monitors = Next, violations = Found, unreported = {Reported, Violation}
             }}
     end.
 
-%% What the observer has not been told, not before what he has been told.
-untold(Entries, Packets, #judge{told_us = Before} = Judge) ->
+%% The events that were not reported yet, at times not before those of earlier reports.
+to_report(Entries, Packets, #judge{reported_us = Before} = Judge) ->
     New = [setelement(1, Event, max(Before, At)) || {At, _, Event, false} <- Entries],
     Last = lists:max([Before | [element(1, Event) || Event <- New]]),
-    {lists:keymerge(1, New, Packets), Judge#judge{told_us = Last}}.
+    {lists:keymerge(1, New, Packets), Judge#judge{reported_us = Last}}.
 
 %% The monitors can go back to before these events, for a while.
 kept(Entries, #judge{judged = Judged, seen = Seen} = Judge) ->
@@ -426,45 +537,20 @@ kept(Entries, #judge{judged = Judged, seen = Seen} = Judge) ->
         ({judged, Then, _, _, _}) -> Then >= Seen - ?KEPT_US;
         ({broken, _}) -> true
     end,
-    Told = [setelement(4, Entry, true) || Entry <- Entries],
-    Piece = {judged, Seen, Monitors, Violations, Told},
-    Judge#judge{judged = [Piece | lists:takewhile(IsRecent, Judged)]}.
+    Reported = [setelement(4, Entry, true) || Entry <- Entries],
+    Step = {judged, Seen, Monitors, Violations, Reported},
+    Judge#judge{judged = [Step | lists:takewhile(IsRecent, Judged)]}.
 
-%% @doc Reports the latest violation to the observer.
--spec accuse(t()) -> t().
-accuse(#judge{untold = none} = Judge) ->
-    Judge;
-accuse(#judge{untold = {Told, Violation}} = Judge) ->
-    ok = tell(Told, [Violation], Judge),
-    Judge#judge{untold = none}.
-
-tell([], [], _Judge) ->
+report([], [], _Judge) ->
     ok;
-tell(Told, Found, #judge{observer = Observer}) ->
-    starl_observer:tell({judged, Told, Found}, Observer).
+report(Events, Found, #judge{observer = Observer}) ->
+    starl_observer:tell({judged, Events, Found}, Observer).
 
-%% @doc The violations so far.
--spec violations(t()) -> [starl_monitor:violation()].
-violations(#judge{violations = Violations}) -> Violations.
+blinded(Why, #judge{monitors = Monitors} = Judge) ->
+    Next = starl_monitor:blinded(Why, Monitors),
+    _ = starl_monitor:unjudged(Next) =/= starl_monitor:unjudged(Monitors) andalso gap(Why, Judge),
+    Judge#judge{monitors = Next, judged = []}.
 
-%% @doc The number of events that came after their time had been judged.
--spec late(t()) -> non_neg_integer().
-late(#judge{late = Late}) -> Late.
-
-%% @doc The robots whose computers were late, by their own reports: how often, and by how much at
-%% most.
--spec late_computers(t()) -> [{starl:robot_id(), pos_integer(), Us :: pos_integer()}].
-late_computers(#judge{computers = Computers}) ->
-    [{Robot, N, Us} || {Robot, {N, Us}} <- lists:sort(maps:to_list(Computers))].
-
-%% @doc Judges everything that has arrived, and closes the monitors: all violations, and each
-%% monitor's results, and what is not judged.
--spec close(NowUs :: integer(), t()) ->
-    {[starl_monitor:violation()], #{module() => map()}, [starl_unjudged:t()]}.
-close(Now, #judge{held = Held} = Open) ->
-    Over = fun(Robot, Judge) -> resumed(Robot, Now, Judge) end,
-    Judge = lists:foldl(Over, lasting(Now, Open), lists:sort(maps:keys(Held))),
-    {_, Judged} = upto(infinity, Now, Judge),
-    #judge{monitors = Monitors, violations = Violations, seen = Seen} = accuse(Judged),
-    {Late, Results, Unjudged} = starl_monitor:close(max(Now, Seen), Monitors),
-    {Violations ++ Late, Results, Unjudged}.
+%% Later reports to the observer are not in order with the earlier ones.
+gap(Why, #judge{observer = Observer, seen = Seen}) ->
+    starl_observer:tell({unjudged, Seen, Why}, Observer).

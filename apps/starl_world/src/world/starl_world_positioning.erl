@@ -1,6 +1,7 @@
-%% @doc The positioning system of the simulated world. It shows pictures to the robots with the
-%% errors of their sensors and the faults of class `location'. If wished, it rounds them to whole
-%% millimetres. A pure module.
+%% @doc The positioning system of the simulated world, at both ends. In the world it is pure: it makes
+%% pictures for the robots with the errors of their sensors and the faults of class `location'. If
+%% wished, it rounds them to whole millimetres. In a robot it is a source of positions
+%% ({@link starl_live_positioning}).
 %%
 %% A robot for which the system is frozen gets the last picture again and again, as a new one.
 %%
@@ -9,11 +10,13 @@
 %% report everything up to the moment of the look, and the picture shows that moment:
 %% ```
 %%     robot -- look --> world -- {starl_settle, World, N} --> hardware
-%%     robot <- picture - world <-- {starl_settled, Robot, N} -- hardware     after all that it has told
+%%     robot <- picture - world <-- {starl_settled, Robot, N} -- hardware     after all its reports
 %% '''
 %% Hardware that has ended does not answer, and a look without an answer is dropped.
 -module(starl_world_positioning).
+-behaviour(starl_live_positioning).
 
+-export([open/1, ask/2, hear/2, figures/1, close/1]).
 -export([new/2, rate_hz/1, fault/2, begun/4, settled/3, picture/5, seen/3, shown/4]).
 
 -export_type([t/0, options/0, look/0]).
@@ -21,7 +24,7 @@
 %% `rate_hz': the pictures a second (`none': one whenever a robot asks).
 -type options() :: #{rate_hz => number() | none, whole_mm => boolean(), atom() => term()}.
 
-%% Who looks, and at whom.
+%% Who looks (`sight': the process that gets the picture), and at whom.
 -type look() :: {By :: {starl:robot_id(), Sight :: pid()} | all, [starl:robot_id()]}.
 
 -record(positioning, {
@@ -30,7 +33,7 @@
     rate_hz :: number() | none,
     whole_mm :: boolean(),
     draws = 0 :: non_neg_integer(),
-    %% what each robot was shown last, and the faults that last
+    %% the last picture of each robot, and the faults that last
     shown = #{} :: #{starl:robot_id() => #{starl:robot_id() => starl:pose()}},
     faults = [] :: [starl_world_faults:fault()],
     %% the number of the next look that waits, and those that wait
@@ -39,6 +42,9 @@
 }).
 
 -opaque t() :: #positioning{}.
+
+%% A robot's end.
+-record(sight, {world :: pid(), robot :: starl:robot_id(), pictures = 0 :: non_neg_integer()}).
 
 %% A picture that is older is of no use to a robot.
 -define(FORGOTTEN_US, 1000000).
@@ -58,7 +64,7 @@ new(#{profiles := Profiles, seed := Seed}, Options) ->
 rate_hz(#positioning{rate_hz = Rate}) -> Rate.
 
 %% @doc A fault begins or ends, which may be one of its.
--spec fault(starl_world_faults:told(), t()) -> t().
+-spec fault(starl_world_faults:report(), t()) -> t().
 fault({Is, Fault}, #positioning{faults = Faults} = Positioning) ->
     case {starl_run_fault:class(Fault), Is} of
         {location, began} ->
@@ -161,3 +167,25 @@ time(Id, Us, Now, Faults) ->
         [] -> Us;
         [_ | _] -> Now
     end.
+
+%% -- a robot's end --------------------------------------------------------------------------
+
+-spec open(#{world := pid(), robot := starl:robot_id(), atom() => term()}) -> {ok, #sight{}}.
+open(#{world := World, robot := Robot}) ->
+    World ! {starl_watches, Robot, self()},
+    {ok, #sight{world = World, robot = Robot}}.
+
+-spec ask([starl:robot_id()], #sight{}) -> #sight{}.
+ask(Robots, #sight{world = World, robot = Robot} = Sight) ->
+    World ! {starl_look, Robot, self(), lists:usort([Robot | Robots])},
+    Sight.
+
+-spec hear(term(), #sight{}) -> {[starl_live_positioning:sighting()], #sight{}} | unknown.
+hear({starl_seen, Seen}, #sight{pictures = N} = Sight) -> {Seen, Sight#sight{pictures = N + 1}};
+hear(_Message, _Sight) -> unknown.
+
+-spec figures(#sight{}) -> starl_live_positioning:figures().
+figures(#sight{pictures = N}) -> #{pictures => N}.
+
+-spec close(#sight{}) -> ok.
+close(_Sight) -> ok.

@@ -17,23 +17,23 @@
 -export([started/4, halted/4, traced/4, recalled/3, result/3, record/2, down/4, of_link/2]).
 -export([ids/1, up/1, links/1, running/1, summaries/2]).
 
--export_type([t/0, yield/0, word/0, result/0]).
+-export_type([t/0, change/0, effect/0, result/0]).
 
 -type id() :: starl:robot_id().
 -type result() :: running | given_up | {done, term()}.
 -type answer() :: {Mark :: term(), starl_live_chassis:answer()}.
 
 -record(robot, {
-    body :: starl_world_body:t(),
+    body :: starl_world_vehicle:t(),
     chassis = none :: pid() | none,
     %% does the body go on without the link?
     is_free = false :: boolean(),
-    %% does the chassis tell where the body is?
+    %% does the chassis report where the body is?
     is_tracked = false :: boolean(),
-    %% of free hardware: when what it has told last was, its body then, and what the body has done since,
-    %% as long as nothing is heard that was earlier
-    told_at = 0 :: integer(),
-    settled = none :: starl_world_body:t() | none,
+    %% of free hardware: the time of its last report, its body then, and what the body has done since, as
+    %% far as is known
+    reported_us = 0 :: integer(),
+    settled = none :: starl_world_vehicle:t() | none,
     since = [] :: [starl_monitor:trace_event()],
     answered = [] :: [answer()],
     sight = none :: pid() | none,
@@ -52,22 +52,22 @@
 
 -opaque t() :: #{id() => #robot{}}.
 
-%% A message for a process; the time at which a robot's body has to be advanced; facts that were told and
-%% are none, since something else came before.
--type word() ::
-    {tell, pid(), term()}
+%% `send': a message for a process. `wake': the time at which a robot's body must be advanced. `undo':
+%% reported facts that are wrong, because a late report changed what happened.
+-type effect() ::
+    {send, pid(), term()}
     | {wake, id(), DueUs :: integer()}
     | {undo, [starl_monitor:trace_event(), ...]}.
 
-%% What has happened: the facts, the words for other processes, and the robots.
--type yield() :: {[starl_monitor:trace_event()], [word()], t()}.
+%% The new facts, the effects to carry out, and the robots.
+-type change() :: {[starl_monitor:trace_event()], [effect()], t()}.
 
 %% @doc Robots at these poses in the world of a simulation, all down, and the first facts of their
 %% bodies.
 -spec new([{id(), starl:pose()}], starl_sim_vehicle:world()) ->
     {[starl_monitor:trace_event()], t()}.
 new(Poses, Sim) ->
-    Bodies = [{Id, starl_world_body:new(Id, Pose, Sim)} || {Id, Pose} <- Poses],
+    Bodies = [{Id, starl_world_vehicle:new(Id, Pose, Sim)} || {Id, Pose} <- Poses],
     Robots = maps:from_list([{Id, #robot{body = Body}} || {Id, {_, Body}} <- Bodies]),
     {lists:append([Traces || {_, {Traces, _}} <- Bodies]), Robots}.
 
@@ -93,15 +93,15 @@ embodied(Id, Chassis, IsFree, Robots) ->
 -spec tracked(id(), Chassis :: pid(), t()) -> {ok, starl:pose(), t()} | {error, iolist()}.
 tracked(Id, Chassis, Robots) ->
     case embodied(Id, Chassis, true, Robots) of
-        {ok, #{Id := #robot{told_at = Told} = Robot} = Next} ->
-            {ok, pose(Told, body(Robot)), Next#{Id := Robot#robot{is_tracked = true}}};
+        {ok, #{Id := #robot{reported_us = Us} = Robot} = Next} ->
+            {ok, pose(Us, body(Robot)), Next#{Id := Robot#robot{is_tracked = true}}};
         {error, _} = Error ->
             Error
     end.
 
 %% @doc Handles the end of a process. If it reported where a robot's body is, that body stands where
 %% it was last.
--spec untracked(Chassis :: pid(), t()) -> yield().
+-spec untracked(Chassis :: pid(), t()) -> change().
 untracked(Chassis, Robots) ->
     case
         [
@@ -109,7 +109,7 @@ untracked(Chassis, Robots) ->
          || {_, #robot{chassis = C, is_tracked = true}} = R <- maps:to_list(Robots), C =:= Chassis
         ]
     of
-        [{Id, #robot{told_at = At} = Robot}] ->
+        [{Id, #robot{reported_us = At} = Robot}] ->
             Gone = Robot#robot{
                 chassis = none,
                 is_free = false,
@@ -118,7 +118,7 @@ untracked(Chassis, Robots) ->
                 since = [],
                 answered = []
             },
-            yielded(Id, starl_world_body:stop(At, body(Robot)), Gone, Robots);
+            changed(Id, starl_world_vehicle:stop(At, body(Robot)), Gone, Robots);
         [] ->
             {[], [], Robots}
     end.
@@ -163,7 +163,7 @@ watching(Robots) -> [{Id, S} || {Id, #robot{sight = S}} <- maps:to_list(Robots),
 %% moves as if the report had come at once: what it has done since then is undone. Returns the time that
 %% counts; `unknown': that chassis is not the robot's any more.
 -spec heard(id(), Chassis :: pid(), {now | {at, integer()}, What}, NowUs :: integer(), t()) ->
-    {AtUs :: integer(), yield()} | unknown
+    {AtUs :: integer(), change()} | unknown
 when
     What ::
         {drive, starl_chassis:script(), integer(), term()}
@@ -179,9 +179,9 @@ heard(Id, Chassis, {Time, What}, Now, Robots) ->
     end.
 
 heard_at(now, What, Now, {Id, #robot{body = Body} = Robot}, Robots) ->
-    {Now, yielded(Id, does(What, Now, Body), Robot, Robots)};
+    {Now, changed(Id, does(What, Now, Body), Robot, Robots)};
 heard_at({at, Then}, What, Now, {Id, Robot}, Robots) ->
-    #robot{told_at = Before, body = Body, since = Since, answered = Answered} = Robot,
+    #robot{reported_us = Before, body = Body, since = Since, answered = Answered} = Robot,
     At = lists:max([Before, Now - starl_world_judge:back_us(), min(Now, Then)]),
     Settled =
         case Robot of
@@ -189,35 +189,35 @@ heard_at({at, Then}, What, Now, {Id, Robot}, Robots) ->
             #robot{settled = Known} -> Known
         end,
     {Traces, Answers, Next} = does(What, At, Settled),
-    {New, Words, Told} = yielded(
+    {New, Effects, Changed} = changed(
         Id,
         {Traces -- Since, Answers -- Answered, Next},
-        (settled(Next, Robot))#robot{told_at = At},
+        (settled(Next, Robot))#robot{reported_us = At},
         Robots
     ),
     Undone = [{undo, Events} || [_ | _] = Events <- [Since -- Traces]],
-    {At, {New, Undone ++ Words, Told}}.
+    {At, {New, Undone ++ Effects, Changed}}.
 
 settled(Body, Robot) -> Robot#robot{settled = Body, since = [], answered = []}.
 
 does({drive, Script, Until, Mark}, Now, Body) ->
     case starl_live_chassis:is_late(Script, Until, Now) of
-        true -> starl_world_body:advance(Now, Body);
-        false -> starl_world_body:drive(Script, Mark, Now, Body)
+        true -> starl_world_vehicle:advance(Now, Body);
+        false -> starl_world_vehicle:drive(Script, Mark, Now, Body)
     end;
 does({actuate, What, Mark}, Now, Body) ->
-    starl_world_body:actuate(What, Mark, Now, Body);
+    starl_world_vehicle:actuate(What, Mark, Now, Body);
 does({moves, Piece}, _Now, Body) ->
-    starl_world_body:moves(Piece, Body);
+    starl_world_vehicle:moves(Piece, Body);
 does(stop, Now, Body) ->
-    starl_world_body:stop(Now, Body).
+    starl_world_vehicle:stop(Now, Body).
 
 %% @doc Lets everything happen to a robot's body that is due until now.
--spec advance(id(), NowUs :: integer(), t()) -> yield().
+-spec advance(id(), NowUs :: integer(), t()) -> change().
 advance(Id, Now, Robots) ->
     #{Id := #robot{body = Body} = Robot} = Robots,
-    Advanced = starl_world_body:advance(Now, Body),
-    yielded(Id, Advanced, since(Advanced, Robot), Robots).
+    Advanced = starl_world_vehicle:advance(Now, Body),
+    changed(Id, Advanced, since(Advanced, Robot), Robots).
 
 %% What a body does by itself may be undone.
 since(_Advanced, #robot{settled = none} = Robot) ->
@@ -227,50 +227,50 @@ since({Traces, Answers, _Body}, #robot{since = Since, answered = Answered} = Rob
 
 %% @doc Handles a change of what a robot touches: its hardware is notified, and the robot stops if
 %% that is in its way.
--spec touched(id(), starl_world_floor:touch(), AtUs :: integer(), t()) -> yield().
+-spec touched(id(), starl_world_floor:touch(), AtUs :: integer(), t()) -> change().
 touched(Id, {_Bits, IsBlocked} = Touch, At, Robots) ->
-    #{Id := #robot{chassis = Chassis, body = Body, told_at = Before} = Robot} = Robots,
-    Tell = [{tell, Chassis, {starl_body_touches, Touch}} || is_pid(Chassis)],
+    #{Id := #robot{chassis = Chassis, body = Body, reported_us = Before} = Robot} = Robots,
+    Sends = [{send, Chassis, {starl_body_touches, Touch}} || is_pid(Chassis)],
     case IsBlocked of
         true ->
             Stands = max(At, Before),
-            {_, _, Stopped} = Stop = starl_world_body:stop(Stands, Body),
-            Felt = (settled(Stopped, Robot))#robot{told_at = Stands},
-            {Traces, Words, Next} = yielded(Id, Stop, Felt, Robots),
-            {Traces, Tell ++ Words, Next};
+            {_, _, Stopped} = Stop = starl_world_vehicle:stop(Stands, Body),
+            Felt = (settled(Stopped, Robot))#robot{reported_us = Stands},
+            {Traces, Effects, Next} = changed(Id, Stop, Felt, Robots),
+            {Traces, Sends ++ Effects, Next};
         false ->
-            {[], Tell, Robots}
+            {[], Sends, Robots}
     end.
 
-yielded(Id, {Traces, Answers, Body}, #robot{chassis = Chassis} = Robot, Robots) ->
-    Says = [{tell, Chassis, {starl_body_says, Answers}} || Answers =/= [], is_pid(Chassis)],
-    Wakes = [{wake, Id, Due} || Due <- [starl_world_body:next_due(Body)], Due =/= none],
-    {Traces, Says ++ Wakes, Robots#{Id => Robot#robot{body = Body}}}.
+changed(Id, {Traces, Answers, Body}, #robot{chassis = Chassis} = Robot, Robots) ->
+    Sends = [{send, Chassis, {starl_body_says, Answers}} || Answers =/= [], is_pid(Chassis)],
+    Wakes = [{wake, Id, Due} || Due <- [starl_world_vehicle:next_due(Body)], Due =/= none],
+    {Traces, Sends ++ Wakes, Robots#{Id => Robot#robot{body = Body}}}.
 
 %% @doc All bodies on the floor.
 -spec on_floor(AtUs :: integer(), t()) -> [starl_world_floor:body()].
 on_floor(At, Robots) ->
     [
-        starl_world_body:on_floor(Id, At, Body)
+        starl_world_vehicle:on_floor(Id, At, Body)
      || {Id, #robot{body = Body}} <- lists:sort(maps:to_list(Robots))
     ].
 
-%% @doc The true poses of those of these robots that there are, each with its time: now; of hardware, which
-%% has told everything up to `AtUs', then, or when it told something last.
+%% @doc The true poses of these robots, each with its time: now. Hardware has reported everything up to
+%% `AtUs', so its pose is of then, or of its last report.
 -spec poses([id()], AtUs :: integer(), NowUs :: integer(), t()) ->
     [{id(), starl:pose(), Us :: integer()}].
 poses(Ids, At, Now, Robots) ->
     [pose(Id, At, Now, Robot) || Id <- Ids, #{Id := Robot} <- [Robots]].
 
-pose(Id, At, _Now, #robot{is_free = true, settled = Body, told_at = Told}) when Body =/= none ->
-    Then = max(At, Told),
+pose(Id, At, _Now, #robot{is_free = true, settled = Body, reported_us = Us}) when Body =/= none ->
+    Then = max(At, Us),
     {Id, pose(Then, Body), Then};
 pose(Id, _At, Now, #robot{body = Body}) ->
     {Id, pose(Now, Body), Now}.
 
 pose(Now, Body) ->
-    {_, _, Caught} = starl_world_body:advance(Now, Body),
-    starl_world_body:pose(Now, Caught).
+    {_, _, Caught} = starl_world_vehicle:advance(Now, Body),
+    starl_world_vehicle:pose(Now, Caught).
 
 %% -- their starts and ends ------------------------------------------------------------------
 
@@ -290,44 +290,44 @@ started(Id, Link, {Names, File}, Robots) ->
         }
     }.
 
-%% @doc A robot stands still. It has written these batches to its record, which need not have come.
+%% @doc A robot stands still. These batches are in its record; some of them have not arrived.
 -spec halted(id(), [starl_live_record:batch()], NowUs :: integer(), t()) ->
     {[starl_monitor:trace_event()], t()}.
 halted(Id, Batches, Now, Robots) ->
     #{Id := Robot} = Robots,
-    {Events, #robot{halts = Halts} = Told} = told(Batches, Robot),
-    {Events, Robots#{Id := Told#robot{halts = [Now | Halts]}}}.
+    {Events, #robot{halts = Halts} = Known} = new_facts(Batches, Robot),
+    {Events, Robots#{Id := Known#robot{halts = [Now | Halts]}}}.
 
-%% @doc A batch of facts has come from a robot's link: those that are new.
+%% @doc A batch of facts has come from a robot's link: returns the new facts.
 -spec traced(id(), Link :: pid(), starl_live_record:batch(), t()) ->
     {[starl_monitor:trace_event()], t()}.
 traced(Id, Link, Batch, Robots) ->
     case Robots of
         #{Id := #robot{link = Link} = Robot} ->
-            {Events, Told} = told([Batch], Robot),
-            {Events, Robots#{Id := Told}};
+            {Events, Known} = new_facts([Batch], Robot),
+            {Events, Robots#{Id := Known}};
         #{} ->
             {[], Robots}
     end.
 
-%% @doc A robot has written these batches to its record, which need not have come: the facts that are new.
+%% @doc Adds batches from a robot's record, some of which have arrived: returns the new facts.
 -spec recalled(id(), [starl_live_record:batch()], t()) -> {[starl_monitor:trace_event()], t()}.
 recalled(Id, Batches, Robots) ->
     #{Id := Robot} = Robots,
-    {Events, Told} = told(Batches, Robot),
-    {Events, Robots#{Id := Told}}.
+    {Events, Known} = new_facts(Batches, Robot),
+    {Events, Robots#{Id := Known}}.
 
-told(Batches, Robot) -> lists:foldl(fun told_one/2, {[], Robot}, Batches).
+new_facts(Batches, Robot) -> lists:foldl(fun new_batch/2, {[], Robot}, Batches).
 
-told_one({N, _, _}, {Events, #robot{batch = Last} = Robot}) when N =< Last ->
+new_batch({N, _, _}, {Events, #robot{batch = Last} = Robot}) when N =< Last ->
     {Events, Robot};
-told_one({N, _, _} = Batch, {Events, #robot{halts = Halts, went_on = Before} = Robot}) ->
+new_batch({N, _, _} = Batch, {Events, #robot{halts = Halts, went_on = Before} = Robot}) ->
     {New, WentOn} = after_halt(Batch, Halts, Before),
     {Events ++ New, Robot#robot{batch = N, went_on = WentOn}}.
 
-%% Facts that the robot had looked at before a halt hold at their time. Those of a step that the halt cut
-%% in two before the look hold when the robot went on: at the latest at the next fact, or at the look. No
-%% later fact holds before that, though the look may come when the next step has begun.
+%% A halt may cut a step in two. Facts after a look at the clock before the halt hold at their time. If
+%% the look came after the halt, they hold when the robot went on: at the latest at the next fact, or at
+%% the look. No later fact holds before that.
 after_halt({_N, Looked, Events}, Halts, Before) ->
     {Cut, New} =
         case [At || At <- Halts, At < Looked] of
@@ -357,22 +357,22 @@ record(Id, Robots) ->
 
 %% @doc The link of a robot has ended, with these batches as its last: the robot is down. Its body stops,
 %% unless hardware drives it.
--spec down(id(), Last :: [starl_live_record:batch()], NowUs :: integer(), t()) -> yield().
+-spec down(id(), Last :: [starl_live_record:batch()], NowUs :: integer(), t()) -> change().
 down(Id, Last, Now, Robots) ->
     case Robots of
         #{Id := #robot{is_up = false}} ->
             {[], [], Robots};
         #{Id := #robot{body = Body, names = Names, is_free = IsFree} = Robot} ->
-            {Facts, Told} = told(Last, Robot),
-            Left = Told#robot{is_up = false, link = none, halts = []},
+            {Facts, Known} = new_facts(Last, Robot),
+            Left = Known#robot{is_up = false, link = none, halts = []},
             Gone = left(Now, IsFree, Body),
-            {Traces, Words, Next} = yielded(Id, Gone, since(Gone, Left), Robots),
+            {Traces, Effects, Next} = changed(Id, Gone, since(Gone, Left), Robots),
             Down = [{Now, Id, robot, down} | [{Now, Id, Name, crashed} || Name <- Names]],
-            {Traces ++ Facts ++ Down, Words, Next}
+            {Traces ++ Facts ++ Down, Effects, Next}
     end.
 
-left(Now, true, Body) -> starl_world_body:advance(Now, Body);
-left(Now, false, Body) -> starl_world_body:stop(Now, Body).
+left(Now, true, Body) -> starl_world_vehicle:advance(Now, Body);
+left(Now, false, Body) -> starl_world_vehicle:stop(Now, Body).
 
 %% @doc The robot of this link.
 -spec of_link(Link :: pid(), t()) -> {ok, id()} | none.

@@ -1,10 +1,10 @@
--module(starl_lab_window_hand_tests).
+-module(starl_lab_window_fault_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 where() ->
     #{from_ms => 1000, until_ms => 60000, robots => 3, machines => [app, sap], faults => []}.
 
-fault(Command) -> starl_lab_window_hand:faults(Command, 1, where()).
+fault(Command) -> starl_lab_window_fault:faults(Command, 1, where()).
 
 command(Kind, Target) -> #{<<"kind">> => Kind, <<"target">> => Target}.
 
@@ -12,19 +12,21 @@ kinds_test_() ->
     [
         ?_assertEqual({ok, [Fault]}, fault(Command))
      || {Fault, Command} <- [
-            {{hand_1, 1000, 1000, kill_robot, 2, #{}}, command(<<"kill_robot">>, 2)},
-            {{hand_1, 1000, 60000, isolate, 3, #{}}, command(<<"isolate">>, 3)},
-            {{hand_1, 1000, 3500, reboot, 3, #{}}, (command(<<"reboot">>, 3))#{<<"seconds">> => 2.5}},
+            {{manual_1, 1000, 1000, kill_robot, 2, #{}}, command(<<"kill_robot">>, 2)},
+            {{manual_1, 1000, 60000, isolate, 3, #{}}, command(<<"isolate">>, 3)},
+            {{manual_1, 1000, 3500, reboot, 3, #{}}, (command(<<"reboot">>, 3))#{
+                <<"seconds">> => 2.5
+            }},
             {
-                {hand_1, 1000, 1000, kill_machine, {1, sap}, #{}},
+                {manual_1, 1000, 1000, kill_machine, {1, sap}, #{}},
                 command(<<"kill_machine">>, [1, <<"sap">>])
             },
-            {{hand_1, 1000, 60000, partition, [1, 3], #{}}, command(<<"partition">>, [3, 1, 1])},
+            {{manual_1, 1000, 60000, partition, [1, 3], #{}}, command(<<"partition">>, [3, 1, 1])},
             {
-                {hand_1, 1000, 60000, location_swap, {1, 3}, #{}},
+                {manual_1, 1000, 60000, location_swap, {1, 3}, #{}},
                 command(<<"location_swap">>, [1, 3])
             },
-            {{hand_1, 1000, 60000, wheel_stuck, 1, #{wheel => left}}, (command(
+            {{manual_1, 1000, 60000, wheel_stuck, 1, #{wheel => left}}, (command(
                 <<"wheel_stuck">>, 1
             ))#{
                 <<"params">> => #{<<"wheel">> => <<"left">>}
@@ -36,18 +38,18 @@ kinds_test_() ->
 cut_test() ->
     ?assertMatch(
         {ok, [
-            {hand_1, _, _, loss, {1, 2}, #{part := 1.0}},
-            {hand_1_back, _, _, loss, {2, 1}, #{part := 1.0}}
+            {manual_1, _, _, loss, {1, 2}, #{part := 1.0}},
+            {manual_1_back, _, _, loss, {2, 1}, #{part := 1.0}}
         ]},
         fault(command(<<"cut">>, [1, 2]))
     ).
 
 %% A name that the scenario has is not taken again, and no word of the page becomes an atom.
 names_test() ->
-    Taken = (where())#{faults => [{hand_1, 0, 1, isolate, 1, #{}}]},
+    Taken = (where())#{faults => [{manual_1, 0, 1, isolate, 1, #{}}]},
     ?assertMatch(
-        {ok, [{hand_2, _, _, _, _, _}]},
-        starl_lab_window_hand:faults(command(<<"isolate">>, 1), 1, Taken)
+        {ok, [{manual_2, _, _, _, _, _}]},
+        starl_lab_window_fault:faults(command(<<"isolate">>, 1), 1, Taken)
     ),
     _ = fault(command(<<"a_kind_that_nobody_has_written">>, 1)),
     ?assertError(badarg, binary_to_existing_atom(<<"a_kind_that_nobody_has_", "written">>)).
@@ -87,7 +89,7 @@ refused_test_() ->
 
 limit_test() ->
     ?assertMatch(
-        {error, _}, starl_lab_window_hand:faults(command(<<"isolate">>, 1), 1001, where())
+        {error, _}, starl_lab_window_fault:faults(command(<<"isolate">>, 1), 1001, where())
     ).
 
 healed_test() ->
@@ -97,7 +99,7 @@ healed_test() ->
     Clock = {d, 0, 9000, clock_freeze, 1, #{}},
     All = [Lasts, Over, Later, Clock],
     Healed = [setelement(3, Lasts, 1000), Over, Later, Clock],
-    ?assertEqual({ok, Healed}, starl_lab_window_hand:healed(<<"a">>, 1000, All)),
-    ?assertEqual({ok, Healed}, starl_lab_window_hand:healed(<<"all">>, 1000, All)),
-    ?assertMatch({error, _}, starl_lab_window_hand:healed(<<"b">>, 1000, All)),
-    ?assertMatch({error, _}, starl_lab_window_hand:healed(<<"c">>, 1000, All)).
+    ?assertEqual({ok, Healed}, starl_lab_window_fault:healed(<<"a">>, 1000, All)),
+    ?assertEqual({ok, Healed}, starl_lab_window_fault:healed(<<"all">>, 1000, All)),
+    ?assertMatch({error, _}, starl_lab_window_fault:healed(<<"b">>, 1000, All)),
+    ?assertMatch({error, _}, starl_lab_window_fault:healed(<<"c">>, 1000, All)).

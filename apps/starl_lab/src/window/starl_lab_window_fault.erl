@@ -1,16 +1,16 @@
-%% @doc Parses the manual faults of a page ({@link starl_run_hand}). In a simulation, such a fault
+%% @doc Parses the manual faults of a page ({@link starl_run_manual_fault}). In a simulation, such a fault
 %% begins at the present time of the run; if it lasts, it ends after the given time or with the run.
 %% In real time it happens now. Input from a page is not trusted: no atom is made from it, and every
 %% value is checked as in a scenario file.
--module(starl_lab_window_hand).
+-module(starl_lab_window_fault).
 
--export([hands/2, faults/3, healed/3, kinds/1]).
+-export([parse/2, faults/3, healed/3, kinds/1]).
 
 -export_type([place/0, where/0]).
 
 %% The world of the run, its robots and their machines.
 -type place() :: #{
-    world := starl_run_hand:world(),
+    world := starl_run_manual_fault:world(),
     robots := pos_integer(),
     machines := [starl_machine:name()],
     atom() => term()
@@ -26,38 +26,38 @@
     faults := [starl_run_fault:t()]
 }.
 
--define(MOST_HANDS, 1000).
+-define(MOST_FAULTS, 1000).
 -define(MOST_S, 1.0e6).
 
 %% @doc The kinds of manual faults in a world, for a page: name, shape of the target, parameters
 %% with their ranges, text.
--spec kinds(starl_run_hand:world()) -> [[term()]].
+-spec kinds(starl_run_manual_fault:world()) -> [[term()]].
 kinds(World) ->
     [
         [Kind, Shape, [[Key | range(Type)] || {Key, Type, _} <- Specs], list_to_binary(Doc)]
-     || {Kind, _, Shape, Specs, Doc} <- starl_run_hand:kinds(World)
+     || {Kind, _, Shape, Specs, Doc} <- starl_run_manual_fault:kinds(World)
     ].
 
 range({one_of, Words}) -> [Words];
 range({_, Low, High}) -> [Low, High].
 
-%% @doc What a command wants: `kind', `target', `seconds' and `params', as in a scenario, in JSON. The kind
-%% `cut' cuts the link between two robots, both ways.
--spec hands(#{binary() => term()}, place()) ->
-    {ok, [starl_run_hand:t(), ...]} | {error, unicode:chardata()}.
-hands(#{<<"kind">> := <<"cut">>, <<"target">> := [A, B]} = Command, Place) ->
+%% @doc The manual faults of a command: `kind', `target', `seconds' and `params', as in a scenario, in
+%% JSON. The kind `cut' cuts the link between two robots, both ways.
+-spec parse(#{binary() => term()}, place()) ->
+    {ok, [starl_run_manual_fault:t(), ...]} | {error, unicode:chardata()}.
+parse(#{<<"kind">> := <<"cut">>, <<"target">> := [A, B]} = Command, Place) ->
     Half = Command#{<<"kind">> := <<"loss">>, <<"params">> => #{<<"part">> => 1.0}},
-    case hands(Half, Place) of
-        {ok, [{loss, _, _, Lasts}]} -> {ok, starl_run_hand:cut(A, B, Lasts)};
+    case parse(Half, Place) of
+        {ok, [{loss, _, _, Lasts}]} -> {ok, starl_run_manual_fault:cut(A, B, Lasts)};
         {error, _} = Error -> Error
     end;
-hands(#{<<"kind">> := Name} = Command, #{world := World} = Place) when is_binary(Name) ->
-    Kinds = starl_run_hand:kinds(World),
+parse(#{<<"kind">> := Name} = Command, #{world := World} = Place) when is_binary(Name) ->
+    Kinds = starl_run_manual_fault:kinds(World),
     case [Spec || Spec <- Kinds, atom_to_binary(element(1, Spec)) =:= Name] of
         [Spec] -> named(Spec, Command, Place);
-        [] -> {error, ["hands cannot do this: ", short(Name)]}
+        [] -> {error, ["there is no such fault here: ", short(Name)]}
     end;
-hands(_Command, _Place) ->
+parse(_Command, _Place) ->
     {error, "a fault has a kind"}.
 
 short(Name) -> string:slice(Name, 0, 40).
@@ -73,14 +73,17 @@ named({Kind, _, Shape, Specs, _}, Command, Place) ->
         {_, none} ->
             {error, io_lib:format("~ts: these parameters are not possible", [Kind])};
         {{ok, Target}, {ok, Values}} ->
-            Hand = {Kind, Target, Values, lasts(Kind, Command)},
-            checked(starl_run_fault:check([starl_run_hand:fault(hand_1, {0, 0}, Hand)]), Hand)
+            Fault = {Kind, Target, Values, lasts(Kind, Command)},
+            checked(
+                starl_run_fault:check([starl_run_manual_fault:fault(manual_1, {0, 0}, Fault)]),
+                Fault
+            )
     end.
 
-checked([], Hand) -> {ok, [Hand]};
-checked([Problem | _], _Hand) -> {error, starl_run_fault:format_problem(Problem)}.
+checked([], Fault) -> {ok, [Fault]};
+checked([Problem | _], _Fault) -> {error, starl_run_fault:format_problem(Problem)}.
 
-%% What happens at a moment has no end.
+%% A fault of a single moment has no end.
 lasts(Kind, _Command) when Kind =:= kill_machine; Kind =:= kill_robot -> 0;
 lasts(_Kind, #{<<"seconds">> := S}) when is_number(S), S >= 0, S < ?MOST_S -> round(1000 * S);
 lasts(_Kind, _Command) -> lasting.
@@ -88,17 +91,17 @@ lasts(_Kind, _Command) -> lasting.
 %% @doc The faults of a command in a simulation.
 -spec faults(#{binary() => term()}, pos_integer(), where()) ->
     {ok, [starl_run_fault:t(), ...]} | {error, unicode:chardata()}.
-faults(_Command, N, _Where) when N > ?MOST_HANDS ->
-    {error, io_lib:format("hands have done ~b things; that is enough", [?MOST_HANDS])};
+faults(_Command, N, _Where) when N > ?MOST_FAULTS ->
+    {error, io_lib:format("~b faults have been injected; that is enough", [?MOST_FAULTS])};
 faults(Command, N, #{from_ms := From, until_ms := Until} = Where) ->
-    case hands(Command, Where#{world => simulation}) of
-        {ok, Hands} ->
+    case parse(Command, Where#{world => simulation}) of
+        {ok, Manual} ->
             Id = id(N, Where),
-            Ids = lists:sublist([Id, list_to_atom(atom_to_list(Id) ++ "_back")], length(Hands)),
+            Ids = lists:sublist([Id, list_to_atom(atom_to_list(Id) ++ "_back")], length(Manual)),
             End = max(From, Until),
             {ok, [
-                clipped(starl_run_hand:fault(Name, {From, End}, Hand), End)
-             || {Name, Hand} <- lists:zip(Ids, Hands)
+                clipped(starl_run_manual_fault:fault(Name, {From, End}, Fault), End)
+             || {Name, Fault} <- lists:zip(Ids, Manual)
             ]};
         {error, _} = Error ->
             Error
@@ -106,7 +109,7 @@ faults(Command, N, #{from_ms := From, until_ms := Until} = Where) ->
 
 clipped({_, _, To, _, _, _} = Fault, End) -> setelement(3, Fault, min(To, End)).
 
-%% What the field takes, as its title says it.
+%% The targets that the field takes, in the words of its title.
 possible(robots, #{robots := N}) ->
     io_lib:format("a robot from 1 to ~b, or all", [N]);
 possible(robot, #{robots := N}) ->
@@ -124,7 +127,7 @@ possible(group, #{robots := N}) ->
 
 %% The number of names is limited, so is that of atoms.
 id(N, #{faults := Faults} = Where) ->
-    Id = list_to_atom("hand_" ++ integer_to_list(N)),
+    Id = list_to_atom("manual_" ++ integer_to_list(N)),
     case lists:keymember(Id, 1, Faults) of
         true -> id(N + 1, Where);
         false -> Id
@@ -184,7 +187,7 @@ value({one_of, Words}, Text) when is_binary(Text) ->
 value(_Type, Value) ->
     Value.
 
-%% @doc The faults with this one ended at a time (ms); what is over, or cannot be undone, stays.
+%% @doc The faults with this one ended at a time (ms). Faults that are over, or cannot be healed, stay.
 -spec healed(Name :: term(), non_neg_integer(), [starl_run_fault:t()]) ->
     {ok, [starl_run_fault:t()]} | {error, unicode:chardata()}.
 healed(Name, NowMs, Faults) ->
@@ -195,7 +198,7 @@ healed(Name, NowMs, Faults) ->
         To > NowMs,
         From =< NowMs,
         From < To,
-        lists:keymember(Kind, 1, starl_run_hand:kinds(simulation))
+        lists:keymember(Kind, 1, starl_run_manual_fault:kinds(simulation))
     ],
     case Lasting of
         [] -> {error, "nothing is there to be healed"};

@@ -1,14 +1,14 @@
 %% Motion from samples: pieces that begin and end where a body was seen.
--module(starl_world_pieces_tests).
+-module(starl_world_sampled_motion_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 -define(STEP_US, 40000).
 
 %% A body that stands adds nothing.
 standing_test() ->
-    Pieces = starl_world_pieces:new(0, {1.0, 2.0, 0.5}),
-    {same, Next} = starl_world_pieces:add(?STEP_US, {1.0, 2.0, 0.5}, Pieces),
-    ?assertEqual(?STEP_US, starl_world_pieces:told_us(Next)).
+    Pieces = starl_world_sampled_motion:new(0, {1.0, 2.0, 0.5}),
+    {same, Next} = starl_world_sampled_motion:add(?STEP_US, {1.0, 2.0, 0.5}, Pieces),
+    ?assertEqual(?STEP_US, starl_world_sampled_motion:reported_us(Next)).
 
 %% Even motion is one piece, however often it is told; each change is another one. Ahead, back, arcs, a turn in
 %% place, and where headings are counted anew.
@@ -31,9 +31,9 @@ told(Truth, N) ->
     {Told, _} = lists:mapfoldl(
         fun(T, Pieces) ->
             {X, Y, Heading} = starl_trajectory:pose(T, Truth),
-            starl_world_pieces:add(T, {X, Y, starl_geometry:normalise(Heading)}, Pieces)
+            starl_world_sampled_motion:add(T, {X, Y, starl_geometry:normalise(Heading)}, Pieces)
         end,
-        starl_world_pieces:new(0, starl_trajectory:pose(0, Truth)),
+        starl_world_sampled_motion:new(0, starl_trajectory:pose(0, Truth)),
         Times
     ),
     [rounded(Truth, Piece) || Piece <- Told, Piece =/= same].
@@ -46,8 +46,8 @@ rounded(Truth, Piece) ->
 
 %% A body that slipped aside moves along its chord: each piece ends where it was seen.
 aside_test() ->
-    {Piece, _} = starl_world_pieces:add(
-        1000000, {3.0, 4.0, 0.0}, starl_world_pieces:new(0, {0.0, 0.0, 0.0})
+    {Piece, _} = starl_world_sampled_motion:add(
+        1000000, {3.0, 4.0, 0.0}, starl_world_sampled_motion:new(0, {0.0, 0.0, 0.0})
     ),
     {X, Y, _} = starl_trajectory:pose(1000000, Piece),
     Half = starl_trajectory:position(500000, Piece),
@@ -56,26 +56,26 @@ aside_test() ->
 
 %% It is not known since when it moves: for half a second at most.
 a_body_that_stood_long_test() ->
-    Pieces = starl_world_pieces:new(0, {0.0, 0.0, 0.0}),
-    {Piece, _} = starl_world_pieces:add(10000000, {10.0, 0.0, 0.0}, Pieces),
+    Pieces = starl_world_sampled_motion:new(0, {0.0, 0.0, 0.0}),
+    {Piece, _} = starl_world_sampled_motion:add(10000000, {10.0, 0.0, 0.0}, Pieces),
     ?assertEqual({piece, 9500000, 0.0, 0.0, 0.0, 20.0, 0.0}, Piece).
 
 %% As far as is known a silent body stands where it was last, and moves on from there.
 silence_test() ->
-    {_, Moving} = starl_world_pieces:add(
-        ?STEP_US, {4.0, 0.0, 0.0}, starl_world_pieces:new(0, {0.0, 0.0, 0.0})
+    {_, Moving} = starl_world_sampled_motion:add(
+        ?STEP_US, {4.0, 0.0, 0.0}, starl_world_sampled_motion:new(0, {0.0, 0.0, 0.0})
     ),
-    {Standing, Rests} = starl_world_pieces:rest(Moving),
+    {Standing, Rests} = starl_world_sampled_motion:rest(Moving),
     ?assertEqual({piece, ?STEP_US, 4.0, 0.0, 0.0, 0.0, 0.0}, Standing),
-    ?assertMatch({same, _}, starl_world_pieces:rest(Rests)),
-    {Piece, _} = starl_world_pieces:add(3 * ?STEP_US, {12.0, 0.0, 0.0}, Rests),
+    ?assertMatch({same, _}, starl_world_sampled_motion:rest(Rests)),
+    {Piece, _} = starl_world_sampled_motion:add(3 * ?STEP_US, {12.0, 0.0, 0.0}, Rests),
     ?assertEqual({4.0, 0.0}, starl_trajectory:position(?STEP_US, Piece)),
     {12.0, 0.0} = starl_trajectory:position(3 * ?STEP_US, Piece).
 
 %% What comes twice, or out of its order, changes nothing.
 out_of_order_test() ->
-    {_, Pieces} = starl_world_pieces:add(
-        ?STEP_US, {4.0, 0.0, 0.0}, starl_world_pieces:new(0, {0.0, 0.0, 0.0})
+    {_, Pieces} = starl_world_sampled_motion:add(
+        ?STEP_US, {4.0, 0.0, 0.0}, starl_world_sampled_motion:new(0, {0.0, 0.0, 0.0})
     ),
-    ?assertEqual({same, Pieces}, starl_world_pieces:add(?STEP_US, {5.0, 0.0, 0.0}, Pieces)),
-    ?assertEqual({same, Pieces}, starl_world_pieces:add(0, {5.0, 0.0, 0.0}, Pieces)).
+    ?assertEqual({same, Pieces}, starl_world_sampled_motion:add(?STEP_US, {5.0, 0.0, 0.0}, Pieces)),
+    ?assertEqual({same, Pieces}, starl_world_sampled_motion:add(0, {5.0, 0.0, 0.0}, Pieces)).

@@ -1,20 +1,20 @@
-%% @doc The body of one robot in the world: the simulator's vehicle ({@link starl_sim_vehicle}),
+%% @doc The vehicle of one robot in the world: the body of the simulator ({@link starl_sim_vehicle}),
 %% moved in real time. A pure module.
 %%
 %% The steps of its chassis take place at their exact times, even if the world looks later: before
 %% anything else happens to a body, {@link advance/2} catches up.
--module(starl_world_body).
+-module(starl_world_vehicle).
 
 -export([new/3, advance/2, next_due/1, drive/4, actuate/4, stop/2, pose/2, piece/1, on_floor/3]).
 -export([moves/2]).
 
--export_type([t/0, yield/0]).
+-export_type([t/0, change/0]).
 
 -record(body, {
     id :: starl:robot_id(),
     vehicle :: starl_sim_vehicle:t(),
-    %% its motion, as it is told by what moves it elsewhere
-    told = none :: starl_trajectory:piece() | none,
+    %% its motion, as reported by a chassis that moves it elsewhere
+    reported = none :: starl_trajectory:piece() | none,
     %% the planned steps and answers of the chassis, ascending
     agenda = [] :: [{DueUs :: integer(), N :: non_neg_integer(), Content :: term()}],
     n = 0 :: non_neg_integer()
@@ -22,8 +22,8 @@
 
 -opaque t() :: #body{}.
 
-%% The facts, and the answers of the chassis to its robot, oldest first.
--type yield() :: {
+%% The facts, and the answers of the chassis to its robot, oldest first; the vehicle.
+-type change() :: {
     [starl_monitor:trace_event()], [{Mark :: term(), starl_live_chassis:answer()}], t()
 }.
 
@@ -41,7 +41,7 @@ next_due(#body{agenda = []}) -> none;
 next_due(#body{agenda = [{Due, _, _} | _]}) -> Due.
 
 %% @doc Lets everything happen that is due until now.
--spec advance(NowUs :: integer(), t()) -> yield().
+-spec advance(NowUs :: integer(), t()) -> change().
 advance(Now, Body) -> advance(Now, [], [], Body).
 
 advance(Now, Traces, Answers, #body{agenda = [{Due, _, What} | Agenda]} = Body) when Due =< Now ->
@@ -50,13 +50,13 @@ advance(Now, Traces, Answers, #body{agenda = [{Due, _, What} | Agenda]} = Body) 
 advance(_Now, Traces, Answers, Body) ->
     {lists:append(lists:reverse(Traces)), lists:append(lists:reverse(Answers)), Body}.
 
-happens({says, Run, chassis, Word}, _Due, #body{vehicle = Vehicle} = Body) ->
+happens({says, Run, chassis, Answer}, _Due, #body{vehicle = Vehicle} = Body) ->
     case starl_sim_vehicle:says(Run, Vehicle) of
-        true -> {[], [answer(Word)], Body};
+        true -> {[], [answer(Answer)], Body};
         false -> {[], [], Body}
     end;
-happens({chassis, info, Word}, _Due, Body) ->
-    {[], [answer(Word)], Body};
+happens({chassis, info, Answer}, _Due, Body) ->
+    {[], [answer(Answer)], Body};
 happens(Beat, Due, #body{vehicle = Vehicle} = Body) ->
     moved(Due, starl_sim_vehicle:beat(Beat, Due, Vehicle), Body).
 
@@ -65,7 +65,7 @@ answer({stalled, Mark, Told}) -> {Mark, {stalled, Told}};
 answer({actuated, Mark, Device, Value}) -> {Mark, {actuated, Device, Value}}.
 
 %% @doc The chassis hears a script.
--spec drive(starl_chassis:script(), Mark :: term(), NowUs :: integer(), t()) -> yield().
+-spec drive(starl_chassis:script(), Mark :: term(), NowUs :: integer(), t()) -> change().
 drive(Script, Mark, Now, Body0) ->
     {Traces, Answers, #body{id = Id, vehicle = Vehicle} = Body} = advance(Now, Body0),
     {Traced, Answered, Next} =
@@ -80,7 +80,7 @@ drive(Script, Mark, Now, Body0) ->
     {Traces ++ Traced, Answers ++ Answered, Next}.
 
 %% @doc Another actuator hears a command.
--spec actuate({atom(), term()}, {mark, term()} | none, NowUs :: integer(), t()) -> yield().
+-spec actuate({atom(), term()}, {mark, term()} | none, NowUs :: integer(), t()) -> change().
 actuate({Device, Value}, Mark, Now, Body0) ->
     {Traces, Answers, #body{id = Id, vehicle = Vehicle} = Body} = advance(Now, Body0),
     Owner =
@@ -94,18 +94,18 @@ actuate({Device, Value}, Mark, Now, Body0) ->
 
 %% @doc Moves the body along this piece from its beginning on, whatever its chassis was commanded;
 %% `same': as before.
--spec moves(starl_trajectory:piece() | same, t()) -> yield().
+-spec moves(starl_trajectory:piece() | same, t()) -> change().
 moves(same, Body) ->
     {[], [], Body};
 moves(Piece, #body{id = Id} = Body) ->
     Fact = {starl_trajectory:start_us(Piece), Id, chassis, {motion, Piece}},
-    {[Fact], [], Body#body{told = Piece}}.
+    {[Fact], [], Body#body{reported = Piece}}.
 
 %% @doc The chassis comes to rest. A body that is moved elsewhere stands where it was.
--spec stop(NowUs :: integer(), t()) -> yield().
-stop(_Now, #body{told = {piece, _, _, _, _, V, W}} = Body) when V == 0, W == 0 ->
+-spec stop(NowUs :: integer(), t()) -> change().
+stop(_Now, #body{reported = {piece, _, _, _, _, V, W}} = Body) when V == 0, W == 0 ->
     {[], [], Body};
-stop(Now, #body{told = Piece} = Body) when Piece =/= none ->
+stop(Now, #body{reported = Piece} = Body) when Piece =/= none ->
     moves(starl_trajectory:stop(max(Now, starl_trajectory:start_us(Piece)), Piece), Body);
 stop(Now, Body0) ->
     {Traces, Answers, #body{vehicle = Vehicle} = Body} = advance(Now, Body0),
@@ -130,8 +130,8 @@ pose(Now, Body) -> starl_trajectory:pose(Now, piece(Body)).
 
 %% @doc The piece of motion that it is in.
 -spec piece(t()) -> starl_trajectory:piece().
-piece(#body{told = none, vehicle = Vehicle}) -> starl_sim_vehicle:piece(Vehicle);
-piece(#body{told = Piece}) -> Piece.
+piece(#body{reported = none, vehicle = Vehicle}) -> starl_sim_vehicle:piece(Vehicle);
+piece(#body{reported = Piece}) -> Piece.
 
 %% @doc Where it is, and how it moves, at a time: for {@link starl_world_floor}.
 -spec on_floor(starl:robot_id(), NowUs :: integer(), t()) -> starl_world_floor:body().

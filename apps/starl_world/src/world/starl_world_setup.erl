@@ -1,8 +1,8 @@
-%% @doc The live set-up of a run on this computer: its clock, its world, its transport, and the
-%% start parameters of each robot.
--module(starl_world_stage).
+%% @doc The live set-up of a run on this computer: its clock, its world, its transport, and each
+%% robot's start parameters and store.
+-module(starl_world_setup).
 
--export([open/3, robot/2, robot_on_node/3, in_air/2]).
+-export([open/3, robot/2, with_links/2, prepare_store/2]).
 -export([transports/0, transport/3, line/3]).
 
 -export_type([t/0, name/0, transport/0]).
@@ -19,49 +19,52 @@
 
 -opaque transport() :: #transport{}.
 
+-define(COPY, ".earlier").
 -define(SPREAD_MS, 25).
 -define(LOOPBACK, {127, 0, 0, 1}).
 -define(PORTS, {10240, 32767}).
 
-%% `transport': the line of each robot.
+%% `line': the line of each robot to the others.
 -type t() :: #{
     plan := starl_run_plan:t(),
     clock := starl_live_clock:t(),
     world := pid(),
-    transport := fun((starl:robot_id()) -> starl_live_link:adapter()),
+    line := fun((starl:robot_id()) -> starl_live_link:adapter()),
     options := #{dir := file:filename(), atom() => term()}
 }.
 
 %% @doc Starts the clock and the world of a run; the world is linked to the calling process. `Nodes': the
 %% robots' nodes, if they have some.
--spec open(starl_run_plan:t(), {name(), Nodes}, Options) -> t() when
-    Nodes :: #{starl:robot_id() => node()},
-    Options :: #{dir := file:filename(), atom() => term()}.
-open(#{robots := Poses, world := Sim} = Plan, {Name, Nodes}, Options) ->
+-spec open(starl_run_plan:t(), Nodes :: #{starl:robot_id() => node()}, starl_world_run:options()) ->
+    t().
+open(#{robots := Poses, world := Sim} = Plan, Nodes, Options) ->
     Speed = maps:get(speed, Options, 1),
     Epoch = maps:get(epoch_us, Options, erlang:system_time(microsecond)),
     Clock = starl_live_clock:new(Epoch, Speed),
     Known = maps:with([rate_hz, whole_mm, arena, observe, facts], Options),
     {ok, World} = starl_world:start_link(Known#{plan => Plan, clock => Clock}),
     Radio = (maps:with([air], Options))#{sim => Sim, speed => Speed},
-    Transport = transport(Name, [Id || {Id, _} <- Poses], Radio),
+    Transport = transport(maps:get(transport, Options, local), [Id || {Id, _} <- Poses], Radio),
     #{
         plan => Plan,
         clock => Clock,
         world => World,
-        transport => fun(Id) -> line(Id, Nodes, Transport) end,
+        line => fun(Id) -> line(Id, Nodes, Transport) end,
         options => Options
     }.
 
-%% @doc What a robot starts with. It has never run: its store is commissioned. Where that fails, the
-%% robot says so when it opens its store.
+%% -- what a robot starts with ---------------------------------------------------------------
+
+%% @doc The start parameters of a robot. A robot on a node of its own records its facts there, too,
+%% and reports reloads to the calling process. The robot has never run: its store is commissioned. If
+%% that fails, the robot reports it when it opens its store.
 -spec robot(starl:robot_id(), t()) -> starl_live_robot:spec().
-robot(Id, #{plan := Plan, clock := Clock, world := World, transport := Line, options := Options}) ->
+robot(Id, #{plan := Plan, clock := Clock, world := World, line := Line, options := Options}) ->
     #{tree := Tree, world := #{profiles := Profiles, seed := Seed}} = Plan,
     #{dir := Dir} = Options,
     Own = filename:join(Dir, "robot-" ++ integer_to_list(Id)),
     _ = starl_live_store:commission(Own),
-    #{
+    maps:merge(on_node(Clock, Options), #{
         robot => Id,
         tree => Tree,
         team_seed => Seed,
@@ -69,31 +72,65 @@ robot(Id, #{plan := Plan, clock := Clock, world := World, transport := Line, opt
         clock => Clock,
         dir => Own,
         transport => Line(Id),
-        positioning => {starl_world_sight, (maps:with([placing], Plan))#{world => World}},
+        positioning => {starl_world_positioning, (maps:with([placing], Plan))#{world => World}},
         chassis => starl_world_chassis:line(Id, World, Options),
         sink => World,
         packets => maps:get(packets, Options, false),
         snapshots_us => maps:get(snapshots_us, Options, none)
-    }.
+    }).
 
-%% @doc The start parameters of a robot on a node of its own, which records its facts there, too.
-%% This process is notified of reloads.
--spec robot_on_node(starl:robot_id(), Reporter :: pid(), t()) -> starl_live_robot:spec().
-robot_on_node(Id, Reporter, #{clock := Clock, options := Options} = Stage) ->
-    Metrics = maps:get(metrics, Options, none),
-    Own = #{reporter => Reporter, record => true, metrics => Metrics},
-    maps:merge(robot(Id, Stage), maps:merge(Own, recorder(Clock, Options))).
+on_node(Clock, #{transport := Name} = Options) when Name =/= local ->
+    Own = #{reporter => self(), record => true, metrics => maps:get(metrics, Options, none)},
+    case Options of
+        #{recorder := {Module, Recorder}, facts := Facts} ->
+            Live = starl_live_clock:live_facts(Facts, Clock),
+            Own#{recorder => {Module, Recorder#{facts => Live}}};
+        #{} ->
+            Own
+    end;
+on_node(_Clock, _Options) ->
+    #{}.
 
 %% @doc The same robot with other link conditions from its start on. A later change could come too
 %% late for its first packets.
--spec in_air(starl_live_conditions:settings(), starl_live_robot:spec()) -> starl_live_robot:spec().
-in_air(Air, #{transport := {Module, #{air := Before} = Line}} = Spec) ->
+-spec with_links(starl_live_conditions:settings(), starl_live_robot:spec()) -> starl_live_robot:spec().
+with_links(Air, #{transport := {Module, #{air := Before} = Line}} = Spec) ->
     Spec#{transport := {Module, Line#{air := maps:merge(Before, Air)}}}.
 
-recorder(Clock, #{recorder := {Module, Own}, facts := Facts}) ->
-    #{recorder => {Module, Own#{facts => starl_live_clock:live_facts(Facts, Clock)}}};
-recorder(_Clock, #{}) ->
-    #{}.
+%% @doc Prepares the store of a robot that is about to start. A lost store stands for a replaced card,
+%% one that is set back for a restored image. The record of the robot's facts lies in the same
+%% directory and stays: it is a witness, no part of the robot.
+%%
+%% The store is copied before each start. Setting it back puts that copy in its place, so the last
+%% start and everything since are undone. Before the first start there was no store: then it is lost.
+%% (The mark that the store was commissioned is written once, and is not copied.)
+-spec prepare_store(starl_world_faults:store(), #{dir := file:filename(), atom() => term()}) -> ok.
+prepare_store(kept, #{dir := Dir}) ->
+    ok = emptied(Dir ++ ?COPY),
+    copied(Dir, Dir ++ ?COPY);
+prepare_store(lost, #{dir := Dir}) ->
+    ok = emptied(Dir),
+    emptied(Dir ++ ?COPY);
+prepare_store(set_back, #{dir := Dir}) ->
+    ok = emptied(Dir),
+    copied(Dir ++ ?COPY, Dir).
+
+emptied(Dir) ->
+    lists:foreach(fun(Name) -> ok = file:delete(filename:join(Dir, Name)) end, files(Dir)).
+
+copied(From, To) ->
+    ok = filelib:ensure_path(To),
+    Copy = fun(Name) -> {ok, _} = file:copy(filename:join(From, Name), filename:join(To, Name)) end,
+    lists:foreach(Copy, files(From)).
+
+files(Dir) ->
+    [
+        Name
+     || Name <- filelib:wildcard("*", Dir),
+        filelib:is_regular(filename:join(Dir, Name)),
+        not starl_live_record:is_record(Name),
+        not starl_live_store:is_mark(Name)
+    ].
 
 %% -- the line between robots ----------------------------------------------------------------
 
@@ -158,8 +195,7 @@ free_ports(Number, Port, Sockets) ->
     end.
 
 %% @doc The line of a robot; `Nodes' are the robots' nodes.
--spec line(starl:robot_id(), #{starl:robot_id() => node()}, transport()) ->
-    starl_live_link:adapter().
+-spec line(starl:robot_id(), #{starl:robot_id() => node()}, transport()) -> starl_live_link:adapter().
 line(Robot, Nodes, #transport{name = Name, common = #{air := Air} = Common, ports = Ports}) ->
     %% each robot has a chance of its own
     #{seed := Seed} = Air,

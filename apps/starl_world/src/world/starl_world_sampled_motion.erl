@@ -1,18 +1,18 @@
 %% @doc Computes motion from samples of a body's pose. Between two samples the body is taken to have
 %% moved evenly, straight on or along an arc. Each motion segment begins at one sample and reaches
 %% the next one to within 0.02 mm. A pure module.
--module(starl_world_pieces).
+-module(starl_world_sampled_motion).
 
--export([new/2, add/3, rest/1, told_us/1]).
+-export([new/2, add/3, rest/1, reported_us/1]).
 
 -export_type([t/0]).
 
-%% The last sample, and the piece that it ends.
+%% The last sample, and the motion segment that it ends.
 -opaque t() :: {Us :: integer(), starl:pose(), starl_trajectory:arc()}.
 
-%% A body that stood begins to move so long before it is seen to have moved, at most.
+%% A body that stood began to move at most this time before the first sample that shows it.
 -define(LONGEST_US, 500000).
-%% So near it is where it was expected (mm, rad).
+%% A pose that is nearer than this is the expected one (mm, rad).
 -define(NEAR_MM, 0.02).
 -define(NEAR_RAD, 1.0e-4).
 
@@ -21,14 +21,14 @@
 new(Us, {X, Y, Heading} = Pose) -> {Us, Pose, starl_trajectory:standing(Us, {X, Y}, Heading)}.
 
 %% @doc The time of the last sample.
--spec told_us(t()) -> integer().
-told_us({Us, _, _}) -> Us.
+-spec reported_us(t()) -> integer().
+reported_us({Us, _, _}) -> Us.
 
-%% @doc The body was there then: the piece of motion from the last sample on, if that is another one than
-%% before. What is no later than the last sample changes nothing.
+%% @doc Adds a sample: returns the motion segment from the last sample on, if it is a new one. A sample
+%% that is no later than the last one changes nothing.
 -spec add(Us :: integer(), starl:pose(), t()) -> {starl_trajectory:arc() | same, t()}.
-add(Us, _Pose, {Last, _, _} = Pieces) when Us =< Last ->
-    {same, Pieces};
+add(Us, _Pose, {Last, _, _} = Motion) when Us =< Last ->
+    {same, Motion};
 add(Us, Pose, {Last, From, Piece}) ->
     case is_near(starl_trajectory:pose(Us, Piece), Pose) of
         true ->

@@ -1,14 +1,27 @@
-%% @doc A chassis of the user's own in the simulated world. Its driver works as on a real robot and
-%% reports the pose of its body. The world knows the body only from these reports.
+%% @doc A chassis of the user's own in the simulated world, named `FILE.erl' or `exec:PROGRAM' in a
+%% choice. Before a run starts, its driver is prepared: a source is compiled and checked, and a
+%% program is started once and must send its hello.
+%%
+%% In the run, the driver works as on a real robot and reports the pose of its body. The world knows
+%% the body only from these reports.
 %% ```
 %%     link -- drive --> this -- drive --> the driver's module
 %%     world <-- moves -- this <-- posed --      "
 %% '''
 %% If the driver reports no pose within two seconds, the chassis stops with an error.
--module(starl_world_own).
+-module(starl_world_own_chassis).
 -behaviour(starl_live_chassis).
 
+-export([resolve/3, lines/3]).
 -export([open/1, drive/4, actuate/4, stop/1, hear/2, close/1, look/1, rest/1, condition/1]).
+
+-export_type([drivers/0]).
+
+%% The drivers by their names, and the modules that were compiled for them.
+-type drivers() :: #{
+    drivers := #{starl_chassis_choice:name() => starl_live_link:adapter()},
+    code := [starl_version:code()]
+}.
 
 -record(own, {
     world :: pid(),
@@ -17,20 +30,74 @@
     monitor :: reference(),
     module :: module(),
     state :: term(),
-    pieces :: starl_world_pieces:t(),
+    motion :: starl_world_sampled_motion:t(),
     is_placed = false :: boolean(),
     is_inked = false :: boolean(),
     %% commands to devices without an answer
     devices = [] :: [{Mark :: term(), {Device :: atom(), Value :: term()}}],
-    %% the looks that wait until the body has told where it is
+    %% the looks that wait for the pose of the body
     looks = [] :: [{N :: pos_integer(), AskedUs :: integer()}]
 }).
 
 -define(PLACE_MS, 2000).
 -define(MOST_WAITING, 100).
-%% A body that has told nothing for so long stands, as far as is known: the judge waits no longer.
+%% A body without a report for this time stands, as far as is known: the judge waits no longer.
 -define(WATCH_MS, 250).
 -define(SILENT_US, 500000).
+
+%% -- before a run ---------------------------------------------------------------------------
+
+%% @doc The user's own chassis of a choice, with the profiles that the robots will have.
+-spec resolve(starl_chassis_choice:t(), starl_chassis:profiles(), starl_live_own:compile()) ->
+    {ok, drivers()} | {error, [unicode:chardata(), ...]}.
+resolve(Choice, Profiles, Compile) ->
+    Names = lists:zip(starl_chassis_choice:in_turn(Choice), Profiles),
+    Own = lists:usort([{N, P} || {N, P} <- Names, starl_chassis_choice:own(N) =/= none]),
+    All = [{Name, resolved(Name, Profile, Compile)} || {Name, Profile} <- Own],
+    case [["--chassis: ", Why] || {_, {error, Lines}} <- All, Why <- Lines] of
+        [] ->
+            {ok, #{
+                drivers => maps:from_list([{Name, Driver} || {Name, {ok, Driver, _}} <- All]),
+                code => lists:append([Code || {_, {ok, _, Code}} <- All])
+            }};
+        Problems ->
+            {error, Problems}
+    end.
+
+resolved(Name, Profile, Compile) ->
+    case starl_live_own:driver(Name, Compile) of
+        {ok, {starl_live_exec, _} = Driver, Code} -> tried(Driver, Code, Profile);
+        Answer -> Answer
+    end.
+
+%% Does the program start, and does it have the profile of the robots?
+tried({Module, Own} = Driver, Code, Profile) ->
+    _ = process_flag(trap_exit, true),
+    Clock = starl_live_clock:new(erlang:system_time(microsecond), 1),
+    case Module:open(Own#{robot => 1, clock => Clock, profile => Profile}) of
+        {ok, State} ->
+            ok = Module:close(Module:stop(State)),
+            {ok, Driver, Code};
+        {error, Why} ->
+            {error, [Why]}
+    end.
+
+%% @doc The chassis of each robot of a run: the user's own, or that of the other lines, or one of the
+%% world.
+-spec lines(starl_chassis_choice:t(), drivers(), starl_world_chassis:lines() | undefined) ->
+    starl_world_chassis:lines() | undefined.
+lines(_Choice, #{drivers := None}, Others) when map_size(None) =:= 0 ->
+    Others;
+lines(Choice, #{drivers := Drivers}, Others) ->
+    fun(Robot, World) ->
+        case maps:find(starl_chassis_choice:of_robot(Robot, Choice), Drivers) of
+            {ok, Driver} -> {starl_world_own_chassis, #{world => World, own => Driver}};
+            error when Others =:= undefined -> {starl_world_chassis, #{world => World}};
+            error -> Others(Robot, World)
+        end
+    end.
+
+%% -- in the run -----------------------------------------------------------------------------
 
 -spec open(map()) -> {ok, #own{}} | {error, unicode:chardata()}.
 open(#{world := World, robot := Robot, clock := Clock, own := {Module, Options}} = Config) ->
@@ -45,7 +112,7 @@ open(#{world := World, robot := Robot, clock := Clock, own := {Module, Options}}
                 monitor = Monitor,
                 module = Module,
                 state = none,
-                pieces = starl_world_pieces:new(starl_live_clock:now_us(Clock), At)
+                motion = starl_world_sampled_motion:new(starl_live_clock:now_us(Clock), At)
             },
             opened(Module:open(Known#{at => At}), Own);
         {error, _} = Error ->
@@ -104,13 +171,13 @@ close(#own{module = Module, state = State} = Own) ->
     _ = rested(Own),
     Module:close(State).
 
-rested(#own{pieces = Pieces} = Own) ->
-    case starl_world_pieces:rest(Pieces) of
+rested(#own{motion = Motion} = Own) ->
+    case starl_world_sampled_motion:rest(Motion) of
         {same, _} ->
             Own;
         {Standing, Next} ->
-            _ = tell({moves, Standing}, starl_world_pieces:told_us(Next), Own),
-            Own#own{pieces = Next}
+            _ = report({moves, Standing}, starl_world_sampled_motion:reported_us(Next), Own),
+            Own#own{motion = Next}
     end.
 
 -spec hear(term(), #own{}) ->
@@ -122,9 +189,9 @@ hear({?MODULE, placed}, #own{is_placed = false}) ->
     {stop, "the chassis tells no pose, and this world has no other way to know where its body is"};
 hear({?MODULE, placed}, Own) ->
     {[], Own};
-hear({?MODULE, watch}, #own{clock = Clock, pieces = Pieces} = Own) ->
+hear({?MODULE, watch}, #own{clock = Clock, motion = Motion} = Own) ->
     _ = erlang:send_after(?WATCH_MS, self(), {?MODULE, watch}),
-    case starl_live_clock:now_us(Clock) - starl_world_pieces:told_us(Pieces) of
+    case starl_live_clock:now_us(Clock) - starl_world_sampled_motion:reported_us(Motion) of
         Us when Us > ?SILENT_US -> {[], rested(Own)};
         _ -> {[], Own}
     end;
@@ -137,22 +204,22 @@ hear(Message, #own{module = Module, state = State} = Own) ->
     end.
 
 did({Outputs, State}, Own) ->
-    Told = lists:foldl(fun told/2, Own#own{state = State}, Outputs),
-    {[Output || Output <- Outputs, element(1, Output) =/= posed], Told}.
+    Handled = lists:foldl(fun handled/2, Own#own{state = State}, Outputs),
+    {[Output || Output <- Outputs, element(1, Output) =/= posed], Handled}.
 
-told({posed, Us, Pose}, #own{pieces = Pieces} = Own) ->
-    {Piece, Next} = starl_world_pieces:add(Us, Pose, Pieces),
-    Placed = Own#own{pieces = Next, is_placed = true},
-    _ = tell({moves, Piece}, starl_world_pieces:told_us(Next), Placed),
+handled({posed, Us, Pose}, #own{motion = Motion} = Own) ->
+    {Piece, Next} = starl_world_sampled_motion:add(Us, Pose, Motion),
+    Placed = Own#own{motion = Next, is_placed = true},
+    _ = report({moves, Piece}, starl_world_sampled_motion:reported_us(Next), Placed),
     settled(Us, Placed);
-told({Mark, {actuated, Device, Value}}, #own{devices = Devices} = Own) ->
+handled({Mark, {actuated, Device, Value}}, #own{devices = Devices} = Own) ->
     Left = lists:keydelete(Mark, 1, Devices),
     set({Device, Value}, Own#own{devices = Left});
-told(_Output, Own) ->
+handled(_Output, Own) ->
     Own.
 
 set(Set, #own{clock = Clock, is_inked = IsInked} = Own) ->
-    _ = tell({actuate, Set, none}, starl_live_clock:now_us(Clock), Own),
+    _ = report({actuate, Set, none}, starl_live_clock:now_us(Clock), Own),
     Own#own{is_inked = Set =:= {pen, down} orelse IsInked andalso Set =/= {pen, up}}.
 
 %% A pose that was taken after a look answers it.
@@ -161,5 +228,5 @@ settled(Us, #own{looks = Looks, world = World, robot = Robot} = Own) ->
     _ = [World ! {starl_settled, Robot, N} || {N, _} <- lists:reverse(Past)],
     Own#own{looks = Later}.
 
-tell(What, Us, #own{world = World, robot = Robot}) ->
-    World ! {starl_body, Robot, self(), {told, Us, What}}.
+report(What, Us, #own{world = World, robot = Robot}) ->
+    World ! {starl_body, Robot, self(), {reported, Us, What}}.

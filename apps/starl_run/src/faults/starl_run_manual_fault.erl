@@ -6,31 +6,30 @@
 %%   {location_frozen, 4, #{}, lasting}               cluster freeze 4
 %%   {loss, {1, 2}, #{part => 1.0}, 10000}            half of a cut, for ten seconds
 %% '''
--module(starl_run_hand).
+-module(starl_run_manual_fault).
 
 -export([kinds/1, refused/2, cut/3, fault/3, robots/1]).
 
 -export_type([t/0, world/0, heal/0]).
 
-%% A kind with its target and its parameters, and how long it lasts: some milliseconds of the run (of a pause:
-%% of the computer), or until it is healed.
+%% A kind with its target and its parameters, and its length: some milliseconds of the run (of a pause: of
+%% the computer), or until it is healed.
 -type t() :: {
     starl_run_fault:kind(), starl_run_fault:target(), map(), LastsMs :: non_neg_integer() | lasting
 }.
 
-%% Where a run is: in the simulator; in real time with all robots in one VM, or each on a node.
+%% Where a run is: in the simulator; or in real time, with all robots in one VM or each on a node.
 -type world() :: simulation | one_vm | nodes.
 
-%% What is healed: everything, a fault by its name, those of a kind with this target, those of a robot's
-%% sense.
+%% The faults to heal: all, one by its name, those of a kind with this target, those of a robot's sense.
 -type heal() ::
     all
     | {fault, atom()}
     | {starl_run_fault:kind(), starl_run_fault:target()}
     | {sense, starl:robot_id(), starl_sense:kind() | all}.
 
-%% @doc The kinds that hands can do. In the simulator they cannot touch a clock: timers that run were set by
-%% it.
+%% @doc The kinds of manual faults in a world. In the simulator there are none of clocks, because running
+%% timers were set by them.
 -spec kinds(world()) -> [starl_run_fault:spec()].
 kinds(simulation) ->
     [Spec || {_, Class, _, _, _} = Spec <- starl_run_fault:kinds(), Class =/= clock];
@@ -73,6 +72,6 @@ fault(Id, {Now, Until}, {Kind, Target, Params, lasting}) ->
 fault(Id, {Now, _Until}, {Kind, Target, Params, Ms}) ->
     {Id, Now, Now + Ms, Kind, Target, Params}.
 
-%% @doc The robots that a hand names.
+%% @doc The robots that a manual fault names.
 -spec robots(t()) -> [starl:robot_id()].
-robots(Hand) -> starl_run_fault:targets(fault(hand, {0, 0}, Hand)).
+robots(Fault) -> starl_run_fault:targets(fault(manual, {0, 0}, Fault)).
