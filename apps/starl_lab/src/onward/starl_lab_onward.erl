@@ -4,7 +4,7 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
 %% `take': takes the recording up at these times, ascending.
 -type setup() :: #{
@@ -30,33 +30,36 @@
 -define(BEYOND, 0.25).
 -define(LEAST_BEYOND_S, 1.0).
 
--spec name() -> string().
-name() -> "onward".
-
--spec synopsis() -> string().
-synopsis() -> "simulate a recording onwards from a moment, with other draws".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "RUN", {example, "out/painting-1"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "RUN is a recording, or the directory of a run that holds one. Its robots are taken up as they were at "
-        "the moment --at, with the packets that were under way, their places, their clocks, and what the "
-        "contracts had seen; from there the run goes on in the simulator, --runs times, with other losses, "
-        "delays, errors of drives, and faults that have not begun. Printed is the share of these futures that "
-        "break a contract.",
-        "A run that was recorded with --snapshots 5 is taken up at its last snapshot before the moment; "
-        "without, a simulation is repeated from its beginning, and live robots start anew.",
-        "With --moments 2 or more, futures from more moments follow where the share rises, down to a window of "
-        "the simulator, the shortest delay of a packet; what happened in it is printed.",
-        "Written are onward.txt, curve.csv and a plot. The same --salt gives the same curve. Ctrl-C tells what "
-        "is known so far."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) -> [{"Flags", own_flags()}].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "onward",
+        synopsis => "simulate a recording onwards from a moment, with other draws",
+        argument => {required, "RUN", {example, "out/painting-1"}},
+        subject => fun subject/2,
+        about => [
+            "RUN is a recording, or the directory of a run that holds one. Its robots are taken up as they were at "
+            "the moment --at, with the packets that were under way, their places, their clocks, and what the "
+            "contracts had seen; from there the run goes on in the simulator, --runs times, with other losses, "
+            "delays, errors of drives, and faults that have not begun. Printed is the share of these futures that "
+            "break a contract.",
+            "A run that was recorded with --snapshots 5 is taken up at its last snapshot before the moment; "
+            "without, a simulation is repeated from its beginning, and live robots start anew.",
+            "With --moments 2 or more, futures from more moments follow where the share rises, down to a window of "
+            "the simulator, the shortest delay of a packet; what happened in it is printed.",
+            "Written are onward.txt, curve.csv and a plot. The same --salt gives the same curve. Ctrl-C tells what "
+            "is known so far."
+        ],
+        flags => [{"Flags", own_flags()}],
+        statuses => [
+            {0, "no future breaks a contract"},
+            {1, "internal error"},
+            {2, "bad usage or input, also where what goes on here is not what was recorded"},
+            {3, "some futures break a contract"},
+            {130, "interrupted"}
+        ],
+        run => fun run/1
+    }.
 
 own_flags() ->
     [
@@ -73,16 +76,6 @@ own_flags() ->
         {out, string, none, "directory for the results; without it a new one under out/"},
         {quiet, switch, false, "no progress line"},
         starl_lab_jobs:at_once()
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "no future breaks a contract"},
-        {1, "internal error"},
-        {2, "bad usage or input, also where what goes on here is not what was recorded"},
-        {3, "some futures break a contract"},
-        {130, "interrupted"}
     ].
 
 -spec subject(string(), [string()]) ->

@@ -5,7 +5,7 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
 -type setup() :: #{
     target := starl_cli_target:t(),
@@ -15,29 +15,34 @@
     values := map()
 }.
 
--spec name() -> string().
-name() -> "when".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "when",
+        synopsis => "tell when a violation became inevitable, and by which event",
+        argument => {required, "RUN", {example, "out/counter-7-shrunk.term"}},
+        subject => fun starl_lab_shrink:subject/2,
+        about => [
+            "Takes a run that violates a contract (RUN as for ./starl shrink: a shrunk scenario, the "
+            "directory of a run, or an application with the flags of ./starl run). The run is repeated "
+            "up to earlier moments and goes on with other random draws: loss and delay of packets, "
+            "errors of drives and positions, and when and where the faults strike that have not begun. "
+            "The share of these futures that break the same contract is a curve over moments. Where it "
+            "rises most, halving finds the event.",
+            "Written are when.txt, curve.csv and a plot. The same --salt gives the same curve. Ctrl-C "
+            "tells what is known so far."
+        ],
+        flags => fun flags/1,
+        statuses => [
+            {0, "an event was found"},
+            {1, "internal error"},
+            {2, "bad usage or input, also where the run violates nothing or is not reproducible"},
+            {4, "the share rises nowhere: no draw decides"},
+            {130, "interrupted"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "tell when a violation became inevitable, and by which event".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "RUN", {example, "out/counter-7-shrunk.term"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Takes a run that violates a contract (RUN as for ./starl shrink: a shrunk scenario, the "
-        "directory of a run, or an application with the flags of ./starl run). The run is repeated "
-        "up to earlier moments and goes on with other random draws: loss and delay of packets, "
-        "errors of drives and positions, and when and where the faults strike that have not begun. "
-        "The share of these futures that break the same contract is a curve over moments. Where it "
-        "rises most, halving finds the event.",
-        "Written are when.txt, curve.csv and a plot. The same --salt gives the same curve. Ctrl-C "
-        "tells what is known so far."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) -> [{"Flags", own_flags()}];
 flags(#{app := App}) -> [{"Flags", own_flags()}, {hidden, starl_run_scenario:options(App)}].
 
@@ -56,20 +61,6 @@ own_flags() ->
         {quiet, switch, false, "no progress line"},
         starl_lab_jobs:at_once()
     ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "an event was found"},
-        {1, "internal error"},
-        {2, "bad usage or input, also where the run violates nothing or is not reproducible"},
-        {4, "the share rises nowhere: no draw decides"},
-        {130, "interrupted"}
-    ].
-
--spec subject(string(), [string()]) ->
-    {ok, starl_cli_target:t(), [string()]} | {error, [unicode:chardata(), ...]}.
-subject(Word, Args) -> starl_lab_shrink:subject(Word, Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := #{name := Name} = Target, values := Values} = Call) ->
