@@ -118,7 +118,7 @@ find(Name) ->
 bears(Name, Module) -> string:find(atom_to_list(Module), Name) =/= nomatch.
 
 first(Name, []) ->
-    {error, starl_cli_flags:nearest(Name, names())};
+    {error, starl_similar:words(Name, names())};
 first(Name, [Module | Modules]) ->
     case Module:command() of
         #{name := Name} = Command -> {ok, Command};

@@ -105,10 +105,8 @@ other(Choices, Placeholder, Command, {Word, Args}) ->
     end.
 
 unknown(Word, What, Names) ->
-    case starl_cli_flags:nearest(Word, Names) of
-        [Near | _] -> ["there is no ", What, " ", Word, " (did you mean ", Near, "?)"];
-        [] -> ["there is no ", What, " ", Word, "; there are ", lists:join(", ", Names)]
-    end.
+    All = ["; there are ", lists:join(", ", Names)],
+    ["there is no ", What, " ", Word, starl_similar:meant(starl_similar:words(Word, Names), All)].
 
 names(Choices) -> [atom_to_list(Name) || {Name, _} <- Choices].
 

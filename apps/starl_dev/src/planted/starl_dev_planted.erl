@@ -110,9 +110,9 @@ loaded({ok, Codes}, #{bug := Wanted} = Values) ->
             ok = starl_cli_log:install(),
             chosen(Some, Codes, Values);
         [Name | _] ->
-            {error, [
-                ["--bug: there is no bug ", Name, meant(starl_cli_flags:nearest(Name, Names))]
-            ]}
+            Near = starl_similar:words(Name, Names),
+            Meant = starl_similar:meant(Near, "; without --bug the table has all"),
+            {error, [["--bug: there is no bug ", Name, Meant]]}
     end.
 
 catalogue(#{progress := true}) -> starl_dev_planted_progress:bugs();
@@ -133,9 +133,6 @@ says(none) -> "";
 says({_, _, Says, _}) -> Says.
 
 spaced(Name) -> string:replace(atom_to_list(Name), "_", " ", all).
-
-meant([Near | _]) -> [" (did you mean ", Near, "?)"];
-meant([]) -> "; without --bug the table has all".
 
 %% -- the search -----------------------------------------------------------------------------
 

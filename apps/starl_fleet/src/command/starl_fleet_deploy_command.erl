@@ -108,10 +108,8 @@ name_of(App) when is_atom(App) -> atom_to_list(App);
 name_of(App) -> filename:basename(App, ".erl").
 
 unknown(Word) ->
-    case starl_cli_flags:nearest(Word, ?ACTIONS) of
-        [Near | _] -> ["there is no ", Word, " (did you mean ", Near, "?)"];
-        [] -> ["there is no ", Word, "; there are ", lists:join(", ", ?ACTIONS)]
-    end.
+    All = ["; there are ", lists:join(", ", ?ACTIONS)],
+    ["there is no ", Word, starl_similar:meant(starl_similar:words(Word, ?ACTIONS), All)].
 
 %% -- running --------------------------------------------------------------------------------
 

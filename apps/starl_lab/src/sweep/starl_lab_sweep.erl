@@ -178,7 +178,6 @@ wrong(Reason) -> {error, [starl_lab_sweep_study:format_error(Reason)]}.
 
 unknown_figure(Name, Numbers) ->
     Texts = [atom_to_list(Key) || Key <- Numbers],
-    case starl_cli_flags:nearest(Name, Texts) of
-        [Near | _] -> ["--plot: there is no figure ", Name, " (did you mean ", Near, "?)"];
-        [] -> ["--plot: there is no figure ", Name, "; there are ", lists:join(", ", Texts)]
-    end.
+    All = ["; there are ", lists:join(", ", Texts)],
+    Meant = starl_similar:meant(starl_similar:words(Name, Texts), All),
+    ["--plot: there is no figure ", Name, Meant].
