@@ -10,15 +10,10 @@
     ok | {error, unicode:chardata()}.
 check({Module, _} = Monitor, Machines) ->
     case starl_monitor_check:check([Monitor], Machines) of
-        ok -> can_be_checked(exports_timeless(Module), Module);
+        ok -> can_be_checked(starl_callback:exported(Module, timeless, 1), Module);
         {error, {listed, Module, Why}} -> {error, Why};
         {error, {mistake, Line}} -> {error, Line}
     end.
-
-%% A monitor of StarL need not be loaded yet.
-exports_timeless(Module) ->
-    {module, Module} = code:ensure_loaded(Module),
-    erlang:function_exported(Module, timeless, 1).
 
 can_be_checked(true, _Module) ->
     ok;

@@ -90,12 +90,9 @@ command([Name | Args]) ->
 
 found({ok, Command}, _Name, Args) ->
     starl_cli_dispatch:run(Command, Args);
-found({error, [Near | _]}, Name, _Args) ->
-    refuse(["unknown command ", Name, " (did you mean ", Near, "?)"]);
-found({error, []}, Name, _Args) ->
-    refuse(["unknown command ", Name, "; ./starl help lists all"]).
-
-refuse(Problem) -> starl_cli_terminal:bad_input([Problem]).
+found({error, Near}, Name, _Args) ->
+    Meant = starl_similar:meant(Near, "; ./starl help lists all"),
+    starl_cli_terminal:bad_input([["unknown command ", Name, Meant]]).
 
 show(Text) ->
     starl_cli_terminal:out(Text),

@@ -7,7 +7,7 @@
 
 commands() -> [Command || {_, Commands} <- starl_cli_command:all(), Command <- Commands].
 
-of_each(Test) -> [{Command:name(), fun() -> Test(Command) end} || Command <- commands()].
+of_each(Test) -> [{Name, fun() -> Test(Command) end} || #{name := Name} = Command <- commands()].
 
 contains(Part, Text) ->
     ?assertNotEqual({Part, nomatch, Text}, {Part, string:find(Text, Part), Text}).
@@ -30,20 +30,20 @@ in_its_place(Width, Test) ->
     end.
 
 help_test_() ->
-    of_each(fun(Command) ->
-        {0, Text} = said([Command:name(), "--help"]),
-        contains("Usage: ./starl " ++ Command:name(), Text),
+    of_each(fun(#{name := Name} = Command) ->
+        {0, Text} = said([Name, "--help"]),
+        contains("Usage: ./starl " ++ Name, Text),
         contains("--help", Text),
-        ?assertEqual({0, Text}, said([Command:name(), "-h"])),
-        ?assertEqual({0, Text}, said(["help", Command:name()])),
-        {0, _} = said([Command:name() | word(Command) ++ ["--nonsense", "-h"]])
+        ?assertEqual({0, Text}, said([Name, "-h"])),
+        ?assertEqual({0, Text}, said(["help", Name])),
+        {0, _} = said([Name | word(Command) ++ ["--nonsense", "-h"]])
     end).
 
 %% Help, tables and lists fit a terminal, and most of it a narrow one.
-help_fits_the_width_test_() -> of_each(fun(Command) -> fits([Command:name(), "--help"]) end).
+help_fits_the_width_test_() -> of_each(fun(#{name := Name}) -> fits([Name, "--help"]) end).
 
 help_on_a_target_fits_the_width_test_() ->
-    of_each(fun(Command) -> fits([Command:name() | word(Command) ++ ["--help"]]) end).
+    of_each(fun(#{name := Name} = Command) -> fits([Name | word(Command) ++ ["--help"]]) end).
 
 lists_fit_the_width_test_() ->
     [
@@ -79,28 +79,28 @@ is_verbatim(Line) ->
         re:run(Line, "^  [a-z_]+ +(link|robots?|group|machine|two) ", [{capture, none}]) =:= match.
 
 an_unknown_flag_is_refused_with_a_suggestion_test_() ->
-    of_each(fun(Command) ->
-        {Status, Text} = said([Command:name() | word(Command) ++ ["--helpp"]]),
+    of_each(fun(#{name := Name} = Command) ->
+        {Status, Text} = said([Name | word(Command) ++ ["--helpp"]]),
         ?assertEqual({2, Text}, {Status, Text}),
         contains(
-            "starl: " ++ Command:name() ++ ": unknown flag --helpp (did you mean --help?)", Text
+            "starl: " ++ Name ++ ": unknown flag --helpp (did you mean --help?)", Text
         )
     end).
 
 an_unknown_flag_of_its_own_is_known_by_its_neighbour_test_() ->
     [
-        {Command:name(), fun() ->
+        {Name, fun() ->
             [Flag | _] = starl_cli_usage:flag_names(Command, none),
-            {2, Text} = said([Command:name() | word(Command) ++ [Flag ++ "x"]]),
+            {2, Text} = said([Name | word(Command) ++ [Flag ++ "x"]]),
             contains("unknown flag " ++ Flag ++ "x (did you mean --", Text)
         end}
-     || Command <- commands()
+     || #{name := Name} = Command <- commands()
     ].
 
 a_missing_word_is_named_test_() ->
     [
-        {Command:name(), fun() ->
-            {2, Text} = said([Command:name()]),
+        {Name, fun() ->
+            {2, Text} = said([Name]),
             {required, Placeholder, _} = starl_cli_command:argument(Command),
             Word =
                 case string:trim(string:lowercase(Placeholder), trailing, ".") of
@@ -108,34 +108,43 @@ a_missing_word_is_named_test_() ->
                     "action" -> "an action";
                     Other -> "a " ++ Other
                 end,
-            contains("starl: " ++ Command:name() ++ ": name " ++ Word ++ " first", Text)
+            contains("starl: " ++ Name ++ ": name " ++ Word ++ " first", Text)
         end}
-     || Command <- commands(), {required, _, _} <- [starl_cli_command:argument(Command)]
+     || #{name := Name} = Command <- commands(),
+        {required, _, _} <- [starl_cli_command:argument(Command)]
     ].
 
 a_mistyped_choice_is_known_by_its_neighbour_test_() ->
     [
-        {Command:name(), fun() ->
-            {2, Text} = said([Command:name(), atom_to_list(Name) ++ "x"]),
+        {Name, fun() ->
+            {2, Text} = said([Name, atom_to_list(Choice) ++ "x"]),
             contains("(did you mean ", Text),
-            {2, Unknown} = said([Command:name(), "xyzzyxyzzy"]),
+            {2, Unknown} = said([Name, "xyzzyxyzzy"]),
             contains("; there are ", Unknown)
         end}
-     || Command <- commands(), {_, _, [{Name, _} | _]} <- [starl_cli_command:argument(Command)]
+     || #{name := Name} = Command <- commands(),
+        {_, _, [{Choice, _} | _]} <- [starl_cli_command:argument(Command)]
     ].
 
 every_command_is_listed_test() ->
     {0, Text} = said([]),
-    [contains("\n  " ++ Command:name() ++ " ", Text) || Command <- commands()],
-    [contains(Command:synopsis(), Text) || Command <- commands(), length(Command:synopsis()) < 40],
+    [
+        begin
+            contains("\n  " ++ Name ++ " ", Text),
+            length(Synopsis) < 40 andalso contains(Synopsis, Text)
+        end
+     || #{name := Name, synopsis := Synopsis} <- commands()
+    ],
     {0, Names} = said(["help", "--names"]),
-    ?assertEqual([Command:name() || Command <- commands()], string:lexemes(Names, "\n")),
+    ?assertEqual(starl_cli_command:names(), string:lexemes(Names, "\n")),
     ?assertEqual(length(commands()), length(lists:usort(string:lexemes(Names, "\n")))).
 
 %% The word may stand behind flags.
 a_choice_behind_flags_test() ->
     {ok, #{subject := Block, values := Values}} =
-        starl_cli_dispatch:read(starl_lab_check, ["--robots", "2", "mutex", "--depth", "3"]),
+        starl_cli_dispatch:read(starl_lab_check:command(), [
+            "--robots", "2", "mutex", "--depth", "3"
+        ]),
     ?assertEqual(mutex, Block),
     ?assertMatch(#{robots := 2, depth := 3, quiet := false}, Values).
 
@@ -146,7 +155,8 @@ all_that_there_are_are_offered_test_() ->
 
 all_that_there_are_are_offered() ->
     Apps = [Module || {_, Module} <- starl_cli_target:apps()],
-    ?assertEqual([], implementing(starl_cli_command) -- commands()),
+    Commands = lists:append([Some || {_, Some} <- starl_catalogue:listed(starl_commands)]),
+    ?assertEqual([], implementing(starl_cli_command) -- Commands),
     ?assertEqual([], implementing(starl_app) -- Apps).
 
 implementing(Behaviour) ->

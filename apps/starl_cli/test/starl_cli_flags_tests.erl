@@ -144,18 +144,6 @@ arguments_are_the_inverse_of_parse_test() ->
     Shell = os:cmd(lists:flatten(["for a in ", Line, "; do printf '%s\\n' \"$a\"; done"])),
     ?assertEqual({ok, Values}, parse(string:lexemes(Shell, "\n"))).
 
-suggestions_test_() ->
-    [
-        ?_assertEqual(Near, starl_cli_flags:nearest(Text, ["run", "table", "bench", "scenarios"]))
-     || {Text, Near} <- [
-            {"rnu", ["run"]},
-            {"tabel", ["table"]},
-            {"scenario", ["scenarios"]},
-            {"xyzzy", []},
-            {"", []}
-        ]
-    ].
-
 help_fits_the_width_test_() ->
     [
         {integer_to_list(Width), fun() ->

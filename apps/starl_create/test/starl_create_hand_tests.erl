@@ -58,8 +58,9 @@ judge_test() ->
 
 %% Whatever follows it.
 a_mistyped_action_is_told_test() ->
-    {ok, Subject, []} = starl_create_console:subject("dctor", ["/dev/ttyUSB0"]),
-    ?assertMatch({error, [_]}, starl_create_console:run(#{subject => Subject})).
+    #{subject := Subject, run := Run} = starl_create_console:command(),
+    {ok, Action, []} = Subject("dctor", ["/dev/ttyUSB0"]),
+    ?assertMatch({error, [_]}, Run(#{subject => Action})).
 
 %% Its wheels are blocked, or nobody answers: there is nothing to reckon with.
 a_robot_that_does_not_move_has_no_factors_test() ->

@@ -335,10 +335,7 @@ robot_number(_Name) ->
 -spec similar(name(), [name()]) -> unicode:chardata().
 similar(Name, Known) ->
     Words = [unicode:characters_to_list(Word) || Word <- Known],
-    case starl_options:similar(unicode:characters_to_list(Name), Words) of
-        [Near | _] -> [" (did you mean ", Near, "?)"];
-        [] -> ""
-    end.
+    starl_similar:meant(starl_similar:words(unicode:characters_to_list(Name), Words), "").
 
 -spec unknown(pos_integer(), string(), name(), [name()]) -> no_return().
 unknown(At, Problem, Name, Known) ->

@@ -32,9 +32,11 @@ commands_ask_test_() ->
             File = filename:join(Dir, "there"),
             ok = file:write_file(File, "kept"),
             [
-                ?assertEqual({Name, {error, [line(File)]}}, {Name, texts(Command:run(Call))})
-             || {Name, Args} <- [{bench, ["dpp"]}, {table, ["--pictures", "lines"]}],
-                Command <- [list_to_atom("starl_dev_" ++ atom_to_list(Name))],
+                ?assertEqual({Module, {error, [line(File)]}}, {Module, texts(Run(Call))})
+             || {Module, Args} <- [
+                    {starl_dev_bench, ["dpp"]}, {starl_dev_table, ["--pictures", "lines"]}
+                ],
+                #{run := Run} = Command <- [Module:command()],
                 {ok, Call} <- [starl_cli_dispatch:read(Command, Args ++ ["--out", File])]
             ],
             ?assertEqual({ok, <<"kept">>}, file:read_file(File))

@@ -164,10 +164,11 @@ a_robot_that_answers_anything_is_one_line_test_() ->
 
 %% What would be told once only, or done again and again, is one line.
 only_status_is_watched_test() ->
+    #{run := Run} = starl_fleet_deploy_command:command(),
     [
         ?assertMatch(
             {error, ["--watch: only status" ++ _]},
-            starl_fleet_deploy_command:run(#{
+            Run(#{
                 subject => {"f.term", Words}, values => #{example => false, watch => 2}
             })
         )

@@ -2,7 +2,7 @@
 -module(starl_lab_check_tests).
 -include_lib("eunit/include/eunit.hrl").
 
-check(Args) -> starl_cli_dispatch:run(starl_lab_check, Args).
+check(Args) -> starl_cli_dispatch:run(starl_lab_check:command(), Args).
 
 refused_test_() ->
     [

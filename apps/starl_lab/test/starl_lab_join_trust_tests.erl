@@ -11,6 +11,7 @@ begun_elsewhere() ->
     Dir = filename:join(Base, "study"),
     Marker = filename:join(Base, "ran"),
     {ok, Cwd} = file:get_cwd(),
+    #{run := Join} = starl_lab_join:command(),
     App = filename:join(Base, "starl_evil_sweep.erl"),
     try
         ok = file:write_file(App, [
@@ -33,7 +34,7 @@ begun_elsewhere() ->
                 ok = slice(Dir, Args),
                 %% a mark of somebody else
                 true = Key("mine"),
-                {error, [Line | _]} = starl_lab_join:run(#{
+                {error, [Line | _]} = Join(#{
                     subject => [Dir], values => #{out => none}
                 }),
                 ?assertMatch({Args, {match, _}}, {Args, re:run(Line, "say --trust")}),
@@ -51,7 +52,7 @@ begun_elsewhere() ->
         %% an application that ships needs no trust
         ok = slice(filename:join(Base, "other"), ["painting", "--loss", "0.2"]),
         true = Key("third"),
-        Shipped = starl_lab_join:run(#{
+        Shipped = Join(#{
             subject => [filename:join(Base, "other")], values => #{out => none}
         }),
         ?assertEqual(

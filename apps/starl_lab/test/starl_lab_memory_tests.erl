@@ -71,10 +71,10 @@ available_test() ->
 -define(TOO_MANY, ["ring_shuttle", "--robots", "100000", "--mode", "process"]).
 
 a_run_is_refused_test() ->
-    refused(starl_lab_run, fun starl_lab_setup:check/1, ?TOO_MANY).
+    refused(starl_lab_run:command(), fun starl_lab_setup:check/1, ?TOO_MANY).
 
 a_replay_is_refused_test() ->
-    refused(starl_lab_replay, fun starl_lab_replay:setup/1, ?TOO_MANY).
+    refused(starl_lab_replay:command(), fun starl_lab_replay:setup/1, ?TOO_MANY).
 
 refused(Command, Check, Args) ->
     {ok, Call} = starl_cli_dispatch:read(Command, Args),

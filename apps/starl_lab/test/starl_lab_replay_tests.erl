@@ -202,7 +202,7 @@ until_time_test_() ->
     end}.
 
 setup(Args) ->
-    case starl_cli_dispatch:read(starl_lab_replay, Args) of
+    case starl_cli_dispatch:read(starl_lab_replay:command(), Args) of
         {ok, Call} -> starl_lab_replay:setup(Call);
         Other -> Other
     end.
@@ -265,6 +265,6 @@ a_record_is_run_as_it_was_test() ->
         ),
         ?assertMatch({ok, #{record := #{}, run := #{scenario := Scenario}}}, setup([Dir])),
         ?assertMatch({error, [_]}, setup([Dir, "--loss", "0.3"])),
-        {ok, Call} = starl_cli_dispatch:read(starl_lab_run, [Dir]),
+        {ok, Call} = starl_cli_dispatch:read(starl_lab_run:command(), [Dir]),
         ?assertMatch({ok, #{scenario := Scenario}}, starl_lab_setup:check(Call))
     end).

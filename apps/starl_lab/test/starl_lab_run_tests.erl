@@ -3,7 +3,7 @@
 -include_lib("eunit/include/eunit.hrl").
 
 setup(Args) ->
-    case starl_cli_dispatch:read(starl_lab_run, Args) of
+    case starl_cli_dispatch:read(starl_lab_run:command(), Args) of
         {ok, Call} -> starl_lab_setup:check(Call);
         Other -> Other
     end.

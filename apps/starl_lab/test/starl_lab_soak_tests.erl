@@ -178,7 +178,7 @@ replayed() ->
             {ok, Target} = starl_cli_target:resolve(Name),
             Replay = unicode:characters_to_list(starl_cli_target:replay(Target, Scenario)),
             ["./starl", "run" | Args] = words(lists:flatten(Replay)),
-            {ok, Call} = starl_cli_dispatch:read(starl_lab_run, Args),
+            {ok, Call} = starl_cli_dispatch:read(starl_lab_run:command(), Args),
             {ok, #{scenario := Again}} = starl_lab_setup:check(Call),
             ?assertEqual({Block, Seed, Scenario}, {Block, Seed, Again})
         end

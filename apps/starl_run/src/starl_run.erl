@@ -272,11 +272,7 @@ format_error({scenario, Reason}) ->
 format_error({What, Why}) when What =:= app; What =:= scene; What =:= new_code ->
     Why;
 format_error({no_such_app, App}) ->
-    Meant =
-        case starl_code:resembling(App) of
-            [Near | _] -> io_lib:format(" (did you mean ~ts?)", [Near]);
-            [] -> "; is it compiled, and in the path?"
-        end,
+    Meant = starl_similar:meant(starl_code:resembling(App), "; is it compiled, and in the path?"),
     [io_lib:format("there is no application ~ts", [App]), Meant];
 format_error({versions, Versions}) ->
     Each = [io_lib:format("~ts is ~ts", [App, Version]) || {App, Version} <- Versions],

@@ -242,9 +242,7 @@ described({Name, Title}) ->
 %% A word without a file may be meant for a picture that ships.
 remedy({cannot_read, _, missing}, Name) ->
     Shipped = [Each || {Each, _} <- shipped()],
-    case is_word(Name) andalso starl_options:similar(Name, Shipped) of
-        [Near | _] -> [" (did you mean ", Near, "?)"];
-        _ -> ["; give an SVG file, or one of ", lists:join(", ", Shipped)]
-    end;
+    Near = [Word || is_word(Name), Word <- starl_similar:words(Name, Shipped)],
+    starl_similar:meant(Near, ["; give an SVG file, or one of ", lists:join(", ", Shipped)]);
 remedy(_Reason, _Name) ->
     [].

@@ -2,37 +2,37 @@
 -module(starl_cli_blocks).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "blocks".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "blocks",
+        synopsis => "list the building blocks",
+        argument => fun argument/0,
+        subject => fun subject/2,
+        about => [
+            "Lists the building blocks, or tells of one, which may be in a FILE.erl of your own: what it "
+            "guarantees, the contracts that judge every run with it, what it can, and its options with "
+            "their defaults.",
+            {list, "What a block can", [
+                {"exercise", "./starl run exercise --block BLOCK, ./starl soak BLOCK"},
+                {"check", "./starl check BLOCK"},
+                {"bench", "./starl bench blocks"}
+            ]},
+            "A guarantee is always there, or as long as what it assumes holds: conditions of the world, or "
+            "guarantees of other blocks. --compose tells what an application may rely on; with --faults, what "
+            "is left while such faults happen.",
+            {lines,
+                "  ./starl blocks --compose painting \\\n"
+                "      --faults clock,loss"}
+        ],
+        flags => fun flags/1,
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "list the building blocks".
-
--spec argument() -> starl_cli_command:argument().
 argument() -> {optional, "BLOCK", [{Name, ""} || {Name, _} <- starl_block_catalogue:known()]}.
 
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Lists the building blocks, or tells of one, which may be in a FILE.erl of your own: what it "
-        "guarantees, the contracts that judge every run with it, what it can, and its options with "
-        "their defaults.",
-        {list, "What a block can", [
-            {"exercise", "./starl run exercise --block BLOCK, ./starl soak BLOCK"},
-            {"check", "./starl check BLOCK"},
-            {"bench", "./starl bench blocks"}
-        ]},
-        "A guarantee is always there, or as long as what it assumes holds: conditions of the world, or "
-        "guarantees of other blocks. --compose tells what an application may rely on; with --faults, what "
-        "is left while such faults happen.",
-        {lines,
-            "  ./starl blocks --compose painting \\\n"
-            "      --faults clock,loss"}
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
     Names =
         [all | starl_run_fault:classes()] ++

@@ -3,11 +3,11 @@
 -module(starl_cli_completion).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, run/1]).
+-export([command/0]).
 
 %% A command, its purpose, the words that may follow it, and its flags; `targets': those flags for
 %% each word for which they are others.
--type command() :: #{
+-type row() :: #{
     name := string(),
     about := string(),
     words := [string()],
@@ -21,29 +21,26 @@
 %% The values of a flag: it has none, they are not known, these words, or files besides these words.
 -type values() :: switch | any | {words, [string()]} | {files, [string()]}.
 
--spec name() -> string().
-name() -> "completion".
-
--spec synopsis() -> string().
-synopsis() -> "complete command lines in bash, zsh or fish".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "SHELL", [{bash, ""}, {zsh, ""}, {fish, ""}]}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Prints a script for a shell, which then completes commands, their flags and the values of "
-        "these: applications, scenarios, pictures, blocks, kinds of faults. To use it at once, and "
-        "from now on:",
-        {lines,
-            "  bash  source <(./starl completion bash)\n"
-            "        ./starl completion bash >> ~/.bashrc\n"
-            "  zsh   source <(./starl completion zsh)\n"
-            "        ./starl completion zsh > DIR/_starl    (DIR is in $fpath)\n"
-            "  fish  ./starl completion fish | source\n"
-            "        ./starl completion fish > ~/.config/fish/completions/starl.fish"}
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "completion",
+        synopsis => "complete command lines in bash, zsh or fish",
+        argument => {required, "SHELL", [{bash, ""}, {zsh, ""}, {fish, ""}]},
+        about => [
+            "Prints a script for a shell, which then completes commands, their flags and the values of "
+            "these: applications, scenarios, pictures, blocks, kinds of faults. To use it at once, and "
+            "from now on:",
+            {lines,
+                "  bash  source <(./starl completion bash)\n"
+                "        ./starl completion bash >> ~/.bashrc\n"
+                "  zsh   source <(./starl completion zsh)\n"
+                "        ./starl completion zsh > DIR/_starl    (DIR is in $fpath)\n"
+                "  fish  ./starl completion fish | source\n"
+                "        ./starl completion fish > ~/.config/fish/completions/starl.fish"}
+        ],
+        run => fun run/1
+    }.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := Shell}) ->
@@ -187,16 +184,16 @@ quoted(Text) ->
 %% -- the words -----------------------------------------------------------------------------
 
 %% All commands, with what may follow them: from the tables that the help and the parser come from.
--spec table() -> [command()].
-table() -> [command(Command) || {_, Some} <- starl_cli_command:all(), Command <- Some].
+-spec table() -> [row()].
+table() -> [row(Command) || {_, Some} <- starl_cli_command:all(), Command <- Some].
 
-command(Command) ->
+row(#{name := Name, synopsis := Synopsis} = Command) ->
     Targets = targets(Command),
     #{
-        name => Command:name(),
-        about => Command:synopsis(),
+        name => Name,
+        about => Synopsis,
         words => follow(starl_cli_command:argument(Command), Targets),
-        files => Targets =/= [] orelse erlang:function_exported(Command, subject, 2),
+        files => Targets =/= [] orelse is_map_key(subject, Command),
         flags => flags(Command, none),
         targets => grouped([{Word, flags(Command, Target)} || {Word, Target} <- Targets])
     }.
@@ -207,7 +204,7 @@ follow({_, _, [_ | _] = Choices}, _Targets) -> [atom_to_list(Name) || {Name, _} 
 follow(_, Targets) -> [Word || {Word, _} <- Targets].
 
 %% The applications and scenarios that ship, if the command takes such.
-targets(Command) ->
+targets(#{subject := Subject} = Command) ->
     Names =
         case starl_cli_command:argument(Command) of
             {required, Word, {example, _}} when Word =/= "PICTURE" ->
@@ -216,7 +213,9 @@ targets(Command) ->
             _ ->
                 []
         end,
-    [{Name, Target} || Name <- Names, {ok, #{app := _} = Target, _} <- [Command:subject(Name, [])]].
+    [{Name, Target} || Name <- Names, {ok, #{app := _} = Target, _} <- [Subject(Name, [])]];
+targets(#{}) ->
+    [].
 
 grouped(Pairs) ->
     Flags = lists:usort([F || {_, F} <- Pairs]),

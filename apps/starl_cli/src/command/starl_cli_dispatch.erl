@@ -8,24 +8,24 @@
 
 %% @doc Runs a command with its arguments; gives the exit status. Every command takes `--trust' ({@link
 %% starl_cli_made_here}).
--spec run(module(), [string()]) -> starl_cli_terminal:status().
+-spec run(starl_cli_command:command(), [string()]) -> starl_cli_terminal:status().
 run(Command, Args) ->
     case lists:member("--trust", Args) of
         true -> starl_cli_made_here:trusting(fun() -> run_one(Command, Args -- ["--trust"]) end);
         false -> run_one(Command, Args)
     end.
 
-run_one(Command, Args) ->
+run_one(#{run := Run} = Command, Args) ->
     try read(Command, Args) of
-        {ok, Call} -> answered(Command:run(Call), Command);
+        {ok, Call} -> answered(Run(Call), Command);
         {help, Word, Subject} -> show(starl_cli_usage:command(Command, Word, Subject));
         {error, _} = Error -> answered(Error, Command)
     after
         starl_cli_made_here:forget()
     end.
 
-answered({error, Problems}, Command) ->
-    starl_cli_terminal:bad_input([[Command:name(), ": ", Problem] || Problem <- Problems]);
+answered({error, Problems}, #{name := Name}) ->
+    starl_cli_terminal:bad_input([[Name, ": ", Problem] || Problem <- Problems]);
 answered(Status, _Command) ->
     Status.
 
@@ -34,7 +34,7 @@ show(Text) ->
     0.
 
 %% @doc Reads the arguments of a command and reports all problems at once.
--spec read(module(), [string()]) ->
+-spec read(starl_cli_command:command(), [string()]) ->
     {ok, starl_cli_command:call()}
     | {help, Word :: string() | none, subject()}
     | {error, [unicode:chardata(), ...]}.
@@ -77,8 +77,7 @@ one([First | _] = Word) ->
         false -> ["a ", Word]
     end.
 
-hint({example, Word}, Command) ->
-    Name = Command:name(),
+hint({example, Word}, #{name := Name}) ->
     ["as in ./starl ", Name, " ", Word, "; ./starl ", Name, " --help tells more"];
 hint(Choices, _Command) ->
     ["one of ", lists:join(", ", names(Choices))].
@@ -90,8 +89,8 @@ with_word({_, Placeholder, Known}, Command, {Word, Others, Args}, Help) ->
         {{error, _} = Error, _} -> Error
     end.
 
-subject({example, _}, _Placeholder, Command, Word, Args) ->
-    Command:subject(Word, Args);
+subject({example, _}, _Placeholder, #{subject := Subject}, Word, Args) ->
+    Subject(Word, Args);
 subject(Choices, Placeholder, Command, Word, Args) ->
     case [Name || {Name, _} <- Choices, atom_to_list(Name) =:= Word] of
         [Name] -> {ok, Name, Args};
@@ -100,18 +99,14 @@ subject(Choices, Placeholder, Command, Word, Args) ->
 
 %% A file of the user's own may stand for one of the choices.
 other(Choices, Placeholder, Command, {Word, Args}) ->
-    Takes =
-        erlang:function_exported(Command, subject, 2) andalso filename:extension(Word) =:= ".erl",
-    case Takes of
-        true -> Command:subject(Word, Args);
-        false -> {error, [unknown(Word, string:lowercase(Placeholder), names(Choices))]}
+    case {Command, filename:extension(Word)} of
+        {#{subject := Subject}, ".erl"} -> Subject(Word, Args);
+        _ -> {error, [unknown(Word, string:lowercase(Placeholder), names(Choices))]}
     end.
 
 unknown(Word, What, Names) ->
-    case starl_cli_flags:nearest(Word, Names) of
-        [Near | _] -> ["there is no ", What, " ", Word, " (did you mean ", Near, "?)"];
-        [] -> ["there is no ", What, " ", Word, "; there are ", lists:join(", ", Names)]
-    end.
+    All = ["; there are ", lists:join(", ", Names)],
+    ["there is no ", What, " ", Word, starl_similar:meant(starl_similar:words(Word, Names), All)].
 
 names(Choices) -> [atom_to_list(Name) || {Name, _} <- Choices].
 

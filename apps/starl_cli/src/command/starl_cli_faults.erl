@@ -2,29 +2,28 @@
 -module(starl_cli_faults).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, about/1, run/1]).
+-export([command/0]).
 -export([values/2, worlds/1]).
 
--spec name() -> string().
-name() -> "faults".
-
--spec synopsis() -> string().
-synopsis() -> "list the kinds of faults".
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Lists what can go wrong in a simulation: class, kind, whom it hits, parameters, and what it "
-        "does. A scenario has faults as {Id, FromMs, ToMs, Kind, Target, Params}:",
-        {lines,
-            "  faults => [{away, 2000, 9000, isolate, 3, #{}},\n"
-            "             {bad, 0, 60000, loss, all, #{part => 0.2}}]"},
-        "or, drawn from the seed, random_faults => [network, kill_machine], classes and kinds. "
-        "Targets: robots is all or one Robot; robot a Robot; machine {Robot, Machine}; link all, the "
-        "Robot that sends, or {From, To}; group a list of robots; two {A, B}; floor all. Kinds that are "
-        "marked can be played in real time, too: live by ./starl run --live and ./starl cluster, nodes by "
-        "the latter alone."
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "faults",
+        synopsis => "list the kinds of faults",
+        about => [
+            "Lists what can go wrong in a simulation: class, kind, whom it hits, parameters, and what it "
+            "does. A scenario has faults as {Id, FromMs, ToMs, Kind, Target, Params}:",
+            {lines,
+                "  faults => [{away, 2000, 9000, isolate, 3, #{}},\n"
+                "             {bad, 0, 60000, loss, all, #{part => 0.2}}]"},
+            "or, drawn from the seed, random_faults => [network, kill_machine], classes and kinds. "
+            "Targets: robots is all or one Robot; robot a Robot; machine {Robot, Machine}; link all, the "
+            "Robot that sends, or {From, To}; group a list of robots; two {A, B}; floor all. Kinds that are "
+            "marked can be played in real time, too: live by ./starl run --live and ./starl cluster, nodes by "
+            "the latter alone."
+        ],
+        run => fun run/1
+    }.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(_Call) ->

@@ -2,20 +2,19 @@
 -module(starl_cli_man).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, about/1, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "man".
-
--spec synopsis() -> string().
-synopsis() -> "print the manual page".
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Prints a manual page with the help of all commands, to be read by man:",
-        {lines, "  ./starl man > starl.1; man ./starl.1"}
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "man",
+        synopsis => "print the manual page",
+        about => [
+            "Prints a manual page with the help of all commands, to be read by man:",
+            {lines, "  ./starl man > starl.1; man ./starl.1"}
+        ],
+        run => fun run/1
+    }.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(_Call) ->
@@ -64,11 +63,11 @@ examples() ->
         "starl replay out/painting-1"
     ].
 
-command(Command) ->
+command(#{synopsis := Synopsis} = Command) ->
     [
         [".SS ", escaped(starl_cli_usage:line(Command)), "\n"],
-        text([Command:synopsis(), "."]),
-        [paragraph(Paragraph) || Paragraph <- Command:about(none)],
+        text([Synopsis, "."]),
+        [paragraph(Paragraph) || Paragraph <- starl_cli_command:about(Command, none)],
         [group(Group) || Group <- starl_cli_command:flags(Command, none)],
         [
             [".PP\nExit status:\n", [item(integer_to_list(S), Doc) || {S, Doc} <- Own]]

@@ -2,16 +2,16 @@
 -module(starl_cli_scenarios).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, about/1, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "scenarios".
-
--spec synopsis() -> string().
-synopsis() -> "list the scenarios".
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) -> ["Lists the scenarios that ship; ./starl run NAME runs one."].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "scenarios",
+        synopsis => "list the scenarios",
+        about => ["Lists the scenarios that ship; ./starl run NAME runs one."],
+        run => fun run/1
+    }.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(_Call) ->

@@ -2,7 +2,7 @@
 %% and wraps it to the width of the terminal.
 -module(starl_cli_usage).
 
--export([general/0, command/3, items/1, line/1, names/0, flag_names/2]).
+-export([general/0, command/3, items/1, line/1, flag_names/2]).
 
 %% The largest width of the column of names, if the terminal has room for it.
 -define(WIDEST_NAME, 18).
@@ -15,7 +15,7 @@
 -spec general() -> unicode:chardata().
 general() ->
     Groups = [
-        {Title, [{line(C), C:synopsis()} || C <- Commands]}
+        {Title, [{line(C), Synopsis} || #{synopsis := Synopsis} = C <- Commands]}
      || {Title, Commands} <- starl_cli_command:all()
     ],
     Column = column(lists:append([Items || {_, Items} <- Groups])),
@@ -28,15 +28,11 @@ general() ->
     ].
 
 %% @doc A command with its argument, as it is typed.
--spec line(module()) -> string().
+-spec line(starl_cli_command:command()) -> string().
 line(Command) -> lists:flatten(usage(Command, none)).
 
-%% @doc The names of all commands, for completion.
--spec names() -> [string()].
-names() -> [Command:name() || {_, Commands} <- starl_cli_command:all(), Command <- Commands].
-
 %% @doc The flags of a command, for completion.
--spec flag_names(module(), starl_cli_command:subject()) -> [string()].
+-spec flag_names(starl_cli_command:command(), starl_cli_command:subject()) -> [string()].
 flag_names(Command, Subject) ->
     [
         starl_cli_flags:flag(Key)
@@ -44,20 +40,20 @@ flag_names(Command, Subject) ->
     ].
 
 %% @doc The help of a command, for the word with which help was asked.
--spec command(module(), Word :: string() | none, starl_cli_command:subject()) ->
+-spec command(starl_cli_command:command(), Word :: string() | none, starl_cli_command:subject()) ->
     unicode:chardata().
 command(Command, Word, Subject) ->
     [
         "Usage: ./starl ",
         usage(Command, Word),
         " [FLAGS]\n",
-        [paragraph(Paragraph) || Paragraph <- Command:about(Subject)],
+        [paragraph(Paragraph) || Paragraph <- starl_cli_command:about(Command, Subject)],
         [group(Group) || Group <- starl_cli_command:flags(Command, Subject)],
         statuses(starl_cli_command:statuses(Command))
     ].
 
-usage(Command, none) -> [Command:name(), placeholder(starl_cli_command:argument(Command))];
-usage(Command, Word) -> [Command:name(), " ", starl_cli_terminal:quoted(Word)].
+usage(#{name := Name} = Command, none) -> [Name, placeholder(starl_cli_command:argument(Command))];
+usage(#{name := Name}, Word) -> [Name, " ", starl_cli_terminal:quoted(Word)].
 
 placeholder(none) -> "";
 placeholder({required, Placeholder, _}) -> [" ", Placeholder];

@@ -2,7 +2,7 @@
 %% problems of a command line are reported at once.
 -module(starl_cli_flags).
 
--export([parse/2, defaults/1, help/2, described/1, flag/1, text/2, arguments/2, nearest/2]).
+-export([parse/2, defaults/1, help/2, described/1, flag/1, text/2, arguments/2]).
 -export([format_problem/1]).
 
 -export_type([flag/0, type/0, problem/0]).
@@ -51,10 +51,8 @@ flag(Key) -> "--" ++ [dashed(C) || C <- atom_to_list(Key)].
 
 %% @doc One line that states the problem and the remedy.
 -spec format_problem(problem()) -> unicode:chardata().
-format_problem({unknown_flag, Flag, []}) ->
-    ["unknown flag ", Flag, "; --help lists all"];
-format_problem({unknown_flag, Flag, [Near | _]}) ->
-    io_lib:format("unknown flag ~ts (did you mean ~ts?)", [Flag, Near]);
+format_problem({unknown_flag, Flag, Near}) ->
+    ["unknown flag ", Flag, starl_similar:meant(Near, "; --help lists all")];
 format_problem({no_value, Key, Type}) ->
     io_lib:format("~ts needs a value: ~ts", [flag(Key), type_text(Type)]);
 format_problem({needless_value, Flag}) ->
@@ -106,30 +104,6 @@ arguments(Flags, Values) ->
      || {Key, Type, _, _} <- Flags, is_map_key(Key, Values)
     ]).
 
-%% @doc The known texts that are similar to a mistyped one, most similar first.
--spec nearest(string(), [string()]) -> [string()].
-nearest(Text, Known) ->
-    Scored = [{distance(Text, K), K} || K <- Known],
-    [K || {Edits, K} <- lists:sort(Scored), Edits =< slips(length(K))].
-
-%% The largest edit distance at which a word is recognized: half the length of a short word, a third
-%% of a long one.
-slips(Length) -> min((Length + 1) div 2, max(2, Length div 3)).
-
-%% Levenshtein distance: the number of letters to insert, delete or change.
-distance(From, To) ->
-    Next = fun(Letter, [Left | Row]) -> [Left + 1 | edits(Letter, To, Left + 1, [Left | Row])] end,
-    lists:last(lists:foldl(Next, lists:seq(0, length(To)), From)).
-
-%% The rest of a row of the table, from the row above it.
-edits(_Letter, [], _Before, [_]) ->
-    [];
-edits(Letter, [Letter | To], _Before, [Diagonal | Row]) ->
-    [Diagonal | edits(Letter, To, Diagonal, Row)];
-edits(Letter, [_ | To], Before, [Diagonal, Above | Row]) ->
-    Least = 1 + lists:min([Before, Diagonal, Above]),
-    [Least | edits(Letter, To, Least, [Above | Row])].
-
 %% -- reading --------------------------------------------------------------------------------
 
 spec({help, switch, _, Doc}) -> {help, $h, "help", undefined, Doc};
@@ -155,7 +129,7 @@ scan(Specs, Args, Flags, Problems) ->
 
 unknown(Flag, Flags) ->
     Name = hd(string:split(Flag, "=")),
-    {unknown_flag, Name, nearest(Name, [flag(Key) || {Key, _, _, _} <- Flags])}.
+    {unknown_flag, Name, starl_similar:words(Name, [flag(Key) || {Key, _, _, _} <- Flags])}.
 
 %% Removes an unknown flag together with its apparent value.
 without(Flag, Args) ->

@@ -275,10 +275,9 @@ no_application(File) ->
 sound_target(ok, Target) -> {ok, Target};
 sound_target({error, Reason}, _Target) -> {error, [starl_run:format_error(Reason)]}.
 
-%% @doc Is this loaded module an application? One callback is enough to mean one.
+%% @doc Is this module an application? One callback is enough to mean one.
 -spec runs(module()) -> boolean().
 runs(Module) ->
-    _ = code:ensure_loaded(Module),
-    Exports = fun({F, A}) -> erlang:function_exported(Module, F, A) end,
+    Exports = fun({F, A}) -> starl_callback:exported(Module, F, A) end,
     lists:any(Exports, [{step, 2}, {scene, 1}]) orelse
         (Exports({init, 2}) andalso not starl_block:is_block(Module)).

@@ -279,17 +279,14 @@ loaded(Module) ->
 unknown(Word) ->
     Scenarios = [Name || {Name, _, _} <- scenarios()],
     Known = [Name || {Name, _} <- shown()] ++ Scenarios,
-    case starl_cli_flags:nearest(Word, [Name || {Name, _} <- apps()] ++ Scenarios) of
-        [Near | _] ->
-            ["there is no application or scenario ", Word, " (did you mean ", Near, "?)"];
-        [] ->
-            io_lib:format(
-                "there is no application or scenario ~ts; there are ~ts, scenario files "
-                "(FILE.term), applications of your own (FILE.erl, their directory, or a module "
-                "on the code path) and directories of runs",
-                [Word, lists:join(", ", Known)]
-            )
-    end.
+    Near = starl_similar:words(Word, [Name || {Name, _} <- apps()] ++ Scenarios),
+    All = [
+        "; there are ",
+        lists:join(", ", Known),
+        ", scenario files (FILE.term), applications of your own (FILE.erl, their directory, or a "
+        "module on the code path) and directories of runs"
+    ],
+    ["there is no application or scenario ", Word, starl_similar:meant(Near, All)].
 
 %% -- scenario files -------------------------------------------------------------------------
 

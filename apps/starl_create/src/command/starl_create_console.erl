@@ -3,7 +3,7 @@
 -module(starl_create_console).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
 -define(ACTIONS, [
     {"emulate", "an emulated Create on a pty, until Ctrl-C"},
@@ -12,16 +12,22 @@
     {"bench", "the time from a kill to standing wheels, as a table"}
 ]).
 
--spec name() -> string().
-name() -> "create".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "create",
+        synopsis => "iRobot Create: emulator, doctor, driving by keys",
+        argument => {required, "ACTION", {example, "emulate"}},
+        subject => fun subject/2,
+        about => fun about/1,
+        flags => fun flags/1,
+        statuses => [
+            {0, "done; nothing is wrong"},
+            {4, "the doctor found something, or the drive ended early"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "iRobot Create: emulator, doctor, driving by keys".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "ACTION", {example, "emulate"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(none) ->
     about_actions();
 about({emulate, _}) ->
@@ -74,7 +80,6 @@ about_bench() ->
         "bound, it still drives. stands: it has come to rest by itself before."
     ].
 
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags({emulate, _}) -> [{"Flags", emulate_flags()}];
 flags({doctor, _}) -> [{"Flags", doctor_flags()}];
 flags({drive, _}) -> [{"Flags", drive_flags()}];
@@ -118,10 +123,6 @@ drive_flags() ->
 model() -> {model, {integer, 1, 2}, 2, "1: Create of 2006; 2: Create 2 or Roomba 600"}.
 
 baud() -> {baud, {optional, {integer, 300, 115200}}, none, "its baud rate (1: 57600; 2: 115200)"}.
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [{0, "done; nothing is wrong"}, {4, "the doctor found something, or the drive ended early"}].
 
 -spec subject(string(), [string()]) -> {ok, starl_cli_command:subject(), [string()]}.
 subject("emulate", Args) -> {ok, {emulate, none}, Args};

@@ -3,18 +3,41 @@
 -module(starl_debug_command).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "debug".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "debug",
+        synopsis => "tell what can have happened in a recorded run whose clocks disagree",
+        argument => {required, "RECORDING...", {example, "out/painting-1"}},
+        subject => fun subject/2,
+        about => fun about/1,
+        flags => [
+            {"Flags", [
+                {predicate, string, none, "what may have been true, see above"},
+                starl_debug_bounds:flag(" (10ms)"),
+                starl_debug_bounds:drift(),
+                {from, {number, 0, 1.0e9}, none, "looks at the run from this second on"},
+                {until, {number, 0, 1.0e9}, none, "looks at the run until this second"},
+                {speed, {number, 1, 100000}, none,
+                    "the robots' greatest speed, mm/s (that of the run)"},
+                {pose_age, {number, 0, 60000}, 100,
+                    "robots' own recordings: how old a pose is at most when it comes, ms"},
+                {picture, file, none, "draws the moment that was found, as SVG"},
+                {no_explain, switch, false, "only the answer, not what would change it"},
+                {quiet, switch, false, "no progress"}
+            ]}
+        ],
+        statuses => [
+            {0, "never true"},
+            {3, "certainly true at some moment"},
+            {5, "not all was looked at, or is known, and in the part that was it was never true"},
+            {6, "possibly true: it depends on the clocks, or on places between samples"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "tell what can have happened in a recorded run whose clocks disagree".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "RECORDING...", {example, "out/painting-1"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
         "./starl debug RECORDING... --predicate \"TEXT\" tells whether the predicate was never, possibly or "
@@ -37,34 +60,6 @@ about(_Subject) ->
 takes(none) -> "";
 takes(length) -> "(400 mm)";
 takes(duration) -> "(2 s)".
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {predicate, string, none, "what may have been true, see above"},
-            starl_debug_bounds:flag(" (10ms)"),
-            starl_debug_bounds:drift(),
-            {from, {number, 0, 1.0e9}, none, "looks at the run from this second on"},
-            {until, {number, 0, 1.0e9}, none, "looks at the run until this second"},
-            {speed, {number, 1, 100000}, none,
-                "the robots' greatest speed, mm/s (that of the run)"},
-            {pose_age, {number, 0, 60000}, 100,
-                "robots' own recordings: how old a pose is at most when it comes, ms"},
-            {picture, file, none, "draws the moment that was found, as SVG"},
-            {no_explain, switch, false, "only the answer, not what would change it"},
-            {quiet, switch, false, "no progress"}
-        ]}
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "never true"},
-        {3, "certainly true at some moment"},
-        {5, "not all was looked at, or is known, and in the part that was it was never true"},
-        {6, "possibly true: it depends on the clocks, or on places between samples"}
-    ].
 
 -spec subject(string(), [string()]) ->
     {ok, [file:filename(), ...], [string()]} | {error, [unicode:chardata(), ...]}.

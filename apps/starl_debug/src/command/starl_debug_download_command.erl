@@ -2,33 +2,28 @@
 -module(starl_debug_download_command).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "download".
-
--spec synopsis() -> string().
-synopsis() -> "fetch recordings from a storage".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "REMOTE", {example, "lab:runs"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "./starl download REMOTE:PATH fetches what ./starl upload has sent there: a directory for "
-        "each run, with the recordings that its robots left. Each is checked by its hash. Started "
-        "again it fetches only what is missing."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {out, file, none, "the directory for the runs (recordings)"},
-            {list, switch, false, "only lists what is there"}
-        ]}
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "download",
+        synopsis => "fetch recordings from a storage",
+        argument => {required, "REMOTE", {example, "lab:runs"}},
+        subject => fun subject/2,
+        about => [
+            "./starl download REMOTE:PATH fetches what ./starl upload has sent there: a directory for "
+            "each run, with the recordings that its robots left. Each is checked by its hash. Started "
+            "again it fetches only what is missing."
+        ],
+        flags => [
+            {"Flags", [
+                {out, file, none, "the directory for the runs (recordings)"},
+                {list, switch, false, "only lists what is there"}
+            ]}
+        ],
+        run => fun run/1
+    }.
 
 -spec subject(string(), [string()]) -> {ok, string(), [string()]}.
 subject(Remote, Args) -> {ok, Remote, Args}.

@@ -3,19 +3,34 @@
 -module(starl_debug_histories_command).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "histories".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "histories",
+        synopsis => "judge the calls of a recorded run by what their callers saw",
+        argument => {required, "RECORDING", {example, "out/painting-1"}},
+        subject => fun subject/2,
+        about => about(),
+        flags => [
+            {"Flags", [
+                starl_debug_bounds:flag(""),
+                starl_debug_bounds:drift(),
+                {states, {integer, 1, 100000000}, 200000,
+                    "the most states that are tried for an object"}
+            ]}
+        ],
+        statuses => [
+            {0, "all answers can be explained"},
+            {3, "some cannot"},
+            {5, "not all is decided, or known, and the rest can be explained"},
+            {6, "some can only be explained if clocks disagree within sigma"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "judge the calls of a recorded run by what their callers saw".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "RECORDING", {example, "out/painting-1"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
+about() ->
     [
         "RECORDING is a recording, or the directory of a run that holds one. ./starl judge reads what the "
         "machines of a run tell of themselves; this command reads what the applications saw: their calls "
@@ -31,26 +46,6 @@ about(_Subject) ->
         ]},
         "Holds that a fault of a clock may have ended, or not ended, are left out. With --sigma what cannot be "
         "explained by the times of the recording is tried with each call longer by sigma."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            starl_debug_bounds:flag(""),
-            starl_debug_bounds:drift(),
-            {states, {integer, 1, 100000000}, 200000,
-                "the most states that are tried for an object"}
-        ]}
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "all answers can be explained"},
-        {3, "some cannot"},
-        {5, "not all is decided, or known, and the rest can be explained"},
-        {6, "some can only be explained if clocks disagree within sigma"}
     ].
 
 -spec subject(string(), [string()]) ->

@@ -2,23 +2,23 @@
 -module(starl_debug_info_command).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, subject/2, run/1]).
+-export([command/0]).
 
 %% No run of a world's own time is that long.
 -define(SINCE_1970_US, 100_000_000_000_000).
 
--spec name() -> string().
-name() -> "info".
-
--spec synopsis() -> string().
-synopsis() -> "tell what a recording holds".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "FILE", {example, "out/painting-1/run.mcap"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    ["FILE is a recording or another MCAP file, or the directory of a run that holds one."].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "info",
+        synopsis => "tell what a recording holds",
+        argument => {required, "FILE", {example, "out/painting-1/run.mcap"}},
+        subject => fun subject/2,
+        about => [
+            "FILE is a recording or another MCAP file, or the directory of a run that holds one."
+        ],
+        run => fun run/1
+    }.
 
 -spec subject(string(), [string()]) ->
     {ok, file:filename(), [string()]} | {error, [unicode:chardata(), ...]}.

@@ -2,7 +2,7 @@
 -module(starl_debug_judge_command).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
 -type word() :: kept | broken | depends.
 
@@ -15,42 +15,35 @@
     answer := starl_debug_check:answer()
 }.
 
--spec name() -> string().
-name() -> "judge".
-
--spec synopsis() -> string().
-synopsis() -> "judge a recording by all contracts of its run".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "FILE", {example, "out/painting-1/run.mcap"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "FILE is a recording, or the directory of a run that holds one. The monitors of the run "
-        "read its events again; the verdicts are those of the run. A recording that was cut off is "
-        "judged to its last whole second, one with a hole up to that. Of recordings of the robots themselves, merged, the "
-        "contracts are judged that do not need the true motions; which are not judged is said. A "
-        "contract of your own is taken from the directory inputs beside the recording, where a run "
-        "keeps its source.",
-        "The times of the recording are taken as they are. With --sigma the contracts that speak of two "
-        "robots at one moment are judged for all clocks within it: kept, broken, or depends on the "
-        "clocks."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) -> [{"Flags", [starl_debug_bounds:flag(""), starl_debug_bounds:drift()]}].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "no contract is broken"},
-        {3, "a contract is broken"},
-        {5,
-            "a part of the run is not judged, or what needs robots whose recordings are missing; in the rest "
-            "no contract is broken"},
-        {6, "none is broken for sure; with --sigma one depends on the clocks"}
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "judge",
+        synopsis => "judge a recording by all contracts of its run",
+        argument => {required, "FILE", {example, "out/painting-1/run.mcap"}},
+        subject => fun subject/2,
+        about => [
+            "FILE is a recording, or the directory of a run that holds one. The monitors of the run "
+            "read its events again; the verdicts are those of the run. A recording that was cut off is "
+            "judged to its last whole second, one with a hole up to that. Of recordings of the robots themselves, merged, the "
+            "contracts are judged that do not need the true motions; which are not judged is said. A "
+            "contract of your own is taken from the directory inputs beside the recording, where a run "
+            "keeps its source.",
+            "The times of the recording are taken as they are. With --sigma the contracts that speak of two "
+            "robots at one moment are judged for all clocks within it: kept, broken, or depends on the "
+            "clocks."
+        ],
+        flags => [{"Flags", [starl_debug_bounds:flag(""), starl_debug_bounds:drift()]}],
+        statuses => [
+            {0, "no contract is broken"},
+            {3, "a contract is broken"},
+            {5,
+                "a part of the run is not judged, or what needs robots whose recordings are missing; in the rest "
+                "no contract is broken"},
+            {6, "none is broken for sure; with --sigma one depends on the clocks"}
+        ],
+        run => fun run/1
+    }.
 
 -spec subject(string(), [string()]) ->
     {ok, file:filename(), [string()]} | {error, [unicode:chardata(), ...]}.

@@ -3,7 +3,7 @@
 -module(starl_debug_merge_command).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
+-export([command/0]).
 
 %% Rates of clocks are off by this at most; bounds that are wider say nothing.
 -define(DRIFT_PPM, 100).
@@ -11,33 +11,28 @@
 -define(CORRECTED_PPM, 10000).
 -define(UNKNOWN_US, 60000000).
 
--spec name() -> string().
-name() -> "merge".
-
--spec synopsis() -> string().
-synopsis() -> "make one recording of those of several robots".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "FILES", {example, "robot-1.mcap"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "./starl merge FILES... --out FILE puts the recordings of the robots of one run together, "
-        "by time; of a cluster, also the world's run.mcap, which has the true motions. The robots' "
-        "clocks must agree. Where packets came before they were sent, that is said, and times are moved "
-        "so far that each packet comes after it was sent.",
-        "./starl merge out/painting-1/robots/*.mcap out/painting-1/run.mcap"
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {out, file, none, "the file for the result (merged.mcap)"},
-            starl_cli_out:overwrite_file()
-        ]}
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "merge",
+        synopsis => "make one recording of those of several robots",
+        argument => {required, "FILES", {example, "robot-1.mcap"}},
+        subject => fun subject/2,
+        about => [
+            "./starl merge FILES... --out FILE puts the recordings of the robots of one run together, "
+            "by time; of a cluster, also the world's run.mcap, which has the true motions. The robots' "
+            "clocks must agree. Where packets came before they were sent, that is said, and times are moved "
+            "so far that each packet comes after it was sent.",
+            "./starl merge out/painting-1/robots/*.mcap out/painting-1/run.mcap"
+        ],
+        flags => [
+            {"Flags", [
+                {out, file, none, "the file for the result (merged.mcap)"},
+                starl_cli_out:overwrite_file()
+            ]}
+        ],
+        run => fun run/1
+    }.
 
 -spec subject(string(), [string()]) -> {ok, [file:filename(), ...], [string()]}.
 subject(File, Args) ->

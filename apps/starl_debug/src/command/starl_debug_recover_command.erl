@@ -2,27 +2,23 @@
 -module(starl_debug_recover_command).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "recover".
-
--spec synopsis() -> string().
-synopsis() -> "make a whole recording of one that was cut off".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "FILE", {example, "out/painting.4711.mcap"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "./starl recover FILE [OUT] takes all whole chunks of FILE, a recording whose run was "
-        "killed, or another MCAP file, and writes them with a new index: to OUT, or to "
-        "FILE-recovered.mcap. A chunk holds a second of the run."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) -> [{"Flags", [starl_cli_out:overwrite_file()]}].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "recover",
+        synopsis => "make a whole recording of one that was cut off",
+        argument => {required, "FILE", {example, "out/painting.4711.mcap"}},
+        subject => fun subject/2,
+        about => [
+            "./starl recover FILE [OUT] takes all whole chunks of FILE, a recording whose run was "
+            "killed, or another MCAP file, and writes them with a new index: to OUT, or to "
+            "FILE-recovered.mcap. A chunk holds a second of the run."
+        ],
+        flags => [{"Flags", [starl_cli_out:overwrite_file()]}],
+        run => fun run/1
+    }.
 
 -spec subject(string(), [string()]) ->
     {ok, {file:filename(), file:filename() | none}, [string()]}

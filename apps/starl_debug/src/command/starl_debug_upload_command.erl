@@ -2,28 +2,23 @@
 -module(starl_debug_upload_command).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "upload".
-
--spec synopsis() -> string().
-synopsis() -> "send recordings to a storage".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "FILES", {example, "out/painting-1"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "./starl upload FILES... REMOTE:PATH sends recordings to any storage that the program "
-        "rclone knows, in pieces by their hashes. Started again it sends only what is missing. "
-        "./starl download fetches them.",
-        {lines, ["  ./starl upload robot-*.mcap lab:runs\n"]}
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) -> [].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "upload",
+        synopsis => "send recordings to a storage",
+        argument => {required, "FILES", {example, "out/painting-1"}},
+        subject => fun subject/2,
+        about => [
+            "./starl upload FILES... REMOTE:PATH sends recordings to any storage that the program "
+            "rclone knows, in pieces by their hashes. Started again it sends only what is missing. "
+            "./starl download fetches them.",
+            {lines, ["  ./starl upload robot-*.mcap lab:runs\n"]}
+        ],
+        run => fun run/1
+    }.
 
 -spec subject(string(), [string()]) ->
     {ok, {[file:filename()], string() | none}, [string()]} | {error, [unicode:chardata(), ...]}.

@@ -4,7 +4,7 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, run/1]).
+-export([command/0]).
 
 -define(BENCHMARKS, [
     {ring, starl_dev_bench_ring, "robots that send a message every 100 ms and drive to and fro"},
@@ -18,25 +18,25 @@
     {dpp, starl_dev_bench_dpp, "requests to the coordinator of distributed path planning"}
 ]).
 
--spec name() -> string().
-name() -> "bench".
-
--spec synopsis() -> string().
-synopsis() -> "measure how fast it runs".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {optional, "BENCHMARK", [{Kind, Doc} || {Kind, _, Doc} <- ?BENCHMARKS]}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Measures how fast the simulator and the planner run on this machine, each beside its "
-        "baseline. Without a name all benchmarks run, with their defaults."
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "bench",
+        synopsis => "measure how fast it runs",
+        argument => {optional, "BENCHMARK", [{Kind, Doc} || {Kind, _, Doc} <- ?BENCHMARKS]},
+        about => [
+            "Measures how fast the simulator and the planner run on this machine, each beside its "
+            "baseline. Without a name all benchmarks run, with their defaults."
+        ],
+        flags => fun flags/1,
+        statuses => [
+            {0, "measured"}, {3, "a check failed"}, {130, "interrupted"}
+        ],
+        run => fun run/1
+    }.
 
 %% Run together, all use their defaults, because a flag such as --robots has another meaning in
 %% each benchmark.
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) -> [{shown, title(Kind), flags_of(Kind)} || Kind <- kinds()] ++ [own_flags()];
 flags(Kind) -> [{title(Kind), flags_of(Kind)}, own_flags()].
 
@@ -47,12 +47,6 @@ own_flags() ->
     ]}.
 
 title(Kind) -> [atom_to_list(Kind), ": ", element(3, lists:keyfind(Kind, 1, ?BENCHMARKS))].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "measured"}, {3, "a check failed"}, {130, "interrupted"}
-    ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := none, values := Values}) -> checked(kinds(), Values);

@@ -21,9 +21,4 @@
 
 %% @doc The problems that a benchmark finds in its options.
 -spec problems(module(), options()) -> [unicode:chardata()].
-problems(Benchmark, Options) ->
-    {module, Benchmark} = code:ensure_loaded(Benchmark),
-    case erlang:function_exported(Benchmark, problems, 1) of
-        true -> Benchmark:problems(Options);
-        false -> []
-    end.
+problems(Benchmark, Options) -> starl_callback:call(Benchmark, problems, [Options], []).

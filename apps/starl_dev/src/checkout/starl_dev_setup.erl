@@ -2,23 +2,20 @@
 -module(starl_dev_setup).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, about/1, statuses/0, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "setup".
-
--spec synopsis() -> string().
-synopsis() -> "set up and build, nothing else".
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Installs Erlang/OTP and the libraries where they are missing and builds what has changed, as "
-        "every command does first."
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() -> [{0, "all is there"}].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "setup",
+        synopsis => "set up and build, nothing else",
+        about => [
+            "Installs Erlang/OTP and the libraries where they are missing and builds what has changed, as "
+            "every command does first."
+        ],
+        statuses => [{0, "all is there"}],
+        run => fun run/1
+    }.
 
 -spec run(starl_cli_command:call()) -> {error, [string(), ...]}.
 run(_Call) -> {error, ["only the script ./starl runs this"]}.

@@ -4,40 +4,35 @@
 -module(starl_dev_doc).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, about/1, flags/1, statuses/0, run/1]).
+-export([command/0]).
 -export([make_chunks/2]).
 
--spec name() -> string().
-name() -> "doc".
-
--spec synopsis() -> string().
-synopsis() -> "make the pages of guides and modules, for a browser".
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Makes a page for each guide, and one for each module by EDoc, with contents beside it and "
-        "a search over all of them, which needs no server. EDoc's warnings and links that lead nowhere "
-        "are printed, one line each.",
-        "Afterwards the shells know them, too: h(starl), h(starl_mutex, acquire) in ./starl shell. In the "
-        "directory of your own project, built by rebar3 or mix, it makes no pages, but its shells "
-        "(rebar3 shell, iex -S mix) tell of its modules and of StarL's."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {out, string, default(), "directory for the pages; earlier pages in it are replaced"},
-            {tables, switch, false,
-                "only writes the tables of the guides that follow from the code"}
-        ]}
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "doc",
+        synopsis => "make the pages of guides and modules, for a browser",
+        about => [
+            "Makes a page for each guide, and one for each module by EDoc, with contents beside it and "
+            "a search over all of them, which needs no server. EDoc's warnings and links that lead nowhere "
+            "are printed, one line each.",
+            "Afterwards the shells know them, too: h(starl), h(starl_mutex, acquire) in ./starl shell. In the "
+            "directory of your own project, built by rebar3 or mix, it makes no pages, but its shells "
+            "(rebar3 shell, iex -S mix) tell of its modules and of StarL's."
+        ],
+        flags => [
+            {"Flags", [
+                {out, string, default(),
+                    "directory for the pages; earlier pages in it are replaced"},
+                {tables, switch, false,
+                    "only writes the tables of the guides that follow from the code"}
+            ]}
+        ],
+        statuses => [{0, "the pages are made"}, {1, "some pages have problems, which are printed"}],
+        run => fun run/1
+    }.
 
 default() -> starl_cli_out:shown(filename:join([starl_cli_target:root(), "_build", "doc"])).
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() -> [{0, "the pages are made"}, {1, "some pages have problems, which are printed"}].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{values := #{tables := true}}) ->

@@ -6,7 +6,7 @@
 -module(starl_dev_chaos).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, about/1, flags/1, statuses/0, run/1]).
+-export([command/0]).
 -export([words/2]).
 
 %% One run: its exit status; whether its report is there; the commands by what came of them, and the
@@ -29,24 +29,29 @@
 %% No answer within this time: the command hangs. A reload waits 15 s for nodes, its trial takes 5 s.
 -define(ANSWER_MS, 60_000).
 
--spec name() -> string().
-name() -> "chaos".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "chaos",
+        synopsis => "batter clusters; does each run end with a report?",
+        about => [
+            "Runs a team on a cluster again and again (./starl cluster), each time with --chaos and "
+            "further halts and full disks, while commands come as from another terminal: status, heal, "
+            "cut, freeze, fill, pause, kill, reload. Each run has a directory with its report. A line "
+            "for each run tells how it ended, and how its commands were answered.",
+            "A run may end in any way but without a report; a broken contract is told, and its recording "
+            "is in the run's directory."
+        ],
+        flags => fun flags/1,
+        statuses => [
+            {0, "each run has ended with its report, and each command with an answer"},
+            {1, "one has not"},
+            {3, "they have, and a contract is broken"},
+            {130, "interrupted"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "batter clusters; does each run end with a report?".
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Runs a team on a cluster again and again (./starl cluster), each time with --chaos and "
-        "further halts and full disks, while commands come as from another terminal: status, heal, "
-        "cut, freeze, fill, pause, kill, reload. Each run has a directory with its report. A line "
-        "for each run tells how it ended, and how its commands were answered.",
-        "A run may end in any way but without a report; a broken contract is told, and its recording "
-        "is in the run's directory."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
     Transports = [Name || {Name, _} <- starl_world_setup:transports()],
     [
@@ -59,15 +64,6 @@ flags(_Subject) ->
             {seed, {integer, 0, 1 bsl 32}, 1, "of the first run; each has the next"},
             {out, string, "chaos", "the directory of the runs' directories"}
         ]}
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "each run has ended with its report, and each command with an answer"},
-        {1, "one has not"},
-        {3, "they have, and a contract is broken"},
-        {130, "interrupted"}
     ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().

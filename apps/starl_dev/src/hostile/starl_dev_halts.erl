@@ -6,7 +6,7 @@
 -module(starl_dev_halts).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, about/1, flags/1, statuses/0, run/1]).
+-export([command/0]).
 
 -type block() :: mutex | painting.
 
@@ -25,38 +25,32 @@
 %% A run has begun after this time of the run (us): who leads is known.
 -define(BEGUN_US, 12000000).
 
--spec name() -> string().
-name() -> "halts".
-
--spec synopsis() -> string().
-synopsis() -> "halt robots' nodes in the middle of a step".
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "A team works on a cluster, by UDP, four times as fast as real time, and its nodes are halted "
-        "(SIGSTOP), one after the other, each in the middle of what it does: a team of four that "
-        "asks for tokens for 1 to 2 s, a team of five that paints for 3.5 to 6 s, longer than the "
-        "lease of the robot that leads. A run that is over is followed by another one. The run's "
-        "own monitors judge; the recording of a run with a violation stays in the directory.",
-        "On a computer with much other work a robot is late without a halt; it says so, and is "
-        "excused as a robot that is halted. --speed 1 allows it four times the time."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {block, {one_of, [both, mutex, painting]}, both, "what the team does"},
-            {halts, {integer, 1, 10000}, 200, "halts of each block"},
-            {speed, {number, 0.1, 20}, 4, "how many times as fast as real time"},
-            {seed, {integer, 0, 1 bsl 32}, 1, "of the robots, the gaps and the lengths"},
-            {out, string, "halts", "the directory of the recordings"}
-        ]}
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() -> [{0, "borne"}, {3, "a contract is broken"}, {130, "interrupted"}].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "halts",
+        synopsis => "halt robots' nodes in the middle of a step",
+        about => [
+            "A team works on a cluster, by UDP, four times as fast as real time, and its nodes are halted "
+            "(SIGSTOP), one after the other, each in the middle of what it does: a team of four that "
+            "asks for tokens for 1 to 2 s, a team of five that paints for 3.5 to 6 s, longer than the "
+            "lease of the robot that leads. A run that is over is followed by another one. The run's "
+            "own monitors judge; the recording of a run with a violation stays in the directory.",
+            "On a computer with much other work a robot is late without a halt; it says so, and is "
+            "excused as a robot that is halted. --speed 1 allows it four times the time."
+        ],
+        flags => [
+            {"Flags", [
+                {block, {one_of, [both, mutex, painting]}, both, "what the team does"},
+                {halts, {integer, 1, 10000}, 200, "halts of each block"},
+                {speed, {number, 0.1, 20}, 4, "how many times as fast as real time"},
+                {seed, {integer, 0, 1 bsl 32}, 1, "of the robots, the gaps and the lengths"},
+                {out, string, "halts", "the directory of the recordings"}
+            ]}
+        ],
+        statuses => [{0, "borne"}, {3, "a contract is broken"}, {130, "interrupted"}],
+        run => fun run/1
+    }.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{values := #{block := Block, seed := Seed, out := Dir} = Values}) ->

@@ -3,40 +3,40 @@
 -module(starl_dev_hostile).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, about/1, flags/1, statuses/0, run/1]).
+-export([command/0]).
 
 %% What a robot's node may have besides what it had early in the attack: atoms, and as many for each
 %% module that was loaded since; messages under way.
 -define(MOST_ATOMS, 50).
 -define(MOST_BYTES, 64_000_000).
 
--spec name() -> string().
-name() -> "hostile".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "hostile",
+        synopsis => "attack a robot's node while it paints",
+        about => [
+            "A team paints a picture, a node for each robot, by UDP. Meanwhile one node gets hostile "
+            "datagrams at its port: noise, genuine ones truncated, changed and played again, of other "
+            "keys, runs and fleets; and with the right key: compressed bombs, new atoms, absurd fields. "
+            "The picture is painted until all datagrams have been sent. It must be complete each time; "
+            "no contract may be violated, no machine crash, no robot be unheard after it, and nothing "
+            "be taken but absurd packets that are sealed and well formed. Atoms and memory of the node "
+            "stay as they are.",
+            "With --kills the node of one robot is then killed (SIGKILL) so many times, while all robots "
+            "send each other numbers: none may be acknowledged and not delivered, nobody unheard.",
+            "With --insider, instead of all this, a robot of the team is the attacker: it has the key, and sends "
+            "in its own name all that the machines of each block accept at its extremes: largest numbers, longest "
+            "names, most entries. First in the simulator, block by block, then on a cluster by UDP, which is "
+            "played without the attack, too. When the attack is over each block must work, again after all robots "
+            "have restarted with their stores, and again with a new key; no machine may crash, and "
+            "memory stays as it is."
+        ],
+        flags => fun flags/1,
+        statuses => [{0, "borne"}, {3, "not borne"}, {130, "interrupted"}],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "attack a robot's node while it paints".
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "A team paints a picture, a node for each robot, by UDP. Meanwhile one node gets hostile "
-        "datagrams at its port: noise, genuine ones truncated, changed and played again, of other "
-        "keys, runs and fleets; and with the right key: compressed bombs, new atoms, absurd fields. "
-        "The picture is painted until all datagrams have been sent. It must be complete each time; "
-        "no contract may be violated, no machine crash, no robot be unheard after it, and nothing "
-        "be taken but absurd packets that are sealed and well formed. Atoms and memory of the node "
-        "stay as they are.",
-        "With --kills the node of one robot is then killed (SIGKILL) so many times, while all robots "
-        "send each other numbers: none may be acknowledged and not delivered, nobody unheard.",
-        "With --insider, instead of all this, a robot of the team is the attacker: it has the key, and sends "
-        "in its own name all that the machines of each block accept at its extremes: largest numbers, longest "
-        "names, most entries. First in the simulator, block by block, then on a cluster by UDP, which is "
-        "played without the attack, too. When the attack is over each block must work, again after all robots "
-        "have restarted with their stores, and again with a new key; no machine may crash, and "
-        "memory stays as it is."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
     [
         {"Flags", [
@@ -52,9 +52,6 @@ flags(_Subject) ->
             {seed, {integer, 0, 1 bsl 32}, 1, "of the datagrams, the robot and the kills"}
         ]}
     ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() -> [{0, "borne"}, {3, "not borne"}, {130, "interrupted"}].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{values := #{insider := true} = Values}) ->

@@ -29,7 +29,7 @@
 of_machine(Module) ->
     %% calls are traced only in loaded code
     ok = code:ensure_modules_loaded([Module, starl_shape]),
-    case erlang:function_exported(Module, accepts, 2) of
+    case starl_callback:exported(Module, accepts, 2) of
         true -> found(Module, clauses(Module));
         false -> {[], [{Module, 1}]}
     end.
@@ -37,9 +37,8 @@ of_machine(Module) ->
 %% @doc Does a machine take messages?
 -spec is_listener(module()) -> boolean().
 is_listener(Module) ->
-    {module, Module} = code:ensure_loaded(Module),
     {ok, {Module, [{imports, Calls}]}} = beam_lib:chunks(code:which(Module), [imports]),
-    erlang:function_exported(Module, accepts, 2) orelse lists:member({starl_sap, listen, 2}, Calls).
+    starl_callback:exported(Module, accepts, 2) orelse lists:member({starl_sap, listen, 2}, Calls).
 
 found(Module, Clauses) ->
     Asker = asker(),

@@ -4,22 +4,44 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, run/1]).
+-export([command/0]).
 
 -type values() :: #{atom() => term()}.
 
 -define(WIDTH, 80).
 
--spec name() -> string().
-name() -> "mutate".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "mutate",
+        synopsis => "change a block's code in small places; do its tests notice?",
+        argument => fun argument/0,
+        about => fun about/1,
+        flags => [
+            {"Flags", [
+                {sample, {integer, 1, 1000000}, 200, "number of mutants to draw"},
+                {from, {integer, 0, 1 bsl 31}, 1, "the seed of the sample"},
+                {seeds, {integer, 0, 100000}, 24,
+                    "runs of soak for each mutant, in teams of 2 to 10"},
+                {only, string, none, "only the mutant with this name, as it was printed"},
+                {at_least, {number, 0, 100}, 90, "the part of the mutants that must be caught, %"},
+                {longest, {number, 0, 600}, 15,
+                    "tests that take longer without a change are left out, s"},
+                starl_lab_jobs:at_once(),
+                {list, switch, false, "lists the test that caught each mutant"}
+            ]}
+        ],
+        statuses => [
+            {0, "enough mutants were caught"},
+            {3, "too few"},
+            {4, "a test fails on the unchanged code"},
+            {130, "interrupted, with the results so far"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "change a block's code in small places; do its tests notice?".
-
--spec argument() -> starl_cli_command:argument().
 argument() -> {required, "BLOCK", [{Block, ""} || Block <- starl_mutate_block:names()]}.
 
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
         "Changes the code of a block in one small place at a time and runs the block's tests against "
@@ -35,31 +57,6 @@ about(_Subject) ->
             {atom_to_list(Operator), Doc}
          || {Operator, Doc} <- starl_mutate_operators:operators()
         ]}
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {sample, {integer, 1, 1000000}, 200, "number of mutants to draw"},
-            {from, {integer, 0, 1 bsl 31}, 1, "the seed of the sample"},
-            {seeds, {integer, 0, 100000}, 24, "runs of soak for each mutant, in teams of 2 to 10"},
-            {only, string, none, "only the mutant with this name, as it was printed"},
-            {at_least, {number, 0, 100}, 90, "the part of the mutants that must be caught, %"},
-            {longest, {number, 0, 600}, 15,
-                "tests that take longer without a change are left out, s"},
-            starl_lab_jobs:at_once(),
-            {list, switch, false, "lists the test that caught each mutant"}
-        ]}
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "enough mutants were caught"},
-        {3, "too few"},
-        {4, "a test fails on the unchanged code"},
-        {130, "interrupted, with the results so far"}
     ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().

@@ -33,8 +33,6 @@ in_group({Name, Tests}, Suite) ->
 %% @doc Runs a case, which fails with an exception. A skipped case counts as passed.
 -spec run(module(), path()) -> ok.
 run(Suite, Path) ->
-    %% functions of a module that is not loaded are not exported
-    {module, Suite} = code:ensure_loaded(Suite),
     {ok, Dir} = starl_private_dir:new("mutate"),
     Config = [{priv_dir, Dir}, {data_dir, filename:rootname(code:which(Suite)) ++ "_data"}],
     try
@@ -58,20 +56,13 @@ case_run(Suite, Case, Config) ->
     ok.
 
 within({Before, After}, Args, {Suite, _Path, Config}, Run) ->
-    Arity = length(Args) + 1,
-    case optional(Suite, Before, Arity, Args ++ [Config], Config) of
+    case starl_callback:call(Suite, Before, Args ++ [Config], Config) of
         Inner when is_list(Inner) ->
             try
                 Run(Inner)
             after
-                optional(Suite, After, Arity, Args ++ [Inner], ok)
+                starl_callback:call(Suite, After, Args ++ [Inner], ok)
             end;
         {Skip, _Reason} when Skip =:= skip; Skip =:= skip_and_save ->
             ok
-    end.
-
-optional(Suite, Function, Arity, Args, Otherwise) ->
-    case erlang:function_exported(Suite, Function, Arity) of
-        true -> apply(Suite, Function, Args);
-        false -> Otherwise
     end.

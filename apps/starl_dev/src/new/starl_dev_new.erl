@@ -3,30 +3,37 @@
 -module(starl_dev_new).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, subject/2, flags/1, run/1]).
+-export([command/0]).
 -export([make/3]).
 
 -export_type([kind/0]).
 
 -type kind() :: app | block | chassis | elixir.
 
--spec name() -> string().
-name() -> "new".
-
--spec synopsis() -> string().
-synopsis() -> "begin a project of your own".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "PROJECT", {example, "patrol"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Makes the directory PROJECT with a program for a team of robots, its contract, a scenario, a "
-        "test, properties under random faults and a workflow for continuous integration. It depends "
-        "on this StarL by one line: on the repository that it was cloned from, at this commit.",
-        {lines, "  ./starl new patrol\n  cd patrol\n  rebar3 eunit"}
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "new",
+        synopsis => "begin a project of your own",
+        argument => {required, "PROJECT", {example, "patrol"}},
+        subject => fun subject/2,
+        about => [
+            "Makes the directory PROJECT with a program for a team of robots, its contract, a scenario, a "
+            "test, properties under random faults and a workflow for continuous integration. It depends "
+            "on this StarL by one line: on the repository that it was cloned from, at this commit.",
+            {lines, "  ./starl new patrol\n  cd patrol\n  rebar3 eunit"}
+        ],
+        flags => [
+            {"Flags", [
+                {block, switch, false,
+                    "a building block of your own, with its contract and its exercise"},
+                {chassis, switch, false,
+                    "a robot with two wheels of your own, with the test of its contract"},
+                {elixir, switch, false, "a mix project, with the program in Elixir"}
+            ]}
+        ],
+        run => fun run/1
+    }.
 
 -spec subject(string(), [string()]) ->
     {ok, string(), [string()]} | {error, [unicode:chardata(), ...]}.
@@ -35,18 +42,6 @@ subject(Name, Args) ->
         ok -> {ok, Name, Args};
         {error, Why} -> {error, [Why]}
     end.
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {block, switch, false,
-                "a building block of your own, with its contract and its exercise"},
-            {chassis, switch, false,
-                "a robot with two wheels of your own, with the test of its contract"},
-            {elixir, switch, false, "a mix project, with the program in Elixir"}
-        ]}
-    ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := Name, values := Values}) ->

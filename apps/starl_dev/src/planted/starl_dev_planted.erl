@@ -4,21 +4,42 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, about/1, flags/1, statuses/0, run/1]).
+-export([command/0]).
 -export([sources/0, compiled/1]).
 %% Columns of the table; the pitfall of a bug has a line of its own.
 -define(BUG, 24).
 -define(FOUND, 38).
 -define(WIDTH, 79).
 
--spec name() -> string().
-name() -> "planted".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "planted",
+        synopsis => "show that the monitors find planted bugs",
+        about => about(),
+        flags => [
+            {"Flags", [
+                {bug, {list, string}, none, "only these bugs"},
+                {seeds, {integer, 1, 1000000}, 1000, "the most seeds to try for each bug"},
+                {histories, switch, false, "judges histories alone"},
+                {progress, switch, false,
+                    "breaks progress, at each loss and beside harmless faults"},
+                {propositions, switch, false,
+                    "only lists what the paper says, the guarantee, the clause that judges it, and the bug"},
+                {'when', {optional, {integer, 1, 1000}}, none,
+                    "asks when it became inevitable, with this many branch seeds"},
+                starl_lab_jobs:at_once()
+            ]}
+        ],
+        statuses => [
+            {0, "all were found"},
+            {4, "some were not, another event was named, or a proposition lacks something"},
+            {130, "interrupted"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "show that the monitors find planted bugs".
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
+about() ->
     [
         "Shows that the monitors find bugs: every broken building block of the tests, one per "
         "pitfall, runs under random faults with seeds 1, 2, ... until a contract is violated that "
@@ -33,30 +54,6 @@ about(_Subject) ->
         "With --progress other bugs run: each breaks the progress of a block or of an application in one line. Each "
         "runs on radios that lose packets, and beside faults that last and do no harm. The table has the violation "
         "that is found, or the clause that the run says it has not judged."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {bug, {list, string}, none, "only these bugs"},
-            {seeds, {integer, 1, 1000000}, 1000, "the most seeds to try for each bug"},
-            {histories, switch, false, "judges histories alone"},
-            {progress, switch, false, "breaks progress, at each loss and beside harmless faults"},
-            {propositions, switch, false,
-                "only lists what the paper says, the guarantee, the clause that judges it, and the bug"},
-            {'when', {optional, {integer, 1, 1000}}, none,
-                "asks when it became inevitable, with this many branch seeds"},
-            starl_lab_jobs:at_once()
-        ]}
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "all were found"},
-        {4, "some were not, another event was named, or a proposition lacks something"},
-        {130, "interrupted"}
     ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
@@ -113,9 +110,9 @@ loaded({ok, Codes}, #{bug := Wanted} = Values) ->
             ok = starl_cli_log:install(),
             chosen(Some, Codes, Values);
         [Name | _] ->
-            {error, [
-                ["--bug: there is no bug ", Name, meant(starl_cli_flags:nearest(Name, Names))]
-            ]}
+            Near = starl_similar:words(Name, Names),
+            Meant = starl_similar:meant(Near, "; without --bug the table has all"),
+            {error, [["--bug: there is no bug ", Name, Meant]]}
     end.
 
 catalogue(#{progress := true}) -> starl_dev_planted_progress:bugs();
@@ -136,9 +133,6 @@ says(none) -> "";
 says({_, _, Says, _}) -> Says.
 
 spaced(Name) -> string:replace(atom_to_list(Name), "_", " ", all).
-
-meant([Near | _]) -> [" (did you mean ", Near, "?)"];
-meant([]) -> "; without --bug the table has all".
 
 %% -- the search -----------------------------------------------------------------------------
 

@@ -4,7 +4,7 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, about/1, flags/1, statuses/0, run/1]).
+-export([command/0]).
 %% Called in the VMs of the jobs.
 -export([one/1]).
 
@@ -22,51 +22,44 @@
     csv :: file:fd() | none
 }).
 
--spec name() -> string().
-name() -> "table".
-
--spec synopsis() -> string().
-synopsis() -> "paint every picture with many teams, losses and seeds".
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Paints every picture with teams of several sizes, several losses and seeds; a row for each "
-        "picture, team and loss. Every run has to be sound: all painted, no contract violated, no two "
-        "robots closer than the safety distance. A slice has whole rows; the files of --out of all slices "
-        "together have the lines of one."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {pictures, {list, string}, shipped(), "the pictures to paint"},
-            {robots, {list, {integer, 1, 1000}}, [1, 4, 8, 16], "sizes of the team"},
-            {loss, {list, {number, 0, 1}}, [0, 0.2, 0.4],
-                "fractions of the packets that the radio loses"},
-            {delay, {between, {number, 1, 60000}}, {5, 50}, "delay of a packet, ms"},
-            {seeds, {integer, 1, 100000}, 20, "seeds per row, from 1"},
-            {random, {integer, 0, 10000}, 0,
-                "number of random pictures, small to large, besides the others"},
-            {random_seed, {integer, 0, 1 bsl 32}, 1, "the seed of the random pictures"},
-            {time, {number, 1, 1.0e6}, 40000, "a run ends at this virtual time, s"},
-            starl_lab_slice:flag(),
-            starl_lab_jobs:at_once(),
-            {out, string, none, "a CSV file with a line for each run"},
-            starl_cli_out:overwrite_file()
-        ]}
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "table",
+        synopsis => "paint every picture with many teams, losses and seeds",
+        about => [
+            "Paints every picture with teams of several sizes, several losses and seeds; a row for each "
+            "picture, team and loss. Every run has to be sound: all painted, no contract violated, no two "
+            "robots closer than the safety distance. A slice has whole rows; the files of --out of all slices "
+            "together have the lines of one."
+        ],
+        flags => [
+            {"Flags", [
+                {pictures, {list, string}, shipped(), "the pictures to paint"},
+                {robots, {list, {integer, 1, 1000}}, [1, 4, 8, 16], "sizes of the team"},
+                {loss, {list, {number, 0, 1}}, [0, 0.2, 0.4],
+                    "fractions of the packets that the radio loses"},
+                {delay, {between, {number, 1, 60000}}, {5, 50}, "delay of a packet, ms"},
+                {seeds, {integer, 1, 100000}, 20, "seeds per row, from 1"},
+                {random, {integer, 0, 10000}, 0,
+                    "number of random pictures, small to large, besides the others"},
+                {random_seed, {integer, 0, 1 bsl 32}, 1, "the seed of the random pictures"},
+                {time, {number, 1, 1.0e6}, 40000, "a run ends at this virtual time, s"},
+                starl_lab_slice:flag(),
+                starl_lab_jobs:at_once(),
+                {out, string, none, "a CSV file with a line for each run"},
+                starl_cli_out:overwrite_file()
+            ]}
+        ],
+        statuses => [
+            {0, "all runs were sound"}, {3, "some were not"}, {130, "interrupted"}
+        ],
+        run => fun run/1
+    }.
 
 shipped() ->
     Files = filelib:wildcard("*.svg", filename:join(code:priv_dir(starl_apps), "pictures")),
     [filename:rootname(File) || File <- lists:sort(Files)].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "all runs were sound"}, {3, "some were not"}, {130, "interrupted"}
-    ].
 
 %% -- before the runs ------------------------------------------------------------------------
 

@@ -5,52 +5,45 @@
 -module(starl_dev_test).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
 %% A job that takes longer hangs, s.
 -define(LONGEST_S, 1800).
 
--spec name() -> string().
-name() -> "test".
-
--spec synopsis() -> string().
-synopsis() -> "run every test, or some".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {optional, "MODULE...", {example, "starl_sap_SUITE"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Runs xref, EUnit and Common Test and ends with the line 'N passed, N failed'. With names, "
-        "only those modules run: NAME_SUITE is a Common Test suite, any other is a module for EUnit.",
-        "In the directory of a project of your own, as ./starl new makes it, this runs its tests: those of EUnit, "
-        "or of mix.",
-        "Each suite runs in a VM of its own, with its log, pages and error reports in "
-        "_build/starl/tests; suites that wait run beside those that compute (test/test_times.term). "
-        "A suite that hangs or whose VM ends has failed. Ctrl-C ends all, with the results so far.",
-        "What failed is run once more at the end, alone, with its log in _build/starl/tests/again. If it "
-        "passes then, a line says `flaky: CASE`, and it counts as passed; flaky.txt beside the logs keeps "
-        "the line. A case that was flaky twice is a defect to be mended."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {quick, switch, false, "only xref and the quick tests of EUnit, in less than a minute"},
-            {cases, {optional, {integer, 1, 1000000000}}, none,
-                "the number of cases of each property; without it the test's own"}
-        ]}
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "all passed"},
-        {1, "some failed, or a call goes upwards"},
-        {130, "interrupted, with the results so far"}
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "test",
+        synopsis => "run every test, or some",
+        argument => {optional, "MODULE...", {example, "starl_sap_SUITE"}},
+        subject => fun subject/2,
+        about => [
+            "Runs xref, EUnit and Common Test and ends with the line 'N passed, N failed'. With names, "
+            "only those modules run: NAME_SUITE is a Common Test suite, any other is a module for EUnit.",
+            "In the directory of a project of your own, as ./starl new makes it, this runs its tests: those of EUnit, "
+            "or of mix.",
+            "Each suite runs in a VM of its own, with its log, pages and error reports in "
+            "_build/starl/tests; suites that wait run beside those that compute (test/test_times.term). "
+            "A suite that hangs or whose VM ends has failed. Ctrl-C ends all, with the results so far.",
+            "What failed is run once more at the end, alone, with its log in _build/starl/tests/again. If it "
+            "passes then, a line says `flaky: CASE`, and it counts as passed; flaky.txt beside the logs keeps "
+            "the line. A case that was flaky twice is a defect to be mended."
+        ],
+        flags => [
+            {"Flags", [
+                {quick, switch, false,
+                    "only xref and the quick tests of EUnit, in less than a minute"},
+                {cases, {optional, {integer, 1, 1000000000}}, none,
+                    "the number of cases of each property; without it the test's own"}
+            ]}
+        ],
+        statuses => [
+            {0, "all passed"},
+            {1, "some failed, or a call goes upwards"},
+            {130, "interrupted, with the results so far"}
+        ],
+        run => fun run/1
+    }.
 
 -spec subject(string(), [string()]) -> {ok, [string()], [string()]}.
 subject(Word, Args) ->

@@ -2,31 +2,27 @@
 -module(starl_fleet_chassis_command).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "chassis".
-
--spec synopsis() -> string().
-synopsis() -> "hold a chassis of your own to its contract".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "ACTION", {example, "check"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "A robot of your own is driven by a module (FILE.erl) or by any program (exec:PROGRAM, with its "
-        "arguments in the same word, as in \"exec:./my_robot.py --port 1\"). doc/chassis.md tells how.",
-        {list, "Actions", [
-            {"check CHASSIS",
-                "drives it, and looks whether it keeps the contract: ends its leg by itself, stops, "
-                "is not late, refuses what it cannot do. It moves by less than 200 mm"}
-        ]}
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() -> [{0, "it keeps the contract"}, {3, "it does not"}].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "chassis",
+        synopsis => "hold a chassis of your own to its contract",
+        argument => {required, "ACTION", {example, "check"}},
+        subject => fun subject/2,
+        about => [
+            "A robot of your own is driven by a module (FILE.erl) or by any program (exec:PROGRAM, with its "
+            "arguments in the same word, as in \"exec:./my_robot.py --port 1\"). doc/chassis.md tells how.",
+            {list, "Actions", [
+                {"check CHASSIS",
+                    "drives it, and looks whether it keeps the contract: ends its leg by itself, stops, "
+                    "is not late, refuses what it cannot do. It moves by less than 200 mm"}
+            ]}
+        ],
+        statuses => [{0, "it keeps the contract"}, {3, "it does not"}],
+        run => fun run/1
+    }.
 
 -spec subject(string(), [string()]) -> {ok, starl_cli_command:subject(), [string()]}.
 subject("check", [[C | _] = Chassis | Args]) when C =/= $- -> {ok, {check, Chassis}, Args};

@@ -3,7 +3,7 @@
 -module(starl_fleet_deploy_command).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
 -type action() ::
     deploy
@@ -17,51 +17,47 @@
 -define(ACTIONS, ["status", "logs", "fetch", "stop", "rollback", "reload"]).
 -define(LOG_LINES, 100).
 
--spec name() -> string().
-name() -> "deploy".
-
--spec synopsis() -> string().
-synopsis() -> "bring a fleet of real robots to a release".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {optional, "FLEET.term", {example, "fleet.term"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Builds a release of the application in a fleet file, copies it by ssh to the robots' computers, "
-        "starts it there, and waits until every robot is well. If one is not, all robots go back to the "
-        "release before. Nothing on a robot changes before all have been found able to run it.",
-        {list, "Afterwards", [
-            {"deploy F status", "how each robot is; --watch 2 tells it again each 2 s"},
-            {"deploy F logs [N]", "the latest lines of the robots' logs, or of robot N"},
-            {"deploy F fetch DIR", "the robots' recordings, into DIR/robot-1, DIR/robot-2, ..."},
-            {"deploy F stop", "stops the robots until the next deploy"},
-            {"deploy F rollback", "back to the release before; a second time, forward again"},
-            {"deploy F reload APP", "new code of the application, while the robots run"}
-        ]},
-        "doc/deploy.md explains the fleet file; ./starl keys makes the keys."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {example, switch, false, "prints a fleet file with comments, to begin with"},
-            {dry_run, switch, false, "prints every command, and runs none"},
-            {erlang, {one_of, [ours, there]}, ours,
-                "ours: the release carries Erlang, for computers like this one; there: the robots have "
-                "their own"},
-            {build_there, switch, false, "the robots compile the sources with their own Erlang"},
-            {trial, {integer, 1, 3600}, 5, "a robot must have been well for this long, s"},
-            {watch, {optional, {integer, 1, 3600}}, none,
-                "status tells again each so many seconds, until Ctrl-C"}
-        ]}
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [{0, "done"}, {1, "a robot is not well, or not reached; one that was stopped is well"}].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "deploy",
+        synopsis => "bring a fleet of real robots to a release",
+        argument => {optional, "FLEET.term", {example, "fleet.term"}},
+        subject => fun subject/2,
+        about => [
+            "Builds a release of the application in a fleet file, copies it by ssh to the robots' computers, "
+            "starts it there, and waits until every robot is well. If one is not, all robots go back to the "
+            "release before. Nothing on a robot changes before all have been found able to run it.",
+            {list, "Afterwards", [
+                {"deploy F status", "how each robot is; --watch 2 tells it again each 2 s"},
+                {"deploy F logs [N]", "the latest lines of the robots' logs, or of robot N"},
+                {"deploy F fetch DIR",
+                    "the robots' recordings, into DIR/robot-1, DIR/robot-2, ..."},
+                {"deploy F stop", "stops the robots until the next deploy"},
+                {"deploy F rollback", "back to the release before; a second time, forward again"},
+                {"deploy F reload APP", "new code of the application, while the robots run"}
+            ]},
+            "doc/deploy.md explains the fleet file; ./starl keys makes the keys."
+        ],
+        flags => [
+            {"Flags", [
+                {example, switch, false, "prints a fleet file with comments, to begin with"},
+                {dry_run, switch, false, "prints every command, and runs none"},
+                {erlang, {one_of, [ours, there]}, ours,
+                    "ours: the release carries Erlang, for computers like this one; there: the robots have "
+                    "their own"},
+                {build_there, switch, false,
+                    "the robots compile the sources with their own Erlang"},
+                {trial, {integer, 1, 3600}, 5, "a robot must have been well for this long, s"},
+                {watch, {optional, {integer, 1, 3600}}, none,
+                    "status tells again each so many seconds, until Ctrl-C"}
+            ]}
+        ],
+        statuses => [
+            {0, "done"}, {1, "a robot is not well, or not reached; one that was stopped is well"}
+        ],
+        run => fun run/1
+    }.
 
 %% The words after the file say what is wanted of the fleet.
 -spec subject(string(), [string()]) -> {ok, {file:filename(), Words :: [string()]}, [string()]}.
@@ -112,10 +108,8 @@ name_of(App) when is_atom(App) -> atom_to_list(App);
 name_of(App) -> filename:basename(App, ".erl").
 
 unknown(Word) ->
-    case starl_cli_flags:nearest(Word, ?ACTIONS) of
-        [Near | _] -> ["there is no ", Word, " (did you mean ", Near, "?)"];
-        [] -> ["there is no ", Word, "; there are ", lists:join(", ", ?ACTIONS)]
-    end.
+    All = ["; there are ", lists:join(", ", ?ACTIONS)],
+    ["there is no ", Word, starl_similar:meant(starl_similar:words(Word, ?ACTIONS), All)].
 
 %% -- running --------------------------------------------------------------------------------
 

@@ -3,21 +3,33 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, words/1, subject/2, run/1]).
+-export([command/0]).
 -export([search/3]).
 
 -define(DEPTH, {optional, {integer, 1, 1000000}}).
 
--spec name() -> string().
-name() -> "check".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "check",
+        synopsis => "check every order of events in a small team",
+        argument => fun argument/0,
+        subject => fun subject/2,
+        about => fun about/1,
+        flags => fun flags/1,
+        words => fun words/1,
+        statuses => [
+            {0, "the contract holds"},
+            {3, "it is violated; the shortest way there is printed"},
+            {4, "out of memory before all was covered, or a search without end"},
+            {5, "the block's monitor has a mistake, so nothing was judged"},
+            {130, "interrupted, with what was covered"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "check every order of events in a small team".
-
--spec argument() -> starl_cli_command:argument().
 argument() -> {required, "BLOCK", starl_check:blocks() ++ [{all, "one after the other"}]}.
 
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     {required, _, Blocks} = argument(),
     [
@@ -29,7 +41,6 @@ about(_Subject) ->
 
 named(Known) -> [{atom_to_list(Name), Doc} || {Name, Doc} <- Known].
 
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
     [
         {"Flags", [
@@ -47,17 +58,6 @@ flags(_Subject) ->
         ]}
     ].
 
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "the contract holds"},
-        {3, "it is violated; the shortest way there is printed"},
-        {4, "out of memory before all was covered, or a search without end"},
-        {5, "the block's monitor has a mistake, so nothing was judged"},
-        {130, "interrupted, with what was covered"}
-    ].
-
--spec words(atom()) -> [unicode:chardata()].
 words(faults) -> [[atom_to_list(Fault), ":1"] || {Fault, _} <- starl_check:faults()];
 words(_Flag) -> [].
 

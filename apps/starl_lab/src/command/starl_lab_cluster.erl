@@ -3,21 +3,24 @@
 -module(starl_lab_cluster).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
 %% The part of a run in which chaos begins.
 -define(CHAOS_US, {5000000, 45000000}).
 
--spec name() -> string().
-name() -> "cluster".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "cluster",
+        synopsis => "a node for each robot, in real time",
+        argument => {required, "TARGET", {example, "painting"}},
+        subject => fun subject/2,
+        about => fun about/1,
+        flags => fun flags/1,
+        statuses => maps:get(statuses, starl_lab_run:command()),
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "a node for each robot, in real time".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "TARGET", {example, "painting"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(none) ->
     [
         "Runs the robots of TARGET (as of ./starl run) in real time: an Erlang node, a process of "
@@ -53,7 +56,6 @@ meanwhile() ->
         {"cluster stop", "ends the run"}
     ].
 
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) ->
     [];
 flags({control, _}) ->
@@ -107,9 +109,6 @@ disturbances() ->
 other() ->
     Wanted = [out, overwrite, quiet],
     [Flag || Flag <- starl_lab_setup:own_flags(), lists:member(element(1, Flag), Wanted)].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() -> starl_lab_run:statuses().
 
 -spec subject(string(), [string()]) ->
     {ok, starl_cli_command:subject(), [string()]} | {error, [unicode:chardata(), ...]}.

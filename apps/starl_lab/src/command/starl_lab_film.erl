@@ -2,43 +2,38 @@
 -module(starl_lab_film).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
+-export([command/0]).
 
 %% How long a film moves, unless the user says otherwise.
 -define(SECONDS, 20.0).
 
--spec name() -> string().
-name() -> "film".
-
--spec synopsis() -> string().
-synopsis() -> "make a film of a run, or a light painting".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "RUN", {example, "out/painting-1"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "RUN is a recording or the directory of a run. A run that was not recorded is done again. The "
-        "film is film.svg in that directory, an animated picture that browsers play; --out with a "
-        "name that ends with .mp4 or .gif makes a video (by ffmpeg and rsvg-convert). --light makes a "
-        "light painting, light.svg and light.png."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {out, string, none, "the file: .svg, .mp4 or .gif; with --light .svg or .png"},
-            {speed, {number, 0.001, 1.0e6}, none, "how many times as fast as the run"},
-            {seconds, {number, 0.5, 3600}, none,
-                "length of the film, without the rest at its end (20)"},
-            {once, switch, false, "svg: plays once, and keeps the whole picture"},
-            {light, switch, false, "a light painting: a long exposure on a dark floor"},
-            {overwrite, switch, false, "replaces an earlier file"},
-            {quiet, switch, false, "no progress"}
-        ]}
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "film",
+        synopsis => "make a film of a run, or a light painting",
+        argument => {required, "RUN", {example, "out/painting-1"}},
+        subject => fun subject/2,
+        about => [
+            "RUN is a recording or the directory of a run. A run that was not recorded is done again. The "
+            "film is film.svg in that directory, an animated picture that browsers play; --out with a "
+            "name that ends with .mp4 or .gif makes a video (by ffmpeg and rsvg-convert). --light makes a "
+            "light painting, light.svg and light.png."
+        ],
+        flags => [
+            {"Flags", [
+                {out, string, none, "the file: .svg, .mp4 or .gif; with --light .svg or .png"},
+                {speed, {number, 0.001, 1.0e6}, none, "how many times as fast as the run"},
+                {seconds, {number, 0.5, 3600}, none,
+                    "length of the film, without the rest at its end (20)"},
+                {once, switch, false, "svg: plays once, and keeps the whole picture"},
+                {light, switch, false, "a light painting: a long exposure on a dark floor"},
+                {overwrite, switch, false, "replaces an earlier file"},
+                {quiet, switch, false, "no progress"}
+            ]}
+        ],
+        run => fun run/1
+    }.
 
 -spec subject(string(), [string()]) ->
     {ok, {recording, file:filename()} | {run, starl_cli_target:t()}, [string()]}

@@ -2,18 +2,20 @@
 -module(starl_lab_floor).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "floor".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "floor",
+        synopsis => "look at a floor plan before robots drive on it",
+        argument => {required, "PLAN", {example, "search"}},
+        subject => fun subject/2,
+        about => fun about/1,
+        flags => fun flags/1,
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "look at a floor plan before robots drive on it".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "PLAN", {example, "search"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(_Subject) ->
     [
         [
@@ -25,7 +27,6 @@ about(_Subject) ->
         ]
     ].
 
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
     Scale = lists:keyfind(floor_scale, 1, starl_run_scenario:options()),
     [
@@ -40,7 +41,10 @@ subject(Word, Args) -> {ok, Word, Args}.
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := Name, values := #{floor_scale := Scale} = Values}) ->
     case
-        {starl_floor_file:read(Name, Scale), starl_cli_out:directory(maps:get(out, Values), name())}
+        {
+            starl_floor_file:read(Name, Scale),
+            starl_cli_out:directory(maps:get(out, Values), "floor")
+        }
     of
         {{ok, Floor}, {[], Out}} -> shown(Floor, Out);
         {{error, Why}, {Unwritable, _}} -> {error, [Why | Unwritable]};
@@ -52,8 +56,8 @@ shown(#{name := Name, size := Size} = Floor, Out) ->
     Drawing = #{
         floor => Size, plan => Floor, target => [], ink => #{}, robots => [], title => Name
     },
-    starl_lab_drawing:write(Out, name(), fun(Dir) ->
-        written(starl_picture_draw:write(Dir, name(), Drawing))
+    starl_lab_drawing:write(Out, "floor", fun(Dir) ->
+        written(starl_picture_draw:write(Dir, "floor", Drawing))
     end).
 
 written({partly, Files, Reason}) -> {partly, Files, starl_picture_draw:format_error(Reason)};

@@ -3,24 +3,23 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, about/1, flags/1, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "node".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "node",
+        synopsis => "a node that waits for runs with --nodes",
+        about => [
+            "An Erlang node that waits for simulations: ./starl run TARGET --nodes NAME@HOST,... on "
+            "another machine or this one spreads its robots over such nodes. All need the same StarL "
+            "and reach each other by Erlang's distribution: port 4369 (epmd) and one more a node. "
+            "It is not encrypted: use it in a network that you trust. Ctrl-C ends the node."
+        ],
+        flags => fun flags/1,
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "a node that waits for runs with --nodes".
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "An Erlang node that waits for simulations: ./starl run TARGET --nodes NAME@HOST,... on "
-        "another machine or this one spreads its robots over such nodes. All need the same StarL "
-        "and reach each other by Erlang's distribution: port 4369 (epmd) and one more a node. "
-        "It is not encrypted: use it in a network that you trust. Ctrl-C ends the node."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
     [
         {"Flags", [

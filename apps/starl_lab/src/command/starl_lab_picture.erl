@@ -2,7 +2,7 @@
 -module(starl_lab_picture).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
+-export([command/0]).
 
 %% The application, by its name, and those of its options on which its picture depends.
 -define(APP, "painting").
@@ -10,24 +10,22 @@
     robots, world, floor, floor_scale, speed, chassis, tolerance, segments, safety_distance
 ]).
 
--spec name() -> string().
-name() -> "picture".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "picture",
+        synopsis => "look at a picture before it is painted",
+        argument => {required, "PICTURE", {example, "my.svg"}},
+        subject => fun subject/2,
+        about => [
+            "Draws the lines that ./starl run painting --picture PICTURE would paint, and tells their "
+            "length and number, what is left out of the picture, and the least time. PICTURE is an SVG "
+            "file, or a picture that ships; ./starl run painting --help lists them."
+        ],
+        flags => fun flags/1,
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "look at a picture before it is painted".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "PICTURE", {example, "my.svg"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Draws the lines that ./starl run painting --picture PICTURE would paint, and tells their "
-        "length and number, what is left out of the picture, and the least time. PICTURE is an SVG "
-        "file, or a picture that ships; ./starl run painting --help lists them."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
     Of = [
         {Title, [Option || Option <- Options, is_of_picture(Option)]}
@@ -57,7 +55,7 @@ run(#{subject := Target, values := Values} = Call) ->
     {Unsound, Scenario} = starl_cli_target:scenario(
         Target, starl_cli_target:given(Call, own_flags())
     ),
-    {Unwritable, Out} = starl_cli_out:directory(maps:get(out, Values), name()),
+    {Unwritable, Out} = starl_cli_out:directory(maps:get(out, Values), "picture"),
     case Unsound ++ Unwritable of
         [] -> shown(preview(Target, Scenario), Out);
         Problems -> {error, Problems}

@@ -4,7 +4,7 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0, subject/2]).
 -export([setup/1]).
 
 -export_type([setup/0, stop/0]).
@@ -21,24 +21,27 @@
     record := starl_cli_record:t() | none
 }.
 
--spec name() -> string().
-name() -> "replay".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "replay",
+        synopsis => "run a recorded run again, or stop in it and look at the robots",
+        argument => {required, "RUN", {example, "out/painting-1"}},
+        subject => fun subject/2,
+        about => [
+            "RUN is the directory of a run or its run.term: the run is done again, and its digest "
+            "and results are compared (--mode and --shards may differ, which changes nothing). It may also be anything that "
+            "./starl run takes, with the same flags; SEED --app TARGET is TARGET --seed SEED."
+        ],
+        flags => fun flags/1,
+        statuses => [
+            {0, "the same digest and results, or stopped where asked for"},
+            {3, "another digest, or other results"},
+            {130, "interrupted; without a record those of ./starl run"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "run a recorded run again, or stop in it and look at the robots".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "RUN", {example, "out/painting-1"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "RUN is the directory of a run or its run.term: the run is done again, and its digest "
-        "and results are compared (--mode and --shards may differ, which changes nothing). It may also be anything that "
-        "./starl run takes, with the same flags; SEED --app TARGET is TARGET --seed SEED."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) -> [{"Flags", own_flags()}];
 flags(Target) -> [{"Flags", own_flags()}, {hidden, run_flags(Target)}].
 
@@ -62,14 +65,6 @@ own_flags() ->
         {quiet, switch, false, "no progress and no summary"},
         starl_lab_setup:judge_histories()
         | starl_lab_window:flags()
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "the same digest and results, or stopped where asked for"},
-        {3, "another digest, or other results"},
-        {130, "interrupted; without a record those of ./starl run"}
     ].
 
 -spec subject(string(), [string()]) ->

@@ -2,18 +2,28 @@
 -module(starl_lab_run).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "run".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "run",
+        synopsis => "run an application or a scenario",
+        argument => {required, "TARGET", {example, "painting"}},
+        subject => fun starl_cli_target:subject/2,
+        about => fun about/1,
+        flags => fun flags/1,
+        statuses => [
+            {0, "done"},
+            {1, "internal error"},
+            {3, "a contract was violated"},
+            {4, "ended before the work was complete (time up, robots died, a node was lost)"},
+            {5, "a part of the run was not judged, and in the rest no contract was violated"},
+            {130, "interrupted"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "run an application or a scenario".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "TARGET", {example, "painting"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(none) ->
     [
         "TARGET is an application, a scenario, a scenario file (FILE.term), an application of "
@@ -30,7 +40,6 @@ about(_Target) ->
 
 names(Known) -> lists:join(", ", [element(1, Item) || Item <- Known]).
 
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) ->
     flags_of_all();
 flags(#{app := App, name := Name}) ->
@@ -47,21 +56,6 @@ flags_of_all() ->
     ].
 
 live() -> {live, switch, false, "in real time, as on real robots, not in virtual time"}.
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "done"},
-        {1, "internal error"},
-        {3, "a contract was violated"},
-        {4, "ended before the work was complete (time up, robots died, a node was lost)"},
-        {5, "a part of the run was not judged, and in the rest no contract was violated"},
-        {130, "interrupted"}
-    ].
-
--spec subject(string(), [string()]) ->
-    {ok, starl_cli_target:t(), [string()]} | {error, [unicode:chardata(), ...]}.
-subject(Word, Args) -> starl_cli_target:subject(Word, Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{values := #{live := true, judge_histories := true}}) ->

@@ -2,24 +2,22 @@
 -module(starl_lab_shell).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, subject/2, run/1]).
+-export([command/0]).
 -export([prepare/1]).
 
--spec name() -> string().
-name() -> "shell".
-
--spec synopsis() -> string().
-synopsis() -> "an Erlang shell with StarL loaded".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {optional, "ARGS...", {example, "-sname a"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "An Erlang shell with the code of StarL on its path. doc/commands.md has first "
-        "steps; arguments are those of erl."
-    ].
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "shell",
+        synopsis => "an Erlang shell with StarL loaded",
+        argument => {optional, "ARGS...", {example, "-sname a"}},
+        subject => fun subject/2,
+        about => [
+            "An Erlang shell with the code of StarL on its path. doc/commands.md has first "
+            "steps; arguments are those of erl."
+        ],
+        run => fun run/1
+    }.
 
 -spec subject(string(), [string()]) -> {ok, string(), [string()]}.
 subject(Word, Args) -> {ok, Word, Args}.

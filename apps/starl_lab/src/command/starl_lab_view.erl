@@ -2,26 +2,24 @@
 -module(starl_lab_view).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, subject/2, run/1]).
+-export([command/0]).
 
--spec name() -> string().
-name() -> "view".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "view",
+        synopsis => "show a recording in a browser",
+        argument => {required, "RUN", {example, "out/painting-1"}},
+        subject => fun subject/2,
+        about => [
+            "RUN is a recording or the directory of a run that holds one: live runs do, others with "
+            "--record. Every run of the simulator can be shown while it is done again, by ./starl "
+            "replay RUN --view. Ctrl-C ends the window."
+        ],
+        flags => fun flags/1,
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "show a recording in a browser".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "RUN", {example, "out/painting-1"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "RUN is a recording or the directory of a run that holds one: live runs do, others with "
-        "--record. Every run of the simulator can be shown while it is done again, by ./starl "
-        "replay RUN --view. Ctrl-C ends the window."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(_Subject) ->
     [
         {"Flags", [

@@ -4,7 +4,7 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
 -type setup() :: #{
     target := starl_cli_target:t(),
@@ -18,26 +18,30 @@
 -type results() :: #{Seed :: non_neg_integer() => #{pos_integer() => answer()}}.
 -type answer() :: starl_lab_execution:outcome() | {crashed, Reason :: term()}.
 
--spec name() -> string().
-name() -> "diverge".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "diverge",
+        synopsis => "run seeds in several ways that must agree; find where two differ",
+        argument => {required, "TARGET", {example, "painting --seeds 1..10"}},
+        subject => fun starl_cli_target:subject/2,
+        about => [
+            "Runs each seed in several ways that must come to the same digest of all events, and to the "
+            "same traces and results: with a process for each machine and inline, with the robots "
+            "spread over shards, in VMs of more schedulers. Where two differ, the first event that "
+            "does is printed from both, and the likely cause. TARGET and all other flags are those of "
+            "./starl run."
+        ],
+        flags => fun flags/1,
+        statuses => [
+            {0, "no digest differs, nor traces, nor results"},
+            {1, "a simulation failed"},
+            {3, "a digest, a trace or a result differs"},
+            {130, "interrupted"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "run seeds in several ways that must agree; find where two differ".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "TARGET", {example, "painting --seeds 1..10"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Runs each seed in several ways that must come to the same digest of all events, and to the "
-        "same traces and results: with a process for each machine and inline, with the robots "
-        "spread over shards, in VMs of more schedulers. Where two differ, the first event that "
-        "does is printed from both, and the likely cause. TARGET and all other flags are those of "
-        "./starl run."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) -> [{"Flags", own_flags()}];
 flags(#{app := App}) -> [{"Flags", own_flags()}, {hidden, starl_run_scenario:options(App)}].
 
@@ -50,19 +54,6 @@ own_flags() ->
             "MODE:SHARDS:SCHEDULERS, with commas between"},
         starl_lab_jobs:at_once()
     ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "no digest differs, nor traces, nor results"},
-        {1, "a simulation failed"},
-        {3, "a digest, a trace or a result differs"},
-        {130, "interrupted"}
-    ].
-
--spec subject(string(), [string()]) ->
-    {ok, starl_cli_target:t(), [string()]} | {error, [unicode:chardata(), ...]}.
-subject(Word, Args) -> starl_cli_target:subject(Word, Args).
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := Target, values := Values} = Call) ->

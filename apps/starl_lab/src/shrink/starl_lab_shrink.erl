@@ -4,29 +4,34 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0, subject/2]).
 -export([digest/2]).
 
--spec name() -> string().
-name() -> "shrink".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "shrink",
+        synopsis => "make a run that violates a contract small",
+        argument => {required, "RUN", {example, "out/painting-1"}},
+        subject => fun subject/2,
+        about => [
+            "Takes a run that violates a contract (RUN is the directory of a run, a scenario file, an "
+            "application with the flags of ./starl run, or SEED --app APPLICATION) and takes away from "
+            "it all that is not needed: time, faults, robots, chance, lost packets. The result is a "
+            "scenario file that violates the same contract in the same way; it has been run. Ctrl-C "
+            "writes the smallest so far."
+        ],
+        flags => fun flags/1,
+        statuses => [
+            {0, "shrunk"},
+            {1, "internal error"},
+            {2, "bad usage or input, also where the run violates nothing or is not reproducible"},
+            {4, "the seconds were up"},
+            {130, "interrupted"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "make a run that violates a contract small".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "RUN", {example, "out/painting-1"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Takes a run that violates a contract (RUN is the directory of a run, a scenario file, an "
-        "application with the flags of ./starl run, or SEED --app APPLICATION) and takes away from "
-        "it all that is not needed: time, faults, robots, chance, lost packets. The result is a "
-        "scenario file that violates the same contract in the same way; it has been run. Ctrl-C "
-        "writes the smallest so far."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) -> [{"Flags", own_flags()}];
 flags(#{app := App}) -> [{"Flags", own_flags() ++ starl_run_scenario:options(App)}].
 
@@ -38,16 +43,6 @@ own_flags() ->
             "time limit, s; then the smallest run so far is the result"},
         {quiet, switch, false, "no progress line"},
         starl_lab_setup:judge_histories()
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "shrunk"},
-        {1, "internal error"},
-        {2, "bad usage or input, also where the run violates nothing or is not reproducible"},
-        {4, "the seconds were up"},
-        {130, "interrupted"}
     ].
 
 %% A run's directory, a scenario file or the name of an application. The directory of a failed

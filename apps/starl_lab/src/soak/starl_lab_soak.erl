@@ -5,7 +5,7 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 -export([scenario/3, violations/3, targets/0]).
 %% Called in the VMs of the jobs.
 -export([one/1]).
@@ -53,19 +53,31 @@ violations(Block, Robots, Seed) ->
         {error, _} = Error -> Error
     end.
 
--spec name() -> string().
-name() -> "soak".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "soak",
+        synopsis => "use a block under random faults, with many seeds",
+        argument => fun argument/0,
+        subject => fun subject/2,
+        about => fun about/1,
+        flags => fun flags/1,
+        statuses => [
+            {0, "all contracts held"},
+            {1, "a simulation failed"},
+            {3, "a contract was violated"},
+            {4, "in many runs something has not happened that has to happen sometimes"},
+            {5, "a run was not judged to its end"},
+            {130, "interrupted, with the results so far"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "use a block under random faults, with many seeds".
-
--spec argument() -> starl_cli_command:argument().
 argument() ->
     Others = [{all, "one after the other"}, {live, "the program of real robots"}],
     Applications = [{Name, "an application"} || {Name, _} <- starl_lab_soak_draw:applications()],
     {required, "BLOCK", [{Block, ""} || Block <- targets()] ++ Applications ++ Others}.
 
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
 about(live) ->
     starl_lab_soak_live:about();
 about(_Subject) ->
@@ -88,7 +100,6 @@ about(_Subject) ->
         ]
     ].
 
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(live) ->
     [{"Flags", starl_lab_soak_live:flags()}];
 flags(_Subject) ->
@@ -102,17 +113,6 @@ flags(_Subject) ->
             starl_lab_slice:flag(),
             starl_lab_jobs:at_once()
         ]}
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "all contracts held"},
-        {1, "a simulation failed"},
-        {3, "a contract was violated"},
-        {4, "in many runs something has not happened that has to happen sometimes"},
-        {5, "a run was not judged to its end"},
-        {130, "interrupted, with the results so far"}
     ].
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().

@@ -75,16 +75,9 @@ monitors(Name) ->
         error -> []
     end.
 
-vocabulary(Module) -> optional(Module, vocabulary, #{}).
+vocabulary(Module) -> starl_callback:call(Module, vocabulary, [], #{}).
 
-sometimes(Module) -> optional(Module, sometimes, []).
-
-optional(Module, Callback, Default) ->
-    _ = code:ensure_loaded(Module),
-    case erlang:function_exported(Module, Callback, 0) of
-        true -> Module:Callback();
-        false -> Default
-    end.
+sometimes(Module) -> starl_callback:call(Module, sometimes, [], []).
 
 %% @doc A name as words.
 -spec format(name()) -> unicode:chardata().

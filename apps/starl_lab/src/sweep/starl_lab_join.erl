@@ -3,42 +3,35 @@
 -module(starl_lab_join).
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
 -define(STRANGER,
     ": a sweep of code that was begun elsewhere; if you trust the code that it names, say --trust"
 ).
 
--spec name() -> string().
-name() -> "join".
-
--spec synopsis() -> string().
-synopsis() -> "make one study of the slices of a sweep".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "DIRECTORY", {example, "study"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "./starl join DIRECTORY... takes the directories of ./starl sweep ... --slice K/N, in any order, and "
-        "writes runs.csv, summary.csv and the plot as the same sweep in one piece would, into the first "
-        "of them or that of --out. If runs are missing, it names the slices that lack them and the "
-        "command that makes them; a slice goes on where it was stopped.",
-        {lines, "  ./starl join study"}
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
-flags(_Subject) ->
-    [
-        {"Flags", [
-            {out, string, none,
-                "directory for the results; without it the first of the directories"}
-        ]}
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() -> starl_lab_sweep:statuses().
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "join",
+        synopsis => "make one study of the slices of a sweep",
+        argument => {required, "DIRECTORY", {example, "study"}},
+        subject => fun subject/2,
+        about => [
+            "./starl join DIRECTORY... takes the directories of ./starl sweep ... --slice K/N, in any order, and "
+            "writes runs.csv, summary.csv and the plot as the same sweep in one piece would, into the first "
+            "of them or that of --out. If runs are missing, it names the slices that lack them and the "
+            "command that makes them; a slice goes on where it was stopped.",
+            {lines, "  ./starl join study"}
+        ],
+        flags => [
+            {"Flags", [
+                {out, string, none,
+                    "directory for the results; without it the first of the directories"}
+            ]}
+        ],
+        statuses => maps:get(statuses, starl_lab_sweep:command()),
+        run => fun run/1
+    }.
 
 -spec subject(string(), [string()]) -> {ok, [file:filename(), ...], [string()]}.
 subject(Dir, Args) ->
@@ -62,7 +55,7 @@ run(#{subject := [First | _] = Dirs, values := #{out := Given}}) ->
             {error, [starl_lab_sweep_study:format_error(Reason)]}
     end.
 
-read(Args, Out) -> starl_cli_dispatch:read(starl_lab_sweep, Args ++ ["--out", Out]).
+read(Args, Out) -> starl_cli_dispatch:read(starl_lab_sweep:command(), Args ++ ["--out", Out]).
 
 %% Slices come from anywhere, and say what they are slices of: to read that, a target that is a file is loaded.
 names_code(Args) ->

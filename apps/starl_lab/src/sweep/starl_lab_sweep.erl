@@ -5,30 +5,36 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 -export([join/3]).
 
--spec name() -> string().
-name() -> "sweep".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "sweep",
+        synopsis => "run every combination of settings and seeds; CSV and a plot",
+        argument => {required, "TARGET", {example, "painting --robots 1..8"}},
+        subject => fun starl_cli_target:subject/2,
+        about => [
+            "Runs every combination of the values of the flags with every seed. The directory of the "
+            "results gets runs.csv, a row for each run; summary.csv, median, least and most of each "
+            "figure; curves.csv and curves.svg, the application's measures over time; and a plot. The same command goes on where it was stopped.",
+            "With --slice only a part of the runs is made, for several computers or the jobs of a cluster; "
+            "./starl join then makes the whole. With --slurm the slices are jobs of Slurm: the command writes "
+            "their scripts into the directory of the results and submits them, and the join behind them."
+        ],
+        flags => fun flags/1,
+        statuses => [
+            {0, "all complete"},
+            {1, "a simulation failed"},
+            {3, "a contract was violated"},
+            {4, "a run ended before its work was complete"},
+            {5, "a run was not judged to its end"},
+            {130, "interrupted"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "run every combination of settings and seeds; CSV and a plot".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "TARGET", {example, "painting --robots 1..8"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Runs every combination of the values of the flags with every seed. The directory of the "
-        "results gets runs.csv, a row for each run; summary.csv, median, least and most of each "
-        "figure; curves.csv and curves.svg, the application's measures over time; and a plot. The same command goes on where it was stopped.",
-        "With --slice only a part of the runs is made, for several computers or the jobs of a cluster; "
-        "./starl join then makes the whole. With --slurm the slices are jobs of Slurm: the command writes "
-        "their scripts into the directory of the results and submits them, and the join behind them."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) -> flags_for(starl_run_scenario:options());
 flags(Target) -> flags_for(options(Target)).
 
@@ -46,21 +52,6 @@ own_flags() ->
         starl_lab_jobs:at_once()
         | starl_lab_slurm:flags()
     ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "all complete"},
-        {1, "a simulation failed"},
-        {3, "a contract was violated"},
-        {4, "a run ended before its work was complete"},
-        {5, "a run was not judged to its end"},
-        {130, "interrupted"}
-    ].
-
--spec subject(string(), [string()]) ->
-    {ok, starl_cli_target:t(), [string()]} | {error, [unicode:chardata(), ...]}.
-subject(Word, Args) -> starl_cli_target:subject(Word, Args).
 
 %% -- before the runs ------------------------------------------------------------------------
 
@@ -187,7 +178,6 @@ wrong(Reason) -> {error, [starl_lab_sweep_study:format_error(Reason)]}.
 
 unknown_figure(Name, Numbers) ->
     Texts = [atom_to_list(Key) || Key <- Numbers],
-    case starl_cli_flags:nearest(Name, Texts) of
-        [Near | _] -> ["--plot: there is no figure ", Name, " (did you mean ", Near, "?)"];
-        [] -> ["--plot: there is no figure ", Name, "; there are ", lists:join(", ", Texts)]
-    end.
+    All = ["; there are ", lists:join(", ", Texts)],
+    Meant = starl_similar:meant(starl_similar:words(Name, Texts), All),
+    ["--plot: there is no figure ", Name, Meant].

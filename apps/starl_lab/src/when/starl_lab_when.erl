@@ -5,7 +5,7 @@
 
 -behaviour(starl_cli_command).
 
--export([name/0, synopsis/0, argument/0, about/1, flags/1, statuses/0, subject/2, run/1]).
+-export([command/0]).
 
 -type setup() :: #{
     target := starl_cli_target:t(),
@@ -18,33 +18,39 @@
 %% The points of the curve, unless a number is given.
 -define(POINTS, 16).
 
--spec name() -> string().
-name() -> "when".
+-spec command() -> starl_cli_command:command().
+command() ->
+    #{
+        name => "when",
+        synopsis => "find when a violation became inevitable, or continue a run from a time",
+        argument => {required, "RUN", {example, "out/counter-7-shrunk.term"}},
+        subject => fun subject/2,
+        about => [
+            "Repeats a run (RUN as for ./starl shrink: a shrunk scenario, the directory of a run, or an "
+            "application with the flags of ./starl run) up to earlier points, and continues it from "
+            "there with other random draws: loss and delay of packets, errors of drives and positions, "
+            "and when and where the faults strike that have not begun. The fraction of these "
+            "continuations that break the contract is a curve over the points. Where it rises most, "
+            "halving finds the event.",
+            "Without --at the run violates a contract, and the answer is the event by which the "
+            "violation became inevitable. With --at 12.5 the run may be sound, and the answer is the "
+            "fraction of the continuations from that time on that break a contract; with --points 8 "
+            "also the event by which it became likely.",
+            "Written are when.txt, curve.csv and a plot. The same --branch-seed gives the same curve. "
+            "Ctrl-C prints what is known so far."
+        ],
+        flags => fun flags/1,
+        statuses => [
+            {0, "an event was found; with --at: no continuation breaks a contract"},
+            {1, "internal error"},
+            {2, "bad usage or input, also where the run violates nothing or is not reproducible"},
+            {3, "with --at: some continuations break a contract"},
+            {4, "the fraction rises nowhere: no draw decides"},
+            {130, "interrupted"}
+        ],
+        run => fun run/1
+    }.
 
--spec synopsis() -> string().
-synopsis() -> "find when a violation became inevitable, or continue a run from a time".
-
--spec argument() -> starl_cli_command:argument().
-argument() -> {required, "RUN", {example, "out/counter-7-shrunk.term"}}.
-
--spec about(starl_cli_command:subject()) -> [starl_cli_command:paragraph()].
-about(_Subject) ->
-    [
-        "Repeats a run (RUN as for ./starl shrink: a shrunk scenario, the directory of a run, or an "
-        "application with the flags of ./starl run) up to earlier points, and continues it from "
-        "there with other random draws: loss and delay of packets, errors of drives and positions, "
-        "and when and where the faults strike that have not begun. The fraction of these "
-        "continuations that break the contract is a curve over the points. Where it rises most, "
-        "halving finds the event.",
-        "Without --at the run violates a contract, and the answer is the event by which the "
-        "violation became inevitable. With --at 12.5 the run may be sound, and the answer is the "
-        "fraction of the continuations from that time on that break a contract; with --points 8 "
-        "also the event by which it became likely.",
-        "Written are when.txt, curve.csv and a plot. The same --branch-seed gives the same curve. "
-        "Ctrl-C prints what is known so far."
-    ].
-
--spec flags(starl_cli_command:subject()) -> [starl_cli_command:group()].
 flags(none) -> [{"Flags", own_flags()}];
 flags(#{app := App}) -> [{"Flags", own_flags()}, {hidden, starl_run_scenario:options(App)}].
 
@@ -69,17 +75,6 @@ own_flags() ->
         {out, string, none, "directory for the results; without it a new one under out/"},
         {quiet, switch, false, "no progress line"},
         starl_lab_jobs:at_once()
-    ].
-
--spec statuses() -> [{starl_cli_terminal:status(), unicode:chardata()}].
-statuses() ->
-    [
-        {0, "an event was found; with --at: no continuation breaks a contract"},
-        {1, "internal error"},
-        {2, "bad usage or input, also where the run violates nothing or is not reproducible"},
-        {3, "with --at: some continuations break a contract"},
-        {4, "the fraction rises nowhere: no draw decides"},
-        {130, "interrupted"}
     ].
 
 %% The file of a recording stands for the run that left it.

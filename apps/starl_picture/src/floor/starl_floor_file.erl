@@ -76,10 +76,8 @@ file(Name) ->
 is_word(Name) -> filename:extension(Name) =:= "" andalso filename:basename(Name) =:= Name.
 
 remedy(Name) ->
-    case is_word(Name) andalso starl_options:similar(Name, shipped()) of
-        [Near | _] -> [" (did you mean ", Near, "?)"];
-        _ -> ["; give a file, or one of ", lists:join(", ", shipped())]
-    end.
+    Near = [Word || is_word(Name), Word <- starl_similar:words(Name, shipped())],
+    starl_similar:meant(Near, ["; give a file, or one of ", lists:join(", ", shipped())]).
 
 %% @doc The names of the plans that ship.
 -spec shipped() -> [string()].

@@ -156,10 +156,8 @@ format_problem({same_id, Id}) ->
     io_lib:format("fault ~ts: another one has this name", [Id]).
 
 near(Kind) ->
-    case starl_options:suggestion(Kind, [Known || {Known, _, _, _, _} <- kinds()]) of
-        [] -> "; ./starl faults lists the kinds";
-        [Near | _] -> io_lib:format(" (did you mean ~ts?)", [Near])
-    end.
+    Near = starl_similar:atoms(Kind, [Known || {Known, _, _, _, _} <- kinds()]),
+    starl_similar:meant(Near, "; ./starl faults lists the kinds").
 
 shape(floor) -> "all";
 shape(robots) -> "all or one Robot";

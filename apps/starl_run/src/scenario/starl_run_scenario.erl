@@ -180,7 +180,5 @@ format_problem(Problem) ->
 near(What) ->
     Classes = starl_run_fault:classes(),
     Known = [all | Classes] ++ [element(1, Spec) || Spec <- starl_run_fault:kinds()],
-    case starl_options:suggestion(What, Known) of
-        [Near | _] -> io_lib:format(" (did you mean ~ts?)", [Near]);
-        [] -> ["; classes: ", lists:join(", ", [atom_to_list(Class) || Class <- [all | Classes]])]
-    end.
+    All = ["; classes: ", lists:join(", ", [atom_to_list(Class) || Class <- [all | Classes]])],
+    starl_similar:meant(starl_similar:atoms(What, Known), All).
