@@ -31,6 +31,10 @@ row(N, D) ->
         {ok, Next} -> row(N + 1, Next)
     end.
 
+%% The N-th message arrives.
+arrives(N, Source, Dest, D) ->
+    starl_sap_monitor_delivery:acknowledged(60 * N * ?S, Source, Dest, D).
+
 %% 0, 0.36^7, 0.51^7 and 0.84^7 to the power of the length of the row.
 rows_test() ->
     ?assertEqual(1, row(delivery(0))),
@@ -45,23 +49,45 @@ the_receiver_asks_first_test() ->
         unlucky => 1.0e-5, first => 1.0e-3, whole_us => ?WHOLE, faults => []
     }),
     ?assertEqual(3, row(D)),
-    Known = starl_sap_monitor_delivery:acknowledged(1, 2, D),
+    Known = arrives(0, 1, 2, D),
     ?assertEqual(2, row(Known)),
     ?assertEqual(2, row(starl_sap_monitor_delivery:begins(0, 3, Known))),
     [?assertEqual(3, row(starl_sap_monitor_delivery:begins(0, R, Known))) || R <- [1, 2]],
-    ?assertEqual(3, row(starl_sap_monitor_delivery:acknowledged(2, 1, D))).
+    ?assertEqual(3, row(arrives(0, 2, 1, D))).
 
 %% A message that arrives begins a new row, between these two robots; each row is reported once.
 a_row_ends_test() ->
     D0 = lists:foldl(fun(N, D) -> element(2, lost(N, D)) end, delivery(0.3), [1, 2, 3, 4]),
     ?assertMatch({in_vain, _}, lost(5, D0)),
-    Arrived = starl_sap_monitor_delivery:acknowledged(1, 2, D0),
-    ?assertMatch({ok, _}, lost(5, Arrived)),
-    Other = starl_sap_monitor_delivery:acknowledged(1, 3, D0),
+    ?assertMatch({ok, _}, lost(6, arrives(5, 1, 2, D0))),
+    Other = arrives(5, 1, 3, D0),
     ?assertMatch({in_vain, _}, lost(5, Other)),
     ?assertMatch({ok, _}, lost(5, 2, 1, D0)),
     {in_vain, D1} = lost(5, D0),
     ?assertMatch({ok, _}, lost(6, D1)).
+
+%% Many messages are under way at once, and those without luck are reported last: they are no series, since others
+%% between them have arrived. One that was sent before all of them ends no series.
+messages_under_way_at_once_test() ->
+    D = lists:foldl(fun(N, Acc) -> arrives(N, 1, 2, Acc) end, delivery(0.3), [2, 4, 6, 8, 10]),
+    Apart = lists:foldl(
+        fun(N, Acc) ->
+            {ok, Next} = lost(N, Acc),
+            Next
+        end,
+        D,
+        [1, 3, 5, 7, 9]
+    ),
+    ?assertMatch({ok, _}, lost(11, Apart)),
+    In = lists:foldl(
+        fun(N, Acc) ->
+            {ok, Next} = lost(N, Acc),
+            Next
+        end,
+        D,
+        [11, 12, 13, 14]
+    ),
+    ?assertMatch({in_vain, _}, lost(15, arrives(1, 1, 2, In))).
 
 %% What has not been sent as often as can be tells nothing.
 given_up_early_test() ->

@@ -307,12 +307,16 @@ in_vain(T, {Source, _, _} = Id, Dest, Outcome, State) ->
             Judged
     end.
 
-luck(_T, {Source, _, _}, Dest, acknowledged, #state{delivery = Delivery}) ->
-    {ok, starl_sap_monitor_delivery:acknowledged(Source, Dest, Delivery)};
-luck(T, {Source, _, _} = Id, Dest, lost, #state{delivery = Delivery} = State) ->
-    case find(Id, State) of
-        none -> {ok, Delivery};
-        #message{sent_us = Us} -> starl_sap_monitor_delivery:lost(T, Us, Source, Dest, Delivery)
+luck(T, {Source, _, _} = Id, Dest, Outcome, #state{delivery = Delivery} = State) when
+    Outcome =:= acknowledged; Outcome =:= lost
+->
+    case {find(Id, State), Outcome} of
+        {none, _} ->
+            {ok, Delivery};
+        {#message{sent_us = Us}, acknowledged} ->
+            {ok, starl_sap_monitor_delivery:acknowledged(Us, Source, Dest, Delivery)};
+        {#message{sent_us = Us}, lost} ->
+            starl_sap_monitor_delivery:lost(T, Us, Source, Dest, Delivery)
     end;
 luck(_T, _Id, _Dest, _Other, #state{delivery = Delivery}) ->
     {ok, Delivery}.

@@ -4,8 +4,10 @@
 %%
 %% A message that its source reports lost after its last transmission was unlucky with a known
 %% probability: that a packet or its acknowledgement is lost each time. The probabilities of
-%% consecutive losses between two robots are multiplied; an acknowledged message begins a new
-%% series. A series that is rarer than 10^-9 breaks the contract.
+%% consecutive losses between two robots are multiplied. A series ends when a message that was sent
+%% after its last one is acknowledged. The time of sending counts: of many messages under way at
+%% once, those without luck are all reported last. A series that is rarer than 10^-9 breaks the
+%% contract.
 %%
 %% Before the first message between two robots is acknowledged, and again after a restart of one of
 %% them, the receiver first asks the source about its boot. Then five packets must all get through:
@@ -17,7 +19,7 @@
 %% Pure.
 -module(starl_sap_monitor_delivery).
 
--export([new/1, broken/2, begins/3, goes/2, refuses/4, acknowledged/3, lost/5, unjudged/2]).
+-export([new/1, broken/2, begins/3, goes/2, refuses/4, acknowledged/4, lost/5, unjudged/2]).
 
 -export_type([t/0]).
 
@@ -36,7 +38,10 @@
     down = #{} :: #{robot_id() => true},
     began = #{} :: #{robot_id() => integer()},
     refused = #{} :: #{{Source :: robot_id(), Dest :: robot_id()} => integer()},
-    rows = #{} :: #{{Source :: robot_id(), Dest :: robot_id()} => float()}
+    %% when the latest message that was acknowledged was sent
+    arrived = #{} :: #{{Source :: robot_id(), Dest :: robot_id()} => integer()},
+    %% the probability of the series, and when its last message was sent
+    rows = #{} :: #{{Source :: robot_id(), Dest :: robot_id()} => {float(), integer()}}
 }).
 
 -opaque t() :: #delivery{}.
@@ -85,15 +90,12 @@ goes(Robot, #delivery{down = Down} = D) -> D#delivery{down = Down#{Robot => true
 refuses(T, Dest, Source, #delivery{refused = Refused} = D) ->
     D#delivery{refused = Refused#{{Source, Dest} => T}}.
 
-%% @doc A message was acknowledged.
--spec acknowledged(Source :: robot_id(), Dest :: robot_id(), t()) -> t().
-acknowledged(Source, Dest, #delivery{rows = Rows, known = Known} = D) when
-    is_map_key({Source, Dest}, Rows); not is_map_key({Source, Dest}, Known)
-->
+%% @doc A message that was sent at `SentUs' was acknowledged.
+-spec acknowledged(SentUs :: integer(), Source :: robot_id(), Dest :: robot_id(), t()) -> t().
+acknowledged(SentUs, Source, Dest, #delivery{arrived = Arrived, known = Known} = D) ->
     Pair = {Source, Dest},
-    D#delivery{rows = maps:remove(Pair, Rows), known = Known#{Pair => true}};
-acknowledged(_Source, _Dest, D) ->
-    D.
+    Latest = max(SentUs, maps:get(Pair, Arrived, SentUs)),
+    D#delivery{arrived = Arrived#{Pair => Latest}, known = Known#{Pair => true}}.
 
 %% @doc A message that was sent at `SentUs' was reported lost. `in_vain': no chance explains it any more; each row is
 %% reported once.
@@ -104,16 +106,27 @@ lost(T, SentUs, Source, Dest, #delivery{unlucky = Unlucky, rows = Rows} = D) whe
 ->
     case counts(T, SentUs, Source, Dest, D) of
         true ->
-            Row = chance(Source, Dest, D) * maps:get({Source, Dest}, Rows, 1.0),
+            Row = chance(Source, Dest, D) * series({Source, Dest}, D),
             case starl_sap_schedule:is_rare(Row) of
                 true -> {in_vain, D#delivery{rows = maps:remove({Source, Dest}, Rows)}};
-                false -> {ok, D#delivery{rows = Rows#{{Source, Dest} => Row}}}
+                false -> {ok, D#delivery{rows = Rows#{{Source, Dest} => {Row, SentUs}}}}
             end;
         false ->
             {ok, D}
     end;
 lost(_T, _SentUs, _Source, _Dest, D) ->
     {ok, D}.
+
+series(Pair, #delivery{rows = Rows, arrived = Arrived}) ->
+    case Rows of
+        #{Pair := {Row, LastUs}} ->
+            case maps:get(Pair, Arrived, LastUs) of
+                Us when Us > LastUs -> 1.0;
+                _ -> Row
+            end;
+        #{} ->
+            1.0
+    end.
 
 chance(Source, Dest, #delivery{unlucky = Unlucky, first = First, known = Known}) ->
     case Known of
