@@ -224,7 +224,7 @@ step({T, _, _, _} = Event, #state{next_us = Next} = State) when T =< Next ->
     %% integers sort before the atom infinity
     judge(Event, State);
 step({T, _, _, _} = Event, State) ->
-    {Overdue, Current} = pass(T, State),
+    {Overdue, Current} = look_at_all(T, State),
     starl_violation:first(Overdue, judge(Event, Current)).
 
 %% @doc Judges the time until `EndTimeUs'. Results: messages `sent' (per destination),
@@ -232,7 +232,7 @@ step({T, _, _, _} = Event, State) ->
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, State) ->
-    {Overdue, #state{sources = Sources, counts = Counts}} = pass(EndTimeUs, State),
+    {Overdue, #state{sources = Sources, counts = Counts}} = look_at_all(EndTimeUs, State),
     Open = [map_size(Open) || Lives <- maps:values(Sources), {_, _, Open} <- Lives],
     {Sent, Delivered, Acknowledged, Lost} = Counts,
     Off = starl_sap_monitor_delivery:unjudged(EndTimeUs, State#state.delivery),
@@ -544,10 +544,12 @@ settle(T, Id, Message, #state{late_us = Late, next_us = Next} = State) ->
     case {phase(Message), Message#message.next} of
         {done, _} ->
             close(Id, State);
-        {lost, When} when element(1, When) =/= forget ->
+        {lost, {forget, _}} ->
+            put_message(Id, Message, State);
+        {lost, _} ->
             Lost = Message#message{next = {forget, T + Late}},
             put_message(Id, Lost, State#state{next_us = min(T + Late, Next)});
-        _ ->
+        {open, _} ->
             put_message(Id, Message, State)
     end.
 
@@ -637,9 +639,7 @@ put_among(false, Life, Lives) ->
 
 %% What is overdue before `T'; what is due exactly then is in time. All outstanding messages are looked at,
 %% but seldom: most are closed long before they are due. Their contents are forgotten in batches.
-pass(T, #state{next_us = Next} = State) when T =< Next ->
-    {[], State};
-pass(T, #state{sources = Sources} = State) ->
+look_at_all(T, #state{sources = Sources} = State) ->
     Outstanding = [
         {{Source, Inc, Seq}, Message}
      || {Source, Lives} <- maps:to_list(Sources),
@@ -648,7 +648,16 @@ pass(T, #state{sources = Sources} = State) ->
     ],
     Look = fun({Id, Message}, Acc) -> look(T, Id, Message, Acc) end,
     {Overdue, Passed} = lists:foldl(Look, {[], State#state{next_us = infinity}}, Outstanding),
-    {[violation(What, At, Robots, D) || {At, What, Robots, D} <- lists:sort(Overdue)], Passed}.
+    {
+        [
+            violation(What, At, Robots, #{message => Id})
+         || {At, Id, What, Robots} <- lists:sort(fun earlier/2, Overdue)
+        ],
+        Passed
+    }.
+
+%% Of those that are due at the same time the latest message comes first.
+earlier({A, Id, _, _}, {B, Other, _, _}) -> {A, Other} =< {B, Id}.
 
 look(T, Id, #message{next = {forget, At}} = Message, {Overdue, State}) when At < T ->
     {Overdue, forget(Id, Message, State)};
@@ -673,10 +682,8 @@ look(_T, _Id, #message{next = overdue}, Acc) ->
 
 sooner(At, #state{next_us = Next} = State) -> State#state{next_us = min(At, Next)}.
 
-missing(At, {Source, _, _} = Id, []) ->
-    {At, answer_overdue, [Source], #{message => Id}};
-missing(At, {Source, _, _} = Id, Dests) ->
-    {At, outcome_overdue, [Source | Dests], #{message => Id}}.
+missing(At, {Source, _, _} = Id, []) -> {At, Id, answer_overdue, [Source]};
+missing(At, {Source, _, _} = Id, Dests) -> {At, Id, outcome_overdue, [Source | Dests]}.
 
 %% Keeps only its number, for each destination at which it was lost.
 forget({Source, Incarnation, Seq} = Id, #message{dests = Dests}, State) ->
