@@ -212,13 +212,13 @@ arrived(Event, #judge{pending = Pending, n = N} = Judge) ->
 heard(_Events, #judge{observer = none} = Judge) ->
     Judge;
 heard(Events, #judge{ways = Ways} = Judge) ->
-    Judge#judge{ways = lists:foldl(fun starl_packet_fates:told/2, Ways, Events)}.
+    Judge#judge{ways = lists:foldl(fun starl_packet_fates:report/2, Ways, Events)}.
 
 %% @doc Handles manual faults that have begun or ended: while they last, they excuse what they
 %% explain.
 -spec faults([{began | ended, starl_assumption_open_faults:fault()}], t()) -> t().
 faults(Told, #judge{lasting = Lasting} = Judge) ->
-    Judge#judge{lasting = lists:foldl(fun starl_assumption_open_faults:told/2, Lasting, Told)}.
+    Judge#judge{lasting = lists:foldl(fun starl_assumption_open_faults:report/2, Lasting, Told)}.
 
 %% @doc Records how far the clock of a robot's computer is ahead of the judge's, or behind.
 -spec clock(starl:robot_id(), AheadUs :: integer(), t()) -> t().
