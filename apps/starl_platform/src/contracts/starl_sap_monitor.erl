@@ -78,10 +78,17 @@
 
 -type unread() :: {Type :: term(), Source :: robot_id(), Hash :: integer()}.
 
--record(state, {
+%% What a run does not change; apart, since the state is copied at each event.
+-record(limits, {
     bound_us :: pos_integer(),
     steps :: pos_integer(),
     late_us :: non_neg_integer(),
+    room :: non_neg_integer(),
+    is_alone :: boolean()
+}).
+
+-record(state, {
+    limits :: #limits{},
     assumption :: starl_assumption:t(),
     delivery :: starl_sap_monitor_delivery:t(),
     %% the lives of each source, latest first
@@ -96,8 +103,6 @@
     %% The incarnation that each source has announced.
     running = #{} :: #{robot_id() => term()},
     unread = #{} :: #{Reader :: robot_id() => #unread{}},
-    room :: non_neg_integer(),
-    is_alone :: boolean(),
     counts = {0, 0, 0, 0} :: {integer(), integer(), integer(), integer()}
 }).
 
@@ -123,13 +128,15 @@
 }) -> #state{}.
 init(#{bound_us := Bound} = Config) ->
     #state{
-        bound_us = Bound,
-        steps = maps:get(steps, Config, ?STEPS),
-        late_us = maps:get(late_us, Config, ?LATE_US),
+        limits = #limits{
+            bound_us = Bound,
+            steps = maps:get(steps, Config, ?STEPS),
+            late_us = maps:get(late_us, Config, ?LATE_US),
+            room = maps:get(room, Config, ?ROOM),
+            is_alone = length(maps:get(robots, Config, [])) < 2
+        },
         assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM),
-        delivery = starl_sap_monitor_delivery:new(Config),
-        room = maps:get(room, Config, ?ROOM),
-        is_alone = length(maps:get(robots, Config, [])) < 2
+        delivery = starl_sap_monitor_delivery:new(Config)
     }.
 
 %% @doc The configuration with the windows of broken assumptions and of faults, and with the luck of messages; the
@@ -296,10 +303,9 @@ judge({_T, _Robot, _Machine, _Other}, State) ->
 gone(Robot, #state{delivery = Delivery} = State) ->
     State#state{delivery = starl_sap_monitor_delivery:goes(Robot, Delivery)}.
 
-%% The outcome itself is judged first: what is broken there is told before.
+%% The outcome itself is judged first: what is broken there is reported before.
 in_vain(T, {Source, _, _} = Id, Dest, Outcome, State) ->
-    {Luck, Delivery} = luck(T, Id, Dest, Outcome, State),
-    Next = State#state{delivery = Delivery},
+    {Luck, Next} = luck(T, Id, Dest, Outcome, State),
     case outcome(T, Id, Dest, kind(Outcome), failed(Id, Dest, Outcome, Next)) of
         {ok, Judged} when Luck =:= in_vain ->
             broken(lost_in_vain, T, [Source, Dest], #{message => Id}, Judged);
@@ -307,15 +313,21 @@ in_vain(T, {Source, _, _} = Id, Dest, Outcome, State) ->
             Judged
     end.
 
-luck(_T, {Source, _, _}, Dest, acknowledged, #state{delivery = Delivery}) ->
-    {ok, starl_sap_monitor_delivery:acknowledged(Source, Dest, Delivery)};
+luck(_T, {Source, _, _}, Dest, acknowledged, #state{delivery = Delivery} = State) ->
+    case starl_sap_monitor_delivery:acknowledged(Source, Dest, Delivery) of
+        Delivery -> {ok, State};
+        Known -> {ok, State#state{delivery = Known}}
+    end;
 luck(T, {Source, _, _} = Id, Dest, lost, #state{delivery = Delivery} = State) ->
     case find(Id, State) of
-        none -> {ok, Delivery};
-        #message{sent_us = Us} -> starl_sap_monitor_delivery:lost(T, Us, Source, Dest, Delivery)
+        none ->
+            {ok, State};
+        #message{sent_us = SentUs} ->
+            {Luck, Next} = starl_sap_monitor_delivery:lost(T, SentUs, Source, Dest, Delivery),
+            {Luck, State#state{delivery = Next}}
     end;
-luck(_T, _Id, _Dest, _Other, #state{delivery = Delivery}) ->
-    {ok, Delivery}.
+luck(_T, _Id, _Dest, _Other, State) ->
+    {ok, State}.
 
 kind(acknowledged) -> acknowledged;
 kind(lost) -> lost;
@@ -330,7 +342,7 @@ sent(T, {Source, Incarnation, Seq} = Id, Dests, Type, Hash, #state{sources = Sou
         Numbers when Dests =:= [] ->
             {ok, put_life(Source, {Incarnation, Numbers, Open}, State)};
         Numbers ->
-            #state{bound_us = Bound, next_us = Next} = State,
+            #state{limits = #limits{bound_us = Bound}, next_us = Next} = State,
             Message = #message{
                 type = Type,
                 hash = Hash,
@@ -452,7 +464,7 @@ called(T, Robot, {Source, _, _} = Id, How, State) ->
 %% Nothing was sent: too much is under way, or the team has no other robot.
 answered(_T, _Robot, none, {error, overload}, State) ->
     {ok, State};
-answered(_T, _Robot, none, ok, #state{is_alone = true} = State) ->
+answered(_T, _Robot, none, ok, #state{limits = #limits{is_alone = true}} = State) ->
     {ok, State};
 answered(T, Robot, none, Answer, State) ->
     broken(answer_untrue, T, [Robot], #{answer => Answer}, State);
@@ -494,7 +506,7 @@ handed_on(T, Robot, {Source, _, _}, {app, _} = Type, Hash, {ok, #state{unread = 
     Queue = queue:in({Type, Source, Hash}, maps:get(Type, Certain, queue:new())),
     Longer = Unread#unread{count = Count + 1, certain = Certain#{Type => Queue}},
     Handed = State#state{unread = All#{Robot => Longer}},
-    case Count + 1 > State#state.room of
+    case Count + 1 > State#state.limits#limits.room of
         true -> broken(more_than_it_can_keep, T, [Robot], #{type => Type}, Handed);
         false -> {ok, Handed}
     end;
@@ -540,7 +552,7 @@ progressed(T, Id, #message{dests = Dests} = Message, Dest, Progress, State) ->
     settle(T, Id, Message#message{dests = Known}, State).
 
 %% Keeps a message until nothing more can happen to it.
-settle(T, Id, Message, #state{late_us = Late, next_us = Next} = State) ->
+settle(T, Id, Message, #state{limits = #limits{late_us = Late}, next_us = Next} = State) ->
     case {phase(Message), Message#message.next} of
         {done, _} ->
             close(Id, State);
@@ -661,12 +673,12 @@ earlier({A, Id, _, _}, {B, Other, _, _}) -> {A, Other} =< {B, Id}.
 
 look(T, Id, #message{next = {forget, At}} = Message, {Overdue, State}) when At < T ->
     {Overdue, forget(Id, Message, State)};
-look(T, _Id, #message{next = {forget, At}}, {Overdue, #state{late_us = Late} = State}) ->
-    {Overdue, sooner(max(At, T + Late div 60), State)};
+look(T, _Id, #message{next = {forget, At}}, {Overdue, #state{limits = Limits} = State}) ->
+    {Overdue, sooner(max(At, T + Limits#limits.late_us div 60), State)};
 look(T, {Source, _, _} = Id, #message{next = {due, Due}} = Message, {Overdue, State}) when
     Due < T
 ->
-    #state{steps = Steps, assumption = Assumption} = State,
+    #state{limits = #limits{steps = Steps}, assumption = Assumption} = State,
     SentUs = Message#message.sent_us,
     case starl_assumption:delayed_us(Source, SentUs, Due, Steps, Assumption) of
         Latest when Latest < T ->
