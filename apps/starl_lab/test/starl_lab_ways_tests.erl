@@ -76,14 +76,14 @@ rows(Ways) ->
 
 %% Beyond their number pieces are not kept, and the notes say so.
 cut_test() ->
-    {ok, One} = starl_run_ways_monitor:step(
-        {0, 1, chassis, {motion, stands(0, 1.0, 1.0)}}, starl_run_ways_monitor:init(#{most => 1})
+    {ok, One} = starl_run_paths_monitor:step(
+        {0, 1, chassis, {motion, stands(0, 1.0, 1.0)}}, starl_run_paths_monitor:init(#{most => 1})
     ),
-    {ok, Two} = starl_run_ways_monitor:step({5, 1, chassis, {motion, stands(5, 1.0, 1.0)}}, One),
-    ?assertMatch({ok, #{is_whole := true}}, starl_run_ways_monitor:finish(9, One)),
+    {ok, Two} = starl_run_paths_monitor:step({5, 1, chassis, {motion, stands(5, 1.0, 1.0)}}, One),
+    ?assertMatch({ok, #{is_whole := true}}, starl_run_paths_monitor:finish(9, One)),
     ?assertMatch(
         {ok, #{is_whole := false, until_us := 5, pieces := [_]}},
-        starl_run_ways_monitor:finish(9, Two)
+        starl_run_paths_monitor:finish(9, Two)
     ).
 
 stands(T, X, Y) -> starl_trajectory:standing(T, {X, Y}, 0.0).

@@ -10,7 +10,7 @@ fault(Id, From, To, Kind, Target) -> {Id, 1000 * From, ms(To), Kind, Target, #{}
 ms(forever) -> forever;
 ms(S) -> 1000 * S.
 
-began(Fault, Lasting) -> ?L:told({began, Fault}, Lasting).
+began(Fault, Lasting) -> ?L:report({began, Fault}, Lasting).
 
 %% The windows that monitors were told when they have judged each second.
 told(Lasting, From, To) ->
@@ -29,13 +29,13 @@ slices_follow_without_a_hole_test() ->
     Ends = [To || {_, _, To, _} <- Windows],
     ?assertEqual(lists:droplast(Ends), [Since || {_, Since, _, _} <- tl(Windows)]),
     ?assert(lists:last(Ends) > 62 * ?S andalso lists:last(Ends) =< 65 * ?S),
-    Over = ?L:told({ended, fault(a, 10, 60, location_frozen, 3)}, Left),
+    Over = ?L:report({ended, fault(a, 10, 60, location_frozen, 3)}, Left),
     ?assertEqual({[], ?L:new()}, told(Over, 61, 99)).
 
 %% Also what is over before anything was judged; a link is its two robots.
 fault_over_before_judgement_is_told_test() ->
     Begun = began(fault(a, 10, forever, loss, {1, 2}), ?L:new()),
-    Over = ?L:told({ended, fault(a, 10, 11, loss, {1, 2})}, Begun),
+    Over = ?L:report({ended, fault(a, 10, 11, loss, {1, 2})}, Begun),
     {Windows, Left} = ?L:windows(12 * ?S, Over),
     ?assertEqual([{1, 10 * ?S, 11 * ?S, fault}, {2, 10 * ?S, 11 * ?S, fault}], lists:sort(Windows)),
     ?assertEqual(?L:new(), Left).

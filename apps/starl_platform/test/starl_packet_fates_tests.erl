@@ -11,7 +11,7 @@ came(At, From, To, Hash, Fate) -> {At, To, radio, {came, From, ?BRIEF, 40, Hash,
 
 packet(At, From, To, Fate) -> {At, From, radio, {packet, To, ?BRIEF, 40, Fate}}.
 
-told(Events) -> lists:foldl(fun starl_packet_fates:told/2, starl_packet_fates:new(), Events).
+told(Events) -> lists:foldl(fun starl_packet_fates:report/2, starl_packet_fates:new(), Events).
 
 due(Until, Events) -> element(1, starl_packet_fates:due(Until, told(Events))).
 

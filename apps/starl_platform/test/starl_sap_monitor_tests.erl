@@ -837,3 +837,15 @@ excuses_end_in_their_order_test() ->
         {At, Robots}
      || #{at_us := At, robots := Robots} <- Found
     ]).
+
+%% A message that was overdue and is given up then is forgotten like others.
+what_was_overdue_is_forgotten_test() ->
+    Config = #{bound_us => 1000, late_us => 10},
+    Judge = fun(T) ->
+        M0 = starl_monitor:new([{starl_sap_monitor, Config}]),
+        Trace = [sent(1, id(1)), started(1100, 2), {T, 2, {delivered, id(1), greeting, 98}}],
+        {Met, _} = lists:foldl(fun step/2, {[], M0}, [trace(Event) || Event <- Trace]),
+        [What || #{what := What} <- Met]
+    end,
+    ?assertEqual([outcome_overdue, corrupted], Judge(1110)),
+    ?assertEqual([outcome_overdue], Judge(1111)).

@@ -40,7 +40,7 @@ under_faults_test_() ->
         ]
     end}.
 
-closest(#{monitors := #{starl_run_ways_monitor := #{pieces := Pieces, until_us := Until}}}) ->
+closest(#{monitors := #{starl_run_paths_monitor := #{pieces := Pieces, until_us := Until}}}) ->
     Driven = lists:foldl(fun drive/2, starl_separation:new(0.0), Pieces),
     {_, {Mm, _, _}} = starl_separation:finish(Until, Driven),
     Mm.
@@ -54,7 +54,7 @@ run(How, Controller, Given) ->
         app => starl_sim_meeting_app, how => How, robots => 2, controller => Controller
     },
     {ok, Sim} = starl_sim:start(maps:merge(Scenario, Given), #{
-        watch => [{starl_run_ways_monitor, #{most => 100000}}]
+        watch => [{starl_run_paths_monitor, #{most => 100000}}]
     }),
     _ = starl_sim:run(Sim),
     {#{violations := Violations} = Outcome, _} = starl_sim:finish(Sim),

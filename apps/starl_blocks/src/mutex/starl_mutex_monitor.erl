@@ -73,7 +73,7 @@
     announced = #{} :: #{{robot_id(), token()} => starl_mutex:fence()},
     %% holds of hand-overs that are not announced yet
     unannounced = starl_obligations:new({delayed, ?ANNOUNCE_STEPS}) ::
-        starl_obligations:t(hand_over()),
+        starl_obligations:t({HeldUs :: integer(), hand_over()}),
     assumption :: starl_assumption:t(),
     faults :: starl_assumption:t(),
     robots :: [robot_id()],
@@ -465,7 +465,7 @@ loses(_Machine, _Event) -> false.
 due(Robot, Hash, #state{unannounced = Unannounced}) ->
     [
         HandOver
-     || {_, Owner, _} = HandOver <- maps:keys(starl_obligations:sinces(Unannounced)),
+     || {_, {_, Owner, _} = HandOver} <- maps:keys(starl_obligations:sinces(Unannounced)),
         Owner =:= Robot,
         hash(HandOver) =:= Hash
     ].
@@ -488,16 +488,17 @@ holds({Token, Robot, Fence} = HandOver, T, #state{announced = Announced} = State
         #{{Robot, Token} := Fence} ->
             State;
         #{} when Known ->
-            Owed = starl_obligations:owe_once(HandOver, Robot, T, Us, Unannounced),
+            Owed = starl_obligations:owe({T, HandOver}, Robot, T, Us, Unannounced),
             State#state{unannounced = Owed};
         #{} ->
             State
     end.
 
 announced({Token, Robot, Fence} = HandOver, #state{announced = Announced} = State) ->
+    IsOf = fun({_HeldUs, Of}) -> Of =:= HandOver end,
     State#state{
         announced = Announced#{{Robot, Token} => Fence},
-        unannounced = starl_obligations:paid(HandOver, State#state.unannounced)
+        unannounced = starl_obligations:dropped(IsOf, State#state.unannounced)
     }.
 
 excused(Robot, #state{confirmed = Confirmed} = State) ->
@@ -544,7 +545,7 @@ not_announced(T, #state{unannounced = Unannounced, assumption = Assumption} = St
             {
                 [
                     violation(owner_not_announced, Due, [Robot], #{token => Token, fence => Fence})
-                 || {Due, {Token, Robot, Fence}} <- Late
+                 || {Due, {_HeldUs, {Token, Robot, Fence}}} <- Late
                 ],
                 State#state{unannounced = Left}
             }

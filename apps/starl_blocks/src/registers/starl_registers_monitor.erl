@@ -61,9 +61,8 @@
     assumption :: starl_assumption:t(),
     clocks :: #{offset_us := non_neg_integer(), drift_ppm := number()},
     died = [] :: [robot_id()],
-    %% until when all must agree, and the earliest of these times
-    due = #{} :: #{name() => integer()},
-    first_due = infinity :: integer() | infinity,
+    %% the registers on which all must agree
+    agreements = starl_obligations:new(exact) :: starl_obligations:t(name()),
     judged = 0 :: non_neg_integer(),
     %% the robots that were excused, one for each register
     excused = 0 :: non_neg_integer(),
@@ -118,11 +117,18 @@ longer(_Known, Config) ->
 
 %% @doc The window is over: from then on robots have their time to agree.
 -spec broken(starl_assumption:window(), #state{}) -> #state{}.
-broken({_, _, To, _} = Window, #state{bound_us = Bound, healed = Healed, due = Due} = State) ->
-    %% nothing is due if there is no bound
-    Later = maps:map(fun(_, At) -> max(At, To + Bound) end, Due),
-    Assumption = starl_assumption:broken(Window, State#state.assumption),
-    first_due(State#state{healed = max(Healed, To), due = Later, assumption = Assumption}).
+broken({_, _, To, _} = Window, #state{bound_us = Bound, healed = Healed} = State) ->
+    %% nothing is owed if there is no bound
+    Later = fun
+        (Name, Since, Owed) when Since < To -> starl_obligations:owe(Name, team, To, Bound, Owed);
+        (_Name, _Since, Owed) -> Owed
+    end,
+    Agreements = State#state.agreements,
+    State#state{
+        healed = max(Healed, To),
+        agreements = maps:fold(Later, Agreements, starl_obligations:sinces(Agreements)),
+        assumption = starl_assumption:broken(Window, State#state.assumption)
+    }.
 
 %% @doc The registers' own events and the end of robots.
 -spec interests() -> [atom()].
@@ -178,12 +184,13 @@ finish(EndTimeUs, State) ->
 
 unjudged(_EndUs, #state{bound_us = infinity}) ->
     [];
-unjudged(EndUs, #state{healed = Healed, due = Due, bound_us = Bound} = State) ->
+unjudged(EndUs, #state{healed = Healed, agreements = Owed, bound_us = Bound} = State) ->
     case starl_unjudged:unhealed(?AGREE, Healed, EndUs) of
         [] ->
             Open = [
                 Name
-             || {Name, At} <- maps:to_list(Due), disagreement(At, Name, State) =/= {[], 0}
+             || {Name, Since} <- maps:to_list(starl_obligations:sinces(Owed)),
+                disagreement(Since + Bound, Name, State) =/= {[], 0}
             ],
             [
                 C
@@ -292,28 +299,25 @@ back(Name, Stamp, T, Robot, #state{read = Read}) ->
 postpone(_T, #state{bound_us = Bound, healed = Healed} = State, _Names) when
     Bound =:= infinity; Healed =:= never
 ->
-    State#state{due = #{}};
-postpone(T, #state{bound_us = Bound, healed = Healed, due = Due} = State, Names) ->
+    State#state{agreements = starl_obligations:new(exact)};
+postpone(T, #state{bound_us = Bound, healed = Healed, agreements = Agreements} = State, Names) ->
     From = lists:max([T, Healed, State#state.admitted]),
-    Later = maps:from_list([{Name, From + Bound} || Name <- Names]),
-    first_due(State#state{due = maps:merge(Due, Later)}).
-
-first_due(#state{due = Due} = State) ->
-    %% integers sort before the atom infinity
-    State#state{first_due = lists:min([infinity | maps:values(Due)])}.
+    Owe = fun(Name, Owed) -> starl_obligations:owe(Name, team, From, Bound, Owed) end,
+    State#state{agreements = lists:foldl(Owe, Agreements, Names)}.
 
 %% The registers whose time is up.
-agreed(T, #state{first_due = First} = State) when First >= T ->
-    {[], State};
-agreed(T, #state{due = Due, judged = Judged} = State) ->
-    Up = lists:sort([{D, Name} || {Name, D} <- maps:to_list(Due), D < T]),
-    {Found, Excused} = lists:unzip([disagreement(D, Name, State) || {D, Name} <- Up]),
-    Next = State#state{
-        due = maps:without([Name || {_, Name} <- Up], Due),
-        judged = Judged + length(Up),
-        excused = State#state.excused + lists:sum(Excused)
-    },
-    {lists:append(Found), first_due(Next)}.
+agreed(T, #state{agreements = Agreements, assumption = Assumption, judged = Judged} = State) ->
+    case starl_obligations:overdue(T, Assumption, Agreements) of
+        none ->
+            {[], State};
+        {Up, Left} ->
+            {Found, Excused} = lists:unzip([disagreement(Due, Name, State) || {Due, Name} <- Up]),
+            {lists:append(Found), State#state{
+                agreements = Left,
+                judged = Judged + length(Up),
+                excused = State#state.excused + lists:sum(Excused)
+            }}
+    end.
 
 %% What is found, and how many robots are excused.
 disagreement(T, Name, #state{robots = Robots, died = Died, holds = Holds} = State) ->

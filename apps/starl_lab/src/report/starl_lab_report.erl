@@ -39,7 +39,7 @@
 
 %% Monitors that judge nothing.
 -define(LOOKING_ON, [
-    starl_run_ways_monitor,
+    starl_run_paths_monitor,
     starl_run_mail_monitor,
     starl_run_measures_monitor,
     starl_run_drawings_monitor,

@@ -35,10 +35,10 @@
 
 %% @doc The monitor that records the ways.
 -spec watch() -> {module(), map()}.
-watch() -> {starl_run_ways_monitor, #{most => ?MOST}}.
+watch() -> {starl_run_paths_monitor, #{most => ?MOST}}.
 
 %% @doc The ways on a floor.
--spec new(starl_run_ways_monitor:ways(), World :: {number(), number()}) -> t().
+-spec new(starl_run_paths_monitor:paths(), World :: {number(), number()}) -> t().
 new(#{pieces := Pieces, until_us := Until, is_whole := IsWhole}, World) ->
     Own = maps:groups_from_list(fun({Id, _}) -> Id end, fun({_, Piece}) -> Piece end, Pieces),
     Paths = [{Id, stretches(Path, Until)} || {Id, Path} <- lists:sort(maps:to_list(Own))],

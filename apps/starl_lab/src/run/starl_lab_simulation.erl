@@ -167,9 +167,9 @@ with_recording({error, _} = Error, _Setup, _Dir) ->
     Error.
 
 %% The floor plan is that of the scenario, or else of the application.
-ways(#{monitors := #{starl_run_ways_monitor := Ways}}, #{floor := #{size := Size} = Floor}, _) ->
+ways(#{monitors := #{starl_run_paths_monitor := Ways}}, #{floor := #{size := Size} = Floor}, _) ->
     starl_lab_ways:on(Floor, starl_lab_ways:new(Ways, Size));
-ways(#{monitors := #{starl_run_ways_monitor := Ways}}, _Report, #{world := World}) ->
+ways(#{monitors := #{starl_run_paths_monitor := Ways}}, _Report, #{world := World}) ->
     starl_lab_ways:new(Ways, World).
 
 drawings(#{monitors := #{starl_run_drawings_monitor := #{drawings := Drawings}}}) -> Drawings.

@@ -14,7 +14,7 @@
 %% a computer without power explains.
 -module(starl_assumption_open_faults).
 
--export([new/0, absent/3, told/2, traced/2, windows/2]).
+-export([new/0, absent/3, report/2, traced/2, windows/2]).
 
 -export_type([t/0, fault/0]).
 
@@ -40,17 +40,17 @@
 new() -> #{}.
 
 %% @doc A fault has begun, or ended.
--spec told({began | ended, fault()}, t()) -> t().
-told({began, {Id, FromMs, forever, Kind, Target, _}}, Lasting) when
+-spec report({began | ended, fault()}, t()) -> t().
+report({began, {Id, FromMs, forever, Kind, Target, _}}, Lasting) when
     Kind =/= pause, is_integer(FromMs)
 ->
     Position = [position || starl_assumption:misleads(Kind)],
     Breaks = [{Robot, What} || Robot <- robots(Target), What <- [fault | Position]],
     Lasting#{Id => {Breaks, 1000 * FromMs, none}};
-told({ended, {Id, _, ToMs, _, _, _}}, Lasting) when is_map_key(Id, Lasting), is_integer(ToMs) ->
+report({ended, {Id, _, ToMs, _, _, _}}, Lasting) when is_map_key(Id, Lasting), is_integer(ToMs) ->
     {Breaks, Told, none} = maps:get(Id, Lasting),
     Lasting#{Id => {Breaks, Told, max(Told, 1000 * ToMs)}};
-told(_Other, Lasting) ->
+report(_Other, Lasting) ->
     Lasting.
 
 %% @doc Declares robots that report their actions, but have not reported anything yet.

@@ -153,10 +153,10 @@ finish(EndUs, #state{arrived = Arrived, drives = Drives} = State) ->
 
 %% Who should stand, or have arrived, before `T'?
 pass(T, State) ->
-    {Driving, Stopped} = beyond_its_time(T, State),
+    {Driving, Stopped} = Timed = beyond_its_time(T, State),
     case starl_obligations:overdue(T, State#state.assumption, State#state.arrivals) of
         none ->
-            {Driving, Stopped};
+            Timed;
         {Late, Left} ->
             {NotArrived, Next} = not_arrived(Late, Stopped#state{arrivals = Left}),
             {Driving ++ NotArrived, Next}

@@ -7,7 +7,7 @@
 %% has sent: such a packet is recorded as sent when it came.
 -module(starl_packet_fates).
 
--export([new/0, told/2, due/2, early/1]).
+-export([new/0, report/2, due/2, early/1]).
 
 -export_type([t/0, event/0]).
 
@@ -16,7 +16,7 @@
 
 -type event() :: {AtUs :: integer(), starl:robot_id(), radio, starl_observer:packet()}.
 
--record(ways, {
+-record(fates, {
     sent = gb_sets:new() :: gb_sets:set({integer(), pos_integer(), key(), short()}),
     %% by content, the earliest first
     came = #{} :: #{key() => [came(), ...]},
@@ -33,80 +33,80 @@
 
 -type short() :: {starl_packet:brief(), Bytes :: pos_integer()}.
 
--opaque t() :: #ways{}.
+-opaque t() :: #fates{}.
 
 %% Longer than a packet takes through a network, before the filter of its receiver delays it.
 -define(SOON_US, 300000).
 
 %% @doc Nothing has been sent.
 -spec new() -> t().
-new() -> #ways{}.
+new() -> #fates{}.
 
 %% @doc Takes the report of one end into account.
--spec told(
+-spec report(
     {AtUs, starl:robot_id(), radio, starl_observer:packet_report() | starl_observer:packet()}, t()
 ) ->
     t()
 when
     AtUs :: integer().
-told({At, From, radio, {packet, To, Brief, Bytes, Fate}}, #ways{came = Came, n = N} = Ways) ->
+report({At, From, radio, {packet, To, Brief, Bytes, Fate}}, #fates{came = Came, n = N} = Fates) ->
     %% it is known already
-    Ways#ways{n = N + 1, came = Came#{{From, To, -N} => [{At, {Brief, Bytes}, Fate}]}};
-told({At, From, radio, {sent, To, Brief, Bytes, Hash}}, #ways{sent = Sent, n = N} = Ways) ->
+    Fates#fates{n = N + 1, came = Came#{{From, To, -N} => [{At, {Brief, Bytes}, Fate}]}};
+report({At, From, radio, {sent, To, Brief, Bytes, Hash}}, #fates{sent = Sent, n = N} = Fates) ->
     Entry = {At, N, {From, To, Hash}, {Brief, Bytes}},
-    Ways#ways{sent = gb_sets:add_element(Entry, Sent), n = N + 1};
-told({At, To, radio, {came, From, Brief, Bytes, Hash, Fate}}, #ways{came = Came} = Ways) ->
+    Fates#fates{sent = gb_sets:add_element(Entry, Sent), n = N + 1};
+report({At, To, radio, {came, From, Brief, Bytes, Hash, Fate}}, #fates{came = Came} = Fates) ->
     Key = {From, To, Hash},
     Others = maps:get(Key, Came, []),
-    Ways#ways{came = Came#{Key => lists:merge(Others, [{At, {Brief, Bytes}, Fate}])}}.
+    Fates#fates{came = Came#{Key => lists:merge(Others, [{At, {Brief, Bytes}, Fate}])}}.
 
 %% @doc The packets whose time is due, in the order of their times.
 -spec due(UntilUs :: integer() | infinity, t()) -> {[event()], t()}.
-due(Until, Ways0) ->
-    {Packets, Ways} = sent_until(Until, [], Ways0),
-    {Strange, Left} = came_until(Until, Ways),
+due(Until, Fates0) ->
+    {Packets, Fates} = sent_until(Until, [], Fates0),
+    {Strange, Left} = came_until(Until, Fates),
     {lists:keymerge(1, Packets, Strange), Left}.
 
 %% An atom is larger than any number.
-sent_until(Until, Packets, #ways{sent = Sent} = Ways) ->
+sent_until(Until, Packets, #fates{sent = Sent} = Fates) ->
     case gb_sets:is_empty(Sent) orelse gb_sets:smallest(Sent) of
         {At, _, {From, To, _} = Key, {Brief, Bytes}} when At =< Until ->
             {_, Left} = gb_sets:take_smallest(Sent),
-            {Fate, Next} = fate(At, Key, Ways#ways{sent = Left}),
+            {Fate, Next} = fate(At, Key, Fates#fates{sent = Left}),
             Packet = {At, From, radio, {packet, To, Brief, Bytes, Fate}},
             sent_until(Until, [Packet | Packets], Next);
         _ ->
-            {lists:reverse(Packets), Ways}
+            {lists:reverse(Packets), Fates}
     end.
 
 %% The same content may be sent again, and come again: of what came soon after this packet the
 %% earliest is this one. Clocks that differ may also have it come before it was sent.
-fate(At, Key, #ways{came = Came} = Ways) ->
+fate(At, Key, #fates{came = Came} = Fates) ->
     Known = maps:get(Key, Came, []),
     {Before, After} = lists:splitwith(fun({Then, _, _}) -> Then < At end, Known),
     case {After, Before} of
         {[{Then, _, Fate} | Others], _} when Then - At =< ?SOON_US ->
-            {Fate, matched(Key, Then - At, Before ++ Others, Ways)};
+            {Fate, matched(Key, Then - At, Before ++ Others, Fates)};
         {_, [{Then, _, Fate} | Others]} ->
-            {Fate, matched(Key, Then - At, Others ++ After, Ways)};
+            {Fate, matched(Key, Then - At, Others ++ After, Fates)};
         _ ->
-            {{lost, unheard}, Ways}
+            {{lost, unheard}, Fates}
     end.
 
-matched({From, To, _} = Key, Us, Left, #ways{came = Came, early = Early} = Ways) ->
+matched({From, To, _} = Key, Us, Left, #fates{came = Came, early = Early} = Fates) ->
     {Late, N, Sum} = maps:get({From, To}, Early, {0, 0, 0}),
     Counted =
         case Us < 0 of
             true -> {Late, N + 1, Sum - Us};
             false -> {Late + 1, N, Sum}
         end,
-    Ways#ways{came = left(Key, Left, Came), early = Early#{{From, To} => Counted}}.
+    Fates#fates{came = left(Key, Left, Came), early = Early#{{From, To} => Counted}}.
 
 left(Key, [], Came) -> maps:remove(Key, Came);
 left(Key, Left, Came) -> Came#{Key := Left}.
 
-came_until(_Until, #ways{came = Came} = Ways) when map_size(Came) =:= 0 -> {[], Ways};
-came_until(Until, #ways{came = Came} = Ways) ->
+came_until(_Until, #fates{came = Came} = Fates) when map_size(Came) =:= 0 -> {[], Fates};
+came_until(Until, #fates{came = Came} = Fates) ->
     Split = maps:map(
         fun(_, Entries) -> lists:splitwith(fun({At, _, _}) -> At =< Until end, Entries) end, Came
     ),
@@ -115,7 +115,7 @@ came_until(Until, #ways{came = Came} = Ways) ->
      || {{From, To, _}, {Old, _}} <- maps:to_list(Split), {At, {Brief, Bytes}, Fate} <- Old
     ],
     Left = maps:filtermap(fun young/2, Split),
-    {lists:sort(Packets), Ways#ways{came = Left}}.
+    {lists:sort(Packets), Fates#fates{came = Left}}.
 
 young(_Key, {_Old, []}) -> false;
 young(_Key, {_Old, Young}) -> {true, Young}.
@@ -123,7 +123,7 @@ young(_Key, {_Old, Young}) -> {true, Young}.
 %% @doc The links on which most packets came before they were sent, by so much on average: the clocks
 %% of the two robots differ.
 -spec early(t()) -> [{link(), Us :: pos_integer()}].
-early(#ways{early = Early}) ->
+early(#fates{early = Early}) ->
     lists:sort([
         {Link, max(1, Sum div N)}
      || {Link, {Late, N, Sum}} <- maps:to_list(Early), N > Late

@@ -78,10 +78,17 @@
 
 -type unread() :: {Type :: term(), Source :: robot_id(), Hash :: integer()}.
 
--record(state, {
+%% What a run does not change; apart, since the state is copied at each event.
+-record(limits, {
     bound_us :: pos_integer(),
     steps :: pos_integer(),
     late_us :: non_neg_integer(),
+    room :: non_neg_integer(),
+    is_alone :: boolean()
+}).
+
+-record(state, {
+    limits :: #limits{},
     assumption :: starl_assumption:t(),
     delivery :: starl_sap_monitor_delivery:t(),
     %% the lives of each source, latest first
@@ -96,8 +103,6 @@
     %% The incarnation that each source has announced.
     running = #{} :: #{robot_id() => term()},
     unread = #{} :: #{Reader :: robot_id() => #unread{}},
-    room :: non_neg_integer(),
-    is_alone :: boolean(),
     counts = {0, 0, 0, 0} :: {integer(), integer(), integer(), integer()}
 }).
 
@@ -123,13 +128,15 @@
 }) -> #state{}.
 init(#{bound_us := Bound} = Config) ->
     #state{
-        bound_us = Bound,
-        steps = maps:get(steps, Config, ?STEPS),
-        late_us = maps:get(late_us, Config, ?LATE_US),
+        limits = #limits{
+            bound_us = Bound,
+            steps = maps:get(steps, Config, ?STEPS),
+            late_us = maps:get(late_us, Config, ?LATE_US),
+            room = maps:get(room, Config, ?ROOM),
+            is_alone = length(maps:get(robots, Config, [])) < 2
+        },
         assumption = starl_assumption:new(maps:get(broken, Config, []), ?DRIFT_PPM),
-        delivery = starl_sap_monitor_delivery:new(Config),
-        room = maps:get(room, Config, ?ROOM),
-        is_alone = length(maps:get(robots, Config, [])) < 2
+        delivery = starl_sap_monitor_delivery:new(Config)
     }.
 
 %% @doc The configuration with the windows of broken assumptions and of faults, and with the luck of messages; the
@@ -224,7 +231,7 @@ step({T, _, _, _} = Event, #state{next_us = Next} = State) when T =< Next ->
     %% integers sort before the atom infinity
     judge(Event, State);
 step({T, _, _, _} = Event, State) ->
-    {Overdue, Current} = pass(T, State),
+    {Overdue, Current} = look_at_all(T, State),
     starl_violation:first(Overdue, judge(Event, Current)).
 
 %% @doc Judges the time until `EndTimeUs'. Results: messages `sent' (per destination),
@@ -232,7 +239,7 @@ step({T, _, _, _} = Event, State) ->
 -spec finish(integer(), #state{}) ->
     {ok | {violation, [starl_monitor:violation(), ...]}, starl_monitor:results()}.
 finish(EndTimeUs, State) ->
-    {Overdue, #state{sources = Sources, counts = Counts}} = pass(EndTimeUs, State),
+    {Overdue, #state{sources = Sources, counts = Counts}} = look_at_all(EndTimeUs, State),
     Open = [map_size(Open) || Lives <- maps:values(Sources), {_, _, Open} <- Lives],
     {Sent, Delivered, Acknowledged, Lost} = Counts,
     Off = starl_sap_monitor_delivery:unjudged(EndTimeUs, State#state.delivery),
@@ -296,10 +303,9 @@ judge({_T, _Robot, _Machine, _Other}, State) ->
 gone(Robot, #state{delivery = Delivery} = State) ->
     State#state{delivery = starl_sap_monitor_delivery:goes(Robot, Delivery)}.
 
-%% The outcome itself is judged first: what is broken there is told before.
+%% The outcome itself is judged first: what is broken there is reported before.
 in_vain(T, {Source, _, _} = Id, Dest, Outcome, State) ->
-    {Luck, Delivery} = luck(T, Id, Dest, Outcome, State),
-    Next = State#state{delivery = Delivery},
+    {Luck, Next} = luck(T, Id, Dest, Outcome, State),
     case outcome(T, Id, Dest, kind(Outcome), failed(Id, Dest, Outcome, Next)) of
         {ok, Judged} when Luck =:= in_vain ->
             broken(lost_in_vain, T, [Source, Dest], #{message => Id}, Judged);
@@ -312,14 +318,16 @@ luck(T, {Source, _, _} = Id, Dest, Outcome, #state{delivery = Delivery} = State)
 ->
     case {find(Id, State), Outcome} of
         {none, _} ->
-            {ok, Delivery};
+            {ok, State};
         {#message{sent_us = Us}, acknowledged} ->
-            {ok, starl_sap_monitor_delivery:acknowledged(Us, Source, Dest, Delivery)};
+            Known = starl_sap_monitor_delivery:acknowledged(Us, Source, Dest, Delivery),
+            {ok, State#state{delivery = Known}};
         {#message{sent_us = Us}, lost} ->
-            starl_sap_monitor_delivery:lost(T, Us, Source, Dest, Delivery)
+            {Luck, Next} = starl_sap_monitor_delivery:lost(T, Us, Source, Dest, Delivery),
+            {Luck, State#state{delivery = Next}}
     end;
-luck(_T, _Id, _Dest, _Other, #state{delivery = Delivery}) ->
-    {ok, Delivery}.
+luck(_T, _Id, _Dest, _Other, State) ->
+    {ok, State}.
 
 kind(acknowledged) -> acknowledged;
 kind(lost) -> lost;
@@ -334,7 +342,7 @@ sent(T, {Source, Incarnation, Seq} = Id, Dests, Type, Hash, #state{sources = Sou
         Numbers when Dests =:= [] ->
             {ok, put_life(Source, {Incarnation, Numbers, Open}, State)};
         Numbers ->
-            #state{bound_us = Bound, next_us = Next} = State,
+            #state{limits = #limits{bound_us = Bound}, next_us = Next} = State,
             Message = #message{
                 type = Type,
                 hash = Hash,
@@ -456,7 +464,7 @@ called(T, Robot, {Source, _, _} = Id, How, State) ->
 %% Nothing was sent: too much is under way, or the team has no other robot.
 answered(_T, _Robot, none, {error, overload}, State) ->
     {ok, State};
-answered(_T, _Robot, none, ok, #state{is_alone = true} = State) ->
+answered(_T, _Robot, none, ok, #state{limits = #limits{is_alone = true}} = State) ->
     {ok, State};
 answered(T, Robot, none, Answer, State) ->
     broken(answer_untrue, T, [Robot], #{answer => Answer}, State);
@@ -498,7 +506,7 @@ handed_on(T, Robot, {Source, _, _}, {app, _} = Type, Hash, {ok, #state{unread = 
     Queue = queue:in({Type, Source, Hash}, maps:get(Type, Certain, queue:new())),
     Longer = Unread#unread{count = Count + 1, certain = Certain#{Type => Queue}},
     Handed = State#state{unread = All#{Robot => Longer}},
-    case Count + 1 > State#state.room of
+    case Count + 1 > State#state.limits#limits.room of
         true -> broken(more_than_it_can_keep, T, [Robot], #{type => Type}, Handed);
         false -> {ok, Handed}
     end;
@@ -544,14 +552,16 @@ progressed(T, Id, #message{dests = Dests} = Message, Dest, Progress, State) ->
     settle(T, Id, Message#message{dests = Known}, State).
 
 %% Keeps a message until nothing more can happen to it.
-settle(T, Id, Message, #state{late_us = Late, next_us = Next} = State) ->
+settle(T, Id, Message, #state{limits = #limits{late_us = Late}, next_us = Next} = State) ->
     case {phase(Message), Message#message.next} of
         {done, _} ->
             close(Id, State);
-        {lost, When} when element(1, When) =/= forget ->
+        {lost, {forget, _}} ->
+            put_message(Id, Message, State);
+        {lost, _} ->
             Lost = Message#message{next = {forget, T + Late}},
             put_message(Id, Lost, State#state{next_us = min(T + Late, Next)});
-        _ ->
+        {open, _} ->
             put_message(Id, Message, State)
     end.
 
@@ -641,9 +651,7 @@ put_among(false, Life, Lives) ->
 
 %% What is overdue before `T'; what is due exactly then is in time. All outstanding messages are looked at,
 %% but seldom: most are closed long before they are due. Their contents are forgotten in batches.
-pass(T, #state{next_us = Next} = State) when T =< Next ->
-    {[], State};
-pass(T, #state{sources = Sources} = State) ->
+look_at_all(T, #state{sources = Sources} = State) ->
     Outstanding = [
         {{Source, Inc, Seq}, Message}
      || {Source, Lives} <- maps:to_list(Sources),
@@ -652,16 +660,25 @@ pass(T, #state{sources = Sources} = State) ->
     ],
     Look = fun({Id, Message}, Acc) -> look(T, Id, Message, Acc) end,
     {Overdue, Passed} = lists:foldl(Look, {[], State#state{next_us = infinity}}, Outstanding),
-    {[violation(What, At, Robots, D) || {At, What, Robots, D} <- lists:sort(Overdue)], Passed}.
+    {
+        [
+            violation(What, At, Robots, #{message => Id})
+         || {At, Id, What, Robots} <- lists:sort(fun earlier/2, Overdue)
+        ],
+        Passed
+    }.
+
+%% Of those that are due at the same time the latest message comes first.
+earlier({A, Id, _, _}, {B, Other, _, _}) -> {A, Other} =< {B, Id}.
 
 look(T, Id, #message{next = {forget, At}} = Message, {Overdue, State}) when At < T ->
     {Overdue, forget(Id, Message, State)};
-look(T, _Id, #message{next = {forget, At}}, {Overdue, #state{late_us = Late} = State}) ->
-    {Overdue, sooner(max(At, T + Late div 60), State)};
+look(T, _Id, #message{next = {forget, At}}, {Overdue, #state{limits = Limits} = State}) ->
+    {Overdue, sooner(max(At, T + Limits#limits.late_us div 60), State)};
 look(T, {Source, _, _} = Id, #message{next = {due, Due}} = Message, {Overdue, State}) when
     Due < T
 ->
-    #state{steps = Steps, assumption = Assumption} = State,
+    #state{limits = #limits{steps = Steps}, assumption = Assumption} = State,
     SentUs = Message#message.sent_us,
     case starl_assumption:delayed_us(Source, SentUs, Due, Steps, Assumption) of
         Latest when Latest < T ->
@@ -677,10 +694,8 @@ look(_T, _Id, #message{next = overdue}, Acc) ->
 
 sooner(At, #state{next_us = Next} = State) -> State#state{next_us = min(At, Next)}.
 
-missing(At, {Source, _, _} = Id, []) ->
-    {At, answer_overdue, [Source], #{message => Id}};
-missing(At, {Source, _, _} = Id, Dests) ->
-    {At, outcome_overdue, [Source | Dests], #{message => Id}}.
+missing(At, {Source, _, _} = Id, []) -> {At, Id, answer_overdue, [Source]};
+missing(At, {Source, _, _} = Id, Dests) -> {At, Id, outcome_overdue, [Source | Dests]}.
 
 %% Keeps only its number, for each destination at which it was lost.
 forget({Source, Incarnation, Seq} = Id, #message{dests = Dests}, State) ->

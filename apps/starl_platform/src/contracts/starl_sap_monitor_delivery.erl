@@ -92,6 +92,8 @@ refuses(T, Dest, Source, #delivery{refused = Refused} = D) ->
 
 %% @doc A message that was sent at `SentUs' was acknowledged.
 -spec acknowledged(SentUs :: integer(), Source :: robot_id(), Dest :: robot_id(), t()) -> t().
+acknowledged(_SentUs, _Source, _Dest, #delivery{unlucky = {off, _}} = D) ->
+    D;
 acknowledged(SentUs, Source, Dest, #delivery{arrived = Arrived, known = Known} = D) ->
     Pair = {Source, Dest},
     Latest = max(SentUs, maps:get(Pair, Arrived, SentUs)),

@@ -20,10 +20,12 @@
         | none
 }.
 
-%% What was told of each reload, the latest first.
--type state() :: #{starl_reload:count() => [told(), ...]}.
+%% The reports on each reload, the latest first.
+-type state() :: #{starl_reload:count() => [report(), ...]}.
 
--type told() :: {AtUs :: integer(), starl:robot_id(), starl_machine:name(), starl_reload:outcome()}.
+-type report() :: {
+    AtUs :: integer(), starl:robot_id(), starl_machine:name(), starl_reload:outcome()
+}.
 
 %% The number of robots that a line names.
 -define(NAMED, 5).
@@ -34,16 +36,16 @@ init(#{}) -> #{}.
 
 %% @doc Records the reports on reloads.
 -spec step(starl_monitor:trace_event(), state()) -> {ok, state()}.
-step({At, Robot, Name, {reloaded, N, Outcome}}, Told) ->
-    {ok, Told#{N => [{At, Robot, Name, Outcome} | maps:get(N, Told, [])]}};
-step(_Event, Told) ->
-    {ok, Told}.
+step({At, Robot, Name, {reloaded, N, Outcome}}, Reports) ->
+    {ok, Reports#{N => [{At, Robot, Name, Outcome} | maps:get(N, Reports, [])]}};
+step(_Event, Reports) ->
+    {ok, Reports}.
 
 %% @doc The reloads, in their order.
 -spec finish(integer(), state()) -> {ok, #{reloads := [reload()]}}.
-finish(_EndUs, Told) ->
+finish(_EndUs, Reports) ->
     {ok, #{
-        reloads => [reload(N, lists:reverse(All)) || {N, All} <- lists:sort(maps:to_list(Told))]
+        reloads => [reload(N, lists:reverse(All)) || {N, All} <- lists:sort(maps:to_list(Reports))]
     }}.
 
 reload(N, All) ->

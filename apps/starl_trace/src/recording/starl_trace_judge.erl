@@ -193,7 +193,7 @@ message({faults, At, {ended, {Id, _, _, pause, _, _}}}, #judge{standing = Standi
 ->
     resumed(Id, At, Judge);
 message({faults, _At, Told}, #judge{lasting = Lasting} = Judge) ->
-    Judge#judge{lasting = starl_assumption_open_faults:told(Told, Lasting)};
+    Judge#judge{lasting = starl_assumption_open_faults:report(Told, Lasting)};
 message(_Message, Judge) ->
     Judge.
 

@@ -333,7 +333,7 @@ put_messages(Messages, #merge{until = Until} = Merge0) ->
 
 %% What robots know of packets becomes packets with their fates.
 kept({ways, At, {Robot, Way}}, #merge{ways = Ways} = Merge) ->
-    Merge#merge{ways = starl_packet_fates:told({At, Robot, radio, Way}, Ways)};
+    Merge#merge{ways = starl_packet_fates:report({At, Robot, radio, Way}, Ways)};
 kept(Message, #merge{waiting = Waiting} = Merge) ->
     Merge#merge{waiting = [Message | Waiting]}.
 

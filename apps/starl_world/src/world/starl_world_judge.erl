@@ -152,7 +152,7 @@ arrived(Event, #judge{pending = Pending, n = N} = Judge) ->
 radio(_Events, #judge{observer = none} = Judge) ->
     Judge;
 radio(Events, #judge{packets = Packets} = Judge) ->
-    Judge#judge{packets = lists:foldl(fun starl_packet_fates:told/2, Packets, Events)}.
+    Judge#judge{packets = lists:foldl(fun starl_packet_fates:report/2, Packets, Events)}.
 
 %% @doc Withdraws reported facts. If they are judged already, all later facts are judged anew.
 -spec undone([starl_monitor:trace_event(), ...], NowUs :: integer(), t()) -> t().
@@ -228,7 +228,7 @@ fault({Is, Fault}, Now, #judge{lasting = Lasting, observer = Observer, faults = 
     Own = setelement(6, Fault, maps:remove(in_time, element(6, Fault))),
     ok = starl_observer:tell({fault, Now, {Is, Own}}, Observer),
     Judge#judge{
-        lasting = starl_assumption_open_faults:told({Is, Own}, Lasting),
+        lasting = starl_assumption_open_faults:report({Is, Own}, Lasting),
         faults = [Own | lists:keydelete(element(1, Own), 1, Faults)]
     }.
 

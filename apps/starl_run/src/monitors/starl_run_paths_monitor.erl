@@ -1,14 +1,14 @@
 %% @doc Records the paths of all robots, as motion segments. It judges nothing. It records only a
 %% limited number of segments; its result says until when.
--module(starl_run_ways_monitor).
+-module(starl_run_paths_monitor).
 -behaviour(starl_monitor).
 
 -export([init/1, step/2, finish/2, interests/0]).
 
--export_type([ways/0]).
+-export_type([paths/0]).
 
-%% The pieces of each robot's way, in the order of time, and the time until which they are known.
--type ways() :: #{
+%% The motion segments of each robot's path, in the order of time, and the time until which they are known.
+-type paths() :: #{
     pieces := [{starl:robot_id(), starl_trajectory:piece()}],
     until_us := non_neg_integer(),
     is_whole := boolean()
@@ -38,7 +38,7 @@ step({_, Robot, chassis, {motion, Piece}}, #state{pieces = Pieces, room = Room} 
 step(_, State) ->
     {ok, State}.
 
--spec finish(integer(), #state{}) -> {ok, ways()}.
+-spec finish(integer(), #state{}) -> {ok, paths()}.
 finish(EndUs, #state{pieces = Pieces, full = Full}) ->
     Until = min(EndUs, Full),
     {ok, #{pieces => lists:reverse(Pieces), until_us => Until, is_whole => Full =:= no}}.
