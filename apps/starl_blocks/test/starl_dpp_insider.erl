@@ -38,7 +38,7 @@ step(Robot, {Program, Painting, none}) ->
     painted(Program, Program:step(Robot, Painting), none).
 
 say(Robot, Wave) ->
-    starl_app_turn:perform([{cast, sap, {send, To, Type, Body}} || {To, Type, Body} <- Wave]),
+    starl_app_proc:perform([{cast, sap, {send, To, Type, Body}} || {To, Type, Body} <- Wave]),
     starl:sleep(Robot, ?APART_MS).
 
 painted(Program, {continue, Painting}, Attack) -> {continue, {Program, Painting, Attack}};

@@ -62,11 +62,11 @@ participants(#robot{team = Team}) -> starl_team:members(Team).
 
 %% @doc The robot's own clock in milliseconds; the clocks of two robots differ.
 -spec now(robot()) -> integer().
-now(#robot{}) -> starl_app_turn:now() div 1000.
+now(#robot{}) -> starl_app_proc:now() div 1000.
 
 %% @doc A number in `0.0 =< X < 1.0', from the seed of the run.
 -spec random(robot()) -> float().
-random(#robot{}) -> starl_app_turn:random().
+random(#robot{}) -> starl_app_proc:random().
 
 %% @doc A random item of the list, each with the same probability, from the seed of the run.
 -spec choice(robot(), [Item, ...]) -> Item.
@@ -104,7 +104,7 @@ post(#robot{}, To, Type, Body) ->
     ok = starl_caller:check({?MODULE, post, 4}, 'To', robot, To),
     ok = starl_caller:check({?MODULE, post, 4}, 'Type', name, Type),
     ok = starl_caller:payload({?MODULE, post, 4}, 'Body', content, Body),
-    starl_app_turn:perform([{cast, sap, {send, To, {app, Type}, Body}}]).
+    starl_app_proc:perform([{cast, sap, {send, To, {app, Type}, Body}}]).
 
 %% @doc Sends a message reliably to all other robots and waits for every outcome.
 -spec broadcast(robot(), Type :: atom(), Body :: term()) ->
@@ -118,13 +118,13 @@ broadcast(#robot{} = Robot, Type, Body) ->
 -spec listen(robot(), Type :: atom()) -> ok.
 listen(#robot{}, Type) ->
     ok = starl_caller:check({?MODULE, listen, 2}, 'Type', name, Type),
-    starl_app_turn:listen({app, Type}).
+    starl_app_proc:listen({app, Type}).
 
 %% @doc Waits for a message of this type.
 -spec await(robot(), Type :: atom()) -> {ok, From :: robot_id(), Body :: term()}.
 await(#robot{}, Type) ->
     ok = starl_caller:check({?MODULE, await, 2}, 'Type', name, Type),
-    {ok, {From, _, Body}} = starl_app_call:await(types(Type), infinity),
+    {ok, {From, _, Body}} = starl_app_proc:await(types(Type), infinity),
     {ok, From, Body}.
 
 %% @doc Waits for a message of this type, for at most the given milliseconds.
@@ -133,7 +133,7 @@ await(#robot{}, Type) ->
 await(#robot{}, Type, Ms) ->
     ok = starl_caller:check({?MODULE, await, 3}, 'Type', name, Type),
     ok = starl_caller:check({?MODULE, await, 3}, 'Ms', ms, Ms),
-    case starl_app_call:await(types(Type), Ms * 1000) of
+    case starl_app_proc:await(types(Type), Ms * 1000) of
         {ok, {From, _, Body}} -> {ok, From, Body};
         timeout -> timeout
     end.
@@ -228,7 +228,7 @@ sense(#robot{} = Robot, Kind) ->
 watch(#robot{}, Kind, Ms) ->
     ok = starl_caller:check({?MODULE, watch, 3}, 'Kind', sense, Kind),
     ok = starl_caller:check({?MODULE, watch, 3}, 'Ms', positive_ms, Ms),
-    starl_app_turn:perform([{cast, location, {subscribe, Kind, us(Ms)}}]).
+    starl_app_proc:perform([{cast, location, {subscribe, Kind, us(Ms)}}]).
 
 %% @doc Drives in a straight line to a point or a named waypoint and waits for the arrival.
 %% While it drives, the robot keeps within r(v) of the line (Assumption II.1 of the paper;
@@ -275,17 +275,17 @@ stop(#robot{} = Robot) ->
 -spec sleep(robot(), Ms :: non_neg_integer()) -> ok.
 sleep(#robot{}, Ms) ->
     ok = starl_caller:check({?MODULE, sleep, 2}, 'Ms', ms, Ms),
-    starl_app_call:sleep(Ms * 1000).
+    starl_app_proc:sleep(Ms * 1000).
 
 %% @doc Sets an actuator: `starl:actuate(Robot, pen, down)'.
 -spec actuate(robot(), Device :: atom(), Value :: term()) -> ok.
 actuate(#robot{}, Device, Value) ->
     ok = starl_caller:check({?MODULE, actuate, 3}, 'Device', name, Device),
-    starl_app_turn:perform([{actuate, Device, Value}]).
+    starl_app_proc:perform([{actuate, Device, Value}]).
 
 %% @doc Records an event for the monitors.
 -spec trace(robot(), Event :: term()) -> ok.
-trace(#robot{}, Event) -> starl_app_turn:perform([{trace, Event}]).
+trace(#robot{}, Event) -> starl_app_proc:perform([{trace, Event}]).
 
 %% @doc Records the present value of a quantity, such as an error in mm. All values of a run are in
 %% `measures.csv' and `measures.svg' of its results, and on the topic `/measures' of its recording.
@@ -294,7 +294,7 @@ trace(#robot{}, Event) -> starl_app_turn:perform([{trace, Event}]).
 measure(#robot{}, Key, Value) ->
     ok = starl_caller:check({?MODULE, measure, 3}, 'Key', key, Key),
     ok = starl_caller:check({?MODULE, measure, 3}, 'Value', value, Value),
-    starl_app_turn:perform([{trace, {measure, Key, Value}}]).
+    starl_app_proc:perform([{trace, {measure, Key, Value}}]).
 
 %% @doc Draws points, a line, an area or a text on the floor, for people who watch the run in the
 %% window, in its film or in its recording. It has no influence on anything.
@@ -308,7 +308,7 @@ measure(#robot{}, Key, Value) ->
 draw(#robot{}, Shape) ->
     case starl_drawing:new(Shape) of
         {ok, Drawing} ->
-            starl_app_turn:perform([{trace, {draw, Drawing}}]);
+            starl_app_proc:perform([{trace, {draw, Drawing}}]);
         {error, Expected} ->
             starl_caller:mistake({?MODULE, draw, 2}, 'Shape', Shape, Expected)
     end.
@@ -319,11 +319,11 @@ draw(#robot{}, Shape) ->
 -spec store(robot(), term()) -> ok.
 store(#robot{}, Term) ->
     ok = starl_caller:payload({?MODULE, store, 2}, 'Term', kept, Term),
-    starl_app_turn:store(Term).
+    starl_app_proc:store(Term).
 
 %% @doc The term that was stored last; `none': nothing was ever stored; `damaged': it is unreadable.
 -spec stored(robot()) -> none | {stored, term()} | damaged.
-stored(#robot{}) -> starl_app_turn:stored().
+stored(#robot{}) -> starl_app_proc:stored().
 
 %% @doc Calls a machine of this robot; the building blocks' interfaces are built on it. The answer
 %% is `late' if the machine granted something for a time, and that time has already run out
@@ -333,7 +333,7 @@ stored(#robot{}) -> starl_app_turn:stored().
 call(#robot{}, Name, Request, Ms) ->
     ok = starl_caller:check({?MODULE, call, 4}, 'Name', name, Name),
     ok = starl_caller:check({?MODULE, call, 4}, 'Ms', ms_or_infinity, Ms),
-    starl_app_call:call(Name, Request, us(Ms)).
+    starl_app_proc:call(Name, Request, us(Ms)).
 
 %% @private Only the runtime makes handles.
 -spec robot(robot_id(), starl_team:t()) -> robot().

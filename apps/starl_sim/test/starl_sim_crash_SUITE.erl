@@ -204,7 +204,7 @@ crash_with_events_waiting(_) ->
     {_, Results, Trace} = played(
         1,
         fun(R) ->
-            ok = starl_app_turn:perform([{cast, crash, boom}, {cast, crash, {count, 1}}]),
+            ok = starl_app_proc:perform([{cast, crash, boom}, {cast, crash, {count, 1}}]),
             ok = starl:sleep(R, 1000),
             starl:call(R, crash, incarnation, 1000)
         end,
@@ -309,7 +309,7 @@ app_that_crashes_for_ever_is_given_up(_) ->
                 fun(R) ->
                     case {starl:id(R), starl:now(R) < 2000} of
                         {1, true} ->
-                            ok = starl_app_turn:perform([
+                            ok = starl_app_proc:perform([
                                 {cast, motion, {go_to, {9000.0, 1000.0}}},
                                 {call, motion, {go_to, {9000.0, 1000.0}}, x}
                             ]),
@@ -346,7 +346,7 @@ block_that_crashes_for_ever_is_given_up(_) ->
                 1,
                 fun(R) ->
                     Boom = [{cast, crash, boom} || _ <- lists:seq(1, 1001)],
-                    ok = starl_app_turn:perform(Boom),
+                    ok = starl_app_proc:perform(Boom),
                     ok = starl:sleep(R, 1000),
                     Call = fun(Name) ->
                         try
@@ -378,7 +378,7 @@ own_crash_is_a_violation(_) ->
         {#{digest := Digest} = Outcome, _, _} = played(
             1,
             fun(R) ->
-                ok = starl_app_turn:perform([{cast, crash, Word}]),
+                ok = starl_app_proc:perform([{cast, crash, Word}]),
                 ok = starl:sleep(R, 1000),
                 starl:now(R) < 1500 andalso error(mine),
                 starl:call(R, crash, incarnation, infinity)

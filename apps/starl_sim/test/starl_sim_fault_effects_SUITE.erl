@@ -343,7 +343,7 @@ actuator_faults(_) ->
 
 %% -- helpers --------------------------------------------------------------------------------
 
-shout(Type, Body) -> starl_app_turn:perform([starl_sap:shout({app, Type}, Body)]).
+shout(Type, Body) -> starl_app_proc:perform([starl_sap:shout({app, Type}, Body)]).
 
 %% Both modes come to the same: the outcome and the robots' results.
 play(N, Script, More) ->

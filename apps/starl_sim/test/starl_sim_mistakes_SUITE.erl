@@ -143,7 +143,7 @@ careless(Word) ->
                 2,
                 fun(R) ->
                     _ = [
-                        ok = starl_app_turn:perform([{cast, careless, Word}])
+                        ok = starl_app_proc:perform([{cast, careless, Word}])
                      || starl:id(R) =:= 1
                     ],
                     ok = starl:sleep(R, 10),

@@ -69,7 +69,7 @@ send(Robot, Area, Type, Body, Options) ->
 -spec listen(starl:robot(), Type :: atom()) -> ok.
 listen(_Robot, Type) ->
     ok = starl_caller:check({?MODULE, listen, 2}, 'Type', name, Type),
-    starl_app_turn:perform([{cast, geocast, {listen, Type, app}}]).
+    starl_app_proc:perform([{cast, geocast, {listen, Type, app}}]).
 
 at_most_a_day(Ms) ->
     case 1000 * Ms =< starl_geocast_lifetime:longest_us() of

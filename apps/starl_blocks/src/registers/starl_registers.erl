@@ -44,7 +44,7 @@ get(Robot, Name) ->
 -spec subscribe(starl:robot(), name()) -> ok.
 subscribe(_Robot, Name) ->
     ok = starl_caller:payload({?MODULE, subscribe, 2}, 'Name', label, Name),
-    starl_app_turn:perform([{cast, registers, {subscribe, Name, app}}]).
+    starl_app_proc:perform([{cast, registers, {subscribe, Name, app}}]).
 
 flatten({ok, Answer}) -> Answer;
 flatten({error, restarted}) -> {error, restarted}.

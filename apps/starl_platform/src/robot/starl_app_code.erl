@@ -1,10 +1,11 @@
 %% @doc Keeps the code of a sequential application and converts its state from one version to
 %% another. It holds the versions of the code, the reload commands that wait for the next step, and
 %% the states with which the former code may go on. It neither takes steps nor acts: it returns what
-%% is to be reported. A part of {@link starl_app_turn}.
+%% is to be reported. A part of {@link starl_app_proc}.
 -module(starl_app_code).
 
--export([new/1, module/1, hear/3, word/1, heed/4, heeded/2, may_crash/2, stepped/1, taken_back/4]).
+-export([new/1, module/1, received/3, next_command/1, apply_command/4, with_later_commands/2]).
+-export([may_crash/2, stepped/1, taken_back/4]).
 -export([version/1, carried/3]).
 
 -export_type([t/0, running/0]).
@@ -23,15 +24,16 @@
     module :: module(),
     %% its versions, with {@link kept()}
     lineage :: starl_lineage:t(),
-    %% words on new code, to be heeded before the next step, in their order
-    words = [] :: [starl_reload:word()],
+    %% reload commands, to be applied before the next step, in their order
+    commands = [] :: [starl_reload:word()],
     %% the states with which it goes on, if the former code crashes with what new code has left
     resorts = [] :: [resort()]
 }).
 
 -opaque t() :: #code{}.
 
--type told() :: [starl_reload:told()].
+%% What is reported of the reload commands.
+-type reports() :: [starl_reload:told()].
 
 %% @doc The code of an application that starts.
 -spec new(starl_lineage:t()) -> t().
@@ -41,52 +43,54 @@ new(Lineage) -> #code{module = starl_lineage:code(Lineage), lineage = Lineage}.
 -spec module(t()) -> module().
 module(#code{module = Module}) -> Module.
 
-%% -- words ----------------------------------------------------------------------------------
+%% -- reload commands ------------------------------------------------------------------------
 
 %% @doc A reload command has come. If the application is over, it comes too late. Code that was not
 %% taken yet need not be taken back.
--spec hear(starl_reload:word(), IsOver :: boolean(), t()) -> {told(), t()}.
-hear({take, #{number := N}}, true, #code{lineage = Lineage} = Code) ->
+-spec received(starl_reload:word(), IsOver :: boolean(), t()) -> {reports(), t()}.
+received({take, #{number := N}}, true, #code{lineage = Lineage} = Code) ->
     {[starl_reload:told(N, done, nobody, Lineage)], Code};
-hear({back, _, _}, true, Code) ->
+received({back, _, _}, true, Code) ->
     {[], Code};
-hear({back, N, Robot} = Word, false, #code{words = Words, lineage = Lineage} = Code) ->
-    case [S || {take, #{number := M} = S} <- Words, M =:= N] of
+received({back, N, Robot} = Command, false, #code{commands = Commands, lineage = Lineage} = Code) ->
+    case [S || {take, #{number := M} = S} <- Commands, M =:= N] of
         [Switch | _] ->
-            Told = [starl_reload:told(N, {back, Robot}, nobody, Lineage)],
-            {Told, Code#code{words = lists:delete({take, Switch}, Words)}};
+            Reports = [starl_reload:told(N, {back, Robot}, nobody, Lineage)],
+            {Reports, Code#code{commands = lists:delete({take, Switch}, Commands)}};
         [] ->
-            {[], Code#code{words = Words ++ [Word]}}
+            {[], Code#code{commands = Commands ++ [Command]}}
     end;
-hear(Word, false, #code{words = Words} = Code) ->
-    {[], Code#code{words = Words ++ [Word]}}.
+received(Command, false, #code{commands = Commands} = Code) ->
+    {[], Code#code{commands = Commands ++ [Command]}}.
 
 %% @doc The first reload command that has come since the last step.
--spec word(t()) -> {starl_reload:word(), t()} | none.
-word(#code{words = []}) -> none;
-word(#code{words = [Word | Words]} = Code) -> {Word, Code#code{words = Words}}.
+-spec next_command(t()) -> {starl_reload:word(), t()} | none.
+next_command(#code{commands = []}) ->
+    none;
+next_command(#code{commands = [Command | Commands]} = Code) ->
+    {Command, Code#code{commands = Commands}}.
 
 %% @doc A reload command was applied, and others may have come meanwhile: `code_change/2' may block.
--spec heeded(Heeded :: t(), Present :: t()) -> t().
-heeded(Heeded, #code{words = Words}) -> Heeded#code{words = Words}.
+-spec with_later_commands(Applied :: t(), Present :: t()) -> t().
+with_later_commands(Applied, #code{commands = Commands}) -> Applied#code{commands = Commands}.
 
 %% @doc Applies a reload command before the next step. If it cannot be taken back, the application
 %% crashes after its report.
--spec heed(starl_reload:word(), running(), NowUs :: integer(), t()) ->
-    {ok, told(), running(), t()} | {no_way_back, told()}.
-heed({take, #{number := N} = Switch}, Running, Now, #code{lineage = Lineage} = Code) ->
+-spec apply_command(starl_reload:word(), running(), NowUs :: integer(), t()) ->
+    {ok, reports(), running(), t()} | {no_way_back, reports()}.
+apply_command({take, #{number := N} = Switch}, Running, Now, #code{lineage = Lineage} = Code) ->
     case starl_lineage:has(N, Lineage) of
         %% it has started with this code
         true -> {ok, [], Running, Code};
         false -> taken(Switch, Running, Now, Code)
     end;
-heed({back, N, Robot}, {_, State, _} = Running, _Now, #code{lineage = Lineage} = Code) ->
+apply_command({back, N, Robot}, {_, State, _} = Running, _Now, #code{lineage = Lineage} = Code) ->
     case starl_lineage:leave(N, Lineage) of
         {left, Left, Earlier} ->
             sent_back({back, Robot}, Left, Earlier, State, Code);
         {skipped, Skipped} ->
-            Told = [starl_reload:told(N, {back, Robot}, nobody, Skipped)],
-            {ok, Told, Running, Code#code{lineage = Skipped}};
+            Reports = [starl_reload:told(N, {back, Robot}, nobody, Skipped)],
+            {ok, Reports, Running, Code#code{lineage = Skipped}};
         unknown ->
             {ok, [], Running, Code}
     end.
@@ -95,12 +99,12 @@ taken(#{number := N, module := New} = Switch, {_Module, State, Md5} = Running, N
     case carried(New, State, Md5) of
         {ok, Next} ->
             #code{lineage = Lineage} = Taken = on_trial(Switch, State, Md5, Now, Code),
-            Told = [starl_reload:told(N, taken, nobody, Lineage)],
-            {ok, Told, {New, Next, version(New)}, Taken};
+            Reports = [starl_reload:told(N, taken, nobody, Lineage)],
+            {ok, Reports, {New, Next, version(New)}, Taken};
         {failed, Cause} ->
             #code{lineage = Lineage} = Code,
-            Told = [starl_reload:told(N, {migration_failed, Cause}, nobody, Lineage)],
-            {ok, Told, Running, Code}
+            Reports = [starl_reload:told(N, {migration_failed, Cause}, nobody, Lineage)],
+            {ok, Reports, Running, Code}
     end.
 
 %% A state that no step of the former code has taken yet is not kept.
@@ -110,10 +114,10 @@ on_trial(#{module := New} = Switch, State, Md5, Now, #code{lineage = Lineage} = 
     Code#code{module = New, lineage = Taken, resorts = []}.
 
 sent_back(Outcome, Left, Earlier, State, Code) ->
-    Told = starl_reload:left(Outcome, nobody, {Left, Earlier}),
+    Reports = starl_reload:left(Outcome, nobody, {Left, Earlier}),
     case way_back(Left, Earlier, State) of
-        none -> {no_way_back, Told};
-        {Former, Resorts} -> {ok, Told, Former, back_on(Earlier, Resorts, Code)}
+        none -> {no_way_back, Reports};
+        {Former, Resorts} -> {ok, Reports, Former, back_on(Earlier, Resorts, Code)}
     end.
 
 back_on(Earlier, Resorts, Code) ->
@@ -135,18 +139,18 @@ stepped(Code) -> Code#code{resorts = []}.
 %% @doc A step that may crash has crashed. Its effects stand, as after any crash, and the other
 %% machines are notified of one. `none': the application itself crashes, and starts anew.
 -spec taken_back(starl_crash:cause(), module(), State :: term(), t()) ->
-    {told(), running(), t()} | none.
+    {reports(), running(), t()} | none.
 taken_back(Cause, Module, _State, #code{resorts = [{N, Before} | Resorts]} = Code) ->
-    Told = [starl_reload:told(N, {restored, Cause}, others, Code#code.lineage)],
-    {Told, {Module, Before, version(Module)}, Code#code{resorts = Resorts}};
+    Reports = [starl_reload:told(N, {restored, Cause}, others, Code#code.lineage)],
+    {Reports, {Module, Before, version(Module)}, Code#code{resorts = Resorts}};
 taken_back(Cause, _Module, State, #code{lineage = Lineage} = Code) ->
     {Left, Earlier} = starl_lineage:back(Lineage),
     case way_back(Left, Earlier, State) of
         none ->
             none;
         {Former, Resorts} ->
-            Told = starl_reload:left({crashed, Cause}, others, {Left, Earlier}),
-            {Told, Former, back_on(Earlier, Resorts, Code)}
+            Reports = starl_reload:left({crashed, Cause}, others, {Left, Earlier}),
+            {Reports, Former, back_on(Earlier, Resorts, Code)}
     end.
 
 %% -- states ---------------------------------------------------------------------------------

@@ -1,5 +1,5 @@
 %% @doc Keeps the messages that wait for a sequential application to read them, and the types that
-%% it listens to. A pure part of {@link starl_app_turn}.
+%% it listens to. A pure part of {@link starl_app_proc}.
 %%
 %% SAP never hands over more messages than there is room for. It gets the room with the first type
 %% that the application listens to, and later the number of messages read. Other senders, such as

@@ -77,7 +77,7 @@ failed(Function, Argument, Given, About) ->
             function => Function,
             argument => Argument,
             given => Given,
-            application => starl_app_turn:application()
+            application => starl_app_proc:application()
         }}
     ).
 

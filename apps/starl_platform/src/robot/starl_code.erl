@@ -88,8 +88,6 @@ own_dir() -> filename:dirname(filename:dirname(code:which(?MODULE))).
 is_runtime(Module) ->
     lists:member(Module, [
         starl_app_proc,
-        starl_app_turn,
-        starl_app_call,
         starl_app_code,
         starl_machine_proc,
         gen_statem,

@@ -31,7 +31,7 @@
 -opaque t() :: #tree{}.
 
 %% What an application waits for, and its calls.
--type waiting() :: {starl_app_call:waits(), [starl_crash:frame()]} | none.
+-type waiting() :: {starl_app_proc:waits(), [starl_crash:frame()]} | none.
 
 %% Starts a robot's tree; returns its supervisors.
 -type start() :: fun(() -> {pid(), [{starl_robot_sup:part(), pid()}]}).
