@@ -222,7 +222,7 @@ acted(Pid, Actions, #turns{beside = Beside} = Turns) ->
             {Body0, #turns{robot = Robot} = Now} = at_event(Turns),
             Body = starl_live_body:input(acts, Body0),
             Idle = Now#turns{beside = Beside#{Pid := {idle, Orders}}},
-            Valid = starl_robot_actions:without_calls(starl_driver:restarted(Orders), Actions),
+            Valid = starl_robot:without_calls(starl_driver:restarted(Orders), Actions),
             Answered = Idle#turns{watch = starl_live_watch:answered(Pid, Idle#turns.watch)},
             went(starl_robot:act(Name, Valid, Body, Robot), Answered);
         _ ->

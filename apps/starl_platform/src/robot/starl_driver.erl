@@ -98,7 +98,7 @@ boot(Base) -> {starl_boot, Base}.
 step(Type, Content, Meta) -> {starl_step, Type, Content, Meta}.
 
 %% @doc The local event of this machine that the order was made of.
--spec event(starl_machine:name(), order()) -> starl_robot_loop:local().
+-spec event(starl_machine:name(), order()) -> starl_robot:local().
 event(Name, {starl_boot, _Base}) -> {Name, boot, none};
 event(Name, {starl_step, Type, Content, _Meta}) -> {Name, Type, Content}.
 

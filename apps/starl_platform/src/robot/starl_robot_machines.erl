@@ -80,14 +80,20 @@
 %% Seven eighths of the numbers that a packet can hold: after each life there can be later ones.
 -define(LATEST, (7 bsl 56)).
 
--record(machines, {
-    now = #{} :: #{starl_machine:name() => machine()},
+%% What changes only when a machine starts.
+-record(starts, {
     inline :: inline(),
-    starts = #{} :: starts(),
+    counts = #{} :: starts(),
     lives = #{} :: #{starl_machine:name() => life()},
     moment = first :: moment(),
     %% since the robot came up
     restarts = #{} :: #{starl_robot_sup:part() => pos_integer()}
+}).
+
+%% It is copied at each event.
+-record(machines, {
+    now = #{} :: #{starl_machine:name() => machine()},
+    starts :: #starts{}
 }).
 
 -opaque t() :: #machines{}.
@@ -97,7 +103,7 @@
 
 %% @doc The machines of a robot that starts for the first time; processes attach later.
 -spec new(inline()) -> t().
-new(Inline) -> up(first, #machines{inline = Inline}).
+new(Inline) -> up(first, restore(Inline, #{}, #{})).
 
 %% @doc The machines of a robot that comes up and has started this often; processes attach.
 -spec resume(inline(), moment(), starts()) -> t().
@@ -105,21 +111,22 @@ resume(Inline, Moment, Starts) -> up(Moment, restore(Inline, #{}, Starts)).
 
 %% @doc Machines in a given state: all are inline.
 -spec restore(inline(), #{starl_machine:name() => starl_machine:t()}, starts()) -> t().
-restore(Inline, Now, Starts) -> #machines{inline = Inline, now = Now, starts = Starts}.
+restore(Inline, Now, Counts) ->
+    #machines{now = Now, starts = #starts{inline = Inline, counts = Counts}}.
 
 %% @doc The present machines, in the order in which they boot.
 -spec names(t()) -> [starl_machine:name()].
 names(#machines{now = Now}) -> boot_order(maps:keys(Now)).
 
 %% @doc The local events by which they boot.
--spec boots(t()) -> [starl_robot_loop:local()].
+-spec boots(t()) -> [starl_robot:local()].
 boots(Machines) -> [{Name, boot, none} || Name <- names(Machines)].
 
 %% @doc The local events after restarts: these machines, which have come back, boot. The others are
 %% notified of them, and of the machines that were given up. Without its application the robot
 %% stops: no other machine knows its next goal.
 -spec news(Back :: [starl_machine:name()], GivenUp :: [starl_machine:name()], t()) ->
-    [starl_robot_loop:local()].
+    [starl_robot:local()].
 news(Back, GivenUp, Machines) ->
     All = names(Machines),
     Ends = [End || Name <- GivenUp, End <- farewell(Name, All)],
@@ -139,33 +146,34 @@ has(Name, #machines{now = Now}) -> is_map_key(Name, Now).
 
 %% @doc The number of a machine's starts.
 -spec incarnation(starl_machine:name(), t()) -> pos_integer().
-incarnation(Name, #machines{starts = Starts}) -> maps:get(Name, Starts).
+incarnation(Name, #machines{starts = #starts{counts = Counts}}) -> maps:get(Name, Counts).
 
 %% @doc The numbers between which the present life of the robot has begun for this machine.
 -spec life(starl_machine:name(), t()) -> life().
-life(_Name, #machines{moment = first}) -> {0, 1};
-life(Name, #machines{lives = Lives}) -> maps:get(Name, Lives).
+life(_Name, #machines{starts = #starts{moment = first}}) -> {0, 1};
+life(Name, #machines{starts = #starts{lives = Lives}}) -> maps:get(Name, Lives).
 
 %% @doc The largest number of a life that the robot may have had and forgotten, by its clock. So
 %% claims of others lead to no number that would be its last: the bound grows faster than the
 %% numbers of lives.
 -spec latest_life(t()) -> pos_integer().
-latest_life(#machines{moment = first}) -> latest_at(0);
-latest_life(#machines{moment = {Ms, _Lot}}) -> latest_at(max(0, Ms)).
+latest_life(#machines{starts = #starts{moment = first}}) -> latest_at(0);
+latest_life(#machines{starts = #starts{moment = {Ms, _Lot}}}) -> latest_at(max(0, Ms)).
 
 latest_at(Ms) -> min((Ms + ?AHEAD_MS) bsl ?LOT_BITS, ?LATEST).
 
 %% @doc The number of starts of each machine, those that are gone included.
 -spec starts(t()) -> starts().
-starts(#machines{starts = Starts}) -> Starts.
+starts(#machines{starts = #starts{counts = Counts}}) -> Counts.
 
 %% @doc The machines of a robot that is down, with other numbers of starts.
 -spec starts(starts(), t()) -> t().
-starts(Starts, Machines) -> Machines#machines{starts = Starts}.
+starts(Counts, #machines{starts = Starts} = Machines) ->
+    Machines#machines{starts = Starts#starts{counts = Counts}}.
 
 %% @doc Boots a machine with this configuration.
 -spec boot(starl_machine:name(), starl_machine:config(), t()) -> answer().
-boot(Name, Base, #machines{now = Now, inline = Inline} = Machines) ->
+boot(Name, Base, #machines{now = Now, starts = #starts{inline = Inline}} = Machines) ->
     case Now of
         #{Name := Pid} when is_pid(Pid) ->
             {ask, Pid, starl_driver:boot(Base)};
@@ -215,12 +223,13 @@ lose(Name, #machines{now = Now} = Machines) -> Machines#machines{now = maps:remo
 %% restarts already: then the machine is given up; if it is a service, so is the robot.
 -spec restart(starl_machine:name(), Bears :: non_neg_integer() | infinity, t()) ->
     {ok, t()} | given_up | gave_up.
-restart(Name, Bears, #machines{now = Now, restarts = Restarts} = Machines) ->
+restart(Name, Bears, #machines{now = Now, starts = Starts}) ->
+    #starts{restarts = Restarts} = Starts,
     Part = part(Name),
     case {maps:get(Part, Restarts, 0), Part} of
         {N, _} when N < Bears ->
-            Counted = Restarts#{Part => N + 1},
-            {ok, started(Name, Machines#machines{now = Now#{Name => waiting}, restarts = Counted})};
+            Counted = Starts#starts{restarts = Restarts#{Part => N + 1}},
+            {ok, started(Name, #machines{now = Now#{Name => waiting}, starts = Counted})};
         {_, services} ->
             gave_up;
         _ ->
@@ -238,20 +247,25 @@ down(Machines) -> Machines#machines{now = #{}}.
 
 %% @doc The robot comes up: its inline machines have to boot; processes attach.
 -spec up(moment(), t()) -> t().
-up(Moment, #machines{inline = Inline} = Machines) ->
-    Now = maps:map(fun(_, _) -> waiting end, Inline),
-    Up = Machines#machines{now = Now, restarts = #{}, moment = Moment, lives = #{}},
+up(Moment, #machines{starts = #starts{inline = Inline} = Starts}) ->
+    Up = #machines{
+        now = maps:map(fun(_, _) -> waiting end, Inline),
+        starts = Starts#starts{restarts = #{}, moment = Moment, lives = #{}}
+    },
     lists:foldl(fun started/2, Up, maps:keys(Inline)).
 
-started(Name, #machines{starts = Starts, lives = Lives, moment = Moment} = Machines) ->
-    Next = maps:get(Name, Starts, 0) + 1,
+started(Name, #machines{starts = Starts} = Machines) ->
+    Machines#machines{starts = counted(Name, Starts)}.
+
+counted(Name, #starts{counts = Counts, lives = Lives, moment = Moment} = Starts) ->
+    Next = maps:get(Name, Counts, 0) + 1,
     case {Moment, Lives} of
         {{Ms, Lot}, #{}} when not is_map_key(Name, Lives) ->
             First = max(Next, max(0, Ms) bsl ?LOT_BITS) + Lot,
-            Life = {maps:get(Name, Starts, First - 1), First},
-            Machines#machines{starts = Starts#{Name => First}, lives = Lives#{Name => Life}};
+            Life = {maps:get(Name, Counts, First - 1), First},
+            Starts#starts{counts = Counts#{Name => First}, lives = Lives#{Name => Life}};
         _ ->
-            Machines#machines{starts = Starts#{Name => Next}}
+            Starts#starts{counts = Counts#{Name => Next}}
     end.
 
 %% @doc The number of lots. A first number of a life has at most 59 bits until the year 2248.
@@ -265,16 +279,16 @@ lots() -> 1 bsl ?LOT_BITS.
             {ok, {machine, starl_machine:snapshot()} | {process, term()} | waiting}
             | {error, starl_snapshot:reason()}
     ).
-snapshot(Ask, #machines{now = Now} = Machines) ->
+snapshot(Ask, #machines{now = Now, starts = Starts}) ->
     Kept = [{Name, kept(Machine, Ask)} || {Name, Machine} <- maps:to_list(Now)],
     case [Reason || {_, {error, Reason}} <- Kept] of
         [Reason | _] ->
             {error, Reason};
         [] ->
-            #machines{starts = Starts, lives = Lives, moment = Moment, restarts = R} = Machines,
+            #starts{counts = Counts, lives = Lives, moment = Moment, restarts = R} = Starts,
             {ok, #{
                 now => maps:from_list([{Name, Data} || {Name, {ok, Data}} <- Kept]),
-                starts => Starts,
+                starts => Counts,
                 lives => Lives,
                 moment => Moment,
                 restarts => R
@@ -294,19 +308,16 @@ kept(Machine, _Ask) ->
 %% @doc The machines of such data. These processes are there already; what had one then, and is not
 %% among them, is gone.
 -spec restore_from(snapshot(), inline(), #{starl_machine:name() => pid()}) -> t().
-restore_from(
-    #{now := Now, starts := Starts, lives := Lives, moment := Moment} = Kept, Inline, Pids
-) ->
+restore_from(#{now := Now, starts := Counts, lives := Lives} = Kept, Inline, Pids) ->
+    #{moment := Moment, restarts := Restarts} = Kept,
     Left = maps:filter(
         fun(Name, _) -> is_map_key(Name, Inline) orelse is_map_key(Name, Pids) end, Now
     ),
+    Starts = #starts{
+        inline = Inline, counts = Counts, lives = Lives, moment = Moment, restarts = Restarts
+    },
     #machines{
-        now = maps:map(fun(Name, Data) -> restored(Name, Data, Pids) end, Left),
-        inline = Inline,
-        starts = Starts,
-        lives = Lives,
-        moment = Moment,
-        restarts = maps:get(restarts, Kept)
+        now = maps:map(fun(Name, Data) -> restored(Name, Data, Pids) end, Left), starts = Starts
     }.
 
 restored(Name, _Data, Pids) when is_map_key(Name, Pids) -> maps:get(Name, Pids);
@@ -336,7 +347,7 @@ processes(#machines{now = Now}) ->
 
 %% @doc The machines that get no process.
 -spec inline(t()) -> inline().
-inline(#machines{inline = Inline}) -> Inline.
+inline(#machines{starts = #starts{inline = Inline}}) -> Inline.
 
 %% @doc All machines in their present state.
 -spec to_map(t()) -> #{starl_machine:name() => machine()}.

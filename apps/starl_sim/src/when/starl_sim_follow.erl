@@ -154,7 +154,7 @@ came({timer, Name, Timer, Mark, Content}, App, World, Robot) ->
             throw({?MODULE, another_way})
     end;
 came(acts, {at_work, Orders}, World, Robot) ->
-    Valid = starl_robot_actions:without_calls(starl_driver:restarted(Orders), done(Robot)),
+    Valid = starl_robot:without_calls(starl_driver:restarted(Orders), done(Robot)),
     went(starl_robot:act(app, Valid, World, Robot), {idle, Orders});
 came(order, {idle, [Order | Orders]}, #world{now = Now} = World, Robot) ->
     process(Robot) ! starl_driver:later(Now, Order),
