@@ -95,7 +95,7 @@
 %% the line, or its reverse, for a drive without a turn, rad.
 -define(SLOW, 100.0).
 -define(STRAIGHT, 0.1).
-%% The way of a robot that is a little off its line is longer than along the line by this at most.
+%% The path of a robot that is a little off its line is longer than along the line by this at most.
 -define(FAR_OFF, 1.1).
 
 -spec simulation() -> module().
@@ -186,7 +186,7 @@ stall_mm(#{turn_rate := Rate, axle_mm := Axle}) -> ?STALL_S * Rate * Axle / 2 / 
 %% The longest leg that does not lead to the goal, mm.
 longest_mm(Profile) -> longer(Profile) * length_mm(Profile).
 
-%% The least way that a leg makes towards the goal unless it ends there, mm: the shortest leg less its
+%% The least distance that a leg gains towards the goal unless it ends there, mm: the shortest leg less its
 %% errors. None, if a last leg may miss the goal.
 advance_mm(#{goal_mm := Goal, near_speed := Near, speed := Speed, leg_s := LegS} = Profile) ->
     #{distance_error := Part, position_error_mm := Position} = Profile,
@@ -226,7 +226,7 @@ pace(#{heading_error := Error, goal_mm := Goal, position_error_mm := Position} =
 
 %% -- a drive to a goal ------------------------------------------------------------------------
 
--spec next(starl_chassis:way(), starl:pose(), starl_geometry:segment(), starl_chassis:profile()) ->
+-spec next(starl_chassis:mode(), starl:pose(), starl_geometry:segment(), starl_chassis:profile()) ->
     arrived | starl_chassis:step().
 next(to, Pose, Line, Profile) -> to(Pose, Line, Profile);
 next(along, Pose, Line, Profile) -> along(Pose, Line, Profile);
@@ -248,7 +248,7 @@ next_leg(Here, Distance, Line, Profile) ->
     leg_to(Here, Aim, starl_geometry:distance(Here, Aim), Distance, Profile).
 
 %% A robot that finds itself far off its line, as by the position of another robot, looks again
-%% before it has driven the whole way back. One that is a little off has a little farther to go than
+%% before it has driven all of it back. One that is a little off has a little farther to go than
 %% along the line.
 leg_to(Here, Aim, Mm, Distance, Profile) ->
     {Speed, TurnRate} = speeds(Distance, Profile),
@@ -260,7 +260,7 @@ leg_to(Here, Aim, Mm, Distance, Profile) ->
         end,
     {starl_geometry:heading(Here, Aim), Length, Speed, TurnRate}.
 
-%% Drives towards a point, all the way if that is no longer than a leg; `Distance' is left to the goal.
+%% Drives towards a point, and up to it if that is no longer than a leg; `Distance' is left to the goal.
 towards({X, Y, _} = Pose, Aim, Distance, Profile) ->
     towards(Pose, Aim, starl_geometry:distance({X, Y}, Aim), Distance, Profile).
 
@@ -300,7 +300,7 @@ speeds(_Distance, #{speed := Speed, turn_rate := TurnRate}) ->
     {Speed, TurnRate}.
 
 %% The point of the line from start to goal that lies one leg ahead of the robot; a leg ends where
-%% the speed changes near the goal. The rest of the way is no longer than a last leg may be.
+%% the speed changes near the goal. The rest is no longer than a last leg may be.
 aim(Here, Distance, Speed, {Start, Goal}, #{leg_s := LegS, near_mm := Near} = Profile) ->
     ToChange =
         case Distance > Near of

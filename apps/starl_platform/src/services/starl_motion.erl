@@ -81,7 +81,7 @@
     %% drive does not obey, or the robot got no position or no answer of its chassis
     | {velocity_over, time | command | restarted | stalled | unknown | no_answer}
     %% it is to drive to this point
-    | {goal, starl_chassis:way(), starl_geometry:point()}
+    | {goal, starl_chassis:mode(), starl_geometry:point()}
     %% along this line, since now it knows where it stands
     | {line, starl_geometry:segment()}
     %% it has arrived, or another command came, or the clocks do not agree, or something is in the way
@@ -92,7 +92,7 @@
 
 %% A drive goes to a point, along a given line, or to the beginning of one.
 -record(goal, {
-    way = to :: starl_chassis:way(),
+    mode = to :: starl_chassis:mode(),
     start = unknown :: starl_geometry:point() | unknown,
     point = {0.0, 0.0} :: starl_geometry:point(),
     %% is the line to it known?
@@ -197,11 +197,11 @@ looked(_, _State, _Drive) ->
     keep_state_and_data.
 
 called({go_to, Goal}, From, State, Drive) ->
-    go(#goal{way = to, point = Goal}, From, State, Drive);
+    go(#goal{mode = to, point = Goal}, From, State, Drive);
 called({go_along, {Start, End}}, From, State, Drive) ->
-    go(#goal{way = along, start = Start, point = End}, From, State, Drive);
+    go(#goal{mode = along, start = Start, point = End}, From, State, Drive);
 called({face, {Start, End}}, From, State, Drive) ->
-    go(#goal{way = face, start = Start, point = End}, From, State, Drive);
+    go(#goal{mode = face, start = Start, point = End}, From, State, Drive);
 called({velocity, _, _}, From, State, Drive) when State =:= stalled; State =:= trying ->
     {keep_state, Drive, [{reply, From, {error, stalled}}]};
 called({velocity, Velocity, Us}, From, State, Drive) ->
@@ -277,14 +277,14 @@ begun(#{robot := Self, profiles := Profiles, incarnation := Incarnation, now := 
 %% one that waits for its drive keeps waiting.
 go(Goal, From, State, #drive{stands = Stands} = Drive) ->
     Going = Drive#drive{from = From, bound = true, goal = Goal, memo = none},
-    Actions = stopped(Drive) ++ [{trace, {goal, Goal#goal.way, heads_to(Goal)}}],
-    case Stands andalso Goal#goal.way =:= to of
+    Actions = stopped(Drive) ++ [{trace, {goal, Goal#goal.mode, heads_to(Goal)}}],
+    case Stands andalso Goal#goal.mode =:= to of
         _ when State =:= stalled -> {keep_state, Going, Actions};
         true -> look(Going, Actions);
         false -> stand_still(Going, Actions)
     end.
 
-heads_to(#goal{way = face, start = Start}) -> Start;
+heads_to(#goal{mode = face, start = Start}) -> Start;
 heads_to(#goal{point = Point}) -> Point.
 
 %% It is to stop; these callers wait until it stands.
@@ -421,7 +421,7 @@ stands(Agree, #drive{waiting = Waiting} = Drive) ->
     end.
 
 %% What ends the drive to its goal before it has arrived.
-hindrance(false, #drive{goal = #goal{way = Way}}) when Way =/= to ->
+hindrance(false, #drive{goal = #goal{mode = Mode}}) when Mode =/= to ->
     out_of_time;
 hindrance(_Agree, #drive{solid = Solid, goal = Goal}) ->
     case Solid andalso is_blocked(Goal) of
@@ -430,7 +430,7 @@ hindrance(_Agree, #drive{solid = Solid, goal = Goal}) ->
     end.
 
 %% Does an obstacle block its line?
-is_blocked(#goal{way = Way, stalls = Stalls}) -> Way =/= to andalso Stalls >= ?STALLS.
+is_blocked(#goal{mode = Mode, stalls = Stalls}) -> Mode =/= to andalso Stalls >= ?STALLS.
 
 given_up(Why, #drive{from = From} = Drive) ->
     {goal_over(Why, Drive) ++ [{reply, From, {error, Why}}], Drive#drive{from = none}}.
@@ -522,7 +522,7 @@ look(Drive, Actions) ->
 locate(Drive) -> locate(Drive, []).
 
 %% It gets no position. It has to stand for a leg along a line, whose beginning is timed.
-unseen(#drive{goal = #goal{way = to}} = Drive) -> locate(Drive, []);
+unseen(#drive{goal = #goal{mode = to}} = Drive) -> locate(Drive, []);
 unseen(Drive) -> stand_still(Drive, []).
 
 locate(#drive{asked = N} = Drive, Actions) ->
@@ -546,8 +546,8 @@ with_line(_Place, #goal{start = Start, point = Point} = Goal) ->
     {[{line, {Start, Point}}], Goal#goal{known = true}}.
 
 next(Pose, #drive{memo = none, chassis = Chassis, profile = Profile, goal = Goal}) ->
-    #goal{way = Way, start = Start, point = Point} = Goal,
-    Chassis:next(Way, Pose, {Start, Point}, Profile);
+    #goal{mode = Mode, start = Start, point = Point} = Goal,
+    Chassis:next(Mode, Pose, {Start, Point}, Profile);
 next(Pose, #drive{memo = {some, Memo}, chassis = Chassis, profile = Profile}) ->
     Chassis:resume(Pose, Memo, Profile).
 
