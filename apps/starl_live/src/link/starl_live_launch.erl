@@ -58,7 +58,7 @@ process(chassis) -> starl_live_chassis.
 -spec machines(opened()) -> {ok, starl_robot:t(), starl_robot_tree:t()} | {stop, Reason :: term()}.
 machines(#{robot := Id, robot_sup := Sup, tree := Tree, store := Store} = Spec) ->
     Body = starl_live_body:new(Spec#{
-        participants => maps:get(participants, Tree), parts => starl_robot_crew:parts(Tree)
+        participants => maps:get(participants, Tree), parts => starl_robot_services:parts(Tree)
     }),
     {Left, Inline} = inline(Tree#{services := services(Tree)}, Spec),
     Moment = starl_live_body:moment(Body),
@@ -70,7 +70,7 @@ machines(#{robot := Id, robot_sup := Sup, tree := Tree, store := Store} = Spec) 
         {error, Why} -> {stop, {shutdown, {store, unicode:characters_to_binary(Why)}}}
     end.
 
-inline(Tree, #{inline := true}) -> starl_robot_crew:inline(Tree);
+inline(Tree, #{inline := true}) -> starl_robot_services:inline(Tree);
 inline(Tree, _Spec) -> {Tree, #{}}.
 
 %% Starts the machines that are processes.

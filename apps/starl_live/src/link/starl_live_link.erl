@@ -33,7 +33,7 @@
 %% A line of the robot: the module of its driver, and the driver's own configuration.
 -type line() :: {module(), map()}.
 
-%% A robot: its machines ({@link starl_robot_crew:tree()}), the seed of its team, which is the same
+%% A robot: its machines ({@link starl_robot_services:tree()}), the seed of its team, which is the same
 %% for all robots and all their starts ({@link starl_machine:config()}), its lines, the senses that are not its
 %% chassis', its clock, the directory of
 %% its store, and the process that gets the facts, if any; `record': whether the facts are also
@@ -46,7 +46,7 @@
 -type spec() :: #{
     robot := starl:robot_id(),
     robot_sup := pid(),
-    tree := starl_robot_crew:tree(),
+    tree := starl_robot_services:tree(),
     team_seed := integer(),
     profile := starl_chassis:profile(),
     clock := starl_live_clock:t(),

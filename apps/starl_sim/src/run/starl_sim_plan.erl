@@ -53,7 +53,7 @@ make({Scenario, Scene, #{tree := Tree, robots := Robots} = Run}, Options) ->
 crew(process, Tree) ->
     #{tree => Tree, inline => #{}};
 crew(inline, Tree) ->
-    {Left, Inline} = starl_robot_crew:inline(Tree),
+    {Left, Inline} = starl_robot_services:inline(Tree),
     #{tree => Left, inline => Inline}.
 
 world(#{faults := Faults} = Scenario, Scene, #{world := World, reloads := Reloads}, Options) ->

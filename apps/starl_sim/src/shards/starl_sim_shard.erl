@@ -39,7 +39,9 @@
 
 %% The parts of every robot: the tree of its processes, if it has any, without its
 %% number and driver; and the machines that get no process.
--type crew() :: #{tree := starl_robot_crew:tree() | none, inline := starl_robot_machines:inline()}.
+-type crew() :: #{
+    tree := starl_robot_services:tree() | none, inline := starl_robot_machines:inline()
+}.
 
 %% The initial load of a shard. `peers' are the other shards, `owners' gives the shard of each
 %% robot.

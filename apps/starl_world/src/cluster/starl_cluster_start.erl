@@ -91,5 +91,5 @@ peopled({#{tree := Tree} = Plan, Schedule}, Nodes, #{transport := Transport} = O
         speed => Speed,
         nodes => starl_cluster_nodes:specified(Specs, Nodes),
         faults => starl_cluster_faults:planned(Schedule, Chaos, Nodes, Faults),
-        parts => starl_robot_crew:parts(Tree)
+        parts => starl_robot_services:parts(Tree)
     }.
