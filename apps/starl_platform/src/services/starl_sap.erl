@@ -66,6 +66,7 @@
 
 -export_type([config/0, event/0, answer/0, id/0]).
 
+%% The name of a message: its source, the source's incarnation, and its sequence number.
 -type id() :: {starl:robot_id(), starl_packet:incarnation(), starl_packet:seq()}.
 
 %% The answer to a caller: the message arrived everywhere, or where it was lost.
@@ -341,6 +342,8 @@ transmit_first(Dests, #message{} = Message, Links, #sap{next = Seq} = Sap) ->
 how(#message{number = {all, _}}) -> all;
 how(#message{}) -> one.
 
+%% -- messages under way ---------------------------------------------------------------------
+
 transmit(Seq, #message{tries = Tries, waiting = Waiting} = Message, Sap) ->
     #sap{messages = Messages, setup = #setup{delays = Delays} = Setup} = Sap,
     #setup{self = Self, incarnation = Own} = Setup,
@@ -386,6 +389,8 @@ lost(Seq, #message{waiting = Waiting, lost = Lost, number = Number} = Message, S
     Done = Message#message{lost = Waiting ++ Lost},
     {Actions, Finished} = finish(Seq, Done, lost, Links, Sap),
     {outcomes(Seq, Waiting, lost, Sap) ++ Actions, Finished}.
+
+%% -- outcomes -------------------------------------------------------------------------------
 
 %% A robot acknowledges a message, or refuses it after a restart.
 settle({By, Theirs}, Own, Seq, Outcome, #sap{setup = #setup{incarnation = Own}} = Sap) ->
