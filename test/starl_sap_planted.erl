@@ -11,7 +11,7 @@
 -export([init/1, handle_event/5]).
 
 %% Where starl_sap keeps what it knows of its peers.
--define(PEERS, 6).
+-define(PEERS, 7).
 
 init(#{variant := restarts} = Config) -> start(Config#{incarnation := 1});
 init(Config) -> start(Config).

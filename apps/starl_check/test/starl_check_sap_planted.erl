@@ -14,7 +14,7 @@ init(#{variant := Variant} = Config) ->
 
 %% careless: forgets what it has taken (the field `peers' of #sap{}) whenever it is to send.
 handle_event({call, _} = Type, Request, State, {careless, Sap}, Meta) ->
-    forward(Type, Request, State, {careless, setelement(6, Sap, starl_sap_peers:new())}, Meta);
+    forward(Type, Request, State, {careless, setelement(7, Sap, starl_sap_peers:new())}, Meta);
 handle_event(Type, Content, State, Data, Meta) ->
     forward(Type, Content, State, Data, Meta).
 

@@ -256,6 +256,21 @@ blocked_test() ->
     Open = Stall(On(Stall(On(Stall(leg({go_along, ?ROUTE})))))),
     ?assertMatch([?ASKS(_)], acts(Open)).
 
+%% A try may lead anywhere: it needs room up to the tracking radius, where a try of 2 mm and the error of
+%% the position are allowed for. Without that the robot looks first.
+a_try_stays_on_the_line_test() ->
+    Solid = m(driven(m(new(#{solid => true}, 1)))),
+    Profile = starl_chassis:profile(starl_chassis_differential, #{}),
+    #{position_error_mm := Error} = Profile,
+    Room = starl_chassis:tracking_radius(Profile) - 2.0 - Error,
+    Tries = fun(Aside) ->
+        M = m(seen({100.0, Aside, 0.0}, m(driven(m(calls({go_along, ?ROUTE}, Solid)))))),
+        #m{command = N} = M,
+        acts(step(state_timeout, try_again, m(step(info, {stalled, N, {500.0, 500.0}}, M))))
+    end,
+    ?assertMatch([{drive, {_, [{-100.0, -100.0, 20_000}]}, _}], Tries(Room - 0.01)),
+    ?assertMatch([?ASKS(_)], Tries(Room + 0.01)).
+
 %% -- a velocity --------------------------------------------------------------------------------------
 
 %% It looks, and drives for what is left of the time; at the end it says so.

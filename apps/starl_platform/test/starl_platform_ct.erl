@@ -164,7 +164,7 @@ fault_id(Prefix, N) -> list_to_atom(lists:concat([Prefix, N])).
 
 %% The profile of a chassis with two wheels, in round numbers: a last leg is 100 mm long.
 two_wheels() ->
-    starl_differential_course:profile(#{
+    starl_chassis_differential:profile(#{
         speed => 100.0,
         near_speed => 50.0,
         turn_rate => 1.0,

@@ -476,3 +476,270 @@ actions_of_machines_test() ->
     ?assertEqual({cast, sap, {send, 2, t, hi}}, starl_sap:post(2, t, hi)),
     ?assertEqual({cast, sap, {shout, t, hi}}, starl_sap:shout(t, hi)),
     ?assertEqual({cast, sap, {listen, t, door}}, starl_sap:listen(t, door)).
+
+%% -- messages under way ----------------------------------------------------------------------
+
+%% Robot 1 in its fifth incarnation, in a team of so many. Its windows hold three messages, which are
+%% sent at most three times.
+sender(Robots) ->
+    Base = #{
+        robot => 1,
+        participants => lists:seq(1, Robots),
+        name => sap,
+        incarnation => 5,
+        random => rand:seed_s(exsss, 1),
+        now => 0
+    },
+    Config = #{retransmit_ms => 100, backoff => 1.5, limit => 2, window => 3},
+    element(2, starl_machine:new(starl_sap, Config, Base)).
+
+id(Seq) -> {1, 5, Seq}.
+
+caller() -> {app, tag}.
+
+asks(Request, none, Sap) -> step(cast, Request, Sap);
+asks(Request, From, Sap) -> step({call, From}, Request, Sap).
+
+send(To, From, Sap) -> asks({send, To, t, hi}, From, Sap).
+
+broadcast(From, Sap) -> asks({broadcast, t, hi}, From, Sap).
+
+%% A robot, in an incarnation, says of a message of this robot's incarnation what becomes of it.
+settle(By, Seq, Outcome, Sap) -> settle({By, 1}, 5, Seq, Outcome, Sap).
+
+settle({By, Theirs}, Own, Seq, acknowledged, Sap) ->
+    step(packet, starl_packet:ack(By, Theirs, Own, Seq), Sap);
+settle({By, Theirs}, Own, Seq, restarted, Sap) ->
+    step(packet, starl_packet:refusal(By, Theirs, Own, Seq), Sap).
+
+again(Seq, Sap) -> step({timeout, {retransmit, Seq}}, again, Sap).
+
+%% The lowest numbers that still wait for an acknowledgement of a robot.
+lows(Robot, Sap) ->
+    [{transmit, Robot, {starl, 1, told, 1, 5, 9, Lows, _}}] =
+        actions(step(packet, starl_packet:ask(Robot, 9, {0, 0}), Sap)),
+    Lows.
+
+%% The state after these steps.
+all(Steps, Sap) -> lists:foldl(fun(Step, S) -> element(2, Step(S)) end, Sap, Steps).
+
+sends(To) -> fun(S) -> send(To, none, S) end.
+broadcasts() -> fun(S) -> broadcast(none, S) end.
+acks(By, Seq) -> fun(S) -> settle(By, Seq, acknowledged, S) end.
+retries(Seq) -> fun(S) -> again(Seq, S) end.
+
+sent(Seq, Dests) -> {trace, {sent, id(Seq), Dests, t, erlang:phash2(hi)}}.
+called(Seq, How) -> {trace, {called, id(Seq), How}}.
+timer(Seq, Ms) -> {{timeout, {retransmit, Seq}}, 1000 * Ms, again}.
+cancelled(Seq) -> {{timeout, {retransmit, Seq}}, cancel}.
+own_data(Seq, Number) -> own_data(Seq, Number, #{}).
+own_data(Seq, Number, For) -> starl_packet:data({1, 5, Seq, Number, For, t, hi}).
+outcome(Seq, By, Outcome) -> {trace, {outcome, id(Seq), By, Outcome}}.
+answered(Seq, Answer) -> [{trace, {answered, id(Seq), Answer}}, {reply, {app, tag}, Answer}].
+
+%% Names count in an incarnation, numbers to a robot or among the broadcasts.
+names_and_numbers_test() ->
+    {First, One} = send(2, none, sender(3)),
+    ?assertEqual([sent(1, [2]), timer(1, 100), {transmit, 2, own_data(1, 1)}], First),
+    {Second, Two} = send(2, caller(), One),
+    Packet = {transmit, 2, own_data(2, 2)},
+    ?assertEqual([sent(2, [2]), called(2, one), timer(2, 100), Packet], Second),
+    {Third, Three} = broadcast(caller(), all([sends(3)], Two)),
+    All = {transmit, all, own_data(4, {all, 1})},
+    ?assertEqual([sent(4, [2, 3]), called(4, all), timer(4, 100), All], Third),
+    ?assertEqual(
+        {transmit, all, own_data(5, {all, 2})}, lists:last(actions(broadcast(none, Three)))
+    ).
+
+%% The packet of a broadcast says which incarnations it is meant for, of those that it still goes to.
+a_retransmission_is_meant_for_those_who_wait_test() ->
+    Hellos = [{packet, starl_packet:hello(2, 7)}, {packet, starl_packet:hello(3, 8)}],
+    {Actions, Sent} = broadcast(none, after_all(Hellos, sender(3))),
+    Both = #{2 => 7, 3 => 8},
+    ?assertEqual({transmit, all, own_data(1, {all, 1}, Both)}, lists:last(Actions)),
+    {_, Left} = settle({2, 7}, 5, 1, acknowledged, Sent),
+    Packet = {transmit, 3, own_data(1, {all, 1}, #{3 => 8})},
+    ?assertEqual([timer(1, 150), Packet], actions(again(1, Left))).
+
+%% A message goes again after each of the waiting times; after the last it is lost.
+a_message_without_acknowledgement_is_lost_test() ->
+    {_, First} = send(2, caller(), sender(3)),
+    {Second, Two} = again(1, First),
+    ?assertEqual([timer(1, 150), {transmit, 2, own_data(1, 1)}], Second),
+    {Third, Three} = again(1, Two),
+    ?assertEqual([timer(1, 225), {transmit, 2, own_data(1, 1)}], Third),
+    {Lost, Four} = again(1, Three),
+    ?assertEqual([outcome(1, 2, lost) | answered(1, {error, lost})], Lost),
+    ?assertEqual([], actions(again(1, Four))),
+    ?assertEqual({2, 1}, lows(2, Four)),
+    ?assertEqual(sent(2, [2]), hd(actions(send(2, none, Four)))).
+
+%% A broadcast goes again to each robot that has not acknowledged, and is lost at those alone.
+a_broadcast_is_lost_where_it_is_not_acknowledged_test() ->
+    {_, First} = broadcast(caller(), sender(4)),
+    {Acked, Two} = settle(3, 1, acknowledged, First),
+    ?assertEqual([outcome(1, 3, acknowledged)], Acked),
+    {Again, Three} = again(1, Two),
+    Packet = own_data(1, {all, 1}),
+    ?assertEqual([timer(1, 150), {transmit, 2, Packet}, {transmit, 4, Packet}], Again),
+    {Lost, Four} = again(1, all([retries(1)], Three)),
+    Outcomes = [outcome(1, 2, lost), outcome(1, 4, lost)],
+    ?assertEqual(Outcomes ++ answered(1, {error, {lost, [2, 4]}}), Lost),
+    ?assertEqual([{1, 2}, {1, 2}, {1, 2}], [lows(R, Four) || R <- [2, 3, 4]]).
+
+%% A caller is answered with the outcome.
+a_caller_is_answered_with_the_outcome_test() ->
+    {_, Sap} = send(2, caller(), sender(3)),
+    Acked = [outcome(1, 2, acknowledged), cancelled(1) | answered(1, ok)],
+    ?assertEqual(Acked, actions(settle(2, 1, acknowledged, Sap))),
+    Refused = [outcome(1, 2, restarted), cancelled(1) | answered(1, {error, restarted})],
+    ?assertEqual(Refused, actions(settle({2, 2}, 5, 1, restarted, Sap))).
+
+%% A message is meant for the incarnation that was known when it was first sent.
+an_outcome_is_that_of_the_meant_incarnation_test() ->
+    {_, Sap} = send(2, none, after_all([{packet, starl_packet:hello(2, 3)}], sender(3))),
+    Untrue = fun(Theirs, Outcome) ->
+        [dropped(Outcome, 2)] =:= actions(settle({2, Theirs}, 5, 1, Outcome, Sap))
+    end,
+    ?assert(Untrue(1, acknowledged)),
+    ?assert(Untrue(3, restarted)),
+    ?assertEqual(outcome(1, 2, acknowledged), hd(actions(settle({2, 3}, 5, 1, acknowledged, Sap)))),
+    ?assertEqual(outcome(1, 2, restarted), hd(actions(settle({2, 4}, 5, 1, restarted, Sap)))).
+
+%% Nothing follows from outcomes of no message, of another robot's, or of another incarnation's.
+an_outcome_of_nothing_is_ignored_test() ->
+    Sap = all([sends(2)], sender(3)),
+    ?assertEqual([], actions(settle(2, 2, acknowledged, Sap))),
+    ?assertEqual([], actions(settle(3, 1, acknowledged, Sap))),
+    [?assertEqual([], actions(settle({2, 1}, Own, 1, acknowledged, Sap))) || Own <- [4, 6]].
+
+%% The answer to a broadcast comes with the last outcome, and names the robots that refused it.
+a_broadcast_is_answered_with_its_last_outcome_test() ->
+    {_, Sap} = broadcast(caller(), sender(4)),
+    One = all([acks(3, 1)], Sap),
+    {Refused, Two} = settle({4, 2}, 5, 1, restarted, One),
+    ?assertEqual([outcome(1, 4, restarted)], Refused),
+    ?assertEqual([], actions(settle(3, 1, acknowledged, Two))),
+    Answers = fun(Lost) -> answered(1, {error, {lost, Lost}}) end,
+    {Last, _} = settle({2, 2}, 5, 1, restarted, Two),
+    ?assertEqual([outcome(1, 2, restarted), cancelled(1) | Answers([2, 4])], Last),
+    {Good, _} = settle(2, 1, acknowledged, Two),
+    ?assertEqual(Answers([4]), lists:nthtail(2, Good)),
+    {Ok, _} = settle(2, 1, acknowledged, all([acks(4, 1)], One)),
+    ?assertEqual(answered(1, ok), lists:nthtail(2, Ok)).
+
+overload() -> [{trace, {overload, t}}].
+
+%% The numbers under way to a robot lie within its window; other robots have windows of their own.
+numbers_under_way_lie_within_the_window_test() ->
+    Full = all([sends(2), sends(2), sends(2)], sender(3)),
+    ?assertEqual(overload(), actions(send(2, none, Full))),
+    ?assertEqual(sent(4, [3]), hd(actions(send(3, none, Full)))),
+    ?assertEqual(overload(), actions(send(2, none, all([acks(2, 2)], Full)))),
+    ?assertEqual(overload(), actions(send(2, none, all([acks(2, 3)], Full)))),
+    {More, Next} = send(2, none, all([acks(2, 1)], Full)),
+    ?assertEqual(sent(4, [2]), hd(More)),
+    ?assertEqual(overload(), actions(send(2, none, Next))),
+    Lost = all([retries(1), retries(1), retries(1)], Full),
+    ?assertEqual(sent(4, [2]), hd(actions(send(2, none, Lost)))).
+
+%% A broadcast is lost at once at a robot whose window is used up, and goes to the others.
+a_broadcast_is_lost_where_the_window_is_used_up_test() ->
+    Three = all([broadcasts(), broadcasts(), broadcasts()], sender(3)),
+    ?assertEqual(overload(), actions(broadcast(none, Three))),
+    Full = all([acks(3, 1), acks(3, 2), acks(3, 3)], Three),
+    {Actions, Sap} = broadcast(caller(), Full),
+    Packet = {transmit, all, own_data(4, {all, 4})},
+    ?assertEqual(
+        [sent(4, [2, 3]), called(4, all), timer(4, 100), Packet, outcome(4, 2, lost)], Actions
+    ),
+    {[_, _ | Answer], _} = settle(3, 4, acknowledged, Sap),
+    ?assertEqual(answered(4, {error, {lost, [2]}}), Answer),
+    ?assertEqual([], actions(settle(2, 4, acknowledged, Sap))).
+
+%% Broadcasts and messages to one robot have windows of their own.
+windows_apart_test() ->
+    Casts = all([broadcasts(), broadcasts(), broadcasts()], sender(3)),
+    ?assertEqual(sent(4, [2]), hd(actions(send(2, none, Casts)))),
+    Ones = all([sends(2), sends(2), sends(2)], sender(3)),
+    ?assertEqual(sent(4, [2, 3]), hd(actions(broadcast(none, Ones)))).
+
+%% A robot answers with the lowest numbers that it still waits for; without any, the next to come.
+the_lowest_numbers_are_those_that_are_waited_for_test() ->
+    ?assertEqual({1, 1}, lows(2, sender(3))),
+    Sap = all([sends(2), sends(2), broadcasts(), broadcasts()], sender(3)),
+    ?assertEqual([{1, 1}, {1, 1}], [lows(R, Sap) || R <- [2, 3]]),
+    ?assertEqual({2, 1}, lows(2, all([acks(2, 1)], Sap))),
+    ?assertEqual({1, 1}, lows(2, all([acks(2, 2)], Sap))),
+    ?assertEqual({3, 1}, lows(2, all([acks(2, 1), acks(2, 2)], Sap))),
+    ?assertEqual({1, 2}, lows(2, all([acks(2, 3)], Sap))),
+    ?assertEqual({1, 3}, lows(3, all([acks(3, 3), acks(3, 4)], Sap))).
+
+%% -- listeners -------------------------------------------------------------------------------
+
+%% Message N of robot 2, with its number as the body.
+comes(N, Type, Sap) -> step(packet, starl_packet:data({2, 1, N, N, #{}, Type, N}), Sap).
+
+come(Ns, Type, Sap) -> lists:foldl(fun(N, S) -> element(2, comes(N, Type, S)) end, Sap, Ns).
+
+%% What of the actions goes to listeners.
+heard(Actions) -> [{To, N} || {cast, To, {message, 2, _, N}} <- Actions].
+
+listen(Type, Machine, Sap) -> step(cast, {listen, Type, Machine}, Sap).
+
+listening(Pairs) -> listening(Pairs, #{}).
+
+listening(Pairs, Config) ->
+    after_all([{cast, {listen, Type, Machine}} || {Type, Machine} <- Pairs], started(Config)).
+
+with_room(Machine, Room, Sap) -> after_all([{cast, {listen, any, Machine, Room}}], Sap).
+
+full() -> [{trace, {full, 2, t}}].
+
+a_message_goes_to_the_listener_of_its_type_test() ->
+    Sap = listening([{u, window}, {t, door}]),
+    ?assertEqual([{door, 1}], heard(actions(comes(1, t, Sap)))),
+    ?assertEqual([{window, 1}], heard(actions(comes(1, u, Sap)))).
+
+%% A listener gets the messages of its type that have waited, the oldest first; that makes room for
+%% others to wait.
+messages_wait_for_their_listener_test() ->
+    Full = come([3], t, come([2], u, come([1], t, started(#{unclaimed => 3})))),
+    ?assertEqual([{trace, {unclaimed_full, 2, t}}], actions(comes(4, t, Full))),
+    {Waited, Next} = listen(t, door, Full),
+    ?assertEqual([{door, 1}, {door, 3}], heard(Waited)),
+    ?assertEqual([], actions(listen(t, door, Next))),
+    ?assertEqual([{bell, 2}], heard(actions(listen(u, bell, Next)))),
+    ?assertMatch([{trace, {delivered, _, v, _}}, _], actions(comes(5, v, come([4], v, Next)))).
+
+%% A listener with room gets as many messages as it has room for, and more when it has read.
+a_listener_gets_as_much_as_it_has_room_for_test() ->
+    Two = come([1, 2], t, with_room(app, 2, listening([{t, app}]))),
+    ?assertEqual(full(), actions(comes(3, t, Two))),
+    Read = fun(Count) -> after_all([{cast, {read, app, Count}}], Two) end,
+    ?assertEqual([{app, 3}], heard(actions(comes(3, t, Read(1))))),
+    ?assertEqual(full(), actions(comes(4, t, come([3], t, Read(1))))),
+    ?assertEqual(full(), actions(comes(5, t, come([3, 4], t, Read(2))))),
+    ?assertEqual(full(), actions(comes(3, t, with_room(app, 0, Read(2))))).
+
+%% The room is that of the machine, for all its types together, and of no other machine.
+a_room_is_for_all_types_test() ->
+    Sap = with_room(app, 1, listening([{v, door}, {t, app}, {u, app}])),
+    Full = come([1], u, Sap),
+    ?assertEqual(full(), actions(comes(2, t, Full))),
+    ?assertEqual([{trace, {full, 2, u}}], actions(comes(2, u, Full))),
+    ?assertEqual([{door, 2}], heard(actions(comes(2, v, Full)))).
+
+%% What a listener without a room has read changes nothing.
+a_listener_without_room_gets_all_test() ->
+    {Actions, Sap} = step(cast, {read, app, 3}, listening([{t, app}])),
+    ?assertEqual([], Actions),
+    ?assertEqual([{app, 9}], heard(actions(comes(9, t, come(lists:seq(1, 8), t, Sap))))).
+
+%% A datagram goes to its listener by its plain name; it takes no room, and waits for nobody.
+a_datagram_takes_no_room_test() ->
+    Shouted = fun(Type, Sap) -> actions(step(packet, starl_packet:shout(2, Type, hi), Sap)) end,
+    ?assertEqual([{trace, {unheard, 2, {app, t}}}], Shouted({app, t}, started())),
+    Sap = with_room(app, 0, listening([{t, door}, {{app, t}, app}])),
+    ?assertEqual([{cast, app, {message, 2, t, hi}}], Shouted({app, t}, Sap)),
+    ?assertEqual([{cast, door, {message, 2, t, hi}}], Shouted(t, Sap)).

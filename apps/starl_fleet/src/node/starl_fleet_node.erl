@@ -167,7 +167,7 @@ handle_continue(open, #node{place = #{state := State} = Place} = Node) ->
     ok = filelib:ensure_path(State),
     case prepare(Place) of
         {ok, #{app := App} = Fleet, #{tree := Tree} = Spec} ->
-            Known = Node#node{app = App, parts = starl_robot_crew:parts(Tree)},
+            Known = Node#node{app = App, parts = starl_robot_services:parts(Tree)},
             {noreply, opened(distribute(Place, Fleet), Spec, maps:get(metrics, Fleet), Known)};
         {error, Lines} ->
             {noreply, refused(lists:join("; ", Lines), Node)}

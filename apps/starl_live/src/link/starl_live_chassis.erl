@@ -28,7 +28,7 @@
 %% command, by the robot's clock.
 -type answer() ::
     {driven, HeardUs :: integer()}
-    | {stalled, starl_chassis:told()}
+    | {stalled, starl_chassis:movement()}
     | {actuated, Device :: atom(), Value :: term()}
     | {not_understood, starl_chassis:commands()}.
 

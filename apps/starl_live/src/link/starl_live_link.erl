@@ -46,7 +46,7 @@
 %% What drives a port of the robot: a module, and its own configuration.
 -type adapter() :: {module(), map()}.
 
-%% A robot: its machines ({@link starl_robot_crew:tree()}), the seed of its team, which is the same
+%% A robot: its machines ({@link starl_robot_services:tree()}), the seed of its team, which is the same
 %% for all robots and all their starts ({@link starl_machine:config()}), its ports, the senses that are not its
 %% chassis', its clock, the directory of
 %% its store, and the process that gets the facts, if any; `record': whether the facts are also
@@ -59,7 +59,7 @@
 -type spec() :: #{
     robot := starl:robot_id(),
     robot_sup := pid(),
-    tree := starl_robot_crew:tree(),
+    tree := starl_robot_services:tree(),
     team_seed := integer(),
     profile := starl_chassis:profile(),
     clock := starl_live_clock:t(),
@@ -339,7 +339,7 @@ senses([{Kind, {Module, Own}} | Others], #{robot := Robot, clock := Clock, sense
 %% has not run yet.
 launched(#{robot := Id, robot_sup := Sup, tree := Tree, store := Store} = Spec) ->
     Driver = starl_live_driver:new(Spec#{
-        participants => maps:get(participants, Tree), parts => starl_robot_crew:parts(Tree)
+        participants => maps:get(participants, Tree), parts => starl_robot_services:parts(Tree)
     }),
     {Left, Inline} = inline(Tree#{services := services(Tree)}, Spec),
     Moment = starl_live_driver:moment(Driver),
@@ -351,7 +351,7 @@ launched(#{robot := Id, robot_sup := Sup, tree := Tree, store := Store} = Spec) 
         {error, Why} -> {stop, failure(store, Why)}
     end.
 
-inline(Tree, #{inline := true}) -> starl_robot_crew:inline(Tree);
+inline(Tree, #{inline := true}) -> starl_robot_services:inline(Tree);
 inline(Tree, _Spec) -> {Tree, #{}}.
 
 %% Starts the machines that are processes.

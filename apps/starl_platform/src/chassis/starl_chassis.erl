@@ -11,7 +11,7 @@
 %% script names its chassis, so it is checked where a machine hands it over ({@link check/1}).
 %%
 %% A <em>course</em> is a sequence of steps. Each time the robot stands, motion checks its position
-%% and asks for the next step in one of three modes ({@link way()}). A step is a script, perhaps
+%% and asks for the next step in one of three modes ({@link mode()}). A step is a script, perhaps
 %% with a memo for the step after the next look.
 -module(starl_chassis).
 
@@ -19,7 +19,7 @@
 -export([tracking_radius/1, ends_mm/1, widest/1, limited/2, rests_s/1, arrives_us/3, latency_us/1]).
 -export([check/1]).
 
--export_type([profile/0, profiles/0, script/0, commands/0, told/0, way/0, step/0, memo/0]).
+-export_type([profile/0, profiles/0, script/0, commands/0, movement/0, mode/0, step/0, memo/0]).
 -export_type([velocity/0, pace/0]).
 
 %% The profile of a robot's motion. `chassis' is the callback module, `speed' the highest speed
@@ -49,9 +49,9 @@
 
 -type commands() :: [tuple()].
 
-%% Of a drive to a goal where nothing goes wrong: the least way that a leg makes towards the goal unless it
+%% Of a drive to a goal where nothing goes wrong: the least distance that a leg gains towards the goal unless it
 %% ends there (0 if the bounds of the errors do not tell); the longest times of a leg, of a turn to any
-%% direction, and of a turn or a way to the exact place that has to be done once more.
+%% direction, and of a turn or a drive to the exact place that has to be done once more.
 -type pace() :: #{
     advance_mm := float(),
     leg_us := non_neg_integer(),
@@ -63,11 +63,11 @@
 -type velocity() :: {VX :: float(), VY :: float()}.
 
 %% A command without its duration; the event `stalled' returns it.
--type told() :: term().
+-type movement() :: term().
 
 %% Along a line from the robot's starting place, to its end or nearly; along a given line to its
 %% exact end; to the beginning of a given line, ready to follow it.
--type way() :: to | along | face.
+-type mode() :: to | along | face.
 
 %% The next step: a script; or a script after which the chassis goes on with `memo()'.
 -type step() :: {drive, commands()} | {{look, memo()}, commands()}.
@@ -85,7 +85,7 @@
 -callback duration_us(commands(), profile()) -> {Least, Most} when
     Least :: non_neg_integer(), Most :: non_neg_integer().
 %% The next step of a robot that stands at a pose.
--callback next(way(), starl:pose(), starl_geometry:segment(), profile()) -> arrived | step().
+-callback next(mode(), starl:pose(), starl_geometry:segment(), profile()) -> arrived | step().
 %% The next step after a step with a memo; only of a chassis with such steps.
 -callback resume(starl:pose(), memo(), profile()) -> step().
 %% The script of a robot at a pose that is to drive on with a velocity, within its limits (mm/s, along
@@ -94,10 +94,10 @@
 %% The longest time that it drives on after the end of a script (s): it brakes.
 -callback rests_s(profile()) -> float().
 %% The last command of a script.
--callback last(commands()) -> told().
+-callback last(commands()) -> movement().
 %% The try after a command that the drive did not obey: its reverse, slowly and for a
 %% moment. `none': the command was to stand. `unknown': the chassis has no such command.
--callback undo(told()) -> {ok, commands()} | none | unknown.
+-callback undo(movement()) -> {ok, commands()} | none | unknown.
 %% How far such a try takes the robot at most, in whatever direction (mm).
 -callback try_mm(profile()) -> float().
 %% r(v): the largest distance of a robot from its straight line while it drives (mm), under any

@@ -48,7 +48,7 @@
 %% The time in which the chassis notices that its drive does not obey; the length of two tries, mm.
 -define(STALL_S, 0.015).
 -define(TRIES_MM, 0.4).
-%% The way of a robot that is a little off its line is longer than along the line by this at most.
+%% The path of a robot that is a little off its line is longer than along the line by this at most.
 -define(FAR_OFF, 1.1).
 
 -spec simulation() -> module().
@@ -200,10 +200,10 @@ most_mm(#{goal_mm := Goal, position_error_mm := Position} = Profile) ->
     max(length_mm(Profile), (Goal - 2 * Position) / max(Error * (1 + Part), 1.0e-9)).
 
 %% @doc The next step of a robot that stands at a pose on its way.
--spec next(starl_chassis:way(), starl:pose(), starl_geometry:segment(), profile()) ->
+-spec next(starl_chassis:mode(), starl:pose(), starl_geometry:segment(), profile()) ->
     arrived | {drive, commands()}.
-next(Way, Pose, {Start, Goal} = Line, Profile) ->
-    case {Way, starl_geometry:distance(Start, Goal) < 1.0e-6} of
+next(Mode, Pose, {Start, Goal} = Line, Profile) ->
+    case {Mode, starl_geometry:distance(Start, Goal) < 1.0e-6} of
         {face, true} -> arrived;
         {face, false} -> face(Pose, Line, Profile);
         {along, false} -> along(Pose, Line, Profile);

@@ -14,17 +14,17 @@
 -type message() :: {From :: starl:robot_id(), starl_packet:type(), Body :: term()}.
 
 -define(LIMIT, 1000).
-%% SAP is told of read messages in batches of this size, or one by one when room is scarce.
+%% Messages read are reported to SAP in batches of this size, or one by one when room is scarce.
 -define(READ_AT_ONCE, 100).
 
 -record(inbox, {
     %% in their order
     waiting = [] :: [message()],
     %% subscriptions, repeated to a machine that has restarted
-    listening = [] :: [{starl_machine:name(), Word :: term()}],
-    %% whether SAP knows the room; the number of messages read that SAP has not been told of
-    room_told = false :: boolean(),
-    unsaid = 0 :: non_neg_integer(),
+    listening = [] :: [{starl_machine:name(), Request :: term()}],
+    %% whether SAP knows the room; the number of messages read of which SAP does not know
+    room_known = false :: boolean(),
+    unreported = 0 :: non_neg_integer(),
     %% while a step may be taken back: the messages that it has read, newest first; those of a step
     %% that was taken back
     read = [] :: [message()],
@@ -39,12 +39,12 @@ new() -> #inbox{}.
 
 %% @doc The application listens to a type of message of SAP. Returns the request to SAP, with the
 %% room if SAP does not know it yet.
--spec listen(starl_packet:type(), t()) -> {Word :: tuple(), t()}.
-listen(Type, #inbox{room_told = true} = Inbox) ->
+-spec listen(starl_packet:type(), t()) -> {Request :: tuple(), t()}.
+listen(Type, #inbox{room_known = true} = Inbox) ->
     {{listen, Type, app}, Inbox};
 listen(Type, #inbox{waiting = Waiting} = Inbox) ->
     Room = max(0, ?LIMIT - length(Waiting)),
-    {{listen, Type, app, Room}, Inbox#inbox{room_told = true, unsaid = 0}}.
+    {{listen, Type, app, Room}, Inbox#inbox{room_known = true, unreported = 0}}.
 
 %% @doc The subscriptions among these actions have been made.
 -spec subscribed([starl_machine:action()], t()) -> t().
@@ -56,19 +56,19 @@ subscribed(Actions, #inbox{listening = Before} = Inbox) ->
 
 listening({cast, sap, {listen, Type, app, _Room}}, Known) ->
     lists:umerge([{sap, {listen, Type, app}}], Known);
-listening({cast, Machine, {listen, _, _} = Word}, Known) ->
-    lists:umerge([{Machine, Word}], Known);
-listening({cast, Machine, {subscribe, _, _} = Word}, Known) ->
-    lists:umerge([{Machine, Word}], Known);
+listening({cast, Machine, {listen, _, _} = Request}, Known) ->
+    lists:umerge([{Machine, Request}], Known);
+listening({cast, Machine, {subscribe, _, _} = Request}, Known) ->
+    lists:umerge([{Machine, Request}], Known);
 listening(_, Known) ->
     Known.
 
 %% @doc A machine has restarted, and has lost its listeners: the subscriptions to it. SAP knows of no room,
 %% either.
--spec restarted(starl_machine:name(), t()) -> {[Word :: term()], t()}.
-restarted(Machine, #inbox{listening = Listening, room_told = Told} = Inbox) ->
-    Words = [Word || {M, Word} <- Listening, M =:= Machine],
-    {Words, Inbox#inbox{room_told = Told andalso Machine =/= sap}}.
+-spec restarted(starl_machine:name(), t()) -> {[Request :: term()], t()}.
+restarted(Machine, #inbox{listening = Listening, room_known = Known} = Inbox) ->
+    Requests = [Request || {M, Request} <- Listening, M =:= Machine],
+    {Requests, Inbox#inbox{room_known = Known andalso Machine =/= sap}}.
 
 %% @doc What has come to this robot's application: what the body feels is a message of the robot itself, if the
 %% application listens to it.
@@ -119,18 +119,20 @@ first(Types, Messages) ->
 %% @doc The application reads a message: one of SAP is traced, for the monitor, and its room given back.
 -spec read(message(), MayCrash :: boolean(), t()) -> {[starl_machine:action()], t()}.
 read({From, {app, _} = Type, Body} = Message, MayCrash, Inbox) ->
-    #inbox{waiting = Waiting, unsaid = Unsaid} = Inbox,
-    Said = said(Unsaid + 1, ?LIMIT - length(Waiting)),
-    Credit = [{cast, sap, {read, app, Said}} || Said > 0],
+    #inbox{waiting = Waiting, unreported = Unreported} = Inbox,
+    Reported = to_report(Unreported + 1, ?LIMIT - length(Waiting)),
+    Credit = [{cast, sap, {read, app, Reported}} || Reported > 0],
     {
         [{trace, {read, From, Type, erlang:phash2(Body)}} | Credit],
-        noted(Message, MayCrash, Inbox#inbox{unsaid = Unsaid + 1 - Said})
+        noted(Message, MayCrash, Inbox#inbox{unreported = Unreported + 1 - Reported})
     };
 read(Message, MayCrash, Inbox) ->
     {[], noted(Message, MayCrash, Inbox)}.
 
-said(Unsaid, Free) when Unsaid >= ?READ_AT_ONCE; Free - Unsaid < ?READ_AT_ONCE -> Unsaid;
-said(_Unsaid, _Free) -> 0.
+to_report(Unreported, Free) when Unreported >= ?READ_AT_ONCE; Free - Unreported < ?READ_AT_ONCE ->
+    Unreported;
+to_report(_Unreported, _Free) ->
+    0.
 
 noted(Message, true, #inbox{read = Read} = Inbox) -> Inbox#inbox{read = [Message | Read]};
 noted(_Message, false, Inbox) -> Inbox.

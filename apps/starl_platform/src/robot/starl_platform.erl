@@ -39,7 +39,7 @@
 %%   program fails; without commands it stops as soon as it can. When it stands, it answers with
 %%   the event `{Name, info, {driven, Mark, Us}}'; `Us' is the time of its clock at which it heard
 %%   the command. If it finds within 15 ms that its drive does not obey, it stops and answers with
-%%   `{Name, info, {stalled, Mark, Told}}' and the command ({@link starl_chassis:told()}). A
+%%   `{Name, info, {stalled, Mark, Told}}' and the command ({@link starl_chassis:movement()}). A
 %%   script that another one replaces is not answered. A script of another chassis is neither
 %%   carried out nor answered, but traced: `{not_understood, Commands}'</dd>
 %% <dt>`{actuate, Device, Value}'</dt><dd>sets another actuator</dd>

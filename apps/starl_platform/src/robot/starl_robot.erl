@@ -30,7 +30,7 @@
 -export_type([t/0, result/0, local/0, world/0, condition/0, ended/0, standing/0, parts/0]).
 
 %% Actions are what most of a run's time goes to.
--compile({inline, [effect/6, outward/7]}).
+-compile({inline, [effect/6, outward/7, answer/6, stepped/5, performed/4, work/4]}).
 
 %% A local event: a machine handles an event, or boots.
 -type local() ::

@@ -10,7 +10,7 @@
 
 -export([encode/1, of_term/1, format_reason/1]).
 
--export_type([reason/0, told/0]).
+-export_type([reason/0, result/0]).
 
 %% Why a robot is not kept: what is too large, or no data; a machine runs code that was reloaded; the
 %% application is in the middle of a step with more events than are kept, or it computes; it cannot be
@@ -26,7 +26,7 @@
 
 %% The trace event of machine `snapshot' that reports a snapshot, with the kind of robot. Monitors
 %% do not get it.
--type told() :: {ok, Bytes :: binary()} | {error, reason()}.
+-type result() :: {ok, Bytes :: binary()} | {error, reason()}.
 
 -define(MOST_BYTES, 1024 * 1024).
 -define(LEVEL, 6).

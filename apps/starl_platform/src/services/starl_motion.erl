@@ -71,6 +71,8 @@
 -define(REST_US, 500000).
 %% A robot that stands and was seen within this time is not looked for again.
 -define(SEEN_US, 100000).
+%% Something blocks a robot that has run against it so often, and has come back each time.
+-define(STALLS, 3).
 
 -type event() ::
     %% it drives on with this velocity, within its limits, until told otherwise, for at most this time
@@ -79,7 +81,7 @@
     %% drive does not obey, or the robot got no position or no answer of its chassis
     | {velocity_over, time | command | restarted | stalled | unknown | no_answer}
     %% it is to drive to this point
-    | {goal, starl_chassis:way(), starl_geometry:point()}
+    | {goal, starl_chassis:mode(), starl_geometry:point()}
     %% along this line, since now it knows where it stands
     | {line, starl_geometry:segment()}
     %% it has arrived, or another command came, or the clocks do not agree, or something is in the way
@@ -87,6 +89,19 @@
 
 -type state() ::
     idle | halting | locating | driving | waiting | stalled | trying | steering | cruising.
+
+%% A drive goes to a point, along a given line, or to the beginning of one.
+-record(goal, {
+    mode = to :: starl_chassis:mode(),
+    start = unknown :: starl_geometry:point() | unknown,
+    point = {0.0, 0.0} :: starl_geometry:point(),
+    %% is the line to it known?
+    known = false :: boolean(),
+    %% how often in a row the drive has not obeyed
+    stalls = 0 :: non_neg_integer(),
+    %% how long the robot has waited, us
+    waited = 0 :: non_neg_integer()
+}).
 
 -record(drive, {
     self :: starl:robot_id(),
@@ -96,7 +111,7 @@
     %% the caller of the drive, and the callers of `stop'
     from = none :: starl_machine:from() | none,
     waiting = [] :: [starl_machine:from()],
-    goal = starl_motion_goal:none() :: starl_motion_goal:t(),
+    goal = #goal{} :: #goal{},
     %% is its caller that of a goal?
     bound = false :: boolean(),
     %% the velocity that it is given, and until when; does an earlier one still hold?
@@ -182,11 +197,11 @@ looked(_, _State, _Drive) ->
     keep_state_and_data.
 
 called({go_to, Goal}, From, State, Drive) ->
-    go(starl_motion_goal:new(to, {unknown, Goal}), From, State, Drive);
-called({go_along, {_, _} = Line}, From, State, Drive) ->
-    go(starl_motion_goal:new(along, Line), From, State, Drive);
-called({face, {_, _} = Line}, From, State, Drive) ->
-    go(starl_motion_goal:new(face, Line), From, State, Drive);
+    go(#goal{mode = to, point = Goal}, From, State, Drive);
+called({go_along, {Start, End}}, From, State, Drive) ->
+    go(#goal{mode = along, start = Start, point = End}, From, State, Drive);
+called({face, {Start, End}}, From, State, Drive) ->
+    go(#goal{mode = face, start = Start, point = End}, From, State, Drive);
 called({velocity, _, _}, From, State, Drive) when State =:= stalled; State =:= trying ->
     {keep_state, Drive, [{reply, From, {error, stalled}}]};
 called({velocity, Velocity, Us}, From, State, Drive) ->
@@ -262,12 +277,15 @@ begun(#{robot := Self, profiles := Profiles, incarnation := Incarnation, now := 
 %% one that waits for its drive keeps waiting.
 go(Goal, From, State, #drive{stands = Stands} = Drive) ->
     Going = Drive#drive{from = From, bound = true, goal = Goal, memo = none},
-    Actions = stopped(Drive) ++ [{trace, starl_motion_goal:said(Goal)}],
-    case Stands andalso not starl_motion_goal:is_line(Goal) of
+    Actions = stopped(Drive) ++ [{trace, {goal, Goal#goal.mode, heads_to(Goal)}}],
+    case Stands andalso Goal#goal.mode =:= to of
         _ when State =:= stalled -> {keep_state, Going, Actions};
         true -> look(Going, Actions);
         false -> stand_still(Going, Actions)
     end.
+
+heads_to(#goal{mode = face, start = Start}) -> Start;
+heads_to(#goal{point = Point}) -> Point.
 
 %% It is to stop; these callers wait until it stands.
 stop(Waits, #drive{waiting = Waiting} = Drive) ->
@@ -385,7 +403,7 @@ driven(HeardUs, State, #drive{now = Now, told = {Told, Takes}, watch = Before} =
         end,
     Counted =
         case State of
-            driving -> starl_motion_goal:moves(Drive#drive.goal);
+            driving -> Drive#drive.goal#goal{stalls = 0};
             _ -> Drive#drive.goal
         end,
     stands(Agree, Drive#drive{stands = true, watch = Watch, doubt = Doubt, goal = Counted}).
@@ -403,13 +421,16 @@ stands(Agree, #drive{waiting = Waiting} = Drive) ->
     end.
 
 %% What ends the drive to its goal before it has arrived.
-hindrance(Agree, #drive{solid = Solid, goal = Goal}) ->
-    IsBlocked = Solid andalso starl_motion_goal:is_blocked(Goal),
-    case starl_motion_goal:is_line(Goal) of
-        true when not Agree -> out_of_time;
-        _ when IsBlocked -> blocked;
-        _ -> none
+hindrance(false, #drive{goal = #goal{mode = Mode}}) when Mode =/= to ->
+    out_of_time;
+hindrance(_Agree, #drive{solid = Solid, goal = Goal}) ->
+    case Solid andalso is_blocked(Goal) of
+        true -> blocked;
+        false -> none
     end.
+
+%% Does an obstacle block its line?
+is_blocked(#goal{mode = Mode, stalls = Stalls}) -> Mode =/= to andalso Stalls >= ?STALLS.
 
 given_up(Why, #drive{from = From} = Drive) ->
     {goal_over(Why, Drive) ++ [{reply, From, {error, Why}}], Drive#drive{from = none}}.
@@ -429,13 +450,24 @@ try_again(Drive) ->
 
 try_now(#drive{doubt = {ok, Script}} = Drive) -> command(trying, Script, Drive).
 
-may_back(#drive{solid = Solid, from = From, place = Place, goal = Goal} = Drive) ->
-    #drive{chassis = Chassis, profile = Profile} = Drive,
-    not Solid orelse From =:= none orelse starl_motion_goal:keeps(Place, Chassis, Profile, Goal).
+%% May it try in any direction? It must be sure to stay on its line then. Its place was seen with an
+%% error.
+may_back(#drive{solid = false}) ->
+    true;
+may_back(#drive{from = none}) ->
+    true;
+may_back(#drive{goal = #goal{start = unknown}}) ->
+    true;
+may_back(#drive{place = unknown}) ->
+    false;
+may_back(#drive{place = Place, goal = #goal{start = Start, point = Point}} = Drive) ->
+    #drive{chassis = Chassis, profile = #{position_error_mm := Error} = Profile} = Drive,
+    Off = starl_geometry:point_segment(Place, {Start, Point}),
+    Off + Error + Chassis:try_mm(Profile) =< Chassis:tracking_radius(Profile).
 
 %% The step leads along the line, or back to it. Its first command that moves the robot is tried, slowly.
 try_on({_, Commands} = Step, #drive{goal = Goal} = Drive) ->
-    case {starl_motion_goal:is_blocked(Goal), first_try(Commands, Drive#drive.chassis)} of
+    case {is_blocked(Goal), first_try(Commands, Drive#drive.chassis)} of
         {true, _} ->
             {Over, Left} = given_up(blocked, Drive),
             {next_state, idle, Left, Over};
@@ -470,7 +502,7 @@ stalled(Told, #drive{goal = Goal} = Drive) ->
         none ->
             stand_still(Drive, []);
         {ok, _} = Doubt ->
-            Counted = starl_motion_goal:stalled(Goal),
+            Counted = Goal#goal{stalls = Goal#goal.stalls + 1},
             Doubtful = Drive#drive{stands = true, memo = none, doubt = Doubt, goal = Counted},
             {next_state, stalled, Doubtful, [{state_timeout, ?REST_US, try_again}]}
     end.
@@ -490,11 +522,8 @@ look(Drive, Actions) ->
 locate(Drive) -> locate(Drive, []).
 
 %% It gets no position. It has to stand for a leg along a line, whose beginning is timed.
-unseen(#drive{goal = Goal} = Drive) ->
-    case starl_motion_goal:is_line(Goal) of
-        true -> stand_still(Drive, []);
-        false -> locate(Drive, [])
-    end.
+unseen(#drive{goal = #goal{mode = to}} = Drive) -> locate(Drive, []);
+unseen(Drive) -> stand_still(Drive, []).
 
 locate(#drive{asked = N} = Drive, Actions) ->
     {next_state, locating, Drive#drive{asked = N + 1}, Actions ++ ask(Drive)}.
@@ -503,13 +532,22 @@ locate(#drive{asked = N} = Drive, Actions) ->
 located(Pose, #drive{now = Now} = Drive) -> step(Pose, Drive#drive{seen = {Pose, Now}}).
 
 step({X, Y, _} = Pose, #drive{goal = Goal} = Drive) ->
-    {Lines, Begun} = starl_motion_goal:begins(Pose, Goal),
+    {Lines, Begun} = with_line({X, Y}, Goal),
     Placed = Drive#drive{place = {X, Y}, goal = Begun},
     {next_state, State, Next, Actions} = follow(next(Pose, Placed), Placed),
     {next_state, State, Next, [{trace, Line} || Line <- Lines] ++ Actions}.
 
+%% The robot knows where it stands, and so its line, which is traced once.
+with_line(_Place, #goal{known = true} = Goal) ->
+    {[], Goal};
+with_line(Place, #goal{start = unknown} = Goal) ->
+    with_line(Place, Goal#goal{start = Place});
+with_line(_Place, #goal{start = Start, point = Point} = Goal) ->
+    {[{line, {Start, Point}}], Goal#goal{known = true}}.
+
 next(Pose, #drive{memo = none, chassis = Chassis, profile = Profile, goal = Goal}) ->
-    starl_motion_goal:next(Pose, Chassis, Profile, Goal);
+    #goal{mode = Mode, start = Start, point = Point} = Goal,
+    Chassis:next(Mode, Pose, {Start, Point}, Profile);
 next(Pose, #drive{memo = {some, Memo}, chassis = Chassis, profile = Profile}) ->
     Chassis:resume(Pose, Memo, Profile).
 
@@ -523,10 +561,10 @@ follow({_, _} = Step, #drive{doubt = Doubt} = Drive) when Doubt =/= none ->
     end;
 follow(Step, Drive) ->
     #drive{poses = Poses, self = Self, goal = Goal, profile = Profile} = Drive,
-    Heads = starl_motion_goal:heads_to(Goal),
-    case starl_controller:leg(Poses, Heads, {Self, starl_motion_goal:waited(Goal)}, Profile) of
+    #goal{waited = Waited} = Goal,
+    case starl_controller:leg(Poses, heads_to(Goal), {Self, Waited}, Profile) of
         go -> leg(Step, Drive);
-        {wait, Us} -> wait(Us, Drive#drive{goal = starl_motion_goal:waited(Us, Goal)})
+        {wait, Us} -> wait(Us, Drive#drive{goal = Goal#goal{waited = Waited + Us}})
     end.
 
 wait(Us, Drive) -> {next_state, waiting, Drive#drive{memo = none}, [{state_timeout, Us, go_on}]}.

@@ -33,7 +33,7 @@
 %% The parts of a run and its time limit; its new code, in the order of time.
 -type t() :: #{
     robots := [{starl:robot_id(), starl:pose()}],
-    tree := starl_robot_crew:tree(),
+    tree := starl_robot_services:tree(),
     world := world(),
     reloads := [starl_run_reloads:t()],
     code := [starl_version:code()],
@@ -204,7 +204,7 @@ latency(#{command_latency := {Least, Most}}) ->
 
 tree(Scene, Profiles, #{robots := Ids} = Context) ->
     Given = maps:with([app, blocks, sap_machine, motion_machine], Scene),
-    starl_robot_crew:tree(Given#{
+    starl_robot_services:tree(Given#{
         waypoints => waypoints(Scene),
         floor => maps:get(floor, Scene, maps:get(floor, Context)),
         solid => is_map_key(floor, Scene),

@@ -74,7 +74,7 @@
 -callback plan(starl_run_scenario:t(), starl_sim_plan:t()) ->
     {ok, starl_sim_plan:t()} | {error, unicode:chardata()}.
 %% A robot at rest, whose first event is `wake'. The calling process is its shard.
--callback new(starl:robot_id(), starl:pose(), starl_robot_crew:tree(), starl_sim_world:t()) ->
+-callback new(starl:robot_id(), starl:pose(), starl_robot_services:tree(), starl_sim_world:t()) ->
     kind().
 %% As the functions of these names here. A robot is busy until its shard has got `{starl_done, Robot, Pid,
 %% Answer}'.

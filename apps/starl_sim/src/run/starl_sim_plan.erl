@@ -66,7 +66,7 @@ of_kind(Name, Scenario, Plan, Tree) ->
 crew(process, Tree) ->
     #{tree => Tree, inline => #{}};
 crew(inline, Tree) ->
-    {Left, Inline} = starl_robot_crew:inline(Tree),
+    {Left, Inline} = starl_robot_services:inline(Tree),
     #{tree => Left, inline => Inline}.
 
 world(#{faults := Faults} = Scenario, Scene, #{world := World, reloads := Reloads}, Options) ->

@@ -41,7 +41,7 @@
 %% number and driver; the machines that get no process; the module of its kind, if it is not one of
 %% the simulator's own.
 -type crew() :: #{
-    tree := starl_robot_crew:tree() | none,
+    tree := starl_robot_services:tree() | none,
     inline := starl_robot_machines:inline(),
     kind => module()
 }.

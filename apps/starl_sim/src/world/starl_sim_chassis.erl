@@ -7,7 +7,7 @@
 -export_type([command/0, errors/0, drive/0, key/0]).
 
 %% The command to the drive, as far as the drive can follow it.
--type command() :: starl_chassis:told().
+-type command() :: starl_chassis:movement().
 
 %% The error of the heading, rad, and the actual distance as a fraction of the commanded one.
 -type errors() :: {Skew :: float(), Part :: float()}.

@@ -30,7 +30,7 @@
     | {places, integer(), starl_trace_poses:places()}
     | {packets, integer(), packet()}
     | {ways, integer(), {starl:robot_id(), starl_observer:packet_report()}}
-    | {snapshots, integer(), {starl:robot_id(), starl_snapshot:told()}}
+    | {snapshots, integer(), {starl:robot_id(), starl_snapshot:result()}}
     | {faults, integer(), {began | ended, Fault :: tuple()}}
     | {verdicts, integer(), verdict()}
     | {log, integer(), {level(), starl:robot_id() | none, unicode:chardata()}}

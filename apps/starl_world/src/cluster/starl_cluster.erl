@@ -129,7 +129,7 @@ controlled(Nodes, Calls, #{tree := Tree}, Options) ->
                 nodes = Nodes,
                 calls = Calls,
                 control = Control,
-                parts = starl_robot_crew:parts(Tree),
+                parts = starl_robot_services:parts(Tree),
                 reloads = starl_cluster_reload:new(maps:get(speed, Options, 1)),
                 log = maps:get(log, Options, fun(_, _, _) -> ok end)
             }};

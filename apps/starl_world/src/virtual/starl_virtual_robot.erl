@@ -136,7 +136,7 @@ excused(Monitor, _World) ->
     Monitor.
 
 %% @doc A robot whose program boots at the first event.
--spec new(starl:robot_id(), starl:pose(), starl_robot_crew:tree(), starl_sim_world:t()) -> t().
+-spec new(starl:robot_id(), starl:pose(), starl_robot_services:tree(), starl_sim_world:t()) -> t().
 new(Id, Pose, Tree, #{clocks := Clocks, team := Team, profiles := Profiles} = Given) ->
     Hitting = [Fault || Fault <- Clocks, starl_run_fault:hits(Id, Fault)],
     World = Given#{clocks := bearable(Hitting, ?FROZEN_US)},

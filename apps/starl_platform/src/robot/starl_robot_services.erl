@@ -1,6 +1,6 @@
 %% @doc Lists the services that every robot has, with their configuration, and the tree of its
 %% processes. It is the same for every driver.
--module(starl_robot_crew).
+-module(starl_robot_services).
 
 -export([tree/1, inline/1, parts/1]).
 
@@ -38,14 +38,14 @@
 
 %% @doc The tree of a robot whose machines are processes.
 -spec tree(t()) -> tree().
-tree(#{robots := Ids, app := App} = Crew) ->
+tree(#{robots := Ids, app := App} = Robot) ->
     Tree = #{
         participants => starl_team:new(Ids),
-        services => services(Crew),
-        blocks => maps:get(blocks, Crew, []),
+        services => services(Robot),
+        blocks => maps:get(blocks, Robot, []),
         app => App
     },
-    maps:merge(Tree, maps:with([intensity], Crew)).
+    maps:merge(Tree, maps:with([intensity], Robot)).
 
 %% @doc The machines of a robot that runs inline, and the tree of its remaining processes: a
 %% sequential application is always a process.
@@ -64,17 +64,17 @@ parts(#{services := Services, blocks := Blocks, app := App}) ->
     Machines#{app => element(2, App)}.
 
 %% The services in start order.
-services(#{profiles := Profiles} = Crew) ->
+services(#{profiles := Profiles} = Robot) ->
     [
-        {sap, maps:get(sap_machine, Crew, starl_sap), maps:get(sap, Crew, #{})},
-        {location, starl_location, location(Crew)},
-        {motion, maps:get(motion_machine, Crew, starl_motion), motion(Profiles, Crew)}
+        {sap, maps:get(sap_machine, Robot, starl_sap), maps:get(sap, Robot, #{})},
+        {location, starl_location, location(Robot)},
+        {motion, maps:get(motion_machine, Robot, starl_motion), motion(Profiles, Robot)}
     ].
 
-motion(Profiles, Crew) -> (maps:with([solid], Crew))#{profiles => Profiles}.
+motion(Profiles, Robot) -> (maps:with([solid], Robot))#{profiles => Profiles}.
 
-location(#{profiles := [#{position_error_mm := Error} | _]} = Crew) ->
-    (maps:with([floor, grid], Crew))#{
-        waypoints => maps:get(waypoints, Crew, #{}),
-        exact => maps:get(exact, Crew, Error == 0)
+location(#{profiles := [#{position_error_mm := Error} | _]} = Robot) ->
+    (maps:with([floor, grid], Robot))#{
+        waypoints => maps:get(waypoints, Robot, #{}),
+        exact => maps:get(exact, Robot, Error == 0)
     }.
