@@ -6,11 +6,11 @@
 -define(LEASE, 1000000).
 -define(RETRY, 500000).
 
+home() -> ?H:new(1, 0, ?LEASE, 1000, 0, ?RETRY).
+
 %% Robot 1 owns the token `t'; robots 2 and 3 wait.
 owned() ->
-    {[{1, {token, t, F, [{1, 1}]}}], H1} = ?H:request(
-        t, {1, 1}, 0, ?H:new(1, 0, ?LEASE, 1000, 0, ?RETRY)
-    ),
+    {[{1, {token, t, F, [{1, 1}]}}], H1} = ?H:request(t, {1, 1}, 0, home()),
     {granted, H2} = ?H:claim(t, F, 1, 0, H1),
     {F, H2}.
 
@@ -145,40 +145,146 @@ numbers_that_were_never_made_test() ->
     {[{3, {token, t, G, _}}], _} = ?H:return(t, Last, 2, [{3, 1}], 20, Used),
     ?assertEqual(F + Creation, G).
 
-%% Forwarding: two robots that take each other for the owner send a request once each, then it
-%% goes to the home, and once more; it does not go in circles.
-stale_owners_do_not_circle_test() ->
-    Team = [1, 2, 3],
-    Net = maps:from_list([{R, robot(R, Team)} || R <- Team]),
-    #{1 := R1, 2 := R2, 3 := R3} = Net,
-    F = 1 bsl 60,
-    Stale = Net#{
-        1 := starl_mutex_robot:announced(t, F, 2, R1),
-        2 := starl_mutex_robot:announced(t, F + 1, 1, R2),
-        3 := starl_mutex_robot:announced(t, F, 2, R3)
-    },
-    ?assert(hops([{3, {request, t, {3, 1}, 0, none}}], Stale, 0) =< 2 * length(Team) + 2).
+%% -- claims, renewals and returns at their edges ------------------------------------------------
 
-robot(R, Team) ->
-    starl_mutex_state:new(#{
-        robot => R,
-        participants => Team,
-        incarnation => 1,
-        now => 0,
-        lease_us => ?LEASE,
-        drift_ppm => 1000,
-        lag_us => 0,
-        retry_us => ?LEASE
-    }).
+%% A number counts holds, then hand-overs, then creations; each has its end.
+numbers_test() ->
+    {F, _} = owned(),
+    ?assertEqual(F, ?H:hand_over(F)),
+    Last = ?H:next(F) - 1,
+    ?assertEqual([false, false, true], [?H:last_hold(N) || N <- [F, Last - 1, Last]]),
+    ?assertEqual(F, ?H:hand_over(Last)),
+    ?assertEqual(?H:next(F), ?H:next(Last)),
+    ?assert(?H:next(F) > Last),
+    Nexts = fun Count(N, K) ->
+        case ?H:last_hand_over(N) of
+            true -> {K, N};
+            false -> Count(?H:next(N), K + 1)
+        end
+    end,
+    {Count, End} = Nexts(F, 1),
+    ?assert(Count > 1000),
+    %% the next creation of the token is beyond them all
+    {granted, H} = ?H:claim(t, End, 2, 10, element(2, owned())),
+    {[{3, {token, t, G, _}}], _} = ?H:return(t, End, 2, [{3, 1}], 20, H),
+    ?assert(G > End).
 
-hops([], _Net, Count) ->
-    Count;
-hops(_, _Net, 100) ->
-    100;
-hops([{To, {request, T, Request, Known, Via}} | Rest], Net, Count) ->
-    {keep_state, Robot, Actions} =
-        starl_mutex_state:result(
-            starl_mutex_robot:route(T, Request, Known, Via, maps:get(To, Net))
-        ),
-    Sent = [{D, M} || {cast, sap, {send, D, mutex, M}} <- Actions, element(1, M) =:= request],
-    hops(Rest ++ Sent, Net#{To := Robot}, Count + 1).
+%% The lease of the home is longer than the holder's by the drift of two clocks and the lag, and
+%% not by much more: a token whose owner is gone is had again soon.
+longer_test() ->
+    Due = fun(Lease, Ppm, Lag) ->
+        {[_], H} = ?H:request(t, {1, 1}, 0, ?H:new(1, 0, Lease, Ppm, Lag, 1000000)),
+        {_, Waits} = ?H:request(t, {2, 1}, 10, H),
+        ?H:due(t, Waits)
+    end,
+    [
+        begin
+            Right = (Lease + Lag) * (1000000 + Ppm) / (1000000 - Ppm),
+            ?assert(Due(Lease, Ppm, Lag) >= Right),
+            ?assert(Due(Lease, Ppm, Lag) =< Right + 2000)
+        end
+     || Lease <- [?LEASE, 3600 * ?LEASE], Ppm <- [0, 1000, 10000], Lag <- [0, 250000]
+    ].
+
+%% Who owns the token is confirmed, again and again; nobody else with the same number or an older.
+claims_test() ->
+    {F, H} = owned(),
+    ?assertMatch({granted, _}, ?H:claim(t, F, 1, 10, H)),
+    ?assertEqual({refused, H}, ?H:claim(t, F, 2, 10, H)),
+    ?assertEqual({refused, H}, ?H:claim(t, F - 1, 2, 10, H)),
+    ?assertMatch({granted, _}, ?H:renew(t, F, 1, 10, H)),
+    ?assertEqual({refused, H}, ?H:renew(t, F, 2, 10, H)),
+    ?assertEqual({refused, H}, ?H:renew(t, ?H:next(F), 1, 10, H)),
+    {granted, Next} = ?H:claim(t, ?H:next(F), 2, 10, H),
+    ?assertEqual({refused, Next}, ?H:claim(t, F, 1, 20, Next)),
+    ?assertEqual({refused, Next}, ?H:renew(t, F, 1, 20, Next)),
+    %% another token is another matter
+    ?assertMatch({[{2, {token, u, _, [{2, 1}]}}], _}, ?H:request(u, {2, 1}, 10, H)).
+
+%% A confirmation begins a new lease.
+renewed_test() ->
+    {F, H} = owned(),
+    {_, Waits} = ?H:request(t, {2, 1}, 10, H),
+    First = ?H:due(t, Waits),
+    [
+        begin
+            {granted, Later} = ?H:Kind(t, F, 1, 500, Waits),
+            ?assertEqual(First + 500, ?H:due(t, Later)),
+            ?assertEqual({[], Later}, ?H:expire(t, First + 499, Later)),
+            ?assertMatch({[{2, {token, t, _, [{2, 1}]}}], _}, ?H:expire(t, First + 500, Later))
+        end
+     || Kind <- [claim, renew]
+    ].
+
+%% Those that ask the home wait there, once each and in their order, until they have the token or
+%% its lease is over; the owner is told of them.
+pending_test() ->
+    {F, H} = owned(),
+    ?assertEqual(never, ?H:due(t, H)),
+    ?assertEqual(never, ?H:due(u, H)),
+    {Sent, One} = ?H:request(t, {3, 1}, 10, H),
+    ?assertEqual([{1, {request, t, {3, 1}, F, home}}], Sent),
+    {_, Two} = ?H:request(t, {2, 1}, 20, One),
+    {Again, Two} = ?H:request(t, {3, 1}, 30, Two),
+    ?assertEqual(Sent, Again),
+    {Own, Three} = ?H:request(t, {1, 2}, 40, Two),
+    ?assertEqual([], Own),
+    Due = ?H:due(t, Three),
+    ?assertMatch({[{3, {token, t, _, [{3, 1}, {2, 1}, {1, 2}]}}], _}, ?H:expire(t, Due, Three)),
+    %% a request after the end of the lease does it, too
+    {[{3, {token, t, G, [{3, 1}, {2, 1}, {1, 2}]}}], Made} = ?H:request(t, {2, 1}, Due, Three),
+    %% who has got it waits no more, the others do
+    {granted, Had} = ?H:claim(t, G, 3, Due, Made),
+    ?assertMatch(
+        {[{2, {token, t, _, [{2, 1}, {1, 2}]}}], _}, ?H:expire(t, ?H:due(t, Had), Had)
+    ),
+    {granted, Gone} = ?H:claim(t, ?H:next(G), 2, Due, Had),
+    ?assertMatch({[{1, {token, t, _, [{1, 2}]}}], _}, ?H:expire(t, ?H:due(t, Gone), Gone)).
+
+%% The owner gives the token back: who waits gets a new one at once; nobody else can.
+return_test() ->
+    {F, H} = owned(),
+    ?assertEqual({[], H}, ?H:return(t, F, 2, [{2, 1}], 10, H)),
+    ?assertEqual({[], H}, ?H:return(t, F - 1, 1, [{2, 1}], 10, H)),
+    {[], Free} = ?H:return(t, F, 1, [], 10, H),
+    ?assertMatch({refused, _}, ?H:renew(t, F, 1, 20, Free)),
+    {[{2, {token, t, G, [{2, 1}]}}], _} = ?H:request(t, {2, 1}, 20, Free),
+    ?assert(G > F),
+    {_, Waits} = ?H:request(t, {3, 1}, 10, H),
+    %% the token's own queue comes first, each robot's request once
+    ?assertMatch(
+        {[{2, {token, t, _, [{2, 1}, {4, 1}, {3, 1}]}}], _},
+        ?H:return(t, F, 1, [{2, 1}, {4, 1}], 20, element(2, ?H:request(t, {4, 1}, 10, Waits)))
+    ).
+
+%% A home that has crashed confirms no claim of before, creates nothing for a lease, and takes no
+%% token of before back.
+restarted_test() ->
+    {F, _} = owned(),
+    New = ?H:new(2, 0, ?LEASE, 1000, 0, 1000000),
+    ?assertEqual({refused, New}, ?H:claim(t, F, 1, 10, New)),
+    ?assertEqual({[], New}, ?H:return(t, F, 1, [{2, 1}], 10, New)),
+    {[], Waits} = ?H:request(t, {2, 1}, 10, New),
+    {[], Waits} = ?H:expire(t, ?H:due(t, Waits) - 1, Waits),
+    {[{2, {token, t, G, _}}], Made} = ?H:expire(t, ?H:due(t, Waits), Waits),
+    ?assert(G > F),
+    ?assertMatch({refused, _}, ?H:renew(t, F, 1, ?LEASE, Made)),
+    ?assertMatch({granted, _}, ?H:claim(t, G, 2, ?LEASE, Made)).
+
+%% A home that has crashed begins beyond all the numbers that it ever gave, however many those are.
+incarnations_test() ->
+    Make = fun(_, {F, H}) ->
+        {[{2, {token, t, G, _}}], Next} = ?H:return(t, F, 2, [{2, 1}], 10, H),
+        ?assert(G > F),
+        {G, Next}
+    end,
+    {[{2, {token, t, First, _}}], Home} = ?H:request(t, {2, 1}, 0, home()),
+    {Last, _} = lists:foldl(Make, {First, Home}, lists:seq(1, 500)),
+    New = ?H:new(2, 0, ?LEASE, 1000, 0, 1000000),
+    {[], Waits} = ?H:request(t, {2, 1}, 10, New),
+    {[{2, {token, t, Fence, _}}], _} = ?H:expire(t, ?H:due(t, Waits), Waits),
+    ?assert(Fence > Last),
+    ?assertEqual({refused, New}, ?H:claim(t, Last, 2, 10, New)),
+    %% there is room for 24 bits of creations in a life
+    {Second, _} = Make(1, {First, Home}),
+    ?assertEqual((Second - First) bsl 24, Fence - First).

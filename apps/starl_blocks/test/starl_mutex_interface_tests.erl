@@ -67,20 +67,18 @@ block_test() ->
 home_test() ->
     Homes = [{T, starl_mutex:home(T, [4, 5, 6])} || T <- lists:seq(1, 60)],
     ?assertEqual([4, 5, 6], lists:usort([Home || {_, Home} <- Homes])),
-    Robot = starl_mutex_state:new(#{
+    [?assertEqual(Home, asked(T)) || {T, Home} <- Homes].
+
+%% The robot that robot 4 asks for a token.
+asked(Token) ->
+    {_, Machine} = starl_machine:new(starl_mutex_tokens, #{}, #{
         robot => 4,
         participants => [4, 5, 6],
+        name => mutex,
         incarnation => 1,
         now => 0,
-        lease_us => 1,
-        drift_ppm => 0,
-        lag_us => 0,
-        retry_us => 1
+        random => rand:seed_s(exsss, 1)
     }),
-    [
-        ?assertMatch(
-            {keep_state, _, [{cast, sap, {send, Home, mutex, {ask, T}}}]},
-            starl_mutex_state:result(starl_mutex_state:post_home(T, {ask, T}, Robot))
-        )
-     || {T, Home} <- Homes
-    ].
+    Meta = #{now => 0, robot => 4},
+    {Actions, _} = starl_machine:step({call, {app, 1}}, {acquire, Token, 1000}, Meta, Machine),
+    hd([To || {cast, sap, {send, To, mutex, {request, T, _, _, _}}} <- Actions, T =:= Token]).

@@ -17,6 +17,10 @@ init(#{variant := forgetful_home} = Config) ->
 init(#{variant := circles} = Config) ->
     {ready, Data, Actions} = ?REAL:init(Config),
     {ready, {circles, #{}, Data}, Actions};
+%% trusting: see below.
+init(#{variant := trusting, incarnation := Incarnation, participants := Team} = Config) ->
+    {ready, Data, Actions} = ?REAL:init(Config),
+    {ready, {trusting, {Incarnation, starl_team:members(Team)}, Data}, Actions};
 init(Config) ->
     start(Config).
 
@@ -25,12 +29,13 @@ start(#{variant := Variant, incarnation := Incarnation} = Config) ->
     {ready, {Variant, Incarnation, Data}, Actions}.
 
 %% trusting: whoever gets a token holds it, without the home's word.
-handle_event(cast, {message, _, mutex, {token, T, F, _}} = M, ready, {trusting, I, Data}, Meta) ->
+handle_event(cast, {message, _, mutex, {token, T, F, _}} = M, ready, {trusting, Of, Data}, Meta) ->
     #{now := Now} = Meta,
+    {Incarnation, Team} = Of,
     {First, Actions} = run(cast, M, Data, Meta),
-    Grant = {message, home(T, First), mutex, {granted, T, F, {I, Now}}},
+    Grant = {message, starl_mutex:home(T, Team), mutex, {granted, T, F, {Incarnation, Now}}},
     {Next, More} = run(cast, Grant, First, Meta),
-    {keep_state, {trusting, I, Next}, Actions ++ More};
+    {keep_state, {trusting, Of, Next}, Actions ++ More};
 handle_event(cast, {message, _, mutex, {refused, _, _, _}}, ready, {trusting, _, _}, _Meta) ->
     keep_state_and_data;
 %% overstaying: the holder does not heed the end of its lease: it takes it for one of an hour.
@@ -77,10 +82,6 @@ handle_event(Type, Content, ready, {circles, Owners, Data}, Meta) ->
 handle_event(Type, Content, ready, {Variant, I, Data}, Meta) ->
     {Next, Actions} = run(Type, Content, Data, Meta),
     {keep_state, {Variant, I, Next}, Actions}.
-
-%% The token's home, one of at most ten robots.
-home(Token, Robot) ->
-    hd([Id || Id <- lists:seq(1, 10), starl_mutex_state:is_home(Id, Token, Robot)]).
 
 run(Type, Content, Data, Meta) ->
     case ?REAL:handle_event(Type, Content, ready, Data, Meta) of

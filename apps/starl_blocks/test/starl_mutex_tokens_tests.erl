@@ -7,9 +7,11 @@
 -define(HAND_OVER, (1 bsl 8)).
 
 %% Robot 2 of three, which is not the token's home and wants nothing.
-robot() ->
+robot() -> robot(2).
+
+robot(Id) ->
     Base = #{
-        robot => 2,
+        robot => Id,
         participants => [1, 2, 3],
         name => mutex,
         incarnation => 1,
@@ -93,6 +95,28 @@ twice_test_() ->
         end
      || Order <- [[First, Third], [Third, First]]
     ].
+
+%% Two robots that take each other for the owner send a request once each, then it goes to the home,
+%% and once more; it does not go in circles.
+stale_owners_do_not_circle_test() ->
+    Stale = #{
+        1 => hears_of_owner(2, ?F, robot(1)),
+        2 => hears_of_owner(1, ?F + ?HAND_OVER, robot(2)),
+        3 => hears_of_owner(2, ?F, robot(3))
+    },
+    ?assert(hops([{3, {request, token(), {3, 1}, 0, none}}], Stale, 0) =< 8).
+
+hears_of_owner(Owner, Fence, Machine) ->
+    element(2, message(0, Owner, {owner, token(), Fence}, Machine)).
+
+hops([], _Net, Count) ->
+    Count;
+hops(_, _Net, 100) ->
+    100;
+hops([{To, Request} | Rest], Net, Count) ->
+    {Actions, Machine} = message(0, 1, Request, maps:get(To, Net)),
+    Sent = [{D, M} || {D, M} <- posts(Actions), element(1, M) =:= request],
+    hops(Rest ++ Sent, Net#{To := Machine}, Count + 1).
 
 %% -- leases that are over -----------------------------------------------------------------------
 

@@ -2,7 +2,7 @@
 %% given values against them. All problems are reported together; an unknown key is a problem.
 -module(starl_options).
 
--export([check/2, check_table/2, parse/2, misread/2, format_problem/1, type_text/1]).
+-export([check/2, defaults/1, check_table/2, parse/2, misread/2, format_problem/1, type_text/1]).
 -export([suggestion/2, similar/2]).
 
 -export_type([option/0, type/0, problem/0]).
@@ -40,11 +40,19 @@ check(Given, Options) ->
         is_map_key(Key, Given),
         not valid(Type, maps:get(Key, Given))
     ],
-    Defaults = maps:from_list([{Key, Default} || {Key, _, Default, _} <- Options]),
     case Unknown ++ Bad of
-        [] -> {ok, maps:merge(Defaults, maps:map(fun(K, V) -> whole(K, V, Options) end, Given))};
-        Problems -> {error, Problems}
+        [] ->
+            {ok,
+                maps:merge(
+                    defaults(Options), maps:map(fun(K, V) -> whole(K, V, Options) end, Given)
+                )};
+        Problems ->
+            {error, Problems}
     end.
+
+%% @doc The default of each key of a table.
+-spec defaults([option()]) -> #{atom() => term()}.
+defaults(Options) -> maps:from_list([{Key, Default} || {Key, _, Default, _} <- Options]).
 
 %% @doc Checks a table itself: its form, its types, its defaults, and that no key is there twice or
 %% taken by another table. One line on the first problem.

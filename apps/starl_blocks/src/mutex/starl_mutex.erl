@@ -46,7 +46,6 @@
 -define(SLOW, 99).
 -define(FAST, 101).
 -define(TOKEN, door).
--define(LEASE_US, 8000000).
 %% A patience so long that the checker decides when a call fails.
 -define(PATIENCE_US, 30000000).
 
@@ -223,7 +222,9 @@ benchmark() ->
 %% The model for a team with these machines.
 -spec model([starl_robot_sup:machine()], starl_block:team()) -> starl_block:model().
 model(Machines, #{robots := Ids}) ->
-    Home = erlang:phash2(?TOKEN, length(Ids)) + 1,
+    Home = home(?TOKEN, lists:seq(1, length(Ids))),
+    #{lease_ms := LeaseMs} = starl_options:defaults(options()),
+    LeaseUs = 1000 * LeaseMs,
     Slow = erlang:make_tuple(length(Ids), ?SLOW),
     #{
         blocks => Machines,
@@ -232,11 +233,11 @@ model(Machines, #{robots := Ids}) ->
         monitor => {starl_mutex_model_monitor, #{}},
         timed => [lease, home],
         rates => setelement(Home, Slow, ?FAST),
-        grain => ?LEASE_US div (2 * ?SLOW) + 1,
+        grain => LeaseUs div (2 * ?SLOW) + 1,
         %% at most a lease is added to the time that a message carries before it is compared with
         %% the present. A machine keeps ends of leases, which are compared as they are: one that
         %% is over is over, however long
-        horizon_us => ?LEASE_US,
+        horizon_us => LeaseUs,
         %% a machine that starts anew waits as the home that it is, which only one robot is
         waits => [Home],
         fixed => [Home],

@@ -1,8 +1,8 @@
 %% @doc Keeps what a robot knows of the owners of tokens. It also keeps the requests that arrived
-%% before the token that they look for. Pure; a part of {@link starl_mutex_state}.
+%% before the token that they look for. Pure; a part of {@link starl_mutex_tokens}.
 -module(starl_mutex_owners).
 
--export([new/0, newest/2, announced/4, refute/3, handed/4, wait/4, take_early/2, add/2]).
+-export([new/0, newest/2, announced/4, refute/3, handed/4, wait/4, take_early/2]).
 
 -export_type([t/0]).
 
@@ -20,8 +20,6 @@
 %% The most tokens that a robot is known to own, and the most for which requests wait here. What is beyond that
 %% is only found later: who waits asks the home again.
 -define(TOKENS, 4096).
-%% The most requests of a robot in a queue.
--define(REQUESTS, 64).
 
 %% A request, and the number of the owner that its sender knew of.
 -type early() :: {request(), Known :: fence()}.
@@ -91,12 +89,3 @@ wait(Token, {Request, Known}, Most, #owners{early = Early} = Owners) ->
 take_early(Token, #owners{early = Early} = Owners) ->
     Requests = [Request || {Request, _} <- maps:get(Token, Early, [])],
     {Requests, Owners#owners{early = maps:remove(Token, Early)}}.
-
-%% @doc A queue with a request at its end, unless it is in it already.
--spec add(request(), [request()]) -> [request()].
-add({Robot, _} = Request, Queue) ->
-    case lists:member(Request, Queue) of
-        true -> Queue;
-        false when length(Queue) < ?REQUESTS -> Queue ++ [Request];
-        false -> Queue ++ [Request || length([R || {R, _} <- Queue, R =:= Robot]) < ?REQUESTS]
-    end.
