@@ -154,6 +154,29 @@ not_worth_it_test() ->
     {Earlier, _} = message(100, 1, {give, parcel(900000, 5), [{2, {2, 50}}]}, started()),
     ?assertEqual([question(1, 100), timer(ask, 100000, again)], Earlier).
 
+%% Worth it is what lives and travels on; of a message that is held only what has more left by more than
+%% an eighth of the lifetime, or more hops.
+what_is_asked_for_test() ->
+    Asks = fun(Now, Left, Hops, Machine) ->
+        {Actions, _} = message(Now, 3, {offer, ?ID, ?LIFETIME, Left, Hops}, Machine),
+        Actions =/= []
+    end,
+    [
+        ?assertEqual({Left, Hops, Is}, {Left, Hops, Asks(100, Left, Hops, started())})
+     || {Left, Hops, Is} <- [{1, 1, true}, {0, 1, false}, {-1, 1, false}, {1, 0, false}]
+    ],
+    %% held until 900100, with four hops left
+    [
+        ?assertEqual({Left, Hops, Is}, {Left, Hops, Asks(100, Left, Hops, holding())})
+     || {Left, Hops, Is} <- [
+            {900000 + 125000, 5, false},
+            {900000 + 125001, 5, true},
+            {1, 6, true},
+            {0, 6, false}
+        ]
+    ],
+    ?assert(Asks(500100, 400000 + 125001, 5, holding())).
+
 %% -- taking -----------------------------------------------------------------------------------
 
 %% It lives for what was left, from when it was asked for; with one hop less.
@@ -265,7 +288,84 @@ give_many_test() ->
     ?assertEqual(timer(give, 0, give), More),
     ?assertMatch({[_], _}, at(3300, {timeout, {give, ?ID}}, give, Left)).
 
+%% Offered and given is what lives; offered is what travels on.
+nothing_is_given_after_its_time_test() ->
+    Offer = fun(Now, M) -> element(1, at(Now, {timeout, {offer, ?ID}}, again, M)) end,
+    Ask = fun(Now, M) -> message(Now, 3, {ask, ?ID, {1, Now}}, M) end,
+    ?assertMatch([_, _], Offer(900099, holding())),
+    ?assertEqual([], Offer(900100, holding())),
+    ?assertMatch({[_], _}, Ask(900099, holding())),
+    ?assertEqual({[], holding()}, Ask(900100, holding())),
+    {_, Asked} = Ask(900000, holding()),
+    Give = fun(Now) -> element(1, at(Now, {timeout, {give, ?ID}}, give, Asked)) end,
+    ?assertMatch([_], Give(900099)),
+    ?assertEqual([], Give(900100)),
+    {_, Last} = given(200, 1, 100, 900000, 1, started()),
+    ?assertEqual([], Offer(300, Last)),
+    ?assertEqual({[], Last}, Ask(300, Last)),
+    ?assertEqual([], Offer(300, started())).
+
 %% -- delivering -------------------------------------------------------------------------------
+
+listening() -> holding(started(#{listeners => #{news => app}})).
+
+where(N) -> starl_location:pose(2, {where, N}).
+
+check_timer() -> {{timeout, check}, 250000, check}.
+
+place(Now, N, X, Machine) -> at(Now, {reply, {where, N}}, {ok, {X, 0.0, 0.0}}, Machine).
+
+%% A robot asks where it is only while a message waits; each question has its number, and one timer runs.
+where_am_i_test() ->
+    {_, Asking} = offered(100, 1, 900000, started(#{listeners => #{news => app}})),
+    {First, One} = given(200, 1, 100, 900000, Asking),
+    ?assertEqual([where(1), check_timer()], lists:nthtail(5, First)),
+    {Second, Two} = at(300, cast, {listen, other, door}, One),
+    ?assertEqual([where(2)], Second),
+    {Third, Three} = at(250200, {timeout, check}, check, Two),
+    ?assertEqual([where(3), check_timer()], Third),
+    {_, Delivered} = place(250300, 3, 0.0, Three),
+    {[], None} = at(500200, {timeout, check}, check, Delivered),
+    %% the timer is set anew by what comes then
+    {Sent, _} = send(600000, None),
+    ?assertEqual([where(4), check_timer()], lists:nthtail(5, Sent)).
+
+%% Delivered is what the robot is surely inside of: by the error of its place.
+inside_by_the_error_test() ->
+    ?assertMatch({[{trace, {delivered, ?ID, _}}, _], _}, place(300, 1, 998.0, listening())),
+    ?assertEqual({[], listening()}, place(300, 1, 998.1, listening())).
+
+%% An answer counts for 0.1 s, to the question that was asked last, and only if it is one.
+stale_position_test() ->
+    ?assertMatch({[_, _], _}, place(100200, 1, 0.0, listening())),
+    ?assertEqual({[], listening()}, place(100201, 1, 0.0, listening())),
+    ?assertEqual({[], listening()}, place(300, 2, 0.0, listening())),
+    ?assertEqual({[], listening()}, at(300, {reply, {where, 1}}, {error, unknown}, listening())),
+    {_, Again} = at(300, cast, {listen, other, door}, listening()),
+    ?assertEqual({[], Again}, place(400, 1, 0.0, Again)).
+
+%% A delivery leaves while the position is fresh and the message lives.
+a_delivery_has_a_latest_moment_test() ->
+    Latest = fun(Now, N, Machine) ->
+        Answer = {ok, {0.0, 0.0, 0.0}},
+        {Actions, _} =
+            starl_machine:step({reply, {where, N}}, Answer, #{now => Now, robot => 2}, Machine),
+        [{Until, Mark} || {until, Until, [_, _], Mark} <- Actions]
+    end,
+    ?assertEqual([{100200, {delivered, ?ID}}], Latest(300, 1, listening())),
+    {_, Late} = at(850000, {timeout, check}, check, listening()),
+    ?assertEqual([{900099, {delivered, ?ID}}], Latest(850000, 2, Late)).
+
+%% What waits is delivered in the order of its ids, however much it is.
+delivered_in_order_test() ->
+    Ids = [{1, 1, N} || N <- lists:seq(1, 40)],
+    Hold = fun(Id, M) ->
+        Give = {give, setelement(1, parcel(900000, 5), Id), [{2, {1, 100}}]},
+        element(2, message(200, 1, Give, M))
+    end,
+    Many = lists:foldl(Hold, started(#{listeners => #{news => app}}), lists:reverse(Ids)),
+    {Actions, _} = place(300, 40, 0.0, Many),
+    ?assertEqual(Ids, [Id || {trace, {delivered, Id, _}} <- Actions]).
 
 %% Who listens later is asked for its place then, and again from time to time.
 listen_test() ->

@@ -25,10 +25,13 @@
     benchmark/0
 ]).
 
--export_type([area/0, options/0]).
+-export_type([area/0, id/0, options/0]).
 
 %% A circle, an axis-parallel rectangle or a polygon; millimetres.
 -type area() :: starl_geocast_area:area().
+
+%% A message: its source, the incarnation of the source's machine, and a sequence number.
+-type id() :: {starl:robot_id(), Incarnation :: pos_integer(), N :: pos_integer()}.
 
 %% `lifetime_ms': the time during which the message may be delivered (default 5000, at most a day).
 %% `hops': the most transmissions over which it may travel (default 32).
@@ -90,7 +93,6 @@ known(Options) ->
 
 %% -- the block ------------------------------------------------------------------------------
 
-%% @doc See {@link starl_geocast_flood:config()}.
 -spec options() -> [starl_options:option()].
 options() ->
     [

@@ -32,7 +32,7 @@
 
 -export([init/1, handle_event/5, accepts/2]).
 
--export_type([config/0, event/0]).
+-export_type([event/0]).
 
 %% The trace of geocast; a hash is that of area, type and body.
 -type event() ::
@@ -44,31 +44,39 @@
     %% not taken: `limit' messages are known already
     | {full, id()}.
 
-%% `drift_ppm': the greatest drift of a clock; `position_error_mm': the greatest error of a reported
-%% position; `first_ms', `longest_ms': the first wait before an offer is repeated, doubled each time
-%% up to the longest; `jitter_ms': the longest random wait of a relay before its first offer;
-%% `ask_ms': the wait for a message before it is asked for again; `gather_ms': the wait for other
-%% robots that ask for the same message; `check_ms': the time between two checks whether the robot
-%% has come into an area; `listeners': machines that listen from the start on, also after a restart.
--type config() :: #{
-    drift_ppm => non_neg_integer(),
-    position_error_mm => float(),
-    first_ms => pos_integer(),
-    longest_ms => pos_integer(),
-    jitter_ms => non_neg_integer(),
-    ask_ms => pos_integer(),
-    gather_ms => non_neg_integer(),
-    check_ms => pos_integer(),
-    limit => pos_integer(),
-    listeners => #{Type :: atom() => starl_machine:name()}
-}.
+-type id() :: starl_geocast:id().
 
--type id() :: starl_geocast_store:id().
+%% A robot that asked, with the life of its machine and the time by its clock.
+-type asker() :: {starl:robot_id(), {Incarnation :: pos_integer(), Us :: integer()}}.
 
 %% The number of times that a message is asked for; then another offer has to come.
 -define(QUESTIONS, 4).
 %% The most messages that are asked for at a time; others are when they are offered again.
 -define(WANTED, 4096).
+%% An offer is better than the message held if its rest is longer by this part of the lifetime.
+-define(BETTER, 8).
+%% The most robots that are given a message with one packet.
+-define(AT_ONCE, 50).
+%% The number of ranges of delivered messages that are remembered of each source.
+-define(RANGES, 256).
+%% A position that took longer to come is out of date.
+-define(FRESH_US, 100000).
+
+%% A message that is alive until a time of the own clock.
+-record(held, {
+    area :: starl_geocast:area(),
+    type :: atom(),
+    body :: term(),
+    lifetime_us :: pos_integer(),
+    until :: integer(),
+    hops :: non_neg_integer(),
+    %% the wait before its next offer is repeated
+    wait_us :: pos_integer(),
+    %% it may be delivered here, and has not been
+    deliverable :: boolean(),
+    %% the robots that have asked for it, in this order
+    askers = [] :: [asker()]
+}).
 
 -record(flood, {
     self :: starl:robot_id(),
@@ -76,49 +84,36 @@
     incarnation :: pos_integer(),
     started :: integer(),
     random :: rand:state(),
+    %% the options of starl_geocast
     config :: map(),
     next = 1 :: pos_integer(),
-    store :: starl_geocast_store:t(),
+    %% the messages that are held, or were once
+    known = #{} :: #{id() => #held{} | over},
+    delivered = starl_geocast_memory:new(?RANGES) :: starl_geocast_memory:t(),
     %% the messages asked for, each with the robot that was asked and the number of questions
     wanted = #{} :: #{id() => {starl:robot_id(), pos_integer()}},
-    delivery :: starl_geocast_delivery:t()
+    listeners :: #{Type :: atom() => starl_machine:name()},
+    %% the last question for the own position, and when it was asked
+    located = {0, 0} :: {N :: non_neg_integer(), AtUs :: integer()},
+    %% is the timer of the next question set?
+    checking = false :: boolean()
 }).
 
 -spec init(starl_machine:config()) -> {ready, #flood{}, [starl_machine:action()]}.
 init(#{robot := Self, incarnation := Incarnation, random := Random, now := Now} = Config) ->
     #{participants := Team} = Config,
-    Full = maps:merge(defaults(), maps:with(maps:keys(defaults()), Config)),
-    #{limit := Limit, drift_ppm := Ppm} = Full,
+    Defaults = starl_options:defaults(starl_geocast:options()),
+    Options = maps:merge(Defaults, maps:with(maps:keys(Defaults), Config)),
     Flood = #flood{
         self = Self,
         team = Team,
         incarnation = Incarnation,
         started = Now,
         random = Random,
-        config = Full,
-        store = starl_geocast_store:new(Limit, Ppm),
-        delivery = delivery(Self, Full)
+        config = maps:without([listeners, all_listen], Options),
+        listeners = map_get(listeners, Options)
     },
     {ready, Flood, [starl_sap:listen(geocast, geocast)]}.
-
-delivery(Self, #{position_error_mm := Error, check_ms := Ms, listeners := Listeners}) ->
-    starl_geocast_delivery:new(Self, #{
-        position_error_mm => Error, check_us => 1000 * Ms, listeners => Listeners
-    }).
-
-defaults() ->
-    #{
-        drift_ppm => 10000,
-        position_error_mm => 2.0,
-        first_ms => 50,
-        longest_ms => 1000,
-        jitter_ms => 5,
-        ask_ms => 100,
-        gather_ms => 3,
-        check_ms => 250,
-        limit => 256,
-        listeners => #{}
-    }.
 
 -spec handle_event(
     starl_machine:event_type(), term(), ready, #flood{}, starl_machine:meta()
@@ -132,10 +127,10 @@ handle_event({reply, {where, N}}, Answer, ready, Flood, #{now := Now}) ->
 handle_event({call, From}, {send, Area, Type, Body, Lifetime, Hops}, ready, Flood, Meta) ->
     send(From, {Area, Type, Body, Lifetime, Hops}, maps:get(now, Meta), Flood);
 handle_event(cast, {listen, Type, Machine}, ready, Flood, #{now := Now}) ->
-    Delivery = starl_geocast_delivery:listen(Type, Machine, Flood#flood.delivery),
-    check(Now, [], Flood#flood{delivery = Delivery});
-handle_event(info, {late, {delivered, Id}}, ready, #flood{store = Store} = Flood, #{now := Now}) ->
-    check(Now, [], Flood#flood{store = starl_geocast_store:undelivered(Id, Store)});
+    #flood{listeners = Listeners} = Flood,
+    check(Now, [], Flood#flood{listeners = Listeners#{Type => Machine}});
+handle_event(info, {late, {delivered, Id}}, ready, Flood, #{now := Now}) ->
+    check(Now, [], undelivered(Id, Flood));
 handle_event(info, {restarted, sap}, ready, _Flood, _Meta) ->
     {keep_state_and_data, [starl_sap:listen(geocast, geocast)]};
 handle_event(info, {restarted, _}, ready, _Flood, _Meta) ->
@@ -149,16 +144,19 @@ timed_out({give, Id}, Now, Flood) ->
     give(Id, Now, Flood);
 timed_out({ask, Id}, Now, Flood) ->
     ask_again(Id, Now, Flood);
-timed_out(check, Now, #flood{store = Store} = Flood) ->
-    {Actions, Next} = starl_geocast_delivery:check_again(Now, Store, Flood#flood.delivery),
-    {keep_state, Flood#flood{delivery = Next}, Actions};
-timed_out({over, Id}, _Now, #flood{store = Store} = Flood) ->
+timed_out(check, Now, Flood) ->
+    check(Now, [], Flood#flood{checking = false});
+timed_out({over, Id}, _Now, #flood{known = Known, wanted = Wanted} = Flood) ->
+    Over =
+        case Known of
+            #{Id := _} -> Known#{Id := over};
+            %% it may be forgotten already, as when the clock was set back after it was asked for
+            #{} -> Known
+        end,
     Cancel = [{{timeout, {Timer, Id}}, cancel} || Timer <- [offer, give, ask]],
-    Wanted = maps:remove(Id, Flood#flood.wanted),
-    Over = starl_geocast_store:over(Id, Store),
-    {keep_state, Flood#flood{store = Over, wanted = Wanted}, Cancel};
-timed_out({forget, Id}, _Now, #flood{store = Store} = Flood) ->
-    {keep_state, Flood#flood{store = starl_geocast_store:forget(Id, Store)}};
+    {keep_state, Flood#flood{known = Over, wanted = maps:remove(Id, Wanted)}, Cancel};
+timed_out({forget, Id}, _Now, #flood{known = Known} = Flood) ->
+    {keep_state, Flood#flood{known = maps:remove(Id, Known)}};
 timed_out(_Timer, _Now, _Flood) ->
     unknown_event.
 
@@ -207,27 +205,52 @@ message({give, Parcel, Askers}, From, Now, #flood{self = Self, incarnation = Lif
 message(_, _, _, _) ->
     unknown_event.
 
-%% -- sending and taking ---------------------------------------------------------------------
+%% -- sending --------------------------------------------------------------------------------
 
-send(From, Content, Now, #flood{next = N, self = Self, incarnation = Incarnation} = Flood) ->
-    Id = {Self, Incarnation, N},
-    {Area, Type, Body, Lifetime, Hops} = Content,
-    case starl_geocast_store:takes(Id, Flood#flood.store) of
+send(From, {Area, Type, Body, Lifetime, Hops}, Now, #flood{next = N, self = Self} = Flood) ->
+    Id = {Self, Flood#flood.incarnation, N},
+    case has_room(Id, Flood) of
         true ->
-            Hash = erlang:phash2({Area, Type, Body}),
-            Traced = [{reply, From, ok}, {trace, {sent, Id, Area, Lifetime, Hash}}],
-            Parcel = {Id, Area, Type, Body, Lifetime, Lifetime, Hops},
-            Until = starl_geocast_lifetime:deadline(Now, Lifetime, ppm(Flood)),
-            hold(Parcel, Until, true, 0, Now, Traced, Flood#flood{next = N + 1});
+            Traced = [
+                {reply, From, ok},
+                {trace, {sent, Id, Area, Lifetime, erlang:phash2({Area, Type, Body})}}
+            ],
+            Held = #held{
+                area = Area,
+                type = Type,
+                body = Body,
+                lifetime_us = Lifetime,
+                until = starl_geocast_lifetime:deadline(Now, Lifetime, ppm(Flood)),
+                hops = Hops,
+                wait_us = us(first_ms, Flood),
+                deliverable = true
+            },
+            hold(Id, Held, 0, Now, Traced, Flood#flood{next = N + 1});
         false ->
             {keep_state_and_data, [{reply, From, {error, full}}]}
     end.
 
+has_room(Id, #flood{known = Known, config = #{limit := Limit}}) ->
+    map_size(Known) < Limit orelse is_map_key(Id, Known).
+
+%% Holds a message from now on, and offers it for the first time after `Wait'.
+hold(Id, #held{deliverable = Deliverable} = Held, Wait, Now, Actions, Flood) ->
+    %% delivered it may be, although it was forgotten meanwhile
+    New = Deliverable andalso not starl_geocast_memory:is_member(Id, Flood#flood.delivered),
+    #held{lifetime_us = Lifetime, until = Until} = Held,
+    Timers = [
+        {{timeout, {over, Id}}, Until - Now, over},
+        {{timeout, {forget, Id}}, starl_geocast_lifetime:memory_us(Lifetime, ppm(Flood)), forget},
+        {{timeout, {offer, Id}}, Wait, again}
+    ],
+    check(Now, Actions ++ Timers, put_held(Id, Held#held{deliverable = New}, Flood)).
+
+%% -- asking ---------------------------------------------------------------------------------
+
 %% A robot asks for a message that it does not know, or holds with less left or fewer hops.
 offered({{Source, _, _} = Id, _, _, _} = Offer, From, Now, Flood) ->
-    #flood{team = Team, store = Store, wanted = Wanted} = Flood,
-    Worth = starl_team:has(Source, Team) andalso starl_geocast_store:is_worth(Offer, Now, Store),
-    case {Worth, Wanted} of
+    #flood{team = Team, wanted = Wanted} = Flood,
+    case {starl_team:has(Source, Team) andalso is_worth(Offer, Now, Flood), Wanted} of
         {false, _} ->
             keep_state_and_data;
         {true, #{Id := {_, N}}} ->
@@ -239,10 +262,21 @@ offered({{Source, _, _} = Id, _, _, _} = Offer, From, Now, Flood) ->
             keep_state_and_data
     end.
 
-ask(Id, From, N, Now, #flood{wanted = Wanted} = Flood) ->
-    case starl_geocast_store:takes(Id, Flood#flood.store) of
+is_worth({Id, Lifetime, Left, Hops}, Now, #flood{known = Known}) ->
+    case Known of
+        #{Id := over} ->
+            false;
+        #{Id := #held{hops = Own, until = Until}} when
+            Hops - 1 =< Own, Left - (Until - Now) =< Lifetime div ?BETTER
+        ->
+            false;
+        #{} ->
+            Left > 0 andalso Hops > 0
+    end.
+
+ask(Id, From, N, Now, #flood{self = Self, incarnation = Incarnation, wanted = Wanted} = Flood) ->
+    case has_room(Id, Flood) of
         true ->
-            #flood{self = Self, incarnation = Incarnation} = Flood,
             Question = {ask, Id, {Incarnation, Now}},
             {keep_state, Flood#flood{wanted = Wanted#{Id => {From, N}}}, [
                 starl_sap:datagram(Self, From, geocast, Question),
@@ -258,107 +292,168 @@ ask_again(Id, Now, #flood{wanted = Wanted} = Flood) ->
         #{} -> {keep_state, Flood#flood{wanted = maps:remove(Id, Wanted)}}
     end.
 
--spec given(
-    starl_geocast_store:parcel(),
-    starl:robot_id(),
-    AskedUs :: integer(),
-    integer(),
-    #flood{}
-) -> starl_machine:result().
-given({{Source, _, _} = Id, Area, Type, Body, Lifetime, Told, Hops}, From, Asked, Now, Flood) ->
-    IsOurs = starl_team:has(Source, Flood#flood.team),
-    #flood{store = Store, wanted = Wanted, started = Started, incarnation = Life} = Flood,
+%% -- taking ---------------------------------------------------------------------------------
+
+%% The answer to a question of this robot.
+given({Id, Area, Type, Body, Lifetime, Told, Hops}, From, Asked, Now, Flood) ->
+    #flood{known = Known, wanted = Wanted} = Flood,
     Left = min(Told, Lifetime),
     Until = starl_geocast_lifetime:deadline(Asked, Left, ppm(Flood)),
     Met = Flood#flood{wanted = maps:remove(Id, Wanted)},
-    case starl_geocast_store:look(Id, Store) of
-        over ->
+    case Known of
+        #{Id := over} ->
             keep_state_and_data;
-        held ->
-            prolong(Id, From, Until, Hops - 1, Now, Met);
-        unknown when Until =< Now; not IsOurs -> keep_state_and_data;
-        unknown ->
-            %% the first life of the machine has delivered nothing before
-            New =
-                Life =:= 1 orelse
-                    starl_geocast_lifetime:is_sent_after(
-                        Started, Asked, Lifetime, Left, ppm(Flood)
-                    ),
-            take({Id, Area, Type, Body, Lifetime, Left, Hops - 1}, From, Until, New, Now, Met)
+        #{Id := #held{} = Held} ->
+            prolong(Id, Held, From, Until, Hops - 1, Now, Met);
+        #{} when Until =< Now ->
+            keep_state_and_data;
+        #{} ->
+            take(Id, From, Now, Met, #held{
+                area = Area,
+                type = Type,
+                body = Body,
+                lifetime_us = Lifetime,
+                until = Until,
+                hops = Hops - 1,
+                wait_us = us(first_ms, Flood),
+                deliverable = is_new(Asked, Lifetime, Left, Flood)
+            })
     end.
 
-take({Id, _, _, _, _, _, _} = Parcel, From, Until, New, Now, Flood0) ->
-    case starl_geocast_store:takes(Id, Flood0#flood.store) of
-        true ->
+%% The first life of the machine has delivered nothing before.
+is_new(_Asked, _Lifetime, _Left, #flood{incarnation = 1}) ->
+    true;
+is_new(Asked, Lifetime, Left, #flood{started = Started} = Flood) ->
+    starl_geocast_lifetime:is_sent_after(Started, Asked, Lifetime, Left, ppm(Flood)).
+
+take({Source, _, _} = Id, From, Now, #flood{team = Team} = Flood0, Held) ->
+    case {starl_team:has(Source, Team), has_room(Id, Flood0)} of
+        {false, _} ->
+            keep_state_and_data;
+        {true, true} ->
             {Jitter, Flood} = jitter(Flood0),
             Answered = [{{timeout, {ask, Id}}, cancel}, {trace, {held, Id, From}}],
-            hold(Parcel, Until, New, Jitter, Now, Answered, Flood);
-        false ->
+            hold(Id, Held, Jitter, Now, Answered, Flood);
+        {true, false} ->
             {keep_state, Flood0, [{trace, {full, Id}}, {{timeout, {ask, Id}}, cancel}]}
     end.
 
-hold({Id, _, _, _, Lifetime, _, _} = Parcel, Until, New, Jitter, Now, Actions, Flood) ->
-    First = us(first_ms, Flood),
-    Held = starl_geocast_store:hold(Parcel, Until, New, First, Flood#flood.store),
-    Timers = [
-        {{timeout, {over, Id}}, Until - Now, over},
-        {{timeout, {forget, Id}}, starl_geocast_lifetime:memory_us(Lifetime, ppm(Flood)), forget},
-        {{timeout, {offer, Id}}, Jitter, again}
-    ],
-    check(Now, Actions ++ Timers, Flood#flood{store = Held}).
-
-prolong(Id, From, Theirs, Hops, Now, #flood{store = Store} = Flood) ->
-    {Until, IsTheirs, Better} = starl_geocast_store:prolong(Id, Theirs, Hops, Store),
-    {keep_state, Flood#flood{store = Better}, [
+%% A held message is given once more: the longer deadline and the larger number of hops count.
+prolong(Id, #held{until = Until, hops = Hops} = Held, From, TheirUntil, TheirHops, Now, Flood) ->
+    Longer = max(Until, TheirUntil),
+    Better = Held#held{until = Longer, hops = max(Hops, TheirHops)},
+    {keep_state, put_held(Id, Better, Flood), [
         {{timeout, {ask, Id}}, cancel},
-        {{timeout, {over, Id}}, max(0, Until - Now), over}
-        | [{trace, {held, Id, From}} || IsTheirs]
+        {{timeout, {over, Id}}, max(0, Longer - Now), over}
+        | [{trace, {held, Id, From}} || TheirUntil > Until]
     ]}.
+
+put_held(Id, Held, #flood{known = Known} = Flood) -> Flood#flood{known = Known#{Id => Held}}.
 
 %% -- offering and giving --------------------------------------------------------------------
 
-offer(Id, Now, #flood{store = Store} = Flood) ->
-    case starl_geocast_store:offer(Id, Now, us(longest_ms, Flood), Store) of
-        {{Id, Lifetime, Left, Hops}, Wait, Next} ->
-            {keep_state, Flood#flood{store = Next}, [
-                starl_sap:shout(geocast, {offer, Id, Lifetime, Left, Hops}),
+%% The wait doubles each time, up to the longest.
+offer(Id, Now, Flood) ->
+    case travelling(Id, Now, Flood) of
+        #held{hops = Hops, wait_us = Wait, lifetime_us = Lifetime} = Held ->
+            Doubled = Held#held{wait_us = min(2 * Wait, us(longest_ms, Flood))},
+            {keep_state, put_held(Id, Doubled, Flood), [
+                starl_sap:shout(geocast, {offer, Id, Lifetime, left(Held, Now, Flood), Hops}),
                 {{timeout, {offer, Id}}, Wait, again}
             ]};
         none ->
             keep_state_and_data
     end.
 
+%% A message that is alive and may travel on.
+travelling(Id, Now, #flood{known = Known}) ->
+    case Known of
+        #{Id := #held{hops = Hops, until = Until} = Held} when Hops > 0, Now < Until -> Held;
+        #{} -> none
+    end.
+
 %% Others may ask for the same: one packet will do for all of them.
-asked(Id, Asker, Now, #flood{store = Store} = Flood) ->
-    case starl_geocast_store:ask(Id, Asker, Now, Store) of
-        {IsFirst, Next} ->
-            Gather = [{{timeout, {give, Id}}, us(gather_ms, Flood), give} || IsFirst],
-            {keep_state, Flood#flood{store = Next}, Gather};
+asked(Id, Asker, Now, Flood) ->
+    case travelling(Id, Now, Flood) of
+        #held{askers = Askers} = Held ->
+            Gather = [{{timeout, {give, Id}}, us(gather_ms, Flood), give} || Askers =:= []],
+            {keep_state, put_held(Id, Held#held{askers = Askers ++ [Asker]}, Flood), Gather};
         none ->
             keep_state_and_data
     end.
 
-give(Id, Now, #flood{store = Store} = Flood) ->
-    case starl_geocast_store:give(Id, Now, Store) of
-        {Parcel, Askers, AreMore, Next} ->
-            More = [{{timeout, {give, Id}}, 0, give} || AreMore],
-            {keep_state, Flood#flood{store = Next}, [
-                starl_sap:shout(geocast, {give, Parcel, Askers}) | More
+give(Id, Now, #flood{known = Known} = Flood) ->
+    case Known of
+        #{Id := #held{askers = [_ | _] = Askers, until = Until} = Held} when Now < Until ->
+            {Some, Rest} = lists:split(min(?AT_ONCE, length(Askers)), Askers),
+            #held{area = Area, type = Type, body = Body, lifetime_us = Us, hops = Hops} = Held,
+            Parcel = {Id, Area, Type, Body, Us, left(Held, Now, Flood), Hops},
+            {keep_state, put_held(Id, Held#held{askers = Rest}, Flood), [
+                starl_sap:shout(geocast, {give, Parcel, Some})
+                | [{{timeout, {give, Id}}, 0, give} || Rest =/= []]
             ]};
-        none ->
+        #{} ->
             keep_state_and_data
     end.
+
+left(#held{until = Until}, Now, Flood) -> starl_geocast_lifetime:left(Until, Now, ppm(Flood)).
 
 %% -- delivering -----------------------------------------------------------------------------
 
-check(Now, Before, #flood{store = Store, delivery = Delivery} = Flood) ->
-    {Actions, Next} = starl_geocast_delivery:check(Now, Store, Delivery),
-    {keep_state, Flood#flood{delivery = Next}, Before ++ Actions}.
+%% Asks for the own position if a message waits for it, now and again from time to time.
+check(Now, Before, #flood{self = Self, located = {N, _}, checking = Checking} = Flood) ->
+    case waiting(Now, Flood) of
+        [] ->
+            {keep_state, Flood, Before};
+        [_ | _] ->
+            Ask = starl_location:pose(Self, {where, N + 1}),
+            Timer = [{{timeout, check}, us(check_ms, Flood), check} || not Checking],
+            Asked = Flood#flood{located = {N + 1, Now}, checking = true},
+            {keep_state, Asked, Before ++ [Ask | Timer]}
+    end.
 
-located(N, Answer, Now, #flood{store = Store, delivery = Delivery} = Flood) ->
-    case starl_geocast_delivery:located(N, Answer, Now, Store, Delivery) of
-        {Actions, Delivered} -> {keep_state, Flood#flood{store = Delivered}, Actions};
-        stale -> keep_state_and_data
+%% The messages that are alive, not delivered yet, and listened to, in the order of their ids.
+waiting(Now, #flood{known = Known, listeners = Listeners}) ->
+    lists:keysort(1, [
+        {Id, Held}
+     || {Id, #held{deliverable = true, until = Until, type = Type} = Held} <- maps:to_list(Known),
+        Now < Until,
+        is_map_key(Type, Listeners)
+    ]).
+
+%% The answer to the last question for the position: delivers the messages in whose areas the robot
+%% surely is. A delivery leaves while the position is fresh and the message lives, or not at all,
+%% since a computer may stall in mid-step while its robot drives on.
+located(N, {ok, {X, Y, _}}, Now, #flood{located = {N, At}} = Flood) when Now - At =< ?FRESH_US ->
+    #flood{config = #{position_error_mm := Error}, listeners = Listeners} = Flood,
+    Inside = [
+        One
+     || {_, #held{area = Area}} = One <- waiting(Now, Flood),
+        starl_geocast_area:depth({X, Y}, Area) >= Error
+    ],
+    Deliveries = [
+        {until, min(At + ?FRESH_US, Until - 1), deliver(Id, Held, Listeners), {delivered, Id}}
+     || {Id, #held{until = Until} = Held} <- Inside
+    ],
+    {keep_state, lists:foldl(fun delivered/2, Flood, Inside), Deliveries};
+located(_N, _Answer, _Now, _Flood) ->
+    keep_state_and_data.
+
+deliver({Source, _, _} = Id, #held{area = Area, type = Type, body = Body}, Listeners) ->
+    [
+        {trace, {delivered, Id, erlang:phash2({Area, Type, Body})}},
+        {cast, maps:get(Type, Listeners), {message, Source, Type, Body}}
+    ].
+
+delivered({Id, Held}, #flood{delivered = Memory} = Flood) ->
+    Remembered = Flood#flood{delivered = starl_geocast_memory:add(Id, Memory)},
+    put_held(Id, Held#held{deliverable = false}, Remembered).
+
+%% This message was to be delivered, but too late: it waits again.
+undelivered(Id, #flood{known = Known} = Flood) ->
+    case Known of
+        #{Id := #held{} = Held} -> put_held(Id, Held#held{deliverable = true}, Flood);
+        #{} -> Flood
     end.
 
 %% -- configuration --------------------------------------------------------------------------

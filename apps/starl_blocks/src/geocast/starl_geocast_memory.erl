@@ -1,6 +1,6 @@
 %% @doc The permanent memory of delivered geocasts. It keeps ranges of message numbers for each
 %% source. It does not depend on clocks, so no message is delivered twice, for any delay. Pure; a
-%% part of {@link starl_geocast_store}.
+%% part of {@link starl_geocast_flood}.
 %%
 %% The memory is bounded: it keeps a fixed number of ranges per source, and merges the two oldest if
 %% there are more. The messages between these two then count as delivered, too. That affects only a
@@ -12,7 +12,7 @@
 
 -export_type([t/0]).
 
--type id() :: starl_geocast_store:id().
+-type id() :: starl_geocast:id().
 
 %% A number of a source: its incarnation and a sequence number.
 -type place() :: {Incarnation :: pos_integer(), N :: pos_integer()}.
