@@ -120,7 +120,7 @@ forgotten(Robot, #state{holds = Holds, asks = Asks} = State) ->
 
 %% Does somebody wait for this robot, for whom it waits from now on?
 in_circle(T, Robot, Token, #state{circles = Circles} = State) ->
-    case way(Token, Robot, [], State) of
+    case chain(Token, Robot, [], State) of
         none ->
             State;
         Waits ->
@@ -130,7 +130,7 @@ in_circle(T, Robot, Token, #state{circles = Circles} = State) ->
     end.
 
 %% From holder to holder, until the one who asks.
-way(Token, Robot, Before, #state{holds = Holds, asks = Asks} = State) ->
+chain(Token, Robot, Before, #state{holds = Holds, asks = Asks} = State) ->
     case Holds of
         #{Token := Robot} ->
             lists:reverse(Before, [{Robot, Token}]);
@@ -140,15 +140,15 @@ way(Token, Robot, Before, #state{holds = Holds, asks = Asks} = State) ->
                     true -> [];
                     false -> maps:get(Holder, Asks, [])
                 end,
-            first_way(Next, Robot, [{Holder, Token} | Before], State);
+            first_chain(Next, Robot, [{Holder, Token} | Before], State);
         #{} ->
             none
     end.
 
-first_way([], _Robot, _Before, _State) ->
+first_chain([], _Robot, _Before, _State) ->
     none;
-first_way([Token | Tokens], Robot, Before, State) ->
-    case way(Token, Robot, Before, State) of
-        none -> first_way(Tokens, Robot, Before, State);
+first_chain([Token | Tokens], Robot, Before, State) ->
+    case chain(Token, Robot, Before, State) of
+        none -> first_chain(Tokens, Robot, Before, State);
         Waits -> Waits
     end.
