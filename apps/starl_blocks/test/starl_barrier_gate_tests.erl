@@ -21,7 +21,7 @@ nothing_is_known_test() ->
     ?assertNot(?G:is_sure(?G:new(false))),
     ?assertEqual({0, 0, 0}, ?G:counts(New)),
     ?assertEqual({0, 0, 0}, ?G:fact(2, New)),
-    ?assertEqual({1, 0}, ?G:turn(New)),
+    ?assertEqual({1, 0}, ?G:progress(New)),
     ?assertNot(?G:is_passed(1, New)),
     ?assertEqual({none, [], waits}, {?G:caller(New), ?G:missed(New), ?G:pass(New)}).
 
@@ -32,7 +32,7 @@ recalled_test() ->
     ?assert(?G:is_sure(Gate)),
     ?assertEqual({4, 3, 2}, ?G:counts(Gate)),
     ?assertEqual({4, 0, 2}, ?G:fact(2, Gate)),
-    ?assertEqual({4, 2}, ?G:turn(Gate)),
+    ?assertEqual({4, 2}, ?G:progress(Gate)),
     ?assertEqual(?G:recall({4, 3, 0}, true), ?G:recall({4, 3}, true)),
     ?assertEqual([true, true, false], [?G:is_passed(K, Gate) || K <- [2, 3, 4]]).
 
@@ -57,7 +57,7 @@ reach_test() ->
     ?assertEqual(waits, ?G:pass(Failed)),
     {again, Second} = ?G:reach({1, 0}, {app, 2}, [2, 3], Failed),
     ?assertEqual({{app, 2}, [3]}, {?G:caller(Second), ?G:missed(Second)}),
-    ?assertEqual({1, 0}, ?G:turn(Second)).
+    ?assertEqual({1, 0}, ?G:progress(Second)).
 
 %% It passes when each of the others has reached the round and knows that it has, and once.
 pass_test() ->
@@ -77,7 +77,7 @@ pass_test() ->
         begin
             {passed, ?APP, 5, Gate} = ?G:pass(heard(Words, Waits)),
             ?assertEqual({{5, 5, 5}, {6, 5}, none}, {
-                ?G:counts(Gate), ?G:turn(Gate), ?G:caller(Gate)
+                ?G:counts(Gate), ?G:progress(Gate), ?G:caller(Gate)
             }),
             ?assertMatch({5, _, 5}, ?G:fact(2, Gate)),
             ?assertEqual(waits, ?G:pass(Gate))
@@ -118,13 +118,13 @@ unheard_test() ->
 resume_test() ->
     Sure = ?G:resume({3, 2}, ?G:recall({3, 3, 3}, true)),
     ?assertEqual(
-        {{3, 3}, {3, 3, 3}, true}, {?G:turn(Sure), ?G:counts(Sure), ?G:is_passed(3, Sure)}
+        {{3, 3}, {3, 3, 3}, true}, {?G:progress(Sure), ?G:counts(Sure), ?G:is_passed(3, Sure)}
     ),
-    ?assertEqual({4, 3}, ?G:turn(?G:tell(3, Sure))),
+    ?assertEqual({4, 3}, ?G:progress(?G:tell(3, Sure))),
     Known = ?G:resume({3, 1}, ?G:hear(2, 3, 7, ?G:new(false))),
     ?assert(?G:is_sure(Known)),
     ?assertEqual(
-        {{3, 1}, {2, 2, 1}, false}, {?G:turn(Known), ?G:counts(Known), ?G:is_passed(3, Known)}
+        {{3, 1}, {2, 2, 1}, false}, {?G:progress(Known), ?G:counts(Known), ?G:is_passed(3, Known)}
     ),
     ?assert(?G:is_passed(2, Known)).
 
@@ -132,7 +132,7 @@ resume_test() ->
 %% it has come further, and no earlier round comes again.
 older_counts_test() ->
     Older = ?G:resume({5, 3}, ?G:recall({4, 3, 3}, true)),
-    ?assertEqual({{5, 3}, {4, 4, 3}}, {?G:turn(Older), ?G:counts(Older)}),
+    ?assertEqual({{5, 3}, {4, 4, 3}}, {?G:progress(Older), ?G:counts(Older)}),
     {new, There} = ?G:reach({5, 3}, ?APP, [2, 3], Older),
     ?assertEqual({5, 4, 3}, ?G:counts(There)),
     ?assertEqual(
@@ -149,7 +149,7 @@ kept_until_it_is_sure_test() ->
     ?assertNot(?G:is_outdated(?G:learn(2, 7, 6, 5, Same))),
     ?assertEqual({{7, 3}, {6, 6, 3}}, counted(?G:resume({7, 3}, ?G:recall({4, 3, 3}, true)))).
 
-counted(Gate) -> {?G:turn(Gate), ?G:counts(Gate)}.
+counted(Gate) -> {?G:progress(Gate), ?G:counts(Gate)}.
 
 %% What a waiting application knows of all is told to another robot whose store is damaged; what the
 %% others know counts as well.
@@ -247,19 +247,19 @@ assure_test() ->
             Sure = ?G:assure(Witnesses, [2, 3], Gate),
             ?assert(?G:is_sure(Sure)),
             ?assertEqual({Witnesses, Passed}, {Witnesses, element(2, ?G:counts(Sure))}),
-            ?assertEqual({Passed + 1, 0}, ?G:turn(Sure))
+            ?assertEqual({Passed + 1, 0}, ?G:progress(Sure))
         end
      || {Witnesses, Passed} <- [{[2, 3], 3}, {[2], 3}, {[3], 4}, {[], 4}]
     ],
-    ?assertEqual({1, 0}, ?G:turn(?G:assure([2, 3], [2, 3], ?G:new(false)))),
+    ?assertEqual({1, 0}, ?G:progress(?G:assure([2, 3], [2, 3], ?G:new(false)))),
     %% also in the first round
     First = ?G:hear(3, 1, 1, ?G:new(false)),
     ?assertEqual(
-        [{1, 0}, {2, 0}], [?G:turn(?G:assure([Witness], [2, 3], First)) || Witness <- [2, 3]]
+        [{1, 0}, {2, 0}], [?G:progress(?G:assure([Witness], [2, 3], First)) || Witness <- [2, 3]]
     ),
     %% all others know that they have reached it: so all have
-    ?assertEqual({2, 1}, ?G:turn(?G:assure([3], [3], First))),
-    ?assertEqual({2, 1}, ?G:turn(?G:assure([3, 2], [2, 3], ?G:hear(2, 1, 1, First)))),
+    ?assertEqual({2, 1}, ?G:progress(?G:assure([3], [3], First))),
+    ?assertEqual({2, 1}, ?G:progress(?G:assure([3, 2], [2, 3], ?G:hear(2, 1, 1, First)))),
     %% who knows it from its store keeps to that
     Stored = heard([{2, 5, 5}, {3, 5, 5}], ?G:recall({5, 4, 4}, true)),
     ?assertEqual(Stored, ?G:assure([2, 3], [2, 3], Stored)).

@@ -167,20 +167,21 @@ model_test() ->
 the_talk_of_a_round_test() ->
     Gate = {gate, 2},
     ?assertEqual({barrier, {round, gate}, round}, starl_barrier_model:first(Gate)),
-    Turn = {2, 1},
+    Progress = {2, 1},
     Answered = fun(Mark, Answer) -> starl_barrier_model:answered(Mark, Answer, Gate) end,
     ?assertEqual(
-        {call, {barrier, {sync, gate, Turn, 30000000}, {sync, Turn}}}, Answered(round, Turn)
+        {call, {barrier, {sync, gate, Progress, 30000000}, {sync, Progress}}},
+        Answered(round, Progress)
     ),
     ?assertEqual(over, Answered(round, {3, 2})),
-    ?assertEqual(over, Answered({sync, Turn}, ok)),
-    ?assertEqual(again, Answered({sync, Turn}, {error, timeout})),
-    ?assertEqual(again, Answered({resume, Turn}, ok)),
+    ?assertEqual(over, Answered({sync, Progress}, ok)),
+    ?assertEqual(again, Answered({sync, Progress}, {error, timeout})),
+    ?assertEqual(again, Answered({resume, Progress}, ok)),
     ?assertEqual(again, starl_barrier_model:restarted(round, Gate)),
     [
         ?assertEqual(
-            {call, {barrier, {resume, gate, Turn}, {resume, Turn}}},
-            starl_barrier_model:restarted({Mark, Turn}, Gate)
+            {call, {barrier, {resume, gate, Progress}, {resume, Progress}}},
+            starl_barrier_model:restarted({Mark, Progress}, Gate)
         )
      || Mark <- [sync, resume]
     ].

@@ -34,8 +34,8 @@ sync(Name, Data) ->
     case does({call, {app, Name}}, {round, Name}, Data) of
         {Same, [{reply, _, {error, _} = Error}]} ->
             {Same, Error};
-        {Same, [{reply, _, Turn}]} ->
-            does({call, {app, Name}}, {sync, Name, Turn, 1000000}, Same)
+        {Same, [{reply, _, Progress}]} ->
+            does({call, {app, Name}}, {sync, Name, Progress, 1000000}, Same)
     end.
 
 long(N) -> <<N:32, 0:(8 * 985)>>.
@@ -118,9 +118,9 @@ parts() ->
     {Told, Messages} = talk(Who, Attacked, Lost, 0),
     ?assert(Messages > 4),
     {Settled, _} = hears(3, {told, 5, true, []}, Told),
-    {_, [{reply, _, Turn}]} = does({call, {app, t}}, {round, long(256)}, Settled),
+    {_, [{reply, _, Progress}]} = does({call, {app, t}}, {round, long(256)}, Settled),
     %% nobody has passed the round: not all have reached it
-    ?assertEqual({1, 0}, Turn),
+    ?assertEqual({1, 0}, Progress),
     %% and what it was told is not lost if it crashes before its application goes on
     {_, Actions} = sync(new, Settled),
     {store, Kept} = lists:keyfind(store, 1, Actions),

@@ -47,12 +47,12 @@ round(Robot, Name) -> round(Robot, Name, ?PATIENCE_MS).
 round(Robot, Name, Ms) ->
     ok = starl_caller:payload({?MODULE, round, 3}, 'Name', label, Name),
     ok = starl_caller:check({?MODULE, round, 3}, 'Ms', positive_ms, Ms),
-    case turn(Robot, Name, Ms) of
+    case progress(Robot, Name, Ms) of
         {ok, {Round, _All}} -> {ok, Round};
         {error, _} = Error -> Error
     end.
 
-turn(Robot, Name, Ms) ->
+progress(Robot, Name, Ms) ->
     case starl:call(Robot, barrier, {round, Name}, Ms) of
         {ok, {error, full}} -> {error, full};
         Answer -> Answer
@@ -71,28 +71,28 @@ sync(Robot, Name) -> sync(Robot, Name, ?PATIENCE_MS).
 sync(Robot, Name, Ms) ->
     ok = starl_caller:payload({?MODULE, sync, 3}, 'Name', label, Name),
     ok = starl_caller:check({?MODULE, sync, 3}, 'Ms', positive_ms, Ms),
-    %% Two calls, so that the round's turn is known here if the machine crashes. The timeout is that
-    %% of both.
+    %% Two calls, so that the robot's progress is known here if the machine crashes. The timeout is
+    %% that of both.
     Until = starl:now(Robot) + Ms,
-    case turn(Robot, Name, Ms) of
-        {ok, Turn} -> pass(Robot, Name, Turn, max(0, Until - starl:now(Robot)));
+    case progress(Robot, Name, Ms) of
+        {ok, Progress} -> pass(Robot, Name, Progress, max(0, Until - starl:now(Robot)));
         {error, _} = Error -> Error
     end.
 
-pass(Robot, Name, Turn, Ms) ->
-    case starl:call(Robot, barrier, {sync, Name, Turn, Ms * 1000}, infinity) of
+pass(Robot, Name, Progress, Ms) ->
+    case starl:call(Robot, barrier, {sync, Name, Progress, Ms * 1000}, infinity) of
         {ok, Answer} ->
             Answer;
         {error, restarted} ->
-            ok = remind(Robot, Name, Turn),
+            ok = remind(Robot, Name, Progress),
             {error, restarted}
     end.
 
 %% Gives the new machine the round that was not passed, and what was known then.
-remind(Robot, Name, Turn) ->
-    case starl:call(Robot, barrier, {resume, Name, Turn}, infinity) of
+remind(Robot, Name, Progress) ->
+    case starl:call(Robot, barrier, {resume, Name, Progress}, infinity) of
         {ok, ok} -> ok;
-        {error, restarted} -> remind(Robot, Name, Turn)
+        {error, restarted} -> remind(Robot, Name, Progress)
     end.
 
 %% -- the block ------------------------------------------------------------------------------

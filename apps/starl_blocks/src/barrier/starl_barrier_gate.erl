@@ -15,18 +15,18 @@
 %% leaves half of all numbers for later rounds.
 -module(starl_barrier_gate).
 
--export([new/1, recall/2, turn/1, is_sure/1, caller/1, counts/1, fact/2]).
+-export([new/1, recall/2, progress/1, is_sure/1, caller/1, counts/1, fact/2]).
 -export([resume/2, is_passed/2, tell/2, reach/4, pass/1, missed/1, unheard/1, fail/1]).
 -export([hear/4, learn/5, assure/3, is_outdated/1]).
 
--export_type([t/0, turn/0, stored/0]).
+-export_type([t/0, progress/0, stored/0]).
 
 -type round() :: non_neg_integer().
 -type counts() :: #{starl:robot_id() => round()}.
 
 %% The first round that the application has not passed, and the last that all have surely reached.
 %% A waiting application keeps it, should the machine crash.
--type turn() :: {pos_integer(), All :: round()}.
+-type progress() :: {pos_integer(), All :: round()}.
 
 %% The robot's own counts: the rounds that it has reached and passed, and the last that all have
 %% surely reached.
@@ -77,9 +77,9 @@ recall({At, Passed, All}, true) ->
 recall({_, _, _} = Counts, false) ->
     (recall(Counts, true))#gate{sure = false, kept = Counts}.
 
-%% @doc The application's next round.
--spec turn(t()) -> turn().
-turn(#gate{told = Told, all = All}) -> {Told + 1, All}.
+%% @doc The application's progress with this name.
+-spec progress(t()) -> progress().
+progress(#gate{told = Told, all = All}) -> {Told + 1, All}.
 
 %% @doc Is it known what this robot did before?
 -spec is_sure(t()) -> boolean().
@@ -105,7 +105,7 @@ fact(Robot, #gate{at = At, all = All, reached = Reached}) ->
 %% @doc The application reports the first round that it has not passed. It knows better than the
 %% others, and better than a store that was damaged for a while and then returns older terms. But it
 %% does not know of a round that was passed just before a crash.
--spec resume(turn(), t()) -> t().
+-spec resume(progress(), t()) -> t().
 resume({Round, All}, #gate{sure = false, kept = none, all = Known} = Gate) ->
     Before = Round - 1,
     settled(Gate#gate{at = Before, passed = Before, told = Before, all = max(All, Known)});
@@ -135,9 +135,9 @@ is_passed(Round, #gate{passed = Passed}) -> Round =< Passed.
 tell(Round, Gate) -> Gate#gate{told = Round}.
 
 %% @doc The robot has reached a round, for the first time or again, and waits for the others.
--spec reach(turn(), starl_machine:from(), [starl:robot_id()], t()) -> {new | again, t()}.
-reach({Round, _} = Turn, From, Others, Gate0) ->
-    #gate{at = At} = Gate = resume(Turn, Gate0),
+-spec reach(progress(), starl_machine:from(), [starl:robot_id()], t()) -> {new | again, t()}.
+reach({Round, _} = Progress, From, Others, Gate0) ->
+    #gate{at = At} = Gate = resume(Progress, Gate0),
     There = Gate#gate{at = Round, from = From},
     Waiting = There#gate{awaited = [Robot || Robot <- Others, is_missed(Robot, There)]},
     case At < Round of

@@ -8,7 +8,7 @@
 -export([first/1, answered/3, restarted/2]).
 
 -type place_in_rounds() :: {starl_barrier:name(), Last :: pos_integer()}.
--type mark() :: round | {sync | resume, starl_barrier_gate:turn()}.
+-type mark() :: round | {sync | resume, starl_barrier_gate:progress()}.
 
 %% A patience so long that the checker decides when a call fails.
 -define(PATIENCE_US, 30000000).
@@ -38,8 +38,8 @@ first({Name, _Last}) -> {barrier, {round, Name}, round}.
 %% @doc Passes it, unless all are passed.
 -spec answered(mark(), term(), place_in_rounds()) -> starl_block_talk:next().
 answered(round, {Round, _All}, {_Name, Last}) when Round > Last -> over;
-answered(round, Turn, {Name, _Last}) ->
-    {call, {barrier, {sync, Name, Turn, ?PATIENCE_US}, {sync, Turn}}};
+answered(round, Progress, {Name, _Last}) ->
+    {call, {barrier, {sync, Name, Progress, ?PATIENCE_US}, {sync, Progress}}};
 answered({resume, _}, ok, _Gate) ->
     again;
 answered({sync, _}, {error, _}, _Gate) ->
@@ -49,5 +49,7 @@ answered({sync, _}, ok, _Gate) ->
 
 %% @doc Tells the new machine which round was not passed.
 -spec restarted(mark(), place_in_rounds()) -> starl_block_talk:next().
-restarted({_, Turn}, {Name, _Last}) -> {call, {barrier, {resume, Name, Turn}, {resume, Turn}}};
-restarted(round, _Gate) -> again.
+restarted({_, Progress}, {Name, _Last}) ->
+    {call, {barrier, {resume, Name, Progress}, {resume, Progress}}};
+restarted(round, _Gate) ->
+    again.

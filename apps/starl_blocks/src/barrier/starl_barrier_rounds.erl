@@ -34,9 +34,9 @@
 %% that round itself, no robot has passed it. Else it counts as passed, so the next `sync' is for
 %% the round after it and waits for all.
 %%
-%% Calls. `{round, Name}': the answer is the turn of the next `sync'
-%% ({@link starl_barrier_gate:turn()}), or `{error, full}'. `{sync, Name, Turn, Us}': the answer is
-%% `ok' or `{error, timeout}'. `{resume, Name, Turn}', after a crash: the application has not passed
+%% Calls. `{round, Name}': the answer is the application's progress
+%% ({@link starl_barrier_gate:progress()}), or `{error, full}'. `{sync, Name, Progress, Us}': the
+%% answer is `ok' or `{error, timeout}'. `{resume, Name, Progress}', after a crash: the application has not passed
 %% this round. Trace: {@link event()}.
 -module(starl_barrier_rounds).
 -behaviour(starl_machine).
@@ -55,9 +55,6 @@
         Passed :: starl_barrier:round()}
     %% the caller waits no longer: its patience is at an end, or SAP has restarted
     | {failed, starl_barrier:name(), starl_barrier:round(), timeout | restarted}.
-
--define(RETRY_MS, 3000).
--define(NAMES, 256).
 
 -record(barrier, {
     others :: [starl:robot_id()],
@@ -82,7 +79,8 @@
 
 -spec init(starl_machine:config()) -> {ready, #barrier{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config) ->
-    #{stored := Stored} = Config,
+    #{stored := Stored, retry_ms := RetryMs, names := Names} =
+        maps:merge(starl_options:defaults(starl_barrier:options()), Config),
     Others = starl_team:others(Self, Team),
     IsSure = Others =:= [] orelse maps:get(life, Config, {0, 1}) =:= {0, 1},
     {Extent, Gates, Foreign} = recall(Stored, IsSure),
@@ -90,9 +88,9 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
     Barrier = #barrier{
         others = Others,
         incarnation = Incarnation,
-        retry_us = 1000 * maps:get(retry_ms, Config, ?RETRY_MS),
+        retry_us = 1000 * RetryMs,
         gates = Gates,
-        names = maps:get(names, Config, ?NAMES),
+        names = Names,
         foreign = Foreign,
         settled = Settled,
         extent = Extent,
@@ -123,11 +121,11 @@ recall(damaged, _IsSure) ->
 ) -> starl_machine:result().
 handle_event({call, From}, {round, Name}, ready, Barrier, _Meta) ->
     round_of(From, Name, Barrier);
-handle_event({call, From}, {sync, Name, Turn, Us}, ready, Barrier, _Meta) ->
-    sync(From, Name, Turn, Us, Barrier);
-handle_event({call, From}, {resume, Name, Turn}, ready, Barrier, _Meta) ->
+handle_event({call, From}, {sync, Name, Progress, Us}, ready, Barrier, _Meta) ->
+    sync(From, Name, Progress, Us, Barrier);
+handle_event({call, From}, {resume, Name, Progress}, ready, Barrier, _Meta) ->
     Own = own(Name, Barrier),
-    Gate = starl_barrier_gate:resume(Turn, gate(Name, Own)),
+    Gate = starl_barrier_gate:resume(Progress, gate(Name, Own)),
     {keep_state, put_gate(Name, Gate, Own), [{reply, From, ok}]};
 handle_event(cast, {message, From, barrier, Message}, ready, Barrier, _Meta) ->
     message(Message, From, Barrier);
@@ -196,16 +194,16 @@ round_of({Caller, _} = From, Name, #barrier{asking = Asking} = Barrier) ->
     Gate = gate(Name, Barrier),
     case starl_barrier_gate:is_sure(Gate) of
         false -> {keep_state, Barrier#barrier{asking = Asking#{{Caller, Name} => From}}, []};
-        true -> {keep_state, Barrier, [{reply, From, turn(Name, Barrier)}]}
+        true -> {keep_state, Barrier, [{reply, From, progress(Name, Barrier)}]}
     end.
 
-turn(Name, Barrier) ->
+progress(Name, Barrier) ->
     case may_use(Name, Barrier) of
-        true -> starl_barrier_gate:turn(gate(Name, Barrier));
+        true -> starl_barrier_gate:progress(gate(Name, Barrier));
         false -> {error, full}
     end.
 
-sync(From, Name, {Round, _} = Turn, Us, Barrier0) ->
+sync(From, Name, {Round, _} = Progress, Us, Barrier0) ->
     Barrier = own(Name, Barrier0),
     Gate = gate(Name, Barrier),
     case starl_barrier_gate:is_passed(Round, Gate) of
@@ -213,11 +211,11 @@ sync(From, Name, {Round, _} = Turn, Us, Barrier0) ->
             Told = put_gate(Name, starl_barrier_gate:tell(Round, Gate), Barrier),
             {keep_state, Told, [{reply, From, ok}]};
         false ->
-            reach(From, Name, Turn, Us, Barrier)
+            reach(From, Name, Progress, Us, Barrier)
     end.
 
-reach(From, Name, {Round, _} = Turn, Us, #barrier{others = Others} = Barrier) ->
-    {Which, Gate} = starl_barrier_gate:reach(Turn, From, Others, gate(Name, Barrier)),
+reach(From, Name, {Round, _} = Progress, Us, #barrier{others = Others} = Barrier) ->
+    {Which, Gate} = starl_barrier_gate:reach(Progress, From, Others, gate(Name, Barrier)),
     At = put_gate(Name, Gate, Barrier),
     First =
         case Which of
@@ -394,7 +392,7 @@ settle(#barrier{gates = Gates, witnesses = Witnesses, asking = Asking} = Barrier
     ),
     Settled = Barrier#barrier{settled = true, extent = complete, gates = Assured},
     Replies = [
-        {reply, From, turn(Name, Settled)}
+        {reply, From, progress(Name, Settled)}
      || {{_Caller, Name}, From} <- lists:sort(maps:to_list(Asking))
     ],
     {keep_state, Settled#barrier{asking = #{}}, [{trace, store_damaged} || Outdated] ++ Replies}.

@@ -45,7 +45,6 @@
     beyond = [] :: [starl:robot_id()]
 }).
 
--define(GOSSIP_MS, 1000).
 %% Beyond all lives that a robot begins by itself ({@link starl_robot_machines:lots/0}); and the step by which
 %% the latest life that is believed rises.
 -define(LIFE, (1 bsl 58)).
@@ -55,6 +54,7 @@ has_history() -> true.
 
 -spec init(starl_machine:config()) -> {ready, #counter{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config) ->
+    #{gossip_ms := GossipMs} = maps:merge(starl_options:defaults(starl_counter:options()), Config),
     {Own, Believed} = stored(Config),
     Counter = #counter{
         self = Self,
@@ -63,7 +63,7 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
         life = max(Incarnation, starl_counter_tally:newest(Own) + 1),
         others = starl_team:others(Self, Team),
         believed = Believed,
-        gossip_us = 1000 * maps:get(gossip_ms, Config, ?GOSSIP_MS)
+        gossip_us = 1000 * GossipMs
     },
     Holds = [{trace, {holds, Value}} || Value <- [value(Counter)], Value > 0],
     {ready, Counter, Holds ++ [starl_sap:listen(counter, counter), gossip(Counter)]}.
@@ -126,8 +126,8 @@ tell(Counter) ->
 
 %% -- what others claim ----------------------------------------------------------------------
 
-claimed(Told, #counter{team = Team} = Counter) ->
-    case starl_counter_tally:of_term(Told) of
+claimed(Entry, #counter{team = Team} = Counter) ->
+    case starl_counter_tally:of_term(Entry) of
         {Robot, Claim} ->
             case starl_team:has(Robot, Team) of
                 true -> believe(Robot, Claim, Counter);

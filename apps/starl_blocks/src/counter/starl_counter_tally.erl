@@ -19,7 +19,7 @@
 
 -export([new/0, add/2, total/1, newest/1, merge/2, is_taken/3, to_term/2, of_term/1, shape/0]).
 
--export_type([t/0, life/0, told/0]).
+-export_type([t/0, life/0, entry/0]).
 
 %% Counts the starts of a robot's machine.
 -type life() :: pos_integer().
@@ -29,8 +29,8 @@
     Horizon :: non_neg_integer(), Sum :: non_neg_integer(), [{life(), N :: pos_integer()}]
 }.
 
-%% A tally in a message.
--type told() :: {
+%% A robot's tally in a message.
+-type entry() :: {
     starl:robot_id(),
     Horizon :: non_neg_integer(),
     Sum :: non_neg_integer(),
@@ -98,13 +98,13 @@ count(Life, {_Horizon, _Sum, Lives}) -> proplists:get_value(Life, Lives, 0).
 
 %% -- messages -------------------------------------------------------------------------------
 
-%% @doc A robot's tally for a message.
--spec to_term(starl:robot_id(), t()) -> told().
+%% @doc The entry of a robot's tally.
+-spec to_term(starl:robot_id(), t()) -> entry().
 to_term(Robot, {Horizon, Sum, Lives}) -> {Robot, Horizon, Sum, Lives}.
 
-%% @doc The tally in a message of the right {@link shape/0}; `malformed': its lives are too many, or in no
-%% order.
--spec of_term(told()) -> {starl:robot_id(), t()} | malformed.
+%% @doc The tally of an entry of the right {@link shape/0}. `malformed': it has too many lives, or
+%% they are not in order.
+-spec of_term(entry()) -> {starl:robot_id(), t()} | malformed.
 of_term({Robot, Horizon, Sum, Lives}) ->
     Numbers = [Life || {Life, _} <- Lives],
     case length(Lives) =< ?LIVES andalso lists:usort([Horizon | Numbers]) =:= [Horizon | Numbers] of
@@ -112,7 +112,7 @@ of_term({Robot, Horizon, Sum, Lives}) ->
         false -> malformed
     end.
 
-%% @doc The shape of a tally in a message.
+%% @doc The shape of an entry.
 -spec shape() -> starl_shape:t().
 shape() ->
     [count, {either, [{is, 0}, serial]}, natural, {list, [serial, count]}].

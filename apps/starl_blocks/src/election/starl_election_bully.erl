@@ -88,12 +88,14 @@ has_history() -> true.
 
 -spec init(starl_machine:config()) -> {ready, #bully{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team} = Config) ->
+    #{answer_ms := AnswerMs, rounds := Rounds} =
+        maps:merge(starl_options:defaults(starl_bully:options()), Config),
     Bully = #bully{
         self = Self,
         team = Team,
         higher = [Robot || Robot <- starl_team:members(Team), Robot > Self],
-        answer_us = maps:get(answer_ms, Config, 500) * 1000,
-        rounds = maps:get(rounds, Config, 4)
+        answer_us = 1000 * AnswerMs,
+        rounds = Rounds
     },
     {ready, Bully, listen()}.
 

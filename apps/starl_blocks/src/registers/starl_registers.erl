@@ -51,7 +51,6 @@ flatten({error, restarted}) -> {error, restarted}.
 
 %% -- the block ------------------------------------------------------------------------------
 
-%% @doc See {@link starl_registers_lww:config()}.
 -spec options() -> [starl_options:option()].
 options() ->
     [

@@ -51,7 +51,7 @@
 
 -export([has_history/0, init/1, handle_event/5, accepts/2]).
 
--export_type([config/0, event/0]).
+-export_type([event/0]).
 
 %% The trace of the registers; a hash is that of the value.
 -type event() ::
@@ -70,17 +70,6 @@
     | {denied, By :: starl:robot_id()}
     %% the own stamps were beyond the own clock, which shows this: they go on from there
     | {set_right, ClockUs :: integer()}.
-
-%% `owners': the only writers of these registers; `ahead_ms': see above; `sync_ms': the mean time
-%% between two exchanges; `limit': the most registers that a robot adds; `bytes': their most bytes.
--type config() :: #{
-    owners => #{starl_registers:name() => starl:robot_id()},
-    ahead_ms => pos_integer(),
-    sync_ms => pos_integer(),
-    recover_ms => pos_integer(),
-    limit => pos_integer(),
-    bytes => pos_integer()
-}.
 
 -type entry() :: {starl_registers:name(), Value :: term(), starl_hlc:stamp()}.
 
@@ -132,23 +121,24 @@ has_history() -> true.
 -spec init(starl_machine:config()) ->
     {ready | recovering, #lww{}, [starl_machine:action()]}.
 init(#{robot := Self, participants := Team, now := Now, incarnation := Start} = Config) ->
-    Ahead = maps:get(ahead_ms, Config, 10000) * 1000,
+    Options = maps:merge(starl_options:defaults(starl_registers:options()), Config),
+    #{ahead_ms := AheadMs, sync_ms := SyncMs, recover_ms := RecoverMs} = Options,
     %% A number of the stream, never the stream itself: that holds functions of OTP's module rand,
     %% which hash differently in every release of OTP.
     {Seed, _} = rand:uniform_s(1 bsl 32, maps:get(random, Config)),
     Lww = #lww{
         self = Self,
         others = starl_team:others(Self, Team),
-        owners = maps:get(owners, Config, #{}),
-        clock = clock(maps:get(stored, Config, none), begun(Config), Self, Ahead, Now),
+        owners = map_get(owners, Options),
+        clock = clock(maps:get(stored, Config, none), begun(Config), Self, 1000 * AheadMs, Now),
         %% not the draws of the life before
         random = rand:seed_s(exsss, erlang:phash2({Seed, Start}, 1 bsl 32)),
-        sync_us = maps:get(sync_ms, Config, 1000) * 1000,
-        limit = maps:get(limit, Config, 1024),
-        bytes = maps:get(bytes, Config, 2_000_000),
+        sync_us = 1000 * SyncMs,
+        limit = map_get(limit, Options),
+        bytes = map_get(bytes, Options),
         team = Team
     },
-    start(Start, maps:get(recover_ms, Config, 1000) * 1000, Lww).
+    start(Start, 1000 * RecoverMs, Lww).
 
 %% A machine that has stored nothing has given no stamp. A store that is older than the robot's last
 %% life gives back a time at which that one may have given stamps: the counter tells the lives apart.
