@@ -36,8 +36,8 @@
 %%
 %% Calls. `{round, Name}': the answer is the application's progress
 %% ({@link starl_barrier_gate:progress()}), or `{error, full}'. `{sync, Name, Progress, Us}': the
-%% answer is `ok' or `{error, timeout}'. `{resume, Name, Progress}', after a crash: the application has not passed
-%% this round. Trace: {@link event()}.
+%% answer is `ok' or `{error, timeout}'. `{resume, Name, Progress}', after a crash: the application
+%% has not passed this round. Trace: {@link event()}.
 -module(starl_barrier_rounds).
 -behaviour(starl_machine).
 

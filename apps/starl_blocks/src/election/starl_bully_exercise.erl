@@ -11,9 +11,6 @@
 %% The time at which a robot first took part in an election.
 -type seen() :: #{Election :: term() => integer()}.
 
-%% The time that a robot waits for an answer.
--define(ANSWER_US, 500000).
-
 -spec block_options(starl_block_exercise:use()) -> starl_block:options().
 block_options(Use) -> starl_election_exercise:block_options(Use).
 
@@ -46,7 +43,7 @@ leader(T, #{healed_us := Healed, robots := Robots, died := Died} = Team) when
 ->
     Settled = T >= Healed + starl_sap_schedule:settled_us(),
     %% a robot that does not answer in time counts as dead
-    case Settled andalso maps:get(reach_us, Team, 0) =< ?ANSWER_US of
+    case Settled andalso maps:get(reach_us, Team, 0) =< answer_us() of
         true ->
             Leader = lists:max(Robots -- Died),
             fun(Outcome) -> Outcome =:= {ok, Leader} end;
@@ -55,3 +52,7 @@ leader(T, #{healed_us := Healed, robots := Robots, died := Died} = Team) when
     end;
 leader(_T, _Team) ->
     fun starl_promise:is_some/1.
+
+answer_us() ->
+    #{answer_ms := Ms} = starl_options:defaults(starl_bully:options()),
+    1000 * Ms.

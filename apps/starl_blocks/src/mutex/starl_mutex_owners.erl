@@ -17,8 +17,8 @@
 
 -opaque t() :: #owners{}.
 
-%% The most tokens that a robot is known to own, and the most for which requests wait here. What is beyond that
-%% is only found later: who waits asks the home again.
+%% The most tokens that a robot is known to own, and the most for which requests wait here. Beyond
+%% that a request finds its token later: a robot that waits asks the home again.
 -define(TOKENS, 4096).
 
 %% A request, and the number of the owner that its sender knew of.

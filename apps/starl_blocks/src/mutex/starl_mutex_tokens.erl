@@ -460,8 +460,9 @@ supersede(Token, Fence, From, Robot) ->
         _ -> Robot
     end.
 
-%% Is no newer one known? What another robot has announced does not count against a token of its home: a robot
-%% that wants it asks the home before it holds it, and is refused if the token is an old one that comes late.
+%% Is no newer token known? What another robot has announced does not count against a token that
+%% comes from its home. A robot that wants it asks the home before it holds it, and is refused if it
+%% is an old token that comes late.
 is_newer(Token, Fence, From, Robot) ->
     {Known, _} = newest_owner(Token, Robot),
     Known < Fence orelse home_of(Token, Robot) =:= From.
@@ -483,9 +484,9 @@ receive_token(Token, Fence, Queue0, From, #robot{self = Self, owners = Owners} =
 new_entry(Fence, Queue) ->
     #{fence => Fence, granted => false, lease_end => 0, queue => Queue, lock => none, tries => 0}.
 
-%% Without the requests of this robot that it no longer makes, wherever they stand; one that it makes
-%% now has the turn of the first of them. So a token that is wanted goes round the team at most once: none
-%% who wants it hands it on for those who do not.
+%% The queue without the requests that this robot no longer makes. A request that it makes now takes
+%% the place of the first of them. So a token that is wanted goes round the team at most once: no
+%% robot that wants it hands it on to robots that do not.
 trim(Token, Queue, #robot{self = Self, jobs = Jobs} = Robot) ->
     Wanting = lists:sort([Id || {Id, #job{todo = [T | _]}} <- maps:to_list(Jobs), T =:= Token]),
     trim(Token, Queue, [{Self, Id} || Id <- Wanting] -- Queue, Robot).
@@ -577,8 +578,8 @@ serve(How, Token, #{granted := true, lock := none, queue := Queue} = Entry, Robo
         [] ->
             put_entry(Token, Entry#{queue := []}, Robot);
         [{Self, Id} | Rest] = Trimmed ->
-            %% a hold that began with the rest of an old lease might be over before it is renewed: the
-            %% home is asked first; a lease that it has just given is taken as it is, after any delay
+            %% A hold that began with the rest of an old lease might be over before it is renewed,
+            %% so the home is asked first. A new lease is taken after any delay.
             case How =:= used andalso left(Entry, Robot) < half(Robot) of
                 true -> ask(renew, Token, Entry#{queue := Trimmed}, Robot);
                 false -> lock(Token, Id, Entry#{queue := Rest}, Robot)
@@ -699,9 +700,9 @@ sap_restarted(#robot{outs = Outs} = Robot) ->
 %% -- what was too late ----------------------------------------------------------------------
 
 %% A lease was over when what rests on it was to leave the step ({@link starl_machine:action()}).
-%% Nobody has learned of a hold whose beginning was late: it has never been, and its job begins anew,
-%% as soon as it is known what else of the step was late. So does a job whose answer alone was late. An
-%% application that is late with a release learns that it had lost a token.
+%% Nobody has learned of a hold whose beginning was late, so it has never been. Its job begins anew
+%% as soon as it is known what else of the step was late. A job whose answer alone was late begins
+%% anew, too. An application that is late with a release learns that it had lost a token.
 late({hold, Token, Fence}, #robot{void = Void} = Robot) ->
     missed(Token, Fence, Robot#robot{void = [{Token, Fence} | Void]});
 late(leased, Robot) ->

@@ -174,7 +174,7 @@ counter() ->
 dpp() ->
     #{
         sources => ["apps/starl_blocks/src/dpp/*.erl"],
-        unit => ["starl_dpp_*", "starl_planar_*", "starl_roadmap_*"],
+        unit => ["starl_dpp_*", "starl_planar_*", "starl_roadmap_*", "starl_term_*"],
         suite => ["starl_dpp_*_SUITE"],
         soak => [dpp],
         check => [{terms, 3, #{}}, {terms, 3, #{death => 1}}]
