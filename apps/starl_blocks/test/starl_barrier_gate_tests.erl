@@ -120,7 +120,7 @@ resume_test() ->
     ?assertEqual(
         {{3, 3}, {3, 3, 3}, true}, {?G:progress(Sure), ?G:counts(Sure), ?G:is_passed(3, Sure)}
     ),
-    ?assertEqual({4, 3}, ?G:progress(?G:tell(3, Sure))),
+    ?assertEqual({4, 3}, ?G:progress(?G:notified(3, Sure))),
     Known = ?G:resume({3, 1}, ?G:hear(2, 3, 7, ?G:new(false))),
     ?assert(?G:is_sure(Known)),
     ?assertEqual(

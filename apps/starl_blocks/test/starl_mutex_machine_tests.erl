@@ -431,6 +431,16 @@ defaults_test() ->
     Said = #{lease_ms => 8000, drift_ppm => 10000, lag_ms => 250, retry_ms => 3000},
     ?assertEqual(Init(Said), Init(#{})).
 
+%% At most 64 requests of a robot wait for one token; those of others find room behind them.
+the_requests_of_a_robot_are_bounded_test() ->
+    Ask = fun(Request, M) -> element(2, hears(10, 3, {request, a(), Request, 0, none}, M)) end,
+    Many = lists:foldl(Ask, holding(a()), [{3, N} || N <- lists:seq(1, 100)]),
+    Others = [{1, N} || N <- lists:seq(1, 64)],
+    {Released, _} = call(20, app, {release, a()}, lists:foldl(Ask, Many, Others ++ [{1, 65}])),
+    ?assertMatch([{3, {token, _, _, _}}], handed(Released)),
+    [{3, {token, _, _, Queue}}] = handed(Released),
+    ?assertEqual([{3, N} || N <- lists:seq(1, 64)] ++ Others, Queue).
+
 %% -- everything else ----------------------------------------------------------------------------
 
 %% What none of them says is not taken, at the edge of each number.

@@ -16,7 +16,7 @@
 -module(starl_barrier_gate).
 
 -export([new/1, recall/2, progress/1, is_sure/1, caller/1, counts/1, fact/2]).
--export([resume/2, is_passed/2, tell/2, reach/4, pass/1, missed/1, unheard/1, fail/1]).
+-export([resume/2, is_passed/2, notified/2, reach/4, pass/1, missed/1, unheard/1, fail/1]).
 -export([hear/4, learn/5, assure/3, is_outdated/1]).
 
 -export_type([t/0, progress/0, stored/0]).
@@ -48,7 +48,7 @@
     at = 0 :: round(),
     passed = 0 :: round(),
     %% the last round that the application has passed, as far as it knows
-    told = 0 :: round(),
+    notified = 0 :: round(),
     %% the last round that all robots have surely reached
     all = 0 :: round(),
     reached = #{} :: counts(),
@@ -73,13 +73,13 @@ new(Sure) -> #gate{sure = Sure}.
 recall({At, Passed}, IsSure) ->
     recall({At, Passed, 0}, IsSure);
 recall({At, Passed, All}, true) ->
-    #gate{at = At, passed = Passed, told = Passed, all = All};
+    #gate{at = At, passed = Passed, notified = Passed, all = All};
 recall({_, _, _} = Counts, false) ->
     (recall(Counts, true))#gate{sure = false, kept = Counts}.
 
 %% @doc The application's progress with this name.
 -spec progress(t()) -> progress().
-progress(#gate{told = Told, all = All}) -> {Told + 1, All}.
+progress(#gate{notified = Notified, all = All}) -> {Notified + 1, All}.
 
 %% @doc Is it known what this robot did before?
 -spec is_sure(t()) -> boolean().
@@ -108,10 +108,10 @@ fact(Robot, #gate{at = At, all = All, reached = Reached}) ->
 -spec resume(progress(), t()) -> t().
 resume({Round, All}, #gate{sure = false, kept = none, all = Known} = Gate) ->
     Before = Round - 1,
-    settled(Gate#gate{at = Before, passed = Before, told = Before, all = max(All, Known)});
+    settled(Gate#gate{at = Before, passed = Before, notified = Before, all = max(All, Known)});
 resume({Round, _All}, #gate{at = At, passed = Passed} = Gate) ->
     Before = Round - 1,
-    settled(Gate#gate{at = max(At, Before), passed = max(Passed, Before), told = Before}).
+    settled(Gate#gate{at = max(At, Before), passed = max(Passed, Before), notified = Before}).
 
 %% From now on the robot's own counts are known: no other one is far ahead of them.
 settled(#gate{sure = true} = Gate) ->
@@ -131,8 +131,8 @@ settled(#gate{at = At, all = All, reached = Reached, heard = Heard} = Gate) ->
 is_passed(Round, #gate{passed = Passed}) -> Round =< Passed.
 
 %% @doc The application is notified that it has passed a round.
--spec tell(pos_integer(), t()) -> t().
-tell(Round, Gate) -> Gate#gate{told = Round}.
+-spec notified(pos_integer(), t()) -> t().
+notified(Round, Gate) -> Gate#gate{notified = Round}.
 
 %% @doc The robot has reached a round, for the first time or again, and waits for the others.
 -spec reach(progress(), starl_machine:from(), [starl:robot_id()], t()) -> {new | again, t()}.
@@ -148,7 +148,7 @@ reach({Round, _} = Progress, From, Others, Gate0) ->
 %% @doc Passes, if all have reached the round and know that this robot has.
 -spec pass(t()) -> {passed, starl_machine:from(), round(), t()} | waits.
 pass(#gate{at = At, from = From, awaited = []} = Gate) when From =/= none ->
-    {passed, From, At, Gate#gate{passed = At, told = At, all = At, from = none}};
+    {passed, From, At, Gate#gate{passed = At, notified = At, all = At, from = none}};
 pass(#gate{}) ->
     waits.
 
@@ -224,10 +224,10 @@ is_outdated(#gate{kept = {Before, _, _}} = Gate) -> believed(Gate) > Before.
 %% The round that this robot has reached, by what the others claim. A robot that is far ahead has passed
 %% rounds that all had reached.
 believed(#gate{at = At, claims = Claims}) ->
-    Words = maps:values(Claims),
-    Mine = lists:max([At | [min(Known, Own + 1) || {Own, Known} <- Words]]),
-    Passed = [Own - 1 || {Own, _} <- Words, Own - 1 > Mine + ?LEAP],
-    Most = 1 + middle([Own || {Own, _} <- Words]),
+    Claimed = maps:values(Claims),
+    Mine = lists:max([At | [min(Known, Own + 1) || {Own, Known} <- Claimed]]),
+    Passed = [Own - 1 || {Own, _} <- Claimed, Own - 1 > Mine + ?LEAP],
+    Most = 1 + middle([Own || {Own, _} <- Claimed]),
     lists:min([lists:max([Mine | Passed]), Most, ?FARTHEST]).
 
 %% The middle of the rounds, the lower one of two. One who has lost its store may say 0.
@@ -246,4 +246,4 @@ judge(Witnesses, Others, #gate{at = At, all = All, reached = Reached} = Gate) ->
     end.
 
 assured(Passed, All, Gate) ->
-    settled(Gate#gate{passed = Passed, told = Passed, all = All}).
+    settled(Gate#gate{passed = Passed, notified = Passed, all = All}).

@@ -71,7 +71,7 @@
     extent :: complete | partial,
     %% if they are not known: the robots that have not answered yet, and those that have answered
     %% and knew their own counts
-    untold = [] :: [starl:robot_id()],
+    unanswered = [] :: [starl:robot_id()],
     witnesses = [] :: [starl:robot_id()],
     %% the callers that asked for a round before that was known
     asking = #{} :: #{{starl_machine:name(), starl_barrier:name()} => starl_machine:from()}
@@ -94,10 +94,10 @@ init(#{robot := Self, participants := Team, incarnation := Incarnation} = Config
         foreign = Foreign,
         settled = Settled,
         extent = Extent,
-        untold = [Other || Other <- Others, not Settled]
+        unanswered = [Other || Other <- Others, not Settled]
     },
     Listen = starl_sap:listen(barrier, barrier),
-    {ready, Barrier, recalled(Barrier) ++ [Listen | ask_untold(Barrier)]}.
+    {ready, Barrier, recalled(Barrier) ++ [Listen | ask_others(Barrier)]}.
 
 recalled(#barrier{gates = Gates}) ->
     [
@@ -136,7 +136,7 @@ handle_event({timeout, {again, Name}}, _, ready, Barrier, _Meta) ->
 handle_event({timeout, {patience, Name}}, _, ready, Barrier, _Meta) ->
     give_up(Name, timeout, Barrier);
 handle_event({timeout, untold}, _, ready, Barrier, _Meta) ->
-    {keep_state, Barrier, ask_untold(Barrier)};
+    {keep_state, Barrier, ask_others(Barrier)};
 handle_event(info, {restarted, sap}, ready, _Barrier, _Meta) ->
     {keep_state_and_data, [starl_sap:listen(barrier, barrier)]};
 handle_event(info, {Gone, Caller}, ready, Barrier, _Meta) when
@@ -173,7 +173,7 @@ message({who, Incarnation, After}, From, Barrier) ->
     Facts = [Fact || Fact <- facts(From, Barrier), element(1, Fact) > After],
     {keep_state, Barrier, [answer(From, Incarnation, Facts, Barrier)]};
 message({told, Incarnation, Certain, Facts}, From, #barrier{incarnation = Incarnation} = Barrier) ->
-    told(Certain, From, learn(Facts, From, Barrier));
+    has_answered(Certain, From, learn(Facts, From, Barrier));
 message({part, Incarnation, Facts}, From, #barrier{incarnation = Incarnation} = Barrier) ->
     More = [
         starl_sap:post(From, barrier, {who, Incarnation, element(1, lists:last(Facts))})
@@ -208,8 +208,8 @@ sync(From, Name, {Round, _} = Progress, Us, Barrier0) ->
     Gate = gate(Name, Barrier),
     case starl_barrier_gate:is_passed(Round, Gate) of
         true ->
-            Told = put_gate(Name, starl_barrier_gate:tell(Round, Gate), Barrier),
-            {keep_state, Told, [{reply, From, ok}]};
+            Notified = put_gate(Name, starl_barrier_gate:notified(Round, Gate), Barrier),
+            {keep_state, Notified, [{reply, From, ok}]};
         false ->
             reach(From, Name, Progress, Us, Barrier)
     end.
@@ -250,8 +250,8 @@ store(#barrier{gates = Gates, extent = Extent, foreign = Foreign}) ->
         fun(_Name, Count) -> Count =/= none andalso Count =/= {0, 0, 0} end,
         maps:map(fun(_Name, Gate) -> starl_barrier_gate:counts(Gate) end, Gates)
     ),
-    Told = maps:map(fun(_Robot, Names) -> maps:with(maps:keys(Counts), Names) end, Foreign),
-    case maps:filter(fun(_Robot, Names) -> map_size(Names) > 0 end, Told) of
+    Kept = maps:map(fun(_Robot, Names) -> maps:with(maps:keys(Counts), Names) end, Foreign),
+    case maps:filter(fun(_Robot, Names) -> map_size(Names) > 0 end, Kept) of
         None when map_size(None) =:= 0 -> {store, {Extent, Counts}};
         Some -> {store, {Extent, Counts, Some}}
     end.
@@ -292,8 +292,9 @@ give_up(Name, Why, Barrier) ->
             keep_state_and_data;
         {_, _} = From ->
             {At, _, _} = starl_barrier_gate:counts(Gate),
-            Told = [{trace, {failed, Name, At, Why}}, {reply, From, {error, Why}}],
-            {keep_state, put_gate(Name, starl_barrier_gate:fail(Gate), Barrier), Told ++ stop(Name)}
+            Failed = [{trace, {failed, Name, At, Why}}, {reply, From, {error, Why}}],
+            {keep_state, put_gate(Name, starl_barrier_gate:fail(Gate), Barrier),
+                Failed ++ stop(Name)}
     end.
 
 caller_restarted(Caller, #barrier{gates = Gates, asking = Asking} = Barrier) ->
@@ -337,12 +338,12 @@ report(Name, To, Answer, Barrier) ->
 
 %% -- after a reboot, or a damaged store -----------------------------------------------------
 
-ask_untold(#barrier{untold = []}) ->
+ask_others(#barrier{unanswered = []}) ->
     [];
-ask_untold(#barrier{untold = Untold, incarnation = Incarnation, retry_us = Retry}) ->
+ask_others(#barrier{unanswered = Unanswered, incarnation = Incarnation, retry_us = Retry}) ->
     [
         {{timeout, untold}, Retry, again}
-        | [starl_sap:post(Other, barrier, {who, Incarnation}) || Other <- Untold]
+        | [starl_sap:post(Other, barrier, {who, Incarnation}) || Other <- Unanswered]
     ].
 
 %% A robot's knowledge of each name: its own count, the asker's, and the last round that all have
@@ -372,17 +373,17 @@ learn(Facts, From, Barrier) ->
         Facts
     ).
 
-told(Certain, From, #barrier{untold = Untold, witnesses = Witnesses} = Barrier) ->
+has_answered(Certain, From, #barrier{unanswered = Unanswered, witnesses = Witnesses} = Barrier) ->
     Learned = Barrier#barrier{
-        untold = lists:delete(From, Untold),
+        unanswered = lists:delete(From, Unanswered),
         witnesses = [From || Certain] ++ lists:delete(From, Witnesses)
     },
     case Learned of
-        #barrier{settled = false, untold = []} -> settle(Learned);
+        #barrier{settled = false, unanswered = []} -> settle(Learned);
         #barrier{} -> {keep_state, Learned, []}
     end.
 
-%% The others have told all that they know.
+%% All others have answered.
 settle(#barrier{gates = Gates, witnesses = Witnesses, asking = Asking} = Barrier) ->
     #barrier{others = Others} = Barrier,
     %% monitors learn that the store was no good

@@ -36,12 +36,12 @@
     team :: starl_team:t(),
     %% the life in which this machine counts
     life :: starl_counter_tally:life(),
-    %% the others, the next to be told first
+    %% the others: the tallies go to the first of them next
     others :: [starl:robot_id()],
     gossip_us :: pos_integer(),
     %% the latest life of a robot that is believed, where it is not ?LIFE
     believed = #{} :: #{starl:robot_id() => starl_counter_tally:life()},
-    %% the robots of which a later one has been claimed since this robot has last told its tallies
+    %% the robots of which a later life has been claimed since this robot last sent its tallies
     beyond = [] :: [starl:robot_id()]
 }).
 
@@ -86,8 +86,8 @@ handle_event({call, From}, value, ready, Counter, _Meta) ->
     {keep_state_and_data, [{trace, {read, Value}}, {reply, From, Value}]};
 handle_event({timeout, gossip}, _, ready, Counter, _Meta) ->
     {Wider, Store} = widen(Counter),
-    {Told, Actions} = tell(Wider),
-    {keep_state, Told, Store ++ Actions ++ [gossip(Told)]};
+    {Sent, Actions} = send(Wider),
+    {keep_state, Sent, Store ++ Actions ++ [gossip(Sent)]};
 handle_event(cast, {message, _From, counter, {tallies, List}}, ready, Counter, _Meta) ->
     heard(lists:foldl(fun claimed/2, Counter, List), Counter);
 handle_event(info, {restarted, sap}, ready, _Counter, _Meta) ->
@@ -113,15 +113,15 @@ put_tally(Robot, Tally, #counter{tallies = Tallies} = Counter) ->
 
 gossip(#counter{gossip_us = Us}) -> {{timeout, gossip}, Us, gossip}.
 
-%% A robot without tallies has nothing to tell.
-tell(#counter{others = [To | Others], tallies = Tallies} = Counter) when map_size(Tallies) > 0 ->
+%% A robot without tallies has nothing to send.
+send(#counter{others = [To | Others], tallies = Tallies} = Counter) when map_size(Tallies) > 0 ->
     List = [
         starl_counter_tally:to_term(Robot, Tally)
      || {Robot, Tally} <- lists:sort(maps:to_list(Tallies))
     ],
     Posts = [starl_sap:post(To, counter, {tallies, Part}) || Part <- starl_payload:parts(List)],
     {Counter#counter{others = Others ++ [To]}, Posts};
-tell(Counter) ->
+send(Counter) ->
     {Counter, []}.
 
 %% -- what others claim ----------------------------------------------------------------------

@@ -295,9 +295,9 @@ ask_again(Id, Now, #flood{wanted = Wanted} = Flood) ->
 %% -- taking ---------------------------------------------------------------------------------
 
 %% The answer to a question of this robot.
-given({Id, Area, Type, Body, Lifetime, Told, Hops}, From, Asked, Now, Flood) ->
+given({Id, Area, Type, Body, Lifetime, Rest, Hops}, From, Asked, Now, Flood) ->
     #flood{known = Known, wanted = Wanted} = Flood,
-    Left = min(Told, Lifetime),
+    Left = min(Rest, Lifetime),
     Until = starl_geocast_lifetime:deadline(Asked, Left, ppm(Flood)),
     Met = Flood#flood{wanted = maps:remove(Id, Wanted)},
     case Known of

@@ -188,7 +188,7 @@ handle_event({timeout, recover}, _, recovering, Lww, #{now := Now}) ->
 handle_event(cast, {subscribe, Name, Machine}, _State, Lww, _Meta) ->
     Subscribers = (Lww#lww.subscribers)#{Name => Machine},
     Next = Lww#lww{subscribers = Subscribers},
-    {keep_state, Next, tell(Name, Next)};
+    {keep_state, Next, notify(Name, Next)};
 handle_event(info, {restarted, sap}, _State, _Lww, _Meta) ->
     {keep_state_and_data, [listen()]};
 handle_event(info, {restarted, _}, _State, _Lww, _Meta) ->
@@ -356,7 +356,7 @@ entry() -> [label, content, stamp()].
 
 message({write, Name, Value, Stamp}, Source, Now, Lww) ->
     take([{Name, Value, Stamp}], Source, Now, Lww);
-message({Word, Entries}, Source, Now, Lww) when Word =:= entries; Word =:= part ->
+message({Kind, Entries}, Source, Now, Lww) when Kind =:= entries; Kind =:= part ->
     take(Entries, Source, Now, Lww);
 message({beyond, Stamp}, Source, Now, Lww) ->
     denied(Source, Stamp, Now, Lww);
@@ -371,7 +371,7 @@ message({digest, Theirs, After, Last}, Source, _Now, Lww) ->
 message({want, Names}, Source, _Now, #lww{entries = Entries} = Lww) ->
     %% each but once
     Wanted = [{N, V, S} || N <- maps:keys(maps:from_keys(Names, [])), #{N := {V, S}} <- [Entries]],
-    answer(Source, told(starl_payload:parts(lists:sort(Wanted))), Lww).
+    answer(Source, entry_messages(starl_payload:parts(lists:sort(Wanted))), Lww).
 
 %% What does not go now is asked for again in a later exchange.
 answer(Source, Bodies, #lww{answered = Answered} = Lww) ->
@@ -394,13 +394,13 @@ differences(Theirs, {After, Last}, #lww{entries = Entries}) ->
     ],
     Want = [Name || {Name, Stamp} <- Theirs, is_later(Name, Stamp, Entries)],
     %% a robot that knows nothing waits for an answer, even an empty one
-    Told = Later =/= [] orelse Theirs =:= [],
-    [Body || Told, Body <- told(starl_payload:parts(Later))] ++
+    IsAnswered = Later =/= [] orelse Theirs =:= [],
+    [Body || IsAnswered, Body <- entry_messages(starl_payload:parts(Later))] ++
         [{want, Part} || Want =/= [], Part <- starl_payload:parts(Want)].
 
 %% Parts do not end a recovery: another may be under way.
-told([Entries]) -> [{entries, Entries}];
-told(Parts) -> [{part, Part} || Part <- Parts].
+entry_messages([Entries]) -> [{entries, Entries}];
+entry_messages(Parts) -> [{part, Part} || Part <- Parts].
 
 %% Each but the last ends with its last name, and the next begins after that.
 digests([], none) ->
@@ -456,9 +456,9 @@ is_later(Name, Stamp, Entries) ->
 
 store({Name, _Value, Stamp} = Entry, Lww) ->
     Next = put_entry(Entry, Lww),
-    {Next, [{trace, {holds, Name, Stamp}} | tell(Name, Next)]}.
+    {Next, [{trace, {holds, Name, Stamp}} | notify(Name, Next)]}.
 
-tell(Name, #lww{subscribers = Subscribers, entries = Entries}) ->
+notify(Name, #lww{subscribers = Subscribers, entries = Entries}) ->
     case {Subscribers, Entries} of
         {#{Name := Machine}, #{Name := {Value, Stamp}}} ->
             [{cast, Machine, {message, starl_hlc:robot(Stamp), register, {Name, Value}}}];
