@@ -149,7 +149,7 @@ act(stop, #{fleet := Fleet}, _Values) ->
         io_lib:format("robot ~b: stopped\n", [N])
     end);
 act(status, #{fleet := Fleet}, #{watch := none}) ->
-    told_status(Fleet);
+    print_status(Fleet);
 act(status, #{fleet := Fleet}, #{watch := Seconds}) ->
     watch(Fleet, Seconds);
 act({logs, Which}, #{fleet := Fleet}, _Values) ->
@@ -165,14 +165,14 @@ fetch(Dir, Fleet) ->
         {error, Why} -> {error, [[Dir, ": ", file:format_error(Why)]]}
     end.
 
-told_status(#{robots := Robots} = Fleet) ->
+print_status(#{robots := Robots} = Fleet) ->
     each(starl_fleet_deploy:ask("status", numbers(Fleet), Fleet), fun(N, Said) ->
         starl_fleet_status:line(N, maps:get(N, Robots), Said)
     end).
 
 %% Until Ctrl-C, or until nobody reads it any more.
 watch(Fleet, Seconds) ->
-    Status = told_status(Fleet),
+    Status = print_status(Fleet),
     starl_cli_terminal:out("\n"),
     case starl_cli_terminal:lost() of
         none ->

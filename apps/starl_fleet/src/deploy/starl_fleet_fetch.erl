@@ -15,7 +15,7 @@
 
 -include_lib("kernel/include/file.hrl").
 
--export([fetch/2, listing/1, most_bytes/0]).
+-export([fetch/2, listing/1]).
 
 -export_type([listing/0, fetched/0]).
 
@@ -29,12 +29,9 @@
 -define(ASK_MS, 60_000).
 -define(COPY_MS, 1_800_000).
 -define(NAME, "^[A-Za-z0-9][A-Za-z0-9._-]{0,199}[.]mcap$").
+%% The most bytes and recordings that are taken from one robot.
 -define(MOST_BYTES, (64 bsl 30)).
 -define(MOST_FILES, 10000).
-
-%% @doc The most bytes that are taken from one robot.
--spec most_bytes() -> pos_integer().
-most_bytes() -> ?MOST_BYTES.
 
 %% @doc Copies what the robots have recorded into directories `robot-N' of their own below this one.
 -spec fetch(file:filename(), starl_fleet_file:t()) -> [{starl:robot_id(), fetched()}].

@@ -12,8 +12,6 @@
     copied/4,
     recordings/1,
     target/1,
-    base/2,
-    ssh/2,
     quoted/1
 ]).
 
@@ -194,8 +192,7 @@ key_files(_N, #{}) ->
 
 release(N, Fleet, Release) -> base(N, Fleet) ++ "/releases/" ++ filename:basename(Release).
 
-%% @doc The directory of a robot on its computer; relative to the user's home, if `home' is.
--spec base(starl:robot_id(), starl_fleet_file:t()) -> file:filename().
+%% The directory of a robot on its computer; relative to the user's home, if `home' is.
 base(N, #{home := Home, name := Name}) ->
     Home ++ "/" ++ Name ++ "/robot-" ++ integer_to_list(N).
 
@@ -204,8 +201,7 @@ base(N, #{home := Home, name := Name}) ->
 target(#{user := none, host := Host}) -> Host;
 target(#{user := User, host := Host}) -> User ++ "@" ++ Host.
 
-%% @doc The command that runs a line of sh on a robot's computer.
--spec ssh(starl_fleet_file:robot(), string()) -> string().
+%% The command that runs a line of sh on a robot's computer.
 ssh(Robot, Line) -> words([shell(Robot), "-n", target(Robot), quoted(Line)]).
 
 %% The same, with something to read.

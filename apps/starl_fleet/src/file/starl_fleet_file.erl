@@ -5,7 +5,7 @@
 %% file, completed with defaults; each robot's node reads it with the same checks.
 -module(starl_fleet_file).
 
--export([read/1, check/3, options/0, robot_options/0, app_options/1]).
+-export([read/1, check/3]).
 -export([scenario/1, files/1, portable/2]).
 
 -export_type([t/0, robot/0]).
@@ -60,8 +60,7 @@
 -define(PATH, "^[A-Za-z0-9_./-]+$").
 -define(PORT, 5001).
 
-%% @doc The keys of a fleet file.
--spec options() -> [starl_options:option()].
+%% The keys of a fleet file.
 options() ->
     [
         {name, {term, "a name of letters, digits and '-'", matches(?WORD)}, required,
@@ -88,8 +87,7 @@ options() ->
             "the port at which each robot serves its metrics for Prometheus; none: it serves none"}
     ].
 
-%% @doc The keys of a robot.
--spec robot_options() -> [starl_options:option()].
+%% The keys of a robot.
 robot_options() ->
     [
         {host, {term, "the name or IPv4 address of a computer", matches(?HOST)}, required,
@@ -240,8 +238,7 @@ normal(Fleet) -> Fleet.
 
 %% -- the application's options --------------------------------------------------------------
 
-%% @doc The options that a fleet file may set for an application.
--spec app_options(module()) -> [starl_options:option()].
+%% The options that a fleet file may set for an application.
 app_options(App) ->
     Own = starl_app:options(App),
     Mine = [Key || {Key, _, _, _} <- Own],

@@ -3,7 +3,7 @@
 %% keys are ignored.
 -module(starl_live_program_message).
 
--export([protocol/0, encode/1, decode/1, value/1]).
+-export([encode/1, decode/1, value/1]).
 
 -export_type([command/0, message/0, limits/0, leg/0, kind/0]).
 
@@ -46,15 +46,12 @@
     | {log, binary()}
     | unknown.
 
+%% The version of the protocol.
 -define(PROTOCOL, 1).
 %% Farther, faster and later than any robot.
 -define(MOST, 1.0e9).
 -define(MOST_US, 1.0e18).
 -define(KINDS, [bump, cliff, wheel_drop, button, battery, dock]).
-
-%% @doc The version of the protocol.
--spec protocol() -> pos_integer().
-protocol() -> ?PROTOCOL.
 
 %% @doc The line of a command.
 -spec encode(command()) -> iodata().
