@@ -109,6 +109,7 @@ scenario(Part, none, Seed) ->
 scenario(Part, Robots, Seed) ->
     case lists:member(Part, blocks()) of
         true -> starl_lab_soak_reloads:add(Seed, with_faults(drawn(Part, Robots, Seed)));
+        false when Part =:= radio -> starl_virtual_radio:scenario(Seed);
         false -> #{robots => Robots}
     end.
 
@@ -196,10 +197,11 @@ violations(Part, Seed) ->
 %% (`watch').
 -spec played(part(), Seed :: integer(), #{atom() => term()}) -> played().
 played(store, Seed, _Scenario) ->
-    apart(fun() -> starl_virtual_store:run(Seed) end);
-played(radio, Seed, _Scenario) ->
-    apart(fun() -> starl_virtual_radio:run(Seed) end);
-played(_Block, _Seed, Given) ->
+    case starl_sim_trial:apart(fun() -> starl_virtual_store:run(Seed) end) of
+        {ok, Played} -> Played;
+        {error, {failed, Why}} -> error(Why)
+    end;
+played(_Part, _Seed, Given) ->
     {Watch, Scenario} =
         case maps:take(watch, Given) of
             error -> {[], Given};
@@ -209,12 +211,6 @@ played(_Block, _Seed, Given) ->
         {ok, Outcome} -> maps:with([violations, events, digest], Outcome);
         {error, {failed, Why}} -> error(Why);
         {error, Why} -> error(Why)
-    end.
-
-apart(Play) ->
-    case starl_sim_trial:apart(Play) of
-        {ok, Played} -> Played;
-        {error, {failed, Why}} -> error(Why)
     end.
 
 %% @private One run, in the VM of its job, and the lines of the live half that it ran.
