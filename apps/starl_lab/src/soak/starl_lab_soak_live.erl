@@ -175,8 +175,18 @@ told({Part, Seed, Violation, Count}, Values) ->
         [io_lib:format(" (and so in ~b more runs)", [Count - 1]) || Count > 1],
         io_lib:format("~nrepeat: ./starl soak live --part ~ts --from ~b --seeds 1", [Part, Seed]),
         [io_lib:format(" --robots ~b", [N]) || #{robots := N} <- [Values], is_integer(N)],
+        shrinking(scenario(Part, maps:get(robots, Values), Seed)),
         "\n"
     ].
+
+%% A simulation can be shrunk. New code that a soak has drawn stands in no file.
+shrinking(#{program := _, app := App} = Given) when not is_map_key(reloads, Given) ->
+    {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
+    {ok, Target} = starl_cli_target:resolve(Name),
+    {ok, Scenario} = starl_run_scenario:check(Given, starl_app:options(App)),
+    ["\nshrink: ", starl_cli_target:command_line("shrink", Target, Scenario)];
+shrinking(_Given) ->
+    [].
 
 status(interrupted, _) ->
     130;

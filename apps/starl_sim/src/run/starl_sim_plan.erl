@@ -54,13 +54,8 @@ make({Scenario, Scene, #{tree := Tree, robots := Robots} = Run}, Options) ->
 of_kind(simulated, _Scenario, Plan, _Tree) ->
     {ok, Plan};
 of_kind(Name, Scenario, Plan, Tree) ->
-    case lists:keyfind(Name, 1, starl_catalogue:listed(starl_programs)) of
-        {Name, Kind} ->
-            Kind:plan(Scenario, Plan#{crew := #{kind => Kind, tree => Tree, inline => #{}}});
-        false ->
-            {error,
-                io_lib:format("no application on the code path has robots of the kind ~ts", [Name])}
-    end.
+    {Name, Kind} = lists:keyfind(Name, 1, starl_catalogue:listed(starl_programs)),
+    Kind:plan(Scenario, Plan#{crew := #{kind => Kind, tree => Tree, inline => #{}}}).
 
 %% In inline mode, only a sequential application is a process.
 crew(process, Tree) ->
