@@ -71,17 +71,11 @@ scenario(Seed) ->
 
 %% @doc The plan of a simulation with the packets and the restarts that belong to its seed.
 -spec plan(starl_run_scenario:t(), starl_sim_plan:t()) -> {ok, starl_sim_plan:t()}.
-plan(#{seed := Seed}, #{faults := Faults, monitors := Monitors} = Plan) ->
+plan(#{seed := Seed}, #{monitors := Monitors} = Plan) ->
     Contract = {starl_virtual_radio_monitor, #{offset_us => 1000 * ?OFFSET_MS}},
     Strikes = flood(starl_run_draw:between({Seed, flood}, 1, 10), Seed) ++ uses(Seed),
-    {ok, Plan#{
-        faults := Faults ++
-            [
-                {Robot, 1000 * Ms, 0, 0, N, Strike}
-             || {N, {Robot, Ms, Strike}} <- lists:enumerate(Strikes)
-            ],
-        monitors := [Contract | Monitors]
-    }}.
+    Timed = [{Robot, 1000 * Ms, Strike} || {Robot, Ms, Strike} <- Strikes],
+    {ok, starl_sim_plan:add_strikes(Timed, Plan#{monitors := [Contract | Monitors]})}.
 
 flood(1, Seed) ->
     {First, Last} = ?WORST_MS,

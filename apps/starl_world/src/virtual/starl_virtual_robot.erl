@@ -100,18 +100,14 @@ kinds() ->
 %% cannot be carried out.
 -spec plan(starl_run_scenario:t(), starl_sim_plan:t()) ->
     {ok, starl_sim_plan:t()} | {error, unicode:chardata()}.
-plan(#{faults := Faults}, #{faults := Strikes, robots := Poses, world := World} = Plan) ->
+plan(#{faults := Faults}, #{robots := Poses, world := World, monitors := Monitors} = Plan) ->
     Can = [range | kinds()],
     case [Fault || {_, _, _, Kind, _, _} = Fault <- Faults, not lists:member(Kind, Can)] of
         [] ->
             Ids = [Id || {Id, _} <- Poses],
-            More = [Trouble || Fault <- Faults, Trouble <- troubles(Fault, Ids)],
-            Numbered = [
-                {Robot, 1000 * Ms, ?CLASS_WORLD, 0, N, Strike}
-             || {N, {Robot, Ms, Strike}} <- numbered(length(Strikes) + 1, More)
-            ],
-            Monitors = [excused(Monitor, World) || Monitor <- maps:get(monitors, Plan)],
-            {ok, Plan#{faults := Strikes ++ Numbered, monitors := Monitors}};
+            Troubles = [Trouble || Fault <- Faults, Trouble <- troubles(Fault, Ids)],
+            Excused = [excused(Monitor, World) || Monitor <- Monitors],
+            {ok, starl_sim_plan:add_strikes(Troubles, Plan#{monitors := Excused})};
         [{Id, _, _, Kind, _, _} | _] ->
             {error,
                 io_lib:format(
@@ -120,10 +116,8 @@ plan(#{faults := Faults}, #{faults := Strikes, robots := Poses, world := World} 
                 )}
     end.
 
-numbered(First, List) -> lists:zip(lists:seq(First, First + length(List) - 1), List).
-
 troubles({_, From, To, reboot, Robot, _}, _Ids) ->
-    [{Robot, (From + To) div 2, try_start}];
+    [{Robot, 500 * (From + To), try_start}];
 troubles({_, From, To, store_full, Target, _}, Ids) ->
     trouble(Target, From, To, full, Ids);
 troubles({_, From, To, store_damaged, Target, _}, Ids) ->
@@ -133,7 +127,7 @@ troubles(_Fault, _Ids) ->
 
 trouble(Target, From, To, Trouble, Ids) ->
     [
-        {Id, Ms, {program, {suffer, Suffered}}}
+        {Id, 1000 * Ms, {program, {suffer, Suffered}}}
      || Id <- Ids,
         Target =:= all orelse Target =:= Id,
         {Ms, Suffered} <- [{From, Trouble}, {To, none}]
