@@ -10,7 +10,7 @@
 %%
 %% The contract is that of {@link starl_virtual_radio_monitor}. In the trace, `{sent, N, To}' of machine `udp' is the
 %% N-th packet on its way to some robots, `{heard, N}' the same packet as it was sent, `{heard, none}'
-%% any other packet, and `{memory, Bytes}' the size of a robot's end of the radio.
+%% any other packet, and `{memory, Bytes}' that a robot's end of the radio has more bytes than it may have.
 -module(starl_virtual_radio).
 -behaviour(starl_virtual_computer).
 
@@ -34,8 +34,10 @@
 %% the attacker has ended.
 -define(AHEAD_S, {80, 7200}).
 -define(SET_RIGHT_US, 35000000).
-%% The memory of an end is told this often.
+%% The memory of an end is looked at this often. The most bytes: 8 unfinished messages of each other robot,
+%% the queue of its pace (1 MB), and the numbers of datagrams.
 -define(EVERY, 50).
+-define(MEMORY, 2200000).
 
 -record(radio, {
     robot :: starl:robot_id(),
@@ -188,7 +190,7 @@ number(_Packet, _Seed) ->
     none.
 
 memory(#radio{commands = N, radio = Radio}) when N rem ?EVERY =:= 0 ->
-    [{memory, erlang:external_size(Radio)}];
+    [{memory, Bytes} || Bytes <- [erlang:external_size(Radio)], Bytes > ?MEMORY];
 memory(#radio{}) ->
     [].
 
