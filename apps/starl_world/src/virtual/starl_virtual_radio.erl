@@ -72,7 +72,10 @@ scenario(Seed) ->
     }.
 
 %% @doc The plan of a simulation with the packets and the restarts that belong to its seed.
--spec plan(starl_run_scenario:t(), starl_sim_plan:t()) -> {ok, starl_sim_plan:t()}.
+-spec plan(starl_run_scenario:t(), starl_sim_plan:t()) ->
+    {ok, starl_sim_plan:t()} | {error, unicode:chardata()}.
+plan(#{robots := N}, _Plan) when N =/= length(?ROBOTS) ->
+    {error, io_lib:format("the program radio is for ~b robots", [length(?ROBOTS)])};
 plan(#{seed := Seed}, #{monitors := Monitors} = Plan) ->
     Contract = {starl_virtual_radio_monitor, #{offset_us => 1000 * ?OFFSET_MS}},
     Strikes = flood(starl_run_draw:between({Seed, flood}, 1, 10), Seed) ++ uses(Seed),
@@ -125,9 +128,9 @@ packet(N, Seed) ->
 %% @doc A robot that has nothing but its radio.
 -spec new(starl:robot_id(), starl:pose(), starl_robot_crew:tree(), starl_sim_world:t()) ->
     starl_virtual_robot:t().
-new(Id, Pose, _Tree, #{seed := Seed} = World) ->
+new(Id, Pose, _Tree, #{seed := Seed, delay_us := {Least, _}} = World) ->
     Computer = starl_virtual_computer:start(Id, ?MODULE, #{seed => Seed}),
-    Attacker = fun(Key, Now, Bytes) -> attacks(Id, Key, Now, Bytes, Seed) end,
+    Attacker = fun(Key, Now, Bytes) -> attacks(Id, Key, Now + Least, Bytes, Seed) end,
     starl_virtual_robot:new(Id, Pose, World, Computer, Attacker).
 
 %% -- its computer ---------------------------------------------------------------------------
@@ -228,13 +231,13 @@ config(Id, Run, Life, Seed) ->
 
 %% -- the attacker ---------------------------------------------------------------------------
 
-attacks(From, Key, Now, Bytes, Seed) ->
+attacks(From, Key, Earliest, Bytes, Seed) ->
     Robot = starl_run_draw:between({Key, victim}, 1, length(?ROBOTS)),
-    At = Now + starl_run_draw:between({Key, attack}, 1000, ?PLAYED_US),
+    At = Earliest + starl_run_draw:between({Key, attack}, 1, ?PLAYED_US),
     case starl_run_draw:uniform({Key, attacks}) of
         Drawn when Drawn < 0.1 -> [{Robot, At, Bytes}];
         Drawn when Drawn < 0.12 -> [{Robot, At, starl_sim_transmitter:damaged(Bytes, Key)}];
-        Drawn when Drawn < 0.13 -> [{Robot, At, foreign(From, Robot, Now, Seed)}];
+        Drawn when Drawn < 0.13 -> [{Robot, At, foreign(From, Robot, Earliest, Seed)}];
         Drawn when Drawn < 0.15 -> [{Robot, At, malformed(From, Robot, At, Key, Seed)}];
         _ -> []
     end.
