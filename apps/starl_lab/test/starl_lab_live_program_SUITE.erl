@@ -23,7 +23,7 @@ all() ->
 a_run_is_replayed(Config) ->
     Out = out(Config, "run"),
     contains("both crashed", says(3, "digest ", ["run", scenario(Config), "--out", Out])),
-    contains("same digest", says(3, "same digest", ["replay", Out])),
+    says(0, "same digest", ["replay", Out]),
     %% the machines of a robot at a time
     contains("inbox", says(0, "robot 2", ["replay", Out, "--until", "0.5", "--inspect", "2"])).
 

@@ -132,9 +132,10 @@ counts_by_link_test() ->
 adds_to_what_is_there_test() ->
     Corrupt = {flip, 5, 9, corrupt, {1, 2}, #{part => 1.0}},
     Lossy = {deaf, 5, 9, loss, {1, 3}, #{part => 1.0}},
+    Packet = starl_packet:shout(1, {app, note}, hello),
     {{7, Planned, Traced}, _} = starl_sim_transmitter:send(
         all,
-        <<"hello">>,
+        Packet,
         sender(),
         world(infinity, [Corrupt, Lossy]),
         {5, [earlier], [fact]},
@@ -143,12 +144,26 @@ adds_to_what_is_there_test() ->
     ?assertMatch([{7, 1, radio, {lost, 3, {all, 1}}}, fact], Traced),
     ?assertMatch(
         [
-            {4, _, 2, 1, 6, {sap, packet, <<"hello">>}},
+            {4, _, 2, 1, 6, {sap, packet, Packet}},
             {2, _, 2, 1, 5, {sap, packet, <<_:32>>}},
             earlier
         ],
         Planned
     ).
+
+%% Bytes arrive as other bytes: the receiver finds out that they are damaged.
+a_damaged_datagram_arrives_as_other_bytes_test() ->
+    Corrupt = {flip, 5, 9, corrupt, {1, 2}, #{part => 1.0}},
+    {{6, [{2, _, 2, 1, 5, {sap, packet, Received}}], []}, _} = starl_sim_transmitter:send(
+        2,
+        <<"hello">>,
+        sender(),
+        world(infinity, [Corrupt]),
+        {5, [], []},
+        starl_sim_transmitter:new()
+    ),
+    ?assert(is_binary(Received)),
+    ?assertNotEqual(<<"hello">>, Received).
 
 sent(To, World, Links) ->
     starl_sim_transmitter:send(To, <<"hello">>, sender(), World, {5, [], []}, Links).

@@ -109,6 +109,7 @@ scenario(Part, none, Seed) ->
 scenario(Part, Robots, Seed) ->
     case lists:member(Part, blocks()) of
         true -> starl_lab_soak_reloads:add(Seed, with_faults(drawn(Part, Robots, Seed)));
+        false when Part =:= radio -> starl_virtual_radio:scenario(Seed);
         false -> #{robots => Robots}
     end.
 
@@ -174,8 +175,18 @@ told({Part, Seed, Violation, Count}, Values) ->
         [io_lib:format(" (and so in ~b more runs)", [Count - 1]) || Count > 1],
         io_lib:format("~nrepeat: ./starl soak live --part ~ts --from ~b --seeds 1", [Part, Seed]),
         [io_lib:format(" --robots ~b", [N]) || #{robots := N} <- [Values], is_integer(N)],
+        shrinking(scenario(Part, maps:get(robots, Values), Seed)),
         "\n"
     ].
+
+%% A simulation can be shrunk. New code that a soak has drawn stands in no file.
+shrinking(#{program := _, app := App} = Given) when not is_map_key(reloads, Given) ->
+    {Name, App} = lists:keyfind(App, 2, starl_cli_target:apps()),
+    {ok, Target} = starl_cli_target:resolve(Name),
+    {ok, Scenario} = starl_run_scenario:check(Given, starl_app:options(App)),
+    ["\nshrink: ", starl_cli_target:command_line("shrink", Target, Scenario)];
+shrinking(_Given) ->
+    [].
 
 status(interrupted, _) ->
     130;
@@ -196,10 +207,11 @@ violations(Part, Seed) ->
 %% (`watch').
 -spec played(part(), Seed :: integer(), #{atom() => term()}) -> played().
 played(store, Seed, _Scenario) ->
-    apart(fun() -> starl_virtual_store:run(Seed) end);
-played(radio, Seed, _Scenario) ->
-    apart(fun() -> starl_virtual_radio:run(Seed) end);
-played(_Block, _Seed, Given) ->
+    case starl_sim_trial:apart(fun() -> starl_virtual_store:run(Seed) end) of
+        {ok, Played} -> Played;
+        {error, {failed, Why}} -> error(Why)
+    end;
+played(_Part, _Seed, Given) ->
     {Watch, Scenario} =
         case maps:take(watch, Given) of
             error -> {[], Given};
@@ -209,12 +221,6 @@ played(_Block, _Seed, Given) ->
         {ok, Outcome} -> maps:with([violations, events, digest], Outcome);
         {error, {failed, Why}} -> error(Why);
         {error, Why} -> error(Why)
-    end.
-
-apart(Play) ->
-    case starl_sim_trial:apart(Play) of
-        {ok, Played} -> Played;
-        {error, {failed, Why}} -> error(Why)
     end.
 
 %% @private One run, in the VM of its job, and the lines of the live half that it ran.

@@ -80,13 +80,16 @@ running() ->
         {mode, {one_of, [auto, process, inline]}, auto,
             "process: each machine of a robot is an Erlang process; inline: none is; auto: "
             "inline; from Erlang, processes for teams of up to 300 robots"},
-        {program, {one_of, [simulated, live]}, simulated,
+        {program, {one_of, programs()}, simulated,
             "what the robots run: simulated, their machines in the simulator; live, the program that ships "
-            "on robots, with simulated clocks, sockets and disks; they do not drive then"},
+            "on robots, with simulated clocks, sockets and disks, which does not drive; radio, only its radio"},
         {shards, {optional, {integer, 1, 256}}, none,
             "number of parts that are simulated at the same time; none: chosen by the number of "
             "robots and cores"}
     ].
+
+%% The simulator's own robots, and other kinds of robots for it that applications list.
+programs() -> [simulated | [Name || {Name, _} <- starl_catalogue:listed(starl_programs)]].
 
 %% Faults and reloads, and what is to come of them.
 trouble() ->

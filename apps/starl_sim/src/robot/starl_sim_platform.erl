@@ -232,7 +232,12 @@ result(#body{result = Result}) -> Result.
 %% -- the actions of machines on the world ---------------------------------------------------
 
 %% @doc Carries out an action of a machine on the world.
--spec perform(starl_platform:world_action(), starl_machine:name(), t()) ->
+-spec perform(
+    starl_platform:world_action()
+    | {transmit, starl:robot_id(), starl_sim_transmitter:datagram()},
+    starl_machine:name(),
+    t()
+) ->
     {[starl_robot:local()], t()}.
 perform({transmit, Dest, Packet}, _Name, Body) ->
     {[], transmit(Dest, Packet, Body)};

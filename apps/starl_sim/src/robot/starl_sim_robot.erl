@@ -140,11 +140,11 @@ answered(Pid, Answer, Other) ->
 
 %% @doc One of its processes has ended. If that was the one at work, the robot can go on.
 -spec down(pid(), Reason :: term(), go_on | rest, t()) -> {busy | idle | held, t()}.
-down(Pid, Reason, Then, #robot{robot = Robot, tree = Tree} = Site) ->
+down(Pid, Reason, Then, #robot{robot = Robot} = Site) ->
     Crashed =
         case starl_robot_machines:name_of(Pid, starl_robot:machines(Robot)) of
             {ok, Name} -> crashed(Name, Reason, settle(Site));
-            none -> computer(starl_sim_computer:give_up({Robot, Tree}), Site)
+            none -> die(gave_up, Site)
         end,
     case starl_robot:busy(Crashed#robot.robot) of
         none when Then =:= go_on -> proceed(Crashed);
@@ -417,18 +417,8 @@ strike({outlived, N}, #robot{robot = Robot} = Site) ->
         up -> lists:foldl(fun strike/2, Site, [go_down, {outdate, N}, come_up]);
         _ -> Site
     end;
-strike(Fault, #robot{robot = Robot, tree = Tree} = Site) ->
-    computer(starl_sim_computer:strike(Fault, {Robot, Tree}), Site).
-
-%% Events that wait for a robot that is up are lost with it.
-computer({Robot, Tree}, #robot{robot = Before, events = Events} = Site) ->
-    Left =
-        case {starl_robot:condition(Before), starl_robot:condition(Robot)} of
-            {up, down} -> faults_of(Events);
-            {Alive, dead} when Alive =/= dead -> [];
-            _ -> Events
-        end,
-    Site#robot{robot = Robot, tree = Tree, events = Left}.
+strike(Fault, #robot{robot = Robot} = Site) ->
+    strike(Fault, starl_robot:condition(Robot), Site).
 
 %% An answer of the chassis in this window joins the other events; it may have to wait for the robot.
 rides(Step, Before) ->
@@ -443,9 +433,134 @@ postpone(#robot{events = Events, hold = Hold} = Site) ->
     {Late, Ready} = starl_sim_queue:delayed(Events, Hold),
     settle(body(starl_sim_platform:postpone(Late, body(Site)), Site#robot{events = Ready})).
 
-%% A machine has ended.
-crashed(Name, Reason, #robot{robot = Robot, tree = Tree} = Site) ->
-    #robot{crashes = Crashes, despair = Before} = Site,
-    {Despair, Computer} = starl_sim_computer:crashed(Name, Reason, Before, {Robot, Tree}),
-    Remembered = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED),
-    computer(Computer, Site#robot{crashes = Remembered, despair = Despair}).
+%% -- its computer ---------------------------------------------------------------------------
+
+%% A fault of the whole robot, if it can strike in this condition. Events that wait for a robot that is
+%% up are lost with it.
+strike(kill_robot, Condition, Site) when Condition =/= dead ->
+    ok = report(killed, robot, "by a fault", Site),
+    die(killed, Site);
+strike(go_down, up, #robot{robot = Robot, tree = Tree, events = Events} = Site) ->
+    Site#robot{
+        robot = starl_robot:go_down(Robot),
+        tree = starl_robot_tree:down(Tree),
+        events = faults_of(Events)
+    };
+strike(come_up, down, #robot{robot = Robot, tree = Tree} = Site) ->
+    Moment = starl_sim_platform:moment(body(Site)),
+    Waiting = starl_robot_machines:up(Moment, starl_robot:machines(Robot)),
+    {Launched, Machines} = starl_robot_tree:launch(Tree, Waiting),
+    Site#robot{robot = starl_robot:come_up(Machines, Robot), tree = Launched};
+%% Its machines get words on new code; a robot that is down starts with it.
+strike({reload, _} = Order, _Condition, Site) ->
+    heed(Order, Site);
+strike({reload_failed, _, _} = Order, _Condition, Site) ->
+    heed(Order, Site);
+%% Its store is known to be old, since it has lived N times.
+strike({outdate, N}, down, Site) ->
+    strike_store(outdate, maps:map(fun(_, Start) -> max(N, Start) end, starts(Site)), Site);
+strike(lose_store, down, Site) ->
+    strike_store(lose_store, starts(Site), Site);
+strike({Kind, _} = Strike, down, Site) when Kind =:= save_store; Kind =:= set_back_store ->
+    strike_store(Strike, starts(Site), Site);
+strike(_Fault, _Condition, Site) ->
+    Site.
+
+heed(Order, #robot{robot = Robot} = Site) ->
+    {Words, Body} = starl_sim_platform:reload(Order, body(Site)),
+    Machines = starl_robot:machines(Robot),
+    Local = [{Name, code, Word} || {Name, Word} <- Words, starl_robot_machines:has(Name, Machines)],
+    Site#robot{robot = starl_robot:then(Local, starl_robot:world(Body, Robot))}.
+
+strike_store(Strike, Starts, #robot{robot = Robot} = Site) ->
+    {Next, Body} = starl_sim_platform:strike_store(Strike, Starts, body(Site)),
+    Counted = starl_robot_machines:starts(Next, starl_robot:machines(Robot)),
+    Site#robot{robot = starl_robot:machines(Counted, starl_robot:world(Body, Robot))}.
+
+starts(#robot{robot = Robot}) -> starl_robot_machines:starts(starl_robot:machines(Robot)).
+
+%% The supervision of its processes has ended, or a fault has killed it.
+die(Reason, #robot{robot = Robot, tree = Tree} = Site) ->
+    Body = starl_sim_platform:planned(body(Site)),
+    Site#robot{
+        robot = starl_robot:die(Reason, starl_robot:world(Body, Robot)),
+        tree = starl_robot_tree:down(Tree),
+        events = []
+    }.
+
+%% A machine has ended. Virtual time waits until it has been restarted, or the robot has died of it.
+crashed(Name, Reason, #robot{robot = Robot, tree = Tree, crashes = Crashes} = Site) ->
+    Cause = starl_crash:cause(Reason),
+    {Hope, Despair} = hope(Name, Cause, Reason, Site),
+    Fallen = starl_sim_platform:fallen(Name, Cause, body(Site)),
+    Bare = starl_robot:lost(Name, Reason, starl_robot:world(Fallen, Robot)),
+    Noted = Site#robot{
+        robot = Bare,
+        despair = Despair,
+        crashes = lists:sublist([{Name, Reason} | Crashes], ?REMEMBERED)
+    },
+    Restarted = starl_robot_tree:restart(Name, starl_robot:machines(Bare), Tree),
+    case starl_robot_tree:give_up(Hope, Name, Restarted, Tree) of
+        {ok, #{back := Back, given_up := GivenUp, lost := Lost}, Machines} ->
+            ok = report_crash(lists:member(Name, GivenUp), Name, Cause, Site),
+            Left = lists:foldr(fun({N, R}, B) -> starl_robot:lost(N, R, B) end, Bare, Lost),
+            With = starl_robot:machines(Machines, Left),
+            Noted#robot{robot = starl_robot:back(Back, GivenUp, With)};
+        gave_up ->
+            ok = report_crash(true, Name, Cause, Site),
+            die(gave_up, Noted)
+    end.
+
+%% Is it worthwhile to restart this machine? Only an application may be hopeless.
+hope(app, {_, _} = Cause, Reason, #robot{despair = Despair} = Site) ->
+    Body = body(Site),
+    Now = starl_sim_platform:now(Body),
+    Crash = #{
+        cause => Cause,
+        endless => starl_crash:is_endless(Reason),
+        steps => starl_crash:steps(Reason),
+        at_us => Now,
+        pose => starl_trajectory:pose(Now, starl_sim_platform:piece(Body)),
+        stored => starl_sim_platform:stored(app, Body)
+    },
+    starl_sim_crash_loop:crashed(Crash, Despair);
+hope(_Name, _Cause, _Reason, #robot{despair = Despair}) ->
+    {goes_on, Despair}.
+
+%% -- the log --------------------------------------------------------------------------------
+
+%% The log has one line for each crash that no fault caused, in every mode.
+report_crash(false, _Name, none, _Site) ->
+    ok;
+report_crash(true, Name, none, Site) ->
+    report(given_up, Name, "it was killed too often", Site);
+report_crash(IsGivenUp, Name, Cause, Site) ->
+    ok = report(crashed, Name, starl_crash:format(Cause), Site),
+    _ = IsGivenUp andalso report(given_up, Name, "it crashed again and again", Site),
+    ok.
+
+report(What, Name, Why, #robot{id = Id} = Site) ->
+    Event = #{
+        what => What,
+        robot => Id,
+        machine => Name,
+        at_us => starl_sim_platform:now(body(Site)),
+        reason => unicode:characters_to_binary(Why)
+    },
+    logger:log(level(What), Event, #{
+        domain => [starl, robot], robot => Id, machine => Name, report_cb => fun line/1
+    }).
+
+level(killed) -> notice;
+level(_) -> error.
+
+line(#{what := What, robot := Robot, machine := Machine, at_us := AtUs, reason := Why}) ->
+    Seconds = AtUs / 1.0e6,
+    {"robot ~b, ~.6f s: ~ts: ~ts", [Robot, Seconds, what_happened(What, Machine), Why]}.
+
+what_happened(killed, _Robot) ->
+    "killed";
+what_happened(crashed, Machine) ->
+    io_lib:format("~tp crashed", [Machine]);
+what_happened(given_up, Machine) ->
+    io_lib:format("~tp is given up and not started again", [Machine]).

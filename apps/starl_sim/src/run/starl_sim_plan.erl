@@ -3,7 +3,7 @@
 %% (`program'), and the simulator's part of the world.
 -module(starl_sim_plan).
 
--export([make/2, mode/2]).
+-export([make/2, mode/2, add_strikes/2]).
 
 -export_type([t/0]).
 
@@ -54,13 +54,8 @@ make({Scenario, Scene, #{tree := Tree, robots := Robots} = Run}, Options) ->
 of_kind(simulated, _Scenario, Plan, _Tree) ->
     {ok, Plan};
 of_kind(Name, Scenario, Plan, Tree) ->
-    case lists:keyfind(Name, 1, starl_catalogue:listed(starl_programs)) of
-        {Name, Kind} ->
-            Kind:plan(Scenario, Plan#{crew := #{kind => Kind, tree => Tree, inline => #{}}});
-        false ->
-            {error,
-                io_lib:format("no application on the code path has robots of the kind ~ts", [Name])}
-    end.
+    {Name, Kind} = lists:keyfind(Name, 1, starl_catalogue:listed(starl_programs)),
+    Kind:plan(Scenario, Plan#{crew := #{kind => Kind, tree => Tree, inline => #{}}}).
 
 %% In inline mode, only a sequential application is a process.
 crew(process, Tree) ->
@@ -127,13 +122,19 @@ kept([]) -> #{};
 kept(Models) -> #{histories => lists:usort([Model:machine() || {Model, _} <- Models])}.
 
 strikes(Faults, Reloads) ->
-    Strikes =
-        lists:append([starl_run_fault:strikes(Fault) || Fault <- Faults]) ++
-            starl_run_reloads:strikes(Reloads),
+    Strikes = lists:append([starl_run_fault:strikes(Fault) || Fault <- Faults]),
+    numbered(1, Strikes ++ starl_run_reloads:strikes(Reloads)).
+
+numbered(First, Strikes) ->
     [
         {Robot, Time, 0, 0, N, Strike}
-     || {N, {Robot, Time, Strike}} <- lists:zip(lists:seq(1, length(Strikes)), Strikes)
+     || {N, {Robot, Time, Strike}} <- lists:enumerate(First, Strikes)
     ].
+
+%% @doc The plan with further effects on robots, each at its time (us).
+-spec add_strikes([{starl:robot_id(), starl_sim_queue:time(), Strike :: term()}], t()) -> t().
+add_strikes(Strikes, #{faults := Before} = Plan) ->
+    Plan#{faults := Before ++ numbered(length(Before) + 1, Strikes)}.
 
 %% A few robots are not worth a shard of their own, but every node has one.
 shards(none, Robots, Options) ->

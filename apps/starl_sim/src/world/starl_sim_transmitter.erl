@@ -6,7 +6,7 @@
 -module(starl_sim_transmitter).
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
--export([new/0, send/6, packets/1]).
+-export([new/0, send/6, damaged/2, packets/1]).
 
 -export_type([t/0, datagram/0, sender/0, outgoing/0]).
 
@@ -166,12 +166,16 @@ plan([{Delay, State} | Arrivals], Dest, Packet, Id, Now, Seq, Plans) ->
 corrupted(<<Datagram/binary>>, Key) -> damaged(Datagram, Key);
 corrupted(Packet, {_, _, Seq}) -> <<(erlang:phash2({Packet, Seq})):32>>.
 
-%% The end is missing, or a bit is wrong. What is sealed differs in each run.
+%% @doc A datagram whose end is missing, or that has something behind it, or a wrong bit, by a draw
+%% from this key.
+-spec damaged(datagram(), Key :: term()) -> datagram().
 damaged(Datagram, Key) ->
     Bit = starl_run_draw:between({Key, bit}, 0, 8 * byte_size(Datagram) - 1),
-    case starl_run_draw:between({Key, how}, 1, 4) of
+    case starl_run_draw:between({Key, how}, 1, 6) of
         1 ->
             binary:part(Datagram, 0, Bit div 8);
+        2 ->
+            <<Datagram/binary, Bit:16>>;
         _ ->
             <<Before:Bit, B:1, After/bits>> = Datagram,
             <<Before:Bit, (1 - B):1, After/bits>>

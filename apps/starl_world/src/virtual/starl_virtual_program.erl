@@ -1,77 +1,37 @@
-%% @doc The program of one live robot in virtual time, and its computer: a process of its own beside
-%% the shard that simulates the robot ({@link starl_virtual_robot}). The link and the transport are the
-%% same modules as on a real robot. This process calls their callbacks, one at a time. Their effects on
-%% the world are returned as {@link effect()}s.
-%% ```
-%%   shard                            program
-%%     | starl_order, time, commands --->|
-%%     |                                 | calls link and transport; waits for the application
-%%     |<---- starl_done, {up(), effects}|
-%% '''
+%% @doc The program of one live robot in virtual time, on its computer
+%% ({@link starl_virtual_computer}). The link and the transport are the same modules as on a real
+%% robot. Their callbacks are called here, one at a time, and their effects on the world are returned.
+%%
 %% The robot's clock, disk and socket are simulated ({@link starl_virtual_clock},
 %% {@link starl_virtual_disk}, {@link starl_virtual_socket}). Its machines run inline. A sequential
-%% application is a process: the program waits until that process has carried out its order,
+%% application is a process: the computer waits until that process has carried out its order,
 %% and the shard decides when the link gets the answer.
-%%
-%% The process is linked to the shard: neither outlives the other.
 -module(starl_virtual_program).
+-behaviour(starl_virtual_computer).
 -behaviour(supervisor).
 
--export([start/2, order/3, inspect/1]).
+-export([new/3, obey/2, machines/1]).
 -export([init/1]).
 
--export_type([config/0, actor/0, command/0, up/0, effect/0]).
+-export_type([config/0, command/0]).
 
-%% The computer with the program of one robot. `spec' is that of its link
-%% ({@link starl_live_link:spec()}) without what is given here, `udp' that of its transport.
--type config() :: #{
-    robot := starl:robot_id(),
-    seed := integer(),
-    spec := map(),
-    udp := map()
-}.
+%% The specification of the robot's link ({@link starl_live_link:spec()}) without what is given here,
+%% that of its transport, and the seed of its disk.
+-type config() :: #{seed := integer(), spec := map(), udp := map()}.
 
-%% The parts of the program that get messages.
--type actor() :: link | transport.
-
-%% Boot the program of a life, whose random streams follow from a seed, with this code; give a part a
-%% message, or the socket a datagram; crash the application; end the program, with power or without;
-%% apply a fault to the disk.
+%% Further commands: crash the application; apply a fault to the disk.
 -type command() ::
-    {boot, Life :: pos_integer(), Seed :: integer(), starl_reload:codes()}
-    | {hear, actor(), Message :: term()}
-    | {heard, From :: starl:robot_id(), binary()}
+    starl_virtual_computer:command()
     | crash_app
-    | {halt, killed | power_cut}
     | {suffer, starl_virtual_disk:trouble()}
     | {cut_after, Operations :: pos_integer()}
     | lose_store
     | {save_store | set_back_store, Image :: atom()}.
 
-%% Whether the program runs, is off, or has ended by itself after the last commands, maybe since one of its
-%% parts has crashed.
--type up() :: up | off | {down, Why :: {crashed, actor(), Reason :: term()} | term()}.
-
-%% What the program does: it wants to have a message at a time of its computer; a datagram leaves; a
-%% process of its has an answer for the link; facts; it asks the positioning system; its machines have
-%% started; its application has ended; a machine reports on a reload. An image of the disk was put in
-%% its place.
--type effect() ::
-    {timer, actor(), DueUs :: integer(), Message :: term()}
-    | {sent, starl:robot_id(), binary()}
-    | {answer, Message :: term()}
-    | {facts, [starl_monitor:trace_event()]}
-    | {asked, Tag :: term(), [starl:robot_id()]}
-    | {started, [starl_machine:name()]}
-    | {ended, given_up | {done, term()}}
-    | {reloaded, starl_machine:name(), starl_reload:told()}
-    | store_set_back.
-
 -define(EPOCH_US, 1700000000000000).
 
 -record(robot, {
     id :: starl:robot_id(),
-    shard :: pid(),
     config :: config(),
     clock :: starl_virtual_clock:t(),
     disk :: starl_virtual_disk:name(),
@@ -83,95 +43,49 @@
     answering = [] :: [pid()]
 }).
 
-%% @doc Starts the computer, linked to the calling shard. Its disk is commissioned; the program does
-%% not run yet.
--spec start(starl:robot_id(), config()) -> pid().
-start(Id, Config) ->
-    Shard = self(),
-    spawn_link(fun() -> begun(Id, Shard, Config) end).
+-type done() :: {starl_virtual_computer:up(), [starl_virtual_computer:effect()], #robot{}}.
 
-%% @doc Gives the program commands at a time of its computer. The shard gets `{starl_done, Robot,
-%% Program, {up(), [effect()]}}'.
--spec order(pid(), LocalUs :: integer(), [command(), ...]) -> ok.
-order(Program, LocalUs, Commands) ->
-    Program ! {starl_order, LocalUs, Commands},
-    ok.
-
-%% @doc The machines of the robot, each with its state and data, while it has no order.
--spec inspect(pid()) -> #{starl_machine:name() => starl_robot_tree:seen()}.
-inspect(Program) ->
-    Ref = erlang:monitor(process, Program),
-    Program ! {starl_inspect, self(), Ref},
-    receive
-        {Ref, Seen} ->
-            true = erlang:demonitor(Ref, [flush]),
-            Seen
-    end.
-
-%% The supervisor of the link stands above the machines' processes, as on a robot.
--spec init([]) -> {ok, {supervisor:sup_flags(), []}}.
-init([]) -> {ok, {#{}, []}}.
-
-%% -- its computer ---------------------------------------------------------------------------
-
-begun(Id, Shard, #{seed := Seed, spec := #{dir := {starl_virtual_disk, Path} = Dir}} = Config) ->
-    _ = process_flag(trap_exit, true),
-    _ = put(?MODULE, Shard),
+%% @doc The program on a computer whose disk is commissioned.
+-spec new(starl:robot_id(), starl_virtual_clock:t(), config()) -> #robot{}.
+new(Id, Clock, #{seed := Seed, spec := #{dir := {starl_virtual_disk, Path} = Dir}} = Config) ->
     Disk = starl_virtual_disk:name_of(Path),
     ok = starl_virtual_disk:new(Disk, {Seed, Id, disk}),
     ok = starl_live_store:commission(Dir),
-    wait(#robot{
-        id = Id, shard = Shard, config = Config, clock = starl_virtual_clock:new(0), disk = Disk
-    }).
+    #robot{id = Id, config = Config, clock = Clock, disk = Disk}.
 
-wait(#robot{id = Id, shard = Shard, clock = Clock} = Robot) ->
-    receive
-        {starl_order, LocalUs, Commands} ->
-            ok = starl_virtual_clock:set(LocalUs, Clock),
-            {Up, Effects, Next} = obey(Commands, off(Robot), [], Robot),
-            Shard ! {starl_done, Id, self(), {Up, Effects}},
-            wait(Next);
-        {starl_inspect, From, Ref} ->
-            From ! {Ref, inspected(Robot)},
-            wait(Robot);
-        {'EXIT', Shard, Why} ->
-            exit(Why)
-    end.
-
-off(#robot{link = none}) -> off;
-off(#robot{}) -> up.
-
-inspected(#robot{link = none}) ->
+%% @doc The machines of the robot, each with its state and data.
+-spec machines(#robot{}) -> #{starl_machine:name() => starl_robot_tree:seen()}.
+machines(#robot{link = none}) ->
     #{};
-inspected(#robot{link = Link} = Robot) ->
-    {reply, Seen, _} = starl_live_link:handle_call(inspect, {self(), Robot#robot.id}, Link),
+machines(#robot{id = Id, link = Link}) ->
+    {reply, Seen, _} = starl_live_link:handle_call(inspect, {self(), Id}, Link),
     Seen.
 
-obey([], Up, Effects, Robot) ->
-    {Up, Effects, Robot};
-obey([Command | Commands], _Up, Before, Robot) ->
-    case obey(Command, Robot) of
-        {{down, Why}, Effects, Ended} ->
-            obey(Commands, {down, Why}, Before ++ Effects, halted(cause(Why), Ended));
-        {Up, Effects, Next} ->
-            obey(Commands, Up, Before ++ Effects, Next)
+%% @doc Carries out a command. A program that ends by itself is off afterwards.
+-spec obey(command(), #robot{}) -> done().
+obey(Command, Robot) ->
+    case carry_out(Command, Robot) of
+        {{down, Why}, Effects, Ended} -> {{down, Why}, Effects, halted(cause(Why), Ended)};
+        Done -> Done
     end.
 
 cause({starl_power_cut, _}) -> power_cut;
 cause(_Why) -> killed.
 
-obey({boot, Life, Seed, Codes}, Robot) ->
+carry_out({boot, Life, Seed, Codes}, Robot) ->
     boot(Life, Seed, Codes, Robot);
-obey({hear, Actor, Message}, Robot) ->
+carry_out({hear, Actor, Message}, Robot) ->
     run([{Actor, Message}], Robot);
-obey({heard, From, Bytes}, #robot{id = Id} = Robot) ->
+carry_out({heard, From, Bytes}, #robot{id = Id} = Robot) ->
     run([{transport, starl_virtual_socket:heard(From, Id, Bytes)}], Robot);
-obey(crash_app, Robot) ->
+carry_out(crash_app, Robot) ->
     crash_app(Robot);
-obey({halt, Cause}, Robot) ->
+carry_out({halt, Cause}, Robot) ->
     {off, [], halted(Cause, Robot)};
-obey(OnDisk, #robot{disk = Disk} = Robot) ->
-    {off(Robot), on_disk(OnDisk, Disk), Robot}.
+carry_out(OnDisk, #robot{disk = Disk, link = none} = Robot) ->
+    {off, on_disk(OnDisk, Disk), Robot};
+carry_out(OnDisk, #robot{disk = Disk} = Robot) ->
+    {up, on_disk(OnDisk, Disk), Robot}.
 
 on_disk({suffer, Trouble}, Disk) ->
     ok = starl_virtual_disk:suffer(Disk, Trouble),
@@ -252,19 +166,14 @@ power(killed, Disk) -> starl_virtual_disk:keep_power(Disk).
 forget() ->
     receive
         Message ->
-            ok = ends(Message),
+            ok = starl_virtual_computer:end_with(Message),
             forget()
     after 0 -> ok
     end.
 
-%% It ends with its shard.
-ends({'EXIT', From, Why}) ->
-    case get(?MODULE) of
-        From -> exit(Why);
-        _ -> ok
-    end;
-ends(_Message) ->
-    ok.
+%% The supervisor of the link stands above the machines' processes, as on a robot.
+-spec init([]) -> {ok, {supervisor:sup_flags(), []}}.
+init([]) -> {ok, {#{}, []}}.
 
 %% -- its parts ------------------------------------------------------------------------------
 
@@ -364,7 +273,7 @@ sent({'$gen_cast', Cast}, link) ->
     cast(Cast);
 %% a supervisor's or a process's end that has been handled
 sent({'EXIT', _, _} = Exit, _) ->
-    ok = ends(Exit),
+    ok = starl_virtual_computer:end_with(Exit),
     none;
 sent(Message, _) ->
     {inner, {link, Message}}.
@@ -386,7 +295,7 @@ answers(#robot{link = Link, answering = Known} = Robot) ->
 
 %% Its answer or its end. An end that the link knows already comes once more.
 answer(Pid) ->
-    Shard = get(?MODULE),
+    Shard = starl_virtual_computer:shard(),
     Monitor = erlang:monitor(process, Pid),
     receive
         {starl_done, _, Pid, _} = Done ->

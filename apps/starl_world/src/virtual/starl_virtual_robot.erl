@@ -31,7 +31,8 @@
 -include_lib("starl_platform/include/starl_robot_order.hrl").
 
 -export([kinds/0]).
--export([plan/2, new/4, open/3, answered/3, stop_at/2, halted/1, resume/1]).
+-export_type([t/0, attacker/0]).
+-export([plan/2, new/4, new/5, open/3, answered/3, stop_at/2, halted/1, resume/1]).
 -export([at_work/1, body/1, summary/2, machines/1]).
 
 %% The application answers its link after this time at most, and one time in twenty it computes for
@@ -54,7 +55,8 @@
     world :: starl_sim_world:t(),
     body :: starl_sim_platform:t(),
     clock :: starl_sim_clock:t(),
-    program :: pid(),
+    computer :: pid(),
+    attacker :: attacker(),
     %% events of this window; what is chained of the event that the program handles
     events = [] :: [starl_sim_queue:event()],
     handles = none :: handles() | none,
@@ -74,6 +76,14 @@
 
 -type t() :: #?MODULE{}.
 
+%% What an attacker sends, to whom and when, who has recorded a datagram of the robot's now. All his draws
+%% follow from the key.
+-type attacker() :: fun(
+    (Key :: term(), NowUs :: starl_sim_queue:time(), binary()) -> [
+        {starl:robot_id(), AtUs :: starl_sim_queue:time(), binary()}
+    ]
+).
+
 %% What is chained of an event: the part of the robot that it is for, its type, its content.
 -type handles() :: {starl_machine:name(), starl_machine:event_type() | boot, term()}.
 
@@ -90,18 +100,14 @@ kinds() ->
 %% cannot be carried out.
 -spec plan(starl_run_scenario:t(), starl_sim_plan:t()) ->
     {ok, starl_sim_plan:t()} | {error, unicode:chardata()}.
-plan(#{faults := Faults}, #{faults := Strikes, robots := Poses, world := World} = Plan) ->
+plan(#{faults := Faults}, #{robots := Poses, world := World, monitors := Monitors} = Plan) ->
     Can = [range | kinds()],
     case [Fault || {_, _, _, Kind, _, _} = Fault <- Faults, not lists:member(Kind, Can)] of
         [] ->
             Ids = [Id || {Id, _} <- Poses],
-            More = [Trouble || Fault <- Faults, Trouble <- troubles(Fault, Ids)],
-            Numbered = [
-                {Robot, 1000 * Ms, ?CLASS_WORLD, 0, N, Strike}
-             || {N, {Robot, Ms, Strike}} <- numbered(length(Strikes) + 1, More)
-            ],
-            Monitors = [excused(Monitor, World) || Monitor <- maps:get(monitors, Plan)],
-            {ok, Plan#{faults := Strikes ++ Numbered, monitors := Monitors}};
+            Troubles = [Trouble || Fault <- Faults, Trouble <- troubles(Fault, Ids)],
+            Excused = [excused(Monitor, World) || Monitor <- Monitors],
+            {ok, starl_sim_plan:add_strikes(Troubles, Plan#{monitors := Excused})};
         [{Id, _, _, Kind, _, _} | _] ->
             {error,
                 io_lib:format(
@@ -110,10 +116,8 @@ plan(#{faults := Faults}, #{faults := Strikes, robots := Poses, world := World} 
                 )}
     end.
 
-numbered(First, List) -> lists:zip(lists:seq(First, First + length(List) - 1), List).
-
 troubles({_, From, To, reboot, Robot, _}, _Ids) ->
-    [{Robot, (From + To) div 2, try_start}];
+    [{Robot, 500 * (From + To), try_start}];
 troubles({_, From, To, store_full, Target, _}, Ids) ->
     trouble(Target, From, To, full, Ids);
 troubles({_, From, To, store_damaged, Target, _}, Ids) ->
@@ -123,7 +127,7 @@ troubles(_Fault, _Ids) ->
 
 trouble(Target, From, To, Trouble, Ids) ->
     [
-        {Id, Ms, {suffer, Suffered}}
+        {Id, 1000 * Ms, {program, {suffer, Suffered}}}
      || Id <- Ids,
         Target =:= all orelse Target =:= Id,
         {Ms, Suffered} <- [{From, Trouble}, {To, none}]
@@ -141,8 +145,7 @@ new(Id, Pose, Tree, #{clocks := Clocks, team := Team, profiles := Profiles} = Gi
     Hitting = [Fault || Fault <- Clocks, starl_run_fault:hits(Id, Fault)],
     World = Given#{clocks := bearable(Hitting, ?FROZEN_US)},
     Seed = maps:get(team_seed, World, maps:get(seed, World)),
-    Program = starl_virtual_program:start(Id, #{
-        robot => Id,
+    Computer = starl_virtual_computer:start(Id, starl_virtual_program, #{
         seed => Seed,
         spec => #{
             robot => Id,
@@ -153,12 +156,19 @@ new(Id, Pose, Tree, #{clocks := Clocks, team := Team, profiles := Profiles} = Gi
         },
         udp => udp(Seed, starl_team:members(Team))
     }),
+    new(Id, Pose, World, Computer, fun(Key, Now, Bytes) -> replays(Key, Now, Bytes, World) end).
+
+%% @doc The same with another program on its computer, and another attacker.
+-spec new(starl:robot_id(), starl:pose(), starl_sim_world:t(), Computer :: pid(), attacker()) ->
+    t().
+new(Id, Pose, World, Computer, Attacker) ->
     #?MODULE{
         id = Id,
         world = World,
         body = starl_sim_platform:new(Id, Pose, World),
         clock = starl_sim_world:clock(Id, World),
-        program = Program
+        computer = Computer,
+        attacker = Attacker
     }.
 
 udp(Seed, Ids) ->
@@ -192,9 +202,9 @@ open([{_, Time, _, _, _, _} | _] = Planned, Window, #?MODULE{body = Body} = Robo
 
 %% @doc The program has carried out its commands.
 -spec answered(
-    pid(), {starl_virtual_program:up(), [starl_virtual_program:effect()]}, t()
+    pid(), {starl_virtual_computer:up(), [starl_virtual_computer:effect()]}, t()
 ) -> {busy | idle | held, t()} | ignored.
-answered(Pid, {Up, Effects}, #?MODULE{program = Pid} = Robot) ->
+answered(Pid, {Up, Effects}, #?MODULE{computer = Pid} = Robot) ->
     proceed(handled(ended_by_itself(Up, lists:foldl(fun carry_out/2, Robot, Effects)))).
 
 %% @doc Sets where the robot halts, or turns off into a branch.
@@ -217,12 +227,12 @@ resume(Robot) -> proceed(Robot).
 -spec at_work(t()) -> [starl_sim_robot:work()].
 at_work(#?MODULE{handles = none}) ->
     [];
-at_work(#?MODULE{id = Id, handles = {Name, _, _}, program = Program} = Robot) ->
+at_work(#?MODULE{id = Id, handles = {Name, _, _}, computer = Computer} = Robot) ->
     [
         #{
             robot => Id,
             machine => Name,
-            process => Program,
+            process => Computer,
             events => count(Robot),
             application => none
         }
@@ -244,7 +254,7 @@ summary(Time, #?MODULE{body = Body, condition = Condition}) ->
 
 %% @doc Its machines, each with its state and data.
 -spec machines(t()) -> #{starl_machine:name() => starl_robot_tree:seen()}.
-machines(#?MODULE{program = Program}) -> starl_virtual_program:inspect(Program).
+machines(#?MODULE{computer = Computer}) -> starl_virtual_computer:machines(Computer).
 
 %% -- events ---------------------------------------------------------------------------------
 
@@ -291,8 +301,8 @@ happens({_, Time, _, Source, _, Content}, #?MODULE{body = Body} = Robot) ->
             next(Now);
         {Handles, [], Next} ->
             proceed(handled(Next#?MODULE{handles = Handles}));
-        {Handles, Commands, #?MODULE{program = Program} = Next} ->
-            ok = starl_virtual_program:order(Program, local(Next), Commands),
+        {Handles, Commands, #?MODULE{computer = Computer} = Next} ->
+            ok = starl_virtual_computer:order(Computer, local(Next), Commands),
             {busy, Next#?MODULE{handles = Handles}}
     end.
 
@@ -355,8 +365,8 @@ carry_out({answer, Message}, Robot0) ->
     {Us, Robot} = draw(longest_us(Once), Robot1),
     message(now(Robot) + Us, link, Message, Robot);
 carry_out({asked, Tag, Ids}, Robot0) ->
-    {Us, #?MODULE{program = Program} = Robot} = draw(?SIGHT_US, Robot0),
-    Located = {starl_located, Program, Tag, [Seen || Id <- Ids, Seen <- seen(Id, Us, Robot)]},
+    {Us, #?MODULE{computer = Computer} = Robot} = draw(?SIGHT_US, Robot0),
+    Located = {starl_located, Computer, Tag, [Seen || Id <- Ids, Seen <- seen(Id, Us, Robot)]},
     message(now(Robot) + Us, link, Located, Robot);
 carry_out({facts, Facts}, Robot) ->
     lists:foldl(fun({_, _, Name, Fact}, R) -> fact(Name, Fact, R) end, Robot, Facts);
@@ -408,23 +418,30 @@ message(At, Actor, Message, #?MODULE{life = Life} = Robot) ->
 plan_own(At, Class, Content, #?MODULE{id = Id, body = Body} = Robot) ->
     Robot#?MODULE{body = starl_sim_platform:plan_event({Id, At, Class, Content}, Body)}.
 
-%% An attacker has recorded the datagram, and sends it to some robot.
-sent(To, Bytes, #?MODULE{id = Id, world = #{seed := Seed}, body = Body0} = Robot) ->
-    {[], Body} = starl_sim_platform:perform({transmit, To, Bytes}, transport, Body0),
-    Key = {Seed, Id, starl_sim_platform:packets(Body), played},
-    case starl_run_draw:uniform(Key) < ?PLAYED of
-        true -> played(Key, Bytes, Robot#?MODULE{body = Body});
-        false -> Robot#?MODULE{body = Body}
-    end.
-
-played(Key, Bytes, #?MODULE{world = World, body = Body} = Robot) ->
-    #{team := Team, delay_us := {Least, _}} = World,
-    At = now(Robot) + starl_run_draw:between({Key, at}, Least, ?PLAYED_US),
-    To = lists:nth(
-        starl_run_draw:between({Key, to}, 1, starl_team:count(Team)), starl_team:members(Team)
+sent(To, Bytes, #?MODULE{id = Id, world = #{seed := Seed}, body = Before} = Robot) ->
+    {[], Sent} = starl_sim_platform:perform({transmit, To, Bytes}, transport, Before),
+    Attacks = (Robot#?MODULE.attacker)(
+        {Seed, Id, starl_sim_platform:packets(Sent)}, now(Robot), Bytes
     ),
-    Event = {To, At, ?CLASS_PACKET, {sap, packet, Bytes}},
-    Robot#?MODULE{body = starl_sim_platform:plan_event(Event, Body)}.
+    Body = lists:foldl(
+        fun({Victim, At, Forged}, B) ->
+            starl_sim_platform:plan_event({Victim, At, ?CLASS_PACKET, {sap, packet, Forged}}, B)
+        end,
+        Sent,
+        Attacks
+    ),
+    Robot#?MODULE{body = Body}.
+
+%% He sends some datagrams again, to any robot.
+replays(Key, Now, Bytes, #{team := Team, delay_us := {Least, _}}) ->
+    case starl_run_draw:uniform({Key, played}) < ?PLAYED of
+        true ->
+            At = Now + starl_run_draw:between({Key, at}, Least, ?PLAYED_US),
+            Victim = starl_run_draw:between({Key, to}, 1, starl_team:count(Team)),
+            [{lists:nth(Victim, starl_team:members(Team)), At, Bytes}];
+        false ->
+            []
+    end.
 
 %% A draw of the robot, from its seed and their number.
 draw(Most, #?MODULE{id = Id, draws = N, world = #{seed := Seed}} = Robot) ->
@@ -450,8 +467,8 @@ strike({pause, Until}, #?MODULE{hold = {Before, Lag}} = Robot) ->
     {[], Robot#?MODULE{hold = {max(Before, Until), Lag}}};
 strike({lag, Lag}, #?MODULE{hold = {Until, _}} = Robot) ->
     {[], Robot#?MODULE{hold = {Until, Lag}}};
-strike({suffer, _Trouble} = Trouble, Robot) ->
-    {[Trouble], Robot};
+strike({program, Command}, Robot) ->
+    {[Command], Robot};
 strike({reload, Reload}, Robot) ->
     ordered(Reload, Robot);
 strike({reload_failed, N, Failed}, #?MODULE{codes = Codes} = Robot) ->
@@ -523,7 +540,7 @@ ordered(#{order := #{number := N} = Order} = Reload, #?MODULE{world = World} = R
     {_Words, Codes} = starl_reload:take(Order, Parts, Robot#?MODULE.codes),
     Reloads = maps:put(N, Reload, maps:get(reloads, World, #{})),
     Known = Robot#?MODULE{world = World#{reloads => Reloads}, codes = Codes},
-    {[], notify({reload, Order, Robot#?MODULE.program}, Known)};
+    {[], notify({reload, Order, Robot#?MODULE.computer}, Known)};
 ordered(N, #?MODULE{world = #{reloads := Reloads}} = Robot) ->
     ordered(maps:get(N, Reloads), Robot).
 
