@@ -117,7 +117,7 @@ healing_the_schedule(_Config) ->
         played(Faulty, [{until, 12}, {heal, <<"own">>}]),
     ?assertEqual([{own, 9000, 12000, isolate, 1, #{}}], Faults),
     ?assertEqual(digest(Scenario), Digest),
-    ?assert(get(hands)).
+    ?assert(get(is_changed)).
 
 %% Nothing that a page may send ends or changes the run.
 bad_commands(_Config) ->
@@ -274,14 +274,14 @@ an_end_is_told_once(_Config) ->
     Page = looking(Hub),
     Player = lingering(Hub),
     First = over(),
-    ?assertMatch(#{again := false, hands := false, scenario := #{faults := []}}, First),
+    ?assertMatch(#{again := false, is_changed := false, scenario := #{faults := []}}, First),
     Back = #{<<"do">> => <<"until">>, <<"at">> => 5},
     Go = #{<<"do">> => <<"go">>},
     [ok = starl_view_hub:command(Hub, Command) || Command <- [Back, Go]],
     ok = ended_again(),
     Kill = #{<<"do">> => <<"fault">>, <<"kind">> => <<"kill_robot">>, <<"target">> => 2},
     [ok = starl_view_hub:command(Hub, Command) || Command <- [Back, Kill, Go]],
-    ?assertMatch(#{again := true, hands := true, scenario := #{faults := [_]}}, over()),
+    ?assertMatch(#{again := true, is_changed := true, scenario := #{faults := [_]}}, over()),
     ok = starl_view_hub:command(Hub, #{<<"do">> => <<"stop">>}),
     ?assertEqual({played, 2}, ending(Player)),
     leaves(Page, Hub).
@@ -408,7 +408,7 @@ played(Scenario, Hands) ->
     {ok, Hub} = starl_view_hub:start_link(#{}),
     _ = get(feed) =/= undefined andalso starl_view_hub:tap(Hub, get(feed)),
     Page = spawn_link(fun() -> page(Test, Hub, Hands) end),
-    {ok, #{sim := Sim, scenario := Faulty, hands := ByHand}} = starl_lab_player:play(#{
+    {ok, #{sim := Sim, scenario := Faulty, is_changed := IsChanged}} = starl_lab_player:play(#{
         hub => Hub,
         scenario => Scenario,
         speed => max,
@@ -416,7 +416,7 @@ played(Scenario, Hands) ->
         save => fun(_, _) -> {error, "not here"} end
     }),
     {#{digest := Digest}, _} = starl_sim:finish(Sim),
-    _ = put(hands, ByHand),
+    _ = put(is_changed, IsChanged),
     Page ! {over, Test},
     receive
         {rows, Rows, Said} ->

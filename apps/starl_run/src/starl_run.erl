@@ -73,7 +73,7 @@
     hung => term(),
     %% of a run in real time: the robots whose computers were late, how often, and by how much at most
     late_computers => [{starl:robot_id(), pos_integer(), Us :: pos_integer()}],
-    %% of a run in real time: the faults that were played, by hand among them
+    %% of a run in real time: the faults that were injected, manual ones among them
     faults => [starl_run_fault:t()]
 }.
 

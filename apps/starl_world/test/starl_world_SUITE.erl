@@ -216,7 +216,7 @@ badly_placed(Config) ->
     end),
     ok.
 
-%% A cut stays for a robot that starts anew, by hand or by its supervisor, until it is healed.
+%% A cut stays for a robot that starts anew, by a fault or by its supervisor, until it is healed.
 links_cut(Config) ->
     Run = play(numbers(60), Config),
     heard(20),
@@ -266,7 +266,7 @@ lost(Link, _Before) ->
         exit:_ -> 0
     end.
 
-%% Faults of a schedule are told, by their names and at their times, as those by hand are; one that begins
+%% Scheduled faults are reported by their names and at their times, as manual ones are; one that begins
 %% after the end of the run is not.
 scheduled(Config) ->
     Self = self(),

@@ -5,7 +5,7 @@
 
 faults() -> ?F:new([1, 2, 3, 4]).
 
-%% What lasts is told without its end, as by hand, and ends at its time or with a heal.
+%% A fault that lasts is reported without its end, and ends at its time or with a heal.
 a_fault_with_an_end_test() ->
     Given = {a, 1000, 4000, location_frozen, 2, #{}},
     {Told, Effects, Lasts} = ?F:inject(Given, 1003, faults()),
@@ -15,9 +15,9 @@ a_fault_with_an_end_test() ->
     ?assertEqual({a, 1003, 4001, location_frozen, 2, #{}}, Ended),
     ?assertEqual({[], [], Over}, ?F:end_fault(a, 5000, Over)).
 
-%% A hand's fault gets a name; of a cut both halves end with a heal.
-cut_test() ->
-    Cut = hands(starl_run_manual_fault:cut(1, 2, lasting), faults()),
+%% A manual fault gets a name; both halves of a cut end with a heal.
+both_halves_of_a_cut_are_healed_test() ->
+    Cut = manual(starl_run_manual_fault:cut(1, 2, lasting), faults()),
     ?assertMatch(#{cut := [2]}, ?F:link_conditions(1, 1, Cut)),
     ?assertMatch(#{cut := [1]}, ?F:link_conditions(2, 1, Cut)),
     ?assertMatch(#{cut := []}, ?F:link_conditions(3, 1, Cut)),
@@ -30,7 +30,7 @@ cut_test() ->
     }).
 
 %% What faults of the network do to what a robot hears is what they do in the simulator.
-air_test_() ->
+links_are_disturbed_as_in_the_simulator_test_() ->
     [
         ?_assertEqual({Cut, Disturbed}, heard_by_two(Kind, Target, P))
      || {Kind, Target, P, Cut, Disturbed} <- [
@@ -53,7 +53,7 @@ heard_by_two(Kind, Target, Params) ->
 clear() -> #{cut => [], disturbed => #{}}.
 
 %% A robot that reboots is down until the end of its fault, which ends when it is up.
-reboot_test() ->
+a_robot_that_reboots_is_down_until_its_time_test() ->
     {_, Effects, Down} = ?F:inject({a, 1000, 3000, reboot, 2, #{}}, 1000, faults()),
     ?assertEqual([{kill, 2}, {due, 3000, a}], Effects),
     ?assert(?F:is_down(2, 2999, Down)),
@@ -64,8 +64,8 @@ reboot_test() ->
     %% a heal brings no robot back before its time
     ?assertEqual([], ?F:healable(all, Down)).
 
-%% A kill by hand is a reboot that ends as soon as it can; a robot that is dead never starts.
-kill_test() ->
+%% A manual kill is a reboot that ends as soon as it can; a robot that is dead never starts.
+a_robot_that_is_dead_never_starts_test() ->
     {Fault, Named} = ?F:named({reboot, 3, #{}, 0}, 5000, 4, faults()),
     {[{began, {manual_1, 5000, forever, reboot, 3, #{}}}], [{kill, 3}], Down} =
         ?F:inject(Fault, 5000, Named),
@@ -75,15 +75,15 @@ kill_test() ->
     ?assert(?F:is_down(3, 1000000, Dead)).
 
 %% A store is lost, or set back, once: when its robot starts. One that was lost before that stays lost.
-stores_test() ->
-    Struck = hands([{store_set_back, 1, #{}, 0}, {store_lost, 2, #{}, 0}], faults()),
-    Both = hands([{store_set_back, 2, #{}, 0}], Struck),
+a_store_is_lost_or_set_back_once_test() ->
+    Struck = manual([{store_set_back, 1, #{}, 0}, {store_lost, 2, #{}, 0}], faults()),
+    Both = manual([{store_set_back, 2, #{}, 0}], Struck),
     {set_back, Left} = ?F:take_store(1, Both),
     ?assertMatch({kept, _}, ?F:take_store(1, Left)),
     ?assertMatch({lost, _}, ?F:take_store(2, Both)).
 
-%% By hand the whole last life has not been; of a schedule that between the two restarts.
-set_back_test() ->
+%% A manual one undoes the whole last boot, one of a schedule the time between its two restarts.
+a_store_that_is_set_back_undoes_the_last_boot_test() ->
     {[], Up} = ?F:up(1, 700, faults()),
     {Fault, Named} = ?F:named({store_set_back, 1, #{}, 0}, 5000, 1, Up),
     {[{began, Began}], [{kill, 1}], Back} = ?F:inject(Fault, 5000, Named),
@@ -98,8 +98,8 @@ set_back_test() ->
     ?assertMatch({[{ended, {a, 1000, 3100, _, _, _}}], _}, ?F:up(1, 3100, Fourth)).
 
 %% Each sense has its fault, of which the latest holds.
-senses_test() ->
-    Held = hands(
+the_latest_fault_of_a_sense_holds_test() ->
+    Held = manual(
         [
             {sense_gone, 2, #{sense => camera}, lasting},
             {sense_frozen, 2, #{sense => camera}, lasting},
@@ -112,14 +112,14 @@ senses_test() ->
     ?assertEqual([manual_1, manual_2], ?F:healable({sense, 2, camera}, Held)).
 
 %% A disk that two faults fill has room when both are over.
-disks_test() ->
-    Full = hands([{store_full, 2, #{}, lasting}, {store_full, 2, #{}, lasting}], faults()),
+a_disk_has_room_when_all_its_faults_are_over_test() ->
+    Full = manual([{store_full, 2, #{}, lasting}, {store_full, 2, #{}, lasting}], faults()),
     {_, [], Half} = ?F:end_fault(manual_1, 9, Full),
     ?assert(?F:is_full(2, Half)),
     ?assertMatch({_, [{clear, 2}], _}, ?F:end_fault(manual_2, 9, Half)).
 
-%% A pause by hand is of the computer, one of a schedule of the run; the world tells of both.
-pause_test() ->
+%% A manual pause is timed by the computer, a scheduled one by the run; the world reports both.
+a_manual_pause_is_timed_by_the_computer_test() ->
     {Fault, Named} = ?F:named({pause, 2, #{at_work => true}, 1500}, 1000, 4, faults()),
     ?assertEqual({manual_1, 1000, 7000, pause, 2, #{at_work => true}}, Fault),
     ?assertMatch({[], [{halt, 2, 6000, at_work, manual_1}], _}, ?F:inject(Fault, 1000, Named)),
@@ -127,15 +127,15 @@ pause_test() ->
         {[], [{halt, 2, 500, now, a}], _}, ?F:inject({a, 0, 500, pause, 2, #{}}, 3, faults())
     ).
 
-hands(Hands, Faults) ->
+manual(Manual, Faults) ->
     lists:foldl(
-        fun(Hand, Before) ->
-            {Fault, Named} = ?F:named(Hand, 1000, 1, Before),
+        fun(One, Before) ->
+            {Fault, Named} = ?F:named(One, 1000, 1, Before),
             {_, _, Next} = ?F:inject(Fault, 1000, Named),
             Next
         end,
         Faults,
-        Hands
+        Manual
     ).
 
 %% Robots elect within half a second: a fault of the time 0 must not begin after that.

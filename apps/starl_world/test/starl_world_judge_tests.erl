@@ -17,7 +17,7 @@ finish(End, Seen) -> {ok, #{seen => lists:reverse(Seen), ended => End}}.
 
 %% Facts wait until they are older than the horizon, and come in the order of their time; of one
 %% time, in the order of arrival.
-order_test() ->
+facts_are_judged_in_the_order_of_their_time_test() ->
     Judge = told([[{5, 1, a, x}, {9, 1, a, y}], [{3, 2, a, z}, {5, 2, a, w}]], new(10)),
     {ok, Early} = starl_world_judge:judge(12, Judge),
     {ok, Late} = starl_world_judge:judge(15, Early),
@@ -108,7 +108,7 @@ a_robot_that_does_not_answer_is_waited_for_test() ->
     ?assertEqual([u], judged()).
 
 %% What is undone in time is not judged.
-undone_test() ->
+a_fact_that_is_undone_in_time_is_not_judged_test() ->
     Facts = [{5, 1, a, x}, {9, 1, a, bad}, {12, 1, a, y}],
     {ok, Judge} = starl_world_judge:judge(18, told([Facts], new(10))),
     Undone = starl_world_judge:undone([{9, 1, a, bad}], 18, Judge),
@@ -116,7 +116,7 @@ undone_test() ->
     ?assertEqual([{5, x}, {12, y}], seen(Sound)).
 
 %% That a computer was late is known as soon as it is heard, before what it explains is judged.
-a_late_computer_test() ->
+a_late_computer_is_known_before_what_it_explains_is_judged_test() ->
     Late = {9, 1, robot, {late, 4, 9}},
     Judge = told([[{6, 2, a, x}], [{3, 1, a, y}, Late]], new(10)),
     ?assertEqual([{1, 1, 5}], starl_world_judge:late_computers(Judge)),
@@ -127,7 +127,7 @@ a_late_computer_test() ->
     ?assertEqual([{4, 1, 9, pause}, {3, 1, a, y}, {6, 2, a, x}, Late], Seen).
 
 %% A judge who was kept from his work waits longer for the facts.
-behind_test() ->
+a_judge_that_was_kept_from_its_work_waits_longer_test() ->
     {ok, Judge} = starl_world_judge:judge(30, told([[{5, 1, a, x}, {9, 1, a, y}]], new(10))),
     Told = told([[{41, 1, a, one}]], Judge),
     {ok, Waits} = starl_world_judge:judge(55, 20, Told),
@@ -160,7 +160,7 @@ a_look_that_comes_late_waits_longer_for_a_while_test() ->
     ).
 
 %% Packets that come before they are sent, and facts of times to come, tell of clocks that are apart.
-clocks_test() ->
+clocks_that_are_apart_blind_the_judge_test() ->
     Hash = 7,
     Radio = fun(At) ->
         [
@@ -181,7 +181,7 @@ clocks_test() ->
     ?assertError({badmatch, _}, Judged(Radio(-9000), [])).
 
 %% So does the robot's computer itself, when it is asked.
-a_clock_that_is_asked_test() ->
+a_clock_that_is_asked_may_be_apart_test() ->
     Whys = fun(Us) ->
         Judge = starl_world_judge:new([{?MODULE, #{}}], 10),
         [Why || #{why := Why} <- starl_world_judge:unjudged(starl_world_judge:clock(2, Us, Judge))]
@@ -194,7 +194,7 @@ a_clock_that_is_asked_test() ->
         lists:flatten(starl_unjudged:format_why(Behind))
     ).
 
-violation_test() ->
+all_violations_are_found_test() ->
     Judge = told([[{5, 1, a, bad}], [{6, 1, a, bad}]], new(10)),
     {ok, Before} = starl_world_judge:judge(14, Judge),
     {violation, After} = starl_world_judge:judge(15, Before),
@@ -203,13 +203,13 @@ violation_test() ->
     ?assertMatch([#{at_us := 5}, #{at_us := 6}], Violations).
 
 %% The end comes not before the last fact.
-close_test() ->
+the_end_is_not_before_the_last_fact_test() ->
     {[], #{?MODULE := Results}, []} = starl_world_judge:close(7, told([[{9, 1, a, x}]], new(10))),
     ?assertMatch(#{ended := 9, seen := [{9, 1, a, x}]}, Results).
 
 %% What was younger than the horizon when a halt began is judged at the horizon after its end, and what a
 %% monitor sees first is the halt.
-halted_test() ->
+a_halt_is_known_before_the_facts_of_its_time_are_judged_test() ->
     Facts = [[{5, 1, a, before}, {25, 1, a, later}], [{10, 2, a, meanwhile}, {30, 2, a, last}]],
     Waiting = starl_world_judge:halt(1, a, 10, told(Facts, observed(5))),
     ?assertEqual([], starl_world_judge:standing(Waiting)),
@@ -231,7 +231,7 @@ halted_test() ->
     ?assertEqual(0, starl_world_judge:late(Late)).
 
 %% A node that goes on may have to wait for its processor: its halt lasts until its robot is heard.
-awaited_test() ->
+a_halt_lasts_until_its_robot_is_heard_test() ->
     Standing = halted(1, 10, told([[{11, 2, a, x}, {28, 2, a, y}]], observed(10))),
     ?assertNot(starl_world_judge:is_awaited(1, Standing)),
     Released = starl_world_judge:released(1, 20, Standing),
@@ -249,7 +249,7 @@ awaited_test() ->
     ?assertEqual([x, y], judged()).
 
 %% Nobody is waited for longer than for any fact.
-never_heard_test() ->
+a_released_robot_is_awaited_for_the_horizon_test() ->
     Released = starl_world_judge:released(1, 20, halted(1, 10, new(5))),
     {ok, Held} = starl_world_judge:judge(24, Released),
     ?assert(starl_world_judge:is_awaited(1, Held)),
@@ -258,7 +258,7 @@ never_heard_test() ->
     ?assertEqual([{10, 1, 25, pause}], told_to(Over)).
 
 %% A robot that is halted again before it is heard stands from then on once more.
-halted_again_test() ->
+a_robot_that_is_halted_again_stands_once_more_test() ->
     Released = starl_world_judge:released(1, 20, halted(1, 10, new(5))),
     Again = halted(1, 22, Released),
     ?assertNot(starl_world_judge:is_awaited(1, Again)),
@@ -266,14 +266,14 @@ halted_again_test() ->
     ?assertEqual([{10, 1, 22, pause}, {22, 1, 41, pause}], told_to(Over)).
 
 %% A robot that could not be halted need not be heard.
-released_without_halt_test() ->
+a_robot_that_could_not_be_halted_need_not_be_heard_test() ->
     Waiting = starl_world_judge:halt(1, a, 10, new(5)),
     Over = starl_world_judge:released(1, 20, Waiting),
     ?assertNot(starl_world_judge:is_awaited(1, Over)),
     ?assertEqual([], told_to(Over)).
 
 %% Of two halts that overlap the earlier holds the judge, too.
-two_halted_test() ->
+the_earlier_of_two_halts_holds_the_judge_test() ->
     One = halted(1, 10, told([[{11, 3, a, x}, {16, 3, a, y}]], observed(5))),
     Two = resumed(1, 18, halted(2, 16, One)),
     {ok, Held} = starl_world_judge:judge(40, Two),
@@ -282,13 +282,13 @@ two_halted_test() ->
     ?assertEqual([y], judged()).
 
 %% A run that ends while a robot stands still knows of the halt until then.
-halted_at_the_end_test() ->
+a_halt_at_the_end_lasts_until_then_test() ->
     Standing = halted(1, 10, told([[{11, 2, a, x}]], new(5))),
     {[], #{?MODULE := #{seen := Seen}}, []} = starl_world_judge:close(40, Standing),
     ?assertEqual([{10, 1, 40, pause}, {11, 2, a, x}], Seen).
 
 %% A robot that could not be halted is waited for, and not excused.
-not_halted_test() ->
+a_robot_that_could_not_be_halted_is_not_excused_test() ->
     Waiting = starl_world_judge:halt(1, a, 10, told([[{11, 2, a, x}]], observed(5))),
     {ok, Held} = starl_world_judge:judge(20, Waiting),
     ?assertEqual([], judged()),
@@ -337,7 +337,7 @@ seen(Judge) ->
 
 %% A manual fault excuses what it explains while it lasts: two robots have reached a round, and the link between
 %% them is cut, for ever, or for a while, after which they have their time again.
-by_hand_test() ->
+a_manual_fault_excuses_while_it_lasts_test() ->
     Monitor = {starl_barrier_monitor, #{robots => [1, 2], bound_us => 3000000}},
     Reached = [{1000000, R, barrier, {reached, gate, 1}} || R <- [1, 2]],
     Cut = fun(ToMs) -> {manual_1, 900, ToMs, loss, {1, 2}, #{part => 1.0}} end,

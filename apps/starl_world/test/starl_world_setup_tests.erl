@@ -2,7 +2,7 @@
 -include_lib("eunit/include/eunit.hrl").
 
 %% Each robot has a port of its own, and none that computers give to anybody who asks for one.
-ports_test() ->
+each_robot_has_a_port_of_its_own_test() ->
     Sim = #{loss => 0.0, duplicate => 0.0, delay_us => {0, 0}, seed => 1},
     Robots = lists:seq(1, 200),
     Transport = starl_world_setup:transport(udp, Robots, #{sim => Sim, speed => 1}),

@@ -267,11 +267,11 @@ commands({at_us, Us}) -> [#{<<"do">> => <<"until">>, <<"at">> => Us / 1.0e6}];
 commands({event, Robot, N}) -> [#{<<"do">> => <<"step">>, <<"robot">> => Robot, <<"to">> => N}];
 commands(_) -> [].
 
-viewed({ok, #{sim := Sim, ending := Ending, hands := Hands}}, Setup) ->
+viewed({ok, #{sim := Sim, ending := Ending, is_changed := IsChanged}}, Setup) ->
     {Outcome, _} = starl_sim:conclude(Sim),
-    case Hands of
+    case IsChanged of
         true ->
-            starl_cli_terminal:out("changed by hand: not compared\n"),
+            starl_cli_terminal:out("its faults were changed: not compared\n"),
             0;
         false ->
             came({ok, {Ending, Outcome}}, Setup)

@@ -133,11 +133,11 @@ record(#{scenario := Effective, ending := Ending, outcome := Outcome}, Code, #{i
 measures(#{monitors := Monitors}) ->
     starl_lab_measures:csv(Monitors) ++ starl_lab_measures:svg(Monitors).
 
-%% What was played of a schedule and by hand, for the simulator.
+%% The scheduled and manual faults of a run in real time, for the simulator.
 played(Setup, #{faults := [_ | _] = Faults}) ->
     [
         {?FAULTS, [
-            "%% The faults of this run in real time, by hand among them. In the simulator:\n%%   ",
+            "%% The faults of this run in real time, manual ones among them. In the simulator:\n%%   ",
             simulated(?FAULTS, Setup),
             "\n[\n    ",
             lists:join(",\n    ", [io_lib:format("~0tp", [Fault]) || Fault <- Faults]),
@@ -216,7 +216,7 @@ where({ok, Dir}, Setup, Outcome, Status) ->
             [_ | _] -> " (see its run.log)"
         end,
     starl_cli_terminal:out(["result: ", starl_cli_out:shown(Dir), Crashes, "\n"]),
-    by_hand(Dir, Setup, Outcome),
+    manual_faults(Dir, Setup, Outcome),
     look(Dir, judging(Setup), Outcome),
     Status;
 where({partly, Dir, Why}, Setup, Outcome, Status) ->
@@ -227,19 +227,19 @@ where({error, Why}, _Setup, _Outcome, _Status) ->
     starl_cli_terminal:complain(["the results could not be written: ", Why]),
     1.
 
-%% A schedule that was played as it was given is nothing new.
-by_hand(Dir, #{scenario := #{faults := Given}} = Setup, #{faults := Played}) ->
+%% The simulator has the schedule that was given already.
+manual_faults(Dir, #{scenario := #{faults := Given}} = Setup, #{faults := Played}) ->
     Ids = [element(1, Fault) || Fault <- Given],
     _ = [
         starl_cli_terminal:out([
-            "faults by hand: ",
+            "manual faults: ",
             simulated(starl_cli_out:shown(filename:join(Dir, ?FAULTS)), Setup),
             "\n"
         ])
      || [Fault || Fault <- Played, not lists:member(element(1, Fault), Ids)] =/= []
     ],
     ok;
-by_hand(_Dir, _Setup, _Outcome) ->
+manual_faults(_Dir, _Setup, _Outcome) ->
     ok.
 
 %% The commands that show the robots at the first violation and that shrink the run.

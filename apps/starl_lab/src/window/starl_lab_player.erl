@@ -42,12 +42,12 @@
 }.
 
 %% The run at its end: not finished yet, so that its outcome can be asked for; its scenario has the
-%% faults by hand. `hands': was anything done by hand? `again': has an end of it been told before?
+%% manual faults. `is_changed': has a user changed the faults? `again': has an end of it been told before?
 -type ran() :: #{
     sim := starl_sim:sim(),
     scenario := starl_run_scenario:t(),
     ending := starl_sim_run:ending() | none,
-    hands := boolean(),
+    is_changed := boolean(),
     again := boolean()
 }.
 
@@ -56,7 +56,7 @@
     sim := starl_sim:sim(),
     scenario := starl_run_scenario:t(),
     ending := starl_sim_run:ending() | none,
-    hands := boolean(),
+    is_changed := boolean(),
     again := boolean(),
     answer := term()
 }.
@@ -72,8 +72,8 @@
     over :: fun((ran()) -> term()),
     %% the scenario whose end has been told, with the answer
     told = none :: none | {starl_run_scenario:t(), Answer :: term()},
-    %% the number of faults by hand; has anything been changed, such as by healing?
-    hands = 0 :: non_neg_integer(),
+    %% the number of manual faults; has anything been changed, such as by healing?
+    manual = 0 :: non_neg_integer(),
     changed = false :: boolean(),
     stop = false :: boolean()
 }).
@@ -129,7 +129,7 @@ told(#player{run = Run, told = Told, over = Over} = Player) ->
     end.
 
 ran(#player{run = Run, changed = Changed, told = Told}) ->
-    (starl_lab_player_run:result(Run))#{hands => Changed, again => Told =/= none}.
+    (starl_lab_player_run:result(Run))#{is_changed => Changed, again => Told =/= none}.
 
 %% -- time -----------------------------------------------------------------------------------
 
@@ -270,11 +270,11 @@ step_to(Robot, N, Page, #player{run = Run} = Player) ->
         {error, Why, Ran} -> refuse(Page, Why, (rest(Player))#player{run = Ran})
     end.
 
-fault(Command, Page, #player{run = Run, hands = N} = Player) ->
+fault(Command, Page, #player{run = Run, manual = N} = Player) ->
     case starl_lab_window_fault:faults(Command, N + 1, starl_lab_player_run:place(Run)) of
         {ok, New} ->
             #{faults := Faults} = starl_lab_player_run:scenario(Run),
-            changed(Faults ++ New, Player#player{hands = N + length(New)});
+            changed(Faults ++ New, Player#player{manual = N + length(New)});
         {error, Why} ->
             refuse(Page, Why, Player)
     end.

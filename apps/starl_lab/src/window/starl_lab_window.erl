@@ -10,14 +10,14 @@
 -define(LINGER_MS, 500).
 -define(INTERRUPTED, 130).
 
-%% How a run in a window has ended: it stays open, to be looked at; or why it did not run. `again': it was
-%% changed by hand after an end that has been told.
+%% How a run in a window has ended: it stays open, to be looked at; or why it did not run. `is_changed': a
+%% user has changed its faults. `again': it was changed after an end that was shown.
 -type ended() ::
     {ok, #{
         sim := starl_sim:sim(),
         scenario := starl_run_scenario:t(),
         ending := starl_lab_drive:ending(),
-        hands := boolean(),
+        is_changed := boolean(),
         again := boolean(),
         wall_ms := integer()
     }}
@@ -74,9 +74,9 @@ run(#{nodes := Nodes, target := Target} = Setup, Values, Config) ->
     end.
 
 told({ok, #{sim := Sim, ending := Ending, scenario := Effective} = Ended}, Setup) ->
-    #{wall_ms := WallMs, hands := Hands} = Ended,
+    #{wall_ms := WallMs, is_changed := IsChanged} = Ended,
     Ran = starl_lab_simulation:conclude(Sim, Effective, Ending, WallMs),
-    starl_lab_simulation:answer({ok, Ran}, own(Hands, Effective, Setup));
+    starl_lab_simulation:answer({ok, Ran}, own(IsChanged, Effective, Setup));
 told(Failed, Setup) ->
     starl_lab_simulation:answer(Failed, Setup).
 

@@ -1,16 +1,16 @@
-%% @doc Chaos for a cluster: what happens to its nodes and links, drawn from a seed. A pure module.
+%% @doc Chaos for a cluster: random faults, drawn from a seed. A pure module.
 %%
-%% Of a team of five two nodes are killed, that of the leader among them; one is halted for a second or
-%% two; a link is cut for ten seconds; one robot's positions freeze for five; the disk of one is full for
-%% five; the senses of one have a fault for five. All within the first part of the run.
+%% In the first part of the run, two nodes are killed, one of them the leader's. One is halted for a
+%% second or two. A link is cut for ten seconds. For five seconds each, the positions of one robot
+%% freeze, the disk of one is full, and the senses of one have a fault.
 -module(starl_cluster_chaos).
 
 -export([draw/3, cables/3, halts/3, stores/3, full_disks/3, aimed/2]).
 
 -export_type([fault/0]).
 
-%% A random fault. Its target may be the leader of that moment. A pause may be
-%% in the middle of work, and a cable pulled in time, before hardware could drive on without it.
+%% A random fault. Its target may be the leader at its time. A pause may be in the middle of work. A cable
+%% may be pulled in time, before hardware could drive on without it.
 -type fault() ::
     starl_run_manual_fault:t()
     | {starl_run_fault:kind(), leader, map(), non_neg_integer()}.
@@ -26,7 +26,7 @@
 -define(HALT_US, 10000000).
 -define(HALT_MS, {1000, 2000}).
 
-%% @doc What is done to these robots, between two times of the run, in the order of their time.
+%% @doc Random faults of these robots between two times of the run, in the order of their times.
 -spec draw(Seed :: integer(), [starl:robot_id(), ...], {FromUs, ToUs}) ->
     [{AtUs :: integer(), fault()}]
 when
@@ -50,8 +50,8 @@ draw(Seed, Robots, {From, To}) ->
             [{T7, {Kind, G, Params#{sense => all}, ?SENSE_MS}}]
     ).
 
-%% @doc So many pulled cables, one after the other, of robots that are drawn; each is put back a second
-%% later. What could drive on without its cable is pulled when it stands.
+%% @doc This number of pulled cables, one after the other, of random robots. Each is put back a second
+%% later. A robot that could drive on without its cable loses it while it stands.
 -spec cables(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
     [{AtUs :: integer(), fault()}].
 cables(Seed, Robots, Times) ->
@@ -63,7 +63,7 @@ cables(Seed, Robots, Times) ->
     {Faults, _} = lists:mapfoldl(Span, rand:seed_s(exsss, Seed), lists:seq(1, Times)),
     Faults.
 
-%% @doc So many halts in the middle of a step, one after the other, of robots that are drawn.
+%% @doc This number of halts in the middle of a step, one after the other, of random robots.
 -spec halts(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
     [{AtUs :: integer(), fault()}].
 halts(Seed, Robots, Times) ->
@@ -74,8 +74,8 @@ drawn_halt(Robot, Random0) ->
     {Ms, Random} = between(Least, Most, Random0),
     {{pause, Robot, #{at_work => true}, Ms}, Random}.
 
-%% @doc So many stores that are lost, or set back, with a kill of the node, one after the other, of
-%% robots that are drawn.
+%% @doc This number of kills with a store that is lost, or set back, one after the other, of random
+%% robots.
 -spec stores(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
     [{AtUs :: integer(), fault()}].
 stores(Seed, Robots, Times) ->
@@ -84,7 +84,7 @@ stores(Seed, Robots, Times) ->
         {{Kind, Robot, #{}, 0}, Random}
     end).
 
-%% @doc So many disks that are full for five seconds, one after the other, of robots that are drawn.
+%% @doc This number of disks that are full for five seconds, one after the other, of random robots.
 -spec full_disks(Seed :: integer(), [starl:robot_id(), ...], Times :: non_neg_integer()) ->
     [{AtUs :: integer(), fault()}].
 full_disks(Seed, Robots, Times) ->
@@ -113,7 +113,7 @@ one_of(Robots, Random) ->
     {N, Next} = rand:uniform_s(length(Robots), Random),
     {lists:nth(N, Robots), Next}.
 
-%% @doc The same with the present leader's number; `none' if nobody leads.
+%% @doc The fault with the number of the present leader; `none' if no robot leads.
 -spec aimed(fault(), Leader :: starl:robot_id() | none) -> starl_run_manual_fault:t() | none.
 aimed({_, leader, _, _}, none) -> none;
 aimed({Kind, leader, Params, Lasts}, Leader) -> {Kind, Leader, Params, Lasts};

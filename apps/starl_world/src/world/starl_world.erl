@@ -5,7 +5,7 @@
 %%   a robot's chassis -- drive, actuate, stop --> world -- driven, stalled, actuated --> chassis
 %%   a robot's positioning -- look ------------->  world -- seen -----------------------> positioning
 %%   a robot's link -- started, traced, ended -->  world: facts in the order of time --> monitors
-%%   a robot's radio -- sent, came ------------->  world: packets and their fates --> observer
+%%   a robot's radio -- sent, came ------------->  world: packets and their deliveries --> observer
 %%   hardware of a robot <-- touched ------------  world: it touches another robot, or a wall
 %% '''
 %% A robot whose process or node ends goes down: its chassis stops, and the monitors are notified.
@@ -37,7 +37,7 @@
 
 -type ending() :: done | time | violation | stopped.
 
-%% `leader': the robot that has said last that it leads, in a block with a leader (path planning).
+%% `leader': the robot that leads by the latest report, in a block with a leader (path planning).
 -type status() :: #{
     now_us := integer(),
     leader := starl:robot_id() | none,
@@ -68,7 +68,7 @@
 -spec slack_us() -> pos_integer().
 slack_us() -> ?SLACK_US.
 
-%% @doc Starts the world of a run.
+%% @doc Starts the world of a run, linked to the calling process.
 -spec start_link(config()) -> gen_server:start_ret().
 start_link(#{facts := Facts, clock := Clock} = Config) ->
     gen_server:start_link(?MODULE, Config#{facts := starl_live_clock:live_facts(Facts, Clock)}, []);
@@ -98,7 +98,7 @@ await(World) -> gen_server:call(World, await, infinity).
 
 %% @doc The present time and the robots at work.
 -spec status(pid()) -> status().
-status(World) -> gen_server:call(World, status).
+status(World) -> gen_server:call(World, status, infinity).
 
 %% @doc Waits until this time of the run.
 -spec until(pid(), Us :: integer()) -> ok.
@@ -107,7 +107,7 @@ until(World, Us) -> gen_server:call(World, {until, Us}, infinity).
 %% @doc Begins or ends a fault: the world applies its part of it, on positions and cables, and
 %% notifies its observer and its judge. A cable fault of a robot without hardware is an error.
 -spec fault(pid(), starl_world_faults:report()) -> ok | {error, unicode:chardata()}.
-fault(World, Report) -> gen_server:call(World, {fault, Report}).
+fault(World, Report) -> gen_server:call(World, {fault, Report}, infinity).
 
 %% @doc Declares a robot dead for good.
 -spec dead(pid(), starl:robot_id()) -> ok.
@@ -123,16 +123,16 @@ clock(World, Robot, AheadUs) -> gen_server:call(World, {clock, Robot, AheadUs}, 
 %% @doc Announces that the node of a robot is about to be halted: nothing is judged from now on
 %% until it goes on. The fault, a pause, is reported under this name.
 -spec halt(pid(), starl:robot_id(), Fault :: atom()) -> ok.
-halt(World, Robot, Fault) -> gen_server:call(World, {halt, Robot, Fault}).
+halt(World, Robot, Fault) -> gen_server:call(World, {halt, Robot, Fault}, infinity).
 
 %% @doc Reports that the node of a robot has stopped a moment ago.
 -spec halted(pid(), starl:robot_id()) -> ok.
-halted(World, Robot) -> gen_server:call(World, {halted, Robot}).
+halted(World, Robot) -> gen_server:call(World, {halted, Robot}, infinity).
 
 %% @doc Reports that the node of a robot goes on, or has ended: the monitors are notified of the
 %% pause.
 -spec resumed(pid(), starl:robot_id()) -> ok.
-resumed(World, Robot) -> gen_server:call(World, {resumed, Robot}).
+resumed(World, Robot) -> gen_server:call(World, {resumed, Robot}, infinity).
 
 %% @doc Ends the run.
 -spec stop(pid()) -> ok.

@@ -2,7 +2,6 @@
 -module(starl_world_chassis).
 -behaviour(starl_live_chassis).
 
--export([line/3]).
 -export([open/1, drive/4, actuate/4, stop/1, hear/2, close/1]).
 
 -export_type([lines/0]).
@@ -11,12 +10,6 @@
 -type lines() :: fun((starl:robot_id(), World :: pid()) -> starl_live_link:adapter()).
 
 -record(line, {world :: pid(), robot :: starl:robot_id(), monitor :: reference()}).
-
-%% @doc The chassis of a robot of a run with these options.
--spec line(starl:robot_id(), pid(), #{chassis => lines(), atom() => term()}) ->
-    starl_live_link:adapter().
-line(Robot, World, #{chassis := Lines}) -> Lines(Robot, World);
-line(_Robot, World, #{}) -> {?MODULE, #{world => World}}.
 
 -spec open(#{world := pid(), robot := starl:robot_id(), atom() => term()}) ->
     {ok, #line{}} | {error, unicode:chardata()}.

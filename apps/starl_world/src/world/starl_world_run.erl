@@ -34,6 +34,7 @@
 -record(run, {
     server :: pid(),
     world :: pid(),
+    host :: module(),
     scenario :: starl_run_scenario:t(),
     scene :: starl_scene:t()
 }).
@@ -124,15 +125,15 @@ start(Given, Options) ->
             Started = gen_server:start_link(
                 ?MODULE, {Plan, Schedule, Observed}, [{timeout, infinity}]
             ),
-            started(Started, #{scenario => Scenario#{faults := Schedule}, scene => Scene});
+            started(Started, host(Options), Scenario#{faults := Schedule}, Scene);
         {error, _} = Error ->
             Error
     end.
 
-started({ok, Server}, #{scenario := Scenario, scene := Scene}) ->
+started({ok, Server}, Host, Scenario, Scene) ->
     World = gen_server:call(Server, world, infinity),
-    {ok, #run{server = Server, world = World, scenario = Scenario, scene = Scene}};
-started({error, {shutdown, Reason}}, _Run) ->
+    {ok, #run{server = Server, world = World, host = Host, scenario = Scenario, scene = Scene}};
+started({error, {shutdown, Reason}}, _Host, _Scenario, _Scene) ->
     {error, Reason}.
 
 %% This computer has other work, too, so every bound on a duration is extended by some real time.
@@ -182,7 +183,7 @@ host(Options) ->
 
 %% @doc Where the robots are.
 -spec world(t()) -> one_vm | nodes.
-world(#run{server = Server}) -> gen_server:call(Server, where, ?CALL_MS).
+world(#run{host = Host}) -> Host:world().
 
 %% @doc The checked scenario, with all defaults.
 -spec scenario(t()) -> starl_run_scenario:t().
@@ -291,8 +292,9 @@ init({Plan, Schedule, Options}) ->
         {ok, Nodes, Robots} ->
             %% the time of the run begins with the world
             Setup = starl_world_setup:open(Plan, Nodes, Options),
-            State = new(Setup, Plan, {Host, Robots}, Options),
-            all_started(planned(Schedule, maps:get(chaos, Options, []), State));
+            #state{specs = Specs} = State = new(Setup, Plan, {Host, Robots}, Options),
+            Planned = planned(Schedule, maps:get(chaos, Options, []), State),
+            all_started(lists:sort(maps:keys(Specs)), Planned);
         {error, Reason} ->
             {stop, {shutdown, Reason}}
     end.
@@ -317,25 +319,15 @@ planned(Schedule, Chaos, State) ->
     lists:foldl(fun inject_planned/2, State, AtOnce).
 
 %% A robot that cannot be started at first will not be later.
-all_started(#state{specs = Specs, host = Host} = State) ->
-    case all_started(lists:sort(maps:keys(Specs)), State) of
-        {ok, #state{robots = Robots} = Started} ->
-            case Host:await(Robots) of
-                {ok, Events, Next} ->
-                    {ok, notified(happened(Events, Started#state{robots = Next}))};
-                {error, Reason} ->
-                    not_started(Reason, Started)
-            end;
-        {{error, Reason}, Started} ->
-            not_started(Reason, Started)
-    end.
-
-all_started([], State) ->
-    {ok, State};
+all_started([], #state{host = Host, robots = Robots} = State) ->
+    case Host:await(Robots) of
+        {ok, Events, Next} -> {ok, notified(happened(Events, State#state{robots = Next}))};
+        {error, Reason} -> not_started(Reason, State)
+    end;
 all_started([Id | Ids], State) ->
     case launch(Id, State) of
         {ok, Next} -> all_started(Ids, Next);
-        {{error, Why}, Next} -> {{error, {robot, Id, Why}}, Next}
+        {{error, Why}, Next} -> not_started({robot, Id, Why}, Next)
     end.
 
 not_started(Reason, State) ->
@@ -346,8 +338,6 @@ not_started(Reason, State) ->
     {reply, term(), #state{}} | {noreply, #state{}}.
 handle_call(world, _From, #state{world = World} = State) ->
     {reply, World, State};
-handle_call(where, _From, #state{host = Host} = State) ->
-    {reply, Host:world(), State};
 handle_call(status, _From, #state{world = World, host = Host, robots = Robots} = State) ->
     {reply, maps:merge(starl_world:status(World), Host:status(Robots)), State};
 handle_call({inject, Faults}, From, State) ->
@@ -434,14 +424,12 @@ inject_all([Manual | More], #state{speed = Speed, faults = Faults} = State) ->
     {Fault, Named} = starl_world_faults:named(Manual, now_ms(State), Speed, Faults),
     Next = State#state{faults = Named},
     case possible(Fault, Next) of
-        ok ->
-            case inject_now(Fault, Next) of
-                {ok, Last} -> inject_all(More, Last);
-                Refused -> Refused
-            end;
-        {error, _} = Error ->
-            {Error, Next}
+        ok -> inject_rest(inject_now(Fault, Next), More);
+        {error, _} = Error -> {Error, Next}
     end.
+
+inject_rest({ok, State}, More) -> inject_all(More, State);
+inject_rest({{error, _}, _} = Refused, _More) -> Refused.
 
 %% The target of a random fault may be the leader of that moment.
 inject_chaos(Random, #state{world = World} = State) ->
@@ -560,8 +548,6 @@ with_conditions(Ids, #state{notices = Notices} = State) ->
 %% Robots are notified once a message, however much has changed for them.
 notified(State) -> notified(fun(_Unheard) -> ok end, State).
 
-notified(Done, #state{notices = [], host = Host, robots = Robots} = State) ->
-    State#state{robots = Host:notify([], Done, Robots)};
 notified(Done, #state{notices = Notices, host = Host, robots = Robots} = State) ->
     Full = [notice(Notice, State) || Notice <- lists:usort(Notices)],
     State#state{notices = [], robots = Host:notify(Full, Done, Robots)}.
@@ -580,18 +566,16 @@ senses(Id, #state{faults = Faults}) -> starl_world_faults:senses(Id, Faults).
 restart(Id, #state{host = Host, robots = Robots, faults = Faults} = State) ->
     IsRunning = Host:is_running(Id, Robots),
     case IsRunning orelse starl_world_faults:is_down(Id, now_ms(State), Faults) of
-        true ->
-            State;
-        false ->
-            case launch(Id, State) of
-                {ok, Next} ->
-                    Next;
-                {{error, Why}, Next} ->
-                    Line = unicode:characters_to_binary(Why),
-                    logger:error(#{what => robot_not_started, robot => Id, why => Line}),
-                    happened([{down, Id}], Next)
-            end
+        true -> State;
+        false -> restarted(Id, launch(Id, State))
     end.
+
+restarted(_Id, {ok, State}) ->
+    State;
+restarted(Id, {{error, Why}, State}) ->
+    Line = unicode:characters_to_binary(Why),
+    logger:error(#{what => robot_not_started, robot => Id, why => Line}),
+    happened([{down, Id}], State).
 
 launch(Id, #state{specs = Specs, faults = Before, host = Host} = State) ->
     #{Id := Spec} = Specs,

@@ -73,11 +73,14 @@ robot(Id, #{plan := Plan, clock := Clock, world := World, line := Line, options 
         dir => Own,
         transport => Line(Id),
         positioning => {starl_world_positioning, (maps:with([placing], Plan))#{world => World}},
-        chassis => starl_world_chassis:line(Id, World, Options),
+        chassis => chassis(Id, World, Options),
         sink => World,
         packets => maps:get(packets, Options, false),
         snapshots_us => maps:get(snapshots_us, Options, none)
     }).
+
+chassis(Id, World, #{chassis := Lines}) -> Lines(Id, World);
+chassis(_Id, World, #{}) -> {starl_world_chassis, #{world => World}}.
 
 on_node(Clock, #{transport := Name} = Options) when Name =/= local ->
     Own = #{reporter => self(), record => true, metrics => maps:get(metrics, Options, none)},
