@@ -13,7 +13,6 @@
     recordings/1,
     target/1,
     base/2,
-    ssh/2,
     quoted/1
 ]).
 
@@ -204,7 +203,7 @@ base(N, #{home := Home, name := Name}) ->
 target(#{user := none, host := Host}) -> Host;
 target(#{user := User, host := Host}) -> User ++ "@" ++ Host.
 
-%% @doc The command that runs a line of sh on a robot's computer.
+%% The command that runs a line of sh on a robot's computer.
 -spec ssh(starl_fleet_file:robot(), string()) -> string().
 ssh(Robot, Line) -> words([shell(Robot), "-n", target(Robot), quoted(Line)]).
 

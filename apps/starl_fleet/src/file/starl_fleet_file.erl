@@ -5,7 +5,7 @@
 %% file, completed with defaults; each robot's node reads it with the same checks.
 -module(starl_fleet_file).
 
--export([read/1, check/3, options/0, robot_options/0, app_options/1]).
+-export([read/1, check/3, options/0]).
 -export([scenario/1, files/1, portable/2]).
 
 -export_type([t/0, robot/0]).
@@ -88,7 +88,7 @@ options() ->
             "the port at which each robot serves its metrics for Prometheus; none: it serves none"}
     ].
 
-%% @doc The keys of a robot.
+%% The keys of a robot.
 -spec robot_options() -> [starl_options:option()].
 robot_options() ->
     [
@@ -240,7 +240,7 @@ normal(Fleet) -> Fleet.
 
 %% -- the application's options --------------------------------------------------------------
 
-%% @doc The options that a fleet file may set for an application.
+%% The options that a fleet file may set for an application.
 -spec app_options(module()) -> [starl_options:option()].
 app_options(App) ->
     Own = starl_app:options(App),
