@@ -75,7 +75,7 @@ named(Text) ->
     case {lists:member(Text, Texts), filename:extension(Text)} of
         {true, _} -> {ok, list_to_existing_atom(Text)};
         {false, ".erl"} -> of_file(Text);
-        {false, _} -> {error, unknown(Text, starl_options:similar(Text, Texts), Texts)}
+        {false, _} -> {error, unknown(Text, Texts)}
     end.
 
 of_file(File) ->
@@ -85,8 +85,7 @@ of_file(File) ->
         false -> {error, ["choice: ", File, " is no rule: it exports no score/2 (starl_dpp_rule)"]}
     end.
 
-unknown(Text, [Near | _], _Texts) ->
-    ["choice: there is no rule ", Text, " (did you mean ", Near, "?)"];
-unknown(Text, [], Texts) ->
-    Known = lists:join(", ", Texts),
-    ["choice: there is no rule ", Text, "; there are ", Known, ", and files of yours (FILE.erl)"].
+unknown(Text, Texts) ->
+    All = ["; there are ", lists:join(", ", Texts), ", and files of yours (FILE.erl)"],
+    Meant = starl_similar:meant(starl_similar:words(Text, Texts), All),
+    ["choice: there is no rule ", Text, Meant].

@@ -118,15 +118,13 @@ wants([], _Module, _Machines) ->
 wants([Name | _], Module, Machines) ->
     Arity = hd([A || A <- [1, 0], has(Module, interests, A)]),
     {error,
-        io_lib:format("~ts: interests/~b: there is no machine ~tp in this run (~ts)", [
+        io_lib:format("~ts: interests/~b: there is no machine ~tp in this run~ts", [
             starl_app:place(Module, interests, Arity), Arity, Name, meant(Name, Machines)
         ])}.
 
 meant(Name, Machines) ->
-    case starl_options:suggestion(Name, Machines) of
-        [Near | _] -> io_lib:format("did you mean ~tp?", [Near]);
-        [] -> ["it has ", lists:join(", ", [atom_to_list(M) || M <- lists:usort(Machines)])]
-    end.
+    Known = lists:join(", ", [atom_to_list(M) || M <- lists:usort(Machines)]),
+    starl_similar:meant(starl_similar:atoms(Name, Machines), [" (it has ", Known, ")"]).
 
 %% @doc Starts a monitor: the machines whose events it wants, and its state.
 -spec start(module(), Config :: map()) ->

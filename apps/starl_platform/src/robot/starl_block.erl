@@ -224,7 +224,7 @@ why_not(Module) ->
 
 meant(Modules) ->
     case lists:search(fun is_block/1, lists:sublist(Modules, ?MOST_MEANT)) of
-        {value, Block} -> [" (did you mean ", atom_to_list(Block), "?)"];
+        {value, Block} -> starl_similar:meant([Block], "");
         false -> "; is it compiled, and in the path?"
     end.
 

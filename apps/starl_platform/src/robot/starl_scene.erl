@@ -399,12 +399,9 @@ known(_What, _Other, Keys) ->
     io_lib:format("a map with keys of ~0tp", [Keys]).
 
 unknown(What, Key, Keys) ->
-    Meant =
-        case starl_options:suggestion(Key, Keys) of
-            [Near | _] -> io_lib:format("did you mean ~tp?", [Near]);
-            [] -> ["keys: ", lists:join(", ", [atom_to_list(K) || K <- Keys])]
-        end,
-    {error, io_lib:format("~ts has no key ~tp (~ts)", [What, Key, Meant])}.
+    Known = lists:join(", ", [atom_to_list(K) || K <- Keys]),
+    Meant = starl_similar:meant(starl_similar:atoms(Key, Keys), [" (keys: ", Known, ")"]),
+    {error, io_lib:format("~ts has no key ~tp~ts", [What, Key, Meant])}.
 
 %% The keys of every chassis.
 profile_keys() ->
