@@ -61,9 +61,7 @@ module(Name) ->
 %% @doc Is this the name of a rule, or a module with this behaviour?
 -spec is_rule(term()) -> boolean().
 is_rule(Name) when is_atom(Name) ->
-    Module = module(Name),
-    _ = code:ensure_loaded(Module),
-    erlang:function_exported(Module, score, 2);
+    starl_callback:exported(module(Name), score, 2);
 is_rule(_Other) ->
     false.
 

@@ -58,9 +58,7 @@ histories(#{inline := true}) ->
 histories(#{parts := Parts}) ->
     [Name || {Name, Module} <- lists:sort(maps:to_list(Parts)), has_history(Module)].
 
-has_history(Module) ->
-    {module, Module} = code:ensure_loaded(Module),
-    erlang:function_exported(Module, has_history, 0) andalso Module:has_history().
+has_history(Module) -> starl_callback:call(Module, has_history, [], false).
 
 %% @doc The robot's machines.
 -spec machines(t()) -> [starl_machine:name()].

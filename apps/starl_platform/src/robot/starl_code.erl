@@ -108,8 +108,7 @@ resembling(Module) ->
 exports(Text, Function, Arity) ->
     try list_to_existing_atom(Text) of
         Module ->
-            code:ensure_loaded(Module) =:= {module, Module} andalso
-                erlang:function_exported(Module, Function, Arity)
+            starl_callback:exported(Module, Function, Arity)
     catch
         error:badarg -> false
     end.
