@@ -8,7 +8,7 @@
 %% the numbers, and each remembers its own results.
 -module(starl_check_store).
 
--export([new/0, delete/1, number/3, term/2, memo/3, fold/3, size/1]).
+-export([new/0, delete/1, number/3, term/2, memo/3, fold/3]).
 -export([share/1, give_memos/2, receive_memos/2]).
 
 -export_type([t/0]).
@@ -100,7 +100,3 @@ memo(Key, Compute, #store{memos = Memos}) ->
 fold(Fun, First, #store{memos = Memos, others = Others}) ->
     Each = fun({Key, Value}, Acc) -> Fun(Key, Value, Acc) end,
     lists:foldl(fun(Table, Acc) -> ets:foldl(Each, Acc, Table) end, First, [Memos | Others]).
-
-%% @doc The number of terms and the number of remembered results.
--spec size(t()) -> {Terms :: non_neg_integer(), Memos :: non_neg_integer()}.
-size(#store{terms = Terms, memos = Memos}) -> {ets:info(Terms, size), ets:info(Memos, size)}.

@@ -12,7 +12,7 @@
 %% possible. It is certain only if a single slice makes it so.
 -module(starl_debug_check).
 
--export([run/4, groups/1]).
+-export([run/4]).
 
 -export_type([options/0, answer/0, found/0, look/0]).
 
@@ -106,7 +106,7 @@ range(#{extent := {First, Last}}, #{sigma := Sigma} = Options) ->
         min(Last + Off, maps:get(until, Options, Last + Off))
     }.
 
-%% @doc The alternatives of a formula, those of the same one or two robots together.
+%% The alternatives of a formula, those of the same one or two robots together.
 -spec groups(starl_debug_ground:t()) -> [starl_debug_ground:t()].
 groups({'or', Parts}) ->
     Robots = [{starl_debug_ground:robots(Part), Part} || Part <- Parts],

@@ -5,7 +5,7 @@
 %% known exactly by the robot's own clock. All other parts relate several robots.
 -module(starl_debug_ground).
 
--export([formula/2, robots/1, negated/1, look_back_us/1]).
+-export([formula/2, robots/1, look_back_us/1]).
 
 -export_type([t/0, local/0, known/0]).
 
@@ -150,7 +150,7 @@ at_least(K, Parts) when K > length(Parts) -> false;
 at_least(K, Parts) when K =:= length(Parts) -> joined('and', Parts);
 at_least(K, Parts) -> {at_least, K, Parts}.
 
-%% @doc The contrary.
+%% The contrary.
 -spec negated(t()) -> t().
 negated(Bool) when is_boolean(Bool) -> not Bool;
 negated({local, R, {'not', Local}}) -> {local, R, Local};

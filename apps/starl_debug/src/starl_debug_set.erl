@@ -5,7 +5,7 @@
 -module(starl_debug_set).
 
 -export([new/1, union/1, union/2, intersect/1, intersect/2, complement/2]).
--export([dilate/3, erode/3, held/2, once/2, shift/2, at_least/2, middle/1]).
+-export([dilate/3, erode/3, held/2, once/2, at_least/2, middle/1]).
 -export([exactly/1, nothing/0, negate/2]).
 
 -export_type([t/0, interval/0, three/0]).
@@ -82,10 +82,6 @@ held(Set, Us) -> [{A + Us, B} || {A, B} <- Set, A + Us =< B].
 %% @doc The times that are at most a duration after one of the set.
 -spec once(t(), Us :: non_neg_integer()) -> t().
 once(Set, Us) -> dilate(Set, -Us, 0).
-
-%% @doc The set, later.
--spec shift(t(), Us :: integer()) -> t().
-shift(Set, Us) -> [{A + Us, B + Us} || {A, B} <- Set].
 
 %% @doc The times that are in at least `K' of the sets.
 -spec at_least(K :: integer(), [t()]) -> t().

@@ -3,7 +3,7 @@
 %% slice 1 + I rem N. So slices take equally long if runs grow with a setting.
 -module(starl_lab_slice).
 
--export([flag/0, read/1, part/2, of_index/2, text/1]).
+-export([flag/0, read/1, part/2, text/1]).
 
 -export_type([t/0]).
 
@@ -28,7 +28,7 @@ read(Text) ->
 part(whole, Runs) -> Runs;
 part(Slice, Runs) -> [Run || {I, Run} <- lists:enumerate(0, Runs), of_index(Slice, I)].
 
-%% @doc Does the run of this number, from 0 on, belong to the slice?
+%% Does the run of this number, from 0 on, belong to the slice?
 -spec of_index(t(), non_neg_integer()) -> boolean().
 of_index(whole, _I) -> true;
 of_index({K, N}, I) -> I rem N =:= K - 1.

@@ -3,7 +3,6 @@
 -module(starl_options).
 
 -export([check/2, defaults/1, check_table/2, parse/2, misread/2, format_problem/1, type_text/1]).
--export([suggestion/2, similar/2]).
 
 -export_type([option/0, type/0, problem/0]).
 
@@ -31,7 +30,7 @@
 check(Given, Options) ->
     Keys = [Key || {Key, _, _, _} <- Options],
     Unknown = [
-        {unknown_key, Key, suggestion(Key, Keys)}
+        {unknown_key, Key, starl_similar:atoms(Key, Keys)}
      || Key <- lists:sort(maps:keys(Given)), not lists:member(Key, Keys)
     ],
     Bad = [
@@ -169,10 +168,8 @@ is_proper(Tail) -> Tail =:= [].
 
 %% @doc One line that describes a problem.
 -spec format_problem(problem()) -> unicode:chardata().
-format_problem({unknown_key, Key, []}) ->
-    io_lib:format("unknown key ~tp", [Key]);
-format_problem({unknown_key, Key, [Near | _]}) ->
-    io_lib:format("unknown key ~tp (did you mean ~tp?)", [Key, Near]);
+format_problem({unknown_key, Key, Near}) ->
+    [io_lib:format("unknown key ~tp", [Key]), starl_similar:meant(Near, "")];
 format_problem({bad_value, Key, Value, Type}) ->
     Where =
         case unfit(Type, Value) of
@@ -193,23 +190,6 @@ type_text(string) -> "a text";
 type_text(file) -> "a file or a name";
 type_text(boolean) -> "true or false";
 type_text({term, Shape, _}) -> Shape.
-
-%% @doc The known keys that resemble a mistyped one, best first.
--spec suggestion(term(), [atom()]) -> [atom()].
-suggestion(Key, Keys) when is_atom(Key) ->
-    Texts = [{atom_to_list(K), K} || K <- Keys],
-    [
-        proplists:get_value(Text, Texts)
-     || Text <- similar(atom_to_list(Key), [T || {T, _} <- Texts])
-    ];
-suggestion(_, _) ->
-    [].
-
-%% @doc The words that are similar to a mistyped one, most similar first.
--spec similar(string(), [string()]) -> [string()].
-similar(Text, Words) ->
-    Near = lists:sort([{edits(Text, Word), Word} || Word <- Words]),
-    [Word || {Edits, Word} <- Near, Edits =< max(1, length(Text) div 3)].
 
 %% -- internals ------------------------------------------------------------------------------
 
@@ -273,22 +253,3 @@ pair(_, _, _) ->
 
 text(X) when X == trunc(X) -> integer_to_list(trunc(X));
 text(X) -> lists:flatten(io_lib:format("~p", [X])).
-
-%% The edit distance of two texts (Levenshtein): the number of letters to insert, delete or change,
-%% computed row by row.
-edits(A, B) ->
-    First = lists:seq(0, length(B)),
-    lists:last(lists:foldl(fun(Letter, Row) -> edit_row(Letter, B, Row) end, First, A)).
-
-edit_row(Letter, B, [Corner | Above]) ->
-    lists:reverse(edit_cells(Letter, B, Corner, Above, [Corner + 1])).
-
-edit_cells(_Letter, [], _Corner, [], Row) ->
-    Row;
-edit_cells(Letter, [Other | B], Corner, [Up | Above], [Left | _] = Row) ->
-    Change =
-        case Letter of
-            Other -> Corner;
-            _ -> Corner + 1
-        end,
-    edit_cells(Letter, B, Up, Above, [lists:min([Change, Up + 1, Left + 1]) | Row]).

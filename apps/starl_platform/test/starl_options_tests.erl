@@ -144,14 +144,6 @@ a_bound_is_written_without_an_exponent_test() ->
         lists:flatten(starl_options:type_text({optional, {number, 0.5, 1.0e9}}))
     ).
 
-suggestion_test() ->
-    Keys = [robots, loss, delay, duplicate],
-    ?assertEqual([robots], starl_options:suggestion(robot, Keys)),
-    ?assertEqual([loss], starl_options:suggestion(los, Keys)),
-    ?assertEqual([duplicate], starl_options:suggestion(duplciate, Keys)),
-    ?assertEqual([], starl_options:suggestion(banana, Keys)),
-    ?assertEqual([], starl_options:suggestion("loss", Keys)).
-
 problems_in_one_line_test() ->
     Line = fun(P) -> lists:flatten(io_lib:format("~ts", [starl_options:format_problem(P)])) end,
     ?assertEqual("unknown key los (did you mean loss?)", Line({unknown_key, los, [loss]})),

@@ -144,7 +144,8 @@ stop({Kind, Run}) -> Kind:stop(Run).
 finish({Kind, Run}) -> Kind:finish(Run).
 
 %% @doc Plans the run of a scenario, without starting it. The key `app' is the application's module, or its name
-%% without `starl_'. An application alone runs with the defaults.
+%% without `starl_'. An application alone runs with the defaults. With the option `checked' the values
+%% are those that `starl_run_scenario:check/2' has returned.
 -spec plan(module() | #{app := module(), atom() => term()}, starl_run_plan:options()) ->
     {ok, planned()} | {error, reason()}.
 plan(App, Options) when is_atom(App) ->
@@ -152,7 +153,7 @@ plan(App, Options) when is_atom(App) ->
 plan(#{app := Name} = Given, Options) when is_atom(Name) ->
     case {starl_code:versions(?SIBLINGS), module_named(Name)} of
         {{differ, Versions}, _} -> {error, {versions, Versions}};
-        {same, {ok, App}} -> checked(check_app(App), Given#{app := App}, Options);
+        {same, {ok, App}} -> checked(Given#{app := App}, Options);
         {same, none} -> {error, {no_such_app, Name}}
     end;
 plan(_Given, _Options) ->
@@ -165,13 +166,17 @@ module_named(Name) ->
         [] -> none
     end.
 
-checked(ok, #{app := App} = Given, Options) ->
-    case starl_run_scenario:check(Given, starl_app:options(App)) of
-        {ok, Scenario} -> set_up(App, Scenario, Options);
-        {error, Reason} -> {error, {scenario, Reason}}
-    end;
-checked({error, _} = Error, _Given, _Options) ->
-    Error.
+checked(#{app := App} = Given, Options) ->
+    case check_app(App) of
+        ok -> with_values(values(Given, Options), App, Options);
+        {error, _} = Error -> Error
+    end.
+
+values(Scenario, #{checked := true}) -> {ok, Scenario};
+values(#{app := App} = Given, _Options) -> starl_run_scenario:check(Given, starl_app:options(App)).
+
+with_values({ok, Scenario}, App, Options) -> set_up(App, Scenario, Options);
+with_values({error, Reason}, _App, _Options) -> {error, {scenario, Reason}}.
 
 %% @doc Checks whether this module can run as an application: whether its callbacks exist, and
 %% whether its table of options is sound.

@@ -1,4 +1,4 @@
-%% Recordings: records and files there and back, files that are cut off, subscribers of a run.
+%% Recordings: records and files there and back, files that are cut off.
 -module(starl_trace_SUITE).
 -include_lib("proper/include/proper.hrl").
 -include_lib("stdlib/include/assert.hrl").
@@ -28,8 +28,6 @@ all() ->
         a_full_disk_ends_the_recording_only,
         a_full_disk_frees_the_reserve,
         a_reserve_comes_first,
-        a_subscriber_gets_all,
-        a_slow_subscriber_gets_a_gap,
         a_live_run_does_not_wait
     ].
 
@@ -654,63 +652,6 @@ a_reserve_comes_first(Config) ->
         {error, {Full, enospc}},
         starl_trace_recorder:start_link(File, live, #{reserve => {Full, 1000}})
     ).
-
-%% -- subscribers ----------------------------------------------------------------------------
-
-a_subscriber_gets_all(_Config) ->
-    Events = starl_trace_ct:events(400, 10000),
-    {ok, Hub} = starl_trace_hub:start_link(simulation),
-    Observer = starl_trace_hub:observer(Hub),
-    ok = starl_trace_hub:subscribe(Hub, 1),
-    ok = Observer({begun, starl_trace_ct:facts()}),
-    [ok = Observer({judged, [Event], []}) || Event <- Events],
-    End = 4000000,
-    ok = Observer({ended, #{ending => done, end_us => End, violations => [], digest => <<>>}}),
-    Messages = deliveries(Hub, []),
-    ?assertEqual(
-        [E || {_, _, M, _} = E <- Events, M =/= radio],
-        [{At, R, M, E} || {trace, At, {R, M, E}} <- Messages]
-    ),
-    ?assertEqual([], [M || {gap, _, _} = M <- Messages]),
-    starl_trace_hub:stop(Hub).
-
-deliveries(Hub, Before) ->
-    receive
-        {starl_trace, Hub, Messages} ->
-            ok = starl_trace_hub:more(Hub, 1),
-            All = Before ++ Messages,
-            case lists:last(Messages) of
-                {verdicts, _, {ended, _}} -> All;
-                _ -> deliveries(Hub, All)
-            end
-    end.
-
-%% It is told of a gap and gets the state; meanwhile nothing waits for it.
-a_slow_subscriber_gets_a_gap(_Config) ->
-    {ok, Hub} = starl_trace_hub:start_link(simulation),
-    Observer = starl_trace_hub:observer(Hub),
-    ok = starl_trace_hub:subscribe(Hub, 1),
-    ok = Observer({begun, starl_trace_ct:facts()}),
-    receive
-        {starl_trace, Hub, [{scenario, 0, _}]} -> ok
-    end,
-    [ok = Observer({judged, Part, []}) || Part <- parts(starl_trace_ct:events(60000, 1000))],
-    %% the hub has dealt with everything before it answers
-    Observer = starl_trace_hub:observer(Hub),
-    {memory, Bytes} = process_info(Hub, memory),
-    ?assert(Bytes < 60000000, Bytes),
-    ok = starl_trace_hub:more(Hub, 1),
-    receive
-        {starl_trace, Hub, [{gap, _, Missing}, {scenario, 0, _}, {poses, _, #{full := true}}]} ->
-            ?assert(Missing >= 60000, Missing)
-    end,
-    starl_trace_hub:stop(Hub).
-
-parts([]) ->
-    [];
-parts(Events) ->
-    {Part, Rest} = lists:split(min(1000, length(Events)), Events),
-    [Part | parts(Rest)].
 
 %% The recorder of a live run is not waited for: what it has no room for is counted.
 a_live_run_does_not_wait(_Config) ->

@@ -61,14 +61,13 @@
 best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
     #{choice := Choice, horizon := Horizon, reach := Reach} = Settings,
     Rule = starl_dpp_rule:module(Choice),
-    _ = code:ensure_loaded(Rule),
     Task = #task{
         space = starl_dpp_route:space([Robot], View),
         free = Free,
         horizon = Horizon,
         robot = Robot,
         rule = Rule,
-        bounded = erlang:function_exported(Rule, farthest, 3),
+        bounded = starl_callback:exported(Rule, farthest, 3),
         settings = maps:with([overhead_mm, middle], Settings),
         reach = Reach
     },

@@ -61,9 +61,7 @@ module(Name) ->
 %% @doc Is this the name of a rule, or a module with this behaviour?
 -spec is_rule(term()) -> boolean().
 is_rule(Name) when is_atom(Name) ->
-    Module = module(Name),
-    _ = code:ensure_loaded(Module),
-    erlang:function_exported(Module, score, 2);
+    starl_callback:exported(module(Name), score, 2);
 is_rule(_Other) ->
     false.
 
@@ -75,7 +73,7 @@ named(Text) ->
     case {lists:member(Text, Texts), filename:extension(Text)} of
         {true, _} -> {ok, list_to_existing_atom(Text)};
         {false, ".erl"} -> of_file(Text);
-        {false, _} -> {error, unknown(Text, starl_options:similar(Text, Texts), Texts)}
+        {false, _} -> {error, unknown(Text, Texts)}
     end.
 
 of_file(File) ->
@@ -85,8 +83,7 @@ of_file(File) ->
         false -> {error, ["choice: ", File, " is no rule: it exports no score/2 (starl_dpp_rule)"]}
     end.
 
-unknown(Text, [Near | _], _Texts) ->
-    ["choice: there is no rule ", Text, " (did you mean ", Near, "?)"];
-unknown(Text, [], Texts) ->
-    Known = lists:join(", ", Texts),
-    ["choice: there is no rule ", Text, "; there are ", Known, ", and files of yours (FILE.erl)"].
+unknown(Text, Texts) ->
+    All = ["; there are ", lists:join(", ", Texts), ", and files of yours (FILE.erl)"],
+    Meant = starl_similar:meant(starl_similar:words(Text, Texts), All),
+    ["choice: there is no rule ", Text, Meant].

@@ -10,7 +10,7 @@
     overwrite_file/0,
     recording/1, recording/2, recording/3
 ]).
--export([plan/2, beside/2, write/2, again/1, sure/2, shown/1, usual/1, free/1, holds_a_run/1]).
+-export([plan/2, beside/2, write/2, again/1, sure/2, shown/1, usual/1, free/1]).
 
 -export_type([t/0]).
 
@@ -68,7 +68,7 @@ free(true, N, File) ->
         true -> free(true, N + 1, File)
     end.
 
-%% @doc Whether a directory holds the results of an earlier run.
+%% Whether a directory holds the results of an earlier run.
 -spec holds_a_run(file:filename()) -> boolean().
 holds_a_run(Dir) ->
     lists:any(fun(Name) -> filelib:is_file(filename:join(Dir, Name)) end, ?OF_A_RUN).

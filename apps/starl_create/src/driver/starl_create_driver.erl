@@ -18,7 +18,7 @@
 -module(starl_create_driver).
 
 -export([open/1, drive/3, actuate/4, stop/1, rest/1, close/1, hear/3]).
--export([is_ready/1, readings/1, odometry/1, condition/1]).
+-export([is_ready/1, odometry/1, condition/1]).
 
 -export_type([t/0, action/0, event/0, condition/0]).
 
@@ -99,7 +99,7 @@ parser(Model) -> starl_create_stream:new(starl_create_greeting:ids(Model), Model
 -spec is_ready(t()) -> boolean().
 is_ready(#driver{phase = Phase}) -> Phase =:= ready.
 
-%% @doc What the sensors have shown last.
+%% What the sensors have shown last.
 -spec readings(t()) -> starl_create_packet:readings().
 readings(#driver{senses = Senses}) -> starl_create_senses:readings(Senses).
 

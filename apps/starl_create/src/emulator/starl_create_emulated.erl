@@ -22,7 +22,7 @@
 -module(starl_create_emulated).
 -behaviour(gen_server).
 
--export([start_link/1, start/1, feel/2, power_cycle/1, wheels/1, mode/1]).
+-export([start_link/1, start/1, feel/2, mode/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([options/0, word/0]).
@@ -86,14 +86,6 @@ start(Options) -> gen_server:start(?MODULE, Options, []).
 -spec feel(pid(), starl_create_emulator:sense()) -> ok.
 feel(Create, Sense) -> gen_server:cast(Create, {feel, Sense}).
 
-%% @doc Its battery is taken out and put back.
--spec power_cycle(pid()) -> ok.
-power_cycle(Create) -> gen_server:cast(Create, power_cycle).
-
-%% @doc The commanded speeds of its wheels, mm/s.
--spec wheels(pid()) -> starl_create_wheels:speeds().
-wheels(Create) -> gen_server:call(Create, wheels).
-
 %% @doc Its mode.
 -spec mode(pid()) -> starl_create_emulator:mode().
 mode(Create) -> gen_server:call(Create, mode).
@@ -126,18 +118,14 @@ embodied({starl_world, World, Robot}) ->
 
 now_us() -> erlang:monotonic_time(microsecond).
 
--spec handle_call(wheels | mode, gen_server:from(), #emulated{}) -> {reply, term(), #emulated{}}.
-handle_call(wheels, _From, #emulated{create = Create} = Emulated) ->
-    {reply, starl_create_emulator:wheels(Create), Emulated};
+-spec handle_call(mode, gen_server:from(), #emulated{}) -> {reply, term(), #emulated{}}.
 handle_call(mode, _From, #emulated{create = Create} = Emulated) ->
     {reply, starl_create_emulator:mode(Create), Emulated}.
 
--spec handle_cast({feel, starl_create_emulator:sense()} | power_cycle, #emulated{}) ->
+-spec handle_cast({feel, starl_create_emulator:sense()}, #emulated{}) ->
     {noreply, #emulated{}}.
 handle_cast({feel, Sense}, Emulated) ->
-    {noreply, feels(Sense, Emulated)};
-handle_cast(power_cycle, Emulated) ->
-    {noreply, line(power_cycle, Emulated)}.
+    {noreply, feels(Sense, Emulated)}.
 
 -spec handle_info(term(), #emulated{}) -> {noreply, #emulated{}} | {stop, normal, #emulated{}}.
 handle_info({serial, Other, {attach, Baud}}, Emulated) ->

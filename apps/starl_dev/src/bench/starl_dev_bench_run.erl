@@ -3,7 +3,7 @@
 %% wall seconds.
 -module(starl_dev_bench_run).
 
--export([simulate/1, in_process/1, on_cores/2, bare/0, busy_gain/1, best/1, sound/2, shards/1]).
+-export([simulate/1, on_cores/2, bare/0, busy_gain/1, best/1, sound/2, shards/1]).
 -export([bounce/0]).
 
 -export_type([run/0, bare/0, check/0]).
@@ -62,7 +62,7 @@ memory() ->
     _ = [erlang:garbage_collect(Pid) || Pid <- processes()],
     erlang:memory(total).
 
-%% @doc Calls a function in a separate process.
+%% Calls a function in a separate process.
 -spec in_process(fun(() -> Result)) -> Result.
 in_process(Fun) ->
     Self = self(),

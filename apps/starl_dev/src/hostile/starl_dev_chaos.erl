@@ -7,7 +7,6 @@
 -behaviour(starl_cli_command).
 
 -export([command/0]).
--export([words/2]).
 
 %% One run: its exit status; whether its report is there; the commands by what came of them, and the
 %% slowest one.
@@ -163,7 +162,7 @@ commands(Sent, Random0, Caller, Values) ->
         commands(counted(Words, Sent), Random, Caller, Values)
     end.
 
-%% @doc A command, with its words.
+%% A command, with its words.
 -spec words(#{robots := pos_integer(), target := string(), _ => _}, rand:state()) ->
     {[string(), ...], rand:state()}.
 words(#{robots := Robots, target := Target}, Random0) ->

@@ -1,5 +1,7 @@
-%% @doc `./starl hostile': attacks a team that paints on a cluster by UDP. One node gets hostile datagrams of every
-%% kind, or a node is killed again and again.
+%% @doc `./starl hostile': attacks a team on a cluster by UDP, in one of three ways. One node gets hostile
+%% datagrams of every kind ({@link starl_dev_hostile_flood}); then a node is killed again and again, while
+%% the robots send each other numbers; or, with `--insider', a robot of the team is the attacker, in the
+%% simulator ({@link starl_dev_insider}) and on a cluster ({@link starl_dev_insider_cluster}).
 -module(starl_dev_hostile).
 -behaviour(starl_cli_command).
 
@@ -9,6 +11,17 @@
 %% module that was loaded since; messages under way.
 -define(MOST_ATOMS, 50).
 -define(MOST_BYTES, 64_000_000).
+
+%% The longest time of a life after its first acknowledged message, and the pause between two looks.
+-define(LIFE_MS, 400).
+-define(LOOK_MS, 50).
+%% Looks before a robot counts as unheard: two minutes.
+-define(LOOKS, 2400).
+
+%% Messages of each block from an attacker on a cluster.
+-define(MESSAGES, 100).
+
+-type answer() :: ok | {wrong, [unicode:chardata()]} | {error, [unicode:chardata()]}.
 
 -spec command() -> starl_cli_command:command().
 command() ->
@@ -57,16 +70,17 @@ flags(_Subject) ->
 run(#{values := #{insider := true} = Values}) ->
     ok = starl_cli_log:install(),
     _ = process_flag(trap_exit, true),
-    status(starl_dev_insider_report:run(Values));
+    status(insider(Values));
 run(#{values := #{packets := Packets, kills := Kills} = Values}) ->
     ok = starl_cli_log:install(),
     _ = process_flag(trap_exit, true),
     ok = code:ensure_modules_loaded(modules()),
     case rounds(Packets, 1, Values) of
-        ok when Kills > 0 -> status(starl_dev_hostile_kills:run(Values));
+        ok when Kills > 0 -> status(kills(Values));
         Answer -> status(Answer)
     end.
 
+-spec status(answer()) -> starl_cli_command:answer().
 status(ok) ->
     0;
 status({wrong, Lines}) ->
@@ -74,6 +88,8 @@ status({wrong, Lines}) ->
     3;
 status({error, _} = Error) ->
     Error.
+
+%% -- hostile datagrams ----------------------------------------------------------------------
 
 %% All atoms that a node needs in these datagrams, and the code that it runs.
 modules() ->
@@ -89,7 +105,7 @@ modules() ->
 rounds(0, _Round, _Values) ->
     ok;
 rounds(Left, Round, Values) ->
-    case starl_dev_hostile_run:with_dir(fun(Dir) -> painted(Dir, Left, Round, Values) end) of
+    case with_dir(fun(Dir) -> painted(Dir, Left, Round, Values) end) of
         {ok, Sent} -> rounds(Left - Sent, Round + 1, Values);
         Problem -> Problem
     end.
@@ -132,7 +148,7 @@ attacked(Cluster, Victim, Dir, Left, Seed) ->
     Flooded = starl_dev_hostile_flood:finish(Flood),
     #{restarts := Restarts} = starl_world_run:status(Cluster),
     {Outcome, Report} = starl_world_run:finish(Cluster),
-    Facts = starl_dev_hostile_run:facts(Dir, lists:seq(1, Robots)),
+    Facts = facts(Dir, lists:seq(1, Robots)),
     Seen = #{
         victim => Victim,
         ms => erlang:monotonic_time(millisecond) - Begun,
@@ -143,12 +159,10 @@ attacked(Cluster, Victim, Dir, Left, Seed) ->
         report => Report,
         facts => Facts
     },
-    told(Seen),
+    printed(Seen),
     judged(Seen).
 
-%% -- words ----------------------------------------------------------------------------------
-
-told(#{victim := Victim, ms := Ms, flood := Flood, outcome := #{end_us := Us}} = Seen) ->
+printed(#{victim := Victim, ms := Ms, flood := Flood, outcome := #{end_us := Us}} = Seen) ->
     #{sent := Sent, figures := Figures, before := Before, later := Later} = Flood,
     #{monitors := #{starl_sap_monitor := Sap}} = maps:get(outcome, Seen),
     {Atoms, Bytes, _} = Later,
@@ -178,8 +192,6 @@ refusals(Figures) ->
     maps:without([sent, datagrams, heard, air_lost, air_full, send_error, socket_error], Figures).
 
 own(#{victim := Victim, facts := Facts}) -> maps:get(Victim, Facts).
-
-%% -- judging --------------------------------------------------------------------------------
 
 judged(#{flood := #{sent := Sent}} = Seen) ->
     case [Line || {false, Line} <- checks(Seen)] of
@@ -217,3 +229,193 @@ growth(none, _Later) ->
     {0, 0, []};
 growth({Atoms, Bytes, Modules}, {MoreAtoms, MoreBytes, MoreModules}) ->
     {MoreAtoms - Atoms, MoreBytes - Bytes, MoreModules -- Modules}.
+
+%% -- kills ----------------------------------------------------------------------------------
+
+%% Kills the node of one robot at random instants. The monitor of SAP judges whether a message was
+%% acknowledged and not delivered. Afterwards every robot must be acknowledged by every other.
+-spec kills(#{kills := pos_integer(), robots := pos_integer(), seed := integer(), atom() => term()}) ->
+    answer().
+kills(Values) -> with_dir(fun(Dir) -> kills(Dir, Values) end).
+
+kills(Dir, #{robots := Robots, seed := Seed, speed := Speed} = Values) ->
+    Scenario = #{app => starl_hostile_traffic, robots => Robots, seed => Seed, time => 40000},
+    Options = #{dir => Dir, transport => udp, speed => Speed, log => fun starl_cli_log:node/3},
+    case starl_world_run:start(Scenario, Options) of
+        {ok, Cluster} -> killed(Cluster, Dir, Values);
+        {error, Reason} -> {error, [starl_world_run:format_error(Reason)]}
+    end.
+
+killed(Cluster, Dir, #{robots := Robots, kills := Kills, seed := Seed}) ->
+    Victim = 1 + Seed rem Robots,
+    Begun = erlang:monotonic_time(millisecond),
+    starl_cli_signal:on_interrupt(fun() -> spawn(fun() -> starl_world_run:stop(Cluster) end) end),
+    Kill = fun(N, Unheard) -> Unheard orelse kill(Cluster, Victim, Dir, N, Seed) end,
+    Unheard = lists:foldl(Kill, false, lists:seq(1, Kills)),
+    Deaf = [{From, To} || not Unheard, {From, To} <- pairs(Robots), not hears(From, To, Dir)],
+    #{now_us := Us, restarts := #{Victim := Restarts}} = starl_world_run:status(Cluster),
+    ok = starl_world_run:stop(Cluster),
+    {#{violations := Violations, monitors := #{starl_sap_monitor := Sap}}, _} =
+        starl_world_run:finish(Cluster),
+    starl_cli_terminal:out(
+        "robot ~b: killed and started anew ~b times in ~.1f s (~.1f s of the run)\n"
+        "  messages: ~b sent, ~b delivered, ~b acknowledged, ~b lost; violations: ~b\n",
+        [Victim, Restarts, (erlang:monotonic_time(millisecond) - Begun) / 1000, Us / 1.0e6] ++
+            [maps:get(Key, Sap) || Key <- [sent, delivered, acknowledged, lost]] ++
+            [length(Violations)]
+    ),
+    wrong([
+        {not Unheard, io_lib:format("robot ~b is not heard any more", [Victim])},
+        {Deaf =:= [], io_lib:format("not acknowledged (from, to): ~0tp", [Deaf])},
+        {Violations =:= [], [starl_violation:format(V) || V <- Violations]}
+    ]).
+
+wrong(Checks) ->
+    case [Line || {false, Line} <- Checks] of
+        [] -> ok;
+        Lines -> {wrong, Lines}
+    end.
+
+pairs(Robots) ->
+    Ids = lists:seq(1, Robots),
+    [{From, To} || From <- Ids, To <- Ids, From =/= To].
+
+%% Kills the node some time after its present life has had a message acknowledged. True: it has none
+%% for minutes.
+kill(Cluster, Victim, Dir, N, Seed) ->
+    case looks(?LOOKS, fun() -> is_heard(Victim, N, Dir) end) of
+        true ->
+            {Ms, _} = rand:uniform_s(?LIFE_MS, rand:seed_s(exsss, {Seed, N, Victim})),
+            ok = pause(Ms),
+            ok = starl_world_run:inject(Cluster, [{reboot, Victim, #{}, 0}]),
+            starl_cli_progress:note(io_lib:format("kill ~b", [N])),
+            false;
+        false ->
+            true
+    end.
+
+%% In its Nth life the robot has heard and been heard.
+is_heard(Robot, N, Dir) ->
+    {Lives, Facts} = last_facts(Dir, Robot),
+    Lives >= N andalso
+        lists:any(fun is_acknowledged/1, Facts) andalso lists:any(fun is_delivered/1, Facts).
+
+is_acknowledged({_, _, sap, {outcome, _, _, acknowledged}}) -> true;
+is_acknowledged(_) -> false.
+
+is_delivered({_, _, sap, {delivered, _, _, _}}) -> true;
+is_delivered(_) -> false.
+
+%% Acknowledged from now on. Robots that were not killed have one long life.
+hears(From, To, Dir) ->
+    {_, Before} = last_facts(Dir, From),
+    Last = lists:max([0 | acknowledged(To, Before)]),
+    looks(?LOOKS, fun() ->
+        {_, Facts} = last_facts(Dir, From),
+        lists:any(fun(At) -> At > Last end, acknowledged(To, Facts))
+    end).
+
+acknowledged(By, Facts) -> [At || {At, _, sap, {outcome, _, R, acknowledged}} <- Facts, R =:= By].
+
+looks(0, _Seen) ->
+    false;
+looks(Left, Seen) ->
+    Seen() orelse
+        begin
+            ok = pause(?LOOK_MS),
+            looks(Left - 1, Seen)
+        end.
+
+pause(Ms) ->
+    receive
+    after Ms -> ok
+    end.
+
+%% -- a robot of the team --------------------------------------------------------------------
+
+%% Attacks all blocks, or one.
+-spec insider(#{atom() => term()}) -> answer().
+insider(#{block := all, seed := Seed} = Values) ->
+    starl_cli_terminal:out(["In the simulator, seed ", integer_to_list(Seed), ":\n"]),
+    Wrong = simulated(starl_dev_insider:blocks(), Values),
+    starl_cli_terminal:out("\nOn a cluster, by UDP:\n"),
+    verdict(Wrong ++ on_cluster(Values));
+insider(#{block := Block, apart := false} = Values) ->
+    verdict(simulated([Block], Values));
+insider(#{block := Block, apart := true} = Values) ->
+    verdict(apart(Block, Values)).
+
+verdict([]) -> ok;
+verdict(Wrong) -> {wrong, Wrong}.
+
+simulated(Blocks, Values) ->
+    starl_cli_terminal:out(starl_dev_insider:header()),
+    lists:append([
+        row(atom_to_list(Block), starl_dev_insider:run(Block, Options))
+     || Block <- Blocks, Options <- starl_dev_insider:runs(of_insider(Values))
+    ]).
+
+apart(Block, Values) ->
+    Options = of_insider(Values),
+    starl_cli_terminal:out(starl_dev_insider:header()),
+    lists:append([
+        row(io_lib:format("~0tp", [Kind]), starl_dev_insider:run(Block, Options#{only => [Kind]}))
+     || Kind <- starl_dev_insider:kinds(Block, Options),
+        ok =:= starl_cli_terminal:out(io_lib:format("~0tp~n", [Kind]))
+    ]).
+
+row(What, Row) ->
+    starl_cli_terminal:out(starl_dev_insider:format(Row)),
+    [["the simulator: ", What] || not starl_dev_insider:is_borne(Row)].
+
+of_insider(#{robots := Robots, seed := Seed}) -> #{robots => max(4, Robots), seed => Seed}.
+
+on_cluster(#{speed := Speed} = Values) ->
+    Options = (of_insider(Values))#{
+        speed => Speed, messages => ?MESSAGES, log => fun starl_cli_log:node/3
+    },
+    lists:append([
+        team(Team, Options#{attack => Attack})
+     || Team <- starl_dev_insider_cluster:teams(), Attack <- [false, true]
+    ]).
+
+team(Team, Options) ->
+    Row = with_dir(fun(Dir) ->
+        starl_dev_insider_cluster:run(Team, Options, Dir)
+    end),
+    starl_cli_terminal:out(starl_dev_insider_cluster:format(Row)),
+    Names = lists:join(", ", [atom_to_list(Block) || Block <- Team]),
+    [["the cluster: ", Names] || not starl_dev_insider_cluster:is_borne(Row)].
+
+%% -- the directory of a cluster -------------------------------------------------------------
+
+%% Does something with a directory that is gone afterwards.
+-spec with_dir(fun((file:filename()) -> Result)) -> Result.
+with_dir(Do) ->
+    ok = starl_private_dir:clean("hostile"),
+    {ok, Dir} = starl_private_dir:new("hostile"),
+    try
+        Do(Dir)
+    after
+        starl_private_dir:remove(Dir)
+    end.
+
+%% The facts of these robots, of all their lives.
+-spec facts(file:filename(), [starl:robot_id()]) ->
+    #{starl:robot_id() => [starl_monitor:trace_event()]}.
+facts(Dir, Robots) ->
+    maps:from_list([{R, lists:append([read(File) || File <- files(Dir, R)])} || R <- Robots]).
+
+%% The facts of a robot's last life.
+-spec last_facts(file:filename(), starl:robot_id()) ->
+    {Lives :: non_neg_integer(), [starl_monitor:trace_event()]}.
+last_facts(Dir, Robot) ->
+    case files(Dir, Robot) of
+        [] -> {0, []};
+        Files -> {length(Files), read(lists:last(Files))}
+    end.
+
+files(Dir, Robot) ->
+    starl_live_record:starts(filename:join(Dir, "robot-" ++ integer_to_list(Robot))).
+
+read(File) -> starl_live_record:read(File, 0).

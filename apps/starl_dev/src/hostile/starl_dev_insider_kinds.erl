@@ -7,7 +7,7 @@
 %% kind of message is found without a change here.
 -module(starl_dev_insider_kinds).
 
--export([of_machine/1, is_listener/1, sample/1]).
+-export([of_machine/1, is_listener/1]).
 
 -export_type([kind/0, body/0]).
 
@@ -182,7 +182,7 @@ bound({either, Alternatives}, Term, Shapes) ->
 bound(_Shape, _Term, Shapes) ->
     Shapes.
 
-%% @doc A small term of a shape.
+%% A small term of a shape.
 -spec sample(starl_shape:t()) -> term().
 sample(any) -> <<"any">>;
 sample(atom) -> any;

@@ -2,7 +2,7 @@
 %% the survivors as textual differences, and the score.
 -module(starl_mutate_report).
 
--export([table/1, survivors/2, score/2, diff/1, line/1]).
+-export([table/1, survivors/2, score/2, line/1]).
 
 -export_type([result/0]).
 
@@ -77,7 +77,7 @@ survivors(Results, Reviewed) ->
 
 by_id({#{id := One}, _}, {#{id := Other}, _}) -> One =< Other.
 
-%% @doc A mutant as a textual difference: the original clause and the changed one.
+%% A mutant as a textual difference: the original clause and the changed one.
 -spec diff(starl_mutate_sample:drawn()) -> unicode:chardata().
 diff(#{id := Id, candidate := Candidate}) ->
     #{source := #{file := File}, before := Before, mutant := Mutant} = Candidate,

@@ -5,7 +5,6 @@
 -behaviour(starl_cli_command).
 
 -export([command/0]).
--export([sources/0, compiled/1]).
 %% Columns of the table; the pitfall of a bug has a line of its own.
 -define(BUG, 24).
 -define(FOUND, 38).
@@ -66,7 +65,7 @@ run(#{values := #{progress := true, histories := Histories, 'when' := N}}) when
 run(#{values := Values}) ->
     loaded(compiled(sources()), Values).
 
-%% @doc The sources of the broken machines, in a checkout.
+%% The sources of the broken machines, in a checkout.
 -spec sources() -> [file:filename()].
 sources() ->
     Root = starl_cli_target:root(),
@@ -75,7 +74,7 @@ sources() ->
      || Pattern <- ["apps/*/test/*_{bug,planted}.erl", "test/*_planted.erl"]
     ]).
 
-%% @doc Compiles and loads them.
+%% Compiles and loads them.
 -spec compiled([file:filename()]) ->
     {ok, [starl_cli_target:code()]} | {error, [unicode:chardata(), ...]}.
 compiled([]) ->

@@ -14,7 +14,7 @@
 -behaviour(starl_machine).
 -behaviour(starl_scene).
 
--export([scene/1, options/0, report/2, side/1]).
+-export([scene/1, options/0, report/2]).
 -export([init/1, handle_event/5]).
 
 -type state() :: looking | driving | turning.
@@ -71,7 +71,7 @@ arena(Profile, #{robots := Ids, seed := Seed, options := Options}) ->
         memo => Messages
     }}.
 
-%% @doc The side (mm) of the arena for this number of robots.
+%% The side (mm) of the arena for this number of robots.
 -spec side(Robots :: pos_integer()) -> float().
 side(Robots) -> ?RANGE_MM * math:sqrt(Robots * math:pi() / ?NEIGHBOURS).
 

@@ -1,7 +1,7 @@
 %% @doc Writes the files of a run's directory.
 -module(starl_lab_files).
 
--export([write/4, write_failure/3, put_all/2, scenario/1, app/1]).
+-export([write/4, write_failure/3, put_all/2, scenario/1]).
 
 %% `partly': the files are there but one that is not needed.
 -type answer() :: ok | {partly, unicode:chardata()} | {error, unicode:chardata()}.
@@ -90,7 +90,7 @@ text(#{app := App, name := Name}, Word, Scenario) ->
         "\n}.\n"
     ].
 
-%% @doc The application of a target as written in a scenario file: a user's application is named by
+%% The application of a target as written in a scenario file: a user's application is named by
 %% its source file.
 -spec app(starl_cli_target:t()) -> atom() | file:filename_all().
 app(#{name := Name, replay := Word}) ->

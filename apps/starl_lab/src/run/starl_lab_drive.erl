@@ -30,7 +30,8 @@
     begun_ms :: integer()
 }).
 
-%% @doc Starts a simulation and applies a function to it. Meanwhile Ctrl-C ends the run.
+%% @doc Starts the simulation of a checked scenario and applies a function to it. Meanwhile Ctrl-C
+%% ends the run.
 -spec with(starl_run_scenario:t(), fun((starl_sim:sim()) -> Result)) -> answer(Result).
 with(Scenario, Do) -> with(Scenario, #{}, Do).
 
@@ -49,7 +50,9 @@ with(Scenario, Options, Do) ->
 
 watched(Options) ->
     %% nobody looks at processes
-    Options#{auto => inline, watch => watching() ++ maps:get(watch, Options, [])}.
+    Options#{
+        auto => inline, checked => true, watch => watching() ++ maps:get(watch, Options, [])
+    }.
 
 %% @doc The monitors that inform the user while a run goes on.
 -spec watching() -> [{module(), map()}].

@@ -2,7 +2,7 @@
 %% a machine that runs out of memory, the system may kill the run, or everything, without a message.
 -module(starl_lab_memory).
 
--export([check/1, check/2, check/3, largest/2, needed/1, available/0]).
+-export([check/1, check/2, check/3, largest/2, available/0]).
 
 -export_type([use/0]).
 
@@ -68,7 +68,7 @@ ways_out(Mode, Scenario, #{jobs := Jobs, nodes := Nodes}, Available) ->
 
 up_to(Robots) -> io_lib:format("up to ~b robots", [Robots]).
 
-%% @doc The memory that a run of this scenario needs, in bytes.
+%% The memory that a run of this scenario needs, in bytes.
 -spec needed(starl_run_scenario:t()) -> pos_integer().
 needed(#{robots := Robots} = Scenario) when is_integer(Robots) ->
     ?BARE + Robots * each(mode(Scenario)).

@@ -8,7 +8,7 @@
 %% slowly.
 -module(starl_view_guard).
 
--export([new/1, is_near/1, asked/1, given/1, named/2, admitted/2, viewer/2, token/1]).
+-export([new/1, is_near/1, asked/1, named/2, admitted/2, viewer/2, token/1]).
 
 -export_type([t/0, asked/0]).
 

@@ -137,12 +137,7 @@ init({Module, #{robot := Robot, clock := Clock} = Config, Link}) ->
 
 -spec handle_call(term(), gen_server:from(), #chassis{}) -> {reply, ok | map(), #chassis{}}.
 handle_call(condition, _From, #chassis{module = Module, state = State} = Chassis) ->
-    Condition =
-        case erlang:function_exported(Module, condition, 1) of
-            true -> Module:condition(State);
-            false -> #{}
-        end,
-    {reply, Condition, Chassis};
+    {reply, starl_callback:call(Module, condition, [State], #{}), Chassis};
 handle_call(_Question, _From, Chassis) ->
     {reply, ok, Chassis}.
 
@@ -165,18 +160,11 @@ handle_cast({drive, Script, Until, Mark}, #chassis{module = Module, state = Stat
 handle_cast({actuate, Device, Value, Mark}, #chassis{module = Module, state = State} = Chassis) ->
     {noreply, said(Module:actuate(Device, Value, Mark, State), Chassis)};
 handle_cast({feel, Kind, Mark}, #chassis{module = Module, state = State, link = Link} = Chassis) ->
-    Felt =
-        case erlang:function_exported(Module, feel, 2) of
-            true -> Module:feel(Kind, State);
-            false -> unknown
-        end,
+    Felt = starl_callback:call(Module, feel, [Kind, State], unknown),
     Link ! {starl_felt, self(), Mark, Felt},
     {noreply, Chassis};
 handle_cast(rest, #chassis{module = Module, state = State} = Chassis) ->
-    case erlang:function_exported(Module, rest, 1) of
-        true -> {noreply, Chassis#chassis{state = Module:rest(State)}};
-        false -> {noreply, Chassis}
-    end;
+    {noreply, Chassis#chassis{state = starl_callback:call(Module, rest, [State], State)}};
 handle_cast(stop, #chassis{module = Module, state = State} = Chassis) ->
     {noreply, Chassis#chassis{state = Module:stop(State)}}.
 

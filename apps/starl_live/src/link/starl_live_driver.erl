@@ -204,9 +204,7 @@ histories(#{inline := true}) ->
 histories(#{parts := Parts}) ->
     [Name || {Name, Module} <- lists:sort(maps:to_list(Parts)), has_history(Module)].
 
-has_history(Module) ->
-    {module, Module} = code:ensure_loaded(Module),
-    erlang:function_exported(Module, has_history, 0) andalso Module:has_history().
+has_history(Module) -> starl_callback:call(Module, has_history, [], false).
 
 %% @doc Notifies the observer of this node that the robot starts, with these machines.
 -spec report_start([starl_machine:name()], t()) -> ok.

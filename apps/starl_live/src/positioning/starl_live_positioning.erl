@@ -111,10 +111,7 @@ handle_cast({ask, Tag, Robots}, #positioning{clock = Clock, seen = Seen} = Posit
     {noreply, wanted(Wanted, Positioning#positioning{seen = Asked})}.
 
 wanted(Robots, #positioning{module = Module, state = State} = Positioning) ->
-    case erlang:function_exported(Module, ask, 2) of
-        true -> Positioning#positioning{state = Module:ask(Robots, State)};
-        false -> Positioning
-    end.
+    Positioning#positioning{state = starl_callback:call(Module, ask, [Robots, State], State)}.
 
 -spec handle_info(term(), #positioning{}) ->
     {noreply, #positioning{}} | {stop, term(), #positioning{}}.

@@ -345,10 +345,7 @@ stop(#{module := Module, state := State} = Tap) -> Tap#{state := Module:stop(Sta
 
 -spec hear(term(), map()) -> {[], map()} | {stop, unicode:chardata()} | unknown.
 hear({?MODULE, look}, #{module := Module, state := State} = Tap) ->
-    case erlang:function_exported(Module, look, 1) of
-        true -> {[], Tap#{state := Module:look(State)}};
-        false -> {[], Tap}
-    end;
+    {[], Tap#{state := starl_callback:call(Module, look, [State], State)}};
 hear(Message, #{module := Module, state := State} = Tap) ->
     case Module:hear(Message, State) of
         {Outputs, Next} when is_list(Outputs) -> reported({Outputs, Next}, Tap);

@@ -51,10 +51,9 @@ compiled({error, _} = Error, _Options) ->
 -spec check(module(), behaviour(), Given :: #{atom() => term()}) ->
     {ok, #{atom() => term()}} | {error, unicode:chardata()}.
 check(Module, Behaviour, Given) ->
-    {module, Module} = code:ensure_loaded(Module),
     Optional = Behaviour:behaviour_info(optional_callbacks),
     Needed = lists:sort(Behaviour:behaviour_info(callbacks) -- Optional),
-    case [Callback || {F, A} = Callback <- Needed, not erlang:function_exported(Module, F, A)] of
+    case [Callback || {F, A} = Callback <- Needed, not starl_callback:exported(Module, F, A)] of
         [] -> options(Module, Given);
         [Missing | _] -> {error, missing(Module, Missing, Needed, Behaviour)}
     end.
@@ -75,7 +74,7 @@ what(starl_live_positioning) -> "a source of positions".
 
 options(Module, Given) ->
     case
-        erlang:function_exported(Module, options, 0) andalso starl_app:declared(Module, options, [])
+        starl_callback:exported(Module, options, 0) andalso starl_app:declared(Module, options, [])
     of
         false when map_size(Given) =:= 0 -> {ok, #{}};
         false ->

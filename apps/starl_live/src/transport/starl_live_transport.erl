@@ -158,7 +158,7 @@ opened({error, Why}, _Module, _Air, _Link, _Config) ->
     Question :: figures | peers | {set_conditions, starl_live_conditions:settings()},
     Answer :: figures() | [starl_live_peers:peer()] | ok | {error, unicode:chardata()}.
 handle_call(peers, _From, #transport{module = Module, state = State} = Transport) ->
-    {reply, known(erlang:function_exported(Module, peers, 1), Module, State), Transport};
+    {reply, starl_callback:call(Module, peers, [State], []), Transport};
 handle_call(figures, _From, #transport{module = Module, state = State} = Transport) ->
     {reply, maps:merge(Module:figures(State), Transport#transport.figures), Transport};
 handle_call({set_conditions, Settings}, _From, #transport{conditions = Conditions} = Transport) ->
@@ -166,9 +166,6 @@ handle_call({set_conditions, Settings}, _From, #transport{conditions = Condition
         {ok, Changed} -> {reply, ok, Transport#transport{conditions = Changed}};
         {error, _} = Error -> {reply, Error, Transport}
     end.
-
-known(true, Module, State) -> Module:peers(State);
-known(false, _Module, _State) -> [].
 
 -spec handle_cast(Transmit, #transport{}) -> {noreply, #transport{}} when
     Transmit ::

@@ -5,7 +5,7 @@
 %% A matrix is `{A, B, C, D, E, F}' and maps `{X, Y}' to `{A*X + C*Y + E, B*X + D*Y + F}'.
 -module(starl_svg_transform).
 
--export([identity/0, translation/2, scaling/2, multiply/2, apply/2, apply_vector/2, parse/1]).
+-export([identity/0, translation/2, multiply/2, apply/2, apply_vector/2, parse/1]).
 -export_type([matrix/0]).
 
 %% Six finite entries, none above 1.0e12.
@@ -22,7 +22,7 @@ identity() -> {1.0, 0.0, 0.0, 1.0, 0.0, 0.0}.
 -spec translation(float(), float()) -> matrix().
 translation(X, Y) -> {1.0, 0.0, 0.0, 1.0, X, Y}.
 
-%% @doc Scales about the origin.
+%% Scales about the origin.
 -spec scaling(float(), float()) -> matrix().
 scaling(X, Y) -> {X, 0.0, 0.0, Y, 0.0, 0.0}.
 

@@ -189,15 +189,11 @@ widest(Profiles) -> lists:max([tracking_radius(Profile) || Profile <- Profiles])
 %% @doc Is this a script? If not, the expected form.
 -spec check(term()) -> ok | {error, Expected :: string()}.
 check({Chassis, Commands}) when is_atom(Chassis) ->
-    case is_chassis(Chassis) of
+    case starl_callback:exported(Chassis, check, 1) of
         true -> Chassis:check(Commands);
         false -> {error, expected()}
     end;
 check(_) ->
     {error, expected()}.
-
-is_chassis(Chassis) ->
-    code:ensure_loaded(Chassis) =:= {module, Chassis} andalso
-        erlang:function_exported(Chassis, check, 1).
 
 expected() -> "{Chassis, Commands}: a module of the behaviour starl_chassis, and its commands".

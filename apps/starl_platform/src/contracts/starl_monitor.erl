@@ -193,16 +193,14 @@ once(Monitors) ->
 
 %% @doc The events that the trace may hold when these monitors judge it.
 -spec known([module()]) -> starl_event:known().
-known(Modules) -> starl_event:known([optional(Module, vocabulary, #{}) || Module <- Modules]).
+known(Modules) ->
+    starl_event:known([starl_callback:call(Module, vocabulary, [], #{}) || Module <- Modules]).
 
 %% @doc The monitors, each with the facts of the run that it needs.
 -spec informed([{module(), Config :: map()}], known()) -> [{module(), Config :: map()}].
 informed(Monitors, Known) ->
     [
-        case exports(Module, context, 2) of
-            true -> {Module, Module:context(Known, Config)};
-            false -> {Module, Config}
-        end
+        {Module, starl_callback:call(Module, context, [Known, Config], Config)}
      || {Module, Config} <- Monitors
     ].
 
@@ -265,7 +263,10 @@ broken(Window, #runner{monitors = Monitors} = Runner) ->
     Told#runner{monitors = lists:reverse(All)}.
 
 tell_broken(Window, {Module, Interests, State} = Monitor, #runner{monitors = Told} = Runner) ->
-    case exports(Module, broken, 2) andalso call(Module, broken, [Window, State], Runner) of
+    case
+        starl_callback:exported(Module, broken, 2) andalso
+            call(Module, broken, [Window, State], Runner)
+    of
         false -> Runner#runner{monitors = [Monitor | Told]};
         {ok, Next} -> Runner#runner{monitors = [{Module, Interests, Next} | Told]};
         {error, Line} -> aside(Module, Runner#runner.seen, Line, Runner)
@@ -351,15 +352,9 @@ wanted(all) -> all;
 wanted(Machines) -> maps:from_keys(Machines, []).
 
 interests_of(Module, State) ->
-    case exports(Module, interests, 1) of
+    case starl_callback:exported(Module, interests, 1) of
         true -> Module:interests(State);
-        false -> optional(Module, interests, all)
-    end.
-
-optional(Module, Callback, Default) ->
-    case exports(Module, Callback, 0) of
-        true -> Module:Callback();
-        false -> Default
+        false -> starl_callback:call(Module, interests, [], all)
     end.
 
 %% The events that are in no vocabulary, and the vocabularies once these have been reported.
@@ -373,10 +368,6 @@ unknown([{_, _, Machine, Event} = Traced | Events], Place, Known, Found) ->
             More = [{Place, starl_event:violation(Traced)} | Found],
             unknown(Events, Place + 1, starl_event:tell(Machine, Event, Known), More)
     end.
-
-exports(Module, Function, Arity) ->
-    {module, Module} = code:ensure_loaded(Module),
-    erlang:function_exported(Module, Function, Arity).
 
 %% A monitor reads all its events in one loop, which keeps its state local.
 feed_all(Events, {Module, Interests, State} = Monitor, Found0) ->

@@ -95,11 +95,14 @@ begins(Module, Config, Machines) ->
     Contexts = [in_context(Module, Run, Config) || Run <- ?RUNS],
     first(
         [fun() -> began(In, Module, Machines) end || In <- Contexts] ++
-            [fun() -> answered(call(Module, vocabulary, [])) end || has(Module, vocabulary, 0)]
+            [
+                fun() -> answered(call(Module, vocabulary, [])) end
+             || starl_callback:exported(Module, vocabulary, 0)
+            ]
     ).
 
 in_context(Module, Run, Config) ->
-    case has(Module, context, 2) of
+    case starl_callback:exported(Module, context, 2) of
         true -> call(Module, context, [Run, Config]);
         false -> {ok, Config}
     end.
@@ -116,17 +119,15 @@ began({error, _} = Error, _Module, _Machines) ->
 wants([], _Module, _Machines) ->
     ok;
 wants([Name | _], Module, Machines) ->
-    Arity = hd([A || A <- [1, 0], has(Module, interests, A)]),
+    Arity = hd([A || A <- [1, 0], starl_callback:exported(Module, interests, A)]),
     {error,
-        io_lib:format("~ts: interests/~b: there is no machine ~tp in this run (~ts)", [
+        io_lib:format("~ts: interests/~b: there is no machine ~tp in this run~ts", [
             starl_app:place(Module, interests, Arity), Arity, Name, meant(Name, Machines)
         ])}.
 
 meant(Name, Machines) ->
-    case starl_options:suggestion(Name, Machines) of
-        [Near | _] -> io_lib:format("did you mean ~tp?", [Near]);
-        [] -> ["it has ", lists:join(", ", [atom_to_list(M) || M <- lists:usort(Machines)])]
-    end.
+    Known = lists:join(", ", [atom_to_list(M) || M <- lists:usort(Machines)]),
+    starl_similar:meant(starl_similar:atoms(Name, Machines), [" (it has ", Known, ")"]).
 
 %% @doc Starts a monitor: the machines whose events it wants, and its state.
 -spec start(module(), Config :: map()) ->
@@ -141,7 +142,12 @@ started({ok, Interests}, State) -> {ok, Interests, State};
 started({error, _} = Error, _State) -> Error.
 
 interests(Module, State) ->
-    case {has(Module, interests, 1), has(Module, interests, 0)} of
+    case
+        {
+            starl_callback:exported(Module, interests, 1),
+            starl_callback:exported(Module, interests, 0)
+        }
+    of
         {true, _} -> call(Module, interests, [State]);
         {false, true} -> call(Module, interests, []);
         {false, false} -> {ok, all}
@@ -149,8 +155,6 @@ interests(Module, State) ->
 
 answered({ok, _}) -> ok;
 answered({error, _} = Error) -> Error.
-
-has(Module, Function, Arity) -> erlang:function_exported(Module, Function, Arity).
 
 %% -- answers --------------------------------------------------------------------------------
 

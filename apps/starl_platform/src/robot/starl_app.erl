@@ -61,18 +61,12 @@
 
 %% @doc The application's own options.
 -spec options(module()) -> [starl_options:option()].
-options(App) ->
-    _ = code:ensure_loaded(App),
-    case erlang:function_exported(App, options, 0) of
-        true -> App:options();
-        false -> []
-    end.
+options(App) -> starl_callback:call(App, options, [], []).
 
 %% @doc The measures that an application declares. One whose declaration fails has none.
 -spec measures(module()) -> [{atom(), string()}].
 measures(App) ->
-    _ = code:ensure_loaded(App),
-    case erlang:function_exported(App, measures, 0) andalso declared(App, measures, []) of
+    case starl_callback:exported(App, measures, 0) andalso declared(App, measures, []) of
         {ok, Measures} when is_list(Measures) ->
             [{Key, Text} || {Key, Text} <- Measures, is_atom(Key), io_lib:printable_list(Text)];
         _ ->
@@ -83,14 +77,13 @@ measures(App) ->
 %% sound, without the keys that belong to others? Otherwise one line with the place.
 -spec check(module(), Taken :: [atom()]) -> ok | {error, unicode:chardata()}.
 check(App, Taken) ->
-    _ = code:ensure_loaded(App),
-    case erlang:function_exported(App, scene, 1) orelse missing(App) of
+    case starl_callback:exported(App, scene, 1) orelse missing(App) of
         true -> check_options(App, Taken);
         [] -> check_options(App, Taken);
         [Callback | _] -> {error, not_there(App, Callback)}
     end.
 
-missing(App) -> [{F, A} || {F, A} <- ?CALLBACKS, not erlang:function_exported(App, F, A)].
+missing(App) -> [{F, A} || {F, A} <- ?CALLBACKS, not starl_callback:exported(App, F, A)].
 
 not_there(App, {Function, Arity}) ->
     case starl_code:line(App, Function, Arity) of
@@ -105,7 +98,7 @@ not_there(App, {Function, Arity}) ->
     end.
 
 check_options(App, Taken) ->
-    case erlang:function_exported(App, options, 0) andalso declared(App, options, []) of
+    case starl_callback:exported(App, options, 0) andalso declared(App, options, []) of
         false -> ok;
         {ok, Options} -> checked_options(starl_options:check_table(Options, Taken), App);
         {error, _} = Error -> Error

@@ -164,11 +164,7 @@ version(Module) -> Module:module_info(md5).
     {ok, State :: term()} | {failed, starl_crash:cause()}.
 carried(Module, State, Old) ->
     try
-        {module, Module} = code:ensure_loaded(Module),
-        case erlang:function_exported(Module, code_change, 2) of
-            true -> {ok, Module:code_change(State, Old)};
-            false -> {ok, State}
-        end
+        {ok, starl_callback:call(Module, code_change, [State, Old], State)}
     catch
         Class:Reason:Stack ->
             {failed, starl_crash:cause(starl_crash:reason(Class, Reason, Stack))}
@@ -178,7 +174,7 @@ carried(Module, State, Old) ->
 -spec kept(module(), State :: term(), Md5 :: binary()) -> kept().
 kept(New, State, Md5) -> #{md5 => Md5, state => State, converted => converts(New)}.
 
-converts(Module) -> erlang:function_exported(Module, code_change, 2).
+converts(Module) -> starl_callback:exported(Module, code_change, 2).
 
 %% The state with which the former code goes on: the one before the last version that has converted
 %% it; and those to try next, if the former code crashes with that. `none': what has started with

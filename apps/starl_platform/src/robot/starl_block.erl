@@ -208,7 +208,7 @@ part(Other, _Context) ->
         ])}.
 
 checked(Block, {ok, Options}, Context) ->
-    case not exports(Block, check, 1) orelse Block:check(Options) of
+    case starl_callback:call(Block, check, [Options], ok) of
         {error, Line} -> {error, ["block ", atom_to_list(Block), ": ", Line]};
         _Right -> {ok, {Block, Block:machines(Options), Block:monitors(Options, Context)}}
     end;
@@ -224,7 +224,7 @@ why_not(Module) ->
 
 meant(Modules) ->
     case lists:search(fun is_block/1, lists:sublist(Modules, ?MOST_MEANT)) of
-        {value, Block} -> [" (did you mean ", atom_to_list(Block), "?)"];
+        {value, Block} -> starl_similar:meant([Block], "");
         false -> "; is it compiled, and in the path?"
     end.
 
@@ -253,45 +253,31 @@ monitor_twice(Monitor) ->
 %% @doc Is this module a building block?
 -spec is_block(module()) -> boolean().
 is_block(Module) ->
-    exports(Module, options, 0) andalso exports(Module, machines, 1) andalso
-        exports(Module, monitors, 2).
+    starl_callback:exported(Module, options, 0) andalso starl_callback:exported(Module, machines, 1) andalso
+        starl_callback:exported(Module, monitors, 2).
 
 %% @doc Can the block be exercised, checked, measured?
 -spec can(capability(), module()) -> boolean().
-can(exercise, Block) -> exports(Block, exercise, 0);
-can(check, Block) -> exports(Block, models, 0);
-can(bench, Block) -> exports(Block, benchmark, 0);
-can(history, Block) -> exports(Block, history, 0).
-
-exports(Module, Function, Arity) ->
-    _ = code:ensure_loaded(Module),
-    erlang:function_exported(Module, Function, Arity).
+can(exercise, Block) -> starl_callback:exported(Block, exercise, 0);
+can(check, Block) -> starl_callback:exported(Block, models, 0);
+can(bench, Block) -> starl_callback:exported(Block, benchmark, 0);
+can(history, Block) -> starl_callback:exported(Block, history, 0).
 
 %% @doc The monitors of a block with its default options, in an example team, for lists.
 -spec monitors(module()) -> [module()].
 monitors(Block) ->
     {ok, Options} = starl_options:check(#{}, Block:options()),
     Own = [Monitor || {Monitor, _} <- Block:monitors(Options, example())],
-    case exports(Block, everywhere, 0) of
-        true -> Own ++ Block:everywhere();
-        false -> Own
-    end.
+    Own ++ starl_callback:call(Block, everywhere, [], []).
 
 %% @doc What a block, or an application, says that it assumes and guarantees; nothing, if it does not say.
 -spec guarantees(module()) -> {ok, [starl_guarantee:t()]} | {error, unicode:chardata()}.
 guarantees(Module) ->
-    case exports(Module, guarantees, 0) of
-        true -> stated(Module, Module:guarantees());
-        false -> {ok, []}
-    end.
+    stated(Module, starl_callback:call(Module, guarantees, [], [])).
 
 %% @doc What the paper says of a block; nothing, if the block does not say.
 -spec propositions(module()) -> [starl_guarantee:proposition()].
-propositions(Module) ->
-    case exports(Module, propositions, 0) of
-        true -> Module:propositions();
-        false -> []
-    end.
+propositions(Module) -> starl_callback:call(Module, propositions, [], []).
 
 stated(Module, Guarantees) ->
     case starl_guarantee:check(Guarantees) of

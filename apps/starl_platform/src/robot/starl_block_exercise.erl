@@ -115,49 +115,49 @@ pick(Robot, N) -> 1 + trunc(starl:random(Robot) * N).
 
 %% @doc The flags of the exercise.
 -spec flags(module()) -> [starl_options:option()].
-flags(Exercise) -> said(Exercise, flags, [], []).
+flags(Exercise) -> starl_callback:call(Exercise, flags, [], []).
 
 %% @doc The options of the block.
 -spec block_options(module(), use()) -> starl_block:options().
-block_options(Exercise, Use) -> said(Exercise, block_options, [Use], #{}).
+block_options(Exercise, Use) -> starl_callback:call(Exercise, block_options, [Use], #{}).
 
 %% @doc The steps before the first turn.
 -spec prepare(module(), starl:robot(), use()) -> term().
-prepare(Exercise, Robot, Use) -> said(Exercise, prepare, [Robot, Use], ok).
+prepare(Exercise, Robot, Use) -> starl_callback:call(Exercise, prepare, [Robot, Use], ok).
 
 %% @doc A call at the end.
 -spec final(module(), starl:robot(), N :: pos_integer(), use()) -> term().
-final(Exercise, Robot, N, Use) -> said(Exercise, final, [Robot, N, Use], ok).
+final(Exercise, Robot, N, Use) -> starl_callback:call(Exercise, final, [Robot, N, Use], ok).
 
 %% @doc The time (ms) within which a promise comes true, by default 20 s.
 -spec within_ms(module(), use()) -> pos_integer().
-within_ms(Exercise, Use) -> said(Exercise, within_ms, [Use], ?WITHIN_MS).
+within_ms(Exercise, Use) -> starl_callback:call(Exercise, within_ms, [Use], ?WITHIN_MS).
 
 %% @doc The time (ms) after which the block sends again what SAP has given up.
 -spec again_ms(module(), use()) -> pos_integer() | never.
-again_ms(Exercise, Use) -> said(Exercise, again_ms, [Use], never).
+again_ms(Exercise, Use) -> starl_callback:call(Exercise, again_ms, [Use], never).
 
 %% @doc The classes of faults that can hold up its calls.
 -spec hindered_by(module()) -> [starl_monitor:fault_class()].
-hindered_by(Exercise) -> said(Exercise, hindered_by, [], ?CLASSES).
+hindered_by(Exercise) -> starl_callback:call(Exercise, hindered_by, [], ?CLASSES).
 
 %% @doc The values for a soak.
 -spec draw(module(), draw()) -> #{atom() => term()}.
-draw(Exercise, Draw) -> said(Exercise, draw, [Draw], #{}).
+draw(Exercise, Draw) -> starl_callback:call(Exercise, draw, [Draw], #{}).
 
 %% @doc The machines whose events the promises depend on.
 -spec watches(module()) -> [starl_machine:name()].
-watches(Exercise) -> said(Exercise, watches, [], []).
+watches(Exercise) -> starl_callback:call(Exercise, watches, [], []).
 
 %% @doc The memory at the beginning.
 -spec seen(module(), [starl_monitor:robot_id()]) -> Seen :: term().
-seen(Exercise, Robots) -> said(Exercise, seen, [Robots], none).
+seen(Exercise, Robots) -> starl_callback:call(Exercise, seen, [Robots], none).
 
 %% @doc The update of its memory by an event, as a function, looked up once for all events.
 -spec noted(module()) -> fun((starl_monitor:trace_event(), Seen) -> Seen) | none when
     Seen :: term().
 noted(Exercise) ->
-    case has(Exercise, noted, 2) of
+    case starl_callback:exported(Exercise, noted, 2) of
         true -> fun Exercise:noted/2;
         false -> none
     end.
@@ -165,14 +165,5 @@ noted(Exercise) ->
 %% @doc The promise of a call.
 -spec promise(module(), starl_promise:call(), starl_promise:team(), Seen :: term()) ->
     starl_promise:t().
-promise(Exercise, Call, Team, Seen) -> said(Exercise, promise, [Call, Team, Seen], none).
-
-said(Module, Function, Args, Else) ->
-    case has(Module, Function, length(Args)) of
-        true -> apply(Module, Function, Args);
-        false -> Else
-    end.
-
-has(Module, Function, Arity) ->
-    _ = erlang:module_loaded(Module) orelse code:ensure_loaded(Module),
-    erlang:function_exported(Module, Function, Arity).
+promise(Exercise, Call, Team, Seen) ->
+    starl_callback:call(Exercise, promise, [Call, Team, Seen], none).

@@ -99,15 +99,14 @@ is_runtime(Module) ->
 resembling(Module) ->
     Names = [list_to_atom(Name) || {"starl" ++ _ = Name, _, _} <- code:all_available()],
     Whole = list_to_atom("starl_" ++ atom_to_list(Module)),
-    [Whole || lists:member(Whole, Names)] ++ starl_options:suggestion(Module, Names).
+    [Whole || lists:member(Whole, Names)] ++ starl_similar:atoms(Module, Names).
 
 %% @doc Is there a module of this name with this function? No atom is made of the text.
 -spec exports(Module :: string(), Function :: atom(), arity()) -> boolean().
 exports(Text, Function, Arity) ->
     try list_to_existing_atom(Text) of
         Module ->
-            code:ensure_loaded(Module) =:= {module, Module} andalso
-                erlang:function_exported(Module, Function, Arity)
+            starl_callback:exported(Module, Function, Arity)
     catch
         error:badarg -> false
     end.

@@ -256,13 +256,12 @@ no_function(Module, Function, Arity) ->
     [
         io_lib:format("there is no function ~ts:~ts/~b", [name(Module), name(Function), Arity]),
         case [N || {F, N} <- Exports, F =:= Function] of
-            [] -> meant(starl_options:suggestion(Function, lists:usort([F || {F, _} <- Exports])));
+            [] -> meant(starl_similar:atoms(Function, lists:usort([F || {F, _} <- Exports])));
             Arities -> [" (but ", lists:join(", ", [[$/, integer_to_list(N)] || N <- Arities]), ")"]
         end
     ].
 
-meant([]) -> "";
-meant([Near | _]) -> [" (did you mean ", name(Near), "?)"].
+meant(Similar) -> starl_similar:meant(Similar, "").
 
 name(Atom) -> io_lib:format("~tp", [Atom]).
 

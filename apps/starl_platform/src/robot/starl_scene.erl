@@ -123,7 +123,10 @@ made({error, _} = Error, _App, _Context) -> Error.
 
 %% The walls of the plan, if the application knows none.
 walls(App, #{floor := #{walls := Walls}}) ->
-    case exported(App, knows_walls, 0) andalso starl_app:declared(App, knows_walls, []) of
+    case
+        starl_callback:exported(App, knows_walls, 0) andalso
+            starl_app:declared(App, knows_walls, [])
+    of
         {ok, false} -> Walls;
         _ -> []
     end;
@@ -155,7 +158,7 @@ block(Block) when is_atom(Block) -> [Block];
 block(_Machine) -> [].
 
 scene(App, #{options := Options} = Context) ->
-    case exported(App, scene, 1) of
+    case starl_callback:exported(App, scene, 1) of
         true -> own(starl_app:declared(App, scene, [Context]), App);
         false -> plain(blocks(App), monitors(App, Context), App, Options)
     end.
@@ -176,13 +179,13 @@ plain(_Blocks, {error, _} = Error, _App, _Options) ->
     Error.
 
 blocks(App) ->
-    case exported(App, blocks, 0) of
+    case starl_callback:exported(App, blocks, 0) of
         true -> starl_app:declared(App, blocks, []);
         false -> {ok, []}
     end.
 
 monitors(App, Context) ->
-    case exported(App, monitors, 1) of
+    case starl_callback:exported(App, monitors, 1) of
         true -> listed(starl_app:declared(App, monitors, [Context]), App);
         false -> {ok, []}
     end.
@@ -225,14 +228,14 @@ judged(#{blocks := Machines, monitors := Monitors} = Scene, Contracts, App) ->
     end.
 
 monitors_at(App, Why) ->
-    case exported(App, scene, 1) of
+    case starl_callback:exported(App, scene, 1) of
         true -> at(App, scene, 1, ["monitors: ", Why]);
         false -> at(App, monitors, 1, Why)
     end.
 
 %% The blocks stand in the list of blocks/0, or in the scene.
 listed_at(App, Why) ->
-    case exported(App, scene, 1) of
+    case starl_callback:exported(App, scene, 1) of
         true -> at(App, scene, 1, Why);
         false -> at(App, blocks, 0, Why)
     end.
@@ -245,7 +248,7 @@ at(App, Function, Arity, Why) ->
 -spec report(module(), t(), outcome()) -> report().
 report(App, Scene, Outcome) ->
     Report =
-        case exported(App, report, 2) of
+        case starl_callback:exported(App, report, 2) of
             true -> reported(starl_app:declared(App, report, [Scene, Outcome]));
             false -> #{figures => []}
         end,
@@ -257,14 +260,8 @@ reported({error, Line}) -> #{figures => [], complete => false, summary => [Line]
 %% @doc What a run of an application's scene is going to do.
 -spec preview(module(), t()) -> preview().
 preview(App, Scene) ->
-    case exported(App, preview, 1) of
-        true -> App:preview(Scene);
-        false -> #{lines => [], write => fun(_Dir) -> {ok, []} end}
-    end.
-
-exported(App, Function, Arity) ->
-    _ = code:ensure_loaded(App),
-    erlang:function_exported(App, Function, Arity).
+    Nothing = #{lines => [], write => fun(_Dir) -> {ok, []} end},
+    starl_callback:call(App, preview, [Scene], Nothing).
 
 %% -- the check --------------------------------------------------------------------------------
 
@@ -358,7 +355,7 @@ callbacks(Module, Wanted) ->
             {error, io_lib:format("app: ~tp does not export ~tp/~b", [Module, Function, Arity])}
     end.
 
-missing(Module, Wanted) -> [{F, A} || {F, A} <- Wanted, not erlang:function_exported(Module, F, A)].
+missing(Module, Wanted) -> [{F, A} || {F, A} <- Wanted, not starl_callback:exported(Module, F, A)].
 
 is_map_of(IsKey, IsValue, Map, Expected) ->
     Is = fun({Key, Value}) -> IsKey(Key) andalso IsValue(Value) end,
@@ -399,12 +396,9 @@ known(_What, _Other, Keys) ->
     io_lib:format("a map with keys of ~0tp", [Keys]).
 
 unknown(What, Key, Keys) ->
-    Meant =
-        case starl_options:suggestion(Key, Keys) of
-            [Near | _] -> io_lib:format("did you mean ~tp?", [Near]);
-            [] -> ["keys: ", lists:join(", ", [atom_to_list(K) || K <- Keys])]
-        end,
-    {error, io_lib:format("~ts has no key ~tp (~ts)", [What, Key, Meant])}.
+    Known = lists:join(", ", [atom_to_list(K) || K <- Keys]),
+    Meant = starl_similar:meant(starl_similar:atoms(Key, Keys), [" (keys: ", Known, ")"]),
+    {error, io_lib:format("~ts has no key ~tp~ts", [What, Key, Meant])}.
 
 %% The keys of every chassis.
 profile_keys() ->

@@ -76,7 +76,7 @@ named(Text) ->
         {false, ".erl"} ->
             of_file(Text);
         {false, _} ->
-            {error, unknown(Text, starl_options:similar(Text, Texts), Texts)}
+            {error, unknown(Text, Texts)}
     end.
 
 of_file(File) ->
@@ -92,11 +92,9 @@ of_file(File) ->
             {error, [File, " is no controller: it exports no ", First, " (starl_controller)"]}
     end.
 
-unknown(Text, [Near | _], _Texts) ->
-    ["there is no controller ", Text, " (did you mean ", Near, "?)"];
-unknown(Text, [], Texts) ->
-    Known = lists:join(", ", Texts),
-    ["there is no controller ", Text, "; there are ", Known, ", and files of yours (FILE.erl)"].
+unknown(Text, Texts) ->
+    All = ["; there are ", lists:join(", ", Texts), ", and files of yours (FILE.erl)"],
+    ["there is no controller ", Text, starl_similar:meant(starl_similar:words(Text, Texts), All)].
 
 %% -- for motion -----------------------------------------------------------------------------
 

@@ -13,8 +13,10 @@
 
 %% Options of a run: further monitors, which only look on; whether histories of the calls are kept, and judged; the
 %% time by which everything with a bound may be late (in real time, where a computer has other work, too); modules that
-%% were compiled in memory, to be loaded wherever robots run. Each kind of run has further ones.
+%% were compiled in memory, to be loaded wherever robots run; whether the scenario is checked already. Each kind of run has
+%% further ones.
 -type options() :: #{
+    checked => boolean(),
     watch => [{module(), map()}],
     histories => histories(),
     slack_us => non_neg_integer(),

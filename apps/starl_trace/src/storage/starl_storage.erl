@@ -8,7 +8,7 @@
 %% new part.
 -module(starl_storage).
 
--export([upload/3, ahead/4, list/1, download/4, execution/1, format_error/1]).
+-export([upload/3, ahead/4, list/1, download/4, format_error/1]).
 
 -export_type([options/0, entry/0, reason/0]).
 
@@ -98,7 +98,7 @@ read_at(File, At, Bytes) ->
             Error
     end.
 
-%% @doc The run that a recording is of, as a name: the same for all robots of it.
+%% The run that a recording is of, as a name: the same for all robots of it.
 -spec execution(file:filename()) -> {ok, string()} | {error, reason()}.
 execution(File) ->
     case starl_trace_reader:start(File) of

@@ -154,17 +154,11 @@ rest(Own) -> optional(rest, Own).
 look(Own) -> optional(look, Own).
 
 optional(Function, #own{module = Module, state = State} = Own) ->
-    case erlang:function_exported(Module, Function, 1) of
-        true -> Own#own{state = Module:Function(State)};
-        false -> Own
-    end.
+    Own#own{state = starl_callback:call(Module, Function, [State], State)}.
 
 -spec condition(#own{}) -> map().
 condition(#own{module = Module, state = State}) ->
-    case erlang:function_exported(Module, condition, 1) of
-        true -> Module:condition(State);
-        false -> #{}
-    end.
+    starl_callback:call(Module, condition, [State], #{}).
 
 -spec close(#own{}) -> ok.
 close(#own{module = Module, state = State} = Own) ->
