@@ -34,28 +34,21 @@ sap_restarts(_) ->
 %% The entry at the step, and the next events of the robots of a fault.
 named(Bug, Seed, Left) ->
     Scenario = maps:merge(starl_planted:scenario(Bug, Seed), maps:merge(plain(), Left)),
-    {ok, #{violation := #{at_us := At}, moments := Moments, loss := Loss} = Run} =
-        starl_sim_future:repeat(Scenario),
-    Settings = #{loss => Loss, until_s => 1.25 * At / 1.0e6},
-    Plan = #{
-        future => fun(Moment, Salt) ->
-            Job = starl_sim_future:plan(Run, Moment, Salt, Settings),
-            fun() -> starl_sim_future:play(Job) end
-        end,
-        time_us => fun(Moment) -> starl_sim_moments:time_us(Moment, Moments) end,
-        salt => 1,
+    {ok, #{violation := #{at_us := At}, timeline := Timeline} = Run} =
+        starl_sim_continuation:repeat(Scenario),
+    {ok, Settings} = starl_sim_continuation:settings(Run, violation),
+    Last = starl_sim_timeline:at(At, Timeline),
+    #{step := {_, Above}, complete := true} = starl_lab_continuations:search(Run, Settings, #{
+        grid => starl_sim_inevitable:grid(6, Last, Timeline),
+        draws => 8,
+        branch_seed => 1,
         jobs => 2,
         interrupt => make_ref(),
         progress => starl_cli_progress:new(quiet)
-    },
-    #{step := {_, Above}, complete := true} = starl_sim_inevitable:search(#{
-        grid => starl_sim_inevitable:grid(6, starl_sim_moments:at(At, Moments), Moments),
-        futures => 8,
-        ask => fun(Questions) -> starl_lab_futures:ask(Questions, Plan) end
     }),
-    {_, _, What} = Entry = starl_sim_moments:entry(Above, Moments),
+    {_, _, What} = Entry = starl_sim_timeline:entry(Above, Timeline),
     Robots = [R || is_tuple(What), R <- starl_run_fault:targets(What)],
-    {Entry, [E || {_, _, E} <- starl_sim_moments:following(Above, Robots, 3, Moments)]}.
+    {Entry, [E || {_, _, E} <- starl_sim_timeline:following(Above, Robots, 3, Timeline)]}.
 
 %% What the shrinker sets.
 plain() ->

@@ -1,4 +1,4 @@
-%% The share of trials and its interval, against values that were computed elsewhere.
+%% The fraction of trials and its interval, against values that were computed elsewhere.
 -module(starl_sim_proportion_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -18,7 +18,7 @@ the_interval_is_that_of_wilson_test_() ->
 
 rounded({Low, High}) -> {round(1000 * Low) / 1000, round(1000 * High) / 1000}.
 
-shares_are_apart_only_beyond_both_intervals_test() ->
+fractions_are_apart_only_beyond_both_intervals_test() ->
     ?assert(starl_sim_proportion:are_apart({2, 20}, {18, 20})),
     ?assertNot(starl_sim_proportion:are_apart({18, 20}, {2, 20})),
     ?assertNot(starl_sim_proportion:are_apart({8, 20}, {12, 20})).

@@ -51,7 +51,7 @@
         "doc/faults.md",
         "doc/checking.md",
         "doc/debug.md",
-        "doc/onward.md",
+        "doc/when.md",
         "doc/histories.md",
         "doc/mutation.md"
     ]},

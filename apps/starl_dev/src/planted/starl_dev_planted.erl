@@ -26,9 +26,9 @@ about(_Subject) ->
         "broken ones are no part of StarL: their sources (apps/*/test/*_bug.erl, *_planted.erl, "
         "test/*_planted.erl) are compiled in memory. With --histories no monitor looks: the calls of the "
         "applications and their answers are all that is judged (./starl histories).",
-        "With --when N each bug's run is shrunk, and ./starl when --futures 20 --moments 8 is asked with the "
-        "salts 1 to N by which event its violation became inevitable; the first one twice, for the same "
-        "curve. The table has the event, how often it is one that the bug makes wrong, the shares before "
+        "With --when N each bug's run is shrunk, and ./starl when --draws 20 --points 8 is asked with the "
+        "branch seeds 1 to N by which event its violation became inevitable; the first one twice, for the same "
+        "curve. The table has the event, how often it is one that the bug makes wrong, the fractions before "
         "and after it, and the CPU time of all N.",
         "With --progress other bugs run: each breaks the progress of a block or of an application in one line. Each "
         "runs on radios that lose packets, and beside faults that last and do no harm. The table has the violation "
@@ -46,7 +46,7 @@ flags(_Subject) ->
             {propositions, switch, false,
                 "only lists what the paper says, the guarantee, the clause that judges it, and the bug"},
             {'when', {optional, {integer, 1, 1000}}, none,
-                "asks when it became inevitable, with this many salts"},
+                "asks when it became inevitable, with this many branch seeds"},
             starl_lab_jobs:at_once()
         ]}
     ].

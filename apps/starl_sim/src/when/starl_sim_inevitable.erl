@@ -1,45 +1,43 @@
-%% @doc Finds the moment of a run at which a violation became inevitable: where the fraction of
+%% @doc Finds the event of a run by which a violation became inevitable: where the fraction of
 %% failing continuations rises most.
 %%
-%% First it runs continuations from a grid of moments. Then it halves the largest rise of the
-%% fraction between neighbours, wherever that is now, until one event lies between the two moments.
+%% First it runs continuations from a grid of indices. Then it halves the largest rise of the
+%% fraction between neighbours, wherever that is now, until one event lies between the two.
 %% The fraction need not grow all the time, since luck lowers it. So the grid comes first, and other
 %% rises are reported.
 %%
 %% This module knows continuations only as a function from questions to counts, and draws nothing.
-%% The K-th continuation of each moment has the same branch seed, so the result does not change
-%% between two moments if no event has changed it.
+%% The K-th continuation of each index has the same branch seed, so the result does not change
+%% between two indices if no event has changed it.
 %%
-%% Before a rise of less than 0.6 is halved, both its moments get five times as many continuations.
+%% Before a rise of less than 0.6 is halved, both its indices get five times as many continuations.
 %% With few of them a rise may be chance and hide the true one; then another rise becomes the
-%% largest. A moment is put on the wrong side of a rise from 0.25 to 0.5 once in 10,000 times.
+%% largest. An index is put on the wrong side of a rise from 0.25 to 0.5 once in 10,000 times.
 -module(starl_sim_inevitable).
 
 -export([search/1, grid/3]).
 
 -export_type([request/0, question/0, tally/0, result/0, curve/0]).
 
-%% Futures of a moment, from one number to another.
--type question() :: {starl_sim_moments:moment(), {From :: pos_integer(), To :: pos_integer()}}.
+%% Continuations of an index, from one number to another.
+-type question() :: {starl_sim_timeline:index(), {From :: pos_integer(), To :: pos_integer()}}.
 
-%% What came of the futures of a moment: how many there were, how many broke the contract, broke
+%% The results of the continuations of an index: how many there were, how many broke the contract, broke
 %% only another one, or were not judged to their end; and the different digests among them.
 -type tally() :: #{
-    futures := non_neg_integer(),
+    draws := non_neg_integer(),
     broken := non_neg_integer(),
     other := non_neg_integer(),
     unjudged := non_neg_integer(),
     digests := [binary()]
 }.
 
--type curve() :: [{starl_sim_moments:moment(), tally()}].
+-type curve() :: [{starl_sim_timeline:index(), tally()}].
 
-%% `ask' answers with the tallies of these futures, in any order; `stopped': with those it has. `fine':
-%% moments that are no farther apart are not halved any more (1).
+%% `ask' answers with the tallies of these continuations, in any order; `stopped': with those it has.
 -type request() :: #{
-    grid := [starl_sim_moments:moment(), ...],
-    futures := pos_integer(),
-    fine => pos_integer(),
+    grid := [starl_sim_timeline:index(), ...],
+    draws := pos_integer(),
     ask := fun(([question()]) -> {done | stopped, curve()})
 }.
 
@@ -52,43 +50,41 @@
     complete := boolean()
 }.
 
--type step() :: {Below :: starl_sim_moments:moment(), Above :: starl_sim_moments:moment()}.
+-type step() :: {Below :: starl_sim_timeline:index(), Above :: starl_sim_timeline:index()}.
 
-%% A step of this height shows in few futures; for others there are more.
+%% A step of this height shows in few continuations; for others there are more.
 -define(HIGH, 0.6).
 -define(MORE, 5).
 
 -record(search, {
     ask :: fun(([question()]) -> {done | stopped, curve()}),
-    futures :: pos_integer(),
-    fine :: pos_integer(),
-    curve = #{} :: #{starl_sim_moments:moment() => tally()},
+    draws :: pos_integer(),
+    curve = #{} :: #{starl_sim_timeline:index() => tally()},
     stopped = false :: boolean()
 }).
 
-%% @doc A grid of about N moments up to a last one: half of them even in events, half at distances
+%% @doc A grid of about N indices up to a last one: half of them even in events, half at distances
 %% in time that double backwards from it.
--spec grid(N :: pos_integer(), Last, starl_sim_moments:t()) -> [Last, ...] when
-    Last :: starl_sim_moments:moment().
-grid(N, Last, Moments) ->
-    Us = starl_sim_moments:time_us(Last, Moments),
+-spec grid(N :: pos_integer(), Last, starl_sim_timeline:t()) -> [Last, ...] when
+    Last :: starl_sim_timeline:index().
+grid(N, Last, Timeline) ->
+    Us = starl_sim_timeline:time_us(Last, Timeline),
     Half = max(1, N div 2),
     Even = [Last * I div Half || I <- lists:seq(0, Half)],
     Back = [
-        starl_sim_moments:at(Us - (Us bsr I), Moments)
+        starl_sim_timeline:at(Us - (Us bsr I), Timeline)
      || I <- lists:seq(1, N - Half)
     ],
-    lists:usort([0, Last | Even ++ [min(Moment, Last) || Moment <- Back]]).
+    lists:usort([0, Last | Even ++ [min(Index, Last) || Index <- Back]]).
 
 %% @doc Searches for the step.
 -spec search(request()) -> result().
-search(#{grid := Grid, futures := K, ask := Ask} = Request) ->
-    Fine = maps:get(fine, Request, 1),
-    climb(asked(Grid, K, #search{ask = Ask, futures = K, fine = Fine})).
+search(#{grid := Grid, draws := K, ask := Ask}) ->
+    climb(asked(Grid, K, #search{ask = Ask, draws = K})).
 
 climb(#search{stopped = true} = Search) ->
     result(steepest(Search), Search);
-climb(#search{fine = Fine} = Search) ->
+climb(#search{} = Search) ->
     case steepest(Search) of
         none ->
             result(none, Search);
@@ -96,37 +92,37 @@ climb(#search{fine = Fine} = Search) ->
             K = enough(Step, Search),
             case [M || M <- [Low, High], known(M, Search#search.curve) < K] of
                 [_ | _] = Few -> climb(asked(Few, K, Search));
-                [] when High - Low =< Fine -> result(Step, Search);
+                [] when High - Low =:= 1 -> result(Step, Search);
                 [] -> climb(asked([(Low + High) div 2], K, Search))
             end
     end.
 
-%% The futures that the moments of a rise need.
-enough({Low, High}, #search{futures = K, fine = Fine, curve = Curve}) ->
-    case share(maps:get(High, Curve)) - share(maps:get(Low, Curve)) >= ?HIGH of
-        true when High - Low > Fine -> K;
+%% The continuations that the indices of a rise need.
+enough({Low, High}, #search{draws = K, curve = Curve}) ->
+    case fraction(maps:get(High, Curve)) - fraction(maps:get(Low, Curve)) >= ?HIGH of
+        true when High - Low > 1 -> K;
         _ -> ?MORE * K
     end.
 
-%% Each of these moments has this many futures then.
-asked(Moments, K, #search{ask = Ask, curve = Curve} = Search) ->
-    Questions = [{M, {N + 1, K}} || M <- Moments, N <- [known(M, Curve)], N < K],
+%% Each of these indices has this many continuations then.
+asked(Indices, K, #search{ask = Ask, curve = Curve} = Search) ->
+    Questions = [{M, {N + 1, K}} || M <- Indices, N <- [known(M, Curve)], N < K],
     {How, Answers} = Ask(Questions),
     Search#search{
         curve = lists:foldl(fun add/2, Curve, Answers),
         stopped = Search#search.stopped orelse How =:= stopped
     }.
 
-known(Moment, Curve) ->
+known(Index, Curve) ->
     case Curve of
-        #{Moment := #{futures := N}} -> N;
+        #{Index := #{draws := N}} -> N;
         #{} -> 0
     end.
 
-add({_Moment, #{futures := 0}}, Curve) ->
+add({_Index, #{draws := 0}}, Curve) ->
     Curve;
-add({Moment, Tally}, Curve) ->
-    maps:update_with(Moment, fun(Before) -> sum(Before, Tally) end, Tally, Curve).
+add({Index, Tally}, Curve) ->
+    maps:update_with(Index, fun(Before) -> sum(Before, Tally) end, Tally, Curve).
 
 sum(#{digests := A} = Before, #{digests := B} = Tally) ->
     Numbers = maps:without([digests], Tally),
@@ -135,9 +131,9 @@ sum(#{digests := A} = Before, #{digests := B} = Tally) ->
 
 curve(#search{curve = Curve}) -> lists:keysort(1, maps:to_list(Curve)).
 
-%% The neighbours between which the share rises most, the earliest of equal ones, if more futures
-%% of the same shares can put them apart.
-steepest(#search{futures = K} = Search) ->
+%% The neighbours between which the fraction rises most, the earliest of equal ones, if more
+%% continuations of the same fractions can put them apart.
+steepest(#search{draws = K} = Search) ->
     Known = curve(Search),
     Likely = [
         Step
@@ -151,22 +147,25 @@ steepest(#search{futures = K} = Search) ->
         [] -> none
     end.
 
-scaled(Moment, Most, #search{curve = Curve}) ->
-    case count(maps:get(Moment, Curve)) of
+scaled(Index, Most, #search{curve = Curve}) ->
+    case count(maps:get(Index, Curve)) of
         {Broken, N} when N < Most -> {round(Broken * Most / N), Most};
         Count -> Count
     end.
 
 rises(Curve) ->
     Pairs = pairs(Curve),
-    lists:sort([{share(A) - share(B), {I, J}} || {{I, A}, {J, B}} <- Pairs, share(B) > share(A)]).
+    lists:sort([
+        {fraction(A) - fraction(B), {I, J}}
+     || {{I, A}, {J, B}} <- Pairs, fraction(B) > fraction(A)
+    ]).
 
 pairs([A, B | Rest]) -> [{A, B} | pairs([B | Rest])];
 pairs(_) -> [].
 
-share(Tally) -> starl_sim_proportion:share(count(Tally)).
+fraction(Tally) -> starl_sim_proportion:fraction(count(Tally)).
 
-count(#{broken := Broken, futures := N}) -> {Broken, N}.
+count(#{broken := Broken, draws := N}) -> {Broken, N}.
 
 result(Step, #search{curve = Curve, stopped = Stopped} = Search) ->
     Sure = Step =/= none andalso is_sure(Step, Curve),

@@ -1,28 +1,28 @@
-%% The moments of a run: the order of events and faults, and what lies before each.
--module(starl_sim_moments_tests).
+%% The timeline of a run: the order of events and faults, and what lies before each.
+-module(starl_sim_timeline_tests).
 -include_lib("eunit/include/eunit.hrl").
 
 %% By time, a fault before the events of its time, then by robot, then by number.
 order_test() ->
     ?assertEqual(
         [start, {1, 1}, {1, 2}, cut, {1, 3}, {2, 1}, {2, 2}],
-        [named(starl_sim_moments:entry(I, moments())) || I <- lists:seq(0, 6)]
+        [named(starl_sim_timeline:entry(I, timeline())) || I <- lists:seq(0, 6)]
     ),
-    ?assertEqual(6, starl_sim_moments:last(moments())).
+    ?assertEqual(6, starl_sim_timeline:last(timeline())).
 
-%% A dropped packet is random loss that was made explicit: it begins at no moment.
-drops_are_no_moments_test() ->
+%% A dropped packet is random loss that was made explicit: it is not on the timeline.
+drops_are_not_on_it_test() ->
     Drop = {lost, 0, 9, drop, {1, 2}, #{packet => 3}},
-    ?assertEqual(0, starl_sim_moments:last(starl_sim_moments:new(#{}, [Drop]))).
+    ?assertEqual(0, starl_sim_timeline:last(starl_sim_timeline:new(#{}, [Drop]))).
 
 at_test() ->
     ?assertEqual(
         [0, 2, 2, 5, 6, 6],
-        [starl_sim_moments:at(Us, moments()) || Us <- [-1, 0, 2999, 3000, 4000, 99999]]
+        [starl_sim_timeline:at(Us, timeline()) || Us <- [-1, 0, 2999, 3000, 4000, 99999]]
     ).
 
 before_test() ->
-    Before = fun(I) -> starl_sim_moments:before(I, moments()) end,
+    Before = fun(I) -> starl_sim_timeline:before(I, timeline()) end,
     ?assertEqual(#{robots => #{}, faults => []}, Before(0)),
     ?assertEqual(#{robots => #{1 => {2, 12}}, faults => []}, Before(2)),
     ?assertEqual(#{robots => #{1 => {2, 12}}, faults => [cut()]}, Before(3)),
@@ -30,14 +30,14 @@ before_test() ->
 
 following_test() ->
     Following = fun(I, Robots, Most) ->
-        [named(E) || E <- starl_sim_moments:following(I, Robots, Most, moments())]
+        [named(E) || E <- starl_sim_timeline:following(I, Robots, Most, timeline())]
     end,
     ?assertEqual([{2, 1}, {2, 2}], Following(2, [2], 3)),
     ?assertEqual([{1, 2}, {1, 3}], Following(1, [], 2)),
     ?assertEqual([], Following(6, [], 2)).
 
-moments() ->
-    starl_sim_moments:new(
+timeline() ->
+    starl_sim_timeline:new(
         #{
             1 => [event(1, 0, 11), event(2, 0, 12), event(3, 3000, 13)],
             2 => [event(1, 3000, 21), event(2, 4000, 22)]
