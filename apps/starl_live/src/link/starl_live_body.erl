@@ -10,7 +10,7 @@
 -behaviour(starl_driver).
 -behaviour(starl_platform).
 
--export([new/1, at/1, now_us/1, moment/1, tell_start/2, hear/2, input/2, snapshot/2, flush/1]).
+-export([new/1, at/1, now_us/1, moment/1, tell_start/2, hear/2, flush/1]).
 -export([figures/1, counts/1, line/2]).
 -export([handles/4, clock/1, present/1, base/3, trace/3, plan/5, due_us/2, store/3, ended/2]).
 -export([perform/3, stop/1, reload/3, take_back/3, fallen/3, gone/3]).
@@ -27,7 +27,6 @@
     store := starl_live_store:t(),
     random => random(),
     tell => step | at_once,
-    snapshots_us => pos_integer() | none,
     atom() => term()
 }.
 
@@ -67,8 +66,7 @@
     counts = starl_live_counts:new() :: starl_live_counts:t(),
     result = running :: starl_live_witnesses:result(),
     %% the machines of whose calls histories are kept
-    histories = [] :: [starl_machine:name()],
-    snapshots :: starl_live_snapshots:t()
+    histories = [] :: [starl_machine:name()]
 }).
 
 -opaque t() :: #body{}.
@@ -95,7 +93,6 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store} = Confi
         random = maps:get(random, Config, fun(_Name, _Incarnation) -> rand:seed_s(exsss) end),
         tell = maps:get(tell, Config, step),
         histories = starl_live_codes:histories(Config),
-        snapshots = starl_live_snapshots:new(maps:get(snapshots_us, Config, none)),
         now = starl_live_clock:now_us(Clock)
     }.
 
@@ -136,42 +133,6 @@ moment(#body{store = Store, clock = Clock, random = Random}) ->
 tell_start(Names, #body{now = Now, witnesses = Witnesses}) ->
     starl_live_witnesses:started(Now, Names, Witnesses).
 
-%% -- snapshots ------------------------------------------------------------------------------
-
-%% @doc Tells what comes to the robot, from its first snapshot on.
--spec input(starl_live_snapshots:input(), t()) -> t().
-input(Input, #body{id = Id, now = Now, traces = Traces, snapshots = Snapshots} = Body) ->
-    case starl_live_snapshots:input(Input, Now, Snapshots) of
-        [] -> Body;
-        [Fact] -> Body#body{traces = [{Now, Id, snapshot, Fact} | Traces]}
-    end.
-
-%% @doc Tells a snapshot of the robot, between two events.
--spec snapshot(starl_live_snapshots:given(), t()) -> t().
-snapshot({ok, {Machines, #{timers := Running} = Parts}}, #body{timers = Timers} = Body) ->
-    {Dues, Left} = starl_live_timers:running([Mark || {_, _, Mark} <- Running], Timers),
-    Snapshot = #{
-        at_us => Body#body.now,
-        machines => Machines,
-        parts => Parts,
-        dues => Dues,
-        marks => starl_live_timers:marks(Left),
-        stored => stored(Body),
-        script => starl_live_snapshots:script(Body#body.snapshots),
-        result => Body#body.result
-    },
-    told(starl_live_snapshots:encoded(Snapshot), Body#body{timers = Left});
-snapshot({error, _} = Error, Body) ->
-    told(Error, Body).
-
-told(Told, #body{id = Id, now = Now, traces = Traces, snapshots = Before} = Body) ->
-    Snapshots = starl_live_snapshots:taken(Told, Before),
-    Body#body{snapshots = Snapshots, traces = [{Now, Id, snapshot, Told} | Traces]}.
-
-stored(#body{codes = Codes, store = Store}) ->
-    Names = starl_live_codes:machines(Codes),
-    maps:from_list([{N, Term} || N <- Names, {stored, Term} <- [starl_live_store:kept(N, Store)]]).
-
 %% -- events from outside --------------------------------------------------------------------
 
 %% @doc The events of the robot that a message of its lines is.
@@ -197,9 +158,7 @@ perform({sense, Robots, Tag}, Name, Body) ->
 perform({feel, Kind, Tag}, Name, Body) ->
     {[], out({feel, Kind, {Name, Kind, Tag}}, Body)};
 perform({drive, Script, Mark}, Name, #body{now = Now} = Body) ->
-    Out = {drive, Script, Now + ?LATEST_US, {Name, Mark}},
-    Kept = starl_live_snapshots:drives(Now, Script, {Name, Mark}, Body#body.snapshots),
-    {[], out(Out, Body#body{snapshots = Kept})};
+    {[], out({drive, Script, Now + ?LATEST_US, {Name, Mark}}, Body)};
 perform({actuate, Device, Value}, _Name, Body) ->
     {[], out({actuate, Device, Value, none}, Body)};
 perform({actuate, Device, Value, Mark}, Name, Body) ->
@@ -321,11 +280,11 @@ late({Name, _Mark} = Owner, #body{late = Late} = Body) ->
 handles(Name, boot, _Content, #body{events = Events} = Body0) ->
     #body{now = Now, codes = Codes} = Body = at(Body0),
     {Told, Begun} = starl_live_codes:started(Name, Now, Codes),
-    input({other, boot}, all_reloaded(Told, Name, Body#body{events = Events + 1, codes = Begun}));
+    all_reloaded(Told, Name, Body#body{events = Events + 1, codes = Begun});
 handles(app, info, {sensed, _} = Sensed, #body{events = Events} = Body) ->
-    trace(chassis, Sensed, input(now, (at(Body))#body{events = Events + 1}));
+    trace(chassis, Sensed, (at(Body))#body{events = Events + 1});
 handles(_Name, _Type, _Content, #body{events = Events} = Body) ->
-    input(now, (at(Body))#body{events = Events + 1}).
+    (at(Body))#body{events = Events + 1}.
 
 %% @doc The time at which the present step began, by the robot's clock.
 -spec clock(t()) -> integer().
@@ -348,8 +307,7 @@ base(Name, Incarnation, #body{id = Id, participants = Team, now = Now, store = S
         random => Random(Name, Incarnation),
         team_seed => Seed,
         now => Now,
-        histories => Body#body.histories,
-        snapshots => starl_live_snapshots:are_told(Body#body.snapshots)
+        histories => Body#body.histories
     }.
 
 %% An application looks at the clock itself when it is told of a grant.

@@ -5,7 +5,6 @@
 -export([
     new/1,
     histories/1,
-    machines/1,
     code/2,
     reload/3,
     take_back/3,
@@ -61,10 +60,6 @@ histories(#{parts := Parts}) ->
 has_history(Module) ->
     {module, Module} = code:ensure_loaded(Module),
     erlang:function_exported(Module, has_history, 0) andalso Module:has_history().
-
-%% @doc The robot's machines.
--spec machines(t()) -> [starl_machine:name()].
-machines(#codes{parts = Parts}) -> maps:keys(Parts).
 
 %% @doc The code that a machine starts with ({@link starl_reload:code/2}).
 -spec code(starl_machine:name(), t()) -> map().

@@ -62,8 +62,6 @@
     packets => boolean(),
     observe => starl_observer:t(),
     inline => boolean(),
-    %% a snapshot of the robot is told this often, and all that comes to it
-    snapshots_us => pos_integer() | none,
     random => starl_live_body:random(),
     tell => step | at_once
 }.
@@ -81,9 +79,7 @@
 
 -record(link, {
     turns :: starl_live_turns:t(),
-    clock :: starl_live_clock:t(),
-    %% the period of snapshots
-    snapshots :: pos_integer() | none
+    clock :: starl_live_clock:t()
 }).
 
 %% @doc Starts the link, its lines, and then the robot's machines.
@@ -151,10 +147,8 @@ handle_continue(launch, #{clock := Clock, store := Store} = Opened) ->
     case starl_live_launch:machines(Opened) of
         {ok, Robot, Tree} ->
             Turns = starl_live_turns:new(Robot, Tree, Store),
-            Us = maps:get(snapshots_us, Opened, none),
-            Link = #link{turns = Turns, clock = Clock, snapshots = Us},
+            Link = #link{turns = Turns, clock = Clock},
             ok = watch_later(Link),
-            ok = due_later(Link),
             {noreply, Link#link{turns = starl_live_turns:start(Turns)}};
         {stop, Reason} ->
             {stop, Reason, Opened}
@@ -162,15 +156,6 @@ handle_continue(launch, #{clock := Clock, store := Store} = Opened) ->
 
 watch_later(#link{clock = Clock}) ->
     _ = starl_live_clock:send_after(starl_live_watch:period_ms(), watch, Clock),
-    ok.
-
-%% By the run's clock, so that all robots tell theirs at about the same time.
-due_later(#link{snapshots = none}) ->
-    ok;
-due_later(#link{snapshots = Us, clock = Clock}) ->
-    Now = starl_live_clock:now_us(Clock),
-    Ms = starl_live_clock:monotonic_ms((Now div Us + 1) * Us, Clock),
-    _ = starl_live_clock:start_timer(Ms, snapshot, [{abs, true}], Clock),
     ok.
 
 -spec handle_call(inspect | figures | metrics | {line, atom()}, gen_server:from(), #link{}) ->
@@ -222,9 +207,6 @@ handle_info({starl_attach, _, Name, _} = Attach, #link{turns = Turns} = Link) ->
     end;
 handle_info({'DOWN', _, process, Pid, Reason}, Link) ->
     down(Pid, Reason, Link);
-handle_info({timeout, _, snapshot}, #link{turns = Turns} = Link) ->
-    ok = due_later(Link),
-    next(starl_live_turns:picture(Turns), Link);
 handle_info(watch, #link{turns = Turns} = Link) ->
     ok = watch_later(Link),
     next(starl_live_turns:watch(Turns), Link);

@@ -1,20 +1,17 @@
 %% @doc The timers of a live robot, by their marks. The link gets a message when a timer is due.
 -module(starl_live_timers).
 
--export([new/0, plan/4, due_us/3, running/2, marks/1]).
+-export([new/0, plan/4, due_us/3]).
 
--export_type([t/0, due/0, timer/0]).
+-export_type([t/0, timer/0]).
 
 %% A machine's timer, its time from now on, and its event.
 -type timer() ::
     {starl_machine:name(), starl_robot_timers:timer(), Us :: non_neg_integer(), Content :: term()}.
 
-%% A timer's event.
--type due() :: {DueUs :: integer(), starl_machine:name(), starl_robot_timers:timer(), term()}.
-
 -record(timers, {
     next = 0 :: non_neg_integer(),
-    dues = #{} :: #{starl_robot_timers:mark() => due()}
+    dues = #{} :: #{starl_robot_timers:mark() => DueUs :: integer()}
 }).
 
 -opaque t() :: #timers{}.
@@ -32,21 +29,11 @@ plan({Name, Timer, Us, Content}, Now, Clock, #timers{next = Mark, dues = Dues}) 
     Message = {starl_timer, Name, Timer, Mark, Content},
     At = max(Due, starl_live_clock:monotonic_time(millisecond, Clock)),
     _ = starl_live_clock:start_timer(At, Message, [{abs, true}], Clock),
-    {Mark, #timers{next = Mark + 1, dues = Dues#{Mark => {Now + Us, Name, Timer, Content}}}}.
+    {Mark, #timers{next = Mark + 1, dues = Dues#{Mark => Now + Us}}}.
 
 %% @doc When the first of these timers, which run, was due; the present time, if none is. All others are
 %% forgotten.
 -spec due_us([starl_robot_timers:mark()], NowUs :: integer(), t()) -> {DueUs :: integer(), t()}.
-due_us(Running, Now, Before) ->
-    {Dues, Timers} = running(Running, Before),
-    {maps:fold(fun(_Mark, {Due, _, _, _}, Us) -> min(Due, Us) end, Now, Dues), Timers}.
-
-%% @doc These timers, which run. All others are forgotten.
--spec running([starl_robot_timers:mark()], t()) -> {#{starl_robot_timers:mark() => due()}, t()}.
-running(Running, #timers{dues = Dues} = Timers) ->
+due_us(Running, Now, #timers{dues = Dues} = Timers) ->
     Left = maps:with(Running, Dues),
-    {Left, Timers#timers{dues = Left}}.
-
-%% @doc The number of marks so far.
--spec marks(t()) -> non_neg_integer().
-marks(#timers{next = Next}) -> Next.
+    {lists:min([Now | maps:values(Left)]), Timers#timers{dues = Left}}.

@@ -7,7 +7,7 @@
 -module(starl_live_turns).
 
 -export([
-    new/3, start/1, waits/2, picture/1, answered/3, late/2, hear/2, sense_faults/2, down/3, watch/1
+    new/3, start/1, waits/2, answered/3, late/2, hear/2, sense_faults/2, down/3, watch/1
 ]).
 -export([robot/1, machine/2, gauges/1, processes/1, at_work/1]).
 
@@ -37,8 +37,6 @@
     watch = starl_live_watch:new() :: starl_live_watch:t(),
     %% the number of turns
     number = 0 :: non_neg_integer(),
-    %% is a snapshot due?
-    is_due = false :: boolean(),
     %% when timers were late last
     late_us = 0 :: integer()
 }).
@@ -103,10 +101,6 @@ name(Pid, Turns) ->
 
 %% -- what comes -----------------------------------------------------------------------------
 
-%% @doc A snapshot of the robot is due.
--spec picture(t()) -> t().
-picture(Turns) -> work(Turns#turns{is_due = true}).
-
 %% @doc A process has answered with its machine's actions.
 -spec answered(pid(), [starl_machine:action()], t()) -> t().
 answered(Pid, Actions, #turns{beside = Beside} = Turns) when is_map_key(Pid, Beside) ->
@@ -119,8 +113,7 @@ answered(Pid, Actions, #turns{robot = Robot} = Turns) ->
 
 %% @doc A line was too late with what a machine has sent.
 -spec late({starl_machine:name(), Mark :: term()}, t()) -> t().
-late({Name, Mark}, Before) ->
-    #turns{robot = Robot} = Turns = input({other, late}, Before),
+late({Name, Mark}, #turns{robot = Robot} = Turns) ->
     go_on(Turns#turns{robot = starl_robot:first([{Name, info, {late, Mark}}], Robot)}).
 
 %% @doc From now on the robot's senses have these faults, and no others.
@@ -165,46 +158,26 @@ waits(Event, #turns{waiting = Waiting} = Turns) ->
 work(#turns{robot = Robot, waiting = Waiting} = Turns) ->
     case starl_robot:busy(Robot) =:= none andalso queue:out(Waiting) of
         false -> Turns;
-        _ when Turns#turns.is_due -> work(pictured(Turns#turns{is_due = false}));
         {empty, _} -> Turns;
         {{value, Event}, Left} -> handle(Event, Turns#turns{waiting = Left})
     end.
 
-%% The robot is quiet. An application that computes is asked another time.
-pictured(#turns{robot = Robot, beside = Beside} = Turns) ->
-    Machines = starl_robot:machines(Robot),
-    Told =
-        case map_size(Beside) =:= 0 andalso starl_robot_tree:snapshot(Machines) of
-            false -> {error, at_work};
-            {ok, Kept} -> {ok, {Kept, starl_robot:parts(Robot)}};
-            {error, _} = Error -> Error
-        end,
-    Body = starl_live_body:snapshot(Told, starl_live_body:at(starl_robot:world(Robot))),
-    flushed(starl_robot:world(Body, Robot), Turns).
-
-input(Input, #turns{robot = Robot} = Turns) ->
-    Turns#turns{
-        robot = starl_robot:world(starl_live_body:input(Input, starl_robot:world(Robot)), Robot)
-    }.
-
 handle({event, {Name, Type, Content}}, Turns) ->
-    {Body0, #turns{robot = Robot} = Now} = at_event(Turns),
-    Body = starl_live_body:input({event, Name, Type, Content}, Body0),
+    {Body, #turns{robot = Robot} = Now} = at_event(Turns),
     Noted = starl_live_body:handles(Name, Type, Content, Body),
     went(starl_robot:event(Name, Type, Content, Noted, Robot), Now);
 handle({reload, Order, Reporter}, Turns) ->
-    {Body, Now} = at_event(input({other, reload}, Turns)),
+    {Body, Now} = at_event(Turns),
     {Words, Next} = starl_live_body:reload(Order, Reporter, Body),
     heeded(Words, Next, Now);
 handle({take_back, N, Failed}, Turns) ->
-    {Body, Now} = at_event(input({other, reload}, Turns)),
+    {Body, Now} = at_event(Turns),
     {Words, Next} = starl_live_body:take_back(N, Failed, Body),
     heeded(Words, Next, Now);
 handle({timer, Name, Timer, Mark, Content}, #turns{robot = Robot} = Turns) ->
     case starl_robot:expire(Name, Timer, Mark, Robot) of
         {ok, Type, Left} ->
-            {Body0, Now} = at_event(Turns),
-            Body = starl_live_body:input({timer, Name, Timer, Mark, Content}, Body0),
+            {Body, Now} = at_event(Turns),
             Noted = starl_live_body:handles(Name, Type, Content, Body),
             went(starl_robot:fire(Name, Type, Content, Noted, Left, Now#turns.robot), Now);
         stale ->
@@ -219,8 +192,7 @@ handle({acts, Pid, Actions}, Turns) ->
 acted(Pid, Actions, #turns{beside = Beside} = Turns) ->
     case {Beside, starl_robot_machines:name_of(Pid, machines(Turns))} of
         {#{Pid := {_, Orders}}, {ok, Name}} ->
-            {Body0, #turns{robot = Robot} = Now} = at_event(Turns),
-            Body = starl_live_body:input(acts, Body0),
+            {Body, #turns{robot = Robot} = Now} = at_event(Turns),
             Idle = Now#turns{beside = Beside#{Pid := {idle, Orders}}},
             Valid = starl_robot_actions:without_calls(starl_driver:restarted(Orders), Actions),
             Answered = Idle#turns{watch = starl_live_watch:answered(Pid, Idle#turns.watch)},
@@ -290,17 +262,13 @@ ask(Pid, Order, {[], Body}, Robot, Turns) ->
     Pid ! Order,
     Turns#turns{robot = starl_robot:world(Body, Robot)};
 ask(_Pid, Order, {[_ | _] = Late, Body}, Robot, Turns) ->
-    Waits = starl_robot:put_off(Order, starl_robot:world(heeds(Late, Body), Robot)),
+    Waits = starl_robot:put_off(Order, starl_robot:world(Body, Robot)),
     went(starl_robot:run(starl_robot:first(Late, Waits)), Turns).
 
 %% A machine learns that something of its step was late before it handles anything else.
 flushed(Robot, Turns) ->
-    {Late, Flushed} = starl_live_body:flush(starl_robot:world(Robot)),
-    Body = heeds(Late, Flushed),
+    {Late, Body} = starl_live_body:flush(starl_robot:world(Robot)),
     Turns#turns{robot = starl_robot:first(Late, starl_robot:world(Body, Robot))}.
-
-heeds([], Body) -> Body;
-heeds([_ | _], Body) -> starl_live_body:input({other, late}, Body).
 
 next(#turns{robot = Robot} = Turns) ->
     case starl_robot:status(Robot) of
@@ -314,12 +282,7 @@ order_next(#turns{beside = Beside} = Turns) ->
     Body = starl_live_body:at(starl_robot:world(Turns#turns.robot)),
     Now = starl_live_body:now_us(Body),
     Next = maps:filtermap(fun(Pid, Work) -> ordered(Pid, Work, Now) end, Beside),
-    Told = lists:foldl(
-        fun(_, B) -> starl_live_body:input(order, B) end,
-        Body,
-        [Pid || {Pid, {idle, [_ | _]}} <- maps:to_list(Beside)]
-    ),
-    Turns#turns{beside = Next, robot = starl_robot:world(Told, Turns#turns.robot)}.
+    Turns#turns{beside = Next, robot = starl_robot:world(Body, Turns#turns.robot)}.
 
 ordered(_Pid, {at_work, _}, _Now) ->
     true;
@@ -355,9 +318,8 @@ down(Pid, Reason, Turns) ->
 
 %% The link waits until the machine has been restarted, or given up. Whoever told the robot of new code
 %% learns that it has failed also from a link that ends with it.
-crashed(Name, Reason, Turns0) ->
-    #turns{robot = Robot0, tree = Tree, beside = Beside, store = Store} =
-        Turns = input({other, crashed}, Turns0),
+crashed(Name, Reason, #turns{robot = Robot0, tree = Tree, beside = Beside} = Turns) ->
+    #turns{store = Store} = Turns,
     Gone = starl_robot_machines:process(Name, starl_robot:machines(Robot0)),
     Cause = starl_crash:cause(Reason),
     Body = starl_live_body:fallen(

@@ -57,7 +57,6 @@
     watch => [{module(), map()}],
     observe => starl_observer:t(),
     packets => boolean(),
-    snapshots_us => pos_integer(),
     recorder => starl_observer:recorder(),
     rate_hz => number() | none,
     chassis => starl_world_chassis:lines(),

@@ -39,7 +39,6 @@
     watch => [{module(), map()}],
     observe => starl_observer:t(),
     packets => boolean(),
-    snapshots_us => pos_integer(),
     dir := file:filename(),
     rate_hz => number() | none,
     chassis => starl_world_chassis:lines(),

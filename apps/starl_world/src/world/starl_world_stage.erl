@@ -72,8 +72,7 @@ robot(Id, #{plan := Plan, clock := Clock, world := World, transport := Line, opt
         positioning => {starl_world_sight, (maps:with([placing], Plan))#{world => World}},
         chassis => starl_world_chassis:line(Id, World, Options),
         sink => World,
-        packets => maps:get(packets, Options, false),
-        snapshots_us => maps:get(snapshots_us, Options, none)
+        packets => maps:get(packets, Options, false)
     }.
 
 %% @doc The start parameters of a robot on a node of its own, which records its facts there, too.
