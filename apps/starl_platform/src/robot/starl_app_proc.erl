@@ -4,10 +4,8 @@
 %% {@link starl_driver}.
 -module(starl_app_proc).
 
--export([start_link/1, init/1, waiting/1, snapshot/1, restore/2]).
+-export([start_link/1, init/1, waiting/1]).
 
-%% The time that an application may take to come back to where it was, in real time.
--define(PATIENCE_MS, 30000).
 %% The time between two attempts to carry a state over into other code.
 -define(OTHER_CODE_US, 1000000).
 
@@ -30,40 +28,17 @@ init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := D
     logger:set_process_metadata(#{domain => [starl, robot], robot => Id, machine => app}),
     _ = starl_driver:attach(Driver, Id, app),
     proc_lib:init_ack({ok, self()}),
-    started(Id, Robot, Module, Args, Driver).
-
-started(Id, Robot, Module, Args, Driver) ->
     receive
-        {starl_snapshot, From, Ref} ->
-            From ! {Ref, {ok, waiting}},
-            started(Id, Robot, Module, Args, Driver);
-        {starl_restore, From, Ref, Snapshot} ->
-            At = starl_app_turn:restore({Id, Driver}, {From, Ref}, Snapshot),
-            resumed(At, Robot, Args);
         {starl_boot, Boot} ->
             ok = starl_app_turn:start(Id, Module, Driver, Boot),
             run(Robot, Args)
     end.
 
+%% Every kind of crash carries its stack.
 run(Robot, Args) ->
     Module = starl_app_code:module(starl_app_turn:code()),
-    guarded(fun() ->
-        ok = starl_app_turn:begun(init),
-        loop(Robot, Module, Module:init(Robot, Args), starl_app_code:version(Module))
-    end).
-
-resumed(init, Robot, Args) ->
-    run(Robot, Args);
-resumed({step, {Module, State, Version}}, Robot, _Args) ->
-    {module, Module} = code:ensure_loaded(Module),
-    guarded(fun() -> loop(Robot, Module, State, Version) end);
-resumed(over, _Robot, _Args) ->
-    guarded(fun starl_app_turn:over/0).
-
-%% Every kind of crash carries its stack.
-guarded(Run) ->
     try
-        Run()
+        loop(Robot, Module, Module:init(Robot, Args), starl_app_code:version(Module))
     catch
         Class:Reason:Stack ->
             Steps = starl_app_turn:steps(),
@@ -81,39 +56,9 @@ waiting(Pid) ->
             {nothing, []}
     end.
 
-%% @doc The application in this process as data, while the process is at rest. The boot message says
-%% whether snapshots are taken.
--spec snapshot(pid()) ->
-    {ok, starl_app_replay:snapshot() | waiting} | {error, starl_snapshot:reason()}.
-snapshot(Pid) ->
-    Ref = erlang:monitor(process, Pid, [{alias, reply_demonitor}]),
-    Pid ! {starl_snapshot, Ref, Ref},
-    receive
-        {Ref, Answer} -> Answer;
-        {'DOWN', Ref, process, Pid, _} -> {error, gone}
-    end.
-
-%% @doc Lets an application that has started, and waits for its boot, go on from a snapshot. Returns when
-%% it waits where it waited then.
--spec restore(pid(), starl_app_replay:snapshot()) -> ok | {error, Reason :: term()}.
-restore(Pid, Snapshot) ->
-    Ref = erlang:monitor(process, Pid),
-    Pid ! {starl_restore, self(), Ref, Snapshot},
-    receive
-        {Ref, restored} ->
-            true = erlang:demonitor(Ref, [flush]),
-            ok;
-        {'DOWN', Ref, process, Pid, Reason} ->
-            {error, Reason}
-    after ?PATIENCE_MS ->
-        true = erlang:demonitor(Ref, [flush]),
-        {error, no_answer}
-    end.
-
 %% -- steps ----------------------------------------------------------------------------------
 
 loop(Robot, Module0, State0, Version0) ->
-    ok = starl_app_turn:begun({step, {Module0, State0, Version0}}),
     {Module, State1, Version1} = switched({Module0, State0, Version0}),
     {State, Version} = upgrade(Module, State1, Version1),
     case attempted(Robot, Module, State) of

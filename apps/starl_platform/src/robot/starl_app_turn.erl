@@ -1,9 +1,8 @@
 %% @doc The turn of a sequential application. It holds the clock, the random numbers and the actions
 %% that the application has not yet handed back to its driver. A blocking call
 %% ({@link starl_app_call}) hands them back and waits for its event. Parts of the turn hold the
-%% rest: the messages that arrive meanwhile ({@link starl_app_inbox}), the code
-%% ({@link starl_app_code}), and the events that a snapshot has to replay
-%% ({@link starl_app_replay}).
+%% rest: the messages that arrive meanwhile ({@link starl_app_inbox}) and the code
+%% ({@link starl_app_code}).
 %%
 %% The turn is kept in the process dictionary, under one key. The application's own functions lie
 %% between the calls on the stack, so no state can be passed through them. {@link starl_app_proc}
@@ -12,12 +11,10 @@
 
 -export([perform/1, store/1, stored/0, now/0, present/0, random/0, listen/1, application/0]).
 -export([wait/1, new_tag/1, take/1, read/1, history/2, given_up/0]).
--export([start/4, restore/3, waits/1]).
--export([begun/1, step/0, count/1, stepped/0, steps/0, take_back/3, code/0, code/2, over/0]).
+-export([start/4, waits/1]).
+-export([step/0, count/1, stepped/0, steps/0, take_back/3, code/0, code/2, over/0]).
 
 -define(TURN, starl_turn).
-%% Where its step began, if snapshots are taken.
--define(BEGUN, starl_begun).
 %% The largest number of actions and steps in one moment of the robot's clock.
 -define(MOMENT_LIMIT, 100000).
 
@@ -44,11 +41,7 @@
     %% the application is done
     over = false :: boolean(),
     %% the machines of whose calls a history is kept
-    histories = [] :: [starl_machine:name()],
-    %% what has come since the step began, if snapshots are taken
-    log = none :: starl_app_replay:t() | none,
-    %% what is still to come again, until the application is where the snapshot was taken
-    replay = none :: {From :: pid(), reference(), [starl_app_replay:entry()]} | none
+    histories = [] :: [starl_machine:name()]
 }).
 
 %% @doc The first turn of an application, by the boot of its driver.
@@ -64,20 +57,9 @@ start(Id, Module, Driver, Boot) ->
         stored = Stored,
         tag = {Incarnation, 0},
         code = starl_app_code:new(maps:get(code, Boot, starl_lineage:new(Module))),
-        histories = maps:get(histories, Boot, []),
-        log = starl_app_replay:new(maps:get(snapshots, Boot, false))
+        histories = maps:get(histories, Boot, [])
     }),
     ok.
-
-%% @doc The turn of a snapshot, with the events that are still to be replayed, and the process that
-%% is notified when all have come.
--spec restore({starl:robot_id(), Driver}, {From, reference()}, starl_app_replay:snapshot()) ->
-    starl_app_replay:place()
-when
-    Driver :: pid(), From :: pid().
-restore({Id, Driver}, {From, Ref}, #{turn := #turn{} = Turn, at := At, log := Log}) ->
-    _ = put(?TURN, Turn#turn{robot = Id, driver = Driver, replay = {From, Ref, Log}}),
-    At.
 
 %% @doc The application that runs in this process; `none': it is no process of an application.
 -spec application() -> module() | none.
@@ -96,32 +78,6 @@ waits(Dictionary) ->
     end.
 
 %% -- the steps ------------------------------------------------------------------------------
-
-%% @doc A step begins here, before the first, or after the last: a snapshot takes it anew.
--spec begun(starl_app_replay:place()) -> ok.
-begun(Where) ->
-    case turn() of
-        #turn{log = none} ->
-            ok;
-        Turn ->
-            Begun = Turn#turn{log = starl_app_replay:new(true)},
-            _ = put(?BEGUN, {Where, Begun#turn{clock = none, replay = none}}),
-            _ = put(?TURN, Begun),
-            ok
-    end.
-
-taken() ->
-    #turn{log = Log} = get(?TURN),
-    case Log =/= none andalso starl_app_replay:entries(Log) of
-        {ok, Entries} ->
-            {Where, Turn} = get(?BEGUN),
-            {ok, #{turn => setelement(#turn.driver, Turn, none), at => Where, log => Entries}};
-        _ ->
-            {error, long_step}
-    end.
-
-logged(_Entry, #turn{log = none} = Turn) -> Turn;
-logged(Entry, #turn{log = Log} = Turn) -> Turn#turn{log = starl_app_replay:add(Entry, Log)}.
 
 %% @doc The code of the application.
 -spec code() -> starl_app_code:t().
@@ -174,7 +130,6 @@ take_back(Cause, Module, State) ->
 %% @doc The application takes no step any more.
 -spec over() -> no_return().
 over() ->
-    ok = begun(over),
     _ = put(?TURN, (turn())#turn{over = true}),
     hear_all(turn()),
     wait(fun(_, _) -> skip end).
@@ -254,15 +209,8 @@ now() -> (turn())#turn.now.
 -spec present() -> integer().
 present() ->
     case turn() of
-        #turn{replay = {From, Ref, [{clock, Us} = Entry | Log]}} = Turn ->
-            _ = put(?TURN, logged(Entry, Turn#turn{replay = {From, Ref, Log}})),
-            Us;
-        #turn{clock = none, now = Now} ->
-            Now;
-        #turn{clock = Clock, now = Now} = Turn ->
-            Us = max(Now, Clock()),
-            _ = put(?TURN, logged({clock, Us}, Turn)),
-            Us
+        #turn{clock = none, now = Now} -> Now;
+        #turn{clock = Clock, now = Now} -> max(Now, Clock())
     end.
 
 %% @doc A number in `0.0 =< X < 1.0' from the application's own random stream.
@@ -322,38 +270,20 @@ new_tag(Waits) ->
 
 %% -- waiting --------------------------------------------------------------------------------
 
-%% @doc Hands the gathered actions back and takes events until Match accepts one. What a snapshot knows to be
-%% done is not done again.
+%% @doc Hands the gathered actions back and takes events until Match accepts one.
 -spec wait(fun((starl_machine:event_type(), term()) -> skip | term())) -> term().
 wait(Match) ->
-    case get(?TURN) of
-        #turn{replay = none, robot = Id, driver = Driver, actions = Actions} = Turn ->
-            _ = starl_driver:done(Driver, Id, lists:reverse(Actions)),
-            awaited(Match, Turn);
-        #turn{replay = {From, Ref, []}} = Turn ->
-            From ! {Ref, restored},
-            _ = put(?TURN, Turn#turn{replay = none, actions = []}),
-            awaited(Match, Turn#turn{replay = none});
-        #turn{replay = {From, Ref, [{event, Type, Content, Now} | Log]}} = Turn ->
-            came(Type, Content, Now, Match, Turn#turn{replay = {From, Ref, Log}});
-        #turn{replay = {_, _, [{clock, _} | _]}} ->
-            exit(another_way)
-    end.
-
-awaited(Match, Turn) ->
+    #turn{robot = Id, driver = Driver, actions = Actions} = Turn = get(?TURN),
+    _ = starl_driver:done(Driver, Id, lists:reverse(Actions)),
     receive
-        {starl_step, Type, Content, #{now := Now}} ->
-            came(Type, Content, Now, Match, Turn);
-        {starl_snapshot, From, Ref} ->
-            From ! {Ref, taken()},
-            awaited(Match, Turn)
+        {starl_step, Type, Content, #{now := Now}} -> came(Type, Content, Now, Match, Turn)
     end.
 
 came(code, Word, Now, Match, Turn) ->
-    ok = hear(Word, handed_back(Now, logged({event, code, Word, Now}, Turn))),
+    ok = hear(Word, handed_back(Now, Turn)),
     wait(Match);
 came(Type0, Content0, Now, Match, Turn) ->
-    _ = put(?TURN, handed_back(Now, logged({event, Type0, Content0, Now}, Turn))),
+    _ = put(?TURN, handed_back(Now, Turn)),
     #turn{robot = Id, inbox = Inbox} = Turn,
     {Type, Content} = starl_app_inbox:sensed(Type0, Content0, Id, Inbox),
     heed(Type, Content),

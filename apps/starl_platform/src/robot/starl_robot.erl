@@ -12,13 +12,13 @@
 -module(starl_robot).
 
 -export([
-    new/4, parts/1, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1
+    new/4, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1
 ]).
 -export([run/1, status/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
 -export([put_off/2, leave/1, act/4, stand_still/3, go_on/1, standing/1]).
 -export([lost/3, attach/3, back/3, first/2, then/2, die/2, go_down/1, come_up/2]).
 
--export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0, standing/0, parts/0]).
+-export_type([t/0, turn/0, local/0, world/0, condition/0, ended/0, standing/0]).
 
 %% A local event: a machine handles an event, or boots.
 -type local() :: starl_robot_loop:local().
@@ -60,15 +60,6 @@
 %% events that are due after it.
 -type standing() :: {starl_robot_loop:rest(), [local()]}.
 
-%% A robot as data, between two events.
--type parts() :: #{
-    condition := condition(),
-    timers := [{starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark()}],
-    local := [local()],
-    rest := {stands | due, starl_robot_loop:rest()} | none,
-    still := starl_robot_loop:still()
-}.
-
 -opaque t() :: #robot{}.
 
 %% @doc Makes a robot whose machines all boot first.
@@ -81,28 +72,9 @@ new(Id, Driver, World, Machines) ->
         local = starl_robot_machines:boots(Machines)
     }.
 
-%% @doc The state of a robot between two events, besides its machines and its driver's state.
--spec parts(t()) -> parts().
-parts(#robot{condition = Condition, timers = Timers, local = Local, rest = Rest, loop = Loop}) ->
-    #{
-        condition => Condition,
-        timers => starl_robot_timers:to_list(Timers),
-        local => Local,
-        rest => Rest,
-        still => starl_robot_loop:still(Loop)
-    }.
-
-%% @doc Restores a robot that is quiet or is stalled in mid-step; `parts' are those of
-%% {@link parts/1}.
+%% @doc Restores a robot that is quiet or is stalled in mid-step.
 -spec restore(
     #{
-        id := starl:robot_id(),
-        driver := module(),
-        world := world(),
-        machines := starl_robot_machines:t(),
-        parts := parts()
-    }
-    | #{
         id := starl:robot_id(),
         driver := module(),
         world := world(),
@@ -112,11 +84,6 @@ parts(#robot{condition = Condition, timers = Timers, local = Local, rest = Rest,
         standing => standing() | none
     }
 ) -> t().
-restore(#{parts := Parts} = Given) ->
-    #{condition := Condition, timers := Timers, local := Due, rest := Rest, still := Still} = Parts,
-    Running = starl_robot_timers:from_list(Timers),
-    Quiet = restore((maps:remove(parts, Given))#{condition => Condition, timers => Running}),
-    still(Still, Quiet#robot{local = Due, rest = Rest});
 restore(#{id := Id, driver := Driver, world := World, machines := Machines} = Given) ->
     #{condition := Condition, timers := Timers} = Given,
     Quiet = #robot{

@@ -5,7 +5,7 @@
 %% Pure; a part of {@link starl_robot}, which keeps what a turn of the loop returns.
 -module(starl_robot_loop).
 
--export([new/2, id/1, driver/1, pace/2, still/1, still/2]).
+-export([new/2, id/1, driver/1, pace/2, still/2]).
 -export([next/5, step/8, stepped/7, perform/7, resume/6]).
 
 -export_type([t/0, local/0, rest/0, still/0, outcome/0, turn/0]).
@@ -86,10 +86,6 @@ driver(#loop{driver = Driver}) -> Driver.
 %% @doc Sets whether it goes on until the robot is quiet, or pauses after each event.
 -spec pace(on | single, t()) -> t().
 pace(Pace, Loop) -> Loop#loop{pace = Pace}.
-
-%% @doc In which step is the robot to stall?
--spec still(t()) -> still().
-still(#loop{still = Still}) -> Still.
 
 %% @doc Sets that the robot is to stall in this step.
 -spec still(still(), t()) -> t().
