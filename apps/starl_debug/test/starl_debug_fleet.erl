@@ -85,8 +85,6 @@ is_away(Robot, At, Away) ->
 
 told({_, _, chassis, _}, _Away) ->
     [];
-told({_, _, snapshot, _}, _Away) ->
-    [];
 told({At, From, radio, {packet, To, Brief, Bytes, Fate}}, Away) ->
     %% a packet names the lives of both
     Lives = [length([x || {Since, _} <- maps:get(R, Away, []), Since =< At]) || R <- [From, To]],

@@ -47,18 +47,6 @@ options_test() ->
         lines(fleet(#{options => #{loss => 0.1, spee => 3}}), starl_exercise)
     ).
 
-%% Snapshots lie in the recordings.
-snapshots_test() ->
-    ?assertEqual(
-        ["f.term: snapshots: they are kept in the recordings, and record_mb is 0"],
-        lines(fleet(#{snapshots => 5, record_mb => 0}), starl_exercise)
-    ),
-    ?assertMatch(
-        {ok, #{snapshots := 5}},
-        starl_fleet_file:check("f.term", fleet(#{snapshots => 5}), starl_exercise)
-    ),
-    ?assertMatch([_], lines(fleet(#{snapshots => 0}), starl_exercise)).
-
 %% A camera's mistakes are told with the robot's number.
 camera_test() ->
     Robot = #{host => "a", camera => #{command => "x", ball_mm => 0}},

@@ -328,18 +328,6 @@ spec_test() ->
     ),
     ?assertNotEqual(Other, maps:get(run, Transport)).
 
-%% With `snapshots' its recordings keep what it is, so often.
-snapshots_test() ->
-    Given = #{name => "lab", app => starl_exercise, robots => #{1 => #{host => "a.b"}}},
-    Place = #{robot => 1, release => "/none", version => "0-a", keys => "k", state => "s"},
-    Kept = fun(More) ->
-        {ok, Fleet} = starl_fleet_file:check("f.term", maps:merge(Given, More), starl_exercise),
-        {ok, Spec} = starl_fleet_node:spec(Place, starl_live_key:new(), Fleet),
-        maps:get(snapshots_us, Spec, none)
-    end,
-    ?assertEqual(none, Kept(#{})),
-    ?assertEqual(2500000, Kept(#{snapshots => 2.5})).
-
 node_name_test() ->
     Robots = #{1 => #{host => "10.0.0.1"}},
     Given = #{name => "lab", app => starl_exercise, robots => Robots, transport => dist},

@@ -73,13 +73,13 @@ by_pid() ->
 
 bad_ways_test_() ->
     [
-        ?_assertEqual({error, {bad_way, Bad}}, starl_lab_execution:parse("process:1," ++ Bad))
+        ?_assertEqual({error, {bad_way, Bad}}, starl_lab_diverge:parse("process:1," ++ Bad))
      || Bad <- ["", "thread:1", "process", "process:0", "inline:1:0", "inline:1:1:1", "inline:x"]
     ] ++
         [
-            ?_assertEqual({error, {one_way, "inline:1"}}, starl_lab_execution:parse("inline:1")),
+            ?_assertEqual({error, {one_way, "inline:1"}}, starl_lab_diverge:parse("inline:1")),
             ?_assertEqual(
                 {ok, [{process, 2, 1}, {inline, 3, 2}]},
-                starl_lab_execution:parse("process:2,inline:3:2")
+                starl_lab_diverge:parse("process:2,inline:3:2")
             )
         ].

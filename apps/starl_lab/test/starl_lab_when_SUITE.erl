@@ -137,7 +137,9 @@ a_run_that_cannot_be_repeated_is_refused(Config) ->
     ok = write(File, Record#{digest := Other}),
     says(2, "the run is not reproducible", ["when", Run, "--at", "1"]),
     ok = write(File, Record#{digest := ""}),
-    says(2, "the run passed in real time", ["when", Run, "--at", "1"]).
+    says(2, "the run passed in real time", ["when", Run, "--at", "1"]),
+    ok = write(File, Record#{ending := stopped}),
+    says(2, "the run was interrupted", ["when", Run, "--at", "1"]).
 
 bad_times(Config) ->
     File = scenario(Config, crashes(900, 1570)),
@@ -145,6 +147,7 @@ bad_times(Config) ->
         "when", File, "--since", "2", "--at", "1"
     ]),
     says(2, "--since: only with --at", ["when", File, "--since", "1"]),
+    says(2, "--contract: only with --at", ["when", File, "--contract", "mutex"]),
     says(2, "planted broken at 1.57", ["when", File, "--at", "1.6"]),
     Sound = scenario(Config, []),
     says(2, "the run ends at 2.905 s", ["when", Sound, "--at", "3.5"]),

@@ -359,8 +359,7 @@ a_machine_starts_with_what_it_kept_test() ->
                 random => {random, sap, 4},
                 team_seed => 77,
                 now => 70,
-                histories => [app, mutex],
-                snapshots => false
+                histories => [app, mutex]
             },
             Base
         ),

@@ -4,7 +4,7 @@
 -include_lib("eunit/include/eunit.hrl").
 
 -import(starl_live_robot_ct, [
-    with_robot/2, dir/0, boots/1, lit/0, tells/3, does/3, hangs/2, next/1, heard/1
+    with_robot/2, dir/0, boots/1, tells/3, does/3, hangs/2, next/1, heard/1
 ]).
 
 %% -- a machine that ends -------------------------------------------------------------------------------
@@ -302,84 +302,6 @@ a_late_computer_is_logged_test() ->
         ?assertEqual(
             "its computer was late by more than 200 ms", starl_live_log_ct:words(Late)
         ),
-        ok
-    end).
-
-%% -- what comes to a robot of which snapshots are kept -------------------------------------------------
-
-%% All that a simulation has to repeat, or cannot.
-inputs_are_told_test_() -> {timeout, 60, fun inputs_are_told/0}.
-
-inputs_are_told() ->
-    with_robot(#{sink => self(), snapshots_us => 1_000_000}, fun(Link, _Time) ->
-        Link ! {timeout, make_ref(), snapshot},
-        ?assertMatch([_], [ok || {_, 1, snapshot, {ok, _}} <- facts(Link)]),
-        Inputs = fun(Do) ->
-            _ = Do(),
-            ok = tells(sap, last, Link),
-            receive
-                {took, sap, info, {located, last, []}} -> ok
-            end,
-            Own = [I || {_, 1, snapshot, {input, {0, I}}} <- facts(Link)],
-            [{event, sap, info, {located, last, []}}, now] = lists:nthtail(length(Own) - 2, Own),
-            lists:sublist(Own, length(Own) - 2)
-        end,
-        ?assertEqual([], Inputs(fun() -> Link ! unknown end)),
-        ?assertEqual([{other, late}, now], Inputs(fun() -> Link ! {starl_late, {sap, mark}} end)),
-        ?assertEqual(
-            [{other, reload}],
-            Inputs(fun() ->
-                Order = #{number => 1, versions => #{}, trial_us => 0},
-                starl_live_link:reload(Link, Order, self())
-            end)
-        ),
-        ?assertEqual([{other, reload}], Inputs(fun() -> starl_live_link:take_back(Link, 1, 2) end)),
-        ?assertEqual(
-            [{other, crashed}, {other, boot}, now, acts],
-            Inputs(fun() ->
-                ok = starl_live_link:kill(Link, app),
-                lit()
-            end)
-        ),
-        %% the application gets its orders one by one
-        Event = fun(What) -> {event, app, info, {located, What, []}} end,
-        Lights = [{actuate, light, on}],
-        ?assertEqual(
-            [Event(hang), now, Event({do, Lights}), now, acts, order, acts],
-            Inputs(fun() ->
-                App = hangs(app, Link),
-                ok = does(app, Lights, Link),
-                _ = starl_live_link:metrics(Link),
-                App ! {go_on, []},
-                lit()
-            end)
-        ),
-        ok
-    end).
-
-%% A snapshot that is due waits until the robot is quiet.
-a_snapshot_waits_for_who_is_at_work_test() ->
-    with_robot(#{sink => self(), snapshots_us => 1_000_000}, fun(Link, _Time) ->
-        Sap = hangs(sap, Link),
-        Link ! {timeout, make_ref(), snapshot},
-        ok = tells(sap, news, Link),
-        ?assertEqual([], [ok || {_, 1, snapshot, _} <- facts(Link)]),
-        Sap ! {go_on, [{trace, gone_on}]},
-        {info, {located, news, []}} = next(sap),
-        ?assertMatch(
-            [{sap, gone_on}, {snapshot, {ok, _}}, {snapshot, {input, {0, {event, sap, _, _}}}} | _],
-            [{Name, What} || {_, 1, Name, What} <- facts(Link)]
-        ),
-        ok
-    end).
-
-%% A machine that keeps what is no data cannot be told.
-what_is_no_data_has_no_snapshot_test() ->
-    Services = [{sap, starl_live_robot_ct, #{keeps => self()}}],
-    Given = #{sink => self(), snapshots_us => 1_000_000, tree => tree(#{services => Services})},
-    with_robot(Given, fun(Link, _Time) ->
-        Link ! {timeout, make_ref(), snapshot},
-        ?assertMatch([{error, _}], [Told || {_, 1, snapshot, Told} <- facts(Link)]),
         ok
     end).
 

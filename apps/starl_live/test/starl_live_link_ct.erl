@@ -73,9 +73,6 @@ monotonic_time(Unit, {Times, _Test}) -> in(Unit, atomics:get(Times, 2)).
 in(Unit, Us) -> erlang:convert_time_unit(Us, microsecond, Unit).
 
 %% The computer stands still here for as long as the test says.
-start_timer(Ms, snapshot, [{abs, true}], {_Times, Test}) ->
-    Test ! {snapshot_at, Ms},
-    make_ref();
 start_timer(Ms, Message, [{abs, true}], {Times, Test}) ->
     Test ! {timer, Ms, Message},
     ok = atomics:add(Times, 1, atomics:exchange(Times, 3, 0)),

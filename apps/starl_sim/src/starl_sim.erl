@@ -33,7 +33,6 @@
 -export([
     run_until_event/3,
     robots/1,
-    snapshots/1,
     events/2,
     timers/2,
     violations/1,
@@ -68,10 +67,6 @@
     watch => [{module(), map()}],
     observe => starl_observer:t(),
     packets => boolean(),
-    %% its observer is told a snapshot of each robot this often
-    snapshots_us => pos_integer(),
-    %% the run goes on from there, instead of its beginning
-    from => starl_sim_shards:checkpoint(),
     histories => starl_run_plan:histories(),
     nodes => starl_sim_nodes:nodes(),
     node_timeout_ms => pos_integer(),
@@ -177,15 +172,6 @@ inspect(#sim{run = Run}, Robot) -> starl_sim_run:inspect(Run, Robot).
 %% @doc A summary of every robot. Only while the run rests.
 -spec robots(sim()) -> [{starl:robot_id(), starl_sim_summary:t()}] | {error, running}.
 robots(#sim{run = Run}) -> starl_sim_run:robots(Run).
-
-%% @doc All robots as data, from which another run can go on ({@link starl_sim_shards}). Only while
-%% the run rests. `Windows' is the number of windows run so far.
--spec snapshots(sim()) ->
-    {Windows :: non_neg_integer(), [
-        {starl:robot_id(), {ok, starl_sim_robot:snapshot()} | {error, starl_snapshot:reason()}}
-    ]}
-    | {error, running}.
-snapshots(#sim{run = Run}) -> starl_sim_run:snapshots(Run).
 
 %% @doc The recorded events of a robot so far, as the option `record' of {@link start/2} asked.
 %% Only while the run rests.

@@ -618,16 +618,9 @@ lines_for_people_test() ->
                 3,
                 <<"run">>,
                 unicode:characters_to_binary(starl_unjudged:format_why(no_end))
-            },
-            {
-                {snapshots, 1000000, {3, {error, at_work}}},
-                3,
-                <<"robot 3">>,
-                <<"its state is not kept: its application computed">>
             }
         ]
-    ],
-    ?assertEqual([], shown([{snapshots, 0, {3, {kept, <<>>}}}])).
+    ].
 
 logged(Logged) ->
     [

@@ -14,7 +14,6 @@ shapes() ->
         {packets, n, {n, n, {ping, 1}, n, fate}},
         {ways, n, {n, {sent, n, what, n, n}}},
         {ways, n, {n, {came, n, what, n, n, fate}}},
-        {snapshots, n, {n, {kept, what}}},
         {verdicts, n, {violation, #{contract => sap, at_us => 1}}},
         {verdicts, n, {ended, #{end_us => n, violations => l}}},
         {metrics, n, #{events => 1}},

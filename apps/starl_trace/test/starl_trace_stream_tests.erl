@@ -53,7 +53,6 @@ what_is_told_becomes_messages_test() ->
     ?assertEqual([{packets, 7, {1, 2, {ping, 1}, 9, {lost, radio}}}], Of(1, radio, Packet)),
     Sent = {sent, 2, {ping, 1}, 9, 77},
     ?assertEqual([{ways, 7, {1, Sent}}], Of(1, radio, Sent)),
-    ?assertEqual([{snapshots, 7, {1, {kept, x}}}], Of(1, snapshot, {kept, x})),
     Lines = fun(Robot, Machine, Event) ->
         [{trace, 7, {Robot, Machine, Event}} | Logs] = Of(Robot, Machine, Event),
         [{At, Level, R, lists:flatten(Line)} || {log, At, {Level, R, Line}} <- Logs]
@@ -85,8 +84,7 @@ a_second_has_its_figures_test() ->
         {3, 1, radio, {packet, 2, {ping, 2}, 9, {arrives, []}}},
         {4, 1, radio, {sent, 2, {ping, 3}, 9, 77}},
         {5, 1, radio, {came, 2, {ping, 3}, 9, 77, Lost}},
-        {6, 1, radio, {came, 2, {ping, 3}, 9, 77, {arrives, []}}},
-        {7, 1, snapshot, {kept, x}}
+        {6, 1, radio, {came, 2, {ping, 3}, 9, 77, {arrives, []}}}
     ],
     {_, Told} = news({judged, Events, [v, v]}, Begun),
     Metrics = fun(At) ->

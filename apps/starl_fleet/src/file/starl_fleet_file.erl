@@ -24,7 +24,6 @@
     home := file:filename(),
     service := auto | systemd | plain,
     record_mb := non_neg_integer(),
-    snapshots := number() | none,
     metrics := inet:port_number() | none,
     dir := file:filename()
 }.
@@ -81,8 +80,6 @@ options() ->
             "what keeps a robot's node running; auto: systemd where it is"},
         {record_mb, {integer, 0, 1000000}, 1000,
             "the recordings that a robot keeps, in MB; 0: it records nothing"},
-        {snapshots, {optional, {number, 0.1, 3600}}, none,
-            "keep in the recordings what the robot is, so often (s), for ./starl onward; none: not"},
         {metrics, {optional, {integer, 1, 65535}}, none,
             "the port at which each robot serves its metrics for Prometheus; none: it serves none"}
     ].
@@ -305,12 +302,7 @@ scenario(#{app := App, options := Options, robots := Robots}) ->
 %% -- what must fit together -----------------------------------------------------------------
 
 together(Fleet) ->
-    available(Fleet) ++ same_places(Fleet) ++ by_distribution(Fleet) ++ recorded(Fleet).
-
-recorded(#{record_mb := 0, snapshots := Seconds}) when Seconds =/= none ->
-    ["snapshots: they are kept in the recordings, and record_mb is 0"];
-recorded(#{}) ->
-    [].
+    available(Fleet) ++ same_places(Fleet) ++ by_distribution(Fleet).
 
 available(#{positioning := {Source, _}, robots := Robots}) ->
     [["positioning: ", Why] || {error, Why} <- [starl_fleet_adapters:source(Source)]] ++

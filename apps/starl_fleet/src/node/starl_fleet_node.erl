@@ -121,21 +121,15 @@ spec(Place, Key, Fleet) ->
 %% The robot is recorded in its state's directory.
 recorded(_Place, _Planned, #{record_mb := 0}, Spec) ->
     Spec;
-recorded(#{state := State} = Place, Planned, #{record_mb := Most} = Fleet, Spec) ->
+recorded(#{state := State} = Place, Planned, #{record_mb := Most}, Spec) ->
     #{clock := Clock} = Spec,
-    #{snapshots := Seconds} = Fleet,
     Facts = starl_live_clock:live_facts(starl_run_plan:facts(Planned, []), Clock),
     Own = #{
         dir => filename:join(State, ?RECORDINGS),
         facts => Facts#{run => starl_fleet_place:run(Place)},
         most_bytes => Most bsl 20
     },
-    Spec#{
-        record => true, recorder => {starl_trace_robot, Own}, snapshots_us => period_us(Seconds)
-    }.
-
-period_us(none) -> none;
-period_us(Seconds) -> round(1.0e6 * Seconds).
+    Spec#{record => true, recorder => {starl_trace_robot, Own}}.
 
 robot(#{robot := Robot, state := State} = Place, Key, {_, _, Plan} = Planned, Fleet) ->
     {Source, Own} = starl_fleet_adapters:positioning(Robot, Key, Fleet),

@@ -5,18 +5,46 @@
 -behaviour(starl_cli_command).
 
 -export([command/0]).
+%% Called in the VMs of the jobs.
+-export([digests/1, traced/1]).
+-export([parse/1]).
+
+-export_type([execution/0, outcome/0, reason/0]).
+
+%% How the machines run, the number of shards, and the number of schedulers of the VM. On the command
+%% line it is written `MODE:SHARDS' or `MODE:SHARDS:SCHEDULERS'.
+-type execution() :: {
+    process | inline, Shards :: pos_integer(), Schedulers :: pos_integer()
+}.
+
+%% What runs are compared by: the digest of all events, and beside it what each robot traced and
+%% the results of the robots; the numbers of events and of violations.
+-type outcome() :: #{
+    digest := binary(),
+    traces := starl_sim_trace_monitor:chains(),
+    results := #{starl:robot_id() => term()},
+    events := non_neg_integer(),
+    violations := non_neg_integer()
+}.
+
+-type reason() :: {bad_way, string()} | {one_way, string()}.
+
+%% Processes and inline, one to three shards, one and two schedulers.
+-define(USUAL, "process:1:1,process:2:2,inline:1:1,inline:3:2").
+%% The most shards, and schedulers.
+-define(MOST, 256).
 
 -type setup() :: #{
     target := starl_cli_target:t(),
     scenario := starl_run_scenario:t(),
     seeds := [non_neg_integer(), ...],
-    ways := [starl_lab_execution:t(), ...],
+    ways := [execution(), ...],
     jobs := pos_integer()
 }.
 
 %% The results of each seed so far, by the position of the way in the list of ways.
 -type results() :: #{Seed :: non_neg_integer() => #{pos_integer() => answer()}}.
--type answer() :: starl_lab_execution:outcome() | {crashed, Reason :: term()}.
+-type answer() :: outcome() | {crashed, Reason :: term()}.
 
 -spec command() -> starl_cli_command:command().
 command() ->
@@ -49,7 +77,7 @@ own_flags() ->
     [
         {seeds, {list, {integer, 0, 1 bsl 32}}, none,
             "the seeds to run; without it that of --seed"},
-        {ways, string, starl_lab_execution:usual(),
+        {ways, string, ?USUAL,
             "the ways to run each in, MODE:SHARDS or "
             "MODE:SHARDS:SCHEDULERS, with commas between"},
         starl_lab_jobs:at_once()
@@ -60,7 +88,7 @@ run(#{subject := Target, values := Values} = Call) ->
     {Unsound, Scenario} = starl_cli_target:scenario(
         Target, starl_cli_target:given(Call, own_flags())
     ),
-    {Unknown, Ways} = ways(starl_lab_execution:parse(maps:get(ways, Values))),
+    {Unknown, Ways} = ways(parse(maps:get(ways, Values))),
     case Unsound ++ Unknown of
         [] ->
             probed(#{
@@ -75,10 +103,41 @@ run(#{subject := Target, values := Values} = Call) ->
     end.
 
 ways({ok, Ways}) -> {[], Ways};
-ways({error, Reason}) -> {[["--ways: ", starl_lab_execution:format_error(Reason)]], []}.
+ways({error, Reason}) -> {[["--ways: ", format_error(Reason)]], []}.
 
 seeds(none, #{seed := Seed}) -> [Seed];
 seeds(Seeds, _Scenario) -> lists:usort(Seeds).
+
+%% @private Reads a list of at least two ways, separated by commas. The default is one scheduler.
+-spec parse(string()) -> {ok, [execution(), ...]} | {error, reason()}.
+parse(Text) ->
+    Ways = [{Part, way(string:split(Part, ":", all))} || Part <- string:split(Text, ",", all)],
+    case [Part || {Part, error} <- Ways] of
+        [Part | _] -> {error, {bad_way, Part}};
+        [] when length(Ways) < 2 -> {error, {one_way, Text}};
+        [] -> {ok, [Way || {_, Way} <- Ways]}
+    end.
+
+way([Mode, Shards]) ->
+    way([Mode, Shards, "1"]);
+way([Mode, Shards, Schedulers]) ->
+    Count = {integer, 1, ?MOST},
+    Modes = {one_of, [process, inline]},
+    Parts = [{Modes, Mode}, {Count, Shards}, {Count, Schedulers}],
+    case [starl_options:parse(Type, Text) || {Type, Text} <- Parts] of
+        [{ok, M}, {ok, N}, {ok, S}] -> {M, N, S};
+        _ -> error
+    end;
+way(_) ->
+    error.
+
+format_error({bad_way, Text}) ->
+    ["MODE:SHARDS or MODE:SHARDS:SCHEDULERS expected, as in process:1 or inline:3:2, not ", Text];
+format_error({one_way, Text}) ->
+    ["two ways or more are needed, not only ", Text].
+
+text({Mode, Shards, Schedulers}) ->
+    lists:flatten(io_lib:format("~ts:~b:~b", [Mode, Shards, Schedulers])).
 
 %% -- all seeds, in all ways -----------------------------------------------------------------
 
@@ -94,9 +153,9 @@ probed(#{scenario := Scenario, seeds := [Seed | _]} = Setup) ->
 all(#{ways := Ways} = Setup) ->
     Begin = erlang:monotonic_time(millisecond),
     Numbered = lists:zip(lists:seq(1, length(Ways)), Ways),
-    Sizes = lists:usort([starl_lab_execution:schedulers(Way) || Way <- Ways]),
+    Sizes = lists:usort([Schedulers || {_, _, Schedulers} <- Ways]),
     Group = fun(Size, Acc) ->
-        Same = [P || {_, Way} = P <- Numbered, starl_lab_execution:schedulers(Way) =:= Size],
+        Same = [P || {_, {_, _, Schedulers}} = P <- Numbered, Schedulers =:= Size],
         group({Size, Same}, Acc, Setup)
     end,
     {How, Results} = lists:foldl(Group, {done, #{}}, Sizes),
@@ -107,9 +166,9 @@ group(_Group, {interrupted, _} = Acc, _Setup) ->
 group({Schedulers, Numbered}, {done, Results}, Setup) ->
     #{scenario := Scenario, seeds := Seeds, jobs := Jobs, target := Target} = Setup,
     {Places, Ways} = lists:unzip(Numbered),
-    Names = lists:join(", ", [starl_lab_execution:text(Way) || Way <- Ways]),
+    Names = lists:join(", ", [text(Way) || Way <- Ways]),
     Plan = #{
-        work => {starl_lab_execution, digests},
+        work => {?MODULE, digests},
         at_once => max(1, Jobs div Schedulers),
         schedulers => Schedulers,
         what => lists:flatten(["seeds, ", Names]),
@@ -196,7 +255,7 @@ locate(Seed, [{_, First} | Others], #{scenario := Scenario, ways := Ways} = Setu
     {A, B} = {hd(Ways), lists:nth(Place, Ways)},
     starl_cli_terminal:out(
         io_lib:format("seed ~b, ~ts and ~ts: ", [
-            Seed, starl_lab_execution:text(A), starl_lab_execution:text(B)
+            Seed, text(A), text(B)
         ])
     ),
     case [Reason || {crashed, Reason} <- [First, Other]] of
@@ -237,10 +296,10 @@ beside(
     end.
 
 %% What a robot traces if it is run this way, in a VM of its own.
-traced(Robot, Scenario, Way, Codes) ->
-    Vm = starl_lab_jobs:vm(starl_lab_execution:schedulers(Way), Codes),
-    Full = starl_lab_execution:apply_to(Scenario, Way),
-    Traced = peer:call(Vm, starl_lab_execution, traced, [{Full, Robot}], infinity),
+traced(Robot, Scenario, {_, _, Schedulers} = Way, Codes) ->
+    Vm = starl_lab_jobs:vm(Schedulers, Codes),
+    Full = apply_to(Scenario, Way),
+    Traced = peer:call(Vm, ?MODULE, traced, [{Full, Robot}], infinity),
     peer:stop(Vm),
     Traced.
 
@@ -254,10 +313,10 @@ traces(Robot, Scenario, {A, B}, #{target := Target}) ->
                 "run again, they no longer differ\n";
             {One, Other} ->
                 [
-                    starl_lab_execution:text(A),
+                    text(A),
                     ":\n",
                     trace(One),
-                    starl_lab_execution:text(B),
+                    text(B),
                     ":\n",
                     trace(Other)
                 ]
@@ -292,11 +351,11 @@ find(Scenario, {A, B} = Ways, #{target := Target} = Setup) ->
     Codes = maps:get(code, Target, []),
     Vms = maps:from_list([
         {Size, starl_lab_jobs:vm(Size, Codes)}
-     || Size <- lists:usort([starl_lab_execution:schedulers(Way) || Way <- [A, B]])
+     || Size <- lists:usort([Schedulers || {_, _, Schedulers} <- [A, B]])
     ]),
-    Runner = fun(Way) ->
-        Vm = maps:get(starl_lab_execution:schedulers(Way), Vms),
-        Full = starl_lab_execution:apply_to(Scenario, Way),
+    Runner = fun({_, _, Schedulers} = Way) ->
+        Vm = maps:get(Schedulers, Vms),
+        Full = apply_to(Scenario, Way),
         fun(Record) -> peer:call(Vm, starl_sim_divergence, run, [Full, Record], infinity) end
     end,
     Answer = starl_sim_divergence:find(Runner(A), Runner(B)),
@@ -313,8 +372,8 @@ found({differ, #{robot := Robot, n := N} = Difference}, {A, B}, Scenario, #{targ
             N, Robot, AtUs / 1.0e6
         ]),
         [["before it, in both:\n", [event(E) || E <- Before]] || Before =/= []],
-        [starl_lab_execution:text(A), ":\n", event(First)],
-        [starl_lab_execution:text(B), ":\n", event(Second)],
+        [text(A), ":\n", event(First)],
+        [text(B), ":\n", event(Second)],
         [
             [
                 "look: ",
@@ -342,3 +401,37 @@ event(#{n := N, at_us := AtUs, machine := Machine, type := Type, content := Cont
         starl_lab_inspect:term(Content, 12, Width),
         "\n"
     ].
+
+%% -- in a VM of its own ---------------------------------------------------------------------
+
+%% @private Runs a scenario in these ways, one after the other.
+-spec digests({starl_run_scenario:t(), [execution()]}) -> [outcome()].
+digests({Scenario, Ways}) -> [outcome(apply_to(Scenario, Way)) || Way <- Ways].
+
+outcome(Scenario) ->
+    Outcome = simulate(Scenario, #{}),
+    #{digest := Digest, events := Events, violations := Violations, robots := Robots} = Outcome,
+    #{monitors := #{starl_sim_trace_monitor := #{chains := Chains}}} = Outcome,
+    #{
+        digest => Digest,
+        traces => Chains,
+        results => maps:from_list([{Id, Result} || {Id, #{result := Result}} <- Robots]),
+        events => Events,
+        violations => length(Violations)
+    }.
+
+%% @private Runs a scenario and returns what one robot traced.
+-spec traced({starl_run_scenario:t(), starl:robot_id()}) -> [starl_sim_trace_monitor:traced()].
+traced({Scenario, Robot}) ->
+    #{monitors := #{starl_sim_trace_monitor := #{recorded := Traced}}} =
+        simulate(Scenario, #{record => Robot}),
+    Traced.
+
+simulate(Scenario, Config) ->
+    {ok, Sim} = starl_sim:start(Scenario, #{watch => [{starl_sim_trace_monitor, Config}]}),
+    #{ending := _} = starl_sim_trial:whole(Sim),
+    {Outcome, _} = starl_sim:finish(Sim),
+    Outcome.
+
+%% The scenario, changed to run in this way.
+apply_to(Scenario, {Mode, Shards, _}) -> Scenario#{mode => Mode, shards => Shards}.

@@ -21,8 +21,6 @@ flags() ->
     [
         {record, switch, false, "records the run as run.mcap, for ./starl judge and for viewers"},
         {no_record, switch, false, "live: no recording"},
-        {snapshots, {optional, {number, 0.1, 3600}}, none,
-            "records, and keeps the robots' states this often, s (5), for ./starl onward"},
         {upload, {optional, string}, none,
             "records, and sends the recordings to a storage of rclone's (lab:runs) meanwhile"}
     ].
@@ -30,7 +28,6 @@ flags() ->
 %% @doc Is the run to be recorded? A live run is, unless its user says no.
 -spec wanted(simulation | live, Values :: #{atom() => term()}) -> boolean().
 wanted(_Kind, #{upload := Remote}) when Remote =/= none -> true;
-wanted(simulation, #{snapshots := Seconds}) when Seconds =/= none -> true;
 wanted(simulation, Values) -> maps:get(record, Values, false);
 wanted(live, Values) -> not maps:get(no_record, Values, false).
 
@@ -46,8 +43,7 @@ recorded(Kind, Values, #{out := Out} = Setup, Run) ->
     File = starl_cli_out:beside(Out, ".mcap"),
     _ = filelib:ensure_dir(File),
     Answer = with_recorder(File, Kind, fun(Recorder) ->
-        Recording = often(Values, Setup#{recording => {Recorder, File}}),
-        sending(Values, File, Recording, Run)
+        sending(Values, File, Setup#{recording => {Recorder, File}}, Run)
     end),
     _ = file:del_dir(robots(File)),
     Answer.
@@ -67,11 +63,6 @@ with_recorder(File, Kind, Run) ->
         {error, Reason} ->
             {error, [starl_trace_recorder:format_error(Reason)]}
     end.
-
-often(#{snapshots := Seconds}, Setup) when is_number(Seconds) ->
-    Setup#{snapshots_us => round(1.0e6 * Seconds)};
-often(_Values, Setup) ->
-    Setup.
 
 %% What is whole of the recordings is sent while they are written. Each look is a try.
 sending(#{upload := Remote}, File, Setup, Run) when Remote =/= none ->
@@ -136,7 +127,7 @@ discard(_Kept) ->
 -spec options(starl_lab_setup:t(), map()) -> map().
 options(#{recording := {Recorder, _}, target := Target} = Setup, Options) ->
     Own = [Module || {Module, _, _} <- maps:get(code, Target, [])],
-    (maps:merge(Options, maps:with([snapshots_us], Setup)))#{
+    Options#{
         observe => starl_trace_recorder:observer(Recorder),
         packets => true,
         histories => maps:get(histories, Setup, {kept, starl_block_catalogue:histories(Own)})

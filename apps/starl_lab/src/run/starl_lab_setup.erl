@@ -20,7 +20,6 @@
     own => starl_world_own_chassis:drivers(),
     recording => starl_lab_recording:t(),
     %% the period in which the robots' states are recorded
-    snapshots_us => pos_integer(),
     %% they are judged, too
     histories => starl_run_plan:histories(),
     %% who sends the recordings meanwhile, and where to

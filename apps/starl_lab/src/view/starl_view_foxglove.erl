@@ -137,7 +137,7 @@ bad(Text, #viewer{credit = Credit} = Viewer) ->
         shut_out -> {[{close, 1008, <<"too many mistakes">>}], Viewer}
     end.
 
--spec websocket_info(starl_view_foxglove_feed:told() | term(), #viewer{}) ->
+-spec websocket_info(starl_view_foxglove_feed:message() | term(), #viewer{}) ->
     answer().
 websocket_info({playback, Playback}, Viewer) ->
     {[{binary, ?W:playback(Playback)}], Viewer};

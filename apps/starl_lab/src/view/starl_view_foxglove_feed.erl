@@ -15,7 +15,7 @@
 -export([start_link/1, news/2, fault/2, clock/2, join/1, channels/2, want/1, controls/3]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
--export_type([told/0, session/0, update/0, joined/0]).
+-export_type([message/0, session/0, update/0, joined/0]).
 
 %% A session is a run: when it begins anew, that is another one.
 -type session() :: binary().
@@ -24,7 +24,7 @@
 -type update() :: {starl_trace_schema:channel(), AtUs :: integer(), Text :: binary()}.
 
 %% To a viewer: a new run; or what happened, what was left out before, and the time now.
--type told() ::
+-type message() ::
     {session, session(), UntilUs :: non_neg_integer() | none}
     | {updates, [update()], Missed :: non_neg_integer(), NowUs :: integer()}
     | {playback, starl_view_foxglove_words:playback()}.
@@ -106,7 +106,7 @@ join(Feed) -> gen_server:call(Feed, join).
 -spec channels(pid(), [starl_trace_schema:channel()]) -> ok.
 channels(Feed, Channels) -> gen_server:cast(Feed, {channels, self(), Channels}).
 
-%% @doc The viewer can take more: it gets one {@link told()}, as soon as there is something.
+%% @doc The viewer can take more: it gets one {@link message()}, as soon as there is something.
 -spec want(pid()) -> ok.
 want(Feed) -> gen_server:cast(Feed, {want, self()}).
 

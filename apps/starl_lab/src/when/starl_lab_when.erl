@@ -66,7 +66,7 @@ own_flags() ->
         {branch_seed, {integer, 0, 1 bsl 32}, 1,
             "the number from which the draws of the continuations follow"},
         {contract, {optional, string}, none,
-            "only this contract counts as broken, as mutex; none: that of the violation, with --at any"},
+            "with --at: only this contract counts as broken, as mutex; none: any"},
         {beyond, {optional, {number, 0.001, 1.0e6}}, none,
             "a continuation ends this long after the violation of the run, or after --at, s; none: "
             "a quarter of that time after the violation, or after the end of the run"},
@@ -113,6 +113,10 @@ run(#{subject := #{name := Name} = Target, values := Values} = Call) ->
 
 misused(#{record := #{digest := ""}, file := File}, _Values) ->
     [[File, ": the run passed in real time, or lost a node, so it cannot be continued"]];
+misused(#{record := #{ending := stopped}, file := File}, _Values) ->
+    [[File, ": the run was interrupted, so its scenario does not give it again"]];
+misused(_Target, #{at := none, contract := Contract}) when Contract =/= none ->
+    ["--contract: only with --at"];
 misused(_Target, #{at := none, since := Since}) when Since > 0 ->
     ["--since: only with --at"];
 misused(_Target, #{at := At, since := Since}) when is_number(At), Since > 0, Since >= At ->

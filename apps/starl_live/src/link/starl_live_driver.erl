@@ -5,7 +5,7 @@
 %% A step's trace events, and what it sends, are kept until the step is over:
 %% ```
 %%     a step                              flush/1
-%%       trace/3, snapshot/2 ------------> 1. the sink of the run, the record on disk, the observer
+%%       trace/3 ------------------------> 1. the sink of the run, the record on disk, the observer
 %%       perform/3, reloads -------------> 2. the ports; the process that gets reports on reloads
 %%       {late, Mark} for the machine <--- 3. what had a deadline that has passed
 %% '''
@@ -17,13 +17,13 @@
 -behaviour(starl_driver).
 -behaviour(starl_platform).
 
--export([new/1, report_start/2, hear/2, input/2, snapshot/2, stop/1, flush/1]).
+-export([new/1, report_start/2, hear/2, stop/1, flush/1]).
 -export([at/1, now_us/1, due_us/2, moment/1, figures/1, counts/1, port/2]).
 -export([reload/3, take_back/3, crashed/3, gone/3]).
 -export([handles/4, clock/1, present/1, base/3, trace/3, plan/5, store/3, ended/2]).
 -export([perform/3]).
 
--export_type([t/0, config/0, figures/0, random/0, input/0, snapshot/0]).
+-export_type([t/0, config/0, figures/0, random/0]).
 
 %% `parts': the modules of the robot's machines. `codes': those of new code. `reporter': who gets
 %% reports on reloads. `sink', `record', `observe': who gets trace events ({@link
@@ -48,7 +48,6 @@
     random => random(),
     tell => step | at_once,
     inline => boolean(),
-    snapshots_us => pos_integer() | none,
     atom() => term()
 }.
 
@@ -86,29 +85,6 @@
 
 %% The result of the robot's application.
 -type result() :: running | given_up | {done, term()}.
-
-%% What came to the robot since its last snapshot: an event; a timer's event; the actions of its
-%% application; the next order that its application got. `now': the time at which a machine has handled
-%% an event. `other': what a simulation cannot repeat.
--type input() ::
-    {event, starl_machine:name(), starl_machine:event_type(), term()}
-    | {timer, starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark(), term()}
-    | acts
-    | order
-    | now
-    | {other, atom()}.
-
-%% A live robot as data, at a time of its clock: a simulation can go on from it.
--type snapshot() :: #{
-    at_us := integer(),
-    machines := starl_robot_machines:snapshot(),
-    parts := starl_robot:parts(),
-    dues := #{starl_robot_timers:mark() => due()},
-    marks := non_neg_integer(),
-    stored := #{starl_machine:name() => term()},
-    script := script(),
-    result := result()
-}.
 
 %% A script that has not begun by this time after the step that wanted it is not begun at all: much
 %% less than the pause of a robot that leases allow for (`jump_ms').
@@ -157,8 +133,6 @@
     events = 0 :: non_neg_integer(),
     packets = 0 :: non_neg_integer(),
     counts = starl_live_counts:new() :: starl_live_counts:t(),
-    %% no snapshots; none so far, or the last one failed; what comes is traced, too
-    snapshots :: no | wanted | begun,
     script = none :: script()
 }).
 
@@ -190,12 +164,7 @@ new(#{robot := Id, participants := Team, clock := Clock, store := Store, parts :
         now = starl_live_clock:now_us(Clock),
         codes = maps:get(codes, Config, #{}),
         reporter = maps:get(reporter, Config, none),
-        record = maps:get(record, Config),
-        snapshots =
-            case maps:get(snapshots_us, Config, none) of
-                none -> no;
-                _Us -> wanted
-            end
+        record = maps:get(record, Config)
     }.
 
 %% Of real robots, histories are kept of the machines whose calls a model explains.
@@ -283,7 +252,7 @@ running(Running, #driver{dues = Dues} = Driver) ->
 
 %% @doc The start configuration of a machine. Its random stream is new with each start.
 -spec base(starl_machine:name(), Incarnation :: pos_integer(), t()) -> starl_machine:config().
-base(Name, Incarnation, #driver{setup = Setup, now = Now, codes = Codes} = Driver) ->
+base(Name, Incarnation, #driver{setup = Setup, now = Now, codes = Codes}) ->
     #setup{store = Store, random = Random} = Setup,
     (own_clock(Name, starl_reload:code(Name, Codes), Setup))#{
         robot => Setup#setup.id,
@@ -294,8 +263,7 @@ base(Name, Incarnation, #driver{setup = Setup, now = Now, codes = Codes} = Drive
         random => Random(Name, Incarnation),
         team_seed => Setup#setup.team_seed,
         now => Now,
-        histories => Setup#setup.histories,
-        snapshots => Driver#driver.snapshots =/= no
+        histories => Setup#setup.histories
     }.
 
 %% An application looks at the clock itself when it gets a grant.
@@ -310,11 +278,11 @@ handles(Name, boot, _Content, #driver{events = Events} = Before) ->
     #driver{now = Now, codes = Codes} = Driver = at(Before),
     {Results, Begun} = starl_reload:started(Name, Now, Codes),
     Booted = Driver#driver{events = Events + 1, codes = Begun},
-    input({other, boot}, all_reloaded(Results, Name, Booted));
+    all_reloaded(Results, Name, Booted);
 handles(app, info, {sensed, _} = Sensed, #driver{events = Events} = Driver) ->
-    trace(chassis, Sensed, input(now, (at(Driver))#driver{events = Events + 1}));
+    trace(chassis, Sensed, (at(Driver))#driver{events = Events + 1});
 handles(_Name, _Type, _Content, #driver{events = Events} = Driver) ->
-    input(now, (at(Driver))#driver{events = Events + 1}).
+    (at(Driver))#driver{events = Events + 1}.
 
 %% @doc Makes a term durable.
 -spec store(starl_machine:name(), term(), t()) -> {ok, t()} | full.
@@ -346,49 +314,6 @@ noted(Fact, #driver{setup = Setup, traces = Traces} = Driver) ->
         at_once -> report(Noted);
         step -> Noted
     end.
-
-%% -- snapshots ------------------------------------------------------------------------------
-
-%% @doc Traces what comes to the robot, from its first snapshot on: without a snapshot it is of no use.
--spec input(input(), t()) -> t().
-input(Input, #driver{snapshots = begun, now = Now} = Driver) ->
-    %% the times of messages may be those of others in a recording
-    snapshot_fact({input, {Now, Input}}, Driver);
-input(_Input, Driver) ->
-    Driver.
-
-%% @doc Traces a snapshot of the robot between two events, or the reason why there is none.
--spec snapshot(Taken, t()) -> t() when
-    Taken ::
-        {ok, {starl_robot_machines:snapshot(), starl_robot:parts()}}
-        | {error, starl_snapshot:reason()}.
-snapshot({ok, {Machines, #{timers := Running} = Parts}}, Before) ->
-    Driver = running([Mark || {_, _, Mark} <- Running], Before),
-    Snapshot = #{
-        at_us => Driver#driver.now,
-        machines => Machines,
-        parts => Parts,
-        dues => Driver#driver.dues,
-        marks => Driver#driver.mark,
-        stored => stored(Driver#driver.setup),
-        script => Driver#driver.script,
-        result => Driver#driver.result
-    },
-    taken(starl_snapshot:encode({live, Snapshot}), Driver);
-snapshot({error, _} = Error, Driver) ->
-    taken(Error, Driver).
-
-taken({ok, _} = Taken, Driver) -> snapshot_fact(Taken, Driver#driver{snapshots = begun});
-taken({error, _} = Error, Driver) -> snapshot_fact(Error, Driver#driver{snapshots = wanted}).
-
-snapshot_fact(Event, #driver{setup = #setup{id = Id}, now = Now, traces = Traces} = Driver) ->
-    Driver#driver{traces = [{Now, Id, snapshot, Event} | Traces]}.
-
-stored(#setup{parts = Parts, store = Store}) ->
-    maps:from_list([
-        {N, Term}
-     || N <- maps:keys(Parts), {stored, Term} <- [starl_live_store:kept(N, Store)]
-    ]).
 
 %% -- events from outside --------------------------------------------------------------------
 

@@ -75,8 +75,6 @@
     packets => boolean(),
     observe => starl_observer:t(),
     inline => boolean(),
-    %% a snapshot of the robot is told this often, and all that comes to it
-    snapshots_us => pos_integer() | none,
     random => starl_live_driver:random(),
     tell => step | at_once
 }.
@@ -122,10 +120,7 @@
     %% the number of events handled
     number = 0 :: non_neg_integer(),
     %% when timers were late last
-    late_us = 0 :: integer(),
-    %% the period of snapshots; is one due?
-    snapshots_us :: pos_integer() | none,
-    is_due = false :: boolean()
+    late_us = 0 :: integer()
 }).
 
 %% @doc Starts the link, its ports, and then the robot's machines.
@@ -202,11 +197,9 @@ handle_continue(launch, #{clock := Clock, store := Store} = Opened) ->
                 tree = Tree,
                 store = Store,
                 clock = Clock,
-                senses = starl_live_sense_fault:new(starl_robot:id(Robot)),
-                snapshots_us = maps:get(snapshots_us, Opened, none)
+                senses = starl_live_sense_fault:new(starl_robot:id(Robot))
             },
             ok = watch_later(Link),
-            ok = snapshot_later(Link),
             {noreply, went(starl_robot:run(Robot), Link)};
         {stop, Reason} ->
             {stop, Reason, Opened}
@@ -269,9 +262,6 @@ handle_info({starl_attach, _, Name, _} = Attach, Link) ->
     end;
 handle_info({'DOWN', _, process, Pid, Reason}, Link) ->
     down(Pid, Reason, Link);
-handle_info({timeout, _, snapshot}, Link) ->
-    ok = snapshot_later(Link),
-    {noreply, work(Link#link{is_due = true})};
 handle_info(watch, Link) ->
     ok = watch_later(Link),
     {noreply, watch(Link)};
@@ -411,8 +401,7 @@ answered(Pid, Actions, #link{robot = Robot} = Link) ->
     end.
 
 %% A port was too late with what a machine has sent.
-late({Name, Mark}, Before) ->
-    #link{robot = Robot} = Link = input({other, late}, Before),
+late({Name, Mark}, #link{robot = Robot} = Link) ->
     go_on(Link#link{robot = starl_robot:first([{Name, info, {late, Mark}}], Robot)}).
 
 %% A message of the robot's ports, or an unknown one. Packets may be lost; other events are few.
@@ -437,33 +426,30 @@ waits(Event, #link{waiting = Waiting} = Link) ->
 
 %% -- one event at a time --------------------------------------------------------------------
 
-%% Handles the next event, if the robot is quiet. A snapshot that is due comes first.
+%% Handles the next event, if the robot is quiet.
 work(#link{robot = Robot, waiting = Waiting} = Link) ->
     case starl_robot:busy(Robot) =:= none andalso queue:out(Waiting) of
         false -> Link;
-        _ when Link#link.is_due -> work(snapshot(Link#link{is_due = false}));
         {empty, _} -> Link;
         {{value, Event}, Left} -> handle(Event, Link#link{waiting = Left})
     end.
 
 handle({event, {Name, Type, Content}}, Link) ->
-    {Driver0, #link{robot = Robot} = Now} = at_event(Link),
-    Driver = starl_live_driver:input({event, Name, Type, Content}, Driver0),
+    {Driver, #link{robot = Robot} = Now} = at_event(Link),
     Noted = starl_live_driver:handles(Name, Type, Content, Driver),
     went(starl_robot:event(Name, Type, Content, Noted, Robot), Now);
 handle({reload, Order, Reporter}, Link) ->
-    {Driver, Now} = at_event(input({other, reload}, Link)),
+    {Driver, Now} = at_event(Link),
     {Commands, Next} = starl_live_driver:reload(Order, Reporter, Driver),
     command(Commands, Next, Now);
 handle({take_back, N, Failed}, Link) ->
-    {Driver, Now} = at_event(input({other, reload}, Link)),
+    {Driver, Now} = at_event(Link),
     {Commands, Next} = starl_live_driver:take_back(N, Failed, Driver),
     command(Commands, Next, Now);
 handle({timer, Name, Timer, Mark, Content}, #link{robot = Robot} = Link) ->
     case starl_robot:expire(Name, Timer, Mark, Robot) of
         {ok, Type, Left} ->
-            {Driver0, Now} = at_event(Link),
-            Driver = starl_live_driver:input({timer, Name, Timer, Mark, Content}, Driver0),
+            {Driver, Now} = at_event(Link),
             Noted = starl_live_driver:handles(Name, Type, Content, Driver),
             went(starl_robot:fire(Name, Type, Content, Noted, Left, Now#link.robot), Now);
         stale ->
@@ -478,8 +464,7 @@ handle({acts, Pid, Actions}, Link) ->
 acted(Pid, Actions, #link{beside = Beside} = Link) ->
     case {Beside, starl_robot_machines:name_of(Pid, machines(Link))} of
         {#{Pid := {_, Orders}}, {ok, Name}} ->
-            {Driver0, #link{robot = Robot, watch = Watch} = Now} = at_event(Link),
-            Driver = starl_live_driver:input(acts, Driver0),
+            {Driver, #link{robot = Robot, watch = Watch} = Now} = at_event(Link),
             Idle = Now#link{
                 beside = Beside#{Pid := {idle, Orders}},
                 watch = starl_live_watch:answered(Pid, Watch)
@@ -550,17 +535,13 @@ ask(Pid, Order, {[], Driver}, Robot, Link) ->
     Pid ! Order,
     Link#link{robot = starl_robot:world(Driver, Robot)};
 ask(_Pid, Order, {[_ | _] = Late, Driver}, Robot, Link) ->
-    Waits = starl_robot:put_off(Order, starl_robot:world(late_input(Late, Driver), Robot)),
+    Waits = starl_robot:put_off(Order, starl_robot:world(Driver, Robot)),
     went(starl_robot:run(starl_robot:first(Late, Waits)), Link).
 
 %% A machine learns that something of its step was late before it handles anything else.
 flushed(Robot, Link) ->
-    {Late, Flushed} = starl_live_driver:flush(starl_robot:world(Robot)),
-    Driver = late_input(Late, Flushed),
+    {Late, Driver} = starl_live_driver:flush(starl_robot:world(Robot)),
     Link#link{robot = starl_robot:first(Late, starl_robot:world(Driver, Robot))}.
-
-late_input([], Driver) -> Driver;
-late_input([_ | _], Driver) -> starl_live_driver:input({other, late}, Driver).
 
 next(#link{robot = Robot} = Link) ->
     case starl_robot:status(Robot) of
@@ -574,12 +555,7 @@ order_next(#link{beside = Beside, robot = Robot} = Link) ->
     Driver = starl_live_driver:at(driver(Link)),
     Now = starl_live_driver:now_us(Driver),
     Next = maps:filtermap(fun(Pid, Work) -> ordered(Pid, Work, Now) end, Beside),
-    Ordered = lists:foldl(
-        fun(_, D) -> starl_live_driver:input(order, D) end,
-        Driver,
-        [Pid || {Pid, {idle, [_ | _]}} <- maps:to_list(Beside)]
-    ),
-    Link#link{beside = Next, robot = starl_robot:world(Ordered, Robot)}.
+    Link#link{beside = Next, robot = starl_robot:world(Driver, Robot)}.
 
 ordered(_Pid, {at_work, _}, _Now) ->
     true;
@@ -595,7 +571,7 @@ go_on(#link{robot = Robot} = Link) ->
         _ -> flushed(Robot, Link)
     end.
 
-%% -- the watchdog and snapshots -------------------------------------------------------------
+%% -- the watchdog ---------------------------------------------------------------------------
 
 watch_later(#link{clock = Clock}) ->
     _ = starl_live_clock:send_after(starl_live_watch:period_ms(), watch, Clock),
@@ -612,26 +588,6 @@ watch(#link{robot = Robot, number = N, watch = Before} = Link) ->
 name(Pid, Link) ->
     {ok, Name} = starl_robot_machines:name_of(Pid, machines(Link)),
     Name.
-
-%% By the run's clock, so that all robots take theirs at about the same time.
-snapshot_later(#link{snapshots_us = none}) ->
-    ok;
-snapshot_later(#link{snapshots_us = Us, clock = Clock}) ->
-    Now = starl_live_clock:now_us(Clock),
-    Ms = starl_live_clock:monotonic_ms((Now div Us + 1) * Us, Clock),
-    _ = starl_live_clock:start_timer(Ms, snapshot, [{abs, true}], Clock),
-    ok.
-
-%% The robot is quiet. While an application computes there is no snapshot.
-snapshot(#link{robot = Robot, beside = Beside} = Link) ->
-    Taken =
-        case map_size(Beside) =:= 0 andalso starl_robot_tree:snapshot(machines(Link)) of
-            false -> {error, at_work};
-            {ok, Kept} -> {ok, {Kept, starl_robot:parts(Robot)}};
-            {error, _} = Error -> Error
-        end,
-    Driver = starl_live_driver:snapshot(Taken, starl_live_driver:at(driver(Link))),
-    flushed(starl_robot:world(Driver, Robot), Link).
 
 %% -- crashes --------------------------------------------------------------------------------
 
@@ -652,8 +608,7 @@ down(Pid, Reason, #link{tree = Tree} = Link) ->
 
 %% The link waits until the machine has been restarted, or given up. The failure of new code is
 %% reported also by a link that ends with it.
-crashed(Name, Reason, Before) ->
-    #link{robot = Robot, tree = Tree} = Link = input({other, crashed}, Before),
+crashed(Name, Reason, #link{robot = Robot, tree = Tree} = Link) ->
     Gone = process(Name, Link),
     Driver = starl_live_driver:at(driver(Link)),
     Judged = starl_live_driver:crashed(Name, starl_crash:cause(Reason), Driver),
@@ -688,7 +643,3 @@ machines(#link{robot = Robot}) -> starl_robot:machines(Robot).
 
 %% The process of a machine, if it is one.
 process(Name, Link) -> starl_robot_machines:process(Name, machines(Link)).
-
-input(Input, #link{robot = Robot} = Link) ->
-    Driver = starl_live_driver:input(Input, starl_robot:world(Robot)),
-    Link#link{robot = starl_robot:world(Driver, Robot)}.

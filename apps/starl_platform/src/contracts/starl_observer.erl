@@ -140,11 +140,9 @@ all(Observers) ->
         Several -> fun(News) -> lists:foreach(fun(Each) -> ok = Each(News) end, Several) end
     end.
 
-%% @doc Checks whether monitors get this trace event: whether it is neither about a packet nor about
-%% a snapshot ({@link starl_snapshot}).
+%% @doc Checks whether monitors get this trace event: whether it is not about a packet.
 -spec is_judged(starl_monitor:trace_event()) -> boolean().
 is_judged({_, _, radio, {packet, _, _, _, _}}) -> false;
-is_judged({_, _, snapshot, _}) -> false;
 is_judged(_) -> true.
 
 %% @doc An observer that passes news on to a process, which receives `{starl_news, Feed, News}' and answers

@@ -18,30 +18,21 @@
 %% key: the application's own functions lie between the calls on the stack, so no state can be
 %% passed through them. Messages that arrive meanwhile are in {@link starl_app_inbox}, the versions
 %% of the code in {@link starl_app_code}.
-%%
-%% A snapshot keeps the turn at the beginning of the step, and the events since. A stack is no data.
-%% So the step is executed again with the same events, without repeating its effects.
 -module(starl_app_proc).
 
--export([start_link/1, init/1, waiting/1, snapshot/1, restore/2]).
+-export([start_link/1, init/1, waiting/1]).
 -export([call/3, await/2, sleep/1]).
 -export([perform/1, listen/1, store/1, stored/0, now/0, random/0, application/0]).
 
--export_type([waits/0, snapshot/0]).
+-export_type([waits/0]).
 
 -define(TURN, starl_turn).
-%% Where its step began, if snapshots are taken.
--define(BEGUN, starl_begun).
 %% The largest number of actions and steps in one moment of the robot's clock.
 -define(MOMENT_LIMIT, 100000).
-%% The time that an application may take to come back to where it was, in real time.
--define(PATIENCE_MS, 30000).
 %% The time between two attempts to carry a state over into other code.
 -define(OTHER_CODE_US, 1000000).
 %% The time that a caller waits after a crash of the machine that it called.
 -define(RESTARTED_US, 250000).
-%% The events of a step that are kept for a snapshot.
--define(MOST_EVENTS, 5000).
 
 %% The start arguments. `handle' is the application's `Robot'.
 -type spec() :: #{
@@ -56,17 +47,6 @@
 %% nothing, after its end.
 -type waits() ::
     {message, [starl_packet:type()]} | {answer, starl_machine:name()} | time | nothing.
-
-%% What came to a step from outside: an event, at this time of the robot's clock; what the clock showed.
--type entry() ::
-    {event, starl_machine:event_type() | code, Content :: term(), NowUs :: integer()}
-    | {clock, Us :: integer()}.
-
-%% Before the first step, before this step, or after the last.
--type place() :: init | {step, starl_app_code:running()} | over.
-
-%% The turn as it was at this place, and what came.
--type snapshot() :: #{turn := tuple(), at := place(), log := [entry()]}.
 
 -record(turn, {
     robot :: pos_integer(),
@@ -91,11 +71,7 @@
     %% the application is done
     over = false :: boolean(),
     %% the machines of whose calls a history is kept
-    histories = [] :: [starl_machine:name()],
-    %% what has come since the step began, newest first, with its number, if snapshots are taken
-    log = none :: {non_neg_integer(), [entry()]} | none,
-    %% what is still to come again, until the application is where the snapshot was taken
-    replay = none :: {From :: pid(), reference(), [entry()]} | none
+    histories = [] :: [starl_machine:name()]
 }).
 
 %% -- start ----------------------------------------------------------------------------------
@@ -106,20 +82,11 @@ start_link(Spec) -> proc_lib:start_link(?MODULE, init, [Spec]).
 
 %% @private
 -spec init(spec()) -> no_return().
-init(#{robot := Id, driver := Driver} = Spec) ->
+init(#{robot := Id, handle := Robot, module := Module, args := Args, driver := Driver}) ->
     logger:set_process_metadata(#{domain => [starl, robot], robot => Id, machine => app}),
     _ = starl_driver:attach(Driver, Id, app),
     proc_lib:init_ack({ok, self()}),
-    started(Spec).
-
-started(#{robot := Id, handle := Robot, module := Module, args := Args, driver := Driver} = Spec) ->
     receive
-        {starl_snapshot, From, Ref} ->
-            From ! {Ref, {ok, waiting}},
-            started(Spec);
-        {starl_restore, From, Ref, #{turn := #turn{} = Turn, at := At, log := Log}} ->
-            _ = put(?TURN, Turn#turn{robot = Id, driver = Driver, replay = {From, Ref, Log}}),
-            resumed(At, Robot, Args);
         {starl_boot, Boot} ->
             _ = put(?TURN, first_turn(Id, Module, Driver, Boot)),
             run(Robot, Args)
@@ -136,34 +103,15 @@ first_turn(Id, Module, Driver, Boot) ->
         stored = Stored,
         tag = {Incarnation, 0},
         code = starl_app_code:new(maps:get(code, Boot, starl_lineage:new(Module))),
-        histories = maps:get(histories, Boot, []),
-        log =
-            case maps:get(snapshots, Boot, false) of
-                true -> {0, []};
-                false -> none
-            end
+        histories = maps:get(histories, Boot, [])
     }.
 
+%% Every kind of crash carries its stack.
 run(Robot, Args) ->
     #turn{code = Code} = turn(),
     Module = starl_app_code:module(Code),
-    guarded(fun() ->
-        ok = begun(init),
-        loop(Robot, {Module, Module:init(Robot, Args), starl_app_code:version(Module)})
-    end).
-
-resumed(init, Robot, Args) ->
-    run(Robot, Args);
-resumed({step, {Module, _, _} = Running}, Robot, _Args) ->
-    {module, Module} = code:ensure_loaded(Module),
-    guarded(fun() -> loop(Robot, Running) end);
-resumed(over, _Robot, _Args) ->
-    guarded(fun over/0).
-
-%% Every kind of crash carries its stack.
-guarded(Run) ->
     try
-        Run()
+        loop(Robot, {Module, Module:init(Robot, Args), starl_app_code:version(Module)})
     catch
         Class:Reason:Stack ->
             #turn{steps = Steps} = turn(),
@@ -184,38 +132,9 @@ waiting(Pid) ->
 waits({?TURN, #turn{waits = Waits}}) -> Waits;
 waits(false) -> nothing.
 
-%% @doc The application in this process as data, while the process is at rest. The boot message says
-%% whether snapshots are taken.
--spec snapshot(pid()) -> {ok, snapshot() | waiting} | {error, starl_snapshot:reason()}.
-snapshot(Pid) ->
-    Ref = erlang:monitor(process, Pid, [{alias, reply_demonitor}]),
-    Pid ! {starl_snapshot, Ref, Ref},
-    receive
-        {Ref, Answer} -> Answer;
-        {'DOWN', Ref, process, Pid, _} -> {error, gone}
-    end.
-
-%% @doc Lets an application that has started, and waits for its boot, go on from a snapshot. Returns when
-%% it waits where it waited then.
--spec restore(pid(), snapshot()) -> ok | {error, Reason :: term()}.
-restore(Pid, Snapshot) ->
-    Ref = erlang:monitor(process, Pid),
-    Pid ! {starl_restore, self(), Ref, Snapshot},
-    receive
-        {Ref, restored} ->
-            true = erlang:demonitor(Ref, [flush]),
-            ok;
-        {'DOWN', Ref, process, Pid, Reason} ->
-            {error, Reason}
-    after ?PATIENCE_MS ->
-        true = erlang:demonitor(Ref, [flush]),
-        {error, no_answer}
-    end.
-
 %% -- steps ----------------------------------------------------------------------------------
 
 loop(Robot, Before) ->
-    ok = begun({step, Before}),
     {Module, State, Version} = upgrade(with_new_code(Before)),
     case attempted(Robot, Module, State) of
         {continue, Next} ->
@@ -298,7 +217,6 @@ raise({Class, Reason, Stack}) -> erlang:raise(Class, Reason, Stack).
 %% The application takes no step any more.
 -spec over() -> no_return().
 over() ->
-    ok = begun(over),
     _ = put(?TURN, (turn())#turn{over = true}),
     ok = refuse_new_code(turn()),
     wait(fun(_, _) -> skip end).
@@ -430,15 +348,10 @@ in_time(Latest, Reply) ->
 %% The time that the robot's own clock shows now. In virtual time a turn takes none.
 present() ->
     case turn() of
-        #turn{replay = {From, Ref, [{clock, Us} = Entry | Log]}} = Turn ->
-            _ = put(?TURN, logged(Entry, Turn#turn{replay = {From, Ref, Log}})),
-            Us;
         #turn{clock = none, now = Now} ->
             Now;
-        #turn{clock = Clock, now = Now} = Turn ->
-            Us = max(Now, Clock()),
-            _ = put(?TURN, logged({clock, Us}, Turn)),
-            Us
+        #turn{clock = Clock, now = Now} ->
+            max(Now, Clock())
     end.
 
 %% The cause of the crash, such as a full store, may last: a caller that tried again at once would
@@ -588,37 +501,19 @@ turn() ->
 
 %% -- waiting --------------------------------------------------------------------------------
 
-%% Hands the gathered actions back and takes events until Match accepts one. When a snapshot is
-%% replayed, its events come first, and nothing is handed back.
+%% Hands the gathered actions back and takes events until Match accepts one.
 wait(Match) ->
-    case get(?TURN) of
-        #turn{replay = none, robot = Id, driver = Driver, actions = Actions} = Turn ->
-            _ = starl_driver:done(Driver, Id, lists:reverse(Actions)),
-            await_event(Match, Turn);
-        #turn{replay = {From, Ref, []}} = Turn ->
-            From ! {Ref, restored},
-            _ = put(?TURN, Turn#turn{replay = none, actions = []}),
-            await_event(Match, Turn#turn{replay = none});
-        #turn{replay = {From, Ref, [{event, Type, Content, Now} | Log]}} = Turn ->
-            event(Type, Content, Now, Match, Turn#turn{replay = {From, Ref, Log}});
-        #turn{replay = {_, _, [{clock, _} | _]}} ->
-            exit(another_way)
-    end.
-
-await_event(Match, Turn) ->
+    #turn{robot = Id, driver = Driver, actions = Actions} = Turn = get(?TURN),
+    _ = starl_driver:done(Driver, Id, lists:reverse(Actions)),
     receive
-        {starl_step, Type, Content, #{now := Now}} ->
-            event(Type, Content, Now, Match, Turn);
-        {starl_snapshot, From, Ref} ->
-            From ! {Ref, taken()},
-            await_event(Match, Turn)
+        {starl_step, Type, Content, #{now := Now}} -> event(Type, Content, Now, Match, Turn)
     end.
 
 event(code, Command, Now, Match, Turn) ->
-    ok = reload_command(Command, next_turn(Now, logged({event, code, Command, Now}, Turn))),
+    ok = reload_command(Command, next_turn(Now, Turn)),
     wait(Match);
 event(Type0, Content0, Now, Match, Turn) ->
-    _ = put(?TURN, next_turn(Now, logged({event, Type0, Content0, Now}, Turn))),
+    _ = put(?TURN, next_turn(Now, Turn)),
     #turn{robot = Id, inbox = Inbox} = Turn,
     {Type, Content} = starl_app_inbox:sensed(Type0, Content0, Id, Inbox),
     note(Type, Content),
@@ -664,33 +559,3 @@ keep(info, {Kind, _}) when Kind =:= restarted; Kind =:= given_up; Kind =:= sense
     ok;
 keep(Type, Content) ->
     perform([{trace, {unknown_event, Type, Content}}]).
-
-%% -- snapshots ------------------------------------------------------------------------------
-
-%% A step begins here, before the first, or after the last: a snapshot takes it anew.
--spec begun(place()) -> ok.
-begun(Place) ->
-    case turn() of
-        #turn{log = none} ->
-            ok;
-        Turn ->
-            Begun = Turn#turn{log = {0, []}},
-            _ = put(?BEGUN, {Place, Begun#turn{clock = none, replay = none}}),
-            _ = put(?TURN, Begun),
-            ok
-    end.
-
-%% Keeps what came to the step, if it is not too much.
-logged(_Entry, #turn{log = none} = Turn) -> Turn;
-logged(_Entry, #turn{log = {N, _}} = Turn) when N >= ?MOST_EVENTS -> Turn#turn{log = {N + 1, []}};
-logged(Entry, #turn{log = {N, Log}} = Turn) -> Turn#turn{log = {N + 1, [Entry | Log]}}.
-
-taken() ->
-    case get(?TURN) of
-        #turn{log = {N, Log}} when N =< ?MOST_EVENTS ->
-            {Place, Turn} = get(?BEGUN),
-            Data = setelement(#turn.driver, Turn, none),
-            {ok, #{turn => Data, at => Place, log => lists:reverse(Log)}};
-        _ ->
-            {error, long_step}
-    end.

@@ -26,10 +26,10 @@
 %% Type, Body}'.
 -module(starl_machine).
 
--export([new/3, step/4, module/1, state/1, data/1, snapshot/1, restore/1]).
+-export([new/3, step/4, module/1, state/1, data/1]).
 
 -export_type([t/0, name/0, tag/0, from/0, event_type/0, action/0, stored/0, meta/0, config/0]).
--export_type([result/0, snapshot/0]).
+-export_type([result/0]).
 
 %% The name of a machine within its robot: `sap', `motion', `election', `app', …
 -type name() :: atom().
@@ -180,9 +180,6 @@ when
 
 %% A machine with its present state.
 -opaque t() :: starl_machine_runner:t() | #reloaded{}.
-
-%% A machine as data.
--type snapshot() :: {module(), State :: term(), Data :: term()}.
 
 %% @doc Returns a machine in its first state, with the actions of its start. `Base' is the
 %% platform's part of the configuration, `Config' the machine's own.
@@ -376,13 +373,3 @@ state(Machine) -> starl_machine_runner:state(Machine).
 -spec data(t()) -> term().
 data(#reloaded{machine = Machine}) -> data(Machine);
 data(Machine) -> starl_machine_runner:data(Machine).
-
-%% @doc Returns the machine as data. A machine that runs reloaded code is more than data: the answer
-%% is `{error, reloaded_code}'.
--spec snapshot(t()) -> {ok, snapshot()} | {error, reloaded_code}.
-snapshot(#reloaded{}) -> {error, reloaded_code};
-snapshot(Machine) -> {ok, {module(Machine), state(Machine), data(Machine)}}.
-
-%% @doc Restores a machine from such data.
--spec restore(snapshot()) -> t().
-restore({Module, State, Data}) -> starl_machine_runner:restore(Module, State, Data).

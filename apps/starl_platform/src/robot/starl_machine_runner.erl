@@ -3,7 +3,7 @@
 %% happens when new code fails.
 -module(starl_machine_runner).
 
--export([new/3, step/4, module/1, state/1, data/1, restore/3]).
+-export([new/3, step/4, module/1, state/1, data/1]).
 -export([converts/1, moved_over/2, moved_down/2]).
 
 -export_type([t/0]).
@@ -136,9 +136,3 @@ state(#machine{state = State}) -> State.
 %% @doc The present data.
 -spec data(t()) -> term().
 data(#machine{data = Data}) -> Data.
-
-%% @doc The machine of this module with this state.
--spec restore(module(), State :: term(), Data :: term()) -> t().
-restore(Module, State, Data) ->
-    {module, Module} = code:ensure_loaded(Module),
-    of_module(Module, State, Data).

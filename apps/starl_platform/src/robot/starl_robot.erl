@@ -21,13 +21,13 @@
 -module(starl_robot).
 
 -export([
-    new/4, parts/1, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1
+    new/4, restore/1, id/1, condition/1, world/1, world/2, machines/1, machines/2, timers/1
 ]).
 -export([run/1, status/1, event/5, expire/4, fire/6, answered/3, busy/1, pace/2, next/1]).
 -export([put_off/2, leave/1, act/4, stand_still/3, go_on/1, standing/1]).
 -export([lost/3, attach/3, back/3, without_calls/2, first/2, then/2, die/2, go_down/1, come_up/2]).
 
--export_type([t/0, result/0, local/0, world/0, condition/0, ended/0, standing/0, parts/0]).
+-export_type([t/0, result/0, local/0, world/0, condition/0, ended/0, standing/0]).
 
 %% Actions are what most of a run's time goes to.
 -compile({inline, [effect/6, outward/7, answer/6, stepped/5, performed/4, work/4]}).
@@ -70,15 +70,6 @@
 %% What is left to do for a robot that is stalled in mid-step: the rest of the step, and the local
 %% events that are due after it.
 -type standing() :: {rest(), [local()]}.
-
-%% A robot as data, between two events.
--type parts() :: #{
-    condition := condition(),
-    timers := [{starl_machine:name(), starl_robot_timers:timer(), starl_robot_timers:mark()}],
-    local := [local()],
-    rest := {stands | due, rest()} | none,
-    still := still()
-}.
 
 %% `busy': the process of this machine is at work. `stands': the robot is stalled; `due': it is to
 %% go on with the rest of the step.
@@ -137,32 +128,9 @@ setup(Id, Driver) ->
         perform = fun Driver:perform/3
     }.
 
-%% @doc The state of a robot between two events, besides its machines and its driver's state.
--spec parts(t()) -> parts().
-parts(#robot{state = State, timers = Timers, local = Local, setup = Setup} = Robot) ->
-    #{
-        condition => condition(Robot),
-        timers => starl_robot_timers:to_list(Timers),
-        local => Local,
-        rest =>
-            case State of
-                {How, {_, _, _, _} = Rest} -> {How, Rest};
-                _ -> none
-            end,
-        still => Setup#setup.still
-    }.
-
-%% @doc Restores a robot that is quiet or is stalled in mid-step; `parts' are those of
-%% {@link parts/1}.
+%% @doc Restores a robot that is quiet or is stalled in mid-step.
 -spec restore(
     #{
-        id := starl:robot_id(),
-        driver := module(),
-        world := world(),
-        machines := starl_robot_machines:t(),
-        parts := parts()
-    }
-    | #{
         id := starl:robot_id(),
         driver := module(),
         world := world(),
@@ -172,16 +140,6 @@ parts(#robot{state = State, timers = Timers, local = Local, setup = Setup} = Rob
         standing => standing() | none
     }
 ) -> t().
-restore(#{parts := Parts} = Given) ->
-    #{condition := Condition, timers := Timers, local := Due, rest := Rest, still := Still} = Parts,
-    Running = starl_robot_timers:from_list(Timers),
-    Quiet = restore((maps:remove(parts, Given))#{condition => Condition, timers => Running}),
-    State =
-        case Rest of
-            none -> Condition;
-            {_, _} -> Rest
-        end,
-    still(Still, Quiet#robot{local = Due, state = State});
 restore(#{id := Id, driver := Driver, world := World, machines := Machines} = Given) ->
     #{condition := Condition, timers := Timers} = Given,
     Quiet = #robot{

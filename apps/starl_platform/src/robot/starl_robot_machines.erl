@@ -28,11 +28,10 @@
 ]).
 -export([boot/3, step/5, attach/3, lose/2, restart/3, update/3, down/1, up/2]).
 -export([lots/0]).
--export([snapshot/2, restore_from/3]).
 -export([process/2, name_of/2, processes/1, inline/1, to_map/1]).
 -export([part/1]).
 
--export_type([t/0, inline/0, answer/0, machine/0, starts/0, life/0, moment/0, snapshot/0]).
+-export_type([t/0, inline/0, answer/0, machine/0, starts/0, life/0, moment/0]).
 
 %% How often each machine has started, or a number beyond that.
 -type starts() :: #{starl_machine:name() => pos_integer()}.
@@ -60,17 +59,6 @@
     | {done, [starl_machine:action()], t()}
     | {crashed, Reason :: term()}
     | absent.
-
-%% The machines as data; what is kept of processes is their driver's.
--type snapshot() :: #{
-    now := #{
-        starl_machine:name() => waiting | {machine, starl_machine:snapshot()} | {process, term()}
-    },
-    starts := starts(),
-    lives := #{starl_machine:name() => life()},
-    moment := moment(),
-    restarts := #{starl_robot_sup:part() => pos_integer()}
-}.
 
 -define(LOT_BITS, 16).
 
@@ -271,58 +259,6 @@ counted(Name, #starts{counts = Counts, lives = Lives, moment = Moment} = Starts)
 %% @doc The number of lots. A first number of a life has at most 59 bits until the year 2248.
 -spec lots() -> pos_integer().
 lots() -> 1 bsl ?LOT_BITS.
-
-%% @doc All machines as data. `Ask' says what is to be kept of a process.
--spec snapshot(Ask, t()) -> {ok, snapshot()} | {error, starl_snapshot:reason()} when
-    Ask :: fun(
-        (pid()) ->
-            {ok, {machine, starl_machine:snapshot()} | {process, term()} | waiting}
-            | {error, starl_snapshot:reason()}
-    ).
-snapshot(Ask, #machines{now = Now, starts = Starts}) ->
-    Kept = [{Name, kept(Machine, Ask)} || {Name, Machine} <- maps:to_list(Now)],
-    case [Reason || {_, {error, Reason}} <- Kept] of
-        [Reason | _] ->
-            {error, Reason};
-        [] ->
-            #starts{counts = Counts, lives = Lives, moment = Moment, restarts = R} = Starts,
-            {ok, #{
-                now => maps:from_list([{Name, Data} || {Name, {ok, Data}} <- Kept]),
-                starts => Counts,
-                lives => Lives,
-                moment => Moment,
-                restarts => R
-            }}
-    end.
-
-kept(waiting, _Ask) ->
-    {ok, waiting};
-kept(Pid, Ask) when is_pid(Pid) ->
-    Ask(Pid);
-kept(Machine, _Ask) ->
-    case starl_machine:snapshot(Machine) of
-        {ok, Data} -> {ok, {machine, Data}};
-        {error, _} = Error -> Error
-    end.
-
-%% @doc The machines of such data. These processes are there already; what had one then, and is not
-%% among them, is gone.
--spec restore_from(snapshot(), inline(), #{starl_machine:name() => pid()}) -> t().
-restore_from(#{now := Now, starts := Counts, lives := Lives} = Kept, Inline, Pids) ->
-    #{moment := Moment, restarts := Restarts} = Kept,
-    Left = maps:filter(
-        fun(Name, _) -> is_map_key(Name, Inline) orelse is_map_key(Name, Pids) end, Now
-    ),
-    Starts = #starts{
-        inline = Inline, counts = Counts, lives = Lives, moment = Moment, restarts = Restarts
-    },
-    #machines{
-        now = maps:map(fun(Name, Data) -> restored(Name, Data, Pids) end, Left), starts = Starts
-    }.
-
-restored(Name, _Data, Pids) when is_map_key(Name, Pids) -> maps:get(Name, Pids);
-restored(_Name, {machine, Data}, _Pids) -> starl_machine:restore(Data);
-restored(_Name, waiting, _Pids) -> waiting.
 
 %% @doc A machine's process; `none': the machine is inline, or there is none of this name.
 -spec process(starl_machine:name(), t()) -> pid() | none.

@@ -5,7 +5,7 @@
 -module(starl_robot_tree).
 
 -export([launch/3, launch/2, resume/5, down/1, restart/3, give_up/4, kill/2, owns/3]).
--export([supervisor/1, waiting/1, inspect/1, snapshot/1, restore/4]).
+-export([supervisor/1, waiting/1, inspect/1]).
 
 -export_type([t/0, start/0, seen/0, restarted/0, waiting/0]).
 
@@ -248,60 +248,6 @@ waiting(Machines) ->
                 _ -> none
             end
     end.
-
-%% @doc All machines as data, while their processes are at rest.
--spec snapshot(starl_robot_machines:t()) ->
-    {ok, starl_robot_machines:snapshot()} | {error, starl_snapshot:reason()}.
-snapshot(Machines) -> starl_robot_machines:snapshot(fun asked/1, Machines).
-
-asked(Pid) ->
-    case proc_lib:translate_initial_call(Pid) of
-        {starl_app_proc, _, _} -> as_process(starl_app_proc:snapshot(Pid));
-        _ -> as_machine(starl_machine_proc:machine(Pid))
-    end.
-
-as_process({ok, waiting}) -> {ok, waiting};
-as_process({ok, Kept}) -> {ok, {process, Kept}};
-as_process({error, _} = Error) -> Error.
-
-as_machine(waiting) ->
-    {ok, waiting};
-as_machine(Machine) ->
-    case starl_machine:snapshot(Machine) of
-        {ok, Kept} -> {ok, {machine, Kept}};
-        {error, _} = Error -> Error
-    end.
-
-%% @doc The machines of such data, all inline but for a sequential application, whose process this
-%% function starts.
--spec restore(
-    starl:robot_id(), start() | none, starl_robot_machines:inline(), starl_robot_machines:snapshot()
-) -> {ok, t(), starl_robot_machines:t()} | {error, Reason :: term()}.
-restore(Robot, Start, Inline, #{now := Now} = Kept) when map_size(Now) =:= 0; Start =:= none ->
-    %% down, dead, or without processes
-    Tree = #tree{robot = Robot, start = Start},
-    {ok, Tree, starl_robot_machines:restore_from(Kept, Inline, #{})};
-restore(Robot, Start, Inline, #{now := Now} = Kept) ->
-    {Tree, Started} = launch(Robot, Start, Inline),
-    Pid = starl_robot_machines:process(app, Started),
-    case went_on(Pid, maps:get(app, Now, gone), Tree) of
-        {error, _} = Error ->
-            Error;
-        Processes ->
-            {ok, Tree, starl_robot_machines:restore_from(Kept, Inline, Processes)}
-    end.
-
-went_on(Pid, {process, App}, _Tree) ->
-    case starl_app_proc:restore(Pid, App) of
-        ok -> #{app => Pid};
-        {error, _} = Error -> Error
-    end;
-went_on(Pid, waiting, _Tree) ->
-    #{app => Pid};
-went_on(Pid, gone, Tree) ->
-    %% it was given up
-    ok = end_part(app, Pid, Tree),
-    #{}.
 
 %% @doc All machines in their present state.
 -spec inspect(starl_robot_machines:t()) -> #{starl_machine:name() => seen()}.

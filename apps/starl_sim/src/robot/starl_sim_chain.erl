@@ -3,7 +3,7 @@
 %% ({@link starl_sim_ledger}); it sees only the few events that it has asked for.
 -module(starl_sim_chain).
 
--export([new/1, new/2, counted/2, add/5, value/1, events/1, ledger/1]).
+-export([new/1, counted/2, add/5, value/1, events/1, ledger/1]).
 
 -export_type([t/0]).
 
@@ -24,13 +24,6 @@
 new(Range) ->
     {Mark, Ledger} = starl_sim_ledger:new(Range),
     #chain{mark = Mark, ledger = Ledger}.
-
-%% @doc The chain that goes on after this many events, with this value.
--spec new(starl_sim_ledger:range() | none, {Value :: non_neg_integer(), Events}) -> t() when
-    Events :: non_neg_integer().
-new(Range, {Value, Events}) ->
-    {Mark, Ledger} = starl_sim_ledger:new(Range, Events),
-    #chain{value = Value, events = Events, mark = Mark, ledger = Ledger}.
 
 %% @doc What counts of a local event. Of an answer of the positioning system or a sense only what is seen
 %% or felt counts: the tag and the ages are the driver's own. The names of versions depend on the

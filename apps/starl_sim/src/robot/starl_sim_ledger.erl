@@ -6,7 +6,7 @@
 %% one comparison of two numbers.
 -module(starl_sim_ledger).
 
--export([new/1, new/2, note/3, checkpoints/1, events/1]).
+-export([new/1, note/3, checkpoints/1, events/1]).
 
 -export_type([t/0, checkpoint/0, event/0, range/0]).
 
@@ -43,13 +43,9 @@
 
 %% @doc An empty ledger that records these events, and the number of the first event to note.
 -spec new(range() | none) -> {Next :: pos_integer(), t()}.
-new(Range) -> new(Range, 0).
-
-%% @doc The same after this many events.
--spec new(range() | none, Events :: non_neg_integer()) -> {Next :: pos_integer(), t()}.
-new(Range, Events) ->
+new(Range) ->
     Ledger = #ledger{range = Range},
-    {next(Events, Ledger), Ledger}.
+    {next(0, Ledger), Ledger}.
 
 %% @doc Notes an event; returns the number of the next one to note.
 -spec note(starl_sim_queue:time(), event(), t()) -> {Next :: pos_integer(), t()}.

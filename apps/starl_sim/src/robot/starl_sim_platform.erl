@@ -18,7 +18,7 @@
 -export([pending/1, now/1, piece/1, happens/5, chain/1, packets/1, stored/2, result/1]).
 -export([strike_store/3]).
 -export([ride/2, says/2, plan_event/2, postpone/2, reload/2, fallen/3, tell_all/2]).
--export([turn_off/2, snapshot/1, restore/2, piece_of/1]).
+-export([turn_off/2]).
 
 -export_type([t/0, yield/0]).
 
@@ -64,42 +64,6 @@ new(Id, Pose, World) ->
         vehicle = Vehicle,
         store = starl_sim_store:new(starl_sim_world:faults(Id, store, World)),
         traces = [{0, Id, chassis, {motion, starl_sim_vehicle:piece(Vehicle)}}]
-    }.
-
-%% @doc The body as data, between two windows: all but the world.
--spec snapshot(t()) -> map().
-snapshot(#body{vehicle = Vehicle, chain = Chain} = Body) ->
-    #{
-        now => Body#body.now,
-        seq => Body#body.seq,
-        timers => Body#body.timers,
-        transmitter => Body#body.transmitter,
-        vehicle => starl_sim_vehicle:snapshot(Vehicle),
-        store => Body#body.store,
-        chain => {starl_sim_chain:value(Chain), starl_sim_chain:events(Chain)},
-        result => Body#body.result
-    }.
-
-%% @doc The piece of motion in such data.
--spec piece_of(map()) -> starl_trajectory:piece().
-piece_of(#{vehicle := Vehicle}) -> starl_sim_vehicle:piece(Vehicle).
-
-%% @doc The body of such data in a world, whose faults strike it from now on.
--spec restore({starl:robot_id(), map()}, starl_sim_world:t()) -> t().
-restore({Id, #{now := Now, chain := Chain, store := Store} = Kept}, World) ->
-    #body{
-        id = Id,
-        world = World,
-        now = Now,
-        until = Now,
-        clock = starl_sim_world:kept_clock(Id, Kept, World),
-        seq = maps:get(seq, Kept),
-        timers = maps:get(timers, Kept),
-        transmitter = maps:get(transmitter, Kept),
-        vehicle = starl_sim_vehicle:restore(maps:get(vehicle, Kept), World),
-        store = starl_sim_store:with_faults(starl_sim_world:faults(Id, store, World), Store),
-        chain = starl_sim_chain:new(starl_sim_world:recorded(Id, World), Chain),
-        result = maps:get(result, Kept)
     }.
 
 %% @doc The robot at a later time, in a new window; its yield begins with what happened

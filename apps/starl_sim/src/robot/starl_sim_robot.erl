@@ -18,10 +18,9 @@
 
 -export([new/4, at/2, open/3, answered/3, down/4, yield/1]).
 -export([halt_after/2, halted/1, resume/1, branch_after/3]).
--export([snapshot/2, restore/4]).
 -export([at_work/1, owns/2, piece/1, summary/2, recorded/1, machines/1, timers/2]).
 
--export_type([t/0, kind/0, stop/0, work/0, snapshot/0]).
+-export_type([t/0, kind/0, stop/0, work/0]).
 
 %% The number of a robot's crashes that are remembered.
 -define(REMEMBERED, 10).
@@ -50,17 +49,6 @@
     crashes = [] :: [{starl_machine:name(), Reason :: term()}],
     despair = starl_sim_crash_loop:new() :: starl_sim_crash_loop:t()
 }).
-
-%% A robot as data, with its events of later windows.
--type snapshot() :: #{
-    machines := starl_robot_machines:snapshot(),
-    parts := starl_robot:parts(),
-    body := map(),
-    planned := [starl_sim_queue:event()],
-    hold := starl_sim_queue:hold(),
-    still := starl_sim_queue:time(),
-    despair := starl_sim_crash_loop:t()
-}.
 
 %% After this number of events a robot halts until it is resumed, or turns off into a branch.
 -type stop() :: pos_integer() | {branch, Events :: non_neg_integer(), Later :: map()} | none.
@@ -184,58 +172,6 @@ branch_after(N, Later, #robot{robot = Robot} = Site) ->
     Site#robot{stop = {branch, N, Later}, robot = starl_robot:pace(single, Robot)};
 branch_after(N, Later, Other) ->
     ?KIND(Other):stop_at({branch, N, Later}, Other).
-
-%% @doc The robot as data, between two windows; `Later' are its events of later windows. The faults of the
-%% schedule are not among them, nor its crashes so far.
--spec snapshot(Later :: [starl_sim_queue:event()], t()) ->
-    {ok, snapshot()} | {error, starl_snapshot:reason()}.
-snapshot(Later, #robot{robot = Robot, events = Events} = Site) ->
-    case starl_robot_tree:snapshot(starl_robot:machines(Robot)) of
-        {ok, Machines} ->
-            {ok, #{
-                machines => Machines,
-                parts => starl_robot:parts(Robot),
-                body => starl_sim_platform:snapshot(body(Site)),
-                planned => [Event || Event <- Later, not is_strike(Event)] ++ Events,
-                hold => Site#robot.hold,
-                still => Site#robot.still,
-                despair => Site#robot.despair
-            }};
-        {error, _} = Error ->
-            Error
-    end;
-snapshot(_Later, _Other) ->
-    {error, no_data}.
-
-%% As the plan of a run numbers them.
-is_strike({_, _, ?CLASS_WORLD, 0, N, _}) -> N > 0;
-is_strike(_Event) -> false.
-
-%% @doc The robot of such data in a world, with its events of later windows.
--spec restore(
-    {starl:robot_id(), snapshot()},
-    starl_robot_tree:start() | none,
-    starl_robot_machines:inline(),
-    starl_sim_world:t()
-) -> {ok, t(), [starl_sim_queue:event()]} | {error, Reason :: term()}.
-restore({Id, #{machines := Kept, parts := Parts, body := Body} = Snapshot}, Start, Inline, World) ->
-    case starl_robot_tree:restore(Id, Start, Inline, Kept) of
-        {ok, Tree, Machines} ->
-            Robot = starl_robot:restore(#{
-                id => Id,
-                driver => starl_sim_platform,
-                world => starl_sim_platform:restore({Id, Body}, World),
-                machines => Machines,
-                parts => Parts
-            }),
-            #{hold := Hold, still := Still, despair := Despair, planned := Planned} = Snapshot,
-            Site = #robot{
-                id = Id, robot = Robot, tree = Tree, hold = Hold, still = Still, despair = Despair
-            },
-            {ok, Site, Planned};
-        {error, _} = Error ->
-            Error
-    end.
 
 %% @doc The yield of the window.
 -spec yield(t()) -> starl_sim_platform:yield().

@@ -7,7 +7,7 @@
 -module(starl_sim_store).
 
 -export([new/1, keep/4, kept/3, codes/1, codes/2]).
--export([strike/3, outdate/1, with_faults/2]).
+-export([strike/3, outdate/1]).
 
 -export_type([t/0, strike/0]).
 
@@ -75,10 +75,6 @@ strike({set_back_store, Fault}, _Starts, #store{images = Images} = Store) ->
 %% @doc The store is known to be lost or set back.
 -spec outdate(t()) -> t().
 outdate(Store) -> Store#store{kept = #{}, written = []}.
-
-%% @doc The same store, which these faults strike.
--spec with_faults([starl_run_fault:compiled()], t()) -> t().
-with_faults(Faults, Store) -> Store#store{faults = Faults}.
 
 %% @doc The code of its machines.
 -spec codes(t()) -> starl_reload:codes().

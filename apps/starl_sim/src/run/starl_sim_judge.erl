@@ -3,7 +3,7 @@
 %% judged.
 -module(starl_sim_judge).
 
--export([new/1, new/2, new/3, told/5, judged/1, seen/1, is_sound/1, missing/2, close/2]).
+-export([new/1, new/2, told/5, judged/1, seen/1, is_sound/1, missing/2, close/2]).
 
 -export_type([t/0]).
 
@@ -28,11 +28,6 @@ new(Monitors) -> new(Monitors, none).
 -spec new([{module(), map()}], starl_observer:t()) -> t().
 new(Monitors, Observer) ->
     #judge{monitors = starl_monitor:guarded(Monitors), observer = Observer}.
-
-%% @doc The same for a run that goes on: so many windows are judged already, by these monitors.
--spec new(starl_monitor:t(), starl_observer:t(), Windows :: non_neg_integer()) -> t().
-new(Monitors, Observer, Windows) ->
-    #judge{monitors = Monitors, observer = Observer, judged = Windows}.
 
 %% @doc One of `Shards' shards reports its N-th window, ordered by time, then robot. Tells
 %% whether a contract is violated in the windows that can be judged now.

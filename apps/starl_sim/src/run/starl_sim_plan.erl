@@ -20,7 +20,6 @@
     limit_us := starl_sim_queue:time(),
     monitors := [{module(), map()}],
     observe => starl_observer:t(),
-    from => starl_sim_shards:checkpoint(),
     nodes => starl_sim_nodes:options(),
     sites => [starl_sim_site:t(), ...]
 }.
@@ -46,7 +45,7 @@ make({Scenario, Scene, #{tree := Tree, robots := Robots} = Run}, Options) ->
         shards => shards(Shards, length(Robots), Options),
         faults => strikes(Faults, Reloads)
     },
-    Observed = maps:with([observe, from], Options),
+    Observed = maps:with([observe], Options),
     Whole = maps:merge(maps:merge(Plan, Observed), nodes(Scenario, Scene, Code, Options)),
     of_kind(maps:get(program, Scenario, simulated), Scenario, Whole, Tree).
 
@@ -64,15 +63,13 @@ crew(inline, Tree) ->
     {Left, Inline} = starl_robot_services:inline(Tree),
     #{tree => Left, inline => Inline}.
 
-world(#{faults := Faults} = Scenario, Scene, #{world := World, reloads := Reloads}, Options) ->
+world(#{faults := Faults}, Scene, #{world := World, reloads := Reloads}, Options) ->
     Parts = [
         #{
             packets =>
                 maps:get(packets, Options, false) andalso maps:get(observe, Options, none) =/= none,
             record => maps:get(record, Options, #{})
         },
-        told(Options),
-        seeds(Scenario, Options),
         walls(Faults, Scene),
         kept(starl_run_contracts:models(Scene, Options)),
         starl_run_reloads:world(Reloads, starl_run_plan:parts(Scene))
@@ -102,14 +99,6 @@ nodes(#{app := App}, #{app := Playing} = Scene, Code, #{nodes := Nodes} = Option
     };
 nodes(_Scenario, _Scene, _Code, _Options) ->
     #{}.
-
-%% What an observer is told beside the facts.
-told(#{observe := Observer, snapshots_us := Us}) when Observer =/= none -> #{snapshots_us => Us};
-told(#{}) -> #{}.
-
-%% A run that goes on with other draws than it began with.
-seeds(#{seed := Seed}, #{from := #{seed := Later}}) -> #{seed => Later, team_seed => Seed};
-seeds(#{}, #{}) -> #{}.
 
 %% @doc How the robots of a scenario are simulated. A caller that lets nobody look at their processes says
 %% `auto => inline', which is cheaper.

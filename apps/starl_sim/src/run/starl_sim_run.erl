@@ -20,7 +20,6 @@
     events/2,
     timers/2,
     violations/1,
-    snapshots/1,
     finish/1,
     reload/3,
     reloads/1
@@ -126,14 +125,6 @@ timers(Run, Robot) -> gen_server:call(Run, {ask, timers, Robot}, infinity).
 -spec violations(pid()) -> [starl_monitor:violation()] | {error, running}.
 violations(Run) -> gen_server:call(Run, violations, infinity).
 
-%% @doc All robots as data, and the number of windows so far, while the run rests.
--spec snapshots(pid()) ->
-    {Windows :: non_neg_integer(), [
-        {starl:robot_id(), {ok, starl_sim_robot:snapshot()} | {error, starl_snapshot:reason()}}
-    ]}
-    | {error, running}.
-snapshots(Run) -> gen_server:call(Run, snapshots, infinity).
-
 %% @doc All robots get new code now; may be asked while it runs.
 -spec reload(pid(), [starl_version:source()], TrialMs :: non_neg_integer()) ->
     ok | {error, starl_reload:reason() | {node(), unreachable}}.
@@ -157,25 +148,17 @@ init(Plan) ->
     end.
 
 set_out(#{window_us := WindowUs, robots := Robots, limit_us := LimitUs} = Plan) ->
+    #{monitors := Monitors} = Plan,
     Observer = maps:get(observe, Plan, none),
-    {Now, Judge} = begun(Plan, Observer),
     #run{
-        now = Now,
         limit_us = LimitUs,
         window_us = WindowUs,
         shards = starl_sim_shards:start(Plan),
-        judge = Judge,
-        approved = starl_sim_judge:judged(Judge),
+        judge = starl_sim_judge:new(Monitors, Observer),
         observer = Observer,
         running = length(Robots),
         reload = starl_sim_reload:new(Plan)
     }.
-
-begun(#{from := From, monitors := Monitors}, Observer) ->
-    #{at_us := At, windows := Windows, past := Past} = From,
-    {At, starl_sim_judge:new(Past(Monitors), Observer, Windows)};
-begun(#{monitors := Monitors}, Observer) ->
-    {0, starl_sim_judge:new(Monitors, Observer)}.
 
 -spec handle_call(term(), gen_server:from(), #run{}) ->
     {reply, term(), #run{}} | {noreply, #run{}}.
@@ -218,8 +201,6 @@ answer({ask, What, Id}, Run) ->
 answer(violations, #run{judge = Judge, now = Now}) ->
     {Violations, _Results, _Unjudged} = starl_sim_judge:close(Now, Judge),
     Violations;
-answer(snapshots, #run{judge = Judge, shards = Shards}) ->
-    {starl_sim_judge:judged(Judge), starl_sim_shards:snapshots(Shards)};
 answer(robots, Run) ->
     summaries(Run);
 answer(finish, Run) ->

@@ -10,7 +10,7 @@
 %% '''
 -module(starl_sim_lockstep).
 
--export([new/3, launch/4, go_on_at/3, solid/2, run/3, hear/2, planned/2, snapshots/1]).
+-export([new/3, launch/4, solid/2, run/3, hear/2, planned/2]).
 
 -export_type([t/0, reason/0, stop/0, message/0]).
 
@@ -75,10 +75,6 @@
     abandoned = false :: boolean(),
     %% the world, if bodies are solid; the robots with new pieces of motion, until all shards' are known
     solid = none :: starl_sim_world:t() | none,
-    %% snapshots of the robots are told this often, for the last time in this period; those that the
-    %% present window begins with
-    snapshots = none :: {Every :: pos_integer(), Last :: non_neg_integer()} | none,
-    told = [] :: [starl_monitor:trace_event()],
     moved = [] :: [starl:robot_id()]
 }).
 
@@ -108,29 +104,10 @@ launch(Running, Faults, {Sight, Mail}, #steps{queue = Queue} = Steps) ->
     Planned = starl_sim_queue:add_all(Faults, Queue),
     Steps#steps{queue = Planned, sight = Sight, mail = Mail, running = Running}.
 
-%% @doc The shard goes on at this time, after this many windows: its robots are those of snapshots.
--spec go_on_at(starl_sim_queue:time(), Windows :: pos_integer(), t()) -> t().
-go_on_at(Now, Windows, Steps) -> Steps#steps{now = Now, windows = Windows, approved = Windows}.
-
-%% @doc The robots as data, while the shard rests between two windows.
--spec snapshots(t()) -> [{starl:robot_id(), {ok, map()} | {error, starl_snapshot:reason()}}].
-snapshots(#steps{queue = Queue, open = none}) ->
-    [
-        {Id, starl_sim_robot:snapshot(starl_sim_queue:of_robot(Id, Queue), Robot)}
-     || {Id, Robot} <- starl_sim_window:robots()
-    ].
-
 %% @doc Bodies are solid, if the world has walls.
 -spec solid(starl_sim_world:t(), t()) -> t().
-solid(World, Steps) -> told_often(World, walled(World, Steps)).
-
-walled(#{walls := _} = World, Steps) -> Steps#steps{solid = World};
-walled(#{}, Steps) -> Steps.
-
-told_often(#{snapshots_us := Every}, #steps{now = Now} = Steps) ->
-    Steps#steps{snapshots = {Every, Now div Every}};
-told_often(#{}, Steps) ->
-    Steps.
+solid(#{walls := _} = World, Steps) -> Steps#steps{solid = World};
+solid(#{}, Steps) -> Steps.
 
 %% @doc The events that are planned for a robot, in no order, while the shard rests.
 -spec planned(starl:robot_id(), t()) -> [starl_sim_queue:event()].
@@ -279,9 +256,8 @@ down(Pid, Reason, #steps{now = Now} = Steps) ->
 wake(Id, #steps{queue = Queue, now = Now} = Steps) ->
     Steps#steps{queue = starl_sim_queue:add({Id, Now, 0, 0, 0, wake}, Queue)}.
 
-run_window(#steps{next = Next, window_us = Width, windows = N} = Steps0) ->
+run_window(#steps{next = Next, window_us = Width, windows = N, queue = Queue} = Steps) ->
     From = Next - Next rem Width,
-    #steps{queue = Queue} = Steps = pictured(From, Steps0),
     To = From + Width,
     {Events, Rest} = starl_sim_queue:take_window(To, Queue),
     Steps1 = Steps#steps{queue = Rest, now = To, windows = N + 1},
@@ -294,21 +270,6 @@ run_window(#steps{next = Next, window_us = Width, windows = N} = Steps0) ->
 give_up(Hang, #steps{run = Run, now = Now, window_us = Width} = Steps) ->
     Run ! {hung, Now - Width, Hang},
     Steps#steps{abandoned = true}.
-
-%% A snapshot lies before all events of the window.
-pictured(_From, #steps{snapshots = none} = Steps) ->
-    Steps;
-pictured(From, #steps{snapshots = {Every, Last}} = Steps) when From div Every =< Last ->
-    Steps;
-pictured(From, #steps{snapshots = {Every, _}, windows = N} = Steps) ->
-    Told = [
-        {From, Id, snapshot, encoded(Snapshot, N)}
-     || {Id, Snapshot} <- snapshots(Steps)
-    ],
-    Steps#steps{told = Told, snapshots = {Every, From div Every}}.
-
-encoded({ok, Snapshot}, Windows) -> starl_snapshot:encode({simulation, Windows, Snapshot});
-encoded({error, _} = Error, _Windows) -> Error.
 
 %% Ends the window, unless a robot was held in it. `Mails' holds what the peers sent meanwhile.
 close(Window, Ids, Mails, #steps{stop = Stop} = Steps) ->
@@ -333,12 +294,10 @@ hold(At, Window, Ids, Mails0, #steps{mail = Mail, windows = N, stop = Id} = Step
 
 finish(Ids, Mails, #steps{windows = N} = Steps) ->
     Yields = starl_sim_window:yields(Ids),
-    Trace = Steps#steps.told ++ maps:get(trace, Yields),
-    Steps#steps.run ! {window_done, self(), N, Trace},
-    Done = Steps#steps{told = []},
+    Steps#steps.run ! {window_done, self(), N, maps:get(trace, Yields)},
     case Mails of
-        none -> exchange(Yields, Done);
-        _ -> lists:foldl(fun take/2, tell(Yields, Done), Mails)
+        none -> exchange(Yields, Steps);
+        _ -> lists:foldl(fun take/2, tell(Yields, Steps), Mails)
     end.
 
 %% Goes on with the window in which a robot was held, here or in another shard.

@@ -55,20 +55,17 @@
     peers := [pid()],
     owners := #{starl:robot_id() => pid()},
     sight := [{starl:robot_id(), starl_trajectory:piece()}],
-    running := non_neg_integer(),
-    from => starl_sim_shards:checkpoint()
+    running := non_neg_integer()
 }.
 
-%% A question about robots: a summary of all at a time; all of them as data; one robot's machines, its timers, its number
+%% A question about robots: a summary of all at a time; one robot's machines, its timers, its number
 %% of events, or its recorded events.
 -type question() ::
     {summary, starl_sim_queue:time()}
-    | snapshots
     | {robot | timers | count | events, starl:robot_id()}.
 
 -type answer() ::
     [{starl:robot_id(), starl_sim_summary:t()}]
-    | [{starl:robot_id(), {ok, starl_sim_robot:snapshot()} | {error, starl_snapshot:reason()}}]
     | #{starl_machine:name() => starl_robot_tree:seen()}
     | [starl_sim_timers:timer()]
     | [starl_sim_ledger:event()]
@@ -96,7 +93,7 @@ start_link(#{robots := Robots} = Config) ->
     gen_server:start_link(?MODULE, Config, [{spawn_opt, Heap}]).
 
 %% @doc Starts robots on the shard and plants faults; returns when all their processes run.
--spec launch(pid(), load()) -> ok | {error, {starl:robot_id(), Reason :: term()}}.
+-spec launch(pid(), load()) -> ok.
 launch(Shard, Load) -> gen_server:call(Shard, {launch, Load}, infinity).
 
 %% @doc Runs until a time or, if that is earlier, until just after an event of one robot; must be
@@ -143,15 +140,9 @@ init(#{run := Run, world := World, robots_sup := RobotsSup} = Config) ->
 handle_call({launch, Load}, _From, #shard{world = #{range_mm := Range} = World0} = Shard) ->
     Sight = starl_sim_sight:new(maps:get(sight, Load), Range),
     World = World0#{sight => Sight},
-    try started(Load, World, Shard) of
-        {Robots, Planned} ->
-            ok = starl_sim_window:hold(Robots),
-            {reply, ok, launched(Planned, Sight, Load, Shard#shard{world = World})}
-    catch
-        throw:{not_restored, Id, Reason} -> {reply, {error, {Id, Reason}}, Shard}
-    end;
-handle_call({inspect, snapshots}, _From, #shard{steps = Steps} = Shard) ->
-    {reply, starl_sim_lockstep:snapshots(Steps), Shard};
+    #{robots := Robots, crew := Crew} = Load,
+    ok = starl_sim_window:hold([start_robot(Robot, Crew, World, Shard) || Robot <- Robots]),
+    {reply, ok, launched(Sight, Load, Shard#shard{world = World})};
 handle_call({inspect, {summary, Time}}, _From, Shard) ->
     Robots = starl_sim_window:robots(),
     {reply, [{Id, starl_sim_robot:summary(Time, Robot)} || {Id, Robot} <- Robots], Shard};
@@ -181,29 +172,11 @@ handle_info(Message, #shard{steps = Steps} = Shard) ->
 
 %% -- starting -------------------------------------------------------------------------------
 
-started(#{from := #{robots := Kept}, robots := Robots, crew := Crew}, World, Shard) ->
-    Restored = [restored(Id, maps:get(Id, Kept), Crew, World, Shard) || {Id, _} <- Robots],
-    {[Robot || {Robot, _} <- Restored], lists:append([Planned || {_, Planned} <- Restored])};
-started(#{robots := Robots, crew := Crew}, World, Shard) ->
-    {[start_robot(Robot, Crew, World, Shard) || Robot <- Robots], []}.
-
-restored(Id, Kept, #{tree := Tree, inline := Inline}, World, Shard) ->
-    case starl_sim_robot:restore({Id, Kept}, starter(Id, Tree, Shard), Inline, World) of
-        {ok, Robot, Planned} -> {{Id, Robot}, Planned};
-        {error, Reason} -> throw({not_restored, Id, Reason})
-    end.
-
-launched(Planned, Sight, Load, #shard{steps = Steps, world = World} = Shard) ->
-    #{faults := Faults, running := Running} = Load,
-    Mail = starl_sim_mail:new(maps:get(peers, Load), maps:get(owners, Load)),
-    At =
-        case Load of
-            #{from := #{at_us := Now, windows := N}} -> starl_sim_lockstep:go_on_at(Now, N, Steps);
-            #{} -> Steps
-        end,
-    Solid = starl_sim_lockstep:solid(World, At),
-    Launched = starl_sim_lockstep:launch(Running, Planned ++ Faults, {Sight, Mail}, Solid),
-    Shard#shard{steps = Launched}.
+launched(Sight, Load, #shard{steps = Steps, world = World} = Shard) ->
+    #{faults := Faults, running := Running, peers := Peers, owners := Owners} = Load,
+    Mail = starl_sim_mail:new(Peers, Owners),
+    Solid = starl_sim_lockstep:solid(World, Steps),
+    Shard#shard{steps = starl_sim_lockstep:launch(Running, Faults, {Sight, Mail}, Solid)}.
 
 start_robot({Id, _Pose} = Placed, Crew, World, Shard) ->
     Robot = new_robot(Placed, Crew, World, Shard),

@@ -3,21 +3,9 @@
 -module(starl_sim_shards).
 
 -export([start/1, count/1, team/1, is_one/2, missing/2]).
--export([run/3, approve/2, reload/2, halt/1, ask/3, summaries/2, snapshots/1, lose/2, give_up/1]).
+-export([run/3, approve/2, reload/2, halt/1, ask/3, summaries/2, lose/2, give_up/1]).
 
--export_type([t/0, checkpoint/0]).
-
-%% Where a run goes on that does not begin at time 0: its robots as data, all at one moment between two
-%% windows, and what its monitors have judged by then.
-%% `windows': their number up to then, at least one. `past': monitors, ready to go on, from those of the plan.
-%% `seed': the seed of all draws from now on, if it is not the scenario's.
--type checkpoint() :: #{
-    at_us := starl_sim_queue:time(),
-    windows := pos_integer(),
-    robots := #{starl:robot_id() => starl_sim_robot:snapshot()},
-    past := fun(([{module(), map()}]) -> starl_monitor:t()),
-    seed => non_neg_integer()
-}.
+-export_type([t/0]).
 
 -record(shards, {
     pids :: [pid()],
@@ -38,11 +26,8 @@ start(#{robots := Robots} = Plan) ->
     Pids = start_all(Plan),
     Owners = owners(Pids, Robots),
     Load = fun(Shard) -> load(Shard, Pids, Owners, Plan) end,
-    _ = [launched(starl_sim_shard:launch(Shard, Load(Shard))) || Shard <- Pids],
+    _ = [ok = starl_sim_shard:launch(Shard, Load(Shard)) || Shard <- Pids],
     #shards{pids = Pids, owners = Owners}.
-
-launched(ok) -> ok;
-launched({error, Reason}) -> exit({not_restored, Reason}).
 
 start_all(#{shards := N, sites := Sites, robots := Robots} = Plan) ->
     Common = maps:with([world, window_us, patience_ms], Plan),
@@ -103,12 +88,6 @@ summaries(Now, #shards{pids = Pids} = Shards) ->
     Told = [asked(Shard, {summary, Now}, [], Shards) || Shard <- Pids],
     lists:keysort(1, lists:append(Told)).
 
-%% @doc All robots as data, ascending.
--spec snapshots(t()) ->
-    [{starl:robot_id(), {ok, starl_sim_robot:snapshot()} | {error, starl_snapshot:reason()}}].
-snapshots(#shards{pids = Pids} = Shards) ->
-    lists:keysort(1, lists:append([asked(Shard, snapshots, [], Shards) || Shard <- Pids])).
-
 %% @doc A node is lost: its shards answer no more; each of the others has some time for its answer.
 -spec lose(node(), t()) -> t().
 lose(Node, #shards{pids = Pids} = Shards) ->
@@ -149,8 +128,8 @@ owners(Shards, Robots) ->
 %% The initial load of one shard.
 -spec load(pid(), [pid()], #{starl:robot_id() => pid()}, starl_sim_plan:t()) ->
     starl_sim_shard:load().
-load(Shard, Shards, Owners, #{robots := Robots, crew := Crew, faults := Faults} = Plan) ->
-    Load = #{
+load(Shard, Shards, Owners, #{robots := Robots, crew := Crew, faults := Faults}) ->
+    #{
         robots => [R || {Id, _} = R <- Robots, maps:get(Id, Owners) =:= Shard],
         crew => Crew,
         faults => [F || F <- Faults, maps:get(element(1, F), Owners) =:= Shard],
@@ -158,34 +137,6 @@ load(Shard, Shards, Owners, #{robots := Robots, crew := Crew, faults := Faults} 
         owners => Owners,
         sight => [{Id, standing(Pose)} || {Id, Pose} <- Robots],
         running => length(Robots)
-    },
-    case Plan of
-        #{from := From} -> from(From, Load);
-        #{} -> Load
-    end.
-
-%% Faults that have struck before are in the robots' states.
-from(#{at_us := At} = From, #{faults := Faults} = Load) ->
-    Load#{
-        from => From,
-        faults := [Fault || Fault <- Faults, element(2, Fault) >= At],
-        sight := pieces(From),
-        running := running(From)
     }.
-
-%% The robots' pieces of motion then.
-pieces(#{robots := Robots}) ->
-    [
-        {Id, starl_sim_platform:piece_of(Body)}
-     || {Id, #{body := Body}} <- lists:sort(maps:to_list(Robots))
-    ].
-
-%% The number of robots whose application has not ended then.
-running(#{robots := Robots}) ->
-    length([
-        on
-     || #{body := #{result := running}, parts := #{condition := Up}} <- maps:values(Robots),
-        Up =/= dead
-    ]).
 
 standing({X, Y, Heading}) -> starl_trajectory:standing(0, {X, Y}, Heading).

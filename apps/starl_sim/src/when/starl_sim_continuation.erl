@@ -258,9 +258,11 @@ collected(Facts) ->
 format_error(holds) ->
     "the run violates no contract, so there is nothing to ask; --at SECONDS continues it from a time";
 format_error({too_long, Events}) ->
-    io_lib:format("the run has ~b events, too many to keep; make it small first: ./starl shrink", [
-        Events
-    ]);
+    io_lib:format(
+        "the run has ~b events, more than the ~b that are kept; give it less --time, or make it "
+        "small first: ./starl shrink",
+        [Events, ?MOST_EVENTS]
+    );
 format_error({ended, Us}) ->
     io_lib:format("the run ends at ~.3f s; choose an earlier time", [Us / 1.0e6]);
 format_error({broken, Violation}) ->

@@ -12,7 +12,7 @@
 -module(starl_sim_vehicle).
 
 -export([new/3, in_world/2, piece/1, drive/4, actuate/4, turn_wheels/2, beat/3, says/2, stop/2]).
--export([bump/2, beat_in_us/1, sense/3, feel/3, snapshot/1, restore/2, at/2]).
+-export([bump/2, beat_in_us/1, sense/3, feel/3]).
 
 -export_type([t/0, world/0, change/0, plan/0, beat/0]).
 
@@ -99,20 +99,6 @@ new(Id, {X, Y, Heading}, #{profiles := Profiles} = World) ->
 %% @doc The same vehicle in a world with other values.
 -spec in_world(world(), t()) -> t().
 in_world(World, Vehicle) -> Vehicle#vehicle{world = World}.
-
-%% @doc The same vehicle in another piece of motion.
--spec at(starl_trajectory:piece(), t()) -> t().
-at(Piece, Vehicle) -> Vehicle#vehicle{piece = Piece}.
-
-%% @doc The vehicle as data: all but the world, and what follows from it.
--spec snapshot(t()) -> tuple().
-snapshot(Vehicle) ->
-    setelement(#vehicle.world, setelement(#vehicle.profile, Vehicle, none), none).
-
-%% @doc The vehicle of such data in a world.
--spec restore(tuple(), world()) -> t().
-restore(#vehicle{id = Id} = Kept, #{profiles := Profiles} = World) ->
-    Kept#vehicle{world = World, profile = starl_chassis:of_robot(Id, Profiles)}.
 
 %% @doc The piece of motion that it is in.
 -spec piece(t()) -> starl_trajectory:piece().

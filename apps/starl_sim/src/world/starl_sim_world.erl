@@ -2,7 +2,7 @@
 %% robot.
 -module(starl_sim_world).
 
--export([base/4, recorded/2, faults/3, clock/2, kept_clock/3]).
+-export([base/4, recorded/2, faults/3, clock/2]).
 
 -export_type([t/0]).
 
@@ -46,8 +46,6 @@
     packets => boolean(),
     %% the machines of whose calls histories are kept
     histories => [starl_machine:name()],
-    %% a snapshot of each robot is told this often
-    snapshots_us => pos_integer(),
     %% the reloads by number, if there are any, and the modules of a robot's machines
     reloads => #{pos_integer() => starl_run_reloads:t()},
     parts => #{starl_machine:name() => module()}
@@ -63,7 +61,6 @@ base(Id, Name, Incarnation, #{team := Team} = World) ->
         incarnation => Incarnation,
         random => random(Id, Name, Incarnation, World),
         team_seed => team_seed(World),
-        snapshots => is_map_key(snapshots_us, World),
         histories => maps:get(histories, World, [])
     }.
 
@@ -94,10 +91,3 @@ clock(Id, #{clock := {OffsetUs, DriftPpb}} = World) ->
     Offset = round(starl_run_draw:signed({Seed, Id, offset}) * OffsetUs),
     Drift = round(starl_run_draw:signed({Seed, Id, drift}) * DriftPpb),
     starl_sim_clock:new(Offset, Drift, faults(Id, clocks, World)).
-
-%% @doc The clock of a robot that is restored: that of a robot that was not simulated so far is kept.
--spec kept_clock(starl:robot_id(), Kept :: map(), t()) -> starl_sim_clock:t().
-kept_clock(Id, #{clock := {Offset, Ppb}}, World) ->
-    starl_sim_clock:new(Offset, Ppb, faults(Id, clocks, World));
-kept_clock(Id, _Kept, World) ->
-    clock(Id, World).

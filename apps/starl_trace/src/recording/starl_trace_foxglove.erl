@@ -71,11 +71,6 @@ updates({gap, At, Why}) when not is_integer(Why) ->
 updates({gap, At, Missing}) ->
     Text = io_lib:format("~b messages are missing here", [Missing]),
     [{log, At, log(At, {warning, none, Text})}];
-updates({snapshots, At, {Robot, {error, Why}}}) ->
-    Text = ["its state is not kept: ", starl_snapshot:format_reason(Why)],
-    [{log, At, log(At, {warning, Robot, Text})}];
-updates({snapshots, _, _}) ->
-    [];
 updates({metrics, At, Counts}) ->
     Keys = [events, packets, lost, violations],
     [{metrics, At, {[{Key, maps:get(Key, Counts)} || Key <- Keys]}}].

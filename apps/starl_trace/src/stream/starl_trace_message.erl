@@ -8,7 +8,6 @@
 %%   trace      each event, as the monitors get it
 %%   packets    each packet when it is sent, with its fate
 %%   ways       of a robot's own recording: what it knows of a packet, sent or come
-%%   snapshots  a robot as data, if the run was asked for them ({@link starl_snapshot})
 %%   faults     a fault begins or ends
 %%   verdicts   a contract is broken; at the end, how the run ended
 %%   log        a line for people
@@ -30,7 +29,6 @@
     | {places, integer(), starl_trace_poses:places()}
     | {packets, integer(), packet()}
     | {ways, integer(), {starl:robot_id(), starl_observer:packet_report()}}
-    | {snapshots, integer(), {starl:robot_id(), starl_snapshot:result()}}
     | {faults, integer(), {began | ended, Fault :: tuple()}}
     | {verdicts, integer(), verdict()}
     | {log, integer(), {level(), starl:robot_id() | none, unicode:chardata()}}
@@ -44,7 +42,6 @@
     | trace
     | packets
     | ways
-    | snapshots
     | faults
     | verdicts
     | log
@@ -108,7 +105,7 @@
 -spec topics() -> [topic()].
 topics() ->
     [scenario, poses, places, trace, packets, ways] ++
-        [snapshots, faults, verdicts, log, metrics, gap].
+        [faults, verdicts, log, metrics, gap].
 
 %% @doc Has a term the outer shape of a message? Asked of what comes from a file.
 -spec is_message(term()) -> boolean().
@@ -125,8 +122,6 @@ is_message({packets, At, {From, To, _, Bytes, _}}) ->
     is_integer(At) andalso is_integer(From) andalso is_integer(To) andalso is_integer(Bytes);
 is_message({ways, At, {Robot, Way}}) ->
     is_integer(At) andalso is_integer(Robot) andalso is_way(Way);
-is_message({snapshots, At, {Robot, {_, _}}}) ->
-    is_integer(At) andalso is_integer(Robot);
 is_message({verdicts, At, {violation, #{contract := _, at_us := _}}}) ->
     is_integer(At);
 is_message({verdicts, At, {ended, #{end_us := End, violations := Violations}}}) ->

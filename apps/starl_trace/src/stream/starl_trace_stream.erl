@@ -173,8 +173,6 @@ event({At, Robot, radio, Way}, #stream{counts = Counts} = Stream) when
             {came, _, _, _, _, Fate} -> Counts#{lost := Lost + lost(Fate)}
         end,
     {[{ways, At, {Robot, Way}}], Stream#stream{counts = Counted#{events := Events - 1}}};
-event({At, Robot, snapshot, Told}, #stream{counts = #{events := Events} = Counts} = Stream) ->
-    {[{snapshots, At, {Robot, Told}}], Stream#stream{counts = Counts#{events := Events - 1}}};
 event({At, Robot, chassis, Event} = Traced, #stream{poses = Poses, due = Due} = Stream) ->
     %% a robot that begins to move is shown soon
     Next = starl_trace_poses:event(Traced, Poses),

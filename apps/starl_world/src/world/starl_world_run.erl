@@ -63,7 +63,6 @@
     observe => starl_observer:t(),
     facts => starl_observer:facts(),
     packets => boolean(),
-    snapshots_us => pos_integer(),
     rate_hz => number() | none,
     chassis => starl_world_chassis:lines(),
     whole_mm => boolean(),

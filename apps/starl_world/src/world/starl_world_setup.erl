@@ -75,8 +75,7 @@ robot(Id, #{plan := Plan, clock := Clock, world := World, line := Line, options 
         positioning => {starl_world_positioning, (maps:with([placing], Plan))#{world => World}},
         chassis => chassis(Id, World, Options),
         sink => World,
-        packets => maps:get(packets, Options, false),
-        snapshots_us => maps:get(snapshots_us, Options, none)
+        packets => maps:get(packets, Options, false)
     }).
 
 chassis(Id, World, #{chassis := Lines}) -> Lines(Id, World);
