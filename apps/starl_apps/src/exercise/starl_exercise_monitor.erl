@@ -22,12 +22,11 @@
 
 -export([init/1, context/2, broken/2, step/2, finish/2, interests/1, vocabulary/0]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type us() :: integer().
 
 -record(state, {
     exercise :: module(),
-    robots :: [robot_id()],
+    robots :: [starl:robot_id()],
     healed :: us() | never,
     within :: us(),
     margin :: us(),
@@ -37,9 +36,9 @@
     %% the part of the packets that is lost, where nothing is promised for it
     lossy :: number() | none,
     use :: starl_block_exercise:use() | none,
-    open = #{} :: #{robot_id() => starl_promise:call()},
-    died = [] :: [robot_id()],
-    rest :: [robot_id()],
+    open = #{} :: #{starl:robot_id() => starl_promise:call()},
+    died = [] :: [starl:robot_id()],
+    rest :: [starl:robot_id()],
     %% the memory of the exercise, and its update by an event
     seen :: term(),
     noted :: fun((starl_monitor:trace_event(), Seen :: term()) -> term()) | none,
@@ -58,9 +57,9 @@
 %% @doc The fields are described above; the default of `healed_us' is `never'.
 -spec init(#{
     exercise := module(),
-    robots := [robot_id()],
+    robots := [starl:robot_id()],
     healed_us => us() | never,
-    rest => [robot_id()],
+    rest => [starl:robot_id()],
     within_us := us(),
     margin_us := us(),
     bound_us := us(),

@@ -28,7 +28,6 @@
 
 -export([init/1, step/2, finish/2, interests/0, vocabulary/0]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
 
@@ -52,13 +51,13 @@
     %% The largest distance of ink from a line (mm).
     reach_mm :: float(),
     %% The same for single robots, if it is smaller.
-    reaches = #{} :: #{robot_id() => float()},
+    reaches = #{} :: #{starl:robot_id() => float()},
     complete :: boolean(),
     %% The length of a line that may be missing at each end (mm).
     ends_mm :: float(),
     %% The painted parts of each line, ascending and disjoint; up to `ends_mm' beyond its ends.
     painted = #{} :: #{pos_integer() => [starl_painting_monitor_parts:part(), ...]},
-    tracks = #{} :: #{robot_id() => #track{}},
+    tracks = #{} :: #{starl:robot_id() => #track{}},
     ink_mm = 0.0 :: float(),
     driven_mm = 0.0 :: float()
 }).
@@ -82,7 +81,7 @@
     lines := [segment()],
     ink_radius_mm := float(),
     tolerance_mm := float(),
-    tracking_mm => #{robot_id() => float()},
+    tracking_mm => #{starl:robot_id() => float()},
     ends_mm => float(),
     complete => boolean()
 }) -> #state{}.

@@ -7,9 +7,8 @@
 -export([flags/0, block_options/1, within_ms/1, again_ms/1, draw/1, work/3, final/3]).
 -export([watches/0, seen/1, noted/2, promise/3]).
 
--type robot_id() :: starl_monitor:robot_id().
 %% The round that a robot has come to, and the time.
--type seen() :: #{Name :: term() => #{robot_id() => {pos_integer(), integer()}}}.
+-type seen() :: #{Name :: term() => #{starl:robot_id() => {pos_integer(), integer()}}}.
 
 -define(WITHIN_MS, 20000).
 
@@ -46,7 +45,7 @@ sync(Robot, Name, Ms) ->
 -spec watches() -> [starl_machine:name()].
 watches() -> [barrier].
 
--spec seen([robot_id()]) -> seen().
+-spec seen([starl:robot_id()]) -> seen().
 seen(_Robots) -> #{}.
 
 -spec noted(starl_monitor:trace_event(), seen()) -> seen().

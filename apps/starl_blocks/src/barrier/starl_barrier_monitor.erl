@@ -42,7 +42,6 @@
 -export([init/1, context/2, broken/2, step/2, finish/2]).
 -export([interests/0, vocabulary/0, sometimes/0, timeless/1]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
 
 -type key() :: starl_barrier_monitor_memory:key().
@@ -57,7 +56,7 @@
 }).
 
 -record(state, {
-    robots :: [robot_id()],
+    robots :: [starl:robot_id()],
     bound_us :: pos_integer() | infinity,
     delta_us :: pos_integer() | infinity,
     %% the highest and the last round reached, the last passed
@@ -75,7 +74,7 @@
     deltas = {0, 0, 0} :: {Count :: integer(), SumUs :: integer(), LongestUs :: integer()},
     passes = 0 :: non_neg_integer(),
     %% the robots that have waited for a round until their patience was over
-    vain = #{} :: #{{name(), K :: pos_integer()} => [robot_id(), ...]},
+    vain = #{} :: #{{name(), K :: pos_integer()} => [starl:robot_id(), ...]},
     failed = 0 :: non_neg_integer(),
     %% machines that started with a damaged store, and stores that were set back
     damaged = 0 :: non_neg_integer(),
@@ -90,7 +89,7 @@
 
 %% @doc `robots': the participants; `faults': the windows of all faults; the other keys: see above.
 -spec init(#{
-    robots := [robot_id()],
+    robots := [starl:robot_id()],
     faults => [starl_assumption:window()],
     bound_us => pos_integer() | infinity,
     delta_us => pos_integer() | infinity

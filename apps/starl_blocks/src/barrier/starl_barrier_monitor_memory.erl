@@ -9,7 +9,7 @@
 -export_type([t/0, key/0, doubt/0]).
 
 %% A robot's rounds of a name.
--type key() :: {Name :: term(), starl_monitor:robot_id()}.
+-type key() :: {Name :: term(), starl:robot_id()}.
 
 %% The damage since a round was reached: another robot may have forgotten its count of this one; or
 %% had so when the round was reached, and need not know of it before it is passed; or this one's
@@ -26,7 +26,7 @@
     %% the robots whose stores were damaged, or set back, since they have passed a round
     unsound = #{} :: #{key() => damaged | set_back},
     %% who may know nothing of its last rounds, since its machine has crashed meanwhile
-    ignorant = #{} :: #{key() => #{starl_monitor:robot_id() => forgotten | untold}}
+    ignorant = #{} :: #{key() => #{starl:robot_id() => forgotten | untold}}
 }).
 
 -opaque t() :: #memory{}.
@@ -36,7 +36,7 @@
 new() -> #memory{}.
 
 %% @doc A machine that crashed has forgotten the others' counts. The keys are those of all rounds reached.
--spec crashed(starl_monitor:robot_id(), [key()], t()) -> t().
+-spec crashed(starl:robot_id(), [key()], t()) -> t().
 crashed(Robot, Keys, #memory{ignorant = Ignorant} = Memory) ->
     Others = [Key || {_, R} = Key <- Keys, R =/= Robot],
     Forgot = [{K, (maps:get(K, Ignorant, #{}))#{Robot => forgotten}} || K <- Others],
@@ -44,12 +44,12 @@ crashed(Robot, Keys, #memory{ignorant = Ignorant} = Memory) ->
     grown(Others, fun forgotten/1, Next).
 
 %% @doc A machine has started with a damaged store.
--spec damaged(starl_monitor:robot_id(), [key()], t()) -> t().
+-spec damaged(starl:robot_id(), [key()], t()) -> t().
 damaged(Robot, Keys, Memory) -> unsound(damaged, Robot, Keys, Memory).
 
 %% @doc A robot's store was set back: it gives a round back as reached and not passed, if nobody knows of a
 %% later life.
--spec set_back(starl_monitor:robot_id(), [key()], t()) -> t().
+-spec set_back(starl:robot_id(), [key()], t()) -> t().
 set_back(Robot, Keys, Memory) ->
     grown(own(Robot, Keys), fun forgotten/1, unsound(set_back, Robot, Keys, Memory)).
 
@@ -112,7 +112,7 @@ changed(Key, Doubt, Doubts) -> Doubts#{Key => Doubt}.
 %% @doc What is forgotten of a robot's last round; with the last rounds of the name that the others have
 %% passed. A robot that was set back, of which no other one knows anything more, is where its store says;
 %% but who has passed a round has stored that all have reached it.
--spec doubt(key(), Others :: [{starl_monitor:robot_id(), Passed :: non_neg_integer()}], t()) ->
+-spec doubt(key(), Others :: [{starl:robot_id(), Passed :: non_neg_integer()}], t()) ->
     doubt().
 doubt(Key, Others, #memory{doubts = Doubts, unsound = Unsound, ignorant = Ignorant}) ->
     Doubt = maps:get(Key, Doubts, none),

@@ -17,7 +17,6 @@
 
 -export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type us() :: integer().
 
 -record(state, {
@@ -26,16 +25,17 @@
     made = 0 :: non_neg_integer(),
     %% the least value on which those alive may agree: what one of them had at some time, and what each
     %% has counted since and not forgotten
-    had = {none, 0} :: {robot_id() | none, Value :: non_neg_integer()},
-    since = #{} :: #{robot_id() => pos_integer()},
+    had = {none, 0} :: {starl:robot_id() | none, Value :: non_neg_integer()},
+    since = #{} :: #{starl:robot_id() => pos_integer()},
     %% each robot's value; the dead are not there
-    values :: #{robot_id() => non_neg_integer()},
+    values :: #{starl:robot_id() => non_neg_integer()},
     due = infinity :: us() | infinity,
     judged = 0 :: non_neg_integer()
 }).
 
 %% @doc See above.
--spec init(#{robots := [robot_id()], within_us => us(), healed_us => us() | never}) -> #state{}.
+-spec init(#{robots := [starl:robot_id()], within_us => us(), healed_us => us() | never}) ->
+    #state{}.
 init(#{robots := Robots} = Config) ->
     #state{
         within = maps:get(within_us, Config, infinity),

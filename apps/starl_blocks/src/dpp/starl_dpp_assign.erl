@@ -10,7 +10,6 @@
 
 -export([request/2, retreat/2, make_way/2, resolve/2, reachable/2]).
 
--type robot_id() :: pos_integer().
 -type plan() :: starl_dpp_plan:t().
 -type path() :: starl_dpp_plan:path().
 
@@ -18,7 +17,7 @@
 %% other reservations, its own standing place included. `none' when no free edge can be reached
 %% safely now, or only by a long detour around robots that move (see `patience'). `complete' when no
 %% edge is free or waiting to be painted.
--spec request(robot_id(), plan()) -> {{assign, path()} | none | complete, plan()}.
+-spec request(starl:robot_id(), plan()) -> {{assign, path()} | none | complete, plan()}.
 request(Robot, Plan) ->
     case {starl_dpp_plan:counts(Plan), is_standing(Robot, Plan), unknown(Plan)} of
         {#{free := 0, assigned := 0}, _, _} ->
@@ -31,7 +30,7 @@ request(Robot, Plan) ->
 
 %% @doc A path to a parking spot, without painting; `none' when the robot is parked or there is no
 %% safe path. The robot takes the nearest spot that it can reach, and exchanges its spot for that.
--spec retreat(robot_id(), plan()) -> {{assign, path()} | none, plan()}.
+-spec retreat(starl:robot_id(), plan()) -> {{assign, path()} | none, plan()}.
 retreat(Robot, Plan) ->
     case is_standing(Robot, Plan) andalso not parked(Robot, Plan) andalso unknown(Plan) =:= [] of
         true -> park(Robot, Plan);
@@ -40,7 +39,7 @@ retreat(Robot, Plan) ->
 
 %% @doc A path to the nearest place where the robot closes no free edge to others. `none' when it
 %% closes none, or has already made room since the last assignment to paint. For idle robots.
--spec make_way(robot_id(), plan()) -> {{assign, path()} | none, plan()}.
+-spec make_way(starl:robot_id(), plan()) -> {{assign, path()} | none, plan()}.
 make_way(Robot, Plan) ->
     case
         is_standing(Robot, Plan) andalso starl_dpp_plan:blocking(Robot, Plan) > 0 andalso
@@ -61,7 +60,7 @@ make_way(Robot, Plan) ->
 %% one robot is nearest to a free edge, and the robots in its path get paths to move aside,
 %% outermost first. `[]' when no robot can or need move. Between two assignments to paint a robot
 %% makes room at most twice: once aside, once to a parking spot.
--spec resolve([robot_id()], plan()) -> {[{robot_id(), path()}], plan()}.
+-spec resolve([starl:robot_id()], plan()) -> {[{starl:robot_id(), path()}], plan()}.
 resolve(Waiting0, Plan0) ->
     Waiting = [Id || Id <- lists:usort(Waiting0), is_standing(Id, Plan0)],
     case unknown(Plan0) =:= [] andalso grant(Waiting, Plan0) of
@@ -72,7 +71,7 @@ resolve(Waiting0, Plan0) ->
 
 %% @doc Could one of the live robots reach a free edge if all of them were parked? False means that
 %% robots that no longer answer close everything that is left.
--spec reachable(Live :: [robot_id()], plan()) -> boolean().
+-spec reachable(Live :: [starl:robot_id()], plan()) -> boolean().
 reachable(Live, Plan) ->
     Graph = starl_dpp_plan:graph(Plan),
     Blocked = starl_dpp_plan:masks(Live, Plan),

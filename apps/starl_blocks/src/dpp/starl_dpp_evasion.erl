@@ -9,17 +9,16 @@
 -export([park/2, aside/2, closes/2, wish/2, in_way/3, outermost/2]).
 -export_type([wish/0]).
 
--type robot_id() :: pos_integer().
 -type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
 -type vertex() :: starl_dpp_graph:vertex().
 -type view() :: starl_dpp_route:view().
 -type travel() :: [{point(), up}].
 -type wish() :: #{
-    robot := robot_id(),
+    robot := starl:robot_id(),
     cost_mm := float(),
     way := [segment()],
-    blockers := [robot_id()]
+    blockers := [starl:robot_id()]
 }.
 %% The work that a robot could do without the waiting robots: the way to the nearest free edge, that
 %% edge included, and the robots that stand in it.
@@ -49,7 +48,7 @@ closes(V, #{graph := Graph, free := Free}) ->
     starl_dpp_graph:within({P, P}, {Mm, fun(E) -> starl_dpp_free:has(E, Free) end}, Graph).
 
 %% @doc The robot's wish: its work if the waiting robots, all standing, were not in the way.
--spec wish([robot_id()], view()) -> {ok, wish()} | none.
+-spec wish([starl:robot_id()], view()) -> {ok, wish()} | none.
 wish(Waiting, #{free := Free} = View) ->
     #{masks := Masks, own := Own} = Space = starl_dpp_route:space(Waiting, View),
     Others = bnot Own,
@@ -74,7 +73,7 @@ in_way(Held, Way, Graph) ->
 
 %% @doc Sorts robots by their distance from the nearest wall: no robot is between the first one and
 %% the ring.
--spec outermost([{robot_id(), point()}], starl_dpp_graph:t()) -> [robot_id()].
+-spec outermost([{starl:robot_id(), point()}], starl_dpp_graph:t()) -> [starl:robot_id()].
 outermost(Places, Graph) ->
     [Id || {_, Id} <- lists:sort([{starl_dpp_graph:depth(P, Graph), Id} || {Id, P} <- Places])].
 

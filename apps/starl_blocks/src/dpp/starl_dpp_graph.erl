@@ -12,7 +12,6 @@
 
 -type edge_id() :: pos_integer().
 -type vertex() :: pos_integer().
--type robot_id() :: pos_integer().
 -type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
 -type step() :: {edge_id(), To :: vertex(), LengthMm :: float(), Heading :: float()}.
@@ -22,7 +21,7 @@
 -type config() :: #{
     segments := [segment()],
     world := starl_roadmap:world(),
-    robots := [robot_id()],
+    robots := [starl:robot_id()],
     tube_radius := float(),
     edge_length := float(),
     ways => starl_dpp_floor:t() | none,
@@ -45,7 +44,7 @@
     %% the target edges among them, few at most vertices: read far more often than all edges
     lines :: starl_dpp_array:t([step()]),
     longest :: float(),
-    spots :: #{robot_id() => vertex()},
+    spots :: #{starl:robot_id() => vertex()},
     ring :: [vertex()],
     walls = none :: starl_dpp_floor:walls(),
     %% with walls: how far each vertex is from the nearest spot, over the roadmap
@@ -191,7 +190,7 @@ edge_length(E, Graph) -> starl_geometry:length(segment(E, Graph)).
 longest(#graph{longest = Mm}) -> Mm.
 
 %% @doc The vertices of the parking spots, numbered as the layout does.
--spec spots(t()) -> #{robot_id() => vertex()}.
+-spec spots(t()) -> #{starl:robot_id() => vertex()}.
 spots(#graph{spots = Spots}) -> Spots.
 
 %% @doc The vertices of the ring road.

@@ -42,13 +42,12 @@
 
 -export_type([left/0]).
 
--type robot_id() :: starl_monitor:robot_id().
 %% The number of edges that the team has given up; the silent robots that stand in the way of some, each with the
 %% time at which its lease had ended, and the number of these edges; the number of those that no robot stands in
 %% the way of: the ways to them are closed.
 -type left() :: #{
     edges := pos_integer(),
-    in_the_way := [{robot_id(), SilentUs :: integer(), Edges :: pos_integer()}],
+    in_the_way := [{starl:robot_id(), SilentUs :: integer(), Edges :: pos_integer()}],
     cut_off := non_neg_integer()
 }.
 -type reservation() :: {starl_geometry:box(), [starl_geometry:segment(), ...]}.
@@ -60,31 +59,31 @@
     %% The most by which a robot may be off its centre line (mm).
     off_mm :: float(),
     %% The same for single robots, where it is less.
-    offs = #{} :: #{robot_id() => float()},
+    offs = #{} :: #{starl:robot_id() => float()},
     %% The latest term in which every robot's place was known.
     term = none :: term(),
     %% The robots that have led, latest first; the latest term that was won, and by which robot.
-    coordinators = [] :: [robot_id()],
-    leads = none :: {Term :: term(), robot_id()} | none,
+    coordinators = [] :: [starl:robot_id()],
+    leads = none :: {Term :: term(), starl:robot_id()} | none,
     %% Has that term ended; was the store of a robot set back since it was won?
     ended = false :: boolean(),
     set_back = false :: boolean(),
     %% The team, and what is assumed of its clocks.
-    robots :: [robot_id()],
+    robots :: [starl:robot_id()],
     lease_us :: non_neg_integer(),
     jump_us :: non_neg_integer(),
     assumption :: starl_assumption:t(),
-    reservations = #{} :: #{robot_id() => reservation()},
+    reservations = #{} :: #{starl:robot_id() => reservation()},
     %% Have any two reservations ever been too near to each other?
     overlaps = false :: boolean(),
     separation :: starl_separation:t(),
     service :: starl_dpp_monitor_service:t(),
     path_mm :: float() | infinity,
     %% the lines that each robot has drawn of its path
-    drawn = #{} :: #{robot_id() => [starl_geometry:segment()]},
+    drawn = #{} :: #{starl:robot_id() => [starl_geometry:segment()]},
     %% when each robot was found to be silent; the lines that it is in the way of; what is given up
-    silent = #{} :: #{robot_id() => integer()},
-    in_the_way = #{} :: #{robot_id() => {SilentUs :: integer(), [starl_geometry:segment()]}},
+    silent = #{} :: #{starl:robot_id() => integer()},
+    in_the_way = #{} :: #{starl:robot_id() => {SilentUs :: integer(), [starl_geometry:segment()]}},
     left = none :: left() | none,
     assignments = 0 :: non_neg_integer(),
     deadlocks = 0 :: non_neg_integer(),
@@ -114,9 +113,9 @@
 -spec init(#{
     tube_radius := float(),
     r_s := float(),
-    tracking_mm => #{robot_id() => float()},
+    tracking_mm => #{starl:robot_id() => float()},
     slice_us => pos_integer(),
-    robots => [robot_id()],
+    robots => [starl:robot_id()],
     lease_us => pos_integer(),
     jump_us => non_neg_integer(),
     drift_ppm => non_neg_integer(),

@@ -20,7 +20,6 @@
 
 -export_type([t/0, times/0]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type us() :: integer().
 
 %% The windows of all faults; the time for an answer of a coordinator that leads all the time, that after which a
@@ -38,20 +37,20 @@
 }.
 
 -record(service, {
-    robots :: [robot_id()],
+    robots :: [starl:robot_id()],
     times :: times(),
     faults :: starl_assumption:t(),
     %% the robots that wait; those that are on their way; when this last changed
-    asks = [] :: [robot_id()],
-    moves = [] :: [robot_id()],
+    asks = [] :: [starl:robot_id()],
+    moves = [] :: [starl:robot_id()],
     changed_us = 0 :: us(),
     %% since when a coordinator has led that knows the places of all robots; those that it has not heard
     open_us = none :: us() | none,
-    silent = [] :: [robot_id()],
+    silent = [] :: [starl:robot_id()],
     %% those of them that a fault explains
-    unheard = [] :: [robot_id()],
-    down = [] :: [robot_id()],
-    died = [] :: [robot_id()],
+    unheard = [] :: [starl:robot_id()],
+    down = [] :: [starl:robot_id()],
+    died = [] :: [starl:robot_id()],
     closed = false :: boolean(),
     answer = starl_obligations:new(anew) :: starl_obligations:t(answer)
 }).
@@ -82,7 +81,7 @@
 %% the last robot of the team; promises to others end, and the claim is won; a silent robot's lease ends;
 %% lines are given up; the messages of all that.
 -spec times(starl_monitor:known(), #{
-    robots := [robot_id()], lease_us := us(), jump_us := us(), drift_ppm := non_neg_integer()
+    robots := [starl:robot_id()], lease_us := us(), jump_us := us(), drift_ppm := non_neg_integer()
 }) ->
     times().
 times(#{sap := Sap, loss := Loss, delay_us := Delay, slack_us := Slack} = Known, Config) ->
@@ -122,7 +121,7 @@ lease(Loss, Delay, Leases) ->
     end.
 
 %% @doc Without times nothing is judged but that no line is given up.
--spec new(#{robots := [robot_id()], service => times(), _ => _}) -> t().
+-spec new(#{robots := [starl:robot_id()], service => times(), _ => _}) -> t().
 new(#{robots := Robots} = Config) ->
     None = #{
         faults => [], answer_us => infinity, again_us => 0, whole_us => infinity, silent_us => 0
@@ -147,7 +146,7 @@ unjudged(End, #service{times = #{answer_us := Answer, again_us := Again}, faults
     starl_unjudged:excused(?CLAUSE, Again + Answer, End, Faults).
 
 %% @doc Time has passed: should a robot have been answered until then? Which ones waited?
--spec pass(TimeUs :: us(), t()) -> {none | {DueUs :: us(), [robot_id(), ...]}, t()}.
+-spec pass(TimeUs :: us(), t()) -> {none | {DueUs :: us(), [starl:robot_id(), ...]}, t()}.
 pass(T, #service{answer = Answer, faults = Faults, asks = Asks} = S) ->
     case starl_obligations:overdue(T, Faults, Answer) of
         none -> {none, S};
@@ -156,7 +155,7 @@ pass(T, #service{answer = Answer, faults = Faults, asks = Asks} = S) ->
     end.
 
 %% @doc An event of a robot. `given_up': lines were, without a reason.
--spec happened(TimeUs :: us(), robot_id(), {Machine :: atom(), Event :: term()}, t()) ->
+-spec happened(TimeUs :: us(), starl:robot_id(), {Machine :: atom(), Event :: term()}, t()) ->
     {none | given_up, t()}.
 happened(T, Robot, {dpp, asks}, S) ->
     {none, changed(T, asks(Robot, S))};

@@ -6,7 +6,6 @@
 
 -export([reach/2, waits/3]).
 
--type robot_id() :: pos_integer().
 -type plan() :: starl_dpp_plan:t().
 
 %% The distance up to which a robot gets work even if another will be there first.
@@ -25,7 +24,7 @@
 %% @doc The greatest cost of a path to work that the robot would take; `none' if it would take no
 %% work. Refused work is far, so the search need not go there. (The search may miss work that is
 %% near but reached only by a long path. The robot asks again when others have moved.)
--spec reach(robot_id(), plan()) -> starl_dpp_search:within() | none.
+-spec reach(starl:robot_id(), plan()) -> starl_dpp_search:within() | none.
 reach(Robot, Plan) ->
     case starl_dpp_plan:config(Plan) of
         #{patience := infinity} ->
@@ -42,7 +41,7 @@ reach(Robot, Plan) ->
     end.
 
 %% @doc Does the robot wait rather than do this job?
--spec waits(robot_id(), starl_dpp_choice:job(), plan()) -> boolean().
+-spec waits(starl:robot_id(), starl_dpp_choice:job(), plan()) -> boolean().
 waits(Robot, Job, Plan) -> detour(Robot, Job, Plan) orelse better_placed(Robot, Job, Plan).
 
 %%% Internals

@@ -46,7 +46,6 @@
 ]).
 -export_type([t/0, config/0, path/0, waypoint/0, pen/0, counts/0]).
 
--type robot_id() :: pos_integer().
 -type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
 -type edge_id() :: starl_dpp_graph:edge_id().
@@ -69,12 +68,12 @@
     painted = #{} :: #{edge_id() => true},
     % the painted ones, the latest known first
     latest = [] :: [edge_id()],
-    modes = #{} :: #{robot_id() => mode()},
+    modes = #{} :: #{starl:robot_id() => mode()},
     %% robots that stand and are silent
-    silent = #{} :: #{robot_id() => true},
-    headings = #{} :: #{robot_id() => float()},
+    silent = #{} :: #{starl:robot_id() => true},
+    headings = #{} :: #{starl:robot_id() => float()},
     spots :: starl_dpp_spot_owners:t(),
-    yielded = #{} :: #{robot_id() => true}
+    yielded = #{} :: #{starl:robot_id() => true}
 }).
 -opaque t() :: #plan{}.
 
@@ -99,7 +98,7 @@ format_error(Reason) -> starl_dpp_graph:format_error(Reason).
 
 %% @doc Records a robot's certificate that it stands at some point and no longer holds an
 %% assignment. Its edges that are not painted yet become free.
--spec standing(robot_id(), point(), t()) -> t().
+-spec standing(starl:robot_id(), point(), t()) -> t().
 standing(Robot, P, #plan{unsafe = Unsafe, modes = Modes} = Plan0) ->
     #plan{config = #{slack := Slack}} = Plan0,
     Q = starl_dpp_unsafe:nominal(P, starl_dpp_unsafe:held(Robot, Unsafe), Slack),
@@ -112,14 +111,14 @@ standing(Robot, P, #plan{unsafe = Unsafe, modes = Modes} = Plan0) ->
 
 %% @doc Enters that a silent robot was seen to stand at this point: it holds no assignment, and gets
 %% no work before it is heard again.
--spec silent(robot_id(), point(), t()) -> t().
+-spec silent(starl:robot_id(), point(), t()) -> t().
 silent(Robot, P, Plan) ->
     #plan{silent = Silent} = Stands = standing(Robot, P, Plan),
     Stands#plan{silent = Silent#{Robot => true}}.
 
 %% @doc Enters that the robot has reached the N-th waypoint, counted from 1, of its assignment.
 %% Reports that are late or repeated change nothing.
--spec passed(robot_id(), Index :: pos_integer(), t()) -> t().
+-spec passed(starl:robot_id(), Index :: pos_integer(), t()) -> t().
 passed(Robot, Index, #plan{modes = Modes, unsafe = Unsafe} = Plan) ->
     case Modes of
         #{Robot := {moving, Done, Left}} when Index > Done, Left =/= [] ->
@@ -137,7 +136,7 @@ passed(Robot, Index, #plan{modes = Modes, unsafe = Unsafe} = Plan) ->
 
 %% @doc Assigns a path to a robot that stands. `work' paints; a way `aside' counts as yielding
 %% until some robot gets work again; a `retreat' leads to a parking spot.
--spec send(robot_id(), path(), work | aside | retreat, t()) -> t().
+-spec send(starl:robot_id(), path(), work | aside | retreat, t()) -> t().
 send(Robot, Path, Why, #plan{modes = Modes, yielded = Yielded} = Plan) ->
     #{Robot := {standing, P, _}} = Modes,
     Sent = assign(Robot, P, Path, Plan),
@@ -148,14 +147,14 @@ send(Robot, Path, Why, #plan{modes = Modes, yielded = Yielded} = Plan) ->
     end.
 
 %% @doc Two robots exchange their parking spots.
--spec exchange(robot_id(), robot_id(), t()) -> t().
+-spec exchange(starl:robot_id(), starl:robot_id(), t()) -> t().
 exchange(Robot, Owner, #plan{spots = Spots} = Plan) ->
     Plan#plan{spots = starl_dpp_spot_owners:exchange(Robot, Owner, Spots)}.
 
 %% @doc Takes over the rest of an assignment that a robot holds from an earlier coordinator: the
 %% robot drives from the point along the path. If the robot has already driven a part, take over the
 %% whole path and then report the last waypoint that it has {@link passed/3}.
--spec adopt(robot_id(), From :: point(), path(), t()) -> t().
+-spec adopt(starl:robot_id(), From :: point(), path(), t()) -> t().
 adopt(Robot, From, Path, #plan{silent = Silent} = Plan) ->
     assign(Robot, From, Path, release(Robot, Plan#plan{silent = maps:remove(Robot, Silent)})).
 
@@ -221,19 +220,19 @@ are_targets(Edges, #plan{graph = Graph}) ->
     lists:all(fun(E) -> E =< Most end, Edges).
 
 %% @doc All reservations, sorted by robot. A standing robot holds a segment of length zero.
--spec unsafe(t()) -> [{robot_id(), [segment()]}].
+-spec unsafe(t()) -> [{starl:robot_id(), [segment()]}].
 unsafe(#plan{unsafe = Unsafe}) -> starl_dpp_unsafe:all(Unsafe).
 
 %% @doc The robots whose place is not known. Until there are none, nothing is assigned.
--spec unknown(t()) -> [robot_id()].
+-spec unknown(t()) -> [starl:robot_id()].
 unknown(#plan{unsafe = Unsafe}) -> starl_dpp_unsafe:unknown(Unsafe).
 
 %% @doc The robot's parking spot at present.
--spec spot(robot_id(), t()) -> point().
+-spec spot(starl:robot_id(), t()) -> point().
 spot(Robot, #plan{spots = Spots}) -> starl_dpp_spot_owners:place(Robot, Spots).
 
 %% @doc Does the robot stand on its parking spot?
--spec parked(robot_id(), t()) -> boolean().
+-spec parked(starl:robot_id(), t()) -> boolean().
 parked(Robot, #plan{modes = Modes, spots = Spots}) ->
     case Modes of
         #{Robot := {standing, P, _}} -> starl_dpp_spot_owners:on(P, Robot, Spots);
@@ -241,12 +240,12 @@ parked(Robot, #plan{modes = Modes, spots = Spots}) ->
     end.
 
 %% @doc The free edges that the robot's reservation closes to others, sorted.
--spec closes(robot_id(), t()) -> [edge_id()].
+-spec closes(starl:robot_id(), t()) -> [edge_id()].
 closes(Robot, #plan{unsafe = Unsafe, free = Free}) ->
     lists:sort([E || E <- starl_dpp_unsafe:blocks(Robot, Unsafe), starl_dpp_free:has(E, Free)]).
 
 %% @doc The number of these edges.
--spec blocking(robot_id(), t()) -> non_neg_integer().
+-spec blocking(starl:robot_id(), t()) -> non_neg_integer().
 blocking(Robot, Plan) -> length(closes(Robot, Plan)).
 
 %% @doc The configuration, defaults filled in; without the segments.
@@ -262,7 +261,7 @@ graph(#plan{graph = Graph}) -> Graph.
 free(#plan{free = Free}) -> Free.
 
 %% @doc The robots that block each edge, without the given robots.
--spec masks(Without :: [robot_id()], t()) -> fun((edge_id()) -> non_neg_integer()).
+-spec masks(Without :: [starl:robot_id()], t()) -> fun((edge_id()) -> non_neg_integer()).
 masks(Without, #plan{unsafe = Unsafe}) ->
     Masks = starl_dpp_unsafe:masks(Unsafe),
     Bits = [starl_dpp_unsafe:bit(Id, Unsafe) || Id <- Without],
@@ -270,19 +269,19 @@ masks(Without, #plan{unsafe = Unsafe}) ->
     fun(E) -> starl_dpp_array:get(E, Masks) band Kept end.
 
 %% @doc Each robot's parking spot at present, sorted by robot.
--spec spots(t()) -> [{robot_id(), starl_dpp_graph:vertex()}].
+-spec spots(t()) -> [{starl:robot_id(), starl_dpp_graph:vertex()}].
 spots(#plan{spots = Spots}) -> starl_dpp_spot_owners:all(Spots).
 
 %% @doc The segments that a robot holds, `[]' when its place is not known.
--spec held(robot_id(), t()) -> [segment()].
+-spec held(starl:robot_id(), t()) -> [segment()].
 held(Robot, #plan{unsafe = Unsafe}) -> starl_dpp_unsafe:held(Robot, Unsafe).
 
 %% @doc The distance that a robot whose place is known still has to drive, and where its path ends.
--spec rest(robot_id(), t()) -> {Mm :: float(), point()}.
+-spec rest(starl:robot_id(), t()) -> {Mm :: float(), point()}.
 rest(Robot, #plan{unsafe = Unsafe}) -> starl_dpp_unsafe:rest(Robot, Unsafe).
 
 %% @doc The place of a standing robot: the point reserved for it, and the point where it was seen.
--spec stands(robot_id(), t()) -> {Reserved :: point(), Really :: point()} | false.
+-spec stands(starl:robot_id(), t()) -> {Reserved :: point(), Really :: point()} | false.
 stands(Robot, #plan{modes = Modes}) ->
     case Modes of
         #{Robot := {standing, P, Really}} -> {P, Really};
@@ -290,21 +289,21 @@ stands(Robot, #plan{modes = Modes}) ->
     end.
 
 %% @doc Has the robot moved aside since the last assignment to paint?
--spec yielded(robot_id(), t()) -> boolean().
+-spec yielded(starl:robot_id(), t()) -> boolean().
 yielded(Robot, #plan{yielded = Yielded}) -> is_map_key(Robot, Yielded).
 
 %% @doc Does another robot move?
--spec others_move(robot_id(), t()) -> boolean().
+-spec others_move(starl:robot_id(), t()) -> boolean().
 others_move(Robot, #plan{modes = Modes}) ->
     [] =/= [Id || {Id, {moving, _, [_ | _]}} <- maps:to_list(Modes), Id =/= Robot].
 
 %% @doc The robots that are not silent, sorted.
--spec at_work(t()) -> [robot_id()].
+-spec at_work(t()) -> [starl:robot_id()].
 at_work(#plan{silent = Silent} = Plan) ->
     [Id || {Id, _} <- spots(Plan), not is_map_key(Id, Silent)].
 
 %% @doc The plan as a robot that stands sees it.
--spec view(robot_id(), t()) -> starl_dpp_route:view().
+-spec view(starl:robot_id(), t()) -> starl_dpp_route:view().
 view(Robot, #plan{modes = Modes, graph = Graph, unsafe = Unsafe, free = Free} = Plan) ->
     #plan{config = #{turn_mm := TurnMm, leg := Leg}, headings = Headings} = Plan,
     #{Robot := {standing, P, _}} = Modes,

@@ -7,12 +7,11 @@
 -export([space/2, obstacles/1, nearby/1, starts/3, travel/3, smooth/3, legs/2]).
 -export_type([view/0]).
 
--type robot_id() :: pos_integer().
 -type point() :: starl_geometry:point().
 -type vertex() :: starl_dpp_graph:vertex().
 -type obstacles() :: [starl_dpp_unsafe:obstacle()].
 -type view() :: #{
-    robot := robot_id(),
+    robot := starl:robot_id(),
     at := point(),
     heading := float() | none,
     graph := starl_dpp_graph:t(),
@@ -31,7 +30,7 @@
 %% Vertices around the robot that a search may begin at.
 
 %% @doc The space in which the robot may search when these robots' reservations do not count.
--spec space([robot_id()], view()) -> starl_dpp_search:space().
+-spec space([starl:robot_id()], view()) -> starl_dpp_search:space().
 space(Ignored, #{graph := Graph, unsafe := Unsafe, turn_mm := TurnMm}) ->
     Own = lists:foldl(fun(Id, Acc) -> Acc bor starl_dpp_unsafe:bit(Id, Unsafe) end, 0, Ignored),
     #{graph => Graph, masks => starl_dpp_unsafe:masks(Unsafe), turn_mm => TurnMm, own => Own}.

@@ -5,19 +5,17 @@
 -export([new/2, all/1, place/2, exchange/3, on/3]).
 -export_type([t/0]).
 
--type robot_id() :: pos_integer().
-
 %% A robot within this many R of its spot is parked: spots have this much room to spare.
 -define(PARKED, 0.04).
 
 -record(spots, {
     graph :: starl_dpp_graph:t(),
-    owned :: #{robot_id() => starl_dpp_graph:vertex()}
+    owned :: #{starl:robot_id() => starl_dpp_graph:vertex()}
 }).
 -opaque t() :: #spots{}.
 
 %% @doc The spots in the order of the robots.
--spec new([robot_id()], starl_dpp_graph:t()) -> t().
+-spec new([starl:robot_id()], starl_dpp_graph:t()) -> t().
 new(Robots, Graph) ->
     Places = starl_dpp_graph:spots(Graph),
     Numbered = lists:zip(Robots, lists:seq(1, length(Robots))),
@@ -25,21 +23,21 @@ new(Robots, Graph) ->
     #spots{graph = Graph, owned = Owned}.
 
 %% @doc Each robot's spot, sorted by robot.
--spec all(t()) -> [{robot_id(), starl_dpp_graph:vertex()}].
+-spec all(t()) -> [{starl:robot_id(), starl_dpp_graph:vertex()}].
 all(#spots{owned = Owned}) -> lists:sort(maps:to_list(Owned)).
 
 %% @doc Where a robot's spot is.
--spec place(robot_id(), t()) -> starl_geometry:point().
+-spec place(starl:robot_id(), t()) -> starl_geometry:point().
 place(Robot, #spots{graph = Graph, owned = Owned}) ->
     starl_dpp_graph:point(maps:get(Robot, Owned), Graph).
 
 %% @doc Two robots exchange their spots.
--spec exchange(robot_id(), robot_id(), t()) -> t().
+-spec exchange(starl:robot_id(), starl:robot_id(), t()) -> t().
 exchange(Robot, Owner, #spots{owned = Owned} = Spots) ->
     #{Robot := V, Owner := W} = Owned,
     Spots#spots{owned = Owned#{Robot := W, Owner := V}}.
 
 %% @doc Is the point on the robot's spot?
--spec on(starl_geometry:point(), robot_id(), t()) -> boolean().
+-spec on(starl_geometry:point(), starl:robot_id(), t()) -> boolean().
 on(P, Robot, #spots{graph = Graph} = Spots) ->
     starl_geometry:distance(P, place(Robot, Spots)) < ?PARKED * starl_dpp_graph:radius(Graph).

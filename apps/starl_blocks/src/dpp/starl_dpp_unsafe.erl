@@ -28,7 +28,6 @@
 ]).
 -export_type([t/0, masks/0, obstacle/0]).
 
--type robot_id() :: pos_integer().
 -type segment() :: starl_geometry:segment().
 -type edge_id() :: starl_dpp_graph:edge_id().
 -type masks() :: starl_dpp_array:t(non_neg_integer()).
@@ -47,8 +46,8 @@
 
 -record(unsafe, {
     graph :: starl_dpp_graph:t(),
-    bits :: #{robot_id() => pos_integer()},
-    held = #{} :: #{robot_id() => #held{}},
+    bits :: #{starl:robot_id() => pos_integer()},
+    held = #{} :: #{starl:robot_id() => #held{}},
     masks :: masks(),
     %% the bit that stands for what is closed, with its edges, and as obstacles
     bit :: pos_integer(),
@@ -64,7 +63,7 @@
 %% Distances within rounding of 2R count as too near.
 
 %% @doc No reservations yet.
--spec new([robot_id()], starl_dpp_graph:t()) -> t().
+-spec new([starl:robot_id()], starl_dpp_graph:t()) -> t().
 new(Robots, Graph) ->
     Bits = lists:zip(Robots, [1 bsl I || I <- lists:seq(0, length(Robots) - 1)]),
     Masks = starl_dpp_array:new(starl_dpp_graph:edges(Graph), 0),
@@ -73,7 +72,7 @@ new(Robots, Graph) ->
     }.
 
 %% @doc Replaces the reservation of a robot.
--spec set(robot_id(), [segment(), ...], t()) -> t().
+-spec set(starl:robot_id(), [segment(), ...], t()) -> t().
 set(Robot, Segments, #unsafe{masks = Masks, graph = Graph} = Unsafe) ->
     Bit = bit(Robot, Unsafe),
     Freed = free(Bit, items(Robot, Unsafe), Masks),
@@ -81,33 +80,33 @@ set(Robot, Segments, #unsafe{masks = Masks, graph = Graph} = Unsafe) ->
     holds(Robot, Items, Unsafe#unsafe{masks = Blocked}).
 
 %% @doc Gives up the first `N' segments of a reservation; the last one always stays.
--spec drop(robot_id(), N :: non_neg_integer(), t()) -> t().
+-spec drop(starl:robot_id(), N :: non_neg_integer(), t()) -> t().
 drop(Robot, N, #unsafe{masks = Masks} = Unsafe) ->
     Items = items(Robot, Unsafe),
     {Passed, Kept} = lists:split(min(N, length(Items) - 1), Items),
     holds(Robot, Kept, Unsafe#unsafe{masks = free(bit(Robot, Unsafe), Passed, Masks)}).
 
 %% @doc The segments of one robot, `[]' when its place is not known.
--spec held(robot_id(), t()) -> [segment()].
+-spec held(starl:robot_id(), t()) -> [segment()].
 held(Robot, Unsafe) -> [S || {S, _} <- items(Robot, Unsafe)].
 
 %% @doc The distance that a robot whose place is known still has to drive, and where its path ends.
--spec rest(robot_id(), t()) -> {Mm :: float(), starl_geometry:point()}.
+-spec rest(starl:robot_id(), t()) -> {Mm :: float(), starl_geometry:point()}.
 rest(Robot, #unsafe{held = Held}) ->
     #{Robot := #held{rest = Rest}} = Held,
     Rest.
 
 %% @doc All reservations in the order of the robots.
--spec all(t()) -> [{robot_id(), [segment()]}].
+-spec all(t()) -> [{starl:robot_id(), [segment()]}].
 all(#unsafe{held = Held} = Unsafe) -> [{Id, held(Id, Unsafe)} || Id <- lists:sort(maps:keys(Held))].
 
 %% @doc The robots whose place is not known.
--spec unknown(t()) -> [robot_id()].
+-spec unknown(t()) -> [starl:robot_id()].
 unknown(#unsafe{bits = Bits, held = Held}) ->
     [Id || Id <- lists:sort(maps:keys(Bits)), not is_map_key(Id, Held)].
 
 %% @doc The bit that stands for a robot.
--spec bit(robot_id(), t()) -> pos_integer().
+-spec bit(starl:robot_id(), t()) -> pos_integer().
 bit(Robot, #unsafe{bits = Bits}) -> maps:get(Robot, Bits).
 
 %% @doc The robots that block each edge.
@@ -115,14 +114,14 @@ bit(Robot, #unsafe{bits = Bits}) -> maps:get(Robot, Bits).
 masks(#unsafe{masks = Masks}) -> Masks.
 
 %% @doc The edges that a robot blocks.
--spec blocks(robot_id(), t()) -> [edge_id()].
+-spec blocks(starl:robot_id(), t()) -> [edge_id()].
 blocks(Robot, Unsafe) -> lists:append([Edges || {_, Edges} <- items(Robot, Unsafe)]).
 
 %% @doc The obstacles of a robot: the segments of others, and the distance to keep from them.
 %%
 %% Robots that were pushed together (no reservation allows that, but the world may do it) could
 %% never drive apart under the full clearance. They must only not come nearer than they are.
--spec others(robot_id(), t()) -> [obstacle()].
+-spec others(starl:robot_id(), t()) -> [obstacle()].
 others(Robot, #unsafe{held = Held} = Unsafe) ->
     Others = [Obstacles || {Id, #held{obstacles = Obstacles}} <- maps:to_list(Held), Id =/= Robot],
     Shut = [[Obstacle] || Obstacle <- Unsafe#unsafe.shut],
@@ -154,7 +153,7 @@ clear({{AX, AY}, {BX, BY}} = Segment, Obstacles) ->
 
 %% @doc The point itself if the robot may stand there, else one near it that is clear of all
 %% others' reservations. Only for robots that stand a few mm from a permitted place.
--spec away(robot_id(), starl_geometry:point(), t()) -> starl_geometry:point().
+-spec away(starl:robot_id(), starl_geometry:point(), t()) -> starl_geometry:point().
 away(Robot, P, #unsafe{graph = Graph} = Unsafe) ->
     Others = lists:append([Held || {Id, Held} <- all(Unsafe), Id =/= Robot]),
     away(?STEPS, P, Others, clearance(Graph)).

@@ -18,21 +18,20 @@
 -export_type([layout/0, travel/0, world/0, reason/0]).
 
 -type world() :: {Width :: float(), Height :: float()}.
--type robot_id() :: pos_integer().
 -type point() :: starl_geometry:point().
 -type vertex() :: pos_integer().
 -type layout() :: #{
     area := starl_geometry:box(),
     ring := [point()],
-    spots := #{robot_id() => point()},
-    feet := #{robot_id() => point()}
+    spots := #{starl:robot_id() => point()},
+    feet := #{starl:robot_id() => point()}
 }.
 %% `area' is where pictures should be; `ring' goes round anticlockwise, without repeating its first
 %% point, and holds every foot, the place where a spur meets the ring.
 -type travel() :: #{
     points := [point()],
     edges := [{vertex(), vertex()}],
-    spots := #{robot_id() => vertex()},
+    spots := #{starl:robot_id() => vertex()},
     ring := [vertex()]
 }.
 %% The roadmap as a graph whose vertices are numbered on from those of the picture.

@@ -20,7 +20,7 @@ work(Robot, Turn, Use) -> starl_election_exercise:work(Robot, Turn, Use).
 -spec final(starl:robot(), pos_integer(), starl_block_exercise:use()) -> term().
 final(Robot, N, Use) -> starl_election_exercise:final(Robot, N, Use).
 
--spec seen([starl_monitor:robot_id()]) -> seen().
+-spec seen([starl:robot_id()]) -> seen().
 seen(_Robots) -> #{}.
 
 -spec noted(starl_monitor:trace_event(), seen()) -> seen().

@@ -22,7 +22,6 @@
 -export([init/1, context/2, broken/2, step/2, finish/2]).
 -export([interests/0, vocabulary/0, sometimes/0, timeless/1]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
 
 -type lossless() :: boolean() | {calm, SinceBeforeUs :: non_neg_integer()}.
@@ -37,19 +36,21 @@
 -define(MARGIN_US, 1000000).
 
 -record(state, {
-    robots :: [robot_id()],
+    robots :: [starl:robot_id()],
     bound_us :: pos_integer(),
     lossless :: lossless(),
     faults :: starl_assumption:t(),
     %% when the election began, and every leader reported, with the robot and life that reported it
     began = #{} :: #{election() => integer()},
-    reported = #{} :: #{{election(), robot_id(), Life :: non_neg_integer()} => robot_id()},
-    leaders = #{} :: #{election() => robot_id()},
-    lives = #{} :: #{robot_id() => pos_integer()},
-    crashed = #{} :: #{robot_id() => integer()},
-    died = #{} :: #{robot_id() => integer()},
+    reported = #{} :: #{
+        {election(), starl:robot_id(), Life :: non_neg_integer()} => starl:robot_id()
+    },
+    leaders = #{} :: #{election() => starl:robot_id()},
+    lives = #{} :: #{starl:robot_id() => pos_integer()},
+    crashed = #{} :: #{starl:robot_id() => integer()},
+    died = #{} :: #{starl:robot_id() => integer()},
     open = starl_obligations:new({delayed, ?STEPS}) ::
-        starl_obligations:t({election(), robot_id()}),
+        starl_obligations:t({election(), starl:robot_id()}),
     assumption :: starl_assumption:t(),
     unjudged :: [starl_unjudged:clause()],
     failed = 0 :: non_neg_integer(),
@@ -60,7 +61,7 @@
 %% @doc `robots': the team; `bound_us': the longest time from entering to the result;
 %% `broken': the windows of broken assumptions; `faults': those of all faults.
 -spec init(#{
-    robots := [robot_id()],
+    robots := [starl:robot_id()],
     bound_us := pos_integer(),
     answer_us => pos_integer(),
     broken => [starl_assumption:window()],

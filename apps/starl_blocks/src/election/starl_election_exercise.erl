@@ -7,9 +7,8 @@
 
 -export([again_ms/1, block_options/1, work/3, final/3, watches/0, seen/1, noted/2, promise/3]).
 
--type robot_id() :: starl_monitor:robot_id().
 %% The time at which each robot began to take part in an election.
--type seen() :: #{Election :: term() => #{robot_id() => integer()}}.
+-type seen() :: #{Election :: term() => #{starl:robot_id() => integer()}}.
 
 %% The most by which a call may last longer than its patience.
 -define(MARGIN_MS, 11000).
@@ -37,7 +36,7 @@ elect(Robot, Election, Ms) ->
 -spec watches() -> [starl_machine:name()].
 watches() -> [election].
 
--spec seen([robot_id()]) -> seen().
+-spec seen([starl:robot_id()]) -> seen().
 seen(_Robots) -> #{}.
 
 -spec noted(starl_monitor:trace_event(), seen()) -> seen().

@@ -27,11 +27,12 @@
 
 -export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type election() :: term().
 -type owed(Key) :: starl_obligations:t(Key).
 %% Ballots cast, and each robot's leader.
--type tally() :: {Ballots :: #{robot_id() => term()}, Elected :: #{robot_id() => robot_id()}}.
+-type tally() :: {
+    Ballots :: #{starl:robot_id() => term()}, Elected :: #{starl:robot_id() => starl:robot_id()}
+}.
 
 %% A robot's patience is one timer of its own; it enters, is told by the timer, and reports.
 -define(STEPS, 3).
@@ -41,32 +42,32 @@
 -define(MARGIN_US, 1000000).
 
 -record(state, {
-    robots :: [robot_id()],
+    robots :: [starl:robot_id()],
     bound_us :: pos_integer(),
     complete :: boolean(),
     settle_us :: pos_integer() | infinity,
     step_us :: pos_integer(),
     elections = #{} :: #{election() => tally()},
     %% The robots that are still electing.
-    open = starl_obligations:new({delayed, ?STEPS}) :: owed({election(), robot_id()}),
+    open = starl_obligations:new({delayed, ?STEPS}) :: owed({election(), starl:robot_id()}),
     assumption :: starl_assumption:t(),
     faults :: starl_assumption:t(),
     forgotten = #{} :: #{election() => []},
     %% The last crash of each robot's machine, and when the robot has taken part again.
-    away = #{} :: #{robot_id() => {CrashUs :: integer(), BackUs :: integer() | infinity}},
+    away = #{} :: #{starl:robot_id() => {CrashUs :: integer(), BackUs :: integer() | infinity}},
     %% The robots that were electing when the last ballot was cast.
-    settling = starl_obligations:new(anew) :: owed({election(), robot_id()}),
+    settling = starl_obligations:new(anew) :: owed({election(), starl:robot_id()}),
     %% By the hash of its announcement, what has been decided; and who heard of it while it was electing.
-    decided = #{} :: #{non_neg_integer() => {election(), robot_id()}},
+    decided = #{} :: #{non_neg_integer() => {election(), starl:robot_id()}},
     informed = starl_obligations:new({delayed, ?STEPS}) ::
-        owed({robot_id(), election(), Leader :: robot_id(), AtUs :: integer()}),
+        owed({starl:robot_id(), election(), Leader :: starl:robot_id(), AtUs :: integer()}),
     failed = 0 :: non_neg_integer()
 }).
 
 %% @doc `robots': the team; `bound_us': the longest time from entering to the result;
 %% `broken': the windows of broken assumptions, `faults': those of all faults.
 -spec init(#{
-    robots := [robot_id()],
+    robots := [starl:robot_id()],
     bound_us := pos_integer(),
     broken => [starl_assumption:window()],
     faults => [starl_assumption:window()],

@@ -46,8 +46,7 @@
 
 -export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, sometimes/0]).
 
--type robot_id() :: starl_monitor:robot_id().
--type id() :: {robot_id(), pos_integer(), pos_integer()}.
+-type id() :: {starl:robot_id(), pos_integer(), pos_integer()}.
 
 %% The longest that the answer to the question for the own position may take.
 -define(FRESH_US, 100000).
@@ -68,12 +67,12 @@
     to_us :: integer(),
     way :: starl_geocast_provenance:t(),
     %% the robots that have it, from somebody else, and those that had no room for it
-    held = #{} :: #{robot_id() => held | full},
-    got = #{} :: #{robot_id() => [integer(), ...]}
+    held = #{} :: #{starl:robot_id() => held | full},
+    got = #{} :: #{starl:robot_id() => [integer(), ...]}
 }).
 
 -record(state, {
-    robots :: [robot_id()],
+    robots :: [starl:robot_id()],
     progress :: boolean(),
     healed :: integer() | never,
     margin_mm :: float(),
@@ -83,19 +82,19 @@
     delay_us :: non_neg_integer(),
     offers_us :: {FirstUs :: pos_integer(), LongestUs :: pos_integer()},
     %% the probability of the messages in a row that a robot has missed
-    rows = #{} :: #{robot_id() => float()},
+    rows = #{} :: #{starl:robot_id() => float()},
     %% that of missing all messages that a robot was owed
-    all = #{} :: #{robot_id() => float()},
+    all = #{} :: #{starl:robot_id() => float()},
     assumption :: starl_assumption:t(),
     messages = #{} :: #{id() => #message{}},
     %% the ends of the windows that are still open, and their beginnings
     open = gb_sets:new() :: gb_sets:set({ToUs :: integer(), id(), FromUs :: integer()}),
     %% the motion of each robot, latest piece first, from the beginning of the open windows on
-    paths = #{} :: #{robot_id() => [starl_trajectory:piece()]},
+    paths = #{} :: #{starl:robot_id() => [starl_trajectory:piece()]},
     %% when its machine crashed last, and began anew; when it died
-    crashed = #{} :: #{robot_id() => integer()},
-    began = #{} :: #{robot_id() => integer()},
-    died = #{} :: #{robot_id() => integer()},
+    crashed = #{} :: #{starl:robot_id() => integer()},
+    began = #{} :: #{starl:robot_id() => integer()},
+    died = #{} :: #{starl:robot_id() => integer()},
     owed = 0 :: non_neg_integer(),
     latency_us = 0 :: integer()
 }).
@@ -103,7 +102,7 @@
 %% @doc `robots': the robots that listen; `drift_ppm': the drift of clocks, as the machines have it
 %% (default 10000); the rest as above.
 -spec init(#{
-    robots := [robot_id()],
+    robots := [starl:robot_id()],
     progress => boolean(),
     healed_us => integer() | never,
     delay_us => non_neg_integer(),

@@ -11,37 +11,35 @@
 
 -export_type([t/0, span/0]).
 
--type robot_id() :: starl_monitor:robot_id().
-
 %% The time during which the robot's clock counts (us).
--type span() :: {robot_id(), FromUs :: integer(), UntilUs :: integer()}.
+-type span() :: {starl:robot_id(), FromUs :: integer(), UntilUs :: integer()}.
 
 -record(way, {
-    source :: robot_id(),
+    source :: starl:robot_id(),
     sent_us :: integer(),
     %% the givers of each robot, latest first
-    gifts = #{} :: #{robot_id() => [{AtUs :: integer(), From :: robot_id()}]}
+    gifts = #{} :: #{starl:robot_id() => [{AtUs :: integer(), From :: starl:robot_id()}]}
 }).
 
 -opaque t() :: #way{}.
 
 %% @doc A message has been sent.
--spec new(Source :: robot_id(), SentUs :: integer()) -> t().
+-spec new(Source :: starl:robot_id(), SentUs :: integer()) -> t().
 new(Source, Sent) -> #way{source = Source, sent_us = Sent}.
 
 %% @doc A robot holds the message until a deadline that robot `From' has given to it.
--spec held(integer(), robot_id(), From :: robot_id(), t()) -> t().
+-spec held(integer(), starl:robot_id(), From :: starl:robot_id(), t()) -> t().
 held(T, Robot, From, #way{gifts = Gifts} = Way) ->
     Way#way{gifts = Gifts#{Robot => [{T, From} | maps:get(Robot, Gifts, [])]}}.
 
 %% @doc The robots whose clocks count for the deadline that a robot has at a time, each with the
 %% time during which its clock counts.
--spec spans(robot_id(), UntilUs :: integer(), t()) -> [span(), ...].
+-spec spans(starl:robot_id(), UntilUs :: integer(), t()) -> [span(), ...].
 spans(Robot, Until, Way) -> listed(follow([{Robot, Until}], #{}, Way)).
 
 %% @doc The same for the rest of the lifetime when the message was given to the robot: its own clock
 %% counts only if it had given the message on before.
--spec spans_before(robot_id(), UntilUs :: integer(), t()) -> [span()].
+-spec spans_before(starl:robot_id(), UntilUs :: integer(), t()) -> [span()].
 spans_before(Robot, Until, Way) ->
     Givers = [{Giver, At} || {At, Giver} <- gifts(Robot, Until, Way)],
     listed(follow(Givers, #{}, Way)).

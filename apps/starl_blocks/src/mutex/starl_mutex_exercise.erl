@@ -11,21 +11,22 @@
 -export([flags/0, block_options/1, within_ms/1, again_ms/1, draw/1, work/3, final/3]).
 -export([watches/0, seen/1, noted/2, promise/3]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type fence() :: starl_mutex:fence().
 
 -record(seen, {
-    robots :: [robot_id()],
+    robots :: [starl:robot_id()],
     %% the time at which each robot asked for its present tokens: it may hold one long before it has
     %% them all
-    held = #{} :: #{robot_id() => integer()},
+    held = #{} :: #{starl:robot_id() => integer()},
     %% the homes of the tokens that any robot has asked for
-    homes = #{} :: #{robot_id() => true},
+    homes = #{} :: #{starl:robot_id() => true},
     %% the hand-overs that homes have confirmed, by the hash of their announcement; the newest hand-over of
     %% each token, and since when that is announced
-    confirmed = #{} :: #{Hash :: non_neg_integer() => {starl_mutex:token(), robot_id(), fence()}},
+    confirmed = #{} :: #{
+        Hash :: non_neg_integer() => {starl_mutex:token(), starl:robot_id(), fence()}
+    },
     newest = #{} :: #{
-        starl_mutex:token() => {fence(), under_way | {robot_id(), SinceUs :: integer()}}
+        starl_mutex:token() => {fence(), under_way | {starl:robot_id(), SinceUs :: integer()}}
     }
 }).
 
@@ -104,7 +105,7 @@ pick(Robot, N) -> starl_block_exercise:pick(Robot, N).
 -spec watches() -> [starl_machine:name()].
 watches() -> [mutex, sap].
 
--spec seen([robot_id()]) -> #seen{}.
+-spec seen([starl:robot_id()]) -> #seen{}.
 seen(Robots) -> #seen{robots = Robots}.
 
 -spec noted(starl_monitor:trace_event(), #seen{}) -> #seen{}.

@@ -49,7 +49,6 @@
 
 -export_type([t/0, config/0]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type token() :: term().
 -type fence() :: integer().
 
@@ -73,7 +72,7 @@
     end_us = infinity :: integer() | infinity
 }).
 
--record(hold, {robot :: robot_id(), fence :: fence(), since_us :: integer()}).
+-record(hold, {robot :: starl:robot_id(), fence :: fence(), since_us :: integer()}).
 
 -record(holds, {
     lease_us :: integer(),
@@ -81,15 +80,15 @@
     lag_us :: non_neg_integer(),
     assumption :: starl_assumption:t(),
     %% the last hand-over that was confirmed, to whom and by which home
-    grants = #{} :: #{token() => {fence(), robot_id(), Home :: robot_id()}},
+    grants = #{} :: #{token() => {fence(), starl:robot_id(), Home :: starl:robot_id()}},
     %% the same of each robot
-    hand_overs = #{} :: #{{token(), robot_id()} => fence()},
+    hand_overs = #{} :: #{{token(), starl:robot_id()} => fence()},
     %% the last fence of each robot, and the largest of all, with the beginning of that hold
-    fences = #{} :: #{{token(), robot_id()} => fence()},
+    fences = #{} :: #{{token(), starl:robot_id()} => fence()},
     largest = #{} :: #{token() => {fence(), SinceUs :: integer()}},
-    leases = #{} :: #{{token(), robot_id()} => #lease{}},
+    leases = #{} :: #{{token(), starl:robot_id()} => #lease{}},
     %% whose store was set back, and the tokens whose numbers have begun anew since
-    set_back = #{} :: #{robot_id() => [token()]},
+    set_back = #{} :: #{starl:robot_id() => [token()]},
     holds = #{} :: #{token() => [#hold{}]}
 }).
 
@@ -116,7 +115,7 @@ broken(Window, #holds{assumption = Assumption} = Holds) ->
     Holds#holds{assumption = starl_assumption:broken(Window, Assumption)}.
 
 %% @doc The store of a robot was set back.
--spec set_back(robot_id(), t()) -> t().
+-spec set_back(starl:robot_id(), t()) -> t().
 set_back(Robot, #holds{set_back = Back} = Holds) -> Holds#holds{set_back = Back#{Robot => []}}.
 
 %% @doc Does a robot hold the token?
@@ -124,7 +123,7 @@ set_back(Robot, #holds{set_back = Back} = Holds) -> Holds#holds{set_back = Back#
 is_held(Token, #holds{holds = Holds}) -> maps:get(Token, Holds, []) =/= [].
 
 %% @doc A home confirms a hand-over of a token to a robot.
--spec granted(integer(), Home :: robot_id(), token(), fence(), To :: robot_id(), t()) ->
+-spec granted(integer(), Home :: starl:robot_id(), token(), fence(), To :: starl:robot_id(), t()) ->
     {[starl_monitor:violation()], t()}.
 granted(T, Home, Token, Fence, To, Before) ->
     #holds{grants = Grants, hand_overs = HandOvers} = Holds = anew(Home, Token, Fence, Before),
@@ -164,7 +163,7 @@ forgotten(Token, #holds{hand_overs = HandOvers, fences = Fences} = Holds) ->
     }.
 
 %% @doc A robot that holds a token, or will at once, reports the rest of its lease by its clock.
--spec leased(integer(), robot_id(), token(), fence(), LeftUs :: integer(), t()) -> t().
+-spec leased(integer(), starl:robot_id(), token(), fence(), LeftUs :: integer(), t()) -> t().
 leased(T, Robot, Token, Fence, Left, #holds{leases = Leases, ppm = Ppm} = Holds) ->
     Gone = max(0, Holds#holds.lease_us - Left),
     Begun = starl_assumption:begun_us(Robot, T, Holds#holds.assumption),
@@ -178,7 +177,7 @@ leased(T, Robot, Token, Fence, Left, #holds{leases = Leases, ppm = Ppm} = Holds)
     Holds#holds{leases = Leases#{{Token, Robot} => Lease}}.
 
 %% @doc A hold begins.
--spec acquired(integer(), robot_id(), token(), fence(), t()) ->
+-spec acquired(integer(), starl:robot_id(), token(), fence(), t()) ->
     {[starl_monitor:violation()], t()}.
 acquired(T, Robot, Token, Fence, #holds{fences = Fences, largest = Largest} = Holds) ->
     New = #hold{robot = Robot, fence = Fence, since_us = T},
@@ -196,12 +195,13 @@ acquired(T, Robot, Token, Fence, #holds{fences = Fences, largest = Largest} = Ho
         })}.
 
 %% @doc The application gets the answer that it holds these.
--spec answered(integer(), robot_id(), [{token(), fence()}], t()) -> [starl_monitor:violation()].
+-spec answered(integer(), starl:robot_id(), [{token(), fence()}], t()) ->
+    [starl_monitor:violation()].
 answered(T, Robot, Fences, Holds) ->
     lists:append([not_held(T, Robot, Token, Fence, Holds) || {Token, Fence} <- Fences]).
 
 %% @doc A hold ends: it is released, or lost.
--spec ended(released | lost, integer(), robot_id(), token(), fence(), t()) ->
+-spec ended(released | lost, integer(), starl:robot_id(), token(), fence(), t()) ->
     {[starl_monitor:violation()], t()}.
 ended(How, T, Robot, Token, Fence, Holds) ->
     case lists:partition(fun(Hold) -> is_hold(Robot, Fence, Hold) end, holds_of(Token, Holds)) of
@@ -217,7 +217,7 @@ ended(How, T, Robot, Token, Fence, Holds) ->
 is_hold(Robot, Fence, #hold{robot = R, fence = F}) -> R =:= Robot andalso F =:= Fence.
 
 %% @doc The holds of a robot end with its machine.
--spec forget(robot_id(), t()) -> t().
+-spec forget(starl:robot_id(), t()) -> t().
 forget(Robot, #holds{holds = All} = Holds) ->
     Left = maps:map(fun(_, Of) -> [Hold || #hold{robot = R} = Hold <- Of, R =/= Robot] end, All),
     Holds#holds{holds = maps:filter(fun(_, Of) -> Of =/= [] end, Left)}.

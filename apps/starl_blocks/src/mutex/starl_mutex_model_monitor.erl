@@ -11,7 +11,7 @@
 -export([init/1, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
 %% A hold of a token.
--type hold() :: {starl_monitor:robot_id(), Token :: term(), Fence :: integer()}.
+-type hold() :: {starl:robot_id(), Token :: term(), Fence :: integer()}.
 
 -record(state, {
     holds :: starl_monitor:state(),

@@ -35,9 +35,8 @@
 
 -export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, timeless/1]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type token() :: starl_mutex:token().
--type hand_over() :: {token(), robot_id(), starl_mutex:fence()}.
+-type hand_over() :: {token(), starl:robot_id(), starl_mutex:fence()}.
 
 %% Clocks are within 1 % of real time.
 -define(DRIFT_PPM, 10000).
@@ -56,9 +55,9 @@
     granted :: boolean(),
     holds :: starl_mutex_holds:t(),
     %% requests not granted yet, of each robot's several ones the oldest first; the grants owed
-    open = #{} :: #{{token(), robot_id()} => [RequestedUs :: integer()]},
+    open = #{} :: #{{token(), starl:robot_id()} => [RequestedUs :: integer()]},
     grants = starl_obligations:new(anew) ::
-        starl_obligations:t({RequestedUs :: integer(), token(), robot_id()}),
+        starl_obligations:t({RequestedUs :: integer(), token(), starl:robot_id()}),
     %% the tokens that are asked for and not held
     idle_us :: pos_integer() | infinity,
     idle = starl_obligations:new(anew) :: starl_obligations:t(token()),
@@ -70,17 +69,17 @@
     %% what the homes have confirmed, by the hash of its announcement, and of each token the latest ones
     confirmed = #{} :: #{Hash :: non_neg_integer() => hand_over()},
     latest = #{} :: #{token() => [Hash :: non_neg_integer()]},
-    announced = #{} :: #{{robot_id(), token()} => starl_mutex:fence()},
+    announced = #{} :: #{{starl:robot_id(), token()} => starl_mutex:fence()},
     %% holds of hand-overs that are not announced yet
     unannounced = starl_obligations:new({delayed, ?ANNOUNCE_STEPS}) ::
         starl_obligations:t({HeldUs :: integer(), hand_over()}),
     assumption :: starl_assumption:t(),
     faults :: starl_assumption:t(),
-    robots :: [robot_id()],
-    died = [] :: [robot_id()],
+    robots :: [starl:robot_id()],
+    died = [] :: [starl:robot_id()],
     unjudged :: [starl_unjudged:clause()],
     %% the robots to which the homes have given the tokens last
-    last = #{} :: #{token() => robot_id()},
+    last = #{} :: #{token() => starl:robot_id()},
     waits = {0, 0, 0} :: {Count :: integer(), SumUs :: integer(), LongestUs :: integer()},
     lost = 0 :: non_neg_integer(),
     failed = 0 :: non_neg_integer()
@@ -89,7 +88,7 @@
 %% @doc See above; all keys may be left out. `robots': the team; `faults': the windows of all faults. `lease_us', `drift_ppm' and `lag_us' are those of the
 %% machines, by default theirs (8 s, 10000, 250 ms).
 -spec init(#{
-    robots => [robot_id()],
+    robots => [starl:robot_id()],
     faults => [starl_assumption:window()],
     idle_us => pos_integer() | infinity,
     bound_us => pos_integer() | infinity,

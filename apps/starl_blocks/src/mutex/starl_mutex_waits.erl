@@ -13,27 +13,26 @@
 
 -export_type([kept/0, circle/0]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type token() :: starl_mutex:token().
 
 %% A robot whose application has ended, a token that it holds, and those who have asked for it in
 %% vain. `since_us': its application lives, and has held it since then.
 -type kept() :: #{
-    robot := robot_id(), token := token(), asked := [robot_id()], since_us => integer()
+    robot := starl:robot_id(), token := token(), asked := [starl:robot_id()], since_us => integer()
 }.
 
 %% Robots that wait in a circle, since when: what each holds that the one before it in the list asks
 %% for (the first one's is asked for by the last).
--type circle() :: #{at_us := integer(), waits := [{robot_id(), Holds :: token()}, ...]}.
+-type circle() :: #{at_us := integer(), waits := [{starl:robot_id(), Holds :: token()}, ...]}.
 
 -record(state, {
-    holds = #{} :: #{token() => robot_id()},
+    holds = #{} :: #{token() => starl:robot_id()},
     since = #{} :: #{token() => AtUs :: integer()},
-    asks = #{} :: #{robot_id() => [token()]},
-    failed = #{} :: #{{robot_id(), token()} => AtUs :: integer()},
-    ended = #{} :: #{robot_id() => true},
+    asks = #{} :: #{starl:robot_id() => [token()]},
+    failed = #{} :: #{{starl:robot_id(), token()} => AtUs :: integer()},
+    ended = #{} :: #{starl:robot_id() => true},
     %% the first circle of each set of robots
-    circles = #{} :: #{[robot_id()] => circle()}
+    circles = #{} :: #{[starl:robot_id()] => circle()}
 }).
 
 %% @doc Nothing has happened yet.

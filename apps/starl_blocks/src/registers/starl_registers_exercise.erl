@@ -9,10 +9,9 @@
 -export([flags/0, block_options/1, within_ms/1, draw/1, work/3, final/3]).
 -export([watches/0, seen/1, noted/2, promise/3]).
 
--type robot_id() :: starl_monitor:robot_id().
 %% The last write of a register: its time and writer; and the time at which, at the latest, all
 %% clocks admit the stamps of machines with damaged stores ({@link starl_registers_monitor}).
--type seen() :: {#{Name :: term() => {robot_id(), integer()}}, AdmittedUs :: integer()}.
+-type seen() :: {#{Name :: term() => {starl:robot_id(), integer()}}, AdmittedUs :: integer()}.
 
 %% Registers are read every turn, and written so rarely.
 -define(TURNS_A_WRITE, 3).
@@ -90,7 +89,7 @@ learned_later(false, _Robot, _Name, _Until) ->
 -spec watches() -> [starl_machine:name()].
 watches() -> [registers].
 
--spec seen([robot_id()]) -> seen().
+-spec seen([starl:robot_id()]) -> seen().
 seen(_Robots) -> {#{}, 0}.
 
 -spec noted(starl_monitor:trace_event(), seen()) -> seen().

@@ -39,13 +39,12 @@
     timeless/1
 ]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type name() :: term().
 -type stamp() :: starl_hlc:stamp().
 
 -record(state, {
-    robots :: [robot_id()],
-    owners :: #{name() => robot_id()},
+    robots :: [starl:robot_id()],
+    owners :: #{name() => starl:robot_id()},
     bound_us :: pos_integer() | infinity,
     healed :: integer() | never,
     apart_us :: non_neg_integer(),
@@ -53,14 +52,14 @@
     admitted = 0 :: integer(),
     writes = #{} :: #{{name(), stamp()} => Hash :: integer()},
     %% each robot's last stamp, last read of a register, and present copies
-    stamps = #{} :: #{robot_id() => stamp()},
-    read = #{} :: #{robot_id() => #{name() => stamp()}},
-    holds = #{} :: #{robot_id() => #{name() => stamp()}},
+    stamps = #{} :: #{starl:robot_id() => stamp()},
+    read = #{} :: #{starl:robot_id() => #{name() => stamp()}},
+    holds = #{} :: #{starl:robot_id() => #{name() => stamp()}},
     %% the last write that a robot has refused, since its stamp was too far ahead
-    refused = #{} :: #{{robot_id(), name()} => stamp()},
+    refused = #{} :: #{{starl:robot_id(), name()} => stamp()},
     assumption :: starl_assumption:t(),
     clocks :: #{offset_us := non_neg_integer(), drift_ppm := number()},
-    died = [] :: [robot_id()],
+    died = [] :: [starl:robot_id()],
     %% the registers on which all must agree
     agreements = starl_obligations:new(exact) :: starl_obligations:t(name()),
     judged = 0 :: non_neg_integer(),
@@ -75,8 +74,8 @@
 
 %% @doc `robots': the team; `owners' as in the configuration of the machines.
 -spec init(#{
-    robots := [robot_id()],
-    owners => #{name() => robot_id()},
+    robots := [starl:robot_id()],
+    owners => #{name() => starl:robot_id()},
     bound_us => pos_integer(),
     within_us => pos_integer(),
     apart_us => non_neg_integer(),

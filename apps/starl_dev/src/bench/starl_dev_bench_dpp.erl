@@ -6,8 +6,6 @@
 
 -export([flags/0, run/1]).
 
--type robot_id() :: starl:robot_id().
-
 -record(robot, {
     at :: starl_geometry:point(),
     path = [] :: [starl_dpp_plan:waypoint()],
@@ -15,11 +13,11 @@
 }).
 -record(drive, {
     plan :: starl_dpp_plan:t(),
-    robots :: #{robot_id() => #robot{}},
+    robots :: #{starl:robot_id() => #robot{}},
     %% the robots that act next, by time (s); a robot that neither acts nor waits has been told that
     %% all is complete
-    queue = gb_sets:new() :: gb_sets:set({float(), robot_id()}),
-    waiting = [] :: [robot_id()],
+    queue = gb_sets:new() :: gb_sets:set({float(), starl:robot_id()}),
+    waiting = [] :: [starl:robot_id()],
     now = 0.0 :: float(),
     left :: non_neg_integer(),
     times = [] :: [non_neg_integer()]

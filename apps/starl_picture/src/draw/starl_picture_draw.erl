@@ -10,17 +10,16 @@
 -export_type([drawing/0, reason/0]).
 
 -type point() :: {float(), float()}.
--type robot_id() :: pos_integer().
 %% Lengths in mm, headings in radians counterclockwise from the floor's x axis.
 -type drawing() :: #{
     floor := {Width :: number(), Height :: number()},
     target := [{point(), point()}],
-    ink := #{robot_id() => [[point()]]},
-    robots := [{robot_id(), point(), Heading :: float()}],
+    ink := #{starl:robot_id() => [[point()]]},
+    robots := [{starl:robot_id(), point(), Heading :: float()}],
     plan => starl_floor:t() | none,
     title => unicode:chardata(),
     %% what applications draw
-    drawings => [{robot_id(), starl_drawing:t()}],
+    drawings => [{starl:robot_id(), starl_drawing:t()}],
     %% what is to be painted is shown alone, so it is dark
     preview => boolean()
 }.
@@ -94,7 +93,7 @@ with_png({error, Reason}, Svg) -> {partly, [Svg], Reason}.
 
 %% @doc The colour of a robot, `#rrggbb'. Sixteen consecutive robots have sixteen colours that are
 %% distinguishable on white; then the colours repeat.
--spec colour(robot_id()) -> string().
+-spec colour(starl:robot_id()) -> string().
 colour(Id) -> element((Id - 1) rem ?COLOURS + 1, palette()).
 
 %% @doc One line of text.

@@ -24,7 +24,7 @@
 
 %% The robot that breaks an assumption, from when to when (us), and which assumption.
 -type window() ::
-    {starl_monitor:robot_id() | all, FromUs :: integer(), ToUs :: integer(), broken()}.
+    {starl:robot_id() | all, FromUs :: integer(), ToUs :: integer(), broken()}.
 
 %% `clock': the clock gains this much in the window (it loses if negative), on top of its drift; the
 %% gain is a jump where the window is a moment. `pause': no event is handled before the end of the
@@ -43,12 +43,11 @@
     | fault.
 
 -type us() :: integer().
--type robot_id() :: starl_monitor:robot_id().
 
 -record(assumption, {
     drift_ppm :: non_neg_integer(),
     %% ordered by their beginnings
-    windows = #{} :: #{robot_id() | all => [{us(), us(), broken()}]}
+    windows = #{} :: #{starl:robot_id() | all => [{us(), us(), broken()}]}
 }).
 
 -opaque t() :: #assumption{}.
@@ -97,7 +96,7 @@ is_kept(From, Until, #assumption{windows = Windows}) ->
     ).
 
 %% @doc Checks whether these robots keep it between two times.
--spec is_kept([robot_id()], FromUs :: us(), UntilUs :: us(), t()) -> boolean().
+-spec is_kept([starl:robot_id()], FromUs :: us(), UntilUs :: us(), t()) -> boolean().
 is_kept(_Robots, _From, _Until, #assumption{windows = Windows}) when map_size(Windows) =:= 0 ->
     true;
 is_kept(Robots, From, Until, #assumption{windows = Windows}) ->
@@ -108,7 +107,7 @@ is_kept(Robots, From, Until, #assumption{windows = Windows}) ->
 
 %% @doc The latest time at which a robot's clock shows what it should show at `DueUs', counted from
 %% `FromUs' on: later by everything that the clock loses meanwhile.
--spec clock_later(robot_id(), FromUs :: us(), DueUs :: us(), t()) -> us().
+-spec clock_later(starl:robot_id(), FromUs :: us(), DueUs :: us(), t()) -> us().
 clock_later(Robot, From, Due, Assumption) ->
     lists:foldl(
         fun
@@ -124,7 +123,7 @@ clock_later(Robot, From, Due, Assumption) ->
 %% @doc The earliest time at which a robot's clock may have shown what a right clock would have
 %% shown at `SinceUs', or more, counted back from `UntilUs'. A clock that is set back shows some
 %% times twice, so the first of them may lie before the setting.
--spec clock_earlier(robot_id(), UntilUs :: us(), SinceUs :: us(), t()) -> us().
+-spec clock_earlier(starl:robot_id(), UntilUs :: us(), SinceUs :: us(), t()) -> us().
 clock_earlier(Robot, Until, Since, Assumption) ->
     Shows = fun(At) -> At + lost_us(Robot, At, Until, Assumption) end,
     Turns = lists:usort([
@@ -154,7 +153,7 @@ reached([A, B | Turns], Since, Shows) ->
 
 %% @doc The time that a robot's clock has lost between two moments: a duration that it measures is
 %% longer than measured by this time.
--spec lost_us(robot_id(), FromUs :: us(), UntilUs :: us(), t()) -> us().
+-spec lost_us(starl:robot_id(), FromUs :: us(), UntilUs :: us(), t()) -> us().
 lost_us(Robot, From, Until, Assumption) ->
     longest(
         lists:sum([
@@ -165,7 +164,7 @@ lost_us(Robot, From, Until, Assumption) ->
     ).
 
 %% @doc The time that the clock has gained: a duration that it measures is shorter by this time.
--spec gained_us(robot_id(), FromUs :: us(), UntilUs :: us(), t()) -> us().
+-spec gained_us(starl:robot_id(), FromUs :: us(), UntilUs :: us(), t()) -> us().
 gained_us(Robot, From, Until, Assumption) ->
     longest(
         lists:sum([
@@ -177,7 +176,7 @@ gained_us(Robot, From, Until, Assumption) ->
 
 %% @doc How far the clock of a robot is, at a time of the run, behind the latest time that any of these robots'
 %% clocks has shown until then, if all were right at the beginning of the run.
--spec behind_us(robot_id(), [robot_id()], AtUs :: us(), t()) -> non_neg_integer().
+-spec behind_us(starl:robot_id(), [starl:robot_id()], AtUs :: us(), t()) -> non_neg_integer().
 behind_us(Robot, Robots, At, Assumption) ->
     Shown = fun(Id, T) -> T + gained_us(Id, 0, T, Assumption) - lost_us(Id, 0, T, Assumption) end,
     %% a clock that is set back had shown its latest time just before that
@@ -207,7 +206,7 @@ longest_us(Us, Ppm) -> up(Us * ?MILLION, ?MILLION - Ppm).
 
 %% @doc The latest time at which a robot handles an event that is due at `DueUs', where an unbroken
 %% robot handles it within `LagUs'.
--spec handled(robot_id(), DueUs :: us(), LagUs :: us(), t()) -> us().
+-spec handled(starl:robot_id(), DueUs :: us(), LagUs :: us(), t()) -> us().
 handled(Robot, Due, Lag, Assumption) ->
     Windows = of_robot(Robot, Assumption),
     Slow = [Us || {Begin, End, {slow, Us}} <- Windows, Us > Lag, Begin =< Due + Lag, Due =< End],
@@ -224,7 +223,7 @@ handled(Robot, Due, Lag, Assumption) ->
 %% With the assumption kept, it would finish at `DueUs'. Only windows that the work meets delay it.
 %% A clock that loses time delays it by the loss, a pause by the part that the work meets, and a
 %% slow computer by its lag at every step.
--spec delayed_us(robot_id(), FromUs :: us(), DueUs :: us(), Steps :: non_neg_integer(), t()) ->
+-spec delayed_us(starl:robot_id(), FromUs :: us(), DueUs :: us(), Steps :: non_neg_integer(), t()) ->
     us().
 delayed_us(Robot, From, Due, Steps, Assumption) ->
     lists:foldl(
@@ -255,7 +254,7 @@ calm_us(Since, Within, #assumption{windows = Windows}) ->
     anew(Since, Within, lists:merge(maps:values(Windows))).
 
 %% @doc The same for work of a single robot.
--spec calm_us(robot_id(), SinceUs :: us(), WithinUs :: us(), t()) -> us().
+-spec calm_us(starl:robot_id(), SinceUs :: us(), WithinUs :: us(), t()) -> us().
 calm_us(Robot, Since, Within, Assumption) ->
     anew(Since, Within, of_robot(Robot, Assumption)).
 
@@ -271,7 +270,7 @@ anew(Since, Within, Windows) ->
 
 %% @doc The earliest time at which a step may have begun that traced something at this time. A step
 %% that stalls traces the rest when it goes on.
--spec begun_us(robot_id(), AtUs :: us(), t()) -> us().
+-spec begun_us(starl:robot_id(), AtUs :: us(), t()) -> us().
 begun_us(Robot, At, Assumption) ->
     lists:min([
         At | [Begin || {Begin, End, still} <- of_robot(Robot, Assumption), Begin =< At, At =< End]
@@ -279,7 +278,7 @@ begun_us(Robot, At, Assumption) ->
 
 %% @doc Latest send time of an action that a step at `AtUs' performs: a stalled robot sends the rest when it
 %% goes on.
--spec leaves_us(robot_id(), AtUs :: us(), t()) -> us().
+-spec leaves_us(starl:robot_id(), AtUs :: us(), t()) -> us().
 leaves_us(Robot, At, Assumption) ->
     lists:max([
         At
@@ -298,7 +297,7 @@ leaves_us(Robot, At, Assumption) ->
 misleads(Kind) -> lists:member(Kind, [location_noise, location_bias, location_swap]).
 
 %% @doc Checks whether the robot may have received a wrong position between two times.
--spec is_misplaced(robot_id(), FromUs :: us(), UntilUs :: us(), t()) -> boolean().
+-spec is_misplaced(starl:robot_id(), FromUs :: us(), UntilUs :: us(), t()) -> boolean().
 is_misplaced(Robot, From, Until, Assumption) ->
     [
         position

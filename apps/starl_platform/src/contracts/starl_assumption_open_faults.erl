@@ -21,7 +21,7 @@
 %% For each fault what it breaks of which robots, until when monitors know of it, and its end.
 -opaque t() :: #{Id :: term() => {[breaks()], ToldUs :: integer(), EndUs :: integer() | none}}.
 
--type breaks() :: {starl_monitor:robot_id() | all, fault | position}.
+-type breaks() :: {starl:robot_id() | all, fault | position}.
 
 %% As in a recording's messages on faults: name, beginning, end, kind, target and parameters.
 -type fault() :: {
@@ -54,7 +54,7 @@ report(_Other, Lasting) ->
     Lasting.
 
 %% @doc Declares robots that report their actions, but have not reported anything yet.
--spec absent([starl_monitor:robot_id()], SinceUs :: integer(), t()) -> t().
+-spec absent([starl:robot_id()], SinceUs :: integer(), t()) -> t().
 absent(Robots, Since, Lasting) ->
     Absent = maps:from_list([{{absent, R}, {[{R, fault}], Since, none}} || R <- Robots]),
     maps:merge(Lasting, Absent).

@@ -46,21 +46,17 @@
 ]).
 -export([known/1, informed/2, healed_us/2, core_healed_us/2]).
 -export([name/1]).
--export_type([
-    t/0, trace_event/0, violation/0, robot_id/0, state/0, results/0, known/0, ends/0, fault_class/0
-]).
+-export_type([t/0, trace_event/0, violation/0, state/0, results/0, known/0, ends/0, fault_class/0]).
 
-%% A robot's number.
--type robot_id() :: pos_integer().
 %% A trace event: time (us), robot, machine, and what the machine did.
 -type trace_event() ::
-    {TimeUs :: integer(), Robot :: robot_id(), Machine :: atom(), Event :: term()}.
+    {TimeUs :: integer(), Robot :: starl:robot_id(), Machine :: atom(), Event :: term()}.
 %% A broken contract: what happened, when (us), and which robots take part.
 -type violation() :: #{
     contract := atom(),
     what := atom(),
     at_us := integer(),
-    robots := [robot_id()],
+    robots := [starl:robot_id()],
     details := map()
 }.
 %% The state of a monitor, private to its module.
@@ -93,7 +89,7 @@
     healed_us := integer() | never,
     ends => ends(),
     %% the robots beside the core of the team, for which some faults never end, and these times for the core
-    core := #{rest := [robot_id()], healed_us := integer() | never, ends => ends()},
+    core := #{rest := [starl:robot_id()], healed_us := integer() | never, ends => ends()},
     %% how far a robot's clock may be off at the beginning, and how fast it may drift, without any fault
     clocks := #{offset_us := non_neg_integer(), drift_ppm := number()},
     %% the time by which every bound is longer on a computer that has other work, too

@@ -27,7 +27,6 @@
 
 -export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0, sometimes/0]).
 
--type robot_id() :: starl_monitor:robot_id().
 -type piece() :: starl_trajectory:piece().
 
 %% A robot that drives with a velocity: until when at the latest, and its piece of motion; the time
@@ -56,11 +55,11 @@
     assumption :: starl_assumption:t(),
     step_us :: non_neg_integer(),
     slack_us :: non_neg_integer(),
-    cruises = #{} :: #{robot_id() => cruise()},
+    cruises = #{} :: #{starl:robot_id() => cruise()},
     %% none of them ends before this
     first_end = infinity :: integer() | infinity,
-    drives = #{} :: #{robot_id() => #drive{}},
-    arrivals = starl_obligations:new(anew) :: starl_obligations:t(robot_id()),
+    drives = #{} :: #{starl:robot_id() => #drive{}},
+    arrivals = starl_obligations:new(anew) :: starl_obligations:t(starl:robot_id()),
     velocities = 0 :: non_neg_integer(),
     goals = 0 :: non_neg_integer(),
     arrived = 0 :: non_neg_integer(),

@@ -27,7 +27,7 @@
 -type rule() :: exact | anew | {delayed, Steps :: non_neg_integer()}.
 
 %% Who owes: with `anew', only windows that this robot meets excuse, or those of any robot.
--type debtor() :: starl_monitor:robot_id() | team.
+-type debtor() :: starl:robot_id() | team.
 
 -type us() :: integer().
 

@@ -41,14 +41,13 @@
 -export([init/1, context/2, broken/2, step/2, finish/2]).
 -export([interests/0, vocabulary/0, sometimes/0, timeless/1]).
 
--type robot_id() :: starl_monitor:robot_id().
--type id() :: {Source :: robot_id(), Incarnation :: term(), Seq :: integer()}.
+-type id() :: {Source :: starl:robot_id(), Incarnation :: term(), Seq :: integer()}.
 
 %% What is known about one destination: nothing, delivered, outcome known, or both.
 -type progress() :: waiting | delivered | lost | done.
 
 %% An open call of a message to one robot or to all, with the destinations at which it was lost, and why.
--type call() :: none | {one | all, [{robot_id(), lost | restarted}]}.
+-type call() :: none | {one | all, [{starl:robot_id(), lost | restarted}]}.
 
 %% An outstanding message. `next': when its outcomes are due, by a source without an excuse; reported as
 %% overdue; when its content is forgotten.
@@ -56,7 +55,7 @@
     type :: term(),
     hash :: integer(),
     sent_us :: integer(),
-    dests :: [{robot_id(), progress()}],
+    dests :: [{starl:robot_id(), progress()}],
     call = none :: call(),
     next :: {due, integer()} | overdue | {forget, integer()}
 }).
@@ -76,7 +75,7 @@
     perhaps = [] :: [unread()]
 }).
 
--type unread() :: {Type :: term(), Source :: robot_id(), Hash :: integer()}.
+-type unread() :: {Type :: term(), Source :: starl:robot_id(), Hash :: integer()}.
 
 %% What a run does not change; apart, since the state is copied at each event.
 -record(limits, {
@@ -92,17 +91,17 @@
     assumption :: starl_assumption:t(),
     delivery :: starl_sap_monitor_delivery:t(),
     %% the lives of each source, latest first
-    sources = #{} :: #{robot_id() => [life(), ...]},
+    sources = #{} :: #{starl:robot_id() => [life(), ...]},
     %% the numbers of messages that were lost, not delivered, and then forgotten
     forgotten = #{} :: #{
-        {Receiver :: robot_id(), Source :: robot_id(), Incarnation :: term()} =>
+        {Receiver :: starl:robot_id(), Source :: starl:robot_id(), Incarnation :: term()} =>
             starl_sap_numbers:t()
     },
     %% no message is due, or forgotten, before this
     next_us = infinity :: integer() | infinity,
     %% The incarnation that each source has announced.
-    running = #{} :: #{robot_id() => term()},
-    unread = #{} :: #{Reader :: robot_id() => #unread{}},
+    running = #{} :: #{starl:robot_id() => term()},
+    unread = #{} :: #{Reader :: starl:robot_id() => #unread{}},
     counts = {0, 0, 0, 0} :: {integer(), integer(), integer(), integer()}
 }).
 
@@ -123,7 +122,7 @@
     steps => pos_integer(),
     broken => [starl_assumption:window()],
     late_us => non_neg_integer(),
-    robots => [starl_monitor:robot_id()],
+    robots => [starl:robot_id()],
     room => non_neg_integer()
 }) -> #state{}.
 init(#{bound_us := Bound} = Config) ->
@@ -493,7 +492,7 @@ due_answer(#message{call = {How, Failed}} = Message) ->
         _ -> too_early
     end.
 
--spec answer(one | all, [{robot_id(), lost | restarted}]) -> starl_sap:answer().
+-spec answer(one | all, [{starl:robot_id(), lost | restarted}]) -> starl_sap:answer().
 answer(_How, []) -> ok;
 answer(one, [{_, Why}]) -> {error, Why};
 answer(_All, Failed) -> {error, {lost, [Dest || {Dest, _} <- Failed]}}.

@@ -23,25 +23,23 @@
 
 -export_type([t/0]).
 
--type robot_id() :: starl_monitor:robot_id().
-
 -record(delivery, {
     %% the probability that all transmissions of one message are lost, or why nothing is judged
     unlucky :: float() | {off, [starl_unjudged:clause()]},
     %% the same where the receiver asks first
     first :: float() | {off, [starl_unjudged:clause()]},
     %% the pairs of which a message was acknowledged since both began
-    known = #{} :: #{{Source :: robot_id(), Dest :: robot_id()} => true},
+    known = #{} :: #{{Source :: starl:robot_id(), Dest :: starl:robot_id()} => true},
     %% the time that all transmissions take
     whole_us :: non_neg_integer(),
     faults :: starl_assumption:t(),
-    down = #{} :: #{robot_id() => true},
-    began = #{} :: #{robot_id() => integer()},
-    refused = #{} :: #{{Source :: robot_id(), Dest :: robot_id()} => integer()},
+    down = #{} :: #{starl:robot_id() => true},
+    began = #{} :: #{starl:robot_id() => integer()},
+    refused = #{} :: #{{Source :: starl:robot_id(), Dest :: starl:robot_id()} => integer()},
     %% when the latest message that was acknowledged was sent
-    arrived = #{} :: #{{Source :: robot_id(), Dest :: robot_id()} => integer()},
+    arrived = #{} :: #{{Source :: starl:robot_id(), Dest :: starl:robot_id()} => integer()},
     %% the probability of the series, and when its last message was sent
-    rows = #{} :: #{{Source :: robot_id(), Dest :: robot_id()} => {float(), integer()}}
+    rows = #{} :: #{{Source :: starl:robot_id(), Dest :: starl:robot_id()} => {float(), integer()}}
 }).
 
 -opaque t() :: #delivery{}.
@@ -73,7 +71,7 @@ broken(Window, #delivery{faults = Faults} = D) ->
     D#delivery{faults = starl_assumption:broken(Window, Faults)}.
 
 %% @doc Handles a start or restart of the robot's SAP.
--spec begins(Us :: integer(), robot_id(), t()) -> t().
+-spec begins(Us :: integer(), starl:robot_id(), t()) -> t().
 begins(T, Robot, #delivery{down = Down, began = Began, known = Known} = D) ->
     D#delivery{
         down = maps:remove(Robot, Down),
@@ -82,16 +80,17 @@ begins(T, Robot, #delivery{down = Down, began = Began, known = Known} = D) ->
     }.
 
 %% @doc The robot is down, or dead.
--spec goes(robot_id(), t()) -> t().
+-spec goes(starl:robot_id(), t()) -> t().
 goes(Robot, #delivery{down = Down} = D) -> D#delivery{down = Down#{Robot => true}}.
 
 %% @doc The receiver did not take a packet of the source.
--spec refuses(Us :: integer(), Dest :: robot_id(), Source :: robot_id(), t()) -> t().
+-spec refuses(Us :: integer(), Dest :: starl:robot_id(), Source :: starl:robot_id(), t()) -> t().
 refuses(T, Dest, Source, #delivery{refused = Refused} = D) ->
     D#delivery{refused = Refused#{{Source, Dest} => T}}.
 
 %% @doc A message that was sent at `SentUs' was acknowledged.
--spec acknowledged(SentUs :: integer(), Source :: robot_id(), Dest :: robot_id(), t()) -> t().
+-spec acknowledged(SentUs :: integer(), Source :: starl:robot_id(), Dest :: starl:robot_id(), t()) ->
+    t().
 acknowledged(_SentUs, _Source, _Dest, #delivery{unlucky = {off, _}} = D) ->
     D;
 acknowledged(SentUs, Source, Dest, #delivery{arrived = Arrived, known = Known} = D) ->
@@ -101,7 +100,9 @@ acknowledged(SentUs, Source, Dest, #delivery{arrived = Arrived, known = Known} =
 
 %% @doc A message that was sent at `SentUs' was reported lost. `in_vain': no chance explains it any more; each row is
 %% reported once.
--spec lost(Us :: integer(), SentUs :: integer(), Source :: robot_id(), Dest :: robot_id(), t()) ->
+-spec lost(
+    Us :: integer(), SentUs :: integer(), Source :: starl:robot_id(), Dest :: starl:robot_id(), t()
+) ->
     {ok | in_vain, t()}.
 lost(T, SentUs, Source, Dest, #delivery{unlucky = Unlucky, rows = Rows} = D) when
     is_float(Unlucky)

@@ -10,10 +10,9 @@
 -export([new/1, new/2, motion/3, stop/3, advance/2, finish/2]).
 -export_type([t/0, encounter/0, least/0]).
 
--type robot_id() :: pos_integer().
 %% Two robots (the smaller id first), the least distance (mm) and when (us).
 -type encounter() :: {
-    DistanceMm :: float(), AtUs :: integer(), {robot_id(), robot_id()}
+    DistanceMm :: float(), AtUs :: integer(), {starl:robot_id(), starl:robot_id()}
 }.
 %% The least distance of any two robots so far, `none' while there are fewer than two.
 -type least() :: encounter() | none.
@@ -22,7 +21,7 @@
 
 %% A robot's motion in one slice: its stretches in order, a disc around them, moved or not.
 -record(path, {
-    robot :: robot_id(),
+    robot :: starl:robot_id(),
     stretches :: [stretch()],
     x :: float(),
     y :: float(),
@@ -36,9 +35,9 @@
     %% The start of the slice not judged yet; none before the first motion.
     from = none :: integer() | none,
     %% Pieces that reach into the open slice, latest first.
-    pieces = #{} :: #{robot_id() => [starl_trajectory:piece(), ...]},
+    pieces = #{} :: #{starl:robot_id() => [starl_trajectory:piece(), ...]},
     least = none :: least(),
-    reported = #{} :: #{{robot_id(), robot_id()} => true}
+    reported = #{} :: #{{starl:robot_id(), starl:robot_id()} => true}
 }).
 
 -opaque t() :: #separation{}.
@@ -57,7 +56,7 @@ new(LimitMm, SliceUs) when SliceUs > 0 ->
     #separation{limit_mm = float(LimitMm), slice_us = SliceUs}.
 
 %% @doc From its start on, the robot moves along this piece.
--spec motion(robot_id(), starl_trajectory:piece(), t()) -> t().
+-spec motion(starl:robot_id(), starl_trajectory:piece(), t()) -> t().
 motion(Robot, Piece, #separation{pieces = Pieces} = State) ->
     T0 = starl_trajectory:start_us(Piece),
     Known = maps:get(Robot, Pieces, []),
@@ -66,7 +65,7 @@ motion(Robot, Piece, #separation{pieces = Pieces} = State) ->
     start(T0, State#separation{pieces = Pieces#{Robot => [Piece | Before]}}).
 
 %% @doc From `T' on, the robot stays where it is. Unknown robots are ignored.
--spec stop(robot_id(), T :: integer(), t()) -> t().
+-spec stop(starl:robot_id(), T :: integer(), t()) -> t().
 stop(Robot, T, #separation{pieces = Pieces} = State) ->
     case Pieces of
         #{Robot := Known} ->

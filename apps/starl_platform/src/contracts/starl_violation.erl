@@ -16,7 +16,7 @@
     {atom(), atom(), none | one | two | many, Details :: [term()], Order :: [term()]}.
 
 %% @doc A violation of a contract at this time, with the robots that take part.
--spec new(Contract :: atom(), What :: atom(), AtUs :: integer(), [starl_monitor:robot_id()], map()) ->
+-spec new(Contract :: atom(), What :: atom(), AtUs :: integer(), [starl:robot_id()], map()) ->
     starl_monitor:violation().
 new(Contract, What, At, Robots, Details) ->
     #{contract => Contract, what => What, at_us => At, robots => Robots, details => Details}.

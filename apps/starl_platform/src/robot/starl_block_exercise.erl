@@ -59,7 +59,7 @@
 -callback watches() -> [starl_machine:name()].
 %% The memory of these events, and of the calls, for the promises: at the beginning, and
 %% after an event. The event at the end of a call is `{Us, Robot, app, {answered, Call, Outcome}}'.
--callback seen([starl_monitor:robot_id()]) -> Seen :: term().
+-callback seen([starl:robot_id()]) -> Seen :: term().
 -callback noted(starl_monitor:trace_event(), Seen) -> Seen when Seen :: term().
 %% The promise of a call, with its time. Without this callback every call ends in time, in any way.
 -callback promise(starl_promise:call(), starl_promise:team(), Seen :: term()) ->
@@ -150,7 +150,7 @@ draw(Exercise, Draw) -> starl_callback:call(Exercise, draw, [Draw], #{}).
 watches(Exercise) -> starl_callback:call(Exercise, watches, [], []).
 
 %% @doc The memory at the beginning.
--spec seen(module(), [starl_monitor:robot_id()]) -> Seen :: term().
+-spec seen(module(), [starl:robot_id()]) -> Seen :: term().
 seen(Exercise, Robots) -> starl_callback:call(Exercise, seen, [Robots], none).
 
 %% @doc The update of its memory by an event, as a function, looked up once for all events.

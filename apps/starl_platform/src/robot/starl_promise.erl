@@ -13,7 +13,7 @@
 %% A call of the exercise.
 -type call() :: #{
     what := term(),
-    robot := starl_monitor:robot_id(),
+    robot := starl:robot_id(),
     since_us := us(),
     patience_ms := pos_integer() | none
 }.
@@ -23,12 +23,12 @@
 %% at once), and the values of the exercise. `rest': robots for which faults never end; they count among
 %% those that have died, but may still say something.
 -type team() :: #{
-    robots := [starl_monitor:robot_id()],
-    died := [starl_monitor:robot_id()],
+    robots := [starl:robot_id()],
+    died := [starl:robot_id()],
     healed_us := us() | never,
     within_us := us(),
     reach_us => us(),
-    rest => [starl_monitor:robot_id(), ...],
+    rest => [starl:robot_id(), ...],
     use => starl_block_exercise:use()
 }.
 
@@ -57,7 +57,7 @@ when_all(_Times, _Call, _Is, _Team) ->
     none.
 
 %% @doc Has any of these robots died?
--spec has_died([starl_monitor:robot_id()], team()) -> boolean().
+-spec has_died([starl:robot_id()], team()) -> boolean().
 has_died(Robots, #{died := Died}) -> lists:any(fun(R) -> lists:member(R, Died) end, Robots).
 
 %% @doc Has the call succeeded with `ok'?

@@ -10,8 +10,7 @@
 ]).
 -export([prepare/2, work/3, final/3, watches/0, seen/1, noted/2, promise/3]).
 
--type robot_id() :: starl_monitor:robot_id().
--type pair() :: {robot_id(), robot_id()}.
+-type pair() :: {starl:robot_id(), starl:robot_id()}.
 
 %% The longest time that an acknowledgement is under way: it may be older than a restart.
 -define(UNDER_WAY_US, 5000000).
@@ -19,11 +18,11 @@
 -record(seen, {
     %% the last restart of each robot's SAP; the last time at which a robot knew the incarnation of
     %% another; the restarts that its present call has found
-    restarted = #{} :: #{robot_id() => integer()},
+    restarted = #{} :: #{starl:robot_id() => integer()},
     contact = #{} :: #{pair() => integer()},
-    found = #{} :: #{robot_id() => #{pair() => integer()}},
+    found = #{} :: #{starl:robot_id() => #{pair() => integer()}},
     %% the end of the last time that a robot was down; `still': it is
-    away = #{} :: #{robot_id() => integer() | still}
+    away = #{} :: #{starl:robot_id() => integer() | still}
 }).
 
 -spec options() -> [starl_options:option()].
@@ -117,7 +116,7 @@ other(Robot) ->
 -spec watches() -> [starl_machine:name()].
 watches() -> [sap].
 
--spec seen([robot_id()]) -> #seen{}.
+-spec seen([starl:robot_id()]) -> #seen{}.
 seen(_Robots) -> #seen{}.
 
 -spec noted(starl_monitor:trace_event(), #seen{}) -> #seen{}.
