@@ -28,7 +28,6 @@
 
 -export([init/1, step/2, finish/2, interests/0, vocabulary/0]).
 
--type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
 
 %% One robot: its present motion and the start of it, its pen, the polyline that it is drawing
@@ -40,9 +39,9 @@
     pen = up :: up | down,
     %% the lines of the present stroke
     stroke = [] :: [pos_integer()],
-    drawing = [] :: [point()],
+    drawing = [] :: [starl_geometry:point()],
     strayed = false :: boolean(),
-    drawn = [] :: [[point(), ...]]
+    drawn = [] :: [[starl_geometry:point(), ...]]
 }).
 
 -record(state, {

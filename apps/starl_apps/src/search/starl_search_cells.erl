@@ -8,12 +8,10 @@
 
 -export_type([t/0, cell/0]).
 
--type point() :: starl_geometry:point().
-
 %% Row and column in one number.
 -type cell() :: non_neg_integer().
 
--type t() :: #{cell() => point()}.
+-type t() :: #{cell() => starl_geometry:point()}.
 
 -define(PITCH_MM, 100.0).
 %% Rows of the grid are so far apart in the numbers of cells.
@@ -72,13 +70,14 @@ spread([Cell | Cells], Left, Part) ->
     spread(New ++ Cells, maps:without(New, Left), New ++ Part).
 
 %% @doc Does this place belong to the floor?
--spec has(point(), t()) -> boolean().
+-spec has(starl_geometry:point(), t()) -> boolean().
 has({X, Y}, Cells) ->
     Cell = cell(floor(X / ?PITCH_MM), floor(Y / ?PITCH_MM)),
     lists:any(fun(C) -> is_map_key(C, Cells) end, [Cell | beside(Cell)]).
 
 %% @doc A place for a ball, anywhere on the floor, drawn from a seed.
--spec draw(Seed :: term(), BallMm :: float(), starl_floor:t()) -> {ok, point()} | none.
+-spec draw(Seed :: term(), BallMm :: float(), starl_floor:t()) ->
+    {ok, starl_geometry:point()} | none.
 draw(Seed, Ball, Floor) ->
     Cells = new(Floor, Ball),
     case map_size(Cells) of
@@ -98,7 +97,7 @@ draw(N, Seed, Ball, #{size := {W, H}} = Floor, Walls, Cells) ->
 part(Key) -> erlang:phash2(Key, 1 bsl 24) / (1 bsl 24).
 
 %% @doc The middle of a cell.
--spec middle(cell()) -> point().
+-spec middle(cell()) -> starl_geometry:point().
 middle(Cell) -> {(Cell rem ?ROW + 0.5) * ?PITCH_MM, (Cell div ?ROW + 0.5) * ?PITCH_MM}.
 
 %% @doc The cell in a column and a row.

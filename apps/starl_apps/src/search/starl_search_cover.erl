@@ -18,7 +18,6 @@
 
 -export_type([view/0, run/0, config/0, plan/0]).
 
--type point() :: starl_geometry:point().
 -type cell() :: starl_search_cells:cell().
 %% Cells side by side, from the first to the last.
 -type run() :: {cell(), cell()}.
@@ -34,25 +33,27 @@
     ball_mm := float(),
     slack_mm := float(),
     wall_mm := float(),
-    places := [point()],
-    comes_to := fun((point()) -> boolean()),
-    line := fun((point()) -> {ok, starl_geometry:segment()} | none)
+    places := [starl_geometry:point()],
+    comes_to := fun((starl_geometry:point()) -> boolean()),
+    line := fun((starl_geometry:point()) -> {ok, starl_geometry:segment()} | none)
 }.
 
 %% The views; of the cells that nobody can come to see the middles; and the number of all cells.
--type plan() :: #{views := [view()], unseen := [point()], cells := non_neg_integer()}.
+-type plan() :: #{
+    views := [view()], unseen := [starl_geometry:point()], cells := non_neg_integer()
+}.
 
 -record(cover, {
     config :: config(),
     %% where a ball can lie, near the middle of each cell
-    balls :: #{cell() => point()},
+    balls :: #{cell() => starl_geometry:point()},
     %% how far from the place of a ball its cell may reach, and so how much room a line of sight needs
     room :: float(),
     range :: float()
 }).
 
 %% What can be seen past, by its distance from a place.
--record(eye, {at :: point(), rays :: tuple()}).
+-record(eye, {at :: starl_geometry:point(), rays :: tuple()}).
 
 %% The width of a cell ({@link starl_search_cells}), and the distance of its corners from its middle.
 -define(PITCH_MM, 100.0).
@@ -118,7 +119,12 @@ runs(From, To, Cells) -> [{From, To} | runs(Cells)].
 cells(#{sees := Runs}) -> lists:append([lists:seq(From, To) || {From, To} <- Runs]).
 
 %% @doc Is a ball that lies in this cell surely seen from a place?
--spec sees(point(), cell(), #{range_mm := float(), ball_mm := float(), _ => _}, starl_walls:t()) ->
+-spec sees(
+    starl_geometry:point(),
+    cell(),
+    #{range_mm := float(), ball_mm := float(), _ => _},
+    starl_walls:t()
+) ->
     boolean().
 sees(From, Cell, #{range_mm := Range, ball_mm := Ball}, Walls) ->
     To = starl_search_cells:middle(Cell),

@@ -24,13 +24,12 @@
 
 -export([init/1, context/2, broken/2, step/2, finish/2, interests/0, vocabulary/0]).
 
--type point() :: starl_geometry:point().
--type points() :: #{pos_integer() => point()}.
+-type points() :: #{pos_integer() => starl_geometry:point()}.
 
 -record(state, {
     walls :: starl_walls:t(),
     obstacles :: starl_obstacles:t(),
-    ball :: point() | none,
+    ball :: starl_geometry:point() | none,
     ball_mm :: float(),
     range :: float(),
     field :: float(),
@@ -56,7 +55,7 @@
     %% how many points were seen when, the latest first
     seen = [{0, 0}] :: [{AtUs :: integer(), non_neg_integer()}, ...],
     pieces = #{} :: #{starl:robot_id() => starl_trajectory:piece()},
-    starts = #{} :: #{starl:robot_id() => point()},
+    starts = #{} :: #{starl:robot_id() => starl_geometry:point()},
     %% what each robot's camera looked at last: the same look shows nothing new
     looks = #{} :: #{starl:robot_id() => term()},
     found = none :: integer() | none,
@@ -81,7 +80,7 @@
 
 -spec init(#{
     floor := starl_floor:t(),
-    ball := point() | none,
+    ball := starl_geometry:point() | none,
     ball_mm := float(),
     range_mm := float(),
     field := float(),

@@ -12,7 +12,6 @@
 
 -export_type([roads/0, vertex/0]).
 
--type point() :: starl_geometry:point().
 -type cell() :: {integer(), integer()}.
 -type vertex() :: pos_integer().
 
@@ -22,9 +21,9 @@
     walls := starl_walls:t(),
     wall_mm := float(),
     reach_mm := float(),
-    points := #{vertex() => point()},
+    points := #{vertex() => starl_geometry:point()},
     edges := [{vertex(), vertex()}],
-    nooks := [{point(), vertex()}]
+    nooks := [{starl_geometry:point(), vertex()}]
 }.
 
 -record(map, {
@@ -36,7 +35,7 @@
     %% the free cells, each with the vertex of its bucket's part
     cells = #{} :: #{cell() => vertex() | none},
     count = 0 :: non_neg_integer(),
-    points = #{} :: #{vertex() => point()},
+    points = #{} :: #{vertex() => starl_geometry:point()},
     edges = [] :: [{vertex(), vertex()}]
 }).
 

@@ -12,8 +12,7 @@
 -export_type([settings/0, job/0]).
 
 -type edge_id() :: starl_dpp_graph:edge_id().
--type point() :: starl_geometry:point().
--type waypoint() :: {point(), up | {down, edge_id()}}.
+-type waypoint() :: {starl_geometry:point(), up | {down, edge_id()}}.
 -type settings() :: #{
     choice := starl_dpp_rule:name(),
     horizon := float(),
@@ -57,7 +56,8 @@
 
 %% @doc The best job for a robot. `Stands' is where the robot really is, beside the place that is
 %% reserved for it.
--spec best(Stands :: point(), starl_dpp_route:view(), settings()) -> {ok, job()} | none.
+-spec best(Stands :: starl_geometry:point(), starl_dpp_route:view(), settings()) ->
+    {ok, job()} | none.
 best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
     #{choice := Choice, horizon := Horizon, reach := Reach} = Settings,
     Rule = starl_dpp_rule:module(Choice),
@@ -79,7 +79,7 @@ best(Stands, #{robot := Robot, free := Free} = View, Settings) ->
 %% @doc Folds over the points where work for the robot could begin, until the function returns
 %% `stop'. Some points come more than once.
 -spec fold_begins(Fun, Acc, starl_dpp_route:view()) -> Acc when
-    Fun :: fun((point(), Acc) -> {continue, Acc} | {stop, Acc}).
+    Fun :: fun((starl_geometry:point(), Acc) -> {continue, Acc} | {stop, Acc}).
 fold_begins(Fun, First, #{robot := Robot, free := Free, graph := Graph} = View) ->
     #{masks := Masks, own := Own} = starl_dpp_route:space([Robot], View),
     Each = fun(E, Acc) ->

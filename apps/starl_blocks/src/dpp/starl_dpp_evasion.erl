@@ -9,11 +9,10 @@
 -export([park/2, aside/2, closes/2, wish/2, in_way/3, outermost/2]).
 -export_type([wish/0]).
 
--type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
 -type vertex() :: starl_dpp_graph:vertex().
 -type view() :: starl_dpp_route:view().
--type travel() :: [{point(), up}].
+-type travel() :: [{starl_geometry:point(), up}].
 -type wish() :: #{
     robot := starl:robot_id(),
     cost_mm := float(),
@@ -73,7 +72,8 @@ in_way(Held, Way, Graph) ->
 
 %% @doc Sorts robots by their distance from the nearest wall: no robot is between the first one and
 %% the ring.
--spec outermost([{starl:robot_id(), point()}], starl_dpp_graph:t()) -> [starl:robot_id()].
+-spec outermost([{starl:robot_id(), starl_geometry:point()}], starl_dpp_graph:t()) ->
+    [starl:robot_id()].
 outermost(Places, Graph) ->
     [Id || {_, Id} <- lists:sort([{starl_dpp_graph:depth(P, Graph), Id} || {Id, P} <- Places])].
 

@@ -9,7 +9,6 @@
 
 -export_type([t/0, walls/0, config/0, reason/0, reach/0]).
 
--type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
 
 %% The robots, the radius of their tubes, the distance of their paths from walls, the lines that
@@ -19,7 +18,7 @@
     tube_radius := float(),
     wall_mm := float(),
     lines := [segment()],
-    near := point()
+    near := starl_geometry:point()
 }.
 
 %% The roadmap, with its points numbered from 1. Each spot has the point of the roadmap over which
@@ -28,9 +27,9 @@
     floor := starl_floor:t(),
     wall_mm := float(),
     reach_mm := float(),
-    points := [point()],
+    points := [starl_geometry:point()],
     edges := [{pos_integer(), pos_integer()}],
-    spots := [{point(), Foot :: pos_integer()}]
+    spots := [{starl_geometry:point(), Foot :: pos_integer()}]
 }.
 
 %% The walls, and the distance that paths keep from them.
@@ -40,7 +39,9 @@
 
 %% The part of the floor that robots can come to.
 -opaque reach() :: #{
-    roads := starl_dpp_cells:roads(), part := part(), grid := starl_grid:t({vertex(), point()})
+    roads := starl_dpp_cells:roads(),
+    part := part(),
+    grid := starl_grid:t({vertex(), starl_geometry:point()})
 }.
 
 -type vertex() :: starl_dpp_cells:vertex().
@@ -53,14 +54,14 @@
     r2 :: float(),
     reach :: float(),
     lines :: [segment()],
-    points :: #{vertex() => point()},
+    points :: #{vertex() => starl_geometry:point()},
     neighbours :: #{vertex() => [{vertex(), edge()}]},
     edges :: starl_grid:t(edge()),
-    grid :: starl_grid:t({vertex(), point()}),
+    grid :: starl_grid:t({vertex(), starl_geometry:point()}),
     %% for each end of a line the vertices that it is joined to
     ends :: [[vertex()]],
     %% the spots so far, with their feet, and the edges that they close
-    spots = [] :: [{point(), vertex()}],
+    spots = [] :: [{starl_geometry:point(), vertex()}],
     closed = #{} :: #{edge() => true}
 }).
 
@@ -87,7 +88,10 @@ new(Floor, #{lines := Lines} = Config, #{part := Part, roads := Roads} = Reach) 
 
 %% @doc Where robots can come to from the place near which they park.
 -spec reach(starl_floor:t(), #{
-    robots := pos_integer(), tube_radius := float(), wall_mm := float(), near := point()
+    robots := pos_integer(),
+    tube_radius := float(),
+    wall_mm := float(),
+    near := starl_geometry:point()
 }) -> {ok, reach()} | {error, no_room}.
 reach(Floor, #{near := Near} = Config) ->
     #{points := Points, reach_mm := Mm} = Roads = starl_dpp_cells:roads(Floor, Config),
@@ -100,12 +104,12 @@ reach(Floor, #{near := Near} = Config) ->
     end.
 
 %% @doc The points of the roadmap that robots can come to.
--spec reachable(reach()) -> [point()].
+-spec reachable(reach()) -> [starl_geometry:point()].
 reachable(#{part := Part, roads := #{points := Points}}) ->
     [P || {V, P} <- lists:sort(maps:to_list(Points)), is_map_key(V, Part)].
 
 %% @doc Can robots come to this point?
--spec leads_to(point(), reach()) -> boolean().
+-spec leads_to(starl_geometry:point(), reach()) -> boolean().
 leads_to(P, #{part := Part, roads := Roads, grid := Grid}) ->
     lists:any(fun(V) -> is_map_key(V, Part) end, visible(P, Grid, Roads)).
 
@@ -127,7 +131,7 @@ parked(Floor, Reached, Lost, Part, Roads, #{robots := N, tube_radius := R, near 
 
 %% @doc The place of a plan near which robots park by custom: the first of these that it has, or the
 %% origin.
--spec near(starl_floor:t()) -> point().
+-spec near(starl_floor:t()) -> starl_geometry:point().
 near(#{places := Places}) ->
     Known = [start, start5, start1, dock],
     case [maps:get(Name, Places) || Name <- Known, is_map_key(Name, Places)] of
@@ -215,8 +219,8 @@ part(V, #{edges := Edges}) -> reach(V, #{}, neighbours(Edges)).
 
 %% This number of spots among the candidates, each with the vertex by which it is left; or the
 %% most that there are.
--spec spots(N, [point()], [segment()], R, part(), starl_dpp_cells:roads()) ->
-    {ok, [{point(), Foot :: vertex()}]} | {most, non_neg_integer()}
+-spec spots(N, [starl_geometry:point()], [segment()], R, part(), starl_dpp_cells:roads()) ->
+    {ok, [{starl_geometry:point(), Foot :: vertex()}]} | {most, non_neg_integer()}
 when
     N :: pos_integer(), R :: float().
 spots(N, Candidates, Lines, R, Part, #{walls := Walls, wall_mm := Mm, reach_mm := Reach} = Roads) ->

@@ -12,7 +12,6 @@
 
 -type edge_id() :: pos_integer().
 -type vertex() :: pos_integer().
--type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
 -type step() :: {edge_id(), To :: vertex(), LengthMm :: float(), Heading :: float()}.
 %% An edge out of a vertex.
@@ -30,7 +29,7 @@
 -type reason() ::
     no_robots
     | {too_many_edges, Edges :: pos_integer() | more, Most :: pos_integer()}
-    | {outside_area, point(), starl_geometry:box()}
+    | {outside_area, starl_geometry:point(), starl_geometry:box()}
     | {unreachable_edge, segment()}
     | starl_roadmap:reason().
 
@@ -130,7 +129,8 @@ clear(Line, #graph{walls = Walls}) -> starl_dpp_floor:clear(Line, Walls).
 
 %% @doc What is in the way of a robot that stands at a point and cannot go on towards another one: a door
 %% of the floor plan that is closed, or else something at that place; and the distance to keep from it.
--spec ahead(point(), Towards :: point(), t()) -> {[segment(), ...], Mm :: float()}.
+-spec ahead(starl_geometry:point(), Towards :: starl_geometry:point(), t()) ->
+    {[segment(), ...], Mm :: float()}.
 ahead({X, Y} = At, Towards, #graph{radius = R, walls = Walls}) ->
     {Mm, Doors} = kept(Walls, R),
     Heading = starl_geometry:heading(At, Towards),
@@ -149,14 +149,14 @@ kept({Walls, Mm}, _R) ->
 
 %% @doc How far a point is from where robots park: from the border of the floor; with walls, from the nearest
 %% spot over the roadmap.
--spec depth(point(), t()) -> number().
+-spec depth(starl_geometry:point(), t()) -> number().
 depth({X, Y}, #graph{depths = none, world = {W, H}}) ->
     min(min(X, W - X), min(Y, H - Y));
 depth(P, #graph{depths = Depths} = Graph) ->
     lists:min([Mm + starl_dpp_array:get(V, Depths) || {Mm, V} <- joints(P, 3, Graph)]).
 
 %% @doc The point of a vertex.
--spec point(vertex(), t()) -> point().
+-spec point(vertex(), t()) -> starl_geometry:point().
 point(V, #graph{points = Points}) -> element(V, Points).
 
 %% @doc The edges out of a vertex.
@@ -216,7 +216,7 @@ part(Segment, Mm, Near) ->
     part(Near, X0, Y0, X1, Y1, Segment, Mm * Mm, [], []).
 
 %% @doc Up to about `K' vertices nearest to a point, nearest first.
--spec joints(point(), K :: pos_integer(), t()) -> [{Mm :: float(), vertex()}].
+-spec joints(starl_geometry:point(), K :: pos_integer(), t()) -> [{Mm :: float(), vertex()}].
 joints(P, K, #graph{radius = R} = Graph) -> joints(P, K, 1.5 * R, Graph).
 
 %% @doc The vertices that can be reached from some vertices over edges that `Open' accepts.

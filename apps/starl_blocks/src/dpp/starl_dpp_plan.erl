@@ -46,17 +46,16 @@
 ]).
 -export_type([t/0, config/0, path/0, waypoint/0, pen/0, counts/0]).
 
--type point() :: starl_geometry:point().
 -type segment() :: starl_geometry:segment().
 -type edge_id() :: starl_dpp_graph:edge_id().
 -type pen() :: up | {down, edge_id()}.
--type waypoint() :: {point(), pen()}.
+-type waypoint() :: {starl_geometry:point(), pen()}.
 %% A waypoint is the end of a straight line to drive, and tells whether that paints a target edge.
 -type path() :: [waypoint(), ...].
 -type config() :: starl_dpp_settings:t().
 -type counts() :: #{free | assigned | painted | total => non_neg_integer()}.
 -type mode() ::
-    {standing, Reserved :: point(), Really :: point()}
+    {standing, Reserved :: starl_geometry:point(), Really :: starl_geometry:point()}
     | {moving, Done :: non_neg_integer(), Left :: [waypoint()]}.
 
 -record(plan, {
@@ -98,7 +97,7 @@ format_error(Reason) -> starl_dpp_graph:format_error(Reason).
 
 %% @doc Records a robot's certificate that it stands at some point and no longer holds an
 %% assignment. Its edges that are not painted yet become free.
--spec standing(starl:robot_id(), point(), t()) -> t().
+-spec standing(starl:robot_id(), starl_geometry:point(), t()) -> t().
 standing(Robot, P, #plan{unsafe = Unsafe, modes = Modes} = Plan0) ->
     #plan{config = #{slack := Slack}} = Plan0,
     Q = starl_dpp_unsafe:nominal(P, starl_dpp_unsafe:held(Robot, Unsafe), Slack),
@@ -111,7 +110,7 @@ standing(Robot, P, #plan{unsafe = Unsafe, modes = Modes} = Plan0) ->
 
 %% @doc Enters that a silent robot was seen to stand at this point: it holds no assignment, and gets
 %% no work before it is heard again.
--spec silent(starl:robot_id(), point(), t()) -> t().
+-spec silent(starl:robot_id(), starl_geometry:point(), t()) -> t().
 silent(Robot, P, Plan) ->
     #plan{silent = Silent} = Stands = standing(Robot, P, Plan),
     Stands#plan{silent = Silent#{Robot => true}}.
@@ -154,7 +153,7 @@ exchange(Robot, Owner, #plan{spots = Spots} = Plan) ->
 %% @doc Takes over the rest of an assignment that a robot holds from an earlier coordinator: the
 %% robot drives from the point along the path. If the robot has already driven a part, take over the
 %% whole path and then report the last waypoint that it has {@link passed/3}.
--spec adopt(starl:robot_id(), From :: point(), path(), t()) -> t().
+-spec adopt(starl:robot_id(), From :: starl_geometry:point(), path(), t()) -> t().
 adopt(Robot, From, Path, #plan{silent = Silent} = Plan) ->
     assign(Robot, From, Path, release(Robot, Plan#plan{silent = maps:remove(Robot, Silent)})).
 
@@ -181,7 +180,8 @@ apart({Robot, Q0, P}, #plan{unsafe = Unsafe, modes = Modes} = Plan) ->
 mark_painted(Edges, Plan) -> paint(Edges, Plan).
 
 %% @doc A robot at a point could not go on towards another point: the obstacle is closed to all.
--spec close(point(), Towards :: point(), t()) -> {[segment(), ...], t()}.
+-spec close(starl_geometry:point(), Towards :: starl_geometry:point(), t()) ->
+    {[segment(), ...], t()}.
 close(At, Towards, #plan{graph = Graph, unsafe = Unsafe} = Plan) ->
     {Segments, Mm} = starl_dpp_graph:ahead(At, Towards, Graph),
     {Segments, Plan#plan{unsafe = starl_dpp_unsafe:close(Segments, Mm, Unsafe)}}.
@@ -228,7 +228,7 @@ unsafe(#plan{unsafe = Unsafe}) -> starl_dpp_unsafe:all(Unsafe).
 unknown(#plan{unsafe = Unsafe}) -> starl_dpp_unsafe:unknown(Unsafe).
 
 %% @doc The robot's parking spot at present.
--spec spot(starl:robot_id(), t()) -> point().
+-spec spot(starl:robot_id(), t()) -> starl_geometry:point().
 spot(Robot, #plan{spots = Spots}) -> starl_dpp_spot_owners:place(Robot, Spots).
 
 %% @doc Does the robot stand on its parking spot?
@@ -277,11 +277,12 @@ spots(#plan{spots = Spots}) -> starl_dpp_spot_owners:all(Spots).
 held(Robot, #plan{unsafe = Unsafe}) -> starl_dpp_unsafe:held(Robot, Unsafe).
 
 %% @doc The distance that a robot whose place is known still has to drive, and where its path ends.
--spec rest(starl:robot_id(), t()) -> {Mm :: float(), point()}.
+-spec rest(starl:robot_id(), t()) -> {Mm :: float(), starl_geometry:point()}.
 rest(Robot, #plan{unsafe = Unsafe}) -> starl_dpp_unsafe:rest(Robot, Unsafe).
 
 %% @doc The place of a standing robot: the point reserved for it, and the point where it was seen.
--spec stands(starl:robot_id(), t()) -> {Reserved :: point(), Really :: point()} | false.
+-spec stands(starl:robot_id(), t()) ->
+    {Reserved :: starl_geometry:point(), Really :: starl_geometry:point()} | false.
 stands(Robot, #plan{modes = Modes}) ->
     case Modes of
         #{Robot := {standing, P, Really}} -> {P, Really};

@@ -7,11 +7,12 @@
 -export([painted/1, request/4, answered/2]).
 -export_type([t/0, where/0]).
 
--type point() :: starl_geometry:point().
 -type edge_id() :: starl_dpp_graph:edge_id().
 %% On its way on a path, or not.
 -type where() ::
-    standing | asking | {moving, starl_dpp:request_id(), From :: point(), starl_dpp_plan:path()}.
+    standing
+    | asking
+    | {moving, starl_dpp:request_id(), From :: starl_geometry:point(), starl_dpp_plan:path()}.
 
 %% The distance that the robot drives before it reports that the space behind it is free.
 -define(REPORT_MM, 400.0).
@@ -21,16 +22,16 @@
     slack :: float(),
     %% the place at which the robot last certified to stand, and the point of its reservation that
     %% this counts as
-    at = unknown :: point() | unknown,
-    nominal = unknown :: point() | unknown,
+    at = unknown :: starl_geometry:point() | unknown,
+    nominal = unknown :: starl_geometry:point() | unknown,
     %% its reservation when it was last stopped
     line = [] :: [starl_geometry:segment()],
     %% waypoints passed, the last one's place, and the distance driven since the last report
     passed = 0 :: non_neg_integer(),
-    last = {0.0, 0.0} :: point(),
+    last = {0.0, 0.0} :: starl_geometry:point(),
     unreported_mm = 0.0 :: float(),
     %% the end of the line on which something was in its way, until that is told
-    blocked = none :: point() | none,
+    blocked = none :: starl_geometry:point() | none,
     %% own painted edges that no answered request has reported yet, and all other edges that are
     %% known to be painted
     fresh = [] :: [edge_id()],
@@ -59,17 +60,17 @@ segments(From, [{Point, _} | Path]) -> [{From, Point} | segments(Point, Path)].
 
 %% @doc The robot, stopped, is seen at a point. As in the plan: near its reservation, it counts as
 %% standing on it.
--spec stands(point(), t()) -> t().
+-spec stands(starl_geometry:point(), t()) -> t().
 stands(At, #track{line = Line, slack = Slack} = Track) ->
     Nominal = starl_dpp_unsafe:nominal(At, Line, Slack),
     Track#track{at = At, nominal = Nominal, line = [{Nominal, Nominal}]}.
 
 %% @doc The point where the robot was last seen to stand.
--spec at(t()) -> point() | unknown.
+-spec at(t()) -> starl_geometry:point() | unknown.
 at(#track{at = At}) -> At.
 
 %% @doc It begins a path at this point.
--spec begins(point(), t()) -> t().
+-spec begins(starl_geometry:point(), t()) -> t().
 begins(From, Track) -> Track#track{passed = 0, last = From, unreported_mm = 0.0}.
 
 %% @doc It has reached the N-th waypoint.
@@ -85,11 +86,11 @@ paint({down, Edge}, #track{fresh = Fresh} = Track) ->
     Track#track{fresh = lists:umerge([Edge], Fresh)}.
 
 %% @doc The waypoint that it reached last, or where its path begins.
--spec last(t()) -> point().
+-spec last(t()) -> starl_geometry:point().
 last(#track{last = Last}) -> Last.
 
 %% @doc An obstacle stopped the robot on the line to this point.
--spec blocked(point(), t()) -> t().
+-spec blocked(starl_geometry:point(), t()) -> t().
 blocked(Towards, Track) -> Track#track{blocked = Towards}.
 
 %% @doc Has it driven so far since the last report to the coordinator that it is to report again?

@@ -7,12 +7,11 @@
 -export([space/2, obstacles/1, nearby/1, starts/3, travel/3, smooth/3, legs/2]).
 -export_type([view/0]).
 
--type point() :: starl_geometry:point().
 -type vertex() :: starl_dpp_graph:vertex().
 -type obstacles() :: [starl_dpp_unsafe:obstacle()].
 -type view() :: #{
     robot := starl:robot_id(),
-    at := point(),
+    at := starl_geometry:point(),
     heading := float() | none,
     graph := starl_dpp_graph:t(),
     unsafe := starl_dpp_unsafe:t(),
@@ -56,14 +55,15 @@ starts(Vertices, Obstacles, #{at := P, graph := Graph} = View) ->
 
 %% @doc The path along vertices with the pen up, cut short where that is safe. Empty when the robot
 %% is there.
--spec travel([vertex(), ...], obstacles(), view()) -> [{point(), up}].
+-spec travel([vertex(), ...], obstacles(), view()) -> [{starl_geometry:point(), up}].
 travel(Trail, Obstacles, #{at := P, graph := Graph, leg := Leg}) ->
     Points = [starl_dpp_graph:point(V, Graph) || V <- Trail],
     Way = smooth(distinct([P | Points]), Obstacles, Graph),
     [{Q, up} || Q <- legs(Way, Leg)].
 
 %% @doc Shortens a path: drops points between which a straight line is clear.
--spec smooth([point(), ...], obstacles(), starl_dpp_graph:t()) -> [point(), ...].
+-spec smooth([starl_geometry:point(), ...], obstacles(), starl_dpp_graph:t()) ->
+    [starl_geometry:point(), ...].
 smooth([_] = Points, _Obstacles, _Graph) ->
     Points;
 smooth([P | Rest], Obstacles, Graph) ->
@@ -71,7 +71,7 @@ smooth([P | Rest], Obstacles, Graph) ->
     [P | smooth(farthest(P, Rest, length(Rest), ?TRIES, Obstacles, Graph), Obstacles, Graph)].
 
 %% @doc The points after the first, with more in between so that no leg is longer than `Mm'.
--spec legs([point(), ...], Mm :: float()) -> [point()].
+-spec legs([starl_geometry:point(), ...], Mm :: float()) -> [starl_geometry:point()].
 legs([_], _Mm) ->
     [];
 legs([P, Q | Rest], Mm) ->

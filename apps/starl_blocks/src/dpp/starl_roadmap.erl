@@ -18,18 +18,17 @@
 -export_type([layout/0, travel/0, world/0, reason/0]).
 
 -type world() :: {Width :: float(), Height :: float()}.
--type point() :: starl_geometry:point().
 -type vertex() :: pos_integer().
 -type layout() :: #{
     area := starl_geometry:box(),
-    ring := [point()],
-    spots := #{starl:robot_id() => point()},
-    feet := #{starl:robot_id() => point()}
+    ring := [starl_geometry:point()],
+    spots := #{starl:robot_id() => starl_geometry:point()},
+    feet := #{starl:robot_id() => starl_geometry:point()}
 }.
 %% `area' is where pictures should be; `ring' goes round anticlockwise, without repeating its first
 %% point, and holds every foot, the place where a spur meets the ring.
 -type travel() :: #{
-    points := [point()],
+    points := [starl_geometry:point()],
     edges := [{vertex(), vertex()}],
     spots := #{starl:robot_id() => vertex()},
     ring := [vertex()]

@@ -9,13 +9,12 @@
 -export([svg/1, write/3, colour/1, format_error/1]).
 -export_type([drawing/0, reason/0]).
 
--type point() :: {float(), float()}.
 %% Lengths in mm, headings in radians counterclockwise from the floor's x axis.
 -type drawing() :: #{
     floor := {Width :: number(), Height :: number()},
-    target := [{point(), point()}],
-    ink := #{starl:robot_id() => [[point()]]},
-    robots := [{starl:robot_id(), point(), Heading :: float()}],
+    target := [{starl_geometry:point(), starl_geometry:point()}],
+    ink := #{starl:robot_id() => [[starl_geometry:point()]]},
+    robots := [{starl:robot_id(), starl_geometry:point(), Heading :: float()}],
     plan => starl_floor:t() | none,
     title => unicode:chardata(),
     %% what applications draw

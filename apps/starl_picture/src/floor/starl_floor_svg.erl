@@ -15,7 +15,6 @@
 
 -export([parse/2]).
 
--type point() :: starl_geometry:point().
 -type outline() :: starl_svg_shape:outline().
 
 -define(LAYERS, ["walls", "rooms", "doors", "places"]).
@@ -73,7 +72,7 @@ on_floor(#{outlines := Outlines, line := Line} = Part, Map, Scale) ->
     Chains = [chain(Outline, Map) || Outline <- Outlines],
     Part#{chains => [Chain || [_, _ | _] = Chain <- Chains], line := Line * Scale}.
 
--spec chain(outline(), starl_svg_transform:matrix()) -> [point()].
+-spec chain(outline(), starl_svg_transform:matrix()) -> [starl_geometry:point()].
 chain([First | _] = Outline, Map) ->
     Curves = [starl_svg_curve:transform(Map, Curve) || Curve <- Outline],
     Points = [

@@ -17,13 +17,11 @@
 -module(starl_picture).
 
 -export([read/2, parse/2, segments/1, only/2, tolerance/1, title/1, left_out/1, format_error/1]).
--export_type([t/0, point/0, segment/0, options/0, left_out/0, reason/0]).
+-export_type([t/0, segment/0, options/0, left_out/0, reason/0]).
 
 -include_lib("kernel/include/file.hrl").
 
-%% Millimetres on the floor.
--type point() :: {float(), float()}.
--type segment() :: {point(), point()}.
+-type segment() :: {starl_geometry:point(), starl_geometry:point()}.
 %% The area to fill, the largest distance between a curve and its chords (at least 0.1 mm), and
 %% the number of segments above which a picture is refused.
 -type options() :: #{

@@ -21,8 +21,6 @@
 -define(DOTS, 2).
 -define(LINKS, 15).
 
--type point() :: {float(), float()}.
-
 %% @doc The number in the name of such a picture.
 -spec named(string()) -> {ok, non_neg_integer()} | error.
 named(?NAME ++ Digits) ->
@@ -85,7 +83,7 @@ dot(Rand0) ->
 
 %% -- places -----------------------------------------------------------------------------------
 
--spec place(rand:state()) -> {point(), rand:state()}.
+-spec place(rand:state()) -> {starl_geometry:point(), rand:state()}.
 place(Rand0) ->
     {X, Rand1} = rand:uniform_s(Rand0),
     {Y, Rand} = rand:uniform_s(Rand1),

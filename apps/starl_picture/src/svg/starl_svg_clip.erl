@@ -7,8 +7,7 @@
 -export([rectangle/3, of_path/3, placed/3, box/1, covers/2, cut/2, edges/2]).
 -export_type([t/0]).
 
--type point() :: starl_svg_curve:point().
--type segment() :: {point(), point()}.
+-type segment() :: {starl_geometry:point(), starl_geometry:point()}.
 -type matrix() :: starl_svg_transform:matrix().
 %% What is inside of an outline that crosses itself, or of several: that round which they go in all, or an odd
 %% number of times.
@@ -16,7 +15,7 @@
 %% A convex polygon, by its corners in one or the other sense of rotation; shapes, which together are the
 %% window, each by its closed outlines; the same by their sides.
 -opaque t() ::
-    {convex, [point(), ...]}
+    {convex, [starl_geometry:point(), ...]}
     | {shapes, [{rule(), [starl_svg_shape:outline()]}, ...]}
     | {area, [{rule(), [segment()]}, ...]}.
 
@@ -30,7 +29,7 @@
 -define(UNITS, {0.0, 0.0}).
 
 %% @doc The image of a rectangle.
--spec rectangle(point(), Size :: point(), matrix()) -> t().
+-spec rectangle(starl_geometry:point(), Size :: starl_geometry:point(), matrix()) -> t().
 rectangle({X, Y}, {W, H}, Matrix) ->
     {convex, moved(Matrix, [{X, Y}, {X + W, Y}, {X + W, Y + H}, {X, Y + H}])}.
 

@@ -12,19 +12,20 @@
 
 -export([start/1, finish/1, transform/2, bounds/1, merge_bounds/2, steps/2, flatten/2]).
 -export([ellipse/4, arc/6]).
--export_type([t/0, point/0, bounds/0]).
+-export_type([t/0, bounds/0]).
 
--type point() :: {float(), float()}.
--type line() :: {line, point(), point()}.
+-type line() :: {line, starl_geometry:point(), starl_geometry:point()}.
 %% An arc carries both end points so that pieces join without a gap.
 -type arc() ::
-    {arc, Start :: point(), End :: point(), Centre :: point(), U :: point(), V :: point(),
+    {arc, Start :: starl_geometry:point(), End :: starl_geometry:point(),
+        Centre :: starl_geometry:point(), U :: starl_geometry:point(), V :: starl_geometry:point(),
         Angle :: float(), Sweep :: float()}.
 %% A piece of an outline.
 -type t() ::
     line()
-    | {quad, point(), point(), point()}
-    | {cubic, point(), point(), point(), point()}
+    | {quad, starl_geometry:point(), starl_geometry:point(), starl_geometry:point()}
+    | {cubic, starl_geometry:point(), starl_geometry:point(), starl_geometry:point(),
+        starl_geometry:point()}
     | arc().
 %% Lower left and upper right corner.
 -type bounds() :: {float(), float(), float(), float()}.
@@ -34,18 +35,23 @@
 -define(NOTHING, 1.0e-9).
 
 %% @doc The start of the curve.
--spec start(t()) -> point().
+-spec start(t()) -> starl_geometry:point().
 start(Curve) -> element(2, Curve).
 
 %% @doc The end of the curve.
--spec finish(t()) -> point().
+-spec finish(t()) -> starl_geometry:point().
 finish({line, _, P1}) -> P1;
 finish({quad, _, _, P2}) -> P2;
 finish({cubic, _, _, _, P3}) -> P3;
 finish({arc, _, P1, _, _, _, _, _}) -> P1.
 
 %% @doc The arc of an axis-parallel ellipse from angle `From', `Sweep' radians on.
--spec ellipse(Centre :: point(), Radii :: point(), From :: float(), Sweep :: float()) -> arc().
+-spec ellipse(
+    Centre :: starl_geometry:point(),
+    Radii :: starl_geometry:point(),
+    From :: float(),
+    Sweep :: float()
+) -> arc().
 ellipse(Centre, {RX, RY}, From, Sweep) ->
     U = {RX, 0.0},
     V = {0.0, RY},
@@ -55,12 +61,12 @@ ellipse(Centre, {RX, RY}, From, Sweep) ->
 %% @doc The arc of path data: end points, radii, rotation in degrees and flags, by the conversion
 %% of SVG 1.1, appendix F.6. A zero radius gives a line; too small radii are scaled up.
 -spec arc(
-    point(),
-    Radii :: point(),
+    starl_geometry:point(),
+    Radii :: starl_geometry:point(),
     Degrees :: float(),
     Large :: boolean(),
     Sweep :: boolean(),
-    point()
+    starl_geometry:point()
 ) -> line() | arc().
 arc({X1, Y1} = From, {RX, RY}, _Degrees, _Large, _Sweep, {X2, Y2} = To) when
     abs(RX) < ?NOTHING;
@@ -133,7 +139,7 @@ steps({arc, _, _, _, U, V, _, Sweep}, Tolerance) ->
     max(1, ceil(abs(Sweep) / max(Step, 1.0e-7) - 1.0e-9)).
 
 %% @doc The corners of `N' chords along the curve, without its first point.
--spec flatten(t(), N :: pos_integer()) -> [point()].
+-spec flatten(t(), N :: pos_integer()) -> [starl_geometry:point()].
 flatten({line, _, P1}, _N) -> [P1];
 flatten(Curve, N) -> [point_at(Curve, K / N) || K <- lists:seq(1, N - 1)] ++ [finish(Curve)].
 

@@ -21,14 +21,13 @@
 
 %% Curves that follow each other without a gap.
 -type outline() :: [starl_svg_curve:t(), ...].
--type point() :: starl_svg_curve:point().
 
 -record(pen, {
-    at = {0.0, 0.0} :: point(),
+    at = {0.0, 0.0} :: starl_geometry:point(),
     %% The start of the subpath, to which `Z' returns.
-    from = {0.0, 0.0} :: point(),
+    from = {0.0, 0.0} :: starl_geometry:point(),
     %% The last control point, for the smooth commands, and the kind of its curve.
-    control = none :: none | {quad | cubic, point()},
+    control = none :: none | {quad | cubic, starl_geometry:point()},
     current = [] :: [starl_svg_curve:t()],
     done = [] :: [outline()]
 }).

@@ -10,7 +10,6 @@
 
 %% Six finite entries, none above 1.0e12.
 -type matrix() :: {float(), float(), float(), float(), float(), float()}.
--type point() :: {float(), float()}.
 
 -define(MAX_ENTRY, 1.0e12).
 
@@ -40,11 +39,11 @@ multiply({A1, B1, C1, D1, E1, F1}, {A2, B2, C2, D2, E2, F2}) ->
     }).
 
 %% @doc The image of a point.
--spec apply(matrix(), point()) -> point().
+-spec apply(matrix(), starl_geometry:point()) -> starl_geometry:point().
 apply({A, B, C, D, E, F}, {X, Y}) -> {A * X + C * Y + E, B * X + D * Y + F}.
 
 %% @doc The image of a vector: as for a point, but without the translation.
--spec apply_vector(matrix(), point()) -> point().
+-spec apply_vector(matrix(), starl_geometry:point()) -> starl_geometry:point().
 apply_vector({A, B, C, D, _E, _F}, {X, Y}) -> {A * X + C * Y, B * X + D * Y}.
 
 %% @doc The map of a `transform' attribute; empty text and `none' mean the identity.

@@ -8,7 +8,6 @@
 -type element_() :: starl_svg_xml:element_().
 -type matrix() :: starl_svg_transform:matrix().
 -type viewport() :: starl_svg_shape:viewport().
--type point() :: starl_svg_curve:point().
 -type box() :: {X :: float(), Y :: float(), Width :: float(), Height :: float()}.
 
 %% A smaller viewBox counts as empty, because a division by its size could overflow.
@@ -36,7 +35,7 @@ number(Element, Name, Whole, Default) ->
     end.
 
 %% @doc The position of an element.
--spec corner(element_(), viewport()) -> point().
+-spec corner(element_(), viewport()) -> starl_geometry:point().
 corner(Element, {W, H}) ->
     {number(Element, <<"x">>, W, 0.0), number(Element, <<"y">>, H, 0.0)}.
 
@@ -52,7 +51,7 @@ extent(Use, Target, {W, H} = Viewport) ->
     {number(Use, <<"width">>, W, TargetW), number(Use, <<"height">>, H, TargetH)}.
 
 %% @doc The map for the content of a window, and the size to which its percentages refer.
--spec fit(element_(), point(), viewport(), matrix()) -> {matrix(), viewport()}.
+-spec fit(element_(), starl_geometry:point(), viewport(), matrix()) -> {matrix(), viewport()}.
 fit(Element, Corner, {W, H} = Extent, Outer) ->
     case view_box(Element) of
         none ->
@@ -84,7 +83,7 @@ transformed(Element, Viewport, Matrix) ->
     end.
 
 %% @doc The map followed by a move.
--spec moved(element_(), point(), matrix()) -> matrix().
+-spec moved(element_(), starl_geometry:point(), matrix()) -> matrix().
 moved(Element, {X, Y}, Matrix) ->
     multiply(Element, Matrix, starl_svg_transform:translation(X, Y)).
 

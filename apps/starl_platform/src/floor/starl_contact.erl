@@ -21,8 +21,6 @@
 %% A wall with its number.
 -type wall() :: {N :: pos_integer(), starl_geometry:segment()}.
 
--type point() :: starl_geometry:point().
-
 %% A body stops so far before the contact (mm).
 -define(GAP_MM, 1.0e-3).
 %% Nearer than this is touching: more than rounding, less than the gap (mm).
@@ -61,7 +59,7 @@ bodies(A, B, Sum, From, To) ->
     end.
 
 %% @doc Does a body on this piece move towards that place at this time?
--spec towards(point(), T :: integer(), starl_trajectory:piece()) -> boolean().
+-spec towards(starl_geometry:point(), T :: integer(), starl_trajectory:piece()) -> boolean().
 towards({X, Y}, T, Piece) ->
     {PX, PY} = starl_trajectory:position(T, Piece),
     {VX, VY} = starl_trajectory:velocity(T, Piece),

@@ -21,10 +21,8 @@
 -export([start_us/1, pose/2, position/2, velocity/2, moved/3, fastest/1, enclosing/3]).
 -export([is_still/1, is_bent/1, rests_from/1]).
 -export([closest_approach/4, closest_within/5, polyline/4, passing/4]).
--export_type([piece/0, arc/0, ramp/0, point/0, pose/0, velocity/0, approach/0]).
+-export_type([piece/0, arc/0, ramp/0, pose/0, velocity/0, approach/0]).
 
-%% Position on the floor, mm; x to the right, y up.
--type point() :: {X :: float(), Y :: float()}.
 %% Position and heading (radians, counter-clockwise from the x axis).
 -type pose() :: {X :: float(), Y :: float(), Heading :: float()}.
 %% In mm/s.
@@ -47,18 +45,22 @@
 -define(SMALL_ANGLE, 1.0e-4).
 
 %% @doc A robot that stands at `Pose' from `T0us' on.
--spec standing(T0us :: integer(), point(), Heading :: float()) -> arc().
+-spec standing(T0us :: integer(), starl_geometry:point(), Heading :: float()) -> arc().
 standing(T0us, {X, Y}, Heading) ->
     {piece, T0us, X, Y, Heading, 0.0, 0.0}.
 
 %% @doc A robot that moves from `Pose' at `T0us' on with `V' mm/s and `W' rad/s.
--spec piece(T0us :: integer(), point(), Heading :: float(), V :: float(), W :: float()) -> arc().
+-spec piece(
+    T0us :: integer(), starl_geometry:point(), Heading :: float(), V :: float(), W :: float()
+) -> arc().
 piece(T0us, {X, Y}, Heading, V, W) ->
     {piece, T0us, X, Y, Heading, V, W}.
 
 %% @doc A robot that moves from `Pose' at `T0us' on and whose velocity changes evenly from `V0' to
 %% `V1' within `Us'.
--spec ramp(T0us :: integer(), point(), Heading :: float(), velocity(), velocity(), Us) ->
+-spec ramp(
+    T0us :: integer(), starl_geometry:point(), Heading :: float(), velocity(), velocity(), Us
+) ->
     ramp()
 when
     Us :: non_neg_integer().
@@ -90,7 +92,7 @@ pose(T, {ramp, T0, _, _, Heading, _, _, _} = Piece) ->
     {X, Y, Heading}.
 
 %% @doc Position (mm) at time `T' (us).
--spec position(T :: integer(), piece()) -> point().
+-spec position(T :: integer(), piece()) -> starl_geometry:point().
 position(_T, {piece, _T0, X, Y, _Heading, V, _W}) when V == 0 ->
     {X, Y};
 position(T, Piece) ->
@@ -146,7 +148,7 @@ is_bent({piece, _T0, _X, _Y, _Heading, V, W}) -> V /= 0 andalso W /= 0;
 is_bent({ramp, _T0, _X, _Y, _Heading, V0, V1, Us}) -> Us > 0 andalso V0 /= V1.
 
 %% @doc A disc (centre, radius in mm) that holds the path from `T1' to `T2'.
--spec enclosing(T1 :: integer(), T2 :: integer(), piece()) -> {point(), float()}.
+-spec enclosing(T1 :: integer(), T2 :: integer(), piece()) -> {starl_geometry:point(), float()}.
 enclosing(T1, T2, {piece, _, _, _, _, _, _} = Piece) ->
     %% Every point lies within half the path length of the path's middle.
     {position((T1 + T2) div 2, Piece), (moved(T1, T2, Piece) + moved(0, 2, Piece)) / 2};
@@ -199,7 +201,7 @@ closest_within(Bound, A, B, T1, T2) ->
 %% @doc Points of the path from `T1' to `T2', such that the polyline through them stays within
 %% `ToleranceMm' of the path. One point if the robot stands, two if it drives straight.
 -spec polyline(piece(), T1 :: integer(), T2 :: integer(), ToleranceMm :: float()) ->
-    [point(), ...].
+    [starl_geometry:point(), ...].
 polyline(Piece, T1, T2, ToleranceMm) when T1 =< T2, ToleranceMm > 0 ->
     case is_still(Piece) orelse T1 =:= T2 of
         true -> [position(T1, Piece)];

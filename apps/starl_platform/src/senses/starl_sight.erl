@@ -6,12 +6,12 @@
 
 -export_type([disc/0]).
 
--type point() :: starl_geometry:point().
--type disc() :: {point(), RadiusMm :: float()}.
+-type disc() :: {starl_geometry:point(), RadiusMm :: float()}.
 
 %% @doc How far a ray from a point in this direction goes before it meets a wall or a disc; `none':
 %% farther than `Most'.
--spec ray(point(), Angle :: float(), Most :: float(), [disc()], starl_walls:t()) -> float() | none.
+-spec ray(starl_geometry:point(), Angle :: float(), Most :: float(), [disc()], starl_walls:t()) ->
+    float() | none.
 ray({X, Y} = From, Angle, Most, Discs, Walls) ->
     To = {X + Most * math:cos(Angle), Y + Most * math:sin(Angle)},
     case [T || T <- meets({From, To}, Discs, Walls), T =< 1.0] of
@@ -21,7 +21,8 @@ ray({X, Y} = From, Angle, Most, Discs, Walls) ->
 
 %% @doc Is the straight line between two points free of walls and discs? A disc around one of the
 %% points is not in its way.
--spec is_clear(point(), point(), [disc()], starl_walls:t()) -> boolean().
+-spec is_clear(starl_geometry:point(), starl_geometry:point(), [disc()], starl_walls:t()) ->
+    boolean().
 is_clear(From, To, Discs, Walls) ->
     Others = [
         Disc

@@ -29,7 +29,7 @@
 -record(scene, {
     pieces = #{} :: #{starl:robot_id() => starl_trajectory:piece()},
     %% the points of each line in work, the latest first
-    ink = #{} :: #{starl:robot_id() => [starl_trajectory:point(), ...]},
+    ink = #{} :: #{starl:robot_id() => [starl_geometry:point(), ...]},
     count = 0 :: non_neg_integer()
 }).
 
