@@ -67,7 +67,7 @@ in_dir(Text) ->
      || Name <- ["two_wheels.erl", "two_wheels_robot.erl"]
     ],
     ok = file:write_file(File, Text),
-    Answer = starl_fleet_named:read(File),
+    Answer = starl_fleet_target:read(File),
     ok = file:del_dir_r(Dir),
     _ = [code:purge(M) || M <- [two_wheels, two_wheels_robot], code:delete(M)],
     case Answer of

@@ -66,10 +66,10 @@ subject(File, Args) ->
     {ok, {File, Words}, Flags}.
 
 %% To look at robots or to stop them, the application need not be sound.
-fleet([Word | _], File) when Word =/= "reload" -> starl_fleet_named:robots(File);
-fleet(_, File) -> starl_fleet_named:read(File).
+fleet([Word | _], File) when Word =/= "reload" -> starl_fleet_target:robots(File);
+fleet(_, File) -> starl_fleet_target:read(File).
 
--spec action([string()], starl_fleet_named:t()) -> action() | {error, unicode:chardata()}.
+-spec action([string()], starl_fleet_target:t()) -> action() | {error, unicode:chardata()}.
 action([], _Fleet) ->
     deploy;
 action(["status"], _Fleet) ->

@@ -25,7 +25,7 @@ subject(File, Args) -> {ok, File, Args}.
 
 -spec run(starl_cli_command:call()) -> starl_cli_command:answer().
 run(#{subject := File}) ->
-    case starl_fleet_named:read(File) of
+    case starl_fleet_target:read(File) of
         {ok, #{fleet := Fleet}} -> made(starl_fleet_keys:make(Fleet));
         {error, _} = Error -> Error
     end.

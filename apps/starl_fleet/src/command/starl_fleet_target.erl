@@ -1,6 +1,6 @@
 %% @doc Reads the fleet file that a command names, and loads its application. The application is a
 %% shipped one, or the user's own Erlang source, which is compiled.
--module(starl_fleet_named).
+-module(starl_fleet_target).
 
 -export([read/1, robots/1]).
 
