@@ -47,8 +47,9 @@
 %% The program before its first boot.
 -callback new(starl:robot_id(), starl_virtual_clock:t(), Config :: map()) -> Program :: term().
 -callback obey(command(), Program) -> {up(), [effect()], Program}.
-%% The machines of the robot, each with its state and data.
--callback machines(Program :: term()) -> #{starl_machine:name() => starl_robot_tree:seen()}.
+%% The machines of the robot, each with its state and data, for this caller.
+-callback machines(gen_server:from(), Program :: term()) ->
+    #{starl_machine:name() => starl_robot_tree:seen()}.
 
 %% @doc Starts the computer of a robot, linked to the calling shard. The program does not run yet.
 -spec start(starl:robot_id(), module(), Config :: map()) -> pid().
@@ -70,14 +71,7 @@ order(Computer, LocalUs, Commands) ->
 
 %% @doc The machines of the robot, each with its state and data, while it has no order.
 -spec machines(pid()) -> #{starl_machine:name() => starl_robot_tree:seen()}.
-machines(Computer) ->
-    Ref = erlang:monitor(process, Computer),
-    Computer ! {starl_inspect, self(), Ref},
-    receive
-        {Ref, Seen} ->
-            true = erlang:demonitor(Ref, [flush]),
-            Seen
-    end.
+machines(Computer) -> gen_server:call(Computer, machines, infinity).
 
 wait(Id, Shard, Clock, Module, Program) ->
     receive
@@ -86,8 +80,8 @@ wait(Id, Shard, Clock, Module, Program) ->
             {Up, Effects, Next} = obey(Commands, off, [], Module, Program),
             Shard ! {starl_done, Id, self(), {Up, Effects}},
             wait(Id, Shard, Clock, Module, Next);
-        {starl_inspect, From, Ref} ->
-            From ! {Ref, Module:machines(Program)},
+        {'$gen_call', From, machines} ->
+            ok = gen_server:reply(From, Module:machines(From, Program)),
             wait(Id, Shard, Clock, Module, Program);
         {'EXIT', Shard, Why} ->
             exit(Why)

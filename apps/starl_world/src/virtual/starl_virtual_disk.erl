@@ -313,7 +313,7 @@ risky(Disk, Operation) ->
 
 %% @doc The disk of a path.
 -spec name_of(string()) -> name().
-name_of(Path) -> hd(filename:split(Path)).
+name_of(Path) -> lists:takewhile(fun(C) -> C =/= $/ end, Path).
 
 fetch(Name) -> get({?MODULE, Name}).
 

@@ -10,7 +10,7 @@
 -behaviour(starl_virtual_computer).
 -behaviour(supervisor).
 
--export([new/3, obey/2, machines/1]).
+-export([new/3, obey/2, machines/2]).
 -export([init/1]).
 
 -export_type([config/0, command/0]).
@@ -54,11 +54,11 @@ new(Id, Clock, #{seed := Seed, spec := #{dir := {starl_virtual_disk, Path} = Dir
     #robot{id = Id, config = Config, clock = Clock, disk = Disk}.
 
 %% @doc The machines of the robot, each with its state and data.
--spec machines(#robot{}) -> #{starl_machine:name() => starl_robot_tree:seen()}.
-machines(#robot{link = none}) ->
+-spec machines(gen_server:from(), #robot{}) -> #{starl_machine:name() => starl_robot_tree:seen()}.
+machines(_From, #robot{link = none}) ->
     #{};
-machines(#robot{id = Id, link = Link}) ->
-    {reply, Seen, _} = starl_live_link:handle_call(inspect, {self(), Id}, Link),
+machines(From, #robot{link = Link}) ->
+    {reply, #{} = Seen, _} = starl_live_link:handle_call(inspect, From, Link),
     Seen.
 
 %% @doc Carries out a command. A program that ends by itself is off afterwards.

@@ -15,7 +15,7 @@
 -behaviour(starl_virtual_computer).
 
 -export([scenario/1, plan/2, new/4]).
--export([new/3, obey/2, machines/1]).
+-export([new/3, obey/2, machines/2]).
 
 -define(ROBOTS, [1, 2, 3]).
 %% The network is at its worst, is calm, the last packets are sent, and the run ends, ms.
@@ -140,8 +140,8 @@ new(Id, Pose, _Tree, #{seed := Seed, delay_us := {Least, _}} = World) ->
 new(Id, Clock, #{seed := Seed}) -> #radio{robot = Id, seed = Seed, clock = Clock}.
 
 %% @doc There are no machines.
--spec machines(#radio{}) -> #{}.
-machines(#radio{}) -> #{}.
+-spec machines(gen_server:from(), #radio{}) -> #{}.
+machines(_From, #radio{}) -> #{}.
 
 %% @doc Carries out a command; besides those of all programs: send the N-th packet.
 -spec obey(starl_virtual_computer:command() | {send, pos_integer()}, #radio{}) ->

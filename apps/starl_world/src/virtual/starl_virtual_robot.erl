@@ -203,7 +203,7 @@ open([{_, Time, _, _, _, _} | _] = Planned, Window, #?MODULE{body = Body} = Robo
 %% @doc The program has carried out its commands.
 -spec answered(
     pid(), {starl_virtual_computer:up(), [starl_virtual_computer:effect()]}, t()
-) -> {busy | idle | held, t()} | ignored.
+) -> {busy | idle | held, t()}.
 answered(Pid, {Up, Effects}, #?MODULE{computer = Pid} = Robot) ->
     proceed(handled(ended_by_itself(Up, lists:foldl(fun carry_out/2, Robot, Effects)))).
 
