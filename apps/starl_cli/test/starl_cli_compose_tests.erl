@@ -36,8 +36,11 @@ loss_leaves_a_painting_all_test() ->
     [_, Open] = string:split(told(starl_painting, [loss]), "Not while"),
     ?assertEqual(nomatch, string:find(Open, "every line is painted")).
 
-every_application_is_composed_test() ->
-    [?assertMatch([_ | _], told(App, [])) || {_, App} <- starl_cli_target:apps()].
+every_application_is_composed_test_() ->
+    [
+        {timeout, 60, ?_assertMatch([_ | _], told(App, []))}
+     || {_, App} <- starl_cli_target:apps()
+    ].
 
 an_application_that_says_nothing_is_told_test() ->
     ?assertNotEqual(

@@ -17,7 +17,9 @@ bare(Text) -> lists:append(string:lexemes(Text, " \n")).
 %% -- the sample -------------------------------------------------------------------------------
 
 %% A seed draws the same sample again, of so many, none twice; another seed draws another one.
-sample_test() ->
+sample_test_() -> {timeout, 60, fun sample/0}.
+
+sample() ->
     Ids = fun(Most, Seed) ->
         {Drawn, _} = starl_mutate_sample:draw(candidates(), Most, Seed),
         [Id || #{id := Id} <- Drawn]
@@ -30,7 +32,9 @@ sample_test() ->
     ?assertEqual(Ids(5, 1), lists:sublist(All, 5)).
 
 %% A name stays when lines move and when other clauses change; it finds its mutant again.
-id_test() ->
+id_test_() -> {timeout, 60, fun id/0}.
+
+id() ->
     [One | _] = All = candidates(),
     Id = starl_mutate_sample:id(One),
     ?assertEqual([One], starl_mutate_sample:only(All, Id)),
