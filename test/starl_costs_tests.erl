@@ -3,6 +3,9 @@
 %%
 %% When a count has fallen: write the new one into the file. When it has risen: find out why; if
 %% what it buys is worth it, write the new one into the file, and the reason into CHANGELOG.md.
+%%
+%% Holds: The counts of a run do not change unnoticed
+%% Red: an event less in `test/costs.term`
 -module(starl_costs_tests).
 -include_lib("eunit/include/eunit.hrl").
 

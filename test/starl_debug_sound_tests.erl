@@ -1,5 +1,9 @@
 %% No predicate by name accuses a sound run: each over each application that ships, without faults.
 %% STARL_DEBUG_SEEDS=20 tries so many runs of each application, from seed STARL_DEBUG_SEED on.
+%%
+%% Holds: No predicate by name accuses a sound run, and each finds its violation; durations go by
+%% the drift that is given; names that a recording cannot have are refused
+%% Red: 961f67c9, run
 -module(starl_debug_sound_tests).
 
 -include_lib("eunit/include/eunit.hrl").

@@ -444,6 +444,8 @@ wakes_out_of_range(_) ->
 %% longer. The leader's chassis shows nothing, as it is unplugged; it assigns to the robot that it
 %% still hears. It must ask at the right moment, so many of these are tried: with a leader that allows
 %% for one clock only, some show two that lead.
+%% Holds: Two clocks set at once, each within its bound, make no two robots lead
+%% Red: 9df004a, run: `two coordinators`
 two_clocks_are_set(_) ->
     Runs = [
         #{robots => 5, seed => Seed, faults => two_clocks(Leader, Voter, Third, From)}

@@ -20,6 +20,8 @@ geocast(_) -> holds(geocast, 60).
 dpp(_) -> holds(dpp, 25).
 
 %% A request of robot 1 with a number that it has not come to does not keep its true ones out.
+%% Holds: A request of path planning with a number that its robot has not come to keeps nobody out
+%% Red: 1f37ea8, run
 number_to_come(_) ->
     %% the second message comes when a coordinator leads
     [

@@ -1,5 +1,9 @@
 %% A robot with the fleet's key sends everything that machines accept at its extremes; when it stops, each
 %% block works again, also after restarts and with a new key.
+%%
+%% Holds: An insider that sends every block its extremes stops none for longer than it sends, nor
+%% across restarts or a new key
+%% Red: 4ca8e259, run: 6 of 15 cases
 -module(starl_hostile_insider_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 

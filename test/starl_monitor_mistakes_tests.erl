@@ -1,4 +1,8 @@
 %% Mistakes in monitors of users: each is one line with its place, and no verdict is lost by it.
+%%
+%% Holds: A mistake in a monitor is one line with file and line, and costs no verdict: 24 mistakes,
+%% in virtual time, in real time and on nodes
+%% Red: 4790147; told by 6439861: *complete*, or a raw error without results
 -module(starl_monitor_mistakes_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -185,6 +189,8 @@ command_test_() ->
     end}.
 
 %% The recording of a run is judged by the user's own monitor, whose source the run keeps.
+%% Holds: A recording is judged by the monitors whose sources its run keeps
+%% Red: e9af1e0, run
 own_monitor_is_judged_test_() ->
     {timeout, 60, fun() ->
         in_directory(fun(Dir) ->

@@ -1,5 +1,9 @@
 %% Traces of soak, replayed against models in Promela that somebody else could have written: what home and
 %% owners of a token may say, and leaders of terms. Spin is optional, as other tools are.
+%%
+%% Holds: Traces of soak are those of a lock and of terms, in the words of another model;
+%% deviations are refused at their fact
+%% Red: each deviation is one
 -module(starl_promela_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 

@@ -1,4 +1,7 @@
 %% The page doc/rules.md: its two files, as they stand there, and its commands; and what a mistake is told.
+%%
+%% Holds: A rule of one's own is a file; a run keeps a copy; a mistake is one line
+%% Red: not seen red
 -module(starl_rules_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 

@@ -61,6 +61,8 @@ flags_of_the_script_are_refused(Config) ->
     ].
 
 %% Where a user has libraries of his own is no matter of the build.
+%% Holds: Another `ERL_LIBS` builds nothing
+%% Red: e9af1e0, run
 other_libraries_build_nothing(Config) ->
     {0, _} = sh("./starl apps", Config),
     Stamps = "stat -c '%i %Y' _build/starl/ready _build/starl/built _build/default/lib/starl_cli",
@@ -90,6 +92,8 @@ a_run_keeps_its_code(Config) ->
 
 %% Runs a line in the checkout, with the environment in which ./starl itself has built it.
 %% A stranger's results hold modules of names that Erlang's libraries have, too.
+%% Holds: Code in the working directory is not looked for
+%% Red: 4ca8e259, by hand: `./c.beam` ran
 code_in_the_working_directory_is_not_seen(Config) ->
     Line =
         "mkdir -p $out/results; root=$(pwd); cd $out/results; "

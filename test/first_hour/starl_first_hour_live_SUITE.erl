@@ -46,6 +46,9 @@ mistakes(Config) ->
 %% One file of faults in the simulator, in one VM and on nodes: each run ends with a verdict, which that
 %% on its recording is, too; recordings tell of the same faults, none before its time. What was played is
 %% a file again.
+%% Holds: One file of faults is played in the simulator, in one VM and on nodes; recordings tell
+%% the same faults, and each is judged as its run was
+%% Red: 133c6985, by its code: `--faults` with `--live` was refused
 one_schedule(Config) ->
     Schedule = [
         {slow, 500, 2500, delay, 1, #{extra_ms => 50}},

@@ -41,6 +41,9 @@ an_erlang_project_passes_its_tests(Config) ->
     ).
 
 %% In the project's directory, its tests are meant.
+%% Holds: `./starl test --cases N` in a project's directory runs its tests, with that number of
+%% cases
+%% Red: a project in the checkout taken for the checkout: its own tests began
 the_number_of_cases_is_a_flag(Config) ->
     Dir = at("patrol", Config),
     Test = filename:join([Dir, "test", "counted_tests.erl"]),
@@ -74,6 +77,9 @@ a_commit_of_its_own_is_found(Config) ->
 
 %% What rebar3 and mix run in the VM that builds a project: nothing is printed and nothing changed there, and
 %% a warning of a newer compiler does not stop the project's build.
+%% Holds: As a dependency StarL's build prints nothing, changes nothing in the VM that builds, and
+%% stops at no warning
+%% Red: the script of the checkout in its place, run: the code path and ERL_LIBS change
 as_a_dependency_it_only_computes(Config) ->
     Script = filename:join(at("clone", Config), "rebar.config.script"),
     {ok, Terms} = file:consult(filename:rootname(Script)),
@@ -168,6 +174,10 @@ a_block_passes_its_tests(Config) ->
 
 %% Its contract is tested by a chassis that drives, also by the command line; one that turns as it
 %% drives ahead does not pass.
+%% Holds: What `starl new --chassis` makes keeps the contract of a chassis, and its test notices a
+%% chassis that does not
+%% Red: without `starl_live` among its dependencies; a chassis that is told another speed (in the
+%% test); kinds that are not compared
 a_chassis_passes_its_tests(Config) ->
     Dir = project("rover", chassis, Config),
     %% what is built already

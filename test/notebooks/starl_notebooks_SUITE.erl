@@ -1,5 +1,11 @@
 %% The notebooks in doc/notebooks: their cells run as they stand, with Debian's Elixir, and answer what
 %% the notebooks show. Their first cell takes StarL from a repository with the sources that are tested.
+%%
+%% Holds: The notebooks' cells run as they stand, and answer what the notebooks show; a cell is a
+%% reload
+%% Red: an output that was not the cell's; `reload` that loads nothing: no problem is told
+%% Holds: What a mix project compiles for a notebook has all that it calls
+%% Red: a `mix.exs` without the modules' folders; a call of another module of `starl_lab`
 -module(starl_notebooks_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 

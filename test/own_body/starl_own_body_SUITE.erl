@@ -46,6 +46,8 @@ the_examples_keep_the_contract(Config) ->
     ].
 
 %% One that drives on, answers at once, and does not end with its input.
+%% Holds: `chassis check` finds a chassis that drives on, answers too early, or outlives its input
+%% Red: the chassis of the test
 a_bad_chassis_is_told(Config) ->
     {3, Text} = sh("$starl chassis check exec:./drives_on.py", Config),
     [
@@ -117,6 +119,8 @@ in_virtual_time(Config) ->
 a_killed_body(Config) ->
     struck("killed", "(was killed by signal 9|has ended, or reads no more)", Config).
 
+%% Holds: A body that hangs is not judged as a computer that stood still
+%% Red: without `rest`, run: *not judged ... the computer stood still*
 a_hung_body(Config) -> struck("hung", "has said nothing for 1000 ms: it hangs", Config).
 
 a_body_that_talks_nonsense(Config) -> struck("nonsense", "says nonsense: no JSON: What[?]", Config).
@@ -132,6 +136,8 @@ struck(How, Line, Config) ->
     says("line_up: complete, 2 robots", Text).
 
 %% A program that ends each time: the other robots go on, and the run ends with its report.
+%% Holds: A robot whose body ends each time is given up, and the run ends with its report
+%% Red: 073438b3, read: nothing is said, and the run waits for its time
 a_body_that_is_given_up(Config) ->
     {Status, Text} = sh(
         "STRUCK=always $starl run line_up.erl --robots 2 --time 40" ?LIVE "exec:./struck.py",

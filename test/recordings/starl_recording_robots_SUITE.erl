@@ -263,6 +263,10 @@ broken_contracts_are_found(Config) ->
     ?assertMatch([#{contract := sap} | _], Found).
 
 %% The world's recording and the merged one tell the fate of each packet, as its receiver knows it.
+%% Holds: What robots hear and sense by a fault from the time 0 on is so when they begin; one that
+%% begins while a node is being started holds there, too
+%% Red: 84534397, run: a cut made before the nodes were up cut nothing; 8d7d311c, 5 of 12 runs: a
+%% cut from the time 0 on began when the election was over
 packets_have_their_fates(Config) ->
     Dir = proplists:get_value(dir, Config),
     #{end_us := End} = proplists:get_value(painted, Config),

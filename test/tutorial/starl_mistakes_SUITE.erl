@@ -1,5 +1,10 @@
 %% Mistakes of a beginner, in a project as `./starl new' makes it: each ends in one line that says
 %% what, where, and what to do.
+%%
+%% Holds: A beginner's mistakes, a misspelt callback, a version that does not fit, an application
+%% that is not in the path and a dozen more, are one line each, with what to do
+%% Red: applications whose versions are not compared: the run starts; the former words for what is
+%% not in the path
 -module(starl_mistakes_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 

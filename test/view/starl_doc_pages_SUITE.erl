@@ -1,5 +1,9 @@
 %% The pages of guides and modules: what is on them, that their links lead somewhere, and the search, in a
 %% browser.
+%%
+%% Holds: Guides and modules are one set of pages without dead links, and the search finds what
+%% matters first
+%% Red: bars in code that part cells; links to guides that lose their places; ranks turned round
 -module(starl_doc_pages_SUITE).
 -include_lib("stdlib/include/assert.hrl").
 -include_lib("common_test/include/ct.hrl").

@@ -294,6 +294,9 @@ reload(Config) ->
 
 %% What applications measure is drawn, and told; a page that comes later knows it, too. An application that
 %% measures nothing has no curves.
+%% Holds: What is measured reaches table, plot, figures and viewers …: and the window, as curves
+%% and in words, also of a page that comes later
+%% Red: a page without rows of measures
 measures(Config) ->
     Dir = ?config(priv_dir, Config),
     Run = starl(["run", "formation", "--robots", "4", "--view", "--no-open", "--pace", "100"], Dir),

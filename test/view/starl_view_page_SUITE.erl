@@ -390,6 +390,9 @@ an_answer_stands_at_its_form(Config) ->
 
 %% Who has typed a part of the address is told what is missing; with the rest the page is there, without being
 %% loaded anew by hand.
+%% Holds: A page opened without its token says what is missing, and is there as soon as the token
+%% is typed
+%% Red: d7c73771, with its page, run: *the server has ended, or cannot be reached*
 a_page_without_its_token_says_so(Config) ->
     ?B:borrow(?config(browser, Config), fun(Browser) ->
         {ok, View} = starl_view:start(#{port => 0, host => "0.0.0.0"}),

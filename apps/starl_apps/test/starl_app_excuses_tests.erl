@@ -1,5 +1,8 @@
 %% What a fault excuses in the contracts of applications ends: what happens just before the end is excused,
 %% what happens just after it is not, and progress is owed again from the heal on.
+%%
+%% Holds: Excuses of applications' contracts end
+%% Red: planted, run: seven bugs
 -module(starl_app_excuses_tests).
 -include_lib("eunit/include/eunit.hrl").
 

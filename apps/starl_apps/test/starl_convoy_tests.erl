@@ -1,4 +1,12 @@
 %% The convoy: its lane, the contract, and runs.
+%%
+%% Holds: The lane leads through each door once, clear of all walls; a robot that begins anew finds
+%% its place on it
+%% Red: without tokens and looks: `too near` after 21 s
+%% Holds: Nobody overtakes, nobody comes too near, somebody moves on
+%% Red: one of 200 seeds (63): a robot that took itself for another drove against the others for
+%% ever; it now gives up, and looks where it is; 177: one that stood a section ahead of where it
+%% took itself to be waited for ever
 -module(starl_convoy_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -130,6 +138,9 @@ at(S, Robot, Door) -> {S * 1000000, Robot, app, {at, 7, Door}}.
 
 stands(S, Robot, X) -> starl_team_runs:standing(S * 1000000, Robot, {X, 0}).
 
+%% Holds: A convoy's excuse ends: who was overtaken in a fault is not to be overtaken later, and
+%% who drives to and fro does not move on
+%% Red: the monitor of 133c6985: both pass unseen
 nobody_overtakes_test() ->
     ?assertMatch({[], #{passes := 2}}, judged([at(1, 1, 3), at(2, 2, 3), stands(3, 1, 0)])),
     ?assertMatch({[overtaken], _}, judged([at(1, 2, 3), at(2, 1, 3), stands(3, 1, 0)])),
@@ -158,6 +169,8 @@ apart_test() ->
     ?assertMatch({[], _}, judged(Near(399), [{1, 0, 1000, fault}])).
 
 %% Beside the two, the homes of the tokens of the sections between which they stand.
+%% Holds: A robot's fault excuses no two others of a convoy that come too near to each other
+%% Red: the monitor of d7c73771, run: passes unseen
 a_fault_of_another_robot_excuses_nobody_test() ->
     Team = lists:seq(1, 9),
     Near = [stands(0, 1, 1500), stands(0, 2, 6500), stands(2, 2, 1899), stands(4, 2, 6500)],
@@ -243,6 +256,9 @@ a_robot_that_was_misled_finds_its_place_test_() ->
 
 %% Wrong positions have mixed up the column: the one behind does not wait for a place behind another one, which has come to
 %% stay before it.
+%% Holds: A convoy that wrong positions have mixed up arrives, and one that they have led behind a
+%% wall comes back to the lane
+%% Red: cd3d8cf0, run: `nobody moves`
 a_column_that_is_mixed_up_arrives_test_() ->
     {timeout, 120, fun() ->
         #{report := #{figures := Figures}, violations := []} = starl_team_runs:outcome(#{
@@ -262,6 +278,9 @@ a_column_that_is_mixed_up_arrives_test_() ->
 
 %% Wrong positions have left two robots beside each other between two sections, each in the way of the other; or one at the
 %% post of a door; or behind a door whose middle it has not come to.
+%% Holds: Two robots of a convoy that stand in each other's way between two sections get on, and
+%% one at the post of a door does, and one behind a door whose middle it has not come to
+%% Red: 133c6985, run: `nobody moves` (seeds 8800199 and 8800071)
 who_is_in_the_way_gets_on_test_() ->
     [
         {timeout, 60, fun() ->

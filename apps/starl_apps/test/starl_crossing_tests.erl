@@ -87,6 +87,8 @@ too_many_test() ->
         lists:flatten(Why)
     ).
 
+%% Holds: Robots in the intersection are apart
+%% Red: sections that are entered without their token
 runs_test_() ->
     [
         {timeout, 120, fun() ->

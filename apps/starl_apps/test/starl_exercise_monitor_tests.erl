@@ -61,6 +61,8 @@ calls_that_were_promised_something_are_counted_test() ->
     ?assertEqual(0, Judged([{9, 2, robot, {died, killed}} | Sent])).
 
 %% A robot that is cut off for ever is promised nothing, and the others what they are when it has died.
+%% Holds: A majority that heals gets on, whatever the others do for ever
+%% Red: d018c00: faults until the end of the run excuse everybody
 quiet_core_test() ->
     Rest = #{rest => [2]},
     ?assertEqual([not_as_promised], judge(call({send, 3}, 110, {error, lost}, 111), Rest)),
@@ -174,6 +176,8 @@ a_broken_promise_tells_of_its_call_test() ->
     ].
 
 %% A message to a robot that is down while it is sent may be lost; not one before that, or after.
+%% Holds: A message to a robot that is down meanwhile may be lost, and no other
+%% Red: 520627f, run
 down_receiver_test() ->
     Down = {112, 2, robot, down},
     Started = {114, 2, sap, {started, 2}},
@@ -454,6 +458,8 @@ what_was_put_is_learnt_test() ->
     ].
 
 %% A halt that is told when it is over is a heal: what is promised from then on counts from its end.
+%% Holds: Monitors excuse what a halt of a node explains, and only that
+%% Red: 5e00ce9; told by 1ba2a6d
 a_halt_that_is_over_is_a_heal_test() ->
     Config = #{
         exercise => starl_sap_block,

@@ -56,6 +56,8 @@ follow(More) ->
     {N, S, Outcome}.
 
 %% Each comes to its place in the column, which is as far behind the leader as its rank says.
+%% Holds: Followers are in their places while these go on; no place stays empty when a leader dies
+%% Red: aiming at the place itself: 200 mm behind it, all the time; ranks that count the dead
 column_test_() ->
     {timeout, 120, fun() ->
         {1, Least, #{robots := Robots} = Outcome} = follow(#{robots => 4}),
@@ -75,6 +77,9 @@ column_test_() ->
     end}.
 
 %% Without a leader they are for the silence, and the time of an election.
+%% Holds: When a leader dies another one leads; two leaders of a term make no storm of beats
+%% Red: a silence that begins no election; a leader that answers each beat at once: the run does
+%% not end
 fail_over_test_() ->
     [
         {timeout, 120, fun() ->

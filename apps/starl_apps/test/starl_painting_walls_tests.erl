@@ -1,4 +1,8 @@
 %% Painting among walls: robots paint what they can reach of a picture, and the rest is told.
+%%
+%% Holds: What of a picture is in walls or behind them is told, the rest is painted, and no wall is
+%% touched
+%% Red: with pieces that keep no distance, run
 -module(starl_painting_walls_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -1,4 +1,8 @@
 %% The contract of the search: traces that keep it, and for each sentence one that breaks it.
+%%
+%% Holds: A search is complete only when all floor that a camera can come to see was seen; the
+%% place that it reports is right within the camera's error
+%% Red: planted, run
 -module(starl_search_monitor_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -128,6 +132,8 @@ wrong_places_are_not_judged_test() ->
     ).
 
 %% Over time, with steps for a plot.
+%% Holds: The floor that is seen is counted over time
+%% Red: a monitor without `measured`
 floor_is_counted_over_time_test() ->
     Events = looks(1, 1000000, {500.0, 1000.0}) ++ looks(1, 3000000, {2500.0, 1000.0}),
     {_, #{measured := Measured}} = searched(Events, #{range_mm => 1000.0}),

@@ -124,6 +124,9 @@ searches_test_() ->
     ].
 
 %% Who finds the ball while nothing can be stored tells it later, and does not leave before.
+%% Holds: Who has found the ball while nothing could be stored tells it as soon as it can, and is
+%% not done before
+%% Red: cd3d8cf0, run: `not done`
 a_full_store_keeps_no_ball_secret_test_() ->
     {timeout, 120, fun() ->
         Scenario = #{robots => 3, time => 600, heal => 60},
@@ -139,6 +142,9 @@ a_full_store_keeps_no_ball_secret_test_() ->
     end}.
 
 %% Robots come to a door that is closed, and to a box that stands in it: they go in when it is gone.
+%% Holds: A door that closes for a while keeps nobody out for ever; one that stays closed is named
+%% Red: without `blocked` of motion, and without closed edges in the plan, run: robots push on for
+%% ever
 a_door_that_closes_for_a_while_test_() ->
     Seed = seed(),
     [

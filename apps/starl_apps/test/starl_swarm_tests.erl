@@ -1,4 +1,7 @@
 %% The swarm: who must hear, and runs over several hops.
+%%
+%% Holds: Who must hear hears, over hops
+%% Red: a monitor that finds nothing late
 -module(starl_swarm_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -77,6 +80,9 @@ excused_by_class_test() ->
     ?assertMatch(#{faults := [_]}, Told([{3, 1, 2, fault}])).
 
 %% Robots that are told wrong positions hear elsewhere: that breaks no contract.
+%% Holds: Who is told wrong positions by noise or a bias hears elsewhere without breaking the
+%% contract of geocast; a contract that knows no positions is not excused
+%% Red: 862fcda8, run: `outside` in three of three seeds
 wrong_positions_test_() ->
     {timeout, 60, fun() ->
         [

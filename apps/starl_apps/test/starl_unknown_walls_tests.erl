@@ -1,5 +1,8 @@
 %% Applications that know no walls refuse a floor plan that has some inside, in one line; one without is as good
 %% as no plan.
+%%
+%% Holds: Applications that know no walls refuse them
+%% Red: 961f67c9: any verdict
 -module(starl_unknown_walls_tests).
 -include_lib("eunit/include/eunit.hrl").
 

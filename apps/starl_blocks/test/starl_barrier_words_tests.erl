@@ -108,6 +108,8 @@ turn(Machine) -> call(app, {round, gate}, Machine).
 
 %% The robot may have lived since its store was written: all others confirm its counts before the
 %% application learns its round. What they do not know any more contradicts nothing.
+%% Holds: An old store gives nothing away again: rounds
+%% Red: e32dfbb, run; live: 305a414, run
 a_later_life_is_confirmed_by_all_test() ->
     {Actions, Machine} = later({stored, {complete, #{gate => {3, 2, 2}}}}),
     ?assertEqual([{2, who()}, {3, who()}], sent(Actions)),

@@ -85,6 +85,8 @@ shared_flags_test() ->
     ?assertEqual(length(lists:ukeysort(1, Flags)), length(lists:usort(Flags))).
 
 %% Nothing but an application's `.app' file lists its blocks; one that is left out would be there for nobody.
+%% Holds: Every building block, command and application that is there is offered
+%% Red: with a block left out of its `.app` file, run
 every_block_is_listed_test() ->
     Blocks = [
         Module

@@ -1,5 +1,8 @@
 %% Every argument that an application can get wrong, of the API and of the blocks, is its own error
 %% at the call, which names function, argument and what was given.
+%%
+%% Holds: A wrong key, value or shape is one line at the call
+%% Red: any atom taken for a key
 -module(starl_caller_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -1,5 +1,9 @@
 %% The counter's memory: it does not grow with restarts, nor with what a robot with the key invents; and
 %% what is invented does not end it.
+%%
+%% Holds: A counter takes the same memory and packets after 10,000 restarts, and loses no increment
+%% that was answered
+%% Red: 4ca8e259, run: a message of 109 kB
 -module(starl_counter_memory_tests).
 %% in this order: both have a macro LET
 -include_lib("proper/include/proper.hrl").

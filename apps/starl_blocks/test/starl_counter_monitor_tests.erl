@@ -32,6 +32,8 @@ goes_back_test() ->
     ?assertEqual([{goes_back, 3}], judge(Two ++ [{3, 2, counter, crashed}, reads(3, 1, 1)])).
 
 %% An increment counts at once where it is made.
+%% Holds: A counter that always shows 0, or counts anew in the entry of an earlier life
+%% Red: 7ff787b; told by 26477e4
 not_counted_test() ->
     ?assertEqual([{not_counted, 1}], judge([count(1, 1, 0)])),
     Two = [count(1, 1, 1), holds(2, 2, 1)],

@@ -3,6 +3,10 @@
 %% 2R of where a robot that is cut off stands may be left, and the run names that robot. Many seeds:
 %%
 %%     show(deaf_leader, [3, 4, 8], lists:seq(1, 50)).
+%%
+%% Holds: A majority that hears each other paints on under each cut in one direction that lasts:
+%% deaf or mute, leader or member, single links
+%% Red: 961f67c9, run: 32 of 34 cases
 -module(starl_dpp_cut_tests).
 -behaviour(starl_monitor).
 -include_lib("eunit/include/eunit.hrl").

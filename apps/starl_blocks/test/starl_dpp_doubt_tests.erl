@@ -83,6 +83,8 @@ a_robot_that_doubts_is_told_again_test() ->
     ?assertEqual([[], []], [Asked({1, 1, 1}, C) || C <- [idle(), prevoting()]]).
 
 %% However often a robot doubts, it is asked 64 times in half a second, and each robot by itself.
+%% Holds: A coordinator asks a robot that doubts 64 times in half a second, not without end
+%% Red: 0d520217: no bound
 a_robot_that_doubts_is_not_asked_without_end_test() ->
     Doubts = fun(Robot) -> {message, Robot, dpp_refused, {doubted, {1, 1, 1}}} end,
     Asked = fun(Robot, Now, Times, C) ->

@@ -150,6 +150,8 @@ vote_test() ->
     ?assert(starl_dpp_vote:may_claim(4, 24 * ?S, V2)).
 
 %% A store without a term says nothing in a later life: it may be older than the robot's last vote.
+%% Holds: An old store gives nothing away again: rounds …: votes
+%% Red: 770dd9a, run
 no_vote_at_the_start_of_a_later_life_test() ->
     New = fun(Life) -> starl_dpp_vote:new(#{stored => none, now => 0, life => Life}) end,
     Gives = fun(Life) -> element(1, starl_dpp_vote:give(3, 5 * ?S, New(Life))) end,
@@ -198,6 +200,8 @@ short_test() ->
     ).
 
 %% A tenth of a lease must be left to its holder; the line says what to do.
+%% Holds: Options that leave a lease nothing are refused
+%% Red: 9df004a; told by 39da6b3
 options_that_leave_nothing_test() ->
     Check = fun(Ms, Jump) ->
         starl_dpp_lease:check(#{lease_ms => Ms, jump_ms => Jump, drift_ppm => 0})

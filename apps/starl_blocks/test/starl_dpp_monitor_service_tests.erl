@@ -1,4 +1,9 @@
 %% Path planning goes on: those who wait are answered, and no line is given up without a reason.
+%%
+%% Holds: When no robot is on its way and one waits, one is answered: free lines are assigned,
+%% deadlocks resolved; no line is given up while all robots are heard; no robot moves without a
+%% reservation
+%% Red: d018c00, run: the planted coordinator, which takes no more requests, is not found
 -module(starl_dpp_monitor_service_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -74,6 +79,8 @@ given_up_test() ->
 %% A robot that is not heard is a reason where a fault of its own, of the coordinator or of the radio of all explains
 %% that: not one of another robot, nor one that was over long before. The coordinator says it before it knows all
 %% places, and in each term anew.
+%% Holds: Lines are given up only for robots that a fault cuts off; nobody is accused of it
+%% Red: 961f67c9, run
 given_up_for_a_robot_that_is_cut_off_test() ->
     GivesUp = fun({Robot, From, To}, Events) ->
         judge(Events ++ [{50, 1, dpp_coordinator, {unreachable, [4, 5]}}], ?TIMES#{

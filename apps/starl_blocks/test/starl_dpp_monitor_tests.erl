@@ -180,6 +180,8 @@ two_leaders_test() ->
 
 %% A robot whose store was set back has forgotten its vote: it may lead in a lower term, but not before
 %% the later one has ended, nor for another reason.
+%% Holds: A term that nobody remembers may be followed by a lower one, when it has ended
+%% Red: d863b95, run: `two coordinators`
 forgotten_term_test() ->
     Says = fun(T, Robot, Event) -> {T, Robot, dpp_coordinator, Event} end,
     Led = [Says(0, 9, {leads, {2, 9, 1}}), Says(0, 9, {coordinator, {2, 9, 1}})],

@@ -372,6 +372,8 @@ wrong_clock_is_told(_) ->
 
 %% The path is void, and the next request says on which line something was in the way; the one after it
 %% does not.
+%% Holds: What is in a robot's way is told once, with its next request
+%% Red: 073438b3: the request had no such word
 what_is_in_the_way_is_told(_) ->
     {Id, Moving} = moving(),
     {_, Driving} = step({call, {app, 2}}, {drive, Id, 1}, Moving),
@@ -505,6 +507,9 @@ claim_shows_that_the_clock_stood_still(_) ->
 
 %% What the robot said before its clock stood still gives no lease, though a beat brings it back: the
 %% answer to its request then is old, and it asks anew.
+%% Holds: Stamps from before a clock stood still count again; a robot known to have such a clock is
+%% not stopped
+%% Red: 05e18f4; told by 193bfcc
 stamps_from_before_the_clock_stood_still_are_void(_) ->
     {Id, Asking} = asking(led()),
     {Jump, _} = starl_dpp_lease:bounds(#{}),
@@ -633,6 +638,8 @@ no_answer_at_all(_) ->
 
 %% A beat shows that the coordinator hears the robot if it returns a later stamp than before. Only then the
 %% robot waits on: one that hears and is not heard does not wait for ever.
+%% Holds: A robot that is not heard gets `no_answer` in bounded time
+%% Red: 961f67c9, run
 no_answer_though_the_coordinator_is_heard(_) ->
     {_, P} = asking(led()),
     Waits = fun(T, Stamps, P0) ->

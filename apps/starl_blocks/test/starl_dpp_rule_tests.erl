@@ -1,4 +1,8 @@
 %% @doc Rules of path planning: what one may say, and what the block makes of it.
+%%
+%% Holds: Path planning leaves no line out, whatever scores a rule gives; the nearest line comes
+%% first by the paper's rule
+%% Red: a chain had to be better than 0: `every_rule_leaves_no_work_undone`
 -module(starl_dpp_rule_tests).
 
 -include_lib("eunit/include/eunit.hrl").

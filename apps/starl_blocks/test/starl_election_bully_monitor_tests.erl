@@ -216,6 +216,9 @@ different_leaders_test() ->
     ?assertEqual([], judge(Dies, true)).
 
 %% In a run whose radio is sound each election is judged as lossless that no fault has met.
+%% Holds: Bully: an election that no fault has met, on a sound radio, elects the highest robot
+%% alive, in every run
+%% Red: 957e2b0: judged in no run
 calm_elections_test() ->
     Known = #{
         broken => [],

@@ -303,6 +303,9 @@ settles_after_faults_test() ->
 
 %% A robot whose machine has crashed has lost the ballots that it kept; who has given up before, or while
 %% it was away, does not tell them again. It has them again from those that are still electing.
+%% Holds: No run is blamed for an election that a robot ends alone after its crash, when those that
+%% told it their ballots have given up
+%% Red: 20c64e3e, run: `not settled`; live, seed 1: in three of six runs
 settles_what_is_told_again_test() ->
     Others = [entered(1, 1), ballot(1, 1, 10), entered(1, 3), ballot(1, 3, 30)],
     Failed = [{5, 1, {failed, e1, timeout}}, {5, 3, {failed, e1, timeout}}],
@@ -344,6 +347,8 @@ forgotten_after_the_last_ballot_test() ->
     ?assertMatch([_ | _], judge(ballots(), 40, #{settle_us => 10})).
 
 %% Who enters again after the last ballot need not have come to an end by then.
+%% Holds: Who has elected and enters the same election again is not accused
+%% Red: 8d90f6e5
 settles_only_who_was_electing_test() ->
     Events = [
         entered(1, 1),
@@ -418,6 +423,9 @@ the_bounds_of_a_run_test() ->
 
 %% An announcement elects (Proposition 1(b)): who is electing when it is delivered elects at once, whatever
 %% has become of the ballots.
+%% Holds: Who hears an announcement elects; owners of tokens are announced; all pass a barrier
+%% within δ; no path is longer than the horizon
+%% Red: planted, run
 an_announcement_elects_test() ->
     Told = fun(T, Robot, Leader) ->
         {T, Robot, sap, {delivered, {1, 1, 1}, leader, erlang:phash2({e1, Leader})}}

@@ -73,6 +73,8 @@ better_deadline_test() ->
     ?assertEqual([], traces(Worse)).
 
 %% A delivery that was too late has not been: the message waits again, and is delivered once.
+%% Holds: A message delivered to an area is delivered at a position that is fresh
+%% Red: 1822124, run
 late_delivery_waits_again_test() ->
     {Where, Waits} = at(300, info, {late, {delivered, ?ID}}, delivered()),
     ?assertMatch([{call, location, {pose, 2}, {where, 2}} | _], Where),

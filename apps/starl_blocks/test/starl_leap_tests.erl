@@ -1,5 +1,9 @@
 %% A robot of the team says the largest numbers that a message can hold, in its own name, and to each
 %% of the others. Then it stops, and all robots start anew with their stores: the team works again.
+%%
+%% Holds: A robot with the key that says the largest numbers ends no block for good: barrier,
+%% lives, mutex, registers, geocast, election
+%% Red: 4ca8e259, run: 18 of 42
 -module(starl_leap_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -1,5 +1,9 @@
 %% One-way cuts that last: a robot that hears nobody, one that nobody hears, a single link that is cut one way. The others,
 %% who hear each other, get on.
+%%
+%% Holds: A robot that hears nobody is elected by nobody else; a majority that hears each other
+%% elects its highest
+%% Red: 961f67c9, run: `deaf`
 -module(starl_one_way_cuts_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -205,6 +205,9 @@ due_test() ->
     ?assertEqual([1020], Due(Written ++ [holds(9, 2, x, s(5, 1)), {20, 2, crashed}], #{})).
 
 %% A robot whose clock faults have set too far back is excused of the write that it refuses, and of nothing else.
+%% Holds: A robot whose clock faults have set too far back is excused of the write that it refuses,
+%% nobody else is, and of nothing else
+%% Red: d7c73771, run: `no agreement` (seed 9700053)
 clocks_apart_test() ->
     Freeze = {2, 0, 3000, {clock, -3000}},
     Refuses = fun(Robot, Stamp) -> {900, Robot, {too_far_ahead, x, Stamp}} end,

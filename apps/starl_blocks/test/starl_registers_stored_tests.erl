@@ -70,6 +70,8 @@ damaged_test() ->
 
 %% A store that is older than the robot's last life gives back the time at which that life began to
 %% give stamps. If the clock has been set back, too, both lives begin there, and their stamps differ.
+%% Holds: An old store gives nothing away again: rounds …: stamps of registers
+%% Red: e467d0b, run
 an_old_store_repeats_no_stamp_test() ->
     Ahead = {stored, 100 * ?S},
     [Second, Third] = [
@@ -85,6 +87,9 @@ write_of({_, Start} = Life, Stored) ->
 
 %% A robot whose store was set back goes on from an earlier stamp of its own that another one holds.
 %% It gives none that its last life gave after that one.
+%% Holds: An old store gives nothing away again: rounds …: also if it sees an earlier one of its
+%% own elsewhere
+%% Red: d863b95, run: `never written`
 own_earlier_stamp_seen_elsewhere_test() ->
     {First, Machine} = put(5 * ?S, a, new(0, #{})),
     {Second, _} = put(5 * ?S, a, Machine),

@@ -1,4 +1,7 @@
 %% Times, and differences of clocks, in the data of machines.
+%%
+%% Holds: The checker ages times only: a difference of two clocks changes by their drift
+%% Red: c27ddcd2, run: it goes back as a time does
 -module(starl_check_term_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -1,4 +1,8 @@
 %% What the checker finds, and that its reductions hide nothing.
+%%
+%% Holds: No order of events breaks the mutex while robots stand still in the middle of any step
+%% Red: fe7bec7: no such fault; the mutex without latest moments has two holders after 14 steps
+%% (`starl_check_tests`)
 -module(starl_check_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -174,6 +178,8 @@ unlike_test_() ->
 
 %% A machine may look at its robot's number, which is 1 or 2: what it does then is seen, and searched as it
 %% happens in a run. No robot of a search has another number where none changes its place.
+%% Holds: The checker numbers robots otherwise than they run
+%% Red: 1946faf; told by 790fb0b
 numbered_test_() ->
     ?SLOW(begin
         Numbered = #{machine => {starl_check_planted, #{variant => numbered}}, workers => 1},

@@ -96,6 +96,12 @@ own_is_judged_test_() ->
     end}.
 
 %% What it promises its callers is judged, too: by soak, and from a recording.
+%% Holds: A block of a user's own that says what it promises its callers is judged by it, in soak
+%% and from a recording
+%% Red: with the models of the blocks that ship alone, in `starl_lab_soak` and in
+%% `starl_lab_recording`, run
+%% Holds: What only histories accuse is run again, compared and shrunk with `--judge-histories`
+%% Red: before the flag was there, run
 own_histories_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         in_directory(fun(Dir) ->

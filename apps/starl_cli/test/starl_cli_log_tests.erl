@@ -36,6 +36,9 @@ a_line_of_a_node_names_its_robot_once_test() ->
     ).
 
 %% Who stands where it must not is named at once, on the terminal: nobody waits for it in vain.
+%% Holds: Live robots that stand nearer to each other than …: and a run in one VM says it on the
+%% terminal at once
+%% Red: without its line in `starl_cli_log`, run
 who_stands_badly_is_said_at_once_test() ->
     Table = ets:new(log, [set, public]),
     Line = <<"robot 1 stands 250 mm from robot 2">>,

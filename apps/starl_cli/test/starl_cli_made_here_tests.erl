@@ -1,4 +1,10 @@
 %% Results of a run come from anywhere: code in them is loaded if this user has put it there, or trusts it.
+%%
+%% Holds: Code in results of a run is loaded only if this user has put it there
+%% Red: 961f67c9: compiled and loaded
+%% Holds: Results with code of a user's own are compiled from a verified private copy; files beside
+%% those of the list, pipes, links and other people's keys load nothing
+%% Red: 4ca8e259, run: `-on_load` code ran
 -module(starl_cli_made_here_tests).
 -include_lib("eunit/include/eunit.hrl").
 -include_lib("kernel/include/file.hrl").

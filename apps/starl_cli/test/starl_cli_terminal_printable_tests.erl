@@ -1,4 +1,7 @@
 %% What comes from elsewhere does nothing to a terminal.
+%%
+%% Holds: Nothing that is printed moves the cursor or colours the terminal
+%% Red: 961f67c9: no such place
 -module(starl_cli_terminal_printable_tests).
 -include_lib("eunit/include/eunit.hrl").
 

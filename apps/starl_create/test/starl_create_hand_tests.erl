@@ -36,6 +36,9 @@ judge(Odometry, Late) ->
     Drive = #{odometry => Odometry, driven => 1000 + 0.2 * Late / 1000, late_us => Late},
     starl_create_calibration:judge(distance, 1000, Drive).
 
+%% Holds: A busy computer is no worn wheel and no loose cable to the doctor's calibration; a robot
+%% that does not move is told
+%% Red: d7c73771, run: `badarith`, and *look for a worn or slipping wheel*
 judge_test() ->
     ?assertEqual(ok, judged(1000.0)),
     ?assertEqual(ok, judged(1019.0)),

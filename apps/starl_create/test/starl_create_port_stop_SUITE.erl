@@ -94,6 +94,9 @@ another_watches(Program, Port, Pty) ->
     stops_when(Pty, fun() -> kill("KILL", Program) end).
 
 %% The guardian stops the wheels. What was sent to the halted program is not driven later.
+%% Holds: What was sent to a port program while it was halted is not driven, though the halt falls
+%% between its poll and its looks
+%% Red: c27ddcd2, one run of a whole gate; not seen again in 48 runs with a delay there
 program_halted(_) ->
     #{port := Port, pty := Pty} = going(),
     Program = os_pid(Port),
@@ -169,6 +172,9 @@ mid_pulse(End) ->
 
 %% Nobody is left but the program: it stops the robot whose cable is put back, and ends. Meanwhile it holds no
 %% stream of Erlang's open, for which the reader of a command's output would wait.
+%% Holds: A port program that waits for a pulled cable after Erlang's end holds no stream of
+%% Erlang's open
+%% Red: 76a93e6a: it waits for ever, and whoever reads its output with it
 ended_while_out(_) ->
     Self = self(),
     #{pty := Pty} = Line = pty(),

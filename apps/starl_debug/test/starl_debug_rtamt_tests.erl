@@ -4,6 +4,10 @@
 %%
 %% RTAMT's signals are steps, so both get a value each millisecond. Where the robustness is less than a step
 %% it says nothing.
+%%
+%% Holds: With perfect clocks and dense samples the answer is that of another tool, RTAMT, by the
+%% sign of its robustness
+%% Red: with 330 mm on one side and 300 mm on the other, run
 -module(starl_debug_rtamt_tests).
 
 -include_lib("eunit/include/eunit.hrl").

@@ -1,5 +1,8 @@
 %% A case of a suite that is not in its list never runs, and Common Test says nothing. Suites are read as texts:
 %% an exported function of one argument that nothing else in its suite names is a case that was left out.
+%%
+%% Holds: A case that a suite does not list is told
+%% Red: with a case out of the list of `starl_cluster_SUITE`, run
 -module(starl_dev_suites_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -1,4 +1,8 @@
 %% Which job of ./starl test runs next, on two cores.
+%%
+%% Holds: Suites that wait run beside suites that compute; each failure is told with its case; a
+%% suite that hangs, or whose VM ends, has failed
+%% Red: 253846e; told by 1822124: one suite ran after another
 -module(starl_test_schedule_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -1,4 +1,7 @@
 %% A robot that lies about its recordings: `ssh' is a program of the test's, which plays the robot.
+%%
+%% Holds: A robot that is asked for its recordings writes no other file of the operator's
+%% Red: 961f67c9: its archive was unpacked
 -module(starl_fleet_fetch_tests).
 -include_lib("eunit/include/eunit.hrl").
 -include_lib("kernel/include/file.hrl").

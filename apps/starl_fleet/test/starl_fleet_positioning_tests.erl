@@ -1,4 +1,7 @@
 %% Who may tell a robot where it is.
+%%
+%% Holds: Positions are taken only under the fleet's key
+%% Red: 961f67c9: unsealed ones
 -module(starl_fleet_positioning_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -2,6 +2,8 @@
 -module(starl_fleet_release_tests).
 -include_lib("eunit/include/eunit.hrl").
 
+%% Holds: A robot's release has no command line
+%% Red: without a look at optional applications, run: it carries the window's web server
 release_test_() ->
     {timeout, 60, fun release/0}.
 

@@ -1,4 +1,8 @@
 %% The line on a robot of a fleet.
+%%
+%% Holds: A robot that answers anything is one line, makes no atoms, and hides no other robot's
+%% line
+%% Red: 961f67c9: `function_clause`, `badarg`
 -module(starl_fleet_status_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -265,6 +265,9 @@ parts(Pattern, Svg) ->
 
 %% Beneath the film there is a strip for each measure, three at most, with a line for each robot from the first value
 %% to the last, and a mark that goes over them with the time.
+%% Holds: What is measured reaches table, plot, figures and viewers …: and the film, to the scale
+%% of its bar of time
+%% Red: a film without curves
 curves_test() ->
     Height = fun(Keys) ->
         Film = starl_film_svg:film(measured(Keys), #{seconds => 10.0, title => ""}),

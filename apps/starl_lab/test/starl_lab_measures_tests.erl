@@ -1,5 +1,8 @@
 %% Measures: as a table, as figures, as a plot; and how they come from an application to a report. Random numbers
 %% of more kinds than one are measured on the way.
+%%
+%% Holds: What is measured reaches table, plot, figures and viewers
+%% Red: a clause for the topic that takes no number
 -module(starl_lab_measures_tests).
 -behaviour(starl_app).
 -include_lib("eunit/include/eunit.hrl").
@@ -38,6 +41,8 @@ values(Key, #{starl_run_measures_monitor := #{values := Values}}) ->
     [Value || {_, _, K, Value} <- Values, K =:= Key].
 
 %% The bounds are seven standard deviations wide.
+%% Holds: Random numbers are of their distribution, and those of the seed
+%% Red: a cosine left out of `normal/3`; `choice/2` that takes the first
 random_numbers_test() ->
     Monitors = monitors(1),
     Normal = values(normal, Monitors),

@@ -1,4 +1,7 @@
 %% Runs over nodes from the command line: the flags, a node that waits, what a lost one looks like.
+%%
+%% Holds: The secret of nodes is on no command line
+%% Red: 961f67c9: `--cookie`
 -module(starl_lab_nodes_tests).
 -include_lib("eunit/include/eunit.hrl").
 

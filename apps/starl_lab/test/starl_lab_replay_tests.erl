@@ -66,6 +66,8 @@ results_test_() ->
 
 %% The sources of reloads are named relative to the scenario file, wherever the run is started. The run keeps them, with
 %% their own headers, so it comes again when they are gone; and a source that was changed is no longer the same code.
+%% Holds: A run keeps the sources of its reloads; a record without a digest is read
+%% Red: 961f67c9
 reloads_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         in_directory(fun(Dir) ->

@@ -196,6 +196,8 @@ crashes_of_the_application_are_told_test() ->
     ).
 
 %% The work is done, but by the former code.
+%% Holds: A reload that was rolled back is told in the first line
+%% Red: 35d2bf1, run
 a_reload_that_was_rolled_back_is_told_test() ->
     #{monitors := Monitors} = Outcome = outcome([done, done], []),
     Why = {1500000, 2, app, {crashed, {"badarg", [{my_app, step, 2, "my_app.erl", 7}]}}},
@@ -268,6 +270,8 @@ the_application_has_the_word_test() ->
 
 %% The work is complete by the application's figures, but some robots wait until the time is up: the
 %% run is not, and a line says who waits.
+%% Holds: A run whose robots still wait is not ended (exit 4)
+%% Red: 961f67c9, run: *complete*
 complete_with_robots_that_wait_test() ->
     Ended = fun(Ending, Results) ->
         Outcome = outcome(Results, []),
@@ -292,6 +296,8 @@ complete_with_robots_that_wait_test() ->
     ].
 
 %% What robots have done after the time up to which a run is judged is not known: it may well be complete.
+%% Holds: A run that is not judged to its end is not called short
+%% Red: 961f67c9, run
 a_run_that_is_not_judged_to_the_end_is_not_called_short_test() ->
     Part = starl_unjudged:since(3, ["painting"], {stood_still, 1, 3}),
     Shown = fun(Results, Ending) ->

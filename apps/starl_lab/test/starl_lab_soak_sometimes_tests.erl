@@ -1,4 +1,7 @@
 %% A soak tells what has happened in none of its runs, and many runs owe it.
+%%
+%% Holds: A soak of many runs tells what has never happened, and fails for what it owes
+%% Red: none before: nothing was counted
 -module(starl_lab_soak_sometimes_tests).
 -include_lib("eunit/include/eunit.hrl").
 

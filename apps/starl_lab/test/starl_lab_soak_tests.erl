@@ -66,6 +66,8 @@ applications_are_drawn_test_() ->
     end}.
 
 %% Ways are closed and opened again only where there are walls: in a part of the runs of path planning.
+%% Holds: Soak closes ways and opens them again for path planning
+%% Red: e923e723, run: no run had walls
 path_planning_has_walls_in_some_runs_test() ->
     Drawn = [starl_lab_soak:scenario(dpp, none, Seed) || Seed <- lists:seq(1, 200)],
     Walls = [Faults || #{floor := _, random_faults := Faults} <- Drawn],

@@ -1,4 +1,9 @@
 %% Measures over time in a sweep: of a run, as text, of several runs, as table and plot.
+%%
+%% Holds: Measures over time: runs of unlike length come together exactly; joined slices give the
+%% same bytes
+%% Red: values that are not kept until the next; the shorter step for all; each second value of the
+%% wrong ones
 -module(starl_lab_sweep_curve_tests).
 -include_lib("eunit/include/eunit.hrl").
 

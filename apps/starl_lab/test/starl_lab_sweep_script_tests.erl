@@ -1,4 +1,7 @@
 %% Names of pictures, options and directories reach other programs' languages as one line of text.
+%%
+%% Holds: Names reach gnuplot and Slurm as one line of text
+%% Red: 961f67c9: a command
 -module(starl_lab_sweep_script_tests).
 -include_lib("eunit/include/eunit.hrl").
 

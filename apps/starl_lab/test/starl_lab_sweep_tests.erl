@@ -502,6 +502,9 @@ slices_test_() ->
 
 %% Two programs of one version are not one study: a slice of other code is not gone on with, and the join
 %% names it.
+%% Holds: Runs of different code are not one study: a slice is not gone on with, `join` names it in
+%% one line
+%% Red: the code before: all slices are joined
 other_code_test_() ->
     {timeout, ?PATIENCE_S, fun() ->
         in_directory(fun(Dir) ->

@@ -33,6 +33,8 @@ a_run_leaves_its_recording(Dir) ->
     {ok, fetched} = starl_storage:download(Entry, Store, Copy, #{}),
     ?assertEqual(file:read_file(filename:join(Out, "run.mcap")), file:read_file(Copy)).
 
+%% Holds: A storage that is not reached costs the run nothing, and a line says how to go on
+%% Red: without the end of `tell/2`, run
 unreached(Dir) ->
     Alone = filename:join(Dir, "alone"),
     {Status, _} = starl_cli_said:said(?RUN ++ [Alone, "--record"]),

@@ -44,6 +44,8 @@ shown() ->
         {shown, Output} -> Output
     end.
 
+%% Holds: A team's picture moves while no event comes; a team ends with its owner
+%% Red: a film's end at the last event: 3 of 5 pictures are the same; an owner that is not watched
 a_frame_follows_the_team_test() ->
     in_cell(fun() ->
         Team = starl_notebook:team(?MODULE, #{robots => 2}),

@@ -53,6 +53,9 @@ ends_test() ->
     ?assertEqual([], rows(app, {measure, "no", key})).
 
 %% What is not judged is told as what is broken: at its time, with the contracts as their lights name them.
+%% Holds: The window says what is not judged, from when on and why: a computer that stood still, a
+%% monitor that was put aside
+%% Red: 1b63aeb: its light said *kept*
 not_judged_test() ->
     Mistake = starl_unjudged:mistake("exercise", 5, "it crashes"),
     Ended = {ended, #{ending => done, end_us => 9, violations => [], unjudged => [Mistake]}},

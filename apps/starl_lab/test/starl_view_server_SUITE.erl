@@ -84,6 +84,8 @@ only_its_own_page(Config) ->
     ?assertMatch({101, _}, ?C:connect(Door, [Host("localhost"), Origin("localhost")])).
 
 %% Another user of this computer knows the port, and not the address.
+%% Holds: Every visitor of the window has its token
+%% Red: 961f67c9: 101 without one
 a_token_for_neighbours(Config) ->
     {Port, Token} = ?config(door, Config),
     ?assertMatch({match, _}, re:run(Token, "^[a-z2-9]{26}$")),

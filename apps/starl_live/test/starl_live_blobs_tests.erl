@@ -1,4 +1,8 @@
 %% A coloured ball in pictures: found, and where; what is no ball; and the table of light and noise.
+%%
+%% Holds: A ball is found where it is, in half light and in warm light; a strip, a cross and a box
+%% are none
+%% Red: without grey world (its gains bounded by 1): `a_ball_is_where_it_is`, `light_and_noise`
 -module(starl_live_blobs_tests).
 %% PropEr first: both have a macro LET.
 -include_lib("proper/include/proper.hrl").

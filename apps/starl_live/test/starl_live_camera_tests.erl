@@ -1,4 +1,9 @@
 %% A camera's program: its pictures become readings; one that ends, talks nonsense or falls silent.
+%%
+%% Holds: A camera's program that ends or talks nonsense is started again; it ends with the robot;
+%% an old reading is none
+%% Red: `exec` before the command cut all but its first program off:
+%% `the_program_ends_with_its_pipe`
 -module(starl_live_camera_tests).
 -include_lib("eunit/include/eunit.hrl").
 

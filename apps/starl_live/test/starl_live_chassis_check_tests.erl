@@ -1,4 +1,8 @@
 %% What the check of a chassis finds: of one whose commands are heard late, by itself or since its computer is busy.
+%%
+%% Holds: `chassis check` finds a chassis that hears its commands late, and excuses what the
+%% computer loses
+%% Red: a chassis that says so, schedulers that are busy
 -module(starl_live_chassis_check_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -379,6 +379,9 @@ a_former_life_that_is_heard_again_is_where_it_speaks_from_test() ->
 
 %% Who has the key speaks in a robot's name, in a later life, by a time that is 15 s ahead, once or again
 %% and again. While the robot speaks from its address it is called there.
+%% Holds: A robot's address moves only when it is silent where it is; a stamp that is ahead hides
+%% it for 3 s
+%% Red: 4ca8e259, run: 15 s
 a_later_life_elsewhere_moves_nobody_test() ->
     [
         begin

@@ -44,6 +44,9 @@ frozen_test() ->
 
 %% A source that was stuck before the robot looked for the first time shows the same picture for ever: the
 %% robot itself is known only when another one has followed that fits.
+%% Holds: A robot that is started anew while its source of positions is stuck does not take the
+%% stuck picture for its place
+%% Red: c27ddcd2, run: the first picture answers its questions
 stuck_from_the_first_test() ->
     Stuck = lists:foldl(
         fun(Ms, S) ->

@@ -65,6 +65,8 @@ told(Line) ->
     end.
 
 %% Whatever a program says is a message or an error: random bytes, and messages that bytes have hit.
+%% Holds: Whatever a program says is a message or an error
+%% Red: 073438b3 has no such bodies; seen red without the code
 anything_is_borne_test() ->
     Seed = erlang:phash2(make_ref()),
     io:format(user, "seed ~b~n", [Seed]),

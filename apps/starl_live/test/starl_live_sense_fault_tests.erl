@@ -1,4 +1,7 @@
 %% Faults of senses of a live robot: what it is told, and that it stays a reading of that sense.
+%%
+%% Holds: A frozen sense says what it said last
+%% Red: the new reading told
 -module(starl_live_sense_fault_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -1,4 +1,7 @@
 %% The store of a live robot, on a real file system.
+%%
+%% Holds: A lost store is not taken for a first start
+%% Red: 305a414, run (live): `message id used twice`, `reached out of order`
 -module(starl_live_store_tests).
 -include_lib("eunit/include/eunit.hrl").
 -behaviour(starl_live_disk).

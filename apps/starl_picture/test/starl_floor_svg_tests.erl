@@ -23,6 +23,9 @@ walls(Shapes) -> plan(["<g id='walls'>", Shapes, "</g>"]).
 solid(Points, Floor) -> [starl_floor:is_solid(Point, Floor) || Point <- Points].
 
 %% y points upwards on a floor, and downwards in a drawing.
+%% Holds: What is seen in the layer of walls is solid, where and as wide as it is drawn; holes are
+%% free by the fill rule
+%% Red: y downwards; lines of 1 mm; both rules taken for even-odd
 an_area_is_solid_where_it_is_drawn_test() ->
     #{size := Size, walls := [Wall]} =
         Floor = walls("<rect x='1000' y='500' width='300' height='200'/>"),
@@ -118,6 +121,8 @@ a_curve_is_cut_into_chords_of_two_millimetres_test() ->
     ],
     ?assert(abs(starl_floor:area(Wall) / 1.0e6 - math:pi()) < 0.01).
 
+%% Holds: A mistake in a drawing is one line with its place
+%% Red: the check for a second room of a name left out
 mistakes_are_one_line_with_their_place_test_() ->
     Text = fun(Bytes) ->
         {error, {Line, What}} = starl_floor_svg:parse(Bytes, 1),

@@ -89,6 +89,9 @@ outlines_enclose_their_cells_test() ->
     ).
 
 %% The index of sides by height answers as the plan does, on corners and sides, too.
+%% Holds: What is solid is found by height as by going round all walls; runs have the same digests
+%% as before
+%% Red: a height looked up 250 mm too high
 what_is_solid_is_found_by_height_test() ->
     Seed = starl_floor_seed(),
     Solid = maps:from_list([
@@ -205,6 +208,9 @@ teams_start_where_there_is_room_test() ->
     ).
 
 %% On a real floor people put robots down.
+%% Holds: Who is in a wall, off the floor or too near is told what to do, by more than places may
+%% be wrong
+%% Red: without the check
 who_is_put_down_badly_is_told_what_to_do_test_() ->
     {ok, Floor} = starl_floor_text:parse(drawing()),
     Rule = #{

@@ -249,6 +249,9 @@ uses_test_() ->
     ].
 
 %% Clipping by shapes; what else clips is counted.
+%% Holds: A window cuts lines and fills of a picture as a browser shows them, whatever names its
+%% shapes; what is not followed is counted
+%% Red: d7c73771, run: windows by `use`, empty ones, those cut themselves, and functions (8 cases)
 clips_test_() ->
     [
         ?_test(begin

@@ -41,6 +41,9 @@ fault_over_before_judgement_is_told_test() ->
     ?assertEqual(?L:new(), Left).
 
 %% A fault of all excuses all; places that are told wrong mislead a robot, too.
+%% Holds: Faults by hand of all robots, and of places, excuse in real time; the monitors of
+%% applications are told of them
+%% Red: d7c73771, run
 what_a_fault_breaks_is_told_test() ->
     Breaks = fun(Kind, Target) ->
         {Windows, _} = ?L:windows(12 * ?S, began(fault(a, 10, forever, Kind, Target), ?L:new())),

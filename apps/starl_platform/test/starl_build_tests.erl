@@ -1,4 +1,8 @@
 %% Which code runs: the same in every directory, and another one after each change.
+%%
+%% Holds: Two commits of one version are told apart: each change to a block, the simulator or the
+%% program is another code, the directory and what debuggers need are not
+%% Red: literals left out of what is hashed
 -module(starl_build_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -78,6 +78,8 @@ nobody_goes_through_an_obstacle_while_it_stands_test() ->
     ?assertEqual([[], [in_a_wall], []], [Through(T) || T <- [0, 1500000, 3000000]]).
 
 %% 100 mm deep when it appears: it may stay so, and leave, and not go deeper.
+%% Holds: Who stands where a door closes gets no deeper, and may leave
+%% Red: 073438b3: there were no obstacles
 who_is_caught_gets_no_deeper_test() ->
     Caught = fun(V) ->
         Events = [
@@ -99,6 +101,8 @@ who_was_caught_and_is_out_is_as_all_others_test() ->
     ],
     ?assertEqual([in_a_wall], element(1, judged(Events, with_obstacle()))).
 
+%% Holds: A bump at an obstacle is no broken promise, any other is
+%% Red: without the excuse, run: `bump`
 a_bump_at_an_obstacle_is_no_broken_promise_test() ->
     Bump = fun(T, X) ->
         Events = [stands(1, T, X, 450.0), {T + 5, 1, chassis, {sensed, {bump, left}}}],

@@ -1,4 +1,8 @@
 %% Controllers of motion: which there are, and what the wary one says of others in sight.
+%%
+%% Holds: A wary robot approaches none too fast, waits for who is in its way, no longer than it
+%% says, and arrives
+%% Red: with a controller that heeds nobody and waits without a bound: eight cases
 -module(starl_controller_tests).
 -include_lib("eunit/include/eunit.hrl").
 

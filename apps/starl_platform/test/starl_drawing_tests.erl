@@ -1,5 +1,9 @@
 %% What applications draw: shapes that are none are refused with what is expected, and a drawing is seen until its
 %% life ends or another one of its key takes its place.
+%%
+%% Holds: A drawing is seen until its life ends or another one of its key takes its place, in film,
+%% recording and window
+%% Red: the later end taken for the earlier; a film, and a page, that draws none
 -module(starl_drawing_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -1,3 +1,5 @@
+%% Holds: All JSON is written alike, objects of pairs in their order
+%% Red: with an array that begins with JSON taken for an object, run
 -module(starl_json_tests).
 -include_lib("eunit/include/eunit.hrl").
 

@@ -48,6 +48,8 @@ runs_several_monitors_test() ->
 
 %% A report of a run whose computer stood still needs figures: what was measured until then is kept, and
 %% nothing that comes later is judged.
+%% Holds: A run whose computer stood still has its report, with the figures until then
+%% Red: 6abd1405, run: a crash without a report in 2 of 6 runs
 who_is_blinded_keeps_what_it_measured_test() ->
     M0 = starl_monitor:guarded([{?MODULE, #{start => 99}}, {starl_crash_monitor, #{excused => []}}]),
     {ok, M1} = starl_monitor:step([{1, 1, counted, a}, {2, 1, counted, b}], M0),

@@ -77,6 +77,9 @@ brakes_test() ->
 
 %% Where the robot stands still in the middle of the step, the command leaves when it goes on, if that is no
 %% later than half a second. No other fault has the command leave later.
+%% Holds: No fault but a computer that stands still lets a velocity leave later, and not later than
+%% the robot goes on
+%% Red: 1b63aeb: half a second for any fault
 stands_still_before_it_leaves_test() ->
     Judge = fun(From, To, Broken) ->
         Still = #{bodies => [{1, From, To, Broken}]},
@@ -94,6 +97,8 @@ stands_still_before_it_leaves_test() ->
     ?assertEqual([{drives_beyond_its_time, 2005000}], Judge(900000, 1400000, fault)).
 
 %% A robot that drives to a goal three metres off is on its line, or at most r(v) off it.
+%% Holds: A robot that drives to a goal keeps within r(v) of its line, and arrives, in every run
+%% Red: d018c00, run: such runs are judged by nobody
 near_its_line_test() ->
     Mm = starl_chassis:tracking_radius(differential()),
     ?assertEqual([], judge(drive([{0.0, 0.0}, {1000.0, Mm}, {3000.0, 0.0}]))),

@@ -1,4 +1,7 @@
 %% Other users of the computer exchange directories, make them first, and guess names.
+%%
+%% Holds: Other users of the computer exchange no directory, guess no name, and lose no file
+%% Red: 961f67c9: `/tmp/starl-live-PID`
 -module(starl_private_dir_tests).
 -include_lib("eunit/include/eunit.hrl").
 -include_lib("kernel/include/file.hrl").

@@ -1,5 +1,9 @@
 %% New code for running machines and applications: which code runs afterwards, and with what state, when
 %% the code, the state or another robot fails, in the trial time and after it.
+%%
+%% Holds: Reloads: back after the trial, a trial time that is ignored, an older reload that undoes
+%% a newer, back to the build's module, a failed migration taken for success
+%% Red: d9cd484; told by d299859
 -module(starl_reload_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -320,6 +324,8 @@ back_for_who_starts_test() ->
 
 %% A reload that another one has replaced within its trial has not passed with that one: if that is left
 %% later, the machine goes back beyond both.
+%% Holds: A reload that was replaced within its trial has not passed with the one that replaced it
+%% Red: 6abd140, run: a robot that came up again went back to code that crashed, 1 of 2,000 runs
 replaced_has_not_passed_test() ->
     {_, One} = ?R:take(order(1), parts(), #{}),
     {_, Two} = ?R:take(order(2), parts(), One),

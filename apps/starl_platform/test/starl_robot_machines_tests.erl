@@ -24,6 +24,8 @@ first_life_test() ->
     ?assertEqual([{0, 1}, {0, 1}], [life(M) || M <- [new(), restarted(new())]]).
 
 %% A later life begins with the time; within it the starts are counted.
+%% Holds: No incarnation is that of an earlier life, whatever is left on disk
+%% Red: e32dfbb, run (`starl_sap_peers_tests`)
 later_life_test() ->
     First = (?MS bsl ?BITS) + 7,
     Up = reboot({?MS, 7}, restarted(new())),

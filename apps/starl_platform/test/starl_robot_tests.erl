@@ -142,6 +142,9 @@ world_test() ->
 
 %% Actions with a latest moment take place at that moment, and not later: then none of them does, and
 %% their machine learns of it before anything else.
+%% Holds: What is late does not leave: a packet, a reply, a fact with a latest moment is dropped,
+%% and its machine is told
+%% Red: f9ea041; told by 15b73fc: there were no latest moments
 what_is_late_is_not_done_test() ->
     App = fun
         (boot, _) ->
@@ -259,6 +262,9 @@ timers_count_from_the_beginning_of_their_step_test() ->
 
 %% A machine that restarts while it is called gets no call: the caller takes the news for its end. So it
 %% is whether the call is under way already, or comes later in a step that stands still.
+%% Holds: A call under way to a machine that restarts has an end; a machine that was lost before it
+%% booted boots once
+%% Red: 15b73fc, run
 a_call_ends_with_the_restart_of_its_machine_test() ->
     App = fun
         (cast, go) ->

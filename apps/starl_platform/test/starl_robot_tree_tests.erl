@@ -5,6 +5,8 @@
 
 %% A supervisor that gives up ends just after its process, and the news of both come from two
 %% senders: that of the supervisor may come first, when the driver waits for no restart yet.
+%% Holds: A driver does not wait for a supervisor that has ended already
+%% Red: 3be728d, run: it waits for ever
 supervisor_that_ends_first_test() ->
     with_tree(fun(Tree, Machines, #{app := App, guard := Guard}) ->
         ok = ends(Guard),

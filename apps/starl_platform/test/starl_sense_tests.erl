@@ -1,5 +1,8 @@
 %% Senses: what they say of walls, bodies and things, and what no reading ever is, whatever the
 %% errors.
+%%
+%% Holds: Beams and fields of view are where they point to
+%% Red: planted, run
 -module(starl_sense_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -131,6 +134,8 @@ the_bumper_tells_the_side_test() ->
     ?assertEqual(both, At({1000.0, 2000.0, 0.0}, [{2, {1330.0, 2000.0}, 165.0}])).
 
 %% It misses touches, and feels some that are none; a sound one does neither.
+%% Holds: A noisy bumper misses half a per cent of the touches, and invents as many, so many times
+%% Red: 862fcda8, run: it never errs
 a_noisy_bumper_errs_test() ->
     {ok, Sound} = starl_sense:profiles(#{}),
     Said = fun(Pose, Profiles) ->

@@ -36,6 +36,8 @@ no_file_test() ->
     ?assertEqual({error, eisdir}, starl_terms:consult("/")).
 
 %% A line says what is wrong, before the memory, the time or the atoms are spent.
+%% Holds: A file of terms costs what it is long; a pipe or a device is no file
+%% Red: 4ca8e259, by hand: 10 GB
 bombs_test_() ->
     {timeout, 60, fun() ->
         [

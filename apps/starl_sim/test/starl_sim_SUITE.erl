@@ -483,6 +483,9 @@ code_comes_while_it_runs(_) ->
     ?assertEqual(lists:duplicate(4, {done, new}), results(Sim)).
 
 %% Robot 2 crashes in the new code: all go on with the former one, and it is told where and why.
+%% Holds: There is one way: a simulation's reload that crashes on one robot takes all back, and is
+%% told; versions that come within one step are all taken; code comes while the run goes on
+%% Red: d7c73771, run: robot 2 crashes and begins anew, again and again, and the run does not end
 a_crash_on_trial_takes_all_back(_) ->
     load("init(_, _) -> 0. " ++ counting()),
     {ok, Sim} = starl_sim:start(#{app => starl_sim_reloaded, robots => 2}),

@@ -111,6 +111,10 @@ the_seed_of_the_team_stays_test_() ->
 
 %% What robots are about to do when a run begins is how it begins, and no draw of a continuation: else the first
 %% start of a robot's application would be what decides.
+%% Holds: `when` blames no start of a run for what the program does by itself: what robots are
+%% about to do when a run begins is no draw of its continuations; where it breaks is named
+%% Red: d3ad7b5b, run (the first); there a mutex that grants what is held was blamed on the start
+%% of another robot's application, with 10 of 10 branch seeds
 the_first_start_is_no_draw_test_() ->
     {timeout, 60, fun() ->
         Branch = #{counts => #{}, branch_seed => 1, loss => 0.1, faults => []},

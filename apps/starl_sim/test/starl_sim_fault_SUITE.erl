@@ -251,6 +251,8 @@ partner(Fault) ->
 
 %% Another robot's clock is set the other way within half a second, or the computer of the same robot
 %% stands still within the time of a lease; both are drawn, and neither always.
+%% Holds: The simulator draws such pairs, and a clock that is set with a halt, within one lease
+%% Red: 39da6b3, run
 settings_that_do_not_come_alone(_) ->
     Pairs = [
         {lists:keyfind(partner(F), 1, Faults), F}

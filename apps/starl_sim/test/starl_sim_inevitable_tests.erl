@@ -26,6 +26,8 @@ a_fraction_that_falls_in_between_test() ->
     ?assertMatch([{Low, High}] when Low < 100 andalso High >= 100, Others).
 
 %% In its first continuations the fraction seems to rise most where it does not; that ends no search.
+%% Holds: A rise of the fraction that was chance hides no other
+%% Red: d3ad7b5b, run: no event
 a_rise_by_chance_hides_no_other_test() ->
     Broken = fun
         (M, K) when M >= 900, K =< 20 -> K =< 18;

@@ -122,6 +122,9 @@ stuck_wheel_moves_it_no_further(_) ->
 
 %% An obstacle appears where it stands, at the beginning of its line: it may back off and not drive on, and tries
 %% for half a minute, whatever the chassis. It stays near its line, and drives on when the obstacle has gone.
+%% Holds: A robot that is caught where an obstacle appears stays within r(v) of its line, and
+%% drives on when it has gone
+%% Red: 67 mm off without it, run
 caught_by_an_obstacle_it_stays_near_its_line(_) ->
     [?assertEqual({near, done}, caught(Kind, 30000)) || Kind <- [differential, holonomic]].
 

@@ -1,4 +1,7 @@
 %% Who is near: in a large team the world is asked for those alone, and says the same.
+%%
+%% Holds: Who is near costs what is near, and is what measuring all robots gives
+%% Red: with too near a look, run: neighbours are missing
 -module(starl_sim_neighbours_tests).
 -include_lib("eunit/include/eunit.hrl").
 

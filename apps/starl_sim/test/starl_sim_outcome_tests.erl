@@ -40,6 +40,10 @@ closed_at_the_end_test() ->
     ?assertMatch([#{contract := progress, at_us := 5}], Violations).
 
 %% Where nothing can happen any more, those who wait have waited for ever: they are late at their deadline.
+%% Holds: A run in which nothing can happen any more is judged to its limit: who waits for ever is
+%% late
+%% Red: 1b63aeb, run: the planted motion, which waits for the answer to a lost command, is not
+%% found in 1,000 seeds
 judged_to_the_limit_when_quiet_test() ->
     Unfinished = {starl_run_progress_monitor, #{robots => [1], deadline_us => 9}},
     Close = fun(Ending) ->

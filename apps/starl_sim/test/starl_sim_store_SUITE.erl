@@ -217,6 +217,8 @@ words(R, Ms) ->
 
 %% A machine cannot go on with the random numbers of the life before: it does not know how many of
 %% them that one has drawn.
+%% Holds: A restart draws nothing that the life before has drawn
+%% Red: 305a414; told by 4b49691
 a_later_life_draws_other_numbers(Config) ->
     {_, [{done, Second}], Trace} = play(
         1,

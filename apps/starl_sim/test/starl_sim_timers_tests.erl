@@ -1,3 +1,7 @@
+%% Holds: Timers come as if each start had put its event into the queue; one that does not run any
+%% more does not come
+%% Red: a start that never waits, or always; what is not running comes; what has come stays known;
+%% what waits comes at once, or out of its turn
 -module(starl_sim_timers_tests).
 -include_lib("eunit/include/eunit.hrl").
 

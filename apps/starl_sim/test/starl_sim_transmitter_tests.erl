@@ -21,6 +21,8 @@ in_range_test() ->
     ?assertEqual([], reached(3, Short)).
 
 %% Each wall in the way takes its part of the packets: robot 3 is behind one, robot 4 behind two.
+%% Holds: A wall takes its part of the packets, a block as one wall
+%% Red: without it, and with a block as two walls, run
 walls_take_packets_test() ->
     Floor = starl_floor:new(#{
         size => {5000, 4000},
@@ -52,6 +54,8 @@ walls_take_packets_test() ->
 %% Shadowing makes a radio's range shorter, for a pair and its places: all packets come or none, in both
 %% directions. Of pairs at 0.63 of the range, 6 dB below it, four in ten are cut off with a deviation of 7 dB
 %% (half a normal distribution beyond 0.86 deviations); of those beside each other none.
+%% Holds: Shadows shorten the range of a pair in both directions, and lengthen none
+%% Red: without them, run: none of 1,000 pairs is cut off
 shadows_shorten_the_range_test() ->
     Stand = fun(X) -> starl_trajectory:standing(0, {X, 100.0}, 0.0) end,
     Heard = fun(From, To, Mm, Seed) ->

@@ -1,4 +1,8 @@
 %% A small file does not become a large one in memory.
+%%
+%% Holds: A small recording does not become a large one in memory; a storage leads nowhere and
+%% sends no more than it says
+%% Red: 961f67c9: 29 million records, a run named `..`
 -module(starl_mcap_bounds_tests).
 -include_lib("eunit/include/eunit.hrl").
 

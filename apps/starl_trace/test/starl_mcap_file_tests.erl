@@ -311,6 +311,8 @@ other_files_are_none_test() ->
 %% -- recovered ----------------------------------------------------------------------------------
 
 %% What is lost is said where it was, by the patch; what stands in an attachment, too, is taken from there.
+%% Holds: What is said of holes is no message of a recording
+%% Red: 8cdf44d7
 what_is_lost_is_said_test() ->
     {Head, W0} = starl_mcap_writer:new("test", channels()),
     {Chunks, W} = lists:mapfoldl(

@@ -89,6 +89,10 @@ hash(File) ->
 
 %% What is whole of a file that grows is there before its end is written, and is not sent again; the line is
 %% cut meanwhile. A storage that is not reached is told, and tried again.
+%% Holds: `--upload` sends what is whole while the run goes on, over a line that is cut, and the
+%% rest at its end
+%% Red: with a sender that sends nothing, run (the first); without the end of `tell/2`, run (the
+%% second)
 while_it_is_written() ->
     in_directory(fun(Dir) ->
         Whole = file(Dir, "whole.mcap", 1, 5 * ?PIECE + 100),

@@ -421,6 +421,8 @@ merged_recordings_are_the_whole(Config) ->
 
 %% Of a robot with several files only the last: the missing ones are named, and nobody is accused of what
 %% they hold. With all of them, everything is judged.
+%% Holds: A robot's file that `merge` was not given is named, and what it may hold accuses nobody
+%% Red: 520627f with a merge that leaves no holes, run
 a_missing_file_accuses_nobody(Config) ->
     Dir = file(Config, "several"),
     ok = filelib:ensure_path(Dir),

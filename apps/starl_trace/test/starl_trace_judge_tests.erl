@@ -1,5 +1,9 @@
 %% What the judge of a recording knows before it judges. A monitor, too: it accuses a robot of `touched', unless it knows
 %% of a pause of robot 1 at that time.
+%%
+%% Holds: A robot without power excuses what it explains, in a recording without a schedule, and
+%% nothing before and behind it
+%% Red: 961f67c9, run: 15 of 36 sound fleets accused
 -module(starl_trace_judge_tests).
 -include_lib("eunit/include/eunit.hrl").
 -behaviour(starl_monitor).
@@ -27,6 +31,8 @@ finish(_End, _Pauses) -> {ok, #{}}.
 
 %% What a computer that was late explains is excused, though another robot's fact comes before it tells of that: however
 %% long it stood still, as the judge of a live run waits for it, in whatever second of the recording.
+%% Holds: A recording excuses what its run excused, however long a computer stood still
+%% Red: 961f67c9, run: 4 false violations
 a_late_computer_is_excused_test() ->
     File = filename:join("/tmp", "starl-trace-judge-" ++ os:getpid() ++ ".mcap"),
     Found = fun(T, From, Told) ->

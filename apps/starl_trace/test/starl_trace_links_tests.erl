@@ -1,4 +1,7 @@
 %% Results may be unpacked with links in them, and lie where others write: what is written follows none.
+%%
+%% Holds: What is written follows no link
+%% Red: 4ca8e259, run
 -module(starl_trace_links_tests).
 -include_lib("eunit/include/eunit.hrl").
 

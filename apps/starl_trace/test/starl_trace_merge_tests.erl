@@ -38,6 +38,8 @@ broken(What) ->
 
 %% All that robots tell comes by time: their events, and the packets, whose fates are known late, from what
 %% both ends know of them.
+%% Holds: Merge: not in the order of time; only the last end's violations
+%% Red: d299859; told by f18af74
 by_time_test() ->
     merged([starl_trace_ct:robots_own(R, 300) || R <- [1, 2]], fun(Messages) ->
         Times = [At || {_, At, _} <- Messages],

@@ -147,6 +147,8 @@ stores_struck(Config) ->
 
 %% On a full disk nothing can be written, and what was written stays; the node runs, also with code that is
 %% loaded meanwhile. One that ends comes back when there is room.
+%% Holds: A full disk ends no node that loads code
+%% Red: nodes that start without the limit, run: *noconnection* (SIGSEGV)
 full_disk(Config) ->
     Dir = proplists:get_value(dir, Config),
     ?assertEqual({{error, efbig}, ok, ok, ok, [1]}, in_conductor(filled, [Dir], Config)).
@@ -158,6 +160,9 @@ cut(Config) ->
 
 %% A cut of a schedule that lasts, in one direction: a robot that is deaf is heard, and hears nobody; one that is mute
 %% hears, and is heard by nobody. Neither learns that a message has come.
+%% Holds: A cut that holds from the beginning on holds before a robot hears anything, in one
+%% direction, too
+%% Red: 961f67c9 (cluster): it hung
 one_way(Config) ->
     Dir = proplists:get_value(dir, Config),
     Played = fun(Name, Group) ->
@@ -283,6 +288,8 @@ ended_at_once(Config) ->
     ).
 
 %% The same while the run goes on; who was killed by a command is not told of it.
+%% Holds: A node that a signal ends is told with it
+%% Red: 69f78c95: *was it killed, or no memory left?*, and no line in mid-run, run
 ended_by_signal(Config) ->
     Said = in_conductor(shot, [proplists:get_value(dir, Config)], Config),
     ?assertEqual(
@@ -302,6 +309,8 @@ clock_starts_last(Config) ->
 
 %% A node whose computer has another time, by a second or three: nobody is accused of what that makes of
 %% its facts, and it is said. A library that the node loads first gives it that time.
+%% Holds: Nobody is accused for a node whose computer has another time; it is said
+%% Red: without the question, run: *delivered but not sent*, for each message
 clocks_apart(Config) ->
     Dir = proplists:get_value(priv_dir, Config),
     case shifted_clock(Dir) of

@@ -151,6 +151,8 @@ each_terminal_gets_an_answer_test() ->
     end.
 
 %% A user without a home gets a line, not a cluster that never begins.
+%% Holds: A user without a home gets one line from `./starl cluster`
+%% Red: d7c73771, run: the command waits for ever
 no_place_for_the_socket_test() ->
     Before = os:getenv("XDG_CACHE_HOME"),
     true = os:putenv("XDG_CACHE_HOME", "/dev/null/cache"),

@@ -191,6 +191,9 @@ frozen_positions(Config) ->
 
 %% Two robots that stand nearer to each other than their scene wants are named, and do not drive; the third one does.
 %% Their bodies are far from touching.
+%% Holds: Live robots that stand nearer to each other than their scene wants are named, and do not
+%% drive; others do
+%% Red: d7c73771, run: both drive
 badly_placed(Config) ->
     Places = #{1 => {1000.0, 1000.0}, 2 => {1000.0, 1400.0}, 3 => {4000.0, 1000.0}},
     Own = #{test => self(), places => Places, apart => 600},
@@ -217,6 +220,8 @@ badly_placed(Config) ->
     ok.
 
 %% A cut stays for a robot that starts anew, by a fault or by its supervisor, until it is healed.
+%% Holds: What hands did to a run in real time is a schedule of the simulator
+%% Red: 133c6985: an outcome without faults
 links_cut(Config) ->
     Run = play(numbers(60), Config),
     heard(20),

@@ -98,6 +98,8 @@ a_store_that_is_set_back_undoes_the_last_boot_test() ->
     ?assertMatch({[{ended, {a, 1000, 3100, _, _, _}}], _}, ?F:up(1, 3100, Fourth)).
 
 %% Each sense has its fault, of which the latest holds.
+%% Holds: Faults of senses end with a heal, and in chaos after five seconds
+%% Red: a heal that keeps them; an end at the beginning
 the_latest_fault_of_a_sense_holds_test() ->
     Held = manual(
         [

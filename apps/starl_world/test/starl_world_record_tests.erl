@@ -1,5 +1,9 @@
 %% Facts that a robot has written to its record, and that have not come: those of a node that hangs, or waits for its
 %% processor.
+%%
+%% Holds: A fact that a node has written and not told is looked for before anybody is accused, and
+%% at the end of a run
+%% Red: the world without it: *delivered but not sent*
 -module(starl_world_record_tests).
 -include_lib("eunit/include/eunit.hrl").
 
@@ -83,6 +87,9 @@ stands(Caller) ->
 
 %% A node stands still, and nobody has halted it. Its last fact comes seconds afterwards, and is judged at its time;
 %% what comes later is judged to the end.
+%% Holds: A node that stands still, whoever halts it, costs no verdict; one late fact is judged at
+%% its time, and what followed anew
+%% Red: 961f67c9, run
 a_node_that_stood_still_costs_no_verdict_test_() ->
     [
         {Name, {timeout, 60, fun() -> ?assertEqual({Found, []}, after_standing(Facts)) end}}

@@ -1,4 +1,5 @@
-%% @doc Writes the tables of the guides that follow from the code: guarantees, and kinds of faults.
+%% @doc Writes the tables of the guides that follow from the code: guarantees, kinds of faults, and the
+%% tests that hold promises.
 %%
 %% A guide has such a table between two lines:
 %% ```
@@ -35,7 +36,7 @@
 
 %% @doc The guides with tables that follow from the code, relative to the root of the checkout.
 -spec pages() -> [file:filename()].
-pages() -> ["doc/guarantees.md", "doc/faults.md"].
+pages() -> ["doc/guarantees.md", "doc/faults.md", "doc/evidence.md"].
 
 %% @doc A guide's text with its tables made anew.
 -spec update(Text :: string()) -> string().
@@ -64,7 +65,9 @@ table("conditions") ->
 table("guarantees") ->
     lists:join("\n", [part(Part) || Part <- ?PARTS]);
 table("faults") ->
-    lists:join("\n", [class(Class) || Class <- starl_run_fault:classes()]).
+    lists:join("\n", [class(Class) || Class <- starl_run_fault:classes()]);
+table("evidence") ->
+    starl_dev_doc_evidence:table().
 
 breakers(Condition) ->
     lists:join(", ", [
