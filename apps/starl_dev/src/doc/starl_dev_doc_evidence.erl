@@ -18,10 +18,19 @@
 -type tag() :: #{test := string() | all, holds := string(), red := string()}.
 
 %% @doc The tables of all tags in the checkout, one for each application, in Markdown.
--spec table() -> iolist().
-table() ->
-    lists:join("\n", [
-        section(Title, Files)
+-spec table() ->
+    Root = starl_cli_target:root(),
+    lists:join("\n", [section(Title, files(Pattern, Root)) || {Title, Pattern} <- folders(Root)]).
+
+folders(Root) ->
+    [
+        {filename:basename(App), filename:join(App, "test/**/*.erl")}
+     || App <- filelib:wildcard("apps/*", Root)
+    ] ++ [{"All applications together", "test/**/*.erl"}].
+
+files(Pattern, Root) -> [filename:join(Root, File) || File <- filelib:wildcard(Pattern, Root)].
+
+section(Title, Files)
      || {Title, Pattern} <- folders(), Files <- [filelib:wildcard(Pattern)], Files =/= []
     ]).
 
