@@ -18,7 +18,8 @@
 -type tag() :: #{test := string() | all, holds := string(), red := string()}.
 
 %% @doc The tables of all tags in the checkout, one for each application, in Markdown.
--spec table() ->
+-spec table() -> iolist().
+table() ->
     Root = starl_cli_target:root(),
     lists:join("\n", [section(Title, files(Pattern, Root)) || {Title, Pattern} <- folders(Root)]).
 
@@ -29,16 +30,6 @@ folders(Root) ->
     ] ++ [{"All applications together", "test/**/*.erl"}].
 
 files(Pattern, Root) -> [filename:join(Root, File) || File <- filelib:wildcard(Pattern, Root)].
-
-section(Title, Files)
-     || {Title, Pattern} <- folders(), Files <- [filelib:wildcard(Pattern)], Files =/= []
-    ]).
-
-folders() ->
-    [
-        {filename:basename(App), filename:join(App, "test/**/*.erl")}
-     || App <- filelib:wildcard("apps/*")
-    ] ++ [{"All applications together", "test/**/*.erl"}].
 
 section(Title, Files) ->
     case [row(File, Tag) || File <- Files, Tag <- tags(read(File))] of
