@@ -219,7 +219,7 @@ lends_hands(Browser) ->
 
 handed(Button, N, Browser) ->
     ok = ?B:click(Button, Browser),
-    ok = ?B:await(io_lib:format("starl.team.faults.has('hand_~b')", [N]), Browser).
+    ok = ?B:await(io_lib:format("starl.team.faults.has('manual_~b')", [N]), Browser).
 
 kills_by_click(Browser, Dir) ->
     ok = handed("kill", 9, Browser),
