@@ -137,10 +137,11 @@ what_is_found_is_made_small(_) ->
         ?assertMatch(#{contract := Contract}, Violation),
         ?assertMatch(#{program := live}, Small),
         ?assert(length(maps:get(faults, Small)) < length(Before)),
-        {ok, #{moments := Moments} = Run} = starl_sim_future:repeat(Small),
-        Middle = starl_sim_moments:last(Moments) div 2,
-        Job = starl_sim_future:plan(Run, Middle, 1, starl_sim_future:settings(Run)),
-        ?assertMatch({ok, _Verdict, _Digest}, starl_sim_future:play(Job))
+        {ok, #{timeline := Timeline} = Run} = starl_sim_continuation:repeat(Small),
+        {ok, Settings} = starl_sim_continuation:settings(Run, violation),
+        Middle = starl_sim_timeline:last(Timeline) div 2,
+        Job = starl_sim_continuation:plan(Run, Middle, 1, Settings),
+        ?assertMatch({ok, _Verdict, _Digest}, starl_sim_continuation:play(Job))
     end).
 
 go_on(_Figures) -> {continue, fun go_on/1}.
