@@ -25,7 +25,7 @@ a_run_is_replayed(Config) ->
     contains("both crashed", says(3, "digest ", ["run", scenario(Config), "--out", Out])),
     says(0, "same digest", ["replay", Out]),
     %% the machines of a robot at a time
-    contains("inbox", says(0, "robot 2", ["replay", Out, "--until", "0.5", "--inspect", "2"])).
+    contains("location (starl_location)", says(0, "robot 2", ["replay", Out, "--until", "0.5", "--inspect", "2"])).
 
 %% The cut goes, and the robots that crash stay.
 a_run_is_shrunk(Config) ->
@@ -37,8 +37,8 @@ a_run_is_shrunk(Config) ->
     contains("both crashed", says(3, "digest ", ["run", Small, "--out", out(Config, "again")])).
 
 when_names_what_decides(Config) ->
-    Few = ["--futures", "6", "--moments", "4"],
-    Told = says(0, "futures", ["when", scenario(Config), "--out", out(Config, "when") | Few]),
+    Few = ["--draws", "6", "--points", "4"],
+    Told = says(0, "continuations", ["when", scenario(Config), "--out", out(Config, "when") | Few]),
     contains("1.570000 s  a fault begins: {second,", Told).
 
 %% Any number of shards and schedulers.
