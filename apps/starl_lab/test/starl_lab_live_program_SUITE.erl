@@ -25,7 +25,10 @@ a_run_is_replayed(Config) ->
     contains("both crashed", says(3, "digest ", ["run", scenario(Config), "--out", Out])),
     says(0, "same digest", ["replay", Out]),
     %% the machines of a robot at a time
-    contains("location (starl_location)", says(0, "robot 2", ["replay", Out, "--until", "0.5", "--inspect", "2"])).
+    contains(
+        "location (starl_location)",
+        says(0, "robot 2", ["replay", Out, "--until", "0.5", "--inspect", "2"])
+    ).
 
 %% The cut goes, and the robots that crash stay.
 a_run_is_shrunk(Config) ->
