@@ -74,6 +74,8 @@
     slack_us => non_neg_integer(),
     auto => process | inline,
     code => [starl_version:code()],
+    %% the values of the scenario were checked before
+    checked => boolean(),
     %% other draws from a moment on, which do change the result
     branch => starl_sim_branch:t()
 }.

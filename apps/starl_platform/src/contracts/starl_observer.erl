@@ -149,7 +149,7 @@ is_judged(_) -> true.
 %% each with {@link done/2}. At most `Most' events wait there. When so many do, a simulation (`wait')
 %% waits. A live run (`leave_out') does not: it leaves reports out, and says how many events they
 %% had. Several processes may report to one observer.
--spec feed(pid(), wait | leave_out, Most :: pos_integer()) -> t().
+-spec feed(pid(), wait | leave_out, Most :: pos_integer()) -> fun((news()) -> ok).
 feed(Pid, Policy, Most) ->
     Feed = atomics:new(3, []),
     fun(News) -> offer(News, {Pid, Policy, Most}, Feed) end.
