@@ -11,7 +11,10 @@ a_late_message_is_as_old_as_the_fastest_ones_show_test() ->
     ).
 
 no_message_was_sent_after_it_came_test() ->
-    ?assertEqual([1700 + ?OFFSET, 2000 + ?OFFSET], sent([{1000, 700}, {2000, 0}])).
+    ?assertEqual([1700 + ?OFFSET, 2000 + ?OFFSET], sent([{1000, 700}, {2000, 0}])),
+    %% one that was faster than all that are known
+    Known = starl_live_clock_offset:add(1000, 1700, ?WINDOW, starl_live_clock_offset:new()),
+    ?assertEqual(2400, starl_live_clock_offset:ours(2000, 2400, Known)).
 
 a_first_message_was_sent_when_it_came_test() ->
     ?assertEqual(77, starl_live_clock_offset:ours(5, 77, starl_live_clock_offset:new())).

@@ -21,6 +21,7 @@ what_is_not_paid_is_overdue_after_it_is_due_test_() ->
         {atom_to_list(Name), [
             ?_assertEqual([], overdue(15, two(Rule))),
             ?_assertEqual([{15, one}], overdue(16, two(Rule))),
+            ?_assertEqual([{15, one}], overdue(17, two(Rule))),
             ?_assertEqual([{15, one}, {17, two}], overdue(99, two(Rule)))
         ]}
      || {Name, Rule} <- [{exact, exact}, {anew, anew}, {delayed, {delayed, 1}}]

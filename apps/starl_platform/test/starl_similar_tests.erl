@@ -8,6 +8,9 @@ similar_words_come_first_and_others_not_at_all_test_() ->
             {"rnu", ["run"]},
             {"tabel", ["table"]},
             {"scenario", ["scenarios"]},
+            %% two of five letters, and three
+            {"taxxe", ["table"]},
+            {"taxxx", []},
             {"xyzzy", []},
             {"", []}
         ]
