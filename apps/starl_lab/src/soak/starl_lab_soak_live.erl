@@ -1,5 +1,5 @@
-%% @doc The command `./starl soak live': tests the program that ships on robots, part by part: the
-%% store on its disk, the radio of some robots, and simulations of whole robots that use a block
+%% @doc The command `./starl soak live': tests the program that ships on robots, part by part. The parts
+%% are the store on its disk, the radio of some robots, and whole robots that use a block
 %% ({@link starl_virtual_robot}). It runs each part with many seeds, on one VM per core, and reports
 %% like a soak of blocks.
 -module(starl_lab_soak_live).

@@ -1,5 +1,5 @@
-%% @doc The command `./starl when': what if the run went on from here with other random draws? It
-%% repeats a run up to earlier points and continues it from there many times. It finds the event by
+%% @doc The command `./starl when'. It answers what a run could have come to with other random draws.
+%% It repeats a run up to earlier points and continues it from there many times. It finds the event by
 %% which a violation became inevitable; with `--at' it prints what the run comes to from a time on.
 -module(starl_lab_when).
 

@@ -1,6 +1,6 @@
-%% @doc The driver's state of a live robot: its clock, store, code, timers and trace, and the ports to
-%% its radio, its positioning system, its chassis and its senses. It is the world of the robot's
-%% {@link starl_robot}; {@link starl_live_link} holds it.
+%% @doc The driver's state of a live robot: its clock, store, code, timers and trace, and its ports.
+%% The ports lead to its radio, its positioning system, its chassis and its senses. It is the world of
+%% the robot's {@link starl_robot}; {@link starl_live_link} holds it.
 %%
 %% A step's trace events, and what it sends, are kept until the step is over:
 %% ```

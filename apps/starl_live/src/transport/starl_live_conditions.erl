@@ -1,5 +1,5 @@
-%% @doc The conditions under which a robot hears packets, for tests and for clusters on one computer:
-%% loss, delay, duplicates and cut links on any transport, and disturbances of single links. The
+%% @doc The conditions under which a robot hears packets, for tests and for clusters on one computer.
+%% They are loss, delay, duplicates and cut links on any transport, and disturbances of single links. The
 %% settings can be changed while the robot runs. The random choices come from a seed.
 -module(starl_live_conditions).
 

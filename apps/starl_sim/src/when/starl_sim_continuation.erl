@@ -1,4 +1,4 @@
-%% @doc Computes continuations of a run: it repeats the run up to an index of its timeline
+%% @doc Computes continuations of a run. It repeats the run up to an index of its timeline
 %% ({@link starl_sim_timeline}) and continues it with other random draws ({@link starl_sim_branch}).
 %%
 %% Drawn anew from the index on: the loss, duplication, damage and delay of packets; the errors of

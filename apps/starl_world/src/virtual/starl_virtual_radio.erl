@@ -1,7 +1,6 @@
-%% @doc Tests the radio of live robots on simulated sockets and clocks ({@link starl_live_udp}:
-%% codec, fragments, seal, replay window, pace): a kind of robot of the simulator that has nothing but
-%% its radio. Some robots send packets of all sizes, some of them
-%% twice. At first the network loses, doubles, delays and damages datagrams. In some runs, all
+%% @doc Tests the radio of live robots on simulated sockets and clocks: a kind of robot of the
+%% simulator that has nothing but its radio. The radio is {@link starl_live_udp} with codec, fragments,
+%% seal, replay window and pace. Some robots send packets of all sizes, some of them twice. At first the network loses, doubles, delays and damages datagrams. In some runs, all
 %% robots send large packets for a while, and half of the fragments are lost. Then the network is
 %% calm. An attacker sends what he has recorded to anybody, at any later time; he also sends
 %% datagrams of another run, and rubbish. A robot seals what is no packet. Robots restart meanwhile.

@@ -1,4 +1,4 @@
-%% @doc The contract of the radio of live robots, for the runs of {@link starl_virtual_radio}:
+%% @doc The contract of the radio of live robots, for the runs of {@link starl_virtual_radio}.
 %% <ul>
 %% <li>What is heard was sent, in the sender's name, to the robot that hears it.</li>
 %% <li>A robot hears a packet at most as often as it was sent, over all its boots together. It hears no

@@ -1,4 +1,4 @@
-%% @doc The behaviour of a host, which runs the robots of a run in real time: all in this VM
+%% @doc The behaviour of a host, which runs the robots of a run in real time. It runs all in this VM
 %% ({@link starl_world_here}), or each on a node of its own ({@link starl_cluster}). The process of
 %% the run ({@link starl_world_run}) owns the host's state and calls it. A host is not a process: its
 %% messages come to the process of the run, which passes them to `info/2'.
