@@ -5,7 +5,7 @@
 %% skipped and reported.
 %% - No archive is unpacked, and no link or directory can come.
 %% - A file is as long as its robot has announced, and all of them together are at most
-%% {@link most_bytes/0}.
+%% 64 GiB.
 %% - Files arrive in a new directory that only the user may read (0700). They are moved from there
 %% when they are complete.
 %%
