@@ -11,6 +11,7 @@
     bully_without_loss/1,
     planted_bugs_are_caught/1,
     bully_highest_are_dead/1,
+    bully_leader_dies_when_elected/1,
     bully_one_leader_per_term/1,
     bully_remembers_old_elections/1,
     ballots_incomplete_set_elects_nobody/1,
@@ -28,6 +29,7 @@ all() ->
         bully_without_loss,
         planted_bugs_are_caught,
         bully_highest_are_dead,
+        bully_leader_dies_when_elected,
         bully_one_leader_per_term,
         bully_remembers_old_elections,
         ballots_incomplete_set_elects_nobody,
@@ -178,6 +180,24 @@ bully_highest_are_dead(_) ->
     #{violations := [], robots := Robots} = run(Case, bully),
     ?assertEqual(
         lists:duplicate(3, {done, {{ok, 3}, {ok, 3}, {ok, 3}}}),
+        [Result || {Id, #{result := Result}} <- Robots, Id =< 3]
+    ).
+
+%% Found at random and shrunk: only the second highest has elected the leader before that died. The others
+%% elected themselves although it had answered them.
+bully_leader_dies_when_elected(_) ->
+    Case = #{
+        robots => 4,
+        seed => 1,
+        delay => {2, 100},
+        clock_offset => 1000,
+        lossless => true,
+        loss => 0.0,
+        faults => [{130, kill_robot, 4}]
+    },
+    #{violations := [], robots := Robots} = run(Case, bully),
+    ?assertEqual(
+        lists:duplicate(3, {done, {{ok, 4}, {ok, 3}, {ok, 4}}}),
         [Result || {Id, #{result := Result}} <- Robots, Id =< 3]
     ).
 

@@ -14,8 +14,10 @@
 %% A robot follows only a leader that hears it, or that hears a majority of the team
 %% (Garcia-Molina's coordinator leads those that have answered it). So a deaf robot leads nobody but
 %% itself, however well it is heard. A leader that is deaf to one robot only is still followed by
-%% that robot. A robot that has elected passes its leader on: `majority' counts, but `few' only
-%% shows, once, that the robot is alive.
+%% that robot. A robot that has elected passes its leader on: `majority' counts, but `few' first
+%% shows only that the robot is alive. If a higher robot says so again, and its leader does not
+%% answer, the leader may have died after that robot elected it: this robot follows, since nobody
+%% elects itself below a robot that has answered.
 %%
 %% A robot takes part from the first message of the election on, even before its application calls.
 %% So the highest robot alive can be elected although its application has not asked. A robot keeps
@@ -68,6 +70,8 @@
     %% the robots that have challenged this one; those that have answered its challenge
     heard = [] :: [starl:robot_id()],
     hears = [] :: [starl:robot_id()],
+    %% the leader of a higher robot that has answered in this round, where that is all that is known of it
+    rumour = none :: starl:robot_id() | none,
     %% does the leader hear a majority of the team, as far as is known?
     ground = few :: majority | few
 }).
@@ -190,7 +194,7 @@ challenge(Election, #bully{higher = []} = Bully) ->
 challenge(Election, #bully{higher = Higher} = Bully) ->
     case maps:get(Election, Bully#bully.races) of
         #race{phase = idle, round = Round} = Race ->
-            Asking = Race#race{phase = asking, round = Round + 1},
+            Asking = Race#race{phase = asking, round = Round + 1, rumour = none},
             {keep_state, put_race(Election, Asking, Bully), [
                 {{timeout, {round, Election}}, Bully#bully.answer_us, over}
                 | [starl_sap:post(Robot, bully_challenge, Election) || Robot <- Higher]
@@ -223,8 +227,10 @@ hope(Election, #bully{races = Races} = Bully) ->
 
 round_over(Election, #bully{races = Races, rounds = Rounds} = Bully) ->
     case Races of
-        #{Election := #race{leader = none, phase = asking}} ->
+        #{Election := #race{leader = none, phase = asking, rumour = none}} ->
             win(Election, Bully);
+        #{Election := #race{leader = none, phase = asking, rumour = Leader}} ->
+            elect(Election, Leader, few, announcement, Bully);
         #{Election := #race{leader = none, from = From, round = Round} = Race} ->
             Idle = put_race(Election, Race#race{phase = idle}, Bully),
             case From =/= none orelse Round < Rounds of
@@ -263,7 +269,7 @@ announced(Election, Leader, Ground, Source, Bully0) ->
             doubted(Election, Leader, Source, Race, Bully)
     end.
 
-%% Does the robot that wants to lead hear this one? What others say of it is a sign of life, once.
+%% Does the robot that wants to lead hear this one? What others say of it is at first a sign of life.
 doubted(Election, Leader, Leader, #race{phase = idle} = Race, #bully{self = Self} = Bully) when
     Leader > Self
 ->
@@ -276,6 +282,8 @@ doubted(Election, Leader, Leader, _Race, Bully) ->
     challenge(Election, Bully);
 doubted(Election, _Leader, _Source, #race{round = 1}, Bully) ->
     hope(Election, Bully);
+doubted(Election, Leader, Source, Race, #bully{self = Self} = Bully) when Source > Self ->
+    {keep_state, put_race(Election, Race#race{rumour = Leader}, Bully)};
 doubted(_Election, _Leader, _Source, _Race, Bully) ->
     {keep_state, Bully}.
 
