@@ -49,6 +49,32 @@ the_places_show_all_floor_test() ->
      || N <- lists:seq(1, 300)
     ].
 
+%% Found at random: a robot that waited 0.8 m from the corner of a room did not count what it saw there, so a team
+%% that had seen all floor ended with `incomplete'.
+floor_beside_a_wall_is_seen_test() ->
+    Walls = starl_walls:new(starl_floor:new(#{size => {5000, 3000}, walls => []})),
+    Sees = #{range_mm => 3000.0, ball_mm => 100.0},
+    ?assert(starl_search_cover:sees({218.0, 960.0}, starl_search_cells:cell(0, 1), Sees, Walls)).
+
+%% What counts as seen from somewhere is in view from there: a ball anywhere in the cell.
+what_is_seen_from_anywhere_is_in_view_test() ->
+    Seed = seed(),
+    Walls = starl_walls:new(open_floor()),
+    Sees = #{range_mm => 3000.0, ball_mm => 100.0},
+    Seen = [
+        ?assert(
+            starl_geometry:distance(From, Ball) =< 3000 andalso
+                starl_sight:is_clear(From, Ball, [], Walls),
+            {Seed, N, From, Ball}
+        )
+     || N <- lists:seq(1, 2000),
+        {X, Y} = Ball <- [ball({Seed, N}, 0, Walls)],
+        From <- [ball({Seed, from, N}, 0, Walls)],
+        Cell <- [starl_search_cells:cell(trunc(X / 100), trunc(Y / 100))],
+        starl_search_cover:sees(From, Cell, Sees, Walls)
+    ],
+    ?assert(length(Seen) > 300).
+
 %% Anywhere where it has room.
 ball(Key, N, Walls) ->
     P = {erlang:phash2({Key, x, N}, 5000) * 1.0, erlang:phash2({Key, y, N}, 3000) * 1.0},

@@ -4,7 +4,7 @@
 %% Lengths are millimetres.
 -module(starl_search_cells).
 
--export([new/2, has/2, draw/3, middle/1, cell/2, beside/1, m2/1]).
+-export([new/2, place/3, has/2, draw/3, middle/1, cell/2, beside/1, m2/1]).
 
 -export_type([t/0, cell/0]).
 
@@ -28,21 +28,29 @@ new(#{size := {W, H}, rooms := Rooms} = Floor, Ball) ->
      || J <- lists:seq(0, trunc(H / ?PITCH_MM)),
         I <- lists:seq(0, trunc(W / ?PITCH_MM)),
         Cell <- [cell(I, J)],
-        At <- place(middle(Cell), Ball, Walls)
+        {ok, At} <- [place(Cell, Ball, Walls)]
     ]),
     case map_size(Rooms) of
         0 -> Free;
         _ -> maps:with(inside(lists:sort(maps:keys(Free)), Free, Floor), Free)
     end.
 
-%% In the middle of the cell, or beside the nearest wall.
-place(P, Ball, Walls) ->
+%% @doc Where a ball can lie in a cell: in the middle, or beside the nearest wall.
+-spec place(cell(), BallMm :: float(), starl_walls:t()) -> {ok, starl_geometry:point()} | none.
+place(Cell, Ball, Walls) ->
+    P = middle(Cell),
     Near = Ball - ?PITCH_MM * math:sqrt(0.5),
     case not starl_walls:is_solid(P, Walls) andalso starl_walls:clearance({P, P}, Ball, Walls) of
-        false -> [];
-        Mm when Mm >= Ball -> [P];
-        Mm when Mm < Near -> [];
-        Mm -> [Q || Q <- [away(P, Mm, Ball, Walls)], starl_walls:is_free({Q, Q}, Ball - 1.0, Walls)]
+        false -> none;
+        Mm when Mm >= Ball -> {ok, P};
+        Mm when Mm < Near -> none;
+        Mm -> beside_wall(away(P, Mm, Ball, Walls), Ball, Walls)
+    end.
+
+beside_wall(P, Ball, Walls) ->
+    case starl_walls:is_free({P, P}, Ball - 1.0, Walls) of
+        true -> {ok, P};
+        false -> none
     end.
 
 away(P, Mm, Ball, Walls) ->

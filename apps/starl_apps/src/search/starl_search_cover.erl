@@ -118,7 +118,8 @@ runs(From, To, Cells) -> [{From, To} | runs(Cells)].
 -spec cells(view()) -> [cell()].
 cells(#{sees := Runs}) -> lists:append([lists:seq(From, To) || {From, To} <- Runs]).
 
-%% @doc Is a ball that lies in this cell surely seen from a place?
+%% @doc Is a ball that lies in this cell surely seen from a place? Where no ball has room there is
+%% nothing to be seen.
 -spec sees(
     starl_geometry:point(),
     cell(),
@@ -127,13 +128,18 @@ cells(#{sees := Runs}) -> lists:append([lists:seq(From, To) || {From, To} <- Run
 ) ->
     boolean().
 sees(From, Cell, #{range_mm := Range, ball_mm := Ball}, Walls) ->
-    To = starl_search_cells:middle(Cell),
-    Mm = starl_geometry:distance(From, To),
+    case starl_search_cells:place(Cell, Ball, Walls) of
+        {ok, At} -> sees(From, At, Range, Ball, Walls);
+        none -> true
+    end.
+
+sees(From, At, Range, Ball, Walls) ->
+    Mm = starl_geometry:distance(From, At),
     Room = ?HALF_DIAGONAL_MM,
     Mm =< Range - 2 * Room andalso
         (Mm =< Ball orelse
             starl_walls:is_free(
-                {From, starl_geometry:interpolate(From, To, 1.0 - Ball / Mm)}, Room, Walls
+                {From, starl_geometry:interpolate(From, At, 1.0 - Ball / Mm)}, Room, Walls
             )).
 
 new(#{ball_mm := Ball, slack_mm := Slack, range_mm := Range} = Config, Floor) ->
