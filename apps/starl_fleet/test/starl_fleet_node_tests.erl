@@ -33,20 +33,59 @@ an_abstract_socket_is_notified_test() ->
 
 %% Without systemd nobody is notified, and the robot is checked all the same.
 a_robot_without_systemd_is_checked_test() ->
-    {ok, Watchdog} = starl_fleet_watchdog:start_link({"", ""}, answers(5000)),
+    {ok, Watchdog} = starl_fleet_watchdog:start_link({"", ""}, none, answers(5000)),
     looks(Watchdog, true),
     ok = gen_server:call(Watchdog, done),
     stopped(Watchdog).
 
 half_of_the_time_of_the_watchdog_is_its_period_test() ->
-    {ok, Watchdog} = starl_fleet_watchdog:start_link({"", "10000000"}, answers(5000)),
+    {ok, Watchdog} = starl_fleet_watchdog:start_link({"", "10000000"}, none, answers(5000)),
     looks(Watchdog, true),
     stopped(Watchdog).
+
+a_node_stops_when_its_watcher_has_ended_test() ->
+    Self = self(),
+    Ended = fun() ->
+        Self ! ended,
+        ok
+    end,
+    {ok, Parent} = starl_fleet_watchdog:parent(os:getpid()),
+    {ok, Watched} = starl_fleet_watchdog:start_link({"", ""}, {Parent, Ended}, answers(5000)),
+    looks(Watched, true),
+    stopped(Watched),
+    ?assertEqual(none, flushed()),
+    {ok, Left} = starl_fleet_watchdog:start_link({"", ""}, {Parent ++ "0", Ended}, answers(5000)),
+    looks(Left, true),
+    stopped(Left),
+    ?assertEqual(ended, flushed()).
+
+flushed() ->
+    receive
+        ended -> ended
+    after 0 -> none
+    end.
+
+%% A second node on the same store ends; the socket of one that was killed is in nobody's way.
+a_store_is_used_while_its_node_lives_test() ->
+    State = "/tmp/starl-used-" ++ os:getpid(),
+    ok = filelib:ensure_path(State),
+    ?assertNot(starl_fleet_control:is_used(State)),
+    {ok, Control} = starl_fleet_control:start_link(#{state => State}),
+    ?assert(starl_fleet_control:is_used(State)),
+    true = unlink(Control),
+    Ref = erlang:monitor(process, Control),
+    true = exit(Control, kill),
+    receive
+        {'DOWN', Ref, process, Control, _} -> ok
+    end,
+    ?assertMatch({ok, ["control"]}, file:list_dir(State)),
+    ?assertNot(starl_fleet_control:is_used(State)),
+    ok = file:del_dir_r(State).
 
 %% What comes to this socket, for these answers of the robot.
 fed(Address, Name, WatchdogUs, PeriodMs, Answers) ->
     {ok, Socket} = gen_udp:open(0, [binary, {active, false}, {ifaddr, {local, Address}}]),
-    {ok, Watchdog} = starl_fleet_watchdog:start_link({Name, WatchdogUs}, answers(PeriodMs)),
+    {ok, Watchdog} = starl_fleet_watchdog:start_link({Name, WatchdogUs}, none, answers(PeriodMs)),
     [looks(Watchdog, Answer) || Answer <- Answers],
     receive
         %% the notifications for the last answer have been sent by now

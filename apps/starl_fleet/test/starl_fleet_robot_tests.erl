@@ -7,6 +7,10 @@ robot_test_() ->
         fun(Place) -> {Name, {timeout, 60, fun() -> Test(Place) end}} end
      || {Name, Test} <- [
             {"a robot that was stopped says so", fun stopped/1},
+            {"a node whose shell was killed is stopped, too", fun orphan_stopped/1},
+            {"a node that does not listen is stopped, too", fun deaf_stopped/1},
+            {"a node that does not end is not called stopped", fun still_runs/1},
+            {"nobody else's process is stopped", fun others_live/1},
             {"a store that cannot be written is one line", fun unwritable/1},
             {"a store that is read-only is one line", fun read_only/1},
             {"back to the release before, and forward again", fun rolled_back/1},
@@ -25,6 +29,78 @@ stopped(Place) ->
     ?assertEqual({0, "stopped\n"}, robot("one", "status", Place)),
     ?assertEqual({0, ""}, robot("one", "start", Place)),
     ?assertEqual({3, "no answer\n"}, robot("one", "status", Place)).
+
+%% The shell that watches the node is killed: by hand, for lack of memory, at a logout.
+orphan_stopped(#{dir := Dir} = Place) ->
+    Pid = node(node_is("sleep 600 & wait", Dir), Place),
+    ok = killed("KILL", text(state("daemon", Place))),
+    ok = file:delete(state("daemon", Place)),
+    ?assert(runs(Pid)),
+    ?assertEqual({0, ""}, robot("one", "stop", Place)),
+    ?assertNot(runs(Pid)),
+    ?assertEqual({0, "stopped\n"}, robot("one", "status", Place)).
+
+deaf_stopped(#{dir := Dir} = Place) ->
+    Pid = node(node_is("trap '' TERM; while :; do sleep 1; done", Dir), Place),
+    ?assertEqual({0, ""}, robot("one", "stop", Place)),
+    ?assertNot(runs(Pid)).
+
+%% Something else starts it again and again.
+still_runs(#{dir := Dir, base := Base} = Place) ->
+    ok = file:write_file(filename:join(Dir, "again"), [
+        "while [ -d ",
+        Dir,
+        "/bin ]; do sh ",
+        Dir,
+        "/bin/erl -config ",
+        Base,
+        "/releases/one/sys; done"
+    ]),
+    _ = node(node_is("sleep 600 & wait", Dir), Place),
+    {0, _} = run("{ setsid sh " ++ filename:join(Dir, "again") ++ " >/dev/null 2>&1 & }"),
+    {1, Said} = robot("one", "stop", Place),
+    ?assertMatch("robot 2 still runs: its node cannot be ended (process " ++ _, Said),
+    ?assertEqual({3, "no answer\n"}, robot("one", "status", Place)),
+    {0, _} = run("pkill -f " ++ filename:join(Dir, "again")).
+
+%% A process that only names this robot in a file of its own, and the node of another robot.
+others_live(#{dir := Dir, base := Base} = Place) ->
+    Others = [
+        "tail -f /dev/null " ++ Base ++ "/releases/one/vm.args",
+        "sh " ++ node_is("sleep 600 & wait", Dir) ++ " -config " ++ Base ++ "1/releases/one/sys"
+    ],
+    lists:foreach(
+        fun(Line) ->
+            {0, Pid} = run("{ " ++ Line ++ " >/dev/null 2>&1 & echo $!; }"),
+            ?assertEqual({0, ""}, robot("one", "stop", Place)),
+            ?assert(runs(string:trim(Pid)), Line),
+            ok = killed("KILL", Pid)
+        end,
+        Others
+    ).
+
+%% The node does this, and writes down who it is.
+node_is(Script, Dir) ->
+    Node = "echo $$ >" ++ filename:join(Dir, "node") ++ "\n" ++ Script ++ "\n",
+    ok = erlang_is(
+        "case $* in *starl_fleet_ask*) echo no answer; exit 3 ;; esac\n" ++ Node, Dir
+    ),
+    filename:join(Dir, "bin/erl").
+
+%% The started node of the release.
+node(_Program, #{dir := Dir} = Place) ->
+    {0, ""} = robot("one", "start", Place),
+    {0, Pid} = run(
+        "while [ ! -s " ++ Dir ++ "/node ]; do sleep 0.05; done; cat " ++ Dir ++ "/node"
+    ),
+    string:trim(Pid).
+
+killed(Signal, Pid) ->
+    _ = run("kill -" ++ Signal ++ " " ++ string:trim(Pid)),
+    ok.
+
+%% A process that has ended, and for which nobody has waited yet, has no command line.
+runs(Pid) -> element(1, run("grep -qsa . /proc/" ++ Pid ++ "/cmdline")) =:= 0.
 
 unwritable(Place) ->
     ok = filelib:ensure_path(state("writable/full", Place)),

@@ -178,3 +178,58 @@ only_status_is_watched_test() ->
         )
      || Words <- [[], ["stop"], ["logs"]]
     ].
+
+%% What `status' and `/health' call well, and what the trial of a release calls healthy, is one judgement.
+who_is_not_well_test_() ->
+    Peer = #{
+        robot => 2,
+        heard_ms => 10,
+        is_silent => false,
+        why => none,
+        refused => #{},
+        ahead_ms => 0,
+        round_trip_us => 900,
+        life => 7,
+        address => none
+    },
+    Said = fun(More) ->
+        Status = #{
+            release => "1", app => a, started => 0, link => answers, result => running, crashes => 0
+        },
+        unicode:characters_to_list(starl_fleet_term:write(maps:merge(Status, More)))
+    end,
+    [
+        ?_assert(starl_fleet_status:is_well(Text))
+     || Text <- ["stopped\n", Said(#{}), Said(#{crashes => 1}), Said(#{peers => [Peer]})]
+    ] ++
+        [
+            ?_assertEqual({Text, false}, {Text, starl_fleet_status:is_well(Text)})
+         || Text <- [
+                "",
+                "#{release => x}.",
+                Said(#{result => given_up}),
+                Said(#{link => silent}),
+                Said(#{ahead_us => -3600000000}),
+                Said(#{reload => #{waiting => [], failed => "it crashed"}}),
+                Said(#{chassis => #{control => false}}),
+                Said(#{peers => [Peer#{is_silent => true, heard_ms => never, why => seal}]}),
+                Said(#{peers => [Peer#{ahead_ms => 3600000}]}),
+                Said(#{peers => [nonsense]})
+            ]
+        ].
+
+robots_of_different_releases_test() ->
+    Of = fun(Release) ->
+        unicode:characters_to_list(starl_fleet_term:write(#{release => Release}))
+    end,
+    Line = fun(Answers) ->
+        case starl_fleet_status:releases(Answers) of
+            none -> none;
+            Text -> lists:flatten(Text)
+        end
+    end,
+    ?assertEqual(none, Line([{1, Of("1-a")}, {2, Of("1-a")}, {3, "stopped\n"}, {4, "no"}])),
+    ?assertEqual(
+        "the robots run different releases: 1-a on robot 1, 3; 1-b on robot 2",
+        Line([{1, Of("1-a")}, {2, Of("1-b")}, {3, Of("1-a")}])
+    ).

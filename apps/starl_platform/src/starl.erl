@@ -11,12 +11,15 @@
 %% not be kept ({@link starl_payload}). The building blocks have their own interfaces
 %% (`starl_election', `starl_dpp', …), built on {@link call/4}.
 -module(starl).
+-compile({no_auto_import, [floor/1]}).
 
 -export([id/1, participants/1, now/1, random/1, choice/2, normal/3, shuffle/2]).
--export([send/4, post/4, broadcast/3, listen/2, await/2, await/3]).
+-export([send/4, post/4, broadcast/3, shout/3, listen/2, await/2, await/3]).
 -export([position/1, position/2, positions/1, neighbours/2]).
 -export([floor/1, waypoint/2, waypoints/1, put_waypoint/3, sense/2, watch/3]).
--export([go_to/2, velocity/3, stop/1, sleep/2, actuate/3, trace/2, store/2, stored/1, call/4]).
+-export([
+    go_to/2, go_around/2, velocity/3, stop/1, sleep/2, actuate/3, trace/2, store/2, stored/1, call/4
+]).
 -export([measure/3, draw/2]).
 -export([robot/2]).
 
@@ -113,6 +116,16 @@ broadcast(#robot{} = Robot, Type, Body) ->
     ok = starl_caller:check({?MODULE, broadcast, 3}, 'Type', name, Type),
     ok = starl_caller:payload({?MODULE, broadcast, 3}, 'Body', content, Body),
     flatten(call(Robot, sap, {broadcast, {app, Type}, Body}, infinity)).
+
+%% @doc Tells all robots within the radio's range something, in one packet, and does not wait. The
+%% packet is neither acknowledged nor repeated: it may be lost, and it may arrive twice. This is the
+%% cheapest message, for what is said again and again, such as a robot's own state. Those who listen
+%% to the type get it like any other message, except that what finds no room is dropped.
+-spec shout(robot(), Type :: atom(), Body :: term()) -> ok.
+shout(#robot{}, Type, Body) ->
+    ok = starl_caller:check({?MODULE, shout, 3}, 'Type', name, Type),
+    ok = starl_caller:payload({?MODULE, shout, 3}, 'Body', content, Body),
+    starl_app_proc:perform([{cast, sap, {shout, {app, Type}, Body}}]).
 
 %% @doc Listens to a type: from now on the application receives its messages ({@link await/2}).
 -spec listen(robot(), Type :: atom()) -> ok.
@@ -242,6 +255,44 @@ go_to(#robot{} = Robot, Name) when is_atom(Name) ->
 go_to(#robot{} = Robot, Point) ->
     ok = starl_caller:check({?MODULE, go_to, 2}, 'Goal', point, Point),
     flatten(call(Robot, motion, {go_to, Point}, infinity)).
+
+%% @doc Drives to a point or a named waypoint around the walls of the floor plan, and waits for the
+%% arrival. The path ({@link starl_floor:path/3}) keeps the body and its r(v) clear of all walls, so
+%% the robot touches none. Without a plan this is {@link go_to/2}.
+%%
+%% `unreachable': no passage is wide enough, or a wall is too near to the point. `blocked': the robot
+%% has run three times against something that the plan does not show: a closed door, an obstacle,
+%% another robot. Nothing keeps two robots apart here; path planning does ({@link starl_dpp}).
+-spec go_around(robot(), goal()) ->
+    ok | {error, unreachable | blocked | stopped | restarted | unknown}.
+go_around(#robot{} = Robot, Name) when is_atom(Name) ->
+    case waypoint(Robot, Name) of
+        {ok, Point} -> go_around(Robot, Point);
+        {error, _} = Error -> Error
+    end;
+go_around(#robot{} = Robot, Point) ->
+    ok = starl_caller:check({?MODULE, go_around, 2}, 'Goal', point, Point),
+    case flatten(call(Robot, motion, wall_mm, infinity)) of
+        {ok, none} -> go_to(Robot, Point);
+        {ok, Mm} -> go_around(Robot, Point, Mm);
+        {error, _} = Error -> Error
+    end.
+
+go_around(Robot, To, Mm) ->
+    case {floor(Robot), position(Robot)} of
+        {{ok, Floor}, {ok, {X, Y, _}}} -> follow(Robot, starl_floor:path(Floor, {{X, Y}, To}, Mm));
+        {{error, _} = Error, _} -> Error;
+        {_, {error, _} = Error} -> Error
+    end.
+
+follow(Robot, {ok, [Point | Points]}) ->
+    case flatten(call(Robot, motion, {go_to, Point, until_blocked}, infinity)) of
+        ok when Points =:= [] -> ok;
+        ok -> follow(Robot, {ok, Points});
+        {error, _} = Error -> Error
+    end;
+follow(_Robot, {error, _} = Error) ->
+    Error.
 
 %% @doc Drives with a velocity, in mm/s along the axes of the floor, until another command comes,
 %% for at most the given milliseconds: the dead-man's time. It does not wait. The robot gets its

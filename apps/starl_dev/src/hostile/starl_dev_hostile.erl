@@ -236,12 +236,7 @@ growth({Atoms, Bytes, Modules}, {MoreAtoms, MoreBytes, MoreModules}) ->
 %% acknowledged and not delivered. Afterwards every robot must be acknowledged by every other.
 -spec kills(#{kills := pos_integer(), robots := pos_integer(), seed := integer(), atom() => term()}) ->
     answer().
-kills(Values) ->
-    case with_dir(fun(Dir) -> kills(Dir, Values) end) of
-        ok -> ok;
-        {wrong, _} = Wrong -> Wrong;
-        {error, _} = Error -> Error
-    end.
+kills(Values) -> with_dir(fun(Dir) -> kills(Dir, Values) end).
 
 kills(Dir, #{robots := Robots, seed := Seed, speed := Speed} = Values) ->
     Scenario = #{app => starl_hostile_traffic, robots => Robots, seed => Seed, time => 40000},

@@ -166,9 +166,19 @@ fetch(Dir, Fleet) ->
     end.
 
 print_status(#{robots := Robots} = Fleet) ->
-    each(starl_fleet_deploy:ask("status", numbers(Fleet), Fleet), fun(N, Said) ->
+    Answers = starl_fleet_deploy:ask("status", numbers(Fleet), Fleet),
+    Status = each(Answers, fun(N, Said) ->
         starl_fleet_status:line(N, maps:get(N, Robots), Said)
-    end).
+    end),
+    Said = [{N, Text} || {N, {ok, Text}} <- Answers],
+    AreWell = lists:all(fun({_, Text}) -> starl_fleet_status:is_well(Text) end, Said),
+    case starl_fleet_status:releases(Said) of
+        none ->
+            max(Status, status(AreWell));
+        Line ->
+            starl_cli_terminal:complain(["deploy: ", Line]),
+            1
+    end.
 
 %% Until Ctrl-C, or until nobody reads it any more.
 watch(Fleet, Seconds) ->

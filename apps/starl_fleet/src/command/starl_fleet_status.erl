@@ -1,11 +1,9 @@
 %% @doc Formats the status of a real robot as one line.
 -module(starl_fleet_status).
 
--export([line/3]).
+-export([line/3, is_well/1, releases/1]).
 
 -define(SHOWN, 200).
-%% A clock that is off by less is no clock to speak of.
--define(CLOCK_US, 1_000_000).
 -define(LATELY_MS, 60_000).
 %% No robot's line is longer, in characters.
 -define(LONGEST, 20_000).
@@ -17,8 +15,45 @@ line(N, Robot, Said) ->
         {ok, Status} ->
             written(N, Robot, Status, Said);
         _ ->
-            other(lists:suffix("\nstopped\n", "\n" ++ Said), N, Robot, Said)
+            other(is_stopped(Said), N, Robot, Said)
     end.
+
+%% @doc Is the robot well, or was it stopped? Who says what we do not know is not.
+-spec is_well(Said :: string()) -> boolean().
+is_well(Said) ->
+    case starl_fleet_term:read(Said) of
+        {ok, #{result := _, link := _} = Status} ->
+            try starl_fleet_health:ills(Status) of
+                Ills -> Ills =:= []
+            catch
+                error:_ -> false
+            end;
+        _ ->
+            is_stopped(Said)
+    end.
+
+is_stopped(Said) -> lists:suffix("\nstopped\n", "\n" ++ Said).
+
+%% @doc One line, if robots run different releases: they do not hear each other.
+-spec releases([{starl:robot_id(), Said :: string()}]) -> unicode:chardata() | none.
+releases(Answers) ->
+    Known = [
+        {Release, N}
+     || {N, Said} <- Answers, {ok, #{release := Release}} <- [starl_fleet_term:read(Said)]
+    ],
+    case maps:to_list(maps:groups_from_list(fun({R, _}) -> R end, fun({_, N}) -> N end, Known)) of
+        [_, _ | _] = Groups ->
+            [
+                "the robots run different releases: ",
+                lists:join("; ", [release(Group) || Group <- lists:sort(Groups)])
+            ];
+        _ ->
+            none
+    end.
+
+release({Release, Robots}) ->
+    Which = lists:join(", ", [integer_to_list(N) || N <- Robots]),
+    io_lib:format("~ts on robot ~ts", [Release, Which]).
 
 %% What a computer says is data: an answer that cannot be written as a line is none of ours.
 written(N, Robot, Status, Said) ->
@@ -71,10 +106,12 @@ silent(answers) -> "";
 silent(silent) -> ", its link does not answer".
 
 %% The VM follows by 1 %: of an hour it goes wrong for four days.
-clock(Us) when abs(Us) < ?CLOCK_US -> "";
 clock(Us) ->
     Line = ", its program's clock is ~.1f s ~ts its computer's, which was set since (restart it)",
-    io_lib:format(Line, [abs(Us) / 1.0e6, ahead(Us)]).
+    case abs(Us) < starl_fleet_health:clock_us() of
+        true -> "";
+        false -> io_lib:format(Line, [abs(Us) / 1.0e6, ahead(Us)])
+    end.
 
 ahead(Us) when Us > 0 -> "ahead of";
 ahead(_Us) -> "behind".
@@ -104,7 +141,7 @@ off(Peers) ->
             Robot, abs(Ms) / 1000, ahead(Ms)
         ])
      || #{robot := Robot, ahead_ms := Ms, is_silent := false} <- Peers,
-        abs(Ms) >= ?CLOCK_US div 1000
+        abs(Ms) >= starl_fleet_health:clock_us() div 1000
     ].
 
 %% What was refused of robots lately.

@@ -75,15 +75,15 @@ health({ok, #{release := Version, reload := #{failed := Why}}}, #{version := Ver
 ->
     {dead, Why};
 health({ok, #{release := Version, link := answers, crashes := 0} = Status}, #{version := Version}) ->
-    case {Status, complaints(maps:get(peers, Status, []))} of
+    case {Status, starl_fleet_health:ills(Status)} of
         {#{result := given_up}, _} ->
             {dead, "its application has given up"};
         {#{reload := #{waiting := [_ | _]}}, []} ->
             {waits, "it is still in a step, and takes the new code after it"};
         {#{started := Started}, []} ->
             {healthy, Started};
-        {#{}, Complaints} ->
-            {ill, ["it ", lists:join("; it ", Complaints)]}
+        {#{}, Ills} ->
+            {ill, ["it ", lists:join("; it ", Ills)]}
     end;
 health({ok, #{release := Version, crashes := N, crash := Crash}}, #{version := Version}) when
     N > 0
@@ -95,10 +95,6 @@ health({ok, #{release := Other}}, #{version := _}) ->
     {ill, ["release ", Other, " still runs"]};
 health(_, _) ->
     {ill, "its node does not answer"}.
-
-%% A robot that hears nobody is not well, whatever else it says.
-complaints(Peers) ->
-    [Line || Peer <- Peers, Line <- [starl_live_hearing:complaint(Peer)], Line =/= none].
 
 why(State) ->
     case file:read_file(filename:join(State, "why")) of

@@ -3,7 +3,7 @@
 %% socket.
 -module(starl_fleet_control).
 
--export([start_link/1, ask/3]).
+-export([start_link/1, ask/3, is_used/1]).
 -export([init/1]).
 
 -define(SOCKET, "control").
@@ -26,6 +26,18 @@ ask(State, Question, Ms) ->
             Answer;
         {error, _} ->
             none
+    end.
+
+%% @doc Does a node listen at the socket in this directory? The socket of a node that was killed is
+%% there, and nobody listens.
+-spec is_used(State :: file:filename()) -> boolean().
+is_used(State) ->
+    case gen_tcp:connect({local, filename:join(State, ?SOCKET)}, 0, [], ?QUESTION_MS) of
+        {ok, Socket} ->
+            ok = gen_tcp:close(Socket),
+            true;
+        {error, _} ->
+            false
     end.
 
 rest(Socket, Ms, Text) ->

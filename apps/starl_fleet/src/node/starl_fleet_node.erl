@@ -180,8 +180,11 @@ opened(ok, Spec, Metrics, #node{place = Place} = Node) ->
             refused(starl_live_sup:format_error(Reason), Node)
     end.
 
-open(Spec, none) -> starl_live_sup:open(Spec);
-open(Spec, Port) -> starl_live_sup:open(Spec, #{ip => {0, 0, 0, 0}, port => Port}).
+open(Spec, none) ->
+    starl_live_sup:open(Spec);
+open(Spec, Port) ->
+    Ills = fun() -> starl_fleet_health:ills(status()) end,
+    starl_live_sup:open(Spec, #{ip => {0, 0, 0, 0}, port => Port, ills => Ills}).
 
 %% The service manager tries again. The chassis is not open, so nothing moves.
 refused(Why, #node{place = #{state := State}} = Node) ->

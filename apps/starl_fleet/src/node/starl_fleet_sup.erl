@@ -30,4 +30,9 @@ children(Place) ->
         #{id => control, start => {starl_fleet_control, start_link, [Place]}}
     ].
 
-watchdog() -> [starl_fleet_watchdog:systemd(), fun starl_fleet_node:answers/1].
+watchdog() ->
+    [
+        starl_fleet_watchdog:systemd(),
+        starl_fleet_watchdog:watcher(),
+        fun starl_fleet_node:answers/1
+    ].

@@ -1,12 +1,14 @@
 %% @doc Checks the robot of this node, and notifies systemd while the robot's link answers. A node
-%% whose robot hangs is killed and started anew.
+%% whose robot hangs is killed and started anew. A node whose watcher (the daemon of `bin/robot') has
+%% ended stops, since nobody would start it anew.
 %%
 %% Notifications are datagrams to the socket that the environment names (manual page sd_notify).
 %% Without systemd nobody receives them.
 -module(starl_fleet_watchdog).
 -behaviour(gen_server).
 
--export([start_link/2, systemd/0]).
+-export([start_link/3, systemd/0, watcher/0]).
+-export([parent/1]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2]).
 
 -export_type([systemd/0]).
@@ -15,6 +17,9 @@
 %% are empty where there is none.
 -type systemd() :: {Socket :: string(), WatchdogUs :: string()}.
 
+%% The process that watches this VM, its parent; `none': systemd, or nobody.
+-type watcher() :: none | {Pid :: string(), Ended :: fun(() -> ok)}.
+
 -type answers() :: fun((TimeoutMs :: pos_integer()) -> boolean()).
 
 -record(watchdog, {
@@ -22,6 +27,7 @@
     path = none :: binary() | none,
     period_ms :: pos_integer(),
     answers :: answers(),
+    watcher :: watcher(),
     is_ready = false :: boolean()
 }).
 
@@ -32,15 +38,40 @@
 -spec systemd() -> systemd().
 systemd() -> {os:getenv("NOTIFY_SOCKET", ""), os:getenv("WATCHDOG_USEC", "")}.
 
-%% @doc Starts the watchdog with a function that checks whether the robot answers.
--spec start_link(systemd(), answers()) -> gen_server:start_ret().
-start_link(Systemd, Answers) -> gen_server:start_link(?MODULE, {Systemd, Answers}, []).
+%% @doc The watcher that the environment names; without it the VM stops.
+-spec watcher() -> watcher().
+watcher() ->
+    case os:getenv("STARL_WATCHER", "") of
+        "" -> none;
+        Pid -> {Pid, fun init:stop/0}
+    end.
 
--spec init({systemd(), answers()}) -> {ok, #watchdog{}}.
-init({{Name, Us}, Answers}) ->
+%% @doc The parent of a process of this computer.
+-spec parent(Pid :: string()) -> {ok, Pid :: string()} | {error, unknown}.
+parent(Pid) ->
+    %% the name of the program, in brackets, may hold anything
+    case file:read_file("/proc/" ++ Pid ++ "/stat") of
+        {ok, Stat} ->
+            [_, Rest] = string:split(binary_to_list(Stat), ")", trailing),
+            [_State, Parent | _] = string:lexemes(Rest, " "),
+            {ok, Parent};
+        {error, _} ->
+            {error, unknown}
+    end.
+
+%% @doc Starts the watchdog with a function that checks whether the robot answers.
+-spec start_link(systemd(), watcher(), answers()) -> gen_server:start_ret().
+start_link(Systemd, Watcher, Answers) ->
+    gen_server:start_link(?MODULE, {Systemd, Watcher, Answers}, []).
+
+-spec init({systemd(), watcher(), answers()}) -> {ok, #watchdog{}}.
+init({{Name, Us}, Watcher, Answers}) ->
     self() ! look,
     Watchdog = #watchdog{
-        socket = none, period_ms = period_ms(string:to_integer(Us)), answers = Answers
+        socket = none,
+        period_ms = period_ms(string:to_integer(Us)),
+        answers = Answers,
+        watcher = Watcher
     },
     {ok, connected(Name, Watchdog)}.
 
@@ -66,10 +97,22 @@ handle_cast(_Request, Watchdog) -> {noreply, Watchdog}.
 
 -spec handle_info(look, #watchdog{}) -> {noreply, #watchdog{}}.
 handle_info(look, #watchdog{period_ms = Period, answers = Answers} = Watchdog) ->
+    ok = watched(Watchdog#watchdog.watcher),
     _ = erlang:send_after(Period, self(), look),
     case Answers(Period) of
         true -> {noreply, alive(Watchdog)};
         false -> {noreply, Watchdog}
+    end.
+
+watched(none) ->
+    ok;
+watched({Pid, Ended}) ->
+    case parent(os:getpid()) of
+        {ok, Parent} when Parent =/= Pid ->
+            logger:error(#{what => watcher_ended, pid => Pid}),
+            Ended();
+        _ ->
+            ok
     end.
 
 alive(#watchdog{is_ready = false} = Watchdog) ->

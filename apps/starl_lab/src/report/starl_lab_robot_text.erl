@@ -1,7 +1,7 @@
 %% @doc Texts on robots and their machines: states and data, with the names of records' fields.
 -module(starl_lab_robot_text).
 
--export([robot/4, machine/2, pretty/4, fields/1]).
+-export([robot/4, pretty/4, fields/1]).
 
 -export_type([fields/0]).
 
@@ -40,7 +40,7 @@ timed(Name, Timers, Words) ->
         Own -> Words#{timers => Own}
     end.
 
-%% @doc A machine as texts for the page: its module, its state, its data or what it waits in.
+%% A machine as texts for the page: its module, its state, its data or what it waits in.
 -spec machine(starl_machine:name(), starl_robot_tree:seen()) ->
     #{atom() => starl_json:value()}.
 machine(Name, waiting) ->

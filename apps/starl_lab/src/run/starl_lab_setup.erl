@@ -19,7 +19,6 @@
     %% the user's own chassis
     own => starl_world_own_chassis:drivers(),
     recording => starl_lab_recording:t(),
-    %% the period in which the robots' states are recorded
     %% they are judged, too
     histories => starl_run_plan:histories(),
     %% who sends the recordings meanwhile, and where to

@@ -3,7 +3,7 @@
 -module(starl_lab_stall).
 
 -export([watch/1, interrupt/1]).
--export([line/3, waiting/2]).
+-export([line/3]).
 
 %% The time after which a line is said even of a step that has not done much: it may wait.
 -define(LONG_MS, 60_000).
@@ -88,7 +88,7 @@ calls(Frames) ->
     Latest = [starl_crash:format_frame(Frame) || Frame <- lists:sublist(Frames, ?CALLS)],
     lists:join(", ", Latest ++ ["..." || length(Frames) > ?CALLS]).
 
-%% @doc The texts of the progress line: what the run waits for.
+%% The texts of the progress line: what the run waits for.
 -spec waiting(Ms :: non_neg_integer(), [starl_sim_watchdog:work()]) -> [unicode:chardata()].
 waiting(Ms, AtWork) ->
     For = [[Who, place(Place)] || {Who, Place, _} <- groups(AtWork)],

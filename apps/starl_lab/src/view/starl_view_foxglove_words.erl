@@ -4,7 +4,7 @@
 -module(starl_view_foxglove_words).
 
 -export([chosen/1, server_info/2, advertise/0, unadvertise/0, status/2]).
--export([message/3, time/1, command/1, channels/0, control/1, playback/1]).
+-export([message/3, time/1, command/1, control/1, playback/1]).
 
 -export_type([command/0, level/0, control/0, playback/0]).
 
@@ -63,7 +63,7 @@ server_info(Session, Until) ->
 
 at(Us) -> {[{sec, Us div 1000000}, {nsec, Us rem 1000000 * 1000}]}.
 
-%% @doc The channels that viewers can see. The exact terms of a recording are for nobody here.
+%% The channels that viewers can see. The exact terms of a recording are for nobody here.
 -spec channels() -> [{id(), starl_trace_schema:channel()}].
 channels() ->
     Names = [

@@ -69,7 +69,8 @@ own_flags() ->
             "with --at: only this contract counts as broken, as mutex; none: any"},
         {beyond, {optional, {number, 0.001, 1.0e6}}, none,
             "a continuation ends this long after the violation of the run, or after --at, s; none: "
-            "a quarter of that time after the violation, or after the end of the run"},
+            "a quarter of that time after the violation, at least 0.1 s, or after the end of the run, at "
+            "least 1 s"},
         {loss_ahead, {optional, {number, 0, 1}}, none,
             "fraction of the packets that continuations lose; none: as many as the run"},
         {out, string, none, "directory for the results; without it a new one under out/"},

@@ -3,7 +3,7 @@
 %% files.
 -module(starl_lab_window).
 
--export([flags/0, run/2, run/3, played/4, open/1, open/2, live/2, save/3]).
+-export([flags/0, run/2, run/3, played/4, open/1, open/2, live/2]).
 
 -export_type([ended/0]).
 
@@ -230,7 +230,7 @@ observed(Live, Options) ->
     Observers = [maps:get(observe, Options, none), starl_lab_window_live:observer(Live)],
     Options#{observe => starl_observer:all(Observers)}.
 
-%% @doc Writes a scenario with the manual faults as NAME.term, beside the command; never over
+%% Writes a scenario with the manual faults as NAME.term, beside the command; never over
 %% another file.
 -spec save(Name :: binary(), starl_run_scenario:t(), starl_lab_setup:t()) ->
     {ok, unicode:chardata()} | {error, unicode:chardata()}.

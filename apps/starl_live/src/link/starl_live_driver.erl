@@ -77,12 +77,6 @@
     | {starl_reloaded, starl:robot_id(), starl_machine:name(), starl_reload:told()}
     | {outlived, starl_packet:incarnation()}.
 
-%% A timer's event.
--type due() :: {DueUs :: integer(), starl_machine:name(), starl_robot_timers:timer(), term()}.
-
-%% The last script of the chassis, with its time and its owner.
--type script() :: {AtUs :: integer(), starl_chassis:script(), owner()} | none.
-
 %% The result of the robot's application.
 -type result() :: running | given_up | {done, term()}.
 
@@ -118,7 +112,7 @@
     reporter :: pid() | none,
     record :: starl_live_record:t() | none,
     %% the timers that run, and the mark of the next one
-    dues = #{} :: #{starl_robot_timers:mark() => due()},
+    dues = #{} :: #{starl_robot_timers:mark() => DueUs :: integer()},
     mark = 0 :: starl_robot_timers:mark(),
     %% of the present step, newest first
     traces = [] :: [fact()],
@@ -132,8 +126,7 @@
     reported = running :: result(),
     events = 0 :: non_neg_integer(),
     packets = 0 :: non_neg_integer(),
-    counts = starl_live_counts:new() :: starl_live_counts:t(),
-    script = none :: script()
+    counts = starl_live_counts:new() :: starl_live_counts:t()
 }).
 
 -opaque t() :: #driver{}.
@@ -235,7 +228,7 @@ plan(Name, Timer, Us, Content, #driver{now = Now, mark = Mark, dues = Dues} = Dr
     Message = {starl_timer, Name, Timer, Mark, Content},
     At = max(Due, starl_live_clock:monotonic_time(millisecond, Clock)),
     _ = starl_live_clock:start_timer(At, Message, [{abs, true}], Clock),
-    Planned = Dues#{Mark => {Now + Us, Name, Timer, Content}},
+    Planned = Dues#{Mark => Now + Us},
     {Mark, Driver#driver{mark = Mark + 1, dues = Planned}}.
 
 %% @doc When the first of these timers, which run, was due; the present time, if none is. All other
@@ -243,7 +236,7 @@ plan(Name, Timer, Us, Content, #driver{now = Now, mark = Mark, dues = Dues} = Dr
 -spec due_us([starl_robot_timers:mark()], t()) -> {DueUs :: integer(), t()}.
 due_us(Running, #driver{now = Now} = Driver) ->
     #driver{dues = Dues} = Left = running(Running, Driver),
-    {maps:fold(fun(_Mark, {Due, _, _, _}, Us) -> min(Due, Us) end, Now, Dues), Left}.
+    {maps:fold(fun(_Mark, Due, Us) -> min(Due, Us) end, Now, Dues), Left}.
 
 running(Running, #driver{dues = Dues} = Driver) ->
     Driver#driver{dues = maps:with(Running, Dues)}.
@@ -372,9 +365,7 @@ perform({sense, Robots, Tag}, Name, Driver) ->
 perform({feel, Kind, Tag}, Name, Driver) ->
     {[], out({feel, Kind, {Name, Kind, Tag}}, Driver)};
 perform({drive, Script, Mark}, Name, #driver{now = Now} = Driver) ->
-    Owner = {Name, Mark},
-    Driven = Driver#driver{script = {Now, Script, Owner}},
-    {[], out({drive, Script, Now + ?LATEST_US, Owner}, Driven)};
+    {[], out({drive, Script, Now + ?LATEST_US, {Name, Mark}}, Driver)};
 perform({actuate, Device, Value}, _Name, Driver) ->
     {[], out({actuate, Device, Value, none}, Driver)};
 perform({actuate, Device, Value, Mark}, Name, Driver) ->

@@ -1,10 +1,14 @@
 %% @doc Serves the metrics of a robot's node over HTTP: `/metrics' in the text format of Prometheus,
-%% and `/health', which answers while the robot's link does. The parser of OTP's sockets reads the
+%% and `/health', which names what is wrong with the robot (status 503). The parser of OTP's sockets reads the
 %% requests. Each request has a process of its own and a limited time. When there are too many
 %% clients, the oldest is closed.
 -module(starl_live_http).
 
 -export([start_link/1]).
+
+-export_type([ills/0]).
+
+-type ills() :: fun(() -> [unicode:chardata()]).
 
 -define(TEXT, "text/plain; version=0.0.4; charset=utf-8").
 %% The longest time that a request may take to come, and an answer to go; the most lines of a request; the
@@ -16,15 +20,17 @@
 -define(AGAIN_MS, 200).
 
 %% @doc Starts the server at an address, which should be one of a network that the fleet trusts.
--spec start_link(#{ip := inet:ip_address(), port := inet:port_number()}) ->
+%% `ills' answers what is wrong with the robot, beside a link that does not answer.
+-spec start_link(#{ip := inet:ip_address(), port := inet:port_number(), ills => ills()}) ->
     {ok, pid()} | {error, unicode:chardata()}.
-start_link(#{ip := Ip, port := Port}) ->
+start_link(#{ip := Ip, port := Port} = Config) ->
+    Ills = maps:get(ills, Config, fun() -> [] end),
     Options =
         [{ip, Ip}, {active, false}, {packet, http_bin}, {reuseaddr, true}, binary] ++
             [{send_timeout, ?PATIENCE_MS}, {send_timeout_close, true}],
     case gen_tcp:listen(Port, Options) of
         {ok, Socket} ->
-            Pid = proc_lib:spawn_link(fun() -> serve(Socket, []) end),
+            Pid = proc_lib:spawn_link(fun() -> serve(Socket, Ills, []) end),
             ok = gen_tcp:controlling_process(Socket, Pid),
             {ok, Pid};
         {error, Posix} ->
@@ -32,15 +38,15 @@ start_link(#{ip := Ip, port := Port}) ->
     end.
 
 %% `Clients': the processes of the last ones, the newest first.
-serve(Listening, Clients) ->
+serve(Listening, Ills, Clients) ->
     case gen_tcp:accept(Listening) of
         {ok, Socket} ->
-            serve(Listening, [client(Socket) | fewer(Clients)]);
+            serve(Listening, Ills, [client(Socket, Ills) | fewer(Clients)]);
         {error, closed} ->
             exit({shutdown, {metrics, closed}});
         {error, _Posix} ->
             receive
-            after ?AGAIN_MS -> serve(Listening, Clients)
+            after ?AGAIN_MS -> serve(Listening, Ills, Clients)
             end
     end.
 
@@ -50,18 +56,18 @@ fewer(Clients) ->
     lists:foreach(fun(Pid) -> exit(Pid, kill) end, Old),
     Left.
 
-client(Socket) ->
-    Pid = spawn(fun() -> answered(Socket) end),
+client(Socket, Ills) ->
+    Pid = spawn(fun() -> answered(Socket, Ills) end),
     _ = gen_tcp:controlling_process(Socket, Pid),
     Pid ! {Socket, yours},
     Pid.
 
-answered(Socket) ->
+answered(Socket, Ills) ->
     receive
         {Socket, yours} -> ok
     end,
     Until = erlang:monotonic_time(millisecond) + ?PATIENCE_MS,
-    _ = answer(request(Socket, Until, ?MOST_LINES, none), Socket),
+    _ = answer(request(Socket, Until, ?MOST_LINES, none), Ills, Socket),
     gen_tcp:close(Socket).
 
 %% The path, when all lines of the request have been read.
@@ -79,10 +85,10 @@ request(Socket, Until, Left, Path) ->
             bad
     end.
 
-answer(<<"/metrics">>, Socket) -> send(metrics(), Socket);
-answer(<<"/health">>, Socket) -> send(health(), Socket);
-answer(bad, Socket) -> send({400, "GET, please\n"}, Socket);
-answer(_Path, Socket) -> send({404, "there are /metrics and /health\n"}, Socket).
+answer(<<"/metrics">>, _Ills, Socket) -> send(metrics(), Socket);
+answer(<<"/health">>, Ills, Socket) -> send(health(Ills), Socket);
+answer(bad, _Ills, Socket) -> send({400, "GET, please\n"}, Socket);
+answer(_Path, _Ills, Socket) -> send({404, "there are /metrics and /health\n"}, Socket).
 
 send({Status, Text}, Socket) ->
     Body = unicode:characters_to_binary(Text),
@@ -96,10 +102,18 @@ reason(400) -> "Bad Request";
 reason(404) -> "Not Found";
 reason(503) -> "Service Unavailable".
 
-health() ->
+health(Ills) ->
     case link() of
         none -> {503, "no robot runs\n"};
-        _ -> {200, "ok\n"}
+        _ -> health_of(Ills)
+    end.
+
+health_of(Ask) ->
+    try Ask() of
+        [] -> {200, "ok\n"};
+        Ills -> {503, [["it ", Ill, $\n] || Ill <- Ills]}
+    catch
+        exit:_ -> {503, "the robot does not answer\n"}
     end.
 
 metrics() ->

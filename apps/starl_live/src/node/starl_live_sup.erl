@@ -45,8 +45,9 @@ open(Spec) ->
     }).
 
 %% @doc The same, with its metrics over HTTP.
--spec open(starl_live_robot:spec(), #{ip := inet:ip_address(), port := inet:port_number()}) ->
-    supervisor:startchild_ret().
+-spec open(starl_live_robot:spec(), #{
+    ip := inet:ip_address(), port := inet:port_number(), ills => starl_live_http:ills()
+}) -> supervisor:startchild_ret().
 open(Spec, Http) ->
     Metrics = #{
         id => metrics, start => {starl_live_http, start_link, [Http]}, restart => temporary

@@ -47,13 +47,14 @@
 %% `{face, segment()}' drives to the beginning of this line, near which the robot stands, ready to
 %% follow it (two wheels: facing along it). The answer is `ok' on arrival. It is `{error, stopped}'
 %% when another command comes first, and, except for `go_to', `{error, out_of_time}' when the clocks
-%% do not agree. It is `{error, blocked}' when the robot has run against something three times, for
-%% a drive along a given line on a floor plan.
+%% do not agree. It is `{error, blocked}' when the robot has run against something three times on a
+%% floor plan. A `go_to' never gives up, but `{go_to, point(), until_blocked}' does.
 %%
 %% `{velocity, {VX, VY}, Us}' drives on with this velocity (mm/s, along the axes of the floor) for
 %% that time. It is answered at once: `ok'; `{error, unknown}' without a position; `{error,
 %% stalled}' while a drive does not obey; `{error, stopped}'. `stop' is answered when the robot
-%% stands: `ok', or `{error, out_of_time}' when the clocks do not agree.
+%% stands: `ok', or `{error, out_of_time}' when the clocks do not agree. `wall_mm' is answered by
+%% `{ok, Mm}': so far from walls a path keeps the body clear of them; `{ok, none}' without walls.
 %%
 %% Configuration: `profiles', from which the machine takes that of its robot
 %% ({@link starl_chassis:profiles()}); `solid' (false): are there walls, and obstacles?
@@ -73,6 +74,8 @@
 -define(SEEN_US, 100000).
 %% Something blocks a robot that has run against it so often, and has come back each time.
 -define(STALLS, 3).
+%% The room that a path leaves beside a body (mm).
+-define(MARGIN_MM, 10.0).
 
 -type event() ::
     %% it drives on with this velocity, within its limits, until told otherwise, for at most this time
@@ -93,6 +96,8 @@
 %% A drive goes to a point, along a given line, or to the beginning of one.
 -record(goal, {
     mode = to :: starl_chassis:mode(),
+    %% does it give up if something blocks it?
+    gives_up = true :: boolean(),
     start = unknown :: starl_geometry:point() | unknown,
     point = {0.0, 0.0} :: starl_geometry:point(),
     %% is the line to it known?
@@ -197,6 +202,8 @@ looked(_, _State, _Drive) ->
     keep_state_and_data.
 
 called({go_to, Goal}, From, State, Drive) ->
+    go(#goal{mode = to, point = Goal, gives_up = false}, From, State, Drive);
+called({go_to, Goal, until_blocked}, From, State, Drive) ->
     go(#goal{mode = to, point = Goal}, From, State, Drive);
 called({go_along, {Start, End}}, From, State, Drive) ->
     go(#goal{mode = along, start = Start, point = End}, From, State, Drive);
@@ -208,8 +215,16 @@ called({velocity, Velocity, Us}, From, State, Drive) ->
     steer(Velocity, Us, From, State, Drive);
 called(stop, From, _State, Drive) ->
     stop([From], Drive);
+called(wall_mm, From, _State, Drive) ->
+    {keep_state_and_data, [{reply, From, {ok, wall_mm(Drive)}}]};
 called(_Call, _From, _State, _Drive) ->
     unknown_event.
+
+%% The body, and how far it may be from its line.
+wall_mm(#drive{solid = false}) ->
+    none;
+wall_mm(#drive{chassis = Chassis, profile = Profile}) ->
+    starl_chassis:radius_mm(Profile) + Chassis:tracking_radius(Profile) + ?MARGIN_MM.
 
 %% The chassis' answer to the last command.
 ended({driven, _}, steering, Drive) ->
@@ -430,7 +445,7 @@ hindrance(_Agree, #drive{solid = Solid, goal = Goal}) ->
     end.
 
 %% Does an obstacle block its line?
-is_blocked(#goal{mode = Mode, stalls = Stalls}) -> Mode =/= to andalso Stalls >= ?STALLS.
+is_blocked(#goal{gives_up = GivesUp, stalls = Stalls}) -> GivesUp andalso Stalls >= ?STALLS.
 
 given_up(Why, #drive{from = From} = Drive) ->
     {goal_over(Why, Drive) ++ [{reply, From, {error, Why}}], Drive#drive{from = none}}.

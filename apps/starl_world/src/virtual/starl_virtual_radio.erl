@@ -75,11 +75,24 @@ scenario(Seed) ->
     {ok, starl_sim_plan:t()} | {error, unicode:chardata()}.
 plan(#{robots := N}, _Plan) when N =/= length(?ROBOTS) ->
     {error, io_lib:format("the program radio is for ~b robots", [length(?ROBOTS)])};
-plan(#{seed := Seed}, #{monitors := Monitors} = Plan) ->
+plan(#{reloads := _}, _Plan) ->
+    {error, "the program radio has no application to reload"};
+plan(#{faults := Faults} = Scenario, Plan) ->
+    Can = [Kind || {Kind, _, _, _, _} <- starl_run_fault:kinds_of(network)],
+    case [Fault || {_, _, _, Kind, _, _} = Fault <- Faults, not lists:member(Kind, Can)] of
+        [] ->
+            {ok, used(Scenario, Plan)};
+        [{Id, _, _, Kind, _, _} | _] ->
+            Format =
+                "fault ~ts: the program radio has no faults of the kind ~ts, only those of the network",
+            {error, io_lib:format(Format, [Id, Kind])}
+    end.
+
+used(#{seed := Seed}, #{monitors := Monitors} = Plan) ->
     Contract = {starl_virtual_radio_monitor, #{offset_us => 1000 * ?OFFSET_MS}},
     Strikes = flood(starl_run_draw:between({Seed, flood}, 1, 10), Seed) ++ uses(Seed),
     Timed = [{Robot, 1000 * Ms, Strike} || {Robot, Ms, Strike} <- Strikes],
-    {ok, starl_sim_plan:add_strikes(Timed, Plan#{monitors := [Contract | Monitors]})}.
+    starl_sim_plan:add_strikes(Timed, Plan#{monitors := [Contract | Monitors]}).
 
 flood(1, Seed) ->
     {First, Last} = ?WORST_MS,

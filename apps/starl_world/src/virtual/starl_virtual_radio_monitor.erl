@@ -81,4 +81,4 @@ finish(EndUs, #state{sent = Sent, heard = Heard}) ->
     end.
 
 violation(At, Robot, What, Details) ->
-    #{contract => live_radio, what => What, at_us => At, robots => [Robot], details => Details}.
+    #{contract => virtual_radio, what => What, at_us => At, robots => [Robot], details => Details}.
