@@ -3,7 +3,7 @@
 -module(starl_check_body).
 -behaviour(starl_machine).
 
--export([init/1, handle_event/5, at/1]).
+-export([init/1, handle_event/5]).
 
 -spec init(starl_machine:config()) -> {standing, none, []}.
 init(_Config) -> {standing, none, []}.
@@ -22,6 +22,6 @@ handle_event(info, {restarted, _}, standing, none, _Meta) ->
 handle_event(_, _, _, _, _) ->
     unknown_event.
 
-%% @doc The place of a robot.
+%% The place of a robot.
 -spec at(starl:robot_id()) -> starl_geometry:point().
 at(Robot) -> {1000.0 * starl_check_term:number(Robot), 0.0}.

@@ -303,14 +303,6 @@ quirks_test() ->
     {_, Docked} = does([start, safe], {0, 2, new(2, #{docked => true})}),
     ?assertEqual(passive, mode(Docked)).
 
-%% A battery that is taken out takes half a command along.
-a_power_cycle_forgets_half_a_command_test() ->
-    {_, Half} = starl_create_emulator:hear(0, <<128, 131, 145, 0>>, new(2, #{})),
-    {_, Fresh} = starl_create_emulator:line(1000, power_cycle, Half),
-    ?assertEqual(off, starl_create_emulator:mode(Fresh)),
-    {_, Started} = starl_create_emulator:hear(2000, <<128>>, Fresh),
-    ?assertEqual(passive, starl_create_emulator:mode(Started)).
-
 %% After a change of its baud rate it hears nothing for 100 ms.
 a_new_baud_rate_takes_its_time_test() ->
     {_, Slow} = starl_create_emulator:hear(0, <<128, 129, 7>>, new(2, #{})),

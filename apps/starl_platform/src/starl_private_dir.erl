@@ -15,7 +15,7 @@
 
 -include_lib("kernel/include/file.hrl").
 
--export([new/1, own/1, remove/1, remove_all/1, clean/1, with/2, base/0, format_error/1]).
+-export([new/1, own/1, remove/1, remove_all/1, clean/1, with/2, format_error/1]).
 
 -export_type([reason/0]).
 
@@ -89,7 +89,7 @@ pid_in(Purpose, Name) ->
         nomatch -> none
     end.
 
-%% @doc The directory in which they lie: `starl' in the user's cache. A user without a home, as a service is, has one
+%% The directory in which they lie: `starl' in the user's cache. A user without a home, as a service is, has one
 %% below `TMPDIR'.
 -spec base() -> file:filename().
 base() ->

@@ -1,7 +1,7 @@
 %% @doc The table of the options of a Create's driver.
 -module(starl_create_options).
 
--export([options/0, configured/1, baud/1, waits/1, odometry/1, drive/1, format_error/1]).
+-export([configured/1, baud/1, waits/1, odometry/1, drive/1, format_error/1]).
 
 -export_type([t/0, factors/0, reason/0]).
 
@@ -38,7 +38,7 @@
 %% What a profile says of the robot; the driver needs no more of it.
 -define(MEASURED, [distance, angle, drive, turn]).
 
-%% @doc The table of what can be chosen, as of a fleet file.
+%% The table of what can be chosen, as of a fleet file.
 -spec options() -> [starl_options:option()].
 options() ->
     [

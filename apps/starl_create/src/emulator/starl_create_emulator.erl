@@ -26,9 +26,8 @@
     | {touches, Bits :: 0..3, IsBlocked :: boolean()}
     | {charger, boolean()}.
 
-%% Its other line, BRC; the baud rate of the other end (`any': the right one); its battery is taken
-%% out and put back.
--type line() :: {brc, low | high} | {baud, pos_integer() | any} | power_cycle.
+%% Its other line, BRC; the baud rate of the other end (`any': the right one).
+-type line() :: {brc, low | high} | {baud, pos_integer() | any}.
 
 -opaque t() :: starl_create_state:t().
 
@@ -177,8 +176,6 @@ felt({charger, IsDocked}, #{battery := Battery} = State) ->
 
 lined({baud, Baud}, #{uart := Uart} = State) ->
     {[], State#{uart := starl_create_uart:other(Baud, Uart)}};
-lined(power_cycle, #{model := Model, uart := Uart} = State) ->
-    starl_create_modes:boot(State#{uart := starl_create_uart:usual(Model, Uart)});
 lined({brc, Level}, #{now := Now, sleep := Sleep, uart := Uart} = State) ->
     case starl_create_sleep:brc(Level, Now, Sleep) of
         {nothing, Next} -> {[], State#{sleep := Next}};

@@ -10,7 +10,7 @@
 -module(starl_create_pipe).
 -behaviour(gen_server).
 
--export([start_link/2, pull/1, plug/1]).
+-export([start_link/2]).
 -export([init/1, handle_call/3, handle_cast/2, handle_info/2, terminate/2]).
 
 -record(pipe, {
@@ -28,23 +28,14 @@
 -spec start_link(Owner :: pid(), map()) -> gen_server:start_ret().
 start_link(Owner, _Options) -> gen_server:start_link(?MODULE, Owner, []).
 
-%% @doc Pulls the cable.
--spec pull(pid()) -> ok.
-pull(Pipe) -> gen_server:call(Pipe, pull).
-
-%% @doc Puts the cable back.
--spec plug(pid()) -> ok.
-plug(Pipe) -> gen_server:call(Pipe, plug).
-
 -spec init(pid()) -> {ok, #pipe{}}.
 init(Owner) ->
     process_flag(trap_exit, true),
     _ = erlang:monitor(process, Owner),
     {ok, #pipe{owner = Owner}}.
 
--spec handle_call(pull | plug, gen_server:from(), #pipe{}) -> {reply, ok, #pipe{}}.
-handle_call(pull, _From, Pipe) -> {reply, ok, pulled(Pipe)};
-handle_call(plug, _From, Pipe) -> {reply, ok, plugged(Pipe)}.
+-spec handle_call(term(), gen_server:from(), #pipe{}) -> {reply, ok, #pipe{}}.
+handle_call(_Question, _From, Pipe) -> {reply, ok, Pipe}.
 
 pulled(Pipe) ->
     ok = serial(detach, Pipe),

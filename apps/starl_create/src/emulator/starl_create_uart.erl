@@ -2,7 +2,7 @@
 %% bytes have left, and applies quirks on the way: bursts, stray bytes, and garbage at a wrong rate.
 -module(starl_create_uart).
 
--export([new/4, baud/1, slow/1, usual/2, rate/3, other/2, hears/2, send/3]).
+-export([new/4, baud/1, slow/1, rate/3, other/2, hears/2, send/3]).
 
 -export_type([t/0]).
 
@@ -42,10 +42,6 @@ baud(#uart{baud = Baud}) -> Baud.
 %% @doc The rate after three pulses of BRC.
 -spec slow(t()) -> t().
 slow(Uart) -> Uart#uart{baud = 19200}.
-
-%% @doc The battery was taken out: the usual rate, and it sends again.
--spec usual(starl_create_packet:model(), t()) -> t().
-usual(Model, Uart) -> Uart#uart{wedged = false, baud = usual_baud(Model)}.
 
 %% @doc A command changes the rate.
 -spec rate(Code :: 0..11, NowUs :: integer(), t()) -> t().

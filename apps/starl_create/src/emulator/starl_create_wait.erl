@@ -2,7 +2,7 @@
 %% it reads no command.
 -module(starl_create_wait).
 
--export([until/2, tick/1, begins/2, look/1]).
+-export([tick/1, begins/2, look/1]).
 
 -export_type([t/0]).
 
@@ -17,7 +17,7 @@
 
 -type state() :: starl_create_state:t().
 
-%% @doc Waits for this time.
+%% Waits for this time.
 -spec until(Us :: integer(), state()) -> state().
 until(Us, State) -> State#{wait := {until, Us}}.
 

@@ -7,7 +7,7 @@
 %% {@link event()} list all of them. The line lives as long as its owner.
 -module(starl_create_port).
 
--export([start_link/2, format_error/1]).
+-export([start_link/2]).
 -export([init/2]).
 
 -export_type([request/0, event/0, options/0, reason/0, step/0, priority/0]).
@@ -270,7 +270,7 @@ failed(Reason, Detail, #line{device = Device} = Line) ->
     {error,
         {Reason, unicode:characters_to_list(format_error({Reason, Named, Detail, Line#line.baud}))}}.
 
-%% @doc What is wrong and what to do, in a line.
+%% What is wrong and what to do, in a line.
 -spec format_error({reason(), Device :: string(), Detail :: unicode:chardata(), Baud}) ->
     unicode:charlist()
 when

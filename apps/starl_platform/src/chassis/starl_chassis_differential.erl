@@ -61,7 +61,6 @@
 }.
 
 %% The next step: a turn to a leg, and then a look; or a small turn, if any, and a drive.
-%% The next step: a turn to a leg, and then a look; or a small turn, if any, and a drive.
 -type step() ::
     {{look, leg()}, commands()}
     | {drive, commands()}.

@@ -16,7 +16,7 @@
 
 -export([new/0, absent/3, report/2, traced/2, windows/2]).
 
--export_type([t/0, fault/0]).
+-export_type([t/0]).
 
 %% For each fault what it breaks of which robots, until when monitors know of it, and its end.
 -opaque t() :: #{Id :: term() => {[breaks()], ToldUs :: integer(), EndUs :: integer() | none}}.

@@ -19,7 +19,7 @@
 
 -export([new/1, owe/5, owe_once/5, paid/2, dropped/2, since/2, overdue/3, sinces/1]).
 
--export_type([t/0, t/1, rule/0]).
+-export_type([t/0, t/1]).
 
 %% How a broken assumption excuses a delay. `exact': not at all. `anew': the time begins anew at the end of
 %% each window that it meets ({@link starl_assumption:calm_us/3}). `{delayed, Steps}': by what the robot's own

@@ -13,7 +13,6 @@
     empty/1,
     new/1,
     is_floor/1,
-    border/1,
     segments/1,
     box/4,
     is_solid/2,
@@ -95,7 +94,7 @@ box(X0, Y0, X1, Y1) ->
     {ok, [starl_geometry:point(), ...]} | {error, unreachable}.
 path(Floor, {_From, _To} = Ends, Mm) -> starl_floor_path:find(Ends, Mm, starl_walls:new(Floor)).
 
-%% @doc The border of the floor, seen from inside.
+%% The border of the floor, seen from inside.
 -spec border(t()) -> [starl_geometry:segment()].
 border(#{size := {W, H}}) -> sides(lists:reverse(box(0, 0, W, H))).
 

@@ -6,7 +6,7 @@
 %% corner only are outlined separately: no body fits through there.
 -module(starl_floor_cells).
 
--export([walls/2, outlines/1, flood/2, room/3, door/3, centre/2]).
+-export([walls/2, outlines/1, room/3, door/3, centre/2]).
 
 -export_type([cell/0, cells/0]).
 
@@ -87,7 +87,7 @@ turns({AX, AY}, [{BX, BY} = B, {CX, CY} = C | Rest]) ->
 turns(_, [_]) ->
     [].
 
-%% @doc The free cells that can be reached from a cell, over sides, where `IsFree' accepts them.
+%% The free cells that can be reached from a cell, over sides, where `IsFree' accepts them.
 -spec flood(cell(), fun((cell()) -> boolean())) -> cells().
 flood(Cell, IsFree) -> flood([Cell], IsFree, #{Cell => true}).
 

@@ -11,7 +11,6 @@
     point_segment/2,
     point_segment2/2,
     segment_segment/2,
-    segment_segment2/2,
     closer/3,
     closer2/3,
     intersection/2,
@@ -85,7 +84,7 @@ point_segment2(P, {A, B}) ->
 -spec segment_segment(segment(), segment()) -> float().
 segment_segment(S, T) -> math:sqrt(segment_segment2(S, T)).
 
-%% @doc The square of the distance of two segments.
+%% The square of the distance of two segments.
 -spec segment_segment2(segment(), segment()) -> float().
 segment_segment2({A, B} = S, {C, D} = T) ->
     case crosses(A, B, C, D) of

@@ -14,8 +14,8 @@
 %% any later time, or never.
 -module(starl_history).
 
--export([new/1, event/2, calls/1, until/2, widened/2, is_empty/1]).
--export([models/2, verdicts/3, format/1, format_object/1, format_call/1]).
+-export([new/1, event/2, calls/1]).
+-export([models/2, verdicts/3, format/1, format_object/1]).
 
 -export_type([t/0, event/0, call/0, tag/0, mark/0, options/0, verdict/0, outcome/0]).
 
@@ -142,11 +142,7 @@ returned(_At, _Error, Call, #history{calls = Calls} = History) ->
 calls(#history{calls = Calls, open = Open}) ->
     lists:sort(fun(#{n := A}, #{n := B}) -> A =< B end, maps:values(Open) ++ Calls).
 
-%% @doc Checks whether there are no calls.
--spec is_empty(t()) -> boolean().
-is_empty(#history{count = Count}) -> Count =:= 0.
-
-%% @doc The calls as they are known at a time (µs), that time included.
+%% The calls as they are known at a time (µs), that time included.
 -spec until(integer(), [call()]) -> [call()].
 until(Us, Calls) ->
     [
@@ -157,7 +153,7 @@ until(Us, Calls) ->
      || #{invoked_us := Invoked} = Call <- Calls, Invoked =< Us
     ].
 
-%% @doc The calls for clocks that differ pairwise by at most this time (µs): each call begins up to
+%% The calls for clocks that differ pairwise by at most this time (µs): each call begins up to
 %% half of it earlier, and ends up to half of it later.
 -spec widened(non_neg_integer(), [call()]) -> [call()].
 widened(Sigma, Calls) ->
@@ -256,7 +252,7 @@ outcome({broken, What, At, Calls}) ->
         [["    ", format_call(Call), "\n"] || Call <- Calls]
     ].
 
-%% @doc A call in a line.
+%% A call in a line.
 -spec format_call(call()) -> unicode:chardata().
 format_call(#{robot := Robot, request := Request, invoked_us := Invoked} = Call) ->
     #{returned_us := Returned, answer := Answer} = Call,

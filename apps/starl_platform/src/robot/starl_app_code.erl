@@ -8,7 +8,7 @@
 -export([may_crash/2, stepped/1, taken_back/4]).
 -export([version/1, carried/3]).
 
--export_type([t/0, running/0]).
+-export_type([t/0]).
 
 %% What runs: the module, its next state, and the version of the code that has made it.
 -type running() :: {module(), State :: term(), Md5 :: binary()}.
@@ -164,6 +164,7 @@ version(Module) -> Module:module_info(md5).
     {ok, State :: term()} | {failed, starl_crash:cause()}.
 carried(Module, State, Old) ->
     try
+        {module, Module} = code:ensure_loaded(Module),
         {ok, starl_callback:call(Module, code_change, [State, Old], State)}
     catch
         Class:Reason:Stack ->

@@ -27,7 +27,7 @@
 -export([put_off/2, leave/1, act/4, stand_still/3, go_on/1, standing/1]).
 -export([lost/3, attach/3, back/3, without_calls/2, first/2, then/2, die/2, go_down/1, come_up/2]).
 
--export_type([t/0, result/0, local/0, world/0, condition/0, ended/0, standing/0]).
+-export_type([t/0, local/0, world/0, condition/0, ended/0, standing/0]).
 
 %% Actions are what most of a run's time goes to.
 -compile({inline, [effect/6, outward/7, answer/6, stepped/5, performed/4, work/4]}).

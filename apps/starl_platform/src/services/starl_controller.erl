@@ -17,7 +17,7 @@
 %% controller is a pure function.
 -module(starl_controller).
 
--export([option/0, named/1, names/0]).
+-export([option/0, named/1]).
 -export([look/2, leg/4, velocity/4, waits_us/1]).
 
 -export_type([situation/0, near/0]).
@@ -53,7 +53,7 @@
 
 known() -> [{straight, none}, {wary, starl_controller_wary}].
 
-%% @doc The names of the controllers that ship.
+%% The names of the controllers that ship.
 -spec names() -> [atom()].
 names() -> [Name || {Name, _} <- known()].
 

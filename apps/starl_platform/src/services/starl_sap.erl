@@ -64,7 +64,7 @@
 -export([send/4, send/5, post/3, shout/2, shout/3, datagram/4, listen/2]).
 -export([init/1, handle_event/5]).
 
--export_type([config/0, event/0, answer/0, id/0]).
+-export_type([config/0, event/0, answer/0]).
 
 %% The name of a message: its source, the source's incarnation, and its sequence number.
 -type id() :: {starl:robot_id(), starl_packet:incarnation(), starl_packet:seq()}.

@@ -6,7 +6,7 @@
 %% claims to be larger unpacked than a bound is refused.
 -module(starl_trace_terms).
 
--export([encode/1, decode/1, read/1]).
+-export([encode/1, decode/1]).
 
 -export_type([reason/0]).
 
@@ -37,15 +37,6 @@ decode(_Other) ->
 bytes(Text) ->
     try base64:decode(Text) of
         Bytes -> unpacked(Bytes)
-    catch
-        error:_ -> {error, not_terms}
-    end.
-
-%% @doc A term in the external term format, maybe compressed, read with the same care.
--spec read(binary()) -> {ok, term()} | {error, reason()}.
-read(Bytes) ->
-    try
-        unpacked(Bytes)
     catch
         error:_ -> {error, not_terms}
     end.
