@@ -236,7 +236,13 @@ growth({Atoms, Bytes, Modules}, {MoreAtoms, MoreBytes, MoreModules}) ->
 %% acknowledged and not delivered. Afterwards every robot must be acknowledged by every other.
 -spec kills(#{kills := pos_integer(), robots := pos_integer(), seed := integer(), atom() => term()}) ->
     answer().
-kills(Values) -> with_dir(fun(Dir) -> kills(Dir, Values) end).
+kills(Values) ->
+    %% the cases tell Dialyzer which of the results of `with_dir' these are
+    case with_dir(fun(Dir) -> kills(Dir, Values) end) of
+        ok -> ok;
+        {wrong, _} = Wrong -> Wrong;
+        {error, _} = Error -> Error
+    end.
 
 kills(Dir, #{robots := Robots, seed := Seed, speed := Speed} = Values) ->
     Scenario = #{app => starl_hostile_traffic, robots => Robots, seed => Seed, time => 40000},
