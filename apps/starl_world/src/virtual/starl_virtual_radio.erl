@@ -75,7 +75,7 @@ scenario(Seed) ->
     {ok, starl_sim_plan:t()} | {error, unicode:chardata()}.
 plan(#{robots := N}, _Plan) when N =/= length(?ROBOTS) ->
     {error, io_lib:format("the program radio is for ~b robots", [length(?ROBOTS)])};
-plan(#{reloads := _}, _Plan) ->
+plan(#{reloads := [_ | _]}, _Plan) ->
     {error, "the program radio has no application to reload"};
 plan(#{faults := Faults} = Scenario, Plan) ->
     Can = [Kind || {Kind, _, _, _, _} <- starl_run_fault:kinds_of(network)],

@@ -101,15 +101,13 @@ kinds() ->
 -spec plan(starl_run_scenario:t(), starl_sim_plan:t()) ->
     {ok, starl_sim_plan:t()} | {error, unicode:chardata()}.
 plan(#{faults := Faults}, #{robots := Poses, world := World, monitors := Monitors} = Plan) ->
-    case [Fault || Fault <- Faults, not is_carried_out(Fault)] of
+    Can = [range | kinds()],
+    case [Fault || {_, _, _, Kind, _, _} = Fault <- Faults, not lists:member(Kind, Can)] of
         [] ->
             Ids = [Id || {Id, _} <- Poses],
             Troubles = [Trouble || Fault <- Faults, Trouble <- troubles(Fault, Ids)],
             Excused = [excused(Monitor, World) || Monitor <- Monitors],
             {ok, starl_sim_plan:add_strikes(Troubles, Plan#{monitors := Excused})};
-        [{Id, _, _, kill_machine, {_, Machine}, _} | _] ->
-            Format = "fault ~ts: robots that run the program of real ones crash in app, not in ~ts",
-            {error, io_lib:format(Format, [Id, Machine])};
         [{Id, _, _, Kind, _, _} | _] ->
             {error,
                 io_lib:format(
@@ -117,10 +115,6 @@ plan(#{faults := Faults}, #{robots := Poses, world := World, monitors := Monitor
                     [Id, Kind]
                 )}
     end.
-
-%% Of a robot's machines only the application is crashed.
-is_carried_out({_, _, _, kill_machine, {_Robot, Machine}, _}) -> Machine =:= app;
-is_carried_out({_, _, _, Kind, _, _}) -> lists:member(Kind, [range | kinds()]).
 
 troubles({_, From, To, reboot, Robot, _}, _Ids) ->
     [{Robot, 500 * (From + To), try_start}];
@@ -467,6 +461,7 @@ strike(wake, #?MODULE{life = 0} = Robot) ->
     boot([], Robot);
 strike(boot, #?MODULE{condition = down} = Robot) ->
     boot([], Robot);
+%% Whichever machine the fault names, the application crashes.
 strike({kill_machine, _Name}, #?MODULE{condition = up} = Robot) ->
     {[crash_app], Robot};
 strike({pause, Until}, #?MODULE{hold = {Before, Lag}} = Robot) ->
