@@ -19,6 +19,7 @@
     rolls_back/1,
     refuses/1,
     over_tls/1,
+    unwatched/1,
     stops/1,
     recorded/1
 ]).
@@ -41,6 +42,7 @@ all() ->
         rolls_back,
         refuses,
         over_tls,
+        unwatched,
         stops,
         recorded
     ].
@@ -283,9 +285,32 @@ over_tls(Config) ->
 both_done(Hosts) ->
     until("is done: {second,([12])}.*\n.*is done: {second,\\1}", Hosts).
 
+%% Holds: A node ends when the shell that watches it was killed
+%% Red: 4b425d5c: it drives on, and nobody would start it anew
+unwatched(Config) ->
+    Hosts = ?config(hosts, Config),
+    ok = kill_watcher(1, Hosts),
+    until("robot 1 .*: the robot.s node does not answer", Hosts),
+    ?assertEqual("", nodes_of(1, Hosts)).
+
+kill_watcher(N, Hosts) ->
+    Daemon = "test/robot-" ++ integer_to_list(N) ++ "/state/daemon",
+    "" = starl_fleet_hosts:on(N, "kill -KILL $(cat " ++ Daemon ++ ")", Hosts),
+    ok.
+
+%% The processes of its releases.
+nodes_of(N, Hosts) ->
+    Pattern = "[-]config .*/test/robot-" ++ integer_to_list(N) ++ "/releases/",
+    starl_fleet_hosts:on(N, "pgrep -f -- \"" ++ Pattern ++ "\"", Hosts).
+
+%% Holds: `deploy F stop' ends a node whose shell was killed, too
+%% Red: 4b425d5c: `stopped', and the robot drives on
 stops(Config) ->
     Hosts = ?config(hosts, Config),
+    ?assertNotEqual("", nodes_of(2, Hosts)),
+    ok = kill_watcher(2, Hosts),
     {0, _} = deploy("stop", Hosts),
+    ?assertEqual("", nodes_of(2, Hosts)),
     {0, Said} = deploy("status", Hosts),
     contains("robot 2 (root@10.77.0.2): stopped", Said).
 
