@@ -106,22 +106,27 @@ violation_test_() ->
         end)
     end}.
 
-%% The first Ctrl-C: results so far, and 130.
+%% The first Ctrl-C, as the script sends it on, and the signals of service managers and of a terminal that is
+%% closed: results so far, and 130.
 interrupt_test_() ->
-    {timeout, ?PATIENCE_S, fun() ->
-        in_directory(fun(Dir) ->
-            File = filename:join(Dir, "starl_cli_endless.erl"),
-            ok = file:write_file(File, endless()),
-            Out = filename:join(Dir, "out"),
-            Port = start(["run", File, "--time", "1000000", "--out", Out]),
-            Begun = until("ready", Port, ""),
-            ok = starl_cli_vm:interrupt(Port),
-            {Status, Text} = rest(Port, Begun),
-            ?assertEqual({130, Text}, {Status, Text}),
-            contains("interrupted", Text),
-            ?assert(filelib:is_regular(filename:join(Out, "report.json")))
-        end)
-    end}.
+    {timeout, 4 * ?PATIENCE_S, [
+        fun() -> interrupted(By) end
+     || By <- [["USR1"], ["TERM"], ["HUP", "USR1"]]
+    ]}.
+
+interrupted(Signals) ->
+    in_directory(fun(Dir) ->
+        File = filename:join(Dir, "starl_cli_endless.erl"),
+        ok = file:write_file(File, endless()),
+        Out = filename:join(Dir, "out"),
+        Port = start(["run", File, "--time", "1000000", "--out", Out]),
+        Begun = until("ready", Port, ""),
+        [ok = starl_cli_vm:signal(Signal, Port) || Signal <- Signals],
+        {Status, Text} = rest(Port, Begun),
+        ?assertEqual({130, Text}, {Status, Text}),
+        contains("interrupted", Text),
+        ?assert(filelib:is_regular(filename:join(Out, "report.json")))
+    end).
 
 breaker() ->
     "-module(starl_cli_breaker).\n"

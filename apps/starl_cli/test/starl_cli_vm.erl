@@ -3,7 +3,16 @@
 -include_lib("eunit/include/eunit.hrl").
 
 -export([
-    says/3, contains/2, narrow/1, start/1, rest/2, until/3, interrupt/1, printed/2, in_directory/1
+    says/3,
+    contains/2,
+    narrow/1,
+    start/1,
+    rest/2,
+    until/3,
+    interrupt/1,
+    signal/2,
+    printed/2,
+    in_directory/1
 ]).
 
 says(Status, Part, Args) ->
@@ -65,7 +74,9 @@ in_directory(Test) ->
     end.
 
 %% The script sends the first Ctrl-C on as SIGUSR1.
-interrupt(Port) ->
+interrupt(Port) -> signal("USR1", Port).
+
+signal(Signal, Port) ->
     {os_pid, Pid} = erlang:port_info(Port, os_pid),
-    "" = os:cmd("kill -USR1 " ++ integer_to_list(Pid)),
+    "" = os:cmd("kill -" ++ Signal ++ " " ++ integer_to_list(Pid)),
     ok.

@@ -1,16 +1,15 @@
-%% @doc Handles Ctrl-C. At the first Ctrl-C the script `./starl' sends SIGUSR1 to the VM, because
-%% SIGINT reaches no Erlang code. This handler of OTP's signal server then calls the reaction that
-%% the running command has set. At the second Ctrl-C the script kills the VM.
+%% @doc Handles Ctrl-C, and SIGTERM and SIGHUP alike (systemd, docker and Slurm, a closed terminal).
+%% At the first signal the script `./starl' sends SIGUSR1 to the VM, because SIGINT reaches no Erlang
+%% code. This handler of OTP's signal server then calls the reaction that the running command has
+%% set, once: a signal may reach the VM directly, too. At the second signal the script kills the VM.
 -module(starl_cli_signal).
 -behaviour(gen_event).
 
--export([install/0, on_interrupt/1, leave/0, leave_after/2]).
--export([left_after/2]).
+-export([install/0, on_interrupt/1, leave/0]).
 -export([init/1, handle_event/2, handle_call/2]).
 
 %% The usual exit status of an interrupted command: 128 + SIGINT.
 -define(INTERRUPTED, 130).
--define(TERMINATED, 143).
 -define(LAST_WORDS_MS, 100).
 
 -type reaction() :: fun(() -> term()).
@@ -22,7 +21,7 @@ install() ->
     ok = gen_event:swap_handler(
         erl_signal_server, {erl_signal_handler, []}, {?MODULE, Reaction}
     ),
-    os:set_signal(sigusr1, handle).
+    lists:foreach(fun(Signal) -> ok = os:set_signal(Signal, handle) end, [sigusr1, sigterm, sighup]).
 
 %% @doc Sets the reaction to the next interrupt. It runs in the signal server and must not block.
 -spec on_interrupt(reaction() | quit) -> ok.
@@ -33,11 +32,9 @@ on_interrupt(Reaction) -> gen_event:call(erl_signal_server, ?MODULE, {on_interru
 init({Reaction, _OldHandler}) -> {ok, Reaction}.
 
 -spec handle_event(atom(), reaction()) -> {ok, reaction()}.
-handle_event(sigusr1, Reaction) ->
+handle_event(Signal, Reaction) when Signal =:= sigusr1; Signal =:= sigterm; Signal =:= sighup ->
     _ = Reaction(),
-    {ok, Reaction};
-handle_event(sigterm, _Reaction) ->
-    erlang:halt(?TERMINATED, [{flush, false}]);
+    {ok, fun() -> ok end};
 handle_event(_Other, Reaction) ->
     {ok, Reaction}.
 
@@ -47,19 +44,6 @@ handle_call({on_interrupt, Reaction}, _Old) -> {ok, ok, Reaction}.
 -spec quit() -> no_return().
 quit() ->
     starl_cli_progress:note("interrupted"),
-    leave().
-
-%% @doc Ends the VM as interrupted, with these last words, if it has not ended by itself by then.
--spec leave_after(Ms :: pos_integer(), unicode:chardata()) -> ok.
-leave_after(Ms, Words) ->
-    _ = spawn(?MODULE, left_after, [Ms, Words]),
-    ok.
-
-%% @private
--spec left_after(pos_integer(), unicode:chardata()) -> no_return().
-left_after(Ms, Words) ->
-    ok = timer:sleep(Ms),
-    starl_cli_progress:note(Words),
     leave().
 
 %% @doc Ends the VM as interrupted. What was written last has a moment to get out; a reader that

@@ -16,8 +16,6 @@
 %% The intended length of a piece in wall time, and the length of the first in virtual time.
 -define(PIECE_MS, 100).
 -define(FIRST_US, 100000).
-%% An interrupted run writes its results within this time.
--define(INTERRUPT_MS, 1700).
 
 -record(drive, {
     sim :: starl_sim:sim(),
@@ -60,10 +58,7 @@ watching() -> [{starl_lab_first_crash, #{tell => fun starl_cli_progress:note/1}}
 
 started(Sim, Do) ->
     Watch = starl_lab_stall:watch(Sim),
-    starl_cli_signal:on_interrupt(fun() ->
-        ok = starl_lab_stall:interrupt(Sim),
-        starl_cli_signal:leave_after(?INTERRUPT_MS, "interrupted; the last files are not complete")
-    end),
+    starl_cli_signal:on_interrupt(fun() -> starl_lab_stall:interrupt(Sim) end),
     try
         Result = Do(Sim),
         starl_cli_signal:on_interrupt(fun() -> ok end),

@@ -10,10 +10,8 @@
 %% The calls of a line.
 -define(CALLS, 3).
 
-%% The time that an interrupted run has to come to rest.
+%% The time after which a line says that an interrupted run is still at work.
 -define(REST_MS, 600).
-%% The time to find who is at work then.
--define(LOOK_MS, 450).
 
 %% @doc Watches a run: one line on a stall stays, a progress line follows each.
 -spec watch(starl_sim:sim()) -> Watch :: pid().
@@ -31,31 +29,33 @@ tell({stands, Ms, Cause, AtWork}, Told) ->
 tell(goes_on, _Told) ->
     ok.
 
-%% @doc Ends a run with its results so far. A run that has not come to rest in time, because a robot
-%% does not end its step, ends without results.
+%% @doc Ends a run with its results so far, however long a busy computer takes for that. A run that
+%% does not come to rest, because a robot is in an endless loop, ends without results.
 -spec interrupt(starl_sim:sim()) -> ok.
 interrupt(Sim) ->
     ok = starl_sim:stop(Sim),
-    _ = spawn(fun() -> end_hard(Sim) end),
+    _ = spawn(fun() -> rest(Sim) end),
     ok.
 
-end_hard(Sim) ->
+rest(Sim) ->
     ok = timer:sleep(?REST_MS),
-    given_up(at_work(Sim)).
-
-%% A process that collects the garbage of very many robots does not tell its stack for seconds.
-at_work(Sim) ->
-    Self = self(),
-    Ref = make_ref(),
-    _ = spawn(fun() -> Self ! {Ref, starl_sim:at_work(Sim)} end),
-    receive
-        {Ref, AtWork} -> AtWork
-    after ?LOOK_MS -> [simulator]
+    case starl_sim:at_work(Sim) of
+        %% it rests, or the results are being made
+        [] ->
+            ok;
+        [_ | _] ->
+            starl_cli_progress:note(
+                "interrupted; the run ends with this step; Ctrl-C again ends it without results"
+            ),
+            _ = starl_sim:watch(Sim, #{tell => fun still/1}),
+            receive
+            after infinity -> ok
+            end
     end.
 
-%% It rests, or the results are being made.
-given_up([]) ->
-    ok;
+still({stands, _Ms, loop, AtWork}) -> given_up(AtWork);
+still(_News) -> ok.
+
 given_up(AtWork) ->
     starl_cli_progress:note([
         "interrupted; no results: ", lists:join("; ", [in_step(G) || G <- groups(AtWork)])
