@@ -291,6 +291,11 @@ unwatched(Config) ->
     Hosts = ?config(hosts, Config),
     ok = kill_watcher(1, Hosts),
     until("robot 1 .*: the robot.s node does not answer", Hosts),
+    %% it answers no more, and ends
+    Wait =
+        "n=0; while " ++ looks(1) ++
+            " >/dev/null && [ $n -lt 300 ]; do n=$((n + 1)); sleep 0.1; done",
+    "" = starl_fleet_hosts:on(1, Wait, Hosts),
     ?assertEqual("", nodes_of(1, Hosts)).
 
 kill_watcher(N, Hosts) ->
@@ -299,9 +304,10 @@ kill_watcher(N, Hosts) ->
     ok.
 
 %% The processes of its releases.
-nodes_of(N, Hosts) ->
-    Pattern = "[-]config .*/test/robot-" ++ integer_to_list(N) ++ "/releases/",
-    starl_fleet_hosts:on(N, "pgrep -f -- \"" ++ Pattern ++ "\"", Hosts).
+nodes_of(N, Hosts) -> starl_fleet_hosts:on(N, looks(N), Hosts).
+
+looks(N) ->
+    "pgrep -f -- \"[-]config .*/test/robot-" ++ integer_to_list(N) ++ "/releases/\"".
 
 %% Holds: `deploy F stop' ends a node whose shell was killed, too
 %% Red: 4b425d5c: `stopped', and the robot drives on
