@@ -1,6 +1,6 @@
 %% @doc Reads an occupancy grid of ROS: a YAML file, and the PGM image that it names. A cell is a
 %% wall where it is not free: also where nothing is known of it. The lower left corner of the image
-%% becomes the origin of the floor; a frame that is turned is not turned back.
+%% becomes the origin of the floor; a frame that is turned is refused.
 -module(starl_floor_ros).
 
 -export([parse/2, pgm/1]).
@@ -11,52 +11,79 @@
 -define(MOST_BYTES, 6 * ?MOST_PIXELS).
 %% The most bytes of a header, with its remarks.
 -define(HEADER_BYTES, 65536).
+%% The grey level of a pixel of which nothing is known.
+-define(UNKNOWN, 205).
 -define(NEEDED, ["image", "resolution", "origin", "occupied_thresh", "free_thresh", "negate"]).
 
 %% @doc The floor plan of a YAML file in this directory.
 -spec parse(binary(), file:filename()) -> {ok, starl_floor:t()} | {error, problem()}.
 parse(Bytes, Dir) ->
-    Keys = maps:from_list(lists:append([key(N, L) || {N, L} <- lists:enumerate(1, lines(Bytes))])),
-    case [Key || Key <- ?NEEDED, not is_map_key(Key, Keys)] of
-        [] -> keyed(Keys, Dir);
-        [Key | _] -> {error, {none, ["the key ", Key, " is missing"]}}
+    case starl_floor_yaml:read(Bytes) of
+        {ok, Keys} ->
+            case [Key || Key <- ?NEEDED, not is_map_key(Key, Keys)] of
+                [] -> keyed(Keys, Dir);
+                [Key | _] -> {error, {none, ["the key ", Key, " is missing"]}}
+            end;
+        {error, _} = Error ->
+            Error
     end.
-
-lines(Bytes) -> [string:trim(L) || L <- string:split(Bytes, "\n", all)].
-
-key(N, Line) ->
-    case string:split(hd(string:split(Line, "#")), ":") of
-        [Key, Value] ->
-            [{string:trim(to_list(Key)), {N, string:trim(to_list(Value), both, " \t\"'")}}];
-        _ ->
-            []
-    end.
-
-to_list(Text) -> unicode:characters_to_list(Text).
 
 keyed(#{"image" := {N, Image}} = Keys, Dir) ->
-    Numbers = [{Key, number(maps:get(Key, Keys))} || Key <- ["resolution", "free_thresh"]],
-    case {[{Key, L} || {Key, {bad, L}} <- Numbers], negate(maps:get("negate", Keys))} of
-        {[{Key, L} | _], _} ->
-            {error, {L, [Key, " needs a number"]}};
-        {[], {bad, L}} ->
-            {error, {L, "negate is 0 or 1, true or false"}};
-        {[], Negate} ->
-            image(filename:join(Dir, Image), N, Numbers, Negate)
+    Read = [{Key, read(Key, Value)} || {Key, {_, Value}} <- maps:to_list(Keys)],
+    case [{maps:get(Key, Keys), Why} || {Key, {error, Why}} <- lists:sort(Read)] of
+        [{{Line, _}, Why} | _] ->
+            {error, {Line, Why}};
+        [] ->
+            image(
+                filename:join(Dir, Image), N, maps:from_list([{Key, V} || {Key, {ok, V}} <- Read])
+            )
     end.
 
-number({N, Text}) ->
-    case {string:to_float(Text), string:to_integer(Text)} of
-        {{F, ""}, _} when F > 0 -> F;
-        {_, {I, ""}} when is_integer(I), I > 0 -> float(I);
-        _ -> {bad, N}
-    end.
+%% What a key says; keys of other programs are passed over.
+read("image", Value) ->
+    case io_lib:char_list(Value) andalso Value =/= "" of
+        true -> {ok, Value};
+        false -> {error, "image needs the name of a file"}
+    end;
+read("resolution", Value) ->
+    case starl_floor_yaml:number(Value) of
+        {ok, Metres} when Metres > 0 -> {ok, Metres};
+        _ -> {error, "resolution needs a number above 0, m"}
+    end;
+read(Key, Value) when Key =:= "free_thresh"; Key =:= "occupied_thresh" ->
+    case starl_floor_yaml:number(Value) of
+        {ok, Part} when Part >= 0, Part =< 1 -> {ok, Part};
+        _ -> {error, [Key, " needs a number from 0 to 1"]}
+    end;
+read("negate", Value) ->
+    case starl_floor_yaml:boolean(Value) of
+        {ok, Is} -> {ok, Is};
+        error -> {error, "negate is 0 or 1, true or false"}
+    end;
+read("mode", Value) ->
+    case io_lib:char_list(Value) andalso string:lowercase(Value) of
+        "trinary" -> {ok, trinary};
+        "scale" -> {ok, scale};
+        "raw" -> {ok, raw};
+        _ -> {error, "mode is trinary, scale or raw"}
+    end;
+read("origin", [_, _, _] = Values) ->
+    case [Number || Value <- Values, {ok, Number} <- [starl_floor_yaml:number(Value)]] of
+        [_, _, Yaw] when abs(Yaw) < 1.0e-6 ->
+            {ok, origin};
+        [_, _, Yaw] ->
+            Turned =
+                "origin: the map is turned by ~.4f rad, which is not followed; turn the image, and write 0",
+            {error, io_lib:format(Turned, [Yaw])};
+        _ ->
+            {error, "origin needs three numbers, m, m and rad"}
+    end;
+read("origin", _Value) ->
+    {error, "origin needs three numbers, m, m and rad"};
+read(_Other, _Value) ->
+    {ok, other}.
 
-negate({_, Text}) when Text =:= "0"; Text =:= "false" -> false;
-negate({_, Text}) when Text =:= "1"; Text =:= "true" -> true;
-negate({N, _}) -> {bad, N}.
-
-image(File, N, Numbers, Negate) ->
+image(File, N, Keys) ->
     %% as an image of the most pixels may have, each as a number with a blank
     case {filename:extension(File), read(File)} of
         {".png", _} ->
@@ -67,7 +94,7 @@ image(File, N, Numbers, Negate) ->
             {error, {N, [File, ": ", file:format_error(Posix)]}};
         {_, {ok, Bytes}} ->
             case pgm(Bytes) of
-                {ok, Image} -> {ok, plan(Image, maps:from_list(Numbers), Negate)};
+                {ok, Image} -> {ok, plan(Image, Keys)};
                 {error, What} -> {error, {N, [File, ": ", What]}}
             end
     end.
@@ -84,20 +111,27 @@ read(File) ->
             Other
     end.
 
-%% A pixel is free if its darkness is less than the threshold.
-plan({W, H, Grey}, #{"resolution" := Metres, "free_thresh" := Free}, Negate) ->
+plan({W, H, Grey}, #{"resolution" := Metres} = Keys) ->
     Scale = 1000 * Metres,
+    IsFree = free(maps:get("mode", Keys, trinary), Keys),
     Solid = maps:from_list([
         {{I rem W, H - 1 - I div W}, true}
-     || {I, Level} <- lists:enumerate(0, binary_to_list(Grey)),
-        dark(Level, Negate) / 255 >= Free
+     || {I, Level} <- lists:enumerate(0, binary_to_list(Grey)), not IsFree(Level)
     ]),
     starl_floor:new(#{
         size => {W * Scale, H * Scale}, walls => starl_floor_cells:walls(Solid, Scale)
     }).
 
-dark(Level, true) -> Level;
-dark(Level, false) -> 255 - Level.
+%% Which levels are free, as map_server of Nav2 reads them; its savers write unknown as 205, also beside a
+%% threshold above that.
+free(raw, _Keys) ->
+    fun(Level) -> Level =:= 0 end;
+free(Mode, #{"free_thresh" := Free, "negate" := Negate}) ->
+    fun
+        (?UNKNOWN) when Mode =:= trinary -> false;
+        (Level) when Negate -> Level / 255 =< Free;
+        (Level) -> (255 - Level) / 255 =< Free
+    end.
 
 %% @doc The width, the height and the grey levels (0 black, 255 white) of a PGM image, row by row
 %% from the top.
@@ -120,10 +154,10 @@ header(Bytes) ->
 %% Numbers between white space and remarks.
 numbers(Bytes, 0, Numbers) ->
     {lists:reverse(Numbers), Bytes};
-numbers(<<C, Rest/binary>>, Count, Numbers) when C =:= $\s; C =:= $\t; C =:= $\r; C =:= $\n ->
+numbers(<<C, Rest/binary>>, Count, Numbers) when C =:= $\s; C >= $\t, C =< $\r ->
     numbers(Rest, Count, Numbers);
 numbers(<<"#", Rest/binary>>, Count, Numbers) ->
-    case binary:split(Rest, <<"\n">>) of
+    case binary:split(Rest, [<<"\n">>, <<"\r">>]) of
         [_, After] -> numbers(After, Count, Numbers);
         _ -> bad
     end;
@@ -133,12 +167,40 @@ numbers(Bytes, Count, Numbers) ->
         _ -> bad
     end.
 
-raw(W, H, Max, <<_White, Raster/binary>>) when Max < 256, byte_size(Raster) >= W * H ->
-    levels(W, H, [round(V * 255 / Max) || <<V>> <= binary:part(Raster, 0, W * H)]);
-raw(W, H, Max, <<_White, Raster/binary>>) when Max > 255, byte_size(Raster) >= 2 * W * H ->
-    levels(W, H, [round(V * 255 / Max) || <<V:16>> <= binary:part(Raster, 0, 2 * W * H)]);
-raw(_W, _H, _Max, _Bytes) ->
-    {error, "the PGM image is cut off"}.
+raw(W, H, Max, Bytes) ->
+    Width =
+        case Max < 256 of
+            true -> 1;
+            false -> 2
+        end,
+    case pixels(Bytes, Width * W * H) of
+        {ok, Raster} when Width =:= 1 -> levels(W, H, [round(V * 255 / Max) || <<V>> <= Raster]);
+        {ok, Raster} -> levels(W, H, [round(V * 255 / Max) || <<V:16>> <= Raster]);
+        error -> {error, "the PGM image is cut off"}
+    end.
+
+%% One byte of white space ends the header. A writer on Windows makes two of it, and some write a remark
+%% there: then the number of bytes that are left tells where the pixels begin.
+pixels(<<_White, Raster/binary>>, Size) when byte_size(Raster) =:= Size ->
+    {ok, Raster};
+pixels(Bytes, Size) ->
+    case [Raster || Raster <- later(Bytes), byte_size(Raster) =:= Size] ++ [rest(Bytes)] of
+        [Raster | _] when byte_size(Raster) >= Size -> {ok, binary:part(Raster, 0, Size)};
+        _ -> error
+    end.
+
+later(<<"\r\n", Raster/binary>>) ->
+    [Raster];
+later(<<_White, "#", Remark/binary>>) ->
+    case binary:split(Remark, [<<"\n">>, <<"\r">>]) of
+        [_, Raster] -> [Raster];
+        _ -> []
+    end;
+later(_Bytes) ->
+    [].
+
+rest(<<_White, Raster/binary>>) -> Raster;
+rest(<<>>) -> <<>>.
 
 plain(W, H, Max, Bytes) ->
     case numbers(Bytes, W * H, []) of
