@@ -623,8 +623,10 @@ vocabulary_test() ->
 
 %% -- owners (Proposition 2(c)) ------------------------------------------------------------------
 
-announces(T, Robot, Token, N) ->
-    {T, Robot, sap, {sent, {Robot, 1, T}, [], mutex, erlang:phash2({owner, Token, fence(N)})}}.
+announces(T, Robot, Token, N) -> announces(T, Robot, [1, 2, 9] -- [Robot], Token, N).
+
+announces(T, Robot, To, Token, N) ->
+    {T, Robot, sap, {sent, {Robot, 1, T}, To, mutex, erlang:phash2({owner, Token, fence(N)})}}.
 
 owners(Events) ->
     owners(Events, []).
@@ -654,11 +656,18 @@ an_owner_is_announced_after_many_later_ones_test() ->
     ?assertEqual([], owners([got(1, 1, 5), Later, announces(50, 1, a, 5)])),
     ?assertEqual([owner_not_announced], owners([got(1, 1, 5), Later])).
 
-%% Nobody announces what another robot owns.
+%% Nobody announces what another robot owns, as far as hashes tell: once it may be another message.
+%%
+%% Holds: A robot is not accused for a hash of 27 bits that two messages have in common
+%% Red: 4b425d5c: in 1 of 2,000 crossings (seed 91001280) a request counted as an announcement
 nobody_announces_another_owner_test() ->
     Held = [got(1, 1, 5), announces(2, 1, a, 5)],
-    ?assertEqual([false_owner], owners(Held ++ [announces(3, 2, a, 5)])),
-    ?assertEqual([], owners(Held ++ [announces(3, 2, a, 4)])).
+    Twice = [announces(3, 2, a, 5), announces(4, 2, a, 5)],
+    ?assertEqual([false_owner], owners(Held ++ Twice)),
+    ?assertEqual([], owners(Held ++ [announces(3, 2, a, 5)])),
+    ?assertEqual([], owners(Held ++ [announces(3, 2, a, 5), announces(4, 9, a, 5)])),
+    ?assertEqual([], owners(Held ++ [announces(T, 2, [9], a, 5) || T <- [3, 4]])),
+    ?assertEqual([], owners(Held ++ [announces(3, 2, a, 4), announces(4, 2, a, 4)])).
 
 %% Of a machine whose SAP has no room, or restarts, or that crashes itself, nothing is asked; of others it is.
 an_owner_that_cannot_be_announced_test() ->

@@ -20,7 +20,8 @@
 %% all others one message: that it is the owner of this hand-over. The holder of a token has sent it
 %% at most `announce_us' (default: none; in a run 1 s) after the hold has begun, or later by what its
 %% own pauses and slowness explain. No other robot sends it. The messages are recognized by their
-%% hashes. A missing announcement is excused if the robot's SAP has had no room or has restarted
+%% hashes of 27 bits. Another message may have the same hash, so a robot is accused only when it has
+%% sent all others such a message twice. A missing announcement is excused if the robot's SAP has had no room or has restarted
 %% since, or if its mutex machine has crashed since.
 %%
 %% A request is granted within `bound_us' (default: none) of it and of the last fault that it meets,
@@ -70,6 +71,8 @@
     confirmed = #{} :: #{Hash :: non_neg_integer() => hand_over()},
     latest = #{} :: #{token() => [Hash :: non_neg_integer()]},
     announced = #{} :: #{{starl:robot_id(), token()} => starl_mutex:fence()},
+    %% the robots that seem to have announced another robot's hand-over, once
+    suspected = #{} :: #{starl:robot_id() => true},
     %% holds of hand-overs that are not announced yet
     unannounced = starl_obligations:new({delayed, ?ANNOUNCE_STEPS}) ::
         starl_obligations:t({HeldUs :: integer(), hand_over()}),
@@ -437,13 +440,13 @@ owners({mutex, {granted, Token, Fence, To}}, _T, _Home, State) ->
     {[], confirmed({Token, To, starl_mutex_home:hand_over(Fence)}, State)};
 owners({mutex, {acquired, Token, Fence}}, T, Robot, State) ->
     {[], holds({Token, Robot, starl_mutex_home:hand_over(Fence)}, T, State)};
-owners({sap, {sent, _Id, _To, mutex, Hash}}, T, Robot, #state{confirmed = Confirmed} = State) ->
+owners({sap, {sent, _Id, To, mutex, Hash}}, T, Robot, #state{confirmed = Confirmed} = State) ->
+    #state{robots = Team} = State,
     case Confirmed of
         #{Hash := {_, Robot, _} = HandOver} ->
             {[], announced(HandOver, State)};
-        #{Hash := {Token, Owner, Fence}} ->
-            Details = #{token => Token, owner => Owner, fence => Fence},
-            {[violation(false_owner, T, [Robot], Details)], State};
+        #{Hash := HandOver} when length(To) + 1 >= length(Team) ->
+            false_owner(HandOver, T, Robot, State);
         #{} ->
             {[], lists:foldl(fun announced/2, State, due(Robot, Hash, State))}
     end;
@@ -452,6 +455,14 @@ owners({Machine, Event}, _T, Robot, State) ->
         true -> {[], excused(Robot, State)};
         false -> {[], State}
     end.
+
+%% Once it may be another message with the same hash.
+false_owner({Token, Owner, Fence}, T, Robot, #state{suspected = Suspected} = State) ->
+    Details = #{token => Token, owner => Owner, fence => Fence},
+    {
+        [violation(false_owner, T, [Robot], Details) || is_map_key(Robot, Suspected)],
+        State#state{suspected = Suspected#{Robot => true}}
+    }.
 
 loses(sap, {overload, mutex}) -> true;
 loses(sap, {started, _}) -> true;
