@@ -46,6 +46,41 @@ robots_begin_in_sections_of_their_own_test() ->
      || N <- lists:seq(1, starl_crossing:most(Road))
     ].
 
+%% Found by soaking and shrunk: the positions of robots 2 and 7 are exchanged for a while. Robot 2 came off the road, and
+%% later drove straight across it to where it believed to be next.
+%%
+%% Holds: A robot that was led off the road drives back to the section that is nearest, and across no others
+%% Red: 0422e6ed: two robots 3.9 mm apart, half a minute after the fault
+led_off_the_road_test_() ->
+    {timeout, 120, fun() ->
+        Scenario = #{
+            app => crossing,
+            robots => 10,
+            seed => 91000109,
+            loss => 0.05,
+            delay => {1, 1000},
+            clock_offset => 0,
+            clock_drift => 0,
+            time => 120,
+            heal => 25,
+            faults => [
+                {location_swap_1, 21797, 25000, location_swap, {2, 7}, #{}},
+                {pause_1, 19353, 25000, pause, 7, #{}},
+                {store_lost_3, 4082, 5934, store_lost, 10, #{}},
+                {store_set_back_1, 10607, 12738, store_set_back, 8, #{}},
+                {store_set_back_2, 20216, 21713, store_set_back, 2, #{}},
+                {store_set_back_3, 22509, 25000, store_set_back, 1, #{}}
+            ]
+        },
+        #{violations := Violations} = starl_platform_ct:quietly(fun() ->
+            {ok, Sim} = starl_sim:start(Scenario),
+            _ = starl_sim:run(Sim),
+            {Outcome, _} = starl_sim:finish(Sim),
+            Outcome
+        end),
+        ?assertEqual([], Violations)
+    end}.
+
 %% -- the contract ---------------------------------------------------------------------------
 
 judged(Mm, Faults) ->

@@ -27,7 +27,9 @@
     since := integer(),
     at := non_neg_integer(),
     held := [token()],
-    passes := non_neg_integer()
+    passes := non_neg_integer(),
+    %% it was found off the road
+    is_astray := boolean()
 }.
 
 %% The middles of the sections in the order of driving, the crossing first, and once more in the middle of
@@ -43,6 +45,8 @@
 -define(STEPS, 4000).
 %% A section is free if no robot is nearer than this to its middle.
 -define(FREE_MM, 700).
+%% Who is farther from the middle of its next section than so many of its lengths is not on the road.
+-define(FAR, 1.5).
 
 -spec options() -> [starl_options:option()].
 options() -> [{duration, {integer, 1, 86400}, 120, "how long they drive, s"}].
@@ -102,13 +106,14 @@ init(Robot, #{road := Road, duration := Seconds}) ->
         since => Now,
         at => At,
         held => starl_sections:take(Robot, token(At, Road)),
-        passes => 0
+        passes => 0,
+        is_astray => false
     }.
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, Passes :: non_neg_integer()}.
 step(Robot, #{road := Road, until := Until, at := At, held := Held} = State) ->
     Next = (At + 1) rem length(Road),
-    #{token := Token, way := [Place]} = Section = section(Next, Road),
+    #{token := Token, way := [Place]} = Section = next(Next, State),
     Begins = fun() -> begins(Robot, Place, State) end,
     case starl:now(Robot) < Until andalso starl_sections:enter(Robot, Section, Begins) of
         false ->
@@ -116,11 +121,22 @@ step(Robot, #{road := Road, until := Until, at := At, held := Held} = State) ->
             {done, maps:get(passes, State)};
         occupied ->
             {continue, State};
+        {lost, Here} ->
+            %% led astray: it goes on from the section that is nearest, and crosses no others to get to its own
+            ok = starl_sections:leave(Robot, Held),
+            Before = (nearest(Here, Road) + length(Road) - 1) rem length(Road),
+            {continue, State#{at := Before, held := [], is_astray := true}};
         ok ->
             ok = starl_sections:leave(Robot, Held),
-            Here = State#{at := Next, held := [Token], since := starl:now(Robot)},
-            {continue, passed(Token, Robot, Here)}
+            There = State#{
+                at := Next, held := [Token], since := starl:now(Robot), is_astray := false
+            },
+            {continue, passed(Token, Robot, There)}
     end.
+
+%% Who is astray may come from far.
+next(I, #{road := Road, is_astray := true}) -> maps:remove(far_mm, section(I, Road));
+next(I, #{road := Road, is_astray := false}) -> section(I, Road).
 
 begins(Robot, Place, #{since := Since}) ->
     ok = starl:measure(Robot, wait_s, (starl:now(Robot) - Since) / 1000),
@@ -229,7 +245,9 @@ token(I, Road) ->
 %% What is to be known of a section to drive there.
 -spec section(non_neg_integer(), road()) -> starl_sections:section().
 section(I, Road) ->
-    #{token => token(I, Road), way => [lists:nth(I + 1, Road)], free_mm => ?FREE_MM}.
+    [Before, Middle] = [lists:nth(K rem length(Road) + 1, Road) || K <- [I + length(Road) - 1, I]],
+    Far = ?FAR * starl_geometry:distance(Before, Middle),
+    #{token => token(I, Road), way => [Middle], free_mm => ?FREE_MM, far_mm => Far}.
 
 %% The drawing of the crossing.
 -spec crossing(road()) -> starl_drawing:shape().

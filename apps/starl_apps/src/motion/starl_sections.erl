@@ -11,12 +11,14 @@
 -export_type([section/0]).
 
 %% The way to the middle of a section, the middle last; no other robot may be nearer to it than `free_mm'. `within_ms'
-%% (infinity): each point of the way is to be reached within this time.
+%% (infinity): each point of the way is to be reached within this time. `far_mm' (infinity): a robot that is
+%% farther from the middle is off its road.
 -type section() :: #{
     token := term(),
     way := [starl_geometry:point(), ...],
     free_mm := number(),
-    within_ms => pos_integer()
+    within_ms => pos_integer(),
+    far_mm => number()
 }.
 
 -define(PATIENCE_MS, 5000).
@@ -65,23 +67,28 @@ leave(Robot, Tokens) ->
     ok.
 
 %% @doc Waits for the section for a while. If it is free, calls the function and drives there. `stuck': it has not come there in
-%% time, and the token is free again; as when it believed to be elsewhere.
--spec enter(starl:robot(), section(), Begins :: fun(() -> term())) -> ok | occupied | stuck.
-enter(Robot, #{token := Token, way := Way, free_mm := Mm} = Section, Begins) ->
+%% time, and the token is free again; as when it believed to be elsewhere. `lost': it is far from the section, as when
+%% it was led astray, and has not begun to drive.
+-spec enter(starl:robot(), section(), Begins :: fun(() -> term())) ->
+    ok | occupied | stuck | {lost, starl_geometry:point()}.
+enter(Robot, #{token := Token, way := Way} = Section, Begins) ->
     case take(Robot, Token) of
         [] ->
             occupied;
         [Token] ->
-            case is_free(Robot, lists:last(Way), Mm) of
-                true ->
+            case look(Robot, lists:last(Way), Section) of
+                free ->
                     _ = Begins(),
                     driven(
                         follow(Robot, Way, maps:get(within_ms, Section, infinity)), Robot, Token
                     );
-                false ->
+                occupied ->
                     ok = leave(Robot, [Token]),
                     ok = starl:sleep(Robot, ?LOOK_MS),
-                    occupied
+                    occupied;
+                {lost, _} = Lost ->
+                    ok = leave(Robot, [Token]),
+                    Lost
             end
     end.
 
@@ -92,13 +99,25 @@ driven(stuck, Robot, Token) ->
     ok = leave(Robot, [Token]),
     stuck.
 
-is_free(Robot, Place, Mm) ->
+look(Robot, Place, #{free_mm := Mm} = Section) ->
+    Far = maps:get(far_mm, Section, infinity),
+    Self = starl:id(Robot),
     case starl:positions(Robot) of
+        {ok, #{Self := {X, Y, _}} = Poses} ->
+            case starl_geometry:distance({X, Y}, Place) > Far of
+                true -> {lost, {X, Y}};
+                false -> free(Place, Mm, maps:values(maps:remove(Self, Poses)))
+            end;
         {ok, Poses} ->
-            Others = maps:values(maps:remove(starl:id(Robot), Poses)),
-            lists:all(fun({X, Y, _}) -> starl_geometry:distance({X, Y}, Place) > Mm end, Others);
+            free(Place, Mm, maps:values(Poses));
         {error, _} ->
-            false
+            occupied
+    end.
+
+free(Place, Mm, Others) ->
+    case lists:all(fun({X, Y, _}) -> starl_geometry:distance({X, Y}, Place) > Mm end, Others) of
+        true -> free;
+        false -> occupied
     end.
 
 %% Who has been led past a point of the way, round a corner even, may reach the next one all the same.
