@@ -257,7 +257,7 @@ go_to(#robot{} = Robot, Point) ->
     flatten(call(Robot, motion, {go_to, Point}, infinity)).
 
 %% @doc Drives to a point or a named waypoint around the walls of the floor plan, and waits for the
-%% arrival. The path ({@link starl_floor:path/3}) keeps the body and its r(v) clear of all walls, so
+%% arrival. The path ({@link starl_floor_path:find/3}) keeps the body and its r(v) clear of all walls, so
 %% the robot touches none. Without a plan this is {@link go_to/2}.
 %%
 %% `unreachable': no passage is wide enough, or a wall is too near to the point. `blocked': the robot
@@ -280,9 +280,12 @@ go_around(#robot{} = Robot, Point) ->
 
 go_around(Robot, To, Mm) ->
     case {floor(Robot), position(Robot)} of
-        {{ok, Floor}, {ok, {X, Y, _}}} -> follow(Robot, starl_floor:path(Floor, {{X, Y}, To}, Mm));
-        {{error, _} = Error, _} -> Error;
-        {_, {error, _} = Error} -> Error
+        {{ok, Floor}, {ok, {X, Y, _}}} ->
+            follow(Robot, starl_floor_path:find({{X, Y}, To}, Mm, Floor));
+        {{error, _} = Error, _} ->
+            Error;
+        {_, {error, _} = Error} ->
+            Error
     end.
 
 follow(Robot, {ok, [Point | Points]}) ->

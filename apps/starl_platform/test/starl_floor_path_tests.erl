@@ -8,12 +8,14 @@
 wall() -> starl_floor:new(#{size => {6000, 3000}, walls => [starl_floor:box(2950, 0, 3050, 2000)]}).
 
 a_straight_line_is_the_path_where_it_is_free_test() ->
-    ?assertEqual({ok, [{2000, 500}]}, starl_floor:path(wall(), {{500, 500}, {2000, 500}}, ?MM)).
+    ?assertEqual(
+        {ok, [{2000, 500}]}, starl_floor_path:find({{500, 500}, {2000, 500}}, ?MM, wall())
+    ).
 
 %% The shortest path is a rope around two discs at the corners of the wall's end.
 a_path_is_hardly_longer_than_a_rope_test() ->
     {From, To} = Ends = {{1000.0, 500.0}, {5000.0, 500.0}},
-    {ok, Points} = starl_floor:path(wall(), Ends, ?MM),
+    {ok, Points} = starl_floor_path:find(Ends, ?MM, wall()),
     Rope = 2 * rope(From, {2950.0, 2000.0}, ?MM) + 100.0,
     Length = length_mm([From | Points]),
     ?assertEqual(To, lists:last(Points)),
@@ -58,7 +60,7 @@ every_piece_keeps_its_distance() ->
         To <- [place()],
         Free({From, From}),
         Free({To, To}),
-        Found <- [starl_floor:path(Floor, {From, To}, ?MM)]
+        Found <- [starl_floor_path:find({From, To}, ?MM, Floor)]
     ],
     ?assert(length(Around) > 15),
     ?assert(lists:max(Around) > 2).
@@ -82,20 +84,20 @@ doors_test() ->
     end,
     Ends = {{500, 2500}, {3500, 2500}},
     [
-        ?assertMatch({Mm, {ok, [_, _ | _]}}, {Mm, starl_floor:path(Door(Mm), Ends, ?MM)})
+        ?assertMatch({Mm, {ok, [_, _ | _]}}, {Mm, starl_floor_path:find(Ends, ?MM, Door(Mm))})
      || Mm <- [440, 700]
     ],
     [
-        ?assertEqual({Mm, {error, unreachable}}, {Mm, starl_floor:path(Door(Mm), Ends, ?MM)})
+        ?assertEqual({Mm, {error, unreachable}}, {Mm, starl_floor_path:find(Ends, ?MM, Door(Mm))})
      || Mm <- [0, 100, 361]
     ].
 
 a_goal_at_a_wall_is_unreachable_test() ->
     ?assertEqual(
-        {error, unreachable}, starl_floor:path(wall(), {{500, 500}, {2800, 500}}, ?MM)
+        {error, unreachable}, starl_floor_path:find({{500, 500}, {2800, 500}}, ?MM, wall())
     ),
     ?assertEqual(
-        {error, unreachable}, starl_floor:path(wall(), {{500, 500}, {7000, 500}}, ?MM)
+        {error, unreachable}, starl_floor_path:find({{500, 500}, {7000, 500}}, ?MM, wall())
     ).
 
 %% A robot that touches a wall leaves it, and never gets nearer.
@@ -103,7 +105,7 @@ from_a_wall_test() ->
     Floor = wall(),
     Walls = starl_walls:new(Floor),
     From = {2783.0, 500.0},
-    {ok, Points} = starl_floor:path(Floor, {From, {5000, 500}}, ?MM),
+    {ok, Points} = starl_floor_path:find({From, {5000, 500}}, ?MM, Floor),
     [First | Others] = legs([From | Points]),
     ?assert(starl_walls:is_free(First, 165.0, Walls)),
     [?assert(starl_walls:is_free(Line, ?MM, Walls)) || Line <- Others].

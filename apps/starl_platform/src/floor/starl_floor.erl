@@ -22,7 +22,6 @@
     room_at/2,
     area/1,
     middle/1,
-    path/3,
     summary/1
 ]).
 
@@ -85,14 +84,6 @@ is_point(_) -> false.
 -spec box(X0 :: number(), Y0 :: number(), X1 :: number(), Y1 :: number()) -> polygon().
 box(X0, Y0, X1, Y1) ->
     floats([{X0, Y0}, {X1, Y0}, {X1, Y1}, {X0, Y1}]).
-
-%% @doc A short path between two points, around the walls and through the doors, for a body whose
-%% centre keeps `Mm' from all walls. The points are the corners, without the start and with the
-%% goal. `unreachable': no passage is wide enough, or the goal is too near to a wall
-%% ({@link starl_floor_path}).
--spec path(t(), {From :: starl_geometry:point(), To :: starl_geometry:point()}, Mm :: number()) ->
-    {ok, [starl_geometry:point(), ...]} | {error, unreachable}.
-path(Floor, {_From, _To} = Ends, Mm) -> starl_floor_path:find(Ends, Mm, starl_walls:new(Floor)).
 
 %% The border of the floor, seen from inside.
 -spec border(t()) -> [starl_geometry:segment()].

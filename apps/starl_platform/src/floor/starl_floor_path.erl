@@ -35,9 +35,13 @@
 
 %% @doc The points of a path on which a body's centre keeps `Mm' from all walls. The start is left
 %% out; the last point is the goal. A body that stands nearer to a wall leaves it first.
--spec find(starl_geometry:segment(), Mm :: number(), starl_walls:t()) ->
-    {ok, [starl_geometry:point(), ...]} | {error, unreachable}.
-find({From, To} = Line, Mm, Walls) ->
+%% `unreachable': no passage is wide enough, or the goal is too near to a wall.
+-spec find({From, To}, Mm :: number(), starl_floor:t()) ->
+    {ok, [starl_geometry:point(), ...]} | {error, unreachable}
+when
+    From :: starl_geometry:point(), To :: starl_geometry:point().
+find({From, To} = Line, Mm, Floor) ->
+    Walls = starl_walls:new(Floor),
     case {starl_walls:is_free(Line, Mm, Walls), starl_walls:is_free({To, To}, Mm, Walls)} of
         {true, _} -> {ok, [To]};
         {false, false} -> {error, unreachable};
