@@ -4,11 +4,14 @@
 -include_lib("stdlib/include/assert.hrl").
 
 -export([suite/0, all/0]).
--export([a_block_of_your_own/1, coming_from_elsewhere/1, links/1]).
+-export([half_a_page_of_erlang/1, a_block_of_your_own/1, coming_from_elsewhere/1, links/1]).
 
 suite() -> [{timetrap, {minutes, 10}}].
 
-all() -> [a_block_of_your_own, coming_from_elsewhere, links].
+all() -> [half_a_page_of_erlang, a_block_of_your_own, coming_from_elsewhere, links].
+
+half_a_page_of_erlang(Config) ->
+    ?assertEqual(1, starl_tutorial_page:follow("doc/erlang.md", dir(erlang, Config), #{})).
 
 a_block_of_your_own(Config) ->
     ?assertEqual(8, starl_tutorial_page:follow("doc/tutorial/block.md", dir(block, Config), #{})).
@@ -22,7 +25,12 @@ coming_from_elsewhere(Config) ->
 links(_Config) ->
     [
         starl_tutorial_page:links_lead_somewhere(Page)
-     || Page <- ["doc/tutorial/block.md", "doc/tutorial/application.md", "doc/coming_from.md"]
+     || Page <- [
+            "doc/erlang.md",
+            "doc/tutorial/block.md",
+            "doc/tutorial/application.md",
+            "doc/coming_from.md"
+        ]
     ].
 
 dir(Name, Config) ->

@@ -37,6 +37,7 @@
         "README.md",
         "doc/tutorial/application.md",
         "doc/own_application.md",
+        "doc/erlang.md",
         "doc/tutorial/block.md",
         "doc/library.md",
         "doc/notebooks.md",
