@@ -45,23 +45,17 @@ deaf_stopped(#{dir := Dir} = Place) ->
     ?assertEqual({0, ""}, robot("one", "stop", Place)),
     ?assertNot(runs(Pid)).
 
-%% Something else starts it again and again.
+%% The process is there, whatever is sent to it: this number is above all that Linux gives.
 still_runs(#{dir := Dir, base := Base} = Place) ->
-    ok = file:write_file(filename:join(Dir, "again"), [
-        "while [ -d ",
-        Dir,
-        "/bin ]; do sh ",
-        Dir,
-        "/bin/erl -config ",
-        Base,
-        "/releases/one/sys; done"
-    ]),
-    _ = node(node_is("sleep 600 & wait", Dir), Place),
-    {0, _} = run("{ setsid sh " ++ filename:join(Dir, "again") ++ " >/dev/null 2>&1 & }"),
-    {1, Said} = robot("one", "stop", Place),
-    ?assertMatch("robot 2 still runs: its node cannot be ended (process " ++ _, Said),
-    ?assertEqual({3, "no answer\n"}, robot("one", "status", Place)),
-    {0, _} = run("pkill -f " ++ filename:join(Dir, "again")).
+    Proc = filename:join(Dir, "proc"),
+    Line = filename:join(Proc, "4194305/cmdline"),
+    ok = filelib:ensure_dir(Line),
+    ok = file:write_file(Line, ["erl", 0, "-config", 0, Base, "/releases/one/sys", 0]),
+    Look = fun(Words) -> run("env STARL_PROC=" ++ Proc ++ " " ++ line("one", Words, Place)) end,
+    ?assertEqual(
+        {1, "robot 2 still runs: its node cannot be ended (process 4194305)\n"}, Look("stop")
+    ),
+    ?assertEqual({3, "no answer\n"}, Look("status")).
 
 %% A process that only names this robot in a file of its own, and the node of another robot.
 others_live(#{dir := Dir, base := Base} = Place) ->

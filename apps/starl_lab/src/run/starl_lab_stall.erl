@@ -56,6 +56,7 @@ rest(Sim) ->
 still({stands, _Ms, loop, AtWork}) -> given_up(AtWork);
 still(_News) -> ok.
 
+-spec given_up([starl_sim_watchdog:work()]) -> no_return().
 given_up(AtWork) ->
     starl_cli_progress:note([
         "interrupted; no results: ", lists:join("; ", [in_step(G) || G <- groups(AtWork)])
