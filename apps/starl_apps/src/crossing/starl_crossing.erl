@@ -27,9 +27,7 @@
     since := integer(),
     at := non_neg_integer(),
     held := [token()],
-    passes := non_neg_integer(),
-    %% it was found off the road
-    is_astray := boolean()
+    passes := non_neg_integer()
 }.
 
 %% The middles of the sections in the order of driving, the crossing first, and once more in the middle of
@@ -106,37 +104,41 @@ init(Robot, #{road := Road, duration := Seconds}) ->
         since => Now,
         at => At,
         held => starl_sections:take(Robot, token(At, Road)),
-        passes => 0,
-        is_astray => false
+        passes => 0
     }.
 
 -spec step(starl:robot(), state()) -> {continue, state()} | {done, Passes :: non_neg_integer()}.
 step(Robot, #{road := Road, until := Until, at := At, held := Held} = State) ->
     Next = (At + 1) rem length(Road),
-    #{token := Token, way := [Place]} = Section = next(Next, State),
+    #{token := Token, way := [Place]} = Section = section(Next, Road),
     Begins = fun() -> begins(Robot, Place, State) end,
-    case starl:now(Robot) < Until andalso starl_sections:enter(Robot, Section, Begins) of
+    case starl:now(Robot) < Until andalso entered(Next, Section, Begins, Robot, Road) of
         false ->
             ok = starl_sections:leave(Robot, Held),
             {done, maps:get(passes, State)};
         occupied ->
             {continue, State};
-        {lost, Here} ->
-            %% led astray: it goes on from the section that is nearest, and crosses no others to get to its own
+        {astray, Nearest} ->
             ok = starl_sections:leave(Robot, Held),
-            Before = (nearest(Here, Road) + length(Road) - 1) rem length(Road),
-            {continue, State#{at := Before, held := [], is_astray := true}};
+            {continue, State#{at := (Nearest + length(Road) - 1) rem length(Road), held := []}};
         ok ->
             ok = starl_sections:leave(Robot, Held),
-            There = State#{
-                at := Next, held := [Token], since := starl:now(Robot), is_astray := false
-            },
-            {continue, passed(Token, Robot, There)}
+            Here = State#{at := Next, held := [Token], since := starl:now(Robot)},
+            {continue, passed(Token, Robot, Here)}
     end.
 
-%% Who is astray may come from far.
-next(I, #{road := Road, is_astray := true}) -> maps:remove(far_mm, section(I, Road));
-next(I, #{road := Road, is_astray := false}) -> section(I, Road).
+%% Who was led off the road goes on from the section that is nearest now, however far that is, and crosses no others
+%% to get to its own.
+entered(Next, Section, Begins, Robot, Road) ->
+    case starl_sections:enter(Robot, Section, Begins) of
+        {lost, Here} ->
+            case nearest(Here, Road) of
+                Next -> starl_sections:enter(Robot, maps:remove(far_mm, Section), Begins);
+                Nearest -> {astray, Nearest}
+            end;
+        Answer ->
+            Answer
+    end.
 
 begins(Robot, Place, #{since := Since}) ->
     ok = starl:measure(Robot, wait_s, (starl:now(Robot) - Since) / 1000),
