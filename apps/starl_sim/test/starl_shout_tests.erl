@@ -4,9 +4,13 @@
 
 %% What each robot but the first has heard, and how many packets were sent.
 played(Scenario) ->
-    {ok, Sim} = starl_sim:start(maps:merge(#{app => starl_shouter, robots => 3, time => 60}, Scenario)),
+    {ok, Sim} = starl_sim:start(
+        maps:merge(#{app => starl_shouter, robots => 3, time => 60}, Scenario)
+    ),
     _ = starl_sim:run(Sim),
-    {#{violations := [], robots := [{1, _} | Others], packets := Packets}, _} = starl_sim:finish(Sim),
+    {#{violations := [], robots := [{1, _} | Others], packets := Packets}, _} = starl_sim:finish(
+        Sim
+    ),
     {[lists:sort(Heard) || {_, #{result := {done, {heard, Heard}}}} <- Others], Packets}.
 
 all_hear_all_of_it_in_one_packet_each_test() ->

@@ -23,8 +23,8 @@ line(N, Robot, Said) ->
 is_well(Said) ->
     case starl_fleet_term:read(Said) of
         {ok, #{result := _, link := _} = Status} ->
-            try starl_fleet_health:ills(Status) of
-                Ills -> Ills =:= []
+            try starl_fleet_health:problems(Status) of
+                Problems -> Problems =:= []
             catch
                 error:_ -> false
             end;

@@ -75,15 +75,15 @@ health({ok, #{release := Version, reload := #{failed := Why}}}, #{version := Ver
 ->
     {dead, Why};
 health({ok, #{release := Version, link := answers, crashes := 0} = Status}, #{version := Version}) ->
-    case {Status, starl_fleet_health:ills(Status)} of
+    case {Status, starl_fleet_health:problems(Status)} of
         {#{result := given_up}, _} ->
             {dead, "its application has given up"};
         {#{reload := #{waiting := [_ | _]}}, []} ->
             {waits, "it is still in a step, and takes the new code after it"};
         {#{started := Started}, []} ->
             {healthy, Started};
-        {#{}, Ills} ->
-            {ill, ["it ", lists:join("; it ", Ills)]}
+        {#{}, Problems} ->
+            {ill, ["it ", lists:join("; it ", Problems)]}
     end;
 health({ok, #{release := Version, crashes := N, crash := Crash}}, #{version := Version}) when
     N > 0

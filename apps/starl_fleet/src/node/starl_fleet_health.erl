@@ -2,14 +2,14 @@
 %% trial of a release, `deploy F status' and `/health'. Pure.
 -module(starl_fleet_health).
 
--export([ills/1, clock_us/0]).
+-export([problems/1, clock_us/0]).
 
 %% A clock that is off by less is no clock to speak of.
 -define(CLOCK_US, 1_000_000).
 
 %% @doc What is wrong with the robot, each as the rest of a sentence about it; nothing if it is well.
--spec ills(starl_fleet_node:status()) -> [unicode:chardata()].
-ills(#{result := Result, link := Link} = Status) ->
+-spec problems(starl_fleet_node:status()) -> [unicode:chardata()].
+problems(#{result := Result, link := Link} = Status) ->
     ["has given up" || Result =:= given_up] ++
         ["does not answer: its link is silent" || Link =:= silent] ++
         reload(maps:get(reload, Status, none)) ++

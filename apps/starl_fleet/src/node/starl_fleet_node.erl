@@ -183,8 +183,8 @@ opened(ok, Spec, Metrics, #node{place = Place} = Node) ->
 open(Spec, none) ->
     starl_live_sup:open(Spec);
 open(Spec, Port) ->
-    Ills = fun() -> starl_fleet_health:ills(status()) end,
-    starl_live_sup:open(Spec, #{ip => {0, 0, 0, 0}, port => Port, ills => Ills}).
+    Problems = fun() -> starl_fleet_health:problems(status()) end,
+    starl_live_sup:open(Spec, #{ip => {0, 0, 0, 0}, port => Port, problems => Problems}).
 
 %% The service manager tries again. The chassis is not open, so nothing moves.
 refused(Why, #node{place = #{state := State}} = Node) ->

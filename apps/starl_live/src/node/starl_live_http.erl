@@ -6,9 +6,9 @@
 
 -export([start_link/1]).
 
--export_type([ills/0]).
+-export_type([problems/0]).
 
--type ills() :: fun(() -> [unicode:chardata()]).
+-type problems() :: fun(() -> [unicode:chardata()]).
 
 -define(TEXT, "text/plain; version=0.0.4; charset=utf-8").
 %% The longest time that a request may take to come, and an answer to go; the most lines of a request; the
@@ -20,17 +20,17 @@
 -define(AGAIN_MS, 200).
 
 %% @doc Starts the server at an address, which should be one of a network that the fleet trusts.
-%% `ills' answers what is wrong with the robot, beside a link that does not answer.
--spec start_link(#{ip := inet:ip_address(), port := inet:port_number(), ills => ills()}) ->
+%% `problems' answers what is wrong with the robot, beside a link that does not answer.
+-spec start_link(#{ip := inet:ip_address(), port := inet:port_number(), problems => problems()}) ->
     {ok, pid()} | {error, unicode:chardata()}.
 start_link(#{ip := Ip, port := Port} = Config) ->
-    Ills = maps:get(ills, Config, fun() -> [] end),
+    Problems = maps:get(problems, Config, fun() -> [] end),
     Options =
         [{ip, Ip}, {active, false}, {packet, http_bin}, {reuseaddr, true}, binary] ++
             [{send_timeout, ?PATIENCE_MS}, {send_timeout_close, true}],
     case gen_tcp:listen(Port, Options) of
         {ok, Socket} ->
-            Pid = proc_lib:spawn_link(fun() -> serve(Socket, Ills, []) end),
+            Pid = proc_lib:spawn_link(fun() -> serve(Socket, Problems, []) end),
             ok = gen_tcp:controlling_process(Socket, Pid),
             {ok, Pid};
         {error, Posix} ->
@@ -38,15 +38,15 @@ start_link(#{ip := Ip, port := Port} = Config) ->
     end.
 
 %% `Clients': the processes of the last ones, the newest first.
-serve(Listening, Ills, Clients) ->
+serve(Listening, Problems, Clients) ->
     case gen_tcp:accept(Listening) of
         {ok, Socket} ->
-            serve(Listening, Ills, [client(Socket, Ills) | fewer(Clients)]);
+            serve(Listening, Problems, [client(Socket, Problems) | fewer(Clients)]);
         {error, closed} ->
             exit({shutdown, {metrics, closed}});
         {error, _Posix} ->
             receive
-            after ?AGAIN_MS -> serve(Listening, Ills, Clients)
+            after ?AGAIN_MS -> serve(Listening, Problems, Clients)
             end
     end.
 
@@ -56,18 +56,18 @@ fewer(Clients) ->
     lists:foreach(fun(Pid) -> exit(Pid, kill) end, Old),
     Left.
 
-client(Socket, Ills) ->
-    Pid = spawn(fun() -> answered(Socket, Ills) end),
+client(Socket, Problems) ->
+    Pid = spawn(fun() -> answered(Socket, Problems) end),
     _ = gen_tcp:controlling_process(Socket, Pid),
     Pid ! {Socket, yours},
     Pid.
 
-answered(Socket, Ills) ->
+answered(Socket, Problems) ->
     receive
         {Socket, yours} -> ok
     end,
     Until = erlang:monotonic_time(millisecond) + ?PATIENCE_MS,
-    _ = answer(request(Socket, Until, ?MOST_LINES, none), Ills, Socket),
+    _ = answer(request(Socket, Until, ?MOST_LINES, none), Problems, Socket),
     gen_tcp:close(Socket).
 
 %% The path, when all lines of the request have been read.
@@ -86,7 +86,7 @@ request(Socket, Until, Left, Path) ->
     end.
 
 answer(<<"/metrics">>, _Ills, Socket) -> send(metrics(), Socket);
-answer(<<"/health">>, Ills, Socket) -> send(health(Ills), Socket);
+answer(<<"/health">>, Problems, Socket) -> send(health(Problems), Socket);
 answer(bad, _Ills, Socket) -> send({400, "GET, please\n"}, Socket);
 answer(_Path, _Ills, Socket) -> send({404, "there are /metrics and /health\n"}, Socket).
 
@@ -102,16 +102,16 @@ reason(400) -> "Bad Request";
 reason(404) -> "Not Found";
 reason(503) -> "Service Unavailable".
 
-health(Ills) ->
+health(Problems) ->
     case link() of
         none -> {503, "no robot runs\n"};
-        _ -> health_of(Ills)
+        _ -> health_of(Problems)
     end.
 
 health_of(Ask) ->
     try Ask() of
         [] -> {200, "ok\n"};
-        Ills -> {503, [["it ", Ill, $\n] || Ill <- Ills]}
+        Problems -> {503, [["it ", Problem, $\n] || Problem <- Problems]}
     catch
         exit:_ -> {503, "the robot does not answer\n"}
     end.

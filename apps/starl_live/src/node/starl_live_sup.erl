@@ -46,7 +46,7 @@ open(Spec) ->
 
 %% @doc The same, with its metrics over HTTP.
 -spec open(starl_live_robot:spec(), #{
-    ip := inet:ip_address(), port := inet:port_number(), ills => starl_live_http:ills()
+    ip := inet:ip_address(), port := inet:port_number(), problems => starl_live_http:problems()
 }) -> supervisor:startchild_ret().
 open(Spec, Http) ->
     Metrics = #{

@@ -25,7 +25,10 @@
 %% What a running robot is notified of: what it hears and senses from now on, or the end of one of its
 %% machines, as in a crash.
 -type notice() ::
-    {starl:robot_id(), {conditions, starl_live_conditions:settings(), starl_live_sense_fault:faults()}}
+    {
+        starl:robot_id(),
+        {conditions, starl_live_conditions:settings(), starl_live_sense_fault:faults()}
+    }
     | {starl:robot_id(), {kill_machine, starl_machine:name()}}.
 
 %% Called when all robots have been notified, with those that have not confirmed it in time.
