@@ -1,6 +1,7 @@
 %% The server of metrics and health: many clients side by side, slow ones among them.
 -module(starl_live_http_tests).
 -include_lib("eunit/include/eunit.hrl").
+-export([init/1, idle/0]).
 
 %% Clients that say nothing more keep nobody: they wait on while another one is answered.
 slow_test() ->
@@ -19,6 +20,42 @@ many_test() ->
     ?assertEqual({error, closed}, gen_tcp:recv(hd(Slow), 0)),
     ?assertEqual(open, state(lists:last(Slow))),
     stopped(Server).
+
+%% A robot whose link is there is well as far as it says so itself.
+health_test() ->
+    {ok, Sup} = starl_live_sup:start_link(),
+    {ok, _} = supervisor:start_child(Sup, #{
+        id => robot, type => supervisor, start => {supervisor, start_link, [?MODULE, []]}
+    }),
+    Health = fun(Problems) ->
+        Port = free(),
+        {ok, Server} = starl_live_http:start_link(#{
+            ip => {127, 0, 0, 1}, port => Port, problems => Problems
+        }),
+        [Head, Body] = binary:split(asked("/health", Port), <<"\r\n\r\n">>),
+        stopped(Server),
+        {binary:part(Head, 9, 3), Body}
+    end,
+    ?assertEqual({<<"200">>, <<"ok\n">>}, Health(fun() -> [] end)),
+    ?assertEqual(
+        {<<"503">>, <<"it has given up\nit is lost\n">>},
+        Health(fun() -> ["has given up", "is lost"] end)
+    ),
+    ?assertEqual(
+        {<<"503">>, <<"the robot does not answer\n">>}, Health(fun() -> exit(noproc) end)
+    ),
+    stopped(Sup).
+
+%% A robot with a link that does nothing.
+init([]) -> {ok, {#{}, [#{id => link, start => {?MODULE, idle, []}}]}}.
+
+idle() ->
+    {ok,
+        spawn_link(fun() ->
+            receive
+                stop -> ok
+            end
+        end)}.
 
 %% A server of metrics that ends does not end the node.
 ended_test() ->
