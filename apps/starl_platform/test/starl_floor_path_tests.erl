@@ -92,6 +92,29 @@ doors_test() ->
      || Mm <- [0, 100, 361]
     ].
 
+%% Through a slanted gap, however narrow, a path keeps its distance, or there is none.
+a_narrow_passage_keeps_its_distance_test() ->
+    From = {500.0, 500.0},
+    Found = [
+        begin
+            Walls = starl_walls:new(Floor),
+            [
+                ?assert(starl_walls:is_free(Line, ?MM, Walls), {Mm, Y})
+             || Line <- legs([From | Points])
+            ]
+        end
+     || Mm <- lists:seq(364, 460, 4),
+        Y <- lists:seq(1000, 1050, 10),
+        Floor <- [
+            starl_floor:new(#{
+                size => {4000, 4000},
+                walls => [[{1500, 0}, {2000, Y}], [{2000 - Mm * 0.6, Y + Mm * 0.8}, {1500, 4000}]]
+            })
+        ],
+        {ok, Points} <- [starl_floor_path:find({From, {3500, 3500}}, ?MM, Floor)]
+    ],
+    ?assert(length(Found) > 20).
+
 a_goal_at_a_wall_is_unreachable_test() ->
     ?assertEqual(
         {error, unreachable}, starl_floor_path:find({{500, 500}, {2800, 500}}, ?MM, wall())
